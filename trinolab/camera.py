@@ -1,0 +1,247 @@
+"""Cameras and rigs: projection, rays, epipolar geometry.
+
+Camera frame: x right, y down, z forward. Pixels ``uv``: (0, 0) is the centre of the top-left pixel. The world frame is
+the frame that the rig file is written in. Lens distortion is OpenCV's five-coefficient model (k1, k2, p1, p2, k3).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.spatial.transform import RigidTransform, Rotation
+
+from .checks import Array, as_array, as_number, as_points, as_transform, as_unit, frozen
+from .lens import distort, undistort
+
+
+@dataclass(frozen=True, eq=False)
+class Camera:
+    """A calibrated pinhole camera with lens distortion.
+
+    Attributes
+    ----------
+    name : str
+    size : (int, int)
+        Width and height in pixels.
+    matrix : ndarray, shape (3, 3)
+        Intrinsic matrix in pixels; no skew.
+    distortions : ndarray, shape (5,)
+        k1, k2, p1, p2, k3.
+    T_cam_world : RigidTransform
+        World to camera, mm.
+
+    Raises
+    ------
+    ValueError
+        For a size that is not two positive whole numbers, a matrix of another form than [[fx, 0, cx], [0, fy, cy],
+        [0, 0, 1]] with positive focal lengths, other than 5 distortions, or more than one transform.
+    """
+
+    name: str
+    size: tuple[int, int]
+    matrix: Array
+    distortions: Array
+    T_cam_world: RigidTransform
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.name, str) or not self.name:
+            raise ValueError(f"name: expected a camera's name, got {self.name!r}")
+        object.__setattr__(self, "size", _as_size(self.size))
+        object.__setattr__(self, "matrix", _as_intrinsics(self.matrix))
+        object.__setattr__(self, "distortions", as_array(self.distortions, "distortions", (5,)))
+        as_transform(self.T_cam_world, "T_cam_world")
+
+    @property
+    def T_world_cam(self) -> RigidTransform:
+        """Camera to world; its translation is the camera's centre in mm."""
+        return self.T_cam_world.inv()
+
+    @property
+    def centre(self) -> Array:
+        """Centre of projection in the world frame, shape (3,), mm."""
+        return frozen(self.T_world_cam.translation)
+
+    @property
+    def axis(self) -> Array:
+        """Direction of the optical axis in the world frame, shape (3,), length 1."""
+        return frozen(self.T_world_cam.rotation.as_matrix()[:, 2])
+
+    @property
+    def focal(self) -> Array:
+        """fx and fy, shape (2,), px."""
+        return self.matrix[[0, 1], [0, 1]]
+
+    @property
+    def principal_point(self) -> Array:
+        """cx and cy, shape (2,), px."""
+        return self.matrix[:2, 2]
+
+    def project(self, points: ArrayLike) -> Array:
+        """Project world points to pixels.
+
+        Parameters
+        ----------
+        points : array_like, shape (n, 3)
+            World frame, mm.
+
+        Returns
+        -------
+        ndarray, shape (n, 2)
+            Pixels; NaN where a point is missing, not in front of the camera, or so far aside that the distortion model
+            folds back. Points outside the image are returned all the same, see `sees`.
+
+        Raises
+        ------
+        ValueError
+            If `points` has another shape.
+        """
+        local = self.T_cam_world.apply(as_points(points, "points", 3))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            xy = local[:, :2] / local[:, 2:]
+        xy[~(local[:, 2] > 0)] = np.nan
+        return self.to_pixels(xy)
+
+    def to_pixels(self, xy: ArrayLike) -> Array:
+        """Normalised ideal coordinates (x/z, y/z), shape (n, 2), to pixels of the distorted image, shape (n, 2)."""
+        xy = as_points(xy, "xy", 2)
+        return distort(xy, self.distortions)[0] * self.focal + self.principal_point
+
+    def normalise(self, uv: ArrayLike) -> Array:
+        """Pixels of the distorted image, shape (n, 2), to normalised ideal coordinates (x/z, y/z), shape (n, 2).
+
+        NaN where no ideal point maps to the pixel. Raises ValueError if `uv` has another shape.
+        """
+        return undistort((as_points(uv, "uv", 2) - self.principal_point) / self.focal, self.distortions)
+
+    def ideal_pixels(self, uv: ArrayLike) -> Array:
+        """Pixels with the lens distortion removed, shape (n, 2); epipolar lines are straight only among these."""
+        return self.normalise(uv) * self.focal + self.principal_point
+
+    def rays(self, uv: ArrayLike) -> Array:
+        """Directions of the viewing rays through pixels, world frame, shape (n, 3), length 1; they start at `centre`.
+
+        NaN where `normalise` gives none. Raises ValueError if `uv` has another shape.
+        """
+        xy = self.normalise(uv)
+        local = np.column_stack([xy, np.ones(len(xy))])
+        local /= np.linalg.norm(local, axis=1, keepdims=True)
+        return self.T_world_cam.rotation.apply(local)
+
+    def sees(self, points: ArrayLike, margin_px: float = 0.0) -> np.ndarray:
+        """Whether world points, shape (n, 3), fall into the image at least `margin_px` from its edge; bool (n,)."""
+        uv = self.project(points)
+        high = np.array(self.size) - 0.5 - margin_px
+        with np.errstate(invalid="ignore"):
+            return ((uv >= margin_px - 0.5) & (uv <= high)).all(axis=1)
+
+
+@dataclass(frozen=True, eq=False)
+class Rig:
+    """Two or more cameras in one world frame; their order is the camera axis of every array.
+
+    Raises
+    ------
+    ValueError
+        For fewer than two cameras, or two of one name.
+    """
+
+    cameras: tuple[Camera, ...]
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "cameras", tuple(self.cameras))
+        if len(self.cameras) < 2:
+            raise ValueError(f"cameras: expected two or more, got {len(self.cameras)}")
+        if len(set(self.names)) < len(self.cameras):
+            raise ValueError(f"cameras: expected different names, got {', '.join(self.names)}")
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        return tuple(camera.name for camera in self.cameras)
+
+    @cached_property
+    def pairs(self) -> tuple[tuple[int, int], ...]:
+        """Index pairs (left, right) of the binocular systems: (0, 1), (0, 2), (1, 2) for three cameras."""
+        n = len(self.cameras)
+        return tuple((i, j) for i in range(n) for j in range(i + 1, n))
+
+
+def T_between(target: Camera, source: Camera) -> RigidTransform:
+    """The motion T_target_source between two cameras' frames: R_rl, T_rl of Sect. 5.3, either way round (Eq. 19)."""
+    return target.T_cam_world * source.T_world_cam
+
+
+def fundamental_matrix(left: Camera, right: Camera) -> Array:
+    """The matrix F with ``right_uv1 @ F @ left_uv1 = 0`` for ideal pixels (Hartley and Zisserman 2004, ch. 9).
+
+    Returns
+    -------
+    ndarray, shape (3, 3)
+        Scaled to unit Frobenius norm.
+
+    Raises
+    ------
+    ValueError
+        If both cameras stand in one place.
+    """
+    T_right_left = T_between(right, left)
+    t = T_right_left.translation
+    if np.linalg.norm(t) < 1e-9:
+        raise ValueError(f"cameras {left.name} and {right.name}: expected two places, got one (no baseline)")
+    cross = np.array([[0, -t[2], t[1]], [t[2], 0, -t[0]], [-t[1], t[0], 0]])
+    F = np.linalg.inv(right.matrix).T @ cross @ T_right_left.rotation.as_matrix() @ np.linalg.inv(left.matrix)
+    return F / np.linalg.norm(F)
+
+
+def epipolar_lines(left: Camera, right: Camera, uv: ArrayLike) -> Array:
+    """Epipolar lines in the right image of pixels in the left one.
+
+    Parameters
+    ----------
+    uv : array_like, shape (n, 2)
+        Pixels of the left image as taken (distorted).
+
+    Returns
+    -------
+    ndarray, shape (n, 3)
+        a, b, c with a^2 + b^2 = 1, so that a u + b v + c is a distance in ideal pixels; NaN rows stay NaN.
+    """
+    uv = left.ideal_pixels(uv)
+    lines = np.column_stack([uv, np.ones(len(uv))]) @ fundamental_matrix(left, right).T
+    return lines / np.linalg.norm(lines[:, :2], axis=1, keepdims=True)
+
+
+def T_world_oxyz(rig: Rig, first: int = 0, second: int = 1) -> RigidTransform:
+    """Sect. 3's frame OXYZ: origin at the first camera, X along the baseline, Z between the axes, Y = Z x X (Eq. 1-4).
+
+    Raises
+    ------
+    ValueError
+        If both cameras stand in one place, or their mean axis lies along the baseline.
+    """
+    a, b = rig.cameras[first], rig.cameras[second]
+    x = as_unit(b.centre - a.centre, f"baseline of {a.name} and {b.name}")
+    mean = a.axis + b.axis
+    z = as_unit(mean - (mean @ x) * x, f"mean axis of {a.name} and {b.name} across the baseline")
+    return RigidTransform.from_components(a.centre, Rotation.from_matrix(np.column_stack([x, np.cross(z, x), z])))
+
+
+def _as_size(value: Any) -> tuple[int, int]:
+    size = as_array(value, "size", (2,))
+    if (size < 1).any() or (size != np.round(size)).any():
+        raise ValueError(f"size: expected width and height as whole numbers from 1, got {list(size)}")
+    return int(size[0]), int(size[1])
+
+
+def _as_intrinsics(value: ArrayLike) -> Array:
+    matrix = as_array(value, "matrix", (3, 3))
+    for k, name in enumerate(("fx", "fy")):
+        as_number(matrix[k, k], f"matrix: {name}", low=0.0, open_low=True)
+    rest = matrix - np.diag(np.diag(matrix))
+    rest[:2, 2] = 0
+    if np.any(rest) or matrix[2, 2] != 1:
+        raise ValueError(f"matrix: expected [[fx, 0, cx], [0, fy, cy], [0, 0, 1]], got {matrix.tolist()}")
+    return matrix

@@ -1,0 +1,111 @@
+"""The checks of shapes and ranges that every public function uses, so that a caller's mistake reads the same everywhere.
+
+Each function returns a read-only array (or the value) and raises ``ValueError`` with the argument's name, what was
+expected and what came.
+"""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.spatial.transform import RigidTransform
+
+Array = NDArray[np.float64]
+
+
+def frozen(array: np.ndarray) -> np.ndarray:
+    """Return a read-only copy of an array."""
+    copy = np.array(array)
+    copy.setflags(write=False)
+    return copy
+
+
+def as_array(value: ArrayLike, name: str, shape: tuple[int | None, ...], finite: bool = True) -> Array:
+    """Check a float array of a given shape; ``None`` in `shape` stands for any length."""
+    wanted = "(" + ", ".join("n" if n is None else str(n) for n in shape) + ("," if len(shape) == 1 else "") + ")"
+    try:
+        array = np.asarray(value, dtype=float)
+    except (TypeError, ValueError):
+        raise ValueError(f"{name}: expected numbers of shape {wanted}, got {type(value).__name__}") from None
+    if array.ndim != len(shape) or any(n not in (None, m) for n, m in zip(shape, array.shape, strict=True)):
+        raise ValueError(f"{name}: expected shape {wanted}, got {array.shape}")
+    if finite and not np.isfinite(array).all():
+        raise ValueError(f"{name}: expected finite numbers, got {np.count_nonzero(~np.isfinite(array))} that are not")
+    return frozen(array)
+
+
+def as_points(value: ArrayLike, name: str, dim: int, finite: bool = False) -> Array:
+    """Check points as rows, shape (n, dim). NaN rows stand for missing points unless `finite` is set."""
+    return as_array(value, name, (None, dim), finite=finite)
+
+
+def as_image(value: ArrayLike, name: str, size: tuple[int, int] | None = None) -> np.ndarray:
+    """Check a grey image, shape (height, width), of a number type; `size` is (width, height)."""
+    image = np.asarray(value)
+    if image.ndim != 2 or image.size == 0 or image.dtype.kind not in "uif":
+        raise ValueError(f"{name}: expected a grey image of shape (height, width), got {image.dtype} {image.shape}")
+    if size is not None and image.shape != (size[1], size[0]):
+        raise ValueError(f"{name}: expected {size[0]} x {size[1]} pixels, got {image.shape[1]} x {image.shape[0]}")
+    if image.dtype.kind == "f" and not np.isfinite(image).all():
+        raise ValueError(f"{name}: expected finite grey values, got NaN or infinity")
+    return image
+
+
+def as_number(value: Any, name: str, low: float = -np.inf, high: float = np.inf, open_low: bool = False) -> float:
+    """Check one finite number in [low, high], or in (low, high] when `open_low` is set."""
+    if isinstance(value, (bool, np.bool_)) or not isinstance(value, (int, float, np.integer, np.floating)):
+        raise ValueError(f"{name}: expected a number, got {value!r}")
+    number = float(value)
+    if not np.isfinite(number) or number < low or number > high or (open_low and number == low):
+        bracket = "(" if open_low else "["
+        raise ValueError(f"{name}: expected a number in {bracket}{low:g}, {high:g}], got {value!r}")
+    return number
+
+
+def as_unit(value: ArrayLike, name: str) -> Array:
+    """Check a direction, shape (3,), and return it with length 1."""
+    vector = as_array(value, name, (3,))
+    length = np.linalg.norm(vector)
+    if length < 1e-12:
+        raise ValueError(f"{name}: expected a direction, got the zero vector")
+    return frozen(vector / length)
+
+
+def as_rotation_matrix(value: ArrayLike, name: str, atol: float = 1e-6) -> Array:
+    """Check a proper rotation matrix, shape (3, 3), to `atol` an entry of R^T R."""
+    matrix = as_array(value, name, (3, 3))
+    error = float(np.abs(matrix.T @ matrix - np.eye(3)).max())
+    if error > atol or np.linalg.det(matrix) < 0:
+        raise ValueError(f"{name}: expected a rotation, got a matrix with R^T R off by {error:.2g}, "
+                         f"det {np.linalg.det(matrix):.4f}")
+    return matrix
+
+
+def as_transform(value: Any, name: str) -> RigidTransform:
+    """Check a single rigid motion."""
+    if not isinstance(value, RigidTransform) or not value.single:
+        raise ValueError(f"{name}: expected one RigidTransform, got {type(value).__name__}")
+    return value
+
+
+def get(table: Mapping[str, Any], key: str, where: str) -> Any:
+    """Return ``table[key]`` of a file's table; a missing key is a ValueError that names file and key."""
+    if not isinstance(table, Mapping) or key not in table:
+        raise ValueError(f"{where}: '{key}' is missing")
+    return table[key]
+
+
+def read_toml(path: str | Path) -> dict[str, Any]:
+    """Read a TOML file; what cannot be opened or parsed is a ValueError that names the file."""
+    try:
+        with Path(path).open("rb") as file:
+            return tomllib.load(file)
+    except OSError as error:
+        raise ValueError(f"{path}: cannot be read ({error.strerror})") from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise ValueError(f"{path}: no valid TOML ({error})") from None

@@ -1,0 +1,192 @@
+"""The master handle: a cylinder with round markers wrapped on it, its symmetries, and the handle file (Sect. 6.3).
+
+The handle's frame: y along the axis towards the free end. A column at angle theta has the outward normal
+(sin theta, 0, cos theta); a marker at axial coordinate s has its centre at (r sin theta, s, r cos theta).
+Markers are numbered column by column, in the order of the rows.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import tomli_w
+from scipy.spatial.transform import RigidTransform, Rotation
+
+from .checks import Array, as_array, as_number, frozen, get, read_toml
+
+
+@dataclass(frozen=True)
+class Handle:
+    """A cylindrical handle and its marker layout.
+
+    Attributes
+    ----------
+    name : str
+    radius_mm, length_mm : float
+        Of the cylindrical body.
+    top_mm : float
+        Axial coordinate of the free end; the body runs from ``top_mm - length_mm`` to ``top_mm``.
+    marker_diameter_mm : float
+        Of the flat disc that is wrapped on the body.
+    columns_deg : tuple of float
+        Angle of each column of markers about the axis.
+    rows_mm : tuple of tuple of float
+        Axial coordinates of the markers, one tuple a column.
+    markers : {"bright", "dark"}
+        Against the body.
+
+    Raises
+    ------
+    ValueError
+        Names the field: not a number, not positive, no marker, rows that do not fit the columns, markers that overlap
+        or leave the body.
+    """
+
+    name: str
+    radius_mm: float
+    length_mm: float
+    top_mm: float
+    marker_diameter_mm: float
+    columns_deg: tuple[float, ...]
+    rows_mm: tuple[tuple[float, ...], ...]
+    markers: str = "bright"
+
+    def __post_init__(self) -> None:
+        for field in ("radius_mm", "length_mm", "marker_diameter_mm"):
+            object.__setattr__(self, field, as_number(getattr(self, field), field, low=0.0, open_low=True))
+        object.__setattr__(self, "top_mm", as_number(self.top_mm, "top_mm"))
+        object.__setattr__(self, "columns_deg", _as_numbers(self.columns_deg, "columns_deg"))
+        if not isinstance(self.rows_mm, Sequence) or len(self.rows_mm) != len(self.columns_deg):
+            raise ValueError(f"rows_mm: expected a list for each of {len(self.columns_deg)} columns, got {self.rows_mm!r}")
+        rows = tuple(_as_numbers(row, f"rows_mm[{k}]") for k, row in enumerate(self.rows_mm))
+        object.__setattr__(self, "rows_mm", rows)
+        if self.markers not in ("bright", "dark"):
+            raise ValueError(f"markers: expected 'bright' or 'dark', got {self.markers!r}")
+        _check_layout(self)
+
+    @property
+    def bottom_mm(self) -> float:
+        return self.top_mm - self.length_mm
+
+    @cached_property
+    def marker_angles(self) -> Array:
+        """Angle of each marker's column, shape (n,), rad."""
+        counts = [len(row) for row in self.rows_mm]
+        return frozen(np.repeat(np.deg2rad(self.columns_deg), counts))
+
+    @cached_property
+    def marker_normals(self) -> Array:
+        """Outward normals, handle frame, shape (n, 3)."""
+        theta = self.marker_angles
+        return frozen(np.column_stack([np.sin(theta), np.zeros_like(theta), np.cos(theta)]))
+
+    @cached_property
+    def marker_centres(self) -> Array:
+        """Centres on the cylinder's surface, handle frame, shape (n, 3), mm."""
+        axial = np.concatenate([np.array(row) for row in self.rows_mm])
+        return frozen(self.radius_mm * self.marker_normals + axial[:, None] * [0.0, 1.0, 0.0])
+
+    @cached_property
+    def symmetries(self) -> tuple[RigidTransform, ...]:
+        """Motions T with ``T.apply(marker_centres)`` the same set of markers; the identity is the first.
+
+        ``T_world_handle * T`` for each of them shows the same markers: 12 for the paper's layout, 1 for a coded one.
+        """
+        identity = RigidTransform.identity()
+        found = [T for T in _candidate_symmetries(self) if _keeps_markers(self, T)]
+        return (identity, *(T for T in found if _moved(T) > 1e-6))
+
+
+def slants(handle: Handle, T_world_handle: RigidTransform, viewpoint: Array) -> Array:
+    """Angle between each marker's normal and the direction to a viewpoint, shape (n,), rad.
+
+    Parameters
+    ----------
+    handle : Handle
+    T_world_handle : RigidTransform
+    viewpoint : ndarray, shape (3,)
+        A camera's centre, world frame, mm.
+    """
+    to_camera = viewpoint - T_world_handle.apply(handle.marker_centres)
+    to_camera /= np.linalg.norm(to_camera, axis=1, keepdims=True)
+    normals = T_world_handle.rotation.apply(handle.marker_normals)
+    return np.arccos(np.clip(np.einsum("ij,ij->i", normals, to_camera), -1.0, 1.0))
+
+
+def read_handle(path: str | Path) -> Handle:
+    """Read a handle file (TOML).
+
+    Raises
+    ------
+    ValueError
+        Names the file and the field: unreadable, missing, unknown, or refused by `Handle`.
+    """
+    table = read_toml(path)
+    names = tuple(Handle.__dataclass_fields__)
+    unknown = sorted(set(table) - set(names))
+    if unknown:
+        raise ValueError(f"{path}: '{unknown[0]}' is not a field of a handle ({', '.join(names)})")
+    fields = {name: get(table, name, str(path)) for name in names if name != "markers"}
+    try:
+        return Handle(**fields, markers=table.get("markers", "bright"))
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from None
+
+
+def write_handle(handle: Handle, path: str | Path) -> None:
+    """Write a handle file that `read_handle` reads back."""
+    table: dict[str, Any] = {name: getattr(handle, name) for name in Handle.__dataclass_fields__}
+    Path(path).write_text(tomli_w.dumps(table))
+
+
+def _as_numbers(value: Any, name: str) -> tuple[float, ...]:
+    if not isinstance(value, Sequence) or isinstance(value, str) or len(value) == 0:
+        raise ValueError(f"{name}: expected a list of numbers, got {value!r}")
+    return tuple(float(v) for v in as_array(list(value), name, (None,)))
+
+
+def _check_layout(handle: Handle) -> None:
+    """Refuse markers that leave the body or overlap, measured on the unrolled surface."""
+    radius = handle.marker_diameter_mm / 2
+    axial = handle.marker_centres[:, 1]
+    if (axial + radius > handle.top_mm).any() or (axial - radius < handle.bottom_mm).any():
+        raise ValueError(f"rows_mm: a marker leaves the body, which runs from {handle.bottom_mm:g} to {handle.top_mm:g} mm")
+    turn = handle.marker_angles[:, None] - handle.marker_angles
+    turn -= 2 * np.pi * np.round(turn / (2 * np.pi))
+    distance = np.hypot(turn * handle.radius_mm, axial[:, None] - axial)
+    distance[np.diag_indices_from(distance)] = np.inf
+    if distance.min() < handle.marker_diameter_mm:
+        i, j = np.unravel_index(distance.argmin(), distance.shape)
+        raise ValueError(f"columns_deg, rows_mm: markers {i} and {j} overlap, {distance.min():.3g} mm apart")
+
+
+def _candidate_symmetries(handle: Handle) -> list[RigidTransform]:
+    """Turns about the axis, and half turns across it, that carry marker 0 to some marker."""
+    turns = handle.marker_angles - handle.marker_angles[0]
+    motions = [RigidTransform.from_rotation(Rotation.from_rotvec([0.0, turn, 0.0])) for turn in turns]
+    for theta, s in zip(handle.marker_angles, handle.marker_centres[:, 1], strict=True):
+        azimuth = (handle.marker_angles[0] + theta) / 2
+        half_turn = Rotation.from_rotvec(np.pi * np.array([np.sin(azimuth), 0.0, np.cos(azimuth)]))
+        shift = [0.0, s + handle.marker_centres[0, 1], 0.0]
+        motions.append(RigidTransform.from_components(shift, half_turn))
+    unique: list[RigidTransform] = []
+    for T in motions:
+        if all(_moved(T.inv() * other) > 1e-6 for other in unique):
+            unique.append(T)
+    return unique
+
+
+def _keeps_markers(handle: Handle, T: RigidTransform, atol_mm: float = 1e-6) -> bool:
+    moved = T.apply(handle.marker_centres)
+    distance = np.linalg.norm(moved[:, None] - handle.marker_centres, axis=2)
+    return bool((distance.min(axis=1) < atol_mm).all())
+
+
+def _moved(T: RigidTransform) -> float:
+    """How far a motion is from the identity, rad + mm."""
+    return float(T.rotation.magnitude() + np.linalg.norm(T.translation))

@@ -1,0 +1,71 @@
+"""Lens distortion: OpenCV's five-coefficient model (k1, k2, p1, p2, k3) on normalised coordinates, and its inverse.
+
+The model is that of Brown (1971) as OpenCV writes it: radial terms k1, k2, k3, tangential terms p1, p2.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from .checks import Array
+
+
+def distort(xy: Array, k: Array) -> tuple[Array, Array]:
+    """Apply lens distortion to normalised coordinates.
+
+    Parameters
+    ----------
+    xy : ndarray, shape (n, 2)
+    k : ndarray, shape (5,)
+        k1, k2, p1, p2, k3 (OpenCV's order).
+
+    Returns
+    -------
+    distorted : ndarray, shape (n, 2)
+        NaN beyond the radius at which the radial polynomial stops growing.
+    jacobian : ndarray, shape (n, 2, 2)
+    """
+    k1, k2, p1, p2, k3 = k
+    x, y = xy[:, 0], xy[:, 1]
+    r2 = x * x + y * y
+    radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
+    slope = k1 + r2 * (2 * k2 + 3 * r2 * k3)  # d radial / d r2
+    out = np.column_stack([x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x),
+                           y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y])
+    cross = 2 * x * y * slope + 2 * p1 * x + 2 * p2 * y
+    jacobian = np.stack([radial + 2 * x * x * slope + 2 * p1 * y + 6 * p2 * x, cross,
+                         cross, radial + 2 * y * y * slope + 6 * p1 * y + 2 * p2 * x], axis=1).reshape(-1, 2, 2)
+    out[r2 > _fold_radius2(k)] = np.nan
+    return out, jacobian
+
+
+def undistort(xy: Array, k: Array, iterations: int = 20) -> Array:
+    """Invert `distort` by Newton's method; shape (n, 2), NaN where it does not converge to 1e-12."""
+    xy = np.array(xy, dtype=float)
+    if not np.any(k):
+        return xy
+    ideal = xy.copy()
+    for _ in range(iterations):
+        out, jacobian = distort(ideal, k)
+        residual = out - xy
+        if not np.nanmax(np.abs(residual), initial=0.0) > 1e-14:
+            break
+        ideal -= _solve2(jacobian, residual)
+    residual = distort(ideal, k)[0] - xy
+    ideal[~(np.abs(residual).max(axis=1, initial=0.0) < 1e-12)] = np.nan
+    return ideal
+
+
+def _fold_radius2(k: Array) -> float:
+    """Squared radius at which r (1 + k1 r^2 + k2 r^4 + k3 r^6) stops growing; infinity if it never does."""
+    roots = np.roots([7 * k[4], 5 * k[1], 3 * k[0], 1.0])
+    real = roots.real[(np.abs(roots.imag) < 1e-12 * np.abs(roots)) & (roots.real > 0)]
+    return float(real.min(initial=np.inf))
+
+
+def _solve2(A: Array, b: Array) -> Array:
+    """Solve n systems of two equations; a singular one gives infinities, which `undistort` turns into NaN."""
+    det = A[:, 0, 0] * A[:, 1, 1] - A[:, 0, 1] * A[:, 1, 0]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.column_stack([A[:, 1, 1] * b[:, 0] - A[:, 0, 1] * b[:, 1],
+                                A[:, 0, 0] * b[:, 1] - A[:, 1, 0] * b[:, 0]]) / det[:, None]

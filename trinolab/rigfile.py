@@ -1,0 +1,58 @@
+"""Rig files: TOML in the layout that Anipose, FreeMoCap and Pose2Sim read, a table a camera."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import tomli_w
+from scipy.spatial.transform import RigidTransform, Rotation
+
+from .camera import Camera, Rig
+from .checks import as_array, get, read_toml
+
+
+def read_rig(path: str | Path) -> Rig:
+    """Read a rig file (TOML, the layout that Anipose, FreeMoCap and Pose2Sim read).
+
+    Every table but ``metadata`` is a camera with `name`, `size`, `matrix`, `distortions` (4 or 5), `rotation`
+    (Rodrigues vector) and `translation` (mm), both world to camera.
+
+    Raises
+    ------
+    ValueError
+        Names the file and the field: unreadable, missing, of another shape, not finite, a fisheye camera.
+    """
+    tables = {key: value for key, value in read_toml(path).items() if key != "metadata"}
+    try:
+        return Rig(tuple(_camera_from(table, f"{path}: [{key}]") for key, table in tables.items()))
+    except ValueError as error:
+        raise ValueError(str(error) if str(error).startswith(str(path)) else f"{path}: {error}") from None
+
+
+def write_rig(rig: Rig, path: str | Path) -> None:
+    """Write a rig file that `read_rig` reads back."""
+    tables = {camera.name: _table_of(camera) for camera in rig.cameras}
+    Path(path).write_text(tomli_w.dumps(tables))
+
+
+def _camera_from(table: dict[str, Any], where: str) -> Camera:
+    if isinstance(table, dict) and table.get("fisheye", False):
+        raise ValueError(f"{where}: fisheye lenses are not supported")
+    fields = {key: get(table, key, where) for key in ("name", "size", "matrix", "rotation", "translation")}
+    try:
+        distortions = list(as_array(table.get("distortions", [0.0] * 5), "distortions", (None,)))
+        rotation = Rotation.from_rotvec(as_array(fields["rotation"], "rotation", (3,)))
+        T_cam_world = RigidTransform.from_components(as_array(fields["translation"], "translation", (3,)), rotation)
+        padded = np.array(distortions + [0.0] * (len(distortions) == 4))
+        return Camera(fields["name"], fields["size"], fields["matrix"], padded, T_cam_world)
+    except ValueError as error:
+        raise ValueError(f"{where}: {error}") from None
+
+
+def _table_of(camera: Camera) -> dict[str, Any]:
+    return {"name": camera.name, "size": list(camera.size), "matrix": camera.matrix.tolist(),
+            "distortions": camera.distortions.tolist(),
+            "rotation": camera.T_cam_world.rotation.as_rotvec().tolist(),
+            "translation": camera.T_cam_world.translation.tolist()}
