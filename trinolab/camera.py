@@ -136,7 +136,7 @@ class Camera:
         uv = self.project(points)
         high = np.array(self.size) - 0.5 - margin_px
         with np.errstate(invalid="ignore"):
-            return ((uv >= margin_px - 0.5) & (uv <= high)).all(axis=1)
+            return np.asarray(((uv >= margin_px - 0.5) & (uv <= high)).all(axis=1))
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,4 +1,4 @@
-"""The checks of shapes and ranges that every public function uses, so that a caller's mistake reads the same everywhere.
+"""The checks of shapes and ranges that all public functions share, so that a mistake reads the same everywhere.
 
 Each function returns a read-only array (or the value) and raises ``ValueError`` with the argument's name, what was
 expected and what came.

@@ -62,7 +62,8 @@ class Handle:
         object.__setattr__(self, "top_mm", as_number(self.top_mm, "top_mm"))
         object.__setattr__(self, "columns_deg", _as_numbers(self.columns_deg, "columns_deg"))
         if not isinstance(self.rows_mm, Sequence) or len(self.rows_mm) != len(self.columns_deg):
-            raise ValueError(f"rows_mm: expected a list for each of {len(self.columns_deg)} columns, got {self.rows_mm!r}")
+            wanted = len(self.columns_deg)
+            raise ValueError(f"rows_mm: expected a list for each of {wanted} columns, got {self.rows_mm!r}")
         rows = tuple(_as_numbers(row, f"rows_mm[{k}]") for k, row in enumerate(self.rows_mm))
         object.__setattr__(self, "rows_mm", rows)
         if self.markers not in ("bright", "dark"):
@@ -112,10 +113,26 @@ def slants(handle: Handle, T_world_handle: RigidTransform, viewpoint: Array) -> 
     viewpoint : ndarray, shape (3,)
         A camera's centre, world frame, mm.
     """
-    to_camera = viewpoint - T_world_handle.apply(handle.marker_centres)
-    to_camera /= np.linalg.norm(to_camera, axis=1, keepdims=True)
-    normals = T_world_handle.rotation.apply(handle.marker_normals)
-    return np.arccos(np.clip(np.einsum("ij,ij->i", normals, to_camera), -1.0, 1.0))
+    normals = handle.marker_normals @ T_world_handle.rotation.as_matrix().T
+    return slant_angles(T_world_handle.apply(handle.marker_centres), normals, viewpoint)
+
+
+def slant_angles(centres: Array, normals: Array, viewpoint: Array) -> Array:
+    """Angle between normals and the directions to a viewpoint, rad.
+
+    Parameters
+    ----------
+    centres, normals : ndarray, shape (..., 3)
+        One frame for all; the normals have length 1.
+    viewpoint : ndarray, shape (3,)
+
+    Returns
+    -------
+    ndarray, shape (...)
+    """
+    to_camera = viewpoint - centres
+    cosine = (normals * to_camera).sum(axis=-1) / np.linalg.norm(to_camera, axis=-1)
+    return np.arccos(np.clip(cosine, -1.0, 1.0))
 
 
 def read_handle(path: str | Path) -> Handle:
@@ -155,7 +172,8 @@ def _check_layout(handle: Handle) -> None:
     radius = handle.marker_diameter_mm / 2
     axial = handle.marker_centres[:, 1]
     if (axial + radius > handle.top_mm).any() or (axial - radius < handle.bottom_mm).any():
-        raise ValueError(f"rows_mm: a marker leaves the body, which runs from {handle.bottom_mm:g} to {handle.top_mm:g} mm")
+        body = f"{handle.bottom_mm:g} to {handle.top_mm:g} mm"
+        raise ValueError(f"rows_mm: a marker leaves the body, which runs from {body}")
     turn = handle.marker_angles[:, None] - handle.marker_angles
     turn -= 2 * np.pi * np.round(turn / (2 * np.pi))
     distance = np.hypot(turn * handle.radius_mm, axial[:, None] - axial)

@@ -1,0 +1,134 @@
+"""The command ``trinolab``: thin, each command calls one workflow.
+
+Exit code 0 is success, 1 a result that is not as declared, 2 a mistake in the input, 130 an interruption.
+"""
+
+from __future__ import annotations
+
+import argparse
+import logging
+import sys
+from collections.abc import Sequence
+
+import pandas as pd
+
+from . import __version__
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run a command and return the exit code."""
+    arguments = _parser().parse_args(argv)
+    logging.basicConfig(format="%(message)s", stream=sys.stderr, level=logging.INFO)
+    try:
+        return arguments.run(arguments)
+    except ValueError as error:
+        print(f"trinolab {arguments.command}: {error}", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        print(f"trinolab {arguments.command}: interrupted, nothing was written", file=sys.stderr)
+        return 130
+
+
+def _measure(a: argparse.Namespace) -> int:
+    from .workflows import measure_folder
+
+    table = measure_folder(a.rig, a.handle, a.images, a.out, a.method, a.prior)
+    counts = ", ".join(f"{n} {status}" for status, n in table["status"].value_counts().items())
+    print(f"{len(table)} instants: {counts}; written to {a.out}")
+    return 0
+
+
+def _evaluate(a: argparse.Namespace) -> int:
+    from .workflows import evaluate
+
+    result = evaluate(a.poses, a.truth, a.handle)
+    print(f"instants   {result.instants:8d}")
+    for status in ("measured", "ambiguous", "predicted", "lost"):
+        count = getattr(result, status)
+        print(f"{status:10s} {count:8d}   {100 * count / result.instants:5.1f} %")
+    if (e := result.errors) is None:
+        print("no pose to compare")
+        return 0
+    print(f"errors of {e.n} poses, up to the handle's symmetry:")
+    print("              mean   median      max")
+    print(f"E_t       {e.E_t_mm:8.3f} {e.position_median_mm:8.3f} {e.position_max_mm:8.3f} mm    (Eq. 26)")
+    for name in ("alpha", "beta", "gamma"):
+        mean, median = getattr(e, f"E_{name}_deg"), getattr(e, f"{name}_median_deg")
+        print(f"{'E_' + name:9s} {mean:8.3f} {median:8.3f}          deg   (Eq. 27)")
+    print(f"geodesic  {e.geodesic_mean_deg:8.3f} {e.geodesic_median_deg:8.3f} {e.geodesic_max_deg:8.3f} deg")
+    return 0
+
+
+def _scoreboard(a: argparse.Namespace) -> int:
+    from .recording import write_whole
+    from .scoreboard import disagreements, scoreboard
+
+    board = scoreboard(progress=True)
+    if a.csv:
+        write_whole(a.csv, board.assign(ours=board["ours"].map(_digits)).to_csv(index=False))
+    print(as_text(board))
+    if wrong := disagreements(board):
+        print(f"not as declared in the ledger: claim {', '.join(wrong)}", file=sys.stderr)
+        return 1
+    return 0
+
+
+def as_text(board: pd.DataFrame, width: int = 60) -> str:
+    """The scoreboard as plain text of under 120 columns; long claims are cut."""
+    short = board["claim"].where(board["claim"].str.len() <= width, board["claim"].str.slice(stop=width - 3) + "...")
+    table = pd.DataFrame({"no": board["no"], "claim": short, "paper": board["paper"].map(_digits),
+                          "ours": board["ours"].map(_digits), "unit": board["unit"], "verdict": board["verdict"]})
+    left = {"claim": f"{{:<{width}s}}".format, "verdict": "{:<16s}".format}
+    return table.to_string(index=False, justify="left", formatters=left)
+
+
+def _digits(value: float | str) -> str:
+    if isinstance(value, str):
+        return value
+    return "" if pd.isna(value) else f"{value:.3g}"
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="trinolab", description="The three-camera master handle: measure, evaluate, "
+                                     "compare with the paper.")
+    parser.add_argument("--version", action="version", version=f"trinolab {__version__}")
+    commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
+    _add_measure(commands)
+    _add_evaluate(commands)
+    board = _add(commands, "scoreboard", _scoreboard, "print the paper's claims beside what is computed here",
+                 "trinolab scoreboard --csv scoreboard.csv")
+    board.add_argument("--csv", metavar="FILE", help="write the table as CSV, too")
+    return parser
+
+
+def _add_measure(commands: argparse._SubParsersAction) -> None:
+    p = _add(commands, "measure", _measure, "measure the handle's pose in every instant of a folder of images",
+             "trinolab measure --rig rig.toml --handle handle.toml --images images --out poses.csv")
+    p.add_argument("--rig", required=True, metavar="RIG.toml", help="the cameras")
+    p.add_argument("--handle", required=True, metavar="HANDLE.toml", help="the handle and its markers")
+    p.add_argument("--images", required=True, metavar="DIR",
+                   help="holds a folder a camera, named as in the rig, the same file names in each")
+    p.add_argument("--out", required=True, metavar="POSES.csv", help="the poses to write")
+    p.add_argument("--method", default="paper", choices=["paper"], help="the estimator (default: %(default)s)")
+    p.add_argument("--prior", metavar="POSES.csv",
+                   help="expected poses, joined on 'frame': they choose among poses that look alike")
+
+
+def _add_evaluate(commands: argparse._SubParsersAction) -> None:
+    p = _add(commands, "evaluate", _evaluate, "compare poses with their truth (Eq. 26, 27, geodesic angle)",
+             "trinolab evaluate poses.csv truth.csv --handle handle.toml")
+    p.add_argument("poses", metavar="POSES.csv")
+    p.add_argument("truth", metavar="TRUTH.csv")
+    p.add_argument("--handle", required=True, metavar="HANDLE.toml", help="errors count up to its symmetry")
+
+
+def _add(commands: argparse._SubParsersAction, name: str, run: object, about: str, example: str
+         ) -> argparse.ArgumentParser:
+    parser = commands.add_parser(name, help=about, description=about[0].upper() + about[1:] + ".",
+                                 epilog=f"example: {example}")
+    parser.set_defaults(run=run)
+    return parser
+
+
+if __name__ == "__main__":
+    sys.exit(main())

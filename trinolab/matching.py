@@ -1,0 +1,202 @@
+"""Which marker of one image is which of another: epipolar gate, grey correlation, ordering, uniqueness (Sect. 5.2)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import ArrayLike
+
+from .camera import Camera, epipolar_lines
+from .checks import Array, as_image, as_number, as_points, frozen
+
+
+@dataclass(frozen=True)
+class MatchParameters:
+    """Parameters of the matching.
+
+    Attributes
+    ----------
+    epipolar_gate_px : float
+        D_0, the largest distance from the epipolar line (Eq. 17).
+    ncc_threshold : float
+        epsilon_0, the smallest correlation of the windows (Eq. 18); -1 switches the test off.
+    window_px : int
+        Side of the square windows, odd.
+    """
+
+    epipolar_gate_px: float = 2.0
+    ncc_threshold: float = 0.5
+    window_px: int = 21
+
+    def __post_init__(self) -> None:
+        as_number(self.epipolar_gate_px, "epipolar_gate_px", low=0.0, open_low=True)
+        as_number(self.ncc_threshold, "ncc_threshold", low=-1.0, high=1.0)
+        if as_number(self.window_px, "window_px", low=3) % 2 != 1:
+            raise ValueError(f"window_px: expected an odd whole number from 3, got {self.window_px!r}")
+
+
+@dataclass(frozen=True, eq=False)
+class Matches:
+    """Pairs of markers in two images.
+
+    Attributes
+    ----------
+    index : ndarray of int, shape (k, 2)
+        Rows of the left and of the right markers.
+    distance_px : ndarray, shape (k,)
+        D_ij (Eq. 17).
+    ncc : ndarray, shape (k,)
+        S_ij (Eq. 18).
+    """
+
+    index: np.ndarray
+    distance_px: Array
+    ncc: Array
+
+    def __len__(self) -> int:
+        return len(self.index)
+
+
+def epipolar_distances(left: Camera, right: Camera, uv_left: ArrayLike, uv_right: ArrayLike) -> Array:
+    """Distance of each right point from each left point's epipolar line (Eq. 17).
+
+    Parameters
+    ----------
+    left, right : Camera
+    uv_left, uv_right : array_like, shapes (n, 2) and (m, 2)
+        Pixels as taken (distorted).
+
+    Returns
+    -------
+    ndarray, shape (n, m)
+        Pixels with the lens distortion removed; NaN for missing points.
+
+    Raises
+    ------
+    ValueError
+        If a shape is wrong or both cameras stand in one place.
+    """
+    lines = epipolar_lines(left, right, uv_left)
+    points = right.ideal_pixels(uv_right)
+    return np.abs(lines[:, :2] @ points.T + lines[:, 2:])
+
+
+def ncc(template: ArrayLike, window: ArrayLike) -> float:
+    """Normalised cross-correlation of two windows of one shape (Eq. 18).
+
+    Returns
+    -------
+    float
+        In [-1, 1]; 0 if either window is flat.
+
+    Raises
+    ------
+    ValueError
+        If the shapes differ.
+    """
+    t, w = np.asarray(template, dtype=float), np.asarray(window, dtype=float)
+    if t.shape != w.shape or t.ndim != 2:
+        raise ValueError(f"window: expected shape {t.shape} like the template, got {w.shape}")
+    t, w = t - t.mean(), w - w.mean()
+    norm = np.sqrt((t * t).sum() * (w * w).sum())
+    return float((t * w).sum() / norm) if norm > 0 else 0.0
+
+
+def ncc_matrix(image_left: ArrayLike, image_right: ArrayLike, uv_left: ArrayLike, uv_right: ArrayLike,
+               window_px: int) -> Array:
+    """Correlation of the windows centred on each pair of points, shape (n, m) (Eq. 18).
+
+    The windows are cut between pixels (bilinear), so that both are centred on their point; beyond the image's edge the
+    last pixel repeats. Raises ValueError for wrong shapes.
+    """
+    left = _windows(as_image(image_left, "image_left"), as_points(uv_left, "uv_left", 2), window_px)
+    right = _windows(as_image(image_right, "image_right"), as_points(uv_right, "uv_right", 2), window_px)
+    return left @ right.T
+
+
+def candidates(left: Camera, right: Camera, image_left: ArrayLike, image_right: ArrayLike, uv_left: ArrayLike,
+               uv_right: ArrayLike, parameters: MatchParameters | None = None) -> Matches:
+    """All pairs that pass the epipolar gate and the correlation threshold, several for a point if need be (Eq. 17-18).
+
+    Parameters
+    ----------
+    left, right : Camera
+    image_left, image_right : array_like, shape (height, width)
+    uv_left, uv_right : array_like, shapes (n, 2) and (m, 2)
+    parameters : MatchParameters, optional
+
+    Raises
+    ------
+    ValueError
+        If a shape is wrong or both cameras stand in one place.
+    """
+    p = parameters or MatchParameters()
+    distance = epipolar_distances(left, right, uv_left, uv_right)
+    similarity = ncc_matrix(image_left, image_right, uv_left, uv_right, p.window_px)
+    with np.errstate(invalid="ignore"):
+        index = np.argwhere((distance < p.epipolar_gate_px) & (similarity > p.ncc_threshold))
+    return _take(index, distance, similarity)
+
+
+def match(left: Camera, right: Camera, image_left: ArrayLike, image_right: ArrayLike, uv_left: ArrayLike,
+          uv_right: ArrayLike, parameters: MatchParameters | None = None) -> Matches:
+    """The paper's matching: candidates, then both directions, then order along the epipolar lines (Sect. 5.2).
+
+    Parameters and errors as in `candidates`.
+    """
+    p = parameters or MatchParameters()
+    found = candidates(left, right, image_left, image_right, uv_left, uv_right, p)
+    return in_order(mutual(found), left, right, uv_left, uv_right, p.epipolar_gate_px)
+
+
+def mutual(matches: Matches) -> Matches:
+    """Keep the pairs that are each other's best by correlation: uniqueness in both directions (Sect. 5.2, step 3)."""
+    keep = [k for k, (i, j) in enumerate(matches.index)
+            if matches.ncc[k] >= matches.ncc[matches.index[:, 0] == i].max()
+            and matches.ncc[k] >= matches.ncc[matches.index[:, 1] == j].max()]
+    return _subset(matches, keep)
+
+
+def in_order(matches: Matches, left: Camera, right: Camera, uv_left: ArrayLike, uv_right: ArrayLike,
+             gate_px: float) -> Matches:
+    """Drop pairs that break the order along an epipolar line, the weaker of two first (Sect. 5.2, step 3).
+
+    The paper names the constraint and does not define it. Here: of two pairs whose points could be exchanged within
+    the epipolar gate, the points must follow each other in the same sense on the left and on the right line.
+    """
+    uv_left, uv_right = as_points(uv_left, "uv_left", 2), as_points(uv_right, "uv_right", 2)
+    swap = epipolar_distances(left, right, uv_left, uv_right)
+    baseline = right.centre - left.centre
+    along_left, along_right = left.rays(uv_left) @ baseline, right.rays(uv_right) @ baseline
+    keep: list[int] = []
+    for k in np.argsort(-matches.ncc, kind="stable"):
+        i, j = matches.index[k]
+        rivals = [matches.index[n] for n in keep]
+        if all(swap[i, b] >= gate_px or swap[a, j] >= gate_px
+               or (along_left[i] - along_left[a]) * (along_right[j] - along_right[b]) > 0 for a, b in rivals):
+            keep.append(int(k))
+    return _subset(matches, sorted(keep))
+
+
+def _windows(image: np.ndarray, uv: Array, window_px: int) -> Array:
+    """Windows about points as rows of zero mean and length 1 (zero where flat or the point is missing)."""
+    image = image if image.dtype == np.uint8 else image.astype(np.float32)
+    rows = np.zeros((len(uv), window_px * window_px))
+    for row, point in zip(rows, uv, strict=True):
+        if np.isfinite(point).all():
+            cut = cv2.getRectSubPix(image, (window_px, window_px), tuple(point), patchType=cv2.CV_32F)
+            row[:] = (cut - cut.mean(dtype=float)).ravel()
+            row /= max(float(np.linalg.norm(row)), 1e-9)
+    return rows
+
+
+def _take(index: np.ndarray, distance: Array, similarity: Array) -> Matches:
+    i, j = index.T
+    return Matches(frozen(index), frozen(distance[i, j]), frozen(similarity[i, j]))
+
+
+def _subset(matches: Matches, keep: list[int]) -> Matches:
+    rows = np.array(keep, dtype=int)
+    return Matches(frozen(matches.index[rows]), frozen(matches.distance_px[rows]), frozen(matches.ncc[rows]))

@@ -1,0 +1,132 @@
+"""From points to the handle's pose: the rigid fit that Eq. 23-24 stand for, and its covariance (Sect. 5.3)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.spatial.transform import RigidTransform, Rotation
+
+from .checks import Array, as_array, as_points
+
+
+@dataclass(frozen=True, eq=False)
+class Pose:
+    """The measured pose at one instant.
+
+    Attributes
+    ----------
+    status : str
+        ``measured``, ``ambiguous`` (one of several equivalent poses), ``predicted`` or ``lost`` (no pose).
+    T_world_handle : RigidTransform or None
+    covariance : ndarray, shape (6, 6)
+        Of position (mm) and rotation vector (rad), both in the world frame; NaN without a pose.
+    residual_px : float
+        Rms reprojection error of the markers used.
+    markers, cameras : int
+        How many were used.
+    """
+
+    status: str
+    T_world_handle: RigidTransform | None
+    covariance: Array
+    residual_px: float
+    markers: int
+    cameras: int
+
+    @property
+    def sigma_mm(self) -> float:
+        """Square root of the trace of the position's covariance."""
+        return float(np.sqrt(np.trace(self.covariance[:3, :3])))
+
+    @property
+    def sigma_deg(self) -> float:
+        """Square root of the trace of the rotation vector's covariance."""
+        return float(np.rad2deg(np.sqrt(np.trace(self.covariance[3:, 3:]))))
+
+
+LOST = Pose("lost", None, np.full((6, 6), np.nan), np.nan, 0, 0)
+
+
+def rigid_fit(points_source: ArrayLike, points_target: ArrayLike) -> RigidTransform | None:
+    """The rigid motion that carries one set of points onto another with least squares (Eq. 23, 24).
+
+    Eq. 24 as printed asks for any 4 x 4 matrix; this one is kept a rotation and a translation (Kabsch 1976, with the
+    guard against reflections of Umeyama 1991, DOI 10.1109/34.88573).
+
+    Parameters
+    ----------
+    points_source, points_target : array_like, shape (n, 3)
+        Row by row the same point; rows with NaN in either are left out.
+
+    Returns
+    -------
+    RigidTransform or None
+        T_target_source; None if fewer than three points are left or they lie on one line.
+
+    Raises
+    ------
+    ValueError
+        If a shape is wrong or the lengths differ.
+    """
+    source = as_points(points_source, "points_source", 3)
+    target = as_array(points_target, "points_target", source.shape, finite=False)
+    valid = np.isfinite(source).all(axis=1) & np.isfinite(target).all(axis=1)
+    source, target = source[valid], target[valid]
+    if _on_one_line(source) or _on_one_line(target):
+        return None
+    source_mean, target_mean = source.mean(axis=0), target.mean(axis=0)
+    U, _, Vt = np.linalg.svd((target - target_mean).T @ (source - source_mean))
+    guard = np.diag([1.0, 1.0, np.linalg.det(U) * np.linalg.det(Vt)])
+    rotation = Rotation.from_matrix(U @ guard @ Vt)
+    return RigidTransform.from_components(target_mean - rotation.apply(source_mean), rotation)
+
+
+def rigid_fit_covariance(points_source: ArrayLike, T_target_source: RigidTransform, covariances: ArrayLike) -> Array:
+    """Covariance of `rigid_fit` for independent errors of the target points, to first order.
+
+    Parameters
+    ----------
+    points_source : array_like, shape (n, 3)
+        mm; at least three, not on a line.
+    T_target_source : RigidTransform
+        The fit.
+    covariances : array_like, shape (n, 3, 3)
+        Of the target points, target frame, mm^2.
+
+    Returns
+    -------
+    ndarray, shape (6, 6)
+        Of position and rotation vector, target frame, mm and rad.
+
+    Raises
+    ------
+    ValueError
+        If a shape is wrong, a number is not finite, or the points lie on one line.
+    """
+    source = as_points(points_source, "points_source", 3, finite=True)
+    C = as_array(covariances, "covariances", (len(source), 3, 3))
+    if _on_one_line(source):
+        raise ValueError("points_source: expected three or more points that are not on one line")
+    arms = T_target_source.rotation.apply(np.array(source))  # SciPy wants a writable array
+    J = np.concatenate([np.broadcast_to(np.eye(3), (len(arms), 3, 3)), -_cross_matrices(arms)], axis=2)  # (n, 3, 6)
+    scale = np.repeat([1.0, np.linalg.norm(arms, axis=1).max()], 3)  # mm and rad on one footing
+    J_scaled = J / scale
+    gain = np.linalg.solve(np.einsum("nki,nkj->ij", J_scaled, J_scaled), J_scaled.transpose(0, 2, 1))  # (n, 6, 3)
+    return np.einsum("nik,nkl,njl->ij", gain, C, gain) / np.outer(scale, scale)
+
+
+def _on_one_line(points: Array, ratio: float = 1e-6) -> bool:
+    """Whether points have no extent across their longest direction (also: fewer than three points)."""
+    if len(points) < 3:
+        return True
+    extent = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
+    return bool(extent[1] <= ratio * extent[0])
+
+
+def _cross_matrices(vectors: Array) -> Array:
+    """Matrices [v]x with [v]x w = v x w, shape (n, 3, 3)."""
+    x, y, z = vectors.T
+    zero = np.zeros_like(x)
+    return np.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=1).reshape(-1, 3, 3)

@@ -1,0 +1,160 @@
+"""From matched pixels to points: Eq. 20 for each pair of cameras, the change of frame, and the mean (Sect. 5.3).
+
+Eq. 20 as printed needs X_r = R X_l + T, left to right, and one focal length a camera. Here R, T come from the cameras
+(`camera.T_between`), each image axis is divided by its own focal length, and lens distortion is removed first.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.spatial.transform import RigidTransform
+
+from .camera import Camera, Rig, T_between
+from .checks import Array, as_array, as_number, as_points, as_transform
+
+
+def depth_forms(xy_left: ArrayLike, xy_right: ArrayLike, T_right_left: RigidTransform) -> tuple[Array, Array]:
+    """Numerators and denominators of the two forms of z (Eq. 20).
+
+    Parameters
+    ----------
+    xy_left, xy_right : array_like, shape (n, 2)
+        Normalised ideal coordinates X/f, Y/f.
+    T_right_left : RigidTransform
+        R and T of Eq. 20, left to right, mm.
+
+    Returns
+    -------
+    numerator, denominator : ndarray, shape (n, 2)
+        ``numerator / denominator`` is z in the left camera's frame, mm: first by the X, second by the Y coordinates. A
+        form fails where the baseline has no component along its axis: both parts are then near zero.
+
+    Raises
+    ------
+    ValueError
+        If a shape is wrong or the lengths differ.
+    """
+    left = as_points(xy_left, "xy_left", 2)
+    right = as_array(xy_right, "xy_right", left.shape, finite=False)
+    T = as_transform(T_right_left, "T_right_left")
+    t = T.translation
+    turned = np.column_stack([left, np.ones(len(left))]) @ T.rotation.as_matrix().T
+    return t[:2] - right * t[2], right * turned[:, 2:] - turned[:, :2]
+
+
+def triangulate_pair(left: Camera, right: Camera, uv_left: ArrayLike, uv_right: ArrayLike) -> Array:
+    """Points from one binocular system, in the world frame (Eq. 20, 21).
+
+    The two forms of z are solved together by least squares, which takes the one that the baseline supports. x and y
+    follow from the left ray, as the paper does it; the point therefore lies on the left ray exactly.
+
+    Parameters
+    ----------
+    left, right : Camera
+    uv_left, uv_right : array_like, shape (n, 2)
+        Pixels as taken (distorted), row by row the same marker.
+
+    Returns
+    -------
+    ndarray, shape (n, 3)
+        World frame, mm. NaN where a pixel is missing, where the rays are parallel, or where the point would lie behind
+        either camera.
+
+    Raises
+    ------
+    ValueError
+        If a shape is wrong or both cameras stand in one place.
+    """
+    T_right_left = T_between(right, left)
+    if np.linalg.norm(T_right_left.translation) < 1e-9:
+        raise ValueError(f"cameras {left.name} and {right.name}: expected two places, got one (no baseline)")
+    xy_left = left.normalise(uv_left)
+    numerator, denominator = depth_forms(xy_left, right.normalise(uv_right), T_right_left)
+    square = (denominator**2).sum(axis=1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        z = np.where(square > 1e-18, (numerator * denominator).sum(axis=1) / square, np.nan)
+        local = np.column_stack([xy_left, np.ones(len(z))]) * z[:, None]
+        behind = ~((z > 0) & (T_right_left.apply(local)[:, 2] > 0))
+    local[behind] = np.nan
+    return left.T_world_cam.apply(local)
+
+
+def triangulate(rig: Rig, uv: ArrayLike) -> Array:
+    """Points from all binocular systems of a rig, averaged (Eq. 20-22).
+
+    Parameters
+    ----------
+    rig : Rig
+    uv : array_like, shape (cameras, n, 2)
+        Pixels as taken; NaN where a camera does not see a marker.
+
+    Returns
+    -------
+    ndarray, shape (n, 3)
+        World frame, mm: the mean over the pairs that see the marker; NaN where none does.
+
+    Raises
+    ------
+    ValueError
+        If the shape does not fit the rig.
+    """
+    uv = as_array(uv, "uv", (len(rig.cameras), None, 2), finite=False)
+    by_pair = np.stack([triangulate_pair(rig.cameras[i], rig.cameras[j], uv[i], uv[j]) for i, j in rig.pairs])
+    return mean_point(by_pair)
+
+
+def mean_point(points: ArrayLike) -> Array:
+    """Mean over the binocular systems, ignoring those that have no point (Eq. 22).
+
+    Parameters
+    ----------
+    points : array_like, shape (pairs, n, 3)
+        One frame for all, mm; NaN rows for missing points.
+
+    Returns
+    -------
+    ndarray, shape (n, 3)
+    """
+    points = as_array(points, "points", (None, None, 3), finite=False)
+    valid = np.asarray(np.isfinite(points).all(axis=2))
+    total = np.where(valid[..., None], points, 0.0).sum(axis=0)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return total / valid.sum(axis=0)[:, None]
+
+
+def triangulation_covariance(rig: Rig, uv: ArrayLike, sigma_px: float, step_px: float = 1e-3) -> Array:
+    """Covariance of `triangulate` for independent pixel noise, by central differences.
+
+    Parameters
+    ----------
+    rig : Rig
+    uv : array_like, shape (cameras, n, 2)
+    sigma_px : float
+        Standard deviation of each pixel coordinate.
+    step_px : float
+        Of the differences; the function is smooth over pixels, so 1e-3 px is far from both rounding and curvature.
+
+    Returns
+    -------
+    ndarray, shape (n, 3, 3)
+        mm^2, world frame; NaN where there is no point.
+
+    Raises
+    ------
+    ValueError
+        If the shape does not fit the rig or `sigma_px` is not positive.
+    """
+    uv = as_array(uv, "uv", (len(rig.cameras), None, 2), finite=False)
+    sigma = as_number(sigma_px, "sigma_px", low=0.0, open_low=True)
+    covariance = np.zeros((uv.shape[1], 3, 3))
+    for camera, axis in np.ndindex(len(rig.cameras), 2):
+        if not np.isfinite(uv[camera]).any():
+            continue
+        step = np.zeros_like(uv)
+        step[camera, :, axis] = step_px
+        slope = (triangulate(rig, uv + step) - triangulate(rig, uv - step)) / (2 * step_px)
+        slope[np.isnan(uv[camera]).any(axis=1)] = 0.0
+        covariance += sigma**2 * slope[:, :, None] * slope[:, None, :]
+    covariance[np.isnan(triangulate(rig, uv)).any(axis=1)] = np.nan
+    return covariance

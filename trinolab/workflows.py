@@ -1,0 +1,183 @@
+"""What a command does, from files to files; notebooks call the same functions."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from scipy.spatial.transform import RigidTransform
+from tqdm import tqdm
+
+from .camera import Rig
+from .checks import as_number
+from .datasets import load_table1
+from .handle import Handle, read_handle
+from .metrics import PoseErrors, nearest_equivalent, pose_errors, track_equivalent
+from .recording import list_instants, pose_table, read_instant, read_poses, transforms, write_poses
+from .rigfile import read_rig
+from .scene import Bench, render_rig
+from .tracker import Measurement, Parameters, measure
+
+METHODS = ("paper",)
+
+
+def measure_folder(rig: str | Path, handle: str | Path, images: str | Path, out: str | Path, method: str = "paper",
+                   prior: str | Path | None = None, progress: bool = True) -> pd.DataFrame:
+    """Measure every instant of a folder of images on its own, and write the poses.
+
+    Parameters
+    ----------
+    rig, handle : path
+        Rig and handle file.
+    images : path
+        Holds a folder a camera, named as in the rig, the same file names in each.
+    out : path
+        CSV of poses to write; it appears when all instants are done.
+    method : {"paper"}
+    prior : path, optional
+        CSV of poses that are expected, joined on `frame`: they choose among poses that look alike.
+    progress : bool
+        Show a progress bar on standard error.
+
+    Returns
+    -------
+    pandas.DataFrame
+        The table that was written.
+
+    Raises
+    ------
+    ValueError
+        Names the file that is missing, unreadable or does not fit.
+    """
+    _check_method(method)
+    the_rig, the_handle = read_rig(rig), read_handle(handle)
+    instants, expected = list_instants(images, the_rig), {} if prior is None else _by_frame(read_poses(prior))
+    if not Path(out).resolve().parent.is_dir():
+        raise ValueError(f"{out}: no such folder to write into")
+    poses = [measure(read_instant(instant, the_rig), the_rig, the_handle, expected.get(instant.frame)).pose
+             for instant in tqdm(instants, unit="instant", disable=not progress)]
+    table = pose_table(poses)
+    write_poses(table, out)
+    return table
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """How a table of poses compares with its truth.
+
+    Attributes
+    ----------
+    instants : int
+        Of the truth.
+    measured, ambiguous, predicted, lost : int
+        Instants by status; an instant of the truth that has no row counts as lost.
+    errors : PoseErrors or None
+        Over the rows that hold a pose, `predicted` ones left out; None if there is none.
+    """
+
+    instants: int
+    measured: int
+    ambiguous: int
+    predicted: int
+    lost: int
+    errors: PoseErrors | None
+
+
+def evaluate(poses: str | Path, truth: str | Path, handle: str | Path) -> Evaluation:
+    """Compare a pose file with the truth, up to the handle's symmetry (Eq. 26-27).
+
+    The `measured` rows are compared as one track, by one equivalent for all; an `ambiguous` row says of itself that it
+    is one of several, so each is compared by its nearest equivalent.
+
+    Raises
+    ------
+    ValueError
+        If a file is missing or malformed, or the two have no frame in common.
+    """
+    found, true, the_handle = read_poses(poses), read_poses(truth), read_handle(handle)
+    true = true[true["status"] != "lost"]
+    both = found.merge(true, on="frame", suffixes=("", "_true"))
+    if both.empty:
+        raise ValueError(f"{poses}, {truth}: no frame in common")
+    counts = both["status"].value_counts()
+    measured, ambiguous, predicted = (int(counts.get(s, 0)) for s in ("measured", "ambiguous", "predicted"))
+    lost = len(true) - measured - ambiguous - predicted
+    return Evaluation(len(true), measured, ambiguous, predicted, lost, _errors(both, true, the_handle))
+
+
+def replicate(poses: Iterable[RigidTransform], rig: Rig, handle: Handle, seed: int = 0, bench: Bench | None = None,
+              parameters: Parameters | None = None, progress: bool = False) -> list[Measurement]:
+    """Render each pose with the simulated bench and measure it, without a prior.
+
+    Parameters
+    ----------
+    poses : iterable of RigidTransform
+        T_world_handle of each instant.
+    rig : Rig
+    handle : Handle
+    seed : int
+        Of the noise.
+    bench : Bench, optional
+    parameters : Parameters, optional
+    progress : bool
+        Show a progress bar on standard error.
+    """
+    rng = np.random.default_rng(int(as_number(seed, "seed", low=0)))
+    bench = bench or Bench()
+    return [measure(render_rig(rig, handle, T, bench, rng), rig, handle, parameters=parameters)
+            for T in tqdm(list(poses), unit="instant", disable=not progress)]
+
+
+def replicate_table1(rig: Rig, handle: Handle, seed: int = 0, rows: slice = slice(None), bench: Bench | None = None,
+                     parameters: Parameters | None = None) -> PoseErrors:
+    """The errors of the whole chain on rendered frames of Table 1's poses, up to the handle's symmetry (Eq. 26-27).
+
+    Parameters
+    ----------
+    rows : slice
+        Of Table 1; all twenty by default. The other parameters are those of `replicate`.
+
+    Raises
+    ------
+    ValueError
+        If not one of the poses was measured.
+    """
+    truths = load_table1().set_poses[rows]
+    measurements = replicate(truths, rig, handle, seed, bench, parameters)
+    return replication_errors(measurements, truths, handle)
+
+
+def replication_errors(measurements: list[Measurement], truths: RigidTransform, handle: Handle) -> PoseErrors:
+    """Errors of measurements against their truths, each by its nearest equivalent; lost ones are left out of `n`."""
+    held = [k for k, m in enumerate(measurements) if m.pose.T_world_handle is not None]
+    if not held:
+        raise ValueError(f"measurements: all {len(measurements)} are lost")
+    estimates = RigidTransform.concatenate([measurements[k].pose.T_world_handle for k in held])
+    return pose_errors(nearest_equivalent(estimates, truths[held], handle.symmetries), truths[held])
+
+
+def _check_method(method: str) -> None:
+    if method not in METHODS:
+        raise ValueError(f"method: expected one of {', '.join(METHODS)}, got {method!r}")
+
+
+def _by_frame(table: pd.DataFrame) -> dict[int, RigidTransform]:
+    held = table[table["status"] != "lost"]
+    return dict(zip(held["frame"], transforms(held), strict=True)) if len(held) else {}
+
+
+def _errors(both: pd.DataFrame, true: pd.DataFrame, handle: Handle) -> PoseErrors | None:
+    """Errors over the measured and the ambiguous rows of the joined table; None if there are none."""
+    estimates, truths = [], []
+    for status, equivalent in (("measured", track_equivalent), ("ambiguous", nearest_equivalent)):
+        rows = both[both["status"] == status]
+        if len(rows):
+            true_poses = transforms(true.set_index("frame").loc[rows["frame"]])
+            estimates.append(equivalent(transforms(rows), true_poses, handle.symmetries))
+            truths.append(true_poses)
+    if not estimates:
+        return None
+    return pose_errors(RigidTransform.concatenate(estimates), RigidTransform.concatenate(truths))
