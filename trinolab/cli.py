@@ -9,10 +9,12 @@ import argparse
 import logging
 import sys
 from collections.abc import Sequence
-
-import pandas as pd
+from typing import TYPE_CHECKING, Any, NoReturn
 
 from . import __version__
+
+if TYPE_CHECKING:  # what takes a second to load is imported where an interruption is answered
+    import pandas as pd
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -21,7 +23,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     logging.basicConfig(format="%(message)s", stream=sys.stderr, level=logging.INFO)
     try:
         return arguments.run(arguments)
-    except ValueError as error:
+    except (ValueError, OSError) as error:
         print(f"trinolab {arguments.command}: {error}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
@@ -60,9 +62,11 @@ def _evaluate(a: argparse.Namespace) -> int:
 
 
 def _scoreboard(a: argparse.Namespace) -> int:
-    from .recording import write_whole
+    from .recording import check_target, write_whole
     from .scoreboard import disagreements, scoreboard
 
+    if a.csv:
+        check_target(a.csv)
     board = scoreboard(progress=True)
     if a.csv:
         write_whole(a.csv, board.assign(ours=board["ours"].map(_digits)).to_csv(index=False))
@@ -73,11 +77,11 @@ def _scoreboard(a: argparse.Namespace) -> int:
     return 0
 
 
-def as_text(board: pd.DataFrame, width: int = 60) -> str:
+def as_text(board: pd.DataFrame, width: int = 76) -> str:
     """The scoreboard as plain text of under 120 columns; long claims are cut."""
     short = board["claim"].where(board["claim"].str.len() <= width, board["claim"].str.slice(stop=width - 3) + "...")
-    table = pd.DataFrame({"no": board["no"], "claim": short, "paper": board["paper"].map(_digits),
-                          "ours": board["ours"].map(_digits), "unit": board["unit"], "verdict": board["verdict"]})
+    table = board.assign(claim=short, paper=board["paper"].map(_digits), ours=board["ours"].map(_digits))
+    table = table[["no", "claim", "paper", "ours", "unit", "verdict"]]
     left = {"claim": f"{{:<{width}s}}".format, "verdict": "{:<16s}".format}
     return table.to_string(index=False, justify="left", formatters=left)
 
@@ -85,12 +89,22 @@ def as_text(board: pd.DataFrame, width: int = 60) -> str:
 def _digits(value: float | str) -> str:
     if isinstance(value, str):
         return value
-    return "" if pd.isna(value) else f"{value:.3g}"
+    return "" if value != value else f"{value:.3g}"
+
+
+class _Parser(argparse.ArgumentParser):
+    """Answers a wrong argument with one line, and leaves the lines of an example as they are."""
+
+    def __init__(self, **settings: Any) -> None:
+        super().__init__(formatter_class=argparse.RawDescriptionHelpFormatter, **settings)
+
+    def error(self, message: str) -> NoReturn:
+        self.exit(2, f"{self.prog}: {message}; see {self.prog} --help\n")
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(prog="trinolab", description="The three-camera master handle: measure, evaluate, "
-                                     "compare with the paper.")
+    parser = _Parser(prog="trinolab", description="The three-camera master handle: measure, evaluate, compare with the "
+                     "paper.", epilog="trinolab COMMAND --help says more and has an example.")
     parser.add_argument("--version", action="version", version=f"trinolab {__version__}")
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
     _add_measure(commands)
@@ -117,15 +131,15 @@ def _add_measure(commands: argparse._SubParsersAction) -> None:
 def _add_evaluate(commands: argparse._SubParsersAction) -> None:
     p = _add(commands, "evaluate", _evaluate, "compare poses with their truth (Eq. 26, 27, geodesic angle)",
              "trinolab evaluate poses.csv truth.csv --handle handle.toml")
-    p.add_argument("poses", metavar="POSES.csv")
-    p.add_argument("truth", metavar="TRUTH.csv")
+    p.add_argument("poses", metavar="POSES.csv", help="what 'trinolab measure' has written")
+    p.add_argument("truth", metavar="TRUTH.csv", help="the true poses, joined on 'frame'")
     p.add_argument("--handle", required=True, metavar="HANDLE.toml", help="errors count up to its symmetry")
 
 
 def _add(commands: argparse._SubParsersAction, name: str, run: object, about: str, example: str
          ) -> argparse.ArgumentParser:
     parser = commands.add_parser(name, help=about, description=about[0].upper() + about[1:] + ".",
-                                 epilog=f"example: {example}")
+                                 epilog=f"example:\n  {example}")
     parser.set_defaults(run=run)
     return parser
 

@@ -57,6 +57,8 @@ class Handle:
     markers: str = "bright"
 
     def __post_init__(self) -> None:
+        if not isinstance(self.name, str) or not self.name:
+            raise ValueError(f"name: expected a handle's name, got {self.name!r}")
         for field in ("radius_mm", "length_mm", "marker_diameter_mm"):
             object.__setattr__(self, field, as_number(getattr(self, field), field, low=0.0, open_low=True))
         object.__setattr__(self, "top_mm", as_number(self.top_mm, "top_mm"))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -39,13 +40,11 @@ class MarkerParameters:
         as_number(self.surplus, "surplus", low=1.0)
         low = as_number(self.diameter_px[0], "diameter_px[0]", low=0.0, open_low=True)
         as_number(self.diameter_px[1], "diameter_px[1]", low=low)
-        as_number(self.min_axis_ratio, "min_axis_ratio", low=0.0, high=1.0)
-        as_number(self.min_fill, "min_fill", low=0.0)
-        as_number(self.min_contrast, "min_contrast", low=0.0)
+        for name in ("min_axis_ratio", "min_fill", "min_contrast"):
+            as_number(getattr(self, name), name, low=0.0)
 
 
-@dataclass(frozen=True)
-class ThresholdStep:
+class ThresholdStep(NamedTuple):
     """One step of the bisection: the threshold tried and the number of contours it gave."""
 
     threshold: float
@@ -62,10 +61,8 @@ class Markers:
         Centroids, px.
     axes_px : ndarray, shape (n, 2)
         Major and minor axis (full lengths) of the ellipse with the contour's moments.
-    contrast : ndarray, shape (n,)
-        Grey levels between the marker and its ring.
-    threshold : float
-        The threshold they were found at; NaN if none was found.
+    contrast, threshold : ndarray, shape (n,)
+        Grey levels between the marker and its ring; the threshold at which it was found.
     steps : tuple of ThresholdStep
         The bisection's way.
     """
@@ -73,11 +70,19 @@ class Markers:
     uv: Array
     axes_px: Array
     contrast: Array
-    threshold: float
+    threshold: Array
     steps: tuple[ThresholdStep, ...]
 
-    def __len__(self) -> int:
-        return len(self.uv)
+class _Blob(NamedTuple):
+    """A contour that may be a marker's; `off_halfway` is how far its threshold lies from halfway up its flank."""
+
+    u: float
+    v: float
+    major: float
+    minor: float
+    contrast: float
+    threshold: float
+    off_halfway: float
 
 
 def iterative_threshold(image: ArrayLike, contours: int) -> tuple[ThresholdStep, ...]:
@@ -109,7 +114,7 @@ def iterative_threshold(image: ArrayLike, contours: int) -> tuple[ThresholdStep,
     steps = []
     while t_max - t_min >= 1.0:
         threshold = (t_max + t_min) / 2
-        n = cv2.connectedComponents(_binary(image, threshold))[0] - 1
+        n = cv2.connectedComponents((image > threshold).astype(np.uint8))[0] - 1
         steps.append(ThresholdStep(threshold, n))
         if n == contours:
             break
@@ -119,10 +124,11 @@ def iterative_threshold(image: ArrayLike, contours: int) -> tuple[ThresholdStep,
 
 def find_markers(image: ArrayLike, expected: int, markers: str = "bright",
                  parameters: MarkerParameters | None = None) -> Markers:
-    """Find the markers of one image and their sub-pixel centroids (Sect. 5.1, Eq. 16).
+    """Find the markers of one image and their sub-pixel centroids (Eq. 16).
 
-    Of the thresholds that the bisection of Eq. 16 visits, the one counts whose marker-like contours (shape, size,
-    contrast) stand out most, because the last one need not show any marker at all.
+    The last threshold of the bisection of Eq. 16 need not show any marker at all. So the marker-like contours (shape,
+    size, contrast) of all thresholds that it visits are kept, each at the threshold nearest to halfway between the
+    marker and its surroundings, and of these the ``surplus * expected`` with the highest contrast.
 
     Parameters
     ----------
@@ -148,14 +154,11 @@ def find_markers(image: ArrayLike, expected: int, markers: str = "bright",
     p = parameters or MarkerParameters()
     image = as_image(image, "image")
     bright = image if markers == "bright" else image.max() - image
-    steps = iterative_threshold(bright, int(np.ceil(p.surplus * as_number(expected, "expected", low=1))))
-    found = [_blobs(bright, step.threshold, p) for step in steps]
-    scores = [np.sort(contrast)[-int(expected):].sum() for _, _, contrast in found]
-    if not scores or max(scores) == 0:
-        return Markers(frozen(np.empty((0, 2))), frozen(np.empty((0, 2))), frozen(np.empty(0)), np.nan, steps)
-    best = int(np.argmax(scores))
-    uv, axes, contrast = found[best]
-    return Markers(frozen(uv), frozen(axes), frozen(contrast), steps[best].threshold, steps)
+    wanted = int(np.ceil(p.surplus * as_number(expected, "expected", low=1)))
+    steps = iterative_threshold(bright, wanted)
+    blobs = [blob for step in steps for blob in _blobs(bright, step.threshold, p)]
+    table = np.array(_once_each(blobs, wanted), dtype=float).reshape(-1, 7)
+    return Markers(frozen(table[:, :2]), frozen(table[:, 2:4]), frozen(table[:, 4]), frozen(table[:, 5]), steps)
 
 
 def centroid(image: ArrayLike, mask: ArrayLike, background: float) -> Array:
@@ -190,43 +193,52 @@ def centroid(image: ArrayLike, mask: ArrayLike, background: float) -> Array:
     return frozen(np.array([(u * weight).sum(), (v * weight).sum()]) / total)
 
 
-def _binary(image: np.ndarray, threshold: float) -> np.ndarray:
-    return (image > threshold).astype(np.uint8)
-
-
-def _blobs(image: np.ndarray, threshold: float, p: MarkerParameters) -> tuple[Array, Array, Array]:
-    """Centroids, axes and contrasts of the marker-like contours at one threshold."""
-    _, labels, stats, _ = cv2.connectedComponentsWithStats(_binary(image, threshold), connectivity=8)
+def _blobs(image: np.ndarray, threshold: float, p: MarkerParameters) -> list[_Blob]:
+    """The marker-like contours at one threshold."""
+    _, labels, stats, _ = cv2.connectedComponentsWithStats((image > threshold).astype(np.uint8), connectivity=8)
     low, high = p.diameter_px
     longest = stats[:, [cv2.CC_STAT_WIDTH, cv2.CC_STAT_HEIGHT]].max(axis=1)
     size_fits = (longest >= 0.7 * low) & (longest <= high + 2)
     size_fits[0] = False  # label 0 is the background
-    blobs = [blob for k in np.flatnonzero(size_fits) if (blob := _blob(image, labels, stats[k], int(k), p)) is not None]
-    table = np.array(blobs).reshape(-1, 5)
-    return table[:, :2], table[:, 2:4], table[:, 4]
+    found = (_blob(image, labels, stats[k], int(k), threshold, p) for k in np.flatnonzero(size_fits))
+    return [blob for blob in found if blob is not None]
 
 
-def _blob(image: np.ndarray, labels: np.ndarray, stats: np.ndarray, k: int, p: MarkerParameters,
-          ring_px: int = 3) -> tuple[float, ...] | None:
-    """Centroid, axes and contrast of one contour, or None if it is no marker's."""
-    x, y, w, h = stats[:4]
+def _blob(image: np.ndarray, labels: np.ndarray, stats: np.ndarray, k: int, threshold: float, p: MarkerParameters,
+          ring_px: int = 3) -> _Blob | None:
+    """One contour, or None if it is no marker's."""
+    x, y, w, h, area = stats
     if x == 0 or y == 0 or x + w == image.shape[1] or y + h == image.shape[0]:
         return None  # cut by the image's edge: its centroid means nothing
     around = (slice(max(y - ring_px - 1, 0), y + h + ring_px + 1), slice(max(x - ring_px - 1, 0), x + w + ring_px + 1))
-    patch = image[around]
-    inside = (labels[around] == k).astype(np.uint8)
-    axes = _axes(inside)
-    if not (p.diameter_px[0] <= axes[0] <= p.diameter_px[1] and axes[1] >= p.min_axis_ratio * axes[0]
-            and stats[cv2.CC_STAT_AREA] >= p.min_fill * np.pi / 4 * axes[0] * axes[1]):
+    patch, inside = image[around], (labels[around] == k).astype(np.uint8)
+    major, minor = _axes(inside)
+    if not (p.diameter_px[0] <= major <= p.diameter_px[1] and minor >= p.min_axis_ratio * major
+            and area >= p.min_fill * np.pi / 4 * major * minor):
         return None
     near = cv2.dilate(inside, np.ones((3, 3), np.uint8), iterations=ring_px - 1)
-    ring = cv2.dilate(near, np.ones((3, 3), np.uint8)).astype(bool) & ~near.astype(bool)
+    dark = labels[around] == 0  # what is bright and not of this contour is another thing's light
+    ring = cv2.dilate(near, np.ones((3, 3), np.uint8)).astype(bool) & ~near.astype(bool) & dark
+    if not ring.any():
+        return None
     level = float(np.median(patch[ring]))
     contrast = float(patch[inside.astype(bool)].mean()) - level
     if contrast < p.min_contrast:
         return None
-    u, v = centroid(patch, near, level) + [around[1].start, around[0].start]
-    return u, v, axes[0], axes[1], contrast
+    u, v = centroid(patch, near & (dark | inside), level) + [around[1].start, around[0].start]
+    return _Blob(float(u), float(v), major, minor, contrast, threshold, abs(threshold - level - contrast / 2))
+
+
+def _once_each(blobs: list[_Blob], most: int) -> list[_Blob]:
+    """The blobs of highest contrast, each place once: of those found there, the one nearest to halfway."""
+    left = sorted(blobs, key=lambda b: -b.contrast)
+    kept: list[_Blob] = []
+    while left and len(kept) < most:
+        place, reach = np.array(left[0][:2]), left[0].major / 2
+        here = np.linalg.norm(np.array(left)[:, :2] - place, axis=1) <= reach
+        kept.append(min((b for b, near in zip(left, here, strict=True) if near), key=lambda b: b.off_halfway))
+        left = [b for b, near in zip(left, here, strict=True) if not near]
+    return kept
 
 
 def _axes(mask: np.ndarray) -> tuple[float, float]:

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from .checks import Array, as_array, as_points
+from .checks import Array, as_array, as_points, as_transform
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,10 +103,11 @@ def rigid_fit_covariance(points_source: ArrayLike, T_target_source: RigidTransfo
     Raises
     ------
     ValueError
-        If a shape is wrong, a number is not finite, or the points lie on one line.
+        If a shape is wrong, a number is not finite, there is no motion, or the points lie on one line.
     """
     source = as_points(points_source, "points_source", 3, finite=True)
     C = as_array(covariances, "covariances", (len(source), 3, 3))
+    T_target_source = as_transform(T_target_source, "T_target_source")
     if _on_one_line(source):
         raise ValueError("points_source: expected three or more points that are not on one line")
     arms = T_target_source.rotation.apply(np.array(source))  # SciPy wants a writable array

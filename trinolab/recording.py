@@ -66,7 +66,8 @@ def read_instant(instant: Instant, rig: Rig) -> list[np.ndarray]:
     ValueError
         Names the file that cannot be read as an image or has another size than its camera.
     """
-    return [_read_grey(path, camera.size) for path, camera in zip(instant.paths, rig.cameras, strict=True)]
+    level = logging.DEBUG if instant.frame else logging.INFO  # said once, not for each of a thousand images
+    return [_read_grey(path, camera.size, level) for path, camera in zip(instant.paths, rig.cameras, strict=True)]
 
 
 def pose_table(poses: Sequence[Pose], t_s: Sequence[float] | None = None) -> pd.DataFrame:
@@ -110,11 +111,13 @@ def read_poses(path: str | Path) -> pd.DataFrame:
         an unknown status, a pose that is incomplete or whose quaternion has not length 1.
     """
     try:
-        table = pd.read_csv(path)
+        table = pd.read_csv(path, low_memory=False)
     except OSError as error:
         raise ValueError(f"{path}: cannot be read ({error.strerror})") from None
     except (pd.errors.ParserError, pd.errors.EmptyDataError, UnicodeDecodeError, ValueError) as error:
         raise ValueError(f"{path}: no valid CSV ({str(error).splitlines()[0]})") from None
+    if not isinstance(table.index, pd.RangeIndex):
+        raise ValueError(f"{path}: no valid CSV (rows have more fields than the first line)")
     for column in ("frame", *POSE_COLUMNS[2:9]):
         if column not in table:
             raise ValueError(f"{path}: column '{column}' is missing")
@@ -126,6 +129,17 @@ def read_poses(path: str | Path) -> pd.DataFrame:
     return table.astype({"frame": int})
 
 
+def check_target(path: str | Path) -> None:
+    """Refuse, with a ValueError, a place where `write_whole` could not write: asked before a long computation."""
+    target, folder = Path(path), Path(path).resolve().parent
+    if not folder.is_dir():
+        raise ValueError(f"{path}: no such folder to write into")
+    if target.exists() and not target.is_file():
+        raise ValueError(f"{path}: cannot be written (a folder or a device is there)")
+    if not os.access(folder, os.W_OK):
+        raise ValueError(f"{path}: cannot be written (no permission in its folder)")
+
+
 def write_whole(path: str | Path, text: str) -> None:
     """Write a text file through a temporary one beside it, so that it is never seen half written.
 
@@ -134,18 +148,21 @@ def write_whole(path: str | Path, text: str) -> None:
     ValueError
         If the file cannot be written.
     """
-    target = Path(path)
-    temporary = None
+    check_target(path)
+    target = Path(path).resolve()
     try:
-        with tempfile.NamedTemporaryFile("w", dir=target.parent, prefix=f".{target.name}.", delete=False) as file:
+        with tempfile.NamedTemporaryFile("w", dir=target.parent, prefix=f".{target.name}.", delete=False,
+                                         encoding="utf-8") as file:
             temporary = Path(file.name)
-            file.write(text)
-        temporary.chmod(0o644)
-        os.replace(temporary, target)
+            try:
+                file.write(text)
+                file.close()
+                temporary.chmod(0o644)
+                os.replace(temporary, target)
+            finally:
+                temporary.unlink(missing_ok=True)
     except OSError as error:
-        if temporary is not None:
-            temporary.unlink(missing_ok=True)
-        raise ValueError(f"{target}: cannot be written ({error.strerror})") from None
+        raise ValueError(f"{path}: cannot be written ({error.strerror})") from None
 
 
 def _image_names(folder: Path, rig: Rig) -> set[str]:
@@ -157,19 +174,23 @@ def _image_names(folder: Path, rig: Rig) -> set[str]:
     return names
 
 
-def _read_grey(path: Path, size: tuple[int, int]) -> np.ndarray:
-    image = None
-    if path.is_file() and path.stat().st_size > 0:
-        image = cv2.imdecode(np.fromfile(path, dtype=np.uint8), cv2.IMREAD_UNCHANGED)
+def _read_grey(path: Path, size: tuple[int, int], level: int) -> np.ndarray:
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise ValueError(f"{path}: cannot be read ({error.strerror})") from None
+    if data.startswith(b"\x89PNG") and b"IEND" not in data[-12:]:  # libpng would complain by itself
+        raise ValueError(f"{path}: cannot be read as an image (its end is missing)")
+    image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED) if data else None
     if image is None or image.dtype not in (np.uint8, np.uint16):
         raise ValueError(f"{path}: cannot be read as an image of 8 or 16 bit")
     if image.shape[:2] != (size[1], size[0]):
         raise ValueError(f"{path}: {image.shape[1]} x {image.shape[0]} pixels, the rig says {size[0]} x {size[1]}")
     if image.ndim == 3:
-        log.info("%s: colour converted to grey", path)
+        log.log(level, "%s: colour converted to grey", path)
         image = cv2.cvtColor(image, cv2.COLOR_BGRA2GRAY if image.shape[2] == 4 else cv2.COLOR_BGR2GRAY)
     if image.dtype == np.uint16:
-        log.info("%s: 16 bit scaled to grey levels 0 to 255", path)
+        log.log(level, "%s: 16 bit scaled to grey levels 0 to 255", path)
         image = (image / 257.0).astype(np.float32)
     return image
 

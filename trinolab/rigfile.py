@@ -43,7 +43,7 @@ def _camera_from(table: dict[str, Any], where: str) -> Camera:
     fields = {key: get(table, key, where) for key in ("name", "size", "matrix", "rotation", "translation")}
     try:
         distortions = list(as_array(table.get("distortions", [0.0] * 5), "distortions", (None,)))
-        rotation = Rotation.from_rotvec(as_array(fields["rotation"], "rotation", (3,)))
+        rotation = Rotation.from_rotvec(np.array(as_array(fields["rotation"], "rotation", (3,))))  # SciPy: writable
         T_cam_world = RigidTransform.from_components(as_array(fields["translation"], "translation", (3,)), rotation)
         padded = np.array(distortions + [0.0] * (len(distortions) == 4))
         return Camera(fields["name"], fields["size"], fields["matrix"], padded, T_cam_world)

@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 from functools import cache
-from itertools import product
 
 import numpy as np
 import pandas as pd
+from scipy.spatial.transform import RigidTransform
 from tqdm import tqdm
 
-from .datasets import Claim, load_calibration, load_claims, load_handle, load_rig, load_table1, nearest_rotation
-from .errata import printed_cones
+from .datasets import Claim, load_claims, load_handle, load_rig, load_table1
+from .errata import printed_rotation_error, printed_workspace_volume
 from .metrics import PoseErrors, pose_errors
-from .workflows import replicate_table1
-from .workspace import intersect
+from .workflows import replicate, replication_errors
 
 COLUMNS = ("no", "claim", "paper", "ours", "unit", "verdict", "reason")
 
@@ -26,7 +24,7 @@ def scoreboard(progress: bool = False) -> pd.DataFrame:
     Parameters
     ----------
     progress : bool
-        Show a progress bar on standard error.
+        Show a progress bar on standard error, if that is a terminal.
 
     Returns
     -------
@@ -34,7 +32,8 @@ def scoreboard(progress: bool = False) -> pd.DataFrame:
         Columns `COLUMNS`, one row a claim; `ours` is NaN where nothing is computed, and the verdict is then the
         declared one ("cannot be tested", "not tested yet").
     """
-    rows = [score(claim) for claim in tqdm(load_claims(), unit="claim", disable=not progress)]
+    with tqdm(load_claims(), unit="claim", disable=None if progress else True) as claims:
+        rows = [score(claim) for claim in claims]
     return pd.DataFrame(rows, columns=list(COLUMNS))
 
 
@@ -61,25 +60,14 @@ def _table1() -> PoseErrors:
 
 
 @cache
-def _replication() -> PoseErrors:
-    errors = replicate_table1(load_rig("paper_pair"), load_handle("paper"))
-    if errors.n < 20:
-        raise RuntimeError(f"the replication measured {errors.n} of Table 1's 20 poses: its means would flatter")
+def _replication(draws: int = 5) -> PoseErrors:
+    """Errors over Table 1's poses, each under several draws of the noise: one draw's alpha varies by a third."""
+    handle = load_handle("paper")
+    truths = RigidTransform.concatenate([load_table1().set_poses] * draws)
+    errors = replication_errors(replicate(truths, load_rig("paper_pair"), handle), truths, handle)
+    if errors.n < len(truths):
+        raise RuntimeError(f"the replication measured {errors.n} of {len(truths)} poses: its means would flatter")
     return errors
-
-
-def _printed_rotation() -> float:
-    """Frobenius distance of the printed R_rl from the nearest rotation."""
-    R_rl = load_calibration().R_rl
-    return float(np.linalg.norm(R_rl - nearest_rotation(R_rl).as_matrix()))
-
-
-def _printed_workspace() -> float:
-    """Largest volume of the printed Eq. 4 at 45 deg and a half angle of 20 deg, over the nappes of the cones; B^3."""
-    cones = printed_cones(1.0, np.pi / 4, np.pi / 4, np.deg2rad(20.0))
-    nappes = ([replace(cone, axis=sign * cone.axis) for cone, sign in zip(cones, signs, strict=True)]
-              for signs in product((1, -1), repeat=3))
-    return max(float(intersect(some).volume) for some in nappes)
 
 
 def _field(errors: Callable[[], PoseErrors], name: str) -> Callable[[], float]:
@@ -96,6 +84,6 @@ CHECKS: dict[str, Callable[[], float]] = {
     "replication_beta": _field(_replication, "E_beta_deg"),
     "replication_gamma": _field(_replication, "E_gamma_deg"),
     "replication_geodesic": _field(_replication, "geodesic_mean_deg"),
-    "printed_rotation": _printed_rotation,
-    "printed_workspace": _printed_workspace,
+    "printed_rotation": lambda: printed_rotation_error()[0],
+    "printed_workspace": lambda: printed_workspace_volume(np.deg2rad(20.0)),
 }

@@ -66,6 +66,8 @@ def triangulate_pair(left: Camera, right: Camera, uv_left: ArrayLike, uv_right: 
     ValueError
         If a shape is wrong or both cameras stand in one place.
     """
+    uv_left = as_points(uv_left, "uv_left", 2)
+    uv_right = as_array(uv_right, "uv_right", uv_left.shape, finite=False)
     T_right_left = T_between(right, left)
     if np.linalg.norm(T_right_left.translation) < 1e-9:
         raise ValueError(f"cameras {left.name} and {right.name}: expected two places, got one (no baseline)")
@@ -143,10 +145,11 @@ def triangulation_covariance(rig: Rig, uv: ArrayLike, sigma_px: float, step_px: 
     Raises
     ------
     ValueError
-        If the shape does not fit the rig or `sigma_px` is not positive.
+        If the shape does not fit the rig, or `sigma_px` or `step_px` is not positive.
     """
     uv = as_array(uv, "uv", (len(rig.cameras), None, 2), finite=False)
     sigma = as_number(sigma_px, "sigma_px", low=0.0, open_low=True)
+    step_px = as_number(step_px, "step_px", low=0.0, open_low=True)
     covariance = np.zeros((uv.shape[1], 3, 3))
     for camera, axis in np.ndindex(len(rig.cameras), 2):
         if not np.isfinite(uv[camera]).any():

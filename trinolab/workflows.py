@@ -10,13 +10,14 @@ import numpy as np
 import pandas as pd
 from scipy.spatial.transform import RigidTransform
 from tqdm import tqdm
+from tqdm.contrib.logging import logging_redirect_tqdm
 
 from .camera import Rig
 from .checks import as_number
 from .datasets import load_table1
 from .handle import Handle, read_handle
 from .metrics import PoseErrors, nearest_equivalent, pose_errors, track_equivalent
-from .recording import list_instants, pose_table, read_instant, read_poses, transforms, write_poses
+from .recording import check_target, list_instants, pose_table, read_instant, read_poses, transforms, write_poses
 from .rigfile import read_rig
 from .scene import Bench, render_rig
 from .tracker import Measurement, Parameters, measure
@@ -40,7 +41,7 @@ def measure_folder(rig: str | Path, handle: str | Path, images: str | Path, out:
     prior : path, optional
         CSV of poses that are expected, joined on `frame`: they choose among poses that look alike.
     progress : bool
-        Show a progress bar on standard error.
+        Show a progress bar on standard error, if that is a terminal.
 
     Returns
     -------
@@ -54,11 +55,12 @@ def measure_folder(rig: str | Path, handle: str | Path, images: str | Path, out:
     """
     _check_method(method)
     the_rig, the_handle = read_rig(rig), read_handle(handle)
-    instants, expected = list_instants(images, the_rig), {} if prior is None else _by_frame(read_poses(prior))
-    if not Path(out).resolve().parent.is_dir():
-        raise ValueError(f"{out}: no such folder to write into")
-    poses = [measure(read_instant(instant, the_rig), the_rig, the_handle, expected.get(instant.frame)).pose
-             for instant in tqdm(instants, unit="instant", disable=not progress)]
+    instants = list_instants(images, the_rig)
+    expected = {} if prior is None else _expected(prior, len(instants))
+    check_target(out)
+    with logging_redirect_tqdm(), tqdm(instants, unit="instant", disable=None if progress else True) as shown:
+        poses = [measure(read_instant(instant, the_rig), the_rig, the_handle, expected.get(instant.frame)).pose
+                 for instant in shown]
     table = pose_table(poses)
     write_poses(table, out)
     return table
@@ -164,7 +166,11 @@ def _check_method(method: str) -> None:
         raise ValueError(f"method: expected one of {', '.join(METHODS)}, got {method!r}")
 
 
-def _by_frame(table: pd.DataFrame) -> dict[int, RigidTransform]:
+def _expected(path: str | Path, instants: int) -> dict[int, RigidTransform]:
+    """The poses of a prior by their frame."""
+    table = read_poses(path)
+    if not (table["frame"] < instants).any():
+        raise ValueError(f"{path}: no frame in common with the images, which are frames 0 to {instants - 1}")
     held = table[table["status"] != "lost"]
     return dict(zip(held["frame"], transforms(held), strict=True)) if len(held) else {}
 

@@ -1,0 +1,49 @@
+# `make help` lists the targets. Everything runs in .venv, which is made on first use from environment.txt.
+
+PYTHON ?= python3
+ARGS ?=
+BIN := .venv/bin
+
+.DEFAULT_GOAL := help
+.PHONY: help book test lab lint clean
+
+help:  ## show this list
+	@sed -n 's/^\([a-z]*\):.*## /\1\t/p' $(MAKEFILE_LIST)
+
+book: .venv/package.done  ## run the chapters, build the pages, print the scoreboard
+	@$(BIN)/python book/build.py
+
+test: .venv/package.done  ## run the tests; ARGS="-k pose" chooses some
+	@$(BIN)/python -m pytest -n auto $(ARGS)
+
+lab: .venv/package.done  ## open the chapters in JupyterLab
+	@$(BIN)/jupyter-lab notebooks
+
+lint: .venv/package.done  ## check style and types
+	@$(BIN)/ruff check .
+	@$(BIN)/mypy
+
+clean:  ## remove what was built, but not .venv
+	rm -rf _build .pytest_cache .mypy_cache .ruff_cache .hypothesis
+
+# The two stamps are written last: an install that was interrupted is done again from the start.
+# Where uv fails (it brings certificates of its own, which not every network accepts), pip is tried.
+.venv/environment.done: environment.txt
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
+	    { echo 'trinolab needs Python 3.11 or later as $(PYTHON); name another one: make PYTHON=python3.12 ...' >&2; exit 1; }
+	@echo 'making .venv from environment.txt: 200 packages, 1.6 GB, some minutes if they must be fetched'
+	@rm -rf .venv
+	@{ uv --version >/dev/null 2>&1 && set -x && \
+	    uv venv --quiet --python "$$($(PYTHON) -c 'import sys; print(sys.executable)')" .venv && \
+	    uv pip install --quiet --python $(BIN)/python --require-hashes -r environment.txt; } || \
+	{ set -x; rm -rf .venv; $(PYTHON) -m venv .venv && \
+	    $(BIN)/python -m pip install --disable-pip-version-check --quiet --require-hashes -r environment.txt; }
+	@touch $@
+
+.venv/package.done: .venv/environment.done pyproject.toml
+	@if $(BIN)/python -m pip --version >/dev/null 2>&1; then \
+	    set -x; $(BIN)/python -m pip install --disable-pip-version-check --quiet --no-deps --no-build-isolation -e .; \
+	else \
+	    set -x; uv pip install --quiet --python $(BIN)/python --no-deps --no-build-isolation -e .; \
+	fi
+	@touch $@

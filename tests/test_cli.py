@@ -1,0 +1,290 @@
+"""The command line: what a person reads, the exit codes, and that a mistake costs one line and no file."""
+
+import json
+import re
+import shlex
+import shutil
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from scipy.spatial.transform import RigidTransform
+
+from trinolab import __version__, cli, scoreboard, workflows
+from trinolab.camera import Rig
+from trinolab.datasets import data_path, load_handle, load_rig, load_table1
+from trinolab.handle import write_handle
+from trinolab.recording import truth_table, write_poses
+from trinolab.rigfile import write_rig
+
+COMMANDS = ("measure", "evaluate", "scoreboard")
+SIZE = (32, 24)
+MEASURE = "measure --rig rig.toml --handle handle.toml --images images --out poses.csv"
+EVALUATE = "evaluate found.csv truth.csv --handle handle.toml"
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    """The working folder: a recording of two dark instants in tiny images, and two pose files."""
+    rig = Rig(tuple(replace(camera, size=SIZE) for camera in load_rig("paper_pair").cameras))
+    write_rig(rig, tmp_path / "rig.toml")
+    write_handle(load_handle("paper"), tmp_path / "handle.toml")
+    for camera in rig.names:
+        (tmp_path / "images" / camera).mkdir(parents=True)
+        for name in ("0.png", "1.png"):
+            cv2.imwrite(str(tmp_path / "images" / camera / name), np.zeros(SIZE[::-1], np.uint8))
+    truth = load_table1().set_poses[:3]
+    write_poses(truth_table(truth), tmp_path / "truth.csv")
+    moved = RigidTransform.from_translation([[0, 0, 1.0], [0, 0, 0], [0, 0, -2.0]]) * truth
+    write_poses(truth_table(moved), tmp_path / "found.csv")
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def contents(folder):
+    return {path: path.is_file() and path.read_bytes() for path in sorted(folder.rglob("*"))}
+
+
+def run(line):
+    """The exit code of a command line; argparse leaves by an exception."""
+    try:
+        return cli.main(shlex.split(line))
+    except SystemExit as left:
+        return left.code
+
+
+# --- what is right
+
+
+def test_measure_says_what_it_found_and_where_it_is(folder, capfd):
+    assert run(MEASURE) == 0
+    out, err = capfd.readouterr()
+    assert out == "2 instants: 2 lost; written to poses.csv\n"
+    assert err == ""  # no progress bar where standard error is no terminal
+    assert len((folder / "poses.csv").read_text().splitlines()) == 3
+
+
+def test_evaluate_prints_a_table(folder, capfd):
+    assert run(EVALUATE) == 0
+    assert capfd.readouterr().out == """\
+instants          3
+measured          3   100.0 %
+ambiguous         0     0.0 %
+predicted         0     0.0 %
+lost              0     0.0 %
+errors of 3 poses, up to the handle's symmetry:
+              mean   median      max
+E_t          1.000    1.000    2.000 mm    (Eq. 26)
+E_alpha      0.000    0.000          deg   (Eq. 27)
+E_beta       0.000    0.000          deg   (Eq. 27)
+E_gamma      0.000    0.000          deg   (Eq. 27)
+geodesic     0.000    0.000    0.000 deg
+"""
+
+
+def test_evaluate_without_a_pose_says_so(folder, capfd):
+    assert run(MEASURE) == 0
+    assert run(EVALUATE.replace("found", "poses")) == 0
+    out = capfd.readouterr().out
+    assert "lost              3   100.0 %" in out  # the truth has three instants, the recording two
+    assert out.endswith("no pose to compare\n")
+
+
+def test_scoreboard_prints_and_writes(folder, capfd, monkeypatch):
+    monkeypatch.setattr(scoreboard, "CHECKS", dict.fromkeys(scoreboard.CHECKS, lambda: 0.31))
+    run("scoreboard --csv board.csv")
+    lines = capfd.readouterr().out.splitlines()
+    assert lines[0].split() == ["no", "claim", "paper", "ours", "unit", "verdict"]
+    assert lines[1].split()[0] == "1"
+    assert lines[1].split()[-4:] == ["0.31", "0.31", "mm", "match"]
+    written = (folder / "board.csv").read_text(encoding="utf-8").splitlines()
+    assert written[0] == "no,claim,paper,ours,unit,verdict,reason"
+    assert len(written) == len(lines)
+
+
+@pytest.mark.parametrize(("value", "code"), [(0.312, 0), (0.5, 1)])
+def test_scoreboard_fails_where_a_verdict_is_not_the_declared_one(monkeypatch, capfd, value, code):
+    first = scoreboard.load_claims()[0]
+    monkeypatch.setattr(scoreboard, "load_claims", lambda: (first,))
+    monkeypatch.setitem(scoreboard.CHECKS, "table1_position", lambda: value)
+    assert run("scoreboard") == code
+    out, err = capfd.readouterr()
+    assert err == ("not as declared in the ledger: claim 1\n" if code else "")
+    assert len(out.splitlines()) == 2
+
+
+# --- help
+
+
+def example_of(text):
+    return re.search(r"^example:\n  trinolab (.*)$", text, flags=re.MULTILINE)[1]
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_help_has_an_example_that_parses(command, capfd, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "80")
+    assert run(f"{command} --help") == 0
+    text = capfd.readouterr().out
+    assert cli._parser().parse_args(shlex.split(example_of(text))).command == command
+    assert max(map(len, text.splitlines())) <= 90
+
+
+def test_help_lists_the_commands(capfd):
+    assert run("--help") == 0
+    text = capfd.readouterr().out
+    assert all(f"\n    {command}" in text for command in COMMANDS)
+
+
+@pytest.mark.usefixtures("folder")
+def test_the_examples_run(capfd):
+    for command in ("measure", "evaluate"):  # the second reads what the first has written
+        run(f"{command} --help")
+        example = example_of(capfd.readouterr().out)
+        assert run(example) == 0, example
+
+
+# --- what is wrong: one line that names file and field, exit code 2, nothing written
+
+
+def text_file(name, text):
+    return lambda: Path(name).write_text(text)
+
+
+def changed(name, old, new):
+    def change():
+        text = Path(name).read_text()
+        assert old in text
+        Path(name).write_text(text.replace(old, new, 1))
+
+    return change
+
+
+def image_file(image):
+    return lambda: cv2.imwrite("images/ccd2/1.png", image)
+
+
+POSE_HEAD = "frame,x_mm,y_mm,z_mm,qw,qx,qy,qz,status\n"
+nothing = lambda: None  # noqa: E731
+WRONG = {
+    # the recording
+    "images missing": (nothing, MEASURE.replace("images images", "images no"), "no: no such folder"),
+    "camera missing": (lambda: Path("images/ccd2").rename("images/ccd9"), MEASURE, "images/ccd2: no such folder"),
+    "image missing": (lambda: Path("images/ccd2/1.png").unlink(), MEASURE, "images/ccd2/1.png: missing"),
+    "no image": (lambda: shutil.rmtree("images/ccd1") or Path("images/ccd1").mkdir(), MEASURE, "images/ccd1: no image"),
+    "empty image": (text_file("images/ccd2/1.png", ""), MEASURE, "images/ccd2/1.png: cannot be read as an image"),
+    "text image": (text_file("images/ccd2/1.png", "hello\n"), MEASURE, "images/ccd2/1.png: cannot be read as an image"),
+    "cut image": (lambda: Path("images/ccd2/1.png").write_bytes(Path("images/ccd2/0.png").read_bytes()[:60]), MEASURE,
+                  "images/ccd2/1.png: cannot be read as an image (its end is missing)"),
+    "size": (image_file(np.zeros((24, 31), np.uint8)), MEASURE, "images/ccd2/1.png: 31 x 24 pixels, the rig"),
+    "long name": (nothing, MEASURE.replace("images images", f"images {'a' * 300}"), "File name too long"),
+    # the rig
+    "no rig": (nothing, MEASURE.replace("rig.toml", "no.toml"), "no.toml: cannot be read (No such file"),
+    "rig is a folder": (nothing, MEASURE.replace("rig.toml", "images"), "images: cannot be read (Is a directory"),
+    "rig text": (text_file("rig.toml", "[ccd1\n"), MEASURE, "rig.toml: no valid TOML"),
+    "rig empty": (text_file("rig.toml", ""), MEASURE, "rig.toml: cameras: expected two or more, got 0"),
+    "rig field": (changed("rig.toml", "matrix", "matrox"), MEASURE, "rig.toml: [ccd1]: 'matrix' is missing"),
+    "rig shape": (changed("rig.toml", "rotation = [", "rotation = [1.0, "), MEASURE, "[ccd1]: rotation: expected"),
+    "rig nan": (changed("rig.toml", "2956.2067", "nan"), MEASURE, "rig.toml: [ccd1]: matrix: expected finite"),
+    "rig size": (changed("rig.toml", "24,\n", "24.5,\n"), MEASURE, "rig.toml: [ccd1]: size: expected"),
+    "rig is handle": (nothing, MEASURE.replace("rig.toml", "handle.toml"), "handle.toml: "),
+    # the handle
+    "no handle": (nothing, MEASURE.replace("handle.toml", "no.toml"), "no.toml: cannot be read (No such file"),
+    "handle text": (text_file("handle.toml", "radius_mm = five\n"), MEASURE, "handle.toml: no valid TOML"),
+    "handle field": (changed("handle.toml", "radius_mm", "radius"), MEASURE, "handle.toml: 'radius' is not a field"),
+    "handle nan": (changed("handle.toml", "radius_mm = 5.0", "radius_mm = nan"), MEASURE, "toml: radius_mm: expected"),
+    "handle negative": (changed("handle.toml", "length_mm = 200.0", "length_mm = -200.0"), MEASURE,
+                        "handle.toml: length_mm: expected"),
+    "handle markers": (changed("handle.toml", '"bright"', '"pink"'), MEASURE, "handle.toml: markers: expected"),
+    # prior, output, method
+    "no prior": (nothing, MEASURE + " --prior no.csv", "no.csv: cannot be read"),
+    "prior text": (text_file("bad.csv", "hello\n"), MEASURE + " --prior bad.csv", "bad.csv: column 'frame' is missing"),
+    "prior nan": (changed("found.csv", "\n0,,", "\n0,,nan"), MEASURE + " --prior found.csv", "found.csv: "),
+    "prior elsewhere": (text_file("bad.csv", POSE_HEAD + "7,0,0,0,1,0,0,0,measured\n"), MEASURE + " --prior bad.csv",
+                        "bad.csv: no frame in common with the images"),
+    "out folder": (nothing, MEASURE.replace("poses.csv", "no/poses.csv"), "no/poses.csv: no such folder to write into"),
+    "out under file": (nothing, MEASURE.replace("poses.csv", "rig.toml/p.csv"), "rig.toml/p.csv: no such folder"),
+    "out is folder": (nothing, MEASURE.replace("poses.csv", "images"), "images: cannot be written"),
+    "method": (nothing, MEASURE + " --method magic", "argument --method: invalid choice: 'magic'"),
+    # evaluate
+    "no poses": (nothing, EVALUATE.replace("found", "no"), "no.csv: cannot be read"),
+    "no truth": (nothing, EVALUATE.replace("truth", "no"), "no.csv: cannot be read"),
+    "empty poses": (text_file("found.csv", ""), EVALUATE, "found.csv: no valid CSV"),
+    "no row": (text_file("found.csv", POSE_HEAD), EVALUATE, "found.csv, truth.csv: no frame in common"),
+    "doubled": (changed("found.csv", "\n1,", "\n0,"), EVALUATE, "found.csv: column 'frame' has a number twice"),
+    "negative": (changed("truth.csv", "\n1,", "\n-1,"), EVALUATE, "truth.csv: column 'frame' expects whole numbers"),
+    "fraction": (changed("found.csv", "\n1,", "\n1.5,"), EVALUATE, "found.csv: column 'frame' expects whole numbers"),
+    "quaternion": (text_file("found.csv", POSE_HEAD + "1,0,0,0,2,0,0,0,lost\n2,0,0,0,2,0,0,0,measured\n"), EVALUATE,
+                   "found.csv: frame 2: no pose"),
+    "status": (changed("found.csv", "measured", "guessed"), EVALUATE, "found.csv: status 'guessed' is none of"),
+    "word": (changed("truth.csv", "\n1,,", "\n1,,x"), EVALUATE, "truth.csv: column 'x_mm' holds something"),
+    "nothing in common": (text_file("found.csv", POSE_HEAD + "9,0,0,0,1,0,0,0,measured\n"), EVALUATE,
+                          "found.csv, truth.csv: no frame in common"),
+    # the command line itself
+    "no command": (nothing, "", "the following arguments are required: COMMAND"),
+    "unknown command": (nothing, "meassure", "invalid choice: 'meassure'"),
+    "unknown option": (nothing, EVALUATE + " --fast", "unrecognized arguments: --fast"),
+    "missing option": (nothing, "measure --rig rig.toml", "arguments are required: --handle, --images, --out"),
+    "board folder": (nothing, "scoreboard --csv no/board.csv", "no/board.csv: no such folder to write into"),
+}
+
+
+@pytest.mark.parametrize(("spoil", "line", "message"), WRONG.values(), ids=WRONG)
+def test_a_mistake_costs_one_line(folder, spoil, line, message, capfd, monkeypatch):
+    monkeypatch.setattr(scoreboard, "CHECKS", {})  # a mistake is found before anything is computed
+    spoil()
+    before = contents(folder)
+    assert run(line) == 2
+    out, err = capfd.readouterr()
+    assert out == ""
+    assert err.startswith("trinolab")
+    assert message in err
+    assert err.count("\n") == 1
+    assert err.endswith("\n")
+    assert contents(folder) == before
+
+
+def interrupted(*_, **__):
+    raise KeyboardInterrupt
+
+
+@pytest.mark.parametrize("line", [MEASURE, EVALUATE, "scoreboard --csv board.csv"])
+def test_an_interruption_costs_one_line_and_no_file(folder, line, capfd, monkeypatch):
+    monkeypatch.setattr(workflows, "measure", interrupted)
+    monkeypatch.setattr(workflows, "read_poses", interrupted)
+    monkeypatch.setattr(scoreboard, "CHECKS", dict.fromkeys(scoreboard.CHECKS, interrupted))
+    before = contents(folder)
+    assert run(line) == 130
+    out, err = capfd.readouterr()
+    assert (out, err) == ("", f"trinolab {line.split()[0]}: interrupted, nothing was written\n")
+    assert contents(folder) == before
+
+
+# --- as installed
+
+
+def test_the_script_is_installed(folder):
+    script = shutil.which("trinolab", path=str(Path(sys.executable).parent))
+    assert script is not None, "run the tests with the environment's python, where the package is installed"
+    done = subprocess.run([script, "--version"], capture_output=True, text=True, check=True)
+    assert done.stdout == f"trinolab {__version__}\n"
+    (folder / "handle.toml").write_text("name = 1\n")
+    failed = subprocess.run([script, *shlex.split(MEASURE)], capture_output=True, text=True, check=False)
+    assert (failed.returncode, failed.stdout) == (2, "")
+    assert failed.stderr == "trinolab measure: handle.toml: 'radius_mm' is missing\n"
+
+
+def test_help_and_interruption_do_not_wait_for_heavy_imports():
+    code = "import sys, json, trinolab.cli; print(json.dumps(sorted(sys.modules)))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert not {"numpy", "scipy", "pandas", "cv2"} & set(json.loads(done.stdout))
+
+
+def test_shipped_files_are_fit_for_the_command(folder, capfd):
+    line = f"measure --rig {data_path('rigs', 'paper_pair.toml')} --handle {data_path('handles', 'coded.toml')} "
+    assert run(line + "--images images --out poses.csv") == 2
+    assert "32 x 24 pixels, the rig says 1280 x 1024" in capfd.readouterr().err
+    assert not (folder / "poses.csv").exists()

@@ -1,0 +1,153 @@
+"""Markers: the threshold's bisection, the filters, the centroid."""
+
+import cv2
+import numpy as np
+import pytest
+
+from trinolab.markers import MarkerParameters, centroid, find_markers, iterative_threshold
+
+
+def disc_image(centres, radius=8.0, size=(160, 120), body=90.0, marker=220.0, samples=16):
+    """Blurred discs drawn by brute-force supersampling: independent of the package's renderer."""
+    offsets = (np.arange(samples) + 0.5) / samples - 0.5
+    v = (np.arange(size[1])[:, None] + offsets).ravel()
+    u = (np.arange(size[0])[:, None] + offsets).ravel()
+    fine = np.full((len(v), len(u)), body)
+    for cu, cv in centres:
+        fine[np.hypot(u - cu, v[:, None] - cv) <= radius] = marker
+    image = fine.reshape(size[1], samples, size[0], samples).mean(axis=(1, 3))
+    return cv2.GaussianBlur(image, (0, 0), 0.7)
+
+
+def components_by_flood_fill(binary):
+    """Count 8-connected components by an explicit flood fill: the reference for the contour count."""
+    todo = {tuple(p) for p in np.argwhere(binary)}
+    count = 0
+    while todo:
+        stack, count = [todo.pop()], count + 1
+        while stack:
+            v, u = stack.pop()
+            near = {(v + a, u + b) for a in (-1, 0, 1) for b in (-1, 0, 1)} & todo
+            todo -= near
+            stack.extend(near)
+    return count
+
+
+def test_bisection_ends_at_the_wanted_number():
+    image = disc_image([(30, 30), (80, 40), (120, 90)])
+    steps = iterative_threshold(image, 3)
+    assert steps[-1].contours == 3
+    assert steps[0].threshold == pytest.approx((image.min() + image.max()) / 2)  # Eq. 16
+
+
+def test_counts_are_those_of_a_flood_fill():
+    rng = np.random.default_rng(0)
+    image = cv2.GaussianBlur(rng.uniform(0, 255, (40, 60)), (0, 0), 1.5)
+    for step in iterative_threshold(image, 1000):
+        assert step.contours == components_by_flood_fill(image > step.threshold)
+
+
+def test_bisection_moves_by_the_papers_rule():
+    image = disc_image([(30, 30), (80, 40), (120, 90)])
+    few, many = iterative_threshold(image, 100), iterative_threshold(image, 1)
+    assert few[1].threshold < few[0].threshold  # too few contours: T_max = T_0
+    assert many[1].threshold > many[0].threshold  # too many: T_min = T_0
+
+
+def test_bisection_ends_although_the_count_is_never_reached():
+    """Eight discs joined by a dimmer bridge: the counts go 8, then fewer, and never 5."""
+    image = disc_image([(20 + 40 * k, 30 + 40 * j) for k in range(4) for j in range(2)])
+    image[60:62] = 150
+    steps = iterative_threshold(image, 5)
+    assert steps[-1].contours != 5
+    assert len(steps) <= 8  # 220 - 90 grey levels, halved until under one
+
+
+def test_a_flat_image_has_no_steps_and_no_markers():
+    image = np.full((50, 70), 90, dtype=np.uint8)
+    assert iterative_threshold(image, 12) == ()
+    assert find_markers(image, 12).uv.shape == (0, 2)
+
+
+def test_centroids_of_rendered_discs():
+    rng = np.random.default_rng(1)
+    truth = np.array([(30, 30), (80, 40), (120, 90), (40, 85)]) + rng.uniform(-0.5, 0.5, (4, 2))
+    found = find_markers(disc_image(truth), 12)
+    assert len(found.uv) == 4
+    nearest = np.linalg.norm(found.uv - truth[:, None], axis=2).min(axis=1)
+    assert nearest.max() < 0.01  # px; 16 x 16 samples leave 0.003, float image without noise
+
+
+def test_centroid_under_noise_and_eight_bit():
+    rng = np.random.default_rng(2)
+    clean = disc_image([(60.3, 50.6)])
+    errors = []
+    for _ in range(50):
+        noisy = np.clip(np.round(clean + rng.normal(0, np.sqrt(0.05 * clean + 1.5**2))), 0, 255).astype(np.uint8)
+        found = find_markers(noisy, 12)
+        assert len(found.uv) == 1
+        errors.append(found.uv[0] - [60.3, 50.6])
+    assert np.abs(np.mean(errors, axis=0)).max() < 0.015  # px; scatter 0.03 over sqrt(50) draws
+    assert np.std(errors, axis=0).max() < 0.05
+
+
+def test_centroid_by_hand():
+    image = np.array([[0, 0, 0], [0, 10, 30]])  # u = (1 * 10 + 2 * 30) / 40, v = 1
+    np.testing.assert_allclose(centroid(image, np.ones((2, 3), bool), 0.0), [1.75, 1.0], atol=1e-15)
+
+
+def test_centroid_of_nothing_is_nan():
+    assert np.isnan(centroid(np.zeros((3, 4)), np.ones((3, 4), bool), 0.0)).all()
+
+
+def test_dark_markers_are_bright_ones_of_the_negative():
+    image = disc_image([(30.2, 30.7), (80.1, 40.4)])
+    bright = find_markers(image, 4)
+    dark = find_markers(255 - image, 4, markers="dark")
+    np.testing.assert_allclose(np.sort(dark.uv, axis=0), np.sort(bright.uv, axis=0), atol=1e-9)
+
+
+@pytest.mark.parametrize(("shape", "why"), [("bar", "too long"), ("sliver", "too thin"), ("speck", "too small"), ("ring", "not filled"),
+                                            ("slab", "too large"), ("edge", "cut by the edge"), ("faint", "no contrast")])
+def test_what_is_no_marker_is_dropped(shape, why):
+    image = disc_image([(60.0, 50.0)])
+    draw = {"bar": lambda: cv2.rectangle(image, (90, 20), (150, 23), 220, -1),
+            "sliver": lambda: cv2.rectangle(image, (100, 20), (130, 22), 220, -1),
+            "speck": lambda: cv2.rectangle(image, (110, 90), (111, 91), 220, -1),
+            "ring": lambda: cv2.circle(image, (120, 60), 12, 220, 2),
+            "slab": lambda: cv2.rectangle(image, (80, 5), (155, 115), 220, -1),
+            "edge": lambda: cv2.circle(image, (159, 60), 8, 220, -1),
+            "faint": lambda: cv2.circle(image, (120, 60), 8, 105, -1)}
+    draw[shape]()
+    found = find_markers(image, 12, parameters=MarkerParameters(diameter_px=(4.0, 40.0)))
+    assert len(found.uv) == 1, why
+    np.testing.assert_allclose(found.uv[0], [60, 50], atol=0.02)
+
+
+def test_a_bright_neighbour_does_not_pull_the_centroid():
+    image = disc_image([(60.0, 50.0)])
+    image[:, 70:] = 220  # a bright wall two pixels from the disc's edge
+    found = find_markers(image, 12)
+    nearest = found.uv[np.linalg.norm(found.uv - [60, 50], axis=1).argmin()]
+    np.testing.assert_allclose(nearest, [60, 50], atol=0.1)
+
+
+def test_markers_survive_a_texture_brighter_than_the_body():
+    rng = np.random.default_rng(3)
+    image = disc_image([(60.0, 50.0), (90.0, 70.0)])
+    wall = 140 + cv2.GaussianBlur(rng.normal(0, 60, image.shape), (0, 0), 2.0)
+    image[:, :30], image[:, 125:] = wall[:, :30], wall[:, 125:]
+    found = find_markers(image, 12)
+    for truth in ([60, 50], [90, 70]):
+        assert np.linalg.norm(found.uv - truth, axis=1).min() < 0.02
+
+
+@pytest.mark.parametrize("call", [
+    lambda image: find_markers(image[None], 12), lambda image: find_markers(image, 0),
+    lambda image: find_markers(image, 12, markers="red"), lambda image: iterative_threshold(image, 0),
+    lambda image: find_markers(image * np.nan, 12), lambda image: centroid(image, np.ones((2, 2), bool), 0.0),
+    lambda image: MarkerParameters(surplus=0.5), lambda image: MarkerParameters(diameter_px=(9.0, 4.0)),
+    lambda image: MarkerParameters(min_contrast=float("nan"))])
+def test_bad_input_is_a_value_error(call):
+    with pytest.raises(ValueError, match="expected"):
+        call(disc_image([(60, 50)]))

@@ -1,0 +1,130 @@
+"""Matching: epipolar distance, correlation, both directions, order."""
+
+import cv2
+import numpy as np
+import pytest
+
+from trinolab.datasets import load_handle, load_rig, load_table1
+from trinolab.matching import (
+    Matches,
+    MatchParameters,
+    candidates,
+    epipolar_distances,
+    in_order,
+    match,
+    mutual,
+    ncc,
+    ncc_matrix,
+)
+from trinolab.scene import Bench, render_rig, true_visibility
+
+PAIR = load_rig("paper_pair").cameras
+
+
+def points(rng, n=20):
+    return np.column_stack([rng.uniform(-80, 80, n), rng.uniform(-50, 50, n), rng.uniform(520, 620, n)])
+
+
+@pytest.mark.parametrize("name", ["paper_pair", "paper_trinocular", "raised_40deg"])
+def test_true_pairs_lie_on_their_epipolar_lines(name):
+    rig = load_rig(name)
+    X = points(np.random.default_rng(0))
+    for i, j in rig.pairs:
+        D = epipolar_distances(rig.cameras[i], rig.cameras[j], rig.cameras[i].project(X), rig.cameras[j].project(X))
+        assert np.diag(D).max() < 1e-8  # px; rounding of coordinates of 1e3 px
+
+
+def test_epipolar_distance_by_brute_force():
+    """The distance from the projection of a densely sampled viewing ray: no fundamental matrix in it."""
+    left, right = PAIR
+    rng = np.random.default_rng(1)
+    uv_left, uv_right = rng.uniform(200, 800, (4, 2)), rng.uniform(200, 800, (3, 2))
+    D = epipolar_distances(left, right, uv_left, uv_right)
+    for i, ray in enumerate(left.rays(uv_left)):
+        line = right.project(left.centre + np.array([300.0, 900.0])[:, None] * ray)
+        along = (line[1] - line[0]) / np.linalg.norm(line[1] - line[0])
+        offset = uv_right - line[0]
+        np.testing.assert_allclose(D[i], np.abs(offset @ [-along[1], along[0]]), atol=1e-7)  # px
+
+
+def test_missing_points_give_nan():
+    D = epipolar_distances(*PAIR, [[np.nan, 1], [500, 500]], [[500, 500]])
+    assert np.isnan(D[0, 0])
+    assert np.isfinite(D[1, 0])
+
+
+def test_ncc_against_opencv():
+    rng = np.random.default_rng(2)
+    image = rng.integers(0, 255, (30, 40)).astype(np.float32)
+    template = image[5:14, 8:21]
+    reference = cv2.matchTemplate(image, template, cv2.TM_CCOEFF_NORMED)
+    ours = [[ncc(template, image[v:v + 9, u:u + 13]) for u in range(28)] for v in range(22)]
+    np.testing.assert_allclose(ours, reference, atol=2e-6)  # OpenCV sums in single precision
+
+
+def test_ncc_against_double_loops():
+    rng = np.random.default_rng(3)
+    t, w = rng.uniform(0, 255, (2, 5, 7))
+    cross = sum((t[v, u] - t.mean()) * (w[v, u] - w.mean()) for v in range(5) for u in range(7))
+    own = [sum((x[v, u] - x.mean()) ** 2 for v in range(5) for u in range(7)) for x in (t, w)]
+    assert ncc(t, w) == pytest.approx(cross / np.sqrt(own[0] * own[1]), abs=1e-13)
+
+
+def test_ncc_is_blind_to_gain_and_offset_and_zero_for_flat():
+    rng = np.random.default_rng(4)
+    t = rng.uniform(0, 255, (9, 9))
+    assert ncc(t, 3 * t + 20) == pytest.approx(1.0, abs=1e-12)
+    assert ncc(t, 255 - t) == pytest.approx(-1.0, abs=1e-12)
+    assert ncc(t, np.full((9, 9), 7.0)) == 0.0
+
+
+def test_ncc_matrix_is_centred_on_whole_pixels():
+    rng = np.random.default_rng(5)
+    a, b = rng.integers(0, 255, (2, 40, 60)).astype(np.uint8)
+    S = ncc_matrix(a, b, [[20, 15]], [[30, 25]], 11)
+    assert S[0, 0] == pytest.approx(ncc(a[10:21, 15:26], b[20:31, 25:36]), abs=1e-6)
+
+
+def test_mutual_keeps_each_point_once():
+    m = Matches(np.array([[0, 0], [0, 1], [1, 1], [2, 1]]), np.zeros(4), np.array([0.7, 0.9, 0.95, 0.6]))
+    assert mutual(m).index.tolist() == [[1, 1]]  # 0's best is 1, whose best is 1: nothing is left for 0
+
+
+def test_order_along_the_epipolar_line():
+    """Two points on one epipolar plane: crossed pairs break the order, and the weaker one goes."""
+    left, right = PAIR
+    baseline = right.centre / np.linalg.norm(right.centre)
+    X = np.array([0.0, 20.0, 560.0]) + np.array([[-4.0], [4.0]]) * baseline
+    uv_left, uv_right = left.project(X), right.project(X)
+    straight = Matches(np.array([[0, 0], [1, 1]]), np.zeros(2), np.array([0.8, 0.9]))
+    crossed = Matches(np.array([[0, 1], [1, 0]]), np.zeros(2), np.array([0.8, 0.9]))
+    assert in_order(straight, left, right, uv_left, uv_right, 2.0).index.tolist() == [[0, 0], [1, 1]]
+    assert in_order(crossed, left, right, uv_left, uv_right, 2.0).index.tolist() == [[1, 0]]
+
+
+def test_order_does_not_bind_points_on_different_lines():
+    left, right = PAIR
+    X = np.array([[-10.0, -20.0, 540.0], [10.0, 20.0, 600.0]])
+    swapped_depths = Matches(np.array([[0, 0], [1, 1]]), np.zeros(2), np.array([0.8, 0.9]))
+    assert len(in_order(swapped_depths, left, right, left.project(X), right.project(X), 2.0)) == 2
+
+
+def test_rendered_markers_are_among_the_candidates_and_matched():
+    rig, handle = load_rig("paper_pair"), load_handle("paper")
+    T = load_table1().set_poses[2]
+    frames = render_rig(rig, handle, T, Bench(), np.random.default_rng(6))
+    seen = np.flatnonzero(np.all([true_visibility(c, handle, T) for c in rig.cameras], axis=0))
+    uv = [c.project(T.apply(handle.marker_centres[seen])) for c in rig.cameras]
+    found = {tuple(pair) for pair in candidates(*rig.cameras, *frames, *uv).index.tolist()}
+    assert {(k, k) for k in range(len(seen))} <= found
+    assert match(*rig.cameras, *frames, *uv).index.tolist() == [[k, k] for k in range(len(seen))]
+
+
+@pytest.mark.parametrize("call", [
+    lambda: MatchParameters(epipolar_gate_px=0.0), lambda: MatchParameters(ncc_threshold=1.5),
+    lambda: MatchParameters(window_px=20), lambda: ncc(np.ones((3, 3)), np.ones((3, 4))),
+    lambda: epipolar_distances(*PAIR, [[1, 2, 3]], [[1, 2]]), lambda: epipolar_distances(PAIR[0], PAIR[0], [[1, 2]], [[1, 2]]),
+    lambda: ncc_matrix(np.ones(5), np.ones((5, 5)), [[1, 2]], [[1, 2]], 3)])
+def test_bad_input_is_a_value_error(call):
+    with pytest.raises(ValueError, match="expected"):
+        call()

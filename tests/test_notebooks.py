@@ -1,0 +1,44 @@
+"""Every chapter runs as it stands and with other parameters, and glues what a sweep asks for."""
+
+from pathlib import Path
+
+import pytest
+
+from trinolab.sweep import read_parameters, run_notebook
+
+NOTEBOOKS = sorted(Path(__file__).resolve().parents[1].glob("notebooks/*.ipynb"))
+
+# A second set of parameters for each chapter; a new chapter needs an entry.
+OTHER_PARAMETERS = {
+    "02_workspace": {"rig_name": "raised_40deg", "half_angle_deg": 15.0},
+    "08_pose": {},
+    "09_table1": {},
+}
+ERRORS = {"E_t_mm", "E_alpha_deg", "E_beta_deg", "E_gamma_deg"}
+
+each_notebook = pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+
+
+def check_results(run):
+    assert run.results.keys() >= ERRORS
+    for name in ERRORS:
+        assert isinstance(run.results[name], float), name
+        assert run.results[name] >= 0, name
+
+
+@each_notebook
+def test_runs_at_its_defaults(path):
+    check_results(run_notebook(path))
+
+
+@each_notebook
+def test_runs_at_other_parameters(path):
+    other, defaults = OTHER_PARAMETERS[path.stem], read_parameters(path)
+    assert any(value != defaults.get(name) for name, value in other.items()), "no parameter differs from its default"
+    check_results(run_notebook(path, other))
+
+
+@each_notebook
+def test_refuses_an_unknown_parameter(path):
+    with pytest.raises(ValueError, match="unknown parameter no_such_parameter; it has "):
+        run_notebook(path, {"no_such_parameter": 1})

@@ -1,0 +1,95 @@
+"""Figures come out, show what they are given, and need no display."""
+
+import os
+import subprocess
+import sys
+
+import matplotlib.pyplot as plt
+import numpy as np
+import pytest
+
+from trinolab.cones import paper_cones
+from trinolab.plotting import plot_pose_errors, plot_workspace, show_image, workspace_plotter, workspace_scene
+from trinolab.workspace import intersect, surface_mesh
+
+
+@pytest.fixture(autouse=True)
+def _close():
+    yield
+    plt.close("all")
+
+
+@pytest.fixture(scope="module")
+def cones_and_mesh():
+    cones = paper_cones(100.0, np.pi / 4, np.pi / 4, 0.3)
+    return cones, surface_mesh(cones, intersect(cones, 256).centre, 500)
+
+
+def test_workspace_views(cones_and_mesh):
+    cones, mesh = cones_and_mesh
+    figure = plot_workspace(cones, mesh, ["a", "b", "c"])
+    top, front, side = figure.axes
+    assert [ax.get_xlabel() + ax.get_ylabel() for ax in figure.axes] == ["x / mmz / mm", "x / mmy / mm", "z / mmy / mm"]
+    assert [text.get_text() for text in top.get_legend().get_texts()] == ["a", "b", "c", "workspace"]
+    assert front.yaxis_inverted()  # y points down
+    assert side.yaxis_inverted()
+    assert not top.yaxis_inverted()
+    workspace = next(patch for patch in top.patches if patch.get_label() == "workspace").get_xy()
+    np.testing.assert_allclose([workspace.min(axis=0), workspace.max(axis=0)],
+                               [mesh[0][:, [0, 2]].min(axis=0), mesh[0][:, [0, 2]].max(axis=0)])
+    figure.canvas.draw()
+
+
+def test_workspace_views_refuse_other_names(cones_and_mesh):
+    with pytest.raises(ValueError, match="names: expected 3"):
+        plot_workspace(*cones_and_mesh, names=["one"])
+
+
+def test_scene_is_self_contained_and_needs_no_display(cones_and_mesh):
+    html = workspace_scene(*cones_and_mesh).data
+    assert html.startswith("<div><iframe srcdoc=")
+    assert "OfflineLocalView" in html
+    assert 5e5 < len(html) < 3e6
+
+
+def test_scene_without_a_display_is_silent_and_opens_no_connection():
+    code = ("import socket; socket.socket.connect = None\n"
+            "import numpy as np\nfrom trinolab import cones, plotting, workspace\n"
+            "c = cones.paper_cones(100.0, 0.8, 0.8, 0.3)\n"
+            "m = workspace.surface_mesh(c, workspace.intersect(c, 256).centre, 200)\n"
+            "print(len(plotting.workspace_scene(c, m).data) > 500_000)")
+    environment = {key: value for key, value in os.environ.items() if key not in ("DISPLAY", "WAYLAND_DISPLAY")}
+    run = subprocess.run([sys.executable, "-W", "error", "-c", code], capture_output=True, text=True, env=environment,
+                         check=False)
+    assert (run.stdout.strip(), run.stderr) == ("True", "")
+
+
+def test_scene_holds_cones_apexes_axes_and_workspace(cones_and_mesh):
+    plotter = workspace_plotter(*cones_and_mesh)
+    assert len(plotter.renderer.actors) == 1 + 3 + 3 + 3
+    plotter.close()
+
+
+def test_pose_errors_show_every_value():
+    position, angles = np.array([0.1, 0.4]), np.array([[1.0, -2.0, 3.0], [0.5, 0.0, -1.0]])
+    figure = plot_pose_errors(position, angles, labels=["first", "second"])
+    heights = np.array([[bar.get_height() for bar in ax.patches] for ax in figure.axes])
+    np.testing.assert_array_equal(heights, np.vstack([position, angles.T]))
+    assert [label.get_text() for label in figure.axes[-1].get_xticklabels()] == ["first", "second"]
+    np.testing.assert_allclose(figure.axes[2].lines[1].get_ydata(), 1.0)  # mean absolute of -2, 0
+    np.testing.assert_allclose(figure.axes[2].lines[2].get_ydata(), -1.0)  # signed mean
+
+
+def test_image_with_markers():
+    image = np.zeros((30, 50), dtype=np.uint8)  # not square
+    ax = show_image(image, [[10.0, 20.0], [np.nan, np.nan], [49.0, 29.0]], labels=["a", "b", "c"], title="t")
+    assert [text.get_text() for text in ax.texts] == ["a", "c"]
+    assert ax.texts[0].xy == (10.0, 20.0)
+    assert ax.get_xlim() == (-0.5, 49.5)
+    assert ax.get_ylim() == (29.5, -0.5)
+    assert ax.images[0].get_array().shape == (30, 50)
+
+
+def test_image_refuses_colour():
+    with pytest.raises(ValueError, match="image"):
+        show_image(np.zeros((3, 4, 3)))

@@ -1,0 +1,135 @@
+"""Rig files: round trips, what other programs write, and every way in which a file can be wrong."""
+
+import numpy as np
+import pytest
+import tomli_w
+from scipy.spatial.transform import RigidTransform, Rotation
+
+from trinolab.camera import Camera, Rig
+from trinolab.datasets import data_path, load_rig
+from trinolab.rigfile import read_rig, write_rig
+
+
+def table(name="a", **changes):
+    fields = {"name": name, "size": [640, 480], "matrix": [[800.0, 0.0, 300.0], [0.0, 700.0, 250.0], [0.0, 0.0, 1.0]],
+              "distortions": [0.1, 0.0, 0.0, 0.0, 0.0], "rotation": [0.1, -0.2, 0.3], "translation": [1.0, 2.0, 3.0]}
+    return {key: value for key, value in {**fields, **changes}.items() if value is not None}
+
+
+def write(path, *tables):
+    path.write_text(tomli_w.dumps({f"cam_{k}": t for k, t in enumerate(tables)}), encoding="utf-8")
+    return path
+
+
+def test_a_file_by_hand(tmp_path):
+    path = tmp_path / "rig.toml"
+    path.write_text("""
+[cam_0]
+name = "left"
+size = [640, 480]
+matrix = [[800, 0, 300], [0, 700, 250], [0, 0, 1]]
+distortions = [0, 0, 0, 0, 0]
+rotation = [0, 1.5707963267948966, 0]
+translation = [1, 2, 3]
+
+[cam_1]
+name = "right"
+size = [640, 480]
+matrix = [[800, 0, 300], [0, 700, 250], [0, 0, 1]]
+distortions = [0.1, 0.2, 0.3, 0.4]
+rotation = [0, 0, 0]
+translation = [0, 0, 0]
+
+[metadata]
+adjusted = false
+error = 0.0
+""", encoding="utf-8")
+    rig = read_rig(path)
+    assert rig.names == ("left", "right")
+    # World to camera: a quarter turn about y carries world z to camera x.
+    np.testing.assert_allclose(rig.cameras[0].T_cam_world.apply([0.0, 0.0, 10.0]), [11.0, 2.0, 3.0], atol=1e-12)
+    np.testing.assert_array_equal(rig.cameras[1].distortions, [0.1, 0.2, 0.3, 0.4, 0.0])  # four: k3 is 0
+    assert rig.cameras[0].size == (640, 480)
+
+
+def test_round_trip_keeps_every_digit(tmp_path):
+    rng = np.random.default_rng(0)
+    cameras = [Camera(f"c{k}", (1280, 1024), np.array([[2956.2067, 0, 627.993], [0, 2940.1, 515.2], [0, 0, 1]]),
+                      rng.normal(0, 0.1, 5),
+                      RigidTransform.from_components(rng.normal(0, 500, 3), Rotation.random(rng=rng)))
+               for k in range(4)]
+    write_rig(Rig(tuple(cameras)), tmp_path / "rig.toml")
+    for a, b in zip(cameras, read_rig(tmp_path / "rig.toml").cameras, strict=True):
+        assert (a.name, a.size) == (b.name, b.size)
+        np.testing.assert_array_equal(a.matrix, b.matrix)
+        np.testing.assert_array_equal(a.distortions, b.distortions)
+        np.testing.assert_allclose(a.T_cam_world.as_matrix(), b.T_cam_world.as_matrix(), atol=1e-12)  # via a vector
+
+
+def test_the_order_of_the_file_is_the_camera_axis(tmp_path):
+    path = write(tmp_path / "rig.toml", table("z"), table("a"), table("m"))
+    assert read_rig(path).names == ("z", "a", "m")
+
+
+@pytest.mark.parametrize("name", ["paper_pair", "paper_trinocular", "raised_40deg"])
+def test_shipped_rigs_can_be_read_by_path(name):
+    assert read_rig(str(data_path("rigs", f"{name}.toml"))).names == load_rig(name).names
+
+
+NAN, TEXT = float("nan"), "much"
+WRONG = {
+    **{f"no {field}": (field, table(**{field: None}))
+       for field in ("name", "size", "matrix", "rotation", "translation")},
+    "text in the size": ("size", table(size=[640, TEXT])),
+    "size as text": ("size", table(size="640 x 480")),
+    "a broken size": ("size", table(size=[640.5, 480])),
+    "text in the matrix": ("matrix", table(matrix=[[TEXT, 0, 300], [0, 700, 250], [0, 0, 1]])),
+    "NaN in the matrix": ("matrix", table(matrix=[[NAN, 0, 300], [0, 700, 250], [0, 0, 1]])),
+    "a ragged matrix": ("matrix", table(matrix=[[800, 0, 300], [0, 700], [0, 0, 1]])),
+    "skew": ("matrix", table(matrix=[[800, 1, 300], [0, 700, 250], [0, 0, 1]])),
+    "a negative focal length": ("matrix: fx", table(matrix=[[-800, 0, 300], [0, 700, 250], [0, 0, 1]])),
+    "a rotation matrix": ("rotation", table(rotation=np.eye(3).tolist())),
+    "a quaternion": ("rotation", table(rotation=[0.0, 0.0, 0.0, 1.0])),
+    "text in the rotation": ("rotation", table(rotation=[0.0, TEXT, 0.0])),
+    "infinity in the translation": ("translation", table(translation=[0.0, float("inf"), 0.0])),
+    "a short translation": ("translation", table(translation=[0.0, 1.0])),
+    "NaN in the distortion": ("distortions", table(distortions=[NAN, 0, 0, 0, 0])),
+    "three distortions": ("distortions", table(distortions=[0.0, 0.0, 0.0])),
+    "eight distortions": ("distortions", table(distortions=[0.0] * 8)),
+    "text as distortion": ("distortions", table(distortions=TEXT)),
+    "a name that is a number": ("name", table(name=3)),
+    "a fisheye lens": ("fisheye", table(fisheye=True)),
+}
+
+
+@pytest.mark.parametrize("case", WRONG)
+def test_a_wrong_camera_is_named_with_its_file_and_field(tmp_path, case):
+    field, wrong = WRONG[case]
+    path = write(tmp_path / "rig.toml", table("fine"), wrong)
+    with pytest.raises(ValueError, match=r"rig\.toml: \[cam_1\]: ") as caught:
+        read_rig(path)
+    message = str(caught.value)
+    assert message.startswith(str(path))
+    assert field in message.removeprefix(f"{path}: [cam_1]")
+    assert message.count(str(path)) == 1
+
+
+@pytest.mark.parametrize(("content", "message"), [
+    ("", "two or more, got 0"), (tomli_w.dumps({"one": table()}), "two or more, got 1"),
+    (tomli_w.dumps({"one": table(), "two": table()}), "different names"),
+    ("name = 3\n", "name"), ("[[cam]]\nname = 'a'\n[[cam]]\nname = 'b'\n", "cam"),
+    ("this is no file of tables", "no valid TOML"), ("a = [1, 2", "no valid TOML"), (b"\xff\xfe\x00", "no valid TOML"),
+])
+def test_a_wrong_file_is_named(tmp_path, content, message):
+    path = tmp_path / "rig.toml"
+    path.write_bytes(content if isinstance(content, bytes) else content.encode())
+    with pytest.raises(ValueError, match=message) as caught:
+        read_rig(path)
+    assert str(caught.value).startswith(str(path))
+
+
+def test_files_that_cannot_be_read_are_named(tmp_path):
+    for path in (tmp_path / "none.toml", tmp_path):
+        with pytest.raises(ValueError, match="cannot be read") as caught:
+            read_rig(path)
+        assert str(caught.value).startswith(str(path))

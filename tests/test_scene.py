@@ -1,0 +1,458 @@
+"""The simulated bench as an instrument: every reference here comes from another algorithm than the ray caster's."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import RigidTransform, Rotation
+
+from trinolab.camera import Camera, Rig
+from trinolab.handle import Handle, slants
+from trinolab.raycast import CAP, EMPTY, SIDE, body_region, cast, edge_pixels, marker_outline, sample_offsets
+from trinolab.scene import (
+    Bench,
+    background,
+    blurred,
+    digitise,
+    radiance,
+    random_pose,
+    render,
+    render_rig,
+    true_visibility,
+)
+
+IDENTITY = RigidTransform.identity()
+MATRIX = [[2956.2, 0, 628], [0, 2940.1, 515], [0, 0, 1]]
+BARREL = [-0.25, 0.12, 0.001, -0.0008, 0.02]
+PAPER = Handle("paper", 5, 200, 25, 3, [0, 60, 120, 180, 240, 300], [[10, -10]] * 6)
+PLAIN = Camera("ccd1", (1280, 1024), MATRIX, [0] * 5, IDENTITY)
+BENT = Camera("bent", (1280, 1024), MATRIX, BARREL, IDENTITY)
+UNLIT = Bench(shading=0)  # uniform brightness, as the closed forms assume
+
+
+def window(centre_uv, size=(72, 64), distortions=(0,) * 5):
+    """A camera that sees only the part of the paper's image around a pixel."""
+    matrix = np.array(MATRIX, float)
+    matrix[:2, 2] -= np.round(np.asarray(centre_uv)) - np.array(size) // 2
+    return Camera("window", size, matrix, distortions, IDENTITY)
+
+
+def pose(position, rotation):
+    return RigidTransform.from_components(position, rotation)
+
+
+def centroid(weights):
+    v, u = np.mgrid[: weights.shape[0], : weights.shape[1]]
+    return np.array([(weights * u).sum(), (weights * v).sum()]) / weights.sum()
+
+
+# --- geometry -------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("camera", [PLAIN, BENT], ids=["plain", "distorted"])
+def test_the_ray_through_a_projected_marker_centre_meets_that_centre(camera):
+    rng = np.random.default_rng(1)
+    tried = 0
+    for _ in range(100):
+        T = random_pose(rng)
+        centres = T.apply(PAPER.marker_centres)
+        seen = np.flatnonzero((slants(PAPER, T, camera.centre) < np.deg2rad(85)) & camera.sees(centres))
+        uv = camera.project(centres[seen])
+        hits = cast(camera, PAPER, T, uv)
+        assert (hits.labels == seen).all()
+        np.testing.assert_allclose(hits.points, PAPER.marker_centres[seen], atol=1e-9)  # mm; worst here 3e-11
+        np.testing.assert_allclose(camera.project(T.apply(hits.points)), uv, atol=1e-9)  # px; worst here 2e-11
+        tried += len(seen)
+    assert tried > 250
+
+
+def test_a_marker_centre_is_drawn_where_pencil_and_paper_put_it():
+    """At (0, 10, 535) in front of the camera: u = 628, v = 515 + 2940.1 x 10 / 535 = 569.96; the image is [v, u]."""
+    image = radiance(PLAIN, PAPER, pose([0, 0, 540], Rotation.from_euler("y", 180, degrees=True)), UNLIT)
+    assert image[570, 628] == 220
+    assert (image[563:578, 628] == 220).all()  # 1.5 mm x 2940.1 / 535 = 8.2 px to either side of 569.96
+    assert image[560, 628] == image[579, 628] == 90
+    assert image[628, 570] == pytest.approx(background(PLAIN, UNLIT)[628, 570])
+
+
+def test_hits_agree_with_sphere_tracing():
+    """The first meeting, found by marching along the ray by the distance to the body, from all sides and end-on."""
+    rng = np.random.default_rng(2)
+    labels = []
+    for _ in range(40):
+        T = pose(rng.uniform([-40, -40, 150], [40, 40, 300]), Rotation.random(rng=rng))
+        region = np.argwhere(body_region(PLAIN, PAPER, T))
+        if len(region) == 0:
+            continue
+        uv = region[rng.integers(len(region), size=100)][:, ::-1] + rng.uniform(-0.5, 0.5, (100, 2))
+        hits = cast(PLAIN, PAPER, T, uv)
+        marched = sphere_traced(PAPER, T, PLAIN.rays(uv))
+        sure = ~np.isnan(marched).any(axis=1) & (hits.labels != EMPTY)
+        assert (np.isnan(marched).any(axis=1) != (hits.labels == EMPTY)).sum() <= 1  # rays that graze the silhouette
+        np.testing.assert_allclose(hits.points[sure], marched[sure], atol=1e-3)  # mm; marching stops 1e-9 mm away
+        labels.extend(hits.labels)
+    assert min(labels.count(part) for part in (EMPTY, SIDE, CAP)) > 20
+
+
+def sphere_traced(handle, T_world_handle, rays):
+    """Points of the handle's frame where world rays from the origin meet the body, NaN for a miss."""
+    origin, directions = T_world_handle.inv().translation, T_world_handle.rotation.inv().apply(rays)
+    depth = np.zeros(len(rays))
+    for _ in range(2000):
+        x, y, z = (origin + depth[:, None] * directions).T
+        outside = np.stack([np.hypot(x, z) - handle.radius_mm, np.abs(y - handle.top_mm + handle.length_mm / 2)
+                            - handle.length_mm / 2])
+        distance = np.hypot(*np.maximum(outside, 0)) + np.minimum(outside.max(axis=0), 0)
+        depth = np.minimum(depth + distance, 2000)
+    points = origin + depth[:, None] * directions
+    points[distance > 1e-9] = np.nan
+    return points
+
+
+def test_an_end_on_handle_is_its_cap():
+    """The near cap hides all else: a circle of radius f r / z."""
+    T = pose([0, 0, 565], Rotation.from_euler("x", -90, degrees=True))  # the free end 540 mm away
+    image = radiance(PLAIN, PAPER, T, Bench(shading=0, texture_contrast=0, background_grey=0))
+    assert image.max() == 90
+    expected = np.pi * (5 / 540) ** 2 * 2956.2 * 2940.1
+    assert image.sum() / 90 == pytest.approx(expected, rel=5e-4)  # 2341 px^2; off by 7e-5
+
+
+AWKWARD = {
+    "on its side": pose([20, 10, 570], Rotation.from_euler("zy", [75, 20], degrees=True)),
+    "thin slivers": pose([0, 0, 540], Rotation.from_euler("y", 7, degrees=True)),
+    "steep": pose([10, 5, 540], Rotation.from_euler("x", -80, degrees=True)),
+    "near": pose([3, 2, 200], Rotation.from_euler("x", -92, degrees=True)),
+    "partly behind": pose([0, -60, 60], Rotation.from_euler("x", -120, degrees=True)),
+}
+
+
+@pytest.mark.parametrize("camera", [PLAIN, BENT], ids=["plain", "distorted"])
+@pytest.mark.parametrize("T", AWKWARD.values(), ids=AWKWARD.keys())
+def test_no_edge_is_missed(camera, T):
+    """8 x 8 samples everywhere on the body and around it give the same image as 8 x 8 samples at the edges."""
+    small = Camera(camera.name, (160, 128), np.diag([1 / 8, 1 / 8, 1]) @ MATRIX, camera.distortions, IDENTITY)
+    bench = Bench(shading=0, texture_contrast=0, background_grey=0, marker_supersampling=8)
+    image = radiance(small, PAPER, T, bench)
+    v, u = np.mgrid[:128, :160].reshape(2, -1)
+    uv = (np.column_stack([u, v])[:, None] + sample_offsets(8)).reshape(-1, 2)
+    labels = cast(small, PAPER, T, uv).labels
+    grey = np.where(labels >= 0, 220.0, np.where(labels == EMPTY, 0.0, 90.0)).reshape(128, 160, -1).mean(axis=2)
+    np.testing.assert_allclose(image, grey, atol=1e-9)  # greys of 64 equal samples: rounding alone
+    assert image.max() > 0
+
+
+def test_the_edge_pixels_are_few_and_disjoint():
+    T = AWKWARD["on its side"]
+    labels = np.full((1024, 1280), EMPTY, np.int16)
+    region = body_region(PLAIN, PAPER, T)
+    labels[region] = cast(PLAIN, PAPER, T, np.argwhere(region)[:, ::-1]).labels
+    body, markers = edge_pixels(PLAIN, PAPER, T, labels)
+    assert not (body & markers).any()
+    assert 0 < markers.sum() < 1500
+    assert 0 < body.sum() < 8000
+
+
+def test_a_symmetry_of_the_handle_shows_the_same_markers():
+    T = AWKWARD["on its side"]
+    region = body_region(PLAIN, PAPER, T)
+    uv = np.argwhere(region)[:, ::-1]
+    labels = cast(PLAIN, PAPER, T, uv).labels
+    for S in PAPER.symmetries:
+        turned = cast(PLAIN, PAPER, T * S, uv).labels
+        assert ((labels >= 0) == (turned >= 0)).all()
+        where = S.inv().apply(PAPER.marker_centres)  # marker k of the turned handle is where marker partner[k] was
+        partner = np.linalg.norm(where[:, None] - PAPER.marker_centres, axis=2).argmin(axis=1)
+        assert (turned[labels >= 0] == partner[labels[labels >= 0]]).all()
+    assert len(PAPER.symmetries) == 12
+    assert len(set(labels[labels >= 0])) >= 4
+
+
+# --- marker images --------------------------------------------------------------------------------------------------
+
+RADIUS = 1e5  # mm: on it a marker is flat, its sagitta is 1e-5 mm
+FLAT = Handle("flat", RADIUS, 60, 30, 3, [0], [[0]])
+
+
+def flat_cases(count=90, seed=5):
+    """Slant in deg and pose of a flat disc, turned about axes in all directions, the rows and columns among them."""
+    rng = np.random.default_rng(seed)
+    cases = []
+    for k in range(count):
+        slant, azimuth = (0, 20, 40, 55, 65, 70)[k % 6], rng.uniform(0, 2 * np.pi)
+        if k % 5 == 0:
+            azimuth = np.pi / 4 * np.round(azimuth / (np.pi / 4))
+        tilt = Rotation.from_rotvec(np.deg2rad(slant) * np.array([np.cos(azimuth), np.sin(azimuth), 0]))
+        rotation = tilt * Rotation.from_euler("y", 180, degrees=True)
+        centre = rng.uniform([-0.6, -0.6, 520], [0.6, 0.6, 620])
+        cases.append((slant, pose(centre - rotation.apply([0, 0, RADIUS]), rotation)))
+    return cases
+
+
+def ellipse_centre(camera, T_world_handle):
+    """Centre of the projected circle, closed form: the disc's plane to the image is a homography, a circle a conic."""
+    M = T_world_handle.as_matrix()
+    H = camera.matrix @ np.column_stack([M[:3, 0], M[:3, 1], M[:3, 2] * RADIUS + M[:3, 3]])
+    inverse = np.linalg.inv(H)
+    Q = inverse.T @ np.diag([1, 1, -(1.5**2)]) @ inverse
+    return -np.linalg.solve(Q[:2, :2], Q[:2, 2])
+
+
+def disc_errors(count):
+    camera, bench = window([628, 515], (64, 56)), Bench(shading=0, supersampling=count, marker_supersampling=count)
+    errors = [centroid(radiance(camera, FLAT, T, bench) - 90) - ellipse_centre(camera, T) for _, T in flat_cases()]
+    return np.linalg.norm(errors, axis=1)
+
+
+def test_the_centroid_of_a_flat_disc_is_within_a_hundredth_of_a_pixel():
+    errors = disc_errors(Bench().marker_supersampling)
+    assert errors.max() < 0.01  # px; over 600 cases: 0.004 frontal, 0.008 at 70 deg
+    assert np.sqrt((errors**2).mean()) < 0.003
+
+
+def test_fewer_samples_are_worse():
+    """The test above can fail: at pixel centres it would by far."""
+    worst = [disc_errors(count).max() for count in (1, 4, 16)]
+    assert worst[0] > 0.1
+    assert worst[0] > 3 * worst[1] > 6 * worst[2]
+
+
+def test_the_area_of_a_frontal_disc():
+    camera = window([628, 515], (64, 56))
+    T = pose([0.1, 0.2, 570 + RADIUS], Rotation.from_euler("y", 180, degrees=True))
+    area = (radiance(camera, FLAT, T, UNLIT) - 90).sum() / 130
+    assert area == pytest.approx(np.pi * 1.5**2 * 2956.2 * 2940.1 / 570**2, rel=1e-3)  # 189.1 px^2
+
+
+@pytest.mark.parametrize("distortions", [(0,) * 5, BARREL], ids=["plain", "distorted"])
+@pytest.mark.parametrize("slant_deg", [0, 20, 40, 55, 65])
+def test_a_wrapped_marker_is_the_polygon_of_its_projected_edge(slant_deg, distortions):
+    """Area and centroid against Green's theorem on 4000 projected points of the edge, all of it in view."""
+    single = Handle("single", 5, 200, 25, 3, [0], [[10]])
+    bench = Bench(shading=0, body_grey=0, marker_grey=200, background_grey=0)
+    rng = np.random.default_rng(slant_deg)
+    whole = Camera("whole", (1280, 1024), MATRIX, distortions, IDENTITY)
+    for _ in range(6):
+        spin = Rotation.from_euler("z", rng.uniform(-180, 180), degrees=True)
+        rotation = spin * Rotation.from_euler("y", 180 + slant_deg * rng.choice([-1, 1]), degrees=True)
+        T = pose(rng.uniform([-30, -20, 520], [30, 20, 620]), rotation)
+        edge = T.apply(marker_outline(single, 0, 4000))
+        camera = window(whole.project(edge).mean(axis=0), distortions=distortions)
+        area, centre = polygon(camera.project(edge))
+        share = radiance(camera, single, T, bench) / 200
+        assert share.sum() == pytest.approx(area, abs=0.15)  # px^2; worst of 600: 0.08
+        np.testing.assert_allclose(centroid(share), centre, atol=0.01)  # px; worst of 600: 0.006
+
+
+def polygon(uv):
+    """Area and centroid of a closed polygon."""
+    start = uv[0]
+    (x, y), (a, b) = (uv - start).T, np.roll(uv - start, -1, axis=0).T
+    cross = x * b - a * y
+    moment = np.array([((x + a) * cross).sum(), ((y + b) * cross).sum()])
+    return abs(cross.sum()) / 2, start + moment / (3 * cross.sum())
+
+
+# --- light, blur, noise ---------------------------------------------------------------------------------------------
+
+
+def test_a_surface_that_faces_the_light_has_its_nominal_grey():
+    T = pose([0, 0, 540], Rotation.from_euler("y", 180, degrees=True))
+    image = radiance(PLAIN, PAPER, T, Bench(light=(0, 0, -1)))
+    assert image[570, 628] == pytest.approx(220, abs=0.01)
+    assert image[515, 628] == pytest.approx(90, abs=0.01)
+
+
+def test_a_marker_turned_away_stays_well_visible():
+    """At 65 deg from the light: 1 - 0.3 + 0.3 cos 65 deg = 0.827 of its grey, and so the body beside it."""
+    T = pose([0, 0, 540], Rotation.from_euler("y", 180 + 65, degrees=True))
+    u, v = PLAIN.project(T.apply(PAPER.marker_centres[:1]))[0].round().astype(int)
+    image = radiance(PLAIN, PAPER, T, Bench(light=(0, 0, -1)))
+    assert image[v, u] == pytest.approx(220 * 0.827, abs=1.5)
+    assert image[v + 15, u] == pytest.approx(90 * 0.827, abs=1)
+
+
+@pytest.mark.parametrize("tip_deg", [-90, 90], ids=["free end", "held end"])
+def test_an_end_cap_is_lit_like_any_surface(tip_deg):
+    T = pose([0, 0, 700], Rotation.from_euler("x", tip_deg, degrees=True))
+    assert radiance(PLAIN, PAPER, T, Bench(light=(0, 0, -1)))[515, 628] == pytest.approx(90)
+    assert radiance(PLAIN, PAPER, T, Bench(light=(0, 0, 1)))[515, 628] == pytest.approx(90 * 0.7)
+
+
+def test_the_light_stands_still_in_the_world():
+    """From one side the body is brighter on that side, however the handle is turned about its axis."""
+    for turn in (0, 100, 200):
+        image = radiance(PLAIN, PAPER, pose([0, 0, 540], Rotation.from_euler("y", turn, degrees=True)),
+                         Bench(light=(-1, 0, 0), shading=0.5))
+        assert image[515, 608] > image[515, 648] + 20
+
+
+def test_dark_markers_on_a_bright_body():
+    dark = Handle("dark", 5, 200, 25, 3, [0], [[10]], markers="dark")
+    image = radiance(PLAIN, dark, pose([0, 0, 540], Rotation.from_euler("y", 180, degrees=True)), UNLIT)
+    assert (image[570, 628], image[515, 628]) == (90, 220)
+
+
+def test_the_blur_is_a_gaussian_of_the_stated_width():
+    image = np.zeros((41, 31))
+    image[20, 15] = 1.0
+    out = blurred(image, Bench(blur_px=0.7))
+    v, u = np.mgrid[:41, :31]
+    assert out.sum() == pytest.approx(1, abs=1e-12)
+    assert (out * (u - 15) ** 2).sum() == pytest.approx(0.49, abs=2e-3)  # 0.4888: sampled at whole pixels
+    assert (out * (v - 20) ** 2).sum() == pytest.approx(0.49, abs=2e-3)
+    assert (blurred(image, Bench(blur_px=0)) == image).all()
+    np.testing.assert_allclose(blurred(np.full((9, 8), 70.0), Bench()), 70, atol=1e-9)  # greys; up to the border
+    assert image[20, 15] == 1.0
+
+
+@pytest.mark.parametrize("grey", [20.0, 90.0, 220.0])
+def test_noise_has_the_stated_variance(grey):
+    noisy = digitise(np.full((500, 600), grey), Bench(), np.random.default_rng(3)).astype(float)
+    variance = 0.05 * grey + 1.5**2 + 1 / 12  # rounding adds a twelfth
+    assert noisy.mean() == pytest.approx(grey, abs=5 * np.sqrt(variance / noisy.size))
+    assert noisy.var() == pytest.approx(variance, rel=5 * np.sqrt(2 / noisy.size))
+
+
+def test_greys_are_clipped_to_eight_bits():
+    rng = np.random.default_rng(4)
+    for grey, bound in ((300.0, 255), (-40.0, 0)):
+        frame = digitise(np.full((20, 30), grey), Bench(read_noise=0.5, shot_variance=0), rng)
+        assert frame.dtype == np.uint8
+        assert abs(int(frame.max()) - bound) <= 3
+        assert abs(int(frame.min()) - bound) <= 3
+    frame = render(PLAIN, PAPER, AWKWARD["on its side"], Bench(marker_grey=255, body_grey=250), rng)
+    assert frame.max() == 255
+
+
+# --- frames and backgrounds -----------------------------------------------------------------------------------------
+
+
+def test_one_seed_gives_one_frame():
+    T = random_pose(np.random.default_rng(8))
+    first, again, other = (render(PLAIN, PAPER, T, Bench(), np.random.default_rng(seed)) for seed in (1, 1, 2))
+    assert first.shape == (1024, 1280)
+    assert (first == again).all()
+    assert (first != other).mean() > 0.5
+
+
+def test_the_background_does_not_depend_on_the_pose():
+    rng = np.random.default_rng(9)
+    empty = radiance(PLAIN, PAPER, None, Bench())
+    assert (empty == background(PLAIN, Bench())).all()
+    for _ in range(3):
+        T = random_pose(rng)
+        image, region = radiance(PLAIN, PAPER, T, Bench()), body_region(PLAIN, PAPER, T)
+        assert (image[~region] == empty[~region]).all()
+        assert (image[region] != empty[region]).any()
+    assert (background(PLAIN, Bench()) == empty).all()  # drawing on it has left it alone
+
+
+def test_the_background_has_its_mean_and_contrast_and_its_seed():
+    grey = background(PLAIN, Bench())
+    assert grey.mean() == pytest.approx(45, abs=0.1)
+    assert grey.std() == pytest.approx(0.15 * 45, abs=0.1)
+    assert grey.min() >= 0
+    assert not grey.flags.writeable
+    for other in (background(PLAIN, Bench(texture_seed=1)), background(BENT, Bench())):
+        assert abs(np.corrcoef(grey.ravel(), other.ravel())[0, 1]) < 0.3
+    assert (background(PLAIN, Bench(texture_contrast=0)) == 45).all()
+
+
+@pytest.mark.parametrize("position", [[0, 0, -540], [900, 0, 540], [0, -900, 540]], ids=["behind", "right", "above"])
+def test_a_handle_out_of_view_leaves_the_background(position):
+    for camera in (PLAIN, BENT):
+        image = radiance(camera, PAPER, pose(position, Rotation.identity()), Bench())
+        assert (image == background(camera, Bench())).all()
+
+
+def test_a_camera_inside_the_body_sees_nothing_of_it():
+    image = radiance(PLAIN, PAPER, pose([0, 50, 1], Rotation.identity()), Bench())
+    assert (image == background(PLAIN, Bench())).all()
+
+
+def test_a_rig_gives_a_frame_a_camera_in_its_order():
+    second = Camera("ccd2", (640, 480), MATRIX, [0] * 5, pose([0, 0, 50], Rotation.identity()))
+    T = pose([0, 0, 540], Rotation.identity())
+    frames = render_rig(Rig((PLAIN, second)), PAPER, T, Bench(), np.random.default_rng(1))
+    assert [frame.shape for frame in frames] == [(1024, 1280), (480, 640)]
+    empty = render_rig(Rig((PLAIN, second)), PAPER, None, Bench(), np.random.default_rng(1))
+    assert max(frame.max() for frame in empty) < 120 < min(frame.max() for frame in frames)
+
+
+# --- truth ----------------------------------------------------------------------------------------------------------
+
+
+def test_true_visibility_follows_the_three_rules():
+    def seen(position, turn_deg, handle=PAPER):
+        T = pose(position, Rotation.from_euler("y", 180 + turn_deg, degrees=True))
+        return true_visibility(PLAIN, handle, T).reshape(6, 2)[:, 0].tolist()
+
+    assert seen([0, 0, 540], 0) == [True, True, False, False, False, True]  # slants 0 and 60.5 deg
+    assert seen([0, 0, 540], 2) in ([True, True] + [False] * 4, [True] + [False] * 4 + [True])  # one column at 62.5
+    assert seen([0, 0, -540], 0) == [False] * 6
+    # column 0's marker at 535 mm spans 628 +- 8.3 px and v = 515 + 55 +- 8.2; the others lie aside by 24 px
+    edge = (1279.5 - 628 - 10) / 2956.2 * 535
+    assert seen([edge - 1.6, 0, 540], 0)[0]
+    assert not seen([edge - 1.4, 0, 540], 0)[0]
+
+
+def test_a_marker_that_reaches_round_the_body_is_hidden_in_part():
+    """The share that is seen, against rays cast at the marker's own points."""
+    wide = Handle("wide", 2, 60, 30, 6, [0], [[0]])
+    rng = np.random.default_rng(6)
+    radius, angle = 3 * np.sqrt(rng.uniform(size=4000)), rng.uniform(0, 2 * np.pi, 4000)
+    theta, axial = radius * np.cos(angle) / 2, radius * np.sin(angle)
+    points = np.column_stack([2 * np.sin(theta), axial, 2 * np.cos(theta)])
+    for turn, expected in ((0, True), (20, True), (60, False)):
+        T = pose([0, 0, 540], Rotation.from_euler("y", 180 + turn, degrees=True))
+        hits = cast(PLAIN, wide, T, PLAIN.project(T.apply(points))).points
+        share = (np.linalg.norm(hits - points, axis=1) < 1e-3).mean()
+        assert abs(share - 0.8) > 0.02
+        assert (share > 0.8) == expected == true_visibility(PLAIN, wide, T)[0]
+
+
+def test_random_poses_fill_the_standard_scene():
+    rng = np.random.default_rng(7)
+    poses = [random_pose(rng) for _ in range(2000)]
+    positions = np.array([T.translation for T in poses])
+    np.testing.assert_allclose(positions.min(axis=0), [-90, -60, 520], atol=1)  # mm
+    np.testing.assert_allclose(positions.max(axis=0), [90, 60, 620], atol=1)
+    axes = np.array([T.rotation.as_matrix()[:, 1] for T in poses])
+    tilt = np.rad2deg(np.arccos(axes[:, 2]))
+    assert 60 <= tilt.min() < 61
+    assert 119 < tilt.max() <= 120
+    np.testing.assert_allclose(axes.mean(axis=0), 0, atol=0.06)  # four standard errors
+    normals = np.array([T.rotation.as_matrix()[:, 2] for T in poses])
+    np.testing.assert_allclose(normals.mean(axis=0), 0, atol=0.06)
+
+
+# --- bad input ------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("field", "value"), [
+    ("background_grey", -1), ("body_grey", 256), ("marker_grey", np.nan), ("texture_contrast", 2), ("shading", 1.1),
+    ("texture_seed", 0.5), ("supersampling", 0), ("supersampling", 2.5), ("marker_supersampling", 65),
+    ("blur_px", -0.1), ("shot_variance", "much"), ("read_noise", None), ("light", (0, 0, 0)), ("light", (1, 2)),
+])
+def test_a_bad_bench_names_its_field(field, value):
+    with pytest.raises(ValueError, match=f"^{field}: expected"):
+        Bench(**{field: value})
+
+
+def test_bad_arguments_are_named():
+    rng, T = np.random.default_rng(0), random_pose(np.random.default_rng(0))
+    for bad in (np.eye(4), Rotation.identity(), RigidTransform.from_translation(np.zeros((2, 3)))):
+        with pytest.raises(ValueError, match="T_world_handle: expected one RigidTransform"):
+            radiance(PLAIN, PAPER, bad, Bench())
+        with pytest.raises(ValueError, match="T_world_handle: expected one RigidTransform"):
+            true_visibility(PLAIN, PAPER, bad)
+    for call in (lambda: render(PLAIN, PAPER, T, Bench(), 5), lambda: random_pose(5)):
+        with pytest.raises(ValueError, match="rng: expected"):
+            call()
+    with pytest.raises(ValueError, match="image: expected a grey image"):
+        digitise(np.zeros((4, 4, 3)), Bench(), rng)
+    with pytest.raises(ValueError, match="image: expected a grey image"):
+        blurred(np.zeros(4), Bench())
+    with pytest.raises(ValueError, match="z_mm: expected"):
+        random_pose(rng, z_mm=(1, 2, 3))
+    with pytest.raises(ValueError, match="uv: expected shape"):
+        cast(PLAIN, PAPER, T, np.zeros((2, 3)))

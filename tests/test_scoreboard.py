@@ -1,0 +1,157 @@
+"""The ledger of claims and its scoreboard: a claim that fares otherwise than declared fails here, either way."""
+
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+import pytest
+
+from trinolab import scoreboard as module
+from trinolab.cli import as_text
+from trinolab.datasets import load_calibration, load_claims
+from trinolab.scoreboard import CHECKS, COLUMNS, disagreements, score, scoreboard
+
+VERDICTS = {"match", "same order", "differs", "met", "missed", "cannot be tested", "not tested yet"}
+COMPUTED = VERDICTS - {"cannot be tested", "not tested yet"}
+CLAIMS = load_claims()
+each_claim = pytest.mark.parametrize("claim", CLAIMS, ids=lambda claim: claim.no)
+
+
+def claim(no):
+    return next(c for c in CLAIMS if c.no == no)
+
+
+def as_declared(check):
+    """A number that earns the declared verdict of every claim that the check serves."""
+    claims = [c for c in CLAIMS if c.check == check]
+    grid = [0.0, *np.geomspace(1e-6, 100.0, 4001).tolist()]
+    return next(value for value in grid if all(c.computed_verdict(value) == c.verdict for c in claims))
+
+
+@pytest.fixture
+def cheap(monkeypatch):
+    """Every check gives a number that earns the declared verdict, without rendering anything."""
+    monkeypatch.setattr(module, "CHECKS", {check: partial(as_declared, check) for check in CHECKS})
+
+
+# --- the ledger
+
+
+def test_all_twenty_claims_are_there_once():
+    numbers = [c.no for c in CLAIMS]
+    assert [no for no in numbers if no.isdigit()] == [str(k) for k in range(1, 21)]
+    assert len(set(numbers)) == len(numbers)
+    assert all(no.rstrip("abcdefgh").isdigit() for no in numbers)
+
+
+@each_claim
+def test_claim_is_complete(claim):
+    assert claim.claim.endswith(".")
+    assert claim.criterion.endswith(".")
+    assert claim.section
+    assert claim.verdict in VERDICTS
+    assert claim.reason or claim.verdict == "not tested yet"
+    assert (claim.check in CHECKS) == (claim.verdict in COMPUTED)
+    rows_of_our_own = {"met", "missed"}
+    assert (claim.paper == "") == (not claim.no.isdigit())
+    assert claim.paper != "" or claim.verdict in rows_of_our_own
+    if claim.check:
+        assert (claim.match_within, claim.at_most, claim.at_least).count(None) == 2
+
+
+def test_every_check_serves_a_claim():
+    assert set(CHECKS) == {c.check for c in CLAIMS if c.check}
+
+
+# --- the verdicts
+
+
+def test_every_verdict_is_the_declared_one():
+    """Renders and measures Table 1's twenty poses once; all else that needs the board takes cheap numbers."""
+    board = scoreboard()
+    computed = dict(zip(board["no"], board["verdict"], strict=True))
+    assert computed == {c.no: c.verdict for c in CLAIMS}
+    assert disagreements(board) == []
+    assert list(board["reason"]) == [c.reason for c in CLAIMS]
+    assert board["ours"].notna().sum() == sum(c.check is not None for c in CLAIMS)
+
+
+# E_t, E_alpha, E_beta, E_gamma added up by hand from the printed table: 6.2418 mm, 14.2, 11.0, 12.8 deg of twenty
+@pytest.mark.parametrize(("no", "value", "verdict"), [("1", 0.312088, "match"), ("2", 0.71, "differs"),
+                                                      ("3", 0.55, "match"), ("4", 0.64, "match")])
+def test_table_1_by_hand(no, value, verdict):
+    row = dict(zip(COLUMNS, score(claim(no)), strict=True))
+    assert row["ours"] == pytest.approx(value, abs=1e-6)
+    assert row["verdict"] == verdict
+
+
+def test_printed_matrices_differ():
+    # the singular values of a rotation are 1: their distances from it are the Frobenius distance
+    distance = np.linalg.norm(np.linalg.svd(load_calibration().R_rl, compute_uv=False) - 1)
+    assert score(claim("9"))[3] == pytest.approx(distance, abs=1e-12)
+    assert score(claim("9"))[5] == "differs"
+    assert score(claim("10"))[3:6] == (0.0, "B^3", "differs")
+
+
+def test_a_replication_that_lost_poses_is_no_result(monkeypatch):
+    few = replace(module._table1(), n=19)
+    monkeypatch.setattr(module, "replicate_table1", lambda *_: few)
+    with pytest.raises(RuntimeError, match="19 of Table 1's 20"):
+        module._replication.__wrapped__()
+
+
+# --- the board
+
+
+@pytest.mark.usefixtures("cheap")
+def test_board_has_a_row_a_claim():
+    board = scoreboard()
+    assert tuple(board.columns) == COLUMNS == ("no", "claim", "paper", "ours", "unit", "verdict", "reason")
+    assert list(board["no"]) == [c.no for c in CLAIMS]
+    untested = board[board["verdict"] == "not tested yet"]
+    assert untested["ours"].isna().all()
+
+
+@pytest.mark.parametrize("declared", ["differs", "same order", "missed"])
+@pytest.mark.usefixtures("cheap")
+def test_a_tampered_ledger_is_found(monkeypatch, declared):
+    tampered = tuple(replace(c, verdict=declared) if c.no == "1" else c for c in CLAIMS)
+    monkeypatch.setattr(module, "load_claims", lambda: tampered)
+    monkeypatch.setitem(module.CHECKS, "table1_position", lambda: 0.312)
+    board = scoreboard()
+    assert disagreements(board) == ["1"]
+    row = board.iloc[0]
+    assert (row.verdict, row.reason) == ("match", f"The ledger declares '{declared}'.")
+
+
+@pytest.mark.usefixtures("cheap")
+def test_a_result_that_is_better_than_declared_is_found_too(monkeypatch):
+    monkeypatch.setitem(module.CHECKS, "table1_alpha", lambda: 0.67)
+    assert disagreements(scoreboard()) == ["2"]
+
+
+@pytest.mark.usefixtures("cheap")
+def test_text_fits_a_terminal():
+    board = scoreboard()
+    lines = as_text(board.assign(verdict="cannot be tested", ours=board["ours"].fillna(1.234567e-7))).splitlines()
+    assert len(lines) == len(CLAIMS) + 1
+    assert max(map(len, lines)) <= 120
+    for c, line in zip(CLAIMS, lines[1:], strict=True):
+        assert line.split()[0] == c.no
+        assert c.claim in line
+
+
+@pytest.mark.usefixtures("cheap")
+def test_long_claims_are_cut_in_the_text():
+    board = scoreboard()
+    board.loc[3, "claim"] = "a long claim " * 20
+    lines = as_text(board).splitlines()
+    assert "..." in lines[4]
+    assert max(map(len, lines)) <= 120
+
+
+@pytest.mark.usefixtures("cheap")
+def test_there_is_no_progress_bar_without_a_terminal(capfd):
+    scoreboard()
+    scoreboard(progress=True)
+    assert capfd.readouterr().err == ""

@@ -1,0 +1,151 @@
+"""The rules of book/design.md that a reader cannot check by eye: imports, sizes, notebooks, addresses."""
+
+import ast
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import nbformat
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+MODULES = sorted(ROOT.glob("trinolab/*.py"))
+NOTEBOOKS = sorted(ROOT.glob("notebooks/*.ipynb"))
+
+# A module imports only from those before it.
+ORDER = [
+    "checks", "lens", "camera", "rigfile", "handle", "metrics", "datasets", "cones", "convex", "faces", "workspace",
+    "plotting", "background", "kalman", "markers", "matching", "triangulation", "pose", "hypotheses", "identity",
+    "refine", "calibration", "tracker", "raycast", "scene", "recording", "errata", "teleop", "slave", "sweep",
+    "workflows", "scoreboard", "cli",
+]
+BENCH = {"checks", "lens", "camera", "handle", "raycast"}  # all that makes the truth may know
+
+
+def imports(path):
+    """The package's modules that a module imports, and the other packages, wherever the import stands."""
+    own, other = set(), set()
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            names = [alias.name for alias in node.names]
+        elif isinstance(node, ast.ImportFrom):
+            base = ("trinolab." if node.level else "") + (node.module or "")
+            names = [f"{base}.{alias.name}" for alias in node.names]
+        else:
+            continue
+        for name in filter(None, (name.replace("..", ".") for name in names)):
+            top, _, rest = name.partition(".")
+            (own if top == "trinolab" else other).add(rest.split(".")[0] if top == "trinolab" else top)
+    return own & set(ORDER), other
+
+
+def cells(path, kind="code"):
+    return [cell for cell in nbformat.read(path, as_version=4).cells if cell.cell_type == kind]
+
+
+each_module = pytest.mark.parametrize("path", MODULES, ids=lambda path: path.stem)
+each_notebook = pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+
+
+@each_module
+def test_module_has_a_place_in_the_order(path):
+    assert path.stem in [*ORDER, "__init__"]
+
+
+@each_module
+def test_module_imports_only_modules_above_it(path):
+    own, _ = imports(path)
+    above = ORDER[: ORDER.index(path.stem)] if path.stem in ORDER else []
+    assert own <= set(above)
+
+
+def test_import_reader_finds_every_form(tmp_path):
+    source = ["import trinolab.pose", "from trinolab import scene", "from .camera import Rig", "from . import handle",
+              "import cv2 as c"]
+    (tmp_path / "m.py").write_text("\n".join(source))
+    assert imports(tmp_path / "m.py") == ({"pose", "scene", "camera", "handle"}, {"cv2"})
+
+
+def test_truth_and_estimate_share_only_camera_and_handle():
+    found = {path.stem: imports(path)[0] for path in MODULES}
+    for name in BENCH | {"scene"}:
+        assert found.get(name, set()) <= BENCH, name
+    assert "scene" not in found.get("tracker", set())
+
+
+def test_only_plotting_draws():
+    drawing = {path.stem for path in MODULES if imports(path)[1] & {"matplotlib", "pyvista"}}
+    assert drawing <= {"plotting"}
+
+
+@pytest.mark.parametrize("module", ["trinolab", "trinolab.sweep"])
+def test_import_is_light(module):
+    code = f"import sys, {module}; print(*sorted({{name.split('.')[0] for name in sys.modules}}))"
+    loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()
+    assert not {"matplotlib", "pyvista", "vtk", "mujoco", "cv2"} & set(loaded)
+
+
+@each_module
+def test_module_is_short(path):
+    assert len(path.read_text(encoding="utf-8").splitlines()) <= 250
+
+
+def test_there_are_notebooks_and_the_table_of_contents_names_them_all():
+    toc = (ROOT / "_toc.yml").read_text(encoding="utf-8")
+    named = set(re.findall(r"notebooks/(\w+)", toc))
+    assert named == {path.stem for path in NOTEBOOKS} != set()
+
+
+@each_notebook
+def test_notebook_is_stored_without_outputs(path):
+    for cell in cells(path):
+        assert cell.outputs == []
+        assert cell.execution_count is None
+
+
+@each_notebook
+def test_notebook_is_small(path):
+    sources = [cell.source for cell in cells(path)]
+    lines = [line for source in sources for line in source.splitlines() if line.strip()]
+    assert len(sources) <= 15
+    assert len(lines) <= 90
+
+
+@each_notebook
+def test_notebook_hides_nothing(path):
+    tags = {tag for cell in cells(path) for tag in cell.metadata.get("tags", [])}
+    assert not {tag for tag in tags if tag.startswith(("hide-", "remove-"))}
+
+
+@each_notebook
+def test_notebook_functions_are_short(path):
+    for cell in cells(path):
+        for node in ast.walk(ast.parse(cell.source)):
+            if isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef)):
+                assert node.end_lineno - node.lineno + 1 <= 10, node.name
+
+
+@each_notebook
+def test_notebook_has_one_parameters_cell(path):
+    assert sum("parameters" in cell.metadata.get("tags", []) for cell in cells(path)) == 1
+
+
+def repository_files():
+    """Every file that git would store."""
+    command = ["git", "ls-files", "--cached", "--others", "--exclude-standard", "-z"]
+    try:
+        names = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True).stdout.split("\0")
+    except (OSError, subprocess.CalledProcessError):
+        pytest.skip("not a git repository, or git (Debian package: git) is missing")
+    return [ROOT / name for name in names if name and (ROOT / name).is_file()]
+
+
+def test_no_file_names_a_machine():
+    # Put together here, so that this file does not name one itself.
+    paths = "|".join(f"/{folder}/" for folder in ("work", "root", "home", "Users", "tmp/[a-z]"))
+    hosts = r"pypi\.\w+|files\.python" r"hosted|regis" r"try\.npmjs|\bin" r"dex-url"
+    for path in repository_files():
+        text = path.read_bytes().decode("utf-8", errors="replace")
+        found = re.search(rf"(?<![\w.]){'(?:' + paths + ')'}|{hosts}", text)
+        assert found is None, f"{path.relative_to(ROOT)}: {found.group()}"

@@ -1,0 +1,123 @@
+"""The chain of one instant, on rendered frames."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import RigidTransform, Rotation
+
+from trinolab.camera import Rig
+from trinolab.datasets import load_handle, load_rig, load_table1
+from trinolab.scene import Bench, render_rig
+from trinolab.tracker import Parameters, measure
+
+RIG, TRIO = load_rig("paper_pair"), load_rig("raised_40deg")
+PAPER, CODED = load_handle("paper"), load_handle("coded")
+T = load_table1().set_poses[4]
+
+
+def errors(pose, truth=T):
+    return (np.linalg.norm(pose.T_world_handle.translation - truth.translation),
+            np.rad2deg((pose.T_world_handle.inv() * truth).rotation.magnitude()))
+
+
+@pytest.fixture(scope="module")
+def frames():
+    """Rendered once: [layout][cameras] of one pose."""
+    return {(h.name, len(rig.cameras)): render_rig(rig, h, T, Bench(), np.random.default_rng(0))
+            for h in (PAPER, CODED) for rig in (RIG, TRIO)}
+
+
+@pytest.mark.parametrize("rig", [RIG, TRIO], ids=["two", "three"])
+def test_coded_layout_is_measured_without_a_prior(frames, rig):
+    pose = measure(frames["coded", len(rig.cameras)], rig, CODED).pose
+    distance, angle = errors(pose)
+    assert (pose.status, pose.cameras) == ("measured", len(rig.cameras))
+    assert distance < 0.3  # mm; the centroid's bias allows 0.2
+    assert angle < 2.5  # deg
+    assert pose.residual_px < 1.5
+
+
+def test_paper_layout_is_ambiguous_without_and_measured_with_a_prior(frames):
+    alone = measure(frames["paper", 2], RIG, PAPER).pose
+    assert alone.status == "ambiguous"
+    rivals = [errors(replace(alone, T_world_handle=alone.T_world_handle * S)) for S in PAPER.symmetries]
+    assert min(rivals, key=lambda e: e[1])[1] < 2.5
+    assert alone.T_world_handle.rotation.magnitude() == pytest.approx(
+        min((alone.T_world_handle * S).rotation.magnitude() for S in PAPER.symmetries), abs=0.01)
+    near = T * RigidTransform.from_components([3.0, -2, 5], Rotation.from_rotvec([0.1, 0.15, -0.1]))
+    pose = measure(frames["paper", 2], RIG, PAPER, prior=near).pose
+    assert pose.status == "measured"
+    assert errors(pose)[1] < 2.5
+
+
+def test_a_prior_of_another_equivalent_gives_that_one(frames):
+    S = PAPER.symmetries[3]
+    pose = measure(frames["paper", 2], RIG, PAPER, prior=T * S).pose
+    assert errors(pose, T * S)[1] < 2.5
+
+
+def test_world_frame_is_the_rigs(frames):
+    """The same images with the rig written in another frame: the pose moves along, to rounding."""
+    M = RigidTransform.from_components([300.0, -200, 900], Rotation.from_rotvec([0.4, 1.2, -0.3]))
+    moved = Rig(tuple(replace(c, T_cam_world=c.T_cam_world * M.inv()) for c in TRIO.cameras))
+    here, there = (measure(frames["coded", 3], rig, CODED).pose for rig in (TRIO, moved))
+    assert np.abs((M * here.T_world_handle).as_matrix() - there.T_world_handle.as_matrix()).max() < 1e-9
+    rotate = np.kron(np.eye(2), M.rotation.as_matrix())
+    np.testing.assert_allclose(there.covariance, rotate @ here.covariance @ rotate.T, atol=1e-9)
+
+
+def test_camera_order_does_not_matter_much(frames):
+    """Eq. 20 keeps the point on the left ray, so the order changes the estimate a little, not the pose."""
+    turned = Rig(RIG.cameras[::-1])
+    pose = measure(frames["coded", 2][::-1], turned, CODED).pose
+    assert errors(pose)[0] < 0.3
+
+
+def test_turned_markers_are_left_out_of_the_fit():
+    turned = T * RigidTransform.from_rotation(Rotation.from_rotvec([0, np.deg2rad(12.0), 0]))  # 74 deg in CCD2
+    frames = render_rig(RIG, PAPER, turned, Bench(), np.random.default_rng(0))
+    all_of_them = measure(frames, RIG, PAPER, parameters=Parameters(max_slant_deg=90.0)).pose
+    facing = measure(frames, RIG, PAPER).pose
+    assert 4 <= facing.markers < all_of_them.markers
+    assert facing.residual_px < all_of_them.residual_px  # their centroids lie beside the images of their centres
+
+
+def test_dark_frames_are_lost_without_an_exception():
+    black = [np.zeros((1024, 1280), np.uint8)] * 2
+    measurement = measure(black, RIG, PAPER)
+    assert measurement.pose.status == "lost"
+    assert measurement.pose.T_world_handle is None
+    assert np.isnan(measurement.pose.sigma_mm)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_noise_alone_is_lost(seed):
+    rng = np.random.default_rng(seed)
+    noise = [rng.integers(0, 256, (1024, 1280)).astype(np.uint8) for _ in range(2)]
+    assert measure(noise, RIG, PAPER).pose.status == "lost"
+
+
+def test_one_covered_camera_leaves_the_pair(frames):
+    covered = [*frames["coded", 3][:2], np.zeros((1024, 1280), np.uint8)]
+    pose = measure(covered, TRIO, CODED).pose
+    assert (pose.status, pose.cameras) == ("measured", 2)
+
+
+def test_covariance_is_of_the_errors_size():
+    """Over eight noise seeds the scatter about the mean stays within what 0.1 px of centroid error predicts."""
+    drawn = [measure(render_rig(RIG, CODED, T, Bench(), np.random.default_rng(s)), RIG, CODED).pose for s in range(8)]
+    scatter = np.std([pose.T_world_handle.translation for pose in drawn], axis=0, ddof=1)
+    assert np.linalg.norm(scatter) < drawn[0].sigma_mm
+    assert 0.01 < drawn[0].sigma_mm < 0.5
+
+
+@pytest.mark.parametrize(("call", "word"), [
+    (lambda f: measure(f[:1], RIG, PAPER), "frames"),
+    (lambda f: measure([f[0], f[1][:100]], RIG, PAPER), "ccd2"),
+    (lambda f: measure([f[0], f[1][..., None]], RIG, PAPER), "ccd2"),
+    (lambda f: measure(f, RIG, PAPER, prior=np.eye(4)), "prior"),
+    (lambda f: Parameters(sigma_px=0.0), "sigma_px"), (lambda f: Parameters(max_slant_deg=100.0), "max_slant_deg")])
+def test_bad_input_is_a_value_error(frames, call, word):
+    with pytest.raises(ValueError, match=word):
+        call(frames["paper", 2])

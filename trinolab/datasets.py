@@ -1,0 +1,207 @@
+"""The paper's numbers and the shipped files: Table 1, calibration, rigs, handles, the ledger of claims (Sect. 6)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import pandas as pd
+from numpy.typing import ArrayLike
+from scipy.spatial.transform import RigidTransform, Rotation
+
+from .camera import Camera, Rig
+from .checks import Array, as_array, as_number, get, read_toml
+from .handle import Handle, read_handle
+from .metrics import pose_from_euler_deg
+from .rigfile import read_rig
+
+IMAGE_SIZE = (1280, 1024)  # assumed from the principal points; the paper prints no image size
+STANDOFF_MM = 549.0  # of CCD3, as far from the work as CCD1
+
+
+class Table1(NamedTuple):
+    """The twenty poses of Table 1: `measured` and `set_poses` (T_world_handle, mm), and the printed numbers."""
+
+    measured: RigidTransform
+    set_poses: RigidTransform
+    frame: pd.DataFrame
+
+
+class Calibration(NamedTuple):
+    """Sect. 6.2 as printed: intrinsic matrices (3, 3) in px, and X_l = R_rl X_r + T_rl (CCD2 to CCD1, mm)."""
+
+    A_l: Array
+    A_r: Array
+    R_rl: Array
+    T_rl: Array
+
+
+@dataclass(frozen=True)
+class Claim:
+    """One row of the ledger of claims; the fields are explained at the top of ``data/claims.toml``."""
+
+    no: str
+    claim: str
+    section: str
+    paper: float | str
+    unit: str
+    criterion: str
+    verdict: str
+    reason: str
+    check: str | None = None
+    match_within: float | None = None
+    same_order_factor: float | None = None
+    at_most: float | None = None
+    at_least: float | None = None
+
+    def computed_verdict(self, value: float) -> str:
+        """What a computed value makes of the claim, by the criterion's numbers.
+
+        Returns
+        -------
+        str
+            "match", "same order" or "differs" where the paper says something; "met" or "missed" where it does not.
+        """
+        number = as_number(value, "value")
+        if self.match_within is not None:
+            return self._against_number(number)
+        low = -np.inf if self.at_least is None else self.at_least
+        high = np.inf if self.at_most is None else self.at_most
+        yes, no = ("met", "missed") if self.paper == "" else ("match", "differs")
+        return yes if low <= number <= high else no
+
+    def _against_number(self, number: float) -> str:
+        paper = as_number(self.paper, f"claim {self.no}: paper")
+        if abs(number - paper) <= (self.match_within or 0.0):
+            return "match"
+        factor = self.same_order_factor
+        same_order = factor is not None and number > 0 and paper / factor <= number <= paper * factor
+        return "same order" if same_order else "differs"
+
+
+def data_path(*parts: str) -> Path:
+    """Return the path of a shipped data file: ``data/`` of a checkout, or the package's copy where it is installed.
+
+    Raises
+    ------
+    ValueError
+        If there is no such file; it lists those beside it.
+    """
+    package = Path(__file__).resolve().parent
+    root = next((folder for folder in (package / "data", package.parent / "data") if folder.is_dir()), None)
+    if root is None:
+        raise ValueError(f"data: not found in or beside {package}; is the installation complete?")
+    path = root.joinpath(*parts)
+    if not path.exists():
+        beside = sorted(p.name for p in path.parent.glob("*")) if path.parent.is_dir() else []
+        raise ValueError(f"{'/'.join(parts)}: no such data file; there are {', '.join(beside) or 'none'}")
+    return path
+
+
+def load_rig(name: str) -> Rig:
+    """Load a shipped rig: `paper_pair`, `paper_trinocular`, `raised_40deg`. ValueError for an unknown name."""
+    return read_rig(_named("rigs", name))
+
+
+def load_handle(name: str) -> Handle:
+    """Load a shipped handle: `paper`, `coded`. ValueError for an unknown name."""
+    return read_handle(_named("handles", name))
+
+
+def load_table1() -> Table1:
+    """Load Table 1: the measured and the set ("theoretic") poses, and the printed numbers as a data frame."""
+    frame = pd.read_csv(data_path("table1.csv"), index_col="no")
+    measured, set_poses = (
+        pose_from_euler_deg(frame[[f"{side}_{c}_mm" for c in "xyz"]],
+                            frame[[f"{side}_{angle}_deg" for angle in ("alpha", "beta", "gamma")]])
+        for side in ("measured", "set"))
+    return Table1(measured, set_poses, frame)
+
+
+def load_calibration() -> Calibration:
+    """Load the calibration of Sect. 6.2 as printed; for use R_rl goes through `nearest_rotation`."""
+    path = data_path("calibration.toml")
+    table = read_toml(path)
+    shapes: dict[str, tuple[int, ...]] = {"A_l": (3, 3), "A_r": (3, 3), "R_rl": (3, 3), "T_rl": (3,)}
+    return Calibration(*(as_array(get(table, key, str(path)), key, shape) for key, shape in shapes.items()))
+
+
+def load_claims() -> tuple[Claim, ...]:
+    """Load the ledger of the paper's claims, in its order.
+
+    Raises
+    ------
+    ValueError
+        Names the row and the field that is missing or unknown.
+    """
+    path = data_path("claims.toml")
+    return tuple(_claim_from(row, f"{path}: claim {row.get('no', k)}")
+                 for k, row in enumerate(get(read_toml(path), "claim", str(path)), start=1))
+
+
+def nearest_rotation(matrix: ArrayLike) -> Rotation:
+    """Return the rotation that is nearest to a 3 x 3 matrix in the Frobenius norm (by SVD).
+
+    Raises
+    ------
+    ValueError
+        For another shape, numbers that are not finite, or a matrix whose determinant is not positive: a reflection or
+        a singular matrix has no rotation that could be meant.
+    """
+    array = as_array(matrix, "matrix", (3, 3))
+    if np.linalg.det(array) <= 1e-12:
+        raise ValueError(f"matrix: expected a positive determinant, got {np.linalg.det(array):.3g}")
+    U, _, Vt = np.linalg.svd(array)
+    return Rotation.from_matrix(U @ Vt)
+
+
+def paper_rig(elevation_deg: float | None = None) -> Rig:
+    """Build the paper's rig from its calibration; the world frame is CCD1's camera frame (Sect. 6.2, Fig. 5).
+
+    Parameters
+    ----------
+    elevation_deg : float, optional
+        Of CCD3, up from CCD1 on the circle of radius 549 mm about (0, 0, 549) in the plane x = 0, looking at the
+        circle's centre; 90 is `paper_trinocular`, 40 `raised_40deg`. None gives CCD1 and CCD2 alone: `paper_pair`.
+
+    Raises
+    ------
+    ValueError
+        If the elevation is no number in [-180, 180].
+    """
+    A_l, A_r, R_rl, T_rl = load_calibration()
+    T_ccd1_ccd2 = RigidTransform.from_components(T_rl, nearest_rotation(R_rl))
+    cameras = [_camera("ccd1", A_l, RigidTransform.identity()), _camera("ccd2", A_r, T_ccd1_ccd2)]
+    if elevation_deg is not None:
+        cameras.append(_camera("ccd3", A_l, _ccd3_pose(elevation_deg)))
+    return Rig(tuple(cameras))
+
+
+def _ccd3_pose(elevation_deg: float) -> RigidTransform:
+    """T_ccd1_ccd3; its columns x, y, z are (1, 0, 0), (0, cos, -sin), (0, sin, cos) of the elevation."""
+    elevation = np.deg2rad(as_number(elevation_deg, "elevation_deg", low=-180.0, high=180.0))
+    centre = STANDOFF_MM * np.array([0.0, -np.sin(elevation), 1.0 - np.cos(elevation)])
+    return RigidTransform.from_components(centre, Rotation.from_rotvec([-elevation, 0.0, 0.0]))
+
+
+def _camera(name: str, matrix: Array, T_world_cam: RigidTransform) -> Camera:
+    return Camera(name, IMAGE_SIZE, matrix, np.zeros(5), T_world_cam.inv())
+
+
+def _named(folder: str, name: str) -> Path:
+    names = sorted(path.stem for path in data_path(folder).glob("*.toml"))
+    if name not in names:
+        raise ValueError(f"name: expected one of {', '.join(names)}, got {name!r}")
+    return data_path(folder, f"{name}.toml")
+
+
+def _claim_from(row: dict[str, Any], where: str) -> Claim:
+    fields = Claim.__dataclass_fields__
+    unknown = sorted(set(row) - set(fields))
+    if unknown:
+        raise ValueError(f"{where}: '{unknown[0]}' is not a field of a claim ({', '.join(fields)})")
+    for name in ("no", "claim", "section", "paper", "unit", "criterion", "verdict", "reason"):
+        get(row, name, where)
+    return Claim(**row)

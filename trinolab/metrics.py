@@ -1,0 +1,212 @@
+"""Errors of measured poses: Eq. 26 and 27, the geodesic angle, and errors up to a handle's symmetry.
+
+Poses are a batched ``RigidTransform`` of length n, each ``T_world_handle`` (a single one counts as n = 1). Only valid
+poses come in: who has NaN rows drops them, and reports the share that is left. Names that end in ``_deg`` are degrees.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.spatial.transform import RigidTransform, Rotation
+
+from .checks import Array, as_array
+
+
+@dataclass(frozen=True)
+class PoseErrors:
+    """Errors of n measured poses against their truths: the paper's four means, and what they do not show.
+
+    ``E_*`` are the means of Eq. 26 and 27; the geodesic angle is that of the rotation from truth to estimate, which
+    has no gimbal lock. The Euler angles' means and maxima are ill-conditioned near beta = +-90 deg.
+    """
+
+    n: int
+    E_t_mm: float
+    E_alpha_deg: float
+    E_beta_deg: float
+    E_gamma_deg: float
+    geodesic_mean_deg: float
+    position_median_mm: float
+    position_max_mm: float
+    alpha_median_deg: float
+    beta_median_deg: float
+    gamma_median_deg: float
+    geodesic_median_deg: float
+    geodesic_max_deg: float
+
+
+def pose_errors(estimates: RigidTransform, truths: RigidTransform) -> PoseErrors:
+    """Compare poses with their truths, instant by instant (Eq. 26-27).
+
+    Parameters
+    ----------
+    estimates, truths : RigidTransform of length n
+        ``T_world_handle``, mm. A handle's symmetry is the caller's matter, see `nearest_equivalent`.
+
+    Raises
+    ------
+    ValueError
+        If either is no RigidTransform, holds no pose or NaN, or the lengths differ.
+    """
+    position = position_errors(estimates, truths)
+    angles = np.abs(angle_differences_deg(estimates, truths))
+    geodesic = geodesic_deg(estimates, truths)
+    values = [position.mean(), *angles.mean(axis=0), geodesic.mean(), np.median(position), position.max(),
+              *np.median(angles, axis=0), np.median(geodesic), geodesic.max()]
+    return PoseErrors(len(position), *(float(value) for value in values))
+
+
+def position_errors(estimates: RigidTransform, truths: RigidTransform) -> Array:
+    """Distances between measured and true origins, shape (n,), mm. Raises ValueError as `pose_errors` does."""
+    estimates, truths = _as_pairs(estimates, truths)
+    return np.linalg.norm(estimates.translation - truths.translation, axis=1)
+
+
+def position_error(estimates: RigidTransform, truths: RigidTransform) -> float:
+    """Mean distance E_t between measured and true origins, mm (Eq. 26).
+
+    Raises
+    ------
+    ValueError
+        As `pose_errors` does.
+    """
+    return float(position_errors(estimates, truths).mean())
+
+
+def angle_differences_deg(estimates: RigidTransform, truths: RigidTransform) -> Array:
+    """Measured minus true (alpha, beta, gamma), wrapped to (-180, 180], shape (n, 3), deg.
+
+    Raises ValueError as `pose_errors` does.
+    """
+    estimates, truths = _as_pairs(estimates, truths)
+    difference = euler_deg(estimates) - euler_deg(truths)
+    return 180.0 - (180.0 - difference) % 360.0
+
+
+def angle_errors_deg(estimates: RigidTransform, truths: RigidTransform) -> Array:
+    """Mean absolute errors E_alpha, E_beta, E_gamma, shape (3,), deg (Eq. 27).
+
+    Raises
+    ------
+    ValueError
+        As `pose_errors` does.
+    """
+    return np.abs(angle_differences_deg(estimates, truths)).mean(axis=0)
+
+
+def geodesic_deg(estimates: RigidTransform, truths: RigidTransform) -> Array:
+    """Angle of the rotation that carries the true orientation to the measured one, shape (n,), deg, 0 to 180.
+
+    Raises ValueError as `pose_errors` does.
+    """
+    estimates, truths = _as_pairs(estimates, truths)
+    return np.rad2deg((estimates.rotation * truths.rotation.inv()).magnitude())
+
+
+def euler_deg(poses: RigidTransform) -> Array:
+    """Euler angles alpha, beta, gamma about Z, Y, X: R = Rz(alpha) Ry(beta) Rx(gamma) (Sect. 5.3, 6.5).
+
+    Returns
+    -------
+    ndarray, shape (n, 3), or (3,) for a single pose
+        Degrees; alpha and gamma in [-180, 180], beta in [-90, 90]. At beta = +-90 deg only a combination of alpha and
+        gamma is determined; gamma is then 0.
+
+    Raises
+    ------
+    ValueError
+        If `poses` is no RigidTransform.
+    """
+    if not isinstance(poses, RigidTransform):
+        raise ValueError(f"poses: expected a RigidTransform, got {type(poses).__name__}")
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message="Gimbal lock", category=UserWarning)
+        return poses.rotation.as_euler("ZYX", degrees=True)
+
+
+def pose_from_euler_deg(position_mm: ArrayLike, angles_deg: ArrayLike) -> RigidTransform:
+    """Poses from positions and Euler angles alpha, beta, gamma about Z, Y, X: the inverse of `euler_deg`.
+
+    Parameters
+    ----------
+    position_mm, angles_deg : array_like, shape (n, 3), or (3,) for a single pose
+
+    Raises
+    ------
+    ValueError
+        For other or different shapes, or numbers that are not finite.
+    """
+    wanted = (3,) if np.ndim(position_mm) == 1 else (None, 3)
+    position = as_array(position_mm, "position_mm", wanted)
+    angles = as_array(angles_deg, "angles_deg", position.shape)
+    return RigidTransform.from_components(position, Rotation.from_euler("ZYX", angles, degrees=True))
+
+
+def nearest_equivalent(estimates: RigidTransform, truths: RigidTransform,
+                       symmetries: Sequence[RigidTransform]) -> RigidTransform:
+    """Replace each pose by the one of its equivalents ``T_world_handle * S`` that is closest to its truth.
+
+    For instants that have nothing to do with one another; for a track see `track_equivalent`. Closest is the smallest
+    geodesic angle; among equals (to 1e-9 deg) the smallest distance.
+
+    Parameters
+    ----------
+    estimates, truths : RigidTransform of length n
+    symmetries : sequence of RigidTransform
+        `Handle.symmetries`.
+
+    Raises
+    ------
+    ValueError
+        As `pose_errors` does, or if there is no symmetry (the identity is always one).
+    """
+    angle, distance = _against_equivalents(estimates, truths, symmetries)
+    tied = angle <= angle.min(axis=0) + 1e-9
+    best = np.where(tied, distance, np.inf).argmin(axis=0)
+    estimates, _ = _as_pairs(estimates, truths)
+    return estimates * RigidTransform.concatenate([symmetries[k] for k in best])
+
+
+def track_equivalent(estimates: RigidTransform, truths: RigidTransform,
+                     symmetries: Sequence[RigidTransform]) -> RigidTransform:
+    """Replace the poses of one track by ``T_world_handle * S`` with one S for all: a flip inside stays an error.
+
+    S is the symmetry with the least mean geodesic angle; among equals (to 1e-9 deg) the least mean distance.
+    Parameters and errors as for `nearest_equivalent`.
+    """
+    angle, distance = (value.mean(axis=1) for value in _against_equivalents(estimates, truths, symmetries))
+    best = int(np.where(angle <= angle.min() + 1e-9, distance, np.inf).argmin())
+    return _as_pairs(estimates, truths)[0] * symmetries[best]
+
+
+def _against_equivalents(estimates: RigidTransform, truths: RigidTransform,
+                         symmetries: Sequence[RigidTransform]) -> tuple[Array, Array]:
+    """Geodesic angles (deg) and distances (mm) of every equivalent of every pose, each of shape (k, n)."""
+    if len(symmetries) == 0:
+        raise ValueError("symmetries: expected one motion or more, got none")
+    estimates, truths = _as_pairs(estimates, truths)
+    turned = [estimates * S for S in symmetries]
+    return (np.array([geodesic_deg(poses, truths) for poses in turned]),
+            np.array([position_errors(poses, truths) for poses in turned]))
+
+
+def _as_pairs(estimates: Any, truths: Any) -> tuple[RigidTransform, RigidTransform]:
+    estimates, truths = _as_poses(estimates, "estimates"), _as_poses(truths, "truths")
+    if len(estimates) != len(truths):
+        raise ValueError(f"estimates, truths: expected as many of either, got {len(estimates)} and {len(truths)}")
+    return estimates, truths
+
+
+def _as_poses(value: Any, name: str) -> RigidTransform:
+    if not isinstance(value, RigidTransform):
+        raise ValueError(f"{name}: expected a RigidTransform of length n, got {type(value).__name__}")
+    matrices = value.as_matrix().reshape(-1, 4, 4)
+    if len(matrices) == 0 or not np.isfinite(matrices).all():
+        raise ValueError(f"{name}: expected one valid pose or more, got {'NaN' if len(matrices) else 'none'}")
+    return RigidTransform.concatenate([value]) if value.single else value
