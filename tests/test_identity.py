@@ -25,7 +25,8 @@ PAPER, CODED = load_handle("paper"), load_handle("coded")
 def seen_pixels(T, handle, rig=RIG, limit_deg=62.0):
     """Exact projections of the facing markers and their indices, one a camera."""
     index = [np.flatnonzero(slants(handle, T, camera.centre) < np.deg2rad(limit_deg)) for camera in rig.cameras]
-    return tuple(camera.project(T.apply(handle.marker_centres[k])) for camera, k in zip(rig.cameras, index, strict=True)), index
+    centres = T.apply(handle.marker_centres)
+    return tuple(camera.project(centres[k]) for camera, k in zip(rig.cameras, index, strict=True)), index
 
 
 def all_points(found, rig=RIG):
@@ -172,7 +173,8 @@ def test_relabelling_follows_the_equivalent_pose():
 
 
 def test_labelled_pixels():
-    uv = labelled_pixels((np.array([2, -1]), np.array([-1, 0])), (np.array([[1.0, 2], [3, 4]]), np.array([[5.0, 6], [7, 8]])), 3)
+    found = (np.array([[1.0, 2], [3, 4]]), np.array([[5.0, 6], [7, 8]]))
+    uv = labelled_pixels((np.array([2, -1]), np.array([-1, 0])), found, 3)
     assert uv[0, 2].tolist() == [1, 2]
     assert uv[1, 0].tolist() == [7, 8]
     assert np.isnan(uv).all(axis=2).sum() == 4

@@ -107,8 +107,9 @@ def test_dark_markers_are_bright_ones_of_the_negative():
     np.testing.assert_allclose(np.sort(dark.uv, axis=0), np.sort(bright.uv, axis=0), atol=1e-9)
 
 
-@pytest.mark.parametrize(("shape", "why"), [("bar", "too long"), ("sliver", "too thin"), ("speck", "too small"), ("ring", "not filled"),
-                                            ("slab", "too large"), ("edge", "cut by the edge"), ("faint", "no contrast")])
+@pytest.mark.parametrize(("shape", "why"), [
+    ("bar", "too long"), ("sliver", "too thin"), ("speck", "too small"), ("ring", "not filled"), ("slab", "too large"),
+    ("edge", "cut by the edge"), ("faint", "no contrast")])
 def test_what_is_no_marker_is_dropped(shape, why):
     image = disc_image([(60.0, 50.0)])
     draw = {"bar": lambda: cv2.rectangle(image, (90, 20), (150, 23), 220, -1),
@@ -126,7 +127,7 @@ def test_what_is_no_marker_is_dropped(shape, why):
 
 def test_a_bright_neighbour_does_not_pull_the_centroid():
     image = disc_image([(60.0, 50.0)])
-    image[:, 70:] = 220  # a bright wall two pixels from the disc's edge
+    image[:, 69:] = 220  # a bright wall one pixel from the disc's edge
     found = find_markers(image, 12)
     nearest = found.uv[np.linalg.norm(found.uv - [60, 50], axis=1).argmin()]
     np.testing.assert_allclose(nearest, [60, 50], atol=0.1)

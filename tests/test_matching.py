@@ -123,7 +123,8 @@ def test_rendered_markers_are_among_the_candidates_and_matched():
 @pytest.mark.parametrize("call", [
     lambda: MatchParameters(epipolar_gate_px=0.0), lambda: MatchParameters(ncc_threshold=1.5),
     lambda: MatchParameters(window_px=20), lambda: ncc(np.ones((3, 3)), np.ones((3, 4))),
-    lambda: epipolar_distances(*PAIR, [[1, 2, 3]], [[1, 2]]), lambda: epipolar_distances(PAIR[0], PAIR[0], [[1, 2]], [[1, 2]]),
+    lambda: epipolar_distances(*PAIR, [[1, 2, 3]], [[1, 2]]),
+    lambda: epipolar_distances(PAIR[0], PAIR[0], [[1, 2]], [[1, 2]]),
     lambda: ncc_matrix(np.ones(5), np.ones((5, 5)), [[1, 2]], [[1, 2]], 3)])
 def test_bad_input_is_a_value_error(call):
     with pytest.raises(ValueError, match="expected"):
