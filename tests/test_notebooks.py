@@ -11,6 +11,7 @@ NOTEBOOKS = sorted(Path(__file__).resolve().parents[1].glob("notebooks/*.ipynb")
 # A second set of parameters for each chapter; a new chapter needs an entry.
 OTHER_PARAMETERS = {
     "02_workspace": {"rig_name": "raised_40deg", "half_angle_deg": 15.0},
+    "05_markers": {"surplus": 3.0, "read_noise": 6.0, "seed": 1},
     "08_pose": {},
     "09_table1": {},
 }

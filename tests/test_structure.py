@@ -15,12 +15,15 @@ NOTEBOOKS = sorted(ROOT.glob("notebooks/*.ipynb"))
 
 # A module imports only from those before it.
 ORDER = [
-    "checks", "lens", "camera", "rigfile", "handle", "metrics", "datasets", "cones", "convex", "faces", "workspace",
-    "plotting", "background", "kalman", "markers", "matching", "triangulation", "pose", "hypotheses", "identity",
-    "refine", "calibration", "tracker", "raycast", "scene", "recording", "errata", "teleop", "slave", "sweep",
-    "workflows", "scoreboard", "cli",
+    "checks", "lens", "camera", "rigfile", "handle", "metrics", "datasets", "ledger", "cones", "convex", "faces",
+    "workspace", "plotting", "window", "background", "covariance", "kalman", "image_track", "markers", "matching",
+    "triangulation", "pose", "hypotheses", "identity", "refine", "calibration", "tracker", "raycast", "capsule", "arm",
+    "motion", "bench", "scene", "recording", "errata_workspace", "errata_background",
+    "errata_kalman", "errata_markers", "errata_pose", "errata_table1", "errata", "teleop", "slave",
+    "sweep", "workflows", "scoreboard", "cli",
 ]
-BENCH = {"checks", "lens", "camera", "handle", "raycast"}  # all that makes the truth may know
+# all that makes the truth may know
+BENCH = {"checks", "lens", "camera", "handle", "raycast", "capsule", "arm", "motion", "bench"}
 
 
 def imports(path):

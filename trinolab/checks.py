@@ -93,6 +93,13 @@ def as_transform(value: Any, name: str) -> RigidTransform:
     return value
 
 
+def as_rng(value: Any) -> np.random.Generator:
+    """Check a source of random numbers; the argument's name is `rng` everywhere."""
+    if not isinstance(value, np.random.Generator):
+        raise ValueError(f"rng: expected a numpy.random.Generator, got {type(value).__name__}")
+    return value
+
+
 def get(table: Mapping[str, Any], key: str, where: str) -> Any:
     """Return ``table[key]`` of a file's table; a missing key is a ValueError that names file and key."""
     if not isinstance(table, Mapping) or key not in table:
