@@ -24,9 +24,11 @@ def test_arrays_come_back_read_only_and_are_copies():
     (lambda: as_image(np.zeros((2, 3, 3)), "image"), "image: expected a grey image"),
     (lambda: as_image(np.zeros((2, 3)), "image", (2, 3)), "image: expected 2 x 3 pixels, got 3 x 2"),
     (lambda: as_image(np.full((2, 3), np.nan), "image"), "image: expected finite"),
-    (lambda: as_number("1", "x"), "x: expected a number, got '1'"), (lambda: as_number(True, "x"), "x: expected a number"),
+    (lambda: as_number("1", "x"), "x: expected a number, got '1'"),
+    (lambda: as_number(True, "x"), "x: expected a number"),
     (lambda: as_number(0, "x", low=0, open_low=True), r"x: expected a number in \(0, inf\]"),
-    (lambda: as_number(10**400, "x"), "x: expected a number in"), (lambda: as_array([10**400], "a", (1,)), "a: expected"),
+    (lambda: as_number(10**400, "x"), "x: expected a number in"),
+    (lambda: as_array([10**400], "a", (1,)), "a: expected"),
     (lambda: as_unit([0, 0, 0], "axis"), "axis: expected a direction"),
     (lambda: as_rotation_matrix(np.diag([1, 1, -1]), "R"), "R: expected a rotation"),
     (lambda: as_rotation_matrix(2 * np.eye(3), "R"), "R: expected a rotation")])

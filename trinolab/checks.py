@@ -64,7 +64,10 @@ def as_number(value: Any, name: str, low: float = -np.inf, high: float = np.inf,
     """Check one finite number in [low, high], or in (low, high] when `open_low` is set."""
     if isinstance(value, (bool, np.bool_)) or not isinstance(value, (int, float, np.integer, np.floating)):
         raise ValueError(f"{name}: expected a number, got {value!r}")
-    number = float(value) if abs(value) < 1e300 else np.inf  # a whole number may be too large for a float
+    try:
+        number = float(value)
+    except OverflowError:  # a whole number too large for a float
+        number = np.inf
     if not np.isfinite(number) or number < low or number > high or (open_low and number == low):
         bracket = "(" if open_low else "["
         raise ValueError(f"{name}: expected a number in {bracket}{low:g}, {high:g}], got {value!r}")
