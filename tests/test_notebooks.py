@@ -12,8 +12,8 @@ NOTEBOOKS = sorted(Path(__file__).resolve().parents[1].glob("notebooks/*.ipynb")
 OTHER_PARAMETERS = {
     "02_workspace": {"rig_name": "raised_40deg", "half_angle_deg": 15.0},
     "05_markers": {"surplus": 3.0, "read_noise": 6.0, "seed": 1},
-    "08_pose": {},
-    "09_table1": {},
+    "08_pose": {"handle_name": "coded", "sigma_px": 0.05, "seed": 3},
+    "09_table1": {"handle_name": "coded", "seed": 1, "noise_px": 0.1},
 }
 ERRORS = {"E_t_mm", "E_alpha_deg", "E_beta_deg", "E_gamma_deg"}
 

@@ -148,7 +148,7 @@ def test_no_edge_is_missed(camera, T):
 def test_a_body_thinner_than_a_pixel_is_not_missed():
     """0.4 px wide: its light is that of its area in the image, whatever pixel centres it passes by."""
     tiny, sharp = scaled(PLAIN, 1 / 128), Bench(shading=0, texture_contrast=0, background_grey=0, marker_grey=90)
-    for x in np.linspace(0, 20, 7):
+    for x in (0, 7, 19):
         T = pose([x, 75, 540], Rotation.identity())
         whole = radiance(PLAIN, PAPER, T, sharp).sum() / 128**2
         assert radiance(tiny, PAPER, T, sharp).sum() == pytest.approx(whole, rel=0.15)  # 8 x 8 samples a pixel

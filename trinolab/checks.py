@@ -26,16 +26,20 @@ def frozen(array: np.ndarray) -> np.ndarray:
 
 
 def as_array(value: ArrayLike, name: str, shape: tuple[int | None, ...], finite: bool = True) -> Array:
-    """Check a float array of a given shape; ``None`` in `shape` stands for any length."""
+    """Check a float array of a given shape; ``None`` in `shape` stands for any length.
+
+    Without `finite`, NaN stands for what is missing; infinity is a mistake all the same.
+    """
     wanted = "(" + ", ".join("n" if n is None else str(n) for n in shape) + ("," if len(shape) == 1 else "") + ")"
     try:
         array = np.asarray(value, dtype=float)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise ValueError(f"{name}: expected numbers of shape {wanted}, got {type(value).__name__}") from None
     if array.ndim != len(shape) or any(n not in (None, m) for n, m in zip(shape, array.shape, strict=True)):
         raise ValueError(f"{name}: expected shape {wanted}, got {array.shape}")
-    if finite and not np.isfinite(array).all():
-        raise ValueError(f"{name}: expected finite numbers, got {np.count_nonzero(~np.isfinite(array))} that are not")
+    wrong = ~np.isfinite(array) if finite else np.isinf(array)
+    if wrong.any():
+        raise ValueError(f"{name}: expected finite numbers, got {np.count_nonzero(wrong)} that are not")
     return frozen(array)
 
 
@@ -60,7 +64,10 @@ def as_number(value: Any, name: str, low: float = -np.inf, high: float = np.inf,
     """Check one finite number in [low, high], or in (low, high] when `open_low` is set."""
     if isinstance(value, (bool, np.bool_)) or not isinstance(value, (int, float, np.integer, np.floating)):
         raise ValueError(f"{name}: expected a number, got {value!r}")
-    number = float(value)
+    try:
+        number = float(value)
+    except OverflowError:  # a whole number too large for a float
+        number = np.inf
     if not np.isfinite(number) or number < low or number > high or (open_low and number == low):
         bracket = "(" if open_low else "["
         raise ValueError(f"{name}: expected a number in {bracket}{low:g}, {high:g}], got {value!r}")

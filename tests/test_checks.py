@@ -1,0 +1,48 @@
+"""The shared checks: what passes, and what is named when it does not."""
+
+import numpy as np
+import pytest
+
+from trinolab.checks import as_array, as_image, as_number, as_points, as_rotation_matrix, as_unit, frozen, read_toml
+
+
+def test_arrays_come_back_read_only_and_are_copies():
+    given = np.ones((2, 3))
+    array = as_points(given, "points", 3)
+    given[0, 0] = 5.0
+    assert array[0, 0] == 1.0
+    assert not array.flags.writeable
+    assert not frozen(given).flags.writeable
+
+
+@pytest.mark.parametrize(("call", "words"), [
+    (lambda: as_array([[1, 2]], "a", (None, 3)), r"a: expected shape \(n, 3\), got \(1, 2\)"),
+    (lambda: as_array([1, np.nan], "a", (2,)), "a: expected finite numbers, got 1"),
+    (lambda: as_array([1, np.inf], "a", (2,), finite=False), "a: expected finite numbers, got 1"),
+    (lambda: as_array("text", "a", (2,)), "a: expected numbers"),
+    (lambda: as_array([[1], [2, 3]], "a", (2, 2)), "a: expected numbers"),
+    (lambda: as_image(np.zeros((2, 3, 3)), "image"), "image: expected a grey image"),
+    (lambda: as_image(np.zeros((2, 3)), "image", (2, 3)), "image: expected 2 x 3 pixels, got 3 x 2"),
+    (lambda: as_image(np.full((2, 3), np.nan), "image"), "image: expected finite"),
+    (lambda: as_number("1", "x"), "x: expected a number, got '1'"),
+    (lambda: as_number(True, "x"), "x: expected a number"),
+    (lambda: as_number(0, "x", low=0, open_low=True), r"x: expected a number in \(0, inf\]"),
+    (lambda: as_number(10**400, "x"), "x: expected a number in"),
+    (lambda: as_array([10**400], "a", (1,)), "a: expected"),
+    (lambda: as_unit([0, 0, 0], "axis"), "axis: expected a direction"),
+    (lambda: as_rotation_matrix(np.diag([1, 1, -1]), "R"), "R: expected a rotation"),
+    (lambda: as_rotation_matrix(2 * np.eye(3), "R"), "R: expected a rotation")])
+def test_mistakes_are_named(call, words):
+    with pytest.raises(ValueError, match=words):
+        call()
+
+
+def test_nan_stands_for_a_missing_point():
+    assert np.isnan(as_points([[np.nan, 1]], "uv", 2)).any()
+
+
+def test_files_that_are_none(tmp_path):
+    (tmp_path / "a.toml").write_bytes(b"\xff\xfe")
+    for name, words in (("a.toml", "no valid TOML"), ("b.toml", "cannot be read")):
+        with pytest.raises(ValueError, match=words):
+            read_toml(tmp_path / name)
