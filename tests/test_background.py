@@ -171,6 +171,16 @@ def test_crop_and_contains_by_hand():
     assert window.centre == (4.5, 1.5)
 
 
+def test_around_points_and_blank_outside():
+    window = Window.around([[3.4, 7.6], [np.nan, 0], [6.5, 8.4]])
+    assert window == Window(3, 8, 5, 1)  # 3.4 lies on pixel 3, 6.5 on pixel 7, 7.6 and 8.4 on pixel 8
+    assert window.contains([[3.4, 7.6], [6.5, 8.4]]).all()
+    assert Window.around([[np.nan, 1]]) is None
+    image = np.arange(1, 13).reshape(3, 4)
+    np.testing.assert_array_equal(Window(1, 0, 2, 2).blank_outside(image), [[0, 2, 3, 0], [0, 6, 7, 0], [0, 0, 0, 0]])
+    assert image[0, 0] == 1
+
+
 def test_grown_and_clipped():
     assert Window(3, 1, 4, 2).grown(1.2) == Window(1, -1, 8, 6)
     assert Window(1, -1, 8, 6).clipped((7, 4)) == Window(1, 0, 6, 4)
@@ -187,9 +197,19 @@ def test_grown_and_clipped():
     lambda: light_gain(FRAME, BACKGROUND, 0), lambda: moving_window(FRAME), lambda: moving_window(MASK, -1),
     lambda: step(BACKGROUND[:-1], FRAME), lambda: Window(0, 0, 0, 1), lambda: Window(0.5, 0, 1, 1),
     lambda: Window(0, 0, 9, 9).crop(np.zeros((5, 5))), lambda: Window(0, 0, 1, 1).grown(-1),
+    lambda: Window(3, 0, 2, 2).blank_outside(np.zeros((4, 4))), lambda: Window.around([1, 2]),
     lambda: Window(0, 0, 1, 1).contains([1, 2]), lambda: BackgroundParameters(update_rate=2),
     lambda: BackgroundParameters(difference_threshold=-1), lambda: BackgroundParameters(min_pixels="few"),
     lambda: BackgroundParameters(masked_rate=-0.1), lambda: BackgroundParameters(compensate_light=1)])
 def test_bad_input_is_a_value_error(call):
     with pytest.raises(ValueError, match="expected"):
         call()
+
+
+def test_noise_that_is_left_in_the_background():
+    rng, alpha, frames = np.random.default_rng(2), 0.1, 100
+    background = rng.normal(45, 2, (60, 80))
+    for _ in range(frames):
+        background = update(background, rng.normal(45, 2, (60, 80)), alpha)
+    # alpha / (2 - alpha) of the variance; that of a variance's estimate from 4800 pixels is 2 %
+    assert background.var() / 4 == pytest.approx(alpha / (2 - alpha), rel=0.08)

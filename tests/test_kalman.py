@@ -10,7 +10,7 @@ from scipy.linalg import block_diag, expm
 from scipy.stats import chi2
 
 from trinolab.covariance import covariance_root
-from trinolab.image_track import Track, draw, run, search_window, track
+from trinolab.image_track import Track, draw, nees, run, search_window, search_windows, track
 from trinolab.kalman import (
     KalmanParameters,
     State,
@@ -148,22 +148,20 @@ def test_without_noise_of_the_motion_the_filter_is_a_fitted_parabola():
     np.testing.assert_allclose((x.mean[-1] - np.transpose(expected).ravel()) / scale, 0, atol=1e-4)  # (fit / vague)^2
 
 
-def nees(start, draws, frames, seed, covariance=None):
+def mean_nees(start, draws, frames, seed, covariance=None):
     """Mean NEES a frame over motions drawn from the model, shape (frames,)."""
     rng, total = np.random.default_rng(seed), np.zeros(frames)
     F, Q = constant_acceleration(DT), white_jerk(DT, PX.jerk_intensity)
     for _ in range(draws):
         states, observed = draw(start, frames, F, Q, H, R, rng)
         believed = State(start.mean, start.covariance if covariance is None else covariance)
-        found = run(believed, observed, F, Q, H, R).updated
-        error = found.mean - states
-        total += np.einsum("ki,ki->k", error, np.linalg.solve(found.covariance, error[..., None])[..., 0])
+        total += nees(run(believed, observed, F, Q, H, R).updated, states)
     return total / draws
 
 
 def test_errors_are_as_large_as_the_covariance_says():
     draws = 60
-    values = nees(initial_state([0, 0], PX), draws, 12, seed=3)
+    values = mean_nees(initial_state([0, 0], PX), draws, 12, seed=3)
     low, high = chi2.ppf([0.025, 0.975], 6 * draws) / draws  # 95 % band of the mean of 60 draws
     assert low < values[0] < high
     assert low < values[-1] < high
@@ -186,8 +184,14 @@ def test_initial_covariance_zero_is_far_too_sure():
     assert 300 < expected_nees_from_zero(PX.jerk_intensity, 10)[-1] < 340
     assert expected_nees_from_zero(PX.jerk_intensity / 10, 10)[-1] > 10_000  # it is Q that decides
     assert expected_nees_from_zero(100 * PX.jerk_intensity, 30)[-1] < 4.1
-    drawn = nees(initial_state([0, 0], PX), 25, 10, seed=4, covariance=np.zeros((6, 6)))
+    drawn = mean_nees(initial_state([0, 0], PX), 25, 10, seed=4, covariance=np.zeros((6, 6)))
     assert drawn[-1] > 100  # all six of the state; the right filter has 6
+
+
+def test_nees_by_hand():
+    states = State(np.array([[1.0, 2.0], [0.0, 0.0]]), np.array([np.diag([4.0, 9.0]), [[2.0, 1.0], [1.0, 2.0]]]))
+    # 2^2 / 4 + 3^2 / 9; the inverse of the second is ((2, -1), (-1, 2)) / 3
+    np.testing.assert_allclose(nees(states, [[3, 5], [1, 1]]), [2, 2 / 3], atol=1e-12)
 
 
 def test_nis_and_gate_by_hand():
@@ -248,6 +252,16 @@ def test_search_window_by_hand():
     assert search_window(state, Window(0, 0, 21, 11), (80, 800), p) is None
 
 
+def test_search_windows_pair_a_prediction_with_the_window_before():
+    windows = [Window(500 + 10 * k, 5, 20 + k, 9) for k in range(4)]
+    way = track(np.arange(4) * DT, [w.centre for w in windows], PX)
+    found = search_windows(way, windows, (900, 200), PX)
+    assert len(found) == 3
+    third = State(way.predicted.mean[2], way.predicted.covariance[2])
+    assert found[1] == search_window(third, windows[1], (900, 200), PX)
+    assert search_windows(way, windows, (300, 200), PX) == (Window(0, 0, 300, 200),) * 3  # expected outside: everywhere
+
+
 def test_drawn_motion_has_the_models_moments():
     rng, F, Q = np.random.default_rng(7), constant_acceleration(0.5), white_jerk(0.5, 100.0)
     start = initial_state([1.0, 2.0], KalmanParameters(sigma_px=1.0, velocity_sigma=3.0, acceleration_sigma=5.0))
@@ -284,10 +298,15 @@ F1, Q1 = constant_acceleration(DT), white_jerk(DT, 1.0)
     lambda: track([0, 0.1], [[0, 0]], PX), lambda: track([0, 0], [[0, 0]] * 2, PX),
     lambda: track([0.1, 0], [[0, 0]] * 2, PX), lambda: track([], np.empty((0, 2)), PX),
     lambda: track([0, 1], [[0, 0], [np.inf, 0]], PX), lambda: track([0, np.nan], [[0, 0]] * 2, PX),
+    lambda: search_windows(track([0.0], [[0, 0]], PX), [], (9, 9), PX), lambda: nees(State(np.zeros((2, 3)), np.eye(3)),
+                                                                                      np.zeros((2, 3))),
+    lambda: nees(State(np.zeros((1, 2)), np.zeros((1, 2, 2))), np.zeros((1, 2))),
     lambda: draw(GOOD, 0, F1, Q1, H, R, np.random.default_rng(0)), lambda: draw(GOOD, 3, F1, Q1, H, R, 0),
     lambda: KalmanParameters(jerk_intensity=-1), lambda: KalmanParameters(sigma_px=0),
     lambda: KalmanParameters(gate_probability=1), lambda: KalmanParameters(velocity_sigma=np.inf),
-    lambda: covariance_root([[0, 1], [1, 0]], "C", 2)])
+    lambda: track([0.1, 0], [[np.nan, 0]] * 2, PX), lambda: covariance_root([[0, 1], [1, 0]], "C", 2),
+    lambda: covariance_root([[1, 0.9, -0.9], [0.9, 1, 0.9], [-0.9, 0.9, 1]], "C", 3),
+    lambda: covariance_root([[1, 0.1], [0.2, 1]], "C", 2)])
 def test_bad_input_is_a_value_error(call):
     with pytest.raises(ValueError, match="expected"):
         call()

@@ -79,7 +79,8 @@ def test_discs_are_kept_although_the_search_leaves_them():
     assert len(find_markers(255 * (image > steps[-1].threshold).astype(np.uint8), 12).uv) == 0
     found = find_markers(image, 12)
     assert len(found.uv) == 8
-    assert np.linalg.norm(found.uv[:, None] - centres, axis=2).min(axis=0).max() < 0.1  # px; the bridge's end
+    # px: two rows of the bridge, 5 px wide and 75 grey levels bright, 9 px off, weigh 0.19 against the disc
+    assert np.linalg.norm(found.uv[:, None] - centres, axis=2).min(axis=0).max() < 0.25
 
 
 def wrapped_centroid_mm(theta, radius, disc):

@@ -15,12 +15,15 @@ NOTEBOOKS = sorted(ROOT.glob("notebooks/*.ipynb"))
 
 # A module imports only from those before it.
 ORDER = [
-    "checks", "lens", "camera", "rigfile", "handle", "metrics", "datasets", "ledger", "cones", "convex", "faces",
+    "checks", "lens", "camera", "rigfile", "handle", "metrics", "fetch", "board", "datasets", "realsets", "ledger",
+    "cones", "convex", "faces",
     "workspace", "plotting", "window", "background", "covariance", "kalman", "image_track", "markers", "matching",
-    "triangulation", "pose", "hypotheses", "identity", "refine", "calibration", "tracker", "raycast", "capsule", "arm",
-    "motion", "bench", "scene", "recording", "errata_workspace", "errata_background",
+    "triangulation", "pose", "hypotheses", "identity", "parameters", "estimation", "refine", "corners", "relative", "zhang",
+    "adjustment",
+    "calibration", "tracker", "raycast", "capsule", "arm",
+    "motion", "bench", "scene", "boardscene", "boardtrial", "recording", "errata_workspace", "errata_background",
     "errata_kalman", "errata_markers", "errata_pose", "errata_table1", "errata", "teleop", "slave",
-    "sweep", "workflows", "scoreboard", "cli",
+    "sweep", "workflows", "evidence", "trials", "scoreboard", "cli",
 ]
 # all that makes the truth may know
 BENCH = {"checks", "lens", "camera", "handle", "raycast", "capsule", "arm", "motion", "bench"}
@@ -75,6 +78,8 @@ def test_truth_and_estimate_share_only_camera_and_handle():
     for name in BENCH | {"scene"}:
         assert found.get(name, set()) <= BENCH, name
     assert "scene" not in found.get("tracker", set())
+    assert found["boardscene"] <= BENCH | {"board"}
+    assert not {"boardscene", "bench"} & (found["calibration"] | found["corners"])
 
 
 def test_only_plotting_draws():

@@ -173,7 +173,7 @@ def test_an_old_pose_chooses_no_more(clip):
 
 
 def test_an_empty_scene_is_lost_and_has_no_window(clip):
-    empty, poses, _ = clip
+    empty, _, _ = clip
     state, measurement = step(start(empty, RIG, 0.0), empty, 1 / 30, RIG, PAPER)
     assert measurement.pose.status == "lost"
     assert all(camera.window is None for camera in state.cameras)

@@ -112,7 +112,7 @@ def calibrate(target: ArrayLike, uv: ArrayLike, sizes: Sequence[tuple[int, int]]
     ValueError
         For wrong shapes; a target that is not flat; a camera with fewer than three views; a camera that shares no view
         with the others, directly or through a third one; views that do not determine the parameters, as when the
-        target was always tilted alike.
+        target was always tilted alike; pixels that no cameras explain.
     """
     target, uv = _checked(target, uv, sizes, distortion_terms)
     starts = [_start(target, views, size, k) for k, (views, size) in enumerate(zip(uv, sizes, strict=True))]
@@ -183,7 +183,10 @@ def _adjusted(layout: Layout, target: Array, uv: Array, x0: Array) -> tuple[Arra
     # MINPACK works with one thread; where a step leaves the lens model's range it is to be refused
     solution = least_squares(lambda x: np.nan_to_num(residuals(layout, target, uv, x)[valid], nan=1e6), x0,
                              jac=lambda x: slopes(layout, target, x)[valid], method="lm", x_scale="jac",
-                             ftol=1e-15, xtol=1e-15, gtol=1e-15)
+                             ftol=1e-15, xtol=1e-15, gtol=1e-15, max_nfev=300)
+    lost = not np.isfinite(residuals(layout, target, uv, solution.x)[valid]).all()
+    if lost or solution.status == 0 or (layout.split(solution.x)[0][:, :2] <= 0).any():
+        raise ValueError("uv: expected views of the target; no cameras were found that explain them")
     scale = np.linalg.norm(solution.jac, axis=0)
     J = solution.jac / np.where(scale > 0, scale, 1.0)
     values, vectors = np.linalg.eigh(J.T @ J)

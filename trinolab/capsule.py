@@ -55,8 +55,9 @@ def cast_capsules(local: Capsules, directions: Array) -> CapsuleHits:
         direction's z is 1.
     """
     depths, normals = np.full(directions.shape[1], np.inf), np.zeros((directions.shape[1], 3))
-    for start, end, radius, corners in zip(*local, _corners(local), strict=True):
-        near = np.flatnonzero(_in_box(corners, directions))
+    x, y, z = directions
+    for start, end, radius, low, high in zip(*local, *_boxes(local), strict=True):
+        near = np.flatnonzero((x >= low[0] * z) & (x <= high[0] * z) & (y >= low[1] * z) & (y <= high[1] * z))
         rays = directions[:, near]
         depth = _meet_capsule(start, end, radius, rays)
         closer = depth < depths[near]
@@ -83,14 +84,15 @@ def _corners(local: Capsules) -> Array:
     return np.concatenate([local.starts[:, None] + ball, local.ends[:, None] + ball], axis=1)
 
 
-def _in_box(corners: Array, directions: Array) -> np.ndarray:
-    """Which directions, shape (3, n), may meet the hull of points; all of them where it reaches behind the camera."""
-    if (corners[:, 2] <= 0).any():
-        return np.full(directions.shape[1], not (corners[:, 2] <= 0).all())
-    xy = corners[:, :2] / corners[:, 2:]
-    (x0, y0), (x1, y1) = xy.min(axis=0), xy.max(axis=0)
-    x, y, z = directions
-    return np.asarray((x >= x0 * z) & (x <= x1 * z) & (y >= y0 * z) & (y <= y1 * z))
+def _boxes(local: Capsules) -> tuple[Array, Array]:
+    """Lowest and highest x/z, y/z of each capsule, shapes (m, 2); no limits where one reaches behind the camera."""
+    corners = _corners(local)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        xy = corners[..., :2] / corners[..., 2:]
+    low, high = xy.min(axis=1), xy.max(axis=1)
+    low[(corners[..., 2] <= 0).any(axis=1)] = -np.inf
+    high[(corners[..., 2] <= 0).any(axis=1)] = np.inf
+    return low, high
 
 
 def _meet_capsule(start: Array, end: Array, radius: float, rays: Array) -> Array:

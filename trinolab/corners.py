@@ -17,7 +17,7 @@ def find_corners(image: ArrayLike, board: Board, half_window_px: int = 7) -> Arr
     """Find the inner corners of a board to sub-pixel accuracy.
 
     The search fits the corner at which the grey gradients in a window are all perpendicular to the line to it. The
-    window must not reach the neighbouring corners: their gradients point elsewhere.
+    half window should stay below half of the smallest distance between corners: beyond, other edges pull some away.
 
     Parameters
     ----------

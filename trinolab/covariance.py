@@ -36,10 +36,10 @@ def covariance_root(value: ArrayLike, name: str, n: int) -> Array:
     """
     C = as_array(value, name, (n, n))
     scale = np.sqrt(np.maximum(C.diagonal(), TINY))
-    with np.errstate(over="ignore"):  # what overflows is above 1
+    with np.errstate(over="ignore", invalid="ignore"):  # what overflows is above 1, or NaN
         correlation = C / scale[:, None] / scale
-    fits = (C.diagonal() >= 0).all() and np.abs(correlation).max(initial=0) <= 1 + RELATIVE_ATOL
-    if not fits or np.abs(correlation - correlation.T).max(initial=0) > RELATIVE_ATOL:
+        skewness = np.abs(correlation - correlation.T).max(initial=0)
+    if not (np.abs(correlation).max(initial=0) <= 1 + RELATIVE_ATOL and skewness <= RELATIVE_ATOL):
         raise ValueError(f"{name}: expected a symmetric, positive semi-definite matrix, got {C.tolist()}")
     values, vectors = np.linalg.eigh(correlation)
     if values.min(initial=0) < -RELATIVE_ATOL:

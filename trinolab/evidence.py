@@ -25,7 +25,7 @@ PARTICLES = MarkerParameters(diameter_px=(2.5, 14.0), min_axis_ratio=0.3, min_fi
 
 
 def photographed_calibration(half_window_px: int = 7) -> Calibrated | None:
-    """Calibrate OpenCV's 13 pairs of photographs of a chessboard; a window of +-7 px stays clear of the next corner."""
+    """Calibrate OpenCV's 13 pairs of photographs of a chessboard; the smallest squares are 20 px across."""
     photographs = load_opencv_stereo()
     if photographs is None:
         return None
@@ -68,12 +68,12 @@ def board_errors_mm(min_angle_deg: float = 30.0) -> Array | None:
     return errors
 
 
-def particle_errors_px(window_px: int = 11) -> Array | None:
+def particle_errors_px(window_px: int = 9) -> Array | None:
     """Distance of each position that trackpy gives from the nearest marker that `find_markers` finds; (344,), px.
 
     The image is bright with dark particles, and uneven; what is searched is its difference from the mean over a window
-    that is just wider than a particle (9 px). A position without a marker of its own counts with its distance from the
-    nearest other one.
+    as wide as a particle (9 px, as in the reference). A position without a marker of its own counts with its distance
+    from the nearest other one.
     """
     particles = load_trackpy_particles()
     if particles is None:

@@ -88,10 +88,10 @@ def find(real: RealSet, fetch: bool = False) -> Path | None:
     return _checked(real, _fetched(real, cache)) if fetch else None
 
 
-def why_not(real: RealSet) -> str:
+def why_not(real: RealSet | None = None) -> str:
     """Why a set is not here, for a chapter, a test or the scoreboard to say."""
-    named = os.environ.get(VARIABLE, "")
-    return f"{VARIABLE} has no {real.name}" if named else f"{VARIABLE} is not set"
+    named, what = os.environ.get(VARIABLE, ""), real.name if real else "such set"
+    return f"{VARIABLE} has no {what}" if named else f"{VARIABLE} is not set"
 
 
 def cache_folder() -> Path:

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from scipy.stats import chi2
 
 from .checks import Array, as_array, as_number, as_points, frozen
-from .covariance import covariance_root
+from .covariance import covariance_root, solve_covariance
 from .kalman import (
     MIN_DT_S,
     KalmanParameters,
@@ -144,6 +144,41 @@ def search_window(state: State, window: Window, size: tuple[int, int],
     u, v = np.clip(np.rint(state.mean[:2] - (np.array([window.width, window.height]) - 1) / 2), -(2**29), 2**29)
     moved = Window(int(u), int(v), window.width, window.height)
     return moved.grown(min(margin, 2.0**29)).clipped(size)
+
+
+def search_windows(way: Track, windows: Sequence[Window], size: tuple[int, int],
+                   parameters: KalmanParameters | None = None) -> tuple[Window, ...]:
+    """The search window of each instant but the first, from the prediction and the window before; see `search_window`.
+
+    It is all of the image where the target is expected outside: then nothing is known.
+
+    Raises ValueError if there is not one window for each instant of the track.
+    """
+    if len(windows) != len(way.used):
+        raise ValueError(f"windows: expected one for each of {len(way.used)} instants, got {len(windows)}")
+    predicted = zip(way.predicted.mean[1:], way.predicted.covariance[1:], strict=True)
+    return tuple(search_window(State(*state), window, size, parameters) or Window(0, 0, *size)
+                 for state, window in zip(predicted, windows, strict=False))
+
+
+def nees(states: State, truth: ArrayLike) -> Array:
+    """Normalised error squared e^T P^-1 e of k states of n numbers: of mean n if the filter is consistent; shape (k,).
+
+    Parameters
+    ----------
+    states : State
+        Means (k, n) and covariances (k, n, n).
+    truth : array_like, shape (k, n)
+
+    Raises
+    ------
+    ValueError
+        For a wrong shape, or a covariance that is not positive definite.
+    """
+    mean = as_array(states[0], "mean", (None, None))
+    error = as_array(truth, "truth", mean.shape) - mean
+    covariances = as_array(states[1], "covariance", (len(mean), mean.shape[1], mean.shape[1]))
+    return frozen(np.array([e @ solve_covariance(P, e, "covariance") for e, P in zip(error, covariances, strict=True)]))
 
 
 def draw(start: State, count: int, F: ArrayLike, Q: ArrayLike, H: ArrayLike, R: ArrayLike,

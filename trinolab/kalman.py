@@ -21,7 +21,9 @@ MIN_DT_S = 1e-9  # its fifth power is still a number
 
 @dataclass(frozen=True)
 class KalmanParameters:
-    """Parameters of the filter of a point in the image.
+    """Parameters of the filter of a point in the image; the defaults fit W_ROI's centre in images of 1280 x 1024.
+
+    That centre jumps when a part of the target leaves the image: hence a `sigma_px` of several px.
 
     Attributes
     ----------
@@ -41,8 +43,8 @@ class KalmanParameters:
         Names the field that is no number or out of range.
     """
 
-    jerk_intensity: float = 5e7
-    sigma_px: float = 3.0
+    jerk_intensity: float = 2e8
+    sigma_px: float = 6.0
     velocity_sigma: float = 1000.0
     acceleration_sigma: float = 3000.0
     gate_probability: float = 0.999

@@ -39,6 +39,19 @@ class Window:
                 raise ValueError(f"{name}: expected a whole number, got {number!r}")
             object.__setattr__(self, name, int(number))
 
+    @classmethod
+    def around(cls, uv: ArrayLike) -> Window | None:
+        """The smallest window whose pixels hold the points uv (n, 2), px; NaN rows are left out, None if all are.
+
+        Raises ValueError if `uv` are no points.
+        """
+        points = as_points(uv, "uv", 2)
+        points = points[~np.isnan(points).any(axis=1)]
+        if len(points) == 0:
+            return None
+        (u, v), (last_u, last_v) = np.floor(points.min(axis=0) + 0.5), np.floor(points.max(axis=0) + 0.5)
+        return cls(u, v, last_u - u + 1, last_v - v + 1)
+
     @property
     def area(self) -> int:
         """Number of its pixels."""
@@ -70,7 +83,18 @@ class Window:
 
         Raises ValueError if `image` is no grey image, or the window is not inside it.
         """
+        grey = self._inside(image)
+        return grey[self.v:self.v + self.height, self.u:self.u + self.width]
+
+    def blank_outside(self, image: ArrayLike) -> np.ndarray:
+        """A copy of an image (height, width) that is 0 outside the window; raises ValueError as `crop`."""
+        grey = self._inside(image)
+        blank = np.zeros_like(grey)
+        self.crop(blank)[:] = self.crop(grey)
+        return blank
+
+    def _inside(self, image: ArrayLike) -> np.ndarray:
         grey = as_image(image, "image")
         if self.clipped((grey.shape[1], grey.shape[0])) != self:
             raise ValueError(f"image: expected one that holds {self}, got {grey.shape[1]} x {grey.shape[0]} pixels")
-        return grey[self.v:self.v + self.height, self.u:self.u + self.width]
+        return grey
