@@ -26,6 +26,8 @@ from jupyter_cache import get_cache
 from nbclient.exceptions import CellExecutionError, CellTimeoutError, DeadKernelError
 
 from trinolab.cli import as_text
+from trinolab.errata import effects
+from trinolab.ledger import write_pages
 from trinolab.sweep import ONE_THREAD, run_notebook
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -35,6 +37,7 @@ EXECUTED = BUILD / "executed"
 FINGERPRINT = BUILD / "fingerprint"
 SCOREBOARD = BUILD / "scoreboard.csv"
 NEW_SCOREBOARD = BUILD / "scoreboard.new.csv"
+GENERATED = BUILD / "generated"  # parts of pages that come from the ledger of equations
 HTML = BUILD / "html"
 
 
@@ -68,6 +71,7 @@ def drop_if_changed() -> None:
     now = fingerprint()
     if not FINGERPRINT.exists() or FINGERPRINT.read_text() != now:
         shutil.rmtree(CACHE, ignore_errors=True)
+        shutil.rmtree(GENERATED, ignore_errors=True)
         SCOREBOARD.unlink(missing_ok=True)
         FINGERPRINT.write_text(now)
 
@@ -88,6 +92,8 @@ def stale_commands() -> dict[str, list[str]]:
     if not SCOREBOARD.exists():
         trinolab = Path(sys.executable).with_name("trinolab")
         commands["scoreboard"] = [str(trinolab), "scoreboard", "--csv", str(NEW_SCOREBOARD)]
+    if not (GENERATED / "equations.md").exists():  # the one that is written last
+        commands["ledger"] = [sys.executable, __file__, "--ledger"]
     for path in chapters():
         try:
             get_cache(CACHE).match_cache_file(str(path))
@@ -168,11 +174,17 @@ def run_chapter(path: Path) -> int:
     return 0
 
 
+def run_ledger() -> int:
+    """Write the parts of pages that come from the ledger of equations, with the effects of the misprints."""
+    write_pages(GENERATED, effects())
+    return 0
+
+
 def keep(name: str) -> None:
     """Take over the result of a job, in this process alone: the cache's database suffers only one writer at a time."""
     if name == "scoreboard":
         NEW_SCOREBOARD.replace(SCOREBOARD)
-    else:
+    elif name != "ledger":
         path = EXECUTED / f"{name}.ipynb"
         get_cache(CACHE).cache_notebook_file(str(path), uri=str(ROOT / "notebooks" / path.name), overwrite=True)
 
@@ -187,4 +199,6 @@ def build_pages() -> bool:
 
 
 if __name__ == "__main__":
-    sys.exit(run_chapter(Path(sys.argv[2])) if sys.argv[1:2] == ["--chapter"] else main())
+    if sys.argv[1:2] == ["--chapter"]:
+        sys.exit(run_chapter(Path(sys.argv[2])))
+    sys.exit(run_ledger() if sys.argv[1:2] == ["--ledger"] else main())

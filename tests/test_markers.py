@@ -3,8 +3,13 @@
 import cv2
 import numpy as np
 import pytest
+from scipy.integrate import quad
+from scipy.spatial.transform import RigidTransform, Rotation
 
+from trinolab.datasets import load_handle, load_rig
+from trinolab.handle import slants
 from trinolab.markers import MarkerParameters, centroid, find_markers, iterative_threshold
+from trinolab.scene import Bench, render
 
 
 def disc_image(centres, radius=8.0, size=(160, 120), body=90.0, marker=220.0, samples=16):
@@ -61,6 +66,45 @@ def test_bisection_ends_although_the_count_is_never_reached():
     steps = iterative_threshold(image, 5)
     assert steps[-1].contours != 5
     assert len(steps) <= 8  # 220 - 90 grey levels, halved until under one
+
+
+def test_discs_are_kept_although_the_search_leaves_them():
+    """Wanted are 18: the bisection counts 8, then 4 (the bridges), and ends where no contour is a disc."""
+    centres = [(30 + 45 * k, 40 + 70 * j) for k in range(4) for j in range(2)]
+    image = disc_image(centres, size=(200, 150), body=45.0)
+    for k in range(4):
+        image[49:102, 28 + 45 * k:33 + 45 * k] = 120  # beyond the blurred edge, so that the centroid is not concerned
+    steps = iterative_threshold(image, 18)
+    assert [step.contours for step in steps[:2]] == [8, 4]
+    assert len(find_markers(255 * (image > steps[-1].threshold).astype(np.uint8), 12).uv) == 0
+    found = find_markers(image, 12)
+    assert len(found.uv) == 8
+    # px: two rows of the bridge, 5 px wide and 75 grey levels bright, 9 px off, weigh 0.19 against the disc
+    assert np.linalg.norm(found.uv[:, None] - centres, axis=2).min(axis=0).max() < 0.25
+
+
+def wrapped_centroid_mm(theta, radius, disc):
+    """Where a disc wrapped on a cylinder has its centroid from far away, mm from the axis: numerical integrals."""
+    seen = lambda a: 2 * np.sqrt(disc**2 - a**2) * np.cos(theta + a / radius)  # noqa: E731
+    area = quad(seen, -disc, disc)[0]
+    return quad(lambda a: seen(a) * radius * np.sin(theta + a / radius), -disc, disc)[0] / area
+
+
+@pytest.mark.parametrize("turn_deg", [5, 25, 45, 65])
+def test_centroid_of_a_wrapped_marker_is_off_by_what_geometry_says(turn_deg):
+    """Even light and a rod as dark as the background: only the wrapping is left."""
+    camera, handle = load_rig("paper_pair").cameras[0], load_handle("paper")
+    bench = Bench(shading=0, body_grey=45, texture_contrast=0, shot_variance=0, read_noise=0)
+    turn = Rotation.from_euler("Y", 180 + turn_deg, degrees=True)
+    T = RigidTransform.from_components([0.0, 0.0, 570.0], turn)
+    found = find_markers(render(camera, handle, T, bench, np.random.default_rng(0)), 12).uv
+    theta = slants(handle, T, camera.centre)[0]
+    truth = camera.project(T.apply(handle.marker_centres[:1]))[0]
+    error = found[np.linalg.norm(found - truth, axis=1).argmin()] - truth
+    scale = camera.focal[0] / (570 - 5 * np.cos(theta))  # px/mm
+    inward = (handle.radius_mm * np.sin(theta) - wrapped_centroid_mm(theta, 5.0, 1.5)) * scale
+    assert abs(error[0]) == pytest.approx(inward, abs=0.03)  # px; pixels and perspective, worst 0.02
+    assert (error[0] < 0) == (truth[0] > camera.principal_point[0])  # towards the axis
 
 
 def test_a_flat_image_has_no_steps_and_no_markers():

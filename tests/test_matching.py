@@ -3,8 +3,10 @@
 import cv2
 import numpy as np
 import pytest
+from scipy.spatial.transform import RigidTransform, Rotation
 
 from trinolab.datasets import load_handle, load_rig, load_table1
+from trinolab.markers import find_markers
 from trinolab.matching import (
     Matches,
     MatchParameters,
@@ -17,6 +19,7 @@ from trinolab.matching import (
     ncc_matrix,
 )
 from trinolab.scene import Bench, render_rig, true_visibility
+from trinolab.tracker import measure
 
 PAIR = load_rig("paper_pair").cameras
 
@@ -118,6 +121,51 @@ def test_rendered_markers_are_among_the_candidates_and_matched():
     found = {tuple(pair) for pair in candidates(*rig.cameras, *frames, *uv).index.tolist()}
     assert {(k, k) for k in range(len(seen))} <= found
     assert match(*rig.cameras, *frames, *uv).index.tolist() == [[k, k] for k in range(len(seen))]
+
+
+@pytest.fixture(scope="module")
+def across():
+    """A rod across the baseline from CCD1 to CCD3, turned so that each camera sees another column head-on."""
+    rig, handle, up = load_rig("raised_40deg"), load_handle("paper"), np.deg2rad(-10)
+    y, z = np.array([1.0, 0.0, 0.0]), np.array([0.0, -np.sin(up), -np.cos(up)])  # axis; the normal of column 0
+    T = RigidTransform.from_components([0.0, 0.0, 560.0], Rotation.from_matrix(np.column_stack([np.cross(y, z), y, z])))
+    frames = render_rig(rig, handle, T, Bench(), np.random.default_rng(0))
+    return rig, handle, T, frames
+
+
+def true_labels(camera, handle, T, uv):
+    """For each of the columns 0 (markers 0, 1) and 5 (10, 11), which both cameras see, the nearest spot's index."""
+    expected = camera.project(T.apply(handle.marker_centres[[0, 1, 10, 11]]))
+    return np.linalg.norm(uv[:, None] - expected, axis=2).argmin(axis=0)
+
+
+def test_equal_markers_on_one_line_fool_the_correlation_and_not_the_layout(across):
+    rig, handle, T, frames = across
+    cameras, images = [rig.cameras[k] for k in (0, 2)], [frames[k] for k in (0, 2)]
+    uv = [find_markers(image, 12).uv for image in images]
+    spots = [true_labels(camera, handle, T, found) for camera, found in zip(cameras, uv, strict=True)]
+    right, crossed = np.column_stack(spots), np.column_stack([spots[0][:2], spots[1][2:]])
+    within = {tuple(pair) for pair in candidates(*cameras, *images, *uv).index.tolist()}
+    assert {tuple(pair) for pair in [*right.tolist(), *crossed.tolist()]} <= within
+    left = {tuple(pair) for pair in match(*cameras, *images, *uv).index.tolist()}
+    assert {tuple(pair) for pair in crossed.tolist()} <= left  # column 0 with column 5: both seen head-on
+    assert not {tuple(pair) for pair in right.tolist()} & left
+    m = measure(frames, rig, handle)
+    labels = [m.labels[k][true_labels(rig.cameras[k], handle, T, m.found[k].uv)] for k in (0, 2)]
+    assert labels[0].tolist() == labels[1].tolist()
+    assert len(set(labels[0].tolist()) - {-1}) == 4
+
+
+def test_matching_is_the_same_from_either_side(across):
+    """With a gate that lets everything pass; D itself is another distance in the other image."""
+    rig, _, _, frames = across
+    wide = MatchParameters(epipolar_gate_px=1e4)
+    uv = [find_markers(image, 12).uv for image in frames]
+    for i, j in rig.pairs:
+        there = match(rig.cameras[i], rig.cameras[j], frames[i], frames[j], uv[i], uv[j], wide).index
+        back = match(rig.cameras[j], rig.cameras[i], frames[j], frames[i], uv[j], uv[i], wide).index
+        assert sorted(there.tolist()) == sorted(back[:, ::-1].tolist())
+        assert len(there) > 0
 
 
 @pytest.mark.parametrize("call", [

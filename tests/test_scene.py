@@ -1,9 +1,12 @@
 """The simulated bench as an instrument: every reference here comes from another algorithm than the ray caster's."""
 
+import inspect
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import RigidTransform, Rotation
 
+from trinolab.arm import Arm
 from trinolab.camera import Camera, Rig
 from trinolab.handle import Handle, slants
 from trinolab.raycast import CAP, EMPTY, SIDE, body_region, cast, edge_pixels, marker_outline, sample_offsets
@@ -15,7 +18,9 @@ from trinolab.scene import (
     radiance,
     random_pose,
     render,
+    render_clip,
     render_rig,
+    scaled,
     true_visibility,
 )
 
@@ -138,6 +143,15 @@ def test_no_edge_is_missed(camera, T):
     grey = np.where(labels >= 0, 220.0, np.where(labels == EMPTY, 0.0, 90.0)).reshape(128, 160, -1).mean(axis=2)
     np.testing.assert_allclose(image, grey, atol=1e-9)  # greys of 64 equal samples: rounding alone
     assert image.max() > 0
+
+
+def test_a_body_thinner_than_a_pixel_is_not_missed():
+    """0.4 px wide: its light is that of its area in the image, whatever pixel centres it passes by."""
+    tiny, sharp = scaled(PLAIN, 1 / 128), Bench(shading=0, texture_contrast=0, background_grey=0, marker_grey=90)
+    for x in (0, 7, 19):
+        T = pose([x, 75, 540], Rotation.identity())
+        whole = radiance(PLAIN, PAPER, T, sharp).sum() / 128**2
+        assert radiance(tiny, PAPER, T, sharp).sum() == pytest.approx(whole, rel=0.15)  # 8 x 8 samples a pixel
 
 
 def test_the_edge_pixels_are_few_and_disjoint():
@@ -376,6 +390,83 @@ def test_a_rig_gives_a_frame_a_camera_in_its_order():
     assert [frame.shape for frame in frames] == [(1024, 1280), (480, 640)]
     empty = render_rig(Rig((PLAIN, second)), PAPER, None, Bench(), np.random.default_rng(1))
     assert max(frame.max() for frame in empty) < 120 < min(frame.max() for frame in frames)
+
+
+# --- clips, light, scale --------------------------------------------------------------------------------------------
+
+
+def test_the_light_is_a_factor_on_everything_and_the_noise_follows_it():
+    T, dim, even = AWKWARD["on its side"], 0.6, Bench(shading=0, texture_contrast=0)
+    image = blurred(radiance(PLAIN, PAPER, T, even), even)
+    frame = render(PLAIN, PAPER, T, even, np.random.default_rng(1), gain=dim).astype(float)
+    for grey in (45, 90, 220):
+        here = np.abs(image - grey) < 1e-6
+        count, variance = here.sum(), 0.05 * dim * grey + 1.5**2 + 1 / 12
+        assert frame[here].mean() == pytest.approx(dim * grey, abs=5 * np.sqrt(variance / count))
+        assert frame[here].var() == pytest.approx(variance, rel=5 * np.sqrt(2 / count))
+    assert render(PLAIN, PAPER, T, Bench(), np.random.default_rng(1), gain=50).min() == 255
+    assert render(PLAIN, PAPER, T, Bench(), np.random.default_rng(1), gain=0).max() < 10
+
+
+def test_a_clip_is_its_frames():
+    """The same draws as one call of `render` after the other, in step with poses, arms and lights."""
+    small = scaled(PLAIN, 0.125)
+    poses, arms, lights = [None, AWKWARD["on its side"], random_pose(np.random.default_rng(3))], [None, Arm(), None], [
+        1, 0.5, 2]
+    clip = render_clip(small, PAPER, poses, Bench(), np.random.default_rng(7), arm=arms, lights=lights)
+    assert inspect.isgenerator(clip)
+    rng = np.random.default_rng(7)
+    for frame, T, arm, gain in zip(clip, poses, arms, lights, strict=True):
+        assert (frame == render(small, PAPER, T, Bench(), rng, arm, gain)).all()
+    batch = RigidTransform.concatenate(poses[1:])
+    held = list(render_clip(small, PAPER, batch, Bench(), np.random.default_rng(7), Arm()))
+    rng = np.random.default_rng(7)
+    assert [(a == render(small, PAPER, T, Bench(), rng, Arm())).all() for a, T in zip(held, batch, strict=True)] == [
+        True, True]
+
+
+def test_a_rigs_clip_gives_lists_of_frames():
+    second = Camera("ccd2", (64, 48), np.diag([1 / 20, 1 / 20, 1]) @ MATRIX, [0] * 5, IDENTITY)
+    rig = Rig((scaled(PLAIN, 0.125), second))
+    clip = list(render_clip(rig, PAPER, [None, AWKWARD["steep"]], Bench(), np.random.default_rng(7)))
+    rng = np.random.default_rng(7)
+    for frames, T in zip(clip, (None, AWKWARD["steep"]), strict=True):
+        assert [frame.shape for frame in frames] == [(128, 160), (48, 64)]
+        assert all((a == b).all() for a, b in zip(frames, render_rig(rig, PAPER, T, Bench(), rng), strict=True))
+
+
+@pytest.mark.parametrize("camera", [PLAIN, BENT], ids=["plain", "distorted"])
+@pytest.mark.parametrize("factor", [0.5, 0.25, 2])
+def test_a_scaled_camera_sees_the_same_through_larger_pixels(camera, factor):
+    """The image's corner, half a pixel outside the first centre, and every point keep their place in the image."""
+    small = scaled(camera, factor)
+    assert small.size == (1280 * factor, 1024 * factor)
+    points = np.random.default_rng(2).uniform([-90, -60, 520], [90, 60, 620], (50, 3))
+    np.testing.assert_allclose((small.project(points) + 0.5) / factor, camera.project(points) + 0.5, atol=1e-9)  # px
+
+
+def test_half_the_pixels_a_side_are_means_of_four():
+    even = Bench(shading=0, texture_contrast=0, supersampling=16)
+    T = AWKWARD["on its side"]
+    whole, half = (radiance(camera, PAPER, T, even) for camera in (PLAIN, scaled(PLAIN, 0.5)))
+    means = whole.reshape(512, 2, 640, 2).mean(axis=(1, 3))
+    np.testing.assert_allclose(half, means, atol=3)  # grey levels; an edge's samples, 16 x 16 against 32 x 32
+    assert np.abs(half - means).mean() < 0.005
+
+
+def test_clips_and_scales_name_what_is_wrong():
+    rng, T = np.random.default_rng(0), AWKWARD["steep"]
+    for name, call in {
+        "arm: expected one for each of 2 poses": lambda: render_clip(PLAIN, PAPER, [T, T], Bench(), rng, [Arm()]),
+        "lights: expected shape": lambda: render_clip(PLAIN, PAPER, [T, T], Bench(), rng, lights=[1.0]),
+        "lights: expected factors": lambda: render_clip(PLAIN, PAPER, [T], Bench(), rng, lights=[-1.0]),
+        "T_world_handle: expected": lambda: list(render_clip(PLAIN, PAPER, [3], Bench(), rng)),
+        "gain: expected": lambda: render(PLAIN, PAPER, T, Bench(), rng, gain=-1),
+        "factor: expected whole": lambda: scaled(PLAIN, 0.3),
+        "factor: expected a number": lambda: scaled(PLAIN, 0),
+    }.items():
+        with pytest.raises(ValueError, match=name):
+            call()
 
 
 # --- truth ----------------------------------------------------------------------------------------------------------

@@ -15,12 +15,17 @@ NOTEBOOKS = sorted(ROOT.glob("notebooks/*.ipynb"))
 
 # A module imports only from those before it.
 ORDER = [
-    "checks", "lens", "camera", "rigfile", "handle", "metrics", "datasets", "cones", "convex", "faces", "workspace",
-    "plotting", "background", "kalman", "markers", "matching", "triangulation", "pose", "hypotheses", "identity",
-    "refine", "calibration", "tracker", "raycast", "scene", "recording", "errata", "teleop", "slave", "sweep",
-    "workflows", "scoreboard", "cli",
+    "checks", "lens", "camera", "rigfile", "handle", "metrics", "fetch", "board", "datasets", "realsets",
+    "ledger", "cones", "convex", "faces", "workspace", "plotting", "window", "background", "covariance",
+    "kalman", "image_track", "markers", "matching", "triangulation", "pose", "hypotheses", "identity",
+    "parameters", "estimation", "refine", "corners", "relative", "zhang", "adjustment", "calibration",
+    "tracker", "raycast", "capsule", "arm", "motion", "bench", "scene", "boardscene", "boardtrial",
+    "recording", "errata_workspace", "errata_background", "errata_kalman", "errata_markers", "errata_pose",
+    "errata_table1", "errata", "teleop", "slave", "sweep", "workflows", "evidence", "trials", "scoreboard",
+    "cli",
 ]
-BENCH = {"checks", "lens", "camera", "handle", "raycast"}  # all that makes the truth may know
+# all that makes the truth may know
+BENCH = {"checks", "lens", "camera", "handle", "raycast", "capsule", "arm", "motion", "bench"}
 
 
 def imports(path):
@@ -72,6 +77,8 @@ def test_truth_and_estimate_share_only_camera_and_handle():
     for name in BENCH | {"scene"}:
         assert found.get(name, set()) <= BENCH, name
     assert "scene" not in found.get("tracker", set())
+    assert found["boardscene"] <= BENCH | {"board"}
+    assert not {"boardscene", "bench"} & (found["calibration"] | found["corners"])
 
 
 def test_only_plotting_draws():

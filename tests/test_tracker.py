@@ -6,10 +6,14 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import RigidTransform, Rotation
 
+from trinolab.arm import Arm
 from trinolab.camera import Rig
 from trinolab.datasets import load_handle, load_rig, load_table1
-from trinolab.scene import Bench, render_rig
-from trinolab.tracker import Parameters, measure
+from trinolab.motion import smooth_motion
+from trinolab.parameters import Parameters
+from trinolab.scene import Bench, render_clip, render_rig
+from trinolab.tracker import measure, start, step
+from trinolab.window import Window
 
 RIG, TRIO = load_rig("paper_pair"), load_rig("raised_40deg")
 PAPER, CODED = load_handle("paper"), load_handle("coded")
@@ -121,3 +125,76 @@ def test_covariance_is_of_the_errors_size():
 def test_bad_input_is_a_value_error(frames, call, word):
     with pytest.raises(ValueError, match=word):
         call(frames["paper", 2])
+
+
+@pytest.fixture(scope="module")
+def clip():
+    """Twelve instants of a moving handle in a hand, the light half as bright again from the seventh on."""
+    rng = np.random.default_rng(0)
+    poses = smooth_motion(rng, 0.4, 30.0)
+    lights = np.where(np.arange(len(poses)) >= 6, 1.5, 1.0)
+    empty = render_rig(RIG, PAPER, None, Bench(), rng)
+    return empty, poses, list(render_clip(RIG, PAPER, poses, Bench(), rng, Arm(), lights))
+
+
+def follow(clip, pose=None, keep=slice(None)):
+    empty, poses, frames = clip
+    state, found = start(empty, RIG, -1 / 30, pose), []
+    for k in range(len(poses))[keep]:
+        state, measurement = step(state, frames[k], k / 30, RIG, PAPER)
+        found.append((measurement, errors(measurement.pose, poses[k])))
+    return state, found
+
+
+def test_a_known_start_carries_the_equivalent_through_the_clip(clip):
+    state, found = follow(clip, pose=clip[1][0])
+    assert {m.pose.status for m, _ in found} == {"measured"}
+    assert max(angle for _, (_, angle) in found) < 5.0  # a flip would be 60 deg
+    assert max(distance for _, (distance, _) in found) < 0.5
+    assert state.pose is found[-1][0].pose.T_world_handle
+
+
+def test_without_a_start_the_layout_stays_ambiguous(clip):
+    _, found = follow(clip, keep=slice(0, 3))
+    assert {m.pose.status for m, _ in found} == {"ambiguous"}
+
+
+def test_dropped_frames_are_no_error(clip):
+    _, found = follow(clip, pose=clip[1][0], keep=slice(0, None, 3))
+    assert {m.pose.status for m, _ in found} == {"measured"}
+    assert max(angle for _, (_, angle) in found) < 5.0
+
+
+def test_an_old_pose_chooses_no_more(clip):
+    empty, poses, frames = clip
+    state = start(empty, RIG, -1.0, poses[0])
+    _, measurement = step(state, frames[0], 0.0, RIG, PAPER)  # a second later: any turn may have happened
+    assert measurement.pose.status == "ambiguous"
+
+
+def test_an_empty_scene_is_lost_and_has_no_window(clip):
+    empty, _, _ = clip
+    state, measurement = step(start(empty, RIG, 0.0), empty, 1 / 30, RIG, PAPER)
+    assert measurement.pose.status == "lost"
+    assert all(camera.window is None for camera in state.cameras)
+
+
+def test_windows_limit_the_search(clip):
+    frames, poses = clip[2][0], clip[1]
+    whole = measure(frames, RIG, PAPER, prior=poses[0])
+    seen = [found.uv for found in whole.found]
+    tight = [Window(int(uv[:, 0].min()) - 20, int(uv[:, 1].min()) - 20, *(np.ptp(uv, axis=0).astype(int) + 41))
+             .clipped((1280, 1024)) for uv in seen]
+    windowed = measure(frames, RIG, PAPER, prior=poses[0], windows=tight)
+    assert np.abs(windowed.pose.T_world_handle.as_matrix() - whole.pose.T_world_handle.as_matrix()).max() < 0.1
+    assert measure(frames, RIG, PAPER, windows=[tight[0], None]).pose.status == "lost"
+
+
+@pytest.mark.parametrize(("call", "word"), [
+    (lambda clip: step(start(clip[0], RIG, 1.0), clip[2][0], 1.0, RIG, PAPER), "t_s"),
+    (lambda clip: step(start(clip[0], RIG, 1.0), clip[2][0], np.nan, RIG, PAPER), "t_s"),
+    (lambda clip: step(start(clip[0], RIG, 1.0), clip[2][0][:1], 2.0, RIG, PAPER), "frames"),
+    (lambda clip: start(clip[0][:1], RIG, 1.0), "frames")])
+def test_bad_steps_are_value_errors(clip, call, word):
+    with pytest.raises(ValueError, match=word):
+        call(clip)

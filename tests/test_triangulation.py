@@ -361,7 +361,7 @@ TWO = np.zeros((2, 2))
     (lambda: triangulate(PAIR, np.zeros((3, 4, 2))), r"uv: expected shape \(2, n, 2\), got \(3, 4, 2\)"),
     (lambda: mean_point(TWO), r"points: expected shape \(n, n, 3\), got \(2, 2\)"),
     (lambda: triangulation_covariance(PAIR, np.zeros((2, 4)), 0.1), r"uv: expected shape \(2, n, 2\), got \(2, 4\)"),
-    (lambda: triangulation_covariance(PAIR, np.zeros((2, 4, 2)), 0.0), r"sigma_px: expected a number in \(0, inf\]"),
+    (lambda: triangulation_covariance(PAIR, np.zeros((2, 4, 2)), 0.0), r"sigma_px: expected a number in \(0, 1e\+06\]"),
     (lambda: triangulation_covariance(PAIR, np.zeros((2, 4, 2)), np.nan), "sigma_px: expected a number"),
     (lambda: triangulation_covariance(PAIR, np.zeros((2, 4, 2)), 0.1, 0.0), "step_px: expected a number"),
 ])

@@ -8,14 +8,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from .checks import Array, as_array, as_number, as_points, as_transform, as_unit, frozen
-from .lens import distort, undistort
+from .checks import Array, as_array, as_number, as_points, as_transform, as_unit, frozen, whole_rows
+from .lens import as_intrinsics, as_size, distort, undistort
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,8 +36,9 @@ class Camera:
     Raises
     ------
     ValueError
-        For a size that is not two positive whole numbers, a matrix of another form than [[fx, 0, cx], [0, fy, cy],
-        [0, 0, 1]] with positive focal lengths, other than 5 distortions, or more than one transform.
+        For a name that is no text, a size that is not two positive whole numbers, a matrix of another form than
+        [[fx, 0, cx], [0, fy, cy], [0, 0, 1]] with focal lengths from 1e-6 to 1e9 px and |cx|, |cy| up to 1e9, other
+        than 5 distortions up to 1e6, or anything but one finite transform.
     """
 
     name: str
@@ -50,9 +50,10 @@ class Camera:
     def __post_init__(self) -> None:
         if not isinstance(self.name, str) or not self.name:
             raise ValueError(f"name: expected a camera's name, got {self.name!r}")
-        object.__setattr__(self, "size", _as_size(self.size))
-        object.__setattr__(self, "matrix", _as_intrinsics(self.matrix))
+        object.__setattr__(self, "size", as_size(self.size))
+        object.__setattr__(self, "matrix", as_intrinsics(self.matrix))
         object.__setattr__(self, "distortions", as_array(self.distortions, "distortions", (5,)))
+        as_number(np.abs(self.distortions).max(), "distortions: the largest", high=1e6)
         as_transform(self.T_cam_world, "T_cam_world")
 
     @property
@@ -80,6 +81,7 @@ class Camera:
         """cx and cy, shape (2,), px."""
         return self.matrix[:2, 2]
 
+    @np.errstate(all="ignore")  # an overflow shows in the result
     def project(self, points: ArrayLike) -> Array:
         """Project world points to pixels.
 
@@ -92,7 +94,7 @@ class Camera:
         -------
         ndarray, shape (n, 2)
             Pixels; NaN where a point is missing, not in front of the camera, or so far aside that the distortion model
-            folds back. Points outside the image are returned all the same, see `sees`.
+            folds back or overflows. Points outside the image are returned all the same, see `sees`.
 
         Raises
         ------
@@ -100,26 +102,32 @@ class Camera:
             If `points` has another shape.
         """
         local = self.T_cam_world.apply(as_points(points, "points", 3))
-        with np.errstate(divide="ignore", invalid="ignore"):
-            xy = local[:, :2] / local[:, 2:]
+        xy = local[:, :2] / local[:, 2:]
         xy[~(local[:, 2] > 0)] = np.nan
-        return self.to_pixels(xy)
+        return self.to_pixels(whole_rows(xy))
 
     def to_pixels(self, xy: ArrayLike) -> Array:
-        """Normalised ideal coordinates (x/z, y/z), shape (n, 2), to pixels of the distorted image, shape (n, 2)."""
-        xy = as_points(xy, "xy", 2)
-        return distort(xy, self.distortions)[0] * self.focal + self.principal_point
+        """Normalised ideal coordinates (x/z, y/z), shape (n, 2), to pixels of the distorted image, shape (n, 2).
 
+        NaN for missing points and where `project` gives none. Raises ValueError if `xy` has another shape.
+        """
+        return whole_rows(distort(as_points(xy, "xy", 2), self.distortions)[0] * self.focal + self.principal_point)
+
+    @np.errstate(all="ignore")
     def normalise(self, uv: ArrayLike) -> Array:
         """Pixels of the distorted image, shape (n, 2), to normalised ideal coordinates (x/z, y/z), shape (n, 2).
 
-        NaN where no ideal point maps to the pixel. Raises ValueError if `uv` has another shape.
+        NaN for missing points and where no ideal point maps to the pixel. Raises ValueError if `uv` has another shape.
         """
         return undistort((as_points(uv, "uv", 2) - self.principal_point) / self.focal, self.distortions)
 
+    @np.errstate(all="ignore")
     def ideal_pixels(self, uv: ArrayLike) -> Array:
-        """Pixels with the lens distortion removed, shape (n, 2); epipolar lines are straight only among these."""
-        return self.normalise(uv) * self.focal + self.principal_point
+        """Pixels with the lens distortion removed, shape (n, 2); epipolar lines are straight only among these.
+
+        NaN where `normalise` gives none. Raises ValueError if `uv` has another shape.
+        """
+        return whole_rows(self.normalise(uv) * self.focal + self.principal_point)
 
     def rays(self, uv: ArrayLike) -> Array:
         """Directions of the viewing rays through pixels, world frame, shape (n, 3), length 1; they start at `centre`.
@@ -128,11 +136,16 @@ class Camera:
         """
         xy = self.normalise(uv)
         local = np.column_stack([xy, np.ones(len(xy))])
+        local /= np.abs(local).max(axis=1, keepdims=True)  # first, so that no square overflows
         local /= np.linalg.norm(local, axis=1, keepdims=True)
         return self.T_world_cam.rotation.apply(local)
 
     def sees(self, points: ArrayLike, margin_px: float = 0.0) -> np.ndarray:
-        """Whether world points, shape (n, 3), fall into the image at least `margin_px` from its edge; bool (n,)."""
+        """Whether world points, shape (n, 3), fall into the image at least `margin_px` from its edge; bool (n,).
+
+        False where `project` gives no pixel. Raises ValueError for another shape, or a margin that is no finite number.
+        """
+        as_number(margin_px, "margin_px")
         uv = self.project(points)
         high = np.array(self.size) - 0.5 - margin_px
         with np.errstate(invalid="ignore"):
@@ -207,11 +220,16 @@ def epipolar_lines(left: Camera, right: Camera, uv: ArrayLike) -> Array:
     Returns
     -------
     ndarray, shape (n, 3)
-        a, b, c with a^2 + b^2 = 1, so that a u + b v + c is a distance in ideal pixels; NaN rows stay NaN.
+        a, b, c with a^2 + b^2 = 1, so that a u + b v + c is a distance in ideal pixels; NaN for missing pixels, and for
+        the image of the right camera's centre, which has no line. Raises ValueError if `uv` has another shape or both
+        cameras stand in one place.
     """
-    uv = left.ideal_pixels(uv)
-    lines = np.column_stack([uv, np.ones(len(uv))]) @ fundamental_matrix(left, right).T
-    return lines / np.linalg.norm(lines[:, :2], axis=1, keepdims=True)
+    uv, F = left.ideal_pixels(uv), fundamental_matrix(left, right)
+    points = np.column_stack([uv, np.ones(len(uv))])
+    points /= np.abs(points).max(axis=1, keepdims=True)  # so that no square overflows
+    lines = points @ F.T
+    length = np.linalg.norm(lines[:, :2], axis=1, keepdims=True)
+    return lines / np.where(length > 1e-12 * np.linalg.norm(F[:2]), length, np.nan)
 
 
 def T_world_oxyz(rig: Rig, first: int = 0, second: int = 1) -> RigidTransform:
@@ -220,28 +238,12 @@ def T_world_oxyz(rig: Rig, first: int = 0, second: int = 1) -> RigidTransform:
     Raises
     ------
     ValueError
-        If both cameras stand in one place, or their mean axis lies along the baseline.
+        If one of the two is no index of a camera, both stand in one place, or their mean axis lies along the baseline.
     """
+    if not all(isinstance(k, (int, np.integer)) and 0 <= k < len(rig.cameras) for k in (first, second)):
+        raise ValueError(f"first, second: expected 0 to {len(rig.cameras) - 1}, got {first!r} and {second!r}")
     a, b = rig.cameras[first], rig.cameras[second]
     x = as_unit(b.centre - a.centre, f"baseline of {a.name} and {b.name}")
     mean = a.axis + b.axis
     z = as_unit(mean - (mean @ x) * x, f"mean axis of {a.name} and {b.name} across the baseline")
     return RigidTransform.from_components(a.centre, Rotation.from_matrix(np.column_stack([x, np.cross(z, x), z])))
-
-
-def _as_size(value: Any) -> tuple[int, int]:
-    size = as_array(value, "size", (2,))
-    if (size < 1).any() or (size != np.round(size)).any():
-        raise ValueError(f"size: expected width and height as whole numbers from 1, got {list(size)}")
-    return int(size[0]), int(size[1])
-
-
-def _as_intrinsics(value: ArrayLike) -> Array:
-    matrix = as_array(value, "matrix", (3, 3))
-    for k, name in enumerate(("fx", "fy")):
-        as_number(matrix[k, k], f"matrix: {name}", low=0.0, open_low=True)
-    rest = matrix - np.diag(np.diag(matrix))
-    rest[:2, 2] = 0
-    if np.any(rest) or matrix[2, 2] != 1:
-        raise ValueError(f"matrix: expected [[fx, 0, cx], [0, fy, cy], [0, 0, 1]], got {matrix.tolist()}")
-    return matrix

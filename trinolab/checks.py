@@ -94,9 +94,24 @@ def as_rotation_matrix(value: ArrayLike, name: str, atol: float = 1e-6) -> Array
 
 
 def as_transform(value: Any, name: str) -> RigidTransform:
-    """Check a single rigid motion."""
+    """Check a single rigid motion; its translation is finite and at most 1e100, whose square is still a number."""
     if not isinstance(value, RigidTransform) or not value.single:
         raise ValueError(f"{name}: expected one RigidTransform, got {type(value).__name__}")
+    if not (np.abs(value.translation) <= 1e100).all() or not np.isfinite(value.rotation.as_quat()).all():
+        raise ValueError(f"{name}: expected a finite motion, got a translation of {value.translation.tolist()}")
+    return value
+
+
+def whole_rows(points: np.ndarray) -> np.ndarray:
+    """Make each row that is not finite a missing point, NaN throughout, in place; return the array, shape (n, k)."""
+    points[~np.isfinite(points).all(axis=1)] = np.nan
+    return points
+
+
+def as_rng(value: Any) -> np.random.Generator:
+    """Check a source of random numbers; the argument's name is `rng` everywhere."""
+    if not isinstance(value, np.random.Generator):
+        raise ValueError(f"rng: expected a numpy.random.Generator, got {type(value).__name__}")
     return value
 
 

@@ -13,6 +13,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 
 from .camera import Camera, Rig
 from .checks import Array, as_array, as_number, get, read_toml
+from .fetch import RealSet, find, read_real_sets
 from .handle import Handle, read_handle
 from .metrics import pose_from_euler_deg
 from .rigfile import read_rig
@@ -139,6 +140,37 @@ def load_claims() -> tuple[Claim, ...]:
     path = data_path("claims.toml")
     return tuple(_claim_from(row, f"{path}: claim {row.get('no', k)}")
                  for k, row in enumerate(get(read_toml(path), "claim", str(path)), start=1))
+
+
+def load_real_sets() -> dict[str, RealSet]:
+    """What is known about the real recordings made by others, by name: origin, licence, files, published results."""
+    return read_real_sets(data_path("real.toml"))
+
+
+def real_set(name: str, fetch: bool = False) -> Path | None:
+    """The folder of a real recording made by others: below TRINOLAB_DATA, or in the cache, or fetched into it.
+
+    Parameters
+    ----------
+    name : str
+        `opencv_stereo`, `pymvg_mcsc`, `caliscope`, `trackpy_particles` or `trajectories`.
+    fetch : bool
+        Fetch the set if it is not here; its licence is shown. Without it nothing ever touches the network.
+
+    Returns
+    -------
+    Path or None
+        None if the set is not here. `fetch.why_not` says why.
+
+    Raises
+    ------
+    ValueError
+        For an unknown name, and as `fetch.find` does.
+    """
+    sets = load_real_sets()
+    if name not in sets:
+        raise ValueError(f"name: expected one of {', '.join(sets)}, got {name!r}")
+    return find(sets[name], fetch)
 
 
 def nearest_rotation(matrix: ArrayLike) -> Rotation:

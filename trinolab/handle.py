@@ -17,7 +17,7 @@ import numpy as np
 import tomli_w
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from .checks import Array, as_array, as_number, frozen, get, read_toml
+from .checks import Array, as_array, as_number, as_transform, frozen, get, read_toml
 
 
 @dataclass(frozen=True)
@@ -114,7 +114,13 @@ def slants(handle: Handle, T_world_handle: RigidTransform, viewpoint: Array) -> 
     T_world_handle : RigidTransform
     viewpoint : ndarray, shape (3,)
         A camera's centre, world frame, mm.
+
+    Raises
+    ------
+    ValueError
+        If `T_world_handle` is not one finite motion, or as `slant_angles`.
     """
+    as_transform(T_world_handle, "T_world_handle")
     normals = handle.marker_normals @ T_world_handle.rotation.as_matrix().T
     return slant_angles(T_world_handle.apply(handle.marker_centres), normals, viewpoint)
 
@@ -131,10 +137,20 @@ def slant_angles(centres: Array, normals: Array, viewpoint: Array) -> Array:
     Returns
     -------
     ndarray, shape (...)
+        NaN where a centre or a normal is missing, or the viewpoint lies in the centre.
+
+    Raises
+    ------
+    ValueError
+        If `centres` and `normals` differ in shape or do not end in 3, or `viewpoint` is not three finite numbers.
     """
-    to_camera = viewpoint - centres
-    cosine = (normals * to_camera).sum(axis=-1) / np.linalg.norm(to_camera, axis=-1)
-    return np.arccos(np.clip(cosine, -1.0, 1.0))
+    centres = as_array(centres, "centres", (*np.shape(centres)[:-1], 3), finite=False)
+    normals = as_array(normals, "normals", centres.shape, finite=False)
+    with np.errstate(all="ignore"):  # an overflow shows in the result
+        to_camera = as_array(viewpoint, "viewpoint", (3,)) - centres
+        to_camera /= np.abs(to_camera).max(axis=-1, keepdims=True)  # first, so that no square overflows
+        cosine = (normals * to_camera).sum(axis=-1) / np.linalg.norm(to_camera, axis=-1)
+        return np.arccos(np.clip(cosine, -1.0, 1.0))
 
 
 def read_handle(path: str | Path) -> Handle:

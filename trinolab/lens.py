@@ -1,15 +1,41 @@
-"""Lens distortion: OpenCV's five-coefficient model (k1, k2, p1, p2, k3) on normalised coordinates, and its inverse.
+"""The lens: checks of the intrinsic numbers, and distortion on normalised coordinates with its inverse.
 
-The model is that of Brown (1971) as OpenCV writes it: radial terms k1, k2, k3, tangential terms p1, p2.
+The model is that of Brown (1971) as OpenCV writes it: radial terms k1, k2, k3, tangential terms p1, p2, in the order
+k1, k2, p1, p2, k3.
 """
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
+from numpy.typing import ArrayLike
 
-from .checks import Array
+from .checks import Array, as_array, as_number, whole_rows
 
 
+def as_size(value: Any) -> tuple[int, int]:
+    """Check width and height of an image, px."""
+    size = as_array(value, "size", (2,))
+    if (size < 1).any() or (size != np.round(size)).any():
+        raise ValueError(f"size: expected width and height as whole numbers from 1, got {list(size)}")
+    return int(size[0]), int(size[1])
+
+
+def as_intrinsics(value: ArrayLike) -> Array:
+    """Check an intrinsic matrix: no skew, focal lengths from 1e-6 to 1e9 px, a principal point up to 1e9 px."""
+    matrix = as_array(value, "matrix", (3, 3))
+    for k, name in enumerate(("fx", "fy")):
+        as_number(matrix[k, k], f"matrix: {name}", low=1e-6, high=1e9)
+        as_number(matrix[k, 2], f"matrix: c{name[1]}", low=-1e9, high=1e9)
+    rest = matrix - np.diag(np.diag(matrix))
+    rest[:2, 2] = 0
+    if np.any(rest) or matrix[2, 2] != 1:
+        raise ValueError(f"matrix: expected [[fx, 0, cx], [0, fy, cy], [0, 0, 1]], got {matrix.tolist()}")
+    return matrix
+
+
+@np.errstate(all="ignore")  # an overflow shows in the result
 def distort(xy: Array, k: Array) -> tuple[Array, Array]:
     """Apply lens distortion to normalised coordinates.
 
@@ -22,7 +48,7 @@ def distort(xy: Array, k: Array) -> tuple[Array, Array]:
     Returns
     -------
     distorted : ndarray, shape (n, 2)
-        NaN beyond the radius at which the radial polynomial stops growing.
+        NaN for missing points, beyond the radius at which the radial polynomial stops growing, and where it overflows.
     jacobian : ndarray, shape (n, 2, 2)
     """
     k1, k2, p1, p2, k3 = k
@@ -36,12 +62,13 @@ def distort(xy: Array, k: Array) -> tuple[Array, Array]:
     jacobian = np.stack([radial + 2 * x * x * slope + 2 * p1 * y + 6 * p2 * x, cross,
                          cross, radial + 2 * y * y * slope + 6 * p1 * y + 2 * p2 * x], axis=1).reshape(-1, 2, 2)
     out[r2 > _fold_radius2(k)] = np.nan
-    return out, jacobian
+    return whole_rows(out), jacobian
 
 
+@np.errstate(all="ignore")
 def undistort(xy: Array, k: Array, iterations: int = 20) -> Array:
     """Invert `distort` by Newton's method; shape (n, 2), NaN where it does not converge to 1e-12."""
-    xy = np.array(xy, dtype=float)
+    xy = whole_rows(np.array(xy, dtype=float))
     if not np.any(k):
         return xy
     ideal = xy.copy()
@@ -58,9 +85,9 @@ def undistort(xy: Array, k: Array, iterations: int = 20) -> Array:
 
 def _fold_radius2(k: Array) -> float:
     """Squared radius at which r (1 + k1 r^2 + k2 r^4 + k3 r^6) stops growing; infinity if it never does."""
-    roots = np.roots([7 * k[4], 5 * k[1], 3 * k[0], 1.0])
+    roots = np.roots([1.0, 3 * k[0], 5 * k[1], 7 * k[4]])  # of 1 / r^2, so that a tiny coefficient divides nothing
     real = roots.real[(np.abs(roots.imag) < 1e-12 * np.abs(roots)) & (roots.real > 0)]
-    return float(real.min(initial=np.inf))
+    return 1.0 / float(real.max()) if real.size else np.inf
 
 
 def _solve2(A: Array, b: Array) -> Array:

@@ -11,6 +11,8 @@ from numpy.typing import ArrayLike
 
 from .checks import Array, as_image, as_number, frozen
 
+LADDER = 8  # even thresholds tried besides the bisection's
+
 
 @dataclass(frozen=True)
 class MarkerParameters:
@@ -25,7 +27,7 @@ class MarkerParameters:
     min_axis_ratio : float
         Minor by major axis; 0.17 is a disc turned by 80 deg.
     min_fill : float
-        Area of the contour by the area of the ellipse of the same moments; 1 for an ellipse.
+        Area of the contour by that of the ellipse of the same moments.
     min_contrast : float
         Grey levels between a marker and the ring around it.
     """
@@ -60,7 +62,7 @@ class Markers:
     uv : ndarray, shape (n, 2)
         Centroids, px.
     axes_px : ndarray, shape (n, 2)
-        Major and minor axis (full lengths) of the ellipse with the contour's moments.
+        Full major and minor axis of the ellipse with the contour's moments.
     contrast, threshold : ndarray, shape (n,)
         Grey levels between the marker and its ring; the threshold at which it was found.
     steps : tuple of ThresholdStep
@@ -88,15 +90,14 @@ class _Blob(NamedTuple):
 def iterative_threshold(image: ArrayLike, contours: int) -> tuple[ThresholdStep, ...]:
     """Bisect the threshold until the binary image has a wanted number of contours (Eq. 16).
 
-    The count is not monotone in the threshold and may never be the wanted one, so the bisection also ends when the
-    interval is under one grey level. The paper's rule: too many contours raise the threshold, too few lower it.
+    Too many contours raise the threshold, too few lower it. The count is not monotone and may never be the wanted one,
+    so the bisection also ends when the interval is under one grey level.
 
     Parameters
     ----------
     image : array_like, shape (height, width)
-        Bright markers; grey levels.
     contours : int
-        N, the number to reach.
+        N, the number of (bright) contours to reach.
 
     Returns
     -------
@@ -126,9 +127,9 @@ def find_markers(image: ArrayLike, expected: int, markers: str = "bright",
                  parameters: MarkerParameters | None = None) -> Markers:
     """Find the markers of one image and their sub-pixel centroids (Eq. 16).
 
-    The last threshold of the bisection of Eq. 16 need not show any marker at all. So the marker-like contours (shape,
-    size, contrast) of all thresholds that it visits are kept, each at the threshold nearest to halfway between the
-    marker and its surroundings, and of these the ``surplus * expected`` with the highest contrast.
+    The bisection's last threshold need not show any marker, and it leaves out whole ranges. So the marker-like contours
+    of all thresholds that it visits and of a ladder of even ones are kept, each at the threshold nearest to halfway up
+    its flank, and of these the ``surplus * expected`` with the highest contrast.
 
     Parameters
     ----------
@@ -136,7 +137,6 @@ def find_markers(image: ArrayLike, expected: int, markers: str = "bright",
     expected : int
         N_0, the number of markers on the handle.
     markers : {"bright", "dark"}
-        Against the body.
     parameters : MarkerParameters, optional
 
     Returns
@@ -156,7 +156,8 @@ def find_markers(image: ArrayLike, expected: int, markers: str = "bright",
     bright = image if markers == "bright" else image.max() - image
     wanted = int(np.ceil(p.surplus * as_number(expected, "expected", low=1)))
     steps = iterative_threshold(bright, wanted)
-    blobs = [blob for step in steps for blob in _blobs(bright, step.threshold, p)]
+    thresholds = [*(step.threshold for step in steps), *np.linspace(bright.min(), bright.max(), LADDER + 2)[1:-1]]
+    blobs = [blob for threshold in thresholds for blob in _blobs(bright, threshold, p)] if steps else []
     table = np.array(_once_each(blobs, wanted), dtype=float).reshape(-1, 7)
     return Markers(frozen(table[:, :2]), frozen(table[:, 2:4]), frozen(table[:, 4]), frozen(table[:, 5]), steps)
 
@@ -230,13 +231,13 @@ def _blob(image: np.ndarray, labels: np.ndarray, stats: np.ndarray, k: int, thre
 
 
 def _once_each(blobs: list[_Blob], most: int) -> list[_Blob]:
-    """The blobs of highest contrast, each place once: of those found there, the one nearest to halfway."""
+    """The blobs of highest contrast, each place once: the one nearest to halfway of those about as contrasty there."""
     left = sorted(blobs, key=lambda b: -b.contrast)
     kept: list[_Blob] = []
     while left and len(kept) < most:
-        place, reach = np.array(left[0][:2]), left[0].major / 2
-        here = np.linalg.norm(np.array(left)[:, :2] - place, axis=1) <= reach
-        kept.append(min((b for b, near in zip(left, here, strict=True) if near), key=lambda b: b.off_halfway))
+        here = np.linalg.norm(np.array(left)[:, :2] - left[0][:2], axis=1) <= left[0].major / 2
+        rivals = [b for b, near in zip(left, here, strict=True) if near and b.contrast >= left[0].contrast / 2]
+        kept.append(min(rivals, key=lambda b: b.off_halfway))
         left = [b for b, near in zip(left, here, strict=True) if not near]
     return kept
 

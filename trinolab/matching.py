@@ -9,7 +9,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .camera import Camera, epipolar_lines
-from .checks import Array, as_image, as_number, as_points, frozen
+from .checks import Array, as_array, as_image, as_number, as_points, frozen
+
+FLAT = 1e-6  # contrast of a window by its largest value; one grey level in one pixel of 16 bit is 1.5e-5
 
 
 @dataclass(frozen=True)
@@ -23,7 +25,12 @@ class MatchParameters:
     ncc_threshold : float
         epsilon_0, the smallest correlation of the windows (Eq. 18); -1 switches the test off.
     window_px : int
-        Side of the square windows, odd.
+        Side of the square windows, odd, from 3 to 1001.
+
+    Raises
+    ------
+    ValueError
+        Names the field that is no number or out of range.
     """
 
     epipolar_gate_px: float = 2.0
@@ -33,8 +40,7 @@ class MatchParameters:
     def __post_init__(self) -> None:
         as_number(self.epipolar_gate_px, "epipolar_gate_px", low=0.0, open_low=True)
         as_number(self.ncc_threshold, "ncc_threshold", low=-1.0, high=1.0)
-        if as_number(self.window_px, "window_px", low=3) % 2 != 1:
-            raise ValueError(f"window_px: expected an odd whole number from 3, got {self.window_px!r}")
+        object.__setattr__(self, "window_px", _as_window(self.window_px))
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,11 +55,24 @@ class Matches:
         D_ij (Eq. 17).
     ncc : ndarray, shape (k,)
         S_ij (Eq. 18).
+
+    Raises
+    ------
+    ValueError
+        If the index is not of whole numbers from 0, or the shapes do not fit together.
     """
 
     index: np.ndarray
     distance_px: Array
     ncc: Array
+
+    def __post_init__(self) -> None:
+        index = as_array(self.index, "index", (None, 2))
+        if (index < 0).any() or (index % 1).any() or (index > 2**31).any():
+            raise ValueError(f"index: expected whole numbers from 0, got {index.tolist()}")
+        object.__setattr__(self, "index", frozen(index.astype(int)))
+        for name in ("distance_px", "ncc"):
+            object.__setattr__(self, name, as_array(getattr(self, name), name, (len(index),)))
 
     def __len__(self) -> int:
         return len(self.index)
@@ -89,19 +108,17 @@ def ncc(template: ArrayLike, window: ArrayLike) -> float:
     Returns
     -------
     float
-        In [-1, 1]; 0 if either window is flat.
+        In [-1, 1] but for rounding; 0 if either window is flat.
 
     Raises
     ------
     ValueError
-        If the shapes differ.
+        If one of the two is no grey image or not finite, or the shapes differ.
     """
-    t, w = np.asarray(template, dtype=float), np.asarray(window, dtype=float)
-    if t.shape != w.shape or t.ndim != 2:
+    t, w = as_image(template, "template"), as_image(window, "window")
+    if t.shape != w.shape:
         raise ValueError(f"window: expected shape {t.shape} like the template, got {w.shape}")
-    t, w = t - t.mean(), w - w.mean()
-    norm = np.sqrt((t * t).sum() * (w * w).sum())
-    return float((t * w).sum() / norm) if norm > 0 else 0.0
+    return float((_unit(t) * _unit(w)).sum())
 
 
 def ncc_matrix(image_left: ArrayLike, image_right: ArrayLike, uv_left: ArrayLike, uv_right: ArrayLike,
@@ -109,8 +126,10 @@ def ncc_matrix(image_left: ArrayLike, image_right: ArrayLike, uv_left: ArrayLike
     """Correlation of the windows centred on each pair of points, shape (n, m) (Eq. 18).
 
     The windows are cut between pixels (bilinear), so that both are centred on their point; beyond the image's edge the
-    last pixel repeats. Raises ValueError for wrong shapes.
+    last pixel repeats; 0 where a point is missing or a window flat. Raises ValueError for wrong shapes, images that are
+    not finite, and a window that is not odd, from 3 to 1001.
     """
+    window_px = _as_window(window_px)
     left = _windows(as_image(image_left, "image_left"), as_points(uv_left, "uv_left", 2), window_px)
     right = _windows(as_image(image_right, "image_right"), as_points(uv_right, "uv_right", 2), window_px)
     return left @ right.T
@@ -130,7 +149,7 @@ def candidates(left: Camera, right: Camera, image_left: ArrayLike, image_right: 
     Raises
     ------
     ValueError
-        If a shape is wrong or both cameras stand in one place.
+        If a shape is wrong, an image is not finite, or both cameras stand in one place.
     """
     p = parameters or MatchParameters()
     distance = epipolar_distances(left, right, uv_left, uv_right)
@@ -165,9 +184,14 @@ def in_order(matches: Matches, left: Camera, right: Camera, uv_left: ArrayLike, 
 
     The paper names the constraint and does not define it. Here: of two pairs whose points could be exchanged within
     the epipolar gate, the points must follow each other in the same sense on the left and on the right line.
+
+    Raises ValueError if a match has an index beyond the points, the gate is negative, or as `epipolar_distances`.
     """
+    as_number(gate_px, "gate_px", low=0.0)
     uv_left, uv_right = as_points(uv_left, "uv_left", 2), as_points(uv_right, "uv_right", 2)
     swap = epipolar_distances(left, right, uv_left, uv_right)
+    if (matches.index >= swap.shape).any():
+        raise ValueError(f"matches: expected indices below {swap.shape}, got {matches.index.max(axis=0).tolist()}")
     baseline = right.centre - left.centre
     along_left, along_right = left.rays(uv_left) @ baseline, right.rays(uv_right) @ baseline
     keep: list[int] = []
@@ -182,14 +206,35 @@ def in_order(matches: Matches, left: Camera, right: Camera, uv_left: ArrayLike, 
 
 def _windows(image: np.ndarray, uv: Array, window_px: int) -> Array:
     """Windows about points as rows of zero mean and length 1 (zero where flat or the point is missing)."""
-    image = image if image.dtype == np.uint8 else image.astype(np.float32)
+    if image.dtype != np.uint8:  # correlation does not mind the scale, single precision does
+        image = (image / _largest(image)).astype(np.float32)
     rows = np.zeros((len(uv), window_px * window_px))
+    outside = np.array(image.shape[::-1]) + window_px  # from there on all windows are the same
     for row, point in zip(rows, uv, strict=True):
         if np.isfinite(point).all():
-            cut = cv2.getRectSubPix(image, (window_px, window_px), tuple(point), patchType=cv2.CV_32F)
-            row[:] = (cut - cut.mean(dtype=float)).ravel()
-            row /= max(float(np.linalg.norm(row)), 1e-9)
+            centre = np.clip(point, -window_px, outside)
+            cut = cv2.getRectSubPix(image, (window_px, window_px), tuple(centre), patchType=cv2.CV_32F)
+            row[:] = _unit(cut).ravel()
     return rows
+
+
+def _unit(window: np.ndarray) -> Array:
+    """A window with mean 0 and sum of squares 1; zeros if it is flat."""
+    scaled = window / _largest(window)  # so that no square overflows
+    centred = scaled - scaled.mean(dtype=float)
+    norm = np.linalg.norm(centred)
+    return centred / norm if norm > FLAT else np.zeros(window.shape)
+
+
+def _largest(image: np.ndarray) -> float:
+    """The largest size of a grey value, a little more than zero."""
+    return max(abs(float(image.max())), abs(float(image.min())), np.finfo(float).tiny)
+
+
+def _as_window(value: int) -> int:
+    if as_number(value, "window_px", low=3, high=1001) % 2 != 1:
+        raise ValueError(f"window_px: expected an odd whole number from 3, got {value!r}")
+    return int(value)
 
 
 def _take(index: np.ndarray, distance: Array, similarity: Array) -> Matches:

@@ -8,7 +8,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from .checks import Array, as_array, as_points, as_transform
+from .checks import Array, as_array, as_number, as_points, as_transform
+
+LARGEST = 1e100  # of a coordinate: its square is still a number
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,12 +60,12 @@ def rigid_fit(points_source: ArrayLike, points_target: ArrayLike) -> RigidTransf
     Parameters
     ----------
     points_source, points_target : array_like, shape (n, 3)
-        Row by row the same point; rows with NaN in either are left out.
+        Row by row the same point; rows that are not finite or beyond 1e100 in either are left out.
 
     Returns
     -------
     RigidTransform or None
-        T_target_source; None if fewer than three points are left or they lie on one line.
+        T_target_source; None if fewer than three points are left or they lie on one line to a millionth of it.
 
     Raises
     ------
@@ -72,12 +74,13 @@ def rigid_fit(points_source: ArrayLike, points_target: ArrayLike) -> RigidTransf
     """
     source = as_points(points_source, "points_source", 3)
     target = as_array(points_target, "points_target", source.shape, finite=False)
-    valid = np.isfinite(source).all(axis=1) & np.isfinite(target).all(axis=1)
+    with np.errstate(invalid="ignore"):
+        valid = ((np.abs(source) <= LARGEST) & (np.abs(target) <= LARGEST)).all(axis=1)
     source, target = source[valid], target[valid]
     if _on_one_line(source) or _on_one_line(target):
         return None
     source_mean, target_mean = source.mean(axis=0), target.mean(axis=0)
-    U, _, Vt = np.linalg.svd((target - target_mean).T @ (source - source_mean))
+    U, _, Vt = np.linalg.svd(_shape(target).T @ _shape(source))
     guard = np.diag([1.0, 1.0, np.linalg.det(U) * np.linalg.det(Vt)])
     rotation = Rotation.from_matrix(U @ guard @ Vt)
     return RigidTransform.from_components(target_mean - rotation.apply(source_mean), rotation)
@@ -89,11 +92,11 @@ def rigid_fit_covariance(points_source: ArrayLike, T_target_source: RigidTransfo
     Parameters
     ----------
     points_source : array_like, shape (n, 3)
-        mm; at least three, not on a line.
+        mm, up to 1e100; at least three, not on a line.
     T_target_source : RigidTransform
         The fit.
     covariances : array_like, shape (n, 3, 3)
-        Of the target points, target frame, mm^2.
+        Of the target points, target frame, mm^2: symmetric, with no negative eigenvalue.
 
     Returns
     -------
@@ -103,16 +106,18 @@ def rigid_fit_covariance(points_source: ArrayLike, T_target_source: RigidTransfo
     Raises
     ------
     ValueError
-        If a shape is wrong, a number is not finite, there is no motion, or the points lie on one line.
+        If a shape is wrong, a number is not finite or too large, there is no finite motion, the points lie on one line,
+        or a matrix is no covariance.
     """
     source = as_points(points_source, "points_source", 3, finite=True)
-    C = as_array(covariances, "covariances", (len(source), 3, 3))
+    C = _as_covariances(covariances, len(source))
+    largest = as_number(np.abs(source).max(initial=0.0), "points_source: the largest", high=LARGEST)
     T_target_source = as_transform(T_target_source, "T_target_source")
-    if _on_one_line(source):
+    if _on_one_line(source) or largest < 1 / LARGEST:
         raise ValueError("points_source: expected three or more points that are not on one line")
     arms = T_target_source.rotation.apply(np.array(source))  # SciPy wants a writable array
     J = np.concatenate([np.broadcast_to(np.eye(3), (len(arms), 3, 3)), -_cross_matrices(arms)], axis=2)  # (n, 3, 6)
-    scale = np.repeat([1.0, np.linalg.norm(arms, axis=1).max()], 3)  # mm and rad on one footing
+    scale = np.repeat([1.0, np.abs(arms).max()], 3)  # mm and rad on one footing
     J_scaled = J / scale
     gain = np.linalg.solve(np.einsum("nki,nkj->ij", J_scaled, J_scaled), J_scaled.transpose(0, 2, 1))  # (n, 6, 3)
     return np.einsum("nik,nkl,njl->ij", gain, C, gain) / np.outer(scale, scale)
@@ -122,8 +127,26 @@ def _on_one_line(points: Array, ratio: float = 1e-6) -> bool:
     """Whether points have no extent across their longest direction (also: fewer than three points)."""
     if len(points) < 3:
         return True
-    extent = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
-    return bool(extent[1] <= ratio * extent[0])
+    extent = np.linalg.svd(_shape(points), compute_uv=False)
+    size, rounding = np.abs(points - points.mean(axis=0)).max(), 1e-14 * np.abs(points).max()
+    return bool(extent[1] * size <= max(ratio * extent[0] * size, rounding))
+
+
+def _shape(points: Array) -> Array:
+    """Points about their mean, scaled so that the largest number is 1 and no product is too large or too small."""
+    centred = points - points.mean(axis=0)
+    return centred / max(float(np.abs(centred).max()), np.finfo(float).tiny)
+
+
+def _as_covariances(value: ArrayLike, n: int) -> Array:
+    C = as_array(value, "covariances", (n, 3, 3))
+    size = np.abs(C).max(axis=(1, 2), initial=0.0)
+    as_number(size.max(initial=0.0), "covariances: the largest", high=LARGEST)
+    unit = C / np.maximum(size, np.finfo(float).tiny)[:, None, None]
+    symmetric = np.abs(unit - unit.transpose(0, 2, 1)).max(initial=0.0) <= 1e-9
+    if not symmetric or np.linalg.eigvalsh(unit).min(initial=0.0) < -1e-9:
+        raise ValueError("covariances: expected symmetric matrices without a negative eigenvalue, got another one")
+    return C
 
 
 def _cross_matrices(vectors: Array) -> Array:

@@ -30,10 +30,13 @@ class Hits(NamedTuple):
         Handle frame, mm; NaN where a ray misses.
     labels : ndarray of int16, shape (n,)
         `EMPTY` (missed), `SIDE`, `CAP`, or the number of a marker.
+    depths : ndarray, shape (n,)
+        z in the camera's frame, mm; NaN where a ray misses.
     """
 
     points: Array
     labels: np.ndarray
+    depths: Array
 
 
 def cast(camera: Camera, handle: Handle, T_world_handle: RigidTransform, uv: ArrayLike) -> Hits:
@@ -66,17 +69,22 @@ def cast(camera: Camera, handle: Handle, T_world_handle: RigidTransform, uv: Arr
     points = (origin[:, None] + depth * directions).T
     labels = np.where(np.isnan(depth), EMPTY, np.where(on_cap, CAP, SIDE)).astype(np.int16)
     _label_markers(handle, points, labels)
-    return Hits(points, labels)
+    return Hits(points, labels, depth)
 
 
 def body_region(camera: Camera, handle: Handle, T_world_handle: RigidTransform) -> np.ndarray:
-    """Pixels that may see the handle, bool (height, width): its projected outline filled, with two pixels to spare.
+    """Pixels that may see the handle, bool (height, width); see `hull_region`."""
+    return hull_region(camera, (camera.T_cam_world * T_world_handle).apply(_circumscribed_prism(handle)))
 
-    All of the image where the outline has no simple shape: the body reaches behind the camera, or so far aside that the
-    distortion model folds back. Nothing where all of it lies behind the camera.
+
+def hull_region(camera: Camera, local: Array) -> np.ndarray:
+    """Pixels that may see the convex hull of points, bool (height, width): its image, with two pixels to spare.
+
+    `local` are points of the camera's frame, shape (n, 3), mm. All of the image where the outline has no simple shape:
+    the hull reaches behind the camera, or so far aside that the distortion model folds back. Nothing where all of it
+    lies behind the camera.
     """
     width, height = camera.size
-    local = (camera.T_cam_world * T_world_handle).apply(_circumscribed_prism(handle))
     if (local[:, 2] <= 0).all():
         return np.zeros((height, width), bool)
     if (local[:, 2] < 1e-3 * np.abs(local).max()).any():
@@ -134,13 +142,9 @@ def facing(handle: Handle, points: Array, viewpoint: Array) -> np.ndarray:
     return points[:, [0, 2]] @ viewpoint[[0, 2]] > handle.radius_mm**2
 
 
-def shown_share(handle: Handle, index: int, viewpoint: Array) -> float:
-    """Share of a marker's area that looks towards a viewpoint (handle frame, mm).
-
-    The body is convex: what looks towards a viewpoint outside it is not hidden by it.
-    """
-    rings = [marker_outline(handle, index, scale=scale) for scale in np.sqrt((np.arange(16) + 0.5) / 16)]  # equal areas
-    return float(facing(handle, np.concatenate(rings), viewpoint).mean())
+def marker_area(handle: Handle, index: int) -> Array:
+    """Points of a marker, each for an equal share of its area, handle frame, shape (n, 3), mm."""
+    return np.concatenate([marker_outline(handle, index, scale=scale) for scale in np.sqrt((np.arange(16) + 0.5) / 16)])
 
 
 def sample_offsets(count: int) -> Array:

@@ -10,12 +10,16 @@ import pandas as pd
 from scipy.spatial.transform import RigidTransform
 from tqdm import tqdm
 
+from . import evidence, trials
+from .boardtrial import calibration_cost_mm
 from .datasets import Claim, load_claims, load_handle, load_rig, load_table1
 from .errata import printed_rotation_error, printed_workspace_volume
+from .fetch import why_not
 from .metrics import PoseErrors, pose_errors
 from .workflows import replicate, replication_errors
 
 COLUMNS = ("no", "claim", "paper", "ours", "unit", "verdict", "reason")
+NOT_RUN = "not run"
 
 
 def scoreboard(progress: bool = False) -> pd.DataFrame:
@@ -29,8 +33,8 @@ def scoreboard(progress: bool = False) -> pd.DataFrame:
     Returns
     -------
     pandas.DataFrame
-        Columns `COLUMNS`, one row a claim; `ours` is NaN where nothing is computed, and the verdict is then the
-        declared one ("cannot be tested", "not tested yet").
+        Columns `COLUMNS`, one row a claim; `ours` is NaN where nothing is computed. The verdict is then the declared
+        one ("cannot be tested", "not tested yet"), or "not run" where it takes a recording that is not here.
     """
     with tqdm(load_claims(), unit="claim", disable=None if progress else True) as claims:
         rows = [score(claim) for claim in claims]
@@ -42,15 +46,18 @@ def score(claim: Claim) -> tuple:
     if claim.check is None:
         return claim.no, claim.claim, claim.paper, np.nan, claim.unit, claim.verdict, claim.reason
     value = CHECKS[claim.check]()
+    if value is None:
+        return claim.no, claim.claim, claim.paper, np.nan, claim.unit, NOT_RUN, f"{NOT_RUN}: {why_not()}"
     verdict = claim.computed_verdict(value)
     reason = claim.reason if verdict == claim.verdict else f"The ledger declares '{claim.verdict}'."
     return claim.no, claim.claim, claim.paper, value, claim.unit, verdict, reason
 
 
 def disagreements(board: pd.DataFrame) -> list[str]:
-    """The numbers of the claims whose computed verdict is not the declared one."""
+    """The numbers of the claims whose computed verdict is not the declared one; what was not run says nothing."""
     declared = {claim.no: claim.verdict for claim in load_claims()}
-    return [no for no, verdict in zip(board["no"], board["verdict"], strict=True) if declared[no] != verdict]
+    return [no for no, verdict in zip(board["no"], board["verdict"], strict=True)
+            if verdict not in (declared[no], NOT_RUN)]
 
 
 @cache
@@ -74,7 +81,7 @@ def _field(errors: Callable[[], PoseErrors], name: str) -> Callable[[], float]:
     return lambda: float(getattr(errors(), name))
 
 
-CHECKS: dict[str, Callable[[], float]] = {
+CHECKS: dict[str, Callable[[], float | None]] = {  # None: not run
     "table1_position": _field(_table1, "E_t_mm"),
     "table1_alpha": _field(_table1, "E_alpha_deg"),
     "table1_beta": _field(_table1, "E_beta_deg"),
@@ -86,4 +93,17 @@ CHECKS: dict[str, Callable[[], float]] = {
     "replication_geodesic": _field(_replication, "geodesic_mean_deg"),
     "printed_rotation": lambda: printed_rotation_error()[0],
     "printed_workspace": lambda: printed_workspace_volume(np.deg2rad(20.0)),
+    "share_measured": trials.share_measured,
+    "share_tracked": trials.share_tracked,
+    "share_kept_under_light": trials.share_kept_under_light,
+    "share_of_wrong_matches": trials.share_of_wrong_matches,
+    "share_searched": trials.share_searched,
+    "seconds_an_instant": trials.seconds_an_instant,
+    "share_saved_by_the_third": trials.share_saved_by_the_third,
+    "centroid_error_px": trials.centroid_error_px,
+    "calibration_cost": calibration_cost_mm,
+    "real_photographs": evidence.baseline_difference_mm,
+    "real_leds": evidence.led_median_px,
+    "real_board": evidence.board_fit_mm,
+    "real_particles": evidence.particle_median_px,
 }

@@ -1,49 +1,26 @@
-"""From the frames of one instant to the pose: the chain of Sect. 5, composed."""
+"""From the frames of one instant to the pose, and from instant to instant: the chain of Sect. 4-5, composed."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import RigidTransform
 
+from . import background, kalman
 from .camera import Rig
-from .checks import Array, as_image, as_number
-from .handle import Handle, slants
-from .identity import Hypothesis, IdentityParameters, choose, identify, labelled_pixels, relabel
-from .markers import MarkerParameters, Markers, find_markers
-from .matching import MatchParameters, candidates
-from .pose import LOST, Pose, rigid_fit, rigid_fit_covariance
-from .triangulation import triangulate, triangulation_covariance
-
-
-@dataclass(frozen=True)
-class Parameters:
-    """Parameters of a measurement, stage by stage.
-
-    Attributes
-    ----------
-    markers : MarkerParameters
-    matching : MatchParameters
-    identity : IdentityParameters
-    max_slant_deg : float
-        Markers turned further away are identified but not measured, as long as four are left: beyond 70 deg the
-        centroid of a wrapped marker lies more than 1 px beside the image of its centre.
-    sigma_px : float
-        Standard deviation of a centroid for the pose's covariance.
-    """
-
-    markers: MarkerParameters = field(default_factory=MarkerParameters)
-    matching: MatchParameters = field(default_factory=MatchParameters)
-    identity: IdentityParameters = field(default_factory=IdentityParameters)
-    max_slant_deg: float = 70.0
-    sigma_px: float = 0.1
-
-    def __post_init__(self) -> None:
-        as_number(self.max_slant_deg, "max_slant_deg", low=0.0, high=90.0)
-        as_number(self.sigma_px, "sigma_px", low=0.0, open_low=True)
+from .checks import as_image, as_number, frozen
+from .estimation import candidate_points, fit_pose
+from .handle import Handle
+from .identity import Hypothesis, choose, identify, relabel
+from .image_track import search_window
+from .markers import Markers, find_markers
+from .parameters import Parameters
+from .pose import LOST, Pose
+from .window import Window
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,7 +42,7 @@ class Measurement:
 
 
 def measure(frames: Sequence[ArrayLike], rig: Rig, handle: Handle, prior: RigidTransform | None = None,
-            parameters: Parameters | None = None) -> Measurement:
+            parameters: Parameters | None = None, windows: Sequence[Window | None] | None = None) -> Measurement:
     """Measure the handle's pose from the frames of one instant by the paper's method (Eq. 16-24).
 
     Parameters
@@ -77,6 +54,9 @@ def measure(frames: Sequence[ArrayLike], rig: Rig, handle: Handle, prior: RigidT
     prior : RigidTransform, optional
         T_world_handle expected at this instant; chooses among poses that look alike.
     parameters : Parameters, optional
+    windows : sequence of Window or None, optional
+        W_ROI of each camera, inside its image: markers are looked for there alone, and nowhere where it is None.
+        Without `windows` in whole images.
 
     Returns
     -------
@@ -89,87 +69,15 @@ def measure(frames: Sequence[ArrayLike], rig: Rig, handle: Handle, prior: RigidT
         If the frames do not fit the rig in number or size.
     """
     p = parameters or Parameters()
-    if len(frames) != len(rig.cameras):
-        raise ValueError(f"frames: expected one for each of {len(rig.cameras)} cameras, got {len(frames)}")
-    images = [as_image(frame, f"frames: {camera.name}", camera.size)
-              for frame, camera in zip(frames, rig.cameras, strict=True)]
-    found = tuple(find_markers(image, len(handle.marker_centres), handle.markers, p.markers) for image in images)
+    images = _as_images(frames, rig)
+    regions = [Window(0, 0, *camera.size) for camera in rig.cameras] if windows is None else windows
+    found = tuple(_markers_in(image, region, handle, p) for image, region in zip(images, regions, strict=True))
     pixels = tuple(markers.uv for markers in found)
     points, covariances = candidate_points(images, rig, pixels, p)
     hypotheses = identify(rig, handle, pixels, points, covariances, p.identity)
     if not hypotheses:
         return Measurement(LOST, found, tuple(np.full(len(uv), -1) for uv in pixels))
     return _conclude(hypotheses, rig, handle, found, prior, p)
-
-
-def candidate_points(images: Sequence[np.ndarray], rig: Rig, pixels: Sequence[Array],
-                     parameters: Parameters) -> tuple[Array, Array]:
-    """Points of all candidate pairs of found markers, world frame (Eq. 17, 18, 20, 21).
-
-    Returns
-    -------
-    points : ndarray, shape (m, 3)
-        mm.
-    covariances : ndarray, shape (m, 3, 3)
-        mm^2, for the identification's `sigma_px`.
-    """
-    columns = [np.empty((len(rig.cameras), 0, 2))]
-    for i, j in rig.pairs:
-        pairs = candidates(rig.cameras[i], rig.cameras[j], images[i], images[j], pixels[i], pixels[j],
-                           parameters.matching).index
-        column = np.full((len(rig.cameras), len(pairs), 2), np.nan)
-        column[i], column[j] = pixels[i][pairs[:, 0]], pixels[j][pairs[:, 1]]
-        columns.append(column)
-    uv = np.concatenate(columns, axis=1)
-    points = triangulate(rig, uv)
-    covariances = triangulation_covariance(rig, uv, parameters.identity.sigma_px)
-    valid = np.isfinite(points).all(axis=1) & np.isfinite(covariances).all(axis=(1, 2))
-    return points[valid], covariances[valid]
-
-
-def fit_pose(labels: tuple[np.ndarray, ...], rig: Rig, handle: Handle, pixels: tuple[Array, ...],
-             parameters: Parameters) -> Pose:
-    """The paper's estimate from labelled markers: pairs, mean, rigid fit (Eq. 20-24).
-
-    Parameters
-    ----------
-    labels : tuple of ndarray of int, one a camera
-        For each found marker its index on the handle, or -1.
-    rig, handle
-    pixels : tuple of ndarray, one a camera, shape (n_c, 2)
-    parameters : Parameters
-
-    Returns
-    -------
-    Pose
-        With status ``measured``; `LOST` if fewer than three markers that are not on a line were triangulated.
-    """
-    uv = labelled_pixels(labels, pixels, len(handle.marker_centres))
-    T = rigid_fit(handle.marker_centres, triangulate(rig, uv))
-    if T is None:
-        return LOST
-    facing = uv.copy()
-    for row, camera in zip(facing, rig.cameras, strict=True):
-        row[slants(handle, T, camera.centre) > np.deg2rad(parameters.max_slant_deg)] = np.nan
-    if np.isfinite(triangulate(rig, facing)).all(axis=1).sum() >= 4:
-        uv = facing
-    return _fit(uv, rig, handle, parameters.sigma_px)
-
-
-def _fit(uv: Array, rig: Rig, handle: Handle, sigma_px: float) -> Pose:
-    """Rigid fit of the markers at pixels uv (cameras, markers, 2), with covariance and residual."""
-    points = triangulate(rig, uv)
-    used = np.isfinite(points).all(axis=1)
-    T = rigid_fit(handle.marker_centres, points)
-    if T is None:
-        return LOST
-    point_covariances = triangulation_covariance(rig, uv[:, used], sigma_px)
-    covariance = rigid_fit_covariance(handle.marker_centres[used], T, point_covariances)
-    centres = T.apply(handle.marker_centres)
-    error = np.stack([camera.project(centres) for camera in rig.cameras]) - uv
-    seen = np.asarray(np.isfinite(error).all(axis=2)) & used
-    residual = float(np.sqrt((error[seen] ** 2).sum(axis=1).mean()))
-    return Pose("measured", T, covariance, residual, int(used.sum()), int(seen.any(axis=1).sum()))
 
 
 def _conclude(hypotheses: list[Hypothesis], rig: Rig, handle: Handle, found: tuple[Markers, ...],
@@ -182,3 +90,141 @@ def _conclude(hypotheses: list[Hypothesis], rig: Rig, handle: Handle, found: tup
     labels = tuple(relabel(label, handle, S) for label in h.labels)
     pose = fit_pose(labels, rig, handle, pixels, p)
     return Measurement(pose if sure or pose is LOST else replace(pose, status="ambiguous"), found, labels)
+
+
+class CameraState(NamedTuple):
+    """What the tracker knows of one camera.
+
+    Attributes
+    ----------
+    background : ndarray, shape (height, width)
+    motion : kalman.State or None
+        Of the centre of the moving region (Eq. 7); None before anything moved, or after it was long unseen.
+    window : Window or None
+        Around the moving region when it was last seen.
+    """
+
+    background: np.ndarray
+    motion: kalman.State | None
+    window: Window | None
+
+
+class TrackerState(NamedTuple):
+    """What the tracker knows after an instant.
+
+    Attributes
+    ----------
+    t_s : float
+        Time of the instant, s.
+    cameras : tuple of CameraState
+        In the rig's order.
+    measured_s : float
+        Time of `pose`, s.
+    pose : RigidTransform or None
+        The last T_world_handle that was measured or given.
+    """
+
+    t_s: float
+    cameras: tuple[CameraState, ...]
+    measured_s: float
+    pose: RigidTransform | None
+
+
+def start(backgrounds: Sequence[ArrayLike], rig: Rig, t_s: float, pose: RigidTransform | None = None) -> TrackerState:
+    """The state before the first instant.
+
+    Parameters
+    ----------
+    backgrounds : sequence of array_like, shape (height, width)
+        A grey image of the empty scene a camera, in the rig's order.
+    rig : Rig
+    t_s : float
+        Time of the backgrounds, s; the first instant comes later.
+    pose : RigidTransform, optional
+        T_world_handle where it is known, for layouts that look alike.
+
+    Raises
+    ------
+    ValueError
+        If the backgrounds do not fit the rig in number or size, or the time is no finite number.
+    """
+    images = _as_images(backgrounds, rig)
+    cameras = tuple(CameraState(frozen(image.astype(np.float32)), None, None) for image in images)
+    t = as_number(t_s, "t_s")
+    return TrackerState(t, cameras, t, pose)
+
+
+def step(state: TrackerState, frames: Sequence[ArrayLike], t_s: float, rig: Rig, handle: Handle,
+         parameters: Parameters | None = None) -> tuple[TrackerState, Measurement]:
+    """One instant of a sequence: background, window, prediction, and the measurement in the window (Eq. 5-24).
+
+    Parameters
+    ----------
+    state : TrackerState
+        After the instant before.
+    frames : sequence of array_like, shape (height, width)
+        One grey image a camera, in the rig's order.
+    t_s : float
+        Time of the frames, s; any step after the last one.
+    rig : Rig
+    handle : Handle
+    parameters : Parameters, optional
+
+    Returns
+    -------
+    state : TrackerState
+        After this instant.
+    measurement : Measurement
+
+    Raises
+    ------
+    ValueError
+        If the frames do not fit the rig, or the time does not increase.
+    """
+    p = parameters or Parameters()
+    t = as_number(t_s, "t_s", low=state.t_s, open_low=True)
+    images = _as_images(frames, rig)
+    stepped = [_step_camera(*pair, t - state.t_s, p) for pair in zip(state.cameras, images, strict=True)]
+    cameras, windows = zip(*stepped, strict=True)
+    prior = state.pose if t - state.measured_s <= p.memory_s else None
+    measurement = measure(images, rig, handle, prior, p, windows)
+    if measurement.pose.status == "measured":
+        return TrackerState(t, cameras, t, measurement.pose.T_world_handle), measurement
+    return TrackerState(t, cameras, state.measured_s, state.pose), measurement
+
+
+def _step_camera(camera: CameraState, image: np.ndarray, dt: float, p: Parameters) -> tuple[CameraState, Window | None]:
+    """Renew one camera's background and filter; the window is where something moves, else where it is predicted."""
+    size = (image.shape[1], image.shape[0])
+    renewed, detection = background.step(camera.background, image, p.background)
+    motion = camera.motion and kalman.predict(camera.motion, kalman.constant_acceleration(dt),
+                                              kalman.white_jerk(dt, p.kalman.jerk_intensity))
+    if detection.window is None:
+        predicted = search_window(motion, camera.window, size, p.kalman) if motion and camera.window else None
+        return CameraState(renewed, motion if predicted else None, camera.window), predicted
+    centre = np.array(detection.window.centre)
+    state = CameraState(renewed, _follow(motion, centre, p.kalman), detection.window)
+    return state, detection.window.grown(p.markers.diameter_px[0]).clipped(size)
+
+
+def _follow(motion: kalman.State | None, centre: np.ndarray, p: kalman.KalmanParameters) -> kalman.State:
+    """Update the filter by the observed centre; start anew where there is none, or the gate refuses it."""
+    H, R = kalman.observation_matrix(), p.sigma_px**2 * np.eye(2)
+    if motion is None or not kalman.gate(kalman.innovation(motion, centre, H, R), p.gate_probability):
+        return kalman.initial_state(centre, p)
+    return kalman.update(motion, centre, H, R)
+
+
+def _markers_in(image: np.ndarray, region: Window | None, handle: Handle, p: Parameters) -> Markers:
+    """The markers inside a window, in pixels of the whole image."""
+    if region is None:
+        return find_markers(np.zeros((1, 1)), len(handle.marker_centres), handle.markers, p.markers)
+    found = find_markers(region.crop(image), len(handle.marker_centres), handle.markers, p.markers)
+    return replace(found, uv=frozen(found.uv + [region.u, region.v]))
+
+
+def _as_images(frames: Sequence[ArrayLike], rig: Rig) -> list[np.ndarray]:
+    if len(frames) != len(rig.cameras):
+        raise ValueError(f"frames: expected one for each of {len(rig.cameras)} cameras, got {len(frames)}")
+    return [as_image(frame, f"frames: {camera.name}", camera.size)
+            for frame, camera in zip(frames, rig.cameras, strict=True)]

@@ -11,9 +11,10 @@ from numpy.typing import ArrayLike
 from scipy.spatial.transform import RigidTransform
 
 from .camera import Camera, Rig, T_between
-from .checks import Array, as_array, as_number, as_points, as_transform
+from .checks import Array, as_array, as_number, as_points, as_transform, whole_rows
 
 
+@np.errstate(all="ignore")  # an overflow shows in the result
 def depth_forms(xy_left: ArrayLike, xy_right: ArrayLike, T_right_left: RigidTransform) -> tuple[Array, Array]:
     """Numerators and denominators of the two forms of z (Eq. 20).
 
@@ -28,12 +29,13 @@ def depth_forms(xy_left: ArrayLike, xy_right: ArrayLike, T_right_left: RigidTran
     -------
     numerator, denominator : ndarray, shape (n, 2)
         ``numerator / denominator`` is z in the left camera's frame, mm: first by the X, second by the Y coordinates. A
-        form fails where the baseline has no component along its axis: both parts are then near zero.
+        form fails where the baseline has no component along its axis: both parts are then near zero. NaN for missing
+        coordinates, not finite where the numbers are too large.
 
     Raises
     ------
     ValueError
-        If a shape is wrong or the lengths differ.
+        If a shape is wrong, the lengths differ, or there is no finite motion.
     """
     left = as_points(xy_left, "xy_left", 2)
     right = as_array(xy_right, "xy_right", left.shape, finite=False)
@@ -43,6 +45,7 @@ def depth_forms(xy_left: ArrayLike, xy_right: ArrayLike, T_right_left: RigidTran
     return t[:2] - right * t[2], right * turned[:, 2:] - turned[:, :2]
 
 
+@np.errstate(all="ignore")
 def triangulate_pair(left: Camera, right: Camera, uv_left: ArrayLike, uv_right: ArrayLike) -> Array:
     """Points from one binocular system, in the world frame (Eq. 20, 21).
 
@@ -58,8 +61,8 @@ def triangulate_pair(left: Camera, right: Camera, uv_left: ArrayLike, uv_right: 
     Returns
     -------
     ndarray, shape (n, 3)
-        World frame, mm. NaN where a pixel is missing, where the rays are parallel, or where the point would lie behind
-        either camera.
+        World frame, mm. NaN where a pixel is missing, where the rays are parallel, where the point would lie behind
+        either camera, or so far away that its numbers overflow.
 
     Raises
     ------
@@ -74,12 +77,11 @@ def triangulate_pair(left: Camera, right: Camera, uv_left: ArrayLike, uv_right: 
     xy_left = left.normalise(uv_left)
     numerator, denominator = depth_forms(xy_left, right.normalise(uv_right), T_right_left)
     square = (denominator**2).sum(axis=1)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        z = np.where(square > 1e-18, (numerator * denominator).sum(axis=1) / square, np.nan)
-        local = np.column_stack([xy_left, np.ones(len(z))]) * z[:, None]
-        behind = ~((z > 0) & (T_right_left.apply(local)[:, 2] > 0))
+    z = np.where(square > 1e-18, (numerator * denominator).sum(axis=1) / square, np.nan)
+    local = np.column_stack([xy_left, np.ones(len(z))]) * z[:, None]
+    behind = ~((z > 0) & (T_right_left.apply(local)[:, 2] > 0))
     local[behind] = np.nan
-    return left.T_world_cam.apply(local)
+    return whole_rows(left.T_world_cam.apply(local))
 
 
 def triangulate(rig: Rig, uv: ArrayLike) -> Array:
@@ -94,12 +96,12 @@ def triangulate(rig: Rig, uv: ArrayLike) -> Array:
     Returns
     -------
     ndarray, shape (n, 3)
-        World frame, mm: the mean over the pairs that see the marker; NaN where none does.
+        World frame, mm: the mean over the pairs that see the marker; NaN where none has a point (`triangulate_pair`).
 
     Raises
     ------
     ValueError
-        If the shape does not fit the rig.
+        If the shape does not fit the rig, or two of its cameras stand in one place.
     """
     uv = as_array(uv, "uv", (len(rig.cameras), None, 2), finite=False)
     by_pair = np.stack([triangulate_pair(rig.cameras[i], rig.cameras[j], uv[i], uv[j]) for i, j in rig.pairs])
@@ -117,12 +119,17 @@ def mean_point(points: ArrayLike) -> Array:
     Returns
     -------
     ndarray, shape (n, 3)
+        NaN where all are missing.
+
+    Raises
+    ------
+    ValueError
+        If the shape is wrong.
     """
     points = as_array(points, "points", (None, None, 3), finite=False)
     valid = np.asarray(np.isfinite(points).all(axis=2))
-    total = np.where(valid[..., None], points, 0.0).sum(axis=0)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        return total / valid.sum(axis=0)[:, None]
+    with np.errstate(all="ignore"):
+        return whole_rows(np.where(valid[..., None], points, 0.0).sum(axis=0) / valid.sum(axis=0)[:, None])
 
 
 def triangulation_covariance(rig: Rig, uv: ArrayLike, sigma_px: float, step_px: float = 1e-3) -> Array:
@@ -133,23 +140,25 @@ def triangulation_covariance(rig: Rig, uv: ArrayLike, sigma_px: float, step_px: 
     rig : Rig
     uv : array_like, shape (cameras, n, 2)
     sigma_px : float
-        Standard deviation of each pixel coordinate.
+        Standard deviation of each pixel coordinate, at most 1e6.
     step_px : float
-        Of the differences; the function is smooth over pixels, so 1e-3 px is far from both rounding and curvature.
+        Of the differences, 1e-6 to 1; the function is smooth over pixels, so 1e-3 px is far from both rounding and
+        curvature.
 
     Returns
     -------
     ndarray, shape (n, 3, 3)
-        mm^2, world frame; NaN where there is no point.
+        mm^2, world frame; NaN where there is no point, there or a step beside it.
 
     Raises
     ------
     ValueError
-        If the shape does not fit the rig, or `sigma_px` or `step_px` is not positive.
+        If the shape does not fit the rig, two of its cameras stand in one place, or `sigma_px` or `step_px` is out of
+        its range.
     """
     uv = as_array(uv, "uv", (len(rig.cameras), None, 2), finite=False)
-    sigma = as_number(sigma_px, "sigma_px", low=0.0, open_low=True)
-    step_px = as_number(step_px, "step_px", low=0.0, open_low=True)
+    sigma = as_number(sigma_px, "sigma_px", low=0.0, high=1e6, open_low=True)
+    step_px = as_number(step_px, "step_px", low=1e-6, high=1.0)
     covariance = np.zeros((uv.shape[1], 3, 3))
     for camera, axis in np.ndindex(len(rig.cameras), 2):
         if not np.isfinite(uv[camera]).any():

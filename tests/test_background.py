@@ -1,0 +1,215 @@
+"""Eq. 5-6 against OpenCV, double loops and closed forms; the window against NumPy's extremes."""
+
+import cv2
+import numpy as np
+import pytest
+
+from trinolab.background import (
+    BackgroundParameters,
+    difference,
+    light_gain,
+    moving_window,
+    step,
+    update,
+)
+from trinolab.window import Window
+
+SIZE = (31, 23)  # width, height: not square
+RNG = np.random.default_rng(0)
+FRAME = RNG.integers(0, 256, SIZE[::-1], dtype=np.uint8)
+BACKGROUND = RNG.uniform(0, 255, SIZE[::-1]).astype(np.float32)
+MASK = RNG.uniform(size=SIZE[::-1]) < 0.3
+GREY_ATOL = 5e-5  # grey levels; float32 resolves 1.5e-5 at 255, and two programs round in another order
+
+
+def difference_by_loops(frame, background, threshold):
+    image, mask = np.zeros_like(frame), np.zeros(frame.shape, bool)
+    for v in range(frame.shape[0]):
+        for u in range(frame.shape[1]):
+            if abs(float(frame[v, u]) - float(background[v, u])) > threshold:
+                image[v, u], mask[v, u] = frame[v, u], True
+    return image, mask
+
+
+@pytest.mark.parametrize("threshold", [0, 15, 80.5, 255])
+def test_difference_is_that_of_two_loops(threshold):
+    image, mask = difference(FRAME, BACKGROUND, threshold)
+    by_loops = difference_by_loops(FRAME, BACKGROUND, threshold)
+    np.testing.assert_array_equal(image, by_loops[0])
+    np.testing.assert_array_equal(mask, by_loops[1])
+    assert image.dtype == FRAME.dtype
+    assert mask.any() or threshold == 255
+
+
+def test_the_threshold_itself_is_not_exceeded():
+    image, mask = difference(np.array([[30, 31, 10, 9]], np.uint8), np.full((1, 4), 20.0), 10)
+    np.testing.assert_array_equal(mask, [[False, True, False, True]])
+    np.testing.assert_array_equal(image, [[0, 31, 0, 9]])
+
+
+def test_a_moving_black_pixel_is_in_the_mask_and_lost_in_the_image():
+    image, mask = difference(np.array([[0, 200]], np.uint8), np.array([[50.0, 50.0]]), 15)
+    np.testing.assert_array_equal(image, [[0, 200]])  # Eq. 5: 0 means background
+    np.testing.assert_array_equal(mask, [[True, True]])
+
+
+@pytest.mark.parametrize("alpha", [0.0, 0.05, 0.5, 1.0])
+def test_update_is_accumulate_weighted(alpha):
+    expected = BACKGROUND.copy()
+    cv2.accumulateWeighted(FRAME, expected, alpha)
+    np.testing.assert_allclose(update(BACKGROUND, FRAME, alpha), expected, rtol=0, atol=GREY_ATOL)
+
+
+def test_selective_update_is_accumulate_weighted_with_a_mask():
+    expected = BACKGROUND.copy()
+    cv2.accumulateWeighted(FRAME, expected, 0.1, mask=(~MASK).astype(np.uint8))
+    np.testing.assert_allclose(update(BACKGROUND, FRAME, 0.1, MASK), expected, rtol=0, atol=GREY_ATOL)
+    np.testing.assert_array_equal(update(BACKGROUND, FRAME, 0.1, MASK)[MASK], BACKGROUND[MASK])  # left as they are
+
+
+def test_update_with_a_slower_rate_under_the_mask_is_that_of_two_loops():
+    expected = np.empty(FRAME.shape)
+    for v in range(FRAME.shape[0]):
+        for u in range(FRAME.shape[1]):
+            alpha = 0.01 if MASK[v, u] else 0.1
+            expected[v, u] = alpha * float(FRAME[v, u]) + (1 - alpha) * float(BACKGROUND[v, u])
+    np.testing.assert_allclose(update(BACKGROUND, FRAME, 0.1, MASK, 0.01), expected, rtol=0, atol=GREY_ATOL)
+
+
+@pytest.mark.parametrize("alpha", [0.02, 0.3])
+def test_a_step_has_gone_in_by_the_time_constants_share(alpha):
+    before, after, frames = 40.0, 140.0, 25
+    background = np.full((2, 3), before)
+    for _ in range(frames):
+        background = update(background, np.full((2, 3), after), alpha)
+    share = (background - before) / (after - before)
+    np.testing.assert_allclose(share, 1 - (1 - alpha) ** frames, atol=1e-12)  # float64
+
+
+def test_types_of_the_background():
+    assert update(BACKGROUND, FRAME, 0.1).dtype == np.float32
+    assert update(FRAME, FRAME, 0.1).dtype == np.float32
+    assert update(BACKGROUND.astype(float), FRAME, 0.1).dtype == np.float64
+
+
+def test_nothing_that_comes_in_is_changed_and_nothing_that_goes_out_can_be():
+    before = BACKGROUND.copy()
+    renewed, detection = step(BACKGROUND, FRAME)
+    np.testing.assert_array_equal(BACKGROUND, before)
+    for array in (renewed, detection.image, detection.mask):
+        with pytest.raises(ValueError, match="read-only"):
+            array[0, 0] = 1
+
+
+@pytest.mark.parametrize("gain", [0.6, 1.0, 1.35])
+def test_light_gain_under_noise_and_a_hand(gain):
+    rng = np.random.default_rng(1)
+    background = 45 + 7 * rng.standard_normal((300, 400))
+    frame = gain * background
+    frame[100:250, 50:250] = 130.0  # a quarter of the image
+    frame = np.clip(np.rint(frame + 2.1 * rng.standard_normal(frame.shape)), 0, 255).astype(np.uint8)
+    # The median slides up by what a quarter of outliers makes of a ratio's scatter of 2.1 / 45.
+    assert light_gain(frame, background) == pytest.approx(gain, abs=0.025)
+
+
+def test_light_gain_of_a_covered_lens_or_a_dark_background_is_one():
+    assert light_gain(np.zeros((8, 8), np.uint8), np.full((8, 8), 50.0)) == 1.0
+    assert light_gain(np.full((8, 8), 50, np.uint8), np.zeros((8, 8))) == 1.0
+
+
+def test_a_step_of_light_moves_nothing_if_it_is_compensated():
+    bench = 45 + 7 * RNG.standard_normal((60, 80))
+    brighter = np.clip(np.rint(1.4 * bench), 0, 255).astype(np.uint8)  # + 18 grey levels
+    assert step(bench, brighter, BackgroundParameters(compensate_light=False))[1].mask.mean() > 0.7
+    assert not step(bench, brighter)[1].mask.any()
+
+
+def rest(parameters, frames=60):
+    """The share of a resting square that is still in the mask after a number of frames."""
+    background, frame = np.full((40, 50), 45.0), np.full((40, 50), 45, np.uint8)
+    frame[10:30, 10:30] = 90
+    for _ in range(frames):
+        background, detection = step(background, frame, parameters)
+    return detection.mask[10:30, 10:30].mean()
+
+
+def test_a_resting_square_is_swallowed_as_printed_and_kept_by_the_mask():
+    # (90 - 45) (1 - alpha)^k falls below T = 15 at k = ln 3 / -ln 0.95 = 21.4
+    printed = BackgroundParameters(masked_rate=None)
+    assert (rest(printed, 22), rest(printed, 23)) == (1.0, 0.0)  # the k-th frame meets the background of k - 1
+    assert rest(BackgroundParameters()) == 1.0
+
+
+def test_window_is_the_extremes_of_the_largest_region():
+    mask = np.zeros((40, 60), bool)
+    mask[2:4, 50:60] = True  # 20 px at the edge
+    region = np.zeros_like(mask)
+    region[np.arange(10, 30), np.arange(5, 25)] = True  # a diagonal: its pixels touch at corners
+    region[20, 8:30] = True
+    rows, columns = np.nonzero(region)
+    window = moving_window(mask | region)
+    assert window == Window(columns.min(), rows.min(), np.ptp(columns) + 1, np.ptp(rows) + 1)
+    by_cv2 = cv2.boundingRect(region.astype(np.uint8))
+    assert (window.u, window.v, window.width, window.height) == by_cv2
+
+
+def test_window_needs_more_pixels_than_the_threshold():
+    mask = np.zeros((20, 20), bool)
+    mask[3, 4:9], mask[15, 15] = True, True  # 6 in all
+    assert moving_window(mask, 5) == Window(4, 3, 5, 1)
+    assert moving_window(mask, 6) is None
+    assert moving_window(np.zeros((20, 20), bool)) is None
+
+
+def test_crop_and_contains_by_hand():
+    window = Window(3, 1, 4, 2)
+    image = np.arange(50).reshape(5, 10)
+    np.testing.assert_array_equal(window.crop(image), [[13, 14, 15, 16], [23, 24, 25, 26]])
+    uv = [[2.5, 0.5], [6.49, 2.49], [2.49, 1], [6.5, 1], [4, 2.5], [np.nan, 1]]
+    np.testing.assert_array_equal(window.contains(uv), [True, True, False, False, False, False])
+    assert window.area == 8
+    assert window.centre == (4.5, 1.5)
+
+
+def test_around_points_and_blank_outside():
+    window = Window.around([[3.4, 7.6], [np.nan, 0], [6.5, 8.4]])
+    assert window == Window(3, 8, 5, 1)  # 3.4 lies on pixel 3, 6.5 on pixel 7, 7.6 and 8.4 on pixel 8
+    assert window.contains([[3.4, 7.6], [6.5, 8.4]]).all()
+    assert Window.around([[np.nan, 1]]) is None
+    image = np.arange(1, 13).reshape(3, 4)
+    np.testing.assert_array_equal(Window(1, 0, 2, 2).blank_outside(image), [[0, 2, 3, 0], [0, 6, 7, 0], [0, 0, 0, 0]])
+    assert image[0, 0] == 1
+
+
+def test_grown_and_clipped():
+    assert Window(3, 1, 4, 2).grown(1.2) == Window(1, -1, 8, 6)
+    assert Window(1, -1, 8, 6).clipped((7, 4)) == Window(1, 0, 6, 4)
+    assert Window(7, 0, 3, 3).clipped((7, 4)) is None
+    assert Window(-3, 0, 3, 3).clipped((7, 4)) is None
+
+
+@pytest.mark.parametrize("call", [
+    lambda: difference(FRAME, BACKGROUND[:-1], 15), lambda: difference(FRAME, BACKGROUND, -1),
+    lambda: difference(FRAME[None], BACKGROUND, 15), lambda: difference(FRAME, BACKGROUND * np.nan, 15),
+    lambda: update(BACKGROUND, FRAME, 1.1), lambda: update(BACKGROUND, FRAME, float("nan")),
+    lambda: update(BACKGROUND, FRAME, 0.1, MASK.astype(int)), lambda: update(BACKGROUND, FRAME, 0.1, MASK[:-1]),
+    lambda: update(BACKGROUND, FRAME, 0.1, MASK, -0.1), lambda: update(BACKGROUND[:-1], FRAME, 0.1),
+    lambda: light_gain(FRAME, BACKGROUND, 0), lambda: moving_window(FRAME), lambda: moving_window(MASK, -1),
+    lambda: step(BACKGROUND[:-1], FRAME), lambda: Window(0, 0, 0, 1), lambda: Window(0.5, 0, 1, 1),
+    lambda: Window(0, 0, 9, 9).crop(np.zeros((5, 5))), lambda: Window(0, 0, 1, 1).grown(-1),
+    lambda: Window(3, 0, 2, 2).blank_outside(np.zeros((4, 4))), lambda: Window.around([1, 2]),
+    lambda: Window(0, 0, 1, 1).contains([1, 2]), lambda: BackgroundParameters(update_rate=2),
+    lambda: BackgroundParameters(difference_threshold=-1), lambda: BackgroundParameters(min_pixels="few"),
+    lambda: BackgroundParameters(masked_rate=-0.1), lambda: BackgroundParameters(compensate_light=1)])
+def test_bad_input_is_a_value_error(call):
+    with pytest.raises(ValueError, match="expected"):
+        call()
+
+
+def test_noise_that_is_left_in_the_background():
+    rng, alpha, frames = np.random.default_rng(2), 0.1, 100
+    background = rng.normal(45, 2, (60, 80))
+    for _ in range(frames):
+        background = update(background, rng.normal(45, 2, (60, 80)), alpha)
+    # alpha / (2 - alpha) of the variance; that of a variance's estimate from 4800 pixels is 2 %
+    assert background.var() / 4 == pytest.approx(alpha / (2 - alpha), rel=0.08)

@@ -1,0 +1,407 @@
+"""Eq. 25 by hand and by Monte Carlo; the calibration against exact corners, finite differences and OpenCV."""
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+from scipy.optimize._numdiff import approx_derivative
+from scipy.spatial.transform import RigidTransform, Rotation
+
+from trinolab import adjustment
+from trinolab.board import Board
+from trinolab.calibration import calibrate, mean_relative_pose, relative_pose, rotation_sigma
+from trinolab.camera import Camera, Rig
+from trinolab.zhang import homography, intrinsics, target_pose
+
+SIZE = (640, 480)
+BOARD = Board(7, 6, 20.0)
+K_LEFT = np.array([[700.0, 0, 330], [0, 690, 228], [0, 0, 1]])
+K_RIGHT = np.array([[715.0, 0, 310], [0, 708, 250], [0, 0, 1]])
+K_THIRD = np.array([[650.0, 0, 322], [0, 655, 241], [0, 0, 1]])
+LENS = np.array([[-0.25, 0.08, 1e-3, -8e-4, 0.02], [-0.2, 0.05, -5e-4, 6e-4, 0.0], [0.1, -0.1, 1e-3, 1e-3, 0.01]])
+
+
+def motion(translation, rotvec=(0, 0, 0)):
+    return RigidTransform.from_components(translation, Rotation.from_rotvec(np.array(rotvec, float)))
+
+
+def make_rig(lens=LENS):
+    """Three cameras; world is the first one's frame."""
+    poses = [motion([0, 0, 0]), motion([90, 5, 10], [0.02, -0.2, 0.01]), motion([-60, -120, 40], [0.3, 0.1, -0.05])]
+    return Rig(tuple(Camera(f"c{k}", SIZE, K, d, T.inv())
+                     for k, (K, d, T) in enumerate(zip((K_LEFT, K_RIGHT, K_THIRD), lens, poses, strict=True))))
+
+
+def positions(count=8, seed=3):
+    rng = np.random.default_rng(seed)
+    turns = Rotation.from_rotvec(rng.uniform(-0.5, 0.5, (count, 3)))
+    centres = rng.uniform([-40, -30, 380], [60, 30, 480], (count, 3))
+    return RigidTransform.from_components(centres - turns.apply(BOARD.points.mean(axis=0)), turns)
+
+
+def project(rig, poses):
+    return np.stack([[camera.project(T.apply(np.array(BOARD.points))) for T in poses] for camera in rig.cameras])
+
+
+def check_same(found, true, atol_px, atol_mm, atol_rad, atol_lens):
+    for a, b in zip(found.cameras, true.cameras, strict=True):
+        np.testing.assert_allclose(a.matrix, b.matrix, rtol=0, atol=atol_px)
+        np.testing.assert_allclose(a.distortions, b.distortions, rtol=0, atol=atol_lens)
+        np.testing.assert_allclose(a.centre, b.centre, rtol=0, atol=atol_mm)
+        assert (a.T_cam_world.rotation * b.T_cam_world.rotation.inv()).magnitude() < atol_rad
+
+
+# --- Eq. 25
+
+
+def test_relative_pose():
+    # the board 500 mm in front of the left camera; the right camera 100 mm to the right sees it 100 mm to the left
+    T = relative_pose(motion([0, 0, 500]), motion([-100, 0, 500]))
+    np.testing.assert_allclose(T.translation, [100, 0, 0], atol=1e-12)
+    # the right camera sees the board 200 mm ahead, turned by -90 deg about y: R_rl = Ry(90), and Ry(90) (0, 0, 200) is
+    # (200, 0, 0), so T_rl = (0, 0, 500) - (200, 0, 0)
+    T = relative_pose(motion([0, 0, 500]), motion([0, 0, 200], [0, -np.pi / 2, 0]))
+    np.testing.assert_allclose(T.translation, [-200, 0, 500], atol=1e-12)
+    np.testing.assert_allclose(T.rotation.as_matrix(), [[0, 0, 1], [0, 1, 0], [-1, 0, 0]], atol=1e-12)
+
+
+FINITE = st.floats(-1e3, 1e3)
+VECTORS = arrays(float, 3, elements=FINITE)
+
+
+@given(VECTORS, VECTORS, VECTORS, VECTORS, VECTORS)
+def test_eq_25_carries_right_to_left(t_l, w_l, t_r, w_r, point):
+    T_l, T_r = motion(t_l, w_l / 300), motion(t_r, w_r / 300)
+    T = relative_pose(T_l, T_r)
+    # what both cameras see of one point of the target; lengths up to 5e3 mm leave rounding of 1e-12 mm
+    np.testing.assert_allclose(T.apply(T_r.apply(point)), T_l.apply(point), rtol=0, atol=1e-9)
+    back = relative_pose(T_r, T_l)
+    np.testing.assert_allclose((T * back).as_matrix(), np.eye(4), rtol=0, atol=1e-9)
+
+
+def test_relative_pose_of_many_is_each():
+    left, right = positions(5), positions(5, seed=8)
+    each = relative_pose(left, right)
+    assert len(each) == 5
+    np.testing.assert_allclose(each[3].as_matrix(), relative_pose(left[3], right[3]).as_matrix(), atol=1e-12)
+
+
+@pytest.mark.parametrize("bad", [None, np.eye(4), Rotation.identity()])
+def test_relative_pose_refuses_what_is_no_motion(bad):
+    with pytest.raises(ValueError, match="T_right_target: expected a RigidTransform"):
+        relative_pose(RigidTransform.identity(), bad)
+    with pytest.raises(ValueError, match="T_left_target: expected a RigidTransform"):
+        relative_pose(bad, RigidTransform.identity())
+
+
+def test_relative_pose_refuses_other_lengths():
+    with pytest.raises(ValueError, match=r"T_right_target: expected shape \(4,\), got \(5,\)"):
+        relative_pose(positions(4), positions(5))
+    with pytest.raises(ValueError, match="two or more positions, got 1"):
+        mean_relative_pose(positions(1), positions(1))
+    with pytest.raises(ValueError, match="two or more positions, got 1"):
+        mean_relative_pose(motion([0, 0, 1]), motion([0, 0, 1]))
+
+
+def test_mean_and_its_uncertainty_by_monte_carlo():
+    rng, truth, n = np.random.default_rng(0), motion([100, -3, 8], [0.01, 0.2, -0.02]), 14
+    right, draws = positions(n), []
+    for _ in range(300):
+        noisy = [motion(rng.normal(0, 0.5, 3), rng.normal(0, 2e-3, 3)) * truth * T for T in right]
+        draws.append(mean_relative_pose(RigidTransform.concatenate(noisy), right))
+    assert draws[0].positions == n
+    off = np.array([np.concatenate([d.T_left_right.translation - truth.translation,
+                                    (d.T_left_right.rotation * truth.rotation.inv()).as_rotvec()]) for d in draws])
+    said = np.sqrt(np.mean([np.diag(d.covariance) for d in draws], axis=0))
+    # a standard deviation from 300 draws is known to 4 %
+    np.testing.assert_allclose(off.std(axis=0), said, rtol=0.16)
+    assert (np.abs(off.mean(axis=0)) < 4 * said / np.sqrt(300)).all()
+
+
+def test_rotation_sigma_by_monte_carlo():
+    rng, rotation = np.random.default_rng(1), Rotation.from_rotvec([0.3, -0.8, 0.2])
+    root = np.array([[2e-3, 0, 0], [5e-4, 1e-3, 0], [-3e-4, 2e-4, 3e-3]])
+    draws = (Rotation.from_rotvec(rng.normal(size=(4000, 3)) @ root.T) * rotation).as_matrix()
+    # 4,000 draws: 1.1 %, and terms of second order 1e-5
+    np.testing.assert_allclose(rotation_sigma(rotation, root @ root.T), draws.std(axis=0), rtol=0.06, atol=2e-5)
+
+
+# --- Zhang's start
+
+
+def test_homography_by_hand():
+    # doubles x, trebles y, moves by (10, 20)
+    xy = np.array([[0, 0], [1, 0], [1, 1], [0, 1], [0.3, 0.7]])
+    H = homography(xy, xy * [2, 3] + [10, 20])
+    np.testing.assert_allclose(H / H[2, 2], [[2, 0, 10], [0, 3, 20], [0, 0, 1]], atol=1e-12)
+    assert H[2, 2] > 0
+
+
+@given(arrays(float, (3, 3), elements=st.floats(-1, 1)), st.integers(0, 2**32 - 1))
+def test_homography_returns_what_made_the_points(change, seed):
+    true = np.array([[40.0, 3, 300], [-5, 45, 200], [1e-2, -2e-2, 1]]) * (1 + 0.1 * change)
+    xy = np.random.default_rng(seed).uniform(-3, 3, (12, 2))
+    image = np.column_stack([xy, np.ones(12)]) @ true.T
+    H = homography(xy, image[:, :2] / image[:, 2:])
+    np.testing.assert_allclose(H / H[2, 2], true / true[2, 2], rtol=0, atol=1e-6)  # entries up to 360
+
+
+def test_homography_needs_four_points_that_are_not_in_line():
+    xy = np.array([[0, 0], [1, 0], [1, 1], [0, 1.0]])
+    assert homography(xy[:3], xy[:3]) is None
+    gone = xy.copy()
+    gone[2] = np.nan
+    assert homography(xy, gone) is None
+    line = np.column_stack([np.arange(6.0), 2 * np.arange(6.0)])
+    assert homography(line, line) is None
+    assert homography(np.ones((6, 2)), np.ones((6, 2))) is None
+    assert homography(xy, xy) is not None
+
+
+def test_start_is_exact_without_distortion():
+    rig, poses = make_rig(np.zeros((3, 5))), positions(5)
+    H = [homography(BOARD.points[:, :2], uv) for uv in project(rig, poses)[1]]
+    K = intrinsics(H, SIZE)
+    np.testing.assert_allclose(K, K_RIGHT, rtol=0, atol=1e-6)  # px
+    for h, T in zip(H, poses, strict=True):
+        expected = rig.cameras[1].T_cam_world * T
+        for sign in (1, -1):  # a homography has no sign of its own
+            np.testing.assert_allclose(target_pose(sign * h, K).as_matrix(), expected.as_matrix(), rtol=0, atol=1e-6)
+
+
+def test_start_falls_back_on_the_image_centre():
+    # two positions of one tilt, and one nearly of it: noise decides where the closed form puts the principal point
+    rig, rng = make_rig(np.zeros((3, 5))), np.random.default_rng(0)
+    poses = [motion([-60 + x, -50, 400], [0.2, 0.15, 0]) for x in (0, 5, 10)]
+    uv = project(rig, poses)[0] + rng.normal(0, 1.0, (3, len(BOARD.points), 2))
+    K = intrinsics([homography(BOARD.points[:, :2], pixels) for pixels in uv], SIZE)
+    np.testing.assert_allclose(K[:2, 2], [319.5, 239.5], atol=1e-9)
+    assert 400 < K[0, 0] < 1200
+
+
+def test_frontal_positions_are_refused():
+    rig = make_rig(np.zeros((3, 5)))
+    uv = project(rig, [motion([x, -50, 400]) for x in (-60, -50, -40)])[0]
+    H = [homography(BOARD.points[:, :2], pixels) for pixels in uv]
+    with pytest.raises(ValueError, match="homographies: expected positions of different tilt"):
+        intrinsics(H, SIZE)
+    with pytest.raises(ValueError, match="homographies: expected three or more, got 2"):
+        intrinsics(H[:2], SIZE)
+
+
+@pytest.mark.parametrize("name", ["H", "K"])
+def test_target_pose_refuses_singular_matrices(name):
+    matrices = {"H": np.eye(3), "K": np.eye(3), name: np.ones((3, 3))}
+    with pytest.raises(ValueError, match="H, K: expected invertible"):
+        target_pose(**matrices)
+
+
+# --- the adjustment's model
+
+
+@pytest.mark.parametrize("terms", [0, 2, 5])
+def test_slopes_are_the_derivatives(terms):
+    rig, poses = make_rig(), positions(2)
+    layout = adjustment.Layout(3, 2, terms)
+    x = adjustment.pack(layout, [c.matrix for c in rig.cameras], [c.T_world_cam for c in rig.cameras], list(poses))
+    x[:layout.split(x)[0].size].reshape(3, -1)[:, 4:] = LENS[:, :terms]
+    zero = np.zeros((3, 2, len(BOARD.points), 2))
+    J = adjustment.slopes(layout, BOARD.points, x).reshape(-1, len(x))
+    numeric = approx_derivative(lambda y: adjustment.residuals(layout, BOARD.points, zero, y).ravel(), x,
+                                method="3-point")
+    scale = np.abs(numeric).max(axis=0)
+    np.testing.assert_allclose(J / scale, numeric / scale, rtol=0, atol=1e-6)  # of the differences
+
+
+def test_model_projects_as_the_cameras_do():
+    rig, poses = make_rig(), positions(2)
+    layout = adjustment.Layout(3, 2, 5)
+    x = adjustment.pack(layout, [c.matrix for c in rig.cameras], [c.T_world_cam for c in rig.cameras], list(poses))
+    x[:27].reshape(3, 9)[:, 4:] = LENS
+    uv = project(rig, poses)
+    np.testing.assert_allclose(adjustment.residuals(layout, BOARD.points, uv, x), 0, atol=1e-9)
+    behind = x.copy()
+    behind[39 + 2] = -400.0  # z of the first view
+    errors = adjustment.residuals(layout, BOARD.points, uv, behind)
+    assert np.isnan(errors[:2, 0]).all()
+    assert np.isfinite(errors[:, 1]).all()
+    matrices, distortions, cameras, targets = adjustment.unpack(layout, x)
+    np.testing.assert_array_equal(matrices[1], K_RIGHT)
+    np.testing.assert_array_equal(distortions, LENS)
+    np.testing.assert_allclose(cameras[2].as_matrix(), rig.cameras[2].T_world_cam.as_matrix(), atol=1e-12)
+    np.testing.assert_allclose(targets[1].as_matrix(), poses[1].as_matrix(), atol=1e-12)
+
+
+@given(arrays(float, 3, elements=st.floats(-3, 3)), arrays(float, 3, elements=st.floats(-1, 1)))
+def test_left_jacobian(rotvec, change):
+    J, step = adjustment.left_jacobian(rotvec), 1e-6 * change
+    turned = Rotation.from_rotvec(rotvec + step) * Rotation.from_rotvec(rotvec).inv()
+    np.testing.assert_allclose(turned.as_rotvec(), J @ step, rtol=0, atol=2e-11)  # second order of 2e-6
+
+
+# --- exact corners
+
+
+def test_exact_corners_give_the_cameras_back():
+    rig, poses = make_rig(), positions()
+    found = calibrate(BOARD.points, project(rig, poses), [SIZE] * 3, rig.names)
+    # rounding, magnified by the least determined parameter; worst seen 5e-10 px, 4e-10 mm, 3e-9 for k3
+    check_same(found, rig, 1e-8, 1e-8, 1e-10, 1e-7)
+    assert found.rms_px < 1e-9
+    for a, b in zip(found.T_world_target, poses, strict=True):
+        np.testing.assert_allclose(a.as_matrix(), b.as_matrix(), atol=1e-8)
+    assert found.rig.names == ("c0", "c1", "c2")
+
+
+def test_missing_views_and_corners():
+    rig, poses = make_rig(), positions(14)
+    uv = project(rig, poses)
+    uv[0, 7:] = np.nan  # the first and the third camera share nothing
+    uv[2, :7] = np.nan
+    uv[1, 4, ::3] = np.nan
+    uv[1, 5, 3:] = np.nan  # three corners: the view is left out
+    uv[2, 12, 7:] = np.nan  # one row, all on a line: left out
+    uv[:, 13] = np.nan
+    found = calibrate(BOARD.points, uv, [SIZE] * 3)
+    check_same(found, rig, 1e-7, 1e-7, 1e-9, 1e-6)  # fewer views for each: ten times less determined than above
+    assert [T is None for T in found.T_world_target] == [False] * 13 + [True]
+    used = np.isfinite(found.view_rms_px)
+    assert used.tolist() == [[k < 7 for k in range(14)], [k not in (5, 13) for k in range(14)],
+                             [6 < k < 12 for k in range(14)]]
+    np.testing.assert_array_equal(np.isfinite(found.residuals_px[1, 4]), np.isfinite(uv[1, 4]))
+
+
+@pytest.mark.parametrize("terms", [0, 2, 4])
+def test_fewer_distortions(terms):
+    lens = np.where(np.arange(5) < terms, LENS, 0.0)
+    rig = make_rig(lens)
+    found = calibrate(BOARD.points, project(rig, positions()), [SIZE] * 3, distortion_terms=terms)
+    check_same(found, rig, 1e-8, 1e-8, 1e-10, 1e-7)
+    assert (found.intrinsic_sigma[:, 4 + terms:] == 0).all()
+
+
+# --- against OpenCV, on the same noisy corners
+
+
+@pytest.fixture(scope="module")
+def noisy():
+    """Exact corners of two cameras with 0.1 px of noise, and what OpenCV makes of them."""
+    rig = Rig(make_rig().cameras[:2])
+    uv = project(rig, positions(9)) + np.random.default_rng(4).normal(0, 0.1, (2, 9, len(BOARD.points), 2))
+    uv = uv.astype(np.float32).astype(float)  # OpenCV takes single precision
+    board = [BOARD.points.astype(np.float32).reshape(-1, 1, 3)] * 9
+    sides = [[view.astype(np.float32).reshape(-1, 1, 2) for view in side] for side in uv]
+    stop = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, 500, 1e-14)
+    mono = [cv2.calibrateCamera(board, side, SIZE, None, None, criteria=stop) for side in sides]
+    start = [np.array(part) for one in mono for part in one[1:3]]
+    stereo = cv2.stereoCalibrate(board, *sides, *start, SIZE, flags=cv2.CALIB_USE_INTRINSIC_GUESS, criteria=stop)
+    return uv, mono, stereo
+
+
+def test_one_camera_as_opencv(noisy):
+    uv, mono, _ = noisy
+    for side, (rms, K, distortions, *_) in zip(uv, mono, strict=True):
+        found = calibrate(BOARD.points, side[None], [SIZE])
+        # both stop where the sum of squares stops falling; its valley is flat: 1e-3 of a standard deviation
+        assert found.rms_px == pytest.approx(rms, abs=1e-9)
+        sigma = found.intrinsic_sigma[0]
+        assert (np.abs(found.cameras[0].matrix - K)[[0, 1, 0, 1], [0, 1, 2, 2]] < 1e-2 * sigma[:4]).all()
+        assert (np.abs(found.cameras[0].distortions - distortions.ravel()) < 1e-2 * sigma[4:]).all()
+
+
+def test_two_cameras_as_opencv(noisy):
+    uv, _, (rms, K1, d1, K2, d2, R, T, *_) = noisy
+    found = calibrate(BOARD.points, uv, [SIZE] * 2)
+    assert found.rms_px == pytest.approx(rms, abs=1e-9)
+    for k, (K, d) in enumerate(((K1, d1), (K2, d2))):
+        sigma = found.intrinsic_sigma[k]
+        assert (np.abs(found.cameras[k].matrix - K)[[0, 1, 0, 1], [0, 1, 2, 2]] < 1e-2 * sigma[:4]).all()
+        assert (np.abs(found.cameras[k].distortions - d.ravel()) < 1e-2 * sigma[4:]).all()
+    # OpenCV's R, T go left to right; sigma_T is 0.02 to 0.1 mm here
+    np.testing.assert_allclose(found.cameras[1].T_cam_world.translation, T.ravel(), rtol=0, atol=1e-3)
+    np.testing.assert_allclose(found.cameras[1].T_cam_world.rotation.as_matrix(), R, rtol=0, atol=1e-5)
+
+
+# --- uncertainty
+
+
+def test_covariance_by_monte_carlo():
+    rig, rng, sigma = Rig(make_rig(np.where(np.arange(5) < 1, LENS, 0.0)).cameras[:2]), np.random.default_rng(5), 0.2
+    exact = project(rig, positions(5))
+    found = [calibrate(BOARD.points, exact + rng.normal(0, sigma, exact.shape), [SIZE] * 2, distortion_terms=1)
+             for _ in range(50)]
+    off = np.array([np.concatenate([
+        *(np.append(f.cameras[k].matrix[[0, 1, 0, 1], [0, 1, 2, 2]], f.cameras[k].distortions[0]) for k in (0, 1)),
+        f.cameras[1].centre - rig.cameras[1].centre,
+        (f.cameras[1].T_world_cam.rotation * rig.cameras[1].T_cam_world.rotation).as_rotvec()]) for f in found])
+    said = np.sqrt(np.mean([np.diag(f.covariance) for f in found], axis=0))
+    # a standard deviation from 50 draws is known to 10 %; the worst of 16 may be off by three times that
+    np.testing.assert_allclose(off.std(axis=0), said, rtol=0.3)
+    # correlations: those above 0.9 in the mean covariance show in the draws
+    whole = np.mean([f.covariance for f in found], axis=0)
+    np.testing.assert_allclose(np.corrcoef(off.T), whole / np.outer(said, said), rtol=0, atol=0.4)
+    assert np.mean([f.sigma_px for f in found]) == pytest.approx(sigma, rel=0.02)  # 50 x 796 degrees of freedom
+    one = found[0]
+    np.testing.assert_array_equal(one.relative_covariance(1), one.covariance[10:, 10:])
+    np.testing.assert_array_equal(one.relative_covariance(0), 0)
+    np.testing.assert_allclose(one.intrinsic_sigma[1, :5], np.sqrt(np.diag(one.covariance))[5:10])
+    with pytest.raises(ValueError, match="camera: expected 0 to 1, got 2"):
+        one.relative_covariance(2)
+
+
+def test_residuals_and_their_rms():
+    rig = Rig(make_rig().cameras[:2])
+    uv = project(rig, positions(5)) + np.random.default_rng(6).normal(0, 0.1, (2, 5, len(BOARD.points), 2))
+    uv[1, 2] = np.nan
+    found = calibrate(BOARD.points, uv, [SIZE] * 2)
+    again = np.stack([[camera.project(T.apply(np.array(BOARD.points))) for T in found.T_world_target]
+                      for camera in found.cameras]) - uv
+    np.testing.assert_allclose(found.residuals_px, again, atol=1e-9)
+    square = (again**2).sum(axis=3)
+    assert found.rms_px == pytest.approx(np.sqrt(np.nanmean(square)), abs=1e-12)
+    assert found.view_rms_px[0, 2] == pytest.approx(np.sqrt(square[0, 2].mean()), abs=1e-12)
+    assert np.isnan(found.view_rms_px[1, 2])
+
+
+# --- bad input
+
+
+def refuse(match, uv=None, target=BOARD.points, sizes=(SIZE, SIZE), **rest):
+    uv = project(Rig(make_rig().cameras[:2]), positions(4)) if uv is None else uv
+    with pytest.raises(ValueError, match=match):
+        calibrate(target, uv, sizes, **rest)
+
+
+def test_caller_mistakes_are_named():
+    refuse("sizes: expected one for each of 2", sizes=[SIZE])
+    refuse(r"uv: expected shape \(n, n, 42, 2\)", uv=np.zeros((2, 4, 41, 2)))
+    refuse("target: expected a flat target", target=BOARD.points + [0, 0, 1])
+    refuse("distortion_terms: expected one of", distortion_terms=3)
+    refuse("target: expected finite", target=np.full((42, 3), np.nan))
+
+
+def test_views_that_say_too_little():
+    uv = project(Rig(make_rig().cameras[:2]), positions(6))
+    few = uv.copy()
+    few[1, 2:] = np.nan
+    refuse("uv: expected three or more views by camera 1, got 2", uv=few)
+    apart = uv.copy()
+    apart[0, :3] = apart[1, 3:] = np.nan
+    refuse("uv: camera 1 shares no view with the others", uv=apart)
+    alike = [motion([-60 + x, -50, 400], [0.3, 0.2, 0]) for x in (0, 9, 20)]
+    without_lens = project(Rig(make_rig(np.zeros((3, 5))).cameras[:2]), alike)
+    refuse("uv: expected views that determine all parameters", uv=without_lens, distortion_terms=0)
+
+
+@settings(max_examples=25, deadline=None)
+@given(arrays(float, (2, 3, 4, 2), elements=st.floats(-1e4, 1e4) | st.just(np.nan)))
+def test_nonsense_is_refused_or_finite(uv):
+    target = np.array([[0, 0, 0], [40, 0, 0], [40, 30, 0], [0, 30, 0.0]])
+    try:
+        found = calibrate(target, uv, [SIZE] * 2, distortion_terms=0)
+    except ValueError:
+        return
+    assert np.isfinite(found.covariance).all()
+    assert np.isfinite(found.rms_px)

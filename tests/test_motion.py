@@ -1,0 +1,133 @@
+"""Smooth motion: rates and smoothness by finite differences of the poses, not from the motion's own formulas."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import RigidTransform, Rotation
+
+from trinolab.motion import motion_at, random_pose, smooth_motion
+
+LIMITS = np.array([[-90, 90], [-60, 60], [520, 620]])
+
+
+def rng(seed=0):
+    return np.random.default_rng(seed)
+
+
+def rates(poses, step_s):
+    """Speeds in mm/s and turn rates in deg/s between successive poses."""
+    turns = (poses.rotation[:-1].inv() * poses.rotation[1:]).magnitude()
+    return np.linalg.norm(np.diff(poses.translation, axis=0), axis=1) / step_s, np.rad2deg(turns) / step_s
+
+
+def tilts_deg(poses):
+    return np.rad2deg(np.arccos(poses.rotation.as_matrix()[:, 2, 1]))
+
+
+def test_the_speeds_are_a_persons():
+    clips = [rates(smooth_motion(rng(seed), 20, 100), 0.01) for seed in range(20)]
+    speed, turn = (np.array(values) for values in zip(*clips, strict=True))
+    assert np.median(speed) == pytest.approx(200, abs=20)  # mm/s; medians of single clips of 20 s: 173 to 231
+    assert np.median(turn) == pytest.approx(20, abs=2)  # deg/s; of single clips: 18 to 24
+    assert np.median(speed, axis=1).min() > 100
+    assert np.median(speed, axis=1).max() < 300
+    assert turn.max() < 66 < 75  # the bound of the sums, sqrt(6) * 2 * 0.67 * 20; worst here 54
+
+
+def test_asked_for_speeds_are_kept():
+    speed, turn = rates(smooth_motion(rng(1), 60, 100, speed_mm_s=50, turn_deg_s=5), 0.01)
+    assert np.median(speed) == pytest.approx(50, rel=0.2)  # a clip of 60 s has a median of its own
+    assert np.median(turn) == pytest.approx(5, rel=0.2)
+    still = smooth_motion(rng(1), 1, 30, speed_mm_s=0, turn_deg_s=0)
+    np.testing.assert_allclose(still.as_matrix(), still.as_matrix()[:1].repeat(30, axis=0), atol=1e-12)  # mm
+
+
+def test_the_motion_stays_in_the_workspace_and_uses_it():
+    poses = [smooth_motion(rng(seed), 20, 30) for seed in range(10)]
+    position = np.concatenate([T.translation for T in poses])
+    assert (position >= LIMITS[:, 0] - 1e-9).all()
+    assert (position <= LIMITS[:, 1] + 1e-9).all()
+    assert (np.ptp(position, axis=0) > 0.9 * np.ptp(LIMITS, axis=1)).all()
+    tilt = np.concatenate([tilts_deg(T) for T in poses])
+    assert 60 - 1e-9 <= tilt.min() < 85
+    assert 95 < tilt.max() <= 120 + 1e-9
+
+
+def test_other_ranges_hold_too():
+    poses = smooth_motion(rng(2), 20, 30, x_mm=(5, 5), y_mm=(-10, 10), z_mm=(700, 710), tilt_deg=(80, 85))
+    position = poses.translation
+    np.testing.assert_allclose(position[:, 0], 5, atol=1e-12)  # mm
+    assert np.abs(position[:, 1]).max() <= 10
+    assert (np.abs(position[:, 2] - 705) <= 5 + 1e-9).all()
+    assert (np.abs(tilts_deg(poses) - 82.5) <= 2.5 + 1e-9).all()
+
+
+@pytest.mark.parametrize("rest_s", [None, (0.5, 0.9)], ids=["moving", "with a rest"])
+def test_velocity_and_turn_rate_are_continuous(rest_s):
+    """A jump of velocity would make the second difference grow as the step shrinks; it shrinks with it, squared."""
+    for seed in range(5):
+        worst = []
+        for step in (1 / 400, 1 / 800):
+            poses = motion_at(rng(seed), np.arange(0, 2, step), rest_s=rest_s)
+            spin = (poses.rotation[1:] * poses.rotation[:-1].inv()).as_rotvec() / step
+            jumps = [np.diff(poses.translation, axis=0) / step, np.rad2deg(spin)]
+            worst.append([np.abs(np.diff(jump, axis=0)).max() / step for jump in jumps])
+        np.testing.assert_allclose(worst[1], worst[0], rtol=0.05)  # twice as much at a jump
+        assert worst[1][0] < 10_000  # mm/s^2, a g
+
+
+def test_it_starts_where_it_is_told():
+    for seed in range(10):
+        start = random_pose(rng(seed))
+        first = smooth_motion(rng(seed), 1, 30, start)[0]
+        np.testing.assert_allclose(first.as_matrix(), start.as_matrix(), atol=1e-9)  # mm; worst here 3e-13
+    upright = smooth_motion(rng(), 1, 30)[0]
+    np.testing.assert_allclose(upright.translation, [0, 0, 570], atol=1e-9)
+    np.testing.assert_allclose(upright.rotation.as_matrix()[:, 1], [0, -1, 0], atol=1e-12)
+
+
+def test_at_rest_nothing_moves_and_elsewhere_it_does():
+    times = np.arange(0, 4, 1 / 30)
+    poses = motion_at(rng(3), times, rest_s=(1.0, 2.5))
+    resting = (times >= 1) & (times <= 2.5)
+    rest = poses[np.flatnonzero(resting)].as_matrix()
+    assert len(rest) == 46
+    assert (rest == rest[0]).all()
+    speed = rates(poses, 1 / 30)[0]
+    assert speed[times[1:] < 0.7].min() > 20
+    assert speed[times[:-1] > 2.8].min() > 20
+    np.testing.assert_allclose(poses[0].as_matrix(), motion_at(rng(3), [0.0])[0].as_matrix(), atol=1e-12)
+
+
+def test_a_rest_from_the_beginning_keeps_the_start():
+    poses = motion_at(rng(4), np.arange(0, 2, 0.1), rest_s=(0, 1))
+    np.testing.assert_allclose(poses[:11].translation, [[0, 0, 570]] * 11, atol=1e-9)
+    assert np.linalg.norm(poses[-1].translation - [0, 0, 570]) > 10
+
+
+def test_one_seed_is_one_motion_at_any_times():
+    even = smooth_motion(rng(5), 2, 50)
+    assert len(even) == 100
+    uneven = motion_at(rng(5), [0.02, 0.5, 0.5, 1.98])
+    np.testing.assert_allclose(uneven.as_matrix(), even[[1, 25, 25, 99]].as_matrix(), atol=1e-9)
+    other = smooth_motion(rng(6), 2, 50)
+    assert np.abs(other.translation - even.translation).max() > 10
+
+
+def test_bad_arguments_are_named():
+    outside = RigidTransform.from_components([0, 0, 700], Rotation.from_euler("x", 180, degrees=True))
+    end_on = RigidTransform.from_components([0, 0, 570], Rotation.from_euler("x", 90, degrees=True))
+    for name, call in {
+        "rng": lambda: smooth_motion(5, 1, 30),
+        "fps": lambda: smooth_motion(rng(), 1, 0),
+        "duration_s": lambda: smooth_motion(rng(), 0.001, 30),
+        "start: expected x, y, z": lambda: smooth_motion(rng(), 1, 30, outside),
+        "start: expected x, y": lambda: smooth_motion(rng(), 1, 30, end_on),
+        "start: expected one": lambda: smooth_motion(rng(), 1, 30, smooth_motion(rng(), 1, 30)),
+        "times_s": lambda: motion_at(rng(), [0.0, np.nan]),
+        "rest_s": lambda: motion_at(rng(), [0.0], rest_s=(1,)),
+        "speed_mm_s": lambda: motion_at(rng(), [0.0], speed_mm_s=-1),
+        "turn_deg_s": lambda: motion_at(rng(), [0.0], turn_deg_s=np.inf),
+        "x_mm, y_mm": lambda: motion_at(rng(), [0.0], tilt_deg=(1, 2, 3)),
+    }.items():
+        with pytest.raises(ValueError, match=name):
+            call()

@@ -1,0 +1,250 @@
+"""What moves in an image: the difference from a background, and the background's renewal (Sect. 4.1).
+
+The background is an array that is passed in and returned: float32, or float64 if it was that already.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+from numpy.typing import ArrayLike
+
+from .checks import as_image, as_number
+from .window import Window
+
+
+@dataclass(frozen=True)
+class BackgroundParameters:
+    """Parameters of the background's subtraction and renewal.
+
+    Attributes
+    ----------
+    update_rate : float
+        alpha of Eq. 6, the weight of a new frame, 0 to 1 a frame. A change has gone into the background by the share
+        1 - 1/e after about 1/alpha frames.
+    difference_threshold : float
+        T of Eq. 5, grey levels.
+    min_pixels : int
+        The second threshold of Sect. 4.1, px: something moves if more pixels than these have changed. The default is
+        for images of 1280 x 1024.
+    masked_rate : float or None
+        alpha where something moves (see `update`); 0 keeps the old background there. None is Eq. 6 as printed, which
+        takes in a handle that rests.
+    compensate_light : bool
+        Scale the background to the frame's light before it is compared (see `light_gain`).
+
+    Raises
+    ------
+    ValueError
+        Names the field: no number, out of range, or no truth value.
+    """
+
+    update_rate: float = 0.05
+    difference_threshold: float = 15.0
+    min_pixels: int = 500
+    masked_rate: float | None = 0.0
+    compensate_light: bool = True
+
+    def __post_init__(self) -> None:
+        as_number(self.update_rate, "update_rate", 0.0, 1.0)
+        as_number(self.difference_threshold, "difference_threshold", 0.0)
+        as_number(self.min_pixels, "min_pixels", 0.0)
+        if self.masked_rate is not None:
+            as_number(self.masked_rate, "masked_rate", 0.0, 1.0)
+        if not isinstance(self.compensate_light, bool):
+            raise ValueError(f"compensate_light: expected True or False, got {self.compensate_light!r}")
+
+
+class Difference(NamedTuple):
+    """A differential image and the pixels that moved.
+
+    Attributes
+    ----------
+    image : ndarray, shape (height, width)
+        D_k: the frame where it moved, elsewhere 0; of the frame's type.
+    mask : ndarray of bool, shape (height, width)
+        Where it moved. A moving pixel of grey 0 is lost in D_k, here it is not.
+    """
+
+    image: np.ndarray
+    mask: np.ndarray
+
+
+class Detection(NamedTuple):
+    """What one instant's frame shows to move: see `Difference`, and W_ROI, None if nothing moves."""
+
+    image: np.ndarray
+    mask: np.ndarray
+    window: Window | None
+
+
+def difference(frame: ArrayLike, background: ArrayLike, difference_threshold: float) -> Difference:
+    """Keep the pixels of a frame that differ from the background by more than a threshold (Eq. 5).
+
+    Parameters
+    ----------
+    frame, background : array_like, shape (height, width)
+        f_k and f_b, grey levels.
+    difference_threshold : float
+        T, grey levels, not negative.
+
+    Raises
+    ------
+    ValueError
+        If one of the two is no grey image, they differ in size, or the threshold is negative.
+    """
+    grey, old = _frame_and_background(frame, background)
+    threshold = as_number(difference_threshold, "difference_threshold", 0.0)
+    change = np.subtract(grey, old, dtype=old.dtype)
+    mask = np.abs(change, out=change) > threshold
+    return Difference(_read_only(np.where(mask, grey, grey.dtype.type(0))), _read_only(mask))
+
+
+def update(background: ArrayLike, frame: ArrayLike, update_rate: float, mask: ArrayLike | None = None,
+           masked_rate: float = 0.0) -> np.ndarray:
+    """Take a share of a frame into the background (Eq. 6).
+
+    Without a mask this is the equation as printed: every pixel, always, also those of a handle that rests, which has
+    gone into the background after a few 1/alpha frames. With the mask of what moves, that part of the background is
+    kept. It then never heals where the background itself has changed; a small `masked_rate` lets it.
+
+    Parameters
+    ----------
+    background, frame : array_like, shape (height, width)
+        B_(k-1) and f_k, grey levels.
+    update_rate : float
+        alpha, 0 to 1.
+    mask : array_like of bool, shape (height, width), optional
+        Pixels with a rate of their own.
+    masked_rate : float
+        Their alpha, 0 to 1.
+
+    Returns
+    -------
+    ndarray of float32 or float64, shape (height, width)
+        B_k, read-only.
+
+    Raises
+    ------
+    ValueError
+        If one of the two is no grey image, the sizes differ, the mask is not of bool, or a rate is not in [0, 1].
+    """
+    grey, old = _frame_and_background(frame, background)
+    alpha = as_number(update_rate, "update_rate", 0.0, 1.0)
+    slow = as_number(masked_rate, "masked_rate", 0.0, 1.0)
+    new = np.multiply(grey, alpha, dtype=old.dtype)
+    new += (1 - alpha) * old
+    if mask is not None:
+        moved = _as_mask(mask, grey.shape)
+        new[moved] = slow * grey[moved] + (1 - slow) * old[moved]
+    return _read_only(new)
+
+
+def light_gain(frame: ArrayLike, background: ArrayLike, step: int = 4) -> float:
+    """How much brighter the light has become: the median of frame by background.
+
+    One factor for all of the image. It holds while what moves covers less than about a third of it.
+
+    Parameters
+    ----------
+    frame, background : array_like, shape (height, width)
+    step : int
+        Every `step`-th pixel of both directions is taken.
+
+    Returns
+    -------
+    float
+        1 if nothing in the background is brighter than 10 grey levels, or the factor is not within 1/4 and 4: that is
+        no change of light but a covered lens.
+
+    Raises
+    ------
+    ValueError
+        If one of the two is no grey image, they differ in size, or `step` is less than 1.
+    """
+    grey, old = _frame_and_background(frame, background)
+    stride = int(as_number(step, "step", 1, 2**31))
+    few, base = grey[::stride, ::stride], old[::stride, ::stride]
+    lit = base > 10
+    gain = float(np.median(few[lit] / base[lit])) if lit.any() else 1.0
+    return gain if 0.25 <= gain <= 4 else 1.0
+
+
+def moving_window(mask: ArrayLike, min_pixels: int = 0) -> Window | None:
+    """The minimum upright bounding rectangle of the largest moving region, W_ROI (Sect. 4.2).
+
+    (The paper says "maximum".) Pixels that touch at a corner belong together.
+
+    Parameters
+    ----------
+    mask : array_like of bool, shape (height, width)
+        From `difference`.
+    min_pixels : int
+        If not more pixels than these have moved, all over the image, nothing moves.
+
+    Returns
+    -------
+    Window or None
+        None if nothing moves.
+
+    Raises
+    ------
+    ValueError
+        If `mask` is no image of bool, or `min_pixels` is negative.
+    """
+    moved = _as_mask(mask)
+    if np.count_nonzero(moved) <= as_number(min_pixels, "min_pixels", 0.0):
+        return None
+    stats = cv2.connectedComponentsWithStats(moved.view(np.uint8), connectivity=8)[2]
+    u, v, width, height, _ = stats[1:][stats[1:, cv2.CC_STAT_AREA].argmax()]
+    return Window(int(u), int(v), int(width), int(height))
+
+
+def step(background: ArrayLike, frame: ArrayLike, parameters: BackgroundParameters | None = None,
+         ) -> tuple[np.ndarray, Detection]:
+    """One instant: compare with the background, find the window, renew the background (Eq. 5, 6).
+
+    Parameters
+    ----------
+    background, frame : array_like, shape (height, width)
+    parameters : BackgroundParameters, optional
+
+    Returns
+    -------
+    background : ndarray, shape (height, width)
+        For the next instant.
+    detection : Detection
+
+    Raises
+    ------
+    ValueError
+        If one of the two is no grey image, or they differ in size.
+    """
+    p = parameters or BackgroundParameters()
+    if p.compensate_light:
+        background = np.multiply(background, np.float32(light_gain(frame, background)))
+    image, mask = difference(frame, background, p.difference_threshold)
+    renewed = update(background, frame, p.update_rate, None if p.masked_rate is None else mask, p.masked_rate or 0.0)
+    return renewed, Detection(image, mask, moving_window(mask, p.min_pixels))
+
+
+def _frame_and_background(frame: ArrayLike, background: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
+    """Both as images of one size, the background as floats."""
+    grey = as_image(frame, "frame")
+    old = as_image(background, "background", (grey.shape[1], grey.shape[0]))
+    return grey, old if old.dtype == np.float64 else old.astype(np.float32, copy=False)
+
+
+def _as_mask(value: ArrayLike, shape: tuple[int, ...] | None = None) -> np.ndarray:
+    mask = np.ascontiguousarray(value)
+    if mask.dtype != bool or mask.ndim != 2 or mask.size == 0 or shape not in (None, mask.shape):
+        raise ValueError(f"mask: expected bool of shape {shape or '(height, width)'}, got {mask.dtype} {mask.shape}")
+    return mask
+
+
+def _read_only(array: np.ndarray) -> np.ndarray:
+    array.setflags(write=False)
+    return array

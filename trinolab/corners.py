@@ -1,0 +1,49 @@
+"""Finding a chessboard's inner corners in an image, with OpenCV (Sect. 6.2)."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+from numpy.typing import ArrayLike
+
+from .board import Board
+from .checks import Array, as_image, as_number, frozen
+
+_FLAGS = cv2.CALIB_CB_ADAPTIVE_THRESH + cv2.CALIB_CB_NORMALIZE_IMAGE
+_STOP = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, 100, 1e-4)  # of the sub-pixel search: px
+
+
+def find_corners(image: ArrayLike, board: Board, half_window_px: int = 7) -> Array:
+    """Find the inner corners of a board to sub-pixel accuracy.
+
+    The search fits the corner at which the grey gradients in a window are all perpendicular to the line to it. The
+    half window should stay below half of the smallest distance between corners: beyond, other edges pull some away.
+
+    Parameters
+    ----------
+    image : array_like of uint8, shape (height, width)
+    board : Board
+    half_window_px : int
+        The window is ``2 * half_window_px + 1`` px wide.
+
+    Returns
+    -------
+    ndarray, shape (rows * columns, 2)
+        Pixels, in the order of `Board.points`; all NaN where the board is not found whole.
+
+    Raises
+    ------
+    ValueError
+        If `image` is no grey image of 8 bit, or `half_window_px` no whole number from 1.
+    """
+    grey = as_image(image, "image")
+    if grey.dtype != np.uint8:
+        raise ValueError(f"image: expected 8 bit, got {grey.dtype}")
+    if as_number(half_window_px, "half_window_px", low=1) % 1:
+        raise ValueError(f"half_window_px: expected a whole number, got {half_window_px!r}")
+    found, corners = cv2.findChessboardCorners(grey, (board.columns, board.rows), flags=_FLAGS)
+    if not found:
+        return frozen(np.full((board.rows * board.columns, 2), np.nan))
+    window = (int(half_window_px), int(half_window_px))
+    corners = np.ascontiguousarray(corners, np.float32).reshape(-1, 1, 2)
+    return frozen(cv2.cornerSubPix(grey, corners, window, (-1, -1), _STOP).reshape(-1, 2).astype(float))

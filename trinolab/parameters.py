@@ -1,0 +1,47 @@
+"""The parameters of a measurement, stage by stage."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from .background import BackgroundParameters
+from .checks import as_number
+from .identity import IdentityParameters
+from .kalman import KalmanParameters
+from .markers import MarkerParameters
+from .matching import MatchParameters
+
+
+@dataclass(frozen=True)
+class Parameters:
+    """Parameters of a measurement, stage by stage.
+
+    Attributes
+    ----------
+    background : BackgroundParameters
+        Used by `tracker.step` alone, like `kalman` and `memory_s`.
+    kalman : KalmanParameters
+    markers : MarkerParameters
+    matching : MatchParameters
+    identity : IdentityParameters
+    max_slant_deg : float
+        Markers turned further away are identified but not measured, as long as four are left: beyond 70 deg the
+        centroid of a wrapped marker lies more than 1 px beside the image of its centre.
+    sigma_px : float
+        Standard deviation of a centroid for the pose's covariance.
+    memory_s : float
+        For how long the last measured pose chooses among poses that look alike, s.
+    """
+
+    background: BackgroundParameters = field(default_factory=BackgroundParameters)
+    kalman: KalmanParameters = field(default_factory=KalmanParameters)
+    markers: MarkerParameters = field(default_factory=MarkerParameters)
+    matching: MatchParameters = field(default_factory=MatchParameters)
+    identity: IdentityParameters = field(default_factory=IdentityParameters)
+    max_slant_deg: float = 70.0
+    sigma_px: float = 0.1
+    memory_s: float = 0.3
+
+    def __post_init__(self) -> None:
+        as_number(self.max_slant_deg, "max_slant_deg", low=0.0, high=90.0)
+        as_number(self.sigma_px, "sigma_px", low=0.0, open_low=True)
