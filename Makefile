@@ -5,7 +5,7 @@ ARGS ?=
 BIN := .venv/bin
 
 .DEFAULT_GOAL := help
-.PHONY: help book test lab lint clean
+.PHONY: help book test lab lint verify clean
 
 help:  ## show this list
 	@sed -n 's/^\([a-z]*\):.*## /\1\t/p' $(MAKEFILE_LIST)
@@ -22,6 +22,9 @@ lab: .venv/package.done  ## open the chapters in JupyterLab
 lint: .venv/package.done  ## check style and types
 	@$(BIN)/ruff check .
 	@$(BIN)/mypy
+
+verify: .venv/package.done  ## the heavy counts, as a report: half an hour; ARGS="--poses 20 --seeds 1" is quick
+	@$(BIN)/python tests/verify.py $(ARGS)
 
 clean:  ## remove what was built, but not .venv
 	rm -rf _build .pytest_cache .mypy_cache .ruff_cache .hypothesis
