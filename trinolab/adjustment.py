@@ -15,6 +15,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 
 from .checks import Array
 from .lens import distort
+from .pose import cross_matrices
 
 
 class Layout(NamedTuple):
@@ -69,7 +70,7 @@ def slopes(layout: Layout, target: Array, x: Array) -> Array:
     world, arms = _moved(target, views), _moved(target, views) - views[:, None, :3]
     J = np.zeros((layout.cameras, layout.views, len(target), 2, len(x)))
     width, first_view = lenses.shape[1], lenses.size + 6 * (layout.cameras - 1)
-    turned = -_cross(arms) @ np.stack([left_jacobian(pose[3:]) for pose in views])[:, None]  # d W / d rotvec
+    turned = -cross_matrices(arms) @ np.stack([left_jacobian(pose[3:]) for pose in views])[:, None]  # d W / d rotvec
     for c, (lens, pose) in enumerate(zip(lenses, cameras, strict=True)):
         R_cam_world = Rotation.from_rotvec(pose[3:]).as_matrix().T
         _, by_lens, by_local = _project(lens, _local(world, pose))
@@ -78,7 +79,7 @@ def slopes(layout: Layout, target: Array, x: Array) -> Array:
         if c:
             at = lenses.size + 6 * (c - 1)
             J[c, ..., at:at + 3] = -by_world
-            J[c, ..., at + 3:at + 6] = by_world @ _cross(world - pose[:3]) @ left_jacobian(pose[3:])
+            J[c, ..., at + 3:at + 6] = by_world @ cross_matrices(world - pose[:3]) @ left_jacobian(pose[3:])
         for v in range(layout.views):
             at = first_view + 6 * v
             J[c, v, ..., at:at + 3] = by_world[v]
@@ -89,7 +90,7 @@ def slopes(layout: Layout, target: Array, x: Array) -> Array:
 def left_jacobian(rotvec: Array) -> Array:
     """J with R(w + dw) = R(J dw) R(w) to first order, shape (3, 3)."""
     angle = np.linalg.norm(rotvec)
-    W = _cross(rotvec)
+    W = cross_matrices(rotvec)
     if angle < 1e-4:  # two terms of the series: the next is below rounding
         return np.eye(3) + W / 2 + W @ W / 6
     return np.eye(3) + W * (1 - np.cos(angle)) / angle**2 + W @ W * (angle - np.sin(angle)) / angle**3
@@ -129,10 +130,3 @@ def _by_distortions(xy: Array) -> Array:
     tangential = np.stack([np.stack([2 * x * y, r2 + 2 * x * x], -1), np.stack([r2 + 2 * y * y, 2 * x * y], -1)], -2)
     radial = xy[..., None] * np.stack([r2, r2**2, r2**3], -1)[..., None, :]
     return np.concatenate([radial[..., :2], tangential, radial[..., 2:]], axis=-1)
-
-
-def _cross(vectors: Array) -> Array:
-    """Matrices [v]x with [v]x w = v x w, shape (..., 3, 3)."""
-    x, y, z = np.moveaxis(vectors, -1, 0)
-    zero = np.zeros_like(x)
-    return np.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=-1).reshape(*vectors.shape, 3)

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 
 from .camera import Camera
-from .checks import Array, as_image, as_number, as_rng, as_unit, frozen
+from .checks import Array, as_image, as_number, as_rng, as_unit, as_whole, frozen
 
 
 @dataclass(frozen=True)
@@ -67,9 +67,7 @@ class Bench:
                            ("shading", 1), ("blur_px", 100), ("shot_variance", 100), ("read_noise", 255)):
             object.__setattr__(self, name, as_number(getattr(self, name), name, 0.0, high))
         for name, low, high in (("texture_seed", 0, 2**63), ("supersampling", 1, 64), ("marker_supersampling", 1, 64)):
-            if as_number(getattr(self, name), name, low, high) % 1:
-                raise ValueError(f"{name}: expected a whole number, got {getattr(self, name)!r}")
-            object.__setattr__(self, name, int(getattr(self, name)))
+            object.__setattr__(self, name, as_whole(getattr(self, name), name, low, high))
         object.__setattr__(self, "light", tuple(float(c) for c in as_unit(self.light, "light")))
 
 

@@ -11,7 +11,7 @@ from functools import cached_property
 
 import numpy as np
 
-from .checks import Array, as_number, frozen
+from .checks import Array, as_number, as_whole, frozen
 
 
 @dataclass(frozen=True)
@@ -37,8 +37,7 @@ class Board:
 
     def __post_init__(self) -> None:
         for name in ("columns", "rows"):
-            if as_number(getattr(self, name), name, low=3) % 1:
-                raise ValueError(f"{name}: expected a whole number, got {getattr(self, name)!r}")
+            as_whole(getattr(self, name), name, low=3)
         as_number(self.square_mm, "square_mm", low=0.0, open_low=True)
 
     @cached_property

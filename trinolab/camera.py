@@ -204,8 +204,8 @@ def fundamental_matrix(left: Camera, right: Camera) -> Array:
     t = T_right_left.translation
     if np.linalg.norm(t) < 1e-9:
         raise ValueError(f"cameras {left.name} and {right.name}: expected two places, got one (no baseline)")
-    cross = np.array([[0, -t[2], t[1]], [t[2], 0, -t[0]], [-t[1], t[0], 0]])
-    F = np.linalg.inv(right.matrix).T @ cross @ T_right_left.rotation.as_matrix() @ np.linalg.inv(left.matrix)
+    essential = np.cross(t, T_right_left.rotation.as_matrix(), axisb=0, axisc=0)
+    F = np.linalg.inv(right.matrix).T @ essential @ np.linalg.inv(left.matrix)
     return F / np.linalg.norm(F)
 
 

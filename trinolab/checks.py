@@ -74,6 +74,13 @@ def as_number(value: Any, name: str, low: float = -np.inf, high: float = np.inf,
     return number
 
 
+def as_whole(value: Any, name: str, low: float = -np.inf, high: float = np.inf) -> int:
+    """Check one whole number in [low, high]."""
+    if as_number(value, name, low, high) % 1:
+        raise ValueError(f"{name}: expected a whole number, got {value!r}")
+    return int(value)
+
+
 def as_unit(value: ArrayLike, name: str) -> Array:
     """Check a direction, shape (3,), and return it with length 1."""
     vector = as_array(value, name, (3,))

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .board import Board
-from .checks import Array, as_image, as_number, frozen
+from .checks import Array, as_image, as_whole, frozen
 
 _FLAGS = cv2.CALIB_CB_ADAPTIVE_THRESH + cv2.CALIB_CB_NORMALIZE_IMAGE
 _STOP = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, 100, 1e-4)  # of the sub-pixel search: px
@@ -39,11 +39,9 @@ def find_corners(image: ArrayLike, board: Board, half_window_px: int = 7) -> Arr
     grey = as_image(image, "image")
     if grey.dtype != np.uint8:
         raise ValueError(f"image: expected 8 bit, got {grey.dtype}")
-    if as_number(half_window_px, "half_window_px", low=1) % 1:
-        raise ValueError(f"half_window_px: expected a whole number, got {half_window_px!r}")
+    half = as_whole(half_window_px, "half_window_px", low=1)
     found, corners = cv2.findChessboardCorners(grey, (board.columns, board.rows), flags=_FLAGS)
     if not found:
         return frozen(np.full((board.rows * board.columns, 2), np.nan))
-    window = (int(half_window_px), int(half_window_px))
     corners = np.ascontiguousarray(corners, np.float32).reshape(-1, 1, 2)
-    return frozen(cv2.cornerSubPix(grey, corners, window, (-1, -1), _STOP).reshape(-1, 2).astype(float))
+    return frozen(cv2.cornerSubPix(grey, corners, (half, half), (-1, -1), _STOP).reshape(-1, 2).astype(float))

@@ -11,7 +11,7 @@ from .checks import Array
 from .datasets import load_calibration, load_handle, load_rig, load_table1, nearest_rotation
 from .ledger import Effect
 from .pose import rigid_fit
-from .triangulation import mean_point, triangulate_pair, triangulation_covariance
+from .triangulation import mean_point, points_of_pairs, triangulate_pair, triangulation_covariance
 
 SIGMA_PX = 0.05  # noise of a centroid
 EXACT_MM = 1e-6
@@ -77,7 +77,7 @@ def plain_mean(draws: int = 20) -> Effect:
     rig, points = load_rig("paper_trinocular"), _markers_of_table1()
     exact = np.stack([camera.project(points) for camera in rig.cameras])
     rng = np.random.default_rng(0)
-    drawn = np.stack([_points_of_pairs(rig, exact + rng.normal(0, SIGMA_PX, exact.shape)) for _ in range(draws)])
+    drawn = np.stack([points_of_pairs(rig, exact + rng.normal(0, SIGMA_PX, exact.shape)) for _ in range(draws)])
     weights = np.linalg.inv(_covariances_of_pairs(rig, exact))
     weighted = np.linalg.solve(weights.sum(axis=0), np.einsum("pnij,dpnj->dni", weights, drawn)[..., None])[..., 0]
     plain = np.stack([mean_point(by_pair) for by_pair in drawn])
@@ -107,16 +107,13 @@ def printed_rotation_error() -> tuple[float, float]:
     Rounding a rotation to four decimals moves it by at most 1.5e-4 in the Frobenius norm, so that the nearest rotation
     would be no farther than that.
     """
-    R_rl = load_calibration().R_rl
-    difference = R_rl - nearest_rotation(R_rl).as_matrix()
-    return float(np.linalg.norm(difference)), float(np.abs(difference).max())
+    return _from_rotation(load_calibration().R_rl)
 
 
 def no_rotation() -> Effect:
-    """Distance of R_rl from a rotation: what is left of R R^T = 1 (Sect. 6.2)."""
+    """Distance of R_rl from the nearest rotation, before and after it is put there (Sect. 6.2)."""
     R_rl = load_calibration().R_rl
-    printed, corrected = (float(np.linalg.norm(np.linalg.svd(R, compute_uv=False) - 1))
-                          for R in (R_rl, nearest_rotation(R_rl).as_matrix()))
+    printed, corrected = (_from_rotation(R)[0] for R in (R_rl, nearest_rotation(R_rl).as_matrix()))
     return Effect("Sect. 6.2", "Frobenius distance of R_rl from the nearest rotation; the limit is for rounding",
                   "", printed, corrected, at_most=1.5e-4)
 
@@ -125,6 +122,12 @@ def use_of_no_rotation() -> Effect:
     """How far Table 1's positions move if the printed R_rl is used, its transpose as its inverse (Sect. 6.2)."""
     _, _, R_rl, T_rl = load_calibration()
     return _on_table1("Sect. 6.2", "with R_rl as printed, turned round for Eq. 20", R_rl.T, -R_rl.T @ T_rl)
+
+
+def _from_rotation(matrix: Array) -> tuple[float, float]:
+    """Distance of a matrix from the nearest rotation: Frobenius norm, and the largest entry."""
+    difference = matrix - nearest_rotation(matrix).as_matrix()
+    return float(np.linalg.norm(difference)), float(np.abs(difference).max())
 
 
 def _on_table1(no: str, how: str, R: Array, T: Array, scales: list[Array] | None = None) -> Effect:
@@ -166,10 +169,6 @@ def _two_poses(markers: int, sigma_mm: float) -> tuple[Array, Array]:
 def _skewness_deg(axes: Array) -> float:
     unit = axes / np.linalg.norm(axes, axis=0)
     return float(np.rad2deg(np.arcsin(np.abs(unit.T @ unit - np.eye(3)).max())))
-
-
-def _points_of_pairs(rig: Rig, uv: Array) -> Array:
-    return np.stack([triangulate_pair(rig.cameras[i], rig.cameras[j], uv[i], uv[j]) for i, j in rig.pairs])
 
 
 def _covariances_of_pairs(rig: Rig, uv: Array) -> Array:

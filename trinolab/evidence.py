@@ -18,7 +18,7 @@ from .datasets import load_real_sets
 from .markers import MarkerParameters, find_markers
 from .pose import rigid_fit
 from .realsets import load_caliscope, load_opencv_stereo, load_pymvg_mcsc, load_trackpy_particles
-from .triangulation import mean_point, triangulate, triangulate_pair
+from .triangulation import mean_point, points_of_pairs, triangulate
 
 PARTICLES = MarkerParameters(diameter_px=(2.5, 14.0), min_axis_ratio=0.3, min_fill=0.6, min_contrast=1.5)
 """What passes for a particle of `trackpy_particles`: 5 px across, and of 2 to 40 grey levels."""
@@ -111,7 +111,7 @@ def triangulate_steep(rig: Rig, uv: ArrayLike, min_angle_deg: float) -> Array:
     uv = as_array(uv, "uv", (len(rig.cameras), None, 2), finite=False)
     least = np.sin(np.deg2rad(as_number(min_angle_deg, "min_angle_deg", low=0.0, high=90.0)))
     rays = [camera.rays(pixels) for camera, pixels in zip(rig.cameras, uv, strict=True)]
-    by_pair = np.stack([triangulate_pair(rig.cameras[i], rig.cameras[j], uv[i], uv[j]) for i, j in rig.pairs])
+    by_pair = points_of_pairs(rig, uv)
     sine = np.stack([np.linalg.norm(np.cross(rays[i], rays[j]), axis=1) for i, j in rig.pairs])
     with np.errstate(invalid="ignore"):
         by_pair[sine < least] = np.nan

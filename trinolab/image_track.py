@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.stats import chi2
 
-from .checks import Array, as_array, as_number, as_points, frozen
+from .checks import Array, as_array, as_number, as_points, as_rng, frozen
 from .covariance import covariance_root, solve_covariance
 from .kalman import (
     MIN_DT_S,
@@ -205,8 +205,7 @@ def draw(start: State, count: int, F: ArrayLike, Q: ArrayLike, H: ArrayLike, R: 
     ValueError
         As `run`, or if `rng` is no generator.
     """
-    if not isinstance(rng, np.random.Generator):
-        raise ValueError(f"rng: expected a numpy.random.Generator, got {type(rng).__name__}")
+    as_rng(rng)
     n, k = len(start.mean), int(as_number(count, "count", 1))
     H = as_array(H, "H", (None, n))
     state = start.mean + covariance_root(start.covariance, "covariance", n) @ rng.standard_normal(n)

@@ -210,6 +210,15 @@ def white_jerk(dt: float, intensity: float) -> Array:
     return frozen(q * np.kron(one, np.eye(2)))
 
 
+def predict_motion(state: State, dt: float, parameters: KalmanParameters | None = None) -> State:
+    """Carry a point's motion on by a time dt, s: `predict` with Phi and Q of the model (Eq. 9-11).
+
+    Raises ValueError as `predict`, `constant_acceleration` and `white_jerk`.
+    """
+    p = parameters or KalmanParameters()
+    return predict(state, constant_acceleration(dt), white_jerk(dt, p.jerk_intensity))
+
+
 def initial_state(z: ArrayLike, parameters: KalmanParameters | None = None) -> State:
     """The state after a first observation z (2,), with velocity and acceleration zero and unknown.
 

@@ -116,11 +116,18 @@ def rigid_fit_covariance(points_source: ArrayLike, T_target_source: RigidTransfo
     if _on_one_line(source) or largest < 1 / LARGEST:
         raise ValueError("points_source: expected three or more points that are not on one line")
     arms = T_target_source.rotation.apply(np.array(source))  # SciPy wants a writable array
-    J = np.concatenate([np.broadcast_to(np.eye(3), (len(arms), 3, 3)), -_cross_matrices(arms)], axis=2)  # (n, 3, 6)
+    J = np.concatenate([np.broadcast_to(np.eye(3), (len(arms), 3, 3)), -cross_matrices(arms)], axis=2)  # (n, 3, 6)
     scale = np.repeat([1.0, np.abs(arms).max()], 3)  # mm and rad on one footing
     J_scaled = J / scale
     gain = np.linalg.solve(np.einsum("nki,nkj->ij", J_scaled, J_scaled), J_scaled.transpose(0, 2, 1))  # (n, 6, 3)
     return np.einsum("nik,nkl,njl->ij", gain, C, gain) / np.outer(scale, scale)
+
+
+def cross_matrices(vectors: Array) -> Array:
+    """Matrices [v]x with [v]x w = v x w, shape (..., 3, 3)."""
+    x, y, z = np.moveaxis(vectors, -1, 0)
+    zero = np.zeros_like(x)
+    return np.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=-1).reshape(*vectors.shape, 3)
 
 
 def _on_one_line(points: Array, ratio: float = 1e-6) -> bool:
@@ -147,10 +154,3 @@ def _as_covariances(value: ArrayLike, n: int) -> Array:
     if not symmetric or np.linalg.eigvalsh(unit).min(initial=0.0) < -1e-9:
         raise ValueError("covariances: expected symmetric matrices without a negative eigenvalue, got another one")
     return C
-
-
-def _cross_matrices(vectors: Array) -> Array:
-    """Matrices [v]x with [v]x w = v x w, shape (n, 3, 3)."""
-    x, y, z = vectors.T
-    zero = np.zeros_like(x)
-    return np.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=1).reshape(-1, 3, 3)

@@ -197,8 +197,7 @@ def _step_camera(camera: CameraState, image: np.ndarray, dt: float, p: Parameter
     """Renew one camera's background and filter; the window is where something moves, else where it is predicted."""
     size = (image.shape[1], image.shape[0])
     renewed, detection = background.step(camera.background, image, p.background)
-    motion = camera.motion and kalman.predict(camera.motion, kalman.constant_acceleration(dt),
-                                              kalman.white_jerk(dt, p.kalman.jerk_intensity))
+    motion = camera.motion and kalman.predict_motion(camera.motion, dt, p.kalman)
     if detection.window is None:
         predicted = search_window(motion, camera.window, size, p.kalman) if motion and camera.window else None
         return CameraState(renewed, motion if predicted else None, camera.window), predicted

@@ -16,7 +16,7 @@ from .checks import Array
 from .datasets import load_handle, load_rig
 from .handle import Handle, slants
 from .image_track import search_window
-from .kalman import KalmanParameters, constant_acceleration, predict, white_jerk
+from .kalman import predict_motion
 from .matching import match
 from .motion import random_pose, smooth_motion
 from .scene import Bench, render_clip, render_rig, true_visibility
@@ -140,11 +140,10 @@ def _measured(frames: list[list[np.ndarray]], truths: list[RigidTransform], rig:
 
 def _searched(state: TrackerState, truth: RigidTransform, rig: Rig, handle: Handle) -> list[float]:
     """For each camera that follows something: see `share_searched`."""
-    F, Q = constant_acceleration(1 / FPS), white_jerk(1 / FPS, KalmanParameters().jerk_intensity)
     shares = []
     for camera, known in zip(rig.cameras, state.cameras, strict=True):
         if known.motion is not None and known.window is not None:
-            window = search_window(predict(known.motion, F, Q), known.window, camera.size)
+            window = search_window(predict_motion(known.motion, 1 / FPS), known.window, camera.size)
             seen = true_visibility(camera, handle, truth, Arm())
             uv = camera.project(truth.apply(handle.marker_centres[seen]))
             held = window is not None and window.contains(uv).all()

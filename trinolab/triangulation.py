@@ -103,9 +103,16 @@ def triangulate(rig: Rig, uv: ArrayLike) -> Array:
     ValueError
         If the shape does not fit the rig, or two of its cameras stand in one place.
     """
+    return mean_point(points_of_pairs(rig, uv))
+
+
+def points_of_pairs(rig: Rig, uv: ArrayLike) -> Array:
+    """Points from each binocular system of a rig, in the order of `Rig.pairs`, shape (pairs, n, 3) (Eq. 20, 21).
+
+    Parameters and errors as for `triangulate`; NaN where a pair has no point (`triangulate_pair`).
+    """
     uv = as_array(uv, "uv", (len(rig.cameras), None, 2), finite=False)
-    by_pair = np.stack([triangulate_pair(rig.cameras[i], rig.cameras[j], uv[i], uv[j]) for i, j in rig.pairs])
-    return mean_point(by_pair)
+    return np.stack([triangulate_pair(rig.cameras[i], rig.cameras[j], uv[i], uv[j]) for i, j in rig.pairs])
 
 
 def mean_point(points: ArrayLike) -> Array:
@@ -166,7 +173,6 @@ def triangulation_covariance(rig: Rig, uv: ArrayLike, sigma_px: float, step_px: 
         step = np.zeros_like(uv)
         step[camera, :, axis] = step_px
         slope = (triangulate(rig, uv + step) - triangulate(rig, uv - step)) / (2 * step_px)
-        slope[np.isnan(uv[camera]).any(axis=1)] = 0.0
         covariance += sigma**2 * slope[:, :, None] * slope[:, None, :]
     covariance[np.isnan(triangulate(rig, uv)).any(axis=1)] = np.nan
     return covariance

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .checks import as_image, as_number, as_points
+from .checks import as_image, as_number, as_points, as_whole
 
 
 @dataclass(frozen=True)
@@ -34,10 +34,7 @@ class Window:
 
     def __post_init__(self) -> None:
         for name, low in (("u", -(2**31)), ("v", -(2**31)), ("width", 1), ("height", 1)):
-            number = as_number(getattr(self, name), name, low, 2**31)
-            if number % 1:
-                raise ValueError(f"{name}: expected a whole number, got {number!r}")
-            object.__setattr__(self, name, int(number))
+            object.__setattr__(self, name, as_whole(getattr(self, name), name, low, 2**31))
 
     @classmethod
     def around(cls, uv: ArrayLike) -> Window | None:
