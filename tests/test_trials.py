@@ -6,6 +6,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 
 from trinolab import trials
 from trinolab.datasets import load_handle, load_rig
+from trinolab.handle import slants
 from trinolab.pose import LOST, Pose
 from trinolab.tracker import Measurement
 
@@ -32,8 +33,8 @@ def test_close_is_a_millimetre_and_five_degrees():
 def test_true_labels_by_hand():
     camera = load_rig("paper_pair").cameras[0]
     centres = camera.project(T.apply(PAPER.marker_centres))
-    facing = int(trials.slants(PAPER, T, camera.centre).argmin())
-    away = int(trials.slants(PAPER, T, camera.centre).argmax())
+    facing = int(slants(PAPER, T, camera.centre).argmin())
+    away = int(slants(PAPER, T, camera.centre).argmax())
     labels = trials._true_labels(camera, PAPER, T, np.array([centres[facing] + 1.0, [5.0, 5.0]]))
     assert labels.tolist() == [facing, -1]
     assert away not in trials._true_labels(camera, PAPER, T, centres)

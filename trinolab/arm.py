@@ -15,7 +15,7 @@ from .camera import Camera
 from .capsule import Capsules, cast_capsules, in_camera
 from .checks import Array, as_array, as_number, as_transform, as_unit
 from .handle import Handle, slants
-from .raycast import facing, marker_area, marker_outline
+from .raycast import facing, marker_area, marker_outline, on_cylinder
 
 _FINGER_DEG = (100.0, 175.0, 250.0)  # from the palm: knuckle, middle joint, tip
 _HIDING_MM, _HIDING_RADIUS_MM = 250.0, 20.0  # a second hand before a camera: its distance from the handle, its radius
@@ -134,7 +134,7 @@ def _fingers(arm: Arm, handle: Handle, radius: float) -> list[tuple[Array, Array
     angles = np.deg2rad(arm.palm_deg + np.array(_FINGER_DEG))
     found = []
     for axial in np.linspace(arm.grip_mm[1] - radius, arm.grip_mm[0] + radius, 4):
-        joints = _at(handle.radius_mm + radius, angles, axial)
+        joints = on_cylinder(handle.radius_mm + radius, angles, axial)
         found += [(joints[0], joints[1], radius), (joints[1], joints[2], radius)]
     return found
 
@@ -142,10 +142,10 @@ def _fingers(arm: Arm, handle: Handle, radius: float) -> list[tuple[Array, Array
 def _palm_and_thumb(arm: Arm, handle: Handle, radius: float) -> list[tuple[Array, Array, float]]:
     """A palm along the body and a thumb across it, handle frame."""
     low, high = arm.grip_mm
-    palm = _at(handle.radius_mm + 1.4 * radius, np.deg2rad(arm.palm_deg) + np.zeros(2),
+    palm = on_cylinder(handle.radius_mm + 1.4 * radius, np.deg2rad(arm.palm_deg) + np.zeros(2),
                np.array([high - 1.8 * radius, low + 1.4 * radius]))
     angles = np.deg2rad(arm.palm_deg + np.array([-40.0, -120.0]))
-    thumb = _at(handle.radius_mm + 1.2 * radius, angles, np.array([(low + high) / 2, high - 1.4 * radius]))
+    thumb = on_cylinder(handle.radius_mm + 1.2 * radius, angles, np.array([(low + high) / 2, high - 1.4 * radius]))
     return [(palm[0], palm[1], 1.4 * radius), (thumb[0], thumb[1], 0.9 * radius)]
 
 
@@ -170,8 +170,3 @@ def _hiding_hand(arm: Arm, T_world_handle: RigidTransform) -> tuple[Array, Array
     begin = origin + min(_HIDING_MM, 0.5 * float(np.linalg.norm(way))) * sight
     across = as_unit(towards - (towards @ sight) * sight, "forearm, across the line of sight")
     return begin, begin + arm.forearm_length_mm * across, _HIDING_RADIUS_MM
-
-
-def _at(radius: float, theta: Array, axial: Array | float) -> Array:
-    """Points at a distance from the axis, handle frame, shape (n, 3), mm."""
-    return np.column_stack([radius * np.sin(theta), np.zeros_like(theta) + axial, radius * np.cos(theta)])

@@ -15,7 +15,7 @@ from .camera import Rig
 from .checks import Array, as_number, as_rng, frozen
 from .corners import find_corners
 from .datasets import load_handle, load_rig, load_table1
-from .handle import Handle, slants
+from .handle import Handle, facing_pixels
 from .metrics import PoseErrors, pose_errors
 from .pose import rigid_fit
 from .triangulation import triangulate
@@ -61,8 +61,9 @@ def calibration_errors(found: Rig, true: Rig, handle: Handle, poses: RigidTransf
     """
     if len(found.cameras) != len(true.cameras):
         raise ValueError(f"found: expected {len(true.cameras)} cameras, got {len(found.cameras)}")
-    steepest = np.deg2rad(as_number(max_slant_deg, "max_slant_deg", low=0.0, high=90.0))
-    fits = [rigid_fit(handle.marker_centres, triangulate(found, _seen(true, handle, T, steepest))) for T in poses]
+    steepest = as_number(max_slant_deg, "max_slant_deg", low=0.0, high=90.0)
+    pixels = [np.stack([facing_pixels(handle, camera, T, steepest) for camera in true.cameras]) for T in poses]
+    fits = [rigid_fit(handle.marker_centres, triangulate(found, uv)) for uv in pixels]
     if any(fit is None for fit in fits):
         raise ValueError("poses: expected three or more markers that two cameras see, at every pose")
     return pose_errors(RigidTransform.concatenate([fit for fit in fits if fit is not None]), poses)
@@ -89,11 +90,3 @@ def calibration_cost_mm(draws: int = 6, positions: int = 14) -> float:
     costs = [calibration_errors(simulated_calibration(rig, Board(), positions, rng).rig, rig, handle,
                                 load_table1().set_poses).E_t_mm for _ in range(draws)]
     return float(np.mean(costs))
-
-
-def _seen(rig: Rig, handle: Handle, T: RigidTransform, steepest: float) -> Array:
-    """Pixels of the markers' centres, shape (cameras, markers, 2); NaN where the slant is too large."""
-    uv = np.stack([camera.project(T.apply(np.array(handle.marker_centres))) for camera in rig.cameras])
-    for row, camera in zip(uv, rig.cameras, strict=True):
-        row[slants(handle, T, camera.centre) > steepest] = np.nan
-    return uv

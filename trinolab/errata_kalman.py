@@ -25,6 +25,7 @@ from .kalman import (
     white_jerk,
 )
 from .ledger import Effect
+from .raycast import on_cylinder
 
 MODEL = KalmanParameters(jerk_intensity=1e8, sigma_px=2.0, velocity_sigma=500.0, acceleration_sigma=3000.0)
 DT_S = 1 / 30  # between frames
@@ -150,5 +151,4 @@ def _body() -> Array:
     """The two rims of the handle's body, handle frame, shape (48, 3), mm."""
     handle = load_handle("paper")
     t = np.linspace(0, 2 * np.pi, 24, endpoint=False)
-    return np.concatenate([np.column_stack([handle.radius_mm * np.sin(t), np.full(24, y), handle.radius_mm * np.cos(t)])
-                           for y in (handle.bottom_mm, handle.top_mm)])
+    return np.concatenate([on_cylinder(handle.radius_mm, t, y) for y in (handle.bottom_mm, handle.top_mm)])

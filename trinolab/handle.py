@@ -17,6 +17,7 @@ import numpy as np
 import tomli_w
 from scipy.spatial.transform import RigidTransform, Rotation
 
+from .camera import Camera
 from .checks import Array, as_array, as_number, as_transform, frozen, get, read_toml
 
 
@@ -123,6 +124,16 @@ def slants(handle: Handle, T_world_handle: RigidTransform, viewpoint: Array) -> 
     as_transform(T_world_handle, "T_world_handle")
     normals = handle.marker_normals @ T_world_handle.rotation.as_matrix().T
     return slant_angles(T_world_handle.apply(handle.marker_centres), normals, viewpoint)
+
+
+def facing_pixels(handle: Handle, camera: Camera, T_world_handle: RigidTransform, max_slant_deg: float) -> Array:
+    """Images of the markers' centres that are turned from a camera by at most `max_slant_deg`, shape (n, 2), px.
+
+    NaN for the others, and where `Camera.project` gives no pixel; whether the body hides a marker is not asked.
+    """
+    uv = camera.project(T_world_handle.apply(handle.marker_centres))
+    uv[slants(handle, T_world_handle, camera.centre) > np.deg2rad(max_slant_deg)] = np.nan
+    return uv
 
 
 def slant_angles(centres: Array, normals: Array, viewpoint: Array) -> Array:

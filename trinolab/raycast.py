@@ -134,7 +134,7 @@ def marker_outline(handle: Handle, index: int, count: int = 64, scale: float = 1
     phi = 2 * np.pi * np.arange(count) / count
     half = scale * handle.marker_diameter_mm / 2
     theta = handle.marker_angles[index] + half / handle.radius_mm * np.cos(phi)
-    return _on_side(handle, theta, handle.marker_centres[index, 1] + half * np.sin(phi))
+    return on_cylinder(handle.radius_mm, theta, handle.marker_centres[index, 1] + half * np.sin(phi))
 
 
 def facing(handle: Handle, points: Array, viewpoint: Array) -> np.ndarray:
@@ -221,8 +221,8 @@ def _outlines(camera: Camera, handle: Handle, T_world_handle: RigidTransform) ->
     around, along, small = (int(min(length / step, 20_000)) + 8 for length in (
         2 * np.pi * handle.radius_mm, handle.length_mm, np.pi * handle.marker_diameter_mm))
     theta, axial = np.linspace(0, 2 * np.pi, around), np.linspace(handle.bottom_mm, handle.top_mm, along)
-    body = [_on_side(handle, theta, handle.bottom_mm), _on_side(handle, theta, handle.top_mm)]
-    body += [_on_side(handle, side, axial) for side in _silhouette_angles(handle, viewpoint)]
+    body = [on_cylinder(handle.radius_mm, theta, handle.bottom_mm), on_cylinder(handle.radius_mm, theta, handle.top_mm)]
+    body += [on_cylinder(handle.radius_mm, side, axial) for side in _silhouette_angles(handle, viewpoint)]
     markers = np.concatenate([marker_outline(handle, k, small) for k in range(len(handle.marker_angles))])
     return np.concatenate(body), markers[facing(handle, markers, viewpoint)]
 
@@ -236,7 +236,7 @@ def _silhouette_angles(handle: Handle, viewpoint: Array) -> tuple[float, ...]:
     return float(towards - half), float(towards + half)
 
 
-def _on_side(handle: Handle, theta: Array | float, axial: Array | float) -> Array:
-    """Surface points at angles about the axis and axial coordinates, handle frame, shape (n, 3), mm."""
+def on_cylinder(radius: float, theta: Array | float, axial: Array | float) -> Array:
+    """Points at a distance from the axis, angles about it and axial coordinates, handle frame, shape (n, 3), mm."""
     theta, axial = np.broadcast_arrays(theta, axial)
-    return np.column_stack([handle.radius_mm * np.sin(theta), axial, handle.radius_mm * np.cos(theta)])
+    return np.column_stack([radius * np.sin(theta), axial, radius * np.cos(theta)])

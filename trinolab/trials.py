@@ -14,7 +14,7 @@ from .arm import Arm
 from .camera import Camera, Rig
 from .checks import Array
 from .datasets import load_handle, load_rig
-from .handle import Handle, slants
+from .handle import Handle, facing_pixels
 from .image_track import search_window
 from .kalman import predict_motion
 from .matching import match
@@ -63,7 +63,7 @@ def centroid_error_px() -> float:
     rig, handle = load_rig("paper_pair"), load_handle("paper")
     distances = [distance for m, T in zip(*random_instants()[0][:2], strict=True)
                  for camera, found in zip(rig.cameras, m.found, strict=True)
-                 for distance in _nearest(found.uv, _facing(camera, handle, T, 65.0))[1]]
+                 for distance in _nearest(found.uv, facing_pixels(handle, camera, T, 65.0))[1]]
     return float(np.sqrt(np.mean(np.square([d for d in distances if d < SAME_PX]))))
 
 
@@ -166,15 +166,8 @@ def _drawn(rig: Rig, handle: Handle, rng: np.random.Generator, count: int, arm: 
 
 def _true_labels(camera: Camera, handle: Handle, T: RigidTransform, uv: Array) -> np.ndarray:
     """The marker that each found pixel is, by the truth: the nearest that shows; -1 for none."""
-    label, distance = _nearest(uv, _facing(camera, handle, T, LIMB_DEG))
+    label, distance = _nearest(uv, facing_pixels(handle, camera, T, LIMB_DEG))
     return np.where(distance < SAME_PX, label, -1)
-
-
-def _facing(camera: Camera, handle: Handle, T: RigidTransform, limit_deg: float) -> Array:
-    """Images of the markers' centres, NaN beyond a slant, shape (markers, 2)."""
-    uv = camera.project(T.apply(handle.marker_centres))
-    uv[slants(handle, T, camera.centre) > np.deg2rad(limit_deg)] = np.nan
-    return uv
 
 
 def _nearest(uv: Array, predicted: Array) -> tuple[np.ndarray, Array]:
