@@ -35,9 +35,9 @@ def test_true_labels_by_hand():
     centres = camera.project(T.apply(PAPER.marker_centres))
     facing = int(slants(PAPER, T, camera.centre).argmin())
     away = int(slants(PAPER, T, camera.centre).argmax())
-    labels = trials._true_labels(camera, PAPER, T, np.array([centres[facing] + 1.0, [5.0, 5.0]]))
+    labels = trials.true_labels(camera, PAPER, T, np.array([centres[facing] + 1.0, [5.0, 5.0]]))
     assert labels.tolist() == [facing, -1]
-    assert away not in trials._true_labels(camera, PAPER, T, centres)
+    assert away not in trials.true_labels(camera, PAPER, T, centres)
 
 
 def test_a_few_instants_of_the_trials_themselves():

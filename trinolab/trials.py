@@ -8,11 +8,12 @@ from functools import cache
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.spatial.transform import RigidTransform
 
 from .arm import Arm
 from .camera import Camera, Rig
-from .checks import Array
+from .checks import Array, as_points
 from .datasets import load_handle, load_rig
 from .handle import Handle, facing_pixels
 from .image_track import search_window
@@ -74,10 +75,20 @@ def share_of_wrong_matches() -> float:
     wrong = []
     for m, T, images in zip(measurements, truths, frames, strict=True):
         uv = [found.uv for found in m.found]
-        labels = [_true_labels(camera, handle, T, pixels) for camera, pixels in zip(rig.cameras, uv, strict=True)]
+        labels = [true_labels(camera, handle, T, pixels) for camera, pixels in zip(rig.cameras, uv, strict=True)]
         left, right = match(rig.cameras[0], rig.cameras[1], images[0], images[1], uv[0], uv[1]).index.T
         wrong += list((labels[0][left] != labels[1][right]) | (labels[0][left] < 0))
     return float(np.mean(wrong))
+
+
+def true_labels(camera: Camera, handle: Handle, T_world_handle: RigidTransform, uv: ArrayLike) -> np.ndarray:
+    """The marker that each found pixel is, by the truth: the nearest one that shows, int (n,); -1 for none.
+
+    Raises ValueError if `uv` is not of shape (n, 2).
+    """
+    shown = facing_pixels(handle, camera, T_world_handle, LIMB_DEG)
+    label, distance = _nearest(as_points(uv, "uv", 2), shown)
+    return np.where(distance < SAME_PX, label, -1)
 
 
 @cache
@@ -162,12 +173,6 @@ def _drawn(rig: Rig, handle: Handle, rng: np.random.Generator, count: int, arm: 
 
     poses = seen()
     return [next(poses) for _ in range(count)]
-
-
-def _true_labels(camera: Camera, handle: Handle, T: RigidTransform, uv: Array) -> np.ndarray:
-    """The marker that each found pixel is, by the truth: the nearest that shows; -1 for none."""
-    label, distance = _nearest(uv, facing_pixels(handle, camera, T, LIMB_DEG))
-    return np.where(distance < SAME_PX, label, -1)
 
 
 def _nearest(uv: Array, predicted: Array) -> tuple[np.ndarray, Array]:
