@@ -20,10 +20,11 @@ from scipy.spatial.transform import RigidTransform
 from .appearance import Views, Windows, layers, shading_basis, windows
 from .camera import Rig
 from .checks import Array
-from .handle import Handle, slants
+from .handle import Handle, slant_angles
 from .noise import Noise, estimate_noise
 
-MARGIN_PX = 5.5  # of a window around its marker: the blur's reach, and the filter's border
+LARGEST_PX = 120.0  # a marker's image beyond which its window no longer grows
+MARGIN_PX = 4.5  # of a window around its marker: the blur's reach, and the filter's border
 BORDER_PX = 2  # of a window, where the blur lacks neighbours
 CLEAR_PX = 2.5  # pixels nearer than this to another marker or to the body's end have no weight
 SATURATED = 250.0  # grey levels; a brighter pixel has no weight
@@ -31,10 +32,22 @@ BLUR_PX = 0.8  # where the search for a camera's blur begins
 
 
 class Patches(NamedTuple):
-    """The pixels of windows: greys (k, p), and which lie inside the image and are not saturated."""
+    """The pixels of windows.
+
+    Attributes
+    ----------
+    views : Views
+    at : Windows
+    px_per_mm : ndarray, shape (k,)
+        Pixels to a millimetre across the line of sight.
+    grey : ndarray, shape (k, p)
+    valid : ndarray of bool, shape (k, p)
+        Not saturated.
+    """
 
     views: Views
     at: Windows
+    px_per_mm: Array
     grey: Array
     valid: np.ndarray
 
@@ -106,15 +119,20 @@ def patches(images: Sequence[np.ndarray], rig: Rig, handle: Handle, T_world_hand
             max_slant_deg: float) -> Patches:
     """Windows about all markers that a pose turns to a camera by at most a slant, as far as they lie in its image."""
     centres = T_world_handle.apply(handle.marker_centres)
+    normals = handle.marker_normals @ T_world_handle.rotation.as_matrix().T
+    slant = np.stack([slant_angles(centres, normals, camera.centre) for camera in rig.cameras])
+    facing = slant < np.deg2rad(max_slant_deg)
     uv = np.stack([camera.project(centres) for camera in rig.cameras])
-    slant = np.stack([slants(handle, T_world_handle, camera.centre) for camera in rig.cameras])
-    side = _side(rig, handle, centres, slant <= np.deg2rad(max_slant_deg))
-    inside = np.stack([camera.sees(centres, side / 2 + 1) for camera in rig.cameras])
-    views = Views(*np.nonzero(inside & (slant <= np.deg2rad(max_slant_deg))))
+    scale = np.stack([camera.focal.mean() / camera.T_cam_world.apply(centres)[:, 2] for camera in rig.cameras])
+    largest = handle.marker_diameter_mm * scale[facing].max(initial=0.0)
+    side = 2 * int(np.ceil(min(largest, LARGEST_PX) / 2 + MARGIN_PX)) + 1
+    room = np.array([camera.size for camera in rig.cameras])[:, None] - side / 2 - 1
+    with np.errstate(invalid="ignore"):
+        views = Views(*np.nonzero(facing & ((uv > side / 2) & (uv < room)).all(axis=2)))
     at = windows(rig, views, uv[views], side)
     grey = np.array([images[c][v:v + side, u:u + side] for c, (u, v) in zip(views.camera, at.corner, strict=True)],
-                    dtype=float).reshape(len(at.corner), side * side)
-    return Patches(views, at, grey, grey < SATURATED)
+                    dtype=np.float32).reshape(len(at.corner), side * side)
+    return Patches(views, at, scale[views], grey, grey < SATURATED)
 
 
 def first_state(T_world_handle: RigidTransform, rig: Rig) -> State:
@@ -125,7 +143,7 @@ def first_state(T_world_handle: RigidTransform, rig: Rig) -> State:
 def linearise(state: State, here: Patches, rig: Rig, handle: Handle) -> Linear:
     """The model and its derivatives at a state."""
     shown = layers(rig, handle, state.T_world_handle, here.views, here.at)
-    B = _blur_matrices(here.at.side, state.blur_px2)[here.views.camera]
+    B = _blur_matrices(here.at.side, state.blur_px2).astype(np.float32)[here.views.camera]
     basis = shading_basis(shown.turn).transpose(1, 0, 2)  # (k, basis, p)
     shares = np.stack([shown.marker, shown.body], axis=1)[:, :, None] * basis[:, None]  # (k, 2, basis, p)
     k, _, n, p = shares.shape
@@ -135,8 +153,9 @@ def linearise(state: State, here: Patches, rig: Rig, handle: Handle) -> Linear:
     greys = state.greys
     if greys is None:
         greys = _first_greys(np.concatenate([m[:, None], body_light, 1 - b[:, None]], axis=1), usable, here.grey)
+    greys = greys.astype(np.float32)
     marker, body, background = greys[:, :1], greys[:, 1:2], greys[:, -1:]
-    shade = np.concatenate([np.ones((k, 1)), greys[:, 2:-1]], axis=1)[:, None]  # (k, 1, basis)
+    shade = np.concatenate([np.ones((k, 1), np.float32), greys[:, 2:-1]], axis=1)[:, None]  # (k, 1, basis)
     m_shaded, b_shaded = (shade @ marker_light)[:, 0], (shade @ body_light)[:, 0]
     predicted = marker * m_shaded + body * b_shaded + background * (1 - b)
     by_shade = marker[..., None] * marker_light[:, 1:] + body[..., None] * body_light[:, 1:]
@@ -150,11 +169,12 @@ def linearise(state: State, here: Patches, rig: Rig, handle: Handle) -> Linear:
 
 def reduce(by_other: Array, at: Linear) -> Reduced:
     """Normal equations for unknowns with derivatives `by_other` (k, m, p), the greys of each window eliminated."""
-    weighted, C = by_other * at.weight[:, None], at.by_greys
-    CC, OC = (C * at.weight[:, None]) @ C.transpose(0, 2, 1), weighted @ C.transpose(0, 2, 1)
+    by_other, C, weight = (part.astype(float) for part in (by_other, at.by_greys, at.weight[:, None]))
+    weighted = by_other * weight
+    CC, OC = (C * weight) @ C.transpose(0, 2, 1), weighted @ C.transpose(0, 2, 1)
     CC += 1e-9 * np.trace(CC, axis1=1, axis2=2)[:, None, None] * np.eye(CC.shape[1]) + 1e-12 * np.eye(CC.shape[1])
     r = at.residual[..., None]
-    solved = np.linalg.solve(CC, np.concatenate([OC.transpose(0, 2, 1), (C * at.weight[:, None]) @ r], axis=2))
+    solved = np.linalg.solve(CC, np.concatenate([OC.transpose(0, 2, 1), (C * weight) @ r], axis=2))
     gain, greys = solved[..., :-1], solved[..., -1]
     gradient = (weighted @ r)[..., 0] - (OC @ greys[..., None])[..., 0]
     return Reduced(weighted @ by_other.transpose(0, 2, 1) - OC @ gain, gradient, greys, gain)
@@ -201,13 +221,6 @@ def inverse(matrices: Array) -> Array:
 def limited(blur_px2: Array, step: Array) -> Array:
     """The blurs' variances after a step: no further than a factor of two away, and from 0.2 to 5 px squared."""
     return np.clip(np.clip(blur_px2 + step, 0.5 * blur_px2, 2 * blur_px2), 0.04, 25.0)
-
-
-def _side(rig: Rig, handle: Handle, centres: Array, shown: np.ndarray) -> int:
-    """Side of the windows, px: odd, and enough for the nearest of the markers shown, bool (cameras, markers)."""
-    size = [handle.marker_diameter_mm * camera.focal.max() / camera.T_cam_world.apply(centres)[mask, 2].min(initial=1e9)
-            for camera, mask in zip(rig.cameras, shown, strict=True)]
-    return 2 * int(np.ceil(max(size) / 2 + MARGIN_PX)) + 1
 
 
 def _blur_matrices(side: int, blur_px2: Array) -> Array:

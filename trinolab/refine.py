@@ -35,7 +35,7 @@ from .patches import (
 )
 from .registration import register
 
-FLOOR_PX = 0.004  # by so much the image model moves markers of the simulated bench, shading and all
+FLOOR_PX = 0.003  # by so much the image model moves markers of the simulated bench, shading and all
 
 
 class Fit(NamedTuple):
@@ -90,11 +90,11 @@ def fit_patches(images: Sequence[np.ndarray], rig: Rig, handle: Handle, start: R
     here = patches(images, rig, handle, start, max_slant_deg)
     if len(np.unique(here.views.marker)) < 3:
         return None
-    state, scale = first_state(start, rig), _px_per_mm(rig, handle, start, here.views)
+    state = first_state(start, rig)
     for _ in range(steps):
         at = linearise(state, here, rig, handle)
         normal = reduce(at.by_pose, at)
-        trust = _trust(at, normal.information, scale, floor_px)
+        trust = _trust(at, normal.information, here.px_per_mm, floor_px)
         information, gradient = _assembled(normal, trust, here.views.camera, rig)
         step = inverse(information) @ gradient
         own = np.column_stack([np.broadcast_to(step[:6], (len(trust), 6)), step[6 + here.views.camera]])
@@ -102,7 +102,7 @@ def fit_patches(images: Sequence[np.ndarray], rig: Rig, handle: Handle, start: R
         T = state.T_world_handle * _motion(step[:6])
         state = State(T, after.greys, limited(state.blur_px2, step[6:]), noise_of(after))
     shown = marker_is_shown(after, handle)
-    left = _distances(normal, step[:6]) * scale
+    left = _distances(normal, step[:6]) * here.px_per_mm
     spread = float(np.median(misfit(after)[shown])) if shown.any() else 1.0  # the noise was estimated before the step
     covariance = _in_world(spread * inverse(information)[:6, :6], state.T_world_handle)
     return _fit(state.T_world_handle, covariance, here.views, after, shown, left)
@@ -190,13 +190,6 @@ def _trust(at: Linear, information: Array, px_per_mm: Array, floor_px: float) ->
     """Weight of each window, shape (k,): less where it does not fit, or claims to know its place to below the floor."""
     per_px2 = np.trace(information[:, :3, :3], axis1=1, axis2=2) / (2 * px_per_mm**2)
     return 1 / np.maximum(misfit(at), 1.0) / (1 + floor_px**2 * per_px2)
-
-
-def _px_per_mm(rig: Rig, handle: Handle, T_world_handle: RigidTransform, views: Views) -> Array:
-    """Pixels to a millimetre across the line of sight at each view, shape (k,)."""
-    centres = T_world_handle.apply(handle.marker_centres)
-    scale = np.stack([camera.focal.mean() / camera.T_cam_world.apply(centres)[:, 2] for camera in rig.cameras])
-    return scale[views]
 
 
 def _assembled(normal: Reduced, trust: Array, camera: np.ndarray, rig: Rig) -> tuple[Array, Array]:
