@@ -45,8 +45,8 @@ class Windows(NamedTuple):
 
     corner: np.ndarray
     side: int
-    xy: Array
-    xy_per_px: Array
+    xy: np.ndarray
+    xy_per_px: np.ndarray
 
 
 class Layers(NamedTuple):

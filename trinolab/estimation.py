@@ -15,8 +15,9 @@ from .identity import labelled_pixels
 from .matching import candidates
 from .parameters import Parameters
 from .pose import LOST, Pose, rigid_fit, rigid_fit_covariance, weighted_fit
-from .refine import Fit, fit_centroids, fit_patches
+from .refine import Fit, fit_patches
 from .registration import centre_pixels
+from .reprojection import fit_centroids
 from .triangulation import triangulate, triangulate_weighted, triangulation_covariance
 
 
@@ -72,6 +73,7 @@ def fit_pose(instant: Identified, rig: Rig, handle: Handle, parameters: Paramete
     ``paper``: pairs, mean, rigid fit (Eq. 20-24). ``weighted``: centroids registered and moved to the centres,
     pairs and points weighted by their covariances.
     ``reprojection``: all views at once, by predicted centroids. ``patches``: all views at once, by the pixels.
+    ``outline``: as ``patches``, with the body's outline.
 
     Returns
     -------
@@ -136,6 +138,10 @@ def _patches_pose(instant: Identified, rig: Rig, handle: Handle, p: Parameters) 
     return _judged(fit_patches(instant.images, rig, handle, instant.T_world_handle, p.max_slant_deg))
 
 
+def _outline_pose(instant: Identified, rig: Rig, handle: Handle, p: Parameters) -> Pose:
+    return _judged(fit_patches(instant.images, rig, handle, instant.T_world_handle, p.max_slant_deg, outline=True))
+
+
 def _judged(fit: Fit | None) -> Pose:
     """A measured pose if enough views show what it predicts, and fix it, else `LOST`."""
     if fit is None or fit.shown.sum() < 4 or len(np.unique(fit.views.marker[fit.shown])) < 3:
@@ -145,4 +151,4 @@ def _judged(fit: Fit | None) -> Pose:
 
 
 _ESTIMATES = {"paper": _paper_pose, "weighted": _weighted_pose, "reprojection": _centroids_pose,
-              "patches": _patches_pose}
+              "patches": _patches_pose, "outline": _outline_pose}

@@ -39,7 +39,7 @@ def measure_folder(rig: str | Path, handle: str | Path, images: str | Path, out:
         Holds a folder a camera, named as in the rig, the same file names in each.
     out : path
         CSV of poses to write; it appears when all instants are done.
-    method : {"paper", "weighted", "reprojection", "patches", "best"}
+    method : {"paper", "weighted", "reprojection", "patches", "outline", "best"}
         The estimator, see `estimation.fit_pose`; `best` is ``patches``.
     prior : path, optional
         CSV of poses that are expected, joined on `frame`: they choose among poses that look alike.
