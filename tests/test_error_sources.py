@@ -91,6 +91,16 @@ def test_a_shifted_rig_wants_as_many_numbers_as_a_calibration_has():
         shifted_rig(RIG, np.zeros(20))
 
 
+def test_a_turned_camera_is_turned_in_its_own_frame(trial):
+    source, turn = sources.turned_camera(trial, 0.01), Rotation.from_rotvec([0.01, -0.02, 0.005], degrees=True)
+    left, right = RIG.cameras
+    moved = Camera(right.name, right.size, right.matrix, right.distortions,
+                   (right.T_world_cam * RigidTransform.from_rotation(turn)).inv())
+    expected = response(trial, rig=Rig((left, moved)))
+    np.testing.assert_allclose(source.roots @ [1.0, -2.0, 0.5], expected, rtol=0.01, atol=0.002)
+    assert np.abs(expected[:, 2]).min() > 0.5  # mm: the vergence is the depth
+
+
 def test_printed_matrix_and_one_focal_length_cost_what_the_errata_say(trial):
     """There the set positions are triangulated; here the handle's origin comes from its markers."""
     for source, effect in ((sources.printed_matrix(trial), use_of_no_rotation()),

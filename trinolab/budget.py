@@ -90,7 +90,8 @@ def parts(trial: Trial, images: Images, covariance: Array) -> Parts:
         [sources.pixel_noise(trial, images.sigma_px), sources.centroid_bias(trial, images.uv)],
         [sources.calibration(trial, covariance), sources.printed_matrix(trial), sources.one_focal_length(trial),
          sources.platform(trial, 0.02), sources.printed_digits(trial)],
-        [sources.lens_distortion(trial, -0.05), sources.marker_places(trial, 0.05)],
+        [sources.lens_distortion(trial, -0.05), sources.turned_camera(trial, 0.02),
+         sources.marker_places(trial, 0.05)],
         [sources.askew(trial, 0.5), sources.set_angles(trial, 0.5), sources.set_scatter(trial, 0.5),
          sources.platform(trial, 0.2)._replace(name="set positions")])
 

@@ -87,9 +87,14 @@ def centroid_bias(trial: Trial, uv: ArrayLike) -> Source:
 def calibration(trial: Trial, covariance: ArrayLike) -> Source:
     """Cameras whose parameters are wrong by a calibration's covariance, see `Calibrated`; without distortions."""
     root = covariance_root(covariance, "covariance", 10 * len(trial.rig.cameras) - 6)
-    columns = [(response(trial, rig=shifted_rig(trial.rig, x)) - response(trial, rig=shifted_rig(trial.rig, -x))) / 2
-               for x in root.T]
-    return Source("calibration", 1.0, "sigma", _nothing(trial), np.stack(columns, axis=2))
+    return Source("calibration", 1.0, "sigma", _nothing(trial), _to_shifts(trial, root))
+
+
+def turned_camera(trial: Trial, sigma_deg: float) -> Source:
+    """The last camera turned since the calibration, by `sigma_deg` about each of its axes."""
+    shifts = np.zeros((10 * len(trial.rig.cameras) - 6, 3))
+    shifts[-3:] = np.deg2rad(sigma_deg) * trial.rig.cameras[-1].T_world_cam.rotation.as_matrix()
+    return Source("turned camera", sigma_deg, "deg an axis", _nothing(trial), _to_shifts(trial, shifts))
 
 
 def shifted_rig(rig: Rig, x: ArrayLike) -> Rig:
@@ -203,6 +208,13 @@ def _estimates(trial: Trial, uv: ArrayLike | None = None, rig: Rig | None = None
     labels = (np.arange(pixels.shape[2]),) * pixels.shape[1]
     p = replace(trial.parameters, max_slant_deg=90.0)  # the markers are chosen, once for all sources
     return [fit_pose(labels, rig or trial.rig, trial.handle, tuple(views), p) for views in pixels]
+
+
+def _to_shifts(trial: Trial, shifts: Array) -> Array:
+    """Responses (n, 6, q) to each column of shifts (parameters, q) of the rig, see `shifted_rig`."""
+    columns = [(response(trial, rig=shifted_rig(trial.rig, x)) - response(trial, rig=shifted_rig(trial.rig, -x))) / 2
+               for x in shifts.T]
+    return np.stack(columns, axis=2)
 
 
 def _shifted(camera: Camera, inner: Array, outer: Array) -> Camera:

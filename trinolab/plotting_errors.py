@@ -7,13 +7,14 @@ from collections.abc import Mapping
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator
 from numpy.typing import ArrayLike
 
 from .plotting import COLOURS
 
 
 def plot_factor(x: ArrayLike, panels: Mapping[str, Mapping[str, ArrayLike]], xlabel: str, paper: float) -> Figure:
-    """Panels side by side, each named by its y axis, with curves y (n,) over one x (n,).
+    """Panels side by side, each named by its logarithmic y axis, with curves y (n,) > 0 over one x (n,).
 
     Parameters
     ----------
@@ -31,7 +32,8 @@ def plot_factor(x: ArrayLike, panels: Mapping[str, Mapping[str, ArrayLike]], xla
                                             strict=False):
             ax.plot(x, np.asarray(y, float), style, color=colour, label=name, markersize=4)
         ax.axvline(paper, color="black", linestyle=":", linewidth=1.2, label="the paper's working point")
-        ax.set(xlabel=xlabel, ylabel=ylabel, ylim=(0, None), facecolor="white")
+        ax.set(xlabel=xlabel, ylabel=ylabel, yscale="log", facecolor="white")
+        ax.yaxis.set(major_locator=LogLocator(subs=(1, 1.5, 2, 3, 5, 7)), major_formatter="{x:g}", minor_formatter="")
         ax.grid(axis="y", alpha=0.3)
         ax.legend(fontsize=7)
     return figure
