@@ -129,12 +129,18 @@ def test_a_lost_pose_is_named(monkeypatch):
         rendered(few, 1)
 
 
-def test_exact_tables_without_mistakes_but_the_printed_ones(trial):
-    """No noise, no bias, no calibration error: what is left are the printed matrix and the one focal length."""
-    images = Images(trial.uv, 0.0, [])
-    poses, = exact_tables(trial, images, np.zeros((14, 14)), 1)
-    both = together([sources.printed_matrix(trial), sources.one_focal_length(trial)], "both")
-    np.testing.assert_allclose(exact([poses], trial.truths).position_mm[0], both.fixed[:, :3], atol=0.02)
+def test_exact_tables_hold_bias_printed_matrix_and_one_focal_length(trial):
+    """Without noise and calibration error the exact chain is near the sum of the three to first order."""
+    uv = trial.uv + 0.1 * np.random.default_rng(0).standard_normal(trial.uv.shape)
+    poses, = exact_tables(trial, Images(uv, 0.0, []), np.zeros((14, 14)), 1)
+    found = exact([poses], trial.truths)
+    bias = sources.centroid_bias(trial, uv)
+    others = [sources.printed_matrix(trial), sources.one_focal_length(trial)]
+    expected = together([bias, *others], "all")
+    np.testing.assert_allclose(found.position_mm[0], expected.fixed[:, :3], atol=0.04)
+    np.testing.assert_allclose(found.turns_deg[0], expected.fixed[:, 3:], atol=0.4)
+    assert np.abs(bias.fixed[:, 3:]).max() > 1.5
+    assert np.linalg.norm(together(others, "others").fixed[:, :3], axis=1).min() > 0.3
 
 
 def test_the_command_writes_three_tables(tmp_path, monkeypatch, trial):
