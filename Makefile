@@ -5,7 +5,7 @@ ARGS ?=
 BIN := .venv/bin
 
 .DEFAULT_GOAL := help
-.PHONY: help book test lab lint verify clean
+.PHONY: help book test lab lint verify sweeps clean
 
 help:  ## show this list
 	@sed -n 's/^\([a-z]*\):.*## /\1\t/p' $(MAKEFILE_LIST)
@@ -25,6 +25,10 @@ lint: .venv/package.done  ## check style and types
 
 verify: .venv/package.done  ## the heavy counts, as a report: half an hour; ARGS="--poses 20 --seeds 1" is quick
 	@$(BIN)/python tests/verify.py $(ARGS)
+
+sweeps: .venv/package.done  ## make the tables in data/sweeps again: a quarter of an hour
+	@$(BIN)/python -m trinolab.factors
+	@$(BIN)/python -m trinolab.budget
 
 clean:  ## remove what was built, but not .venv
 	rm -rf _build .pytest_cache .mypy_cache .ruff_cache .hypothesis

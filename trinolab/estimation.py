@@ -67,13 +67,12 @@ def candidate_points(images: Sequence[np.ndarray], rig: Rig, pixels: Sequence[Ar
     return points[valid], covariances[valid]
 
 
-def fit_pose(instant: Identified, rig: Rig, handle: Handle, parameters: Parameters) -> Pose:
+def estimate(instant: Identified, rig: Rig, handle: Handle, parameters: Parameters) -> Pose:
     """The pose by the estimator that the parameters name.
 
     ``paper``: pairs, mean, rigid fit (Eq. 20-24). ``weighted``: centroids registered and moved to the centres,
-    pairs and points weighted by their covariances.
-    ``reprojection``: all views at once, by predicted centroids. ``patches``: all views at once, by the pixels.
-    ``outline``: as ``patches``, with the body's outline.
+    pairs and points weighted by their covariances. ``reprojection``: all views at once, by predicted centroids.
+    ``patches``: all views at once, by the pixels. ``outline``: as ``patches``, with the body's outline.
 
     Returns
     -------
@@ -83,9 +82,26 @@ def fit_pose(instant: Identified, rig: Rig, handle: Handle, parameters: Paramete
     return _ESTIMATES[parameters.estimator](instant, rig, handle, parameters)
 
 
-def _paper_pose(instant: Identified, rig: Rig, handle: Handle, p: Parameters) -> Pose:
-    """Rigid fit to the mean of the pairs' points; markers turned too far away are left out if four others remain."""
-    uv = labelled_pixels(instant.labels, instant.pixels, len(handle.marker_centres))
+def fit_pose(labels: tuple[np.ndarray, ...], rig: Rig, handle: Handle, pixels: tuple[Array, ...],
+             parameters: Parameters) -> Pose:
+    """The paper's estimate from labelled markers: pairs, mean, rigid fit (Eq. 20-24).
+
+    Parameters
+    ----------
+    labels : tuple of ndarray of int, one a camera
+        For each found marker its index on the handle, or -1.
+    rig, handle
+    pixels : tuple of ndarray, one a camera, shape (n_c, 2)
+    parameters : Parameters
+        Markers turned beyond its `max_slant_deg` are left out if four others remain.
+
+    Returns
+    -------
+    Pose
+        With status ``measured``; `LOST` if fewer than three markers that are not on a line were triangulated.
+    """
+    p = parameters
+    uv = labelled_pixels(labels, pixels, len(handle.marker_centres))
     T = rigid_fit(handle.marker_centres, triangulate(rig, uv))
     if T is None:
         return LOST
@@ -101,6 +117,10 @@ def _paper_pose(instant: Identified, rig: Rig, handle: Handle, p: Parameters) ->
         return LOST
     covariances = triangulation_covariance(rig, uv[:, used], p.sigma_px)
     return _pose(T, rigid_fit_covariance(handle.marker_centres[used], T, covariances), uv, rig, handle)
+
+
+def _paper_pose(instant: Identified, rig: Rig, handle: Handle, p: Parameters) -> Pose:
+    return fit_pose(instant.labels, rig, handle, instant.pixels, p)
 
 
 def _weighted_pose(instant: Identified, rig: Rig, handle: Handle, p: Parameters) -> Pose:

@@ -28,7 +28,7 @@ class Parameters:
     matching : MatchParameters
     identity : IdentityParameters
     estimator : {"paper", "weighted", "reprojection", "patches", "outline"}
-        How the pose follows from the markers, see `estimation.fit_pose`.
+        How the pose follows from the markers, see `estimation.estimate`.
     max_slant_deg : float
         Markers turned further away are identified but not measured, as long as four are left: beyond 70 deg the
         centroid of a wrapped marker lies more than 1 px beside the image of its centre.

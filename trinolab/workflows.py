@@ -40,7 +40,7 @@ def measure_folder(rig: str | Path, handle: str | Path, images: str | Path, out:
     out : path
         CSV of poses to write; it appears when all instants are done.
     method : {"paper", "weighted", "reprojection", "patches", "outline", "best"}
-        The estimator, see `estimation.fit_pose`; `best` is ``patches``.
+        The estimator, see `estimation.estimate`; `best` is ``patches``.
     prior : path, optional
         CSV of poses that are expected, joined on `frame`: they choose among poses that look alike.
     progress : bool
