@@ -23,7 +23,7 @@ _LARGE = 2**19  # px: larger images are searched at half their size, or a quarte
 _RUNS, _CONTOURS = (700, 40), (80, 4)  # more at one threshold than both, the second times those wanted, are noise
 _SPOTS = 120  # those that stand out most are looked at
 _ANGLES = np.arange(16) * np.pi / 8
-_RAYS = np.stack([np.cos(_ANGLES), np.sin(_ANGLES)])[:, None] * np.linspace(0.25, 1.0, 10)[:, None]  # (2, points, rays)
+_RAYS = (np.linspace(0.25, 1.0, 10)[:, None] * np.stack([np.cos(_ANGLES), np.sin(_ANGLES)])[:, None]).astype(np.float32)
 
 
 class Places(NamedTuple):
@@ -232,9 +232,8 @@ def _rise(image: np.ndarray) -> np.ndarray:
 
 def _along_rays(image: np.ndarray, where: Places) -> tuple[Array, Array]:
     """The greys where rays begin, and the least along each, (n, 16) both, sorted."""
-    n, reach = len(where.uv), where.reach[:, None, None]
-    if n == 0:
-        return np.zeros((0, 16)), np.zeros((0, 16))
-    u, v = ((where.uv[:, k, None, None] + _RAYS[k] * reach).astype(np.float32).reshape(n, -1) for k in (0, 1))
-    grey = cv2.remap(image, u, v, cv2.INTER_NEAREST, borderMode=cv2.BORDER_REPLICATE).reshape(n, *_RAYS[0].shape)
+    (height, width), reach = image.shape, where.reach.astype(np.float32)[:, None, None]
+    u, v = (where.uv[:, k, None, None].astype(np.float32) + _RAYS[k] * reach for k in (0, 1))  # (n, points, rays)
+    u, v = (np.clip(np.rint(x), 0, most - 1).astype(np.intp) for x, most in ((u, width), (v, height)))
+    grey = image.ravel().take(v * width + u)
     return np.sort(grey[:, 0], axis=1).astype(float), np.sort(grey.min(axis=1), axis=1).astype(float)

@@ -90,6 +90,7 @@ class _Blob(NamedTuple):
     minor: float
     contrast: float
     threshold: float
+    level: float
 
 
 def iterative_threshold(image: ArrayLike, contours: int,
@@ -168,7 +169,7 @@ def find_markers(image: ArrayLike, expected: int, markers: str = "bright",
     bright = image if markers == "bright" else image.max() - image
     wanted = math.ceil(p.surplus * as_number(expected, "expected", low=1))
     steps, where = _search(bright, wanted, p)
-    table = np.array(_once_each(bright, where, wanted, p), dtype=float).reshape(-1, 6)
+    table = np.array(_once_each(bright, where, wanted, p), dtype=float).reshape(-1, 7)
     return Markers(frozen(table[:, :2]), frozen(table[:, 2:4]), frozen(table[:, 4]), frozen(table[:, 5]), steps)
 
 
@@ -205,8 +206,7 @@ def _once_each(image: np.ndarray, where: blobs.Places, most: int, p: MarkerParam
         if tried[y, x] > 1:
             continue
         tried[max(y - 1, 0):y + 2, max(x - 1, 0):x + 2] += 1
-        measured = (_measured(image, candidate, threshold, p) for threshold in candidate.thresholds)
-        blob = next((blob for blob in measured if blob is not None), None)
+        blob = _measured(image, candidate, p)
         if blob is None:
             continue
         x, y = round(blob.u / 2), round(blob.v / 2)
@@ -218,9 +218,20 @@ def _once_each(image: np.ndarray, where: blobs.Places, most: int, p: MarkerParam
     return kept
 
 
-def _measured(image: np.ndarray, candidate: blobs.Candidate, threshold: float, p: MarkerParameters) -> _Blob | None:
-    """What a candidate is above a threshold, or None if it is no marker."""
-    cut = blobs.cut_out(image, candidate.uv, candidate.reach, threshold)
+def _measured(image: np.ndarray, candidate: blobs.Candidate, p: MarkerParameters) -> _Blob | None:
+    """The marker at a place, its contour taken about halfway up its flank if it is one there, or None."""
+    found = (_blob(image, candidate.uv, candidate.reach, threshold, p) for threshold in candidate.thresholds)
+    blob = next((blob for blob in found if blob is not None), None)
+    for _ in range(2):
+        if blob is not None and abs(blob.threshold - blob.level - blob.contrast / 2) > blob.contrast / 8:
+            blob = _blob(image, (blob.u, blob.v), blob.major, blob.level + blob.contrast / 2, p) or blob
+    return blob
+
+
+def _blob(image: np.ndarray, uv: tuple[float, float], reach: float, threshold: float,
+          p: MarkerParameters) -> _Blob | None:
+    """What exceeds a threshold at a place, or None if it is not like a marker."""
+    cut = blobs.cut_out(image, uv, reach, threshold)
     if cut is None:
         return None
     area, major, minor = blobs.ellipse(cut.inside)
@@ -234,4 +245,4 @@ def _measured(image: np.ndarray, candidate: blobs.Candidate, threshold: float, p
     if contrast < p.min_contrast:
         return None
     u, v = centroid(cut.grey, near.view(bool) & ~cut.others, level) + cut.corner
-    return _Blob(float(u), float(v), major, minor, contrast, threshold)
+    return _Blob(float(u), float(v), major, minor, contrast, threshold, level)
