@@ -17,8 +17,8 @@ NOTEBOOKS = sorted(ROOT.glob("notebooks/*.ipynb"))
 ORDER = [
     "checks", "lens", "camera", "rigfile", "handle", "metrics", "fetch", "board", "datasets", "realsets",
     "ledger", "cones", "convex", "faces", "workspace", "plotting", "plotting_errors", "window", "background",
-    "covariance", "kalman", "image_track", "markers", "matching", "triangulation", "pose", "hypotheses", "identity",
-    "parameters", "noise", "appearance", "centroids", "patches", "imagemodel", "registration", "outline", "refine",
+    "covariance", "kalman", "image_track", "blobs", "markers", "matching", "triangulation", "pose", "hypotheses",
+    "identity", "parameters", "noise", "appearance", "centroids", "patches", "imagemodel", "registration", "outline", "refine",
     "reprojection", "estimation", "corners", "relative", "zhang", "adjustment", "calibration",
     "tracker", "raycast", "capsule", "arm", "motion", "bench", "scene", "exposure", "boardscene", "boardtrial",
     "recording", "errata_workspace", "errata_background", "errata_kalman", "errata_markers", "errata_pose",
