@@ -19,7 +19,7 @@ ORDER = [
     "ledger", "cones", "convex", "faces", "workspace", "plotting", "window", "background", "covariance",
     "kalman", "image_track", "markers", "matching", "triangulation", "pose", "hypotheses", "identity",
     "parameters", "estimation", "refine", "corners", "relative", "zhang", "adjustment", "calibration",
-    "tracker", "raycast", "capsule", "arm", "motion", "bench", "scene", "boardscene", "boardtrial",
+    "tracker", "raycast", "capsule", "arm", "motion", "bench", "scene", "bound", "boardscene", "boardtrial",
     "recording", "errata_workspace", "errata_background", "errata_kalman", "errata_markers", "errata_pose",
     "errata_table1", "errata", "teleop", "slave", "sweep", "workflows", "evidence", "trials", "scoreboard",
     "cli",
