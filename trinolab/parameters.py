@@ -45,3 +45,7 @@ class Parameters:
     def __post_init__(self) -> None:
         as_number(self.max_slant_deg, "max_slant_deg", low=0.0, high=90.0)
         as_number(self.sigma_px, "sigma_px", low=0.0, open_low=True)
+
+
+ESTIMATORS = {"paper": Parameters()}
+"""The settings that are held against one another, by name."""
