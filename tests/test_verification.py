@@ -99,8 +99,7 @@ UPRIGHT = RigidTransform.from_components([0, 0, 545.0], Rotation.from_matrix(np.
 def test_along_is_towards_the_limb_and_across_clockwise():
     turned = UPRIGHT * RigidTransform.from_rotation(Rotation.from_rotvec([0, np.deg2rad(30.0), 0]))  # to the right
     truth = centroids.centres(STRAIGHT, PAPER, turned)
-    errors = centroids.centroid_errors(centroids.centres, STRAIGHT, PAPER, turned,
-                                       truth[[0, 1, 10, 11]] + [0.25, 0.5])
+    errors = centroids.centroid_errors(STRAIGHT, PAPER, turned, truth[[0, 1, 10, 11]] + [0.25, 0.5], truth)
     assert list(errors["marker"]) == [0, 1, 10, 11]  # columns at 0 and at 300 deg
     right, left = errors[errors["marker"] < 2], errors[errors["marker"] >= 10]
     assert right["slant_deg"].to_numpy() == pytest.approx(30.0, abs=0.5)  # the camera is near: not quite 30
@@ -112,9 +111,9 @@ def test_along_is_towards_the_limb_and_across_clockwise():
 
 def test_missing_and_broken_centroids_are_missed():
     truth = centroids.centres(STRAIGHT, PAPER, UPRIGHT)
-    shown = centroids.centroid_errors(centroids.centres, STRAIGHT, PAPER, UPRIGHT, truth)
+    shown = centroids.centroid_errors(STRAIGHT, PAPER, UPRIGHT, truth, truth)
     for found in (np.empty((0, 2)), truth + 5.0):
-        errors = centroids.centroid_errors(centroids.centres, STRAIGHT, PAPER, UPRIGHT, found)
+        errors = centroids.centroid_errors(STRAIGHT, PAPER, UPRIGHT, found, truth)
         assert len(errors) == len(shown)
         assert errors[["along", "across"]].isna().all(axis=None)
 
@@ -141,12 +140,18 @@ def test_report_finds_bias_scatter_and_noise():
 def test_a_wrapped_markers_centroid_lies_along_the_slant():
     """The axis across the line of sight, a column 50 deg aside: the bias is along the slant alone, and towards us."""
     turned = UPRIGHT * RigidTransform.from_rotation(Rotation.from_rotvec([0, np.deg2rad(50.0), 0]))
-    found = centroids.detected(draws.expected_frames(Rig((STRAIGHT, OTHER)), PAPER, turned, Bench())[0], PAPER)
-    errors = centroids.centroid_errors(centroids.centres, STRAIGHT, PAPER, turned, found).dropna()
-    steep = errors[errors["slant_deg"] > 45]
-    assert len(steep) == 2
-    assert (np.abs(steep["across"]) < 0.08).all()  # rows above and below the axis: a little perspective
-    assert (steep["along"] < -0.2).all()
+    rig = Rig((STRAIGHT, OTHER))
+    images = draws.expected_frames(rig, PAPER, turned, Bench())
+    steep = {}
+    for name, method in centroids.METHODS.items():
+        found, predicted = method(images, rig, PAPER, turned)
+        errors = centroids.centroid_errors(STRAIGHT, PAPER, turned, found[0], predicted[0]).dropna()
+        steep[name] = errors[errors["slant_deg"] > 45]
+        assert len(steep[name]) == 2
+    assert (np.abs(steep["plain"]["across"]) < 0.08).all()  # rows above and below the axis: a little perspective
+    assert (steep["plain"]["along"] < -0.2).all()
+    assert (np.abs(steep["modelled"]["along"]) < 0.5).all()  # of 1.1: the rest is the detector's
+    assert (np.abs(steep["registered"]["along"]) < 0.03).all()
 
 
 # --- identities

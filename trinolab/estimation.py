@@ -1,10 +1,12 @@
-"""The paper's estimate: candidate points from found markers, and the pose from labelled ones (Sect. 5.2-5.3)."""
+"""From labelled markers to the pose: the paper's estimate, and three better ones beside it (Sect. 5.2-5.3)."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
+from scipy.spatial.transform import RigidTransform
 
 from .camera import Rig
 from .checks import Array
@@ -12,8 +14,31 @@ from .handle import Handle, slants
 from .identity import labelled_pixels
 from .matching import candidates
 from .parameters import Parameters
-from .pose import LOST, Pose, rigid_fit, rigid_fit_covariance
-from .triangulation import triangulate, triangulation_covariance
+from .pose import LOST, Pose, rigid_fit, rigid_fit_covariance, weighted_fit
+from .refine import Fit, fit_centroids, fit_patches
+from .registration import centre_pixels
+from .triangulation import triangulate, triangulate_weighted, triangulation_covariance
+
+
+class Identified(NamedTuple):
+    """An instant with its markers identified.
+
+    Attributes
+    ----------
+    images : sequence of ndarray, shape (height, width)
+        One a camera.
+    pixels : tuple of ndarray, one a camera, shape (n_c, 2)
+        Of the markers found.
+    labels : tuple of ndarray of int, one a camera, shape (n_c,)
+        For each found marker its index on the handle, or -1.
+    T_world_handle : RigidTransform
+        The pose that identified them.
+    """
+
+    images: Sequence[np.ndarray]
+    pixels: tuple[Array, ...]
+    labels: tuple[np.ndarray, ...]
+    T_world_handle: RigidTransform
 
 
 def candidate_points(images: Sequence[np.ndarray], rig: Rig, pixels: Sequence[Array],
@@ -41,46 +66,83 @@ def candidate_points(images: Sequence[np.ndarray], rig: Rig, pixels: Sequence[Ar
     return points[valid], covariances[valid]
 
 
-def fit_pose(labels: tuple[np.ndarray, ...], rig: Rig, handle: Handle, pixels: tuple[Array, ...],
-             parameters: Parameters) -> Pose:
-    """The paper's estimate from labelled markers: pairs, mean, rigid fit (Eq. 20-24).
+def fit_pose(instant: Identified, rig: Rig, handle: Handle, parameters: Parameters) -> Pose:
+    """The pose by the estimator that the parameters name.
 
-    Parameters
-    ----------
-    labels : tuple of ndarray of int, one a camera
-        For each found marker its index on the handle, or -1.
-    rig, handle
-    pixels : tuple of ndarray, one a camera, shape (n_c, 2)
-    parameters : Parameters
+    ``paper``: pairs, mean, rigid fit (Eq. 20-24). ``weighted``: centroids registered and moved to the centres,
+    pairs and points weighted by their covariances.
+    ``reprojection``: all views at once, by predicted centroids. ``patches``: all views at once, by the pixels.
 
     Returns
     -------
     Pose
-        With status ``measured``; `LOST` if fewer than three markers that are not on a line were triangulated.
+        With status ``measured``; `LOST` if too little is seen, or what is seen is not what the pose predicts.
     """
-    uv = labelled_pixels(labels, pixels, len(handle.marker_centres))
+    return _ESTIMATES[parameters.estimator](instant, rig, handle, parameters)
+
+
+def _paper_pose(instant: Identified, rig: Rig, handle: Handle, p: Parameters) -> Pose:
+    """Rigid fit to the mean of the pairs' points; markers turned too far away are left out if four others remain."""
+    uv = labelled_pixels(instant.labels, instant.pixels, len(handle.marker_centres))
     T = rigid_fit(handle.marker_centres, triangulate(rig, uv))
     if T is None:
         return LOST
     facing = uv.copy()
     for row, camera in zip(facing, rig.cameras, strict=True):
-        row[slants(handle, T, camera.centre) > np.deg2rad(parameters.max_slant_deg)] = np.nan
+        row[slants(handle, T, camera.centre) > np.deg2rad(p.max_slant_deg)] = np.nan
     if np.isfinite(triangulate(rig, facing)).all(axis=1).sum() >= 4:
         uv = facing
-    return _fit(uv, rig, handle, parameters.sigma_px)
-
-
-def _fit(uv: Array, rig: Rig, handle: Handle, sigma_px: float) -> Pose:
-    """Rigid fit of the markers at pixels uv (cameras, markers, 2), with covariance and residual."""
     points = triangulate(rig, uv)
     used = np.isfinite(points).all(axis=1)
     T = rigid_fit(handle.marker_centres, points)
     if T is None:
         return LOST
-    point_covariances = triangulation_covariance(rig, uv[:, used], sigma_px)
-    covariance = rigid_fit_covariance(handle.marker_centres[used], T, point_covariances)
+    covariances = triangulation_covariance(rig, uv[:, used], p.sigma_px)
+    return _pose(T, rigid_fit_covariance(handle.marker_centres[used], T, covariances), uv, rig, handle)
+
+
+def _weighted_pose(instant: Identified, rig: Rig, handle: Handle, p: Parameters) -> Pose:
+    """Weighted fit to weighted points, from registered centroids that their model has moved to the markers' centres.
+
+    On plain centroids the weights do harm: they trust the pixels across the line of sight, and so the bias there.
+    """
+    pose, T = LOST, instant.T_world_handle
+    for _ in range(2):  # a centroid is measured by what the pose found before predicts
+        centres = centre_pixels(instant.images, rig, handle, T, p.max_slant_deg)
+        fit = None if centres is None else weighted_fit(
+            handle.marker_centres, *triangulate_weighted(rig, centres.uv, centres.sigma_px))
+        if centres is None or fit is None:
+            return LOST
+        T = fit[0]
+        pose = _pose(*fit, centres.uv, rig, handle)
+    return pose
+
+
+def _pose(T: RigidTransform, covariance: Array, uv: Array, rig: Rig, handle: Handle) -> Pose:
+    """A measured pose, with the reprojection error of the triangulated markers."""
+    used = np.isfinite(triangulate(rig, uv)).all(axis=1)
     centres = T.apply(handle.marker_centres)
     error = np.stack([camera.project(centres) for camera in rig.cameras]) - uv
     seen = np.asarray(np.isfinite(error).all(axis=2)) & used
     residual = float(np.sqrt((error[seen] ** 2).sum(axis=1).mean()))
     return Pose("measured", T, covariance, residual, int(used.sum()), int(seen.any(axis=1).sum()))
+
+
+def _centroids_pose(instant: Identified, rig: Rig, handle: Handle, p: Parameters) -> Pose:
+    return _judged(fit_centroids(instant.images, rig, handle, instant.T_world_handle, p.max_slant_deg))
+
+
+def _patches_pose(instant: Identified, rig: Rig, handle: Handle, p: Parameters) -> Pose:
+    return _judged(fit_patches(instant.images, rig, handle, instant.T_world_handle, p.max_slant_deg))
+
+
+def _judged(fit: Fit | None) -> Pose:
+    """A measured pose if enough views show what it predicts, and fix it, else `LOST`."""
+    if fit is None or fit.shown.sum() < 4 or len(np.unique(fit.views.marker[fit.shown])) < 3:
+        return LOST
+    return Pose("measured", fit.T_world_handle, fit.covariance, fit.residual_px,
+                len(np.unique(fit.views.marker[fit.shown])), len(np.unique(fit.views.camera[fit.shown])))
+
+
+_ESTIMATES = {"paper": _paper_pose, "weighted": _weighted_pose, "reprojection": _centroids_pose,
+              "patches": _patches_pose}

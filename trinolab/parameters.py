@@ -11,6 +11,9 @@ from .kalman import KalmanParameters
 from .markers import MarkerParameters
 from .matching import MatchParameters
 
+ESTIMATORS = ("paper", "weighted", "reprojection", "patches")
+BEST = "patches"  # the most accurate that keeps up with 30 frames a second
+
 
 @dataclass(frozen=True)
 class Parameters:
@@ -24,6 +27,8 @@ class Parameters:
     markers : MarkerParameters
     matching : MatchParameters
     identity : IdentityParameters
+    estimator : {"paper", "weighted", "reprojection", "patches"}
+        How the pose follows from the markers, see `estimation.fit_pose`.
     max_slant_deg : float
         Markers turned further away are identified but not measured, as long as four are left: beyond 70 deg the
         centroid of a wrapped marker lies more than 1 px beside the image of its centre.
@@ -38,14 +43,13 @@ class Parameters:
     markers: MarkerParameters = field(default_factory=MarkerParameters)
     matching: MatchParameters = field(default_factory=MatchParameters)
     identity: IdentityParameters = field(default_factory=IdentityParameters)
+    estimator: str = "paper"
     max_slant_deg: float = 70.0
     sigma_px: float = 0.1
     memory_s: float = 0.3
 
     def __post_init__(self) -> None:
+        if self.estimator not in ESTIMATORS:
+            raise ValueError(f"estimator: expected one of {', '.join(ESTIMATORS)}, got {self.estimator!r}")
         as_number(self.max_slant_deg, "max_slant_deg", low=0.0, high=90.0)
         as_number(self.sigma_px, "sigma_px", low=0.0, open_low=True)
-
-
-ESTIMATORS = {"paper": Parameters()}
-"""The settings that are held against one another, by name."""

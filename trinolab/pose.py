@@ -123,6 +123,48 @@ def rigid_fit_covariance(points_source: ArrayLike, T_target_source: RigidTransfo
     return np.einsum("nik,nkl,njl->ij", gain, C, gain) / np.outer(scale, scale)
 
 
+def weighted_fit(points_source: ArrayLike, points_target: ArrayLike, covariances: ArrayLike,
+                 steps: int = 5) -> tuple[RigidTransform, Array] | None:
+    """The rigid motion with least squares weighted by the target points' covariances (Eq. 23, 24, generalised).
+
+    Parameters
+    ----------
+    points_source, points_target : array_like, shape (n, 3)
+        Row by row the same point; rows that are not finite in either are left out.
+    covariances : array_like, shape (n, 3, 3)
+        Of the target points, target frame, mm^2.
+    steps : int
+        Gauss-Newton steps from `rigid_fit`.
+
+    Returns
+    -------
+    T_target_source : RigidTransform
+    covariance : ndarray, shape (6, 6)
+        Of position and rotation vector, target frame, mm and rad. None instead of both where `rigid_fit` gives none.
+
+    Raises
+    ------
+    ValueError
+        If a shape is wrong or the lengths differ.
+    """
+    source = as_points(points_source, "points_source", 3)
+    target = as_array(points_target, "points_target", source.shape, finite=False)
+    C = as_array(covariances, "covariances", (len(source), 3, 3), finite=False)
+    T = rigid_fit(source, target)
+    if T is None:
+        return None
+    valid = np.isfinite(np.concatenate([source, target, C.reshape(-1, 9)], axis=1)).all(axis=1)
+    source, target, W = source[valid], target[valid], np.linalg.inv(C[valid])
+    for _ in range(steps):
+        arms = source @ T.rotation.as_matrix().T
+        J = np.concatenate([np.broadcast_to(np.eye(3), (len(arms), 3, 3)), -cross_matrices(arms)], axis=2)
+        JW = J.transpose(0, 2, 1) @ W
+        information = (JW @ J).sum(axis=0)
+        step = np.linalg.solve(information, (JW @ (target - arms - T.translation)[..., None]).sum(axis=0)[:, 0])
+        T = RigidTransform.from_components(T.translation + step[:3], Rotation.from_rotvec(step[3:]) * T.rotation)
+    return T, np.linalg.inv(information)
+
+
 def cross_matrices(vectors: Array) -> Array:
     """Matrices [v]x with [v]x w = v x w, shape (..., 3, 3)."""
     x, y, z = np.moveaxis(vectors, -1, 0)

@@ -13,7 +13,7 @@ from scipy.spatial.transform import RigidTransform
 from . import background, kalman
 from .camera import Rig
 from .checks import as_image, as_number, frozen
-from .estimation import candidate_points, fit_pose
+from .estimation import Identified, candidate_points, fit_pose
 from .handle import Handle
 from .identity import Hypothesis, choose, identify, relabel
 from .image_track import search_window
@@ -77,18 +77,18 @@ def measure(frames: Sequence[ArrayLike], rig: Rig, handle: Handle, prior: RigidT
     hypotheses = identify(rig, handle, pixels, points, covariances, p.identity)
     if not hypotheses:
         return Measurement(LOST, found, tuple(np.full(len(uv), -1) for uv in pixels))
-    return _conclude(hypotheses, rig, handle, found, prior, p)
+    return _conclude(hypotheses, images, rig, handle, found, prior, p)
 
 
-def _conclude(hypotheses: list[Hypothesis], rig: Rig, handle: Handle, found: tuple[Markers, ...],
-              prior: RigidTransform | None, p: Parameters) -> Measurement:
+def _conclude(hypotheses: list[Hypothesis], images: list[np.ndarray], rig: Rig, handle: Handle,
+              found: tuple[Markers, ...], prior: RigidTransform | None, p: Parameters) -> Measurement:
     """Choose among the hypotheses and their equivalents, relabel, and estimate."""
     options = [(h, S) for h in hypotheses for S in handle.symmetries]
     index, sure = choose([h.T_world_handle * S for h, S in options], prior)
     h, S = options[index]
     pixels = tuple(markers.uv for markers in found)
     labels = tuple(relabel(label, handle, S) for label in h.labels)
-    pose = fit_pose(labels, rig, handle, pixels, p)
+    pose = fit_pose(Identified(images, pixels, labels, h.T_world_handle * S), rig, handle, p)
     return Measurement(pose if sure or pose is LOST else replace(pose, status="ambiguous"), found, labels)
 
 

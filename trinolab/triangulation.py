@@ -163,16 +163,44 @@ def triangulation_covariance(rig: Rig, uv: ArrayLike, sigma_px: float, step_px: 
         If the shape does not fit the rig, two of its cameras stand in one place, or `sigma_px` or `step_px` is out of
         its range.
     """
+    slopes = _slopes(rig, uv, sigma_px, step_px)
+    valid = np.asarray(np.isfinite(points_of_pairs(rig, uv)).all(axis=2))
+    with np.errstate(all="ignore"):
+        mean = np.where(valid[..., None, None], slopes, 0.0).sum(axis=0) / valid.sum(axis=0)[:, None, None]
+    return mean @ mean.transpose(0, 2, 1)
+
+
+def triangulate_weighted(rig: Rig, uv: ArrayLike, sigma_px: float) -> tuple[Array, Array]:
+    """Points from all binocular systems, each weighted by the inverse of its covariance, instead of Eq. 22's mean.
+
+    Parameters and errors as for `triangulation_covariance`.
+
+    Returns
+    -------
+    points : ndarray, shape (n, 3)
+        World frame, mm; NaN where no pair has a point.
+    covariances : ndarray, shape (n, 3, 3)
+        mm^2. The pairs share pixels: that is counted here, though not in the weights.
+    """
+    points, slopes = points_of_pairs(rig, uv), _slopes(rig, uv, sigma_px)
+    valid = np.asarray(np.isfinite(points).all(axis=2) & np.isfinite(slopes).all(axis=(2, 3)))
+    points, slopes = np.where(valid[..., None], points, 0.0), np.where(valid[..., None, None], slopes, 0.0)
+    eye, seen = np.eye(3), np.asarray(valid.any(axis=0))
+    own = slopes @ slopes.transpose(0, 1, 3, 2) + np.where(valid[..., None, None], 0.0, eye)
+    weights = np.where(valid[..., None, None], np.linalg.inv(own), 0.0)
+    share = np.linalg.inv(weights.sum(axis=0) + np.where(seen[:, None, None], 0.0, eye)) @ weights  # (pairs, n, 3, 3)
+    combined, point = (share @ slopes).sum(axis=0), (share @ points[..., None]).sum(axis=0)[..., 0]
+    return np.where(seen[:, None], point, np.nan), np.where(seen[:, None, None], combined @ combined.mT, np.nan)
+
+
+def _slopes(rig: Rig, uv: ArrayLike, sigma_px: float, step_px: float = 1e-3) -> Array:
+    """How far each pair's points move for a standard deviation of each pixel coordinate, (pairs, n, 3, 2 cameras)."""
     uv = as_array(uv, "uv", (len(rig.cameras), None, 2), finite=False)
     sigma = as_number(sigma_px, "sigma_px", low=0.0, high=1e6, open_low=True)
     step_px = as_number(step_px, "step_px", low=1e-6, high=1.0)
-    covariance = np.zeros((uv.shape[1], 3, 3))
+    columns = []
     for camera, axis in np.ndindex(len(rig.cameras), 2):
-        if not np.isfinite(uv[camera]).any():
-            continue
         step = np.zeros_like(uv)
         step[camera, :, axis] = step_px
-        slope = (triangulate(rig, uv + step) - triangulate(rig, uv - step)) / (2 * step_px)
-        covariance += sigma**2 * slope[:, :, None] * slope[:, None, :]
-    covariance[np.isnan(triangulate(rig, uv)).any(axis=1)] = np.nan
-    return covariance
+        columns.append((points_of_pairs(rig, uv + step) - points_of_pairs(rig, uv - step)) / (2 * step_px))
+    return sigma * np.stack(columns, axis=-1)

@@ -17,12 +17,14 @@ from .checks import as_number
 from .datasets import load_table1
 from .handle import Handle, read_handle
 from .metrics import PoseErrors, nearest_equivalent, pose_errors, track_equivalent
+from .parameters import BEST, ESTIMATORS, Parameters
 from .recording import check_target, list_instants, pose_table, read_instant, read_poses, transforms, write_poses
 from .rigfile import read_rig
 from .scene import Bench, render_rig
-from .tracker import Measurement, Parameters, measure
+from .tracker import Measurement, measure
 
-METHODS = ("paper",)
+METHODS = {name: name for name in ESTIMATORS} | {"best": BEST}
+"""What `--method` may name, and the estimator that it stands for."""
 
 
 def measure_folder(rig: str | Path, handle: str | Path, images: str | Path, out: str | Path, method: str = "paper",
@@ -37,7 +39,8 @@ def measure_folder(rig: str | Path, handle: str | Path, images: str | Path, out:
         Holds a folder a camera, named as in the rig, the same file names in each.
     out : path
         CSV of poses to write; it appears when all instants are done.
-    method : {"paper"}
+    method : {"paper", "weighted", "reprojection", "patches", "best"}
+        The estimator, see `estimation.fit_pose`; `best` is ``patches``.
     prior : path, optional
         CSV of poses that are expected, joined on `frame`: they choose among poses that look alike.
     progress : bool
@@ -53,14 +56,14 @@ def measure_folder(rig: str | Path, handle: str | Path, images: str | Path, out:
     ValueError
         Names the file that is missing, unreadable or does not fit.
     """
-    _check_method(method)
+    parameters = Parameters(estimator=_estimator(method))
     the_rig, the_handle = read_rig(rig), read_handle(handle)
     instants = list_instants(images, the_rig)
     expected = {} if prior is None else _expected(prior, len(instants))
     check_target(out)
     with logging_redirect_tqdm(), tqdm(instants, unit="instant", disable=None if progress else True) as shown:
-        poses = [measure(read_instant(instant, the_rig), the_rig, the_handle, expected.get(instant.frame)).pose
-                 for instant in shown]
+        poses = [measure(read_instant(i, the_rig), the_rig, the_handle, expected.get(i.frame), parameters).pose
+                 for i in shown]
     table = pose_table(poses)
     write_poses(table, out)
     return table
@@ -161,9 +164,10 @@ def replication_errors(measurements: list[Measurement], truths: RigidTransform, 
     return pose_errors(nearest_equivalent(estimates, truths[held], handle.symmetries), truths[held])
 
 
-def _check_method(method: str) -> None:
+def _estimator(method: str) -> str:
     if method not in METHODS:
         raise ValueError(f"method: expected one of {', '.join(METHODS)}, got {method!r}")
+    return METHODS[method]
 
 
 def _expected(path: str | Path, instants: int) -> dict[int, RigidTransform]:

@@ -11,11 +11,12 @@ from trinolab.camera import Rig
 from trinolab.datasets import load_table1
 from trinolab.handle import Handle
 from trinolab.metrics import nearest_equivalent
-from trinolab.parameters import ESTIMATORS
+from trinolab.parameters import ESTIMATORS, Parameters
 from trinolab.pose import Pose
 from trinolab.scene import Bench, blurred, digitise, radiance
 from trinolab.tracker import measure
 
+SETTINGS = {name: Parameters(estimator=name) for name in ESTIMATORS}
 RIGS = ("paper_pair", "paper_trinocular", "raised_40deg")
 
 
@@ -46,7 +47,7 @@ def frames(rig: Rig, handle: Handle, seeds: int, rows: slice) -> Iterator[tuple[
 
 
 def table1_draws(rig: Rig, handle: Handle, seeds: int, rows: slice = slice(None), with_prior: bool = False,
-                 estimators=ESTIMATORS) -> dict[str, list[Draw]]:
+                 estimators=SETTINGS) -> dict[str, list[Draw]]:
     """Every estimator's measurements of the same frames."""
     found: dict[str, list[Draw]] = {name: [] for name in estimators}
     shown = tqdm(frames(rig, handle, seeds, rows), total=seeds * len(range(20)[rows]), leave=False, unit="instant")

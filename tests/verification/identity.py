@@ -10,12 +10,11 @@ from trinolab.camera import Rig
 from trinolab.datasets import load_handle, load_rig
 from trinolab.handle import Handle
 from trinolab.metrics import geodesic_deg, nearest_equivalent, pose_errors
-from trinolab.parameters import ESTIMATORS
 from trinolab.scene import Bench, random_pose, render_rig, true_visibility
 from trinolab.tracker import Measurement, measure
 from trinolab.trials import true_labels
 
-from .draws import RIGS
+from .draws import RIGS, SETTINGS
 
 
 def report(arguments) -> None:
@@ -30,11 +29,11 @@ def report(arguments) -> None:
 
 def _report(rig_name: str, handle_name: str, poses: int) -> None:
     rig, handle, rng = load_rig(rig_name), load_handle(handle_name), np.random.default_rng(7)
-    truths, found = [], {name: [] for name in ESTIMATORS}
+    truths, found = [], {name: [] for name in SETTINGS}
     for _ in tqdm(range(poses), leave=False, unit="instant"):
         truths.append(seen_pose(rig, handle, rng))
         frames = render_rig(rig, handle, truths[-1], Bench(), rng)
-        for name, parameters in ESTIMATORS.items():
+        for name, parameters in SETTINGS.items():
             found[name].append(measure(frames, rig, handle, parameters=parameters))
     for name, measurements in found.items():
         _line(f"{rig_name:17s} {handle_name:7s} {name:12s}", measurements, truths, rig, handle)
