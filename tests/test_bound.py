@@ -80,7 +80,8 @@ def test_frames_scatter_as_the_information_says():
     """Scores J^T W (frame - expected) of drawn frames have the information for their covariance."""
     n, rng, fine = 1500, np.random.default_rng(0), replace(FLAT, marker_supersampling=32)
     _, chosen = bound._chosen(FRONT, WIDE, T, "markers")
-    J = bound._derivatives(FRONT, WIDE, T, fine, chosen, 0.2, np.linalg.norm(WIDE.marker_centres, axis=1).max())
+    step_mm = 0.2 * np.linalg.norm(T.translation) / FRONT.focal.max()
+    J = bound._derivatives(FRONT, WIDE, T, fine, chosen, bound._steps(step_mm, np.abs(WIDE.marker_centres).max()))
     expected = blurred(radiance(FRONT, WIDE, T, fine), fine)
     weighted = J / (0.05 * expected[chosen] + 1.5**2 + 1 / 12)[:, None]
     scores = np.array([(digitise(expected, FLAT, rng)[chosen] - expected[chosen]) @ weighted for _ in range(n)])

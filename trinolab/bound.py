@@ -26,6 +26,7 @@ from .scene import radiance
 
 STEP_PX = 0.2  # of a central difference, in the image: flat from 0.05 to 0.3, `make verify ARGS="--only bound"`
 SAMPLES = 32, 16  # a side of a pixel's samples at an edge of a marker, and of the body, at least
+FAR = 2.0  # as much longer is the step at the handle's far end, where samples are coarser and edges straight
 REACH_PX = 5  # a pixel further than this from an edge does not see it move: seven standard deviations of the blur
 PIXELS = ("markers", "around", "handle")
 
@@ -115,10 +116,11 @@ def information(camera: Camera, handle: Handle, T_world_handle: RigidTransform, 
     if not chosen.any():
         return np.zeros((6, 6))
     grey = _expected(camera, handle, T, bench)[chosen]
-    J = _derivatives(camera, handle, T, bench, chosen, step, float(np.linalg.norm(handle.marker_centres, axis=1).max()))
+    step_mm = step * float(np.linalg.norm(T.translation - camera.centre) / camera.focal.max())
+    J = _derivatives(camera, handle, T, bench, chosen, _steps(step_mm, np.abs(handle.marker_centres).max()))
     if pixels == "handle":  # its far end turns further
-        far = _derivatives(camera, handle, T, bench, chosen, step, max(abs(handle.top_mm), abs(handle.bottom_mm)))
-        J = np.where(near[chosen][:, None], J, far)
+        far = _steps(FAR * step_mm, max(abs(handle.top_mm), abs(handle.bottom_mm)))[3:]
+        J[:, 3:] = np.where(near[chosen][:, None], J[:, 3:], _derivatives(camera, handle, T, bench, chosen, far))
     if not known_greys:
         J = np.column_stack([J, _grey_derivatives(camera, handle, T, bench, chosen)])
     return _marginal(J.T @ (J / (bench.shot_variance * grey + bench.read_noise**2 + 1 / 12)[:, None]))
@@ -166,12 +168,16 @@ def _grown(mask: np.ndarray) -> np.ndarray:
     return cv2.dilate(mask.astype(np.uint8), disc).astype(bool)
 
 
-def _derivatives(camera: Camera, handle: Handle, T: RigidTransform, bench: Bench, chosen: np.ndarray, step_px: float,
-                 lever_mm: float) -> Array:
-    """Derivatives of the chosen pixels' grey by the pose, shape (m, 6); a turn moves what is `lever_mm` away."""
-    step_mm = step_px * np.linalg.norm(T.translation - camera.centre) / camera.focal.max()
+def _steps(step_mm: float, lever_mm: float) -> Array:
+    """Steps of the six parameters that move the handle's origin, or what is so far from it, by a distance, (6, 6)."""
+    return np.diag(np.repeat([step_mm, step_mm / lever_mm], 3))
+
+
+def _derivatives(camera: Camera, handle: Handle, T: RigidTransform, bench: Bench, chosen: np.ndarray,
+                 steps: Array) -> Array:
+    """Derivatives of the chosen pixels' grey by the parameters that steps (n, 6) change one by one, shape (m, n)."""
     columns = []
-    for step in np.diag(np.repeat([step_mm, step_mm / lever_mm], 3)):
+    for step in steps:
         ahead, behind = (_expected(camera, handle, _moved(T, s), bench)[chosen] for s in (step, -step))
         columns.append((ahead - behind) / (2 * step.sum()))
     return np.column_stack(columns)
