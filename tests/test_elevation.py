@@ -25,7 +25,7 @@ def test_the_shipped_rigs_are_two_of_the_elevations(degrees, name):
 
 @pytest.mark.parametrize("degrees", ELEVATIONS_DEG)
 def test_ccd3_is_on_its_circle_and_looks_at_the_middle(degrees):
-    """The design's circle, written once more: radius 549 about (0, 0, 549) in the plane x = 0, CCD1 its lowest point."""
+    """The circle, written once more: radius 549 about (0, 0, 549) in the plane x = 0, CCD1 its lowest point."""
     camera = paper_rig(degrees).cameras[2]
     spoke = camera.centre - [0, 0, 549]
     assert spoke[0] == 0
@@ -49,7 +49,8 @@ def test_table_has_every_elevation_and_estimator():
     assert list(TABLE[["elevation_deg", "estimator"]].itertuples(index=False, name=None)) == [
         (e, name) for e in ELEVATIONS_DEG for name in SETTINGS]
     assert TABLE.notna().all(axis=None)
-    assert TABLE.filter(like="kept_").isin(np.arange(elevation.HIDDEN_POSES + 1) / elevation.HIDDEN_POSES).all(axis=None)
+    kept_of_all = elevation.HIDDEN_POSES * TABLE.filter(like="kept_")
+    assert (np.abs(kept_of_all - kept_of_all.round()) < 1e-4).all(axis=None)
     assert (TABLE["n"] <= 20).all()
     assert TABLE.groupby("estimator")["shared_12"].nunique().eq(1).all()  # the pair does not move
 
