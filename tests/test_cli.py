@@ -68,6 +68,18 @@ def test_measure_says_what_it_found_and_where_it_is(folder, capfd):
     assert len((folder / "poses.csv").read_text().splitlines()) == 3
 
 
+def test_measure_says_what_it_converts(folder, capfd, caplog):
+    colour, deep = np.zeros((*SIZE[::-1], 3), np.uint8), np.zeros(SIZE[::-1], np.uint16)
+    cv2.imwrite("images/ccd1/0.png", colour)
+    cv2.imwrite("images/ccd1/1.png", colour)
+    cv2.imwrite("images/ccd2/1.png", deep)
+    with caplog.at_level("INFO", logger="trinolab"):
+        assert run(MEASURE) == 0
+    assert capfd.readouterr().out == "2 instants: 2 lost; written to poses.csv\n"
+    assert caplog.messages == ["images/ccd1/0.png: colour converted to grey; said once a camera",
+                               "images/ccd2/1.png: 16 bit scaled to grey levels 0 to 255; said once a camera"]
+
+
 def test_evaluate_prints_a_table(folder, capfd):
     assert run(EVALUATE) == 0
     assert capfd.readouterr().out == """\
@@ -173,6 +185,8 @@ WRONG = {
     # the recording
     "images missing": (nothing, MEASURE.replace("images images", "images no"), "no: no such folder"),
     "camera missing": (lambda: Path("images/ccd2").rename("images/ccd9"), MEASURE, "images/ccd2: no such folder"),
+    "camera too many": (lambda: shutil.copytree("images/ccd2", "images/ccd3"), MEASURE,
+                        "images/ccd3: images of a camera that the rig does not have (ccd1, ccd2)"),
     "image missing": (lambda: Path("images/ccd2/1.png").unlink(), MEASURE, "images/ccd2/1.png: missing"),
     "no image": (lambda: shutil.rmtree("images/ccd1") or Path("images/ccd1").mkdir(), MEASURE, "images/ccd1: no image"),
     "empty image": (text_file("images/ccd2/1.png", ""), MEASURE, "images/ccd2/1.png: cannot be read as an image"),

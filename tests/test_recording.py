@@ -2,6 +2,7 @@
 
 import logging
 import os
+import shutil
 import stat
 from dataclasses import replace
 
@@ -90,7 +91,7 @@ def test_grey_in_colour_is_the_same_grey(folder, rig, code, caplog):
     with caplog.at_level(logging.INFO, logger="trinolab"):
         after = read_instant(instant, rig)
     assert np.array_equal(before, after)
-    assert caplog.messages == [f"{path}: colour converted to grey" for path in instant.paths]
+    assert caplog.messages == [f"{path}: colour converted to grey; said once a camera" for path in instant.paths]
 
 
 def test_sixteen_bits_keep_their_fractions(folder, rig, caplog):
@@ -104,13 +105,26 @@ def test_sixteen_bits_keep_their_fractions(folder, rig, caplog):
     assert len(caplog.messages) == 2
 
 
-def test_a_conversion_is_said_once_not_for_every_instant(folder, rig, caplog):
-    instant = list_instants(folder, rig)[1]
-    for path in instant.paths:
-        cv2.imwrite(str(path), np.zeros((*SIZE[::-1], 3), np.uint8))
+def test_a_conversion_is_said_once_a_camera_whenever_it_begins(folder, rig, caplog):
+    first, second = list_instants(folder, rig)
+    for path in second.paths:
+        cv2.imwrite(str(path), np.zeros((*SIZE[::-1], 3), np.uint16))
+    said = set()
     with caplog.at_level(logging.INFO, logger="trinolab"):
-        read_instant(instant, rig)
-    assert caplog.messages == []
+        read_instant(first, rig, said)
+        assert caplog.messages == []
+        read_instant(second, rig, said)
+        assert len(caplog.messages) == 4  # two cameras, colour and 16 bit
+        read_instant(second, rig, said)
+    assert len(caplog.messages) == 4
+
+
+def test_what_is_no_camera_is_left_alone(folder, rig):
+    """Folders without an image, and files beside the cameras' folders."""
+    (folder / "notes").mkdir()
+    (folder / "notes" / "a.txt").touch()
+    (folder / "overview.png").touch()
+    assert len(list_instants(folder, rig)) == 2
 
 
 def spoil_root(folder):
@@ -139,7 +153,13 @@ def spoil_other_name(folder):
     return f"{folder / 'ccd1' / 'bb.png'}: missing"
 
 
-@pytest.mark.parametrize("spoil", [spoil_root, spoil_camera, spoil_all_images, spoil_one_name, spoil_other_name])
+def spoil_by_a_third(folder):
+    shutil.copytree(folder / "ccd2", folder / "ccd3")
+    return f"{folder / 'ccd3'}: images of a camera that the rig does not have (ccd1, ccd2)"
+
+
+@pytest.mark.parametrize("spoil", [spoil_root, spoil_camera, spoil_all_images, spoil_one_name, spoil_other_name,
+                                   spoil_by_a_third])
 def test_incomplete_folder_is_named(folder, rig, spoil):
     message = spoil(folder)
     with pytest.raises(ValueError) as caught:  # noqa: PT011

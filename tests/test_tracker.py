@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 from scipy.spatial.transform import RigidTransform, Rotation
@@ -85,6 +86,42 @@ def test_turned_markers_are_left_out_of_the_fit():
     facing = measure(frames, RIG, PAPER).pose
     assert 4 <= facing.markers < all_of_them.markers
     assert facing.residual_px < all_of_them.residual_px  # their centroids lie beside the images of their centres
+
+
+@pytest.mark.parametrize(("change", "message"), [
+    (lambda f: f[:1], "frames: expected one for each of 2 cameras, got 1"),
+    (lambda f: [*f, f[0]], "frames: expected one for each of 2 cameras, got 3"),
+    (lambda f: [f[0], f[1][:-1]], "frames: ccd2: expected 1280 x 1024 pixels, got 1280 x 1023"),
+    (lambda f: [f[0].T, f[1]], "frames: ccd1: expected 1280 x 1024 pixels, got 1024 x 1280"),
+    (lambda f: [f[0], np.dstack([f[1]] * 3)], "frames: ccd2: expected a grey image of shape"),
+    (lambda f: [f[0], f[1].astype(np.uint16) * 257], "frames: ccd2: expected grey levels from 0 to 255, got"),
+    (lambda f: [f[0], None], "frames: ccd2: expected a grey image"),
+    (lambda f: [f[0], np.where(f[1] > 200, np.nan, f[1])], "frames: ccd2: expected finite grey values")])
+def test_frames_that_are_none_of_the_rig_are_named(frames, change, message):
+    for call in (lambda f: measure(f, RIG, CODED), lambda f: start(f, RIG, 0.0)):
+        with pytest.raises(ValueError, match=message):
+            call(change(frames["coded", 2]))
+
+
+@pytest.mark.parametrize("kind", [np.uint16, np.int64, np.float32])
+def test_any_number_type_holds_grey_levels(frames, kind):
+    same, other = (measure(images, RIG, CODED).pose for images in (
+        frames["coded", 2], [image.astype(kind) for image in frames["coded", 2]]))
+    assert other.T_world_handle.as_matrix() == pytest.approx(same.T_world_handle.as_matrix(), abs=1e-3)
+
+
+@pytest.mark.parametrize("with_handle", [False, True])
+@pytest.mark.parametrize("estimator", ["paper", "patches"])
+def test_five_hundred_spurious_markers(frames, with_handle, estimator):
+    """Discs like a marker that faces the camera, at random all over the images: no pose, or the right one."""
+    rng, spoiled = np.random.default_rng(5), []
+    for image in frames["coded", 2]:
+        drawn = image.copy() if with_handle else np.full_like(image, 45)
+        for u, v in rng.integers(20, [1260, 1004], (500, 2)):
+            cv2.circle(drawn, (int(u), int(v)), 7, 220, -1, cv2.LINE_AA)
+        spoiled.append(cv2.GaussianBlur(drawn, (0, 0), 0.7))
+    pose = measure(spoiled, RIG, CODED, parameters=Parameters(estimator=estimator)).pose
+    assert pose.status == "lost" or errors(pose)[0] < 2.0
 
 
 def test_dark_frames_are_lost_without_an_exception():

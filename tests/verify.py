@@ -1,69 +1,37 @@
-"""The heavy counts, as a report: the chain on random poses, and Table 1's poses under several seeds.
+"""The heavy counts, as a report: bound, accuracy, honesty of the covariances, centroids, identities.
 
-    python tests/verify.py [--poses 200] [--seeds 5]
+    python tests/verify.py [--only table1 nees] [--seeds 20] [--draws 1000] [--centroid-poses 100] [--poses 1000]
 """
 
+import os
+
+os.environ.setdefault("OMP_NUM_THREADS", "1")  # before numpy is loaded
+
 import argparse
-from collections import Counter
+import time
 
-import numpy as np
-from scipy.spatial.transform import RigidTransform
-from tqdm import tqdm
+from verification import accuracy, bounds, centroids, identity, nees
 
-from trinolab.datasets import load_handle, load_rig
-from trinolab.metrics import nearest_equivalent, pose_errors
-from trinolab.scene import Bench, random_pose, render_rig, true_visibility
-from trinolab.tracker import measure
-from trinolab.workflows import replicate_table1
-
-RIGS = ("paper_pair", "paper_trinocular", "raised_40deg")
+SECTIONS = {"bound": bounds.report, "table1": accuracy.report, "nees": nees.report, "centroid": centroids.report,
+            "identity": identity.report}
 
 
-def table1(seeds: int) -> None:
-    print("Table 1's poses, paper's method, handle `paper`, a line a seed")
-    print(f"{'rig':18s} seed   n  E_t mm  alpha   beta  gamma  geodesic deg")
-    for rig in RIGS:
-        for seed in range(seeds):
-            e = replicate_table1(load_rig(rig), load_handle("paper"), seed=seed)
-            print(f"{rig:18s} {seed:4d} {e.n:3d} {e.E_t_mm:7.3f} {e.E_alpha_deg:6.2f} {e.E_beta_deg:6.2f} "
-                  f"{e.E_gamma_deg:6.2f} {e.geodesic_mean_deg:7.2f}", flush=True)
-
-
-def random_poses(poses: int) -> None:
-    print(f"\n{poses} random poses of the standard scene, four markers truly seen by each of two cameras, no prior")
-    print(f"{'rig':18s} {'handle':8s} E_t mm  geodesic deg  worst mm, deg   rms error / sigma  status")
-    for rig in RIGS:
-        for handle in ("coded", "paper"):
-            _random_poses(rig, handle, poses)
-
-
-def _random_poses(rig_name: str, handle_name: str, poses: int) -> None:
-    rig, handle, rng = load_rig(rig_name), load_handle(handle_name), np.random.default_rng(7)
-    found, truths = [], []
-    for _ in tqdm(range(poses), leave=False):
-        truths.append(_seen_pose(rig, handle, rng))
-        found.append(measure(render_rig(rig, handle, truths[-1], Bench(), rng), rig, handle).pose)
-    held = [k for k, pose in enumerate(found) if pose.T_world_handle is not None]
-    truth = RigidTransform.concatenate([truths[k] for k in held])
-    estimate = RigidTransform.concatenate([found[k].T_world_handle for k in held])
-    e = pose_errors(nearest_equivalent(estimate, truth, handle.symmetries), truth)
-    sigma = np.array([found[k].sigma_mm for k in held])
-    ratio = np.sqrt(np.mean((np.linalg.norm(estimate.translation - truth.translation, axis=1) / sigma) ** 2))
-    print(f"{rig_name:18s} {handle_name:8s} {e.E_t_mm:6.3f} {e.geodesic_mean_deg:8.2f} {e.position_max_mm:12.2f} "
-          f"{e.geodesic_max_deg:6.2f} {ratio:12.2f}        {dict(Counter(pose.status for pose in found))}", flush=True)
-
-
-def _seen_pose(rig, handle, rng) -> RigidTransform:
-    while True:
-        pose = random_pose(rng)
-        if sorted(true_visibility(camera, handle, pose).sum() for camera in rig.cameras)[-2] >= 4:
-            return pose
+def _arguments() -> argparse.Namespace:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--only", nargs="+", choices=SECTIONS, default=list(SECTIONS), metavar="SECTION",
+                        help=f"of {', '.join(SECTIONS)}; all without it")
+    for name, number, what in (("seeds", 20, "noise seeds of Table 1's poses for each rig"),
+                               ("draws", 1000, "draws for the NEES of each rig, on Table 1's twenty poses"),
+                               ("centroid-poses", 100, "random poses for the centroids of each handle"),
+                               ("poses", 1000, "random poses for the identities of each rig and handle")):
+        parser.add_argument(f"--{name}", type=int, default=number, help=f"{what} (%(default)s)")
+    return parser.parse_args()
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--poses", type=int, default=200, help="random poses for each rig and handle (%(default)s)")
-    parser.add_argument("--seeds", type=int, default=5, help="noise seeds for each rig (%(default)s)")
-    arguments = parser.parse_args()
-    table1(arguments.seeds)
-    random_poses(arguments.poses)
+    arguments = _arguments()
+    for section in SECTIONS:
+        if section in arguments.only:
+            begin = time.perf_counter()
+            SECTIONS[section](arguments)
+            print(f"[{section}: {time.perf_counter() - begin:.0f} s]\n", flush=True)

@@ -48,15 +48,24 @@ def as_points(value: ArrayLike, name: str, dim: int, finite: bool = False) -> Ar
     return as_array(value, name, (None, dim), finite=finite)
 
 
-def as_image(value: ArrayLike, name: str, size: tuple[int, int] | None = None) -> np.ndarray:
-    """Check a grey image, shape (height, width), of a number type; `size` is (width, height)."""
-    image = np.asarray(value)
+def as_image(value: ArrayLike, name: str, size: tuple[int, int] | None = None,
+             highest: float | None = None) -> np.ndarray:
+    """Check a grey image, shape (height, width), of a number type; `size` is (width, height).
+
+    With `highest` the grey levels lie from 0 to that, whatever the type could hold.
+    """
+    try:
+        image = np.asarray(value)
+    except ValueError:  # rows of different lengths
+        image = np.empty(0, object)
     if image.ndim != 2 or image.size == 0 or image.dtype.kind not in "uif":
         raise ValueError(f"{name}: expected a grey image of shape (height, width), got {image.dtype} {image.shape}")
     if size is not None and image.shape != (size[1], size[0]):
         raise ValueError(f"{name}: expected {size[0]} x {size[1]} pixels, got {image.shape[1]} x {image.shape[0]}")
     if image.dtype.kind == "f" and not np.isfinite(image).all():
         raise ValueError(f"{name}: expected finite grey values, got NaN or infinity")
+    if highest is not None and image.dtype != np.uint8 and (image.min() < 0 or image.max() > highest):
+        raise ValueError(f"{name}: expected grey levels from 0 to {highest:g}, got {image.min():g} to {image.max():g}")
     return image
 
 

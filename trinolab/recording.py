@@ -43,12 +43,16 @@ def list_instants(folder: str | Path, rig: Rig) -> list[Instant]:
     Raises
     ------
     ValueError
-        If a camera's folder is missing or holds no image, or a name is missing in one of them.
+        If a camera's folder is missing or holds no image, a name is missing in one of them, or there are images of a
+        camera that the rig does not have.
     """
     root = Path(folder)
     if not root.is_dir():
         raise ValueError(f"{root}: no such folder")
     names = {camera: _image_names(root / camera, rig) for camera in rig.names}
+    for other in sorted(path for path in root.iterdir() if path.is_dir() and path.name not in rig.names):
+        if any(_is_image(path) for path in other.iterdir()):
+            raise ValueError(f"{other}: images of a camera that the rig does not have ({', '.join(rig.names)})")
     every = sorted(set().union(*names.values()))
     for camera, present in names.items():
         if missing := [name for name in every if name not in present]:
@@ -56,18 +60,25 @@ def list_instants(folder: str | Path, rig: Rig) -> list[Instant]:
     return [Instant(k, tuple(root / camera / name for camera in rig.names)) for k, name in enumerate(every)]
 
 
-def read_instant(instant: Instant, rig: Rig) -> list[np.ndarray]:
+def read_instant(instant: Instant, rig: Rig, said: set[str] | None = None) -> list[np.ndarray]:
     """Read the images of an instant as grey images, shape (height, width), grey levels 0 to 255.
 
     Colour images are converted to grey and 16-bit images to 8-bit levels (with their fractions); the log says so.
+
+    Parameters
+    ----------
+    instant : Instant
+    rig : Rig
+    said : set of str, optional
+        What the log has said before, and need not say for each of a thousand images; it grows by what is said here.
 
     Raises
     ------
     ValueError
         Names the file that cannot be read as an image or has another size than its camera.
     """
-    level = logging.DEBUG if instant.frame else logging.INFO  # said once, not for each of a thousand images
-    return [_read_grey(path, camera.size, level) for path, camera in zip(instant.paths, rig.cameras, strict=True)]
+    said = set() if said is None else said
+    return [_read_grey(path, camera.size, said) for path, camera in zip(instant.paths, rig.cameras, strict=True)]
 
 
 def pose_table(poses: Sequence[Pose], t_s: Sequence[float] | None = None) -> pd.DataFrame:
@@ -168,13 +179,17 @@ def write_whole(path: str | Path, text: str) -> None:
 def _image_names(folder: Path, rig: Rig) -> set[str]:
     if not folder.is_dir():
         raise ValueError(f"{folder}: no such folder; each camera of the rig needs one ({', '.join(rig.names)})")
-    names = {path.name for path in folder.iterdir() if path.suffix.lower() in IMAGE_SUFFIXES}
+    names = {path.name for path in folder.iterdir() if _is_image(path)}
     if not names:
         raise ValueError(f"{folder}: no image in it ({', '.join(IMAGE_SUFFIXES)})")
     return names
 
 
-def _read_grey(path: Path, size: tuple[int, int], level: int) -> np.ndarray:
+def _is_image(path: Path) -> bool:
+    return path.suffix.lower() in IMAGE_SUFFIXES
+
+
+def _read_grey(path: Path, size: tuple[int, int], said: set[str]) -> np.ndarray:
     try:
         data = path.read_bytes()
     except OSError as error:
@@ -187,12 +202,19 @@ def _read_grey(path: Path, size: tuple[int, int], level: int) -> np.ndarray:
     if image.shape[:2] != (size[1], size[0]):
         raise ValueError(f"{path}: {image.shape[1]} x {image.shape[0]} pixels, the rig says {size[0]} x {size[1]}")
     if image.ndim == 3:
-        log.log(level, "%s: colour converted to grey", path)
+        _say(path, "colour converted to grey", said)
         image = cv2.cvtColor(image, cv2.COLOR_BGRA2GRAY if image.shape[2] == 4 else cv2.COLOR_BGR2GRAY)
     if image.dtype == np.uint16:
-        log.log(level, "%s: 16 bit scaled to grey levels 0 to 255", path)
+        _say(path, "16 bit scaled to grey levels 0 to 255", said)
         image = (image / 257.0).astype(np.float32)
     return image
+
+
+def _say(path: Path, what: str, said: set[str]) -> None:
+    """Log once what is done to the images of a folder."""
+    if (key := f"{path.parent}: {what}") not in said:
+        said.add(key)
+        log.info("%s: %s; said once a camera", path, what)
 
 
 def _row(frame: int, t_s: float, pose: Pose) -> tuple:

@@ -48,7 +48,8 @@ def measure(frames: Sequence[ArrayLike], rig: Rig, handle: Handle, prior: RigidT
     Parameters
     ----------
     frames : sequence of array_like, shape (height, width)
-        One grey image a camera, in the rig's order.
+        One grey image a camera, in the rig's order; grey levels 0 to 255 of any number type. Colour and 16-bit images
+        are for `recording.read_instant` to convert: an array does not say which channel is red, or what is white.
     rig : Rig
     handle : Handle
     prior : RigidTransform, optional
@@ -66,7 +67,7 @@ def measure(frames: Sequence[ArrayLike], rig: Rig, handle: Handle, prior: RigidT
     Raises
     ------
     ValueError
-        If the frames do not fit the rig in number or size.
+        If the frames do not fit the rig in number or size, or are no grey images with levels from 0 to 255.
     """
     p = parameters or Parameters()
     images = _as_images(frames, rig)
@@ -146,7 +147,7 @@ def start(backgrounds: Sequence[ArrayLike], rig: Rig, t_s: float, pose: RigidTra
     Raises
     ------
     ValueError
-        If the backgrounds do not fit the rig in number or size, or the time is no finite number.
+        If the backgrounds are no frames of the rig, see `measure`, or the time is no finite number.
     """
     images = _as_images(backgrounds, rig)
     cameras = tuple(CameraState(frozen(image.astype(np.float32)), None, None) for image in images)
@@ -163,7 +164,7 @@ def step(state: TrackerState, frames: Sequence[ArrayLike], t_s: float, rig: Rig,
     state : TrackerState
         After the instant before.
     frames : sequence of array_like, shape (height, width)
-        One grey image a camera, in the rig's order.
+        As for `measure`.
     t_s : float
         Time of the frames, s; any step after the last one.
     rig : Rig
@@ -179,7 +180,7 @@ def step(state: TrackerState, frames: Sequence[ArrayLike], t_s: float, rig: Rig,
     Raises
     ------
     ValueError
-        If the frames do not fit the rig, or the time does not increase.
+        If the frames are none of the rig, see `measure`, or the time does not increase.
     """
     p = parameters or Parameters()
     t = as_number(t_s, "t_s", low=state.t_s, open_low=True)
@@ -225,5 +226,5 @@ def _markers_in(image: np.ndarray, region: Window | None, handle: Handle, p: Par
 def _as_images(frames: Sequence[ArrayLike], rig: Rig) -> list[np.ndarray]:
     if len(frames) != len(rig.cameras):
         raise ValueError(f"frames: expected one for each of {len(rig.cameras)} cameras, got {len(frames)}")
-    return [as_image(frame, f"frames: {camera.name}", camera.size)
+    return [as_image(frame, f"frames: {camera.name}", camera.size, highest=255)
             for frame, camera in zip(frames, rig.cameras, strict=True)]

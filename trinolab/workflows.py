@@ -36,7 +36,8 @@ def measure_folder(rig: str | Path, handle: str | Path, images: str | Path, out:
     rig, handle : path
         Rig and handle file.
     images : path
-        Holds a folder a camera, named as in the rig, the same file names in each.
+        Holds a folder a camera, named as in the rig, the same file names in each. Colour and 16-bit images are
+        converted, and the log says so.
     out : path
         CSV of poses to write; it appears when all instants are done.
     method : {"paper", "weighted", "reprojection", "patches", "outline", "best"}
@@ -61,8 +62,9 @@ def measure_folder(rig: str | Path, handle: str | Path, images: str | Path, out:
     instants = list_instants(images, the_rig)
     expected = {} if prior is None else _expected(prior, len(instants))
     check_target(out)
+    said: set[str] = set()  # of conversions, by `read_instant`
     with logging_redirect_tqdm(), tqdm(instants, unit="instant", disable=None if progress else True) as shown:
-        poses = [measure(read_instant(i, the_rig), the_rig, the_handle, expected.get(i.frame), parameters).pose
+        poses = [measure(read_instant(i, the_rig, said), the_rig, the_handle, expected.get(i.frame), parameters).pose
                  for i in shown]
     table = pose_table(poses)
     write_poses(table, out)

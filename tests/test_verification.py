@@ -1,0 +1,172 @@
+"""The instruments of `make verify`: on errors that are made by hand or drawn from a known law."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy.spatial.transform import RigidTransform, Rotation
+from verification import accuracy, centroids, draws, identity, nees
+
+from trinolab.bound import Bound
+from trinolab.camera import Camera, Rig
+from trinolab.datasets import load_handle, load_rig, load_table1
+from trinolab.parameters import Parameters
+from trinolab.pose import LOST, Pose
+from trinolab.scene import Bench, render_rig
+from trinolab.tracker import Measurement
+
+PAPER, CODED = load_handle("paper"), load_handle("coded")
+TRUTHS = load_table1().set_poses
+ROOT = np.random.default_rng(3).standard_normal((6, 6)) * np.array([1e-2] * 3 + [1e-3] * 3)[:, None]
+HONEST = ROOT @ ROOT.T
+
+
+def off(T, error):
+    """A pose that is off by an error of position and rotation vector, world frame."""
+    return RigidTransform.from_components(T.translation + error[:3], Rotation.from_rotvec(error[3:]) * T.rotation)
+
+
+def drawn(seeds, covariance=HONEST, turn=lambda k: RigidTransform.identity()):
+    rng = np.random.default_rng(0)
+    found = []
+    for row in range(20):
+        for seed in range(seeds):
+            T = off(TRUTHS[row], ROOT @ rng.standard_normal(6)) * turn(seed)
+            found.append(draws.Draw(row, seed, Pose("measured", T, covariance, 0.1, 6, 2)))
+    return found
+
+
+def mean_nees(found, handle=CODED):
+    return np.mean([nees.nees(draw.pose, draw.truth, handle) for draw in found], axis=0)
+
+
+def test_honest_covariance_is_inside_the_band_and_a_wrong_one_outside():
+    assert nees.band(1000) == pytest.approx((5.787, 6.217), abs=2e-3)  # 6 +- 1.96 sqrt(12 / 1000)
+    low, high = nees.band(400)
+    six, position, rotation = mean_nees(drawn(20))
+    assert low < six < high
+    assert position == pytest.approx(3, abs=0.25)  # 2 sqrt(6 / 400)
+    assert rotation == pytest.approx(3, abs=0.25)
+    assert mean_nees(drawn(20, HONEST / 1.2))[0] > high
+    assert mean_nees(drawn(20, 1.2 * HONEST))[0] < low
+
+
+def test_equivalent_poses_are_as_good():
+    turned = mean_nees(drawn(2, turn=lambda k: PAPER.symmetries[5 * k + 2]), PAPER)
+    assert turned == pytest.approx(mean_nees(drawn(2)), rel=1e-6)
+    estimates, truths = draws.held([*drawn(1, turn=lambda k: PAPER.symmetries[7]), draws.Draw(0, 1, LOST)], PAPER)
+    assert len(estimates) == 20
+    assert (estimates.rotation * truths.rotation.inv()).magnitude().max() < 0.02
+
+
+def test_errors_drawn_from_the_bound_have_the_ratio_one():
+    bounds = [Bound(HONEST if row < 10 else 4 * HONEST) for row in range(20)]
+    rng = np.random.default_rng(1)
+    found = [draws.Draw(row, 0, Pose("measured", off(TRUTHS[row], (1 + (row >= 10)) * ROOT @ rng.standard_normal(6)),
+                                     HONEST, 0.1, 6, 2)) for row in range(20) for _ in range(100)]
+    assert np.ravel(accuracy.ratios(found, bounds)) == pytest.approx(np.ones(4), abs=0.06)
+    assert np.ravel(accuracy.ratios(found, [Bound(b.covariance / 9) for b in bounds])) == pytest.approx(
+        3 * np.ones(4), abs=0.18)
+
+
+def test_frames_of_a_seed_are_those_of_the_replication():
+    rig = load_rig("paper_pair")
+    drawn = {(row, seed): images for row, seed, images in draws.frames(rig, PAPER, 2, slice(0, 2))}
+    rng = np.random.default_rng(1)
+    rendered = [render_rig(rig, PAPER, TRUTHS[row], Bench(), rng) for row in (0, 1)]
+    for row in (0, 1):
+        assert np.array_equal(drawn[row, 1], rendered[row])
+    assert not np.array_equal(drawn[0, 0], drawn[0, 1])
+
+
+def test_every_estimator_measures_the_same_draws():
+    found = draws.table1_draws(load_rig("paper_pair"), PAPER, 1, slice(7, 8), True, {"a": Parameters(), "b": Parameters(
+        max_slant_deg=80.0)})
+    assert [(d.row, d.seed, d.pose.status) for d in found["a"]] == [(7, 0, "measured")]
+    assert found["b"][0].pose.residual_px >= found["a"][0].pose.residual_px
+
+
+# --- centroids
+
+STRAIGHT = Camera("c", (1280, 1024), [[3000.0, 0, 640], [0, 3000, 512], [0, 0, 1]], np.zeros(5),
+                  RigidTransform.identity())
+OTHER = Camera("d", (1280, 1024), STRAIGHT.matrix, np.zeros(5), RigidTransform.from_translation([-99.0, 0, 0]))
+# the handle's axis upwards, column 0 towards the camera, at 540 mm
+UPRIGHT = RigidTransform.from_components([0, 0, 545.0], Rotation.from_matrix(np.diag([1.0, -1, -1])))
+
+
+def test_along_is_towards_the_limb_and_across_clockwise():
+    turned = UPRIGHT * RigidTransform.from_rotation(Rotation.from_rotvec([0, np.deg2rad(30.0), 0]))  # to the right
+    truth = centroids.centres(STRAIGHT, PAPER, turned)
+    errors = centroids.centroid_errors(STRAIGHT, PAPER, turned, truth[[0, 1, 10, 11]] + [0.25, 0.5], truth)
+    assert list(errors["marker"]) == [0, 1, 10, 11]  # columns at 0 and at 300 deg
+    right, left = errors[errors["marker"] < 2], errors[errors["marker"] >= 10]
+    assert right["slant_deg"].to_numpy() == pytest.approx(30.0, abs=0.5)  # the camera is near: not quite 30
+    assert right["along"].to_numpy() == pytest.approx(0.25, abs=0.02)  # perspective tips the normal's image a little
+    assert right["across"].to_numpy() == pytest.approx(0.5, abs=0.02)
+    assert left["along"].to_numpy() == pytest.approx(-0.25, abs=0.02)
+    assert left["across"].to_numpy() == pytest.approx(-0.5, abs=0.02)
+
+
+def test_missing_and_broken_centroids_are_missed():
+    truth = centroids.centres(STRAIGHT, PAPER, UPRIGHT)
+    shown = centroids.centroid_errors(STRAIGHT, PAPER, UPRIGHT, truth, truth)
+    for found in (np.empty((0, 2)), truth + 5.0):
+        errors = centroids.centroid_errors(STRAIGHT, PAPER, UPRIGHT, found, truth)
+        assert len(errors) == len(shown)
+        assert errors[["along", "across"]].isna().all(axis=None)
+
+
+def test_report_finds_bias_scatter_and_noise():
+    """3,000 views of one marker: bias that grows with the slant, scatter from view to view, noise from draw to draw."""
+    rng = np.random.default_rng(0)
+    slant, view = np.repeat(rng.uniform(0, 65, 3000), 2), np.repeat(np.arange(3000), 2)
+    along = 1e-3 * slant + np.repeat(0.03 * rng.standard_normal(3000), 2) + 0.04 * rng.standard_normal(6000)
+    errors = pd.DataFrame({"marker": 0, "slant_deg": slant, "along": along, "across": 0.02 * rng.standard_normal(6000),
+                           "view": view})
+    errors.loc[:9, ["along", "across"]] = np.nan
+    table = centroids.centroid_report(errors)
+    assert list(table["slant_deg"]) == ["0-10", "10-20", "20-30", "30-40", "40-50", "50-60", "60-65"]
+    assert (table["n"].sum(), table["missed"].sum()) == (6000, 10)
+    middles = np.array([5, 15, 25, 35, 45, 55, 62.5])
+    assert (np.abs(table["bias_along"] - 1e-3 * middles) < 4 * table["se_along"]).all()
+    assert (np.abs(table["bias_across"]) < 4 * table["se_across"]).all()
+    assert table["scatter_along"].to_numpy() == pytest.approx(0.05, rel=0.15)
+    assert table["noise_along"].to_numpy() == pytest.approx(0.04, rel=0.15)
+    assert table["noise_across"].to_numpy() == pytest.approx(0.02, rel=0.15)
+
+
+def test_a_wrapped_markers_centroid_lies_along_the_slant():
+    """The axis across the line of sight, a column 50 deg aside: the bias is along the slant alone, and towards us."""
+    turned = UPRIGHT * RigidTransform.from_rotation(Rotation.from_rotvec([0, np.deg2rad(50.0), 0]))
+    rig = Rig((STRAIGHT, OTHER))
+    images = draws.expected_frames(rig, PAPER, turned, Bench())
+    steep = {}
+    for name, method in centroids.METHODS.items():
+        found, predicted = method(images, rig, PAPER, turned)
+        errors = centroids.centroid_errors(STRAIGHT, PAPER, turned, found[0], predicted[0]).dropna()
+        steep[name] = errors[errors["slant_deg"] > 45]
+        assert len(steep[name]) == 2
+    assert (np.abs(steep["plain"]["across"]) < 0.08).all()  # rows above and below the axis: a little perspective
+    assert (steep["plain"]["along"] < -0.2).all()
+    assert (np.abs(steep["modelled"]["along"]) < 0.5).all()  # of 1.1: the rest is the detector's
+    assert (np.abs(steep["registered"]["along"]) < 0.03).all()
+
+
+# --- identities
+
+
+def test_one_exchanged_label_is_wrong():
+    rig, T = load_rig("paper_pair"), TRUTHS[4]
+    uv = [camera.project(T.apply(CODED.marker_centres)) for camera in rig.cameras]
+    facing = [np.flatnonzero(identity.true_labels(c, CODED, T, pixels) == np.arange(12))
+              for c, pixels in zip(rig.cameras, uv, strict=True)]
+    found = tuple(SimpleNamespace(uv=pixels[shown]) for pixels, shown in zip(uv, facing, strict=True))
+    pose = Pose("measured", T, HONEST, 0.1, 6, 2)
+    assert identity.rightly_labelled(Measurement(pose, found, tuple(facing)), T, rig, CODED)
+    wrong = [facing[0], facing[1][[1, 0, *range(2, len(facing[1]))]]]
+    assert not identity.rightly_labelled(Measurement(pose, found, tuple(wrong)), T, rig, CODED)
+    unused = [facing[0], np.full_like(facing[1], -1)]
+    assert identity.rightly_labelled(Measurement(pose, found, tuple(unused)), T, rig, CODED)
+    assert not identity.rightly_labelled(Measurement(LOST, found, tuple(unused)), T, rig, CODED)

@@ -1,0 +1,57 @@
+"""The Cramer-Rao bound at Table 1's poses, and that its difference steps are small enough and not too small."""
+
+from functools import cache
+
+import numpy as np
+from tqdm import tqdm
+
+from trinolab import bound
+from trinolab.bound import PIXELS, Bound, bound_of, information
+from trinolab.datasets import load_handle, load_rig, load_table1
+
+from .draws import RIGS
+
+STEPS_PX = (0.02, 0.05, 0.1, 0.2, 0.3, 0.5, 0.8)
+SAMPLES = (8, 16, 32, 64)
+
+
+@cache
+def _information(rig: str, camera: int, row: int, pixels: str, known_greys: bool) -> np.ndarray:
+    return information(load_rig(rig).cameras[camera], load_handle("paper"), load_table1().set_poses[row], None, pixels,
+                       known_greys)
+
+
+def table1_bounds(rig: str, pixels: str = "markers", known_greys: bool = True) -> list[Bound]:
+    """The bound at each of Table 1's poses; CCD1 and CCD2 are the same in every rig."""
+    cameras = [("paper_pair", 0), ("paper_pair", 1), (rig, 2)][:len(load_rig(rig).cameras)]
+    return [bound_of(sum(_information(*camera, row, pixels, known_greys) for camera in cameras))
+            for row in tqdm(range(20), leave=False, unit="pose")]
+
+
+def report(arguments) -> None:
+    print("Cramer-Rao bound at Table 1's poses, handle `paper`: rms over the poses, in brackets least and largest")
+    print(f"{'rig':18s} {'pixels':9s} greys      position mm                   rotation deg")
+    for rig in RIGS:
+        for pixels, known in [*((pixels, True) for pixels in PIXELS), ("markers", False)]:
+            bounds = table1_bounds(rig, pixels, known)
+            mm, deg = np.array([(b.rms_mm, b.rms_deg) for b in bounds]).T
+            print(f"{rig:18s} {pixels:9s} {'known' if known else 'unknown':8s} {_spread(mm)}     {_spread(deg)}",
+                  flush=True)
+    print("\nThe same at the first pose, `paper_pair`, markers, over difference steps and samples a side of a pixel")
+    print("step px " + "".join(f"{f'{s} x {s}: mm, deg':>22s}" for s in SAMPLES))
+    for step in STEPS_PX:
+        found = [_first(samples, step) for samples in SAMPLES]
+        print(f"{step:7.2f} " + "".join(f"{b.rms_mm:14.5f} {b.rms_deg:7.4f}" for b in found), flush=True)
+
+
+def _first(samples: int, step_px: float) -> Bound:
+    chosen, bound.SAMPLES = bound.SAMPLES, (samples, 8)
+    try:
+        return bound_of(sum(information(camera, load_handle("paper"), load_table1().set_poses[0], step_px=step_px)
+                            for camera in load_rig("paper_pair").cameras))
+    finally:
+        bound.SAMPLES = chosen
+
+
+def _spread(values: np.ndarray) -> str:
+    return f"{np.sqrt((values**2).mean()):.4f} ({values.min():.4f} to {values.max():.4f})"

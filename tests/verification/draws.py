@@ -1,0 +1,66 @@
+"""Many noisy frames of Table 1's poses, measured by every estimator: a pose is rendered once, only its noise drawn."""
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+from scipy.spatial.transform import RigidTransform
+from tqdm import tqdm
+
+from trinolab.camera import Rig
+from trinolab.datasets import load_table1
+from trinolab.handle import Handle
+from trinolab.metrics import nearest_equivalent
+from trinolab.parameters import ESTIMATORS, Parameters
+from trinolab.pose import Pose
+from trinolab.scene import Bench, blurred, digitise, radiance
+from trinolab.tracker import measure
+
+SETTINGS = {name: Parameters(estimator=name) for name in ESTIMATORS}
+RIGS = ("paper_pair", "paper_trinocular", "raised_40deg")
+
+
+class Draw(NamedTuple):
+    """One measurement: of which row of Table 1, and under which noise."""
+
+    row: int
+    seed: int
+    pose: Pose
+
+    @property
+    def truth(self) -> RigidTransform:
+        return load_table1().set_poses[self.row]
+
+
+def expected_frames(rig: Rig, handle: Handle, T: RigidTransform, bench: Bench) -> list[np.ndarray]:
+    """What the cameras would see without noise, a float image a camera."""
+    return [blurred(radiance(camera, handle, T, bench), bench) for camera in rig.cameras]
+
+
+def frames(rig: Rig, handle: Handle, seeds: int, rows: slice) -> Iterator[tuple[int, int, list[np.ndarray]]]:
+    """Row, seed and frames; for a seed the same frames as those of `workflows.replicate_table1`."""
+    rngs, bench = [np.random.default_rng(seed) for seed in range(seeds)], Bench()
+    for row in range(20)[rows]:
+        expected = expected_frames(rig, handle, load_table1().set_poses[row], bench)
+        for seed, rng in enumerate(rngs):
+            yield row, seed, [digitise(image, bench, rng) for image in expected]
+
+
+def table1_draws(rig: Rig, handle: Handle, seeds: int, rows: slice = slice(None), with_prior: bool = False,
+                 estimators=SETTINGS) -> dict[str, list[Draw]]:
+    """Every estimator's measurements of the same frames."""
+    found: dict[str, list[Draw]] = {name: [] for name in estimators}
+    shown = tqdm(frames(rig, handle, seeds, rows), total=seeds * len(range(20)[rows]), leave=False, unit="instant")
+    for row, seed, images in shown:
+        prior = load_table1().set_poses[row] if with_prior else None
+        for name, parameters in estimators.items():
+            found[name].append(Draw(row, seed, measure(images, rig, handle, prior, parameters).pose))
+    return found
+
+
+def held(draws: list[Draw], handle: Handle) -> tuple[RigidTransform, RigidTransform]:
+    """Estimates, each by its equivalent nearest to the truth, and truths of the draws that have a pose."""
+    with_pose = [draw for draw in draws if draw.pose.T_world_handle is not None]
+    truths = RigidTransform.concatenate([draw.truth for draw in with_pose])
+    estimates = RigidTransform.concatenate([draw.pose.T_world_handle for draw in with_pose])
+    return nearest_equivalent(estimates, truths, handle.symmetries), truths
