@@ -204,13 +204,13 @@ def _edge(inside: Array, depth: Array, gradient: Array, rays: _Rays) -> tuple[Ar
     the ray. The share is then the integral of a trapezoid.
     """
     by_u, by_v = (np.abs(depth * _dot(gradient, step)) for step in (rays.by_u, rays.by_v))
-    long, short = np.maximum(by_u, by_v), np.maximum(np.minimum(by_u, by_v), 1e-12)
+    long, short = (np.maximum(part(by_u, by_v), 1e-6) for part in (np.maximum, np.minimum))  # zero in the very middle
     away = np.abs(inside)
     left = np.maximum((long + short) / 2 - away, 0.0)  # to where the edge leaves the pixel
     corner = left < short  # it cuts off no more than a corner
     outer = np.where(corner, left**2 / (2 * long * short), 0.5 - away / long)
     rate = np.where(corner, left / short, 1.0) / long
-    return np.where(inside > 0, 1 - outer, outer), gradient * -rate, np.hypot(by_u, by_v)
+    return np.where(inside > 0, 1 - outer, outer), gradient * -rate, np.hypot(long, short)
 
 
 def _wrapped(angle: Array) -> Array:

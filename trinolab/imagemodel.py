@@ -170,8 +170,11 @@ def marker_is_shown(at: Linear, handle: Handle, max_misfit: float = 4.0, max_rms
 
 
 def inverse(matrices: Array) -> Array:
-    """Inverse of symmetric positive matrices, shape (..., n, n)."""
-    return np.asarray(np.linalg.inv(matrices), dtype=float)
+    """Inverse of symmetric positive matrices, shape (..., n, n); all NaN if one is singular."""
+    try:
+        return np.asarray(np.linalg.inv(matrices), dtype=float)
+    except np.linalg.LinAlgError:
+        return np.full(np.shape(matrices), np.nan)
 
 
 def limited(blur_px2: Array, step: Array) -> Array:
