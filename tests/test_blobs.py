@@ -85,6 +85,22 @@ def test_a_disc_is_a_place_by_its_contour_and_without(size, radius):
         assert (shown & (off < 1.5)).any() or threshold is None  # px; by its contour to a pixel of the reduced image
 
 
+def test_places_of_a_reduced_image_have_no_offset():
+    rng = np.random.default_rng(0)
+    centres = np.stack(np.meshgrid(np.arange(60, 1250, 80), np.arange(60, 1000, 80)), axis=-1).reshape(-1, 2)
+    centres = centres + rng.uniform(-1, 1, centres.shape)
+    image = np.full((1024, 1280), 60, np.uint8)
+    for u, v in centres:
+        cv2.circle(image, (round(16 * u), round(16 * v)), 16 * 8, 200, -1, cv2.LINE_AA, 4)
+    small, scale = blobs.reduced(image)
+    found = {130.0: blobs.contours(small, small.max(axis=1), 130.0, 200)}
+    where = blobs.places(small, scale, found, 200, (4.0, 80.0), 20.0)
+    uv = where.uv[np.isfinite(where.threshold)]
+    assert len(uv) == len(centres)
+    off = uv - centres[np.linalg.norm(uv[:, None] - centres, axis=2).argmin(axis=1)]
+    np.testing.assert_allclose(off.mean(axis=0), 0, atol=0.1)  # px; scatter 0.4 over sqrt(180) discs
+
+
 def test_an_edge_and_a_rod_are_no_spots():
     rng = np.random.default_rng(0)
     image = np.full((400, 500), 50.0)

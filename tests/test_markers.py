@@ -257,7 +257,8 @@ def test_a_float_image_keeps_its_fractions_of_grey_levels():
 def test_images_of_any_size(size):
     """Odd ones lose a row and a column when they are halved, thin ones cannot be halved often."""
     image = np.full(size[::-1], 60.0)
-    centres = [(u + 0.3, v - 0.2) for u in (40, 620, 1262) for v in (30, 470, 1006) if max(u - size[0], v - size[1]) < -15]
+    every = np.array([(u + 0.3, v - 0.2) for u in (40, 620, 1262) for v in (30, 470, 1006)])
+    centres = every[(every < np.array(size) - 15).all(axis=1)]
     v, u = np.indices(image.shape)
     for x, y in centres:
         image[np.hypot(u - x, v - y) < 6] = 200
