@@ -140,7 +140,8 @@ def weighted_fit(points_source: ArrayLike, points_target: ArrayLike, covariances
     -------
     T_target_source : RigidTransform
     covariance : ndarray, shape (6, 6)
-        Of position and rotation vector, target frame, mm and rad. None instead of both where `rigid_fit` gives none, or the weights leave a motion free.
+        Of position and rotation vector, target frame, mm and rad. None instead of both where `rigid_fit` gives none, or
+        the weights leave a motion free.
 
     Raises
     ------
