@@ -10,6 +10,7 @@ import pytest
 
 from trinolab.cones import paper_cones
 from trinolab.plotting import plot_pose_errors, plot_workspace, show_image, workspace_plotter, workspace_scene
+from trinolab.plotting_errors import plot_factor
 from trinolab.workspace import intersect, surface_mesh
 
 
@@ -78,6 +79,19 @@ def test_pose_errors_show_every_value():
     assert [label.get_text() for label in figure.axes[-1].get_xticklabels()] == ["first", "second"]
     np.testing.assert_allclose(figure.axes[2].lines[1].get_ydata(), 1.0)  # mean absolute of -2, 0
     np.testing.assert_allclose(figure.axes[2].lines[2].get_ydata(), -1.0)  # signed mean
+
+
+def test_factor_shows_every_curve_and_the_working_point():
+    x, panels = [1.0, 2.0, 4.0], {"E_t / mm": {"E_t": [0.1, 0.05, 0.2]}, "deg": {"a": [1, 2, 3], "b": [3, np.nan, 1]}}
+    left, right = plot_factor(x, panels, "distance / m", 2.0).axes
+    assert [ax.get_ylabel() for ax in (left, right)] == ["E_t / mm", "deg"]
+    for ax, curves in zip((left, right), panels.values(), strict=True):
+        *drawn, mark = ax.lines
+        assert [line.get_label() for line in drawn] == list(curves)
+        for line, y in zip(drawn, curves.values(), strict=True):
+            np.testing.assert_array_equal(line.get_xydata(), np.column_stack([x, y]))
+        assert mark.get_xdata() == [2.0, 2.0]
+        assert "working point" in mark.get_label()
 
 
 def test_image_with_markers():

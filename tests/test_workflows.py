@@ -70,6 +70,16 @@ def test_with_a_prior_poses_are_measured_and_written(recording, tmp_path):
     assert sorted(path.name for path in tmp_path.iterdir()) == ["p.csv"]
 
 
+@pytest.mark.parametrize("method", ["weighted", "reprojection", "patches", "outline", "best"])
+def test_better_methods_measure_to_hundredths_of_a_millimetre(coded, tmp_path, method):
+    table = measure_folder(RIG, CODED, coded / "images", tmp_path / "p.csv", method, progress=False)
+    truth = load_table1().set_poses[ROWS[1:]]
+    assert list(table["status"]) == ["measured"] * 2
+    assert position_errors(transforms(table), truth).max() < 0.04  # mm; twice the bound's three standard deviations
+    assert geodesic_deg(transforms(table), truth).max() < 0.3
+    assert (table["sigma_mm"] < 0.02).all()
+
+
 def test_prior_is_joined_on_frame_and_chooses_the_equivalent(recording, tmp_path):
     turned = load_table1().set_poses[ROWS[2]] * load_handle("paper").symmetries[3]
     prior = truth_table(RigidTransform.concatenate([turned])).assign(frame=2)

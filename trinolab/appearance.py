@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial.transform import RigidTransform
 
-from .camera import Camera, Rig
+from .camera import Rig
 from .checks import Array
 from .handle import Handle
 
@@ -45,8 +45,8 @@ class Windows(NamedTuple):
 
     corner: np.ndarray
     side: int
-    xy: Array
-    xy_per_px: Array
+    xy: np.ndarray
+    xy_per_px: np.ndarray
 
 
 class Layers(NamedTuple):
@@ -85,14 +85,15 @@ def windows(rig: Rig, views: Views, uv: Array, side: int) -> Windows:
     """Windows with pixels uv, shape (k, 2), in their middle; `side` is odd. They may reach beyond the image."""
     corner = np.round(uv).astype(int) - side // 2
     v, u = np.divmod(np.arange(side * side), side)
-    xy, xy_per_px = np.empty((2, len(uv), side * side)), np.empty((len(uv), 2, 2))
+    xy, xy_per_px = np.empty((2, len(uv), side * side), np.float32), np.empty((len(uv), 2, 2), np.float32)
+    steps = 0.5 * np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
     for c, camera in enumerate(rig.cameras):
         mine = np.flatnonzero(views.camera == c)
-        if not len(mine):
-            continue
-        pixels = corner[mine, None] + np.column_stack([u, v])
-        xy[:, mine] = camera.normalise(pixels.reshape(-1, 2)).T.reshape(2, len(mine), -1)
-        xy_per_px[mine] = _xy_per_px(camera, uv[mine])
+        pixels = np.concatenate([corner[mine, None] + np.column_stack([u, v]), uv[mine, None] + steps], axis=1)
+        found = camera.normalise(pixels.reshape(-1, 2)).reshape(len(mine), side * side + 4, 2)
+        xy[:, mine] = found[:, :-4].transpose(2, 0, 1)
+        # central differences over a pixel: exact but for the lens's curvature
+        xy_per_px[mine] = np.stack([found[:, -4] - found[:, -3], found[:, -2] - found[:, -1]], axis=2)
     return Windows(corner, side, xy, xy_per_px)
 
 
@@ -122,9 +123,11 @@ def shading_basis(turn: Array) -> Array:
 
 
 def _rays(rig: Rig, T_world_handle: RigidTransform, views: Views, at: Windows) -> _Rays:
-    T_handle_cam = [(camera.T_cam_world * T_world_handle).inv() for camera in rig.cameras]
-    R = np.stack([T.rotation.as_matrix() for T in T_handle_cam])[views.camera].transpose(2, 1, 0)[..., None]
-    start = np.stack([T.translation for T in T_handle_cam])[views.camera].T[..., None]
+    R_handle_world = T_world_handle.rotation.as_matrix().T
+    turns = [R_handle_world @ camera.T_world_cam.rotation.as_matrix() for camera in rig.cameras]
+    starts = [R_handle_world @ (camera.centre - T_world_handle.translation) for camera in rig.cameras]
+    R = np.stack(turns, dtype=np.float32)[views.camera].transpose(2, 1, 0)[..., None]
+    start = np.stack(starts, dtype=np.float32)[views.camera].T[..., None]
     by_u, by_v = (R[0] * at.xy_per_px[:, 0, k, None] + R[1] * at.xy_per_px[:, 1, k, None] for k in (0, 1))
     return _Rays(start, R[0] * at.xy[0] + R[1] * at.xy[1] + R[2], by_u, by_v)
 
@@ -153,15 +156,17 @@ def _surface(handle: Handle, rays: _Rays, passing: Array) -> tuple[Array, Array,
     half = np.sqrt(np.maximum(handle.radius_mm**2 - passing**2, 0.0) / length2)
     depth = -(ox * dx + oz * dz) / length2 - half
     X = rays.start + depth * rays.direction
-    normal = X * np.array([1.0, 0.0, 1.0])[:, None, None] / np.hypot(X[0], X[2])
+    normal = X * np.array([1, 0, 1], np.float32)[:, None, None] / np.hypot(X[0], X[2])
     return depth, X, normal
 
 
 def _marker(handle: Handle, markers: np.ndarray, X: Array) -> tuple[Array, Array, Array]:
     """Angle from a marker's column (k, p), distance into the marker from its edge, mm, and its gradient (3, k, p)."""
-    turn = np.arctan2(X[0], X[2]) - handle.marker_angles[markers][:, None]
+    angles, axial = (column.astype(np.float32)[markers, None] for column in (
+        handle.marker_angles, handle.marker_centres[:, 1]))
+    turn = np.arctan2(X[0], X[2]) - angles
     turn -= 2 * np.pi * np.round(turn / (2 * np.pi))
-    across, along = handle.radius_mm * turn, X[1] - handle.marker_centres[markers, 1][:, None]
+    across, along = handle.radius_mm * turn, X[1] - axial
     distance = np.maximum(np.hypot(across, along), 1e-9)
     gradient = -np.stack([across * X[2] / handle.radius_mm, along, -across * X[0] / handle.radius_mm]) / distance
     return turn, handle.marker_diameter_mm / 2 - distance, gradient
@@ -173,6 +178,7 @@ def _beside(handle: Handle, markers: np.ndarray, X: Array, nearest: int = 2) -> 
     gap = np.hypot(handle.radius_mm * _wrapped(theta[:, None] - theta), axial[:, None] - axial)
     np.fill_diagonal(gap, np.inf)
     others = gap.argsort(axis=1)[markers, :nearest].T[..., None]  # (nearest, k, 1)
+    theta, axial = theta.astype(np.float32), axial.astype(np.float32)
     angle = np.arctan2(X[0], X[2])
     distance = np.hypot(handle.radius_mm * _wrapped(angle - theta[others]), X[1] - axial[others]).min(axis=0)
     return distance - handle.marker_diameter_mm / 2
@@ -191,13 +197,6 @@ def _coverage(inside: Array, by_u: Array, by_v: Array, by_nu: Array, by_omega: A
     outer = np.where(corner, left**2 / (2 * long * short), 0.5 - away / long)
     rate = np.where(corner, left / (long * short), 1 / long)
     return np.where(inside > 0, 1 - outer, outer), np.concatenate([by_nu * rate, by_omega * rate]).transpose(1, 0, 2)
-
-
-def _xy_per_px(camera: Camera, uv: Array, step_px: float = 0.5) -> Array:
-    """d xy / d uv at pixels, shape (n, 2, 2), by central differences: exact but for the lens's curvature."""
-    columns = [(camera.normalise(uv + step) - camera.normalise(uv - step)) / (2 * step_px)
-               for step in step_px * np.eye(2)]
-    return np.stack(columns, axis=2)
 
 
 def _wrapped(angle: Array) -> Array:

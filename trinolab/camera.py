@@ -56,17 +56,17 @@ class Camera:
         as_number(np.abs(self.distortions).max(), "distortions: the largest", high=1e6)
         as_transform(self.T_cam_world, "T_cam_world")
 
-    @property
+    @cached_property
     def T_world_cam(self) -> RigidTransform:
         """Camera to world; its translation is the camera's centre in mm."""
         return self.T_cam_world.inv()
 
-    @property
+    @cached_property
     def centre(self) -> Array:
         """Centre of projection in the world frame, shape (3,), mm."""
         return frozen(self.T_world_cam.translation)
 
-    @property
+    @cached_property
     def axis(self) -> Array:
         """Direction of the optical axis in the world frame, shape (3,), length 1."""
         return frozen(self.T_world_cam.rotation.as_matrix()[:, 2])

@@ -123,7 +123,8 @@ def _add_measure(commands: argparse._SubParsersAction) -> None:
     p.add_argument("--images", required=True, metavar="DIR",
                    help="holds a folder a camera, named as in the rig, the same file names in each")
     p.add_argument("--out", required=True, metavar="POSES.csv", help="the poses to write")
-    p.add_argument("--method", default="paper", choices=["paper", "weighted", "reprojection", "patches", "best"],
+    p.add_argument("--method", default="paper",
+                   choices=["paper", "weighted", "reprojection", "patches", "outline", "best"],
                    help="the estimator: the paper's, or better ones (default: %(default)s; best is patches)")
     p.add_argument("--prior", metavar="POSES.csv",
                    help="expected poses, joined on 'frame': they choose among poses that look alike")

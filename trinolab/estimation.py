@@ -15,8 +15,9 @@ from .identity import labelled_pixels
 from .matching import candidates
 from .parameters import Parameters
 from .pose import LOST, Pose, rigid_fit, rigid_fit_covariance, weighted_fit
-from .refine import Fit, fit_centroids, fit_patches
+from .refine import Fit, fit_patches
 from .registration import centre_pixels
+from .reprojection import fit_centroids
 from .triangulation import triangulate, triangulate_weighted, triangulation_covariance
 
 
@@ -66,12 +67,12 @@ def candidate_points(images: Sequence[np.ndarray], rig: Rig, pixels: Sequence[Ar
     return points[valid], covariances[valid]
 
 
-def fit_pose(instant: Identified, rig: Rig, handle: Handle, parameters: Parameters) -> Pose:
+def estimate(instant: Identified, rig: Rig, handle: Handle, parameters: Parameters) -> Pose:
     """The pose by the estimator that the parameters name.
 
     ``paper``: pairs, mean, rigid fit (Eq. 20-24). ``weighted``: centroids registered and moved to the centres,
-    pairs and points weighted by their covariances.
-    ``reprojection``: all views at once, by predicted centroids. ``patches``: all views at once, by the pixels.
+    pairs and points weighted by their covariances. ``reprojection``: all views at once, by predicted centroids.
+    ``patches``: all views at once, by the pixels. ``outline``: as ``patches``, with the body's outline.
 
     Returns
     -------
@@ -81,9 +82,26 @@ def fit_pose(instant: Identified, rig: Rig, handle: Handle, parameters: Paramete
     return _ESTIMATES[parameters.estimator](instant, rig, handle, parameters)
 
 
-def _paper_pose(instant: Identified, rig: Rig, handle: Handle, p: Parameters) -> Pose:
-    """Rigid fit to the mean of the pairs' points; markers turned too far away are left out if four others remain."""
-    uv = labelled_pixels(instant.labels, instant.pixels, len(handle.marker_centres))
+def fit_pose(labels: tuple[np.ndarray, ...], rig: Rig, handle: Handle, pixels: tuple[Array, ...],
+             parameters: Parameters) -> Pose:
+    """The paper's estimate from labelled markers: pairs, mean, rigid fit (Eq. 20-24).
+
+    Parameters
+    ----------
+    labels : tuple of ndarray of int, one a camera
+        For each found marker its index on the handle, or -1.
+    rig, handle
+    pixels : tuple of ndarray, one a camera, shape (n_c, 2)
+    parameters : Parameters
+        Markers turned beyond its `max_slant_deg` are left out if four others remain.
+
+    Returns
+    -------
+    Pose
+        With status ``measured``; `LOST` if fewer than three markers that are not on a line were triangulated.
+    """
+    p = parameters
+    uv = labelled_pixels(labels, pixels, len(handle.marker_centres))
     T = rigid_fit(handle.marker_centres, triangulate(rig, uv))
     if T is None:
         return LOST
@@ -99,6 +117,10 @@ def _paper_pose(instant: Identified, rig: Rig, handle: Handle, p: Parameters) ->
         return LOST
     covariances = triangulation_covariance(rig, uv[:, used], p.sigma_px)
     return _pose(T, rigid_fit_covariance(handle.marker_centres[used], T, covariances), uv, rig, handle)
+
+
+def _paper_pose(instant: Identified, rig: Rig, handle: Handle, p: Parameters) -> Pose:
+    return fit_pose(instant.labels, rig, handle, instant.pixels, p)
 
 
 def _weighted_pose(instant: Identified, rig: Rig, handle: Handle, p: Parameters) -> Pose:
@@ -136,6 +158,10 @@ def _patches_pose(instant: Identified, rig: Rig, handle: Handle, p: Parameters) 
     return _judged(fit_patches(instant.images, rig, handle, instant.T_world_handle, p.max_slant_deg))
 
 
+def _outline_pose(instant: Identified, rig: Rig, handle: Handle, p: Parameters) -> Pose:
+    return _judged(fit_patches(instant.images, rig, handle, instant.T_world_handle, p.max_slant_deg, outline=True))
+
+
 def _judged(fit: Fit | None) -> Pose:
     """A measured pose if enough views show what it predicts, and fix it, else `LOST`."""
     if fit is None or fit.shown.sum() < 4 or len(np.unique(fit.views.marker[fit.shown])) < 3:
@@ -145,4 +171,4 @@ def _judged(fit: Fit | None) -> Pose:
 
 
 _ESTIMATES = {"paper": _paper_pose, "weighted": _weighted_pose, "reprojection": _centroids_pose,
-              "patches": _patches_pose}
+              "patches": _patches_pose, "outline": _outline_pose}

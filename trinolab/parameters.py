@@ -11,7 +11,7 @@ from .kalman import KalmanParameters
 from .markers import MarkerParameters
 from .matching import MatchParameters
 
-ESTIMATORS = ("paper", "weighted", "reprojection", "patches")
+ESTIMATORS = ("paper", "weighted", "reprojection", "patches", "outline")
 BEST = "patches"  # the most accurate that keeps up with 30 frames a second
 
 
@@ -27,8 +27,8 @@ class Parameters:
     markers : MarkerParameters
     matching : MatchParameters
     identity : IdentityParameters
-    estimator : {"paper", "weighted", "reprojection", "patches"}
-        How the pose follows from the markers, see `estimation.fit_pose`.
+    estimator : {"paper", "weighted", "reprojection", "patches", "outline"}
+        How the pose follows from the markers, see `estimation.estimate`.
     max_slant_deg : float
         Markers turned further away are identified but not measured, as long as four are left: beyond 70 deg the
         centroid of a wrapped marker lies more than 1 px beside the image of its centre.

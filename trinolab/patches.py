@@ -1,13 +1,4 @@
-"""Windows of pixels about markers: what an image model predicts for them, and how that changes with its unknowns.
-
-In each window the grey is
-
-    marker * shading * m  +  body * shading * b  +  background * (1 - b),
-
-m and b being the shares of `appearance.layers` after a Gaussian blur, and the shading a sum of `shading_basis`. These
-greys of a window are eliminated (Schur complement; Triggs et al. 2000, DOI 10.1007/3-540-44480-7_21), so that none has
-to be known. The noise is estimated from what a fit leaves.
-"""
+"""Windows of pixels cut out of images about markers, or about any other place of the handle."""
 
 from __future__ import annotations
 
@@ -17,234 +8,62 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial.transform import RigidTransform
 
-from .appearance import Views, Windows, layers, shading_basis, windows
+from .appearance import Views, Windows, windows
 from .camera import Rig
 from .checks import Array
-from .handle import Handle, slants
-from .noise import Noise, estimate_noise
+from .handle import Handle, slant_angles
 
-MARGIN_PX = 5.5  # of a window around its marker: the blur's reach, and the filter's border
-BORDER_PX = 2  # of a window, where the blur lacks neighbours
-CLEAR_PX = 2.5  # pixels nearer than this to another marker or to the body's end have no weight
+LARGEST_PX = 120.0  # a marker's image beyond which its window no longer grows
+MARGIN_PX = 4.5  # of a window around its marker: the blur's reach, and the filter's border
 SATURATED = 250.0  # grey levels; a brighter pixel has no weight
-BLUR_PX = 0.8  # where the search for a camera's blur begins
 
 
 class Patches(NamedTuple):
-    """The pixels of windows: greys (k, p), and which lie inside the image and are not saturated."""
+    """The pixels of windows.
+
+    Attributes
+    ----------
+    views : Views
+    at : Windows
+    px_per_mm : ndarray, shape (k,)
+        Pixels to a millimetre across the line of sight.
+    grey : ndarray, shape (k, p)
+    valid : ndarray of bool, shape (k, p)
+        Not saturated.
+    """
 
     views: Views
     at: Windows
-    grey: Array
+    px_per_mm: Array
+    grey: np.ndarray
     valid: np.ndarray
-
-
-class State(NamedTuple):
-    """All unknowns.
-
-    Attributes
-    ----------
-    T_world_handle : RigidTransform
-    greys : ndarray, shape (k, 6), or None
-        Marker (above the body), body, three of shading, background; None as long as they are unknown.
-    blur_px2 : ndarray, shape (cameras,)
-        Variance of each camera's blur.
-    noise : Noise
-    """
-
-    T_world_handle: RigidTransform
-    greys: Array | None
-    blur_px2: Array
-    noise: Noise
-
-
-class Linear(NamedTuple):
-    """The model about a state.
-
-    Attributes
-    ----------
-    greys : ndarray, shape (k, 6)
-        Of the state, or found where it had none.
-    predicted, residual, weight : ndarray, shape (k, p)
-    by_pose : ndarray, shape (k, 7, p)
-        Derivatives by a small motion of the handle (nu mm, omega rad; handle frame) and by the blur's variance.
-    by_greys : ndarray, shape (k, 6, p)
-    marker, body : ndarray, shape (k, p)
-        Shares after the blur.
-    """
-
-    greys: Array
-    predicted: Array
-    residual: Array
-    weight: Array
-    by_pose: Array
-    by_greys: Array
-    marker: Array
-    body: Array
-
-
-class Reduced(NamedTuple):
-    """Normal equations of each window with its greys eliminated.
-
-    Attributes
-    ----------
-    information : ndarray, shape (k, m, m)
-    gradient : ndarray, shape (k, m)
-    greys : ndarray, shape (k, 6)
-        Step of the greys if the other unknowns stay.
-    greys_by_other : ndarray, shape (k, 6, m)
-        What a step of the others takes from it.
-    """
-
-    information: Array
-    gradient: Array
-    greys: Array
-    greys_by_other: Array
 
 
 def patches(images: Sequence[np.ndarray], rig: Rig, handle: Handle, T_world_handle: RigidTransform,
             max_slant_deg: float) -> Patches:
     """Windows about all markers that a pose turns to a camera by at most a slant, as far as they lie in its image."""
     centres = T_world_handle.apply(handle.marker_centres)
+    normals = handle.marker_normals @ T_world_handle.rotation.as_matrix().T
+    slant = np.stack([slant_angles(centres, normals, camera.centre) for camera in rig.cameras])
+    facing = slant < np.deg2rad(max_slant_deg)
     uv = np.stack([camera.project(centres) for camera in rig.cameras])
-    slant = np.stack([slants(handle, T_world_handle, camera.centre) for camera in rig.cameras])
-    side = _side(rig, handle, centres, slant <= np.deg2rad(max_slant_deg))
-    inside = np.stack([camera.sees(centres, side / 2 + 1) for camera in rig.cameras])
-    views = Views(*np.nonzero(inside & (slant <= np.deg2rad(max_slant_deg))))
-    at = windows(rig, views, uv[views], side)
+    scale = np.stack([camera.focal.mean() / camera.T_cam_world.apply(centres)[:, 2] for camera in rig.cameras])
+    largest = handle.marker_diameter_mm * scale[facing].max(initial=0.0)
+    side = 2 * int(np.ceil(min(largest, LARGEST_PX) / 2 + MARGIN_PX)) + 1
+    views = Views(*np.nonzero(facing))
+    return cut(images, rig, handle, T_world_handle, views, uv[views], side)
+
+
+def cut(images: Sequence[np.ndarray], rig: Rig, handle: Handle, T_world_handle: RigidTransform, views: Views, uv: Array,
+        side: int) -> Patches:
+    """Windows of an odd side about pixels uv (k, 2); views whose window is not all inside the image are left out."""
+    room = np.array([camera.size for camera in rig.cameras])[views.camera] - side / 2 - 1
+    with np.errstate(invalid="ignore"):
+        inside = np.asarray(((uv > side / 2) & (uv < room)).all(axis=1))
+    views, uv = Views(views.camera[inside], views.marker[inside]), uv[inside]
+    at = windows(rig, views, uv, side)
     grey = np.array([images[c][v:v + side, u:u + side] for c, (u, v) in zip(views.camera, at.corner, strict=True)],
-                    dtype=float).reshape(len(at.corner), side * side)
-    return Patches(views, at, grey, grey < SATURATED)
-
-
-def first_state(T_world_handle: RigidTransform, rig: Rig) -> State:
-    """A pose with nothing known of greys, and a usual blur and noise."""
-    return State(T_world_handle, None, np.full(len(rig.cameras), BLUR_PX**2), Noise())
-
-
-def linearise(state: State, here: Patches, rig: Rig, handle: Handle) -> Linear:
-    """The model and its derivatives at a state."""
-    shown = layers(rig, handle, state.T_world_handle, here.views, here.at)
-    B = _blur_matrices(here.at.side, state.blur_px2)[here.views.camera]
-    basis = shading_basis(shown.turn).transpose(1, 0, 2)  # (k, basis, p)
-    shares = np.stack([shown.marker, shown.body], axis=1)[:, :, None] * basis[:, None]  # (k, 2, basis, p)
-    k, _, n, p = shares.shape
-    marker_light, body_light = _blurred(B, shares.reshape(k, 2 * n, p)).reshape(k, 2, n, p).transpose(1, 0, 2, 3)
-    m, b = marker_light[:, 0], body_light[:, 0]
-    usable = here.valid & (shown.clear_px > CLEAR_PX) & _inner(here.at.side)
-    greys = state.greys
-    if greys is None:
-        greys = _first_greys(np.concatenate([m[:, None], body_light, 1 - b[:, None]], axis=1), usable, here.grey)
-    marker, body, background = greys[:, :1], greys[:, 1:2], greys[:, -1:]
-    shade = np.concatenate([np.ones((k, 1)), greys[:, 2:-1]], axis=1)[:, None]  # (k, 1, basis)
-    m_shaded, b_shaded = (shade @ marker_light)[:, 0], (shade @ body_light)[:, 0]
-    predicted = marker * m_shaded + body * b_shaded + background * (1 - b)
-    by_shade = marker[..., None] * marker_light[:, 1:] + body[..., None] * body_light[:, 1:]
-    by_greys = np.concatenate([m_shaded[:, None], b_shaded[:, None], by_shade, 1 - b[:, None]], axis=1)
-    shading = (shade @ basis)[:, 0]
-    sharp = (marker * shading)[:, None] * shown.d_marker + (body * shading - background)[:, None] * shown.d_body
-    by_pose = np.concatenate([_blurred(B, sharp), _half_laplacian(predicted, here.at.side)[:, None]], axis=1)
-    variance = state.noise.base + state.noise.slope * np.maximum(predicted, 0) + state.noise.texture * (1 - b) ** 2
-    return Linear(greys, predicted, here.grey - predicted, usable / variance, by_pose, by_greys, m, b)
-
-
-def reduce(by_other: Array, at: Linear) -> Reduced:
-    """Normal equations for unknowns with derivatives `by_other` (k, m, p), the greys of each window eliminated."""
-    weighted, C = by_other * at.weight[:, None], at.by_greys
-    CC, OC = (C * at.weight[:, None]) @ C.transpose(0, 2, 1), weighted @ C.transpose(0, 2, 1)
-    CC += 1e-9 * np.trace(CC, axis1=1, axis2=2)[:, None, None] * np.eye(CC.shape[1]) + 1e-12 * np.eye(CC.shape[1])
-    r = at.residual[..., None]
-    solved = np.linalg.solve(CC, np.concatenate([OC.transpose(0, 2, 1), (C * at.weight[:, None]) @ r], axis=2))
-    gain, greys = solved[..., :-1], solved[..., -1]
-    gradient = (weighted @ r)[..., 0] - (OC @ greys[..., None])[..., 0]
-    return Reduced(weighted @ by_other.transpose(0, 2, 1) - OC @ gain, gradient, greys, gain)
-
-
-def advanced(at: Linear, by_other: Array, normal: Reduced, step: Array) -> Linear:
-    """The model after a step (k, m) of the other unknowns, to first order; the greys follow."""
-    greys = normal.greys - (normal.greys_by_other @ step[..., None])[..., 0]
-    change = (step[:, None] @ by_other + greys[:, None] @ at.by_greys)[:, 0]
-    return at._replace(greys=at.greys + greys, predicted=at.predicted + change, residual=at.residual - change)
-
-
-def noise_of(at: Linear) -> Noise:
-    """The noise that a fit leaves in its windows."""
-    return estimate_noise(at.residual, at.predicted, at.weight > 0, at.marker, at.body)
-
-
-def misfit(at: Linear) -> Array:
-    """Reduced chi-square of each window, shape (k,): about 1 where the window shows what the state predicts."""
-    count = (at.weight > 0).sum(axis=1)
-    return (at.weight * at.residual**2).sum(axis=1) / np.maximum(count - at.greys.shape[1], 1)
-
-
-def marker_is_shown(at: Linear, handle: Handle, max_misfit: float = 4.0, max_rms: float = 0.15) -> np.ndarray:
-    """Whether each window shows a marker, bool (k,): as contrasty as half the others, and where it is predicted.
-
-    A window fits if its misfit is small against the noise, or what is left against the marker's contrast: a real
-    marker is never quite what the model says.
-    """
-    contrast = at.greys[:, 0] * (1 if handle.markers == "bright" else -1)
-    used = at.weight > 0
-    rms = np.sqrt((used * at.residual**2).sum(axis=1) / np.maximum(used.sum(axis=1), 1))
-    fits = (contrast > 0) & ((misfit(at) < max_misfit) | (rms < max_rms * contrast)) & (used.sum(axis=1) > 20)
-    usual = np.median(contrast[fits]) if fits.any() else np.inf
-    noise = np.sqrt(1 / at.weight.max(initial=1e-12))  # of a dark pixel
-    return fits & (contrast > usual / 2) & (contrast > 3 * noise)
-
-
-def inverse(matrices: Array) -> Array:
-    """Inverse of symmetric positive matrices, shape (..., n, n)."""
-    return np.asarray(np.linalg.inv(matrices), dtype=float)
-
-
-def limited(blur_px2: Array, step: Array) -> Array:
-    """The blurs' variances after a step: no further than a factor of two away, and from 0.2 to 5 px squared."""
-    return np.clip(np.clip(blur_px2 + step, 0.5 * blur_px2, 2 * blur_px2), 0.04, 25.0)
-
-
-def _side(rig: Rig, handle: Handle, centres: Array, shown: np.ndarray) -> int:
-    """Side of the windows, px: odd, and enough for the nearest of the markers shown, bool (cameras, markers)."""
-    size = [handle.marker_diameter_mm * camera.focal.max() / camera.T_cam_world.apply(centres)[mask, 2].min(initial=1e9)
-            for camera, mask in zip(rig.cameras, shown, strict=True)]
-    return 2 * int(np.ceil(max(size) / 2 + MARGIN_PX)) + 1
-
-
-def _blur_matrices(side: int, blur_px2: Array) -> Array:
-    """Matrices (n, side, side) that blur a row of pixels by a Gaussian; its weights at a border sum up to 1, too."""
-    x = np.arange(side)
-    weight = np.exp(-0.5 * (x[:, None] - x) ** 2 / blur_px2[:, None, None])
-    return weight / weight.sum(axis=2, keepdims=True)
-
-
-def _blurred(B: Array, stack: Array) -> Array:
-    """Windows (k, m, p) blurred in both directions by their matrices (k, side, side)."""
-    k, m, p = stack.shape
-    side = B.shape[1]
-    rows = (stack.reshape(k, m * side, side) @ B.transpose(0, 2, 1)).reshape(k, m, side, side)
-    return np.matmul(B[:, None], rows).reshape(k, m, p)
-
-
-def _half_laplacian(grey: Array, side: int) -> Array:
-    """Derivative of blurred windows (k, p) by the blur's variance: the heat equation."""
-    window = grey.reshape(-1, side, side)
-    result = np.zeros_like(window)
-    result[:, 1:-1, 1:-1] = (window[:, 2:, 1:-1] + window[:, :-2, 1:-1] + window[:, 1:-1, 2:] + window[:, 1:-1, :-2]
-                             - 4 * window[:, 1:-1, 1:-1]) / 2
-    return result.reshape(grey.shape)
-
-
-def _first_greys(C: Array, usable: np.ndarray, grey: Array) -> Array:
-    """Greys (k, 6) by linear least squares, the marker's shading left out."""
-    weighted = C * usable[:, None]
-    CC = weighted @ C.transpose(0, 2, 1)
-    CC += (1e-6 * np.trace(CC, axis1=1, axis2=2)[:, None, None] + 1e-12) * np.eye(CC.shape[1])
-    greys = np.linalg.solve(CC, weighted @ grey[..., None])[..., 0]
-    greys[:, 2:-1] = np.clip(greys[:, 2:-1] / np.maximum(np.abs(greys[:, 1:2]), 1.0), -1, 1)
-    return greys
-
-
-def _inner(side: int) -> np.ndarray:
-    """Pixels of a window that are not at its border, bool (p,)."""
-    inside = np.minimum(np.arange(side), np.arange(side)[::-1]) >= BORDER_PX
-    return (inside[:, None] & inside).ravel()
+                    dtype=np.float32).reshape(len(at.corner), side * side)
+    centres = T_world_handle.apply(handle.marker_centres)
+    scale = np.stack([camera.focal.mean() / camera.T_cam_world.apply(centres)[:, 2] for camera in rig.cameras])
+    return Patches(views, at, scale[views], grey, grey < SATURATED)

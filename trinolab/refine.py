@@ -1,8 +1,7 @@
-"""The pose that fits all views at once, beyond the paper: by the markers' pixels, or by their centroids (Sect. 5.3).
+"""The pose that fits the markers' pixels in all views at once, with its covariance: beyond the paper (Sect. 5.3).
 
-Both start from a pose that is right to about a pixel. `fit_patches` minimises the misfit of the pixels themselves,
-`fit_centroids` the distance of measured centroids from those that the pose predicts. No pair of cameras is needed: a
-marker that a single camera sees counts as well.
+No centroid, no pair of cameras, no triangulated point: greys, the cameras' blurs and the pose are found together by
+Gauss-Newton steps from a pose that is right to about a pixel. A marker that a single camera sees counts as well.
 """
 
 from __future__ import annotations
@@ -15,10 +14,9 @@ from scipy.spatial.transform import RigidTransform, Rotation
 
 from .appearance import Views
 from .camera import Rig
-from .centroids import predict_centroids
 from .checks import Array
 from .handle import Handle
-from .patches import (
+from .imagemodel import (
     Linear,
     Reduced,
     State,
@@ -30,12 +28,13 @@ from .patches import (
     marker_is_shown,
     misfit,
     noise_of,
-    patches,
     reduce,
 )
-from .registration import register
+from .outline import outline_patches
+from .patches import Patches, patches
 
-FLOOR_PX = 0.004  # by so much the image model moves markers of the simulated bench, shading and all
+FLOOR_PX = 0.003  # by so much the image model misplaces a marker of the simulated bench, shading and all
+OUTLINE_FLOOR_PX = 0.02  # and a piece of outline, because the background's texture ends there
 
 
 class Fit(NamedTuple):
@@ -63,8 +62,17 @@ class Fit(NamedTuple):
     residual_px: float
 
 
+class _Step(NamedTuple):
+    """A Gauss-Newton step: of pose and blurs, its information, and the first group's model after it."""
+
+    step: Array
+    information: Array
+    normal: Reduced
+    after: Linear
+
+
 def fit_patches(images: Sequence[np.ndarray], rig: Rig, handle: Handle, start: RigidTransform,
-                max_slant_deg: float = 72.0, steps: int = 2, floor_px: float = FLOOR_PX) -> Fit | None:
+                max_slant_deg: float = 72.0, outline: bool = False, steps: int = 2) -> Fit | None:
     """Improve a pose by the pixels about all markers that it shows.
 
     Parameters
@@ -77,10 +85,10 @@ def fit_patches(images: Sequence[np.ndarray], rig: Rig, handle: Handle, start: R
         T_world_handle, right to about a pixel in every image.
     max_slant_deg : float
         Markers turned further away are left out.
+    outline : bool
+        Use the body's outline, too.
     steps : int
         Gauss-Newton steps.
-    floor_px : float
-        By how much a marker may seem to lie elsewhere because of what the image model leaves unsaid.
 
     Returns
     -------
@@ -90,93 +98,48 @@ def fit_patches(images: Sequence[np.ndarray], rig: Rig, handle: Handle, start: R
     here = patches(images, rig, handle, start, max_slant_deg)
     if len(np.unique(here.views.marker)) < 3:
         return None
-    state, scale = first_state(start, rig), _px_per_mm(rig, handle, start, here.views)
+    groups = [here, outline_patches(images, rig, handle, start)] if outline else [here]
+    states = [first_state(start, rig)] * len(groups)
     for _ in range(steps):
-        at = linearise(state, here, rig, handle)
-        normal = reduce(at.by_pose, at)
-        trust = _trust(at, normal.information, scale, floor_px)
-        information, gradient = _assembled(normal, trust, here.views.camera, rig)
-        step = inverse(information) @ gradient
-        own = np.column_stack([np.broadcast_to(step[:6], (len(trust), 6)), step[6 + here.views.camera]])
-        after = advanced(at, at.by_pose, normal, own)
-        T = state.T_world_handle * _motion(step[:6])
-        state = State(T, after.greys, limited(state.blur_px2, step[6:]), noise_of(after))
-    shown = marker_is_shown(after, handle)
-    left = _distances(normal, step[:6]) * scale
-    spread = float(np.median(misfit(after)[shown])) if shown.any() else 1.0  # the noise was estimated before the step
-    covariance = _in_world(spread * inverse(information)[:6, :6], state.T_world_handle)
-    return _fit(state.T_world_handle, covariance, here.views, after, shown, left)
+        states, last = _improved(states, groups, rig, handle)
+    T, shown = states[0].T_world_handle, marker_is_shown(last.after, handle)
+    left = _distances(last.normal, last.step[:6]) * here.px_per_mm
+    spread = float(np.median(misfit(last.after)[shown])) if shown.any() else 1.0  # the weights are older than the step
+    covariance = in_world(spread * inverse(last.information)[:6, :6], T)
+    return judged_fit(T, covariance, here.views, last.after, shown, left)
 
 
-def fit_centroids(images: Sequence[np.ndarray], rig: Rig, handle: Handle, start: RigidTransform,
-                  max_slant_deg: float = 72.0, steps: int = 2, floor_px: float = FLOOR_PX) -> Fit | None:
-    """The pose with the least reprojection error of the predicted centroids, over all views at once.
-
-    Parameters and result as for `fit_patches`; `steps` is the number of times that the centroids are measured, each
-    time about the pose found before.
-    """
-    here = patches(images, rig, handle, start, max_slant_deg)
-    if len(np.unique(here.views.marker)) < 3:
-        return None
-    state = first_state(start, rig)
-    for _ in range(steps):
-        state, found = register(state, here, rig, handle)
-        covariance = found.covariance * np.maximum(misfit(found.at), 1.0)[:, None, None] + floor_px**2 * np.eye(2)
-        shading = found.at.greys[:, 2:5]
-        T, covariance = fit_pixels(found.uv, covariance, rig, handle, here.views, state.T_world_handle, shading)
-        state = state._replace(T_world_handle=T)
-    left = np.linalg.norm(found.uv - predict_centroids(rig, handle, T, here.views, shading)[0], axis=1)
-    return _fit(T, covariance, here.views, found.at, marker_is_shown(found.at, handle), left)
+def _improved(states: list[State], groups: list[Patches], rig: Rig, handle: Handle) -> tuple[list[State], _Step]:
+    """One step: the groups of windows share pose, blurs and noise, each has its own greys."""
+    models = [linearise(state, group, rig, handle) for state, group in zip(states, groups, strict=True)]
+    normals = [reduce(model.by_pose, model) for model in models]
+    floors = (FLOOR_PX, OUTLINE_FLOOR_PX)[:len(groups)]
+    parts = [_assembled(normal, _trust(model, normal.information, group.px_per_mm, floor), group.views.camera, rig)
+             for model, normal, group, floor in zip(models, normals, groups, floors, strict=True)]
+    information = sum((part[0] for part in parts), 1e-12 * np.eye(6 + len(rig.cameras)))
+    step = inverse(information) @ sum(part[1] for part in parts)
+    after = [advanced(model, model.by_pose, normal, _own(step, group.views.camera))
+             for model, normal, group in zip(models, normals, groups, strict=True)]
+    T = states[0].T_world_handle * motion(step[:6])
+    blur, noise = limited(states[0].blur_px2, step[6:]), noise_of(after[0])
+    return [State(T, model.greys, blur, noise) for model in after], _Step(step, information, normals[0], after[0])
 
 
-def fit_pixels(uv: Array, covariance: Array, rig: Rig, handle: Handle, views: Views, start: RigidTransform,
-               shading: Array | None = None, steps: int = 4, huber: float = 3.0) -> tuple[RigidTransform, Array]:
-    """The pose whose predicted centroids lie nearest to measured ones, robust to a wrong match.
-
-    Parameters
-    ----------
-    uv : ndarray, shape (k, 2)
-        Measured centroids, px.
-    covariance : ndarray, shape (k, 2, 2)
-        Of each, px^2.
-    rig, handle, views
-    start : RigidTransform
-        T_world_handle.
-    shading : ndarray, shape (k, 2), optional
-        As in `predict_centroids`.
-    steps : int
-        Gauss-Newton steps.
-    huber : float
-        Standard deviations beyond which a centroid counts for less (Huber 1964, DOI 10.1214/aoms/1177703732).
-
-    Returns
-    -------
-    T_world_handle : RigidTransform
-    covariance : ndarray, shape (6, 6)
-        Of position (mm) and rotation vector (rad), world frame.
-    """
-    T, W = start, inverse(covariance)
-    for _ in range(steps):
-        predicted, J = predict_centroids(rig, handle, T, views, shading)
-        residual = np.nan_to_num(uv - predicted)
-        distance = np.sqrt(np.maximum(np.einsum("ki,kij,kj->k", residual, W, residual), 1e-12))
-        counts = np.asarray(np.isfinite(predicted).all(axis=1)) * np.minimum(huber / distance, 1.0)
-        weighted = W * counts[:, None, None]
-        information = np.einsum("kia,kij,kjb->ab", J, weighted, J)
-        step = np.linalg.solve(information, np.einsum("kia,kij,kj->a", J, weighted, residual))
-        T = T * _motion(step)
-    return T, _in_world(inverse(information), T)
-
-
-def _fit(T_world_handle: RigidTransform, covariance: Array, views: Views, at: Linear, shown: np.ndarray,
-         left_px: Array) -> Fit:
+def judged_fit(T_world_handle: RigidTransform, covariance: Array, views: Views, at: Linear, shown: np.ndarray,
+               left_px: Array) -> Fit:
+    """A fit with the rms of the distances `left_px` (k,) over the views that show a marker."""
     residual = float(np.sqrt(np.mean(left_px[shown] ** 2))) if shown.any() else np.nan
     return Fit(T_world_handle, covariance, views, misfit(at), shown, residual)
 
 
-def _motion(step: Array) -> RigidTransform:
+def motion(step: Array) -> RigidTransform:
     """A small motion (nu mm, omega rad)."""
     return RigidTransform.from_components(step[:3], Rotation.from_rotvec(step[3:]))
+
+
+def _own(step: Array, camera: np.ndarray) -> Array:
+    """A step of pose and all blurs as one for each window, of pose and its camera's blur, shape (k, 7)."""
+    return np.column_stack([np.broadcast_to(step[:6], (len(camera), 6)), step[6 + camera]])
 
 
 def _distances(normal: Reduced, step: Array) -> Array:
@@ -192,17 +155,10 @@ def _trust(at: Linear, information: Array, px_per_mm: Array, floor_px: float) ->
     return 1 / np.maximum(misfit(at), 1.0) / (1 + floor_px**2 * per_px2)
 
 
-def _px_per_mm(rig: Rig, handle: Handle, T_world_handle: RigidTransform, views: Views) -> Array:
-    """Pixels to a millimetre across the line of sight at each view, shape (k,)."""
-    centres = T_world_handle.apply(handle.marker_centres)
-    scale = np.stack([camera.focal.mean() / camera.T_cam_world.apply(centres)[:, 2] for camera in rig.cameras])
-    return scale[views]
-
-
 def _assembled(normal: Reduced, trust: Array, camera: np.ndarray, rig: Rig) -> tuple[Array, Array]:
     """Normal equations of the pose (6) and the cameras' blurs from those of the windows (7 each)."""
     n = 6 + len(rig.cameras)
-    total, right = 1e-12 * np.eye(n), np.zeros(n)
+    total, right = np.zeros((n, n)), np.zeros(n)
     for c in range(len(rig.cameras)):
         mine, own = camera == c, np.r_[0:6, 6 + c]
         total[np.ix_(own, own)] += np.tensordot(trust[mine], normal.information[mine], 1)
@@ -210,7 +166,7 @@ def _assembled(normal: Reduced, trust: Array, camera: np.ndarray, rig: Rig) -> t
     return total, right
 
 
-def _in_world(covariance: Array, T_world_handle: RigidTransform) -> Array:
+def in_world(covariance: Array, T_world_handle: RigidTransform) -> Array:
     """A covariance of a small motion in the handle's frame as one of position and rotation vector in the world's."""
     turn = np.kron(np.eye(2), T_world_handle.rotation.as_matrix())
     return turn @ covariance @ turn.T

@@ -17,9 +17,8 @@ from .camera import Rig
 from .centroids import predict_centroids
 from .checks import Array
 from .handle import Handle
-from .patches import (
+from .imagemodel import (
     Linear,
-    Patches,
     State,
     advanced,
     first_state,
@@ -28,9 +27,9 @@ from .patches import (
     linearise,
     marker_is_shown,
     noise_of,
-    patches,
     reduce,
 )
+from .patches import Patches, patches
 
 
 class Registered(NamedTuple):

@@ -13,7 +13,7 @@ from scipy.spatial.transform import RigidTransform
 from . import background, kalman
 from .camera import Rig
 from .checks import as_image, as_number, frozen
-from .estimation import Identified, candidate_points, fit_pose
+from .estimation import Identified, candidate_points, estimate
 from .handle import Handle
 from .identity import Hypothesis, choose, identify, relabel
 from .image_track import search_window
@@ -89,7 +89,7 @@ def _conclude(hypotheses: list[Hypothesis], images: list[np.ndarray], rig: Rig, 
     h, S = options[index]
     pixels = tuple(markers.uv for markers in found)
     labels = tuple(relabel(label, handle, S) for label in h.labels)
-    pose = fit_pose(Identified(images, pixels, labels, h.T_world_handle * S), rig, handle, p)
+    pose = estimate(Identified(images, pixels, labels, h.T_world_handle * S), rig, handle, p)
     return Measurement(pose if sure or pose is LOST else replace(pose, status="ambiguous"), found, labels)
 
 

@@ -40,8 +40,8 @@ def measure_folder(rig: str | Path, handle: str | Path, images: str | Path, out:
         converted, and the log says so.
     out : path
         CSV of poses to write; it appears when all instants are done.
-    method : {"paper", "weighted", "reprojection", "patches", "best"}
-        The estimator, see `estimation.fit_pose`; `best` is ``patches``.
+    method : {"paper", "weighted", "reprojection", "patches", "outline", "best"}
+        The estimator, see `estimation.estimate`; `best` is ``patches``.
     prior : path, optional
         CSV of poses that are expected, joined on `frame`: they choose among poses that look alike.
     progress : bool

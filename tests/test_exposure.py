@@ -1,0 +1,61 @@
+"""Motion blur against what a moving spot's moments must be, and against the scene at rest."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import RigidTransform
+
+from trinolab.camera import Camera
+from trinolab.datasets import load_handle, load_rig, load_table1
+from trinolab.exposure import EXPOSURE_S, exposed
+from trinolab.handle import Handle
+from trinolab.scene import Bench, radiance
+
+CAMERA = Camera("one", (160, 120), np.array([[1500.0, 0, 80], [0, 1500, 60], [0, 0, 1]]), np.zeros(5),
+                RigidTransform.identity())
+ROD = Handle("rod", 5.0, 60.0, 30.0, 3.0, (180.0,), ((0.0,),))  # one marker, turned towards the camera
+MARKERS_ALONE = Bench(background_grey=0.0, body_grey=0.0, marker_grey=200.0, shading=0.0)
+AT = RigidTransform.from_translation([0.0, 0.0, 505.0])
+
+
+def moments(image):
+    """Sum, mean (u, v) and covariance (2, 2) of an image's light."""
+    v, u = np.indices(image.shape)
+    points, weights = np.column_stack([u.ravel(), v.ravel()]), image.ravel()
+    return weights.sum(), np.average(points, axis=0, weights=weights), np.cov(points.T, aweights=weights, ddof=0)
+
+
+def test_at_rest_it_is_the_scene():
+    camera, handle, T = load_rig("paper_pair").cameras[1], load_handle("paper"), load_table1().set_poses[4]
+    np.testing.assert_allclose(exposed(camera, handle, T, Bench(), np.zeros(3), np.zeros(3)),
+                               radiance(camera, handle, T, Bench()), rtol=0, atol=1e-11)  # a quaternion's rounding
+
+
+@pytest.mark.parametrize("direction", [(1.0, 0.0), (0.0, -1.0), (0.6, 0.8)])
+def test_a_moving_marker_is_smeared_about_its_place_at_mid_exposure(direction):
+    velocity = 310.0 * np.array([*direction, 0.0])
+    path_px = 310.0 * EXPOSURE_S * 1500.0 / 500.0 * np.array(direction)  # the marker is 500 mm away
+    still, moving = (moments(exposed(CAMERA, ROD, AT, MARKERS_ALONE, v, np.zeros(3))) for v in (np.zeros(3), velocity))
+    assert moving[0] == pytest.approx(still[0], rel=0.002)  # no light is lost
+    np.testing.assert_allclose(moving[1], still[1], atol=0.005)
+    spread = np.outer(path_px, path_px) / 12  # of a uniform distribution along the path
+    np.testing.assert_allclose(moving[2] - still[2], spread, atol=0.02 * spread.max())
+
+
+def test_a_turn_smears_across_the_axis_it_is_about():
+    turn = np.array([0.0, 40.0, 0.0])  # rad/s about the rod, by 0.2 rad either way
+    still, moving = (moments(exposed(CAMERA, ROD, AT, MARKERS_ALONE, np.zeros(3), w)) for w in (np.zeros(3), turn))
+    growth = moving[2] - still[2]
+    across = np.linspace(-1.5, 1.5, 301)  # mm on the wrapped disc, by its chords
+    chord, angles = np.sqrt(1.5**2 - across**2), np.linspace(-0.2, 0.2, 201)[:, None]
+    u, light = 15.0 * np.sin(angles + across / 5.0), chord * np.cos(angles + across / 5.0)  # 3 px/mm, foreshortened
+    wide = np.average(u**2, weights=light)
+    narrow = np.average(u[100] ** 2, weights=light[100])
+    assert growth[0, 0] == pytest.approx(wide - narrow, rel=0.02)
+    assert abs(growth[1, 1]) < 0.03  # px^2 of 5, by 6 x 6 samples a pixel
+
+
+def test_refuses_what_is_no_motion():
+    with pytest.raises(ValueError, match="velocity"):
+        exposed(CAMERA, ROD, AT, Bench(), np.zeros(2), np.zeros(3))
+    with pytest.raises(ValueError, match="exposure_s"):
+        exposed(CAMERA, ROD, AT, Bench(), np.zeros(3), np.zeros(3), -1.0)

@@ -1,0 +1,172 @@
+"""The four factors: what each changes and what it leaves, and the shipped tables against cells computed anew."""
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from trinolab import factors
+from trinolab.datasets import load_handle, load_rig, load_table1
+from trinolab.factors import DISTANCES_MM, ERRORS, FACTORS, at_distance, cell, load_sweep, main, table1_setup
+from trinolab.parameters import Parameters
+from trinolab.scene import Bench, render_rig
+from trinolab.workflows import replicate_table1
+
+CELLS = {"distortion": -0.05, "distance": 750.0, "marker_size": 2.0, "speed": 25.0, "turn": 100.0}
+FIELDS = ["E_t_mm", "E_alpha_deg", "E_beta_deg", "E_gamma_deg", "geodesic_mean_deg"]
+each_factor = pytest.mark.parametrize("name", FACTORS)
+
+
+@pytest.fixture(scope="module")
+def setup():
+    return table1_setup(load_rig("paper_pair"), load_handle("paper"))
+
+
+# --- what changes
+
+
+def test_distortion_is_unknown_to_the_measurement(setup):
+    changed = FACTORS["distortion"].change(setup, -0.1)
+    assert [list(c.distortions) for c in changed.true_rig.cameras] == [[-0.1, 0, 0, 0, 0]] * 2
+    assert changed.rig is setup.rig
+    point = [[60.0, 0.0, 600.0]]  # x/z = 0.1 in CCD1
+    straight, bent = (rig.cameras[0].project(point)[0, 0] for rig in (changed.rig, changed.true_rig))
+    assert bent - straight == pytest.approx(-0.1 * 0.1**3 * 2956.2067, rel=1e-9)
+
+
+@pytest.mark.parametrize("distance_mm", DISTANCES_MM)
+def test_distance_moves_along_the_line_of_sight_and_keeps_the_markers_in_view(setup, distance_mm):
+    changed, home = at_distance(setup, distance_mm), at_distance(setup, factors.MEAN_DISTANCE_MM)
+    assert len(changed.poses) == len(home.poses) == len(changed.velocity) >= 18
+    middle = (setup.rig.cameras[0].centre + setup.rig.cameras[1].centre) / 2
+    sight, before = changed.poses.translation - middle, home.poses.translation - middle
+    np.testing.assert_allclose(sight, before * distance_mm / 570.0, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(changed.poses.rotation.as_matrix(), home.poses.rotation.as_matrix(), atol=1e-15)
+    for T in changed.poses:
+        assert all(camera.sees(T.apply(setup.handle.marker_centres)).all() for camera in setup.rig.cameras)
+
+
+def test_570_mm_is_where_table_1_has_them(setup):
+    middle = (setup.rig.cameras[0].centre + setup.rig.cameras[1].centre) / 2
+    assert np.linalg.norm(setup.poses.translation - middle, axis=1).mean() == pytest.approx(570.0, abs=0.5)
+
+
+def test_speed_and_turn_rate_are_what_they_say_in_many_directions(setup):
+    fast, turning = FACTORS["speed"].change(setup, 200.0), FACTORS["turn"].change(setup, 90.0)
+    np.testing.assert_allclose(np.linalg.norm(fast.velocity, axis=1), 200.0)
+    np.testing.assert_allclose(np.linalg.norm(turning.turn_rate, axis=1), np.pi / 2)
+    assert not fast.turn_rate.any()
+    assert not turning.velocity.any()
+    for vectors in (fast.velocity, turning.turn_rate):
+        assert np.linalg.matrix_rank(vectors) == 3
+        assert np.linalg.norm(vectors.mean(axis=0)) < 0.5 * np.linalg.norm(vectors[0])
+
+
+def test_marker_size_changes_nothing_else(setup):
+    changed = FACTORS["marker_size"].change(setup, 2.0)
+    assert changed.handle.marker_diameter_mm == 2.0
+    np.testing.assert_array_equal(changed.handle.marker_centres, setup.handle.marker_centres)
+    assert changed._replace(handle=setup.handle) == setup
+
+
+def test_at_rest_the_frames_are_the_scene_s(setup):
+    frames = factors._frames(setup, 11, Bench(), np.random.default_rng(4))
+    expected = render_rig(setup.rig, setup.handle, setup.poses[11], Bench(), np.random.default_rng(4))
+    np.testing.assert_array_equal(frames, expected)
+
+
+# --- cells
+
+
+def test_a_cell_says_what_it_is_and_what_it_could_not_measure(monkeypatch, setup):
+    monkeypatch.setattr(factors, "_frames", lambda *a: [np.zeros((1024, 1280), np.uint8)] * 2)
+    methods = {"one": Parameters(), "two": Parameters(sigma_px=0.2)}
+    rows = cell("speed", 100.0, 3, setup.rig, setup.handle, methods)
+    assert [(r["speed_mm_s"], r["seed"], r["method"], r["poses"], r["n"]) for r in rows] == [
+        (100.0, 3, "one", 20, 0), (100.0, 3, "two", 20, 0)]
+    assert all(np.isnan(r[field]) for r in rows for field in ERRORS)
+
+
+def test_every_method_measures_the_same_frames(monkeypatch, setup):
+    seen = []
+    monkeypatch.setattr(factors, "measure", lambda frames, *a, parameters: seen.append(
+        (parameters.sigma_px, frames[0].sum())))
+    monkeypatch.setattr(factors, "_errors", lambda *a: {})
+    monkeypatch.setattr(factors, "_frames", lambda setup, k, bench, rng: [rng.integers(0, 255, (2, 2))] * 2)
+    cell("turn", 0.0, 0, setup.rig, setup.handle, {"a": Parameters(), "b": Parameters(sigma_px=0.3)})
+    first, second = ([total for sigma, total in seen if sigma == s] for s in (0.1, 0.3))
+    assert first == second
+    assert len(set(first)) > 10
+
+
+@pytest.mark.parametrize(("arguments", "named"), [(("colour", 1.0, 0), "name"), (("speed", np.nan, 0), "speed_mm_s"),
+                                                  (("speed", 1.0, -1), "seed"), (("marker_size", 9.0, 0), "overlap")])
+def test_a_cell_refuses(arguments, named, setup):
+    with pytest.raises(ValueError, match=named):
+        cell(*arguments, setup.rig, setup.handle)
+
+
+# --- the shipped tables
+
+
+@each_factor
+def test_shipped_table_is_whole(name):
+    table, factor = load_sweep(name), FACTORS[name]
+    assert list(table.columns) == [factor.column, "seed", "method", "poses", "n", *ERRORS]
+    for _, rows in table.groupby(["seed", "method"]):
+        assert list(rows[factor.column]) == list(factor.values)
+    assert factor.paper in factor.values
+    assert (table["n"] <= table["poses"]).all()
+    assert "paper" in set(table["method"])
+
+
+@pytest.mark.parametrize("name", set(FACTORS) - {"distance"})
+def test_shipped_tables_agree_at_the_paper_s_working_point(name):
+    home = load_sweep("speed").query("speed_mm_s == 0 and seed == 0")
+    table = load_sweep(name)
+    here = table[(table[FACTORS[name].column] == FACTORS[name].paper) & (table["seed"] == 0)]
+    pd.testing.assert_frame_equal(here.iloc[:, 2:].reset_index(drop=True), home.iloc[:, 2:].reset_index(drop=True))
+
+
+def test_at_the_working_point_it_is_the_replication():
+    """The first rows of Table 1 by both ways; the whole table is the scoreboard's."""
+    rig, handle = load_rig("paper_pair"), load_handle("paper")
+    setup = table1_setup(rig, handle)
+    rng = np.random.default_rng(0)
+    found = [factors.measure(factors._frames(setup, k, Bench(), rng), rig, handle) for k in range(2)]
+    errors = factors.replication_errors(found, load_table1().set_poses[:2], handle)
+    assert errors == replicate_table1(rig, handle, seed=0, rows=slice(2))
+
+
+@each_factor
+def test_shipped_cell_is_computed_again(name):
+    """One cell of each table, all its poses rendered and measured: `make sweeps` makes them anew after a change."""
+    value, table = CELLS[name], load_sweep(name)
+    stored = table[(table[FACTORS[name].column] == value) & (table["seed"] == 0) & (table["method"] == "paper")]
+    row, = cell(name, value, 0, load_rig("paper_pair"), load_handle("paper"))
+    assert [row["poses"], row["n"]] == stored[["poses", "n"]].iloc[0].tolist()
+    np.testing.assert_allclose([row[f] for f in FIELDS], stored[FIELDS].iloc[0].astype(float), rtol=1e-3)
+
+
+# --- the command
+
+
+def test_the_command_writes_whole_tables_and_only_those_asked_for(tmp_path, monkeypatch):
+    def cheap(name, value, seed, *_):
+        if (name, value) == ("turn", 400.0):
+            raise KeyboardInterrupt
+        return [{FACTORS[name].column: value, "seed": seed}]
+
+    monkeypatch.setattr(factors, "cell", cheap)
+    (tmp_path / "turn.csv").write_text("before")
+    with pytest.raises(KeyboardInterrupt):
+        main(["--out", str(tmp_path), "--factor", "speed", "turn", "--seeds", "2"])
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["speed.csv", "turn.csv"]
+    assert (tmp_path / "turn.csv").read_text() == "before"
+    written = pd.read_csv(tmp_path / "speed.csv")
+    assert written["seed"].tolist() == [0, 1] * len(FACTORS["speed"].values)
+
+
+def test_the_command_refuses_a_missing_folder_before_it_computes(tmp_path, monkeypatch):
+    monkeypatch.setattr(factors, "cell", None)
+    with pytest.raises(ValueError, match="no such folder"):
+        main(["--out", str(tmp_path / "none")])

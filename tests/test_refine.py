@@ -1,0 +1,162 @@
+"""The estimators that fit all views, on rendered frames and on draws from their own models."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import RigidTransform, Rotation
+from scipy.stats import chi2
+
+from trinolab.appearance import Views
+from trinolab.camera import Rig
+from trinolab.centroids import predict_centroids
+from trinolab.datasets import load_handle, load_rig, load_table1
+from trinolab.handle import slants
+from trinolab.refine import fit_patches
+from trinolab.registration import centre_pixels
+from trinolab.reprojection import fit_centroids, fit_pixels
+from trinolab.scene import Bench, blurred, digitise, radiance, render_rig
+
+PAIR, TRIO, ABOVE = (load_rig(name) for name in ("paper_pair", "raised_40deg", "paper_trinocular"))
+HANDLE = load_handle("paper")
+POSES = load_table1().set_poses
+FITS = [fit_centroids, fit_patches, lambda *a: fit_patches(*a, outline=True)]
+each_fit = pytest.mark.parametrize("fit", FITS, ids=["centroids", "patches", "outline"])
+
+
+def moved(T, step):
+    return T * RigidTransform.from_components(step[:3], Rotation.from_rotvec(step[3:]))
+
+
+def start_near(T, seed=0):
+    """As far off as an identification leaves it."""
+    rng = np.random.default_rng(seed)
+    return moved(T, np.r_[rng.normal(0, 0.1, 3), rng.normal(0, 0.006, 3)])
+
+
+def error(fit, T):
+    """Position (mm) and rotation vector (rad), world frame."""
+    turn = (fit.T_world_handle.rotation * T.rotation.inv()).as_rotvec()
+    return np.r_[fit.T_world_handle.translation - T.translation, turn]
+
+
+@each_fit
+@pytest.mark.parametrize("rig", [PAIR, TRIO, ABOVE], ids=["pair", "raised", "above"])
+def test_pose_is_found_to_hundredths(fit, rig):
+    for k in (2, 11):
+        frames = render_rig(rig, HANDLE, POSES[k], Bench(), np.random.default_rng(k))
+        found = fit(frames, rig, HANDLE, start_near(POSES[k], k))
+        e = error(found, POSES[k])
+        assert np.linalg.norm(e[:3]) < 0.03  # mm
+        assert np.rad2deg(np.linalg.norm(e[3:])) < 0.15
+        assert e @ np.linalg.solve(found.covariance, e) < chi2.ppf(0.9999, 6)
+        assert found.shown.all()
+        assert found.residual_px < 0.1
+
+
+@each_fit
+def test_lens_distortion_dark_markers_blur_and_another_light(fit):
+    rig = Rig(tuple(replace(c, distortions=np.array([-0.2, 0.1, 1e-3, -1e-3, 0.0])) for c in TRIO.cameras))
+    handle = replace(HANDLE, markers="dark")
+    bench = Bench(blur_px=1.3, light=(0.6, -0.5, -0.6), shading=0.5, background_grey=120)
+    frames = render_rig(rig, handle, POSES[5], bench, np.random.default_rng(1))
+    e = error(fit(frames, rig, handle, start_near(POSES[5], 1)), POSES[5])
+    assert np.linalg.norm(e[:3]) < 0.03
+    assert np.rad2deg(np.linalg.norm(e[3:])) < 0.2
+
+
+@each_fit
+def test_one_camera_is_enough(fit):
+    frames = render_rig(TRIO, HANDLE, POSES[3], Bench(), np.random.default_rng(1))
+    dark = [frames[0], np.full_like(frames[1], 20), np.full_like(frames[2], 20)]
+    found = fit(dark, TRIO, HANDLE, start_near(POSES[3], 2))
+    e = error(found, POSES[3])
+    assert set(found.views.camera[found.shown]) == {0}
+    assert np.linalg.norm(e[:3]) < 0.4  # mm, most of it along the line of sight
+    assert e @ np.linalg.solve(found.covariance, e) < chi2.ppf(0.9999, 6)
+
+
+@each_fit
+def test_hidden_markers_do_not_pull(fit):
+    frames = render_rig(TRIO, HANDLE, POSES[6], Bench(), np.random.default_rng(1))
+    uv = TRIO.cameras[0].project(POSES[6].apply(HANDLE.marker_centres))
+    seen = np.flatnonzero(slants(HANDLE, POSES[6], TRIO.cameras[0].centre) < np.deg2rad(60))
+    for k in seen[:2]:  # a finger over half of a marker
+        u, v = np.round(uv[k]).astype(int)
+        frames[0][v - 12:v + 12, u:u + 14] = 110
+    found = fit(frames, TRIO, HANDLE, start_near(POSES[6], 3))
+    e = error(found, POSES[6])
+    assert np.linalg.norm(e[:3]) < 0.02
+    assert np.rad2deg(np.linalg.norm(e[3:])) < 0.12
+    assert not found.shown[(found.views.camera == 0) & np.isin(found.views.marker, seen[:2])].any()
+
+
+def test_too_little_in_view_is_no_fit():
+    away = RigidTransform.from_translation([0.0, 0.0, -500.0]) * POSES[0]
+    frames = [np.zeros((1024, 1280), np.uint8)] * 3
+    assert fit_patches(frames, TRIO, HANDLE, away) is None
+    assert fit_centroids(frames, TRIO, HANDLE, away) is None
+
+
+def all_views(rig, T):
+    slant = np.stack([slants(HANDLE, T, camera.centre) for camera in rig.cameras])
+    return Views(*np.nonzero(slant < np.deg2rad(65)))
+
+
+def test_reprojection_covariance_is_honest():
+    """NEES over 1,000 draws of the centroids, inside its 95 % band."""
+    rng, T, sigma = np.random.default_rng(4), POSES[7], 0.05
+    views = all_views(PAIR, T)
+    exact, _ = predict_centroids(PAIR, HANDLE, T, views)
+    spread = np.broadcast_to(sigma**2 * np.eye(2), (len(exact), 2, 2))
+    nees = []
+    for _ in range(1000):
+        drawn = exact + rng.normal(0, sigma, exact.shape)
+        found, C = fit_pixels(drawn, spread, PAIR, HANDLE, views, T, huber=1e9, steps=2)
+        e = np.r_[found.translation - T.translation, (found.rotation * T.rotation.inv()).as_rotvec()]
+        nees.append(e @ np.linalg.solve(C, e))
+    low, high = chi2.ppf([0.025, 0.975], 6000) / 1000
+    assert low < np.mean(nees) < high
+
+
+def test_wrong_match_is_outvoted():
+    T, views = POSES[7], all_views(TRIO, POSES[7])
+    uv, _ = predict_centroids(TRIO, HANDLE, T, views)
+    uv = uv + np.random.default_rng(0).normal(0, 0.02, uv.shape)
+    uv[1] += [9.0, -4.0]
+    spread = np.broadcast_to(0.02**2 * np.eye(2), (len(uv), 2, 2))
+    robust, _ = fit_pixels(uv, spread, TRIO, HANDLE, views, start_near(T), steps=10)
+    plain, _ = fit_pixels(uv, spread, TRIO, HANDLE, views, start_near(T), steps=10, huber=1e9)
+    off = [np.linalg.norm(found.translation - T.translation) for found in (robust, plain)]
+    assert off[0] < 0.05 < off[1]  # mm
+
+
+def test_patches_covariance_is_honest_on_rendered_noise():
+    """A sample of `make verify`: the mean NEES of 60 draws, within four standard deviations."""
+    rng, bench, nees = np.random.default_rng(5), Bench(), []
+    for k in (1, 8, 15):
+        clean = [blurred(radiance(camera, HANDLE, POSES[k], bench), bench) for camera in PAIR.cameras]
+        for _ in range(20):
+            found = fit_patches([digitise(image, bench, rng) for image in clean], PAIR, HANDLE, start_near(POSES[k]))
+            e = error(found, POSES[k])
+            nees.append(e @ np.linalg.solve(found.covariance, e))
+    assert abs(np.mean(nees) - 6) < 4 * np.sqrt(12 / len(nees))
+
+
+def test_registered_centroids_have_no_bias_along_the_slant():
+    """A sample of `make verify`: frames without noise, markers up to 65 deg."""
+    worst = 0.0
+    for k in (0, 4, 9):
+        frames = [blurred(radiance(camera, HANDLE, POSES[k], Bench()), Bench()) for camera in TRIO.cameras]
+        found = centre_pixels(frames, TRIO, HANDLE, POSES[k], 65.0)
+        truth = np.stack([camera.project(POSES[k].apply(HANDLE.marker_centres)) for camera in TRIO.cameras])
+        worst = max(worst, np.nanmax(np.abs(found.uv - truth)))
+    assert worst < 0.02  # px in a single marker; a bin's mean must be within 0.01
+
+
+def test_saturated_pixels_do_not_pull():
+    frames = render_rig(PAIR, HANDLE, POSES[4], Bench(), np.random.default_rng(0), gain=1.4)
+    assert any((frame == 255).sum() > 200 for frame in frames)
+    found = centre_pixels(frames, PAIR, HANDLE, POSES[4], 60.0)
+    truth = np.stack([camera.project(POSES[4].apply(HANDLE.marker_centres)) for camera in PAIR.cameras])
+    assert np.nanmax(np.abs(found.uv - truth)) < 0.1  # px
