@@ -5,7 +5,7 @@ ARGS ?=
 BIN := .venv/bin
 
 .DEFAULT_GOAL := help
-.PHONY: help book test lab lint verify bench sweeps clean
+.PHONY: help book test lab lint verify sweeps bench clean
 
 help:  ## show this list
 	@sed -n 's/^\([a-z]*\):.*## /\1\t/p' $(MAKEFILE_LIST)
@@ -26,14 +26,14 @@ lint: .venv/package.done  ## check style and types
 verify: .venv/package.done  ## the heavy counts, as a report: half an hour; ARGS="--only nees --draws 100" is quick
 	@$(BIN)/python tests/verify.py $(ARGS)
 
-bench: .venv/package.done  ## the time that a measurement takes, and the rendering of a frame
-	@$(BIN)/python tests/benchmarks/bench_measure.py
-	@$(BIN)/python tests/benchmarks/bench_scene.py
-
-sweeps: .venv/package.done  ## make the tables in data/sweeps again: a quarter of an hour
+sweeps: .venv/package.done  ## make the tables in data/sweeps again: half an hour
 	@$(BIN)/python -m trinolab.factors
 	@$(BIN)/python -m trinolab.budget
 	@$(BIN)/python -m trinolab.elevation
+
+bench: .venv/package.done  ## the time that a measurement takes, and the rendering of a frame
+	@$(BIN)/python tests/benchmarks/bench_measure.py
+	@$(BIN)/python tests/benchmarks/bench_scene.py
 
 clean:  ## remove what was built, but not .venv
 	rm -rf _build .pytest_cache .mypy_cache .ruff_cache .hypothesis

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -9,9 +11,13 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike
 
+from . import blobs
+from .blobs import centroid as centroid
 from .checks import Array, as_image, as_number, frozen
 
 LADDER = 8  # even thresholds tried besides the bisection's
+_TRIES = 10  # places looked at for each marker wanted
+_FOUND = 100  # beside how often a place was tried
 
 
 @dataclass(frozen=True)
@@ -64,7 +70,7 @@ class Markers:
     axes_px : ndarray, shape (n, 2)
         Full major and minor axis of the ellipse with the contour's moments.
     contrast, threshold : ndarray, shape (n,)
-        Grey levels between the marker and its ring; the threshold at which it was found.
+        Grey levels between the marker and its ring; the threshold of its contour.
     steps : tuple of ThresholdStep
         The bisection's way.
     """
@@ -75,8 +81,9 @@ class Markers:
     threshold: Array
     steps: tuple[ThresholdStep, ...]
 
+
 class _Blob(NamedTuple):
-    """A contour that may be a marker's; `off_halfway` is how far its threshold lies from halfway up its flank."""
+    """What may be a marker, as measured."""
 
     u: float
     v: float
@@ -84,20 +91,24 @@ class _Blob(NamedTuple):
     minor: float
     contrast: float
     threshold: float
-    off_halfway: float
+    level: float
 
 
-def iterative_threshold(image: ArrayLike, contours: int) -> tuple[ThresholdStep, ...]:
+def iterative_threshold(image: ArrayLike, contours: int,
+                        count: Callable[[float], int] | None = None) -> tuple[ThresholdStep, ...]:
     """Bisect the threshold until the binary image has a wanted number of contours (Eq. 16).
 
     Too many contours raise the threshold, too few lower it. The count is not monotone and may never be the wanted one,
-    so the bisection also ends when the interval is under one grey level.
+    so the bisection also ends when the interval is under one grey level. In the noise of a large image it counts no
+    further than is needed to know that there are too many.
 
     Parameters
     ----------
     image : array_like, shape (height, width)
     contours : int
         N, the number of (bright) contours to reach.
+    count : callable, optional
+        Counts the contours at a threshold; those of `image` by default.
 
     Returns
     -------
@@ -109,13 +120,14 @@ def iterative_threshold(image: ArrayLike, contours: int) -> tuple[ThresholdStep,
     ValueError
         If `image` is no grey image or `contours` is not positive.
     """
-    image = as_image(image, "image")
+    image = blobs.searchable(as_image(image, "image"))
     as_number(contours, "contours", low=1)
+    count = count or (lambda threshold: blobs.count_contours(image, threshold, contours))
     t_min, t_max = float(image.min()), float(image.max())
     steps = []
     while t_max - t_min >= 1.0:
         threshold = (t_max + t_min) / 2
-        n = cv2.connectedComponents((image > threshold).astype(np.uint8))[0] - 1
+        n = count(threshold)
         steps.append(ThresholdStep(threshold, n))
         if n == contours:
             break
@@ -127,13 +139,15 @@ def find_markers(image: ArrayLike, expected: int, markers: str = "bright",
                  parameters: MarkerParameters | None = None) -> Markers:
     """Find the markers of one image and their sub-pixel centroids (Eq. 16).
 
-    The bisection's last threshold need not show any marker, and it leaves out whole ranges. So the marker-like contours
-    of all thresholds that it visits and of a ladder of even ones are kept, each at the threshold nearest to halfway up
-    its flank, and of these the ``surplus * expected`` with the highest contrast.
+    The bisection's last threshold need not show any marker, and it leaves out whole ranges. So contours are taken from
+    all thresholds that it visits and from a ladder of even ones; where these show but noise, spots that stand out from
+    their surroundings are looked at. What is there is measured at the threshold halfway up its flank. Kept are those
+    like a marker, each once, and of these the ``surplus * expected`` with the highest contrast.
 
     Parameters
     ----------
     image : array_like, shape (height, width)
+        If it has more than 2^19 px it is searched at half its size, or a quarter; centroids come from all its pixels.
     expected : int
         N_0, the number of markers on the handle.
     markers : {"bright", "dark"}
@@ -152,99 +166,82 @@ def find_markers(image: ArrayLike, expected: int, markers: str = "bright",
     if markers not in ("bright", "dark"):
         raise ValueError(f"markers: expected 'bright' or 'dark', got {markers!r}")
     p = parameters or MarkerParameters()
-    image = as_image(image, "image")
+    image = blobs.searchable(as_image(image, "image"))
     bright = image if markers == "bright" else image.max() - image
-    wanted = int(np.ceil(p.surplus * as_number(expected, "expected", low=1)))
-    steps = iterative_threshold(bright, wanted)
-    thresholds = [*(step.threshold for step in steps), *np.linspace(bright.min(), bright.max(), LADDER + 2)[1:-1]]
-    blobs = [blob for threshold in thresholds for blob in _blobs(bright, threshold, p)] if steps else []
-    table = np.array(_once_each(blobs, wanted), dtype=float).reshape(-1, 7)
+    wanted = math.ceil(p.surplus * as_number(expected, "expected", low=1))
+    steps, where = _search(bright, wanted, p)
+    table = np.array(_once_each(bright, where, wanted, p), dtype=float).reshape(-1, 7)
     return Markers(frozen(table[:, :2]), frozen(table[:, 2:4]), frozen(table[:, 4]), frozen(table[:, 5]), steps)
 
 
-def centroid(image: ArrayLike, mask: ArrayLike, background: float) -> Array:
-    """Intensity centroid of the pixels under a mask, above a background level (Sect. 5.1).
+def _search(image: np.ndarray, wanted: int, p: MarkerParameters) -> tuple[tuple[ThresholdStep, ...], blobs.Places]:
+    """The bisection's way, and what its thresholds and those of the ladder show."""
+    small, scale = blobs.reduced(image)
+    brightest = small.max(axis=1)
+    found: dict[float, list[np.ndarray] | None] = {}
 
-    Parameters
-    ----------
-    image : array_like, shape (height, width)
-    mask : array_like of bool, shape (height, width)
-    background : float
-        Grey level that counts as zero; what is darker has no weight.
+    def look(threshold: float) -> list[np.ndarray] | None:
+        level = float(math.floor(threshold)) if small.dtype.kind == "u" else threshold  # the same pixels exceed it
+        if level not in found:
+            found[level] = blobs.contours(small, brightest, level, wanted)
+        return found[level]
 
-    Returns
-    -------
-    ndarray, shape (2,)
-        u, v in px from the centre of the image's first pixel; NaN if nothing is brighter than the background.
+    def count(threshold: float) -> int:
+        lines = look(threshold)
+        return blobs.count_contours(small, threshold, wanted) if lines is None else len(lines)
 
-    Raises
-    ------
-    ValueError
-        If `image` is no grey image or `mask` has another shape.
-    """
-    image = as_image(image, "image")
-    mask = np.asarray(mask, dtype=bool)
-    if mask.shape != image.shape:
-        raise ValueError(f"mask: expected shape {image.shape}, got {mask.shape}")
-    weight = np.where(mask, np.maximum(image.astype(float) - background, 0.0), 0.0)
-    total = weight.sum()
-    if total == 0:
-        return frozen(np.full(2, np.nan))
-    v, u = np.indices(image.shape)
-    return frozen(np.array([(u * weight).sum(), (v * weight).sum()]) / total)
+    steps = iterative_threshold(small, wanted, count)
+    low, high = float(small.min()), float(brightest.max())
+    for threshold in np.linspace(low, high, LADDER + 2)[1:-1].tolist() if steps else ():
+        if all(abs(threshold - level) > (high - low) / 30 for level in found):
+            look(threshold)
+    return steps, blobs.places(small, scale, found, wanted, p.diameter_px, p.min_contrast)
 
 
-def _blobs(image: np.ndarray, threshold: float, p: MarkerParameters) -> list[_Blob]:
-    """The marker-like contours at one threshold."""
-    _, labels, stats, _ = cv2.connectedComponentsWithStats((image > threshold).astype(np.uint8), connectivity=8)
-    low, high = p.diameter_px
-    longest = stats[:, [cv2.CC_STAT_WIDTH, cv2.CC_STAT_HEIGHT]].max(axis=1)
-    size_fits = (longest >= 0.7 * low) & (longest <= high + 2)
-    size_fits[0] = False  # label 0 is the background
-    found = (_blob(image, labels, stats[k], int(k), threshold, p) for k in np.flatnonzero(size_fits))
-    return [blob for blob in found if blob is not None]
-
-
-def _blob(image: np.ndarray, labels: np.ndarray, stats: np.ndarray, k: int, threshold: float, p: MarkerParameters,
-          ring_px: int = 3) -> _Blob | None:
-    """One contour, or None if it is no marker's."""
-    x, y, w, h, area = stats
-    if x == 0 or y == 0 or x + w == image.shape[1] or y + h == image.shape[0]:
-        return None  # cut by the image's edge: its centroid means nothing
-    around = (slice(max(y - ring_px - 1, 0), y + h + ring_px + 1), slice(max(x - ring_px - 1, 0), x + w + ring_px + 1))
-    patch, inside = image[around], (labels[around] == k).astype(np.uint8)
-    major, minor = _axes(inside)
-    if not (p.diameter_px[0] <= major <= p.diameter_px[1] and minor >= p.min_axis_ratio * major
-            and area >= p.min_fill * np.pi / 4 * major * minor):
-        return None
-    near = cv2.dilate(inside, np.ones((3, 3), np.uint8), iterations=ring_px - 1)
-    dark = labels[around] == 0  # what is bright and not of this contour is another thing's light
-    ring = cv2.dilate(near, np.ones((3, 3), np.uint8)).astype(bool) & ~near.astype(bool) & dark
-    if not ring.any():
-        return None
-    level = float(np.median(patch[ring]))
-    contrast = float(patch[inside.astype(bool)].mean()) - level
-    if contrast < p.min_contrast:
-        return None
-    u, v = centroid(patch, near & (dark | inside), level) + [around[1].start, around[0].start]
-    return _Blob(float(u), float(v), major, minor, contrast, threshold, abs(threshold - level - contrast / 2))
-
-
-def _once_each(blobs: list[_Blob], most: int) -> list[_Blob]:
-    """The blobs of highest contrast, each place once: the one nearest to halfway of those about as contrasty there."""
-    left = sorted(blobs, key=lambda b: -b.contrast)
+def _once_each(image: np.ndarray, where: blobs.Places, most: int, p: MarkerParameters) -> list[_Blob]:
+    """What is like a marker, each once, by falling contrast as it seems from afar."""
+    tried = np.zeros((image.shape[0] // 2 + 2, image.shape[1] // 2 + 2), np.uint8)  # how often, of every second pixel
     kept: list[_Blob] = []
-    while left and len(kept) < most:
-        here = np.linalg.norm(np.array(left)[:, :2] - left[0][:2], axis=1) <= left[0].major / 2
-        rivals = [b for b, near in zip(left, here, strict=True) if near and b.contrast >= left[0].contrast / 2]
-        kept.append(min(rivals, key=lambda b: b.off_halfway))
-        left = [b for b, near in zip(left, here, strict=True) if not near]
+    for candidate in blobs.candidates(image, where, p.min_contrast)[:_TRIES * most]:
+        x, y = round(candidate.uv[0] / 2), round(candidate.uv[1] / 2)
+        if tried[y, x] > 1:
+            continue
+        tried[max(y - 1, 0):y + 2, max(x - 1, 0):x + 2] += 1
+        found = (_blob(image, candidate.uv, candidate.reach, threshold, p) for threshold in candidate.thresholds)
+        blob = next((blob for blob in found if blob is not None), None)
+        if blob is None or tried[round(blob.v / 2), round(blob.u / 2)] >= _FOUND:
+            continue
+        kept.append(_halfway(image, blob, p))
+        if len(kept) == most:
+            break
+        cv2.circle(tried, (round(blob.u / 2), round(blob.v / 2)), round(kept[-1].major / 4), _FOUND, -1)
     return kept
 
 
-def _axes(mask: np.ndarray) -> tuple[float, float]:
-    """Major and minor axis of the ellipse with a mask's second moments, px; a pixel's own 1/12 px^2 is included."""
-    m = cv2.moments(mask, binaryImage=True)
-    mean, half = (m["mu20"] + m["mu02"]) / 2, np.hypot((m["mu20"] - m["mu02"]) / 2, m["mu11"])
-    major, minor = (mean + half) / m["m00"], (mean - half) / m["m00"]
-    return 4 * float(np.sqrt(major + 1 / 12)), 4 * float(np.sqrt(max(minor, 0.0) + 1 / 12))
+def _halfway(image: np.ndarray, blob: _Blob, p: MarkerParameters) -> _Blob:
+    """The same blob, its contour taken about halfway up its flank if it is like a marker there."""
+    for _ in range(2):
+        halfway = blob.level + blob.contrast / 2
+        if abs(blob.threshold - halfway) > blob.contrast / 5:
+            blob = _blob(image, (blob.u, blob.v), blob.major, halfway, p) or blob
+    return blob
+
+
+def _blob(image: np.ndarray, uv: tuple[float, float], reach: float, threshold: float,
+          p: MarkerParameters) -> _Blob | None:
+    """What exceeds a threshold at a place, or None if it is not like a marker."""
+    cut = blobs.cut_out(image, uv, reach, threshold)
+    if cut is None:
+        return None
+    area, major, minor = blobs.ellipse(cut.inside)
+    if not (p.diameter_px[0] <= major <= p.diameter_px[1] and minor >= p.min_axis_ratio * major
+            and area >= p.min_fill * np.pi / 4 * major * minor):
+        return None
+    near = cv2.dilate(cut.inside, blobs.SQUARE, iterations=blobs.RING_PX - 1)
+    ring = cut.grey[(cv2.dilate(near, blobs.SQUARE) > near) & ~cut.others]  # others' light is not the surroundings'
+    level = float(np.median(ring)) if len(ring) else np.inf
+    contrast = cv2.mean(cut.grey, cut.inside)[0] - level
+    if contrast < p.min_contrast:
+        return None
+    u, v = centroid(cut.grey, near.view(bool) & ~cut.others, level) + cut.corner
+    return _Blob(float(u), float(v), major, minor, contrast, threshold, level)
