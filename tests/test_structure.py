@@ -17,10 +17,11 @@ NOTEBOOKS = sorted(ROOT.glob("notebooks/*.ipynb"))
 ORDER = [
     "checks", "lens", "camera", "rigfile", "handle", "metrics", "fetch", "board", "datasets", "realsets",
     "ledger", "cones", "convex", "faces", "workspace", "plotting", "window", "background", "covariance",
-    "kalman", "image_track", "markers", "matching", "triangulation", "pose", "hypotheses", "identity",
-    "parameters", "estimation", "refine", "corners", "relative", "zhang", "adjustment", "calibration",
-    "tracker", "raycast", "capsule", "arm", "motion", "bench", "scene", "boardscene", "boardtrial",
-    "recording", "errata_workspace", "errata_background", "errata_kalman", "errata_markers", "errata_pose",
+    "kalman", "image_track", "markers", "matching", "triangulation", "pose", "layout", "hypotheses",
+    "threepoint", "seeds", "verdict", "search", "identity", "bodyend", "parameters", "estimation",
+    "refine", "corners", "relative", "zhang", "adjustment", "calibration", "tracker", "raycast",
+    "capsule", "arm", "motion", "bench", "scene", "boardscene", "boardtrial", "recording",
+    "errata_workspace", "errata_background", "errata_kalman", "errata_markers", "errata_pose",
     "errata_table1", "errata", "teleop", "slave", "sweep", "workflows", "evidence", "trials", "scoreboard",
     "cli",
 ]
