@@ -44,29 +44,11 @@ class Identified(NamedTuple):
     T_world_handle: RigidTransform
 
 
-def candidate_points(images: Sequence[np.ndarray], rig: Rig, pixels: Sequence[Array],
-                     parameters: Parameters) -> tuple[Array, Array]:
-    """Points of all candidate pairs of found markers, world frame (Eq. 17, 18, 20, 21).
-
-    Returns
-    -------
-    points : ndarray, shape (m, 3)
-        mm.
-    covariances : ndarray, shape (m, 3, 3)
-        mm^2, for the identification's `sigma_px`.
-    """
-    columns = [np.empty((len(rig.cameras), 0, 2))]
-    for i, j in rig.pairs:
-        pairs = candidates(rig.cameras[i], rig.cameras[j], images[i], images[j], pixels[i], pixels[j],
-                           parameters.matching).index
-        column = np.full((len(rig.cameras), len(pairs), 2), np.nan)
-        column[i], column[j] = pixels[i][pairs[:, 0]], pixels[j][pairs[:, 1]]
-        columns.append(column)
-    uv = np.concatenate(columns, axis=1)
-    points = triangulate(rig, uv)
-    covariances = triangulation_covariance(rig, uv, parameters.identity.sigma_px)
-    valid = np.isfinite(points).all(axis=1) & np.isfinite(covariances).all(axis=(1, 2))
-    return points[valid], covariances[valid]
+def candidate_pairs(images: Sequence[np.ndarray], rig: Rig, pixels: Sequence[Array],
+                    parameters: Parameters) -> list[np.ndarray]:
+    """Found markers that may be the same one, rows (k, 2) for each pair of cameras of `Rig.pairs` (Eq. 17, 18)."""
+    return [candidates(rig.cameras[i], rig.cameras[j], images[i], images[j], pixels[i], pixels[j],
+                       parameters.matching).index for i, j in rig.pairs]
 
 
 def estimate(instant: Identified, rig: Rig, handle: Handle, parameters: Parameters) -> Pose:
