@@ -23,8 +23,8 @@ ORDER = [
     "calibration", "tracker", "raycast", "capsule", "arm", "motion", "bench", "scene", "exposure", "bound",
     "boardscene", "boardtrial", "recording", "errata_workspace", "errata_background", "errata_kalman",
     "errata_markers", "errata_pose", "errata_table1", "errata", "teleop", "slave", "sweep", "workflows", "factors",
-    "deviations", "error_sources", "mixing", "pattern", "budget", "evidence", "trials", "elevation", "scoreboard",
-    "cli",
+    "table1_bound", "deviations", "error_sources", "mixing", "pattern", "budget", "evidence", "trials", "elevation",
+    "scoreboard", "cli",
 ]
 # all that makes the truth may know
 BENCH = {"checks", "lens", "camera", "handle", "raycast", "capsule", "arm", "motion", "bench"}

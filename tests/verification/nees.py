@@ -12,8 +12,9 @@ from trinolab.datasets import load_handle, load_rig
 from trinolab.handle import Handle
 from trinolab.metrics import nearest_equivalent
 from trinolab.pose import Pose
+from trinolab.table1_bound import RIGS
 
-from .draws import RIGS, Draw, table1_draws
+from .draws import Draw, table1_draws
 
 
 def band(n: int, dof: int = 6) -> tuple[float, float]:
