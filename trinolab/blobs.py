@@ -130,12 +130,19 @@ def cut_out(image: np.ndarray, uv: tuple[float, float], reach: float, threshold:
     u0, v0 = max(u - margin, 0), max(v - margin, 0)
     grey = image[v0:v + margin + 1, u0:u + margin + 1]
     labels = cv2.connectedComponents(_above(grey, threshold))[1]
-    label = labels[v - v0, u - u0] or labels[max(v - v0 - 1, 0):v - v0 + 2, max(u - u0 - 1, 0):u - u0 + 2].max()
+    label = labels[v - v0, u - u0]
+    if label == 0:  # the middle is dark: what surrounds it
+        near = max(int(reach / 4), 1)
+        middle = labels[max(v - v0 - near, 0):v - v0 + near + 1, max(u - u0 - near, 0):u - u0 + near + 1]
+        label = np.bincount(middle[middle > 0], minlength=1).argmax()
     inside = (labels == label).view(np.uint8)
     x, y, width, height = cv2.boundingRect(inside)
     if label == 0 or x == 0 or y == 0 or x + width == grey.shape[1] or y + height == grey.shape[0]:
         return None
-    return Cutout((u0, v0), grey, inside, (labels > 0) & (labels != label))
+    x, y, around = max(x - RING_PX - 1, 0), max(y - RING_PX - 1, 0), 2 * RING_PX + 2
+    part = np.s_[y:y + height + around, x:x + width + around]
+    inside = inside[part]
+    return Cutout((u0 + x, v0 + y), grey[part], inside, (labels[part] > 0) & (inside == 0))
 
 
 def ellipse(mask: np.ndarray) -> tuple[float, float, float]:

@@ -17,6 +17,7 @@ from .checks import Array, as_image, as_number, frozen
 
 LADDER = 8  # even thresholds tried besides the bisection's
 _TRIES = 10  # places looked at for each marker wanted
+_FOUND = 100  # beside how often a place was tried
 
 
 @dataclass(frozen=True)
@@ -206,25 +207,23 @@ def _once_each(image: np.ndarray, where: blobs.Places, most: int, p: MarkerParam
         if tried[y, x] > 1:
             continue
         tried[max(y - 1, 0):y + 2, max(x - 1, 0):x + 2] += 1
-        blob = _measured(image, candidate, p)
-        if blob is None:
+        found = (_blob(image, candidate.uv, candidate.reach, threshold, p) for threshold in candidate.thresholds)
+        blob = next((blob for blob in found if blob is not None), None)
+        if blob is None or tried[round(blob.v / 2), round(blob.u / 2)] >= _FOUND:
             continue
-        x, y = round(blob.u / 2), round(blob.v / 2)
-        if tried[y, x] < 100:
-            kept.append(blob)
+        kept.append(_halfway(image, blob, p))
         if len(kept) == most:
             break
-        cv2.circle(tried, (x, y), round(blob.major / 4), 100, -1)
+        cv2.circle(tried, (round(blob.u / 2), round(blob.v / 2)), round(kept[-1].major / 4), _FOUND, -1)
     return kept
 
 
-def _measured(image: np.ndarray, candidate: blobs.Candidate, p: MarkerParameters) -> _Blob | None:
-    """The marker at a place, its contour taken about halfway up its flank if it is one there, or None."""
-    found = (_blob(image, candidate.uv, candidate.reach, threshold, p) for threshold in candidate.thresholds)
-    blob = next((blob for blob in found if blob is not None), None)
+def _halfway(image: np.ndarray, blob: _Blob, p: MarkerParameters) -> _Blob:
+    """The same blob, its contour taken about halfway up its flank if it is like a marker there."""
     for _ in range(2):
-        if blob is not None and abs(blob.threshold - blob.level - blob.contrast / 2) > blob.contrast / 8:
-            blob = _blob(image, (blob.u, blob.v), blob.major, blob.level + blob.contrast / 2, p) or blob
+        halfway = blob.level + blob.contrast / 2
+        if abs(blob.threshold - halfway) > blob.contrast / 5:
+            blob = _blob(image, (blob.u, blob.v), blob.major, halfway, p) or blob
     return blob
 
 
