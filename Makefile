@@ -26,9 +26,10 @@ lint: .venv/package.done  ## check style and types
 verify: .venv/package.done  ## the heavy counts, as a report: half an hour; ARGS="--only nees --draws 100" is quick
 	@$(BIN)/python tests/verify.py $(ARGS)
 
-sweeps: .venv/package.done  ## make the tables in data/sweeps again: a quarter of an hour
+sweeps: .venv/package.done  ## make the tables in data/sweeps again: half an hour
 	@$(BIN)/python -m trinolab.factors
 	@$(BIN)/python -m trinolab.budget
+	@$(BIN)/python -m trinolab.elevation
 
 bench: .venv/package.done  ## the time that a measurement takes, and the rendering of a frame
 	@$(BIN)/python tests/benchmarks/bench_measure.py

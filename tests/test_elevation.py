@@ -7,13 +7,14 @@ import pytest
 from trinolab import elevation
 from trinolab.arm import Arm
 from trinolab.datasets import load_handle, load_rig, load_table1, paper_rig
-from trinolab.elevation import ELEVATIONS_DEG, SETTINGS, accuracy, kept, load_elevation, shared_markers
+from trinolab.elevation import ELEVATIONS_DEG, SETTINGS, accuracy, kept, shared_markers
+from trinolab.factors import load_sweep
 from trinolab.parameters import BEST
 from trinolab.plotting_rigs import plot_elevation
 from trinolab.scene import true_visibility
 
 PAPER = load_handle("paper")
-TABLE = load_elevation()
+TABLE = load_sweep("elevation")
 
 
 @pytest.mark.parametrize(("degrees", "name"), [(40.0, "raised_40deg"), (90.0, "paper_trinocular")])

@@ -5,9 +5,11 @@ from types import SimpleNamespace
 import numpy as np
 import pandas as pd
 import pytest
+from benchmarks import bench_measure
 from scipy.spatial.transform import RigidTransform, Rotation
 from verification import accuracy, centroids, draws, identity, nees
 
+from trinolab import tracker
 from trinolab.bound import Bound
 from trinolab.camera import Camera, Rig
 from trinolab.datasets import load_handle, load_rig, load_table1
@@ -85,6 +87,15 @@ def test_every_estimator_measures_the_same_draws():
         max_slant_deg=80.0)})
     assert [(d.row, d.seed, d.pose.status) for d in found["a"]] == [(7, 0, "measured")]
     assert found["b"][0].pose.residual_px >= found["a"][0].pose.residual_px
+
+
+def test_benchmark_clocks_stages_that_exist():
+    with bench_measure.clocked(tracker, bench_measure.STAGES) as spent:
+        measured = tracker.measure([np.zeros((1024, 1280), np.uint8)] * 2, load_rig("paper_pair"), PAPER)
+    assert measured.pose is LOST
+    assert spent["markers"] > 0
+    assert spent["pose"] == 0
+    assert list(spent) == list(bench_measure.STAGES.values())
 
 
 # --- centroids

@@ -1,9 +1,9 @@
 """CCD3's elevation swept from 10 to 90 deg: what the cameras share, how accurate they are, what a hidden one costs.
 
-    python -m trinolab.elevation --out data/sweeps/elevation.csv
+    python -m trinolab.elevation --out data/sweeps
 
-makes the table again. CCD1 and CCD2 stay where Sect. 6.2 calibrated them; CCD3 is that of `datasets.paper_rig`. A cell
-is drawn from its own generators, so that it can be computed alone, and every estimator measures the same frames.
+makes ``elevation.csv`` again. CCD1 and CCD2 stay where Sect. 6.2 calibrated them; CCD3 is that of `datasets.paper_rig`.
+A cell is drawn from its own generators, so that it can be computed alone, and every estimator measures the same frames.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Mapping, Sequence
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -19,12 +20,13 @@ from tqdm import tqdm
 
 from .arm import Arm
 from .camera import Rig
-from .datasets import data_path, load_handle, load_table1, paper_rig
+from .datasets import load_handle, load_table1, paper_rig
+from .factors import write_sweep
 from .handle import Handle
 from .metrics import PoseErrors
 from .motion import random_pose
 from .parameters import ESTIMATORS, Parameters
-from .recording import check_target, write_whole
+from .recording import check_target
 from .scene import Bench, render, true_visibility
 from .tracker import measure
 from .trials import Instants, share_close
@@ -82,11 +84,6 @@ def sweep_elevation(elevations_deg: Sequence[float] = ELEVATIONS_DEG, progress: 
                      ignore_index=True)
 
 
-def load_elevation() -> pd.DataFrame:
-    """The shipped table, ``data/sweeps/elevation.csv``."""
-    return pd.read_csv(data_path("sweeps", "elevation.csv"))
-
-
 @cache
 def _random_poses() -> list[RigidTransform]:
     rng = np.random.default_rng(40)
@@ -135,11 +132,10 @@ def _frame(rig: Rig, c: int, which: str, k: int, hidden: int | None) -> np.ndarr
 def main(argv: Sequence[str] | None = None) -> int:
     """Write the table."""
     parser = argparse.ArgumentParser(prog="python -m trinolab.elevation", description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--out", required=True, metavar="FILE.csv", help="the table to write")
-    arguments = parser.parse_args(argv)
-    check_target(arguments.out)
-    table = sweep_elevation(progress=True)
-    write_whole(arguments.out, table.to_csv(index=False, float_format="%.6g", lineterminator="\n"))
+    parser.add_argument("--out", default="data/sweeps", help="folder of the table (%(default)s)")
+    path = Path(parser.parse_args(argv).out) / "elevation.csv"
+    check_target(path)
+    write_sweep(sweep_elevation(progress=True), path)
     return 0
 
 

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 SHIPPED_DEG = {"raised_40deg": 40.0, "paper_trinocular": 90.0}
-_STYLES = ("o-", "s--", "D-.", "^:")
+_STYLES = ("o-", "s--", "D-.", "^:", "v-")
 
 
 def plot_elevation(table: pd.DataFrame, estimator: str) -> Figure:

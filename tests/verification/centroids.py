@@ -17,12 +17,13 @@ from trinolab.centroids import predict_centroids
 from trinolab.checks import Array
 from trinolab.datasets import load_handle, load_rig
 from trinolab.handle import Handle, slants
+from trinolab.imagemodel import first_state
 from trinolab.markers import find_markers
 from trinolab.parameters import Parameters
-from trinolab.patches import first_state, patches
+from trinolab.patches import patches
 from trinolab.raycast import marker_outline
-from trinolab.refine import fit_pixels
 from trinolab.registration import register
+from trinolab.reprojection import fit_pixels
 from trinolab.scene import Bench, digitise, random_pose
 
 from .draws import expected_frames
@@ -58,12 +59,12 @@ def modelled(images: Sequence[np.ndarray], rig: Rig, handle: Handle, T: RigidTra
 
 def registered(images: Sequence[np.ndarray], rig: Rig, handle: Handle, T: RigidTransform
                ) -> tuple[Sequence[Array], Array]:
-    """Centroids registered as in `refine.fit_centroids`, from a pose 0.05 mm and half a degree off."""
+    """Centroids registered as in `reprojection.fit_centroids`, from a pose 0.05 mm and half a degree off."""
     off = RigidTransform.from_components([0.03, -0.03, 0.03], Rotation.from_rotvec(np.deg2rad([0.3, -0.3, 0.3])))
     start = T * off
     here = patches(images, rig, handle, start, BINS_DEG[-1] + 1.0)
     state = first_state(start, rig)
-    for _ in range(2):
+    for _ in range(3):
         state, found = register(state, here, rig, handle)
         shading = found.at.greys[:, 2:5]
         pose, _ = fit_pixels(found.uv, found.covariance, rig, handle, here.views, state.T_world_handle, shading)
