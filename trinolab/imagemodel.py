@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial.transform import RigidTransform
 
-from .appearance import layers, shading_basis
+from .appearance import by_motion, layers, shading_basis
 from .camera import Rig
 from .checks import Array
 from .handle import Handle
@@ -117,7 +117,7 @@ def linearise(state: State, here: Patches, rig: Rig, handle: Handle) -> Linear:
     by_shade = marker[..., None] * marker_light[:, 1:] + body[..., None] * body_light[:, 1:]
     by_greys = np.concatenate([m_shaded[:, None], b_shaded[:, None], by_shade, 1 - b[:, None]], axis=1)
     shading = (shade @ basis)[:, 0]
-    sharp = (marker * shading)[:, None] * shown.d_marker + (body * shading - background)[:, None] * shown.d_body
+    sharp = by_motion(shown, marker * shading, body * shading - background)
     by_pose = np.concatenate([_blurred(B, sharp), _half_laplacian(predicted, here.at.side)[:, None]], axis=1)
     variance = state.noise.base + state.noise.slope * np.maximum(predicted, 0) + state.noise.texture * (1 - b) ** 2
     return Linear(greys, predicted, here.grey - predicted, usable / variance, by_pose, by_greys, m, b)
@@ -170,8 +170,11 @@ def marker_is_shown(at: Linear, handle: Handle, max_misfit: float = 4.0, max_rms
 
 
 def inverse(matrices: Array) -> Array:
-    """Inverse of symmetric positive matrices, shape (..., n, n)."""
-    return np.asarray(np.linalg.inv(matrices), dtype=float)
+    """Inverse of symmetric positive matrices, shape (..., n, n); all NaN if one is singular."""
+    try:
+        return np.asarray(np.linalg.inv(matrices), dtype=float)
+    except np.linalg.LinAlgError:
+        return np.full(np.shape(matrices), np.nan)
 
 
 def limited(blur_px2: Array, step: Array) -> Array:

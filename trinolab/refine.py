@@ -34,6 +34,7 @@ from .outline import outline_patches
 from .patches import Patches, patches
 
 FLOOR_PX = 0.003  # by so much the image model misplaces a marker of the simulated bench, shading and all
+LARGEST_STEP = np.repeat([5.0, 0.3], 3)  # mm, rad; the image model holds within a few pixels
 OUTLINE_FLOOR_PX = 0.02  # and a piece of outline, because the background's texture ends there
 
 
@@ -93,7 +94,7 @@ def fit_patches(images: Sequence[np.ndarray], rig: Rig, handle: Handle, start: R
     Returns
     -------
     Fit or None
-        None if too little is in view to fix a pose.
+        None if too little is in view to fix a pose, or the steps lead away.
     """
     here = patches(images, rig, handle, start, max_slant_deg)
     if len(np.unique(here.views.marker)) < 3:
@@ -102,6 +103,8 @@ def fit_patches(images: Sequence[np.ndarray], rig: Rig, handle: Handle, start: R
     states = [first_state(start, rig)] * len(groups)
     for _ in range(steps):
         states, last = _improved(states, groups, rig, handle)
+        if not np.abs(last.step[:6] / LARGEST_STEP).max() < 1:  # not a number, either
+            return None
     T, shown = states[0].T_world_handle, marker_is_shown(last.after, handle)
     left = _distances(last.normal, last.step[:6]) * here.px_per_mm
     spread = float(np.median(misfit(last.after)[shown])) if shown.any() else 1.0  # the weights are older than the step
@@ -120,7 +123,7 @@ def _improved(states: list[State], groups: list[Patches], rig: Rig, handle: Hand
     step = inverse(information) @ sum(part[1] for part in parts)
     after = [advanced(model, model.by_pose, normal, _own(step, group.views.camera))
              for model, normal, group in zip(models, normals, groups, strict=True)]
-    T = states[0].T_world_handle * motion(step[:6])
+    T = states[0].T_world_handle * motion(np.nan_to_num(step[:6]))
     blur, noise = limited(states[0].blur_px2, step[6:]), noise_of(after[0])
     return [State(T, model.greys, blur, noise) for model in after], _Step(step, information, normals[0], after[0])
 
