@@ -24,7 +24,7 @@ ORDER = [
     "boardscene", "boardtrial", "recording", "errata_workspace", "errata_background", "errata_kalman",
     "errata_markers", "errata_pose", "errata_table1", "errata", "teleop", "slave", "sweep", "workflows", "factors",
     "table1_bound", "deviations", "error_sources", "mixing", "pattern", "budget", "evidence", "trials", "elevation",
-    "scoreboard", "cli",
+    "centroid_trial", "scoreboard", "cli",
 ]
 # all that makes the truth may know
 BENCH = {"checks", "lens", "camera", "handle", "raycast", "capsule", "arm", "motion", "bench"}

@@ -8,29 +8,34 @@ from typing import TYPE_CHECKING
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import ArrayLike
+from matplotlib.ticker import LogLocator
 
 from .plotting import COLOURS
 
 if TYPE_CHECKING:
     import pandas as pd
 
-_MARKERS = "osD^v"
+_MARKERS = "osD^vP"
 
 
-def plot_differences(panels: Mapping[str, Mapping[str, tuple[ArrayLike, ArrayLike]]], xlabel: str,
-                     limit: float) -> Figure:
-    """Panels side by side, each named by its y axis, with series (x, y) of dots about a line at zero.
+def plot_by_slant(errors: Mapping[str, pd.DataFrame], limit_px: float) -> Figure:
+    """Errors of centroids along the slant and across it, over the slant: a dot a marker, one colour a method.
 
-    All panels show y from -limit to limit; a dot beyond is drawn at the edge.
+    Parameters
+    ----------
+    errors : mapping
+        From the name of a method to its table, as `centroid_trial.centroid_errors` gives it; not more than two.
+    limit_px : float
+        Of the vertical axes; a dot beyond is drawn at the edge.
     """
-    figure, axes = plt.subplots(1, len(panels), figsize=(4.6 * len(panels), 3.2), squeeze=False, layout="constrained",
-                                facecolor="white")
-    for ax, (ylabel, series) in zip(axes[0], panels.items(), strict=True):
-        for (name, (x, y)), colour, marker in zip(series.items(), COLOURS[1::-1], "x.", strict=False):
-            ax.plot(x, np.clip(np.asarray(y), -limit, limit), marker, color=colour, label=name, markersize=4)
+    figure, axes = plt.subplots(1, 2, figsize=(9.2, 3.2), layout="constrained", facecolor="white")
+    for ax, axis in zip(axes, ("along", "across"), strict=True):
+        for (name, table), colour, marker in zip(errors.items(), COLOURS[1::-1], "x.", strict=False):
+            ax.plot(table["slant_deg"], table[axis].clip(-limit_px, limit_px), marker, color=colour, label=name,
+                    markersize=4)
         ax.axhline(0.0, color="black", linewidth=0.8)
-        ax.set(xlabel=xlabel, ylabel=ylabel, ylim=(-1.03 * limit, 1.03 * limit), facecolor="white")
+        ax.set(xlabel="slant / deg", ylabel=f"error {axis} the slant / px", ylim=(-1.03 * limit_px, 1.03 * limit_px),
+               facecolor="white")
         ax.legend(fontsize=8)
     return figure
 
@@ -55,6 +60,7 @@ def plot_estimators(errors: Mapping[str, pd.DataFrame], lines: Mapping[str, pd.D
             ax.hlines(values.loc[table.index, ylabel], x - 0.4, x + 0.4, "black", style, label=name)
         ax.set(ylabel=ylabel, yscale="log", facecolor="white")
         ax.set_xticks(x, table.index)
+        ax.yaxis.set(major_locator=LogLocator(subs=(1, 2, 5)), major_formatter="{x:g}", minor_formatter="")
         ax.grid(axis="y", alpha=0.3)
-    figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=len(COLOURS) + 1, fontsize=8)
+    figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=4, fontsize=8)
     return figure

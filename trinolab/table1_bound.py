@@ -1,8 +1,8 @@
 """The Cramer-Rao bound at Table 1's poses, for every shipped rig, on the paper's handle.
 
-    python -m trinolab.table1_bound --out data/sweeps/bound.csv
+    python -m trinolab.table1_bound --out data/sweeps
 
-makes the table again; `factors.load_sweep` reads it.
+makes ``bound.csv`` again.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Sequence
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -22,6 +23,8 @@ from .factors import write_sweep
 from .recording import check_target
 
 RIGS = ("paper_pair", "paper_trinocular", "raised_40deg")
+SHIPPED_PIXELS = ("markers", "around")  # without and with the outline near the markers, see `bound.information`
+COLUMNS = ("mean_mm", "mean_deg", "rms_mm", "rms_deg")
 
 
 def table1_bounds(rig: str, pixels: str = "markers", known_greys: bool = True) -> list[Bound]:
@@ -36,10 +39,11 @@ def table1_bounds(rig: str, pixels: str = "markers", known_greys: bool = True) -
 
 
 def sweep_bounds() -> pd.DataFrame:
-    """A row a rig and pose: `rig`, `row` (of Table 1), then the bound's `mean_mm`, `mean_deg`, `rms_mm`, `rms_deg`."""
+    """A row for each rig, choice of `pixels` and `row` of Table 1: `mean_mm`, `mean_deg`, `rms_mm`, `rms_deg`."""
+    bounds = {(rig, pixels): table1_bounds(rig, pixels) for rig in RIGS for pixels in SHIPPED_PIXELS}
     return pd.DataFrame([
-        {"rig": rig, "row": row, **{name: getattr(b, name) for name in ("mean_mm", "mean_deg", "rms_mm", "rms_deg")}}
-        for rig in RIGS for row, b in enumerate(table1_bounds(rig), start=1)])
+        {"rig": rig, "pixels": pixels, "row": row, **{name: getattr(b, name) for name in COLUMNS}}
+        for (rig, pixels), found in bounds.items() for row, b in enumerate(found, start=1)])
 
 
 @cache
@@ -52,10 +56,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Write the table."""
     parser = argparse.ArgumentParser(prog="python -m trinolab.table1_bound",
                                      description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--out", required=True, metavar="FILE.csv", help="the table to write")
-    arguments = parser.parse_args(argv)
-    check_target(arguments.out)
-    write_sweep(sweep_bounds(), arguments.out)
+    parser.add_argument("--out", default="data/sweeps", help="folder of the table (%(default)s)")
+    path = Path(parser.parse_args(argv).out) / "bound.csv"
+    check_target(path)
+    write_sweep(sweep_bounds(), path)
     return 0
 
 
