@@ -34,6 +34,8 @@ from .outline import outline_patches
 from .patches import Patches, patches
 
 FLOOR_PX = 0.003  # by so much the image model misplaces a marker of the simulated bench, shading and all
+MOST_STEPS = 8  # Gauss-Newton steps; two do where two cameras share markers
+SETTLED_PX = 0.3  # a step that moves all markers by less is the last one: the next would move them by a hundredth
 LARGEST_STEP = np.repeat([5.0, 0.3], 3)  # mm, rad; the image model holds within a few pixels
 OUTLINE_FLOOR_PX = 0.02  # and a piece of outline, because the background's texture ends there
 
@@ -73,7 +75,7 @@ class _Step(NamedTuple):
 
 
 def fit_patches(images: Sequence[np.ndarray], rig: Rig, handle: Handle, start: RigidTransform,
-                max_slant_deg: float = 72.0, outline: bool = False, steps: int = 2) -> Fit | None:
+                max_slant_deg: float = 72.0, outline: bool = False) -> Fit | None:
     """Improve a pose by the pixels about all markers that it shows.
 
     Parameters
@@ -88,8 +90,6 @@ def fit_patches(images: Sequence[np.ndarray], rig: Rig, handle: Handle, start: R
         Markers turned further away are left out.
     outline : bool
         Use the body's outline, too.
-    steps : int
-        Gauss-Newton steps.
 
     Returns
     -------
@@ -101,10 +101,12 @@ def fit_patches(images: Sequence[np.ndarray], rig: Rig, handle: Handle, start: R
         return None
     groups = [here, outline_patches(images, rig, handle, start)] if outline else [here]
     states = [first_state(start, rig)] * len(groups)
-    for _ in range(steps):
+    for k in range(MOST_STEPS):
         states, last = _improved(states, groups, rig, handle)
         if not np.abs(last.step[:6] / LARGEST_STEP).max() < 1:  # not a number, either
             return None
+        if k > 0 and _moved_px(last.step, here, handle) < SETTLED_PX:
+            break
     T, shown = states[0].T_world_handle, marker_is_shown(last.after, handle)
     left = _distances(last.normal, last.step[:6]) * here.px_per_mm
     spread = float(np.median(misfit(last.after)[shown])) if shown.any() else 1.0  # the weights are older than the step
@@ -143,6 +145,12 @@ def motion(step: Array) -> RigidTransform:
 def _own(step: Array, camera: np.ndarray) -> Array:
     """A step of pose and all blurs as one for each window, of pose and its camera's blur, shape (k, 7)."""
     return np.column_stack([np.broadcast_to(step[:6], (len(camera), 6)), step[6 + camera]])
+
+
+def _moved_px(step: Array, here: Patches, handle: Handle) -> float:
+    """How far a step moves the markers at most, in any direction, px."""
+    arms = handle.marker_centres[here.views.marker]
+    return float((np.linalg.norm(step[:3] + np.cross(step[3:6], arms), axis=1) * here.px_per_mm).max())
 
 
 def _distances(normal: Reduced, step: Array) -> Array:
