@@ -154,19 +154,23 @@ def misfit(at: Linear) -> Array:
     return (at.weight * at.residual**2).sum(axis=1) / np.maximum(count - at.greys.shape[1], 1)
 
 
+def has_contrast(at: Linear, handle: Handle) -> np.ndarray:
+    """Whether there is anything like a marker in each window, bool (k,): as contrasty as half the others."""
+    contrast = at.greys[:, 0] * (1 if handle.markers == "bright" else -1)
+    clear = contrast > 3 * np.sqrt(1 / at.weight.max(initial=1e-12))  # the noise of a dark pixel
+    return clear & (contrast > np.median(contrast[clear]) / 2) if clear.any() else clear
+
+
 def marker_is_shown(at: Linear, handle: Handle, max_misfit: float = 4.0, max_rms: float = 0.15) -> np.ndarray:
-    """Whether each window shows a marker, bool (k,): as contrasty as half the others, and where it is predicted.
+    """Whether each window shows a marker where it is predicted, bool (k,).
 
     A window fits if its misfit is small against the noise, or what is left against the marker's contrast: a real
     marker is never quite what the model says.
     """
-    contrast = at.greys[:, 0] * (1 if handle.markers == "bright" else -1)
     used = at.weight > 0
     rms = np.sqrt((used * at.residual**2).sum(axis=1) / np.maximum(used.sum(axis=1), 1))
-    fits = (contrast > 0) & ((misfit(at) < max_misfit) | (rms < max_rms * contrast)) & (used.sum(axis=1) > 20)
-    usual = np.median(contrast[fits]) if fits.any() else np.inf
-    noise = np.sqrt(1 / at.weight.max(initial=1e-12))  # of a dark pixel
-    return fits & (contrast > usual / 2) & (contrast > 3 * noise)
+    fits = (misfit(at) < max_misfit) | (rms < max_rms * np.abs(at.greys[:, 0]))
+    return has_contrast(at, handle) & fits & (used.sum(axis=1) > 20)
 
 
 def inverse(matrices: Array) -> Array:

@@ -22,6 +22,7 @@ from .imagemodel import (
     State,
     advanced,
     first_state,
+    has_contrast,
     inverse,
     limited,
     linearise,
@@ -118,15 +119,19 @@ def _improved(states: list[State], groups: list[Patches], rig: Rig, handle: Hand
     """One step: the groups of windows share pose, blurs and noise, each has its own greys."""
     models = [linearise(state, group, rig, handle) for state, group in zip(states, groups, strict=True)]
     normals = [reduce(model.by_pose, model) for model in models]
-    floors = (FLOOR_PX, OUTLINE_FLOOR_PX)[:len(groups)]
-    parts = [_assembled(normal, _trust(model, normal.information, group.px_per_mm, floor), group.views.camera, rig)
-             for model, normal, group, floor in zip(models, normals, groups, floors, strict=True)]
+    there = has_contrast(models[0], handle)  # windows that show no marker would only fit their noise
+    weights = [_trust(model, normal.information, group.px_per_mm, floor) for model, normal, group, floor in zip(
+        models, normals, groups, (FLOOR_PX, OUTLINE_FLOOR_PX)[:len(groups)], strict=True)]
+    weights[0] = weights[0] * there
+    parts = [_assembled(normal, weight, group.views.camera, rig)
+             for normal, weight, group in zip(normals, weights, groups, strict=True)]
     information = sum((part[0] for part in parts), 1e-12 * np.eye(6 + len(rig.cameras)))
     step = inverse(information) @ sum(part[1] for part in parts)
     after = [advanced(model, model.by_pose, normal, _own(step, group.views.camera))
              for model, normal, group in zip(models, normals, groups, strict=True)]
     T = states[0].T_world_handle * motion(np.nan_to_num(step[:6]))
-    blur, noise = limited(states[0].blur_px2, step[6:]), noise_of(after[0])
+    noise = noise_of(after[0]._replace(weight=after[0].weight * there[:, None]))
+    blur = limited(states[0].blur_px2, step[6:])
     return [State(T, model.greys, blur, noise) for model in after], _Step(step, information, normals[0], after[0])
 
 
