@@ -143,8 +143,8 @@ def shading_basis(turn: Array) -> Array:
 
 
 def _rays(rig: Rig, T_world_handle: RigidTransform, views: Views, at: Windows) -> _Rays:
-    R_handle_world = T_world_handle.rotation.as_matrix().T
-    turns = [R_handle_world @ camera.T_world_cam.rotation.as_matrix() for camera in rig.cameras]
+    R_handle_world = T_world_handle.as_matrix()[:3, :3].T
+    turns = [R_handle_world @ camera.T_world_cam.as_matrix()[:3, :3] for camera in rig.cameras]
     starts = [R_handle_world @ (camera.centre - T_world_handle.translation) for camera in rig.cameras]
     R = np.stack(turns, dtype=np.float32)[views.camera].transpose(2, 1, 0)[..., None]
     start = np.stack(starts, dtype=np.float32)[views.camera].T[..., None]

@@ -184,5 +184,5 @@ def _assembled(normal: Reduced, trust: Array, camera: np.ndarray, rig: Rig) -> t
 
 def in_world(covariance: Array, T_world_handle: RigidTransform) -> Array:
     """A covariance of a small motion in the handle's frame as one of position and rotation vector in the world's."""
-    turn = np.kron(np.eye(2), T_world_handle.rotation.as_matrix())
+    turn = np.kron(np.eye(2), T_world_handle.as_matrix()[:3, :3])
     return turn @ covariance @ turn.T
