@@ -16,7 +16,8 @@ NOTEBOOKS = sorted(ROOT.glob("notebooks/*.ipynb"))
 # A module imports only from those before it.
 ORDER = [
     "checks", "lens", "camera", "rigfile", "handle", "metrics", "fetch", "board", "datasets", "realsets",
-    "ledger", "cones", "convex", "faces", "workspace", "plotting", "plotting_errors", "plotting_rigs", "window",
+    "ledger", "cones", "convex", "faces", "workspace", "plotting", "plotting_errors", "plotting_estimators",
+    "plotting_rigs", "window",
     "background", "covariance", "kalman", "image_track", "blobs", "markers", "matching", "triangulation", "pose",
     "hypotheses", "identity", "parameters", "noise", "appearance", "centroids", "patches", "imagemodel",
     "registration", "outline", "refine", "reprojection", "estimation", "corners", "relative", "zhang", "adjustment",
@@ -85,7 +86,7 @@ def test_truth_and_estimate_share_only_camera_and_handle():
 
 def test_only_plotting_draws():
     drawing = {path.stem for path in MODULES if imports(path)[1] & {"matplotlib", "pyvista"}}
-    assert drawing == {"plotting", "plotting_errors", "plotting_rigs"}
+    assert drawing == {"plotting", "plotting_errors", "plotting_estimators", "plotting_rigs"}
     computing = {path.stem for path in MODULES if imports(path)[0] & drawing} - drawing
     assert computing == set()  # figures are for chapters; nothing in the package waits for them
 
