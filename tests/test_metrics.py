@@ -13,6 +13,7 @@ from trinolab.metrics import (
     euler_deg,
     geodesic_deg,
     nearest_equivalent,
+    nees,
     pose_errors,
     pose_from_euler_deg,
     position_error,
@@ -152,3 +153,29 @@ def test_refuses_other_shapes_and_no_symmetry():
         euler_deg(np.eye(3))
     with pytest.raises(ValueError, match="symmetries"):
         nearest_equivalent(RigidTransform.identity(), RigidTransform.identity(), [])
+
+
+def test_nees_is_the_squared_number_of_standard_deviations():
+    """2 sigma in x, and 3 sigma about the world's z, whatever the pose: 4 + 9, and each alone."""
+    truth = random_poses(1, np.random.default_rng(2))[0]
+    C = np.diag([0.1, 0.2, 0.3, 0.01, 0.02, 0.03]) ** 2
+    turn = Rotation.from_rotvec([0, 0, 0.09])
+    found = RigidTransform.from_components(truth.translation + [0.2, 0, 0], turn * truth.rotation)
+    assert nees(found, C, truth) == pytest.approx([13, 4, 9])
+    assert nees(truth, C, truth) == pytest.approx([0, 0, 0], abs=1e-20)
+
+
+def test_nees_counts_correlation():
+    C = np.eye(6)
+    C[0, 5] = C[5, 0] = 0.6  # x and the turn about z go together
+    found = RigidTransform.from_components([1.0, 0, 0], Rotation.from_rotvec([0, 0, 1.0]))
+    assert nees(found, C, RigidTransform.identity()) == pytest.approx([2 / 1.6, 1, 1])
+
+
+@pytest.mark.parametrize(("covariance", "named"), [(np.eye(5), "covariance"), (np.full((6, 6), np.nan), "covariance")])
+def test_nees_refuses(covariance, named):
+    one = RigidTransform.identity()
+    with pytest.raises(ValueError, match=named):
+        nees(one, covariance, one)
+    with pytest.raises(ValueError, match="estimate"):
+        nees(random_poses(2, np.random.default_rng(0)), np.eye(6), one)

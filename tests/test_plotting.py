@@ -6,11 +6,13 @@ import sys
 
 import matplotlib.pyplot as plt
 import numpy as np
+import pandas as pd
 import pytest
 
 from trinolab.cones import paper_cones
 from trinolab.plotting import plot_pose_errors, plot_workspace, show_image, workspace_plotter, workspace_scene
 from trinolab.plotting_errors import plot_factor
+from trinolab.plotting_estimators import plot_by_slant, plot_estimators
 from trinolab.workspace import intersect, surface_mesh
 
 
@@ -107,3 +109,26 @@ def test_image_with_markers():
 def test_image_refuses_colour():
     with pytest.raises(ValueError, match="image"):
         show_image(np.zeros((3, 4, 3)))
+
+
+def test_centroids_by_slant_show_every_marker_inside_the_frame():
+    errors = pd.DataFrame({"slant_deg": [0.0, 20.0, 60.0], "along": [0.1, -0.7, 0.2], "across": [0.0, 0.3, 9.0]})
+    along, across = plot_by_slant({"plain": errors, "registered": errors / 10}, 0.5).axes
+    assert list(along.lines[0].get_ydata()) == [0.1, -0.5, 0.2]
+    assert list(across.lines[1].get_ydata()) == [0.0, 0.03, 0.5]
+    assert [text.get_text() for text in along.get_legend().get_texts()] == ["plain", "registered"]
+    assert across.get_ylim()[1] > 0.5
+    along.figure.canvas.draw()
+
+
+def test_estimators_stand_over_their_rig_between_its_lines():
+    rigs = ["pair", "three"]
+    errors = {"E_t / mm": pd.DataFrame({"paper": [0.06, 0.07], "best": [0.005, 0.003]}, rigs)}
+    target = pd.DataFrame({"E_t / mm": [0.012, 0.03]}, rigs[::-1])  # found by name, not by place
+    figure = plot_estimators(errors, {"target": target})
+    (ax,) = figure.axes
+    assert [list(line.get_ydata()) for line in ax.lines] == [[0.06, 0.07], [0.005, 0.003]]
+    assert all(np.abs(line.get_xdata() - [0, 1]).max() < 0.4 for line in ax.lines)
+    assert [segment[0, 1] for segment in ax.collections[0].get_segments()] == [0.03, 0.012]
+    assert [text.get_text() for text in figure.legends[0].get_texts()] == ["paper", "best", "target"]
+    figure.canvas.draw()

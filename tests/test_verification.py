@@ -3,15 +3,13 @@
 from types import SimpleNamespace
 
 import numpy as np
-import pandas as pd
 import pytest
 from benchmarks import bench_measure
 from scipy.spatial.transform import RigidTransform, Rotation
 from verification import accuracy, draws, identity, nees
 
-from trinolab import centroid_trial, tracker
+from trinolab import tracker
 from trinolab.bound import Bound
-from trinolab.camera import Camera, Rig
 from trinolab.datasets import load_handle, load_rig, load_table1
 from trinolab.parameters import Parameters
 from trinolab.pose import LOST, Pose
@@ -96,73 +94,6 @@ def test_benchmark_clocks_stages_that_exist():
     assert spent["markers"] > 0
     assert spent["pose"] == 0
     assert list(spent) == list(bench_measure.STAGES.values())
-
-
-# --- centroids
-
-STRAIGHT = Camera("c", (1280, 1024), [[3000.0, 0, 640], [0, 3000, 512], [0, 0, 1]], np.zeros(5),
-                  RigidTransform.identity())
-OTHER = Camera("d", (1280, 1024), STRAIGHT.matrix, np.zeros(5), RigidTransform.from_translation([-99.0, 0, 0]))
-# the handle's axis upwards, column 0 towards the camera, at 540 mm
-UPRIGHT = RigidTransform.from_components([0, 0, 545.0], Rotation.from_matrix(np.diag([1.0, -1, -1])))
-
-
-def test_along_is_towards_the_limb_and_across_clockwise():
-    turned = UPRIGHT * RigidTransform.from_rotation(Rotation.from_rotvec([0, np.deg2rad(30.0), 0]))  # to the right
-    truth = centroid_trial.centres(STRAIGHT, PAPER, turned)
-    errors = centroid_trial.centroid_errors(STRAIGHT, PAPER, turned, truth[[0, 1, 10, 11]] + [0.25, 0.5], truth)
-    assert list(errors["marker"]) == [0, 1, 10, 11]  # columns at 0 and at 300 deg
-    right, left = errors[errors["marker"] < 2], errors[errors["marker"] >= 10]
-    assert right["slant_deg"].to_numpy() == pytest.approx(30.0, abs=0.5)  # the camera is near: not quite 30
-    assert right["along"].to_numpy() == pytest.approx(0.25, abs=0.02)  # perspective tips the normal's image a little
-    assert right["across"].to_numpy() == pytest.approx(0.5, abs=0.02)
-    assert left["along"].to_numpy() == pytest.approx(-0.25, abs=0.02)
-    assert left["across"].to_numpy() == pytest.approx(-0.5, abs=0.02)
-
-
-def test_missing_and_broken_centroids_are_missed():
-    truth = centroid_trial.centres(STRAIGHT, PAPER, UPRIGHT)
-    shown = centroid_trial.centroid_errors(STRAIGHT, PAPER, UPRIGHT, truth, truth)
-    for found in (np.empty((0, 2)), truth + 5.0):
-        errors = centroid_trial.centroid_errors(STRAIGHT, PAPER, UPRIGHT, found, truth)
-        assert len(errors) == len(shown)
-        assert errors[["along", "across"]].isna().all(axis=None)
-
-
-def test_report_finds_bias_scatter_and_noise():
-    """3,000 views of one marker: bias that grows with the slant, scatter from view to view, noise from draw to draw."""
-    rng = np.random.default_rng(0)
-    slant, view = np.repeat(rng.uniform(0, 65, 3000), 2), np.repeat(np.arange(3000), 2)
-    along = 1e-3 * slant + np.repeat(0.03 * rng.standard_normal(3000), 2) + 0.04 * rng.standard_normal(6000)
-    errors = pd.DataFrame({"marker": 0, "slant_deg": slant, "along": along, "across": 0.02 * rng.standard_normal(6000),
-                           "view": view})
-    errors.loc[:9, ["along", "across"]] = np.nan
-    table = centroid_trial.centroid_report(errors)
-    assert list(table["slant_deg"]) == ["0-10", "10-20", "20-30", "30-40", "40-50", "50-60", "60-65"]
-    assert (table["n"].sum(), table["missed"].sum()) == (6000, 10)
-    middles = np.array([5, 15, 25, 35, 45, 55, 62.5])
-    assert (np.abs(table["bias_along"] - 1e-3 * middles) < 4 * table["se_along"]).all()
-    assert (np.abs(table["bias_across"]) < 4 * table["se_across"]).all()
-    assert table["scatter_along"].to_numpy() == pytest.approx(0.05, rel=0.15)
-    assert table["noise_along"].to_numpy() == pytest.approx(0.04, rel=0.15)
-    assert table["noise_across"].to_numpy() == pytest.approx(0.02, rel=0.15)
-
-
-def test_a_wrapped_markers_centroid_lies_along_the_slant():
-    """The axis across the line of sight, a column 50 deg aside: the bias is along the slant alone, and towards us."""
-    turned = UPRIGHT * RigidTransform.from_rotation(Rotation.from_rotvec([0, np.deg2rad(50.0), 0]))
-    rig = Rig((STRAIGHT, OTHER))
-    images = draws.expected_frames(rig, PAPER, turned, Bench())
-    steep = {}
-    for name, method in centroid_trial.METHODS.items():
-        found, predicted = method(images, rig, PAPER, turned)
-        errors = centroid_trial.centroid_errors(STRAIGHT, PAPER, turned, found[0], predicted[0]).dropna()
-        steep[name] = errors[errors["slant_deg"] > 45]
-        assert len(steep[name]) == 2
-    assert (np.abs(steep["plain"]["across"]) < 0.08).all()  # rows above and below the axis: a little perspective
-    assert (steep["plain"]["along"] < -0.2).all()
-    assert (np.abs(steep["modelled"]["along"]) < 0.5).all()  # of 1.1: the rest is the detector's
-    assert (np.abs(steep["registered"]["along"]) < 0.03).all()
 
 
 # --- identities

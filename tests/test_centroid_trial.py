@@ -1,0 +1,115 @@
+"""The instruments that hold centroids against their prediction: on errors made by hand, and on rendered light."""
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy.spatial.transform import RigidTransform, Rotation
+
+from trinolab.camera import Camera, Rig
+from trinolab.centroid_trial import (
+    METHODS,
+    centres,
+    centroid_errors,
+    centroid_report,
+    instant_errors,
+    turned_marker,
+)
+from trinolab.datasets import load_handle
+from trinolab.scene import Bench, blurred, radiance
+
+PAPER = load_handle("paper")
+STRAIGHT = Camera("c", (1280, 1024), [[3000.0, 0, 640], [0, 3000, 512], [0, 0, 1]], np.zeros(5),
+                  RigidTransform.identity())
+OTHER = Camera("d", (1280, 1024), STRAIGHT.matrix, np.zeros(5), RigidTransform.from_translation([-99.0, 0, 0]))
+# the handle's axis upwards, column 0 towards the camera, at 540 mm
+UPRIGHT = RigidTransform.from_components([0, 0, 545.0], Rotation.from_matrix(np.diag([1.0, -1, -1])))
+
+
+def test_along_is_towards_the_limb_and_across_clockwise():
+    turned = UPRIGHT * RigidTransform.from_rotation(Rotation.from_rotvec([0, np.deg2rad(30.0), 0]))  # to the right
+    truth = centres(STRAIGHT, PAPER, turned)
+    errors = centroid_errors(STRAIGHT, PAPER, turned, truth[[0, 1, 10, 11]] + [0.25, 0.5], truth)
+    assert list(errors["marker"]) == [0, 1, 10, 11]  # columns at 0 and at 300 deg
+    right, left = errors[errors["marker"] < 2], errors[errors["marker"] >= 10]
+    assert right["slant_deg"].to_numpy() == pytest.approx(30.0, abs=0.5)  # the camera is near: not quite 30
+    assert right["along"].to_numpy() == pytest.approx(0.25, abs=0.02)  # perspective tips the normal's image a little
+    assert right["across"].to_numpy() == pytest.approx(0.5, abs=0.02)
+    assert left["along"].to_numpy() == pytest.approx(-0.25, abs=0.02)
+    assert left["across"].to_numpy() == pytest.approx(-0.5, abs=0.02)
+
+
+def test_missing_and_broken_centroids_are_missed():
+    truth = centres(STRAIGHT, PAPER, UPRIGHT)
+    shown = centroid_errors(STRAIGHT, PAPER, UPRIGHT, truth, truth)
+    for found in (np.empty((0, 2)), truth + 5.0):
+        errors = centroid_errors(STRAIGHT, PAPER, UPRIGHT, found, truth)
+        assert len(errors) == len(shown)
+        assert errors[["along", "across"]].isna().all(axis=None)
+
+
+def test_report_finds_bias_scatter_and_noise():
+    """3,000 views of one marker: bias that grows with the slant, scatter from view to view, noise from draw to draw."""
+    rng = np.random.default_rng(0)
+    slant, view = np.repeat(rng.uniform(0, 65, 3000), 2), np.repeat(np.arange(3000), 2)
+    along = 1e-3 * slant + np.repeat(0.03 * rng.standard_normal(3000), 2) + 0.04 * rng.standard_normal(6000)
+    errors = pd.DataFrame({"marker": 0, "slant_deg": slant, "along": along, "across": 0.02 * rng.standard_normal(6000),
+                           "view": view})
+    errors.loc[:9, ["along", "across"]] = np.nan
+    table = centroid_report(errors)
+    assert list(table["slant_deg"]) == ["0-10", "10-20", "20-30", "30-40", "40-50", "50-60", "60-65"]
+    assert (table["n"].sum(), table["missed"].sum()) == (6000, 10)
+    middles = np.array([5, 15, 25, 35, 45, 55, 62.5])
+    assert (np.abs(table["bias_along"] - 1e-3 * middles) < 4 * table["se_along"]).all()
+    assert (np.abs(table["bias_across"]) < 4 * table["se_across"]).all()
+    assert table["scatter_along"].to_numpy() == pytest.approx(0.05, rel=0.15)
+    assert table["noise_along"].to_numpy() == pytest.approx(0.04, rel=0.15)
+    assert table["noise_across"].to_numpy() == pytest.approx(0.02, rel=0.15)
+
+
+def test_a_wrapped_markers_centroid_lies_along_the_slant():
+    """The axis across the line of sight, a column 50 deg aside: the bias is along the slant alone, and towards us."""
+    turned = UPRIGHT * RigidTransform.from_rotation(Rotation.from_rotvec([0, np.deg2rad(50.0), 0]))
+    rig = Rig((STRAIGHT, OTHER))
+    images = [blurred(radiance(camera, PAPER, turned, Bench()), Bench()) for camera in rig.cameras]
+    steep = {}
+    for name, method in METHODS.items():
+        found, predicted = method(images, rig, PAPER, turned)
+        errors = centroid_errors(STRAIGHT, PAPER, turned, found[0], predicted[0]).dropna()
+        steep[name] = errors[errors["slant_deg"] > 45]
+        assert len(steep[name]) == 2
+    assert (np.abs(steep["plain"]["across"]) < 0.08).all()  # rows above and below the axis: a little perspective
+    assert (steep["plain"]["along"] < -0.2).all()
+    assert (np.abs(steep["modelled"]["along"]) < 0.5).all()  # of 1.1: the rest is the detector's
+    assert (np.abs(steep["registered"]["along"]) < 0.03).all()
+
+
+def test_a_turned_marker_is_where_its_light_is_and_the_detector_finds_it_elsewhere():
+    """A formula to second order: 3 a^2 / (8 r) times the sine of the slant, towards the middle line."""
+    rig = Rig((STRAIGHT, OTHER))
+    for turn_deg in (-55, 0, 30, 60):
+        slant, integral, light, detector = turned_marker(turn_deg, rig, PAPER, Bench())
+        assert slant == pytest.approx(abs(turn_deg), abs=0.7)
+        formula = np.sign(turn_deg) * 3 * 1.5**2 / (8 * 5) * np.sin(np.deg2rad(slant)) * 3000 / 565
+        assert integral == pytest.approx(formula, abs=0.03)
+        assert integral == pytest.approx(light, abs=0.006)
+        assert 0.02 < abs(detector - integral) < 0.6
+
+
+def test_a_turned_marker_in_the_dark_is_not_found():
+    *found, detector = turned_marker(20, Rig((STRAIGHT, OTHER)), PAPER, Bench(marker_grey=90.0))
+    assert np.isfinite(found).all()
+    assert np.isnan(detector)
+
+
+def test_errors_of_an_instant_are_those_of_its_cameras():
+    rig, turned = Rig((STRAIGHT, OTHER)), UPRIGHT * RigidTransform.from_rotation(Rotation.from_rotvec([0, 0.4, 0]))
+    truth = [centres(camera, PAPER, turned) for camera in rig.cameras]
+
+    def method(images, *_):
+        return [truth[0] + images[0], truth[1] + images[1]], np.stack(truth)
+
+    both = instant_errors(method, [[0.1, 0.0], [0.0, -0.2]], rig, PAPER, turned, "first")
+    for k, (camera, shift) in enumerate(zip(rig.cameras, ([0.1, 0.0], [0.0, -0.2]), strict=True)):
+        one = both[both["view"] == f"first {camera.name}"]
+        expected = centroid_errors(camera, PAPER, turned, truth[k] + shift, truth[k])
+        pd.testing.assert_frame_equal(one.drop(columns="view").reset_index(drop=True), expected)

@@ -1,0 +1,49 @@
+"""The Cramer-Rao bounds of Table 1's poses: that the shipped table is what the code makes, and makes sense."""
+
+import numpy as np
+import pytest
+
+from trinolab import table1_bound
+from trinolab.bound import pose_bound
+from trinolab.datasets import load_handle, load_rig, load_table1
+from trinolab.factors import load_sweep
+from trinolab.table1_bound import COLUMNS, RIGS, SHIPPED_PIXELS, table1_bounds
+
+TABLE = load_sweep("bound").set_index(["rig", "pixels", "row"])
+
+
+def test_table_has_every_pose():
+    assert list(TABLE.index) == [(rig, pixels, row) for rig in RIGS for pixels in SHIPPED_PIXELS
+                                 for row in range(1, 21)]
+    assert tuple(TABLE.columns) == COLUMNS
+    assert (TABLE > 0).all(axis=None)
+
+
+def test_a_third_camera_and_more_pixels_never_take_information_away():
+    for three in RIGS[1:]:
+        assert (TABLE.loc[three, ["rms_mm", "rms_deg"]] < TABLE.loc["paper_pair", ["rms_mm", "rms_deg"]]).all(axis=None)
+    markers, around = (TABLE.xs(pixels, level="pixels")[["rms_mm", "rms_deg"]] for pixels in SHIPPED_PIXELS)
+    assert (around < 1.001 * markers).all(axis=None)
+
+
+def test_one_row_is_made_again():
+    """2 %: a table that is out of date is noticed, another machine's rounding is not."""
+    for pixels in SHIPPED_PIXELS:
+        made = pose_bound(load_rig("paper_pair"), load_handle("paper"), load_table1().set_poses[4], None, pixels)
+        row = TABLE.loc["paper_pair", pixels, 5]
+        assert [getattr(made, name) for name in COLUMNS] == pytest.approx(list(row), rel=0.02)
+
+
+def test_cameras_of_the_pair_are_asked_once_for_all_rigs(monkeypatch):
+    asked = []
+
+    def one(camera, handle, T, *_):
+        asked.append(camera.name)
+        return np.eye(6)
+
+    monkeypatch.setattr(table1_bound, "information", one)
+    table1_bound._information.cache_clear()
+    bounds = [table1_bounds(rig) for rig in RIGS]
+    table1_bound._information.cache_clear()
+    assert [asked.count(name) for name in ("ccd1", "ccd2", "ccd3")] == [20, 20, 40]
+    assert [found[7].covariance[0, 0] for found in bounds] == pytest.approx([1 / 2, 1 / 3, 1 / 3])
