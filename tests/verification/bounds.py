@@ -8,6 +8,7 @@ from tqdm import tqdm
 from trinolab import bound
 from trinolab.bound import PIXELS, Bound, bound_of, information
 from trinolab.datasets import load_handle, load_rig, load_table1
+from trinolab.scene import Bench
 
 from .draws import RIGS
 
@@ -47,7 +48,8 @@ def report(arguments) -> None:
 def _first(samples: int, step_px: float) -> Bound:
     chosen, bound.SAMPLES = bound.SAMPLES, (samples, 8)
     try:
-        return bound_of(sum(information(camera, load_handle("paper"), load_table1().set_poses[0], step_px=step_px)
+        bench = Bench(marker_supersampling=samples)
+        return bound_of(sum(information(camera, load_handle("paper"), load_table1().set_poses[0], bench, step_px=step_px)
                             for camera in load_rig("paper_pair").cameras))
     finally:
         bound.SAMPLES = chosen
