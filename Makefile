@@ -30,6 +30,7 @@ sweeps: .venv/package.done  ## make the tables in data/sweeps again: half an hou
 	@$(BIN)/python -m trinolab.factors
 	@$(BIN)/python -m trinolab.budget
 	@$(BIN)/python -m trinolab.elevation
+	@$(BIN)/python -m trinolab.table1_bound
 
 bench: .venv/package.done  ## the time that a measurement takes, and the rendering of a frame
 	@$(BIN)/python tests/benchmarks/bench_measure.py

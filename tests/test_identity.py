@@ -1,12 +1,14 @@
-"""Hypotheses and identity: poses from triplets, labels, symmetry, prior."""
+"""Which marker is which: search, verdict, symmetry, prior; and what must not be called known."""
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import RigidTransform, Rotation
 
+from trinolab.camera import Rig
 from trinolab.datasets import load_handle, load_rig
 from trinolab.handle import Handle, slants
-from trinolab.hypotheses import explain, triplet_poses
 from trinolab.identity import (
     IdentityParameters,
     choose,
@@ -15,28 +17,43 @@ from trinolab.identity import (
     labelled_pixels,
     relabel,
 )
+from trinolab.raycast import facing, marker_area
 from trinolab.scene import random_pose
-from trinolab.triangulation import triangulate, triangulation_covariance
 
-RIG = load_rig("paper_pair")
+RIG, TRIO = load_rig("paper_pair"), load_rig("raised_40deg")
 PAPER, CODED = load_handle("paper"), load_handle("coded")
+NEARLY = Handle("nearly", 5.0, 200.0, 25.0, 3.0, PAPER.columns_deg, ((10.0, -14.0), *PAPER.rows_mm[1:]))
+ODD = Handle("odd", 8.0, 150.0, 40.0, 4.0, (0.0, 70.0, 140.0, 215.0, 290.0),
+             ((12.0, -3.0), (9.0, -12.0), (12.0, -7.0), (3.0, -9.0), (10.0, -14.0)))
+MANY = Handle("many", 8.0, 200.0, 25.0, 2.0, tuple(45.0 * k + 3.0 * (k % 3) for k in range(8)),
+              ((10.0, 0.0, -10.0), (10.0, -8.0), (6.0,), (10.0, -3.0, -12.0), (9.0, -10.0), (10.0, 2.0), (4.0, -10.0),
+               (8.0, -1.0, -14.0)))
 
 
-def seen_pixels(T, handle, rig=RIG, limit_deg=62.0):
-    """Exact projections of the facing markers and their indices, one a camera."""
-    index = [np.flatnonzero(slants(handle, T, camera.centre) < np.deg2rad(limit_deg)) for camera in rig.cameras]
-    centres = T.apply(handle.marker_centres)
-    return tuple(camera.project(centres[k]) for camera, k in zip(rig.cameras, index, strict=True)), index
+def seen_by(camera, T, handle, rng, noise_px=0.1, limit_deg=80.0):
+    """Centroids of the facing markers, their axes and indices, in any order: each marker point by point."""
+    index = rng.permutation(np.flatnonzero(slants(handle, T, camera.centre) < np.deg2rad(limit_deg)))
+    points = [marker_area(handle, k) for k in index]
+    shown = [p[facing(handle, p, T.inv().apply(camera.centre))] for p in points]
+    uv, axes = np.empty((len(index), 2)), np.empty((len(index), 2))
+    for k, patch in enumerate(shown):
+        # the area that a point shows to the camera, up to a factor
+        outward = patch * [1, 0, 1] / handle.radius_mm
+        weight = (outward * (T.inv().apply(camera.centre) - patch)).sum(axis=1)
+        pixels = camera.project(T.apply(patch))
+        uv[k] = np.average(pixels, axis=0, weights=weight)
+        axes[k] = 4 * np.sqrt(np.maximum(np.linalg.eigvalsh(np.cov(pixels.T, aweights=weight))[::-1], 0.05))
+    inside = ((uv > 10) & (uv < np.array(camera.size) - 10)).all(axis=1)
+    return (uv + rng.normal(0, noise_px, uv.shape))[inside], axes[inside], index[inside]
 
 
-def all_points(found, rig=RIG):
-    """Points of every pair of pixels of the first two cameras, right and wrong, in front of the cameras."""
-    i, j = np.indices((len(found[0]), len(found[1]))).reshape(2, -1)
-    uv = np.full((len(rig.cameras), len(i), 2), np.nan)
-    uv[0], uv[1] = found[0][i], found[1][j]
-    X, C = triangulate(rig, uv), triangulation_covariance(rig, uv, 0.3)
-    valid = np.isfinite(X).all(axis=1)
-    return X[valid], C[valid]
+def views(T, handle, rng, rig=RIG, **options):
+    """Pixels, axes and indices, a tuple of arrays each."""
+    return tuple(zip(*(seen_by(camera, T, handle, rng, **options) for camera in rig.cameras), strict=True))
+
+
+def without(arrays, *cameras):
+    return tuple(array[:0] if c in cameras else array for c, array in enumerate(arrays))
 
 
 def apart_deg(a, b):
@@ -44,107 +61,176 @@ def apart_deg(a, b):
 
 
 def good_poses(handle, n, seed, rig=RIG):
+    """Poses at which two cameras see four markers up to 62 deg of slant, inside the images."""
     rng = np.random.default_rng(seed)
     while n:
         T = random_pose(rng)
-        _, index = seen_pixels(T, handle, rig)
-        if len(np.intersect1d(index[0], index[1])) >= 4:
+        counts = [len(seen_by(camera, T, handle, rng, limit_deg=62.0)[0]) for camera in rig.cameras]
+        if sorted(counts)[-2] >= 4:
             n -= 1
             yield T, rng
 
 
-def test_triplets_of_exact_points_contain_the_pose():
-    T = RigidTransform.from_components([5.0, -20.0, 560.0], Rotation.from_euler("ZYX", [80, 20, 170], degrees=True))
-    X = T.apply(CODED.marker_centres[[0, 1, 2, 3]])
-    poses = triplet_poses(X, np.tile(1e-4 * np.eye(3), (4, 1, 1)), CODED)
-    error = [np.linalg.norm(P.translation - T.translation) + apart_deg(P, T) for P in poses]
-    assert min(error) < 1e-6
-    assert len(poses) <= 8  # four triangles, each with few mirror labellings
+def assert_identified(options, T, index, turn_deg=5.0):
+    assert len(options) == 1
+    assert apart_deg(options[0].T_world_handle, T) < turn_deg
+    for label, k in zip(options[0].labels, index, strict=True):
+        assert set(label[label >= 0] - k[label >= 0]) <= {0}
+        assert (label >= 0).sum() >= len(k) - 1  # one at the limb may be left out
 
 
-def test_no_triplet_fits_points_that_are_no_handle():
-    X = np.array([[0.0, 0, 500], [100, 0, 500], [0, 100, 500], [70, 70, 560]])
-    assert len(triplet_poses(X, np.tile(1e-2 * np.eye(3), (4, 1, 1)), PAPER)) == 0
-    assert len(triplet_poses(np.empty((0, 3)), np.empty((0, 3, 3)), PAPER)) == 0
+@pytest.mark.parametrize("rig", [RIG, TRIO], ids=["two", "three"])
+@pytest.mark.parametrize("handle", [CODED, ODD, MANY], ids=lambda handle: handle.name)
+def test_a_layout_without_symmetry_is_identified_from_one_instant(handle, rig):
+    for T, rng in good_poses(handle, 12, 0, rig):
+        found, axes, index = views(T, handle, rng, rig)
+        assert_identified(identify(rig, handle, found, axes_px=axes), T, index)
+        assert_identified(identify(rig, handle, found), T, index)
 
 
-def test_cost_by_hand():
-    """A camera that finds all but one facing marker, and one thing that is none."""
-    T = next(good_poses(CODED, 1, 0))[0]
-    found, index = seen_pixels(T, CODED, limit_deg=49.0)
-    first = np.vstack([found[0][1:] + [0.6, 0.8], [[3.0, 3.0]]])
-    batch = RigidTransform.from_matrix(T.as_matrix()[None])
-    labels, cost, residual = explain(batch, RIG, CODED, (first, found[1]), gate_px=4.0)
-    n = len(first) - 1
-    assert labels[0][0].tolist() == [*index[0][1:], -1]
-    # each of n at distance 1; 16 for the stranger, and 16 for the marker that is missing
-    assert cost[0] == pytest.approx(n * 1.0 + 16.0 + 16.0, abs=1e-6)
-    assert residual[0] == pytest.approx(np.sqrt(n / (n + len(found[1]))), abs=1e-9)
-
-
-def test_a_marker_on_the_far_side_explains_nothing():
-    T = next(good_poses(PAPER, 1, 6))[0]
-    away = np.flatnonzero(slants(PAPER, T, RIG.cameras[0].centre) > np.deg2rad(100))
-    found = (RIG.cameras[0].project(T.apply(PAPER.marker_centres[away])), np.empty((0, 2)))
-    labels, _, residual = explain(RigidTransform.from_matrix(T.as_matrix()[None]), RIG, PAPER, found, gate_px=0.5)
-    assert (labels[0] == -1).all()
-    assert np.isnan(residual[0])
-
-
-def test_one_marker_out_of_line_decides_where_it_is_seen():
-    """The paper's layout with one marker moved by 4 mm: its neighbours' turns explain all markers but that one."""
-    handle = Handle("nearly", 5.0, 200.0, 25.0, 3.0, PAPER.columns_deg, ((10.0, -14.0), *PAPER.rows_mm[1:]))
-    turn = {True: 0.0, False: 180.0}  # towards the cameras, or to the far side
-    for seen, angle in turn.items():
-        facing = Rotation.from_euler("y", 180.0 + angle, degrees=True)
-        T = RigidTransform.from_components([0.0, 0.0, 560.0], Rotation.from_euler("z", 80, degrees=True) * facing)
-        found, index = seen_pixels(T, handle)
-        assert (1 in index[0]) == seen
-        options = identify(RIG, handle, found, *all_points(found))
-        assert (len(options) == 1) == seen
-        assert min(apart_deg(option.T_world_handle, T) for option in options) < 1.0
-
-
-@pytest.mark.parametrize("seed", [0, 1])
-def test_coded_layout_is_identified_from_one_instant(seed):
-    for T, rng in good_poses(CODED, 10, seed):
-        found, index = seen_pixels(T, CODED)
-        found = tuple(uv + rng.normal(0, 0.1, uv.shape) for uv in found)
-        options = identify(RIG, CODED, found, *all_points(found))
-        assert len(options) == 1
-        assert apart_deg(options[0].T_world_handle, T) < 5.0
-        for label, k in zip(options[0].labels, index, strict=True):
-            assert label.tolist() == k.tolist()
+def test_world_frame_and_distortion_do_not_matter():
+    M = RigidTransform.from_components([300.0, -200, 900], Rotation.from_rotvec([0.4, 1.2, -0.3]))
+    lens = np.array([-0.3, 0.1, 1e-3, -1e-3, 0.0])
+    bent = Rig(tuple(replace(c, T_cam_world=c.T_cam_world * M.inv(), distortions=lens) for c in TRIO.cameras))
+    for T, rng in good_poses(CODED, 5, 1, TRIO):
+        found, axes, index = views(M * T, CODED, rng, bent)
+        assert_identified(identify(bent, CODED, found, axes_px=axes), M * T, index)
 
 
 def test_paper_layout_is_found_up_to_its_symmetry():
     for T, rng in good_poses(PAPER, 10, 2):
-        found = tuple(uv + rng.normal(0, 0.1, uv.shape) for uv in seen_pixels(T, PAPER)[0])
-        options = identify(RIG, PAPER, found, *all_points(found))
+        found, axes, _ = views(T, PAPER, rng)
+        options = identify(RIG, PAPER, found, axes_px=axes)
         assert len(options) == 1
         assert min(apart_deg(E, T) for E in equivalents(options[0].T_world_handle, PAPER)) < 5.0
 
 
-def test_another_layout_and_spurious_markers():
-    """Five columns, unequal rows, markers of another size; twelve wrong blobs in each image."""
-    handle = Handle("odd", 8.0, 150.0, 40.0, 4.0, (0.0, 70.0, 140.0, 215.0, 290.0),
-                    ((12.0, -3.0), (9.0, -12.0), (12.0, -7.0), (3.0, -9.0), (10.0, -14.0)))
-    for T, rng in good_poses(handle, 2, 3):
-        found, index = seen_pixels(T, handle)
-        found = tuple(np.vstack([uv + rng.normal(0, 0.1, uv.shape), rng.uniform(0, 1024, (12, 2))]) for uv in found)
-        options = identify(RIG, handle, found, *all_points(found))
+def test_spurious_markers():
+    """Ten wrong blobs in each image."""
+    for T, rng in good_poses(ODD, 5, 3):
+        found, _, index = views(T, ODD, rng)
+        found = tuple(np.vstack([uv, rng.uniform(0, 1024, (10, 2))]) for uv in found)
+        options = identify(RIG, ODD, found)
+        assert len(options) == 1
         assert apart_deg(options[0].T_world_handle, T) < 5.0
         for label, k in zip(options[0].labels, index, strict=True):
-            assert label[:len(k)].tolist() == k.tolist()
+            assert set(label[:len(k)][label[:len(k)] >= 0] - k[label[:len(k)] >= 0]) <= {0}
 
 
-def test_too_few_or_nothing_gives_no_hypothesis():
-    T = next(good_poses(PAPER, 1, 4))[0]
-    found, _ = seen_pixels(T, PAPER)
-    three = tuple(uv[:3] for uv in found)
-    assert identify(RIG, PAPER, three, *all_points(three)) == []
-    nothing = (np.empty((0, 2)), np.empty((0, 2)))
-    assert identify(RIG, PAPER, nothing, np.empty((0, 3)), np.empty((0, 3, 3))) == []
+@pytest.mark.parametrize("camera", [0, 1, 2])
+def test_one_camera_is_enough(camera):
+    others = [c for c in range(3) if c != camera]
+    for T, rng in good_poses(CODED, 8, 4, TRIO):
+        found, axes, index = views(T, CODED, rng, TRIO, noise_px=0.03)
+        if len(index[camera]) >= 5:
+            options = identify(TRIO, CODED, without(found, *others), axes_px=without(axes, *others))
+            assert_identified(options, T, without(index, *others))
+            assert options[0].cameras == (camera,)
+
+
+def test_cameras_that_see_different_markers_go_together():
+    """Two cameras face to face, either side of the handle."""
+    first = RIG.cameras[0]
+    back = RigidTransform.from_components([0.0, 0.0, 1140.0], Rotation.from_euler("y", 180, degrees=True))
+    rig = Rig((first, replace(RIG.cameras[1], T_cam_world=back.inv())))
+    rng = np.random.default_rng(5)
+    for turn in (0.0, 20.0, 40.0):
+        T = RigidTransform.from_components([5.0, 8.0, 570.0], Rotation.from_euler("ZYX", [80, turn, 8], degrees=True))
+        found, axes, index = views(T, CODED, rng, rig, noise_px=0.03, limit_deg=70.0)
+        assert not set(index[0]) & set(index[1])
+        options = identify(rig, CODED, found, axes_px=axes)
+        assert_identified(options, T, index)
+        assert options[0].cameras == (0, 1)
+
+
+def test_mirror_images_of_one_view_are_told_apart_only_where_the_pixels_allow_it():
+    """Four markers in one plane have two poses, some degrees to tens of degrees apart."""
+    told = {0.02: [], 0.3: []}
+    for sigma, counts in told.items():
+        for T, rng in good_poses(CODED, 40, 6):
+            found, axes, index = views(T, CODED, rng, noise_px=0.02, limit_deg=70.0)
+            if len(index[0]) == 4:
+                options = identify(RIG, CODED, without(found, 1), IdentityParameters(sigma_px=sigma), without(axes, 1))
+                counts.append(len(options) == 1)
+                assert min((apart_deg(option.T_world_handle, T) for option in options), default=0.0) < 5.0
+                assert len(options) != 1 or apart_deg(options[0].T_world_handle, T) < 5.0
+    assert np.mean(told[0.02]) > 0.7
+    assert np.mean(told[0.3]) < 0.3
+
+
+def test_one_marker_out_of_line_decides_where_it_is_seen():
+    """The paper's layout with one marker moved by 4 mm: its neighbours' turns explain all markers but that one."""
+    turn = {True: 0.0, False: 180.0}  # towards the cameras, or to the far side
+    for seen, angle in turn.items():
+        facing_us = Rotation.from_euler("y", 180.0 + angle, degrees=True)
+        T = RigidTransform.from_components([0.0, 0.0, 560.0], Rotation.from_euler("z", 80, degrees=True) * facing_us)
+        found, axes, index = views(T, NEARLY, np.random.default_rng(0))
+        assert (1 in index[0]) == seen
+        options = identify(RIG, NEARLY, found, axes_px=axes)
+        assert (len(options) == 1) == seen
+        assert min(apart_deg(option.T_world_handle, T) for option in options) < 2.0
+
+
+def test_a_hidden_row_leaves_the_choice_open():
+    """Of `coded` the first row alone is seen, which looks the same after each turn by 60 deg."""
+    for T, rng in good_poses(CODED, 4, 7, TRIO):
+        found, axes, index = views(T, CODED, rng, TRIO)
+        rows = [k % 2 == 0 for k in index]
+        if len(set(np.concatenate([k[row] for k, row in zip(index, rows, strict=True)]))) >= 4:
+            found, axes = (tuple(a[row] for a, row in zip(part, rows, strict=True)) for part in (found, axes))
+            assert len(identify(TRIO, CODED, found, axes_px=axes)) != 1
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_a_turned_camera_is_outvoted_by_two_and_not_believed_alone(seed):
+    T, rng = next(good_poses(CODED, 1, seed, TRIO))
+    axis = rng.normal(size=3)
+    turn = RigidTransform.from_rotation(Rotation.from_rotvec(np.deg2rad(2.0) * axis / np.linalg.norm(axis)))
+    turned = Rig((TRIO.cameras[0], replace(TRIO.cameras[1], T_cam_world=turn * TRIO.cameras[1].T_cam_world),
+                  TRIO.cameras[2]))
+    found, axes, _ = views(T, CODED, rng, turned)
+    options = identify(TRIO, CODED, found, axes_px=axes)
+    assert len(options) == 1
+    assert (options[0].labels[1] == -1).all()
+    assert apart_deg(options[0].T_world_handle, T) < 5.0
+    pair = Rig(TRIO.cameras[:2])
+    for option in identify(pair, CODED, found[:2], axes_px=axes[:2]):
+        assert np.linalg.norm(option.T_world_handle.translation - T.translation) < 2.0  # mm
+
+
+def test_a_camera_that_sees_another_handle_refutes_a_single_one():
+    rng = np.random.default_rng(8)
+    poses = [T for T, _ in good_poses(CODED, 2, 8)]
+    (found, axes, _), (others, other_axes, _) = (views(T, CODED, rng) for T in poses)
+    assert len(identify(RIG, CODED, without(found, 1), axes_px=without(axes, 1))) == 1
+    assert identify(RIG, CODED, (found[0], others[1]), axes_px=(axes[0], other_axes[1])) == []
+
+
+@pytest.mark.parametrize("count", [0, 3, 8, 18, 500])
+def test_blobs_alone_are_nothing(count):
+    rng = np.random.default_rng(count)
+    for _ in range(4):
+        found = tuple(rng.uniform(10, 1014, (count, 2)) for _ in TRIO.cameras)
+        axes = tuple(15 * rng.uniform(0.6, 1.3, (count, 1)) * [1.0, 0.8] for _ in TRIO.cameras)
+        assert identify(TRIO, CODED, found, axes_px=axes) == []
+        assert identify(TRIO, CODED, found) == []
+
+
+def test_too_few_are_nothing():
+    T, rng = next(good_poses(PAPER, 1, 4))
+    found, _, index = views(T, PAPER, rng)
+    three = tuple(uv[np.isin(k, np.intersect1d(*index)[:3])] for uv, k in zip(found, index, strict=True))
+    assert identify(RIG, PAPER, three) == []
+
+
+def test_known_matches_limit_the_search():
+    T, rng = next(good_poses(CODED, 1, 9))
+    found, _, index = views(T, CODED, rng)
+    right = np.argwhere(index[0][:, None] == index[1])
+    assert_identified(identify(RIG, CODED, found, matches=[right]), T, index)
+    assert identify(RIG, CODED, found, matches=[right[:2]]) == []
+    wrong = np.argwhere(index[0][:, None] != index[1])
+    assert identify(RIG, CODED, found, matches=[wrong]) == []
 
 
 def test_choice_by_prior_and_without():
@@ -164,11 +250,12 @@ def test_choice_by_prior_and_without():
 
 def test_relabelling_follows_the_equivalent_pose():
     T = next(good_poses(PAPER, 1, 5))[0]
-    found, index = seen_pixels(T, PAPER)
+    index = np.flatnonzero(slants(PAPER, T, RIG.cameras[0].centre) < np.deg2rad(62))
+    exact = RIG.cameras[0].project(T.apply(PAPER.marker_centres[index]))
     for S in PAPER.symmetries:
-        labels = relabel(np.array([*index[0], -1]), PAPER, S)
+        labels = relabel(np.array([*index, -1]), PAPER, S)
         predicted = RIG.cameras[0].project((T * S).apply(PAPER.marker_centres[labels[:-1]]))
-        np.testing.assert_allclose(predicted, found[0], atol=1e-8)  # px
+        np.testing.assert_allclose(predicted, exact, atol=1e-8)  # px
         assert labels[-1] == -1
 
 
@@ -186,8 +273,14 @@ def test_bad_parameters_are_value_errors(field):
         IdentityParameters(**{field: -1})
 
 
-def test_bad_shapes_are_value_errors():
-    with pytest.raises(ValueError, match="covariances"):
-        triplet_poses(np.ones((4, 3)), np.ones((3, 3, 3)), PAPER)
+@pytest.mark.parametrize(("options", "word"), [
+    ({"found": [np.ones((4, 2))]}, "found"), ({"found": [np.ones((4, 2)), np.ones((4, 3))]}, "ccd2"),
+    ({"axes_px": [np.ones((4, 2)), np.ones((3, 2))]}, "axes_px"), ({"matches": []}, "matches")])
+def test_bad_shapes_are_value_errors(options, word):
+    with pytest.raises(ValueError, match=word):
+        identify(RIG, PAPER, **{"found": [np.ones((4, 2)), np.ones((4, 2))], **options})
+
+
+def test_a_prior_is_one_pose():
     with pytest.raises(ValueError, match="prior"):
         choose(equivalents(RigidTransform.identity(), PAPER), np.eye(4))

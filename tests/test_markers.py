@@ -1,5 +1,7 @@
 """Markers: the threshold's bisection, the filters, the centroid."""
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
@@ -9,7 +11,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 from trinolab.datasets import load_handle, load_rig
 from trinolab.handle import slants
 from trinolab.markers import MarkerParameters, centroid, find_markers, iterative_threshold
-from trinolab.scene import Bench, render
+from trinolab.scene import Bench, random_pose, render, true_visibility
 
 
 def disc_image(centres, radius=8.0, size=(160, 120), body=90.0, marker=220.0, samples=16):
@@ -185,6 +187,98 @@ def test_markers_survive_a_texture_brighter_than_the_body():
     found = find_markers(image, 12)
     for truth in ([60, 50], [90, 70]):
         assert np.linalg.norm(found.uv - truth, axis=1).min() < 0.02
+
+
+def rendered(bench, seed, markers="bright", zoom=1.0, count=2):
+    """Whole frames of the coded handle in random poses, each with the pixels of the markers that are truly seen."""
+    rig, handle = load_rig("raised_40deg"), replace(load_handle("coded"), markers=markers)
+    rng = np.random.default_rng(seed)
+    for _ in range(count):
+        T = random_pose(rng, (-40, 40), (-30, 30))
+        for camera in rig.cameras:
+            focal = zoom * np.array(camera.focal)
+            view = replace(camera, matrix=[[focal[0], 0, 640], [0, focal[1], 512], [0, 0, 1]])
+            seen = true_visibility(view, handle, T)
+            yield render(view, handle, T, bench, rng), view.project(T.apply(handle.marker_centres[seen]))
+
+
+@pytest.mark.parametrize(("what", "options", "bench"), [
+    ("standard scene", {}, {}), ("dark", {"markers": "dark"}, {}), ("low contrast", {}, {"marker_grey": 130}),
+    ("brighter than the body", {}, {"background_grey": 110}), ("as bright as markers", {}, {"background_grey": 150}),
+    ("noise", {}, {"read_noise": 8}), ("blurred", {}, {"blur_px": 2}), ("6 px", {"zoom": 0.4}, {}),
+    ("35 px", {"zoom": 2.2}, {})])
+def test_all_that_is_truly_seen_is_found_in_whole_frames(what, options, bench):
+    """Frames so large that they are searched at half their size; the truth is the renderer's."""
+    lost = total = 0
+    for image, truth in rendered(Bench(**bench), 7, **options):
+        found = find_markers(image, 12, options.get("markers", "bright")).uv
+        near = 0.25 * 15 * options.get("zoom", 1.0)  # px, a quarter of a marker: the centroid is not the centre
+        lost += sum(np.linalg.norm(found - uv, axis=1).min(initial=np.inf) > max(near, 2.0) for uv in truth)
+        total += len(truth)
+    assert total > 15
+    assert lost == 0, what
+
+
+def test_a_whole_frame_and_a_window_of_it_give_the_same_centroids():
+    """The search differs (half size, full size, other thresholds), the measurement does not."""
+    for image, truth in rendered(Bench(), 3, count=1):
+        first = np.maximum(truth.min(axis=0).astype(int) - 40, 0)
+        last = truth.max(axis=0).astype(int) + 40
+        whole = find_markers(image, 12).uv
+        window = find_markers(image[first[1]:last[1], first[0]:last[0]], 12).uv + first
+        for uv in truth:
+            one, other = (found[np.linalg.norm(found - uv, axis=1).argmin()] for found in (whole, window))
+            assert np.linalg.norm(one - other) < 0.05  # px; another threshold moves a steep marker's mask by a pixel
+
+
+@pytest.mark.parametrize("dtype", [np.uint16, np.int32, np.float32, np.float64])
+def test_other_number_types(dtype):
+    discs = disc_image([(30.2, 30.7), (80.1, 40.4)])
+    image = np.pad(np.round(discs).astype(np.uint8), ((300, 300), (400, 400)), constant_values=90)
+    expected = find_markers(image, 4)
+    found = find_markers(image.astype(dtype), 4)
+    np.testing.assert_allclose(found.uv, expected.uv, atol=1e-9)
+    assert found.steps == expected.steps
+    if dtype is np.uint16:  # 12 bit
+        found = find_markers(16 * image.astype(dtype), 4, parameters=MarkerParameters(min_contrast=320.0))
+        np.testing.assert_allclose(found.uv, expected.uv, atol=0.01)
+
+
+def test_a_float_image_keeps_its_fractions_of_grey_levels():
+    """Discs of 2.6 grey levels, as background subtraction leaves them: rounded they would be off by far more."""
+    truth = np.array([(30.37, 30.81), (80.62, 40.23)])
+    image = disc_image(truth) / 50
+    found = find_markers(image, 4, parameters=MarkerParameters(min_contrast=1.0))
+    assert len(found.uv) == 2
+    assert np.linalg.norm(found.uv - truth[:, None], axis=2).min(axis=1).max() < 0.01  # px
+
+
+@pytest.mark.parametrize("size", [(1281, 1025), (1280, 1024), (640, 480), (5, 900), (3, 3)])
+def test_images_of_any_size(size):
+    """Odd ones lose a row and a column when they are halved, thin ones cannot be halved often."""
+    image = np.full(size[::-1], 60.0)
+    every = np.array([(u + 0.3, v - 0.2) for u in (40, 620, 1262) for v in (30, 470, 1006)])
+    centres = every[(every < np.array(size) - 15).all(axis=1)]
+    v, u = np.indices(image.shape)
+    for x, y in centres:
+        image[np.hypot(u - x, v - y) < 6] = 200
+    found = find_markers(image, 12).uv
+    assert len(found) == len(centres)
+    for centre in centres:
+        assert np.linalg.norm(found - centre, axis=1).min() < 0.35  # px; sharp pixels
+
+
+def test_noise_and_500_spots_give_no_more_than_was_asked_for():
+    rng = np.random.default_rng(0)
+    noise = np.clip(rng.normal(100, 20, (1024, 1280)), 0, 255).astype(np.uint8)
+    assert len(find_markers(noise, 12).uv) == 0
+    spots = np.full((1024, 1280), 60, np.uint8)
+    for u, v in rng.uniform(20, 1000, (500, 2)):
+        cv2.circle(spots, (int(16 * u), int(16 * v)), 16 * 6, 200, -1, cv2.LINE_AA, 4)
+    found = find_markers(spots, 12)
+    assert len(found.uv) == 18
+    apart = np.linalg.norm(found.uv[:, None] - found.uv, axis=2) + 99 * np.eye(18)
+    assert apart.min() > 6  # each once
 
 
 @pytest.mark.parametrize("call", [

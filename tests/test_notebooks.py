@@ -19,6 +19,7 @@ OTHER_PARAMETERS = {
     "07_calibration": {"positions": 10, "square_mm": 12.0, "half_window_px": 5, "noise_px": 0.1, "seed": 2},
     "08_pose": {"handle_name": "coded", "sigma_px": 0.05, "seed": 3},
     "09_table1": {"handle_name": "coded", "seed": 1, "noise_px": 0.1},
+    "10_estimators": {"rig_name": "raised_40deg", "estimator": "weighted", "turned_deg": 0.02, "seed": 1},
 }
 ERRORS = {"E_t_mm", "E_alpha_deg", "E_beta_deg", "E_gamma_deg"}
 

@@ -15,16 +15,16 @@ NOTEBOOKS = sorted(ROOT.glob("notebooks/*.ipynb"))
 
 # A module imports only from those before it.
 ORDER = [
-    "checks", "lens", "camera", "rigfile", "handle", "metrics", "fetch", "board", "datasets", "realsets",
-    "ledger", "cones", "convex", "faces", "workspace", "plotting", "plotting_errors", "plotting_rigs", "window",
-    "background", "covariance", "kalman", "image_track", "blobs", "markers", "matching", "triangulation", "pose",
-    "hypotheses", "identity", "parameters", "noise", "appearance", "centroids", "patches", "imagemodel",
-    "registration", "outline", "refine", "reprojection", "estimation", "corners", "relative", "zhang", "adjustment",
-    "calibration", "tracker", "raycast", "capsule", "arm", "motion", "bench", "scene", "exposure", "bound",
-    "boardscene", "boardtrial", "recording", "errata_workspace", "errata_background", "errata_kalman",
-    "errata_markers", "errata_pose", "errata_table1", "errata", "teleop", "slave", "sweep", "workflows", "factors",
-    "deviations", "error_sources", "mixing", "pattern", "budget", "evidence", "trials", "elevation", "scoreboard",
-    "cli",
+    "checks", "lens", "camera", "rigfile", "handle", "metrics", "fetch", "board", "datasets", "realsets", "ledger",
+    "cones", "convex", "faces", "workspace", "plotting", "plotting_errors", "plotting_rigs", "plotting_estimators",
+    "window", "background", "covariance", "kalman", "image_track", "blobs", "markers", "matching", "triangulation",
+    "pose", "layout", "hypotheses", "threepoint", "seeds", "verdict", "search", "identity", "bodyend", "parameters",
+    "noise", "appearance", "centroids", "patches", "imagemodel", "registration", "outline", "refine",
+    "reprojection", "estimation", "corners", "relative", "zhang", "adjustment", "calibration", "tracker", "raycast",
+    "capsule", "arm", "motion", "bench", "scene", "exposure", "bound", "boardscene", "boardtrial", "recording",
+    "errata_workspace", "errata_background", "errata_kalman", "errata_markers", "errata_pose", "errata_table1",
+    "errata", "teleop", "slave", "sweep", "workflows", "factors", "table1_bound", "deviations", "error_sources",
+    "mixing", "pattern", "budget", "evidence", "trials", "elevation", "centroid_trial", "scoreboard", "cli",
 ]
 # all that makes the truth may know
 BENCH = {"checks", "lens", "camera", "handle", "raycast", "capsule", "arm", "motion", "bench"}
@@ -85,7 +85,7 @@ def test_truth_and_estimate_share_only_camera_and_handle():
 
 def test_only_plotting_draws():
     drawing = {path.stem for path in MODULES if imports(path)[1] & {"matplotlib", "pyvista"}}
-    assert drawing == {"plotting", "plotting_errors", "plotting_rigs"}
+    assert drawing == {"plotting", "plotting_errors", "plotting_estimators", "plotting_rigs"}
     computing = {path.stem for path in MODULES if imports(path)[0] & drawing} - drawing
     assert computing == set()  # figures are for chapters; nothing in the package waits for them
 

@@ -7,9 +7,9 @@ import pandas as pd
 import pytest
 from benchmarks import bench_measure
 from scipy.spatial.transform import RigidTransform, Rotation
-from verification import accuracy, centroids, draws, identity, nees
+from verification import accuracy, draws, identity, nees
 
-from trinolab import tracker
+from trinolab import centroid_trial, tracker
 from trinolab.bound import Bound
 from trinolab.camera import Camera, Rig
 from trinolab.datasets import load_handle, load_rig, load_table1
@@ -109,8 +109,8 @@ UPRIGHT = RigidTransform.from_components([0, 0, 545.0], Rotation.from_matrix(np.
 
 def test_along_is_towards_the_limb_and_across_clockwise():
     turned = UPRIGHT * RigidTransform.from_rotation(Rotation.from_rotvec([0, np.deg2rad(30.0), 0]))  # to the right
-    truth = centroids.centres(STRAIGHT, PAPER, turned)
-    errors = centroids.centroid_errors(STRAIGHT, PAPER, turned, truth[[0, 1, 10, 11]] + [0.25, 0.5], truth)
+    truth = centroid_trial.centres(STRAIGHT, PAPER, turned)
+    errors = centroid_trial.centroid_errors(STRAIGHT, PAPER, turned, truth[[0, 1, 10, 11]] + [0.25, 0.5], truth)
     assert list(errors["marker"]) == [0, 1, 10, 11]  # columns at 0 and at 300 deg
     right, left = errors[errors["marker"] < 2], errors[errors["marker"] >= 10]
     assert right["slant_deg"].to_numpy() == pytest.approx(30.0, abs=0.5)  # the camera is near: not quite 30
@@ -121,10 +121,10 @@ def test_along_is_towards_the_limb_and_across_clockwise():
 
 
 def test_missing_and_broken_centroids_are_missed():
-    truth = centroids.centres(STRAIGHT, PAPER, UPRIGHT)
-    shown = centroids.centroid_errors(STRAIGHT, PAPER, UPRIGHT, truth, truth)
+    truth = centroid_trial.centres(STRAIGHT, PAPER, UPRIGHT)
+    shown = centroid_trial.centroid_errors(STRAIGHT, PAPER, UPRIGHT, truth, truth)
     for found in (np.empty((0, 2)), truth + 5.0):
-        errors = centroids.centroid_errors(STRAIGHT, PAPER, UPRIGHT, found, truth)
+        errors = centroid_trial.centroid_errors(STRAIGHT, PAPER, UPRIGHT, found, truth)
         assert len(errors) == len(shown)
         assert errors[["along", "across"]].isna().all(axis=None)
 
@@ -137,7 +137,7 @@ def test_report_finds_bias_scatter_and_noise():
     errors = pd.DataFrame({"marker": 0, "slant_deg": slant, "along": along, "across": 0.02 * rng.standard_normal(6000),
                            "view": view})
     errors.loc[:9, ["along", "across"]] = np.nan
-    table = centroids.centroid_report(errors)
+    table = centroid_trial.centroid_report(errors)
     assert list(table["slant_deg"]) == ["0-10", "10-20", "20-30", "30-40", "40-50", "50-60", "60-65"]
     assert (table["n"].sum(), table["missed"].sum()) == (6000, 10)
     middles = np.array([5, 15, 25, 35, 45, 55, 62.5])
@@ -154,9 +154,9 @@ def test_a_wrapped_markers_centroid_lies_along_the_slant():
     rig = Rig((STRAIGHT, OTHER))
     images = draws.expected_frames(rig, PAPER, turned, Bench())
     steep = {}
-    for name, method in centroids.METHODS.items():
+    for name, method in centroid_trial.METHODS.items():
         found, predicted = method(images, rig, PAPER, turned)
-        errors = centroids.centroid_errors(STRAIGHT, PAPER, turned, found[0], predicted[0]).dropna()
+        errors = centroid_trial.centroid_errors(STRAIGHT, PAPER, turned, found[0], predicted[0]).dropna()
         steep[name] = errors[errors["slant_deg"] > 45]
         assert len(steep[name]) == 2
     assert (np.abs(steep["plain"]["across"]) < 0.08).all()  # rows above and below the axis: a little perspective

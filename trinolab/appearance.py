@@ -4,8 +4,8 @@ A pixel's ray meets the cylinder in closed form; distances from the marker's edg
 share of the pixel's area that each covers. A view is a marker in a camera's image; arrays have one row a view, vectors
 their three components first.
 
-After a small motion of the handle (nu mm, omega rad, handle frame) the ray o + t d is, seen from the handle,
-(o - nu - omega x o) + t (d - omega x d). All derivatives follow from that.
+After a small motion of the handle (nu mm, omega rad, handle frame) the point X of a ray lies, seen from the handle, at
+X - nu - omega x X. With the gradient g of a distance there, that distance changes by -g.nu - (X x g).omega.
 """
 
 from __future__ import annotations
@@ -56,8 +56,12 @@ class Layers(NamedTuple):
     ----------
     marker, body : ndarray, shape (k, p)
         Share of the pixel's area that the view's marker covers, and that all of the body does.
-    d_marker, d_body : ndarray, shape (k, 6, p)
-        Their derivatives by a small motion of the handle (nu mm, omega rad; handle frame).
+    covered : ndarray, shape (k, p)
+        What share of the pixel the marker would cover if the body did not end there.
+    marker_point, body_point : ndarray, shape (3, k, p)
+        Where the ray meets the body, and where it is nearest to the axis; handle frame, mm.
+    marker_push, body_push : ndarray, shape (3, k, p)
+        How fast the shares grow as the handle moves there, 1/mm.
     turn : ndarray, shape (k, p)
         Angle about the axis from the marker's column, rad.
     clear_px : ndarray, shape (k, p)
@@ -66,8 +70,11 @@ class Layers(NamedTuple):
 
     marker: Array
     body: Array
-    d_marker: Array
-    d_body: Array
+    covered: Array
+    marker_point: Array
+    body_point: Array
+    marker_push: Array
+    body_push: Array
     turn: Array
     clear_px: Array
 
@@ -100,16 +107,29 @@ def windows(rig: Rig, views: Views, uv: Array, side: int) -> Windows:
 def layers(rig: Rig, handle: Handle, T_world_handle: RigidTransform, views: Views, at: Windows) -> Layers:
     """What each pixel of windows shows of the handle at a pose (see `Layers`)."""
     rays = _rays(rig, T_world_handle, views, at)
-    outside, body, d_body = _body(handle, rays)
-    depth, X, normal = _surface(handle, rays, outside)
+    depth, P, outward, distance = _nearest_to_axis(rays)
+    body, body_push, _ = _edge(handle.radius_mm - distance, depth, -outward, rays)
+    depth, X, normal = _surface(handle, rays, depth, P, distance)
     turn, inside, gradient = _marker(handle, views.marker, X)
     facing = np.minimum(_dot(normal, rays.direction), -GRAZING)
-    slope = gradient - normal * (_dot(gradient, rays.direction) / facing)
-    by_u, by_v = depth * _dot(slope, rays.by_u), depth * _dot(slope, rays.by_v)
-    marker, d_marker = _coverage(inside, by_u, by_v, -slope, -_cross(X, slope))
-    d_marker = d_marker * body[:, None] + marker[:, None] * d_body
+    gradient -= normal * (_dot(gradient, rays.direction) / facing)  # as the ray's point slides along the surface
+    covered, marker_push, width = _edge(inside, depth, gradient, rays)
     clear = np.minimum(_beside(handle, views.marker, X), np.minimum(handle.top_mm - X[1], X[1] - handle.bottom_mm))
-    return Layers(marker * body, body, d_marker, d_body, turn, clear / np.hypot(by_u, by_v))
+    return Layers(covered * body, body, covered, X, P, marker_push, body_push, turn, clear / width)
+
+
+def by_motion(shown: Layers, marker: Array, body: Array) -> Array:
+    """Derivative of ``marker * shown.marker + body * shown.body`` by a motion (nu mm, omega rad), shape (k, 6, p).
+
+    `marker` and `body` are weights of shape (k, p).
+    """
+    F, G = (marker * shown.body) * shown.marker_push, (marker * shown.covered + body) * shown.body_push
+    result = np.empty((len(marker), 6, marker.shape[1]), marker.dtype)
+    X, P = shown.marker_point, shown.body_point
+    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+        result[:, i] = F[i] + G[i]
+        result[:, 3 + i] = X[j] * F[k] - X[k] * F[j] + P[j] * G[k] - P[k] * G[j]
+    return result
 
 
 def shading_basis(turn: Array) -> Array:
@@ -123,8 +143,8 @@ def shading_basis(turn: Array) -> Array:
 
 
 def _rays(rig: Rig, T_world_handle: RigidTransform, views: Views, at: Windows) -> _Rays:
-    R_handle_world = T_world_handle.rotation.as_matrix().T
-    turns = [R_handle_world @ camera.T_world_cam.rotation.as_matrix() for camera in rig.cameras]
+    R_handle_world = T_world_handle.as_matrix()[:3, :3].T
+    turns = [R_handle_world @ camera.T_world_cam.as_matrix()[:3, :3] for camera in rig.cameras]
     starts = [R_handle_world @ (camera.centre - T_world_handle.translation) for camera in rig.cameras]
     R = np.stack(turns, dtype=np.float32)[views.camera].transpose(2, 1, 0)[..., None]
     start = np.stack(starts, dtype=np.float32)[views.camera].T[..., None]
@@ -132,32 +152,25 @@ def _rays(rig: Rig, T_world_handle: RigidTransform, views: Views, at: Windows) -
     return _Rays(start, R[0] * at.xy[0] + R[1] * at.xy[1] + R[2], by_u, by_v)
 
 
-def _body(handle: Handle, rays: _Rays) -> tuple[Array, Array, Array]:
-    """How far rays pass the axis, signed (k, p) mm; the body's share of their pixels, and its derivatives."""
-    (ox, oy, oz), (dx, _, dz) = rays.start, rays.direction
-    length2 = dx * dx + dz * dz
-    length = np.sqrt(length2)
-    passing = (ox * dz - oz * dx) / length
-    # derivatives of `passing` by the ray's start and direction; the y component of both is zero
-    sx, sz = dz / length, -dx / length
-    tx, tz = (-oz + passing * sz) / length, (ox - passing * sx) / length
-    sign = -np.sign(passing)
-    by_u, by_v = tx * rays.by_u[0] + tz * rays.by_u[2], tx * rays.by_v[0] + tz * rays.by_v[2]
-    dy = rays.direction[1]
-    by_nu = np.stack([-sx, np.zeros_like(sx), -sz])
-    by_omega = -np.stack([oy * sz + dy * tz, oz * sx - ox * sz + dz * tx - dx * tz, -oy * sx - dy * tx])
-    return passing, *_coverage(handle.radius_mm - np.abs(passing), by_u, by_v, sign * by_nu, sign * by_omega)
-
-
-def _surface(handle: Handle, rays: _Rays, passing: Array) -> tuple[Array, Array, Array]:
-    """Depth (k, p), point (3, k, p) and normal of the body's side where a ray meets it, or passes it nearest by."""
+def _nearest_to_axis(rays: _Rays) -> tuple[Array, Array, Array, Array]:
+    """Depth (k, p), point (3, k, p), direction from the axis and distance, mm, where rays pass the axis nearest by."""
     (ox, _, oz), (dx, _, dz) = rays.start, rays.direction
-    length2 = dx * dx + dz * dz
-    half = np.sqrt(np.maximum(handle.radius_mm**2 - passing**2, 0.0) / length2)
-    depth = -(ox * dx + oz * dz) / length2 - half
-    X = rays.start + depth * rays.direction
-    normal = X * np.array([1, 0, 1], np.float32)[:, None, None] / np.hypot(X[0], X[2])
-    return depth, X, normal
+    depth = -(ox * dx + oz * dz) / (dx * dx + dz * dz)
+    P = rays.start + depth * rays.direction
+    outward = P.copy()
+    outward[1] = 0
+    distance = np.maximum(np.hypot(P[0], P[2]), 1e-6)
+    return depth, P, outward / distance, distance
+
+
+def _surface(handle: Handle, rays: _Rays, depth: Array, P: Array, distance: Array) -> tuple[Array, Array, Array]:
+    """Depth (k, p), point (3, k, p) and normal of the body's side where a ray meets it, or passes it nearest by."""
+    dx, _, dz = rays.direction
+    half = np.sqrt(np.maximum(handle.radius_mm**2 - distance**2, 0.0) / (dx * dx + dz * dz))
+    X = P - half * rays.direction
+    normal = X / np.hypot(X[0], X[2])
+    normal[1] = 0
+    return depth - half, X, normal
 
 
 def _marker(handle: Handle, markers: np.ndarray, X: Array) -> tuple[Array, Array, Array]:
@@ -184,19 +197,20 @@ def _beside(handle: Handle, markers: np.ndarray, X: Array, nearest: int = 2) -> 
     return distance - handle.marker_diameter_mm / 2
 
 
-def _coverage(inside: Array, by_u: Array, by_v: Array, by_nu: Array, by_omega: Array) -> tuple[Array, Array]:
-    """Share (k, p) of a pixel's area on the inner side of an edge, and its derivatives (k, 6, p).
+def _edge(inside: Array, depth: Array, gradient: Array, rays: _Rays) -> tuple[Array, Array, Array]:
+    """Share (k, p) of a pixel's area on the inner side of an edge, how it is pushed (3, k, p), and mm to a pixel.
 
-    The edge is straight within a pixel: `inside` mm away, with derivatives `by_u`, `by_v` by the pixel (k, p) and
-    `by_nu`, `by_omega` by the motion (3, k, p). The share is then the integral of a trapezoid.
+    The edge is straight within a pixel: `inside` mm away, with a gradient (3, k, p) at the ray's point, `depth` along
+    the ray. The share is then the integral of a trapezoid.
     """
-    long, short = np.maximum(np.abs(by_u), np.abs(by_v)), np.maximum(np.minimum(np.abs(by_u), np.abs(by_v)), 1e-12)
+    by_u, by_v = (np.abs(depth * _dot(gradient, step)) for step in (rays.by_u, rays.by_v))
+    long, short = (np.maximum(part(by_u, by_v), 1e-6) for part in (np.maximum, np.minimum))  # zero in the very middle
     away = np.abs(inside)
     left = np.maximum((long + short) / 2 - away, 0.0)  # to where the edge leaves the pixel
     corner = left < short  # it cuts off no more than a corner
     outer = np.where(corner, left**2 / (2 * long * short), 0.5 - away / long)
-    rate = np.where(corner, left / (long * short), 1 / long)
-    return np.where(inside > 0, 1 - outer, outer), np.concatenate([by_nu * rate, by_omega * rate]).transpose(1, 0, 2)
+    rate = np.where(corner, left / short, 1.0) / long
+    return np.where(inside > 0, 1 - outer, outer), gradient * -rate, np.hypot(long, short)
 
 
 def _wrapped(angle: Array) -> Array:
@@ -205,7 +219,3 @@ def _wrapped(angle: Array) -> Array:
 
 def _dot(a: Array, b: Array) -> Array:
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-
-
-def _cross(a: Array, b: Array) -> Array:
-    return np.stack([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])

@@ -106,6 +106,7 @@ class Camera:
         xy[~(local[:, 2] > 0)] = np.nan
         return self.to_pixels(whole_rows(xy))
 
+    @np.errstate(all="ignore")
     def to_pixels(self, xy: ArrayLike) -> Array:
         """Normalised ideal coordinates (x/z, y/z), shape (n, 2), to pixels of the distorted image, shape (n, 2).
 

@@ -20,6 +20,8 @@ from .registration import centre_pixels
 from .reprojection import fit_centroids
 from .triangulation import triangulate, triangulate_weighted, triangulation_covariance
 
+APART_MM, APART_RAD = 1.5, np.deg2rad(4.0)  # a little less than what a measured pose may be off
+
 
 class Identified(NamedTuple):
     """An instant with its markers identified.
@@ -42,29 +44,11 @@ class Identified(NamedTuple):
     T_world_handle: RigidTransform
 
 
-def candidate_points(images: Sequence[np.ndarray], rig: Rig, pixels: Sequence[Array],
-                     parameters: Parameters) -> tuple[Array, Array]:
-    """Points of all candidate pairs of found markers, world frame (Eq. 17, 18, 20, 21).
-
-    Returns
-    -------
-    points : ndarray, shape (m, 3)
-        mm.
-    covariances : ndarray, shape (m, 3, 3)
-        mm^2, for the identification's `sigma_px`.
-    """
-    columns = [np.empty((len(rig.cameras), 0, 2))]
-    for i, j in rig.pairs:
-        pairs = candidates(rig.cameras[i], rig.cameras[j], images[i], images[j], pixels[i], pixels[j],
-                           parameters.matching).index
-        column = np.full((len(rig.cameras), len(pairs), 2), np.nan)
-        column[i], column[j] = pixels[i][pairs[:, 0]], pixels[j][pairs[:, 1]]
-        columns.append(column)
-    uv = np.concatenate(columns, axis=1)
-    points = triangulate(rig, uv)
-    covariances = triangulation_covariance(rig, uv, parameters.identity.sigma_px)
-    valid = np.isfinite(points).all(axis=1) & np.isfinite(covariances).all(axis=(1, 2))
-    return points[valid], covariances[valid]
+def candidate_pairs(images: Sequence[np.ndarray], rig: Rig, pixels: Sequence[Array],
+                    parameters: Parameters) -> list[np.ndarray]:
+    """Found markers that may be the same one, rows (k, 2) for each pair of cameras of `Rig.pairs` (Eq. 17, 18)."""
+    return [candidates(rig.cameras[i], rig.cameras[j], images[i], images[j], pixels[i], pixels[j],
+                       parameters.matching).index for i, j in rig.pairs]
 
 
 def estimate(instant: Identified, rig: Rig, handle: Handle, parameters: Parameters) -> Pose:
@@ -120,7 +104,26 @@ def fit_pose(labels: tuple[np.ndarray, ...], rig: Rig, handle: Handle, pixels: t
 
 
 def _paper_pose(instant: Identified, rig: Rig, handle: Handle, p: Parameters) -> Pose:
-    return fit_pose(instant.labels, rig, handle, instant.pixels, p)
+    """The paper's estimate, without markers that something hides in part: where the image model shows that, see `Fit`.
+
+    The paper has no test of a pose. Here it is lost if the image model, where it applies, leads far away from it.
+    """
+    check = fit_patches(instant.images, rig, handle, instant.T_world_handle, p.max_slant_deg)
+    if check is None or not check.shown.any():
+        return fit_pose(instant.labels, rig, handle, instant.pixels, p)
+    hidden = {(int(c), int(m)) for c, m, shown in zip(*check.views, check.shown, strict=True) if not shown}
+    labels = tuple(np.array([-1 if (c, int(m)) in hidden else m for m in row], dtype=int)
+                   for c, row in enumerate(instant.labels))
+    pose, other = fit_pose(labels, rig, handle, instant.pixels, p), _judged(check)
+    return LOST if other is not LOST and _contradict(pose, other) else pose
+
+
+def _contradict(a: Pose, b: Pose) -> bool:
+    """Whether two poses of one instant are too far apart to be called measured."""
+    if a.T_world_handle is None or b.T_world_handle is None:
+        return False
+    difference = a.T_world_handle.inv() * b.T_world_handle
+    return bool(np.linalg.norm(difference.translation) > APART_MM or difference.rotation.magnitude() > APART_RAD)
 
 
 def _weighted_pose(instant: Identified, rig: Rig, handle: Handle, p: Parameters) -> Pose:

@@ -1,149 +1,186 @@
-"""Hypotheses for the handle's pose: from triplets of points that fit the layout, judged by what they explain.
+"""Hypotheses for the handle's pose, many at once: what each predicts, what it explains, its fit to what it explains.
 
-Three points that fit three markers of the layout give a pose; a pose predicts where each marker appears in each image.
+A pose predicts where each marker's centroid appears in each image. Images are meant without lens distortion throughout.
+Arrays have the axes h poses, C cameras, n markers of the handle, N markers found (of the camera with the most).
 """
 
 from __future__ import annotations
 
-from itertools import combinations, permutations
+from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
-from scipy.spatial.transform import RigidTransform, Rotation
+from scipy.spatial.transform import Rotation
 
 from .camera import Rig
-from .checks import Array, as_array, as_points
-from .handle import Handle, slant_angles
+from .checks import Array
+from .layout import Layout, Views
 
-VISIBLE = np.deg2rad(75.0)  # a marker turned further away is not looked for
-CERTAIN = np.deg2rad(50.0)  # a marker turned less than this should have been found
+STEEP = np.cos(np.deg2rad(75.0))  # markers turned further away are less certain, and less and less
+CERTAIN = np.cos(np.deg2rad(55.0))  # markers turned less than this should be found; up to STEEP one may be missed
+EDGE_PX = 10.0  # ... if it lies whole and as far inside the image
+FAR = 1e9  # px; the place of what is missing: near nothing
 
 
-def triplet_poses(points: ArrayLike, covariances: ArrayLike, handle: Handle, sigmas: float = 3.0) -> RigidTransform:
-    """Poses that carry three markers of the layout onto three of the points.
+class Poses(NamedTuple):
+    """A batch of T_world_handle: rotations (h, 3, 3), translations (h, 3), mm."""
 
-    Parameters
+    rotations: Array
+    translations: Array
+
+    def take(self, index: np.ndarray) -> Poses:
+        return Poses(self.rotations[index], self.translations[index])
+
+
+class Predicted(NamedTuple):
+    """What poses predict: centroids in pixels (h, C, 2, n), the cosines of the slants (h, C, n), and the points in the
+    cameras' frames of which the centroids are images (h, C, 3, n), mm."""
+
+    uv: Array
+    facing: Array
+    points: Array
+
+
+class Explained(NamedTuple):
+    """What poses explain.
+
+    Attributes
     ----------
-    points : array_like, shape (m, 3)
-        Candidate points, mm.
-    covariances : array_like, shape (m, 3, 3)
-        Of the points, mm^2: the sides of a triangle may differ from the layout's by `sigmas` standard deviations.
-    handle : Handle
-    sigmas : float
-
-    Returns
-    -------
-    RigidTransform
-        A batch of T_target_handle, possibly of length 0.
-
-    Raises
-    ------
-    ValueError
-        If a shape is wrong or a number is not finite.
+    labels : ndarray of int, shape (h, C, N)
+        For each found marker its index on the handle, or -1.
+    squares : ndarray, shape (h, C, N)
+        Weighted squared distances of the labelled markers from where they are predicted, px^2; 0 for the others.
+    missing : ndarray, shape (h, C)
+        Markers that should have been found and were not; the steeper, the less each counts.
+    strangers : ndarray of int, shape (h, C)
+        Found markers without a label.
+    cost : ndarray, shape (h,)
+        Sum of the squares, and the gate's square for each stranger and for each missing marker, px^2. Of the missing
+        ones a camera counts at most as many as it labels: it may be covered, or see another thing.
     """
-    points = as_points(points, "points", 3, finite=True)
-    spread = np.trace(as_array(covariances, "covariances", (len(points), 3, 3)), axis1=1, axis2=2)
-    corners, found = _layout_triplets(handle), _all_triplets(len(points))
-    wanted = _sides(handle.marker_centres[corners])
-    sides, slack = _sides(points[found]), sigmas * np.sqrt(spread[found] + spread[np.roll(found, -1, axis=1)])
-    small = (sides < wanted.max(initial=0.0) + slack).all(axis=1)
-    found, sides, slack = found[small], sides[small], slack[small]
-    hits = [np.argwhere((np.abs(wanted - side) < tolerance).all(axis=1))[:, 0]
-            for side, tolerance in zip(sides, slack, strict=True)]
-    f = np.repeat(np.arange(len(found)), [len(hit) for hit in hits])
-    c = np.concatenate([np.empty(0, dtype=int), *hits])
-    return _frames(points[found[f]]) * _frames(handle.marker_centres[corners[c]]).inv()
+
+    labels: np.ndarray
+    squares: Array
+    missing: Array
+    strangers: np.ndarray
+    cost: Array
+
+    def take(self, index: np.ndarray) -> Explained:
+        return Explained(*(part[index] for part in self))
+
+    @property
+    def hits(self) -> np.ndarray:
+        """Labelled markers by camera, shape (h, C)."""
+        return np.asarray((self.labels >= 0).sum(axis=2))
+
+    @property
+    def lacking(self) -> Array:
+        """The missing markers that the cost counts, shape (h,)."""
+        return np.minimum(self.missing, self.hits).sum(axis=1)
 
 
-def explain(motions: RigidTransform, rig: Rig, handle: Handle, found: tuple[Array, ...],
-            gate_px: float) -> tuple[list[np.ndarray], Array, Array]:
-    """Label the found markers by each of a batch of poses, and say how well it explains them.
+def ideal_pixels(rig: Rig, found: Sequence[Array]) -> Array:
+    """Found pixels without lens distortion, one array for all cameras, shape (C, 2, N); `FAR` where there is none."""
+    uv = np.full((len(found), 2, max(map(len, found))), FAR)
+    for row, camera, pixels in zip(uv, rig.cameras, found, strict=True):
+        ideal = camera.ideal_pixels(pixels) if camera.distortions.any() else pixels
+        row[:, :len(pixels)] = np.where(np.isfinite(ideal), ideal, FAR).T
+    return uv
+
+
+def predict(poses: Poses, views: Views, layout: Layout) -> Predicted:
+    """Where poses predict the markers' centroids, to first order in a marker's size."""
+    h, C, n = len(poses.rotations), len(views.rotations), len(layout.centres)
+    rotations = views.rotations @ poses.rotations[:, None]  # (h, C, 3, 3)
+    parts = np.concatenate([layout.centres, layout.normals, layout.tangents])
+    arm, normal, tangent = (rotations.reshape(-1, 3) @ parts.T).reshape(h, C, 3, 3, n).transpose(3, 0, 1, 2, 4)
+    X = arm + _origins(poses, views)[..., None]
+    towards, across = -(normal * X).sum(axis=2), -(tangent * X).sum(axis=2)
+    slant = np.arctan2(np.abs(across), towards)
+    along = np.interp(slant, layout.slants, layout.shift[0])
+    aside = np.copysign(np.interp(slant, layout.slants, layout.shift[1]), across)
+    points = X + along[:, :, None] * normal + aside[:, :, None] * tangent
+    facing = np.where(points[:, :, 2] > 0, towards / np.sqrt((X * X).sum(axis=2)), -1.0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        uv = points[:, :, :2] / points[:, :, 2:] * views.focal[:, :, None] + views.principal[:, :, None]
+    return Predicted(uv, facing, points)
+
+
+def explain(poses: Poses, views: Views, layout: Layout, uv: Array, gate_px: float) -> Explained:
+    """Label the found markers by each pose, and say how well it explains them.
 
     A found marker and a predicted one go together if each is the other's nearest and they lie within `gate_px`.
-
-    Parameters
-    ----------
-    motions : RigidTransform
-        A batch of T_world_handle, length h.
-    rig, handle
-    found : tuple of ndarray, one a camera, shape (n_c, 2)
-    gate_px : float
-
-    Returns
-    -------
-    labels : list of ndarray of int, one a camera, shape (h, n_c)
-        Index on the handle, or -1.
-    cost : ndarray, shape (h,)
-        Sum of squared distances of the labelled markers, with ``gate_px**2`` for each marker without a label and for
-        each that faces a camera (under 50 deg, inside the image) and was not found; px^2.
-    residual_px : ndarray, shape (h,)
-        Rms distance of the labelled markers; NaN without any.
     """
-    R = motions.rotation.as_matrix()
-    centres = handle.marker_centres @ R.transpose(0, 2, 1) + motions.translation[:, None]
-    normals = handle.marker_normals @ R.transpose(0, 2, 1)
-    labels, squares, missing = [], [], np.zeros(len(R))
-    for camera, uv in zip(rig.cameras, found, strict=True):
-        slant = slant_angles(centres, normals, camera.centre)
-        predicted = camera.project(centres.reshape(-1, 3)).reshape(*slant.shape, 2)
-        label, square = _mutual_nearest(np.where((slant < VISIBLE)[..., None], predicted, np.nan), uv, gate_px)
-        expected = (slant < CERTAIN) & camera.sees(centres.reshape(-1, 3), margin_px=10.0).reshape(slant.shape)
-        hit = (label[:, :, None] == np.arange(slant.shape[1])).any(axis=1)
-        missing += (expected & ~hit).sum(axis=1)
-        labels.append(label)
-        squares.append(square)
-    square = np.concatenate(squares, axis=1)
-    cost = np.where(np.isnan(square), gate_px**2, square).sum(axis=1) + missing * gate_px**2
-    count = np.isfinite(square).sum(axis=1)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        return labels, cost, np.sqrt(np.nansum(square, axis=1) / count)
+    predicted = predict(poses, views, layout)
+    shown = np.where(predicted.facing[:, :, None] > layout.limb, predicted.uv, -FAR)
+    labels, squares = _mutual_nearest(shown, uv, gate_px)
+    squares *= np.take_along_axis(_weights(predicted.facing), labels, axis=2)
+    expected = np.clip((predicted.facing - STEEP) / (CERTAIN - STEEP), 0.0, 1.0)
+    margin = EDGE_PX + layout.marker_mm / 2 * views.focal[:, :1] / predicted.points[:, :, 2]
+    expected *= views.inside(predicted.uv, margin)
+    missed = np.concatenate([expected, np.zeros((*expected.shape[:2], 1))], axis=2)  # the last one takes the label -1
+    np.put_along_axis(missed, labels, 0.0, axis=2)
+    strangers = ((labels < 0) & (uv[:, 0] < FAR)).sum(axis=2)
+    explained = Explained(labels, squares, missed.sum(axis=2), strangers, squares.sum(axis=(1, 2)))
+    explained.cost[:] += gate_px**2 * (explained.lacking + strangers.sum(axis=1))
+    return explained
+
+
+def fit(poses: Poses, labels: np.ndarray, views: Views, layout: Layout, uv: Array, steps: int = 1) -> Poses:
+    """Move each pose by Gauss-Newton steps towards the markers that it labels, large residuals held back (Huber)."""
+    h, C, n = len(poses.rotations), len(views.rotations), len(layout.centres)
+    target = np.full((h, C, 2, n + 1), np.nan)  # the last one takes the label -1
+    np.put_along_axis(target, np.repeat(labels[:, :, None], 2, axis=2), np.broadcast_to(uv, (h, *uv.shape)), axis=3)
+    for _ in range(steps):
+        predicted = predict(poses, views, layout)
+        poses = _stepped(poses, target[..., :n] - predicted.uv, predicted, views)
+    return poses
+
+
+def _stepped(poses: Poses, error: Array, predicted: Predicted, views: Views) -> Poses:
+    """One Gauss-Newton step for errors (h, C, 2, n); NaN counts nothing. Slightly damped: little may be determined."""
+    size = np.sqrt((error * error).sum(axis=2))
+    weight = np.where(np.isfinite(size), _weights(predicted.facing) / np.maximum(size, 1.0), 0.0)
+    slope = _slopes(poses, predicted.points, views).reshape(len(size), -1, 6)
+    weighted = slope * np.repeat(weight.reshape(len(size), -1), 2, axis=1)[..., None]
+    error = np.where(np.isfinite(error), error, 0.0).transpose(0, 1, 3, 2).reshape(len(size), -1, 1)
+    right = weighted.transpose(0, 2, 1) @ error
+    normal = weighted.transpose(0, 2, 1) @ slope
+    diagonal = range(6)
+    normal[:, diagonal, diagonal] = normal[:, diagonal, diagonal] * (1 + 1e-6) + 1e-6
+    step = np.linalg.solve(normal, right)[..., 0]
+    turn = Rotation.from_rotvec(step[:, 3:]).as_matrix()
+    return Poses(turn @ poses.rotations, poses.translations + step[:, :3])
+
+
+def _slopes(poses: Poses, points: Array, views: Views) -> Array:
+    """Derivatives of the pixels, (h, C, n, 2, 6), by translation and rotation vector about the handle's origin (world
+    frame)."""
+    x, y, z = points.transpose(2, 0, 1, 3)[..., None]  # each (h, C, n, 1)
+    right, down, ahead = views.rotations.transpose(1, 0, 2)[:, :, None]  # each (C, 1, 3)
+    fx, fy = views.focal.T[:, :, None, None]
+    by_shift = np.stack([fx / z * (right - x / z * ahead), fy / z * (down - y / z * ahead)], axis=3)  # (h, C, n, 2, 3)
+    arms = (points - _origins(poses, views)[..., None]).transpose(0, 1, 3, 2) @ views.rotations  # world frame
+    a, b, c = np.moveaxis(arms[:, :, :, None], -1, 0)
+    u, v, w = np.moveaxis(by_shift, -1, 0)
+    return np.concatenate([by_shift, np.stack([b * w - c * v, c * u - a * w, a * v - b * u], axis=-1)], axis=4)
+
+
+def _origins(poses: Poses, views: Views) -> Array:
+    """The handle's origin in the cameras' frames, (h, C, 3)."""
+    return (poses.translations @ views.rotations.transpose(0, 2, 1) + views.translations[:, None]).transpose(1, 0, 2)
+
+
+def _weights(facing: Array) -> Array:
+    """Weights of squared distances by the cosine of the slant: at the body's limb a centroid depends on everything."""
+    return np.clip(facing / STEEP, 0.1, 1.0)
 
 
 def _mutual_nearest(predicted: Array, uv: Array, gate_px: float) -> tuple[np.ndarray, Array]:
-    """Labels (h, n) of found pixels (n, 2) by predictions (h, m, 2), and squared distances with NaN for no label."""
-    square = ((predicted[:, :, None] - uv) ** 2).sum(axis=3)  # (h, m, n)
-    square = np.where(square < gate_px**2, square, np.inf)
-    marker = square.argmin(axis=1)
-    best = np.take_along_axis(square, marker[:, None], axis=1)[:, 0]
-    mutual = np.isfinite(best) & (best <= np.take_along_axis(square.min(axis=2, initial=np.inf), marker, axis=1))
-    return np.where(mutual, marker, -1), np.where(mutual, best, np.nan)
-
-
-def _all_triplets(n: int) -> np.ndarray:
-    return np.array(list(combinations(range(n), 3)), dtype=int).reshape(-1, 3)
-
-
-def _layout_triplets(handle: Handle, widest_deg: float = 125.0) -> np.ndarray:
-    """Ordered triplets of markers that one viewpoint can see and that are not on a line, shape (k, 3).
-
-    Of a symmetric layout only those that start at the first marker of an orbit: the others give equivalent poses.
-    """
-    centres, normals = handle.marker_centres, handle.marker_normals
-    together = normals @ normals.T > np.cos(np.deg2rad(widest_deg))
-    triplets = [t for t in permutations(range(len(centres)), 3)
-                if together[t[0], t[1]] and together[t[0], t[2]] and together[t[1], t[2]]]
-    array = np.array(triplets, dtype=int).reshape(-1, 3)
-    a, b, c = (centres[array[:, k]] for k in range(3))
-    area = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2
-    return array[np.isin(array[:, 0], _orbit_starts(handle)) & (area > 0.05 * handle.radius_mm**2)]
-
-
-def _orbit_starts(handle: Handle) -> np.ndarray:
-    """The markers that no symmetry carries to a marker with a lower index."""
-    images = np.stack([S.apply(handle.marker_centres) for S in handle.symmetries])
-    index = np.linalg.norm(images[:, :, None] - handle.marker_centres, axis=3).argmin(axis=2)
-    return np.flatnonzero(index.min(axis=0) == np.arange(index.shape[1]))
-
-
-def _sides(triangles: Array) -> Array:
-    """Lengths of the sides 01, 12, 20 of triangles (k, 3, 3), shape (k, 3)."""
-    return np.linalg.norm(triangles - np.roll(triangles, -1, axis=1), axis=2)
-
-
-def _frames(triangles: Array) -> RigidTransform:
-    """A frame for each triangle (k, 3, 3): origin at its mean, x along 01, z across its plane."""
-    x = triangles[:, 1] - triangles[:, 0]
-    z = np.cross(x, triangles[:, 2] - triangles[:, 0])
-    x, z = x / np.linalg.norm(x, axis=1, keepdims=True), z / np.linalg.norm(z, axis=1, keepdims=True)
-    axes = np.stack([x, np.cross(z, x), z], axis=2)
-    return RigidTransform.from_components(triangles.mean(axis=1), Rotation.from_matrix(axes))
+    """Labels (h, C, N) of found pixels (C, 2, N) by predictions (h, C, 2, n), and squared distances, 0 for no label."""
+    square = (predicted[:, :, 0, :, None] - uv[:, 0, None]) ** 2
+    square += (predicted[:, :, 1, :, None] - uv[:, 1, None]) ** 2  # (h, C, n, N)
+    marker = square.argmin(axis=2)
+    best = np.take_along_axis(square, marker[:, :, None], axis=2)[:, :, 0]
+    mutual = (best < gate_px**2) & (best <= np.take_along_axis(square.min(axis=3, initial=np.inf), marker, axis=2))
+    return np.where(mutual, marker, -1), np.where(mutual, best, 0.0)

@@ -1,52 +1,30 @@
-"""Which found marker is which marker of the handle: hypotheses from triplets of points, verified in every image.
+"""Which found marker is which marker of the handle: poses from triplets, verified in every image.
 
-The paper assumes that this is known. Three points that fit three markers of the layout give a pose; the pose predicts
-where every marker appears; the pose that explains most of what was found wins. A layout with symmetry has several such
-poses: the prior chooses, or the choice is reported as open.
+The paper assumes that this is known. Three markers that fit three of the layout give a pose; the pose predicts where
+every marker appears; the pose that explains most of what was found wins. A layout with symmetry has several such poses:
+the prior chooses, or the choice is reported as open.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.spatial.transform import RigidTransform
+from scipy.spatial.transform import RigidTransform, Rotation
 
 from .camera import Rig
-from .checks import Array, as_number, as_transform
+from .checks import Array, as_array, as_transform
 from .handle import Handle
-from .hypotheses import explain, triplet_poses
-from .pose import rigid_fit
-from .triangulation import triangulate
+from .hypotheses import Explained, Poses, ideal_pixels
+from .layout import layout_of, views_of
+from .search import search
+from .verdict import IdentityParameters as IdentityParameters
+from .verdict import judge, rivals, shape_misfit
 
-
-@dataclass(frozen=True)
-class IdentityParameters:
-    """Parameters of the identification.
-
-    Attributes
-    ----------
-    gate_px : float
-        How far a found marker may lie from where a pose predicts it.
-    sigma_px : float
-        Error of a centroid, bias included; the tolerance of a triangle's sides is three times what it makes of a point.
-    min_markers : int
-        Markers that two cameras must share; the paper asks for four.
-    max_residual_px : float
-        Largest rms distance between found and predicted markers.
-    """
-
-    gate_px: float = 4.0
-    sigma_px: float = 0.3
-    min_markers: int = 4
-    max_residual_px: float = 1.5
-
-    def __post_init__(self) -> None:
-        as_number(self.gate_px, "gate_px", low=0.0, open_low=True)
-        as_number(self.sigma_px, "sigma_px", low=0.0, open_low=True)
-        as_number(self.min_markers, "min_markers", low=3)
-        as_number(self.max_residual_px, "max_residual_px", low=0.0, open_low=True)
+APART_DEG = 3.0  # poses that are nearer to each other are one
+SURPLUS = 3  # so many times the handle's markers are tried in an image
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,41 +34,47 @@ class Hypothesis:
     Attributes
     ----------
     T_world_handle : RigidTransform
+        Fitted to the labelled markers.
     labels : tuple of ndarray of int, one a camera, shape (n_c,)
         For each found marker its index on the handle, or -1.
+    cameras : tuple of int
+        Those that support the pose, each by two markers or more.
     cost : float
-        px^2, see `hypotheses.explain`.
+        px^2, see `hypotheses.Explained`.
     residual_px : float
-        Rms distance of the labelled markers from where the pose predicts them.
+        Standard deviation of a coordinate of the labelled markers from where the pose predicts them: the sum of
+        squares by the degrees of freedom.
     """
 
     T_world_handle: RigidTransform
     labels: tuple[np.ndarray, ...]
+    cameras: tuple[int, ...]
     cost: float
     residual_px: float
 
 
-def identify(rig: Rig, handle: Handle, found: tuple[Array, ...], points: ArrayLike, covariances: ArrayLike,
-             parameters: IdentityParameters | None = None) -> list[Hypothesis]:
+def identify(rig: Rig, handle: Handle, found: Sequence[Array], parameters: IdentityParameters | None = None,
+             axes_px: Sequence[Array] | None = None, matches: Sequence[np.ndarray] | None = None) -> list[Hypothesis]:
     """Find the poses that explain the found markers.
 
     Parameters
     ----------
     rig : Rig
     handle : Handle
-    found : tuple of ndarray, one a camera, shape (n_c, 2)
-        Pixels of the markers found.
-    points : array_like, shape (m, 3)
-        Candidate points from pairs of found markers, world frame, mm; wrong pairs are welcome.
-    covariances : array_like, shape (m, 3, 3)
-        Of the points for `sigma_px`, mm^2.
+    found : sequence of array_like, one a camera, shape (n_c, 2)
+        Pixels of the markers found, the best first: beyond three times the handle's number they are not tried.
     parameters : IdentityParameters, optional
+    axes_px : sequence of array_like, one a camera, shape (n_c, 2), optional
+        Major and minor axis of each marker's image. They help where one camera sees the handle alone.
+    matches : sequence of array_like of int, one a pair of cameras, shape (k, 2), optional
+        Rows of the markers of both cameras, in the order of `Rig.pairs`, that may be the same marker (Eq. 17-18). With
+        them poses are sought by these pairs alone, as in the paper; without, by epipolar lines and in single cameras.
 
     Returns
     -------
     list of Hypothesis
-        The best first, then those that explain the images about as well by another pose. Poses that differ by a
-        symmetry of the handle count as one here: see `equivalents`. Empty if nothing fits.
+        The best first, then those between which the images do not decide. Poses that differ by a symmetry of the handle
+        count as one here: see `equivalents`. Empty if nothing fits.
 
     Raises
     ------
@@ -98,15 +82,14 @@ def identify(rig: Rig, handle: Handle, found: tuple[Array, ...], points: ArrayLi
         If a shape is wrong.
     """
     p = parameters or IdentityParameters()
-    motions = triplet_poses(points, covariances, handle)
-    refined = [h for start in _most_promising(motions, rig, handle, found, 2 * p.gate_px)
-               if (h := _refine(start, rig, handle, found, p)) is not None]
-    refined.sort(key=lambda h: h.cost)
-    alternatives: list[Hypothesis] = []
-    for h in refined:
-        if h.cost < refined[0].cost + p.gate_px**2 and all(_differ(h, other, handle) for other in alternatives):
-            alternatives.append(h)
-    return alternatives
+    pixels = _one_each(found, "found", rig.names, None)
+    counts, most = [len(uv) for uv in pixels], SURPLUS * len(handle.marker_centres)
+    views, layout, uv = views_of(rig), layout_of(handle), ideal_pixels(rig, [uv[:most] for uv in pixels])
+    axes = None if axes_px is None else _padded(_one_each(axes_px, "axes_px", rig.names, counts), uv.shape[2])
+    tried = search(views, layout, uv, axes, rig.pairs, _as_matches(matches, rig), p)
+    if tried is None:
+        return []
+    return _alternatives(*tried, shape_misfit(tried[0], tried[1].labels, views, layout, axes), counts, handle, p)
 
 
 def equivalents(T_world_handle: RigidTransform, handle: Handle) -> list[RigidTransform]:
@@ -155,40 +138,49 @@ def relabel(labels: np.ndarray, handle: Handle, symmetry: RigidTransform) -> np.
     return np.where(labels >= 0, source[labels], -1)
 
 
-def _most_promising(motions: RigidTransform, rig: Rig, handle: Handle, found: tuple[Array, ...], gate_px: float,
-                    keep: int = 20) -> RigidTransform:
-    """The best motions by `explain`, one for each different labelling."""
-    if len(motions) == 0:
-        return motions
-    labels, cost, _ = explain(motions, rig, handle, found, gate_px)
-    order = np.argsort(cost)
-    _, first = np.unique(np.concatenate(labels, axis=1)[order], axis=0, return_index=True)
-    return motions[order[np.sort(first)[:keep]]]
+def _alternatives(poses: Poses, e: Explained, misfit: Array, counts: list[int], handle: Handle,
+                  p: IdentityParameters) -> list[Hypothesis]:
+    """The best of the poses that hold, and its rivals."""
+    v = judge(e, p)
+    if not v.holds.any():
+        return []
+    cost = e.cost + p.sigma_px**2 * misfit
+    best = int(np.where(v.holds, cost, np.inf).argmin())
+    others = np.flatnonzero(rivals(best, e, v, misfit, p))
+    turns = np.trace(poses.rotations[others] @ poses.rotations[best].T, axis1=1, axis2=2)
+    others = others[turns < 1 + 2 * np.cos(np.deg2rad(APART_DEG))]  # the others are the same pose found again
+    alternatives: list[Hypothesis] = []
+    for k in (best, *others[np.argsort(cost[others], kind="stable")]):
+        T = RigidTransform.from_components(poses.translations[k], Rotation.from_matrix(poses.rotations[k]))
+        if all(_differ(T, other.T_world_handle, handle) for other in alternatives):
+            labels = tuple(np.pad(row, (0, max(counts) - len(row)), constant_values=-1)[:n]
+                           for row, n in zip(v.labels[k], counts, strict=True))
+            cameras = tuple(int(c) for c in np.flatnonzero(v.supports[k]))
+            alternatives.append(Hypothesis(T, labels, cameras, float(cost[k]), float(v.residual_px[k])))
+    return alternatives
 
 
-def _refine(start: RigidTransform, rig: Rig, handle: Handle, found: tuple[Array, ...],
-            p: IdentityParameters) -> Hypothesis | None:
-    """Fit the pose to all markers that it explains, twice; None if too few are left or they fit badly."""
-    T: RigidTransform | None = start
-    for gate_px in (2 * p.gate_px, p.gate_px):
-        labels, _, _ = explain(_batch(T), rig, handle, found, gate_px)
-        uv = labelled_pixels(tuple(label[0] for label in labels), found, len(handle.marker_centres))
-        points = triangulate(rig, uv)
-        if np.isfinite(points).all(axis=1).sum() < p.min_markers:
-            return None
-        if (T := rigid_fit(handle.marker_centres, points)) is None:
-            return None
-    labels, cost, residual = explain(_batch(T), rig, handle, found, p.gate_px)
-    if not residual[0] <= p.max_residual_px:
+def _differ(a: RigidTransform, b: RigidTransform, handle: Handle) -> bool:
+    """Whether two poses are turned against each other, up to the handle's symmetries."""
+    return min((a.inv() * T).rotation.magnitude() for T in equivalents(b, handle)) > np.deg2rad(APART_DEG)
+
+
+def _one_each(arrays: Sequence[ArrayLike], name: str, names: Sequence[str], counts: list[int] | None) -> list[Array]:
+    """Check arrays (n_c, 2), one a camera."""
+    if len(arrays) != len(names):
+        raise ValueError(f"{name}: expected one for each of {len(names)} cameras, got {len(arrays)}")
+    rows = [None] * len(names) if counts is None else counts
+    return [as_array(array, f"{name}: {camera}", (n, 2)) for array, camera, n in zip(arrays, names, rows, strict=True)]
+
+
+def _padded(axes: list[Array], most: int) -> Array:
+    """One array for all cameras, shape (C, most, 2)."""
+    return np.stack([np.concatenate([part, np.ones((max(most - len(part), 0), 2))])[:most] for part in axes])
+
+
+def _as_matches(matches: Sequence[ArrayLike] | None, rig: Rig) -> list[np.ndarray] | None:
+    if matches is None:
         return None
-    return Hypothesis(T, tuple(label[0] for label in labels), float(cost[0]), float(residual[0]))
-
-
-def _differ(a: Hypothesis, b: Hypothesis, handle: Handle) -> bool:
-    """Whether two poses are more than 10 deg apart, up to the handle's symmetries."""
-    turn = min((a.T_world_handle.inv() * T).rotation.magnitude() for T in equivalents(b.T_world_handle, handle))
-    return bool(turn > np.deg2rad(10.0))
-
-
-def _batch(T: RigidTransform) -> RigidTransform:
-    return RigidTransform.from_matrix(T.as_matrix()[None])
+    if len(matches) != len(rig.pairs):
+        raise ValueError(f"matches: expected one for each of {len(rig.pairs)} pairs of cameras, got {len(matches)}")
+    return [as_array(rows, f"matches[{k}]", (None, 2)).astype(int) for k, rows in enumerate(matches)]

@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial.transform import RigidTransform
 
-from .appearance import layers, shading_basis
+from .appearance import by_motion, layers, shading_basis
 from .camera import Rig
 from .checks import Array
 from .handle import Handle
@@ -117,7 +117,7 @@ def linearise(state: State, here: Patches, rig: Rig, handle: Handle) -> Linear:
     by_shade = marker[..., None] * marker_light[:, 1:] + body[..., None] * body_light[:, 1:]
     by_greys = np.concatenate([m_shaded[:, None], b_shaded[:, None], by_shade, 1 - b[:, None]], axis=1)
     shading = (shade @ basis)[:, 0]
-    sharp = (marker * shading)[:, None] * shown.d_marker + (body * shading - background)[:, None] * shown.d_body
+    sharp = by_motion(shown, marker * shading, body * shading - background)
     by_pose = np.concatenate([_blurred(B, sharp), _half_laplacian(predicted, here.at.side)[:, None]], axis=1)
     variance = state.noise.base + state.noise.slope * np.maximum(predicted, 0) + state.noise.texture * (1 - b) ** 2
     return Linear(greys, predicted, here.grey - predicted, usable / variance, by_pose, by_greys, m, b)
@@ -154,24 +154,31 @@ def misfit(at: Linear) -> Array:
     return (at.weight * at.residual**2).sum(axis=1) / np.maximum(count - at.greys.shape[1], 1)
 
 
+def has_contrast(at: Linear, handle: Handle) -> np.ndarray:
+    """Whether there is anything like a marker in each window, bool (k,): as contrasty as half the others."""
+    contrast = at.greys[:, 0] * (1 if handle.markers == "bright" else -1)
+    clear = contrast > 3 * np.sqrt(1 / at.weight.max(initial=1e-12))  # the noise of a dark pixel
+    return clear & (contrast > np.median(contrast[clear]) / 2) if clear.any() else clear
+
+
 def marker_is_shown(at: Linear, handle: Handle, max_misfit: float = 4.0, max_rms: float = 0.15) -> np.ndarray:
-    """Whether each window shows a marker, bool (k,): as contrasty as half the others, and where it is predicted.
+    """Whether each window shows a marker where it is predicted, bool (k,).
 
     A window fits if its misfit is small against the noise, or what is left against the marker's contrast: a real
     marker is never quite what the model says.
     """
-    contrast = at.greys[:, 0] * (1 if handle.markers == "bright" else -1)
     used = at.weight > 0
     rms = np.sqrt((used * at.residual**2).sum(axis=1) / np.maximum(used.sum(axis=1), 1))
-    fits = (contrast > 0) & ((misfit(at) < max_misfit) | (rms < max_rms * contrast)) & (used.sum(axis=1) > 20)
-    usual = np.median(contrast[fits]) if fits.any() else np.inf
-    noise = np.sqrt(1 / at.weight.max(initial=1e-12))  # of a dark pixel
-    return fits & (contrast > usual / 2) & (contrast > 3 * noise)
+    fits = (misfit(at) < max_misfit) | (rms < max_rms * np.abs(at.greys[:, 0]))
+    return has_contrast(at, handle) & fits & (used.sum(axis=1) > 20)
 
 
 def inverse(matrices: Array) -> Array:
-    """Inverse of symmetric positive matrices, shape (..., n, n)."""
-    return np.asarray(np.linalg.inv(matrices), dtype=float)
+    """Inverse of symmetric positive matrices, shape (..., n, n); all NaN if one is singular."""
+    try:
+        return np.asarray(np.linalg.inv(matrices), dtype=float)
+    except np.linalg.LinAlgError:
+        return np.full(np.shape(matrices), np.nan)
 
 
 def limited(blur_px2: Array, step: Array) -> Array:

@@ -51,6 +51,8 @@ def distort(xy: Array, k: Array) -> tuple[Array, Array]:
         NaN for missing points, beyond the radius at which the radial polynomial stops growing, and where it overflows.
     jacobian : ndarray, shape (n, 2, 2)
     """
+    if not np.any(k):
+        return whole_rows(np.array(xy, dtype=float)), np.broadcast_to(np.eye(2), (len(xy), 2, 2))
     k1, k2, p1, p2, k3 = k
     x, y = xy[:, 0], xy[:, 1]
     r2 = x * x + y * y

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import cv2
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .camera import Camera, epipolar_lines
+from .camera import Camera, Rig, epipolar_lines
 from .checks import Array, as_array, as_image, as_number, as_points, frozen
 
 FLAT = 1e-6  # contrast of a window by its largest value; one grey level in one pixel of 16 bit is 1.5e-5
@@ -118,7 +119,7 @@ def ncc(template: ArrayLike, window: ArrayLike) -> float:
     t, w = as_image(template, "template"), as_image(window, "window")
     if t.shape != w.shape:
         raise ValueError(f"window: expected shape {t.shape} like the template, got {w.shape}")
-    return float((_unit(t) * _unit(w)).sum())
+    return float((_units(t[None]) @ _units(w[None]).T)[0, 0])
 
 
 def ncc_matrix(image_left: ArrayLike, image_right: ArrayLike, uv_left: ArrayLike, uv_right: ArrayLike,
@@ -152,11 +153,18 @@ def candidates(left: Camera, right: Camera, image_left: ArrayLike, image_right: 
         If a shape is wrong, an image is not finite, or both cameras stand in one place.
     """
     p = parameters or MatchParameters()
-    distance = epipolar_distances(left, right, uv_left, uv_right)
     similarity = ncc_matrix(image_left, image_right, uv_left, uv_right, p.window_px)
-    with np.errstate(invalid="ignore"):
-        index = np.argwhere((distance < p.epipolar_gate_px) & (similarity > p.ncc_threshold))
-    return _take(index, distance, similarity)
+    return _passing(epipolar_distances(left, right, uv_left, uv_right), similarity, p)
+
+
+def rig_candidates(rig: Rig, images: Sequence[ArrayLike], uv: Sequence[ArrayLike],
+                   parameters: MatchParameters | None = None) -> list[Matches]:
+    """`candidates` for each pair of a rig's cameras, in the order of `Rig.pairs` (Eq. 17-18)."""
+    p, cameras = parameters or MatchParameters(), rig.cameras
+    rows = [_windows(as_image(image, "images"), as_points(points, "uv", 2), p.window_px)
+            for image, points in zip(images, uv, strict=True)]
+    return [_passing(epipolar_distances(cameras[i], cameras[j], uv[i], uv[j]), rows[i] @ rows[j].T, p)
+            for i, j in rig.pairs]
 
 
 def match(left: Camera, right: Camera, image_left: ArrayLike, image_right: ArrayLike, uv_left: ArrayLike,
@@ -207,28 +215,22 @@ def in_order(matches: Matches, left: Camera, right: Camera, uv_left: ArrayLike, 
 def _windows(image: np.ndarray, uv: Array, window_px: int) -> Array:
     """Windows about points as rows of zero mean and length 1 (zero where flat or the point is missing)."""
     if image.dtype != np.uint8:  # correlation does not mind the scale, single precision does
-        image = (image / _largest(image)).astype(np.float32)
-    rows = np.zeros((len(uv), window_px * window_px))
+        image = (image / max(abs(float(image.max())), abs(float(image.min())), np.finfo(float).tiny)).astype(np.float32)
+    cuts = np.zeros((len(uv), window_px, window_px))
     outside = np.array(image.shape[::-1]) + window_px  # from there on all windows are the same
-    for row, point in zip(rows, uv, strict=True):
-        if np.isfinite(point).all():
-            centre = np.clip(point, -window_px, outside)
-            cut = cv2.getRectSubPix(image, (window_px, window_px), tuple(centre), patchType=cv2.CV_32F)
-            row[:] = _unit(cut).ravel()
-    return rows
+    for k in np.flatnonzero(np.isfinite(uv).all(axis=1)):
+        centre = np.clip(uv[k], -window_px, outside)
+        cuts[k] = cv2.getRectSubPix(image, (window_px, window_px), tuple(centre), patchType=cv2.CV_32F)
+    return _units(cuts)
 
 
-def _unit(window: np.ndarray) -> Array:
-    """A window with mean 0 and sum of squares 1; zeros if it is flat."""
-    scaled = window / _largest(window)  # so that no square overflows
-    centred = scaled - scaled.mean(dtype=float)
-    norm = np.linalg.norm(centred)
-    return centred / norm if norm > FLAT else np.zeros(window.shape)
-
-
-def _largest(image: np.ndarray) -> float:
-    """The largest size of a grey value, a little more than zero."""
-    return max(abs(float(image.max())), abs(float(image.min())), np.finfo(float).tiny)
+def _units(windows: np.ndarray) -> Array:
+    """Windows (n, height, width) as rows with mean 0 and sum of squares 1; zeros if flat."""
+    rows = windows.reshape(len(windows), windows.shape[1] * windows.shape[2]).astype(float)
+    rows /= np.maximum(np.abs(rows).max(axis=1, keepdims=True), np.finfo(float).tiny)  # so that no square overflows
+    rows -= rows.mean(axis=1, keepdims=True)
+    norm = np.linalg.norm(rows, axis=1, keepdims=True)
+    return np.divide(rows, norm, out=np.zeros_like(rows), where=norm > FLAT)
 
 
 def _as_window(value: int) -> int:
@@ -237,9 +239,10 @@ def _as_window(value: int) -> int:
     return int(value)
 
 
-def _take(index: np.ndarray, distance: Array, similarity: Array) -> Matches:
-    i, j = index.T
-    return Matches(frozen(index), frozen(distance[i, j]), frozen(similarity[i, j]))
+def _passing(distance: Array, similarity: Array, p: MatchParameters) -> Matches:
+    with np.errstate(invalid="ignore"):
+        i, j = index = np.nonzero((distance < p.epipolar_gate_px) & (similarity > p.ncc_threshold))
+    return Matches(np.transpose(index), frozen(distance[i, j]), frozen(similarity[i, j]))
 
 
 def _subset(matches: Matches, keep: list[int]) -> Matches:

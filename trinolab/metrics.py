@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from .checks import Array, as_array
+from .checks import Array, as_array, as_transform
 
 
 @dataclass(frozen=True)
@@ -107,6 +107,34 @@ def geodesic_deg(estimates: RigidTransform, truths: RigidTransform) -> Array:
     """
     estimates, truths = _as_pairs(estimates, truths)
     return np.rad2deg((estimates.rotation * truths.rotation.inv()).magnitude())
+
+
+def nees(estimate: RigidTransform, covariance: ArrayLike, truth: RigidTransform) -> Array:
+    """Normalised estimation errors squared e^T C^-1 e: of a pose, and of its position and its rotation alone.
+
+    Parameters
+    ----------
+    estimate, truth : RigidTransform
+        One pose each, T_world_handle, mm.
+    covariance : array_like, shape (6, 6)
+        Of position (mm) and rotation vector (rad), world frame; as `pose.Pose` holds it.
+
+    Returns
+    -------
+    ndarray, shape (3,)
+        Of an honest covariance they are chi-square with 6, 3 and 3 degrees of freedom (Bar-Shalom, Li and Kirubarajan
+        2001, sect. 5.4.2, DOI 10.1002/0471221279).
+
+    Raises
+    ------
+    ValueError
+        If a pose is not one valid RigidTransform, or the covariance is no finite 6 x 6 matrix.
+    """
+    T, true = as_transform(estimate, "estimate"), as_transform(truth, "truth")
+    C = as_array(covariance, "covariance", (6, 6))
+    error = np.concatenate([T.translation - true.translation, (T.rotation * true.rotation.inv()).as_rotvec()])
+    parts = slice(0, 6), slice(0, 3), slice(3, 6)
+    return np.array([error[part] @ np.linalg.solve(C[part, part], error[part]) for part in parts])
 
 
 def euler_deg(poses: RigidTransform) -> Array:

@@ -14,7 +14,7 @@ from .checks import Array
 from .handle import Handle, slant_angles
 
 LARGEST_PX = 120.0  # a marker's image beyond which its window no longer grows
-MARGIN_PX = 4.5  # of a window around its marker: the blur's reach, and the filter's border
+MARGIN_PX = 4.0  # of a window around its marker: the blur's reach, and the filter's border
 SATURATED = 250.0  # grey levels; a brighter pixel has no weight
 
 
@@ -43,7 +43,7 @@ def patches(images: Sequence[np.ndarray], rig: Rig, handle: Handle, T_world_hand
             max_slant_deg: float) -> Patches:
     """Windows about all markers that a pose turns to a camera by at most a slant, as far as they lie in its image."""
     centres = T_world_handle.apply(handle.marker_centres)
-    normals = handle.marker_normals @ T_world_handle.rotation.as_matrix().T
+    normals = handle.marker_normals @ T_world_handle.as_matrix()[:3, :3].T
     slant = np.stack([slant_angles(centres, normals, camera.centre) for camera in rig.cameras])
     facing = slant < np.deg2rad(max_slant_deg)
     uv = np.stack([camera.project(centres) for camera in rig.cameras])

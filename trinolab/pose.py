@@ -140,7 +140,8 @@ def weighted_fit(points_source: ArrayLike, points_target: ArrayLike, covariances
     -------
     T_target_source : RigidTransform
     covariance : ndarray, shape (6, 6)
-        Of position and rotation vector, target frame, mm and rad. None instead of both where `rigid_fit` gives none.
+        Of position and rotation vector, target frame, mm and rad. None instead of both where `rigid_fit` gives none, or
+        the weights leave a motion free.
 
     Raises
     ------
@@ -160,6 +161,8 @@ def weighted_fit(points_source: ArrayLike, points_target: ArrayLike, covariances
         J = np.concatenate([np.broadcast_to(np.eye(3), (len(arms), 3, 3)), -cross_matrices(arms)], axis=2)
         JW = J.transpose(0, 2, 1) @ W
         information = (JW @ J).sum(axis=0)
+        if np.linalg.matrix_rank(information) < 6:
+            return None
         step = np.linalg.solve(information, (JW @ (target - arms - T.translation)[..., None]).sum(axis=0)[:, 0])
         T = RigidTransform.from_components(T.translation + step[:3], Rotation.from_rotvec(step[3:]) * T.rotation)
     return T, np.linalg.inv(information)

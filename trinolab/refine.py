@@ -22,6 +22,7 @@ from .imagemodel import (
     State,
     advanced,
     first_state,
+    has_contrast,
     inverse,
     limited,
     linearise,
@@ -34,6 +35,9 @@ from .outline import outline_patches
 from .patches import Patches, patches
 
 FLOOR_PX = 0.003  # by so much the image model misplaces a marker of the simulated bench, shading and all
+MOST_STEPS = 8  # Gauss-Newton steps; two do where two cameras share markers
+SETTLED_PX = 0.3  # a step that moves all markers by less is the last one: the next would move them by a hundredth
+LARGEST_STEP = np.repeat([5.0, 0.3], 3)  # mm, rad; the image model holds within a few pixels
 OUTLINE_FLOOR_PX = 0.02  # and a piece of outline, because the background's texture ends there
 
 
@@ -72,7 +76,7 @@ class _Step(NamedTuple):
 
 
 def fit_patches(images: Sequence[np.ndarray], rig: Rig, handle: Handle, start: RigidTransform,
-                max_slant_deg: float = 72.0, outline: bool = False, steps: int = 2) -> Fit | None:
+                max_slant_deg: float = 72.0, outline: bool = False) -> Fit | None:
     """Improve a pose by the pixels about all markers that it shows.
 
     Parameters
@@ -87,21 +91,23 @@ def fit_patches(images: Sequence[np.ndarray], rig: Rig, handle: Handle, start: R
         Markers turned further away are left out.
     outline : bool
         Use the body's outline, too.
-    steps : int
-        Gauss-Newton steps.
 
     Returns
     -------
     Fit or None
-        None if too little is in view to fix a pose.
+        None if too little is in view to fix a pose, or the steps lead away.
     """
     here = patches(images, rig, handle, start, max_slant_deg)
     if len(np.unique(here.views.marker)) < 3:
         return None
     groups = [here, outline_patches(images, rig, handle, start)] if outline else [here]
     states = [first_state(start, rig)] * len(groups)
-    for _ in range(steps):
+    for k in range(MOST_STEPS):
         states, last = _improved(states, groups, rig, handle)
+        if not np.abs(last.step[:6] / LARGEST_STEP).max() < 1:  # not a number, either
+            return None
+        if k > 0 and _moved_px(last.step, here, handle) < SETTLED_PX:
+            break
     T, shown = states[0].T_world_handle, marker_is_shown(last.after, handle)
     left = _distances(last.normal, last.step[:6]) * here.px_per_mm
     spread = float(np.median(misfit(last.after)[shown])) if shown.any() else 1.0  # the weights are older than the step
@@ -113,15 +119,19 @@ def _improved(states: list[State], groups: list[Patches], rig: Rig, handle: Hand
     """One step: the groups of windows share pose, blurs and noise, each has its own greys."""
     models = [linearise(state, group, rig, handle) for state, group in zip(states, groups, strict=True)]
     normals = [reduce(model.by_pose, model) for model in models]
-    floors = (FLOOR_PX, OUTLINE_FLOOR_PX)[:len(groups)]
-    parts = [_assembled(normal, _trust(model, normal.information, group.px_per_mm, floor), group.views.camera, rig)
-             for model, normal, group, floor in zip(models, normals, groups, floors, strict=True)]
+    there = has_contrast(models[0], handle)  # windows that show no marker would only fit their noise
+    weights = [_trust(model, normal.information, group.px_per_mm, floor) for model, normal, group, floor in zip(
+        models, normals, groups, (FLOOR_PX, OUTLINE_FLOOR_PX)[:len(groups)], strict=True)]
+    weights[0] = weights[0] * there
+    parts = [_assembled(normal, weight, group.views.camera, rig)
+             for normal, weight, group in zip(normals, weights, groups, strict=True)]
     information = sum((part[0] for part in parts), 1e-12 * np.eye(6 + len(rig.cameras)))
     step = inverse(information) @ sum(part[1] for part in parts)
     after = [advanced(model, model.by_pose, normal, _own(step, group.views.camera))
              for model, normal, group in zip(models, normals, groups, strict=True)]
-    T = states[0].T_world_handle * motion(step[:6])
-    blur, noise = limited(states[0].blur_px2, step[6:]), noise_of(after[0])
+    T = states[0].T_world_handle * motion(np.nan_to_num(step[:6]))
+    noise = noise_of(after[0]._replace(weight=after[0].weight * there[:, None]))
+    blur = limited(states[0].blur_px2, step[6:])
     return [State(T, model.greys, blur, noise) for model in after], _Step(step, information, normals[0], after[0])
 
 
@@ -140,6 +150,12 @@ def motion(step: Array) -> RigidTransform:
 def _own(step: Array, camera: np.ndarray) -> Array:
     """A step of pose and all blurs as one for each window, of pose and its camera's blur, shape (k, 7)."""
     return np.column_stack([np.broadcast_to(step[:6], (len(camera), 6)), step[6 + camera]])
+
+
+def _moved_px(step: Array, here: Patches, handle: Handle) -> float:
+    """How far a step moves the markers at most, in any direction, px."""
+    arms = handle.marker_centres[here.views.marker]
+    return float((np.linalg.norm(step[:3] + np.cross(step[3:6], arms), axis=1) * here.px_per_mm).max())
 
 
 def _distances(normal: Reduced, step: Array) -> Array:
@@ -168,5 +184,5 @@ def _assembled(normal: Reduced, trust: Array, camera: np.ndarray, rig: Rig) -> t
 
 def in_world(covariance: Array, T_world_handle: RigidTransform) -> Array:
     """A covariance of a small motion in the handle's frame as one of position and rotation vector in the world's."""
-    turn = np.kron(np.eye(2), T_world_handle.rotation.as_matrix())
+    turn = np.kron(np.eye(2), T_world_handle.as_matrix()[:3, :3])
     return turn @ covariance @ turn.T

@@ -34,6 +34,8 @@ def fit_centroids(images: Sequence[np.ndarray], rig: Rig, handle: Handle, start:
         covariance = found.covariance * np.maximum(misfit(found.at), 1.0)[:, None, None] + FLOOR_PX**2 * np.eye(2)
         shading = found.at.greys[:, 2:5]
         T, covariance = fit_pixels(found.uv, covariance, rig, handle, here.views, state.T_world_handle, shading)
+        if not np.isfinite(covariance).all():
+            return None
         state = state._replace(T_world_handle=T)
     left = np.linalg.norm(found.uv - predict_centroids(rig, handle, T, here.views, shading)[0], axis=1)
     return judged_fit(T, covariance, here.views, found.at, marker_is_shown(found.at, handle), left)
@@ -52,7 +54,7 @@ def fit_pixels(uv: Array, covariance: Array, rig: Rig, handle: Handle, views: Vi
     rig, handle, views
     start : RigidTransform
         T_world_handle.
-    shading : ndarray, shape (k, 2), optional
+    shading : ndarray, shape (k, 3), optional
         As in `predict_centroids`.
     steps : int
         Gauss-Newton steps.
@@ -63,16 +65,18 @@ def fit_pixels(uv: Array, covariance: Array, rig: Rig, handle: Handle, views: Vi
     -------
     T_world_handle : RigidTransform
     covariance : ndarray, shape (6, 6)
-        Of position (mm) and rotation vector (rad), world frame.
+        Of position (mm) and rotation vector (rad), world frame; NaN where the centroids do not fix the pose.
     """
     T, W = start, inverse(covariance)
     for _ in range(steps):
         predicted, J = predict_centroids(rig, handle, T, views, shading)
+        J = np.nan_to_num(J)
         residual = np.nan_to_num(uv - predicted)
         distance = np.sqrt(np.maximum(np.einsum("ki,kij,kj->k", residual, W, residual), 1e-12))
         counts = np.asarray(np.isfinite(predicted).all(axis=1)) * np.minimum(huber / distance, 1.0)
         weighted = W * counts[:, None, None]
         information = np.einsum("kia,kij,kjb->ab", J, weighted, J)
-        step = np.linalg.solve(information, np.einsum("kia,kij,kj->a", J, weighted, residual))
-        T = T * motion(step)
-    return T, in_world(inverse(information), T)
+        spread = inverse(information)
+        step = spread @ np.einsum("kia,kij,kj->a", J, weighted, residual)
+        T = T * motion(np.nan_to_num(step))
+    return T, in_world(spread, T)

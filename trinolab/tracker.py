@@ -11,9 +11,10 @@ from numpy.typing import ArrayLike
 from scipy.spatial.transform import RigidTransform
 
 from . import background, kalman
+from .bodyend import keep_by_body
 from .camera import Rig
 from .checks import as_image, as_number, frozen
-from .estimation import Identified, candidate_points, estimate
+from .estimation import Identified, candidate_pairs, estimate
 from .handle import Handle
 from .identity import Hypothesis, choose, identify, relabel
 from .image_track import search_window
@@ -74,8 +75,8 @@ def measure(frames: Sequence[ArrayLike], rig: Rig, handle: Handle, prior: RigidT
     regions = [Window(0, 0, *camera.size) for camera in rig.cameras] if windows is None else windows
     found = tuple(_markers_in(image, region, handle, p) for image, region in zip(images, regions, strict=True))
     pixels = tuple(markers.uv for markers in found)
-    points, covariances = candidate_points(images, rig, pixels, p)
-    hypotheses = identify(rig, handle, pixels, points, covariances, p.identity)
+    matches = candidate_pairs(images, rig, pixels, p) if p.estimator == "paper" else None
+    hypotheses = identify(rig, handle, pixels, p.identity, [markers.axes_px for markers in found], matches)
     if not hypotheses:
         return Measurement(LOST, found, tuple(np.full(len(uv), -1) for uv in pixels))
     return _conclude(hypotheses, images, rig, handle, found, prior, p)
@@ -84,12 +85,14 @@ def measure(frames: Sequence[ArrayLike], rig: Rig, handle: Handle, prior: RigidT
 def _conclude(hypotheses: list[Hypothesis], images: list[np.ndarray], rig: Rig, handle: Handle,
               found: tuple[Markers, ...], prior: RigidTransform | None, p: Parameters) -> Measurement:
     """Choose among the hypotheses and their equivalents, relabel, and estimate."""
-    options = [(h, S) for h in hypotheses for S in handle.symmetries]
-    index, sure = choose([h.T_world_handle * S for h, S in options], prior)
-    h, S = options[index]
+    options = [(h, S, h.T_world_handle * S) for h in hypotheses for S in handle.symmetries]
+    kept = keep_by_body(images, rig, handle, [T for *_, T in options])
+    options = [option for option, keep in zip(options, kept, strict=True) if keep]
+    index, sure = choose([T for *_, T in options], prior)
+    h, S, T = options[index]
     pixels = tuple(markers.uv for markers in found)
     labels = tuple(relabel(label, handle, S) for label in h.labels)
-    pose = estimate(Identified(images, pixels, labels, h.T_world_handle * S), rig, handle, p)
+    pose = estimate(Identified(images, pixels, labels, T), rig, handle, p)
     return Measurement(pose if sure or pose is LOST else replace(pose, status="ambiguous"), found, labels)
 
 

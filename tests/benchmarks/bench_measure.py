@@ -30,7 +30,7 @@ from trinolab.scene import Bench, render_rig
 from trinolab.trials import true_labels
 
 LIMIT_MS = 15.0
-STAGES = {"find_markers": "markers", "candidate_points": "pairs", "identify": "identity", "estimate": "pose"}
+STAGES = {"find_markers": "markers", "candidate_pairs": "pairs", "identify": "identity", "estimate": "pose"}
 RIG, HANDLE = load_rig("raised_40deg"), load_handle("coded")
 
 

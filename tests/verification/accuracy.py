@@ -5,9 +5,9 @@ import numpy as np
 from trinolab.bound import Bound
 from trinolab.datasets import load_handle, load_rig
 from trinolab.metrics import geodesic_deg, pose_errors, position_errors
+from trinolab.table1_bound import RIGS, table1_bounds
 
-from .bounds import table1_bounds
-from .draws import RIGS, Draw, held, table1_draws
+from .draws import Draw, held, table1_draws
 
 PAPER = load_handle("paper")
 

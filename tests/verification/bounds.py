@@ -1,32 +1,15 @@
 """The Cramer-Rao bound at Table 1's poses, and that its difference steps are small enough and not too small."""
 
-from functools import cache
-
 import numpy as np
-from tqdm import tqdm
 
 from trinolab import bound
 from trinolab.bound import PIXELS, Bound, bound_of, information
 from trinolab.datasets import load_handle, load_rig, load_table1
 from trinolab.scene import Bench
-
-from .draws import RIGS
+from trinolab.table1_bound import RIGS, table1_bounds
 
 STEPS_PX = (0.02, 0.05, 0.1, 0.2, 0.3, 0.5, 0.8)
 SAMPLES = (8, 16, 32, 64)
-
-
-@cache
-def _information(rig: str, camera: int, row: int, pixels: str, known_greys: bool) -> np.ndarray:
-    return information(load_rig(rig).cameras[camera], load_handle("paper"), load_table1().set_poses[row], None, pixels,
-                       known_greys)
-
-
-def table1_bounds(rig: str, pixels: str = "markers", known_greys: bool = True) -> list[Bound]:
-    """The bound at each of Table 1's poses; CCD1 and CCD2 are the same in every rig."""
-    cameras = [("paper_pair", 0), ("paper_pair", 1), (rig, 2)][:len(load_rig(rig).cameras)]
-    return [bound_of(sum(_information(*camera, row, pixels, known_greys) for camera in cameras))
-            for row in tqdm(range(20), leave=False, unit="pose")]
 
 
 def report(arguments) -> None:
@@ -47,9 +30,9 @@ def report(arguments) -> None:
 
 def _first(samples: int, step_px: float) -> Bound:
     chosen, bound.SAMPLES = bound.SAMPLES, (samples, 8)
+    bench, handle, T = Bench(marker_supersampling=samples), load_handle("paper"), load_table1().set_poses[0]
     try:
-        bench = Bench(marker_supersampling=samples)
-        return bound_of(sum(information(camera, load_handle("paper"), load_table1().set_poses[0], bench, step_px=step_px)
+        return bound_of(sum(information(camera, handle, T, bench, step_px=step_px)
                             for camera in load_rig("paper_pair").cameras))
     finally:
         bound.SAMPLES = chosen

@@ -17,7 +17,6 @@ from trinolab.scene import Bench, blurred, digitise, radiance
 from trinolab.tracker import measure
 
 SETTINGS = {name: Parameters(estimator=name) for name in ESTIMATORS}
-RIGS = ("paper_pair", "paper_trinocular", "raised_40deg")
 
 
 class Draw(NamedTuple):

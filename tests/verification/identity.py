@@ -11,10 +11,11 @@ from trinolab.datasets import load_handle, load_rig
 from trinolab.handle import Handle
 from trinolab.metrics import geodesic_deg, nearest_equivalent, pose_errors
 from trinolab.scene import Bench, random_pose, render_rig, true_visibility
+from trinolab.table1_bound import RIGS
 from trinolab.tracker import Measurement, measure
 from trinolab.trials import true_labels
 
-from .draws import RIGS, SETTINGS
+from .draws import SETTINGS
 
 
 def report(arguments) -> None:

@@ -8,12 +8,13 @@ import numpy as np
 from scipy.spatial.transform import RigidTransform
 from scipy.stats import chi2
 
+from trinolab import metrics
 from trinolab.datasets import load_handle, load_rig
 from trinolab.handle import Handle
-from trinolab.metrics import nearest_equivalent
 from trinolab.pose import Pose
+from trinolab.table1_bound import RIGS
 
-from .draws import RIGS, Draw, table1_draws
+from .draws import Draw, table1_draws
 
 
 def band(n: int, dof: int = 6) -> tuple[float, float]:
@@ -21,16 +22,10 @@ def band(n: int, dof: int = 6) -> tuple[float, float]:
     return tuple(chi2(dof * n).ppf([0.025, 0.975]) / n)
 
 
-def nees(pose: Pose, truth: RigidTransform, handle: Handle) -> tuple[float, float, float]:
-    """Normalised error squared of the pose, and of position and rotation alone (6, 3 and 3 degrees of freedom).
-
-    The error is that from the truth's equivalent which is nearest to the pose, whose covariance stays as it is.
-    """
-    T = pose.T_world_handle
-    truth = nearest_equivalent(truth, T, handle.symmetries)[0]
-    error = np.concatenate([T.translation - truth.translation, (T.rotation * truth.rotation.inv()).as_rotvec()])
-    parts = slice(0, 6), slice(0, 3), slice(3, 6)
-    return tuple(float(error[p] @ np.linalg.solve(pose.covariance[p, p], error[p])) for p in parts)
+def nees(pose: Pose, truth: RigidTransform, handle: Handle) -> np.ndarray:
+    """`metrics.nees` of a pose; the error is that from the truth's equivalent which is nearest to the pose."""
+    return metrics.nees(pose.T_world_handle, pose.covariance,
+                        metrics.nearest_equivalent(truth, pose.T_world_handle, handle.symmetries)[0])
 
 
 def report(arguments) -> None:

@@ -1,0 +1,76 @@
+"""The visible end of the body, on rendered frames: it decides rightly, or not at all."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import RigidTransform, Rotation
+
+from trinolab.arm import Arm
+from trinolab.bodyend import keep_by_body
+from trinolab.datasets import load_handle, load_rig
+from trinolab.identity import equivalents
+from trinolab.scene import Bench, render_rig
+from trinolab.tracker import measure
+
+RIG, PAPER = load_rig("paper_pair"), load_handle("paper")
+T = RigidTransform.from_components([15.0, -10.0, 560.0], Rotation.from_euler("ZYX", [70, 20, 10], degrees=True))
+
+
+def right_way(poses):
+    """Whether the free end points as it does in T."""
+    return [bool((T.inv() * pose).rotation.as_matrix()[1, 1] > 0) for pose in poses]
+
+
+@pytest.mark.parametrize(("bench", "arm", "markers"), [
+    (Bench(), None, "bright"), (Bench(background_grey=140.0), None, "bright"), (Bench(), None, "dark"),
+    (Bench(), Arm(), "bright"), (Bench(), Arm(palm_deg=120.0), "bright")],
+    ids=["dark background", "bright background", "dark markers", "held", "held the other way"])
+def test_the_free_end_halves_the_choice(bench, arm, markers):
+    handle = replace(PAPER, markers=markers)
+    frames = render_rig(RIG, handle, T, bench, np.random.default_rng(0), arm)
+    for order in (slice(None), slice(None, None, -1)):  # the first pose may be the wrong one
+        poses = equivalents(T, handle)[order]
+        assert keep_by_body(frames, RIG, handle, poses).tolist() == right_way(poses)
+
+
+@pytest.mark.parametrize("bench", [
+    Bench(background_grey=90.0, texture_contrast=0.0), Bench(background_grey=70.0, texture_contrast=0.4)],
+    ids=["as bright as the body", "wild"])
+def test_a_body_that_does_not_stand_out_decides_nothing(bench):
+    frames = render_rig(RIG, PAPER, T, bench, np.random.default_rng(0))
+    assert keep_by_body(frames, RIG, PAPER, equivalents(T, PAPER)).all()
+
+
+def test_what_is_hidden_or_outside_or_the_same_either_way_decides_nothing():
+    rng = np.random.default_rng(0)
+    held = render_rig(RIG, PAPER, T, Bench(), rng, Arm(grip_mm=(-100.0, -20.0)))
+    assert keep_by_body(held, RIG, PAPER, equivalents(T, PAPER)).all()
+    middle = replace(PAPER, top_mm=100.0)
+    frames = render_rig(RIG, middle, T, Bench(), rng)
+    assert keep_by_body(frames, RIG, middle, equivalents(T, middle)).all()
+    aside = RigidTransform.from_components([600.0, 0, 0], Rotation.identity()) * T
+    assert keep_by_body(frames, RIG, PAPER, equivalents(aside, PAPER)).all()
+    assert keep_by_body(frames, RIG, PAPER, [T]).tolist() == [True]
+
+
+def test_poses_on_other_axes_are_left_alone():
+    frames = render_rig(RIG, PAPER, T, Bench(), np.random.default_rng(0))
+    away = RigidTransform.from_components([0, 0, 40.0], Rotation.identity()) * T
+    poses = [*equivalents(T, PAPER), away]
+    assert keep_by_body(frames, RIG, PAPER, poses).tolist() == [*right_way(poses[:12]), True]
+
+
+def test_a_layout_with_that_symmetry_alone_is_measured():
+    """Markers that look alike end for end, and in no other way: the body decides, without a prior."""
+    handle = replace(PAPER, columns_deg=(60.0, 130.0, 180.0, 230.0, 300.0), rows_mm=((10.0, -10.0),) * 5)
+    assert len(handle.symmetries) == 2
+    pose = measure(render_rig(RIG, handle, T, Bench(), np.random.default_rng(0)), RIG, handle).pose
+    assert pose.status == "measured"
+    assert np.rad2deg((pose.T_world_handle.inv() * T).rotation.magnitude()) < 5.0
+
+
+def test_paper_layout_stays_ambiguous_by_six_turns():
+    pose = measure(render_rig(RIG, PAPER, T, Bench(), np.random.default_rng(0)), RIG, PAPER).pose
+    assert pose.status == "ambiguous"
+    assert right_way([pose.T_world_handle]) == [True]
