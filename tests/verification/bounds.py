@@ -5,6 +5,7 @@ import numpy as np
 from trinolab import bound
 from trinolab.bound import PIXELS, Bound, bound_of, information
 from trinolab.datasets import load_handle, load_rig, load_table1
+from trinolab.scene import Bench
 from trinolab.table1_bound import RIGS, table1_bounds
 
 STEPS_PX = (0.02, 0.05, 0.1, 0.2, 0.3, 0.5, 0.8)
@@ -29,8 +30,9 @@ def report(arguments) -> None:
 
 def _first(samples: int, step_px: float) -> Bound:
     chosen, bound.SAMPLES = bound.SAMPLES, (samples, 8)
+    bench, handle, T = Bench(marker_supersampling=samples), load_handle("paper"), load_table1().set_poses[0]
     try:
-        return bound_of(sum(information(camera, load_handle("paper"), load_table1().set_poses[0], step_px=step_px)
+        return bound_of(sum(information(camera, handle, T, bench, step_px=step_px)
                             for camera in load_rig("paper_pair").cameras))
     finally:
         bound.SAMPLES = chosen
