@@ -36,7 +36,7 @@ from .patches import Patches, patches
 
 FLOOR_PX = 0.003  # by so much the image model misplaces a marker of the simulated bench, shading and all
 MOST_STEPS = 8  # Gauss-Newton steps; two do where two cameras share markers
-SETTLED_PX = 0.3  # a step that moves all markers by less is the last one: the next would move them by a hundredth
+SETTLED_PX = 0.1  # a step that moves all markers by less is the last one: the next would move them by a hundredth
 LARGEST_STEP = np.repeat([5.0, 0.3], 3)  # mm, rad; the image model holds within a few pixels
 OUTLINE_FLOOR_PX = 0.02  # and a piece of outline, because the background's texture ends there
 
@@ -120,19 +120,28 @@ def _improved(states: list[State], groups: list[Patches], rig: Rig, handle: Hand
     models = [linearise(state, group, rig, handle) for state, group in zip(states, groups, strict=True)]
     normals = [reduce(model.by_pose, model) for model in models]
     there = has_contrast(models[0], handle)  # windows that show no marker would only fit their noise
-    weights = [_trust(model, normal.information, group.px_per_mm, floor) for model, normal, group, floor in zip(
-        models, normals, groups, (FLOOR_PX, OUTLINE_FLOOR_PX)[:len(groups)], strict=True)]
-    weights[0] = weights[0] * there
-    parts = [_assembled(normal, weight, group.views.camera, rig)
-             for normal, weight, group in zip(normals, weights, groups, strict=True)]
-    information = sum((part[0] for part in parts), 1e-12 * np.eye(6 + len(rig.cameras)))
-    step = inverse(information) @ sum(part[1] for part in parts)
+    information, gradient = _summed(models, normals, groups, there, rig)
+    step = inverse(information) @ gradient
     after = [advanced(model, model.by_pose, normal, _own(step, group.views.camera))
              for model, normal, group in zip(models, normals, groups, strict=True)]
+    information, _ = _summed(after, normals, groups, there, rig)  # what misfits before a step may fit after it
     T = states[0].T_world_handle * motion(np.nan_to_num(step[:6]))
     noise = noise_of(after[0]._replace(weight=after[0].weight * there[:, None]))
     blur = limited(states[0].blur_px2, step[6:])
     return [State(T, model.greys, blur, noise) for model in after], _Step(step, information, normals[0], after[0])
+
+
+def _summed(models: list[Linear], normals: list[Reduced], groups: list[Patches], there: np.ndarray,
+            rig: Rig) -> tuple[Array, Array]:
+    """Normal equations of pose and blurs over all windows, each by its trust; markers' only where there is one."""
+    floors = (FLOOR_PX, OUTLINE_FLOOR_PX)[:len(groups)]
+    weights = [_trust(model, normal.information, group.px_per_mm, floor)
+               for model, normal, group, floor in zip(models, normals, groups, floors, strict=True)]
+    weights[0] = weights[0] * there
+    parts = [_assembled(normal, weight, group.views.camera, rig)
+             for normal, weight, group in zip(normals, weights, groups, strict=True)]
+    blank = 1e-12 * np.eye(6 + len(rig.cameras))
+    return sum((part[0] for part in parts), blank), sum((part[1] for part in parts), np.zeros(len(blank)))
 
 
 def judged_fit(T_world_handle: RigidTransform, covariance: Array, views: Views, at: Linear, shown: np.ndarray,
