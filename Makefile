@@ -34,6 +34,7 @@ sweeps: .venv/package.done  ## make the tables in data/sweeps again: half an hou
 
 bench: .venv/package.done  ## the time that a measurement takes, and the rendering of a frame
 	@$(BIN)/python tests/benchmarks/bench_measure.py
+	@$(BIN)/python tests/benchmarks/bench_markers.py
 	@$(BIN)/python tests/benchmarks/bench_scene.py
 
 clean:  ## remove what was built, but not .venv
