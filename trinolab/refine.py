@@ -125,7 +125,7 @@ def _improved(states: list[State], groups: list[Patches], rig: Rig, handle: Hand
     after = [advanced(model, model.by_pose, normal, _own(step, group.views.camera))
              for model, normal, group in zip(models, normals, groups, strict=True)]
     information, _ = _summed(after, normals, groups, there, rig)  # what misfits before a step may fit after it
-    T = states[0].T_world_handle * motion(np.nan_to_num(step[:6]))
+    T = moved(states[0].T_world_handle, np.nan_to_num(step[:6]))
     noise = noise_of(after[0]._replace(weight=after[0].weight * there[:, None]))
     blur = limited(states[0].blur_px2, step[6:])
     return [State(T, model.greys, blur, noise) for model in after], _Step(step, information, normals[0], after[0])
@@ -151,9 +151,11 @@ def judged_fit(T_world_handle: RigidTransform, covariance: Array, views: Views, 
     return Fit(T_world_handle, covariance, views, misfit(at), shown, residual)
 
 
-def motion(step: Array) -> RigidTransform:
-    """A small motion (nu mm, omega rad)."""
-    return RigidTransform.from_components(step[:3], Rotation.from_rotvec(step[3:]))
+def moved(T_world_handle: RigidTransform, step: Array) -> RigidTransform:
+    """A pose after a small motion (nu mm, omega rad) in the handle's own frame."""
+    motion = np.eye(4)
+    motion[:3, :3], motion[:3, 3] = Rotation.from_rotvec(step[3:]).as_matrix(), step[:3]
+    return RigidTransform.from_matrix(T_world_handle.as_matrix() @ motion)
 
 
 def _own(step: Array, camera: np.ndarray) -> Array:

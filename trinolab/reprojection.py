@@ -14,7 +14,7 @@ from .checks import Array
 from .handle import Handle
 from .imagemodel import first_state, inverse, marker_is_shown, misfit
 from .patches import patches
-from .refine import FLOOR_PX, Fit, in_world, judged_fit, motion
+from .refine import FLOOR_PX, Fit, in_world, judged_fit, moved
 from .registration import register
 
 
@@ -78,5 +78,5 @@ def fit_pixels(uv: Array, covariance: Array, rig: Rig, handle: Handle, views: Vi
         information = np.einsum("kia,kij,kjb->ab", J, weighted, J)
         spread = inverse(information)
         step = spread @ np.einsum("kia,kij,kj->a", J, weighted, residual)
-        T = T * motion(np.nan_to_num(step))
+        T = moved(T, np.nan_to_num(step))
     return T, in_world(spread, T)
