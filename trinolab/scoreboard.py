@@ -113,7 +113,6 @@ CHECKS: dict[str, Callable[[], float | None]] = {  # None: not run
     "share_kept_under_light": trials.share_kept_under_light,
     "share_of_wrong_matches": trials.share_of_wrong_matches,
     "share_searched": trials.share_searched,
-    "seconds_an_instant": trials.seconds_an_instant,
     "share_saved_by_the_third": trials.share_saved_by_the_third,
     "centroid_error_px": trials.centroid_error_px,
     "calibration_cost": calibration_cost_mm,

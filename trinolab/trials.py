@@ -116,11 +116,6 @@ def share_searched() -> float:
     return float(np.mean(tracked_clip().searched))
 
 
-def seconds_an_instant() -> float:
-    """Median time of an instant of `tracked_clip` for two cameras, rendering not counted, s (Sect. 6.1)."""
-    return float(np.median(tracked_clip().seconds))
-
-
 def share_tracked() -> float:
     """Share of `tracked_clip` within 1 mm and 5 deg of the truth itself, a flip being wrong (Sect. 6.3)."""
     return share_close(tracked_clip(), load_handle("paper"), equivalents=False)
