@@ -12,10 +12,12 @@ from trinolab.camera import Rig
 from trinolab.centroids import predict_centroids
 from trinolab.datasets import load_handle, load_rig, load_table1
 from trinolab.handle import slants
+from trinolab.parameters import Parameters
 from trinolab.refine import fit_patches
 from trinolab.registration import centre_pixels
 from trinolab.reprojection import fit_centroids, fit_pixels
 from trinolab.scene import Bench, blurred, digitise, radiance, render_rig
+from trinolab.tracker import measure
 
 PAIR, TRIO, ABOVE = (load_rig(name) for name in ("paper_pair", "raised_40deg", "paper_trinocular"))
 HANDLE = load_handle("paper")
@@ -140,6 +142,20 @@ def test_patches_covariance_is_honest_on_rendered_noise():
             found = fit_patches([digitise(image, bench, rng) for image in clean], PAIR, HANDLE, start_near(POSES[k]))
             e = error(found, POSES[k])
             nees.append(e @ np.linalg.solve(found.covariance, e))
+    assert abs(np.mean(nees) - 6) < 4 * np.sqrt(12 / len(nees))
+
+
+@pytest.mark.parametrize("estimator", ["paper", "weighted"])
+def test_covariance_of_pairs_is_honest_on_rendered_noise(estimator):
+    """As above for the pairs' estimators, 24 draws: their biased or moved centroids are in the covariance."""
+    rng, bench, nees = np.random.default_rng(6), Bench(), []
+    for k in (2, 9, 16):
+        clean = [blurred(radiance(camera, HANDLE, POSES[k], bench), bench) for camera in TRIO.cameras]
+        for _ in range(8):
+            images = [digitise(image, bench, rng) for image in clean]
+            pose = measure(images, TRIO, HANDLE, POSES[k], Parameters(estimator=estimator)).pose
+            e = error(pose, POSES[k])
+            nees.append(e @ np.linalg.solve(pose.covariance, e))
     assert abs(np.mean(nees) - 6) < 4 * np.sqrt(12 / len(nees))
 
 

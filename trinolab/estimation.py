@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -14,11 +15,11 @@ from .handle import Handle, slants
 from .identity import labelled_pixels
 from .matching import candidates
 from .parameters import Parameters
-from .pose import LOST, Pose, rigid_fit, rigid_fit_covariance, weighted_fit
+from .pose import LOST, Pose, motion_between, rigid_fit, rigid_fit_covariance
 from .refine import Fit, fit_patches
-from .registration import centre_pixels
 from .reprojection import fit_centroids
-from .triangulation import triangulate, triangulate_weighted, triangulation_covariance
+from .triangulation import triangulate, triangulation_covariance
+from .weighted import fit_weighted
 
 APART_MM, APART_RAD = 1.5, np.deg2rad(4.0)  # a little less than what a measured pose may be off
 
@@ -106,7 +107,9 @@ def fit_pose(labels: tuple[np.ndarray, ...], rig: Rig, handle: Handle, pixels: t
 def _paper_pose(instant: Identified, rig: Rig, handle: Handle, p: Parameters) -> Pose:
     """The paper's estimate, without markers that something hides in part: where the image model shows that, see `Fit`.
 
-    The paper has no test of a pose. Here it is lost if the image model, where it applies, leads far away from it.
+    The paper has no test of a pose. Here it is lost if the image model, where it applies, leads far away from it. Its
+    covariance, of pixel noise alone, does not know of the centroids' bias: where the image model applies, the mean
+    square of the error is that of the better pose, and the square of the way from there.
     """
     check = fit_patches(instant.images, rig, handle, instant.T_world_handle, p.max_slant_deg)
     if check is None or not check.shown.any():
@@ -114,33 +117,18 @@ def _paper_pose(instant: Identified, rig: Rig, handle: Handle, p: Parameters) ->
     hidden = {(int(c), int(m)) for c, m, shown in zip(*check.views, check.shown, strict=True) if not shown}
     labels = tuple(np.array([-1 if (c, int(m)) in hidden else m for m in row], dtype=int)
                    for c, row in enumerate(instant.labels))
-    pose, other = fit_pose(labels, rig, handle, instant.pixels, p), _judged(check)
-    return LOST if other is not LOST and _contradict(pose, other) else pose
-
-
-def _contradict(a: Pose, b: Pose) -> bool:
-    """Whether two poses of one instant are too far apart to be called measured."""
-    if a.T_world_handle is None or b.T_world_handle is None:
-        return False
-    difference = a.T_world_handle.inv() * b.T_world_handle
-    return bool(np.linalg.norm(difference.translation) > APART_MM or difference.rotation.magnitude() > APART_RAD)
+    pose, better = fit_pose(labels, rig, handle, instant.pixels, p), _judged(check)
+    if pose.T_world_handle is None or better.T_world_handle is None:
+        return pose
+    away = motion_between(pose.T_world_handle, better.T_world_handle)
+    if np.linalg.norm(away[:3]) > APART_MM or np.linalg.norm(away[3:]) > APART_RAD:
+        return LOST
+    return replace(pose, covariance=better.covariance + np.outer(away, away))
 
 
 def _weighted_pose(instant: Identified, rig: Rig, handle: Handle, p: Parameters) -> Pose:
-    """Weighted fit to weighted points, from registered centroids that their model has moved to the markers' centres.
-
-    On plain centroids the weights do harm: they trust the pixels across the line of sight, and so the bias there.
-    """
-    pose, T = LOST, instant.T_world_handle
-    for _ in range(2):  # a centroid is measured by what the pose found before predicts
-        centres = centre_pixels(instant.images, rig, handle, T, p.max_slant_deg)
-        fit = None if centres is None else weighted_fit(
-            handle.marker_centres, *triangulate_weighted(rig, centres.uv, centres.sigma_px))
-        if centres is None or fit is None:
-            return LOST
-        T = fit[0]
-        pose = _pose(*fit, centres.uv, rig, handle)
-    return pose
+    fit = fit_weighted(instant.images, rig, handle, instant.T_world_handle, p.max_slant_deg)
+    return LOST if fit is None else _pose(*fit, rig, handle)
 
 
 def _pose(T: RigidTransform, covariance: Array, uv: Array, rig: Rig, handle: Handle) -> Pose:

@@ -168,6 +168,11 @@ def weighted_fit(points_source: ArrayLike, points_target: ArrayLike, covariances
     return T, np.linalg.inv(information)
 
 
+def motion_between(a: RigidTransform, b: RigidTransform) -> Array:
+    """From pose b to pose a, shape (6,): position (mm) and rotation vector (rad), as in a pose's covariance."""
+    return np.concatenate([a.translation - b.translation, (a.rotation * b.rotation.inv()).as_rotvec()])
+
+
 def cross_matrices(vectors: Array) -> Array:
     """Matrices [v]x with [v]x w = v x w, shape (..., 3, 3)."""
     x, y, z = np.moveaxis(vectors, -1, 0)

@@ -1,0 +1,87 @@
+"""The paper's pairs and fit from better centroids, each weighted by its covariance: what Eq. 20-24 can give."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.spatial.transform import RigidTransform, Rotation
+
+from .appearance import Views
+from .camera import Rig
+from .centroids import predict_centroids
+from .checks import Array
+from .handle import Handle
+from .pose import motion_between, weighted_fit
+from .refine import FLOOR_PX
+from .registration import CentrePixels, centre_pixels
+from .triangulation import triangulate_weighted
+
+STEPS = np.repeat([0.1, 0.003], 3)  # mm, rad; a tenth of a pixel or two
+
+
+def fit_weighted(images: Sequence[np.ndarray], rig: Rig, handle: Handle, start: RigidTransform,
+                 max_slant_deg: float = 72.0, rounds: int = 4) -> tuple[RigidTransform, Array, Array] | None:
+    """The weighted fit to weighted points, from registered centroids that their model moves to the markers' centres.
+
+    On plain centroids the weights do harm: they trust the pixels across the line of sight, and so the bias there.
+
+    Parameters
+    ----------
+    images, rig, handle, start, max_slant_deg
+        As for `refine.fit_patches`.
+    rounds : int
+        Times that the centres are measured, each by what the pose found before predicts.
+
+    Returns
+    -------
+    T_world_handle : RigidTransform
+    covariance : ndarray, shape (6, 6)
+        Of position (mm) and rotation vector (rad), world frame.
+    uv : ndarray, shape (cameras, markers, 2)
+        The centres' pixels. None instead of all three where too little is in view.
+    """
+    T = start
+    for _ in range(rounds):
+        centres = centre_pixels(images, rig, handle, T, max_slant_deg)
+        fit = None if centres is None else _fit(centres, rig, handle)
+        if centres is None or fit is None:
+            return None
+        before, measured, (T, covariance) = T, centres, fit
+    settled = _settled(T, covariance, before, measured, rig, handle)
+    return None if settled is None else (*settled, measured.uv)
+
+
+def _settled(T: RigidTransform, covariance: Array, before: RigidTransform, centres: CentrePixels, rig: Rig,
+             handle: Handle) -> tuple[RigidTransform, Array] | None:
+    """The pose that finds itself, were the centres measured with it instead of the pose before, and its covariance.
+
+    From centroid to centre it is as far as a pose says. If the pose found changes by M dT with the pose that said so,
+    the one that finds itself lies (1 - M)^-1 times as far away, and all errors grow as much.
+    """
+    views = Views(*np.nonzero(np.isfinite(centres.uv[..., 0])))
+    here, columns = _to_centre(rig, handle, before, views), []
+    for k in range(6):
+        uv = centres.uv.copy()
+        uv[views] += _to_centre(rig, handle, _shifted(before, STEPS * (np.arange(6) == k)), views) - here
+        other = _fit(centres._replace(uv=uv), rig, handle)
+        if other is None:
+            return None
+        columns.append(motion_between(other[0], T) / STEPS[k])
+    grown = np.linalg.inv(np.eye(6) - np.column_stack(columns))
+    return _shifted(before, grown @ motion_between(T, before)), grown @ covariance @ grown.T
+
+
+def _fit(centres: CentrePixels, rig: Rig, handle: Handle) -> tuple[RigidTransform, Array] | None:
+    sigma_px = float(np.hypot(centres.sigma_px, FLOOR_PX))
+    return weighted_fit(handle.marker_centres, *triangulate_weighted(rig, centres.uv, sigma_px))
+
+
+def _to_centre(rig: Rig, handle: Handle, T: RigidTransform, views: Views) -> Array:
+    """From predicted centroids to the images of the centres, (k, 2), px."""
+    centres = np.stack([camera.project(T.apply(handle.marker_centres)) for camera in rig.cameras])
+    return centres[views] - predict_centroids(rig, handle, T, views)[0]
+
+
+def _shifted(T: RigidTransform, motion: Array) -> RigidTransform:
+    return RigidTransform.from_components(T.translation + motion[:3], Rotation.from_rotvec(motion[3:]) * T.rotation)
