@@ -125,15 +125,15 @@ def linearise(state: State, here: Patches, rig: Rig, handle: Handle) -> Linear:
 
 def reduce(by_other: Array, at: Linear) -> Reduced:
     """Normal equations for unknowns with derivatives `by_other` (k, m, p), the greys of each window eliminated."""
-    by_other, C, weight = (part.astype(float) for part in (by_other, at.by_greys, at.weight[:, None]))
-    weighted = by_other * weight
-    CC, OC = (C * weight) @ C.transpose(0, 2, 1), weighted @ C.transpose(0, 2, 1)
+    n, r, C = by_other.shape[1], at.residual[:, None], at.by_greys
+    every = np.concatenate([by_other, C, r], axis=1, dtype=np.float32)
+    products = ((every * at.weight[:, None].astype(np.float32)) @ every.transpose(0, 2, 1)).astype(float)
+    CC, OC = products[:, n:-1, n:-1], products[:, :n, n:-1]
     CC += 1e-9 * np.trace(CC, axis1=1, axis2=2)[:, None, None] * np.eye(CC.shape[1]) + 1e-12 * np.eye(CC.shape[1])
-    r = at.residual[..., None]
-    solved = np.linalg.solve(CC, np.concatenate([OC.transpose(0, 2, 1), (C * weight) @ r], axis=2))
+    solved = np.linalg.solve(CC, products[:, n:-1][..., np.r_[:n, -1]])
     gain, greys = solved[..., :-1], solved[..., -1]
-    gradient = (weighted @ r)[..., 0] - (OC @ greys[..., None])[..., 0]
-    return Reduced(weighted @ by_other.transpose(0, 2, 1) - OC @ gain, gradient, greys, gain)
+    gradient = products[:, :n, -1] - (OC @ greys[..., None])[..., 0]
+    return Reduced(products[:, :n, :n] - OC @ gain, gradient, greys, gain)
 
 
 def advanced(at: Linear, by_other: Array, normal: Reduced, step: Array) -> Linear:

@@ -184,13 +184,11 @@ def _trust(at: Linear, information: Array, px_per_mm: Array, floor_px: float) ->
 
 def _assembled(normal: Reduced, trust: Array, camera: np.ndarray, rig: Rig) -> tuple[Array, Array]:
     """Normal equations of the pose (6) and the cameras' blurs from those of the windows (7 each)."""
-    n = 6 + len(rig.cameras)
-    total, right = np.zeros((n, n)), np.zeros(n)
-    for c in range(len(rig.cameras)):
-        mine, own = camera == c, np.r_[0:6, 6 + c]
-        total[np.ix_(own, own)] += np.tensordot(trust[mine], normal.information[mine], 1)
-        right[own] += trust[mine] @ normal.gradient[mine]
-    return total, right
+    own = (camera[:, None] == np.arange(len(rig.cameras))) * trust[:, None]  # (k, cameras)
+    between = own.T @ normal.information[:, 6, :6]
+    total = np.block([[np.tensordot(trust, normal.information[:, :6, :6], 1), between.T],
+                      [between, np.diag(own.T @ normal.information[:, 6, 6])]])
+    return total, np.concatenate([trust @ normal.gradient[:, :6], own.T @ normal.gradient[:, 6]])
 
 
 def in_world(covariance: Array, T_world_handle: RigidTransform) -> Array:
