@@ -1,6 +1,6 @@
-"""The heavy counts, as a report: bound, accuracy, honesty of the covariances, centroids, identities.
+"""The heavy counts, as a report: bound, accuracy, covariances, centroids, identities, hostile instants.
 
-    python tests/verify.py [--only table1 nees] [--seeds 20] [--draws 1000] [--centroid-poses 100] [--poses 1000]
+    python tests/verify.py [--only table1 nees] [--seeds 20] [--draws 1000] [--poses 1000] ...
 """
 
 import os
@@ -10,10 +10,10 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")  # before numpy is loaded
 import argparse
 import time
 
-from verification import accuracy, bounds, centroids, identity, nees
+from verification import accuracy, bounds, centroids, identity, layouts, misled, nees
 
 SECTIONS = {"bound": bounds.report, "table1": accuracy.report, "nees": nees.report, "centroid": centroids.report,
-            "identity": identity.report}
+            "identity": identity.report, "layouts": layouts.report, "hostile": misled.report}
 
 
 def _arguments() -> argparse.Namespace:
@@ -23,7 +23,8 @@ def _arguments() -> argparse.Namespace:
     for name, number, what in (("seeds", 20, "noise seeds of Table 1's poses for each rig"),
                                ("draws", 1000, "draws for the NEES of each rig, on Table 1's twenty poses"),
                                ("centroid-poses", 100, "random poses for the centroids of each handle"),
-                               ("poses", 1000, "random poses for the identities of each rig and handle")):
+                               ("poses", 1000, "random poses for the identities of each rig and handle, and layouts"),
+                               ("hostile", 1000, "hostile instants in all")):
         parser.add_argument(f"--{name}", type=int, default=number, help=f"{what} (%(default)s)")
     return parser.parse_args()
 
