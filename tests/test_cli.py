@@ -18,7 +18,7 @@ from trinolab import __version__, cli, scoreboard, workflows
 from trinolab.camera import Rig
 from trinolab.datasets import data_path, load_handle, load_rig, load_table1
 from trinolab.handle import write_handle
-from trinolab.recording import truth_table, write_poses
+from trinolab.posetable import truth_table, write_poses
 from trinolab.rigfile import write_rig
 
 COMMANDS = ("measure", "evaluate", "scoreboard")

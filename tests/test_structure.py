@@ -15,10 +15,11 @@ NOTEBOOKS = sorted(ROOT.glob("notebooks/*.ipynb"))
 
 # A module imports only from those before it.
 ORDER = [
-    "checks", "lens", "camera", "rigfile", "handle", "metrics", "fetch", "board", "datasets", "realsets", "ledger",
-    "cones", "convex", "faces", "workspace", "plotting", "plotting_errors", "plotting_rigs", "plotting_estimators",
-    "window", "background", "covariance", "kalman", "image_track", "blobs", "markers", "matching", "triangulation",
-    "pose", "layout", "hypotheses", "threepoint", "seeds", "verdict", "search", "identity", "bodyend", "parameters",
+    "checks", "outputs", "greyimage", "lens", "camera", "rigfile", "handle", "metrics", "fetch", "board", "datasets",
+    "realsets", "ledger", "cones", "convex", "faces", "workspace", "plotting", "plotting_errors", "plotting_rigs",
+    "plotting_estimators", "window", "background", "covariance", "kalman", "image_track", "blobs", "markers",
+    "matching", "triangulation", "pose", "posetable", "layout", "hypotheses", "threepoint", "seeds", "verdict",
+    "search", "identity", "bodyend", "parameters",
     "noise", "appearance", "centroids", "patches", "imagemodel", "registration", "outline", "refine", "reprojection",
     "weighted", "estimation", "corners", "relative", "zhang", "adjustment", "calibration", "tracker", "raycast",
     "capsule", "arm", "motion", "bench", "scene", "exposure", "bound", "boardscene", "boardtrial", "recording",
@@ -27,7 +28,7 @@ ORDER = [
     "mixing", "pattern", "budget", "evidence", "trials", "elevation", "centroid_trial", "scoreboard", "cli",
 ]
 # all that makes the truth may know
-BENCH = {"checks", "lens", "camera", "handle", "raycast", "capsule", "arm", "motion", "bench"}
+BENCH = {"checks", "outputs", "greyimage", "lens", "camera", "handle", "raycast", "capsule", "arm", "motion", "bench"}
 
 
 def imports(path):

@@ -11,7 +11,7 @@ from trinolab import workflows
 from trinolab.datasets import data_path, load_handle, load_rig, load_table1
 from trinolab.metrics import geodesic_deg, nearest_equivalent, position_errors
 from trinolab.pose import LOST
-from trinolab.recording import POSE_COLUMNS, pose_table, read_poses, transforms, truth_table, write_poses
+from trinolab.posetable import POSE_COLUMNS, pose_table, read_poses, transforms, truth_table, write_poses
 from trinolab.scene import Bench, render_rig
 from trinolab.tracker import Measurement
 from trinolab.workflows import evaluate, measure_folder, replicate, replicate_table1, replication_errors

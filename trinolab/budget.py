@@ -29,9 +29,9 @@ from .error_sources import Trial, make_trial
 from .factors import write_sweep
 from .identity import labelled_pixels
 from .mixing import Mix, mixes, scaled
+from .outputs import check_target
 from .pattern import compare, statistics
 from .pose import rigid_fit
-from .recording import check_target
 from .scene import Bench, render_rig
 from .tracker import measure
 

@@ -62,7 +62,7 @@ def _evaluate(a: argparse.Namespace) -> int:
 
 
 def _scoreboard(a: argparse.Namespace) -> int:
-    from .recording import check_target, write_whole
+    from .outputs import check_target, write_whole
     from .scoreboard import disagreements, scoreboard
 
     if a.csv:

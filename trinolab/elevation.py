@@ -25,8 +25,8 @@ from .factors import write_sweep
 from .handle import Handle
 from .metrics import PoseErrors
 from .motion import random_pose
+from .outputs import check_target
 from .parameters import ESTIMATORS, Parameters
-from .recording import check_target
 from .scene import Bench, render, true_visibility
 from .tracker import measure
 from .trials import Instants, share_close

@@ -24,7 +24,7 @@ from .checks import Array, as_number, as_whole
 from .datasets import data_path, load_handle, load_rig, load_table1
 from .exposure import exposed
 from .handle import Handle
-from .recording import check_target, write_whole
+from .outputs import check_target, write_whole
 from .scene import Bench, blurred, digitise
 from .tracker import Measurement, Parameters, measure
 from .workflows import replication_errors

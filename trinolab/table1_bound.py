@@ -20,7 +20,7 @@ from .bound import Bound, bound_of, information
 from .checks import Array
 from .datasets import load_handle, load_rig, load_table1
 from .factors import write_sweep
-from .recording import check_target
+from .outputs import check_target
 
 RIGS = ("paper_pair", "paper_trinocular", "raised_40deg")
 SHIPPED_PIXELS = ("markers", "around")  # without and with the outline near the markers, see `bound.information`

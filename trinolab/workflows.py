@@ -17,8 +17,10 @@ from .checks import as_number
 from .datasets import load_table1
 from .handle import Handle, read_handle
 from .metrics import PoseErrors, nearest_equivalent, pose_errors, track_equivalent
+from .outputs import check_target
 from .parameters import BEST, ESTIMATORS, Parameters
-from .recording import check_target, list_instants, pose_table, read_instant, read_poses, transforms, write_poses
+from .posetable import pose_table, read_poses, transforms, write_poses
+from .recording import list_instants, read_instant
 from .rigfile import read_rig
 from .scene import Bench, render_rig
 from .tracker import Measurement, measure

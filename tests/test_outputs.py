@@ -1,0 +1,78 @@
+"""A file appears whole or not at all."""
+
+import os
+import stat
+
+import pytest
+
+from trinolab import outputs
+from trinolab.outputs import check_target, write_whole
+
+
+def only(folder):
+    return sorted(path.name for path in folder.iterdir())
+
+
+def test_written_file_is_for_everyone_to_read(tmp_path):
+    write_whole(tmp_path / "p.csv", "text")
+    assert stat.S_IMODE((tmp_path / "p.csv").stat().st_mode) == 0o644
+    assert only(tmp_path) == ["p.csv"]
+
+
+@pytest.mark.parametrize(("failure", "raised"), [(OSError(28, "No space left on device"), ValueError),
+                                                 (KeyboardInterrupt(), KeyboardInterrupt)])
+def test_failed_write_leaves_the_old_file(tmp_path, monkeypatch, failure, raised):
+    def fail(*_):
+        raise failure
+
+    path = tmp_path / "p.csv"
+    write_whole(path, "old")
+    monkeypatch.setattr(outputs.os, "replace", fail)
+    with pytest.raises(raised) as caught:
+        write_whole(path, "new")
+    assert path.read_text() == "old"
+    assert only(tmp_path) == ["p.csv"]
+    assert raised is KeyboardInterrupt or str(caught.value) == f"{path}: cannot be written (No space left on device)"
+
+
+def test_disk_that_fills_up_leaves_the_old_file(tmp_path, monkeypatch):
+    path = tmp_path / "p.csv"
+    write_whole(path, "old")
+    real = outputs.tempfile.NamedTemporaryFile
+
+    def full(*args, **kwargs):
+        file = real(*args, **kwargs)
+
+        def fail(_):
+            file.file.write("ne")
+            raise OSError(28, "No space left on device")
+
+        file.write = fail
+        return file
+
+    monkeypatch.setattr(outputs.tempfile, "NamedTemporaryFile", full)
+    with pytest.raises(ValueError, match="No space left"):
+        write_whole(path, "new")
+    assert path.read_text() == "old"
+    assert only(tmp_path) == ["p.csv"]
+
+
+def test_link_stays_a_link(tmp_path):
+    (tmp_path / "real.csv").write_text("old")
+    (tmp_path / "link.csv").symlink_to("real.csv")
+    write_whole(tmp_path / "link.csv", "new")
+    assert (tmp_path / "link.csv").is_symlink()
+    assert (tmp_path / "real.csv").read_text() == "new"
+
+
+@pytest.mark.parametrize("write", [check_target, lambda path: write_whole(path, "x")])
+def test_impossible_target_is_named(tmp_path, write):
+    (tmp_path / "file").touch()
+    for path, message in ((tmp_path / "no" / "p.csv", "no such folder to write into"),
+                          (tmp_path / "file" / "p.csv", "no such folder to write into"),
+                          (tmp_path, "a folder or a device is there"),
+                          (os.devnull, "a folder or a device is there")):
+        with pytest.raises(ValueError) as caught:  # noqa: PT011
+            write(path)
+        assert str(caught.value).startswith(f"{path}: ")
+        assert message in str(caught.value)

@@ -1,0 +1,191 @@
+"""Pose files: what is read, what is refused and how."""
+
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, example, given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import RigidTransform, Rotation
+
+from trinolab.datasets import data_path, load_table1
+from trinolab.handle import read_handle
+from trinolab.metrics import euler_deg
+from trinolab.pose import LOST, Pose
+from trinolab.posetable import pose_table, read_poses, transforms, truth_table, write_poses
+from trinolab.rigfile import read_rig
+
+# book/design.md, "Poses", typed once more
+COLUMNS = ["frame", "t_s", "x_mm", "y_mm", "z_mm", "qw", "qx", "qy", "qz", "alpha_deg", "beta_deg", "gamma_deg",
+           "sigma_mm", "sigma_deg", "residual_px", "markers", "cameras", "status"]
+
+
+def some_poses():
+    covariance = np.diag([1.0, 4.0, 4.0, 1e-4, 1e-4, 2e-4])
+    T = RigidTransform.from_components([1.0, 2.0, 3.0], Rotation.from_euler("ZYX", [10.0, 20.0, 30.0], degrees=True))
+    return [Pose("measured", T, covariance, 0.5, 6, 2), LOST, Pose("ambiguous", T.inv(), covariance, 0.25, 4, 2)]
+
+
+def test_columns_are_those_of_the_design(tmp_path):
+    write_poses(pose_table(some_poses()), tmp_path / "p.csv")
+    assert (tmp_path / "p.csv").read_text().splitlines()[0].split(",") == COLUMNS
+
+
+def test_a_row_holds_the_pose():
+    row = pose_table(some_poses(), [0.1, 0.2, 0.3]).iloc[0]
+    assert (row.frame, row.t_s, row.x_mm, row.y_mm, row.z_mm) == (0, 0.1, 1.0, 2.0, 3.0)
+    assert np.allclose([row.alpha_deg, row.beta_deg, row.gamma_deg], [10, 20, 30], atol=1e-9)
+    assert row.sigma_mm == pytest.approx(3.0)  # sqrt(1 + 4 + 4)
+    assert row.sigma_deg == pytest.approx(np.rad2deg(0.02))  # sqrt(4e-4) rad
+    assert (row.residual_px, row.markers, row.cameras, row.status) == (0.5, 6, 2, "measured")
+
+
+def test_quaternion_is_the_rotation_by_hand():
+    quarter = RigidTransform.from_rotation(Rotation.from_euler("ZYX", [90.0, 0.0, 0.0], degrees=True))
+    row = truth_table(RigidTransform.concatenate([quarter])).iloc[0]
+    assert np.allclose([row.qw, row.qx, row.qy, row.qz], [np.sqrt(0.5), 0, 0, np.sqrt(0.5)], atol=1e-15)
+
+
+def test_lost_row_is_empty(tmp_path):
+    write_poses(pose_table(some_poses()), tmp_path / "p.csv")
+    lines = (tmp_path / "p.csv").read_text().splitlines()
+    assert lines[2] == "1" + "," * 15 + "0,0,lost"
+    row = read_poses(tmp_path / "p.csv").iloc[1]
+    assert row.status == "lost"
+    assert row[list(COLUMNS[1:15])].isna().all()
+
+
+def test_written_poses_come_back(tmp_path):
+    truth = load_table1().set_poses
+    write_poses(truth_table(truth), tmp_path / "p.csv")
+    back = read_poses(tmp_path / "p.csv")
+    assert list(back["frame"]) == list(range(20))
+    away = truth.inv() * transforms(back)
+    # nine digits: 5e-7 mm of 600 mm a coordinate, 5e-10 of a quaternion's 1
+    assert np.linalg.norm(away.translation, axis=1).max() < 1e-6
+    assert away.rotation.magnitude().max() < 1e-8
+    assert np.allclose(euler_deg(transforms(back)), back[["alpha_deg", "beta_deg", "gamma_deg"]], atol=1e-5)
+
+
+def test_table_may_lack_what_is_not_needed(tmp_path):
+    path = tmp_path / "p.csv"
+    path.write_text("qz,qw,qx,qy,x_mm,y_mm,z_mm,frame,remark\n0,1,0,0,1,2,3,7,x\n")
+    table = read_poses(path)
+    assert list(table["status"]) == ["measured"]
+    assert list(table["frame"]) == [7]
+
+
+HEAD = "frame,x_mm,y_mm,z_mm,qw,qx,qy,qz,status\n"
+BAD_TABLES = {
+    "empty file": ("", "no valid CSV"),
+    "binary": ("\x89PNG\r\n\x1a\n\x00\x00", "column 'frame' is missing"),
+    "ragged": (HEAD + "0,0,0,0,1,0,0,0,measured\n1,0,0,0,1,0,0,0,measured,1,2\n", "no valid CSV"),
+    "a field too many": (HEAD + "0,0,0,0,1,0,0,0,measured,\n", "rows have more fields than the first line"),
+    "no frame": (HEAD.replace("frame", "fram") + "0,0,0,0,1,0,0,0,measured\n", "column 'frame' is missing"),
+    "no qy": (HEAD.replace("qy", "q_y") + "0,0,0,0,1,0,0,0,measured\n", "column 'qy' is missing"),
+    "word for a number": (HEAD + "0,0,here,0,1,0,0,0,measured\n", "column 'y_mm' holds something that is no number"),
+    "word for a frame": (HEAD + "first,0,0,0,1,0,0,0,measured\n", "column 'frame' holds something"),
+    "empty frame": (HEAD + "0,0,0,0,1,0,0,0,measured\n,0,0,0,1,0,0,0,measured\n", "column 'frame' expects whole"),
+    "negative": (HEAD + "-1,0,0,0,1,0,0,0,measured\n", "column 'frame' expects whole numbers from 0"),
+    "fraction": (HEAD + "0.5,0,0,0,1,0,0,0,measured\n", "column 'frame' expects whole numbers from 0"),
+    "infinite": (HEAD + "inf,0,0,0,1,0,0,0,measured\n", "column 'frame' expects whole numbers from 0"),
+    "beyond": (HEAD + "1e30,0,0,0,1,0,0,0,measured\n", "column 'frame' expects whole numbers from 0"),
+    "doubled": (HEAD + 2 * "3,0,0,0,1,0,0,0,measured\n", "column 'frame' has a number twice"),
+    "status": (HEAD + "0,0,0,0,1,0,0,0,seen\n", "status 'seen' is none of measured, ambiguous, predicted, lost"),
+    "no status": (HEAD + "0,0,0,0,1,0,0,0,\n", "status 'nan' is none of"),
+    "length": (HEAD + "0,0,0,0,1,0,0,0,measured\n4,0,0,0,1,1,0,0,measured\n", "frame 4: no pose"),
+    "zero quaternion": (HEAD + "0,0,0,0,0,0,0,0,measured\n", "frame 0: no pose"),
+    "half a pose": (HEAD + "0,0,,0,1,0,0,0,ambiguous\n", "frame 0: no pose"),
+    "infinite position": (HEAD + "0,0,-inf,0,1,0,0,0,measured\n", "frame 0: no pose"),
+}
+
+
+@pytest.mark.parametrize(("text", "message"), BAD_TABLES.values(), ids=BAD_TABLES)
+def test_bad_table_is_named(tmp_path, text, message):
+    path = tmp_path / "p.csv"
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(ValueError) as caught:  # noqa: PT011
+        read_poses(path)
+    assert str(caught.value).startswith(f"{path}: ")
+    assert message in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_unreadable_table_is_named(tmp_path):
+    with pytest.raises(ValueError, match=r"no\.csv: cannot be read \(No such file"):
+        read_poses(tmp_path / "no.csv")
+    with pytest.raises(ValueError, match=r"cannot be read \(Is a directory"):
+        read_poses(tmp_path)
+    (tmp_path / "latin.csv").write_bytes(HEAD.encode() + b"\xff\xfe\n")
+    with pytest.raises(ValueError, match=r"latin\.csv: no valid CSV"):
+        read_poses(tmp_path / "latin.csv")
+
+
+def test_lost_rows_need_no_pose(tmp_path):
+    (tmp_path / "p.csv").write_text(HEAD + "0,,,,,,,,lost\n")
+    assert list(read_poses(tmp_path / "p.csv")["status"]) == ["lost"]
+
+
+# --- mutated files: nothing but ValueError, and it names the file
+
+TABLE = pose_table(some_poses(), [0.0, 0.1, 0.2]).to_csv(index=False)
+TEXTS = {
+    "poses": (read_poses, TABLE),
+    "rig": (read_rig, data_path("rigs", "paper_pair.toml").read_text()),
+    "handle": (read_handle, data_path("handles", "paper.toml").read_text()),
+}
+PIECES = ["", ",", "\n", "nan", "inf", "-1", "1e400", "0.0", '"', "'", "[", "]", "=", "{", "}", "#", "true", "\x00",
+          "\ufeff", "name", "-", ".", "9" * 30, "lost", "1979-05-27", "[[", "]]", "é"]
+
+
+def refusal(read, path):
+    """What a reader says of a file that it refuses; None if it takes it. Any other exception is a failure."""
+    try:
+        read(path)
+    except ValueError as error:
+        return str(error)
+    return None
+
+
+@st.composite
+def mutations(draw, text):
+    """A text with up to four stretches replaced by something else, or by another stretch of it."""
+    for _ in range(draw(st.integers(1, 4))):
+        start = draw(st.integers(0, len(text)))
+        stop = min(len(text), start + draw(st.integers(0, 30)))
+        other = draw(st.integers(0, len(text)))
+        piece = draw(st.sampled_from([*PIECES, text[other:other + 25]]))
+        text = text[:start] + piece + text[stop:]
+    return text
+
+
+@pytest.mark.parametrize("name", TEXTS)
+@settings(max_examples=70, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(data=st.data())
+def test_mutated_file_is_read_or_refused(name, data, tmp_path):
+    read, text = TEXTS[name]
+    path = tmp_path / "mutated"
+    path.write_text(data.draw(mutations(text)), encoding="utf-8")
+    message = refusal(read, path)
+    assert message is None or (message.startswith(str(path)) and "\n" not in message)
+
+
+@settings(max_examples=60, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(content=st.binary(max_size=200))
+@example(content=b"\xef\xbb\xbf" + TABLE.encode())
+def test_any_bytes_are_read_or_refused(content, tmp_path):
+    path = tmp_path / "bytes"
+    path.write_bytes(content)
+    for read, _ in TEXTS.values():
+        message = refusal(read, path)
+        assert message is None or message.startswith(str(path))
+
+
+@settings(max_examples=40, deadline=None, derandomize=True)
+@given(position=st.tuples(*[st.floats(-1e6, 1e6)] * 3), rotvec=st.tuples(*[st.floats(-4, 4)] * 3))
+def test_any_pose_survives_the_file(position, rotvec, tmp_path_factory):
+    T = RigidTransform.concatenate([RigidTransform.from_components(position, Rotation.from_rotvec(rotvec))])
+    path = tmp_path_factory.mktemp("poses") / "p.csv"
+    write_poses(truth_table(T), path)
+    back = transforms(read_poses(path))
+    assert np.allclose(back.translation, T.translation, rtol=1e-8, atol=1e-12)  # nine digits
+    assert (back.rotation * T.rotation.inv()).magnitude().max() < 1e-8

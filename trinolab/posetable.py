@@ -1,0 +1,103 @@
+"""Tables of poses, and their files: CSV, one row an instant (columns: `POSE_COLUMNS`); the pose is T_world_handle."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from scipy.spatial.transform import RigidTransform, Rotation
+
+from .metrics import euler_deg
+from .outputs import write_whole
+from .pose import Pose
+
+POSE_COLUMNS = ("frame", "t_s", "x_mm", "y_mm", "z_mm", "qw", "qx", "qy", "qz", "alpha_deg", "beta_deg", "gamma_deg",
+                "sigma_mm", "sigma_deg", "residual_px", "markers", "cameras", "status")
+STATUSES = ("measured", "ambiguous", "predicted", "lost")
+
+
+def pose_table(poses: Sequence[Pose], t_s: Sequence[float] | None = None) -> pd.DataFrame:
+    """Poses as a table with the columns of `POSE_COLUMNS`; a lost pose has empty numbers, `t_s` is empty if unknown."""
+    times = [np.nan] * len(poses) if t_s is None else t_s
+    rows = [_row(k, t, pose) for k, (t, pose) in enumerate(zip(times, poses, strict=True))]
+    return pd.DataFrame(rows, columns=list(POSE_COLUMNS))
+
+
+def truth_table(poses: RigidTransform) -> pd.DataFrame:
+    """Known poses, a batch of length n, as a pose table without uncertainty."""
+    exact = [Pose("measured", T, np.zeros((6, 6)), 0.0, 0, 0) for T in poses]
+    return pose_table(exact)
+
+
+def transforms(table: pd.DataFrame) -> RigidTransform:
+    """The poses of a table's rows as a batch of length n; every row must hold a pose."""
+    quaternions = table[["qx", "qy", "qz", "qw"]].to_numpy(dtype=float)
+    positions = table[["x_mm", "y_mm", "z_mm"]].to_numpy(dtype=float)
+    return RigidTransform.from_components(positions, Rotation.from_quat(quaternions))
+
+
+def write_poses(table: pd.DataFrame, path: str | Path) -> None:
+    """Write a pose table as CSV, whole or not at all.
+
+    Raises
+    ------
+    ValueError
+        If the file cannot be written.
+    """
+    write_whole(path, table.to_csv(index=False, float_format="%.9g"))
+
+
+def read_poses(path: str | Path) -> pd.DataFrame:
+    """Read a pose table; only `frame`, the position and the quaternion are required, `status` is "measured" if absent.
+
+    Raises
+    ------
+    ValueError
+        Names the file and the column: unreadable, missing, no number, frames that are not whole, negative or repeated,
+        an unknown status, a pose that is incomplete or whose quaternion has not length 1.
+    """
+    try:
+        table = pd.read_csv(path, low_memory=False)
+    except OSError as error:
+        raise ValueError(f"{path}: cannot be read ({error.strerror})") from None
+    except (pd.errors.ParserError, pd.errors.EmptyDataError, UnicodeDecodeError, ValueError) as error:
+        raise ValueError(f"{path}: no valid CSV ({str(error).splitlines()[0]})") from None
+    if not isinstance(table.index, pd.RangeIndex):
+        raise ValueError(f"{path}: no valid CSV (rows have more fields than the first line)")
+    for column in ("frame", *POSE_COLUMNS[2:9]):
+        if column not in table:
+            raise ValueError(f"{path}: column '{column}' is missing")
+    for column in POSE_COLUMNS[:-1]:
+        if column in table and not (pd.api.types.is_numeric_dtype(table[column]) or table[column].isna().all()):
+            raise ValueError(f"{path}: column '{column}' holds something that is no number")
+    table = table.assign(status=table.get("status", "measured"))
+    _check_poses(table, path)
+    return table.astype({"frame": int})
+
+
+def _row(frame: int, t_s: float, pose: Pose) -> tuple:
+    if pose.T_world_handle is None:
+        return (frame, t_s, *[np.nan] * 13, pose.markers, pose.cameras, pose.status)
+    T = pose.T_world_handle
+    quaternion = T.rotation.as_quat(canonical=True, scalar_first=True)
+    return (frame, t_s, *T.translation, *quaternion, *np.ravel(euler_deg(T)), pose.sigma_mm, pose.sigma_deg,
+            pose.residual_px, pose.markers, pose.cameras, pose.status)
+
+
+def _check_poses(table: pd.DataFrame, path: str | Path) -> None:
+    frame = table["frame"].to_numpy(dtype=float)
+    if not np.isfinite(frame).all() or (frame != np.round(frame)).any() or (frame < 0).any() or (frame > 2**53).any():
+        raise ValueError(f"{path}: column 'frame' expects whole numbers from 0")
+    if len(np.unique(frame)) < len(frame):
+        raise ValueError(f"{path}: column 'frame' has a number twice")
+    if len(wrong := table["status"][~table["status"].isin(STATUSES)]):
+        raise ValueError(f"{path}: status '{wrong.iloc[0]}' is none of {', '.join(STATUSES)}")
+    held = table[table["status"] != "lost"]
+    pose = held[list(POSE_COLUMNS[2:9])].to_numpy(dtype=float)
+    length = np.linalg.norm(pose[:, 3:], axis=1)
+    wrong_rows = ~np.isfinite(pose).all(axis=1) | ~(np.abs(length - 1) < 1e-3)
+    if wrong_rows.any():
+        raise ValueError(f"{path}: frame {int(held['frame'].iloc[int(wrong_rows.argmax())])}: no pose "
+                         "(numbers missing, or a quaternion that has not length 1)")
