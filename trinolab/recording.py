@@ -1,13 +1,21 @@
-"""Recordings as files: instants from image folders."""
+"""Recordings as files: the instants of several cameras, with their times, from image folders or videos.
+
+A recording folder holds ``rig.toml``, ``handle.toml``, for each camera ``images/<camera>/*.png`` or ``<camera>.mkv``,
+and where known ``timestamps.csv`` (``frame,t_s``), ``background/<camera>.png`` and ``truth.csv``.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+import pandas as pd
 
 from .camera import Rig
+from .checks import Array, as_number
+from .footage import VIDEO_SUFFIXES, Footage, frames_of, open_footage
 from .greyimage import IMAGE_SUFFIXES, is_image, read_grey
 
 
@@ -16,6 +24,149 @@ class Instant(NamedTuple):
 
     frame: int
     paths: tuple[Path, ...]
+
+
+class Recording(NamedTuple):
+    """What the cameras of a rig took together.
+
+    Attributes
+    ----------
+    rig : Rig
+    footage : tuple of Footage
+        One a camera, in the rig's order.
+    length : int
+        Instants; where all cameras are videos, as their headers say.
+    times_s : ndarray or None
+        Of the middle of each frame's exposure, s; None if they follow from `fps`.
+    fps : float
+    """
+
+    rig: Rig
+    footage: tuple[Footage, ...]
+    length: int
+    times_s: Array | None
+    fps: float
+
+    def time_of(self, frame: int) -> float:
+        """Time of a frame, s. Raises ValueError if the timestamps do not know it."""
+        if self.times_s is None:
+            return frame / self.fps
+        if frame >= len(self.times_s):
+            raise ValueError(f"timestamps: no time for frame {frame}, they end with frame {len(self.times_s) - 1}")
+        return float(self.times_s[frame])
+
+
+class Frames(NamedTuple):
+    """One instant: its number from 0, its time (s), and a grey image a camera, in the rig's order."""
+
+    frame: int
+    t_s: float
+    images: list[np.ndarray]
+
+
+def open_recording(sources: Mapping[str, str | Path], rig: Rig, fps: float = 30.0,
+                   timestamps: str | Path | None = None) -> Recording:
+    """Open the footage of all cameras of a rig.
+
+    Parameters
+    ----------
+    sources : mapping of str to path
+        For each camera's name its video, or its folder of images (in the order of their names).
+    rig : Rig
+    fps : float
+        Frames a second, where there are no timestamps.
+    timestamps : path, optional
+        CSV with the columns ``frame`` and ``t_s``.
+
+    Raises
+    ------
+    ValueError
+        If a camera of the rig has no source or the rig lacks one, a source cannot be read, folders hold different
+        numbers of images, or the timestamps are wrong.
+    """
+    if missing := [name for name in rig.names if name not in sources]:
+        raise ValueError(f"{missing[0]}: no video or folder for this camera of the rig ({', '.join(rig.names)})")
+    if unknown := [name for name in sources if name not in rig.names]:
+        raise ValueError(f"{unknown[0]}: a camera that the rig does not have ({', '.join(rig.names)})")
+    footage = tuple(open_footage(sources[name]) for name in rig.names)
+    folders = [one for one in footage if one.names]
+    for one in folders[1:]:
+        if one.length != folders[0].length:
+            raise ValueError(f"{one.path}: {one.length} images, {folders[0].path} has {folders[0].length}")
+    fps = as_number(fps, "fps", low=0.0, high=1e6, open_low=True)
+    times = None if timestamps is None else read_timestamps(timestamps)
+    count = folders[0].length if folders else max(one.length for one in footage)
+    if times is not None and folders and len(times) < count:
+        raise ValueError(f"{timestamps}: no time for frame {len(times)} of {count}")
+    return Recording(rig, footage, count, times, fps)
+
+
+def find_footage(folder: str | Path, rig: Rig) -> dict[str, Path]:
+    """Each camera's images or video in a recording folder.
+
+    Raises
+    ------
+    ValueError
+        If a camera has none, or more than one.
+    """
+    root, found = Path(folder), {}
+    if not root.is_dir():
+        raise ValueError(f"{root}: no such folder")
+    for name in rig.names:
+        places = [root / "images" / name, *(root / f"{name}{suffix}" for suffix in VIDEO_SUFFIXES)]
+        there = [place for place in places if place.exists()]
+        if len(there) != 1:
+            what = f"{there[0].name} and {there[1].name}" if there else f"neither images/{name} nor {name}.mkv"
+            raise ValueError(f"{root}: expected one folder or video of camera {name}, got {what}")
+        found[name] = there[0]
+    return found
+
+
+def instants(recording: Recording, first: int = 0) -> Iterator[Frames]:
+    """The instants one after the other, from frame `first`.
+
+    Raises
+    ------
+    ValueError
+        Names the file that cannot be read, or that ends while another one goes on.
+    """
+    said: set[str] = set()
+    streams = [frames_of(one, camera.size, first, said)
+               for one, camera in zip(recording.footage, recording.rig.cameras, strict=True)]
+    frame = first
+    while True:
+        images = [next(stream, None) for stream in streams]
+        over = [one.path for one, image in zip(recording.footage, images, strict=True) if image is None]
+        if len(over) == len(images):
+            return
+        if over:
+            raise ValueError(f"{over[0]}: ends after {frame} frames, another camera goes on")
+        yield Frames(frame, recording.time_of(frame), images)  # type: ignore[arg-type]
+        frame += 1
+
+
+def read_timestamps(path: str | Path) -> Array:
+    """Read the times of the frames 0, 1, 2, ..., s.
+
+    Raises
+    ------
+    ValueError
+        Names the file and the row: unreadable, a column missing, no number, frames that do not count from 0, times that
+        do not increase.
+    """
+    try:
+        table = pd.read_csv(path, usecols=["frame", "t_s"], dtype=float)
+    except OSError as error:
+        raise ValueError(f"{path}: cannot be read ({error.strerror})") from None
+    except (pd.errors.ParserError, pd.errors.EmptyDataError, UnicodeDecodeError, ValueError, OverflowError) as error:
+        raise ValueError(f"{path}: no valid CSV with columns frame and t_s ({str(error).splitlines()[0]})") from None
+    frame, times = table["frame"].to_numpy(), table["t_s"].to_numpy()
+    if len(times) == 0 or not np.array_equal(frame, np.arange(len(frame))):
+        raise ValueError(f"{path}: column 'frame' expects 0, 1, 2, ...")
+    if not np.isfinite(times).all() or (np.diff(times) <= 0).any():
+        wrong = int(np.flatnonzero(~np.isfinite(times) | (np.diff(times, prepend=-np.inf) <= 0))[0])
+        raise ValueError(f"{path}: frame {wrong}: column 't_s' expects increasing seconds")
+    return times
 
 
 def list_instants(folder: str | Path, rig: Rig) -> list[Instant]:

@@ -1,0 +1,155 @@
+"""Footage and recordings: videos and image folders give the same frames; what does not fit is named."""
+
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+
+from trinolab import recorder
+from trinolab.camera import Rig
+from trinolab.datasets import load_handle, load_rig
+from trinolab.footage import frames_of, open_footage
+from trinolab.handle import read_handle
+from trinolab.recording import find_footage, instants, open_recording, read_timestamps
+from trinolab.rigfile import read_rig
+
+SIZE = (32, 24)
+
+
+@pytest.fixture(scope="module")
+def rig():
+    return Rig(tuple(replace(camera, size=SIZE) for camera in load_rig("paper_pair").cameras))
+
+
+@pytest.fixture(scope="module")
+def images():
+    """Five instants of noise, (5, 2, height, width)."""
+    return np.random.default_rng(0).integers(0, 256, (5, 2, *SIZE[::-1]), dtype=np.uint8)
+
+
+@pytest.fixture
+def folder(tmp_path, rig, images):
+    partial = recorder.begin(tmp_path / "r", rig, load_handle("coded"), dict(zip(rig.names, images[0], strict=True)))
+    for k, instant in enumerate(images):
+        recorder.add(partial, rig, k, instant)
+    recorder.finish(tmp_path / "r", np.arange(5) / 25)
+    return tmp_path / "r"
+
+
+def write_video(path, frames, codec="FFV1"):
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*codec), 30, SIZE, isColor=False)
+    for frame in frames:
+        writer.write(frame)
+    writer.release()
+
+
+def videos(tmp_path, rig, images):
+    for c, name in enumerate(rig.names):
+        write_video(tmp_path / f"{name}.mkv", images[:, c])
+    return {name: tmp_path / f"{name}.mkv" for name in rig.names}
+
+
+def test_a_written_folder_is_read_back(folder, rig, images):
+    assert not folder.with_name("r.partial").exists()
+    assert read_rig(folder / "rig.toml").names == rig.names
+    assert read_handle(folder / "handle.toml") == load_handle("coded")
+    recording = open_recording(find_footage(folder, rig), rig, timestamps=folder / "timestamps.csv")
+    found = list(instants(recording))
+    assert recording.length == 5
+    assert [one.frame for one in found] == [0, 1, 2, 3, 4]
+    assert [one.t_s for one in found] == pytest.approx(np.arange(5) / 25)
+    np.testing.assert_array_equal([one.images for one in found], images)
+
+
+def test_a_lossless_video_gives_the_same_frames(tmp_path, rig, images):
+    recording = open_recording(videos(tmp_path, rig, images), rig, fps=30.0)
+    for first in (0, 3):
+        found = list(instants(recording, first))
+        assert [one.frame for one in found] == list(range(first, 5))
+        assert found[0].t_s == pytest.approx(first / 30)
+        np.testing.assert_array_equal([one.images for one in found], images[first:])
+
+
+def test_colour_video_is_converted_and_said_once(tmp_path, caplog):
+    writer = cv2.VideoWriter(str(tmp_path / "c.mkv"), cv2.VideoWriter_fourcc(*"FFV1"), 30, SIZE)
+    for _ in range(3):
+        writer.write(np.full((*SIZE[::-1], 3), (10, 200, 60), np.uint8))
+    writer.release()
+    caplog.set_level("INFO")
+    frames = list(frames_of(open_footage(tmp_path / "c.mkv")))
+    assert len(frames) == 3
+    assert abs(int(frames[0][5, 5]) - (0.114 * 10 + 0.587 * 200 + 0.299 * 60)) < 3
+    assert len(caplog.messages) == 1
+
+
+def test_a_video_that_ends_early_is_named_after_its_frames(tmp_path, rig, images):
+    sources = videos(tmp_path, rig, images)
+    write_video(sources["ccd2"], images[:3, 1])
+    stream = instants(open_recording(sources, rig))
+    assert [next(stream).frame for _ in range(3)] == [0, 1, 2]
+    with pytest.raises(ValueError, match=r"ccd2\.mkv: ends after 3 frames, another camera goes on"):
+        next(stream)
+
+
+def test_what_does_not_fit_is_named(tmp_path, folder, rig, images):
+    sources = find_footage(folder, rig)
+    write_video(tmp_path / "small.mkv", images[:, 0, :16])
+    (tmp_path / "empty.mkv").touch()
+    (tmp_path / "text.mkv").write_text("no video")
+    (tmp_path / "nothing").mkdir()
+    for change, message in (({"ccd2": tmp_path / "no.mkv"}, r"no\.mkv: no such file"),
+                            ({"ccd2": tmp_path / "empty.mkv"}, r"empty\.mkv: cannot be read as a video"),
+                            ({"ccd2": tmp_path / "text.mkv"}, r"text\.mkv: cannot be read as a video"),
+                            ({"ccd2": tmp_path / "nothing"}, r"nothing: no image in it"),
+                            ({"ccd9": tmp_path / "text.mkv"}, "ccd9: a camera that the rig does not have")):
+        with pytest.raises(ValueError, match=message):
+            open_recording({**sources, **change}, rig)
+    with pytest.raises(ValueError, match="ccd2: no video or folder"):
+        open_recording({"ccd1": sources["ccd1"]}, rig)
+    (folder / "images" / "ccd2" / "000004.png").unlink()
+    with pytest.raises(ValueError, match=r"ccd2: 4 images, .*ccd1 has 5"):
+        open_recording(sources, rig)
+
+
+def test_each_camera_has_one_source_in_a_folder(folder, rig, images):
+    write_video(folder / "ccd1.mkv", images[:, 0])
+    with pytest.raises(ValueError, match=r"one folder or video of camera ccd1, got ccd1 and ccd1\.mkv"):
+        find_footage(folder, rig)
+    with pytest.raises(ValueError, match="no such folder"):
+        find_footage(folder / "no", rig)
+
+
+BAD_TIMES = {
+    "repeated": ("frame,t_s\n0,0\n1,0\n", "frame 1: column 't_s' expects increasing"),
+    "decreasing": ("frame,t_s\n0,1\n1,0.5\n", "frame 1: column 't_s' expects increasing"),
+    "nan": ("frame,t_s\n0,nan\n", "frame 0: column 't_s'"),
+    "infinite": ("frame,t_s\n0,0\n1,inf\n", "frame 1: column 't_s'"),
+    "text": ("frame,t_s\n0,then\n", "no valid CSV"),
+    "no column": ("frame,time\n0,1\n", "no valid CSV"),
+    "gap": ("frame,t_s\n0,0\n2,1\n", "column 'frame' expects 0, 1, 2"),
+    "empty": ("", "no valid CSV"),
+    "no row": ("frame,t_s\n", "column 'frame' expects"),
+}
+
+
+@pytest.mark.parametrize(("text", "message"), BAD_TIMES.values(), ids=BAD_TIMES)
+def test_bad_timestamps_are_named(tmp_path, text, message):
+    (tmp_path / "t.csv").write_text(text)
+    with pytest.raises(ValueError, match=message) as caught:
+        read_timestamps(tmp_path / "t.csv")
+    assert str(caught.value).startswith(str(tmp_path / "t.csv"))
+
+
+def test_too_few_timestamps_are_named(tmp_path, folder, rig, images):
+    (tmp_path / "t.csv").write_text("frame,t_s\n0,0\n1,0.1\n")
+    with pytest.raises(ValueError, match="no time for frame 2 of 5"):
+        open_recording(find_footage(folder, rig), rig, timestamps=tmp_path / "t.csv")
+    stream = instants(open_recording(videos(tmp_path, rig, images), rig, timestamps=tmp_path / "t.csv"))
+    with pytest.raises(ValueError, match="no time for frame 2, they end with frame 1"):
+        list(stream)
+
+
+def test_a_recording_is_not_written_over(folder, rig):
+    with pytest.raises(ValueError, match="exists already"):
+        recorder.begin(folder, rig)

@@ -1,0 +1,96 @@
+"""Write a recording folder: instant by instant into a folder beside it, which takes its name when it is whole."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pandas as pd
+
+from .camera import Rig
+from .handle import Handle, write_handle
+from .outputs import check_target, write_whole
+from .posetable import write_poses
+from .rigfile import write_rig
+
+PARTIAL = ".partial"  # behind the name of a recording that is not finished
+
+
+def partial_of(folder: str | Path) -> Path:
+    """The folder that an unfinished recording is in.
+
+    Raises
+    ------
+    ValueError
+        If there is something at `folder` already, or nothing can be written beside it.
+    """
+    target = Path(folder).resolve()
+    check_target(target / ".." / f"{target.name}{PARTIAL}.probe")
+    if target.exists() and (not target.is_dir() or any(target.iterdir())):
+        raise ValueError(f"{folder}: exists already; name another folder, or remove it")
+    return target.with_name(target.name + PARTIAL)
+
+
+def begin(folder: str | Path, rig: Rig, handle: Handle | None = None,
+          backgrounds: Mapping[str, np.ndarray] | None = None) -> Path:
+    """Make the unfinished folder with all that is known before the first instant, and return it.
+
+    Raises
+    ------
+    ValueError
+        As `partial_of`, or if something cannot be written.
+    """
+    partial = partial_of(folder)
+    for name in rig.names:
+        (partial / "images" / name).mkdir(parents=True, exist_ok=True)
+    write_rig(rig, partial / "rig.toml")
+    if handle is not None:
+        write_handle(handle, partial / "handle.toml")
+    if backgrounds is not None:
+        (partial / "background").mkdir(exist_ok=True)
+        for name, image in backgrounds.items():
+            write_image(image, partial / "background" / f"{name}.png")
+    return partial
+
+
+def image_paths(partial: Path, rig: Rig, frame: int) -> list[Path]:
+    """Where the images of an instant are, one a camera."""
+    return [partial / "images" / name / f"{frame:06d}.png" for name in rig.names]
+
+
+def add(partial: Path, rig: Rig, frame: int, images: Sequence[np.ndarray]) -> None:
+    """Write the images of an instant, uint8, one a camera. Raises ValueError if one cannot be written."""
+    for path, image in zip(image_paths(partial, rig, frame), images, strict=True):
+        write_image(image, path)
+
+
+def finish(folder: str | Path, times_s: Sequence[float], truth: pd.DataFrame | None = None) -> None:
+    """Write times and truth, and give the folder its name.
+
+    Raises
+    ------
+    ValueError
+        If something cannot be written, or something is at `folder` by now.
+    """
+    partial = partial_of(folder)
+    table = pd.DataFrame({"frame": np.arange(len(times_s)), "t_s": times_s})
+    write_whole(partial / "timestamps.csv", table.to_csv(index=False, float_format="%.9g"))
+    if truth is not None:
+        write_poses(truth, partial / "truth.csv")
+    try:
+        partial.rename(Path(folder).resolve())
+    except OSError as error:
+        raise ValueError(f"{folder}: cannot be written ({error.strerror})") from None
+
+
+def write_image(image: np.ndarray, path: Path) -> None:
+    """Write a grey image as PNG, whole or not at all. Raises ValueError if it cannot be written."""
+    temporary = path.with_name(f".{path.name}")
+    try:
+        temporary.write_bytes(cv2.imencode(".png", image, [cv2.IMWRITE_PNG_COMPRESSION, 1])[1].tobytes())
+        temporary.replace(path)
+    except OSError as error:
+        temporary.unlink(missing_ok=True)
+        raise ValueError(f"{path}: cannot be written ({error.strerror})") from None
