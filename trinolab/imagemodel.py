@@ -130,7 +130,7 @@ def reduce(by_other: Array, at: Linear) -> Reduced:
     products = (every * at.weight[:, None]) @ every.transpose(0, 2, 1)
     CC, OC = products[:, n:-1, n:-1], products[:, :n, n:-1]
     CC += 1e-9 * np.trace(CC, axis1=1, axis2=2)[:, None, None] * np.eye(CC.shape[1]) + 1e-12 * np.eye(CC.shape[1])
-    solved: Array = np.linalg.solve(CC, products[:, n:-1][..., np.r_[:n, -1]])
+    solved = np.asarray(np.linalg.solve(CC, products[:, n:-1][..., np.r_[:n, -1]]), dtype=float)
     gain, greys = solved[..., :-1], solved[..., -1]
     gradient = products[:, :n, -1] - (OC @ greys[..., None])[..., 0]
     return Reduced(products[:, :n, :n] - OC @ gain, gradient, greys, gain)
