@@ -27,7 +27,8 @@ ORDER = [
     "recording", "recorder",
     "errata_workspace", "errata_background", "errata_kalman", "errata_markers", "errata_pose", "errata_table1",
     "errata", "teleop", "slave", "sweep", "workflows", "tracking", "factors", "table1_bound", "deviations",
-    "error_sources", "mixing", "pattern", "budget", "evidence", "trials", "elevation", "centroid_trial", "scoreboard", "cli",
+    "error_sources", "mixing", "pattern", "budget", "evidence", "trials", "elevation", "centroid_trial", "scoreboard",
+    "cli",
 ]
 # all that makes the truth may know
 BENCH = {"checks", "outputs", "greyimage", "lens", "camera", "handle", "raycast", "capsule", "arm", "motion", "bench"}

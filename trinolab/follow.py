@@ -14,8 +14,8 @@ from .camera import Camera, Rig
 from .centroids import predict_centroids
 from .checks import Array, frozen
 from .estimation import APART_MM, APART_RAD, Identified, estimate, fit_pose
-from .handle import Handle, facing_pixels
-from .hypotheses import FAR, Poses, explain, fit, ideal_pixels
+from .handle import Handle
+from .hypotheses import FAR, Poses, explain, fit, ideal_pixels, predict
 from .layout import layout_of, views_of
 from .markers import Markers
 from .parameters import Parameters
@@ -44,17 +44,36 @@ class Sight(NamedTuple):
     found: Array
 
 
-def look(image: np.ndarray, camera: Camera, handle: Handle, T_world_handle: RigidTransform, p: Parameters) -> Sight:
+def look(images: Sequence[np.ndarray], rig: Rig, handle: Handle, T_world_handle: RigidTransform,
+         p: Parameters) -> list[Sight]:
     """Measure the markers at the places where a pose predicts them; half a marker's diameter off is near enough."""
-    uv = facing_pixels(handle, camera, T_world_handle, SEEN_DEG)
-    depth = camera.T_cam_world.apply(T_world_handle.translation)[2]
-    reach = 0.75 * handle.marker_diameter_mm * camera.focal.max() / max(depth, 1.0) + RING_PX
+    predicted = predict(_batch(T_world_handle), views_of(rig), layout_of(handle))
+    uv = np.where((predicted.facing > np.cos(np.deg2rad(SEEN_DEG)))[:, :, None], predicted.uv, np.nan)[0]
+    depths = predicted.points[0, :, 2].mean(axis=1)
+    return [_look(image, camera, handle, _as_taken(camera, pixels.T), depth, p)
+            for image, camera, pixels, depth in zip(images, rig.cameras, uv, depths, strict=True)]
+
+
+def _look(image: np.ndarray, camera: Camera, handle: Handle, uv: Array, depth_mm: float, p: Parameters) -> Sight:
+    reach = 0.75 * handle.marker_diameter_mm * camera.focal.max() / max(depth_mm, 1.0) + RING_PX
     around = Window.around(np.clip(uv, -1e6, 1e6))
     window = around and around.grown(2 * reach).clipped(camera.size)
     if window is None:
         return Sight(None, np.full((len(uv), 6), np.nan))
     corner = np.array([window.u, window.v, 0, 0, 0, 0])
     return Sight(window, markers_at(window.crop(image), uv - corner[:2], reach, handle.markers, p.markers) + corner)
+
+
+def _as_taken(camera: Camera, ideal: Array) -> Array:
+    """Ideal pixels as those of the distorted image."""
+    if not camera.distortions.any():
+        return ideal
+    return camera.to_pixels((ideal - camera.principal_point) / camera.focal)
+
+
+def _batch(T: RigidTransform) -> Poses:
+    matrix = T.as_matrix()
+    return Poses(matrix[None, :3, :3], matrix[None, :3, 3])
 
 
 def follow(images: Sequence[np.ndarray], sights: Sequence[Sight], rig: Rig, handle: Handle, start: RigidTransform,
@@ -99,11 +118,9 @@ def _agreed(pixels: list[Array], rig: Rig, handle: Handle, start: RigidTransform
     """The pose that most of the markers agree with, and those that do."""
     views, layout, uv = views_of(rig), layout_of(handle), ideal_pixels(rig, pixels)
     shown = uv[:, 0] < FAR
-    matrix = start.as_matrix()
-    poses = Poses(matrix[None, :3, :3], matrix[None, :3, 3])
-    labels = np.where(shown, np.arange(shown.shape[1]), -1)[None]
-    for gate in (4.0, 1.5):
-        poses = fit(poses, labels, views, layout, uv, steps=2)
+    poses, labels = _batch(start), np.where(shown, np.arange(shown.shape[1]), -1)[None]
+    for gate, steps in ((4.0, 2), (1.5, 1)):
+        poses = fit(poses, labels, views, layout, uv, steps)
         explained = explain(poses, views, layout, uv, gate * p.identity.gate_px)
         labels = np.where(explained.labels == np.arange(shown.shape[1]), explained.labels, -1)
     count = int((labels >= 0).sum())
@@ -117,7 +134,7 @@ def _agreed(pixels: list[Array], rig: Rig, handle: Handle, start: RigidTransform
 def _estimated(instant: Identified, rig: Rig, handle: Handle, p: Parameters) -> Pose:
     """The pose by the estimator; the paper's as it is, without the image model that checks it in a single instant."""
     if p.estimator == "paper":
-        return fit_pose(instant.labels, rig, handle, instant.pixels, p)
+        return fit_pose(instant.labels, rig, handle, instant.pixels, p, instant.T_world_handle)
     return estimate(instant, rig, handle, p)
 
 

@@ -1,13 +1,14 @@
 """A filter for the handle's pose: position and orientation with their rates, driven by a white jerk.
 
-The linear filter of `kalman` holds 18 numbers: a small motion away from the pose that is believed, its rate and the
-rate's rate. After each step the motion goes into the pose and is zero again (the error-state filter, Sola 2017,
-arXiv:1711.02508), so that no orientation is ever far from where its three angles are small.
+The model of `kalman` with 18 numbers: a small motion away from the pose that is believed, its rate and the rate's rate.
+After each step the motion goes into the pose and is zero again (the error-state filter, Sola 2017, arXiv:1711.02508),
+so that no orientation is ever far from where its three angles are small.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -79,19 +80,21 @@ def begin(t_s: float, pose: RigidTransform, covariance: Array, p: PoseFilterPara
 
 
 def predict(motion: Motion, t_s: float, p: PoseFilterParameters) -> Motion:
-    """Carry a motion on to a later time. Raises ValueError if the time does not increase."""
-    dt = t_s - motion.t_s
-    F = np.kron(kalman.constant_acceleration(dt)[::2, ::2], np.eye(6))
-    Q = np.kron(kalman.white_jerk(dt, 1.0)[::2, ::2], np.diag(np.repeat([p.jerk_mm, p.jerk_rad], 3)))
-    state = kalman.predict(kalman.State(np.concatenate([np.zeros(6), motion.rates]), motion.covariance), F, Q)
-    return _folded(t_s, motion.pose, state)
+    """Carry a motion on to a later time (Eq. 9, 10, of 18 numbers). Raises ValueError if the time does not increase."""
+    F, Q = _model(as_number(t_s - motion.t_s, "t_s", low=kalman.MIN_DT_S, high=1e6), p.jerk_mm, p.jerk_rad)
+    mean = F[:, 6:] @ motion.rates
+    return Motion(t_s, shifted(motion.pose, mean[:6]), mean[6:], F @ motion.covariance @ F.T + Q)
 
 
 def update(motion: Motion, pose: RigidTransform, covariance: Array, p: PoseFilterParameters) -> Motion:
-    """Correct a predicted motion by a measured pose with its covariance (6, 6)."""
-    state = kalman.State(np.concatenate([np.zeros(6), motion.rates]), motion.covariance)
-    observed = motion_between(pose, motion.pose)
-    return _folded(motion.t_s, motion.pose, kalman.update(state, observed, np.eye(6, 18), covariance + _floor(p)))
+    """Correct a predicted motion by a measured pose with its covariance (6, 6) (Eq. 13-15, H = (1 0 0))."""
+    P, R = motion.covariance, covariance + _floor(p)
+    K = np.linalg.solve(P[:6, :6] + R, P[:6]).T
+    correction = K @ motion_between(pose, motion.pose)
+    rest = np.eye(18)
+    rest[:, :6] -= K
+    after = rest @ P @ rest.T + K @ R @ K.T  # Joseph's form of Eq. 14
+    return Motion(motion.t_s, shifted(motion.pose, correction[:6]), motion.rates + correction[6:], after)
 
 
 def surprise(motion: Motion, pose: RigidTransform, covariance: Array, p: PoseFilterParameters) -> float:
@@ -101,8 +104,12 @@ def surprise(motion: Motion, pose: RigidTransform, covariance: Array, p: PoseFil
     return float(away @ np.linalg.solve(S, away))
 
 
-def _folded(t_s: float, pose: RigidTransform, state: kalman.State) -> Motion:
-    return Motion(t_s, shifted(pose, state.mean[:6]), state.mean[6:], state.covariance)
+@lru_cache(maxsize=64)
+def _model(dt: float, jerk_mm: float, jerk_rad: float) -> tuple[Array, Array]:
+    """Phi and Q of the 18 numbers, (18, 18) each (Eq. 10, 11)."""
+    F = np.kron(kalman.constant_acceleration(dt)[::2, ::2], np.eye(6))
+    Q = np.kron(kalman.white_jerk(dt, 1.0)[::2, ::2], np.diag(np.repeat([jerk_mm, jerk_rad], 3)))
+    return F.astype(float), Q.astype(float)
 
 
 def _floor(p: PoseFilterParameters) -> Array:

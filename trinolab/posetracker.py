@@ -114,7 +114,7 @@ def step(state: TrackState, frames: Sequence[ArrayLike], t_s: float, rig: Rig, h
     if state.motion is None:
         return _sought(images, t, rig, handle, p)
     motion = posefilter.predict(state.motion, t, p.motion)
-    sights = [look(image, camera, handle, motion.pose, p) for image, camera in zip(images, rig.cameras, strict=True)]
+    sights = look(images, rig, handle, motion.pose, p)
     windows = tuple(sight.window for sight in sights)
     pose, labels = follow(images, sights, rig, handle, motion.pose, p)
     tracked = Tracked(Measurement(pose, tuple(map(found_markers, sights)), labels), windows)

@@ -163,11 +163,16 @@ def triangulation_covariance(rig: Rig, uv: ArrayLike, sigma_px: float, step_px: 
         If the shape does not fit the rig, two of its cameras stand in one place, or `sigma_px` or `step_px` is out of
         its range.
     """
+    return triangulate_with_covariance(rig, uv, sigma_px, step_px)[1]
+
+
+def triangulate_with_covariance(rig: Rig, uv: ArrayLike, sigma_px: float, step_px: float = 1e-3) -> tuple[Array, Array]:
+    """What `triangulate` and `triangulation_covariance` give, in half the time of both."""
     points, slopes = _slopes(rig, uv, sigma_px, step_px)
     valid = np.asarray(np.isfinite(points).all(axis=2))
     with np.errstate(all="ignore"):
         mean = np.where(valid[..., None, None], slopes, 0.0).sum(axis=0) / valid.sum(axis=0)[:, None, None]
-    return mean @ mean.transpose(0, 2, 1)
+    return mean_point(points), mean @ mean.transpose(0, 2, 1)
 
 
 def triangulate_weighted(rig: Rig, uv: ArrayLike, sigma_px: float) -> tuple[Array, Array]:
