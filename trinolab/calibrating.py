@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -115,10 +116,10 @@ def _calibrated(seen: TargetViews, target: Target, terms: int) -> tuple[Calibrat
     try:
         return calibrate_robustly(target.points, seen.uv, seen.sizes, seen.cameras, terms)
     except ValueError as error:
-        text = str(error).removeprefix("uv: ")
-        for k, name in enumerate(seen.cameras):
-            text = text.replace(f"camera {k}", f"camera {name}")
-        raise ValueError(text if text == str(error) else f"images of {', '.join(seen.cameras)}: {text}") from None
+        if not str(error).startswith("uv: "):
+            raise
+        text = re.sub(r"\bcamera (\d+)", lambda number: f"camera {seen.cameras[int(number[1])]}", str(error)[4:])
+        raise ValueError(f"images of {', '.join(seen.cameras)}: {text}") from None
 
 
 def _view_table(seen: TargetViews, found: Calibrated, reasons: np.ndarray) -> pd.DataFrame:
@@ -177,7 +178,8 @@ def as_lines(result: RigCalibration) -> list[str]:
                  f"{views.loc[views['status'] == 'used', 'points'].sum():7d} {found.rms_px:9.3f}    "
                  f"(noise of a coordinate {found.sigma_px:.3f} px)")
     for name, rows in result.parameters.groupby("camera", sort=False):
-        lines += ["", f"{name}", *(_line(row) for row in rows.itertuples())]
+        shown = rows[:len(_LENS)] if name == found.cameras[0].name else rows
+        lines += ["", name + (", the world frame" if len(shown) < len(rows) else ""), *map(_line, shown.itertuples())]
     dropped = views[views["status"] == "dropped"]
     lines += ["", f"views dropped: {len(dropped) or 'none'}"]
     lines += [f"  {row.camera} {row.view}: {row.reason}" for row in dropped.itertuples()]

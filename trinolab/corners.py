@@ -43,12 +43,18 @@ def find_corners(image: ArrayLike, board: Board, half_window_px: int | None = 7)
     found, corners = cv2.findChessboardCorners(grey, (board.columns, board.rows), flags=_FLAGS)
     if not found:
         return frozen(np.full((board.rows * board.columns, 2), np.nan))
-    corners = np.ascontiguousarray(corners, np.float32).reshape(-1, 1, 2)
-    half = half or _half_window(corners.reshape(board.rows, board.columns, 2))
-    return frozen(cv2.cornerSubPix(grey, corners, (half, half), (-1, -1), _STOP).reshape(-1, 2).astype(float))
+    half = half or half_window(corners.reshape(board.rows, board.columns, 2))
+    return frozen(sharpened(grey, corners, half))
 
 
-def _half_window(grid: np.ndarray) -> int:
-    """A half window (px) for corners (rows, columns, 2): 0.4 of the smallest distance, from 2 to 7."""
-    nearest = min(np.linalg.norm(np.diff(grid, axis=axis), axis=2).min() for axis in (0, 1))
-    return int(np.clip(0.4 * nearest, 2, 7))
+def sharpened(grey: np.ndarray, corners: np.ndarray, half: int) -> Array:
+    """Corners (n, 2) to sub-pixel accuracy, px, from places near them in an image of uint8 and half a window, px."""
+    start = np.ascontiguousarray(corners, np.float32).reshape(-1, 1, 2)
+    return np.asarray(cv2.cornerSubPix(grey, start, (half, half), (-1, -1), _STOP), float).reshape(-1, 2)
+
+
+def half_window(grid: np.ndarray, share: float = 0.4) -> int:
+    """Half a window (px) for corners (rows, columns, 2), NaN where missing: a share of the least distance, 2 to 7."""
+    between = np.concatenate([np.linalg.norm(np.diff(grid, axis=axis), axis=2).ravel() for axis in (0, 1)])
+    nearest = np.min(between, where=np.isfinite(between), initial=7 / share)
+    return int(np.clip(share * nearest, 2, 7))

@@ -30,15 +30,15 @@ def plot_residuals(uv: ArrayLike, residuals_px: ArrayLike, sizes: Sequence[tuple
     uv = as_array(uv, "uv", (len(names), len(views), None, 2), finite=False)
     off = as_array(residuals_px, "residuals_px", uv.shape, finite=False)
     figure = Figure(figsize=(max(4.2 * len(names), 8.4), 6.6), layout="constrained", facecolor="white")
-    above, below = figure.subfigures(2, 1, height_ratios=(3, 2))
-    for k, ax in enumerate(above.subplots(1, len(names), squeeze=False)[0]):
-        _arrows(ax, uv[k], off[k], sizes[k], names[k], COLOURS[k % len(COLOURS)])
-    _bars(below.subplots(), np.linalg.norm(off, axis=3), names, views)
+    grid = figure.add_gridspec(2, len(names), height_ratios=(3, 2))
+    for k, name in enumerate(names):
+        _arrows(figure.add_subplot(grid[0, k]), uv[k], off[k], sizes[k], name, COLOURS[k % len(COLOURS)])
+    _bars(figure.add_subplot(grid[1, :]), np.linalg.norm(off, axis=3), names, views)
     return figure
 
 
 def _arrows(ax: Axes, uv: Array, off: Array, size: tuple[int, int], name: str, colour: str) -> None:
-    """One camera's residuals, magnified so that most are shorter than a twentieth of the image's width."""
+    """One camera's residuals, magnified by a power of ten; most are shorter than a tenth of the image's width."""
     used = np.isfinite(off).all(axis=2) & np.isfinite(uv).all(axis=2)
     start, arrow = uv[used], off[used]
     length = np.linalg.norm(arrow, axis=1)

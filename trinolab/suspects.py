@@ -91,7 +91,7 @@ def _fitted(target: Array, uv: Array, reasons: np.ndarray, sizes: Sequence[tuple
 
 
 def _far_above(rms: Array) -> np.ndarray:
-    """Reasons (cameras, views) that lie in the residuals: of the worst views, which may have spoiled the others' fit."""
+    """Reasons (cameras, views) that lie in the residuals, of the worst views only: the others may suffer from them."""
     typical = np.array([np.median(row[np.isfinite(row)]) for row in rms])[:, None]
     excess = np.nan_to_num(rms / np.maximum(FAR_ABOVE * typical, _ROUNDING_PX))
     why = np.full(rms.shape, "", object)
@@ -111,7 +111,7 @@ def _disagreeing(T_cam_target: list[Poses], names: Sequence[str]) -> np.ndarray:
         v = int(np.flatnonzero(against.any(axis=(0, 1)))[0])
         counts = against[:, :, v].sum(axis=1)
         k = int(np.flatnonzero(counts == counts.max())[-1])  # of two cameras that contradict each other, the later one
-        others = ", ".join(names[c] for c in np.flatnonzero(against[k, :, v]))
+        others = ", ".join(name for name, other in zip(names, against[k, :, v], strict=True) if other)
         why[k, v] = f"the target lies elsewhere than for {others}, against all other views"
         against[k, :, v] = against[:, k, v] = False
     return why

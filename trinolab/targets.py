@@ -1,7 +1,7 @@
 """Calibration targets and how they are found in an image: chessboards, grids of circles, ChArUco boards (Sect. 6.2).
 
-The target's frame: origin at its first point, x along a row of points, y along a column, z away from a viewer who sees x
-point right and y down. The detectors are OpenCV's.
+The target's frame: origin at its first point, x along a row of points, y along a column, z away from a viewer who sees
+x point right and y down. The detectors are OpenCV's.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 
 from .board import Board
 from .checks import Array, as_image, as_number, as_whole, frozen
-from .corners import find_corners
+from .corners import find_corners, half_window, sharpened
 
 KINDS = ("chessboard", "circles", "charuco")
 _MARKER_SHARE = 0.75  # of a square's side, where nothing else is said
@@ -66,8 +66,7 @@ class Target:
             raise ValueError(f"{name}: a {self.kind} target has no markers; expected it with charuco only")
 
     def _check_markers(self, square: float) -> None:
-        marker = as_number(_MARKER_SHARE * square if self.marker_mm is None else self.marker_mm, "marker_mm", low=0.0,
-                           open_low=True)
+        marker = as_number(self.side_of_marker, "marker_mm", low=0.0, open_low=True)
         if marker >= square:
             raise ValueError(f"marker_mm: expected less than a square ({square:g}), got {marker:g}")
         name = self.dictionary or _DICTIONARY
@@ -76,6 +75,11 @@ class Target:
         there, needed = len(_dictionary(name).bytesList), self.columns * self.rows // 2
         if needed > there:
             raise ValueError(f"dictionary: {name} has {there} markers, the board has {needed}")
+
+    @property
+    def side_of_marker(self) -> float:
+        """Of a ChArUco board, mm."""
+        return _MARKER_SHARE * self.square_mm if self.marker_mm is None else self.marker_mm
 
     @property
     def board(self) -> Board:
@@ -141,10 +145,19 @@ def _circles(grey: np.ndarray, target: Target) -> Array:
 def _charuco(grey: np.ndarray, target: Target) -> Array:
     """Corners of a ChArUco board, (n, 2), NaN for those whose markers are not seen."""
     uv = np.full((len(target.points), 2), np.nan)
-    corners, ids, *_ = _detector(target).detectBoard(grey)
-    if ids is not None and len(ids):
-        uv[np.ravel(ids)] = np.reshape(corners, (-1, 2))
+    for old in (False, True)[:1 + (target.rows % 2 == 0)]:  # with even rows OpenCV before 4.6 drew another board
+        corners, ids, *_ = _detector(target, old).detectBoard(grey)
+        if ids is not None and len(ids):
+            uv[np.ravel(ids)] = np.reshape(corners, (-1, 2))
+            found = np.isfinite(uv).all(axis=1)
+            uv[found] = sharpened(grey, uv[found], half_window(uv.reshape(target.rows - 1, -1, 2), _free_share(target)))
+            break
     return uv
+
+
+def _free_share(target: Target) -> float:
+    """How far from a corner the nearest marker begins, as a share of a square: a window should not reach it."""
+    return (1 - target.side_of_marker / target.square_mm) / 2
 
 
 def _upright(uv: Array, target: Target) -> Array:
@@ -163,7 +176,8 @@ def _dictionary(name: str) -> cv2.aruco.Dictionary:
 
 
 @lru_cache(maxsize=8)
-def _detector(target: Target) -> cv2.aruco.CharucoDetector:
-    marker = _MARKER_SHARE * target.square_mm if target.marker_mm is None else target.marker_mm
-    return cv2.aruco.CharucoDetector(cv2.aruco.CharucoBoard(
-        (target.columns, target.rows), target.square_mm, marker, _dictionary(target.dictionary or _DICTIONARY)))
+def _detector(target: Target, old: bool) -> cv2.aruco.CharucoDetector:
+    board = cv2.aruco.CharucoBoard((target.columns, target.rows), target.square_mm, target.side_of_marker,
+                                   _dictionary(target.dictionary or _DICTIONARY))
+    board.setLegacyPattern(old)
+    return cv2.aruco.CharucoDetector(board)

@@ -74,6 +74,8 @@ def read_views(sources: Mapping[str, str | Path], target: Target, most: int = 50
     """
     if len(sources) < 2:
         raise ValueError(f"images: expected two or more cameras, got {', '.join(sources) or 'none'}")
+    if "metadata" in sources:
+        raise ValueError("images: a camera cannot be called metadata in a rig file")
     most = as_whole(most, "views", low=3)
     opened = {name: _open(path) for name, path in sources.items()}
     if len({one.files is None for one in opened.values()}) > 1:
@@ -91,9 +93,11 @@ def read_views(sources: Mapping[str, str | Path], target: Target, most: int = 50
 
 def check_connected(cameras: tuple[str, ...], seen: np.ndarray, what: str, hint: str = "") -> None:
     """Refuse cameras that views, bool (cameras, views), do not connect; the ValueError names one of them."""
-    reached = {0}
-    while new := {k for k in range(len(cameras)) if k not in reached and (seen[k] & seen[sorted(reached)].any(0)).any()}:
-        reached |= new
+    reached, more = {0}, {0}
+    while more:
+        known = seen[sorted(reached)].any(axis=0)
+        more = {k for k in range(len(cameras)) if k not in reached and (seen[k] & known).any()}
+        reached |= more
     if alone := [name for k, name in enumerate(cameras) if k not in reached]:
         others = ", ".join(cameras[k] for k in sorted(reached))
         raise ValueError(f"{alone[0]}: {what} with {others}{hint}")
@@ -109,7 +113,7 @@ def _open(path: str | Path) -> _Source:
     count = footage.length or sum(1 for _ in frames_of(footage))  # a header may say nothing
     if not count:
         raise ValueError(f"{path}: a video without a frame")
-    return _Source(footage, None, [f"{k:06d}" for k in range(count)])
+    return _Source(footage, None, [_frame_name(k) for k in range(count)])
 
 
 def _matching(pattern: Path) -> _Source:
@@ -130,12 +134,14 @@ def _found(opened: dict[str, _Source], chosen: list[str], target: Target, progre
     """Points (cameras, views, n, 2), whether there was an image, and the sizes of the images."""
     uv = np.full((len(opened), len(chosen), len(target.points), 2), np.nan)
     present, sizes = np.zeros(uv.shape[:2], bool), list[tuple[int, int]]()
-    with logging_redirect_tqdm(), tqdm(total=present.size, unit="image", disable=None if progress else True) as bar:
+    count = sum(len(set(source.labels) & set(chosen)) for source in opened.values())
+    with logging_redirect_tqdm(), tqdm(total=count, unit="image", disable=None if progress else True) as bar:
         for k, (name, source) in enumerate(opened.items()):
             size = None
             for label, image, path in _images(source, chosen):
                 size = _same_size(image, size, path)
-                uv[k, chosen.index(label)], present[k, chosen.index(label)] = find_target(_eight_bit(image), target), True
+                v = chosen.index(label)
+                uv[k, v], present[k, v] = find_target(_eight_bit(image), target), True
                 bar.update()
             if size is None:
                 raise ValueError(f"{source.footage.path}: no frame of camera {name} could be read")
@@ -147,9 +153,9 @@ def _images(source: _Source, chosen: list[str]) -> Iterator[tuple[str, np.ndarra
     """Name, grey image and file of those chosen views that the source has."""
     said: set[str] = set()
     if source.files is None:
-        wanted = set(chosen)
-        frames = ((f"{k:06d}", image, source.footage.path) for k, image in enumerate(frames_of(source.footage, said=said)))
-        yield from (frame for frame in frames if frame[0] in wanted)
+        for k, image in enumerate(frames_of(source.footage, said=said)):
+            if (label := _frame_name(k)) in chosen:
+                yield label, image, source.footage.path
         return
     for label in chosen:
         if label in source.files:
@@ -166,6 +172,10 @@ def _same_size(image: np.ndarray, size: tuple[int, int] | None, path: Path) -> t
 
 def _eight_bit(image: np.ndarray) -> np.ndarray:
     return image if image.dtype == np.uint8 else np.rint(image).astype(np.uint8)
+
+
+def _frame_name(frame: int) -> str:
+    return f"{frame:06d}"
 
 
 def _some(labels: list[str]) -> str:
