@@ -18,15 +18,16 @@ ORDER = [
     "checks", "outputs", "greyimage", "lens", "camera", "rigfile", "handle", "metrics", "fetch", "board", "datasets",
     "realsets", "ledger", "cones", "convex", "faces", "workspace", "plotting", "plotting_errors", "plotting_rigs",
     "plotting_estimators", "plotting_calibration", "window", "background", "covariance", "kalman", "image_track",
-    "blobs", "markers", "matching", "triangulation", "pose", "posetable", "layout", "hypotheses", "threepoint", "seeds",
-    "verdict", "search", "identity", "bodyend", "parameters",
+    "blobs", "spot", "markers", "matching", "triangulation", "pose", "posetable", "posefilter", "layout", "hypotheses",
+    "threepoint", "seeds", "verdict", "search", "identity", "bodyend", "parameters",
     "noise", "appearance", "centroids", "patches", "imagemodel", "registration", "outline", "refine", "reprojection",
     "weighted", "estimation", "corners", "targets", "relative", "zhang", "adjustment", "calibration", "tracker",
-    "raycast", "capsule", "arm", "motion", "bench", "scene", "exposure", "bound", "boardscene", "boardtrial", "footage",
+    "follow", "posetracker", "overlay", "raycast",
+    "capsule", "arm", "motion", "bench", "scene", "exposure", "bound", "boardscene", "boardtrial", "footage",
     "recording", "recorder", "targetviews", "suspects", "calibrating",
     "errata_workspace", "errata_background", "errata_kalman", "errata_markers", "errata_pose", "errata_table1",
-    "errata", "teleop", "slave", "sweep", "workflows", "factors", "table1_bound", "deviations", "error_sources",
-    "mixing", "pattern", "budget", "evidence", "trials", "elevation", "centroid_trial", "scoreboard", "cli",
+    "errata", "teleop", "slave", "sweep", "workflows", "tracking", "factors", "table1_bound", "deviations",
+    "error_sources", "mixing", "pattern", "budget", "evidence", "trials", "elevation", "centroid_trial", "scoreboard", "cli",
 ]
 # all that makes the truth may know
 BENCH = {"checks", "outputs", "greyimage", "lens", "camera", "handle", "raycast", "capsule", "arm", "motion", "bench"}

@@ -87,21 +87,22 @@ def fit_pose(labels: tuple[np.ndarray, ...], rig: Rig, handle: Handle, pixels: t
     """
     p = parameters
     uv = labelled_pixels(labels, pixels, len(handle.marker_centres))
-    T = rigid_fit(handle.marker_centres, triangulate(rig, uv))
+    points = triangulate(rig, uv)
+    T = rigid_fit(handle.marker_centres, points)
     if T is None:
         return LOST
     facing = uv.copy()
     for row, camera in zip(facing, rig.cameras, strict=True):
         row[slants(handle, T, camera.centre) > np.deg2rad(p.max_slant_deg)] = np.nan
-    if np.isfinite(triangulate(rig, facing)).all(axis=1).sum() >= 4:
-        uv = facing
-    points = triangulate(rig, uv)
-    used = np.isfinite(points).all(axis=1)
+    of_facing = triangulate(rig, facing)
+    if np.isfinite(of_facing).all(axis=1).sum() >= 4:
+        uv, points = facing, of_facing
+    used = np.asarray(np.isfinite(points).all(axis=1))
     T = rigid_fit(handle.marker_centres, points)
     if T is None:
         return LOST
     covariances = triangulation_covariance(rig, uv[:, used], p.sigma_px)
-    return _pose(T, rigid_fit_covariance(handle.marker_centres[used], T, covariances), uv, rig, handle)
+    return _pose(T, rigid_fit_covariance(handle.marker_centres[used], T, covariances), uv, used, rig, handle)
 
 
 def _paper_pose(instant: Identified, rig: Rig, handle: Handle, p: Parameters) -> Pose:
@@ -128,12 +129,14 @@ def _paper_pose(instant: Identified, rig: Rig, handle: Handle, p: Parameters) ->
 
 def _weighted_pose(instant: Identified, rig: Rig, handle: Handle, p: Parameters) -> Pose:
     fit = fit_weighted(instant.images, rig, handle, instant.T_world_handle, p.max_slant_deg)
-    return LOST if fit is None else _pose(*fit, rig, handle)
+    if fit is None:
+        return LOST
+    T, covariance, uv = fit
+    return _pose(T, covariance, uv, np.asarray(np.isfinite(triangulate(rig, uv)).all(axis=1)), rig, handle)
 
 
-def _pose(T: RigidTransform, covariance: Array, uv: Array, rig: Rig, handle: Handle) -> Pose:
-    """A measured pose, with the reprojection error of the triangulated markers."""
-    used = np.isfinite(triangulate(rig, uv)).all(axis=1)
+def _pose(T: RigidTransform, covariance: Array, uv: Array, used: np.ndarray, rig: Rig, handle: Handle) -> Pose:
+    """A measured pose, with the reprojection error of the markers that were used (markers,), those triangulated."""
     centres = T.apply(handle.marker_centres)
     error = np.stack([camera.project(centres) for camera in rig.cameras]) - uv
     seen = np.asarray(np.isfinite(error).all(axis=2)) & used
