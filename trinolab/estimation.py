@@ -37,12 +37,15 @@ class Identified(NamedTuple):
         For each found marker its index on the handle, or -1.
     T_world_handle : RigidTransform
         The pose that identified them.
+    smear : ndarray, shape (6,), or None
+        The handle's motion while the shutter is open (mm, rad; world frame), for the estimators that fit pixels.
     """
 
     images: Sequence[np.ndarray]
     pixels: tuple[Array, ...]
     labels: tuple[np.ndarray, ...]
     T_world_handle: RigidTransform
+    smear: Array | None = None
 
 
 def candidate_pairs(images: Sequence[np.ndarray], rig: Rig, pixels: Sequence[Array],
@@ -154,11 +157,12 @@ def _centroids_pose(instant: Identified, rig: Rig, handle: Handle, p: Parameters
 
 
 def _patches_pose(instant: Identified, rig: Rig, handle: Handle, p: Parameters) -> Pose:
-    return _judged(fit_patches(instant.images, rig, handle, instant.T_world_handle, p.max_slant_deg))
+    return _judged(fit_patches(instant.images, rig, handle, instant.T_world_handle, p.max_slant_deg,
+                               smear=instant.smear))
 
 
 def _outline_pose(instant: Identified, rig: Rig, handle: Handle, p: Parameters) -> Pose:
-    return _judged(fit_patches(instant.images, rig, handle, instant.T_world_handle, p.max_slant_deg, outline=True))
+    return _judged(fit_patches(instant.images, rig, handle, instant.T_world_handle, p.max_slant_deg, True, instant.smear))
 
 
 def _judged(fit: Fit | None) -> Pose:

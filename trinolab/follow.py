@@ -19,7 +19,8 @@ from .hypotheses import FAR, Poses, explain, fit, ideal_pixels, predict
 from .layout import layout_of, views_of
 from .markers import Markers
 from .parameters import Parameters
-from .pose import LOST, Pose, motion_between
+from .pose import LOST, Pose, motion_between, shifted
+from .posefilter import Motion
 from .reprojection import fit_pixels
 from .spot import markers_at
 from .window import Window
@@ -44,24 +45,28 @@ class Sight(NamedTuple):
     found: Array
 
 
-def look(images: Sequence[np.ndarray], rig: Rig, handle: Handle, T_world_handle: RigidTransform,
-         p: Parameters) -> list[Sight]:
-    """Measure the markers at the places where a pose predicts them; half a marker's diameter off is near enough."""
-    predicted = predict(_batch(T_world_handle), views_of(rig), layout_of(handle))
+def look(images: Sequence[np.ndarray], rig: Rig, handle: Handle, motion: Motion, p: Parameters) -> list[Sight]:
+    """Measure the markers at the places where a motion predicts them; half a marker's diameter off is near enough.
+
+    A marker reaches further where it moves: by half of its way in the exposure.
+    """
+    views, layout = views_of(rig), layout_of(handle)
+    predicted = predict(_batch(motion.pose), views, layout)
+    ahead = predict(_batch(shifted(motion.pose, p.exposure_s * motion.rates[:6])), views, layout)
+    smear = np.linalg.norm(ahead.uv - predicted.uv, axis=2)[0].max(axis=1)
     uv = np.where((predicted.facing > np.cos(np.deg2rad(SEEN_DEG)))[:, :, None], predicted.uv, np.nan)[0]
-    depths = predicted.points[0, :, 2].mean(axis=1)
-    return [_look(image, camera, handle, _as_taken(camera, pixels.T), depth, p)
-            for image, camera, pixels, depth in zip(images, rig.cameras, uv, depths, strict=True)]
+    sizes = handle.marker_diameter_mm * views.focal.max(axis=1) / np.maximum(predicted.points[0, :, 2].mean(axis=1), 1.0)
+    return [_look(image, camera, handle, _as_taken(camera, pixels.T), 0.75 * size + RING_PX + moved / 2, p)
+            for image, camera, pixels, size, moved in zip(images, rig.cameras, uv, sizes, smear, strict=True)]
 
 
-def _look(image: np.ndarray, camera: Camera, handle: Handle, uv: Array, depth_mm: float, p: Parameters) -> Sight:
-    reach = 0.75 * handle.marker_diameter_mm * camera.focal.max() / max(depth_mm, 1.0) + RING_PX
+def _look(image: np.ndarray, camera: Camera, handle: Handle, uv: Array, reach_px: float, p: Parameters) -> Sight:
     around = Window.around(np.clip(uv, -1e6, 1e6))
-    window = around and around.grown(2 * reach).clipped(camera.size)
+    window = around and around.grown(2 * reach_px).clipped(camera.size)
     if window is None:
         return Sight(None, np.full((len(uv), 6), np.nan))
     corner = np.array([window.u, window.v, 0, 0, 0, 0])
-    return Sight(window, markers_at(window.crop(image), uv - corner[:2], reach, handle.markers, p.markers) + corner)
+    return Sight(window, markers_at(window.crop(image), uv - corner[:2], reach_px, handle.markers, p.markers) + corner)
 
 
 def _as_taken(camera: Camera, ideal: Array) -> Array:

@@ -22,10 +22,12 @@ from .checks import Array
 from .handle import Handle
 from .noise import Noise, estimate_noise
 from .patches import Patches
+from .pose import shifted
 
 BORDER_PX = 2  # of a window, where the blur lacks neighbours
 CLEAR_PX = 2.5  # pixels nearer than this to another marker or to the body's end have no weight
 BLUR_PX = 0.8  # where the search for a camera's blur begins
+SMEAR_STEP_PX, MOST_STEPS = 1.5, 20  # from pose to pose while the shutter is open; how many poses there are at most
 
 
 class State(NamedTuple):
@@ -39,12 +41,15 @@ class State(NamedTuple):
     blur_px2 : ndarray, shape (cameras,)
         Variance of each camera's blur.
     noise : Noise
+    smear : ndarray, shape (6,), or None
+        The handle's motion while the shutter is open (mm, rad; world frame); known, not sought. None: it is still.
     """
 
     T_world_handle: RigidTransform
     greys: Array | None
     blur_px2: Array
     noise: Noise
+    smear: Array | None = None
 
 
 class Linear(NamedTuple):
@@ -91,21 +96,23 @@ class Reduced(NamedTuple):
     greys_by_other: Array
 
 
-def first_state(T_world_handle: RigidTransform, rig: Rig) -> State:
+def first_state(T_world_handle: RigidTransform, rig: Rig, smear: Array | None = None) -> State:
     """A pose with nothing known of greys, and a usual blur and noise."""
-    return State(T_world_handle, None, np.full(len(rig.cameras), BLUR_PX**2), Noise())
+    return State(T_world_handle, None, np.full(len(rig.cameras), BLUR_PX**2), Noise(), smear)
 
 
 def linearise(state: State, here: Patches, rig: Rig, handle: Handle) -> Linear:
     """The model and its derivatives at a state."""
-    shown = layers(rig, handle, state.T_world_handle, here.views, here.at)
+    during = [layers(rig, handle, T, here.views, here.at) for T in _while_open(state, here, handle)]
     B = _blur_matrices(here.at.side, state.blur_px2).astype(np.float32)[here.views.camera]
-    basis = shading_basis(shown.turn).transpose(1, 0, 2)  # (k, basis, p)
-    shares = np.stack([shown.marker, shown.body], axis=1)[:, :, None] * basis[:, None]  # (k, 2, basis, p)
+    bases = [shading_basis(shown.turn).transpose(1, 0, 2) for shown in during]  # (k, basis, p) each
+    shares = _mean([np.stack([shown.marker, shown.body], axis=1)[:, :, None] * basis[:, None]
+                    for shown, basis in zip(during, bases, strict=True)])  # (k, 2, basis, p)
     k, _, n, p = shares.shape
     marker_light, body_light = _blurred(B, shares.reshape(k, 2 * n, p)).reshape(k, 2, n, p).transpose(1, 0, 2, 3)
     m, b = marker_light[:, 0], body_light[:, 0]
-    usable = here.valid & (shown.clear_px > CLEAR_PX) & _inner(here.at.side)
+    clear_px = np.minimum.reduce([shown.clear_px for shown in during])
+    usable = here.valid & (clear_px > CLEAR_PX) & _inner(here.at.side)
     greys = state.greys
     if greys is None:
         greys = _first_greys(np.concatenate([m[:, None], body_light, 1 - b[:, None]], axis=1), usable, here.grey)
@@ -116,11 +123,31 @@ def linearise(state: State, here: Patches, rig: Rig, handle: Handle) -> Linear:
     predicted = marker * m_shaded + body * b_shaded + background * (1 - b)
     by_shade = marker[..., None] * marker_light[:, 1:] + body[..., None] * body_light[:, 1:]
     by_greys = np.concatenate([m_shaded[:, None], b_shaded[:, None], by_shade, 1 - b[:, None]], axis=1)
-    shading = (shade @ basis)[:, 0]
-    sharp = by_motion(shown, marker * shading, body * shading - background)
+    shadings = [(shade @ basis)[:, 0] for basis in bases]
+    sharp = _mean([by_motion(shown, marker * shading, body * shading - background)
+                   for shown, shading in zip(during, shadings, strict=True)])
     by_pose = np.concatenate([_blurred(B, sharp), _half_laplacian(predicted, here.at.side)[:, None]], axis=1)
     variance = state.noise.base + state.noise.slope * np.maximum(predicted, 0) + state.noise.texture * (1 - b) ** 2
     return Linear(greys, predicted, here.grey - predicted, usable / variance, by_pose, by_greys, m, b)
+
+
+def _while_open(state: State, here: Patches, handle: Handle) -> list[RigidTransform]:
+    """The poses while the shutter is open, close enough together for a smooth smear; one of a handle that is still."""
+    T = state.T_world_handle
+    if state.smear is None:
+        return [T]
+    count = int(np.clip(np.ceil(smear_px(state.smear, here, handle) / SMEAR_STEP_PX), 1, MOST_STEPS))
+    return [shifted(T, share * state.smear) for share in (np.arange(count) + 0.5) / count - 0.5]
+
+
+def smear_px(smear: Array, here: Patches, handle: Handle) -> float:
+    """How far the markers move at most while the shutter is open, px."""
+    arm = np.linalg.norm(handle.marker_centres, axis=1).max()
+    return float((np.linalg.norm(smear[:3]) + arm * np.linalg.norm(smear[3:])) * here.px_per_mm.max(initial=0.0))
+
+
+def _mean(parts: list[Array]) -> Array:
+    return parts[0] if len(parts) == 1 else np.add.reduce(parts) / np.float32(len(parts))
 
 
 def reduce(by_other: Array, at: Linear) -> Reduced:

@@ -37,6 +37,8 @@ class Parameters:
         Standard deviation of a centroid for the pose's covariance.
     motion : PoseFilterParameters
         Used by `posetracker` alone.
+    exposure_s : float
+        How long the shutter is open, s; a moving marker is smeared as long. Used by `posetracker` alone.
     memory_s : float
         For how long the last measured pose chooses among poses that look alike, and is predicted from, s.
     """
@@ -50,6 +52,7 @@ class Parameters:
     max_slant_deg: float = 70.0
     sigma_px: float = 0.1
     motion: PoseFilterParameters = field(default_factory=PoseFilterParameters)
+    exposure_s: float = 0.01
     memory_s: float = 0.3
 
     def __post_init__(self) -> None:

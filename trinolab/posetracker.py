@@ -26,7 +26,7 @@ from .pose import LOST, Pose
 from .tracker import Measurement, as_images, measure
 from .window import Window
 
-STEP_MM, STEP_RAD = 10.0, np.deg2rad(10.0)  # a measured pose may be off the predicted one by so much more than 5 sigma
+STEP_MM, STEP_RAD = 5.0, np.deg2rad(5.0)  # a measured pose may be off the predicted one by so much more than 5 sigma
 TURN_RAD = np.deg2rad(25.0)  # and by no more than this, where a turn of 60 deg looks the same
 
 
@@ -114,7 +114,7 @@ def step(state: TrackState, frames: Sequence[ArrayLike], t_s: float, rig: Rig, h
     if state.motion is None:
         return _sought(images, t, rig, handle, p)
     motion = posefilter.predict(state.motion, t, p.motion)
-    sights = look(images, rig, handle, motion.pose, p)
+    sights = look(images, rig, handle, motion, p)
     windows = tuple(sight.window for sight in sights)
     pose, labels = follow(images, sights, rig, handle, motion.pose, p)
     tracked = Tracked(Measurement(pose, tuple(map(found_markers, sights)), labels), windows)

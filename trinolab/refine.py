@@ -76,7 +76,7 @@ class _Step(NamedTuple):
 
 
 def fit_patches(images: Sequence[np.ndarray], rig: Rig, handle: Handle, start: RigidTransform,
-                max_slant_deg: float = 72.0, outline: bool = False) -> Fit | None:
+                max_slant_deg: float = 72.0, outline: bool = False, smear: Array | None = None) -> Fit | None:
     """Improve a pose by the pixels about all markers that it shows.
 
     Parameters
@@ -91,17 +91,19 @@ def fit_patches(images: Sequence[np.ndarray], rig: Rig, handle: Handle, start: R
         Markers turned further away are left out.
     outline : bool
         Use the body's outline, too.
+    smear : ndarray, shape (6,), optional
+        The handle's motion while the shutter is open (mm, rad; world frame).
 
     Returns
     -------
     Fit or None
         None if too little is in view to fix a pose, or the steps lead away.
     """
-    here = patches(images, rig, handle, start, max_slant_deg)
+    here = patches(images, rig, handle, start, max_slant_deg, smear)
     if len(np.unique(here.views.marker)) < 3:
         return None
     groups = [here, outline_patches(images, rig, handle, start)] if outline else [here]
-    states = [first_state(start, rig)] * len(groups)
+    states = [first_state(start, rig, smear)] * len(groups)
     for k in range(MOST_STEPS):
         states, last = _improved(states, groups, rig, handle)
         if not np.abs(last.step[:6] / LARGEST_STEP).max() < 1:  # not a number, either
@@ -128,7 +130,7 @@ def _improved(states: list[State], groups: list[Patches], rig: Rig, handle: Hand
     T = moved(states[0].T_world_handle, np.nan_to_num(step[:6]))
     noise = noise_of(after[0]._replace(weight=after[0].weight * there[:, None]))
     blur = limited(states[0].blur_px2, step[6:])
-    return [State(T, model.greys, blur, noise) for model in after], _Step(step, information, normals[0], after[0])
+    return [State(T, model.greys, blur, noise, states[0].smear) for model in after], _Step(step, information, normals[0], after[0])
 
 
 def _summed(models: list[Linear], normals: list[Reduced], groups: list[Patches], there: np.ndarray,
