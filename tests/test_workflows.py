@@ -272,6 +272,32 @@ def test_no_frame_in_common_is_an_error(tmp_path):
         compared(tmp_path, truths(), "measured", frames=[4, 5, 6, 7])
 
 
+def test_a_flip_inside_a_track_is_counted_and_far_off(tmp_path):
+    T, S = truths(6), load_handle("paper").symmetries
+    # one whole track in equivalent 2, but for row 3; a flip there and one back
+    estimates = RigidTransform.concatenate([T[k] * (S[5] if k == 3 else S[2]) for k in range(6)])
+    result = compared(tmp_path, estimates, "measured", truth=truth_table(T))
+    assert (result.track.flips, result.track.far_off) == (2, 1)
+    # rows in any order, and an ambiguous row in between, change nothing: only measured rows are the track
+    statuses = ["measured", "ambiguous", "measured", "measured", "measured", "measured"]
+    mixed = compared(tmp_path, estimates[::-1], statuses, frames=[5, 4, 3, 2, 1, 0], truth=truth_table(T))
+    assert (mixed.track.flips, mixed.track.far_off) == (2, 1)
+    alone = compared(tmp_path, estimates, ["measured"] * 3 + ["ambiguous"] + ["measured"] * 2, truth=truth_table(T))
+    assert (alone.track.flips, alone.track.far_off, alone.track.waits) == (0, 0, (1,))
+
+
+def test_losses_count_what_can_be_seen(tmp_path):
+    T = truths(8)
+    statuses = ["lost", "measured", "predicted", "lost", "measured", "measured", "ambiguous", "lost"]
+    plain = compared(tmp_path, T, statuses, truth=truth_table(T))
+    assert (plain.track.waits, plain.track.unended) == ((2,), 2)
+    assert (plain.visible, plain.visible_measured) == (0, 0)
+    seen = truth_table(T).assign(markers=[4, 4, 3, 5, 4, 2, 0, 6])
+    known = compared(tmp_path, T, statuses, truth=seen.sample(frac=1, random_state=0))
+    assert (known.track.waits, known.track.unended) == ((1,), 1)
+    assert (known.visible, known.visible_measured) == (5, 2)
+
+
 # --- the replication
 
 

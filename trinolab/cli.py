@@ -16,6 +16,8 @@ from . import __version__
 if TYPE_CHECKING:  # what takes a second to load is imported where an interruption is answered
     import pandas as pd
 
+    from .trackquality import TrackQuality
+
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run a command and return the exit code."""
@@ -48,6 +50,8 @@ def _evaluate(a: argparse.Namespace) -> int:
     for status in ("measured", "ambiguous", "predicted", "lost"):
         count = getattr(result, status)
         print(f"{status:10s} {count:8d}   {100 * count / result.instants:5.1f} %")
+    if result.visible:
+        print(f"visible    {result.visible:8d}   {100 * result.visible_measured / result.visible:5.1f} % measured")
     if (e := result.errors) is None:
         print("no pose to compare")
         return 0
@@ -58,7 +62,23 @@ def _evaluate(a: argparse.Namespace) -> int:
         mean, median = getattr(e, f"E_{name}_deg"), getattr(e, f"{name}_median_deg")
         print(f"{'E_' + name:9s} {mean:8.3f} {median:8.3f}          deg   (Eq. 27)")
     print(f"geodesic  {e.geodesic_mean_deg:8.3f} {e.geodesic_median_deg:8.3f} {e.geodesic_max_deg:8.3f} deg")
+    _print_track(result.track)
     return 0
+
+
+def _print_track(track: TrackQuality) -> None:
+    print("the measured poses as one track:")
+    print(f"flips      {track.flips:8d}")
+    print(f"far off    {track.far_off:8d}   by more than 2 mm or 5 deg")
+    print(f"losses     {len(track.waits) + (track.unended is not None):8d}{_lasted(track)}")
+
+
+def _lasted(track: TrackQuality) -> str:
+    many = len(track.waits) > 8
+    ended = f"at most {max(track.waits)}" if many else ", ".join(map(str, track.waits))
+    said = [f"back after {ended} instants"] * bool(ended)
+    said += [] if track.unended is None else [f"not back in the last {track.unended} instants"]
+    return f"   {', '.join(said)}" if said else ""
 
 
 def _scoreboard(a: argparse.Namespace) -> int:
@@ -131,7 +151,7 @@ def _add_measure(commands: argparse._SubParsersAction) -> None:
 
 
 def _add_evaluate(commands: argparse._SubParsersAction) -> None:
-    p = _add(commands, "evaluate", _evaluate, "compare poses with their truth (Eq. 26, 27, geodesic angle)",
+    p = _add(commands, "evaluate", _evaluate, "compare poses with their truth (Eq. 26, 27, flips, losses)",
              "trinolab evaluate poses.csv truth.csv --handle handle.toml")
     p.add_argument("poses", metavar="POSES.csv", help="what 'trinolab measure' has written")
     p.add_argument("truth", metavar="TRUTH.csv", help="the true poses, joined on 'frame'")
