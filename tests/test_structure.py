@@ -23,7 +23,7 @@ ORDER = [
     "noise", "appearance", "centroids", "patches", "imagemodel", "registration", "outline", "refine", "reprojection",
     "weighted", "estimation", "corners", "relative", "zhang", "adjustment", "calibration", "tracker", "raycast",
     "capsule", "arm", "motion", "bench", "scene", "exposure", "bound", "boardscene", "boardtrial", "footage",
-    "recording", "recorder",
+    "recording", "recorder", "devices", "capturing",
     "errata_workspace", "errata_background", "errata_kalman", "errata_markers", "errata_pose", "errata_table1",
     "errata", "teleop", "slave", "sweep", "workflows", "factors", "table1_bound", "deviations", "error_sources",
     "mixing", "pattern", "budget", "evidence", "trials", "elevation", "centroid_trial", "scoreboard", "cli",

@@ -81,6 +81,19 @@ def _lasted(track: TrackQuality) -> str:
     return f"   {', '.join(said)}" if said else ""
 
 
+def _capture(a: argparse.Namespace) -> int:
+    from .capturing import capture
+    from .devices import parse_cameras
+
+    done = capture(parse_cameras(a.camera), a.out, a.rig, a.handle, a.seconds, a.fps, a.size, a.preview)
+    n, last = len(done.times_s), done.times_s[-1]
+    rate = f" in {last:.2f} s ({(n - 1) / last:.1f} a second)" if n > 1 else ""
+    spread = sorted(1e3 * done.spread_s)
+    print(f"{n} instants{rate}, {done.dropped} dropped; cameras within {spread[n // 2]:.1f} ms (median), "
+          f"{spread[-1]:.1f} ms (longest); written to {a.out}")
+    return 0
+
+
 def _scoreboard(a: argparse.Namespace) -> int:
     from .outputs import check_target, write_whole
     from .scoreboard import disagreements, scoreboard
@@ -129,6 +142,7 @@ def _parser() -> argparse.ArgumentParser:
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
     _add_measure(commands)
     _add_evaluate(commands)
+    _add_capture(commands)
     board = _add(commands, "scoreboard", _scoreboard, "print the paper's claims beside what is computed here",
                  "trinolab scoreboard --csv scoreboard.csv")
     board.add_argument("--csv", metavar="FILE", help="write the table as CSV, too")
@@ -156,6 +170,22 @@ def _add_evaluate(commands: argparse._SubParsersAction) -> None:
     p.add_argument("poses", metavar="POSES.csv", help="what 'trinolab measure' has written")
     p.add_argument("truth", metavar="TRUTH.csv", help="the true poses, joined on 'frame'")
     p.add_argument("--handle", required=True, metavar="HANDLE.toml", help="errors count up to its symmetry")
+
+
+def _add_capture(commands: argparse._SubParsersAction) -> None:
+    p = _add(commands, "capture", _capture, "record a folder of images from cameras; Ctrl-C ends it",
+             "trinolab capture --camera ccd1=0 ccd2=2 --rig rig.toml --seconds 10 --preview --out recording")
+    p.add_argument("--camera", required=True, nargs="+", action="extend", metavar="NAME=INDEX",
+                   help="a camera by its index at this computer; NAME=PATH plays a video in its place")
+    p.add_argument("--out", required=True, metavar="DIR", help="the recording to write: images, timestamps.csv")
+    which = p.add_mutually_exclusive_group()
+    which.add_argument("--rig", metavar="RIG.toml", help="the cameras' names and sizes; goes into the recording")
+    which.add_argument("--size", nargs=2, type=int, metavar=("WIDTH", "HEIGHT"), help="to ask of cameras without a rig")
+    p.add_argument("--handle", metavar="HANDLE.toml", help="goes into the recording")
+    p.add_argument("--seconds", type=float, metavar="S", help="to record for (default: until Ctrl-C)")
+    p.add_argument("--fps", type=float, metavar="F", help="frames a second to ask of cameras, or to play videos with")
+    p.add_argument("--preview", action="store_true",
+                   help="keep preview.png in DIR.partial up to date: what the cameras see")
 
 
 def _add(commands: argparse._SubParsersAction, name: str, run: object, about: str, example: str
