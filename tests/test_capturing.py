@@ -167,12 +167,25 @@ def test_what_the_disk_cannot_take_is_dropped_and_counted(cameras, tmp_path, mon
     assert np.diff(times).max() > 0.03  # s; the gap stands in the times
 
 
+def test_a_queue_that_fills_is_written_without_compression(cameras, tmp_path, monkeypatch):
+    how, real = [], recorder.write_image
+    monkeypatch.setattr(capturing, "QUEUE", 8)
+    monkeypatch.setattr(recorder, "write_image", lambda image, path, fast: (
+        how.append(fast), time.sleep(0 if fast else 0.05), real(image, path, fast)))
+    done = capture(TWO, tmp_path / "r", seconds=0.3)
+    assert not how[0]
+    assert True in how
+    assert len(done.times_s) == len(how) / 2
+    grey = [cv2.imread(str(path), cv2.IMREAD_UNCHANGED) for path in sorted((tmp_path / "r/images/ccd1").iterdir())]
+    assert len({image.shape for image in grey}) == 1
+
+
 def test_a_preview_is_kept_up_to_date(cameras, tmp_path, monkeypatch):
     seen, real = [], recorder.write_image
-    monkeypatch.setattr(recorder, "write_image", lambda image, path: (seen.append((path, image)), real(image, path)))
+    monkeypatch.setattr(recorder, "write_image", lambda *a: (seen.append(a[:2]), real(*a)))
     monkeypatch.setattr(capturing, "PREVIEW_S", 0.05)
     capture(TWO, tmp_path / "r", seconds=0.3, preview=True)
-    shown = [image for path, image in seen if path == tmp_path / "r.partial" / "preview.png"]
+    shown = [image for image, path in seen if path == tmp_path / "r.partial" / "preview.png"]
     assert 2 <= len(shown) <= 7
     assert shown[0].shape == (24, 64)
 

@@ -1,7 +1,7 @@
 """A recording folder from cameras as they deliver; video files may stand in for them.
 
 A thread of its own writes what a bounded queue hands it: grabbing never waits for the disk. What does not fit into the
-queue is dropped and counted.
+queue is dropped and counted; before that, images are written without compression.
 """
 
 from __future__ import annotations
@@ -145,7 +145,7 @@ class Writer:
         self._thread.join()
 
     def _run(self) -> None:
-        with ThreadPoolExecutor(len(self._names)) as pool:  # a PNG costs 10 to 20 ms: all cameras at a time
+        with ThreadPoolExecutor(len(self._names)) as pool:  # all cameras at a time
             while (taken := self._queue.get()) is not None:
                 if self.error is None:
                     try:
@@ -155,7 +155,9 @@ class Writer:
 
     def _write(self, taken: Taken, pool: ThreadPoolExecutor) -> None:
         paths = recorder.image_paths(self._partial, self._names, len(self.written))
-        tasks = [pool.submit(recorder.write_image, *pair) for pair in zip(taken.images, paths, strict=True)]
+        fast = self._queue.qsize() > QUEUE // 4
+        tasks = [pool.submit(recorder.write_image, image, path, fast)
+                 for image, path in zip(taken.images, paths, strict=True)]
         wait(tasks)
         if wrong := next(filter(None, (task.exception() for task in tasks)), None):
             for path in paths:

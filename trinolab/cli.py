@@ -174,7 +174,7 @@ def _add_evaluate(commands: argparse._SubParsersAction) -> None:
 
 def _add_capture(commands: argparse._SubParsersAction) -> None:
     p = _add(commands, "capture", _capture, "record a folder of images from cameras; Ctrl-C ends it",
-             "trinolab capture --camera ccd1=0 ccd2=2 --rig rig.toml --seconds 10 --preview --out recording")
+             "trinolab capture --camera ccd1=0 ccd2=2 --rig rig.toml --preview --out recording")
     p.add_argument("--camera", required=True, nargs="+", action="extend", metavar="NAME=INDEX",
                    help="a camera by its index at this computer; NAME=PATH plays a video in its place")
     p.add_argument("--out", required=True, metavar="DIR", help="the recording to write: images, timestamps.csv")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import struct
+import zlib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -96,15 +98,31 @@ def finish(folder: str | Path, times_s: Sequence[float], truth: pd.DataFrame | N
         raise ValueError(f"{folder}: cannot be written ({error.strerror})") from None
 
 
-def write_image(image: np.ndarray, path: Path) -> None:
-    """Write a grey image as PNG, whole or not at all. Raises ValueError if it cannot be written."""
+def write_image(image: np.ndarray, path: Path, fast: bool = False) -> None:
+    """Write a grey image, uint8, as PNG, whole or not at all; `fast` takes a seventh of the time and double the room.
+
+    Raises
+    ------
+    ValueError
+        If it cannot be written.
+    """
     temporary = path.with_name(f".{path.name}")
     try:
-        temporary.write_bytes(cv2.imencode(".png", image, PNG)[1].tobytes())
+        temporary.write_bytes(stored_png(image) if fast else cv2.imencode(".png", image, PNG)[1].tobytes())
         temporary.replace(path)
     except OSError as error:
         temporary.unlink(missing_ok=True)
         raise ValueError(f"{path}: cannot be written ({error.strerror})") from None
+
+
+def stored_png(image: np.ndarray) -> bytes:
+    """A grey image, uint8, as a PNG whose pixels are not compressed (RFC 2083)."""
+    height, width = image.shape
+    rows = np.hstack([np.zeros((height, 1), np.uint8), image])  # each row begins with the number of its filter: none
+    head = struct.pack(">2I5B", width, height, 8, 0, 0, 0, 0)  # 8 bit, grey
+    chunks = (b"IHDR", head), (b"IDAT", zlib.compress(rows.tobytes(), 0)), (b"IEND", b"")
+    return b"\x89PNG\r\n\x1a\n" + b"".join(struct.pack(">I", len(data)) + kind + data
+                                          + struct.pack(">I", zlib.crc32(kind + data)) for kind, data in chunks)
 
 
 def _names(rig: Rig | Sequence[str]) -> tuple[str, ...]:
