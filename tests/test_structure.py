@@ -19,7 +19,7 @@ ORDER = [
     "realsets", "ledger", "cones", "convex", "faces", "workspace", "plotting", "plotting_errors", "plotting_rigs",
     "plotting_estimators", "window", "background", "covariance", "kalman", "image_track", "blobs", "markers",
     "matching", "triangulation", "pose", "posetable", "layout", "hypotheses", "threepoint", "seeds", "verdict",
-    "search", "identity", "bodyend", "parameters", "trackquality",
+    "search", "identity", "bodyend", "parameters", "trackquality", "sync",
     "noise", "appearance", "centroids", "patches", "imagemodel", "registration", "outline", "refine", "reprojection",
     "weighted", "estimation", "corners", "relative", "zhang", "adjustment", "calibration", "tracker", "raycast",
     "capsule", "arm", "motion", "bench", "scene", "exposure", "bound", "boardscene", "boardtrial", "footage",
