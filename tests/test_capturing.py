@@ -17,7 +17,7 @@ from trinolab import capturing, cli, devices, recorder
 from trinolab.camera import Rig
 from trinolab.capturing import capture, side_by_side
 from trinolab.datasets import data_path, load_rig
-from trinolab.devices import instants_of, open_source, parse_cameras
+from trinolab.devices import drain, instants_of, open_source, parse_cameras
 from trinolab.recording import find_footage, instants, open_recording, read_timestamps
 from trinolab.rigfile import read_rig, write_rig
 
@@ -54,7 +54,7 @@ class Device:
     """A camera that delivers frames of one grey level until `frames` are over, and then fails or raises."""
 
     def __init__(self, frames=10**6, size=SIZE, then=None, sizes=None):
-        self.k, self.frames, self.then, self.asked, self.released = 0, frames, then, {}, False
+        self.k, self.frames, self.then, self.asked, self.released = -2, frames, then, {}, False  # two are let go
         self.sizes = sizes or {}
         self.size = size
 
@@ -132,7 +132,21 @@ def test_the_time_is_the_middle_of_the_grabs(cameras):
     after = time.perf_counter()
     assert taken.spread_s >= 0.002  # the second grab takes as long
     assert before + 0.002 + taken.spread_s / 2 <= taken.t_s <= after - taken.spread_s / 2
-    assert [device.k for device in cameras.values()] == [1, 1]
+    assert [device.k for device in cameras.values()] == [-1, -1]
+
+
+def test_frames_that_a_camera_has_kept_are_let_go(cameras, monkeypatch):
+    class Kept(Device):
+        def grab(self):
+            time.sleep(0.1 * (self.k >= 2))  # four frames are there at once
+            self.k += 1
+            return True
+
+    monkeypatch.setattr(devices, "WAITED_S", 0.05)
+    cameras[0] = Kept()
+    drain([open_source("a", "0"), open_source("b", "1")])
+    assert cameras[0].k == 4  # the kept ones, one that had to be waited for, and one more
+    assert cameras[1].k == 18  # it never waits as long: ten each time
 
 
 def test_seconds_end_it(cameras, tmp_path):
@@ -201,8 +215,7 @@ def test_preview_is_small_and_its_cameras_equally_high():
 
 
 NOT_NAMED = {"no =": (["ccd1"], "expected NAME=INDEX"), "no name": (["=0"], "expected NAME=INDEX"),
-             "no value": (["ccd1="], "expected NAME=INDEX"), "twice": (["a=0", "a=1"], "a comes twice"),
-             "folder": (["a/b=0"], "a folder can have"), "hidden": ([".a=0"], "a folder can have")}
+             "no value": (["ccd1="], "expected NAME=INDEX"), "twice": (["a=0", "a=1"], "a comes twice")}
 
 
 @pytest.mark.parametrize(("items", "message"), NOT_NAMED.values(), ids=NOT_NAMED)
@@ -230,6 +243,8 @@ def test_what_does_not_fit_leaves_no_folder(cameras, folder, images):
                             ({"cameras": {"ccd1": "0.mkv"}}, "ccd2: this camera of the rig is not named"),
                             ({"cameras": {**VIDEOS, "ccd3": "0.mkv"}}, "ccd3: a camera that the rig does not have"),
                             ({"cameras": {"ccd1": "0", "ccd2": "00"}}, "cameras: expected each camera once"),
+                            ({"cameras": {"a/b": "0"}, "rig": None}, "camera: expected a name that a folder can have"),
+                            ({"cameras": {"..": "0"}, "rig": None}, "camera: expected a name that a folder can have"),
                             ({"cameras": {}}, "cameras: expected one or more"),
                             ({"seconds": 0.0}, "seconds: expected a number"),
                             ({"fps": -1.0}, "fps: expected a number"),
@@ -248,7 +263,6 @@ def test_what_does_not_fit_leaves_no_folder(cameras, folder, images):
     (Device(sizes={6: (30, 24)}), "ccd2: 30 x 24 pixels after 5 instants, expected 32 x 24")])
 def test_a_camera_that_fails_ends_it_and_what_was_taken_is_kept(cameras, tmp_path, spoiled, message):
     cameras[1] = spoiled
-    spoiled.k = 0
     with pytest.raises(ValueError, match=rf"{message}; the 5 instants before are kept in .*r$"):
         capture(TWO, tmp_path / "r")
     assert len(read_timestamps(tmp_path / "r" / "timestamps.csv")) == 5

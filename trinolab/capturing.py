@@ -22,7 +22,7 @@ import numpy as np
 from . import recorder
 from .camera import Rig
 from .checks import Array, as_number, frozen
-from .devices import Source, Taken, instants_of, open_source
+from .devices import Source, Taken, check_name, drain, instants_of, open_source
 from .handle import Handle, read_handle
 from .rigfile import read_rig
 
@@ -97,6 +97,7 @@ def capture(cameras: Mapping[str, str], out: str | Path, rig: str | Path | None 
     try:
         for name, wanted in sizes.items():
             sources.append(open_source(name, cameras[name], wanted, fps))
+        drain(sources)
         stream = instants_of(sources, None if the_rig is None else sizes)
         first = next(stream)  # so that what does not fit is found before there is a folder
         _begin(out, partial, the_rig or list(sizes), the_handle)
@@ -184,6 +185,8 @@ def _sizes(cameras: Mapping[str, str], rig: Rig | None, size: tuple[int, int] | 
     """The size of each camera where it is known, in the rig's order."""
     if not cameras:
         raise ValueError("cameras: expected one or more, got none")
+    for name in cameras:
+        check_name(name)
     indices = [what for what in cameras.values() if what.isdecimal()]
     if len(set(map(int, indices))) < len(indices):
         raise ValueError(f"cameras: expected each camera once, got the indices {', '.join(indices)}")

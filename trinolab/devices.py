@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from itertools import count
 from pathlib import Path
 from typing import NamedTuple
@@ -16,6 +17,7 @@ import numpy as np
 
 from .footage import open_video
 
+WAITED_S = 1e-3  # a grab that takes as long has waited for its frame
 
 class Source(NamedTuple):
     """A camera, or a video in its place, which is played in steps of `period_s`; a camera sets the pace (0)."""
@@ -39,19 +41,23 @@ def parse_cameras(items: Sequence[str]) -> dict[str, str]:
     Raises
     ------
     ValueError
-        Without a name, '=' or value, if a name cannot name a folder, or comes twice.
+        Without a name, '=' or value, or if a name comes twice.
     """
     found: dict[str, str] = {}
     for item in items:
         name, _, value = item.partition("=")
         if not name or not value:
             raise ValueError(f"camera: expected NAME=INDEX or NAME=PATH, got {item!r}")
-        if name.startswith(".") or set(name) & set('/\\:\0'):
-            raise ValueError(f"camera: expected a name that a folder can have, got {name!r}")
         if name in found:
             raise ValueError(f"camera: {name} comes twice")
         found[name] = value
     return found
+
+
+def check_name(name: str) -> None:
+    """Refuse, with a ValueError, a camera's name that cannot name its folder."""
+    if not name or name.startswith(".") or set(name) & set('/\\:\0'):
+        raise ValueError(f"camera: expected a name that a folder can have, got {name!r}")
 
 
 def open_source(name: str, what: str, size: tuple[int, int] | None = None, fps: float | None = None) -> Source:
@@ -78,6 +84,17 @@ def open_source(name: str, what: str, size: tuple[int, int] | None = None, fps: 
     return Source(name, device, 1 / rate if 0 < rate <= 1000 else 1 / 30)
 
 
+def drain(sources: Sequence[Source]) -> None:
+    """Let go of the frames that cameras have kept while others were opened: a grab that has to wait brings a new one.
+
+    A first round starts the cameras. All take their rounds at a time, so that none keeps much in the meantime.
+    """
+    live = [source.device for source in sources if not source.period_s]
+    with ThreadPoolExecutor(len(sources)) as pool:
+        for _ in range(2):
+            list(pool.map(_grab_until_new, live))
+
+
 def instants_of(sources: Sequence[Source], sizes: Mapping[str, tuple[int, int] | None] | None = None
                 ) -> Iterator[Taken]:
     """Grab all, then fetch the images, as fast as the slowest source delivers; videos end it together.
@@ -100,6 +117,14 @@ def instants_of(sources: Sequence[Source], sizes: Mapping[str, tuple[int, int] |
             return
         images = [_fetched(source, good, k, known) for source, (good, _) in zip(sources, grabbed, strict=True)]
         yield Taken((at[0] + at[-1]) / 2, at[-1] - at[0], images)
+
+
+def _grab_until_new(device: cv2.VideoCapture) -> None:
+    for _ in range(10):  # no driver keeps more
+        before = time.perf_counter()
+        device.grab()
+        if time.perf_counter() - before > WAITED_S:
+            return
 
 
 def _open_index(index: int) -> cv2.VideoCapture:
