@@ -5,6 +5,7 @@ import re
 import signal
 import subprocess
 import sys
+import threading
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -159,6 +160,22 @@ def test_an_interruption_ends_it_and_keeps_what_was_taken(cameras, tmp_path):
     done = capture(TWO, tmp_path / "r")
     assert len(done.times_s) == len(read_timestamps(tmp_path / "r" / "timestamps.csv")) == 7
     assert len(list((tmp_path / "r" / "images" / "ccd2").iterdir())) == 7
+
+
+def test_a_second_interruption_says_where_the_images_are(cameras, tmp_path, monkeypatch, capfd):
+    real = threading.Thread.join
+
+    def join(thread):
+        real(thread)
+        if threading.current_thread() is threading.main_thread():
+            raise KeyboardInterrupt
+
+    cameras[1].frames, cameras[1].then = 7, KeyboardInterrupt()
+    monkeypatch.setattr(capturing, "drain", lambda _: None)  # its threads are joined, too
+    monkeypatch.setattr(capturing.Thread, "join", join)
+    monkeypatch.chdir(tmp_path)
+    assert cli.main(["capture", "--camera", "ccd1=0", "ccd2=1", "--out", "r"]) == 130
+    assert capfd.readouterr().err.splitlines()[-1].endswith(f"interrupted, what was written is in {tmp_path}/r.partial")
 
 
 def test_an_interruption_before_the_first_instant_leaves_nothing(cameras, tmp_path):

@@ -141,9 +141,12 @@ class Writer:
             self.dropped += 1
 
     def close(self) -> None:
-        """Wait until all that was handed over is written."""
-        self._queue.put(None)
-        self._thread.join()
+        """Wait until all that was handed over is written; a KeyboardInterrupt meanwhile says where it is."""
+        try:
+            self._queue.put(None)
+            self._thread.join()
+        except KeyboardInterrupt:
+            raise KeyboardInterrupt(f"what was written is in {self._partial}") from None
 
     def _run(self) -> None:
         with ThreadPoolExecutor(len(self._names)) as pool:  # all cameras at a time
