@@ -22,7 +22,7 @@ from trinolab.posetable import truth_table, write_poses
 from trinolab.rigfile import write_rig
 from trinolab.trackquality import TrackQuality
 
-COMMANDS = ("measure", "evaluate", "capture", "scoreboard")
+COMMANDS = ("calibrate", "measure", "evaluate", "capture", "scoreboard")
 SIZE = (32, 24)
 MEASURE = "measure --rig rig.toml --handle handle.toml --images images --out poses.csv"
 EVALUATE = "evaluate found.csv truth.csv --handle handle.toml"
@@ -156,7 +156,8 @@ def test_scoreboard_fails_where_a_verdict_is_not_the_declared_one(monkeypatch, c
 
 
 def example_of(text):
-    return re.search(r"^example:\n  trinolab (.*)$", text, flags=re.MULTILINE)[1]
+    found = re.search(r"^example:\n  trinolab ((?:.*\\\n)*.*)$", text, flags=re.MULTILINE)
+    return found[1].replace("\\\n", " ")
 
 
 @pytest.mark.parametrize("command", COMMANDS)

@@ -42,6 +42,30 @@ def _measure(a: argparse.Namespace) -> int:
     return 0
 
 
+def _calibrate(a: argparse.Namespace) -> int:
+    from .calibrating import as_lines, calibrate_rig
+    from .targets import Target
+
+    sources = _named(a.images, "--images")
+    target = Target(a.board, a.columns, a.rows, a.square, a.marker, a.dictionary)
+    result = calibrate_rig(sources, target, a.out, a.views, a.distortions)
+    print("\n".join([*as_lines(result), "", f"written: {', '.join(str(path) for path in result.files)}"]))
+    return 0
+
+
+def _named(items: Sequence[str], option: str) -> dict[str, str]:
+    """NAME=PATH arguments as a mapping; ValueError for another form or a name that comes twice."""
+    found: dict[str, str] = {}
+    for item in items:
+        name, equals, path = item.partition("=")
+        if not (name.strip() and equals and path):
+            raise ValueError(f"{option}: expected NAME=PATH, got {item!r}")
+        if name in found:
+            raise ValueError(f"{option}: camera {name} is named twice")
+        found[name] = path
+    return found
+
+
 def _evaluate(a: argparse.Namespace) -> int:
     from .workflows import evaluate
 
@@ -140,6 +164,7 @@ def _parser() -> argparse.ArgumentParser:
                      "paper.", epilog="trinolab COMMAND --help says more and has an example.")
     parser.add_argument("--version", action="version", version=f"trinolab {__version__}")
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
+    _add_calibrate(commands)
     _add_measure(commands)
     _add_evaluate(commands)
     _add_capture(commands)
@@ -147,6 +172,31 @@ def _parser() -> argparse.ArgumentParser:
                  "trinolab scoreboard --csv scoreboard.csv")
     board.add_argument("--csv", metavar="FILE", help="write the table as CSV, too")
     return parser
+
+
+def _add_calibrate(commands: argparse._SubParsersAction) -> None:
+    p = _add(commands, "calibrate", _calibrate, "calibrate two or more cameras from images of a flat target",
+             "trinolab calibrate --images ccd1=photos/ccd1 ccd2=photos/ccd2 --board chessboard \\\n"
+             "      --columns 9 --rows 6 --square 25 --out rig.toml")
+    p.add_argument("--images", required=True, nargs="+", action="extend", metavar="NAME=PATH",
+                   help="for each camera a folder of images (paired by file name), a pattern like 'photos/left*.png' "
+                   "(paired by what * stands for) or a video (paired by frame); the first camera is the world frame")
+    p.add_argument("--board", required=True, choices=["chessboard", "circles", "charuco"],
+                   help="the target; circles are a symmetric grid, dark on light")
+    p.add_argument("--columns", required=True, type=int, metavar="N",
+                   help="points in a row: inner corners of a chessboard, circles, but squares of a charuco board")
+    p.add_argument("--rows", required=True, type=int, metavar="N", help="rows, counted in the same way")
+    p.add_argument("--square", required=True, type=float, metavar="MM",
+                   help="side of a square, or distance of neighbouring circles, mm")
+    p.add_argument("--marker", type=float, metavar="MM",
+                   help="side of a charuco board's markers, mm (default: 0.75 of a square)")
+    p.add_argument("--dictionary", metavar="NAME", help="of a charuco board's markers (default: 4X4_50)")
+    p.add_argument("--out", required=True, metavar="RIG.toml",
+                   help="the rig to write; RIG_views.csv and RIG_residuals.png appear beside it")
+    p.add_argument("--views", type=int, default=50, metavar="N",
+                   help="the most views to look at; of more, some are passed over evenly (default: %(default)s)")
+    p.add_argument("--distortions", type=int, default=5, choices=[0, 1, 2, 4, 5],
+                   help="how many of k1, k2, p1, p2, k3 are estimated (default: %(default)s)")
 
 
 def _add_measure(commands: argparse._SubParsersAction) -> None:

@@ -99,7 +99,11 @@ def frames_of(footage: Footage, size: tuple[int, int] | None = None, first: int 
 
 def open_video(path: Path) -> cv2.VideoCapture:
     """Open a video to read from. Raises ValueError if it cannot be read."""
-    capture = cv2.VideoCapture(str(path), cv2.CAP_FFMPEG)
+    level = cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_ERROR)  # and not OpenCV's warning either
+    try:
+        capture = cv2.VideoCapture(str(path), cv2.CAP_FFMPEG)
+    finally:
+        cv2.utils.logging.setLogLevel(level)
     if not capture.isOpened() or not os.access(path, os.R_OK):
         raise ValueError(f"{path}: cannot be read as a video")
     return capture

@@ -126,11 +126,11 @@ def linearise(state: State, here: Patches, rig: Rig, handle: Handle) -> Linear:
 def reduce(by_other: Array, at: Linear) -> Reduced:
     """Normal equations for unknowns with derivatives `by_other` (k, m, p), the greys of each window eliminated."""
     n, r, C = by_other.shape[1], at.residual[:, None], at.by_greys
-    every = np.concatenate([by_other, C, r], axis=1, dtype=np.float32)
-    products = ((every * at.weight[:, None].astype(np.float32)) @ every.transpose(0, 2, 1)).astype(float)
+    every = np.concatenate([by_other, C, r], axis=1, dtype=float)
+    products = (every * at.weight[:, None]) @ every.transpose(0, 2, 1)
     CC, OC = products[:, n:-1, n:-1], products[:, :n, n:-1]
     CC += 1e-9 * np.trace(CC, axis1=1, axis2=2)[:, None, None] * np.eye(CC.shape[1]) + 1e-12 * np.eye(CC.shape[1])
-    solved = np.linalg.solve(CC, products[:, n:-1][..., np.r_[:n, -1]])
+    solved = np.asarray(np.linalg.solve(CC, products[:, n:-1][..., np.r_[:n, -1]]), dtype=float)
     gain, greys = solved[..., :-1], solved[..., -1]
     gradient = products[:, :n, -1] - (OC @ greys[..., None])[..., 0]
     return Reduced(products[:, :n, :n] - OC @ gain, gradient, greys, gain)

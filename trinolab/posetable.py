@@ -24,7 +24,7 @@ STATUSES = ("measured", "ambiguous", "predicted", "lost")
 def pose_table(poses: Sequence[Pose], t_s: Sequence[float] | None = None) -> pd.DataFrame:
     """Poses as a table with the columns of `POSE_COLUMNS`; a lost pose has empty numbers, `t_s` is empty if unknown."""
     times = [np.nan] * len(poses) if t_s is None else t_s
-    rows = [_row(k, t, pose) for k, (t, pose) in enumerate(zip(times, poses, strict=True))]
+    rows = [pose_row(k, t, pose) for k, (t, pose) in enumerate(zip(times, poses, strict=True))]
     return pd.DataFrame(rows, columns=list(POSE_COLUMNS))
 
 
@@ -108,7 +108,8 @@ def read_poses(path: str | Path) -> pd.DataFrame:
     return table.astype({"frame": int})
 
 
-def _row(frame: int, t_s: float, pose: Pose) -> tuple:
+def pose_row(frame: int, t_s: float, pose: Pose) -> tuple:
+    """One row, in the order of `POSE_COLUMNS`."""
     if pose.T_world_handle is None:
         return (frame, t_s, *[np.nan] * 13, pose.markers, pose.cameras, pose.status)
     T = pose.T_world_handle

@@ -62,7 +62,7 @@ def measure_folder(rig: str | Path, handle: str | Path, images: str | Path, out:
     ValueError
         Names the file that is missing, unreadable or does not fit.
     """
-    parameters = Parameters(estimator=_estimator(method))
+    parameters = Parameters(estimator=estimator_of(method))
     the_rig, the_handle = read_rig(rig), read_handle(handle)
     instants = list_instants(images, the_rig)
     expected = {} if prior is None else _expected(prior, len(instants))
@@ -183,7 +183,8 @@ def replication_errors(measurements: list[Measurement], truths: RigidTransform, 
     return pose_errors(nearest_equivalent(estimates, truths[held], handle.symmetries), truths[held])
 
 
-def _estimator(method: str) -> str:
+def estimator_of(method: str) -> str:
+    """The estimator that `--method` names. Raises ValueError for another word."""
     if method not in METHODS:
         raise ValueError(f"method: expected one of {', '.join(METHODS)}, got {method!r}")
     return METHODS[method]
