@@ -18,7 +18,7 @@ from trinolab import capturing, cli, devices, recorder
 from trinolab.camera import Rig
 from trinolab.capturing import capture, side_by_side
 from trinolab.datasets import data_path, load_rig
-from trinolab.devices import drain, instants_of, open_source, parse_cameras
+from trinolab.devices import drain, instants_of, open_source
 from trinolab.recording import find_footage, instants, open_recording, read_timestamps
 from trinolab.rigfile import read_rig, write_rig
 
@@ -231,20 +231,6 @@ def test_preview_is_small_and_its_cameras_equally_high():
 # --- what is wrong
 
 
-NOT_NAMED = {"no =": (["ccd1"], "expected NAME=INDEX"), "no name": (["=0"], "expected NAME=INDEX"),
-             "no value": (["ccd1="], "expected NAME=INDEX"), "twice": (["a=0", "a=1"], "a comes twice")}
-
-
-@pytest.mark.parametrize(("items", "message"), NOT_NAMED.values(), ids=NOT_NAMED)
-def test_names_are_checked(items, message):
-    with pytest.raises(ValueError, match=f"camera: .*{message}"):
-        parse_cameras(items)
-
-
-def test_a_path_may_hold_an_equals_sign():
-    assert parse_cameras(["a=0", "b=x=1.mkv"]) == {"a": "0", "b": "x=1.mkv"}
-
-
 def test_what_does_not_fit_leaves_no_folder(cameras, folder, images):
     write_video(folder / "small.mkv", images[:, 0, :16])
     (folder / "text.mkv").write_text("no video")
@@ -347,6 +333,16 @@ def test_command_says_what_it_recorded(folder, capfd):
     out, _ = capfd.readouterr()
     assert re.fullmatch(r"12 instants in \d\.\d\d s \(\d+\.\d a second\), 0 dropped; "
                         r"cameras within \d+\.\d ms \(median\), \d+\.\d ms \(longest\); written to r\n", out)
+
+
+@pytest.mark.parametrize(("named", "message"), [("a", "expected NAME=PATH"), ("a=", "expected NAME=PATH"),
+                                                ("=0", "expected NAME=PATH"), ("a=0 a=1", "a is named twice")])
+def test_names_are_checked(folder, named, message, capfd):
+    assert cli.main(["capture", "--camera", *named.split(), "--out", "r"]) == 2
+    out, err = capfd.readouterr()
+    assert (out, err.count("\n")) == ("", 1)
+    assert err.startswith("trinolab capture: --camera: ")
+    assert message in err
 
 
 def test_a_camera_that_is_not_there_costs_one_line(folder, capfd):

@@ -14,9 +14,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import RigidTransform
 
-from trinolab import __version__, cli, scoreboard, workflows
+from trinolab import __version__, cli, evaluation, scoreboard, workflows
 from trinolab.camera import Rig
 from trinolab.datasets import data_path, load_handle, load_rig, load_table1
+from trinolab.evaluation import _lasted
 from trinolab.handle import write_handle
 from trinolab.posetable import truth_table, write_poses
 from trinolab.rigfile import write_rig
@@ -116,9 +117,9 @@ def test_evaluate_tells_how_a_track_was_lost(folder, capfd):
 
 
 def test_many_losses_are_summed_up():
-    assert cli._lasted(TrackQuality(0, 0, (1,) * 8, None)) == "   back after 1, 1, 1, 1, 1, 1, 1, 1 instants"
-    assert cli._lasted(TrackQuality(0, 0, (1,) * 9 + (7,), None)) == "   back after at most 7 instants"
-    assert cli._lasted(TrackQuality(0, 0, (), 4)) == "   not back in the last 4 instants"
+    assert _lasted(TrackQuality(0, 0, (1,) * 8, None)) == "   back after 1, 1, 1, 1, 1, 1, 1, 1 instants"
+    assert _lasted(TrackQuality(0, 0, (1,) * 9 + (7,), None)) == "   back after at most 7 instants"
+    assert _lasted(TrackQuality(0, 0, (), 4)) == "   not back in the last 4 instants"
 
 
 def test_evaluate_without_a_pose_says_so(folder, capfd):
@@ -292,7 +293,7 @@ def interrupted(*_, **__):
 @pytest.mark.parametrize("line", [MEASURE, EVALUATE, "scoreboard --csv board.csv"])
 def test_an_interruption_costs_one_line_and_no_file(folder, line, capfd, monkeypatch):
     monkeypatch.setattr(workflows, "measure", interrupted)
-    monkeypatch.setattr(workflows, "read_poses", interrupted)
+    monkeypatch.setattr(evaluation, "read_poses", interrupted)
     monkeypatch.setattr(scoreboard, "CHECKS", dict.fromkeys(scoreboard.CHECKS, interrupted))
     before = contents(folder)
     assert run(line) == 130

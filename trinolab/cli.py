@@ -16,8 +16,6 @@ from . import __version__
 if TYPE_CHECKING:  # what takes a second to load is imported where an interruption is answered
     import pandas as pd
 
-    from .trackquality import TrackQuality
-
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run a command and return the exit code."""
@@ -67,49 +65,16 @@ def _named(items: Sequence[str], option: str) -> dict[str, str]:
 
 
 def _evaluate(a: argparse.Namespace) -> int:
-    from .workflows import evaluate
+    from .evaluation import as_lines, evaluate
 
-    result = evaluate(a.poses, a.truth, a.handle)
-    print(f"instants   {result.instants:8d}")
-    for status in ("measured", "ambiguous", "predicted", "lost"):
-        count = getattr(result, status)
-        print(f"{status:10s} {count:8d}   {100 * count / result.instants:5.1f} %")
-    if result.visible:
-        print(f"visible    {result.visible:8d}   {100 * result.visible_measured / result.visible:5.1f} % measured")
-    if (e := result.errors) is None:
-        print("no pose to compare")
-        return 0
-    print(f"errors of {e.n} poses, up to the handle's symmetry:")
-    print("              mean   median      max")
-    print(f"E_t       {e.E_t_mm:8.3f} {e.position_median_mm:8.3f} {e.position_max_mm:8.3f} mm    (Eq. 26)")
-    for name in ("alpha", "beta", "gamma"):
-        mean, median = getattr(e, f"E_{name}_deg"), getattr(e, f"{name}_median_deg")
-        print(f"{'E_' + name:9s} {mean:8.3f} {median:8.3f}          deg   (Eq. 27)")
-    print(f"geodesic  {e.geodesic_mean_deg:8.3f} {e.geodesic_median_deg:8.3f} {e.geodesic_max_deg:8.3f} deg")
-    _print_track(result.track)
+    print("\n".join(as_lines(evaluate(a.poses, a.truth, a.handle))))
     return 0
-
-
-def _print_track(track: TrackQuality) -> None:
-    print("the measured poses as one track:")
-    print(f"flips      {track.flips:8d}")
-    print(f"far off    {track.far_off:8d}   by more than 2 mm or 5 deg")
-    print(f"losses     {len(track.waits) + (track.unended is not None):8d}{_lasted(track)}")
-
-
-def _lasted(track: TrackQuality) -> str:
-    many = len(track.waits) > 8
-    ended = f"at most {max(track.waits)}" if many else ", ".join(map(str, track.waits))
-    said = [f"back after {ended} instants"] * bool(ended)
-    said += [] if track.unended is None else [f"not back in the last {track.unended} instants"]
-    return f"   {', '.join(said)}" if said else ""
 
 
 def _capture(a: argparse.Namespace) -> int:
     from .capturing import capture
-    from .devices import parse_cameras
 
-    done = capture(parse_cameras(a.camera), a.out, a.rig, a.handle, a.seconds, a.fps, a.size, a.preview)
+    done = capture(_named(a.camera, "--camera"), a.out, a.rig, a.handle, a.seconds, a.fps, a.size, a.preview)
     n, last = len(done.times_s), done.times_s[-1]
     rate = f" in {last:.2f} s ({(n - 1) / last:.1f} a second)" if n > 1 else ""
     spread = sorted(1e3 * done.spread_s)

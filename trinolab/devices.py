@@ -35,25 +35,6 @@ class Taken(NamedTuple):
     images: list[np.ndarray]
 
 
-def parse_cameras(items: Sequence[str]) -> dict[str, str]:
-    """Split each ``NAME=INDEX`` or ``NAME=PATH`` into name and value.
-
-    Raises
-    ------
-    ValueError
-        Without a name, '=' or value, or if a name comes twice.
-    """
-    found: dict[str, str] = {}
-    for item in items:
-        name, _, value = item.partition("=")
-        if not name or not value:
-            raise ValueError(f"camera: expected NAME=INDEX or NAME=PATH, got {item!r}")
-        if name in found:
-            raise ValueError(f"camera: {name} comes twice")
-        found[name] = value
-    return found
-
-
 def check_name(name: str) -> None:
     """Refuse, with a ValueError, a camera's name that cannot name its folder."""
     if not name or name.startswith(".") or set(name) & set('/\\:\0'):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +15,7 @@ from .camera import Rig
 from .checks import as_number
 from .datasets import load_table1
 from .handle import Handle, read_handle
-from .metrics import PoseErrors, nearest_equivalent, pose_errors, track_equivalent
+from .metrics import PoseErrors, nearest_equivalent, pose_errors
 from .outputs import check_target
 from .parameters import BEST, ESTIMATORS, Parameters
 from .posetable import pose_table, read_poses, transforms, write_poses
@@ -24,12 +23,9 @@ from .recording import list_instants, read_instant
 from .rigfile import read_rig
 from .scene import Bench, render_rig
 from .tracker import Measurement, measure
-from .trackquality import TrackQuality, far_off, flips, waits
 
 METHODS = {name: name for name in ESTIMATORS} | {"best": BEST}
 """What `--method` may name, and the estimator that it stands for."""
-
-SEEN_MARKERS = 4  # in one camera: as many fix the pose
 
 
 def measure_folder(rig: str | Path, handle: str | Path, images: str | Path, out: str | Path, method: str = "paper",
@@ -74,62 +70,6 @@ def measure_folder(rig: str | Path, handle: str | Path, images: str | Path, out:
     table = pose_table(poses)
     write_poses(table, out)
     return table
-
-
-@dataclass(frozen=True)
-class Evaluation:
-    """How a table of poses compares with its truth.
-
-    Attributes
-    ----------
-    instants : int
-        Of the truth.
-    measured, ambiguous, predicted, lost : int
-        Instants by status; an instant of the truth that has no row counts as lost.
-    errors : PoseErrors or None
-        Over the rows that hold a pose, `predicted` ones left out; None if there is none.
-    visible, visible_measured : int
-        Instants at which one camera truly sees four markers, and how many of them are measured; 0 if the truth does not
-        say how many markers are seen.
-    track : TrackQuality
-        Of the `measured` rows: flips, poses far off, losses. A loss counts the visible instants, if they are known.
-    """
-
-    instants: int
-    measured: int
-    ambiguous: int
-    predicted: int
-    lost: int
-    errors: PoseErrors | None
-    visible: int
-    visible_measured: int
-    track: TrackQuality
-
-
-def evaluate(poses: str | Path, truth: str | Path, handle: str | Path) -> Evaluation:
-    """Compare a pose file with the truth, up to the handle's symmetry (Eq. 26-27).
-
-    The `measured` rows are compared as one track, by one equivalent for all; an `ambiguous` row says of itself that it
-    is one of several, so each is compared by its nearest equivalent.
-
-    Raises
-    ------
-    ValueError
-        If a file is missing or malformed, or the two have no frame in common.
-    """
-    found, true, the_handle = read_poses(poses), read_poses(truth), read_handle(handle)
-    true = true[true["status"] != "lost"].sort_values("frame")
-    both = found.merge(true, on="frame", suffixes=("", "_true"))
-    if both.empty:
-        raise ValueError(f"{poses}, {truth}: no frame in common")
-    counts = both["status"].value_counts()
-    measured, ambiguous, predicted = (int(counts.get(s, 0)) for s in ("measured", "ambiguous", "predicted"))
-    lost = len(true) - measured - ambiguous - predicted
-    rows = both[both["status"] == "measured"].sort_values("frame")
-    here, visible = true["frame"].isin(rows["frame"]).to_numpy(), _visible(true)
-    lasted = waits(here, visible if visible.any() else None)
-    return Evaluation(len(true), measured, ambiguous, predicted, lost, _errors(both, true, the_handle),
-                      int(visible.sum()), int((visible & here).sum()), _quality(rows, true, the_handle, *lasted))
 
 
 def replicate(poses: Iterable[RigidTransform], rig: Rig, handle: Handle, seed: int = 0, bench: Bench | None = None,
@@ -197,32 +137,3 @@ def _expected(path: str | Path, instants: int) -> dict[int, RigidTransform]:
         raise ValueError(f"{path}: no frame in common with the images, which are frames 0 to {instants - 1}")
     held = table[table["status"] != "lost"]
     return dict(zip(held["frame"], transforms(held), strict=True)) if len(held) else {}
-
-
-def _visible(true: pd.DataFrame) -> np.ndarray:
-    """Whether one camera truly sees four markers, a bool for each row of a truth; never if it does not say."""
-    markers = true["markers"] if "markers" in true else pd.Series(0, true.index)
-    return markers.to_numpy(dtype=float) >= SEEN_MARKERS
-
-
-def _quality(rows: pd.DataFrame, true: pd.DataFrame, handle: Handle, ended: tuple[int, ...], unended: int | None
-             ) -> TrackQuality:
-    """Quality of the measured rows, in the order of time."""
-    if rows.empty:
-        return TrackQuality(0, 0, ended, unended)
-    pairs = transforms(rows), transforms(true.set_index("frame").loc[rows["frame"]])
-    return TrackQuality(flips(*pairs, handle.symmetries), far_off(*pairs, handle.symmetries), ended, unended)
-
-
-def _errors(both: pd.DataFrame, true: pd.DataFrame, handle: Handle) -> PoseErrors | None:
-    """Errors over the measured and the ambiguous rows of the joined table; None if there are none."""
-    estimates, truths = [], []
-    for status, equivalent in (("measured", track_equivalent), ("ambiguous", nearest_equivalent)):
-        rows = both[both["status"] == status]
-        if len(rows):
-            true_poses = transforms(true.set_index("frame").loc[rows["frame"]])
-            estimates.append(equivalent(transforms(rows), true_poses, handle.symmetries))
-            truths.append(true_poses)
-    if not estimates:
-        return None
-    return pose_errors(RigidTransform.concatenate(estimates), RigidTransform.concatenate(truths))
