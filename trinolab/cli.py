@@ -26,8 +26,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     except (ValueError, OSError) as error:
         print(f"trinolab {arguments.command}: {error}", file=sys.stderr)
         return 2
-    except KeyboardInterrupt:
-        print(f"trinolab {arguments.command}: interrupted, nothing was written", file=sys.stderr)
+    except KeyboardInterrupt as stop:
+        print(f"trinolab {arguments.command}: interrupted, {str(stop) or 'nothing was written'}", file=sys.stderr)
         return 130
 
 
@@ -65,23 +65,21 @@ def _named(items: Sequence[str], option: str) -> dict[str, str]:
 
 
 def _evaluate(a: argparse.Namespace) -> int:
-    from .workflows import evaluate
+    from .evaluation import as_lines, evaluate
 
-    result = evaluate(a.poses, a.truth, a.handle)
-    print(f"instants   {result.instants:8d}")
-    for status in ("measured", "ambiguous", "predicted", "lost"):
-        count = getattr(result, status)
-        print(f"{status:10s} {count:8d}   {100 * count / result.instants:5.1f} %")
-    if (e := result.errors) is None:
-        print("no pose to compare")
-        return 0
-    print(f"errors of {e.n} poses, up to the handle's symmetry:")
-    print("              mean   median      max")
-    print(f"E_t       {e.E_t_mm:8.3f} {e.position_median_mm:8.3f} {e.position_max_mm:8.3f} mm    (Eq. 26)")
-    for name in ("alpha", "beta", "gamma"):
-        mean, median = getattr(e, f"E_{name}_deg"), getattr(e, f"{name}_median_deg")
-        print(f"{'E_' + name:9s} {mean:8.3f} {median:8.3f}          deg   (Eq. 27)")
-    print(f"geodesic  {e.geodesic_mean_deg:8.3f} {e.geodesic_median_deg:8.3f} {e.geodesic_max_deg:8.3f} deg")
+    print("\n".join(as_lines(evaluate(a.poses, a.truth, a.handle))))
+    return 0
+
+
+def _capture(a: argparse.Namespace) -> int:
+    from .capturing import capture
+
+    done = capture(_named(a.camera, "--camera"), a.out, a.rig, a.handle, a.seconds, a.fps, a.size, a.preview)
+    n, last = len(done.times_s), done.times_s[-1]
+    rate = f" in {last:.2f} s ({(n - 1) / last:.1f} a second)" if n > 1 else ""
+    spread = sorted(1e3 * done.spread_s)
+    print(f"{n} instants{rate}, {done.dropped} dropped; cameras within {spread[n // 2]:.1f} ms (median), "
+          f"{spread[-1]:.1f} ms (longest); written to {a.out}")
     return 0
 
 
@@ -134,6 +132,7 @@ def _parser() -> argparse.ArgumentParser:
     _add_calibrate(commands)
     _add_measure(commands)
     _add_evaluate(commands)
+    _add_capture(commands)
     board = _add(commands, "scoreboard", _scoreboard, "print the paper's claims beside what is computed here",
                  "trinolab scoreboard --csv scoreboard.csv")
     board.add_argument("--csv", metavar="FILE", help="write the table as CSV, too")
@@ -181,11 +180,27 @@ def _add_measure(commands: argparse._SubParsersAction) -> None:
 
 
 def _add_evaluate(commands: argparse._SubParsersAction) -> None:
-    p = _add(commands, "evaluate", _evaluate, "compare poses with their truth (Eq. 26, 27, geodesic angle)",
+    p = _add(commands, "evaluate", _evaluate, "compare poses with their truth (Eq. 26, 27, flips, losses)",
              "trinolab evaluate poses.csv truth.csv --handle handle.toml")
     p.add_argument("poses", metavar="POSES.csv", help="what 'trinolab measure' has written")
     p.add_argument("truth", metavar="TRUTH.csv", help="the true poses, joined on 'frame'")
     p.add_argument("--handle", required=True, metavar="HANDLE.toml", help="errors count up to its symmetry")
+
+
+def _add_capture(commands: argparse._SubParsersAction) -> None:
+    p = _add(commands, "capture", _capture, "record a folder of images from cameras; Ctrl-C ends it",
+             "trinolab capture --camera ccd1=0 ccd2=2 --rig rig.toml --preview --out recording")
+    p.add_argument("--camera", required=True, nargs="+", action="extend", metavar="NAME=INDEX",
+                   help="a camera by its index at this computer; NAME=PATH plays a video in its place")
+    p.add_argument("--out", required=True, metavar="DIR", help="the recording to write: images, timestamps.csv")
+    which = p.add_mutually_exclusive_group()
+    which.add_argument("--rig", metavar="RIG.toml", help="the cameras' names and sizes; goes into the recording")
+    which.add_argument("--size", nargs=2, type=int, metavar=("WIDTH", "HEIGHT"), help="to ask of cameras without a rig")
+    p.add_argument("--handle", metavar="HANDLE.toml", help="goes into the recording")
+    p.add_argument("--seconds", type=float, metavar="S", help="to record for (default: until Ctrl-C)")
+    p.add_argument("--fps", type=float, metavar="F", help="frames a second to ask of cameras, or to play videos with")
+    p.add_argument("--preview", action="store_true",
+                   help="keep preview.png in DIR.partial up to date: what the cameras see")
 
 
 def _add(commands: argparse._SubParsersAction, name: str, run: object, about: str, example: str
