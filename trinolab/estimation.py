@@ -37,15 +37,15 @@ class Identified(NamedTuple):
         For each found marker its index on the handle, or -1.
     T_world_handle : RigidTransform
         The pose that identified them.
-    smear : ndarray, shape (6,), or None
-        The handle's motion while the shutter is open (mm, rad; world frame), for the estimators that fit pixels.
+    smear : (ndarray, ndarray) or None
+        The motion expected while the shutter is open, for the estimators that fit pixels, see `refine.fit_patches`.
     """
 
     images: Sequence[np.ndarray]
     pixels: tuple[Array, ...]
     labels: tuple[np.ndarray, ...]
     T_world_handle: RigidTransform
-    smear: Array | None = None
+    smear: tuple[Array, Array] | None = None
 
 
 def candidate_pairs(images: Sequence[np.ndarray], rig: Rig, pixels: Sequence[Array],
@@ -126,7 +126,7 @@ def _paper_pose(instant: Identified, rig: Rig, handle: Handle, p: Parameters) ->
     hidden = {(int(c), int(m)) for c, m, shown in zip(*check.views, check.shown, strict=True) if not shown}
     labels = tuple(np.array([-1 if (c, int(m)) in hidden else m for m in row], dtype=int)
                    for c, row in enumerate(instant.labels))
-    pose, better = fit_pose(labels, rig, handle, instant.pixels, p), _judged(check)
+    pose, better = fit_pose(labels, rig, handle, instant.pixels, p), judged(check)
     if pose.T_world_handle is None or better.T_world_handle is None:
         return pose
     away = motion_between(pose.T_world_handle, better.T_world_handle)
@@ -153,19 +153,20 @@ def _pose(T: RigidTransform, covariance: Array, uv: Array, used: np.ndarray, rig
 
 
 def _centroids_pose(instant: Identified, rig: Rig, handle: Handle, p: Parameters) -> Pose:
-    return _judged(fit_centroids(instant.images, rig, handle, instant.T_world_handle, p.max_slant_deg))
+    return judged(fit_centroids(instant.images, rig, handle, instant.T_world_handle, p.max_slant_deg))
 
 
 def _patches_pose(instant: Identified, rig: Rig, handle: Handle, p: Parameters) -> Pose:
-    return _judged(fit_patches(instant.images, rig, handle, instant.T_world_handle, p.max_slant_deg,
+    return judged(fit_patches(instant.images, rig, handle, instant.T_world_handle, p.max_slant_deg,
                                smear=instant.smear))
 
 
 def _outline_pose(instant: Identified, rig: Rig, handle: Handle, p: Parameters) -> Pose:
-    return _judged(fit_patches(instant.images, rig, handle, instant.T_world_handle, p.max_slant_deg, True, instant.smear))
+    return judged(fit_patches(instant.images, rig, handle, instant.T_world_handle, p.max_slant_deg, True,
+                               instant.smear))
 
 
-def _judged(fit: Fit | None) -> Pose:
+def judged(fit: Fit | None) -> Pose:
     """A measured pose if enough views show what it predicts, and fix it, else `LOST`."""
     if fit is None or fit.shown.sum() < 4 or len(np.unique(fit.views.marker[fit.shown])) < 3:
         return LOST

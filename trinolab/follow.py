@@ -8,26 +8,24 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from .appearance import Views
 from .blobs import RING_PX
 from .camera import Camera, Rig
-from .centroids import predict_centroids
 from .checks import Array, frozen
-from .estimation import APART_MM, APART_RAD, Identified, estimate, fit_pose
+from .estimation import APART_MM, APART_RAD, Identified, estimate, fit_pose, judged
 from .handle import Handle
 from .hypotheses import FAR, Poses, explain, fit, ideal_pixels, predict
 from .layout import layout_of, views_of
 from .markers import Markers
-from .parameters import Parameters
+from .parameters import BEST, Parameters
 from .pose import LOST, Pose, motion_between, shifted
 from .posefilter import Motion
-from .reprojection import fit_pixels
+from .refine import fit_patches
 from .spot import markers_at
 from .window import Window
 
 SEEN_DEG = 76.0  # markers turned further away are not expected
-LEAST_PX = 0.1  # a plain centroid is not trusted to better than this
-SURE_MM, SURE_DEG = 0.6, 1.5  # standard deviations with which a pose from centroids alone counts as measured
+MORE_MM_S, MORE_RAD_S = 50.0, 0.3  # added to the standard deviations of the predicted rates
+MOST = 0.55  # share of the expected markers that a camera must show to count
 
 
 class Sight(NamedTuple):
@@ -45,19 +43,36 @@ class Sight(NamedTuple):
     found: Array
 
 
-def look(images: Sequence[np.ndarray], rig: Rig, handle: Handle, motion: Motion, p: Parameters) -> list[Sight]:
-    """Measure the markers at the places where a motion predicts them; half a marker's diameter off is near enough.
+class Expected(NamedTuple):
+    """Where a motion predicts the markers in each camera: pixels (markers, 2), NaN for those turned away, a marker's
+    size and how far it moves while the shutter is open, px."""
 
-    A marker reaches further where it moves: by half of its way in the exposure.
-    """
+    uv: Array
+    size_px: float
+    smear_px: float
+
+
+def expect(rig: Rig, handle: Handle, motion: Motion, p: Parameters) -> list[Expected]:
+    """Where a motion predicts the markers, one a camera."""
     views, layout = views_of(rig), layout_of(handle)
     predicted = predict(_batch(motion.pose), views, layout)
     ahead = predict(_batch(shifted(motion.pose, p.exposure_s * motion.rates[:6])), views, layout)
     smear = np.linalg.norm(ahead.uv - predicted.uv, axis=2)[0].max(axis=1)
     uv = np.where((predicted.facing > np.cos(np.deg2rad(SEEN_DEG)))[:, :, None], predicted.uv, np.nan)[0]
-    sizes = handle.marker_diameter_mm * views.focal.max(axis=1) / np.maximum(predicted.points[0, :, 2].mean(axis=1), 1.0)
-    return [_look(image, camera, handle, _as_taken(camera, pixels.T), 0.75 * size + RING_PX + moved / 2, p)
-            for image, camera, pixels, size, moved in zip(images, rig.cameras, uv, sizes, smear, strict=True)]
+    depths = np.maximum(predicted.points[0, :, 2].mean(axis=1), 1.0)
+    sizes = handle.marker_diameter_mm * views.focal.max(axis=1) / depths
+    return [Expected(_as_taken(camera, pixels.T), float(size), float(moved))
+            for camera, pixels, size, moved in zip(rig.cameras, uv, sizes, smear, strict=True)]
+
+
+def look(images: Sequence[np.ndarray], expected: Sequence[Expected], rig: Rig, handle: Handle,
+         p: Parameters) -> list[Sight]:
+    """Measure the markers where they are expected; half a marker's diameter off is near enough.
+
+    A marker reaches further where it moves: by half of its way in the exposure.
+    """
+    return [_look(image, camera, handle, one.uv, 0.75 * one.size_px + RING_PX + one.smear_px / 2, p)
+            for image, camera, one in zip(images, rig.cameras, expected, strict=True)]
 
 
 def _look(image: np.ndarray, camera: Camera, handle: Handle, uv: Array, reach_px: float, p: Parameters) -> Sight:
@@ -81,29 +96,44 @@ def _batch(T: RigidTransform) -> Poses:
     return Poses(matrix[None, :3, :3], matrix[None, :3, 3])
 
 
-def follow(images: Sequence[np.ndarray], sights: Sequence[Sight], rig: Rig, handle: Handle, start: RigidTransform,
+def follow(images: Sequence[np.ndarray], sights: Sequence[Sight], rig: Rig, handle: Handle, motion: Motion,
            p: Parameters) -> tuple[Pose, tuple[np.ndarray, ...]]:
-    """The pose of markers that were looked for where `start` predicts them.
+    """The pose of markers that were looked for where a motion predicts them.
 
-    Where the estimator gives no pose, because one camera alone sees enough, or because motion has smeared what the
-    image model knows, the centroids of all views give one, see `reprojection.fit_pixels`.
+    Where the estimator gives no pose, or another one than the markers agree on, the image model does: a single camera
+    is enough for it, and it knows what motion smears.
 
     Returns
     -------
     pose : Pose
-        ``measured``; `LOST` if too few markers agree.
+        ``measured``; `LOST` if too little fits.
     labels : tuple of ndarray of int, one a camera, shape (markers,)
         The marker's index where it was found and agrees, else -1.
     """
-    T, labels = _agreed([sight.found[:, :2] for sight in sights], rig, handle, start, p)
-    counts = np.array([(row >= 0).sum() for row in labels])
-    if T is None or not (counts.max() >= 4 or (counts >= 3).sum() >= 2):
-        return LOST, labels
     pixels = tuple(sight.found[:, :2] for sight in sights)
-    pose = _estimated(Identified(images, pixels, labels, T), rig, handle, p)
-    if pose.T_world_handle is None or apart(pose.T_world_handle, T, APART_MM, APART_RAD):
-        pose = _from_centroids(pixels, labels, rig, handle, T)
-    return pose, labels
+    T, labels = _agreed(list(pixels), rig, handle, motion.pose, p)
+    if T is not None and p.estimator != BEST:
+        pose = _estimated(Identified(images, pixels, labels, T, _smear(motion, p)), rig, handle, p)
+        if pose.T_world_handle is not None and not apart(pose.T_world_handle, T, APART_MM, APART_RAD):
+            return pose, labels
+    return _by_pixels(images, rig, handle, motion.pose if T is None else T, _smear(motion, p), p), labels
+
+
+def _smear(motion: Motion, p: Parameters) -> tuple[Array, Array]:
+    """The motion expected while the shutter is open, (6,), and its covariance, (6, 6); it may be wrong by some more."""
+    spread = motion.covariance[6:12, 6:12] + np.diag(np.repeat([MORE_MM_S, MORE_RAD_S], 3) ** 2)
+    return p.exposure_s * motion.rates[:6], p.exposure_s**2 * spread
+
+
+def _by_pixels(images: Sequence[np.ndarray], rig: Rig, handle: Handle, start: RigidTransform,
+               smear: tuple[Array, Array], p: Parameters) -> Pose:
+    """The image model's pose, if in some cameras most of what it predicts is there."""
+    fit = fit_patches(images, rig, handle, start, p.max_slant_deg, smear=smear)
+    if fit is None:
+        return LOST
+    cameras = fit.views.camera
+    share = np.array([fit.shown[cameras == c].mean() if (cameras == c).any() else 0.0 for c in range(len(rig.cameras))])
+    return judged(fit._replace(shown=fit.shown & (share > MOST)[cameras]))
 
 
 def found_markers(sight: Sight) -> Markers:
@@ -141,19 +171,3 @@ def _estimated(instant: Identified, rig: Rig, handle: Handle, p: Parameters) -> 
     if p.estimator == "paper":
         return fit_pose(instant.labels, rig, handle, instant.pixels, p, instant.T_world_handle)
     return estimate(instant, rig, handle, p)
-
-
-def _from_centroids(pixels: tuple[Array, ...], labels: tuple[np.ndarray, ...], rig: Rig, handle: Handle,
-                    start: RigidTransform) -> Pose:
-    """The pose with the least reprojection error of plain centroids, `LOST` if they do not fix it well."""
-    table = np.stack(labels)
-    views = Views(*np.nonzero(table >= 0))
-    uv = np.stack(pixels)[views]
-    T, covariance = fit_pixels(uv, np.broadcast_to(np.eye(2), (len(uv), 2, 2)), rig, handle, views, start)
-    if not np.isfinite(covariance).all():
-        return LOST
-    left = uv - predict_centroids(rig, handle, T, views)[0]
-    sigma = max(LEAST_PX, float(np.sqrt((left**2).sum() / max(2 * len(uv) - 6, 1))))
-    pose = Pose("measured", T, sigma**2 * covariance, float(np.sqrt((left**2).sum(axis=1).mean())),
-                len(np.unique(views.marker)), len(np.unique(views.camera)))
-    return pose if pose.sigma_mm < SURE_MM and pose.sigma_deg < SURE_DEG else LOST

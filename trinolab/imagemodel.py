@@ -30,6 +30,15 @@ BLUR_PX = 0.8  # where the search for a camera's blur begins
 SMEAR_STEP_PX, MOST_STEPS = 1.5, 20  # from pose to pose while the shutter is open; how many poses there are at most
 
 
+class Smear(NamedTuple):
+    """The handle's motion while the shutter is open, (6,) mm and rad, world frame, and what was expected of it before:
+    a motion (6,) and the information on it, (6, 6), an inverse covariance."""
+
+    motion: Array
+    expected: Array
+    information: Array
+
+
 class State(NamedTuple):
     """All unknowns.
 
@@ -41,15 +50,15 @@ class State(NamedTuple):
     blur_px2 : ndarray, shape (cameras,)
         Variance of each camera's blur.
     noise : Noise
-    smear : ndarray, shape (6,), or None
-        The handle's motion while the shutter is open (mm, rad; world frame); known, not sought. None: it is still.
+    smear : Smear or None
+        None: the handle is still.
     """
 
     T_world_handle: RigidTransform
     greys: Array | None
     blur_px2: Array
     noise: Noise
-    smear: Array | None = None
+    smear: Smear | None = None
 
 
 class Linear(NamedTuple):
@@ -60,8 +69,9 @@ class Linear(NamedTuple):
     greys : ndarray, shape (k, 6)
         Of the state, or found where it had none.
     predicted, residual, weight : ndarray, shape (k, p)
-    by_pose : ndarray, shape (k, 7, p)
-        Derivatives by a small motion of the handle (nu mm, omega rad; handle frame) and by the blur's variance.
+    by_pose : ndarray, shape (k, 7 or 13, p)
+        Derivatives by a small motion of the handle (nu mm, omega rad; handle frame), by the blur's variance, and where
+        there is a smear by that (handle frame).
     by_greys : ndarray, shape (k, 6, p)
     marker, body : ndarray, shape (k, p)
         Shares after the blur.
@@ -96,14 +106,15 @@ class Reduced(NamedTuple):
     greys_by_other: Array
 
 
-def first_state(T_world_handle: RigidTransform, rig: Rig, smear: Array | None = None) -> State:
+def first_state(T_world_handle: RigidTransform, rig: Rig, smear: Smear | None = None) -> State:
     """A pose with nothing known of greys, and a usual blur and noise."""
     return State(T_world_handle, None, np.full(len(rig.cameras), BLUR_PX**2), Noise(), smear)
 
 
 def linearise(state: State, here: Patches, rig: Rig, handle: Handle) -> Linear:
     """The model and its derivatives at a state."""
-    during = [layers(rig, handle, T, here.views, here.at) for T in _while_open(state, here, handle)]
+    shares_open = _shares_open(state, here, handle)
+    during = [layers(rig, handle, _at(state, share), here.views, here.at) for share in shares_open]
     B = _blur_matrices(here.at.side, state.blur_px2).astype(np.float32)[here.views.camera]
     bases = [shading_basis(shown.turn).transpose(1, 0, 2) for shown in during]  # (k, basis, p) each
     shares = _mean([np.stack([shown.marker, shown.body], axis=1)[:, :, None] * basis[:, None]
@@ -124,26 +135,29 @@ def linearise(state: State, here: Patches, rig: Rig, handle: Handle) -> Linear:
     by_shade = marker[..., None] * marker_light[:, 1:] + body[..., None] * body_light[:, 1:]
     by_greys = np.concatenate([m_shaded[:, None], b_shaded[:, None], by_shade, 1 - b[:, None]], axis=1)
     shadings = [(shade @ basis)[:, 0] for basis in bases]
-    sharp = _mean([by_motion(shown, marker * shading, body * shading - background)
-                   for shown, shading in zip(during, shadings, strict=True)])
-    by_pose = np.concatenate([_blurred(B, sharp), _half_laplacian(predicted, here.at.side)[:, None]], axis=1)
+    moves = [by_motion(shown, marker * shading, body * shading - background)
+             for shown, shading in zip(during, shadings, strict=True)]
+    parts = [_blurred(B, _mean(moves)), _half_laplacian(predicted, here.at.side)[:, None]]
+    if state.smear is not None:
+        parts.append(_blurred(B, _mean([share * move for share, move in zip(shares_open, moves, strict=True)])))
+    by_pose = np.concatenate(parts, axis=1)
     variance = state.noise.base + state.noise.slope * np.maximum(predicted, 0) + state.noise.texture * (1 - b) ** 2
     return Linear(greys, predicted, here.grey - predicted, usable / variance, by_pose, by_greys, m, b)
 
 
-def _while_open(state: State, here: Patches, handle: Handle) -> list[RigidTransform]:
-    """The poses while the shutter is open, close enough together for a smooth smear; one of a handle that is still."""
-    T = state.T_world_handle
+def _shares_open(state: State, here: Patches, handle: Handle) -> Array:
+    """Where in the exposure the handle is looked at, -0.5 to 0.5: often enough for a smooth smear."""
     if state.smear is None:
-        return [T]
-    count = int(np.clip(np.ceil(smear_px(state.smear, here, handle) / SMEAR_STEP_PX), 1, MOST_STEPS))
-    return [shifted(T, share * state.smear) for share in (np.arange(count) + 0.5) / count - 0.5]
-
-
-def smear_px(smear: Array, here: Patches, handle: Handle) -> float:
-    """How far the markers move at most while the shutter is open, px."""
+        return np.zeros(1, np.float32)
     arm = np.linalg.norm(handle.marker_centres, axis=1).max()
-    return float((np.linalg.norm(smear[:3]) + arm * np.linalg.norm(smear[3:])) * here.px_per_mm.max(initial=0.0))
+    way_mm = np.linalg.norm(state.smear.motion[:3]) + arm * np.linalg.norm(state.smear.motion[3:])
+    count = int(np.clip(np.ceil(way_mm * here.px_per_mm.max(initial=0.0) / SMEAR_STEP_PX), 2, MOST_STEPS))
+    return ((np.arange(count) + 0.5) / count - 0.5).astype(np.float32)
+
+
+def _at(state: State, share: float) -> RigidTransform:
+    """The pose at a time of the exposure."""
+    return state.T_world_handle if state.smear is None else shifted(state.T_world_handle, share * state.smear.motion)
 
 
 def _mean(parts: list[Array]) -> Array:

@@ -7,7 +7,7 @@ is needed: what is no marker in its place is no marker.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -18,15 +18,18 @@ from scipy.spatial.transform import RigidTransform
 from . import posefilter
 from .camera import Rig
 from .checks import as_number, as_transform
-from .follow import apart, follow, found_markers, look
+from .follow import apart, expect, follow, found_markers, look
 from .handle import Handle
 from .identity import choose, equivalents, relabel
 from .parameters import Parameters
 from .pose import LOST, Pose
+from .posefilter import Motion
+from .recentre import displacement
 from .tracker import Measurement, as_images, measure
 from .window import Window
 
 STEP_MM, STEP_RAD = 5.0, np.deg2rad(5.0)  # a measured pose may be off the predicted one by so much more than 5 sigma
+SHIFT_MM, SHIFT_RAD = 0.7, 0.2  # standard deviations of a pose that was shifted, not turned
 TURN_RAD = np.deg2rad(25.0)  # and by no more than this, where a turn of 60 deg looks the same
 
 
@@ -37,7 +40,7 @@ class TrackState(NamedTuple):
     ----------
     t_s : float
         Time of the instant, s.
-    motion : posefilter.Motion or None
+    motion : Motion or None
         None if nothing is followed.
     measured_s : float
         When the handle was last measured, s.
@@ -46,7 +49,7 @@ class TrackState(NamedTuple):
     """
 
     t_s: float
-    motion: posefilter.Motion | None
+    motion: Motion | None
     measured_s: float
     sure: bool
 
@@ -113,24 +116,47 @@ def step(state: TrackState, frames: Sequence[ArrayLike], t_s: float, rig: Rig, h
     images = as_images(frames, rig)
     if state.motion is None:
         return _sought(images, t, rig, handle, p)
-    motion = posefilter.predict(state.motion, t, p.motion)
-    sights = look(images, rig, handle, motion, p)
-    windows = tuple(sight.window for sight in sights)
-    pose, labels = follow(images, sights, rig, handle, motion.pose, p)
-    tracked = Tracked(Measurement(pose, tuple(map(found_markers, sights)), labels), windows)
-    if not _believable(pose, motion, handle):
-        tracked = _sought_again(images, motion, rig, handle, p)
-    if _believable(tracked.measurement.pose, motion, handle):
-        return _measured(tracked, motion, state.sure, handle, p)
+    predicted = posefilter.predict(state.motion, t, p.motion)
+    for motion in _guesses(images, predicted, rig, handle, p):
+        tracked = _followed(images, motion, rig, handle, p)
+        if _believable(tracked.measurement.pose, predicted, handle):
+            return _measured(tracked, predicted, state.sure, handle, p)
     if t - state.measured_s > p.memory_s:
         return _sought(images, t, rig, handle, p)
-    predicted = Pose("predicted", motion.pose, motion.pose_covariance, np.nan, 0, 0)
-    missed = replace(tracked.measurement, pose=predicted, labels=tuple(np.full(len(f.uv), -1) for f in
-                                                                      tracked.measurement.found))
-    return state._replace(t_s=t, motion=motion), Tracked(_reported(missed, state.sure, handle), windows)
+    return state._replace(t_s=t, motion=predicted), _missed(tracked, predicted, state.sure, handle)
 
 
-def _measured(tracked: Tracked, motion: posefilter.Motion, sure: bool, handle: Handle,
+def _guesses(images: list[np.ndarray], predicted: Motion, rig: Rig, handle: Handle, p: Parameters) -> Iterator[Motion]:
+    """Where the handle may be: as predicted, shifted from there, where a search in the whole images finds it."""
+    yield predicted
+    expected = expect(rig, handle, predicted, p)
+    shift = displacement(images, [one.uv for one in expected], [one.size_px for one in expected], rig, handle,
+                         predicted.pose.translation)
+    if shift is not None:
+        there = RigidTransform.from_translation(shift) * predicted.pose
+        yield posefilter.update(predicted, there, np.diag(np.repeat([SHIFT_MM, SHIFT_RAD], 3) ** 2), p.motion)
+    pose = measure(images, rig, handle, predicted.pose, p).pose
+    if _believable(pose, predicted, handle):
+        yield posefilter.update(predicted, pose.T_world_handle, np.diag(np.repeat([1.0, 0.1], 3) ** 2), p.motion)
+
+
+def _followed(images: list[np.ndarray], motion: Motion, rig: Rig, handle: Handle, p: Parameters) -> Tracked:
+    """The handle measured near where a motion has it."""
+    sights = look(images, expect(rig, handle, motion, p), rig, handle, p)
+    pose, labels = follow(images, sights, rig, handle, motion, p)
+    windows = tuple(sight.window for sight in sights)
+    return Tracked(Measurement(pose, tuple(map(found_markers, sights)), labels), windows)
+
+
+def _missed(tracked: Tracked, motion: Motion, sure: bool, handle: Handle) -> Tracked:
+    """An instant without a measurement: the predicted pose."""
+    pose = Pose("predicted", motion.pose, motion.pose_covariance, np.nan, 0, 0)
+    nothing = tuple(np.full(len(found.uv), -1) for found in tracked.measurement.found)
+    missed = replace(tracked.measurement, pose=pose, labels=nothing)
+    return tracked._replace(measurement=_reported(missed, sure, handle))
+
+
+def _measured(tracked: Tracked, motion: Motion, sure: bool, handle: Handle,
               p: Parameters) -> tuple[TrackState, Tracked]:
     """The state after a pose that continues the motion."""
     pose = tracked.measurement.pose
@@ -150,14 +176,7 @@ def _sought(images: list[np.ndarray], t: float, rig: Rig, handle: Handle, p: Par
     return TrackState(t, posefilter.begin(t, pose.T_world_handle, pose.covariance, p.motion), t, sure), tracked
 
 
-def _sought_again(images: list[np.ndarray], motion: posefilter.Motion, rig: Rig, handle: Handle,
-                  p: Parameters) -> Tracked:
-    """The handle looked for in whole images, with an idea of where it is."""
-    measurement = measure(images, rig, handle, motion.pose, p)
-    return Tracked(measurement, tuple(Window(0, 0, *camera.size) for camera in rig.cameras))
-
-
-def _believable(pose: Pose, motion: posefilter.Motion, handle: Handle) -> bool:
+def _believable(pose: Pose, motion: Motion, handle: Handle) -> bool:
     """Whether a measured pose may be the continuation of a motion."""
     if pose.status != "measured" or pose.T_world_handle is None:
         return False
