@@ -25,6 +25,7 @@ from .window import Window
 
 SEEN_DEG = 76.0  # markers turned further away are not expected
 MORE_MM_S, MORE_RAD_S = 50.0, 0.3  # added to the standard deviations of the predicted rates
+SMEARED_PX = 4.0  # beyond this centroids are worth less than the prediction: limb and neighbours are smeared together
 MOST = 0.55  # share of the expected markers that a camera must show to count
 
 
@@ -41,6 +42,24 @@ class Sight(NamedTuple):
 
     window: Window | None
     found: Array
+
+
+class Followed(NamedTuple):
+    """What was measured where a motion had the handle.
+
+    Attributes
+    ----------
+    pose : Pose
+        ``measured``; `LOST` if too little fits.
+    labels : tuple of ndarray of int, one a camera, shape (markers,)
+        The marker's index where it was found and agrees, else -1.
+    velocity : (ndarray, ndarray) or None
+        mm/s, (3,), with its covariance, (3, 3), where the image model shows a smear.
+    """
+
+    pose: Pose
+    labels: tuple[np.ndarray, ...]
+    velocity: tuple[Array, Array] | None
 
 
 class Expected(NamedTuple):
@@ -96,27 +115,22 @@ def _batch(T: RigidTransform) -> Poses:
     return Poses(matrix[None, :3, :3], matrix[None, :3, 3])
 
 
-def follow(images: Sequence[np.ndarray], sights: Sequence[Sight], rig: Rig, handle: Handle, motion: Motion,
-           p: Parameters) -> tuple[Pose, tuple[np.ndarray, ...]]:
+def follow(images: Sequence[np.ndarray], expected: Sequence[Expected], sights: Sequence[Sight], rig: Rig,
+           handle: Handle, motion: Motion, p: Parameters) -> Followed:
     """The pose of markers that were looked for where a motion predicts them.
 
     Where the estimator gives no pose, or another one than the markers agree on, the image model does: a single camera
     is enough for it, and it knows what motion smears.
-
-    Returns
-    -------
-    pose : Pose
-        ``measured``; `LOST` if too little fits.
-    labels : tuple of ndarray of int, one a camera, shape (markers,)
-        The marker's index where it was found and agrees, else -1.
     """
     pixels = tuple(sight.found[:, :2] for sight in sights)
     T, labels = _agreed(list(pixels), rig, handle, motion.pose, p)
     if T is not None and p.estimator != BEST:
         pose = _estimated(Identified(images, pixels, labels, T, _smear(motion, p)), rig, handle, p)
         if pose.T_world_handle is not None and not apart(pose.T_world_handle, T, APART_MM, APART_RAD):
-            return pose, labels
-    return _by_pixels(images, rig, handle, motion.pose if T is None else T, _smear(motion, p), p), labels
+            return Followed(pose, labels, None)
+    smeared = max(one.smear_px for one in expected) > SMEARED_PX
+    pose, velocity = _by_pixels(images, rig, handle, motion, motion.pose if T is None or smeared else T, p)
+    return Followed(pose, labels, velocity)
 
 
 def _smear(motion: Motion, p: Parameters) -> tuple[Array, Array]:
@@ -125,15 +139,16 @@ def _smear(motion: Motion, p: Parameters) -> tuple[Array, Array]:
     return p.exposure_s * motion.rates[:6], p.exposure_s**2 * spread
 
 
-def _by_pixels(images: Sequence[np.ndarray], rig: Rig, handle: Handle, start: RigidTransform,
-               smear: tuple[Array, Array], p: Parameters) -> Pose:
-    """The image model's pose, if in some cameras most of what it predicts is there."""
-    fit = fit_patches(images, rig, handle, start, p.max_slant_deg, smear=smear)
-    if fit is None:
-        return LOST
+def _by_pixels(images: Sequence[np.ndarray], rig: Rig, handle: Handle, motion: Motion, start: RigidTransform,
+               p: Parameters) -> tuple[Pose, tuple[Array, Array] | None]:
+    """The image model's pose, if in some cameras most of what it predicts is there, and the velocity."""
+    fit = fit_patches(images, rig, handle, start, p.max_slant_deg, smear=_smear(motion, p))
+    if fit is None or fit.smear is None:
+        return LOST, None
     cameras = fit.views.camera
     share = np.array([fit.shown[cameras == c].mean() if (cameras == c).any() else 0.0 for c in range(len(rig.cameras))])
-    return judged(fit._replace(shown=fit.shown & (share > MOST)[cameras]))
+    velocity = fit.smear[0][:3] / p.exposure_s, fit.smear[1][:3, :3] / p.exposure_s**2
+    return judged(fit._replace(shown=fit.shown & (share > MOST)[cameras])), velocity
 
 
 def found_markers(sight: Sight) -> Markers:

@@ -12,11 +12,14 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
+from scipy.linalg import block_diag
 from scipy.spatial.transform import RigidTransform
 
 from . import kalman
 from .checks import Array, as_number
 from .pose import motion_between, shifted
+
+FADING_S = 0.15  # time in which an acceleration fades
 
 
 @dataclass(frozen=True)
@@ -86,13 +89,20 @@ def predict(motion: Motion, t_s: float, p: PoseFilterParameters) -> Motion:
     return Motion(t_s, shifted(motion.pose, mean[:6]), mean[6:], F @ motion.covariance @ F.T + Q)
 
 
-def update(motion: Motion, pose: RigidTransform, covariance: Array, p: PoseFilterParameters) -> Motion:
-    """Correct a predicted motion by a measured pose with its covariance (6, 6) (Eq. 13-15, H = (1 0 0))."""
-    P, R = motion.covariance, covariance + _floor(p)
-    K = np.linalg.solve(P[:6, :6] + R, P[:6]).T
-    correction = K @ motion_between(pose, motion.pose)
+def update(motion: Motion, pose: RigidTransform, covariance: Array, p: PoseFilterParameters,
+           velocity: tuple[Array, Array] | None = None) -> Motion:
+    """Correct a predicted motion by a measured pose with its covariance (6, 6) (Eq. 13-15, H = 1 in what is measured).
+
+    `velocity`: (3,), mm/s, where a smear shows it, and its covariance (3, 3).
+    """
+    observed, R = motion_between(pose, motion.pose), covariance + _floor(p)
+    if velocity is not None:
+        observed, R = np.concatenate([observed, velocity[0] - motion.rates[:3]]), block_diag(R, velocity[1])
+    P, n = motion.covariance, len(observed)
+    K = np.linalg.solve(P[:n, :n] + R, P[:n]).T
+    correction = K @ observed
     rest = np.eye(18)
-    rest[:, :6] -= K
+    rest[:, :n] -= K
     after = rest @ P @ rest.T + K @ R @ K.T  # Joseph's form of Eq. 14
     return Motion(motion.t_s, shifted(motion.pose, correction[:6]), motion.rates + correction[6:], after)
 
@@ -106,8 +116,11 @@ def surprise(motion: Motion, pose: RigidTransform, covariance: Array, p: PoseFil
 
 @lru_cache(maxsize=64)
 def _model(dt: float, jerk_mm: float, jerk_rad: float) -> tuple[Array, Array]:
-    """Phi and Q of the 18 numbers, (18, 18) each (Eq. 10, 11)."""
-    F = np.kron(kalman.constant_acceleration(dt)[::2, ::2], np.eye(6))
+    """Phi and Q of the 18 numbers, (18, 18) each (Eq. 10, 11); a hand's acceleration does not last (Singer 1970)."""
+    theta = dt / FADING_S
+    fading = [[1, dt, FADING_S**2 * (theta - 1 + np.exp(-theta))], [0, 1, -FADING_S * np.expm1(-theta)],
+              [0, 0, np.exp(-theta)]]
+    F = np.kron(fading, np.eye(6))
     Q = np.kron(kalman.white_jerk(dt, 1.0)[::2, ::2], np.diag(np.repeat([jerk_mm, jerk_rad], 3)))
     return F.astype(float), Q.astype(float)
 

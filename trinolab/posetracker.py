@@ -17,7 +17,7 @@ from scipy.spatial.transform import RigidTransform
 
 from . import posefilter
 from .camera import Rig
-from .checks import as_number, as_transform
+from .checks import Array, as_number, as_transform
 from .follow import apart, expect, follow, found_markers, look
 from .handle import Handle
 from .identity import choose, equivalents, relabel
@@ -118,9 +118,9 @@ def step(state: TrackState, frames: Sequence[ArrayLike], t_s: float, rig: Rig, h
         return _sought(images, t, rig, handle, p)
     predicted = posefilter.predict(state.motion, t, p.motion)
     for motion in _guesses(images, predicted, rig, handle, p):
-        tracked = _followed(images, motion, rig, handle, p)
+        tracked, velocity = _followed(images, motion, rig, handle, p)
         if _believable(tracked.measurement.pose, predicted, handle):
-            return _measured(tracked, predicted, state.sure, handle, p)
+            return _measured(tracked, velocity, predicted, state.sure, handle, p)
     if t - state.measured_s > p.memory_s:
         return _sought(images, t, rig, handle, p)
     return state._replace(t_s=t, motion=predicted), _missed(tracked, predicted, state.sure, handle)
@@ -140,12 +140,14 @@ def _guesses(images: list[np.ndarray], predicted: Motion, rig: Rig, handle: Hand
         yield posefilter.update(predicted, pose.T_world_handle, np.diag(np.repeat([1.0, 0.1], 3) ** 2), p.motion)
 
 
-def _followed(images: list[np.ndarray], motion: Motion, rig: Rig, handle: Handle, p: Parameters) -> Tracked:
-    """The handle measured near where a motion has it."""
-    sights = look(images, expect(rig, handle, motion, p), rig, handle, p)
-    pose, labels = follow(images, sights, rig, handle, motion, p)
+def _followed(images: list[np.ndarray], motion: Motion, rig: Rig, handle: Handle,
+              p: Parameters) -> tuple[Tracked, tuple[Array, Array] | None]:
+    """The handle measured near where a motion has it, and its velocity if that shows."""
+    expected = expect(rig, handle, motion, p)
+    sights = look(images, expected, rig, handle, p)
+    pose, labels, velocity = follow(images, expected, sights, rig, handle, motion, p)
     windows = tuple(sight.window for sight in sights)
-    return Tracked(Measurement(pose, tuple(map(found_markers, sights)), labels), windows)
+    return Tracked(Measurement(pose, tuple(map(found_markers, sights)), labels), windows), velocity
 
 
 def _missed(tracked: Tracked, motion: Motion, sure: bool, handle: Handle) -> Tracked:
@@ -156,12 +158,12 @@ def _missed(tracked: Tracked, motion: Motion, sure: bool, handle: Handle) -> Tra
     return tracked._replace(measurement=_reported(missed, sure, handle))
 
 
-def _measured(tracked: Tracked, motion: Motion, sure: bool, handle: Handle,
+def _measured(tracked: Tracked, velocity: tuple[Array, Array] | None, motion: Motion, sure: bool, handle: Handle,
               p: Parameters) -> tuple[TrackState, Tracked]:
     """The state after a pose that continues the motion."""
     pose = tracked.measurement.pose
     assert pose.T_world_handle is not None
-    after = posefilter.update(motion, pose.T_world_handle, pose.covariance, p.motion)
+    after = posefilter.update(motion, pose.T_world_handle, pose.covariance, p.motion, velocity)
     reported = tracked._replace(measurement=_reported(tracked.measurement, sure, handle))
     return TrackState(motion.t_s, after, motion.t_s, sure), reported
 

@@ -63,7 +63,7 @@ def _shift(image: np.ndarray, uv: Array, size_px: float, markers: str) -> Array 
     uv = uv[np.isfinite(uv).all(axis=1)]
     around = Window.around(np.clip(uv, -1e6, 1e6)) if len(uv) >= 2 else None
     window = around and around.grown(FURTHEST_PX + 2 * size_px).clipped((image.shape[1], image.shape[0]))
-    if window is None:
+    if window is None or min(window.width, window.height) < 2 * COARSE:
         return None
     small = cv2.resize(window.crop(image).astype(np.float32), None, fx=1 / COARSE, fy=1 / COARSE,
                        interpolation=cv2.INTER_AREA)
