@@ -53,13 +53,10 @@ class Followed(NamedTuple):
         ``measured``; `LOST` if too little fits.
     labels : tuple of ndarray of int, one a camera, shape (markers,)
         The marker's index where it was found and agrees, else -1.
-    velocity : (ndarray, ndarray) or None
-        mm/s, (3,), with its covariance, (3, 3), where the image model shows a smear.
     """
 
     pose: Pose
     labels: tuple[np.ndarray, ...]
-    velocity: tuple[Array, Array] | None
 
 
 class Expected(NamedTuple):
@@ -127,10 +124,10 @@ def follow(images: Sequence[np.ndarray], expected: Sequence[Expected], sights: S
     if T is not None and p.estimator != BEST:
         pose = _estimated(Identified(images, pixels, labels, T, _smear(motion, p)), rig, handle, p)
         if pose.T_world_handle is not None and not apart(pose.T_world_handle, T, APART_MM, APART_RAD):
-            return Followed(pose, labels, None)
+            return Followed(pose, labels)
     smeared = max(one.smear_px for one in expected) > SMEARED_PX
-    pose, velocity = _by_pixels(images, rig, handle, motion, motion.pose if T is None or smeared else T, p)
-    return Followed(pose, labels, velocity)
+    pose = _by_pixels(images, rig, handle, motion, motion.pose if T is None or smeared else T, p)
+    return Followed(pose, labels)
 
 
 def _smear(motion: Motion, p: Parameters) -> tuple[Array, Array]:
@@ -140,15 +137,14 @@ def _smear(motion: Motion, p: Parameters) -> tuple[Array, Array]:
 
 
 def _by_pixels(images: Sequence[np.ndarray], rig: Rig, handle: Handle, motion: Motion, start: RigidTransform,
-               p: Parameters) -> tuple[Pose, tuple[Array, Array] | None]:
-    """The image model's pose, if in some cameras most of what it predicts is there, and the velocity."""
+               p: Parameters) -> Pose:
+    """The image model's pose, if in some cameras most of what it predicts is there."""
     fit = fit_patches(images, rig, handle, start, p.max_slant_deg, smear=_smear(motion, p))
-    if fit is None or fit.smear is None:
-        return LOST, None
+    if fit is None:
+        return LOST
     cameras = fit.views.camera
     share = np.array([fit.shown[cameras == c].mean() if (cameras == c).any() else 0.0 for c in range(len(rig.cameras))])
-    velocity = fit.smear[0][:3] / p.exposure_s, fit.smear[1][:3, :3] / p.exposure_s**2
-    return judged(fit._replace(shown=fit.shown & (share > MOST)[cameras])), velocity
+    return judged(fit._replace(shown=fit.shown & (share > MOST)[cameras]))
 
 
 def found_markers(sight: Sight) -> Markers:

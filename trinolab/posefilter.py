@@ -12,7 +12,6 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import block_diag
 from scipy.spatial.transform import RigidTransform
 
 from . import kalman
@@ -20,6 +19,7 @@ from .checks import Array, as_number
 from .pose import motion_between, shifted
 
 FADING_S = 0.15  # time in which an acceleration fades
+SHIFT_MM = 0.7  # standard deviation of a position that was found by shifting what was expected
 
 
 @dataclass(frozen=True)
@@ -37,7 +37,7 @@ class PoseFilterParameters:
     """
 
     jerk_mm: float = 5e7
-    jerk_rad: float = 5e3
+    jerk_rad: float = 1e2
     speed_mm_s: float = 400.0
     turn_rad_s: float = 2.0
     floor_mm: float = 0.05
@@ -89,22 +89,29 @@ def predict(motion: Motion, t_s: float, p: PoseFilterParameters) -> Motion:
     return Motion(t_s, shifted(motion.pose, mean[:6]), mean[6:], F @ motion.covariance @ F.T + Q)
 
 
-def update(motion: Motion, pose: RigidTransform, covariance: Array, p: PoseFilterParameters,
-           velocity: tuple[Array, Array] | None = None) -> Motion:
-    """Correct a predicted motion by a measured pose with its covariance (6, 6) (Eq. 13-15, H = 1 in what is measured).
-
-    `velocity`: (3,), mm/s, where a smear shows it, and its covariance (3, 3).
-    """
-    observed, R = motion_between(pose, motion.pose), covariance + _floor(p)
-    if velocity is not None:
-        observed, R = np.concatenate([observed, velocity[0] - motion.rates[:3]]), block_diag(R, velocity[1])
-    P, n = motion.covariance, len(observed)
-    K = np.linalg.solve(P[:n, :n] + R, P[:n]).T
-    correction = K @ observed
+def update(motion: Motion, pose: RigidTransform, covariance: Array, p: PoseFilterParameters) -> Motion:
+    """Correct a predicted motion by a measured pose with its covariance (6, 6) (Eq. 13-15, H = (1 0 0))."""
+    P, R = motion.covariance, covariance + _floor(p)
+    K = np.linalg.solve(P[:6, :6] + R, P[:6]).T
+    correction = K @ motion_between(pose, motion.pose)
     rest = np.eye(18)
-    rest[:, :n] -= K
+    rest[:, :6] -= K
     after = rest @ P @ rest.T + K @ R @ K.T  # Joseph's form of Eq. 14
     return Motion(motion.t_s, shifted(motion.pose, correction[:6]), motion.rates + correction[6:], after)
+
+
+def restarted(motion: Motion, position: Array, seen: Motion, p: PoseFilterParameters) -> Motion:
+    """A motion that is elsewhere than predicted, at a position (3,), mm: its velocity is the way since it was seen.
+
+    The orientation and what is known of it stay as predicted.
+    """
+    there = RigidTransform.from_components(position, motion.pose.rotation)
+    begun = begin(motion.t_s, there, np.diag(np.repeat([SHIFT_MM, 0.0], 3) ** 2), p)
+    rates, spread = motion.rates.copy(), begun.covariance.copy()
+    rates[:3], rates[6:9] = (position - seen.pose.translation) / (motion.t_s - seen.t_s), 0.0
+    turning = np.r_[3:6, 9:12, 15:18]
+    spread[np.ix_(turning, turning)] = motion.covariance[np.ix_(turning, turning)]
+    return Motion(motion.t_s, there, rates, spread)
 
 
 def surprise(motion: Motion, pose: RigidTransform, covariance: Array, p: PoseFilterParameters) -> float:

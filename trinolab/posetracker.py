@@ -17,7 +17,7 @@ from scipy.spatial.transform import RigidTransform
 
 from . import posefilter
 from .camera import Rig
-from .checks import Array, as_number, as_transform
+from .checks import as_number, as_transform
 from .follow import apart, expect, follow, found_markers, look
 from .handle import Handle
 from .identity import choose, equivalents, relabel
@@ -29,7 +29,6 @@ from .tracker import Measurement, as_images, measure
 from .window import Window
 
 STEP_MM, STEP_RAD = 5.0, np.deg2rad(5.0)  # a measured pose may be off the predicted one by so much more than 5 sigma
-SHIFT_MM, SHIFT_RAD = 0.7, 0.2  # standard deviations of a pose that was shifted, not turned
 TURN_RAD = np.deg2rad(25.0)  # and by no more than this, where a turn of 60 deg looks the same
 
 
@@ -42,15 +41,15 @@ class TrackState(NamedTuple):
         Time of the instant, s.
     motion : Motion or None
         None if nothing is followed.
-    measured_s : float
-        When the handle was last measured, s.
+    seen : Motion or None
+        The same when the handle was last measured, or given.
     sure : bool
         Whether the pose that is followed is the true one of those that look alike.
     """
 
     t_s: float
     motion: Motion | None
-    measured_s: float
+    seen: Motion | None
     sure: bool
 
 
@@ -78,9 +77,9 @@ def start(t_s: float, pose: RigidTransform | None = None) -> TrackState:
     """
     t = as_number(t_s, "t_s")
     if pose is None:
-        return TrackState(t, None, -np.inf, False)
+        return TrackState(t, None, None, False)
     given = posefilter.begin(t, as_transform(pose, "pose"), np.diag([25.0] * 3 + [0.01] * 3), Parameters().motion)
-    return TrackState(t, given, t, True)
+    return TrackState(t, given, given, True)
 
 
 def step(state: TrackState, frames: Sequence[ArrayLike], t_s: float, rig: Rig, handle: Handle,
@@ -114,40 +113,42 @@ def step(state: TrackState, frames: Sequence[ArrayLike], t_s: float, rig: Rig, h
     p = parameters or Parameters()
     t = as_number(t_s, "t_s", low=state.t_s, open_low=True)
     images = as_images(frames, rig)
-    if state.motion is None:
+    if state.motion is None or state.seen is None:
         return _sought(images, t, rig, handle, p)
     predicted = posefilter.predict(state.motion, t, p.motion)
-    for motion in _guesses(images, predicted, rig, handle, p):
-        tracked, velocity = _followed(images, motion, rig, handle, p)
-        if _believable(tracked.measurement.pose, predicted, handle):
-            return _measured(tracked, velocity, predicted, state.sure, handle, p)
-    if t - state.measured_s > p.memory_s:
+    for motion in _guesses(images, predicted, state.seen, rig, handle, p):
+        tracked = _followed(images, motion, rig, handle, p)
+        if _believable(tracked.measurement.pose, motion, handle):
+            return _measured(tracked, motion, state.sure, handle, p)
+    if t - state.seen.t_s > p.memory_s:
         return _sought(images, t, rig, handle, p)
     return state._replace(t_s=t, motion=predicted), _missed(tracked, predicted, state.sure, handle)
 
 
-def _guesses(images: list[np.ndarray], predicted: Motion, rig: Rig, handle: Handle, p: Parameters) -> Iterator[Motion]:
-    """Where the handle may be: as predicted, shifted from there, where a search in the whole images finds it."""
+def _guesses(images: list[np.ndarray], predicted: Motion, seen: Motion, rig: Rig, handle: Handle,
+             p: Parameters) -> Iterator[Motion]:
+    """Where the handle may be: as predicted; shifted from there, or from where it was; measured without a clue."""
     yield predicted
-    expected = expect(rig, handle, predicted, p)
-    shift = displacement(images, [one.uv for one in expected], [one.size_px for one in expected], rig, handle,
-                         predicted.pose.translation)
-    if shift is not None:
-        there = RigidTransform.from_translation(shift) * predicted.pose
-        yield posefilter.update(predicted, there, np.diag(np.repeat([SHIFT_MM, SHIFT_RAD], 3) ** 2), p.motion)
+    resting = Motion(predicted.t_s, seen.pose, seen.rates, predicted.covariance)
+    for motion in (predicted, resting):
+        expected = expect(rig, handle, motion, p)
+        shift = displacement(images, [one.uv for one in expected], [one.size_px for one in expected], rig, handle,
+                             motion.pose.translation)
+        if shift is not None:
+            yield posefilter.restarted(predicted, motion.pose.translation + shift, seen, p.motion)
     pose = measure(images, rig, handle, predicted.pose, p).pose
-    if _believable(pose, predicted, handle):
+    if _believable(pose, predicted, handle) and pose.T_world_handle is not None:
         yield posefilter.update(predicted, pose.T_world_handle, np.diag(np.repeat([1.0, 0.1], 3) ** 2), p.motion)
 
 
 def _followed(images: list[np.ndarray], motion: Motion, rig: Rig, handle: Handle,
-              p: Parameters) -> tuple[Tracked, tuple[Array, Array] | None]:
-    """The handle measured near where a motion has it, and its velocity if that shows."""
+              p: Parameters) -> Tracked:
+    """The handle measured near where a motion has it."""
     expected = expect(rig, handle, motion, p)
     sights = look(images, expected, rig, handle, p)
-    pose, labels, velocity = follow(images, expected, sights, rig, handle, motion, p)
+    pose, labels = follow(images, expected, sights, rig, handle, motion, p)
     windows = tuple(sight.window for sight in sights)
-    return Tracked(Measurement(pose, tuple(map(found_markers, sights)), labels), windows), velocity
+    return Tracked(Measurement(pose, tuple(map(found_markers, sights)), labels), windows)
 
 
 def _missed(tracked: Tracked, motion: Motion, sure: bool, handle: Handle) -> Tracked:
@@ -158,14 +159,14 @@ def _missed(tracked: Tracked, motion: Motion, sure: bool, handle: Handle) -> Tra
     return tracked._replace(measurement=_reported(missed, sure, handle))
 
 
-def _measured(tracked: Tracked, velocity: tuple[Array, Array] | None, motion: Motion, sure: bool, handle: Handle,
+def _measured(tracked: Tracked, motion: Motion, sure: bool, handle: Handle,
               p: Parameters) -> tuple[TrackState, Tracked]:
     """The state after a pose that continues the motion."""
     pose = tracked.measurement.pose
     assert pose.T_world_handle is not None
-    after = posefilter.update(motion, pose.T_world_handle, pose.covariance, p.motion, velocity)
+    after = posefilter.update(motion, pose.T_world_handle, pose.covariance, p.motion)
     reported = tracked._replace(measurement=_reported(tracked.measurement, sure, handle))
-    return TrackState(motion.t_s, after, motion.t_s, sure), reported
+    return TrackState(motion.t_s, after, after, sure), reported
 
 
 def _sought(images: list[np.ndarray], t: float, rig: Rig, handle: Handle, p: Parameters) -> tuple[TrackState, Tracked]:
@@ -174,8 +175,9 @@ def _sought(images: list[np.ndarray], t: float, rig: Rig, handle: Handle, p: Par
     tracked = Tracked(measurement, tuple(Window(0, 0, *camera.size) for camera in rig.cameras))
     pose, sure = measurement.pose, measurement.pose.status == "measured"
     if pose.T_world_handle is None or not (sure or len(handle.symmetries) > 1):
-        return TrackState(t, None, -np.inf, False), tracked
-    return TrackState(t, posefilter.begin(t, pose.T_world_handle, pose.covariance, p.motion), t, sure), tracked
+        return TrackState(t, None, None, False), tracked
+    begun = posefilter.begin(t, pose.T_world_handle, pose.covariance, p.motion)
+    return TrackState(t, begun, begun, sure), tracked
 
 
 def _believable(pose: Pose, motion: Motion, handle: Handle) -> bool:

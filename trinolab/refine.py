@@ -57,8 +57,6 @@ class Fit(NamedTuple):
         Whether there is a marker like the others at all.
     residual_px : float
         Rms distance of the markers shown from where the pose predicts them.
-    smear : (ndarray, ndarray) or None
-        The handle's motion while the shutter was open, (6,), mm and rad, world frame, and its covariance, (6, 6).
     """
 
     T_world_handle: RigidTransform
@@ -67,7 +65,6 @@ class Fit(NamedTuple):
     misfit: Array
     shown: np.ndarray
     residual_px: float
-    smear: tuple[Array, Array] | None = None
 
 
 class _Step(NamedTuple):
@@ -120,11 +117,8 @@ def fit_patches(images: Sequence[np.ndarray], rig: Rig, handle: Handle, start: R
     T, shown = states[0].T_world_handle, marker_is_shown(last.after, handle)
     left = _distances(last.normal, last.step[:6]) * here.px_per_mm
     spread = float(np.median(misfit(last.after)[shown])) if shown.any() else 1.0  # the weights are older than the step
-    spreads = spread * inverse(last.information)
-    found = judged_fit(T, in_world(spreads[:6, :6], T), here.views, last.after, shown, left)
-    if (moving := states[0].smear) is None:
-        return found
-    return found._replace(smear=(moving.motion, in_world(spreads[-6:, -6:], T)))
+    covariance = in_world(spread * inverse(last.information)[:6, :6], T)
+    return judged_fit(T, covariance, here.views, last.after, shown, left)
 
 
 def _improved(states: list[State], groups: list[Patches], rig: Rig, handle: Handle) -> tuple[list[State], _Step]:
