@@ -19,13 +19,14 @@ from .markers import Markers
 from .parameters import BEST, Parameters
 from .pose import LOST, Pose, motion_between, shifted
 from .posefilter import Motion
-from .refine import fit_patches
+from .refine import Fit, fit_patches
 from .spot import markers_at
 from .window import Window
 
 SEEN_DEG = 76.0  # markers turned further away are not expected
 MORE_MM_S, MORE_RAD_S = 50.0, 0.3  # added to the standard deviations of the predicted rates
-SMEARED_PX = 4.0  # beyond this centroids are worth less than the prediction: limb and neighbours are smeared together
+SMEARED_PX = 1.5  # a marker that moves less while the shutter is open is as good as still
+CLEAR = 1.5  # misfit (1 is noise) up to which there is no smear
 MOST = 0.55  # share of the expected markers that a camera must show to count
 
 
@@ -125,9 +126,11 @@ def follow(images: Sequence[np.ndarray], expected: Sequence[Expected], sights: S
         pose = _estimated(Identified(images, pixels, labels, T, _smear(motion, p)), rig, handle, p)
         if pose.T_world_handle is not None and not apart(pose.T_world_handle, T, APART_MM, APART_RAD):
             return Followed(pose, labels)
-    smeared = max(one.smear_px for one in expected) > SMEARED_PX
-    pose = _by_pixels(images, rig, handle, motion, motion.pose if T is None or smeared else T, p)
-    return Followed(pose, labels)
+    fit = fit_patches(images, rig, handle, motion.pose if T is None else T, p.max_slant_deg)
+    if not _clear(fit) and max(one.smear_px for one in expected) > SMEARED_PX:
+        # centroids are worth less than the prediction now: limb and neighbours are smeared together
+        fit = fit_patches(images, rig, handle, motion.pose, p.max_slant_deg, smear=_smear(motion, p))
+    return Followed(_judged(fit, rig), labels)
 
 
 def _smear(motion: Motion, p: Parameters) -> tuple[Array, Array]:
@@ -136,10 +139,13 @@ def _smear(motion: Motion, p: Parameters) -> tuple[Array, Array]:
     return p.exposure_s * motion.rates[:6], p.exposure_s**2 * spread
 
 
-def _by_pixels(images: Sequence[np.ndarray], rig: Rig, handle: Handle, motion: Motion, start: RigidTransform,
-               p: Parameters) -> Pose:
+def _clear(fit: Fit | None) -> bool:
+    """Whether the image model of a handle that is still leaves nothing but noise."""
+    return fit is not None and bool(fit.shown.sum() >= 4 and np.median(fit.misfit[fit.shown]) < CLEAR)
+
+
+def _judged(fit: Fit | None, rig: Rig) -> Pose:
     """The image model's pose, if in some cameras most of what it predicts is there."""
-    fit = fit_patches(images, rig, handle, start, p.max_slant_deg, smear=_smear(motion, p))
     if fit is None:
         return LOST
     cameras = fit.views.camera
