@@ -22,14 +22,14 @@ ORDER = [
     "search", "identity", "bodyend", "parameters",
     "noise", "appearance", "centroids", "patches", "imagemodel", "registration", "outline", "refine", "reprojection",
     "weighted", "estimation", "corners", "relative", "zhang", "adjustment", "calibration", "tracker", "raycast",
-    "capsule", "arm", "motion", "bench", "scene", "exposure", "bound", "boardscene", "boardtrial", "footage",
-    "recording", "recorder",
+    "capsule", "arm", "motion", "bench", "layer", "shadow", "scene", "exposure", "script", "bound", "boardscene", "boardtrial", "footage",
+    "recording", "recorder", "rendering", "standard",
     "errata_workspace", "errata_background", "errata_kalman", "errata_markers", "errata_pose", "errata_table1",
     "errata", "teleop", "slave", "sweep", "workflows", "factors", "table1_bound", "deviations", "error_sources",
     "mixing", "pattern", "budget", "evidence", "trials", "elevation", "centroid_trial", "scoreboard", "cli",
 ]
 # all that makes the truth may know
-BENCH = {"checks", "outputs", "greyimage", "lens", "camera", "handle", "raycast", "capsule", "arm", "motion", "bench"}
+BENCH = {"checks", "outputs", "greyimage", "lens", "camera", "handle", "raycast", "capsule", "arm", "motion", "bench", "layer", "shadow"}
 
 
 def imports(path):
