@@ -109,7 +109,7 @@ def _view(camera: Camera, handle: Handle, T_world_handle: RigidTransform, bench:
 
 
 def _bounds(mask: np.ndarray) -> tuple[slice, slice]:
-    """The rows and columns that hold all of a mask, one more on each side where there is one; nothing if it is empty."""
+    """The rows and columns that hold all of a mask, and one more on each side where there is one."""
     found = []
     for axis in (1, 0):
         held = np.flatnonzero(mask.any(axis=axis))
