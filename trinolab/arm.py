@@ -111,7 +111,7 @@ def true_visibility(camera: Camera, handle: Handle, T_world_handle: RigidTransfo
     steep = slants(handle, T_world_handle, camera.centre) > np.deg2rad(62)
     solids = None if arm is None else in_camera(camera, capsules(arm, handle, T_world_handle))
     seen = ~steep
-    for k in np.flatnonzero(seen):
+    for k in np.flatnonzero(seen).tolist():
         inside = camera.sees(T_world_handle.apply(marker_outline(handle, k)), 10).all()
         seen[k] = inside and _shown_share(camera, handle, T_world_handle, solids, k) >= 0.8
     return seen

@@ -27,7 +27,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         print(f"trinolab {arguments.command}: {error}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
-        print(f"trinolab {arguments.command}: interrupted, nothing was written", file=sys.stderr)
+        print(f"trinolab {arguments.command}: interrupted, {arguments.interrupted}", file=sys.stderr)
         return 130
 
 
@@ -58,6 +58,21 @@ def _evaluate(a: argparse.Namespace) -> int:
         mean, median = getattr(e, f"E_{name}_deg"), getattr(e, f"{name}_median_deg")
         print(f"{'E_' + name:9s} {mean:8.3f} {median:8.3f}          deg   (Eq. 27)")
     print(f"geodesic  {e.geodesic_mean_deg:8.3f} {e.geodesic_median_deg:8.3f} {e.geodesic_max_deg:8.3f} deg")
+    return 0
+
+
+def _render(a: argparse.Namespace) -> int:
+    from .rendering import render
+
+    truth = render(a.rig, a.handle, a.motion, a.out, a.seed, a.seconds, a.fps)
+    print(f"{len(truth)} instants, the handle is there in {(truth['status'] != 'lost').sum()}; written to {a.out}")
+    return 0
+
+
+def _clear(a: argparse.Namespace) -> int:
+    from .standard import clear_recordings, recordings_folder
+
+    print(f"{clear_recordings() / 1e6:.0f} MB of standard recordings removed from {recordings_folder()}")
     return 0
 
 
@@ -109,6 +124,9 @@ def _parser() -> argparse.ArgumentParser:
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
     _add_measure(commands)
     _add_evaluate(commands)
+    _add_render(commands)
+    _add(commands, "clear", _clear, "remove the standard recordings that chapters keep in the user's cache",
+         "trinolab clear")
     board = _add(commands, "scoreboard", _scoreboard, "print the paper's claims beside what is computed here",
                  "trinolab scoreboard --csv scoreboard.csv")
     board.add_argument("--csv", metavar="FILE", help="write the table as CSV, too")
@@ -138,11 +156,27 @@ def _add_evaluate(commands: argparse._SubParsersAction) -> None:
     p.add_argument("--handle", required=True, metavar="HANDLE.toml", help="errors count up to its symmetry")
 
 
+def _add_render(commands: argparse._SubParsersAction) -> None:
+    p = _add(commands, "render", _render, "render a recording with its truth from the simulated bench",
+             "trinolab render --rig rig.toml --handle handle.toml --motion calm --seed 1 --out recording")
+    p.add_argument("--rig", required=True, metavar="RIG.toml", help="the cameras")
+    p.add_argument("--handle", required=True, metavar="HANDLE.toml", help="the handle and its markers")
+    p.add_argument("--motion", required=True, metavar="calm|hard|POSES.csv",
+                   help="a standard recording's script, or poses along which a hand holds the handle")
+    p.add_argument("--out", required=True, metavar="DIR",
+                   help="the recording to write; until it is whole it is DIR.partial, and goes on where it stopped")
+    p.add_argument("--seed", type=int, default=0, metavar="N", help="of motion and noise (default: %(default)s)")
+    p.add_argument("--seconds", type=float, help="length (default: 10, or all of POSES.csv)")
+    p.add_argument("--fps", type=float, default=30.0,
+                   help="frames a second; times in POSES.csv go before it (default: %(default)s)")
+    p.set_defaults(interrupted="run it again in the same way to go on")
+
+
 def _add(commands: argparse._SubParsersAction, name: str, run: object, about: str, example: str
          ) -> argparse.ArgumentParser:
     parser = commands.add_parser(name, help=about, description=about[0].upper() + about[1:] + ".",
                                  epilog=f"example:\n  {example}")
-    parser.set_defaults(run=run)
+    parser.set_defaults(run=run, interrupted="nothing was written")
     return parser
 
 

@@ -113,7 +113,7 @@ def human_motion(rng: np.random.Generator, times_s: ArrayLike) -> RigidTransform
     The path is `motion_at`'s. Its places are passed at a more even speed (the root of the path's own), its orientations
     by a clock that now stands nearly still and now runs double. A handheld recording, freiburg1_xyz of the TUM RGB-D
     benchmark at 30 instants a second, has a speed of 329 mm/s in the median and 496 mm/s at 95 %, and a turn rate of
-    15.3 and 36.1 deg/s; over 12 seeds of a minute this one has 329 and 484 mm/s, 15.3 and 37.6 deg/s. Accelerations are
+    15.3 and 36.1 deg/s; over 12 seeds of a minute this one has 328 and 484 mm/s, 15.5 and 37.6 deg/s. Accelerations are
     twice as large, because the bench is smaller.
 
     Raises

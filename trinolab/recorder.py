@@ -15,8 +15,6 @@ from .outputs import check_target, write_whole
 from .posetable import write_poses
 from .rigfile import write_rig
 
-# noise has no strings worth a search: as small as with zlib's default, and faster
-_PNG = [cv2.IMWRITE_PNG_COMPRESSION, 1, cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_HUFFMAN_ONLY]
 PARTIAL = ".partial"  # behind the name of a recording that is not finished
 
 
@@ -91,7 +89,7 @@ def write_image(image: np.ndarray, path: Path) -> None:
     """Write a grey image as PNG, whole or not at all. Raises ValueError if it cannot be written."""
     temporary = path.with_name(f".{path.name}")
     try:
-        temporary.write_bytes(cv2.imencode(".png", image, _PNG)[1].tobytes())
+        temporary.write_bytes(cv2.imencode(".png", image, [cv2.IMWRITE_PNG_COMPRESSION, 1])[1].tobytes())
         temporary.replace(path)
     except OSError as error:
         temporary.unlink(missing_ok=True)

@@ -39,7 +39,7 @@ MANIFEST = "made_from.json"
 WORKERS = 2  # processes, where the machine has as many
 
 _MADE_BY = ("lens", "camera", "handle", "raycast", "capsule", "arm", "motion", "bench", "layer", "shadow", "exposure",
-            "script", "filming", "recorder", "rendering")  # the modules that decide what is in a recording
+            "script", "filming", "rendering")  # the modules that decide what is in a recording
 
 
 def render(rig: str | Path, handle: str | Path, motion: str, out: str | Path, seed: int = 0,

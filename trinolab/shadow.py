@@ -19,7 +19,7 @@ _PENUMBRA_MM = 12.0  # over which the shadow's edge fades
 
 
 def shadow(camera: Camera, handle: Handle, T_world_handle: RigidTransform, bench: Bench,
-           arm: Arm | None = None) -> Array:
+           arm: Arm | None = None) -> np.ndarray:
     """Share of the wall's directed light that is missing in each pixel, float32 (height, width), 0 to 1.
 
     The light comes from far away. Nothing where it does not shine towards the wall. Raises ValueError if the pose is
