@@ -99,6 +99,8 @@ def _affine(at: Array, change: Array) -> Array:
 
 def _mean_of_moved(layer: Layer, flow: Array, margin: int, steps: int) -> Layer:
     """The mean of a layer moved by shares of -1/2 to 1/2 of a change over the exposure; its window is wider."""
+    if not layer.light.size:  # it lies outside the image
+        return layer
     both = np.dstack([layer.light, layer.cover]).astype(np.float32)
     height, width = both.shape[:2]
     total = np.zeros((height + 2 * margin, width + 2 * margin, 2), np.float32)
