@@ -58,6 +58,8 @@ def cast_capsules(local: Capsules, directions: Array) -> CapsuleHits:
     x, y, z = directions
     for start, end, radius, low, high in zip(*local, *_boxes(local), strict=True):
         near = np.flatnonzero((x >= low[0] * z) & (x <= high[0] * z) & (y >= low[1] * z) & (y <= high[1] * z))
+        if not near.size:
+            continue
         rays = directions[:, near]
         depth = _meet_capsule(start, end, radius, rays)
         closer = depth < depths[near]

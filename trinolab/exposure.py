@@ -18,7 +18,7 @@ from .scene import Bench, radiance
 
 EXPOSURE_S = 0.010
 STEP_PX = 0.5  # the farthest that a marker moves from one sample of the exposure to the next
-SMEAR_STEP_PX = 1.0  # likewise in `smeared`
+SMEAR_STEP_PX = 1.5  # likewise in `smeared`
 _LEAST_PX, _MOST_PX = 0.05, 300.0  # a motion of the image below or beyond these is not drawn
 
 
