@@ -21,7 +21,7 @@ from trinolab.handle import write_handle
 from trinolab.posetable import truth_table, write_poses
 from trinolab.rigfile import write_rig
 
-COMMANDS = ("measure", "evaluate", "scoreboard")
+COMMANDS = ("measure", "evaluate", "render", "clear", "scoreboard")
 SIZE = (32, 24)
 MEASURE = "measure --rig rig.toml --handle handle.toml --images images --out poses.csv"
 EVALUATE = "evaluate found.csv truth.csv --handle handle.toml"

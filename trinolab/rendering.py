@@ -13,6 +13,7 @@ import signal
 import threading
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -97,7 +98,8 @@ def scripted(name: str, rig: Rig, handle: Handle, seed: int, seconds: float, fps
 def made_from(job: Job, motion: str) -> dict[str, Any]:
     """All that decides what is in a recording, short: for the manifest, and for a cache's key."""
     parts = {"rig": [_camera_numbers(camera) for camera in job.rig.cameras], "handle": asdict(job.handle),
-             "instants": [_shot_numbers(shot) for shot in job.shots], "times": list(job.times_s),
+             "bench": asdict(job.bench), "times": list(job.times_s),
+             "instants": [_shot_numbers(shot) for shot in job.shots],
              "code": [(Path(__file__).parent / f"{name}.py").read_text(encoding="utf-8") for name in _MADE_BY]}
     short = {name: hashlib.sha256(json.dumps(part).encode()).hexdigest()[:16] for name, part in parts.items()}
     return {"motion": Path(motion).name, "seed": job.seed, "frames": len(job.shots), **short}
@@ -210,6 +212,8 @@ def _all_frames(job: Job, partial: Path, workers: int) -> Iterator[tuple[int, li
     pool = ProcessPoolExecutor(workers, multiprocessing.get_context("fork"), _start_worker, (job, partial))
     try:
         yield from pool.map(_worker_frame, range(len(job.shots)))
+    except BrokenProcessPool:
+        raise OSError("a process that renders was ended from outside; what it has rendered is kept") from None
     finally:
         pool.shutdown(cancel_futures=True)
         cv2.setNumThreads(threads)
