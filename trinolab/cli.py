@@ -158,7 +158,7 @@ def _add_evaluate(commands: argparse._SubParsersAction) -> None:
 
 def _add_render(commands: argparse._SubParsersAction) -> None:
     p = _add(commands, "render", _render, "render a recording with its truth from the simulated bench",
-             "trinolab render --rig rig.toml --handle handle.toml --motion calm --seed 1 --out recording")
+             "trinolab render --rig rig.toml --handle handle.toml --motion calm --out recording")
     p.add_argument("--rig", required=True, metavar="RIG.toml", help="the cameras")
     p.add_argument("--handle", required=True, metavar="HANDLE.toml", help="the handle and its markers")
     p.add_argument("--motion", required=True, metavar="calm|hard|POSES.csv",

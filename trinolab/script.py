@@ -33,7 +33,7 @@ _APPROACH_S, _APPROACH_MM = 0.2, 450.0  # in which the second hand comes from ou
 _MIDDLE = np.array([0.0, 0.0, 570.0])  # of the standard scene
 _DRIFT, _DRIFT_S = 0.08, 8.0  # the light's slow drift: its share, its period
 _LEAD_S = 0.1  # the motion has begun before the first instant
-_HOLDING = Arm(forearm_length_mm=900.0)  # the elbow is in no image
+_HOLDING = Arm(forearm=(0.78, 0.58, 0.24), forearm_length_mm=500.0)  # the elbow is outside the images
 
 
 class Shot(NamedTuple):
