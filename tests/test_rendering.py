@@ -172,14 +172,21 @@ def test_interrupted_and_run_again_it_goes_on_to_identical_files(folder, monkeyp
     assert contents(folder / "out") == contents(folder / "whole")
 
 
-def test_killed_and_run_again_it_goes_on_to_identical_files(folder):
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGKILL, -signal.SIGKILL), (signal.SIGINT, 130)])
+def test_stopped_from_outside_and_run_again_it_goes_on_to_identical_files(folder, number, code):
     line = shlex.split(RENDER.replace("0.2", "0.4"))  # twelve instants: enough for two processes
-    with subprocess.Popen([sys.executable, "-m", "trinolab.cli", *line], start_new_session=True) as process:
+    command = [sys.executable, "-m", "trinolab.cli", *line]
+    with subprocess.Popen(command, start_new_session=True, stderr=subprocess.PIPE, text=True) as process:
         end = time.monotonic() + 60
         while len(list(folder.glob("out.partial/images/ccd3/[0-9]*.png"))) < 2 and time.monotonic() < end:
             time.sleep(0.02)
-        process.send_signal(signal.SIGKILL)
-    assert process.returncode == -signal.SIGKILL
+        if number == signal.SIGKILL:
+            process.send_signal(number)
+        else:
+            os.killpg(process.pid, number)  # as a terminal does: the workers are sent it, too
+        said = process.stderr.read()
+    assert process.returncode == code
+    assert said.count("\n") == (code == 130)
     gone(process.pid)
     assert (folder / "out.partial").is_dir()
     assert run(" ".join(line)) == 0
