@@ -63,7 +63,7 @@ def exposed(camera: Camera, handle: Handle, T_world_handle: RigidTransform, benc
 
 def smeared(camera: Camera, handle: Handle, T_world_handle: RigidTransform, bench: Bench, velocity: ArrayLike,
             turn_rate: ArrayLike, arm: Arm | None = None, exposure_s: float = EXPOSURE_S) -> Layer:
-    """Handle and arm in steady motion, smeared over the exposure: `exposed` for a hundredth of its time.
+    """Handle and arm in steady motion, smeared over the exposure: `exposed` in a twentieth of its time.
 
     The layer at mid-exposure is drawn once, and moved by the affine motion of the image that fits the handle's. What
     that leaves out is below a tenth of a pixel: the handle's turn about its own axis, and what perspective adds. The
