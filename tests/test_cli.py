@@ -14,14 +14,16 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import RigidTransform
 
-from trinolab import __version__, cli, scoreboard, workflows
+from trinolab import __version__, cli, evaluation, scoreboard, workflows
 from trinolab.camera import Rig
 from trinolab.datasets import data_path, load_handle, load_rig, load_table1
+from trinolab.evaluation import _lasted
 from trinolab.handle import write_handle
 from trinolab.posetable import truth_table, write_poses
 from trinolab.rigfile import write_rig
+from trinolab.trackquality import TrackQuality
 
-COMMANDS = ("measure", "evaluate", "render", "clear", "scoreboard")
+COMMANDS = ("calibrate", "measure", "evaluate", "capture", "render", "clear", "scoreboard")
 SIZE = (32, 24)
 MEASURE = "measure --rig rig.toml --handle handle.toml --images images --out poses.csv"
 EVALUATE = "evaluate found.csv truth.csv --handle handle.toml"
@@ -95,7 +97,29 @@ E_alpha      0.000    0.000          deg   (Eq. 27)
 E_beta       0.000    0.000          deg   (Eq. 27)
 E_gamma      0.000    0.000          deg   (Eq. 27)
 geodesic     0.000    0.000    0.000 deg
+the measured poses as one track:
+flips             0
+far off           0   by more than 2 mm or 5 deg
+losses            0
 """
+
+
+def test_evaluate_tells_how_a_track_was_lost(folder, capfd):
+    truth = truth_table(load_table1().set_poses[:12]).assign(markers=[5] * 10 + [3] * 2)
+    write_poses(truth, folder / "truth.csv")
+    lost = [1, 2, 3, 6, 11]
+    truth.loc[lost, "status"] = "predicted"
+    write_poses(truth, folder / "found.csv")
+    assert run(EVALUATE) == 0
+    out = capfd.readouterr().out
+    assert "visible          10    60.0 % measured\n" in out
+    assert out.endswith("losses            3   back after 3, 1 instants, not back in the last 0 instants\n")
+
+
+def test_many_losses_are_summed_up():
+    assert _lasted(TrackQuality(0, 0, (1,) * 8, None)) == "   back after 1, 1, 1, 1, 1, 1, 1, 1 instants"
+    assert _lasted(TrackQuality(0, 0, (1,) * 9 + (7,), None)) == "   back after at most 7 instants"
+    assert _lasted(TrackQuality(0, 0, (), 4)) == "   not back in the last 4 instants"
 
 
 def test_evaluate_without_a_pose_says_so(folder, capfd):
@@ -133,7 +157,8 @@ def test_scoreboard_fails_where_a_verdict_is_not_the_declared_one(monkeypatch, c
 
 
 def example_of(text):
-    return re.search(r"^example:\n  trinolab (.*)$", text, flags=re.MULTILINE)[1]
+    found = re.search(r"^example:\n  trinolab ((?:.*\\\n)*.*)$", text, flags=re.MULTILINE)
+    return found[1].replace("\\\n", " ")
 
 
 @pytest.mark.parametrize("command", COMMANDS)
@@ -268,7 +293,7 @@ def interrupted(*_, **__):
 @pytest.mark.parametrize("line", [MEASURE, EVALUATE, "scoreboard --csv board.csv"])
 def test_an_interruption_costs_one_line_and_no_file(folder, line, capfd, monkeypatch):
     monkeypatch.setattr(workflows, "measure", interrupted)
-    monkeypatch.setattr(workflows, "read_poses", interrupted)
+    monkeypatch.setattr(evaluation, "read_poses", interrupted)
     monkeypatch.setattr(scoreboard, "CHECKS", dict.fromkeys(scoreboard.CHECKS, interrupted))
     before = contents(folder)
     assert run(line) == 130

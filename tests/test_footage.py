@@ -10,6 +10,7 @@ from trinolab import recorder
 from trinolab.camera import Rig
 from trinolab.datasets import load_handle, load_rig
 from trinolab.footage import frames_of, open_footage
+from trinolab.greyimage import read_grey
 from trinolab.handle import read_handle
 from trinolab.recording import find_footage, instants, open_recording, read_timestamps
 from trinolab.rigfile import read_rig
@@ -60,6 +61,17 @@ def test_a_written_folder_is_read_back(folder, rig, images):
     assert [one.frame for one in found] == [0, 1, 2, 3, 4]
     assert [one.t_s for one in found] == pytest.approx(np.arange(5) / 25)
     np.testing.assert_array_equal([one.images for one in found], images)
+
+
+@pytest.mark.parametrize("fast", [False, True])
+def test_written_images_are_whole_and_exact(tmp_path, images, fast):
+    image = images[0, 0, :, :31]  # rows that are not contiguous
+    recorder.write_image(image, tmp_path / "x.png", fast)
+    back = cv2.imread(str(tmp_path / "x.png"), cv2.IMREAD_UNCHANGED)
+    assert (back.dtype, back.shape) == (np.uint8, (24, 31))
+    np.testing.assert_array_equal(back, image)
+    np.testing.assert_array_equal(read_grey(tmp_path / "x.png", (31, 24), set()), image)
+    assert [path.name for path in tmp_path.iterdir()] == ["x.png"]
 
 
 def test_a_lossless_video_gives_the_same_frames(tmp_path, rig, images):

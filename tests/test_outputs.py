@@ -6,7 +6,7 @@ import stat
 import pytest
 
 from trinolab import outputs
-from trinolab.outputs import check_target, write_whole
+from trinolab.outputs import check_target, write_together, write_whole
 
 
 def only(folder):
@@ -76,3 +76,13 @@ def test_impossible_target_is_named(tmp_path, write):
             write(path)
         assert str(caught.value).startswith(f"{path}: ")
         assert message in str(caught.value)
+
+
+def test_files_that_belong_together_appear_together(tmp_path):
+    (tmp_path / "b.png").mkdir()
+    with pytest.raises(ValueError, match=r"b\.png: cannot be written"):
+        write_together({tmp_path / "a.csv": "text", tmp_path / "b.png": b"bytes"})
+    assert only(tmp_path) == ["b.png"]
+    write_together({tmp_path / "a.csv": "text", tmp_path / "c.png": b"bytes"})
+    assert ((tmp_path / "a.csv").read_text(), (tmp_path / "c.png").read_bytes()) == ("text", b"bytes")
+    assert stat.S_IMODE((tmp_path / "c.png").stat().st_mode) == 0o644

@@ -1,5 +1,6 @@
 """Pose files: what is read, what is refused and how."""
 
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ from trinolab.datasets import data_path, load_table1
 from trinolab.handle import read_handle
 from trinolab.metrics import euler_deg
 from trinolab.pose import LOST, Pose
-from trinolab.posetable import pose_table, read_poses, transforms, truth_table, write_poses
+from trinolab.posetable import pose_table, read_poses, transforms, truth_table, write_poses, write_tum
 from trinolab.rigfile import read_rig
 
 # book/design.md, "Poses", typed once more
@@ -72,6 +73,31 @@ def test_table_may_lack_what_is_not_needed(tmp_path):
     table = read_poses(path)
     assert list(table["status"]) == ["measured"]
     assert list(table["frame"]) == [7]
+
+
+# --- TUM
+
+
+def test_tum_holds_the_measured_poses_by_hand(tmp_path):
+    quarter = RigidTransform.from_components([1.0, -250.0, 549.0], Rotation.from_euler("Z", 90.0, degrees=True))
+    poses = [Pose("measured", quarter, np.eye(6), 0.5, 6, 2), LOST, replace(some_poses()[2], status="predicted"),
+             some_poses()[2], replace(some_poses()[0], T_world_handle=quarter.inv())]
+    write_tum(pose_table(poses, [0.0, 0.1, 0.2, 0.3, 1753000000.4]), tmp_path / "p.tum")
+    h = 0.707106781  # sin 45 deg; the inverse carries (1, -250, 549) back to the origin: t = -R^T (1, -250, 549)
+    assert (tmp_path / "p.tum").read_text().splitlines()[0] == \
+        f"0.000000000 0.001000000 -0.250000000 0.549000000 0.000000000 0.000000000 {h} {h}"
+    wanted = [[0.0, 0.001, -0.25, 0.549, 0, 0, h, h], [1753000000.4, 0.25, 0.001, -0.549, 0, 0, -h, h]]
+    # half a unit of the ninth digit, and a double's 2.4e-7 s in the time since 1970
+    np.testing.assert_allclose(np.loadtxt(tmp_path / "p.tum"), wanted, rtol=0, atol=3e-7)
+
+
+def test_tum_needs_times_only_of_what_it_writes(tmp_path):
+    write_tum(pose_table([LOST, LOST]), tmp_path / "p.tum")
+    assert (tmp_path / "p.tum").read_text() == ""
+    for table in (pose_table(some_poses()[::-1]), pose_table(some_poses()[::-1]).drop(columns="t_s")):
+        with pytest.raises(ValueError, match="t_s: expected the time of every measured row, got none for frame 2"):
+            write_tum(table, tmp_path / "other.tum")
+    assert not (tmp_path / "other.tum").exists()
 
 
 HEAD = "frame,x_mm,y_mm,z_mm,qw,qx,qy,qz,status\n"

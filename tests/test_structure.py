@@ -17,16 +17,19 @@ NOTEBOOKS = sorted(ROOT.glob("notebooks/*.ipynb"))
 ORDER = [
     "checks", "outputs", "greyimage", "lens", "camera", "rigfile", "handle", "metrics", "fetch", "board", "datasets",
     "realsets", "ledger", "cones", "convex", "faces", "workspace", "plotting", "plotting_errors", "plotting_rigs",
-    "plotting_estimators", "window", "background", "covariance", "kalman", "image_track", "blobs", "markers",
-    "matching", "triangulation", "pose", "posetable", "layout", "hypotheses", "threepoint", "seeds", "verdict",
-    "search", "identity", "bodyend", "parameters",
+    "plotting_estimators", "plotting_calibration", "window", "background", "covariance", "kalman", "image_track",
+    "blobs", "spot", "markers", "matching", "triangulation", "pose", "posetable", "posefilter", "layout", "hypotheses",
+    "threepoint", "seeds", "verdict", "search", "identity", "bodyend", "parameters",
     "noise", "appearance", "centroids", "patches", "imagemodel", "registration", "outline", "refine", "reprojection",
-    "weighted", "estimation", "corners", "relative", "zhang", "adjustment", "calibration", "tracker", "raycast",
+    "weighted", "estimation", "corners", "targets", "relative", "zhang", "adjustment", "calibration", "tracker",
+    "follow", "posetracker", "overlay", "raycast",
     "capsule", "arm", "motion", "bench", "layer", "shadow", "scene", "exposure", "script", "filming",
     "bound", "boardscene", "boardtrial", "footage", "recording", "recorder", "rendering", "standard",
+    "devices", "capturing", "trackquality", "evaluation", "sync", "targetviews", "suspects", "calibrating",
     "errata_workspace", "errata_background", "errata_kalman", "errata_markers", "errata_pose", "errata_table1",
-    "errata", "teleop", "slave", "sweep", "workflows", "factors", "table1_bound", "deviations", "error_sources",
-    "mixing", "pattern", "budget", "evidence", "trials", "elevation", "centroid_trial", "scoreboard", "cli",
+    "errata", "teleop", "slave", "sweep", "workflows", "tracking", "factors", "table1_bound", "deviations",
+    "error_sources", "mixing", "pattern", "budget", "evidence", "trials", "elevation", "centroid_trial", "scoreboard",
+    "cli",
 ]
 # all that makes the truth may know
 BENCH = {"checks", "outputs", "greyimage", "lens", "camera", "handle", "raycast", "capsule", "arm", "motion", "bench",
@@ -91,9 +94,14 @@ def test_truth_and_estimate_share_only_camera_and_handle():
 
 def test_only_plotting_draws():
     drawing = {path.stem for path in MODULES if imports(path)[1] & {"matplotlib", "pyvista"}}
-    assert drawing == {"plotting", "plotting_errors", "plotting_estimators", "plotting_rigs"}
+    assert drawing == {"plotting", "plotting_errors", "plotting_estimators", "plotting_rigs", "plotting_calibration"}
     computing = {path.stem for path in MODULES if imports(path)[0] & drawing} - drawing
-    assert computing == set()  # figures are for chapters; nothing in the package waits for them
+    assert computing == {"calibrating"}  # its picture, at the end; nothing else in the package waits for figures
+
+
+def test_calibrating_loads_its_figure_only_when_needed():
+    code = "import sys, trinolab.calibrating; print('matplotlib' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "False\n"
 
 
 @pytest.mark.parametrize("module", ["trinolab", "trinolab.sweep"])

@@ -153,10 +153,17 @@ def _start(target: Array, views: Array, size: tuple[int, int], k: int) -> tuple[
     if len(found) < 3:
         raise ValueError(f"uv: expected three or more views by camera {k}, got {len(found)}")
     try:
-        K = intrinsics(np.stack(found), size)
+        K = intrinsics(np.stack(_well_seen(H, views)), size)
     except ValueError as error:
         raise ValueError(f"uv: camera {k}: {error}") from None
     return K, [None if h is None else target_pose(h, K) for h in H]
+
+
+def _well_seen(H: list[Array | None], views: Array) -> list[Array]:
+    """Homographies of views with two thirds of the most points or more: few points speak badly of the lens."""
+    counts = np.isfinite(views).all(axis=2).sum(axis=1)
+    enough = [h for h, count in zip(H, counts, strict=True) if h is not None and 3 * count >= 2 * counts.max()]
+    return enough if len(enough) >= 3 else [h for h in H if h is not None]
 
 
 def _chained(T_cam_target: list[Poses]) -> tuple[list[RigidTransform], Poses]:

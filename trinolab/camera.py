@@ -1,13 +1,12 @@
 """Cameras and rigs: projection, rays, epipolar geometry.
 
-Camera frame: x right, y down, z forward. Pixels ``uv``: (0, 0) is the centre of the top-left pixel. The world frame is
-the frame that the rig file is written in. Lens distortion is OpenCV's five-coefficient model (k1, k2, p1, p2, k3).
-"""
+Camera frame: x right, y down, z forward; the world frame is that of the rig file. Pixels ``uv``: (0, 0) is the centre
+of the top-left pixel. Lens distortion is OpenCV's five-coefficient model (k1, k2, p1, p2, k3)."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -183,6 +182,7 @@ class Rig:
         return tuple((i, j) for i in range(n) for j in range(i + 1, n))
 
 
+@lru_cache(maxsize=256)
 def T_between(target: Camera, source: Camera) -> RigidTransform:
     """The motion T_target_source between two cameras' frames: R_rl, T_rl of Sect. 5.3, either way round (Eq. 19)."""
     return target.T_cam_world * source.T_world_cam
@@ -239,7 +239,7 @@ def T_world_oxyz(rig: Rig, first: int = 0, second: int = 1) -> RigidTransform:
     Raises
     ------
     ValueError
-        If one of the two is no index of a camera, both stand in one place, or their mean axis lies along the baseline.
+        If one is no index of a camera, both stand in one place, or their mean axis lies along the baseline.
     """
     if not all(isinstance(k, (int, np.integer)) and 0 <= k < len(rig.cameras) for k in (first, second)):
         raise ValueError(f"first, second: expected 0 to {len(rig.cameras) - 1}, got {first!r} and {second!r}")

@@ -113,7 +113,7 @@ def as_transform(value: Any, name: str) -> RigidTransform:
     """Check a single rigid motion; its translation is finite and at most 1e100, whose square is still a number."""
     if not isinstance(value, RigidTransform) or not value.single:
         raise ValueError(f"{name}: expected one RigidTransform, got {type(value).__name__}")
-    if not (np.abs(value.translation) <= 1e100).all() or not np.isfinite(value.rotation.as_quat()).all():
+    if not (np.abs(value.translation) <= 1e100).all() or not np.isfinite(value.as_matrix()).all():
         raise ValueError(f"{name}: expected a finite motion, got a translation of {value.translation.tolist()}")
     return value
 

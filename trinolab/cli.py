@@ -26,8 +26,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     except (ValueError, OSError) as error:
         print(f"trinolab {arguments.command}: {error}", file=sys.stderr)
         return 2
-    except KeyboardInterrupt:
-        print(f"trinolab {arguments.command}: interrupted, {arguments.interrupted}", file=sys.stderr)
+    except KeyboardInterrupt as stop:
+        print(f"trinolab {arguments.command}: interrupted, {str(stop) or 'nothing was written'}", file=sys.stderr)
         return 130
 
 
@@ -40,31 +40,56 @@ def _measure(a: argparse.Namespace) -> int:
     return 0
 
 
-def _evaluate(a: argparse.Namespace) -> int:
-    from .workflows import evaluate
+def _calibrate(a: argparse.Namespace) -> int:
+    from .calibrating import as_lines, calibrate_rig
+    from .targets import Target
 
-    result = evaluate(a.poses, a.truth, a.handle)
-    print(f"instants   {result.instants:8d}")
-    for status in ("measured", "ambiguous", "predicted", "lost"):
-        count = getattr(result, status)
-        print(f"{status:10s} {count:8d}   {100 * count / result.instants:5.1f} %")
-    if (e := result.errors) is None:
-        print("no pose to compare")
-        return 0
-    print(f"errors of {e.n} poses, up to the handle's symmetry:")
-    print("              mean   median      max")
-    print(f"E_t       {e.E_t_mm:8.3f} {e.position_median_mm:8.3f} {e.position_max_mm:8.3f} mm    (Eq. 26)")
-    for name in ("alpha", "beta", "gamma"):
-        mean, median = getattr(e, f"E_{name}_deg"), getattr(e, f"{name}_median_deg")
-        print(f"{'E_' + name:9s} {mean:8.3f} {median:8.3f}          deg   (Eq. 27)")
-    print(f"geodesic  {e.geodesic_mean_deg:8.3f} {e.geodesic_median_deg:8.3f} {e.geodesic_max_deg:8.3f} deg")
+    sources = _named(a.images, "--images")
+    target = Target(a.board, a.columns, a.rows, a.square, a.marker, a.dictionary)
+    result = calibrate_rig(sources, target, a.out, a.views, a.distortions)
+    print("\n".join([*as_lines(result), "", f"written: {', '.join(str(path) for path in result.files)}"]))
+    return 0
+
+
+def _named(items: Sequence[str], option: str) -> dict[str, str]:
+    """NAME=PATH arguments as a mapping; ValueError for another form or a name that comes twice."""
+    found: dict[str, str] = {}
+    for item in items:
+        name, equals, path = item.partition("=")
+        if not (name.strip() and equals and path):
+            raise ValueError(f"{option}: expected NAME=PATH, got {item!r}")
+        if name in found:
+            raise ValueError(f"{option}: camera {name} is named twice")
+        found[name] = path
+    return found
+
+
+def _evaluate(a: argparse.Namespace) -> int:
+    from .evaluation import as_lines, evaluate
+
+    print("\n".join(as_lines(evaluate(a.poses, a.truth, a.handle))))
+    return 0
+
+
+def _capture(a: argparse.Namespace) -> int:
+    from .capturing import capture
+
+    done = capture(_named(a.camera, "--camera"), a.out, a.rig, a.handle, a.seconds, a.fps, a.size, a.preview)
+    n, last = len(done.times_s), done.times_s[-1]
+    rate = f" in {last:.2f} s ({(n - 1) / last:.1f} a second)" if n > 1 else ""
+    spread = sorted(1e3 * done.spread_s)
+    print(f"{n} instants{rate}, {done.dropped} dropped; cameras within {spread[n // 2]:.1f} ms (median), "
+          f"{spread[-1]:.1f} ms (longest); written to {a.out}")
     return 0
 
 
 def _render(a: argparse.Namespace) -> int:
     from .rendering import render
 
-    truth = render(a.rig, a.handle, a.motion, a.out, a.seed, a.seconds, a.fps)
+    try:
+        truth = render(a.rig, a.handle, a.motion, a.out, a.seed, a.seconds, a.fps)
+    except KeyboardInterrupt:
+        raise KeyboardInterrupt("run it again in the same way to go on") from None
     print(f"{len(truth)} instants, the handle is there in {(truth['status'] != 'lost').sum()}; written to {a.out}")
     return 0
 
@@ -122,15 +147,42 @@ def _parser() -> argparse.ArgumentParser:
                      "paper.", epilog="trinolab COMMAND --help says more and has an example.")
     parser.add_argument("--version", action="version", version=f"trinolab {__version__}")
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
+    _add_calibrate(commands)
     _add_measure(commands)
     _add_evaluate(commands)
     _add_render(commands)
     _add(commands, "clear", _clear, "remove the standard recordings that chapters keep in the user's cache",
          "trinolab clear")
+    _add_capture(commands)
     board = _add(commands, "scoreboard", _scoreboard, "print the paper's claims beside what is computed here",
                  "trinolab scoreboard --csv scoreboard.csv")
     board.add_argument("--csv", metavar="FILE", help="write the table as CSV, too")
     return parser
+
+
+def _add_calibrate(commands: argparse._SubParsersAction) -> None:
+    p = _add(commands, "calibrate", _calibrate, "calibrate two or more cameras from images of a flat target",
+             "trinolab calibrate --images ccd1=photos/ccd1 ccd2=photos/ccd2 --board chessboard \\\n"
+             "      --columns 9 --rows 6 --square 25 --out rig.toml")
+    p.add_argument("--images", required=True, nargs="+", action="extend", metavar="NAME=PATH",
+                   help="for each camera a folder of images (paired by file name), a pattern like 'photos/left*.png' "
+                   "(paired by what * stands for) or a video (paired by frame); the first camera is the world frame")
+    p.add_argument("--board", required=True, choices=["chessboard", "circles", "charuco"],
+                   help="the target; circles are a symmetric grid, dark on light")
+    p.add_argument("--columns", required=True, type=int, metavar="N",
+                   help="points in a row: inner corners of a chessboard, circles, but squares of a charuco board")
+    p.add_argument("--rows", required=True, type=int, metavar="N", help="rows, counted in the same way")
+    p.add_argument("--square", required=True, type=float, metavar="MM",
+                   help="side of a square, or distance of neighbouring circles, mm")
+    p.add_argument("--marker", type=float, metavar="MM",
+                   help="side of a charuco board's markers, mm (default: 0.75 of a square)")
+    p.add_argument("--dictionary", metavar="NAME", help="of a charuco board's markers (default: 4X4_50)")
+    p.add_argument("--out", required=True, metavar="RIG.toml",
+                   help="the rig to write; RIG_views.csv and RIG_residuals.png appear beside it")
+    p.add_argument("--views", type=int, default=50, metavar="N",
+                   help="the most views to look at; of more, some are passed over evenly (default: %(default)s)")
+    p.add_argument("--distortions", type=int, default=5, choices=[0, 1, 2, 4, 5],
+                   help="how many of k1, k2, p1, p2, k3 are estimated (default: %(default)s)")
 
 
 def _add_measure(commands: argparse._SubParsersAction) -> None:
@@ -149,7 +201,7 @@ def _add_measure(commands: argparse._SubParsersAction) -> None:
 
 
 def _add_evaluate(commands: argparse._SubParsersAction) -> None:
-    p = _add(commands, "evaluate", _evaluate, "compare poses with their truth (Eq. 26, 27, geodesic angle)",
+    p = _add(commands, "evaluate", _evaluate, "compare poses with their truth (Eq. 26, 27, flips, losses)",
              "trinolab evaluate poses.csv truth.csv --handle handle.toml")
     p.add_argument("poses", metavar="POSES.csv", help="what 'trinolab measure' has written")
     p.add_argument("truth", metavar="TRUTH.csv", help="the true poses, joined on 'frame'")
@@ -169,14 +221,29 @@ def _add_render(commands: argparse._SubParsersAction) -> None:
     p.add_argument("--seconds", type=float, metavar="S", help="length (default: 10, or all of POSES.csv)")
     p.add_argument("--fps", type=float, default=30.0, metavar="F",
                    help="frames a second; times in POSES.csv go before it (default: %(default)s)")
-    p.set_defaults(interrupted="run it again in the same way to go on")
+
+
+def _add_capture(commands: argparse._SubParsersAction) -> None:
+    p = _add(commands, "capture", _capture, "record a folder of images from cameras; Ctrl-C ends it",
+             "trinolab capture --camera ccd1=0 ccd2=2 --rig rig.toml --preview --out recording")
+    p.add_argument("--camera", required=True, nargs="+", action="extend", metavar="NAME=INDEX",
+                   help="a camera by its index at this computer; NAME=PATH plays a video in its place")
+    p.add_argument("--out", required=True, metavar="DIR", help="the recording to write: images, timestamps.csv")
+    which = p.add_mutually_exclusive_group()
+    which.add_argument("--rig", metavar="RIG.toml", help="the cameras' names and sizes; goes into the recording")
+    which.add_argument("--size", nargs=2, type=int, metavar=("WIDTH", "HEIGHT"), help="to ask of cameras without a rig")
+    p.add_argument("--handle", metavar="HANDLE.toml", help="goes into the recording")
+    p.add_argument("--seconds", type=float, metavar="S", help="to record for (default: until Ctrl-C)")
+    p.add_argument("--fps", type=float, metavar="F", help="frames a second to ask of cameras, or to play videos with")
+    p.add_argument("--preview", action="store_true",
+                   help="keep preview.png in DIR.partial up to date: what the cameras see")
 
 
 def _add(commands: argparse._SubParsersAction, name: str, run: object, about: str, example: str
          ) -> argparse.ArgumentParser:
     parser = commands.add_parser(name, help=about, description=about[0].upper() + about[1:] + ".",
                                  epilog=f"example:\n  {example}")
-    parser.set_defaults(run=run, interrupted="nothing was written")
+    parser.set_defaults(run=run)
     return parser
 
 

@@ -18,7 +18,7 @@ from .parameters import Parameters
 from .pose import LOST, Pose, motion_between, rigid_fit, rigid_fit_covariance
 from .refine import Fit, fit_patches
 from .reprojection import fit_centroids
-from .triangulation import triangulate, triangulation_covariance
+from .triangulation import triangulate, triangulate_with_covariance
 from .weighted import fit_weighted
 
 APART_MM, APART_RAD = 1.5, np.deg2rad(4.0)  # a little less than what a measured pose may be off
@@ -37,12 +37,15 @@ class Identified(NamedTuple):
         For each found marker its index on the handle, or -1.
     T_world_handle : RigidTransform
         The pose that identified them.
+    smear : (ndarray, ndarray) or None
+        The motion expected while the shutter is open, for the estimators that fit pixels, see `refine.fit_patches`.
     """
 
     images: Sequence[np.ndarray]
     pixels: tuple[Array, ...]
     labels: tuple[np.ndarray, ...]
     T_world_handle: RigidTransform
+    smear: tuple[Array, Array] | None = None
 
 
 def candidate_pairs(images: Sequence[np.ndarray], rig: Rig, pixels: Sequence[Array],
@@ -68,7 +71,7 @@ def estimate(instant: Identified, rig: Rig, handle: Handle, parameters: Paramete
 
 
 def fit_pose(labels: tuple[np.ndarray, ...], rig: Rig, handle: Handle, pixels: tuple[Array, ...],
-             parameters: Parameters) -> Pose:
+             parameters: Parameters, known: RigidTransform | None = None) -> Pose:
     """The paper's estimate from labelled markers: pairs, mean, rigid fit (Eq. 20-24).
 
     Parameters
@@ -79,6 +82,8 @@ def fit_pose(labels: tuple[np.ndarray, ...], rig: Rig, handle: Handle, pixels: t
     pixels : tuple of ndarray, one a camera, shape (n_c, 2)
     parameters : Parameters
         Markers turned beyond its `max_slant_deg` are left out if four others remain.
+    known : RigidTransform, optional
+        T_world_handle that says how far they are turned; by default a fit to all of them.
 
     Returns
     -------
@@ -87,21 +92,25 @@ def fit_pose(labels: tuple[np.ndarray, ...], rig: Rig, handle: Handle, pixels: t
     """
     p = parameters
     uv = labelled_pixels(labels, pixels, len(handle.marker_centres))
-    T = rigid_fit(handle.marker_centres, triangulate(rig, uv))
+    T = rigid_fit(handle.marker_centres, triangulate(rig, uv)) if known is None else known
     if T is None:
         return LOST
-    facing = uv.copy()
-    for row, camera in zip(facing, rig.cameras, strict=True):
-        row[slants(handle, T, camera.centre) > np.deg2rad(p.max_slant_deg)] = np.nan
-    if np.isfinite(triangulate(rig, facing)).all(axis=1).sum() >= 4:
-        uv = facing
-    points = triangulate(rig, uv)
-    used = np.isfinite(points).all(axis=1)
+    for some in (_facing(uv, rig, handle, T, p.max_slant_deg), uv):
+        points, covariances = triangulate_with_covariance(rig, some, p.sigma_px)
+        used = np.asarray(np.isfinite(points).all(axis=1))
+        if used.sum() >= 4:
+            break
     T = rigid_fit(handle.marker_centres, points)
     if T is None:
         return LOST
-    covariances = triangulation_covariance(rig, uv[:, used], p.sigma_px)
-    return _pose(T, rigid_fit_covariance(handle.marker_centres[used], T, covariances), uv, rig, handle)
+    covariance = rigid_fit_covariance(handle.marker_centres[used], T, covariances[used])
+    return _pose(T, covariance, some, used, rig, handle)
+
+
+def _facing(uv: Array, rig: Rig, handle: Handle, T_world_handle: RigidTransform, max_slant_deg: float) -> Array:
+    """The pixels without those of markers that are turned away."""
+    turned = np.stack([slants(handle, T_world_handle, camera.centre) for camera in rig.cameras])
+    return np.where((turned > np.deg2rad(max_slant_deg))[..., None], np.nan, uv)
 
 
 def _paper_pose(instant: Identified, rig: Rig, handle: Handle, p: Parameters) -> Pose:
@@ -117,7 +126,7 @@ def _paper_pose(instant: Identified, rig: Rig, handle: Handle, p: Parameters) ->
     hidden = {(int(c), int(m)) for c, m, shown in zip(*check.views, check.shown, strict=True) if not shown}
     labels = tuple(np.array([-1 if (c, int(m)) in hidden else m for m in row], dtype=int)
                    for c, row in enumerate(instant.labels))
-    pose, better = fit_pose(labels, rig, handle, instant.pixels, p), _judged(check)
+    pose, better = fit_pose(labels, rig, handle, instant.pixels, p), judged(check)
     if pose.T_world_handle is None or better.T_world_handle is None:
         return pose
     away = motion_between(pose.T_world_handle, better.T_world_handle)
@@ -128,12 +137,14 @@ def _paper_pose(instant: Identified, rig: Rig, handle: Handle, p: Parameters) ->
 
 def _weighted_pose(instant: Identified, rig: Rig, handle: Handle, p: Parameters) -> Pose:
     fit = fit_weighted(instant.images, rig, handle, instant.T_world_handle, p.max_slant_deg)
-    return LOST if fit is None else _pose(*fit, rig, handle)
+    if fit is None:
+        return LOST
+    T, covariance, uv = fit
+    return _pose(T, covariance, uv, np.asarray(np.isfinite(triangulate(rig, uv)).all(axis=1)), rig, handle)
 
 
-def _pose(T: RigidTransform, covariance: Array, uv: Array, rig: Rig, handle: Handle) -> Pose:
-    """A measured pose, with the reprojection error of the triangulated markers."""
-    used = np.isfinite(triangulate(rig, uv)).all(axis=1)
+def _pose(T: RigidTransform, covariance: Array, uv: Array, used: np.ndarray, rig: Rig, handle: Handle) -> Pose:
+    """A measured pose, with the reprojection error of the markers that were used (markers,), those triangulated."""
     centres = T.apply(handle.marker_centres)
     error = np.stack([camera.project(centres) for camera in rig.cameras]) - uv
     seen = np.asarray(np.isfinite(error).all(axis=2)) & used
@@ -142,18 +153,20 @@ def _pose(T: RigidTransform, covariance: Array, uv: Array, rig: Rig, handle: Han
 
 
 def _centroids_pose(instant: Identified, rig: Rig, handle: Handle, p: Parameters) -> Pose:
-    return _judged(fit_centroids(instant.images, rig, handle, instant.T_world_handle, p.max_slant_deg))
+    return judged(fit_centroids(instant.images, rig, handle, instant.T_world_handle, p.max_slant_deg))
 
 
 def _patches_pose(instant: Identified, rig: Rig, handle: Handle, p: Parameters) -> Pose:
-    return _judged(fit_patches(instant.images, rig, handle, instant.T_world_handle, p.max_slant_deg))
+    return judged(fit_patches(instant.images, rig, handle, instant.T_world_handle, p.max_slant_deg,
+                               smear=instant.smear))
 
 
 def _outline_pose(instant: Identified, rig: Rig, handle: Handle, p: Parameters) -> Pose:
-    return _judged(fit_patches(instant.images, rig, handle, instant.T_world_handle, p.max_slant_deg, outline=True))
+    return judged(fit_patches(instant.images, rig, handle, instant.T_world_handle, p.max_slant_deg, True,
+                               instant.smear))
 
 
-def _judged(fit: Fit | None) -> Pose:
+def judged(fit: Fit | None) -> Pose:
     """A measured pose if enough views show what it predicts, and fix it, else `LOST`."""
     if fit is None or fit.shown.sum() < 4 or len(np.unique(fit.views.marker[fit.shown])) < 3:
         return LOST

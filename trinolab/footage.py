@@ -51,7 +51,7 @@ def open_footage(path: str | Path) -> Footage:
         return Footage(path, names, len(names))
     if not path.exists():
         raise ValueError(f"{path}: no such file or folder")
-    capture = _capture(path)
+    capture = open_video(path)
     count = int(min(max(capture.get(cv2.CAP_PROP_FRAME_COUNT), 0), 2**31))
     capture.release()
     return Footage(path, (), count)
@@ -80,7 +80,7 @@ def frames_of(footage: Footage, size: tuple[int, int] | None = None, first: int 
     if footage.names:
         yield from (read_grey(footage.path / name, size, said) for name in footage.names[first:])
         return
-    capture = _capture(footage.path)
+    capture = open_video(footage.path)
     try:
         for _ in range(first):
             capture.grab()
@@ -97,8 +97,13 @@ def frames_of(footage: Footage, size: tuple[int, int] | None = None, first: int 
         capture.release()
 
 
-def _capture(path: Path) -> cv2.VideoCapture:
-    capture = cv2.VideoCapture(str(path), cv2.CAP_FFMPEG)
+def open_video(path: Path) -> cv2.VideoCapture:
+    """Open a video to read from. Raises ValueError if it cannot be read."""
+    level = cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_ERROR)  # and not OpenCV's warning either
+    try:
+        capture = cv2.VideoCapture(str(path), cv2.CAP_FFMPEG)
+    finally:
+        cv2.utils.logging.setLogLevel(level)
     if not capture.isOpened() or not os.access(path, os.R_OK):
         raise ValueError(f"{path}: cannot be read as a video")
     return capture

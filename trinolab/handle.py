@@ -122,7 +122,7 @@ def slants(handle: Handle, T_world_handle: RigidTransform, viewpoint: Array) -> 
         If `T_world_handle` is not one finite motion, or as `slant_angles`.
     """
     as_transform(T_world_handle, "T_world_handle")
-    normals = handle.marker_normals @ T_world_handle.rotation.as_matrix().T
+    normals = handle.marker_normals @ T_world_handle.as_matrix()[:3, :3].T
     return slant_angles(T_world_handle.apply(handle.marker_centres), normals, viewpoint)
 
 

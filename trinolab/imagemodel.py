@@ -22,10 +22,21 @@ from .checks import Array
 from .handle import Handle
 from .noise import Noise, estimate_noise
 from .patches import Patches
+from .pose import shifted
 
 BORDER_PX = 2  # of a window, where the blur lacks neighbours
 CLEAR_PX = 2.5  # pixels nearer than this to another marker or to the body's end have no weight
 BLUR_PX = 0.8  # where the search for a camera's blur begins
+SMEAR_STEP_PX, MOST_STEPS = 1.5, 20  # from pose to pose while the shutter is open; how many poses there are at most
+
+
+class Smear(NamedTuple):
+    """The handle's motion while the shutter is open, (6,) mm and rad, world frame, and what was expected of it before:
+    a motion (6,) and the information on it, (6, 6), an inverse covariance."""
+
+    motion: Array
+    expected: Array
+    information: Array
 
 
 class State(NamedTuple):
@@ -39,12 +50,15 @@ class State(NamedTuple):
     blur_px2 : ndarray, shape (cameras,)
         Variance of each camera's blur.
     noise : Noise
+    smear : Smear or None
+        None: the handle is still.
     """
 
     T_world_handle: RigidTransform
     greys: Array | None
     blur_px2: Array
     noise: Noise
+    smear: Smear | None = None
 
 
 class Linear(NamedTuple):
@@ -55,8 +69,9 @@ class Linear(NamedTuple):
     greys : ndarray, shape (k, 6)
         Of the state, or found where it had none.
     predicted, residual, weight : ndarray, shape (k, p)
-    by_pose : ndarray, shape (k, 7, p)
-        Derivatives by a small motion of the handle (nu mm, omega rad; handle frame) and by the blur's variance.
+    by_pose : ndarray, shape (k, 7 or 13, p)
+        Derivatives by a small motion of the handle (nu mm, omega rad; handle frame), by the blur's variance, and where
+        there is a smear by that (handle frame).
     by_greys : ndarray, shape (k, 6, p)
     marker, body : ndarray, shape (k, p)
         Shares after the blur.
@@ -91,21 +106,24 @@ class Reduced(NamedTuple):
     greys_by_other: Array
 
 
-def first_state(T_world_handle: RigidTransform, rig: Rig) -> State:
+def first_state(T_world_handle: RigidTransform, rig: Rig, smear: Smear | None = None) -> State:
     """A pose with nothing known of greys, and a usual blur and noise."""
-    return State(T_world_handle, None, np.full(len(rig.cameras), BLUR_PX**2), Noise())
+    return State(T_world_handle, None, np.full(len(rig.cameras), BLUR_PX**2), Noise(), smear)
 
 
 def linearise(state: State, here: Patches, rig: Rig, handle: Handle) -> Linear:
     """The model and its derivatives at a state."""
-    shown = layers(rig, handle, state.T_world_handle, here.views, here.at)
+    shares_open = _shares_open(state, here, handle)
+    during = [layers(rig, handle, _at(state, share), here.views, here.at) for share in shares_open]
     B = _blur_matrices(here.at.side, state.blur_px2).astype(np.float32)[here.views.camera]
-    basis = shading_basis(shown.turn).transpose(1, 0, 2)  # (k, basis, p)
-    shares = np.stack([shown.marker, shown.body], axis=1)[:, :, None] * basis[:, None]  # (k, 2, basis, p)
+    bases = [shading_basis(shown.turn).transpose(1, 0, 2) for shown in during]  # (k, basis, p) each
+    shares = _mean([np.stack([shown.marker, shown.body], axis=1)[:, :, None] * basis[:, None]
+                    for shown, basis in zip(during, bases, strict=True)])  # (k, 2, basis, p)
     k, _, n, p = shares.shape
     marker_light, body_light = _blurred(B, shares.reshape(k, 2 * n, p)).reshape(k, 2, n, p).transpose(1, 0, 2, 3)
     m, b = marker_light[:, 0], body_light[:, 0]
-    usable = here.valid & (shown.clear_px > CLEAR_PX) & _inner(here.at.side)
+    clear_px = np.minimum.reduce([shown.clear_px for shown in during])
+    usable = here.valid & (clear_px > CLEAR_PX) & _inner(here.at.side)
     greys = state.greys
     if greys is None:
         greys = _first_greys(np.concatenate([m[:, None], body_light, 1 - b[:, None]], axis=1), usable, here.grey)
@@ -116,21 +134,44 @@ def linearise(state: State, here: Patches, rig: Rig, handle: Handle) -> Linear:
     predicted = marker * m_shaded + body * b_shaded + background * (1 - b)
     by_shade = marker[..., None] * marker_light[:, 1:] + body[..., None] * body_light[:, 1:]
     by_greys = np.concatenate([m_shaded[:, None], b_shaded[:, None], by_shade, 1 - b[:, None]], axis=1)
-    shading = (shade @ basis)[:, 0]
-    sharp = by_motion(shown, marker * shading, body * shading - background)
-    by_pose = np.concatenate([_blurred(B, sharp), _half_laplacian(predicted, here.at.side)[:, None]], axis=1)
+    shadings = [(shade @ basis)[:, 0] for basis in bases]
+    moves = [by_motion(shown, marker * shading, body * shading - background)
+             for shown, shading in zip(during, shadings, strict=True)]
+    parts = [_blurred(B, _mean(moves)), _half_laplacian(predicted, here.at.side)[:, None]]
+    if state.smear is not None:
+        parts.append(_blurred(B, _mean([share * move for share, move in zip(shares_open, moves, strict=True)])))
+    by_pose = np.concatenate(parts, axis=1)
     variance = state.noise.base + state.noise.slope * np.maximum(predicted, 0) + state.noise.texture * (1 - b) ** 2
     return Linear(greys, predicted, here.grey - predicted, usable / variance, by_pose, by_greys, m, b)
+
+
+def _shares_open(state: State, here: Patches, handle: Handle) -> Array:
+    """Where in the exposure the handle is looked at, -0.5 to 0.5: often enough for a smooth smear."""
+    if state.smear is None:
+        return np.zeros(1, np.float32)
+    arm = np.linalg.norm(handle.marker_centres, axis=1).max()
+    way_mm = np.linalg.norm(state.smear.motion[:3]) + arm * np.linalg.norm(state.smear.motion[3:])
+    count = int(np.clip(np.ceil(way_mm * here.px_per_mm.max(initial=0.0) / SMEAR_STEP_PX), 2, MOST_STEPS))
+    return ((np.arange(count) + 0.5) / count - 0.5).astype(np.float32)
+
+
+def _at(state: State, share: float) -> RigidTransform:
+    """The pose at a time of the exposure."""
+    return state.T_world_handle if state.smear is None else shifted(state.T_world_handle, share * state.smear.motion)
+
+
+def _mean(parts: list[Array]) -> Array:
+    return parts[0] if len(parts) == 1 else np.add.reduce(parts) / np.float32(len(parts))
 
 
 def reduce(by_other: Array, at: Linear) -> Reduced:
     """Normal equations for unknowns with derivatives `by_other` (k, m, p), the greys of each window eliminated."""
     n, r, C = by_other.shape[1], at.residual[:, None], at.by_greys
-    every = np.concatenate([by_other, C, r], axis=1, dtype=np.float32)
-    products = ((every * at.weight[:, None].astype(np.float32)) @ every.transpose(0, 2, 1)).astype(float)
+    every = np.concatenate([by_other, C, r], axis=1, dtype=float)
+    products = (every * at.weight[:, None]) @ every.transpose(0, 2, 1)
     CC, OC = products[:, n:-1, n:-1], products[:, :n, n:-1]
     CC += 1e-9 * np.trace(CC, axis1=1, axis2=2)[:, None, None] * np.eye(CC.shape[1]) + 1e-12 * np.eye(CC.shape[1])
-    solved = np.linalg.solve(CC, products[:, n:-1][..., np.r_[:n, -1]])
+    solved = np.asarray(np.linalg.solve(CC, products[:, n:-1][..., np.r_[:n, -1]]), dtype=float)
     gain, greys = solved[..., :-1], solved[..., -1]
     gradient = products[:, :n, -1] - (OC @ greys[..., None])[..., 0]
     return Reduced(products[:, :n, :n] - OC @ gain, gradient, greys, gain)

@@ -14,42 +14,11 @@ from numpy.typing import ArrayLike
 from . import blobs
 from .blobs import centroid as centroid
 from .checks import Array, as_image, as_number, frozen
+from .spot import Blob, MarkerParameters, blob_at, brightened, halfway
 
 LADDER = 8  # even thresholds tried besides the bisection's
 _TRIES = 10  # places looked at for each marker wanted
 _FOUND = 100  # beside how often a place was tried
-
-
-@dataclass(frozen=True)
-class MarkerParameters:
-    """What passes for a marker in an image.
-
-    Attributes
-    ----------
-    surplus : float
-        Lambda of Sect. 5.1: the bisection looks for ``surplus * expected`` contours (Eq. 16).
-    diameter_px : (float, float)
-        Smallest and largest major axis of a marker's image.
-    min_axis_ratio : float
-        Minor by major axis; 0.17 is a disc turned by 80 deg.
-    min_fill : float
-        Area of the contour by that of the ellipse of the same moments.
-    min_contrast : float
-        Grey levels between a marker and the ring around it.
-    """
-
-    surplus: float = 1.5
-    diameter_px: tuple[float, float] = (4.0, 80.0)
-    min_axis_ratio: float = 0.17
-    min_fill: float = 0.85
-    min_contrast: float = 20.0
-
-    def __post_init__(self) -> None:
-        as_number(self.surplus, "surplus", low=1.0)
-        low = as_number(self.diameter_px[0], "diameter_px[0]", low=0.0, open_low=True)
-        as_number(self.diameter_px[1], "diameter_px[1]", low=low)
-        for name in ("min_axis_ratio", "min_fill", "min_contrast"):
-            as_number(getattr(self, name), name, low=0.0)
 
 
 class ThresholdStep(NamedTuple):
@@ -80,18 +49,6 @@ class Markers:
     contrast: Array
     threshold: Array
     steps: tuple[ThresholdStep, ...]
-
-
-class _Blob(NamedTuple):
-    """What may be a marker, as measured."""
-
-    u: float
-    v: float
-    major: float
-    minor: float
-    contrast: float
-    threshold: float
-    level: float
 
 
 def iterative_threshold(image: ArrayLike, contours: int,
@@ -163,11 +120,7 @@ def find_markers(image: ArrayLike, expected: int, markers: str = "bright",
     ValueError
         If `image` is no grey image, `expected` is not positive or `markers` is another word.
     """
-    if markers not in ("bright", "dark"):
-        raise ValueError(f"markers: expected 'bright' or 'dark', got {markers!r}")
-    p = parameters or MarkerParameters()
-    image = blobs.searchable(as_image(image, "image"))
-    bright = image if markers == "bright" else image.max() - image
+    p, bright = parameters or MarkerParameters(), brightened(image, markers)
     wanted = math.ceil(p.surplus * as_number(expected, "expected", low=1))
     steps, where = _search(bright, wanted, p)
     table = np.array(_once_each(bright, where, wanted, p), dtype=float).reshape(-1, 7)
@@ -198,50 +151,21 @@ def _search(image: np.ndarray, wanted: int, p: MarkerParameters) -> tuple[tuple[
     return steps, blobs.places(small, scale, found, wanted, p.diameter_px, p.min_contrast)
 
 
-def _once_each(image: np.ndarray, where: blobs.Places, most: int, p: MarkerParameters) -> list[_Blob]:
+def _once_each(image: np.ndarray, where: blobs.Places, most: int, p: MarkerParameters) -> list[Blob]:
     """What is like a marker, each once, by falling contrast as it seems from afar."""
     tried = np.zeros((image.shape[0] // 2 + 2, image.shape[1] // 2 + 2), np.uint8)  # how often, of every second pixel
-    kept: list[_Blob] = []
+    kept: list[Blob] = []
     for candidate in blobs.candidates(image, where, p.min_contrast)[:_TRIES * most]:
         x, y = round(candidate.uv[0] / 2), round(candidate.uv[1] / 2)
         if tried[y, x] > 1:
             continue
         tried[max(y - 1, 0):y + 2, max(x - 1, 0):x + 2] += 1
-        found = (_blob(image, candidate.uv, candidate.reach, threshold, p) for threshold in candidate.thresholds)
+        found = (blob_at(image, candidate.uv, candidate.reach, threshold, p) for threshold in candidate.thresholds)
         blob = next((blob for blob in found if blob is not None), None)
         if blob is None or tried[round(blob.v / 2), round(blob.u / 2)] >= _FOUND:
             continue
-        kept.append(_halfway(image, blob, p))
+        kept.append(halfway(image, blob, p))
         if len(kept) == most:
             break
         cv2.circle(tried, (round(blob.u / 2), round(blob.v / 2)), round(kept[-1].major / 4), _FOUND, -1)
     return kept
-
-
-def _halfway(image: np.ndarray, blob: _Blob, p: MarkerParameters) -> _Blob:
-    """The same blob, its contour taken about halfway up its flank if it is like a marker there."""
-    for _ in range(2):
-        halfway = blob.level + blob.contrast / 2
-        if abs(blob.threshold - halfway) > blob.contrast / 5:
-            blob = _blob(image, (blob.u, blob.v), blob.major, halfway, p) or blob
-    return blob
-
-
-def _blob(image: np.ndarray, uv: tuple[float, float], reach: float, threshold: float,
-          p: MarkerParameters) -> _Blob | None:
-    """What exceeds a threshold at a place, or None if it is not like a marker."""
-    cut = blobs.cut_out(image, uv, reach, threshold)
-    if cut is None:
-        return None
-    area, major, minor = blobs.ellipse(cut.inside)
-    if not (p.diameter_px[0] <= major <= p.diameter_px[1] and minor >= p.min_axis_ratio * major
-            and area >= p.min_fill * np.pi / 4 * major * minor):
-        return None
-    near = cv2.dilate(cut.inside, blobs.SQUARE, iterations=blobs.RING_PX - 1)
-    ring = cut.grey[(cv2.dilate(near, blobs.SQUARE) > near) & ~cut.others]  # others' light is not the surroundings'
-    level = float(np.partition(ring, len(ring) // 2)[len(ring) // 2]) if len(ring) else np.inf  # the median
-    contrast = cv2.mean(cut.grey, cut.inside)[0] - level
-    if contrast < p.min_contrast:
-        return None
-    u, v = centroid(cut.grey, near.view(bool) & ~cut.others, level) + cut.corner
-    return _Blob(float(u), float(v), major, minor, contrast, threshold, level)

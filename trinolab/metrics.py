@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from .checks import Array, as_array, as_transform
@@ -194,11 +194,17 @@ def nearest_equivalent(estimates: RigidTransform, truths: RigidTransform,
     ValueError
         As `pose_errors` does, or if there is no symmetry (the identity is always one).
     """
-    angle, distance = _against_equivalents(estimates, truths, symmetries)
-    tied = angle <= angle.min(axis=0) + 1e-9
-    best = np.where(tied, distance, np.inf).argmin(axis=0)
+    best = nearest_index(estimates, truths, symmetries)
     estimates, _ = _as_pairs(estimates, truths)
     return estimates * RigidTransform.concatenate([symmetries[k] for k in best])
+
+
+def nearest_index(estimates: RigidTransform, truths: RigidTransform,
+                  symmetries: Sequence[RigidTransform]) -> NDArray[np.intp]:
+    """Which symmetry `nearest_equivalent` takes for each pose, shape (n,); parameters and errors are the same."""
+    angle, distance = _against_equivalents(estimates, truths, symmetries)
+    tied = angle <= angle.min(axis=0) + 1e-9
+    return np.where(tied, distance, np.inf).argmin(axis=0)
 
 
 def track_equivalent(estimates: RigidTransform, truths: RigidTransform,

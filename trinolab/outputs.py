@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import tempfile
+from collections.abc import Mapping
 from pathlib import Path
 
 
@@ -26,18 +27,43 @@ def write_whole(path: str | Path, text: str) -> None:
     ValueError
         If the file cannot be written.
     """
-    check_target(path)
-    target = Path(path).resolve()
+    write_together({path: text})
+
+
+def write_together(contents: Mapping[str | Path, str | bytes]) -> None:
+    """Write files that belong together: the first one takes its name only when the last one is written, too.
+
+    Raises
+    ------
+    ValueError
+        Names the file that cannot be written.
+    """
+    written: list[tuple[Path, Path]] = []
+    path: str | Path = ""
     try:
-        with tempfile.NamedTemporaryFile("w", dir=target.parent, prefix=f".{target.name}.", delete=False,
-                                         encoding="utf-8") as file:
-            temporary = Path(file.name)
-            try:
-                file.write(text)
-                file.close()
-                temporary.chmod(0o644)
-                os.replace(temporary, target)
-            finally:
-                temporary.unlink(missing_ok=True)
+        for path, content in contents.items():
+            check_target(path)
+            written.append((_temporary(Path(path).resolve(), content), Path(path).resolve()))
+        for temporary, target in written:
+            os.replace(temporary, target)
     except OSError as error:
         raise ValueError(f"{path}: cannot be written ({error.strerror})") from None
+    finally:
+        for temporary, _ in written:
+            temporary.unlink(missing_ok=True)
+
+
+def _temporary(target: Path, content: str | bytes) -> Path:
+    """A finished file beside the target, for everyone to read; none is left behind by a failure."""
+    mode, encoding = ("w", "utf-8") if isinstance(content, str) else ("wb", None)
+    with tempfile.NamedTemporaryFile(mode, dir=target.parent, prefix=f".{target.name}.", delete=False,
+                                     encoding=encoding) as file:
+        temporary = Path(file.name)
+        try:
+            file.write(content)
+            file.close()
+            temporary.chmod(0o644)
+        except BaseException:
+            temporary.unlink(missing_ok=True)
+            raise
+    return temporary

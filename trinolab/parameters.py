@@ -10,6 +10,7 @@ from .identity import IdentityParameters
 from .kalman import KalmanParameters
 from .markers import MarkerParameters
 from .matching import MatchParameters
+from .posefilter import PoseFilterParameters
 
 ESTIMATORS = ("paper", "weighted", "reprojection", "patches", "outline")
 BEST = "patches"  # the most accurate that keeps up with 30 frames a second
@@ -34,8 +35,12 @@ class Parameters:
         centroid of a wrapped marker lies more than 1 px beside the image of its centre.
     sigma_px : float
         Standard deviation of a centroid for the pose's covariance.
+    motion : PoseFilterParameters
+        Used by `posetracker` alone.
+    exposure_s : float
+        How long the shutter is open, s; a moving marker is smeared as long. Used by `posetracker` alone.
     memory_s : float
-        For how long the last measured pose chooses among poses that look alike, s.
+        For how long the last measured pose chooses among poses that look alike, and is predicted from, s.
     """
 
     background: BackgroundParameters = field(default_factory=BackgroundParameters)
@@ -46,6 +51,8 @@ class Parameters:
     estimator: str = "paper"
     max_slant_deg: float = 70.0
     sigma_px: float = 0.1
+    motion: PoseFilterParameters = field(default_factory=PoseFilterParameters)
+    exposure_s: float = 0.01
     memory_s: float = 0.3
 
     def __post_init__(self) -> None:

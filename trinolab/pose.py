@@ -173,6 +173,12 @@ def motion_between(a: RigidTransform, b: RigidTransform) -> Array:
     return np.concatenate([a.translation - b.translation, (a.rotation * b.rotation.inv()).as_rotvec()])
 
 
+def shifted(T: RigidTransform, motion: Array) -> RigidTransform:
+    """A pose after a motion (6,), see `motion_between`, which it undoes."""
+    turn = Rotation.from_rotvec(np.array(motion[3:]))  # SciPy wants a writable array
+    return RigidTransform.from_components(T.translation + motion[:3], turn * T.rotation)
+
+
 def cross_matrices(vectors: Array) -> Array:
     """Matrices [v]x with [v]x w = v x w, shape (..., 3, 3)."""
     x, y, z = np.moveaxis(vectors, -1, 0)

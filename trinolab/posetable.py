@@ -1,4 +1,7 @@
-"""Tables of poses, and their files: CSV, one row an instant (columns: `POSE_COLUMNS`); the pose is T_world_handle."""
+"""Tables of poses, and their files: CSV, one row an instant (columns: `POSE_COLUMNS`); the pose is T_world_handle.
+
+Beside it TUM, which other programs read.
+"""
 
 from __future__ import annotations
 
@@ -21,7 +24,7 @@ STATUSES = ("measured", "ambiguous", "predicted", "lost")
 def pose_table(poses: Sequence[Pose], t_s: Sequence[float] | None = None) -> pd.DataFrame:
     """Poses as a table with the columns of `POSE_COLUMNS`; a lost pose has empty numbers, `t_s` is empty if unknown."""
     times = [np.nan] * len(poses) if t_s is None else t_s
-    rows = [_row(k, t, pose) for k, (t, pose) in enumerate(zip(times, poses, strict=True))]
+    rows = [pose_row(k, t, pose) for k, (t, pose) in enumerate(zip(times, poses, strict=True))]
     return pd.DataFrame(rows, columns=list(POSE_COLUMNS))
 
 
@@ -47,6 +50,34 @@ def write_poses(table: pd.DataFrame, path: str | Path) -> None:
         If the file cannot be written.
     """
     write_whole(path, table.to_csv(index=False, float_format="%.9g"))
+
+
+def write_tum(table: pd.DataFrame, path: str | Path) -> None:
+    """Write the track as a TUM file: a line ``t tx ty tz qx qy qz qw`` a pose, in s and m, for tools like evo.
+
+    Only `measured` rows are written: an ambiguous pose is one of several, and a predicted one was not seen. A table
+    without any gives an empty file.
+
+    Parameters
+    ----------
+    table : pandas.DataFrame
+        Of `pose_table` or `read_poses`; each of its measured rows has a time `t_s`.
+    path : path
+        The file appears whole or not at all.
+
+    Raises
+    ------
+    ValueError
+        If a measured row has no time, or the file cannot be written.
+    """
+    held = table[table["status"] == "measured"]
+    times = held["t_s"].to_numpy(dtype=float) if "t_s" in held else np.full(len(held), np.nan)
+    if not np.isfinite(times).all():
+        raise ValueError(f"t_s: expected the time of every measured row, got none for frame "
+                         f"{int(held['frame'].iloc[int(np.isfinite(times).argmin())])}")
+    numbers = held[["x_mm", "y_mm", "z_mm", "qx", "qy", "qz", "qw"]].to_numpy(dtype=float) / ([1e3] * 3 + [1.0] * 4)
+    rows = np.column_stack([times, numbers])
+    write_whole(path, "".join(" ".join(f"{value:.9f}" for value in row) + "\n" for row in rows))
 
 
 def read_poses(path: str | Path) -> pd.DataFrame:
@@ -77,7 +108,8 @@ def read_poses(path: str | Path) -> pd.DataFrame:
     return table.astype({"frame": int})
 
 
-def _row(frame: int, t_s: float, pose: Pose) -> tuple:
+def pose_row(frame: int, t_s: float, pose: Pose) -> tuple:
+    """One row, in the order of `POSE_COLUMNS`."""
     if pose.T_world_handle is None:
         return (frame, t_s, *[np.nan] * 13, pose.markers, pose.cameras, pose.status)
     T = pose.T_world_handle

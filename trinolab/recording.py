@@ -47,6 +47,13 @@ class Recording(NamedTuple):
     times_s: Array | None
     fps: float
 
+    @property
+    def rate(self) -> float:
+        """Frames a second, of uneven ones the middle of them."""
+        if self.times_s is None or len(self.times_s) < 2:
+            return self.fps
+        return float(1 / np.median(np.diff(self.times_s)))
+
     def time_of(self, frame: int) -> float:
         """Time of a frame, s. Raises ValueError if the timestamps do not know it."""
         if self.times_s is None:

@@ -19,6 +19,7 @@ from .handle import Handle
 from .imagemodel import (
     Linear,
     Reduced,
+    Smear,
     State,
     advanced,
     first_state,
@@ -38,7 +39,7 @@ FLOOR_PX = 0.003  # by so much the image model misplaces a marker of the simulat
 MOST_STEPS = 8  # Gauss-Newton steps; two do where two cameras share markers
 SETTLED_PX = 0.1  # a step that moves all markers by less is the last one: the next would move them by a hundredth
 LARGEST_STEP = np.repeat([5.0, 0.3], 3)  # mm, rad; the image model holds within a few pixels
-OUTLINE_FLOOR_PX = 0.02  # and a piece of outline, because the background's texture ends there
+OUTLINE_FLOOR_PX = 0.2  # and a piece of outline: texture and shade at the limb misplace all alike, which no mean mends
 
 
 class Fit(NamedTuple):
@@ -76,7 +77,8 @@ class _Step(NamedTuple):
 
 
 def fit_patches(images: Sequence[np.ndarray], rig: Rig, handle: Handle, start: RigidTransform,
-                max_slant_deg: float = 72.0, outline: bool = False) -> Fit | None:
+                max_slant_deg: float = 72.0, outline: bool = False,
+                smear: tuple[Array, Array] | None = None) -> Fit | None:
     """Improve a pose by the pixels about all markers that it shows.
 
     Parameters
@@ -91,17 +93,21 @@ def fit_patches(images: Sequence[np.ndarray], rig: Rig, handle: Handle, start: R
         Markers turned further away are left out.
     outline : bool
         Use the body's outline, too.
+    smear : (ndarray, ndarray), shapes (6,) and (6, 6), optional
+        What is expected of the handle's motion while the shutter is open (mm, rad; world frame), and its covariance;
+        without it the handle is still.
 
     Returns
     -------
     Fit or None
         None if too little is in view to fix a pose, or the steps lead away.
     """
-    here = patches(images, rig, handle, start, max_slant_deg)
+    here = patches(images, rig, handle, start, max_slant_deg, None if smear is None else smear[0])
     if len(np.unique(here.views.marker)) < 3:
         return None
     groups = [here, outline_patches(images, rig, handle, start)] if outline else [here]
-    states = [first_state(start, rig)] * len(groups)
+    moving = None if smear is None else Smear(smear[0], smear[0], inverse(smear[1]))
+    states = [first_state(start, rig, moving)] * len(groups)
     for k in range(MOST_STEPS):
         states, last = _improved(states, groups, rig, handle)
         if not np.abs(last.step[:6] / LARGEST_STEP).max() < 1:  # not a number, either
@@ -121,14 +127,22 @@ def _improved(states: list[State], groups: list[Patches], rig: Rig, handle: Hand
     normals = [reduce(model.by_pose, model) for model in models]
     there = has_contrast(models[0], handle)  # windows that show no marker would only fit their noise
     information, gradient = _summed(models, normals, groups, there, rig)
+    T, smear = states[0].T_world_handle, states[0].smear
+    if smear is not None:
+        _expect(information, gradient, smear, T)
     step = inverse(information) @ gradient
-    after = [advanced(model, model.by_pose, normal, _own(step, group.views.camera))
+    after = [advanced(model, model.by_pose, normal, _own(step, group.views.camera, rig))
              for model, normal, group in zip(models, normals, groups, strict=True)]
-    information, _ = _summed(after, normals, groups, there, rig)  # what misfits before a step may fit after it
-    T = moved(states[0].T_world_handle, np.nan_to_num(step[:6]))
+    information, gradient = _summed(after, normals, groups, there, rig)  # what misfits before may fit after it
+    if smear is not None:
+        _expect(information, gradient, smear, T)
+        turn = np.kron(np.eye(2), T.as_matrix()[:3, :3])
+        smear = smear._replace(motion=smear.motion + turn @ np.nan_to_num(step[-6:]))
+    T = moved(T, np.nan_to_num(step[:6]))
     noise = noise_of(after[0]._replace(weight=after[0].weight * there[:, None]))
-    blur = limited(states[0].blur_px2, step[6:])
-    return [State(T, model.greys, blur, noise) for model in after], _Step(step, information, normals[0], after[0])
+    blur = limited(states[0].blur_px2, step[6:6 + len(rig.cameras)])
+    renewed = [State(T, model.greys, blur, noise, smear) for model in after]
+    return renewed, _Step(step, information, normals[0], after[0])
 
 
 def _summed(models: list[Linear], normals: list[Reduced], groups: list[Patches], there: np.ndarray,
@@ -140,8 +154,15 @@ def _summed(models: list[Linear], normals: list[Reduced], groups: list[Patches],
     weights[0] = weights[0] * there
     parts = [_assembled(normal, weight, group.views.camera, rig)
              for normal, weight, group in zip(normals, weights, groups, strict=True)]
-    blank = 1e-12 * np.eye(6 + len(rig.cameras))
+    blank = 1e-12 * np.eye(len(parts[0][1]))
     return sum((part[0] for part in parts), blank), sum((part[1] for part in parts), np.zeros(len(blank)))
+
+
+def _expect(information: Array, gradient: Array, smear: Smear, T_world_handle: RigidTransform) -> None:
+    """Add what was expected of the smear to the normal equations, whose last six unknowns it is (handle frame)."""
+    turn = np.kron(np.eye(2), T_world_handle.as_matrix()[:3, :3])
+    information[-6:, -6:] += turn.T @ smear.information @ turn
+    gradient[-6:] += turn.T @ smear.information @ (smear.expected - smear.motion)
 
 
 def judged_fit(T_world_handle: RigidTransform, covariance: Array, views: Views, at: Linear, shown: np.ndarray,
@@ -158,9 +179,11 @@ def moved(T_world_handle: RigidTransform, step: Array) -> RigidTransform:
     return RigidTransform.from_matrix(T_world_handle.as_matrix() @ motion)
 
 
-def _own(step: Array, camera: np.ndarray) -> Array:
-    """A step of pose and all blurs as one for each window, of pose and its camera's blur, shape (k, 7)."""
-    return np.column_stack([np.broadcast_to(step[:6], (len(camera), 6)), step[6 + camera]])
+def _own(step: Array, camera: np.ndarray, rig: Rig) -> Array:
+    """A step of all unknowns as one for each window: of pose, its camera's blur, and any smear, shape (k, 7 or 13)."""
+    pose, blurs, smear = np.split(step, [6, 6 + len(rig.cameras)])
+    return np.column_stack([np.broadcast_to(pose, (len(camera), 6)), blurs[camera],
+                            np.broadcast_to(smear, (len(camera), len(smear)))])
 
 
 def _moved_px(step: Array, here: Patches, handle: Handle) -> float:
@@ -183,12 +206,15 @@ def _trust(at: Linear, information: Array, px_per_mm: Array, floor_px: float) ->
 
 
 def _assembled(normal: Reduced, trust: Array, camera: np.ndarray, rig: Rig) -> tuple[Array, Array]:
-    """Normal equations of the pose (6) and the cameras' blurs from those of the windows (7 each)."""
+    """Normal equations of the pose (6), the cameras' blurs and any smear (6) from those of the windows."""
     own = (camera[:, None] == np.arange(len(rig.cameras))) * trust[:, None]  # (k, cameras)
-    between = own.T @ normal.information[:, 6, :6]
-    total = np.block([[np.tensordot(trust, normal.information[:, :6, :6], 1), between.T],
-                      [between, np.diag(own.T @ normal.information[:, 6, 6])]])
-    return total, np.concatenate([trust @ normal.gradient[:, :6], own.T @ normal.gradient[:, 6]])
+    common = np.r_[0:6, 7:normal.information.shape[1]]  # pose, and the smear where there is one
+    shared = np.tensordot(trust, normal.information[:, common[:, None], common], 1)
+    between = own.T @ normal.information[:, 6, common]
+    order = np.r_[0:6, len(common):len(common) + len(rig.cameras), 6:len(common)]
+    total = np.block([[shared, between.T], [between, np.diag(own.T @ normal.information[:, 6, 6])]])
+    right = np.concatenate([trust @ normal.gradient[:, common], own.T @ normal.gradient[:, 6]])
+    return total[np.ix_(order, order)], right[order]
 
 
 def in_world(covariance: Array, T_world_handle: RigidTransform) -> Array:

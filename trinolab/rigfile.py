@@ -33,8 +33,12 @@ def read_rig(path: str | Path) -> Rig:
 
 def write_rig(rig: Rig, path: str | Path) -> None:
     """Write a rig file that `read_rig` reads back."""
-    tables = {camera.name: _table_of(camera) for camera in rig.cameras}
-    Path(path).write_text(tomli_w.dumps(tables))
+    Path(path).write_text(rig_text(rig), encoding="utf-8")
+
+
+def rig_text(rig: Rig) -> str:
+    """What a rig file says."""
+    return tomli_w.dumps({camera.name: _table_of(camera) for camera in rig.cameras})
 
 
 def _camera_from(table: dict[str, Any], where: str) -> Camera:

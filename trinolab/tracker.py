@@ -71,7 +71,7 @@ def measure(frames: Sequence[ArrayLike], rig: Rig, handle: Handle, prior: RigidT
         If the frames do not fit the rig in number or size, or are no grey images with levels from 0 to 255.
     """
     p = parameters or Parameters()
-    images = _as_images(frames, rig)
+    images = as_images(frames, rig)
     regions = [Window(0, 0, *camera.size) for camera in rig.cameras] if windows is None else windows
     found = tuple(_markers_in(image, region, handle, p) for image, region in zip(images, regions, strict=True))
     pixels = tuple(markers.uv for markers in found)
@@ -152,7 +152,7 @@ def start(backgrounds: Sequence[ArrayLike], rig: Rig, t_s: float, pose: RigidTra
     ValueError
         If the backgrounds are no frames of the rig, see `measure`, or the time is no finite number.
     """
-    images = _as_images(backgrounds, rig)
+    images = as_images(backgrounds, rig)
     cameras = tuple(CameraState(frozen(image.astype(np.float32)), None, None) for image in images)
     t = as_number(t_s, "t_s")
     return TrackerState(t, cameras, t, pose)
@@ -187,7 +187,7 @@ def step(state: TrackerState, frames: Sequence[ArrayLike], t_s: float, rig: Rig,
     """
     p = parameters or Parameters()
     t = as_number(t_s, "t_s", low=state.t_s, open_low=True)
-    images = _as_images(frames, rig)
+    images = as_images(frames, rig)
     stepped = [_step_camera(*pair, t - state.t_s, p) for pair in zip(state.cameras, images, strict=True)]
     cameras, windows = zip(*stepped, strict=True)
     prior = state.pose if t - state.measured_s <= p.memory_s else None
@@ -226,7 +226,7 @@ def _markers_in(image: np.ndarray, region: Window | None, handle: Handle, p: Par
     return replace(found, uv=frozen(found.uv + [region.u, region.v]))
 
 
-def _as_images(frames: Sequence[ArrayLike], rig: Rig) -> list[np.ndarray]:
+def as_images(frames: Sequence[ArrayLike], rig: Rig) -> list[np.ndarray]:
     if len(frames) != len(rig.cameras):
         raise ValueError(f"frames: expected one for each of {len(rig.cameras)} cameras, got {len(frames)}")
     return [as_image(frame, f"frames: {camera.name}", camera.size, highest=255)

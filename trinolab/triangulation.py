@@ -40,8 +40,8 @@ def depth_forms(xy_left: ArrayLike, xy_right: ArrayLike, T_right_left: RigidTran
     left = as_points(xy_left, "xy_left", 2)
     right = as_array(xy_right, "xy_right", left.shape, finite=False)
     T = as_transform(T_right_left, "T_right_left")
-    t = T.translation
-    turned = np.column_stack([left, np.ones(len(left))]) @ T.rotation.as_matrix().T
+    R, t = np.split(T.as_matrix()[:3], [3], axis=1)
+    t, turned = t[:, 0], left @ R[:, :2].T + R[:, 2]
     return t[:2] - right * t[2], right * turned[:, 2:] - turned[:, :2]
 
 
@@ -163,11 +163,16 @@ def triangulation_covariance(rig: Rig, uv: ArrayLike, sigma_px: float, step_px: 
         If the shape does not fit the rig, two of its cameras stand in one place, or `sigma_px` or `step_px` is out of
         its range.
     """
-    slopes = _slopes(rig, uv, sigma_px, step_px)
-    valid = np.asarray(np.isfinite(points_of_pairs(rig, uv)).all(axis=2))
+    return triangulate_with_covariance(rig, uv, sigma_px, step_px)[1]
+
+
+def triangulate_with_covariance(rig: Rig, uv: ArrayLike, sigma_px: float, step_px: float = 1e-3) -> tuple[Array, Array]:
+    """What `triangulate` and `triangulation_covariance` give, in half the time of both."""
+    points, slopes = _slopes(rig, uv, sigma_px, step_px)
+    valid = np.asarray(np.isfinite(points).all(axis=2))
     with np.errstate(all="ignore"):
         mean = np.where(valid[..., None, None], slopes, 0.0).sum(axis=0) / valid.sum(axis=0)[:, None, None]
-    return mean @ mean.transpose(0, 2, 1)
+    return mean_point(points), mean @ mean.transpose(0, 2, 1)
 
 
 def triangulate_weighted(rig: Rig, uv: ArrayLike, sigma_px: float) -> tuple[Array, Array]:
@@ -182,7 +187,7 @@ def triangulate_weighted(rig: Rig, uv: ArrayLike, sigma_px: float) -> tuple[Arra
     covariances : ndarray, shape (n, 3, 3)
         mm^2. The pairs share pixels: that is counted here, though not in the weights.
     """
-    points, slopes = points_of_pairs(rig, uv), _slopes(rig, uv, sigma_px)
+    points, slopes = _slopes(rig, uv, sigma_px)
     valid = np.asarray(np.isfinite(points).all(axis=2) & np.isfinite(slopes).all(axis=(2, 3)))
     points, slopes = np.where(valid[..., None], points, 0.0), np.where(valid[..., None, None], slopes, 0.0)
     eye, seen = np.eye(3), np.asarray(valid.any(axis=0))
@@ -193,14 +198,14 @@ def triangulate_weighted(rig: Rig, uv: ArrayLike, sigma_px: float) -> tuple[Arra
     return np.where(seen[:, None], point, np.nan), np.where(seen[:, None, None], combined @ combined.mT, np.nan)
 
 
-def _slopes(rig: Rig, uv: ArrayLike, sigma_px: float, step_px: float = 1e-3) -> Array:
-    """How far each pair's points move for a standard deviation of each pixel coordinate, (pairs, n, 3, 2 cameras)."""
+def _slopes(rig: Rig, uv: ArrayLike, sigma_px: float, step_px: float = 1e-3) -> tuple[Array, Array]:
+    """Points (pairs, n, 3), and how far they move for a standard deviation of each coordinate, (pairs, n, 3, 2 C)."""
     uv = as_array(uv, "uv", (len(rig.cameras), None, 2), finite=False)
     sigma = as_number(sigma_px, "sigma_px", low=0.0, high=1e6, open_low=True)
     step_px = as_number(step_px, "step_px", low=1e-6, high=1.0)
-    columns = []
-    for camera, axis in np.ndindex(len(rig.cameras), 2):
-        step = np.zeros_like(uv)
-        step[camera, :, axis] = step_px
-        columns.append((points_of_pairs(rig, uv + step) - points_of_pairs(rig, uv - step)) / (2 * step_px))
-    return sigma * np.stack(columns, axis=-1)
+    C, n = uv.shape[:2]
+    steps = step_px * np.eye(2 * C).reshape(2 * C, C, 1, 2)
+    every = np.concatenate([uv[None], uv + steps, uv - steps])  # (1 + 4 C, C, n, 2): one call for all is quick
+    points = points_of_pairs(rig, every.swapaxes(0, 1).reshape(C, -1, 2)).reshape(len(rig.pairs), 1 + 4 * C, n, 3)
+    ahead, behind = points[:, 1:1 + 2 * C], points[:, 1 + 2 * C:]
+    return points[:, 0], sigma * (ahead - behind).transpose(0, 2, 3, 1) / (2 * step_px)

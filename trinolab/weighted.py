@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.spatial.transform import RigidTransform, Rotation
+from scipy.spatial.transform import RigidTransform
 
 from .appearance import Views
 from .camera import Rig
 from .centroids import predict_centroids
 from .checks import Array
 from .handle import Handle
-from .pose import motion_between, weighted_fit
+from .pose import motion_between, shifted, weighted_fit
 from .refine import FLOOR_PX
 from .registration import CentrePixels, centre_pixels
 from .triangulation import triangulate_weighted
@@ -63,13 +63,13 @@ def _settled(T: RigidTransform, covariance: Array, before: RigidTransform, centr
     here, columns = _to_centre(rig, handle, before, views), []
     for k in range(6):
         uv = centres.uv.copy()
-        uv[views] += _to_centre(rig, handle, _shifted(before, STEPS * (np.arange(6) == k)), views) - here
+        uv[views] += _to_centre(rig, handle, shifted(before, STEPS * (np.arange(6) == k)), views) - here
         other = _fit(centres._replace(uv=uv), rig, handle)
         if other is None:
             return None
         columns.append(motion_between(other[0], T) / STEPS[k])
     grown = np.linalg.inv(np.eye(6) - np.column_stack(columns))
-    return _shifted(before, grown @ motion_between(T, before)), grown @ covariance @ grown.T
+    return shifted(before, grown @ motion_between(T, before)), grown @ covariance @ grown.T
 
 
 def _fit(centres: CentrePixels, rig: Rig, handle: Handle) -> tuple[RigidTransform, Array] | None:
@@ -81,7 +81,3 @@ def _to_centre(rig: Rig, handle: Handle, T: RigidTransform, views: Views) -> Arr
     """From predicted centroids to the images of the centres, (k, 2), px."""
     centres = np.stack([camera.project(T.apply(handle.marker_centres)) for camera in rig.cameras])
     return centres[views] - predict_centroids(rig, handle, T, views)[0]
-
-
-def _shifted(T: RigidTransform, motion: Array) -> RigidTransform:
-    return RigidTransform.from_components(T.translation + motion[:3], Rotation.from_rotvec(motion[3:]) * T.rotation)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +15,7 @@ from .camera import Rig
 from .checks import as_number
 from .datasets import load_table1
 from .handle import Handle, read_handle
-from .metrics import PoseErrors, nearest_equivalent, pose_errors, track_equivalent
+from .metrics import PoseErrors, nearest_equivalent, pose_errors
 from .outputs import check_target
 from .parameters import BEST, ESTIMATORS, Parameters
 from .posetable import pose_table, read_poses, transforms, write_poses
@@ -59,7 +58,7 @@ def measure_folder(rig: str | Path, handle: str | Path, images: str | Path, out:
     ValueError
         Names the file that is missing, unreadable or does not fit.
     """
-    parameters = Parameters(estimator=_estimator(method))
+    parameters = Parameters(estimator=estimator_of(method))
     the_rig, the_handle = read_rig(rig), read_handle(handle)
     instants = list_instants(images, the_rig)
     expected = {} if prior is None else _expected(prior, len(instants))
@@ -71,50 +70,6 @@ def measure_folder(rig: str | Path, handle: str | Path, images: str | Path, out:
     table = pose_table(poses)
     write_poses(table, out)
     return table
-
-
-@dataclass(frozen=True)
-class Evaluation:
-    """How a table of poses compares with its truth.
-
-    Attributes
-    ----------
-    instants : int
-        Of the truth.
-    measured, ambiguous, predicted, lost : int
-        Instants by status; an instant of the truth that has no row counts as lost.
-    errors : PoseErrors or None
-        Over the rows that hold a pose, `predicted` ones left out; None if there is none.
-    """
-
-    instants: int
-    measured: int
-    ambiguous: int
-    predicted: int
-    lost: int
-    errors: PoseErrors | None
-
-
-def evaluate(poses: str | Path, truth: str | Path, handle: str | Path) -> Evaluation:
-    """Compare a pose file with the truth, up to the handle's symmetry (Eq. 26-27).
-
-    The `measured` rows are compared as one track, by one equivalent for all; an `ambiguous` row says of itself that it
-    is one of several, so each is compared by its nearest equivalent.
-
-    Raises
-    ------
-    ValueError
-        If a file is missing or malformed, or the two have no frame in common.
-    """
-    found, true, the_handle = read_poses(poses), read_poses(truth), read_handle(handle)
-    true = true[true["status"] != "lost"]
-    both = found.merge(true, on="frame", suffixes=("", "_true"))
-    if both.empty:
-        raise ValueError(f"{poses}, {truth}: no frame in common")
-    counts = both["status"].value_counts()
-    measured, ambiguous, predicted = (int(counts.get(s, 0)) for s in ("measured", "ambiguous", "predicted"))
-    lost = len(true) - measured - ambiguous - predicted
-    return Evaluation(len(true), measured, ambiguous, predicted, lost, _errors(both, true, the_handle))
 
 
 def replicate(poses: Iterable[RigidTransform], rig: Rig, handle: Handle, seed: int = 0, bench: Bench | None = None,
@@ -168,7 +123,8 @@ def replication_errors(measurements: list[Measurement], truths: RigidTransform, 
     return pose_errors(nearest_equivalent(estimates, truths[held], handle.symmetries), truths[held])
 
 
-def _estimator(method: str) -> str:
+def estimator_of(method: str) -> str:
+    """The estimator that `--method` names. Raises ValueError for another word."""
     if method not in METHODS:
         raise ValueError(f"method: expected one of {', '.join(METHODS)}, got {method!r}")
     return METHODS[method]
@@ -181,17 +137,3 @@ def _expected(path: str | Path, instants: int) -> dict[int, RigidTransform]:
         raise ValueError(f"{path}: no frame in common with the images, which are frames 0 to {instants - 1}")
     held = table[table["status"] != "lost"]
     return dict(zip(held["frame"], transforms(held), strict=True)) if len(held) else {}
-
-
-def _errors(both: pd.DataFrame, true: pd.DataFrame, handle: Handle) -> PoseErrors | None:
-    """Errors over the measured and the ambiguous rows of the joined table; None if there are none."""
-    estimates, truths = [], []
-    for status, equivalent in (("measured", track_equivalent), ("ambiguous", nearest_equivalent)):
-        rows = both[both["status"] == status]
-        if len(rows):
-            true_poses = transforms(true.set_index("frame").loc[rows["frame"]])
-            estimates.append(equivalent(transforms(rows), true_poses, handle.symmetries))
-            truths.append(true_poses)
-    if not estimates:
-        return None
-    return pose_errors(RigidTransform.concatenate(estimates), RigidTransform.concatenate(truths))

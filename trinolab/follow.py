@@ -1,0 +1,173 @@
+"""The handle measured where it is expected: markers at their predicted places, and the pose from them (Sect. 4.2)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from scipy.spatial.transform import RigidTransform, Rotation
+
+from .blobs import RING_PX
+from .camera import Camera, Rig
+from .checks import Array, frozen
+from .estimation import APART_MM, APART_RAD, Identified, estimate, fit_pose, judged
+from .handle import Handle
+from .hypotheses import FAR, Poses, explain, fit, ideal_pixels, predict
+from .layout import layout_of, views_of
+from .markers import Markers
+from .parameters import BEST, Parameters
+from .pose import LOST, Pose, motion_between, shifted
+from .posefilter import Motion
+from .refine import fit_patches
+from .spot import markers_at
+from .window import Window
+
+SEEN_DEG = 76.0  # markers turned further away are not expected
+MORE_MM_S, MORE_RAD_S = 50.0, 0.3  # added to the standard deviations of the predicted rates
+MOST = 0.55  # share of the expected markers that a camera must show to count
+
+
+class Sight(NamedTuple):
+    """What one camera shows where the handle is expected.
+
+    Attributes
+    ----------
+    window : Window or None
+        In which the markers lie; None if the handle is expected outside the image.
+    found : ndarray, shape (markers, 6)
+        As `spot.markers_at` gives it, in pixels of the whole image.
+    """
+
+    window: Window | None
+    found: Array
+
+
+class Expected(NamedTuple):
+    """Where a motion predicts the markers in each camera: pixels (markers, 2), NaN for those turned away, a marker's
+    size and how far it moves while the shutter is open, px."""
+
+    uv: Array
+    size_px: float
+    smear_px: float
+
+
+def expect(rig: Rig, handle: Handle, motion: Motion, p: Parameters) -> list[Expected]:
+    """Where a motion predicts the markers, one a camera."""
+    views, layout = views_of(rig), layout_of(handle)
+    predicted = predict(_batch(motion.pose), views, layout)
+    ahead = predict(_batch(shifted(motion.pose, p.exposure_s * motion.rates[:6])), views, layout)
+    smear = np.linalg.norm(ahead.uv - predicted.uv, axis=2)[0].max(axis=1)
+    uv = np.where((predicted.facing > np.cos(np.deg2rad(SEEN_DEG)))[:, :, None], predicted.uv, np.nan)[0]
+    depths = np.maximum(predicted.points[0, :, 2].mean(axis=1), 1.0)
+    sizes = handle.marker_diameter_mm * views.focal.max(axis=1) / depths
+    return [Expected(_as_taken(camera, pixels.T), float(size), float(moved))
+            for camera, pixels, size, moved in zip(rig.cameras, uv, sizes, smear, strict=True)]
+
+
+def look(images: Sequence[np.ndarray], expected: Sequence[Expected], rig: Rig, handle: Handle,
+         p: Parameters) -> list[Sight]:
+    """Measure the markers where they are expected; half a marker's diameter off is near enough.
+
+    A marker reaches further where it moves: by half of its way in the exposure.
+    """
+    return [_look(image, camera, handle, one.uv, 0.75 * one.size_px + RING_PX + one.smear_px / 2, p)
+            for image, camera, one in zip(images, rig.cameras, expected, strict=True)]
+
+
+def _look(image: np.ndarray, camera: Camera, handle: Handle, uv: Array, reach_px: float, p: Parameters) -> Sight:
+    around = Window.around(np.clip(uv, -1e6, 1e6))
+    window = around and around.grown(2 * reach_px).clipped(camera.size)
+    if window is None:
+        return Sight(None, np.full((len(uv), 6), np.nan))
+    corner = np.array([window.u, window.v, 0, 0, 0, 0])
+    return Sight(window, markers_at(window.crop(image), uv - corner[:2], reach_px, handle.markers, p.markers) + corner)
+
+
+def _as_taken(camera: Camera, ideal: Array) -> Array:
+    """Ideal pixels as those of the distorted image."""
+    if not camera.distortions.any():
+        return ideal
+    return camera.to_pixels((ideal - camera.principal_point) / camera.focal)
+
+
+def _batch(T: RigidTransform) -> Poses:
+    matrix = T.as_matrix()
+    return Poses(matrix[None, :3, :3], matrix[None, :3, 3])
+
+
+def follow(images: Sequence[np.ndarray], sights: Sequence[Sight], rig: Rig, handle: Handle, motion: Motion,
+           p: Parameters) -> tuple[Pose, tuple[np.ndarray, ...]]:
+    """The pose of markers that were looked for where a motion predicts them.
+
+    Where the estimator gives no pose, or another one than the markers agree on, the image model does: a single camera
+    is enough for it, and it knows what motion smears.
+
+    Returns
+    -------
+    pose : Pose
+        ``measured``; `LOST` if too little fits.
+    labels : tuple of ndarray of int, one a camera, shape (markers,)
+        The marker's index where it was found and agrees, else -1.
+    """
+    pixels = tuple(sight.found[:, :2] for sight in sights)
+    T, labels = _agreed(list(pixels), rig, handle, motion.pose, p)
+    if T is not None and p.estimator != BEST:
+        pose = _estimated(Identified(images, pixels, labels, T, _smear(motion, p)), rig, handle, p)
+        if pose.T_world_handle is not None and not apart(pose.T_world_handle, T, APART_MM, APART_RAD):
+            return pose, labels
+    return _by_pixels(images, rig, handle, motion.pose if T is None else T, _smear(motion, p), p), labels
+
+
+def _smear(motion: Motion, p: Parameters) -> tuple[Array, Array]:
+    """The motion expected while the shutter is open, (6,), and its covariance, (6, 6); it may be wrong by some more."""
+    spread = motion.covariance[6:12, 6:12] + np.diag(np.repeat([MORE_MM_S, MORE_RAD_S], 3) ** 2)
+    return p.exposure_s * motion.rates[:6], p.exposure_s**2 * spread
+
+
+def _by_pixels(images: Sequence[np.ndarray], rig: Rig, handle: Handle, start: RigidTransform,
+               smear: tuple[Array, Array], p: Parameters) -> Pose:
+    """The image model's pose, if in some cameras most of what it predicts is there."""
+    fit = fit_patches(images, rig, handle, start, p.max_slant_deg, smear=smear)
+    if fit is None:
+        return LOST
+    cameras = fit.views.camera
+    share = np.array([fit.shown[cameras == c].mean() if (cameras == c).any() else 0.0 for c in range(len(rig.cameras))])
+    return judged(fit._replace(shown=fit.shown & (share > MOST)[cameras]))
+
+
+def found_markers(sight: Sight) -> Markers:
+    """What a camera shows, with a row for each marker; NaN where there is none."""
+    table = sight.found
+    return Markers(frozen(table[:, :2]), frozen(table[:, 2:4]), frozen(table[:, 4]), frozen(table[:, 5]), ())
+
+
+def apart(a: RigidTransform, b: RigidTransform, most_mm: float, most_rad: float) -> bool:
+    """Whether two poses differ by more than a distance or an angle."""
+    away = motion_between(a, b)
+    return bool(np.linalg.norm(away[:3]) > most_mm or np.linalg.norm(away[3:]) > most_rad)
+
+
+def _agreed(pixels: list[Array], rig: Rig, handle: Handle, start: RigidTransform,
+            p: Parameters) -> tuple[RigidTransform | None, tuple[np.ndarray, ...]]:
+    """The pose that most of the markers agree with, and those that do."""
+    views, layout, uv = views_of(rig), layout_of(handle), ideal_pixels(rig, pixels)
+    shown = uv[:, 0] < FAR
+    poses, labels = _batch(start), np.where(shown, np.arange(shown.shape[1]), -1)[None]
+    for gate, steps in ((4.0, 2), (1.5, 1)):
+        poses = fit(poses, labels, views, layout, uv, steps)
+        explained = explain(poses, views, layout, uv, gate * p.identity.gate_px)
+        labels = np.where(explained.labels == np.arange(shown.shape[1]), explained.labels, -1)
+    count = int((labels >= 0).sum())
+    residual = np.sqrt(np.where(labels >= 0, explained.squares, 0.0).sum() / max(2 * count - 6, 1))
+    if count < 4 or not residual <= p.identity.max_residual_px or not np.isfinite(poses.rotations).all():
+        return None, tuple(labels[0])
+    turn = Rotation.from_matrix(poses.rotations[0])
+    return RigidTransform.from_components(poses.translations[0], turn), tuple(labels[0])
+
+
+def _estimated(instant: Identified, rig: Rig, handle: Handle, p: Parameters) -> Pose:
+    """The pose by the estimator; the paper's as it is, without the image model that checks it in a single instant."""
+    if p.estimator == "paper":
+        return fit_pose(instant.labels, rig, handle, instant.pixels, p, instant.T_world_handle)
+    return estimate(instant, rig, handle, p)

@@ -1,0 +1,120 @@
+"""What the tracker saw, drawn into the cameras' pictures: windows, markers with their numbers, the pose's axes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import cv2
+import numpy as np
+from scipy.spatial.transform import RigidTransform
+
+from .camera import Camera, Rig
+from .posetracker import Tracked
+
+WIDTH = 640  # of a camera's picture, px
+AXIS_MM = 25.0
+_WINDOW, _STRANGER, _MARKER = (200, 200, 0), (120, 120, 120), (60, 220, 60)  # blue, green, red
+_AXES = ((60, 60, 255), (60, 220, 60), (255, 120, 60))
+_STATUS = {"measured": (60, 220, 60), "ambiguous": (0, 200, 255), "predicted": (0, 140, 255), "lost": (60, 60, 255)}
+
+
+def picture(images: Sequence[np.ndarray], tracked: Tracked, rig: Rig, frame: int, t_s: float) -> np.ndarray:
+    """All cameras' pictures side by side, with what was found.
+
+    Parameters
+    ----------
+    images : sequence of ndarray, shape (height, width)
+        Grey levels 0 to 255, one a camera.
+    tracked : posetracker.Tracked
+    rig : Rig
+    frame, t_s
+        Number and time (s) of the instant, for the caption.
+
+    Returns
+    -------
+    ndarray of uint8, shape (height, width, 3)
+        Blue first; even sides.
+    """
+    views = [_view(images[c], camera, tracked, c) for c, camera in enumerate(rig.cameras)]
+    height = max(len(view) for view in views)
+    together = np.hstack([np.pad(view, ((0, height - len(view)), (0, 0), (0, 0))) for view in views])
+    pose = tracked.measurement.pose
+    caption = f"frame {frame}  {t_s:.3f} s  {pose.status}"
+    if pose.T_world_handle is not None:
+        x, y, z = pose.T_world_handle.translation
+        caption += f"  ({x:.1f}, {y:.1f}, {z:.1f}) mm"
+    colour = _STATUS[pose.status]
+    cv2.putText(together, caption, (10, height - 12), cv2.FONT_HERSHEY_SIMPLEX, 0.6, colour, 2, cv2.LINE_AA)
+    return together[:height // 2 * 2, :together.shape[1] // 2 * 2]
+
+
+class Film:
+    """A VP9 video that takes its name when it is whole; a context manager.
+
+    Raises
+    ------
+    ValueError
+        If the video cannot be written.
+    """
+
+    def __init__(self, path: str | Path, fps: float) -> None:
+        self.path, self.fps = Path(path), fps
+        self._partial = self.path.with_name(f".{self.path.stem}.partial{self.path.suffix}")
+        self._writer: cv2.VideoWriter | None = None
+
+    def __enter__(self) -> Film:
+        return self
+
+    def add(self, image: np.ndarray) -> None:
+        """One more picture, (height, width, 3); all of one size."""
+        if self._writer is None:
+            code = cv2.VideoWriter.fourcc(*"VP90")
+            self._writer = cv2.VideoWriter(str(self._partial), code, self.fps, (image.shape[1], image.shape[0]))
+            if not self._writer.isOpened():
+                raise ValueError(f"{self.path}: cannot be written as a VP9 video")
+        self._writer.write(image)
+
+    def __exit__(self, kind: object, *_: object) -> None:
+        if self._writer is not None:
+            self._writer.release()
+        if self._partial.exists():
+            if kind is None:
+                self._partial.replace(self.path)
+            else:
+                self._partial.unlink()
+
+
+def _view(image: np.ndarray, camera: Camera, tracked: Tracked, c: int) -> np.ndarray:
+    """One camera's picture, made smaller, with its window, markers and axes."""
+    scale = WIDTH / image.shape[1]
+    size = (WIDTH, round(image.shape[0] * scale))
+    small = cv2.resize(image.astype(np.uint8), size, interpolation=cv2.INTER_AREA)
+    view = cv2.cvtColor(small, cv2.COLOR_GRAY2BGR)
+    if (window := tracked.windows[c]) is not None:
+        corners = [(_pixel((u, v), scale)) for u, v in ((window.u, window.v),
+                                                        (window.u + window.width - 1, window.v + window.height - 1))]
+        cv2.rectangle(view, corners[0], corners[1], _WINDOW, 1)
+    found, labels = tracked.measurement.found[c], tracked.measurement.labels[c]
+    for uv, label in zip(found.uv, labels, strict=True):
+        if np.isfinite(uv).all():
+            cv2.circle(view, _pixel(uv, scale), 6, _STRANGER if label < 0 else _MARKER, 1, cv2.LINE_AA)
+            if label >= 0:
+                at = _pixel(uv + 10 / scale, scale)
+                cv2.putText(view, str(label), at, cv2.FONT_HERSHEY_SIMPLEX, 0.4, _MARKER, 1, cv2.LINE_AA)
+    if (T := tracked.measurement.pose.T_world_handle) is not None:
+        _draw_axes(view, camera, T, scale)
+    cv2.putText(view, camera.name, (10, 22), cv2.FONT_HERSHEY_SIMPLEX, 0.6, (230, 230, 230), 1, cv2.LINE_AA)
+    return view
+
+
+def _draw_axes(view: np.ndarray, camera: Camera, T_world_handle: RigidTransform, scale: float) -> None:
+    ends = camera.project(T_world_handle.apply(AXIS_MM * np.vstack([np.zeros(3), np.eye(3)])))
+    if np.isfinite(ends).all() and np.abs(ends).max() < 1e5:
+        for end, colour in zip(ends[1:], _AXES, strict=True):
+            cv2.arrowedLine(view, _pixel(ends[0], scale), _pixel(end, scale), colour, 2, cv2.LINE_AA, tipLength=0.15)
+
+
+def _pixel(uv: Sequence[float] | np.ndarray, scale: float) -> tuple[int, int]:
+    """A pixel of the camera's image as one of the smaller picture."""
+    return round((float(uv[0]) + 0.5) * scale - 0.5), round((float(uv[1]) + 0.5) * scale - 0.5)

@@ -1,0 +1,116 @@
+"""A filter for the handle's pose: position and orientation with their rates, driven by a white jerk.
+
+The model of `kalman` with 18 numbers: a small motion away from the pose that is believed, its rate and the rate's rate.
+After each step the motion goes into the pose and is zero again (the error-state filter, Sola 2017, arXiv:1711.02508),
+so that no orientation is ever far from where its three angles are small.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+from scipy.spatial.transform import RigidTransform
+
+from . import kalman
+from .checks import Array, as_number
+from .pose import motion_between, shifted
+
+
+@dataclass(frozen=True)
+class PoseFilterParameters:
+    """How a handle may move.
+
+    Attributes
+    ----------
+    jerk_mm, jerk_rad : float
+        Intensity of the white jerk, mm^2/s^5 and rad^2/s^5: for a held handle the fit to a person's motion.
+    speed_mm_s, turn_rad_s : float
+        Standard deviations of the rates at the start.
+    floor_mm, floor_rad : float
+        Added to the measured poses' standard deviations: what their covariances do not know.
+    """
+
+    jerk_mm: float = 5e7
+    jerk_rad: float = 5e3
+    speed_mm_s: float = 400.0
+    turn_rad_s: float = 2.0
+    floor_mm: float = 0.05
+    floor_rad: float = 0.005
+
+    def __post_init__(self) -> None:
+        for name in self.__dataclass_fields__:
+            as_number(getattr(self, name), name, low=0.0, high=1e12, open_low=True)
+
+
+class Motion(NamedTuple):
+    """What is believed of the handle's motion at a time.
+
+    Attributes
+    ----------
+    t_s : float
+    pose : RigidTransform
+        T_world_handle.
+    rates : ndarray, shape (12,)
+        Velocity (mm/s), turn rate (rad/s), and their rates; world frame.
+    covariance : ndarray, shape (18, 18)
+        Of pose (mm, rad) and rates.
+    """
+
+    t_s: float
+    pose: RigidTransform
+    rates: Array
+    covariance: Array
+
+    @property
+    def pose_covariance(self) -> Array:
+        """Of position (mm) and rotation vector (rad), world frame, shape (6, 6)."""
+        return self.covariance[:6, :6]
+
+
+def begin(t_s: float, pose: RigidTransform, covariance: Array, p: PoseFilterParameters) -> Motion:
+    """The motion after a first pose with its covariance (6, 6): rates are zero and unknown."""
+    rates = np.repeat([p.speed_mm_s, p.turn_rad_s], 3)
+    spread = np.zeros((18, 18))
+    spread[:6, :6] = covariance + _floor(p)
+    spread[range(6, 18), range(6, 18)] = np.concatenate([rates, 10 * rates]) ** 2  # from rest within 0.1 s
+    return Motion(t_s, pose, np.zeros(12), spread)
+
+
+def predict(motion: Motion, t_s: float, p: PoseFilterParameters) -> Motion:
+    """Carry a motion on to a later time (Eq. 9, 10, of 18 numbers). Raises ValueError if the time does not increase."""
+    F, Q = _model(as_number(t_s - motion.t_s, "t_s", low=kalman.MIN_DT_S, high=1e6), p.jerk_mm, p.jerk_rad)
+    mean = F[:, 6:] @ motion.rates
+    return Motion(t_s, shifted(motion.pose, mean[:6]), mean[6:], F @ motion.covariance @ F.T + Q)
+
+
+def update(motion: Motion, pose: RigidTransform, covariance: Array, p: PoseFilterParameters) -> Motion:
+    """Correct a predicted motion by a measured pose with its covariance (6, 6) (Eq. 13-15, H = (1 0 0))."""
+    P, R = motion.covariance, covariance + _floor(p)
+    K = np.linalg.solve(P[:6, :6] + R, P[:6]).T
+    correction = K @ motion_between(pose, motion.pose)
+    rest = np.eye(18)
+    rest[:, :6] -= K
+    after = rest @ P @ rest.T + K @ R @ K.T  # Joseph's form of Eq. 14
+    return Motion(motion.t_s, shifted(motion.pose, correction[:6]), motion.rates + correction[6:], after)
+
+
+def surprise(motion: Motion, pose: RigidTransform, covariance: Array, p: PoseFilterParameters) -> float:
+    """The normalised innovation squared of a measured pose: chi-square with six degrees of freedom if all holds."""
+    S = motion.pose_covariance + covariance + _floor(p)
+    away = motion_between(pose, motion.pose)
+    return float(away @ np.linalg.solve(S, away))
+
+
+@lru_cache(maxsize=64)
+def _model(dt: float, jerk_mm: float, jerk_rad: float) -> tuple[Array, Array]:
+    """Phi and Q of the 18 numbers, (18, 18) each (Eq. 10, 11)."""
+    F = np.kron(kalman.constant_acceleration(dt)[::2, ::2], np.eye(6))
+    Q = np.kron(kalman.white_jerk(dt, 1.0)[::2, ::2], np.diag(np.repeat([jerk_mm, jerk_rad], 3)))
+    return F.astype(float), Q.astype(float)
+
+
+def _floor(p: PoseFilterParameters) -> Array:
+    return np.diag(np.repeat([p.floor_mm, p.floor_rad], 3) ** 2)

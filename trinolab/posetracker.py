@@ -1,0 +1,206 @@
+"""The handle followed through a sequence by a filter on its pose: look where it is expected, else everywhere.
+
+The paper's windows follow what moves in each image (`tracker.step`); here they are the projections of one predicted
+pose, so that a camera that is covered for a while, or sees a hand move, knows where to look all the same. No background
+is needed: what is no marker in its place is no marker.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.spatial.transform import RigidTransform
+
+from . import posefilter
+from .camera import Rig
+from .checks import as_number, as_transform
+from .follow import apart, expect, follow, found_markers, look
+from .handle import Handle
+from .identity import choose, equivalents, relabel
+from .parameters import Parameters
+from .pose import LOST, Pose
+from .posefilter import Motion
+from .recentre import displacement
+from .tracker import Measurement, as_images, measure
+from .window import Window
+
+STEP_MM, STEP_RAD = 5.0, np.deg2rad(5.0)  # a measured pose may be off the predicted one by so much more than 5 sigma
+SHIFT_MM, SHIFT_RAD = 0.7, 0.2  # standard deviations of a pose that was shifted, not turned
+TURN_RAD = np.deg2rad(25.0)  # and by no more than this, where a turn of 60 deg looks the same
+
+
+class TrackState(NamedTuple):
+    """What is known after an instant.
+
+    Attributes
+    ----------
+    t_s : float
+        Time of the instant, s.
+    motion : Motion or None
+        None if nothing is followed.
+    measured_s : float
+        When the handle was last measured, s.
+    sure : bool
+        Whether the pose that is followed is the true one of those that look alike.
+    """
+
+    t_s: float
+    motion: Motion | None
+    measured_s: float
+    sure: bool
+
+
+class Tracked(NamedTuple):
+    """One instant of a track: the measurement, and the windows that were searched, None where a camera was left out."""
+
+    measurement: Measurement
+    windows: tuple[Window | None, ...]
+
+
+def start(t_s: float, pose: RigidTransform | None = None) -> TrackState:
+    """The state before the first instant.
+
+    Parameters
+    ----------
+    t_s : float
+        s; the first instant comes later.
+    pose : RigidTransform, optional
+        T_world_handle at that time where it is known: it tells poses that look alike apart.
+
+    Raises
+    ------
+    ValueError
+        If the time is no finite number, or the pose not one finite motion.
+    """
+    t = as_number(t_s, "t_s")
+    if pose is None:
+        return TrackState(t, None, -np.inf, False)
+    given = posefilter.begin(t, as_transform(pose, "pose"), np.diag([25.0] * 3 + [0.01] * 3), Parameters().motion)
+    return TrackState(t, given, t, True)
+
+
+def step(state: TrackState, frames: Sequence[ArrayLike], t_s: float, rig: Rig, handle: Handle,
+         parameters: Parameters | None = None) -> tuple[TrackState, Tracked]:
+    """One instant of a sequence.
+
+    Parameters
+    ----------
+    state : TrackState
+        After the instant before.
+    frames : sequence of array_like, shape (height, width)
+        As for `tracker.measure`.
+    t_s : float
+        Time of the frames, s; any step after the last one.
+    rig : Rig
+    handle : Handle
+    parameters : Parameters, optional
+
+    Returns
+    -------
+    state : TrackState
+    tracked : Tracked
+        With a pose ``measured``; ``ambiguous`` where the handle looks alike from several sides and has been lost since
+        it was known which; ``predicted`` for `memory_s` after the last measurement; else `LOST`.
+
+    Raises
+    ------
+    ValueError
+        If the frames are none of the rig, see `tracker.measure`, or the time does not increase.
+    """
+    p = parameters or Parameters()
+    t = as_number(t_s, "t_s", low=state.t_s, open_low=True)
+    images = as_images(frames, rig)
+    if state.motion is None:
+        return _sought(images, t, rig, handle, p)
+    predicted = posefilter.predict(state.motion, t, p.motion)
+    for motion in _guesses(images, predicted, rig, handle, p):
+        tracked = _followed(images, motion, rig, handle, p)
+        if _believable(tracked.measurement.pose, predicted, handle):
+            return _measured(tracked, predicted, state.sure, handle, p)
+    if t - state.measured_s > p.memory_s:
+        return _sought(images, t, rig, handle, p)
+    return state._replace(t_s=t, motion=predicted), _missed(tracked, predicted, state.sure, handle)
+
+
+def _guesses(images: list[np.ndarray], predicted: Motion, rig: Rig, handle: Handle, p: Parameters) -> Iterator[Motion]:
+    """Where the handle may be: as predicted, shifted from there, where a search in the whole images finds it."""
+    yield predicted
+    expected = expect(rig, handle, predicted, p)
+    shift = displacement(images, [one.uv for one in expected], [one.size_px for one in expected], rig, handle,
+                         predicted.pose.translation)
+    if shift is not None:
+        there = RigidTransform.from_translation(shift) * predicted.pose
+        yield posefilter.update(predicted, there, np.diag(np.repeat([SHIFT_MM, SHIFT_RAD], 3) ** 2), p.motion)
+    pose = measure(images, rig, handle, predicted.pose, p).pose
+    if _believable(pose, predicted, handle):
+        yield posefilter.update(predicted, pose.T_world_handle, np.diag(np.repeat([1.0, 0.1], 3) ** 2), p.motion)
+
+
+def _followed(images: list[np.ndarray], motion: Motion, rig: Rig, handle: Handle, p: Parameters) -> Tracked:
+    """The handle measured near where a motion has it."""
+    sights = look(images, expect(rig, handle, motion, p), rig, handle, p)
+    pose, labels = follow(images, sights, rig, handle, motion, p)
+    windows = tuple(sight.window for sight in sights)
+    return Tracked(Measurement(pose, tuple(map(found_markers, sights)), labels), windows)
+
+
+def _missed(tracked: Tracked, motion: Motion, sure: bool, handle: Handle) -> Tracked:
+    """An instant without a measurement: the predicted pose."""
+    pose = Pose("predicted", motion.pose, motion.pose_covariance, np.nan, 0, 0)
+    nothing = tuple(np.full(len(found.uv), -1) for found in tracked.measurement.found)
+    missed = replace(tracked.measurement, pose=pose, labels=nothing)
+    return tracked._replace(measurement=_reported(missed, sure, handle))
+
+
+def _measured(tracked: Tracked, motion: Motion, sure: bool, handle: Handle,
+              p: Parameters) -> tuple[TrackState, Tracked]:
+    """The state after a pose that continues the motion."""
+    pose = tracked.measurement.pose
+    assert pose.T_world_handle is not None
+    after = posefilter.update(motion, pose.T_world_handle, pose.covariance, p.motion)
+    reported = tracked._replace(measurement=_reported(tracked.measurement, sure, handle))
+    return TrackState(motion.t_s, after, motion.t_s, sure), reported
+
+
+def _sought(images: list[np.ndarray], t: float, rig: Rig, handle: Handle, p: Parameters) -> tuple[TrackState, Tracked]:
+    """The handle looked for in whole images, with nothing known."""
+    measurement = measure(images, rig, handle, None, p)
+    tracked = Tracked(measurement, tuple(Window(0, 0, *camera.size) for camera in rig.cameras))
+    pose, sure = measurement.pose, measurement.pose.status == "measured"
+    if pose.T_world_handle is None or not (sure or len(handle.symmetries) > 1):
+        return TrackState(t, None, -np.inf, False), tracked
+    return TrackState(t, posefilter.begin(t, pose.T_world_handle, pose.covariance, p.motion), t, sure), tracked
+
+
+def _believable(pose: Pose, motion: Motion, handle: Handle) -> bool:
+    """Whether a measured pose may be the continuation of a motion."""
+    if pose.status != "measured" or pose.T_world_handle is None:
+        return False
+    spread = motion.pose_covariance
+    most_mm = 5 * np.sqrt(np.trace(spread[:3, :3])) + STEP_MM
+    most_rad = 5 * np.sqrt(np.trace(spread[3:, 3:])) + STEP_RAD
+    if len(handle.symmetries) > 1:
+        most_rad = min(most_rad, TURN_RAD)
+    return not apart(pose.T_world_handle, motion.pose, most_mm, most_rad)
+
+
+def _reported(m: Measurement, sure: bool, handle: Handle) -> Measurement:
+    """As it is if it is sure which of the equivalent poses holds, else as the one that `tracker.measure` would name."""
+    pose = m.pose
+    if sure or pose is LOST or pose.T_world_handle is None or len(handle.symmetries) == 1:
+        return m
+    alike = equivalents(pose.T_world_handle, handle)
+    k = choose(alike, None)[0]
+    status = "ambiguous" if pose.status == "measured" else pose.status
+    labels = tuple(relabel(row, handle, handle.symmetries[k]) for row in m.labels)
+    return replace(m, pose=replace(pose, status=status, T_world_handle=alike[k]), labels=labels)
+
+
+def searched(tracked: Tracked, rig: Rig) -> float:
+    """Share of the images' pixels that were searched."""
+    area = sum(window.area for window in tracked.windows if window is not None)
+    return area / sum(camera.size[0] * camera.size[1] for camera in rig.cameras)

@@ -1,0 +1,186 @@
+"""What `trinolab track` does: a recording in, a pose file out, row by row, so that an interruption loses nothing."""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import json
+from collections.abc import Mapping
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import pandas as pd
+from scipy.spatial.transform import RigidTransform
+from tqdm import tqdm
+from tqdm.contrib.logging import logging_redirect_tqdm
+
+from . import posetracker
+from .handle import Handle, read_handle
+from .outputs import check_target, write_whole
+from .overlay import Film, picture
+from .parameters import Parameters
+from .pose import Pose
+from .posetable import POSE_COLUMNS, pose_row, read_poses, transforms, write_poses, write_tum
+from .posetracker import TrackState
+from .recording import Recording, find_footage, instants, open_recording
+from .rigfile import read_rig
+from .workflows import estimator_of
+
+PARTIAL = ".partial"  # behind the name of a pose file that is not finished
+
+
+class Job(NamedTuple):
+    """What is tracked: a recording, its handle, how, and known poses by their frames."""
+
+    recording: Recording
+    handle: Handle
+    parameters: Parameters
+    known: Mapping[int, RigidTransform]
+
+
+def track_files(rig: str | Path, handle: str | Path, sources: Mapping[str, str | Path], out: str | Path,
+                start: str | Path | None = None, overlay: str | Path | None = None, fps: float = 30.0,
+                timestamps: str | Path | None = None, method: str = "best", progress: bool = True) -> pd.DataFrame:
+    """Follow the handle through videos or image folders, and write its poses.
+
+    Rows are kept in a file beside `out` as they come. The same call goes on where an interrupted one has stopped.
+
+    Parameters
+    ----------
+    rig, handle : path
+        Rig and handle file.
+    sources : mapping of str to path
+        For each camera's name its video, or its folder of images (in the order of their names).
+    out : path
+        CSV of poses to write; TUM beside it, with the suffix ``.tum``.
+    start : path, optional
+        CSV of poses known at some frames: at the first one for a handle that looks alike from several sides.
+    overlay : path, optional
+        A .webm video (VP9) of what was found, from the frame with which this call began.
+    fps : float
+        Frames a second, where there are no timestamps.
+    timestamps : path, optional
+        CSV with the columns ``frame`` and ``t_s``.
+    method : str
+        The estimator, see `workflows.METHODS`.
+    progress : bool
+        Show a progress bar on standard error, if that is a terminal.
+
+    Returns
+    -------
+    pandas.DataFrame
+        The table that was written.
+
+    Raises
+    ------
+    ValueError
+        Names the file that is missing, unreadable or does not fit. Rows that are finished are kept.
+    KeyboardInterrupt
+        Says how many rows are kept.
+    """
+    the_rig = read_rig(rig)
+    recording = open_recording(sources, the_rig, fps, timestamps)
+    job = Job(recording, read_handle(handle), Parameters(estimator=estimator_of(method)), _known(start, recording))
+    for path in (out, Path(out).with_suffix(".tum"), *([overlay] if overlay else [])):
+        check_target(path)
+    rows = Rows(Path(f"{out}{PARTIAL}"), _fingerprint(rig, handle, sources, start, fps, timestamps, method))
+    with ExitStack() as stack:
+        film = stack.enter_context(Film(overlay, recording.rate)) if overlay else None
+        try:
+            _track_on(job, rows, film, progress)
+        except KeyboardInterrupt:
+            kept = f"{len(rows.table())} rows are kept in {rows.path}; the same command goes on"
+            raise KeyboardInterrupt(kept) from None
+    table = rows.table()
+    write_poses(table, out)
+    write_tum(table, Path(out).with_suffix(".tum"))
+    rows.path.unlink()
+    return table
+
+
+def track_folder(folder: str | Path, out: str | Path, **options: Any) -> pd.DataFrame:
+    """Follow the handle through a recording folder, see `recording`; options and errors as for `track_files`."""
+    root = Path(folder)
+    if not root.is_dir():
+        raise ValueError(f"{root}: no such folder")
+    sources = find_footage(root, read_rig(root / "rig.toml"))
+    times = root / "timestamps.csv"
+    return track_files(root / "rig.toml", root / "handle.toml", sources, out,
+                       timestamps=times if times.exists() else None, **options)
+
+
+class Rows:
+    """The finished rows of a track, in a file that grows; those of the same track interrupted are taken up.
+
+    Its first line names the track. A row that was cut off is dropped.
+    """
+
+    def __init__(self, path: Path, fingerprint: str) -> None:
+        self.path, self._head = path, f"# trinolab track {fingerprint}\n{','.join(POSE_COLUMNS)}\n"
+        text = path.read_text(encoding="utf-8", errors="replace") if path.exists() else ""
+        self._text = text[:text.rfind("\n") + 1] if text.startswith(self._head) else self._head
+        write_whole(path, self._text)
+
+    def add(self, frame: int, t_s: float, pose: Pose) -> None:
+        """One more row; it is on the disk when this returns. Raises ValueError if it cannot be written."""
+        cells = (f"{cell:.9g}" if isinstance(cell, float) else str(cell) for cell in pose_row(frame, t_s, pose))
+        line = ",".join("" if cell == "nan" else cell for cell in cells) + "\n"
+        try:
+            with self.path.open("a", encoding="utf-8") as file:
+                file.write(line)
+        except OSError as error:
+            raise ValueError(f"{self.path}: cannot be written ({error.strerror})") from None
+        self._text += line
+
+    def table(self) -> pd.DataFrame:
+        return pd.read_csv(io.StringIO(self._text), skiprows=1)
+
+
+def _track_on(job: Job, rows: Rows, film: Film | None, progress: bool) -> None:
+    """Track from the first frame that has no row."""
+    done = rows.table()
+    state, tracked_before = _state_after(done), int((done["status"] == "measured").sum())
+    stream = instants(job.recording, len(done))
+    with logging_redirect_tqdm(), tqdm(total=job.recording.length, initial=len(done), unit="instant",
+                                       disable=None if progress else True) as bar:
+        for now in stream:
+            if (known := job.known.get(now.frame)) is not None and (state is None or not state.sure):
+                state = posetracker.start(np.nextafter(now.t_s, -np.inf) - 1e-6, known)
+            state = state or posetracker.start(now.t_s - 1.0)
+            state, tracked = posetracker.step(state, now.images, now.t_s, job.recording.rig, job.handle, job.parameters)
+            rows.add(now.frame, now.t_s, tracked.measurement.pose)
+            if film is not None:
+                film.add(picture(now.images, tracked, job.recording.rig, now.frame, now.t_s))
+            tracked_before += tracked.measurement.pose.status == "measured"
+            bar.set_postfix_str(f"tracked {100 * tracked_before / (now.frame + 1):.0f} %", refresh=False)
+            bar.update()
+
+
+def _state_after(done: pd.DataFrame) -> TrackState | None:
+    """The tracker's state after the rows of an interrupted track: from its last pose, at unknown speed."""
+    held = done[done["status"].isin(["measured", "ambiguous"])]
+    if not len(held):
+        return None
+    last = held.iloc[-1]
+    state = posetracker.start(float(last["t_s"]), transforms(held.iloc[-1:])[0])
+    return state._replace(sure=last["status"] == "measured")
+
+
+def _known(path: str | Path | None, recording: Recording) -> dict[int, RigidTransform]:
+    """The poses of a start file by their frames."""
+    if path is None:
+        return {}
+    table = read_poses(path)
+    held = table[table["status"] != "lost"]
+    if not len(held):
+        raise ValueError(f"{path}: no row holds a pose")
+    return dict(zip(held["frame"], transforms(held), strict=True))
+
+
+def _fingerprint(rig: str | Path, handle: str | Path, sources: Mapping[str, str | Path], *others: Any) -> str:
+    """What tells one track from another: its files and options."""
+    files = [hashlib.sha256(Path(path).read_bytes()).hexdigest() for path in (rig, handle)]
+    where = {name: str(Path(path).resolve()) for name, path in sources.items()}
+    return hashlib.sha256(json.dumps([files, where, [str(o) for o in others]]).encode()).hexdigest()[:16]
