@@ -91,3 +91,9 @@ def test_a_hand_follows_given_poses():
     assert [shot.T_world_handle for shot in shots] == [None, T]
     assert [shot.arm is None for shot in shots] == [True, False]
     assert shots[1].gains == (1.0, 1.0)
+
+
+def test_while_one_camera_is_hidden_another_sees_enough():
+    for begin, end, _ in HIDDEN:
+        for shot in hard(RIG, np.arange(begin, end, 0.07), 0):
+            assert max(seen(shot, shot.arm)) >= 4

@@ -219,8 +219,7 @@ def _add_render(commands: argparse._SubParsersAction) -> None:
                    help="the recording to write; until it is whole it is DIR.partial, and goes on where it stopped")
     p.add_argument("--seed", type=int, default=0, metavar="N", help="of motion and noise (default: %(default)s)")
     p.add_argument("--seconds", type=float, metavar="S", help="length (default: 10, or all of POSES.csv)")
-    p.add_argument("--fps", type=float, default=30.0, metavar="F",
-                   help="frames a second; times in POSES.csv go before it (default: %(default)s)")
+    p.add_argument("--fps", type=float, default=30.0, metavar="F", help="frames a second, if POSES.csv has no times")
 
 
 def _add_capture(commands: argparse._SubParsersAction) -> None:

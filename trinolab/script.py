@@ -21,7 +21,7 @@ from .exposure import EXPOSURE_S
 from .motion import human_motion
 
 # The hard script's times, s. A camera is its place in the rig; a rig of two takes them in turn.
-HIDDEN = ((0.6, 1.4, 0), (4.4, 5.2, 2), (9.0, 9.8, 1))  # a second hand is before this camera
+HIDDEN = ((0.6, 1.4, 2), (4.4, 5.2, 0), (9.0, 9.8, 1))  # a second hand is before this camera
 LIGHT_STEP_S, LIGHT_BEFORE, LIGHT_AFTER = 1.5, 0.8, 1.2
 COVERED = (3.0, 4.0, 1)  # this camera is dark
 OUT_S, AWAY_S, BACK_S, INSIDE_S = 5.6, 6.6, 6.9, 7.9  # the handle leaves the images, and comes back
@@ -31,6 +31,7 @@ EMPTY_S = 1.0  # of the calm script, at its start
 _AWAY_MM = 350.0  # along the world's x: beyond every image
 _APPROACH_S, _APPROACH_MM = 0.2, 450.0  # in which the second hand comes from out of the images, and how far
 _MIDDLE = np.array([0.0, 0.0, 570.0])  # of the standard scene
+_FROM = np.array([0.2, 0.75, 0.63])  # whence the second hand comes: from below
 _DRIFT, _DRIFT_S = 0.08, 8.0  # the light's slow drift: its share, its period
 _LEAD_S = 0.1  # the motion has begun before the first instant
 _HOLDING = Arm(forearm=(0.78, 0.58, 0.24), forearm_length_mm=500.0)  # the elbow is outside the images
@@ -117,10 +118,10 @@ def _hidden_from(rig: Rig, t: float) -> tuple[float, float, float] | None:
 
 
 def _aside(camera: Camera) -> Array:
-    """Direction across a camera's sight from which the second hand comes: the operator's side, shape (3,)."""
+    """Direction across a camera's sight from which the second hand comes: from below, shape (3,)."""
     sight = camera.centre - _MIDDLE
     sight /= np.linalg.norm(sight)
-    across = np.array(_HOLDING.forearm) - (np.array(_HOLDING.forearm) @ sight) * sight
+    across = _FROM - (_FROM @ sight) * sight
     return across / max(float(np.linalg.norm(across)), 1e-12)
 
 
