@@ -23,7 +23,7 @@ from trinolab.posetable import truth_table, write_poses
 from trinolab.rigfile import write_rig
 from trinolab.trackquality import TrackQuality
 
-COMMANDS = ("calibrate", "measure", "evaluate", "capture", "scoreboard")
+COMMANDS = ("calibrate", "measure", "evaluate", "capture", "render", "clear", "scoreboard")
 SIZE = (32, 24)
 MEASURE = "measure --rig rig.toml --handle handle.toml --images images --out poses.csv"
 EVALUATE = "evaluate found.csv truth.csv --handle handle.toml"

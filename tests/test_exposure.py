@@ -4,11 +4,14 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import RigidTransform
 
+from trinolab.arm import Arm
+from trinolab.bench import background, blurred
 from trinolab.camera import Camera
 from trinolab.datasets import load_handle, load_rig, load_table1
-from trinolab.exposure import EXPOSURE_S, exposed
-from trinolab.handle import Handle
-from trinolab.scene import Bench, radiance
+from trinolab.exposure import EXPOSURE_S, exposed, smeared
+from trinolab.handle import Handle, slants
+from trinolab.layer import over
+from trinolab.scene import Bench, radiance, scaled
 
 CAMERA = Camera("one", (160, 120), np.array([[1500.0, 0, 80], [0, 1500, 60], [0, 0, 1]]), np.zeros(5),
                 RigidTransform.identity())
@@ -59,3 +62,64 @@ def test_refuses_what_is_no_motion():
         exposed(CAMERA, ROD, AT, Bench(), np.zeros(2), np.zeros(3))
     with pytest.raises(ValueError, match="exposure_s"):
         exposed(CAMERA, ROD, AT, Bench(), np.zeros(3), np.zeros(3), -1.0)
+
+
+# --- drawn once and moved
+
+
+def centroid(image, uv, half=26):
+    """Centroid of the light around a pixel, which `uv` names; shape (2,)."""
+    u, v = np.round(uv).astype(int)
+    _, mean, _ = moments(image[v - half:v + half + 1, u - half:u + half + 1])
+    return mean + [u - half, v - half]
+
+
+def drawn(camera, handle, T, bench, *motion, arm=None):
+    return over(smeared(camera, handle, T, bench, *motion, arm), background(camera, bench))
+
+
+def test_smeared_is_exposed():
+    camera, handle, T = load_rig("paper_pair").cameras[1], load_handle("paper"), load_table1().set_poses[4]
+    velocity, turn = np.array([-250.0, 180.0, 120.0]), np.deg2rad([25.0, -15.0, 20.0])
+    bench = Bench(background_grey=0.0, body_grey=0.0, shading=0.0)
+    slow, fast = exposed(camera, handle, T, bench, velocity, turn), drawn(camera, handle, T, bench, velocity, turn)
+    uv = camera.project(T.apply(handle.marker_centres))[facing_the(camera, handle, T)]
+    assert len(uv) >= 2
+    for pixel in uv:
+        np.testing.assert_allclose(centroid(fast, pixel), centroid(slow, pixel), atol=0.06)  # px; worst seen 0.05
+    assert fast.sum() == pytest.approx(slow.sum(), rel=0.003)
+    assert np.sqrt(np.mean((blurred(fast, bench) - blurred(slow, bench))[slow > 1] ** 2)) < 3  # of 220 grey levels
+
+
+def facing_the(camera, handle, T):
+    return slants(handle, T, camera.centre) < np.deg2rad(50)
+
+
+def test_arm_and_handle_are_smeared_alike():
+    rig, handle, T = load_rig("paper_pair"), load_handle("paper"), load_table1().set_poses[4]
+    camera, bench = scaled(rig.cameras[0], 0.25), Bench()
+    still = drawn(camera, handle, T, bench, np.zeros(3), np.zeros(3), arm=Arm())
+    assert (still == radiance(camera, handle, T, bench, Arm())).all()
+    velocity = np.array([400.0, 0, 0])
+    moving = drawn(camera, handle, T, bench, velocity, np.zeros(3), arm=Arm())
+    exact = np.mean([radiance(camera, handle, RigidTransform.from_translation(velocity * t) * T, bench, Arm())
+                     for t in EXPOSURE_S * ((np.arange(12) + 0.5) / 12 - 0.5)], axis=0)
+    off, blur = np.abs(moving - exact), np.abs(still - exact)
+    assert off.mean() < 0.2 * blur.mean()
+
+
+def test_what_leaves_the_image_has_no_edge_at_its_border():
+    at = RigidTransform.from_translation([0.0, 0.0, 505.0])
+    camera = Camera("two", (40, 120), np.array([[1500.0, 0, 20], [0, 1500, 60], [0, 0, 1]]), np.zeros(5),
+                    RigidTransform.identity())
+    bench = Bench(background_grey=0.0, shading=0.0)
+    image = drawn(camera, ROD, RigidTransform.from_translation([0.0, -35, 0]) * at, bench, np.array([0.0, 600, 0]),
+                  np.zeros(3))
+    assert image[0, 20] == pytest.approx(image[6, 20], abs=1)  # the rod comes in over the upper border
+
+
+def test_a_smeared_handle_outside_the_image_is_nothing():
+    beside = RigidTransform.from_translation([900.0, 0.0, 505.0])
+    assert smeared(CAMERA, ROD, beside, Bench(), np.array([300.0, 0, 0]), np.zeros(3)).light.size == 0
+    behind = RigidTransform.from_translation([0.0, 0.0, -505.0])
+    assert smeared(CAMERA, ROD, behind, Bench(), np.array([300.0, 0, 0]), np.zeros(3), Arm()).light.size == 0

@@ -2,9 +2,12 @@
 
 import numpy as np
 import pytest
-from scipy.spatial.transform import RigidTransform, Rotation
+from scipy.spatial.transform import RigidTransform, Rotation, Slerp
 
-from trinolab.motion import motion_at, random_pose, smooth_motion
+from trinolab.datasets import load_real_sets, real_set
+from trinolab.fetch import why_not
+from trinolab.motion import human_motion, motion_at, random_pose, smooth_motion
+from trinolab.realsets import load_trajectories
 
 LIMITS = np.array([[-90, 90], [-60, 60], [520, 620]])
 
@@ -131,3 +134,42 @@ def test_bad_arguments_are_named():
     }.items():
         with pytest.raises(ValueError, match=name):
             call()
+
+
+# --- a person's pace
+
+HELD = np.array([[329, 496], [15.3, 36.1]])  # mm/s and deg/s, median and 95 %, of the handheld recording at 30 Hz
+
+
+def quantiles(poses, step_s):
+    return np.array([np.percentile(values, [50, 95]) for values in rates(poses, step_s)])
+
+
+@pytest.mark.skipif(real_set("trajectories") is None,
+                    reason=f"no trajectories: {why_not(load_real_sets()['trajectories'])}")
+def test_the_pace_is_read_from_a_handheld_recording():
+    times, poses = load_trajectories()
+    every = np.arange(0, times[-1], 1 / 30)
+    turns = Slerp(times, poses.rotation)(every)
+    places = np.column_stack([np.interp(every, times, axis) for axis in poses.translation.T])
+    np.testing.assert_allclose(quantiles(RigidTransform.from_components(places, turns), 1 / 30), HELD, rtol=0.005)
+
+
+def test_human_motion_has_the_speeds_and_turn_rates_of_a_person():
+    found = np.mean([quantiles(human_motion(rng(seed), np.arange(1800) / 30), 1 / 30) for seed in range(4)], axis=0)
+    np.testing.assert_allclose(found, HELD, rtol=0.08)  # over 12 seeds 328, 484, 15.5, 37.6
+    for seed in range(4):  # 10 s have medians of their own
+        short = quantiles(human_motion(rng(seed), np.arange(300) / 30), 1 / 30)
+        np.testing.assert_allclose(short, HELD, rtol=0.35)
+
+
+def test_human_motion_is_one_motion_whenever_it_is_asked_for():
+    times = np.array([0.0, 0.31, 1.0, 4.77, 9.5])
+    every = human_motion(rng(5), times)
+    np.testing.assert_allclose(every[:3].as_matrix(), human_motion(rng(5), times[:3]).as_matrix(), rtol=0, atol=1e-9)
+    assert len(human_motion(rng(5), [])) == 0
+    position = human_motion(rng(6), np.arange(600) / 30).translation
+    assert (position >= LIMITS[:, 0] - 1e-9).all()
+    assert (position <= LIMITS[:, 1] + 1e-9).all()
+    with pytest.raises(ValueError, match="times_s"):
+        human_motion(rng(5), [-1.0, 2.0])

@@ -23,16 +23,17 @@ ORDER = [
     "noise", "appearance", "centroids", "patches", "imagemodel", "registration", "outline", "refine", "reprojection",
     "weighted", "estimation", "corners", "targets", "relative", "zhang", "adjustment", "calibration", "tracker",
     "follow", "posetracker", "overlay", "raycast",
-    "capsule", "arm", "motion", "bench", "scene", "exposure", "bound", "boardscene", "boardtrial", "footage",
-    "recording", "recorder", "devices", "capturing", "trackquality", "evaluation", "sync",
-    "targetviews", "suspects", "calibrating",
+    "capsule", "arm", "motion", "bench", "layer", "shadow", "scene", "exposure", "script", "filming",
+    "bound", "boardscene", "boardtrial", "footage", "recording", "recorder", "rendering", "standard",
+    "devices", "capturing", "trackquality", "evaluation", "sync", "targetviews", "suspects", "calibrating",
     "errata_workspace", "errata_background", "errata_kalman", "errata_markers", "errata_pose", "errata_table1",
     "errata", "teleop", "slave", "sweep", "workflows", "tracking", "factors", "table1_bound", "deviations",
     "error_sources", "mixing", "pattern", "budget", "evidence", "trials", "elevation", "centroid_trial", "scoreboard",
     "cli",
 ]
 # all that makes the truth may know
-BENCH = {"checks", "outputs", "greyimage", "lens", "camera", "handle", "raycast", "capsule", "arm", "motion", "bench"}
+BENCH = {"checks", "outputs", "greyimage", "lens", "camera", "handle", "raycast", "capsule", "arm", "motion", "bench",
+         "layer", "shadow"}
 
 
 def imports(path):
@@ -83,6 +84,9 @@ def test_truth_and_estimate_share_only_camera_and_handle():
     found = {path.stem: imports(path)[0] for path in MODULES}
     for name in BENCH | {"scene"}:
         assert found.get(name, set()) <= BENCH, name
+    for name in ("exposure", "script", "filming"):
+        assert found[name] <= BENCH | {"scene", "exposure", "script"}, name
+    assert not {"tracker", "estimation", "identity"} & (found["rendering"] | found["standard"])
     assert "scene" not in found.get("tracker", set())
     assert found["boardscene"] <= BENCH | {"board"}
     assert not {"boardscene", "bench"} & (found["calibration"] | found["corners"])

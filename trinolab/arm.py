@@ -110,9 +110,11 @@ def true_visibility(camera: Camera, handle: Handle, T_world_handle: RigidTransfo
     as_transform(T_world_handle, "T_world_handle")
     steep = slants(handle, T_world_handle, camera.centre) > np.deg2rad(62)
     solids = None if arm is None else in_camera(camera, capsules(arm, handle, T_world_handle))
-    shown = np.array([_shown_share(camera, handle, T_world_handle, solids, k) for k in range(len(steep))])
-    inside = [camera.sees(T_world_handle.apply(marker_outline(handle, k)), 10).all() for k in range(len(steep))]
-    return ~steep & (shown >= 0.8) & np.array(inside)
+    seen = ~steep
+    for k in np.flatnonzero(seen).tolist():
+        inside = camera.sees(T_world_handle.apply(marker_outline(handle, k)), 10).all()
+        seen[k] = inside and _shown_share(camera, handle, T_world_handle, solids, k) >= 0.8
+    return seen
 
 
 def _shown_share(camera: Camera, handle: Handle, T_world_handle: RigidTransform, solids: Capsules | None,

@@ -99,10 +99,13 @@ def digitise(image: Array, bench: Bench, rng: np.random.Generator) -> np.ndarray
 
     Raises ValueError if `image` is no grey image, or `rng` no generator.
     """
-    image = np.maximum(as_image(image, "image"), 0)
-    noise = as_rng(rng).standard_normal(image.shape, dtype=np.float32)
-    noise *= np.sqrt(bench.shot_variance * image + bench.read_noise**2)
-    return np.clip(np.rint(image + noise), 0, 255).astype(np.uint8)
+    grey = np.maximum(as_image(image, "image"), 0.0)
+    noise = as_rng(rng).standard_normal(grey.shape, dtype=np.float32)
+    deviation = grey * bench.shot_variance
+    deviation += bench.read_noise**2
+    noise *= np.sqrt(deviation, out=deviation)
+    grey += noise
+    return np.clip(np.rint(grey, out=grey), 0, 255, out=grey).astype(np.uint8)
 
 
 @lru_cache(maxsize=8)

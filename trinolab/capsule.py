@@ -38,7 +38,7 @@ def in_camera(camera: Camera, solids: Capsules) -> Capsules:
 def capsule_region(camera: Camera, local: Capsules) -> np.ndarray:
     """Pixels that may see capsules of the camera's frame, bool (height, width); see `raycast.hull_region`."""
     region = np.zeros(camera.size[::-1], bool)
-    for corners in _corners(local):
+    for corners in capsule_corners(local):
         region |= hull_region(camera, corners)
     return region
 
@@ -58,6 +58,8 @@ def cast_capsules(local: Capsules, directions: Array) -> CapsuleHits:
     x, y, z = directions
     for start, end, radius, low, high in zip(*local, *_boxes(local), strict=True):
         near = np.flatnonzero((x >= low[0] * z) & (x <= high[0] * z) & (y >= low[1] * z) & (y <= high[1] * z))
+        if not near.size:
+            continue
         rays = directions[:, near]
         depth = _meet_capsule(start, end, radius, rays)
         closer = depth < depths[near]
@@ -78,7 +80,7 @@ def _ball(count: int = 100) -> Array:
 _BALL = _ball()
 
 
-def _corners(local: Capsules) -> Array:
+def capsule_corners(local: Capsules) -> Array:
     """Points whose convex hull holds each capsule, shape (m, n, 3), mm."""
     ball = local.radii[:, None, None] * _BALL
     return np.concatenate([local.starts[:, None] + ball, local.ends[:, None] + ball], axis=1)
@@ -86,7 +88,7 @@ def _corners(local: Capsules) -> Array:
 
 def _boxes(local: Capsules) -> tuple[Array, Array]:
     """Lowest and highest x/z, y/z of each capsule, shapes (m, 2); no limits where one reaches behind the camera."""
-    corners = _corners(local)
+    corners = capsule_corners(local)
     with np.errstate(divide="ignore", invalid="ignore"):
         xy = corners[..., :2] / corners[..., 2:]
     low, high = xy.min(axis=1), xy.max(axis=1)

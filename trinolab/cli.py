@@ -83,6 +83,24 @@ def _capture(a: argparse.Namespace) -> int:
     return 0
 
 
+def _render(a: argparse.Namespace) -> int:
+    from .rendering import render
+
+    try:
+        truth = render(a.rig, a.handle, a.motion, a.out, a.seed, a.seconds, a.fps)
+    except KeyboardInterrupt:
+        raise KeyboardInterrupt("run it again in the same way to go on") from None
+    print(f"{len(truth)} instants, the handle is there in {(truth['status'] != 'lost').sum()}; written to {a.out}")
+    return 0
+
+
+def _clear(a: argparse.Namespace) -> int:
+    from .standard import clear_recordings, recordings_folder
+
+    print(f"{clear_recordings() / 1e6:.0f} MB of standard recordings removed from {recordings_folder()}")
+    return 0
+
+
 def _scoreboard(a: argparse.Namespace) -> int:
     from .outputs import check_target, write_whole
     from .scoreboard import disagreements, scoreboard
@@ -132,6 +150,9 @@ def _parser() -> argparse.ArgumentParser:
     _add_calibrate(commands)
     _add_measure(commands)
     _add_evaluate(commands)
+    _add_render(commands)
+    _add(commands, "clear", _clear, "remove the standard recordings that chapters keep in the user's cache",
+         "trinolab clear")
     _add_capture(commands)
     board = _add(commands, "scoreboard", _scoreboard, "print the paper's claims beside what is computed here",
                  "trinolab scoreboard --csv scoreboard.csv")
@@ -185,6 +206,20 @@ def _add_evaluate(commands: argparse._SubParsersAction) -> None:
     p.add_argument("poses", metavar="POSES.csv", help="what 'trinolab measure' has written")
     p.add_argument("truth", metavar="TRUTH.csv", help="the true poses, joined on 'frame'")
     p.add_argument("--handle", required=True, metavar="HANDLE.toml", help="errors count up to its symmetry")
+
+
+def _add_render(commands: argparse._SubParsersAction) -> None:
+    p = _add(commands, "render", _render, "render a recording with its truth from the simulated bench",
+             "trinolab render --rig rig.toml --handle handle.toml --motion calm --out recording")
+    p.add_argument("--rig", required=True, metavar="RIG.toml", help="the cameras")
+    p.add_argument("--handle", required=True, metavar="HANDLE.toml", help="the handle and its markers")
+    p.add_argument("--motion", required=True, metavar="calm|hard|POSES.csv",
+                   help="a standard recording's script, or poses along which a hand holds the handle")
+    p.add_argument("--out", required=True, metavar="DIR",
+                   help="the recording to write; until it is whole it is DIR.partial, and goes on where it stopped")
+    p.add_argument("--seed", type=int, default=0, metavar="N", help="of motion and noise (default: %(default)s)")
+    p.add_argument("--seconds", type=float, metavar="S", help="length (default: 10, or all of POSES.csv)")
+    p.add_argument("--fps", type=float, default=30.0, metavar="F", help="frames a second, if POSES.csv has no times")
 
 
 def _add_capture(commands: argparse._SubParsersAction) -> None:

@@ -4,17 +4,22 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import cv2
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import RigidTransform, Rotation
 
+from .arm import Arm
 from .camera import Camera
 from .checks import Array, as_array, as_number
 from .handle import Handle
+from .layer import Layer, cropped, foreground
 from .scene import Bench, radiance
 
 EXPOSURE_S = 0.010
 STEP_PX = 0.5  # the farthest that a marker moves from one sample of the exposure to the next
+SMEAR_STEP_PX = 1.5  # likewise in `smeared`
+_LEAST_PX, _MOST_PX = 0.05, 300.0  # a motion of the image below or beyond these is not drawn
 
 
 def exposed(camera: Camera, handle: Handle, T_world_handle: RigidTransform, bench: Bench, velocity: ArrayLike,
@@ -54,6 +59,58 @@ def exposed(camera: Camera, handle: Handle, T_world_handle: RigidTransform, benc
     for t in 2 * half * ((np.arange(steps) + 0.5) / steps - 0.5):
         light += radiance(camera, handle, _moved(T_world_handle, v, w, t), bench)
     return light / steps
+
+
+def smeared(camera: Camera, handle: Handle, T_world_handle: RigidTransform, bench: Bench, velocity: ArrayLike,
+            turn_rate: ArrayLike, arm: Arm | None = None, exposure_s: float = EXPOSURE_S) -> Layer:
+    """Handle and arm in steady motion, smeared over the exposure: `exposed` in a twentieth of its time.
+
+    The layer at mid-exposure is drawn once, and moved by the affine motion of the image that fits the handle's. What
+    that leaves out is below a tenth of a pixel: the handle's turn about its own axis, and what perspective adds. The
+    arguments are those of `exposed`, and the arm, which moves with the handle.
+    """
+    half = as_number(exposure_s, "exposure_s", low=0.0) / 2
+    v, w = as_array(velocity, "velocity", (3,)), as_array(turn_rate, "turn_rate", (3,))
+    points = np.concatenate([handle.marker_centres, [[0, handle.top_mm, 0], [0, handle.bottom_mm, 0]]])
+    begin, end = (camera.project(_moved(T_world_handle, v, w, t).apply(points)) for t in (-half, half))
+    shown = np.isfinite(begin + end).all(axis=1)
+    longest = np.linalg.norm(end - begin, axis=1)[shown].max(initial=0.0)
+    if shown.sum() < 4 or not _LEAST_PX < longest < _MOST_PX:
+        return foreground(camera, handle, T_world_handle, bench, arm)
+    margin = int(np.ceil(longest / 2)) + 2
+    width, height = camera.size
+    wide = cropped(camera, (-margin, -margin), (width + 2 * margin, height + 2 * margin))
+    fine = replace(bench, supersampling=4, marker_supersampling=6)
+    layer = foreground(wide, handle, T_world_handle, fine, arm)
+    corner = layer.corner[0] - margin, layer.corner[1] - margin
+    flow = _affine((begin + end)[shown] / 2 - corner, (end - begin)[shown])
+    return _mean_of_moved(layer._replace(corner=corner), flow, margin, int(np.ceil(longest / SMEAR_STEP_PX)))
+
+
+def _affine(at: Array, change: Array) -> Array:
+    """The affine function of pixels, shape (2, 3), that best gives their change over the exposure.
+
+    Points on one line leave the change across it undetermined: it is the same then.
+    """
+    middle = at.mean(axis=0)
+    linear = np.linalg.lstsq(at - middle, change - change.mean(axis=0), rcond=0.05)[0].T
+    return np.column_stack([linear, change.mean(axis=0) - linear @ middle])
+
+
+def _mean_of_moved(layer: Layer, flow: Array, margin: int, steps: int) -> Layer:
+    """The mean of a layer moved by shares of -1/2 to 1/2 of a change over the exposure; its window is wider."""
+    if not layer.light.size:  # it lies outside the image
+        return layer
+    both = np.dstack([layer.light, layer.cover]).astype(np.float32)
+    height, width = both.shape[:2]
+    total = np.zeros((height + 2 * margin, width + 2 * margin, 2), np.float32)
+    for share in (np.arange(steps) + 0.5) / steps - 0.5:
+        forward = np.eye(2, 3) + share * flow
+        forward[:, 2] += margin
+        total += cv2.warpAffine(both, forward, (width + 2 * margin, height + 2 * margin), flags=cv2.INTER_LINEAR)
+    total /= steps
+    u, v = layer.corner
+    return Layer(total[..., 0].astype(float), total[..., 1].astype(float), (u - margin, v - margin))
 
 
 def _moved(T: RigidTransform, velocity: Array, turn_rate: Array, t_s: float) -> RigidTransform:

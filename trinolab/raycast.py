@@ -74,7 +74,7 @@ def cast(camera: Camera, handle: Handle, T_world_handle: RigidTransform, uv: Arr
 
 def body_region(camera: Camera, handle: Handle, T_world_handle: RigidTransform) -> np.ndarray:
     """Pixels that may see the handle, bool (height, width); see `hull_region`."""
-    return hull_region(camera, (camera.T_cam_world * T_world_handle).apply(_circumscribed_prism(handle)))
+    return hull_region(camera, (camera.T_cam_world * T_world_handle).apply(body_corners(handle)))
 
 
 def hull_region(camera: Camera, local: Array) -> np.ndarray:
@@ -92,9 +92,14 @@ def hull_region(camera: Camera, local: Array) -> np.ndarray:
     uv = camera.to_pixels(_subdivided(cv2.convexHull((local[:, :2] / local[:, 2:]).astype(np.float32))[:, 0]))
     if not (np.abs(uv) < 2e4).all():
         return np.ones((height, width), bool)
-    mask = np.zeros((height, width), np.uint8)
-    cv2.fillPoly(mask, [np.round(16 * uv).astype(np.int32)], 1, shift=4)
-    return cv2.dilate(mask, np.ones((5, 5), np.uint8)).astype(bool)
+    region = np.zeros((height, width), np.uint8)
+    low = np.clip(np.floor(uv.min(axis=0)).astype(int) - 4, 0, (width, height))
+    high = np.clip(np.ceil(uv.max(axis=0)).astype(int) + 5, 0, (width, height))
+    part = np.zeros((high - low)[::-1], np.uint8)
+    if part.size:
+        cv2.fillPoly(part, [np.round(16 * (uv - low)).astype(np.int32)], 1, shift=4)
+        region[low[1]:high[1], low[0]:high[0]] = cv2.dilate(part, np.ones((5, 5), np.uint8))
+    return region.astype(bool)
 
 
 def edge_pixels(camera: Camera, handle: Handle, T_world_handle: RigidTransform,
@@ -195,7 +200,7 @@ def _label_markers(handle: Handle, points: Array, labels: np.ndarray) -> None:
         labels[chosen[inside]] = k
 
 
-def _circumscribed_prism(handle: Handle, sides: int = 64) -> Array:
+def body_corners(handle: Handle, sides: int = 64) -> Array:
     """Corners of a prism that holds the body, handle frame, shape (2 sides, 3), mm."""
     theta = 2 * np.pi * np.arange(sides) / sides
     circle = np.column_stack([np.sin(theta), np.zeros(sides), np.cos(theta)]) * handle.radius_mm / np.cos(np.pi / sides)
@@ -216,7 +221,7 @@ def _outlines(camera: Camera, handle: Handle, T_world_handle: RigidTransform) ->
     """
     T_cam_handle = camera.T_cam_world * T_world_handle
     viewpoint = T_cam_handle.inv().translation
-    depth = T_cam_handle.apply(_circumscribed_prism(handle))[:, 2].min()
+    depth = T_cam_handle.apply(body_corners(handle))[:, 2].min()
     step = 0.25 * max(depth, 20.0) / camera.focal.max()
     around, along, small = (int(min(length / step, 20_000)) + 8 for length in (
         2 * np.pi * handle.radius_mm, handle.length_mm, np.pi * handle.marker_diameter_mm))

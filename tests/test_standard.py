@@ -1,0 +1,104 @@
+"""Standard recordings: rendered once, kept in a cache, and never a stale one."""
+
+import subprocess
+import sys
+
+import cv2
+import numpy as np
+import pytest
+
+from trinolab import cli, rendering, standard
+from trinolab.camera import Rig
+from trinolab.datasets import load_rig
+from trinolab.posetable import read_poses
+from trinolab.scene import scaled
+from trinolab.standard import clear_recordings, recordings_folder, standard_recording
+
+
+@pytest.fixture(autouse=True)
+def cache(tmp_path, monkeypatch):
+    """A cache of its own, and rigs of an eighth of the pixels."""
+    monkeypatch.setattr(standard, "cache_folder", lambda: tmp_path / "cache")
+    monkeypatch.setattr(standard, "load_rig", lambda name: Rig(tuple(scaled(c, 0.125) for c in load_rig(name).cameras)))
+    return tmp_path / "cache"
+
+
+def images(folder):
+    return {str(p.relative_to(folder)): p.read_bytes() for p in folder.rglob("*") if p.is_file()}
+
+
+def test_it_is_rendered_once(cache, monkeypatch):
+    first = standard_recording("hard", seconds=0.1, progress=False)
+    assert first.parent == cache / "recordings" == recordings_folder()
+    assert len(read_poses(first / "truth.csv")) == 3
+    monkeypatch.setattr(standard, "write_recording", None)  # would be called
+    assert standard_recording("hard", seconds=0.1) == first
+
+
+def test_whatever_it_is_made_from_changes_the_folder(monkeypatch):
+    monkeypatch.setattr(standard, "write_recording", lambda job, folder, *_: folder.mkdir())
+    asked = [{}, {"seed": 1}, {"seconds": 0.2}, {"rig_name": "paper_pair"}, {"handle_name": "paper"}]
+    folders = [standard_recording("calm", **{"seconds": 0.1} | options) for options in asked]
+    folders.append(standard_recording("hard", seconds=0.1))
+    monkeypatch.setattr(rendering, "_MADE_BY", rendering._MADE_BY[1:])  # as if the code were another
+    folders.append(standard_recording("calm", seconds=0.1))
+    assert len(set(folders)) == 7
+
+
+def test_equal_seeds_give_equal_recordings(cache):
+    first = images(standard_recording("hard", seed=2, seconds=0.1))
+    assert clear_recordings() >= sum(len(data) for data in first.values())
+    assert not (cache / "recordings").exists()
+    assert images(standard_recording("hard", seed=2, seconds=0.1)) == first
+
+
+def test_a_shorter_recording_is_the_beginning_of_a_longer_one():
+    short, long = (images(standard_recording("hard", seconds=s)) for s in (0.07, 0.1))
+    parts = [name for name in short if name.endswith(".png")]
+    assert len(parts) == 2 * 3 + 3
+    assert all(short[name] == long[name] for name in parts)
+
+
+def test_calm_begins_with_the_empty_scene():
+    folder = standard_recording("calm", seconds=0.1)
+    assert set(read_poses(folder / "truth.csv")["status"]) == {"lost"}
+    empty, frame = (cv2.imread(str(folder / name / "ccd1.png" if name == "background" else
+                                   folder / name / "ccd1" / "000002.png"), 0).astype(float)
+                    for name in ("background", "images"))
+    assert np.abs(cv2.blur(frame - empty, (9, 9))).max() < 3  # noise alone
+    assert np.abs(frame - empty).max() > 3  # another one
+
+
+def test_two_at_once_render_it_once(cache):
+    code = ("import sys, pathlib; from trinolab import standard; "
+            "standard.cache_folder = lambda: pathlib.Path(sys.argv[1]); load = standard.load_rig; "
+            "from trinolab.camera import Rig; from trinolab.scene import scaled; "
+            "standard.load_rig = lambda n: Rig(tuple(scaled(c, 0.125) for c in load(n).cameras)); "
+            "print(standard.standard_recording('hard', seconds=0.1, progress=False))")
+    both = [subprocess.Popen([sys.executable, "-c", code, str(cache)], stdout=subprocess.PIPE, text=True)
+            for _ in range(2)]
+    said = {process.communicate(timeout=120)[0] for process in both}
+    assert [process.returncode for process in both] == [0, 0]
+    assert said == {f"{standard_recording('hard', seconds=0.1)}\n"}
+
+
+def test_the_command_clears_the_cache(cache, capfd):
+    standard_recording("calm", seconds=0.1)
+    assert cli.main(["clear"]) == 0
+    assert capfd.readouterr().out.endswith(f"MB of standard recordings removed from {recordings_folder()}\n")
+    assert not recordings_folder().exists()
+    assert cli.main(["clear"]) == 0  # nothing to remove is no mistake
+
+
+@pytest.mark.parametrize(("options", "named"), [({"name": "wild"}, "motion"), ({"seed": -1}, "seed"),
+                                                ({"seconds": 0}, "seconds"), ({"rig_name": "no"}, "no"),
+                                                ({"handle_name": "no"}, "no")])
+def test_a_wrong_name_or_number_is_refused(options, named):
+    with pytest.raises(ValueError, match=named):
+        standard_recording(**{"name": "calm", "seconds": 0.1} | options)
+
+
+def test_a_cache_that_cannot_be_written_is_named(cache):
+    cache.write_text("a file")
+    with pytest.raises(ValueError, match="recordings: cannot be written"):
+        standard_recording("calm", seconds=0.1)
