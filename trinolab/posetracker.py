@@ -28,7 +28,8 @@ from .recentre import displacement
 from .tracker import Measurement, as_images, measure
 from .window import Window
 
-STEP_MM, STEP_RAD = 5.0, np.deg2rad(5.0)  # a measured pose may be off the predicted one by so much more than 5 sigma
+SEEN_BY_ALL = 5, 5.0, np.deg2rad(5.0)  # sigmas, mm and rad more by which a measured pose may be off the predicted one
+SEEN_BY_SOME = 3, 2.0, np.deg2rad(2.5)
 TURN_RAD = np.deg2rad(25.0)  # and by no more than this, where a turn of 60 deg looks the same
 
 
@@ -118,7 +119,7 @@ def step(state: TrackState, frames: Sequence[ArrayLike], t_s: float, rig: Rig, h
     predicted = posefilter.predict(state.motion, t, p.motion)
     for motion in _guesses(images, predicted, state.seen, rig, handle, p):
         tracked = _followed(images, motion, rig, handle, p)
-        if _believable(tracked.measurement.pose, motion, handle):
+        if _believable(tracked.measurement.pose, motion, rig, handle):
             return _measured(tracked, motion, state.sure, handle, p)
     if t - state.seen.t_s > p.memory_s:
         return _sought(images, t, rig, handle, p)
@@ -137,7 +138,7 @@ def _guesses(images: list[np.ndarray], predicted: Motion, seen: Motion, rig: Rig
         if shift is not None:
             yield posefilter.restarted(predicted, motion.pose.translation + shift, seen, p.motion)
     pose = measure(images, rig, handle, predicted.pose, p).pose
-    if _believable(pose, predicted, handle) and pose.T_world_handle is not None:
+    if _believable(pose, predicted, rig, handle) and pose.T_world_handle is not None:
         yield posefilter.update(predicted, pose.T_world_handle, np.diag(np.repeat([1.0, 0.1], 3) ** 2), p.motion)
 
 
@@ -180,13 +181,14 @@ def _sought(images: list[np.ndarray], t: float, rig: Rig, handle: Handle, p: Par
     return TrackState(t, begun, begun, sure), tracked
 
 
-def _believable(pose: Pose, motion: Motion, handle: Handle) -> bool:
-    """Whether a measured pose may be the continuation of a motion."""
+def _believable(pose: Pose, motion: Motion, rig: Rig, handle: Handle) -> bool:
+    """Whether a measured pose may be the continuation of a motion; the less, the fewer cameras say so."""
     if pose.status != "measured" or pose.T_world_handle is None:
         return False
-    spread = motion.pose_covariance
-    most_mm = 5 * np.sqrt(np.trace(spread[:3, :3])) + STEP_MM
-    most_rad = 5 * np.sqrt(np.trace(spread[3:, 3:])) + STEP_RAD
+    spread, (sigmas, step_mm, step_rad) = motion.pose_covariance, (SEEN_BY_ALL if pose.cameras == len(rig.cameras)
+                                                                   else SEEN_BY_SOME)
+    most_mm = sigmas * np.sqrt(np.trace(spread[:3, :3])) + step_mm
+    most_rad = sigmas * np.sqrt(np.trace(spread[3:, 3:])) + step_rad
     if len(handle.symmetries) > 1:
         most_rad = min(most_rad, TURN_RAD)
     return not apart(pose.T_world_handle, motion.pose, most_mm, most_rad)
