@@ -9,9 +9,9 @@ import argparse
 import logging
 import sys
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import TYPE_CHECKING
 
-from . import __version__
+from .arguments import parser
 
 if TYPE_CHECKING:  # what takes a second to load is imported where an interruption is answered
     import pandas as pd
@@ -19,10 +19,10 @@ if TYPE_CHECKING:  # what takes a second to load is imported where an interrupti
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run a command and return the exit code."""
-    arguments = _parser().parse_args(argv)
+    arguments = parser().parse_args(argv)
     logging.basicConfig(format="%(message)s", stream=sys.stderr, level=logging.INFO)
     try:
-        return arguments.run(arguments)
+        return _RUN[arguments.command](arguments)
     except (ValueError, OSError) as error:
         print(f"trinolab {arguments.command}: {error}", file=sys.stderr)
         return 2
@@ -35,8 +35,7 @@ def _measure(a: argparse.Namespace) -> int:
     from .workflows import measure_folder
 
     table = measure_folder(a.rig, a.handle, a.images, a.out, a.method, a.prior)
-    counts = ", ".join(f"{n} {status}" for status, n in table["status"].value_counts().items())
-    print(f"{len(table)} instants: {counts}; written to {a.out}")
+    print(f"{_counted(table)}; written to {a.out}")
     return 0
 
 
@@ -62,6 +61,28 @@ def _named(items: Sequence[str], option: str) -> dict[str, str]:
             raise ValueError(f"{option}: camera {name} is named twice")
         found[name] = path
     return found
+
+
+def _track(a: argparse.Namespace) -> int:
+    from .tracking import track_files, track_folder
+
+    options = {"start": a.start, "overlay": a.overlay, "method": a.method}
+    apart = [a.rig, a.handle, a.video]
+    if any(apart) if a.folder is not None else not all(apart):
+        raise ValueError("expected a recording folder, or else all of --rig, --handle and --video")
+    if a.folder is not None:
+        table = track_folder(a.folder, a.out, **options)
+    else:
+        table = track_files(a.rig, a.handle, _named(a.video, "--video"), a.out, fps=a.fps, timestamps=a.timestamps,
+                            **options)
+    print(f"{_counted(table)}; written to {a.out}")
+    return 0
+
+
+def _counted(table: pd.DataFrame) -> str:
+    """How many instants, and how many of each status."""
+    counts = ", ".join(f"{n} {status}" for status, n in table["status"].value_counts().items())
+    return f"{len(table)} instants: {counts}"
 
 
 def _evaluate(a: argparse.Namespace) -> int:
@@ -132,118 +153,8 @@ def _digits(value: float | str) -> str:
     return "" if value != value else f"{value:.3g}"
 
 
-class _Parser(argparse.ArgumentParser):
-    """Answers a wrong argument with one line, and leaves the lines of an example as they are."""
-
-    def __init__(self, **settings: Any) -> None:
-        super().__init__(formatter_class=argparse.RawDescriptionHelpFormatter, **settings)
-
-    def error(self, message: str) -> NoReturn:
-        self.exit(2, f"{self.prog}: {message}; see {self.prog} --help\n")
-
-
-def _parser() -> argparse.ArgumentParser:
-    parser = _Parser(prog="trinolab", description="The three-camera master handle: measure, evaluate, compare with the "
-                     "paper.", epilog="trinolab COMMAND --help says more and has an example.")
-    parser.add_argument("--version", action="version", version=f"trinolab {__version__}")
-    commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
-    _add_calibrate(commands)
-    _add_measure(commands)
-    _add_evaluate(commands)
-    _add_render(commands)
-    _add(commands, "clear", _clear, "remove the standard recordings that chapters keep in the user's cache",
-         "trinolab clear")
-    _add_capture(commands)
-    board = _add(commands, "scoreboard", _scoreboard, "print the paper's claims beside what is computed here",
-                 "trinolab scoreboard --csv scoreboard.csv")
-    board.add_argument("--csv", metavar="FILE", help="write the table as CSV, too")
-    return parser
-
-
-def _add_calibrate(commands: argparse._SubParsersAction) -> None:
-    p = _add(commands, "calibrate", _calibrate, "calibrate two or more cameras from images of a flat target",
-             "trinolab calibrate --images ccd1=photos/ccd1 ccd2=photos/ccd2 --board chessboard \\\n"
-             "      --columns 9 --rows 6 --square 25 --out rig.toml")
-    p.add_argument("--images", required=True, nargs="+", action="extend", metavar="NAME=PATH",
-                   help="for each camera a folder of images (paired by file name), a pattern like 'photos/left*.png' "
-                   "(paired by what * stands for) or a video (paired by frame); the first camera is the world frame")
-    p.add_argument("--board", required=True, choices=["chessboard", "circles", "charuco"],
-                   help="the target; circles are a symmetric grid, dark on light")
-    p.add_argument("--columns", required=True, type=int, metavar="N",
-                   help="points in a row: inner corners of a chessboard, circles, but squares of a charuco board")
-    p.add_argument("--rows", required=True, type=int, metavar="N", help="rows, counted in the same way")
-    p.add_argument("--square", required=True, type=float, metavar="MM",
-                   help="side of a square, or distance of neighbouring circles, mm")
-    p.add_argument("--marker", type=float, metavar="MM",
-                   help="side of a charuco board's markers, mm (default: 0.75 of a square)")
-    p.add_argument("--dictionary", metavar="NAME", help="of a charuco board's markers (default: 4X4_50)")
-    p.add_argument("--out", required=True, metavar="RIG.toml",
-                   help="the rig to write; RIG_views.csv and RIG_residuals.png appear beside it")
-    p.add_argument("--views", type=int, default=50, metavar="N",
-                   help="the most views to look at; of more, some are passed over evenly (default: %(default)s)")
-    p.add_argument("--distortions", type=int, default=5, choices=[0, 1, 2, 4, 5],
-                   help="how many of k1, k2, p1, p2, k3 are estimated (default: %(default)s)")
-
-
-def _add_measure(commands: argparse._SubParsersAction) -> None:
-    p = _add(commands, "measure", _measure, "measure the handle's pose in every instant of a folder of images",
-             "trinolab measure --rig rig.toml --handle handle.toml --images images --out poses.csv")
-    p.add_argument("--rig", required=True, metavar="RIG.toml", help="the cameras")
-    p.add_argument("--handle", required=True, metavar="HANDLE.toml", help="the handle and its markers")
-    p.add_argument("--images", required=True, metavar="DIR",
-                   help="holds a folder a camera, named as in the rig, the same file names in each")
-    p.add_argument("--out", required=True, metavar="POSES.csv", help="the poses to write")
-    p.add_argument("--method", default="paper",
-                   choices=["paper", "weighted", "reprojection", "patches", "outline", "best"],
-                   help="the estimator: the paper's, or better ones (default: %(default)s; best is patches)")
-    p.add_argument("--prior", metavar="POSES.csv",
-                   help="expected poses, joined on 'frame': they choose among poses that look alike")
-
-
-def _add_evaluate(commands: argparse._SubParsersAction) -> None:
-    p = _add(commands, "evaluate", _evaluate, "compare poses with their truth (Eq. 26, 27, flips, losses)",
-             "trinolab evaluate poses.csv truth.csv --handle handle.toml")
-    p.add_argument("poses", metavar="POSES.csv", help="what 'trinolab measure' has written")
-    p.add_argument("truth", metavar="TRUTH.csv", help="the true poses, joined on 'frame'")
-    p.add_argument("--handle", required=True, metavar="HANDLE.toml", help="errors count up to its symmetry")
-
-
-def _add_render(commands: argparse._SubParsersAction) -> None:
-    p = _add(commands, "render", _render, "render a recording with its truth from the simulated bench",
-             "trinolab render --rig rig.toml --handle handle.toml --motion calm --out recording")
-    p.add_argument("--rig", required=True, metavar="RIG.toml", help="the cameras")
-    p.add_argument("--handle", required=True, metavar="HANDLE.toml", help="the handle and its markers")
-    p.add_argument("--motion", required=True, metavar="calm|hard|POSES.csv",
-                   help="a standard recording's script, or poses along which a hand holds the handle")
-    p.add_argument("--out", required=True, metavar="DIR",
-                   help="the recording to write; until it is whole it is DIR.partial, and goes on where it stopped")
-    p.add_argument("--seed", type=int, default=0, metavar="N", help="of motion and noise (default: %(default)s)")
-    p.add_argument("--seconds", type=float, metavar="S", help="length (default: 10, or all of POSES.csv)")
-    p.add_argument("--fps", type=float, default=30.0, metavar="F", help="frames a second, if POSES.csv has no times")
-
-
-def _add_capture(commands: argparse._SubParsersAction) -> None:
-    p = _add(commands, "capture", _capture, "record a folder of images from cameras; Ctrl-C ends it",
-             "trinolab capture --camera ccd1=0 ccd2=2 --rig rig.toml --preview --out recording")
-    p.add_argument("--camera", required=True, nargs="+", action="extend", metavar="NAME=INDEX",
-                   help="a camera by its index at this computer; NAME=PATH plays a video in its place")
-    p.add_argument("--out", required=True, metavar="DIR", help="the recording to write: images, timestamps.csv")
-    which = p.add_mutually_exclusive_group()
-    which.add_argument("--rig", metavar="RIG.toml", help="the cameras' names and sizes; goes into the recording")
-    which.add_argument("--size", nargs=2, type=int, metavar=("WIDTH", "HEIGHT"), help="to ask of cameras without a rig")
-    p.add_argument("--handle", metavar="HANDLE.toml", help="goes into the recording")
-    p.add_argument("--seconds", type=float, metavar="S", help="to record for (default: until Ctrl-C)")
-    p.add_argument("--fps", type=float, metavar="F", help="frames a second to ask of cameras, or to play videos with")
-    p.add_argument("--preview", action="store_true",
-                   help="keep preview.png in DIR.partial up to date: what the cameras see")
-
-
-def _add(commands: argparse._SubParsersAction, name: str, run: object, about: str, example: str
-         ) -> argparse.ArgumentParser:
-    parser = commands.add_parser(name, help=about, description=about[0].upper() + about[1:] + ".",
-                                 epilog=f"example:\n  {example}")
-    parser.set_defaults(run=run)
-    return parser
+_RUN = {"calibrate": _calibrate, "measure": _measure, "track": _track, "evaluate": _evaluate, "render": _render,
+        "clear": _clear, "capture": _capture, "scoreboard": _scoreboard}
 
 
 if __name__ == "__main__":

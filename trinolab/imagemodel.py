@@ -17,6 +17,7 @@ import numpy as np
 from scipy.spatial.transform import RigidTransform
 
 from .appearance import by_motion, layers, shading_basis
+from .blur import blur_matrices, blurred, half_laplacian
 from .camera import Rig
 from .checks import Array
 from .handle import Handle
@@ -115,12 +116,12 @@ def linearise(state: State, here: Patches, rig: Rig, handle: Handle) -> Linear:
     """The model and its derivatives at a state."""
     shares_open = _shares_open(state, here, handle)
     during = [layers(rig, handle, _at(state, share), here.views, here.at) for share in shares_open]
-    B = _blur_matrices(here.at.side, state.blur_px2).astype(np.float32)[here.views.camera]
+    B = blur_matrices(here.at.side, state.blur_px2).astype(np.float32)[here.views.camera]
     bases = [shading_basis(shown.turn).transpose(1, 0, 2) for shown in during]  # (k, basis, p) each
     shares = _mean([np.stack([shown.marker, shown.body], axis=1)[:, :, None] * basis[:, None]
                     for shown, basis in zip(during, bases, strict=True)])  # (k, 2, basis, p)
     k, _, n, p = shares.shape
-    marker_light, body_light = _blurred(B, shares.reshape(k, 2 * n, p)).reshape(k, 2, n, p).transpose(1, 0, 2, 3)
+    marker_light, body_light = blurred(B, shares.reshape(k, 2 * n, p)).reshape(k, 2, n, p).transpose(1, 0, 2, 3)
     m, b = marker_light[:, 0], body_light[:, 0]
     clear_px = np.minimum.reduce([shown.clear_px for shown in during])
     usable = here.valid & (clear_px > CLEAR_PX) & _inner(here.at.side)
@@ -137,9 +138,9 @@ def linearise(state: State, here: Patches, rig: Rig, handle: Handle) -> Linear:
     shadings = [(shade @ basis)[:, 0] for basis in bases]
     moves = [by_motion(shown, marker * shading, body * shading - background)
              for shown, shading in zip(during, shadings, strict=True)]
-    parts = [_blurred(B, _mean(moves)), _half_laplacian(predicted, here.at.side)[:, None]]
+    parts = [blurred(B, _mean(moves)), half_laplacian(predicted, here.at.side)[:, None]]
     if state.smear is not None:
-        parts.append(_blurred(B, _mean([share * move for share, move in zip(shares_open, moves, strict=True)])))
+        parts.append(blurred(B, _mean([share * move for share, move in zip(shares_open, moves, strict=True)])))
     by_pose = np.concatenate(parts, axis=1)
     variance = state.noise.base + state.noise.slope * np.maximum(predicted, 0) + state.noise.texture * (1 - b) ** 2
     return Linear(greys, predicted, here.grey - predicted, usable / variance, by_pose, by_greys, m, b)
@@ -225,30 +226,6 @@ def inverse(matrices: Array) -> Array:
 def limited(blur_px2: Array, step: Array) -> Array:
     """The blurs' variances after a step: no further than a factor of two away, and from 0.2 to 5 px squared."""
     return np.clip(np.clip(blur_px2 + step, 0.5 * blur_px2, 2 * blur_px2), 0.04, 25.0)
-
-
-def _blur_matrices(side: int, blur_px2: Array) -> Array:
-    """Matrices (n, side, side) that blur a row of pixels by a Gaussian; its weights at a border sum up to 1, too."""
-    x = np.arange(side)
-    weight = np.exp(-0.5 * (x[:, None] - x) ** 2 / blur_px2[:, None, None])
-    return weight / weight.sum(axis=2, keepdims=True)
-
-
-def _blurred(B: Array, stack: Array) -> Array:
-    """Windows (k, m, p) blurred in both directions by their matrices (k, side, side)."""
-    k, m, p = stack.shape
-    side = B.shape[1]
-    rows = (stack.reshape(k, m * side, side) @ B.transpose(0, 2, 1)).reshape(k, m, side, side)
-    return np.matmul(B[:, None], rows).reshape(k, m, p)
-
-
-def _half_laplacian(grey: Array, side: int) -> Array:
-    """Derivative of blurred windows (k, p) by the blur's variance: the heat equation."""
-    window = grey.reshape(-1, side, side)
-    result = np.zeros_like(window)
-    result[:, 1:-1, 1:-1] = (window[:, 2:, 1:-1] + window[:, :-2, 1:-1] + window[:, 1:-1, 2:] + window[:, 1:-1, :-2]
-                             - 4 * window[:, 1:-1, 1:-1]) / 2
-    return result.reshape(grey.shape)
 
 
 def _first_greys(C: Array, usable: np.ndarray, grey: Array) -> Array:
