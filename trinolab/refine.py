@@ -39,7 +39,7 @@ FLOOR_PX = 0.003  # by so much the image model misplaces a marker of the simulat
 MOST_STEPS = 8  # Gauss-Newton steps; two do where two cameras share markers
 SETTLED_PX = 0.1  # a step that moves all markers by less is the last one: the next would move them by a hundredth
 LARGEST_STEP = np.repeat([5.0, 0.3], 3)  # mm, rad; the image model holds within a few pixels
-OUTLINE_FLOOR_PX = 0.2  # and a piece of outline: texture and shade at the limb misplace all alike, which no mean mends
+OUTLINE_FLOOR_PX = 0.4  # and a piece of outline: texture and shade at the limb misplace all alike, which no mean mends
 
 
 class Fit(NamedTuple):

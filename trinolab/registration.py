@@ -26,6 +26,7 @@ from .imagemodel import (
     limited,
     linearise,
     marker_is_shown,
+    misfit,
     noise_of,
     reduce,
 )
@@ -54,10 +55,11 @@ class Registered(NamedTuple):
 
 
 class CentrePixels(NamedTuple):
-    """Pixels of markers' centres, shape (cameras, markers, 2), NaN where unseen, and their standard deviation, px."""
+    """Pixels of markers' centres, (cameras, markers, 2), NaN where unseen, and their standard deviations, px, (cameras,
+    markers)."""
 
     uv: Array
-    sigma_px: float
+    sigma_px: Array
 
 
 def register(state: State, here: Patches, rig: Rig, handle: Handle) -> tuple[State, Registered]:
@@ -104,5 +106,7 @@ def centre_pixels(images: Sequence[np.ndarray], rig: Rig, handle: Handle, T_worl
     uv = np.full((len(rig.cameras), len(handle.marker_centres), 2), np.nan)
     centres = T_world_handle.apply(handle.marker_centres)
     uv[views] = np.stack([camera.project(centres) for camera in rig.cameras])[views] + found.shift[shown]
-    sigma = np.sqrt(np.trace(found.covariance[shown], axis1=1, axis2=2).mean() / 2)
-    return CentrePixels(uv, float(sigma))
+    sigma = np.full(uv.shape[:2], np.nan)
+    variance = np.trace(found.covariance[shown], axis1=1, axis2=2) / 2
+    sigma[views] = np.sqrt(variance * np.maximum(misfit(found.at)[shown], 1.0))
+    return CentrePixels(uv, sigma)

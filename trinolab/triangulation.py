@@ -175,10 +175,10 @@ def triangulate_with_covariance(rig: Rig, uv: ArrayLike, sigma_px: float, step_p
     return mean_point(points), mean @ mean.transpose(0, 2, 1)
 
 
-def triangulate_weighted(rig: Rig, uv: ArrayLike, sigma_px: float) -> tuple[Array, Array]:
+def triangulate_weighted(rig: Rig, uv: ArrayLike, sigma_px: ArrayLike) -> tuple[Array, Array]:
     """Points from all binocular systems, each weighted by the inverse of its covariance, instead of Eq. 22's mean.
 
-    Parameters and errors as for `triangulation_covariance`.
+    Parameters and errors as for `triangulation_covariance`; `sigma_px` may be of shape (cameras, n), one a pixel.
 
     Returns
     -------
@@ -198,14 +198,17 @@ def triangulate_weighted(rig: Rig, uv: ArrayLike, sigma_px: float) -> tuple[Arra
     return np.where(seen[:, None], point, np.nan), np.where(seen[:, None, None], combined @ combined.mT, np.nan)
 
 
-def _slopes(rig: Rig, uv: ArrayLike, sigma_px: float, step_px: float = 1e-3) -> tuple[Array, Array]:
+def _slopes(rig: Rig, uv: ArrayLike, sigma_px: ArrayLike, step_px: float = 1e-3) -> tuple[Array, Array]:
     """Points (pairs, n, 3), and how far they move for a standard deviation of each coordinate, (pairs, n, 3, 2 C)."""
     uv = as_array(uv, "uv", (len(rig.cameras), None, 2), finite=False)
-    sigma = as_number(sigma_px, "sigma_px", low=0.0, high=1e6, open_low=True)
-    step_px = as_number(step_px, "step_px", low=1e-6, high=1.0)
     C, n = uv.shape[:2]
+    if np.ndim(sigma_px) == 0:
+        sigma_px = np.full((C, n), as_number(sigma_px, "sigma_px", low=0.0, high=1e6, open_low=True))
+    sigma = np.repeat(as_array(sigma_px, "sigma_px", (C, n), finite=False).T, 2, axis=1)[:, None]  # (n, 1, 2 C)
+    step_px = as_number(step_px, "step_px", low=1e-6, high=1.0)
     steps = step_px * np.eye(2 * C).reshape(2 * C, C, 1, 2)
     every = np.concatenate([uv[None], uv + steps, uv - steps])  # (1 + 4 C, C, n, 2): one call for all is quick
     points = points_of_pairs(rig, every.swapaxes(0, 1).reshape(C, -1, 2)).reshape(len(rig.pairs), 1 + 4 * C, n, 3)
     ahead, behind = points[:, 1:1 + 2 * C], points[:, 1 + 2 * C:]
-    return points[:, 0], sigma * (ahead - behind).transpose(0, 2, 3, 1) / (2 * step_px)
+    slopes = (ahead - behind).transpose(0, 2, 3, 1) / (2 * step_px)
+    return points[:, 0], np.where(slopes == 0, 0.0, sigma * slopes)  # a pair does not ask for others' pixels

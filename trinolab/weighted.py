@@ -73,7 +73,7 @@ def _settled(T: RigidTransform, covariance: Array, before: RigidTransform, centr
 
 
 def _fit(centres: CentrePixels, rig: Rig, handle: Handle) -> tuple[RigidTransform, Array] | None:
-    sigma_px = float(np.hypot(centres.sigma_px, FLOOR_PX))
+    sigma_px = np.hypot(centres.sigma_px, FLOOR_PX)
     return weighted_fit(handle.marker_centres, *triangulate_weighted(rig, centres.uv, sigma_px))
 
 
