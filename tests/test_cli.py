@@ -23,7 +23,7 @@ from trinolab.posetable import truth_table, write_poses
 from trinolab.rigfile import write_rig
 from trinolab.trackquality import TrackQuality
 
-COMMANDS = ("calibrate", "measure", "evaluate", "capture", "render", "clear", "scoreboard")
+COMMANDS = ("calibrate", "measure", "track", "evaluate", "capture", "render", "clear", "scoreboard")
 SIZE = (32, 24)
 MEASURE = "measure --rig rig.toml --handle handle.toml --images images --out poses.csv"
 EVALUATE = "evaluate found.csv truth.csv --handle handle.toml"
@@ -166,7 +166,7 @@ def test_help_has_an_example_that_parses(command, capfd, monkeypatch):
     monkeypatch.setenv("COLUMNS", "80")
     assert run(f"{command} --help") == 0
     text = capfd.readouterr().out
-    assert cli._parser().parse_args(shlex.split(example_of(text))).command == command
+    assert cli.parser().parse_args(shlex.split(example_of(text))).command == command
     assert max(map(len, text.splitlines())) <= 90
 
 

@@ -81,7 +81,8 @@ def _add_measure(commands: argparse._SubParsersAction) -> None:
 def _add_track(commands: argparse._SubParsersAction) -> None:
     p = _add(commands, "track", "follow the handle through a recording",
              "trinolab track recording --out poses.csv --overlay seen.webm\n"
-             "  trinolab track --rig rig.toml --handle handle.toml --video ccd1=1.mkv ccd2=2.mkv --out poses.csv")
+             "  trinolab track --rig rig.toml --handle handle.toml --video ccd1=1.mkv ccd2=2.mkv \\\n"
+             "      --out poses.csv")
     p.add_argument("folder", nargs="?", metavar="DIR", help="a recording folder, instead of --rig, --handle, --video")
     p.add_argument("--rig", metavar="RIG.toml", help="the cameras")
     p.add_argument("--handle", metavar="HANDLE.toml", help="the handle and its markers")

@@ -121,7 +121,7 @@ def step(state: TrackState, frames: Sequence[ArrayLike], t_s: float, rig: Rig, h
         tracked = _followed(images, motion, rig, handle, p)
         if _believable(tracked.measurement.pose, motion, rig, handle):
             return _measured(tracked, motion, state.sure, handle, p)
-    if t - state.seen.t_s > p.memory_s:
+    if t - state.seen.t_s > p.memory_s + 1e-9:  # times are rounded
         return _sought(images, t, rig, handle, p)
     return state._replace(t_s=t, motion=predicted), _missed(tracked, predicted, state.sure, handle)
 

@@ -1,0 +1,133 @@
+"""The tracker on short rendered clips: followed, lost and found, ambiguous instead of guessed, smeared."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import RigidTransform, Rotation
+
+from trinolab import posefilter, posetracker
+from trinolab.datasets import load_handle, load_rig
+from trinolab.exposure import exposed
+from trinolab.follow import apart
+from trinolab.parameters import Parameters
+from trinolab.pose import motion_between, shifted
+from trinolab.posefilter import PoseFilterParameters
+from trinolab.refine import fit_patches
+from trinolab.scene import Bench, blurred, digitise, render_rig
+
+RIG, CODED, PAPER = load_rig("raised_40deg"), load_handle("coded"), load_handle("paper")
+FPS, BEST = 30.0, Parameters(estimator="patches")
+UPWARDS = Rotation.from_euler("ZYX", [170.0, 15.0, 10.0], degrees=True)  # the free end
+FIRST = RigidTransform.from_components([-20.0, 5.0, 560.0], UPWARDS)
+VELOCITY = np.array([90.0, -60.0, 40.0, 0.2, 0.3, -0.2])  # mm/s, rad/s
+
+
+def path(k):
+    return shifted(FIRST, VELOCITY * k / FPS)
+
+
+def clip(handle, count, missing=()):
+    rng = np.random.default_rng(0)
+    return [render_rig(RIG, handle, None if k in missing else path(k), Bench(), rng) for k in range(count)]
+
+
+def tracked(frames, handle, start=None, parameters=BEST):
+    state, found = posetracker.start(-1 / FPS, start), []
+    for k, images in enumerate(frames):
+        state, one = posetracker.step(state, images, k / FPS, RIG, handle, parameters)
+        found.append(one)
+    return found
+
+
+@pytest.fixture(scope="module")
+def with_a_gap():
+    """Four instants, twelve without the handle, four more."""
+    return clip(CODED, 20, range(4, 16)), clip(PAPER, 20, range(4, 16))
+
+
+@pytest.mark.parametrize("estimator", ["paper", "patches"])
+def test_a_coded_handle_is_followed_lost_and_found_at_once(with_a_gap, estimator):
+    found = tracked(with_a_gap[0], CODED, parameters=Parameters(estimator=estimator))
+    status = [one.measurement.pose.status for one in found]
+    assert status[:4] == ["measured"] * 4
+    assert status[4:13] == ["predicted"] * 9  # 0.3 s from the last measurement
+    assert status[13:16] == ["lost"] * 3
+    assert status[16:] == ["measured"] * 4
+    for k in (1, 3, 16, 19):
+        pose = found[k].measurement.pose
+        assert not apart(pose.T_world_handle, path(k), 0.3, np.deg2rad(2.0))
+        assert np.isfinite(pose.covariance).all()
+    assert found[12].measurement.pose.sigma_mm > found[4].measurement.pose.sigma_mm > found[3].measurement.pose.sigma_mm
+
+
+def test_a_handle_that_looks_alike_is_sure_until_it_was_lost(with_a_gap):
+    turned = path(0) * PAPER.symmetries[5]  # another one than the nearest to the identity
+    found = tracked(with_a_gap[1], PAPER, start=turned)
+    status = [one.measurement.pose.status for one in found]
+    assert status[:4] == ["measured"] * 4
+    assert status[16:] == ["ambiguous"] * 4
+    for k in range(4):
+        assert not apart(found[k].measurement.pose.T_world_handle, path(k) * PAPER.symmetries[5], 0.1, np.deg2rad(0.5))
+    for k in range(16, 20):
+        pose = found[k].measurement.pose.T_world_handle
+        assert min(np.linalg.norm(motion_between(pose, path(k) * S)) for S in PAPER.symmetries) < 0.1
+    assert [one.measurement.pose.status for one in tracked(with_a_gap[1][:2], PAPER)] == ["ambiguous"] * 2
+
+
+def test_only_windows_are_searched_while_it_is_followed(with_a_gap):
+    shares = [posetracker.searched(one, RIG) for one in tracked(with_a_gap[0][:4], CODED)]
+    assert shares[0] == 1.0
+    assert max(shares[1:]) < 0.1
+
+
+def test_uneven_times_are_no_error(with_a_gap):
+    state, frames = posetracker.start(-1.0), with_a_gap[0]
+    for k in (0, 1, 3):
+        state, one = posetracker.step(state, frames[k], k / FPS, RIG, CODED, BEST)
+        assert one.measurement.pose.status == "measured"
+    with pytest.raises(ValueError, match="t_s"):
+        posetracker.step(state, frames[3], 3 / FPS, RIG, CODED, BEST)
+
+
+def test_frames_of_another_rig_are_refused(with_a_gap):
+    with pytest.raises(ValueError, match="frames: expected one for each of 3 cameras"):
+        posetracker.step(posetracker.start(0.0), with_a_gap[0][0][:2], 1.0, RIG, CODED)
+
+
+def test_the_filter_follows_an_even_motion_and_knows_how_well():
+    p, rng, sigma = PoseFilterParameters(), np.random.default_rng(1), np.repeat([0.05, 0.005], 3)
+    motion, values = posefilter.begin(0.0, FIRST, np.diag(sigma**2), p), []
+    for k in range(1, 60):
+        motion = posefilter.predict(motion, k / FPS, p)
+        seen = shifted(path(k), rng.normal(0, sigma))
+        values.append(posefilter.surprise(motion, seen, np.diag(sigma**2), p))
+        motion = posefilter.update(motion, seen, np.diag(sigma**2), p)
+    assert np.linalg.norm(motion.rates[:3] - VELOCITY[:3]) < 15.0  # mm/s
+    assert np.linalg.norm(motion.rates[3:6] - VELOCITY[3:]) < 0.1
+    assert np.mean(values[10:]) < 6.0  # of an even motion: the filter expects jerks
+
+
+def test_prediction_in_two_steps_is_that_in_one():
+    p = replace(PoseFilterParameters(), jerk_rad=1e-9)
+    rates = np.array([100.0, 0, 0, 0, 0, 0, 50.0, *[0.0] * 5])
+    motion = posefilter.begin(0.0, FIRST, np.eye(6), p)._replace(rates=rates)
+    once = posefilter.predict(motion, 0.1, p)
+    twice = posefilter.predict(posefilter.predict(motion, 0.04, p), 0.1, p)
+    assert np.linalg.norm(motion_between(once.pose, twice.pose)) < 1e-9
+    np.testing.assert_allclose(once.rates, twice.rates, atol=1e-9)
+
+
+def test_a_smear_is_fitted_with_the_pose():
+    """Against `exposed`, which renders every step of the exposure; expected of the motion is a fifth too much."""
+    velocity, bench, rng = np.array([350.0, -120.0, 60.0, 0.3, 0.2, -0.4]), Bench(), np.random.default_rng(2)
+    frames = [digitise(blurred(exposed(camera, CODED, FIRST, bench, velocity[:3], velocity[3:]), bench), bench, rng)
+              for camera in RIG.cameras]
+    start = shifted(FIRST, np.array([0.2, -0.3, 0.3, 0.01, -0.01, 0.01]))
+    expected = 0.012 * velocity, np.diag(np.repeat([1.0, 0.01], 3) ** 2)
+    moving, still = (fit_patches(frames, RIG, CODED, start, smear=smear) for smear in (expected, None))
+    assert not apart(moving.T_world_handle, FIRST, 0.05, np.deg2rad(0.3))
+    away = motion_between(moving.T_world_handle, FIRST)
+    assert away @ np.linalg.solve(moving.covariance, away) < 25.0  # chi-square of six, 99.97 %
+    assert np.median(moving.misfit) < 1.5
+    assert still is None or np.median(still.misfit) > 3.0

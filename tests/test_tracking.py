@@ -1,0 +1,132 @@
+"""`trinolab track` on a short recording: what it writes, that an interruption loses nothing, what it refuses."""
+
+import cv2
+import numpy as np
+import pytest
+from scipy.spatial.transform import RigidTransform, Rotation
+
+from trinolab import arguments, posetracker, recorder, tracking, workflows
+from trinolab.cli import main
+from trinolab.datasets import load_handle, load_rig
+from trinolab.pose import shifted
+from trinolab.posetable import read_poses, transforms, truth_table, write_poses
+from trinolab.recording import find_footage
+from trinolab.scene import Bench, render_rig
+from trinolab.tracking import Rows, track_files, track_folder
+
+RIG, PAPER = load_rig("paper_pair"), load_handle("paper")
+FIRST = RigidTransform.from_components([0.0, 5.0, 560.0], Rotation.from_euler("ZYX", [170.0, 15.0, 40.0], degrees=True))
+COUNT, FPS = 6, 25.0
+PATH = RigidTransform.concatenate([shifted(FIRST, np.array([90.0, -60, 40, 0.2, 0.3, -0.2]) * k / FPS)
+                                   for k in range(COUNT)])
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """A recording of the paper's handle."""
+    root, rng = tmp_path_factory.mktemp("track") / "r", np.random.default_rng(0)
+    partial = recorder.begin(root, RIG, PAPER)
+    for k, T in enumerate(PATH):
+        recorder.add(partial, RIG, k, render_rig(RIG, PAPER, T, Bench(), rng))
+    recorder.finish(root, np.arange(COUNT) / FPS, truth_table(PATH))
+    return root
+
+
+def stopped_after(monkeypatch, count, error=KeyboardInterrupt):
+    """From here on the tracker stops after some instants."""
+    real, calls = posetracker.step, []
+
+    def step(*arguments):
+        calls.append(1)
+        if len(calls) > count:
+            raise error
+        return real(*arguments)
+
+    monkeypatch.setattr(tracking.posetracker, "step", step)
+
+
+def test_it_writes_poses_and_tum_and_a_video(folder, tmp_path):
+    table = track_folder(folder, tmp_path / "p.csv", start=folder / "truth.csv", overlay=tmp_path / "o.webm")
+    assert table["status"].tolist() == ["measured"] * COUNT
+    back = read_poses(tmp_path / "p.csv")
+    assert back["t_s"].tolist() == pytest.approx(np.arange(COUNT) / FPS)
+    off = transforms(back).translation - PATH.translation
+    assert np.linalg.norm(off, axis=1).max() < 0.1  # mm
+    assert np.loadtxt(tmp_path / "p.tum").shape == (COUNT, 8)
+    video = cv2.VideoCapture(str(tmp_path / "o.webm"))
+    assert video.read()[1].shape == (512, 1280, 3)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["o.webm", "p.csv", "p.tum"]
+
+
+def test_without_a_start_the_paper_s_handle_is_ambiguous(folder, tmp_path):
+    assert set(track_folder(folder, tmp_path / "p.csv")["status"]) == {"ambiguous"}
+
+
+def test_an_interrupted_track_goes_on(folder, tmp_path, monkeypatch):
+    options = {"start": folder / "truth.csv", "method": "paper"}
+    with monkeypatch.context() as patch:
+        stopped_after(patch, 4)
+        with pytest.raises(KeyboardInterrupt, match=r"4 rows are kept in .*p\.csv\.partial"):
+            track_folder(folder, tmp_path / "p.csv", **options)
+    assert [path.name for path in tmp_path.iterdir()] == ["p.csv.partial"]
+    with (tmp_path / "p.csv.partial").open("a") as file:
+        file.write("4,0.16,1.0")  # cut off in the middle
+    stopped_after(monkeypatch, 2)  # two are left
+    table = track_folder(folder, tmp_path / "p.csv", **options)
+    assert table["frame"].tolist() == list(range(COUNT))
+    assert table["status"].tolist() == ["measured"] * COUNT
+    assert not (tmp_path / "p.csv.partial").exists()
+
+
+def test_another_track_begins_anew(folder, tmp_path, monkeypatch):
+    with monkeypatch.context() as patch:
+        stopped_after(patch, 4)
+        with pytest.raises(KeyboardInterrupt):
+            track_folder(folder, tmp_path / "p.csv", method="paper")
+    with monkeypatch.context() as patch:
+        stopped_after(patch, COUNT - 1)
+        with pytest.raises(KeyboardInterrupt, match="5 rows"):
+            track_folder(folder, tmp_path / "p.csv", method="best")
+
+
+def test_rows_survive_a_full_disk(tmp_path):
+    rows = Rows(tmp_path / "p.partial", "x")
+    (tmp_path / "p.partial").unlink()
+    (tmp_path / "p.partial").mkdir()
+    with pytest.raises(ValueError, match="cannot be written"):
+        rows.add(0, 0.0, posetracker.LOST)
+
+
+def test_a_video_that_ends_early_keeps_its_rows(folder, tmp_path):
+    sources = dict(find_footage(folder, RIG))
+    code = cv2.VideoWriter.fourcc(*"FFV1")
+    writer = cv2.VideoWriter(str(tmp_path / "ccd2.mkv"), code, 25, (1280, 1024), isColor=False)
+    for path in sorted(sources["ccd2"].iterdir())[:3]:
+        writer.write(cv2.imread(str(path), cv2.IMREAD_GRAYSCALE))
+    writer.release()
+    sources["ccd2"] = tmp_path / "ccd2.mkv"
+    with pytest.raises(ValueError, match=r"ccd2\.mkv: ends after 3 frames, another camera goes on"):
+        track_files(folder / "rig.toml", folder / "handle.toml", sources, tmp_path / "p.csv")
+    assert len((tmp_path / "p.csv.partial").read_text().splitlines()) == 2 + 3
+
+
+def test_wrong_arguments_are_one_line(folder, tmp_path, capsys):
+    empty = truth_table(PATH).assign(status="lost")
+    write_poses(empty, tmp_path / "none.csv")
+    out = str(tmp_path / "p.csv")
+    for given, message in (([str(folder), "--rig", "x", "--out", out], "expected a recording folder, or else all of"),
+                           (["--rig", "x", "--out", out], "expected a recording folder, or else all of"),
+                           ([str(tmp_path / "no"), "--out", out], "no such folder"),
+                           ([str(folder), "--out", str(tmp_path / "no" / "p.csv")], "no such folder to write into"),
+                           ([str(folder), "--out", out, "--start", str(tmp_path / "none.csv")], "no row holds a pose"),
+                           ([str(folder), "--out", out, "--start", str(tmp_path / "no.csv")], "cannot be read")):
+        assert main(["track", *given]) == 2
+        answer = capsys.readouterr().err
+        assert answer.startswith("trinolab track: ")
+        assert answer.count("\n") == 1
+        assert message in answer
+    assert not (tmp_path / "p.csv").exists()
+
+
+def test_the_methods_of_the_commands_are_those_of_the_workflows():
+    assert set(arguments.METHODS) == set(workflows.METHODS)
