@@ -27,6 +27,7 @@ SEEN_DEG = 76.0  # markers turned further away are not expected
 MORE_MM_S, MORE_RAD_S = 50.0, 0.3  # added to the standard deviations of the predicted rates
 SMEARED_PX = 1.5  # a marker that moves less while the shutter is open is as good as still
 CLEAR = 1.5  # misfit (1 is noise) up to which there is no smear
+LEAST = 3  # found markers, in all cameras, that make it worth to fit pixels
 MOST = 0.55  # share of the expected markers that a camera must show to count
 
 
@@ -126,6 +127,8 @@ def follow(images: Sequence[np.ndarray], expected: Sequence[Expected], sights: S
         pose = _estimated(Identified(images, pixels, labels, T, _smear(motion, p)), rig, handle, p)
         if pose.T_world_handle is not None and not apart(pose.T_world_handle, T, APART_MM, APART_RAD):
             return Followed(pose, labels)
+    if T is None and sum(np.isfinite(sight.found[:, 0]).sum() for sight in sights) < LEAST:
+        return Followed(LOST, labels)  # it is elsewhere
     fit = fit_patches(images, rig, handle, motion.pose if T is None else T, p.max_slant_deg)
     if not _clear(fit) and max(one.smear_px for one in expected) > SMEARED_PX:
         # centroids are worth less than the prediction now: limb and neighbours are smeared together

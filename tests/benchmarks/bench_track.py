@@ -1,0 +1,106 @@
+"""Instants a second of the tracker on one core, from frames in memory, beside a plain OpenCV chain in the same run.
+
+A hand holds the handle and moves at a person's pace; two and three cameras of 1280 x 1024, before a textured and a flat
+background. The floor is the time to read all pixels once. With --long the memory over 10,000 instants:
+
+    python tests/benchmarks/bench_track.py [--long]
+"""
+
+import os
+
+os.environ["OMP_NUM_THREADS"] = os.environ["OPENBLAS_NUM_THREADS"] = "1"  # before numpy is loaded
+
+import resource
+import sys
+import time
+from dataclasses import replace
+
+import cv2
+import numpy as np
+from bench_measure import HANDLE, RIG, clocked, opencv_chain
+from scipy.spatial.transform import RigidTransform
+
+from trinolab import posetracker
+from trinolab.arm import Arm
+from trinolab.camera import Rig
+from trinolab.metrics import pose_errors
+from trinolab.motion import human_motion
+from trinolab.parameters import Parameters
+from trinolab.scene import Bench, render_clip
+
+WANTED = {"paper": 200.0, "patches": 120.0}  # instants a second, three cameras
+FPS, COUNT = 30.0, 60
+STAGES = {"expect": "predict", "look": "markers", "follow": "pose"}
+
+
+def tracked(frames: list[list[np.ndarray]], rig: Rig, estimator: str) -> tuple[list, list[float], dict[str, float]]:
+    """Poses, CPU time of each instant (s), and of the stages (ms, mean)."""
+    p, state, poses, seconds = Parameters(estimator=estimator), posetracker.start(-1 / FPS), [], []
+    with clocked(posetracker, STAGES) as spent:
+        for k, images in enumerate(frames):
+            begin = time.process_time()
+            state, one = posetracker.step(state, images, k / FPS, rig, HANDLE, p)
+            seconds.append(time.process_time() - begin)
+            poses.append(one.measurement.pose)
+    return poses, seconds, {stage: ms / len(frames) for stage, ms in spent.items()}
+
+
+def line(name: str, poses: list, truths: list, seconds: list[float], stages: str = "") -> float:
+    """Print how fast and how good; return the instants a second."""
+    held = [(T, truths[k]) for k, T in enumerate(poses) if T is not None]
+    e = pose_errors(*(RigidTransform.concatenate(list(part)) for part in zip(*held, strict=True)))
+    rate = 1 / float(np.median(seconds))
+    print(f"  {name:24s}{rate:8.0f} a second {1e3 * np.mean(seconds):8.2f} ms mean  E_t {e.E_t_mm:.4f} mm "
+          f"{e.geodesic_mean_deg:.3f} deg  lost {len(poses) - len(held)}  {stages}", flush=True)
+    return rate
+
+
+def floor(frames: list[list[np.ndarray]]) -> float:
+    """Instants a second, if all pixels were but read."""
+    begin = time.process_time()
+    for images in frames:
+        for image in images:
+            cv2.sumElems(image)
+    return len(frames) / (time.process_time() - begin)
+
+
+def main() -> int:
+    cv2.setNumThreads(1)
+    truths, broken = list(human_motion(np.random.default_rng(3), np.arange(COUNT) / FPS)), []
+    for cameras, background, contrast in ((3, "textured", 0.15), (2, "textured", 0.15), (3, "flat", 0.0)):
+        rig = replace(RIG, cameras=RIG.cameras[:cameras])
+        bench = replace(Bench(), texture_contrast=contrast)
+        frames = list(render_clip(rig, HANDLE, truths, bench, np.random.default_rng(0), Arm()))
+        print(f"{cameras} cameras, {background} background; reading the pixels once: {floor(frames):.0f} a second")
+        rates = {}
+        for estimator, wanted in WANTED.items():
+            tracked(frames[:5], rig, estimator)  # what is made once
+            poses, seconds, spent = tracked(frames, rig, estimator)
+            stages = ", ".join(f"{stage} {ms:.2f}" for stage, ms in spent.items())
+            rates[estimator] = line(estimator, [p.T_world_handle for p in poses], truths, seconds, f"ms: {stages}")
+            if cameras == 3 and rates[estimator] < wanted:
+                broken.append(f"{estimator}, {background}: {rates[estimator]:.0f} of {wanted:.0f}")
+        if cameras == 3:
+            plain = [opencv_chain(images, T) for images, T in zip(frames, truths, strict=True)]
+            rate = line("OpenCV, markers told", [T for T, _ in plain], truths, [ms["total"] / 1e3 for _, ms in plain])
+            print("    ours by this one: " + ", ".join(f"{name} {ours / rate:.1f}" for name, ours in rates.items()))
+    print(f"wanted of three cameras: {WANTED}: {'BROKEN: ' + '; '.join(broken) if broken else 'kept'}")
+    return int(bool(broken))
+
+
+def memory(count: int = 10_000) -> int:
+    """Print the memory over many instants; it must not grow."""
+    frames = list(render_clip(RIG, HANDLE, human_motion(np.random.default_rng(3), np.arange(30) / FPS), Bench(),
+                              np.random.default_rng(0), Arm()))
+    state, order, sizes = posetracker.start(-1.0), [*range(30), *range(28, 0, -1)], []
+    for k in range(count):
+        images = frames[order[k % len(order)]]
+        state, _ = posetracker.step(state, images, k / FPS, RIG, HANDLE, Parameters())
+        if (k + 1) % (count // 10) == 0:
+            sizes.append(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)
+            print(f"{k + 1:6d} instants: {sizes[-1]:.0f} MiB at most", flush=True)
+    return int(sizes[-1] > 1.02 * sizes[1])
+
+
+if __name__ == "__main__":
+    raise SystemExit(memory() if "--long" in sys.argv else main())
