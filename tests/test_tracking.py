@@ -128,5 +128,25 @@ def test_wrong_arguments_are_one_line(folder, tmp_path, capsys):
     assert not (tmp_path / "p.csv").exists()
 
 
+def test_a_camera_that_is_late_is_said():
+    """CCD2's images are those of 6 ms later; the motion is faster than elsewhere in this module."""
+    rng, late_s, count = np.random.default_rng(1), 0.006, 30
+    path = [shifted(FIRST, np.array([60 * np.sin(4 * t), 40 * np.sin(5 * t), 0, 0, 0, 0.3 * np.sin(3 * t)]))
+            for t in np.arange(count) / FPS]
+    late = [shifted(FIRST, np.array([60 * np.sin(4 * t), 40 * np.sin(5 * t), 0, 0, 0, 0.3 * np.sin(3 * t)]))
+            for t in np.arange(count) / FPS + late_s]
+    seen = tracking.Seen([], [])
+    for k in range(count):
+        uv = [RIG.cameras[c].project(T.apply(PAPER.marker_centres)) for c, T in enumerate((path[k], late[k]))]
+        seen.times_s.append(k / FPS)
+        seen.uv.append(np.stack(uv) + rng.normal(0, 0.05, (2, 12, 2)))
+    line, = seen.offsets(RIG)
+    assert line.startswith("ccd2: 6.")
+    assert line.endswith("later than ccd1; the cameras are not synchronised")
+    together = tracking.Seen(seen.times_s, [np.stack([RIG.cameras[c].project(T.apply(PAPER.marker_centres))
+                                                      for c in (0, 1)]) for T in path])
+    assert together.offsets(RIG) == []
+
+
 def test_the_methods_of_the_commands_are_those_of_the_workflows():
     assert set(arguments.METHODS) == set(workflows.METHODS)

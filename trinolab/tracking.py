@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import io
 import json
+import logging
 from collections.abc import Mapping
 from contextlib import ExitStack
 from pathlib import Path
@@ -17,7 +18,10 @@ from tqdm import tqdm
 from tqdm.contrib.logging import logging_redirect_tqdm
 
 from . import posetracker
+from .camera import Rig
+from .checks import Array
 from .handle import Handle, read_handle
+from .identity import labelled_pixels
 from .outputs import check_target, write_whole
 from .overlay import Film, picture
 from .parameters import Parameters
@@ -26,8 +30,11 @@ from .posetable import POSE_COLUMNS, pose_row, read_poses, transforms, write_pos
 from .posetracker import TrackState
 from .recording import Recording, find_footage, instants, open_recording
 from .rigfile import read_rig
+from .sync import estimate_offsets, significant
 from .workflows import estimator_of
 
+log = logging.getLogger("trinolab")
+MOST_INSTANTS = 3000  # kept for the cameras' offsets in time
 PARTIAL = ".partial"  # behind the name of a pose file that is not finished
 
 
@@ -142,7 +149,7 @@ def _track_on(job: Job, rows: Rows, film: Film | None, progress: bool) -> None:
     """Track from the first frame that has no row."""
     done = rows.table()
     state, tracked_before = _state_after(done), int((done["status"] == "measured").sum())
-    stream = instants(job.recording, len(done))
+    stream, seen = instants(job.recording, len(done)), Seen([], [])
     with logging_redirect_tqdm(), tqdm(total=job.recording.length, initial=len(done), unit="instant",
                                        disable=None if progress else True) as bar:
         for now in stream:
@@ -151,11 +158,38 @@ def _track_on(job: Job, rows: Rows, film: Film | None, progress: bool) -> None:
             state = state or posetracker.start(now.t_s - 1.0)
             state, tracked = posetracker.step(state, now.images, now.t_s, job.recording.rig, job.handle, job.parameters)
             rows.add(now.frame, now.t_s, tracked.measurement.pose)
+            seen.add(now.t_s, tracked, len(job.handle.marker_centres))
             if film is not None:
                 film.add(picture(now.images, tracked, job.recording.rig, now.frame, now.t_s))
             tracked_before += tracked.measurement.pose.status == "measured"
             bar.set_postfix_str(f"tracked {100 * tracked_before / (now.frame + 1):.0f} %", refresh=False)
             bar.update()
+        for line in seen.offsets(job.recording.rig):
+            log.info(line)
+
+
+class Seen(NamedTuple):
+    """Identified markers of the instants so far: times, s, and pixels (cameras, markers, 2)."""
+
+    times_s: list[float]
+    uv: list[Array]
+
+    def add(self, t_s: float, tracked: posetracker.Tracked, markers: int) -> None:
+        """One more instant, as long as they are few enough to be kept."""
+        if len(self.times_s) < MOST_INSTANTS:
+            pixels = tuple(found.uv for found in tracked.measurement.found)
+            self.times_s.append(t_s)
+            self.uv.append(labelled_pixels(tracked.measurement.labels, pixels, markers))
+
+    def offsets(self, rig: Rig) -> list[str]:
+        """A line for each camera whose clock differs from the first one's, where the markers show that."""
+        if len(self.times_s) < 2:
+            return []
+        found = estimate_offsets(np.array(self.times_s), np.stack(self.uv, axis=1), rig)
+        late_ms, sigma_ms = 1e3 * found.offset_s, 1e3 * found.sigma_s
+        return [f"{rig.names[c]}: {abs(late_ms[c]):.1f} ms (+- {sigma_ms[c]:.1f}) "
+                f"{'later' if late_ms[c] > 0 else 'earlier'} than {rig.names[0]}; the cameras are not synchronised"
+                for c in np.flatnonzero(significant(found))]
 
 
 def _state_after(done: pd.DataFrame) -> TrackState | None:
