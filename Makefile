@@ -32,9 +32,10 @@ sweeps: .venv/package.done  ## make the tables in data/sweeps again: half an hou
 	@$(BIN)/python -m trinolab.elevation
 	@$(BIN)/python -m trinolab.table1_bound
 
-bench: .venv/package.done  ## the time that a measurement takes, and the rendering of a frame
+bench: .venv/package.done  ## the time that a measurement, an instant of a track, and the rendering of a frame take
 	@$(BIN)/python tests/benchmarks/bench_measure.py
 	@$(BIN)/python tests/benchmarks/bench_markers.py
+	@$(BIN)/python tests/benchmarks/bench_track.py
 	@$(BIN)/python tests/benchmarks/bench_scene.py
 
 clean:  ## remove what was built, but not .venv

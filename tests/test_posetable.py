@@ -13,6 +13,7 @@ from trinolab.handle import read_handle
 from trinolab.metrics import euler_deg
 from trinolab.pose import LOST, Pose
 from trinolab.posetable import pose_table, read_poses, transforms, truth_table, write_poses, write_tum
+from trinolab.recording import read_timestamps
 from trinolab.rigfile import read_rig
 
 # book/design.md, "Poses", typed once more
@@ -156,6 +157,7 @@ def test_lost_rows_need_no_pose(tmp_path):
 TABLE = pose_table(some_poses(), [0.0, 0.1, 0.2]).to_csv(index=False)
 TEXTS = {
     "poses": (read_poses, TABLE),
+    "timestamps": (read_timestamps, "frame,t_s\n0,0.0\n1,0.0333333\n2,0.0666667\n"),
     "rig": (read_rig, data_path("rigs", "paper_pair.toml").read_text()),
     "handle": (read_handle, data_path("handles", "paper.toml").read_text()),
 }

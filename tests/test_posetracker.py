@@ -90,6 +90,21 @@ def test_uneven_times_are_no_error(with_a_gap):
         posetracker.step(state, frames[3], 3 / FPS, RIG, CODED, BEST)
 
 
+@pytest.mark.parametrize("grey", [0, 255])
+def test_black_and_white_frames_hold_no_pose(with_a_gap, grey):
+    nothing = [np.full((1024, 1280), grey, np.uint8)] * 3
+    status = [one.measurement.pose.status for one in tracked([nothing, *with_a_gap[0][:2], nothing], CODED)]
+    assert status == ["lost", "measured", "measured", "predicted"]
+
+
+def test_a_frozen_camera_is_outvoted(with_a_gap):
+    """CCD3 stands still while the handle moves on, by 3 mm an instant."""
+    frames = [[*images[:2], with_a_gap[0][0][2]] for images in with_a_gap[0][:4]]
+    for k, one in enumerate(tracked(frames, CODED)):
+        pose = one.measurement.pose
+        assert pose.status != "measured" or not apart(pose.T_world_handle, path(k), 2.0, np.deg2rad(5.0))
+
+
 def test_frames_of_another_rig_are_refused(with_a_gap):
     with pytest.raises(ValueError, match="frames: expected one for each of 3 cameras"):
         posetracker.step(posetracker.start(0.0), with_a_gap[0][0][:2], 1.0, RIG, CODED)

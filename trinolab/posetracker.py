@@ -117,10 +117,16 @@ def step(state: TrackState, frames: Sequence[ArrayLike], t_s: float, rig: Rig, h
     if state.motion is None or state.seen is None:
         return _sought(images, t, rig, handle, p)
     predicted = posefilter.predict(state.motion, t, p.motion)
+    best: tuple[Tracked, Motion] | None = None
     for motion in _guesses(images, predicted, state.seen, rig, handle, p):
         tracked = _followed(images, motion, rig, handle, p)
-        if _believable(tracked.measurement.pose, motion, rig, handle):
-            return _measured(tracked, motion, state.sure, handle, p)
+        pose = tracked.measurement.pose
+        if _believable(pose, motion, rig, handle) and (best is None or pose.cameras > best[0].measurement.pose.cameras):
+            best = tracked, motion
+            if 2 * pose.cameras >= len(rig.cameras):
+                break  # a single one of three may be frozen: what do the others say?
+    if best is not None:
+        return _measured(*best, state.sure, handle, p)
     if t - state.seen.t_s > p.memory_s + 1e-9:  # times are rounded
         return _sought(images, t, rig, handle, p)
     return state._replace(t_s=t, motion=predicted), _missed(tracked, predicted, state.sure, handle)
