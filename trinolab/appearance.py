@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial.transform import RigidTransform
 
-from .camera import Rig
+from .camera import Camera, Rig
 from .checks import Array
 from .handle import Handle
 
@@ -91,17 +91,27 @@ class _Rays(NamedTuple):
 def windows(rig: Rig, views: Views, uv: Array, side: int) -> Windows:
     """Windows with pixels uv, shape (k, 2), in their middle; `side` is odd. They may reach beyond the image."""
     corner = np.round(uv).astype(int) - side // 2
-    v, u = np.divmod(np.arange(side * side), side)
+    grid = np.stack(np.divmod(np.arange(side * side), side)[::-1])  # (2, p): column, row
     xy, xy_per_px = np.empty((2, len(uv), side * side), np.float32), np.empty((len(uv), 2, 2), np.float32)
-    steps = 0.5 * np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
     for c, camera in enumerate(rig.cameras):
         mine = np.flatnonzero(views.camera == c)
-        pixels = np.concatenate([corner[mine, None] + np.column_stack([u, v]), uv[mine, None] + steps], axis=1)
-        found = camera.normalise(pixels.reshape(-1, 2)).reshape(len(mine), side * side + 4, 2)
-        xy[:, mine] = found[:, :-4].transpose(2, 0, 1)
-        # central differences over a pixel: exact but for the lens's curvature
-        xy_per_px[mine] = np.stack([found[:, -4] - found[:, -3], found[:, -2] - found[:, -1]], axis=2)
+        pixels = corner[mine].T[:, :, None] + grid[:, None]  # (2, k, p)
+        if camera.distortions.any():
+            xy[:, mine], xy_per_px[mine] = _through_lens(camera, pixels, uv[mine])
+        else:
+            xy[:, mine] = (pixels - camera.principal_point[:, None, None]) / camera.focal[:, None, None]
+            xy_per_px[mine] = np.diag(1 / camera.focal)
     return Windows(corner, side, xy, xy_per_px)
+
+
+def _through_lens(camera: Camera, pixels: Array, uv: Array) -> tuple[Array, Array]:
+    """`xy` and `xy_per_px` of windows with pixels (2, k, p) and middles uv (k, 2), for a lens with distortion."""
+    steps = 0.5 * np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
+    every = np.concatenate([pixels.transpose(1, 2, 0), uv[:, None] + steps], axis=1)
+    found = camera.normalise(every.reshape(-1, 2)).reshape(len(uv), -1, 2)
+    # central differences over a pixel: exact but for the lens's curvature
+    by_px = np.stack([found[:, -4] - found[:, -3], found[:, -2] - found[:, -1]], axis=2)
+    return found[:, :-4].transpose(2, 0, 1), by_px
 
 
 def layers(rig: Rig, handle: Handle, T_world_handle: RigidTransform, views: Views, at: Windows) -> Layers:
