@@ -27,6 +27,8 @@ SEEN_DEG = 76.0  # markers turned further away are not expected
 MORE_MM_S, MORE_RAD_S = 50.0, 0.3  # added to the standard deviations of the predicted rates
 SMEARED_PX = 1.5  # a marker that moves less while the shutter is open is as good as still
 CLEAR = 1.5  # misfit (1 is noise) up to which there is no smear
+LEFT_PX = 1.0  # distance that the windows of a good fit may be left with, rms
+SURE_MM, SURE_DEG = 0.5, 1.2  # standard deviations with which a pose is measured: four of them are 2 mm and 5 deg
 LEAST = 3  # found markers, in all cameras, that make it worth to fit pixels
 MOST = 0.55  # share of the expected markers that a camera must show to count
 
@@ -148,12 +150,14 @@ def _clear(fit: Fit | None) -> bool:
 
 
 def _judged(fit: Fit | None, rig: Rig) -> Pose:
-    """The image model's pose, if in some cameras most of what it predicts is there."""
+    """The image model's pose, if in some cameras most of what it predicts is there, and the windows agree on it."""
     if fit is None:
         return LOST
     cameras = fit.views.camera
     share = np.array([fit.shown[cameras == c].mean() if (cameras == c).any() else 0.0 for c in range(len(rig.cameras))])
-    return judged(fit._replace(shown=fit.shown & (share > MOST)[cameras]))
+    pose = judged(fit._replace(shown=fit.shown & (share > MOST)[cameras]))
+    sure = pose.residual_px < LEFT_PX and pose.sigma_mm < SURE_MM and pose.sigma_deg < SURE_DEG
+    return pose if sure else LOST
 
 
 def found_markers(sight: Sight) -> Markers:
