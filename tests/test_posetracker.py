@@ -6,12 +6,11 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from trinolab import posefilter, posetracker
+from trinolab import kalman, posefilter, posetracker
 from trinolab.datasets import load_handle, load_rig
 from trinolab.exposure import exposed
-from trinolab.follow import apart
 from trinolab.parameters import Parameters
-from trinolab.pose import motion_between, shifted
+from trinolab.pose import apart, motion_between, shifted
 from trinolab.posefilter import PoseFilterParameters
 from trinolab.refine import fit_patches
 from trinolab.scene import Bench, blurred, digitise, render_rig
@@ -121,6 +120,20 @@ def test_the_filter_follows_an_even_motion_and_knows_how_well():
     assert np.linalg.norm(motion.rates[:3] - VELOCITY[:3]) < 15.0  # mm/s
     assert np.linalg.norm(motion.rates[3:6] - VELOCITY[3:]) < 0.1
     assert np.mean(values[10:]) < 6.0  # of an even motion: the filter expects jerks
+
+
+def test_the_filter_s_update_is_that_of_kalman():
+    """The same equations without checks and square roots, for speed; `kalman` takes Joseph's form by roots."""
+    p, C = PoseFilterParameters(), np.diag([1e-3] * 3 + [1e-5] * 3)
+    motion = posefilter.predict(posefilter.begin(0.0, FIRST, C, p), 1 / FPS, p)
+    seen = shifted(motion.pose, np.array([0.2, -0.1, 0.3, 0.01, -0.02, 0.01]))
+    found = posefilter.update(motion, seen, C, p)
+    floor = np.diag(np.repeat([p.floor_mm, p.floor_rad], 3) ** 2)
+    wanted = kalman.update(kalman.State(np.concatenate([np.zeros(6), motion.rates]), motion.covariance),
+                           motion_between(seen, motion.pose), np.eye(6, 18), C + floor)
+    np.testing.assert_allclose(found.rates, wanted.mean[6:], rtol=1e-9)
+    np.testing.assert_allclose(motion_between(found.pose, motion.pose), wanted.mean[:6], rtol=1e-6)
+    np.testing.assert_allclose(found.covariance, wanted.covariance, rtol=1e-6, atol=1e-6)
 
 
 def test_prediction_in_two_steps_is_that_in_one():

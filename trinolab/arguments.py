@@ -68,8 +68,7 @@ def _add_calibrate(commands: argparse._SubParsersAction) -> None:
 def _add_measure(commands: argparse._SubParsersAction) -> None:
     p = _add(commands, "measure", "measure the handle's pose in every instant of a folder of images",
              "trinolab measure --rig rig.toml --handle handle.toml --images images --out poses.csv")
-    p.add_argument("--rig", required=True, metavar="RIG.toml", help="the cameras")
-    p.add_argument("--handle", required=True, metavar="HANDLE.toml", help="the handle and its markers")
+    _add_rig_and_handle(p, required=True)
     p.add_argument("--images", required=True, metavar="DIR",
                    help="holds a folder a camera, named as in the rig, the same file names in each")
     p.add_argument("--out", required=True, metavar="POSES.csv", help="the poses to write")
@@ -84,8 +83,7 @@ def _add_track(commands: argparse._SubParsersAction) -> None:
              "  trinolab track --rig rig.toml --handle handle.toml --video ccd1=1.mkv ccd2=2.mkv \\\n"
              "      --out poses.csv")
     p.add_argument("folder", nargs="?", metavar="DIR", help="a recording folder, instead of --rig, --handle, --video")
-    p.add_argument("--rig", metavar="RIG.toml", help="the cameras")
-    p.add_argument("--handle", metavar="HANDLE.toml", help="the handle and its markers")
+    _add_rig_and_handle(p, required=False)
     p.add_argument("--video", nargs="+", action="extend", metavar="NAME=PATH",
                    help="for each camera a video, or a folder of images (in the order of their names)")
     p.add_argument("--out", required=True, metavar="POSES.csv",
@@ -97,6 +95,11 @@ def _add_track(commands: argparse._SubParsersAction) -> None:
     times.add_argument("--fps", type=float, default=30.0, metavar="F", help="frames a second (default: %(default)s)")
     times.add_argument("--timestamps", metavar="CSV", help="columns 'frame' and 't_s'")
     _add_method(p, "best")
+
+
+def _add_rig_and_handle(p: argparse.ArgumentParser, required: bool) -> None:
+    p.add_argument("--rig", required=required, metavar="RIG.toml", help="the cameras")
+    p.add_argument("--handle", required=required, metavar="HANDLE.toml", help="the handle and its markers")
 
 
 def _add_method(p: argparse.ArgumentParser, default: str) -> None:
@@ -115,8 +118,7 @@ def _add_evaluate(commands: argparse._SubParsersAction) -> None:
 def _add_render(commands: argparse._SubParsersAction) -> None:
     p = _add(commands, "render", "render a recording with its truth from the simulated bench",
              "trinolab render --rig rig.toml --handle handle.toml --motion calm --out recording")
-    p.add_argument("--rig", required=True, metavar="RIG.toml", help="the cameras")
-    p.add_argument("--handle", required=True, metavar="HANDLE.toml", help="the handle and its markers")
+    _add_rig_and_handle(p, required=True)
     p.add_argument("--motion", required=True, metavar="calm|hard|POSES.csv",
                    help="a standard recording's script, or poses along which a hand holds the handle")
     p.add_argument("--out", required=True, metavar="DIR",

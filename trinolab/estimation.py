@@ -15,7 +15,7 @@ from .handle import Handle, slants
 from .identity import labelled_pixels
 from .matching import candidates
 from .parameters import Parameters
-from .pose import LOST, Pose, motion_between, rigid_fit, rigid_fit_covariance
+from .pose import LOST, Pose, apart, motion_between, rigid_fit, rigid_fit_covariance
 from .refine import Fit, fit_patches
 from .reprojection import fit_centroids
 from .triangulation import triangulate, triangulate_with_covariance
@@ -129,9 +129,9 @@ def _paper_pose(instant: Identified, rig: Rig, handle: Handle, p: Parameters) ->
     pose, better = fit_pose(labels, rig, handle, instant.pixels, p), judged(check)
     if pose.T_world_handle is None or better.T_world_handle is None:
         return pose
-    away = motion_between(pose.T_world_handle, better.T_world_handle)
-    if np.linalg.norm(away[:3]) > APART_MM or np.linalg.norm(away[3:]) > APART_RAD:
+    if apart(pose.T_world_handle, better.T_world_handle, APART_MM, APART_RAD):
         return LOST
+    away = motion_between(pose.T_world_handle, better.T_world_handle)
     return replace(pose, covariance=better.covariance + np.outer(away, away))
 
 

@@ -17,7 +17,7 @@ from .hypotheses import FAR, Poses, explain, fit, ideal_pixels, predict
 from .layout import layout_of, views_of
 from .markers import Markers
 from .parameters import BEST, Parameters
-from .pose import LOST, Pose, motion_between, shifted
+from .pose import LOST, Pose, apart, shifted
 from .posefilter import Motion
 from .refine import Fit, fit_patches
 from .spot import markers_at
@@ -78,11 +78,11 @@ def expect(rig: Rig, handle: Handle, motion: Motion, p: Parameters) -> list[Expe
     predicted = predict(_batch(motion.pose), views, layout)
     ahead = predict(_batch(shifted(motion.pose, p.exposure_s * motion.rates[:6])), views, layout)
     smear = np.linalg.norm(ahead.uv - predicted.uv, axis=2)[0].max(axis=1)
-    uv = np.where((predicted.facing > np.cos(np.deg2rad(SEEN_DEG)))[:, :, None], predicted.uv, np.nan)[0]
+    facing = predicted.facing[0] > np.cos(np.deg2rad(SEEN_DEG))
+    uv = np.where(facing[..., None], views.as_taken(predicted.uv)[0].transpose(0, 2, 1), np.nan)
     depths = np.maximum(predicted.points[0, :, 2].mean(axis=1), 1.0)
     sizes = handle.marker_diameter_mm * views.focal.max(axis=1) / depths
-    return [Expected(_as_taken(camera, pixels.T), float(size), float(moved))
-            for camera, pixels, size, moved in zip(rig.cameras, uv, sizes, smear, strict=True)]
+    return [Expected(*one) for one in zip(uv, sizes.tolist(), smear.tolist(), strict=True)]
 
 
 def look(images: Sequence[np.ndarray], expected: Sequence[Expected], rig: Rig, handle: Handle,
@@ -102,13 +102,6 @@ def _look(image: np.ndarray, camera: Camera, handle: Handle, uv: Array, reach_px
         return Sight(None, np.full((len(uv), 6), np.nan))
     corner = np.array([window.u, window.v, 0, 0, 0, 0])
     return Sight(window, markers_at(window.crop(image), uv - corner[:2], reach_px, handle.markers, p.markers) + corner)
-
-
-def _as_taken(camera: Camera, ideal: Array) -> Array:
-    """Ideal pixels as those of the distorted image."""
-    if not camera.distortions.any():
-        return ideal
-    return camera.to_pixels((ideal - camera.principal_point) / camera.focal)
 
 
 def _batch(T: RigidTransform) -> Poses:
@@ -164,12 +157,6 @@ def found_markers(sight: Sight) -> Markers:
     """What a camera shows, with a row for each marker; NaN where there is none."""
     table = sight.found
     return Markers(frozen(table[:, :2]), frozen(table[:, 2:4]), frozen(table[:, 4]), frozen(table[:, 5]), ())
-
-
-def apart(a: RigidTransform, b: RigidTransform, most_mm: float, most_rad: float) -> bool:
-    """Whether two poses differ by more than a distance or an angle."""
-    away = motion_between(a, b)
-    return bool(np.linalg.norm(away[:3]) > most_mm or np.linalg.norm(away[3:]) > most_rad)
 
 
 def _agreed(pixels: list[Array], rig: Rig, handle: Handle, start: RigidTransform,

@@ -71,8 +71,8 @@ class Linear(NamedTuple):
         Of the state, or found where it had none.
     predicted, residual, weight : ndarray, shape (k, p)
     by_pose : ndarray, shape (k, 7 or 13, p)
-        Derivatives by a small motion of the handle (nu mm, omega rad; handle frame), by the blur's variance, and where
-        there is a smear by that (handle frame).
+        Derivatives by a small motion of the handle (nu mm, omega rad; handle frame), where there is a smear by that
+        (handle frame), and by the blur's variance.
     by_greys : ndarray, shape (k, 6, p)
     marker, body : ndarray, shape (k, p)
         Shares after the blur.
@@ -138,10 +138,10 @@ def linearise(state: State, here: Patches, rig: Rig, handle: Handle) -> Linear:
     shadings = [(shade @ basis)[:, 0] for basis in bases]
     moves = [by_motion(shown, marker * shading, body * shading - background)
              for shown, shading in zip(during, shadings, strict=True)]
-    parts = [blurred(B, _mean(moves)), half_laplacian(predicted, here.at.side)[:, None]]
+    parts = [blurred(B, _mean(moves))]
     if state.smear is not None:
         parts.append(blurred(B, _mean([share * move for share, move in zip(shares_open, moves, strict=True)])))
-    by_pose = np.concatenate(parts, axis=1)
+    by_pose = np.concatenate([*parts, half_laplacian(predicted, here.at.side)[:, None]], axis=1)
     variance = state.noise.base + state.noise.slope * np.maximum(predicted, 0) + state.noise.texture * (1 - b) ** 2
     return Linear(greys, predicted, here.grey - predicted, usable / variance, by_pose, by_greys, m, b)
 

@@ -80,10 +80,15 @@ class Views(NamedTuple):
 
     def inside(self, uv: Array, margin_px: Array) -> np.ndarray:
         """Whether ideal pixels (h, C, 2, n) lie a margin (h, C, n) inside the images as they are taken, (h, C, n)."""
-        if self.distortions.any():
-            uv = np.stack([self._distorted(uv[:, c], c) for c in range(len(self.sizes))], axis=1)
+        uv = self.as_taken(uv)
         from_edge = np.minimum(uv, self.sizes[:, :, None] - 1.0 - uv).min(axis=2)
         return np.asarray(from_edge >= margin_px)
+
+    def as_taken(self, uv: Array) -> Array:
+        """Ideal pixels (h, C, 2, n) as the images show them."""
+        if not self.distortions.any():
+            return uv
+        return np.stack([self._distorted(uv[:, c], c) for c in range(len(self.sizes))], axis=1)
 
     def _distorted(self, uv: Array, c: int) -> Array:
         """Ideal pixels (h, 2, n) of one camera as its image shows them."""

@@ -173,6 +173,12 @@ def motion_between(a: RigidTransform, b: RigidTransform) -> Array:
     return np.concatenate([a.translation - b.translation, (a.rotation * b.rotation.inv()).as_rotvec()])
 
 
+def apart(a: RigidTransform, b: RigidTransform, most_mm: float, most_rad: float) -> bool:
+    """Whether two poses differ by more than a distance or an angle."""
+    away = motion_between(a, b)
+    return bool(np.linalg.norm(away[:3]) > most_mm or np.linalg.norm(away[3:]) > most_rad)
+
+
 def shifted(T: RigidTransform, motion: Array) -> RigidTransform:
     """A pose after a motion (6,), see `motion_between`, which it undoes."""
     turn = Rotation.from_rotvec(np.array(motion[3:]))  # SciPy wants a writable array

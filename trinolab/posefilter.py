@@ -2,7 +2,8 @@
 
 The model of `kalman` with 18 numbers: a small motion away from the pose that is believed, its rate and the rate's rate.
 After each step the motion goes into the pose and is zero again (the error-state filter, Sola 2017, arXiv:1711.02508),
-so that no orientation is ever far from where its three angles are small.
+so that no orientation is ever far from where its three angles are small. Its equations stand here once more, without
+the checks and roots of `kalman`: those would take a twentieth of the time of an instant.
 """
 
 from __future__ import annotations
@@ -29,7 +30,7 @@ class PoseFilterParameters:
     Attributes
     ----------
     jerk_mm, jerk_rad : float
-        Intensity of the white jerk, mm^2/s^5 and rad^2/s^5: for a held handle the fit to a person's motion.
+        Intensity of the white jerk, mm^2/s^5 and rad^2/s^5: chosen for the standard recordings, not fitted to people.
     speed_mm_s, turn_rad_s : float
         Standard deviations of the rates at the start.
     floor_mm, floor_rad : float

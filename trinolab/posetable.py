@@ -41,6 +41,12 @@ def transforms(table: pd.DataFrame) -> RigidTransform:
     return RigidTransform.from_components(positions, Rotation.from_quat(quaternions))
 
 
+def poses_by_frame(table: pd.DataFrame) -> dict[int, RigidTransform]:
+    """The poses of those rows that hold one."""
+    held = table[table["status"] != "lost"]
+    return dict(zip(held["frame"], transforms(held), strict=True)) if len(held) else {}
+
+
 def write_poses(table: pd.DataFrame, path: str | Path) -> None:
     """Write a pose table as CSV, whole or not at all.
 

@@ -18,11 +18,11 @@ from scipy.spatial.transform import RigidTransform
 from . import posefilter
 from .camera import Rig
 from .checks import as_number, as_transform
-from .follow import apart, expect, follow, found_markers, look
+from .follow import expect, follow, found_markers, look
 from .handle import Handle
 from .identity import choose, equivalents, relabel
 from .parameters import Parameters
-from .pose import LOST, Pose
+from .pose import LOST, Pose, apart
 from .posefilter import Motion
 from .recentre import displacement
 from .tracker import Measurement, as_images, measure

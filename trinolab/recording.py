@@ -16,7 +16,7 @@ import pandas as pd
 from .camera import Rig
 from .checks import Array, as_number
 from .footage import VIDEO_SUFFIXES, Footage, frames_of, open_footage
-from .greyimage import IMAGE_SUFFIXES, is_image, read_grey
+from .greyimage import is_image, read_grey
 
 
 class Instant(NamedTuple):
@@ -223,7 +223,4 @@ def read_instant(instant: Instant, rig: Rig, said: set[str] | None = None) -> li
 def _image_names(folder: Path, rig: Rig) -> set[str]:
     if not folder.is_dir():
         raise ValueError(f"{folder}: no such folder; each camera of the rig needs one ({', '.join(rig.names)})")
-    names = {path.name for path in folder.iterdir() if is_image(path)}
-    if not names:
-        raise ValueError(f"{folder}: no image in it ({', '.join(IMAGE_SUFFIXES)})")
-    return names
+    return set(open_footage(folder).names)

@@ -137,10 +137,10 @@ def _improved(states: list[State], groups: list[Patches], rig: Rig, handle: Hand
     if smear is not None:
         _expect(information, gradient, smear, T)
         turn = np.kron(np.eye(2), T.as_matrix()[:3, :3])
-        smear = smear._replace(motion=smear.motion + turn @ np.nan_to_num(step[-6:]))
+        smear = smear._replace(motion=smear.motion + turn @ np.nan_to_num(step[6:12]))
     T = moved(T, np.nan_to_num(step[:6]))
     noise = noise_of(after[0]._replace(weight=after[0].weight * there[:, None]))
-    blur = limited(states[0].blur_px2, step[6:6 + len(rig.cameras)])
+    blur = limited(states[0].blur_px2, step[-len(rig.cameras):])
     renewed = [State(T, model.greys, blur, noise, smear) for model in after]
     return renewed, _Step(step, information, normals[0], after[0])
 
@@ -159,10 +159,10 @@ def _summed(models: list[Linear], normals: list[Reduced], groups: list[Patches],
 
 
 def _expect(information: Array, gradient: Array, smear: Smear, T_world_handle: RigidTransform) -> None:
-    """Add what was expected of the smear to the normal equations, whose last six unknowns it is (handle frame)."""
+    """Add what was expected of the smear to the normal equations, whose unknowns 6 to 11 it is (handle frame)."""
     turn = np.kron(np.eye(2), T_world_handle.as_matrix()[:3, :3])
-    information[-6:, -6:] += turn.T @ smear.information @ turn
-    gradient[-6:] += turn.T @ smear.information @ (smear.expected - smear.motion)
+    information[6:12, 6:12] += turn.T @ smear.information @ turn
+    gradient[6:12] += turn.T @ smear.information @ (smear.expected - smear.motion)
 
 
 def judged_fit(T_world_handle: RigidTransform, covariance: Array, views: Views, at: Linear, shown: np.ndarray,
@@ -180,10 +180,9 @@ def moved(T_world_handle: RigidTransform, step: Array) -> RigidTransform:
 
 
 def _own(step: Array, camera: np.ndarray, rig: Rig) -> Array:
-    """A step of all unknowns as one for each window: of pose, its camera's blur, and any smear, shape (k, 7 or 13)."""
-    pose, blurs, smear = np.split(step, [6, 6 + len(rig.cameras)])
-    return np.column_stack([np.broadcast_to(pose, (len(camera), 6)), blurs[camera],
-                            np.broadcast_to(smear, (len(camera), len(smear)))])
+    """A step of all unknowns as one for each window: of pose, any smear, and its camera's blur, shape (k, 7 or 13)."""
+    common, blurs = np.split(step, [-len(rig.cameras)])
+    return np.column_stack([np.broadcast_to(common, (len(camera), len(common))), blurs[camera]])
 
 
 def _moved_px(step: Array, here: Patches, handle: Handle) -> float:
@@ -206,15 +205,12 @@ def _trust(at: Linear, information: Array, px_per_mm: Array, floor_px: float) ->
 
 
 def _assembled(normal: Reduced, trust: Array, camera: np.ndarray, rig: Rig) -> tuple[Array, Array]:
-    """Normal equations of the pose (6), the cameras' blurs and any smear (6) from those of the windows."""
+    """Normal equations of the pose (6), any smear (6) and the cameras' blurs from those of the windows."""
     own = (camera[:, None] == np.arange(len(rig.cameras))) * trust[:, None]  # (k, cameras)
-    common = np.r_[0:6, 7:normal.information.shape[1]]  # pose, and the smear where there is one
-    shared = np.tensordot(trust, normal.information[:, common[:, None], common], 1)
-    between = own.T @ normal.information[:, 6, common]
-    order = np.r_[0:6, len(common):len(common) + len(rig.cameras), 6:len(common)]
-    total = np.block([[shared, between.T], [between, np.diag(own.T @ normal.information[:, 6, 6])]])
-    right = np.concatenate([trust @ normal.gradient[:, common], own.T @ normal.gradient[:, 6]])
-    return total[np.ix_(order, order)], right[order]
+    between = own.T @ normal.information[:, -1, :-1]
+    total = np.block([[np.tensordot(trust, normal.information[:, :-1, :-1], 1), between.T],
+                      [between, np.diag(own.T @ normal.information[:, -1, -1])]])
+    return total, np.concatenate([trust @ normal.gradient[:, :-1], own.T @ normal.gradient[:, -1]])
 
 
 def in_world(covariance: Array, T_world_handle: RigidTransform) -> Array:

@@ -29,7 +29,7 @@ from .filming import Job, empty, seen_markers, take
 from .handle import Handle, read_handle
 from .outputs import write_whole
 from .pose import LOST, Pose
-from .posetable import pose_table, read_poses, transforms
+from .posetable import pose_table, poses_by_frame, read_poses
 from .recorder import add, begin, finish, image_paths, partial_of
 from .rigfile import read_rig
 from .script import Shot, calm, following, hard
@@ -137,8 +137,7 @@ def _followed(path: str | Path, rig: Rig, seconds: float | None, fps: float) -> 
     if not Path(path).is_file():
         raise ValueError(f"motion: expected {', '.join(SCRIPTS)} or a CSV of poses, got {path!r}")
     table = read_poses(path).sort_values("frame")
-    held = table[table["status"] != "lost"]
-    if held.empty:
+    if not (poses := poses_by_frame(table)):
         raise ValueError(f"{path}: no pose in it")
     if not np.array_equal(table["frame"], np.arange(len(table))):
         missing = int(np.flatnonzero(table["frame"].to_numpy() != np.arange(len(table)))[0])
@@ -146,7 +145,6 @@ def _followed(path: str | Path, rig: Rig, seconds: float | None, fps: float) -> 
     times = _times_of(table, path, as_number(fps, "fps", 0.0, 1e4, open_low=True))
     if seconds is not None:
         times = times[times - times[0] < as_number(seconds, "seconds", 0.0, open_low=True)]
-    poses = dict(zip(held["frame"], transforms(held), strict=True))
     return following(rig, [poses.get(k) for k in range(len(times))]), times
 
 

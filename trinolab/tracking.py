@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import io
 import json
 import logging
 from collections.abc import Mapping
@@ -26,7 +25,7 @@ from .outputs import check_target, write_whole
 from .overlay import Film, picture
 from .parameters import Parameters
 from .pose import Pose
-from .posetable import POSE_COLUMNS, pose_row, read_poses, transforms, write_poses, write_tum
+from .posetable import POSE_COLUMNS, pose_row, poses_by_frame, read_poses, transforms, write_poses, write_tum
 from .posetracker import TrackState
 from .recording import Recording, find_footage, instants, open_recording
 from .rigfile import read_rig
@@ -125,30 +124,27 @@ class Rows:
     """
 
     def __init__(self, path: Path, fingerprint: str) -> None:
-        self.path, self._head = path, f"# trinolab track {fingerprint}\n{','.join(POSE_COLUMNS)}\n"
+        self.path, head = path, f"# trinolab track {fingerprint}\n{','.join(POSE_COLUMNS)}\n"
         text = path.read_text(encoding="utf-8", errors="replace") if path.exists() else ""
-        self._text = text[:text.rfind("\n") + 1] if text.startswith(self._head) else self._head
-        write_whole(path, self._text)
+        write_whole(path, text[:text.rfind("\n") + 1] if text.startswith(head) else head)
 
     def add(self, frame: int, t_s: float, pose: Pose) -> None:
         """One more row; it is on the disk when this returns. Raises ValueError if it cannot be written."""
         cells = (f"{cell:.9g}" if isinstance(cell, float) else str(cell) for cell in pose_row(frame, t_s, pose))
-        line = ",".join("" if cell == "nan" else cell for cell in cells) + "\n"
         try:
             with self.path.open("a", encoding="utf-8") as file:
-                file.write(line)
+                file.write(",".join("" if cell == "nan" else cell for cell in cells) + "\n")
         except OSError as error:
             raise ValueError(f"{self.path}: cannot be written ({error.strerror})") from None
-        self._text += line
 
     def table(self) -> pd.DataFrame:
-        return pd.read_csv(io.StringIO(self._text), skiprows=1)
+        return pd.read_csv(self.path, skiprows=1)
 
 
 def _track_on(job: Job, rows: Rows, film: Film | None, progress: bool) -> None:
     """Track from the first frame that has no row."""
     done = rows.table()
-    state, tracked_before = _state_after(done), int((done["status"] == "measured").sum())
+    state, measured = _state_after(done), int((done["status"] == "measured").sum())
     stream, seen = instants(job.recording, len(done)), Seen([], [])
     with logging_redirect_tqdm(), tqdm(total=job.recording.length, initial=len(done), unit="instant",
                                        disable=None if progress else True) as bar:
@@ -161,8 +157,8 @@ def _track_on(job: Job, rows: Rows, film: Film | None, progress: bool) -> None:
             seen.add(now.t_s, tracked, len(job.handle.marker_centres))
             if film is not None:
                 film.add(picture(now.images, tracked, job.recording.rig, now.frame, now.t_s))
-            tracked_before += tracked.measurement.pose.status == "measured"
-            bar.set_postfix_str(f"tracked {100 * tracked_before / (now.frame + 1):.0f} %", refresh=False)
+            measured += tracked.measurement.pose.status == "measured"
+            bar.set_postfix_str(f"tracked {100 * measured / (now.frame + 1):.0f} %", refresh=False)
             bar.update()
         for line in seen.offsets(job.recording.rig):
             log.info(line)
@@ -206,11 +202,9 @@ def _known(path: str | Path | None, recording: Recording) -> dict[int, RigidTran
     """The poses of a start file by their frames."""
     if path is None:
         return {}
-    table = read_poses(path)
-    held = table[table["status"] != "lost"]
-    if not len(held):
+    if not (known := poses_by_frame(read_poses(path))):
         raise ValueError(f"{path}: no row holds a pose")
-    return dict(zip(held["frame"], transforms(held), strict=True))
+    return known
 
 
 def _fingerprint(rig: str | Path, handle: str | Path, sources: Mapping[str, str | Path], *others: Any) -> str:

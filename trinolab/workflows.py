@@ -18,7 +18,7 @@ from .handle import Handle, read_handle
 from .metrics import PoseErrors, nearest_equivalent, pose_errors
 from .outputs import check_target
 from .parameters import BEST, ESTIMATORS, Parameters
-from .posetable import pose_table, read_poses, transforms, write_poses
+from .posetable import pose_table, poses_by_frame, read_poses, write_poses
 from .recording import list_instants, read_instant
 from .rigfile import read_rig
 from .scene import Bench, render_rig
@@ -135,5 +135,4 @@ def _expected(path: str | Path, instants: int) -> dict[int, RigidTransform]:
     table = read_poses(path)
     if not (table["frame"] < instants).any():
         raise ValueError(f"{path}: no frame in common with the images, which are frames 0 to {instants - 1}")
-    held = table[table["status"] != "lost"]
-    return dict(zip(held["frame"], transforms(held), strict=True)) if len(held) else {}
+    return poses_by_frame(table)
