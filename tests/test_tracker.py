@@ -10,6 +10,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 from trinolab.arm import Arm
 from trinolab.camera import Rig
 from trinolab.datasets import load_handle, load_rig, load_table1
+from trinolab.estimation import fit_pose
 from trinolab.motion import smooth_motion
 from trinolab.parameters import Parameters
 from trinolab.scene import Bench, render_clip, render_rig
@@ -65,13 +66,18 @@ def test_a_prior_of_another_equivalent_gives_that_one(frames):
 def test_world_frame_is_the_rigs(frames):
     """The same images with the rig written in another frame: the pose moves along, to rounding.
 
-    The covariance to 2 % of the standard deviations: it comes from the image model, which counts in single precision.
+    The covariance of the fit, too; that of the estimate to 2 % of the standard deviations, as the image model has its
+    part in it, which counts in single precision.
     """
     M = RigidTransform.from_components([300.0, -200, 900], Rotation.from_rotvec([0.4, 1.2, -0.3]))
     moved = Rig(tuple(replace(c, T_cam_world=c.T_cam_world * M.inv()) for c in TRIO.cameras))
-    here, there = (measure(frames["coded", 3], rig, CODED).pose for rig in (TRIO, moved))
+    found = [measure(frames["coded", 3], rig, CODED) for rig in (TRIO, moved)]
+    here, there = (m.pose for m in found)
     assert np.abs((M * here.T_world_handle).as_matrix() - there.T_world_handle.as_matrix()).max() < 1e-9
     rotate = np.kron(np.eye(2), M.rotation.as_matrix())
+    plain, also = (fit_pose(m.labels, rig, CODED, tuple(markers.uv for markers in m.found), Parameters()).covariance
+                   for m, rig in zip(found, (TRIO, moved), strict=True))  # of the pixels' noise alone: no image in it
+    np.testing.assert_allclose(also, rotate @ plain @ rotate.T, atol=1e-9)
     sigma = np.sqrt(np.diag(there.covariance))
     assert (np.abs(there.covariance - rotate @ here.covariance @ rotate.T) < 0.02 * np.outer(sigma, sigma)).all()
 
