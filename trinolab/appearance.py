@@ -55,7 +55,7 @@ class Layers(NamedTuple):
     Attributes
     ----------
     marker, body : ndarray, shape (k, p)
-        Share of the pixel's area that the view's marker covers, and that all of the body does.
+        Share of the pixel's area that the view's marker covers (or any marker), and that all of the body does.
     covered : ndarray, shape (k, p)
         What share of the pixel the marker would cover if the body did not end there.
     marker_point, body_point : ndarray, shape (3, k, p)
@@ -65,7 +65,7 @@ class Layers(NamedTuple):
     turn : ndarray, shape (k, p)
         Angle about the axis from the marker's column, rad.
     clear_px : ndarray, shape (k, p)
-        Distance from whatever else is there, another marker's edge or the body's end; negative inside it.
+        Distance from whatever else is there, the body's end or another marker's edge; negative inside it.
     """
 
     marker: Array
@@ -114,17 +114,28 @@ def _through_lens(camera: Camera, pixels: Array, uv: Array) -> tuple[Array, Arra
     return found[:, :-4].transpose(2, 0, 1), by_px
 
 
-def layers(rig: Rig, handle: Handle, T_world_handle: RigidTransform, views: Views, at: Windows) -> Layers:
-    """What each pixel of windows shows of the handle at a pose (see `Layers`)."""
+def layers(rig: Rig, handle: Handle, T_world_handle: RigidTransform, views: Views, at: Windows,
+           any_marker: bool = False) -> Layers:
+    """What each pixel of windows shows of the handle at a pose (see `Layers`).
+
+    With `any_marker` the neighbours of a view's marker count as it does, and are nothing else that is in the way.
+    """
     rays = _rays(rig, T_world_handle, views, at)
     depth, P, outward, distance = _nearest_to_axis(rays)
     body, body_push, _ = _edge(handle.radius_mm - distance, depth, -outward, rays)
     depth, X, normal = _surface(handle, rays, depth, P, distance)
     turn, inside, gradient = _marker(handle, views.marker, X)
+    clear = np.minimum(handle.top_mm - X[1], X[1] - handle.bottom_mm)
+    for others in _neighbours(handle)[views.marker].T:
+        _, beside, away = _marker(handle, others, X)
+        if any_marker:
+            gradient = np.where(beside > inside, away, gradient)
+            inside = np.maximum(beside, inside)
+        else:
+            clear = np.minimum(clear, -beside)
     facing = np.minimum(_dot(normal, rays.direction), -GRAZING)
     gradient -= normal * (_dot(gradient, rays.direction) / facing)  # as the ray's point slides along the surface
     covered, marker_push, width = _edge(inside, depth, gradient, rays)
-    clear = np.minimum(_beside(handle, views.marker, X), np.minimum(handle.top_mm - X[1], X[1] - handle.bottom_mm))
     return Layers(covered * body, body, covered, X, P, marker_push, body_push, turn, clear / width)
 
 
@@ -187,24 +198,19 @@ def _marker(handle: Handle, markers: np.ndarray, X: Array) -> tuple[Array, Array
     """Angle from a marker's column (k, p), distance into the marker from its edge, mm, and its gradient (3, k, p)."""
     angles, axial = (column.astype(np.float32)[markers, None] for column in (
         handle.marker_angles, handle.marker_centres[:, 1]))
-    turn = np.arctan2(X[0], X[2]) - angles
-    turn -= 2 * np.pi * np.round(turn / (2 * np.pi))
+    turn = _wrapped(np.arctan2(X[0], X[2]) - angles)
     across, along = handle.radius_mm * turn, X[1] - axial
     distance = np.maximum(np.hypot(across, along), 1e-9)
     gradient = -np.stack([across * X[2] / handle.radius_mm, along, -across * X[0] / handle.radius_mm]) / distance
     return turn, handle.marker_diameter_mm / 2 - distance, gradient
 
 
-def _beside(handle: Handle, markers: np.ndarray, X: Array, nearest: int = 2) -> Array:
-    """Distance (k, p) on the surface from the edges of a marker's nearest neighbours, mm."""
+def _neighbours(handle: Handle, nearest: int = 2) -> np.ndarray:
+    """Indices (markers, nearest) of each marker's nearest neighbours on the surface."""
     theta, axial = handle.marker_angles, handle.marker_centres[:, 1]
     gap = np.hypot(handle.radius_mm * _wrapped(theta[:, None] - theta), axial[:, None] - axial)
     np.fill_diagonal(gap, np.inf)
-    others = gap.argsort(axis=1)[markers, :nearest].T[..., None]  # (nearest, k, 1)
-    theta, axial = theta.astype(np.float32), axial.astype(np.float32)
-    angle = np.arctan2(X[0], X[2])
-    distance = np.hypot(handle.radius_mm * _wrapped(angle - theta[others]), X[1] - axial[others]).min(axis=0)
-    return distance - handle.marker_diameter_mm / 2
+    return gap.argsort(axis=1)[:, :nearest]
 
 
 def _edge(inside: Array, depth: Array, gradient: Array, rays: _Rays) -> tuple[Array, Array, Array]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -11,13 +12,13 @@ from scipy.spatial.transform import RigidTransform, Rotation
 from .blobs import RING_PX
 from .camera import Camera, Rig
 from .checks import Array, frozen
-from .estimation import APART_MM, APART_RAD, Identified, estimate, fit_pose, judged
+from .estimation import APART_MM, Identified, estimate, fit_pose, judged
 from .handle import Handle
 from .hypotheses import FAR, Poses, explain, fit, ideal_pixels, predict
 from .layout import layout_of, views_of
 from .markers import Markers
 from .parameters import BEST, Parameters
-from .pose import LOST, Pose, apart, shifted
+from .pose import LOST, Pose, apart, motion_between, shifted
 from .posefilter import Motion
 from .refine import Fit, fit_patches
 from .spot import markers_at
@@ -26,9 +27,11 @@ from .window import Window
 SEEN_DEG = 76.0  # markers turned further away are not expected
 MORE_MM_S, MORE_RAD_S = 50.0, 0.3  # added to the standard deviations of the predicted rates
 SMEARED_PX = 1.5  # a marker that moves less while the shutter is open is as good as still
+STRETCHED = 1.15  # times its size that a marker is long when it is smeared
 CLEAR = 1.5  # misfit (1 is noise) up to which there is no smear
 LEFT_PX = 1.0  # distance that the windows of a good fit may be left with, rms
 SURE_MM, SURE_DEG = 0.5, 1.2  # standard deviations with which a pose is measured: four of them are 2 mm and 5 deg
+AGREED_RAD = np.deg2rad(2.5)  # by which an estimator's pose may differ from that on which the markers agree
 LEAST = 3  # found markers, in all cameras, that make it worth to fit pixels
 MOST = 0.55  # share of the expected markers that a camera must show to count
 
@@ -110,31 +113,41 @@ def _batch(T: RigidTransform) -> Poses:
 
 
 def follow(images: Sequence[np.ndarray], expected: Sequence[Expected], sights: Sequence[Sight], rig: Rig,
-           handle: Handle, motion: Motion, p: Parameters) -> Followed:
+           handle: Handle, motion: Motion, p: Parameters, smeared: bool = False) -> Followed:
     """The pose of markers that were looked for where a motion predicts them.
 
     Where the estimator gives no pose, or another one than the markers agree on, the image model does: a single camera
-    is enough for it, and it knows what motion smears.
+    is enough for it. With `smeared` it is the image model of a handle that moves while the shutter is open, from the
+    predicted pose: centroids are worth less than that when limb and neighbours are smeared together.
     """
     pixels = tuple(sight.found[:, :2] for sight in sights)
     T, labels = _agreed(list(pixels), rig, handle, motion.pose, p)
-    if T is not None and p.estimator != BEST:
-        pose = _estimated(Identified(images, pixels, labels, T, _smear(motion, p)), rig, handle, p)
-        if pose.T_world_handle is not None and not apart(pose.T_world_handle, T, APART_MM, APART_RAD):
-            return Followed(pose, labels)
     if T is None and sum(np.isfinite(sight.found[:, 0]).sum() for sight in sights) < LEAST:
         return Followed(LOST, labels)  # it is elsewhere
-    fit = fit_patches(images, rig, handle, motion.pose if T is None else T, p.max_slant_deg)
-    if not _clear(fit) and max(one.smear_px for one in expected) > SMEARED_PX:
-        # centroids are worth less than the prediction now: limb and neighbours are smeared together
+    if smeared:
         fit = fit_patches(images, rig, handle, motion.pose, p.max_slant_deg, smear=_smear(motion, p))
-    return Followed(_judged(fit, rig), labels)
+        return Followed(_judged(fit, rig), labels)
+    may_be_smeared = max(one.smear_px for one in expected) > SMEARED_PX
+    if may_be_smeared and _stretched(expected, sights):
+        return Followed(LOST, labels)
+    if T is not None and p.estimator != BEST:
+        pose = _estimated(Identified(images, pixels, labels, T, _smear(motion, p)), rig, handle, p)
+        if pose.T_world_handle is not None and not apart(pose.T_world_handle, T, APART_MM, AGREED_RAD):
+            return Followed(pose, labels)
+    fit = fit_patches(images, rig, handle, motion.pose if T is None else T, p.max_slant_deg)
+    return Followed(LOST if may_be_smeared and not _clear(fit) else _judged(fit, rig), labels)
 
 
 def _smear(motion: Motion, p: Parameters) -> tuple[Array, Array]:
     """The motion expected while the shutter is open, (6,), and its covariance, (6, 6); it may be wrong by some more."""
     spread = motion.covariance[6:12, 6:12] + np.diag(np.repeat([MORE_MM_S, MORE_RAD_S], 3) ** 2)
     return p.exposure_s * motion.rates[:6], p.exposure_s**2 * spread
+
+
+def _stretched(expected: Sequence[Expected], sights: Sequence[Sight]) -> bool:
+    """Whether in some camera most markers are longer than any disc of their size would be."""
+    return any(np.nanmedian(sight.found[:, 2]) > STRETCHED * one.size_px
+               for one, sight in zip(expected, sights, strict=True) if np.isfinite(sight.found[:, 2]).any())
 
 
 def _clear(fit: Fit | None) -> bool:
@@ -149,8 +162,11 @@ def _judged(fit: Fit | None, rig: Rig) -> Pose:
     cameras = fit.views.camera
     share = np.array([fit.shown[cameras == c].mean() if (cameras == c).any() else 0.0 for c in range(len(rig.cameras))])
     pose = judged(fit._replace(shown=fit.shown & (share > MOST)[cameras]))
-    sure = pose.residual_px < LEFT_PX and pose.sigma_mm < SURE_MM and pose.sigma_deg < SURE_DEG
-    return pose if sure else LOST
+    return pose if _sure(pose) and pose.residual_px < LEFT_PX else LOST
+
+
+def _sure(pose: Pose) -> bool:
+    return bool(pose.sigma_mm < SURE_MM and pose.sigma_deg < SURE_DEG)
 
 
 def found_markers(sight: Sight) -> Markers:
@@ -178,7 +194,15 @@ def _agreed(pixels: list[Array], rig: Rig, handle: Handle, start: RigidTransform
 
 
 def _estimated(instant: Identified, rig: Rig, handle: Handle, p: Parameters) -> Pose:
-    """The pose by the estimator; the paper's as it is, without the image model that checks it in a single instant."""
-    if p.estimator == "paper":
-        return fit_pose(instant.labels, rig, handle, instant.pixels, p, instant.T_world_handle)
-    return estimate(instant, rig, handle, p)
+    """The pose by the estimator, `LOST` if it is not sure; the paper's without the image model that checks it elsewhere.
+
+    The covariance of the paper's takes in the way to the pose that all pixels agree on.
+    """
+    if p.estimator != "paper":
+        pose = estimate(instant, rig, handle, p)
+        return pose if _sure(pose) else LOST
+    pose = fit_pose(instant.labels, rig, handle, instant.pixels, p, instant.T_world_handle)
+    if pose.T_world_handle is None or not _sure(pose):
+        return LOST
+    away = motion_between(pose.T_world_handle, instant.T_world_handle)
+    return replace(pose, covariance=pose.covariance + np.outer(away, away))

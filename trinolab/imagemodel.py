@@ -115,7 +115,8 @@ def first_state(T_world_handle: RigidTransform, rig: Rig, smear: Smear | None = 
 def linearise(state: State, here: Patches, rig: Rig, handle: Handle) -> Linear:
     """The model and its derivatives at a state."""
     shares_open = _shares_open(state, here, handle)
-    during = [layers(rig, handle, _at(state, share), here.views, here.at) for share in shares_open]
+    moving = state.smear is not None  # neighbours are smeared together
+    during = [layers(rig, handle, _at(state, share), here.views, here.at, moving) for share in shares_open]
     B = blur_matrices(here.at.side, state.blur_px2).astype(np.float32)[here.views.camera]
     bases = [shading_basis(shown.turn).transpose(1, 0, 2) for shown in during]  # (k, basis, p) each
     shares = _mean([np.stack([shown.marker, shown.body], axis=1)[:, :, None] * basis[:, None]

@@ -30,6 +30,8 @@ class Patches(NamedTuple):
     grey : ndarray, shape (k, p)
     valid : ndarray of bool, shape (k, p)
         Not saturated.
+    alone : ndarray, shape (k,)
+        What share of it a window counts: less where it has its pixels in common with others that show the same.
     """
 
     views: Views
@@ -37,6 +39,7 @@ class Patches(NamedTuple):
     px_per_mm: Array
     grey: np.ndarray
     valid: np.ndarray
+    alone: Array
 
 
 def patches(images: Sequence[np.ndarray], rig: Rig, handle: Handle, T_world_handle: RigidTransform,
@@ -55,7 +58,8 @@ def patches(images: Sequence[np.ndarray], rig: Rig, handle: Handle, T_world_hand
     moved = 0.0 if smear is None else np.linalg.norm(smear[:3]) * scale[facing].max(initial=0.0)
     side = 2 * int(np.ceil(min(largest + moved, LARGEST_PX) / 2 + MARGIN_PX)) + 1
     views = Views(*np.nonzero(facing))
-    return cut(images, rig, handle, T_world_handle, views, uv[views], side)
+    here = cut(images, rig, handle, T_world_handle, views, uv[views], side)
+    return here if smear is None else here._replace(alone=_alone(here, images))
 
 
 def cut(images: Sequence[np.ndarray], rig: Rig, handle: Handle, T_world_handle: RigidTransform, views: Views, uv: Array,
@@ -70,4 +74,13 @@ def cut(images: Sequence[np.ndarray], rig: Rig, handle: Handle, T_world_handle: 
                     dtype=np.float32).reshape(len(at.corner), side * side)
     centres = T_world_handle.apply(handle.marker_centres)
     scale = np.stack([camera.focal.mean() / camera.T_cam_world.apply(centres)[:, 2] for camera in rig.cameras])
-    return Patches(views, at, scale[views], grey, grey < SATURATED)
+    return Patches(views, at, scale[views], grey, grey < SATURATED, np.ones(len(uv)))
+
+
+def _alone(here: Patches, images: Sequence[np.ndarray]) -> Array:
+    """One by the mean number of windows that a window's pixels lie in, shape (k,)."""
+    side, counts = here.at.side, [np.zeros(image.shape, np.uint8) for image in images]
+    places = list(zip(here.views.camera, here.at.corner, strict=True))
+    for c, (u, v) in places:
+        counts[c][v:v + side, u:u + side] += 1
+    return np.array([1 / counts[c][v:v + side, u:u + side].mean() for c, (u, v) in places])

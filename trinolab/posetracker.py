@@ -18,7 +18,7 @@ from scipy.spatial.transform import RigidTransform
 from . import posefilter
 from .camera import Rig
 from .checks import as_number, as_transform
-from .follow import expect, follow, found_markers, look
+from .follow import SMEARED_PX, expect, follow, found_markers, look
 from .handle import Handle
 from .identity import choose, equivalents, relabel
 from .parameters import Parameters
@@ -118,8 +118,8 @@ def step(state: TrackState, frames: Sequence[ArrayLike], t_s: float, rig: Rig, h
         return _sought(images, t, rig, handle, p)
     predicted = posefilter.predict(state.motion, t, p.motion)
     best: tuple[Tracked, Motion] | None = None
-    for motion in _guesses(images, predicted, state.seen, rig, handle, p):
-        tracked = _followed(images, motion, rig, handle, p)
+    for motion, smeared in _guesses(images, predicted, state.seen, rig, handle, p):
+        tracked = _followed(images, motion, rig, handle, p, smeared)
         pose = tracked.measurement.pose
         if _believable(pose, motion, rig, handle) and (best is None or pose.cameras > best[0].measurement.pose.cameras):
             best = tracked, motion
@@ -133,27 +133,42 @@ def step(state: TrackState, frames: Sequence[ArrayLike], t_s: float, rig: Rig, h
 
 
 def _guesses(images: list[np.ndarray], predicted: Motion, seen: Motion, rig: Rig, handle: Handle,
-             p: Parameters) -> Iterator[Motion]:
-    """Where the handle may be: as predicted; shifted from there, or from where it was; measured without a clue."""
-    yield predicted
-    resting = Motion(predicted.t_s, seen.pose, seen.rates, predicted.covariance)
-    for motion in (predicted, resting):
-        expected = expect(rig, handle, motion, p)
-        shift = displacement(images, [one.uv for one in expected], [one.size_px for one in expected], rig, handle,
-                             motion.pose.translation)
-        if shift is not None:
-            yield posefilter.restarted(predicted, motion.pose.translation + shift, seen, p.motion)
+             p: Parameters) -> Iterator[tuple[Motion, bool]]:
+    """Where the handle may be: as predicted; shifted from there, or from where it was; measured without a clue.
+
+    With each whether it is to be looked for as one that moves while the shutter is open: that takes longer, and comes
+    after those that are quick.
+    """
+    yield predicted, False
+    near = [predicted, *_displaced(images, predicted, seen, rig, handle, p)]
+    yield from ((motion, False) for motion in near[1:])
+    yield from ((motion, True) for motion in near
+                if max(one.smear_px for one in expect(rig, handle, motion, p)) > SMEARED_PX)
     pose = measure(images, rig, handle, predicted.pose, p).pose
     if _believable(pose, predicted, rig, handle) and pose.T_world_handle is not None:
-        yield posefilter.update(predicted, pose.T_world_handle, np.diag(np.repeat([1.0, 0.1], 3) ** 2), p.motion)
+        spread = np.diag(np.repeat([1.0, 0.1], 3) ** 2)
+        yield posefilter.update(predicted, pose.T_world_handle, spread, p.motion), False
+
+
+def _displaced(images: list[np.ndarray], predicted: Motion, seen: Motion, rig: Rig, handle: Handle,
+               p: Parameters) -> list[Motion]:
+    """The predicted motion shifted to where the images have the handle, from there and from where it was seen."""
+    found = []
+    for pose in (predicted.pose, seen.pose):
+        expected = expect(rig, handle, predicted._replace(pose=pose), p)
+        shift = displacement(images, [one.uv for one in expected], [one.size_px for one in expected], rig, handle,
+                             pose.translation)
+        if shift is not None:
+            found.append(posefilter.restarted(predicted, pose.translation + shift, seen, p.motion))
+    return found
 
 
 def _followed(images: list[np.ndarray], motion: Motion, rig: Rig, handle: Handle,
-              p: Parameters) -> Tracked:
+              p: Parameters, smeared: bool) -> Tracked:
     """The handle measured near where a motion has it."""
     expected = expect(rig, handle, motion, p)
     sights = look(images, expected, rig, handle, p)
-    pose, labels = follow(images, expected, sights, rig, handle, motion, p)
+    pose, labels = follow(images, expected, sights, rig, handle, motion, p, smeared)
     windows = tuple(sight.window for sight in sights)
     return Tracked(Measurement(pose, tuple(map(found_markers, sights)), labels), windows)
 

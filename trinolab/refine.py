@@ -39,6 +39,7 @@ FLOOR_PX = 0.003  # by so much the image model misplaces a marker of the simulat
 MOST_STEPS = 8  # Gauss-Newton steps; two do where two cameras share markers
 SETTLED_PX = 0.1  # a step that moves all markers by less is the last one: the next would move them by a hundredth
 LARGEST_STEP = np.repeat([5.0, 0.3], 3)  # mm, rad; the image model holds within a few pixels
+SMEAR_FLOOR = 0.001  # and this share of the way that it moves while the shutter is open
 OUTLINE_FLOOR_PX = 0.4  # and a piece of outline: texture and shade at the limb misplace all alike, which no mean mends
 
 
@@ -126,14 +127,14 @@ def _improved(states: list[State], groups: list[Patches], rig: Rig, handle: Hand
     models = [linearise(state, group, rig, handle) for state, group in zip(states, groups, strict=True)]
     normals = [reduce(model.by_pose, model) for model in models]
     there = has_contrast(models[0], handle)  # windows that show no marker would only fit their noise
-    information, gradient = _summed(models, normals, groups, there, rig)
+    information, gradient = _summed(models, normals, states[0], groups, there, rig)
     T, smear = states[0].T_world_handle, states[0].smear
     if smear is not None:
         _expect(information, gradient, smear, T)
     step = inverse(information) @ gradient
     after = [advanced(model, model.by_pose, normal, _own(step, group.views.camera, rig))
              for model, normal, group in zip(models, normals, groups, strict=True)]
-    information, gradient = _summed(after, normals, groups, there, rig)  # what misfits before may fit after it
+    information, gradient = _summed(after, normals, states[0], groups, there, rig)  # what misfits before may fit after it
     if smear is not None:
         _expect(information, gradient, smear, T)
         turn = np.kron(np.eye(2), T.as_matrix()[:3, :3])
@@ -145,11 +146,12 @@ def _improved(states: list[State], groups: list[Patches], rig: Rig, handle: Hand
     return renewed, _Step(step, information, normals[0], after[0])
 
 
-def _summed(models: list[Linear], normals: list[Reduced], groups: list[Patches], there: np.ndarray,
+def _summed(models: list[Linear], normals: list[Reduced], state: State, groups: list[Patches], there: np.ndarray,
             rig: Rig) -> tuple[Array, Array]:
     """Normal equations of pose and blurs over all windows, each by its trust; markers' only where there is one."""
-    floors = (FLOOR_PX, OUTLINE_FLOOR_PX)[:len(groups)]
-    weights = [_trust(model, normal.information, group.px_per_mm, floor)
+    way_mm = 0.0 if state.smear is None else np.linalg.norm(state.smear.motion[:3])
+    floors = (FLOOR_PX + SMEAR_FLOOR * way_mm * groups[0].px_per_mm, OUTLINE_FLOOR_PX)[:len(groups)]
+    weights = [group.alone * _trust(model, normal.information, group.px_per_mm, floor)
                for model, normal, group, floor in zip(models, normals, groups, floors, strict=True)]
     weights[0] = weights[0] * there
     parts = [_assembled(normal, weight, group.views.camera, rig)
@@ -198,7 +200,7 @@ def _distances(normal: Reduced, step: Array) -> Array:
     return np.linalg.norm((along @ gradient[..., None])[..., 0], axis=1)
 
 
-def _trust(at: Linear, information: Array, px_per_mm: Array, floor_px: float) -> Array:
+def _trust(at: Linear, information: Array, px_per_mm: Array, floor_px: Array | float) -> Array:
     """Weight of each window, shape (k,): less where it does not fit, or claims to know its place to below the floor."""
     per_px2 = np.trace(information[:, :3, :3], axis1=1, axis2=2) / (2 * px_per_mm**2)
     return 1 / np.maximum(misfit(at), 1.0) / (1 + floor_px**2 * per_px2)
