@@ -147,7 +147,8 @@ def _guesses(images: list[np.ndarray], predicted: Motion, seen: Motion, rig: Rig
     pose = measure(images, rig, handle, predicted.pose, p).pose
     if _believable(pose, predicted, rig, handle) and pose.T_world_handle is not None:
         spread = np.diag(np.repeat([1.0, 0.1], 3) ** 2)
-        yield posefilter.update(predicted, pose.T_world_handle, spread, p.motion), False
+        there = posefilter.update(predicted, pose.T_world_handle, spread, p.motion)
+        yield from ((there, smeared) for smeared in (False, True))
 
 
 def _displaced(images: list[np.ndarray], predicted: Motion, seen: Motion, rig: Rig, handle: Handle,

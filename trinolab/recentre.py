@@ -14,6 +14,7 @@ from .window import Window
 
 FURTHEST_PX = 60  # of a shift that is looked for
 COARSE = 3  # px to a step of the search
+DIMMEST = 2.0  # grey levels, of half of what a marker stands out by; less is noise
 AGREE_PX = 6.0  # to which the cameras' shifts must agree on one motion
 
 
@@ -68,6 +69,8 @@ def _shift(image: np.ndarray, uv: Array, size_px: float, markers: str) -> Array 
     small = cv2.resize(window.crop(image).astype(np.float32), None, fx=1 / COARSE, fy=1 / COARSE,
                        interpolation=cv2.INTER_AREA)
     spots = _spots(small if markers == "bright" else -small, size_px / COARSE)
+    if spots.max(initial=0.0) < DIMMEST:
+        return None
     reach = FURTHEST_PX // COARSE
     padded = np.pad(spots, reach + 1)
     at = np.rint((uv - [window.u, window.v]) / COARSE - 0.5).astype(int) + reach + 1
