@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 import pytest
 
-from trinolab import capturing, cli, devices, recorder
+from trinolab import capturing, cli, devices, outputs, recorder
 from trinolab.camera import Rig
 from trinolab.capturing import capture, side_by_side
 from trinolab.datasets import data_path, load_rig
@@ -316,11 +316,11 @@ def test_a_disk_that_is_full_from_the_start_leaves_nothing(cameras, tmp_path, mo
     with pytest.raises(ValueError, match=r"000000\.png: cannot be written \(No space left on device\)$"):
         capture(TWO, tmp_path / "r")
     assert list(tmp_path.iterdir()) == []
-    monkeypatch.setattr(recorder, "write_rig", lambda *_: (_ for _ in ()).throw(OSError(28, "No space left on device")))
     write_rig(load_rig("paper_pair"), tmp_path / "rig.toml")
+    monkeypatch.setattr(outputs.os, "replace", lambda *_: (_ for _ in ()).throw(OSError(28, "No space left on device")))
     for device in cameras.values():
         device.size = (1280, 1024)
-    with pytest.raises(ValueError, match=r"r: cannot be written \(No space left on device\)$"):
+    with pytest.raises(ValueError, match=r"rig\.toml: cannot be written \(No space left on device\)$"):
         capture(TWO, tmp_path / "r", tmp_path / "rig.toml")
     assert [path.name for path in tmp_path.iterdir()] == ["rig.toml"]
 

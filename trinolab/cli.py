@@ -7,8 +7,10 @@ from __future__ import annotations
 
 import argparse
 import logging
+import os
 import sys
 from collections.abc import Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from .arguments import parser
@@ -22,13 +24,26 @@ def main(argv: Sequence[str] | None = None) -> int:
     arguments = parser().parse_args(argv)
     logging.basicConfig(format="%(message)s", stream=sys.stderr, level=logging.INFO)
     try:
-        return _RUN[arguments.command](arguments)
-    except (ValueError, OSError) as error:
-        print(f"trinolab {arguments.command}: {error}", file=sys.stderr)
+        try:
+            return _RUN[arguments.command](arguments)
+        finally:
+            _flush()
+    except (ValueError, OSError, MemoryError) as error:
+        what = f"not enough memory ({error})" if isinstance(error, MemoryError) else str(error)
+        print(f"trinolab {arguments.command}: {' '.join(what.splitlines())}", file=sys.stderr)
         return 2
     except KeyboardInterrupt as stop:
         print(f"trinolab {arguments.command}: interrupted, {str(stop) or 'nothing was written'}", file=sys.stderr)
         return 130
+
+
+def _flush() -> None:
+    """Hand over what was printed. Raises ValueError where nobody takes it: a full disk, a pipe that was closed."""
+    try:
+        sys.stdout.flush()
+    except OSError as error:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # or Python, at its end, would complain as well
+        raise ValueError(f"standard output: cannot be written ({error.strerror})") from None
 
 
 def _measure(a: argparse.Namespace) -> int:
@@ -51,7 +66,7 @@ def _calibrate(a: argparse.Namespace) -> int:
 
 
 def _named(items: Sequence[str], option: str) -> dict[str, str]:
-    """NAME=PATH arguments as a mapping; ValueError for another form or a name that comes twice."""
+    """NAME=PATH arguments as a mapping; ValueError for another form, or a name or a path that comes twice."""
     found: dict[str, str] = {}
     for item in items:
         name, equals, path = item.partition("=")
@@ -59,6 +74,8 @@ def _named(items: Sequence[str], option: str) -> dict[str, str]:
             raise ValueError(f"{option}: expected NAME=PATH, got {item!r}")
         if name in found:
             raise ValueError(f"{option}: camera {name} is named twice")
+        if Path(path) in map(Path, found.values()):
+            raise ValueError(f"{option}: {path} is given for more than one camera")
         found[name] = path
     return found
 

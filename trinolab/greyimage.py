@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import logging
+import os
+import tempfile
 from pathlib import Path
 
 import cv2
@@ -38,13 +40,36 @@ def read_grey(path: Path, size: tuple[int, int] | None, said: set[str]) -> np.nd
         data = path.read_bytes()
     except OSError as error:
         raise ValueError(f"{path}: cannot be read ({error.strerror})") from None
-    if data.startswith(b"\x89PNG") and b"IEND" not in data[-12:]:  # libpng would complain by itself
+    if data.startswith(b"\x89PNG") and b"IEND" not in data[-12:]:
         raise ValueError(f"{path}: cannot be read as an image (its end is missing)")
-    image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED) if data else None
+    image, complaint = _decoded(data)
     if image is None or image.dtype not in (np.uint8, np.uint16):
         raise ValueError(f"{path}: cannot be read as an image of 8 or 16 bit")
     check_size(image, size, path)
+    if complaint:
+        _say(path, f"may be damaged ({complaint})", said)
     return as_grey(image, path, said)
+
+
+def _decoded(data: bytes) -> tuple[np.ndarray | None, str]:
+    """The image, None if there is none, and the first line of what the decoder has to say about it.
+
+    The decoders of PNG, JPEG and TIFF write to the file of standard error by themselves: it is another one meanwhile.
+    """
+    if not data:
+        return None, ""
+    with tempfile.TemporaryFile() as file:
+        kept = os.dup(2)
+        os.dup2(file.fileno(), 2)
+        try:
+            image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
+        except cv2.error:  # more pixels than OpenCV takes
+            image = None
+        finally:
+            os.dup2(kept, 2)
+            os.close(kept)
+        file.seek(0)
+        return image, file.read(200).decode(errors="replace").partition("\n")[0]
 
 
 def check_size(image: np.ndarray, size: tuple[int, int] | None, path: Path) -> None:

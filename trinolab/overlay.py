@@ -55,11 +55,13 @@ class Film:
     Raises
     ------
     ValueError
-        If the video cannot be written.
+        If the video cannot be written, or not as a whole.
     """
 
     def __init__(self, path: str | Path, fps: float) -> None:
-        self.path, self.fps = Path(path), fps
+        self.path, self.fps, self._count = Path(path), fps, 0
+        if self.path.suffix.lower() != ".webm":
+            raise ValueError(f"{path}: expected a name that ends in .webm")
         self._partial = self.path.with_name(f".{self.path.stem}.partial{self.path.suffix}")
         self._writer: cv2.VideoWriter | None = None
 
@@ -74,6 +76,7 @@ class Film:
             if not self._writer.isOpened():
                 raise ValueError(f"{self.path}: cannot be written as a VP9 video")
         self._writer.write(image)
+        self._count += 1
 
     def __exit__(self, kind: object, *_: object) -> None:
         if self._writer is not None:

@@ -11,10 +11,10 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-import pandas as pd
 
 from .camera import Rig
 from .checks import Array, as_number
+from .csvfile import read_csv
 from .footage import VIDEO_SUFFIXES, Footage, frames_of, open_footage
 from .greyimage import is_image, read_grey
 
@@ -135,7 +135,7 @@ def instants(recording: Recording, first: int = 0) -> Iterator[Frames]:
     Raises
     ------
     ValueError
-        Names the file that cannot be read, or that ends while another one goes on.
+        Names the file that cannot be read, holds no frame, or ends while another one goes on.
     """
     said: set[str] = set()
     streams = [frames_of(one, camera.size, first, said)
@@ -145,6 +145,8 @@ def instants(recording: Recording, first: int = 0) -> Iterator[Frames]:
         images = [next(stream, None) for stream in streams]
         over = [one.path for one, image in zip(recording.footage, images, strict=True) if image is None]
         if len(over) == len(images):
+            if frame == 0:
+                raise ValueError(f"{over[0]}: no frame in it")
             return
         if over:
             raise ValueError(f"{over[0]}: ends after {frame} frames, another camera goes on")
@@ -161,12 +163,7 @@ def read_timestamps(path: str | Path) -> Array:
         Names the file and the row: unreadable, a column missing, no number, frames that do not count from 0, times that
         do not increase.
     """
-    try:
-        table = pd.read_csv(path, usecols=["frame", "t_s"], dtype=float)
-    except OSError as error:
-        raise ValueError(f"{path}: cannot be read ({error.strerror})") from None
-    except (pd.errors.ParserError, pd.errors.EmptyDataError, UnicodeDecodeError, ValueError, OverflowError) as error:
-        raise ValueError(f"{path}: no valid CSV with columns frame and t_s ({str(error).splitlines()[0]})") from None
+    table = read_csv(path, usecols=["frame", "t_s"], dtype=float)
     frame, times = table["frame"].to_numpy(), table["t_s"].to_numpy()
     if len(times) == 0 or not np.array_equal(frame, np.arange(len(frame))):
         raise ValueError(f"{path}: column 'frame' expects 0, 1, 2, ...")
