@@ -335,22 +335,6 @@ def test_command_says_what_it_recorded(folder, capfd):
                         r"cameras within \d+\.\d ms \(median\), \d+\.\d ms \(longest\); written to r\n", out)
 
 
-@pytest.mark.parametrize(("named", "message"), [("a", "expected NAME=PATH"), ("a=", "expected NAME=PATH"),
-                                                ("=0", "expected NAME=PATH"), ("a=0 a=1", "a is named twice")])
-def test_names_are_checked(folder, named, message, capfd):
-    assert cli.main(["capture", "--camera", *named.split(), "--out", "r"]) == 2
-    out, err = capfd.readouterr()
-    assert (out, err.count("\n")) == ("", 1)
-    assert err.startswith("trinolab capture: --camera: ")
-    assert message in err
-
-
-def test_a_camera_that_is_not_there_costs_one_line(folder, capfd):
-    assert cli.main(["capture", "--camera", "ccd1=9999", "--out", "r"]) == 2
-    assert capfd.readouterr() == ("", "trinolab capture: ccd1: camera 9999 cannot be opened\n")
-    assert not Path("r").exists()
-
-
 def test_control_c_ends_the_command_normally(folder):
     write_video(folder / "long.mkv", [np.zeros(SIZE[::-1], np.uint8)] * 3000, fps=50)
     line = [sys.executable, "-m", "trinolab.cli", "capture", "--camera", "a=long.mkv", "--out", "r"]

@@ -125,7 +125,7 @@ WRONG = {
     "a marker below the bottom": ("rows_mm", fields(rows_mm=[[10.0], [-174.0]])),
     "markers that overlap": ("overlap", fields(rows_mm=[[10.0, 8.0], [10.0]])),
     "columns that overlap": ("overlap", fields(columns_deg=[0.0, 359.0])),
-    "one column": ("rows_mm: expected markers that fix a pose", fields(columns_deg=[0.0], rows_mm=[[10.0, 0.0, -10.0]])),
+    "one column": ("rows_mm: expected markers that fix", fields(columns_deg=[0.0], rows_mm=[[10.0, 0.0, -10.0]])),
     "two markers": ("rows_mm: expected markers that fix a pose", fields(rows_mm=[[10.0], [-10.0]])),
     "one marker": ("rows_mm: expected markers that fix a pose", fields(columns_deg=[0.0], rows_mm=[[10.0]])),
     "columns that nearly coincide": ("rows_mm: expected markers that fix a pose",

@@ -67,7 +67,8 @@ def test_round_trip_keeps_every_digit(tmp_path):
 
 
 def test_the_order_of_the_file_is_the_camera_axis(tmp_path):
-    path = write(tmp_path / "rig.toml", table("z"), table("a", translation=[0.0, 0, 0]), table("m", translation=[9.0, 0, 0]))
+    tables = [table(name, translation=[float(k), 0, 0]) for k, name in enumerate("zam")]
+    path = write(tmp_path / "rig.toml", *tables)
     assert read_rig(path).names == ("z", "a", "m")
 
 
@@ -122,7 +123,8 @@ def test_a_wrong_camera_is_named_with_its_file_and_field(tmp_path, case):
     ("", "two or more, got 0"), (tomli_w.dumps({"one": table()}), "two or more, got 1"),
     (tomli_w.dumps({"one": table(), "two": table()}), "different names"),
     (tomli_w.dumps({"one": table(), "two": table("b")}), "different places, got a and b in one"),
-    ("a = " + 5000 * "[", "lists within lists"), ("a = " + 5000 * "9", "no valid TOML"), ("name = 3\n", "name"), ("[[cam]]\nname = 'a'\n[[cam]]\nname = 'b'\n", "cam"),
+    ("a = " + 5000 * "[", "lists within lists"), ("a = " + 5000 * "9", "no valid TOML"),
+    ("name = 3\n", "name"), ("[[cam]]\nname = 'a'\n[[cam]]\nname = 'b'\n", "cam"),
     ("this is no file of tables", "no valid TOML"), ("a = [1, 2", "no valid TOML"), (b"\xff\xfe\x00", "no valid TOML"),
 ])
 def test_a_wrong_file_is_named(tmp_path, content, message):

@@ -10,7 +10,7 @@ from pathlib import Path
 
 def check_target(path: str | Path) -> None:
     """Refuse, with a ValueError, a place where `write_whole` could not write: asked before a long computation."""
-    target, folder = Path(path), _resolved(path).parent
+    target, folder = Path(path), resolved(path).parent
     if not folder.is_dir():
         raise ValueError(f"{path}: no such folder to write into")
     if target.exists() and not target.is_file():
@@ -21,15 +21,16 @@ def check_target(path: str | Path) -> None:
 
 def check_targets(targets: Iterable[str | Path], inputs: Iterable[str | Path] = ()) -> None:
     """Refuse as `check_target` does, and a file that would be written twice, or over one that the command reads."""
-    taken = {_resolved(path) for path in inputs}
+    taken = {resolved(path) for path in inputs}
     for path in targets:
         check_target(path)
-        if _resolved(path) in taken:
+        if resolved(path) in taken:
             raise ValueError(f"{path}: expected a file of its own, got one that this command reads, or writes as well")
-        taken.add(_resolved(path))
+        taken.add(resolved(path))
 
 
-def _resolved(path: str | Path) -> Path:
+def resolved(path: str | Path) -> Path:
+    """The place that a path means. Raises ValueError for a link that leads to itself."""
     try:
         return Path(path).resolve()
     except RuntimeError:  # Python before 3.13

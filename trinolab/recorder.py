@@ -13,7 +13,7 @@ import pandas as pd
 
 from .camera import Rig
 from .handle import Handle, write_handle
-from .outputs import check_target, write_whole
+from .outputs import check_target, resolved, write_whole
 from .posetable import write_poses
 from .rigfile import write_rig
 
@@ -29,7 +29,7 @@ def partial_of(folder: str | Path) -> Path:
     ValueError
         If there is something at `folder` already, or nothing can be written beside it.
     """
-    target = Path(folder).resolve()
+    target = resolved(folder)
     check_target(target / ".." / f"{target.name}{PARTIAL}.probe")
     if target.exists() and (not target.is_dir() or any(target.iterdir())):
         raise ValueError(f"{folder}: exists already; name another folder, or remove it")

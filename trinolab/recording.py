@@ -39,6 +39,8 @@ class Recording(NamedTuple):
     times_s : ndarray or None
         Of the middle of each frame's exposure, s; None if they follow from `fps`.
     fps : float
+    times_from : path
+        Where `times_s` was read.
     """
 
     rig: Rig
@@ -46,6 +48,7 @@ class Recording(NamedTuple):
     length: int
     times_s: Array | None
     fps: float
+    times_from: str | Path = "timestamps"
 
     @property
     def rate(self) -> float:
@@ -59,7 +62,8 @@ class Recording(NamedTuple):
         if self.times_s is None:
             return frame / self.fps
         if frame >= len(self.times_s):
-            raise ValueError(f"timestamps: no time for frame {frame}, they end with frame {len(self.times_s) - 1}")
+            last = len(self.times_s) - 1
+            raise ValueError(f"{self.times_from}: no time for frame {frame}, they end with frame {last}")
         return float(self.times_s[frame])
 
 
@@ -105,7 +109,7 @@ def open_recording(sources: Mapping[str, str | Path], rig: Rig, fps: float = 30.
     count = folders[0].length if folders else max(one.length for one in footage)
     if times is not None and folders and len(times) < count:
         raise ValueError(f"{timestamps}: no time for frame {len(times)} of {count}")
-    return Recording(rig, footage, count, times, fps)
+    return Recording(rig, footage, count, times, fps, timestamps or "timestamps")
 
 
 def find_footage(folder: str | Path, rig: Rig) -> dict[str, Path]:
