@@ -1,7 +1,6 @@
 """From images of a target to a rig file: rendered truth, missing and spoiled views, mistakes, a real stereo pair."""
 
 import re
-import shlex
 import shutil
 from pathlib import Path
 
@@ -10,9 +9,10 @@ import numpy as np
 import pandas as pd
 import pytest
 from boards import CALIBRATE, LENS, SIZE, board_frames, make_rig, positions, write_views
+from healthy import contents, run
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from trinolab import calibrating, cli, outputs, targetviews
+from trinolab import calibrating, outputs, targetviews
 from trinolab.calibrating import as_lines, calibrate_rig
 from trinolab.camera import Camera
 from trinolab.datasets import load_real_sets, real_set
@@ -91,17 +91,6 @@ def folder(rendered, tmp_path, monkeypatch):
         shutil.copytree(rendered / name, tmp_path / name)
     monkeypatch.chdir(tmp_path)
     return tmp_path
-
-
-def run(line):
-    try:
-        return cli.main(shlex.split(line))
-    except SystemExit as left:
-        return left.code
-
-
-def contents(folder):
-    return {path: path.is_file() and path.read_bytes() for path in sorted(folder.rglob("*"))}
 
 
 def calibrated(target=CHESSBOARD, **rest):

@@ -12,6 +12,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from healthy import contents, run
 from scipy.spatial.transform import RigidTransform
 
 from trinolab import __version__, cli, evaluation, scoreboard, workflows
@@ -45,18 +46,6 @@ def folder(tmp_path, monkeypatch):
     write_poses(truth_table(moved), tmp_path / "found.csv")
     monkeypatch.chdir(tmp_path)
     return tmp_path
-
-
-def contents(folder):
-    return {path: path.is_file() and path.read_bytes() for path in sorted(folder.rglob("*"))}
-
-
-def run(line):
-    """The exit code of a command line; argparse leaves by an exception."""
-    try:
-        return cli.main(shlex.split(line))
-    except SystemExit as left:
-        return left.code
 
 
 # --- what is right

@@ -15,33 +15,33 @@ import cv2
 import numpy as np
 import pytest
 import tomli_w
-from boards import CALIBRATE, SIZE, board_frames, write_views
-from scipy.spatial.transform import RigidTransform, Rotation
+from boards import SIZE
+from healthy import (
+    BOARDS,
+    CAPTURE,
+    CODED,
+    EVALUATE,
+    FOLLOW,
+    MEASURE,
+    RENDER,
+    RIG,
+    TRACK,
+    VIDEOS,
+    contents,
+    make_healthy,
+    run,
+    true_path,
+    write_video,
+)
 
-from trinolab import cli, recorder, scoreboard
+from trinolab import recorder, scoreboard
 from trinolab.camera import Rig
-from trinolab.datasets import load_handle, load_rig
-from trinolab.handle import write_handle
 from trinolab.metrics import geodesic_deg
-from trinolab.pose import shifted
-from trinolab.posetable import poses_by_frame, read_poses, truth_table, write_poses
+from trinolab.posetable import poses_by_frame, read_poses
 from trinolab.rigfile import write_rig
-from trinolab.scene import Bench, render_rig, scaled
 from trinolab.trackquality import FAR_DEG, FAR_MM
 
-RIG, CODED = Rig(tuple(scaled(camera, 0.25) for camera in load_rig("paper_pair").cameras)), load_handle("coded")
-FIRST = RigidTransform.from_components([0.0, 5.0, 560.0], Rotation.from_euler("ZYX", [170.0, 15.0, 40.0], degrees=True))
-COUNT, FPS = 6, 25.0
-PATH = RigidTransform.concatenate([shifted(FIRST, np.array([90.0, -60, 40, 0.2, 0.3, -0.2]) * k / FPS)
-                                   for k in range(COUNT)])
-TRACK = "track rec --out poses.csv"
-VIDEOS = "track --rig rig.toml --handle handle.toml --video ccd1=ccd1.mkv ccd2=ccd2.mkv --out poses.csv"
-MEASURE = "measure --rig rig.toml --handle handle.toml --images rec/images --out poses.csv"
-EVALUATE = "evaluate found.csv truth.csv --handle handle.toml"
-RENDER = "render --rig rig.toml --handle handle.toml --motion hard --seed 3 --out out --seconds 0.1"
-FOLLOW = "render --rig rig.toml --handle handle.toml --motion path.csv --out out"
-CAPTURE = "capture --camera ccd1=ccd1.mkv ccd2=ccd2.mkv --rig rig.toml --fps 200 --out new"
-BOARDS = CALIBRATE.replace("rig.toml", "new.toml")
+COUNT = 6  # instants of the recording
 
 
 # --- a healthy folder
@@ -50,19 +50,8 @@ BOARDS = CALIBRATE.replace("rig.toml", "new.toml")
 @pytest.fixture(scope="module")
 def healthy(tmp_path_factory):
     """All that the commands read: a rig, a handle, a recording, the same as videos, poses, views of a board."""
-    root, rng = tmp_path_factory.mktemp("healthy"), np.random.default_rng(0)
-    partial = recorder.begin(root / "rec", RIG, CODED)
-    instants = [render_rig(RIG, CODED, T, Bench(), rng) for T in PATH]
-    for k, images in enumerate(instants):
-        recorder.add(partial, RIG, k, images)
-    recorder.finish(root / "rec", np.arange(COUNT) / FPS, truth_table(PATH))
-    for name, frames in zip(RIG.names, zip(*instants, strict=True), strict=True):
-        write_video(root / f"{name}.mkv", frames)
-    write_rig(RIG, root / "rig.toml")
-    write_handle(CODED, root / "handle.toml")
-    for name in ("truth", "found", "path"):
-        write_poses(truth_table(PATH[:3]), root / f"{name}.csv")
-    write_views(root, board_frames(5))
+    root = tmp_path_factory.mktemp("healthy")
+    make_healthy(root, COUNT)
     return root
 
 
@@ -72,25 +61,6 @@ def folder(healthy, tmp_path, monkeypatch):
     shutil.copytree(healthy, tmp_path, dirs_exist_ok=True)
     monkeypatch.chdir(tmp_path)
     return tmp_path
-
-
-def write_video(path, frames, codec="FFV1"):
-    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*codec), FPS, frames[0].shape[::-1], isColor=False)
-    for frame in frames:
-        writer.write(frame)
-    writer.release()
-
-
-def contents(folder):
-    return {path: path.is_file() and path.read_bytes() for path in sorted(folder.rglob("*"))}
-
-
-def run(line):
-    """The exit code of a command line; argparse leaves by an exception."""
-    try:
-        return cli.main(shlex.split(line))
-    except SystemExit as left:
-        return left.code
 
 
 @pytest.mark.usefixtures("folder")
@@ -579,14 +549,14 @@ NO_MISTAKE = {
 def test_what_cameras_see_is_no_mistake(spoil, statuses, line):
     spoil()
     assert run(line) == 0
-    table = read_poses("poses.csv")
+    table, truth = read_poses("poses.csv"), true_path(COUNT)
     assert len(table) == COUNT
     if statuses == {"lost"} or (statuses and line == TRACK):  # alone, an instant of so small images may be lost
         assert set(table["status"]) == statuses
     for frame, T in poses_by_frame(table[table["status"] == "measured"]).items():
-        away = np.linalg.norm(T.translation - PATH[frame].translation)
+        away = np.linalg.norm(T.translation - truth[frame].translation)
         assert away < FAR_MM
-        assert geodesic_deg(T, PATH[frame])[0] < FAR_DEG
+        assert geodesic_deg(T, truth[frame])[0] < FAR_DEG
 
 
 def test_the_catalogue_is_long_enough():

@@ -131,6 +131,7 @@ WRONG = {
     "columns that nearly coincide": ("rows_mm: expected markers that fix a pose",
                                      fields(columns_deg=[0.0, 0.01], rows_mm=[[10.0, 0.0], [-10.0]])),
     "a radius of a light year": ("radius_mm", fields(radius_mm=1e19)),
+    "a column that overflows": ("columns_deg", fields(columns_deg=[0.0, 5.5e240])),
     "grey markers": ("markers", fields(markers="grey")),
     "a field too many": ("colour", fields(colour="red")),
 }

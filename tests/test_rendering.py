@@ -14,9 +14,10 @@ import cv2
 import numpy as np
 import pandas as pd
 import pytest
+from healthy import run
 from scipy.spatial.transform import RigidTransform, Slerp
 
-from trinolab import cli, filming, rendering
+from trinolab import filming, rendering
 from trinolab.camera import Rig
 from trinolab.datasets import load_handle, load_real_sets, load_rig, real_set
 from trinolab.fetch import why_not
@@ -45,13 +46,6 @@ def folder(tmp_path, monkeypatch):
 
 def contents(root):
     return {str(path.relative_to(root)): path.read_bytes() for path in sorted(root.rglob("*")) if path.is_file()}
-
-
-def run(line):
-    try:
-        return cli.main(shlex.split(line))
-    except SystemExit as left:
-        return left.code
 
 
 def rendered(out, motion="hard", seconds=0.2, **options):

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import logging
-import os
-import tempfile
 from pathlib import Path
 
 import cv2
 import numpy as np
+
+from .quiet import unheard
 
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".pgm")
 
@@ -52,24 +52,14 @@ def read_grey(path: Path, size: tuple[int, int] | None, said: set[str]) -> np.nd
 
 
 def _decoded(data: bytes) -> tuple[np.ndarray | None, str]:
-    """The image, None if there is none, and the first line of what the decoder has to say about it.
-
-    The decoders of PNG, JPEG and TIFF write to the file of standard error by themselves: it is another one meanwhile.
-    """
-    if not data:
-        return None, ""
-    with tempfile.TemporaryFile() as file:
-        kept = os.dup(2)
-        os.dup2(file.fileno(), 2)
+    """The image, None if there is none, and the first line of what its decoder has to say about it."""
+    with unheard() as said:
         try:
-            image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
+            image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED) if data else None
         except cv2.error:  # more pixels than OpenCV takes
             image = None
-        finally:
-            os.dup2(kept, 2)
-            os.close(kept)
-        file.seek(0)
-        return image, file.read(200).decode(errors="replace").partition("\n")[0]
+        said.seek(0)
+        return image, said.read(200).decode(errors="replace").partition("\n")[0]
 
 
 def check_size(image: np.ndarray, size: tuple[int, int] | None, path: Path) -> None:

@@ -21,7 +21,7 @@ from .camera import Camera
 from .checks import Array, as_array, as_number, as_transform, frozen, get, read_toml
 from .outputs import write_whole
 
-_LARGEST_MM = 1e6
+_LARGEST = 1e6  # mm or deg
 
 
 @dataclass(frozen=True)
@@ -64,12 +64,11 @@ class Handle:
         if not isinstance(self.name, str) or not self.name:
             raise ValueError(f"name: expected a handle's name, got {self.name!r}")
         for field in ("radius_mm", "length_mm", "marker_diameter_mm"):
-            object.__setattr__(self, field, as_number(getattr(self, field), field, 0.0, _LARGEST_MM, True))
-        object.__setattr__(self, "top_mm", as_number(self.top_mm, "top_mm", -_LARGEST_MM, _LARGEST_MM))
+            object.__setattr__(self, field, as_number(getattr(self, field), field, 0.0, _LARGEST, True))
+        object.__setattr__(self, "top_mm", as_number(self.top_mm, "top_mm", -_LARGEST, _LARGEST))
         object.__setattr__(self, "columns_deg", _as_numbers(self.columns_deg, "columns_deg"))
         if not isinstance(self.rows_mm, Sequence) or len(self.rows_mm) != len(self.columns_deg):
-            wanted = len(self.columns_deg)
-            raise ValueError(f"rows_mm: expected a list for each of {wanted} columns, got {self.rows_mm!r}")
+            raise ValueError(f"rows_mm: expected a list for each column ({len(self.columns_deg)}), got {self.rows_mm!r}")
         rows = tuple(_as_numbers(row, f"rows_mm[{k}]") for k, row in enumerate(self.rows_mm))
         object.__setattr__(self, "rows_mm", rows)
         if self.markers not in ("bright", "dark"):
@@ -178,14 +177,12 @@ def read_handle(path: str | Path) -> Handle:
     table = read_toml(path)
     names = tuple(Handle.__dataclass_fields__)
     if unknown := sorted(set(table) - set(names)):
-        raise ValueError(f"{path}: '{unknown[0]}' is not a field of a handle ({', '.join(names)})")
+        raise ValueError(f"{path}: {unknown[0]!r} is not a field of a handle ({', '.join(names)})")
     fields = {name: get(table, name, str(path)) for name in names if name != "markers"}
     try:
-        handle = Handle(**fields, markers=table.get("markers", "bright"))
-        _check_spread(handle)
+        return _spread_out(Handle(**fields, markers=table.get("markers", "bright")))
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from None
-    return handle
 
 
 def write_handle(handle: Handle, path: str | Path) -> None:
@@ -197,7 +194,9 @@ def write_handle(handle: Handle, path: str | Path) -> None:
 def _as_numbers(value: Any, name: str) -> tuple[float, ...]:
     if not isinstance(value, Sequence) or isinstance(value, str) or len(value) == 0:
         raise ValueError(f"{name}: expected a list of numbers, got {value!r}")
-    return tuple(float(v) for v in as_array(list(value), name, (None,)))
+    numbers = as_array(list(value), name, (None,))
+    as_number(np.abs(numbers).max(), f"{name}: the largest", high=_LARGEST)
+    return tuple(float(v) for v in numbers)
 
 
 def _check_layout(handle: Handle) -> None:
@@ -216,11 +215,12 @@ def _check_layout(handle: Handle) -> None:
         raise ValueError(f"columns_deg, rows_mm: markers {i} and {j} overlap, {distance.min():.3g} mm apart")
 
 
-def _check_spread(handle: Handle) -> None:
-    """Refuse markers on one line: the handle may turn about it, and looks the same."""
+def _spread_out(handle: Handle) -> Handle:
+    """The handle; refuse markers on one line, about which it may turn and looks the same."""
     spread = np.linalg.svd(handle.marker_centres - handle.marker_centres.mean(axis=0), compute_uv=False)
     if len(spread) < 2 or spread[1] < 1e-3 * handle.marker_diameter_mm:
         raise ValueError("columns_deg, rows_mm: expected markers that fix a pose, got all of them on one line")
+    return handle
 
 
 def _candidate_symmetries(handle: Handle) -> list[RigidTransform]:

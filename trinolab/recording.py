@@ -171,8 +171,9 @@ def read_timestamps(path: str | Path) -> Array:
     frame, times = table["frame"].to_numpy(), table["t_s"].to_numpy()
     if len(times) == 0 or not np.array_equal(frame, np.arange(len(frame))):
         raise ValueError(f"{path}: column 'frame' expects 0, 1, 2, ...")
-    if not np.isfinite(times).all() or (np.diff(times) <= 0).any():
-        wrong = int(np.flatnonzero(~np.isfinite(times) | (np.diff(times, prepend=-np.inf) <= 0))[0])
+    increasing = np.isfinite(times) & np.append(True, times[1:] > times[:-1])
+    if not increasing.all():
+        wrong = int(increasing.argmin())
         raise ValueError(f"{path}: frame {wrong}: column 't_s' expects increasing seconds")
     return times
 

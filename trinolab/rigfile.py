@@ -30,7 +30,8 @@ def read_rig(path: str | Path) -> Rig:
     """
     tables = {key: value for key, value in read_toml(path).items() if key != "metadata"}
     try:
-        rig = Rig(tuple(_camera_from(table, f"{path}: [{key}]") for key, table in tables.items()))
+        rig = Rig(tuple(_camera_from(table, f"{path}: [{key if key.isprintable() else repr(key)}]")
+                        for key, table in tables.items()))
         _check_places(rig)
     except ValueError as error:
         raise ValueError(str(error) if str(error).startswith(str(path)) else f"{path}: {error}") from None
