@@ -31,8 +31,8 @@ ORDER = [
     "centroid_trial", "scoreboard", "arguments", "cli",
 ]
 # all that makes the truth may know
-BENCH = {"checks", "outputs", "greyimage", "lens", "camera", "handle", "raycast", "capsule", "arm", "motion", "bench",
-         "layer", "shadow"}
+BENCH = {"checks", "outputs", "quiet", "greyimage", "lens", "camera", "handle", "raycast", "capsule", "arm", "motion",
+         "bench", "layer", "shadow"}
 
 
 def imports(path):

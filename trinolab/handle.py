@@ -68,7 +68,7 @@ class Handle:
         object.__setattr__(self, "top_mm", as_number(self.top_mm, "top_mm", -_LARGEST, _LARGEST))
         object.__setattr__(self, "columns_deg", _as_numbers(self.columns_deg, "columns_deg"))
         if not isinstance(self.rows_mm, Sequence) or len(self.rows_mm) != len(self.columns_deg):
-            raise ValueError(f"rows_mm: expected a list for each column ({len(self.columns_deg)}), got {self.rows_mm!r}")
+            raise ValueError(f"rows_mm: expected {len(self.columns_deg)} lists, one a column, got {self.rows_mm!r}")
         rows = tuple(_as_numbers(row, f"rows_mm[{k}]") for k, row in enumerate(self.rows_mm))
         object.__setattr__(self, "rows_mm", rows)
         if self.markers not in ("bright", "dark"):
