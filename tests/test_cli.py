@@ -173,7 +173,20 @@ def test_the_examples_run(capfd):
         assert run(example) == 0, example
 
 
-# --- interrupted; what is wrong: test_faults
+# --- what is wrong: test_faults
+
+
+@pytest.mark.usefixtures("folder")
+@pytest.mark.parametrize(("error", "said"), [(ValueError("a\nb\r\nc"), "a b c"),
+                                             (OSError(5, "broken", "x.csv"), "[Errno 5] broken: 'x.csv'"),
+                                             (MemoryError("8 TiB"), "not enough memory (8 TiB)")])
+def test_every_refusal_is_one_line(error, said, capfd, monkeypatch):
+    monkeypatch.setattr(evaluation, "read_poses", lambda _: (_ for _ in ()).throw(error))
+    assert run(EVALUATE) == 2
+    assert capfd.readouterr() == ("", f"trinolab evaluate: {said}\n")
+
+
+# --- interrupted
 
 
 def interrupted(*_, **__):
