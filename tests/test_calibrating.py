@@ -1,7 +1,6 @@
 """From images of a target to a rig file: rendered truth, missing and spoiled views, mistakes, a real stereo pair."""
 
 import re
-import shlex
 import shutil
 from pathlib import Path
 
@@ -9,40 +8,23 @@ import cv2
 import numpy as np
 import pandas as pd
 import pytest
+from boards import CALIBRATE, LENS, SIZE, board_frames, make_rig, positions, write_views
+from healthy import contents, run
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from trinolab import calibrating, cli, outputs, targetviews
-from trinolab.bench import Bench
-from trinolab.board import Board
-from trinolab.boardscene import board_positions, render_board
+from trinolab import calibrating, outputs, targetviews
 from trinolab.calibrating import as_lines, calibrate_rig
-from trinolab.camera import Camera, Rig
+from trinolab.camera import Camera
 from trinolab.datasets import load_real_sets, real_set
 from trinolab.realsets import load_caliscope
 from trinolab.rigfile import read_rig
 from trinolab.suspects import calibrate_robustly
 from trinolab.targets import Target, find_target
 
-SIZE = (480, 360)
 CHESSBOARD = Target("chessboard", 7, 6, 15.0)
 CIRCLES = Target("circles", 7, 6, 15.0)
 CHARUCO = Target("charuco", 6, 5, 20.0)
-LENS = np.array([-0.12, 0.05, 5e-4, -4e-4, 0.0])
-LINE = "calibrate --images a=a b=b --board chessboard --columns 7 --rows 6 --square 15 --out rig.toml"
 FILES = ("rig.toml", "rig_views.csv", "rig_residuals.png")
-
-
-def make_rig(lens=LENS):
-    """Two cameras 110 mm apart; the world is the first one's frame."""
-    K = np.array([[620.0, 0, 246], [0, 615, 174], [0, 0, 1]])
-    T = RigidTransform.from_components([110, 4, 12], Rotation.from_rotvec([0.02, -0.22, 0.03]))
-    return Rig((Camera("a", SIZE, K, lens, RigidTransform.identity()),
-                Camera("b", SIZE, K + [[8, 0, -9], [0, 11, 8], [0, 0, 0]], 0.8 * lens, T.inv())))
-
-
-def positions(count, seed=2):
-    board = Board(7, 6, 15.0)
-    return board_positions(make_rig(), board, count, np.random.default_rng(seed), 480.0, margin_px=4.0)
 
 
 def pattern(target, scale=8, border=20.0):
@@ -79,14 +61,6 @@ def printed(camera, target, T_world_target, rng, sub=4):
     return np.clip(np.rint(frame), 0, 255).astype(np.uint8)
 
 
-def write_views(folder, frames):
-    """Frames (cameras, views) as folders a, b with the same file names."""
-    for name, side in zip("abc", frames, strict=False):
-        (folder / name).mkdir(parents=True)
-        for k, frame in enumerate(side):
-            cv2.imwrite(str(folder / name / f"{k:02d}.png"), frame)
-
-
 def off_sigma(result, truth):
     """How far each estimated parameter is from the truth, in its standard deviations."""
     values = []
@@ -100,10 +74,7 @@ def off_sigma(result, truth):
 
 @pytest.fixture(scope="module")
 def frames():
-    """Ten rendered positions of the chessboard in two cameras with distortion."""
-    rng, bench = np.random.default_rng(0), Bench(supersampling=4)
-    return [[render_board(camera, Board(7, 6, 15.0), T, bench, rng) for T in positions(10)]
-            for camera in make_rig().cameras]
+    return board_frames(10)
 
 
 @pytest.fixture(scope="module")
@@ -122,17 +93,6 @@ def folder(rendered, tmp_path, monkeypatch):
     return tmp_path
 
 
-def run(line):
-    try:
-        return cli.main(shlex.split(line))
-    except SystemExit as left:
-        return left.code
-
-
-def contents(folder):
-    return {path: path.is_file() and path.read_bytes() for path in sorted(folder.rglob("*"))}
-
-
 def calibrated(target=CHESSBOARD, **rest):
     return calibrate_rig({"a": "a", "b": "b"}, target, "rig.toml", **rest)
 
@@ -146,7 +106,7 @@ def reasons(result):
 
 
 def test_command_on_rendered_chessboards(folder, capfd):
-    assert run(LINE) == 0
+    assert run(CALIBRATE) == 0
     out, err = capfd.readouterr()
     assert err == ""
     lines = out.splitlines()
@@ -365,76 +325,17 @@ def test_find_target_takes_8_bit_only():
         find_target(np.zeros((9, 9)), CHESSBOARD)
 
 
-# --- what is wrong: one line that names file and field, exit code 2, nothing written
-
-
-def spoil(path, image):
-    return lambda: cv2.imwrite(path, image)
+# --- what is wrong; as a command: test_faults
 
 
 def only_view(*kept):
-    def remove():
-        for name, numbers in zip("ab", kept, strict=True):
-            for path in Path(name).iterdir():
-                if int(path.stem) not in numbers:
-                    path.unlink()
-    return remove
+    for name, numbers in zip("ab", kept, strict=True):
+        for path in Path(name).iterdir():
+            if int(path.stem) not in numbers:
+                path.unlink()
 
 
-nothing = lambda: None  # noqa: E731
 GREY = np.full(SIZE[::-1], 90, np.uint8)
-WRONG = {
-    "no equals": (nothing, LINE.replace("b=b", "b"), "--images: expected NAME=PATH, got 'b'"),
-    "no name": (nothing, LINE.replace("b=b", "=b"), "--images: expected NAME=PATH, got '=b'"),
-    "no path": (nothing, LINE.replace("b=b", "b="), "--images: expected NAME=PATH, got 'b='"),
-    "twice": (nothing, LINE.replace("b=b", "a=b"), "--images: camera a is named twice"),
-    "one camera": (nothing, LINE.replace("b=b", ""), "images: expected two or more cameras, got a"),
-    "no folder": (nothing, LINE.replace("b=b", "b=c"), "c: no such file or folder"),
-    "no image": (lambda: shutil.rmtree("b") or Path("b").mkdir(), LINE, "b: no image in it"),
-    "no match": (nothing, LINE.replace("b=b", "b=b/x*.png"), "b/x*.png: no image of that name"),
-    "no pattern folder": (nothing, LINE.replace("b=b", "b=c/x*.png"), "c/x*.png: no such folder c"),
-    "no video": (lambda: Path("b.mkv").write_text("hello"), LINE.replace("b=b", "b=b.mkv"),
-                 "b.mkv: cannot be read as a video"),
-    "other names": (lambda: [path.rename(f"b/x{path.name}") for path in list(Path("b").iterdir())], LINE,
-                    "b: no view in common with a, whose views are called 00.png, 01.png"),
-    "no common view": (only_view((0, 1, 2, 3), (4, 5, 6)), LINE, "b: no view in common with a"),
-    "two views": (only_view((0, 1, 2, 3), (2, 3)), LINE, "b: camera b: target (chessboard, 7 x 6 inner corners) "
-                  "found in 2 of 2 images, expected three or more"),
-    "metadata": (nothing, LINE.replace("b=b", "metadata=b"),
-                 "images: a camera cannot be called metadata in a rig file"),
-    "text image": (lambda: Path("a/00.png").write_text("hello"), LINE, "a/00.png: cannot be read as an image"),
-    "empty image": (lambda: Path("a/00.png").write_text(""), LINE, "a/00.png: cannot be read as an image"),
-    "cut image": (lambda: Path("a/00.png").write_bytes(Path("a/01.png").read_bytes()[:999]), LINE,
-                  "a/00.png: cannot be read as an image (its end is missing)"),
-    "sizes": (spoil("a/01.png", GREY[:300]), LINE,
-              "a/01.png: 480 x 300 pixels, the camera's other images have 480 x 360"),
-    "never found": (nothing, LINE.replace("--columns 7", "--columns 8"),
-                    "a: camera a: target (chessboard, 8 x 6 inner corners) found in 0 of 10 images, expected three"),
-    "columns": (nothing, LINE.replace("--columns 7", "--columns 2"), "columns: expected a number in [3, inf], got 2"),
-    "rows": (nothing, LINE.replace("--rows 6", "--rows 6.5"), "argument --rows: invalid int value: '6.5'"),
-    "square": (nothing, LINE.replace("--square 15", "--square 0"), "square_mm: expected a number in (0, inf], got 0"),
-    "board": (nothing, LINE.replace("chessboard", "stars"), "argument --board: invalid choice: 'stars'"),
-    "marker": (nothing, LINE + " --marker 9", "marker_mm: a chessboard target has no markers"),
-    "views": (nothing, LINE + " --views 2", "views: expected a number in [3, inf], got 2"),
-    "distortions": (nothing, LINE + " --distortions 3", "argument --distortions: invalid choice: 3"),
-    "out folder": (nothing, LINE.replace("rig.toml", "no/rig.toml"), "no/rig.toml: no such folder to write into"),
-    "out is folder": (lambda: Path("rig.toml").mkdir(), LINE, "rig.toml: cannot be written (a folder"),
-    "picture is folder": (lambda: Path("rig_residuals.png").mkdir(), LINE, "rig_residuals.png: cannot be written"),
-    "out name": (nothing, LINE.replace("rig.toml", "rig"), "rig: expected a name that ends in .toml"),
-}
-
-
-@pytest.mark.parametrize(("spoil", "line", "message"), WRONG.values(), ids=WRONG)
-def test_a_mistake_costs_one_line(folder, spoil, line, message, capfd):
-    spoil()
-    before = contents(folder)
-    assert run(line) == 2
-    out, err = capfd.readouterr()
-    assert out == ""
-    assert err.startswith("trinolab calibrate: ")
-    assert message in err
-    assert err.count("\n") == 1
-    assert contents(folder) == before
 
 
 @pytest.mark.usefixtures("folder")
@@ -454,7 +355,7 @@ def test_images_and_videos_together(folder, frames):
 
 
 def test_views_that_say_too_little_name_the_cameras(folder):
-    only_view((0, 1, 2, 3), (0, 1, 2, 3))()
+    only_view((0, 1, 2, 3), (0, 1, 2, 3))
     for name in "ab":
         for k in range(1, 4):
             shutil.copy(f"{name}/00.png", f"{name}/{k:02d}.png")
@@ -471,7 +372,7 @@ def test_an_interruption_leaves_nothing(folder, monkeypatch, capfd, place):
 
     monkeypatch.setattr(*place, interrupted)
     before = contents(folder)
-    assert run(LINE) == 130
+    assert run(CALIBRATE) == 130
     assert capfd.readouterr().err == "trinolab calibrate: interrupted, nothing was written\n"
     assert contents(folder) == before
 

@@ -1,4 +1,4 @@
-"""The command line: what a person reads, the exit codes, and that a mistake costs one line and no file."""
+"""The command line: what a person reads, the exit codes, and that an interruption costs one line and no file."""
 
 import json
 import re
@@ -12,6 +12,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from healthy import contents, run
 from scipy.spatial.transform import RigidTransform
 
 from trinolab import __version__, cli, evaluation, scoreboard, workflows
@@ -45,18 +46,6 @@ def folder(tmp_path, monkeypatch):
     write_poses(truth_table(moved), tmp_path / "found.csv")
     monkeypatch.chdir(tmp_path)
     return tmp_path
-
-
-def contents(folder):
-    return {path: path.is_file() and path.read_bytes() for path in sorted(folder.rglob("*"))}
-
-
-def run(line):
-    """The exit code of a command line; argparse leaves by an exception."""
-    try:
-        return cli.main(shlex.split(line))
-    except SystemExit as left:
-        return left.code
 
 
 # --- what is right
@@ -184,106 +173,20 @@ def test_the_examples_run(capfd):
         assert run(example) == 0, example
 
 
-# --- what is wrong: one line that names file and field, exit code 2, nothing written
+# --- what is wrong: test_faults
 
 
-def text_file(name, text):
-    return lambda: Path(name).write_text(text)
+@pytest.mark.usefixtures("folder")
+@pytest.mark.parametrize(("error", "said"), [(ValueError("a\nb\r\nc"), "a b c"),
+                                             (OSError(5, "broken", "x.csv"), "[Errno 5] broken: 'x.csv'"),
+                                             (MemoryError("8 TiB"), "not enough memory (8 TiB)")])
+def test_every_refusal_is_one_line(error, said, capfd, monkeypatch):
+    monkeypatch.setattr(evaluation, "read_poses", lambda _: (_ for _ in ()).throw(error))
+    assert run(EVALUATE) == 2
+    assert capfd.readouterr() == ("", f"trinolab evaluate: {said}\n")
 
 
-def changed(name, old, new):
-    def change():
-        text = Path(name).read_text()
-        assert old in text
-        Path(name).write_text(text.replace(old, new, 1))
-
-    return change
-
-
-def image_file(image):
-    return lambda: cv2.imwrite("images/ccd2/1.png", image)
-
-
-POSE_HEAD = "frame,x_mm,y_mm,z_mm,qw,qx,qy,qz,status\n"
-nothing = lambda: None  # noqa: E731
-WRONG = {
-    # the recording
-    "images missing": (nothing, MEASURE.replace("images images", "images no"), "no: no such folder"),
-    "camera missing": (lambda: Path("images/ccd2").rename("images/ccd9"), MEASURE, "images/ccd2: no such folder"),
-    "camera too many": (lambda: shutil.copytree("images/ccd2", "images/ccd3"), MEASURE,
-                        "images/ccd3: images of a camera that the rig does not have (ccd1, ccd2)"),
-    "image missing": (lambda: Path("images/ccd2/1.png").unlink(), MEASURE, "images/ccd2/1.png: missing"),
-    "no image": (lambda: shutil.rmtree("images/ccd1") or Path("images/ccd1").mkdir(), MEASURE, "images/ccd1: no image"),
-    "empty image": (text_file("images/ccd2/1.png", ""), MEASURE, "images/ccd2/1.png: cannot be read as an image"),
-    "text image": (text_file("images/ccd2/1.png", "hello\n"), MEASURE, "images/ccd2/1.png: cannot be read as an image"),
-    "cut image": (lambda: Path("images/ccd2/1.png").write_bytes(Path("images/ccd2/0.png").read_bytes()[:60]), MEASURE,
-                  "images/ccd2/1.png: cannot be read as an image (its end is missing)"),
-    "size": (image_file(np.zeros((24, 31), np.uint8)), MEASURE, "images/ccd2/1.png: 31 x 24 pixels, the rig"),
-    "long name": (nothing, MEASURE.replace("images images", f"images {'a' * 300}"), "File name too long"),
-    # the rig
-    "no rig": (nothing, MEASURE.replace("rig.toml", "no.toml"), "no.toml: cannot be read (No such file"),
-    "rig is a folder": (nothing, MEASURE.replace("rig.toml", "images"), "images: cannot be read (Is a directory"),
-    "rig text": (text_file("rig.toml", "[ccd1\n"), MEASURE, "rig.toml: no valid TOML"),
-    "rig empty": (text_file("rig.toml", ""), MEASURE, "rig.toml: cameras: expected two or more, got 0"),
-    "rig field": (changed("rig.toml", "matrix", "matrox"), MEASURE, "rig.toml: [ccd1]: 'matrix' is missing"),
-    "rig shape": (changed("rig.toml", "rotation = [", "rotation = [1.0, "), MEASURE, "[ccd1]: rotation: expected"),
-    "rig nan": (changed("rig.toml", "2956.2067", "nan"), MEASURE, "rig.toml: [ccd1]: matrix: expected finite"),
-    "rig size": (changed("rig.toml", "24,\n", "24.5,\n"), MEASURE, "rig.toml: [ccd1]: size: expected"),
-    "rig is handle": (nothing, MEASURE.replace("rig.toml", "handle.toml"), "handle.toml: "),
-    # the handle
-    "no handle": (nothing, MEASURE.replace("handle.toml", "no.toml"), "no.toml: cannot be read (No such file"),
-    "handle text": (text_file("handle.toml", "radius_mm = five\n"), MEASURE, "handle.toml: no valid TOML"),
-    "handle field": (changed("handle.toml", "radius_mm", "radius"), MEASURE, "handle.toml: 'radius' is not a field"),
-    "handle nan": (changed("handle.toml", "radius_mm = 5.0", "radius_mm = nan"), MEASURE, "toml: radius_mm: expected"),
-    "handle negative": (changed("handle.toml", "length_mm = 200.0", "length_mm = -200.0"), MEASURE,
-                        "handle.toml: length_mm: expected"),
-    "handle markers": (changed("handle.toml", '"bright"', '"pink"'), MEASURE, "handle.toml: markers: expected"),
-    # prior, output, method
-    "no prior": (nothing, MEASURE + " --prior no.csv", "no.csv: cannot be read"),
-    "prior text": (text_file("bad.csv", "hello\n"), MEASURE + " --prior bad.csv", "bad.csv: column 'frame' is missing"),
-    "prior nan": (changed("found.csv", "\n0,,", "\n0,,nan"), MEASURE + " --prior found.csv", "found.csv: "),
-    "prior elsewhere": (text_file("bad.csv", POSE_HEAD + "7,0,0,0,1,0,0,0,measured\n"), MEASURE + " --prior bad.csv",
-                        "bad.csv: no frame in common with the images"),
-    "out folder": (nothing, MEASURE.replace("poses.csv", "no/poses.csv"), "no/poses.csv: no such folder to write into"),
-    "out under file": (nothing, MEASURE.replace("poses.csv", "rig.toml/p.csv"), "rig.toml/p.csv: no such folder"),
-    "out is folder": (nothing, MEASURE.replace("poses.csv", "images"), "images: cannot be written"),
-    "method": (nothing, MEASURE + " --method magic", "argument --method: invalid choice: 'magic'"),
-    # evaluate
-    "no poses": (nothing, EVALUATE.replace("found", "no"), "no.csv: cannot be read"),
-    "no truth": (nothing, EVALUATE.replace("truth", "no"), "no.csv: cannot be read"),
-    "empty poses": (text_file("found.csv", ""), EVALUATE, "found.csv: no valid CSV"),
-    "no row": (text_file("found.csv", POSE_HEAD), EVALUATE, "found.csv, truth.csv: no frame in common"),
-    "doubled": (changed("found.csv", "\n1,", "\n0,"), EVALUATE, "found.csv: column 'frame' has a number twice"),
-    "negative": (changed("truth.csv", "\n1,", "\n-1,"), EVALUATE, "truth.csv: column 'frame' expects whole numbers"),
-    "fraction": (changed("found.csv", "\n1,", "\n1.5,"), EVALUATE, "found.csv: column 'frame' expects whole numbers"),
-    "quaternion": (text_file("found.csv", POSE_HEAD + "1,0,0,0,2,0,0,0,lost\n2,0,0,0,2,0,0,0,measured\n"), EVALUATE,
-                   "found.csv: frame 2: no pose"),
-    "status": (changed("found.csv", "measured", "guessed"), EVALUATE, "found.csv: status 'guessed' is none of"),
-    "word": (changed("truth.csv", "\n1,,", "\n1,,x"), EVALUATE, "truth.csv: column 'x_mm' holds something"),
-    "nothing in common": (text_file("found.csv", POSE_HEAD + "9,0,0,0,1,0,0,0,measured\n"), EVALUATE,
-                          "found.csv, truth.csv: no frame in common"),
-    # the command line itself
-    "no command": (nothing, "", "the following arguments are required: COMMAND"),
-    "unknown command": (nothing, "meassure", "invalid choice: 'meassure'"),
-    "unknown option": (nothing, EVALUATE + " --fast", "unrecognized arguments: --fast"),
-    "missing option": (nothing, "measure --rig rig.toml", "arguments are required: --handle, --images, --out"),
-    "board folder": (nothing, "scoreboard --csv no/board.csv", "no/board.csv: no such folder to write into"),
-}
-
-
-@pytest.mark.parametrize(("spoil", "line", "message"), WRONG.values(), ids=WRONG)
-def test_a_mistake_costs_one_line(folder, spoil, line, message, capfd, monkeypatch):
-    monkeypatch.setattr(scoreboard, "CHECKS", {})  # a mistake is found before anything is computed
-    spoil()
-    before = contents(folder)
-    assert run(line) == 2
-    out, err = capfd.readouterr()
-    assert out == ""
-    assert err.startswith("trinolab")
-    assert message in err
-    assert err.count("\n") == 1
-    assert err.endswith("\n")
-    assert contents(folder) == before
+# --- interrupted
 
 
 def interrupted(*_, **__):

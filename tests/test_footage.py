@@ -137,6 +137,7 @@ BAD_TIMES = {
     "decreasing": ("frame,t_s\n0,1\n1,0.5\n", "frame 1: column 't_s' expects increasing"),
     "nan": ("frame,t_s\n0,nan\n", "frame 0: column 't_s'"),
     "infinite": ("frame,t_s\n0,0\n1,inf\n", "frame 1: column 't_s'"),
+    "infinite twice": ("frame,t_s\n0,inf\n1,inf\n", "frame 0: column 't_s'"),
     "text": ("frame,t_s\n0,then\n", "no valid CSV"),
     "no column": ("frame,time\n0,1\n", "no valid CSV"),
     "gap": ("frame,t_s\n0,0\n2,1\n", "column 'frame' expects 0, 1, 2"),

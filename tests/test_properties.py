@@ -284,7 +284,10 @@ def test_any_layout_keeps_its_geometry(handle_file, layout, radius, phase):
         assert gaps.min(axis=1).max() < 1e-6
         assert sorted(gaps.argmin(axis=1)) == list(range(len(centres)))
     write_handle(handle, handle_file)
-    assert read_handle(handle_file) == handle
+    if np.linalg.matrix_rank(centres - centres.mean(axis=0), tol=1e-6) > 1:
+        assert read_handle(handle_file) == handle
+    else:
+        assert refused(read_handle, handle_file)
 
 
 @given(st.text(max_size=40) | st.just('name = "h"\nradius_mm = 1e999\n'))

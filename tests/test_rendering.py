@@ -1,4 +1,4 @@
-"""Rendered recordings: what is in the folder, that it goes on where it stopped, and what it refuses."""
+"""Rendered recordings: what is in the folder, that it goes on where it stopped."""
 
 import json
 import multiprocessing
@@ -14,9 +14,10 @@ import cv2
 import numpy as np
 import pandas as pd
 import pytest
+from healthy import run
 from scipy.spatial.transform import RigidTransform, Slerp
 
-from trinolab import cli, filming, rendering
+from trinolab import filming, rendering
 from trinolab.camera import Rig
 from trinolab.datasets import load_handle, load_real_sets, load_rig, real_set
 from trinolab.fetch import why_not
@@ -45,13 +46,6 @@ def folder(tmp_path, monkeypatch):
 
 def contents(root):
     return {str(path.relative_to(root)): path.read_bytes() for path in sorted(root.rglob("*")) if path.is_file()}
-
-
-def run(line):
-    try:
-        return cli.main(shlex.split(line))
-    except SystemExit as left:
-        return left.code
 
 
 def rendered(out, motion="hard", seconds=0.2, **options):
@@ -274,53 +268,7 @@ def test_a_real_trajectory_can_be_followed(folder):
     assert 0 < (truth["markers"] > 0).sum() < len(truth)  # it goes further than the images
 
 
-# --- what is wrong
-
-ROW = "0,0,570,1,0,0,0,measured"
-CSV = RENDER.replace("hard", "path.csv").replace("--seconds 0.2", "")
-WRONG = {
-    "motion": ([], RENDER.replace("hard", "wild"), "motion: expected calm, hard or a CSV of poses, got 'wild'"),
-    "seed": ([], RENDER.replace("--seed 3", "--seed -1"), "seed: expected"),
-    "seed text": ([], RENDER.replace("--seed 3", "--seed x"), "argument --seed: invalid int value: 'x'"),
-    "no second": ([], RENDER.replace("0.2", "0"), "seconds: expected"),
-    "no frame": ([], RENDER.replace("0.2", "0.001"), "seconds: expected one frame or more at 30 frames a second"),
-    "endless": ([], RENDER.replace("0.2", "inf"), "seconds: expected"),
-    "no rate": ([], RENDER + " --fps 0", "fps: expected"),
-    "nan rate": ([], RENDER + " --fps nan", "fps: expected"),
-    "no rig": ([], RENDER.replace("rig.toml", "no.toml"), "no.toml: cannot be read"),
-    "no handle": ([], RENDER.replace("handle.toml", "no.toml"), "no.toml: cannot be read"),
-    "there": ([], RENDER.replace("--out out", "--out taken"), "taken: exists already"),
-    "a file": ([], RENDER.replace("--out out", "--out rig.toml"), "rig.toml: exists already"),
-    "nowhere": ([], RENDER.replace("--out out", "--out no/out"), "no such folder to write into"),
-    "foreign": ([], RENDER.replace("--out out", "--out begun"), "begun.partial: an unfinished recording with another"),
-    "gap": ([f"0,{ROW}", f"2,{ROW}"], CSV, "path.csv: frame 1 is missing"),
-    "late": ([f"1,{ROW}", f"2,{ROW}"], CSV, "path.csv: frame 0 is missing"),
-    "all lost": (["0,,,,,,,,lost"], CSV, "path.csv: no pose in it"),
-    "no row": ([], CSV, "path.csv: no pose in it"),
-    "bad pose": (["0,0,0,570,2,0,0,0,measured"], CSV, "path.csv: frame 0: no pose"),
-    "csv seconds": ([f"0,{ROW}"], CSV + " --seconds 0", "seconds: expected"),
-}
-
-
-@pytest.mark.parametrize(("rows", "line", "message"), WRONG.values(), ids=WRONG)
-def test_a_mistake_costs_one_line(folder, rows, line, message, capfd):
-    poses_file("path.csv", rows)
-    for name in ("taken", "begun.partial"):
-        (folder / name / "images").mkdir(parents=True)
-    before = sorted(folder.rglob("*"))
-    assert run(line) == 2
-    out, err = capfd.readouterr()
-    assert out == ""
-    assert message in err
-    assert err.count("\n") == 1
-    assert sorted(folder.rglob("*")) == before
-
-
-def test_times_that_go_back_are_refused(folder, capfd):
-    poses_file("path.csv", [f"{k},{t},{ROW}" for k, t in enumerate((0.0, 0.1, 0.1))],
-               "frame,t_s,x_mm,y_mm,z_mm,qw,qx,qy,qz,status\n")
-    assert run(CSV) == 2
-    assert "path.csv: column 't_s' expects increasing seconds" in capfd.readouterr().err
+# --- what is wrong: test_faults
 
 
 def test_a_full_disk_costs_one_line(folder, monkeypatch, capfd):

@@ -67,7 +67,8 @@ def test_round_trip_keeps_every_digit(tmp_path):
 
 
 def test_the_order_of_the_file_is_the_camera_axis(tmp_path):
-    path = write(tmp_path / "rig.toml", table("z"), table("a"), table("m"))
+    tables = [table(name, translation=[float(k), 0, 0]) for k, name in enumerate("zam")]
+    path = write(tmp_path / "rig.toml", *tables)
     assert read_rig(path).names == ("z", "a", "m")
 
 
@@ -96,6 +97,10 @@ WRONG = {
     "NaN in the distortion": ("distortions", table(distortions=[NAN, 0, 0, 0, 0])),
     "three distortions": ("distortions", table(distortions=[0.0, 0.0, 0.0])),
     "eight distortions": ("distortions", table(distortions=[0.0] * 8)),
+    "digits as text": ("size", table(size=["640", "480"])),
+    "a rotation that overflows": ("rotation", table(rotation=[1e200, 0.0, 0.0])),
+    "a size that overflows": ("size", table(size=[1e300, 480])),
+    "a name of two lines": ("name", table(name="a\nb")),
     "text as distortion": ("distortions", table(distortions=TEXT)),
     "a name that is a number": ("name", table(name=3)),
     "a fisheye lens": ("fisheye", table(fisheye=True)),
@@ -117,6 +122,8 @@ def test_a_wrong_camera_is_named_with_its_file_and_field(tmp_path, case):
 @pytest.mark.parametrize(("content", "message"), [
     ("", "two or more, got 0"), (tomli_w.dumps({"one": table()}), "two or more, got 1"),
     (tomli_w.dumps({"one": table(), "two": table()}), "different names"),
+    (tomli_w.dumps({"one": table(), "two": table("b")}), "different places, got a and b in one"),
+    ("a = " + 5000 * "[", "lists within lists"), ("a = " + 5000 * "9", "no valid TOML"),
     ("name = 3\n", "name"), ("[[cam]]\nname = 'a'\n[[cam]]\nname = 'b'\n", "cam"),
     ("this is no file of tables", "no valid TOML"), ("a = [1, 2", "no valid TOML"), (b"\xff\xfe\x00", "no valid TOML"),
 ])

@@ -1,4 +1,4 @@
-"""The heavy counts, as a report: bound, accuracy, covariances, centroids, identities, hostile instants.
+"""The heavy counts, as a report: bound, accuracy, covariances, centroids, identities, hostile instants, wrong files.
 
     python tests/verify.py [--only table1 nees] [--seeds 20] [--draws 1000] [--poses 1000] ...
 """
@@ -10,10 +10,11 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")  # before numpy is loaded
 import argparse
 import time
 
-from verification import accuracy, bounds, centroids, identity, layouts, misled, nees
+from verification import accuracy, bounds, centroids, fuzz, identity, layouts, misled, nees
 
 SECTIONS = {"bound": bounds.report, "table1": accuracy.report, "nees": nees.report, "centroid": centroids.report,
-            "identity": identity.report, "layouts": layouts.report, "hostile": misled.report}
+            "identity": identity.report, "layouts": layouts.report, "hostile": misled.report,
+            "fuzz": fuzz.report}
 
 
 def _arguments() -> argparse.Namespace:
@@ -24,7 +25,8 @@ def _arguments() -> argparse.Namespace:
                                ("draws", 1000, "draws for the NEES of each rig, on Table 1's twenty poses"),
                                ("centroid-poses", 100, "random poses for the centroids of each handle"),
                                ("poses", 1000, "random poses for the identities of each rig and handle, and layouts"),
-                               ("hostile", 1000, "hostile instants in all")):
+                               ("hostile", 1000, "hostile instants in all"),
+                               ("files", 100_000, "wrong files for the readers of users' files")):
         parser.add_argument(f"--{name}", type=int, default=number, help=f"{what} (%(default)s)")
     return parser.parse_args()
 

@@ -20,6 +20,7 @@ from .suspects import FEWEST_POINTS, calibrate_robustly
 from .targets import Target
 from .targetviews import TargetViews, check_connected, read_views
 
+WORST_RMS_PX = 3.0  # cameras that are not triggered together come to 0.8; a camera that is frozen to 10 and more
 _LENS = ("fx / px", "fy / px", "cx / px", "cy / px", "k1", "k2", "p1", "p2", "k3")
 _PLACE = ("x / mm", "y / mm", "z / mm", "rotation x / deg", "rotation y / deg", "rotation z / deg")
 
@@ -76,8 +77,8 @@ def calibrate_rig(sources: Mapping[str, str | Path], target: Target, out: str | 
     ------
     ValueError
         Names the file, camera or argument: what `targetviews.read_views` refuses, a file that cannot be written, a
-        camera with fewer than three views of the target or none in common with the others, and what
-        `calibration.calibrate` refuses.
+        camera with fewer than three views of the target or none in common with the others, views that contradict each
+        other, and what `calibration.calibrate` refuses.
     """
     files = _outputs(out)
     seen = read_views(sources, target, most_views, progress)
@@ -114,12 +115,16 @@ def _check_seen(seen: TargetViews, sources: Mapping[str, str | Path], target: Ta
 def _calibrated(seen: TargetViews, target: Target, terms: int) -> tuple[Calibrated, np.ndarray]:
     """The calibration, and why views were dropped; an error speaks of cameras by their names."""
     try:
-        return calibrate_robustly(target.points, seen.uv, seen.sizes, seen.cameras, terms)
+        found, reasons = calibrate_robustly(target.points, seen.uv, seen.sizes, seen.cameras, terms)
     except ValueError as error:
         if not str(error).startswith("uv: "):
             raise
         text = re.sub(r"\bcamera (\d+)", lambda number: f"camera {seen.cameras[int(number[1])]}", str(error)[4:])
         raise ValueError(f"images of {', '.join(seen.cameras)}: {text}") from None
+    if found.rms_px > WORST_RMS_PX:
+        raise ValueError(f"images of {', '.join(seen.cameras)}: a residual of {found.rms_px:.1f} px, expected at most "
+                         f"{WORST_RMS_PX:g}: views of one name do not show one position of the target")
+    return found, reasons
 
 
 def _view_table(seen: TargetViews, found: Calibrated, reasons: np.ndarray) -> pd.DataFrame:

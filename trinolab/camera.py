@@ -35,7 +35,7 @@ class Camera:
     Raises
     ------
     ValueError
-        For a name that is no text, a size that is not two positive whole numbers, a matrix of another form than
+        For a name that is no line of text, a size that is not two positive whole numbers, a matrix of another form than
         [[fx, 0, cx], [0, fy, cy], [0, 0, 1]] with focal lengths from 1e-6 to 1e9 px and |cx|, |cy| up to 1e9, other
         than 5 distortions up to 1e6, or anything but one finite transform.
     """
@@ -47,7 +47,7 @@ class Camera:
     T_cam_world: RigidTransform
 
     def __post_init__(self) -> None:
-        if not isinstance(self.name, str) or not self.name:
+        if not isinstance(self.name, str) or not self.name or not self.name.isprintable():
             raise ValueError(f"name: expected a camera's name, got {self.name!r}")
         object.__setattr__(self, "size", as_size(self.size))
         object.__setattr__(self, "matrix", as_intrinsics(self.matrix))

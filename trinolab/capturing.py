@@ -22,7 +22,7 @@ import numpy as np
 from . import recorder
 from .camera import Rig
 from .checks import Array, as_number, frozen
-from .devices import Source, Taken, check_name, drain, instants_of, open_source
+from .devices import Source, Taken, drain, instants_of, open_source
 from .handle import Handle, read_handle
 from .rigfile import read_rig
 
@@ -188,8 +188,7 @@ def _sizes(cameras: Mapping[str, str], rig: Rig | None, size: tuple[int, int] | 
     """The size of each camera where it is known, in the rig's order."""
     if not cameras:
         raise ValueError("cameras: expected one or more, got none")
-    for name in cameras:
-        check_name(name)
+    recorder.check_names(cameras)
     indices = [what for what in cameras.values() if what.isdecimal()]
     if len(set(map(int, indices))) < len(indices):
         raise ValueError(f"cameras: expected each camera once, got the indices {', '.join(indices)}")
@@ -206,9 +205,9 @@ def _begin(out: str | Path, partial: Path, rig: Rig | Sequence[str], handle: Han
     """Make the unfinished folder, or leave nothing."""
     try:
         recorder.begin(out, rig, handle)
-    except OSError as error:
+    except ValueError:
         shutil.rmtree(partial, ignore_errors=True)
-        raise ValueError(f"{out}: cannot be written ({error.strerror})") from None
+        raise
 
 
 def _record(stream: Iterable[Taken], writer: Writer, limit_s: float) -> Exception | None:

@@ -32,7 +32,7 @@ def as_array(value: ArrayLike, name: str, shape: tuple[int | None, ...], finite:
     """
     wanted = "(" + ", ".join("n" if n is None else str(n) for n in shape) + ("," if len(shape) == 1 else "") + ")"
     try:
-        array = np.asarray(value, dtype=float)
+        array = _as_floats(value)
     except (TypeError, ValueError, OverflowError):
         raise ValueError(f"{name}: expected numbers of shape {wanted}, got {type(value).__name__}") from None
     if array.ndim != len(shape) or any(n not in (None, m) for n, m in zip(shape, array.shape, strict=True)):
@@ -41,6 +41,14 @@ def as_array(value: ArrayLike, name: str, shape: tuple[int | None, ...], finite:
     if wrong.any():
         raise ValueError(f"{name}: expected finite numbers, got {np.count_nonzero(wrong)} that are not")
     return frozen(array)
+
+
+def _as_floats(value: ArrayLike) -> np.ndarray:
+    """The numbers as floats. NumPy would read text like "1.5" and true as numbers: here they are a TypeError."""
+    array = np.asarray(value)
+    if array.dtype.kind in "bSU":
+        raise TypeError
+    return array.astype(float)
 
 
 def as_points(value: ArrayLike, name: str, dim: int, finite: bool = False) -> Array:
@@ -145,5 +153,7 @@ def read_toml(path: str | Path) -> dict[str, Any]:
             return tomllib.load(file)
     except OSError as error:
         raise ValueError(f"{path}: cannot be read ({error.strerror})") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+    except RecursionError:
+        raise ValueError(f"{path}: no valid TOML (lists within lists, too many)") from None
+    except ValueError as error:  # tomllib's own, text that is not UTF-8, a whole number of thousands of digits
         raise ValueError(f"{path}: no valid TOML ({error})") from None

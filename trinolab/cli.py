@@ -7,8 +7,10 @@ from __future__ import annotations
 
 import argparse
 import logging
+import os
 import sys
 from collections.abc import Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from .arguments import parser
@@ -23,19 +25,29 @@ def main(argv: Sequence[str] | None = None) -> int:
     logging.basicConfig(format="%(message)s", stream=sys.stderr, level=logging.INFO)
     try:
         return _RUN[arguments.command](arguments)
-    except (ValueError, OSError) as error:
-        print(f"trinolab {arguments.command}: {error}", file=sys.stderr)
+    except (ValueError, OSError, MemoryError) as error:
+        what = f"not enough memory ({error})" if isinstance(error, MemoryError) else str(error)
+        print(f"trinolab {arguments.command}: {' '.join(what.splitlines())}", file=sys.stderr)
         return 2
     except KeyboardInterrupt as stop:
         print(f"trinolab {arguments.command}: interrupted, {str(stop) or 'nothing was written'}", file=sys.stderr)
         return 130
 
 
+def _say(text: str) -> None:
+    """Print an answer. Raises ValueError where nobody takes it: a full disk, a pipe that was closed."""
+    try:
+        print(text, flush=True)
+    except OSError as error:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # or Python, at its end, would complain as well
+        raise ValueError(f"standard output: cannot be written ({error.strerror})") from None
+
+
 def _measure(a: argparse.Namespace) -> int:
     from .workflows import measure_folder
 
     table = measure_folder(a.rig, a.handle, a.images, a.out, a.method, a.prior)
-    print(f"{_counted(table)}; written to {a.out}")
+    _say(f"{_counted(table)}; written to {a.out}")
     return 0
 
 
@@ -46,12 +58,12 @@ def _calibrate(a: argparse.Namespace) -> int:
     sources = _named(a.images, "--images")
     target = Target(a.board, a.columns, a.rows, a.square, a.marker, a.dictionary)
     result = calibrate_rig(sources, target, a.out, a.views, a.distortions)
-    print("\n".join([*as_lines(result), "", f"written: {', '.join(str(path) for path in result.files)}"]))
+    _say("\n".join([*as_lines(result), "", f"written: {', '.join(str(path) for path in result.files)}"]))
     return 0
 
 
 def _named(items: Sequence[str], option: str) -> dict[str, str]:
-    """NAME=PATH arguments as a mapping; ValueError for another form or a name that comes twice."""
+    """NAME=PATH arguments as a mapping; ValueError for another form, or a name or a path that comes twice."""
     found: dict[str, str] = {}
     for item in items:
         name, equals, path = item.partition("=")
@@ -59,6 +71,8 @@ def _named(items: Sequence[str], option: str) -> dict[str, str]:
             raise ValueError(f"{option}: expected NAME=PATH, got {item!r}")
         if name in found:
             raise ValueError(f"{option}: camera {name} is named twice")
+        if Path(path) in map(Path, found.values()):
+            raise ValueError(f"{option}: {path} is given for more than one camera")
         found[name] = path
     return found
 
@@ -75,7 +89,7 @@ def _track(a: argparse.Namespace) -> int:
     else:
         table = track_files(a.rig, a.handle, _named(a.video, "--video"), a.out, fps=a.fps, timestamps=a.timestamps,
                             **options)
-    print(f"{_counted(table)}; written to {a.out}")
+    _say(f"{_counted(table)}; written to {a.out}")
     return 0
 
 
@@ -88,7 +102,7 @@ def _counted(table: pd.DataFrame) -> str:
 def _evaluate(a: argparse.Namespace) -> int:
     from .evaluation import as_lines, evaluate
 
-    print("\n".join(as_lines(evaluate(a.poses, a.truth, a.handle))))
+    _say("\n".join(as_lines(evaluate(a.poses, a.truth, a.handle))))
     return 0
 
 
@@ -99,7 +113,7 @@ def _capture(a: argparse.Namespace) -> int:
     n, last = len(done.times_s), done.times_s[-1]
     rate = f" in {last:.2f} s ({(n - 1) / last:.1f} a second)" if n > 1 else ""
     spread = sorted(1e3 * done.spread_s)
-    print(f"{n} instants{rate}, {done.dropped} dropped; cameras within {spread[n // 2]:.1f} ms (median), "
+    _say(f"{n} instants{rate}, {done.dropped} dropped; cameras within {spread[n // 2]:.1f} ms (median), "
           f"{spread[-1]:.1f} ms (longest); written to {a.out}")
     return 0
 
@@ -111,14 +125,14 @@ def _render(a: argparse.Namespace) -> int:
         truth = render(a.rig, a.handle, a.motion, a.out, a.seed, a.seconds, a.fps)
     except KeyboardInterrupt:
         raise KeyboardInterrupt("run it again in the same way to go on") from None
-    print(f"{len(truth)} instants, the handle is there in {(truth['status'] != 'lost').sum()}; written to {a.out}")
+    _say(f"{len(truth)} instants, the handle is there in {(truth['status'] != 'lost').sum()}; written to {a.out}")
     return 0
 
 
 def _clear(a: argparse.Namespace) -> int:
     from .standard import clear_recordings, recordings_folder
 
-    print(f"{clear_recordings() / 1e6:.0f} MB of standard recordings removed from {recordings_folder()}")
+    _say(f"{clear_recordings() / 1e6:.0f} MB of standard recordings removed from {recordings_folder()}")
     return 0
 
 
@@ -131,7 +145,7 @@ def _scoreboard(a: argparse.Namespace) -> int:
     board = scoreboard(progress=True)
     if a.csv:
         write_whole(a.csv, board.assign(ours=board["ours"].map(_digits)).to_csv(index=False))
-    print(as_text(board))
+    _say(as_text(board))
     if wrong := disagreements(board):
         print(f"not as declared in the ledger: claim {', '.join(wrong)}", file=sys.stderr)
         return 1

@@ -35,12 +35,6 @@ class Taken(NamedTuple):
     images: list[np.ndarray]
 
 
-def check_name(name: str) -> None:
-    """Refuse, with a ValueError, a camera's name that cannot name its folder."""
-    if not name or name.startswith(".") or set(name) & set('/\\:\0'):
-        raise ValueError(f"camera: expected a name that a folder can have, got {name!r}")
-
-
 def open_source(name: str, what: str, size: tuple[int, int] | None = None, fps: float | None = None) -> Source:
     """Open a camera by its index, or a video by its path; a camera is asked for the size and the rate.
 

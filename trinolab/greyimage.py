@@ -8,6 +8,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from .quiet import unheard
+
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".pgm")
 
 log = logging.getLogger("trinolab")
@@ -38,13 +40,26 @@ def read_grey(path: Path, size: tuple[int, int] | None, said: set[str]) -> np.nd
         data = path.read_bytes()
     except OSError as error:
         raise ValueError(f"{path}: cannot be read ({error.strerror})") from None
-    if data.startswith(b"\x89PNG") and b"IEND" not in data[-12:]:  # libpng would complain by itself
+    if data.startswith(b"\x89PNG") and b"IEND" not in data[-12:]:
         raise ValueError(f"{path}: cannot be read as an image (its end is missing)")
-    image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED) if data else None
+    image, complaint = _decoded(data)
     if image is None or image.dtype not in (np.uint8, np.uint16):
         raise ValueError(f"{path}: cannot be read as an image of 8 or 16 bit")
     check_size(image, size, path)
+    if complaint:
+        _say(path, f"may be damaged ({complaint})", said)
     return as_grey(image, path, said)
+
+
+def _decoded(data: bytes) -> tuple[np.ndarray | None, str]:
+    """The image, None if there is none, and the first line of what its decoder has to say about it."""
+    with unheard() as said:
+        try:
+            image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED) if data else None
+        except cv2.error:  # more pixels than OpenCV takes
+            image = None
+        said.seek(0)
+        return image, said.read(200).decode(errors="replace").partition("\n")[0]
 
 
 def check_size(image: np.ndarray, size: tuple[int, int] | None, path: Path) -> None:

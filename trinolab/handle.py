@@ -19,6 +19,9 @@ from scipy.spatial.transform import RigidTransform, Rotation
 
 from .camera import Camera
 from .checks import Array, as_array, as_number, as_transform, frozen, get, read_toml
+from .outputs import write_whole
+
+_LARGEST = 1e6  # mm or deg
 
 
 @dataclass(frozen=True)
@@ -61,12 +64,11 @@ class Handle:
         if not isinstance(self.name, str) or not self.name:
             raise ValueError(f"name: expected a handle's name, got {self.name!r}")
         for field in ("radius_mm", "length_mm", "marker_diameter_mm"):
-            object.__setattr__(self, field, as_number(getattr(self, field), field, low=0.0, open_low=True))
-        object.__setattr__(self, "top_mm", as_number(self.top_mm, "top_mm"))
+            object.__setattr__(self, field, as_number(getattr(self, field), field, 0.0, _LARGEST, True))
+        object.__setattr__(self, "top_mm", as_number(self.top_mm, "top_mm", -_LARGEST, _LARGEST))
         object.__setattr__(self, "columns_deg", _as_numbers(self.columns_deg, "columns_deg"))
         if not isinstance(self.rows_mm, Sequence) or len(self.rows_mm) != len(self.columns_deg):
-            wanted = len(self.columns_deg)
-            raise ValueError(f"rows_mm: expected a list for each of {wanted} columns, got {self.rows_mm!r}")
+            raise ValueError(f"rows_mm: expected {len(self.columns_deg)} lists, one a column, got {self.rows_mm!r}")
         rows = tuple(_as_numbers(row, f"rows_mm[{k}]") for k, row in enumerate(self.rows_mm))
         object.__setattr__(self, "rows_mm", rows)
         if self.markers not in ("bright", "dark"):
@@ -170,30 +172,31 @@ def read_handle(path: str | Path) -> Handle:
     Raises
     ------
     ValueError
-        Names the file and the field: unreadable, missing, unknown, or refused by `Handle`.
+        Names the file and the field: unreadable, missing, unknown, refused by `Handle`, or markers on one line.
     """
     table = read_toml(path)
     names = tuple(Handle.__dataclass_fields__)
-    unknown = sorted(set(table) - set(names))
-    if unknown:
-        raise ValueError(f"{path}: '{unknown[0]}' is not a field of a handle ({', '.join(names)})")
+    if unknown := sorted(set(table) - set(names)):
+        raise ValueError(f"{path}: {unknown[0]!r} is not a field of a handle ({', '.join(names)})")
     fields = {name: get(table, name, str(path)) for name in names if name != "markers"}
     try:
-        return Handle(**fields, markers=table.get("markers", "bright"))
+        return _spread_out(Handle(**fields, markers=table.get("markers", "bright")))
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from None
 
 
 def write_handle(handle: Handle, path: str | Path) -> None:
-    """Write a handle file that `read_handle` reads back."""
+    """Write a handle file that `read_handle` reads back, whole or not at all; ValueError if it cannot be written."""
     table: dict[str, Any] = {name: getattr(handle, name) for name in Handle.__dataclass_fields__}
-    Path(path).write_text(tomli_w.dumps(table))
+    write_whole(path, tomli_w.dumps(table))
 
 
 def _as_numbers(value: Any, name: str) -> tuple[float, ...]:
     if not isinstance(value, Sequence) or isinstance(value, str) or len(value) == 0:
         raise ValueError(f"{name}: expected a list of numbers, got {value!r}")
-    return tuple(float(v) for v in as_array(list(value), name, (None,)))
+    numbers = as_array(list(value), name, (None,))
+    as_number(np.abs(numbers).max(), f"{name}: the largest", high=_LARGEST)
+    return tuple(float(v) for v in numbers)
 
 
 def _check_layout(handle: Handle) -> None:
@@ -210,6 +213,14 @@ def _check_layout(handle: Handle) -> None:
     if distance.min() < handle.marker_diameter_mm:
         i, j = np.unravel_index(distance.argmin(), distance.shape)
         raise ValueError(f"columns_deg, rows_mm: markers {i} and {j} overlap, {distance.min():.3g} mm apart")
+
+
+def _spread_out(handle: Handle) -> Handle:
+    """The handle; refuse markers on one line, about which it may turn and looks the same."""
+    spread = np.linalg.svd(handle.marker_centres - handle.marker_centres.mean(axis=0), compute_uv=False)
+    if len(spread) < 2 or spread[1] < 1e-3 * handle.marker_diameter_mm:
+        raise ValueError("columns_deg, rows_mm: expected markers that fix a pose, got all of them on one line")
+    return handle
 
 
 def _candidate_symmetries(handle: Handle) -> list[RigidTransform]:

@@ -13,12 +13,15 @@ from numpy.typing import ArrayLike
 
 from .checks import Array, as_array, as_number, whole_rows
 
+LARGEST_PX = 65535  # side of an image
+
 
 def as_size(value: Any) -> tuple[int, int]:
     """Check width and height of an image, px."""
     size = as_array(value, "size", (2,))
-    if (size < 1).any() or (size != np.round(size)).any():
-        raise ValueError(f"size: expected width and height as whole numbers from 1, got {list(size)}")
+    if (size < 1).any() or (size > LARGEST_PX).any() or (size != np.round(size)).any():
+        raise ValueError(f"size: expected width and height as whole numbers from 1 to {LARGEST_PX}, "
+                         f"got {size.tolist()}")
     return int(size[0]), int(size[1])
 
 

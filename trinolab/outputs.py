@@ -4,19 +4,37 @@ from __future__ import annotations
 
 import os
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 
 def check_target(path: str | Path) -> None:
     """Refuse, with a ValueError, a place where `write_whole` could not write: asked before a long computation."""
-    target, folder = Path(path), Path(path).resolve().parent
+    target, folder = Path(path), resolved(path).parent
     if not folder.is_dir():
         raise ValueError(f"{path}: no such folder to write into")
     if target.exists() and not target.is_file():
         raise ValueError(f"{path}: cannot be written (a folder or a device is there)")
     if not os.access(folder, os.W_OK):
         raise ValueError(f"{path}: cannot be written (no permission in its folder)")
+
+
+def check_targets(targets: Iterable[str | Path], inputs: Iterable[str | Path] = ()) -> None:
+    """Refuse as `check_target` does, and a file that would be written twice, or over one that the command reads."""
+    taken = {resolved(path) for path in inputs}
+    for path in targets:
+        check_target(path)
+        if resolved(path) in taken:
+            raise ValueError(f"{path}: expected a file of its own, got one that this command reads, or writes as well")
+        taken.add(resolved(path))
+
+
+def resolved(path: str | Path) -> Path:
+    """The place that a path means. Raises ValueError for a link that leads to itself."""
+    try:
+        return Path(path).resolve()
+    except RuntimeError:  # Python before 3.13
+        raise ValueError(f"{path}: a link that leads to itself") from None
 
 
 def write_whole(path: str | Path, text: str) -> None:

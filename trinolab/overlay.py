@@ -11,9 +11,11 @@ from scipy.spatial.transform import RigidTransform
 
 from .camera import Camera, Rig
 from .posetracker import Tracked
+from .quiet import unheard
 
 WIDTH = 640  # of a camera's picture, px
 AXIS_MM = 25.0
+CUT_OFF = "cannot be written as a whole (is the disk full?)"
 _WINDOW, _STRANGER, _MARKER = (200, 200, 0), (120, 120, 120), (60, 220, 60)  # blue, green, red
 _AXES = ((60, 60, 255), (60, 220, 60), (255, 120, 60))
 _STATUS = {"measured": (60, 220, 60), "ambiguous": (0, 200, 255), "predicted": (0, 140, 255), "lost": (60, 60, 255)}
@@ -55,11 +57,13 @@ class Film:
     Raises
     ------
     ValueError
-        If the video cannot be written.
+        If the video cannot be written, or not as a whole.
     """
 
     def __init__(self, path: str | Path, fps: float) -> None:
         self.path, self.fps = Path(path), fps
+        if self.path.suffix.lower() != ".webm":
+            raise ValueError(f"{path}: expected a name that ends in .webm")
         self._partial = self.path.with_name(f".{self.path.stem}.partial{self.path.suffix}")
         self._writer: cv2.VideoWriter | None = None
 
@@ -70,19 +74,36 @@ class Film:
         """One more picture, (height, width, 3); all of one size."""
         if self._writer is None:
             code = cv2.VideoWriter.fourcc(*"VP90")
-            self._writer = cv2.VideoWriter(str(self._partial), code, self.fps, (image.shape[1], image.shape[0]))
+            with unheard():  # OpenCV finds the codec's name unusual
+                self._writer = cv2.VideoWriter(str(self._partial), code, self.fps, (image.shape[1], image.shape[0]))
             if not self._writer.isOpened():
                 raise ValueError(f"{self.path}: cannot be written as a VP9 video")
-        self._writer.write(image)
+        with unheard() as said:
+            self._writer.write(image)
+            said.seek(0)
+            if b"Failed to write" in said.read():
+                raise ValueError(f"{self.path}: {CUT_OFF}")
 
     def __exit__(self, kind: object, *_: object) -> None:
         if self._writer is not None:
             self._writer.release()
         if self._partial.exists():
-            if kind is None:
+            whole = kind is None and _is_whole(self._partial)
+            if whole:
                 self._partial.replace(self.path)
             else:
                 self._partial.unlink()
+            if kind is None and not whole:
+                raise ValueError(f"{self.path}: {CUT_OFF}")
+
+
+def _is_whole(path: Path) -> bool:
+    """Whether a WebM file is as long as it says; a writer on a full disk goes on without a word."""
+    with path.open("rb") as file:
+        head = file.read(256)
+    begin = head.find(b"\x18\x53\x80\x67") + 12  # the segment's name and its length, 4 and 8 bytes
+    length = int.from_bytes(head[begin - 8:begin]) & (1 << 56) - 1
+    return begin > 11 and begin + length == path.stat().st_size
 
 
 def _view(image: np.ndarray, camera: Camera, tracked: Tracked, c: int) -> np.ndarray:

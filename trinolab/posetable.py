@@ -12,12 +12,14 @@ import numpy as np
 import pandas as pd
 from scipy.spatial.transform import RigidTransform, Rotation
 
+from .csvfile import read_csv
 from .metrics import euler_deg
 from .outputs import write_whole
 from .pose import Pose
 
 POSE_COLUMNS = ("frame", "t_s", "x_mm", "y_mm", "z_mm", "qw", "qx", "qy", "qz", "alpha_deg", "beta_deg", "gamma_deg",
                 "sigma_mm", "sigma_deg", "residual_px", "markers", "cameras", "status")
+FARTHEST_MM = 1e9  # of a position that a file may hold: a thousand km
 STATUSES = ("measured", "ambiguous", "predicted", "lost")
 
 
@@ -55,7 +57,12 @@ def write_poses(table: pd.DataFrame, path: str | Path) -> None:
     ValueError
         If the file cannot be written.
     """
-    write_whole(path, table.to_csv(index=False, float_format="%.9g"))
+    write_whole(path, poses_text(table))
+
+
+def poses_text(table: pd.DataFrame) -> str:
+    """What the CSV file of a pose table says."""
+    return table.to_csv(index=False, float_format="%.9g")
 
 
 def write_tum(table: pd.DataFrame, path: str | Path) -> None:
@@ -76,6 +83,11 @@ def write_tum(table: pd.DataFrame, path: str | Path) -> None:
     ValueError
         If a measured row has no time, or the file cannot be written.
     """
+    write_whole(path, tum_text(table))
+
+
+def tum_text(table: pd.DataFrame) -> str:
+    """What the TUM file of a pose table says; ValueError if a measured row has no time."""
     held = table[table["status"] == "measured"]
     times = held["t_s"].to_numpy(dtype=float) if "t_s" in held else np.full(len(held), np.nan)
     if not np.isfinite(times).all():
@@ -83,7 +95,7 @@ def write_tum(table: pd.DataFrame, path: str | Path) -> None:
                          f"{int(held['frame'].iloc[int(np.isfinite(times).argmin())])}")
     numbers = held[["x_mm", "y_mm", "z_mm", "qx", "qy", "qz", "qw"]].to_numpy(dtype=float) / ([1e3] * 3 + [1.0] * 4)
     rows = np.column_stack([times, numbers])
-    write_whole(path, "".join(" ".join(f"{value:.9f}" for value in row) + "\n" for row in rows))
+    return "".join(" ".join(f"{value:.9f}" for value in row) + "\n" for row in rows)
 
 
 def read_poses(path: str | Path) -> pd.DataFrame:
@@ -95,14 +107,7 @@ def read_poses(path: str | Path) -> pd.DataFrame:
         Names the file and the column: unreadable, missing, no number, frames that are not whole, negative or repeated,
         an unknown status, a pose that is incomplete or whose quaternion has not length 1.
     """
-    try:
-        table = pd.read_csv(path, low_memory=False)
-    except OSError as error:
-        raise ValueError(f"{path}: cannot be read ({error.strerror})") from None
-    except (pd.errors.ParserError, pd.errors.EmptyDataError, UnicodeDecodeError, ValueError) as error:
-        raise ValueError(f"{path}: no valid CSV ({str(error).splitlines()[0]})") from None
-    if not isinstance(table.index, pd.RangeIndex):
-        raise ValueError(f"{path}: no valid CSV (rows have more fields than the first line)")
+    table = read_csv(path)
     for column in ("frame", *POSE_COLUMNS[2:9]):
         if column not in table:
             raise ValueError(f"{path}: column '{column}' is missing")
@@ -131,11 +136,12 @@ def _check_poses(table: pd.DataFrame, path: str | Path) -> None:
     if len(np.unique(frame)) < len(frame):
         raise ValueError(f"{path}: column 'frame' has a number twice")
     if len(wrong := table["status"][~table["status"].isin(STATUSES)]):
-        raise ValueError(f"{path}: status '{wrong.iloc[0]}' is none of {', '.join(STATUSES)}")
+        raise ValueError(f"{path}: status {str(wrong.iloc[0])!r} is none of {', '.join(STATUSES)}")
     held = table[table["status"] != "lost"]
     pose = held[list(POSE_COLUMNS[2:9])].to_numpy(dtype=float)
-    length = np.linalg.norm(pose[:, 3:], axis=1)
-    wrong_rows = ~np.isfinite(pose).all(axis=1) | ~(np.abs(length - 1) < 1e-3)
+    with np.errstate(over="ignore"):  # an overflow shows in the length
+        length = np.linalg.norm(pose[:, 3:], axis=1)
+    wrong_rows = ~(np.abs(pose) <= FARTHEST_MM).all(axis=1) | ~(np.abs(length - 1) < 1e-3)
     if wrong_rows.any():
         raise ValueError(f"{path}: frame {int(held['frame'].iloc[int(wrong_rows.argmax())])}: no pose "
-                         "(numbers missing, or a quaternion that has not length 1)")
+                         f"(numbers missing or beyond {FARTHEST_MM:g}, or a quaternion that has not length 1)")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import struct
 import zlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
 import cv2
@@ -13,7 +13,7 @@ import pandas as pd
 
 from .camera import Rig
 from .handle import Handle, write_handle
-from .outputs import check_target, write_whole
+from .outputs import check_target, resolved, write_whole
 from .posetable import write_poses
 from .rigfile import write_rig
 
@@ -29,7 +29,7 @@ def partial_of(folder: str | Path) -> Path:
     ValueError
         If there is something at `folder` already, or nothing can be written beside it.
     """
-    target = Path(folder).resolve()
+    target = resolved(folder)
     check_target(target / ".." / f"{target.name}{PARTIAL}.probe")
     if target.exists() and (not target.is_dir() or any(target.iterdir())):
         raise ValueError(f"{folder}: exists already; name another folder, or remove it")
@@ -52,20 +52,28 @@ def begin(folder: str | Path, rig: Rig | Sequence[str], handle: Handle | None = 
     Raises
     ------
     ValueError
-        As `partial_of`, or if something cannot be written.
+        As `partial_of` and `check_names`, or if something cannot be written.
     """
     partial = partial_of(folder)
+    check_names(_names(rig))
     for name in _names(rig):
-        (partial / "images" / name).mkdir(parents=True, exist_ok=True)
+        _make_folder(partial / "images" / name)
     if isinstance(rig, Rig):
         write_rig(rig, partial / "rig.toml")
     if handle is not None:
         write_handle(handle, partial / "handle.toml")
     if backgrounds is not None:
-        (partial / "background").mkdir(exist_ok=True)
+        _make_folder(partial / "background")
         for name, image in backgrounds.items():
             write_image(image, partial / "background" / f"{name}.png")
     return partial
+
+
+def check_names(cameras: Iterable[str]) -> None:
+    """Refuse, with a ValueError, a camera's name that cannot name its folder."""
+    for name in cameras:
+        if not name or name.startswith(".") or set(name) & set('/\\:\0'):
+            raise ValueError(f"camera: expected a name that a folder can have, got {name!r}")
 
 
 def image_paths(partial: Path, rig: Rig | Sequence[str], frame: int) -> list[Path]:
@@ -123,6 +131,13 @@ def stored_png(image: np.ndarray) -> bytes:
     chunks = (b"IHDR", head), (b"IDAT", zlib.compress(rows.tobytes(), 0)), (b"IEND", b"")
     return b"\x89PNG\r\n\x1a\n" + b"".join(struct.pack(">I", len(data)) + kind + data
                                           + struct.pack(">I", zlib.crc32(kind + data)) for kind, data in chunks)
+
+
+def _make_folder(path: Path) -> None:
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ValueError(f"{path}: cannot be written ({error.strerror})") from None
 
 
 def _names(rig: Rig | Sequence[str]) -> tuple[str, ...]:

@@ -11,10 +11,10 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-import pandas as pd
 
 from .camera import Rig
 from .checks import Array, as_number
+from .csvfile import read_csv
 from .footage import VIDEO_SUFFIXES, Footage, frames_of, open_footage
 from .greyimage import is_image, read_grey
 
@@ -39,6 +39,8 @@ class Recording(NamedTuple):
     times_s : ndarray or None
         Of the middle of each frame's exposure, s; None if they follow from `fps`.
     fps : float
+    times_from : path
+        Where `times_s` was read.
     """
 
     rig: Rig
@@ -46,6 +48,7 @@ class Recording(NamedTuple):
     length: int
     times_s: Array | None
     fps: float
+    times_from: str | Path = "timestamps"
 
     @property
     def rate(self) -> float:
@@ -59,7 +62,8 @@ class Recording(NamedTuple):
         if self.times_s is None:
             return frame / self.fps
         if frame >= len(self.times_s):
-            raise ValueError(f"timestamps: no time for frame {frame}, they end with frame {len(self.times_s) - 1}")
+            last = len(self.times_s) - 1
+            raise ValueError(f"{self.times_from}: no time for frame {frame}, they end with frame {last}")
         return float(self.times_s[frame])
 
 
@@ -105,7 +109,7 @@ def open_recording(sources: Mapping[str, str | Path], rig: Rig, fps: float = 30.
     count = folders[0].length if folders else max(one.length for one in footage)
     if times is not None and folders and len(times) < count:
         raise ValueError(f"{timestamps}: no time for frame {len(times)} of {count}")
-    return Recording(rig, footage, count, times, fps)
+    return Recording(rig, footage, count, times, fps, timestamps or "timestamps")
 
 
 def find_footage(folder: str | Path, rig: Rig) -> dict[str, Path]:
@@ -135,7 +139,7 @@ def instants(recording: Recording, first: int = 0) -> Iterator[Frames]:
     Raises
     ------
     ValueError
-        Names the file that cannot be read, or that ends while another one goes on.
+        Names the file that cannot be read, holds no frame, or ends while another one goes on.
     """
     said: set[str] = set()
     streams = [frames_of(one, camera.size, first, said)
@@ -145,6 +149,8 @@ def instants(recording: Recording, first: int = 0) -> Iterator[Frames]:
         images = [next(stream, None) for stream in streams]
         over = [one.path for one, image in zip(recording.footage, images, strict=True) if image is None]
         if len(over) == len(images):
+            if frame == 0:
+                raise ValueError(f"{over[0]}: no frame in it")
             return
         if over:
             raise ValueError(f"{over[0]}: ends after {frame} frames, another camera goes on")
@@ -161,17 +167,13 @@ def read_timestamps(path: str | Path) -> Array:
         Names the file and the row: unreadable, a column missing, no number, frames that do not count from 0, times that
         do not increase.
     """
-    try:
-        table = pd.read_csv(path, usecols=["frame", "t_s"], dtype=float)
-    except OSError as error:
-        raise ValueError(f"{path}: cannot be read ({error.strerror})") from None
-    except (pd.errors.ParserError, pd.errors.EmptyDataError, UnicodeDecodeError, ValueError, OverflowError) as error:
-        raise ValueError(f"{path}: no valid CSV with columns frame and t_s ({str(error).splitlines()[0]})") from None
+    table = read_csv(path, usecols=["frame", "t_s"], dtype=float)
     frame, times = table["frame"].to_numpy(), table["t_s"].to_numpy()
     if len(times) == 0 or not np.array_equal(frame, np.arange(len(frame))):
         raise ValueError(f"{path}: column 'frame' expects 0, 1, 2, ...")
-    if not np.isfinite(times).all() or (np.diff(times) <= 0).any():
-        wrong = int(np.flatnonzero(~np.isfinite(times) | (np.diff(times, prepend=-np.inf) <= 0))[0])
+    increasing = np.isfinite(times) & np.append(True, times[1:] > times[:-1])
+    if not increasing.all():
+        wrong = int(increasing.argmin())
         raise ValueError(f"{path}: frame {wrong}: column 't_s' expects increasing seconds")
     return times
 

@@ -30,7 +30,7 @@ from .handle import Handle, read_handle
 from .outputs import write_whole
 from .pose import LOST, Pose
 from .posetable import pose_table, poses_by_frame, read_poses
-from .recorder import add, begin, finish, image_paths, partial_of
+from .recorder import add, begin, check_names, finish, image_paths, partial_of
 from .rigfile import read_rig
 from .script import Shot, calm, following, hard
 
@@ -109,6 +109,7 @@ def write_recording(job: Job, out: str | Path, manifest: dict[str, Any], progres
                     workers: int = WORKERS) -> pd.DataFrame:
     """Render what is not there yet, and give the folder its name; see `render`, also for the errors."""
     partial = partial_of(out)
+    check_names(job.rig.names)
     _claim(partial, manifest)
     begin(out, job.rig, job.handle, {camera.name: empty(job, k) for k, camera in enumerate(job.rig.cameras)})
     shown = tqdm(total=len(job.shots), unit="instant", disable=None if progress else True)
@@ -177,7 +178,7 @@ def _claim(partial: Path, manifest: dict[str, Any]) -> None:
 def _read_manifest(path: Path) -> dict[str, Any]:
     try:
         found = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError):
+    except (OSError, ValueError, RecursionError):
         return {}
     return found if isinstance(found, dict) else {}
 

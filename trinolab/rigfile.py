@@ -10,7 +10,10 @@ import tomli_w
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from .camera import Camera, Rig
-from .checks import as_array, get, read_toml
+from .checks import as_array, as_number, get, read_toml
+from .outputs import write_whole
+
+NEAREST_MM = 1e-6  # of two cameras
 
 
 def read_rig(path: str | Path) -> Rig:
@@ -22,23 +25,35 @@ def read_rig(path: str | Path) -> Rig:
     Raises
     ------
     ValueError
-        Names the file and the field: unreadable, missing, of another shape, not finite, a fisheye camera.
+        Names the file and the field: unreadable, missing, of another shape, not finite, a fisheye camera, two cameras
+        in one place; what `Camera` and `Rig` refuse.
     """
     tables = {key: value for key, value in read_toml(path).items() if key != "metadata"}
     try:
-        return Rig(tuple(_camera_from(table, f"{path}: [{key}]") for key, table in tables.items()))
+        rig = Rig(tuple(_camera_from(table, f"{path}: [{key if key.isprintable() else repr(key)}]")
+                        for key, table in tables.items()))
+        _check_places(rig)
     except ValueError as error:
         raise ValueError(str(error) if str(error).startswith(str(path)) else f"{path}: {error}") from None
+    return rig
 
 
 def write_rig(rig: Rig, path: str | Path) -> None:
-    """Write a rig file that `read_rig` reads back."""
-    Path(path).write_text(rig_text(rig), encoding="utf-8")
+    """Write a rig file that `read_rig` reads back, whole or not at all. Raises ValueError if it cannot be written."""
+    write_whole(path, rig_text(rig))
 
 
 def rig_text(rig: Rig) -> str:
     """What a rig file says."""
     return tomli_w.dumps({camera.name: _table_of(camera) for camera in rig.cameras})
+
+
+def _check_places(rig: Rig) -> None:
+    """Refuse two cameras in one place: they see no depth, and most often one of them was copied."""
+    for left, right in ((rig.cameras[i], rig.cameras[j]) for i, j in rig.pairs):
+        if np.linalg.norm(left.centre - right.centre) < NEAREST_MM:
+            raise ValueError(f"rotation, translation: expected cameras in different places, got {left.name} and "
+                             f"{right.name} in one")
 
 
 def _camera_from(table: dict[str, Any], where: str) -> Camera:
@@ -47,7 +62,9 @@ def _camera_from(table: dict[str, Any], where: str) -> Camera:
     fields = {key: get(table, key, where) for key in ("name", "size", "matrix", "rotation", "translation")}
     try:
         distortions = list(as_array(table.get("distortions", [0.0] * 5), "distortions", (None,)))
-        rotation = Rotation.from_rotvec(np.array(as_array(fields["rotation"], "rotation", (3,))))  # SciPy: writable
+        rotvec = np.array(as_array(fields["rotation"], "rotation", (3,)))  # SciPy wants it writable
+        as_number(np.abs(rotvec).max(), "rotation: the largest", high=1e6)
+        rotation = Rotation.from_rotvec(rotvec)
         T_cam_world = RigidTransform.from_components(as_array(fields["translation"], "translation", (3,)), rotation)
         padded = np.array(distortions + [0.0] * (len(distortions) == 4))
         return Camera(fields["name"], fields["size"], fields["matrix"], padded, T_cam_world)

@@ -18,6 +18,8 @@ from .checks import Array, as_image, as_number, as_whole, frozen
 from .corners import find_corners, half_window, sharpened
 
 KINDS = ("chessboard", "circles", "charuco")
+_MOST_POINTS = 200  # along a side of a target
+_LEAST_PX = 3  # along a side of an image, for a point of the target
 _MARKER_SHARE = 0.75  # of a square's side, where nothing else is said
 _DICTIONARY = "4X4_50"
 
@@ -57,8 +59,8 @@ class Target:
         if self.kind not in KINDS:
             raise ValueError(f"board: expected one of {', '.join(KINDS)}, got {self.kind!r}")
         for name in ("columns", "rows"):
-            as_whole(getattr(self, name), name, low=3 + (self.kind == "charuco"))
-        square = as_number(self.square_mm, "square_mm", low=0.0, open_low=True)
+            as_whole(getattr(self, name), name, 3 + (self.kind == "charuco"), _MOST_POINTS)
+        square = as_number(self.square_mm, "square_mm", 0.0, 1e6, open_low=True)
         if self.kind == "charuco":
             self._check_markers(square)
         elif self.marker_mm is not None or self.dictionary is not None:
@@ -127,6 +129,8 @@ def find_target(image: ArrayLike, target: Target) -> Array:
     grey = as_image(image, "image")
     if grey.dtype != np.uint8:
         raise ValueError(f"image: expected 8 bit, got {grey.dtype}")
+    if min(grey.shape) < _LEAST_PX * min(target.columns, target.rows):  # OpenCV refuses images of a few pixels
+        return np.full((len(target.points), 2), np.nan)
     if target.kind == "charuco":
         return frozen(_charuco(grey, target))
     uv = find_corners(grey, target.board, None) if target.kind == "chessboard" else _circles(grey, target)

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
 import logging
 from collections.abc import Mapping
-from contextlib import ExitStack
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -21,20 +19,19 @@ from .camera import Rig
 from .checks import Array
 from .handle import Handle, read_handle
 from .identity import labelled_pixels
-from .outputs import check_target, write_whole
+from .outputs import check_targets, write_together
 from .overlay import Film, picture
 from .parameters import Parameters
-from .pose import Pose
-from .posetable import POSE_COLUMNS, pose_row, poses_by_frame, read_poses, transforms, write_poses, write_tum
+from .posetable import poses_by_frame, poses_text, read_poses, transforms, tum_text
 from .posetracker import TrackState
 from .recording import Recording, find_footage, instants, open_recording
 from .rigfile import read_rig
 from .sync import estimate_offsets, significant
+from .trackrows import PARTIAL, Rows, fingerprint
 from .workflows import estimator_of
 
 log = logging.getLogger("trinolab")
 MOST_INSTANTS = 3000  # kept for the cameras' offsets in time
-PARTIAL = ".partial"  # behind the name of a pose file that is not finished
 
 
 class Job(NamedTuple):
@@ -89,19 +86,19 @@ def track_files(rig: str | Path, handle: str | Path, sources: Mapping[str, str |
     the_rig = read_rig(rig)
     recording = open_recording(sources, the_rig, fps, timestamps)
     job = Job(recording, read_handle(handle), Parameters(estimator=estimator_of(method)), _known(start, recording))
-    for path in (out, Path(out).with_suffix(".tum"), *([overlay] if overlay else [])):
-        check_target(path)
-    rows = Rows(Path(f"{out}{PARTIAL}"), _fingerprint(rig, handle, sources, start, fps, timestamps, method))
-    with ExitStack() as stack:
-        film = stack.enter_context(Film(overlay, recording.rate)) if overlay else None
-        try:
+    files = [Path(path) for path in (rig, handle, start, timestamps) if path is not None]
+    tum, film = Path(out).with_suffix(".tum"), None if overlay is None else Film(overlay, recording.rate)
+    check_targets([out, tum, *([overlay] if overlay else [])], files)
+    rows = Rows(Path(f"{out}{PARTIAL}"), fingerprint(files, sources, start is None, timestamps is None, fps, method))
+    try:
+        with film or nullcontext():
             _track_on(job, rows, film, progress)
-        except KeyboardInterrupt:
-            kept = f"{len(rows.table())} rows are kept in {rows.path}; the same command goes on"
-            raise KeyboardInterrupt(kept) from None
-    table = rows.table()
-    write_poses(table, out)
-    write_tum(table, Path(out).with_suffix(".tum"))
+        table = rows.table()
+        write_together({out: poses_text(table), tum: tum_text(table)})
+    except KeyboardInterrupt:
+        raise KeyboardInterrupt(_kept(rows) and f"{_kept(rows)}; the same command goes on") from None
+    except (ValueError, OSError) as error:
+        raise ValueError(f"{error}; {_kept(rows)}".removesuffix("; ")) from None
     rows.path.unlink()
     return table
 
@@ -117,28 +114,9 @@ def track_folder(folder: str | Path, out: str | Path, **options: Any) -> pd.Data
                        timestamps=times if times.exists() else None, **options)
 
 
-class Rows:
-    """The finished rows of a track, in a file that grows; those of the same track interrupted are taken up.
-
-    Its first line names the track. A row that was cut off is dropped.
-    """
-
-    def __init__(self, path: Path, fingerprint: str) -> None:
-        self.path, head = path, f"# trinolab track {fingerprint}\n{','.join(POSE_COLUMNS)}\n"
-        text = path.read_text(encoding="utf-8", errors="replace") if path.exists() else ""
-        write_whole(path, text[:text.rfind("\n") + 1] if text.startswith(head) else head)
-
-    def add(self, frame: int, t_s: float, pose: Pose) -> None:
-        """One more row; it is on the disk when this returns. Raises ValueError if it cannot be written."""
-        cells = (f"{cell:.9g}" if isinstance(cell, float) else str(cell) for cell in pose_row(frame, t_s, pose))
-        try:
-            with self.path.open("a", encoding="utf-8") as file:
-                file.write(",".join("" if cell == "nan" else cell for cell in cells) + "\n")
-        except OSError as error:
-            raise ValueError(f"{self.path}: cannot be written ({error.strerror})") from None
-
-    def table(self) -> pd.DataFrame:
-        return pd.read_csv(self.path, skiprows=1)
+def _kept(rows: Rows) -> str:
+    """What is there of a track that has stopped; nothing if it had not begun."""
+    return f"{count} rows are kept in {rows.path}" if (count := rows.kept()) else ""
 
 
 def _track_on(job: Job, rows: Rows, film: Film | None, progress: bool) -> None:
@@ -204,11 +182,6 @@ def _known(path: str | Path | None, recording: Recording) -> dict[int, RigidTran
         return {}
     if not (known := poses_by_frame(read_poses(path))):
         raise ValueError(f"{path}: no row holds a pose")
+    if recording.footage[0].names and min(known) >= recording.length:  # of a video nobody knows how long it is
+        raise ValueError(f"{path}: no frame in common with the recording, which has {recording.length}")
     return known
-
-
-def _fingerprint(rig: str | Path, handle: str | Path, sources: Mapping[str, str | Path], *others: Any) -> str:
-    """What tells one track from another: its files and options."""
-    files = [hashlib.sha256(Path(path).read_bytes()).hexdigest() for path in (rig, handle)]
-    where = {name: str(Path(path).resolve()) for name, path in sources.items()}
-    return hashlib.sha256(json.dumps([files, where, [str(o) for o in others]]).encode()).hexdigest()[:16]

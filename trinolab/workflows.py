@@ -16,7 +16,7 @@ from .checks import as_number
 from .datasets import load_table1
 from .handle import Handle, read_handle
 from .metrics import PoseErrors, nearest_equivalent, pose_errors
-from .outputs import check_target
+from .outputs import check_targets
 from .parameters import BEST, ESTIMATORS, Parameters
 from .posetable import pose_table, poses_by_frame, read_poses, write_poses
 from .recording import list_instants, read_instant
@@ -62,7 +62,7 @@ def measure_folder(rig: str | Path, handle: str | Path, images: str | Path, out:
     the_rig, the_handle = read_rig(rig), read_handle(handle)
     instants = list_instants(images, the_rig)
     expected = {} if prior is None else _expected(prior, len(instants))
-    check_target(out)
+    check_targets([out], [rig, handle, *([prior] if prior else [])])
     said: set[str] = set()  # of conversions, by `read_instant`
     with logging_redirect_tqdm(), tqdm(instants, unit="instant", disable=None if progress else True) as shown:
         poses = [measure(read_instant(i, the_rig, said), the_rig, the_handle, expected.get(i.frame), parameters).pose

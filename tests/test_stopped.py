@@ -1,0 +1,237 @@
+"""Commands that are stopped: by Ctrl-C, by kill -9 at the worst moment, by a full disk. Each in a process of its own.
+
+A file appears whole or not at all; an interrupted track keeps its finished rows, and goes on where it stopped.
+"""
+
+import os
+import shlex
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from healthy import BOARDS, EVALUATE, MEASURE, RENDER, TRACK, contents, make_healthy, run
+
+from trinolab.metrics import geodesic_deg
+from trinolab.posetable import read_poses, transforms
+from trinolab.rigfile import read_rig
+
+resource = pytest.importorskip("resource", reason="limits of a process are set as POSIX does")
+
+COUNT = 24  # instants of the recording: a second to track
+CLI = "import sys; from trinolab.cli import main; sys.exit(main(sys.argv[1:]))"
+# Ends itself, as by kill -9, when it gives a finished file its name for the n-th time from 0.
+DIES = """
+import os, signal, sys
+real, left = os.replace, [int(sys.argv.pop(1))]
+def replace(*paths):
+    left[0] or os.kill(os.getpid(), signal.SIGKILL)
+    left[0] -= 1
+    real(*paths)
+os.replace = replace
+""" + CLI
+
+# A video of twelve pictures of noise.
+FILM = """
+import sys
+import numpy as np
+from trinolab.overlay import Film
+rng = np.random.default_rng(0)
+try:
+    with Film("o.webm", 25.0) as film:
+        for _ in range(12):
+            film.add(rng.integers(0, 256, (64, 128, 3), np.uint8))
+except ValueError as error:
+    sys.exit(str(error))
+"""
+
+
+@pytest.fixture(scope="module")
+def healthy(tmp_path_factory):
+    """A folder with all that the commands read, and a track that nothing has interrupted."""
+    root = tmp_path_factory.mktemp("long")
+    make_healthy(root, COUNT)
+    assert run(f"track {root / 'rec'} --out {root / 'whole.csv'}") == 0
+    return root
+
+
+@pytest.fixture
+def folder(healthy, tmp_path, monkeypatch):
+    """The working folder: a copy of the healthy one."""
+    shutil.copytree(healthy, tmp_path, dirs_exist_ok=True)
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def started(line, code=CLI, limit=resource.RLIM_INFINITY, **options):
+    """A command as a process; no file that it writes may be longer than `limit` bytes, as if the disk were full."""
+    def before():
+        signal.signal(signal.SIGINT, signal.SIG_DFL)  # a shell's background jobs have it ignored
+        resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
+
+    options = {"stdout": subprocess.PIPE, **options}
+    return subprocess.Popen([sys.executable, "-c", code, *shlex.split(line)], stderr=subprocess.PIPE, text=True,
+                            preexec_fn=before, **options)
+
+
+def ended(process):
+    """Exit code, and the lines on standard error."""
+    _, err = process.communicate(timeout=60)
+    return process.returncode, err.splitlines(keepends=True)
+
+
+def rows_kept():
+    """Whole lines of the unfinished track, without its two first ones."""
+    path = Path("poses.csv.partial")
+    return path.read_text().splitlines(keepends=True)[2:] if path.exists() else []
+
+
+def files():
+    return {path.name for path in Path().iterdir() if path.is_file()}
+
+
+def assert_like_uninterrupted(stopped_at):
+    """The track is whole, and that of a run without interruption as far as it can be."""
+    table, whole = read_poses("poses.csv"), read_poses("whole.csv")
+    assert table["frame"].tolist() == list(range(COUNT))
+    assert table["t_s"].tolist() == whole["t_s"].tolist()
+    assert (table["status"] == "measured").all()
+    assert Path("poses.csv").read_text().splitlines()[:stopped_at + 1] == \
+        Path("whole.csv").read_text().splitlines()[:stopped_at + 1]
+    # A pose is fitted to its instant's pixels; the tracker's state, which is lost, says where to look and so which
+    # markers are used. Two estimates of one pose from nearly the same pixels: within three standard deviations of one.
+    away = np.linalg.norm(transforms(table).translation - transforms(whole).translation, axis=1)
+    assert (away < 3 * whole["sigma_mm"]).all()
+    assert (geodesic_deg(transforms(table), transforms(whole)) < 3 * whole["sigma_deg"]).all()
+    assert len(np.loadtxt("poses.tum")) == COUNT
+    assert not Path("poses.csv.partial").exists()
+
+
+# --- Ctrl-C and kill -9
+
+
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGKILL, -signal.SIGKILL)])
+def test_a_track_that_is_stopped_keeps_its_rows_and_goes_on(folder, number, code):
+    before = files()
+    with started(TRACK) as process:
+        end = time.monotonic() + 60
+        while len(rows_kept()) < 5 and time.monotonic() < end:
+            time.sleep(0.005)
+        process.send_signal(number)
+        assert (result := ended(process))[0] == code
+    kept = rows_kept()
+    assert 5 <= len(kept) < COUNT
+    assert files() == before | {"poses.csv.partial"}
+    said = f"trinolab track: interrupted, {len(kept)} rows are kept in poses.csv.partial; the same command goes on\n"
+    assert result[1] == [said] * (number == signal.SIGINT)
+    assert run(TRACK) == 0
+    assert_like_uninterrupted(len(kept))
+
+
+@pytest.mark.parametrize(("moment", "there"), [(0, set()), (2, {"poses.csv.partial", "poses.csv"})])
+def test_a_track_that_is_killed_while_it_names_its_files(folder, moment, there):
+    before = files()
+    with started(f"{moment} {TRACK}", DIES) as process:
+        assert ended(process) == (-signal.SIGKILL, [])
+    assert {name for name in files() if name[0] != "."} == before | there  # a hidden one is nobody's input
+    assert "poses.csv" not in there or Path("poses.csv").read_bytes() == Path("whole.csv").read_bytes()
+    assert run(TRACK) == 0
+    assert Path("poses.csv").read_bytes() == Path("whole.csv").read_bytes()
+    assert Path("poses.tum").read_bytes() == Path("whole.tum").read_bytes()
+
+
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGKILL, -signal.SIGKILL)])
+def test_a_calibration_that_is_stopped_leaves_nothing(folder, number, code):
+    Path("b/04.png").unlink()
+    os.mkfifo("b/04.png")  # the last image: who reads it waits until somebody writes
+    before = files()
+    with started(BOARDS) as process:
+        pipe = os.open("b/04.png", os.O_WRONLY)  # waits until it is read
+        process.send_signal(number)
+        result = ended(process)
+        os.close(pipe)
+    assert result == (code, ["trinolab calibrate: interrupted, nothing was written\n"] if code == 130 else [])
+    assert files() == before
+
+
+def test_a_calibration_that_is_killed_while_it_names_its_files(folder):
+    before = files()
+    with started(f"0 {BOARDS}", DIES) as process:  # all three files are written, none has its name
+        assert ended(process) == (-signal.SIGKILL, [])
+    assert {name for name in files() if name[0] != "."} == before
+    assert run(BOARDS) == 0
+    assert read_rig("new.toml").names == ("a", "b")
+
+
+@pytest.mark.parametrize("moment", [2, 7, 12])
+def test_a_rendering_that_is_killed_goes_on_to_the_same_files(folder, moment):
+    with started(f"{moment} {RENDER}", DIES) as process:
+        assert ended(process) == (-signal.SIGKILL, [])
+    assert not Path("out").exists()
+    assert run(RENDER) == 0
+    assert run(RENDER.replace("--out out", "--out undisturbed")) == 0
+    one, other = ({path.relative_to(root): data for path, data in contents(Path(root)).items() if path.name[0] != "."}
+                  for root in ("out", "undisturbed"))
+    assert one == other
+
+
+# --- full disks
+
+FULL = "cannot be written (File too large)"  # what a limit of the file size says; a disk has other words
+
+
+@pytest.mark.parametrize(("line", "limit", "message"), [
+    (MEASURE, 900, f"poses.csv: {FULL}"),
+    (BOARDS, 20_000, f"new_residuals.png: {FULL}"),
+    (BOARDS, 100, f"new.toml: {FULL}"),
+    (TRACK, 100, f"poses.csv.partial: {FULL}"),
+    (RENDER, 100, f"made_from.json: {FULL}"),
+    (RENDER, 2000, f"out.partial/background/ccd1.png: {FULL}"),
+])
+def test_a_full_disk_costs_one_line_and_leaves_nothing_unfinished(folder, line, limit, message):
+    import matplotlib.font_manager  # noqa: F401  # its cache is not to be written by the command
+
+    before = files() | {path.name for path in Path().iterdir()}
+    with started(line, limit=limit) as process:
+        code, err = ended(process)
+    assert (code, len(err)) == (2, 1)
+    assert err[0].endswith(f"{message}\n")
+    assert {path.name for path in Path().iterdir()} - {"out.partial"} == before
+    assert line != RENDER or run(line) == 0
+
+
+@pytest.mark.parametrize("limit", [1_500, 4_000])
+def test_a_track_on_a_full_disk_keeps_its_rows(folder, limit):
+    before = files()
+    with started(TRACK, limit=limit) as process:
+        code, err = ended(process)
+    kept = [row for row in rows_kept() if row.endswith("\n")]
+    assert 0 < len(kept) < COUNT
+    assert (code, err) == (2, [f"trinolab track: poses.csv.partial: {FULL}; {len(kept)} rows are kept in "
+                               "poses.csv.partial\n"])
+    assert files() == before | {"poses.csv.partial"}
+    assert run(TRACK) == 0
+    assert_like_uninterrupted(len(kept))
+
+
+@pytest.mark.parametrize("limit", [100, 30_000])
+def test_an_overlay_that_the_disk_cuts_off_does_not_appear(tmp_path, monkeypatch, limit):
+    monkeypatch.chdir(tmp_path)
+    with started("", FILM, limit) as process:
+        assert ended(process) == (1, ["o.webm: cannot be written as a whole (is the disk full?)\n"])
+    assert files() == set()
+    with started("", FILM) as process:
+        assert ended(process) == (0, [])
+    assert files() == {"o.webm"}
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full on this system")
+@pytest.mark.parametrize("line", [EVALUATE, MEASURE])
+def test_an_answer_that_nobody_takes_costs_one_line(folder, line):
+    with Path("/dev/full").open("w") as full, started(line, stdout=full) as process:
+        assert ended(process) == (2, [f"trinolab {line.split()[0]}: standard output: cannot be written (No space left "
+                                      "on device)\n"])
