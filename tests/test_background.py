@@ -7,7 +7,6 @@ import pytest
 from trinolab.background import (
     BackgroundParameters,
     difference,
-    light_gain,
     moving_window,
     step,
     update,
@@ -101,22 +100,6 @@ def test_nothing_that_comes_in_is_changed_and_nothing_that_goes_out_can_be():
             array[0, 0] = 1
 
 
-@pytest.mark.parametrize("gain", [0.6, 1.0, 1.35])
-def test_light_gain_under_noise_and_a_hand(gain):
-    rng = np.random.default_rng(1)
-    background = 45 + 7 * rng.standard_normal((300, 400))
-    frame = gain * background
-    frame[100:250, 50:250] = 130.0  # a quarter of the image
-    frame = np.clip(np.rint(frame + 2.1 * rng.standard_normal(frame.shape)), 0, 255).astype(np.uint8)
-    # The median slides up by what a quarter of outliers makes of a ratio's scatter of 2.1 / 45.
-    assert light_gain(frame, background) == pytest.approx(gain, abs=0.025)
-
-
-def test_light_gain_of_a_covered_lens_or_a_dark_background_is_one():
-    assert light_gain(np.zeros((8, 8), np.uint8), np.full((8, 8), 50.0)) == 1.0
-    assert light_gain(np.full((8, 8), 50, np.uint8), np.zeros((8, 8))) == 1.0
-
-
 def test_a_step_of_light_moves_nothing_if_it_is_compensated():
     bench = 45 + 7 * RNG.standard_normal((60, 80))
     brighter = np.clip(np.rint(1.4 * bench), 0, 255).astype(np.uint8)  # + 18 grey levels
@@ -194,7 +177,7 @@ def test_grown_and_clipped():
     lambda: update(BACKGROUND, FRAME, 1.1), lambda: update(BACKGROUND, FRAME, float("nan")),
     lambda: update(BACKGROUND, FRAME, 0.1, MASK.astype(int)), lambda: update(BACKGROUND, FRAME, 0.1, MASK[:-1]),
     lambda: update(BACKGROUND, FRAME, 0.1, MASK, -0.1), lambda: update(BACKGROUND[:-1], FRAME, 0.1),
-    lambda: light_gain(FRAME, BACKGROUND, 0), lambda: moving_window(FRAME), lambda: moving_window(MASK, -1),
+    lambda: moving_window(FRAME), lambda: moving_window(MASK, -1),
     lambda: step(BACKGROUND[:-1], FRAME), lambda: Window(0, 0, 0, 1), lambda: Window(0.5, 0, 1, 1),
     lambda: Window(0, 0, 9, 9).crop(np.zeros((5, 5))), lambda: Window(0, 0, 1, 1).grown(-1),
     lambda: Window(3, 0, 2, 2).blank_outside(np.zeros((4, 4))), lambda: Window.around([1, 2]),

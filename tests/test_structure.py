@@ -16,8 +16,8 @@ NOTEBOOKS = sorted(ROOT.glob("notebooks/*.ipynb"))
 # A module imports only from those before it.
 ORDER = [
     "checks", "outputs", "greyimage", "lens", "camera", "rigfile", "handle", "metrics", "fetch", "board", "datasets",
-    "realsets", "ledger", "cones", "convex", "faces", "workspace", "plotting", "plotting_errors", "plotting_rigs",
-    "plotting_estimators", "plotting_calibration", "window", "background", "covariance", "kalman", "image_track",
+    "realsets", "ledger", "cones", "convex", "faces", "workspace", "window", "plotting", "plotting_errors", "plotting_rigs",
+    "plotting_estimators", "plotting_calibration", "light", "background", "covariance", "kalman", "image_track",
     "blobs", "spot", "markers", "matching", "triangulation", "pose", "posetable", "posefilter", "layout", "hypotheses",
     "threepoint", "seeds", "verdict", "search", "identity", "bodyend", "parameters",
     "noise", "appearance", "centroids", "patches", "blur", "imagemodel", "registration", "outline", "refine",

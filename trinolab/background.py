@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .checks import as_image, as_number
+from .light import light_gain
 from .window import Window
 
 
@@ -34,7 +35,7 @@ class BackgroundParameters:
         alpha where something moves (see `update`); 0 keeps the old background there. None is Eq. 6 as printed, which
         takes in a handle that rests.
     compensate_light : bool
-        Scale the background to the frame's light before it is compared (see `light_gain`).
+        Scale the background to the frame's light before it is compared (see `light.light_gain`).
 
     Raises
     ------
@@ -141,36 +142,6 @@ def update(background: ArrayLike, frame: ArrayLike, update_rate: float, mask: Ar
         moved = _as_mask(mask, grey.shape)
         new[moved] = slow * grey[moved] + (1 - slow) * old[moved]
     return _read_only(new)
-
-
-def light_gain(frame: ArrayLike, background: ArrayLike, step: int = 4) -> float:
-    """How much brighter the light has become: the median of frame by background.
-
-    One factor for all of the image. It holds while what moves covers less than about a third of it.
-
-    Parameters
-    ----------
-    frame, background : array_like, shape (height, width)
-    step : int
-        Every `step`-th pixel of both directions is taken.
-
-    Returns
-    -------
-    float
-        1 if nothing in the background is brighter than 10 grey levels, or the factor is not within 1/4 and 4: that is
-        no change of light but a covered lens.
-
-    Raises
-    ------
-    ValueError
-        If one of the two is no grey image, they differ in size, or `step` is less than 1.
-    """
-    grey, old = _frame_and_background(frame, background)
-    stride = int(as_number(step, "step", 1, 2**31))
-    few, base = grey[::stride, ::stride], old[::stride, ::stride]
-    lit = base > 10
-    gain = float(np.median(few[lit] / base[lit])) if lit.any() else 1.0
-    return gain if 0.25 <= gain <= 4 else 1.0
 
 
 def moving_window(mask: ArrayLike, min_pixels: int = 0) -> Window | None:
