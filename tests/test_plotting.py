@@ -13,6 +13,8 @@ from trinolab.cones import paper_cones
 from trinolab.plotting import plot_pose_errors, plot_workspace, show_image, workspace_plotter, workspace_scene
 from trinolab.plotting_errors import plot_factor
 from trinolab.plotting_estimators import plot_by_slant, plot_estimators
+from trinolab.plotting_motion import mark_window, show_verdict
+from trinolab.window import Window
 from trinolab.workspace import intersect, surface_mesh
 
 
@@ -132,3 +134,21 @@ def test_estimators_stand_over_their_rig_between_its_lines():
     assert [segment[0, 1] for segment in ax.collections[0].get_segments()] == [0.03, 0.012]
     assert [text.get_text() for text in figure.legends[0].get_texts()] == ["paper", "best", "target"]
     figure.canvas.draw()
+
+
+def test_window_is_drawn_around_its_pixels():
+    ax = show_image(np.zeros((20, 30), np.uint8))
+    mark_window(ax, Window(3, 5, 10, 4), "seen")
+    box = ax.patches[0].get_bbox()
+    assert (box.x0, box.y0, box.x1, box.y1) == (2.5, 4.5, 12.5, 8.5)  # of pixels 3 to 12 and 5 to 8
+    plt.close("all")
+
+
+def test_verdict_shows_what_is_found_false_and_missed():
+    mask = np.array([[True, True, True, False, False]])
+    inside, outside = np.array([[True, False, False, True, False]]), np.array([[False, True, False, False, True]])
+    _, ax = plt.subplots()
+    show_verdict(mask, inside, outside, "", ax)
+    # found, false, found on the seam, missed, background
+    np.testing.assert_array_equal(ax.images[0].get_array(), [[1, 2, 1, 3, 0]])
+    plt.close("all")
