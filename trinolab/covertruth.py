@@ -1,6 +1,6 @@
 """What truly moves in the frames of a rendered recording: the pixels that handle, hand and forearm cover.
 
-A shadow is not what moves; it lies on the background.
+A shadow is not what moves; it lies on the background. `standard_clip` has a camera's frames with their truth.
 """
 
 from __future__ import annotations
@@ -12,11 +12,19 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike
 
+from .arm import true_visibility
 from .background import BackgroundParameters, Detection, step
-from .checks import Array, as_array, as_number
+from .camera import Rig
+from .checks import Array, as_array, as_number, as_whole
+from .datasets import load_handle, load_rig
 from .exposure import smeared
 from .filming import Job
+from .footage import frames_of, open_footage
+from .greyimage import read_grey
 from .layer import over
+from .rendering import scripted
+from .scene import scaled
+from .standard import standard_recording
 from .window import Window
 
 
@@ -34,6 +42,28 @@ class Wrong(NamedTuple):
     missed: float
 
 
+class Clip(NamedTuple):
+    """One camera's part of a standard recording, every few rows and columns of it, and its truth.
+
+    Attributes
+    ----------
+    frames : ndarray of uint8, shape (n, height, width)
+    empty : ndarray of uint8, shape (height, width)
+        The empty scene in the light of the first instant.
+    truths : list of Regions
+        One a frame.
+    job : Job
+        The script, for cameras of as many pixels.
+    camera_index : int
+    """
+
+    frames: np.ndarray
+    empty: np.ndarray
+    truths: list[Regions]
+    job: Job
+    camera_index: int
+
+
 class Watched(NamedTuple):
     """What `background.step` made of a clip of n frames: shares as in `Wrong`, shape (n,), windows, last background."""
 
@@ -41,6 +71,35 @@ class Watched(NamedTuple):
     missed: Array
     windows: list[Window | None]
     background: np.ndarray
+
+
+def standard_clip(name: str, index: int, every: int = 4, seconds: float = 2.0) -> Clip:
+    """A camera's part of a standard recording, seed 0; a seam of 8 px of the recording is left out of the truth.
+
+    Parameters
+    ----------
+    name : {"calm", "hard"}
+    index : int
+        Of the camera.
+    every : int
+        Rows and columns from one that is looked at to the next; a divisor of the image's sides.
+    seconds : float
+        Length.
+
+    Raises
+    ------
+    ValueError
+        As `standard_recording`, or if the rig has no such camera, or `every` does not divide the image.
+    """
+    rig = load_rig("raised_40deg")
+    camera = rig.cameras[as_whole(index, "index", 0, len(rig.cameras) - 1)]
+    small = Rig(tuple(scaled(one, 1 / as_whole(every, "every", 1, 64)) for one in rig.cameras))
+    folder = standard_recording(name, seconds=seconds, progress=False)
+    empty = read_grey(folder / "background" / f"{camera.name}.png", camera.size, set())
+    frames = frames_of(open_footage(folder / "images" / camera.name), camera.size, 0, set())
+    job = scripted(name, small, load_handle("coded"), 0, seconds)
+    truths = [regions(cover(job, k, index), max(1, round(8 / every))) for k in range(len(job.shots))]
+    return Clip(np.array([frame[::every, ::every] for frame in frames]), empty[::every, ::every], truths, job, index)
 
 
 def cover(job: Job, frame: int, index: int) -> Array:
@@ -85,3 +144,16 @@ def watch(frames: Sequence[ArrayLike], background: ArrayLike, truths: Sequence[R
         windows.append(detection.window)
     false, missed = np.array(shares).reshape(-1, 2).T
     return Watched(false, missed, windows, state)
+
+
+def held(windows: Sequence[Window | None], clip: Clip) -> np.ndarray:
+    """Whether each window holds all markers that the clip's camera truly sees, bool (n,)."""
+    camera, handle = clip.job.rig.cameras[clip.camera_index], clip.job.handle
+    found = []
+    for window, shot in zip(windows, clip.job.shots, strict=True):
+        uv = np.empty((0, 2))
+        if shot.T_world_handle is not None:
+            seen = true_visibility(camera, handle, shot.T_world_handle, shot.arm)
+            uv = camera.project(shot.T_world_handle.apply(handle.marker_centres[seen]))
+        found.append(len(uv) == 0 or (window is not None and bool(window.contains(uv).all())))
+    return np.array(found)
