@@ -12,7 +12,7 @@ NOTEBOOKS = sorted(Path(__file__).resolve().parents[1].glob("notebooks/*.ipynb")
 OTHER_PARAMETERS = {
     "01_structure": {"rig_name": "paper_pair", "handle_name": "coded", "row": 12, "seed": 1},
     "02_workspace": {"rig_name": "raised_40deg", "half_angle_deg": 15.0},
-    "03_background": {"update_rate": 0.1, "difference_threshold": 12.0, "light_step": 1.3, "seed": 1},
+    "03_background": {"update_rate": 0.05, "difference_threshold": 12.0, "shadow_share": 0.4, "seed": 1},
     "04_kalman": {"jerk_intensity": 1e8, "sigma_px": 5.0, "seed": 5},
     "05_markers": {"surplus": 3.0, "read_noise": 6.0, "seed": 1},
     "06_matching": {"rig_name": "paper_pair", "ncc_threshold": 0.9, "epipolar_gate_px": 1.0, "instants": 8},

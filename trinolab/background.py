@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .checks import as_image, as_number
+from .light import WHITE, light_gain
 from .window import Window
 
 
@@ -27,6 +28,8 @@ class BackgroundParameters:
         1 - 1/e after about 1/alpha frames.
     difference_threshold : float
         T of Eq. 5, grey levels.
+    shadow_share : float
+        The share of the light that a shadow may take, 0 to 1 (see `difference`); 0 is Eq. 5 as printed.
     min_pixels : int
         The second threshold of Sect. 4.1, px: something moves if more pixels than these have changed. The default is
         for images of 1280 x 1024.
@@ -34,7 +37,7 @@ class BackgroundParameters:
         alpha where something moves (see `update`); 0 keeps the old background there. None is Eq. 6 as printed, which
         takes in a handle that rests.
     compensate_light : bool
-        Scale the background to the frame's light before it is compared (see `light_gain`).
+        Scale the background to the frame's light before it is compared (see `light.light_gain`).
 
     Raises
     ------
@@ -42,8 +45,9 @@ class BackgroundParameters:
         Names the field: no number, out of range, or no truth value.
     """
 
-    update_rate: float = 0.05
+    update_rate: float = 0.01
     difference_threshold: float = 15.0
+    shadow_share: float = 0.3
     min_pixels: int = 500
     masked_rate: float | None = 0.0
     compensate_light: bool = True
@@ -51,6 +55,7 @@ class BackgroundParameters:
     def __post_init__(self) -> None:
         as_number(self.update_rate, "update_rate", 0.0, 1.0)
         as_number(self.difference_threshold, "difference_threshold", 0.0)
+        as_number(self.shadow_share, "shadow_share", 0.0, 1.0)
         as_number(self.min_pixels, "min_pixels", 0.0)
         if self.masked_rate is not None:
             as_number(self.masked_rate, "masked_rate", 0.0, 1.0)
@@ -81,8 +86,13 @@ class Detection(NamedTuple):
     window: Window | None
 
 
-def difference(frame: ArrayLike, background: ArrayLike, difference_threshold: float) -> Difference:
+def difference(frame: ArrayLike, background: ArrayLike, difference_threshold: float,
+               shadow_share: float = 0.0) -> Difference:
     """Keep the pixels of a frame that differ from the background by more than a threshold (Eq. 5).
+
+    A shadow leaves of a background b something between (1 - shadow_share) b and b. With a share above 0 a pixel has
+    moved if it is farther than the threshold from all of that range; what is darker than its background, but not by
+    so much, is then missed.
 
     Parameters
     ----------
@@ -90,16 +100,19 @@ def difference(frame: ArrayLike, background: ArrayLike, difference_threshold: fl
         f_k and f_b, grey levels.
     difference_threshold : float
         T, grey levels, not negative.
+    shadow_share : float
+        The share of the light that a shadow may take, 0 to 1.
 
     Raises
     ------
     ValueError
-        If one of the two is no grey image, they differ in size, or the threshold is negative.
+        If one of the two is no grey image, they differ in size, the threshold is negative, or the share not in [0, 1].
     """
     grey, old = _frame_and_background(frame, background)
     threshold = as_number(difference_threshold, "difference_threshold", 0.0)
+    share = as_number(shadow_share, "shadow_share", 0.0, 1.0)
     change = np.subtract(grey, old, dtype=old.dtype)
-    mask = np.abs(change, out=change) > threshold
+    mask = (change > threshold) | (change < -(threshold + share * old))
     return Difference(_read_only(np.where(mask, grey, grey.dtype.type(0))), _read_only(mask))
 
 
@@ -143,36 +156,6 @@ def update(background: ArrayLike, frame: ArrayLike, update_rate: float, mask: Ar
     return _read_only(new)
 
 
-def light_gain(frame: ArrayLike, background: ArrayLike, step: int = 4) -> float:
-    """How much brighter the light has become: the median of frame by background.
-
-    One factor for all of the image. It holds while what moves covers less than about a third of it.
-
-    Parameters
-    ----------
-    frame, background : array_like, shape (height, width)
-    step : int
-        Every `step`-th pixel of both directions is taken.
-
-    Returns
-    -------
-    float
-        1 if nothing in the background is brighter than 10 grey levels, or the factor is not within 1/4 and 4: that is
-        no change of light but a covered lens.
-
-    Raises
-    ------
-    ValueError
-        If one of the two is no grey image, they differ in size, or `step` is less than 1.
-    """
-    grey, old = _frame_and_background(frame, background)
-    stride = int(as_number(step, "step", 1, 2**31))
-    few, base = grey[::stride, ::stride], old[::stride, ::stride]
-    lit = base > 10
-    gain = float(np.median(few[lit] / base[lit])) if lit.any() else 1.0
-    return gain if 0.25 <= gain <= 4 else 1.0
-
-
 def moving_window(mask: ArrayLike, min_pixels: int = 0) -> Window | None:
     """The minimum upright bounding rectangle of the largest moving region, W_ROI (Sect. 4.2).
 
@@ -207,6 +190,9 @@ def step(background: ArrayLike, frame: ArrayLike, parameters: BackgroundParamete
          ) -> tuple[np.ndarray, Detection]:
     """One instant: compare with the background, find the window, renew the background (Eq. 5, 6).
 
+    The background is what the light makes of the scene, also where that is brighter than a camera can show: a saturated
+    pixel is compared with 255, and does not renew it.
+
     Parameters
     ----------
     background, frame : array_like, shape (height, width)
@@ -224,11 +210,13 @@ def step(background: ArrayLike, frame: ArrayLike, parameters: BackgroundParamete
         If one of the two is no grey image, or they differ in size.
     """
     p = parameters or BackgroundParameters()
+    grey, old = _frame_and_background(frame, background)
     if p.compensate_light:
-        background = np.multiply(background, np.float32(light_gain(frame, background)))
-    image, mask = difference(frame, background, p.difference_threshold)
-    renewed = update(background, frame, p.update_rate, None if p.masked_rate is None else mask, p.masked_rate or 0.0)
-    return renewed, Detection(image, mask, moving_window(mask, p.min_pixels))
+        old = np.multiply(old, old.dtype.type(light_gain(grey, old)))
+    image, mask = difference(grey, np.minimum(old, WHITE), p.difference_threshold, p.shadow_share)
+    kept = None if p.masked_rate is None else mask | (grey >= WHITE)
+    return (update(old, grey, p.update_rate, kept, p.masked_rate or 0.0),
+            Detection(image, mask, moving_window(mask, p.min_pixels)))
 
 
 def _frame_and_background(frame: ArrayLike, background: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
