@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import html
+import os
+from base64 import b64encode
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 
 import cv2
@@ -19,7 +23,8 @@ _AXES = ((60, 60, 255), (60, 220, 60), (255, 120, 60))
 _STATUS = {"measured": (60, 220, 60), "ambiguous": (0, 200, 255), "predicted": (0, 140, 255), "lost": (60, 60, 255)}
 
 
-def picture(images: Sequence[np.ndarray], tracked: Tracked, rig: Rig, frame: int, t_s: float) -> np.ndarray:
+def picture(images: Sequence[np.ndarray], tracked: Tracked, rig: Rig, frame: int, t_s: float,
+            width: int = WIDTH) -> np.ndarray:
     """All cameras' pictures side by side, with what was found.
 
     Parameters
@@ -30,13 +35,15 @@ def picture(images: Sequence[np.ndarray], tracked: Tracked, rig: Rig, frame: int
     rig : Rig
     frame, t_s
         Number and time (s) of the instant, for the caption.
+    width : int
+        Of each camera's picture, px.
 
     Returns
     -------
     ndarray of uint8, shape (height, width, 3)
         Blue first; even sides.
     """
-    views = [_view(images[c], camera, tracked, c) for c, camera in enumerate(rig.cameras)]
+    views = [_view(images[c], camera, tracked, c, width) for c, camera in enumerate(rig.cameras)]
     height = max(len(view) for view in views)
     together = np.hstack([np.pad(view, ((0, height - len(view)), (0, 0), (0, 0))) for view in views])
     pose = tracked.measurement.pose
@@ -70,7 +77,8 @@ class Film:
         """One more picture, (height, width, 3); all of one size."""
         if self._writer is None:
             code = cv2.VideoWriter.fourcc(*"VP90")
-            self._writer = cv2.VideoWriter(str(self._partial), code, self.fps, (image.shape[1], image.shape[0]))
+            with _quiet():
+                self._writer = cv2.VideoWriter(str(self._partial), code, self.fps, (image.shape[1], image.shape[0]))
             if not self._writer.isOpened():
                 raise ValueError(f"{self.path}: cannot be written as a VP9 video")
         self._writer.write(image)
@@ -85,10 +93,48 @@ class Film:
                 self._partial.unlink()
 
 
-def _view(image: np.ndarray, camera: Camera, tracked: Tracked, c: int) -> np.ndarray:
+class PageVideo:
+    """A film for a notebook: it holds all of itself, so that the page plays it without a network.
+
+    Where a page cannot play it, as in a PDF, the still stands there.
+
+    Parameters
+    ----------
+    path : path
+        A .webm video.
+    text : str
+        What it shows, for readers who do not see it.
+    still : ndarray, shape (height, width, 3)
+        One of its pictures.
+    """
+
+    def __init__(self, path: str | Path, text: str, still: np.ndarray) -> None:
+        self.data, self.text, self.still = Path(path).read_bytes(), text, still
+
+    def _repr_mimebundle_(self, **_: object) -> dict[str, str]:
+        data, png = b64encode(self.data).decode(), b64encode(cv2.imencode(".png", self.still)[1].tobytes()).decode()
+        page = (f'<video controls muted loop playsinline style="width: 100%" aria-label="{html.escape(self.text)}">'
+                f'<source type="video/webm" src="data:video/webm;base64,{data}">{html.escape(self.text)}</video>')
+        return {"text/html": page, "image/png": png, "text/plain": self.text}
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """Without standard error: OpenCV says there of every .webm file that it does not support it, and writes it."""
+    kept, nowhere = os.dup(2), os.open(os.devnull, os.O_WRONLY)
+    try:
+        os.dup2(nowhere, 2)
+        yield
+    finally:
+        os.dup2(kept, 2)
+        os.close(kept)
+        os.close(nowhere)
+
+
+def _view(image: np.ndarray, camera: Camera, tracked: Tracked, c: int, width: int) -> np.ndarray:
     """One camera's picture, made smaller, with its window, markers and axes."""
-    scale = WIDTH / image.shape[1]
-    size = (WIDTH, round(image.shape[0] * scale))
+    scale = width / image.shape[1]
+    size = (width, round(image.shape[0] * scale))
     small = cv2.resize(image.astype(np.uint8), size, interpolation=cv2.INTER_AREA)
     view = cv2.cvtColor(small, cv2.COLOR_GRAY2BGR)
     if (window := tracked.windows[c]) is not None:
