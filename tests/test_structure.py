@@ -17,7 +17,7 @@ NOTEBOOKS = sorted(ROOT.glob("notebooks/*.ipynb"))
 ORDER = [
     "checks", "outputs", "greyimage", "lens", "camera", "rigfile", "handle", "metrics", "fetch", "board", "datasets",
     "realsets", "ledger", "cones", "convex", "faces", "workspace", "plotting", "plotting_errors", "plotting_rigs",
-    "plotting_estimators", "plotting_calibration", "plotting_structure",
+    "plotting_estimators", "plotting_calibration", "plotting_structure", "plotting_markers",
     "window", "background", "covariance", "kalman", "image_track",
     "blobs", "spot", "markers", "matching", "triangulation", "pose", "posetable", "posefilter", "layout", "hypotheses",
     "threepoint", "seeds", "verdict", "search", "identity", "bodyend", "parameters",
@@ -30,7 +30,7 @@ ORDER = [
     "errata_workspace", "errata_background", "errata_kalman", "errata_markers", "errata_pose", "errata_table1",
     "errata", "teleop", "slave", "sweep", "workflows", "tracking", "factors", "table1_bound", "deviations",
     "error_sources", "mixing", "pattern", "budget", "evidence", "trials", "known", "elevation", "centroid_trial",
-    "scoreboard", "arguments", "cli",
+    "marker_trial", "scoreboard", "arguments", "cli",
 ]
 # all that makes the truth may know
 BENCH = {"checks", "outputs", "greyimage", "lens", "camera", "handle", "raycast", "capsule", "arm", "motion", "bench",
@@ -96,7 +96,7 @@ def test_truth_and_estimate_share_only_camera_and_handle():
 def test_only_plotting_draws():
     drawing = {path.stem for path in MODULES if imports(path)[1] & {"matplotlib", "pyvista"}}
     assert drawing == {"plotting", "plotting_errors", "plotting_estimators", "plotting_rigs", "plotting_calibration",
-                       "plotting_structure"}
+                       "plotting_structure", "plotting_markers"}
     computing = {path.stem for path in MODULES if imports(path)[0] & drawing} - drawing
     assert computing == {"calibrating"}  # its picture, at the end; nothing else in the package waits for figures
 
