@@ -1,13 +1,17 @@
 """Standard recordings with their truth, and spots held against it; small rigs, and a cache of their own."""
 
+import dataclasses
+
 import numpy as np
 import pandas as pd
 import pytest
+from scipy.spatial.transform import RigidTransform, Rotation
 
 from trinolab import known, standard
 from trinolab.camera import Rig
 from trinolab.datasets import load_rig
-from trinolab.known import judge_search, judge_spots, known_recording, moving_windows
+from trinolab.handle import Handle
+from trinolab.known import in_the_gate, judge_search, judge_spots, known_recording, moving_windows
 from trinolab.posetable import poses_by_frame, read_poses
 from trinolab.scene import scaled
 from trinolab.standard import standard_recording
@@ -94,6 +98,20 @@ def test_where_there_is_no_window_nothing_is_found(hard):
 def test_a_frame_that_is_not_there():
     with pytest.raises(ValueError, match="frames 0 to 5, got 6"):
         known_recording("hard", [0, 6], seconds=0.2)
+
+
+def test_the_gate_by_hand():
+    """Two equal cameras side by side and an upright rod: markers of a row share a line, those of a column none."""
+    camera = load_rig("paper_pair").cameras[0]
+    beside = dataclasses.replace(camera, T_cam_world=RigidTransform.from_translation([-100.0, 0.0, 0.0]))
+    rig = Rig((camera, dataclasses.replace(beside, name="beside")))
+    upright = RigidTransform.from_components([50.0, 0.0, 570.0], Rotation.from_euler("y", 180, degrees=True))
+    row = Handle("row", 5.0, 100.0, 50.0, 3.0, (-40.0, 40.0), ((5.0,), (5.0,)))
+    column = Handle("column", 5.0, 100.0, 50.0, 3.0, (0.0,), ((5.0, -5.0),))
+    assert in_the_gate([upright] * 3, rig, row, 2.0) == (6, 6)
+    assert in_the_gate([upright], rig, column, 2.0) == (0, 2)
+    assert in_the_gate([upright], rig, column, 60.0) == (2, 2)
+    assert in_the_gate([], rig, row, 2.0) == (0, 0)
 
 
 def test_a_covered_camera_sees_nothing(hard, monkeypatch):

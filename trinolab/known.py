@@ -14,7 +14,8 @@ from .arm import true_visibility
 from .camera import Camera, Rig
 from .checks import Array, as_points, frozen
 from .filming import Job
-from .handle import Handle, read_handle, slants
+from .handle import Handle, facing_pixels, read_handle, slants
+from .matching import epipolar_distances
 from .parameters import Parameters
 from .recording import Instant, list_instants, read_instant
 from .rendering import scripted
@@ -22,6 +23,8 @@ from .rigfile import read_rig
 from .standard import standard_recording
 from .trials import true_labels
 from .window import Window
+
+SHOWN_DEG = 80.0  # markers turned further away hardly ever give a spot
 
 
 class Known(NamedTuple):
@@ -171,3 +174,31 @@ def moving_windows(recording: KnownRecording, parameters: Parameters | None = No
         found.append([moved.window and moved.window.grown(p.markers.diameter_px[0]).clipped(camera.size)
                       for (_, moved), camera in zip(stepped, recording.rig.cameras, strict=True)])
     return found
+
+
+def in_the_gate(poses: Iterable[RigidTransform], rig: Rig, handle: Handle, gate_px: float) -> tuple[int, int]:
+    """What the epipolar gate lets through if every spot is exactly the image of its marker's centre (Eq. 17).
+
+    Parameters
+    ----------
+    poses : iterable of RigidTransform
+        T_world_handle.
+    rig : Rig
+    handle : Handle
+        Its markers count up to a slant of `SHOWN_DEG`.
+    gate_px : float
+        D_0.
+
+    Returns
+    -------
+    wrong, right : int
+        Pairs of two markers, and of twice the same one.
+    """
+    wrong = right = 0
+    for T in poses:
+        uv = [facing_pixels(handle, camera, T, SHOWN_DEG) for camera in rig.cameras]
+        for i, j in rig.pairs:
+            passing = epipolar_distances(rig.cameras[i], rig.cameras[j], uv[i], uv[j]) < gate_px  # NaN does not
+            same = int(np.trace(passing))
+            wrong, right = wrong + int(passing.sum()) - same, right + same
+    return wrong, right
