@@ -101,3 +101,14 @@ def test_page_works_without_network(load, page):
     assert dom.count("<mjx-container") >= formulas
     assert "<mjx-merror" not in dom
     assert formulas > 0 or not page.startswith("notebooks/")
+
+
+@needs_chromium
+def test_film_of_the_chain_plays(load, tmp_path):
+    film, = re.findall("<video.*?</video>", read("notebooks/01_structure"), flags=re.DOTALL)
+    said = "`${film.videoWidth} px, ${film.duration} s`"
+    script = f"film = document.querySelector('video'); film.onloadeddata = () => document.body.dataset.film = {said};"
+    (tmp_path / "film.html").write_text(f"<body>{film}<script>{script}</script></body>", encoding="utf-8")
+    dom, errors = load(tmp_path / "film")
+    assert errors == []
+    assert 'data-film="960 px, 2 s"' in dom

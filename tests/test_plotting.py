@@ -13,7 +13,9 @@ from trinolab.cones import paper_cones
 from trinolab.plotting import plot_pose_errors, plot_workspace, show_image, workspace_plotter, workspace_scene
 from trinolab.plotting_errors import plot_factor
 from trinolab.plotting_estimators import plot_by_slant, plot_estimators
+from trinolab.plotting_markers import plot_over_slant, plot_thresholds
 from trinolab.plotting_motion import mark_window, plot_shares, show_table, show_verdict
+from trinolab.plotting_structure import MASTER, SYSTEM, plot_structure
 from trinolab.window import Window
 from trinolab.workspace import intersect, surface_mesh
 
@@ -171,3 +173,27 @@ def test_shares_are_drawn_as_per_cent():
     np.testing.assert_array_equal(right.lines[0].get_ydata(), [10, 10])
     assert [text.get_text() for text in figure.legends[0].get_texts()] == ["a", "b"]
     plt.close("all")
+
+
+def test_both_loops_are_closed():
+    for ax, boxes in zip(plot_structure().axes, (SYSTEM, MASTER), strict=True):
+        said = [text.get_text() for text in ax.texts]
+        assert set(boxes) < set(said)
+        assert len([text for text in ax.texts if getattr(text, "arrow_patch", None)]) == len(boxes)
+
+
+def test_thresholds_below_their_images():
+    image = np.full((30, 40), 60, np.uint8)
+    figure = plot_thresholds({"a": image, "b": image}, [[[3.0, 4.0]], np.empty((0, 2))], [np.arange(256)] * 2,
+                             [[(120.0, 3), (60.0, 8)]] * 2, 18)
+    top, below = figure.axes[0], figure.axes[2]
+    assert [ax.get_title() for ax in figure.axes[:2]] == ["a", "b"]
+    assert top.lines[0].get_xydata().tolist() == [[3, 4]]
+    assert below.lines[0].get_ydata()[0] == 0.5  # no contour
+    assert below.lines[2].get_xydata().tolist() == [[120, 3], [60, 8]]
+
+
+def test_dots_over_the_slant():
+    ax = plot_over_slant({"calm": ([10.0, 20], [0.2, 0.3]), "hard": ([15.0], [np.nan])}, ([5, 60], [0.1, 1]), "stills")
+    assert [text.get_text() for text in ax.get_legend().get_texts()] == ["calm", "hard", "stills"]
+    assert ax.lines[0].get_xydata().tolist() == [[10, 0.2], [20, 0.3]]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
+from numpy.typing import ArrayLike
 
 from .camera import fundamental_matrix
 from .checks import Array
@@ -26,6 +27,14 @@ def printed_bisection(image: Array, contours: float, most: int = 1000) -> tuple[
             return k, n
         t_min, t_max = (threshold, t_max) if n > contours else (t_min, threshold)
     return np.inf, n
+
+
+def last_threshold_alone(image: ArrayLike, expected: int, surplus: float) -> Array:
+    """The markers of the bisection's last binary image, which is all that Sect. 5.1 looks at, (n, 2) px (Eq. 16)."""
+    grey = np.asarray(image)
+    steps = iterative_threshold(grey, int(np.ceil(surplus * expected)))
+    binary = np.uint8(255) * (grey > steps[-1].threshold) if steps else np.zeros(grey.shape, np.uint8)
+    return find_markers(binary, 10 * expected).uv
 
 
 def endless_bisection() -> Effect:

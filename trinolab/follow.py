@@ -194,7 +194,7 @@ def _agreed(pixels: list[Array], rig: Rig, handle: Handle, start: RigidTransform
 
 
 def _estimated(instant: Identified, rig: Rig, handle: Handle, p: Parameters) -> Pose:
-    """The pose by the estimator, `LOST` if it is not sure; the paper's without the image model that checks it elsewhere.
+    """The pose by the estimator, `LOST` if it is not sure; the paper's without the image model that checks an instant.
 
     The covariance of the paper's takes in the way to the pose that all pixels agree on.
     """

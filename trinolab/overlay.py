@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import html
+from base64 import b64encode
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -21,7 +23,8 @@ _AXES = ((60, 60, 255), (60, 220, 60), (255, 120, 60))
 _STATUS = {"measured": (60, 220, 60), "ambiguous": (0, 200, 255), "predicted": (0, 140, 255), "lost": (60, 60, 255)}
 
 
-def picture(images: Sequence[np.ndarray], tracked: Tracked, rig: Rig, frame: int, t_s: float) -> np.ndarray:
+def picture(images: Sequence[np.ndarray], tracked: Tracked, rig: Rig, frame: int, t_s: float,
+            width: int = WIDTH) -> np.ndarray:
     """All cameras' pictures side by side, with what was found.
 
     Parameters
@@ -32,13 +35,15 @@ def picture(images: Sequence[np.ndarray], tracked: Tracked, rig: Rig, frame: int
     rig : Rig
     frame, t_s
         Number and time (s) of the instant, for the caption.
+    width : int
+        Of each camera's picture, px.
 
     Returns
     -------
     ndarray of uint8, shape (height, width, 3)
         Blue first; even sides.
     """
-    views = [_view(images[c], camera, tracked, c) for c, camera in enumerate(rig.cameras)]
+    views = [_view(images[c], camera, tracked, c, width) for c, camera in enumerate(rig.cameras)]
     height = max(len(view) for view in views)
     together = np.hstack([np.pad(view, ((0, height - len(view)), (0, 0), (0, 0))) for view in views])
     pose = tracked.measurement.pose
@@ -106,10 +111,35 @@ def _is_whole(path: Path) -> bool:
     return begin > 11 and begin + length == path.stat().st_size
 
 
-def _view(image: np.ndarray, camera: Camera, tracked: Tracked, c: int) -> np.ndarray:
+class PageVideo:
+    """A film for a notebook: it holds all of itself, so that the page plays it without a network.
+
+    Where a page cannot play it, as in a PDF, the still stands there.
+
+    Parameters
+    ----------
+    path : path
+        A .webm video.
+    text : str
+        What it shows, for readers who do not see it.
+    still : ndarray, shape (height, width, 3)
+        One of its pictures.
+    """
+
+    def __init__(self, path: str | Path, text: str, still: np.ndarray) -> None:
+        self.data, self.text, self.still = Path(path).read_bytes(), text, still
+
+    def _repr_mimebundle_(self, **_: object) -> dict[str, str]:
+        data, png = b64encode(self.data).decode(), b64encode(cv2.imencode(".png", self.still)[1].tobytes()).decode()
+        page = (f'<video controls muted loop playsinline style="width: 100%" aria-label="{html.escape(self.text)}">'
+                f'<source type="video/webm" src="data:video/webm;base64,{data}">{html.escape(self.text)}</video>')
+        return {"text/html": page, "image/png": png, "text/plain": self.text}
+
+
+def _view(image: np.ndarray, camera: Camera, tracked: Tracked, c: int, width: int) -> np.ndarray:
     """One camera's picture, made smaller, with its window, markers and axes."""
-    scale = WIDTH / image.shape[1]
-    size = (WIDTH, round(image.shape[0] * scale))
+    scale = width / image.shape[1]
+    size = (width, round(image.shape[0] * scale))
     small = cv2.resize(image.astype(np.uint8), size, interpolation=cv2.INTER_AREA)
     view = cv2.cvtColor(small, cv2.COLOR_GRAY2BGR)
     if (window := tracked.windows[c]) is not None:

@@ -134,7 +134,7 @@ def _improved(states: list[State], groups: list[Patches], rig: Rig, handle: Hand
     step = inverse(information) @ gradient
     after = [advanced(model, model.by_pose, normal, _own(step, group.views.camera, rig))
              for model, normal, group in zip(models, normals, groups, strict=True)]
-    information, gradient = _summed(after, normals, states[0], groups, there, rig)  # what misfits before may fit after it
+    information, gradient = _summed(after, normals, states[0], groups, there, rig)  # misfits may be gone
     if smear is not None:
         _expect(information, gradient, smear, T)
         turn = np.kron(np.eye(2), T.as_matrix()[:3, :3])

@@ -1,0 +1,122 @@
+"""Standard recordings with their truth, and spots held against it; small rigs, and a cache of their own."""
+
+import dataclasses
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy.spatial.transform import RigidTransform, Rotation
+
+from trinolab import known, standard
+from trinolab.camera import Rig
+from trinolab.datasets import load_rig
+from trinolab.handle import Handle
+from trinolab.known import in_the_gate, judge_search, judge_spots, known_recording, moving_windows
+from trinolab.posetable import poses_by_frame, read_poses
+from trinolab.scene import scaled
+from trinolab.standard import standard_recording
+
+
+@pytest.fixture(scope="module", autouse=True)
+def cache(tmp_path_factory):
+    root = tmp_path_factory.mktemp("cache")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(standard, "cache_folder", lambda: root)
+        patch.setattr(standard, "load_rig", lambda name: Rig(tuple(scaled(c, 0.25) for c in load_rig(name).cameras)))
+        yield root
+
+
+@pytest.fixture(scope="module")
+def hard():
+    return known_recording("hard", seconds=0.2)
+
+
+def exactly(recording, instant, c, moved=0.0):
+    """Where the markers' centres are, and the rows of those that camera c truly sees."""
+    centres = recording.rig.cameras[c].project(instant.T_world_handle.apply(recording.handle.marker_centres))
+    return centres[instant.seen[c]] + moved
+
+
+def test_the_truth_is_that_of_the_folder(hard):
+    folder = standard_recording("hard", seconds=0.2)
+    counts = pd.read_csv(folder / "truth_markers.csv")[list(hard.rig.names)].to_numpy()
+    assert [now.seen.sum(axis=1).tolist() for now in hard.instants] == counts.tolist()
+    assert counts.max() >= 4
+    poses = poses_by_frame(read_poses(folder / "truth.csv"))
+    for now in hard.instants:
+        assert np.allclose(now.T_world_handle.as_matrix(), poses[now.frame].as_matrix(), atol=1e-6)  # nine digits
+        assert now.t_s == pytest.approx(now.frame / 30)
+        assert [image.shape for image in now.images] == [(256, 320)] * 3
+
+
+def test_some_frames_are_the_same_as_in_all(hard):
+    some = known_recording("hard", [4, 1], seconds=0.2)
+    assert [now.frame for now in some.instants] == [4, 1]
+    assert np.array_equal(some.instants[1].images[2], hard.instants[1].images[2])
+
+
+def test_nobody_is_seen_on_the_empty_bench():
+    calm = known_recording("calm", seconds=0.1)
+    assert all(now.T_world_handle is None and not now.seen.any() for now in calm.instants)
+    judged = judge_search(calm, lambda image: np.array([[3.0, 4.0]]))
+    assert len(judged.errors_px) == 0
+    assert judged.false == 3 * 3
+    assert moving_windows(calm) == [[None] * 3] * 3
+
+
+def test_spots_by_hand(hard):
+    now, camera = hard.instants[0], hard.rig.cameras[0]
+    there = exactly(hard, now, 0)
+    spots = np.vstack([there[1:] + [0.3, 0.4], [[5.0, 5.0], [np.nan, 1.0]]])
+    judged = judge_spots(camera, hard.handle, now, now.seen[0], spots)
+    assert judged.false == 1
+    assert np.isnan(judged.errors_px[0])
+    assert judged.errors_px[1:] == pytest.approx(np.full(len(there) - 1, 0.5))
+    assert (judged.slants_deg <= 62).all()
+
+
+def test_a_search_in_windows_is_in_the_image_s_pixels(hard):
+    windows = moving_windows(hard)
+    order = iter([(k, c) for k in range(len(hard.instants)) for c in range(3)])
+
+    def find(cut):
+        k, c = next(order)
+        assert cut.shape == (windows[k][c].height, windows[k][c].width)
+        return exactly(hard, hard.instants[k], c) - [windows[k][c].u, windows[k][c].v]
+
+    judged = judge_search(hard, find, windows)
+    assert judged.false == 0
+    assert judged.errors_px == pytest.approx(np.zeros(sum(now.seen.sum() for now in hard.instants)), abs=1e-9)
+
+
+def test_where_there_is_no_window_nothing_is_found(hard):
+    judged = judge_search(hard, lambda image: pytest.fail("looked"), [[None] * 3] * len(hard.instants))
+    assert np.isnan(judged.errors_px).all()
+    assert len(judged.errors_px) > 0
+
+
+def test_a_frame_that_is_not_there():
+    with pytest.raises(ValueError, match="frames 0 to 5, got 6"):
+        known_recording("hard", [0, 6], seconds=0.2)
+
+
+def test_the_gate_by_hand():
+    """Two equal cameras side by side and an upright rod: markers of a row share a line, those of a column none."""
+    camera = load_rig("paper_pair").cameras[0]
+    beside = dataclasses.replace(camera, T_cam_world=RigidTransform.from_translation([-100.0, 0.0, 0.0]))
+    rig = Rig((camera, dataclasses.replace(beside, name="beside")))
+    upright = RigidTransform.from_components([50.0, 0.0, 570.0], Rotation.from_euler("y", 180, degrees=True))
+    row = Handle("row", 5.0, 100.0, 50.0, 3.0, (-40.0, 40.0), ((5.0,), (5.0,)))
+    column = Handle("column", 5.0, 100.0, 50.0, 3.0, (0.0,), ((5.0, -5.0),))
+    assert in_the_gate([upright] * 3, rig, row, 2.0) == (6, 6)
+    assert in_the_gate([upright], rig, column, 2.0) == (0, 2)
+    assert in_the_gate([upright], rig, column, 60.0) == (2, 2)
+    assert in_the_gate([], rig, row, 2.0) == (0, 0)
+
+
+def test_a_covered_camera_sees_nothing(hard, monkeypatch):
+    job = known.scripted("hard", hard.rig, hard.handle, 0, 0.2)
+    dark = job._replace(shots=[shot._replace(gains=(0.0, 1.0, 1.0)) for shot in job.shots])
+    seen = known._known(dark, 0, []).seen
+    assert not seen[0].any()
+    assert np.array_equal(seen[1:], hard.instants[0].seen[1:])
