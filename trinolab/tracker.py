@@ -73,7 +73,7 @@ def measure(frames: Sequence[ArrayLike], rig: Rig, handle: Handle, prior: RigidT
     p = parameters or Parameters()
     images = as_images(frames, rig)
     regions = [Window(0, 0, *camera.size) for camera in rig.cameras] if windows is None else windows
-    found = tuple(_markers_in(image, region, handle, p) for image, region in zip(images, regions, strict=True))
+    found = tuple(markers_in(image, region, handle, p) for image, region in zip(images, regions, strict=True))
     pixels = tuple(markers.uv for markers in found)
     matches = candidate_pairs(images, rig, pixels, p) if p.estimator == "paper" else None
     hypotheses = identify(rig, handle, pixels, p.identity, [markers.axes_px for markers in found], matches)
@@ -218,7 +218,7 @@ def _follow(motion: kalman.State | None, centre: np.ndarray, p: kalman.KalmanPar
     return kalman.update(motion, centre, H, R)
 
 
-def _markers_in(image: np.ndarray, region: Window | None, handle: Handle, p: Parameters) -> Markers:
+def markers_in(image: np.ndarray, region: Window | None, handle: Handle, p: Parameters) -> Markers:
     """The markers inside a window, in pixels of the whole image."""
     if region is None:
         return find_markers(np.zeros((1, 1)), len(handle.marker_centres), handle.markers, p.markers)
