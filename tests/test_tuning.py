@@ -21,7 +21,7 @@ from trinolab.pose import motion_between
 from trinolab.posefilter import FADING_S, PoseFilterParameters
 from trinolab.sweep import read_parameters
 from trinolab.tuning import (
-    Model,
+    image_model,
     most_likely,
     nis_band,
     pose_models,
@@ -36,10 +36,7 @@ CHAPTER = Path(__file__).resolve().parents[1] / "notebooks" / "04_kalman.ipynb"
 RIG, CODED = load_rig("raised_40deg"), load_handle("coded")
 UNEVEN = np.cumsum([0.0, 0.03, 0.05, 0.02, 0.11, 0.03, 0.03, 0.07, 0.03, 0.03])
 DRAWN = KalmanParameters(jerk_intensity=9e8, sigma_px=2.0, velocity_sigma=1200.0, acceleration_sigma=6000.0)
-
-
-def model_of(p, fading_s=np.inf):
-    return Model(p.jerk_intensity, p.sigma_px, p.velocity_sigma, p.acceleration_sigma, fading_s)
+MODEL = image_model(DRAWN)
 
 
 def drawn(p, times, count, rng):
@@ -55,7 +52,7 @@ def drawn(p, times, count, rng):
 def test_the_quick_filter_is_that_of_the_chapter():
     uv = np.random.default_rng(0).normal(0, 30, (len(UNEVEN), 2))
     way = image_track.track(UNEVEN, uv, DRAWN, gated=False)
-    found = surprises(UNEVEN, uv, model_of(DRAWN))
+    found = surprises(UNEVEN, uv, MODEL)
     np.testing.assert_allclose(found.squared.sum(axis=1), way.nis[1:], rtol=1e-9)
     np.testing.assert_allclose(found.variances, way.predicted.covariance[1:, 0, 0] + 4.0, rtol=1e-9)
 
@@ -63,7 +60,7 @@ def test_the_quick_filter_is_that_of_the_chapter():
 @pytest.mark.parametrize("fading_s", [np.inf, 0.15])
 def test_the_likelihood_is_that_of_one_gaussian_for_all_observations(fading_s):
     """The covariance of all observations at once, from the model's matrices, without a filter."""
-    model, times = model_of(DRAWN, fading_s), UNEVEN[:6]
+    model, times = MODEL._replace(fading_s=fading_s), UNEVEN[:6]
     F = [transition(dt, fading_s) for dt in np.diff(times)]
     Q = [white_jerk(dt, model.jerk_intensity)[::2, ::2] for dt in np.diff(times)]
     C = np.zeros((len(times), len(times)))
@@ -97,13 +94,13 @@ def test_a_known_model_is_found_again():
     assert found.jerk_intensity == pytest.approx(9e8, rel=0.1)  # over 20 draws a standard deviation of 4 %
     assert found.sigma_px == pytest.approx(2.0, rel=0.05)  # 2 %
     assert found.velocity_sigma == pytest.approx(1200, rel=0.2)  # of 240 starts, 5 %; the acceleration is hardly seen
-    squared = np.concatenate([surprises(times, z, model_of(found)).squared.ravel() for times, z in data])
+    squared = np.concatenate([surprises(times, z, image_model(found)).squared.ravel() for times, z in data])
     assert squared.mean() == pytest.approx(1.0, abs=1e-3)  # as the common scale is free
 
 
 def test_only_what_is_free_is_fitted():
     z = drawn(DRAWN, UNEVEN, 10, np.random.default_rng(3))
-    start = model_of(DRAWN, 0.5)
+    start = MODEL._replace(fading_s=0.5)
     found = most_likely([(UNEVEN, z)], start, ["jerk_intensity"])
     assert found[1:] == start[1:]
     likely = [surprises(UNEVEN, z, start._replace(jerk_intensity=found.jerk_intensity * f)).log_likelihood
@@ -120,7 +117,7 @@ def test_the_band_by_hand():
 
 def test_the_band_holds_95_percent_of_means_drawn_from_the_model():
     rng, times = np.random.default_rng(4), np.arange(30) / 30
-    squared = surprises(times, drawn(DRAWN, times, 300, rng), model_of(DRAWN)).squared
+    squared = surprises(times, drawn(DRAWN, times, 300, rng), MODEL).squared
     means = 2 * squared.reshape(29, 300, 2).mean(axis=(0, 2))
     low, high = nis_band(29)
     assert np.mean((means > low) & (means < high)) == pytest.approx(0.95, abs=0.04)  # 3 standard deviations of 300
@@ -141,7 +138,7 @@ def nis_without_a_third(clock, rng, draws=60):
     times, means = np.arange(60) / 30, []
     for _ in range(draws):
         z, kept = drawn(DRAWN, times, 3, rng), np.sort(rng.choice(60, 40, replace=False))
-        squared = surprises(clock(times, kept), z[kept], model_of(DRAWN)).squared
+        squared = surprises(clock(times, kept), z[kept], MODEL).squared
         means.append(2 * squared.mean())
     return np.array(means), nis_band(squared.size // 2)
 
@@ -171,7 +168,7 @@ def test_the_chapter_s_parameters_are_the_most_likely_ones(seeds):
     assert found.jerk_intensity == pytest.approx(p.jerk_intensity, rel=0.15)  # three sets of 8 seeds: 9.2 to 9.9e8
     assert found.sigma_px == pytest.approx(p.sigma_px, rel=0.1)
     assert found.velocity_sigma == pytest.approx(p.velocity_sigma, rel=0.2)
-    squared = surprises(*tracks, model_of(p)).squared
+    squared = surprises(*tracks, image_model(p)).squared
     assert 2 * squared.mean() == pytest.approx(2.0, abs=0.3)
 
 
@@ -184,6 +181,24 @@ def test_found_centres_are_those_of_the_visible_markers():
     assert np.abs(away).max() < 40  # px; half of the pattern is 12 mm, 60 px, and the centre lies near its middle
     jumps = np.abs(np.diff(away, axis=0)).max(axis=1)
     assert np.median(jumps) < 7  # half the step from a limb marker to its neighbour, 1.25 mm
+
+
+def test_nees_of_the_model_is_four_and_from_a_start_that_is_taken_for_known_is_not():
+    right = training.model_nees(DRAWN, initial_state([0, 0], DRAWN).covariance, np.random.default_rng(9))
+    assert right.mean() == pytest.approx(4.0, abs=0.4)  # 25 draws, the frames of one alike: a scatter of 0.13
+    zero = training.model_nees(DRAWN, np.zeros((6, 6)), np.random.default_rng(9))
+    assert zero[0] > 1000
+    assert zero[-1] == pytest.approx(right[-1], abs=0.5)  # Q has made it forget
+
+
+def test_on_persons_motion_the_filter_is_right_in_the_mean_and_not_in_single_seconds():
+    p, rng = chapter(), np.random.default_rng(10)
+    assert training.person_nees(RIG.cameras[0], p, range(31, 35), rng) == pytest.approx(4.2, abs=0.6)  # 4.0 to 4.5
+    means = training.seconds_nis(RIG, CODED, p, range(31, 35), rng)
+    assert means.shape == (40,)
+    assert means.mean() == pytest.approx(2.0, abs=0.6)
+    low, high = nis_band(87)
+    assert np.mean((means > low) & (means < high)) < 0.6  # of 95 % if a person's jerk were white
 
 
 # --- the pose's filter
@@ -236,15 +251,15 @@ def test_a_handheld_recording_is_of_the_same_kind():
     px_a_mm = RIG.cameras[0].matrix[0, 0] / 570
     p, rng = chapter(), np.random.default_rng(8)
     uv = px_a_mm * poses.translation + p.sigma_px * rng.standard_normal((len(times), 3))
-    kept = surprises(times, uv, model_of(p)).squared
+    kept = surprises(times, uv, image_model(p)).squared
     assert 1 < 2 * kept.mean() < 3  # not in the band of 1,500 (1.93 to 2.07): no hand's jerk is white
 
 
 @pytest.mark.parametrize("call", [
-    lambda: surprises([0.0], [[1.0]], model_of(DRAWN)), lambda: surprises([0, 0], [[1.0], [2.0]], model_of(DRAWN)),
-    lambda: surprises([0, 1], [[1.0], [np.nan]], model_of(DRAWN)), lambda: surprises([0, 1], [[1.0]], model_of(DRAWN)),
-    lambda: most_likely([(UNEVEN, UNEVEN[:, None])], model_of(DRAWN), ["fading_s"]),
-    lambda: most_likely([(UNEVEN, UNEVEN[:, None])], model_of(DRAWN)._replace(sigma=0.0), ["sigma"]),
+    lambda: surprises([0.0], [[1.0]], MODEL), lambda: surprises([0, 0], [[1.0], [2.0]], MODEL),
+    lambda: surprises([0, 1], [[1.0], [np.nan]], MODEL), lambda: surprises([0, 1], [[1.0]], MODEL),
+    lambda: most_likely([(UNEVEN, UNEVEN[:, None])], MODEL, ["fading_s"]),
+    lambda: most_likely([(UNEVEN, UNEVEN[:, None])], MODEL._replace(sigma=0.0), ["sigma"]),
     lambda: nis_band(0), lambda: nis_band(3, 0), lambda: nis_band(3, share=1.0),
     lambda: training.drawn_poses(1, 0.0),
     lambda: pose_paths(training.drawn_poses(1, 0.2)[1], PoseFilterParameters(), 3)])

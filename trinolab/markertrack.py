@@ -12,13 +12,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from . import kalman
+from . import background, kalman
 from .checks import as_image, as_number
 from .handle import Handle
 from .image_track import search_window
 from .markers import Markers
 from .parameters import Parameters
-from .tracker import markers_in
+from .tracker import corrected, markers_in
 from .window import Window
 
 
@@ -71,6 +71,8 @@ def step(state: Followed | None, image: ArrayLike, t_s: float, handle: Handle, e
          parameters: Parameters | None = None) -> tuple[Followed | None, Look]:
     """One instant: predict, search the window, ask the gate, correct (Eq. 9-15).
 
+    What the gate refuses is there all the same: the filter starts anew at it, with an unknown speed.
+
     Parameters
     ----------
     state : Followed or None
@@ -104,10 +106,13 @@ def step(state: Followed | None, image: ArrayLike, t_s: float, handle: Handle, e
     predicted = kalman.predict_motion(state.motion, t - state.t_s, p.kalman)
     window = search_window(predicted, state.box, (grey.shape[1], grey.shape[0]), p.kalman) or elsewhere
     found = markers_in(grey, window, handle, p)
-    after, nis = _corrected(state._replace(t_s=t, motion=predicted), _around(found), p)
-    used = after.seen_s == t
-    kept = used or t - state.seen_s <= p.memory_s
-    return after if kept else None, Look(window, found, _around(found), nis, used)
+    box = _around(found)
+    observed = kalman.innovation(predicted, None if box is None else box.centre, kalman.observation_matrix(),
+                                 p.kalman.sigma_px**2 * np.eye(2))
+    look = Look(window, found, box, kalman.nis(observed), kalman.gate(observed, p.kalman.gate_probability))
+    if box is not None:
+        return Followed(t, corrected(predicted, box.centre, p.kalman), box, t), look
+    return (state._replace(t_s=t, motion=predicted) if t - state.seen_s <= p.memory_s else None), look
 
 
 def follow(images: Sequence[ArrayLike], times_s: ArrayLike, handle: Handle, elsewhere: Sequence[Window | None],
@@ -120,14 +125,17 @@ def follow(images: Sequence[ArrayLike], times_s: ArrayLike, handle: Handle, else
     return looks
 
 
-def _corrected(predicted: Followed, box: Window | None, p: Parameters) -> tuple[Followed, float]:
-    """A prediction corrected by the rectangle that was found, if the gate lets it through; and its NIS."""
-    H, R = kalman.observation_matrix(), p.kalman.sigma_px**2 * np.eye(2)
-    observed = kalman.innovation(predicted.motion, None if box is None else box.centre, H, R)
-    if box is None or not kalman.gate(observed, p.kalman.gate_probability):
-        return predicted, kalman.nis(observed)
-    motion = kalman.update(predicted.motion, box.centre, H, R)
-    return Followed(predicted.t_s, motion, box, predicted.t_s), kalman.nis(observed)
+def moving_regions(images: Sequence[ArrayLike], empty: ArrayLike,
+                   parameters: Parameters | None = None) -> list[Window | None]:
+    """W_ROI of every instant: the rectangle around what moves, from an image of the empty scene (Eq. 5, 6).
+
+    None where nothing moves. Raises ValueError as `background.step`.
+    """
+    p, regions, state = parameters or Parameters(), [], np.asarray(empty)
+    for image in images:
+        state, detection = background.step(state, image, p.background)
+        regions.append(detection.window)
+    return regions
 
 
 def _around(found: Markers) -> Window | None:

@@ -206,12 +206,12 @@ def _step_camera(camera: CameraState, image: np.ndarray, dt: float, p: Parameter
         predicted = search_window(motion, camera.window, size, p.kalman) if motion and camera.window else None
         return CameraState(renewed, motion if predicted else None, camera.window), predicted
     centre = np.array(detection.window.centre)
-    state = CameraState(renewed, _follow(motion, centre, p.kalman), detection.window)
+    state = CameraState(renewed, corrected(motion, centre, p.kalman), detection.window)
     return state, detection.window.grown(p.markers.diameter_px[0]).clipped(size)
 
 
-def _follow(motion: kalman.State | None, centre: np.ndarray, p: kalman.KalmanParameters) -> kalman.State:
-    """Update the filter by the observed centre; start anew where there is none, or the gate refuses it."""
+def corrected(motion: kalman.State | None, centre: ArrayLike, p: kalman.KalmanParameters) -> kalman.State:
+    """Update a predicted motion by the observed centre; start anew where there is none, or the gate refuses it."""
     H, R = kalman.observation_matrix(), p.sigma_px**2 * np.eye(2)
     if motion is None or not kalman.gate(kalman.innovation(motion, centre, H, R), p.gate_probability):
         return kalman.initial_state(centre, p)

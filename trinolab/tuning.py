@@ -122,6 +122,11 @@ def most_likely(data: Sequence[tuple[ArrayLike, ArrayLike]], start: Model, free:
     return start._replace(**dict(zip(free, np.exp(found).tolist(), strict=True)))
 
 
+def image_model(p: KalmanParameters) -> Model:
+    """The image's filter as a model of one coordinate, px."""
+    return Model(p.jerk_intensity, p.sigma_px, p.velocity_sigma, p.acceleration_sigma)
+
+
 def tune_image(data: Sequence[tuple[ArrayLike, ArrayLike]], start: KalmanParameters | None = None) -> KalmanParameters:
     """Q, R and the first covariance of the image's filter that make tracks of points most likely.
 
@@ -138,8 +143,7 @@ def tune_image(data: Sequence[tuple[ArrayLike, ArrayLike]], start: KalmanParamet
         As `most_likely`.
     """
     p = start or KalmanParameters()
-    begin = Model(p.jerk_intensity, p.sigma_px, p.velocity_sigma, p.acceleration_sigma)
-    found = most_likely(data, begin, begin._fields[:4])
+    found = most_likely(data, image_model(p), Model._fields[:4])
     return KalmanParameters(*found[:4], gate_probability=p.gate_probability)
 
 
