@@ -86,6 +86,19 @@ def test_a_hidden_target_is_looked_for_in_a_window_that_grows_and_after_a_while_
     assert areas[17] < WHOLE.area
 
 
+def test_what_was_hidden_for_a_while_is_found_again():
+    """Of the rectangle alone the rest would be out of reach: 80 px below, with a margin of 35."""
+    frames = [discs(middle(t)) for t in TIMES]
+    for k in (5, 6, 7):
+        top = round(middle(TIMES[k])[1]) - 20
+        frames[k][top:] = 45  # of the three rows the first is left
+    looks = follow(frames, TIMES, CODED, [WHOLE] * 12, PARAMETERS)
+    found = [len(look.markers.uv) for look in looks]
+    assert found[:8] == [5] * 5 + [2] * 3
+    assert found[9:] == [5] * 3
+    assert looks[6].box.height < 20
+
+
 def test_after_a_jump_the_filter_starts_anew():
     state = None
     for t in TIMES[:8]:
@@ -146,6 +159,7 @@ def test_the_calm_recording_s_markers_are_found_in_small_windows(calm):
         found = np.array([len(look.markers.uv) for look in looks])
         assert (found[:30] == 0).all()  # nobody is there
         assert (found[30:] >= 4).all()
+        assert found.sum() >= 170  # whole images have 175 to 190
         assert sum(false) == 0
         area = np.mean([look.window.area for look in looks[31:]]) / (1280 * 1024)
         assert area < 0.05  # of the image; three instants after a start at an unknown speed take most of it

@@ -32,7 +32,8 @@ class Followed(NamedTuple):
     motion : kalman.State
         Of the centre of their rectangle, px.
     box : Window
-        The rectangle when it was last seen; may reach out of the image.
+        The rectangle when it was last seen, but no smaller than it may have become since it was larger: what is hidden,
+        or was cut off by the window, is still looked for. May reach out of the image.
     seen_s : float
         When that was, s.
     """
@@ -111,7 +112,8 @@ def step(state: Followed | None, image: ArrayLike, t_s: float, handle: Handle, e
                                  p.kalman.sigma_px**2 * np.eye(2))
     look = Look(window, found, box, kalman.nis(observed), kalman.gate(observed, p.kalman.gate_probability))
     if box is not None:
-        return Followed(t, corrected(predicted, box.centre, p.kalman), box, t), look
+        kept = _shrunk(state.box, box, np.exp(-(t - state.seen_s) / p.memory_s))
+        return Followed(t, corrected(predicted, box.centre, p.kalman), kept, t), look
     return (state._replace(t_s=t, motion=predicted) if t - state.seen_s <= p.memory_s else None), look
 
 
@@ -136,6 +138,14 @@ def moving_regions(images: Sequence[ArrayLike], empty: ArrayLike,
         state, detection = background.step(state, image, p.background)
         regions.append(detection.window)
     return regions
+
+
+def _shrunk(last: Window, box: Window, share: float) -> Window:
+    """A rectangle made as large, about its centre, as the share of the last one that is remembered."""
+    wider, higher = (max(0.0, share * before - now) for before, now in ((last.width, box.width),
+                                                                        (last.height, box.height)))
+    du, dv = int(np.ceil(wider / 2)), int(np.ceil(higher / 2))
+    return Window(box.u - du, box.v - dv, box.width + 2 * du, box.height + 2 * dv)
 
 
 def _around(found: Markers) -> Window | None:
