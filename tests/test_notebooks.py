@@ -14,7 +14,7 @@ OTHER_PARAMETERS = {
     "01_structure": {"rig_name": "paper_pair", "handle_name": "coded", "row": 12, "seed": 1},
     "02_workspace": {"rig_name": "raised_40deg", "half_angle_deg": 15.0},
     "03_background": {"update_rate": 0.05, "difference_threshold": 12.0, "shadow_share": 0.4, "seed": 1},
-    "04_kalman": {"jerk_intensity": 1e8, "sigma_px": 5.0, "seed": 5},
+    "04_kalman": {"jerk_intensity": 2e9, "sigma_px": 3.0, "velocity_sigma": 800.0, "seed": 5},
     "05_markers": {"surplus": 3.0, "read_noise": 6.0, "seed": 1},
     "06_matching": {"ncc_threshold": 0.9, "epipolar_gate_px": 1.0, "instants": 8, "seed": 1},
     "07_calibration": {"positions": 10, "square_mm": 12.0, "half_window_px": 5, "noise_px": 0.1, "seed": 2},

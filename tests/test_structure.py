@@ -23,9 +23,10 @@ ORDER = [
     "threepoint", "seeds", "verdict", "search", "identity", "bodyend", "parameters", "noise", "appearance", "centroids",
     "patches", "blur", "imagemodel", "registration", "outline", "refine", "reprojection", "weighted", "estimation",
     "corners", "targets", "relative", "zhang", "adjustment", "calibration", "tracker", "follow", "recentre",
-    "posetracker", "overlay", "raycast", "capsule", "arm", "motion", "bench", "layer", "shadow", "scene", "exposure",
-    "script", "filming", "bound", "boardscene", "boardtrial", "footage", "recording", "recorder", "rendering",
-    "standard", "devices", "capturing", "trackquality", "evaluation", "sync", "targetviews", "suspects", "calibrating",
+    "posetracker", "markertrack", "plotting_windows", "tuning", "overlay", "raycast", "capsule", "arm", "motion",
+    "training", "bench", "layer", "shadow", "scene", "exposure", "script", "filming", "bound", "boardscene",
+    "boardtrial", "footage", "recording", "clip", "recorder", "rendering", "standard", "devices", "capturing",
+    "trackquality", "evaluation", "sync", "targetviews", "suspects", "calibrating",
     "errata_workspace", "errata_background", "errata_kalman", "errata_markers", "errata_pose", "errata_table1",
     "errata", "teleop", "slave", "sweep", "workflows", "trackrows", "tracking", "factors", "table1_bound", "deviations",
     "error_sources", "mixing", "pattern", "budget", "evidence", "trials", "known", "elevation", "centroid_trial",
@@ -95,7 +96,7 @@ def test_truth_and_estimate_share_only_camera_and_handle():
 def test_only_plotting_draws():
     drawing = {path.stem for path in MODULES if imports(path)[1] & {"matplotlib", "pyvista"}}
     assert drawing == {"plotting", "plotting_errors", "plotting_estimators", "plotting_rigs", "plotting_calibration",
-                       "plotting_motion", "plotting_structure", "plotting_markers"}
+                       "plotting_motion", "plotting_structure", "plotting_markers", "plotting_windows"}
     computing = {path.stem for path in MODULES if imports(path)[0] & drawing} - drawing
     assert computing == {"calibrating"}  # its picture, at the end; nothing else in the package waits for figures
 

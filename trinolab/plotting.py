@@ -1,4 +1,4 @@
-"""Figures: arrays in, figures out. The only module that loads matplotlib or pyvista, beside `plotting_errors`.
+"""Figures: arrays in, figures out. The only module that loads matplotlib or pyvista, beside the other `plotting_*`.
 
 Colours are those of Okabe and Ito, which colour-blind readers can tell apart, on white, whatever the page's theme.
 """

@@ -73,7 +73,7 @@ def measure(frames: Sequence[ArrayLike], rig: Rig, handle: Handle, prior: RigidT
     p = parameters or Parameters()
     images = as_images(frames, rig)
     regions = [Window(0, 0, *camera.size) for camera in rig.cameras] if windows is None else windows
-    found = tuple(_markers_in(image, region, handle, p) for image, region in zip(images, regions, strict=True))
+    found = tuple(markers_in(image, region, handle, p) for image, region in zip(images, regions, strict=True))
     pixels = tuple(markers.uv for markers in found)
     matches = candidate_pairs(images, rig, pixels, p) if p.estimator == "paper" else None
     hypotheses = identify(rig, handle, pixels, p.identity, [markers.axes_px for markers in found], matches)
@@ -206,19 +206,19 @@ def _step_camera(camera: CameraState, image: np.ndarray, dt: float, p: Parameter
         predicted = search_window(motion, camera.window, size, p.kalman) if motion and camera.window else None
         return CameraState(renewed, motion if predicted else None, camera.window), predicted
     centre = np.array(detection.window.centre)
-    state = CameraState(renewed, _follow(motion, centre, p.kalman), detection.window)
+    state = CameraState(renewed, corrected(motion, centre, p.kalman), detection.window)
     return state, detection.window.grown(p.markers.diameter_px[0]).clipped(size)
 
 
-def _follow(motion: kalman.State | None, centre: np.ndarray, p: kalman.KalmanParameters) -> kalman.State:
-    """Update the filter by the observed centre; start anew where there is none, or the gate refuses it."""
+def corrected(motion: kalman.State | None, centre: ArrayLike, p: kalman.KalmanParameters) -> kalman.State:
+    """Update a predicted motion by the observed centre; start anew where there is none, or the gate refuses it."""
     H, R = kalman.observation_matrix(), p.sigma_px**2 * np.eye(2)
     if motion is None or not kalman.gate(kalman.innovation(motion, centre, H, R), p.gate_probability):
         return kalman.initial_state(centre, p)
     return kalman.update(motion, centre, H, R)
 
 
-def _markers_in(image: np.ndarray, region: Window | None, handle: Handle, p: Parameters) -> Markers:
+def markers_in(image: np.ndarray, region: Window | None, handle: Handle, p: Parameters) -> Markers:
     """The markers inside a window, in pixels of the whole image."""
     if region is None:
         return find_markers(np.zeros((1, 1)), len(handle.marker_centres), handle.markers, p.markers)
