@@ -1,6 +1,7 @@
 """Poses and their truth from files: errors, flips and losses counted by hand."""
 
 import numpy as np
+import pandas as pd
 import pytest
 from scipy.spatial.transform import RigidTransform, Rotation
 
@@ -136,3 +137,18 @@ def test_losses_count_what_can_be_seen(tmp_path):
     known = compared(tmp_path, T, statuses, truth=seen.sample(frac=1, random_state=0))
     assert (known.track.waits, known.track.unended) == ((1,), 1)
     assert (known.visible, known.visible_measured) == (5, 2)
+
+
+def test_two_cameras_that_see_three_each_are_enough(tmp_path):
+    """The rule needs each camera's count, which stand in a file beside the truth: two rows more are visible."""
+    T = truths(8)
+    statuses = ["lost", "measured", "predicted", "lost", "measured", "measured", "ambiguous", "lost"]
+    seen = truth_table(T).assign(markers=[4, 4, 3, 5, 4, 2, 3, 6])
+    counts = pd.DataFrame({"frame": range(8), "a": [4, 4, 3, 0, 4, 2, 3, 1], "b": [0, 0, 3, 5, 2, 2, 2, 6],
+                           "c": [0, 0, 0, 0, 0, 2, 3, 0]})
+    counts.sample(frac=1, random_state=0).to_csv(tmp_path / "truth_markers.csv", index=False)
+    known = compared(tmp_path, T, statuses, truth=seen)
+    assert (known.visible, known.visible_measured) == (7, 2)
+    counts.assign(b="many").to_csv(tmp_path / "truth_markers.csv", index=False)
+    with pytest.raises(ValueError, match=r"truth_markers\.csv: expected numbers"):
+        compared(tmp_path, T, statuses, truth=seen)

@@ -9,12 +9,14 @@ import numpy as np
 import pandas as pd
 from scipy.spatial.transform import RigidTransform
 
+from .csvfile import read_csv
 from .handle import Handle, read_handle
 from .metrics import PoseErrors, nearest_equivalent, pose_errors, track_equivalent
 from .posetable import STATUSES, read_poses, transforms
 from .trackquality import FAR_DEG, FAR_MM, TrackQuality, far_off, flips, waits
 
-SEEN_MARKERS = 4  # in one camera: as many fix the pose
+SEEN_BY_ONE, SEEN_BY_TWO = 4, 3  # markers that one camera, or each of two, has to see: as many fix the pose
+COUNTS = "truth_markers.csv"  # beside the truth: for each frame how many markers each camera truly sees
 
 
 @dataclass(frozen=True)
@@ -30,8 +32,9 @@ class Evaluation:
     errors : PoseErrors or None
         Over the rows that hold a pose, `predicted` ones left out; None if there is none.
     visible, visible_measured : int
-        Instants at which one camera truly sees four markers, and how many of them are measured; 0 if the truth does not
-        say how many markers are seen.
+        Instants at which one camera truly sees four markers, or two see three each, and how many of them are measured;
+        0 if the truth does not say how many markers are seen. What two cameras see stands in a file beside it,
+        ``truth_markers.csv``, as `rendering` writes it.
     track : TrackQuality
         Of the `measured` rows: flips, poses far off, losses. A loss counts the visible instants, if they are known.
     """
@@ -67,7 +70,7 @@ def evaluate(poses: str | Path, truth: str | Path, handle: str | Path) -> Evalua
     measured, ambiguous, predicted = (int(counts.get(s, 0)) for s in ("measured", "ambiguous", "predicted"))
     lost = len(true) - measured - ambiguous - predicted
     rows = both[both["status"] == "measured"].sort_values("frame")
-    here, visible = true["frame"].isin(rows["frame"]).to_numpy(), _visible(true)
+    here, visible = true["frame"].isin(rows["frame"]).to_numpy(), _visible(true, Path(truth).with_name(COUNTS))
     lasted = waits(here, visible if visible.any() else None)
     return Evaluation(len(true), measured, ambiguous, predicted, lost, _errors(both, true, the_handle),
                       int(visible.sum()), int((visible & here).sum()), _quality(rows, true, the_handle, *lasted))
@@ -112,10 +115,17 @@ def _lasted(track: TrackQuality) -> str:
     return f"   {', '.join(said)}" if said else ""
 
 
-def _visible(true: pd.DataFrame) -> np.ndarray:
-    """Whether one camera truly sees four markers, a bool for each row of a truth; never if it does not say."""
+def _visible(true: pd.DataFrame, counts: Path) -> np.ndarray:
+    """Whether enough is truly seen to fix the pose, a bool for each row of a truth; never if nothing says so."""
     markers = true["markers"] if "markers" in true else pd.Series(0, true.index)
-    return markers.to_numpy(dtype=float) >= SEEN_MARKERS
+    by_one = markers.to_numpy(dtype=float) >= SEEN_BY_ONE
+    if not counts.exists():
+        return by_one
+    seen = read_csv(counts)
+    if "frame" not in seen or not all(map(pd.api.types.is_numeric_dtype, seen.dtypes)):
+        raise ValueError(f"{counts}: expected numbers in the column frame and one a camera")
+    by_two = (seen.drop(columns="frame") >= SEEN_BY_TWO).sum(axis=1) >= 2
+    return by_one | true["frame"].isin(seen["frame"][by_two]).to_numpy()
 
 
 def _quality(rows: pd.DataFrame, true: pd.DataFrame, handle: Handle, ended: tuple[int, ...], unended: int | None

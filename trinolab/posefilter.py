@@ -16,7 +16,7 @@ import numpy as np
 from scipy.spatial.transform import RigidTransform
 
 from . import kalman
-from .checks import Array, as_number
+from .checks import Array, as_number, frozen
 from .pose import motion_between, shifted
 
 FADING_S = 0.15  # time in which an acceleration fades
@@ -30,15 +30,16 @@ class PoseFilterParameters:
     Attributes
     ----------
     jerk_mm, jerk_rad : float
-        Intensity of the white jerk, mm^2/s^5 and rad^2/s^5: chosen for the standard recordings, not fitted to people.
+        Intensity of the white jerk, mm^2/s^5 and rad^2/s^5. The first is the most likely one under motions drawn like
+        a person's, the second under a recording of a real hand (`python -m trinolab.training`), rounded.
     speed_mm_s, turn_rad_s : float
         Standard deviations of the rates at the start.
     floor_mm, floor_rad : float
         Added to the measured poses' standard deviations: what their covariances do not know.
     """
 
-    jerk_mm: float = 5e7
-    jerk_rad: float = 1e2
+    jerk_mm: float = 4e7
+    jerk_rad: float = 5e1
     speed_mm_s: float = 400.0
     turn_rad_s: float = 2.0
     floor_mm: float = 0.05
@@ -122,13 +123,21 @@ def surprise(motion: Motion, pose: RigidTransform, covariance: Array, p: PoseFil
     return float(away @ np.linalg.solve(S, away))
 
 
+@lru_cache(maxsize=4096)
+def transition(dt: float, fading_s: float = np.inf) -> Array:
+    """Phi of one coordinate, (x, v, a), over a time dt, s, with an acceleration that fades, shape (3, 3) (Eq. 11)."""
+    if np.isinf(fading_s):
+        return frozen(np.array([[1, dt, dt**2 / 2], [0, 1, dt], [0, 0, 1]]))
+    share = dt / fading_s
+    left = np.exp(-share)
+    held = fading_s**2 * (share - 1 + left)
+    return frozen(np.array([[1, dt, held], [0, 1, -fading_s * np.expm1(-share)], [0, 0, left]]))
+
+
 @lru_cache(maxsize=64)
 def _model(dt: float, jerk_mm: float, jerk_rad: float) -> tuple[Array, Array]:
     """Phi and Q of the 18 numbers, (18, 18) each (Eq. 10, 11); a hand's acceleration does not last (Singer 1970)."""
-    theta = dt / FADING_S
-    fading = [[1, dt, FADING_S**2 * (theta - 1 + np.exp(-theta))], [0, 1, -FADING_S * np.expm1(-theta)],
-              [0, 0, np.exp(-theta)]]
-    F = np.kron(fading, np.eye(6))
+    F = np.kron(transition(dt, FADING_S), np.eye(6))
     Q = np.kron(kalman.white_jerk(dt, 1.0)[::2, ::2], np.diag(np.repeat([jerk_mm, jerk_rad], 3)))
     return F.astype(float), Q.astype(float)
 

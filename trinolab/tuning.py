@@ -20,7 +20,7 @@ from scipy.stats import chi2
 
 from .checks import Array, as_array, as_number, as_rng, as_whole, frozen
 from .kalman import MIN_DT_S, KalmanParameters, white_jerk
-from .posefilter import FADING_S, PoseFilterParameters
+from .posefilter import FADING_S, PoseFilterParameters, transition
 
 
 class Model(NamedTuple):
@@ -202,17 +202,6 @@ def tune_pose(data: Sequence[tuple[ArrayLike, RigidTransform]], rng: np.random.G
     position, rotation = pose_models(p)
     return (most_likely([(times, places) for times, places, _ in paths], position, free),
             most_likely([(times, angles) for times, _, angles in paths], rotation, free))
-
-
-@lru_cache(maxsize=4096)
-def transition(dt: float, fading_s: float = np.inf) -> Array:
-    """Phi of one coordinate, (x, v, a), over a time dt, s, with an acceleration that fades, shape (3, 3) (Eq. 11)."""
-    if np.isinf(fading_s):
-        return frozen(np.array([[1, dt, dt**2 / 2], [0, 1, dt], [0, 0, 1]]))
-    share = dt / fading_s
-    left = np.exp(-share)
-    held = fading_s**2 * (share - 1 + left)
-    return frozen(np.array([[1, dt, held], [0, 1, -fading_s * np.expm1(-share)], [0, 0, left]]))
 
 
 @lru_cache(maxsize=4096)
