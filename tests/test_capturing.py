@@ -342,7 +342,7 @@ def test_control_c_ends_the_command_normally(folder):
         while running.poll() is None and not (folder / "r.partial" / "images" / "a" / "000005.png").exists():
             time.sleep(0.05)
         os.kill(running.pid, signal.SIGINT)
-        out, err = running.communicate(timeout=20)
+        out, err = running.communicate(timeout=120)
     assert running.returncode == 0, err
     assert out.endswith("written to r\n")
     assert err == "recording to r; Ctrl-C ends it\ninterrupted: writing what was taken\n"

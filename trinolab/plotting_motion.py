@@ -37,7 +37,7 @@ def show_verdict(mask: ArrayLike, inside: ArrayLike, outside: ArrayLike, title: 
     title : str
     ax : Axes
     """
-    found, moved, still = (as_array(part, "mask", (None, None)) > 0 for part in (mask, inside, outside))
+    found, moved, still = (np.asarray(part, dtype=bool) for part in (mask, inside, outside))
     kind = 1 * found + 1 * (found & still) + 3 * (~found & moved)
     ax.imshow(kind, cmap=ListedColormap(list(_VERDICTS.values())), vmin=0, vmax=3, interpolation="nearest")
     ax.set(title=title, xlabel="u / px", ylabel="v / px")
