@@ -88,6 +88,14 @@ class _Rays(NamedTuple):
     by_v: Array
 
 
+class _Place(NamedTuple):
+    """Points of the body beside a marker's middle: angle about the axis, rad; along it, and distance, mm; (k, p)."""
+
+    turn: Array
+    along: Array
+    distance: Array
+
+
 def windows(rig: Rig, views: Views, uv: Array, side: int) -> Windows:
     """Windows with pixels uv, shape (k, 2), in their middle; `side` is odd. They may reach beyond the image."""
     corner = np.round(uv).astype(int) - side // 2
@@ -124,19 +132,21 @@ def layers(rig: Rig, handle: Handle, T_world_handle: RigidTransform, views: View
     depth, P, outward, distance = _nearest_to_axis(rays)
     body, body_push, _ = _edge(handle.radius_mm - distance, depth, -outward, rays)
     depth, X, normal = _surface(handle, rays, depth, P, distance)
-    turn, inside, gradient = _marker(handle, views.marker, X)
     clear = np.minimum(handle.top_mm - X[1], X[1] - handle.bottom_mm)
+    angle, edge = np.arctan2(X[0], X[2]), np.float32(handle.marker_diameter_mm / 2)
+    own = nearest = _place(handle, views.marker, angle, X[1])
     for others in _neighbours(handle)[views.marker].T:
-        _, beside, away = _marker(handle, others, X)
+        beside = _place(handle, others, angle, X[1])
         if any_marker:
-            gradient = np.where(beside > inside, away, gradient)
-            inside = np.maximum(beside, inside)
+            nearer = beside.distance < nearest.distance
+            nearest = _Place(*(np.where(nearer, *pair) for pair in zip(beside, nearest, strict=True)))
         else:
-            clear = np.minimum(clear, -beside)
+            clear = np.minimum(clear, beside.distance - edge)
+    gradient = _inwards(handle, nearest, X)
     facing = np.minimum(_dot(normal, rays.direction), -GRAZING)
     gradient -= normal * (_dot(gradient, rays.direction) / facing)  # as the ray's point slides along the surface
-    covered, marker_push, width = _edge(inside, depth, gradient, rays)
-    return Layers(covered * body, body, covered, X, P, marker_push, body_push, turn, clear / width)
+    covered, marker_push, width = _edge(edge - nearest.distance, depth, gradient, rays)
+    return Layers(covered * body, body, covered, X, P, marker_push, body_push, own.turn, clear / width)
 
 
 def by_motion(shown: Layers, marker: Array, body: Array) -> Array:
@@ -194,15 +204,18 @@ def _surface(handle: Handle, rays: _Rays, depth: Array, P: Array, distance: Arra
     return depth - half, X, normal
 
 
-def _marker(handle: Handle, markers: np.ndarray, X: Array) -> tuple[Array, Array, Array]:
-    """Angle from a marker's column (k, p), distance into the marker from its edge, mm, and its gradient (3, k, p)."""
-    angles, axial = (column.astype(np.float32)[markers, None] for column in (
+def _place(handle: Handle, markers: np.ndarray, angle: Array, axial: Array) -> _Place:
+    """Where points of the body, by angle and axial coordinate (k, p), lie beside the middle of a marker each (k,)."""
+    columns, rows = (column.astype(np.float32)[markers, None] for column in (
         handle.marker_angles, handle.marker_centres[:, 1]))
-    turn = _wrapped(np.arctan2(X[0], X[2]) - angles)
-    across, along = handle.radius_mm * turn, X[1] - axial
-    distance = np.maximum(np.hypot(across, along), 1e-9)
-    gradient = -np.stack([across * X[2] / handle.radius_mm, along, -across * X[0] / handle.radius_mm]) / distance
-    return turn, handle.marker_diameter_mm / 2 - distance, gradient
+    turn, along = _wrapped(angle - columns), axial - rows
+    return _Place(turn, along, np.maximum(np.hypot(handle.radius_mm * turn, along), 1e-9))
+
+
+def _inwards(handle: Handle, place: _Place, X: Array) -> Array:
+    """Gradient (3, k, p) of the distance into the marker, at points X of the body."""
+    across = place.turn * X[2], -place.turn * X[0]
+    return -np.stack([across[0], place.along, across[1]]) / place.distance
 
 
 def _neighbours(handle: Handle, nearest: int = 2) -> np.ndarray:
