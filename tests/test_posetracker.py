@@ -7,13 +7,16 @@ import pytest
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from trinolab import kalman, posefilter, posetracker
+from trinolab.arm import Arm
 from trinolab.datasets import load_handle, load_rig
 from trinolab.exposure import exposed
+from trinolab.filming import Job, take
 from trinolab.parameters import Parameters
 from trinolab.pose import apart, motion_between, shifted
 from trinolab.posefilter import PoseFilterParameters
 from trinolab.refine import fit_patches
 from trinolab.scene import Bench, blurred, digitise, render_rig
+from trinolab.script import Shot
 
 RIG, CODED, PAPER = load_rig("raised_40deg"), load_handle("coded"), load_handle("paper")
 FPS, BEST = 30.0, Parameters(estimator="patches")
@@ -146,11 +149,17 @@ def test_prediction_in_two_steps_is_that_in_one():
     np.testing.assert_allclose(once.rates, twice.rates, atol=1e-9)
 
 
+def smeared_images(handle, T, velocity, rng, rig=RIG):
+    """Images of a handle that moves while the shutter is open; `exposed` renders every step of that."""
+    bench = Bench()
+    return [digitise(blurred(exposed(camera, handle, T, bench, velocity[:3], velocity[3:]), bench), bench, rng)
+            for camera in rig.cameras]
+
+
 def test_a_smear_is_fitted_with_the_pose():
-    """Against `exposed`, which renders every step of the exposure; expected of the motion is a fifth too much."""
-    velocity, bench, rng = np.array([350.0, -120.0, 60.0, 0.3, 0.2, -0.4]), Bench(), np.random.default_rng(2)
-    frames = [digitise(blurred(exposed(camera, CODED, FIRST, bench, velocity[:3], velocity[3:]), bench), bench, rng)
-              for camera in RIG.cameras]
+    """Expected of the motion is a fifth too much."""
+    velocity, rng = np.array([350.0, -120.0, 60.0, 0.3, 0.2, -0.4]), np.random.default_rng(2)
+    frames = smeared_images(CODED, FIRST, velocity, rng)
     start = shifted(FIRST, np.array([0.2, -0.3, 0.3, 0.01, -0.01, 0.01]))
     expected = 0.012 * velocity, np.diag(np.repeat([1.0, 0.01], 3) ** 2)
     moving, still = (fit_patches(frames, RIG, CODED, start, smear=smear) for smear in (expected, None))
@@ -159,3 +168,43 @@ def test_a_smear_is_fitted_with_the_pose():
     assert away @ np.linalg.solve(moving.covariance, away) < 25.0  # chi-square of six, 99.97 %
     assert np.median(moving.misfit) < 1.5
     assert still is None or np.median(still.misfit) > 3.0
+
+
+@pytest.mark.parametrize("turn_deg", [0.0, 40.0])
+def test_markers_that_are_smeared_into_one_another_are_told_apart(turn_deg):
+    """Across the rod by 26 px, from one column of the paper's handle to the next, seen by two cameras of three."""
+    rng = np.random.default_rng(3)
+    velocity = np.array([480.0, 220.0, 60.0, 0.1, 0.1, -0.1])
+    T = FIRST * RigidTransform.from_rotation(Rotation.from_rotvec([0.0, np.deg2rad(turn_deg), 0.0]))
+    frames = smeared_images(PAPER, T, velocity, rng)
+    frames[0] = np.zeros_like(frames[0])
+    for _ in range(3):
+        start = shifted(T, np.concatenate([rng.normal(scale=0.7, size=3), rng.normal(scale=np.deg2rad(1.0), size=3)]))
+        expected = 0.01 * velocity + rng.normal(scale=np.repeat([0.3, 0.002], 3))
+        fit = fit_patches(frames, RIG, PAPER, start, smear=(expected, np.diag(np.repeat([0.5, 0.004], 3) ** 2)))
+        away = motion_between(fit.T_world_handle, T)
+        assert np.linalg.norm(away[:3]) < 0.05
+        assert np.linalg.norm(away[3:]) < np.deg2rad(0.5)
+        assert away @ np.linalg.solve(fit.covariance, away) < 25.0  # chi-square of six, 99.97 %
+
+
+@pytest.fixture(scope="module")
+def fast():
+    """From rest to 0.55 m/s and back within a third of a second; a camera is dark for two instants at full speed."""
+    t = np.arange(11) / FPS
+    phase, way = 2 * np.pi * t * FPS / 10, np.array([1.0, 0.4, 0.2, 0.0, 0.002, 0.006])
+    poses = [shifted(FIRST, -25.0 * np.cos(p) * way) for p in phase]
+    rates = 25.0 * 2 * np.pi * FPS / 10 * np.sin(phase)[:, None] * way
+    shots = [Shot(T, Arm(), (1.0, 0.0 if k in (2, 3) else 1.0, 1.0), rate[:3], rate[3:], True)
+             for k, (T, rate) in enumerate(zip(poses, rates, strict=True))]
+    job = Job(RIG, PAPER, shots, t, 0)
+    return poses, [[take(job, k, c) for c in range(3)] for k in range(len(t))]
+
+
+@pytest.mark.parametrize("estimator", ["paper", "patches"])
+def test_a_fast_handle_is_followed_through_its_smear(fast, estimator):
+    truth, frames = fast
+    found = tracked(frames, PAPER, truth[0], Parameters(estimator=estimator))
+    assert [one.measurement.pose.status for one in found] == ["measured"] * len(truth)
+    for one, T in zip(found, truth, strict=True):
+        assert not apart(one.measurement.pose.T_world_handle, T, 0.5, np.deg2rad(3.0))
