@@ -19,7 +19,7 @@ from .layout import layout_of, views_of
 from .markers import Markers
 from .parameters import BEST, Parameters
 from .pose import LOST, Pose, apart, motion_between, shifted
-from .posefilter import Motion
+from .posefilter import Motion, is_new
 from .refine import Fit, fit_patches
 from .spot import markers_at
 from .window import Window
@@ -127,7 +127,7 @@ def follow(images: Sequence[np.ndarray], expected: Sequence[Expected], sights: S
     if smeared:
         fit = fit_patches(images, rig, handle, motion.pose, p.max_slant_deg, smear=_smear(motion, p))
         return Followed(_judged(fit, rig), labels)
-    may_be_smeared = max(one.smear_px for one in expected) > SMEARED_PX
+    may_be_smeared = max(one.smear_px for one in expected) > SMEARED_PX or is_new(motion, p.motion)
     if may_be_smeared and _stretched(expected, sights):
         return Followed(LOST, labels)
     if T is not None and p.estimator != BEST:

@@ -84,6 +84,11 @@ def begin(t_s: float, pose: RigidTransform, covariance: Array, p: PoseFilterPara
     return Motion(t_s, pose, np.zeros(12), spread)
 
 
+def is_new(motion: Motion, p: PoseFilterParameters) -> bool:
+    """Whether the velocity is hardly better known than at the start."""
+    return bool(np.trace(motion.covariance[6:9, 6:9]) > 3 * (p.speed_mm_s / 2) ** 2)
+
+
 def predict(motion: Motion, t_s: float, p: PoseFilterParameters) -> Motion:
     """Carry a motion on to a later time (Eq. 9, 10, of 18 numbers). Raises ValueError if the time does not increase."""
     F, Q = _model(as_number(t_s - motion.t_s, "t_s", low=kalman.MIN_DT_S, high=1e6), p.jerk_mm, p.jerk_rad)

@@ -144,11 +144,22 @@ def _guesses(images: list[np.ndarray], predicted: Motion, seen: Motion, rig: Rig
     yield from ((motion, False) for motion in near[1:])
     yield from ((motion, True) for motion in near
                 if max(one.smear_px for one in expect(rig, handle, motion, p)) > SMEARED_PX)
+    if posefilter.is_new(predicted, p.motion):
+        yield from ((motion, True) for motion in _in_any_direction(predicted, rig, p))
     pose = measure(images, rig, handle, predicted.pose, p).pose
     if _believable(pose, predicted, rig, handle) and pose.T_world_handle is not None:
         spread = np.diag(np.repeat([1.0, 0.1], 3) ** 2)
         there = posefilter.update(predicted, pose.T_world_handle, spread, p.motion)
         yield from ((there, smeared) for smeared in (False, True))
+
+
+def _in_any_direction(motion: Motion, rig: Rig, p: Parameters, directions: int = 4) -> list[Motion]:
+    """A motion of unknown velocity with one across the first camera's sight, in directions half a turn around: a smear
+    looks the same both ways, and tells of its direction by itself if it begins with one."""
+    across = rig.cameras[0].T_world_cam.as_matrix()[:3, :2]
+    angles = np.pi / directions * np.arange(directions)
+    velocities = p.motion.speed_mm_s * (across @ [np.cos(angles), np.sin(angles)]).T
+    return [motion._replace(rates=np.concatenate([velocity, np.zeros(9)])) for velocity in velocities]
 
 
 def _displaced(images: list[np.ndarray], predicted: Motion, seen: Motion, rig: Rig, handle: Handle,
