@@ -13,6 +13,7 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
+from scipy.linalg import block_diag
 from scipy.spatial.transform import RigidTransform
 
 from . import kalman
@@ -20,7 +21,6 @@ from .checks import Array, as_number, frozen
 from .pose import motion_between, shifted
 
 FADING_S = 0.15  # time in which an acceleration fades
-SHIFT_MM = 0.7  # standard deviation of a position that was found by shifting what was expected
 
 
 @dataclass(frozen=True)
@@ -107,13 +107,13 @@ def update(motion: Motion, pose: RigidTransform, covariance: Array, p: PoseFilte
     return Motion(motion.t_s, shifted(motion.pose, correction[:6]), motion.rates + correction[6:], after)
 
 
-def restarted(motion: Motion, position: Array, seen: Motion, p: PoseFilterParameters) -> Motion:
-    """A motion that is elsewhere than predicted, at a position (3,), mm: its velocity is the way since it was seen.
+def restarted(motion: Motion, position: Array, covariance: Array, seen: Motion, p: PoseFilterParameters) -> Motion:
+    """A motion that is elsewhere than predicted, at a position (3,), mm, with a covariance (3, 3).
 
-    The orientation and what is known of it stay as predicted.
+    Its velocity is the way since it was seen. The orientation and what is known of it stay as predicted.
     """
     there = RigidTransform.from_components(position, motion.pose.rotation)
-    begun = begin(motion.t_s, there, np.diag(np.repeat([SHIFT_MM, 0.0], 3) ** 2), p)
+    begun = begin(motion.t_s, there, block_diag(covariance, np.zeros((3, 3))), p)
     rates, spread = motion.rates.copy(), begun.covariance.copy()
     rates[:3], rates[6:9] = (position - seen.pose.translation) / (motion.t_s - seen.t_s), 0.0
     turning = np.r_[3:6, 9:12, 15:18]

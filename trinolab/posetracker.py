@@ -171,7 +171,7 @@ def _displaced(images: list[np.ndarray], predicted: Motion, seen: Motion, rig: R
         shift = displacement(images, [one.uv for one in expected], [one.size_px for one in expected], rig, handle,
                              pose.translation)
         if shift is not None:
-            found.append(posefilter.restarted(predicted, pose.translation + shift, seen, p.motion))
+            found.append(posefilter.restarted(predicted, pose.translation + shift[0], shift[1], seen, p.motion))
     return found
 
 

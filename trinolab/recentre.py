@@ -15,11 +15,12 @@ from .window import Window
 FURTHEST_PX = 60  # of a shift that is looked for
 COARSE = 3  # px to a step of the search
 DIMMEST = 2.0  # grey levels, of half of what a marker stands out by; less is noise
+SIGMA_PX = 2.0  # standard deviation of a camera's shift
 AGREE_PX = 6.0  # to which the cameras' shifts must agree on one motion
 
 
 def displacement(images: Sequence[np.ndarray], uv: Sequence[Array], size_px: Sequence[float], rig: Rig, handle: Handle,
-                 centre: Array) -> Array | None:
+                 centre: Array) -> tuple[Array, Array] | None:
     """By how much all of the handle has moved from where it was expected, if the cameras agree.
 
     Parameters
@@ -35,8 +36,8 @@ def displacement(images: Sequence[np.ndarray], uv: Sequence[Array], size_px: Seq
 
     Returns
     -------
-    ndarray, shape (3,), or None
-        World frame, mm; None where fewer than two cameras agree.
+    (ndarray, ndarray), shapes (3,) and (3, 3), or None
+        The shift and its covariance, world frame, mm; None where fewer than two cameras agree.
     """
     shifts = [_shift(image, pixels, size, handle.markers)
               for image, pixels, size in zip(images, uv, size_px, strict=True)]
@@ -47,7 +48,7 @@ def displacement(images: Sequence[np.ndarray], uv: Sequence[Array], size_px: Seq
         motion = np.linalg.lstsq(J, wanted, rcond=None)[0]
         left = np.linalg.norm((J @ motion - wanted).reshape(-1, 2), axis=1)
         if left.max() <= AGREE_PX:
-            return motion
+            return motion, SIGMA_PX**2 * np.linalg.pinv(J.T @ J)
         seen.pop(int(left.argmax()))
     return None
 
