@@ -4,7 +4,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
-from scipy.spatial.transform import RigidTransform, Slerp
+from scipy.spatial.transform import RigidTransform, Rotation, Slerp
 
 from trinolab.datasets import data_path
 from trinolab.evaluation import evaluate
@@ -32,7 +32,7 @@ def report(arguments) -> None:
 
 
 def _real(folder: Path) -> None:
-    """Ten seconds of a handheld recording, its middle moved to the bench's; it leaves the images at times."""
+    """Ten seconds of a handheld recording, its middle moved to the bench's, upright there; it leaves the images."""
     try:
         times, poses = load_trajectories()
     except ValueError as reason:
@@ -40,8 +40,9 @@ def _real(folder: Path) -> None:
         return
     every = np.arange(5.0, 5.0 + SECONDS, 1 / 30)
     places = np.column_stack([np.interp(every, times, axis) for axis in poses.translation.T])
-    path = RigidTransform.from_components(places - np.median(places, axis=0) + [0, 0, 570],
-                                          Slerp(times, poses.rotation)(every))
+    turns = Slerp(times, poses.rotation)(every)
+    upright = Rotation.from_euler("Z", 180, degrees=True) * turns.mean().inv()
+    path = RigidTransform.from_components(places - np.median(places, axis=0) + [0, 0, 570], upright * turns)
     write_poses(truth_table(path).assign(t_s=every), folder / "path.csv")
     for handle in HANDLES:
         out = folder / f"real_{handle}"
@@ -59,7 +60,7 @@ def _lines(name: str, recording: Path, handle: str, folder: Path) -> None:
         out = folder / "poses.csv"
         table = track_folder(recording, out, method=method, start=start if handle == "paper" else None)
         result = evaluate(out, recording / "truth.csv", recording / "handle.toml")
-        begun = table[table["frame"] >= int(first["frame"].iloc[0])]
+        begun = table[table["frame"] >= table["frame"][table["status"] == "measured"].min()]
         lost = begun["frame"][begun["status"] == "lost"].min()
         until = begun if np.isnan(lost) else begun[begun["frame"] < lost]
         held = truth[(truth["status"] != "lost") & truth["frame"].isin(until["frame"])]
