@@ -118,11 +118,12 @@ def step(state: TrackState, frames: Sequence[ArrayLike], t_s: float, rig: Rig, h
         return _sought(images, t, rig, handle, p)
     predicted = posefilter.predict(state.motion, t, p.motion)
     best: tuple[Tracked, Motion] | None = None
-    for motion, smeared in _guesses(images, predicted, state.seen, rig, handle, p):
+    most = 0  # cameras
+    for motion, smeared, least in _guesses(images, predicted, state.seen, rig, handle, p):
         tracked = _followed(images, motion, rig, handle, p, smeared)
         pose = tracked.measurement.pose
-        if _believable(pose, motion, rig, handle) and (best is None or pose.cameras > best[0].measurement.pose.cameras):
-            best = tracked, motion
+        if pose.cameras >= max(least, most + 1) and _believable(pose, motion, rig, handle):
+            best, most = (tracked, motion), pose.cameras
             if 2 * pose.cameras >= len(rig.cameras):
                 break  # a single one of three may be frozen: what do the others say?
     if best is not None:
@@ -133,24 +134,24 @@ def step(state: TrackState, frames: Sequence[ArrayLike], t_s: float, rig: Rig, h
 
 
 def _guesses(images: list[np.ndarray], predicted: Motion, seen: Motion, rig: Rig, handle: Handle,
-             p: Parameters) -> Iterator[tuple[Motion, bool]]:
+             p: Parameters) -> Iterator[tuple[Motion, bool, int]]:
     """Where the handle may be: as predicted; shifted from there, or from where it was; measured without a clue.
 
-    With each whether it is to be looked for as one that moves while the shutter is open: that takes longer, and comes
-    after those that are quick.
+    With each whether it is to be looked for as one that moves while the shutter is open (that takes longer, and comes
+    after those that are quick), and how many cameras have to say so: one image alone is explained by some smear.
     """
-    yield predicted, False
+    yield predicted, False, 1
     near = [predicted, *_displaced(images, predicted, seen, rig, handle, p)]
-    yield from ((motion, False) for motion in near[1:])
-    yield from ((motion, True) for motion in near
+    yield from ((motion, False, 1) for motion in near[1:])
+    yield from ((motion, True, 1) for motion in near
                 if max(one.smear_px for one in expect(rig, handle, motion, p)) > SMEARED_PX)
     if posefilter.is_new(predicted, p.motion):
-        yield from ((motion, True) for motion in _in_any_direction(predicted, rig, p))
+        yield from ((motion, True, 2) for motion in _in_any_direction(predicted, rig, p))
     pose = measure(images, rig, handle, predicted.pose, p).pose
     if _believable(pose, predicted, rig, handle) and pose.T_world_handle is not None:
         spread = np.diag(np.repeat([1.0, 0.1], 3) ** 2)
         there = posefilter.update(predicted, pose.T_world_handle, spread, p.motion)
-        yield from ((there, smeared) for smeared in (False, True))
+        yield from ((there, smeared, 1) for smeared in (False, True))
 
 
 def _in_any_direction(motion: Motion, rig: Rig, p: Parameters, directions: int = 4) -> list[Motion]:
