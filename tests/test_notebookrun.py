@@ -8,7 +8,7 @@ import pytest
 from nbclient.exceptions import CellExecutionError, CellTimeoutError
 from nbformat.v4 import new_code_cell, new_markdown_cell, new_notebook
 
-from trinolab.notebookrun import read_parameters, run_notebook
+from trinolab.notebookrun import glued, read_parameters, run_notebook
 
 PARAMETERS = "sigma_px = 0.5  # noise\nn = 3\nname = 'paper'\nwide = False\nlimits = [-1.0, 2]\nnothing = None"
 
@@ -125,3 +125,25 @@ def test_failing_cell_is_reported(make):
 def test_slow_cell_is_stopped(make):
     with pytest.raises(CellTimeoutError):
         run_notebook(make(code="import time; time.sleep(60)"), timeout_s=1)
+
+
+# --- papermill's convention, in both directions
+
+
+def test_annotated_parameters_are_read(make):
+    assert read_parameters(make("a: int = 1  # noise\nb: list = [1]")) == {"a": 1, "b": [1]}
+    with pytest.raises(ValueError, match="may only hold"):
+        read_parameters(make("a: int"))
+
+
+def test_papermill_runs_our_notebooks_and_we_run_its(make, tmp_path):
+    import papermill
+
+    source = "from myst_nb import glue\nglue('n', n, display=False)\nglue('sigma', sigma_px, display=False)"
+    path, executed = make(code=source), tmp_path / "executed.ipynb"
+    papermill.execute_notebook(path, executed, {"n": 4}, progress_bar=False, cwd=tmp_path)
+    assert glued(nbformat.read(executed, as_version=4)) == {"n": 4, "sigma": 0.5}
+    again = run_notebook(executed, {"sigma_px": 2.0})  # what papermill has put in is replaced
+    assert again.results == {"n": 3, "sigma": 2.0}
+    tags = [cell.metadata.get("tags", []) for cell in again.notebook.cells]
+    assert sum("injected-parameters" in tag for tag in tags) == 1

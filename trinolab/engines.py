@@ -8,11 +8,12 @@ import pickle
 import signal
 import sys
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import FIRST_COMPLETED, Executor, Future, ProcessPoolExecutor, wait
+from concurrent.futures import FIRST_COMPLETED, Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor, wait
 from contextlib import contextmanager
 from typing import Any, NamedTuple
 
 from .notebookrun import ONE_THREAD
+from .warmkernel import close_kernels
 
 
 class Engine(NamedTuple):
@@ -50,6 +51,22 @@ def processes(workers: int) -> Iterator[Engine]:
             for process in set(multiprocessing.active_children()) - others:
                 process.terminate()  # what they compute nobody waits for
             raise
+
+
+@contextmanager
+def kernels(workers: int, sweep: str) -> Iterator[Engine]:
+    """Threads, each of which has a kernel do its work; they are processes of their own, with one thread each, too.
+
+    The kernels of the notebook job that `sweep` names are closed at the end.
+    """
+    with ThreadPoolExecutor(workers) as pool:
+        try:
+            yield Engine(pool, 2 * workers)
+        except BaseException:
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise
+        finally:
+            close_kernels(sweep)
 
 
 def as_finished(engine: Engine, calls: Iterable[tuple[Any, ...]]) -> Iterator[tuple[Any, Future[Any]]]:

@@ -38,7 +38,8 @@ class Interval(NamedTuple):
     def at(self, u: float, whole: bool = False) -> float:
         """The value at the share `u` of the way, 0 <= u < 1; of the whole numbers, both ends included, if `whole`."""
         if whole:
-            return min(math.floor(Interval(self.low, self.high + 1, self.log).at(u)), int(self.high))
+            low, high = math.ceil(self.low), math.floor(self.high)
+            return min(math.floor(Interval(low, high + 1, self.log).at(u)), high)
         if self.log:
             return _rounded(self.low * (self.high / self.low) ** u)
         return _rounded(self.low + (self.high - self.low) * u)

@@ -61,9 +61,9 @@ def read_parameters(path: str | os.PathLike[str]) -> dict[str, Any]:
     ------
     ValueError
         The file is missing or no notebook; it has no code cell tagged ``parameters``, or more than one; the cell holds
-        anything but plain assignments ``name = literal``.
+        anything but assignments ``name = literal`` or ``name: type = literal``.
     """
-    notebook = _read(path)
+    notebook = read_notebook(path)
     return _assignments(notebook.cells[_parameters_index(notebook, path)].source, path)
 
 
@@ -102,8 +102,8 @@ def run_notebook(path: str | os.PathLike[str], parameters: Mapping[str, Any] | N
     """
     from nbclient import NotebookClient
 
-    notebook = _read(path)
-    _inject(notebook, parameters or {}, path)
+    notebook = read_notebook(path)
+    inject(notebook, parameters or {}, path)
     folder = str(Path(path).resolve().parent)
     client = NotebookClient(notebook, timeout=timeout_s, record_timing=False, resources={"metadata": {"path": folder}})
     start = time.perf_counter()
@@ -134,7 +134,8 @@ def glued(notebook: Any) -> dict[str, Any]:
     return results
 
 
-def _read(path: str | os.PathLike[str]) -> Any:
+def read_notebook(path: str | os.PathLike[str]) -> Any:
+    """Return a notebook; ValueError, which names the file, if it is none."""
     import nbformat
 
     try:
@@ -161,26 +162,40 @@ def _assignments(source: str, path: str | os.PathLike[str]) -> dict[str, Any]:
 
 def _assignment(statement: ast.stmt) -> tuple[str, Any]:
     match statement:
-        case ast.Assign(targets=[ast.Name(id=name)], value=value):
+        case ast.Assign(targets=[ast.Name(id=name)], value=value) \
+                | ast.AnnAssign(target=ast.Name(id=name), value=ast.expr() as value):
             return name, ast.literal_eval(value)
     raise ValueError(f"line {statement.lineno}: {ast.unparse(statement)}")
 
 
-def _inject(notebook: Any, parameters: Mapping[str, Any], path: str | os.PathLike[str]) -> None:
+def inject(notebook: Any, parameters: Mapping[str, Any], path: str | os.PathLike[str]) -> None:
+    """Put parameters into a notebook, in a cell of their own after the tagged one; ValueError as for `run_notebook`.
+
+    A cell that was put there before is replaced.
+    """
     import nbformat
 
     index = _parameters_index(notebook, path)
-    defaults = _assignments(notebook.cells[index].source, path)
-    unknown = sorted(set(parameters) - set(defaults))
-    if unknown:
-        raise ValueError(f"{path}: unknown parameter {', '.join(unknown)}; it has {', '.join(defaults) or 'none'}")
-    if not parameters:
+    lines = assignments(_assignments(notebook.cells[index].source, path), parameters, path)
+    notebook.cells = [cell for cell in notebook.cells if "injected-parameters" not in cell.metadata.get("tags", [])]
+    if not lines:
         return
-    lines = [f"{name} = {_literal(value, defaults[name], name)}" for name, value in parameters.items()]
     cell = nbformat.v4.new_code_cell("\n".join(lines), metadata={"tags": ["injected-parameters"]})
     if notebook.nbformat_minor < 5:
         del cell["id"]  # cells have an identity only from 4.5 on
-    notebook.cells.insert(index + 1, cell)
+    notebook.cells.insert(_parameters_index(notebook, path) + 1, cell)
+
+
+def assignments(defaults: Mapping[str, Any], parameters: Mapping[str, Any], path: str | os.PathLike[str]) -> list[str]:
+    """Parameters as lines of code; ValueError, with those that there are, for one that does not fit the defaults."""
+    has = f"it has {', '.join(defaults) or 'none'}"
+    unknown = sorted(set(parameters) - set(defaults))
+    if unknown:
+        raise ValueError(f"{path}: unknown parameter {', '.join(unknown)}; {has}")
+    try:
+        return [f"{name} = {_literal(value, defaults[name], name)}" for name, value in parameters.items()]
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}; {has}") from None
 
 
 def _literal(value: Any, default: Any, name: str) -> str:
