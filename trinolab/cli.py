@@ -135,11 +135,12 @@ def _render(a: argparse.Namespace) -> int:
 
 
 def _sweep(a: argparse.Namespace) -> int:
-    from .checks import as_whole
+    from .checks import as_number, as_whole
     from .engines import kernels
     from .grids import parse
     from .sweeping import compute, of_notebook
 
+    as_number(a.timeout, "--timeout", low=1.0)
     job = of_notebook(a.notebook, parse(a.parameter), a.sample, a.sample_seed, a.yes, a.timeout, a.fresh_kernels,
                       a.keep)
     workers = as_whole((os.cpu_count() or 1) if a.workers is None else a.workers, "--workers", low=1)

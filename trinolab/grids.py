@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from .checks import as_whole
 from .csvfile import read_csv
 
 MANY = 100_000  # runs: more of them are rather a mistake
@@ -110,6 +111,7 @@ def runs(axes: Sequence[Axis | Between], sample: int | None = None, sample_seed:
     """
     if sample is not None and sample < 1:
         raise ValueError(f"sample: expected at least 1 run, got {sample}")
+    as_whole(sample_seed, "sample_seed", low=0)
     for axis in axes:
         if sample is None and isinstance(axis, Between):
             raise ValueError(f"{axis.names[0]}: an interval needs a number of points (a:b:n), or a sample")

@@ -21,7 +21,7 @@ from .notebookrun import assignments, read_notebook, read_parameters
 from .outcome import FAILED, LAST_COLUMNS, Outcome, call, failed, table
 from .provenance import commit, hash_cells, hash_function, hash_text, machine, surroundings, versions
 from .sweepfolder import Identity, SweepFolder
-from .warmkernel import notebook_job, run_job
+from .warmkernel import check_kernel, notebook_job, run_job
 
 TIMEOUT_S = 600.0  # of one cell
 NOTEBOOKS = Path(__file__).resolve().parents[1] / "notebooks"  # of a checkout
@@ -77,6 +77,7 @@ def of_notebook(what: str | Path, axes: Sequence[Axis | Between], sample: int | 
     for name in names:
         for value in {repr(setting[name]): setting[name] for setting in settings}.values():
             assignments(defaults, {name: value}, path)
+    check_kernel(path)
     job = notebook_job(path, timeout_s, fresh, keep)
     made_from = {"the notebook": hash_cells(read_notebook(path)), **surroundings()}
     grid = _described(axes, sample, sample_seed)
@@ -104,12 +105,12 @@ def compute(job: Sweep, engine: AbstractContextManager[Engine], out: str | Path 
                 with engine as where:
                     for number, outcome in _outcomes(job, where, dict(folder.done), progress):
                         folder.add(number, outcome)
+            found = table(job.names, job.settings, folder.done)
+            folder.finish(found, _figure(found))
         except KeyboardInterrupt:
             raise KeyboardInterrupt(_kept(folder, len(job.settings))) from None
         except ValueError as error:
             raise ValueError(f"{error}; {_kept(folder, len(job.settings))}") from None
-        found = table(job.names, job.settings, folder.done)
-        folder.finish(found, _figure(found))
     return found
 
 

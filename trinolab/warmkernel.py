@@ -64,6 +64,17 @@ def notebook_job(path: str | Path, timeout_s: float, fresh: bool = False, keep: 
     return NotebookJob(uuid4().hex, Path(path).name, text, str(Path(path).resolve().parent), timeout_s, fresh, keep)
 
 
+def check_kernel(path: str | Path) -> None:
+    """Refuse, with a ValueError, a notebook whose kernel is not installed."""
+    from jupyter_client.kernelspec import KernelSpecManager, NoSuchKernel
+
+    name = _kernel_name(read_notebook(path))
+    try:
+        KernelSpecManager(log=_quiet).get_kernel_spec(name)
+    except NoSuchKernel:
+        raise ValueError(f"{path}: its kernel {name} is not installed") from None
+
+
 def run_job(job: NotebookJob, parameters: Mapping[str, Any]) -> Outcome:
     """Run a notebook with these parameters, in a kernel that is free, or in a new one."""
     import nbformat
@@ -184,7 +195,7 @@ class Kernel:
 
 def _take(job: NotebookJob, notebook: Any) -> Kernel:
     """A kernel in which nothing has run, or that is as if nothing had."""
-    key = Key(job.sweep, notebook.metadata.get("kernelspec", {}).get("name", "python3"), job.folder, _imports(notebook))
+    key = Key(job.sweep, _kernel_name(notebook), job.folder, _imports(notebook))
     while not job.fresh:
         with _lock:
             if job.sweep in _ended:
@@ -205,6 +216,10 @@ def _give_back(kernel: Kernel, fresh: bool) -> None:
             _idle.setdefault(kernel.key, []).append(kernel)
     if not reusable:
         kernel.close()
+
+
+def _kernel_name(notebook: Any) -> str:
+    return notebook.metadata.get("kernelspec", {}).get("name", "python3")
 
 
 def _imports(notebook: Any) -> str:
