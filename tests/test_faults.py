@@ -443,6 +443,12 @@ FAULTS = {
     "sweep: empty file": (text("b.csv", "b\n"), SWEEP + " -p @b.csv", "b.csv: expected a row a run, got none"),
     "sweep: empty cell": (text("b.csv", "b,name\n1,\n"), SWEEP + " -p @b.csv", "b.csv: row 1, name: '' is no value"),
     "sweep: no worker": (nothing, SWEEP.replace("--workers 1", "--workers 0"), "--workers: expected"),
+    "sweep: no cluster": (nothing, SWEEP.replace("--workers 1", "--scheduler tcp://127.0.0.1:9"),
+                          "tcp://127.0.0.1:9: no Dask scheduler answers"),
+    "sweep: no address": (nothing, SWEEP.replace("--workers 1", "--scheduler a://b"),
+                          "a://b: no Dask scheduler answers"),
+    "sweep: cluster and workers": (nothing, SWEEP + " --scheduler tcp://127.0.0.1:9", "argument --scheduler: not "
+                                   "allowed with argument --workers"),
     "sweep: no time": (nothing, SWEEP + " --timeout 0", "--timeout: expected"),
     "sweep: out is a file": (text("new", ""), SWEEP, "new: expected a folder for the sweep, got a file"),
     "sweep: out is something else": (nothing, SWEEP.replace("new", "rec"), "rec: holds something that is no sweep"),

@@ -27,8 +27,8 @@ ORDER = [
     "scene", "exposure", "script", "filming", "bound", "boardscene", "boardtrial", "footage", "recording", "recorder",
     "rendering", "standard", "devices", "capturing", "trackquality", "evaluation", "sync", "targetviews", "suspects",
     "calibrating", "errata_workspace", "errata_background", "errata_kalman", "errata_markers", "errata_pose",
-    "errata_table1", "errata", "teleop", "slave", "grids", "outcome", "notebookrun", "kernelstate", "warmkernel",
-    "engines", "provenance", "sweepfolder", "sweeping", "sweep", "workflows", "trackrows", "tracking", "factors",
+    "errata_table1", "errata", "teleop", "slave", "grids", "outcome", "notebookrun", "provenance", "kernelstate",
+    "warmkernel", "engines", "sweepfolder", "sweeping", "sweep", "workflows", "trackrows", "tracking", "factors",
     "table1_bound", "deviations", "error_sources", "mixing", "pattern", "budget", "evidence", "trials", "known",
     "elevation", "centroid_trial", "marker_trial", "covertruth", "scoreboard", "arguments", "cli",
 ]

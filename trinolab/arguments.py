@@ -143,7 +143,10 @@ def _add_sweep(commands: argparse._SubParsersAction) -> None:
     p.add_argument("--sample", type=int, metavar="N",
                    help="N runs instead of all, a Latin hypercube; then NAME=a:b and NAME=log:a:b are intervals")
     p.add_argument("--sample-seed", type=int, default=0, metavar="N", help="of that draw (default: %(default)s)")
-    p.add_argument("--workers", type=int, metavar="N", help="kernels at a time (default: one a core)")
+    where = p.add_mutually_exclusive_group()
+    where.add_argument("--workers", type=int, metavar="N", help="kernels at a time (default: one a core)")
+    where.add_argument("--scheduler", metavar="ADDRESS",
+                       help="of a Dask cluster that runs already, like tcp://host:8786: its workers run the notebooks")
     p.add_argument("--fresh-kernels", action="store_true",
                    help="start a kernel for each run; otherwise one is used again, its state reset")
     p.add_argument("--timeout", type=float, default=600.0, metavar="S",

@@ -136,7 +136,7 @@ def _render(a: argparse.Namespace) -> int:
 
 def _sweep(a: argparse.Namespace) -> int:
     from .checks import as_number, as_whole
-    from .engines import kernels
+    from .engines import cluster, kernels
     from .grids import parse
     from .sweeping import compute, of_notebook
 
@@ -144,8 +144,9 @@ def _sweep(a: argparse.Namespace) -> int:
     job = of_notebook(a.notebook, parse(a.parameter), a.sample, a.sample_seed, a.yes, a.timeout, a.fresh_kernels,
                       a.keep)
     workers = as_whole((os.cpu_count() or 1) if a.workers is None else a.workers, "--workers", low=1)
-    engine = kernels(min(workers, len(job.settings)), job.kernels)
-    found = compute(job, engine, a.out, {"command": a.line, "workers": workers})
+    local = kernels(min(workers, len(job.settings)), job.kernels)
+    engine = local if a.scheduler is None else cluster(a.scheduler, job.kernels)
+    found = compute(job, engine, a.out, {"command": a.line, "workers": a.scheduler or workers})
     failures = found.loc[found["status"] == "failed", "error"]
     _say(f"{len(found)} runs: {_statuses(found)}; written to {a.out}")
     if len(failures):

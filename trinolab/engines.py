@@ -9,11 +9,14 @@ import signal
 import sys
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor, wait
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import Any, NamedTuple
 
 from .notebookrun import ONE_THREAD
+from .provenance import surroundings
 from .warmkernel import close_kernels
+
+CONNECT_S = 10.0  # to a scheduler, and to its first worker
 
 
 class Engine(NamedTuple):
@@ -69,6 +72,32 @@ def kernels(workers: int, sweep: str) -> Iterator[Engine]:
             close_kernels(sweep)
 
 
+@contextmanager
+def cluster(address: str, sweep: str = "") -> Iterator[Engine]:
+    """The workers of a Dask cluster that runs already (extra ``cluster``); `sweep` as in `kernels`.
+
+    Raises
+    ------
+    ValueError
+        If no scheduler answers, it has no workers, or they have another version of this package or its data.
+    """
+    try:
+        from dask.distributed import Client
+    except ImportError:
+        raise ValueError("a Dask cluster needs the package dask[distributed] (extra 'cluster')") from None
+    try:
+        client = Client(address, timeout=CONNECT_S, set_as_default=False)
+    except (OSError, ValueError) as error:
+        raise ValueError(f"{address}: no Dask scheduler answers ({error})") from None
+    with client:
+        _settle(client, address)
+        try:
+            yield Engine(client.get_executor(pure=False), 4 * sum(client.nthreads().values()))
+        finally:
+            with suppress(Exception):  # workers that are gone have no kernels either
+                client.run(close_kernels, sweep)
+
+
 def as_finished(engine: Engine, calls: Iterable[tuple[Any, ...]]) -> Iterator[tuple[Any, Future[Any]]]:
     """Compute calls (key, function, argument, ...), and give keys and futures in the order in which they are done."""
     pending: dict[Future[Any], Any] = {}
@@ -112,6 +141,35 @@ def _done(pending: dict[Future[Any], Any]) -> Iterator[tuple[Any, Future[Any]]]:
     """Those that are done, at least one; they are taken from `pending`."""
     for future in wait(pending, return_when=FIRST_COMPLETED).done:
         yield pending.pop(future), future
+
+
+def _settle(client: Any, address: str) -> None:
+    """Give each worker one thread for linear algebra and OpenCV; ValueError if its code is not that of this process."""
+    try:
+        client.wait_for_workers(1, timeout=CONNECT_S)
+        found = client.run(settled)
+    except TimeoutError:
+        raise ValueError(f"{address}: the cluster has no workers") from None
+    except Exception as error:  # what a worker without this package raises
+        raise ValueError(f"{address}: its workers cannot load trinolab ({error})") from None
+    here = code_hash()
+    for worker, there in found.items():
+        if there != here:
+            raise ValueError(f"{address}: {worker} has another version of trinolab, or of its data")
+
+
+def settled() -> str:
+    """In a worker: use one thread for linear algebra and OpenCV; the hash of this package and its data."""
+    os.environ.update(ONE_THREAD)
+    if "cv2" in sys.modules:
+        sys.modules["cv2"].setNumThreads(1)
+    return code_hash()
+
+
+def code_hash() -> str:
+    """The hash of this package and its data."""
+    hashes = surroundings()
+    return hashes["the package"] + hashes["its data"]
 
 
 def _unheard() -> None:

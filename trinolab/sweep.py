@@ -43,7 +43,8 @@ def sweep(what: str | Path | Callable[..., Any], grid: Mapping[str, Any] | None 
     workers : int
         Processes at a time. One function runs in this process.
     executor : concurrent.futures.Executor, optional
-        Computes the runs in place of processes of this computer.
+        Computes the runs in place of processes of this computer; that of a Dask cluster is
+        ``Client(address).get_executor(pure=False)``.
     fresh_kernels : bool
         Start a kernel for each run of a notebook; otherwise one is used again, see `kernelstate`.
     progress : bool, optional
@@ -68,7 +69,7 @@ def sweep(what: str | Path | Callable[..., Any], grid: Mapping[str, Any] | None 
     """
     axes, workers = axes_of({**(grid or {}), **values}), as_whole(workers, "workers", low=1)
     if callable(what):
-        if workers > 1 or executor is not None:
+        if workers > 1 and executor is None:
             check_portable(what)
         job = of_function(what, axes, sample, sample_seed, yes, out is not None)
     else:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import inspect
 import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import BrokenExecutor, Future
+from concurrent.futures import BrokenExecutor, CancelledError, Future
 from contextlib import AbstractContextManager
 from datetime import UTC, datetime
 from functools import partial
@@ -96,21 +96,19 @@ def find_notebook(what: str | Path) -> Path:
 def compute(job: Sweep, engine: AbstractContextManager[Engine], out: str | Path | None = None,
             about: Mapping[str, Any] | None = None, progress: bool | None = None) -> pd.DataFrame:
     """Do what is not done yet, and return the table of all runs; see `sweep`. `about` goes into the manifest."""
-    if out is None:
-        with engine as where:
+    with engine as where:
+        if out is None:
             return table(job.names, job.settings, dict(_outcomes(job, where, {}, progress)))
-    with SweepFolder(out, _identity(job), job.made_from, _about(job, about or {})) as folder:
-        try:
-            if len(folder.done) < len(job.settings):
-                with engine as where:
-                    for number, outcome in _outcomes(job, where, dict(folder.done), progress):
-                        folder.add(number, outcome)
-            found = table(job.names, job.settings, folder.done)
-            folder.finish(found, _figure(found))
-        except KeyboardInterrupt:
-            raise KeyboardInterrupt(_kept(folder, len(job.settings))) from None
-        except ValueError as error:
-            raise ValueError(f"{error}; {_kept(folder, len(job.settings))}") from None
+        with SweepFolder(out, _identity(job), job.made_from, _about(job, about or {})) as folder:
+            try:
+                for number, outcome in _outcomes(job, where, dict(folder.done), progress):
+                    folder.add(number, outcome)
+                found = table(job.names, job.settings, folder.done)
+                folder.finish(found, _figure(found))
+            except KeyboardInterrupt:
+                raise KeyboardInterrupt(_kept(folder, len(job.settings))) from None
+            except ValueError as error:
+                raise ValueError(f"{error}; {_kept(folder, len(job.settings))}") from None
     return found
 
 
@@ -140,6 +138,8 @@ def _outcome(future: Future[Any]) -> Outcome:
         return future.result()
     except BrokenExecutor:
         raise ValueError("a worker process has ended abruptly, and with it the sweep") from None
+    except CancelledError:
+        raise ValueError("the cluster has given up runs, and with them the sweep") from None
     except Exception as error:
         return failed(error, float("nan"))
 
