@@ -27,10 +27,10 @@ ORDER = [
     "scene", "exposure", "script", "filming", "bound", "boardscene", "boardtrial", "footage", "recording", "recorder",
     "rendering", "standard", "devices", "capturing", "trackquality", "evaluation", "sync", "targetviews", "suspects",
     "calibrating", "errata_workspace", "errata_background", "errata_kalman", "errata_markers", "errata_pose",
-    "errata_table1", "errata", "teleop", "slave", "grids", "outcome", "notebookrun", "provenance", "kernelstate",
-    "warmkernel", "engines", "sweepfolder", "sweeping", "sweep", "workflows", "trackrows", "tracking", "factors",
-    "table1_bound", "deviations", "error_sources", "mixing", "pattern", "budget", "evidence", "trials", "known",
-    "elevation", "centroid_trial", "marker_trial", "covertruth", "scoreboard", "arguments", "cli",
+    "errata_table1", "errata", "teleop", "slave", "grids", "outcome", "notebookrun", "plotting_sliders", "provenance",
+    "kernelstate", "warmkernel", "engines", "sweepfolder", "sweeping", "sweep", "workflows", "trackrows", "tracking",
+    "factors", "table1_bound", "deviations", "error_sources", "mixing", "pattern", "budget", "evidence", "trials",
+    "known", "elevation", "centroid_trial", "marker_trial", "covertruth", "scoreboard", "arguments", "cli",
 ]
 # all that makes the truth may know
 BENCH = {"checks", "outputs", "quiet", "greyimage", "lens", "camera", "handle", "raycast", "capsule", "arm", "motion",
@@ -97,7 +97,8 @@ def test_only_plotting_draws():
     drawing = {path.stem for path in MODULES if imports(path)[1] & {"matplotlib", "pyvista"}}
     drawing -= {"kernelstate"}  # it takes matplotlib back to where it was, and draws nothing
     assert drawing == {"plotting", "plotting_errors", "plotting_estimators", "plotting_rigs", "plotting_calibration",
-                       "plotting_motion", "plotting_structure", "plotting_markers", "plotting_sweep"}
+                       "plotting_motion", "plotting_structure", "plotting_markers", "plotting_sweep",
+                       "plotting_sliders"}
     computing = {path.stem for path in MODULES if imports(path)[0] & drawing} - drawing
     # their pictures, at the end; nothing else in the package waits for figures
     assert computing == {"calibrating", "sweeping"}

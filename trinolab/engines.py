@@ -16,14 +16,25 @@ from .notebookrun import ONE_THREAD
 from .provenance import surroundings
 from .warmkernel import close_kernels
 
+BATCH_S = 0.02
 CONNECT_S = 10.0  # to a scheduler, and to its first worker
 
 
 class Engine(NamedTuple):
-    """An executor, and how many runs it is given before one of them is finished."""
+    """An executor, and how it is used.
+
+    Attributes
+    ----------
+    executor : concurrent.futures.Executor
+    ahead : int
+        How many calls it is given before one of them is finished.
+    batch_s : float
+        Runs that are shorter than this go together, s: to send each alone would take longer than to compute it.
+    """
 
     executor: Executor
     ahead: int
+    batch_s: float = 0.0
 
 
 class Inline(Executor):
@@ -46,9 +57,10 @@ def processes(workers: int) -> Iterator[Engine]:
         yield Engine(Inline(), 1)
         return
     others = set(multiprocessing.active_children())
-    with one_thread_each(), ProcessPoolExecutor(workers, multiprocessing.get_context("spawn"), _unheard) as pool:
+    unheard = signal.signal, (signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is a matter of this process
+    with one_thread_each(), ProcessPoolExecutor(workers, multiprocessing.get_context("spawn"), *unheard) as pool:
         try:
-            yield Engine(pool, 4 * workers)
+            yield Engine(pool, 4 * workers, BATCH_S)
         except BaseException:
             pool.shutdown(wait=False, cancel_futures=True)
             for process in set(multiprocessing.active_children()) - others:
@@ -92,7 +104,7 @@ def cluster(address: str, sweep: str = "") -> Iterator[Engine]:
     with client:
         _settle(client, address)
         try:
-            yield Engine(client.get_executor(pure=False), 4 * sum(client.nthreads().values()))
+            yield Engine(client.get_executor(pure=False), 4 * sum(client.nthreads().values()), BATCH_S)
         finally:
             with suppress(Exception):  # workers that are gone have no kernels either
                 client.run(close_kernels, sweep)
@@ -170,8 +182,3 @@ def code_hash() -> str:
     """The hash of this package and its data."""
     hashes = surroundings()
     return hashes["the package"] + hashes["its data"]
-
-
-def _unheard() -> None:
-    """Ctrl-C is the matter of the process that started this one."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)

@@ -25,6 +25,10 @@ ONE_THREAD = {name: "1" for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", 
 """Environment of a process that is one of several: without it each starts a thread a core."""
 
 
+UNATTENDED = "TRINOLAB_UNATTENDED"
+"""Set in a kernel that nobody watches: what would need a hand, such as a slider, shows a figure instead."""
+
+
 @dataclass(frozen=True)
 class NotebookRun:
     """One execution of a notebook.
@@ -107,7 +111,7 @@ def run_notebook(path: str | os.PathLike[str], parameters: Mapping[str, Any] | N
     folder = str(Path(path).resolve().parent)
     client = NotebookClient(notebook, timeout=timeout_s, record_timing=False, resources={"metadata": {"path": folder}})
     start = time.perf_counter()
-    client.execute(env={**os.environ, **ONE_THREAD})
+    client.execute(env={**os.environ, **ONE_THREAD, UNATTENDED: "1"})
     return NotebookRun(notebook, glued(notebook), time.perf_counter() - start)
 
 

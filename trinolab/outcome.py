@@ -5,10 +5,12 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import fields, is_dataclass
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-import pandas as pd
+
+if TYPE_CHECKING:  # worker processes need no tables, and start sooner without
+    import pandas as pd
 
 OK, FAILED, NO_NUMBER = "ok", "failed", "no number"
 LAST_COLUMNS = ("seconds", "status", "error")
@@ -48,6 +50,11 @@ def call(function: Callable[..., Any], values: Mapping[str, Any]) -> Outcome:
     return finished(_named(returned), time.perf_counter() - start)
 
 
+def each(run: Callable[[Mapping[str, Any]], Outcome], settings: Sequence[Mapping[str, Any]]) -> list[Outcome]:
+    """The outcomes of several runs, one after the other."""
+    return [run(setting) for setting in settings]
+
+
 def finished(results: Mapping[str, Any], seconds: float, notebook: str = "") -> Outcome:
     """The outcome of a run that has come to its end."""
     numbers = {str(name): as_plain_number(value) for name, value in results.items()}
@@ -69,6 +76,8 @@ def table(names: Sequence[str], settings: Sequence[Mapping[str, Any]], outcomes:
     Columns: the parameters `names`; the results in the order in which they first come, NaN where a run has none (a
     result named like another column is renamed ``..._result``); `LAST_COLUMNS`. ``attrs`` holds the parameters' names.
     """
+    import pandas as pd
+
     rows = [(settings[k], outcomes[k]) for k in sorted(outcomes)]
     results = dict.fromkeys(name for _, outcome in rows for name in outcome.results)
     columns = {name: [values[name] for values, _ in rows] for name in names}

@@ -61,15 +61,15 @@ def plot_sweep(found: pd.DataFrame, results: Sequence[str] | None = None,
         For a column that is not there, or is no number.
     """
     names = list(parameters if parameters is not None else found.attrs.get("parameters", []))
-    shown = _results(found, names, results)
-    levels = _varied(found, names)
+    shown = results_of(found, names, results)
+    levels = varied(found, names)
     if not shown:
         return _said("no result is a number", found)
     if len(levels) <= 1:
         figure, axes = _panels(len(shown))
         for ax, name in zip(axes, shown, strict=True):
-            _curve(ax, found[name].to_numpy(float), levels[0] if levels else _runs(found), name)
-    elif not _is_grid(levels):
+            draw_curve(ax, found[name].to_numpy(float), levels[0] if levels else _runs(found), name)
+    elif not is_grid(levels):
         figure = _scattered(found, shown, levels)
     elif len(levels) == 2:
         figure, axes = _panels(len(shown))
@@ -89,8 +89,8 @@ def as_png(figure: Figure) -> bytes:
     return file.getvalue()
 
 
-def _results(found: pd.DataFrame, parameters: Sequence[str], wanted: Sequence[str] | None) -> list[str]:
-    """The columns to show, in their order."""
+def results_of(found: pd.DataFrame, parameters: Sequence[str], wanted: Sequence[str] | None = None) -> list[str]:
+    """The columns to show, in their order; errors as for `plot_sweep`."""
     if missing := [name for name in (*parameters, *(wanted or ())) if name not in found]:
         raise ValueError(f"{missing[0]}: no such column; there are {', '.join(found.columns)}")
     others = [name for name in found if name not in (*parameters, *NOT_RESULTS)]
@@ -103,7 +103,7 @@ def _results(found: pd.DataFrame, parameters: Sequence[str], wanted: Sequence[st
     return sorted(changing, key=lambda name: not name.startswith("E_"))[:MOST_PANELS]
 
 
-def _varied(found: pd.DataFrame, parameters: Sequence[str]) -> list[Levels]:
+def varied(found: pd.DataFrame, parameters: Sequence[str]) -> list[Levels]:
     """The parameters that change; those that repeat a run only if there are no others."""
     levels = [level for name in parameters if len((level := _levels(found[name])).values) > 1]
     return [level for level in levels if level.name not in REPEATS] or levels
@@ -121,7 +121,7 @@ def _runs(found: pd.DataFrame) -> Levels:
     return Levels("run", list(range(len(found))), np.arange(len(found)))
 
 
-def _is_grid(levels: Sequence[Levels]) -> bool:
+def is_grid(levels: Sequence[Levels]) -> bool:
     """Whether there is a row for each combination."""
     shape = [len(level.values) for level in levels]
     rows = len(levels[0].which)
@@ -149,7 +149,8 @@ def _panels(count: int) -> tuple[Figure, list[Axes]]:
     return figure, list(axes.flat[:count])
 
 
-def _curve(ax: Axes, y: Array, level: Levels, name: str) -> None:
+def draw_curve(ax: Axes, y: Array, level: Levels, name: str) -> None:
+    """A result over one parameter: its mean, and its range where a value comes more than once."""
     statistics, x = _statistics(y, [level]), level.numbers
     at = np.arange(len(level.values)) if x is None else x
     ax.plot(at, statistics["mean"], "o-" if len(at) <= 50 else "-", color=COLOURS[0], markersize=4)

@@ -11,7 +11,7 @@ from typing import Any
 import pandas as pd
 
 from .checks import as_whole
-from .engines import Engine, check_portable, kernels, processes
+from .engines import BATCH_S, Engine, check_portable, kernels, processes
 from .grids import axes_of
 from .sweepfolder import read_sweep
 from .sweeping import compute, of_function, of_notebook
@@ -76,5 +76,5 @@ def sweep(what: str | Path | Callable[..., Any], grid: Mapping[str, Any] | None 
         job = of_notebook(what, axes, sample, sample_seed, yes, fresh=fresh_kernels)
     several = min(workers, len(job.settings))
     local = processes(several) if callable(what) else kernels(several, job.kernels)
-    engine = local if executor is None else nullcontext(Engine(executor, AHEAD))
+    engine = local if executor is None else nullcontext(Engine(executor, AHEAD, BATCH_S))
     return compute(job, engine, out, {"workers": workers}, progress)

@@ -9,6 +9,7 @@ from concurrent.futures import BrokenExecutor, CancelledError, Future
 from contextlib import AbstractContextManager
 from datetime import UTC, datetime
 from functools import partial
+from itertools import islice
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -18,7 +19,7 @@ from tqdm import tqdm
 from .engines import Engine, as_finished
 from .grids import Axis, Between, runs
 from .notebookrun import assignments, read_notebook, read_parameters
-from .outcome import FAILED, LAST_COLUMNS, Outcome, call, failed, table
+from .outcome import FAILED, LAST_COLUMNS, Outcome, call, each, failed, table
 from .provenance import commit, hash_cells, hash_function, hash_text, machine, surroundings, versions
 from .sweepfolder import Identity, SweepFolder
 from .warmkernel import check_kernel, notebook_job, run_job
@@ -126,14 +127,28 @@ def shown(found: Iterator[tuple[int, Outcome]], total: int, progress: bool | Non
 def _outcomes(job: Sweep, engine: Engine, done: Mapping[int, Outcome], progress: bool | None
               ) -> Iterator[tuple[int, Outcome]]:
     """The number and the outcome of each run that is not done, in the order in which they are finished."""
-    calls = ((number, job.run, setting) for number, setting in enumerate(job.settings) if number not in done)
-    found = ((number, _outcome(future)) for number, future in as_finished(engine, calls))
+    todo = (number for number in range(len(job.settings)) if number not in done)
     lost = sum(outcome.status == FAILED for outcome in done.values())
-    return shown(found, len(job.settings), progress, lost, len(done))
+    return shown(_computed(job, engine, todo), len(job.settings), progress, lost, len(done))
 
 
-def _outcome(future: Future[Any]) -> Outcome:
-    """What a future holds; a run that its engine could not compute has failed."""
+def _computed(job: Sweep, engine: Engine, todo: Iterator[int]) -> Iterator[tuple[int, Outcome]]:
+    """The same for these runs; several go to the engine together if they are short."""
+    size = 1
+
+    def batches() -> Iterator[tuple[Any, ...]]:
+        while numbers := list(islice(todo, size)):
+            yield numbers, each, job.run, [job.settings[number] for number in numbers]
+
+    for numbers, future in as_finished(engine, batches()):
+        found = _received(future, len(numbers))
+        yield from zip(numbers, found, strict=True)
+        spent = max(sum(outcome.seconds for outcome in found) / len(found), 1e-4)
+        size = max(1, int(engine.batch_s / spent))
+
+
+def _received(future: Future[Any], count: int) -> list[Outcome]:
+    """What a future holds; runs that their engine could not compute have failed."""
     try:
         return future.result()
     except BrokenExecutor:
@@ -141,7 +156,7 @@ def _outcome(future: Future[Any]) -> Outcome:
     except CancelledError:
         raise ValueError("the cluster has given up runs, and with them the sweep") from None
     except Exception as error:
-        return failed(error, float("nan"))
+        return [failed(error, 0.0)] * count
 
 
 def _figure(found: pd.DataFrame) -> bytes:

@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 from uuid import uuid4
 
-from .notebookrun import ONE_THREAD, glued, inject, read_notebook
+from .notebookrun import ONE_THREAD, UNATTENDED, glued, inject, read_notebook
 from .outcome import Outcome, failed, finished
 
 # nbclient, nbformat and jupyter_client belong to the extra "book": imported where they are used.
@@ -129,7 +129,7 @@ class Kernel:
         from nbclient import NotebookClient
         from nbclient.exceptions import CellExecutionError
 
-        client = NotebookClient(notebook, km=self._manager, timeout=timeout_s, record_timing=False, log=_quiet)
+        client = NotebookClient(notebook, km=self._manager, timeout=timeout_s, log=_quiet)
         client.kc, self._used = self._client, True
         try:
             self._loop.run_until_complete(client.async_execute())
@@ -163,8 +163,8 @@ class Kernel:
 
         self._manager = AsyncKernelManager(kernel_name=self.key.name, log=_quiet)
         extra = ["--HistoryManager.enabled=False"] if self._manager.ipykernel else []
-        await self._manager.start_kernel(cwd=self.key.folder, env={**os.environ, **ONE_THREAD}, extra_arguments=extra,
-                                         stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        await self._manager.start_kernel(cwd=self.key.folder, env={**os.environ, **ONE_THREAD, UNATTENDED: "1"},
+                                         extra_arguments=extra, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
         if self.key.sweep in _ended:  # meanwhile
             raise RuntimeError("the sweep has ended")
         self._client = self._manager.client()
