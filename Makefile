@@ -32,11 +32,12 @@ sweeps: .venv/package.done  ## make the tables in data/sweeps again: half an hou
 	@$(BIN)/python -m trinolab.elevation
 	@$(BIN)/python -m trinolab.table1_bound
 
-bench: .venv/package.done  ## the time that a measurement, an instant of a track, and the rendering of a frame take
+bench: .venv/package.done  ## the time that a measurement, an instant of a track, a rendered frame, and a sweep take
 	@$(BIN)/python tests/benchmarks/bench_measure.py
 	@$(BIN)/python tests/benchmarks/bench_markers.py
 	@$(BIN)/python tests/benchmarks/bench_track.py
 	@$(BIN)/python tests/benchmarks/bench_scene.py
+	@$(BIN)/python tests/benchmarks/bench_sweep.py
 
 clean:  ## remove what was built, but not .venv
 	rm -rf _build .pytest_cache .mypy_cache .ruff_cache .hypothesis

@@ -28,7 +28,7 @@ from nbclient.exceptions import CellExecutionError, CellTimeoutError, DeadKernel
 from trinolab.cli import as_text
 from trinolab.errata import effects
 from trinolab.ledger import write_pages
-from trinolab.sweep import ONE_THREAD, run_notebook
+from trinolab.notebookrun import ONE_THREAD, run_notebook
 
 ROOT = Path(__file__).resolve().parents[1]
 BUILD = ROOT / "_build"

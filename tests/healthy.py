@@ -5,6 +5,7 @@ import shlex
 import cv2
 import numpy as np
 from boards import CALIBRATE, board_frames, write_views
+from makenotebook import make_notebook
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from trinolab import cli, recorder
@@ -26,6 +27,7 @@ EVALUATE = "evaluate found.csv truth.csv --handle handle.toml"
 RENDER = "render --rig rig.toml --handle handle.toml --motion hard --seed 3 --out out --seconds 0.1"
 FOLLOW = "render --rig rig.toml --handle handle.toml --motion path.csv --out out"
 CAPTURE = "capture --camera ccd1=ccd1.mkv ccd2=ccd2.mkv --rig rig.toml --fps 200 --out new"
+SWEEP = "sweep n.ipynb -p a=0,1 --workers 1 --out new"
 BOARDS = CALIBRATE.replace("rig.toml", "new.toml")
 
 
@@ -50,6 +52,7 @@ def make_healthy(root, count):
     for name in ("truth", "found", "path"):
         write_poses(truth_table(poses[:3]), root / f"{name}.csv")
     write_views(root, board_frames(5))
+    make_notebook(root / "n.ipynb", "pass", parameters="a = 0\nb = 0.5\nname = 'paper'")
 
 
 def write_video(path, frames, codec="FFV1"):

@@ -25,6 +25,7 @@ from healthy import (
     MEASURE,
     RENDER,
     RIG,
+    SWEEP,
     TRACK,
     VIDEOS,
     contents,
@@ -64,7 +65,7 @@ def folder(healthy, tmp_path, monkeypatch):
 
 
 @pytest.mark.usefixtures("folder")
-@pytest.mark.parametrize("line", [TRACK, VIDEOS, MEASURE, EVALUATE, RENDER, FOLLOW, CAPTURE, BOARDS],
+@pytest.mark.parametrize("line", [TRACK, VIDEOS, MEASURE, EVALUATE, RENDER, FOLLOW, CAPTURE, BOARDS, SWEEP],
                          ids=lambda line: " ".join(shlex.split(line)[:2]))
 def test_what_is_healthy_is_taken(line):
     assert run(line) == 0
@@ -160,6 +161,18 @@ def spoiled(number, pixels):
 def deep_manifest():
     Path("out.partial").mkdir()
     Path("out.partial/made_from.json").write_text(9999 * "[")
+
+
+def damaged_manifest(content):
+    def make():
+        Path("new").mkdir()
+        Path("new/manifest.json").write_text(content)
+
+    return make
+
+
+def other_sweep():
+    damaged_manifest('{"what": "n.ipynb", "parameters": ["b"], "grid": "x", "runs": 3, "made_from": {}}')()
 
 
 def only_view(*kept):
@@ -399,6 +412,51 @@ FAULTS = {
     "camera: no file": (gone("ccd2.mkv"), CAPTURE, "ccd2: ccd2.mkv: no such camera or video"),
     "camera: size": (lambda: write_video("ccd2.mkv", [WRONG_SIZE] * 3), CAPTURE,
                      "ccd2: 318 x 256 pixels after 0 instants"),
+    # sweeps
+    "sweep: no notebook": (gone("n.ipynb"), SWEEP, "n.ipynb: no such notebook"),
+    "sweep: no JSON": (text("n.ipynb", "{"), SWEEP, "n.ipynb: expected a notebook, got"),
+    "sweep: another file": (nothing, SWEEP.replace("n.ipynb", "rig.toml"), "rig.toml: expected a notebook, got"),
+    "sweep: no parameters": (changed("n.ipynb", '"parameters"', '"other"'), SWEEP,
+                             "n.ipynb: expected one code cell tagged 'parameters', got 0"),
+    "sweep: parameters that are computed": (changed("n.ipynb", "a = 0", "a = f(0)"), SWEEP,
+                                            "n.ipynb: the cell tagged 'parameters' may only hold name = literal"),
+    "sweep: kernel": (changed("n.ipynb", '"name": "python3"', '"name": "klingon"'), SWEEP,
+                      "n.ipynb: its kernel klingon is not installed"),
+    "sweep: unknown parameter": (nothing, SWEEP + " -p c=1", "n.ipynb: unknown parameter c; it has a, b, name"),
+    "sweep: another type": (nothing, SWEEP + " -p b=small", "n.ipynb: b: expected float as in 0.5, got 'small'; it has "
+                            "a, b, name"),
+    "sweep: half a number": (nothing, SWEEP.replace("0,1", "0:1:3"), "n.ipynb: a: expected int as in 0, got 0.0"),
+    "sweep: twice": (nothing, SWEEP + " -p a=3", "a: given more than once"),
+    "sweep: no equals": (nothing, SWEEP + " -p b", "-p b: expected NAME=VALUES or @file.csv"),
+    "sweep: empty": (nothing, SWEEP + " -p b=", "-p b=: expected a:b:n, log:a:b:n, a list like 0,1,2, or @file.csv"),
+    "sweep: empty range": (nothing, SWEEP + " -p b=0:1:0", "-p b=0:1:0: expected 2 to 1,000,000 points, got 0"),
+    "sweep: no count": (nothing, SWEEP + " -p b=0:1:", "-p b=0:1:: '' is no value"),
+    "sweep: interval": (nothing, SWEEP + " -p b=0:1", "b: an interval needs a number of points (a:b:n), or a sample"),
+    "sweep: log of 0": (nothing, SWEEP + " -p b=log:0:1:3", "-p b=log:0:1:3: log needs numbers above 0"),
+    "sweep: code": (nothing, SWEEP + " -p b=1+1", "-p b=1+1: '1+1' is no value"),
+    "sweep: no number": (nothing, SWEEP + " -p b=nan", "-p b=nan: expected a:b:n"),
+    "sweep: a million runs": (nothing, SWEEP.replace("0,1", "1:1000:1000") + " -p b=0:1:1000",
+                              "the grid has 1,000,000 runs; more than 100,000 must be confirmed (--yes"),
+    "sweep: no sample": (nothing, SWEEP + " --sample 0", "sample: expected at least 1 run, got 0"),
+    "sweep: seed": (nothing, SWEEP + " --sample 2 --sample-seed -1", "sample_seed: expected"),
+    "sweep: no file": (nothing, SWEEP + " -p @no.csv", "no.csv: cannot be read (No such file"),
+    "sweep: empty file": (text("b.csv", "b\n"), SWEEP + " -p @b.csv", "b.csv: expected a row a run, got none"),
+    "sweep: empty cell": (text("b.csv", "b,name\n1,\n"), SWEEP + " -p @b.csv", "b.csv: row 1, name: '' is no value"),
+    "sweep: no worker": (nothing, SWEEP.replace("--workers 1", "--workers 0"), "--workers: expected"),
+    "sweep: no cluster": (nothing, SWEEP.replace("--workers 1", "--scheduler tcp://127.0.0.1:9"),
+                          "tcp://127.0.0.1:9: no Dask scheduler answers"),
+    "sweep: no address": (nothing, SWEEP.replace("--workers 1", "--scheduler a://b"),
+                          "a://b: no Dask scheduler answers"),
+    "sweep: cluster and workers": (nothing, SWEEP + " --scheduler tcp://127.0.0.1:9", "argument --scheduler: not "
+                                   "allowed with argument --workers"),
+    "sweep: no time": (nothing, SWEEP + " --timeout 0", "--timeout: expected"),
+    "sweep: out is a file": (text("new", ""), SWEEP, "new: expected a folder for the sweep, got a file"),
+    "sweep: out is something else": (nothing, SWEEP.replace("new", "rec"), "rec: holds something that is no sweep"),
+    "sweep: out under a file": (nothing, SWEEP.replace("new", "rig.toml/s"), "rig.toml/s: cannot be written"),
+    "sweep: out is another sweep": (other_sweep, SWEEP, "new: holds another sweep (n.ipynb over b; 3 runs); name "
+                                    "another folder"),
+    "sweep: damaged manifest": (damaged_manifest("[1"), SWEEP, "new/manifest.json: expected the manifest of a sweep"),
+    "sweep: deep manifest": (damaged_manifest(9999 * "["), SWEEP, "new/manifest.json: expected the manifest of"),
     # views of a board
     "board: no equals": (nothing, BOARDS.replace("b=b", "b"), "--images: expected NAME=PATH, got 'b'"),
     "board: camera twice": (nothing, BOARDS.replace("b=b", "a=b"), "--images: camera a is named twice"),

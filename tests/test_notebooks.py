@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 from films import frames_in
 
-from trinolab.sweep import read_parameters, run_notebook
+from trinolab.notebookrun import read_parameters, run_notebook
 
 NOTEBOOKS = sorted(Path(__file__).resolve().parents[1].glob("notebooks/*.ipynb"))
 

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from healthy import BOARDS, EVALUATE, MEASURE, RENDER, TRACK, contents, make_healthy, run
+from healthy import BOARDS, EVALUATE, MEASURE, RENDER, SWEEP, TRACK, contents, make_healthy, run
 
 from trinolab.metrics import geodesic_deg
 from trinolab.posetable import read_poses, transforms
@@ -216,6 +216,18 @@ def test_a_track_on_a_full_disk_keeps_its_rows(folder, limit):
     assert files() == before | {"poses.csv.partial"}
     assert run(TRACK) == 0
     assert_like_uninterrupted(len(kept))
+
+
+def test_a_sweep_on_a_full_disk_keeps_its_runs(folder):
+    import matplotlib.font_manager  # noqa: F401  # its cache is not to be written by the command
+
+    with started(SWEEP, limit=2_500) as process:
+        code, err = ended(process)
+    assert (code, err) == (2, [f"trinolab sweep: new/figure.png: {FULL}; 2 of 2 runs are kept in new; the same command "
+                               "goes on\n"])
+    assert {path.name for path in Path("new").iterdir()} == {"manifest.json", "runs.jsonl"}
+    assert run(SWEEP) == 0
+    assert {path.name for path in Path("new").iterdir()} == {"manifest.json", "runs.jsonl", "table.csv", "figure.png"}
 
 
 @pytest.mark.parametrize("limit", [100, 30_000])

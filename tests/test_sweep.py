@@ -1,127 +1,153 @@
-"""`sweep` on notebooks made for the purpose."""
+"""`sweep` of functions: the table, what a run that fails costs, several processes."""
 
-import math
+import os
+import re
+import signal
+import subprocess
+import sys
+import threading
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple
 
-import nbformat
 import numpy as np
+import pandas as pd
 import pytest
-from nbclient.exceptions import CellExecutionError, CellTimeoutError
-from nbformat.v4 import new_code_cell, new_markdown_cell, new_notebook
 
-from trinolab.sweep import read_parameters, run_notebook
-
-PARAMETERS = "sigma_px = 0.5  # noise\nn = 3\nname = 'paper'\nwide = False\nlimits = [-1.0, 2]\nnothing = None"
+from trinolab.engines import Inline
+from trinolab.grids import Interval
+from trinolab.sweep import sweep
 
 
-@pytest.fixture
-def make(tmp_path):
-    """Write a notebook from its parameters cell (None for none) and one more cell; return its path."""
-
-    def write(parameters=PARAMETERS, code="pass", tags=("parameters",)):
-        cells = [new_markdown_cell("# Title")]
-        if parameters is not None:
-            cells.append(new_code_cell(parameters, metadata={"tags": list(tags)}))
-        kernel = {"name": "python3", "display_name": "Python 3", "language": "python"}
-        notebook = new_notebook(cells=[*cells, new_code_cell(code)], metadata={"kernelspec": kernel})
-        path = tmp_path / "chapter.ipynb"
-        nbformat.write(notebook, path)
-        return path
-
-    return write
+class Pair(NamedTuple):
+    total: float
+    ratio: float
 
 
-def test_read_parameters(make):
-    expected = {"sigma_px": 0.5, "n": 3, "name": "paper", "wide": False, "limits": [-1.0, 2], "nothing": None}
-    assert read_parameters(make()) == expected
+@dataclass
+class Errors:
+    E_t_mm: float
 
 
-def test_reading_runs_nothing(make, tmp_path):
-    path = make("n = open('trace', 'w')")
-    with pytest.raises(ValueError, match=r"may only hold name = literal"):
-        read_parameters(path)
-    assert not (tmp_path / "trace").exists()
+def pair(a, b):
+    return Pair(a + b, a / b)
 
 
-@pytest.mark.parametrize("source", ["import os", "a = b = 1", "a, b = 1, 2", "a += 1", "a[0] = 1", "f(1)", "a = 1 +"])
-def test_other_statements_are_refused(make, source):
-    with pytest.raises(ValueError, match=r"chapter\.ipynb: the cell tagged 'parameters' may only hold"):
-        read_parameters(make(source))
+def identify(seed):
+    """The process, and how many threads linear algebra and OpenCV use in it."""
+    import cv2
+
+    return {"process": os.getpid(), "cv2": cv2.getNumThreads(), "blas": int(os.environ["OPENBLAS_NUM_THREADS"])}
 
 
-def test_missing_cell_is_refused(make):
-    with pytest.raises(ValueError, match=r"expected one code cell tagged 'parameters', got 0"):
-        read_parameters(make(None))
-    with pytest.raises(ValueError, match=r"expected one code cell tagged 'parameters', got 0"):
-        run_notebook(make(PARAMETERS, tags=["other"]))
+def end_process(seed):
+    os.kill(os.getpid(), signal.SIGKILL)
 
 
-def test_missing_and_broken_files_are_refused(tmp_path):
-    with pytest.raises(ValueError, match=r"none\.ipynb: expected a notebook, got FileNotFoundError"):
-        read_parameters(tmp_path / "none.ipynb")
-    for text in ("{", "[]", "{}", '{"cells": 3, "nbformat": 4, "nbformat_minor": 5, "metadata": {}}'):
-        (tmp_path / "broken.ipynb").write_text(text)
-        with pytest.raises(ValueError, match=r"broken\.ipynb: expected a notebook"):
-            run_notebook(tmp_path / "broken.ipynb")
+def test_the_table_has_a_row_a_run():
+    found = sweep(pair, a=np.array([1.0, 4.0]), b=[1, 2])
+    assert list(found.columns) == ["a", "b", "total", "ratio", "seconds", "status", "error"]
+    assert found[["a", "b", "total", "ratio"]].values.tolist() == [
+        [1.0, 1, 2.0, 1.0], [1.0, 2, 3.0, 0.5], [4.0, 1, 5.0, 4.0], [4.0, 2, 6.0, 2.0]]
+    assert (found["seconds"] >= 0).all()
+    assert found["status"].tolist() == ["ok"] * 4
+    assert found.attrs == {"parameters": ["a", "b"]}
 
 
-@pytest.mark.parametrize(("parameters", "message"), [
-    ({"sigma": 1.0}, "unknown parameter sigma; it has sigma_px, n, name, wide, limits, nothing"),
-    ({"sigma_px": "1"}, "sigma_px: expected float as in 0.5, got '1'"),
-    ({"n": 3.0}, "n: expected int as in 3, got 3.0"),
-    ({"n": True}, "n: expected int as in 3, got True"),
-    ({"sigma_px": True}, "sigma_px: expected float as in 0.5, got True"),
-    ({"wide": 1}, "wide: expected bool as in False, got 1"),
-    ({"name": None}, "name: expected str as in 'paper', got None"),
-    ({"sigma_px": math.nan}, "sigma_px: expected a Python literal, got nan"),
-    ({"limits": [object]}, "limits: expected a Python literal"),
+def test_a_run_that_raises_is_a_row_and_the_others_go_on():
+    found = sweep(pair, a=1, b=[1, 0, 2])
+    assert found["status"].tolist() == ["ok", "failed", "ok"]
+    assert found["error"].tolist() == ["", "ZeroDivisionError: division by zero", ""]
+    assert np.isnan(found["total"]).tolist() == [False, True, False]
+
+
+def test_what_a_function_may_return():
+    def several(kind):
+        return {"number": 2.5, "numpy": np.float32(0.5), "truth": np.bool_(True), "mapping": {"x": 1},
+                "dataclass": Errors(0.3), "text": "two\nwords", "nothing": None, "array": np.zeros(3)}[kind]
+
+    found = sweep(several, kind=["number", "numpy", "truth", "mapping", "dataclass", "text", "nothing", "array"])
+    assert found["result"].tolist()[:3] == [2.5, 0.5, 1.0]
+    assert found["x"][3] == 1
+    assert found["E_t_mm"][4] == 0.3
+    assert found["status"].tolist() == ["ok"] * 5 + ["no number"] * 3
+    assert found["error"].tolist()[5:] == [
+        r"result is no number: 'two\nwords'", "result is no number: None", "result is no number: array([0., 0., 0.])"]
+    assert found["result"].isna().tolist() == [False] * 3 + [True] * 5
+
+
+def test_a_result_named_like_another_column_is_renamed():
+    found = sweep(lambda a: {"a": 2 * a, "seconds": 5, "b": 1}, a=[1])
+    assert list(found.columns) == ["a", "a_result", "seconds_result", "b", "seconds", "status", "error"]
+    assert found.loc[0, ["a", "a_result", "seconds_result"]].tolist() == [1, 2, 5]
+
+
+def test_parameters_named_like_options_go_into_the_mapping():
+    found = sweep(lambda workers, sample: workers - sample, {"workers": [5, 6], "sample": 1})
+    assert found["result"].tolist() == [4, 5]
+
+
+def test_a_sample():
+    found = sweep(pair, a=Interval(0, 1), b=Interval(1, 100, log=True), sample=20)
+    assert sorted((found["a"] * 20).astype(int)) == list(range(20))
+    pd.testing.assert_frame_equal(found.drop(columns="seconds"), sweep(
+        pair, a=Interval(0, 1), b=Interval(1, 100, log=True), sample=20).drop(columns="seconds"))
+
+
+@pytest.mark.parametrize(("arguments", "said"), [
+    ({"a": []}, "a: expected at least one value, got none"),
+    ({"a": 1}, "pair: missing a required argument: 'b'; it takes a, b"),
+    ({"a": 1, "b": 1, "c": 1}, "pair: got an unexpected keyword argument 'c'; it takes a, b"),
+    ({"a": 1, "status": 1}, "status: cannot be swept, the table has a column of this name"),
+    ({"a": range(1000), "b": range(1000)}, "the grid has 1,000,000 runs"),
+    ({"a": 1, "b": 1, "workers": 0}, "workers: expected"),
+    ({"a": 1, "b": Interval(0, 1)}, "b: an interval needs a number of points"),
 ])
-def test_wrong_parameters_are_refused_before_anything_runs(make, tmp_path, parameters, message):
-    path = make(code="open('trace', 'w').close()")
-    with pytest.raises(ValueError, match=r"expected|unknown") as caught:
-        run_notebook(path, parameters)
-    assert message in str(caught.value)
-    assert not (tmp_path / "trace").exists()
+def test_what_is_refused(arguments, said):
+    with pytest.raises(ValueError, match=re.escape(said)):
+        sweep(pair, **arguments)
 
 
-def test_run(make, tmp_path):
-    code = """
-        import os
-        import numpy as np
-        from myst_nb import glue
-        assert (sigma_px, n, name, nothing) == (2, 4, "it's", 1.5) and limits == [-1.0, 2]
-        glue("double", 2 * sigma_px, display=False)
-        glue("third", 1 / 3)
-        glue("numpy", np.float64(0.25), display=False)
-        glue("truth", np.bool_(True), display=False)
-        glue("missing", float("nan"), display=False)
-        glue("word", "two words", display=False)
-        glue("pair", [1, 2.5], display=False)
-        glue("object", object(), display=False)
-        glue("folder", os.getcwd(), display=False)
-        glue("threads", os.environ["OMP_NUM_THREADS"], display=False)
-    """
-    path = make(code="\n".join(line.strip() for line in code.splitlines()))
-    before = path.read_bytes()
-    run = run_notebook(path, {"sigma_px": 2, "n": np.int64(4), "name": "it's", "nothing": 1.5})
-    assert path.read_bytes() == before
-    assert [cell.metadata.get("tags") for cell in run.notebook.cells[1:3]] == [["parameters"], ["injected-parameters"]]
-    results = dict(run.results)
-    assert math.isnan(results.pop("missing"))
-    assert results.pop("object").startswith("<object")
-    assert results == {"double": 4, "third": 1 / 3, "numpy": 0.25, "truth": True, "word": "two words",
-                       "pair": [1, 2.5], "folder": str(tmp_path), "threads": "1"}
-    assert run.seconds > 0
+def test_several_processes_with_one_thread_each():
+    found = sweep(identify, seed=range(12), workers=2)
+    assert found["seed"].tolist() == list(range(12))
+    assert os.getpid() not in set(found["process"])
+    assert 1 <= found["process"].nunique() <= 2
+    assert found["cv2"].tolist() == found["blas"].tolist() == [1] * 12
 
 
-def test_defaults_add_no_cell(make):
-    assert len(run_notebook(make()).notebook.cells) == 3
+def test_a_function_that_cannot_travel_is_refused():
+    with pytest.raises(ValueError, match="other processes cannot import it; put it into a module, or use one worker"):
+        sweep(lambda a: a, a=[1, 2], workers=2)
 
 
-def test_failing_cell_is_reported(make):
-    with pytest.raises(CellExecutionError, match="this went wrong"):
-        run_notebook(make(code="raise RuntimeError('this went wrong')"))
+def test_a_process_that_ends_ends_the_sweep():
+    with pytest.raises(ValueError, match="a worker process has ended abruptly"):
+        sweep(end_process, seed=range(3), workers=2)
 
 
-def test_slow_cell_is_stopped(make):
-    with pytest.raises(CellTimeoutError):
-        run_notebook(make(code="import time; time.sleep(60)"), timeout_s=1)
+def nap(log):
+    Path(log).write_text("begun")
+    time.sleep(60)
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_an_interruption_is_answered_at_once(tmp_path, workers):
+    logs = [str(tmp_path / name) for name in "abc"]
+    code = f"from trinolab.sweep import sweep; from test_sweep import nap; sweep(nap, log={logs}, workers={workers})"
+    process = subprocess.Popen([sys.executable, "-c", code], stderr=subprocess.PIPE, text=True,
+                               env={**os.environ, "PYTHONPATH": str(Path(__file__).parent)},
+                               preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler))
+    end = time.monotonic() + 60
+    while sum(Path(log).exists() for log in logs) < workers and time.monotonic() < end:
+        time.sleep(0.02)
+    process.send_signal(signal.SIGINT)
+    _, err = process.communicate(timeout=30)  # a nap would last longer
+    assert err.splitlines()[-1] == "KeyboardInterrupt"
+
+
+def test_inline_keeps_to_its_thread():
+    future = Inline().submit(threading.get_ident)
+    assert future.done()
+    assert future.result() == threading.get_ident()

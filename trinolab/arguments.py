@@ -31,6 +31,7 @@ def parser() -> argparse.ArgumentParser:
     _add_track(commands)
     _add_evaluate(commands)
     _add_render(commands)
+    _add_sweep(commands)
     _add(commands, "clear", "remove the standard recordings that chapters keep in the user's cache",
          "trinolab clear")
     _add_capture(commands)
@@ -126,6 +127,32 @@ def _add_render(commands: argparse._SubParsersAction) -> None:
     p.add_argument("--seed", type=int, default=0, metavar="N", help="of motion and noise (default: %(default)s)")
     p.add_argument("--seconds", type=float, metavar="S", help="length (default: 10, or all of POSES.csv)")
     p.add_argument("--fps", type=float, default=30.0, metavar="F", help="frames a second, if POSES.csv has no times")
+
+
+def _add_sweep(commands: argparse._SubParsersAction) -> None:
+    p = _add(commands, "sweep", "run a notebook with many settings of its parameters",
+             "trinolab sweep notebooks/06_matching.ipynb -p ncc_threshold=0.5:0.95:10 \\\n"
+             "      -p seed=0,1,2 --workers 2 --out sweeps/ncc")
+    p.add_argument("notebook", metavar="NOTEBOOK",
+                   help="has a code cell tagged 'parameters'; what it glues is the result")
+    p.add_argument("-p", "--parameter", required=True, action="append", metavar="NAME=VALUES",
+                   help="a:b:n, n values from a to b; log:a:b:n, the same in equal ratios; a list like 0,1,2 (TOML "
+                   "literals); @FILE.csv, a column a parameter and a row a run. Each is combined with each")
+    p.add_argument("--out", required=True, metavar="DIR", help="folder for table.csv, figure.png, manifest.json and "
+                   "runs.jsonl, the finished runs: the same command goes on where it was stopped")
+    p.add_argument("--sample", type=int, metavar="N",
+                   help="N runs instead of all, a Latin hypercube; then NAME=a:b and NAME=log:a:b are intervals")
+    p.add_argument("--sample-seed", type=int, default=0, metavar="N", help="of that draw (default: %(default)s)")
+    where = p.add_mutually_exclusive_group()
+    where.add_argument("--workers", type=int, metavar="N", help="kernels at a time (default: one a core)")
+    where.add_argument("--scheduler", metavar="ADDRESS",
+                       help="of a Dask cluster that runs already, like tcp://host:8786: its workers run the notebooks")
+    p.add_argument("--fresh-kernels", action="store_true",
+                   help="start a kernel for each run; otherwise one is used again, its state reset")
+    p.add_argument("--timeout", type=float, default=600.0, metavar="S",
+                   help="the longest time that a cell may take (default: %(default)g s)")
+    p.add_argument("--keep", action="store_true", help="keep the executed notebooks, too")
+    p.add_argument("--yes", action="store_true", help="more than 100,000 runs are meant")
 
 
 def _add_capture(commands: argparse._SubParsersAction) -> None:

@@ -8,6 +8,7 @@ from __future__ import annotations
 import argparse
 import logging
 import os
+import shlex
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -22,6 +23,7 @@ if TYPE_CHECKING:  # what takes a second to load is imported where an interrupti
 def main(argv: Sequence[str] | None = None) -> int:
     """Run a command and return the exit code."""
     arguments = parser().parse_args(argv)
+    arguments.line = shlex.join(["trinolab", *(sys.argv[1:] if argv is None else argv)])
     logging.basicConfig(format="%(message)s", stream=sys.stderr, level=logging.INFO)
     try:
         return _RUN[arguments.command](arguments)
@@ -95,8 +97,11 @@ def _track(a: argparse.Namespace) -> int:
 
 def _counted(table: pd.DataFrame) -> str:
     """How many instants, and how many of each status."""
-    counts = ", ".join(f"{n} {status}" for status, n in table["status"].value_counts().items())
-    return f"{len(table)} instants: {counts}"
+    return f"{len(table)} instants: {_statuses(table)}"
+
+
+def _statuses(table: pd.DataFrame) -> str:
+    return ", ".join(f"{n} {status}" for status, n in table["status"].value_counts().items())
 
 
 def _evaluate(a: argparse.Namespace) -> int:
@@ -126,6 +131,26 @@ def _render(a: argparse.Namespace) -> int:
     except KeyboardInterrupt:
         raise KeyboardInterrupt("run it again in the same way to go on") from None
     _say(f"{len(truth)} instants, the handle is there in {(truth['status'] != 'lost').sum()}; written to {a.out}")
+    return 0
+
+
+def _sweep(a: argparse.Namespace) -> int:
+    from .checks import as_number, as_whole
+    from .engines import cluster, kernels
+    from .grids import parse
+    from .sweeping import compute, of_notebook
+
+    as_number(a.timeout, "--timeout", low=1.0)
+    job = of_notebook(a.notebook, parse(a.parameter), a.sample, a.sample_seed, a.yes, a.timeout, a.fresh_kernels,
+                      a.keep)
+    workers = as_whole((os.cpu_count() or 1) if a.workers is None else a.workers, "--workers", low=1)
+    local = kernels(min(workers, len(job.settings)), job.kernels)
+    engine = local if a.scheduler is None else cluster(a.scheduler, job.kernels)
+    found = compute(job, engine, a.out, {"command": a.line, "workers": a.scheduler or workers})
+    failures = found.loc[found["status"] == "failed", "error"]
+    _say(f"{len(found)} runs: {_statuses(found)}; written to {a.out}")
+    if len(failures):
+        _say(f"the first failure: {failures.iloc[0]}")
     return 0
 
 
@@ -168,7 +193,7 @@ def _digits(value: float | str) -> str:
 
 
 _RUN = {"calibrate": _calibrate, "measure": _measure, "track": _track, "evaluate": _evaluate, "render": _render,
-        "clear": _clear, "capture": _capture, "scoreboard": _scoreboard}
+        "sweep": _sweep, "clear": _clear, "capture": _capture, "scoreboard": _scoreboard}
 
 
 if __name__ == "__main__":

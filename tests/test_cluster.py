@@ -1,0 +1,97 @@
+"""Sweeps on a real Dask cluster: two workers, each a process of its own, one of which is killed."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from healthy import run
+from makenotebook import glued, make_notebook
+
+from trinolab import engines
+from trinolab.engines import cluster
+from trinolab.sweep import read_sweep, sweep
+
+pytest.importorskip("distributed", reason="the extra `cluster` is not installed")
+# Says where it is, and lives until its standard input is closed.
+CLUSTER = """
+import json, os, sys
+from dask.distributed import Client, LocalCluster
+if __name__ == "__main__":
+    with LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster, Client(cluster) as client:
+        print(json.dumps([client.scheduler.address, sorted(client.run(os.getpid).values())]), flush=True)
+        sys.stdin.read()
+"""
+WORK = """
+import os, time
+with open("trace", "a") as file:
+    file.write(f"{a} {os.getppid()} {os.environ['OMP_NUM_THREADS']}\\n")
+time.sleep(0.3)
+"""
+
+
+@pytest.fixture(scope="module")
+def dask(tmp_path_factory):
+    """The address of a scheduler, and the processes of its workers at the start."""
+    script = tmp_path_factory.mktemp("dask") / "start.py"
+    script.write_text(CLUSTER)
+    process = subprocess.Popen([sys.executable, str(script)], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
+                               stderr=subprocess.DEVNULL, cwd=script.parent,
+                               env={**os.environ, "PYTHONPATH": str(Path(__file__).parent)})
+    yield json.loads(process.stdout.readline())
+    process.communicate(timeout=60)
+
+
+def identify(seed):
+    time.sleep(0.05)
+    return {"process": os.getpid(), "threads": int(os.environ["OPENBLAS_NUM_THREADS"])}
+
+
+def test_functions_run_on_the_workers(dask):
+    from dask.distributed import Client
+
+    address, processes = dask
+    with Client(address, set_as_default=False) as client:
+        found = sweep(identify, seed=range(20), executor=client.get_executor(pure=False))
+    assert found["seed"].tolist() == list(range(20))
+    assert set(found["error"]) == {""}
+    assert found["status"].tolist() == ["ok"] * 20
+    assert set(found["process"]) == set(processes)
+    assert found["threads"].tolist() == [1] * 20
+
+
+def test_workers_with_other_code_are_refused(dask, monkeypatch):
+    monkeypatch.setattr(engines, "code_hash", lambda: "another")
+    with pytest.raises(ValueError, match="has another version of trinolab, or of its data"), cluster(dask[0]):
+        pass
+
+
+def test_a_worker_that_is_killed_costs_no_result(dask, tmp_path, monkeypatch, capfd):
+    address, processes = dask
+    monkeypatch.chdir(tmp_path)
+    make_notebook(Path("n.ipynb"), WORK, glued(square="a**2"), parameters="a = 0")
+    command = ["sweep", "n.ipynb", "-p", "a=0:23:24", "--scheduler", address, "--out", "s"]
+    cli = "import sys; from trinolab.cli import main; sys.exit(main(sys.argv[1:]))"
+    with subprocess.Popen([sys.executable, "-c", cli, *command], stdout=subprocess.PIPE, text=True) as process:
+        end, rows = time.monotonic() + 120, Path("s/runs.jsonl")
+        while not (rows.exists() and len(rows.read_text().splitlines()) >= 6) and time.monotonic() < end:
+            time.sleep(0.02)
+        os.kill(processes[0], signal.SIGKILL)
+        kept = [json.loads(line)["run"] for line in rows.read_text().split("\n")[:-1]]
+        out, _ = process.communicate(timeout=180)
+    assert (process.returncode, out) == (0, "24 runs: 24 ok; written to s\n")
+    assert len(kept) < 24
+    assert read_sweep("s")["square"].tolist() == [a**2 for a in range(24)]
+    lines = Path("s/runs.jsonl").read_text().splitlines()
+    assert sorted(json.loads(line)["run"] for line in lines) == list(range(24))
+    trace = [line.split() for line in Path("trace").read_text().splitlines()]
+    assert all([a for a, _, _ in trace].count(str(number)) == 1 for number in kept)  # what was there was not run again
+    assert set(map(int, (parent for _, parent, _ in trace))) > set(processes)  # both, and the one that took its place
+    assert {threads for _, _, threads in trace} == {"1"}
+    assert run(" ".join(command)) == 0  # all is there
+    assert len(Path("trace").read_text().splitlines()) == len(trace)
+    assert capfd.readouterr().out.splitlines()[-1] == "24 runs: 24 ok; written to s"

@@ -1,0 +1,64 @@
+"""Sliders over a finished sweep, moved by hand; and what is shown where nobody can move them."""
+
+import matplotlib.pyplot as plt
+import numpy as np
+import pytest
+from makenotebook import make_notebook
+from matplotlib.figure import Figure
+
+from trinolab.grids import Interval
+from trinolab.notebookrun import UNATTENDED, run_notebook
+from trinolab.plotting_sliders import explore
+from trinolab.sweep import sweep
+
+
+@pytest.fixture(autouse=True)
+def _alone(monkeypatch):
+    monkeypatch.delenv(UNATTENDED, raising=False)
+    monkeypatch.setattr(plt, "show", lambda: None)
+    yield
+    plt.close("all")
+
+
+def product(a, b, c=1):
+    return {"ab": a * b, "c_by_a": c * a}
+
+
+def last_curve():
+    ax = plt.figure(plt.get_fignums()[-1]).axes[0]
+    return ax.get_ylabel(), ax.lines[0].get_xydata().tolist(), ax.get_ylim()
+
+
+def test_a_slider_chooses_what_is_drawn():
+    box = explore(sweep(product, a=[1.0, 2.0], b=[1.0, 3.0], c=[1, 5]))
+    which, b, c, _ = box.children
+    assert [child.description for child in (which, b, c)] == ["result", "b", "c"]
+    assert last_curve()[:2] == ("ab", [[1.0, 1.0], [2.0, 2.0]])
+    before = last_curve()[2]
+    b.value = 1
+    assert last_curve()[:2] == ("ab", [[1.0, 3.0], [2.0, 6.0]])
+    assert last_curve()[2] == before  # the axis stays
+    which.value, c.value = "c_by_a", 1
+    assert last_curve()[:2] == ("c_by_a", [[1.0, 5.0], [2.0, 10.0]])
+
+
+def test_where_sliders_are_of_no_use_there_is_a_figure(monkeypatch):
+    assert isinstance(explore(sweep(product, a=[1.0, 2.0], b=1.0)), Figure)
+    assert isinstance(explore(sweep(product, a=Interval(0, 1), b=Interval(0, 1), sample=9)), Figure)
+    found = sweep(product, a=np.linspace(0, 1, 3), b=[1.0, 2.0])
+    assert not isinstance(explore(found), Figure)
+    monkeypatch.setenv(UNATTENDED, "1")
+    assert isinstance(explore(found), Figure)
+    with pytest.raises(ValueError, match="size: no such column"):
+        explore(found, ["size"])
+
+
+def test_a_page_needs_no_kernel(tmp_path):
+    code = """
+from trinolab.plotting_sliders import explore
+from trinolab.sweep import sweep
+explore(sweep(lambda a, b: a * b, a=[1, 2], b=[3, 4]));
+"""
+    run = run_notebook(make_notebook(tmp_path / "n.ipynb", "%matplotlib inline", code))
+    shown = [sorted(output.data) for cell in run.notebook.cells for output in cell.get("outputs", [])]
+    assert shown == [["image/png", "text/plain"]]

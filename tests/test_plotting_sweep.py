@@ -1,0 +1,94 @@
+"""Figures of a sweep: what is drawn for which table."""
+
+import matplotlib.image
+import matplotlib.pyplot as plt
+import numpy as np
+import pytest
+
+from trinolab.grids import Interval
+from trinolab.plotting_sweep import as_png, plot_sweep
+from trinolab.sweep import sweep
+
+
+@pytest.fixture(autouse=True)
+def _close():
+    yield
+    plt.close("all")
+
+
+def measured(a, b=1.0, c=0, seed=0, name="x"):
+    if a > 0.9 and b > 0.9:
+        raise ValueError("too much")
+    return {"flat": 1.0, "gain": a * b + c + seed, "E_t_mm": len(name) + a}
+
+
+def labels(figure):
+    return [(ax.get_xlabel(), ax.get_ylabel()) for ax in figure.axes if ax.get_xlabel()]
+
+
+def test_one_parameter_gives_curves_with_the_range_over_the_seeds():
+    found = sweep(measured, a=[0.0, 0.5, 1.0], b=0.5, seed=[0, 2])
+    figure = plot_sweep(found)
+    assert labels(figure) == [("a", "E_t_mm"), ("a", "gain")]  # a result that stays the same is left out
+    gain = figure.axes[1]
+    np.testing.assert_allclose(gain.lines[0].get_xydata(), [[0.0, 1.0], [0.5, 1.25], [1.0, 1.5]])
+    band = gain.collections[0].get_paths()[0].vertices
+    np.testing.assert_allclose([band[:, 1].min(), band[:, 1].max()], [0.0, 2.5])
+    assert gain.get_xscale() == "linear"
+
+
+def test_values_in_equal_ratios_get_a_logarithmic_axis():
+    figure = plot_sweep(sweep(measured, a=np.geomspace(0.001, 0.1, 5)))
+    assert figure.axes[0].get_xscale() == "log"
+
+
+def test_seeds_alone_are_a_parameter():
+    assert labels(plot_sweep(sweep(measured, a=0.1, seed=range(3)))) == [("seed", "gain")]
+
+
+def test_words_are_named_at_the_axis():
+    ax = plot_sweep(sweep(measured, a=0.1, name=["long", "word"])).axes[0]
+    assert [tick.get_text() for tick in ax.get_xticklabels()] == ["long", "word"]
+
+
+def test_two_parameters_give_heat_maps_and_failures_are_gaps():
+    found = sweep(measured, a=[0.0, 0.5, 1.0], b=[0.5, 1.0])
+    figure = plot_sweep(found, ["gain"])
+    np.testing.assert_allclose(figure.axes[0].images[0].get_array().filled(np.nan), [[0, 0.25, 0.5], [0, 0.5, np.nan]])
+    assert labels(figure) == [("a", "b")]
+    assert figure.get_suptitle() == "1 of 6 runs failed"
+
+
+def test_more_parameters_give_small_multiples_with_one_scale():
+    figure = plot_sweep(sweep(measured, a=[0.0, 0.5], b=[0.5, 0.8], c=range(3)), ["gain"])
+    maps = [ax for ax in figure.axes if ax.get_title()]
+    assert [ax.get_title() for ax in maps] == ["c 0", "c 1", "c 2"]
+    assert {ax.images[0].get_clim() for ax in maps} == {(0.0, 2.4)}
+    np.testing.assert_allclose(maps[2].images[0].get_array(), [[2, 2.25], [2, 2.4]])
+
+
+def test_a_sample_gives_points():
+    found = sweep(measured, a=Interval(0, 1), b=Interval(0, 1), sample=30)
+    figure = plot_sweep(found, ["gain"])
+    assert labels(figure) == [("a", "gain"), ("b", "gain")]
+    np.testing.assert_array_equal(figure.axes[0].lines[0].get_xydata(), found[["a", "gain"]])
+
+
+def test_one_run_and_none_that_gives_a_number():
+    assert labels(plot_sweep(sweep(measured, a=0.1))) == [("run", "E_t_mm"), ("run", "flat"), ("run", "gain")]
+    figure = plot_sweep(sweep(measured, a=[1.0, 2.0]))
+    assert [text.get_text() for text in figure.texts] == ["no result is a number", "2 of 2 runs failed"]
+
+
+def test_other_columns_are_refused():
+    found = sweep(measured, a=[0.1, 0.2])
+    with pytest.raises(ValueError, match="size: no such column; there are a, flat, gain"):
+        plot_sweep(found, ["size"])
+    with pytest.raises(ValueError, match="status: no result that is a number; there are flat, gain, E_t_mm"):
+        plot_sweep(found, ["status"])
+
+
+def test_the_file_is_a_picture_and_the_figure_is_closed(tmp_path):
+    (tmp_path / "f.png").write_bytes(as_png(plot_sweep(sweep(measured, a=[0.1, 0.2]))))
+    assert matplotlib.image.imread(tmp_path / "f.png").shape[:2] == (320, 800)
+    assert plt.get_fignums() == []

@@ -1,0 +1,208 @@
+"""Sweeps that are kept in a folder: notebooks by the command, functions; interrupted, stale, refused."""
+
+import json
+import os
+import shlex
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from healthy import contents, run
+from makenotebook import glued, make_notebook
+
+from trinolab import provenance, sweeping
+from trinolab.sweep import read_sweep, sweep
+
+# Each run leaves a line in `trace`: its parameter and its process.
+WORK = """
+import os, time
+with open("trace", "a") as file:
+    file.write(f"{a} {os.getpid()}\\n")
+time.sleep(nap_s)
+if a > 8: raise ValueError("too much")
+"""
+RESULTS = glued(square="a**2", wrong="'text' if a == 2 else 1", seconds="7")
+LINE = "sweep n.ipynb -p a=0:9:10 --workers 2 --out new/s"
+
+
+@pytest.fixture
+def notebook(tmp_path, monkeypatch):
+    """A notebook in the working folder."""
+    monkeypatch.chdir(tmp_path)
+    return make_notebook(Path("n.ipynb"), WORK, RESULTS, parameters="a = 1\nnap_s = 0.0")
+
+
+def traced():
+    """How often each parameter was run, and the processes."""
+    rows = [line.split() for line in Path("trace").read_text().splitlines()]
+    return [int(a) for a, _ in rows], {int(process) for _, process in rows}
+
+
+@pytest.mark.usefixtures("notebook")
+def test_the_command_makes_table_figure_and_manifest(capfd):
+    assert run(LINE + " --keep") == 0
+    out, err = capfd.readouterr()
+    assert out == ("10 runs: 8 ok, 1 no number, 1 failed; written to new/s\n"
+                   "the first failure: ValueError: too much (code cell 2)\n")
+    assert err == ""
+    found = read_sweep("new/s")
+    assert list(found.columns) == ["a", "square", "wrong", "seconds_result", "seconds", "status", "error"]
+    assert found["a"].tolist() == list(range(10))
+    assert found["square"].tolist()[:9] == [a**2 for a in range(9)]
+    assert found["status"].tolist() == ["ok", "ok", "no number", *["ok"] * 6, "failed"]
+    assert found["error"].tolist()[2] == "wrong is no number: 'text'"
+    assert found.attrs["parameters"] == ["a"]
+    manifest = json.loads(Path("new/s/manifest.json").read_text())
+    assert manifest["command"] == f"trinolab {LINE} --keep"
+    assert manifest["values"] == {"a": list(range(10))}
+    assert set(manifest["made_from"]) == {"the notebook", "the package", "its data", "the environment"}
+    assert set(manifest) == {"what", "parameters", "grid", "runs", "made_from", "values", "command", "workers",
+                             "versions", "commit", "machine", "begun"}
+    assert Path("new/s/figure.png").read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"
+    assert len(list(Path("new/s/notebooks").iterdir())) == 10
+    assert len(traced()[1]) == 2  # a kernel for each worker
+    assert {path.name for path in Path().iterdir()} == {"n.ipynb", "new", "trace"}
+
+
+@pytest.mark.usefixtures("notebook")
+def test_what_is_finished_is_not_run_again_unless_it_is_stale(caplog, monkeypatch):
+    line = LINE.replace("0:9:10", "0,1,2")
+    assert run(line) == 0
+    before, table = contents(Path("new/s")), Path("new/s/table.csv").read_bytes()
+    assert run(line) == 0
+    after = contents(Path("new/s"))
+    assert {path for path in before if before[path] != after[path]} <= {Path("new/s/manifest.json")}
+    assert sorted(traced()[0]) == [0, 1, 2]
+    assert not caplog.messages
+    Path("n.ipynb").write_text(Path("n.ipynb").read_text().replace("a**2", "a**3"))
+    assert run(line) == 0
+    assert caplog.messages == ["new/s: the notebook has changed since; 3 finished runs are stale and are done again"]
+    assert Path("new/s/table.csv").read_bytes() != table
+    assert sorted(traced()[0]) == [0, 0, 1, 1, 2, 2]
+    real = provenance.surroundings()
+    monkeypatch.setattr(sweeping, "surroundings", lambda: {**real, "the package": "x", "its data": "y"})
+    assert run(line) == 0
+    assert caplog.messages[1:] == ["new/s: the package and its data have changed since; 3 finished runs are stale and "
+                                   "are done again"]
+
+
+def test_the_package_the_data_and_the_environment_are_told_apart(tmp_path, monkeypatch):
+    (tmp_path / "a.py").write_text("1")
+    before = provenance.hash_files(tmp_path.glob("*"), tmp_path)
+    (tmp_path / "a.py").write_text("2")
+    changed = provenance.hash_files(tmp_path.glob("*"), tmp_path)
+    (tmp_path / "a.py").rename(tmp_path / "b.py")
+    assert len({before, changed, provenance.hash_files(tmp_path.glob("*"), tmp_path)}) == 3
+    here = provenance.surroundings()
+    monkeypatch.setenv("TRINOLAB_DATA", "elsewhere")
+    there = provenance.surroundings()
+    assert {name for name in here if here[name] != there[name]} == {"the environment"}
+
+
+def finished():
+    """The numbers of the runs that are kept, from whole lines."""
+    path = Path("new/s/runs.jsonl")
+    return [json.loads(line)["run"] for line in path.read_text().split("\n")[:-1]] if path.exists() else []
+
+
+def alive(processes):
+    return {process for process in processes if Path(f"/proc/{process}/cmdline").exists()
+            and Path(f"/proc/{process}/cmdline").read_bytes()}
+
+
+@pytest.mark.usefixtures("notebook")
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGKILL, -signal.SIGKILL)])
+def test_a_sweep_that_is_stopped_keeps_its_runs_and_goes_on(number, code):
+    line = LINE.replace("0:9:10", "0:7:8") + " -p nap_s=0.4"
+    cli = "import sys; from trinolab.cli import main; sys.exit(main(sys.argv[1:]))"
+    with subprocess.Popen([sys.executable, "-c", cli, *shlex.split(line)], stderr=subprocess.PIPE, text=True,
+                          preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler)) as process:
+        end = time.monotonic() + 90
+        while len(finished()) < 3 and time.monotonic() < end:
+            time.sleep(0.01)
+        process.send_signal(number)
+        _, err = process.communicate(timeout=30)
+        assert process.returncode == code
+    kept = finished()
+    assert 3 <= len(kept) < 8
+    said = f"trinolab sweep: interrupted, {len(kept)} of 8 runs are kept in new/s; the same command goes on\n"
+    assert err == said * (number == signal.SIGINT)
+    while alive(traced()[1]) and time.monotonic() < end:  # kernels end with the process that started them
+        time.sleep(0.05)
+    assert not alive(traced()[1])
+    assert not Path("new/s/table.csv").exists()
+    assert run(line) == 0
+    found = read_sweep("new/s")
+    assert found["square"].tolist() == [a**2 for a in range(8)]
+    times = [traced()[0].count(a) for a in range(8)]
+    assert all(times[a] == 1 for a in kept)
+    assert max(times) <= 2
+
+
+@pytest.mark.usefixtures("notebook")
+@pytest.mark.parametrize("end", [
+    '{"run": 3, "results": {"squ', '{"run": 3}\n', "\x00\x00\n", "[1]\n",
+    '{"run": 99, "results": {}, "seconds": 1, "status": "ok", "error": ""}\n'])
+def test_a_line_that_is_cut_off_or_damaged_is_run_again(end):
+    def square(a):
+        return a**2
+
+    whole = sweep(square, a=range(5), out="s")
+    path = Path("s/runs.jsonl")
+    path.write_text("".join(path.read_text().splitlines(keepends=True)[:3]) + end)
+    found = sweep(square, a=range(5), out="s")
+    assert len(path.read_text().splitlines()) == 5
+    pd.testing.assert_frame_equal(found.drop(columns="seconds"), whole.drop(columns="seconds"))
+
+
+def test_a_function_is_kept_and_stale_when_its_file_has_changed(tmp_path, monkeypatch, caplog):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", [str(tmp_path), *sys.path])
+    Path("mine.py").write_text(
+        "def f(a):\n    with open('trace', 'a') as file:\n        file.write('x')\n    return a\n")
+    import mine
+
+    first = sweep(mine.f, a=np.linspace(0, 1, 3), out="s")
+    assert sweep(mine.f, a=np.linspace(0, 1, 3), out="s").equals(first)
+    assert read_sweep("s").equals(first)
+    assert Path("trace").read_text() == "xxx"
+    Path("mine.py").write_text(Path("mine.py").read_text() + "# changed\n")
+    sweep(mine.f, a=np.linspace(0, 1, 3), out="s")
+    assert caplog.messages == ["s: the function has changed since; 3 finished runs are stale and are done again"]
+    assert Path("trace").read_text() == "xxxxxx"
+
+
+def test_a_function_that_is_interrupted_keeps_its_runs(tmp_path):
+    def once(a):
+        if a == 2 and not (tmp_path / "stopped").exists():
+            (tmp_path / "stopped").touch()
+            raise KeyboardInterrupt
+        return a
+
+    with pytest.raises(KeyboardInterrupt, match="2 of 4 runs are kept in"):
+        sweep(once, a=range(4), out=tmp_path / "s")
+    assert sweep(once, a=range(4), out=tmp_path / "s")["result"].tolist() == [0, 1, 2, 3]
+
+
+def test_a_chapter_is_found_by_its_name(tmp_path, monkeypatch):
+    assert sweeping.find_notebook("06_matching").name == "06_matching.ipynb"
+    monkeypatch.chdir(tmp_path)
+    make_notebook(tmp_path / "mine.ipynb", glued(b="a"))
+    found = sweep("mine", a=[1.0, np.float64(2.0)], progress=False)
+    assert found["b"].tolist() == [1.0, 2.0]
+    with pytest.raises(ValueError, match="no_such: no such notebook"):
+        sweep("no_such", a=1.0)
+
+
+@pytest.mark.skipif(os.name != "posix", reason="locks of files as POSIX has them")
+def test_a_folder_is_for_one_process_at_a_time(tmp_path):
+    def meddle(a):
+        return sweep(meddle, a=[1], out=tmp_path / "s")
+
+    found = sweep(meddle, a=[1], out=tmp_path / "s")
+    assert found["error"].tolist() == [f"ValueError: {tmp_path / 's'}: another process works on this sweep"]
