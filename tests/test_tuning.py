@@ -17,9 +17,9 @@ from trinolab.kalman import (
     observation_matrix,
     white_jerk,
 )
+from trinolab.notebookrun import read_parameters
 from trinolab.pose import motion_between
 from trinolab.posefilter import FADING_S, PoseFilterParameters
-from trinolab.sweep import read_parameters
 from trinolab.tuning import (
     image_model,
     most_likely,

@@ -65,7 +65,7 @@ state["ipython"] = shell.ast_node_interactivity, shell.execution_count, printers
 state["callbacks"] = {name: len(functions) for name, functions in shell.events.callbacks.items()}
 text = _json.dumps(state)
 """
-IMPORTS = "import local\nfrom trinolab import camera, matching\nimport no_such_module"
+IMPORTS = "local trinolab trinolab.camera trinolab.matching no_such_module"
 DRAWS = "draws = [np.random.random(), random.random()]\nprint(_json.dumps([text, draws]))"
 
 
@@ -118,9 +118,9 @@ def test_a_warm_kernel_is_like_a_new_one(folder, monkeypatch):
 
 
 def test_a_chapter_gives_the_same_in_a_warm_kernel_as_in_a_new_one():
-    job = notebook_job(ROOT / "notebooks" / "04_kalman.ipynb", 120)
-    other, again = (run_job(job, setting) for setting in ({"sigma_px": 5.0}, {"seed": 1}))
-    new = run_job(job._replace(fresh=True), {"seed": 1})
+    job = notebook_job(ROOT / "notebooks" / "06_matching.ipynb", 120)
+    other, again = (run_job(job, {"instants": 4, **setting}) for setting in ({"ncc_threshold": 0.9}, {"seed": 1}))
+    new = run_job(job._replace(fresh=True), {"instants": 4, "seed": 1})
     assert [outcome.status for outcome in (other, again, new)] == ["ok"] * 3
     assert len(new.results) > 4
     assert again.results == new.results != other.results

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import multiprocessing
 import os
-import pickle
 import signal
 import sys
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor, wait
 from contextlib import contextmanager, suppress
+from multiprocessing.reduction import ForkingPickler
 from typing import Any, NamedTuple
 
 from .notebookrun import ONE_THREAD
@@ -130,7 +130,7 @@ def check_portable(function: Callable[..., Any]) -> None:
     name = getattr(function, "__qualname__", repr(function))
     main = getattr(function, "__module__", None) == "__main__" and not hasattr(sys.modules["__main__"], "__file__")
     try:
-        pickle.dumps(function)
+        ForkingPickler.dumps(function)
     except Exception:  # whatever an object's own pickling raises
         main = True
     if main:

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import builtins
 import gc
+import importlib
 import logging
 import multiprocessing
 import os
@@ -35,13 +36,13 @@ def remember(shell: Any, imports: str = "") -> None:
     ----------
     shell : IPython's shell
     imports : str
-        The import statements of the notebook, one a line. What they load is loaded first: libraries set up things of
-        their own, which are not the notebook's.
+        The names of the modules that the notebook imports, with spaces between. They are loaded first: libraries set up
+        things of their own, which are not the notebook's.
     """
     forget = _modules()
-    for line in ("import cv2, matplotlib.pyplot, pandas", *imports.splitlines()):
+    for name in ("cv2", "matplotlib.pyplot", "pandas", *imports.split()):
         with suppress(Exception):  # the notebook will see it
-            exec(line, {})
+            importlib.import_module(name)
     _undo[:] = [_threads(), lambda: shell.reset(new_session=True), _python(), forget, _matplotlib(), _ipython(shell),
                 _numpy(), _pandas(), _opencv(), gc.collect]
     forget()

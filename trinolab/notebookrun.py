@@ -11,6 +11,7 @@ import os
 import re
 import time
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -146,6 +147,25 @@ def read_notebook(path: str | os.PathLike[str]) -> Any:
         return nbformat.read(Path(path), as_version=4)
     except Exception as error:  # a broken file makes nbformat fail in many ways
         raise ValueError(f"{path}: expected a notebook, got {type(error).__name__}: {error}") from None
+
+
+def imported(notebook: Any) -> str:
+    """The modules that a notebook imports outside of any block, spaces between; some may be but a name in one."""
+    found: list[str] = []
+    for cell in notebook.cells:
+        with suppress(SyntaxError):  # IPython's own syntax
+            if cell.cell_type == "code":
+                found += [name for part in ast.parse(cell.source).body for name in _modules(part)]
+    return " ".join(dict.fromkeys(found))
+
+
+def _modules(statement: ast.stmt) -> list[str]:
+    match statement:
+        case ast.Import(names=aliases):
+            return [alias.name for alias in aliases]
+        case ast.ImportFrom(module=str(module), names=aliases, level=0):
+            return [module, *(f"{module}.{alias.name}" for alias in aliases if alias.name != "*")]
+    return []
 
 
 def _parameters_index(notebook: Any, path: str | os.PathLike[str]) -> int:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ast
 import asyncio
 import atexit
 import json
@@ -12,12 +11,11 @@ import subprocess
 import threading
 import time
 from collections.abc import Mapping
-from contextlib import suppress
 from pathlib import Path
 from typing import Any, NamedTuple
 from uuid import uuid4
 
-from .notebookrun import ONE_THREAD, UNATTENDED, glued, inject, read_notebook
+from .notebookrun import ONE_THREAD, UNATTENDED, glued, imported, inject, read_notebook
 from .outcome import Outcome, failed, finished
 
 # nbclient, nbformat and jupyter_client belong to the extra "book": imported where they are used.
@@ -34,7 +32,7 @@ _lock = threading.Lock()
 
 
 class Key(NamedTuple):
-    """What a kernel is for: its sweep, its name, the folder where it starts, the import statements of its notebook."""
+    """What a kernel is for: its sweep, its name, the folder where it starts, the modules that its notebook imports."""
 
     sweep: str
     name: str
@@ -195,7 +193,7 @@ class Kernel:
 
 def _take(job: NotebookJob, notebook: Any) -> Kernel:
     """A kernel in which nothing has run, or that is as if nothing had."""
-    key = Key(job.sweep, _kernel_name(notebook), job.folder, _imports(notebook))
+    key = Key(job.sweep, _kernel_name(notebook), job.folder, imported(notebook))
     while not job.fresh:
         with _lock:
             if job.sweep in _ended:
@@ -220,17 +218,6 @@ def _give_back(kernel: Kernel, fresh: bool) -> None:
 
 def _kernel_name(notebook: Any) -> str:
     return notebook.metadata.get("kernelspec", {}).get("name", "python3")
-
-
-def _imports(notebook: Any) -> str:
-    """The import statements of a notebook that stand in no block, a line each."""
-    found: list[str] = []
-    for cell in notebook.cells:
-        with suppress(SyntaxError):  # IPython's own syntax
-            if cell.cell_type == "code":
-                found += [ast.unparse(part) for part in ast.parse(cell.source).body
-                          if isinstance(part, (ast.Import, ast.ImportFrom))]
-    return "\n".join(found)
 
 
 def _reason(error: Exception, notebook: Any) -> str:
