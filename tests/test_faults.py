@@ -422,6 +422,8 @@ FAULTS = {
                                             "n.ipynb: the cell tagged 'parameters' may only hold name = literal"),
     "sweep: kernel": (changed("n.ipynb", '"name": "python3"', '"name": "klingon"'), SWEEP,
                       "n.ipynb: its kernel klingon is not installed"),
+    "sweep: a text as result": (changed("n.ipynb", '"pass"', """"glue('kind', ['a'], display=False)\""""), SWEEP,
+                                "n.ipynb: 'kind' is no number: ['a']; the results of a sweep are numbers"),
     "sweep: unknown parameter": (nothing, SWEEP + " -p c=1", "n.ipynb: unknown parameter c; it has a, b, name"),
     "sweep: another type": (nothing, SWEEP + " -p b=small", "n.ipynb: b: expected float as in 0.5, got 'small'; it has "
                             "a, b, name"),

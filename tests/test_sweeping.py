@@ -48,7 +48,8 @@ def test_the_command_makes_table_figure_and_manifest(capfd):
     assert run(LINE + " --keep") == 0
     out, err = capfd.readouterr()
     assert out == ("10 runs: 8 ok, 1 no number, 1 failed; written to new/s\n"
-                   "the first failure: ValueError: too much (code cell 2)\n")
+                   "the first failed: ValueError: too much (code cell 2)\n"
+                   "the first no number: wrong is no number: 'text'\n")
     assert err == ""
     found = read_sweep("new/s")
     assert list(found.columns) == ["a", "square", "wrong", "seconds_result", "seconds", "status", "error"]

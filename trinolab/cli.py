@@ -147,10 +147,9 @@ def _sweep(a: argparse.Namespace) -> int:
     local = kernels(min(workers, len(job.settings)), job.kernels)
     engine = local if a.scheduler is None else cluster(a.scheduler, job.kernels)
     found = compute(job, engine, a.out, {"command": a.line, "workers": a.scheduler or workers})
-    failures = found.loc[found["status"] == "failed", "error"]
     _say(f"{len(found)} runs: {_statuses(found)}; written to {a.out}")
-    if len(failures):
-        _say(f"the first failure: {failures.iloc[0]}")
+    for status, rows in found[found["status"] != "ok"].groupby("status"):
+        _say(f"the first {status}: {rows['error'].iloc[0]}")
     return 0
 
 

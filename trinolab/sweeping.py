@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import ast
 import inspect
 import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import BrokenExecutor, CancelledError, Future
-from contextlib import AbstractContextManager
+from contextlib import AbstractContextManager, suppress
 from datetime import UTC, datetime
 from functools import partial
 from itertools import islice
@@ -19,7 +20,7 @@ from tqdm import tqdm
 from .engines import Engine, as_finished
 from .grids import Axis, Between, runs
 from .notebookrun import assignments, read_notebook, read_parameters
-from .outcome import FAILED, LAST_COLUMNS, Outcome, call, each, failed, table
+from .outcome import FAILED, LAST_COLUMNS, Outcome, as_plain_number, call, each, failed, table
 from .provenance import commit, hash_cells, hash_function, hash_text, machine, surroundings, versions
 from .sweepfolder import Identity, SweepFolder
 from .warmkernel import check_kernel, notebook_job, run_job
@@ -71,7 +72,7 @@ def of_function(function: Callable[..., Any], axes: Sequence[Axis | Between], sa
 
 def of_notebook(what: str | Path, axes: Sequence[Axis | Between], sample: int | None = None, sample_seed: int = 0,
                 yes: bool = False, timeout_s: float = TIMEOUT_S, fresh: bool = False, keep: bool = False) -> Sweep:
-    """The sweep of a notebook; ValueError if it does not have these parameters, or they are of another type."""
+    """The sweep of a notebook; ValueError for a parameter that it lacks or of another type, a result that is a text."""
     path, names = find_notebook(what), _names(axes)
     defaults = read_parameters(path)
     settings = runs(axes, sample, sample_seed, [name for name, value in defaults.items() if type(value) is int], yes)
@@ -79,8 +80,9 @@ def of_notebook(what: str | Path, axes: Sequence[Axis | Between], sample: int | 
         for value in {repr(setting[name]): setting[name] for setting in settings}.values():
             assignments(defaults, {name: value}, path)
     check_kernel(path)
+    _check_results(notebook := read_notebook(path), path)
     job = notebook_job(path, timeout_s, fresh, keep)
-    made_from = {"the notebook": hash_cells(read_notebook(path)), **surroundings()}
+    made_from = {"the notebook": hash_cells(notebook), **surroundings()}
     grid = _described(axes, sample, sample_seed)
     return Sweep(path.name, partial(run_job, job), names, settings, made_from, grid, job.sweep)
 
@@ -197,6 +199,25 @@ def _names(axes: Sequence[Axis | Between]) -> list[str]:
     if taken := [name for name in names if name in LAST_COLUMNS]:
         raise ValueError(f"{taken[0]}: cannot be swept, the table has a column of this name")
     return names
+
+
+def _check_results(notebook: Any, path: Path) -> None:
+    """Refuse a notebook that glues a literal which is no number; what a computation gives is known when it has run."""
+    for cell in notebook.cells:
+        with suppress(SyntaxError):  # IPython's own syntax
+            for node in ast.walk(ast.parse(cell.source if cell.cell_type == "code" else "")):
+                match node:
+                    case ast.Call(func=ast.Name(id="glue") | ast.Attribute(attr="glue"), args=[name, value, *_]):
+                        _check_literal(value, f"{path}: {ast.unparse(name)}")
+
+
+def _check_literal(value: ast.expr, where: str) -> None:
+    try:
+        literal = ast.literal_eval(value)
+    except ValueError:  # something that is computed
+        return
+    if as_plain_number(literal) is None:
+        raise ValueError(f"{where} is no number: {literal!r}; the results of a sweep are numbers")
 
 
 def _check_arguments(function: Callable[..., Any], names: Sequence[str], name: str) -> None:
