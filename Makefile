@@ -26,11 +26,12 @@ lint: .venv/package.done  ## check style and types
 verify: .venv/package.done  ## the heavy counts, as a report: half an hour; ARGS="--only nees --draws 100" is quick
 	@$(BIN)/python tests/verify.py $(ARGS)
 
-sweeps: .venv/package.done  ## make the tables in data/sweeps again: half an hour
+sweeps: .venv/package.done  ## make the tables in data/sweeps again: three quarters of an hour
 	@$(BIN)/python -m trinolab.factors
 	@$(BIN)/python -m trinolab.budget
 	@$(BIN)/python -m trinolab.elevation
 	@$(BIN)/python -m trinolab.table1_bound
+	@$(BIN)/python -m trinolab.gallery
 
 bench: .venv/package.done  ## the time that a measurement, an instant of a track, a rendered frame, and a sweep take
 	@$(BIN)/python tests/benchmarks/bench_measure.py

@@ -69,7 +69,7 @@ def test_marker_size_changes_nothing_else(setup):
 
 
 def test_at_rest_the_frames_are_the_scene_s(setup):
-    frames = factors._frames(setup, 11, Bench(), np.random.default_rng(4))
+    frames = factors._frames(setup, 11, np.random.default_rng(4))
     expected = render_rig(setup.rig, setup.handle, setup.poses[11], Bench(), np.random.default_rng(4))
     np.testing.assert_array_equal(frames, expected)
 
@@ -91,7 +91,7 @@ def test_every_method_measures_the_same_frames(monkeypatch, setup):
     monkeypatch.setattr(factors, "measure", lambda frames, *a, parameters: seen.append(
         (parameters.sigma_px, frames[0].sum())))
     monkeypatch.setattr(factors, "_errors", lambda *a: {})
-    monkeypatch.setattr(factors, "_frames", lambda setup, k, bench, rng: [rng.integers(0, 255, (2, 2))] * 2)
+    monkeypatch.setattr(factors, "_frames", lambda setup, k, rng: [rng.integers(0, 255, (2, 2))] * 2)
     cell("turn", 0.0, 0, setup.rig, setup.handle, {"a": Parameters(), "b": Parameters(sigma_px=0.3)})
     first, second = ([total for sigma, total in seen if sigma == s] for s in (0.1, 0.3))
     assert first == second
@@ -132,7 +132,7 @@ def test_at_the_working_point_it_is_the_replication():
     rig, handle = load_rig("paper_pair"), load_handle("paper")
     setup = table1_setup(rig, handle)
     rng = np.random.default_rng(0)
-    found = [factors.measure(factors._frames(setup, k, Bench(), rng), rig, handle) for k in range(2)]
+    found = [factors.measure(factors._frames(setup, k, rng), rig, handle) for k in range(2)]
     errors = factors.replication_errors(found, load_table1().set_poses[:2], handle)
     assert errors == replicate_table1(rig, handle, seed=0, rows=slice(2))
 

@@ -100,6 +100,15 @@ def test_factor_shows_every_curve_and_the_working_point():
         assert "working point" in mark.get_label()
 
 
+def test_factor_with_counts_and_equal_ratios():
+    x, panels = [2.0**k for k in range(10)], {"n": {"kept": [20] * 9 + [0]}, "E_t": {"E_t": np.geomspace(1e-3, 10, 10)}}
+    counts, errors = plot_factor(x, panels, "noise", 4.0, "log", ["n"], "here").axes
+    assert (counts.get_yscale(), errors.get_yscale()) == ("linear", "log")
+    assert counts.get_ylim()[0] == 0 < 20 < counts.get_ylim()[1]
+    assert [tick.get_text() for tick in errors.get_xticklabels()] == ["1", "4", "16", "64", "256"]
+    assert counts.lines[-1].get_label() == "here"
+
+
 def test_image_with_markers():
     image = np.zeros((30, 50), dtype=np.uint8)  # not square
     ax = show_image(image, [[10.0, 20.0], [np.nan, np.nan], [49.0, 29.0]], labels=["a", "b", "c"], title="t")

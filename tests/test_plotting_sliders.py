@@ -57,7 +57,7 @@ def test_a_page_needs_no_kernel(tmp_path):
     code = """
 from trinolab.plotting_sliders import explore
 from trinolab.sweep import sweep
-explore(sweep(lambda a, b: a * b, a=[1, 2], b=[3, 4]));
+explore(sweep(lambda a, b: a * b, a=[1, 2], b=[3, 4]))
 """
     run = run_notebook(make_notebook(tmp_path / "n.ipynb", "%matplotlib inline", code))
     shown = [sorted(output.data) for cell in run.notebook.cells for output in cell.get("outputs", [])]

@@ -31,7 +31,7 @@ ORDER = [
     "grids", "outcome", "notebookrun", "plotting_sliders", "provenance", "kernelstate", "warmkernel", "engines",
     "sweepfolder", "sweeping", "sweep", "workflows", "trackrows", "tracking", "factors", "table1_bound", "deviations",
     "error_sources", "mixing", "pattern", "budget", "evidence", "trials", "known", "elevation", "centroid_trial",
-    "marker_trial", "covertruth", "scoreboard", "arguments", "cli",
+    "marker_trial", "covertruth", "sweep_trials", "gallery", "scoreboard", "arguments", "cli",
 ]
 # all that makes the truth may know
 BENCH = {"checks", "outputs", "quiet", "greyimage", "lens", "camera", "handle", "raycast", "capsule", "arm", "motion",

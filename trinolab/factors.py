@@ -49,6 +49,7 @@ class Setup(NamedTuple):
         T_world_handle at mid-exposure.
     velocity, turn_rate : ndarray, shape (n, 3)
         Of the handle's origin, mm/s, and about it, rad/s, world frame.
+    bench : Bench
     """
 
     true_rig: Rig
@@ -57,6 +58,7 @@ class Setup(NamedTuple):
     poses: RigidTransform
     velocity: Array
     turn_rate: Array
+    bench: Bench = Bench()
 
 
 class Factor(NamedTuple):
@@ -151,13 +153,19 @@ def cell(name: str, value: float, seed: int, rig: Rig, handle: Handle,
         raise ValueError(f"name: expected one of {', '.join(FACTORS)}, got {name!r}")
     factor, rng = FACTORS[name], np.random.default_rng(as_whole(seed, "seed", low=0))
     setup = factor.change(table1_setup(rig, handle), as_number(value, factor.column))
+    start = {factor.column: value, "seed": seed}
+    return [{**start, "method": method, **_errors(found, setup)}
+            for method, found in measured(setup, methods, rng).items()]
+
+
+def measured(setup: Setup, methods: Mapping[str, Parameters], rng: np.random.Generator) -> dict[str, list[Measurement]]:
+    """What each method measures in the same frames, a measurement a pose; `rng` draws the noise."""
     found: dict[str, list[Measurement]] = {method: [] for method in methods}
     for k in range(len(setup.poses)):
-        frames = _frames(setup, k, Bench(), rng)
+        frames = _frames(setup, k, rng)
         for method, parameters in methods.items():
             found[method].append(measure(frames, setup.rig, setup.handle, parameters=parameters))
-    start = {factor.column: value, "seed": seed}
-    return [{**start, "method": method, **_errors(measurements, setup)} for method, measurements in found.items()]
+    return found
 
 
 def sweep_factor(name: str, seeds: int = 1, methods: Mapping[str, Parameters] = PAPER) -> pd.DataFrame:
@@ -184,11 +192,11 @@ def write_sweep(table: pd.DataFrame, path: str | Path) -> None:
     write_whole(path, table.to_csv(index=False, float_format="%.6g", lineterminator="\n"))
 
 
-def _frames(setup: Setup, k: int, bench: Bench, rng: np.random.Generator) -> list[np.ndarray]:
+def _frames(setup: Setup, k: int, rng: np.random.Generator) -> list[np.ndarray]:
     """The frames of pose `k`; those of `scene.render_rig` if it is at rest."""
-    lights = [exposed(camera, setup.handle, setup.poses[k], bench, setup.velocity[k], setup.turn_rate[k])
+    lights = [exposed(camera, setup.handle, setup.poses[k], setup.bench, setup.velocity[k], setup.turn_rate[k])
               for camera in setup.true_rig.cameras]
-    return [digitise(blurred(light, bench), bench, rng) for light in lights]
+    return [digitise(blurred(light, setup.bench), setup.bench, rng) for light in lights]
 
 
 def _errors(measurements: list[Measurement], setup: Setup) -> dict[str, float | int]:

@@ -40,7 +40,9 @@ def explore(found: pd.DataFrame, results: Sequence[str] | None = None) -> Any:
     names = found.attrs.get("parameters", [])
     shown, levels = results_of(found, names, results), varied(found, names)
     if UNATTENDED in os.environ or len(levels) < 2 or not shown or not is_grid(levels):
-        return plot_sweep(found, results)
+        figure = plot_sweep(found, results)
+        plt.close(figure)  # or a notebook shows it twice: as an open figure, and as what the cell gives
+        return figure
     import ipywidgets
 
     controls = {RESULT: ipywidgets.Dropdown(options=shown, description="result")}

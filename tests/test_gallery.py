@@ -1,0 +1,133 @@
+"""The gallery's tables: whole, what their commands say, and what is computed anew; its command."""
+
+import shlex
+from pathlib import Path
+
+import nbformat
+import numpy as np
+import pytest
+
+from trinolab import gallery
+from trinolab.arguments import parser
+from trinolab.factors import load_sweep
+from trinolab.gallery import GALLERY, Exhibit, command, load, main, settings
+from trinolab.grids import parse, runs
+from trinolab.outcome import OK
+from trinolab.sweep import sweep
+
+ROOT = Path(__file__).resolve().parents[1]
+PAGE = ROOT / "book" / "gallery.ipynb"
+TEXT = "\n".join(cell.source for cell in nbformat.read(PAGE, as_version=4).cells)
+each_exhibit = pytest.mark.parametrize("name", GALLERY)
+
+
+@each_exhibit
+def test_table_is_whole(name):
+    table, expected = load(name), settings(name)
+    assert table.attrs["parameters"] == list(expected[0])
+    assert table[list(expected[0])].to_dict("records") == [pytest.approx(row, rel=1e-5) for row in expected]
+    results = table.drop(columns=table.attrs["parameters"])
+    assert len(results.columns) >= 2
+    assert results.notna().any().all()
+    if GALLERY[name].results:
+        assert tuple(results.columns) == GALLERY[name].results
+
+
+@each_exhibit
+def test_one_run_is_computed_again(name):
+    """The run in the middle: `make sweeps` makes the tables anew after a change."""
+    table, expected = load(name), settings(name)
+    k = len(expected) // 2
+    found = sweep(GALLERY[name].what, expected[k]).iloc[0]
+    assert (found["status"], found["error"]) == (OK, "")
+    results = table.columns.difference(table.attrs["parameters"])
+    np.testing.assert_allclose(found[results].astype(float), table.loc[k, results].astype(float), rtol=1e-3)
+
+
+@each_exhibit
+def test_page_has_the_command_and_the_table(name):
+    assert command(name) in TEXT
+    assert f"../data/sweeps/gallery/{name}.csv" in TEXT
+
+
+@pytest.mark.parametrize("name", [name for name, one in GALLERY.items() if isinstance(one.what, str)])
+def test_command_of_a_chapter_has_the_same_runs(name):
+    arguments = parser().parse_args(shlex.split(command(name))[1:])
+    assert runs(parse(arguments.parameter)) == settings(name)
+    assert (ROOT / arguments.notebook).is_file()
+
+
+def test_tables_agree_where_two_sweeps_meet():
+    """At the standard scene, and with the table of chapter 9, which another module computed."""
+    at = {"noise": ("read_noise", 1.5), "blur": ("blur_px", 0.7), "marker_size": ("marker_diameter_mm", 3.0)}
+    here = {name: load(name).query(f"{column} == {value} and seed == 0") for name, (column, value) in at.items()}
+    stored = load_sweep("marker_size").query("marker_diameter_mm == 3 and seed == 0").iloc[0]
+    assert here["marker_size"]["E_t_mm_paper"].item() == pytest.approx(stored["E_t_mm"], rel=1e-3)
+    for column in ("E_t_mm_paper", "geodesic_deg_patches"):
+        assert here["blur"][column].item() == pytest.approx(here["marker_size"][column].item(), rel=1e-5)
+
+
+@pytest.mark.parametrize("function", [load, settings, command])
+def test_an_unknown_name_is_refused(function):
+    with pytest.raises(ValueError, match="name: expected one of update_rate"):
+        function("colour")
+
+
+# --- the command
+
+
+def squares(a, b=1.0):
+    return {"square": a * a, "product": a * b}
+
+
+@pytest.fixture
+def small(monkeypatch, tmp_path):
+    monkeypatch.setattr(gallery, "GALLERY", {"one": Exhibit(squares, ("a=1,2,3",)),
+                                             "two": Exhibit(squares, ("a=0.5:1.5:3", "b=2.0,4.0"), ("product",))})
+    (tmp_path / "tables").mkdir()
+    return tmp_path / "tables", ["--out", str(tmp_path / "tables"), "--kept", str(tmp_path / "kept"), "--workers", "1"]
+
+
+def test_the_command_writes_the_tables(small):
+    folder, arguments = small
+    assert main(arguments) == 0
+    assert (folder / "one.csv").read_text() == "a,square,product\n1,1,1\n2,4,2\n3,9,3\n"
+    assert (folder / "two.csv").read_text().splitlines()[:3] == ["a,b,product", "0.5,2,1", "0.5,4,2"]
+    assert not list((folder.parent / "kept").iterdir())
+
+
+def test_the_command_goes_on_where_it_was_stopped(small, monkeypatch, capsys):
+    folder, arguments = small
+    done = []
+
+    def stopping(a, b=1.0):
+        if len(done) == 2:
+            raise KeyboardInterrupt
+        done.append(a)
+        return squares(a, b)
+
+    monkeypatch.setitem(gallery.GALLERY, "one", Exhibit(stopping, ("a=1,2,3",)))
+    assert main([*arguments, "one", "two"]) == 130
+    assert "2 of 3 runs are kept" in capsys.readouterr().err
+    assert not list(folder.iterdir())
+    done.append("one more")
+    assert main([*arguments, "one"]) == 0
+    assert done == [1, 2, "one more", 3]
+    assert (folder / "one.csv").read_text() == "a,square,product\n1,1,1\n2,4,2\n3,9,3\n"
+
+
+def test_a_sweep_with_a_failed_run_writes_nothing(small, monkeypatch, capsys):
+    folder, arguments = small
+    monkeypatch.setitem(gallery.GALLERY, "two", Exhibit(lambda a: 1 / (a - 2), ("a=1,2,3",)))
+    assert main(arguments) == 2
+    assert "two: 1 of 3 runs failed; the first: ZeroDivisionError" in capsys.readouterr().err
+    assert not list(folder.iterdir())
+
+
+@pytest.mark.parametrize(("more", "named"), [(["three"], "expected one of one, two, got 'three'"),
+                                             (["--out", "/nowhere"], "no such folder"),
+                                             (["--workers", "0"], "workers")])
+def test_the_command_refuses_in_a_line(small, more, named, capsys):
+    assert main([*small[1], *more]) == 2
+    *_, line = capsys.readouterr().err.splitlines()
+    assert named in line

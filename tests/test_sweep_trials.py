@@ -1,0 +1,184 @@
+"""What the gallery's trials change, and what they count, on cases whose answer is known beforehand."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from trinolab import sweep_trials
+from trinolab.covertruth import Regions
+from trinolab.datasets import load_table1, paper_rig
+from trinolab.factors import load_sweep
+from trinolab.known import known_recording
+from trinolab.sweep_trials import accuracy, background_pixels, search_window, with_baseline, with_vergence
+from trinolab.window import Window
+
+PAIR = paper_rig()
+BASELINE_MM = float(np.linalg.norm(PAIR.cameras[1].centre - PAIR.cameras[0].centre))
+MIDDLE = load_table1().set_poses.translation.mean(axis=0)
+
+
+def axis(camera):
+    return camera.T_world_cam.apply([0.0, 0.0, 1.0]) - camera.centre
+
+
+def angle_deg(rig):
+    return np.rad2deg(np.arccos(axis(rig.cameras[0]) @ axis(rig.cameras[1])))
+
+
+def same(rig, other):
+    for one, two in zip(rig.cameras, other.cameras, strict=True):
+        np.testing.assert_allclose(one.T_cam_world.as_matrix(), two.T_cam_world.as_matrix(), rtol=0, atol=1e-9)
+
+
+# --- the rigs
+
+
+@pytest.mark.parametrize("baseline_mm", [20.0, 75.0, 300.0])
+def test_another_baseline_keeps_the_work_in_the_same_place_of_both_images(baseline_mm):
+    moved = with_baseline(PAIR, baseline_mm)
+    first, second = moved.cameras
+    assert first == PAIR.cameras[0]
+    assert np.linalg.norm(second.centre) == pytest.approx(baseline_mm)
+    assert np.linalg.norm(np.cross(second.centre, PAIR.cameras[1].centre)) < 1e-9 * baseline_mm * BASELINE_MM
+    np.testing.assert_allclose(second.project([MIDDLE]), PAIR.cameras[1].project([MIDDLE]), rtol=0, atol=1e-6)
+
+
+@pytest.mark.parametrize("vergence_deg", [0.0, 4.0, 30.0])
+def test_another_vergence_turns_both_cameras_alike_where_they_stand(vergence_deg):
+    turned = with_vergence(PAIR, vergence_deg)
+    assert angle_deg(turned) == pytest.approx(vergence_deg, abs=1e-5)
+    shares = [np.arccos(np.clip(axis(a) @ axis(b), -1, 1)) for a, b in zip(PAIR.cameras, turned.cameras, strict=True)]
+    assert shares[0] == pytest.approx(shares[1], abs=1e-9)
+    for before, after in zip(PAIR.cameras, turned.cameras, strict=True):
+        np.testing.assert_allclose(after.centre, before.centre, atol=1e-12)
+
+
+def test_the_paper_s_own_baseline_and_vergence_change_nothing():
+    same(with_baseline(PAIR, BASELINE_MM), PAIR)
+    same(with_vergence(PAIR, angle_deg(PAIR)), PAIR)
+
+
+def test_a_third_camera_stays_where_it_is():
+    three = paper_rig(40.0)
+    for changed in (with_baseline(three, 50.0), with_vergence(three, 3.0)):
+        assert changed.cameras[2] == three.cameras[2]
+
+
+@pytest.mark.parametrize(("change", "value", "named"), [
+    (with_baseline, 0.0, "baseline_mm"), (with_baseline, np.nan, "baseline_mm"), (with_vergence, -1.0, "vergence_deg"),
+    (with_vergence, 91.0, "vergence_deg")])
+def test_a_rig_that_cannot_be_is_refused(change, value, named):
+    with pytest.raises(ValueError, match=named):
+        change(PAIR, value)
+
+
+# --- accuracy
+
+
+def test_at_its_defaults_it_is_the_replication_of_table_1():
+    """By another module, which changed nothing either."""
+    stored = load_sweep("speed").query("speed_mm_s == 0 and seed == 0").iloc[0]
+    found = accuracy()
+    assert found["E_t_mm_paper"] == pytest.approx(stored["E_t_mm"], rel=1e-3)
+    assert found["geodesic_deg_paper"] == pytest.approx(stored["geodesic_mean_deg"], rel=1e-3)
+    assert found["n_paper"] == found["n_patches"] == 20
+    assert found["E_t_mm_patches"] < 0.2 * found["E_t_mm_paper"]
+
+
+@pytest.mark.parametrize(("setting", "read"), [
+    ({"read_noise": 4.0}, lambda s: s.bench.read_noise), ({"blur_px": 2.0}, lambda s: s.bench.blur_px),
+    ({"marker_diameter_mm": 2.0}, lambda s: s.handle.marker_diameter_mm),
+    ({"baseline_mm": 50.0}, lambda s: float(np.linalg.norm(s.rig.cameras[1].centre))),
+    ({"vergence_deg": 6.0}, lambda s: float(angle_deg(s.rig))),
+    ({"distance_mm": 900.0}, lambda s: 570 * float(np.linalg.norm(s.poses.translation[5] - offset(s)))
+     / float(np.linalg.norm(load_table1().set_poses.translation[kept(s)[5]] - offset(s)))),
+    ({"elevation_deg": 40.0}, lambda s: float(np.rad2deg(np.arccos(axis(s.rig.cameras[2])[2]))))])
+def test_each_setting_reaches_the_scene_and_the_measurement(setting, read, monkeypatch):
+    seen = []
+    monkeypatch.setattr(sweep_trials, "measured", lambda setup, methods, rng: seen.append(setup) or {})
+    accuracy(**setting)
+    assert read(seen[0]) == pytest.approx(*setting.values(), rel=1e-6)
+    assert seen[0].rig is seen[0].true_rig
+
+
+def offset(setup):
+    return np.mean([camera.centre for camera in setup.rig.cameras], axis=0)
+
+
+def kept(setup):
+    """The rows of Table 1 of the poses of a setup, by their orientations."""
+    rows, here = load_table1().set_poses.rotation.as_matrix(), setup.poses.rotation.as_matrix()
+    return [int(np.abs(rows - one).sum(axis=(1, 2)).argmin()) for one in here]
+
+
+def test_where_nothing_is_measured_the_errors_are_nan(monkeypatch):
+    lost = SimpleNamespace(pose=SimpleNamespace(T_world_handle=None))
+    monkeypatch.setattr(sweep_trials, "measured", lambda setup, methods, rng: {name: [lost] * 20 for name in methods})
+    found = accuracy()
+    assert found["n_paper"] == 0
+    assert np.isnan(found["E_t_mm_patches"])
+
+
+# --- pixels
+
+
+def clip(frames):
+    """A bright square on an empty scene: inside and outside without a seam."""
+    inside = np.zeros((40, 60), bool)
+    inside[10:20, 10:30] = True
+    return SimpleNamespace(frames=np.array(frames, np.uint8), empty=np.full((40, 60), 50, np.uint8),
+                           truths=[Regions(inside, ~inside)] * len(frames)), inside
+
+
+def test_a_step_of_the_light_is_false_as_printed_and_cured(monkeypatch):
+    frames, inside = np.full((4, 40, 60), 50), clip([np.zeros((40, 60))])[1]
+    frames[2:] += 30  # all of it is brighter from the third frame on
+    frames[:, inside] += 100
+    monkeypatch.setattr(sweep_trials, "_hard_light", lambda: clip(frames)[0])
+    found = background_pixels(update_rate=0.01, difference_threshold=15.0)
+    assert found["false_percent_printed"] == pytest.approx(50.0)
+    assert found["false_percent_cured"] == pytest.approx(0.0)
+    assert found["missed_percent_printed"] == found["missed_percent_cured"] == pytest.approx(0.0)
+    assert background_pixels(difference_threshold=90.0)["missed_percent_printed"] == 0.0
+    assert background_pixels(difference_threshold=140.0)["missed_percent_printed"] == 100.0
+
+
+# --- windows
+
+
+@pytest.fixture
+def still(monkeypatch):
+    """Eight instants of the calm recording in place of both."""
+    recording = known_recording("calm", range(40, 48))
+    regions = [[None] * 8 for _ in recording.rig.cameras]
+    monkeypatch.setattr(sweep_trials, "_recording", lambda name: recording)
+    monkeypatch.setattr(sweep_trials, "_regions", lambda name: regions)
+    return recording, regions
+
+
+def test_without_a_window_every_image_is_lost(still):
+    found = search_window()
+    assert found["window_percent_calm"] == 0.0
+    assert found["lost_calm"] == sum(now.seen.any(axis=1).sum() for now in still[0].instants) > 12
+
+
+def test_a_window_that_cuts_markers_off_has_lost_them(still, monkeypatch):
+    recording = still[0]._replace(instants=still[0].instants[:1])
+    monkeypatch.setattr(sweep_trials, "_recording", lambda name: recording)
+    now, = recording.instants
+    for camera, seen, row in zip(recording.rig.cameras, now.seen, still[1], strict=True):
+        assert seen.sum() > 1
+        uv = camera.project(now.T_world_handle.apply(recording.handle.marker_centres[seen]))
+        u, v = (int(x) for x in uv[0])
+        row[:] = [Window(u - 25, v - 25, 50, 50)]  # there a marker is found
+    assert search_window()["lost_calm"] == 3
+
+
+def test_a_filter_that_expects_anything_searches_everything_and_loses_nothing(still):
+    for row in still[1]:
+        row[:] = [Window(0, 0, 1280, 1024)] * 8
+    found = search_window(jerk_intensity=1e16)
+    assert found["window_percent_calm"] > 99.0
+    assert found["lost_calm"] == 0.0
+    assert search_window(jerk_intensity=1e9)["window_percent_calm"] < 30.0
