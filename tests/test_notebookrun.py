@@ -52,7 +52,7 @@ def test_missing_cell_is_refused(make):
     with pytest.raises(ValueError, match=r"expected one code cell tagged 'parameters', got 0"):
         read_parameters(make(None))
     with pytest.raises(ValueError, match=r"expected one code cell tagged 'parameters', got 0"):
-        run_notebook(make(PARAMETERS, tags=["other"]))
+        run_notebook(make(PARAMETERS, tags=["other"]), {})
 
 
 def test_missing_and_broken_files_are_refused(tmp_path):
@@ -114,7 +114,11 @@ def test_run(make, tmp_path):
 
 
 def test_defaults_add_no_cell(make):
-    assert len(run_notebook(make()).notebook.cells) == 3
+    assert len(run_notebook(make(), {}).notebook.cells) == 3
+
+
+def test_without_parameters_it_runs_as_it_stands(make):
+    assert len(run_notebook(make(PARAMETERS, tags=["other"])).notebook.cells) == 3
 
 
 def test_failing_cell_is_reported(make):

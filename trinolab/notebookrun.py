@@ -84,7 +84,8 @@ def run_notebook(path: str | os.PathLike[str], parameters: Mapping[str, Any] | N
     path : path-like
         The notebook, a file of nbformat 4.
     parameters : mapping, optional
-        Name -> value for those parameters that differ from their defaults.
+        Name -> value for those parameters that differ from their defaults. Without it the notebook runs as it stands,
+        and needs no tagged cell.
     timeout_s : float
         The longest time that one cell may take, s.
 
@@ -108,7 +109,8 @@ def run_notebook(path: str | os.PathLike[str], parameters: Mapping[str, Any] | N
     from nbclient import NotebookClient
 
     notebook = read_notebook(path)
-    inject(notebook, parameters or {}, path)
+    if parameters is not None:
+        inject(notebook, parameters, path)
     folder = str(Path(path).resolve().parent)
     client = NotebookClient(notebook, timeout=timeout_s, record_timing=False, resources={"metadata": {"path": folder}})
     start = time.perf_counter()
