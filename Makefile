@@ -17,7 +17,7 @@ test: .venv/package.done  ## run the tests; ARGS="-k pose" chooses some
 	@$(BIN)/python -m pytest -n auto $(ARGS)
 
 lab: .venv/package.done  ## open the chapters in JupyterLab
-	@$(BIN)/jupyter-lab notebooks
+	@$(BIN)/jupyter-lab --ServerApp.root_dir=. --LabApp.default_url=/lab/tree/notebooks
 
 lint: .venv/package.done  ## check style and types
 	@$(BIN)/ruff check .

@@ -32,7 +32,8 @@ def plot_factor(x: ArrayLike, panels: Mapping[str, Mapping[str, ArrayLike]], xla
         Panels whose y axis is linear, from 0.
     mark : str
     """
-    figure, axes = plt.subplots(1, len(panels), figsize=(4.4 * len(panels), 3.0), squeeze=False, layout="constrained",
+    width = min(4.4 * len(panels), 10.5)
+    figure, axes = plt.subplots(1, len(panels), figsize=(width, 3.0), squeeze=False, layout="constrained",
                                 facecolor="white")
     for ax, (ylabel, curves) in zip(axes[0], panels.items(), strict=True):
         for (name, y), colour, style in zip(curves.items(), COLOURS, ("o-", "s--", "D-.", "^:", "v-", "P--"),

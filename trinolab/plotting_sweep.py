@@ -140,7 +140,7 @@ def _statistics(y: Array, levels: Sequence[Levels]) -> pd.DataFrame:
 
 
 def _panels(count: int) -> tuple[Figure, list[Axes]]:
-    columns = min(count, MOST_COLUMNS)
+    columns = 2 if count == 4 else min(count, 3)
     rows = -(-count // columns)
     figure, axes = plt.subplots(rows, columns, figsize=(max(4.0 * columns, 5.0), 2.8 * rows + 0.4), squeeze=False,
                                 layout="constrained", facecolor="white")
