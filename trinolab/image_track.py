@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from .checks import Array, as_array, as_number, as_points, as_rng, frozen
 from .covariance import covariance_root, solve_covariance
@@ -140,7 +140,7 @@ def search_window(state: State, window: Window, size: tuple[int, int],
     """
     p = parameters or KalmanParameters()
     S = innovation(state, None, np.eye(2, len(state.mean)), p.sigma_px**2 * np.eye(2)).covariance
-    margin = np.sqrt(chi2.ppf(p.gate_probability, 2) * S.diagonal().max())
+    margin = np.sqrt(chdtri(2, 1 - p.gate_probability) * S.diagonal().max())
     u, v = np.clip(np.rint(state.mean[:2] - (np.array([window.width, window.height]) - 1) / 2), -(2**29), 2**29)
     moved = Window(int(u), int(v), window.width, window.height)
     return moved.grown(min(margin, 2.0**29)).clipped(size)

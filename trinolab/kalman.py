@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from .checks import Array, as_array, as_number, frozen
 from .covariance import covariance_root, gram, solve_covariance
@@ -166,7 +166,7 @@ def gate(observed: Innovation, probability: float) -> bool:
     Raises ValueError if the probability is not in (0, 1), or as `nis`.
     """
     share = as_number(probability, "probability", 0.0, 1 - 1e-12, open_low=True)
-    return bool(nis(observed) <= chi2.ppf(share, len(observed.residual)))
+    return bool(nis(observed) <= chdtri(len(observed.residual), 1 - share))
 
 
 def constant_acceleration(dt: float) -> Array:

@@ -12,6 +12,7 @@ from datetime import UTC, datetime
 from functools import partial
 from itertools import islice
 from pathlib import Path
+from threading import Thread
 from typing import Any, NamedTuple
 
 import pandas as pd
@@ -103,6 +104,7 @@ def compute(job: Sweep, engine: AbstractContextManager[Engine], out: str | Path 
         if out is None:
             return table(job.names, job.settings, dict(_outcomes(job, where, {}, progress)))
         with SweepFolder(out, _identity(job), job.made_from, _about(job, about or {})) as folder:
+            Thread(target=_figure, args=(None,), daemon=True).start()  # loads matplotlib while the runs go on
             try:
                 for number, outcome in _outcomes(job, where, dict(folder.done), progress):
                     folder.add(number, outcome)
@@ -161,10 +163,11 @@ def _received(future: Future[Any], count: int) -> list[Outcome]:
         return [failed(error, 0.0)] * count
 
 
-def _figure(found: pd.DataFrame) -> bytes:
+def _figure(found: pd.DataFrame | None) -> bytes:
+    """The figure of a table as a PNG file; nothing of none."""
     from .plotting_sweep import as_png, plot_sweep  # loads matplotlib
 
-    return as_png(plot_sweep(found))
+    return b"" if found is None else as_png(plot_sweep(found))
 
 
 def _about(job: Sweep, more: Mapping[str, Any]) -> dict[str, Any]:

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.optimize import minimize
 from scipy.spatial.transform import RigidTransform
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from .checks import Array, as_array, as_number, as_rng, as_whole, frozen
 from .kalman import MIN_DT_S, KalmanParameters, white_jerk
@@ -154,7 +154,7 @@ def nis_band(count: int, dof: int = 2, share: float = 0.95) -> tuple[float, floa
     """
     n, m = as_whole(count, "count", 1), as_whole(dof, "dof", 1)
     tail = (1 - as_number(share, "share", 1e-9, 1 - 1e-9)) / 2
-    low, high = chi2.ppf([tail, 1 - tail], n * m) / n
+    low, high = chdtri(n * m, [1 - tail, tail]) / n
     return float(low), float(high)
 
 
