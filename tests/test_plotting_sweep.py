@@ -37,6 +37,13 @@ def test_one_parameter_gives_curves_with_the_range_over_the_seeds():
     assert gain.get_xscale() == "linear"
 
 
+def test_a_result_that_only_the_seed_changes_is_left_out_unless_it_is_an_error():
+    def noisy(a, seed):
+        return {"E_t_mm": float(seed), "moved": a + seed, "drawn": float(seed)}
+
+    assert labels(plot_sweep(sweep(noisy, a=[0.0, 1.0], seed=[0, 3]))) == [("a", "E_t_mm"), ("a", "moved")]
+
+
 def test_values_in_equal_ratios_get_a_logarithmic_axis():
     figure = plot_sweep(sweep(measured, a=np.geomspace(0.001, 0.1, 5)))
     assert figure.axes[0].get_xscale() == "log"

@@ -51,7 +51,8 @@ def plot_sweep(found: pd.DataFrame, results: Sequence[str] | None = None,
     found : pandas.DataFrame
         As `sweep.sweep` or `sweep.read_sweep` gives it.
     results : sequence of str, optional
-        The columns to show; without it those that change, the errors of Eq. 26 and 27 first, as many as there is room.
+        The columns to show; without it the errors of Eq. 26 and 27, and what changes with more than the seed, as many
+        as there is room.
     parameters : sequence of str, optional
         The columns that were swept, where ``found.attrs`` does not say it.
 
@@ -99,7 +100,9 @@ def results_of(found: pd.DataFrame, parameters: Sequence[str], wanted: Sequence[
         if wrong := [name for name in wanted if name not in numeric]:
             raise ValueError(f"{wrong[0]}: no result that is a number; there are {', '.join(numeric) or 'none'}")
         return list(wanted)
-    changing = [name for name in numeric if found[name].nunique() > 1] or numeric
+    levels = varied(found, parameters)
+    means = found[numeric].groupby(_flat(levels)).mean() if levels and is_grid(levels) else found[numeric]
+    changing = [name for name in numeric if (found if name.startswith("E_") else means)[name].nunique() > 1] or numeric
     return sorted(changing, key=lambda name: not name.startswith("E_"))[:MOST_PANELS]
 
 
