@@ -1,4 +1,4 @@
-"""Joint commands that take the tool along a reference, by differential inverse kinematics (mink, daqp). Extra `slave`."""
+"""Joint commands that take the tool along a reference, by differential inverse kinematics. Extra `slave`."""
 
 from __future__ import annotations
 

@@ -75,7 +75,7 @@ def step(reference: Reference, target: RigidTransform, dt: float, parameters: Re
 
 
 def leashed(reference: Reference, tool: RigidTransform, parameters: ReferenceParameters | None = None) -> Reference:
-    """Call a reference back that the tool (T_base_tool) cannot follow, so that it need not come back later (anti-windup).
+    """Call a reference back that the tool (T_base_tool) cannot follow, or it would come back late (anti-windup).
 
     What goes on pulling at the leash, its speed loses.
     """

@@ -21,7 +21,7 @@ TOOL = "tool"  # the site whose pose is commanded
 
 
 class Limits(NamedTuple):
-    """What a command never exceeds: lowest and highest position, rad, speed, rad/s, acceleration, rad/s^2; each (n,)."""
+    """What no command exceeds: lowest and highest position, rad, speed, rad/s, acceleration, rad/s^2; each (n,)."""
 
     low: Array
     high: Array
