@@ -129,7 +129,7 @@ def nyquist_limit(loop: Loop, sampled: bool = True) -> Limit:
     if not (sampled or loop.lag_s):
         return Limit(np.inf, np.nan)
     respond = sampled_response if sampled else delayed_response
-    top = np.pi / sampling_period(loop) if sampled else 2 * (np.pi / loop.lag_s + loop.wall_damping / loop.mass_kg)
+    top = np.pi / sampling_period(loop) if sampled else 2 * np.pi / loop.lag_s
 
     def wanted(omega: Array) -> Complex:  # K for which 1 + (K + B difference) response = 0
         return -1 / respond(loop, omega) - loop.wall_damping * _difference(loop, omega)
