@@ -221,7 +221,7 @@ def test_the_first_periods_by_hand():
 
 def test_simulation_agrees_with_a_fine_integration():
     """Steps of 10 us with the forces as they come, for a two-sided and a one-sided wall."""
-    loop, stiffness, h = Loop(0.3, 1.5, 0.02, 0.013, 6.0), 60.0, 1e-5
+    loop, stiffness, h = Loop(0.3, 1.5, 0.02, 0.013, 12.0), 200.0, 1e-5
     for one_sided in (True, False):
         x = v = last = now = force = 0.0
         queue, depths = [], []
