@@ -2,11 +2,13 @@
 
 from dataclasses import replace
 
+import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from trinolab.plotting_wall import plot_contacts, plot_limits, plot_nyquist
 from trinolab.wall import Loop, delayed_response, nyquist_limit, passive_limit, sampled_response
 from trinolab.wallcontact import grows, simulate, simulated_limit
 
@@ -126,6 +128,15 @@ def test_massless_master_with_one_period_of_delay_by_hand():
     """x moves by T f / b a period: z^2 - z + K T / b = 0 has its roots on the unit circle at K T / b = 1."""
     assert nyquist_limit(Loop(1e-6, 3.0, 0.1, 0.1)).stiffness == pytest.approx(30.0, rel=1e-4)
     assert simulated_limit(Loop(1e-6, 3.0, 0.1, 0.1)) == pytest.approx(30.0, rel=2e-3)
+
+
+@pytest.mark.parametrize("late", [0.0, 0.1, 0.2, 0.25, 0.3, 0.6, 0.9])
+def test_massless_master_with_part_of_a_period_of_delay_by_hand(late):
+    """z^2 - (1 - k (1 - late)) z + k late = 0 with k = K T / b leaves at z = -1, or as a pair."""
+    expected = min(2 / (1 - 2 * late) if late < 0.5 else np.inf, 1 / late if late else np.inf)
+    loop = Loop(1e-6, 3.0, 0.1, 0.1 * late)
+    assert nyquist_limit(loop).stiffness == pytest.approx(30 * expected, rel=1e-3)
+    assert simulated_limit(loop) == pytest.approx(30 * expected, rel=0.01)  # at 0.25 two roots meet, and swings grow first
 
 
 def test_responses_of_slow_oscillations_agree():
@@ -288,3 +299,19 @@ def test_refuses(name, call):
 
 def test_no_simulated_time_gives_an_empty_contact():
     assert simulate(Loop(0.2, 2.0, 0.1), 1.0, 0.0).t_s.shape == (0,)
+
+
+def test_figures_show_their_curves_with_units():
+    omega = np.geomspace(1, 90, 50)
+    loop = Loop(0.2, 2.0, 1 / 30, 0.05)
+    figure = plot_nyquist({"a": (sampled_response(loop, omega), delayed_response(loop, omega))})
+    lines = figure.axes[0].get_lines()
+    np.testing.assert_allclose(lines[1].get_ydata(), sampled_response(loop, omega).imag)
+    assert [line.get_linestyle() for line in lines[1:3]] == ["-", "--"]
+    contact = simulate(loop, 20.0, 1.0)
+    figure = plot_contacts({"one": {"depth": (contact.t_s, contact.depth_m)}}, ["depth / m"])
+    assert (figure.axes[0].get_xlabel(), figure.axes[0].get_ylabel()) == ("t / s", "depth / m")
+    figure = plot_limits([0.0, 0.1], {"30 Hz": [100.0, 10.0]}, {"simulated": [np.nan, 10.0]})
+    np.testing.assert_allclose(figure.axes[0].get_lines()[0].get_xdata(), [0.0, 100.0])
+    assert figure.get_facecolor() == (1.0, 1.0, 1.0, 1.0)
+    plt.close("all")

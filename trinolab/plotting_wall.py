@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -36,19 +36,19 @@ def plot_nyquist(curves: Mapping[str, tuple[ArrayLike, ArrayLike]], widest: floa
     return figure
 
 
-def plot_contacts(panels: Mapping[str, Mapping[str, tuple[ArrayLike, ArrayLike]]], ylabel: str) -> Figure:
+def plot_contacts(panels: Mapping[str, Mapping[str, tuple[ArrayLike, ArrayLike]]], ylabels: Sequence[str]) -> Figure:
     """Curves over time in panels side by side, each with its own vertical axis.
 
     Parameters
     ----------
     panels : mapping of str to mapping of str to (t_s, values)
         By title, and by the curve's name: times, s, and what is drawn over them, shape (n,) each.
-    ylabel : str
-        What is drawn, with its unit.
+    ylabels : sequence of str
+        What a panel draws, with its unit.
     """
     figure, axes = plt.subplots(1, len(panels), figsize=(4 * len(panels), 3.4), squeeze=False, layout="constrained",
                                 facecolor="white")
-    for ax, (title, curves) in zip(axes[0], panels.items(), strict=True):
+    for ax, (title, curves), ylabel in zip(axes[0], panels.items(), ylabels, strict=True):
         for (name, (t_s, values)), colour in zip(curves.items(), COLOURS, strict=False):
             ax.plot(t_s, values, color=colour, label=name)
         ax.axhline(0, color="black", linewidth=0.8)
