@@ -136,7 +136,7 @@ def test_massless_master_with_part_of_a_period_of_delay_by_hand(late):
     expected = min(2 / (1 - 2 * late) if late < 0.5 else np.inf, 1 / late if late else np.inf)
     loop = Loop(1e-6, 3.0, 0.1, 0.1 * late)
     assert nyquist_limit(loop).stiffness == pytest.approx(30 * expected, rel=1e-3)
-    assert simulated_limit(loop) == pytest.approx(30 * expected, rel=0.01)  # at 0.25 two roots meet, and swings grow first
+    assert simulated_limit(loop) == pytest.approx(30 * expected, rel=0.01)  # 0.25 is a double root
 
 
 def test_responses_of_slow_oscillations_agree():
