@@ -15,10 +15,12 @@ NOTEBOOKS = sorted(ROOT.glob("notebooks/*.ipynb"))
 
 # A module imports only from those before it.
 ORDER = [
-    "checks", "outputs", "csvfile", "quiet", "greyimage", "lens", "camera", "rigfile", "handle", "metrics", "fetch",
+    "checks", "outputs", "csvfile", "quiet", "greyimage", "lens", "camera", "rigfile", "handle", "metrics",
+    "wall", "wallcontact", "fetch",
     "board", "datasets", "realsets", "ledger", "cones", "convex", "faces", "workspace", "window", "plotting",
     "plotting_errors", "plotting_rigs", "plotting_estimators", "plotting_calibration", "plotting_structure",
-    "plotting_markers", "plotting_motion", "plotting_sweep", "light", "background", "covariance", "kalman",
+    "plotting_markers", "plotting_motion", "plotting_wall", "plotting_sweep", "light", "background", "covariance",
+    "kalman",
     "image_track", "blobs", "spot", "markers", "matching", "triangulation", "pose", "posetable", "posefilter", "layout",
     "hypotheses", "threepoint", "seeds", "verdict", "search", "identity", "bodyend", "parameters", "noise",
     "appearance", "centroids", "patches", "blur", "imagemodel", "registration", "outline", "refine", "reprojection",
@@ -99,7 +101,7 @@ def test_only_plotting_draws():
     drawing = {path.stem for path in MODULES if imports(path)[1] & {"matplotlib", "pyvista"}}
     drawing -= {"kernelstate"}  # it takes matplotlib back to where it was, and draws nothing
     assert drawing == {"plotting", "plotting_errors", "plotting_estimators", "plotting_rigs", "plotting_calibration",
-                       "plotting_motion", "plotting_structure", "plotting_markers", "plotting_windows",
+                       "plotting_motion", "plotting_wall", "plotting_structure", "plotting_markers", "plotting_windows",
                        "plotting_sweep", "plotting_sliders"}
     computing = {path.stem for path in MODULES if imports(path)[0] & drawing} - drawing
     # their pictures, at the end; nothing else in the package waits for figures
