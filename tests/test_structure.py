@@ -23,15 +23,16 @@ ORDER = [
     "hypotheses", "threepoint", "seeds", "verdict", "search", "identity", "bodyend", "parameters", "noise",
     "appearance", "centroids", "patches", "blur", "imagemodel", "registration", "outline", "refine", "reprojection",
     "weighted", "estimation", "corners", "targets", "relative", "zhang", "adjustment", "calibration", "tracker",
-    "follow", "recentre", "posetracker", "markertrack", "plotting_windows", "tuning", "overlay", "raycast", "capsule",
-    "arm", "motion", "training", "bench", "layer", "shadow", "scene", "exposure", "script", "filming", "bound",
-    "boardscene", "boardtrial", "footage", "recording", "clip", "recorder", "rendering", "standard", "devices",
-    "capturing", "trackquality", "evaluation", "sync", "targetviews", "suspects", "calibrating", "errata_workspace",
-    "errata_background", "errata_kalman", "errata_markers", "errata_pose", "errata_table1", "errata", "teleop", "slave",
-    "grids", "outcome", "notebookrun", "plotting_sliders", "provenance", "kernelstate", "warmkernel", "engines",
-    "sweepfolder", "sweeping", "sweep", "workflows", "trackrows", "tracking", "factors", "table1_bound", "deviations",
-    "error_sources", "mixing", "pattern", "budget", "evidence", "trials", "known", "elevation", "centroid_trial",
-    "marker_trial", "covertruth", "sweep_trials", "gallery", "scoreboard", "arguments", "cli",
+    "follow", "recentre", "posetracker", "markertrack", "plotting_windows", "plotting_geoms", "plotting_slave",
+    "tuning", "overlay", "monitor", "raycast", "capsule", "arm", "motion", "training", "bench", "layer", "shadow",
+    "scene", "exposure", "script", "filming", "bound", "boardscene", "boardtrial", "footage", "recording", "clip",
+    "recorder", "rendering", "standard", "devices", "capturing", "trackquality", "evaluation", "sync", "targetviews",
+    "suspects", "calibrating", "errata_workspace", "errata_background", "errata_kalman", "errata_markers",
+    "errata_pose", "errata_table1", "errata", "teleop", "slave", "grids", "outcome", "notebookrun", "plotting_sliders",
+    "provenance", "kernelstate", "warmkernel", "engines", "sweepfolder", "sweeping", "sweep", "workflows", "trackrows",
+    "tracking", "factors", "table1_bound", "deviations", "error_sources", "mixing", "pattern", "budget", "evidence",
+    "trials", "known", "elevation", "centroid_trial", "marker_trial", "covertruth", "sweep_trials", "gallery",
+    "scoreboard", "arguments", "cli",
 ]
 # all that makes the truth may know
 BENCH = {"checks", "outputs", "quiet", "greyimage", "lens", "camera", "handle", "raycast", "capsule", "arm", "motion",
@@ -99,7 +100,7 @@ def test_only_plotting_draws():
     drawing -= {"kernelstate"}  # it takes matplotlib back to where it was, and draws nothing
     assert drawing == {"plotting", "plotting_errors", "plotting_estimators", "plotting_rigs", "plotting_calibration",
                        "plotting_motion", "plotting_structure", "plotting_markers", "plotting_windows",
-                       "plotting_sweep", "plotting_sliders"}
+                       "plotting_sweep", "plotting_sliders", "plotting_geoms", "plotting_slave"}
     computing = {path.stem for path in MODULES if imports(path)[0] & drawing} - drawing
     # their pictures, at the end; nothing else in the package waits for figures
     assert computing == {"calibrating", "sweeping"}
