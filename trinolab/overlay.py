@@ -59,7 +59,7 @@ def picture(images: Sequence[np.ndarray], tracked: Tracked, rig: Rig, frame: int
 
 
 def camera_view(image: np.ndarray, camera: Camera, tracked: Tracked | None, c: int, width: int = WIDTH,
-                text: float = 0.4) -> np.ndarray:
+                numbers: float | None = 0.4) -> np.ndarray:
     """One camera's picture, made smaller, with its window, markers and axes.
 
     Parameters
@@ -73,8 +73,8 @@ def camera_view(image: np.ndarray, camera: Camera, tracked: Tracked | None, c: i
         Which of the tracked cameras this is.
     width : int
         Of the picture, px.
-    text : float
-        OpenCV's scale of the markers' numbers.
+    numbers : float or None
+        OpenCV's scale of the markers' numbers; None leaves them out.
 
     Returns
     -------
@@ -86,12 +86,14 @@ def camera_view(image: np.ndarray, camera: Camera, tracked: Tracked | None, c: i
     small = cv2.resize(image.astype(np.uint8), size, interpolation=cv2.INTER_AREA)
     view = cv2.cvtColor(small, cv2.COLOR_GRAY2BGR)
     if tracked is not None:
-        _draw(view, camera, tracked, c, scale, text)
-    cv2.putText(view, camera.name, (10, 22), cv2.FONT_HERSHEY_SIMPLEX, 0.6, (230, 230, 230), 1, cv2.LINE_AA)
+        _draw(view, camera, tracked, c, scale, numbers)
+    for colour, thickness in (((0, 0, 0), 3), ((230, 230, 230), 1)):  # with a dark rim, for bright images
+        cv2.putText(view, camera.name, (10, 22), cv2.FONT_HERSHEY_SIMPLEX, 0.6, colour, thickness, cv2.LINE_AA)
     return view
 
 
-def _draw(view: np.ndarray, camera: Camera, tracked: Tracked, c: int, scale: float, text: float) -> None:
+def _draw(view: np.ndarray, camera: Camera, tracked: Tracked, c: int, scale: float,
+          numbers: float | None) -> None:
     """Window, markers with their numbers, and axes, into a smaller picture."""
     if (window := tracked.windows[c]) is not None:
         corners = [(_pixel((u, v), scale)) for u, v in ((window.u, window.v),
@@ -101,9 +103,9 @@ def _draw(view: np.ndarray, camera: Camera, tracked: Tracked, c: int, scale: flo
     for uv, label in zip(found.uv, labels, strict=True):
         if np.isfinite(uv).all():
             cv2.circle(view, _pixel(uv, scale), 6, _STRANGER if label < 0 else _MARKER, 1, cv2.LINE_AA)
-            if label >= 0:
+            if label >= 0 and numbers is not None:
                 at = _pixel(uv + 10 / scale, scale)
-                cv2.putText(view, str(label), at, cv2.FONT_HERSHEY_SIMPLEX, text, _MARKER, 1, cv2.LINE_AA)
+                cv2.putText(view, str(label), at, cv2.FONT_HERSHEY_SIMPLEX, numbers, _MARKER, 1, cv2.LINE_AA)
     if (T := tracked.measurement.pose.T_world_handle) is not None:
         _draw_axes(view, camera, T, scale)
 
