@@ -146,16 +146,25 @@ def test_what_is_not_for_the_eye_is_left_out(words):
 
 
 def test_an_endless_plane_reaches_far_and_hides_nothing_that_is_before_it():
-    image = one('<geom type="plane" size="0 0 1" rgba="1 0 0 1"/>'
-                '<geom type="box" size=".1 .1 .1" pos="0 0 .1" rgba="0 1 0 1"/>'
-                '<geom type="box" size=".05 .05 .0002" pos="0 0 .2002" rgba="0 0 1 1"/>')
+    image = one('<geom type="box" size=".05 .05 .0002" pos="0 0 .2002" rgba="0 0 1 1"/>'  # first: what is as deep as it
+                '<geom type="plane" size="0 0 1" rgba="1 0 0 1"/>'  # and comes later would hide it
+                '<geom type="box" size=".1 .1 .1" pos="0 0 .1" rgba="0 1 0 1"/>')
     camera = CAMERAS["even"]
     top, plate, floor = camera.project([(80, 80, 200), (0, 0, 200.4), (0, -400, 0)]).round().astype(int)
     assert [int(image[v, u].argmax()) for u, v in (top, plate, floor)] == [1, 2, 0]
-    u, v = camera.project(np.array([[-45, -45, 200.4], [45, 45, 200.4]])).round().astype(int).T
-    plated = image[v.min():v.max(), u.min():u.max()].argmax(axis=2)
-    assert set(np.unique(plated)) <= {1, 2}  # the plate of 0.4 mm hides the box below it, without holes
+    plate = np.array(np.meshgrid(np.linspace(-44, 44, 40), np.linspace(-44, 44, 40), 200.4)).reshape(3, -1).T
+    u, v = camera.project(plate).round().astype(int).T
+    assert (image[v, u].argmax(axis=1) == 2).all()  # 0.4 mm above the box below it, and without holes
     assert (image[camera.size[1] - 1] > 0).any(axis=1).all()
+
+
+def test_a_thing_close_before_the_camera_is_seen_over_an_endless_plane():
+    camera = CAMERAS["even"]
+    x, y, z = (camera.centre + 20 * camera.axis) / 1000
+    image = one(f'<geom size=".002" pos="{x} {y} {z}" rgba="0 1 0 1"/><geom type="plane" size="0 0 1" rgba="1 0 0 1"/>')
+    v, u = np.nonzero(image.argmax(axis=2) == 1)
+    np.testing.assert_allclose([u.mean(), v.mean()], camera.principal_point, atol=0.3)
+    assert u.max() - u.min() == pytest.approx(2 * 700 * 2 / 20, abs=2)
 
 
 def test_a_view_follows_the_state_of_the_model():
