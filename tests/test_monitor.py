@@ -132,7 +132,7 @@ def test_a_force_that_is_missing_is_no_force_of_zero():
 def test_missing_pieces_are_named(written):
     monitor_picture([IMAGES[0], None, IMAGES[2]], None, CAMERAS, None, FINE)
     assert [text for text in words(written) if "no " in text] == ["ccd2: no image", "slave: no picture"]
-    assert words(written).count("not tracked") == 2
+    assert [text for text in words(written) if "not tracked" in text] == ["ccd1: not tracked", "ccd3: not tracked"]
 
 
 @pytest.mark.parametrize("pieces", list(product([True, False], repeat=4)))
@@ -146,7 +146,7 @@ def test_whatever_is_missing_there_is_a_picture(pieces):
 
 def test_found_markers_are_counted(written):
     monitor_picture(IMAGES, tracked(), CAMERAS, SLAVE, FINE)
-    assert words(written).count("2 markers") == 3
+    assert [text for text in words(written) if "marker" in text] == [f"ccd{c}: 2 markers" for c in (1, 2, 3)]
 
 
 def test_a_film_of_the_monitor(tmp_path):

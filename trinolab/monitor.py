@@ -87,6 +87,7 @@ def _camera(image: np.ndarray | None, camera: Camera, tracked: Tracked | None, c
     view = camera_view(image, camera, tracked, c, width, numbers=None)[:room[1]]
     count = None if tracked is None else np.count_nonzero(tracked.measurement.labels[c] >= 0)
     words = "not tracked" if count is None else "1 marker" if count == 1 else f"{count} markers"
+    words = f"{camera.name}: {words}"  # again, on a field of its own: the image may be bright
     tag(view, words, (0, len(view) - 2 * TEXT_PX - 1), TEXT_PX, _EMPTY, PLAIN)
     return view
 

@@ -87,8 +87,7 @@ def camera_view(image: np.ndarray, camera: Camera, tracked: Tracked | None, c: i
     view = cv2.cvtColor(small, cv2.COLOR_GRAY2BGR)
     if tracked is not None:
         _draw(view, camera, tracked, c, scale, numbers)
-    for colour, thickness in (((0, 0, 0), 3), ((230, 230, 230), 1)):  # with a dark rim, for bright images
-        cv2.putText(view, camera.name, (10, 22), cv2.FONT_HERSHEY_SIMPLEX, 0.6, colour, thickness, cv2.LINE_AA)
+    cv2.putText(view, camera.name, (10, 22), cv2.FONT_HERSHEY_SIMPLEX, 0.6, (230, 230, 230), 1, cv2.LINE_AA)
     return view
 
 
