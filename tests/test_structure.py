@@ -15,20 +15,19 @@ NOTEBOOKS = sorted(ROOT.glob("notebooks/*.ipynb"))
 
 # A module imports only from those before it.
 ORDER = [
-    "checks", "outputs", "csvfile", "quiet", "greyimage", "lens", "camera", "rigfile", "handle", "metrics",
-    "wall", "wallcontact", "fetch",
-    "board", "datasets", "realsets", "ledger", "cones", "convex", "faces", "workspace", "window", "plotting",
-    "plotting_errors", "plotting_rigs", "plotting_estimators", "plotting_calibration", "plotting_structure",
-    "plotting_markers", "plotting_motion", "plotting_wall", "plotting_sweep", "light", "background", "covariance",
-    "kalman",
-    "image_track", "blobs", "spot", "markers", "matching", "triangulation", "pose", "posetable", "posefilter", "layout",
-    "hypotheses", "threepoint", "seeds", "verdict", "search", "identity", "bodyend", "parameters", "noise",
-    "appearance", "centroids", "patches", "blur", "imagemodel", "registration", "outline", "refine", "reprojection",
-    "weighted", "estimation", "corners", "targets", "relative", "zhang", "adjustment", "calibration", "tracker",
-    "follow", "recentre", "posetracker", "markertrack", "plotting_windows", "tuning", "overlay", "raycast", "capsule",
-    "arm", "motion", "training", "bench", "layer", "shadow", "scene", "exposure", "script", "filming", "bound",
-    "boardscene", "boardtrial", "footage", "recording", "clip", "recorder", "rendering", "standard", "devices",
-    "capturing", "trackquality", "evaluation", "sync", "targetviews", "suspects", "calibrating", "errata_workspace",
+    "checks", "outputs", "csvfile", "quiet", "greyimage", "lens", "camera", "rigfile", "handle", "metrics", "wall",
+    "wallcontact", "fetch", "board", "datasets", "realsets", "ledger", "cones", "convex", "faces", "workspace",
+    "window", "plotting", "plotting_errors", "plotting_rigs", "plotting_estimators", "plotting_calibration",
+    "plotting_structure", "plotting_markers", "plotting_motion", "plotting_wall", "plotting_sweep", "light",
+    "background", "covariance", "kalman", "image_track", "blobs", "spot", "markers", "matching", "triangulation",
+    "pose", "posetable", "posefilter", "layout", "hypotheses", "threepoint", "seeds", "verdict", "search", "identity",
+    "bodyend", "parameters", "noise", "appearance", "centroids", "patches", "blur", "imagemodel", "registration",
+    "outline", "refine", "reprojection", "weighted", "estimation", "corners", "targets", "relative", "zhang",
+    "adjustment", "calibration", "tracker", "follow", "recentre", "posetracker", "markertrack", "plotting_windows",
+    "plotting_geoms", "plotting_slave", "tuning", "overlay", "readings", "monitor", "raycast", "capsule", "arm",
+    "motion", "training", "bench", "layer", "shadow", "scene", "exposure", "script", "filming", "bound", "boardscene",
+    "boardtrial", "footage", "recording", "clip", "recorder", "rendering", "standard", "devices", "capturing",
+    "trackquality", "evaluation", "sync", "targetviews", "suspects", "calibrating", "errata_workspace",
     "errata_background", "errata_kalman", "errata_markers", "errata_pose", "errata_table1", "errata", "oneeuro",
     "teleop", "robot", "limiter", "reference", "inverse", "slave", "session", "grids", "outcome", "notebookrun",
     "plotting_sliders", "provenance", "kernelstate", "warmkernel", "engines", "sweepfolder", "sweeping", "sweep",
@@ -102,7 +101,7 @@ def test_only_plotting_draws():
     drawing -= {"kernelstate"}  # it takes matplotlib back to where it was, and draws nothing
     assert drawing == {"plotting", "plotting_errors", "plotting_estimators", "plotting_rigs", "plotting_calibration",
                        "plotting_motion", "plotting_wall", "plotting_structure", "plotting_markers", "plotting_windows",
-                       "plotting_sweep", "plotting_sliders"}
+                       "plotting_sweep", "plotting_sliders", "plotting_geoms", "plotting_slave"}
     computing = {path.stem for path in MODULES if imports(path)[0] & drawing} - drawing
     # their pictures, at the end; nothing else in the package waits for figures
     assert computing == {"calibrating", "sweeping"}
