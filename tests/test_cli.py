@@ -24,7 +24,7 @@ from trinolab.posetable import truth_table, write_poses
 from trinolab.rigfile import write_rig
 from trinolab.trackquality import TrackQuality
 
-COMMANDS = ("calibrate", "measure", "track", "evaluate", "capture", "render", "sweep", "clear", "scoreboard")
+COMMANDS = ("calibrate", "measure", "track", "evaluate", "capture", "render", "teleop", "sweep", "clear", "scoreboard")
 SIZE = (32, 24)
 MEASURE = "measure --rig rig.toml --handle handle.toml --images images --out poses.csv"
 EVALUATE = "evaluate found.csv truth.csv --handle handle.toml"

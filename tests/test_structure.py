@@ -29,11 +29,11 @@ ORDER = [
     "boardtrial", "footage", "recording", "clip", "recorder", "rendering", "standard", "devices", "capturing",
     "trackquality", "evaluation", "sync", "targetviews", "suspects", "calibrating", "errata_workspace",
     "errata_background", "errata_kalman", "errata_markers", "errata_pose", "errata_table1", "errata", "oneeuro",
-    "teleop", "robot", "limiter", "reference", "inverse", "slave", "session", "grids", "outcome", "notebookrun",
-    "plotting_sliders", "provenance", "kernelstate", "warmkernel", "engines", "sweepfolder", "sweeping", "sweep",
-    "workflows", "trackrows", "tracking", "factors", "table1_bound", "deviations", "error_sources", "mixing", "pattern",
-    "budget", "evidence", "trials", "known", "elevation", "centroid_trial", "marker_trial", "covertruth",
-    "sweep_trials", "gallery", "scoreboard", "arguments", "cli",
+    "teleop", "robot", "limiter", "reference", "inverse", "slave", "session", "sessionlog", "grids", "outcome",
+    "notebookrun", "plotting_sliders", "provenance", "kernelstate", "warmkernel", "engines", "sweepfolder", "sweeping",
+    "sweep", "workflows", "trackrows", "tracking", "teleoperating", "factors", "table1_bound", "deviations",
+    "error_sources", "mixing", "pattern", "budget", "evidence", "trials", "known", "elevation", "centroid_trial",
+    "marker_trial", "covertruth", "sweep_trials", "gallery", "scoreboard", "arguments", "cli",
 ]
 # all that makes the truth may know
 BENCH = {"checks", "outputs", "quiet", "greyimage", "lens", "camera", "handle", "raycast", "capsule", "arm", "motion",
@@ -104,7 +104,7 @@ def test_only_plotting_draws():
                        "plotting_sweep", "plotting_sliders", "plotting_geoms", "plotting_slave"}
     computing = {path.stem for path in MODULES if imports(path)[0] & drawing} - drawing
     # their pictures, at the end; nothing else in the package waits for figures
-    assert computing == {"calibrating", "sweeping"}
+    assert computing == {"calibrating", "sweeping", "teleoperating"}
 
 
 def test_calibrating_loads_its_figure_only_when_needed():

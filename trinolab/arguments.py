@@ -31,6 +31,7 @@ def parser() -> argparse.ArgumentParser:
     _add_track(commands)
     _add_evaluate(commands)
     _add_render(commands)
+    _add_teleop(commands)
     _add_sweep(commands)
     _add(commands, "clear", "remove the standard recordings that chapters keep in the user's cache",
          "trinolab clear")
@@ -127,6 +128,30 @@ def _add_render(commands: argparse._SubParsersAction) -> None:
     p.add_argument("--seed", type=int, default=0, metavar="N", help="of motion and noise (default: %(default)s)")
     p.add_argument("--seconds", type=float, metavar="S", help="length (default: 10, or all of POSES.csv)")
     p.add_argument("--fps", type=float, default=30.0, metavar="F", help="frames a second, if POSES.csv has no times")
+
+
+def _add_teleop(commands: argparse._SubParsersAction) -> None:
+    p = _add(commands, "teleop", "let the simulated slave arm follow the handle",
+             "trinolab teleop --recording recording --out session")
+    source = p.add_mutually_exclusive_group(required=True)
+    source.add_argument("--recording", metavar="DIR", help="a recording folder")
+    source.add_argument("--live-simulation", action="store_true",
+                        help="images of a moving hand, taken by the simulated bench as they are asked for")
+    _add_rig_and_handle(p, required=False)
+    p.add_argument("--robot", default="ur5", metavar="ARM.xml", help="a shipped arm, or a file (default: %(default)s)")
+    p.add_argument("--view", metavar="CAMERA.toml",
+                   help="the surveillance camera in the robot's base frame (default: a shipped one)")
+    p.add_argument("--out", required=True, metavar="DIR",
+                   help="folder to make: poses.csv, joints.csv, events.csv, monitor.webm")
+    p.add_argument("--scale", type=float, default=1.0, metavar="S", help="tool : handle, distances (default: 1)")
+    p.add_argument("--turn-scale", type=float, default=1.0, metavar="S", help="tool : handle, angles (default: 1)")
+    p.add_argument("--clutch", metavar="CSV", help="columns t_s and closed (0 or 1), which holds from then on; "
+                   "without it the clutch is closed while the handle is measured")
+    p.add_argument("--seconds", type=float, default=10.0, metavar="S",
+                   help="length of the simulation (default: %(default)g)")
+    p.add_argument("--seed", type=int, default=0, metavar="N", help="of the simulation (default: %(default)s)")
+    p.add_argument("--no-video", action="store_true", help="leave the monitor's video out")
+    _add_method(p, "best")
 
 
 def _add_sweep(commands: argparse._SubParsersAction) -> None:

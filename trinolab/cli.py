@@ -134,6 +134,20 @@ def _render(a: argparse.Namespace) -> int:
     return 0
 
 
+def _teleop(a: argparse.Namespace) -> int:
+    from .teleoperating import recorded, simulated, teleoperate
+
+    if a.live_simulation and not (a.rig and a.handle):
+        raise ValueError("--live-simulation: needs --rig and --handle")
+    source = (simulated(a.rig, a.handle, a.seconds, a.seed) if a.live_simulation
+              else recorded(a.recording, a.rig, a.handle))
+    done = teleoperate(source, a.out, a.robot, a.scale, a.turn_scale, a.clutch, a.view, a.method, not a.no_video)
+    holds = done.events.loc[done.events["event"] == "hold", "detail"]
+    _say(f"{_counted(done.poses)}; {len(done.joints)} ticks of the arm, {len(holds)} holds"
+         f"{f' (the first: {holds.iloc[0]})' if len(holds) else ''}; written to {a.out}")
+    return 0
+
+
 def _sweep(a: argparse.Namespace) -> int:
     from .checks import as_number, as_whole
     from .engines import cluster, kernels
@@ -192,7 +206,7 @@ def _digits(value: float | str) -> str:
 
 
 _RUN = {"calibrate": _calibrate, "measure": _measure, "track": _track, "evaluate": _evaluate, "render": _render,
-        "sweep": _sweep, "clear": _clear, "capture": _capture, "scoreboard": _scoreboard}
+        "teleop": _teleop, "sweep": _sweep, "clear": _clear, "capture": _capture, "scoreboard": _scoreboard}
 
 
 if __name__ == "__main__":

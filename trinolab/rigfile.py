@@ -28,14 +28,29 @@ def read_rig(path: str | Path) -> Rig:
         Names the file and the field: unreadable, missing, of another shape, not finite, a fisheye camera, two cameras
         in one place; what `Camera` and `Rig` refuse.
     """
-    tables = {key: value for key, value in read_toml(path).items() if key != "metadata"}
     try:
-        rig = Rig(tuple(_camera_from(table, f"{path}: [{key if key.isprintable() else repr(key)}]")
-                        for key, table in tables.items()))
+        rig = Rig(tuple(_cameras(path)))
         _check_places(rig)
     except ValueError as error:
         raise ValueError(str(error) if str(error).startswith(str(path)) else f"{path}: {error}") from None
     return rig
+
+
+def read_camera(path: str | Path) -> Camera:
+    """Read a file of the same layout that has one camera, in a world frame of its own. Errors as for `read_rig`."""
+    try:
+        cameras = _cameras(path)
+    except ValueError as error:
+        raise ValueError(str(error) if str(error).startswith(str(path)) else f"{path}: {error}") from None
+    if len(cameras) != 1:
+        raise ValueError(f"{path}: expected one camera, got {len(cameras)}")
+    return cameras[0]
+
+
+def _cameras(path: str | Path) -> list[Camera]:
+    tables = {key: value for key, value in read_toml(path).items() if key != "metadata"}
+    return [_camera_from(table, f"{path}: [{key if key.isprintable() else repr(key)}]")
+            for key, table in tables.items()]
 
 
 def write_rig(rig: Rig, path: str | Path) -> None:

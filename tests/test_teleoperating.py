@@ -1,0 +1,147 @@
+"""The whole loop, from images to the arm: its files, what stops it, and what it refuses."""
+
+from itertools import chain, islice
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pandas as pd
+import pytest
+
+pytest.importorskip("mink", reason="the extra 'slave' is missing")
+
+from trinolab.cli import main
+from trinolab.datasets import data_path
+from trinolab.inverse import TICK_S
+from trinolab.posetable import read_poses
+from trinolab.robot import load_robot
+from trinolab.standard import standard_recording
+from trinolab.teleoperating import recorded, simulated, teleoperate
+
+ROBOT = load_robot()
+
+
+@pytest.fixture(scope="module")
+def recording():
+    return standard_recording("calm", seconds=2.0, progress=False)
+
+
+def part(recording, first, last):
+    source = recorded(recording)
+    return source._replace(length=last - first, frames=islice(source.frames, first, last))
+
+
+def check_limits(joints):
+    limits, names = ROBOT.limits, ROBOT.joints
+    q, speed = (joints[[f"{name}{end}" for name in names]].to_numpy() for end in ("_rad", "_rad_s"))
+    assert (q >= limits.low - 1e-6).all()
+    assert (q <= limits.high + 1e-6).all()
+    assert (np.abs(speed) <= limits.speed + 1e-6).all()
+    assert (np.abs(np.diff(speed, axis=0)) <= limits.acceleration * TICK_S + 1e-6).all()
+
+
+def test_a_recording_moves_the_arm_as_the_hand_moved(recording, tmp_path):
+    done = teleoperate(part(recording, 28, 60), tmp_path / "out", scale=0.5, video=False, progress=False)
+    joints, events, poses = (pd.read_csv(tmp_path / "out" / f"{name}.csv") for name in ("joints", "events", "poses"))
+    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["events.csv", "joints.csv", "poses.csv"]
+    np.testing.assert_allclose(joints, done.joints, rtol=1e-6, atol=1e-9)
+    check_limits(joints)
+    assert events["event"].tolist() == ["clutch closed"]
+    assert (poses["status"] == "measured").sum() >= 29
+    # how far the hand went since the clutch was closed, and the tool, half as far; the filters are a little behind
+    known = poses[poses["status"] == "measured"][["x_mm", "y_mm", "z_mm"]].to_numpy()
+    tool = joints[["tool_x_mm", "tool_y_mm", "tool_z_mm"]].to_numpy()
+    hand_way, tool_way = (np.linalg.norm(np.diff(way, axis=0), axis=1).sum() for way in (known, tool[::17]))
+    assert 0.6 * hand_way / 2 < tool_way < 1.1 * hand_way / 2
+
+
+def test_the_command_with_its_video_and_a_clutch(recording, tmp_path, capsys):
+    (tmp_path / "clutch.csv").write_text("t_s,closed\n1.5,1\n1.7,0\n1.9,1\n")
+    assert main(["teleop", "--recording", str(recording), "--clutch", str(tmp_path / "clutch.csv"),
+                 "--out", str(tmp_path / "new")]) == 0
+    out = capsys.readouterr().out
+    assert out.startswith("60 instants: 30 lost, 30 measured; ")
+    assert out.endswith(f"0 holds; written to {tmp_path / 'new'}\n")
+    events = pd.read_csv(tmp_path / "new" / "events.csv")
+    assert events["event"].tolist() == ["clutch closed", "clutch open", "clutch closed"]
+    np.testing.assert_allclose(events["t_s"], [1.5, 1.7, 1.9], atol=1 / 30)
+    film = cv2.VideoCapture(str(tmp_path / "new" / "monitor.webm"))
+    frames = []
+    while (read := film.read())[0]:
+        frames.append(read[1])
+    assert len(frames) == 60
+    assert frames[0].shape == (720, 1280, 3)
+    assert len(read_poses(tmp_path / "new" / "poses.csv")) == 60
+    joints = pd.read_csv(tmp_path / "new" / "joints.csv")
+    still = joints[(joints["t_s"] > 0.1) & (joints["t_s"] < 1.5)]
+    assert np.ptp(still[["tool_x_mm", "tool_y_mm", "tool_z_mm"]], axis=0).max() < 0.01  # hold: no drift
+
+
+def test_the_simulation_is_filmed_as_it_goes(tmp_path):
+    source = simulated(data_path("rigs", "paper_pair.toml"), data_path("handles", "coded.toml"), seconds=0.2)
+    done = teleoperate(source, tmp_path / "out", video=False, progress=False)
+    assert done.poses["status"].tolist() == ["lost"] * 6  # the hand comes later
+    assert len(done.joints) == pytest.approx(5 / 30 / TICK_S, abs=4)
+
+
+def failing(recording, error):
+    """Six instants, then something stops it."""
+    def stopped():
+        raise error
+        yield
+
+    source = part(recording, 30, 36)
+    return source._replace(frames=chain(source.frames, stopped()))
+
+
+def test_a_session_that_is_stopped_is_written(recording, tmp_path, caplog):
+    done = teleoperate(failing(recording, KeyboardInterrupt()), tmp_path / "out", video=False, progress=False)
+    assert len(done.poses) == 6
+    assert "stopped at 6 of 6 instants; what is done is written" in caplog.text
+    assert len(pd.read_csv(tmp_path / "out" / "poses.csv")) == 6
+
+
+def test_a_damaged_image_costs_what_comes_after_it(recording, tmp_path):
+    with pytest.raises(ValueError, match="cannot be read"):
+        teleoperate(failing(recording, ValueError("x.png: cannot be read")), tmp_path / "out", video=False,
+                    progress=False)
+    assert len(pd.read_csv(tmp_path / "out" / "joints.csv")) > 50
+
+
+@pytest.mark.parametrize(("arguments", "said"), [
+    (["--robot", "ur6"], "ur6.xml: no such data file"), (["--robot", "none.xml"], "none.xml: no such file"),
+    (["--scale", "0"], "scale: expected"), (["--turn-scale", "nan"], "turn_scale: expected"),
+    (["--clutch", "none.csv"], "none.csv: cannot be read"), (["--clutch", "words.csv"], "words.csv: no column 't_s'"),
+    (["--clutch", "back.csv"], "back.csv: expected times that increase, each with closed 0 or 1"),
+    (["--clutch", "half.csv"], "half.csv: expected times that increase, each with closed 0 or 1"),
+    (["--view", "none.toml"], "none.toml: "), (["--out", "full"], "full: expected a new or empty folder"),
+    (["--out", "none/new"], "none/new: no such folder to write into"), (["--handle", "none.toml"], "none.toml: "),
+    (["--rig", "none.toml"], "none.toml: "), (["--recording", "none"], "none: no such folder")])
+def test_what_is_refused_in_a_line(recording, tmp_path, monkeypatch, capsys, arguments, said):
+    monkeypatch.chdir(tmp_path)
+    Path("full").mkdir()
+    for name, text in {"full/x": "", "words.csv": "a,b\n1,2\n", "back.csv": "t_s,closed\n1,1\n0.5,0\n",
+                       "half.csv": "t_s,closed\n1,0.5\n"}.items():
+        Path(name).write_text(text)
+    before = sorted(Path().rglob("*"))
+    line = ["teleop", "--recording", str(recording), "--out", "new", "--no-video", *arguments]
+    assert main(line) == 2
+    err = capsys.readouterr().err
+    assert said in err
+    assert err.count("\n") == 1
+    assert sorted(Path().rglob("*")) == before
+
+
+def test_a_simulation_needs_cameras_and_a_handle(tmp_path, capsys):
+    assert main(["teleop", "--live-simulation", "--out", str(tmp_path / "new")]) == 2
+    assert "--live-simulation: needs --rig and --handle" in capsys.readouterr().err
+
+
+def test_the_shipped_view_sees_where_the_tool_works():
+    from trinolab.rigfile import read_camera
+    from trinolab.robot import forward
+
+    camera = read_camera(data_path("robots", "ur5_view.toml"))
+    home = forward(ROBOT, ROBOT.home).translation
+    corners = home + np.array([[x, y, z] for x in (-150, 150) for y in (-150, 150) for z in (-100, 200)])
+    assert camera.sees(corners, 5.0).all()
