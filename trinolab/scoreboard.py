@@ -10,7 +10,7 @@ import pandas as pd
 from scipy.spatial.transform import RigidTransform
 from tqdm import tqdm
 
-from . import evidence, trials
+from . import evidence, slave_trial, trials
 from .boardtrial import calibration_cost_mm
 from .datasets import Claim, load_claims, load_handle, load_rig, load_table1
 from .errata import printed_rotation_error, printed_workspace_volume
@@ -120,4 +120,5 @@ CHECKS: dict[str, Callable[[], float | None]] = {  # None: not run
     "real_leds": evidence.led_median_px,
     "real_board": evidence.board_fit_mm,
     "real_particles": evidence.particle_median_px,
+    "slave_at_rest": slave_trial.slave_at_rest,
 }

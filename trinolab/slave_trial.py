@@ -1,0 +1,59 @@
+"""The claim that the slave follows the handle: a recorded track, then rest, and where the tool is (Sect. 2)."""
+
+from __future__ import annotations
+
+from importlib.util import find_spec
+from itertools import islice
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial.transform import RigidTransform
+
+from . import posetracker
+from .posetable import poses_by_frame, read_poses
+from .robot import load_robot
+from .session import Session
+from .standard import standard_recording
+from .teleop import Sample
+from .teleoperating import recorded
+
+REST_S = 1.5
+FIRST = 30  # frame of the recording `calm` at which the hand has come
+
+
+def slave_at_rest() -> float | None:
+    """How far the tool is from where the true handle's motion leads, at rest: the larger of mm and deg.
+
+    The handle is tracked in the second second of `calm`, and its last pose given for `REST_S` more. None where the
+    extra `slave` is missing.
+    """
+    if find_spec("mujoco") is None or find_spec("mink") is None:
+        return None
+    folder = standard_recording("calm", seconds=2.0, progress=False)
+    session = Session(load_robot())
+    start, samples = session.slave.read().tool, _tracked(folder)
+    for sample in samples:
+        moment = session.step(sample)
+    truths = poses_by_frame(read_poses(folder / "truth.csv"))
+    tool, led = moment.reading.tool, _led(start, truths[FIRST], truths[max(truths)])
+    return float(max(np.linalg.norm(tool.translation - led.translation),
+                     np.rad2deg((tool.rotation * led.rotation.inv()).magnitude())))
+
+
+def _tracked(folder: Path) -> list[Sample]:
+    """The tracked poses, the clutch closed, and the last one as long as the hand rests."""
+    source = recorded(folder)
+    state, samples = None, []
+    for now in islice(source.frames, FIRST, source.length):
+        state = state or posetracker.start(now.t_s - 1.0)
+        state, tracked = posetracker.step(state, now.images, now.t_s, source.rig, source.handle)
+        pose = tracked.measurement.pose
+        samples.append(Sample(now.t_s, pose.T_world_handle, pose.status, True))
+    last = samples[-1]
+    return samples + [last._replace(t_s=last.t_s + k / 30) for k in range(1, round(30 * REST_S) + 1)]
+
+
+def _led(tool: RigidTransform, first: RigidTransform, last: RigidTransform) -> RigidTransform:
+    """Where a motion of the handle takes the tool at scale 1, axes alike."""
+    return RigidTransform.from_components(tool.translation + last.translation - first.translation,
+                                          last.rotation * first.rotation.inv() * tool.rotation)
