@@ -33,12 +33,13 @@ sweeps: .venv/package.done  ## make the tables in data/sweeps again: three quart
 	@$(BIN)/python -m trinolab.table1_bound
 	@$(BIN)/python -m trinolab.gallery
 
-bench: .venv/package.done  ## the time that a measurement, an instant of a track, a rendered frame, and a sweep take
+bench: .venv/package.done  ## the time that a measurement, an instant of a track, a frame, a sweep, a tick of the arm take
 	@$(BIN)/python tests/benchmarks/bench_measure.py
 	@$(BIN)/python tests/benchmarks/bench_markers.py
 	@$(BIN)/python tests/benchmarks/bench_track.py
 	@$(BIN)/python tests/benchmarks/bench_scene.py
 	@$(BIN)/python tests/benchmarks/bench_sweep.py
+	@$(BIN)/python tests/benchmarks/bench_slave.py
 
 clean:  ## remove what was built, but not .venv
 	rm -rf _build .pytest_cache .mypy_cache .ruff_cache .hypothesis

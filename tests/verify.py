@@ -1,4 +1,4 @@
-"""The heavy counts, as a report: bound, accuracy, covariances, centroids, identities, hostile instants, files, tracks.
+"""The heavy counts, as a report: bound, accuracy, covariances, centroids, identities, hostile ones, files, tracks, arm.
 
     python tests/verify.py [--only table1 nees] [--seeds 20] [--draws 1000] [--poses 1000] ...
 """
@@ -10,11 +10,11 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")  # before numpy is loaded
 import argparse
 import time
 
-from verification import accuracy, bounds, centroids, fuzz, identity, layouts, misled, nees, tracks
+from verification import accuracy, bounds, centroids, fuzz, identity, layouts, misled, nees, slave, tracks
 
 SECTIONS = {"bound": bounds.report, "table1": accuracy.report, "nees": nees.report, "centroid": centroids.report,
             "identity": identity.report, "layouts": layouts.report, "hostile": misled.report,
-            "fuzz": fuzz.report, "tracks": tracks.report}
+            "fuzz": fuzz.report, "tracks": tracks.report, "slave": slave.report}
 
 
 def _arguments() -> argparse.Namespace:

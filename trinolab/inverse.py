@@ -9,6 +9,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 
 from .checks import Array, frozen
 from .limiter import speed_bounds
+from .rigid import placed, rotation_of
 from .robot import TOOL, Robot, site_pose
 
 TICK_S = 0.002
@@ -42,11 +43,15 @@ class Inverse:
         self._task = mink.FrameTask(TOOL, "site", position_cost=1.0, orientation_cost=ORIENTATION_M)
         self._limit = _bounds_of(len(robot.joints))
         self._mink: Any = mink
+        self._q: Array | None = None  # what the work space holds the kinematics of
+        self._tool = RigidTransform.identity()
 
     def tool(self, q: Array) -> RigidTransform:
         """T_base_tool, mm, at joint positions, rad."""
-        self._configuration.update(np.array(q))
-        return site_pose(self._configuration.data)
+        if q is not self._q:
+            self._configuration.update(np.array(q))
+            self._tool, self._q = site_pose(self._configuration.data), None if q.flags.writeable else q
+        return self._tool
 
     def step(self, command: Command, before: RigidTransform, after: RigidTransform) -> Command:
         """The command of the next tick, which no limit is exceeded by.
@@ -68,7 +73,7 @@ class Inverse:
         return Command(frozen(command.q + speed * self.tick_s), frozen(speed))
 
     def _se3(self, pose: RigidTransform) -> Any:
-        w, x, y, z = pose.rotation.as_quat(scalar_first=True)
+        w, x, y, z = rotation_of(pose).as_quat(scalar_first=True)
         return self._mink.SE3(np.array([w, x, y, z, *(pose.translation / 1000)]))
 
 
@@ -88,10 +93,10 @@ def _bounds_of(n: int) -> Any:
 def _goal(now: RigidTransform, before: RigidTransform, after: RigidTransform, dt: float) -> RigidTransform:
     """Where the tool should be after a tick: moved as the reference moves, and a part of what it was off."""
     off = before.translation - now.translation
-    turn = (before.rotation * now.rotation.inv()).as_rotvec()
+    turn = (rotation_of(before) * rotation_of(now).inv()).as_rotvec()
     moved = after.translation - before.translation + _part(off, CATCH_UP_MM_S2, dt)
-    turned = (after.rotation * before.rotation.inv()) * Rotation.from_rotvec(_part(turn, CATCH_UP_RAD_S2, dt))
-    return RigidTransform.from_components(now.translation + moved, turned * now.rotation)
+    turned = rotation_of(after) * rotation_of(before).inv() * Rotation.from_rotvec(_part(turn, CATCH_UP_RAD_S2, dt))
+    return placed(now.translation + moved, turned * rotation_of(now))
 
 
 def _part(off: Array, acceleration: float, dt: float) -> Array:

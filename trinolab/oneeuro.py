@@ -13,6 +13,7 @@ import numpy as np
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from .checks import Array, as_number, frozen
+from .rigid import placed, rotation_of
 
 
 @dataclass(frozen=True)
@@ -65,15 +66,14 @@ def step(state: Filtered, t_s: float, pose: RigidTransform, parameters: OneEuroP
     p = parameters or OneEuroParameters()
     dt = as_number(t_s, "t_s", state.t_s, open_low=True) - state.t_s
     off = pose.translation - state.pose.translation
-    turn = (pose.rotation * state.pose.rotation.inv()).as_rotvec()
+    turn = (rotation_of(pose) * rotation_of(state.pose).inv()).as_rotvec()
     share = _share(p.speed_cutoff_hz, dt)
     velocity = state.velocity + share * ((pose.translation - state.last.translation) / dt - state.velocity)
-    turned_by = (pose.rotation * state.last.rotation.inv()).as_rotvec()
+    turned_by = (rotation_of(pose) * rotation_of(state.last).inv()).as_rotvec()
     turn_rate = state.turn_rate + share * (turned_by / dt - state.turn_rate)
     moved = off * _share(p.cutoff_hz + p.slope * float(np.linalg.norm(velocity)), dt)
     turned = turn * _share(p.turn_cutoff_hz + p.turn_slope * float(np.linalg.norm(turn_rate)), dt)
-    filtered = RigidTransform.from_components(state.pose.translation + moved,
-                                              Rotation.from_rotvec(turned) * state.pose.rotation)
+    filtered = placed(state.pose.translation + moved, Rotation.from_rotvec(turned) * rotation_of(state.pose))
     return Filtered(t_s, filtered, pose, frozen(velocity), frozen(turn_rate))
 
 

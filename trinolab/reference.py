@@ -9,6 +9,7 @@ import numpy as np
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from .checks import Array, as_number, frozen
+from .rigid import placed, rotation_of
 
 MARGIN = 0.7  # of the acceleration, that braking is planned with
 
@@ -66,11 +67,10 @@ def step(reference: Reference, target: RigidTransform, dt: float, parameters: Re
     p = parameters or ReferenceParameters()
     pose = reference.pose
     off = target.translation - pose.translation
-    turn = (target.rotation * pose.rotation.inv()).as_rotvec()
+    turn = (rotation_of(target) * rotation_of(pose).inv()).as_rotvec()
     velocity = _next(reference.velocity, off, dt, p.rate, p.speed_mm_s, p.acceleration_mm_s2)
     turn_rate = _next(reference.turn_rate, turn, dt, p.rate, p.turn_rad_s, p.turn_rad_s2)
-    moved = RigidTransform.from_components(pose.translation + dt * velocity,
-                                           Rotation.from_rotvec(dt * turn_rate) * pose.rotation)
+    moved = placed(pose.translation + dt * velocity, Rotation.from_rotvec(dt * turn_rate) * rotation_of(pose))
     return Reference(moved, frozen(velocity), frozen(turn_rate))
 
 
@@ -81,12 +81,12 @@ def leashed(reference: Reference, tool: RigidTransform, parameters: ReferencePar
     """
     p = parameters or ReferenceParameters()
     off = reference.pose.translation - tool.translation
-    turn = (reference.pose.rotation * tool.rotation.inv()).as_rotvec()
+    turn = (rotation_of(reference.pose) * rotation_of(tool).inv()).as_rotvec()
     if np.linalg.norm(off) <= p.leash_mm and np.linalg.norm(turn) <= p.leash_rad:
         return reference
     off, velocity = _held(off, reference.velocity, p.leash_mm)
     turn, turn_rate = _held(turn, reference.turn_rate, p.leash_rad)
-    pose = RigidTransform.from_components(tool.translation + off, Rotation.from_rotvec(turn) * tool.rotation)
+    pose = placed(tool.translation + off, Rotation.from_rotvec(turn) * rotation_of(tool))
     return Reference(pose, frozen(velocity), frozen(turn_rate))
 
 

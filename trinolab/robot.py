@@ -11,6 +11,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 
 from .checks import Array, as_array, as_number, frozen
 from .datasets import data_path
+from .rigid import placed
 
 if TYPE_CHECKING:  # the simulator belongs to an extra
     import mujoco
@@ -95,7 +96,7 @@ def site_pose(data: Any, site: str = TOOL) -> RigidTransform:
         found = data.site(site)
     except KeyError:
         raise ValueError(f"site: the robot has no site {site!r}") from None
-    return RigidTransform.from_components(1000 * found.xpos, Rotation.from_matrix(found.xmat.reshape(3, 3)))
+    return placed(1000 * found.xpos, Rotation.from_matrix(found.xmat.reshape(3, 3), assume_valid=True))
 
 
 def joint_values(robot: Robot, values: dict[str, float], name: str = "joints") -> Array:

@@ -18,6 +18,7 @@ from . import oneeuro
 from .camera import Camera
 from .checks import Array, as_number, frozen
 from .oneeuro import Filtered, OneEuroParameters
+from .rigid import placed, rotation_of
 
 FOLLOWED = ("measured", "ambiguous", "predicted")
 LOST, STALE, JUMP, NOT_FINITE, BACKWARDS = ("pose lost", "pose stale", "pose jumped", "pose not finite",
@@ -168,9 +169,10 @@ def _wrong(state: State, sample: Sample, p: MappingParameters) -> str:
 def _is_jump(handle: Filtered, sample: Sample, p: MappingParameters) -> bool:
     """Whether a pose is further from the filtered one than a hand can be by then."""
     assert sample.T_world_handle is not None
-    dt, motion = sample.t_s - handle.t_s, sample.T_world_handle * handle.pose.inv()
+    dt = sample.t_s - handle.t_s
+    turn = (rotation_of(sample.T_world_handle) * rotation_of(handle.pose).inv()).magnitude()
     off = np.linalg.norm(sample.T_world_handle.translation - handle.pose.translation)
-    return bool(off > p.hand_mm_s * dt + p.slack_mm or motion.rotation.magnitude() > p.hand_rad_s * dt + p.slack_rad)
+    return bool(off > p.hand_mm_s * dt + p.slack_mm or turn > p.hand_rad_s * dt + p.slack_rad)
 
 
 def _seen(state: State, sample: Sample, p: MappingParameters) -> State:
@@ -191,7 +193,7 @@ def _mapped(before: State, state: State, p: MappingParameters) -> State:
     reached = np.clip(wanted, *np.transpose(p.reach_mm))
     ahead = wanted - reached
     excess = ahead * max(0.0, 1 - p.leash_mm / max(float(np.linalg.norm(ahead)), 1e-12))
-    target = RigidTransform.from_components(reached, _turned(before, pose, p) * state.target.rotation)
+    target = placed(reached, _turned(before, pose, p) * rotation_of(state.target))
     return state._replace(target=target, origin=Origin(origin.handle, frozen(origin.tool - excess)),
                           limited=bool(ahead.any()))
 
@@ -200,7 +202,7 @@ def _turned(before: State, pose: RigidTransform, p: MappingParameters) -> Rotati
     """What the tool turns by from one instant to the next; scaled step by step, as angles beyond 180 deg are."""
     if before.origin is None or before.handle is None:
         return Rotation.identity()
-    turn = (pose.rotation * before.handle.pose.rotation.inv()).as_rotvec()
+    turn = (rotation_of(pose) * rotation_of(before.handle.pose).inv()).as_rotvec()
     return Rotation.from_rotvec(p.turn_scale * p.alignment.apply(turn))
 
 
