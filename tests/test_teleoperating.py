@@ -116,6 +116,11 @@ def test_a_damaged_image_costs_what_comes_after_it(recording, tmp_path):
     (["--clutch", "half.csv"], "half.csv: expected times that increase, each with closed 0 or 1"),
     (["--view", "none.toml"], "none.toml: "), (["--out", "full"], "full: expected a new or empty folder"),
     (["--out", "none/new"], "none/new: no such folder to write into"), (["--handle", "none.toml"], "none.toml: "),
+    (["--start", "knee=1"], "start: unknown joint 'knee'; there are shoulder_pan"),
+    (["--start", "elbow=4"], "start: elbow: expected"),
+    (["--start", "elbow"], "--start: expected JOINT=RAD, got 'elbow'"),
+    (["--start", "elbow=nan"], "start: elbow: expected"),
+    (["--start", "shoulder_lift=-1.1"], "q: at the start the tool"),
     (["--rig", "none.toml"], "none.toml: "), (["--recording", "none"], "none: no such folder")])
 def test_what_is_refused_in_a_line(recording, tmp_path, monkeypatch, capsys, arguments, said):
     monkeypatch.chdir(tmp_path)

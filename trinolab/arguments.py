@@ -139,6 +139,8 @@ def _add_teleop(commands: argparse._SubParsersAction) -> None:
                         help="images of a moving hand, taken by the simulated bench as they are asked for")
     _add_rig_and_handle(p, required=False)
     p.add_argument("--robot", default="ur5", metavar="ARM.xml", help="a shipped arm, or a file (default: %(default)s)")
+    p.add_argument("--start", nargs="+", default=[], metavar="JOINT=RAD", help="where the arm starts, by its joints' "
+                   "names; those that are not named as at home")
     p.add_argument("--view", metavar="CAMERA.toml",
                    help="the surveillance camera in the robot's base frame (default: a shipped one)")
     p.add_argument("--out", required=True, metavar="DIR",

@@ -53,6 +53,18 @@ def _measure(a: argparse.Namespace) -> int:
     return 0
 
 
+def _joints(items: Sequence[str]) -> dict[str, float]:
+    """JOINT=RAD arguments as a mapping; ValueError for another form."""
+    found: dict[str, float] = {}
+    for item in items:
+        joint, _, value = item.partition("=")
+        try:
+            found[joint] = float(value)
+        except ValueError:
+            raise ValueError(f"--start: expected JOINT=RAD, got {item!r}") from None
+    return found
+
+
 def _calibrate(a: argparse.Namespace) -> int:
     from .calibrating import as_lines, calibrate_rig
     from .targets import Target
@@ -141,7 +153,8 @@ def _teleop(a: argparse.Namespace) -> int:
         raise ValueError("--live-simulation: needs --rig and --handle")
     source = (simulated(a.rig, a.handle, a.seconds, a.seed) if a.live_simulation
               else recorded(a.recording, a.rig, a.handle))
-    done = teleoperate(source, a.out, a.robot, a.scale, a.turn_scale, a.clutch, a.view, a.method, not a.no_video)
+    done = teleoperate(source, a.out, a.robot, a.scale, a.turn_scale, a.clutch, a.view, a.method, _joints(a.start),
+                       not a.no_video)
     holds = done.events.loc[done.events["event"] == "hold", "detail"]
     _say(f"{_counted(done.poses)}; {len(done.joints)} ticks of the arm, {len(holds)} holds"
          f"{f' (the first: {holds.iloc[0]})' if len(holds) else ''}; written to {a.out}")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -99,14 +100,15 @@ def site_pose(data: Any, site: str = TOOL) -> RigidTransform:
     return placed(1000 * found.xpos, Rotation.from_matrix(found.xmat.reshape(3, 3), assume_valid=True))
 
 
-def joint_values(robot: Robot, values: dict[str, float], name: str = "joints") -> Array:
-    """Joint positions by name as an array (n,), rad. ValueError for an unknown name, a missing one, or one beyond."""
+def joint_values(robot: Robot, values: Mapping[str, Any], name: str = "joints") -> Array:
+    """Joint positions by name as an array (n,), rad, those that are not named as at home.
+
+    Raises ValueError for a name that is not there, or a value that is no number within the limits.
+    """
     if unknown := [joint for joint in values if joint not in robot.joints]:
         raise ValueError(f"{name}: unknown joint {unknown[0]!r}; there are {', '.join(robot.joints)}")
-    if missing := [joint for joint in robot.joints if joint not in values]:
-        raise ValueError(f"{name}: no value for {missing[0]!r}")
-    q = [as_number(values[joint], f"{name}: {joint}", low, high)
-         for joint, low, high in zip(robot.joints, robot.limits.low, robot.limits.high, strict=True)]
+    q = [as_number(values.get(joint, home), f"{name}: {joint}", low, high)
+         for joint, home, low, high in zip(robot.joints, robot.home, robot.limits.low, robot.limits.high, strict=True)]
     return frozen(np.array(q))
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import nullcontext
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -30,7 +30,7 @@ from .readings import Readings
 from .recording import Frames, find_footage, instants, open_recording
 from .rendering import scripted
 from .rigfile import read_camera, read_rig
-from .robot import load_robot
+from .robot import joint_values, load_robot
 from .session import Moment, Session
 from .sessionlog import Log
 from .teleop import MappingParameters, Sample, alignment
@@ -80,7 +80,7 @@ def simulated(rig: str | Path, handle: str | Path, seconds: float = 10.0, seed: 
 
 def teleoperate(source: Source, out: str | Path, robot: str | Path = "ur5", scale: float = 1.0, turn_scale: float = 1.0,
                 clutch: str | Path | None = None, view: str | Path | None = None, method: str = "best",
-                video: bool = True, progress: bool = True) -> Done:
+                start: Mapping[str, float] | None = None, video: bool = True, progress: bool = True) -> Done:
     """Follow the handle, move the arm, and write what happened; Ctrl-C ends the session, and it is written.
 
     Parameters
@@ -101,6 +101,8 @@ def teleoperate(source: Source, out: str | Path, robot: str | Path = "ur5", scal
         A rig file with the surveillance camera, in mm in the robot's base frame; a shipped one without it.
     method : str
         The estimator, see `workflows.METHODS`.
+    start : mapping, optional
+        Joint positions by name, rad, those that are not named as at home.
     video : bool
         Whether the monitor is drawn.
     progress : bool
@@ -114,7 +116,9 @@ def teleoperate(source: Source, out: str | Path, robot: str | Path = "ur5", scal
     """
     root, camera, switch = _new_folder(out), _surveillance(view), _clutch(clutch)
     parameters = Parameters(estimator=estimator_of(method))
-    session = Session(load_robot(robot), MappingParameters(scale, turn_scale, alignment(camera)))
+    arm = load_robot(robot)
+    session = Session(arm, MappingParameters(scale, turn_scale, alignment(camera)),
+                      q=joint_values(arm, start or {}, "start"))
     notes, poses = Log(session.robot.joints), list[tuple[float, Pose]]()
     root.mkdir(exist_ok=True)
     try:
