@@ -1,4 +1,4 @@
-"""The claim that the slave follows the handle: a recorded track, then rest, and where the tool is (Sect. 2)."""
+"""The slave arm on trial: where a recorded track takes it (Sect. 2), and what it feels when led against a block."""
 
 from __future__ import annotations
 
@@ -7,18 +7,20 @@ from itertools import islice
 from pathlib import Path
 
 import numpy as np
-from scipy.spatial.transform import RigidTransform
+from scipy.spatial.transform import RigidTransform, Rotation
 
 from . import posetracker
 from .posetable import poses_by_frame, read_poses
 from .robot import load_robot
 from .session import Session
+from .slave import Reading
 from .standard import standard_recording
-from .teleop import Sample
+from .teleop import MappingParameters, Sample
 from .teleoperating import recorded
 
 REST_S = 1.5
 FIRST = 30  # frame of the recording `calm` at which the hand has come
+BLOCK_Y_MM, TOOL_RADIUS_MM, DEEP_MM = 160.0, 5.0, 3.0  # the block's side towards the arm's home, in the shipped model
 
 
 def slave_at_rest() -> float | None:
@@ -38,6 +40,17 @@ def slave_at_rest() -> float | None:
     tool, led = moment.reading.tool, _led(start, truths[FIRST], truths[max(truths)])
     return float(max(np.linalg.norm(tool.translation - led.translation),
                      np.rad2deg((tool.rotation * led.rotation.inv()).magnitude())))
+
+
+def pushed() -> tuple[Session, Reading]:
+    """An arm whose tool a hand has led down and, away from the operator, `DEEP_MM` into the block; what it measures."""
+    away = Rotation.from_euler("x", -90, degrees=True)  # the hand's right, down and away: the base's x, -z and y
+    reach = (-850.0, 850.0), (-850.0, BLOCK_Y_MM - TOOL_RADIUS_MM + DEEP_MM), (30.0, 950.0)
+    session = Session(load_robot(), MappingParameters(alignment=away, reach_mm=reach))
+    for t in np.arange(90) / 30:
+        hand = RigidTransform.from_translation([0, min(150 * t, 90), 560 + 150 * max(t - 0.6, 0)])
+        reading = session.step(Sample(t, hand, "measured", True)).reading
+    return session, reading
 
 
 def _tracked(folder: Path) -> list[Sample]:
