@@ -29,11 +29,11 @@ ORDER = [
     "boardtrial", "footage", "recording", "clip", "recorder", "rendering", "standard", "devices", "capturing",
     "trackquality", "evaluation", "sync", "targetviews", "suspects", "calibrating", "errata_workspace",
     "errata_background", "errata_kalman", "errata_markers", "errata_pose", "errata_table1", "errata", "oneeuro",
-    "teleop", "robot", "limiter", "reference", "inverse", "slave", "session", "teleop_trial", "grids", "outcome", "notebookrun",
-    "plotting_sliders", "provenance", "kernelstate", "warmkernel", "engines", "sweepfolder", "sweeping", "sweep",
-    "workflows", "trackrows", "tracking", "factors", "table1_bound", "deviations", "error_sources", "mixing", "pattern",
-    "budget", "evidence", "trials", "known", "elevation", "centroid_trial", "marker_trial", "covertruth",
-    "sweep_trials", "gallery", "scoreboard", "arguments", "cli",
+    "teleop", "robot", "limiter", "reference", "inverse", "slave", "session", "teleop_trial", "grids", "outcome",
+    "notebookrun", "plotting_sliders", "provenance", "kernelstate", "warmkernel", "engines", "sweepfolder",
+    "sweeping", "sweep", "workflows", "trackrows", "tracking", "factors", "table1_bound", "deviations",
+    "error_sources", "mixing", "pattern", "budget", "evidence", "trials", "known", "elevation", "centroid_trial",
+    "marker_trial", "covertruth", "sweep_trials", "gallery", "scoreboard", "arguments", "cli",
 ]
 # all that makes the truth may know
 BENCH = {"checks", "outputs", "quiet", "greyimage", "lens", "camera", "handle", "raycast", "capsule", "arm", "motion",

@@ -1,4 +1,4 @@
-"""The trial of master to slave: parts that are known beforehand, delays against their sum, the reach against another."""
+"""The trial of master to slave: parts that are known beforehand, delays against their sum, the reach against ticks."""
 
 import numpy as np
 import pytest

@@ -69,8 +69,7 @@ def run(robot: Robot, hand: Hand, mapping: MappingParameters | None = None,
         rng: np.random.Generator | None = None) -> Trial:
     """A hand's motion through a session; its clutch is closed at `STILL_S`, and the trial begins there.
 
-    The tracker gives `rate_hz` poses a second with Gaussian noise about each axis, each `age_s` old (from the middle of
-    its exposure) when it arrives.
+    The tracker gives `rate_hz` poses a second, each `age_s` after its exposure, with Gaussian noise about each axis.
     """
     p, last_s = mapping or MappingParameters(), STILL_S + as_number(duration_s, "duration_s", 0.0, open_low=True)
     rate = as_number(rate_hz, "rate_hz", 0.0, open_low=True)
@@ -88,7 +87,8 @@ def run(robot: Robot, hand: Hand, mapping: MappingParameters | None = None,
               "seen": mapped(poses[first:], tool, p)[after],
               "filtered": RigidTransform.concatenate([state.target for state in alone][first + 1:])[after],
               "target": RigidTransform.concatenate([moment.state.target for moment in moments[first:]])[after],
-              **{name: RigidTransform.concatenate(sum((getattr(one, name) for one in ticks), [])) for name in STAGES[4:]}}
+              **{name: RigidTransform.concatenate([T for one in ticks for T in getattr(one, name)])
+                 for name in STAGES[4:]}}
     states = [moment.state for moment in moments]
     why = {state.held for state in states if state.held} | {"reach" for state in states if state.limited}
     return Trial(frozen(t_s), stages, tuple(sorted(why)))
@@ -116,9 +116,8 @@ def latency_budget(robot: Robot, mapping: MappingParameters, following: Referenc
     until the next one: half an interval on average, and half a tick since it is looked at when a tick ends. The servos
     know the speed and need no lag; where the tool is, is read one step of the simulation late.
     """
-    f = mapping.filtering
     return {"exposure": exposure_s / 2, "frame": 1 / rate_hz, "measurement": measurement_s, "hold": 0.5 / rate_hz,
-            "filter": oneeuro.lag_s(speed_mm_s, f.cutoff_hz, f.slope),
+            "filter": oneeuro.lag_s(speed_mm_s, mapping.filtering.cutoff_hz, mapping.filtering.slope),
             "reference": reference_lag_s(following, mapping.scale * speed_mm_s),
             "tick": TICK_S / 2, "servo": float(robot.model.opt.timestep)}
 
