@@ -189,6 +189,8 @@ def test_the_reach_is_whole_near_home_and_ends_with_the_arm():
     assert coverage(ROBOT, 20.0, TO_BASE, 2) == (0.0, 0.0)  # corners, more than 2 m away
     shares = [coverage(ROBOT, scale, TO_BASE, 3) for scale in (1.0, 2.0, 4.0)]
     assert shares == sorted(shares, reverse=True)
+    near = ROBOT.limits._replace(low=ROBOT.home - 0.05, high=ROBOT.home + 0.05)
+    assert coverage(ROBOT._replace(limits=near), 1.0, TO_BASE, 2) == (0.0, 0.0)  # joints that hardly move
     assert shares[1][1] == pytest.approx(2 / 3)  # a third of the points is 200 mm below home, and so below the table
 
 
