@@ -21,9 +21,10 @@ OTHER_PARAMETERS = {
     "08_pose": {"handle_name": "coded", "sigma_px": 0.05, "seed": 3},
     "09_table1": {"handle_name": "coded", "seed": 1, "noise_px": 0.1},
     "10_estimators": {"rig_name": "raised_40deg", "estimator": "reprojection", "turned_deg": 0.02, "seed": 1},
+    "11_master_slave": {"scale": 2.0, "turn_scale": 0.5, "cutoff_hz": 3.0, "noise_mm": 0.1, "seed": 1},
     "12_force_feedback": {"mass_kg": 0.5, "damping": 5.0, "delay_s": 0.1, "rate_hz": 60.0, "seed": 1},
 }
-FILM_FRAMES = {"01_structure": 30}  # of the film that a chapter shows: every second one of two seconds
+FILM_FRAMES = {"01_structure": 30, "11_master_slave": 36}  # of the films that chapters show
 ERRORS = {"E_t_mm", "E_alpha_deg", "E_beta_deg", "E_gamma_deg"}
 
 each_notebook = pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)

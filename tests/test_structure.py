@@ -31,10 +31,10 @@ ORDER = [
     "errata_background", "errata_kalman", "errata_markers", "errata_pose", "errata_table1", "errata", "rigid",
     "oneeuro", "teleop", "robot", "limiter", "reference", "inverse", "slave", "session", "sessionlog", "grids",
     "outcome", "notebookrun", "plotting_sliders", "provenance", "kernelstate", "warmkernel", "engines", "sweepfolder",
-    "sweeping", "sweep", "workflows", "trackrows", "tracking", "teleoperating", "slave_trial", "factors",
-    "table1_bound", "deviations", "error_sources", "mixing", "pattern", "budget", "evidence", "trials", "known",
-    "elevation", "centroid_trial", "marker_trial", "covertruth", "sweep_trials", "gallery", "scoreboard", "arguments",
-    "cli",
+    "sweeping", "sweep", "workflows", "trackrows", "tracking", "teleoperating", "slave_trial", "teleop_trial",
+    "factors", "table1_bound", "deviations", "error_sources", "mixing", "pattern", "budget", "evidence", "trials",
+    "known", "elevation", "centroid_trial", "marker_trial", "covertruth", "sweep_trials", "gallery", "scoreboard",
+    "arguments", "cli",
 ]
 # all that makes the truth may know
 BENCH = {"checks", "outputs", "quiet", "greyimage", "lens", "camera", "handle", "raycast", "capsule", "arm", "motion",

@@ -1,0 +1,221 @@
+"""The trial of master to slave: parts that are known beforehand, delays against their sum, the reach against ticks."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import RigidTransform, Rotation
+
+pytest.importorskip("mink", reason="the extra 'slave' is missing")
+
+from trinolab import reference, teleop, teleop_trial
+from trinolab.inverse import Command, Inverse
+from trinolab.oneeuro import OneEuroParameters
+from trinolab.reference import ReferenceParameters
+from trinolab.robot import forward, load_robot
+from trinolab.slave import Slave
+from trinolab.teleop import MappingParameters, Sample, State
+from trinolab.teleop_trial import (
+    PARTS,
+    STAGES,
+    STILL_S,
+    at_tool,
+    coverage,
+    human_hand,
+    lag_s,
+    latency_budget,
+    mapped,
+    noisy,
+    parts,
+    reference_lag_s,
+    run,
+)
+
+ROBOT = load_robot()
+TOOL = forward(ROBOT, ROBOT.home)
+TO_BASE = Rotation.from_matrix([[1, 0, 0], [0, 0, 1], [0, -1, 0]])  # the hand's right, down, away: +x, -z, +y
+HANDLE = RigidTransform.from_components([0.0, 0.0, 560.0], Rotation.from_rotvec([0, np.pi / 2, 0]))
+MAPPING, FOLLOWING = MappingParameters(alignment=TO_BASE), ReferenceParameters()
+
+
+def still(times):
+    return RigidTransform.concatenate([HANDLE] * len(times))
+
+
+def steady(speed, turn=0.0):
+    """A hand that goes away with one speed, mm/s, and turns at one rate, rad/s, from `STILL_S` on."""
+    def hand(times):
+        moved = np.maximum(times - STILL_S, 0.0)[:, None]
+        return RigidTransform.from_components(HANDLE.translation + speed * moved * [0, 0, 1],
+                                              Rotation.from_rotvec(turn * moved * [0, 0, 1]) * HANDLE.rotation)
+    return hand
+
+
+# --- the error, taken apart
+
+
+def test_a_hand_at_rest_without_noise_has_no_error():
+    trial = run(ROBOT, still, MAPPING, age_s=0.05, duration_s=1.0)
+    assert trial.held == ()
+    for name, (mm, deg) in parts(trial).items():
+        assert mm < 1e-4, name  # servo: it settles by 3e-6
+        assert deg < 1e-4, name
+
+
+def test_the_stages_follow_the_parts_and_their_steps_sum_to_the_total():
+    trial = run(ROBOT, human_hand(3, 0.3), MAPPING, noise_mm=0.1, noise_deg=0.3, age_s=0.03, duration_s=1.0)
+    assert list(trial.stages) == list(STAGES)
+    assert list(parts(trial)) == [*PARTS, "total"]
+    assert {len(stage) for stage in trial.stages.values()} == {len(trial.t_s)}
+    found = parts(trial)
+    assert found["total"][0] <= sum(found[name][0] for name in PARTS)
+    assert found["total"][1] <= sum(found[name][1] for name in PARTS)
+
+
+def test_noise_alone_has_the_size_of_its_low_pass_and_doubles_with_the_scale():
+    """At rest the filter is a first-order low-pass: of a deviation sigma it leaves sigma sqrt(share / (2 - share)).
+
+    The clutch is closed at one filtered pose, from which the others differ: sqrt 2 times as much, where they are
+    independent. The mean length of three Gaussian coordinates is sqrt(8 / pi) of them.
+    """
+    flat = MappingParameters(alignment=TO_BASE, filtering=OneEuroParameters(1.5, 1.0, 0.0, 0.0))
+    found = []
+    for seed in range(3):
+        once = run(ROBOT, still, flat, noise_mm=0.1, noise_deg=0.3, duration_s=2.0, rng=np.random.default_rng(seed))
+        found.append(parts(once)["tracker noise"][0])
+    share = 1 / (1 + 30 / (2 * np.pi * 1.5))
+    expected = 0.1 * np.sqrt(share / (2 - share)) * np.sqrt(2) * np.sqrt(8 / np.pi)
+    assert np.mean(found) == pytest.approx(expected, rel=0.35)  # one closing of the clutch a seed
+    twice = run(ROBOT, still, MappingParameters(2.0, 2.0, TO_BASE, flat.filtering), noise_mm=0.1, noise_deg=0.3,
+                duration_s=2.0, rng=np.random.default_rng(2))
+    np.testing.assert_allclose(parts(twice)["tracker noise"], 2 * np.array(parts(once)["tracker noise"]), rtol=0.01)
+    assert parts(twice)["filter lag"][0] == pytest.approx(0, abs=1e-9)
+
+
+def test_a_steady_motion_is_behind_by_the_sum_of_the_lags():
+    """At the end of the motion, when all has settled: each part is the speed times its lag."""
+    speed, age = 60.0, 0.04
+    trial = run(ROBOT, steady(speed), MAPPING, age_s=age, duration_s=3.0)
+    late = trial.t_s > STILL_S + 2.0
+    budget = latency_budget(ROBOT, MAPPING, FOLLOWING, 30.0, speed)
+    lags = {"age and hold": age + budget["hold"] + budget["tick"], "filter lag": budget["filter"],
+            "reference lag": budget["reference"], "servo": budget["servo"], "tracker noise": 0, "kinematics": 0}
+    behind = {name: np.linalg.norm(trial.stages[b].translation[late] - trial.stages[a].translation[late], axis=1).mean()
+              for name, a, b in zip(PARTS, STAGES[:-1], STAGES[1:], strict=True)}
+    for name, lag in lags.items():
+        assert behind[name] == pytest.approx(speed * lag, abs=0.1), name  # mm; the hold's mean has half a tick to it
+    total = np.linalg.norm(trial.stages["hand"].translation[late] - trial.stages["tool"].translation[late], axis=1)
+    assert total.mean() == pytest.approx(speed * sum(lags.values()), abs=0.2)
+
+
+def test_a_trial_says_what_held_it():
+    assert run(ROBOT, steady(300.0), MappingParameters(4.0, alignment=TO_BASE), duration_s=1.0).held == ("reach",)
+
+
+# --- delays
+
+
+@pytest.mark.parametrize(("pace", "within_s"), [(0.3, 0.005), (1.0, 0.015)])
+def test_the_measured_delay_is_the_sum_of_the_budget(pace, within_s):
+    age = 0.0488
+    trial = run(ROBOT, human_hand(0, pace), MAPPING, noise_mm=0.05, noise_deg=0.3, age_s=age, duration_s=4.0)
+    budget = latency_budget(ROBOT, MAPPING, FOLLOWING, 30.0, teleop_trial.speed_mm_s(trial))
+    assert sum(budget[stage] for stage in teleop_trial.CAMERAS) == pytest.approx(age, abs=1e-4)
+    assert lag_s(trial) == pytest.approx(sum(budget.values()), abs=within_s)
+    assert lag_s(trial, "seen") == pytest.approx(age + budget["hold"] + budget["tick"], abs=0.001)
+
+
+def test_the_cross_correlation_finds_a_known_delay_between_ticks():
+    t = 0.002 * np.arange(1000)
+    stages = {name: RigidTransform.from_translation(50 * np.stack([np.sin(3 * s), np.cos(2 * s), s * 0], axis=1))
+              for name, s in (("hand", t), ("tool", t - 0.0837))}
+    assert lag_s(teleop_trial.Trial(t, stages, ())) == pytest.approx(0.0837, abs=5e-4)
+    with pytest.raises(ValueError, match="trial"):
+        lag_s(teleop_trial.Trial(t[:300], {name: stage[:300] for name, stage in stages.items()}, ()))
+
+
+def test_without_a_motion_there_is_no_delay():
+    assert np.isnan(lag_s(run(ROBOT, still, MAPPING, duration_s=1.5)))
+
+
+def test_the_reference_is_late_by_its_time_constant_or_by_what_braking_asks_for():
+    assert reference_lag_s(FOLLOWING, 50.0) == 1 / 20
+    assert reference_lag_s(FOLLOWING, 420.0) == pytest.approx(420 / 4200)
+    assert reference_lag_s(FOLLOWING, 700.0) == np.inf
+    for speed in (50.0, 420.0):  # as it goes
+        ref = reference.at_rest(TOOL)
+        for k in range(1, 1501):
+            ref = reference.step(ref, RigidTransform.from_translation([speed * k * 0.002, 0, 0]) * TOOL, 0.002)
+        behind = speed * 3.0 - (ref.pose.translation - TOOL.translation)[0]
+        assert behind / speed == pytest.approx(reference_lag_s(FOLLOWING, speed), abs=0.003)
+
+
+def test_the_tool_is_read_one_step_of_the_simulation_late():
+    slave, way = Slave(ROBOT), np.array([0.3, 0.0, 0.0, 0.0, 0.0, 0.0])
+    for k in range(500):
+        found = slave.advance(ROBOT.home + way * 0.002 * k, ROBOT.home + way * 0.002 * (k + 1), 0.002)
+    earlier = forward(ROBOT, found.q - way * ROBOT.model.opt.timestep)
+    np.testing.assert_allclose(found.tool.translation, earlier.translation, atol=0.005)  # mm; it moves by 0.15 a step
+
+
+# --- the mapping, the noise, the reach, the tool
+
+
+@pytest.mark.parametrize(("scale", "turn_scale"), [(1.0, 1.0), (2.5, 0.5)])
+def test_the_mapping_without_a_filter_is_that_of_teleop(scale, turn_scale):
+    quick = MappingParameters(scale, turn_scale, TO_BASE, OneEuroParameters(1e6, 1e6), reach_mm=((-9e3, 9e3),) * 3)
+    times = np.arange(60) / 30
+    poses, state = human_hand(1)(times + STILL_S), State(-1.0, TOOL)
+    for t, pose in zip(times, poses, strict=True):
+        state = teleop.step(state, Sample(float(t), pose, "measured", True), quick)
+    expected = mapped(poses, TOOL, quick)[-1]
+    np.testing.assert_allclose(state.target.translation, expected.translation, atol=0.01)
+    assert (state.target.rotation * expected.rotation.inv()).magnitude() < 1e-4
+
+
+def test_noise_has_its_deviations():
+    off = noisy(still(range(4000)), 0.2, 0.5, np.random.default_rng(0))
+    np.testing.assert_allclose((off.translation - HANDLE.translation).std(axis=0), 0.2, rtol=0.05)
+    turned = np.rad2deg((off.rotation * HANDLE.rotation.inv()).as_rotvec())
+    np.testing.assert_allclose(turned.std(axis=0), 0.5, rtol=0.05)
+
+
+def test_a_human_hand_rests_first():
+    poses = human_hand(2)(np.array([0.0, 0.5, STILL_S, STILL_S + 1.0]))
+    np.testing.assert_allclose(poses[:3].translation, poses[[0, 0, 0]].translation, atol=1e-9)
+    assert np.linalg.norm(poses[3].translation - poses[0].translation) > 10
+
+
+def test_the_reach_is_whole_near_home_and_ends_with_the_arm():
+    assert coverage(ROBOT, 0.5, TO_BASE, 3) == (1.0, 1.0)
+    assert coverage(ROBOT, 20.0, TO_BASE, 2) == (0.0, 0.0)  # corners, more than 2 m away
+    shares = [coverage(ROBOT, scale, TO_BASE, 3) for scale in (1.0, 2.0, 4.0)]
+    assert shares == sorted(shares, reverse=True)
+    near = ROBOT.limits._replace(low=ROBOT.home - 0.05, high=ROBOT.home + 0.05)
+    assert coverage(ROBOT._replace(limits=near), 1.0, TO_BASE, 2) == (0.0, 0.0)  # joints that hardly move
+    assert shares[1][1] == pytest.approx(2 / 3)  # a third of the points is 200 mm below home, and so below the table
+
+
+@pytest.mark.parametrize("way", [(150.0, 0.0, 50.0), (-150.0, 100.0, -60.0), (-330.0, 0.0, 0.0), (-420.0, 0.0, 0.0)])
+def test_a_point_that_newton_reaches_the_arm_reaches_tick_by_tick(way):
+    inverse, command, ref = Inverse(ROBOT), Command(ROBOT.home, np.zeros(6)), reference.at_rest(TOOL)
+    goal = RigidTransform.from_translation(way) * TOOL
+    for _ in range(2000):
+        after = reference.step(ref, goal, inverse.tick_s)
+        command = inverse.step(command, ref.pose, after.pose)
+        ref = reference.leashed(after, inverse.tool(command.q))
+    mm = np.linalg.norm(inverse.tool(command.q).translation - goal.translation)
+    assert (mm < 1) == teleop_trial._is_reached(ROBOT, TOOL, np.array(way))
+
+
+def test_what_the_papers_errors_are_at_the_tool():
+    moved, turned, both = at_tool(0.31, 0.67, scale=2.0)
+    assert moved == pytest.approx(0.62)
+    assert turned == pytest.approx(1.17, abs=0.005)
+    assert both == pytest.approx(np.sqrt(0.62**2 + 1.1694**2), abs=1e-3)
+    assert at_tool(0.31, 0.67, turn_scale=0.5)[1] == pytest.approx(turned / 2)
+
+
+@pytest.mark.parametrize(("name", "value"), [("rate_hz", 0.0), ("age_s", -1.0), ("duration_s", 0.0),
+                                             ("noise_mm", -0.1), ("noise_deg", np.nan)])
+def test_arguments_that_are_refused(name, value):
+    with pytest.raises(ValueError, match=name):
+        run(ROBOT, still, **{name: value})
