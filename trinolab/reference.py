@@ -21,7 +21,7 @@ class ReferenceParameters:
     Attributes
     ----------
     rate : float
-        Of the approach, 1/s: a steady motion is followed 1 / rate behind.
+        Of the approach, 1/s: a steady motion is followed 1 / rate behind, a fast one v / (2 MARGIN acceleration).
     speed_mm_s, acceleration_mm_s2 : float
         Of the tool's position.
     turn_rad_s, turn_rad_s2 : float
