@@ -54,6 +54,8 @@ def test_the_arm_repeats_what_the_hand_does():
     np.testing.assert_allclose(last.translation - first.translation, [118, 0, 0], atol=0.5)  # closed at 1/30 s
     assert (last.rotation * first.rotation.inv()).magnitude() < 1e-3
     assert all(len(moment.ticks.t_s) in (16, 17) for moment in moments[1:])
+    np.testing.assert_allclose(np.diff(all_ticks(moments, "t_s")), TICK_S, rtol=0, atol=1e-9)  # one clock
+    assert abs(moments[-1].ticks.t_s[-1] - times[-1]) <= TICK_S
 
 
 def test_a_second_of_lost_frames_holds_the_arm_still():

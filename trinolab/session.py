@@ -76,6 +76,7 @@ class Session:
         start = self.slave.read()
         self._command, self._reference = Command(start.q, start.speed), reference.at_rest(start.tool)
         self.state: State | None = None
+        self._moved_s = 0.0  # up to when the arm has moved
 
     def step(self, sample: Sample) -> Moment:
         """One instant: the arm moves up to its time as was commanded before, then the sample says what comes next.
@@ -84,15 +85,18 @@ class Session:
         """
         if self.state is None:
             self.state = State(np.nextafter(sample.t_s, -np.inf), self._reference.pose)
+            self._moved_s = sample.t_s
         ticks = self._run(self.state, sample.t_s)
         self.state = teleop.step(self.state, sample, self.mapping)
         return Moment(self.state, ticks, self.slave.read(), self._at_limits())
 
     def _run(self, state: State, until_s: float) -> Ticks:
         dt = self._inverse.tick_s
-        gap = until_s - state.t_s
+        gap = until_s - self._moved_s  # with what rounding has left from the instant before
         count = round(min(gap, LONGEST_S) / dt) if gap > 0 else 0
-        rows = [(state.t_s + (k + 1) * dt, *self._tick(state.target)) for k in range(count)]
+        begin = until_s - count * dt if gap > LONGEST_S else self._moved_s
+        rows = [(begin + (k + 1) * dt, *self._tick(state.target)) for k in range(count)]
+        self._moved_s = begin + count * dt
         times, commands, readings, references = zip(*rows, strict=True) if rows else ((), (), (), ())
         n = len(self.robot.joints)
         return Ticks(frozen(np.array(times)), frozen(np.array([c.q for c in commands]).reshape(-1, n)),
