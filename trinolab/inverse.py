@@ -5,11 +5,12 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.spatial.transform import RigidTransform, Rotation
+from scipy.spatial.transform import RigidTransform
 
 from .checks import Array, frozen
 from .limiter import speed_bounds
-from .rigid import placed, rotation_of
+from .pose import motion_between, shifted
+from .rigid import rotation_of
 from .robot import TOOL, Robot, site_pose
 
 TICK_S = 0.002
@@ -92,11 +93,9 @@ def _bounds_of(n: int) -> Any:
 
 def _goal(now: RigidTransform, before: RigidTransform, after: RigidTransform, dt: float) -> RigidTransform:
     """Where the tool should be after a tick: moved as the reference moves, and a part of what it was off."""
-    off = before.translation - now.translation
-    turn = (rotation_of(before) * rotation_of(now).inv()).as_rotvec()
-    moved = after.translation - before.translation + _part(off, CATCH_UP_MM_S2, dt)
-    turned = rotation_of(after) * rotation_of(before).inv() * Rotation.from_rotvec(_part(turn, CATCH_UP_RAD_S2, dt))
-    return placed(now.translation + moved, turned * rotation_of(now))
+    off = motion_between(before, now)
+    closed = np.concatenate([_part(off[:3], CATCH_UP_MM_S2, dt), _part(off[3:], CATCH_UP_RAD_S2, dt)])
+    return shifted(shifted(now, closed), motion_between(after, before))
 
 
 def _part(off: Array, acceleration: float, dt: float) -> Array:

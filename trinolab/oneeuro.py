@@ -10,10 +10,10 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from scipy.spatial.transform import RigidTransform, Rotation
+from scipy.spatial.transform import RigidTransform
 
 from .checks import Array, as_number, frozen
-from .rigid import placed, rotation_of
+from .pose import motion_between, shifted
 
 
 @dataclass(frozen=True)
@@ -65,16 +65,13 @@ def step(state: Filtered, t_s: float, pose: RigidTransform, parameters: OneEuroP
     """The state after another pose. Raises ValueError if the time does not increase."""
     p = parameters or OneEuroParameters()
     dt = as_number(t_s, "t_s", state.t_s, open_low=True) - state.t_s
-    off = pose.translation - state.pose.translation
-    turn = (rotation_of(pose) * rotation_of(state.pose).inv()).as_rotvec()
+    off, moved = motion_between(pose, state.pose), motion_between(pose, state.last)
     share = _share(p.speed_cutoff_hz, dt)
-    velocity = state.velocity + share * ((pose.translation - state.last.translation) / dt - state.velocity)
-    turned_by = (rotation_of(pose) * rotation_of(state.last).inv()).as_rotvec()
-    turn_rate = state.turn_rate + share * (turned_by / dt - state.turn_rate)
-    moved = off * _share(p.cutoff_hz + p.slope * float(np.linalg.norm(velocity)), dt)
-    turned = turn * _share(p.turn_cutoff_hz + p.turn_slope * float(np.linalg.norm(turn_rate)), dt)
-    filtered = placed(state.pose.translation + moved, Rotation.from_rotvec(turned) * rotation_of(state.pose))
-    return Filtered(t_s, filtered, pose, frozen(velocity), frozen(turn_rate))
+    velocity = state.velocity + share * (moved[:3] / dt - state.velocity)
+    turn_rate = state.turn_rate + share * (moved[3:] / dt - state.turn_rate)
+    off[:3] *= _share(p.cutoff_hz + p.slope * float(np.linalg.norm(velocity)), dt)
+    off[3:] *= _share(p.turn_cutoff_hz + p.turn_slope * float(np.linalg.norm(turn_rate)), dt)
+    return Filtered(t_s, shifted(state.pose, off), pose, frozen(velocity), frozen(turn_rate))
 
 
 def lag_s(speed: float, cutoff_hz: float, slope: float) -> float:

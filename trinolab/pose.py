@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from .checks import Array, as_array, as_number, as_points, as_transform
+from .rigid import placed, rotation_of
 
 LARGEST = 1e100  # of a coordinate: its square is still a number
 
@@ -170,7 +171,8 @@ def weighted_fit(points_source: ArrayLike, points_target: ArrayLike, covariances
 
 def motion_between(a: RigidTransform, b: RigidTransform) -> Array:
     """From pose b to pose a, shape (6,): position (mm) and rotation vector (rad), as in a pose's covariance."""
-    return np.concatenate([a.translation - b.translation, (a.rotation * b.rotation.inv()).as_rotvec()])
+    turn = (rotation_of(a) * rotation_of(b).inv()).as_rotvec()
+    return np.concatenate([a.translation - b.translation, turn])
 
 
 def apart(a: RigidTransform, b: RigidTransform, most_mm: float, most_rad: float) -> bool:
@@ -182,7 +184,7 @@ def apart(a: RigidTransform, b: RigidTransform, most_mm: float, most_rad: float)
 def shifted(T: RigidTransform, motion: Array) -> RigidTransform:
     """A pose after a motion (6,), see `motion_between`, which it undoes."""
     turn = Rotation.from_rotvec(np.array(motion[3:]))  # SciPy wants a writable array
-    return RigidTransform.from_components(T.translation + motion[:3], turn * T.rotation)
+    return placed(T.translation + motion[:3], turn * rotation_of(T))
 
 
 def cross_matrices(vectors: Array) -> Array:

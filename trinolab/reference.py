@@ -6,10 +6,10 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from scipy.spatial.transform import RigidTransform, Rotation
+from scipy.spatial.transform import RigidTransform
 
 from .checks import Array, as_number, frozen
-from .rigid import placed, rotation_of
+from .pose import apart, motion_between, shifted
 
 MARGIN = 0.7  # of the acceleration, that braking is planned with
 
@@ -65,12 +65,10 @@ def step(reference: Reference, target: RigidTransform, dt: float, parameters: Re
          ) -> Reference:
     """One tick of `dt` s towards a target T_base_tool; it comes to rest there without overshooting."""
     p = parameters or ReferenceParameters()
-    pose = reference.pose
-    off = target.translation - pose.translation
-    turn = (rotation_of(target) * rotation_of(pose).inv()).as_rotvec()
-    velocity = _next(reference.velocity, off, dt, p.rate, p.speed_mm_s, p.acceleration_mm_s2)
-    turn_rate = _next(reference.turn_rate, turn, dt, p.rate, p.turn_rad_s, p.turn_rad_s2)
-    moved = placed(pose.translation + dt * velocity, Rotation.from_rotvec(dt * turn_rate) * rotation_of(pose))
+    off = motion_between(target, reference.pose)
+    velocity = _next(reference.velocity, off[:3], dt, p.rate, p.speed_mm_s, p.acceleration_mm_s2)
+    turn_rate = _next(reference.turn_rate, off[3:], dt, p.rate, p.turn_rad_s, p.turn_rad_s2)
+    moved = shifted(reference.pose, dt * np.concatenate([velocity, turn_rate]))
     return Reference(moved, frozen(velocity), frozen(turn_rate))
 
 
@@ -80,14 +78,12 @@ def leashed(reference: Reference, tool: RigidTransform, parameters: ReferencePar
     What goes on pulling at the leash, its speed loses.
     """
     p = parameters or ReferenceParameters()
-    off = reference.pose.translation - tool.translation
-    turn = (rotation_of(reference.pose) * rotation_of(tool).inv()).as_rotvec()
-    if np.linalg.norm(off) <= p.leash_mm and np.linalg.norm(turn) <= p.leash_rad:
+    if not apart(reference.pose, tool, p.leash_mm, p.leash_rad):
         return reference
-    off, velocity = _held(off, reference.velocity, p.leash_mm)
-    turn, turn_rate = _held(turn, reference.turn_rate, p.leash_rad)
-    pose = placed(tool.translation + off, Rotation.from_rotvec(turn) * rotation_of(tool))
-    return Reference(pose, frozen(velocity), frozen(turn_rate))
+    ahead = motion_between(reference.pose, tool)
+    off, velocity = _held(ahead[:3], reference.velocity, p.leash_mm)
+    turn, turn_rate = _held(ahead[3:], reference.turn_rate, p.leash_rad)
+    return Reference(shifted(tool, np.concatenate([off, turn])), frozen(velocity), frozen(turn_rate))
 
 
 def _held(off: Array, speed: Array, longest: float) -> tuple[Array, Array]:

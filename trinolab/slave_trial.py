@@ -14,6 +14,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 
 from . import posetracker
 from .overlay import PageVideo
+from .pose import motion_between, shifted
 from .posetable import poses_by_frame, read_poses
 from .robot import load_robot
 from .session import Session
@@ -41,9 +42,9 @@ def slave_at_rest() -> float | None:
     for sample in samples:
         moment = session.step(sample)
     truths = poses_by_frame(read_poses(folder / "truth.csv"))
-    tool, led = moment.reading.tool, _led(start, truths[FIRST], truths[max(truths)])
-    return float(max(np.linalg.norm(tool.translation - led.translation),
-                     np.rad2deg((tool.rotation * led.rotation.inv()).magnitude())))
+    led = shifted(start, motion_between(truths[max(truths)], truths[FIRST]))  # at scale 1, axes alike
+    off = motion_between(moment.reading.tool, led)
+    return float(max(np.linalg.norm(off[:3]), np.rad2deg(np.linalg.norm(off[3:]))))
 
 
 def pushed() -> tuple[Session, Reading]:
@@ -85,9 +86,3 @@ def _tracked(folder: Path) -> list[Sample]:
         samples.append(Sample(now.t_s, pose.T_world_handle, pose.status, True))
     last = samples[-1]
     return samples + [last._replace(t_s=last.t_s + k / 30) for k in range(1, round(30 * REST_S) + 1)]
-
-
-def _led(tool: RigidTransform, first: RigidTransform, last: RigidTransform) -> RigidTransform:
-    """Where a motion of the handle takes the tool at scale 1, axes alike."""
-    return RigidTransform.from_components(tool.translation + last.translation - first.translation,
-                                          last.rotation * first.rotation.inv() * tool.rotation)

@@ -18,6 +18,7 @@ from . import oneeuro
 from .camera import Camera
 from .checks import Array, as_number, frozen
 from .oneeuro import Filtered, OneEuroParameters
+from .pose import apart, motion_between
 from .rigid import placed, rotation_of
 
 FOLLOWED = ("measured", "ambiguous", "predicted")
@@ -170,9 +171,7 @@ def _is_jump(handle: Filtered, sample: Sample, p: MappingParameters) -> bool:
     """Whether a pose is further from the filtered one than a hand can be by then."""
     assert sample.T_world_handle is not None
     dt = sample.t_s - handle.t_s
-    turn = (rotation_of(sample.T_world_handle) * rotation_of(handle.pose).inv()).magnitude()
-    off = np.linalg.norm(sample.T_world_handle.translation - handle.pose.translation)
-    return bool(off > p.hand_mm_s * dt + p.slack_mm or turn > p.hand_rad_s * dt + p.slack_rad)
+    return apart(sample.T_world_handle, handle.pose, p.hand_mm_s * dt + p.slack_mm, p.hand_rad_s * dt + p.slack_rad)
 
 
 def _seen(state: State, sample: Sample, p: MappingParameters) -> State:
@@ -202,7 +201,7 @@ def _turned(before: State, pose: RigidTransform, p: MappingParameters) -> Rotati
     """What the tool turns by from one instant to the next; scaled step by step, as angles beyond 180 deg are."""
     if before.origin is None or before.handle is None:
         return Rotation.identity()
-    turn = (rotation_of(pose) * rotation_of(before.handle.pose).inv()).as_rotvec()
+    turn = motion_between(pose, before.handle.pose)[3:]
     return Rotation.from_rotvec(p.turn_scale * p.alignment.apply(turn))
 
 
