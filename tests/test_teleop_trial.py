@@ -7,7 +7,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 pytest.importorskip("mink", reason="the extra 'slave' is missing")
 
 from trinolab import reference, teleop, teleop_trial
-from trinolab.inverse import TICK_S, Command, Inverse
+from trinolab.inverse import Command, Inverse
 from trinolab.oneeuro import OneEuroParameters
 from trinolab.reference import ReferenceParameters
 from trinolab.robot import forward, load_robot
@@ -101,7 +101,7 @@ def test_a_steady_motion_is_behind_by_the_sum_of_the_lags():
     behind = {name: np.linalg.norm(trial.stages[b].translation[late] - trial.stages[a].translation[late], axis=1).mean()
               for name, a, b in zip(PARTS, STAGES[:-1], STAGES[1:], strict=True)}
     for name, lag in lags.items():
-        assert behind[name] == pytest.approx(speed * lag, abs=2 * TICK_S * speed), name  # each is looked at in ticks
+        assert behind[name] == pytest.approx(speed * lag, abs=0.1), name  # mm; the hold's mean has half a tick to it
     total = np.linalg.norm(trial.stages["hand"].translation[late] - trial.stages["tool"].translation[late], axis=1)
     assert total.mean() == pytest.approx(speed * sum(lags.values()), abs=0.2)
 
@@ -113,7 +113,7 @@ def test_a_trial_says_what_held_it():
 # --- delays
 
 
-@pytest.mark.parametrize(("pace", "within_s"), [(0.3, 0.005), (1.0, 0.02)])  # a fast hand's reference brakes: no delay
+@pytest.mark.parametrize(("pace", "within_s"), [(0.3, 0.005), (1.0, 0.015)])
 def test_the_measured_delay_is_the_sum_of_the_budget(pace, within_s):
     age = 0.0488
     trial = run(ROBOT, human_hand(0, pace), MAPPING, noise_mm=0.05, noise_deg=0.3, age_s=age, duration_s=4.0)

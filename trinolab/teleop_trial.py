@@ -113,12 +113,14 @@ def latency_budget(robot: Robot, mapping: MappingParameters, following: Referenc
     """Delay of each stage, s, for a hand of a steady speed.
 
     A frame shows the middle of its exposure, is read out and sent within one interval, and measured. A pose is held
-    until the next one: half an interval on average, and half a tick since it is looked at when a tick ends. The servos
+    until the next one: half an interval on average, and half a tick since it is looked at when a tick ends; there the
+    reference has come nearer by a tick. It has to climb after each new pose, see `climbing_s`. The servos
     know the speed and need no lag; where the tool is, is read one step of the simulation late.
     """
     return {"exposure": exposure_s / 2, "frame": 1 / rate_hz, "measurement": measurement_s, "hold": 0.5 / rate_hz,
             "filter": oneeuro.lag_s(speed_mm_s, mapping.filtering.cutoff_hz, mapping.filtering.slope),
-            "reference": reference_lag_s(following, mapping.scale * speed_mm_s),
+            "reference": reference_lag_s(following, mapping.scale * speed_mm_s)
+            + climbing_s(following, mapping.scale * speed_mm_s, rate_hz) - TICK_S,
             "tick": TICK_S / 2, "servo": float(robot.model.opt.timestep)}
 
 
@@ -129,6 +131,18 @@ def reference_lag_s(following: ReferenceParameters, speed_mm_s: float) -> float:
     """
     brake = speed_mm_s / (2 * MARGIN * following.acceleration_mm_s2)
     return max(1 / following.rate, brake) if speed_mm_s < following.speed_mm_s else np.inf
+
+
+def climbing_s(following: ReferenceParameters, speed_mm_s: float, rate_hz: float) -> float:
+    """How much more a reference is behind a steady speed because its target comes in steps, s.
+
+    Each step J = v / rate_hz asks at once for k J more speed, where k is how the speed asked for grows with the
+    distance: the rate, or MARGIN a / v where it brakes. With the acceleration a this is missing less and less, for
+    k J / (a + k v) s; the mean of what is missing, over k, is a distance.
+    """
+    a, v = following.acceleration_mm_s2, speed_mm_s
+    k = min(following.rate, MARGIN * a / max(v, 1e-12))
+    return k * v / rate_hz / (2 * (a + k * v))
 
 
 def lag_s(trial: Trial, stage: str = "tool", longest_s: float = 0.4) -> float:
