@@ -90,7 +90,7 @@ def test_every_method_measures_the_same_frames(monkeypatch, setup):
     seen = []
     monkeypatch.setattr(factors, "measure", lambda frames, *a, parameters: seen.append(
         (parameters.sigma_px, frames[0].sum())))
-    monkeypatch.setattr(factors, "_errors", lambda *a: {})
+    monkeypatch.setattr(factors, "errors_of", lambda *a: {})
     monkeypatch.setattr(factors, "_frames", lambda setup, k, rng: [rng.integers(0, 255, (2, 2))] * 2)
     cell("turn", 0.0, 0, setup.rig, setup.handle, {"a": Parameters(), "b": Parameters(sigma_px=0.3)})
     first, second = ([total for sigma, total in seen if sigma == s] for s in (0.1, 0.3))

@@ -154,7 +154,7 @@ def cell(name: str, value: float, seed: int, rig: Rig, handle: Handle,
     factor, rng = FACTORS[name], np.random.default_rng(as_whole(seed, "seed", low=0))
     setup = factor.change(table1_setup(rig, handle), as_number(value, factor.column))
     start = {factor.column: value, "seed": seed}
-    return [{**start, "method": method, **_errors(found, setup)}
+    return [{**start, "method": method, **errors_of(found, setup)}
             for method, found in measured(setup, methods, rng).items()]
 
 
@@ -199,7 +199,7 @@ def _frames(setup: Setup, k: int, rng: np.random.Generator) -> list[np.ndarray]:
     return [digitise(blurred(light, setup.bench), setup.bench, rng) for light in lights]
 
 
-def _errors(measurements: list[Measurement], setup: Setup) -> dict[str, float | int]:
+def errors_of(measurements: list[Measurement], setup: Setup) -> dict[str, float | int]:
     """Counts and errors of a cell; NaN if nothing was measured."""
     n = sum(m.pose.T_world_handle is not None for m in measurements)
     errors = replication_errors(measurements, setup.poses, setup.handle) if n else None

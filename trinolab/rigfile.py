@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -28,23 +30,28 @@ def read_rig(path: str | Path) -> Rig:
         Names the file and the field: unreadable, missing, of another shape, not finite, a fisheye camera, two cameras
         in one place; what `Camera` and `Rig` refuse.
     """
-    try:
+    with _named(path):
         rig = Rig(tuple(_cameras(path)))
         _check_places(rig)
-    except ValueError as error:
-        raise ValueError(str(error) if str(error).startswith(str(path)) else f"{path}: {error}") from None
     return rig
 
 
 def read_camera(path: str | Path) -> Camera:
     """Read a file of the same layout that has one camera, in a world frame of its own. Errors as for `read_rig`."""
-    try:
+    with _named(path):
         cameras = _cameras(path)
+        if len(cameras) != 1:
+            raise ValueError(f"expected one camera, got {len(cameras)}")
+    return cameras[0]
+
+
+@contextmanager
+def _named(path: str | Path) -> Iterator[None]:
+    """Put the file's name before an error that does not begin with it."""
+    try:
+        yield
     except ValueError as error:
         raise ValueError(str(error) if str(error).startswith(str(path)) else f"{path}: {error}") from None
-    if len(cameras) != 1:
-        raise ValueError(f"{path}: expected one camera, got {len(cameras)}")
-    return cameras[0]
 
 
 def _cameras(path: str | Path) -> list[Camera]:

@@ -15,13 +15,12 @@ from .camera import Camera, Rig
 from .checks import Array, as_number, as_whole
 from .covertruth import Clip, standard_clip, watch
 from .datasets import load_handle, load_table1, paper_rig
-from .factors import Setup, at_distance, measured, table1_setup, with_markers
+from .factors import Setup, at_distance, errors_of, measured, table1_setup, with_markers
 from .kalman import KalmanParameters
 from .known import KnownRecording, known_recording
 from .parameters import Parameters
 from .scene import Bench
 from .window import Window
-from .workflows import replication_errors
 
 METHODS: Mapping[str, Parameters] = {name: Parameters(estimator=name) for name in ("paper", "patches")}
 
@@ -157,10 +156,9 @@ def _turning(before: Array, after: Array) -> Rotation:
 def _errors(setup: Setup, seed: int) -> dict[str, float]:
     found: dict[str, float] = {}
     for name, measurements in measured(setup, METHODS, np.random.default_rng(seed)).items():
-        n = sum(m.pose.T_world_handle is not None for m in measurements)
-        errors = replication_errors(measurements, setup.poses, setup.handle) if n else None
-        found |= {f"E_t_mm_{name}": getattr(errors, "E_t_mm", np.nan),
-                  f"geodesic_deg_{name}": getattr(errors, "geodesic_mean_deg", np.nan), f"n_{name}": n}
+        errors = errors_of(measurements, setup)
+        found |= {f"E_t_mm_{name}": errors["E_t_mm"], f"geodesic_deg_{name}": errors["geodesic_mean_deg"],
+                  f"n_{name}": errors["n"]}
     return found
 
 
