@@ -100,7 +100,7 @@ def windows(rig: Rig, views: Views, uv: Array, side: int) -> Windows:
     """Windows with pixels uv, shape (k, 2), in their middle; `side` is odd. They may reach beyond the image."""
     corner = np.round(uv).astype(int) - side // 2
     grid = np.stack(np.divmod(np.arange(side * side), side)[::-1])  # (2, p): column, row
-    xy, xy_per_px = np.empty((2, len(uv), side * side), np.float32), np.empty((len(uv), 2, 2), np.float32)
+    xy, xy_per_px = np.empty((2, len(uv), side * side)), np.empty((len(uv), 2, 2))
     for c, camera in enumerate(rig.cameras):
         mine = np.flatnonzero(views.camera == c)
         pixels = corner[mine].T[:, :, None] + grid[:, None]  # (2, k, p)
@@ -133,7 +133,7 @@ def layers(rig: Rig, handle: Handle, T_world_handle: RigidTransform, views: View
     body, body_push, _ = _edge(handle.radius_mm - distance, depth, -outward, rays)
     depth, X, normal = _surface(handle, rays, depth, P, distance)
     clear = np.minimum(handle.top_mm - X[1], X[1] - handle.bottom_mm)
-    angle, edge = np.arctan2(X[0], X[2]), np.float32(handle.marker_diameter_mm / 2)
+    angle, edge = np.arctan2(X[0], X[2]), handle.marker_diameter_mm / 2
     own = nearest = _place(handle, views.marker, angle, X[1])
     for others in _neighbours(handle)[views.marker].T:
         beside = _place(handle, others, angle, X[1])
@@ -177,8 +177,8 @@ def _rays(rig: Rig, T_world_handle: RigidTransform, views: Views, at: Windows) -
     R_handle_world = T_world_handle.as_matrix()[:3, :3].T
     turns = [R_handle_world @ camera.T_world_cam.as_matrix()[:3, :3] for camera in rig.cameras]
     starts = [R_handle_world @ (camera.centre - T_world_handle.translation) for camera in rig.cameras]
-    R = np.stack(turns, dtype=np.float32)[views.camera].transpose(2, 1, 0)[..., None]
-    start = np.stack(starts, dtype=np.float32)[views.camera].T[..., None]
+    R = np.stack(turns)[views.camera].transpose(2, 1, 0)[..., None]
+    start = np.stack(starts)[views.camera].T[..., None]
     by_u, by_v = (R[0] * at.xy_per_px[:, 0, k, None] + R[1] * at.xy_per_px[:, 1, k, None] for k in (0, 1))
     return _Rays(start, R[0] * at.xy[0] + R[1] * at.xy[1] + R[2], by_u, by_v)
 
@@ -206,9 +206,8 @@ def _surface(handle: Handle, rays: _Rays, depth: Array, P: Array, distance: Arra
 
 def _place(handle: Handle, markers: np.ndarray, angle: Array, axial: Array) -> _Place:
     """Where points of the body, by angle and axial coordinate (k, p), lie beside the middle of a marker each (k,)."""
-    columns, rows = (column.astype(np.float32)[markers, None] for column in (
-        handle.marker_angles, handle.marker_centres[:, 1]))
-    turn, along = _wrapped(angle - columns), axial - rows
+    turn = _wrapped(angle - handle.marker_angles[markers, None])
+    along = axial - handle.marker_centres[markers, 1, None]
     return _Place(turn, along, np.maximum(np.hypot(handle.radius_mm * turn, along), 1e-9))
 
 

@@ -7,6 +7,9 @@ In each window the grey is
 m and b being the shares of `appearance.layers` after a Gaussian blur, and the shading a sum of `shading_basis`. These
 greys of a window are eliminated (Schur complement; Triggs et al. 2000, DOI 10.1007/3-540-44480-7_21), so that none has
 to be known. The noise is estimated from what a fit leaves.
+
+All is computed in double precision: in single precision a fit would end a thousandth of its error elsewhere on another
+processor, which rounds in another order.
 """
 
 from __future__ import annotations
@@ -117,7 +120,7 @@ def linearise(state: State, here: Patches, rig: Rig, handle: Handle) -> Linear:
     shares_open = _shares_open(state, here, handle)
     moving = state.smear is not None  # neighbours are smeared together
     during = [layers(rig, handle, _at(state, share), here.views, here.at, moving) for share in shares_open]
-    B = blur_matrices(here.at.side, state.blur_px2).astype(np.float32)[here.views.camera]
+    B = blur_matrices(here.at.side, state.blur_px2)[here.views.camera]
     bases = [shading_basis(shown.turn).transpose(1, 0, 2) for shown in during]  # (k, basis, p) each
     shares = _mean([np.stack([shown.marker, shown.body], axis=1)[:, :, None] * basis[:, None]
                     for shown, basis in zip(during, bases, strict=True)])  # (k, 2, basis, p)
@@ -129,9 +132,8 @@ def linearise(state: State, here: Patches, rig: Rig, handle: Handle) -> Linear:
     greys = state.greys
     if greys is None:
         greys = _first_greys(np.concatenate([m[:, None], body_light, 1 - b[:, None]], axis=1), usable, here.grey)
-    greys = greys.astype(np.float32)
     marker, body, background = greys[:, :1], greys[:, 1:2], greys[:, -1:]
-    shade = np.concatenate([np.ones((k, 1), np.float32), greys[:, 2:-1]], axis=1)[:, None]  # (k, 1, basis)
+    shade = np.concatenate([np.ones((k, 1)), greys[:, 2:-1]], axis=1)[:, None]  # (k, 1, basis)
     m_shaded, b_shaded = (shade @ marker_light)[:, 0], (shade @ body_light)[:, 0]
     predicted = marker * m_shaded + body * b_shaded + background * (1 - b)
     by_shade = marker[..., None] * marker_light[:, 1:] + body[..., None] * body_light[:, 1:]
@@ -150,11 +152,11 @@ def linearise(state: State, here: Patches, rig: Rig, handle: Handle) -> Linear:
 def _shares_open(state: State, here: Patches, handle: Handle) -> Array:
     """Where in the exposure the handle is looked at, -0.5 to 0.5: often enough for a smooth smear."""
     if state.smear is None:
-        return np.zeros(1, np.float32)
+        return np.zeros(1)
     arm = np.linalg.norm(handle.marker_centres, axis=1).max()
     way_mm = np.linalg.norm(state.smear.motion[:3]) + arm * np.linalg.norm(state.smear.motion[3:])
     count = int(np.clip(np.ceil(way_mm * here.px_per_mm.max(initial=0.0) / SMEAR_STEP_PX), 2, MOST_STEPS))
-    return ((np.arange(count) + 0.5) / count - 0.5).astype(np.float32)
+    return (np.arange(count) + 0.5) / count - 0.5
 
 
 def _at(state: State, share: float) -> RigidTransform:
@@ -163,7 +165,7 @@ def _at(state: State, share: float) -> RigidTransform:
 
 
 def _mean(parts: list[Array]) -> Array:
-    return parts[0] if len(parts) == 1 else np.add.reduce(parts) / np.float32(len(parts))
+    return parts[0] if len(parts) == 1 else np.add.reduce(parts) / len(parts)
 
 
 def reduce(by_other: Array, at: Linear) -> Reduced:

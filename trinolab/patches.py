@@ -71,7 +71,7 @@ def cut(images: Sequence[np.ndarray], rig: Rig, handle: Handle, T_world_handle: 
     views, uv = Views(views.camera[inside], views.marker[inside]), uv[inside]
     at = windows(rig, views, uv, side)
     grey = np.array([images[c][v:v + side, u:u + side] for c, (u, v) in zip(views.camera, at.corner, strict=True)],
-                    dtype=np.float32).reshape(len(at.corner), side * side)
+                    dtype=float).reshape(len(at.corner), side * side)
     centres = T_world_handle.apply(handle.marker_centres)
     scale = np.stack([camera.focal.mean() / camera.T_cam_world.apply(centres)[:, 2] for camera in rig.cameras])
     return Patches(views, at, scale[views], grey, grey < SATURATED, np.ones(len(uv)))
