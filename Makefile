@@ -4,6 +4,15 @@ PYTHON ?= python3
 ARGS ?=
 BIN := .venv/bin
 
+# Recordings of real cameras: where TRINOLAB_DATA says, else in a folder shared/data beside the checkout.
+ifeq ($(TRINOLAB_DATA),)
+ifneq ($(realpath ../shared/data),)
+export TRINOLAB_DATA := $(realpath ../shared/data)
+endif
+endif
+# Tests start hundreds of processes: without stored bytecode each would compile the package anew.
+unexport PYTHONDONTWRITEBYTECODE
+
 .DEFAULT_GOAL := help
 .PHONY: help book test lab lint verify sweeps bench clean
 
@@ -13,8 +22,8 @@ help:  ## show this list
 book: .venv/package.done  ## run the chapters, build the pages, print the scoreboard
 	@$(BIN)/python book/build.py
 
-test: .venv/package.done  ## run the tests; ARGS="-k pose" chooses some
-	@$(BIN)/python -m pytest -n auto $(ARGS)
+test: .venv/package.done  ## run the tests; after make book in five minutes; ARGS="-k pose" chooses some
+	@$(BIN)/python -m pytest -n auto --dist worksteal $(ARGS)
 
 lab: .venv/package.done  ## open the chapters in JupyterLab
 	@$(BIN)/jupyter-lab --ServerApp.root_dir=. --LabApp.default_url=/lab/tree/notebooks
@@ -23,7 +32,7 @@ lint: .venv/package.done  ## check style and types
 	@$(BIN)/ruff check .
 	@$(BIN)/mypy
 
-verify: .venv/package.done  ## the heavy counts, as a report: half an hour; ARGS="--only nees --draws 100" is quick
+verify: .venv/package.done  ## the heavy counts, as a report: an hour; ARGS="--only nees --draws 100" is quick
 	@$(BIN)/python tests/verify.py $(ARGS)
 
 sweeps: .venv/package.done  ## make the tables in data/sweeps again: three quarters of an hour

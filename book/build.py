@@ -2,13 +2,14 @@
 
     .venv/bin/python book/build.py
 
-Jupyter Book takes the outputs of the chapters from a jupyter-cache, which knows a notebook by its code cells alone.
-So this script drops that cache whenever the package, the data or the environment has changed.
+A chapter is stale when its own code has changed, the package's code that it imports, the data or the environment:
+``_build/made_from.json`` has the hashes that each finished result was made from. Jupyter Book takes the outputs of the
+chapters from a jupyter-cache. That cache knows a notebook by its code cells alone, so it is filled from here.
 """
 
 from __future__ import annotations
 
-import hashlib
+import json
 import os
 import re
 import shutil
@@ -26,25 +27,36 @@ from jupyter_cache import get_cache
 from nbclient.exceptions import CellExecutionError, CellTimeoutError, DeadKernelError
 
 from trinolab.cli import as_text
-from trinolab.errata import effects
-from trinolab.ledger import write_pages
-from trinolab.notebookrun import ONE_THREAD, run_notebook
+from trinolab.notebookrun import ONE_THREAD, read_notebook, run_notebook
+from trinolab.outputs import write_whole
+from trinolab.provenance import hash_files, hash_text, made_from_module, made_from_notebook, surroundings
 
 ROOT = Path(__file__).resolve().parents[1]
 BUILD = ROOT / "_build"
 CACHE = BUILD / ".jupyter_cache"  # the same folder as `execute: cache` in _config.yml
 EXECUTED = BUILD / "executed"
-FINGERPRINT = BUILD / "fingerprint"
+MADE_FROM = BUILD / "made_from.json"  # a result's name -> a hash of each thing that it was made from
 SCOREBOARD = BUILD / "scoreboard.csv"
 NEW_SCOREBOARD = BUILD / "scoreboard.new.csv"
 GENERATED = BUILD / "generated"  # parts of pages that come from the ledger of equations
 HTML = BUILD / "html"
+MODULES = {"scoreboard": "trinolab.scoreboard", "ledger": "trinolab.errata"}  # what makes those that are no chapters
+PAGES_MADE_FROM = BUILD / "pages_made_from"  # a hash; it is there as long as the pages are whole
+CELL_TIMEOUT_S = 1800.0  # a cell hangs that takes so long: on a busy machine a film may take ten times its usual time
 
 
 class Job(NamedTuple):
-    """A command that is running."""
+    """Something that has to run: its name, its command, and a hash of each thing that its result is made from."""
 
     name: str
+    command: list[str]
+    made_from: dict[str, str]
+
+
+class Running(NamedTuple):
+    """A job that is running."""
+
+    job: Job
     process: subprocess.Popen
     log: IO[str]
     start: float
@@ -52,55 +64,65 @@ class Job(NamedTuple):
 
 def main() -> int:
     """Build everything and return the exit code."""
+    begin = time.monotonic()
     os.chdir(ROOT)
     EXECUTED.mkdir(parents=True, exist_ok=True)
-    drop_if_changed()
     try:
-        if not run_all(stale_commands()) or not build_pages():
+        if failed := run_all(stale_jobs()):
+            print(f"failed: {', '.join(failed)}; all else is kept, and the same command goes on")
+            return 1
+        if not build_pages():
             return 1
     except KeyboardInterrupt:
         print("\nstopped; the chapters that were finished are kept")
         return 130
     print(f"\n{as_text(pd.read_csv(SCOREBOARD, dtype=str, keep_default_na=False))}")
-    print(f"\nThe book: {HTML / 'index.html'}")
+    print(f"\nThe book: {HTML / 'index.html'}, after {time.monotonic() - begin:.0f} s")
     return 0
 
 
-def drop_if_changed() -> None:
-    """Drop every stored result when the package, the data or the environment is not what it was."""
-    now = fingerprint()
-    if not FINGERPRINT.exists() or FINGERPRINT.read_text() != now:
-        shutil.rmtree(CACHE, ignore_errors=True)
-        shutil.rmtree(GENERATED, ignore_errors=True)
-        SCOREBOARD.unlink(missing_ok=True)
-        FINGERPRINT.write_text(now)
+def stale_jobs() -> list[Job]:
+    """Return what has to run, the scoreboard first because it takes longest."""
+    board = [str(tool("trinolab")), "scoreboard", "--csv", str(NEW_SCOREBOARD)]
+    jobs = [Job("scoreboard", board, made_from_module("trinolab.scoreboard")),
+            Job("ledger", [sys.executable, __file__, "--ledger"], made_from_module("trinolab.errata")),
+            *(Job(path.stem, [sys.executable, __file__, "--chapter", str(path)], made_from(path))
+              for path in chapters())]
+    finished = read_finished()
+    stale = []
+    for job in jobs:
+        if result_of(job.name).exists() and finished.get(job.name) == job.made_from:
+            print(f"{job.name}: unchanged")
+        else:
+            stale.append(job)
+    return stale
 
 
-def fingerprint() -> str:
-    """Return a hash of all that a result depends on besides the notebook itself."""
-    files = [*ROOT.glob("trinolab/**/*.py"), *ROOT.glob("data/**/*"), ROOT / "environment.txt"]
-    state = hashlib.sha256(f"{sys.version} {os.environ.get('TRINOLAB_DATA')}".encode())
-    for path in sorted(path for path in files if path.is_file() and "__pycache__" not in path.parts):
-        content = path.read_bytes()
-        state.update(f"{path.relative_to(ROOT).as_posix()} {len(content)}\n".encode() + content)
-    return state.hexdigest()
+def executed(path: Path) -> Path | None:
+    """Return the executed copy of a notebook, or None if there is none or it is stale."""
+    copy = result_of(path.stem)
+    return copy if copy.exists() and read_finished().get(path.stem) == made_from(path) else None
 
 
-def stale_commands() -> dict[str, list[str]]:
-    """Return name -> command of what has to run, the scoreboard first because it takes longest."""
-    commands = {}
-    if not SCOREBOARD.exists():
-        trinolab = Path(sys.executable).with_name("trinolab")
-        commands["scoreboard"] = [str(trinolab), "scoreboard", "--csv", str(NEW_SCOREBOARD)]
-    if not (GENERATED / "equations.md").exists():  # the one that is written last
-        commands["ledger"] = [sys.executable, __file__, "--ledger"]
-    for path in chapters():
-        try:
-            get_cache(CACHE).match_cache_file(str(path))
-            print(f"{path.stem}: unchanged")
-        except KeyError:
-            commands[path.stem] = [sys.executable, __file__, "--chapter", str(path)]
-    return commands
+def made_from(path: Path) -> dict[str, str]:
+    """Return a hash of each thing that a chapter's outputs depend on."""
+    return made_from_notebook(read_notebook(path), path.parent)
+
+
+def read_finished() -> dict[str, dict[str, str]]:
+    """Return name -> what it was made from, of all finished results."""
+    return json.loads(MADE_FROM.read_text(encoding="utf-8")) if MADE_FROM.exists() else {}
+
+
+def result_of(name: str) -> Path:
+    """Return the file that a job leaves, the last one if it leaves several."""
+    files = {"scoreboard": SCOREBOARD, "ledger": GENERATED / "equations.md"}
+    return files.get(name, EXECUTED / f"{name}.ipynb")
+
+
+def tool(name: str) -> Path:
+    """Return the path of a command of this environment."""
+    return Path(sys.executable).with_name(name)
 
 
 def chapters() -> list[Path]:
@@ -110,52 +132,53 @@ def chapters() -> list[Path]:
     return [ROOT / f"{entry}.ipynb" for entry in entries if (ROOT / f"{entry}.ipynb").exists()]
 
 
-def run_all(commands: dict[str, list[str]]) -> bool:
-    """Run the commands, at most two at a time; return whether all of them succeeded."""
-    waiting, running, good = list(commands.items()), [], True
+def run_all(jobs: list[Job]) -> list[str]:
+    """Run jobs, at most two at a time; return the names of those that failed."""
+    waiting, running, failed = list(jobs), list[Running](), list[str]()
     try:
         while waiting or running:
             while waiting and len(running) < min(2, os.cpu_count() or 1):
-                running.append(start(*waiting.pop(0)))
+                running.append(start(waiting.pop(0)))
             show_progress(running)
             time.sleep(0.2)
-            for job in [job for job in running if job.process.poll() is not None]:
-                running.remove(job)
-                good &= finish(job)
+            for one in [one for one in running if one.process.poll() is not None]:
+                running.remove(one)
+                if not finish(one):
+                    failed.append(one.job.name)
     finally:
-        for job in running:  # only after Ctrl-C; a chapter that is terminated stops its kernel first
-            job.process.terminate()
-            job.process.wait()
-    return good
+        for one in running:  # only after Ctrl-C; a chapter that is terminated stops its kernel first
+            one.process.terminate()
+            one.process.wait()
+    return failed
 
 
-def start(name: str, command: list[str]) -> Job:
-    """Start one command; what it prints goes to a temporary file."""
-    say(f"{name}: started")
+def start(job: Job) -> Running:
+    """Start a job; what it prints goes to a temporary file."""
+    say(f"{job.name}: started")
     log = tempfile.TemporaryFile("w+", encoding="utf-8", errors="replace")  # noqa: SIM115  closed in finish()
-    process = subprocess.Popen(command, cwd=ROOT, env={**os.environ, **ONE_THREAD, "PYTHONIOENCODING": "utf-8"},
+    process = subprocess.Popen(job.command, cwd=ROOT, env={**os.environ, **ONE_THREAD, "PYTHONIOENCODING": "utf-8"},
                                stdin=subprocess.DEVNULL, stdout=log, stderr=subprocess.STDOUT)
-    return Job(name, process, log, time.monotonic())
+    return Running(job, process, log, time.monotonic())
 
 
-def finish(job: Job) -> bool:
-    """Report a finished command, with all that it printed if it failed."""
-    good = job.process.returncode == 0
-    say(f"{job.name}: {'done' if good else 'FAILED'} after {time.monotonic() - job.start:.0f} s")
+def finish(one: Running) -> bool:
+    """Keep the result of a finished job; report it, with all that it printed if it failed."""
+    good = one.process.returncode == 0
+    say(f"{one.job.name}: {'done' if good else 'FAILED'} after {time.monotonic() - one.start:.0f} s")
     if not good:
-        job.log.seek(0)
-        print(job.log.read())
+        one.log.seek(0)
+        print(one.log.read())
     else:
-        keep(job.name)
-    job.log.close()
+        keep(one.job)
+    one.log.close()
     return good
 
 
-def show_progress(running: list[Job]) -> None:
+def show_progress(running: list[Running]) -> None:
     """On a terminal keep one line that says what is running and for how long."""
     if sys.stdout.isatty():
-        jobs = (f"{job.name} {time.monotonic() - job.start:.0f} s" for job in running)
-        print("\r\033[Krunning: " + ", ".join(jobs), end="", flush=True)
+        shown = (f"{one.job.name} {time.monotonic() - one.start:.0f} s" for one in running)
+        print("\r\033[Krunning: " + ", ".join(shown), end="", flush=True)
 
 
 def say(line: str) -> None:
@@ -166,36 +189,75 @@ def say(line: str) -> None:
 def run_chapter(path: Path) -> int:
     """Execute one notebook and store it beside the cache; print the traceback if it raises."""
     try:
-        run = run_notebook(path)
+        run = run_notebook(path, timeout_s=CELL_TIMEOUT_S)
     except (CellExecutionError, CellTimeoutError, DeadKernelError, ValueError) as error:
         print(re.sub(r"\x1b\[[0-9;]*m", "", str(error)))
         return 1
-    nbformat.write(run.notebook, EXECUTED / path.name)
+    write_whole(result_of(path.stem), nbformat.writes(run.notebook))
     return 0
 
 
 def run_ledger() -> int:
     """Write the parts of pages that come from the ledger of equations, with the effects of the misprints."""
+    from trinolab.errata import effects
+    from trinolab.ledger import write_pages
+
+    shutil.rmtree(GENERATED, ignore_errors=True)
     write_pages(GENERATED, effects())
     return 0
 
 
-def keep(name: str) -> None:
+def keep(job: Job) -> None:
     """Take over the result of a job, in this process alone: the cache's database suffers only one writer at a time."""
-    if name == "scoreboard":
+    if job.name == "scoreboard":
         NEW_SCOREBOARD.replace(SCOREBOARD)
-    elif name != "ledger":
-        path = EXECUTED / f"{name}.ipynb"
-        get_cache(CACHE).cache_notebook_file(str(path), uri=str(ROOT / "notebooks" / path.name), overwrite=True)
+    elif job.name != "ledger":
+        put_into_cache(result_of(job.name))
+    write_whole(MADE_FROM, json.dumps({**read_finished(), job.name: job.made_from}, indent=1) + "\n")
+
+
+def put_into_cache(copy: Path) -> None:
+    """Give an executed notebook to the cache that Jupyter Book reads."""
+    original = next(path for path in chapters() if path.name == copy.name)
+    get_cache(CACHE).cache_notebook_file(str(copy), uri=str(original), overwrite=True)
+
+
+def is_cached(path: Path) -> bool:
+    """Return whether the cache that Jupyter Book reads has the outputs of a notebook."""
+    try:
+        get_cache(CACHE).match_cache_file(str(path))
+    except KeyError:
+        return False
+    return True
 
 
 def build_pages() -> bool:
-    """Build the pages with every warning an error. All are read anew: an unchanged page repeats no warning."""
+    """Build the pages if anything in them has changed, with every warning an error; return whether they are there.
+
+    All pages are read anew then: an unchanged page would not repeat its warning.
+    """
+    now = pages_made_from()
+    if PAGES_MADE_FROM.exists() and PAGES_MADE_FROM.read_text() == now:
+        print("the pages: unchanged")
+        return True
     print("building the pages", flush=True)
+    PAGES_MADE_FROM.unlink(missing_ok=True)
     shutil.rmtree(HTML, ignore_errors=True)
-    jupyter_book = str(Path(sys.executable).with_name("jupyter-book"))
-    command = [jupyter_book, "build", str(ROOT), "-n", "-W", "--keep-going", "--all", "-q"]
-    return subprocess.run(command, cwd=ROOT, stdin=subprocess.DEVNULL).returncode == 0
+    for path in chapters():
+        if not is_cached(path):  # somebody has emptied the cache
+            put_into_cache(result_of(path.stem))
+    command = [str(tool("jupyter-book")), "build", str(ROOT), "-n", "-W", "--keep-going", "--all", "-q"]
+    if subprocess.run(command, cwd=ROOT, stdin=subprocess.DEVNULL).returncode != 0:
+        return False
+    write_whole(PAGES_MADE_FROM, now)
+    return True
+
+
+def pages_made_from() -> str:
+    """Return a hash of all that the pages are built from."""
+    sources = [*ROOT.glob("*.yml"), *ROOT.glob("book/**/*"), *ROOT.glob("notebooks/*.ipynb"), *ROOT.glob("data/**/*")]
+    results = [SCOREBOARD, *GENERATED.glob("*"), *(result_of(path.stem) for path in chapters())]
+    return hash_text(surroundings([])["the environment"] + hash_files([*sources, *results], ROOT))
 
 
 if __name__ == "__main__":

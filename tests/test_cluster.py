@@ -2,15 +2,16 @@
 
 import json
 import os
+import shlex
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pytest
 from healthy import run
 from makenotebook import glued, make_notebook
+from processes import HANGS_S, open_gate, started, wait_until
 
 from trinolab import engines
 from trinolab.engines import cluster
@@ -30,7 +31,8 @@ WORK = """
 import os, time
 with open("trace", "a") as file:
     file.write(f"{a} {os.getppid()} {os.environ['OMP_NUM_THREADS']}\\n")
-time.sleep(0.3)
+while a >= 8 and not os.path.exists("go"):
+    time.sleep(0.01)
 """
 
 
@@ -43,20 +45,28 @@ def dask(tmp_path_factory):
                                stderr=subprocess.DEVNULL, cwd=script.parent,
                                env={**os.environ, "PYTHONPATH": str(Path(__file__).parent)})
     yield json.loads(process.stdout.readline())
-    process.communicate(timeout=60)
+    process.communicate(timeout=HANGS_S)
 
 
-def identify(seed):
-    time.sleep(0.05)
+def identify(seed, folder):
+    """Ends when both workers have begun a run."""
+    (Path(folder) / str(os.getpid())).touch()
+    wait_until(lambda: len(list(Path(folder).iterdir())) == 2)
     return {"process": os.getpid(), "threads": int(os.environ["OPENBLAS_NUM_THREADS"])}
 
 
-def test_functions_run_on_the_workers(dask):
+def traced():
+    """Of each run that was begun: its parameter, its worker's process, its threads."""
+    rows = [line.split() for line in Path("trace").read_text().splitlines()]
+    return [(a, int(process), threads) for a, process, threads in rows]
+
+
+def test_functions_run_on_the_workers(dask, tmp_path):
     from dask.distributed import Client
 
     address, processes = dask
     with Client(address, set_as_default=False) as client:
-        found = sweep(identify, seed=range(20), executor=client.get_executor(pure=False))
+        found = sweep(identify, seed=range(20), folder=str(tmp_path), executor=client.get_executor(pure=False))
     assert found["seed"].tolist() == list(range(20))
     assert set(found["error"]) == {""}
     assert found["status"].tolist() == ["ok"] * 20
@@ -65,7 +75,7 @@ def test_functions_run_on_the_workers(dask):
 
 
 def test_workers_with_other_code_are_refused(dask, monkeypatch):
-    monkeypatch.setattr(engines, "code_hash", lambda: "another")
+    monkeypatch.setattr(engines, "package_hash", lambda: "another")
     with pytest.raises(ValueError, match="has another version of trinolab, or of its data"), cluster(dask[0]):
         pass
 
@@ -75,22 +85,22 @@ def test_a_worker_that_is_killed_costs_no_result(dask, tmp_path, monkeypatch, ca
     monkeypatch.chdir(tmp_path)
     make_notebook(Path("n.ipynb"), WORK, glued(square="a**2"), parameters="a = 0")
     command = ["sweep", "n.ipynb", "-p", "a=0:23:24", "--scheduler", address, "--out", "s"]
-    cli = "import sys; from trinolab.cli import main; sys.exit(main(sys.argv[1:]))"
-    with subprocess.Popen([sys.executable, "-c", cli, *command], stdout=subprocess.PIPE, text=True) as process:
-        end, rows = time.monotonic() + 120, Path("s/runs.jsonl")
-        while not (rows.exists() and len(rows.read_text().splitlines()) >= 6) and time.monotonic() < end:
-            time.sleep(0.02)
+    rows = Path("s/runs.jsonl")
+    with started(shlex.join(command), stderr=None) as process:
+        wait_until(lambda: rows.exists() and len(rows.read_text().splitlines()) >= 6, process)
         os.kill(processes[0], signal.SIGKILL)
         kept = [json.loads(line)["run"] for line in rows.read_text().split("\n")[:-1]]
-        out, _ = process.communicate(timeout=180)
+        wait_until(lambda: {process for _, process, _ in traced()} > set(processes), process)  # and a new worker
+        open_gate()
+        out, _ = process.communicate(timeout=HANGS_S)
     assert (process.returncode, out) == (0, "24 runs: 24 ok; written to s\n")
     assert len(kept) < 24
     assert read_sweep("s")["square"].tolist() == [a**2 for a in range(24)]
     lines = Path("s/runs.jsonl").read_text().splitlines()
     assert sorted(json.loads(line)["run"] for line in lines) == list(range(24))
-    trace = [line.split() for line in Path("trace").read_text().splitlines()]
+    trace = traced()
     assert all([a for a, _, _ in trace].count(str(number)) == 1 for number in kept)  # what was there was not run again
-    assert set(map(int, (parent for _, parent, _ in trace))) > set(processes)  # both, and the one that took its place
+    assert {process for _, process, _ in trace} > set(processes)  # both, and the one that took a place
     assert {threads for _, _, threads in trace} == {"1"}
     assert run(" ".join(command)) == 0  # all is there
     assert len(Path("trace").read_text().splitlines()) == len(trace)

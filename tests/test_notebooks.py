@@ -1,8 +1,13 @@
-"""Every chapter runs as it stands and with other parameters, and glues what a sweep asks for."""
+"""Every chapter runs as it stands and with other parameters, and glues what a sweep asks for.
+
+`make book` runs the chapters as they stand: what it has stored is looked at here, or they run here if that is stale.
+With other parameters they run in a small size, which `make verify` repeats in full.
+"""
 
 from pathlib import Path
 
 import pytest
+from executed import as_it_stands
 from films import frames_in
 
 from trinolab.notebookrun import read_parameters, run_notebook
@@ -46,7 +51,7 @@ def pages_with_films(run):
 
 @each_notebook
 def test_runs_at_its_defaults(path, tmp_path):
-    run = run_notebook(path)
+    run = as_it_stands(path)
     check_results(run)
     frames = [frames_in(page, tmp_path) for page in pages_with_films(run)]
     assert frames == ([FILM_FRAMES[path.stem]] if path.stem in FILM_FRAMES else [])

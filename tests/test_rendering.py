@@ -3,11 +3,7 @@
 import json
 import multiprocessing
 import os
-import shlex
 import signal
-import subprocess
-import sys
-import time
 from dataclasses import replace
 
 import cv2
@@ -15,6 +11,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from healthy import run
+from processes import CLI, GATE, started, wait_until
 from scipy.spatial.transform import RigidTransform, Slerp
 
 from trinolab import filming, rendering
@@ -33,6 +30,24 @@ from trinolab.script import COVERED
 
 CODED = load_handle("coded")
 SMALL = Rig(tuple(scaled(camera, 0.125) for camera in load_rig("raised_40deg").cameras))
+# Renders six instants, then waits for the gate before each image; an interruption, which waits for what is being
+# rendered, opens it.
+WAITS = f"""
+import time
+from pathlib import Path
+from trinolab import rendering
+real = rendering.take
+def take(job, frame, camera):
+    while frame >= 6 and not Path({GATE!r}).exists():
+        time.sleep(0.01)
+    return real(job, frame, camera)
+rendering.take = take
+real_shutdown = rendering.ProcessPoolExecutor.shutdown
+def shutdown(*pool, **options):
+    Path({GATE!r}).touch()
+    real_shutdown(*pool, **options)
+rendering.ProcessPoolExecutor.shutdown = shutdown
+""" + CLI
 RENDER = "render --rig rig.toml --handle handle.toml --motion hard --seed 3 --out out --seconds 0.2"
 
 
@@ -168,12 +183,9 @@ def test_interrupted_and_run_again_it_goes_on_to_identical_files(folder, monkeyp
 
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGKILL, -signal.SIGKILL), (signal.SIGINT, 130)])
 def test_stopped_from_outside_and_run_again_it_goes_on_to_identical_files(folder, number, code):
-    line = shlex.split(RENDER.replace("0.2", "0.4"))  # twelve instants: enough for two processes
-    command = [sys.executable, "-m", "trinolab.cli", *line]
-    with subprocess.Popen(command, start_new_session=True, stderr=subprocess.PIPE, text=True) as process:
-        end = time.monotonic() + 60
-        while len(list(folder.glob("out.partial/images/ccd3/[0-9]*.png"))) < 2 and time.monotonic() < end:
-            time.sleep(0.02)
+    line = RENDER.replace("0.2", "0.4")  # twelve instants: enough for two processes
+    with started(line, WAITS, start_new_session=True) as process:
+        wait_until(lambda: len(list(folder.glob("out.partial/images/ccd3/[0-9]*.png"))) == 6, process)
         if number == signal.SIGKILL:
             process.send_signal(number)
         else:
@@ -181,23 +193,20 @@ def test_stopped_from_outside_and_run_again_it_goes_on_to_identical_files(folder
         said = process.stderr.read()
     assert process.returncode == code
     assert said.count("\n") == (code == 130)
-    gone(process.pid)
+    wait_until(lambda: is_gone(process.pid))  # its workers end with their parent
     assert (folder / "out.partial").is_dir()
-    assert run(" ".join(line)) == 0
+    assert run(line) == 0
     rendered("whole", seconds=0.4)
     assert contents(folder / "out") == contents(folder / "whole")
 
 
-def gone(group):
-    """Wait until no process of a group is left; its workers end with their parent."""
-    end = time.monotonic() + 20
-    while time.monotonic() < end:
-        try:
-            os.killpg(group, 0)
-        except ProcessLookupError:
-            return
-        time.sleep(0.05)
-    pytest.fail("a worker has outlived its parent")
+def is_gone(group):
+    """Whether no process of a group is left."""
+    try:
+        os.killpg(group, 0)
+    except ProcessLookupError:
+        return True
+    return False
 
 
 @pytest.mark.skipif("fork" not in multiprocessing.get_all_start_methods(), reason="processes cannot be copied here")
@@ -228,7 +237,7 @@ def test_the_manifest_knows_the_code(folder, monkeypatch):
     one = made_from(job, "calm")
     assert one == made_from(scripted("calm", SMALL, CODED, 0, 0.1), "calm")
     assert json.loads(json.dumps(one)) == one
-    monkeypatch.setattr(rendering, "_MADE_BY", rendering._MADE_BY[1:])
+    monkeypatch.setattr(rendering, "made_from_module", lambda name: {"the package": "another"})
     changed = made_from(job, "calm")
     assert [name for name in one if changed[name] != one[name]] == ["code"]
     brighter = job._replace(bench=replace(job.bench, body_grey=91.0))

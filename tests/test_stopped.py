@@ -4,17 +4,14 @@ A file appears whole or not at all; an interrupted track keeps its finished rows
 """
 
 import os
-import shlex
 import shutil
 import signal
-import subprocess
-import sys
-import time
 from pathlib import Path
 
 import numpy as np
 import pytest
 from healthy import BOARDS, EVALUATE, MEASURE, RENDER, SWEEP, TRACK, contents, make_healthy, run
+from processes import CLI, GATE, ended, open_gate, started, wait_until
 
 from trinolab.metrics import geodesic_deg
 from trinolab.posetable import read_poses, transforms
@@ -23,7 +20,6 @@ from trinolab.rigfile import read_rig
 resource = pytest.importorskip("resource", reason="limits of a process are set as POSIX does")
 
 COUNT = 24  # instants of the recording: a second to track
-CLI = "import sys; from trinolab.cli import main; sys.exit(main(sys.argv[1:]))"
 # Ends itself, as by kill -9, when it gives a finished file its name for the n-th time from 0.
 DIES = """
 import os, signal, sys
@@ -33,6 +29,18 @@ def replace(*paths):
     left[0] -= 1
     real(*paths)
 os.replace = replace
+""" + CLI
+# Tracks eight instants, then waits for the gate before each.
+WAITS = f"""
+import time
+from pathlib import Path
+from trinolab import tracking
+real = tracking.Rows.add
+def add(rows, frame, *others):
+    while frame >= 8 and not Path({GATE!r}).exists():
+        time.sleep(0.01)
+    real(rows, frame, *others)
+tracking.Rows.add = add
 """ + CLI
 
 # A video of twelve pictures of noise.
@@ -67,21 +75,9 @@ def folder(healthy, tmp_path, monkeypatch):
     return tmp_path
 
 
-def started(line, code=CLI, limit=resource.RLIM_INFINITY, **options):
+def started_on_a_full_disk(line, limit, code=CLI, **options):
     """A command as a process; no file that it writes may be longer than `limit` bytes, as if the disk were full."""
-    def before():
-        signal.signal(signal.SIGINT, signal.SIG_DFL)  # a shell's background jobs have it ignored
-        resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
-
-    options = {"stdout": subprocess.PIPE, **options}
-    return subprocess.Popen([sys.executable, "-c", code, *shlex.split(line)], stderr=subprocess.PIPE, text=True,
-                            preexec_fn=before, **options)
-
-
-def ended(process):
-    """Exit code, and the lines on standard error."""
-    _, err = process.communicate(timeout=60)
-    return process.returncode, err.splitlines(keepends=True)
+    return started(line, code, lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit)), **options)
 
 
 def rows_kept():
@@ -117,15 +113,14 @@ def assert_like_uninterrupted(stopped_at):
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGKILL, -signal.SIGKILL)])
 def test_a_track_that_is_stopped_keeps_its_rows_and_goes_on(folder, number, code):
     before = files()
-    with started(TRACK) as process:
-        end = time.monotonic() + 60
-        while len(rows_kept()) < 5 and time.monotonic() < end:
-            time.sleep(0.005)
+    with started(TRACK, WAITS) as process:
+        wait_until(lambda: len(rows_kept()) == 8, process)
         process.send_signal(number)
         assert (result := ended(process))[0] == code
     kept = rows_kept()
-    assert 5 <= len(kept) < COUNT
+    assert len(kept) == 8
     assert files() == before | {"poses.csv.partial"}
+    open_gate()
     said = f"trinolab track: interrupted, {len(kept)} rows are kept in poses.csv.partial; the same command goes on\n"
     assert result[1] == [said] * (number == signal.SIGINT)
     assert run(TRACK) == 0
@@ -196,7 +191,7 @@ def test_a_full_disk_costs_one_line_and_leaves_nothing_unfinished(folder, line, 
     import matplotlib.font_manager  # noqa: F401  # its cache is not to be written by the command
 
     before = files() | {path.name for path in Path().iterdir()}
-    with started(line, limit=limit) as process:
+    with started_on_a_full_disk(line, limit) as process:
         code, err = ended(process)
     assert (code, len(err)) == (2, 1)
     assert err[0].endswith(f"{message}\n")
@@ -207,7 +202,7 @@ def test_a_full_disk_costs_one_line_and_leaves_nothing_unfinished(folder, line, 
 @pytest.mark.parametrize("limit", [1_500, 4_000])
 def test_a_track_on_a_full_disk_keeps_its_rows(folder, limit):
     before = files()
-    with started(TRACK, limit=limit) as process:
+    with started_on_a_full_disk(TRACK, limit) as process:
         code, err = ended(process)
     kept = [row for row in rows_kept() if row.endswith("\n")]
     assert 0 < len(kept) < COUNT
@@ -221,7 +216,7 @@ def test_a_track_on_a_full_disk_keeps_its_rows(folder, limit):
 def test_a_sweep_on_a_full_disk_keeps_its_runs(folder):
     import matplotlib.font_manager  # noqa: F401  # its cache is not to be written by the command
 
-    with started(SWEEP, limit=2_500) as process:
+    with started_on_a_full_disk(SWEEP, 2_500) as process:
         code, err = ended(process)
     assert (code, err) == (2, [f"trinolab sweep: new/figure.png: {FULL}; 2 of 2 runs are kept in new; the same command "
                                "goes on\n"])
@@ -233,7 +228,7 @@ def test_a_sweep_on_a_full_disk_keeps_its_runs(folder):
 @pytest.mark.parametrize("limit", [100, 30_000])
 def test_an_overlay_that_the_disk_cuts_off_does_not_appear(tmp_path, monkeypatch, limit):
     monkeypatch.chdir(tmp_path)
-    with started("", FILM, limit) as process:
+    with started_on_a_full_disk("", limit, FILM) as process:
         assert ended(process) == (1, ["o.webm: cannot be written as a whole (is the disk full?)\n"])
     assert files() == set()
     with started("", FILM) as process:

@@ -3,8 +3,6 @@
 import os
 import re
 import signal
-import subprocess
-import sys
 import threading
 import time
 from dataclasses import dataclass
@@ -14,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 import pandas as pd
 import pytest
+from processes import ended, started, wait_until
 
 from trinolab.engines import Inline
 from trinolab.grids import Interval
@@ -129,22 +128,19 @@ def test_a_process_that_ends_ends_the_sweep():
 
 def nap(log):
     Path(log).write_text("begun")
-    time.sleep(60)
+    while True:
+        time.sleep(1)
 
 
 @pytest.mark.parametrize("workers", [1, 2])
 def test_an_interruption_is_answered_at_once(tmp_path, workers):
     logs = [str(tmp_path / name) for name in "abc"]
     code = f"from trinolab.sweep import sweep; from test_sweep import nap; sweep(nap, log={logs}, workers={workers})"
-    process = subprocess.Popen([sys.executable, "-c", code], stderr=subprocess.PIPE, text=True,
-                               env={**os.environ, "PYTHONPATH": str(Path(__file__).parent)},
-                               preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler))
-    end = time.monotonic() + 60
-    while sum(Path(log).exists() for log in logs) < workers and time.monotonic() < end:
-        time.sleep(0.02)
-    process.send_signal(signal.SIGINT)
-    _, err = process.communicate(timeout=30)  # a nap would last longer
-    assert err.splitlines()[-1] == "KeyboardInterrupt"
+    with started("", code, env={**os.environ, "PYTHONPATH": str(Path(__file__).parent)}) as process:
+        wait_until(lambda: sum(Path(log).exists() for log in logs) >= workers, process)
+        process.send_signal(signal.SIGINT)
+        _, err = ended(process)  # a nap would never end
+    assert err[-1] == "KeyboardInterrupt\n"
 
 
 def test_inline_keeps_to_its_thread():

@@ -2,11 +2,8 @@
 
 import json
 import os
-import shlex
 import signal
-import subprocess
 import sys
-import time
 from pathlib import Path
 
 import numpy as np
@@ -14,16 +11,18 @@ import pandas as pd
 import pytest
 from healthy import contents, run
 from makenotebook import glued, make_notebook
+from processes import GATE, ended, open_gate, started, wait_until
 
-from trinolab import provenance, sweeping
+from trinolab import provenance, sweepfolder, sweeping
 from trinolab.sweep import read_sweep, sweep
 
-# Each run leaves a line in `trace`: its parameter and its process.
-WORK = """
+# Each run leaves a line in `trace`: its parameter and its process. From `waits_from` on a run waits for the gate.
+WORK = f"""
 import os, time
 with open("trace", "a") as file:
-    file.write(f"{a} {os.getpid()}\\n")
-time.sleep(nap_s)
+    print(a, os.getpid(), file=file)
+while a >= waits_from and not os.path.exists({GATE!r}):
+    time.sleep(0.01)
 if a > 8: raise ValueError("too much")
 """
 RESULTS = glued(square="a**2", wrong="'text' if a == 2 else 1", seconds="7")
@@ -34,7 +33,7 @@ LINE = "sweep n.ipynb -p a=0:9:10 --workers 2 --out new/s"
 def notebook(tmp_path, monkeypatch):
     """A notebook in the working folder."""
     monkeypatch.chdir(tmp_path)
-    return make_notebook(Path("n.ipynb"), WORK, RESULTS, parameters="a = 1\nnap_s = 0.0")
+    return make_notebook(Path("n.ipynb"), WORK, RESULTS, parameters="a = 1\nwaits_from = 99")
 
 
 def traced():
@@ -85,8 +84,8 @@ def test_what_is_finished_is_not_run_again_unless_it_is_stale(caplog, monkeypatc
     assert caplog.messages == ["new/s: the notebook has changed since; 3 finished runs are stale and are done again"]
     assert Path("new/s/table.csv").read_bytes() != table
     assert sorted(traced()[0]) == [0, 0, 1, 1, 2, 2]
-    real = provenance.surroundings()
-    monkeypatch.setattr(sweeping, "surroundings", lambda: {**real, "the package": "x", "its data": "y"})
+    real = provenance.surroundings
+    monkeypatch.setattr(provenance, "surroundings", lambda code: {**real(code), "the package": "x", "its data": "y"})
     assert run(line) == 0
     assert caplog.messages[1:] == ["new/s: the package and its data have changed since; 3 finished runs are stale and "
                                    "are done again"]
@@ -119,24 +118,18 @@ def alive(processes):
 @pytest.mark.usefixtures("notebook")
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGKILL, -signal.SIGKILL)])
 def test_a_sweep_that_is_stopped_keeps_its_runs_and_goes_on(number, code):
-    line = LINE.replace("0:9:10", "0:7:8") + " -p nap_s=0.4"
-    cli = "import sys; from trinolab.cli import main; sys.exit(main(sys.argv[1:]))"
-    with subprocess.Popen([sys.executable, "-c", cli, *shlex.split(line)], stderr=subprocess.PIPE, text=True,
-                          preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler)) as process:
-        end = time.monotonic() + 90
-        while len(finished()) < 3 and time.monotonic() < end:
-            time.sleep(0.01)
+    line = LINE.replace("0:9:10", "0:7:8") + " -p waits_from=4"
+    with started(line) as process:
+        wait_until(lambda: len(finished()) == 4 and len(traced()[0]) == 6, process)
         process.send_signal(number)
-        _, err = process.communicate(timeout=30)
-        assert process.returncode == code
+        assert (result := ended(process))[0] == code
     kept = finished()
-    assert 3 <= len(kept) < 8
-    said = f"trinolab sweep: interrupted, {len(kept)} of 8 runs are kept in new/s; the same command goes on\n"
-    assert err == said * (number == signal.SIGINT)
-    while alive(traced()[1]) and time.monotonic() < end:  # kernels end with the process that started them
-        time.sleep(0.05)
-    assert not alive(traced()[1])
+    assert sorted(kept) == [0, 1, 2, 3]
+    said = "trinolab sweep: interrupted, 4 of 8 runs are kept in new/s; the same command goes on\n"
+    assert result[1] == [said] * (number == signal.SIGINT)
+    wait_until(lambda: not alive(traced()[1]))  # kernels end with the process that started them
     assert not Path("new/s/table.csv").exists()
+    open_gate()
     assert run(line) == 0
     found = read_sweep("new/s")
     assert found["square"].tolist() == [a**2 for a in range(8)]
@@ -188,6 +181,41 @@ def test_a_function_that_is_interrupted_keeps_its_runs(tmp_path):
     with pytest.raises(KeyboardInterrupt, match="2 of 4 runs are kept in"):
         sweep(once, a=range(4), out=tmp_path / "s")
     assert sweep(once, a=range(4), out=tmp_path / "s")["result"].tolist() == [0, 1, 2, 3]
+
+
+@pytest.mark.parametrize("moment", ["before it is flushed", "after it is flushed"])
+def test_an_interruption_while_a_run_is_kept_counts_what_the_file_has(tmp_path, monkeypatch, moment):
+    real = sweepfolder.SweepFolder.__init__
+
+    class Interrupted:
+        """A file that Ctrl-C meets when the third run is written to it."""
+
+        def __init__(self, file):
+            self.file, self.writes = file, 0
+
+        def __getattr__(self, name):
+            return getattr(self.file, name)
+
+        def write(self, text):
+            self.writes += 1
+            self.file.write(text)
+            if self.writes == 3:
+                if moment == "after it is flushed":
+                    self.file.flush()
+                raise KeyboardInterrupt
+
+    def opened(folder, *arguments):
+        real(folder, *arguments)
+        folder._file = Interrupted(folder._file)
+
+    monkeypatch.setattr(sweepfolder.SweepFolder, "__init__", opened)
+    with pytest.raises(KeyboardInterrupt, match="3 of 5 runs are kept in"):
+        sweep(absolute, a=range(5), out=tmp_path / "s")
+    assert len((tmp_path / "s" / "runs.jsonl").read_text().splitlines()) == 3
+
+
+def absolute(a):
+    return abs(a)
 
 
 def test_a_chapter_is_found_by_its_name(tmp_path, monkeypatch):

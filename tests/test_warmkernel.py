@@ -130,16 +130,17 @@ KINDS = """
 import os, threading, time
 if kind == "raises": raise ValueError("too much")
 if kind == "exits": os._exit(1)
-if kind == "sleeps": time.sleep(60)
+if kind == "sleeps": time.sleep(6000)
 if kind == "threads": threading.Thread(target=time.sleep, args=(60,), daemon=True).start()
 """
 
 
 def test_what_goes_wrong_in_a_kernel(tmp_path):
     path = make_notebook(tmp_path / "n.ipynb", KINDS, glued(process="os.getpid()"), parameters="kind = 'fine'")
-    job = notebook_job(path, 5, keep=True)
+    job = notebook_job(path, 600, keep=True)
+    impatient = job._replace(timeout_s=2)
     kinds = ["fine", "raises", "fine", "threads", "fine", "exits", "fine", "sleeps", "fine"]
-    found = [run_job(job, {"kind": kind}) for kind in kinds]
+    found = [run_job(impatient if kind == "sleeps" else job, {"kind": kind}) for kind in kinds]
     assert [outcome.status for outcome in found] == [
         "failed" if kind in ("raises", "exits", "sleeps") else "ok" for kind in kinds]
     assert found[1].error == "ValueError: too much (code cell 2)"

@@ -1,4 +1,4 @@
-"""The heavy counts, as a report: bound, accuracy, covariances, centroids, identities, hostile ones, files, tracks, arm.
+"""The heavy counts, as a report: bound, accuracy, covariances, centroids, identities, files, tracks, arm, processors.
 
     python tests/verify.py [--only table1 nees] [--seeds 20] [--draws 1000] [--poses 1000] ...
 """
@@ -10,11 +10,25 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")  # before numpy is loaded
 import argparse
 import time
 
-from verification import accuracy, bounds, centroids, fuzz, identity, layouts, misled, nees, slave, tracks
+from verification import (
+    accuracy,
+    bounds,
+    centroids,
+    chapters,
+    fuzz,
+    identity,
+    layouts,
+    misled,
+    nees,
+    slave,
+    spread,
+    tracks,
+)
 
 SECTIONS = {"bound": bounds.report, "table1": accuracy.report, "nees": nees.report, "centroid": centroids.report,
             "identity": identity.report, "layouts": layouts.report, "hostile": misled.report,
-            "fuzz": fuzz.report, "tracks": tracks.report, "slave": slave.report}
+            "fuzz": fuzz.report, "tracks": tracks.report, "slave": slave.report, "chapters": chapters.report,
+            "spread": spread.report}
 
 
 def _arguments() -> argparse.Namespace:
@@ -28,6 +42,8 @@ def _arguments() -> argparse.Namespace:
                                ("hostile", 1000, "hostile instants in all"),
                                ("files", 100_000, "wrong files for the readers of users' files")):
         parser.add_argument(f"--{name}", type=int, default=number, help=f"{what} (%(default)s)")
+    parser.add_argument("--groups", nargs="+", choices=spread.GROUPS, default=list(spread.GROUPS), metavar="GROUP",
+                        help=f"what the spread is looked at of: {', '.join(spread.GROUPS)}; all without it")
     return parser.parse_args()
 
 

@@ -164,7 +164,7 @@ def _settle(client: Any, address: str) -> None:
         raise ValueError(f"{address}: the cluster has no workers") from None
     except Exception as error:  # what a worker without this package raises
         raise ValueError(f"{address}: its workers cannot load trinolab ({error})") from None
-    here = code_hash()
+    here = package_hash()
     for worker, there in found.items():
         if there != here:
             raise ValueError(f"{address}: {worker} has another version of trinolab, or of its data")
@@ -175,10 +175,10 @@ def settled() -> str:
     os.environ.update(ONE_THREAD)
     if "cv2" in sys.modules:
         sys.modules["cv2"].setNumThreads(1)
-    return code_hash()
+    return package_hash()
 
 
-def code_hash() -> str:
+def package_hash() -> str:
     """The hash of this package and its data."""
     hashes = surroundings()
     return hashes["the package"] + hashes["its data"]

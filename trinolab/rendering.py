@@ -30,6 +30,7 @@ from .handle import Handle, read_handle
 from .outputs import write_whole
 from .pose import LOST, Pose
 from .posetable import pose_table, poses_by_frame, read_poses
+from .provenance import made_from_module
 from .recorder import add, begin, check_names, finish, image_paths, partial_of
 from .rigfile import read_rig
 from .script import Shot, calm, following, hard
@@ -38,9 +39,6 @@ SCRIPTS = {"calm": calm, "hard": hard}
 SECONDS = 10.0  # of a standard recording
 MANIFEST = "made_from.json"
 WORKERS = 2  # processes, where the machine has as many
-
-_MADE_BY = ("lens", "camera", "handle", "raycast", "capsule", "arm", "motion", "bench", "layer", "shadow", "exposure",
-            "script", "filming", "rendering")  # the modules that decide what is in a recording
 
 
 def render(rig: str | Path, handle: str | Path, motion: str, out: str | Path, seed: int = 0,
@@ -99,8 +97,7 @@ def made_from(job: Job, motion: str) -> dict[str, Any]:
     """All that decides what is in a recording, short: for the manifest, and for a cache's key."""
     parts = {"rig": [_camera_numbers(camera) for camera in job.rig.cameras], "handle": asdict(job.handle),
              "bench": asdict(job.bench), "times": list(job.times_s),
-             "instants": [_shot_numbers(shot) for shot in job.shots],
-             "code": [(Path(__file__).parent / f"{name}.py").read_text(encoding="utf-8") for name in _MADE_BY]}
+             "instants": [_shot_numbers(shot) for shot in job.shots], "code": made_from_module(__name__)["the package"]}
     short = {name: hashlib.sha256(json.dumps(part).encode()).hexdigest()[:16] for name, part in parts.items()}
     return {"motion": Path(motion).name, "seed": job.seed, "frames": len(job.shots), **short}
 

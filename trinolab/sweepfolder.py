@@ -11,6 +11,7 @@ import logging
 import os
 import shutil
 from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -72,7 +73,7 @@ class SweepFolder:
 
     def __init__(self, path: str | Path, identity: Identity, made_from: Mapping[str, str],
                  about: Mapping[str, Any]) -> None:
-        self.path = Path(path)
+        self.path, self._runs = Path(path), identity.runs
         _check_place(self.path)
         try:
             self.path.mkdir(parents=True, exist_ok=True)
@@ -107,6 +108,12 @@ class SweepFolder:
         except OSError as error:
             raise ValueError(f"{self.path / RUNS}: cannot be written ({error.strerror})") from None
         self.done[number] = outcome._replace(notebook="")
+
+    def kept(self) -> int:
+        """How many runs the file has: one more than `done`, if an interruption came in the middle of `add`."""
+        with suppress(OSError):  # a full disk, which has been told of
+            self._file.flush()
+        return len(_finished(self.path / RUNS, self._runs))
 
     def finish(self, found: pd.DataFrame, figure: bytes) -> None:
         """Write the table and its figure. Raises ValueError if they cannot be written."""

@@ -10,6 +10,7 @@ from concurrent.futures import BrokenExecutor, CancelledError, Future
 from contextlib import AbstractContextManager, suppress
 from datetime import UTC, datetime
 from functools import partial
+from importlib import import_module
 from itertools import islice
 from pathlib import Path
 from threading import Thread
@@ -22,7 +23,7 @@ from .engines import Engine, as_finished
 from .grids import Axis, Between, runs
 from .notebookrun import assignments, read_notebook, read_parameters
 from .outcome import FAILED, LAST_COLUMNS, Outcome, as_plain_number, call, each, failed, table
-from .provenance import commit, hash_cells, hash_function, hash_text, machine, surroundings, versions
+from .provenance import commit, hash_text, machine, made_from_function, made_from_notebook, versions
 from .sweepfolder import Identity, SweepFolder
 from .warmkernel import check_kernel, notebook_job, run_job
 
@@ -66,7 +67,7 @@ def of_function(function: Callable[..., Any], axes: Sequence[Axis | Between], sa
     names = _names(axes)
     name = getattr(function, "__qualname__", type(function).__name__)
     _check_arguments(function, names, name)
-    made_from = {"the function": hash_function(function), **surroundings()} if kept else {}
+    made_from = made_from_function(function) if kept else {}
     settings = runs(axes, sample, sample_seed, yes=yes)
     return Sweep(name, partial(call, function), names, settings, made_from, _described(axes, sample, sample_seed))
 
@@ -83,7 +84,7 @@ def of_notebook(what: str | Path, axes: Sequence[Axis | Between], sample: int | 
     check_kernel(path)
     _check_results(notebook := read_notebook(path), path)
     job = notebook_job(path, timeout_s, fresh, keep)
-    made_from = {"the notebook": hash_cells(notebook), **surroundings()}
+    made_from = made_from_notebook(notebook, path.resolve().parent)
     grid = _described(axes, sample, sample_seed)
     return Sweep(path.name, partial(run_job, job), names, settings, made_from, grid, job.sweep)
 
@@ -104,7 +105,7 @@ def compute(job: Sweep, engine: AbstractContextManager[Engine], out: str | Path 
         if out is None:
             return table(job.names, job.settings, dict(_outcomes(job, where, {}, progress)))
         with SweepFolder(out, _identity(job), job.made_from, _about(job, about or {})) as folder:
-            Thread(target=_figure, args=(None,), daemon=True).start()  # loads matplotlib while the runs go on
+            Thread(target=import_module, args=(f"{__package__}.plotting_sweep",), daemon=True).start()  # meanwhile
             try:
                 for number, outcome in _outcomes(job, where, dict(folder.done), progress):
                     folder.add(number, outcome)
@@ -163,11 +164,10 @@ def _received(future: Future[Any], count: int) -> list[Outcome]:
         return [failed(error, 0.0)] * count
 
 
-def _figure(found: pd.DataFrame | None) -> bytes:
-    """The figure of a table as a PNG file; nothing of none."""
+def _figure(found: pd.DataFrame) -> bytes:
     from .plotting_sweep import as_png, plot_sweep  # loads matplotlib
 
-    return b"" if found is None else as_png(plot_sweep(found))
+    return as_png(plot_sweep(found))
 
 
 def _about(job: Sweep, more: Mapping[str, Any]) -> dict[str, Any]:
@@ -177,7 +177,7 @@ def _about(job: Sweep, more: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _kept(folder: SweepFolder, total: int) -> str:
-    return f"{len(folder.done)} of {total} runs are kept in {folder.path}; the same command goes on"
+    return f"{folder.kept()} of {total} runs are kept in {folder.path}; the same command goes on"
 
 
 def _identity(job: Sweep) -> Identity:

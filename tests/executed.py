@@ -1,0 +1,24 @@
+"""Chapters and scoreboard as `make book` has stored them, if they are not stale; else computed here."""
+
+import build
+import pandas as pd
+
+from trinolab.notebookrun import NotebookRun, glued, read_notebook, run_notebook
+from trinolab.provenance import made_from_module
+from trinolab.scoreboard import scoreboard
+
+
+def as_it_stands(path):
+    """A chapter's run at its defaults."""
+    copy = build.executed(path)
+    if copy is None:
+        return run_notebook(path, timeout_s=build.CELL_TIMEOUT_S)
+    notebook = read_notebook(copy)
+    return NotebookRun(notebook, glued(notebook), 0.0)
+
+
+def whole_scoreboard():
+    """The scoreboard with all its verdicts."""
+    if build.SCOREBOARD.exists() and build.read_finished().get("scoreboard") == made_from_module("trinolab.scoreboard"):
+        return pd.read_csv(build.SCOREBOARD, dtype={"no": str}, keep_default_na=False, na_values={"ours": [""]})
+    return scoreboard()
