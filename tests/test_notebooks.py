@@ -6,6 +6,7 @@ With other parameters they run in a small size, which `make verify` repeats in f
 
 from pathlib import Path
 
+import build
 import pytest
 from executed import as_it_stands
 from films import frames_in
@@ -14,7 +15,7 @@ from trinolab.notebookrun import read_parameters, run_notebook
 
 NOTEBOOKS = sorted(Path(__file__).resolve().parents[1].glob("notebooks/*.ipynb"))
 
-# A second set of parameters for each chapter; a new chapter needs an entry.
+# Other parameters for each chapter, and what makes it small; a new chapter needs an entry in both.
 OTHER_PARAMETERS = {
     "01_structure": {"rig_name": "paper_pair", "handle_name": "coded", "row": 12, "seed": 1},
     "02_workspace": {"rig_name": "raised_40deg", "half_angle_deg": 15.0},
@@ -28,6 +29,20 @@ OTHER_PARAMETERS = {
     "10_estimators": {"rig_name": "raised_40deg", "estimator": "reprojection", "turned_deg": 0.02, "seed": 1},
     "11_master_slave": {"scale": 2.0, "turn_scale": 0.5, "cutoff_hz": 3.0, "noise_mm": 0.1, "seed": 1},
     "12_force_feedback": {"mass_kg": 0.5, "damping": 5.0, "delay_s": 0.1, "rate_hz": 60.0, "seed": 1},
+}
+SMALL = {
+    "01_structure": {"frames": 6, "row_step": 20},
+    "02_workspace": {"step_deg": 26.0, "row_step": 20},
+    "03_background": {"spacing": 16, "cameras": 1, "row_step": 20},
+    "04_kalman": {"moving": 6, "motions": 1},
+    "05_markers": {"frame_step": 15, "draws": 10, "row_step": 20},
+    "06_matching": {"instants": 6, "row_step": 20},
+    "07_calibration": {"positions": 4, "draws": 1, "row_step": 20},
+    "08_pose": {"draws": 10, "row_step": 20},
+    "09_table1": {"row_step": 20},
+    "10_estimators": {"row_step": 20, "turns": 2},
+    "11_master_slave": {"share": 0.42, "row_step": 20},
+    "12_force_feedback": {"share": 0.1, "row_step": 20},
 }
 FILM_FRAMES = {"01_structure": 30, "11_master_slave": 36}  # of the films that chapters show
 ERRORS = {"E_t_mm", "E_alpha_deg", "E_beta_deg", "E_gamma_deg"}
@@ -54,14 +69,42 @@ def test_runs_at_its_defaults(path, tmp_path):
     run = as_it_stands(path)
     check_results(run)
     frames = [frames_in(page, tmp_path) for page in pages_with_films(run)]
-    assert frames == ([FILM_FRAMES[path.stem]] if path.stem in FILM_FRAMES else [])
+    assert frames == ([SMALL = {
+    "01_structure": {"frames": 6, "row_step": 20},
+    "02_workspace": {"step_deg": 26.0, "row_step": 20},
+    "03_background": {"spacing": 16, "cameras": 1, "row_step": 20},
+    "04_kalman": {"moving": 6, "motions": 1},
+    "05_markers": {"frame_step": 15, "draws": 10, "row_step": 20},
+    "06_matching": {"instants": 6, "row_step": 20},
+    "07_calibration": {"positions": 4, "draws": 1, "row_step": 20},
+    "08_pose": {"draws": 10, "row_step": 20},
+    "09_table1": {"row_step": 20},
+    "10_estimators": {"row_step": 20, "turns": 2},
+    "11_master_slave": {"share": 0.42, "row_step": 20},
+    "12_force_feedback": {"share": 0.1, "row_step": 20},
+}
+FILM_FRAMES[path.stem]] if path.stem in SMALL = {
+    "01_structure": {"frames": 6, "row_step": 20},
+    "02_workspace": {"step_deg": 26.0, "row_step": 20},
+    "03_background": {"spacing": 16, "cameras": 1, "row_step": 20},
+    "04_kalman": {"moving": 6, "motions": 1},
+    "05_markers": {"frame_step": 15, "draws": 10, "row_step": 20},
+    "06_matching": {"instants": 6, "row_step": 20},
+    "07_calibration": {"positions": 4, "draws": 1, "row_step": 20},
+    "08_pose": {"draws": 10, "row_step": 20},
+    "09_table1": {"row_step": 20},
+    "10_estimators": {"row_step": 20, "turns": 2},
+    "11_master_slave": {"share": 0.42, "row_step": 20},
+    "12_force_feedback": {"share": 0.1, "row_step": 20},
+}
+FILM_FRAMES else [])
 
 
 @each_notebook
 def test_runs_at_other_parameters(path):
     other, defaults = OTHER_PARAMETERS[path.stem], read_parameters(path)
     assert any(value != defaults.get(name) for name, value in other.items()), "no parameter differs from its default"
-    check_results(run_notebook(path, other))
+    check_results(run_notebook(path, {**other, **SMALL[path.stem]}, timeout_s=build.CELL_TIMEOUT_S))
 
 
 @each_notebook

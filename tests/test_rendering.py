@@ -237,7 +237,7 @@ def test_the_manifest_knows_the_code(folder, monkeypatch):
     one = made_from(job, "calm")
     assert one == made_from(scripted("calm", SMALL, CODED, 0, 0.1), "calm")
     assert json.loads(json.dumps(one)) == one
-    monkeypatch.setattr(rendering, "made_from_module", lambda name: {"the package": "another"})
+    monkeypatch.setattr(rendering, "code_hash", lambda _: "another")
     changed = made_from(job, "calm")
     assert [name for name in one if changed[name] != one[name]] == ["code"]
     brighter = job._replace(bench=replace(job.bench, body_grey=91.0))

@@ -41,7 +41,7 @@ def test_whatever_it_is_made_from_changes_the_folder(monkeypatch):
     asked = [{}, {"seed": 1}, {"seconds": 0.2}, {"rig_name": "paper_pair"}, {"handle_name": "paper"}]
     folders = [standard_recording("calm", **{"seconds": 0.1} | options) for options in asked]
     folders.append(standard_recording("hard", seconds=0.1))
-    monkeypatch.setattr(rendering, "made_from_module", lambda _: {"the package": "another"})
+    monkeypatch.setattr(rendering, "code_hash", lambda _: "another")
     folders.append(standard_recording("calm", seconds=0.1))
     assert len(set(folders)) == 7
 

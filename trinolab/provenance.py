@@ -85,6 +85,12 @@ def made_from_module(name: str) -> dict[str, str]:
     return surroundings(imported_files(f"import {name}", PACKAGE.parent))
 
 
+@lru_cache
+def code_hash(name: str) -> str:
+    """A hash of one of the package's modules with all that it imports, as they are when a process asks first."""
+    return hash_files(imported_files(f"import {name}", PACKAGE.parent), PACKAGE)
+
+
 def imported_files(source: str, folder: Path, package: str = "") -> set[Path]:
     """The files of this package, and of modules beside a source, that the source imports, directly or not.
 

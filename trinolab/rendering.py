@@ -30,7 +30,7 @@ from .handle import Handle, read_handle
 from .outputs import write_whole
 from .pose import LOST, Pose
 from .posetable import pose_table, poses_by_frame, read_poses
-from .provenance import made_from_module
+from .provenance import code_hash
 from .recorder import add, begin, check_names, finish, image_paths, partial_of
 from .rigfile import read_rig
 from .script import Shot, calm, following, hard
@@ -97,7 +97,7 @@ def made_from(job: Job, motion: str) -> dict[str, Any]:
     """All that decides what is in a recording, short: for the manifest, and for a cache's key."""
     parts = {"rig": [_camera_numbers(camera) for camera in job.rig.cameras], "handle": asdict(job.handle),
              "bench": asdict(job.bench), "times": list(job.times_s),
-             "instants": [_shot_numbers(shot) for shot in job.shots], "code": made_from_module(__name__)["the package"]}
+             "instants": [_shot_numbers(shot) for shot in job.shots], "code": code_hash(__name__)}
     short = {name: hashlib.sha256(json.dumps(part).encode()).hexdigest()[:16] for name, part in parts.items()}
     return {"motion": Path(motion).name, "seed": job.seed, "frames": len(job.shots), **short}
 
