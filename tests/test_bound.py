@@ -76,6 +76,7 @@ def test_information_is_that_of_the_markers_edges():
     assert bound_of(ours).rms_deg == pytest.approx(bound_of(edges).rms_deg, rel=0.04)
 
 
+@pytest.mark.heavy
 def test_frames_scatter_as_the_information_says():
     """Scores J^T W (frame - expected) of drawn frames have the information for their covariance."""
     n, rng, fine = 1500, np.random.default_rng(0), replace(FLAT, marker_supersampling=32)
@@ -90,6 +91,7 @@ def test_frames_scatter_as_the_information_says():
     assert low < np.einsum("ni,ij,nj->n", scores, inverse, scores).mean() < high
 
 
+@pytest.mark.heavy
 def test_bound_is_flat_over_the_steps():
     steps = [bound_of(information(FRONT, WIDE, T, FLAT, step_px=step) + information(SIDE, WIDE, T, FLAT, step_px=step))
              for step in (0.1, 0.3)]
@@ -97,6 +99,7 @@ def test_bound_is_flat_over_the_steps():
     assert steps[0].rms_deg == pytest.approx(steps[1].rms_deg, rel=0.03)
 
 
+@pytest.mark.heavy
 def test_world_frame_turns_the_covariance():
     M = RigidTransform.from_components([300.0, -200, 900], Rotation.from_rotvec([0.4, 1.2, -0.3]))
     there = Rig(tuple(replace(c, T_cam_world=c.T_cam_world * M.inv()) for c in RIG.cameras))
@@ -115,7 +118,7 @@ def coarse(monkeypatch):
 
 
 @pytest.mark.usefixtures("coarse")
-@pytest.mark.parametrize("pixels", ["markers", "around", "handle"])
+@pytest.mark.parametrize("pixels", ["markers", "around", pytest.param("handle", marks=pytest.mark.heavy)])
 def test_unknown_greys_take_information_away(pixels):
     known, unknown = (information(FRONT, WIDE, T, Bench(), pixels, known_greys=k) for k in (True, False))
     lost = eigh(known - unknown, known, eigvals_only=True)

@@ -56,6 +56,7 @@ def test_table_has_every_elevation_and_estimator():
     assert TABLE.groupby("estimator")["shared_12"].nunique().eq(1).all()  # the pair does not move
 
 
+@pytest.mark.heavy
 def test_one_cell_is_made_again():
     """2 %: a table that is out of date is noticed, another machine's rounding is not."""
     rig, one = paper_rig(50.0), {BEST: SETTINGS[BEST]}

@@ -69,35 +69,7 @@ def test_runs_at_its_defaults(path, tmp_path):
     run = as_it_stands(path)
     check_results(run)
     frames = [frames_in(page, tmp_path) for page in pages_with_films(run)]
-    assert frames == ([SMALL = {
-    "01_structure": {"frames": 6, "row_step": 20},
-    "02_workspace": {"step_deg": 26.0, "row_step": 20},
-    "03_background": {"spacing": 16, "cameras": 1, "row_step": 20},
-    "04_kalman": {"moving": 6, "motions": 1},
-    "05_markers": {"frame_step": 15, "draws": 10, "row_step": 20},
-    "06_matching": {"instants": 6, "row_step": 20},
-    "07_calibration": {"positions": 4, "draws": 1, "row_step": 20},
-    "08_pose": {"draws": 10, "row_step": 20},
-    "09_table1": {"row_step": 20},
-    "10_estimators": {"row_step": 20, "turns": 2},
-    "11_master_slave": {"share": 0.42, "row_step": 20},
-    "12_force_feedback": {"share": 0.1, "row_step": 20},
-}
-FILM_FRAMES[path.stem]] if path.stem in SMALL = {
-    "01_structure": {"frames": 6, "row_step": 20},
-    "02_workspace": {"step_deg": 26.0, "row_step": 20},
-    "03_background": {"spacing": 16, "cameras": 1, "row_step": 20},
-    "04_kalman": {"moving": 6, "motions": 1},
-    "05_markers": {"frame_step": 15, "draws": 10, "row_step": 20},
-    "06_matching": {"instants": 6, "row_step": 20},
-    "07_calibration": {"positions": 4, "draws": 1, "row_step": 20},
-    "08_pose": {"draws": 10, "row_step": 20},
-    "09_table1": {"row_step": 20},
-    "10_estimators": {"row_step": 20, "turns": 2},
-    "11_master_slave": {"share": 0.42, "row_step": 20},
-    "12_force_feedback": {"share": 0.1, "row_step": 20},
-}
-FILM_FRAMES else [])
+    assert frames == ([FILM_FRAMES[path.stem]] if path.stem in FILM_FRAMES else [])
 
 
 @each_notebook

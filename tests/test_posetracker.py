@@ -170,7 +170,7 @@ def test_a_smear_is_fitted_with_the_pose():
     assert still is None or np.median(still.misfit) > 3.0
 
 
-@pytest.mark.parametrize("turn_deg", [0.0, 40.0])
+@pytest.mark.parametrize("turn_deg", [pytest.param(0.0, marks=pytest.mark.heavy), 40.0])
 def test_markers_that_are_smeared_into_one_another_are_told_apart(turn_deg):
     """Across the rod by 26 px, from one column of the paper's handle to the next, seen by two cameras of three."""
     rng = np.random.default_rng(3)
@@ -201,7 +201,7 @@ def fast():
     return poses, [[take(job, k, c) for c in range(3)] for k in range(len(t))]
 
 
-@pytest.mark.parametrize("estimator", ["paper", "patches"])
+@pytest.mark.parametrize("estimator", [pytest.param("paper", marks=pytest.mark.heavy), "patches"])
 def test_a_fast_handle_is_followed_through_its_smear(fast, estimator):
     truth, frames = fast
     found = tracked(frames, PAPER, truth[0], Parameters(estimator=estimator))

@@ -105,6 +105,7 @@ def all_views(rig, T):
     return Views(*np.nonzero(slant < np.deg2rad(65)))
 
 
+@pytest.mark.heavy
 def test_reprojection_covariance_is_honest():
     """NEES over 1,000 draws of the centroids, inside its 95 % band."""
     rng, T, sigma = np.random.default_rng(4), POSES[7], 0.05
@@ -145,7 +146,7 @@ def test_patches_covariance_is_honest_on_rendered_noise():
     assert abs(np.mean(nees) - 6) < 4 * np.sqrt(12 / len(nees))
 
 
-@pytest.mark.parametrize("estimator", ["paper", "weighted"])
+@pytest.mark.parametrize("estimator", ["paper", pytest.param("weighted", marks=pytest.mark.heavy)])
 def test_covariance_of_pairs_is_honest_on_rendered_noise(estimator):
     """As above for the pairs' estimators, 24 draws: their biased or moved centroids are in the covariance."""
     rng, bench, nees = np.random.default_rng(6), Bench(), []

@@ -222,6 +222,7 @@ def test_the_centroid_of_a_flat_disc_is_within_a_hundredth_of_a_pixel():
     assert np.sqrt((errors**2).mean()) < 0.003
 
 
+@pytest.mark.heavy
 def test_fewer_samples_are_worse():
     """The test above can fail: at pixel centres it would by far."""
     worst = [disc_errors(count).max() for count in (1, 4, 16)]

@@ -26,6 +26,7 @@ def test_a_third_camera_and_more_pixels_never_take_information_away():
     assert (around < 1.001 * markers).all(axis=None)
 
 
+@pytest.mark.heavy
 def test_one_row_is_made_again():
     """2 %: a table that is out of date is noticed, another machine's rounding is not."""
     for pixels in SHIPPED_PIXELS:

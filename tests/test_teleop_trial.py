@@ -70,6 +70,7 @@ def test_the_stages_follow_the_parts_and_their_steps_sum_to_the_total():
     assert found["total"][1] <= sum(found[name][1] for name in PARTS)
 
 
+@pytest.mark.heavy
 def test_noise_alone_has_the_size_of_its_low_pass_and_doubles_with_the_scale():
     """At rest the filter is a first-order low-pass: of a deviation sigma it leaves sigma sqrt(share / (2 - share)).
 
@@ -113,7 +114,7 @@ def test_a_trial_says_what_held_it():
 # --- delays
 
 
-@pytest.mark.parametrize(("pace", "within_s"), [(0.3, 0.005), (1.0, 0.015)])
+@pytest.mark.parametrize(("pace", "within_s"), [(0.3, 0.005), pytest.param(1.0, 0.015, marks=pytest.mark.heavy)])
 def test_the_measured_delay_is_the_sum_of_the_budget(pace, within_s):
     age = 0.0488
     trial = run(ROBOT, human_hand(0, pace), MAPPING, noise_mm=0.05, noise_deg=0.3, age_s=age, duration_s=4.0)

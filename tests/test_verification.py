@@ -60,6 +60,7 @@ def test_equivalent_poses_are_as_good():
     assert (estimates.rotation * truths.rotation.inv()).magnitude().max() < 0.02
 
 
+@pytest.mark.heavy
 def test_errors_drawn_from_the_bound_have_the_ratio_one():
     bounds = [Bound(HONEST if row < 10 else 4 * HONEST) for row in range(20)]
     rng = np.random.default_rng(1)

@@ -117,6 +117,7 @@ def test_a_warm_kernel_is_like_a_new_one(folder, monkeypatch):
         warm.close()
 
 
+@pytest.mark.heavy
 def test_a_chapter_gives_the_same_in_a_warm_kernel_as_in_a_new_one():
     job = notebook_job(ROOT / "notebooks" / "06_matching.ipynb", 120)
     other, again = (run_job(job, {"instants": 4, **setting}) for setting in ({"ncc_threshold": 0.9}, {"seed": 1}))

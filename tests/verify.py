@@ -16,6 +16,7 @@ from verification import (
     centroids,
     chapters,
     fuzz,
+    heavy,
     identity,
     layouts,
     misled,
@@ -27,8 +28,8 @@ from verification import (
 
 SECTIONS = {"bound": bounds.report, "table1": accuracy.report, "nees": nees.report, "centroid": centroids.report,
             "identity": identity.report, "layouts": layouts.report, "hostile": misled.report,
-            "fuzz": fuzz.report, "tracks": tracks.report, "slave": slave.report, "chapters": chapters.report,
-            "spread": spread.report}
+            "fuzz": fuzz.report, "tracks": tracks.report, "slave": slave.report, "heavy": heavy.report,
+            "chapters": chapters.report, "spread": spread.report}
 
 
 def _arguments() -> argparse.Namespace:

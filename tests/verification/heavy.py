@@ -1,0 +1,12 @@
+"""The tests that take too long for `make test`: marked ``heavy``, they run here."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def report(arguments) -> None:
+    print("heavy: the tests that make test leaves to this report", flush=True)
+    subprocess.run([sys.executable, "-m", "pytest", "-n", "auto", "-q", "-m", "heavy", "--durations=0"], cwd=ROOT)
