@@ -204,14 +204,16 @@ def test_an_interruption_before_the_first_instant_leaves_nothing(cameras, tmp_pa
 
 
 def test_what_the_disk_cannot_take_is_dropped_and_counted(cameras, tmp_path, monkeypatch):
-    real, free, written = recorder.write_image, threading.Event(), []
+    real, free, begun, written = recorder.write_image, threading.Event(), [], []
     monkeypatch.setattr(capturing, "QUEUE", 1)
-    monkeypatch.setattr(recorder, "write_image", lambda *a: (free.wait(), real(*a), written.append(a)))
+    monkeypatch.setattr(recorder, "write_image",
+                        lambda *a: (begun.append(a), free.wait(), real(*a), written.append(a)))
 
     def disk_is_free_again():
         free.set()
         wait_until(lambda: len(written) >= 4)  # the instant that was being written, and the one in the queue
 
+    cameras[0].at[2] = lambda: wait_until(lambda: begun)  # the first instant is being written before there are more
     cameras[0].at[60] = disk_is_free_again
     done = capture(TWO, tmp_path / "r", seconds=0.4)
     taken = cameras[0].k - 1  # the last one is over the time
