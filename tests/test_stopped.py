@@ -76,8 +76,13 @@ def folder(healthy, tmp_path, monkeypatch):
 
 
 def started_on_a_full_disk(line, limit, code=CLI, **options):
-    """A command as a process; no file that it writes may be longer than `limit` bytes, as if the disk were full."""
-    return started(line, code, lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit)), **options)
+    """A command as a process; no file that it writes may be longer than `limit` bytes, as if the disk were full.
+
+    It stores no bytecode: Python does not notice that such a file was cut off, and later processes could not load it.
+    """
+    environment = {**os.environ, "PYTHONDONTWRITEBYTECODE": "1"}
+    return started(line, code, lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit)), env=environment,
+                   **options)
 
 
 def rows_kept():

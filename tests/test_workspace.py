@@ -234,7 +234,7 @@ def test_the_bounding_box_against_another_optimiser(cones):
 
 
 def test_the_inscribed_ball_touches_and_fits():
-    for cones in [paper(20), *drawn(3, seed=6)]:
+    for cones in [paper(20), *bounded(3, 6)]:
         found = intersect(cones)
         rooms = [np.sin(c.half_angle) * ((found.centre - c.apex) @ c.axis) - np.cos(c.half_angle)
                  * np.linalg.norm(np.cross(found.centre - c.apex, c.axis)) for c in cones]
