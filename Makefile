@@ -22,7 +22,7 @@ help:  ## show this list
 book: .venv/package.done  ## run the chapters, build the pages, print the scoreboard
 	@$(BIN)/python book/build.py
 
-test: .venv/package.done  ## run the tests; after make book in five minutes; ARGS="-k pose" chooses some
+test: .venv/package.done  ## run the tests, quicker after make book; ARGS="-k pose" chooses some
 	@$(BIN)/python -m pytest -n auto --dist worksteal $(ARGS)
 
 lab: .venv/package.done  ## open the chapters in JupyterLab
