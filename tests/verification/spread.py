@@ -49,9 +49,10 @@ def tables():
     import numpy as np
 
     from trinolab import elevation, factors, gallery
+    from trinolab.bound import pose_bound
     from trinolab.datasets import load_handle, load_rig, load_table1, paper_rig
     from trinolab.parameters import BEST
-    from trinolab.table1_bound import COLUMNS, SHIPPED_PIXELS, pose_bound
+    from trinolab.table1_bound import COLUMNS, SHIPPED_PIXELS
 
     found, shipped = {}, {}
 
