@@ -40,7 +40,6 @@ SCOREBOARD = BUILD / "scoreboard.csv"
 NEW_SCOREBOARD = BUILD / "scoreboard.new.csv"
 GENERATED = BUILD / "generated"  # parts of pages that come from the ledger of equations
 HTML = BUILD / "html"
-MODULES = {"scoreboard": "trinolab.scoreboard", "ledger": "trinolab.errata"}  # what makes those that are no chapters
 PAGES_MADE_FROM = BUILD / "pages_made_from"  # a hash; it is there as long as the pages are whole
 CELL_TIMEOUT_S = 1800.0  # a cell hangs that takes so long: on a busy machine a film may take ten times its usual time
 
@@ -88,10 +87,9 @@ def stale_jobs() -> list[Job]:
             Job("ledger", [sys.executable, __file__, "--ledger"], made_from_module("trinolab.errata")),
             *(Job(path.stem, [sys.executable, __file__, "--chapter", str(path)], made_from(path))
               for path in chapters())]
-    finished = read_finished()
     stale = []
     for job in jobs:
-        if result_of(job.name).exists() and finished.get(job.name) == job.made_from:
+        if is_finished(job.name, job.made_from):
             print(f"{job.name}: unchanged")
         else:
             stale.append(job)
@@ -100,8 +98,12 @@ def stale_jobs() -> list[Job]:
 
 def executed(path: Path) -> Path | None:
     """Return the executed copy of a notebook, or None if there is none or it is stale."""
-    copy = result_of(path.stem)
-    return copy if copy.exists() and read_finished().get(path.stem) == made_from(path) else None
+    return result_of(path.stem) if is_finished(path.stem, made_from(path)) else None
+
+
+def is_finished(name: str, now: dict[str, str]) -> bool:
+    """Return whether the result of a job is there, and made from what is there now."""
+    return result_of(name).exists() and read_finished().get(name) == now
 
 
 def made_from(path: Path) -> dict[str, str]:

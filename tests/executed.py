@@ -19,6 +19,6 @@ def as_it_stands(path):
 
 def whole_scoreboard():
     """The scoreboard with all its verdicts."""
-    if build.SCOREBOARD.exists() and build.read_finished().get("scoreboard") == made_from_module("trinolab.scoreboard"):
+    if build.is_finished("scoreboard", made_from_module("trinolab.scoreboard")):
         return pd.read_csv(build.SCOREBOARD, dtype={"no": str}, keep_default_na=False, na_values={"ours": [""]})
     return scoreboard()
