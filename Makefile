@@ -36,11 +36,11 @@ verify: .venv/package.done  ## the heavy counts, as a report: an hour; ARGS="--o
 	@$(BIN)/python tests/verify.py $(ARGS)
 
 sweeps: .venv/package.done  ## make the tables in data/sweeps again: three quarters of an hour
-	@$(BIN)/python -m trinolab.factors
-	@$(BIN)/python -m trinolab.budget
-	@$(BIN)/python -m trinolab.elevation
-	@$(BIN)/python -m trinolab.table1_bound
-	@$(BIN)/python -m trinolab.gallery
+	@$(BIN)/python -m trinolab.studies factors
+	@$(BIN)/python -m trinolab.studies budget
+	@$(BIN)/python -m trinolab.studies elevation
+	@$(BIN)/python -m trinolab.studies bound
+	@$(BIN)/python -m trinolab.studies gallery
 
 bench: .venv/package.done  ## the time that a measurement, an instant of a track, a frame, a sweep, a tick of the arm take
 	@$(BIN)/python tests/benchmarks/bench_measure.py

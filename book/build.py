@@ -27,9 +27,9 @@ from jupyter_cache import get_cache
 from nbclient.exceptions import CellExecutionError, CellTimeoutError, DeadKernelError
 
 from trinolab.cli import as_text
-from trinolab.notebookrun import ONE_THREAD, read_notebook, run_notebook
-from trinolab.outputs import write_whole
-from trinolab.provenance import hash_files, hash_text, made_from_module, made_from_notebook, surroundings
+from trinolab.files.outputs import write_whole
+from trinolab.files.provenance import hash_files, hash_text, made_from_module, made_from_notebook, surroundings
+from trinolab.sweep.notebook import ONE_THREAD, read_notebook, run_notebook
 
 ROOT = Path(__file__).resolve().parents[1]
 BUILD = ROOT / "_build"
@@ -83,8 +83,8 @@ def main() -> int:
 def stale_jobs() -> list[Job]:
     """Return what has to run, the scoreboard first because it takes longest."""
     board = [str(tool("trinolab")), "scoreboard", "--csv", str(NEW_SCOREBOARD)]
-    jobs = [Job("scoreboard", board, made_from_module("trinolab.scoreboard")),
-            Job("ledger", [sys.executable, __file__, "--ledger"], made_from_module("trinolab.errata")),
+    jobs = [Job("scoreboard", board, made_from_module("trinolab.studies.scoreboard")),
+            Job("ledger", [sys.executable, __file__, "--ledger"], made_from_module("trinolab.paper.errata")),
             *(Job(path.stem, [sys.executable, __file__, "--chapter", str(path)], made_from(path))
               for path in chapters())]
     stale = []
@@ -201,8 +201,8 @@ def run_chapter(path: Path) -> int:
 
 def run_ledger() -> int:
     """Write the parts of pages that come from the ledger of equations, with the effects of the misprints."""
-    from trinolab.errata import effects
-    from trinolab.ledger import write_pages
+    from trinolab.paper.errata import effects
+    from trinolab.paper.ledger import write_pages
 
     shutil.rmtree(GENERATED, ignore_errors=True)
     write_pages(GENERATED, effects())

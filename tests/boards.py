@@ -4,9 +4,9 @@ import cv2
 import numpy as np
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from trinolab.bench import Bench
-from trinolab.board import Board
-from trinolab.boardscene import board_positions, render_board
+from trinolab.bench.board import board_positions, render_board
+from trinolab.bench.optics import Bench
+from trinolab.calibration.target import Board
 from trinolab.camera import Camera, Rig
 
 SIZE = (480, 360)

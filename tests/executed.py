@@ -3,9 +3,9 @@
 import build
 import pandas as pd
 
-from trinolab.notebookrun import NotebookRun, glued, read_notebook, run_notebook
-from trinolab.provenance import made_from_module
-from trinolab.scoreboard import scoreboard
+from trinolab.files.provenance import made_from_module
+from trinolab.studies.scoreboard import scoreboard
+from trinolab.sweep.notebook import NotebookRun, glued, read_notebook, run_notebook
 
 
 def as_it_stands(path):
@@ -19,6 +19,6 @@ def as_it_stands(path):
 
 def whole_scoreboard():
     """The scoreboard with all its verdicts."""
-    if build.is_finished("scoreboard", made_from_module("trinolab.scoreboard")):
+    if build.is_finished("scoreboard", made_from_module("trinolab.studies.scoreboard")):
         return pd.read_csv(build.SCOREBOARD, dtype={"no": str}, keep_default_na=False, na_values={"ours": [""]})
     return scoreboard()

@@ -19,15 +19,14 @@ from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import RigidTransform
 
+from trinolab.bench.recordings import _read_manifest
 from trinolab.datasets import data_path, load_rig
-from trinolab.greyimage import read_grey
-from trinolab.handle import read_handle
+from trinolab.files.images import read_grey
+from trinolab.files.kept import Rows
+from trinolab.files.poses import pose_table, poses_by_frame, poses_text, read_poses
+from trinolab.files.recording import read_timestamps
+from trinolab.files.rigs import read_handle, read_rig, rig_text
 from trinolab.pose import LOST, Pose
-from trinolab.posetable import pose_table, poses_by_frame, poses_text, read_poses
-from trinolab.recording import read_timestamps
-from trinolab.rendering import _read_manifest
-from trinolab.rigfile import read_rig, rig_text
-from trinolab.trackrows import Rows
 
 # --- the readers, each with what is done at once to what it takes
 

@@ -8,14 +8,15 @@ from boards import CALIBRATE, board_frames, write_views
 from makenotebook import make_notebook
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from trinolab import cli, recorder
+from trinolab import cli
+from trinolab.bench.optics import Bench
+from trinolab.bench.scene import render_rig, scaled
 from trinolab.camera import Rig
 from trinolab.datasets import load_handle, load_rig
-from trinolab.handle import write_handle
-from trinolab.pose import shifted
-from trinolab.posetable import truth_table, write_poses
-from trinolab.rigfile import write_rig
-from trinolab.scene import Bench, render_rig, scaled
+from trinolab.files import recorder
+from trinolab.files.poses import truth_table, write_poses
+from trinolab.files.rigs import write_handle, write_rig
+from trinolab.rigid import shifted
 
 RIG, CODED = Rig(tuple(scaled(camera, 0.25) for camera in load_rig("paper_pair").cameras)), load_handle("coded")
 FIRST = RigidTransform.from_components([0.0, 5.0, 560.0], Rotation.from_euler("ZYX", [170.0, 15.0, 40.0], degrees=True))

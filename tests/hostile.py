@@ -7,9 +7,12 @@ import cv2
 import numpy as np
 from scipy.spatial.transform import RigidTransform, Rotation
 
+from trinolab.bench.hand import true_visibility
+from trinolab.bench.motion import random_pose
+from trinolab.bench.optics import Bench
+from trinolab.bench.rays import body_region
+from trinolab.bench.scene import render_rig
 from trinolab.camera import Rig
-from trinolab.raycast import body_region
-from trinolab.scene import Bench, random_pose, render_rig, true_visibility
 
 KINDS = ("noise", "glints", "handle and glints", "half hidden", "half hidden, glints", "two handles", "camera turned",
          "500 blobs", "no markers", "one camera left")

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from trinolab.appearance import Views, by_motion, layers, shading_basis, windows
+from trinolab.bench.motion import random_pose
+from trinolab.bench.rays import EMPTY, cast, sample_offsets
 from trinolab.camera import Rig
 from trinolab.datasets import load_handle, load_rig
+from trinolab.estimators.appearance import Views, by_motion, layers, shading_basis, windows
 from trinolab.handle import slants
-from trinolab.motion import random_pose
-from trinolab.raycast import EMPTY, cast, sample_offsets
 
 HANDLE = load_handle("coded")
 PLAIN = load_rig("raised_40deg")

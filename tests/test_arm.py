@@ -4,12 +4,21 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from trinolab.arm import Arm, capsules, skin_grey, true_visibility
+from trinolab.bench.hand import (
+    Arm,
+    Capsules,
+    capsule_region,
+    capsules,
+    cast_capsules,
+    in_camera,
+    skin_grey,
+    true_visibility,
+)
+from trinolab.bench.motion import random_pose, smooth_motion
+from trinolab.bench.optics import Bench, background
+from trinolab.bench.scene import radiance
 from trinolab.camera import Camera
-from trinolab.capsule import Capsules, capsule_region, cast_capsules, in_camera
 from trinolab.datasets import load_handle, paper_rig
-from trinolab.motion import random_pose, smooth_motion
-from trinolab.scene import Bench, background, radiance
 
 PAPER = load_handle("paper")
 RIG = paper_rig(40.0)

@@ -4,14 +4,13 @@ import cv2
 import numpy as np
 import pytest
 
-from trinolab import scene
 from trinolab.background import BackgroundParameters, difference, moving_window, step, update
+from trinolab.bench import optics, scene
+from trinolab.bench.recordings import scripted
+from trinolab.bench.scenario import LIGHT_STEP_S, empty, take
 from trinolab.camera import Rig
-from trinolab.covertruth import cover, regions, watch
 from trinolab.datasets import load_handle, load_rig
-from trinolab.filming import empty, take
-from trinolab.rendering import scripted
-from trinolab.script import LIGHT_STEP_S
+from trinolab.studies.ground_truth import cover, regions, watch
 from trinolab.window import Window
 
 SIZE = (31, 23)  # width, height: not square
@@ -193,7 +192,7 @@ def test_a_handle_that_rests_for_five_seconds(hard):
     # Swallowed as printed, kept by the mask; one frame with fresh noise, 150 times.
     start, frames, covers = hard
     rng, truths = np.random.default_rng(4), [regions(covers[-1])] * 150
-    resting = [scene.digitise(frames[-1], scene.Bench(), rng) for _ in truths]
+    resting = [optics.digitise(frames[-1], optics.Bench(), rng) for _ in truths]
     light = BackgroundParameters(min_pixels=30, update_rate=0.0)
     start = watch(frames[-1:], start, truths[:1], light).background  # in the light of that frame
     printed = watch(resting, start, truths, BackgroundParameters(0.05, 15, 0, 30, None, False))

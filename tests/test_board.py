@@ -8,14 +8,20 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from trinolab.bench import Bench
-from trinolab.board import Board
-from trinolab.boardscene import DARK_GREY, WHITE_GREY, board_positions, board_radiance, render_board
-from trinolab.boardtrial import calibration_cost_mm, calibration_errors, corners_of, photograph, simulated_calibration
-from trinolab.calibration import calibrate, mean_relative_pose, relative_pose
+from trinolab.bench.board import DARK_GREY, WHITE_GREY, board_positions, board_radiance, render_board
+from trinolab.bench.optics import Bench
+from trinolab.calibration.adjust import calibrate
+from trinolab.calibration.eq25 import mean_relative_pose, relative_pose
+from trinolab.calibration.target import Board, find_corners
 from trinolab.camera import Camera, Rig
-from trinolab.corners import find_corners
 from trinolab.datasets import load_handle, load_rig, load_table1
+from trinolab.studies.simulated_calibration import (
+    calibration_cost_mm,
+    calibration_errors,
+    corners_of,
+    photograph,
+    simulated_calibration,
+)
 
 BOARD = Board(9, 6, 15.0)
 PLAIN = Bench(blur_px=0.0, shot_variance=0.0, read_noise=0.0)

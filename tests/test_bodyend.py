@@ -6,12 +6,13 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from trinolab.arm import Arm
-from trinolab.bodyend import keep_by_body
+from trinolab.bench.hand import Arm
+from trinolab.bench.optics import Bench
+from trinolab.bench.scene import render_rig
 from trinolab.datasets import load_handle, load_rig
 from trinolab.identity import equivalents
-from trinolab.scene import Bench, render_rig
-from trinolab.tracker import measure
+from trinolab.identity.ends import keep_by_body
+from trinolab.measurement import measure
 
 RIG, PAPER = load_rig("paper_pair"), load_handle("paper")
 T = RigidTransform.from_components([15.0, -10.0, 560.0], Rotation.from_euler("ZYX", [70, 20, 10], degrees=True))

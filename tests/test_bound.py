@@ -10,13 +10,14 @@ from scipy.linalg import eigh
 from scipy.spatial.transform import RigidTransform, Rotation
 from scipy.stats import chi2, norm
 
-from trinolab import bound
-from trinolab.bound import Bound, bound_of, information, mean_length, pose_bound
+from trinolab.bench.optics import Bench, blurred, digitise
+from trinolab.bench.rays import marker_outline
+from trinolab.bench.scene import radiance
 from trinolab.camera import Camera, Rig
 from trinolab.datasets import load_handle, load_rig, load_table1
 from trinolab.handle import Handle
-from trinolab.raycast import marker_outline
-from trinolab.scene import Bench, blurred, digitise, radiance
+from trinolab.studies import bound
+from trinolab.studies.bound import Bound, bound_of, information, mean_length, pose_bound
 
 # four markers in the middle of a thick body, far from its outline
 WIDE = Handle("wide", 15.0, 200.0, 25.0, 3.0, (-20.0, 20.0), ((10.0, -10.0), (6.0, -14.0)))

@@ -12,14 +12,15 @@ from boards import CALIBRATE, LENS, SIZE, board_frames, make_rig, positions, wri
 from healthy import contents, run
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from trinolab import calibrating, outputs, targetviews
-from trinolab.calibrating import as_lines, calibrate_rig
+from trinolab.calibration import calibrate, views
+from trinolab.calibration.calibrate import as_lines, calibrate_rig
+from trinolab.calibration.outliers import calibrate_robustly
+from trinolab.calibration.target import Target, find_target
 from trinolab.camera import Camera
 from trinolab.datasets import load_real_sets, real_set
-from trinolab.realsets import load_caliscope
-from trinolab.rigfile import read_rig
-from trinolab.suspects import calibrate_robustly
-from trinolab.targets import Target, find_target
+from trinolab.files import outputs
+from trinolab.files.rigs import read_rig
+from trinolab.studies.real_recordings import load_caliscope
 
 CHESSBOARD = Target("chessboard", 7, 6, 15.0)
 CIRCLES = Target("circles", 7, 6, 15.0)
@@ -364,8 +365,8 @@ def test_views_that_say_too_little_name_the_cameras(folder):
     assert not any((folder / name).exists() for name in FILES)
 
 
-@pytest.mark.parametrize("place", [(targetviews, "find_target"), (calibrating, "calibrate_robustly"),
-                                   (calibrating, "_picture"), (outputs.os, "replace")])
+@pytest.mark.parametrize("place", [(views, "find_target"), (calibrate, "calibrate_robustly"),
+                                   (calibrate, "_picture"), (outputs.os, "replace")])
 def test_an_interruption_leaves_nothing(folder, monkeypatch, capfd, place):
     def interrupted(*_, **__):
         raise KeyboardInterrupt

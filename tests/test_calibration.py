@@ -9,11 +9,12 @@ from hypothesis.extra.numpy import arrays
 from scipy.optimize._numdiff import approx_derivative
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from trinolab import adjustment
-from trinolab.board import Board
-from trinolab.calibration import calibrate, mean_relative_pose, relative_pose, rotation_sigma
+from trinolab.calibration import adjust
+from trinolab.calibration.adjust import calibrate
+from trinolab.calibration.eq25 import mean_relative_pose, relative_pose, rotation_sigma
+from trinolab.calibration.start import homography, intrinsics, target_pose
+from trinolab.calibration.target import Board
 from trinolab.camera import Camera, Rig
-from trinolab.zhang import homography, intrinsics, target_pose
 
 SIZE = (640, 480)
 BOARD = Board(7, 6, 20.0)
@@ -204,12 +205,12 @@ def test_target_pose_refuses_singular_matrices(name):
 @pytest.mark.parametrize("terms", [0, 2, 5])
 def test_slopes_are_the_derivatives(terms):
     rig, poses = make_rig(), positions(2)
-    layout = adjustment.Layout(3, 2, terms)
-    x = adjustment.pack(layout, [c.matrix for c in rig.cameras], [c.T_world_cam for c in rig.cameras], list(poses))
+    layout = adjust.Layout(3, 2, terms)
+    x = adjust.pack(layout, [c.matrix for c in rig.cameras], [c.T_world_cam for c in rig.cameras], list(poses))
     x[:layout.split(x)[0].size].reshape(3, -1)[:, 4:] = LENS[:, :terms]
     zero = np.zeros((3, 2, len(BOARD.points), 2))
-    J = adjustment.slopes(layout, BOARD.points, x).reshape(-1, len(x))
-    numeric = approx_derivative(lambda y: adjustment.residuals(layout, BOARD.points, zero, y).ravel(), x,
+    J = adjust.slopes(layout, BOARD.points, x).reshape(-1, len(x))
+    numeric = approx_derivative(lambda y: adjust.residuals(layout, BOARD.points, zero, y).ravel(), x,
                                 method="3-point")
     scale = np.abs(numeric).max(axis=0)
     np.testing.assert_allclose(J / scale, numeric / scale, rtol=0, atol=1e-6)  # of the differences
@@ -217,17 +218,17 @@ def test_slopes_are_the_derivatives(terms):
 
 def test_model_projects_as_the_cameras_do():
     rig, poses = make_rig(), positions(2)
-    layout = adjustment.Layout(3, 2, 5)
-    x = adjustment.pack(layout, [c.matrix for c in rig.cameras], [c.T_world_cam for c in rig.cameras], list(poses))
+    layout = adjust.Layout(3, 2, 5)
+    x = adjust.pack(layout, [c.matrix for c in rig.cameras], [c.T_world_cam for c in rig.cameras], list(poses))
     x[:27].reshape(3, 9)[:, 4:] = LENS
     uv = project(rig, poses)
-    np.testing.assert_allclose(adjustment.residuals(layout, BOARD.points, uv, x), 0, atol=1e-9)
+    np.testing.assert_allclose(adjust.residuals(layout, BOARD.points, uv, x), 0, atol=1e-9)
     behind = x.copy()
     behind[39 + 2] = -400.0  # z of the first view
-    errors = adjustment.residuals(layout, BOARD.points, uv, behind)
+    errors = adjust.residuals(layout, BOARD.points, uv, behind)
     assert np.isnan(errors[:2, 0]).all()
     assert np.isfinite(errors[:, 1]).all()
-    matrices, distortions, cameras, targets = adjustment.unpack(layout, x)
+    matrices, distortions, cameras, targets = adjust.unpack(layout, x)
     np.testing.assert_array_equal(matrices[1], K_RIGHT)
     np.testing.assert_array_equal(distortions, LENS)
     np.testing.assert_allclose(cameras[2].as_matrix(), rig.cameras[2].T_world_cam.as_matrix(), atol=1e-12)
@@ -236,7 +237,7 @@ def test_model_projects_as_the_cameras_do():
 
 @given(arrays(float, 3, elements=st.floats(-3, 3)), arrays(float, 3, elements=st.floats(-1, 1)))
 def test_left_jacobian(rotvec, change):
-    J, step = adjustment.left_jacobian(rotvec), 1e-6 * change
+    J, step = adjust.left_jacobian(rotvec), 1e-6 * change
     turned = Rotation.from_rotvec(rotvec + step) * Rotation.from_rotvec(rotvec).inv()
     np.testing.assert_allclose(turned.as_rotvec(), J @ step, rtol=0, atol=2e-11)  # second order of 2e-6
 

@@ -11,13 +11,15 @@ import numpy as np
 import pytest
 from processes import CLI, ended, started, wait_until
 
-from trinolab import capturing, cli, devices, outputs, recorder
+from trinolab import cli
 from trinolab.camera import Rig
-from trinolab.capturing import capture, side_by_side
 from trinolab.datasets import data_path, load_rig
-from trinolab.devices import drain, instants_of, open_source
-from trinolab.recording import find_footage, instants, open_recording, read_timestamps
-from trinolab.rigfile import read_rig, write_rig
+from trinolab.files import capture as files_capture
+from trinolab.files import devices, outputs, recorder
+from trinolab.files.capture import capture, side_by_side
+from trinolab.files.devices import drain, instants_of, open_source
+from trinolab.files.recording import find_footage, instants, open_recording, read_timestamps
+from trinolab.files.rigs import read_rig, write_rig
 
 SIZE = (32, 24)
 FPS = 200
@@ -189,8 +191,8 @@ def test_a_second_interruption_says_where_the_images_are(cameras, tmp_path, monk
             raise KeyboardInterrupt
 
     cameras[1].frames, cameras[1].then = 7, KeyboardInterrupt()
-    monkeypatch.setattr(capturing, "drain", lambda _: None)  # its threads are joined, too
-    monkeypatch.setattr(capturing.Thread, "join", join)
+    monkeypatch.setattr(files_capture, "drain", lambda _: None)  # its threads are joined, too
+    monkeypatch.setattr(files_capture.Thread, "join", join)
     monkeypatch.chdir(tmp_path)
     assert cli.main(["capture", "--camera", "ccd1=0", "ccd2=1", "--out", "r"]) == 130
     assert capfd.readouterr().err.splitlines()[-1].endswith(f"interrupted, what was written is in {tmp_path}/r.partial")
@@ -205,7 +207,7 @@ def test_an_interruption_before_the_first_instant_leaves_nothing(cameras, tmp_pa
 
 def test_what_the_disk_cannot_take_is_dropped_and_counted(cameras, tmp_path, monkeypatch):
     real, free, begun, written = recorder.write_image, threading.Event(), [], []
-    monkeypatch.setattr(capturing, "QUEUE", 1)
+    monkeypatch.setattr(files_capture, "QUEUE", 1)
     monkeypatch.setattr(recorder, "write_image",
                         lambda *a: (begun.append(a), free.wait(), real(*a), written.append(a)))
 
@@ -232,7 +234,7 @@ def test_a_queue_that_fills_is_written_without_compression(cameras, tmp_path, mo
         last.wait()
         real(image, path, fast)
 
-    monkeypatch.setattr(capturing, "QUEUE", 8)
+    monkeypatch.setattr(files_capture, "QUEUE", 8)
     monkeypatch.setattr(recorder, "write_image", write)
     cameras[0].at[2] = lambda: wait_until(lambda: how)  # the first instant is being written before there are more
     cameras[0].at[20] = last.set
@@ -247,8 +249,8 @@ def test_a_queue_that_fills_is_written_without_compression(cameras, tmp_path, mo
 def test_a_preview_is_kept_up_to_date(cameras, tmp_path, monkeypatch):
     seen, real = [], recorder.write_image
     monkeypatch.setattr(recorder, "write_image", lambda *a: (seen.append(a[:2]), real(*a)))
-    monkeypatch.setattr(capturing, "PREVIEW_S", 0.05)
-    monkeypatch.setattr(capturing, "QUEUE", 1000)
+    monkeypatch.setattr(files_capture, "PREVIEW_S", 0.05)
+    monkeypatch.setattr(files_capture, "QUEUE", 1000)
     capture(TWO, tmp_path / "r", seconds=0.3, preview=True)
     shown = [image for image, path in seen if path == tmp_path / "r.partial" / "preview.png"]
     assert len(shown) == 6  # of 75 instants, 4 ms apart, each 13th

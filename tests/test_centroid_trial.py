@@ -5,8 +5,11 @@ import pandas as pd
 import pytest
 from scipy.spatial.transform import RigidTransform, Rotation
 
+from trinolab.bench.optics import Bench, blurred
+from trinolab.bench.scene import radiance
 from trinolab.camera import Camera, Rig
-from trinolab.centroid_trial import (
+from trinolab.datasets import load_handle
+from trinolab.studies.centroid_bias import (
     METHODS,
     centres,
     centroid_errors,
@@ -14,8 +17,6 @@ from trinolab.centroid_trial import (
     instant_errors,
     turned_marker,
 )
-from trinolab.datasets import load_handle
-from trinolab.scene import Bench, blurred, radiance
 
 PAPER = load_handle("paper")
 STRAIGHT = Camera("c", (1280, 1024), [[3000.0, 0, 640], [0, 3000, 512], [0, 0, 1]], np.zeros(5),

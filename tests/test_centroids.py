@@ -6,12 +6,13 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from trinolab.appearance import Views
+from trinolab.bench.optics import Bench
+from trinolab.bench.scene import radiance
 from trinolab.camera import Rig
-from trinolab.centroids import predict_centroids
 from trinolab.datasets import load_rig
+from trinolab.estimators.appearance import Views
+from trinolab.estimators.centroids import predict_centroids
 from trinolab.handle import Handle, slants
-from trinolab.scene import Bench, radiance
 
 ONE = Handle("one", 5.0, 60.0, 30.0, 3.0, (0.0,), ((0.0,),))
 PLAIN = load_rig("paper_pair")

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from trinolab.checks import as_array, as_image, as_number, as_points, as_rotation_matrix, as_unit, frozen, read_toml
+from trinolab.checks import as_array, as_image, as_number, as_points, as_rotation_matrix, as_unit, frozen
+from trinolab.files.inputs import read_toml
 
 
 def test_arrays_come_back_read_only_and_are_copies():

@@ -15,14 +15,14 @@ import pytest
 from healthy import contents, run
 from scipy.spatial.transform import RigidTransform
 
-from trinolab import __version__, cli, evaluation, scoreboard, workflows
+from trinolab import __version__, workflows
 from trinolab.camera import Rig
+from trinolab.cli import arguments, evaluate
+from trinolab.cli.evaluate import TrackQuality, _lasted
 from trinolab.datasets import data_path, load_handle, load_rig, load_table1
-from trinolab.evaluation import _lasted
-from trinolab.handle import write_handle
-from trinolab.posetable import truth_table, write_poses
-from trinolab.rigfile import write_rig
-from trinolab.trackquality import TrackQuality
+from trinolab.files.poses import truth_table, write_poses
+from trinolab.files.rigs import write_handle, write_rig
+from trinolab.studies import scoreboard
 
 COMMANDS = ("calibrate", "measure", "track", "evaluate", "capture", "render", "teleop", "sweep", "clear", "scoreboard")
 SIZE = (32, 24)
@@ -155,7 +155,7 @@ def test_help_has_an_example_that_parses(command, capfd, monkeypatch):
     monkeypatch.setenv("COLUMNS", "80")
     assert run(f"{command} --help") == 0
     text = capfd.readouterr().out
-    assert cli.parser().parse_args(shlex.split(example_of(text))).command == command
+    assert arguments.parser().parse_args(shlex.split(example_of(text))).command == command
     assert max(map(len, text.splitlines())) <= 90
 
 
@@ -181,7 +181,7 @@ def test_the_examples_run(capfd):
                                              (OSError(5, "broken", "x.csv"), "[Errno 5] broken: 'x.csv'"),
                                              (MemoryError("8 TiB"), "not enough memory (8 TiB)")])
 def test_every_refusal_is_one_line(error, said, capfd, monkeypatch):
-    monkeypatch.setattr(evaluation, "read_poses", lambda _: (_ for _ in ()).throw(error))
+    monkeypatch.setattr(evaluate, "read_poses", lambda _: (_ for _ in ()).throw(error))
     assert run(EVALUATE) == 2
     assert capfd.readouterr() == ("", f"trinolab evaluate: {said}\n")
 
@@ -196,7 +196,7 @@ def interrupted(*_, **__):
 @pytest.mark.parametrize("line", [MEASURE, EVALUATE, "scoreboard --csv board.csv"])
 def test_an_interruption_costs_one_line_and_no_file(folder, line, capfd, monkeypatch):
     monkeypatch.setattr(workflows, "measure", interrupted)
-    monkeypatch.setattr(evaluation, "read_poses", interrupted)
+    monkeypatch.setattr(evaluate, "read_poses", interrupted)
     monkeypatch.setattr(scoreboard, "CHECKS", dict.fromkeys(scoreboard.CHECKS, interrupted))
     before = contents(folder)
     assert run(line) == 130

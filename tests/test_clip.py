@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
-from trinolab import standard
-from trinolab.clip import read_clip
-from trinolab.standard import standard_recording
+from trinolab.bench import recordings
+from trinolab.bench.recordings import standard_recording
+from trinolab.studies.ground_truth import read_clip
 
 
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
-    monkeypatch.setattr(standard, "recordings_folder", lambda: tmp_path)
+    monkeypatch.setattr(recordings, "recordings_folder", lambda: tmp_path)
     return standard_recording("hard", seconds=0.1, progress=False)
 
 

@@ -13,9 +13,9 @@ from healthy import run
 from makenotebook import glued, make_notebook
 from processes import HANGS_S, open_gate, started, wait_until
 
-from trinolab import engines
-from trinolab.engines import cluster
-from trinolab.sweep import read_sweep, sweep
+from trinolab.sweep import engines, sweep
+from trinolab.sweep.engines import cluster
+from trinolab.sweep.folder import read_sweep
 
 pytest.importorskip("distributed", reason="the extra `cluster` is not installed")
 # Says where it is, and lives until its standard input is closed.

@@ -4,13 +4,13 @@ import cv2
 import numpy as np
 import pytest
 
-from trinolab import rendering, scene, standard
 from trinolab.background import BackgroundParameters, Detection, step
+from trinolab.bench import optics, recordings, scene
+from trinolab.bench.recordings import scripted
+from trinolab.bench.scenario import take
 from trinolab.camera import Rig
-from trinolab.covertruth import Regions, cover, held, regions, standard_clip, watch, wrong
 from trinolab.datasets import load_handle, load_rig
-from trinolab.filming import take
-from trinolab.rendering import scripted
+from trinolab.studies.ground_truth import Regions, cover, held, regions, standard_clip, watch, wrong
 from trinolab.window import Window
 
 RIG = Rig(tuple(scene.scaled(camera, 0.125) for camera in load_rig("raised_40deg").cameras))
@@ -24,7 +24,7 @@ def test_cover_is_where_the_image_differs_from_the_empty_bench(index):
     share = cover(JOB, 40, index)
     assert share.shape == image.shape
     assert 0.01 < (share == 1).mean() < 0.2
-    np.testing.assert_array_equal(share > 0, image != scene.background(camera, JOB.bench))
+    np.testing.assert_array_equal(share > 0, image != optics.background(camera, JOB.bench))
 
 
 def test_nothing_covers_the_empty_bench():
@@ -72,9 +72,9 @@ def short(tmp_path, monkeypatch):
     def late(rig, times, seed):
         return calm(rig, times + 1.2, seed)
 
-    calm = rendering.SCRIPTS["calm"]
-    monkeypatch.setattr(standard, "cache_folder", lambda: tmp_path)
-    monkeypatch.setitem(rendering.SCRIPTS, "calm", late)
+    calm = recordings.SCRIPTS["calm"]
+    monkeypatch.setattr(recordings, "cache_folder", lambda: tmp_path)
+    monkeypatch.setitem(recordings.SCRIPTS, "calm", late)
     return standard_clip("calm", 1, every=4, seconds=0.07)
 
 

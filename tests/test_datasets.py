@@ -9,17 +9,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from trinolab.camera import T_between, T_world_oxyz
-from trinolab.datasets import (
-    Claim,
-    data_path,
-    load_calibration,
-    load_claims,
-    load_handle,
-    load_rig,
-    load_table1,
-    nearest_rotation,
-    paper_rig,
-)
+from trinolab.datasets import data_path, load_calibration, load_handle, load_rig, load_table1, paper_rig
+from trinolab.rigid import nearest_rotation
+from trinolab.studies.scoreboard import Claim, load_claims
 
 SECOND = Path(__file__).parent / "second_transcription"
 RIGS = {"paper_pair": None, "paper_trinocular": 90.0, "raised_40deg": 40.0}

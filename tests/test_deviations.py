@@ -5,7 +5,9 @@ import pytest
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from trinolab.datasets import load_table1
-from trinolab.deviations import (
+from trinolab.metrics import angle_differences_deg, pose_errors
+from trinolab.pose import rigid_fit
+from trinolab.studies.deviations import (
     Source,
     deviations,
     drawn,
@@ -17,8 +19,6 @@ from trinolab.deviations import (
     rms,
     together,
 )
-from trinolab.metrics import angle_differences_deg, pose_errors
-from trinolab.pose import rigid_fit
 
 TRUTHS = load_table1().set_poses
 

@@ -4,14 +4,12 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from trinolab import elevation
-from trinolab.arm import Arm
-from trinolab.datasets import load_handle, load_rig, load_table1, paper_rig
-from trinolab.elevation import ELEVATIONS_DEG, SETTINGS, accuracy, kept, shared_markers
-from trinolab.factors import load_sweep
-from trinolab.parameters import BEST
-from trinolab.plotting_rigs import plot_elevation
-from trinolab.scene import true_visibility
+from trinolab.bench.hand import Arm, true_visibility
+from trinolab.datasets import load_handle, load_rig, load_sweep, load_table1, paper_rig
+from trinolab.methods import BEST
+from trinolab.plotting import plot_elevation
+from trinolab.studies import elevation
+from trinolab.studies.elevation import ELEVATIONS_DEG, SETTINGS, accuracy, kept, shared_markers
 
 PAPER = load_handle("paper")
 TABLE = load_sweep("elevation")

@@ -6,13 +6,15 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from trinolab.cones import Cone, cone_surface, inside
-from trinolab.datasets import load_calibration, load_rig, load_table1, nearest_rotation
-from trinolab.errata import ERRATA, effects, printed_cones, printed_rotation_error, printed_workspace_volume
-from trinolab.errata_markers import printed_bisection
-from trinolab.errata_pose import printed_points
-from trinolab.ledger import Effect
+from trinolab.datasets import load_calibration, load_rig, load_table1
+from trinolab.paper.errata import ERRATA, effects
+from trinolab.paper.errata.markers import printed_bisection
+from trinolab.paper.errata.pose import printed_points, printed_rotation_error
+from trinolab.paper.errata.workspace import printed_cones, printed_workspace_volume
+from trinolab.paper.ledger import Effect
+from trinolab.rigid import nearest_rotation
 from trinolab.workspace import intersect
+from trinolab.workspace.cones import Cone, cone_surface, inside
 
 # What each effect must be by the printed and by the corrected form, and a tolerance, from numbers that the package has
 # no part in: by hand, or found by two other programs. None where only the check can be given.

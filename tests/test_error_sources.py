@@ -6,16 +6,17 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from trinolab import error_sources as sources
-from trinolab.board import Board
-from trinolab.boardtrial import calibration_errors, simulated_calibration
+from trinolab import pose
+from trinolab.calibration.target import Board
 from trinolab.camera import Camera, Rig
 from trinolab.datasets import load_handle, load_rig, load_table1
-from trinolab.deviations import drawn, exact, first_order, means
-from trinolab.errata_pose import one_focal_length, use_of_no_rotation
-from trinolab.error_sources import make_trial, response, shifted_rig
 from trinolab.metrics import angle_differences_deg
+from trinolab.paper.errata.pose import one_focal_length, use_of_no_rotation
 from trinolab.pose import rigid_fit
+from trinolab.studies import error_sources as sources
+from trinolab.studies.deviations import drawn, exact, first_order, means
+from trinolab.studies.error_sources import make_trial, response, shifted_rig
+from trinolab.studies.simulated_calibration import calibration_errors, simulated_calibration
 from trinolab.triangulation import triangulate
 
 RIG, HANDLE, TRUTHS = load_rig("paper_pair"), load_handle("paper"), load_table1().set_poses
@@ -168,7 +169,7 @@ def test_errors_of_the_set_angles(trial):
 
 def test_other_estimators_are_taken_from_the_parameters(trial, monkeypatch):
     seen = []
-    real = sources.fit_pose
+    real = pose.fit_pose
     monkeypatch.setattr(sources, "fit_pose", lambda *a: seen.append(a[-1]) or real(*a))
     response(trial._replace(parameters=replace(trial.parameters, sigma_px=0.33)))
     assert {p.sigma_px for p in seen} == {0.33}

@@ -4,14 +4,13 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import RigidTransform
 
-from trinolab.arm import Arm
-from trinolab.bench import background, blurred
+from trinolab.bench.hand import Arm
+from trinolab.bench.layer import over
+from trinolab.bench.optics import Bench, background, blurred
+from trinolab.bench.scene import EXPOSURE_S, exposed, radiance, scaled, smeared
 from trinolab.camera import Camera
 from trinolab.datasets import load_handle, load_rig, load_table1
-from trinolab.exposure import EXPOSURE_S, exposed, smeared
 from trinolab.handle import Handle, slants
-from trinolab.layer import over
-from trinolab.scene import Bench, radiance, scaled
 
 CAMERA = Camera("one", (160, 120), np.array([[1500.0, 0, 80], [0, 1500, 60], [0, 0, 1]]), np.zeros(5),
                 RigidTransform.identity())

@@ -4,12 +4,15 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from trinolab import factors
-from trinolab.datasets import load_handle, load_rig, load_table1
-from trinolab.factors import DISTANCES_MM, ERRORS, FACTORS, at_distance, cell, load_sweep, main, table1_setup
+from trinolab import measurement
+from trinolab.bench.optics import Bench
+from trinolab.bench.scene import render_rig
+from trinolab.datasets import load_handle, load_rig, load_sweep, load_table1
 from trinolab.parameters import Parameters
-from trinolab.scene import Bench, render_rig
-from trinolab.workflows import replicate_table1
+from trinolab.studies import factors, replication
+from trinolab.studies.__main__ import main
+from trinolab.studies.factors import DISTANCES_MM, ERRORS, FACTORS, at_distance, cell, table1_setup
+from trinolab.studies.replication import replicate_table1
 
 CELLS = {"distortion": -0.05, "distance": 750.0, "marker_size": 2.0, "speed": 25.0, "turn": 100.0}
 FIELDS = ["E_t_mm", "E_alpha_deg", "E_beta_deg", "E_gamma_deg", "geodesic_mean_deg"]
@@ -132,8 +135,8 @@ def test_at_the_working_point_it_is_the_replication():
     rig, handle = load_rig("paper_pair"), load_handle("paper")
     setup = table1_setup(rig, handle)
     rng = np.random.default_rng(0)
-    found = [factors.measure(factors._frames(setup, k, rng), rig, handle) for k in range(2)]
-    errors = factors.replication_errors(found, load_table1().set_poses[:2], handle)
+    found = [measurement.measure(factors._frames(setup, k, rng), rig, handle) for k in range(2)]
+    errors = replication.replication_errors(found, load_table1().set_poses[:2], handle)
     assert errors == replicate_table1(rig, handle, seed=0, rows=slice(2))
 
 
@@ -159,15 +162,17 @@ def test_the_command_writes_whole_tables_and_only_those_asked_for(tmp_path, monk
 
     monkeypatch.setattr(factors, "cell", cheap)
     (tmp_path / "turn.csv").write_text("before")
-    with pytest.raises(KeyboardInterrupt):
-        main(["--out", str(tmp_path), "--factor", "speed", "turn", "--seeds", "2"])
+    assert main(["factors", "--out", str(tmp_path), "--factor", "speed", "turn", "--seeds", "2"]) == 130
     assert sorted(path.name for path in tmp_path.iterdir()) == ["speed.csv", "turn.csv"]
     assert (tmp_path / "turn.csv").read_text() == "before"
     written = pd.read_csv(tmp_path / "speed.csv")
     assert written["seed"].tolist() == [0, 1] * len(FACTORS["speed"].values)
 
 
-def test_the_command_refuses_a_missing_folder_before_it_computes(tmp_path, monkeypatch):
+@pytest.mark.parametrize(("folder", "factor", "said"), [("none", "speed", "no such folder"),
+                                                       (".", "colour", "factor: expected one of")])
+def test_the_command_refuses_in_a_line_before_it_computes(tmp_path, monkeypatch, capsys, folder, factor, said):
     monkeypatch.setattr(factors, "cell", None)
-    with pytest.raises(ValueError, match="no such folder"):
-        main(["--out", str(tmp_path / "none")])
+    assert main(["factors", "--out", str(tmp_path / folder), "--factor", factor]) == 2
+    line, = capsys.readouterr().err.splitlines()
+    assert said in line

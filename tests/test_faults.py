@@ -35,12 +35,13 @@ from healthy import (
     write_video,
 )
 
-from trinolab import recorder, scoreboard
 from trinolab.camera import Rig
+from trinolab.cli.evaluate import FAR_DEG, FAR_MM
+from trinolab.files import recorder
+from trinolab.files.poses import poses_by_frame, read_poses
+from trinolab.files.rigs import write_rig
 from trinolab.metrics import geodesic_deg
-from trinolab.posetable import poses_by_frame, read_poses
-from trinolab.rigfile import write_rig
-from trinolab.trackquality import FAR_DEG, FAR_MM
+from trinolab.studies import scoreboard
 
 COUNT = 6  # instants of the recording
 

@@ -6,14 +6,12 @@ import cv2
 import numpy as np
 import pytest
 
-from trinolab import recorder
 from trinolab.camera import Rig
 from trinolab.datasets import load_handle, load_rig
-from trinolab.footage import frames_of, open_footage
-from trinolab.greyimage import read_grey
-from trinolab.handle import read_handle
-from trinolab.recording import find_footage, instants, open_recording, read_timestamps
-from trinolab.rigfile import read_rig
+from trinolab.files import recorder
+from trinolab.files.images import read_grey
+from trinolab.files.recording import find_footage, frames_of, instants, open_footage, open_recording, read_timestamps
+from trinolab.files.rigs import read_handle, read_rig
 
 SIZE = (32, 24)
 

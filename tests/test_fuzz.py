@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 from fuzzing import READERS, SEEDS, fuzz, kinds, refusal
 
-MODULES = sorted(Path(__file__).resolve().parents[1].glob("trinolab/*.py"))
+MODULES = sorted(Path(__file__).resolve().parents[1].glob("trinolab/**/*.py"))
 
 
 @pytest.mark.parametrize(("name", "kind"), [(name, kind) for name in READERS for kind in kinds(name)])
@@ -44,9 +44,9 @@ def dangers(source):
                 yield "shell"
 
 
-@pytest.mark.parametrize("path", MODULES, ids=lambda path: path.stem)
-def test_nothing_that_was_read_is_run(path):
-    assert list(dangers(path.read_text(encoding="utf-8"))) == []
+def test_nothing_that_was_read_is_run():
+    found = {path.name: list(dangers(path.read_text(encoding="utf-8"))) for path in MODULES}
+    assert {name: calls for name, calls in found.items() if calls} == {}
 
 
 @pytest.mark.parametrize("line", [

@@ -11,12 +11,13 @@ import numpy as np
 import pytest
 from executed import as_it_stands
 
-from trinolab import gallery
-from trinolab.arguments import parser
-from trinolab.factors import load_sweep
-from trinolab.gallery import GALLERY, Exhibit, command, load, main, settings
-from trinolab.grids import parse, runs
-from trinolab.notebookrun import read_parameters
+from trinolab.cli.arguments import parser
+from trinolab.datasets import load_sweep
+from trinolab.studies import gallery
+from trinolab.studies.__main__ import main
+from trinolab.studies.gallery import GALLERY, Exhibit, command, load, settings
+from trinolab.sweep.grid import parse, runs
+from trinolab.sweep.notebook import read_parameters
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGE = ROOT / "book" / "gallery.ipynb"
@@ -101,7 +102,8 @@ def small(monkeypatch, tmp_path):
     monkeypatch.setattr(gallery, "GALLERY", {"one": Exhibit(squares, ("a=1,2,3",)),
                                              "two": Exhibit(squares, ("a=0.5:1.5:3", "b=2.0,4.0"), ("product",))})
     (tmp_path / "tables").mkdir()
-    return tmp_path / "tables", ["--out", str(tmp_path / "tables"), "--kept", str(tmp_path / "kept"), "--workers", "1"]
+    folders = ["--out", str(tmp_path / "tables"), "--kept", str(tmp_path / "kept")]
+    return tmp_path / "tables", ["gallery", *folders, "--workers", "1"]
 
 
 def test_the_command_writes_the_tables(small):

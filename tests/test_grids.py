@@ -5,7 +5,7 @@ import re
 import numpy as np
 import pytest
 
-from trinolab.grids import MANY, Axis, Between, Interval, axes_of, parse, runs
+from trinolab.sweep.grid import MANY, Axis, Between, Interval, axes_of, parse, runs
 
 
 def values(text):

@@ -8,7 +8,8 @@ import tomli_w
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from trinolab.datasets import load_handle
-from trinolab.handle import Handle, read_handle, slants, write_handle
+from trinolab.files.rigs import read_handle, write_handle
+from trinolab.handle import Handle, slants
 
 
 def fields(**changes):

@@ -6,8 +6,8 @@ from hostile import KINDS, hostile, is_wrong
 from scipy.spatial.transform import RigidTransform
 
 from trinolab.datasets import load_handle, load_rig
+from trinolab.measurement import measure
 from trinolab.pose import LOST, Pose
-from trinolab.tracker import measure
 
 RIG, CODED = load_rig("paper_pair"), load_handle("coded")
 

@@ -7,15 +7,15 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import RigidTransform, Rotation
 
+from trinolab.bench.motion import random_pose
+from trinolab.bench.rays import facing, marker_area
 from trinolab.camera import Rig
 from trinolab.datasets import load_handle, load_rig
 from trinolab.handle import Handle, slants
-from trinolab.hypotheses import CERTAIN, FAR, Poses, _slopes, explain, fit, ideal_pixels, predict
-from trinolab.layout import layout_of, views_of
-from trinolab.raycast import facing, marker_area
-from trinolab.scene import random_pose
-from trinolab.seeds import candidate_points
-from trinolab.threepoint import three_point_depths
+from trinolab.identity.hypotheses import CERTAIN, FAR, Poses, _slopes, explain, fit, ideal_pixels, predict
+from trinolab.identity.layout import layout_of, views_of
+from trinolab.identity.p3p import three_point_depths
+from trinolab.identity.search import candidate_points
 from trinolab.triangulation import triangulate_pair
 
 RIG, CODED = load_rig("raised_40deg"), load_handle("coded")

@@ -6,19 +6,13 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import RigidTransform, Rotation
 
+from trinolab.bench.motion import random_pose
+from trinolab.bench.rays import facing, marker_area
 from trinolab.camera import Rig
 from trinolab.datasets import load_handle, load_rig
 from trinolab.handle import Handle, slants
-from trinolab.identity import (
-    IdentityParameters,
-    choose,
-    equivalents,
-    identify,
-    labelled_pixels,
-    relabel,
-)
-from trinolab.raycast import facing, marker_area
-from trinolab.scene import random_pose
+from trinolab.identity import choose, equivalents, identify, labelled_pixels, relabel
+from trinolab.identity.scoring import IdentityParameters
 
 RIG, TRIO = load_rig("paper_pair"), load_rig("raised_40deg")
 PAPER, CODED = load_handle("paper"), load_handle("coded")

@@ -10,10 +10,9 @@ from scipy.spatial.transform import RigidTransform, Rotation
 
 pytest.importorskip("mink", reason="the extra 'slave' is missing")
 
-from trinolab import reference
-from trinolab.inverse import Command, Inverse
-from trinolab.reference import ReferenceParameters
-from trinolab.robot import forward, load_robot
+from trinolab.slave import control
+from trinolab.slave.arm import forward, load_robot
+from trinolab.slave.control import Command, Inverse, ReferenceParameters
 
 ROBOT = load_robot()
 INVERSE = Inverse(ROBOT)
@@ -31,17 +30,17 @@ def follow(targets):
 
     A target may be a function of the tool's pose at that moment.
     """
-    command, ref, rows, tool = Command(ROBOT.home, np.zeros(6)), reference.at_rest(HOME), [], HOME
+    command, ref, rows, tool = Command(ROBOT.home, np.zeros(6)), control.at_rest(HOME), [], HOME
     for target in targets:
         target = target(tool) if callable(target) else target
         for _ in range(TICKS):
-            after = reference.step(ref, target, INVERSE.tick_s)
+            after = control.step(ref, target, INVERSE.tick_s)
             command = INVERSE.step(command, ref.pose, after.pose)
             tool = INVERSE.tool(command.q)
             off = after.pose.translation - tool.translation
             turn = (after.pose.rotation * tool.rotation.inv()).magnitude()
             rows.append((*command.q, *command.speed, np.linalg.norm(off), np.rad2deg(turn)))
-            ref = reference.leashed(after, tool)
+            ref = control.leashed(after, tool)
     rows = np.array(rows)
     return rows[:, :6], rows[:, 6:12], rows[:, 12], rows[:, 13], tool
 
@@ -132,9 +131,9 @@ def test_no_stream_of_poses_exceeds_a_limit(stream):
 @given(st.floats(-500, 500), st.floats(-3, 3))
 def test_a_reference_keeps_to_its_limits_and_comes_to_rest_without_overshooting(way, turn):
     p, target = ReferenceParameters(), at([way, 0, 0], [turn, 0, 0])
-    ref, ways, turns, speeds = reference.at_rest(HOME), [], [], []
+    ref, ways, turns, speeds = control.at_rest(HOME), [], [], []
     for _ in range(1500):
-        last, ref = ref, reference.step(ref, target, 0.002)
+        last, ref = ref, control.step(ref, target, 0.002)
         ways.append((ref.pose.translation - HOME.translation)[0])
         turns.append((ref.pose.rotation * HOME.rotation.inv()).magnitude())
         speeds.append(np.linalg.norm(ref.velocity))
@@ -147,18 +146,18 @@ def test_a_reference_keeps_to_its_limits_and_comes_to_rest_without_overshooting(
 
 
 def test_a_steady_motion_is_followed_one_time_constant_behind():
-    p, ref = ReferenceParameters(rate=20.0), reference.at_rest(HOME)
+    p, ref = ReferenceParameters(rate=20.0), control.at_rest(HOME)
     for k in range(1, 2001):
-        ref = reference.step(ref, at([0.1 * k, 0, 0]), 0.002, p)  # 50 mm/s
+        ref = control.step(ref, at([0.1 * k, 0, 0]), 0.002, p)  # 50 mm/s
     assert 200.0 - (ref.pose.translation - HOME.translation)[0] == pytest.approx(50 / 20, rel=0.1)
 
 
 def test_the_leash_holds_a_reference_and_takes_its_speed_along_it():
-    fast = reference.Reference(at([30, 0, 0]), np.array([100.0, 50.0, 0.0]), np.zeros(3))
-    held = reference.leashed(fast, HOME)
+    fast = control.Reference(at([30, 0, 0]), np.array([100.0, 50.0, 0.0]), np.zeros(3))
+    held = control.leashed(fast, HOME)
     np.testing.assert_allclose(held.pose.translation - HOME.translation, [4, 0, 0])
     np.testing.assert_allclose(held.velocity, [0, 50, 0], atol=1e-9)
-    assert reference.leashed(held, HOME) is held
+    assert control.leashed(held, HOME) is held
 
 
 @pytest.mark.parametrize("name", ["rate", "speed_mm_s", "turn_rad_s2", "leash_mm"])

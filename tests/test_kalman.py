@@ -9,12 +9,12 @@ from hypothesis.extra.numpy import arrays
 from scipy.linalg import block_diag, expm
 from scipy.stats import chi2
 
-from trinolab.covariance import covariance_root
 from trinolab.image_track import Track, draw, nees, run, search_window, search_windows, track
 from trinolab.kalman import (
     KalmanParameters,
     State,
     constant_acceleration,
+    covariance_root,
     gate,
     initial_state,
     innovation,

@@ -7,22 +7,23 @@ import pandas as pd
 import pytest
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from trinolab import known, standard
+from trinolab.bench import recordings
+from trinolab.bench.recordings import standard_recording
+from trinolab.bench.scene import scaled
 from trinolab.camera import Rig
 from trinolab.datasets import load_rig
+from trinolab.files.poses import poses_by_frame, read_poses
 from trinolab.handle import Handle
-from trinolab.known import in_the_gate, judge_search, judge_spots, known_recording, moving_windows
-from trinolab.posetable import poses_by_frame, read_poses
-from trinolab.scene import scaled
-from trinolab.standard import standard_recording
+from trinolab.studies import ground_truth
+from trinolab.studies.ground_truth import in_the_gate, judge_search, judge_spots, known_recording, moving_windows
 
 
 @pytest.fixture(scope="module", autouse=True)
 def cache(tmp_path_factory):
     root = tmp_path_factory.mktemp("cache")
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(standard, "cache_folder", lambda: root)
-        patch.setattr(standard, "load_rig", lambda name: Rig(tuple(scaled(c, 0.25) for c in load_rig(name).cameras)))
+        patch.setattr(recordings, "cache_folder", lambda: root)
+        patch.setattr(recordings, "load_rig", lambda name: Rig(tuple(scaled(c, 0.25) for c in load_rig(name).cameras)))
         yield root
 
 
@@ -115,8 +116,8 @@ def test_the_gate_by_hand():
 
 
 def test_a_covered_camera_sees_nothing(hard, monkeypatch):
-    job = known.scripted("hard", hard.rig, hard.handle, 0, 0.2)
+    job = recordings.scripted("hard", hard.rig, hard.handle, 0, 0.2)
     dark = job._replace(shots=[shot._replace(gains=(0.0, 1.0, 1.0)) for shot in job.shots])
-    seen = known._known(dark, 0, []).seen
+    seen = ground_truth._known(dark, 0, []).seen
     assert not seen[0].any()
     assert np.array_equal(seen[1:], hard.instants[0].seen[1:])

@@ -4,11 +4,13 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import RigidTransform
 
-from trinolab.arm import Arm
+from trinolab.bench.hand import Arm
+from trinolab.bench.layer import Layer, cropped, foreground, over
+from trinolab.bench.motion import random_pose
+from trinolab.bench.optics import Bench
+from trinolab.bench.scene import radiance, scaled
 from trinolab.camera import Camera
 from trinolab.datasets import load_handle, load_rig
-from trinolab.layer import Layer, cropped, foreground, over
-from trinolab.scene import Bench, radiance, random_pose, scaled
 
 CAMERA, CODED = scaled(load_rig("paper_pair").cameras[1], 0.25), load_handle("coded")
 BENT = Camera("bent", CAMERA.size, CAMERA.matrix, np.array([-0.2, 0.1, 0.001, -0.001, 0.0]), CAMERA.T_cam_world)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from trinolab.light import light_gain
+from trinolab.background import light_gain
 
 
 @pytest.mark.parametrize("gain", [0.6, 1.0, 1.35])

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from trinolab.errata_markers import last_threshold_alone
-from trinolab.marker_trial import hostile_stills, inward, still, still_view
+from trinolab.bench.optics import Bench
 from trinolab.markers import find_markers
-from trinolab.scene import Bench
+from trinolab.paper.errata.markers import last_threshold_alone
+from trinolab.studies.centroid_bias import hostile_stills, inward, still, still_view
 
 QUIET = Bench(shading=0, shot_variance=0, read_noise=0)
 

@@ -8,10 +8,14 @@ import pytest
 from scipy.integrate import quad
 from scipy.spatial.transform import RigidTransform, Rotation
 
+from trinolab.bench.hand import true_visibility
+from trinolab.bench.motion import random_pose
+from trinolab.bench.optics import Bench
+from trinolab.bench.scene import render
+from trinolab.blobs import centroid
 from trinolab.datasets import load_handle, load_rig
 from trinolab.handle import slants
-from trinolab.markers import MarkerParameters, centroid, find_markers, iterative_threshold
-from trinolab.scene import Bench, random_pose, render, true_visibility
+from trinolab.markers import MarkerParameters, find_markers, iterative_threshold
 
 
 def disc_image(centres, radius=8.0, size=(160, 120), body=90.0, marker=220.0, samples=16):

@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import RigidTransform
 
-from trinolab.clip import read_clip
+from trinolab.bench.recordings import standard_recording
 from trinolab.datasets import load_handle, load_rig
 from trinolab.kalman import KalmanParameters
-from trinolab.markertrack import follow, moving_regions, step
 from trinolab.parameters import Parameters
-from trinolab.plotting_windows import plot_following
-from trinolab.standard import standard_recording
-from trinolab.trials import searched, true_labels
-from trinolab.tuning import nis_band
+from trinolab.plotting import plot_following
+from trinolab.studies.claim_trials import searched, true_labels
+from trinolab.studies.ground_truth import read_clip
+from trinolab.studies.markertrack import follow, moving_regions, step
+from trinolab.studies.tuning import nis_band
 from trinolab.window import Window
 
 CODED, PARAMETERS = load_handle("coded"), Parameters(kalman=KalmanParameters(9.5e8, 1.5, 1200.0, 6000.0))
@@ -179,10 +179,14 @@ def test_the_truth_tells_false_markers_and_a_window_has_fewer():
 
 
 def test_the_picture_needs_a_path(calm):
+    def drawn(some):
+        boxes = [look.box for look in some]
+        return plot_following(np.zeros((1024, 1280), np.uint8), some[-1].window, boxes, some[-1].markers.uv)
+
     looks, _ = calm[0]
-    figure = plot_following(np.zeros((1024, 1280), np.uint8), looks[30:46])
+    figure = drawn(looks[30:46])
     assert len(figure.axes) == 2
     plt.close(figure)
     for few in (looks[30:31], looks[20:46]):
-        with pytest.raises(ValueError, match="looks: expected two"):
-            plot_following(np.zeros((1024, 1280), np.uint8), few)
+        with pytest.raises(ValueError, match="boxes: expected two"):
+            drawn(few)

@@ -5,6 +5,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import RigidTransform, Rotation
 
+from trinolab.bench.hand import true_visibility
+from trinolab.bench.optics import Bench
+from trinolab.bench.scene import render_rig
 from trinolab.datasets import load_handle, load_rig, load_table1
 from trinolab.markers import find_markers
 from trinolab.matching import (
@@ -18,8 +21,7 @@ from trinolab.matching import (
     ncc,
     ncc_matrix,
 )
-from trinolab.scene import Bench, render_rig, true_visibility
-from trinolab.tracker import measure
+from trinolab.measurement import measure
 
 PAIR = load_rig("paper_pair").cameras
 

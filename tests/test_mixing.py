@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from trinolab.datasets import load_handle, load_rig, load_table1
-from trinolab.deviations import Source, drawn, first_order, means, together
-from trinolab.error_sources import make_trial, pixel_noise, platform, printed_digits, set_angles
-from trinolab.mixing import mix, mixes, scaled
+from trinolab.studies.budget import mix, mixes, scaled
+from trinolab.studies.deviations import Source, drawn, first_order, means, together
+from trinolab.studies.error_sources import make_trial, pixel_noise, platform, printed_digits, set_angles
 
 TRUTHS = load_table1().set_poses
 

@@ -9,12 +9,12 @@ from films import frames_in
 from scipy.spatial.transform import RigidTransform
 
 from trinolab.datasets import load_rig
-from trinolab.monitor import blue_first, monitor_picture, slave_size
-from trinolab.overlay import Film, PageVideo, camera_view
+from trinolab.files.video import Film, PageVideo
+from trinolab.following.overlay import camera_view
+from trinolab.following.posetracker import Tracked
+from trinolab.measurement import Measurement
 from trinolab.pose import LOST, Pose
-from trinolab.posetracker import Tracked
-from trinolab.readings import Readings
-from trinolab.tracker import Measurement
+from trinolab.slave.monitor import Readings, blue_first, monitor_picture, slave_size
 from trinolab.window import Window
 
 CAMERAS = load_rig("raised_40deg").cameras

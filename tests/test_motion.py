@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import RigidTransform, Rotation, Slerp
 
+from trinolab.bench.motion import human_motion, motion_at, random_pose, smooth_motion
 from trinolab.datasets import load_real_sets, real_set
-from trinolab.fetch import why_not
-from trinolab.motion import human_motion, motion_at, random_pose, smooth_motion
-from trinolab.realsets import load_trajectories
+from trinolab.files.fetch import why_not
+from trinolab.studies.real_recordings import load_trajectories
 
 LIMITS = np.array([[-90, 90], [-60, 60], [520, 620]])
 

@@ -11,7 +11,7 @@ import pytest
 from executed import as_it_stands
 from films import frames_in
 
-from trinolab.notebookrun import read_parameters, run_notebook
+from trinolab.sweep.notebook import read_parameters, run_notebook
 
 NOTEBOOKS = sorted(Path(__file__).resolve().parents[1].glob("notebooks/*.ipynb"))
 

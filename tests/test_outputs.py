@@ -5,8 +5,8 @@ import stat
 
 import pytest
 
-from trinolab import outputs
-from trinolab.outputs import check_target, write_together, write_whole
+from trinolab.files import outputs
+from trinolab.files.outputs import check_target, write_together, write_whole
 
 
 def only(folder):

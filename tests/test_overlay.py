@@ -8,10 +8,11 @@ import pytest
 from films import frames_in
 
 from trinolab.datasets import load_rig
-from trinolab.overlay import Film, PageVideo, picture
+from trinolab.files.video import Film, PageVideo
+from trinolab.following.overlay import picture
+from trinolab.following.posetracker import Tracked
+from trinolab.measurement import Measurement
 from trinolab.pose import LOST
-from trinolab.posetracker import Tracked
-from trinolab.tracker import Measurement
 
 RIG = load_rig("paper_pair")
 

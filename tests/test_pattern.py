@@ -5,9 +5,9 @@ import pytest
 from scipy import stats
 
 from trinolab.datasets import load_handle, load_rig, load_table1
-from trinolab.deviations import Errors, drawn, exact, first_order
-from trinolab.error_sources import make_trial, pixel_noise
-from trinolab.pattern import STATISTICS, compare, statistics
+from trinolab.studies.budget import STATISTICS, compare, statistics
+from trinolab.studies.deviations import Errors, drawn, exact, first_order
+from trinolab.studies.error_sources import make_trial, pixel_noise
 
 TABLE = load_table1()
 TRUTHS = TABLE.set_poses

@@ -9,15 +9,28 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from trinolab.cones import paper_cones
-from trinolab.plotting import plot_pose_errors, plot_workspace, show_image, workspace_plotter, workspace_scene
-from trinolab.plotting_errors import plot_factor
-from trinolab.plotting_estimators import plot_by_slant, plot_estimators
-from trinolab.plotting_markers import plot_over_slant, plot_thresholds
-from trinolab.plotting_motion import mark_window, plot_shares, show_table, show_verdict
-from trinolab.plotting_structure import MASTER, SYSTEM, plot_structure
+from trinolab.plotting import (
+    MASTER,
+    SYSTEM,
+    mark_window,
+    plot_by_slant,
+    plot_estimators,
+    plot_factor,
+    plot_over_slant,
+    plot_pose_errors,
+    plot_shares,
+    plot_structure,
+    plot_thresholds,
+    plot_workspace,
+    show_image,
+    show_table,
+    show_verdict,
+    workspace_plotter,
+    workspace_scene,
+)
 from trinolab.window import Window
 from trinolab.workspace import intersect, surface_mesh
+from trinolab.workspace.cones import paper_cones
 
 
 @pytest.fixture(autouse=True)

@@ -6,10 +6,10 @@ import pytest
 from makenotebook import make_notebook
 from matplotlib.figure import Figure
 
-from trinolab.grids import Interval
-from trinolab.notebookrun import UNATTENDED, run_notebook
-from trinolab.plotting_sliders import explore
 from trinolab.sweep import sweep
+from trinolab.sweep.figures import explore
+from trinolab.sweep.grid import Interval
+from trinolab.sweep.notebook import UNATTENDED, run_notebook
 
 
 @pytest.fixture(autouse=True)
@@ -55,8 +55,8 @@ def test_where_sliders_are_of_no_use_there_is_a_figure(monkeypatch):
 
 def test_a_page_needs_no_kernel(tmp_path):
     code = """
-from trinolab.plotting_sliders import explore
-from trinolab.sweep import sweep
+from trinolab.sweep.figures import explore
+from trinolab.sweep.runs import sweep
 explore(sweep(lambda a, b: a * b, a=[1, 2], b=[3, 4]))
 """
     run = run_notebook(make_notebook(tmp_path / "n.ipynb", "%matplotlib inline", code))

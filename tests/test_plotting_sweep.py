@@ -5,9 +5,9 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
-from trinolab.grids import Interval
-from trinolab.plotting_sweep import as_png, plot_sweep
 from trinolab.sweep import sweep
+from trinolab.sweep.figures import as_png, plot_sweep
+from trinolab.sweep.grid import Interval
 
 
 @pytest.fixture(autouse=True)

@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from trinolab.datasets import load_table1
+from trinolab.files.poses import pose_table, read_poses, transforms, truth_table, write_poses, write_tum
 from trinolab.metrics import euler_deg
 from trinolab.pose import LOST, Pose
-from trinolab.posetable import pose_table, read_poses, transforms, truth_table, write_poses, write_tum
 
 # book/design.md, "Poses", typed once more
 COLUMNS = ["frame", "t_s", "x_mm", "y_mm", "z_mm", "qw", "qx", "qy", "qz", "alpha_deg", "beta_deg", "gamma_deg",

@@ -6,17 +6,17 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from trinolab import kalman, posefilter, posetracker
-from trinolab.arm import Arm
+from trinolab import kalman
+from trinolab.bench.hand import Arm
+from trinolab.bench.optics import Bench, blurred, digitise
+from trinolab.bench.scenario import Job, Shot, take
+from trinolab.bench.scene import exposed, render_rig
 from trinolab.datasets import load_handle, load_rig
-from trinolab.exposure import exposed
-from trinolab.filming import Job, take
+from trinolab.estimators.pixels import fit_patches
+from trinolab.following import posefilter, posetracker
+from trinolab.following.posefilter import PoseFilterParameters
 from trinolab.parameters import Parameters
-from trinolab.pose import apart, motion_between, shifted
-from trinolab.posefilter import PoseFilterParameters
-from trinolab.refine import fit_patches
-from trinolab.scene import Bench, blurred, digitise, render_rig
-from trinolab.script import Shot
+from trinolab.rigid import apart, motion_between, shifted
 
 RIG, CODED, PAPER = load_rig("raised_40deg"), load_handle("coded"), load_handle("paper")
 FPS, BEST = 30.0, Parameters(estimator="patches")

@@ -16,7 +16,8 @@ from scipy.spatial.transform import RigidTransform, Rotation
 
 from trinolab.camera import Camera, Rig, T_between, T_world_oxyz, epipolar_lines, fundamental_matrix
 from trinolab.datasets import load_handle, load_rig
-from trinolab.handle import Handle, read_handle, slant_angles, slants, write_handle
+from trinolab.files.rigs import read_handle, write_handle
+from trinolab.handle import Handle, slant_angles, slants
 from trinolab.kalman import (
     State,
     constant_acceleration,

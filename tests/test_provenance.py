@@ -7,8 +7,8 @@ from pathlib import Path
 import nbformat
 import pytest
 
-from trinolab import provenance
-from trinolab.provenance import PACKAGE, imported_files, made_from_function, made_from_module, made_from_notebook
+from trinolab.files import provenance
+from trinolab.files.provenance import PACKAGE, imported_files, made_from_function, made_from_module, made_from_notebook
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -118,7 +118,8 @@ def test_all_that_a_chapter_loads_is_among_its_imports(chapter):
 
 
 def test_a_recording_is_not_made_from_the_measurement():
-    files = {path.stem for path in imported_files("import trinolab.rendering", PACKAGE.parent)}
+    files = {path.stem for path in imported_files("import trinolab.bench.recordings", PACKAGE.parent)}
     assert {"scene", "raycast", "checks", "handle"} <= files
     assert not files & {"identity", "tracker", "matching", "sweeping"}
-    assert made_from_module("trinolab.rendering")["the package"] != made_from_module("trinolab.cli")["the package"]
+    rendered, commands = (made_from_module(f"trinolab.{name}")["the package"] for name in ("bench.recordings", "cli"))
+    assert rendered != commands

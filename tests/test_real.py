@@ -15,17 +15,19 @@ import pooch
 import pytest
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from trinolab import evidence, fetch, realsets
+from trinolab.calibration import target
 from trinolab.camera import Camera, Rig
 from trinolab.datasets import load_real_sets, load_rig, real_set
-from trinolab.fetch import RealFile, RealSet, find, why_not
+from trinolab.files import fetch
+from trinolab.files.fetch import RealFile, RealSet, find, why_not
 from trinolab.pose import rigid_fit
+from trinolab.studies import real_recordings
 from trinolab.triangulation import triangulate
 
 SETS = load_real_sets()
-READERS = {"opencv_stereo": realsets.load_opencv_stereo, "pymvg_mcsc": realsets.load_pymvg_mcsc,
-           "caliscope": realsets.load_caliscope, "trackpy_particles": realsets.load_trackpy_particles,
-           "trajectories": realsets.load_trajectories}
+READERS = {"opencv_stereo": real_recordings.load_opencv_stereo, "pymvg_mcsc": real_recordings.load_pymvg_mcsc,
+           "caliscope": real_recordings.load_caliscope, "trackpy_particles": real_recordings.load_trackpy_particles,
+           "trajectories": real_recordings.load_trajectories}
 
 
 def needs(name):
@@ -183,9 +185,10 @@ def test_without_the_sets_every_reader_and_row_is_none(tmp_path, monkeypatch):
     monkeypatch.setattr(fetch, "cache_folder", lambda: tmp_path)
     for reader in READERS.values():
         assert reader() is None
-    for row in (evidence.baseline_difference_mm, evidence.led_median_px, evidence.board_fit_mm,
-                evidence.particle_median_px, evidence.photographed_calibration, evidence.led_errors_px,
-                evidence.board_errors_mm, evidence.particle_errors_px):
+    for row in (real_recordings.baseline_difference_mm, real_recordings.led_median_px, real_recordings.board_fit_mm,
+                real_recordings.particle_median_px, real_recordings.photographed_calibration,
+                 real_recordings.led_errors_px,
+                real_recordings.board_errors_mm, real_recordings.particle_errors_px):
         assert row() is None
 
 
@@ -227,12 +230,12 @@ def test_references_are_those_of_the_recording(name):
 
 @pytest.fixture(scope="module")
 def photographed():
-    return evidence.photographed_calibration()
+    return real_recordings.photographed_calibration()
 
 
 @needs("opencv_stereo")
 def test_photographs():
-    photographs = realsets.load_opencv_stereo()
+    photographs = real_recordings.load_opencv_stereo()
     assert len(photographs.left) == len(photographs.right) == 13
     assert {image.shape for side in photographs[:2] for image in side} == {(480, 640)}
     assert (photographs.board.columns, photographs.board.rows, photographs.board.square_mm) == (9, 6, 25.0)
@@ -258,9 +261,9 @@ def test_photographs_give_the_stored_stereo_pair(photographed):
 
 @needs("opencv_stereo")
 def test_photographs_as_opencv_calibrates_them(photographed):
-    photographs = realsets.load_opencv_stereo()
+    photographs = real_recordings.load_opencv_stereo()
     board = [photographs.board.points.astype(np.float32).reshape(-1, 1, 3)] * 13
-    sides = [[evidence.find_corners(image, photographs.board, 7).astype(np.float32).reshape(-1, 1, 2) for image in side]
+    sides = [[target.find_corners(image, photographs.board, 7).astype(np.float32).reshape(-1, 1, 2) for image in side]
              for side in photographs[:2]]
     mono = [cv2.calibrateCamera(board, side, (640, 480), None, None) for side in sides]
     np.testing.assert_allclose([one[0] for one in mono], SETS["opencv_stereo"].reference["mono_rms_px_win7"], atol=5e-5)
@@ -276,7 +279,7 @@ def test_photographs_as_opencv_calibrates_them(photographed):
 
 @needs("opencv_stereo")
 def test_a_window_that_reaches_the_next_corner_costs(photographed):
-    wide = evidence.photographed_calibration(half_window_px=11)
+    wide = real_recordings.photographed_calibration(half_window_px=11)
     assert wide.rms_px > 2 * photographed.rms_px
     assert np.linalg.norm(wide.cameras[1].centre) == pytest.approx(
         SETS["opencv_stereo"].reference["baseline_mm_win11"], abs=0.2)
@@ -284,7 +287,7 @@ def test_a_window_that_reaches_the_next_corner_costs(photographed):
 
 @needs("opencv_stereo")
 def test_baseline_row():
-    assert evidence.baseline_difference_mm() < 0.043
+    assert real_recordings.baseline_difference_mm() < 0.043
 
 
 # --- a rig of four cameras and an LED
@@ -292,7 +295,7 @@ def test_baseline_row():
 
 @needs("pymvg_mcsc")
 def test_leds_are_in_front_of_every_camera():
-    tracks = realsets.load_pymvg_mcsc()
+    tracks = real_recordings.load_pymvg_mcsc()
     assert tracks.uv.shape == (4, 464, 2)
     seen = np.isfinite(tracks.uv).all(axis=2)
     assert seen.sum() == 1599
@@ -306,7 +309,7 @@ def test_leds_are_in_front_of_every_camera():
 
 @needs("pymvg_mcsc")
 def test_led_cameras_are_the_stored_ones():
-    folder, tracks = real_set("pymvg_mcsc"), realsets.load_pymvg_mcsc()
+    folder, tracks = real_set("pymvg_mcsc"), real_recordings.load_pymvg_mcsc()
     raw = np.loadtxt(folder / "points.dat").reshape(4, 3, -1)[:, :2].transpose(0, 2, 1)
     points = np.array([[0.1, 0.05, 0.2], [-0.1, 0.1, 0.3], [0.0, 0.0, 0.1]])  # m
     for k, camera in enumerate(tracks.rig.cameras, start=1):
@@ -333,7 +336,7 @@ def test_led_cameras_are_the_stored_ones():
 @pytest.mark.parametrize("scale", [1.0, -1.0, 2.5])
 def test_projection_matrices_have_no_scale(scale):
     K, R, t = np.array([[400.0, 3, 320], [0, 410, 240], [0, 0, 1]]), Rotation.from_rotvec([0.3, -2.0, 0.4]), [1, 2, 3.0]
-    found = realsets._decomposed(scale * K @ np.column_stack([R.as_matrix(), t]))
+    found = real_recordings._decomposed(scale * K @ np.column_stack([R.as_matrix(), t]))
     np.testing.assert_allclose(found[0], K, rtol=0, atol=1e-9)
     np.testing.assert_allclose(found[1].as_matrix(), R.as_matrix(), rtol=0, atol=1e-12)
     np.testing.assert_allclose(found[2], t, rtol=0, atol=1e-12)
@@ -341,9 +344,9 @@ def test_projection_matrices_have_no_scale(scale):
 
 @needs("pymvg_mcsc")
 def test_led_reprojection():
-    errors = evidence.led_errors_px()
+    errors = real_recordings.led_errors_px()
     assert errors.shape == (4, 464)
-    assert evidence.led_median_px() == np.nanmedian(errors) <= 0.30
+    assert real_recordings.led_median_px() == np.nanmedian(errors) <= 0.30
     # the reference solves all cameras at once: 0.278; the mean of pairs can only be worse
     assert SETS["pymvg_mcsc"].reference["reprojection_median_px"] < np.nanmedian(errors)
     assert np.nanmean(errors) < 0.45
@@ -354,7 +357,7 @@ def test_led_points_are_those_of_the_self_calibration():
     stored = real_set("pymvg_mcsc") / "Xe.dat"
     if not stored.is_file():
         pytest.skip("Xe.dat is not part of what is fetched")
-    tracks = realsets.load_pymvg_mcsc()
+    tracks = real_recordings.load_pymvg_mcsc()
     points = triangulate(tracks.rig, tracks.uv)
     theirs = -np.loadtxt(stored)[:3].T * 227.7  # its frame is mirrored, its unit 0.2277 m (reference.json)
     scale = np.linalg.norm(theirs - theirs.mean(0), axis=1).mean()
@@ -370,7 +373,7 @@ def test_led_points_are_those_of_the_self_calibration():
 
 @needs("caliscope")
 def test_webcams_and_their_board():
-    tracks = realsets.load_caliscope()
+    tracks = real_recordings.load_caliscope()
     assert tracks.rig.names == ("0", "1", "2", "3")
     assert tracks.uv.shape == (4, 48 * 12, 2)
     assert np.isfinite(tracks.uv).all(axis=2).sum() == 1725
@@ -382,20 +385,21 @@ def test_webcams_and_their_board():
 
 @needs("caliscope")
 def test_board_fit():
-    errors = evidence.board_errors_mm()
+    errors = real_recordings.board_errors_mm()
     assert errors.shape == (48, 12)
     assert np.isfinite(errors).sum() == 574
-    assert evidence.board_fit_mm() == np.median(np.nanmedian(errors, axis=1)) <= 0.75
-    assert evidence.board_fit_mm() == pytest.approx(SETS["caliscope"].reference["board_fit_median_mm"], abs=0.005)
+    assert real_recordings.board_fit_mm() == np.median(np.nanmedian(errors, axis=1)) <= 0.75
+    published = SETS["caliscope"].reference["board_fit_median_mm"]
+    assert real_recordings.board_fit_mm() == pytest.approx(published, abs=0.005)
 
 
 @needs("caliscope")
 def test_cameras_that_face_each_other_spoil_the_plain_mean():
-    plain = evidence.board_errors_mm(min_angle_deg=0.0)
+    plain = real_recordings.board_errors_mm(min_angle_deg=0.0)
     assert np.median(np.nanmedian(plain, axis=1)) > 1.0
-    tracks = realsets.load_caliscope()
-    steep = evidence.triangulate_steep(tracks.rig, tracks.uv, 30.0)
-    errors = evidence.reprojection_px(tracks.rig, steep, tracks.uv)
+    tracks = real_recordings.load_caliscope()
+    steep = real_recordings.triangulate_steep(tracks.rig, tracks.uv, 30.0)
+    errors = real_recordings.reprojection_px(tracks.rig, steep, tracks.uv)
     assert np.nanmedian(errors) == pytest.approx(SETS["caliscope"].reference["reprojection_median_px"], abs=0.005)
 
 
@@ -413,21 +417,21 @@ def facing_rig():
 def test_steep_pairs():
     rig, points = facing_rig(), np.array([[5.0, -10, 480], [-20, 30, 520]])
     uv = np.stack([camera.project(points) for camera in rig.cameras])
-    np.testing.assert_allclose(evidence.triangulate_steep(rig, uv, 5.0), points, atol=1e-9)
-    np.testing.assert_array_equal(evidence.triangulate_steep(rig, uv, 0.0), triangulate(rig, uv))
-    assert np.isnan(evidence.triangulate_steep(rig, uv, 80.0)).all()  # the steepest pair: 12 deg
+    np.testing.assert_allclose(real_recordings.triangulate_steep(rig, uv, 5.0), points, atol=1e-9)
+    np.testing.assert_array_equal(real_recordings.triangulate_steep(rig, uv, 0.0), triangulate(rig, uv))
+    assert np.isnan(real_recordings.triangulate_steep(rig, uv, 80.0)).all()  # the steepest pair: 12 deg
     only = uv.copy()
     only[1] = np.nan  # the two that face each other: 177 and 172 deg
-    assert np.isnan(evidence.triangulate_steep(rig, only, 9.0)).all()
-    np.testing.assert_allclose(evidence.triangulate_steep(rig, only, 0.5), points, atol=1e-6)
+    assert np.isnan(real_recordings.triangulate_steep(rig, only, 9.0)).all()
+    np.testing.assert_allclose(real_recordings.triangulate_steep(rig, only, 0.5), points, atol=1e-6)
 
 
 def test_steep_pairs_refuse():
     rig = load_rig("paper_pair")
     with pytest.raises(ValueError, match="min_angle_deg: "):
-        evidence.triangulate_steep(rig, np.zeros((2, 1, 2)), 91.0)
+        real_recordings.triangulate_steep(rig, np.zeros((2, 1, 2)), 91.0)
     with pytest.raises(ValueError, match="uv: expected shape"):
-        evidence.triangulate_steep(rig, np.zeros((3, 1, 2)), 30.0)
+        real_recordings.triangulate_steep(rig, np.zeros((3, 1, 2)), 30.0)
 
 
 # --- particles, and a trajectory
@@ -435,7 +439,7 @@ def test_steep_pairs_refuse():
 
 @needs("trackpy_particles")
 def test_particles():
-    particles = realsets.load_trackpy_particles()
+    particles = real_recordings.load_trackpy_particles()
     assert particles.image.shape == (424, 640)
     assert particles.image.dtype == np.uint8
     assert particles.uv.shape == (SETS["trackpy_particles"].reference["positions"], 2)
@@ -448,20 +452,20 @@ def test_particles():
 
 @needs("trackpy_particles")
 def test_centroids_of_particles():
-    errors = evidence.particle_errors_px()
-    assert evidence.particle_median_px() == np.median(errors) <= 0.2
+    errors = real_recordings.particle_errors_px()
+    assert real_recordings.particle_median_px() == np.median(errors) <= 0.2
     assert (errors < 2).mean() > 0.95
 
 
 @needs("trackpy_particles")
 @pytest.mark.parametrize("window_px", [7, 11])
 def test_centroids_do_not_hang_on_the_window(window_px):
-    assert np.median(evidence.particle_errors_px(window_px)) <= 0.2
+    assert np.median(real_recordings.particle_errors_px(window_px)) <= 0.2
 
 
 @needs("trajectories")
 def test_trajectory():
-    trajectory = realsets.load_trajectories()
+    trajectory = real_recordings.load_trajectories()
     assert trajectory.t_s[0] == 0
     assert len(trajectory.t_s) == len(trajectory.poses) == 3000
     steps = np.diff(trajectory.t_s)

@@ -11,7 +11,7 @@ import pytest
 
 from trinolab.camera import Rig
 from trinolab.datasets import load_rig
-from trinolab.recording import list_instants, read_instant
+from trinolab.files.recording import list_instants, read_instant
 
 SIZE = (32, 24)
 

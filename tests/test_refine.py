@@ -7,17 +7,17 @@ import pytest
 from scipy.spatial.transform import RigidTransform, Rotation
 from scipy.stats import chi2
 
-from trinolab.appearance import Views
+from trinolab.bench.optics import Bench, blurred, digitise
+from trinolab.bench.scene import radiance, render_rig
 from trinolab.camera import Rig
-from trinolab.centroids import predict_centroids
 from trinolab.datasets import load_handle, load_rig, load_table1
+from trinolab.estimators.appearance import Views
+from trinolab.estimators.centroids import centre_pixels, predict_centroids
+from trinolab.estimators.pixels import fit_patches
+from trinolab.estimators.reprojection import fit_centroids, fit_pixels
 from trinolab.handle import slants
+from trinolab.measurement import measure
 from trinolab.parameters import Parameters
-from trinolab.refine import fit_patches
-from trinolab.registration import centre_pixels
-from trinolab.reprojection import fit_centroids, fit_pixels
-from trinolab.scene import Bench, blurred, digitise, radiance, render_rig
-from trinolab.tracker import measure
 
 PAIR, TRIO, ABOVE = (load_rig(name) for name in ("paper_pair", "raised_40deg", "paper_trinocular"))
 HANDLE = load_handle("paper")

@@ -14,19 +14,18 @@ from healthy import run
 from processes import CLI, GATE, started, wait_until
 from scipy.spatial.transform import RigidTransform, Slerp
 
-from trinolab import filming, rendering
+from trinolab.bench import recordings, scenario
+from trinolab.bench.hand import true_visibility
+from trinolab.bench.recordings import made_from, render, scripted, write_recording
+from trinolab.bench.scenario import COVERED, seen_markers, take
+from trinolab.bench.scene import scaled
 from trinolab.camera import Rig
 from trinolab.datasets import load_handle, load_real_sets, load_rig, real_set
-from trinolab.fetch import why_not
-from trinolab.filming import seen_markers, take
-from trinolab.handle import write_handle
-from trinolab.posetable import read_poses, transforms, truth_table, write_poses
-from trinolab.realsets import load_trajectories
-from trinolab.recording import find_footage, instants, open_recording, read_timestamps
-from trinolab.rendering import made_from, render, scripted, write_recording
-from trinolab.rigfile import write_rig
-from trinolab.scene import scaled, true_visibility
-from trinolab.script import COVERED
+from trinolab.files.fetch import why_not
+from trinolab.files.poses import read_poses, transforms, truth_table, write_poses
+from trinolab.files.recording import find_footage, instants, open_recording, read_timestamps
+from trinolab.files.rigs import write_handle, write_rig
+from trinolab.studies.real_recordings import load_trajectories
 
 CODED = load_handle("coded")
 SMALL = Rig(tuple(scaled(camera, 0.125) for camera in load_rig("raised_40deg").cameras))
@@ -106,7 +105,7 @@ def test_truth_counts_the_markers_that_each_camera_truly_sees(folder):
         counts[frame, COVERED[2]] *= frame != covered
         assert seen_markers(job, frame) == counts[frame].tolist()
     assert counts[hidden, 2] == 0 < counts[hidden].max()
-    truth = rendering.truth_of(job, counts)
+    truth = recordings.truth_of(job, counts)
     assert truth["markers"].tolist() == counts.max(axis=1).tolist()
     assert truth["cameras"].tolist() == (counts > 0).sum(axis=1).tolist()
     rendered("out", seconds=0.1)
@@ -163,9 +162,9 @@ def interrupt_after(monkeypatch, count):
         calls.append(arguments)
         if len(calls) > count:
             raise KeyboardInterrupt
-        return filming.take(*arguments)
+        return scenario.take(*arguments)
 
-    monkeypatch.setattr(rendering, "take", counted)
+    monkeypatch.setattr(recordings, "take", counted)
     return calls
 
 
@@ -237,7 +236,7 @@ def test_the_manifest_knows_the_code(folder, monkeypatch):
     one = made_from(job, "calm")
     assert one == made_from(scripted("calm", SMALL, CODED, 0, 0.1), "calm")
     assert json.loads(json.dumps(one)) == one
-    monkeypatch.setattr(rendering, "code_hash", lambda _: "another")
+    monkeypatch.setattr(recordings, "code_hash", lambda _: "another")
     changed = made_from(job, "calm")
     assert [name for name in one if changed[name] != one[name]] == ["code"]
     brighter = job._replace(bench=replace(job.bench, body_grey=91.0))
@@ -284,7 +283,7 @@ def test_a_full_disk_costs_one_line(folder, monkeypatch, capfd):
     def full(*_):
         raise ValueError("out.partial/images/ccd1/000000.png: cannot be written (No space left on device)")
 
-    monkeypatch.setattr(rendering, "add", full)
+    monkeypatch.setattr(recordings, "add", full)
     assert run(RENDER) == 2
     assert capfd.readouterr().err.count("\n") == 1
     assert not (folder / "out").exists()

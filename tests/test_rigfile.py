@@ -7,7 +7,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 
 from trinolab.camera import Camera, Rig
 from trinolab.datasets import data_path, load_rig
-from trinolab.rigfile import read_rig, write_rig
+from trinolab.files.rigs import read_rig, write_rig
 
 
 def table(name="a", **changes):

@@ -8,8 +8,8 @@ from hypothesis import strategies as st
 pytest.importorskip("mujoco", reason="the extra 'slave' is missing")
 
 from trinolab.datasets import data_path
-from trinolab.limiter import speed_bounds, stopping_speed
-from trinolab.robot import Limits, forward, joint_values, load_robot
+from trinolab.slave.arm import Limits, forward, joint_values, load_robot
+from trinolab.slave.control import speed_bounds, stopping_speed
 
 # User Manual UR5/CB3, Table B.4: a, d (m), alpha
 DH = [(0.0, 0.089159, np.pi / 2), (-0.425, 0.0, 0.0), (-0.39225, 0.0, 0.0), (0.0, 0.10915, np.pi / 2),

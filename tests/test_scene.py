@@ -6,23 +6,13 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from trinolab.arm import Arm
+from trinolab.bench.hand import Arm, true_visibility
+from trinolab.bench.motion import random_pose
+from trinolab.bench.optics import Bench, background, blurred, digitise
+from trinolab.bench.rays import CAP, EMPTY, SIDE, body_region, cast, edge_pixels, marker_outline, sample_offsets
+from trinolab.bench.scene import radiance, render, render_clip, render_rig, scaled
 from trinolab.camera import Camera, Rig
 from trinolab.handle import Handle, slants
-from trinolab.raycast import CAP, EMPTY, SIDE, body_region, cast, edge_pixels, marker_outline, sample_offsets
-from trinolab.scene import (
-    Bench,
-    background,
-    blurred,
-    digitise,
-    radiance,
-    random_pose,
-    render,
-    render_clip,
-    render_rig,
-    scaled,
-    true_visibility,
-)
 
 IDENTITY = RigidTransform.identity()
 MATRIX = [[2956.2, 0, 628], [0, 2940.1, 515], [0, 0, 1]]

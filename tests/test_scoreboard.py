@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from executed import whole_scoreboard
 
-from trinolab import scoreboard as module
 from trinolab.cli import as_text
-from trinolab.datasets import load_calibration, load_claims, real_set
-from trinolab.scoreboard import CHECKS, COLUMNS, disagreements, score, scoreboard
+from trinolab.datasets import load_calibration, real_set
+from trinolab.studies import scoreboard as module
+from trinolab.studies.scoreboard import CHECKS, COLUMNS, disagreements, load_claims, score, scoreboard
 
 VERDICTS = {"match", "same order", "differs", "met", "missed", "cannot be tested", "not tested yet"}
 COMPUTED = VERDICTS - {"cannot be tested", "not tested yet"}

@@ -4,9 +4,20 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import RigidTransform
 
+from trinolab.bench.hand import true_visibility
+from trinolab.bench.scenario import (
+    ABSENT_S,
+    AWAY_S,
+    BACK_S,
+    COVERED,
+    EMPTY_S,
+    HIDDEN,
+    LIGHT_STEP_S,
+    calm,
+    following,
+    hard,
+)
 from trinolab.datasets import load_handle, load_rig
-from trinolab.scene import true_visibility
-from trinolab.script import ABSENT_S, AWAY_S, BACK_S, COVERED, EMPTY_S, HIDDEN, LIGHT_STEP_S, calm, following, hard
 
 RIG, PAIR, CODED = load_rig("raised_40deg"), load_rig("paper_pair"), load_handle("coded")
 TIMES = np.arange(300) / 30

@@ -8,10 +8,10 @@ from scipy.spatial.transform import RigidTransform, Rotation
 
 pytest.importorskip("mink", reason="the extra 'slave' is missing")
 
-from trinolab.inverse import TICK_S
-from trinolab.robot import load_robot
-from trinolab.session import Session
-from trinolab.teleop import MappingParameters, Sample
+from trinolab.slave.arm import load_robot
+from trinolab.slave.control import TICK_S
+from trinolab.slave.mapping import MappingParameters, Sample
+from trinolab.slave.session import Session
 
 ROBOT = load_robot()
 HANDLE = RigidTransform.from_components([0.0, 0.0, 560.0], Rotation.from_rotvec([0, np.pi / 2, 0]))

@@ -3,11 +3,11 @@
 import numpy as np
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from trinolab.arm import Arm
+from trinolab.bench.hand import Arm
+from trinolab.bench.layer import WALL_MM, shadow
+from trinolab.bench.optics import Bench
 from trinolab.camera import Camera
 from trinolab.handle import Handle
-from trinolab.scene import Bench
-from trinolab.shadow import WALL_MM, shadow
 
 CAMERA = Camera("one", (400, 300), np.array([[850.0, 0, 150], [0, 850, 150], [0, 0, 1]]), np.zeros(5),
                 RigidTransform.identity())  # one pixel a mm on the wall

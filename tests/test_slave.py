@@ -8,9 +8,8 @@ import pytest
 pytest.importorskip("mujoco", reason="the extra 'slave' is missing")
 
 from trinolab.datasets import data_path
-from trinolab.inverse import Inverse
-from trinolab.robot import forward, load_robot
-from trinolab.slave import Slave
+from trinolab.slave.arm import Slave, forward, load_robot
+from trinolab.slave.control import Inverse
 
 ROBOT = load_robot()
 HOME = forward(ROBOT, ROBOT.home)

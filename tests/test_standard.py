@@ -8,19 +8,21 @@ import numpy as np
 import pytest
 from processes import HANGS_S
 
-from trinolab import cli, rendering, standard
+from trinolab import cli
+from trinolab.bench import recordings
+from trinolab.bench.recordings import clear_recordings, recordings_folder, standard_recording
+from trinolab.bench.scene import scaled
 from trinolab.camera import Rig
 from trinolab.datasets import load_rig
-from trinolab.posetable import read_poses
-from trinolab.scene import scaled
-from trinolab.standard import clear_recordings, recordings_folder, standard_recording
+from trinolab.files.poses import read_poses
 
 
 @pytest.fixture(autouse=True)
 def cache(tmp_path, monkeypatch):
     """A cache of its own, and rigs of an eighth of the pixels."""
-    monkeypatch.setattr(standard, "cache_folder", lambda: tmp_path / "cache")
-    monkeypatch.setattr(standard, "load_rig", lambda name: Rig(tuple(scaled(c, 0.125) for c in load_rig(name).cameras)))
+    monkeypatch.setattr(recordings, "cache_folder", lambda: tmp_path / "cache")
+    monkeypatch.setattr(recordings, "load_rig",
+                        lambda name: Rig(tuple(scaled(c, 0.125) for c in load_rig(name).cameras)))
     return tmp_path / "cache"
 
 
@@ -32,16 +34,16 @@ def test_it_is_rendered_once(cache, monkeypatch):
     first = standard_recording("hard", seconds=0.1, progress=False)
     assert first.parent == cache / "recordings" == recordings_folder()
     assert len(read_poses(first / "truth.csv")) == 3
-    monkeypatch.setattr(standard, "write_recording", None)  # would be called
+    monkeypatch.setattr(recordings, "write_recording", None)  # would be called
     assert standard_recording("hard", seconds=0.1) == first
 
 
 def test_whatever_it_is_made_from_changes_the_folder(monkeypatch):
-    monkeypatch.setattr(standard, "write_recording", lambda job, folder, *_: folder.mkdir())
+    monkeypatch.setattr(recordings, "write_recording", lambda job, folder, *_: folder.mkdir())
     asked = [{}, {"seed": 1}, {"seconds": 0.2}, {"rig_name": "paper_pair"}, {"handle_name": "paper"}]
     folders = [standard_recording("calm", **{"seconds": 0.1} | options) for options in asked]
     folders.append(standard_recording("hard", seconds=0.1))
-    monkeypatch.setattr(rendering, "code_hash", lambda _: "another")
+    monkeypatch.setattr(recordings, "code_hash", lambda _: "another")
     folders.append(standard_recording("calm", seconds=0.1))
     assert len(set(folders)) == 7
 
@@ -73,7 +75,7 @@ def test_calm_begins_with_the_empty_scene():
 def test_two_at_once_render_it_once(cache):
     code = ("import sys, pathlib; from trinolab import standard; "
             "standard.cache_folder = lambda: pathlib.Path(sys.argv[1]); load = standard.load_rig; "
-            "from trinolab.camera import Rig; from trinolab.scene import scaled; "
+            "from trinolab.camera import Rig; from trinolab.bench.scene import scaled; "
             "standard.load_rig = lambda n: Rig(tuple(scaled(c, 0.125) for c in load(n).cameras)); "
             "print(standard.standard_recording('hard', seconds=0.1, progress=False))")
     both = [subprocess.Popen([sys.executable, "-c", code, str(cache)], stdout=subprocess.PIPE, text=True)

@@ -13,9 +13,9 @@ import pytest
 from healthy import BOARDS, EVALUATE, MEASURE, RENDER, SWEEP, TRACK, contents, make_healthy, run
 from processes import CLI, GATE, ended, open_gate, started, wait_until
 
+from trinolab.files.poses import read_poses, transforms
+from trinolab.files.rigs import read_rig
 from trinolab.metrics import geodesic_deg
-from trinolab.posetable import read_poses, transforms
-from trinolab.rigfile import read_rig
 
 resource = pytest.importorskip("resource", reason="limits of a process are set as POSIX does")
 
@@ -47,7 +47,7 @@ tracking.Rows.add = add
 FILM = """
 import sys
 import numpy as np
-from trinolab.overlay import Film
+from trinolab.following.overlay import Film
 rng = np.random.default_rng(0)
 try:
     with Film("o.webm", 25.0) as film:

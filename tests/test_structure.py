@@ -10,110 +10,158 @@ import nbformat
 import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
-MODULES = sorted(ROOT.glob("trinolab/*.py"))
+PACKAGE = ROOT / "trinolab"
+MODULES = sorted(PACKAGE.glob("**/*.py"))
 NOTEBOOKS = sorted(ROOT.glob("notebooks/*.ipynb"))
 
-# A module imports only from those before it.
-ORDER = [
-    "checks", "outputs", "csvfile", "quiet", "greyimage", "lens", "camera", "rigfile", "handle", "metrics", "wall",
-    "wallcontact", "fetch", "board", "datasets", "realsets", "ledger", "cones", "convex", "faces", "workspace",
-    "window", "plotting", "plotting_errors", "plotting_rigs", "plotting_estimators", "plotting_calibration",
-    "plotting_structure", "plotting_markers", "plotting_motion", "plotting_wall", "plotting_sweep", "light",
-    "background", "covariance", "kalman", "image_track", "blobs", "spot", "markers", "matching", "triangulation",
-    "rigid", "pose", "posetable", "posefilter", "layout", "hypotheses", "threepoint", "seeds", "verdict", "search",
-    "identity", "bodyend", "parameters", "noise", "appearance", "centroids", "patches", "blur", "imagemodel",
-    "registration", "outline", "refine", "reprojection", "weighted", "estimation", "corners", "targets", "relative",
-    "zhang", "adjustment", "calibration", "tracker", "follow", "recentre", "posetracker", "markertrack",
-    "plotting_windows", "plotting_geoms", "plotting_slave", "tuning", "overlay", "readings", "monitor", "raycast",
-    "capsule", "arm", "motion", "training", "bench", "layer", "shadow", "scene", "exposure", "script", "filming",
-    "bound", "boardscene", "boardtrial", "footage", "recording", "clip", "recorder", "provenance", "rendering",
-    "standard", "devices", "capturing", "trackquality", "evaluation", "sync", "targetviews", "suspects",
-    "calibrating", "errata_workspace", "errata_background", "errata_kalman", "errata_markers", "errata_pose",
-    "errata_table1", "errata", "oneeuro", "teleop", "robot", "limiter", "reference", "inverse", "slave", "session",
-    "sessionlog", "grids", "outcome", "notebookrun", "plotting_sliders", "kernelstate", "warmkernel", "engines",
-    "sweepfolder", "sweeping", "sweep", "workflows", "trackrows", "tracking", "teleoperating", "slave_trial",
-    "teleop_trial", "factors", "table1_bound", "deviations", "error_sources", "mixing", "pattern", "budget",
-    "evidence", "trials", "known", "elevation", "centroid_trial", "marker_trial", "covertruth", "sweep_trials",
-    "gallery", "scoreboard", "arguments", "cli",
+# The paper's chain at the top, in the order in which its parts import each other. `identity` and `estimators`, which
+# the paper does not have, are folders within it. A part imports its own group and those before it.
+CHAIN = [
+    {"checks", "rigid", "methods"}, {"lens", "camera", "handle", "window"},
+    {"background", "kalman", "image_track", "blobs", "markers", "matching", "triangulation", "metrics"}, {"pose"},
+    {"identity"}, {"parameters"}, {"estimators"}, {"measurement"}, {"tracker"},
 ]
-# all that makes the truth may know
-BENCH = {"checks", "outputs", "quiet", "greyimage", "lens", "camera", "handle", "raycast", "capsule", "arm", "motion",
-         "bench", "layer", "shadow"}
+WHOLE_CHAIN = set().union(*CHAIN)
+GEOMETRY = {"checks", "rigid", "lens", "camera", "handle", "window", "metrics"}
+# What each folder, and `datasets`, may import beside itself.
+WALLS = {
+    "files": GEOMETRY | {"pose", "datasets"},
+    "datasets": GEOMETRY | {"files"},
+    "workspace": GEOMETRY,
+    "plotting": GEOMETRY | {"workspace"},
+    "calibration": GEOMETRY | {"files", "plotting"},
+    "bench": GEOMETRY | {"pose", "files", "datasets", "calibration"},
+    "sweep": GEOMETRY | {"files", "datasets", "plotting"},
+    "following": WHOLE_CHAIN | {"files"},
+    "slave": WHOLE_CHAIN | {"following", "bench", "files", "datasets"},
+    "paper": WHOLE_CHAIN - {"identity", "estimators", "measurement", "tracker"} | {"files", "datasets", "workspace"},
+}
+WALLS["studies"] = WHOLE_CHAIN | set(WALLS)
+WALLS["cli"] = WALLS["studies"] | {"studies"}
 
 
 def imports(path):
-    """The package's modules that a module imports, and the other packages, wherever the import stands."""
+    """The names of this package that a file imports, wherever the import stands, and the other packages."""
     own, other = set(), set()
+    package = path.parent.relative_to(ROOT).parts
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         if isinstance(node, ast.Import):
             names = [alias.name for alias in node.names]
         elif isinstance(node, ast.ImportFrom):
-            base = ("trinolab." if node.level else "") + (node.module or "")
+            above = package[:len(package) - node.level + 1] if node.level else ()
+            base = ".".join(filter(None, [*above, node.module]))
             names = [f"{base}.{alias.name}" for alias in node.names]
         else:
             continue
-        for name in filter(None, (name.replace("..", ".") for name in names)):
+        for name in names:
             top, _, rest = name.partition(".")
-            (own if top == "trinolab" else other).add(rest.split(".")[0] if top == "trinolab" else top)
-    return own & set(ORDER), other
+            if top == "trinolab":
+                own.add(rest)
+            else:
+                other.add(top)
+    return own, other
+
+
+def room(path):
+    """The folder of the package that a file lies in, or its own name at the top."""
+    return path.relative_to(PACKAGE).with_suffix("").parts[0]
+
+
+def rooms_imported(path):
+    """The folders and modules at the top that a file imports, without its own."""
+    rooms = {room(module) for module in MODULES}
+    return {name.split(".")[0] for name in imports(path)[0]} & rooms - {room(path)}
 
 
 def cells(path, kind="code"):
     return [cell for cell in nbformat.read(path, as_version=4).cells if cell.cell_type == kind]
 
 
-def test_every_module_has_a_place_in_the_order():
-    assert sorted(path.stem for path in MODULES) == sorted([*ORDER, "__init__"])
+def test_every_module_and_folder_has_a_place():
+    assert {room(path) for path in MODULES} == WHOLE_CHAIN | set(WALLS) | {"__init__"}
 
 
-def test_a_module_imports_only_modules_above_it():
-    places = {name: place for place, name in enumerate(ORDER)}
-    upwards = [f"{path.stem} imports {name}" for path in MODULES for name in sorted(imports(path)[0])
-               if path.stem in places and places[name] >= places[path.stem]]
-    assert upwards == []
-    assert imports(ROOT / "trinolab" / "__init__.py")[0] == set()
+def test_a_folder_imports_only_what_it_may_know():
+    through = [f"{path.relative_to(ROOT)} imports {other}" for path in MODULES if room(path) in WALLS
+               for other in sorted(rooms_imported(path) - WALLS[room(path)])]
+    assert through == []
 
 
-def test_import_reader_finds_every_form(tmp_path):
-    source = ["import trinolab.pose", "from trinolab import scene", "from .camera import Rig", "from . import handle",
+def test_the_chain_imports_only_backwards():
+    place = {name: number for number, group in enumerate(CHAIN) for name in group}
+    forwards = [f"{path.relative_to(ROOT)} imports {other}" for path in MODULES if room(path) in place
+                for other in sorted(rooms_imported(path)) if place.get(other, len(CHAIN)) > place[room(path)]]
+    assert forwards == []
+
+
+def test_no_circle():
+    """Neither among folders, nor among the modules of one."""
+    by_name = {".".join(path.relative_to(PACKAGE).with_suffix("").parts).removesuffix(".__init__"): path
+               for path in MODULES if room(path) != "__init__"}
+
+    def module_of(name):
+        while name and name not in by_name:
+            name = name.rpartition(".")[0]
+        return {name} - {""}
+
+    left = {name: set().union(*map(module_of, imports(path)[0])) - {name} for name, path in by_name.items()}
+    while left:
+        free = {name for name, others in left.items() if not others & set(left)}
+        assert free, f"in circles: {sorted(left)}"
+        left = {name: others for name, others in left.items() if name not in free}
+
+
+def test_the_bench_and_the_chain_never_meet():
+    """What makes the images and what measures them share camera and handle: the truth must not know the estimate."""
+    measuring = WHOLE_CHAIN - GEOMETRY - {"pose", "methods"} | {"following"}
+    assert not measuring & WALLS["bench"]
+    estimates = [path for path in MODULES if room(path) in measuring | {"calibration"}]
+    assert not [path for path in estimates if "bench" in rooms_imported(path)]
+    used = {name for path in MODULES if room(path) == "bench" for name in imports(path)[0]}
+    assert {name for name in used if name.startswith("calibration")} <= {"calibration.target.Board"}
+
+
+def test_import_reader_finds_every_form(tmp_path, monkeypatch):
+    source = ["import trinolab.pose", "from trinolab import scene", "from ..camera import Rig", "from . import handle",
               "import cv2 as c"]
-    (tmp_path / "m.py").write_text("\n".join(source))
-    assert imports(tmp_path / "m.py") == ({"pose", "scene", "camera", "handle"}, {"cv2"})
+    monkeypatch.setattr(sys.modules[__name__], "ROOT", tmp_path)
+    path = tmp_path / "trinolab" / "files" / "m.py"
+    path.parent.mkdir(parents=True)
+    path.write_text("\n".join(source))
+    assert imports(path) == ({"pose", "scene", "camera.Rig", "files.handle"}, {"cv2"})
 
 
-def test_truth_and_estimate_share_only_camera_and_handle():
-    found = {path.stem: imports(path)[0] for path in MODULES}
-    for name in BENCH | {"scene"}:
-        assert found.get(name, set()) <= BENCH, name
-    for name in ("exposure", "script", "filming"):
-        assert found[name] <= BENCH | {"scene", "exposure", "script"}, name
-    assert not {"tracker", "estimation", "identity"} & (found["rendering"] | found["standard"])
-    assert "scene" not in found.get("tracker", set())
-    assert found["boardscene"] <= BENCH | {"board"}
-    assert not {"boardscene", "bench"} & (found["calibration"] | found["corners"])
+def test_only_figures_draw():
+    drawing = {path.relative_to(PACKAGE).as_posix() for path in MODULES
+               if imports(path)[1] & {"matplotlib", "pyvista"} and room(path) != "plotting"}
+    # kernelstate takes matplotlib back to where it was, and draws nothing
+    assert drawing == {"sweep/figures.py", "sweep/kernelstate.py", "slave/view.py"}
 
 
-def test_only_plotting_draws():
-    drawing = {path.stem for path in MODULES if imports(path)[1] & {"matplotlib", "pyvista"}}
-    drawing -= {"kernelstate"}  # it takes matplotlib back to where it was, and draws nothing
-    assert drawing == {"plotting", "plotting_errors", "plotting_estimators", "plotting_rigs", "plotting_calibration",
-                       "plotting_motion", "plotting_wall", "plotting_structure", "plotting_markers", "plotting_windows",
-                       "plotting_sweep", "plotting_sliders", "plotting_geoms", "plotting_slave"}
-    computing = {path.stem for path in MODULES if imports(path)[0] & drawing} - drawing
-    # their pictures, at the end; nothing else in the package waits for figures
-    assert computing == {"calibrating", "sweeping", "teleoperating"}
+def loaded_by(code):
+    """The modules that some code loads in a new process."""
+    code = f"import sys\n{code}\nprint(*sys.modules)"
+    return set(subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split())
 
 
 def test_calibrating_loads_its_figure_only_when_needed():
-    code = "import sys, trinolab.calibrating; print('matplotlib' in sys.modules)"
-    assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "False\n"
+    assert "matplotlib" not in loaded_by("import trinolab.calibration.calibrate")
+
+
+def test_the_papers_chain_runs_by_itself():
+    loaded = loaded_by("""
+import numpy as np
+from trinolab import datasets
+from trinolab.measurement import measure
+rig = datasets.load_rig("paper_pair")
+measure([np.zeros(camera.size[::-1]) for camera in rig.cameras], rig, datasets.load_handle("paper"))""")
+    assert "trinolab.pose" in loaded
+    assert {name for name in loaded if name.startswith("trinolab.estimators.")} == {"trinolab.estimators.identified"}
 
 
 @pytest.mark.parametrize("module", ["trinolab", "trinolab.sweep"])
 def test_import_is_light(module):
-    code = f"import sys, {module}; print(*sorted({{name.split('.')[0] for name in sys.modules}}))"
-    loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()
-    assert not {"matplotlib", "pyvista", "vtk", "mujoco", "cv2"} & set(loaded)
+    assert not {"matplotlib", "pyvista", "vtk", "mujoco", "cv2"} & loaded_by(f"import {module}")
 
 
 def test_there_are_notebooks_and_the_table_of_contents_names_them_all():

@@ -14,9 +14,9 @@ import pandas as pd
 import pytest
 from processes import ended, started, wait_until
 
-from trinolab.engines import Inline
-from trinolab.grids import Interval
 from trinolab.sweep import sweep
+from trinolab.sweep.engines import Inline
+from trinolab.sweep.grid import Interval
 
 
 class Pair(NamedTuple):

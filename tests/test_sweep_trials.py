@@ -5,12 +5,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from trinolab import sweep_trials
-from trinolab.covertruth import Regions
-from trinolab.datasets import load_table1, paper_rig
-from trinolab.factors import load_sweep
-from trinolab.known import known_recording
-from trinolab.sweep_trials import accuracy, background_pixels, search_window, with_baseline, with_vergence
+from trinolab.datasets import load_sweep, load_table1, paper_rig
+from trinolab.studies import gallery
+from trinolab.studies.gallery import accuracy, background_pixels, search_window, with_baseline, with_vergence
+from trinolab.studies.ground_truth import Regions, known_recording
 from trinolab.window import Window
 
 PAIR = paper_rig()
@@ -96,7 +94,7 @@ def test_at_its_defaults_it_is_the_replication_of_table_1():
     ({"elevation_deg": 40.0}, lambda s: float(np.rad2deg(np.arccos(axis(s.rig.cameras[2])[2]))))])
 def test_each_setting_reaches_the_scene_and_the_measurement(setting, read, monkeypatch):
     seen = []
-    monkeypatch.setattr(sweep_trials, "measured", lambda setup, methods, rng: seen.append(setup) or {})
+    monkeypatch.setattr(gallery, "measured", lambda setup, methods, rng: seen.append(setup) or {})
     accuracy(**setting)
     assert read(seen[0]) == pytest.approx(*setting.values(), rel=1e-6)
     assert seen[0].rig is seen[0].true_rig
@@ -114,7 +112,7 @@ def kept(setup):
 
 def test_where_nothing_is_measured_the_errors_are_nan(monkeypatch):
     lost = SimpleNamespace(pose=SimpleNamespace(T_world_handle=None))
-    monkeypatch.setattr(sweep_trials, "measured", lambda setup, methods, rng: {name: [lost] * 20 for name in methods})
+    monkeypatch.setattr(gallery, "measured", lambda setup, methods, rng: {name: [lost] * 20 for name in methods})
     found = accuracy()
     assert found["n_paper"] == 0
     assert np.isnan(found["E_t_mm_patches"])
@@ -135,7 +133,7 @@ def test_a_step_of_the_light_is_false_as_printed_and_cured(monkeypatch):
     frames, inside = np.full((4, 40, 60), 50), clip([np.zeros((40, 60))])[1]
     frames[2:] += 30  # all of it is brighter from the third frame on
     frames[:, inside] += 100
-    monkeypatch.setattr(sweep_trials, "_hard_light", lambda: clip(frames)[0])
+    monkeypatch.setattr(gallery, "_hard_light", lambda: clip(frames)[0])
     found = background_pixels(update_rate=0.01, difference_threshold=15.0)
     assert found["false_percent_printed"] == pytest.approx(50.0)
     assert found["false_percent_cured"] == pytest.approx(0.0)
@@ -152,8 +150,8 @@ def still(monkeypatch):
     """Eight instants of the calm recording in place of both."""
     recording = known_recording("calm", range(40, 48))
     regions = [[None] * 8 for _ in recording.rig.cameras]
-    monkeypatch.setattr(sweep_trials, "_recording", lambda name: recording)
-    monkeypatch.setattr(sweep_trials, "_regions", lambda name: regions)
+    monkeypatch.setattr(gallery, "_recording", lambda name: recording)
+    monkeypatch.setattr(gallery, "_regions", lambda name: regions)
     return recording, regions
 
 
@@ -165,7 +163,7 @@ def test_without_a_window_every_image_is_lost(still):
 
 def test_a_window_that_cuts_markers_off_has_lost_them(still, monkeypatch):
     recording = still[0]._replace(instants=still[0].instants[:1])
-    monkeypatch.setattr(sweep_trials, "_recording", lambda name: recording)
+    monkeypatch.setattr(gallery, "_recording", lambda name: recording)
     now, = recording.instants
     for camera, seen, row in zip(recording.rig.cameras, now.seen, still[1], strict=True):
         assert seen.sum() > 1

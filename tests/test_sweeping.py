@@ -13,8 +13,10 @@ from healthy import contents, run
 from makenotebook import glued, make_notebook
 from processes import GATE, ended, open_gate, started, wait_until
 
-from trinolab import provenance, sweepfolder, sweeping
-from trinolab.sweep import read_sweep, sweep
+from trinolab.files import provenance
+from trinolab.sweep import folder as sweep_folder
+from trinolab.sweep import runs, sweep
+from trinolab.sweep.folder import read_sweep
 
 # Each run leaves a line in `trace`: its parameter and its process. From `waits_from` on a run waits for the gate.
 WORK = f"""
@@ -185,7 +187,7 @@ def test_a_function_that_is_interrupted_keeps_its_runs(tmp_path):
 
 @pytest.mark.parametrize("moment", ["before it is flushed", "after it is flushed"])
 def test_an_interruption_while_a_run_is_kept_counts_what_the_file_has(tmp_path, monkeypatch, moment):
-    real = sweepfolder.SweepFolder.__init__
+    real = sweep_folder.SweepFolder.__init__
 
     class Interrupted:
         """A file that Ctrl-C meets when the third run is written to it."""
@@ -208,7 +210,7 @@ def test_an_interruption_while_a_run_is_kept_counts_what_the_file_has(tmp_path, 
         real(folder, *arguments)
         folder._file = Interrupted(folder._file)
 
-    monkeypatch.setattr(sweepfolder.SweepFolder, "__init__", opened)
+    monkeypatch.setattr(sweep_folder.SweepFolder, "__init__", opened)
     with pytest.raises(KeyboardInterrupt, match="3 of 5 runs are kept in"):
         sweep(absolute, a=range(5), out=tmp_path / "s")
     assert len((tmp_path / "s" / "runs.jsonl").read_text().splitlines()) == 3
@@ -219,7 +221,7 @@ def absolute(a):
 
 
 def test_a_chapter_is_found_by_its_name(tmp_path, monkeypatch):
-    assert sweeping.find_notebook("06_matching").name == "06_matching.ipynb"
+    assert runs.find_notebook("06_matching").name == "06_matching.ipynb"
     monkeypatch.chdir(tmp_path)
     make_notebook(tmp_path / "mine.ipynb", glued(b="a"))
     found = sweep("mine", a=[1.0, np.float64(2.0)], progress=False)

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from trinolab import sync
+from trinolab.bench.motion import motion_at
 from trinolab.camera import Camera, Rig, fundamental_matrix
 from trinolab.datasets import load_handle, load_rig
+from trinolab.following import sync
+from trinolab.following.sync import Delta, Offsets, estimate_offsets, join, sampson, significant, tracks_of
 from trinolab.handle import facing_pixels
-from trinolab.motion import motion_at
-from trinolab.sync import Delta, Offsets, estimate_offsets, join, sampson, significant, tracks_of
 
 OFFSETS = (0.0, 0.007, -0.020)
 TIMES = np.arange(150) / 30

@@ -3,11 +3,9 @@
 import numpy as np
 import pytest
 
-from trinolab import table1_bound
-from trinolab.bound import pose_bound
-from trinolab.datasets import load_handle, load_rig, load_table1
-from trinolab.factors import load_sweep
-from trinolab.table1_bound import COLUMNS, RIGS, SHIPPED_PIXELS, table1_bounds
+from trinolab.datasets import load_handle, load_rig, load_sweep, load_table1
+from trinolab.studies import bound
+from trinolab.studies.bound import COLUMNS, RIGS, SHIPPED_PIXELS, pose_bound, table1_bounds
 
 TABLE = load_sweep("bound").set_index(["rig", "pixels", "row"])
 
@@ -42,9 +40,9 @@ def test_cameras_of_the_pair_are_asked_once_for_all_rigs(monkeypatch):
         asked.append(camera.name)
         return np.eye(6)
 
-    monkeypatch.setattr(table1_bound, "information", one)
-    table1_bound._information.cache_clear()
+    monkeypatch.setattr(bound, "information", one)
+    bound._information.cache_clear()
     bounds = [table1_bounds(rig) for rig in RIGS]
-    table1_bound._information.cache_clear()
+    bound._information.cache_clear()
     assert [asked.count(name) for name in ("ccd1", "ccd2", "ccd3")] == [20, 20, 40]
     assert [found[7].covariance[0, 0] for found in bounds] == pytest.approx([1 / 2, 1 / 3, 1 / 3])

@@ -6,10 +6,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from trinolab import oneeuro, teleop
 from trinolab.camera import Camera
-from trinolab.oneeuro import OneEuroParameters
-from trinolab.teleop import MappingParameters, Sample, State, step
+from trinolab.slave import mapping, oneeuro
+from trinolab.slave.mapping import MappingParameters, Sample, State, step
+from trinolab.slave.oneeuro import OneEuroParameters
 
 QUICK = OneEuroParameters(cutoff_hz=1e6, turn_cutoff_hz=1e6)  # as good as no filter
 HANDLE = RigidTransform.from_components([10.0, -20.0, 560.0], Rotation.from_euler("ZYX", [0.4, -0.2, 0.9]))
@@ -62,7 +62,7 @@ def test_in_the_surveillance_picture_the_tool_moves_as_the_hand():
     camera = Camera("surveillance", (640, 480), [[600, 0, 320], [0, 600, 240], [0, 0, 1]], np.zeros(5),
                     RigidTransform.from_components([-500, -900, 120],
                                                    Rotation.from_matrix([[1, 0, 0], [0, 0, 1], [0, -1, 0]])).inv())
-    p = MappingParameters(alignment=teleop.alignment(camera), filtering=QUICK)
+    p = MappingParameters(alignment=mapping.alignment(camera), filtering=QUICK)
     for way, (du, dv) in (([20, 0, 0], (1, 0)), ([0, 20, 0], (0, 1))):
         uv = camera.project([TOOL.translation, run(steadily(way), p)[-1].target.translation])
         np.testing.assert_allclose(np.sign((uv[1] - uv[0]).round(6)), [du, dv])

@@ -6,14 +6,13 @@ from scipy.spatial.transform import RigidTransform, Rotation
 
 pytest.importorskip("mink", reason="the extra 'slave' is missing")
 
-from trinolab import reference, teleop, teleop_trial
-from trinolab.inverse import Command, Inverse
-from trinolab.oneeuro import OneEuroParameters
-from trinolab.reference import ReferenceParameters
-from trinolab.robot import forward, load_robot
-from trinolab.slave import Slave
-from trinolab.teleop import MappingParameters, Sample, State
-from trinolab.teleop_trial import (
+from trinolab.slave import control, mapping
+from trinolab.slave.arm import Slave, forward, load_robot
+from trinolab.slave.control import Command, Inverse, ReferenceParameters
+from trinolab.slave.mapping import MappingParameters, Sample, State
+from trinolab.slave.oneeuro import OneEuroParameters
+from trinolab.studies import master_slave
+from trinolab.studies.master_slave import (
     PARTS,
     STAGES,
     STILL_S,
@@ -118,8 +117,8 @@ def test_a_trial_says_what_held_it():
 def test_the_measured_delay_is_the_sum_of_the_budget(pace, within_s):
     age = 0.0488
     trial = run(ROBOT, human_hand(0, pace), MAPPING, noise_mm=0.05, noise_deg=0.3, age_s=age, duration_s=4.0)
-    budget = latency_budget(ROBOT, MAPPING, FOLLOWING, 30.0, teleop_trial.speed_mm_s(trial))
-    assert sum(budget[stage] for stage in teleop_trial.CAMERAS) == pytest.approx(age, abs=1e-4)
+    budget = latency_budget(ROBOT, MAPPING, FOLLOWING, 30.0, master_slave.speed_mm_s(trial))
+    assert sum(budget[stage] for stage in master_slave.CAMERAS) == pytest.approx(age, abs=1e-4)
     assert lag_s(trial) == pytest.approx(sum(budget.values()), abs=within_s)
     assert lag_s(trial, "seen") == pytest.approx(age + budget["hold"] + budget["tick"], abs=0.001)
 
@@ -128,9 +127,9 @@ def test_the_cross_correlation_finds_a_known_delay_between_ticks():
     t = 0.002 * np.arange(1000)
     stages = {name: RigidTransform.from_translation(50 * np.stack([np.sin(3 * s), np.cos(2 * s), s * 0], axis=1))
               for name, s in (("hand", t), ("tool", t - 0.0837))}
-    assert lag_s(teleop_trial.Trial(t, stages, ())) == pytest.approx(0.0837, abs=5e-4)
+    assert lag_s(master_slave.Trial(t, stages, ())) == pytest.approx(0.0837, abs=5e-4)
     with pytest.raises(ValueError, match="trial"):
-        lag_s(teleop_trial.Trial(t[:300], {name: stage[:300] for name, stage in stages.items()}, ()))
+        lag_s(master_slave.Trial(t[:300], {name: stage[:300] for name, stage in stages.items()}, ()))
 
 
 def test_without_a_motion_there_is_no_delay():
@@ -142,9 +141,9 @@ def test_the_reference_is_late_by_its_time_constant_or_by_what_braking_asks_for(
     assert reference_lag_s(FOLLOWING, 420.0) == pytest.approx(420 / 4200)
     assert reference_lag_s(FOLLOWING, 700.0) == np.inf
     for speed in (50.0, 420.0):  # as it goes
-        ref = reference.at_rest(TOOL)
+        ref = control.at_rest(TOOL)
         for k in range(1, 1501):
-            ref = reference.step(ref, RigidTransform.from_translation([speed * k * 0.002, 0, 0]) * TOOL, 0.002)
+            ref = control.step(ref, RigidTransform.from_translation([speed * k * 0.002, 0, 0]) * TOOL, 0.002)
         behind = speed * 3.0 - (ref.pose.translation - TOOL.translation)[0]
         assert behind / speed == pytest.approx(reference_lag_s(FOLLOWING, speed), abs=0.003)
 
@@ -166,7 +165,7 @@ def test_the_mapping_without_a_filter_is_that_of_teleop(scale, turn_scale):
     times = np.arange(60) / 30
     poses, state = human_hand(1)(times + STILL_S), State(-1.0, TOOL)
     for t, pose in zip(times, poses, strict=True):
-        state = teleop.step(state, Sample(float(t), pose, "measured", True), quick)
+        state = mapping.step(state, Sample(float(t), pose, "measured", True), quick)
     expected = mapped(poses, TOOL, quick)[-1]
     np.testing.assert_allclose(state.target.translation, expected.translation, atol=0.01)
     assert (state.target.rotation * expected.rotation.inv()).magnitude() < 1e-4
@@ -197,14 +196,14 @@ def test_the_reach_is_whole_near_home_and_ends_with_the_arm():
 
 @pytest.mark.parametrize("way", [(150.0, 0.0, 50.0), (-150.0, 100.0, -60.0), (-330.0, 0.0, 0.0), (-420.0, 0.0, 0.0)])
 def test_a_point_that_newton_reaches_the_arm_reaches_tick_by_tick(way):
-    inverse, command, ref = Inverse(ROBOT), Command(ROBOT.home, np.zeros(6)), reference.at_rest(TOOL)
+    inverse, command, ref = Inverse(ROBOT), Command(ROBOT.home, np.zeros(6)), control.at_rest(TOOL)
     goal = RigidTransform.from_translation(way) * TOOL
     for _ in range(2000):
-        after = reference.step(ref, goal, inverse.tick_s)
+        after = control.step(ref, goal, inverse.tick_s)
         command = inverse.step(command, ref.pose, after.pose)
-        ref = reference.leashed(after, inverse.tool(command.q))
+        ref = control.leashed(after, inverse.tool(command.q))
     mm = np.linalg.norm(inverse.tool(command.q).translation - goal.translation)
-    assert (mm < 1) == teleop_trial._is_reached(ROBOT, TOOL, np.array(way))
+    assert (mm < 1) == master_slave._is_reached(ROBOT, TOOL, np.array(way))
 
 
 def test_what_the_papers_errors_are_at_the_tool():

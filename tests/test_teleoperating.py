@@ -10,13 +10,13 @@ import pytest
 
 pytest.importorskip("mink", reason="the extra 'slave' is missing")
 
+from trinolab.bench.recordings import standard_recording
 from trinolab.cli import main
 from trinolab.datasets import data_path
-from trinolab.inverse import TICK_S
-from trinolab.posetable import read_poses
-from trinolab.robot import load_robot
-from trinolab.standard import standard_recording
-from trinolab.teleoperating import recorded, simulated, teleoperate
+from trinolab.files.poses import read_poses
+from trinolab.slave.arm import load_robot
+from trinolab.slave.control import TICK_S
+from trinolab.slave.teleoperate import recorded, simulated, teleoperate
 
 ROBOT = load_robot()
 
@@ -143,8 +143,8 @@ def test_a_simulation_needs_cameras_and_a_handle(tmp_path, capsys):
 
 
 def test_the_shipped_view_sees_where_the_tool_works():
-    from trinolab.rigfile import read_camera
-    from trinolab.robot import forward
+    from trinolab.files.rigs import read_camera
+    from trinolab.slave.arm import forward
 
     camera = read_camera(data_path("robots", "ur5_view.toml"))
     home = forward(ROBOT, ROBOT.home).translation

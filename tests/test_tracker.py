@@ -7,14 +7,16 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from trinolab.arm import Arm
+from trinolab.bench.hand import Arm
+from trinolab.bench.motion import smooth_motion
+from trinolab.bench.optics import Bench
+from trinolab.bench.scene import render_clip, render_rig
 from trinolab.camera import Rig
 from trinolab.datasets import load_handle, load_rig, load_table1
-from trinolab.estimation import fit_pose
-from trinolab.motion import smooth_motion
+from trinolab.measurement import measure
 from trinolab.parameters import Parameters
-from trinolab.scene import Bench, render_clip, render_rig
-from trinolab.tracker import measure, start, step
+from trinolab.pose import fit_pose
+from trinolab.tracker import start, step
 from trinolab.window import Window
 
 RIG, TRIO = load_rig("paper_pair"), load_rig("raised_40deg")

@@ -7,13 +7,16 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from trinolab import arguments, posetracker, recorder, tracking, workflows
+from trinolab import following, pose
+from trinolab.bench.optics import Bench
+from trinolab.bench.scene import render_rig
 from trinolab.datasets import load_handle, load_rig
-from trinolab.pose import shifted
-from trinolab.posetable import read_poses, transforms, truth_table
-from trinolab.scene import Bench, render_rig
-from trinolab.tracking import track_folder
-from trinolab.trackrows import Rows
+from trinolab.files import recorder
+from trinolab.files.kept import Rows
+from trinolab.files.poses import read_poses, transforms, truth_table
+from trinolab.following import posetracker, track
+from trinolab.following.track import track_folder
+from trinolab.rigid import shifted
 
 RIG, PAPER = load_rig("paper_pair"), load_handle("paper")
 FIRST = RigidTransform.from_components([0.0, 5.0, 560.0], Rotation.from_euler("ZYX", [170.0, 15.0, 40.0], degrees=True))
@@ -43,7 +46,7 @@ def stopped_after(monkeypatch, count, error=KeyboardInterrupt):
             raise error
         return real(*arguments)
 
-    monkeypatch.setattr(tracking.posetracker, "step", step)
+    monkeypatch.setattr(following.posetracker, "step", step)
 
 
 def test_it_writes_poses_and_tum_and_a_video(folder, tmp_path):
@@ -107,25 +110,25 @@ def test_footage_that_was_changed_begins_anew(folder, tmp_path, monkeypatch):
 def test_rows_that_are_damaged_are_dropped_with_those_behind(tmp_path):
     rows = Rows(tmp_path / "p.partial", "x")
     for frame in range(5):
-        rows.add(frame, frame / 25, posetracker.LOST)
+        rows.add(frame, frame / 25, pose.LOST)
     whole = (tmp_path / "p.partial").read_text()
     for old, new, left in (("\n3,", "\n4,", 3), ("\n2,0.08", "\n2,\0\0\0\0", 2), ("\n1,0.04,", "\n1,", 1),
                            ("lost\n4", "los\n4", 3), ("\n0,0,", "\n0,0,x", 0), ("\n4,0.16", "\n4,0.16\n", 4)):
         (tmp_path / "p.partial").write_text(whole.replace(old, new, 1))
         again = Rows(tmp_path / "p.partial", "x")
         assert again.table()["frame"].tolist() == list(range(left)), old
-        again.add(left, left / 25, posetracker.LOST)
+        again.add(left, left / 25, pose.LOST)
         assert len(Rows(tmp_path / "p.partial", "x").table()) == left + 1
     assert len(Rows(tmp_path / "p.partial", "another").table()) == 0
 
 
 def test_rows_survive_a_full_disk(tmp_path):
     rows = Rows(tmp_path / "p.partial", "x")
-    rows.add(0, 0.0, posetracker.LOST)
+    rows.add(0, 0.0, pose.LOST)
     kept = (tmp_path / "p.partial").rename(tmp_path / "kept")
     (tmp_path / "p.partial").mkdir()
     with pytest.raises(ValueError, match="cannot be written"):
-        rows.add(1, 0.1, posetracker.LOST)
+        rows.add(1, 0.1, pose.LOST)
     assert len(kept.read_text().splitlines()) == 3
 
 
@@ -136,7 +139,7 @@ def test_a_camera_that_is_late_is_said():
             for t in np.arange(count) / FPS]
     late = [shifted(FIRST, np.array([60 * np.sin(4 * t), 40 * np.sin(5 * t), 0, 0, 0, 0.3 * np.sin(3 * t)]))
             for t in np.arange(count) / FPS + late_s]
-    seen = tracking.Seen([], [])
+    seen = track.Seen([], [])
     for k in range(count):
         uv = [RIG.cameras[c].project(T.apply(PAPER.marker_centres)) for c, T in enumerate((path[k], late[k]))]
         seen.times_s.append(k / FPS)
@@ -144,10 +147,6 @@ def test_a_camera_that_is_late_is_said():
     line, = seen.offsets(RIG)
     assert line.startswith("ccd2: 6.")
     assert line.endswith("later than ccd1; the cameras are not synchronised")
-    together = tracking.Seen(seen.times_s, [np.stack([RIG.cameras[c].project(T.apply(PAPER.marker_centres))
+    together = track.Seen(seen.times_s, [np.stack([RIG.cameras[c].project(T.apply(PAPER.marker_centres))
                                                       for c in (0, 1)]) for T in path])
     assert together.offsets(RIG) == []
-
-
-def test_the_methods_of_the_commands_are_those_of_the_workflows():
-    assert set(arguments.METHODS) == set(workflows.METHODS)

@@ -7,7 +7,8 @@ from scipy.optimize import minimize
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from trinolab.camera import Camera, Rig, T_between
-from trinolab.datasets import load_calibration, load_handle, load_rig, load_table1, nearest_rotation
+from trinolab.datasets import load_calibration, load_handle, load_rig, load_table1
+from trinolab.rigid import nearest_rotation
 from trinolab.triangulation import depth_forms, mean_point, triangulate, triangulate_pair, triangulation_covariance
 
 IDENTITY = RigidTransform.identity()

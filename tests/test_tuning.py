@@ -7,30 +7,25 @@ import pytest
 from scipy.linalg import expm
 from scipy.stats import multivariate_normal
 
-from trinolab import image_track, posefilter, training
+from trinolab import image_track, rigid
 from trinolab.datasets import load_handle, load_real_sets, load_rig, real_set
-from trinolab.fetch import why_not
-from trinolab.kalman import (
-    KalmanParameters,
-    constant_acceleration,
-    initial_state,
-    observation_matrix,
-    white_jerk,
-)
-from trinolab.notebookrun import read_parameters
-from trinolab.pose import motion_between
-from trinolab.posefilter import FADING_S, PoseFilterParameters
-from trinolab.tuning import (
+from trinolab.files.fetch import why_not
+from trinolab.following import posefilter
+from trinolab.following.posefilter import FADING_S, PoseFilterParameters, transition
+from trinolab.kalman import KalmanParameters, constant_acceleration, initial_state, observation_matrix, white_jerk
+from trinolab.rigid import motion_between
+from trinolab.studies import tuning
+from trinolab.studies.tuning import (
     image_model,
     most_likely,
     nis_band,
     pose_models,
     pose_paths,
     surprises,
-    transition,
     tune_image,
     tune_pose,
 )
+from trinolab.sweep.notebook import read_parameters
 
 CHAPTER = Path(__file__).resolve().parents[1] / "notebooks" / "04_kalman.ipynb"
 RIG, CODED = load_rig("raised_40deg"), load_handle("coded")
@@ -164,7 +159,7 @@ def chapter():
 @pytest.mark.parametrize("seeds", [range(1, 9), pytest.param(range(21, 29), marks=pytest.mark.heavy)],
                          ids=["the chapter's", "others"])
 def test_the_chapter_s_parameters_are_the_most_likely_ones(seeds):
-    p, tracks = chapter(), training.drawn_tracks(RIG, CODED, seeds, np.random.default_rng(0))
+    p, tracks = chapter(), tuning.drawn_tracks(RIG, CODED, seeds, np.random.default_rng(0))
     found = tune_image([tracks])
     assert found.jerk_intensity == pytest.approx(p.jerk_intensity, rel=0.15)  # three sets of 8 seeds: 9.2 to 9.9e8
     assert found.sigma_px == pytest.approx(p.sigma_px, rel=0.1)
@@ -175,9 +170,9 @@ def test_the_chapter_s_parameters_are_the_most_likely_ones(seeds):
 
 def test_found_centres_are_those_of_the_visible_markers():
     """At the limb the choice is the draw's; the columns that face the camera are always there."""
-    _, poses = training.drawn_poses(3, 0.5)
+    _, poses = tuning.drawn_poses(3, 0.5)
     camera = RIG.cameras[0]
-    centres = training.found_centres(camera, CODED, poses, np.random.default_rng(0))
+    centres = tuning.found_centres(camera, CODED, poses, np.random.default_rng(0))
     away = centres - camera.project(poses.translation)
     assert np.abs(away).max() < 40  # px; half of the pattern is 12 mm, 60 px, and the centre lies near its middle
     jumps = np.abs(np.diff(away, axis=0)).max(axis=1)
@@ -185,17 +180,17 @@ def test_found_centres_are_those_of_the_visible_markers():
 
 
 def test_nees_of_the_model_is_four_and_from_a_start_that_is_taken_for_known_is_not():
-    right = training.model_nees(DRAWN, initial_state([0, 0], DRAWN).covariance, np.random.default_rng(9))
+    right = tuning.model_nees(DRAWN, initial_state([0, 0], DRAWN).covariance, np.random.default_rng(9))
     assert right.mean() == pytest.approx(4.0, abs=0.4)  # 25 draws, the frames of one alike: a scatter of 0.13
-    zero = training.model_nees(DRAWN, np.zeros((6, 6)), np.random.default_rng(9))
+    zero = tuning.model_nees(DRAWN, np.zeros((6, 6)), np.random.default_rng(9))
     assert zero[0] > 1000
     assert zero[-1] == pytest.approx(right[-1], abs=0.5)  # Q has made it forget
 
 
 def test_on_persons_motion_the_filter_is_right_in_the_mean_and_not_in_single_seconds():
     p, rng = chapter(), np.random.default_rng(10)
-    assert training.person_nees(RIG.cameras[0], p, range(31, 35), rng) == pytest.approx(4.2, abs=0.6)  # 4.0 to 4.5
-    means = training.seconds_nis(RIG, CODED, p, range(31, 35), rng)
+    assert tuning.person_nees(RIG.cameras[0], p, range(31, 35), rng) == pytest.approx(4.2, abs=0.6)  # 4.0 to 4.5
+    means = tuning.seconds_nis(RIG, CODED, p, range(31, 35), rng)
     assert means.shape == (40,)
     assert means.mean() == pytest.approx(2.0, abs=0.6)
     low, high = nis_band(87)
@@ -216,8 +211,8 @@ def test_the_pose_s_model_is_that_of_the_pose_filter():
 def test_axes_one_by_one_say_what_the_pose_filter_says():
     """The filter of 18 numbers on poses, beside one of 3 numbers an axis on places and summed angles."""
     p, rng = PoseFilterParameters(), np.random.default_rng(6)
-    times, poses = training.drawn_poses(1, 4.0)
-    noisy = [posefilter.shifted(T, np.concatenate([p.floor_mm * rng.standard_normal(3),
+    times, poses = tuning.drawn_poses(1, 4.0)
+    noisy = [rigid.shifted(T, np.concatenate([p.floor_mm * rng.standard_normal(3),
                                                    p.floor_rad * rng.standard_normal(3)])) for T in poses]
     motion, squared = posefilter.begin(times[0], noisy[0], np.zeros((6, 6)), p), []
     for t, T in zip(times[1:], noisy[1:], strict=True):
@@ -233,7 +228,7 @@ def test_axes_one_by_one_say_what_the_pose_filter_says():
 
 
 def test_a_pose_s_model_is_fitted_to_persons_motion():
-    data = [training.drawn_poses(seed, 5.0) for seed in range(1, 4)]
+    data = [tuning.drawn_poses(seed, 5.0) for seed in range(1, 4)]
     position, rotation = tune_pose(data, np.random.default_rng(0))
     for kind, model, was in zip((0, 1), (position, rotation), pose_models(PoseFilterParameters()), strict=True):
         paths = [(times, pose_paths(poses, PoseFilterParameters(), np.random.default_rng(0))[kind])
@@ -247,7 +242,7 @@ def test_a_pose_s_model_is_fitted_to_persons_motion():
 @pytest.mark.skipif(real_set("trajectories") is None,
                     reason=f"no trajectories: {why_not(load_real_sets()['trajectories'])}")
 def test_a_handheld_recording_is_of_the_same_kind():
-    times, poses = training.handheld_poses()
+    times, poses = tuning.handheld_poses()
     assert np.median(np.diff(times)) == pytest.approx(0.03, abs=0.001)
     px_a_mm = RIG.cameras[0].matrix[0, 0] / 570
     p, rng = chapter(), np.random.default_rng(8)
@@ -262,8 +257,8 @@ def test_a_handheld_recording_is_of_the_same_kind():
     lambda: most_likely([(UNEVEN, UNEVEN[:, None])], MODEL, ["fading_s"]),
     lambda: most_likely([(UNEVEN, UNEVEN[:, None])], MODEL._replace(sigma=0.0), ["sigma"]),
     lambda: nis_band(0), lambda: nis_band(3, 0), lambda: nis_band(3, share=1.0),
-    lambda: training.drawn_poses(1, 0.0),
-    lambda: pose_paths(training.drawn_poses(1, 0.2)[1], PoseFilterParameters(), 3)])
+    lambda: tuning.drawn_poses(1, 0.0),
+    lambda: pose_paths(tuning.drawn_poses(1, 0.2)[1], PoseFilterParameters(), 3)])
 def test_bad_input_is_a_value_error(call):
     with pytest.raises(ValueError, match="expected"):
         call()

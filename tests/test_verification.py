@@ -8,13 +8,14 @@ from benchmarks import bench_measure
 from scipy.spatial.transform import RigidTransform, Rotation
 from verification import accuracy, draws, identity, nees
 
-from trinolab import tracker
-from trinolab.bound import Bound
+from trinolab import measurement, tracker
+from trinolab.bench.optics import Bench
+from trinolab.bench.scene import render_rig
 from trinolab.datasets import load_handle, load_rig, load_table1
+from trinolab.measurement import Measurement
 from trinolab.parameters import Parameters
 from trinolab.pose import LOST, Pose
-from trinolab.scene import Bench, render_rig
-from trinolab.tracker import Measurement
+from trinolab.studies.bound import Bound
 
 PAPER, CODED = load_handle("paper"), load_handle("coded")
 TRUTHS = load_table1().set_poses
@@ -90,7 +91,7 @@ def test_every_estimator_measures_the_same_draws():
 
 def test_benchmark_clocks_stages_that_exist():
     with bench_measure.clocked(tracker, bench_measure.STAGES) as spent:
-        measured = tracker.measure([np.zeros((1024, 1280), np.uint8)] * 2, load_rig("paper_pair"), PAPER)
+        measured = measurement.measure([np.zeros((1024, 1280), np.uint8)] * 2, load_rig("paper_pair"), PAPER)
     assert measured.pose is LOST
     assert spent["markers"] > 0
     assert spent["pose"] == 0

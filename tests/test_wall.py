@@ -8,9 +8,17 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from trinolab.plotting_wall import plot_contacts, plot_limits, plot_nyquist
-from trinolab.wall import Loop, delayed_response, nyquist_limit, passive_limit, sampled_response
-from trinolab.wallcontact import grows, simulate, simulated_limit
+from trinolab.plotting import plot_contacts, plot_limits, plot_nyquist
+from trinolab.slave.wall import (
+    Loop,
+    delayed_response,
+    grows,
+    nyquist_limit,
+    passive_limit,
+    sampled_response,
+    simulate,
+    simulated_limit,
+)
 
 # mass kg, damping N s/m, rate Hz, delay s, wall damping N s/m; whether the hold may be taken as a delay
 CASES = {

@@ -8,13 +8,15 @@ import pytest
 from scipy.spatial.transform import RigidTransform
 
 from trinolab import workflows
+from trinolab.bench.optics import Bench
+from trinolab.bench.scene import render_rig
+from trinolab.cli.measure import measure_folder
 from trinolab.datasets import data_path, load_handle, load_rig, load_table1
+from trinolab.files.poses import POSE_COLUMNS, read_poses, transforms, truth_table, write_poses
+from trinolab.measurement import Measurement
 from trinolab.metrics import geodesic_deg, nearest_equivalent, position_errors
 from trinolab.pose import LOST
-from trinolab.posetable import POSE_COLUMNS, read_poses, transforms, truth_table, write_poses
-from trinolab.scene import Bench, render_rig
-from trinolab.tracker import Measurement
-from trinolab.workflows import measure_folder, replicate, replicate_table1, replication_errors
+from trinolab.studies.replication import replicate, replicate_table1, replication_errors
 
 RIG, HANDLE = data_path("rigs", "paper_pair.toml"), data_path("handles", "paper.toml")
 CODED = data_path("handles", "coded.toml")

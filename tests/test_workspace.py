@@ -8,10 +8,10 @@ import pytest
 from scipy.optimize import minimize
 
 from trinolab.camera import Camera, Rig
-from trinolab.cones import Cone, cone_surface, cones_of_rig, half_angle, inside, paper_cones
-from trinolab.convex import share_direction
 from trinolab.datasets import load_rig, load_table1
 from trinolab.workspace import intersect, is_unbounded, mesh_volume, surface_mesh, view_volume
+from trinolab.workspace.cones import Cone, cone_surface, cones_of_rig, half_angle, inside, paper_cones
+from trinolab.workspace.convex import share_direction
 
 RIGHT = np.pi / 4  # beta of cameras at right angles
 DEG20 = np.deg2rad(20.0)

@@ -6,9 +6,6 @@ expected and what came.
 
 from __future__ import annotations
 
-import tomllib
-from collections.abc import Mapping
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -137,23 +134,3 @@ def as_rng(value: Any) -> np.random.Generator:
     if not isinstance(value, np.random.Generator):
         raise ValueError(f"rng: expected a numpy.random.Generator, got {type(value).__name__}")
     return value
-
-
-def get(table: Mapping[str, Any], key: str, where: str) -> Any:
-    """Return ``table[key]`` of a file's table; a missing key is a ValueError that names file and key."""
-    if not isinstance(table, Mapping) or key not in table:
-        raise ValueError(f"{where}: '{key}' is missing")
-    return table[key]
-
-
-def read_toml(path: str | Path) -> dict[str, Any]:
-    """Read a TOML file; what cannot be opened or parsed is a ValueError that names the file."""
-    try:
-        with Path(path).open("rb") as file:
-            return tomllib.load(file)
-    except OSError as error:
-        raise ValueError(f"{path}: cannot be read ({error.strerror})") from None
-    except RecursionError:
-        raise ValueError(f"{path}: no valid TOML (lists within lists, too many)") from None
-    except ValueError as error:  # tomllib's own, text that is not UTF-8, a whole number of thousands of digits
-        raise ValueError(f"{path}: no valid TOML ({error})") from None

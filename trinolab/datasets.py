@@ -1,24 +1,25 @@
-"""The paper's numbers and the shipped files: Table 1, calibration, rigs, handles, the ledger of claims (Sect. 6)."""
+"""The paper's numbers and the shipped files: Table 1, calibration, rigs, handles, tables of sweeps (Sect. 6)."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
-from numpy.typing import ArrayLike
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from .camera import Camera, Rig
-from .checks import Array, as_array, as_number, get, read_toml
-from .fetch import RealSet, find, read_real_sets
-from .handle import Handle, read_handle
+from .checks import Array, as_array, as_number
+from .files.fetch import RealSet, find, read_real_sets
+from .files.inputs import get, read_toml
+from .files.rigs import read_handle, read_rig
+from .handle import Handle
 from .metrics import pose_from_euler_deg
-from .rigfile import read_rig
+from .rigid import nearest_rotation
 
 IMAGE_SIZE = (1280, 1024)  # assumed from the principal points; the paper prints no image size
+
 STANDOFF_MM = 549.0  # of CCD3, as far from the work as CCD1
 
 
@@ -37,49 +38,6 @@ class Calibration(NamedTuple):
     A_r: Array
     R_rl: Array
     T_rl: Array
-
-
-@dataclass(frozen=True)
-class Claim:
-    """One row of the ledger of claims; the fields are explained at the top of ``data/claims.toml``."""
-
-    no: str
-    claim: str
-    section: str
-    paper: float | str
-    unit: str
-    criterion: str
-    verdict: str
-    reason: str
-    check: str | None = None
-    match_within: float | None = None
-    same_order_factor: float | None = None
-    at_most: float | None = None
-    at_least: float | None = None
-
-    def computed_verdict(self, value: float) -> str:
-        """What a computed value makes of the claim, by the criterion's numbers.
-
-        Returns
-        -------
-        str
-            "match", "same order" or "differs" where the paper says something; "met" or "missed" where it does not.
-        """
-        number = as_number(value, "value")
-        if self.match_within is not None:
-            return self._against_number(number)
-        low = -np.inf if self.at_least is None else self.at_least
-        high = np.inf if self.at_most is None else self.at_most
-        yes, no = ("met", "missed") if self.paper == "" else ("match", "differs")
-        return yes if low <= number <= high else no
-
-    def _against_number(self, number: float) -> str:
-        paper = as_number(self.paper, f"claim {self.no}: paper")
-        if abs(number - paper) <= (self.match_within or 0.0):
-            return "match"
-        factor = self.same_order_factor
-        same_order = factor is not None and number > 0 and paper / factor <= number <= paper * factor
-        return "same order" if same_order else "differs"
 
 
 def data_path(*parts: str) -> Path:
@@ -129,19 +87,6 @@ def load_calibration() -> Calibration:
     return Calibration(*(as_array(get(table, key, str(path)), key, shape) for key, shape in shapes.items()))
 
 
-def load_claims() -> tuple[Claim, ...]:
-    """Load the ledger of the paper's claims, in its order.
-
-    Raises
-    ------
-    ValueError
-        Names the row and the field that is missing or unknown.
-    """
-    path = data_path("claims.toml")
-    return tuple(_claim_from(row, f"{path}: claim {row.get('no', k)}")
-                 for k, row in enumerate(get(read_toml(path), "claim", str(path)), start=1))
-
-
 def load_real_sets() -> dict[str, RealSet]:
     """What is known about the real recordings made by others, by name: origin, licence, files, published results."""
     return read_real_sets(data_path("real.toml"))
@@ -171,22 +116,6 @@ def real_set(name: str, fetch: bool = False) -> Path | None:
     if name not in sets:
         raise ValueError(f"name: expected one of {', '.join(sets)}, got {name!r}")
     return find(sets[name], fetch)
-
-
-def nearest_rotation(matrix: ArrayLike) -> Rotation:
-    """Return the rotation that is nearest to a 3 x 3 matrix in the Frobenius norm (by SVD).
-
-    Raises
-    ------
-    ValueError
-        For another shape, numbers that are not finite, or a matrix whose determinant is not positive: a reflection or
-        a singular matrix has no rotation that could be meant.
-    """
-    array = as_array(matrix, "matrix", (3, 3))
-    if np.linalg.det(array) <= 1e-12:
-        raise ValueError(f"matrix: expected a positive determinant, got {np.linalg.det(array):.3g}")
-    U, _, Vt = np.linalg.svd(array)
-    return Rotation.from_matrix(U @ Vt)
 
 
 def paper_rig(elevation_deg: float | None = None) -> Rig:
@@ -229,11 +158,6 @@ def _named(folder: str, name: str) -> Path:
     return data_path(folder, f"{name}.toml")
 
 
-def _claim_from(row: dict[str, Any], where: str) -> Claim:
-    fields = Claim.__dataclass_fields__
-    unknown = sorted(set(row) - set(fields))
-    if unknown:
-        raise ValueError(f"{where}: '{unknown[0]}' is not a field of a claim ({', '.join(fields)})")
-    for name in ("no", "claim", "section", "paper", "unit", "criterion", "verdict", "reason"):
-        get(row, name, where)
-    return Claim(**row)
+def load_sweep(name: str) -> pd.DataFrame:
+    """A shipped table of ``data/sweeps``. ValueError for an unknown name."""
+    return pd.read_csv(data_path("sweeps", f"{name}.csv"))

@@ -10,16 +10,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from pathlib import Path
 from typing import Any
 
 import numpy as np
-import tomli_w
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from .camera import Camera
-from .checks import Array, as_array, as_number, as_transform, frozen, get, read_toml
-from .outputs import write_whole
+from .checks import Array, as_array, as_number, as_transform, frozen
 
 _LARGEST = 1e6  # mm or deg
 
@@ -95,7 +92,7 @@ class Handle:
     def marker_centres(self) -> Array:
         """Centres on the cylinder's surface, handle frame, shape (n, 3), mm."""
         axial = np.concatenate([np.array(row) for row in self.rows_mm])
-        return frozen(self.radius_mm * self.marker_normals + axial[:, None] * [0.0, 1.0, 0.0])
+        return frozen(on_cylinder(self.radius_mm, self.marker_angles, axial))
 
     @cached_property
     def symmetries(self) -> tuple[RigidTransform, ...]:
@@ -166,29 +163,10 @@ def slant_angles(centres: Array, normals: Array, viewpoint: Array) -> Array:
         return np.arccos(np.clip(cosine, -1.0, 1.0))
 
 
-def read_handle(path: str | Path) -> Handle:
-    """Read a handle file (TOML).
-
-    Raises
-    ------
-    ValueError
-        Names the file and the field: unreadable, missing, unknown, refused by `Handle`, or markers on one line.
-    """
-    table = read_toml(path)
-    names = tuple(Handle.__dataclass_fields__)
-    if unknown := sorted(set(table) - set(names)):
-        raise ValueError(f"{path}: {unknown[0]!r} is not a field of a handle ({', '.join(names)})")
-    fields = {name: get(table, name, str(path)) for name in names if name != "markers"}
-    try:
-        return _spread_out(Handle(**fields, markers=table.get("markers", "bright")))
-    except ValueError as error:
-        raise ValueError(f"{path}: {error}") from None
-
-
-def write_handle(handle: Handle, path: str | Path) -> None:
-    """Write a handle file that `read_handle` reads back, whole or not at all; ValueError if it cannot be written."""
-    table: dict[str, Any] = {name: getattr(handle, name) for name in Handle.__dataclass_fields__}
-    write_whole(path, tomli_w.dumps(table))
+def on_cylinder(radius: float, theta: Array | float, axial: Array | float) -> Array:
+    """Points at a distance from the axis, angles about it and axial coordinates, handle frame, shape (n, 3), mm."""
+    theta, axial = np.broadcast_arrays(theta, axial)
+    return np.column_stack([radius * np.sin(theta), axial, radius * np.cos(theta)])
 
 
 def _as_numbers(value: Any, name: str) -> tuple[float, ...]:
@@ -213,14 +191,6 @@ def _check_layout(handle: Handle) -> None:
     if distance.min() < handle.marker_diameter_mm:
         i, j = np.unravel_index(distance.argmin(), distance.shape)
         raise ValueError(f"columns_deg, rows_mm: markers {i} and {j} overlap, {distance.min():.3g} mm apart")
-
-
-def _spread_out(handle: Handle) -> Handle:
-    """The handle; refuse markers on one line, about which it may turn and looks the same."""
-    spread = np.linalg.svd(handle.marker_centres - handle.marker_centres.mean(axis=0), compute_uv=False)
-    if len(spread) < 2 or spread[1] < 1e-3 * handle.marker_diameter_mm:
-        raise ValueError("columns_deg, rows_mm: expected markers that fix a pose, got all of them on one line")
-    return handle
 
 
 def _candidate_symmetries(handle: Handle) -> list[RigidTransform]:

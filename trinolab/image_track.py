@@ -10,18 +10,19 @@ from numpy.typing import ArrayLike
 from scipy.special import chdtri
 
 from .checks import Array, as_array, as_number, as_points, as_rng, frozen
-from .covariance import covariance_root, solve_covariance
 from .kalman import (
     MIN_DT_S,
     KalmanParameters,
     State,
     constant_acceleration,
+    covariance_root,
     gate,
     initial_state,
     innovation,
     nis,
     observation_matrix,
     predict,
+    solve_covariance,
     update,
     white_jerk,
 )

@@ -6,14 +6,11 @@ from dataclasses import dataclass, field
 
 from .background import BackgroundParameters
 from .checks import as_number
-from .identity import IdentityParameters
+from .identity.scoring import IdentityParameters
 from .kalman import KalmanParameters
 from .markers import MarkerParameters
 from .matching import MatchParameters
-from .posefilter import PoseFilterParameters
-
-ESTIMATORS = ("paper", "weighted", "reprojection", "patches", "outline")
-BEST = "patches"  # the most accurate that keeps up with 30 frames a second
+from .methods import ESTIMATORS
 
 
 @dataclass(frozen=True)
@@ -28,17 +25,13 @@ class Parameters:
     markers : MarkerParameters
     matching : MatchParameters
     identity : IdentityParameters
-    estimator : {"paper", "weighted", "reprojection", "patches", "outline"}
-        How the pose follows from the markers, see `estimation.estimate`.
+    estimator : {"paper", "paper_checked", "weighted", "reprojection", "patches", "outline"}
+        How the pose follows from the markers, see `estimators.estimate`.
     max_slant_deg : float
         Markers turned further away are identified but not measured, as long as four are left: beyond 70 deg the
         centroid of a wrapped marker lies more than 1 px beside the image of its centre.
     sigma_px : float
         Standard deviation of a centroid for the pose's covariance.
-    motion : PoseFilterParameters
-        Used by `posetracker` alone.
-    exposure_s : float
-        How long the shutter is open, s; a moving marker is smeared as long. Used by `posetracker` alone.
     memory_s : float
         For how long the last measured pose chooses among poses that look alike, and is predicted from, s.
     """
@@ -51,8 +44,6 @@ class Parameters:
     estimator: str = "paper"
     max_slant_deg: float = 70.0
     sigma_px: float = 0.1
-    motion: PoseFilterParameters = field(default_factory=PoseFilterParameters)
-    exposure_s: float = 0.01
     memory_s: float = 0.3
 
     def __post_init__(self) -> None:

@@ -1,4 +1,4 @@
-"""From points to the handle's pose: the rigid fit that Eq. 23-24 stand for, and its covariance (Sect. 5.3)."""
+"""From labelled markers to the handle's pose: the rigid fit of Eq. 23-24, its covariance, and the paper's estimate."""
 
 from __future__ import annotations
 
@@ -8,8 +8,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import RigidTransform, Rotation
 
+from .camera import Rig
 from .checks import Array, as_array, as_number, as_points, as_transform
-from .rigid import placed, rotation_of
+from .handle import Handle, slants
+from .rigid import cross_matrices
+from .triangulation import triangulate, triangulate_with_covariance
 
 LARGEST = 1e100  # of a coordinate: its square is still a number
 
@@ -169,31 +172,6 @@ def weighted_fit(points_source: ArrayLike, points_target: ArrayLike, covariances
     return T, np.linalg.inv(information)
 
 
-def motion_between(a: RigidTransform, b: RigidTransform) -> Array:
-    """From pose b to pose a, shape (6,): position (mm) and rotation vector (rad), as in a pose's covariance."""
-    turn = (rotation_of(a) * rotation_of(b).inv()).as_rotvec()
-    return np.concatenate([a.translation - b.translation, turn])
-
-
-def apart(a: RigidTransform, b: RigidTransform, most_mm: float, most_rad: float) -> bool:
-    """Whether two poses differ by more than a distance or an angle."""
-    away = motion_between(a, b)
-    return bool(np.linalg.norm(away[:3]) > most_mm or np.linalg.norm(away[3:]) > most_rad)
-
-
-def shifted(T: RigidTransform, motion: Array) -> RigidTransform:
-    """A pose after a motion (6,), see `motion_between`, which it undoes."""
-    turn = Rotation.from_rotvec(np.array(motion[3:]))  # SciPy wants a writable array
-    return placed(T.translation + motion[:3], turn * rotation_of(T))
-
-
-def cross_matrices(vectors: Array) -> Array:
-    """Matrices [v]x with [v]x w = v x w, shape (..., 3, 3)."""
-    x, y, z = np.moveaxis(vectors, -1, 0)
-    zero = np.zeros_like(x)
-    return np.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=-1).reshape(*vectors.shape, 3)
-
-
 def _on_one_line(points: Array, ratio: float = 1e-6) -> bool:
     """Whether points have no extent across their longest direction (also: fewer than three points)."""
     if len(points) < 3:
@@ -218,3 +196,54 @@ def _as_covariances(value: ArrayLike, n: int) -> Array:
     if not symmetric or np.linalg.eigvalsh(unit).min(initial=0.0) < -1e-9:
         raise ValueError("covariances: expected symmetric matrices without a negative eigenvalue, got another one")
     return C
+
+
+def fit_pose(uv: Array, rig: Rig, handle: Handle, max_slant_deg: float = 70.0, sigma_px: float = 0.1,
+             known: RigidTransform | None = None) -> Pose:
+    """The paper's estimate from labelled markers: pairs, mean, rigid fit (Eq. 20-24).
+
+    Parameters
+    ----------
+    uv : ndarray, shape (cameras, markers, 2)
+        Each marker's centroid in each image, px; NaN where it was not found. `identity.labelled_pixels` makes it.
+    rig, handle
+    max_slant_deg : float
+        Markers turned further away are left out if four others remain.
+    sigma_px : float
+        Standard deviation of a centroid, for the covariance.
+    known : RigidTransform, optional
+        T_world_handle that says how far they are turned; by default a fit to all of them.
+
+    Returns
+    -------
+    Pose
+        With status ``measured``; `LOST` if fewer than three markers that are not on a line were triangulated.
+    """
+    T = rigid_fit(handle.marker_centres, triangulate(rig, uv)) if known is None else known
+    if T is None:
+        return LOST
+    for some in (_facing(uv, rig, handle, T, max_slant_deg), uv):
+        points, covariances = triangulate_with_covariance(rig, some, sigma_px)
+        used = np.asarray(np.isfinite(points).all(axis=1))
+        if used.sum() >= 4:
+            break
+    T = rigid_fit(handle.marker_centres, points)
+    if T is None:
+        return LOST
+    covariance = rigid_fit_covariance(handle.marker_centres[used], T, covariances[used])
+    return measured_pose(T, covariance, some, used, rig, handle)
+
+
+def _facing(uv: Array, rig: Rig, handle: Handle, T_world_handle: RigidTransform, max_slant_deg: float) -> Array:
+    """The pixels without those of markers that are turned away."""
+    turned = np.stack([slants(handle, T_world_handle, camera.centre) for camera in rig.cameras])
+    return np.where((turned > np.deg2rad(max_slant_deg))[..., None], np.nan, uv)
+
+
+def measured_pose(T: RigidTransform, covariance: Array, uv: Array, used: np.ndarray, rig: Rig, handle: Handle) -> Pose:
+    """A measured pose, with the reprojection error of the markers that were used (markers,), those triangulated."""
+    centres = T.apply(handle.marker_centres)
+    error = np.stack([camera.project(centres) for camera in rig.cameras]) - uv
+    seen = np.asarray(np.isfinite(error).all(axis=2)) & used
+    residual = float(np.sqrt((error[seen] ** 2).sum(axis=1).mean()))
+    return Pose("measured", T, covariance, residual, int(used.sum()), int(seen.any(axis=1).sum()))

@@ -1,9 +1,11 @@
-"""From the frames of one instant to the pose, and from instant to instant: the chain of Sect. 4-5, composed."""
+"""The paper's tracker: background, moving window, prediction, and the measurement in the window (Sect. 4-5).
+
+One call of `step` is one instant. The tracker that the commands use is `following.posetracker`, which follows the pose.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -11,89 +13,13 @@ from numpy.typing import ArrayLike
 from scipy.spatial.transform import RigidTransform
 
 from . import background, kalman
-from .bodyend import keep_by_body
 from .camera import Rig
-from .checks import as_image, as_number, frozen
-from .estimation import Identified, candidate_pairs, estimate
+from .checks import as_number, frozen
 from .handle import Handle
-from .identity import Hypothesis, choose, identify, relabel
 from .image_track import search_window
-from .markers import Markers, find_markers
+from .measurement import Measurement, as_images, measure
 from .parameters import Parameters
-from .pose import LOST, Pose
 from .window import Window
-
-
-@dataclass(frozen=True, eq=False)
-class Measurement:
-    """A pose and what it was made of, for pictures and tests.
-
-    Attributes
-    ----------
-    pose : Pose
-    found : tuple of Markers
-        One a camera.
-    labels : tuple of ndarray of int
-        For each found marker its index on the handle, or -1.
-    """
-
-    pose: Pose
-    found: tuple[Markers, ...]
-    labels: tuple[np.ndarray, ...]
-
-
-def measure(frames: Sequence[ArrayLike], rig: Rig, handle: Handle, prior: RigidTransform | None = None,
-            parameters: Parameters | None = None, windows: Sequence[Window | None] | None = None) -> Measurement:
-    """Measure the handle's pose from the frames of one instant by the paper's method (Eq. 16-24).
-
-    Parameters
-    ----------
-    frames : sequence of array_like, shape (height, width)
-        One grey image a camera, in the rig's order; grey levels 0 to 255 of any number type. Colour and 16-bit images
-        are for `recording.read_instant` to convert: an array does not say which channel is red, or what is white.
-    rig : Rig
-    handle : Handle
-    prior : RigidTransform, optional
-        T_world_handle expected at this instant; chooses among poses that look alike.
-    parameters : Parameters, optional
-    windows : sequence of Window or None, optional
-        W_ROI of each camera, inside its image: markers are looked for there alone, and nowhere where it is None.
-        Without `windows` in whole images.
-
-    Returns
-    -------
-    Measurement
-        With a pose ``measured``, ``ambiguous`` or ``lost``.
-
-    Raises
-    ------
-    ValueError
-        If the frames do not fit the rig in number or size, or are no grey images with levels from 0 to 255.
-    """
-    p = parameters or Parameters()
-    images = as_images(frames, rig)
-    regions = [Window(0, 0, *camera.size) for camera in rig.cameras] if windows is None else windows
-    found = tuple(markers_in(image, region, handle, p) for image, region in zip(images, regions, strict=True))
-    pixels = tuple(markers.uv for markers in found)
-    matches = candidate_pairs(images, rig, pixels, p) if p.estimator == "paper" else None
-    hypotheses = identify(rig, handle, pixels, p.identity, [markers.axes_px for markers in found], matches)
-    if not hypotheses:
-        return Measurement(LOST, found, tuple(np.full(len(uv), -1) for uv in pixels))
-    return _conclude(hypotheses, images, rig, handle, found, prior, p)
-
-
-def _conclude(hypotheses: list[Hypothesis], images: list[np.ndarray], rig: Rig, handle: Handle,
-              found: tuple[Markers, ...], prior: RigidTransform | None, p: Parameters) -> Measurement:
-    """Choose among the hypotheses and their equivalents, relabel, and estimate."""
-    options = [(h, S, h.T_world_handle * S) for h in hypotheses for S in handle.symmetries]
-    kept = keep_by_body(images, rig, handle, [T for *_, T in options])
-    options = [option for option, keep in zip(options, kept, strict=True) if keep]
-    index, sure = choose([T for *_, T in options], prior)
-    h, S, T = options[index]
-    pixels = tuple(markers.uv for markers in found)
-    labels = tuple(relabel(label, handle, S) for label in h.labels)
-    pose = estimate(Identified(images, pixels, labels, T), rig, handle, p)
-    return Measurement(pose if sure or pose is LOST else replace(pose, status="ambiguous"), found, labels)
 
 
 class CameraState(NamedTuple):
@@ -216,18 +142,3 @@ def corrected(motion: kalman.State | None, centre: ArrayLike, p: kalman.KalmanPa
     if motion is None or not kalman.gate(kalman.innovation(motion, centre, H, R), p.gate_probability):
         return kalman.initial_state(centre, p)
     return kalman.update(motion, centre, H, R)
-
-
-def markers_in(image: np.ndarray, region: Window | None, handle: Handle, p: Parameters) -> Markers:
-    """The markers inside a window, in pixels of the whole image."""
-    if region is None:
-        return find_markers(np.zeros((1, 1)), len(handle.marker_centres), handle.markers, p.markers)
-    found = find_markers(region.crop(image), len(handle.marker_centres), handle.markers, p.markers)
-    return replace(found, uv=frozen(found.uv + [region.u, region.v]))
-
-
-def as_images(frames: Sequence[ArrayLike], rig: Rig) -> list[np.ndarray]:
-    if len(frames) != len(rig.cameras):
-        raise ValueError(f"frames: expected one for each of {len(rig.cameras)} cameras, got {len(frames)}")
-    return [as_image(frame, f"frames: {camera.name}", camera.size, highest=255)
-            for frame, camera in zip(frames, rig.cameras, strict=True)]

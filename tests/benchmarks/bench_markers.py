@@ -13,9 +13,12 @@ from dataclasses import replace
 import cv2
 import numpy as np
 
+from trinolab.bench.hand import true_visibility
+from trinolab.bench.motion import random_pose
+from trinolab.bench.optics import Bench
+from trinolab.bench.scene import render_rig
 from trinolab.datasets import load_handle, load_rig
 from trinolab.markers import find_markers
-from trinolab.scene import Bench, random_pose, render_rig, true_visibility
 
 LIMIT_MS, HOSTILE_MS = 4.0, 10.0  # three frames have 15 ms for all that is to be done
 SCENES = {"standard scene": Bench(), "background 110": Bench(background_grey=110),

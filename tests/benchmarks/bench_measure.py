@@ -20,14 +20,16 @@ import cv2
 import numpy as np
 from scipy.spatial.transform import RigidTransform
 
-from trinolab import tracker
+from trinolab import measurement, tracker
+from trinolab.bench.optics import Bench
+from trinolab.bench.scene import render_rig
 from trinolab.datasets import load_handle, load_rig, load_table1
 from trinolab.identity import labelled_pixels
+from trinolab.methods import BEST, ESTIMATORS
 from trinolab.metrics import pose_errors
-from trinolab.parameters import BEST, ESTIMATORS, Parameters
+from trinolab.parameters import Parameters
 from trinolab.pose import rigid_fit
-from trinolab.scene import Bench, render_rig
-from trinolab.trials import true_labels
+from trinolab.studies.claim_trials import true_labels
 
 LIMIT_MS = 15.0
 STAGES = {"find_markers": "markers", "candidate_pairs": "pairs", "identify": "identity", "estimate": "pose"}
@@ -62,7 +64,7 @@ def ours(frames: list[np.ndarray], estimator: str) -> tuple[RigidTransform | Non
     """Pose and times, ms."""
     with clocked(tracker, STAGES) as spent:
         start = time.process_time()
-        pose = tracker.measure(frames, RIG, HANDLE, parameters=Parameters(estimator=estimator)).pose
+        pose = measurement.measure(frames, RIG, HANDLE, parameters=Parameters(estimator=estimator)).pose
         total = 1e3 * (time.process_time() - start)
     return pose.T_world_handle, {"total": total, **spent}
 

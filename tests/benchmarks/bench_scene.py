@@ -11,9 +11,11 @@ import cv2
 import numpy as np
 from scipy.spatial.transform import RigidTransform
 
+from trinolab.bench.motion import random_pose
+from trinolab.bench.optics import Bench, blurred, digitise
+from trinolab.bench.scene import radiance, render
 from trinolab.camera import Camera
 from trinolab.handle import Handle
-from trinolab.scene import Bench, blurred, digitise, radiance, random_pose, render
 
 LIMIT_MS = 400.0
 MATRIX = [[2956.2, 0, 628], [0, 2940.1, 515], [0, 0, 1]]

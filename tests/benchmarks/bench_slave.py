@@ -9,11 +9,10 @@ import time
 import numpy as np
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from trinolab import reference, teleop
-from trinolab.inverse import Command, Inverse
-from trinolab.robot import load_robot
-from trinolab.slave import Slave
-from trinolab.teleop import Sample, State
+from trinolab.slave import control, mapping
+from trinolab.slave.arm import Slave, load_robot
+from trinolab.slave.control import Command, Inverse
+from trinolab.slave.mapping import Sample, State
 
 LIMIT_MS = 1.0
 HANDLE = RigidTransform.from_components([0.0, 0.0, 560.0], Rotation.from_rotvec([0, np.pi / 2, 0]))
@@ -32,12 +31,12 @@ def main(ticks: int = 3000) -> int:
     for k in range(1, ticks + 1):
         t = k * inverse.tick_s
         begin = time.perf_counter()
-        state = teleop.step(state, Sample(t, moved(t), "measured", True))
+        state = mapping.step(state, Sample(t, moved(t), "measured", True))
         mapped = time.perf_counter()
-        ref = ref or reference.at_rest(state.target)
-        after = reference.step(ref, state.target, inverse.tick_s)
+        ref = ref or control.at_rest(state.target)
+        after = control.step(ref, state.target, inverse.tick_s)
         last, command = command, inverse.step(command, ref.pose, after.pose)
-        ref = reference.leashed(after, inverse.tool(command.q))
+        ref = control.leashed(after, inverse.tool(command.q))
         solved = time.perf_counter()
         slave.advance(last.q, command.q, inverse.tick_s)
         spans = mapped - begin, solved - mapped, solved - begin, time.perf_counter() - solved

@@ -24,13 +24,13 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from makenotebook import glued, make_notebook
 
-from trinolab.engines import kernels, processes
-from trinolab.grids import axes_of
-from trinolab.notebookrun import ONE_THREAD
-from trinolab.plotting_sweep import as_png, plot_sweep
-from trinolab.quiet import unheard
-from trinolab.sweep import read_sweep
-from trinolab.sweeping import compute, find_notebook, of_function, of_notebook
+from trinolab.files.images import unheard
+from trinolab.sweep.engines import kernels, processes
+from trinolab.sweep.figures import as_png, plot_sweep
+from trinolab.sweep.folder import read_sweep
+from trinolab.sweep.grid import axes_of
+from trinolab.sweep.notebook import ONE_THREAD
+from trinolab.sweep.runs import compute, find_notebook, of_function, of_notebook
 
 OVERHEAD_S, SCALING, PAPERMILL, FUNCTION_MS, OPEN_S = 0.2, 1.7, 3.0, 1.0, 2.0
 SHORT = """

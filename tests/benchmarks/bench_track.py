@@ -20,13 +20,14 @@ import numpy as np
 from bench_measure import HANDLE, RIG, clocked, opencv_chain
 from scipy.spatial.transform import RigidTransform
 
-from trinolab import posetracker
-from trinolab.arm import Arm
+from trinolab.bench.hand import Arm
+from trinolab.bench.motion import human_motion
+from trinolab.bench.optics import Bench
+from trinolab.bench.scene import render_clip
 from trinolab.camera import Rig
+from trinolab.following import posetracker
 from trinolab.metrics import pose_errors
-from trinolab.motion import human_motion
 from trinolab.parameters import Parameters
-from trinolab.scene import Bench, render_clip
 
 WANTED = {"paper": 200.0, "patches": 120.0}  # instants a second, three cameras
 FPS, COUNT = 30.0, 60

@@ -2,10 +2,9 @@
 
 import numpy as np
 
-from trinolab.bound import Bound
 from trinolab.datasets import load_handle, load_rig
 from trinolab.metrics import geodesic_deg, pose_errors, position_errors
-from trinolab.table1_bound import RIGS, table1_bounds
+from trinolab.studies.bound import RIGS, Bound, table1_bounds
 
 from .draws import Draw, held, table1_draws
 

@@ -2,11 +2,10 @@
 
 import numpy as np
 
-from trinolab import bound
-from trinolab.bound import PIXELS, Bound, bound_of, information
+from trinolab.bench.optics import Bench
 from trinolab.datasets import load_handle, load_rig, load_table1
-from trinolab.scene import Bench
-from trinolab.table1_bound import RIGS, table1_bounds
+from trinolab.studies import bound
+from trinolab.studies.bound import PIXELS, RIGS, Bound, bound_of, information, table1_bounds
 
 STEPS_PX = (0.02, 0.05, 0.1, 0.2, 0.3, 0.5, 0.8)
 SAMPLES = (8, 16, 32, 64)

@@ -4,9 +4,10 @@ import numpy as np
 import pandas as pd
 from tqdm import tqdm
 
-from trinolab.centroid_trial import METHODS, Method, centroid_report, instant_errors
+from trinolab.bench.motion import random_pose
+from trinolab.bench.optics import Bench, digitise
 from trinolab.datasets import load_handle, load_rig
-from trinolab.scene import Bench, digitise, random_pose
+from trinolab.studies.centroid_bias import METHODS, Method, centroid_report, instant_errors
 
 from .draws import expected_frames
 

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from test_notebooks import OTHER_PARAMETERS, check_results
 
-from trinolab.notebookrun import run_notebook
+from trinolab.sweep.notebook import run_notebook
 
 ROOT = Path(__file__).resolve().parents[2]
 

@@ -7,14 +7,16 @@ import numpy as np
 from scipy.spatial.transform import RigidTransform
 from tqdm import tqdm
 
+from trinolab.bench.optics import Bench, blurred, digitise
+from trinolab.bench.scene import radiance
 from trinolab.camera import Rig
 from trinolab.datasets import load_table1
 from trinolab.handle import Handle
+from trinolab.measurement import measure
+from trinolab.methods import ESTIMATORS
 from trinolab.metrics import nearest_equivalent
-from trinolab.parameters import ESTIMATORS, Parameters
+from trinolab.parameters import Parameters
 from trinolab.pose import Pose
-from trinolab.scene import Bench, blurred, digitise, radiance
-from trinolab.tracker import measure
 
 SETTINGS = {name: Parameters(estimator=name) for name in ESTIMATORS}
 
@@ -37,7 +39,7 @@ def expected_frames(rig: Rig, handle: Handle, T: RigidTransform, bench: Bench) -
 
 
 def frames(rig: Rig, handle: Handle, seeds: int, rows: slice) -> Iterator[tuple[int, int, list[np.ndarray]]]:
-    """Row, seed and frames; for a seed the same frames as those of `workflows.replicate_table1`."""
+    """Row, seed and frames; for a seed the same frames as those of `replication.replicate_table1`."""
     rngs, bench = [np.random.default_rng(seed) for seed in range(seeds)], Bench()
     for row in range(20)[rows]:
         expected = expected_frames(rig, handle, load_table1().set_poses[row], bench)

@@ -6,14 +6,17 @@ import numpy as np
 from scipy.spatial.transform import RigidTransform
 from tqdm import tqdm
 
+from trinolab.bench.hand import true_visibility
+from trinolab.bench.motion import random_pose
+from trinolab.bench.optics import Bench
+from trinolab.bench.scene import render_rig
 from trinolab.camera import Rig
 from trinolab.datasets import load_handle, load_rig
 from trinolab.handle import Handle
+from trinolab.measurement import Measurement, measure
 from trinolab.metrics import geodesic_deg, nearest_equivalent, pose_errors
-from trinolab.scene import Bench, random_pose, render_rig, true_visibility
-from trinolab.table1_bound import RIGS
-from trinolab.tracker import Measurement, measure
-from trinolab.trials import true_labels
+from trinolab.studies.bound import RIGS
+from trinolab.studies.claim_trials import true_labels
 
 from .draws import SETTINGS
 

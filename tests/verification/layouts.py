@@ -6,12 +6,14 @@ import numpy as np
 from scipy.spatial.transform import RigidTransform
 from tqdm import tqdm
 
+from trinolab.bench.hand import true_visibility
+from trinolab.bench.optics import Bench
+from trinolab.bench.scene import render_rig
 from trinolab.camera import Rig
 from trinolab.datasets import load_handle, load_rig
 from trinolab.handle import Handle
+from trinolab.measurement import measure
 from trinolab.metrics import geodesic_deg
-from trinolab.scene import Bench, render_rig, true_visibility
-from trinolab.tracker import measure
 
 from .draws import SETTINGS
 from .identity import rightly_labelled, seen_pose

@@ -5,7 +5,7 @@ from hostile import KINDS, hostile, is_wrong
 from tqdm import tqdm
 
 from trinolab.datasets import load_handle, load_rig
-from trinolab.tracker import measure
+from trinolab.measurement import measure
 
 from .draws import SETTINGS
 

@@ -12,7 +12,7 @@ from trinolab import metrics
 from trinolab.datasets import load_handle, load_rig
 from trinolab.handle import Handle
 from trinolab.pose import Pose
-from trinolab.table1_bound import RIGS
+from trinolab.studies.bound import RIGS
 
 from .draws import Draw, table1_draws
 

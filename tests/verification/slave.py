@@ -3,9 +3,9 @@
 import numpy as np
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from trinolab import reference
-from trinolab.inverse import Command, Inverse
-from trinolab.robot import forward, load_robot
+from trinolab.slave import control
+from trinolab.slave.arm import forward, load_robot
+from trinolab.slave.control import Command, Inverse
 
 POSES, TICKS = 250, 17  # of each part; ticks in a thirtieth of a second
 
@@ -56,15 +56,15 @@ def parts(robot):
 def follow(robot, inverse, targets):
     """For each tick the error, mm and deg, and how far the reference is behind, mm and deg; positions, and speeds."""
     command, start = Command(robot.home, np.zeros(6)), inverse.tool(robot.home)
-    ref, rows, q, speed = reference.at_rest(start), [], [], []
+    ref, rows, q, speed = control.at_rest(start), [], [], []
     for target in targets:
         for _ in range(TICKS):
-            after = reference.step(ref, target, inverse.tick_s)
+            after = control.step(ref, target, inverse.tick_s)
             command = inverse.step(command, ref.pose, after.pose)
             tool = inverse.tool(command.q)
             rows.append((*apart(tool, after.pose), *apart(after.pose, target)))
             q, speed = [*q, command.q], [*speed, command.speed]
-            ref = reference.leashed(after, tool)
+            ref = control.leashed(after, tool)
     return np.array(rows), np.array(q), np.array(speed)
 
 

@@ -48,11 +48,10 @@ def tables():
     """A run of each shipped table whose numbers are measured in images, and how far the shipped ones are from it."""
     import numpy as np
 
-    from trinolab import elevation, factors, gallery
-    from trinolab.bound import pose_bound
-    from trinolab.datasets import load_handle, load_rig, load_table1, paper_rig
-    from trinolab.parameters import BEST
-    from trinolab.table1_bound import COLUMNS, SHIPPED_PIXELS
+    from trinolab.datasets import load_handle, load_rig, load_sweep, load_table1, paper_rig
+    from trinolab.methods import BEST
+    from trinolab.studies import elevation, factors, gallery
+    from trinolab.studies.bound import COLUMNS, SHIPPED_PIXELS, pose_bound
 
     found, shipped = {}, {}
 
@@ -67,16 +66,16 @@ def tables():
             rows = gallery.settings(name)
             add(f"gallery/{name}", exhibit.what(**rows[len(rows) // 2]), gallery.load(name).iloc[len(rows) // 2])
     for name, factor in factors.FACTORS.items():
-        table = factors.load_sweep(name)
+        table = load_sweep(name)
         value = factor.values[len(factor.values) // 2]
         row, = factors.cell(name, value, 0, pair, handle)
         stored = table[(table[factor.column] == value) & (table["seed"] == 0) & (table["method"] == "paper")].iloc[0]
         add(name, {field: row[field] for field in factors.ERRORS}, stored)
     errors = elevation.accuracy(paper_rig(50.0), {BEST: elevation.SETTINGS[BEST]})[BEST]
-    table = factors.load_sweep("elevation")
+    table = load_sweep("elevation")
     stored = table[(table["elevation_deg"] == 50.0) & (table["estimator"] == BEST)].iloc[0]
     add("elevation", {name: getattr(errors, name) for name in ("n", "E_t_mm", "geodesic_mean_deg")}, stored)
-    bounds = factors.load_sweep("bound").set_index(["rig", "pixels", "row"])
+    bounds = load_sweep("bound").set_index(["rig", "pixels", "row"])
     for pixels in SHIPPED_PIXELS:
         made = pose_bound(pair, handle, load_table1().set_poses[4], None, pixels)
         add(f"bound, {pixels}", {name: getattr(made, name) for name in COLUMNS}, bounds.loc["paper_pair", pixels, 5])
@@ -87,8 +86,8 @@ def tables():
 
 def errata():
     """Each effect of a misprint, by the printed and the corrected form, and the page's text of it."""
-    from trinolab.errata import effects
-    from trinolab.ledger import number_text
+    from trinolab.paper.errata import effects
+    from trinolab.paper.ledger import number_text
 
     found = {}
     for number, several in effects().items():
@@ -104,7 +103,7 @@ def errata():
 def scoreboard():
     """Each claim's number, its digits on the board, and its verdict."""
     from trinolab.cli import _digits
-    from trinolab.scoreboard import scoreboard as whole
+    from trinolab.studies.scoreboard import scoreboard as whole
 
     found = {}
     for row in whole().itertuples():
@@ -115,7 +114,7 @@ def scoreboard():
 
 def chapters():
     """What each chapter and the gallery glue, quote and print."""
-    from trinolab.notebookrun import run_notebook
+    from trinolab.sweep.notebook import run_notebook
 
     found = {}
     for path in [*sorted(ROOT.glob("notebooks/*.ipynb")), ROOT / "book" / "gallery.ipynb"]:

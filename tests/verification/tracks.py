@@ -6,13 +6,12 @@ from tempfile import TemporaryDirectory
 import numpy as np
 from scipy.spatial.transform import RigidTransform, Rotation, Slerp
 
+from trinolab.bench.recordings import render, standard_recording
+from trinolab.cli.evaluate import evaluate
 from trinolab.datasets import data_path
-from trinolab.evaluation import evaluate
-from trinolab.posetable import read_poses, truth_table, write_poses
-from trinolab.realsets import load_trajectories
-from trinolab.rendering import render
-from trinolab.standard import standard_recording
-from trinolab.tracking import track_folder
+from trinolab.files.poses import read_poses, truth_table, write_poses
+from trinolab.following.track import track_folder
+from trinolab.studies.real_recordings import load_trajectories
 
 HANDLES, METHODS = ("coded", "paper"), ("paper", "best")
 SECONDS = 10.0

@@ -1,0 +1,300 @@
+"""Recordings from the simulated bench: every frame of a scenario, with the truth, in a recording folder.
+
+The noise of a frame follows from the seed, the frame and the camera: an interrupted rendering goes on where it stopped.
+The two standard recordings are rendered when they are asked for, and kept in the user's cache.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import multiprocessing
+import os
+import shutil
+import signal
+import threading
+from collections.abc import Iterator
+from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pandas as pd
+from tqdm import tqdm
+
+from ..camera import Camera, Rig
+from ..checks import as_number, as_whole
+from ..datasets import load_handle, load_rig
+from ..files.fetch import cache_folder
+from ..files.outputs import write_whole
+from ..files.poses import pose_table, poses_by_frame, read_poses
+from ..files.provenance import code_hash
+from ..files.recorder import add, begin, check_names, finish, image_paths, partial_of
+from ..files.rigs import read_handle, read_rig
+from ..handle import Handle
+from ..pose import LOST, Pose
+from .scenario import Job, Shot, calm, empty, following, hard, seen_markers, take
+
+SCRIPTS = {"calm": calm, "hard": hard}
+SECONDS = 10.0  # of a standard recording
+MANIFEST = "made_from.json"
+WORKERS = 2  # processes, where the machine has as many
+_worker: dict[str, Any] = {}  # of a process of the pool: its job
+
+
+def render(rig: str | Path, handle: str | Path, motion: str, out: str | Path, seed: int = 0,
+           seconds: float | None = None, fps: float = 30.0, progress: bool = True) -> pd.DataFrame:
+    """Render a recording folder with its truth; interrupted and called again in the same way, it goes on.
+
+    Parameters
+    ----------
+    rig, handle : path
+        Rig and handle file.
+    motion : str
+        ``calm`` or ``hard``, the scenarios of `scenario`; or a CSV of poses, a hand holds the handle along them.
+    out : path
+        The folder to write. Until it is whole, all is in the folder ``<out>.partial`` beside it.
+    seed : int
+        Of motion and noise.
+    seconds : float, optional
+        Length; 10 for a script, and all poses of a file.
+    fps : float
+        Frames a second; a file's own times go before it.
+    progress : bool
+        Show a progress bar on standard error, if that is a terminal.
+
+    Returns
+    -------
+    pandas.DataFrame
+        The truth that was written.
+
+    Raises
+    ------
+    ValueError
+        Names the file or the argument that is missing, unreadable or does not fit; the folder that exists already,
+        cannot be written, or was begun with other arguments.
+    """
+    the_rig, the_handle = read_rig(rig), read_handle(handle)
+    seed = as_whole(seed, "seed", 0, 2**63 - 1)
+    if motion in SCRIPTS:
+        job = scripted(motion, the_rig, the_handle, seed, SECONDS if seconds is None else seconds, fps)
+    else:
+        job = Job(the_rig, the_handle, *_followed(motion, the_rig, seconds, fps), seed)
+    return write_recording(job, out, made_from(job, motion), progress)
+
+
+def scripted(name: str, rig: Rig, handle: Handle, seed: int, seconds: float, fps: float = 30.0) -> Job:
+    """The job of a script. Raises ValueError for an unknown script, or a length without a frame."""
+    if name not in SCRIPTS:
+        raise ValueError(f"motion: expected {', '.join(SCRIPTS)} or a CSV of poses, got {name!r}")
+    fps = as_number(fps, "fps", 0.0, 1e4, open_low=True)
+    times = np.arange(round(as_number(seconds, "seconds", 0.0, 3600.0, open_low=True) * fps)) / fps
+    if len(times) == 0:
+        raise ValueError(f"seconds: expected one frame or more at {fps:g} frames a second, got {seconds!r}")
+    return Job(rig, handle, SCRIPTS[name](rig, times, seed), times, seed)
+
+
+def made_from(job: Job, motion: str) -> dict[str, Any]:
+    """All that decides what is in a recording, short: for the manifest, and for a cache's key."""
+    parts = {"rig": [_camera_numbers(camera) for camera in job.rig.cameras], "handle": asdict(job.handle),
+             "bench": asdict(job.bench), "times": list(job.times_s),
+             "instants": [_shot_numbers(shot) for shot in job.shots], "code": code_hash(__name__)}
+    short = {name: hashlib.sha256(json.dumps(part).encode()).hexdigest()[:16] for name, part in parts.items()}
+    return {"motion": Path(motion).name, "seed": job.seed, "frames": len(job.shots), **short}
+
+
+def write_recording(job: Job, out: str | Path, manifest: dict[str, Any], progress: bool = True,
+                    workers: int = WORKERS) -> pd.DataFrame:
+    """Render what is not there yet, and give the folder its name; see `render`, also for the errors."""
+    partial = partial_of(out)
+    check_names(job.rig.names)
+    _claim(partial, manifest)
+    begin(out, job.rig, job.handle, {camera.name: empty(job, k) for k, camera in enumerate(job.rig.cameras)})
+    shown = tqdm(total=len(job.shots), unit="instant", disable=None if progress else True)
+    with shown:
+        seen = np.zeros((len(job.shots), len(job.rig.cameras)), int)
+        for frame, counts in _all_frames(job, partial, min(workers, os.cpu_count() or 1)):
+            seen[frame] = counts
+            shown.update()
+    table = pd.DataFrame(seen, columns=list(job.rig.names)).rename_axis("frame").reset_index()
+    write_whole(partial / "truth_markers.csv", table.to_csv(index=False))
+    truth = truth_of(job, seen)
+    finish(out, list(job.times_s), truth)
+    return truth
+
+
+def truth_of(job: Job, seen: np.ndarray) -> pd.DataFrame:
+    """The true poses; `seen` is how many markers each camera truly sees, int (frames, cameras)."""
+    poses = [LOST if shot.T_world_handle is None else
+             Pose("measured", shot.T_world_handle, np.zeros((6, 6)), 0.0, int(row.max()), int((row > 0).sum()))
+             for shot, row in zip(job.shots, seen, strict=True)]
+    return pose_table(poses, list(job.times_s))
+
+
+def _followed(path: str | Path, rig: Rig, seconds: float | None, fps: float) -> tuple[list[Shot], np.ndarray]:
+    """The instants of a file of poses, and their times."""
+    if not Path(path).is_file():
+        raise ValueError(f"motion: expected {', '.join(SCRIPTS)} or a CSV of poses, got {path!r}")
+    table = read_poses(path).sort_values("frame")
+    if not (poses := poses_by_frame(table)):
+        raise ValueError(f"{path}: no pose in it")
+    if not np.array_equal(table["frame"], np.arange(len(table))):
+        missing = int(np.flatnonzero(table["frame"].to_numpy() != np.arange(len(table)))[0])
+        raise ValueError(f"{path}: frame {missing} is missing; an instant without the handle has the status 'lost'")
+    times = _times_of(table, path, as_number(fps, "fps", 0.0, 1e4, open_low=True))
+    if seconds is not None:
+        times = times[times - times[0] < as_number(seconds, "seconds", 0.0, open_low=True)]
+    return following(rig, [poses.get(k) for k in range(len(times))]), times
+
+
+def _times_of(table: pd.DataFrame, path: str | Path, fps: float) -> np.ndarray:
+    """The instants' own times, s; where there are none they follow from the frames a second."""
+    if "t_s" not in table or table["t_s"].isna().all():
+        return np.arange(len(table)) / fps
+    times = table["t_s"].to_numpy(float)
+    if not (np.isfinite(times).all() and (np.diff(times) > 0).all()):
+        raise ValueError(f"{path}: column 't_s' expects increasing seconds")
+    return times
+
+
+def _claim(partial: Path, manifest: dict[str, Any]) -> None:
+    """Write the manifest into an unfinished folder; refuse one that was begun with another."""
+    path, text = partial / MANIFEST, json.dumps(manifest, indent=1) + "\n"
+    if partial.is_dir() and any(partial.iterdir()):
+        begun = _read_manifest(path)
+        if other := [name for name in manifest if begun.get(name) != manifest[name]]:
+            raise ValueError(f"{partial}: an unfinished recording with another {other[0]}; remove it, or name another "
+                             "folder")
+        return
+    try:
+        partial.mkdir(exist_ok=True)
+    except OSError as error:
+        raise ValueError(f"{partial}: cannot be written ({error.strerror})") from None
+    write_whole(path, text)
+
+
+def _read_manifest(path: Path) -> dict[str, Any]:
+    try:
+        found = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError):
+        return {}
+    return found if isinstance(found, dict) else {}
+
+
+def _camera_numbers(camera: Camera) -> list[Any]:
+    T = camera.T_cam_world
+    return [camera.name, camera.size, camera.matrix.tolist(), camera.distortions.tolist(), T.as_matrix().tolist()]
+
+
+def _shot_numbers(shot: Shot) -> list[Any]:
+    pose = None if shot.T_world_handle is None else shot.T_world_handle.as_matrix().tolist()
+    arm = None if shot.arm is None else asdict(shot.arm)
+    return [pose, arm, shot.gains, shot.velocity.tolist(), shot.turn_rate.tolist(), shot.shadows]
+
+
+def _one_frame(job: Job, partial: Path, frame: int) -> tuple[int, list[int]]:
+    """Write the images of an instant that are not there yet; return it with its truly seen markers."""
+    if not all(path.is_file() for path in image_paths(partial, job.rig, frame)):
+        add(partial, job.rig, frame, [take(job, frame, k) for k in range(len(job.rig.cameras))])
+    return frame, seen_markers(job, frame)
+
+
+def _all_frames(job: Job, partial: Path, workers: int) -> Iterator[tuple[int, list[int]]]:
+    """Every frame, in two processes where the system can copy this one, else here."""
+    if workers < 2 or len(job.shots) < 8 or "fork" not in multiprocessing.get_all_start_methods():
+        yield from (_one_frame(job, partial, frame) for frame in range(len(job.shots)))
+        return
+    threads = cv2.getNumThreads()
+    cv2.setNumThreads(1)  # its threads would be missing in the copies
+    pool = ProcessPoolExecutor(workers, multiprocessing.get_context("fork"), _start_worker, (job, partial))
+    try:
+        yield from pool.map(_worker_frame, range(len(job.shots)))
+    except BrokenProcessPool:
+        raise OSError("a process that renders was ended from outside; what it has rendered is kept") from None
+    finally:
+        pool.shutdown(cancel_futures=True)
+        cv2.setNumThreads(threads)
+
+
+def _start_worker(job: Job, partial: Path) -> None:
+    """Keep the job; leave interruptions to the parent, and leave when it is gone."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    _worker.update(job=job, partial=partial)
+    parent = multiprocessing.parent_process()
+    threading.Thread(target=lambda: (parent.join(), os._exit(1)), daemon=True).start()  # type: ignore[union-attr]
+
+
+def _worker_frame(frame: int) -> tuple[int, list[int]]:
+    return _one_frame(_worker["job"], _worker["partial"], frame)
+
+
+try:
+    import fcntl
+except ImportError:  # a system without such locks
+    fcntl = None  # type: ignore[assignment]
+
+
+def standard_recording(name: str, seed: int = 0, seconds: float = SECONDS, rig_name: str = "raised_40deg",
+                       handle_name: str = "coded", progress: bool = True) -> Path:
+    """The folder of a standard recording, 30 frames a second; rendered, in a minute or two, if it is not there yet.
+
+    A recording belongs to its name, seed, length, rig and handle, and to the code that renders it: whatever of these
+    changes, it is rendered anew. The first seconds of a longer one are the same.
+
+    Parameters
+    ----------
+    name : {"calm", "hard"}
+        See `scenario`.
+    seed : int
+        Of motion and noise.
+    seconds : float
+        Length.
+    rig_name, handle_name : str
+        Of the shipped rigs and handles.
+    progress : bool
+        Show a progress bar on standard error, if that is a terminal.
+
+    Raises
+    ------
+    ValueError
+        If a name is unknown, the seed or the length is out of range, or the cache cannot be written.
+    """
+    job = scripted(name, load_rig(rig_name), load_handle(handle_name), as_whole(seed, "seed", 0, 2**63 - 1), seconds)
+    manifest = made_from(job, name)
+    key = hashlib.sha256(json.dumps(manifest).encode()).hexdigest()[:12]
+    folder = recordings_folder() / f"{name}-{rig_name}-{handle_name}-{seed}-{key}"
+    if not folder.is_dir():
+        with _alone(folder):
+            if not folder.is_dir():
+                write_recording(job, folder, manifest, progress)
+    return folder
+
+
+def recordings_folder() -> Path:
+    """Where standard recordings are kept: a folder of the user's cache, which may be removed at any time."""
+    return cache_folder() / "recordings"
+
+
+def clear_recordings() -> int:
+    """Remove all standard recordings; the number of bytes that this frees."""
+    files = [path for path in recordings_folder().rglob("*") if path.is_file()]
+    size = sum(path.stat().st_size for path in files)
+    shutil.rmtree(recordings_folder(), ignore_errors=True)
+    return size
+
+
+@contextmanager
+def _alone(folder: Path) -> Iterator[None]:
+    """Let one process at a time render a recording; the others wait for it."""
+    try:
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        with folder.with_name(f"{folder.name}.lock").open("w") as lock:
+            if fcntl is not None:
+                fcntl.flock(lock, fcntl.LOCK_EX)
+            yield
+    except OSError as error:
+        raise ValueError(f"{folder.parent}: cannot be written ({error.strerror})") from None

@@ -1,0 +1,273 @@
+"""Calibration targets and how they are found in an image: chessboards, grids of circles, ChArUco boards (Sect. 6.2).
+
+The target's frame: origin at its first point, x along a row of points, y along a column, z away from a viewer who sees
+x point right and y down. The detectors are OpenCV's.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+
+import cv2
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..checks import Array, as_image, as_number, as_whole, frozen
+
+_FLAGS = cv2.CALIB_CB_ADAPTIVE_THRESH + cv2.CALIB_CB_NORMALIZE_IMAGE
+_STOP = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, 100, 1e-4)  # of the sub-pixel search: px
+KINDS = ("chessboard", "circles", "charuco")
+_MOST_POINTS = 200  # along a side of a target
+_LEAST_PX = 3  # along a side of an image, for a point of the target
+_MARKER_SHARE = 0.75  # of a square's side, where nothing else is said
+_DICTIONARY = "4X4_50"
+
+
+@dataclass(frozen=True)
+class Board:
+    """A chessboard.
+
+    Attributes
+    ----------
+    columns, rows : int
+        Inner corners in a row and in a column, at least 3 each. One odd and one even leave no two ways to count them.
+    square_mm : float
+        Side of a square.
+
+    Raises
+    ------
+    ValueError
+        Names the field: no whole number from 3, or a side that is not positive.
+    """
+
+    columns: int = 9
+    rows: int = 6
+    square_mm: float = 15.0
+
+    def __post_init__(self) -> None:
+        for name in ("columns", "rows"):
+            as_whole(getattr(self, name), name, low=3)
+        as_number(self.square_mm, "square_mm", low=0.0, open_low=True)
+
+    @cached_property
+    def points(self) -> Array:
+        """The inner corners, row by row, shape (rows * columns, 3), mm, board frame."""
+        y, x = np.divmod(np.arange(self.rows * self.columns), self.columns)
+        return frozen(np.column_stack([x, y, np.zeros(len(x))]) * self.square_mm)
+
+    @cached_property
+    def outline(self) -> Array:
+        """The board's own corners, a white margin of one square included, shape (4, 3), mm, board frame."""
+        low, right, bottom = -2.0, self.columns + 1.0, self.rows + 1.0
+        return frozen(np.array([[low, low, 0], [right, low, 0], [right, bottom, 0], [low, bottom, 0]]) * self.square_mm)
+
+
+def find_corners(image: ArrayLike, board: Board, half_window_px: int | None = 7) -> Array:
+    """Find the inner corners of a board to sub-pixel accuracy.
+
+    The search fits the corner at which the grey gradients in a window are all perpendicular to the line to it. The
+    half window should stay below half of the smallest distance between corners: beyond, other edges pull some away.
+
+    Parameters
+    ----------
+    image : array_like of uint8, shape (height, width)
+    board : Board
+    half_window_px : int or None
+        The window is ``2 * half_window_px + 1`` px wide. None for what suits the image: 7, or less if corners are near.
+
+    Returns
+    -------
+    ndarray, shape (rows * columns, 2)
+        Pixels, in the order of `Board.points`; all NaN where the board is not found whole.
+
+    Raises
+    ------
+    ValueError
+        If `image` is no grey image of 8 bit, or `half_window_px` no whole number from 1.
+    """
+    grey = as_image(image, "image")
+    if grey.dtype != np.uint8:
+        raise ValueError(f"image: expected 8 bit, got {grey.dtype}")
+    half = None if half_window_px is None else as_whole(half_window_px, "half_window_px", low=1)
+    found, corners = cv2.findChessboardCorners(grey, (board.columns, board.rows), flags=_FLAGS)
+    if not found:
+        return frozen(np.full((board.rows * board.columns, 2), np.nan))
+    half = half or half_window(corners.reshape(board.rows, board.columns, 2))
+    return frozen(sharpened(grey, corners, half))
+
+
+def sharpened(grey: np.ndarray, corners: np.ndarray, half: int) -> Array:
+    """Corners (n, 2) to sub-pixel accuracy, px, from places near them in an image of uint8 and half a window, px."""
+    start = np.ascontiguousarray(corners, np.float32).reshape(-1, 1, 2)
+    return np.asarray(cv2.cornerSubPix(grey, start, (half, half), (-1, -1), _STOP), float).reshape(-1, 2)
+
+
+def half_window(grid: np.ndarray, share: float = 0.4) -> int:
+    """Half a window (px) for corners (rows, columns, 2), NaN where missing: a share of the least distance, 2 to 7."""
+    between = np.concatenate([np.linalg.norm(np.diff(grid, axis=axis), axis=2).ravel() for axis in (0, 1)])
+    nearest = np.min(between, where=np.isfinite(between), initial=7 / share)
+    return int(np.clip(share * nearest, 2, 7))
+
+
+@dataclass(frozen=True)
+class Target:
+    """A flat target.
+
+    Attributes
+    ----------
+    kind : {"chessboard", "circles", "charuco"}
+        Circles are dark on light, in rows one below the other.
+    columns, rows : int
+        As OpenCV counts: **inner corners** of a chessboard, **circles** of a grid, both from 3; **squares** of a
+        ChArUco board, from 4.
+    square_mm : float
+        Side of a square, or distance of the centres of neighbouring circles.
+    marker_mm : float, optional
+        Side of a ChArUco board's markers; three quarters of a square without it.
+    dictionary : str, optional
+        Of a ChArUco board's markers, an OpenCV name without ``DICT_``; 4X4_50 without it.
+
+    Raises
+    ------
+    ValueError
+        Names the field: unknown, out of range, or given to a target that has no markers.
+    """
+
+    kind: str
+    columns: int
+    rows: int
+    square_mm: float
+    marker_mm: float | None = None
+    dictionary: str | None = None
+
+    def __post_init__(self) -> None:
+        if self.kind not in KINDS:
+            raise ValueError(f"board: expected one of {', '.join(KINDS)}, got {self.kind!r}")
+        for name in ("columns", "rows"):
+            as_whole(getattr(self, name), name, 3 + (self.kind == "charuco"), _MOST_POINTS)
+        square = as_number(self.square_mm, "square_mm", 0.0, 1e6, open_low=True)
+        if self.kind == "charuco":
+            self._check_markers(square)
+        elif self.marker_mm is not None or self.dictionary is not None:
+            name = "dictionary" if self.marker_mm is None else "marker_mm"
+            raise ValueError(f"{name}: a {self.kind} target has no markers; expected it with charuco only")
+
+    def _check_markers(self, square: float) -> None:
+        marker = as_number(self.side_of_marker, "marker_mm", low=0.0, open_low=True)
+        if marker >= square:
+            raise ValueError(f"marker_mm: expected less than a square ({square:g}), got {marker:g}")
+        name = self.dictionary or _DICTIONARY
+        if not hasattr(cv2.aruco, f"DICT_{name}"):
+            raise ValueError(f"dictionary: expected a name such as {_DICTIONARY} or 5X5_250, got {name!r}")
+        there, needed = len(_dictionary(name).bytesList), self.columns * self.rows // 2
+        if needed > there:
+            raise ValueError(f"dictionary: {name} has {there} markers, the board has {needed}")
+
+    @property
+    def side_of_marker(self) -> float:
+        """Of a ChArUco board, mm."""
+        return _MARKER_SHARE * self.square_mm if self.marker_mm is None else self.marker_mm
+
+    @property
+    def board(self) -> Board:
+        """The points as the inner corners of a chessboard, which for a grid of circles need not be one."""
+        border = int(self.kind == "charuco")
+        return Board(self.columns - border, self.rows - border, self.square_mm)
+
+    @cached_property
+    def points(self) -> Array:
+        """Corners or centres, row by row, shape (n, 3), mm, target frame; z = 0."""
+        return self.board.points
+
+    @property
+    def two_ways(self) -> bool:
+        """Whether the target looks the same from two sides, so that its points can be counted in two ways."""
+        return self.kind == "circles" or (self.kind == "chessboard" and (self.columns - self.rows) % 2 == 0)
+
+    def __str__(self) -> str:
+        counted = {"chessboard": "inner corners", "circles": "circles", "charuco": "squares"}[self.kind]
+        return f"{self.kind}, {self.columns} x {self.rows} {counted}"
+
+
+def find_target(image: ArrayLike, target: Target) -> Array:
+    """Find a target's points in an image, to sub-pixel accuracy.
+
+    Where the target could be counted in two ways, its rows are taken to run to the right in the image: cameras that
+    look at such a target must be upright, all within 45 deg.
+
+    Parameters
+    ----------
+    image : array_like of uint8, shape (height, width)
+    target : Target
+
+    Returns
+    -------
+    ndarray, shape (n, 2)
+        Pixels, in the order of `Target.points`; NaN for what was not found. Of a ChArUco board some points may be
+        found; of the others all or none.
+
+    Raises
+    ------
+    ValueError
+        If `image` is no grey image of 8 bit.
+    """
+    grey = as_image(image, "image")
+    if grey.dtype != np.uint8:
+        raise ValueError(f"image: expected 8 bit, got {grey.dtype}")
+    if min(grey.shape) < _LEAST_PX * min(target.columns, target.rows):  # OpenCV refuses images of a few pixels
+        return np.full((len(target.points), 2), np.nan)
+    if target.kind == "charuco":
+        return frozen(_charuco(grey, target))
+    uv = find_corners(grey, target.board, None) if target.kind == "chessboard" else _circles(grey, target)
+    return frozen(_upright(uv, target) if target.two_ways else uv)
+
+
+def _circles(grey: np.ndarray, target: Target) -> Array:
+    """Centres of a grid of circles, (n, 2). A centre is its blob's, off the circle's own by the perspective."""
+    for flags in (cv2.CALIB_CB_SYMMETRIC_GRID, cv2.CALIB_CB_SYMMETRIC_GRID + cv2.CALIB_CB_CLUSTERING):
+        found, centres = cv2.findCirclesGrid(grey, (target.columns, target.rows), flags=flags)
+        if found:
+            return np.asarray(centres, float).reshape(-1, 2)
+    return np.full((len(target.points), 2), np.nan)
+
+
+def _charuco(grey: np.ndarray, target: Target) -> Array:
+    """Corners of a ChArUco board, (n, 2), NaN for those whose markers are not seen."""
+    uv = np.full((len(target.points), 2), np.nan)
+    for old in (False, True)[:1 + (target.rows % 2 == 0)]:  # with even rows OpenCV before 4.6 drew another board
+        corners, ids, *_ = _detector(target, old).detectBoard(grey)
+        if ids is not None and len(ids):
+            uv[np.ravel(ids)] = np.reshape(corners, (-1, 2))
+            found = np.isfinite(uv).all(axis=1)
+            uv[found] = sharpened(grey, uv[found], half_window(uv.reshape(target.rows - 1, -1, 2), _free_share(target)))
+            break
+    return uv
+
+
+def _free_share(target: Target) -> float:
+    """How far from a corner the nearest marker begins, as a share of a square: a window should not reach it."""
+    return (1 - target.side_of_marker / target.square_mm) / 2
+
+
+def _upright(uv: Array, target: Target) -> Array:
+    """The points (n, 2) in the one of the possible orders whose rows run most to the right."""
+    grid = uv.reshape(target.rows, target.columns, 2)
+    along, down = grid[:, -1].mean(axis=0) - grid[:, 0].mean(axis=0), grid[-1].mean(axis=0) - grid[0].mean(axis=0)
+    if along[0] * down[1] < along[1] * down[0]:
+        grid = grid[:, ::-1]  # counted as in a mirror
+    turns = range(4) if target.columns == target.rows else (0, 2)
+    ways = [np.rot90(grid, k) for k in turns]
+    return max(ways, key=lambda way: float((way[:, -1] - way[:, 0])[:, 0].sum())).reshape(-1, 2)
+
+
+def _dictionary(name: str) -> cv2.aruco.Dictionary:
+    return cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, f"DICT_{name}"))
+
+
+@lru_cache(maxsize=8)
+def _detector(target: Target, old: bool) -> cv2.aruco.CharucoDetector:
+    board = cv2.aruco.CharucoBoard((target.columns, target.rows), target.square_mm, target.side_of_marker,
+                                   _dictionary(target.dictionary or _DICTIONARY))
+    board.setLegacyPattern(old)
+    return cv2.aruco.CharucoDetector(board)

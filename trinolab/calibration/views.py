@@ -1,0 +1,182 @@
+"""Views of a target as files: what each camera took, which images belong together, and the points found in them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from tqdm import tqdm
+from tqdm.contrib.logging import logging_redirect_tqdm
+
+from ..checks import Array, as_whole, frozen
+from ..files.images import is_image, read_grey
+from ..files.recording import Footage, frames_of, open_footage
+from .target import Target, find_target
+
+
+class TargetViews(NamedTuple):
+    """What cameras saw of a target.
+
+    Attributes
+    ----------
+    cameras : tuple of str
+    sizes : tuple of (int, int)
+        Width and height of each camera's images.
+    views : tuple of str
+        Names of the views: of their images, or the numbers of their frames from 0.
+    uv : ndarray, shape (cameras, views, n, 2)
+        Where the target's points were found, px; NaN for what was not found.
+    present : ndarray of bool, shape (cameras, views)
+        Whether the camera has an image of the view.
+    passed_over : int
+        Views that were not looked at, because there were more than asked for.
+    """
+
+    cameras: tuple[str, ...]
+    sizes: tuple[tuple[int, int], ...]
+    views: tuple[str, ...]
+    uv: Array
+    present: np.ndarray
+    passed_over: int
+
+
+class _Source(NamedTuple):
+    """A camera's footage, and for a video no files, else the file of each view."""
+
+    footage: Footage
+    files: dict[str, str] | None
+    labels: list[str]
+
+
+def read_views(sources: Mapping[str, str | Path], target: Target, most: int = 50, progress: bool = True) -> TargetViews:
+    """Look for a target in the images or the video of each camera.
+
+    Views of folders are paired by their files' names, of patterns by what the ``*`` stands for, of videos by the
+    frames' numbers; a view may be missing in a camera. Of more than `most` views some are passed over, evenly.
+
+    Parameters
+    ----------
+    sources : mapping of str to path
+        For each camera's name a folder of images, a pattern such as ``photos/left*.png``, or a video.
+    target : Target
+    most : int
+        Views to look at.
+    progress : bool
+        Show a progress bar on standard error, if that is a terminal.
+
+    Raises
+    ------
+    ValueError
+        Names the file or camera: fewer than two cameras, videos beside images, no view in common, a file that cannot
+        be read or has another size than the others of its camera.
+    """
+    if len(sources) < 2:
+        raise ValueError(f"images: expected two or more cameras, got {', '.join(sources) or 'none'}")
+    if "metadata" in sources:
+        raise ValueError("images: a camera cannot be called metadata in a rig file")
+    most = as_whole(most, "views", low=3)
+    opened = {name: _open(path) for name, path in sources.items()}
+    if len({one.files is None for one in opened.values()}) > 1:
+        raise ValueError("images: expected images or videos of all cameras, got both; views could not be paired")
+    every = max(opened.values(), key=lambda one: len(one.labels)).labels
+    if any(one.files for one in opened.values()):
+        every = sorted({label for one in opened.values() for label in one.labels})
+    chosen = every[::-(-len(every) // most)]
+    there = np.array([[label in set(one.labels) for label in chosen] for one in opened.values()])
+    check_connected(tuple(opened), there, "no view in common", f", whose views are called {_some(every)}")
+    uv, present, sizes = _found(opened, chosen, target, progress)
+    return TargetViews(tuple(opened), tuple(sizes), tuple(chosen), frozen(uv), frozen(present),
+                       len(every) - len(chosen))
+
+
+def check_connected(cameras: tuple[str, ...], seen: np.ndarray, what: str, hint: str = "") -> None:
+    """Refuse cameras that views, bool (cameras, views), do not connect; the ValueError names one of them."""
+    reached, more = {0}, {0}
+    while more:
+        known = seen[sorted(reached)].any(axis=0)
+        more = {k for k in range(len(cameras)) if k not in reached and (seen[k] & known).any()}
+        reached |= more
+    if alone := [name for k, name in enumerate(cameras) if k not in reached]:
+        others = ", ".join(cameras[k] for k in sorted(reached))
+        raise ValueError(f"{alone[0]}: {what} with {others}{hint}")
+
+
+def _open(path: str | Path) -> _Source:
+    pattern = Path(path)
+    if "*" in pattern.name and not pattern.exists():
+        return _matching(pattern)
+    footage = open_footage(path)
+    if footage.names:
+        return _Source(footage, {name: name for name in footage.names}, list(footage.names))
+    count = footage.length or sum(1 for _ in frames_of(footage))  # a header may say nothing
+    if not count:
+        raise ValueError(f"{path}: a video without a frame")
+    return _Source(footage, None, [_frame_name(k) for k in range(count)])
+
+
+def _matching(pattern: Path) -> _Source:
+    """The images of a folder whose names match, each with what the star stands for."""
+    before, after = pattern.name.split("*", 1)
+    if not pattern.parent.is_dir():
+        raise ValueError(f"{pattern}: no such folder {pattern.parent}")
+    files = {file.name[len(before):len(file.name) - len(after)]: file.name for file in sorted(pattern.parent.iterdir())
+             if is_image(file) and file.name.startswith(before) and file.name.endswith(after)
+             and len(file.name) >= len(before) + len(after)}
+    if not files:
+        raise ValueError(f"{pattern}: no image of that name")
+    return _Source(Footage(pattern.parent, tuple(files.values()), len(files)), files, list(files))
+
+
+def _found(opened: dict[str, _Source], chosen: list[str], target: Target, progress: bool
+           ) -> tuple[Array, np.ndarray, list[tuple[int, int]]]:
+    """Points (cameras, views, n, 2), whether there was an image, and the sizes of the images."""
+    uv = np.full((len(opened), len(chosen), len(target.points), 2), np.nan)
+    present, sizes = np.zeros(uv.shape[:2], bool), list[tuple[int, int]]()
+    count = sum(len(set(source.labels) & set(chosen)) for source in opened.values())
+    with logging_redirect_tqdm(), tqdm(total=count, unit="image", disable=None if progress else True) as bar:
+        for k, (name, source) in enumerate(opened.items()):
+            size = None
+            for label, image, path in _images(source, chosen):
+                size = _same_size(image, size, path)
+                v = chosen.index(label)
+                uv[k, v], present[k, v] = find_target(_eight_bit(image), target), True
+                bar.update()
+            if size is None:
+                raise ValueError(f"{source.footage.path}: no frame of camera {name} could be read")
+            sizes.append(size)
+    return uv, present, sizes
+
+
+def _images(source: _Source, chosen: list[str]) -> Iterator[tuple[str, np.ndarray, Path]]:
+    """Name, grey image and file of those chosen views that the source has."""
+    said: set[str] = set()
+    if source.files is None:
+        for k, image in enumerate(frames_of(source.footage, said=said)):
+            if (label := _frame_name(k)) in chosen:
+                yield label, image, source.footage.path
+        return
+    for label in chosen:
+        if label in source.files:
+            path = source.footage.path / source.files[label]
+            yield label, read_grey(path, None, said), path
+
+
+def _same_size(image: np.ndarray, size: tuple[int, int] | None, path: Path) -> tuple[int, int]:
+    new = (image.shape[1], image.shape[0])
+    if size is not None and new != size:
+        raise ValueError(f"{path}: {new[0]} x {new[1]} pixels, the camera's other images have {size[0]} x {size[1]}")
+    return new
+
+
+def _eight_bit(image: np.ndarray) -> np.ndarray:
+    return image if image.dtype == np.uint8 else np.rint(image).astype(np.uint8)
+
+
+def _frame_name(frame: int) -> str:
+    return f"{frame:06d}"
+
+
+def _some(labels: list[str]) -> str:
+    return ", ".join(labels[:4]) + (", ..." if len(labels) > 4 else "")

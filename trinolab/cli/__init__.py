@@ -1,0 +1,226 @@
+"""The command ``trinolab``: thin, each command calls one workflow.
+
+Exit code 0 is success, 1 a result that is not as declared, 2 a mistake in the input, 130 an interruption.
+"""
+
+from __future__ import annotations
+
+import argparse
+import logging
+import os
+import shlex
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from .arguments import parser
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run a command and return the exit code."""
+    arguments = parser().parse_args(argv)
+    arguments.line = shlex.join(["trinolab", *(sys.argv[1:] if argv is None else argv)])
+    logging.basicConfig(format="%(message)s", stream=sys.stderr, level=logging.INFO)
+    try:
+        return _RUN[arguments.command](arguments)
+    except (ValueError, OSError, MemoryError) as error:
+        what = f"not enough memory ({error})" if isinstance(error, MemoryError) else str(error)
+        print(f"trinolab {arguments.command}: {' '.join(what.splitlines())}", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt as stop:
+        print(f"trinolab {arguments.command}: interrupted, {str(stop) or 'nothing was written'}", file=sys.stderr)
+        return 130
+
+
+def _say(text: str) -> None:
+    """Print an answer. Raises ValueError where nobody takes it: a full disk, a pipe that was closed."""
+    try:
+        print(text, flush=True)
+    except OSError as error:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # or Python, at its end, would complain as well
+        raise ValueError(f"standard output: cannot be written ({error.strerror})") from None
+
+
+def _measure(a: argparse.Namespace) -> int:
+    from .measure import measure_folder
+
+    table = measure_folder(a.rig, a.handle, a.images, a.out, a.method, a.prior)
+    _say(f"{_counted(table)}; written to {a.out}")
+    return 0
+
+
+def _joints(items: Sequence[str]) -> dict[str, float]:
+    """JOINT=RAD arguments as a mapping; ValueError for another form."""
+    found: dict[str, float] = {}
+    for item in items:
+        joint, _, value = item.partition("=")
+        try:
+            found[joint] = float(value)
+        except ValueError:
+            raise ValueError(f"--start: expected JOINT=RAD, got {item!r}") from None
+    return found
+
+
+def _calibrate(a: argparse.Namespace) -> int:
+    from ..calibration.calibrate import as_lines, calibrate_rig
+    from ..calibration.target import Target
+
+    sources = _named(a.images, "--images")
+    target = Target(a.board, a.columns, a.rows, a.square, a.marker, a.dictionary)
+    result = calibrate_rig(sources, target, a.out, a.views, a.distortions)
+    _say("\n".join([*as_lines(result), "", f"written: {', '.join(str(path) for path in result.files)}"]))
+    return 0
+
+
+def _named(items: Sequence[str], option: str) -> dict[str, str]:
+    """NAME=PATH arguments as a mapping; ValueError for another form, or a name or a path that comes twice."""
+    found: dict[str, str] = {}
+    for item in items:
+        name, equals, path = item.partition("=")
+        if not (name.strip() and equals and path):
+            raise ValueError(f"{option}: expected NAME=PATH, got {item!r}")
+        if name in found:
+            raise ValueError(f"{option}: camera {name} is named twice")
+        if Path(path) in map(Path, found.values()):
+            raise ValueError(f"{option}: {path} is given for more than one camera")
+        found[name] = path
+    return found
+
+
+def _track(a: argparse.Namespace) -> int:
+    from ..following.track import track_files, track_folder
+
+    options = {"start": a.start, "overlay": a.overlay, "method": a.method}
+    apart = [a.rig, a.handle, a.video]
+    if any(apart) if a.folder is not None else not all(apart):
+        raise ValueError("expected a recording folder, or else all of --rig, --handle and --video")
+    if a.folder is not None:
+        table = track_folder(a.folder, a.out, **options)
+    else:
+        table = track_files(a.rig, a.handle, _named(a.video, "--video"), a.out, fps=a.fps, timestamps=a.timestamps,
+                            **options)
+    _say(f"{_counted(table)}; written to {a.out}")
+    return 0
+
+
+def _counted(table: pd.DataFrame) -> str:
+    """How many instants, and how many of each status."""
+    return f"{len(table)} instants: {_statuses(table)}"
+
+
+def _statuses(table: pd.DataFrame) -> str:
+    return ", ".join(f"{n} {status}" for status, n in table["status"].value_counts().items())
+
+
+def _evaluate(a: argparse.Namespace) -> int:
+    from .evaluate import as_lines, evaluate
+
+    _say("\n".join(as_lines(evaluate(a.poses, a.truth, a.handle))))
+    return 0
+
+
+def _capture(a: argparse.Namespace) -> int:
+    from ..files.capture import capture
+
+    done = capture(_named(a.camera, "--camera"), a.out, a.rig, a.handle, a.seconds, a.fps, a.size, a.preview)
+    n, last = len(done.times_s), done.times_s[-1]
+    rate = f" in {last:.2f} s ({(n - 1) / last:.1f} a second)" if n > 1 else ""
+    spread = sorted(1e3 * done.spread_s)
+    _say(f"{n} instants{rate}, {done.dropped} dropped; cameras within {spread[n // 2]:.1f} ms (median), "
+          f"{spread[-1]:.1f} ms (longest); written to {a.out}")
+    return 0
+
+
+def _render(a: argparse.Namespace) -> int:
+    from ..bench.recordings import render
+
+    try:
+        truth = render(a.rig, a.handle, a.motion, a.out, a.seed, a.seconds, a.fps)
+    except KeyboardInterrupt:
+        raise KeyboardInterrupt("run it again in the same way to go on") from None
+    _say(f"{len(truth)} instants, the handle is there in {(truth['status'] != 'lost').sum()}; written to {a.out}")
+    return 0
+
+
+def _teleop(a: argparse.Namespace) -> int:
+    from ..slave.teleoperate import recorded, simulated, teleoperate
+
+    if a.live_simulation and not (a.rig and a.handle):
+        raise ValueError("--live-simulation: needs --rig and --handle")
+    source = (simulated(a.rig, a.handle, a.seconds, a.seed) if a.live_simulation
+              else recorded(a.recording, a.rig, a.handle))
+    done = teleoperate(source, a.out, a.robot, a.scale, a.turn_scale, a.clutch, a.view, a.method, _joints(a.start),
+                       not a.no_video)
+    holds = done.events.loc[done.events["event"] == "hold", "detail"]
+    _say(f"{_counted(done.poses)}; {len(done.joints)} ticks of the arm, {len(holds)} holds"
+         f"{f' (the first: {holds.iloc[0]})' if len(holds) else ''}; written to {a.out}")
+    return 0
+
+
+def _sweep(a: argparse.Namespace) -> int:
+    from ..checks import as_number, as_whole
+    from ..sweep.engines import cluster, kernels
+    from ..sweep.grid import parse
+    from ..sweep.runs import compute, of_notebook
+
+    as_number(a.timeout, "--timeout", low=1.0)
+    job = of_notebook(a.notebook, parse(a.parameter), a.sample, a.sample_seed, a.yes, a.timeout, a.fresh_kernels,
+                      a.keep)
+    workers = as_whole((os.cpu_count() or 1) if a.workers is None else a.workers, "--workers", low=1)
+    local = kernels(min(workers, len(job.settings)), job.kernels)
+    engine = local if a.scheduler is None else cluster(a.scheduler, job.kernels)
+    found = compute(job, engine, a.out, {"command": a.line, "workers": a.scheduler or workers})
+    _say(f"{len(found)} runs: {_statuses(found)}; written to {a.out}")
+    for status, rows in found[found["status"] != "ok"].groupby("status"):
+        _say(f"the first {status}: {rows['error'].iloc[0]}")
+    return 0
+
+
+def _clear(a: argparse.Namespace) -> int:
+    from ..bench.recordings import clear_recordings, recordings_folder
+
+    _say(f"{clear_recordings() / 1e6:.0f} MB of standard recordings removed from {recordings_folder()}")
+    return 0
+
+
+def _scoreboard(a: argparse.Namespace) -> int:
+    from ..files.outputs import check_target, write_whole
+    from ..studies.scoreboard import disagreements, scoreboard
+
+    if a.csv:
+        check_target(a.csv)
+    board = scoreboard(progress=True)
+    if a.csv:
+        write_whole(a.csv, board.assign(ours=board["ours"].map(_digits)).to_csv(index=False))
+    _say(as_text(board))
+    if wrong := disagreements(board):
+        print(f"not as declared in the ledger: claim {', '.join(wrong)}", file=sys.stderr)
+        return 1
+    return 0
+
+
+def as_text(board: pd.DataFrame, width: int = 76) -> str:
+    """The scoreboard as plain text of under 120 columns; long claims are cut."""
+    short = board["claim"].where(board["claim"].str.len() <= width, board["claim"].str.slice(stop=width - 3) + "...")
+    table = board.assign(claim=short, paper=board["paper"].map(_digits), ours=board["ours"].map(_digits))
+    table = table[["no", "claim", "paper", "ours", "unit", "verdict"]]
+    left = {"claim": f"{{:<{width}s}}".format, "verdict": "{:<16s}".format}
+    return table.to_string(index=False, justify="left", formatters=left)
+
+
+def _digits(value: float | str) -> str:
+    if isinstance(value, str):
+        return value
+    return "" if value != value else f"{value:.3g}"
+
+
+_RUN = {"calibrate": _calibrate, "measure": _measure, "track": _track, "evaluate": _evaluate, "render": _render,
+        "teleop": _teleop, "sweep": _sweep, "clear": _clear, "capture": _capture, "scoreboard": _scoreboard}
+
+
+if __name__ == "__main__":
+    sys.exit(main())

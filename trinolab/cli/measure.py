@@ -1,0 +1,71 @@
+"""What ``trinolab measure`` does: from images of several cameras to a file of poses."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pandas as pd
+from scipy.spatial.transform import RigidTransform
+from tqdm import tqdm
+from tqdm.contrib.logging import logging_redirect_tqdm
+
+from ..files.outputs import check_targets
+from ..files.poses import pose_table, poses_by_frame, read_poses, write_poses
+from ..files.recording import list_instants, read_instant
+from ..files.rigs import read_handle, read_rig
+from ..measurement import measure
+from ..methods import estimator_of
+from ..parameters import Parameters
+
+
+def measure_folder(rig: str | Path, handle: str | Path, images: str | Path, out: str | Path,
+                   method: str = "paper_checked",
+                   prior: str | Path | None = None, progress: bool = True) -> pd.DataFrame:
+    """Measure every instant of a folder of images on its own, and write the poses.
+
+    Parameters
+    ----------
+    rig, handle : path
+        Rig and handle file.
+    images : path
+        Holds a folder a camera, named as in the rig, the same file names in each. Colour and 16-bit images are
+        converted, and the log says so.
+    out : path
+        CSV of poses to write; it appears when all instants are done.
+    method : {"paper", "paper_checked", "weighted", "reprojection", "patches", "outline", "best"}
+        The estimator, see `estimators.estimate`; `best` is ``patches``.
+    prior : path, optional
+        CSV of poses that are expected, joined on `frame`: they choose among poses that look alike.
+    progress : bool
+        Show a progress bar on standard error, if that is a terminal.
+
+    Returns
+    -------
+    pandas.DataFrame
+        The table that was written.
+
+    Raises
+    ------
+    ValueError
+        Names the file that is missing, unreadable or does not fit.
+    """
+    parameters = Parameters(estimator=estimator_of(method))
+    the_rig, the_handle = read_rig(rig), read_handle(handle)
+    instants = list_instants(images, the_rig)
+    expected = {} if prior is None else _expected(prior, len(instants))
+    check_targets([out], [rig, handle, *([prior] if prior else [])])
+    said: set[str] = set()  # of conversions, by `read_instant`
+    with logging_redirect_tqdm(), tqdm(instants, unit="instant", disable=None if progress else True) as shown:
+        poses = [measure(read_instant(i, the_rig, said), the_rig, the_handle, expected.get(i.frame), parameters).pose
+                 for i in shown]
+    table = pose_table(poses)
+    write_poses(table, out)
+    return table
+
+
+def _expected(path: str | Path, instants: int) -> dict[int, RigidTransform]:
+    """The poses of a prior by their frame."""
+    table = read_poses(path)
+    if not (table["frame"] < instants).any():
+        raise ValueError(f"{path}: no frame in common with the images, which are frames 0 to {instants - 1}")
+    return poses_by_frame(table)

@@ -1,0 +1,57 @@
+"""Better poses from the same images (beyond the paper): the estimators by name.
+
+``paper`` is the paper's own (Eq. 20-24, `pose.fit_pose`); each other one stands in a module of this folder, which is
+loaded when it is asked for.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from ..camera import Rig
+from ..handle import Handle
+from ..identity import labelled_pixels
+from ..methods import ESTIMATORS
+from ..parameters import Parameters
+from ..pose import Pose, fit_pose
+from .identified import Identified
+
+__all__ = ["Identified", "estimate"]
+
+
+def estimate(instant: Identified, rig: Rig, handle: Handle, parameters: Parameters) -> Pose:
+    """The pose by the estimator that the parameters name.
+
+    ``paper``: pairs, mean, rigid fit (Eq. 20-24). ``paper_checked``: the same, checked against the pixels.
+    ``weighted``: centroids registered and moved to the centres, pairs and points weighted by their covariances.
+    ``reprojection``: all views at once, by predicted centroids. ``patches``: all views at once, by the pixels.
+    ``outline``: as ``patches``, with the body's outline.
+
+    Returns
+    -------
+    Pose
+        With status ``measured``; `pose.LOST` if too little is seen, or what is seen is not what the pose predicts.
+    """
+    p = parameters
+    if p.estimator == "paper":
+        uv = labelled_pixels(instant.labels, instant.pixels, len(handle.marker_centres))
+        return fit_pose(uv, rig, handle, p.max_slant_deg, p.sigma_px)
+    return _better(p.estimator)(instant, rig, handle, p)
+
+
+def _better(name: str) -> Callable[[Identified, Rig, Handle, Parameters], Pose]:
+    """The function of an estimator; its module is loaded now, so that the paper's chain runs without it."""
+    match name:
+        case "paper_checked":
+            from .checked import checked_pose as estimator
+        case "weighted":
+            from .weighted import weighted_pose as estimator
+        case "reprojection":
+            from .reprojection import reprojection_pose as estimator
+        case "patches":
+            from .pixels import patches_pose as estimator
+        case "outline":
+            from .pixels import outline_pose as estimator
+        case _:
+            raise ValueError(f"estimator: expected one of {', '.join(ESTIMATORS)}, got {name!r}")
+    return estimator

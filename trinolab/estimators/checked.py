@@ -1,0 +1,40 @@
+"""The paper's estimate checked against the pixels: hidden markers are left out, the covariance knows of the bias."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from ..camera import Rig
+from ..handle import Handle
+from ..identity import labelled_pixels
+from ..parameters import Parameters
+from ..pose import LOST, Pose, fit_pose
+from ..rigid import apart, motion_between
+from .identified import Identified
+from .pixels import fit_patches, judged
+
+APART_MM = 1.5  # a little less than what a measured pose may be off
+APART_RAD = np.deg2rad(4.0)  # likewise
+
+
+def checked_pose(instant: Identified, rig: Rig, handle: Handle, p: Parameters) -> Pose:
+    """The paper's estimate, without markers that something hides in part: where the image model shows that, see `Fit`.
+
+    The paper has no test of a pose. Here it is lost if the image model, where it applies, leads far away from it. Its
+    covariance, of pixel noise alone, does not know of the centroids' bias: where the image model applies, the mean
+    square of the error is that of the better pose, and the square of the way from there.
+    """
+    uv = labelled_pixels(instant.labels, instant.pixels, len(handle.marker_centres))
+    check = fit_patches(instant.images, rig, handle, instant.T_world_handle, p.max_slant_deg)
+    if check is None or not check.shown.any():
+        return fit_pose(uv, rig, handle, p.max_slant_deg, p.sigma_px)
+    uv[check.views.camera[~check.shown], check.views.marker[~check.shown]] = np.nan
+    pose, better = fit_pose(uv, rig, handle, p.max_slant_deg, p.sigma_px), judged(check)
+    if pose.T_world_handle is None or better.T_world_handle is None:
+        return pose
+    if apart(pose.T_world_handle, better.T_world_handle, APART_MM, APART_RAD):
+        return LOST
+    away = motion_between(pose.T_world_handle, better.T_world_handle)
+    return replace(pose, covariance=better.covariance + np.outer(away, away))

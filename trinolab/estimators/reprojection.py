@@ -1,0 +1,89 @@
+"""The pose with the least reprojection error of the markers' centroids, over all views at once (beyond Sect. 5.3)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.spatial.transform import RigidTransform
+
+from ..camera import Rig
+from ..checks import Array
+from ..handle import Handle
+from ..parameters import Parameters
+from ..pose import Pose
+from .appearance import Views
+from .centroids import predict_centroids, register
+from .identified import Identified
+from .imagemodel import first_state, inverse, marker_is_shown, misfit
+from .patches import patches
+from .pixels import FLOOR_PX, Fit, in_world, judged, judged_fit, moved
+
+
+def fit_centroids(images: Sequence[np.ndarray], rig: Rig, handle: Handle, start: RigidTransform,
+                  max_slant_deg: float = 72.0, steps: int = 3) -> Fit | None:
+    """The pose with the least reprojection error of the predicted centroids, over all views at once.
+
+    Parameters and result as for `pixels.fit_patches`; `steps` is the number of times that the centroids are measured,
+    each time by what the pose found before predicts.
+    """
+    here = patches(images, rig, handle, start, max_slant_deg)
+    if len(np.unique(here.views.marker)) < 3:
+        return None
+    state = first_state(start, rig)
+    for _ in range(steps):
+        state, found = register(state, here, rig, handle)
+        covariance = found.covariance * np.maximum(misfit(found.at), 1.0)[:, None, None] + FLOOR_PX**2 * np.eye(2)
+        shading = found.at.greys[:, 2:5]
+        T, covariance = fit_pixels(found.uv, covariance, rig, handle, here.views, state.T_world_handle, shading)
+        if not np.isfinite(covariance).all():
+            return None
+        state = state._replace(T_world_handle=T)
+    left = np.linalg.norm(found.uv - predict_centroids(rig, handle, T, here.views, shading)[0], axis=1)
+    return judged_fit(T, covariance, here.views, found.at, marker_is_shown(found.at, handle), left)
+
+
+def fit_pixels(uv: Array, covariance: Array, rig: Rig, handle: Handle, views: Views, start: RigidTransform,
+               shading: Array | None = None, steps: int = 4, huber: float = 3.0) -> tuple[RigidTransform, Array]:
+    """The pose whose predicted centroids lie nearest to measured ones, robust to a wrong match.
+
+    Parameters
+    ----------
+    uv : ndarray, shape (k, 2)
+        Measured centroids, px.
+    covariance : ndarray, shape (k, 2, 2)
+        Of each, px^2.
+    rig, handle, views
+    start : RigidTransform
+        T_world_handle.
+    shading : ndarray, shape (k, 3), optional
+        As in `predict_centroids`.
+    steps : int
+        Gauss-Newton steps.
+    huber : float
+        Standard deviations beyond which a centroid counts for less (Huber 1964, DOI 10.1214/aoms/1177703732).
+
+    Returns
+    -------
+    T_world_handle : RigidTransform
+    covariance : ndarray, shape (6, 6)
+        Of position (mm) and rotation vector (rad), world frame; NaN where the centroids do not fix the pose.
+    """
+    T, W = start, inverse(covariance)
+    for _ in range(steps):
+        predicted, J = predict_centroids(rig, handle, T, views, shading)
+        J = np.nan_to_num(J)
+        residual = np.nan_to_num(uv - predicted)
+        distance = np.sqrt(np.maximum(np.einsum("ki,kij,kj->k", residual, W, residual), 1e-12))
+        counts = np.asarray(np.isfinite(predicted).all(axis=1)) * np.minimum(huber / distance, 1.0)
+        weighted = W * counts[:, None, None]
+        information = np.einsum("kia,kij,kjb->ab", J, weighted, J)
+        spread = inverse(information)
+        step = spread @ np.einsum("kia,kij,kj->a", J, weighted, residual)
+        T = moved(T, np.nan_to_num(step))
+    return T, in_world(spread, T)
+
+
+def reprojection_pose(instant: Identified, rig: Rig, handle: Handle, p: Parameters) -> Pose:
+    """The estimator ``reprojection``: see `fit_centroids`."""
+    return judged(fit_centroids(instant.images, rig, handle, instant.T_world_handle, p.max_slant_deg))

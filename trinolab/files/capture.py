@@ -1,0 +1,244 @@
+"""A recording folder from cameras as they deliver; video files may stand in for them.
+
+A thread of its own writes what a bounded queue hands it: grabbing never waits for the disk. What does not fit into the
+queue is dropped and counted; before that, images are written without compression.
+"""
+
+from __future__ import annotations
+
+import logging
+import shutil
+from collections.abc import Iterable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor, wait
+from dataclasses import dataclass
+from itertools import chain
+from pathlib import Path
+from queue import Full, Queue
+from threading import Thread
+
+import cv2
+import numpy as np
+
+from ..camera import Rig
+from ..checks import Array, as_number, frozen
+from ..handle import Handle
+from . import recorder
+from .devices import Source, Taken, drain, instants_of, open_source
+from .rigs import read_handle, read_rig
+
+QUEUE = 32  # instants that wait to be written: a second, 130 MB of three cameras of 1280 x 1024
+PREVIEW = "preview.png"
+PREVIEW_S, PREVIEW_WIDTH = 0.25, 1280
+
+log = logging.getLogger("trinolab")
+
+
+@dataclass(frozen=True, eq=False)
+class Captured:
+    """What was recorded.
+
+    Attributes
+    ----------
+    folder : Path
+    times_s : ndarray, shape (n,)
+        Of the middle between the first camera's grab and the last one's; the first is 0.
+    spread_s : ndarray, shape (n,)
+        Between these two grabs.
+    dropped : int
+        Instants that were taken, but could not be written in time.
+    """
+
+    folder: Path
+    times_s: Array
+    spread_s: Array
+    dropped: int
+
+
+def capture(cameras: Mapping[str, str], out: str | Path, rig: str | Path | None = None,
+            handle: str | Path | None = None, seconds: float | None = None, fps: float | None = None,
+            size: tuple[int, int] | None = None, preview: bool = False) -> Captured:
+    """Record from cameras until the time is over, videos end together, or Ctrl-C.
+
+    Parameters
+    ----------
+    cameras : mapping of str to str
+        For each camera's name its index at this computer ("0"), or a video's path.
+    out : path
+        Recording folder to write, see `recording`; unfinished it has ``.partial`` behind its name.
+    rig, handle : path, optional
+        Rig and handle file, which become part of the recording; cameras are asked for the rig's sizes.
+    seconds : float, optional
+        To record for; without end by default.
+    fps : float, optional
+        Frames a second that cameras are asked for, and that videos are played with; by default the device's and the
+        video's own.
+    size : (int, int), optional
+        Width and height that cameras are asked for, if there is no rig.
+    preview : bool
+        Keep ``preview.png`` in the unfinished folder: what the cameras see, four times a second.
+
+    Raises
+    ------
+    ValueError
+        Before anything is recorded: names that are none, or not the rig's; a camera or video that cannot be opened, or
+        has not the rig's size; a folder that exists. While recording: a camera that stops or changes its size, a file
+        that cannot be written; the instants before it are kept, and the error says where.
+    """
+    the_rig = None if rig is None else read_rig(rig)
+    the_handle = None if handle is None else read_handle(handle)
+    limit = np.inf if seconds is None else as_number(seconds, "seconds", 0.0, open_low=True)
+    if fps is not None:
+        as_number(fps, "fps", 0.0, 1000.0, open_low=True)
+    sizes = _sizes(cameras, the_rig, size)
+    partial = recorder.partial_of(out)
+    if partial.exists():
+        raise ValueError(f"{partial}: an unfinished recording; keep it by another name, or remove it")
+    sources: list[Source] = []
+    try:
+        for name, wanted in sizes.items():
+            sources.append(open_source(name, cameras[name], wanted, fps))
+        drain(sources)
+        stream = instants_of(sources, None if the_rig is None else sizes)
+        first = next(stream)  # so that what does not fit is found before there is a folder
+        _begin(out, partial, the_rig or list(sizes), the_handle)
+        log.info("recording to %s; Ctrl-C ends it%s", out, f"; {partial / PREVIEW} shows it" if preview else "")
+        writer = Writer(partial, list(sizes), preview)
+        error = _record(chain([first], stream), writer, limit)
+    finally:
+        for source in sources:
+            source.device.release()
+    return _concluded(out, partial, writer, error)
+
+
+class Writer:
+    """Writes instants in a thread of its own.
+
+    Attributes
+    ----------
+    written : list of Taken
+        Without the images; all of an instant's images are there, or it is not in the list.
+    dropped : int
+        Instants for which the queue had no room.
+    error : Exception or None
+        Why the thread writes no more.
+    """
+
+    def __init__(self, partial: Path, names: Sequence[str], preview: bool) -> None:
+        self.written: list[Taken] = []
+        self.dropped = 0
+        self.error: Exception | None = None
+        self._partial, self._names, self._preview = partial, names, preview
+        self._queue: Queue[Taken | None] = Queue(QUEUE)
+        self._shown_s = -np.inf
+        self._thread = Thread(target=self._run, daemon=True)
+        self._thread.start()
+
+    def offer(self, taken: Taken) -> None:
+        """Hand over an instant, without waiting."""
+        try:
+            self._queue.put_nowait(taken)
+        except Full:
+            self.dropped += 1
+
+    def close(self) -> None:
+        """Wait until all that was handed over is written; a KeyboardInterrupt meanwhile says where it is."""
+        try:
+            self._queue.put(None)
+            self._thread.join()
+        except KeyboardInterrupt:
+            raise KeyboardInterrupt(f"what was written is in {self._partial}") from None
+
+    def _run(self) -> None:
+        with ThreadPoolExecutor(len(self._names)) as pool:  # all cameras at a time
+            while (taken := self._queue.get()) is not None:
+                if self.error is None:
+                    try:
+                        self._write(taken, pool)
+                    except Exception as error:  # whatever it is, the recording ends and says so
+                        self.error = error
+
+    def _write(self, taken: Taken, pool: ThreadPoolExecutor) -> None:
+        paths = recorder.image_paths(self._partial, self._names, len(self.written))
+        fast = self._queue.qsize() > QUEUE // 4
+        tasks = [pool.submit(recorder.write_image, image, path, fast)
+                 for image, path in zip(taken.images, paths, strict=True)]
+        wait(tasks)
+        if wrong := next(filter(None, (task.exception() for task in tasks)), None):
+            for path in paths:
+                path.unlink(missing_ok=True)
+            raise wrong
+        self.written.append(taken._replace(images=[]))
+        if self._preview and taken.t_s >= self._shown_s + PREVIEW_S:
+            self._shown_s = taken.t_s
+            recorder.write_image(side_by_side(taken.images), self._partial / PREVIEW)
+
+
+def side_by_side(images: Sequence[np.ndarray], width: int = PREVIEW_WIDTH) -> np.ndarray:
+    """Grey images beside each other in one of at most `width` pixels."""
+    height = min(image.shape[0] for image in images)
+    wide = sum(image.shape[1] * height / image.shape[0] for image in images)
+    height = max(int(height * min(1.0, width / wide)), 1)
+    sizes = [(max(image.shape[1] * height // image.shape[0], 1), height) for image in images]
+    return np.hstack([cv2.resize(image, size, interpolation=cv2.INTER_AREA)
+                      for image, size in zip(images, sizes, strict=True)])
+
+
+def _sizes(cameras: Mapping[str, str], rig: Rig | None, size: tuple[int, int] | None
+           ) -> dict[str, tuple[int, int] | None]:
+    """The size of each camera where it is known, in the rig's order."""
+    if not cameras:
+        raise ValueError("cameras: expected one or more, got none")
+    recorder.check_names(cameras)
+    indices = [what for what in cameras.values() if what.isdecimal()]
+    if len(set(map(int, indices))) < len(indices):
+        raise ValueError(f"cameras: expected each camera once, got the indices {', '.join(indices)}")
+    if rig is None:
+        return dict.fromkeys(cameras, size)
+    if missing := [name for name in rig.names if name not in cameras]:
+        raise ValueError(f"{missing[0]}: this camera of the rig is not named ({', '.join(rig.names)})")
+    if unknown := [name for name in cameras if name not in rig.names]:
+        raise ValueError(f"{unknown[0]}: a camera that the rig does not have ({', '.join(rig.names)})")
+    return {camera.name: camera.size for camera in rig.cameras}
+
+
+def _begin(out: str | Path, partial: Path, rig: Rig | Sequence[str], handle: Handle | None) -> None:
+    """Make the unfinished folder, or leave nothing."""
+    try:
+        recorder.begin(out, rig, handle)
+    except ValueError:
+        shutil.rmtree(partial, ignore_errors=True)
+        raise
+
+
+def _record(stream: Iterable[Taken], writer: Writer, limit_s: float) -> Exception | None:
+    """Hand instants over until the stream, the time or a person ends it; the error if one did."""
+    start, error = None, None
+    try:
+        for taken in stream:
+            start = taken.t_s if start is None else start
+            if writer.error is not None or taken.t_s - start >= limit_s:
+                break
+            writer.offer(taken)
+    except KeyboardInterrupt:
+        log.info("interrupted: writing what was taken")
+    except ValueError as caught:
+        error = caught
+    writer.close()
+    return writer.error or error
+
+
+def _concluded(out: str | Path, partial: Path, writer: Writer, error: Exception | None) -> Captured:
+    """Give the recording its name, and say what was wrong."""
+    (partial / PREVIEW).unlink(missing_ok=True)
+    if not writer.written:
+        shutil.rmtree(partial)
+        raise ValueError(str(error or "nothing was taken"))
+    times = np.array([taken.t_s for taken in writer.written])
+    try:
+        recorder.finish(out, list(times - times[0]))
+    except ValueError as last:
+        raise ValueError(f"{error or last}; the images of {len(times)} instants are in {partial}") from None
+    if error is not None:
+        raise ValueError(f"{error}; the {len(times)} instants before are kept in {out}")
+    spread = np.array([taken.spread_s for taken in writer.written])
+    return Captured(Path(out), frozen(times - times[0]), frozen(spread), writer.dropped)

@@ -1,0 +1,128 @@
+"""Cameras of this computer, and videos in their place: opened, and grabbed together.
+
+All cameras are grabbed first, so that they are as near to one instant as they can be; then their images are fetched.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from itertools import count
+from pathlib import Path
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+
+from .recording import open_video
+
+WAITED_S = 1e-3  # a grab that takes as long has waited for its frame
+
+
+class Source(NamedTuple):
+    """A camera, or a video in its place, which is played in steps of `period_s`; a camera sets the pace (0)."""
+
+    name: str
+    device: cv2.VideoCapture
+    period_s: float
+
+
+class Taken(NamedTuple):
+    """One instant: its time, the time from the first grab to the last (s), and a grey image a camera, uint8."""
+
+    t_s: float
+    spread_s: float
+    images: list[np.ndarray]
+
+
+def open_source(name: str, what: str, size: tuple[int, int] | None = None, fps: float | None = None) -> Source:
+    """Open a camera by its index, or a video by its path; a camera is asked for the size and the rate.
+
+    Raises
+    ------
+    ValueError
+        Names the camera that cannot be opened.
+    """
+    if what.isdecimal() and len(what) < 5:
+        device = _open_index(int(what))
+        if not device.isOpened():
+            raise ValueError(f"{name}: camera {what} cannot be opened")
+        wanted = {cv2.CAP_PROP_FPS: fps} if fps else {}
+        wanted |= {cv2.CAP_PROP_FRAME_WIDTH: size[0], cv2.CAP_PROP_FRAME_HEIGHT: size[1]} if size else {}
+        for key, value in wanted.items():
+            device.set(key, value)
+        return Source(name, device, 0.0)
+    if not Path(what).is_file():
+        raise ValueError(f"{name}: {what}: no such camera or video")
+    device = open_video(Path(what))
+    rate = fps or device.get(cv2.CAP_PROP_FPS)
+    return Source(name, device, 1 / rate if 0 < rate <= 1000 else 1 / 30)
+
+
+def drain(sources: Sequence[Source]) -> None:
+    """Let go of the frames that cameras have kept while others were opened: a grab that has to wait brings a new one.
+
+    A first round starts the cameras. All take their rounds at a time, so that none keeps much in the meantime.
+    """
+    live = [source.device for source in sources if not source.period_s]
+    with ThreadPoolExecutor(len(sources)) as pool:
+        for _ in range(2):
+            list(pool.map(_grab_until_new, live))
+
+
+def instants_of(sources: Sequence[Source], sizes: Mapping[str, tuple[int, int] | None] | None = None
+                ) -> Iterator[Taken]:
+    """Grab all, then fetch the images, as fast as the slowest source delivers; videos end it together.
+
+    Raises
+    ------
+    ValueError
+        Names the camera that stops, or has another size than in `sizes` or before.
+    """
+    period = max(source.period_s for source in sources)
+    known = dict(sizes or {})
+    start = 0.0
+    for k in count():
+        if k and period:
+            time.sleep(max(0.0, start + k * period - time.perf_counter()))
+        grabbed = [(source.device.grab(), time.perf_counter()) for source in sources]
+        at = [t for _, t in grabbed]
+        start = start or at[0]
+        if k and not any(good for good, _ in grabbed) and all(source.period_s for source in sources):
+            return
+        images = [_fetched(source, good, k, known) for source, (good, _) in zip(sources, grabbed, strict=True)]
+        yield Taken((at[0] + at[-1]) / 2, at[-1] - at[0], images)
+
+
+def _grab_until_new(device: cv2.VideoCapture) -> None:
+    for _ in range(10):  # no driver keeps more
+        before = time.perf_counter()
+        device.grab()
+        if time.perf_counter() - before > WAITED_S:
+            return
+
+
+def _open_index(index: int) -> cv2.VideoCapture:
+    """Open a camera, while OpenCV keeps what is wrong to itself."""
+    logging = cv2.utils.logging
+    before = logging.setLogLevel(logging.LOG_LEVEL_SILENT)
+    try:
+        return cv2.VideoCapture(index)
+    finally:
+        logging.setLogLevel(before)
+
+
+def _fetched(source: Source, grabbed: bool, k: int, known: dict[str, tuple[int, int] | None]) -> np.ndarray:
+    """The grey image of a source that has grabbed; `known` holds the sizes, and learns one."""
+    there, image = source.device.retrieve() if grabbed else (False, None)
+    if not there or image is None:
+        raise ValueError(f"{source.name}: delivers no image after {k} instants")
+    size = (image.shape[1], image.shape[0])
+    wanted = known.get(source.name)
+    if wanted is None:
+        known[source.name] = wanted = size
+    if size != wanted:
+        raise ValueError(f"{source.name}: {size[0]} x {size[1]} pixels after {k} instants, expected "
+                         f"{wanted[0]} x {wanted[1]}")
+    return image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)

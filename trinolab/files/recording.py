@@ -1,0 +1,325 @@
+"""Recordings as files: the instants of several cameras, with their times, from image folders or videos.
+
+A recording folder holds ``rig.toml``, ``handle.toml``, for each camera ``images/<camera>/*.png`` or ``<camera>.mkv``,
+and where known ``timestamps.csv`` (``frame,t_s``), ``background/<camera>.png`` and ``truth.csv``.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+
+from ..camera import Rig
+from ..checks import Array, as_number
+from .images import IMAGE_SUFFIXES, as_grey, check_size, is_image, read_grey
+from .inputs import read_csv
+
+VIDEO_SUFFIXES = (".mkv", ".mp4", ".avi", ".mov", ".webm", ".m4v", ".mpg", ".mpeg")
+
+os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")  # a broken video is our line to say, not FFmpeg's
+
+
+class Footage(NamedTuple):
+    """The frames of one camera.
+
+    Attributes
+    ----------
+    path : Path
+        A folder of images, or a video.
+    names : tuple of str
+        Of the images, in the order of their names; empty for a video.
+    length : int
+        Of the frames; of a video what its header says, which need not be so.
+    """
+
+    path: Path
+    names: tuple[str, ...]
+    length: int
+
+
+def open_footage(path: str | Path) -> Footage:
+    """Find out what a camera's frames are.
+
+    Raises
+    ------
+    ValueError
+        Names the path: not there, a folder without an image, no video that can be read.
+    """
+    path = Path(path)
+    if path.is_dir():
+        names = tuple(sorted(file.name for file in path.iterdir() if is_image(file)))
+        if not names:
+            raise ValueError(f"{path}: no image in it ({', '.join(IMAGE_SUFFIXES)})")
+        return Footage(path, names, len(names))
+    if not path.exists():
+        raise ValueError(f"{path}: no such file or folder")
+    capture = open_video(path)
+    count = int(min(max(capture.get(cv2.CAP_PROP_FRAME_COUNT), 0), 2**31))
+    capture.release()
+    return Footage(path, (), count)
+
+
+def frames_of(footage: Footage, size: tuple[int, int] | None = None, first: int = 0,
+              said: set[str] | None = None) -> Iterator[np.ndarray]:
+    """The frames one after the other, shape (height, width), grey levels 0 to 255.
+
+    Parameters
+    ----------
+    footage : Footage
+    size : (int, int), optional
+        Width and height that they must have.
+    first : int
+        The first frame to give.
+    said : set of str, optional
+        What the log has said of conversions, see `images.as_grey`.
+
+    Raises
+    ------
+    ValueError
+        Names the file that cannot be read or has another size.
+    """
+    said = set() if said is None else said
+    if footage.names:
+        yield from (read_grey(footage.path / name, size, said) for name in footage.names[first:])
+        return
+    capture = open_video(footage.path)
+    try:
+        for _ in range(first):
+            capture.grab()
+        while True:
+            there, image = capture.read()
+            if not there:
+                return
+            check_size(image, size, footage.path)
+            if image.ndim == 3 and np.array_equal(image[..., 0], image[..., 1]) \
+                    and np.array_equal(image[..., 0], image[..., 2]):
+                image = np.ascontiguousarray(image[..., 0])  # a grey video comes with three equal channels
+            yield as_grey(image, footage.path, said)
+    finally:
+        capture.release()
+
+
+def open_video(path: Path) -> cv2.VideoCapture:
+    """Open a video to read from. Raises ValueError if it cannot be read."""
+    level = cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_ERROR)  # and not OpenCV's warning either
+    try:
+        capture = cv2.VideoCapture(str(path), cv2.CAP_FFMPEG)
+    finally:
+        cv2.utils.logging.setLogLevel(level)
+    if not capture.isOpened() or not os.access(path, os.R_OK):
+        raise ValueError(f"{path}: cannot be read as a video")
+    return capture
+
+
+class Instant(NamedTuple):
+    """The images of one instant: `paths` in the order of the rig's cameras; `frame` counts from 0."""
+
+    frame: int
+    paths: tuple[Path, ...]
+
+
+class Recording(NamedTuple):
+    """What the cameras of a rig took together.
+
+    Attributes
+    ----------
+    rig : Rig
+    footage : tuple of Footage
+        One a camera, in the rig's order.
+    length : int
+        Instants; where all cameras are videos, as their headers say.
+    times_s : ndarray or None
+        Of the middle of each frame's exposure, s; None if they follow from `fps`.
+    fps : float
+    times_from : path
+        Where `times_s` was read.
+    """
+
+    rig: Rig
+    footage: tuple[Footage, ...]
+    length: int
+    times_s: Array | None
+    fps: float
+    times_from: str | Path = "timestamps"
+
+    @property
+    def rate(self) -> float:
+        """Frames a second, of uneven ones the middle of them."""
+        if self.times_s is None or len(self.times_s) < 2:
+            return self.fps
+        return float(1 / np.median(np.diff(self.times_s)))
+
+    def time_of(self, frame: int) -> float:
+        """Time of a frame, s. Raises ValueError if the timestamps do not know it."""
+        if self.times_s is None:
+            return frame / self.fps
+        if frame >= len(self.times_s):
+            last = len(self.times_s) - 1
+            raise ValueError(f"{self.times_from}: no time for frame {frame}, they end with frame {last}")
+        return float(self.times_s[frame])
+
+
+class Frames(NamedTuple):
+    """One instant: its number from 0, its time (s), and a grey image a camera, in the rig's order."""
+
+    frame: int
+    t_s: float
+    images: list[np.ndarray]
+
+
+def open_recording(sources: Mapping[str, str | Path], rig: Rig, fps: float = 30.0,
+                   timestamps: str | Path | None = None) -> Recording:
+    """Open the footage of all cameras of a rig.
+
+    Parameters
+    ----------
+    sources : mapping of str to path
+        For each camera's name its video, or its folder of images (in the order of their names).
+    rig : Rig
+    fps : float
+        Frames a second, where there are no timestamps.
+    timestamps : path, optional
+        CSV with the columns ``frame`` and ``t_s``.
+
+    Raises
+    ------
+    ValueError
+        If a camera of the rig has no source or the rig lacks one, a source cannot be read, folders hold different
+        numbers of images, or the timestamps are wrong.
+    """
+    if missing := [name for name in rig.names if name not in sources]:
+        raise ValueError(f"{missing[0]}: no video or folder for this camera of the rig ({', '.join(rig.names)})")
+    if unknown := [name for name in sources if name not in rig.names]:
+        raise ValueError(f"{unknown[0]}: a camera that the rig does not have ({', '.join(rig.names)})")
+    footage = tuple(open_footage(sources[name]) for name in rig.names)
+    folders = [one for one in footage if one.names]
+    for one in folders[1:]:
+        if one.length != folders[0].length:
+            raise ValueError(f"{one.path}: {one.length} images, {folders[0].path} has {folders[0].length}")
+    fps = as_number(fps, "fps", low=0.0, high=1e6, open_low=True)
+    times = None if timestamps is None else read_timestamps(timestamps)
+    count = folders[0].length if folders else max(one.length for one in footage)
+    if times is not None and folders and len(times) < count:
+        raise ValueError(f"{timestamps}: no time for frame {len(times)} of {count}")
+    return Recording(rig, footage, count, times, fps, timestamps or "timestamps")
+
+
+def find_footage(folder: str | Path, rig: Rig) -> dict[str, Path]:
+    """Each camera's images or video in a recording folder.
+
+    Raises
+    ------
+    ValueError
+        If a camera has none, or more than one.
+    """
+    root, found = Path(folder), {}
+    if not root.is_dir():
+        raise ValueError(f"{root}: no such folder")
+    for name in rig.names:
+        places = [root / "images" / name, *(root / f"{name}{suffix}" for suffix in VIDEO_SUFFIXES)]
+        there = [place for place in places if place.exists()]
+        if len(there) != 1:
+            what = f"{there[0].name} and {there[1].name}" if there else f"neither images/{name} nor {name}.mkv"
+            raise ValueError(f"{root}: expected one folder or video of camera {name}, got {what}")
+        found[name] = there[0]
+    return found
+
+
+def instants(recording: Recording, first: int = 0) -> Iterator[Frames]:
+    """The instants one after the other, from frame `first`.
+
+    Raises
+    ------
+    ValueError
+        Names the file that cannot be read, holds no frame, or ends while another one goes on.
+    """
+    said: set[str] = set()
+    streams = [frames_of(one, camera.size, first, said)
+               for one, camera in zip(recording.footage, recording.rig.cameras, strict=True)]
+    frame = first
+    while True:
+        images = [next(stream, None) for stream in streams]
+        over = [one.path for one, image in zip(recording.footage, images, strict=True) if image is None]
+        if len(over) == len(images):
+            if frame == 0:
+                raise ValueError(f"{over[0]}: no frame in it")
+            return
+        if over:
+            raise ValueError(f"{over[0]}: ends after {frame} frames, another camera goes on")
+        yield Frames(frame, recording.time_of(frame), images)  # type: ignore[arg-type]
+        frame += 1
+
+
+def read_timestamps(path: str | Path) -> Array:
+    """Read the times of the frames 0, 1, 2, ..., s.
+
+    Raises
+    ------
+    ValueError
+        Names the file and the row: unreadable, a column missing, no number, frames that do not count from 0, times that
+        do not increase.
+    """
+    table = read_csv(path, usecols=["frame", "t_s"], dtype=float)
+    frame, times = table["frame"].to_numpy(), table["t_s"].to_numpy()
+    if len(times) == 0 or not np.array_equal(frame, np.arange(len(frame))):
+        raise ValueError(f"{path}: column 'frame' expects 0, 1, 2, ...")
+    increasing = np.isfinite(times) & np.append(True, times[1:] > times[:-1])
+    if not increasing.all():
+        wrong = int(increasing.argmin())
+        raise ValueError(f"{path}: frame {wrong}: column 't_s' expects increasing seconds")
+    return times
+
+
+def list_instants(folder: str | Path, rig: Rig) -> list[Instant]:
+    """The instants of a folder that holds a folder of images for each camera, the same file names in each.
+
+    Raises
+    ------
+    ValueError
+        If a camera's folder is missing or holds no image, a name is missing in one of them, or there are images of a
+        camera that the rig does not have.
+    """
+    root = Path(folder)
+    if not root.is_dir():
+        raise ValueError(f"{root}: no such folder")
+    names = {camera: _image_names(root / camera, rig) for camera in rig.names}
+    for other in sorted(path for path in root.iterdir() if path.is_dir() and path.name not in rig.names):
+        if any(is_image(path) for path in other.iterdir()):
+            raise ValueError(f"{other}: images of a camera that the rig does not have ({', '.join(rig.names)})")
+    every = sorted(set().union(*names.values()))
+    for camera, present in names.items():
+        if missing := [name for name in every if name not in present]:
+            raise ValueError(f"{root / camera / missing[0]}: missing, another camera has this image")
+    return [Instant(k, tuple(root / camera / name for camera in rig.names)) for k, name in enumerate(every)]
+
+
+def read_instant(instant: Instant, rig: Rig, said: set[str] | None = None) -> list[np.ndarray]:
+    """Read the images of an instant as grey images, shape (height, width), grey levels 0 to 255.
+
+    Colour images are converted to grey and 16-bit images to 8-bit levels (with their fractions); the log says so.
+
+    Parameters
+    ----------
+    instant : Instant
+    rig : Rig
+    said : set of str, optional
+        What the log has said before, and need not say for each of a thousand images; it grows by what is said here.
+
+    Raises
+    ------
+    ValueError
+        Names the file that cannot be read as an image or has another size than its camera.
+    """
+    said = set() if said is None else said
+    return [read_grey(path, camera.size, said) for path, camera in zip(instant.paths, rig.cameras, strict=True)]
+
+
+def _image_names(folder: Path, rig: Rig) -> set[str]:
+    if not folder.is_dir():
+        raise ValueError(f"{folder}: no such folder; each camera of the rig needs one ({', '.join(rig.names)})")
+    return set(open_footage(folder).names)

@@ -1,0 +1,94 @@
+"""Films: pictures written to a video file, and videos that a page of the book plays."""
+
+from __future__ import annotations
+
+import html
+from base64 import b64encode
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from .images import unheard
+
+CUT_OFF = "cannot be written as a whole (is the disk full?)"
+
+
+class Film:
+    """A VP9 video that takes its name when it is whole; a context manager.
+
+    Raises
+    ------
+    ValueError
+        If the video cannot be written, or not as a whole.
+    """
+
+    def __init__(self, path: str | Path, fps: float) -> None:
+        self.path, self.fps = Path(path), fps
+        if self.path.suffix.lower() != ".webm":
+            raise ValueError(f"{path}: expected a name that ends in .webm")
+        self._partial = self.path.with_name(f".{self.path.stem}.partial{self.path.suffix}")
+        self._writer: cv2.VideoWriter | None = None
+
+    def __enter__(self) -> Film:
+        return self
+
+    def add(self, image: np.ndarray) -> None:
+        """One more picture, (height, width, 3); all of one size."""
+        if self._writer is None:
+            code = cv2.VideoWriter.fourcc(*"VP90")
+            with unheard():  # OpenCV finds the codec's name unusual
+                self._writer = cv2.VideoWriter(str(self._partial), code, self.fps, (image.shape[1], image.shape[0]))
+            if not self._writer.isOpened():
+                raise ValueError(f"{self.path}: cannot be written as a VP9 video")
+        with unheard() as said:
+            self._writer.write(image)
+            said.seek(0)
+            if b"Failed to write" in said.read():
+                raise ValueError(f"{self.path}: {CUT_OFF}")
+
+    def __exit__(self, kind: object, *_: object) -> None:
+        if self._writer is not None:
+            self._writer.release()
+        if self._partial.exists():
+            whole = kind is None and _is_whole(self._partial)
+            if whole:
+                self._partial.replace(self.path)
+            else:
+                self._partial.unlink()
+            if kind is None and not whole:
+                raise ValueError(f"{self.path}: {CUT_OFF}")
+
+
+def _is_whole(path: Path) -> bool:
+    """Whether a WebM file is as long as it says; a writer on a full disk goes on without a word."""
+    with path.open("rb") as file:
+        head = file.read(256)
+    begin = head.find(b"\x18\x53\x80\x67") + 12  # the segment's name and its length, 4 and 8 bytes
+    length = int.from_bytes(head[begin - 8:begin]) & (1 << 56) - 1
+    return begin > 11 and begin + length == path.stat().st_size
+
+
+class PageVideo:
+    """A film for a notebook: it holds all of itself, so that the page plays it without a network.
+
+    Where a page cannot play it, as in a PDF, the still stands there.
+
+    Parameters
+    ----------
+    path : path
+        A .webm video.
+    text : str
+        What it shows, for readers who do not see it.
+    still : ndarray, shape (height, width, 3)
+        One of its pictures.
+    """
+
+    def __init__(self, path: str | Path, text: str, still: np.ndarray) -> None:
+        self.data, self.text, self.still = Path(path).read_bytes(), text, still
+
+    def _repr_mimebundle_(self, **_: object) -> dict[str, str]:
+        data, png = b64encode(self.data).decode(), b64encode(cv2.imencode(".png", self.still)[1].tobytes()).decode()
+        page = (f'<video controls muted loop playsinline style="width: 100%" aria-label="{html.escape(self.text)}">'
+                f'<source type="video/webm" src="data:video/webm;base64,{data}">{html.escape(self.text)}</video>')
+        return {"text/html": page, "image/png": png, "text/plain": self.text}

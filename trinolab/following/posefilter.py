@@ -1,0 +1,151 @@
+"""A filter for the handle's pose: position and orientation with their rates, driven by a white jerk.
+
+The model of `kalman` with 18 numbers: a small motion away from the pose that is believed, its rate and the rate's rate.
+After each step the motion goes into the pose and is zero again (the error-state filter, Sola 2017, arXiv:1711.02508),
+so that no orientation is ever far from where its three angles are small. Its equations stand here once more, without
+the checks and roots of `kalman`: those would take a twentieth of the time of an instant.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+from scipy.linalg import block_diag
+from scipy.spatial.transform import RigidTransform
+
+from .. import kalman
+from ..checks import Array, as_number, frozen
+from ..rigid import motion_between, shifted
+
+FADING_S = 0.15  # time in which an acceleration fades
+
+
+@dataclass(frozen=True)
+class PoseFilterParameters:
+    """How a handle may move.
+
+    Attributes
+    ----------
+    jerk_mm, jerk_rad : float
+        Intensity of the white jerk, mm^2/s^5 and rad^2/s^5. The first is the most likely one under motions drawn like
+        a person's, the second under a recording of a real hand (`python -m trinolab.studies.tuning`), rounded.
+    speed_mm_s, turn_rad_s : float
+        Standard deviations of the rates at the start.
+    floor_mm, floor_rad : float
+        Added to the measured poses' standard deviations: what their covariances do not know.
+    """
+
+    jerk_mm: float = 4e7
+    jerk_rad: float = 5e1
+    speed_mm_s: float = 400.0
+    turn_rad_s: float = 2.0
+    floor_mm: float = 0.05
+    floor_rad: float = 0.005
+
+    def __post_init__(self) -> None:
+        for name in self.__dataclass_fields__:
+            as_number(getattr(self, name), name, low=0.0, high=1e12, open_low=True)
+
+
+class Motion(NamedTuple):
+    """What is believed of the handle's motion at a time.
+
+    Attributes
+    ----------
+    t_s : float
+    pose : RigidTransform
+        T_world_handle.
+    rates : ndarray, shape (12,)
+        Velocity (mm/s), turn rate (rad/s), and their rates; world frame.
+    covariance : ndarray, shape (18, 18)
+        Of pose (mm, rad) and rates.
+    """
+
+    t_s: float
+    pose: RigidTransform
+    rates: Array
+    covariance: Array
+
+    @property
+    def pose_covariance(self) -> Array:
+        """Of position (mm) and rotation vector (rad), world frame, shape (6, 6)."""
+        return self.covariance[:6, :6]
+
+
+def begin(t_s: float, pose: RigidTransform, covariance: Array, p: PoseFilterParameters) -> Motion:
+    """The motion after a first pose with its covariance (6, 6): rates are zero and unknown."""
+    rates = np.repeat([p.speed_mm_s, p.turn_rad_s], 3)
+    spread = np.zeros((18, 18))
+    spread[:6, :6] = covariance + _floor(p)
+    spread[range(6, 18), range(6, 18)] = np.concatenate([rates, 10 * rates]) ** 2  # from rest within 0.1 s
+    return Motion(t_s, pose, np.zeros(12), spread)
+
+
+def is_new(motion: Motion, p: PoseFilterParameters) -> bool:
+    """Whether the velocity is hardly better known than at the start."""
+    return bool(np.trace(motion.covariance[6:9, 6:9]) > 3 * (p.speed_mm_s / 2) ** 2)
+
+
+def predict(motion: Motion, t_s: float, p: PoseFilterParameters) -> Motion:
+    """Carry a motion on to a later time (Eq. 9, 10, of 18 numbers). Raises ValueError if the time does not increase."""
+    F, Q = _model(as_number(t_s - motion.t_s, "t_s", low=kalman.MIN_DT_S, high=1e6), p.jerk_mm, p.jerk_rad)
+    mean = F[:, 6:] @ motion.rates
+    return Motion(t_s, shifted(motion.pose, mean[:6]), mean[6:], F @ motion.covariance @ F.T + Q)
+
+
+def update(motion: Motion, pose: RigidTransform, covariance: Array, p: PoseFilterParameters) -> Motion:
+    """Correct a predicted motion by a measured pose with its covariance (6, 6) (Eq. 13-15, H = (1 0 0))."""
+    P, R = motion.covariance, covariance + _floor(p)
+    K = np.linalg.solve(P[:6, :6] + R, P[:6]).T
+    correction = K @ motion_between(pose, motion.pose)
+    rest = np.eye(18)
+    rest[:, :6] -= K
+    after = rest @ P @ rest.T + K @ R @ K.T  # Joseph's form of Eq. 14
+    return Motion(motion.t_s, shifted(motion.pose, correction[:6]), motion.rates + correction[6:], after)
+
+
+def restarted(motion: Motion, position: Array, covariance: Array, seen: Motion, p: PoseFilterParameters) -> Motion:
+    """A motion that is elsewhere than predicted, at a position (3,), mm, with a covariance (3, 3).
+
+    Its velocity is the way since it was seen. The orientation and what is known of it stay as predicted.
+    """
+    there = RigidTransform.from_components(position, motion.pose.rotation)
+    begun = begin(motion.t_s, there, block_diag(covariance, np.zeros((3, 3))), p)
+    rates, spread = motion.rates.copy(), begun.covariance.copy()
+    rates[:3], rates[6:9] = (position - seen.pose.translation) / (motion.t_s - seen.t_s), 0.0
+    turning = np.r_[3:6, 9:12, 15:18]
+    spread[np.ix_(turning, turning)] = motion.covariance[np.ix_(turning, turning)]
+    return Motion(motion.t_s, there, rates, spread)
+
+
+def surprise(motion: Motion, pose: RigidTransform, covariance: Array, p: PoseFilterParameters) -> float:
+    """The normalised innovation squared of a measured pose: chi-square with six degrees of freedom if all holds."""
+    S = motion.pose_covariance + covariance + _floor(p)
+    away = motion_between(pose, motion.pose)
+    return float(away @ np.linalg.solve(S, away))
+
+
+@lru_cache(maxsize=4096)
+def transition(dt: float, fading_s: float = np.inf) -> Array:
+    """Phi of one coordinate, (x, v, a), over a time dt, s, with an acceleration that fades, shape (3, 3) (Eq. 11)."""
+    if np.isinf(fading_s):
+        return frozen(np.array([[1, dt, dt**2 / 2], [0, 1, dt], [0, 0, 1]]))
+    share = dt / fading_s
+    left = np.exp(-share)
+    held = fading_s**2 * (share - 1 + left)
+    return frozen(np.array([[1, dt, held], [0, 1, -fading_s * np.expm1(-share)], [0, 0, left]]))
+
+
+@lru_cache(maxsize=64)
+def _model(dt: float, jerk_mm: float, jerk_rad: float) -> tuple[Array, Array]:
+    """Phi and Q of the 18 numbers, (18, 18) each (Eq. 10, 11); a hand's acceleration does not last (Singer 1970)."""
+    F = np.kron(transition(dt, FADING_S), np.eye(6))
+    Q = np.kron(kalman.white_jerk(dt, 1.0)[::2, ::2], np.diag(np.repeat([jerk_mm, jerk_rad], 3)))
+    return F.astype(float), Q.astype(float)
+
+
+def _floor(p: PoseFilterParameters) -> Array:
+    return np.diag(np.repeat([p.floor_mm, p.floor_rad], 3) ** 2)

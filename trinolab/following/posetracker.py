@@ -1,0 +1,248 @@
+"""The handle followed through a sequence by a filter on its pose: look where it is expected, else everywhere.
+
+The paper's windows follow what moves in each image (`tracker.step`); here they are the projections of one predicted
+pose, so that a camera that is covered for a while, or sees a hand move, knows where to look all the same. No background
+is needed: what is no marker in its place is no marker.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.spatial.transform import RigidTransform
+
+from ..camera import Rig
+from ..checks import as_number, as_transform
+from ..handle import Handle
+from ..identity import choose, equivalents, relabel
+from ..measurement import Measurement, as_images, measure
+from ..pose import LOST, Pose
+from ..rigid import apart
+from ..window import Window
+from . import posefilter
+from .look import SMEARED_PX, displacement, expect, follow, found_markers, look
+from .parameters import FollowParameters
+from .posefilter import Motion, PoseFilterParameters
+
+SEEN_BY_ALL = 5, 5.0, np.deg2rad(5.0)  # sigmas, mm and rad more by which a measured pose may be off the predicted one
+SEEN_BY_SOME = 3, 2.0, np.deg2rad(2.5)
+TURN_RAD = np.deg2rad(25.0)  # and by no more than this, where a turn of 60 deg looks the same
+
+
+class TrackState(NamedTuple):
+    """What is known after an instant.
+
+    Attributes
+    ----------
+    t_s : float
+        Time of the instant, s.
+    motion : Motion or None
+        None if nothing is followed.
+    seen : Motion or None
+        The same when the handle was last measured, or given.
+    sure : bool
+        Whether the pose that is followed is the true one of those that look alike.
+    """
+
+    t_s: float
+    motion: Motion | None
+    seen: Motion | None
+    sure: bool
+
+
+class Tracked(NamedTuple):
+    """One instant of a track: the measurement, and the windows that were searched, None where a camera was left out."""
+
+    measurement: Measurement
+    windows: tuple[Window | None, ...]
+
+
+def start(t_s: float, pose: RigidTransform | None = None) -> TrackState:
+    """The state before the first instant.
+
+    Parameters
+    ----------
+    t_s : float
+        s; the first instant comes later.
+    pose : RigidTransform, optional
+        T_world_handle at that time where it is known: it tells poses that look alike apart.
+
+    Raises
+    ------
+    ValueError
+        If the time is no finite number, or the pose not one finite motion.
+    """
+    t = as_number(t_s, "t_s")
+    if pose is None:
+        return TrackState(t, None, None, False)
+    given = posefilter.begin(t, as_transform(pose, "pose"), np.diag([25.0] * 3 + [0.01] * 3), PoseFilterParameters())
+    return TrackState(t, given, given, True)
+
+
+def step(state: TrackState, frames: Sequence[ArrayLike], t_s: float, rig: Rig, handle: Handle,
+         parameters: FollowParameters | None = None) -> tuple[TrackState, Tracked]:
+    """One instant of a sequence.
+
+    Parameters
+    ----------
+    state : TrackState
+        After the instant before.
+    frames : sequence of array_like, shape (height, width)
+        As for `measurement.measure`.
+    t_s : float
+        Time of the frames, s; any step after the last one.
+    rig : Rig
+    handle : Handle
+    parameters : FollowParameters, optional
+        Poses of the estimator ``paper`` are checked against the pixels.
+
+    Returns
+    -------
+    state : TrackState
+    tracked : Tracked
+        With a pose ``measured``; ``ambiguous`` where the handle looks alike from several sides and has been lost since
+        it was known which; ``predicted`` for `memory_s` after the last measurement; else `LOST`.
+
+    Raises
+    ------
+    ValueError
+        If the frames are none of the rig, see `measurement.measure`, or the time does not increase.
+    """
+    p = (parameters or FollowParameters()).checked
+    t = as_number(t_s, "t_s", low=state.t_s, open_low=True)
+    images = as_images(frames, rig)
+    if state.motion is None or state.seen is None:
+        return _sought(images, t, rig, handle, p)
+    predicted = posefilter.predict(state.motion, t, p.motion)
+    best: tuple[Tracked, Motion] | None = None
+    most = 0  # cameras
+    for motion, smeared, least in _guesses(images, predicted, state.seen, rig, handle, p):
+        tracked = _followed(images, motion, rig, handle, p, smeared)
+        pose = tracked.measurement.pose
+        if pose.cameras >= max(least, most + 1) and _believable(pose, motion, rig, handle):
+            best, most = (tracked, motion), pose.cameras
+            if 2 * pose.cameras >= len(rig.cameras):
+                break  # a single one of three may be frozen: what do the others say?
+    if best is not None:
+        return _measured(*best, state.sure, handle, p)
+    if t - state.seen.t_s > p.memory_s + 1e-9:  # times are rounded
+        return _sought(images, t, rig, handle, p)
+    return state._replace(t_s=t, motion=predicted), _missed(tracked, predicted, state.sure, handle)
+
+
+def _guesses(images: list[np.ndarray], predicted: Motion, seen: Motion, rig: Rig, handle: Handle,
+             p: FollowParameters) -> Iterator[tuple[Motion, bool, int]]:
+    """Where the handle may be: as predicted; shifted from there, or from where it was; measured without a clue.
+
+    With each whether it is to be looked for as one that moves while the shutter is open (that takes longer, and comes
+    after those that are quick), and how many cameras have to say so: one image alone is explained by some smear.
+    """
+    yield predicted, False, 1
+    near = [predicted, *_displaced(images, predicted, seen, rig, handle, p)]
+    yield from ((motion, False, 1) for motion in near[1:])
+    yield from ((motion, True, 1) for motion in near
+                if max(one.smear_px for one in expect(rig, handle, motion, p)) > SMEARED_PX)
+    if posefilter.is_new(predicted, p.motion):
+        yield from ((motion, True, 2) for motion in _in_any_direction(predicted, rig, p))
+    pose = measure(images, rig, handle, predicted.pose, p).pose
+    if _believable(pose, predicted, rig, handle) and pose.T_world_handle is not None:
+        spread = np.diag(np.repeat([1.0, 0.1], 3) ** 2)
+        there = posefilter.update(predicted, pose.T_world_handle, spread, p.motion)
+        yield from ((there, smeared, 1) for smeared in (False, True))
+
+
+def _in_any_direction(motion: Motion, rig: Rig, p: FollowParameters, directions: int = 4) -> list[Motion]:
+    """A motion of unknown velocity with one across the first camera's sight, in directions half a turn around: a smear
+    looks the same both ways, and tells of its direction by itself if it begins with one."""
+    across = rig.cameras[0].T_world_cam.as_matrix()[:3, :2]
+    angles = np.pi / directions * np.arange(directions)
+    velocities = p.motion.speed_mm_s * (across @ [np.cos(angles), np.sin(angles)]).T
+    return [motion._replace(rates=np.concatenate([velocity, np.zeros(9)])) for velocity in velocities]
+
+
+def _displaced(images: list[np.ndarray], predicted: Motion, seen: Motion, rig: Rig, handle: Handle,
+               p: FollowParameters) -> list[Motion]:
+    """The predicted motion shifted to where the images have the handle, from there and from where it was seen."""
+    found = []
+    for pose in (predicted.pose, seen.pose):
+        expected = expect(rig, handle, predicted._replace(pose=pose), p)
+        shift = displacement(images, [one.uv for one in expected], [one.size_px for one in expected], rig, handle,
+                             pose.translation)
+        if shift is not None:
+            found.append(posefilter.restarted(predicted, pose.translation + shift[0], shift[1], seen, p.motion))
+    return found
+
+
+def _followed(images: list[np.ndarray], motion: Motion, rig: Rig, handle: Handle,
+              p: FollowParameters, smeared: bool) -> Tracked:
+    """The handle measured near where a motion has it."""
+    expected = expect(rig, handle, motion, p)
+    sights = look(images, expected, rig, handle, p)
+    pose, labels = follow(images, expected, sights, rig, handle, motion, p, smeared)
+    windows = tuple(sight.window for sight in sights)
+    return Tracked(Measurement(pose, tuple(map(found_markers, sights)), labels), windows)
+
+
+def _missed(tracked: Tracked, motion: Motion, sure: bool, handle: Handle) -> Tracked:
+    """An instant without a measurement: the predicted pose."""
+    pose = Pose("predicted", motion.pose, motion.pose_covariance, np.nan, 0, 0)
+    nothing = tuple(np.full(len(found.uv), -1) for found in tracked.measurement.found)
+    missed = replace(tracked.measurement, pose=pose, labels=nothing)
+    return tracked._replace(measurement=_reported(missed, sure, handle))
+
+
+def _measured(tracked: Tracked, motion: Motion, sure: bool, handle: Handle,
+              p: FollowParameters) -> tuple[TrackState, Tracked]:
+    """The state after a pose that continues the motion."""
+    pose = tracked.measurement.pose
+    assert pose.T_world_handle is not None
+    after = posefilter.update(motion, pose.T_world_handle, pose.covariance, p.motion)
+    reported = tracked._replace(measurement=_reported(tracked.measurement, sure, handle))
+    return TrackState(motion.t_s, after, after, sure), reported
+
+
+def _sought(images: list[np.ndarray], t: float, rig: Rig, handle: Handle,
+            p: FollowParameters) -> tuple[TrackState, Tracked]:
+    """The handle looked for in whole images, with nothing known."""
+    measurement = measure(images, rig, handle, None, p)
+    tracked = Tracked(measurement, tuple(Window(0, 0, *camera.size) for camera in rig.cameras))
+    pose, sure = measurement.pose, measurement.pose.status == "measured"
+    if pose.T_world_handle is None or not (sure or len(handle.symmetries) > 1):
+        return TrackState(t, None, None, False), tracked
+    begun = posefilter.begin(t, pose.T_world_handle, pose.covariance, p.motion)
+    return TrackState(t, begun, begun, sure), tracked
+
+
+def _believable(pose: Pose, motion: Motion, rig: Rig, handle: Handle) -> bool:
+    """Whether a measured pose may be the continuation of a motion; the less, the fewer cameras say so."""
+    if pose.status != "measured" or pose.T_world_handle is None:
+        return False
+    spread, (sigmas, step_mm, step_rad) = motion.pose_covariance, (SEEN_BY_ALL if pose.cameras == len(rig.cameras)
+                                                                   else SEEN_BY_SOME)
+    most_mm = sigmas * np.sqrt(np.trace(spread[:3, :3])) + step_mm
+    most_rad = sigmas * np.sqrt(np.trace(spread[3:, 3:])) + step_rad
+    if len(handle.symmetries) > 1:
+        most_rad = min(most_rad, TURN_RAD)
+    return not apart(pose.T_world_handle, motion.pose, most_mm, most_rad)
+
+
+def _reported(m: Measurement, sure: bool, handle: Handle) -> Measurement:
+    """As it is if it is sure which of the equivalent poses holds, else as the one that `measure` would name."""
+    pose = m.pose
+    if sure or pose is LOST or pose.T_world_handle is None or len(handle.symmetries) == 1:
+        return m
+    alike = equivalents(pose.T_world_handle, handle)
+    k = choose(alike, None)[0]
+    status = "ambiguous" if pose.status == "measured" else pose.status
+    labels = tuple(relabel(row, handle, handle.symmetries[k]) for row in m.labels)
+    return replace(m, pose=replace(pose, status=status, T_world_handle=alike[k]), labels=labels)
+
+
+def searched(tracked: Tracked, rig: Rig) -> float:
+    """Share of the images' pixels that were searched."""
+    area = sum(window.area for window in tracked.windows if window is not None)
+    return area / sum(camera.size[0] * camera.size[1] for camera in rig.cameras)

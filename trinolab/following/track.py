@@ -1,0 +1,190 @@
+"""What `trinolab track` does: a recording in, a pose file out, row by row, so that an interruption loses nothing."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Mapping
+from contextlib import nullcontext
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import pandas as pd
+from scipy.spatial.transform import RigidTransform
+from tqdm import tqdm
+from tqdm.contrib.logging import logging_redirect_tqdm
+
+from ..camera import Rig
+from ..checks import Array
+from ..files.kept import PARTIAL, Rows, fingerprint
+from ..files.outputs import check_targets, write_together
+from ..files.poses import poses_by_frame, poses_text, read_poses, transforms, tum_text
+from ..files.recording import Recording, find_footage, instants, open_recording
+from ..files.rigs import read_handle, read_rig
+from ..files.video import Film
+from ..handle import Handle
+from ..identity import labelled_pixels
+from ..methods import estimator_of
+from . import posetracker
+from .overlay import picture
+from .parameters import FollowParameters
+from .posetracker import TrackState
+from .sync import estimate_offsets, significant
+
+log = logging.getLogger("trinolab")
+
+MOST_INSTANTS = 3000  # kept for the cameras' offsets in time
+
+
+class Job(NamedTuple):
+    """What is tracked: a recording, its handle, how, and known poses by their frames."""
+
+    recording: Recording
+    handle: Handle
+    parameters: FollowParameters
+    known: Mapping[int, RigidTransform]
+
+
+def track_files(rig: str | Path, handle: str | Path, sources: Mapping[str, str | Path], out: str | Path,
+                start: str | Path | None = None, overlay: str | Path | None = None, fps: float = 30.0,
+                timestamps: str | Path | None = None, method: str = "best", progress: bool = True) -> pd.DataFrame:
+    """Follow the handle through videos or image folders, and write its poses.
+
+    Rows are kept in a file beside `out` as they come. The same call goes on where an interrupted one has stopped.
+
+    Parameters
+    ----------
+    rig, handle : path
+        Rig and handle file.
+    sources : mapping of str to path
+        For each camera's name its video, or its folder of images (in the order of their names).
+    out : path
+        CSV of poses to write; TUM beside it, with the suffix ``.tum``.
+    start : path, optional
+        CSV of poses known at some frames: at the first one for a handle that looks alike from several sides.
+    overlay : path, optional
+        A .webm video (VP9) of what was found, from the frame with which this call began.
+    fps : float
+        Frames a second, where there are no timestamps.
+    timestamps : path, optional
+        CSV with the columns ``frame`` and ``t_s``.
+    method : str
+        The estimator, see `methods.METHODS`.
+    progress : bool
+        Show a progress bar on standard error, if that is a terminal.
+
+    Returns
+    -------
+    pandas.DataFrame
+        The table that was written.
+
+    Raises
+    ------
+    ValueError
+        Names the file that is missing, unreadable or does not fit. Rows that are finished are kept.
+    KeyboardInterrupt
+        Says how many rows are kept.
+    """
+    the_rig = read_rig(rig)
+    recording = open_recording(sources, the_rig, fps, timestamps)
+    parameters = FollowParameters(estimator=estimator_of(method))
+    job = Job(recording, read_handle(handle), parameters, _known(start, recording))
+    files = [Path(path) for path in (rig, handle, start, timestamps) if path is not None]
+    tum, film = Path(out).with_suffix(".tum"), None if overlay is None else Film(overlay, recording.rate)
+    check_targets([out, tum, *([overlay] if overlay else [])], files)
+    rows = Rows(Path(f"{out}{PARTIAL}"), fingerprint(files, sources, start is None, timestamps is None, fps, method))
+    try:
+        with film or nullcontext():
+            _track_on(job, rows, film, progress)
+        table = rows.table()
+        write_together({out: poses_text(table), tum: tum_text(table)})
+    except KeyboardInterrupt:
+        raise KeyboardInterrupt(_kept(rows) and f"{_kept(rows)}; the same command goes on") from None
+    except (ValueError, OSError) as error:
+        raise ValueError(f"{error}; {_kept(rows)}".removesuffix("; ")) from None
+    rows.path.unlink()
+    return table
+
+
+def track_folder(folder: str | Path, out: str | Path, **options: Any) -> pd.DataFrame:
+    """Follow the handle through a recording folder, see `recording`; options and errors as for `track_files`."""
+    root = Path(folder)
+    if not root.is_dir():
+        raise ValueError(f"{root}: no such folder")
+    sources = find_footage(root, read_rig(root / "rig.toml"))
+    times = root / "timestamps.csv"
+    return track_files(root / "rig.toml", root / "handle.toml", sources, out,
+                       timestamps=times if times.exists() else None, **options)
+
+
+def _kept(rows: Rows) -> str:
+    """What is there of a track that has stopped; nothing if it had not begun."""
+    return f"{count} rows are kept in {rows.path}" if (count := rows.kept()) else ""
+
+
+def _track_on(job: Job, rows: Rows, film: Film | None, progress: bool) -> None:
+    """Track from the first frame that has no row."""
+    done = rows.table()
+    state, measured = _state_after(done), int((done["status"] == "measured").sum())
+    stream, seen = instants(job.recording, len(done)), Seen([], [])
+    with logging_redirect_tqdm(), tqdm(total=job.recording.length, initial=len(done), unit="instant",
+                                       disable=None if progress else True) as bar:
+        for now in stream:
+            if (known := job.known.get(now.frame)) is not None and (state is None or not state.sure):
+                state = posetracker.start(np.nextafter(now.t_s, -np.inf) - 1e-6, known)
+            state = state or posetracker.start(now.t_s - 1.0)
+            state, tracked = posetracker.step(state, now.images, now.t_s, job.recording.rig, job.handle, job.parameters)
+            rows.add(now.frame, now.t_s, tracked.measurement.pose)
+            seen.add(now.t_s, tracked, len(job.handle.marker_centres))
+            if film is not None:
+                film.add(picture(now.images, tracked, job.recording.rig, now.frame, now.t_s))
+            measured += tracked.measurement.pose.status == "measured"
+            bar.set_postfix_str(f"tracked {100 * measured / (now.frame + 1):.0f} %", refresh=False)
+            bar.update()
+        for line in seen.offsets(job.recording.rig):
+            log.info(line)
+
+
+class Seen(NamedTuple):
+    """Identified markers of the instants so far: times, s, and pixels (cameras, markers, 2)."""
+
+    times_s: list[float]
+    uv: list[Array]
+
+    def add(self, t_s: float, tracked: posetracker.Tracked, markers: int) -> None:
+        """One more instant, as long as they are few enough to be kept."""
+        if len(self.times_s) < MOST_INSTANTS:
+            pixels = tuple(found.uv for found in tracked.measurement.found)
+            self.times_s.append(t_s)
+            self.uv.append(labelled_pixels(tracked.measurement.labels, pixels, markers))
+
+    def offsets(self, rig: Rig) -> list[str]:
+        """A line for each camera whose clock differs from the first one's, where the markers show that."""
+        if len(self.times_s) < 2:
+            return []
+        found = estimate_offsets(np.array(self.times_s), np.stack(self.uv, axis=1), rig)
+        late_ms, sigma_ms = 1e3 * found.offset_s, 1e3 * found.sigma_s
+        return [f"{rig.names[c]}: {abs(late_ms[c]):.1f} ms (+- {sigma_ms[c]:.1f}) "
+                f"{'later' if late_ms[c] > 0 else 'earlier'} than {rig.names[0]}; the cameras are not synchronised"
+                for c in np.flatnonzero(significant(found))]
+
+
+def _state_after(done: pd.DataFrame) -> TrackState | None:
+    """The tracker's state after the rows of an interrupted track: from its last pose, at unknown speed."""
+    held = done[done["status"].isin(["measured", "ambiguous"])]
+    if not len(held):
+        return None
+    last = held.iloc[-1]
+    state = posetracker.start(float(last["t_s"]), transforms(held.iloc[-1:])[0])
+    return state._replace(sure=last["status"] == "measured")
+
+
+def _known(path: str | Path | None, recording: Recording) -> dict[int, RigidTransform]:
+    """The poses of a start file by their frames."""
+    if path is None:
+        return {}
+    if not (known := poses_by_frame(read_poses(path))):
+        raise ValueError(f"{path}: no row holds a pose")
+    if recording.footage[0].names and min(known) >= recording.length:  # of a video nobody knows how long it is
+        raise ValueError(f"{path}: no frame in common with the recording, which has {recording.length}")
+    return known

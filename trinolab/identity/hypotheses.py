@@ -1,0 +1,186 @@
+"""Hypotheses for the handle's pose, many at once: what each predicts, what it explains, its fit to what it explains.
+
+A pose predicts where each marker's centroid appears in each image. Images are meant without lens distortion throughout.
+Arrays have the axes h poses, C cameras, n markers of the handle, N markers found (of the camera with the most).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from ..camera import Rig
+from ..checks import Array
+from .layout import Layout, Views
+
+STEEP = np.cos(np.deg2rad(75.0))  # markers turned further away are less certain, and less and less
+CERTAIN = np.cos(np.deg2rad(55.0))  # markers turned less than this should be found; up to STEEP one may be missed
+EDGE_PX = 10.0  # ... if it lies whole and as far inside the image
+FAR = 1e9  # px; the place of what is missing: near nothing
+
+
+class Poses(NamedTuple):
+    """A batch of T_world_handle: rotations (h, 3, 3), translations (h, 3), mm."""
+
+    rotations: Array
+    translations: Array
+
+    def take(self, index: np.ndarray) -> Poses:
+        return Poses(self.rotations[index], self.translations[index])
+
+
+class Predicted(NamedTuple):
+    """What poses predict: centroids in pixels (h, C, 2, n), the cosines of the slants (h, C, n), and the points in the
+    cameras' frames of which the centroids are images (h, C, 3, n), mm."""
+
+    uv: Array
+    facing: Array
+    points: Array
+
+
+class Explained(NamedTuple):
+    """What poses explain.
+
+    Attributes
+    ----------
+    labels : ndarray of int, shape (h, C, N)
+        For each found marker its index on the handle, or -1.
+    squares : ndarray, shape (h, C, N)
+        Weighted squared distances of the labelled markers from where they are predicted, px^2; 0 for the others.
+    missing : ndarray, shape (h, C)
+        Markers that should have been found and were not; the steeper, the less each counts.
+    strangers : ndarray of int, shape (h, C)
+        Found markers without a label.
+    cost : ndarray, shape (h,)
+        Sum of the squares, and the gate's square for each stranger and for each missing marker, px^2. Of the missing
+        ones a camera counts at most as many as it labels: it may be covered, or see another thing.
+    """
+
+    labels: np.ndarray
+    squares: Array
+    missing: Array
+    strangers: np.ndarray
+    cost: Array
+
+    def take(self, index: np.ndarray) -> Explained:
+        return Explained(*(part[index] for part in self))
+
+    @property
+    def hits(self) -> np.ndarray:
+        """Labelled markers by camera, shape (h, C)."""
+        return np.asarray((self.labels >= 0).sum(axis=2))
+
+    @property
+    def lacking(self) -> Array:
+        """The missing markers that the cost counts, shape (h,)."""
+        return np.minimum(self.missing, self.hits).sum(axis=1)
+
+
+def ideal_pixels(rig: Rig, found: Sequence[Array]) -> Array:
+    """Found pixels without lens distortion, one array for all cameras, shape (C, 2, N); `FAR` where there is none."""
+    uv = np.full((len(found), 2, max(map(len, found))), FAR)
+    for row, camera, pixels in zip(uv, rig.cameras, found, strict=True):
+        ideal = camera.ideal_pixels(pixels) if camera.distortions.any() else pixels
+        row[:, :len(pixels)] = np.where(np.isfinite(ideal), ideal, FAR).T
+    return uv
+
+
+def predict(poses: Poses, views: Views, layout: Layout) -> Predicted:
+    """Where poses predict the markers' centroids, to first order in a marker's size."""
+    h, C, n = len(poses.rotations), len(views.rotations), len(layout.centres)
+    rotations = views.rotations @ poses.rotations[:, None]  # (h, C, 3, 3)
+    parts = np.concatenate([layout.centres, layout.normals, layout.tangents])
+    arm, normal, tangent = (rotations.reshape(-1, 3) @ parts.T).reshape(h, C, 3, 3, n).transpose(3, 0, 1, 2, 4)
+    X = arm + _origins(poses, views)[..., None]
+    towards, across = -(normal * X).sum(axis=2), -(tangent * X).sum(axis=2)
+    slant = np.arctan2(np.abs(across), towards)
+    along = np.interp(slant, layout.slants, layout.shift[0])
+    aside = np.copysign(np.interp(slant, layout.slants, layout.shift[1]), across)
+    points = X + along[:, :, None] * normal + aside[:, :, None] * tangent
+    facing = np.where(points[:, :, 2] > 0, towards / np.sqrt((X * X).sum(axis=2)), -1.0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        uv = points[:, :, :2] / points[:, :, 2:] * views.focal[:, :, None] + views.principal[:, :, None]
+    return Predicted(uv, facing, points)
+
+
+def explain(poses: Poses, views: Views, layout: Layout, uv: Array, gate_px: float) -> Explained:
+    """Label the found markers by each pose, and say how well it explains them.
+
+    A found marker and a predicted one go together if each is the other's nearest and they lie within `gate_px`.
+    """
+    predicted = predict(poses, views, layout)
+    shown = np.where(predicted.facing[:, :, None] > layout.limb, predicted.uv, -FAR)
+    labels, squares = _mutual_nearest(shown, uv, gate_px)
+    squares *= np.take_along_axis(_weights(predicted.facing), labels, axis=2)
+    expected = np.clip((predicted.facing - STEEP) / (CERTAIN - STEEP), 0.0, 1.0)
+    margin = EDGE_PX + layout.marker_mm / 2 * views.focal[:, :1] / predicted.points[:, :, 2]
+    expected *= views.inside(predicted.uv, margin)
+    missed = np.concatenate([expected, np.zeros((*expected.shape[:2], 1))], axis=2)  # the last one takes the label -1
+    np.put_along_axis(missed, labels, 0.0, axis=2)
+    strangers = ((labels < 0) & (uv[:, 0] < FAR)).sum(axis=2)
+    explained = Explained(labels, squares, missed.sum(axis=2), strangers, squares.sum(axis=(1, 2)))
+    explained.cost[:] += gate_px**2 * (explained.lacking + strangers.sum(axis=1))
+    return explained
+
+
+def fit(poses: Poses, labels: np.ndarray, views: Views, layout: Layout, uv: Array, steps: int = 1) -> Poses:
+    """Move each pose by Gauss-Newton steps towards the markers that it labels, large residuals held back (Huber)."""
+    h, C, n = len(poses.rotations), len(views.rotations), len(layout.centres)
+    target = np.full((h, C, 2, n + 1), np.nan)  # the last one takes the label -1
+    np.put_along_axis(target, np.repeat(labels[:, :, None], 2, axis=2), np.broadcast_to(uv, (h, *uv.shape)), axis=3)
+    for _ in range(steps):
+        predicted = predict(poses, views, layout)
+        poses = _stepped(poses, target[..., :n] - predicted.uv, predicted, views)
+    return poses
+
+
+def _stepped(poses: Poses, error: Array, predicted: Predicted, views: Views) -> Poses:
+    """One Gauss-Newton step for errors (h, C, 2, n); NaN counts nothing. Slightly damped: little may be determined."""
+    size = np.sqrt((error * error).sum(axis=2))
+    weight = np.where(np.isfinite(size), _weights(predicted.facing) / np.maximum(size, 1.0), 0.0)
+    slope = _slopes(poses, predicted.points, views).reshape(len(size), -1, 6)
+    weighted = slope * np.repeat(weight.reshape(len(size), -1), 2, axis=1)[..., None]
+    error = np.where(np.isfinite(error), error, 0.0).transpose(0, 1, 3, 2).reshape(len(size), -1, 1)
+    right = weighted.transpose(0, 2, 1) @ error
+    normal = weighted.transpose(0, 2, 1) @ slope
+    diagonal = range(6)
+    normal[:, diagonal, diagonal] = normal[:, diagonal, diagonal] * (1 + 1e-6) + 1e-6
+    step = np.linalg.solve(normal, right)[..., 0]
+    turn = Rotation.from_rotvec(step[:, 3:]).as_matrix()
+    return Poses(turn @ poses.rotations, poses.translations + step[:, :3])
+
+
+def _slopes(poses: Poses, points: Array, views: Views) -> Array:
+    """Derivatives of the pixels, (h, C, n, 2, 6), by translation and rotation vector about the handle's origin (world
+    frame)."""
+    x, y, z = points.transpose(2, 0, 1, 3)[..., None]  # each (h, C, n, 1)
+    right, down, ahead = views.rotations.transpose(1, 0, 2)[:, :, None]  # each (C, 1, 3)
+    fx, fy = views.focal.T[:, :, None, None]
+    by_shift = np.stack([fx / z * (right - x / z * ahead), fy / z * (down - y / z * ahead)], axis=3)  # (h, C, n, 2, 3)
+    arms = (points - _origins(poses, views)[..., None]).transpose(0, 1, 3, 2) @ views.rotations  # world frame
+    a, b, c = np.moveaxis(arms[:, :, :, None], -1, 0)
+    u, v, w = np.moveaxis(by_shift, -1, 0)
+    return np.concatenate([by_shift, np.stack([b * w - c * v, c * u - a * w, a * v - b * u], axis=-1)], axis=4)
+
+
+def _origins(poses: Poses, views: Views) -> Array:
+    """The handle's origin in the cameras' frames, (h, C, 3)."""
+    return (poses.translations @ views.rotations.transpose(0, 2, 1) + views.translations[:, None]).transpose(1, 0, 2)
+
+
+def _weights(facing: Array) -> Array:
+    """Weights of squared distances by the cosine of the slant: at the body's limb a centroid depends on everything."""
+    return np.clip(facing / STEEP, 0.1, 1.0)
+
+
+def _mutual_nearest(predicted: Array, uv: Array, gate_px: float) -> tuple[np.ndarray, Array]:
+    """Labels (h, C, N) of found pixels (C, 2, N) by predictions (h, C, 2, n), and squared distances, 0 for no label."""
+    square = (predicted[:, :, 0, :, None] - uv[:, 0, None]) ** 2
+    square += (predicted[:, :, 1, :, None] - uv[:, 1, None]) ** 2  # (h, C, n, N)
+    marker = square.argmin(axis=2)
+    best = np.take_along_axis(square, marker[:, :, None], axis=2)[:, :, 0]
+    mutual = (best < gate_px**2) & (best <= np.take_along_axis(square.min(axis=3, initial=np.inf), marker, axis=2))
+    return np.where(mutual, marker, -1), np.where(mutual, best, 0.0)

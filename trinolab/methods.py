@@ -1,0 +1,12 @@
+"""The names of the estimators, in a module that loads nothing: the command line knows them before it computes."""
+
+ESTIMATORS = ("paper", "paper_checked", "weighted", "reprojection", "patches", "outline")
+BEST = "patches"  # the most accurate that keeps up with 30 frames a second
+METHODS = {**{name: name for name in ESTIMATORS}, "best": BEST}  # what --method may name -> the estimator
+
+
+def estimator_of(method: str) -> str:
+    """The estimator that ``--method`` names. Raises ValueError for another word."""
+    if method not in METHODS:
+        raise ValueError(f"method: expected one of {', '.join(METHODS)}, got {method!r}")
+    return METHODS[method]

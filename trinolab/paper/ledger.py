@@ -1,0 +1,212 @@
+"""The ledger of the paper's equations, ``data/equations.toml``, and the pages of the book that come from it."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..datasets import data_path
+from ..files.inputs import get, read_toml
+
+ROUNDING = 2e-5  # of all quantities of the errata; none of them is meant to be so small
+STATUSES = ("as printed", "misprint", "ambiguous")
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One entry of the ledger: an equation, or a sentence or number of the text that cannot be right.
+
+    Attributes
+    ----------
+    no : str
+        "1" to "27", or "Sect. 6.2" for what has no number.
+    section : str
+    printed, corrected : str
+        TeX; `corrected` is empty where the printed form holds.
+    status : str
+        One of `STATUSES`. Ambiguous is what can be read in several ways, or leaves something undefined.
+    what : str
+        A sentence: what is wrong, and how it shows.
+    functions, tests : tuple of str
+        "trinolab.workspace.cones.paper_cones", "tests/test_workspace.py::test_inside_by_hand".
+    chapter : str
+        Of the book, "02_workspace".
+
+    Raises
+    ------
+    ValueError
+        If the status is another word, or a corrected form is there or missing against the status.
+    """
+
+    no: str
+    section: str
+    printed: str
+    status: str
+    corrected: str
+    what: str
+    functions: tuple[str, ...]
+    tests: tuple[str, ...]
+    chapter: str
+
+    def __post_init__(self) -> None:
+        if self.status not in STATUSES:
+            raise ValueError(f"{self.name}: expected a status of {', '.join(STATUSES)}, got {self.status!r}")
+        if bool(self.corrected) == (self.status == "as printed"):
+            raise ValueError(f"{self.name}: expected a corrected form unless the status is 'as printed'")
+
+    @property
+    def name(self) -> str:
+        """As a reader calls it: "Eq. 20", or the section."""
+        return f"Eq. {self.no}" if self.no.isdigit() else self.no
+
+    @property
+    def label(self) -> str:
+        """Of its place on the page of errata."""
+        return "erratum-" + re.sub(r"\W+", "-", self.name.lower())
+
+
+@dataclass(frozen=True)
+class Effect:
+    """What a misprint does: one quantity, computed by the printed form and by the corrected one, and what it must be.
+
+    Attributes
+    ----------
+    no : str
+        The entry of the ledger.
+    meaning : str
+        The quantity, and the circumstances under which it was computed.
+    unit : str
+    printed, corrected : float
+        The quantity by either form; infinite or NaN where a form gives no number.
+    at_least, at_most : float
+        The check: a right form's quantity lies between them.
+    """
+
+    no: str
+    meaning: str
+    unit: str
+    printed: float
+    corrected: float
+    at_least: float = -np.inf
+    at_most: float = np.inf
+
+    def holds(self, value: float) -> bool:
+        """Whether a value passes the check; NaN does not."""
+        return self.at_least <= value <= self.at_most
+
+
+def load_ledger() -> tuple[Entry, ...]:
+    """Load the ledger: the equations in their order, then the entries that are no equation.
+
+    Raises
+    ------
+    ValueError
+        Names the entry and the field that is missing, unknown or wrong.
+    """
+    path = data_path("equations.toml")
+    table = read_toml(path)
+    rows = [*get(table, "equation", str(path)), *get(table, "text", str(path))]
+    return tuple(_entry(row, f"{path}: entry {row.get('no', k)}") for k, row in enumerate(rows, start=1))
+
+
+def equations_named(text: str) -> set[str]:
+    """The numbers of the equations in a docstring's first line: {"20", "21"} of "... (Eq. 20-21)."."""
+    found = re.search(r"\(Eq\. ([\d, -]+)\)", text.partition("\n")[0])
+    if found is None:
+        return set()
+    spans = [part.partition("-") for part in found.group(1).replace(" ", "").split(",")]
+    return {str(no) for first, _, last in spans for no in range(int(first), int(last or first) + 1)}
+
+
+def index_page(entries: Sequence[Entry], effects: Mapping[str, Sequence[Effect]]) -> str:
+    """The equation index, as MyST Markdown: a row an equation."""
+    rows = ["| Eq. | Sect. | status | functions | tests | chapter |", "|---|---|---|---|---|---|"]
+    for entry in entries:
+        if not entry.no.isdigit():
+            continue
+        status = f"{{ref}}`{entry.status} <{entry.label}>`" if effects.get(entry.no) else entry.status
+        functions = "<br>".join(f"`{name.removeprefix('trinolab.')}`" for name in entry.functions)
+        tests = "<br>".join(map(_readable, entry.tests))
+        chapter = f"{{doc}}`{int(entry.chapter[:2])} </notebooks/{entry.chapter}>`"
+        rows.append(f"| {entry.no} | {entry.section} | {status} | {functions} | {tests} | {chapter} |")
+    return "\n".join(rows) + "\n"
+
+
+def errata_page(entries: Sequence[Entry], effects: Mapping[str, Sequence[Effect]]) -> str:
+    """The errata, as MyST Markdown: every entry that is not as printed, or whose printed form has an effect."""
+    wrong = [entry for entry in entries if entry.status != "as printed" or effects.get(entry.no)]
+    return "\n".join(_erratum(entry, effects.get(entry.no, ())) for entry in wrong)
+
+
+def write_pages(folder: Path, effects: Mapping[str, Sequence[Effect]]) -> None:
+    """Write ``equations.md`` and ``errata.md`` into a folder, made if need be; the pages of the book include them."""
+    entries = load_ledger()
+    folder.mkdir(parents=True, exist_ok=True)
+    for name, page in (("errata", errata_page), ("equations", index_page)):
+        (folder / f"{name}.md").write_text(page(entries, effects), encoding="utf-8")
+
+
+def _entry(row: Any, where: str) -> Entry:
+    names = tuple(Entry.__dataclass_fields__)
+    fields = {name: get(row, name, where) for name in names}
+    if unknown := sorted(set(row) - set(names)):
+        raise ValueError(f"{where}: '{unknown[0]}' is not a field of an entry ({', '.join(names)})")
+    for name, value in fields.items():
+        if name not in ("functions", "tests"):
+            _check(isinstance(value, str), value, f"{where}: {name}", "a string")
+        else:
+            _check(isinstance(value, list) and all(isinstance(v, str) for v in value), value, f"{where}: {name}",
+                   "a list of strings")
+            fields[name] = tuple(value)
+    return Entry(**fields)
+
+
+def _check(good: bool, value: Any, where: str, wanted: str) -> None:
+    if not good:
+        raise ValueError(f"{where}: expected {wanted}, got {value!r}")
+
+
+def _erratum(entry: Entry, effects: Sequence[Effect]) -> str:
+    tag = f" \\tag{{{entry.no}}}" if entry.no.isdigit() else ""
+    kind = f"Sect. {entry.section}, {entry.status}" if entry.no.isdigit() else entry.status.capitalize()
+    lines = [f"({entry.label})=", f"## {entry.name}", "", f"*{kind}.* {entry.what}", ""]
+    for title, tex in (("As printed:", entry.printed), ("Corrected:", entry.corrected)):
+        if tex:  # in $$ several lines would be put into an environment that takes no tag
+            lines += [title, "", f"\\begin{{equation*}}\n{tex.strip()}{tag}\n\\end{{equation*}}", ""]
+    if effects:
+        lines += ["| effect | unit | as printed | corrected | must be |", "|---|---|---:|---:|---|"]
+        lines += [f"| {e.meaning} | {e.unit} | {number_text(e.printed)} | {number_text(e.corrected)} | {_wanted(e)} |"
+                  for e in effects]
+    return "\n".join([*lines, "", f"In the book: {{doc}}`/notebooks/{entry.chapter}`.", ""])
+
+
+def number_text(value: float) -> str:
+    """A number with three digits for a table; what is left of a zero by rounding is a zero."""
+    if np.isnan(value):
+        return "no number"
+    if np.isinf(value):
+        return "without end"
+    if abs(value) < ROUNDING:
+        return "0"
+    return f"{value:.3g}" if abs(value) < 1000 else f"{value:.0f}"
+
+
+def _wanted(effect: Effect) -> str:
+    low, high = number_text(effect.at_least), number_text(effect.at_most)
+    if np.isinf(effect.at_most):
+        return f"at least {low}"
+    if np.isinf(effect.at_least):
+        return high if high == "0" else f"at most {high}"
+    return low if low == high else f"{low} to {high}"
+
+
+def _readable(test: str) -> str:
+    """A test's file and name in words: a name of eighty characters would not be broken into lines."""
+    file, _, name = test.removeprefix("tests/").partition("::")
+    words = name.removeprefix("test_").replace("_s_", "'s ").replace("_", " ")
+    return f"`{file}`: {words}"

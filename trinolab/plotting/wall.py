@@ -1,0 +1,84 @@
+"""Figures of a computer's wall: Nyquist curves, contacts over time, the largest stable stiffness (beyond the paper)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.figure import Figure
+from numpy.typing import ArrayLike
+
+from .basics import COLOURS
+
+
+def plot_nyquist(curves: Mapping[str, tuple[ArrayLike, ArrayLike]], widest: float = 2.5) -> Figure:
+    """Loop transfer functions in the complex plane around the point -1, which a stable loop leaves on its left.
+
+    Parameters
+    ----------
+    curves : mapping of str to (exact, approximate)
+        By name, the values of the loop with its hold, shape (n,), drawn solid, and with a delay in its place, shape
+        (k,), drawn dashed; in the order of rising frequency.
+    widest : float
+        Half the width of the axes.
+    """
+    figure, ax = plt.subplots(figsize=(6.5, 5), layout="constrained", facecolor="white")
+    ax.plot(np.cos(angle := np.linspace(0, 2 * np.pi, 200)), np.sin(angle), color="silver", linewidth=1)
+    for (name, (exact, approximate)), colour in zip(curves.items(), COLOURS, strict=False):
+        for values, style, label in ((exact, "-", name), (approximate, "--", None)):
+            ax.plot(np.real(values), np.imag(values), style, color=colour, label=label)
+    ax.plot(-1, 0, "x", color="black", markersize=9, label="the point -1")
+    ax.set(xlabel="real part of the loop / 1", ylabel="imaginary part of the loop / 1", aspect="equal",
+           facecolor="white", xlim=(-widest, 0.4 * widest), ylim=(-widest, 0.6 * widest))
+    ax.grid(alpha=0.3)
+    ax.legend(loc="lower right", fontsize=9)
+    return figure
+
+
+def plot_contacts(panels: Mapping[str, Mapping[str, tuple[ArrayLike, ArrayLike]]], ylabels: Sequence[str]) -> Figure:
+    """Curves over time in panels side by side, each with its own vertical axis.
+
+    Parameters
+    ----------
+    panels : mapping of str to mapping of str to (t_s, values)
+        By title, and by the curve's name: times, s, and what is drawn over them, shape (n,) each.
+    ylabels : sequence of str
+        What a panel draws, with its unit.
+    """
+    figure, axes = plt.subplots(1, len(panels), figsize=(4 * len(panels), 3.4), squeeze=False, layout="constrained",
+                                facecolor="white")
+    for ax, (title, curves), ylabel in zip(axes[0], panels.items(), ylabels, strict=True):
+        for (name, (t_s, values)), colour in zip(curves.items(), COLOURS, strict=False):
+            ax.plot(t_s, values, color=colour, label=name)
+        ax.axhline(0, color="black", linewidth=0.8)
+        ax.set(title=title, xlabel="t / s", ylabel=ylabel, facecolor="white")
+        ax.grid(alpha=0.3)
+        if len(curves) > 1:
+            ax.legend(fontsize=8)
+    return figure
+
+
+def plot_limits(delays_s: ArrayLike, limits: Mapping[str, ArrayLike],
+                marks: Mapping[str, ArrayLike] | None = None) -> Figure:
+    """The largest stable stiffness over the delay, on a logarithmic axis.
+
+    Parameters
+    ----------
+    delays_s : array_like, shape (n,)
+        s.
+    limits : mapping of str to array_like, shape (n,)
+        N/m, by the name of the curve.
+    marks : mapping of str to array_like, shape (n,), optional
+        The same by another algorithm, drawn as circles; NaN where there is none.
+    """
+    figure, ax = plt.subplots(figsize=(7, 4.2), layout="constrained", facecolor="white")
+    for (name, limit), colour in zip(limits.items(), COLOURS, strict=False):
+        ax.plot(1e3 * np.asarray(delays_s), limit, color=colour, label=name)
+    for name, limit in (marks or {}).items():
+        ax.plot(1e3 * np.asarray(delays_s), limit, "o", color="black", fillstyle="none", label=name)
+    ax.set(xlabel="delay / ms", ylabel="largest stable stiffness / (N/m)", yscale="log", facecolor="white")
+    ax.yaxis.set(major_formatter="{x:g}")
+    ax.grid(alpha=0.3, which="both")
+    ax.legend(fontsize=9)
+    return figure

@@ -1,0 +1,176 @@
+"""A teleoperation session in memory: the handle's poses in, the arm's motion out, tick by tick. Extra `slave`.
+
+What it leaves behind, the joints' trajectory and the events, is kept as tables.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+import pandas as pd
+from numpy.typing import ArrayLike
+from scipy.spatial.transform import RigidTransform
+
+from ..checks import Array, frozen
+from . import control
+from . import mapping as slave_mapping
+from .arm import Reading, Robot, Slave
+from .control import Command, Inverse, Reference, ReferenceParameters
+from .mapping import MappingParameters, Sample, State
+
+LONGEST_S = 3.0  # of a gap between two samples; by then the arm rests
+
+
+class Ticks(NamedTuple):
+    """What happened from one instant to the next, n ticks.
+
+    Attributes
+    ----------
+    t_s : ndarray, shape (n,)
+        Ends of the ticks.
+    q, speed : ndarray, shape (n, joints)
+        Commanded, rad and rad/s.
+    measured : ndarray, shape (n, joints)
+        Of the simulated arm, rad.
+    reference, commanded, tool : list of RigidTransform
+        T_base_tool, mm: the limited reference, that of the commanded joints, and that of the simulated arm.
+    """
+
+    t_s: Array
+    q: Array
+    speed: Array
+    measured: Array
+    control: list[RigidTransform]
+    commanded: list[RigidTransform]
+    tool: list[RigidTransform]
+
+
+class Moment(NamedTuple):
+    """An instant: the mapping's state after its sample, the ticks up to it, and what is measured at the arm."""
+
+    state: State
+    ticks: Ticks
+    reading: Reading
+    limits: tuple[str, ...]
+
+
+class Session:
+    """The whole chain behind the tracker: mapping, reference, inverse kinematics, servos.
+
+    Parameters
+    ----------
+    robot : Robot
+    mapping : MappingParameters, optional
+    following : ReferenceParameters, optional
+    q : array_like, shape (n,), optional
+        Where the arm starts, rad; its home without it.
+
+    Raises
+    ------
+    ValueError
+        For a start that cannot be, see `arm.Slave`.
+    """
+
+    def __init__(self, robot: Robot, mapping: MappingParameters | None = None,
+                 following: ReferenceParameters | None = None, q: ArrayLike | None = None) -> None:
+        self.robot, self.mapping = robot, mapping or MappingParameters()
+        self._following, self._inverse, self.slave = following or ReferenceParameters(), Inverse(robot), Slave(robot, q)
+        start = self.slave.read()
+        self._command, self._reference = Command(start.q, start.speed), control.at_rest(start.tool)
+        self.state: State | None = None
+        self._moved_s = 0.0  # up to when the arm has moved
+
+    def step(self, sample: Sample) -> Moment:
+        """One instant: the arm moves up to its time as was commanded before, then the sample says what comes next.
+
+        Raises ValueError if the simulation diverges.
+        """
+        if self.state is None:
+            self.state = State(np.nextafter(sample.t_s, -np.inf), self._reference.pose)
+            self._moved_s = sample.t_s
+        ticks = self._run(self.state, sample.t_s)
+        self.state = slave_mapping.step(self.state, sample, self.mapping)
+        return Moment(self.state, ticks, self.slave.read(), self._at_limits())
+
+    def _run(self, state: State, until_s: float) -> Ticks:
+        dt = self._inverse.tick_s
+        gap = until_s - self._moved_s  # with what rounding has left from the instant before
+        count = round(min(gap, LONGEST_S) / dt) if gap > 0 else 0
+        begin = until_s - count * dt if gap > LONGEST_S else self._moved_s
+        rows = [(begin + (k + 1) * dt, *self._tick(state.target)) for k in range(count)]
+        self._moved_s = begin + count * dt
+        times, commands, readings, references = zip(*rows, strict=True) if rows else ((), (), (), ())
+        n = len(self.robot.joints)
+        return Ticks(frozen(np.array(times)), frozen(np.array([c.q for c in commands]).reshape(-1, n)),
+                     frozen(np.array([c.speed for c in commands]).reshape(-1, n)),
+                     frozen(np.array([r.q for r in readings]).reshape(-1, n)), [one[0] for one in references],
+                     [one[1] for one in references], [r.tool for r in readings])
+
+    def _tick(self, target: RigidTransform) -> tuple[Command, Reading, tuple[RigidTransform, RigidTransform]]:
+        dt, before, command = self._inverse.tick_s, self._reference, self._command
+        after: Reference = control.step(before, target, dt, self._following)
+        self._command = self._inverse.step(command, before.pose, after.pose)
+        commanded = self._inverse.tool(self._command.q)
+        self._reference = control.leashed(after, commanded, self._following)
+        reading = self.slave.advance(command.q, self._command.q, dt)
+        return self._command, reading, (after.pose, commanded)
+
+    def _at_limits(self) -> tuple[str, ...]:
+        """What cannot go further: joints at an end of their range, the reach of the mapping, the leash."""
+        q, limits = self._command.q, self.robot.limits
+        ends = np.minimum(q - limits.low, limits.high - q) < 1e-3
+        names = [joint for joint, end in zip(self.robot.joints, ends, strict=True) if end]
+        return (*names, *(["reach"] if self.state is not None and self.state.limited else []))
+
+
+class Event(NamedTuple):
+    """Something that happened: time, s, what, and which or why."""
+
+    t_s: float
+    event: str
+    detail: str = ""
+
+
+class Log:
+    """The moments of a session, as they come.
+
+    Parameters
+    ----------
+    joints : sequence of str
+    """
+
+    def __init__(self, joints: Sequence[str]) -> None:
+        self.joints, self.events = list(joints), list[Event]()
+        self._ticks: list[np.ndarray] = []
+        self._last: tuple[bool, str, tuple[str, ...]] = (False, "", ())
+
+    def add(self, moment: Moment, clutch: bool) -> None:
+        """One more moment; its changes against the one before become events."""
+        ticks = moment.ticks
+        tool = np.array([pose.translation for pose in ticks.tool]).reshape(-1, 3)
+        self._ticks.append(np.column_stack([ticks.t_s, ticks.q, ticks.speed, ticks.measured, tool]))
+        now = (clutch, moment.state.held, moment.limits)
+        self.events += _changes(moment.state.t_s, self._last, now)
+        self._last = now
+
+    def trajectory(self) -> pd.DataFrame:
+        """A row a tick: ``t_s``; each joint commanded (rad, rad/s) and measured (rad); the tool (mm, base)."""
+        columns = ["t_s", *(f"{joint}{end}" for end in ("_rad", "_rad_s", "_measured_rad") for joint in self.joints),
+                   "tool_x_mm", "tool_y_mm", "tool_z_mm"]
+        rows = np.vstack(self._ticks) if self._ticks else np.empty((0, len(columns)))
+        return pd.DataFrame(rows, columns=columns)
+
+    def event_table(self) -> pd.DataFrame:
+        """A row an event: ``t_s``, ``event``, ``detail``."""
+        return pd.DataFrame(self.events, columns=list(Event._fields))
+
+
+def _changes(t: float, before: tuple[bool, str, tuple[str, ...]], now: tuple[bool, str, tuple[str, ...]]
+             ) -> list[Event]:
+    found = [Event(t, "clutch closed" if now[0] else "clutch open")] if now[0] != before[0] else []
+    if now[1] != before[1]:
+        found.append(Event(t, "hold", now[1]) if now[1] else Event(t, "hold ended"))
+    found += [Event(t, "limit", name) for name in now[2] if name not in before[2]]
+    return found + [Event(t, "limit left", name) for name in before[2] if name not in now[2]]

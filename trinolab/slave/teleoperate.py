@@ -1,0 +1,214 @@
+"""What `trinolab teleop` does: a recording, or the simulated bench, to poses, joints, events and a video."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterator, Mapping
+from contextlib import nullcontext
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import pandas as pd
+from tqdm import tqdm
+from tqdm.contrib.logging import logging_redirect_tqdm
+
+from ..bench.recordings import scripted
+from ..bench.scenario import take
+from ..camera import Camera, Rig
+from ..checks import Array
+from ..datasets import data_path
+from ..files.inputs import read_csv
+from ..files.outputs import write_together
+from ..files.poses import pose_table, poses_text
+from ..files.recording import Frames, find_footage, instants, open_recording
+from ..files.rigs import read_camera, read_handle, read_rig
+from ..files.video import Film
+from ..following import posetracker
+from ..following.parameters import FollowParameters
+from ..handle import Handle
+from ..methods import estimator_of
+from ..pose import Pose
+from .arm import joint_values, load_robot
+from .mapping import MappingParameters, Sample, alignment
+from .monitor import Readings, blue_first, monitor_picture
+from .session import Log, Moment, Session
+
+log = logging.getLogger("trinolab")
+
+VIDEO, POSES, JOINTS, EVENTS = "monitor.webm", "poses.csv", "joints.csv", "events.csv"
+MEASURED = ("measured", "ambiguous")
+
+
+class Source(NamedTuple):
+    """Where instants come from: cameras, handle, how many, how many a second, and the instants."""
+
+    rig: Rig
+    handle: Handle
+    length: int
+    rate: float
+    frames: Iterator[Frames]
+
+
+class Done(NamedTuple):
+    """What a session has given: the poses' table, the joints' trajectory, and the events."""
+
+    poses: pd.DataFrame
+    joints: pd.DataFrame
+    events: pd.DataFrame
+
+
+def recorded(folder: str | Path, rig: str | Path | None = None, handle: str | Path | None = None) -> Source:
+    """The instants of a recording folder, see `recording`; other rig and handle files if they are given."""
+    root = Path(folder)
+    if not root.is_dir():
+        raise ValueError(f"{root}: no such folder")
+    the_rig = read_rig(rig or root / "rig.toml")
+    times = root / "timestamps.csv"
+    found = open_recording(find_footage(root, the_rig), the_rig, timestamps=times if times.exists() else None)
+    return Source(the_rig, read_handle(handle or root / "handle.toml"), found.length, found.rate, instants(found))
+
+
+def simulated(rig: str | Path, handle: str | Path, seconds: float = 10.0, seed: int = 0) -> Source:
+    """The instants of the script ``calm``, taken by the simulated bench as they are asked for."""
+    job = scripted("calm", read_rig(rig), read_handle(handle), seed, seconds)
+    frames = (Frames(k, float(t), [take(job, k, c) for c in range(len(job.rig.cameras))])
+              for k, t in enumerate(job.times_s))
+    return Source(job.rig, job.handle, len(job.times_s), 30.0, frames)
+
+
+def teleoperate(source: Source, out: str | Path, robot: str | Path = "ur5", scale: float = 1.0, turn_scale: float = 1.0,
+                clutch: str | Path | None = None, view: str | Path | None = None, method: str = "best",
+                start: Mapping[str, float] | None = None, video: bool = True, progress: bool = True) -> Done:
+    """Follow the handle, move the arm, and write what happened; Ctrl-C ends the session, and it is written.
+
+    Parameters
+    ----------
+    source : Source
+        See `recorded` and `simulated`.
+    out : path
+        A folder that is not there yet, or empty: for ``poses.csv``, ``joints.csv`` (a row a tick), ``events.csv``, and
+        ``monitor.webm`` (VP9).
+    robot : str or path
+        See `arm.load_robot`.
+    scale, turn_scale : float
+        Tool : handle, of distances and of angles.
+    clutch : path, optional
+        CSV with the columns ``t_s`` and ``closed`` (0 or 1), which holds from its time on; open before the first one.
+        Without it the clutch is closed while the handle is measured, as by an operator who opens it at every loss.
+    view : path, optional
+        A rig file with the surveillance camera, in mm in the robot's base frame; a shipped one without it.
+    method : str
+        The estimator, see `methods.METHODS`.
+    start : mapping, optional
+        Joint positions by name, rad, those that are not named as at home.
+    video : bool
+        Whether the monitor is drawn.
+    progress : bool
+        Show a progress bar on standard error, if that is a terminal.
+
+    Raises
+    ------
+    ValueError
+        Names the argument or the file that cannot be used; before anything is computed, but for a damaged image, or a
+        simulation that diverges: then what is there is written, too.
+    """
+    root, camera, switch = _new_folder(out), _surveillance(view), _clutch(clutch)
+    parameters = FollowParameters(estimator=estimator_of(method))
+    arm = load_robot(robot)
+    session = Session(arm, MappingParameters(scale, turn_scale, alignment(camera)),
+                      q=joint_values(arm, start or {}, "start"))
+    notes, poses = Log(session.robot.joints), list[tuple[float, Pose]]()
+    root.mkdir(exist_ok=True)
+    try:
+        with _Monitor(root, source, session, camera) if video else nullcontext() as monitor:
+            try:
+                for now, tracked, moment, closed in _moments(source, session, parameters, switch, progress):
+                    poses.append((now.t_s, tracked.measurement.pose))
+                    notes.add(moment, closed)
+                    if monitor is not None:
+                        monitor.add(now, tracked, moment, closed)
+            except KeyboardInterrupt:
+                log.warning("stopped at %d of %d instants; what is done is written", len(poses), source.length)
+    finally:
+        done = Done(pose_table([pose for _, pose in poses], [t for t, _ in poses]), notes.trajectory(),
+                    notes.event_table())
+        write_together({root / POSES: poses_text(done.poses), root / JOINTS: _text(done.joints),
+                        root / EVENTS: _text(done.events)})
+    return done
+
+
+class _Monitor:
+    """The monitor's film, a picture an instant; a context manager."""
+
+    def __init__(self, root: Path, source: Source, session: Session, camera: Camera) -> None:
+        from .view import SlaveView  # loads PyVista
+
+        self._view, self._film = SlaveView(session.robot.model, camera), Film(root / VIDEO, source.rate)
+        self._cameras, self._data = source.rig.cameras, session.slave.data
+
+    def __enter__(self) -> _Monitor:
+        self._film.__enter__()
+        return self
+
+    def __exit__(self, *error: Any) -> None:
+        self._view.close()
+        self._film.__exit__(*error)
+
+    def add(self, now: Frames, tracked: posetracker.Tracked, moment: Moment, closed: bool) -> None:
+        from .view import ForceArrow
+
+        force, state = moment.reading.force, moment.state
+        picture = self._view.render(self._data, ForceArrow(moment.reading.tool.translation, force, mm_per_n=2.0))
+        readings = Readings(now.t_s, tracked.measurement.pose.status, closed, state.held or None, moment.limits,
+                            float(np.linalg.norm(force)), 100.0)
+        self._film.add(blue_first(monitor_picture(now.images, tracked, self._cameras, picture, readings)))
+
+
+def _moments(source: Source, session: Session, parameters: FollowParameters, switch: tuple[Array, Array] | None,
+             progress: bool) -> Iterator[tuple[Frames, posetracker.Tracked, Moment, bool]]:
+    """Each instant with its track, the session's moment, and whether the clutch is closed."""
+    state = None
+    with logging_redirect_tqdm(), tqdm(total=source.length, unit="instant", disable=None if progress else True) as bar:
+        for now in source.frames:
+            state = state or posetracker.start(now.t_s - 1.0)
+            state, tracked = posetracker.step(state, now.images, now.t_s, source.rig, source.handle, parameters)
+            pose = tracked.measurement.pose
+            closed = pose.status in MEASURED if switch is None else _is_closed(switch, now.t_s)
+            yield now, tracked, session.step(Sample(now.t_s, pose.T_world_handle, pose.status, closed)), closed
+            bar.update()
+
+
+def _new_folder(out: str | Path) -> Path:
+    root = Path(out)
+    if root.exists() and not (root.is_dir() and not any(root.iterdir())):
+        raise ValueError(f"{out}: expected a new or empty folder")
+    if not root.parent.is_dir():
+        raise ValueError(f"{out}: no such folder to write into")
+    return root
+
+
+def _surveillance(view: str | Path | None) -> Camera:
+    return read_camera(data_path("robots", "ur5_view.toml") if view is None else view)
+
+
+def _clutch(path: str | Path | None) -> tuple[Array, Array] | None:
+    """Times from which the clutch is open or closed, and which; None without a file."""
+    if path is None:
+        return None
+    table = read_csv(path)
+    if missing := [name for name in ("t_s", "closed") if name not in table]:
+        raise ValueError(f"{path}: no column '{missing[0]}'")
+    times, closed = (pd.to_numeric(table[name], errors="coerce").to_numpy(float) for name in ("t_s", "closed"))
+    if not (np.isfinite(times).all() and np.isin(closed, (0, 1)).all() and (np.diff(times) > 0).all()):
+        raise ValueError(f"{path}: expected times that increase, each with closed 0 or 1")
+    return times, closed
+
+
+def _is_closed(switch: tuple[Array, Array], t_s: float) -> bool:
+    k = int(np.searchsorted(switch[0], t_s, side="right")) - 1
+    return k >= 0 and bool(switch[1][k])
+
+
+def _text(table: pd.DataFrame) -> str:
+    return table.to_csv(index=False, float_format="%.9g", lineterminator="\n")

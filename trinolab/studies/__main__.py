@@ -1,0 +1,87 @@
+"""The studies as a command: makes the tables of ``data/sweeps`` again, each whole or not at all.
+
+    python -m trinolab.studies NAME [--out FOLDER] [options]
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+from collections.abc import Sequence
+from importlib import import_module
+from pathlib import Path
+
+from ..files.outputs import check_targets, write_table
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run a study and return the exit code: 2 for a mistake in the input, 130 for an interruption."""
+    parser = argparse.ArgumentParser(prog="python -m trinolab.studies", description=(__doc__ or "").splitlines()[0])
+    studies = parser.add_subparsers(dest="study", required=True, metavar="NAME")
+    _add(studies, "bound", "the Cramer-Rao bound at Table 1's poses, for every shipped rig: bound.csv")
+    budget = _add(studies, "budget", "the error budget of Table 1: budget.csv, mixes.csv, patterns.csv")
+    budget.add_argument("--draws", type=int, default=5, metavar="N", help="tables of rendered frames (%(default)s)")
+    _add(studies, "elevation", "CCD3's elevation from 10 to 90 deg: elevation.csv")
+    factors = _add(studies, "factors", "the four factors of Sect. 6.5, a table each")
+    factors.add_argument("--factor", nargs="+", metavar="FACTOR", help="some of them; all without it")
+    factors.add_argument("--seeds", type=int, default=1, metavar="N", help="draws of the noise (%(default)s)")
+    gallery = _add(studies, "gallery", "the sweep gallery, a table each", out="data/sweeps/gallery")
+    gallery.add_argument("names", nargs="*", metavar="SWEEP", help="some of them; all without it")
+    gallery.add_argument("--kept", default="_build/sweeps", metavar="FOLDER",
+                         help="for finished runs; a command that was stopped goes on with them (%(default)s)")
+    gallery.add_argument("--workers", type=int, default=os.cpu_count() or 1, metavar="N", help="processes (one a core)")
+    studies.add_parser("tuning", help="the most likely parameters of the filters of image and pose; prints them")
+    arguments = parser.parse_args(argv)
+    try:
+        _run(arguments)
+    except ValueError as error:
+        print(f"{parser.prog} {arguments.study}: {error}", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt as stop:
+        print(f"{parser.prog} {arguments.study}: {str(stop) or 'stopped, nothing was written'}", file=sys.stderr)
+        return 130
+    return 0
+
+
+def _add(studies: argparse._SubParsersAction, name: str, what: str,
+         out: str = "data/sweeps") -> argparse.ArgumentParser:
+    parser = studies.add_parser(name, help=what, description=what)
+    parser.add_argument("--out", default=out, metavar="FOLDER", help="of the tables (%(default)s)")
+    return parser
+
+
+def _run(a: argparse.Namespace) -> None:
+    """Compute what was asked for; a study's module is loaded when it is run."""
+    study = import_module(f".{a.study}", __package__)
+    if a.study == "tuning":
+        study.print_most_likely()
+    elif a.study == "gallery":
+        study.make_tables(a.names, a.workers, Path(a.out), Path(a.kept))
+    elif a.study == "factors":
+        names = a.factor or list(study.FACTORS)
+        if unknown := [name for name in names if name not in study.FACTORS]:
+            raise ValueError(f"factor: expected one of {', '.join(study.FACTORS)}, got {unknown[0]!r}")
+        for name, path in zip(names, _targets(a.out, names), strict=True):
+            write_table(study.sweep_factor(name, a.seeds), path)  # each as soon as it is whole
+    elif a.study == "budget":
+        paths = _targets(a.out, ("budget", "mixes", "patterns"))
+        for table, path in zip(study.make_tables(a.draws), paths, strict=True):
+            write_table(table, path)
+    elif a.study == "elevation":
+        (path,) = _targets(a.out, ("elevation",))
+        write_table(study.sweep_elevation(progress=True), path)
+    else:
+        (path,) = _targets(a.out, ("bound",))
+        write_table(study.sweep_bounds(), path)
+
+
+def _targets(out: str, names: Sequence[str]) -> list[Path]:
+    """The files of tables; ValueError before anything is computed if they cannot be written."""
+    paths = [Path(out) / f"{name}.csv" for name in names]
+    check_targets(paths)
+    return paths
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -1,0 +1,205 @@
+"""The folder of a sweep: its manifest, its finished runs as they come, its table and figure.
+
+``manifest.json`` says what the sweep is and what its results were made from; ``runs.jsonl`` has a line for each run
+that is finished, so that nothing is lost whenever the sweep stops; ``table.csv`` and ``figure.png`` appear at the end.
+"""
+
+from __future__ import annotations
+
+import json
+import logging
+import os
+import shutil
+from collections.abc import Mapping
+from contextlib import suppress
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import pandas as pd
+
+from ..files.inputs import read_csv
+from ..files.outputs import write_together, write_whole
+from .outcome import Outcome
+
+try:
+    import fcntl
+except ImportError:  # a system without such locks
+    fcntl = None  # type: ignore[assignment]
+
+MANIFEST, RUNS, TABLE, FIGURE, NOTEBOOKS = "manifest.json", "runs.jsonl", "table.csv", "figure.png", "notebooks"
+
+log = logging.getLogger("trinolab")
+
+
+class Identity(NamedTuple):
+    """What tells one sweep from another.
+
+    Attributes
+    ----------
+    what : str
+        The notebook's or the function's name.
+    parameters : list of str
+    grid : str
+        A hash of all settings.
+    runs : int
+    """
+
+    what: str
+    parameters: list[str]
+    grid: str
+    runs: int
+
+
+class SweepFolder:
+    """The folder of one sweep, for one process at a time. Those of another sweep, or of something else, are refused.
+
+    The runs of the same sweep interrupted are taken up, unless what they were made from has changed: then they are
+    dropped, and that is said. A line that was cut off is dropped as well.
+
+    Parameters
+    ----------
+    path : path
+        Made if it is not there.
+    identity : Identity
+    made_from : mapping of str to str
+        A hash for each thing that the results depend on, named as a sentence would name it.
+    about : mapping
+        What else the manifest says.
+
+    Raises
+    ------
+    ValueError
+        Names the folder: another sweep's, no sweep's, in use, or one that cannot be written.
+    """
+
+    def __init__(self, path: str | Path, identity: Identity, made_from: Mapping[str, str],
+                 about: Mapping[str, Any]) -> None:
+        self.path, self._runs = Path(path), identity.runs
+        _check_place(self.path)
+        try:
+            self.path.mkdir(parents=True, exist_ok=True)
+            self._lock = _locked(self.path)
+        except OSError as error:
+            raise ValueError(f"{path}: cannot be written ({error.strerror})") from None
+        try:
+            self.done = self._taken_up(identity, dict(made_from))
+            write_whole(self.path / RUNS, "".join(_line(number, one) for number, one in self.done.items()))
+            manifest = {**identity._asdict(), "made_from": dict(made_from), **about}
+            write_whole(self.path / MANIFEST, json.dumps(manifest, indent=2, default=repr) + "\n")
+            self._file = (self.path / RUNS).open("a", encoding="utf-8")
+        except BaseException:
+            os.close(self._lock)
+            raise
+
+    def __enter__(self) -> SweepFolder:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._file.close()
+        os.close(self._lock)
+
+    def add(self, number: int, outcome: Outcome) -> None:
+        """One more run; it is with the system when this returns. Raises ValueError if it cannot be written."""
+        try:
+            if outcome.notebook:
+                (self.path / NOTEBOOKS).mkdir(exist_ok=True)
+                write_whole(self.path / NOTEBOOKS / f"{number:06d}.ipynb", outcome.notebook)
+            self._file.write(_line(number, outcome))
+            self._file.flush()
+        except OSError as error:
+            raise ValueError(f"{self.path / RUNS}: cannot be written ({error.strerror})") from None
+        self.done[number] = outcome._replace(notebook="")
+
+    def kept(self) -> int:
+        """How many runs the file has: one more than `done`, if an interruption came in the middle of `add`."""
+        with suppress(OSError):  # a full disk, which has been told of
+            self._file.flush()
+        return len(_finished(self.path / RUNS, self._runs))
+
+    def finish(self, found: pd.DataFrame, figure: bytes) -> None:
+        """Write the table and its figure. Raises ValueError if they cannot be written."""
+        write_together({self.path / TABLE: found.to_csv(index=False, lineterminator="\n"), self.path / FIGURE: figure})
+
+    def _taken_up(self, identity: Identity, made_from: dict[str, str]) -> dict[int, Outcome]:
+        """The finished runs of this sweep that are not stale."""
+        if not (self.path / MANIFEST).exists():
+            return {}
+        before = _manifest(self.path)
+        if {name: before.get(name) for name in Identity._fields} != identity._asdict():
+            of = ", ".join(map(str, before.get("parameters") or []))
+            raise ValueError(f"{self.path}: holds another sweep ({before.get('what')} over {of}; {before.get('runs')} "
+                             "runs); name another folder")
+        done, old = _finished(self.path / RUNS, identity.runs), before.get("made_from", {})
+        changed = [name for name in {**old, **made_from} if old.get(name) != made_from.get(name)]
+        if not changed:
+            return done
+        log.warning("%s: %s changed since; %d finished runs are stale and are done again", self.path,
+                    f"{' and '.join(changed)} {'has' if len(changed) == 1 else 'have'}", len(done))
+        for name in (TABLE, FIGURE):
+            (self.path / name).unlink(missing_ok=True)
+        shutil.rmtree(self.path / NOTEBOOKS, ignore_errors=True)
+        return {}
+
+
+def read_sweep(folder: str | Path) -> pd.DataFrame:
+    """The table of a finished sweep, as `runs.sweep` returned it. ValueError if there is none."""
+    names = _manifest(Path(folder)).get("parameters", [])
+    if not (path := Path(folder) / TABLE).exists():
+        raise ValueError(f"{folder}: the sweep is not finished; the command that began it goes on with it")
+    found = read_csv(path)
+    found["error"] = found["error"].astype(object).fillna("").astype(str)  # without a failure it is read as numbers
+    found.attrs["parameters"] = names
+    return found
+
+
+def _check_place(path: Path) -> None:
+    """Refuse a place that is no folder, or a folder with something else in it."""
+    if path.exists() and not path.is_dir():
+        raise ValueError(f"{path}: expected a folder for the sweep, got a file")
+    if path.is_dir() and not (path / MANIFEST).exists() and any(entry.name[0] != "." for entry in path.iterdir()):
+        raise ValueError(f"{path}: holds something that is no sweep; name another folder")
+
+
+def _locked(path: Path) -> int:
+    """The folder, opened, and locked as long as it is open."""
+    if fcntl is None:
+        return os.open(os.devnull, os.O_RDONLY)
+    held = os.open(path, os.O_RDONLY)
+    try:
+        fcntl.flock(held, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        os.close(held)
+        raise ValueError(f"{path}: another process works on this sweep") from None
+    return held
+
+
+def _manifest(folder: Path) -> dict[str, Any]:
+    path = folder / MANIFEST
+    try:
+        found = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError):
+        raise ValueError(f"{path}: expected the manifest of a sweep") from None
+    if not isinstance(found, dict):
+        raise ValueError(f"{path}: expected the manifest of a sweep")
+    return found
+
+
+def _line(number: int, outcome: Outcome) -> str:
+    return json.dumps({"run": number, **outcome._replace(notebook="")._asdict()}) + "\n"
+
+
+def _finished(path: Path, runs: int) -> dict[int, Outcome]:
+    """The runs that have a whole line."""
+    text = path.read_text(encoding="utf-8", errors="replace") if path.exists() else ""
+    lines = text.split("\n")[:-1]  # behind the last one there is nothing, or one that was cut off
+    found = dict(filter(None, map(_read_line, lines)))
+    return {number: outcome for number, outcome in found.items() if number in range(runs)}
+
+
+def _read_line(line: str) -> tuple[int, Outcome] | None:
+    """The number and the outcome of a run; None for a damaged line."""
+    try:
+        entry = json.loads(line)
+        return int(entry.pop("run")), Outcome(**entry)
+    except (ValueError, TypeError, KeyError, AttributeError, RecursionError):
+        return None

@@ -1,0 +1,219 @@
+"""In a kernel that runs notebook after notebook: take it back to where it was before the first of them.
+
+Reset are: the variables, history and outputs of the notebook; the modules of this package and those that lie beside the
+notebook, which are loaded anew; working folder, environment variables, ``sys.path`` and other settings of ``sys``,
+builtins, warnings and loggers; figures, rcParams and the inline backend of matplotlib; what IPython shows, and its
+callbacks; options of NumPy and pandas; the global random numbers of Python, NumPy and OpenCV, which are those of a new
+process: seeded by chance, OpenCV's always alike. Not reset is what a notebook changes inside other modules.
+"""
+
+from __future__ import annotations
+
+import builtins
+import gc
+import importlib
+import logging
+import multiprocessing
+import os
+import random
+import sys
+import threading
+import warnings
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+SERVICES = {"ipykernel", "tqdm", "zmq"}  # their threads stay, whatever a notebook does
+OWN = __name__.partition(".")[0]
+
+_undo: list[Callable[[], Any]] = []
+
+
+def remember(shell: Any, imports: str = "") -> None:
+    """Remember the state of this process, once, before anything runs.
+
+    Parameters
+    ----------
+    shell : IPython's shell
+    imports : str
+        The names of the modules that the notebook imports, with spaces between. They are loaded first: libraries set up
+        things of their own, which are not the notebook's.
+    """
+    forget = _modules()
+    for name in ("cv2", "matplotlib.pyplot", "pandas", *imports.split()):
+        with suppress(Exception):  # the notebook will see it
+            importlib.import_module(name)
+    _undo[:] = [_threads(), lambda: shell.reset(new_session=True), _python(), forget, _matplotlib(), _ipython(shell),
+                _numpy(), _pandas(), _opencv(), gc.collect]
+    forget()
+
+
+def reset() -> None:
+    """Go back to the state that `remember` saw.
+
+    Raises
+    ------
+    RuntimeError
+        If that cannot be done: threads or processes that the notebook started still run.
+    """
+    for undo in _undo:
+        undo()
+    if not gc.get_freeze_count():  # what is here now need not be looked through after each run
+        gc.freeze()
+
+
+def _threads() -> Callable[[], None]:
+    kept = set(threading.enumerate())
+
+    def check() -> None:
+        late = {thread for thread in set(threading.enumerate()) - kept
+                if type(thread).__module__.partition(".")[0] not in SERVICES}
+        if late or multiprocessing.active_children():
+            raise RuntimeError("threads or processes of the notebook still run")
+
+    return check
+
+
+def _python() -> Callable[[], None]:
+    folder, environ, names = Path.cwd(), dict(os.environ), dict(vars(builtins))
+    path, arguments = list(sys.path), list(sys.argv)
+    streams = {name: getattr(sys, name) for name in ("stdin", "stdout", "stderr", "displayhook", "excepthook")}
+    limit, filters, loggers = sys.getrecursionlimit(), list(warnings.filters), _loggers()
+
+    def undo() -> None:
+        os.chdir(folder)
+        _put_back(os.environ, environ)
+        _put_back(vars(builtins), names)
+        sys.path, sys.argv = list(path), list(arguments)
+        for name, value in streams.items():
+            setattr(sys, name, value)
+        sys.setrecursionlimit(limit)
+        sys.settrace(None)
+        warnings.filters[:] = filters  # type: ignore[index]
+        with warnings.catch_warnings():  # leaving it makes Python look at the filters anew
+            pass
+        _restore_loggers(loggers)
+        random.seed()
+
+    return undo
+
+
+def _loggers() -> dict[str, tuple[Any, ...]]:
+    """Level, handlers and switches of every logger."""
+    found = {"": logging.getLogger(), **logging.Logger.manager.loggerDict}
+    return {name: (logger.level, list(logger.handlers), logger.propagate, logger.disabled)
+            for name, logger in found.items() if isinstance(logger, logging.Logger)}
+
+
+def _restore_loggers(kept: dict[str, tuple[Any, ...]]) -> None:
+    for name in _loggers():
+        logger = logging.getLogger(name)
+        level, logger.handlers[:], logger.propagate, logger.disabled = kept.get(name, (logging.NOTSET, [], True, False))
+        logger.setLevel(level)
+
+
+def _modules() -> Callable[[], None]:
+    kept = {name for name in sys.modules if name.partition(".")[0] != OWN or name == __name__}
+
+    def undo() -> None:
+        for name in set(sys.modules) - kept:
+            if not _is_installed(name):
+                del sys.modules[name]
+
+    return undo
+
+
+def _is_installed(name: str) -> bool:
+    """Whether a module comes with Python or from its packages, and neither from here nor from a notebook's folder."""
+    place = getattr(sys.modules[name], "__file__", None)
+    if name.partition(".")[0] == OWN:
+        return False
+    return place is None or place.startswith(os.path.dirname(os.__file__)) or "-packages" in place  # site-, dist-
+
+
+def _matplotlib() -> Callable[[], None]:
+    import matplotlib
+    import matplotlib.pyplot as plt
+    from matplotlib_inline.config import InlineBackend
+
+    plt.close(plt.figure())  # loads the backend, which then has said to IPython how figures are shown
+    parameters, inline = dict(matplotlib.rcParams), InlineBackend.instance()
+    settings = {name: value for name, value in inline.trait_values().items()
+                if name in ("figure_formats", "print_figure_kwargs", "close_figures")}
+
+    def undo() -> None:
+        plt.close("all")
+        dict.update(matplotlib.rcParams, parameters)
+        for name, value in settings.items():
+            setattr(inline, name, value)
+
+    return undo
+
+
+def _ipython(shell: Any) -> Callable[[], None]:
+    callbacks = {name: list(functions) for name, functions in shell.events.callbacks.items()}
+    tables = [getattr(formatter, name) for formatter in shell.display_formatter.formatters.values()
+              for name in ("singleton_printers", "type_printers", "deferred_printers") if hasattr(formatter, name)]
+    printers, node = [(table, dict(table)) for table in tables], shell.ast_node_interactivity
+
+    def undo() -> None:
+        for name, functions in callbacks.items():
+            shell.events.callbacks[name][:] = functions
+        for table, content in printers:
+            _put_back(table, content)
+        shell.ast_node_interactivity = node
+
+    return undo
+
+
+def _numpy() -> Callable[[], None]:
+    import numpy as np
+
+    shown: dict[str, Any] = {name: value for name, value in np.get_printoptions().items() if name != "override_repr"}
+    errors = np.geterr()
+
+    def undo() -> None:
+        np.random.seed(None)
+        np.set_printoptions(**shown)
+        np.seterr(**errors)
+
+    return undo
+
+
+def _pandas() -> Callable[[], None]:
+    import pandas as pd
+
+    def options(level: dict[str, Any], above: str = "") -> dict[str, Any]:
+        return {name: value for key, entry in level.items() for name, value in
+                (options(entry, f"{above}{key}.") if isinstance(entry, dict) else {f"{above}{key}": entry}).items()}
+
+    kept = options(pd.options.d)
+
+    def undo() -> None:
+        now = options(pd.options.d)
+        for name in [name for name, value in kept.items() if now[name] is not value and now[name] != value]:
+            pd.set_option(name, kept[name])
+
+    return undo
+
+
+def _opencv() -> Callable[[], None]:
+    import cv2
+
+    count = cv2.getNumThreads()
+
+    def undo() -> None:
+        cv2.setNumThreads(count)
+        cv2.setRNGSeed(0)  # stands for the seed of a new process
+
+    return undo
+
+
+def _put_back(table: Any, content: dict[Any, Any]) -> None:
+    """Give a mapping its former content, touching only what differs."""
+    for name in [name for name in table if name not in content]:
+        del table[name]
+    for name, value in content.items():
+        if name not in table or table[name] is not value:
+            table[name] = value

@@ -1,0 +1,209 @@
+"""The workspace: the intersection of solid cones of view, its extent, volume and surface; the true fields of view."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial import ConvexHull, HalfspaceIntersection
+
+from ..camera import Camera, Rig
+from ..checks import Array, as_array, as_number, frozen
+from .cones import Cone, as_cones, corners
+from .convex import BOX, Planes, bounds, inscribed_ball, largest_ball, share_direction
+from .faces import chord, moments
+
+EMPTY_BELOW = 1e-9  # radius of the inscribed ball, relative to the apexes' spread, that counts as none
+
+
+@dataclass(frozen=True, eq=False)
+class Workspace:
+    """The intersection of solid cones; arrays in the cones' frame, NaN where a quantity is not defined.
+
+    Attributes
+    ----------
+    cones : tuple of Cone
+        As given.
+    status : {"bounded", "empty", "unbounded"}
+        Empty also where the cones touch without sharing a volume; unbounded also where they reach farther than a
+        hundred thousand times their apexes' distance.
+    bounding_box : ndarray, shape (2, 3)
+        Lowest and highest x, y, z, mm.
+    centre : ndarray, shape (3,)
+        Of the largest ball inside, mm; `radius` is its radius.
+    volume : float
+        mm^3: 0 if empty, infinite if unbounded.
+    centroid : ndarray, shape (3,)
+        mm.
+    """
+
+    cones: tuple[Cone, ...]
+    status: str
+    bounding_box: Array
+    centre: Array
+    radius: float
+    volume: float
+    centroid: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Polyhedron:
+    """What all cameras of a rig see: `status` as in `Workspace`, corners (k, 3) in mm, triangles (m, 3), mm^3."""
+
+    status: str
+    vertices: Array
+    triangles: np.ndarray
+    volume: float
+
+
+def intersect(cones: Sequence[Cone], nodes: int = 2**14) -> Workspace:
+    """Intersect any number of solid cones (Eq. 4).
+
+    Parameters
+    ----------
+    cones : sequence of Cone
+    nodes : int
+        Generators of each cone that find the edges between its face and the others', at least 16. Too few of them
+        overlook a face narrower than a turn / nodes.
+
+    Returns
+    -------
+    Workspace
+
+    Raises
+    ------
+    ValueError
+        If there is no cone, or `nodes` is too small.
+    """
+    given = as_cones(cones)
+    nodes = int(as_number(nodes, "nodes", low=16))
+    different = _without_repeats(given)
+    if share_direction(different, margin=1e-9):
+        return _without_extent(given, "unbounded")
+    planes = Planes(different)
+    p, r = inscribed_ball(planes)
+    if r <= EMPTY_BELOW:
+        return _without_extent(given, "empty")
+    if share_direction(different, margin=-1e-9) or np.abs(box := bounds(planes)).max() > BOX / 2:
+        return _without_extent(given, "unbounded")
+    centre = planes.origin + planes.scale * p
+    volume, first = moments(different, centre, nodes)
+    return Workspace(given, "bounded", frozen(planes.origin + planes.scale * box), frozen(centre), planes.scale * r,
+                     volume, frozen(centre + first / volume))
+
+
+def is_unbounded(cones: Sequence[Cone]) -> bool:
+    """Whether the intersection of solid cones has no end, see `Workspace`."""
+    return intersect(cones, nodes=16).status == "unbounded"
+
+
+def surface_mesh(cones: Sequence[Cone], centre: Array, n: int = 4000) -> tuple[Array, np.ndarray]:
+    """Triangles over the surface of a bounded intersection of cones, seen from a point inside it.
+
+    Parameters
+    ----------
+    cones : sequence of Cone
+    centre : array_like, shape (3,)
+        Inside all of them, mm: `Workspace.centre`.
+    n : int
+        Number of vertices, at least 4; they are spread evenly over the directions.
+
+    Returns
+    -------
+    vertices : ndarray, shape (n, 3)
+        On the surface, mm.
+    triangles : ndarray of int, shape (2 n - 4, 3)
+        Counter-clockwise seen from outside.
+
+    Raises
+    ------
+    ValueError
+        If `centre` is not inside, the intersection has no end, or `n` is too small.
+    """
+    cones, centre = as_cones(cones), as_array(centre, "centre", (3,))
+    directions = _spread(int(as_number(n, "n", low=4)))
+    ends = [chord(cone, centre, directions) for cone in cones]
+    distance = np.min([high for _, high in ends], axis=0)
+    if np.max([low for low, _ in ends]) >= 0 or not (distance > 0).all():
+        raise ValueError(f"centre: expected a point inside all cones, got {centre.tolist()}")
+    if not np.isfinite(distance).all():
+        raise ValueError("cones: expected a bounded intersection, got one without an end")
+    return centre + distance[:, None] * directions, _triangles(directions)
+
+
+def mesh_volume(vertices: Array, triangles: np.ndarray) -> float:
+    """Volume inside a closed mesh whose triangles are counter-clockwise seen from outside, mm^3."""
+    a, b, c = (vertices[triangles[:, k]] - vertices.mean(axis=0) for k in range(3))
+    return float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6)
+
+
+def view_volume(rig: Rig) -> Polyhedron:
+    """The true common field of view: the intersection of the pyramids that the images' edges span.
+
+    Raises
+    ------
+    ValueError
+        If a camera has lens distortion: its field of view has curved sides.
+    """
+    planes = np.vstack([_pyramid(camera) for camera in rig.cameras])
+    scale = max(float(np.linalg.norm(camera.centre - rig.cameras[0].centre)) for camera in rig.cameras) or 1.0
+    p, r = largest_ball(planes[:, :3], -planes[:, 3] / scale)
+    if r <= EMPTY_BELOW:
+        return Polyhedron("empty", np.empty((0, 3)), np.empty((0, 3), dtype=int), 0.0)
+    if np.abs(p).max() > BOX / 10:
+        return Polyhedron("unbounded", np.empty((0, 3)), np.empty((0, 3), dtype=int), np.inf)
+    return _polyhedron(HalfspaceIntersection(planes, scale * p).intersections)
+
+
+def _pyramid(camera: Camera) -> Array:
+    """The four sides of what a camera sees, shape (4, 4): normal . p + offset <= 0 inside."""
+    if np.any(camera.distortions):
+        raise ValueError(f"camera {camera.name}: expected no lens distortion, got {camera.distortions.tolist()}")
+    rays = camera.rays(corners(camera))
+    normals = np.cross(np.roll(rays, -1, axis=0), rays)
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    return np.column_stack([normals, -normals @ camera.centre])
+
+
+def _polyhedron(points: Array) -> Polyhedron:
+    hull = ConvexHull(points)
+    return Polyhedron("bounded", frozen(points), frozen(_outward(points, hull)), float(hull.volume))
+
+
+def _outward(points: Array, hull: ConvexHull) -> np.ndarray:
+    """The hull's triangles with their corners counter-clockwise seen from outside."""
+    triangles = hull.simplices.copy()
+    a, b, c = (points[triangles[:, k]] for k in range(3))
+    wrong = np.einsum("ij,ij->i", np.cross(b - a, c - a), hull.equations[:, :3]) < 0
+    triangles[wrong] = triangles[wrong][:, ::-1]
+    return triangles
+
+
+def _spread(n: int) -> Array:
+    """n directions, evenly spread along a spiral, shape (n, 3)."""
+    k = np.arange(n) + 0.5
+    z, turn = 1 - 2 * k / n, np.pi * (1 + np.sqrt(5)) * k
+    return np.column_stack([np.sqrt(1 - z**2) * np.cos(turn), np.sqrt(1 - z**2) * np.sin(turn), z])
+
+
+def _triangles(directions: Array) -> np.ndarray:
+    return _outward(directions, ConvexHull(directions))
+
+
+def _without_repeats(cones: tuple[Cone, ...]) -> tuple[Cone, ...]:
+    """Drop cones that repeat another one: their faces coincide, and the volume's integral would count both."""
+    scale = Planes(cones).scale
+    keep: list[Cone] = []
+    for cone in cones:
+        same = [np.abs(cone.apex - other.apex).max() < 1e-9 * scale and np.abs(cone.axis - other.axis).max() < 1e-9
+                and abs(cone.half_angle - other.half_angle) < 1e-9 for other in keep]
+        if not any(same):
+            keep.append(cone)
+    return tuple(keep)
+
+
+def _without_extent(cones: tuple[Cone, ...], status: str) -> Workspace:
+    nan = frozen(np.full(3, np.nan))
+    volume = 0.0 if status == "empty" else np.inf
+    return Workspace(cones, status, frozen(np.full((2, 3), np.nan)), nan, np.nan, volume, nan)
