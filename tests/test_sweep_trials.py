@@ -13,6 +13,9 @@ from trinolab.window import Window
 
 PAIR = paper_rig()
 BASELINE_MM = float(np.linalg.norm(PAIR.cameras[1].centre - PAIR.cameras[0].centre))
+# Tables have six digits. Between instruction sets their numbers differ by at most 1.3e-11 of themselves
+# (make verify ARGS="--only spread --groups tables").
+DIGITS = 1e-5
 MIDDLE = load_table1().set_poses.translation.mean(axis=0)
 
 
@@ -78,8 +81,8 @@ def test_at_its_defaults_it_is_the_replication_of_table_1():
     """By another module, which changed nothing either."""
     stored = load_sweep("speed").query("speed_mm_s == 0 and seed == 0").iloc[0]
     found = accuracy()
-    assert found["E_t_mm_paper"] == pytest.approx(stored["E_t_mm"], rel=1e-3)
-    assert found["geodesic_deg_paper"] == pytest.approx(stored["geodesic_mean_deg"], rel=1e-3)
+    assert found["E_t_mm_paper"] == pytest.approx(stored["E_t_mm"], rel=DIGITS)
+    assert found["geodesic_deg_paper"] == pytest.approx(stored["geodesic_mean_deg"], rel=DIGITS)
     assert found["n_paper"] == found["n_patches"] == 20
     assert found["E_t_mm_patches"] < 0.2 * found["E_t_mm_paper"]
 
