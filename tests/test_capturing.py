@@ -297,6 +297,14 @@ def test_what_does_not_fit_leaves_no_folder(cameras, folder, images):
         assert sorted(folder.rglob("*")) == before, message
 
 
+def test_a_folder_that_another_process_makes_meanwhile_is_left_alone(cameras, tmp_path):
+    other = tmp_path / "r.partial" / "images" / "ccd1"
+    cameras[0].at[1] = lambda: other.mkdir(parents=True)  # with the first instant, before there is a folder
+    with pytest.raises(ValueError, match=r"r\.partial: an unfinished recording; keep it by another name"):
+        capture(TWO, tmp_path / "r")
+    assert list((tmp_path / "r.partial").rglob("*")) == [tmp_path / "r.partial" / "images", other]
+
+
 @pytest.mark.parametrize(("spoiled", "message"), [
     (Device(frames=5), "ccd2: delivers no image after 5 instants"),
     (Device(sizes={6: (30, 24)}), "ccd2: 30 x 24 pixels after 5 instants, expected 32 x 24")])
