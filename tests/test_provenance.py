@@ -34,6 +34,7 @@ def package(tmp_path, monkeypatch):
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(text)
     monkeypatch.setattr(provenance, "PACKAGE", tmp_path / "pack")
+    monkeypatch.setattr(provenance, "FACE", {"work": "lazy.work", "wing": "wing"})
     return tmp_path
 
 
@@ -48,6 +49,9 @@ def names(root, source, folder="mine"):
     ("import helper", {"mine/helper.py", "pack/__init__.py", "pack/alone.py"}),
     ("from pack.wing.deep import f", {"pack/__init__.py", "pack/base.py", "pack/wing/__init__.py",
                                       "pack/wing/deep.py", "pack/wing/inner.py"}),
+    ("from pack import work", {"pack/__init__.py", "pack/lazy.py", "pack/base.py"}),  # a name of the face
+    ("import pack\npack.work(1)", {"pack/__init__.py", "pack/lazy.py", "pack/base.py"}),
+    ("import pack as p\np.work(1)", {"pack/__init__.py", "pack/lazy.py", "pack/base.py", "pack/wing/__init__.py"}),
     ("def f():\n    from pack import user", {"pack/__init__.py", "pack/user.py", "pack/lazy.py", "pack/base.py",
                                              "pack/wing/__init__.py", "pack/wing/deep.py", "pack/wing/inner.py"}),
 ])
