@@ -123,7 +123,7 @@ def test_all_that_a_chapter_loads_is_among_its_imports(chapter):
 
 def test_a_recording_is_not_made_from_the_measurement():
     files = {path.stem for path in imported_files("import trinolab.bench.recordings", PACKAGE.parent)}
-    assert {"scene", "raycast", "checks", "handle"} <= files
-    assert not files & {"identity", "tracker", "matching", "sweeping"}
+    assert {"scene", "rays", "checks", "handle"} <= files
+    assert not files & {"identify", "tracker", "matching", "runs"}
     rendered, commands = (made_from_module(f"trinolab.{name}")["the package"] for name in ("bench.recordings", "cli"))
     assert rendered != commands

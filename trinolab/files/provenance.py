@@ -114,7 +114,7 @@ def imported_files(source: str, folder: Path, package: str = "") -> set[Path]:
     waiting = [(source, folder, package)]
     while waiting:
         text, place, within = waiting.pop()
-        for module in _modules(text, within):
+        for module in modules_imported(text, within):
             for path in _files_of(module, place):
                 if path not in found:
                     found.add(path)
@@ -123,7 +123,7 @@ def imported_files(source: str, folder: Path, package: str = "") -> set[Path]:
 
 
 @lru_cache(maxsize=1024)
-def _modules(source: str, package: str) -> tuple[str, ...]:
+def modules_imported(source: str, package: str) -> tuple[str, ...]:
     """The absolute names of all that a source imports; some may be names in a module."""
     return tuple(dict.fromkeys(_names_imported(ast.parse(source), package)))
 
