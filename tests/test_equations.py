@@ -186,11 +186,11 @@ EFFECTS = {"20": (Effect("20", "distance", "mm", 47.936, 1e-13, at_most=1e-6),
 
 def test_the_index_has_a_row_an_equation():
     rows = index_page(LEDGER, EFFECTS).splitlines()[2:]
-    assert [row.split("|")[1].strip() for row in rows] == [str(k) for k in range(1, 28)]
+    assert [row.split("|")[1].strip() for row in rows] == [f"[{k}]{{#equation-{k}}}" for k in range(1, 28)]
     for row, entry in zip(rows, EQUATIONS, strict=True):
         assert row.count("|") == 7, "a stroke inside a cell would open another one"
         assert f"</notebooks/{entry.chapter}>`" in row
-        assert all(name.removeprefix("trinolab.") in row for name in entry.functions)
+        assert all(f"{name.removeprefix('trinolab.')} <{name}>`" in row for name in entry.functions)
     assert "{ref}`ambiguous <erratum-eq-20>`" in rows[19]
     assert "| as printed |" in rows[21]
 
