@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 from .background import BackgroundParameters
 from .checks import as_number
-from .identity.scoring import IdentityParameters
+from .identity.parameters import IdentityParameters
 from .kalman import KalmanParameters
 from .markers import MarkerParameters
 from .matching import MatchParameters
