@@ -126,7 +126,7 @@ def test_the_filter_follows_an_even_motion_and_knows_how_well():
 
 
 def test_the_filter_s_update_is_that_of_kalman():
-    """The same equations without checks and square roots, for speed; `kalman` takes Joseph's form by roots."""
+    """The small motion and the rates are one state of 18 numbers, of which the first six are observed."""
     p, C = PoseFilterParameters(), np.diag([1e-3] * 3 + [1e-5] * 3)
     motion = posefilter.predict(posefilter.begin(0.0, FIRST, C, p), 1 / FPS, p)
     seen = shifted(motion.pose, np.array([0.2, -0.1, 0.3, 0.01, -0.02, 0.01]))

@@ -1,7 +1,8 @@
 """The linear Kalman filter over any F, H, Q, R, and the paper's model of a point that moves in an image (Sect. 4.2).
 
-The state is a value: `predict` and `update` take one and return the next. A covariance is computed as a root times its
-transpose, which rounding cannot turn negative.
+Eq. 9-15 stand in three functions, `propagate`, `compare` and `correct`, that check nothing: plain arrays in and out, in
+the paper's letters. `predict`, `innovation` and `update` check what they are given, call them, and return the next
+state as a value.
 """
 
 from __future__ import annotations
@@ -21,21 +22,32 @@ TINY = 1e-290  # a smaller variance is zero: its square root times another one i
 MIN_DT_S = 1e-9  # its fifth power is still a number
 
 
-def covariance_root(value: ArrayLike, name: str, n: int) -> Array:
-    """A square root A of a covariance, A A^T = C, after the check that C is one.
+def propagate(x: Array, P: Array, F: Array, Q: Array) -> tuple[Array, Array]:
+    """Mean and covariance after a step of the motion; nothing is checked (Eq. 9, 10).
 
-    Rows and columns are scaled to correlations first, so that px beside px/s^2 costs no digits.
+    The mean has no noise of its own, though Eq. 9 adds one, and Eq. 10 lacks the transpose.
+    """
+    return F @ x, F @ P @ F.T + Q
 
-    Parameters
-    ----------
-    value : array_like, shape (n, n)
-    name : str
-        For the message.
-    n : int
 
-    Returns
-    -------
-    ndarray, shape (n, n)
+def compare(x: Array, P: Array, z: Array, H: Array, R: Array) -> tuple[Array, Array]:
+    """The innovation Z - H X and its covariance S = H P- H^T + R; nothing is checked (Eq. 13, 15)."""
+    return z - H @ x, H @ P @ H.T + R
+
+
+def correct(x: Array, P: Array, r: Array, S: Array, H: Array, R: Array) -> tuple[Array, Array]:
+    """Mean and covariance after an observation, from what `compare` gives; nothing is checked (Eq. 13-15).
+
+    Joseph's form of Eq. 14, P = (I - K H) P- (I - K H)^T + K R K^T, keeps P positive although K is rounded. Columns of
+    x and r beside each other are states that share one covariance.
+    """
+    K = np.linalg.solve(S, H @ P).T  # P- H^T S^-1, since P- and S are symmetric
+    rest = np.eye(len(x)) - K @ H
+    return x + K @ r, rest @ P @ rest.T + K @ R @ K.T
+
+
+def as_covariance(value: ArrayLike, name: str, n: int) -> Array:
+    """Check a covariance of n numbers, shape (n, n).
 
     Raises
     ------
@@ -44,17 +56,30 @@ def covariance_root(value: ArrayLike, name: str, n: int) -> Array:
         own scale.
     """
     C = as_array(value, name, (n, n))
-    scale = np.sqrt(np.maximum(C.diagonal(), TINY))
-    with np.errstate(over="ignore", invalid="ignore"):  # what overflows is above 1, or NaN
-        correlation = C / scale[:, None] / scale
+    _, correlation = _correlations(C)
+    with np.errstate(invalid="ignore"):  # what overflowed is NaN
         skewness = np.abs(correlation - correlation.T).max(initial=0)
     if not (np.abs(correlation).max(initial=0) <= 1 + RELATIVE_ATOL and skewness <= RELATIVE_ATOL):
         raise ValueError(f"{name}: expected a symmetric, positive semi-definite matrix, got {C.tolist()}")
-    values, vectors = np.linalg.eigh(correlation)
-    if values.min(initial=0) < -RELATIVE_ATOL:
-        raise ValueError(f"{name}: expected a positive semi-definite matrix, got an eigenvalue of {values.min():.2g} "
+    lowest = np.linalg.eigvalsh(correlation).min(initial=0)
+    if lowest < -RELATIVE_ATOL:
+        raise ValueError(f"{name}: expected a positive semi-definite matrix, got an eigenvalue of {lowest:.2g} "
                          "of its correlations")
+    return C
+
+
+def covariance_root(value: ArrayLike, name: str, n: int) -> Array:
+    """A square root A of a covariance, A A^T = C, shape (n, n). Raises ValueError as `as_covariance`."""
+    scale, correlation = _correlations(as_covariance(value, name, n))
+    values, vectors = np.linalg.eigh(correlation)
     return scale[:, None] * vectors * np.sqrt(np.maximum(values, 0))
+
+
+def _correlations(C: Array) -> tuple[Array, Array]:
+    """Standard deviations (n,) and correlations (n, n): px beside px/s^2 then costs no digits."""
+    scale = np.sqrt(np.maximum(C.diagonal(), TINY))
+    with np.errstate(over="ignore"):
+        return scale, C / scale[:, None] / scale
 
 
 def solve_covariance(C: Array, right: Array, name: str) -> Array:
@@ -66,18 +91,6 @@ def solve_covariance(C: Array, right: Array, name: str) -> Array:
     if not np.isfinite(solution).all():
         raise ValueError(f"{name}: expected a covariance that can be inverted, got {np.asarray(C).tolist()}")
     return solution
-
-
-def gram(root: Array, name: str) -> Array:
-    """The covariance of a root (n, k), read-only; symmetric, and not negative by rounding.
-
-    Raises ValueError if it overflows.
-    """
-    with np.errstate(all="ignore"):
-        C = root @ root.T
-    if not np.isfinite(C).all():
-        raise ValueError(f"{name}: expected numbers that can be squared, got an overflow")
-    return frozen((C + C.T) / 2)
 
 
 @dataclass(frozen=True)
@@ -133,9 +146,7 @@ class Innovation(NamedTuple):
 
 
 def predict(state: State, F: ArrayLike, Q: ArrayLike) -> State:
-    """Carry the state on to the next instant (Eq. 9, 10).
-
-    The mean has no noise of its own, though Eq. 9 adds one; P- = F P F^T + Q, where Eq. 10 lacks the transpose.
+    """Carry the state on to the next instant, checked (Eq. 9, 10).
 
     Parameters
     ----------
@@ -151,34 +162,23 @@ def predict(state: State, F: ArrayLike, Q: ArrayLike) -> State:
         For a wrong shape, NaN or infinity, a covariance that is not symmetric and positive semi-definite, or a result
         that overflows.
     """
-    mean, root = _checked(state)
-    F = as_array(F, "F", (len(mean), len(mean)))
+    x, P = _checked(state)
+    F, Q = as_array(F, "F", (len(x), len(x))), as_covariance(Q, "Q", len(x))
     with np.errstate(all="ignore"):  # an overflow shows in the result
-        mean, root = F @ mean, np.hstack([F @ root, covariance_root(Q, "Q", len(mean))])
-    return State(as_array(mean, "F x", mean.shape), gram(root, "F P F^T + Q"))
+        x, P = propagate(x, P, F, Q)
+    return State(as_array(x, "F x", x.shape), _symmetric(P, "F P F^T + Q"))
 
 
 def innovation(state: State, z: ArrayLike | None, H: ArrayLike, R: ArrayLike) -> Innovation:
-    """Compare an observation with its prediction: Z - H X and S = H P H^T + R (Eq. 13, 15).
+    """Compare an observation with its prediction, checked (Eq. 13, 15).
 
     For the parameters and the ways to fail see `update`.
     """
-    mean, root = _checked(state)
-    H = as_array(H, "H", (None, len(mean)))
-    observed = np.full(len(H), np.nan) if z is None else as_array(z, "z", (len(H),), finite=False)
-    if np.isinf(observed).any():
-        raise ValueError("z: expected finite numbers, or NaN if nothing was observed, got infinity")
-    with np.errstate(all="ignore"):
-        S = gram(np.hstack([H @ root, covariance_root(R, "R", len(H))]), "H P H^T + R")
-        residual = observed - as_array(H @ mean, "H x", (len(H),))
-    return Innovation(frozen(residual), S)
+    return _compared(*_checked(state), z, H, R)[0]
 
 
 def update(state: State, z: ArrayLike | None, H: ArrayLike, R: ArrayLike) -> State:
-    """Correct a predicted state by an observation (Eq. 13-15).
-
-    The gain K = P- H^T S^-1 is solved for by a Cholesky factor of S, and Eq. 14 is taken in Joseph's form
-    P = (I - K H) P- (I - K H)^T + K R K^T, which is a covariance whatever rounding did to K.
+    """Correct a predicted state by an observation, checked (Eq. 13-15).
 
     Parameters
     ----------
@@ -196,16 +196,14 @@ def update(state: State, z: ArrayLike | None, H: ArrayLike, R: ArrayLike) -> Sta
     ValueError
         As `predict`; also if S is not positive definite, or `z` is infinite.
     """
-    mean, root = _checked(state)
-    residual, S = innovation(state, z, H, R)
-    if np.isnan(residual).any():
+    x, P = _checked(state)
+    (r, S), H, R = _compared(x, P, z, H, R)
+    if np.isnan(r).any():
         return state
-    H = np.asarray(H, dtype=float)
+    solve_covariance(S, r, "H P H^T + R")  # refuses an S that has no inverse
     with np.errstate(all="ignore"):
-        K = solve_covariance(S, H @ root @ root.T, "H P H^T + R").T
-        mean = mean + K @ residual
-        root = np.hstack([root - K @ (H @ root), K @ covariance_root(R, "R", len(H))])
-    return State(as_array(mean, "x + K r", mean.shape), gram(root, "P"))
+        x, P = correct(x, P, r, S, H, R)
+    return State(as_array(x, "x + K r", x.shape), _symmetric(P, "P"))
 
 
 def nis(observed: Innovation) -> float:
@@ -289,13 +287,33 @@ def initial_state(z: ArrayLike, parameters: KalmanParameters | None = None) -> S
     """
     p = parameters or KalmanParameters()
     sigma = np.repeat([p.sigma_px, p.velocity_sigma, p.acceleration_sigma], 2)
-    return State(frozen(np.append(as_array(z, "z", (2,)), np.zeros(4))), gram(np.diag(sigma), "parameters"))
+    with np.errstate(over="ignore"):
+        P = _symmetric(np.diag(sigma**2), "parameters")
+    return State(frozen(np.append(as_array(z, "z", (2,)), np.zeros(4))), P)
 
 
 def _checked(state: State) -> tuple[Array, Array]:
-    """Mean and root of a state's covariance."""
+    """Mean and covariance of a state."""
     mean = as_array(state[0], "mean", (None,))
-    return mean, covariance_root(state[1], "covariance", len(mean))
+    return mean, as_covariance(state[1], "covariance", len(mean))
+
+
+def _compared(x: Array, P: Array, z: ArrayLike | None, H: ArrayLike, R: ArrayLike) -> tuple[Innovation, Array, Array]:
+    """The innovation of an observation, and H and R, after their checks."""
+    H = as_array(H, "H", (None, len(x)))
+    R = as_covariance(R, "R", len(H))
+    observed = np.full(len(H), np.nan) if z is None else as_array(z, "z", (len(H),), finite=False)
+    with np.errstate(all="ignore"):
+        r, S = compare(x, P, observed, H, R)
+    as_array(H @ x, "H x", (len(H),))
+    return Innovation(frozen(r), _symmetric(S, "H P H^T + R")), H, R
+
+
+def _symmetric(C: Array, name: str) -> Array:
+    """A computed covariance without the rounding that makes it skew, read-only. Raises ValueError if it overflowed."""
+    if not np.isfinite(C).all():
+        raise ValueError(f"{name}: expected numbers that can be squared, got an overflow")
+    return frozen((C + C.T) / 2)
 
 
 def _as_dt(dt: float) -> float:

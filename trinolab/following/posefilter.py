@@ -2,8 +2,7 @@
 
 The model of `kalman` with 18 numbers: a small motion away from the pose that is believed, its rate and the rate's rate.
 After each step the motion goes into the pose and is zero again (the error-state filter, Sola 2017, arXiv:1711.02508),
-so that no orientation is ever far from where its three angles are small. Its equations stand here once more, without
-the checks and roots of `kalman`: those would take a twentieth of the time of an instant.
+so that no orientation is ever far from where its three angles are small.
 """
 
 from __future__ import annotations
@@ -21,6 +20,7 @@ from ..checks import Array, as_number, frozen
 from ..rigid import motion_between, shifted
 
 FADING_S = 0.15  # time in which an acceleration fades
+H = np.eye(6, 18)  # the pose is observed, its rates are not (Eq. 12)
 
 
 @dataclass(frozen=True)
@@ -92,19 +92,16 @@ def is_new(motion: Motion, p: PoseFilterParameters) -> bool:
 def predict(motion: Motion, t_s: float, p: PoseFilterParameters) -> Motion:
     """Carry a motion on to a later time (Eq. 9, 10, of 18 numbers). Raises ValueError if the time does not increase."""
     F, Q = _model(as_number(t_s - motion.t_s, "t_s", low=kalman.MIN_DT_S, high=1e6), p.jerk_mm, p.jerk_rad)
-    mean = F[:, 6:] @ motion.rates
-    return Motion(t_s, shifted(motion.pose, mean[:6]), mean[6:], F @ motion.covariance @ F.T + Q)
+    x, P = kalman.propagate(_state(motion), motion.covariance, F, Q)
+    return Motion(t_s, shifted(motion.pose, x[:6]), x[6:], P)
 
 
 def update(motion: Motion, pose: RigidTransform, covariance: Array, p: PoseFilterParameters) -> Motion:
-    """Correct a predicted motion by a measured pose with its covariance (6, 6) (Eq. 13-15, H = (1 0 0))."""
-    P, R = motion.covariance, covariance + _floor(p)
-    K = np.linalg.solve(P[:6, :6] + R, P[:6]).T
-    correction = K @ motion_between(pose, motion.pose)
-    rest = np.eye(18)
-    rest[:, :6] -= K
-    after = rest @ P @ rest.T + K @ R @ K.T  # Joseph's form of Eq. 14
-    return Motion(motion.t_s, shifted(motion.pose, correction[:6]), motion.rates + correction[6:], after)
+    """Correct a predicted motion by a measured pose with its covariance (6, 6) (Eq. 13-15)."""
+    x, P, z, R = _state(motion), motion.covariance, motion_between(pose, motion.pose), covariance + _floor(p)
+    r, S = kalman.compare(x, P, z, H, R)
+    x, P = kalman.correct(x, P, r, S, H, R)
+    return Motion(motion.t_s, shifted(motion.pose, x[:6]), x[6:], P)
 
 
 def restarted(motion: Motion, position: Array, covariance: Array, seen: Motion, p: PoseFilterParameters) -> Motion:
@@ -123,9 +120,9 @@ def restarted(motion: Motion, position: Array, covariance: Array, seen: Motion, 
 
 def surprise(motion: Motion, pose: RigidTransform, covariance: Array, p: PoseFilterParameters) -> float:
     """The normalised innovation squared of a measured pose: chi-square with six degrees of freedom if all holds."""
-    S = motion.pose_covariance + covariance + _floor(p)
-    away = motion_between(pose, motion.pose)
-    return float(away @ np.linalg.solve(S, away))
+    z, R = motion_between(pose, motion.pose), covariance + _floor(p)
+    r, S = kalman.compare(_state(motion), motion.covariance, z, H, R)
+    return float(r @ np.linalg.solve(S, r))
 
 
 @lru_cache(maxsize=4096)
@@ -145,6 +142,11 @@ def _model(dt: float, jerk_mm: float, jerk_rad: float) -> tuple[Array, Array]:
     F = np.kron(transition(dt, FADING_S), np.eye(6))
     Q = np.kron(kalman.white_jerk(dt, 1.0)[::2, ::2], np.diag(np.repeat([jerk_mm, jerk_rad], 3)))
     return F.astype(float), Q.astype(float)
+
+
+def _state(motion: Motion) -> Array:
+    """X of the 18 numbers: no motion away from the pose that is believed, and the rates."""
+    return np.concatenate([np.zeros(6), motion.rates])
 
 
 def _floor(p: PoseFilterParameters) -> Array:

@@ -31,9 +31,12 @@ from ..kalman import (
     MIN_DT_S,
     KalmanParameters,
     State,
+    compare,
     constant_acceleration,
+    correct,
     initial_state,
     observation_matrix,
+    propagate,
     white_jerk,
 )
 from ..window import Window
@@ -104,15 +107,15 @@ def surprises(times_s: ArrayLike, z: ArrayLike, model: Model) -> Surprises:
     seen = as_array(z, "z", (len(times), None))
     if len(times) < 2 or not (np.diff(times) >= MIN_DT_S).all():
         raise ValueError("times_s: expected two increasing times or more")
-    x, P = np.zeros((3, seen.shape[1])), np.diag(np.square(model[1:4]))
+    x, P = np.zeros((3, seen.shape[1])), np.diag(np.square(model[1:4]))  # a column a coordinate, one P for all
     x[0] = seen[0]
+    H, R = np.eye(1, 3), np.array([[model.sigma**2]])
     residuals, variances = np.empty((len(times) - 1, seen.shape[1])), np.empty(len(times) - 1)
-    for k, dt in enumerate(np.diff(times)):
-        F = transition(float(dt), model.fading_s)
-        x, P = F @ x, F @ P @ F.T + model.jerk_intensity * _unit_noise(float(dt))
-        variances[k], residuals[k] = P[0, 0] + model.sigma**2, seen[k + 1] - x[0]
-        K = P[:, 0] / variances[k]
-        x, P = x + np.outer(K, residuals[k]), P - np.outer(K, K) * variances[k]
+    for k, dt in enumerate(np.diff(times).tolist()):
+        x, P = propagate(x, P, transition(dt, model.fading_s), model.jerk_intensity * _unit_noise(dt))
+        r, S = compare(x, P, seen[k + 1], H, R)
+        x, P = correct(x, P, r, S, H, R)
+        residuals[k], variances[k] = r[0], S[0, 0]
     return Surprises(frozen(residuals), frozen(variances))
 
 
