@@ -94,7 +94,7 @@ def test_a_cell_says_what_it_is_and_what_it_could_not_measure(monkeypatch, setup
 
 def test_every_method_measures_the_same_frames(monkeypatch, setup):
     seen = []
-    monkeypatch.setattr(factors, "measure", lambda frames, *a, parameters: seen.append(
+    monkeypatch.setattr(replication, "measure", lambda frames, rig, handle, prior, parameters: seen.append(
         (parameters.sigma_px, frames[0].sum())))
     monkeypatch.setattr(factors, "errors_of", lambda *a: {})
     monkeypatch.setattr(factors, "_frames", lambda setup, k, rng: [rng.integers(0, 255, (2, 2))] * 2)
