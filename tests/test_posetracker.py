@@ -13,6 +13,7 @@ from trinolab.bench.scenario import Job, Shot, take
 from trinolab.bench.scene import exposed, render_rig
 from trinolab.datasets import load_handle, load_rig
 from trinolab.estimators.pixels import fit_patches
+from trinolab.files.recording import Frames
 from trinolab.following import posefilter, posetracker
 from trinolab.following.parameters import FollowParameters
 from trinolab.following.posefilter import PoseFilterParameters
@@ -208,3 +209,19 @@ def test_a_fast_handle_is_followed_through_its_smear(fast, estimator):
     assert [one.measurement.pose.status for one in found] == ["measured"] * len(truth)
     for one, T in zip(found, truth, strict=True):
         assert not apart(one.measurement.pose.T_world_handle, T, 0.5, np.deg2rad(3.0))
+
+
+def test_a_sequence_is_step_after_step_and_known_poses_count_until_it_is_sure(monkeypatch):
+    begun = []
+
+    def step(state, images, t_s, *_):
+        assert state.t_s < t_s
+        begun.append(state.motion and state.motion.pose)
+        return posetracker.TrackState(t_s, None, None, sure=len(begun) == 3), images
+
+    monkeypatch.setattr(posetracker, "step", step)
+    first, second, late = (RigidTransform.from_translation([0.0, 0.0, z]) for z in (500, 510, 520))
+    frames = [Frames(k, k / FPS, [k]) for k in range(2, 6)]
+    found = list(posetracker.track_instants(frames, RIG, CODED, known={3: first, 4: second, 5: late}))
+    assert begun == [None, first, second, None]
+    assert found == [(frame, frame.images) for frame in frames]

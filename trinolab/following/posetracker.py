@@ -7,7 +7,7 @@ is needed: what is no marker in its place is no marker.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -17,6 +17,7 @@ from scipy.spatial.transform import RigidTransform
 
 from ..camera import Rig
 from ..checks import as_number, as_transform
+from ..files.recording import Frames
 from ..handle import Handle
 from ..identity import choose, equivalents, relabel
 from ..measurement import Measurement, as_images, measure
@@ -77,6 +78,38 @@ def start(t_s: float, pose: RigidTransform | None = None) -> TrackState:
         return TrackState(t, None, None, False)
     given = posefilter.begin(t, as_transform(pose, "pose"), np.diag([25.0] * 3 + [0.01] * 3), PoseFilterParameters())
     return TrackState(t, given, given, True)
+
+
+def track_instants(instants: Iterable[Frames], rig: Rig, handle: Handle, parameters: FollowParameters | None = None,
+                   known: Mapping[int, RigidTransform] | None = None,
+                   state: TrackState | None = None) -> Iterator[tuple[Frames, Tracked]]:
+    """Take the steps of a whole sequence: each instant with what was found in it.
+
+    Parameters
+    ----------
+    instants : iterable of Frames
+    rig : Rig
+    handle : Handle
+    parameters : FollowParameters, optional
+        As for `step`.
+    known : mapping of int to RigidTransform, optional
+        T_world_handle at some frames. They count as long as it is not sure which of the poses that look alike holds.
+    state : TrackState, optional
+        After an instant before the first one; nothing is known without it.
+
+    Raises
+    ------
+    ValueError
+        As `step`.
+    """
+    given = known or {}
+    for now in instants:
+        if now.frame in given and (state is None or not state.sure):
+            state = start(np.nextafter(now.t_s, -np.inf) - 1e-6, given[now.frame])  # the time has to increase
+        elif state is None:
+            state = start(now.t_s - 1.0)
+        state, tracked = step(state, now.images, now.t_s, rig, handle, parameters)
+        yield now, tracked
 
 
 def step(state: TrackState, frames: Sequence[ArrayLike], t_s: float, rig: Rig, handle: Handle,
