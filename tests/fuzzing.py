@@ -51,7 +51,7 @@ def _rows(path):
 
 
 def _image(path):
-    assert read_grey(path, None, set()).ndim == 2
+    assert read_grey(path).ndim == 2
 
 
 READERS = {"rig": _rig, "handle": _handle, "poses": _poses, "timestamps": read_timestamps, "rows": _rows,

@@ -23,7 +23,7 @@ from trinolab.camera import Rig
 from trinolab.datasets import load_handle, load_real_sets, load_rig, real_set
 from trinolab.files.fetch import why_not
 from trinolab.files.poses import read_poses, transforms, truth_table, write_poses
-from trinolab.files.recording import find_footage, instants, open_recording, read_timestamps
+from trinolab.files.recording import instants, open_folder, read_timestamps
 from trinolab.files.rigs import write_handle, write_rig
 from trinolab.studies.real_recordings import load_trajectories
 
@@ -77,7 +77,7 @@ def poses_file(name, rows, head="frame,x_mm,y_mm,z_mm,qw,qx,qy,qz,status\n"):
 def test_the_folder_is_a_recording_with_its_truth(folder, capfd):
     assert run(RENDER) == 0
     assert capfd.readouterr() == ("6 instants, the handle is there in 6; written to out\n", "")
-    recording = open_recording(find_footage("out", SMALL), SMALL, timestamps="out/timestamps.csv")
+    recording, _ = open_folder("out")
     frames = list(instants(recording))
     assert [frame.frame for frame in frames] == list(range(6))
     assert frames[0].images[0].shape == (128, 160)

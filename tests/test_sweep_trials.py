@@ -8,7 +8,7 @@ import pytest
 from trinolab.datasets import load_sweep, load_table1, paper_rig
 from trinolab.studies import gallery
 from trinolab.studies.gallery import accuracy, background_pixels, search_window, with_baseline, with_vergence
-from trinolab.studies.ground_truth import Regions, known_recording
+from trinolab.studies.ground_truth import Regions, read_recording
 from trinolab.window import Window
 
 PAIR = paper_rig()
@@ -128,8 +128,8 @@ def clip(frames):
     """A bright square on an empty scene: inside and outside without a seam."""
     inside = np.zeros((40, 60), bool)
     inside[10:20, 10:30] = True
-    return SimpleNamespace(frames=np.array(frames, np.uint8), empty=np.full((40, 60), 50, np.uint8),
-                           truths=[Regions(inside, ~inside)] * len(frames)), inside
+    images = list(np.array(frames, np.uint8))
+    return (images, np.full((40, 60), 50, np.uint8), [Regions(inside, ~inside)] * len(frames)), inside
 
 
 def test_a_step_of_the_light_is_false_as_printed_and_cured(monkeypatch):
@@ -151,7 +151,7 @@ def test_a_step_of_the_light_is_false_as_printed_and_cured(monkeypatch):
 @pytest.fixture
 def still(monkeypatch):
     """Eight instants of the calm recording in place of both."""
-    recording = known_recording("calm", range(40, 48))
+    recording = read_recording("calm", range(40, 48))
     regions = [[None] * 8 for _ in recording.rig.cameras]
     monkeypatch.setattr(gallery, "_recording", lambda name: recording)
     monkeypatch.setattr(gallery, "_regions", lambda name: regions)

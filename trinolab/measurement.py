@@ -49,7 +49,7 @@ def measure(frames: Sequence[ArrayLike], rig: Rig, handle: Handle, prior: RigidT
     ----------
     frames : sequence of array_like, shape (height, width)
         One grey image a camera, in the rig's order; grey levels 0 to 255 of any number type. Colour and 16-bit images
-        are for `recording.read_instant` to convert: an array does not say which channel is red, or what is white.
+        are for `recording.read_instants` to convert: an array does not say which channel is red, or what is white.
     rig : Rig
     handle : Handle
     prior : RigidTransform, optional

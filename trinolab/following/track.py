@@ -22,7 +22,7 @@ from ..checks import Array
 from ..files.kept import KeptLines
 from ..files.outputs import check_targets, write_together
 from ..files.poses import POSE_COLUMNS, STATUSES, pose_row, poses_by_frame, poses_text, read_poses, transforms, tum_text
-from ..files.recording import Recording, find_footage, instants, open_recording
+from ..files.recording import Recording, instants, open_folder, open_recording
 from ..files.rigs import read_handle, read_rig
 from ..files.video import Film
 from ..handle import Handle
@@ -115,13 +115,10 @@ def track_files(rig: str | Path, handle: str | Path, sources: Mapping[str, str |
 
 def track_folder(folder: str | Path, out: str | Path, **options: Any) -> pd.DataFrame:
     """Follow the handle through a recording folder, see `recording`; options and errors as for `track_files`."""
-    root = Path(folder)
-    if not root.is_dir():
-        raise ValueError(f"{root}: no such folder")
-    sources = find_footage(root, read_rig(root / "rig.toml"))
-    times = root / "timestamps.csv"
-    return track_files(root / "rig.toml", root / "handle.toml", sources, out,
-                       timestamps=times if times.exists() else None, **options)
+    recording, _ = open_folder(folder)
+    sources = {name: one.path for name, one in zip(recording.rig.names, recording.footage, strict=True)}
+    return track_files(Path(folder, "rig.toml"), Path(folder, "handle.toml"), sources, out,
+                       timestamps=None if recording.times_s is None else recording.times_from, **options)
 
 
 class Rows(KeptLines):
@@ -174,15 +171,12 @@ def _kept(rows: Rows) -> str:
 def _track_on(job: Job, rows: Rows, film: Film | None, progress: bool) -> None:
     """Track from the first frame that has no row."""
     done = rows.table()
-    state, measured = _state_after(done), int((done["status"] == "measured").sum())
-    stream, seen = instants(job.recording, len(done)), Seen([], [])
+    measured, seen = int((done["status"] == "measured").sum()), Seen([], [])
+    steps = posetracker.track_instants(instants(job.recording, len(done)), job.recording.rig, job.handle,
+                                       job.parameters, job.known, _state_after(done))
     with logging_redirect_tqdm(), tqdm(total=job.recording.length, initial=len(done), unit="instant",
                                        disable=None if progress else True) as bar:
-        for now in stream:
-            if (known := job.known.get(now.frame)) is not None and (state is None or not state.sure):
-                state = posetracker.start(np.nextafter(now.t_s, -np.inf) - 1e-6, known)
-            state = state or posetracker.start(now.t_s - 1.0)
-            state, tracked = posetracker.step(state, now.images, now.t_s, job.recording.rig, job.handle, job.parameters)
+        for now, tracked in steps:
             rows.add(now.frame, now.t_s, tracked.measurement.pose)
             seen.add(now.t_s, tracked, len(job.handle.marker_centres))
             if film is not None:
