@@ -2,12 +2,15 @@
 
     .venv/bin/python book/house.py
 
-writes ``_build/generated/api/house.svg``. Whatever imports something stands above it. An arrow that follows from two
-others is left out: who imports the tracker may know what the tracker knows.
+writes ``house.svg`` into ``_build/generated/api``. Whatever imports something stands above it. An arrow that follows
+from others is left out: who imports the tracker may know what the tracker knows. Beside it ``house.md``, a table of the
+folders with all that each imports.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from importlib import import_module
 from itertools import pairwise
 from pathlib import Path
 
@@ -16,20 +19,21 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.patches import FancyArrowPatch, FancyBboxPatch
 from matplotlib.path import Path as Curve
+from reference import first_line
 
 from trinolab.files.provenance import modules_imported
 from trinolab.plotting import COLOURS
 
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = ROOT / "trinolab"
-PICTURE = ROOT / "_build" / "generated" / "api" / "house.svg"
+GENERATED = ROOT / "_build" / "generated" / "api"
 TOGETHER = {"datasets": "files"}  # they import each other's modules, in no circle: one box
 ROUNDS = 60  # of ordering the floors
 
 Graph = dict[str, set[str]]
 
 
-def rooms() -> Graph:
+def rooms(together: Mapping[str, str] = TOGETHER) -> Graph:
     """For each folder and each module at the top the others that it imports, wherever the import stands."""
     graph: Graph = {}
     for path in sorted(PACKAGE.glob("**/*.py")):
@@ -39,8 +43,8 @@ def rooms() -> Graph:
         package = ".".join(path.parent.relative_to(ROOT).parts)
         imported = modules_imported(path.read_text(encoding="utf-8"), package)
         names = {name.split(".")[1] for name in imported if name.startswith("trinolab.")}
-        room = TOGETHER.get(parts[0], parts[0])
-        graph.setdefault(room, set()).update(TOGETHER.get(name, name) for name in names)
+        room = together.get(parts[0], parts[0])
+        graph.setdefault(room, set()).update(together.get(name, name) for name in names)
     return {room: (others & set(graph)) - {room} for room, others in graph.items()}
 
 
@@ -148,12 +152,26 @@ def _draw_arrow(ax: plt.Axes, points: list[tuple[float, float]]) -> None:
                                  linewidth=0.9, zorder=0.5))
 
 
-def write_house(path: Path = PICTURE) -> None:
-    """Write the picture into a folder that is made if need be."""
-    path.parent.mkdir(parents=True, exist_ok=True)
+def table_text() -> str:
+    """The folders, as a table in MyST Markdown: what each is, by its docstring, and what it imports."""
+    rows = ["| folder | what it is | imports |", "|---|---|---|"]
+    for room, others in rooms(together={}).items():
+        if (PACKAGE / room).is_dir():
+            folders = ", ".join(f"`{other}`" for other in sorted(others) if (PACKAGE / other).is_dir())
+            modules = ", ".join(f"`{other}`" for other in sorted(others) if not (PACKAGE / other).is_dir())
+            what = first_line(import_module(f"trinolab.{room}"))
+            known = "; ".join(filter(None, [folders, modules]))
+            rows.append(f"| {{doc}}`{room} </book/api/{room}>` | {what} | {known} |")
+    return "\n".join([*rows, ""])
+
+
+def write_house(folder: Path = GENERATED) -> None:
+    """Write picture and table into a folder that is made if need be."""
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / "house.md").write_text(table_text(), encoding="utf-8")
     fig = draw_house()
     with plt.rc_context({"svg.hashsalt": "house"}):  # the same picture gives the same file
-        fig.savefig(path, metadata={"Date": None})
+        fig.savefig(folder / "house.svg", metadata={"Date": None})
     plt.close(fig)
 
 

@@ -14,10 +14,10 @@ import inspect
 import pkgutil
 import re
 from collections.abc import Iterator
-from functools import cache
+from functools import cache, cached_property
 from importlib import import_module
 from pathlib import Path
-from types import ModuleType
+from types import FunctionType, ModuleType
 from typing import Any, NamedTuple
 
 import nbformat
@@ -87,10 +87,9 @@ def pages() -> dict[str, tuple[str, list[ModuleType]]]:
 
 def entries_of(module: ModuleType) -> list[Entry]:
     """The public functions and classes that a module defines, in the order of its lines."""
-    own = [(name, thing) for name, thing in vars(module).items()
-           if not name.startswith("_") and (inspect.isfunction(thing) or inspect.isclass(thing))
-           and thing.__module__ == module.__name__ and inspect.getdoc(thing)]
-    return [_entry(f"{module.__name__}.{name}", thing) for name, thing in own]
+    own = [(name, thing) for name, thing in vars(module).items() if callable(thing) and not name.startswith("_")
+           and (getattr(thing, "__module__", ""), getattr(thing, "__qualname__", "")) == (module.__name__, name)]
+    return [_entry(f"{module.__name__}.{name}", thing) for name, thing in own if inspect.getdoc(thing)]
 
 
 def _entry(name: str, thing: Any) -> Entry:
@@ -237,7 +236,7 @@ def setup(app: Any) -> dict[str, bool]:
         for node in document.findall(pending_xref):
             if node.get("refdomain") == "py":
                 node["reftarget"] = _full_name(node["reftarget"], node.get("py:module"))
-                node["refspecific"] = False  # or Sphinx takes any name that ends so
+                node.attributes.pop("refspecific", None)  # or Sphinx takes any name that ends so
 
     app.connect("doctree-read", name_in_full)
     app.connect("missing-reference", _plain)
@@ -262,8 +261,9 @@ def _known_names() -> frozenset[str]:
     """The full names of all that the pages show, of modules and methods as well."""
     shown = [module for page, (_, modules) in pages().items() if page not in BY_MODULE for module in modules]
     entries = [entry for module in shown for entry in entries_of(module)]
+    kinds = FunctionType | property | cached_property
     methods = [f"{entry.name}.{name}" for entry in entries if inspect.isclass(entry.thing)
-               for name in vars(entry.thing)]
+               for name, thing in vars(entry.thing).items() if isinstance(thing, kinds)]
     return frozenset([*(module.__name__ for module in shown), *(entry.name for entry in entries), *methods])
 
 
