@@ -19,7 +19,9 @@ from .window import Window
 WHITE = 255.0  # grey level at which a pixel is saturated: its light is this, or more
 DARK = 10.0  # grey level from which a ratio of greys says something
 _MOST = float(np.log(4.0))  # a change of light; beyond it the lens is covered
-_BIN, _BLUR, _NEAR = 0.01, 12, 0.15  # of ln ratio: a bin, half the bins that are blurred, what agrees with the peak
+_BIN = 0.01  # width of a bin of the histogram, in ln ratio
+_BLUR = 12  # bins on either side over which the histogram is smoothed
+_NEAR = 0.15  # distance from the peak, in ln ratio, within which a pixel agrees with it
 _LEAST = 0.1  # share of the pixels that have to agree
 
 

@@ -16,7 +16,7 @@ from .checks import Array, as_image, as_number, as_points, frozen
 
 LADDER = 8  # even thresholds tried besides the bisection's
 _TRIES = 10  # places looked at for each marker wanted
-_FOUND = 100  # beside how often a place was tried
+_FOUND = 100  # marks a place where a marker was accepted; smaller values count attempts
 
 
 @dataclass(frozen=True)
@@ -71,7 +71,7 @@ class Markers:
     contrast, threshold : ndarray, shape (n,)
         Grey levels between the marker and its ring; the threshold of its contour.
     steps : tuple of ThresholdStep
-        The bisection's way.
+        Thresholds tried by the bisection, with their contour counts.
     """
 
     uv: Array
@@ -170,7 +170,7 @@ def iterative_threshold(image: ArrayLike, contours: int,
 
 
 def _search(image: np.ndarray, wanted: int, p: MarkerParameters) -> tuple[tuple[ThresholdStep, ...], blobs.Places]:
-    """The bisection's way, and what its thresholds and those of the ladder show."""
+    """The thresholds that the bisection tried, and what its thresholds and those of the ladder show."""
     small, scale = blobs.reduced(image)
     brightest = small.max(axis=1)
     found: dict[float, list[np.ndarray] | None] = {}

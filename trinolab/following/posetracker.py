@@ -154,7 +154,7 @@ def step(state: TrackState, frames: Sequence[ArrayLike], t_s: float, rig: Rig, h
         followed = follow(images, guess, rig, handle, p)
         tried.append(followed)
         pose = followed.pose
-        if pose.cameras >= max(guess.min_cameras, cameras + 1) and _believable(pose, guess.motion, rig, handle, p):
+        if pose.cameras >= max(guess.min_cameras, cameras + 1) and believable(pose, guess.motion, rig, handle, p):
             best = followed, guess.motion
             cameras = pose.cameras
             if 2 * cameras >= len(rig.cameras):
@@ -186,7 +186,7 @@ def _guesses(images: list[np.ndarray], predicted: Motion, seen: Motion, rig: Rig
             yield Guess(motion, expect(rig, handle, motion, p), blurred=True, min_cameras=2)
     # Measured in the whole images; the prediction only chooses among poses that look alike.
     pose = measure(images, rig, handle, predicted.pose, p).pose
-    if _believable(pose, predicted, rig, handle, p) and pose.T_world_handle is not None:
+    if believable(pose, predicted, rig, handle, p) and pose.T_world_handle is not None:
         spread = np.diag(np.repeat([1.0, 0.1], 3) ** 2)
         motion = posefilter.update(predicted, pose.T_world_handle, spread, p.motion)
         there = Guess(motion, expect(rig, handle, motion, p))
@@ -253,7 +253,7 @@ def _sought(images: list[np.ndarray], t: float, rig: Rig, handle: Handle,
     return TrackState(t, begun, begun, sure), tracked
 
 
-def _believable(pose: Pose, motion: Motion, rig: Rig, handle: Handle, p: FollowParameters) -> bool:
+def believable(pose: Pose, motion: Motion, rig: Rig, handle: Handle, p: FollowParameters) -> bool:
     """Whether a measured pose may be the continuation of a motion; the less, the fewer cameras say so."""
     if pose.status != "measured" or pose.T_world_handle is None:
         return False

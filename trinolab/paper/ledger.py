@@ -189,9 +189,9 @@ def _erratum(entry: Entry, effects: Sequence[Effect]) -> str:
 def number_text(value: float) -> str:
     """A number with three digits for a table; what is left of a zero by rounding is a zero."""
     if np.isnan(value):
-        return "no number"
+        return "undefined"
     if np.isinf(value):
-        return "without end"
+        return "infinite"
     if abs(value) < ROUNDING:
         return "0"
     return f"{value:.3g}" if abs(value) < 1000 else f"{value:.0f}"
