@@ -156,11 +156,10 @@ def slant_angles(centres: Array, normals: Array, viewpoint: Array) -> Array:
     """
     centres = as_array(centres, "centres", (*np.shape(centres)[:-1], 3), finite=False)
     normals = as_array(normals, "normals", centres.shape, finite=False)
-    with np.errstate(all="ignore"):  # an overflow shows in the result
-        to_camera = as_array(viewpoint, "viewpoint", (3,)) - centres
-        to_camera /= np.abs(to_camera).max(axis=-1, keepdims=True)  # first, so that no square overflows
-        cosine = (normals * to_camera).sum(axis=-1) / np.linalg.norm(to_camera, axis=-1)
-        return np.arccos(np.clip(cosine, -1.0, 1.0))
+    to_camera = as_array(viewpoint, "viewpoint", (3,)) - centres
+    distance = np.linalg.norm(to_camera, axis=-1)
+    cosine = (normals * to_camera).sum(axis=-1) / np.where(distance > 0, distance, np.nan)
+    return np.arccos(np.clip(cosine, -1.0, 1.0))
 
 
 def on_cylinder(radius: float, theta: Array | float, axial: Array | float) -> Array:
