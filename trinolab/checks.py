@@ -96,6 +96,13 @@ def as_number(value: Any, name: str, low: float = -np.inf, high: float = np.inf,
     return number
 
 
+def check_numbers(data: object, *names: str, low: float = -np.inf, high: float = np.inf,
+                  open_low: bool = False) -> None:
+    """Check fields of a frozen dataclass by `as_number`, all with the same range, and store them as floats."""
+    for name in names:
+        object.__setattr__(data, name, as_number(getattr(data, name), name, low, high, open_low))
+
+
 def as_whole(value: Any, name: str, low: float = -np.inf, high: float = np.inf) -> int:
     """Check one whole number in [low, high]."""
     if as_number(value, name, low, high) % 1:

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
 from scipy.special import chdtri
 
-from .checks import LARGEST, Array, as_array, as_number, frozen
+from .checks import LARGEST, Array, as_array, as_number, check_numbers, frozen
 
 RELATIVE_ATOL = 1e-9  # of a correlation: far above rounding, far below what a mistake makes
 TINY = 1 / LARGEST**2  # a smaller variance is zero
@@ -121,11 +121,9 @@ class KalmanParameters:
     gate_probability: float = 0.999
 
     def __post_init__(self) -> None:
-        as_number(self.jerk_intensity, "jerk_intensity", 0.0)
-        as_number(self.sigma_px, "sigma_px", 0.0, open_low=True)
-        as_number(self.velocity_sigma, "velocity_sigma", 0.0)
-        as_number(self.acceleration_sigma, "acceleration_sigma", 0.0)
-        as_number(self.gate_probability, "gate_probability", 0.0, 1 - 1e-12, open_low=True)
+        check_numbers(self, "jerk_intensity", "velocity_sigma", "acceleration_sigma", low=0.0)
+        check_numbers(self, "sigma_px", low=0.0, open_low=True)
+        check_numbers(self, "gate_probability", low=0.0, high=1 - 1e-12, open_low=True)
 
 
 class State(NamedTuple):

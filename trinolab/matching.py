@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .camera import Camera, Rig, epipolar_lines
-from .checks import Array, as_array, as_image, as_number, as_points, frozen
+from .checks import Array, as_array, as_image, as_number, as_points, check_numbers, frozen
 
 FLAT = 1e-6  # contrast of a window by its largest value; one grey level in one pixel of 16 bit is 1.5e-5
 
@@ -39,8 +39,8 @@ class MatchParameters:
     window_px: int = 21
 
     def __post_init__(self) -> None:
-        as_number(self.epipolar_gate_px, "epipolar_gate_px", low=0.0, open_low=True)
-        as_number(self.ncc_threshold, "ncc_threshold", low=-1.0, high=1.0)
+        check_numbers(self, "epipolar_gate_px", low=0.0, open_low=True)
+        check_numbers(self, "ncc_threshold", low=-1.0, high=1.0)
         object.__setattr__(self, "window_px", _as_window(self.window_px))
 
 
