@@ -2,8 +2,19 @@
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import RigidTransform
 
-from trinolab.checks import as_array, as_image, as_number, as_points, as_rotation_matrix, as_unit, frozen
+from trinolab.checks import (
+    as_array,
+    as_image,
+    as_number,
+    as_points,
+    as_rotation_matrix,
+    as_transform,
+    as_unit,
+    frozen,
+    whole_rows,
+)
 from trinolab.files.inputs import read_toml
 
 
@@ -18,8 +29,8 @@ def test_arrays_come_back_read_only_and_are_copies():
 
 @pytest.mark.parametrize(("call", "words"), [
     (lambda: as_array([[1, 2]], "a", (None, 3)), r"a: expected shape \(n, 3\), got \(1, 2\)"),
-    (lambda: as_array([1, np.nan], "a", (2,)), "a: expected finite numbers, got 1"),
-    (lambda: as_array([1, np.inf], "a", (2,), finite=False), "a: expected finite numbers, got 1"),
+    (lambda: as_array([1, np.nan], "a", (2,)), "a: expected finite numbers of at most 1e[+]36, got 1 that"),
+    (lambda: as_array([1, np.inf], "a", (2,), finite=False), "a: expected finite numbers of at most 1e[+]36, got 1"),
     (lambda: as_array("text", "a", (2,)), "a: expected numbers"),
     (lambda: as_array(["1", "2"], "a", (2,)), "a: expected numbers"),
     (lambda: as_array([1, "2"], "a", (2,)), "a: expected numbers"),
@@ -34,7 +45,12 @@ def test_arrays_come_back_read_only_and_are_copies():
     (lambda: as_number("1", "x"), "x: expected a number, got '1'"),
     (lambda: as_number(True, "x"), "x: expected a number"),
     (lambda: as_number(0, "x", low=0, open_low=True), r"x: expected a number in \(0, inf\]"),
-    (lambda: as_number(10**400, "x"), "x: expected a number in"),
+    (lambda: as_number(10**400, "x"), "x: expected a number of at most 1e[+]36, got 1000"),
+    (lambda: as_number(-1e37, "x"), "x: expected a number of at most 1e[+]36, got -1e[+]37"),
+    (lambda: as_array([1e37, -1e37, 1], "a", (3,)), "a: expected finite numbers of at most 1e[+]36, got 2 that are"),
+    (lambda: as_array([-1e37, np.nan], "a", (2,), finite=False), "a: expected finite numbers of at most 1e[+]36, got"),
+    (lambda: as_image([[1e37, 1.0]], "image"), "image: expected finite grey values of at most"),
+    (lambda: as_transform(RigidTransform.from_translation([0, 1e37, 0]), "T"), "T: expected a finite motion"),
     (lambda: as_array([10**400], "a", (1,)), "a: expected"),
     (lambda: as_unit([0, 0, 0], "axis"), "axis: expected a direction"),
     (lambda: as_rotation_matrix(np.diag([1, 1, -1]), "R"), "R: expected a rotation"),
@@ -46,6 +62,11 @@ def test_mistakes_are_named(call, words):
 
 def test_nan_stands_for_a_missing_point():
     assert np.isnan(as_points([[np.nan, 1]], "uv", 2)).any()
+
+
+def test_a_row_beyond_all_bounds_is_a_missing_one():
+    rows = whole_rows(np.array([[1.0, 2.0], [1.0, np.inf], [np.nan, 1.0], [1e37, 1.0]]))
+    np.testing.assert_array_equal(rows, [[1, 2], *[[np.nan] * 2] * 3])
 
 
 def test_files_that_are_none(tmp_path):

@@ -286,7 +286,7 @@ F1, Q1 = constant_acceleration(DT), white_jerk(DT, 1.0)
     lambda: predict(State(np.full(6, np.nan), np.eye(6)), F1, Q1), lambda: predict(State(np.zeros(6), SKEW), F1, Q1),
     lambda: predict(State(np.zeros(6), -np.eye(6)), F1, Q1), lambda: predict(State(np.zeros(5), np.eye(6)), F1, Q1),
     lambda: predict(GOOD, F1[:5], Q1), lambda: predict(GOOD, F1, SKEW), lambda: predict(GOOD, F1 * np.nan, Q1),
-    lambda: predict(GOOD, 1e200 * F1, Q1), lambda: predict(GOOD, F1, Q1 - 1e-3 * np.eye(6)),
+    lambda: predict(GOOD, 1e37 * F1, Q1), lambda: predict(GOOD, F1, Q1 - 1e-3 * np.eye(6)),
     lambda: predict(State(np.zeros(2), [[1, 2], [2, 1]]), np.eye(2), np.eye(2)),
     lambda: update(GOOD, [1, 2, 3], H, R), lambda: update(GOOD, [np.inf, 0], H, R),
     lambda: update(GOOD, [0, 0], H[:, :5], R), lambda: update(GOOD, [0, 0], H, np.diag([1.0, -1.0])),

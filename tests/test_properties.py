@@ -1,7 +1,7 @@
 """Any input at all: a ValueError or a result that keeps its promises; warnings are errors here too.
 
-Numbers include NaN, infinities, the largest and the smallest there are; arrays have any shape. The examples are the
-same in every run.
+Numbers include NaN, infinities, those beyond `checks.LARGEST`, and the smallest there are; arrays have any shape. The
+examples are the same in every run.
 """
 
 import warnings
@@ -15,6 +15,7 @@ from hypothesis.extra.numpy import arrays
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from trinolab.camera import Camera, Rig, T_between, T_world_oxyz, epipolar_lines, fundamental_matrix
+from trinolab.checks import LARGEST
 from trinolab.datasets import load_handle, load_rig
 from trinolab.files.rigs import read_handle, write_handle
 from trinolab.handle import Handle, slant_angles, slants
@@ -34,15 +35,15 @@ from trinolab.triangulation import depth_forms, mean_point, triangulate, triangu
 
 examples = settings(max_examples=80, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
 
-EXTREMES = [0.0, -0.0, 5e-324, 1e-310, 1e-160, 1e160, 1e308, -1e308, float("nan")]
-not_infinite = st.floats(-1e3, 1e3) | st.sampled_from(EXTREMES) | st.floats(allow_infinity=False)
-numbers = not_infinite | st.sampled_from([float("inf"), -float("inf")])
+EXTREMES = [0.0, -0.0, 5e-324, 1e-310, 1e-160, LARGEST, -LARGEST, float("nan")]
+bounded = st.floats(-1e3, 1e3) | st.sampled_from(EXTREMES) | st.floats(-LARGEST, LARGEST)
+numbers = bounded | st.sampled_from([1e37, 1e308, float("inf"), -float("inf")])
 junk = st.sampled_from([None, "text", {}, object(), True, [[1, 2], [3]], [[None, 1.0]], np.array(["a"]), [], 1.5])
 any_array = arrays(float, st.lists(st.integers(0, 4), max_size=3).map(tuple), elements=numbers)
 anything = any_array | junk | numbers
 
 
-def rows(k, most=4, elements=not_infinite):
+def rows(k, most=4, elements=bounded):
     return arrays(float, st.tuples(st.integers(0, most), st.just(k)), elements=elements)
 
 
@@ -98,6 +99,21 @@ def refused(function, *args):
     return False
 
 
+@pytest.mark.parametrize("call", [
+    lambda x: RIG.cameras[0].project([[0, 0, x]]), lambda x: RIG.cameras[0].rays([[x, 0]]),
+    lambda x: epipolar_lines(*PAIR.cameras, [[0, x]]), lambda x: slants(HANDLE, AHEAD, [0, 0, x]),
+    lambda x: triangulate(PAIR, np.full((2, 1, 2), x)), lambda x: mean_point(np.full((2, 1, 3), x)),
+    lambda x: rigid_fit(x * np.eye(3), np.eye(3)), lambda x: ncc(np.full((3, 3), x), np.eye(3)),
+    lambda x: predict(State(np.zeros(6), np.eye(6)), F, x * np.eye(6)),
+    lambda x: update(initial_state([0, 0]), [x, 0], H, R),
+    lambda x: replace(RIG.cameras[0], T_cam_world=RigidTransform.from_translation([x, 0, 0])),
+    lambda x: Handle("h", x, 200.0, 100.0, 2.0, [0.0], [[0.0]])])
+@pytest.mark.parametrize("beyond", [1e37, -1e37, 1e160, 1e308, -1e308])
+def test_numbers_beyond_any_bench_are_refused_in_one_line(call, beyond):
+    with pytest.raises(ValueError, match=r"^[\w ]+: expected [^\n]+$"):
+        call(beyond)
+
+
 def pixels_of(camera, points):
     """Pixels of points by another way than `Camera.project`, for cameras without distortion."""
     local = (camera.T_cam_world.as_matrix() @ np.column_stack([points, np.ones(len(points))]).T)[:3]
@@ -109,7 +125,7 @@ def pixels_of(camera, points):
 
 @given(junk | st.text(max_size=3), either(st.tuples(st.integers(-2, 2000), st.integers(1, 2000))),
        either(st.tuples(numbers, numbers, numbers).map(lambda v: [[v[0], 0, v[1]], [0, v[2], 5.0], [0, 0, 1]])),
-       either(arrays(float, 5, elements=not_infinite)), st.just(AHEAD) | junk)
+       either(arrays(float, 5, elements=bounded)), st.just(AHEAD) | junk)
 @examples
 def test_a_camera_is_refused_or_usable(name, size, matrix, distortions, T):
     try:
@@ -121,8 +137,7 @@ def test_a_camera_is_refused_or_usable(name, size, matrix, distortions, T):
 
 
 @given(st.floats(1e-6, 1e9), st.floats(-1e9, 1e9), arrays(float, 5, elements=st.floats(-1e6, 1e6)),
-       arrays(float, 3, elements=st.floats(-1e100, 1e100)), rows(3),
-       rows(2))
+       arrays(float, 3, elements=st.floats(-LARGEST, LARGEST)), rows(3), rows(2))
 @examples
 def test_a_camera_with_numbers_at_its_limits_gives_points_or_nan(f, c, distortions, translation, points, uv):
     camera = Camera("c", (1280, 1024), [[f, 0, c], [0, f, c], [0, 0, 1]], distortions,
@@ -299,7 +314,7 @@ def test_a_handle_file_of_any_text_is_refused(handle_file, text):
         read_handle(handle_file)
 
 
-@given(st.just(AHEAD) | junk, either(arrays(float, 3, elements=not_infinite)))
+@given(st.just(AHEAD) | junk, either(arrays(float, 3, elements=bounded)))
 @examples
 def test_slants_of_anything(T, viewpoint):
     if not refused(slants, HANDLE, T, viewpoint):
@@ -308,7 +323,7 @@ def test_slants_of_anything(T, viewpoint):
         assert ((angle >= 0) & (angle <= np.pi)).all()
 
 
-@given(either(rows(3)), either(rows(3)), either(arrays(float, 3, elements=not_infinite)))
+@given(either(rows(3)), either(rows(3)), either(arrays(float, 3, elements=bounded)))
 @examples
 def test_slant_angles_of_anything(centres, normals, viewpoint):
     if not refused(slant_angles, centres, normals, viewpoint):
@@ -325,7 +340,7 @@ def test_slants_do_not_mind_where_the_world_is(T, viewpoint):
     np.testing.assert_allclose(there, seen, atol=1e-7)  # rad; arccos near 1 halves the digits
 
 
-@pytest.mark.parametrize("distance", [1e9, 1e160, 1e300])
+@pytest.mark.parametrize("distance", [1e9, 1e36])
 def test_slants_from_far_away(distance):
     # the distance itself drowns the handle's size, so what is left is the angle to the line of sight
     angle = slants(HANDLE, RigidTransform.identity(), [0.6 * distance, 0.0, 0.8 * distance])
@@ -360,7 +375,7 @@ def test_correlation_does_not_mind_gain_offset_and_order(template, window, gain,
     assert ncc(template, -window) == pytest.approx(-S, abs=1e-12)
 
 
-@pytest.mark.parametrize("grey", [0.0, 0.1, 1 / 3, 1e5 / 7, -1e300, 5e-324])
+@pytest.mark.parametrize("grey", [0.0, 0.1, 1 / 3, 1e5 / 7, -1e36, 5e-324])
 def test_a_flat_window_correlates_with_nothing(grey):
     flat = np.full((21, 21), grey)
     assert ncc(flat, TEXTURE[:21, :21]) == 0.0
@@ -373,7 +388,7 @@ def test_rounding_is_no_contrast():
     assert ncc(noise, noise) == 0.0
 
 
-@pytest.mark.parametrize("far", [1e4, 1e10, 1e300])
+@pytest.mark.parametrize("far", [1e4, 1e10, 1e36])
 def test_windows_far_outside_repeat_the_edge(far):
     edge = ncc_matrix(TEXTURE, TEXTURE, [[120.0, 20.0], [20.0, -60.0]], [[40, 30]], 21)
     np.testing.assert_array_equal(ncc_matrix(TEXTURE, TEXTURE, [[far, 20.0], [20.0, -far]], [[40, 30]], 21), edge)
@@ -431,7 +446,7 @@ def test_matches_of_points_that_are_not_there_are_refused(index, uv, gate_px, be
 # --- triangulation
 
 
-pixels = st.floats(0, 1300) | not_infinite
+pixels = st.floats(0, 1300) | bounded
 
 
 @given(shipped, shipped, rows(4, 8, pixels) | rows(4, 8, st.floats(0, 1300)), junk | st.none())
@@ -448,7 +463,7 @@ def test_points_from_any_pixels_are_before_both_cameras(left, right, uv, other):
         assert (camera.T_cam_world.apply(points)[near, 2] > 0).all()
 
 
-@given(either(arrays(float, st.tuples(st.just(3), st.integers(0, 4), st.just(2)), elements=not_infinite)),
+@given(either(arrays(float, st.tuples(st.just(3), st.integers(0, 4), st.just(2)), elements=bounded)),
        numbers | junk, numbers | junk | st.floats(1e-6, 1.0))
 @examples
 def test_points_and_covariances_of_any_pixels(uv, sigma_px, step_px):
@@ -480,7 +495,7 @@ def test_depths_of_anything(left, right):
         assert all(part.shape == (len(left), 2) for part in depth_forms(left, right, T_between(*PAIR.cameras)))
 
 
-@given(either(arrays(float, st.tuples(st.integers(0, 3), st.integers(0, 3), st.just(3)), elements=not_infinite)))
+@given(either(arrays(float, st.tuples(st.integers(0, 3), st.integers(0, 3), st.just(3)), elements=bounded)))
 @examples
 def test_the_mean_of_any_points(points):
     if not refused(mean_point, points):
@@ -490,10 +505,10 @@ def test_the_mean_of_any_points(points):
         whole = np.isfinite(points).all(axis=2)
         assert not there[~whole.any(axis=0)].any()
         for k in np.flatnonzero(there):
-            own = points[whole[:, k], k] / 4  # so that the slack for rounding does not overflow here
+            own = points[whole[:, k], k]
             slack = 1e-12 * np.abs(own).max()
-            assert (mean[k] / 4 >= own.min(axis=0) - slack).all()
-            assert (mean[k] / 4 <= own.max(axis=0) + slack).all()
+            assert (mean[k] >= own.min(axis=0) - slack).all()
+            assert (mean[k] <= own.max(axis=0) + slack).all()
 
 
 def test_one_camera_twice_is_refused():
@@ -533,15 +548,14 @@ def test_a_fit_of_anything_is_a_rigid_motion_or_none(source, target):
         assert np.linalg.det(R) > 0
 
 
-@given(arrays(float, (5, 3), elements=tame), motions, st.floats(-250, 90).map(lambda x: 10.0**x), st.data())
+@given(arrays(float, (5, 3), elements=tame), motions, st.floats(-5, 35).map(lambda x: 10.0**x))
 @examples
-def test_a_fit_finds_the_motion_at_any_scale(points, T, scale, data):
+def test_a_fit_finds_the_motion_at_any_scale(points, T, scale):
     spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
     assume(spread[1] > 1e-2)
     rotation, shift = T.rotation, T.translation / 500
     target = scale * (rotation.apply(points) + shift)
-    missing = data.draw(st.sampled_from([np.nan, 1e200]))
-    found = rigid_fit(np.vstack([scale * points, np.zeros(3)]), np.vstack([target, [0, missing, 0]]))
+    found = rigid_fit(np.vstack([scale * points, np.zeros(3)]), np.vstack([target, [0, np.nan, 0]]))
     np.testing.assert_allclose(found.rotation.as_matrix(), rotation.as_matrix(), atol=1e-10)
     np.testing.assert_allclose(found.translation / scale, shift, atol=1e-10)
 
@@ -556,7 +570,7 @@ def test_points_on_a_line_have_no_pose(start, direction, steps, T):
     assert refused(rigid_fit_covariance, line, T, np.tile(np.eye(3), (len(line), 1, 1)))
 
 
-@given(either(rows(3, 5)), st.just(AHEAD) | junk, either(arrays(float, (5, 3, 3), elements=not_infinite)), st.data())
+@given(either(rows(3, 5)), st.just(AHEAD) | junk, either(arrays(float, (5, 3, 3), elements=bounded)), st.data())
 @examples
 def test_a_covariance_of_anything_is_refused_or_a_covariance(source, T, covariances, data):
     if isinstance(source, np.ndarray) and source.ndim == 2 and data.draw(st.booleans()):
@@ -586,10 +600,10 @@ F, H, R = constant_acceleration(1 / 30), observation_matrix(), 4.0 * np.eye(2)
 Q = white_jerk(1 / 30, 1e6)
 
 
-wild_vectors, wild_matrices = (either(arrays(float, shape, elements=not_infinite)) for shape in (6, (6, 6)))
+wild_vectors, wild_matrices = (either(arrays(float, shape, elements=bounded)) for shape in (6, (6, 6)))
 
 
-@given(wild_vectors, wild_matrices, wild_matrices, either(arrays(float, 2, elements=not_infinite)), st.booleans())
+@given(wild_vectors, wild_matrices, wild_matrices, either(arrays(float, 2, elements=bounded)), st.booleans())
 @examples
 def test_a_filter_of_anything_gives_a_state_or_refuses(mean, covariance, Phi, z, tamed):
     if tamed and isinstance(covariance, np.ndarray) and covariance.ndim == 2:

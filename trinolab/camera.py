@@ -15,6 +15,8 @@ from scipy.spatial.transform import RigidTransform, Rotation
 from .checks import Array, as_array, as_number, as_points, as_transform, as_unit, frozen, whole_rows
 from .lens import as_intrinsics, as_size, distort, undistort
 
+NEAREST_MM = 1e-6  # depth from which on a point is in front of a camera
+
 
 @dataclass(frozen=True, eq=False)
 class Camera:
@@ -80,7 +82,6 @@ class Camera:
         """cx and cy, shape (2,), px."""
         return self.matrix[:2, 2]
 
-    @np.errstate(all="ignore")  # an overflow shows in the result
     def project(self, points: ArrayLike) -> Array:
         """Project world points to pixels.
 
@@ -93,7 +94,7 @@ class Camera:
         -------
         ndarray, shape (n, 2)
             Pixels; NaN where a point is missing, not in front of the camera, or so far aside that the distortion model
-            folds back or overflows. Points outside the image are returned all the same, see `sees`.
+            folds back. Points outside the image are returned all the same, see `sees`.
 
         Raises
         ------
@@ -101,11 +102,9 @@ class Camera:
             If `points` has another shape.
         """
         local = self.T_cam_world.apply(as_points(points, "points", 3))
-        xy = local[:, :2] / local[:, 2:]
-        xy[~(local[:, 2] > 0)] = np.nan
-        return self.to_pixels(whole_rows(xy))
+        z = np.where(local[:, 2:] > NEAREST_MM, local[:, 2:], np.nan)
+        return self.to_pixels(whole_rows(local[:, :2] / z))
 
-    @np.errstate(all="ignore")
     def to_pixels(self, xy: ArrayLike) -> Array:
         """Normalised ideal coordinates (x/z, y/z), shape (n, 2), to pixels of the distorted image, shape (n, 2).
 
@@ -113,7 +112,6 @@ class Camera:
         """
         return whole_rows(distort(as_points(xy, "xy", 2), self.distortions)[0] * self.focal + self.principal_point)
 
-    @np.errstate(all="ignore")
     def normalise(self, uv: ArrayLike) -> Array:
         """Pixels of the distorted image, shape (n, 2), to normalised ideal coordinates (x/z, y/z), shape (n, 2).
 
@@ -121,7 +119,6 @@ class Camera:
         """
         return undistort((as_points(uv, "uv", 2) - self.principal_point) / self.focal, self.distortions)
 
-    @np.errstate(all="ignore")
     def ideal_pixels(self, uv: ArrayLike) -> Array:
         """Pixels with the lens distortion removed, shape (n, 2); epipolar lines are straight only among these.
 
@@ -136,7 +133,6 @@ class Camera:
         """
         xy = self.normalise(uv)
         local = np.column_stack([xy, np.ones(len(xy))])
-        local /= np.abs(local).max(axis=1, keepdims=True)  # first, so that no square overflows
         local /= np.linalg.norm(local, axis=1, keepdims=True)
         return self.T_world_cam.rotation.apply(local)
 
@@ -148,8 +144,7 @@ class Camera:
         as_number(margin_px, "margin_px")
         uv = self.project(points)
         high = np.array(self.size) - 0.5 - margin_px
-        with np.errstate(invalid="ignore"):
-            return np.asarray(((uv >= margin_px - 0.5) & (uv <= high)).all(axis=1))
+        return np.asarray(((uv >= margin_px - 0.5) & (uv <= high)).all(axis=1))
 
 
 @dataclass(frozen=True, eq=False)
@@ -227,10 +222,10 @@ def epipolar_lines(left: Camera, right: Camera, uv: ArrayLike) -> Array:
     """
     uv, F = left.ideal_pixels(uv), fundamental_matrix(left, right)
     points = np.column_stack([uv, np.ones(len(uv))])
-    points /= np.abs(points).max(axis=1, keepdims=True)  # so that no square overflows
     lines = points @ F.T
     length = np.linalg.norm(lines[:, :2], axis=1, keepdims=True)
-    return lines / np.where(length > 1e-12 * np.linalg.norm(F[:2]), length, np.nan)
+    rounding = 1e-12 * np.linalg.norm(F[:2]) * np.abs(points).max(axis=1, keepdims=True)
+    return lines / np.where(length > rounding, length, np.nan)
 
 
 def T_world_oxyz(rig: Rig, first: int = 0, second: int = 1) -> RigidTransform:

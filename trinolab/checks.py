@@ -1,7 +1,8 @@
 """The checks of shapes and ranges that all public functions share, so that a mistake reads the same everywhere.
 
 Each function returns a read-only array (or the value) and raises ``ValueError`` with the argument's name, what was
-expected and what came.
+expected and what came. No number beyond `LARGEST` comes in, whatever its unit, and a computed point beyond it is a
+missing one (`whole_rows`): the algebra behind need not ask whether a product overflows.
 """
 
 from __future__ import annotations
@@ -14,6 +15,10 @@ from scipy.spatial.transform import RigidTransform
 
 Array = NDArray[np.float64]
 
+# Of any unit. Far beyond any bench, and beyond what is computed from one: a point whose rays are almost parallel has a
+# covariance of 1e20 mm^2. Its eighth power is still a float, and it is one itself in single precision.
+LARGEST = 1e36
+
 
 def frozen(array: np.ndarray) -> np.ndarray:
     """Return a read-only copy of an array."""
@@ -25,7 +30,7 @@ def frozen(array: np.ndarray) -> np.ndarray:
 def as_array(value: ArrayLike, name: str, shape: tuple[int | None, ...], finite: bool = True) -> Array:
     """Check a float array of a given shape; ``None`` in `shape` stands for any length.
 
-    Without `finite`, NaN stands for what is missing; infinity is a mistake all the same.
+    Without `finite`, NaN stands for what is missing; infinity, and what is beyond `LARGEST`, is a mistake all the same.
     """
     wanted = "(" + ", ".join("n" if n is None else str(n) for n in shape) + ("," if len(shape) == 1 else "") + ")"
     try:
@@ -34,9 +39,10 @@ def as_array(value: ArrayLike, name: str, shape: tuple[int | None, ...], finite:
         raise ValueError(f"{name}: expected numbers of shape {wanted}, got {type(value).__name__}") from None
     if array.ndim != len(shape) or any(n not in (None, m) for n, m in zip(shape, array.shape, strict=True)):
         raise ValueError(f"{name}: expected shape {wanted}, got {array.shape}")
-    wrong = ~np.isfinite(array) if finite else np.isinf(array)
+    wrong = ~(np.abs(array) <= LARGEST) if finite else np.abs(array) > LARGEST
     if wrong.any():
-        raise ValueError(f"{name}: expected finite numbers, got {np.count_nonzero(wrong)} that are not")
+        count = np.count_nonzero(wrong)
+        raise ValueError(f"{name}: expected finite numbers of at most {LARGEST:g}, got {count} that are not")
     return frozen(array)
 
 
@@ -67,25 +73,34 @@ def as_image(value: ArrayLike, name: str, size: tuple[int, int] | None = None,
         raise ValueError(f"{name}: expected a grey image of shape (height, width), got {image.dtype} {image.shape}")
     if size is not None and image.shape != (size[1], size[0]):
         raise ValueError(f"{name}: expected {size[0]} x {size[1]} pixels, got {image.shape[1]} x {image.shape[0]}")
-    if image.dtype.kind == "f" and not np.isfinite(image).all():
-        raise ValueError(f"{name}: expected finite grey values, got NaN or infinity")
+    if image.dtype.kind == "f" and not (image.min() >= -LARGEST and image.max() <= LARGEST):
+        raise ValueError(f"{name}: expected finite grey values of at most {LARGEST:g}, got others, or NaN")
     if highest is not None and image.dtype != np.uint8 and (image.min() < 0 or image.max() > highest):
         raise ValueError(f"{name}: expected grey levels from 0 to {highest:g}, got {image.min():g} to {image.max():g}")
     return image
 
 
 def as_number(value: Any, name: str, low: float = -np.inf, high: float = np.inf, open_low: bool = False) -> float:
-    """Check one finite number in [low, high], or in (low, high] when `open_low` is set."""
+    """Check one number in [low, high], or in (low, high] when `open_low` is set, and not beyond `LARGEST`."""
     if isinstance(value, (bool, np.bool_)) or not isinstance(value, (int, float, np.integer, np.floating)):
         raise ValueError(f"{name}: expected a number, got {value!r}")
     try:
         number = float(value)
     except OverflowError:  # a whole number too large for a float
         number = np.inf
-    if not np.isfinite(number) or number < low or number > high or (open_low and number == low):
+    if not low <= number <= high or (open_low and number == low):
         bracket = "(" if open_low else "["
         raise ValueError(f"{name}: expected a number in {bracket}{low:g}, {high:g}], got {value!r}")
+    if abs(number) > LARGEST:
+        raise ValueError(f"{name}: expected a number of at most {LARGEST:g}, got {value!r}")
     return number
+
+
+def check_numbers(data: object, *names: str, low: float = -np.inf, high: float = np.inf,
+                  open_low: bool = False) -> None:
+    """Check fields of a frozen dataclass by `as_number`, all with the same range, and store them as floats."""
+    for name in names:
+        object.__setattr__(data, name, as_number(getattr(data, name), name, low, high, open_low))
 
 
 def as_whole(value: Any, name: str, low: float = -np.inf, high: float = np.inf) -> int:
@@ -115,17 +130,17 @@ def as_rotation_matrix(value: ArrayLike, name: str, atol: float = 1e-6) -> Array
 
 
 def as_transform(value: Any, name: str) -> RigidTransform:
-    """Check a single rigid motion; its translation is finite and at most 1e100, whose square is still a number."""
+    """Check a single rigid motion whose numbers are finite."""
     if not isinstance(value, RigidTransform) or not value.single:
         raise ValueError(f"{name}: expected one RigidTransform, got {type(value).__name__}")
-    if not (np.abs(value.translation) <= 1e100).all() or not np.isfinite(value.as_matrix()).all():
+    if not (np.abs(value.as_matrix()) <= LARGEST).all():
         raise ValueError(f"{name}: expected a finite motion, got a translation of {value.translation.tolist()}")
     return value
 
 
 def whole_rows(points: np.ndarray) -> np.ndarray:
-    """Make each row that is not finite a missing point, NaN throughout, in place; return the array, shape (n, k)."""
-    points[~np.isfinite(points).all(axis=1)] = np.nan
+    """Make each row (n, k) that is not finite, or beyond `LARGEST`, a missing point, NaN throughout; in place."""
+    points[~(np.abs(points) <= LARGEST).all(axis=1)] = np.nan
     return points
 
 

@@ -16,7 +16,7 @@ import numpy as np
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from .camera import Camera
-from .checks import Array, as_array, as_number, as_transform, frozen
+from .checks import Array, as_array, as_number, as_transform, check_numbers, frozen
 
 _LARGEST = 1e6  # mm or deg
 
@@ -60,9 +60,8 @@ class Handle:
     def __post_init__(self) -> None:
         if not isinstance(self.name, str) or not self.name:
             raise ValueError(f"name: expected a handle's name, got {self.name!r}")
-        for field in ("radius_mm", "length_mm", "marker_diameter_mm"):
-            object.__setattr__(self, field, as_number(getattr(self, field), field, 0.0, _LARGEST, True))
-        object.__setattr__(self, "top_mm", as_number(self.top_mm, "top_mm", -_LARGEST, _LARGEST))
+        check_numbers(self, "radius_mm", "length_mm", "marker_diameter_mm", low=0.0, high=_LARGEST, open_low=True)
+        check_numbers(self, "top_mm", low=-_LARGEST, high=_LARGEST)
         object.__setattr__(self, "columns_deg", _as_numbers(self.columns_deg, "columns_deg"))
         if not isinstance(self.rows_mm, Sequence) or len(self.rows_mm) != len(self.columns_deg):
             raise ValueError(f"rows_mm: expected {len(self.columns_deg)} lists, one a column, got {self.rows_mm!r}")
@@ -156,11 +155,10 @@ def slant_angles(centres: Array, normals: Array, viewpoint: Array) -> Array:
     """
     centres = as_array(centres, "centres", (*np.shape(centres)[:-1], 3), finite=False)
     normals = as_array(normals, "normals", centres.shape, finite=False)
-    with np.errstate(all="ignore"):  # an overflow shows in the result
-        to_camera = as_array(viewpoint, "viewpoint", (3,)) - centres
-        to_camera /= np.abs(to_camera).max(axis=-1, keepdims=True)  # first, so that no square overflows
-        cosine = (normals * to_camera).sum(axis=-1) / np.linalg.norm(to_camera, axis=-1)
-        return np.arccos(np.clip(cosine, -1.0, 1.0))
+    to_camera = as_array(viewpoint, "viewpoint", (3,)) - centres
+    distance = np.linalg.norm(to_camera, axis=-1)
+    cosine = (normals * to_camera).sum(axis=-1) / np.where(distance > 0, distance, np.nan)
+    return np.arccos(np.clip(cosine, -1.0, 1.0))
 
 
 def on_cylinder(radius: float, theta: Array | float, axial: Array | float) -> Array:

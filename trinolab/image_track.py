@@ -100,7 +100,7 @@ def track(times_s: ArrayLike, uv: ArrayLike, parameters: KalmanParameters | None
     p = parameters or KalmanParameters()
     points = as_points(uv, "uv", 2)
     times = as_array(times_s, "times_s", (len(points),))
-    if len(points) == 0 or np.isinf(points).any() or not (np.diff(times) >= MIN_DT_S).all():
+    if len(points) == 0 or not (np.diff(times) >= MIN_DT_S).all():
         raise ValueError("times_s, uv: expected increasing times and points that are finite or NaN")
     seen = ~np.isnan(points).any(axis=1)
     first = int(seen.argmax()) if seen.any() else len(points)

@@ -15,11 +15,11 @@ from numpy.typing import ArrayLike
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
 from scipy.special import chdtri
 
-from .checks import Array, as_array, as_number, frozen
+from .checks import LARGEST, Array, as_array, as_number, check_numbers, frozen
 
 RELATIVE_ATOL = 1e-9  # of a correlation: far above rounding, far below what a mistake makes
-TINY = 1e-290  # a smaller variance is zero: its square root times another one is no precise number any more
-MIN_DT_S = 1e-9  # its fifth power is still a number
+TINY = 1 / LARGEST**2  # a smaller variance is zero
+MIN_DT_S = 1e-9
 
 
 def propagate(x: Array, P: Array, F: Array, Q: Array) -> tuple[Array, Array]:
@@ -57,8 +57,7 @@ def as_covariance(value: ArrayLike, name: str, n: int) -> Array:
     """
     C = as_array(value, name, (n, n))
     _, correlation = _correlations(C)
-    with np.errstate(invalid="ignore"):  # what overflowed is NaN
-        skewness = np.abs(correlation - correlation.T).max(initial=0)
+    skewness = np.abs(correlation - correlation.T).max(initial=0)
     if not (np.abs(correlation).max(initial=0) <= 1 + RELATIVE_ATOL and skewness <= RELATIVE_ATOL):
         raise ValueError(f"{name}: expected a symmetric, positive semi-definite matrix, got {C.tolist()}")
     lowest = np.linalg.eigvalsh(correlation).min(initial=0)
@@ -78,19 +77,17 @@ def covariance_root(value: ArrayLike, name: str, n: int) -> Array:
 def _correlations(C: Array) -> tuple[Array, Array]:
     """Standard deviations (n,) and correlations (n, n): px beside px/s^2 then costs no digits."""
     scale = np.sqrt(np.maximum(C.diagonal(), TINY))
-    with np.errstate(over="ignore"):
-        return scale, C / scale[:, None] / scale
+    return scale, C / scale[:, None] / scale
 
 
 def solve_covariance(C: Array, right: Array, name: str) -> Array:
-    """C^-1 right by a Cholesky factor; ValueError if C is not positive definite, or the result overflows."""
+    """C^-1 right by a Cholesky factor; ValueError if C is not positive definite."""
     try:
-        solution = cho_solve(cho_factor(C, lower=True), right)
-    except (LinAlgError, ValueError):  # SciPy: not positive definite; not finite
-        raise ValueError(f"{name}: expected a positive definite covariance, got {np.asarray(C).tolist()}") from None
-    if not np.isfinite(solution).all():
-        raise ValueError(f"{name}: expected a covariance that can be inverted, got {np.asarray(C).tolist()}")
-    return solution
+        if (C.diagonal() < TINY).any():
+            raise LinAlgError
+        return cho_solve(cho_factor(C, lower=True), right)
+    except LinAlgError:
+        raise ValueError(f"{name}: expected a positive definite covariance, got {C.tolist()}") from None
 
 
 @dataclass(frozen=True)
@@ -124,11 +121,9 @@ class KalmanParameters:
     gate_probability: float = 0.999
 
     def __post_init__(self) -> None:
-        as_number(self.jerk_intensity, "jerk_intensity", 0.0)
-        as_number(self.sigma_px, "sigma_px", 0.0, open_low=True)
-        as_number(self.velocity_sigma, "velocity_sigma", 0.0)
-        as_number(self.acceleration_sigma, "acceleration_sigma", 0.0)
-        as_number(self.gate_probability, "gate_probability", 0.0, 1 - 1e-12, open_low=True)
+        check_numbers(self, "jerk_intensity", "velocity_sigma", "acceleration_sigma", low=0.0)
+        check_numbers(self, "sigma_px", low=0.0, open_low=True)
+        check_numbers(self, "gate_probability", low=0.0, high=1 - 1e-12, open_low=True)
 
 
 class State(NamedTuple):
@@ -160,12 +155,11 @@ def predict(state: State, F: ArrayLike, Q: ArrayLike) -> State:
     ------
     ValueError
         For a wrong shape, NaN or infinity, a covariance that is not symmetric and positive semi-definite, or a result
-        that overflows.
+        beyond all bounds.
     """
     x, P = _checked(state)
     F, Q = as_array(F, "F", (len(x), len(x))), as_covariance(Q, "Q", len(x))
-    with np.errstate(all="ignore"):  # an overflow shows in the result
-        x, P = propagate(x, P, F, Q)
+    x, P = propagate(x, P, F, Q)
     return State(as_array(x, "F x", x.shape), _symmetric(P, "F P F^T + Q"))
 
 
@@ -201,8 +195,7 @@ def update(state: State, z: ArrayLike | None, H: ArrayLike, R: ArrayLike) -> Sta
     if np.isnan(r).any():
         return state
     solve_covariance(S, r, "H P H^T + R")  # refuses an S that has no inverse
-    with np.errstate(all="ignore"):
-        x, P = correct(x, P, r, S, H, R)
+    x, P = correct(x, P, r, S, H, R)
     return State(as_array(x, "x + K r", x.shape), _symmetric(P, "P"))
 
 
@@ -215,8 +208,7 @@ def nis(observed: Innovation) -> float:
     S = as_array(observed.covariance, "covariance", (len(residual), len(residual)))
     if not np.isfinite(residual).all():
         return float("nan")
-    with np.errstate(all="ignore"):
-        return as_number(residual @ solve_covariance(S, residual, "covariance"), "r^T S^-1 r")
+    return float(residual @ solve_covariance(S, residual, "covariance"))
 
 
 def gate(observed: Innovation, probability: float) -> bool:
@@ -264,7 +256,7 @@ def white_jerk(dt: float, intensity: float) -> Array:
     ValueError
         If `dt` is not positive, at least 1e-9 s, or the intensity negative.
     """
-    t, q = _as_dt(dt), as_number(intensity, "intensity", 0.0, 1e100)
+    t, q = _as_dt(dt), as_number(intensity, "intensity", 0.0)
     one = [[t**5 / 20, t**4 / 8, t**3 / 6], [t**4 / 8, t**3 / 3, t**2 / 2], [t**3 / 6, t**2 / 2, t]]
     return frozen(q * np.kron(one, np.eye(2)))
 
@@ -287,9 +279,7 @@ def initial_state(z: ArrayLike, parameters: KalmanParameters | None = None) -> S
     """
     p = parameters or KalmanParameters()
     sigma = np.repeat([p.sigma_px, p.velocity_sigma, p.acceleration_sigma], 2)
-    with np.errstate(over="ignore"):
-        P = _symmetric(np.diag(sigma**2), "parameters")
-    return State(frozen(np.append(as_array(z, "z", (2,)), np.zeros(4))), P)
+    return State(frozen(np.append(as_array(z, "z", (2,)), np.zeros(4))), as_array(np.diag(sigma**2), "P", (6, 6)))
 
 
 def _checked(state: State) -> tuple[Array, Array]:
@@ -303,17 +293,13 @@ def _compared(x: Array, P: Array, z: ArrayLike | None, H: ArrayLike, R: ArrayLik
     H = as_array(H, "H", (None, len(x)))
     R = as_covariance(R, "R", len(H))
     observed = np.full(len(H), np.nan) if z is None else as_array(z, "z", (len(H),), finite=False)
-    with np.errstate(all="ignore"):
-        r, S = compare(x, P, observed, H, R)
-    as_array(H @ x, "H x", (len(H),))
-    return Innovation(frozen(r), _symmetric(S, "H P H^T + R")), H, R
+    r, S = compare(x, P, observed, H, R)
+    return Innovation(as_array(r, "z - H x", r.shape, finite=False), _symmetric(S, "H P H^T + R")), H, R
 
 
 def _symmetric(C: Array, name: str) -> Array:
-    """A computed covariance without the rounding that makes it skew, read-only. Raises ValueError if it overflowed."""
-    if not np.isfinite(C).all():
-        raise ValueError(f"{name}: expected numbers that can be squared, got an overflow")
-    return frozen((C + C.T) / 2)
+    """A computed covariance without the rounding that makes it skew."""
+    return as_array((C + C.T) / 2, name, C.shape)
 
 
 def _as_dt(dt: float) -> float:

@@ -38,7 +38,6 @@ def as_intrinsics(value: ArrayLike) -> Array:
     return matrix
 
 
-@np.errstate(all="ignore")  # an overflow shows in the result
 def distort(xy: Array, k: Array) -> tuple[Array, Array]:
     """Apply lens distortion to normalised coordinates.
 
@@ -51,7 +50,7 @@ def distort(xy: Array, k: Array) -> tuple[Array, Array]:
     Returns
     -------
     distorted : ndarray, shape (n, 2)
-        NaN for missing points, beyond the radius at which the radial polynomial stops growing, and where it overflows.
+        NaN for missing points, and beyond the radius at which the radial polynomial stops growing.
     jacobian : ndarray, shape (n, 2, 2)
     """
     if not np.any(k):
@@ -70,7 +69,7 @@ def distort(xy: Array, k: Array) -> tuple[Array, Array]:
     return whole_rows(out), jacobian
 
 
-@np.errstate(all="ignore")
+@np.errstate(all="ignore")  # a step of Newton's method may lead anywhere; that shows in the result
 def undistort(xy: Array, k: Array, iterations: int = 20) -> Array:
     """Invert `distort` by Newton's method; shape (n, 2), NaN where it does not converge to 1e-12."""
     xy = whole_rows(np.array(xy, dtype=float))
@@ -98,6 +97,5 @@ def _fold_radius2(k: Array) -> float:
 def _solve2(A: Array, b: Array) -> Array:
     """Solve n systems of two equations; a singular one gives infinities, which `undistort` turns into NaN."""
     det = A[:, 0, 0] * A[:, 1, 1] - A[:, 0, 1] * A[:, 1, 0]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        return np.column_stack([A[:, 1, 1] * b[:, 0] - A[:, 0, 1] * b[:, 1],
-                                A[:, 0, 0] * b[:, 1] - A[:, 1, 0] * b[:, 0]]) / det[:, None]
+    return np.column_stack([A[:, 1, 1] * b[:, 0] - A[:, 0, 1] * b[:, 1],
+                            A[:, 0, 0] * b[:, 1] - A[:, 1, 0] * b[:, 0]]) / det[:, None]

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from . import blobs
-from .checks import Array, as_image, as_number, as_points, frozen
+from .checks import Array, as_image, as_number, as_points, check_numbers, frozen
 
 LADDER = 8  # even thresholds tried besides the bisection's
 _TRIES = 10  # places looked at for each marker wanted
@@ -47,8 +47,7 @@ class MarkerParameters:
         as_number(self.surplus, "surplus", low=1.0)
         low = as_number(self.diameter_px[0], "diameter_px[0]", low=0.0, open_low=True)
         as_number(self.diameter_px[1], "diameter_px[1]", low=low)
-        for name in ("min_axis_ratio", "min_fill", "min_contrast"):
-            as_number(getattr(self, name), name, low=0.0)
+        check_numbers(self, "min_axis_ratio", "min_fill", "min_contrast", low=0.0)
 
 
 class ThresholdStep(NamedTuple):

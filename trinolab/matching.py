@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .camera import Camera, Rig, epipolar_lines
-from .checks import Array, as_array, as_image, as_number, as_points, frozen
+from .checks import Array, as_array, as_image, as_number, as_points, check_numbers, frozen
 
 FLAT = 1e-6  # contrast of a window by its largest value; one grey level in one pixel of 16 bit is 1.5e-5
 
@@ -39,8 +39,8 @@ class MatchParameters:
     window_px: int = 21
 
     def __post_init__(self) -> None:
-        as_number(self.epipolar_gate_px, "epipolar_gate_px", low=0.0, open_low=True)
-        as_number(self.ncc_threshold, "ncc_threshold", low=-1.0, high=1.0)
+        check_numbers(self, "epipolar_gate_px", low=0.0, open_low=True)
+        check_numbers(self, "ncc_threshold", low=-1.0, high=1.0)
         object.__setattr__(self, "window_px", _as_window(self.window_px))
 
 
@@ -214,8 +214,8 @@ def in_order(matches: Matches, left: Camera, right: Camera, uv_left: ArrayLike, 
 
 def _windows(image: np.ndarray, uv: Array, window_px: int) -> Array:
     """Windows about points as rows of zero mean and length 1 (zero where flat or the point is missing)."""
-    if image.dtype != np.uint8:  # correlation does not mind the scale, single precision does
-        image = (image / max(abs(float(image.max())), abs(float(image.min())), np.finfo(float).tiny)).astype(np.float32)
+    if image.dtype != np.uint8:
+        image = image.astype(np.float32)
     cuts = np.zeros((len(uv), window_px, window_px))
     outside = np.array(image.shape[::-1]) + window_px  # from there on all windows are the same
     for k in np.flatnonzero(np.isfinite(uv).all(axis=1)):
@@ -227,10 +227,10 @@ def _windows(image: np.ndarray, uv: Array, window_px: int) -> Array:
 def _units(windows: np.ndarray) -> Array:
     """Windows (n, height, width) as rows with mean 0 and sum of squares 1; zeros if flat."""
     rows = windows.reshape(len(windows), windows.shape[1] * windows.shape[2]).astype(float)
-    rows /= np.maximum(np.abs(rows).max(axis=1, keepdims=True), np.finfo(float).tiny)  # so that no square overflows
+    flat = FLAT * np.abs(rows).max(axis=1, keepdims=True)
     rows -= rows.mean(axis=1, keepdims=True)
     norm = np.linalg.norm(rows, axis=1, keepdims=True)
-    return np.divide(rows, norm, out=np.zeros_like(rows), where=norm > FLAT)
+    return np.divide(rows, norm, out=np.zeros_like(rows), where=norm > flat)
 
 
 def _as_window(value: int) -> int:
@@ -240,8 +240,7 @@ def _as_window(value: int) -> int:
 
 
 def _passing(distance: Array, similarity: Array, p: MatchParameters) -> Matches:
-    with np.errstate(invalid="ignore"):
-        i, j = index = np.nonzero((distance < p.epipolar_gate_px) & (similarity > p.ncc_threshold))
+    i, j = index = np.nonzero((distance < p.epipolar_gate_px) & (similarity > p.ncc_threshold))
     return Matches(np.transpose(index), frozen(distance[i, j]), frozen(similarity[i, j]))
 
 

@@ -9,12 +9,12 @@ from numpy.typing import ArrayLike
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from .camera import Rig
-from .checks import Array, as_array, as_number, as_points, as_transform
+from .checks import Array, as_array, as_points, as_transform
 from .handle import Handle, slants
 from .rigid import cross_matrices
 from .triangulation import triangulate, triangulate_with_covariance
 
-LARGEST = 1e100  # of a coordinate: its square is still a number
+SMALLEST_MM = 1e-9  # points that are nearer to a line than that lie on it
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,7 +64,7 @@ def rigid_fit(points_source: ArrayLike, points_target: ArrayLike) -> RigidTransf
     Parameters
     ----------
     points_source, points_target : array_like, shape (n, 3)
-        Row by row the same point; rows that are not finite or beyond 1e100 in either are left out.
+        Row by row the same point, mm; rows with a NaN in either are left out.
 
     Returns
     -------
@@ -78,13 +78,12 @@ def rigid_fit(points_source: ArrayLike, points_target: ArrayLike) -> RigidTransf
     """
     source = as_points(points_source, "points_source", 3)
     target = as_array(points_target, "points_target", source.shape, finite=False)
-    with np.errstate(invalid="ignore"):
-        valid = ((np.abs(source) <= LARGEST) & (np.abs(target) <= LARGEST)).all(axis=1)
+    valid = np.isfinite(source).all(axis=1) & np.isfinite(target).all(axis=1)
     source, target = source[valid], target[valid]
     if _on_one_line(source) or _on_one_line(target):
         return None
     source_mean, target_mean = source.mean(axis=0), target.mean(axis=0)
-    U, _, Vt = np.linalg.svd(_shape(target).T @ _shape(source))
+    U, _, Vt = np.linalg.svd((target - target_mean).T @ (source - source_mean))
     guard = np.diag([1.0, 1.0, np.linalg.det(U) * np.linalg.det(Vt)])
     rotation = Rotation.from_matrix(U @ guard @ Vt)
     return RigidTransform.from_components(target_mean - rotation.apply(source_mean), rotation)
@@ -96,7 +95,7 @@ def rigid_fit_covariance(points_source: ArrayLike, T_target_source: RigidTransfo
     Parameters
     ----------
     points_source : array_like, shape (n, 3)
-        mm, up to 1e100; at least three, not on a line.
+        mm; at least three, not on a line.
     T_target_source : RigidTransform
         The fit.
     covariances : array_like, shape (n, 3, 3)
@@ -110,14 +109,12 @@ def rigid_fit_covariance(points_source: ArrayLike, T_target_source: RigidTransfo
     Raises
     ------
     ValueError
-        If a shape is wrong, a number is not finite or too large, there is no finite motion, the points lie on one line,
-        or a matrix is no covariance.
+        If the points lie on one line, or a matrix is no covariance.
     """
     source = as_points(points_source, "points_source", 3, finite=True)
     C = _as_covariances(covariances, len(source))
-    largest = as_number(np.abs(source).max(initial=0.0), "points_source: the largest", high=LARGEST)
     T_target_source = as_transform(T_target_source, "T_target_source")
-    if _on_one_line(source) or largest < 1 / LARGEST:
+    if _on_one_line(source):
         raise ValueError("points_source: expected three or more points that are not on one line")
     arms = T_target_source.rotation.apply(np.array(source))  # SciPy wants a writable array
     J = np.concatenate([np.broadcast_to(np.eye(3), (len(arms), 3, 3)), -cross_matrices(arms)], axis=2)  # (n, 3, 6)
@@ -176,21 +173,14 @@ def _on_one_line(points: Array, ratio: float = 1e-6) -> bool:
     """Whether points have no extent across their longest direction (also: fewer than three points)."""
     if len(points) < 3:
         return True
-    extent = np.linalg.svd(_shape(points), compute_uv=False)
-    size, rounding = np.abs(points - points.mean(axis=0)).max(), 1e-14 * np.abs(points).max()
-    return bool(extent[1] * size <= max(ratio * extent[0] * size, rounding))
-
-
-def _shape(points: Array) -> Array:
-    """Points about their mean, scaled so that the largest number is 1 and no product is too large or too small."""
-    centred = points - points.mean(axis=0)
-    return centred / max(float(np.abs(centred).max()), np.finfo(float).tiny)
+    extent = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
+    rounding = 1e-14 * np.abs(points).max()
+    return bool(extent[1] <= max(ratio * extent[0], rounding, SMALLEST_MM))
 
 
 def _as_covariances(value: ArrayLike, n: int) -> Array:
     C = as_array(value, "covariances", (n, 3, 3))
     size = np.abs(C).max(axis=(1, 2), initial=0.0)
-    as_number(size.max(initial=0.0), "covariances: the largest", high=LARGEST)
     unit = C / np.maximum(size, np.finfo(float).tiny)[:, None, None]
     symmetric = np.abs(unit - unit.transpose(0, 2, 1)).max(initial=0.0) <= 1e-9
     if not symmetric or np.linalg.eigvalsh(unit).min(initial=0.0) < -1e-9:

@@ -14,7 +14,6 @@ from .camera import Camera, Rig, T_between
 from .checks import Array, as_array, as_number, as_points, as_transform, whole_rows
 
 
-@np.errstate(all="ignore")  # an overflow shows in the result
 def depth_forms(xy_left: ArrayLike, xy_right: ArrayLike, T_right_left: RigidTransform) -> tuple[Array, Array]:
     """Numerators and denominators of the two forms of z (Eq. 20).
 
@@ -30,7 +29,7 @@ def depth_forms(xy_left: ArrayLike, xy_right: ArrayLike, T_right_left: RigidTran
     numerator, denominator : ndarray, shape (n, 2)
         ``numerator / denominator`` is z in the left camera's frame, mm: first by the X, second by the Y coordinates. A
         form fails where the baseline has no component along its axis: both parts are then near zero. NaN for missing
-        coordinates, not finite where the numbers are too large.
+        coordinates.
 
     Raises
     ------
@@ -45,7 +44,6 @@ def depth_forms(xy_left: ArrayLike, xy_right: ArrayLike, T_right_left: RigidTran
     return t[:2] - right * t[2], right * turned[:, 2:] - turned[:, :2]
 
 
-@np.errstate(all="ignore")
 def triangulate_pair(left: Camera, right: Camera, uv_left: ArrayLike, uv_right: ArrayLike) -> Array:
     """Points from one binocular system, in the world frame (Eq. 20, 21).
 
@@ -61,8 +59,8 @@ def triangulate_pair(left: Camera, right: Camera, uv_left: ArrayLike, uv_right: 
     Returns
     -------
     ndarray, shape (n, 3)
-        World frame, mm. NaN where a pixel is missing, where the rays are parallel, where the point would lie behind
-        either camera, or so far away that its numbers overflow.
+        World frame, mm. NaN where a pixel is missing, where the rays are parallel, or where the point would lie behind
+        either camera.
 
     Raises
     ------
@@ -77,7 +75,7 @@ def triangulate_pair(left: Camera, right: Camera, uv_left: ArrayLike, uv_right: 
     xy_left = left.normalise(uv_left)
     numerator, denominator = depth_forms(xy_left, right.normalise(uv_right), T_right_left)
     square = (denominator**2).sum(axis=1)
-    z = np.where(square > 1e-18, (numerator * denominator).sum(axis=1) / square, np.nan)
+    z = (numerator * denominator).sum(axis=1) / np.where(square > 1e-18, square, np.nan)
     local = np.column_stack([xy_left, np.ones(len(z))]) * z[:, None]
     behind = ~((z > 0) & (T_right_left.apply(local)[:, 2] > 0))
     local[behind] = np.nan
@@ -135,8 +133,13 @@ def mean_point(points: ArrayLike) -> Array:
     """
     points = as_array(points, "points", (None, None, 3), finite=False)
     valid = np.asarray(np.isfinite(points).all(axis=2))
-    with np.errstate(all="ignore"):
-        return whole_rows(np.where(valid[..., None], points, 0.0).sum(axis=0) / valid.sum(axis=0)[:, None])
+    return np.where(valid[..., None], points, 0.0).sum(axis=0) / _counts(valid)[:, None]
+
+
+def _counts(valid: np.ndarray) -> Array:
+    """How many pairs (pairs, n) have a point, shape (n,); NaN for none."""
+    count = valid.sum(axis=0)
+    return np.where(count > 0, count, np.nan)
 
 
 def triangulation_covariance(rig: Rig, uv: ArrayLike, sigma_px: float, step_px: float = 1e-3) -> Array:
@@ -170,8 +173,7 @@ def triangulate_with_covariance(rig: Rig, uv: ArrayLike, sigma_px: float, step_p
     """What `triangulate` and `triangulation_covariance` give, in half the time of both."""
     points, slopes = _slopes(rig, uv, sigma_px, step_px)
     valid = np.asarray(np.isfinite(points).all(axis=2))
-    with np.errstate(all="ignore"):
-        mean = np.where(valid[..., None, None], slopes, 0.0).sum(axis=0) / valid.sum(axis=0)[:, None, None]
+    mean = np.where(valid[..., None, None], slopes, 0.0).sum(axis=0) / _counts(valid)[:, None, None]
     return mean_point(points), mean @ mean.transpose(0, 2, 1)
 
 

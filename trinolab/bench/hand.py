@@ -13,7 +13,7 @@ import numpy as np
 from scipy.spatial.transform import RigidTransform
 
 from ..camera import Camera
-from ..checks import Array, as_array, as_number, as_transform, as_unit
+from ..checks import Array, as_array, as_transform, as_unit, check_numbers
 from ..handle import Handle, on_cylinder, slants
 from .rays import facing, hull_region, marker_area, marker_outline
 
@@ -186,10 +186,11 @@ class Arm:
             raise ValueError(f"grip_mm: expected two coordinates at least 1 mm apart, got {self.grip_mm!r}")
         object.__setattr__(self, "grip_mm", (float(low), float(high)))
         object.__setattr__(self, "forearm", tuple(float(c) for c in as_unit(self.forearm, "forearm")))
-        for name, high in (("forearm_length_mm", 1e4), ("forearm_radius_mm", 1e3), ("grey", 255)):
-            object.__setattr__(self, name, as_number(getattr(self, name), name, 0.0, high, open_low=True))
-        object.__setattr__(self, "palm_deg", as_number(self.palm_deg, "palm_deg"))
-        object.__setattr__(self, "texture_contrast", as_number(self.texture_contrast, "texture_contrast", 0.0, 1.0))
+        check_numbers(self, "forearm_length_mm", low=0.0, high=1e4, open_low=True)
+        check_numbers(self, "forearm_radius_mm", low=0.0, high=1e3, open_low=True)
+        check_numbers(self, "grey", low=0.0, high=255, open_low=True)
+        check_numbers(self, "palm_deg")
+        check_numbers(self, "texture_contrast", low=0.0, high=1.0)
         if self.hides_from is not None:
             point = as_array(self.hides_from, "hides_from", (3,))
             object.__setattr__(self, "hides_from", tuple(float(c) for c in point))

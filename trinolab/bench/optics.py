@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 
 from ..camera import Camera
-from ..checks import Array, as_image, as_number, as_rng, as_unit, as_whole, frozen
+from ..checks import Array, as_image, as_rng, as_unit, as_whole, check_numbers, frozen
 
 
 @dataclass(frozen=True)
@@ -63,9 +63,9 @@ class Bench:
     read_noise: float = 1.5
 
     def __post_init__(self) -> None:
-        for name, high in (("background_grey", 255), ("texture_contrast", 1), ("body_grey", 255), ("marker_grey", 255),
-                           ("shading", 1), ("blur_px", 100), ("shot_variance", 100), ("read_noise", 255)):
-            object.__setattr__(self, name, as_number(getattr(self, name), name, 0.0, high))
+        check_numbers(self, "background_grey", "body_grey", "marker_grey", "read_noise", low=0.0, high=255)
+        check_numbers(self, "texture_contrast", "shading", low=0.0, high=1)
+        check_numbers(self, "blur_px", "shot_variance", low=0.0, high=100)
         for name, low, high in (("texture_seed", 0, 2**63), ("supersampling", 1, 64), ("marker_supersampling", 1, 64)):
             object.__setattr__(self, name, as_whole(getattr(self, name), name, low, high))
         object.__setattr__(self, "light", tuple(float(c) for c in as_unit(self.light, "light")))

@@ -188,8 +188,7 @@ def _side_interval(radius: float, origin: Array, directions: Array) -> tuple[Arr
 def _label_markers(handle: Handle, points: Array, labels: np.ndarray) -> None:
     """Write the numbers of the markers into `labels` where a point of the side belongs to one."""
     half, axial = handle.marker_diameter_mm / 2, handle.marker_centres[:, 1]
-    with np.errstate(invalid="ignore"):
-        near = (points[:, 1] >= axial.min() - half) & (points[:, 1] <= axial.max() + half)
+    near = (points[:, 1] >= axial.min() - half) & (points[:, 1] <= axial.max() + half)
     chosen = np.flatnonzero(near & (labels == SIDE))
     x, y, z = points[chosen].T
     theta = np.arctan2(x, z)

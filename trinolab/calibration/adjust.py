@@ -120,9 +120,8 @@ def _project(lens: Array, local: Array) -> tuple[Array, Array, Array]:
 
     NaN for points that are not in front of the camera.
     """
-    with np.errstate(divide="ignore", invalid="ignore"):
-        depth = np.where(local[..., 2] > 0, local[..., 2], np.nan)[..., None]
-        xy = local[..., :2] / depth
+    depth = np.where(local[..., 2] > 0, local[..., 2], np.nan)[..., None]
+    xy = local[..., :2] / depth
     distorted, by_xy = (a.reshape(*xy.shape[:-1], *a.shape[1:])
                         for a in distort(xy.reshape(-1, 2), np.pad(lens[4:], (0, 9 - len(lens)))))
     focal, one = lens[:2], np.broadcast_to(np.eye(2), (*xy.shape[:-1], 2, 2))

@@ -73,8 +73,7 @@ def cut(images: Sequence[np.ndarray], rig: Rig, handle: Handle, T_world_handle: 
         side: int) -> Patches:
     """Windows of an odd side about pixels uv (k, 2); views whose window is not all inside the image are left out."""
     room = np.array([camera.size for camera in rig.cameras])[views.camera] - side / 2 - 1
-    with np.errstate(invalid="ignore"):
-        inside = np.asarray(((uv > side / 2) & (uv < room)).all(axis=1))
+    inside = np.asarray(((uv > side / 2) & (uv < room)).all(axis=1))
     views, uv = Views(views.camera[inside], views.marker[inside]), uv[inside]
     at = windows(rig, views, uv, side)
     grey = np.array([images[c][v:v + side, u:u + side] for c, (u, v) in zip(views.camera, at.corner, strict=True)],

@@ -16,7 +16,7 @@ from scipy.linalg import block_diag
 from scipy.spatial.transform import RigidTransform
 
 from .. import kalman
-from ..checks import Array, as_number, frozen
+from ..checks import Array, as_number, check_numbers, frozen
 from ..rigid import motion_between, shifted
 
 FADING_S = 0.15  # time in which an acceleration fades
@@ -46,8 +46,7 @@ class PoseFilterParameters:
     floor_rad: float = 0.005
 
     def __post_init__(self) -> None:
-        for name in self.__dataclass_fields__:
-            as_number(getattr(self, name), name, low=0.0, high=1e12, open_low=True)
+        check_numbers(self, *vars(self), low=0.0, high=1e12, open_low=True)
 
 
 class Motion(NamedTuple):

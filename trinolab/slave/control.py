@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.spatial.transform import RigidTransform
 
-from ..checks import Array, as_number, frozen
+from ..checks import Array, check_numbers, frozen
 from ..rigid import apart, motion_between, rotation_of, shifted
 from .arm import TOOL, Limits, Robot, site_pose
 
@@ -57,8 +57,7 @@ class ReferenceParameters:
     leash_rad: float = 0.06
 
     def __post_init__(self) -> None:
-        for name, value in vars(self).items():
-            object.__setattr__(self, name, as_number(value, name, 0.0, open_low=True))
+        check_numbers(self, *vars(self), low=0.0, open_low=True)
 
 
 class Reference(NamedTuple):

@@ -15,7 +15,7 @@ import numpy as np
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from ..camera import Camera
-from ..checks import Array, as_number, frozen
+from ..checks import Array, as_number, check_numbers, frozen
 from ..rigid import apart, motion_between, placed, rotation_of
 from . import oneeuro
 from .oneeuro import Filtered, OneEuroParameters
@@ -68,10 +68,8 @@ class MappingParameters:
     leash_mm: float = 10.0
 
     def __post_init__(self) -> None:
-        for name in ("scale", "turn_scale", "stale_s", "hand_mm_s", "hand_rad_s"):
-            object.__setattr__(self, name, as_number(getattr(self, name), name, 0.0, open_low=True))
-        for name in ("slack_mm", "slack_rad", "leash_mm"):
-            object.__setattr__(self, name, as_number(getattr(self, name), name, 0.0))
+        check_numbers(self, "scale", "turn_scale", "stale_s", "hand_mm_s", "hand_rad_s", low=0.0, open_low=True)
+        check_numbers(self, "slack_mm", "slack_rad", "leash_mm", low=0.0)
         if len(self.reach_mm) != 3:
             raise ValueError(f"reach_mm: expected low and high of x, y and z, got {len(self.reach_mm)} pairs")
         for axis, (low, high) in zip("xyz", self.reach_mm, strict=True):

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial.transform import RigidTransform
 
-from ..checks import Array, as_number, frozen
+from ..checks import Array, as_number, check_numbers, frozen
 from ..rigid import motion_between, shifted
 
 
@@ -42,8 +42,8 @@ class OneEuroParameters:
     speed_cutoff_hz: float = 2.0
 
     def __post_init__(self) -> None:
-        for name, value in vars(self).items():
-            object.__setattr__(self, name, as_number(value, name, 0.0, open_low="slope" not in name))
+        check_numbers(self, "cutoff_hz", "turn_cutoff_hz", "speed_cutoff_hz", low=0.0, open_low=True)
+        check_numbers(self, "slope", "turn_slope", low=0.0)
 
 
 class Filtered(NamedTuple):

@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 
 from ..camera import Camera
-from ..checks import Array, as_array, as_number, frozen
+from ..checks import Array, as_array, check_numbers, frozen
 
 if TYPE_CHECKING:
     import mujoco
@@ -166,8 +166,7 @@ class ForceArrow:
     def __post_init__(self) -> None:
         for name in ("origin_mm", "force_n"):
             object.__setattr__(self, name, as_array(getattr(self, name), name, (3,), finite=False))
-        for name in ("mm_per_n", "radius_mm"):
-            object.__setattr__(self, name, as_number(getattr(self, name), name, low=0.0, open_low=True))
+        check_numbers(self, "mm_per_n", "radius_mm", low=0.0, open_low=True)
 
     @property
     def tip_mm(self) -> Array:

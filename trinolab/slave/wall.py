@@ -22,7 +22,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import expm
 from scipy.optimize import brentq
 
-from ..checks import Array, as_array, as_number, frozen
+from ..checks import Array, as_array, as_number, check_numbers, frozen
 
 Complex = NDArray[np.complex128]
 GRID = 4000  # frequencies among which the phase crossings are looked for
@@ -60,10 +60,8 @@ class Loop:
     wall_damping: float = 0.0
 
     def __post_init__(self) -> None:
-        for name in ("mass_kg", "damping"):
-            as_number(getattr(self, name), name, 0.0, open_low=True)
-        for name in ("period_s", "wall_damping"):
-            as_number(getattr(self, name), name, 0.0)
+        check_numbers(self, "mass_kg", "damping", low=0.0, open_low=True)
+        check_numbers(self, "period_s", "wall_damping", low=0.0)
         as_number(self.delay_s, "delay_s", 0.0, 1000 * self.period_s or np.inf)
 
     @property
