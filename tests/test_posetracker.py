@@ -119,7 +119,7 @@ def test_the_filter_follows_an_even_motion_and_knows_how_well():
     for k in range(1, 60):
         motion = posefilter.predict(motion, k / FPS, p)
         seen = shifted(path(k), rng.normal(0, sigma))
-        values.append(posefilter.surprise(motion, seen, np.diag(sigma**2), p))
+        values.append(posefilter.nis(motion, seen, np.diag(sigma**2), p))
         motion = posefilter.update(motion, seen, np.diag(sigma**2), p)
     assert np.linalg.norm(motion.rates[:3] - VELOCITY[:3]) < 15.0  # mm/s
     assert np.linalg.norm(motion.rates[3:6] - VELOCITY[3:]) < 0.1
@@ -163,7 +163,8 @@ def test_a_smear_is_fitted_with_the_pose():
     frames = smeared_images(CODED, FIRST, velocity, rng)
     start = shifted(FIRST, np.array([0.2, -0.3, 0.3, 0.01, -0.01, 0.01]))
     expected = 0.012 * velocity, np.diag(np.repeat([1.0, 0.01], 3) ** 2)
-    moving, still = (fit_patches(frames, RIG, CODED, start, smear=smear) for smear in (expected, None))
+    moving = fit_patches(frames, RIG, CODED, start, motion_blur=expected)
+    still = fit_patches(frames, RIG, CODED, start)
     assert not apart(moving.T_world_handle, FIRST, 0.05, np.deg2rad(0.3))
     away = motion_between(moving.T_world_handle, FIRST)
     assert away @ np.linalg.solve(moving.covariance, away) < 25.0  # chi-square of six, 99.97 %
@@ -182,7 +183,7 @@ def test_markers_that_are_smeared_into_one_another_are_told_apart(turn_deg):
     for _ in range(3):
         start = shifted(T, np.concatenate([rng.normal(scale=0.7, size=3), rng.normal(scale=np.deg2rad(1.0), size=3)]))
         expected = 0.01 * velocity + rng.normal(scale=np.repeat([0.3, 0.002], 3))
-        fit = fit_patches(frames, RIG, PAPER, start, smear=(expected, np.diag(np.repeat([0.5, 0.004], 3) ** 2)))
+        fit = fit_patches(frames, RIG, PAPER, start, motion_blur=(expected, np.diag(np.repeat([0.5, 0.004], 3) ** 2)))
         away = motion_between(fit.T_world_handle, T)
         assert np.linalg.norm(away[:3]) < 0.05
         assert np.linalg.norm(away[3:]) < np.deg2rad(0.5)

@@ -17,11 +17,11 @@ from trinolab.rigid import motion_between
 from trinolab.studies import tuning
 from trinolab.studies.tuning import (
     image_model,
+    innovations,
     most_likely,
     nis_band,
     pose_models,
     pose_paths,
-    surprises,
     tune_image,
     tune_pose,
 )
@@ -47,7 +47,7 @@ def drawn(p, times, count, rng):
 def test_the_quick_filter_is_that_of_the_chapter():
     uv = np.random.default_rng(0).normal(0, 30, (len(UNEVEN), 2))
     way = image_track.track(UNEVEN, uv, DRAWN, gated=False)
-    found = surprises(UNEVEN, uv, MODEL)
+    found = innovations(UNEVEN, uv, MODEL)
     np.testing.assert_allclose(found.squared.sum(axis=1), way.nis[1:], rtol=1e-9)
     np.testing.assert_allclose(found.variances, way.predicted.covariance[1:, 0, 0] + 4.0, rtol=1e-9)
 
@@ -68,7 +68,7 @@ def test_the_likelihood_is_that_of_one_gaussian_for_all_observations(fading_s):
             P = F[j] @ P if j + 1 < len(times) else P
     z = np.random.default_rng(1).normal(0, 20, (len(times), 3))
     expected = sum(multivariate_normal(np.full(len(z) - 1, one[0]), C[1:, 1:]).logpdf(one[1:]) for one in z.T)
-    assert surprises(times, z, model).log_likelihood == pytest.approx(expected, rel=1e-9)
+    assert innovations(times, z, model).log_likelihood == pytest.approx(expected, rel=1e-9)
 
 
 @pytest.mark.parametrize("fading_s", [0.02, 0.15, 3.0])
@@ -89,7 +89,7 @@ def test_a_known_model_is_found_again():
     assert found.jerk_intensity == pytest.approx(9e8, rel=0.1)  # over 20 draws a standard deviation of 4 %
     assert found.sigma_px == pytest.approx(2.0, rel=0.05)  # 2 %
     assert found.velocity_sigma == pytest.approx(1200, rel=0.2)  # of 240 starts, 5 %; the acceleration is hardly seen
-    squared = np.concatenate([surprises(times, z, image_model(found)).squared.ravel() for times, z in data])
+    squared = np.concatenate([innovations(times, z, image_model(found)).squared.ravel() for times, z in data])
     assert squared.mean() == pytest.approx(1.0, abs=1e-3)  # as the common scale is free
 
 
@@ -98,7 +98,7 @@ def test_only_what_is_free_is_fitted():
     start = MODEL._replace(fading_s=0.5)
     found = most_likely([(UNEVEN, z)], start, ["jerk_intensity"])
     assert found[1:] == start[1:]
-    likely = [surprises(UNEVEN, z, start._replace(jerk_intensity=found.jerk_intensity * f)).log_likelihood
+    likely = [innovations(UNEVEN, z, start._replace(jerk_intensity=found.jerk_intensity * f)).log_likelihood
               for f in (0.9, 1.0, 1.1)]
     assert likely[1] == max(likely)
 
@@ -112,7 +112,7 @@ def test_the_band_by_hand():
 
 def test_the_band_holds_95_percent_of_means_drawn_from_the_model():
     rng, times = np.random.default_rng(4), np.arange(30) / 30
-    squared = surprises(times, drawn(DRAWN, times, 300, rng), MODEL).squared
+    squared = innovations(times, drawn(DRAWN, times, 300, rng), MODEL).squared
     means = 2 * squared.reshape(29, 300, 2).mean(axis=(0, 2))
     low, high = nis_band(29)
     assert np.mean((means > low) & (means < high)) == pytest.approx(0.95, abs=0.04)  # 3 standard deviations of 300
@@ -133,7 +133,7 @@ def nis_without_a_third(clock, rng, draws=60):
     times, means = np.arange(60) / 30, []
     for _ in range(draws):
         z, kept = drawn(DRAWN, times, 3, rng), np.sort(rng.choice(60, 40, replace=False))
-        squared = surprises(clock(times, kept), z[kept], MODEL).squared
+        squared = innovations(clock(times, kept), z[kept], MODEL).squared
         means.append(2 * squared.mean())
     return np.array(means), nis_band(squared.size // 2)
 
@@ -164,7 +164,7 @@ def test_the_chapter_s_parameters_are_the_most_likely_ones(seeds):
     assert found.jerk_intensity == pytest.approx(p.jerk_intensity, rel=0.15)  # three sets of 8 seeds: 9.2 to 9.9e8
     assert found.sigma_px == pytest.approx(p.sigma_px, rel=0.1)
     assert found.velocity_sigma == pytest.approx(p.velocity_sigma, rel=0.2)
-    squared = surprises(*tracks, image_model(p)).squared
+    squared = innovations(*tracks, image_model(p)).squared
     assert 2 * squared.mean() == pytest.approx(2.0, abs=0.3)
 
 
@@ -222,7 +222,7 @@ def test_axes_one_by_one_say_what_the_pose_filter_says():
         motion = posefilter.update(motion, T, np.zeros((6, 6)), p)
     whole = np.mean(squared, axis=0).reshape(2, 3)
     paths = pose_paths(poses, p, np.random.default_rng(7))
-    axes = [surprises(times, path, model).squared.mean(axis=0)
+    axes = [innovations(times, path, model).squared.mean(axis=0)
             for path, model in zip(paths, pose_models(p), strict=True)]
     np.testing.assert_allclose(axes, whole, atol=0.2)  # other draws of the noise: 119 squares have a scatter of 0.13
 
@@ -233,7 +233,7 @@ def test_a_pose_s_model_is_fitted_to_persons_motion():
     for kind, model, was in zip((0, 1), (position, rotation), pose_models(PoseFilterParameters()), strict=True):
         paths = [(times, pose_paths(poses, PoseFilterParameters(), np.random.default_rng(0))[kind])
                  for times, poses in data]
-        likely = [sum(surprises(times, path, m).log_likelihood for times, path in paths) for m in (model, was)]
+        likely = [sum(innovations(times, path, m).log_likelihood for times, path in paths) for m in (model, was)]
         assert likely[0] >= likely[1]
     assert 1e7 < position.jerk_intensity < 1e8  # mm^2/s^5; eight seeds of 10 s: 3.8e7
     assert 1 < rotation.jerk_intensity < 20  # rad^2/s^5; 4
@@ -247,13 +247,13 @@ def test_a_handheld_recording_is_of_the_same_kind():
     px_a_mm = RIG.cameras[0].matrix[0, 0] / 570
     p, rng = chapter(), np.random.default_rng(8)
     uv = px_a_mm * poses.translation + p.sigma_px * rng.standard_normal((len(times), 3))
-    kept = surprises(times, uv, image_model(p)).squared
+    kept = innovations(times, uv, image_model(p)).squared
     assert 1 < 2 * kept.mean() < 3  # not in the band of 1,500 (1.93 to 2.07): no hand's jerk is white
 
 
 @pytest.mark.parametrize("call", [
-    lambda: surprises([0.0], [[1.0]], MODEL), lambda: surprises([0, 0], [[1.0], [2.0]], MODEL),
-    lambda: surprises([0, 1], [[1.0], [np.nan]], MODEL), lambda: surprises([0, 1], [[1.0]], MODEL),
+    lambda: innovations([0.0], [[1.0]], MODEL), lambda: innovations([0, 0], [[1.0], [2.0]], MODEL),
+    lambda: innovations([0, 1], [[1.0], [np.nan]], MODEL), lambda: innovations([0, 1], [[1.0]], MODEL),
     lambda: most_likely([(UNEVEN, UNEVEN[:, None])], MODEL, ["fading_s"]),
     lambda: most_likely([(UNEVEN, UNEVEN[:, None])], MODEL._replace(sigma=0.0), ["sigma"]),
     lambda: nis_band(0), lambda: nis_band(3, 0), lambda: nis_band(3, share=1.0),

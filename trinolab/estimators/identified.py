@@ -22,11 +22,11 @@ class Identified(NamedTuple):
         Pixels of the markers found; NaN where a camera has none.
     T_world_handle : RigidTransform
         The pose that identified them.
-    smear : (ndarray, ndarray) or None
+    motion_blur : (ndarray, ndarray) or None
         The motion expected while the shutter is open, for the estimators that fit pixels, see `pixels.fit_patches`.
     """
 
     images: Sequence[np.ndarray]
     uv: Array
     T_world_handle: RigidTransform
-    smear: tuple[Array, Array] | None = None
+    motion_blur: tuple[Array, Array] | None = None

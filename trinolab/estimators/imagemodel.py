@@ -30,7 +30,7 @@ ENOUGH = 30  # pixels for a variance
 BORDER_PX = 2  # of a window, where the blur lacks neighbours
 CLEAR_PX = 2.5  # pixels nearer than this to another marker or to the body's end have no weight
 BLUR_PX = 0.8  # where the search for a camera's blur begins
-SMEAR_STEP_PX, MOST_STEPS = 1.5, 20  # from pose to pose while the shutter is open; how many poses there are at most
+BLUR_STEP_PX, MOST_STEPS = 1.5, 20  # from pose to pose while the shutter is open; how many poses there are at most
 
 
 class Noise(NamedTuple):
@@ -97,7 +97,7 @@ def half_laplacian(grey: Array, side: int) -> Array:
     return result.reshape(grey.shape)
 
 
-class Smear(NamedTuple):
+class MotionBlur(NamedTuple):
     """The handle's motion while the shutter is open, (6,) mm and rad, world frame, and what was expected of it before:
     a motion (6,) and the information on it, (6, 6), an inverse covariance."""
 
@@ -117,7 +117,7 @@ class State(NamedTuple):
     blur_px2 : ndarray, shape (cameras,)
         Variance of each camera's blur.
     noise : Noise
-    smear : Smear or None
+    motion_blur : MotionBlur or None
         None: the handle is still.
     """
 
@@ -125,7 +125,7 @@ class State(NamedTuple):
     greys: Array | None
     blur_px2: Array
     noise: Noise
-    smear: Smear | None = None
+    motion_blur: MotionBlur | None = None
 
 
 class Linear(NamedTuple):
@@ -137,7 +137,7 @@ class Linear(NamedTuple):
         Of the state, or found where it had none.
     predicted, residual, weight : ndarray, shape (k, p)
     by_pose : ndarray, shape (k, 7 or 13, p)
-        Derivatives by a small motion of the handle (nu mm, omega rad; handle frame), where there is a smear by that
+        Derivatives by a small motion of the handle (nu mm, omega rad; handle frame), where there is motion blur by that
         (handle frame), and by the blur's variance.
     by_greys : ndarray, shape (k, 6, p)
     marker, body : ndarray, shape (k, p)
@@ -173,15 +173,15 @@ class Reduced(NamedTuple):
     greys_by_other: Array
 
 
-def first_state(T_world_handle: RigidTransform, rig: Rig, smear: Smear | None = None) -> State:
+def first_state(T_world_handle: RigidTransform, rig: Rig, motion_blur: MotionBlur | None = None) -> State:
     """A pose with nothing known of greys, and a usual blur and noise."""
-    return State(T_world_handle, None, np.full(len(rig.cameras), BLUR_PX**2), Noise(), smear)
+    return State(T_world_handle, None, np.full(len(rig.cameras), BLUR_PX**2), Noise(), motion_blur)
 
 
 def linearise(state: State, here: Patches, rig: Rig, handle: Handle) -> Linear:
     """The model and its derivatives at a state."""
     shares_open = _shares_open(state, here, handle)
-    moving = state.smear is not None  # neighbours are smeared together
+    moving = state.motion_blur is not None  # neighbours are blurred together
     during = [layers(rig, handle, _at(state, share), here.views, here.at, moving) for share in shares_open]
     B = blur_matrices(here.at.side, state.blur_px2)[here.views.camera]
     bases = [shading_basis(shown.turn).transpose(1, 0, 2) for shown in during]  # (k, basis, p) each
@@ -205,7 +205,7 @@ def linearise(state: State, here: Patches, rig: Rig, handle: Handle) -> Linear:
     moves = [by_motion(shown, marker * shading, body * shading - background)
              for shown, shading in zip(during, shadings, strict=True)]
     parts = [blurred(B, _mean(moves))]
-    if state.smear is not None:
+    if state.motion_blur is not None:
         parts.append(blurred(B, _mean([share * move for share, move in zip(shares_open, moves, strict=True)])))
     by_pose = np.concatenate([*parts, half_laplacian(predicted, here.at.side)[:, None]], axis=1)
     variance = state.noise.base + state.noise.slope * np.maximum(predicted, 0) + state.noise.texture * (1 - b) ** 2
@@ -213,18 +213,19 @@ def linearise(state: State, here: Patches, rig: Rig, handle: Handle) -> Linear:
 
 
 def _shares_open(state: State, here: Patches, handle: Handle) -> Array:
-    """Where in the exposure the handle is looked at, -0.5 to 0.5: often enough for a smooth smear."""
-    if state.smear is None:
+    """Where in the exposure the handle is looked at, -0.5 to 0.5: often enough for a smooth motion blur."""
+    if state.motion_blur is None:
         return np.zeros(1)
     arm = np.linalg.norm(handle.marker_centres, axis=1).max()
-    way_mm = np.linalg.norm(state.smear.motion[:3]) + arm * np.linalg.norm(state.smear.motion[3:])
-    count = int(np.clip(np.ceil(way_mm * here.px_per_mm.max(initial=0.0) / SMEAR_STEP_PX), 2, MOST_STEPS))
+    way_mm = np.linalg.norm(state.motion_blur.motion[:3]) + arm * np.linalg.norm(state.motion_blur.motion[3:])
+    count = int(np.clip(np.ceil(way_mm * here.px_per_mm.max(initial=0.0) / BLUR_STEP_PX), 2, MOST_STEPS))
     return (np.arange(count) + 0.5) / count - 0.5
 
 
 def _at(state: State, share: float) -> RigidTransform:
     """The pose at a time of the exposure."""
-    return state.T_world_handle if state.smear is None else shifted(state.T_world_handle, share * state.smear.motion)
+    T = state.T_world_handle
+    return T if state.motion_blur is None else shifted(T, share * state.motion_blur.motion)
 
 
 def _mean(parts: list[Array]) -> Array:

@@ -50,10 +50,10 @@ class Patches(NamedTuple):
 
 
 def patches(images: Sequence[np.ndarray], rig: Rig, handle: Handle, T_world_handle: RigidTransform,
-            max_slant_deg: float, smear: Array | None = None) -> Patches:
+            max_slant_deg: float, motion_blur: Array | None = None) -> Patches:
     """Windows about all markers that a pose turns to a camera by at most a slant, as far as they lie in its image.
 
-    `smear` (6,) is the handle's motion while the shutter is open (mm, rad): they are as much larger.
+    `motion_blur` (6,) is the handle's motion while the shutter is open (mm, rad): they are as much larger.
     """
     centres = T_world_handle.apply(handle.marker_centres)
     normals = handle.marker_normals @ T_world_handle.as_matrix()[:3, :3].T
@@ -62,11 +62,11 @@ def patches(images: Sequence[np.ndarray], rig: Rig, handle: Handle, T_world_hand
     uv = np.stack([camera.project(centres) for camera in rig.cameras])
     scale = np.stack([camera.focal.mean() / camera.T_cam_world.apply(centres)[:, 2] for camera in rig.cameras])
     largest = handle.marker_diameter_mm * scale[facing].max(initial=0.0)
-    moved = 0.0 if smear is None else np.linalg.norm(smear[:3]) * scale[facing].max(initial=0.0)
+    moved = 0.0 if motion_blur is None else np.linalg.norm(motion_blur[:3]) * scale[facing].max(initial=0.0)
     side = 2 * int(np.ceil(min(largest + moved, LARGEST_PX) / 2 + MARGIN_PX)) + 1
     views = Views(*np.nonzero(facing))
     here = cut(images, rig, handle, T_world_handle, views, uv[views], side)
-    return here if smear is None else here._replace(alone=_alone(here, images))
+    return here if motion_blur is None else here._replace(alone=_alone(here, images))
 
 
 def cut(images: Sequence[np.ndarray], rig: Rig, handle: Handle, T_world_handle: RigidTransform, views: Views, uv: Array,

@@ -21,8 +21,8 @@ from .appearance import Views
 from .identified import Identified
 from .imagemodel import (
     Linear,
+    MotionBlur,
     Reduced,
-    Smear,
     State,
     advanced,
     first_state,
@@ -41,7 +41,7 @@ FLOOR_PX = 0.003  # by so much the image model misplaces a marker of the simulat
 MOST_STEPS = 8  # Gauss-Newton steps; two do where two cameras share markers
 SETTLED_PX = 0.1  # a step that moves all markers by less is the last one: the next would move them by a hundredth
 LARGEST_STEP = np.repeat([5.0, 0.3], 3)  # mm, rad; the image model holds within a few pixels
-SMEAR_FLOOR = 0.001  # and this share of the way that it moves while the shutter is open
+BLUR_FLOOR = 0.001  # and this share of the way that it moves while the shutter is open
 OUTLINE_FLOOR_PX = 0.4  # and a piece of outline: texture and shade at the limb misplace all alike, which no mean mends
 
 
@@ -81,7 +81,7 @@ class _Step(NamedTuple):
 
 def fit_patches(images: Sequence[np.ndarray], rig: Rig, handle: Handle, start: RigidTransform,
                 max_slant_deg: float = 72.0, outline: bool = False,
-                smear: tuple[Array, Array] | None = None) -> Fit | None:
+                motion_blur: tuple[Array, Array] | None = None) -> Fit | None:
     """Improve a pose by the pixels about all markers that it shows.
 
     Parameters
@@ -96,7 +96,7 @@ def fit_patches(images: Sequence[np.ndarray], rig: Rig, handle: Handle, start: R
         Markers turned further away are left out.
     outline : bool
         Use the body's outline, too.
-    smear : (ndarray, ndarray), shapes (6,) and (6, 6), optional
+    motion_blur : (ndarray, ndarray), shapes (6,) and (6, 6), optional
         What is expected of the handle's motion while the shutter is open (mm, rad; world frame), and its covariance;
         without it the handle is still.
 
@@ -105,11 +105,11 @@ def fit_patches(images: Sequence[np.ndarray], rig: Rig, handle: Handle, start: R
     Fit or None
         None if too little is in view to fix a pose, or the steps lead away.
     """
-    here = patches(images, rig, handle, start, max_slant_deg, None if smear is None else smear[0])
+    here = patches(images, rig, handle, start, max_slant_deg, None if motion_blur is None else motion_blur[0])
     if len(np.unique(here.views.marker)) < 3:
         return None
     groups = [here, outline_patches(images, rig, handle, start)] if outline else [here]
-    moving = None if smear is None else Smear(smear[0], smear[0], inverse(smear[1]))
+    moving = None if motion_blur is None else MotionBlur(motion_blur[0], motion_blur[0], inverse(motion_blur[1]))
     states = [first_state(start, rig, moving)] * len(groups)
     for k in range(MOST_STEPS):
         states, last = _improved(states, groups, rig, handle)
@@ -130,29 +130,29 @@ def _improved(states: list[State], groups: list[Patches], rig: Rig, handle: Hand
     normals = [reduce(model.by_pose, model) for model in models]
     there = has_contrast(models[0], handle)  # windows that show no marker would only fit their noise
     information, gradient = _summed(models, normals, states[0], groups, there, rig)
-    T, smear = states[0].T_world_handle, states[0].smear
-    if smear is not None:
-        _expect(information, gradient, smear, T)
+    T, motion_blur = states[0].T_world_handle, states[0].motion_blur
+    if motion_blur is not None:
+        _expect(information, gradient, motion_blur, T)
     step = inverse(information) @ gradient
     after = [advanced(model, model.by_pose, normal, _own(step, group.views.camera, rig))
              for model, normal, group in zip(models, normals, groups, strict=True)]
     information, gradient = _summed(after, normals, states[0], groups, there, rig)  # misfits may be gone
-    if smear is not None:
-        _expect(information, gradient, smear, T)
+    if motion_blur is not None:
+        _expect(information, gradient, motion_blur, T)
         turn = np.kron(np.eye(2), T.as_matrix()[:3, :3])
-        smear = smear._replace(motion=smear.motion + turn @ np.nan_to_num(step[6:12]))
+        motion_blur = motion_blur._replace(motion=motion_blur.motion + turn @ np.nan_to_num(step[6:12]))
     T = moved(T, np.nan_to_num(step[:6]))
     noise = noise_of(after[0]._replace(weight=after[0].weight * there[:, None]))
     blur = limited(states[0].blur_px2, step[-len(rig.cameras):])
-    renewed = [State(T, model.greys, blur, noise, smear) for model in after]
+    renewed = [State(T, model.greys, blur, noise, motion_blur) for model in after]
     return renewed, _Step(step, information, normals[0], after[0])
 
 
 def _summed(models: list[Linear], normals: list[Reduced], state: State, groups: list[Patches], there: np.ndarray,
             rig: Rig) -> tuple[Array, Array]:
     """Normal equations of pose and blurs over all windows, each by its trust; markers' only where there is one."""
-    way_mm = 0.0 if state.smear is None else np.linalg.norm(state.smear.motion[:3])
-    floors = (FLOOR_PX + SMEAR_FLOOR * way_mm * groups[0].px_per_mm, OUTLINE_FLOOR_PX)[:len(groups)]
+    way_mm = 0.0 if state.motion_blur is None else np.linalg.norm(state.motion_blur.motion[:3])
+    floors = (FLOOR_PX + BLUR_FLOOR * way_mm * groups[0].px_per_mm, OUTLINE_FLOOR_PX)[:len(groups)]
     weights = [group.alone * _trust(model, normal.information, group.px_per_mm, floor)
                for model, normal, group, floor in zip(models, normals, groups, floors, strict=True)]
     weights[0] = weights[0] * there
@@ -162,11 +162,11 @@ def _summed(models: list[Linear], normals: list[Reduced], state: State, groups: 
     return sum((part[0] for part in parts), blank), sum((part[1] for part in parts), np.zeros(len(blank)))
 
 
-def _expect(information: Array, gradient: Array, smear: Smear, T_world_handle: RigidTransform) -> None:
-    """Add what was expected of the smear to the normal equations, whose unknowns 6 to 11 it is (handle frame)."""
+def _expect(information: Array, gradient: Array, motion_blur: MotionBlur, T_world_handle: RigidTransform) -> None:
+    """Add what was expected of the motion blur to the normal equations, whose unknowns 6 to 11 it is (handle frame)."""
     turn = np.kron(np.eye(2), T_world_handle.as_matrix()[:3, :3])
-    information[6:12, 6:12] += turn.T @ smear.information @ turn
-    gradient[6:12] += turn.T @ smear.information @ (smear.expected - smear.motion)
+    information[6:12, 6:12] += turn.T @ motion_blur.information @ turn
+    gradient[6:12] += turn.T @ motion_blur.information @ (motion_blur.expected - motion_blur.motion)
 
 
 def judged_fit(T_world_handle: RigidTransform, covariance: Array, views: Views, at: Linear, shown: np.ndarray,
@@ -184,7 +184,7 @@ def moved(T_world_handle: RigidTransform, step: Array) -> RigidTransform:
 
 
 def _own(step: Array, camera: np.ndarray, rig: Rig) -> Array:
-    """A step of all unknowns as one for each window: of pose, any smear, and its camera's blur, shape (k, 7 or 13)."""
+    """A step of all unknowns as one for each window: pose, any motion blur, its camera's blur; shape (k, 7 or 13)."""
     common, blurs = np.split(step, [-len(rig.cameras)])
     return np.column_stack([np.broadcast_to(common, (len(camera), len(common))), blurs[camera]])
 
@@ -209,7 +209,7 @@ def _trust(at: Linear, information: Array, px_per_mm: Array, floor_px: Array | f
 
 
 def _assembled(normal: Reduced, trust: Array, camera: np.ndarray, rig: Rig) -> tuple[Array, Array]:
-    """Normal equations of the pose (6), any smear (6) and the cameras' blurs from those of the windows."""
+    """Normal equations of the pose (6), any motion blur (6) and the cameras' blurs from those of the windows."""
     own = (camera[:, None] == np.arange(len(rig.cameras))) * trust[:, None]  # (k, cameras)
     between = own.T @ normal.information[:, -1, :-1]
     total = np.block([[np.tensordot(trust, normal.information[:, :-1, :-1], 1), between.T],
@@ -233,11 +233,11 @@ def judged(fit: Fit | None) -> Pose:
 
 def patches_pose(instant: Identified, rig: Rig, handle: Handle, p: Parameters) -> Pose:
     """The estimator ``patches``: see `fit_patches`."""
-    fit = fit_patches(instant.images, rig, handle, instant.T_world_handle, p.max_slant_deg, smear=instant.smear)
+    fit = fit_patches(instant.images, rig, handle, instant.T_world_handle, p.max_slant_deg, False, instant.motion_blur)
     return judged(fit)
 
 
 def outline_pose(instant: Identified, rig: Rig, handle: Handle, p: Parameters) -> Pose:
     """The estimator ``outline``: see `fit_patches`."""
-    fit = fit_patches(instant.images, rig, handle, instant.T_world_handle, p.max_slant_deg, True, instant.smear)
+    fit = fit_patches(instant.images, rig, handle, instant.T_world_handle, p.max_slant_deg, True, instant.motion_blur)
     return judged(fit)

@@ -169,7 +169,7 @@ def _pose(images: Sequence[np.ndarray], guess: Guess, sights: tuple[Sight, ...],
     motion = guess.motion
     expected_blur = _expected_blur(motion, p)
     if guess.blurred:
-        fit = fit_patches(images, rig, handle, motion.pose, p.max_slant_deg, smear=expected_blur)
+        fit = fit_patches(images, rig, handle, motion.pose, p.max_slant_deg, motion_blur=expected_blur)
         return _judged(fit, rig, p)
     blurred = may_be_blurred(guess.expected, p) or is_new(motion, p.motion)
     if blurred and _stretched(guess.expected, sights, p):

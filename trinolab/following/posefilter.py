@@ -117,7 +117,7 @@ def restarted(motion: Motion, position: Array, covariance: Array, seen: Motion, 
     return Motion(motion.t_s, there, rates, spread)
 
 
-def surprise(motion: Motion, pose: RigidTransform, covariance: Array, p: PoseFilterParameters) -> float:
+def nis(motion: Motion, pose: RigidTransform, covariance: Array, p: PoseFilterParameters) -> float:
     """The normalised innovation squared of a measured pose: chi-square with six degrees of freedom if all holds."""
     z, R = motion_between(pose, motion.pose), covariance + _floor(p)
     r, S = kalman.compare(_state(motion), motion.covariance, z, H, R)

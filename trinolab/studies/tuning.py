@@ -69,7 +69,7 @@ class Model(NamedTuple):
     fading_s: float = np.inf
 
 
-class Surprises(NamedTuple):
+class Innovations(NamedTuple):
     """Observations less predictions, shape (k, m), and the variance that they should have, shape (k,)."""
 
     residuals: Array
@@ -87,7 +87,7 @@ class Surprises(NamedTuple):
         return float(-(scale + self.squared.sum()) / 2)
 
 
-def surprises(times_s: ArrayLike, z: ArrayLike, model: Model) -> Surprises:
+def innovations(times_s: ArrayLike, z: ArrayLike, model: Model) -> Innovations:
     """Filter coordinates that are all observed at the same times, and keep what each observation was off (Eq. 9-15).
 
     Parameters
@@ -116,7 +116,7 @@ def surprises(times_s: ArrayLike, z: ArrayLike, model: Model) -> Surprises:
         r, S = compare(x, P, seen[k + 1], H, R)
         x, P = correct(x, P, r, S, H, R)
         residuals[k], variances[k] = r[0], S[0, 0]
-    return Surprises(frozen(residuals), frozen(variances))
+    return Innovations(frozen(residuals), frozen(variances))
 
 
 def most_likely(data: Sequence[tuple[ArrayLike, ArrayLike]], start: Model, free: Sequence[str]) -> Model:
@@ -125,7 +125,7 @@ def most_likely(data: Sequence[tuple[ArrayLike, ArrayLike]], start: Model, free:
     Parameters
     ----------
     data : sequence of (times_s, z)
-        As for `surprises`; several if not all coordinates are observed at the same times.
+        As for `innovations`; several if not all coordinates are observed at the same times.
     start : Model
         Where the search begins.
     free : sequence of str
@@ -134,13 +134,13 @@ def most_likely(data: Sequence[tuple[ArrayLike, ArrayLike]], start: Model, free:
     Raises
     ------
     ValueError
-        As `surprises`, or if a free field is not positive and finite.
+        As `innovations`, or if a free field is not positive and finite.
     """
     first = np.log([as_number(getattr(start, name), name, 0.0, open_low=True) for name in free])
 
     def cost(logs: Array) -> float:
         model = start._replace(**dict(zip(free, np.exp(logs).tolist(), strict=True)))
-        return -sum(surprises(times, z, model).log_likelihood for times, z in data)
+        return -sum(innovations(times, z, model).log_likelihood for times, z in data)
 
     found = minimize(cost, first, method="Nelder-Mead", options={"xatol": 1e-3, "fatol": 1e-2}).x
     return start._replace(**dict(zip(free, np.exp(found).tolist(), strict=True)))
@@ -268,7 +268,7 @@ def seconds_nis(rig: Rig, handle: Handle, p: KalmanParameters, seeds: Sequence[i
                 rng: np.random.Generator) -> Array:
     """Mean NIS of single seconds of persons' motions, ten a seed, over all cameras; shape (10 * seeds,)."""
     times, z = drawn_tracks(rig, handle, seeds, rng, seconds=1.0, stretches=10)
-    squared = surprises(times, z, image_model(p)).squared  # columns: seed, camera, stretch, coordinate
+    squared = innovations(times, z, image_model(p)).squared  # columns: seed, camera, stretch, coordinate
     return 2 * squared.reshape(len(times) - 1, len(seeds), len(rig.cameras), 10, 2).mean(axis=(0, 2, 4)).ravel()
 
 
@@ -322,7 +322,7 @@ def judge(data: Sequence[tuple[Array, RigidTransform]], models: tuple[Model, Mod
     p, lines = PoseFilterParameters(), []
     paths = [(times, pose_paths(poses, p, np.random.default_rng(1))) for times, poses in data]
     for kind, (name, model) in enumerate(zip(("position", "rotation"), models, strict=True)):
-        found = [surprises(times, both[kind], model) for times, both in paths]
+        found = [innovations(times, both[kind], model) for times, both in paths]
         axes = np.concatenate([one.squared for one in found]).mean(axis=0)
         likely = sum(one.log_likelihood for one in found) / sum(one.residuals.size for one in found)
         lines.append(f"{name}: jerk {model.jerk_intensity:9.3g}, fading {model.fading_s:5.3g} s; log-likelihood "
