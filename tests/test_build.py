@@ -19,7 +19,7 @@ def book(tmp_path, monkeypatch):
     build.EXECUTED.mkdir(parents=True)
     (tmp_path / "notebooks").mkdir()
     (tmp_path / "_toc.yml").write_text("parts: [{chapters: [{file: notebooks/one}, {file: notebooks/two}]}]")
-    for name, code in (("one", "from trinolab import wall"), ("two", "from trinolab import lens")):
+    for name, code in (("one", "from trinolab import window"), ("two", "from trinolab import lens")):
         make_notebook(tmp_path / "notebooks" / f"{name}.ipynb", code, glued(b="a"))
     return tmp_path
 
@@ -51,7 +51,7 @@ def test_what_is_finished_is_not_run_again_until_something_has_changed(book, mon
     assert build.executed(chapter(book, "one")) == build.result_of("one")
     assert build.is_cached(chapter(book, "one"))
     text = chapter(book, "one").read_text()
-    chapter(book, "one").write_text(text.replace("wall", "rigid"))
+    chapter(book, "one").write_text(text.replace("window", "rigid"))
     assert [one.name for one in build.stale_jobs()] == ["scoreboard", "ledger", "one"]
     assert build.executed(chapter(book, "one")) is None
     chapter(book, "one").write_text(text)

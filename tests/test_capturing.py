@@ -374,7 +374,7 @@ def test_a_disk_that_is_full_from_the_start_leaves_nothing(cameras, tmp_path, mo
 # Takes eight instants; a ninth never comes.
 WAITS = """
 import time
-from trinolab import capturing
+from trinolab.files import capture as capturing
 real = capturing.instants_of
 def instants_of(*sources):
     for k, taken in enumerate(real(*sources)):

@@ -73,7 +73,7 @@ def test_scene_is_self_contained_and_needs_no_display(cones_and_mesh):
 
 def test_scene_without_a_display_is_silent_and_opens_no_connection():
     code = ("import socket; socket.socket.connect = None\n"
-            "import numpy as np\nfrom trinolab import cones, plotting, workspace\n"
+            "import numpy as np\nfrom trinolab import plotting, workspace\nfrom trinolab.workspace import cones\n"
             "c = cones.paper_cones(100.0, 0.8, 0.8, 0.3)\n"
             "m = workspace.surface_mesh(c, workspace.intersect(c, 256).centre, 200)\n"
             "print(len(plotting.workspace_scene(c, m).data) > 500_000)")

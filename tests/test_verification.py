@@ -8,7 +8,7 @@ from benchmarks import bench_measure
 from scipy.spatial.transform import RigidTransform, Rotation
 from verification import accuracy, draws, identity, nees
 
-from trinolab import measurement, tracker
+from trinolab import measurement
 from trinolab.bench.optics import Bench
 from trinolab.bench.scene import render_rig
 from trinolab.datasets import load_handle, load_rig, load_table1
@@ -90,7 +90,7 @@ def test_every_estimator_measures_the_same_draws():
 
 
 def test_benchmark_clocks_stages_that_exist():
-    with bench_measure.clocked(tracker, bench_measure.STAGES) as spent:
+    with bench_measure.clocked(measurement, bench_measure.STAGES) as spent:
         measured = measurement.measure([np.zeros((1024, 1280), np.uint8)] * 2, load_rig("paper_pair"), PAPER)
     assert measured.pose is LOST
     assert spent["markers"] > 0

@@ -104,9 +104,9 @@ def _add_rig_and_handle(p: argparse.ArgumentParser, required: bool) -> None:
 
 
 def _add_method(p: argparse.ArgumentParser, default: str) -> None:
-    p.add_argument("--method", default=default, choices=METHODS,
-                   help="the estimator: the paper's, the same checked against the pixels, or better ones "
-                   "(default: %(default)s; best is patches)")
+    p.add_argument("--method", default=default, choices=METHODS, metavar="METHOD",
+                   help=f"the estimator: {', '.join(METHODS)} (default: %(default)s). paper is the paper's, "
+                   "paper_checked the same checked against the pixels; best is patches")
 
 
 def _add_evaluate(commands: argparse._SubParsersAction) -> None:
