@@ -19,7 +19,7 @@ def book(tmp_path, monkeypatch):
     build.EXECUTED.mkdir(parents=True)
     (tmp_path / "notebooks").mkdir()
     (tmp_path / "_toc.yml").write_text("parts: [{chapters: [{file: notebooks/one}, {file: notebooks/two}]}]")
-    for name, code in (("one", "from trinolab import wall"), ("two", "from trinolab import lens")):
+    for name, code in (("one", "from trinolab import window"), ("two", "from trinolab import lens")):
         make_notebook(tmp_path / "notebooks" / f"{name}.ipynb", code, glued(b="a"))
     return tmp_path
 
@@ -51,7 +51,7 @@ def test_what_is_finished_is_not_run_again_until_something_has_changed(book, mon
     assert build.executed(chapter(book, "one")) == build.result_of("one")
     assert build.is_cached(chapter(book, "one"))
     text = chapter(book, "one").read_text()
-    chapter(book, "one").write_text(text.replace("wall", "rigid"))
+    chapter(book, "one").write_text(text.replace("window", "rigid"))
     assert [one.name for one in build.stale_jobs()] == ["scoreboard", "ledger", "one"]
     assert build.executed(chapter(book, "one")) is None
     chapter(book, "one").write_text(text)
@@ -78,3 +78,12 @@ def test_a_chapter_is_run_and_stored(book, capsys):
     make_notebook(path, "raise ValueError('a broken chapter')", glued(b="a"))
     assert build.run_chapter(path) == 1
     assert "a broken chapter" in capsys.readouterr().out
+
+
+def test_the_pages_are_stale_when_a_docstring_has_changed(book):
+    (book / "trinolab").mkdir()
+    (book / "trinolab" / "pose.py").write_text('"""A pose."""')
+    before = build.pages_made_from()
+    assert build.pages_made_from() == before
+    (book / "trinolab" / "pose.py").write_text('"""The pose."""')
+    assert build.pages_made_from() != before
