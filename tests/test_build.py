@@ -78,3 +78,12 @@ def test_a_chapter_is_run_and_stored(book, capsys):
     make_notebook(path, "raise ValueError('a broken chapter')", glued(b="a"))
     assert build.run_chapter(path) == 1
     assert "a broken chapter" in capsys.readouterr().out
+
+
+def test_the_pages_are_stale_when_a_docstring_has_changed(book):
+    (book / "trinolab").mkdir()
+    (book / "trinolab" / "pose.py").write_text('"""A pose."""')
+    before = build.pages_made_from()
+    assert build.pages_made_from() == before
+    (book / "trinolab" / "pose.py").write_text('"""The pose."""')
+    assert build.pages_made_from() != before

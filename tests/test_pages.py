@@ -4,8 +4,11 @@ import os
 import re
 import shutil
 import subprocess
+from functools import cache
+from html import unescape
 from html.parser import HTMLParser
 from pathlib import Path
+from urllib.parse import unquote
 
 import pytest
 import yaml
@@ -13,7 +16,9 @@ import yaml
 ROOT = Path(__file__).resolve().parents[1]
 HTML = ROOT / "_build" / "html"
 TOC = yaml.safe_load((ROOT / "_toc.yml").read_text(encoding="utf-8"))
-PAGES = [TOC["root"], *(chapter["file"] for part in TOC["parts"] for chapter in part["chapters"])]
+CHAPTERS = [chapter for part in TOC["parts"] for chapter in part["chapters"]]
+PAGES = [TOC["root"], *(chapter["file"] for chapter in CHAPTERS)]
+REFERENCE = [section["file"] for chapter in CHAPTERS for section in chapter.get("sections", [])]
 CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
 FLAGS = [
     "--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-sync",
@@ -26,7 +31,8 @@ ERROR = re.compile(r"(?!.*webfonts/fa-)(?i:.*(?:uncaught|error|failed|refused|bl
 
 pytestmark = pytest.mark.skipif(not (HTML / "index.html").exists(), reason="no built pages: run make book first")
 needs_chromium = pytest.mark.skipif(CHROMIUM is None, reason="Chromium is missing (Debian package: chromium)")
-each_page = pytest.mark.parametrize("page", PAGES)
+each_page = pytest.mark.parametrize("page", [*PAGES, *REFERENCE])
+each_kind = pytest.mark.parametrize("page", [*PAGES, *REFERENCE[:1]])  # those of the reference are alike
 
 
 def read(page):
@@ -61,6 +67,38 @@ def test_page_loads_only_its_own_files(page):
         assert ((HTML / page).parent / address).exists(), address
 
 
+@cache
+def places(file):
+    """The names in a page that a link may lead to."""
+    return set(re.findall(r'\b(?:id|name)="([^"]+)"', file.read_text(encoding="utf-8")))
+
+
+@each_page
+def test_every_link_inside_the_book_leads_somewhere(page):
+    article = read(page).split("<article", 1)[1].split("</article>")[0]
+    for link in set(re.findall(r'<a [^>]*href="([^"]+)"', article)):
+        path, _, place = unescape(link).partition("#")
+        if re.match(r"\w+:", path):
+            continue
+        file = ((HTML / page).parent / path).resolve() if path else HTML / f"{page}.html"
+        assert file.exists(), link
+        assert not place or unquote(place) in places(file), link
+
+
+def test_an_entry_of_the_reference_leads_to_source_equation_and_chapter():
+    entry = read("book/api/pose").split('id="trinolab.pose.rigid_fit"')[1].split('<dt class="sig')[0]
+    for link in ("../../_modules/trinolab/pose.html#rigid_fit", "../equations.html#equation-23",
+                 "../../notebooks/08_pose.html"):
+        assert f'href="{link}"' in entry
+    assert "points_source" in entry.split("Parameters")[1]
+    assert 'href="api/pose.html#trinolab.pose.rigid_fit"' in read("book/equations")
+
+
+def test_the_picture_of_the_house_is_described():
+    picture, = re.findall(r"<img[^>]*house[^>]*>", read("book/design"))
+    assert len(re.search('alt="([^"]*)"', picture).group(1)) > 100
+
+
 def test_styles_load_only_their_own_files():
     for style in HTML.glob("_static/**/*.css"):
         text = re.sub(r"/\*.*?\*/", "", style.read_text(encoding="utf-8"), flags=re.DOTALL)
@@ -93,7 +131,7 @@ def load(tmp_path):
 
 
 @needs_chromium
-@each_page
+@each_kind
 def test_page_works_without_network(load, page):
     formulas = len(re.findall(r'class="math notranslate nohighlight', read(page)))
     dom, errors = load(page)

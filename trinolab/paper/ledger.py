@@ -130,7 +130,7 @@ def index_page(entries: Sequence[Entry], effects: Mapping[str, Sequence[Effect]]
         if not entry.no.isdigit():
             continue
         status = f"{{ref}}`{entry.status} <{entry.label}>`" if effects.get(entry.no) else entry.status
-        functions = "<br>".join(f"{{py:obj}}`{name.removeprefix('trinolab.')} <{name}>`" for name in entry.functions)
+        functions = "<br>".join(f"{{py:obj}}`{'.'.join(name.split('.')[-2:])} <{name}>`" for name in entry.functions)
         tests = "<br>".join(map(_readable, entry.tests))
         chapter = f"{{doc}}`{int(entry.chapter[:2])} </notebooks/{entry.chapter}>`"
         number = f"[{entry.no}]{{#equation-{entry.no}}}"
