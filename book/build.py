@@ -38,7 +38,7 @@ EXECUTED = BUILD / "executed"
 MADE_FROM = BUILD / "made_from.json"  # a result's name -> a hash of each thing that it was made from
 SCOREBOARD = BUILD / "scoreboard.csv"
 NEW_SCOREBOARD = BUILD / "scoreboard.new.csv"
-GENERATED = BUILD / "generated"  # parts of pages that come from the ledger of equations
+GENERATED = BUILD / "generated"  # parts of pages: from the ledger of equations, and of the reference in a folder
 HTML = BUILD / "html"
 PAGES_MADE_FROM = BUILD / "pages_made_from"  # a hash; it is there as long as the pages are whole
 CELL_TIMEOUT_S = 1800.0  # a cell hangs that takes so long: on a busy machine a film may take ten times its usual time
@@ -243,6 +243,7 @@ def build_pages() -> bool:
         print("the pages: unchanged")
         return True
     print("building the pages", flush=True)
+    write_reference()
     PAGES_MADE_FROM.unlink(missing_ok=True)
     shutil.rmtree(HTML, ignore_errors=True)
     for path in chapters():
@@ -255,9 +256,19 @@ def build_pages() -> bool:
     return True
 
 
+def write_reference() -> None:
+    """Write the API reference and the picture of the house, both from the package as it is now."""
+    import house
+    import reference
+
+    reference.write_pages()
+    house.write_house()
+
+
 def pages_made_from() -> str:
     """Return a hash of all that the pages are built from."""
-    sources = [*ROOT.glob("*.yml"), *ROOT.glob("book/**/*"), *ROOT.glob("notebooks/*.ipynb"), *ROOT.glob("data/**/*")]
+    sources = [*ROOT.glob("*.yml"), *ROOT.glob("book/**/*"), *ROOT.glob("notebooks/*.ipynb"), *ROOT.glob("data/**/*"),
+               *ROOT.glob("trinolab/**/*.py")]
     results = [SCOREBOARD, *GENERATED.glob("*"), *(result_of(path.stem) for path in chapters())]
     return hash_text(surroundings([])["the environment"] + hash_files([*sources, *results], ROOT))
 

@@ -8,6 +8,7 @@ from trinolab.datasets import load_handle, load_rig, load_sweep, load_table1
 from trinolab.metrics import pose_errors
 from trinolab.studies import budget as module
 from trinolab.studies import error_sources as sources
+from trinolab.studies import replication
 from trinolab.studies.__main__ import main
 from trinolab.studies.budget import (
     PRINTED,
@@ -133,7 +134,7 @@ def test_rendered_frames_give_bias_noise_and_poses():
 
 def test_a_lost_pose_is_named(monkeypatch):
     few = make_trial(load_rig("paper_pair"), load_handle("paper"), load_table1().set_poses[[9, 12]])
-    monkeypatch.setattr(module, "render_rig", lambda *a: [np.zeros((1024, 1280), np.uint8)] * 2)
+    monkeypatch.setattr(replication, "render_rig", lambda *a: [np.zeros((1024, 1280), np.uint8)] * 2)
     with pytest.raises(ValueError, match="got 2 lost"):
         rendered(few, 1)
 

@@ -18,8 +18,8 @@ from trinolab.files import capture as files_capture
 from trinolab.files import devices, outputs, recorder
 from trinolab.files.capture import capture, side_by_side
 from trinolab.files.devices import drain, instants_of, open_source
-from trinolab.files.recording import find_footage, instants, open_recording, read_timestamps
-from trinolab.files.rigs import read_rig, write_rig
+from trinolab.files.recording import instants, open_folder, read_timestamps
+from trinolab.files.rigs import write_rig
 
 SIZE = (32, 24)
 FPS = 200
@@ -121,8 +121,7 @@ def test_videos_become_a_recording(folder, images):
     assert sorted(path.name for path in folder.joinpath("r").iterdir()) == ["handle.toml", "images", "rig.toml",
                                                                              "timestamps.csv"]
     assert not (folder / "r.partial").exists()
-    rig = read_rig("r/rig.toml")
-    found = list(instants(open_recording(find_footage("r", rig), rig, timestamps="r/timestamps.csv")))
+    found = list(instants(open_folder("r")[0]))
     np.testing.assert_array_equal([one.images for one in found], images)  # grey again, to the level
     assert [one.t_s for one in found] == pytest.approx(done.times_s, abs=1e-8)
     assert done.dropped == 0
@@ -295,6 +294,14 @@ def test_what_does_not_fit_leaves_no_folder(cameras, folder, images):
         with pytest.raises(ValueError, match=message):
             capture(**{"cameras": VIDEOS, "out": "r", "rig": "rig.toml", **change})
         assert sorted(folder.rglob("*")) == before, message
+
+
+def test_a_folder_that_another_process_makes_meanwhile_is_left_alone(cameras, tmp_path):
+    other = tmp_path / "r.partial" / "images" / "ccd1"
+    cameras[0].at[1] = lambda: other.mkdir(parents=True)  # with the first instant, before there is a folder
+    with pytest.raises(ValueError, match=r"r\.partial: an unfinished recording; keep it by another name"):
+        capture(TWO, tmp_path / "r")
+    assert list((tmp_path / "r.partial").rglob("*")) == [tmp_path / "r.partial" / "images", other]
 
 
 @pytest.mark.parametrize(("spoiled", "message"), [

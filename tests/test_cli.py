@@ -15,9 +15,10 @@ import pytest
 from healthy import contents, run
 from scipy.spatial.transform import RigidTransform
 
-from trinolab import __version__, workflows
+from trinolab import __version__
 from trinolab.camera import Rig
 from trinolab.cli import arguments, evaluate
+from trinolab.cli import measure as measure_command
 from trinolab.cli.evaluate import TrackQuality, _lasted
 from trinolab.datasets import data_path, load_handle, load_rig, load_table1
 from trinolab.files.poses import truth_table, write_poses
@@ -195,7 +196,7 @@ def interrupted(*_, **__):
 
 @pytest.mark.parametrize("line", [MEASURE, EVALUATE, "scoreboard --csv board.csv"])
 def test_an_interruption_costs_one_line_and_no_file(folder, line, capfd, monkeypatch):
-    monkeypatch.setattr(workflows, "measure", interrupted)
+    monkeypatch.setattr(measure_command, "measure", interrupted)
     monkeypatch.setattr(evaluate, "read_poses", interrupted)
     monkeypatch.setattr(scoreboard, "CHECKS", dict.fromkeys(scoreboard.CHECKS, interrupted))
     before = contents(folder)

@@ -186,11 +186,11 @@ EFFECTS = {"20": (Effect("20", "distance", "mm", 47.936, 1e-13, at_most=1e-6),
 
 def test_the_index_has_a_row_an_equation():
     rows = index_page(LEDGER, EFFECTS).splitlines()[2:]
-    assert [row.split("|")[1].strip() for row in rows] == [str(k) for k in range(1, 28)]
+    assert [row.split("|")[1].strip() for row in rows] == [f"[{k}]{{#equation-{k}}}" for k in range(1, 28)]
     for row, entry in zip(rows, EQUATIONS, strict=True):
         assert row.count("|") == 7, "a stroke inside a cell would open another one"
         assert f"</notebooks/{entry.chapter}>`" in row
-        assert all(name.removeprefix("trinolab.") in row for name in entry.functions)
+        assert all(f"{name.removeprefix('trinolab.')} <{name}>`" in row for name in entry.functions)
     assert "{ref}`ambiguous <erratum-eq-20>`" in rows[19]
     assert "| as printed |" in rows[21]
 
@@ -209,11 +209,11 @@ def test_an_erratum_shows_both_forms_and_the_effect():
     assert "## Eq. 19" not in page
     assert page.count(r"\tag{20}") == page.count(r"\begin{equation*}") == page.count(r"\end{equation*}") == 2
     assert "| distance | mm | 47.9 | 0 | 0 |" in page
-    assert "| share |  | no number | without end | at least 0.5 |" in page
+    assert "| share |  | undefined | infinite | at least 0.5 |" in page
 
 
 @pytest.mark.parametrize(("value", "text"), [(47.936, "47.9"), (0.00069913, "0.000699"), (1.2e-13, "0"), (-1e-9, "0"),
-                                             (float("inf"), "without end"), (float("nan"), "no number"), (8, "8"),
+                                             (float("inf"), "infinite"), (float("nan"), "undefined"), (8, "8"),
                                              (1234.5, "1234")])
 def test_numbers_for_a_table(value, text):
     assert number_text(value) == text

@@ -10,8 +10,16 @@ from trinolab.camera import Rig
 from trinolab.datasets import load_handle, load_rig
 from trinolab.files import recorder
 from trinolab.files.images import read_grey
-from trinolab.files.recording import find_footage, frames_of, instants, open_footage, open_recording, read_timestamps
-from trinolab.files.rigs import read_handle, read_rig
+from trinolab.files.recording import (
+    find_footage,
+    frames_of,
+    instants,
+    open_folder,
+    open_footage,
+    open_recording,
+    read_timestamps,
+)
+from trinolab.files.rigs import write_rig
 
 SIZE = (32, 24)
 
@@ -51,14 +59,29 @@ def videos(tmp_path, rig, images):
 
 def test_a_written_folder_is_read_back(folder, rig, images):
     assert not folder.with_name("r.partial").exists()
-    assert read_rig(folder / "rig.toml").names == rig.names
-    assert read_handle(folder / "handle.toml") == load_handle("coded")
-    recording = open_recording(find_footage(folder, rig), rig, timestamps=folder / "timestamps.csv")
+    recording, handle = open_folder(folder)
+    assert recording.rig.names == rig.names
+    assert handle == load_handle("coded")
     found = list(instants(recording))
     assert recording.length == 5
     assert [one.frame for one in found] == [0, 1, 2, 3, 4]
     assert [one.t_s for one in found] == pytest.approx(np.arange(5) / 25)
     np.testing.assert_array_equal([one.images for one in found], images)
+
+
+def test_a_folder_opens_with_another_rig_and_without_timestamps(tmp_path, folder, rig):
+    (folder / "timestamps.csv").unlink()
+    first, second = rig.cameras
+    write_rig(Rig((replace(first, name="ccd2"), replace(second, name="ccd1"))), tmp_path / "other.toml")
+    recording, _ = open_folder(folder, rig=tmp_path / "other.toml")
+    assert recording.rig.names == ("ccd2", "ccd1")
+    assert [one.path.name for one in recording.footage] == ["ccd2", "ccd1"]
+    assert (recording.times_s, recording.rate) == (None, 30.0)
+    (folder / "handle.toml").unlink()
+    with pytest.raises(ValueError, match=r"handle\.toml"):
+        open_folder(folder)
+    with pytest.raises(ValueError, match="none: no such folder"):
+        open_folder(tmp_path / "none")
 
 
 @pytest.mark.parametrize("fast", [False, True])
@@ -68,7 +91,7 @@ def test_written_images_are_whole_and_exact(tmp_path, images, fast):
     back = cv2.imread(str(tmp_path / "x.png"), cv2.IMREAD_UNCHANGED)
     assert (back.dtype, back.shape) == (np.uint8, (24, 31))
     np.testing.assert_array_equal(back, image)
-    np.testing.assert_array_equal(read_grey(tmp_path / "x.png", (31, 24), set()), image)
+    np.testing.assert_array_equal(read_grey(tmp_path / "x.png", (31, 24)), image)
     assert [path.name for path in tmp_path.iterdir()] == ["x.png"]
 
 
@@ -91,6 +114,20 @@ def test_colour_video_is_converted_and_said_once(tmp_path, caplog):
     assert len(frames) == 3
     assert abs(int(frames[0][5, 5]) - (0.114 * 10 + 0.587 * 200 + 0.299 * 60)) < 3
     assert len(caplog.messages) == 1
+
+
+def test_a_conversion_is_said_for_each_camera_although_both_videos_lie_in_one_folder(tmp_path, rig, caplog):
+    for name in rig.names:
+        writer = cv2.VideoWriter(str(tmp_path / f"{name}.mkv"), cv2.VideoWriter_fourcc(*"FFV1"), 30, SIZE)
+        for _ in range(2):
+            writer.write(np.full((*SIZE[::-1], 3), (10, 200, 60), np.uint8))
+        writer.release()
+    caplog.set_level("INFO")
+    recording = open_recording(find_footage(tmp_path, rig), rig)
+    for _ in range(2):  # each reader says it again
+        assert len(list(instants(recording))) == 2
+    assert caplog.messages == 2 * [f"{tmp_path / name}.mkv: colour converted to grey; said once a camera"
+                                   for name in rig.names]
 
 
 def test_a_video_that_ends_early_is_named_after_its_frames(tmp_path, rig, images):

@@ -12,13 +12,15 @@ from trinolab.bench.rays import facing, marker_area
 from trinolab.camera import Rig
 from trinolab.datasets import load_handle, load_rig
 from trinolab.handle import Handle, slants
-from trinolab.identity.hypotheses import CERTAIN, FAR, Poses, _slopes, explain, fit, ideal_pixels, predict
+from trinolab.identity.hypotheses import FAR, Observed, Poses, _slopes, explain, fit, ideal_pixels, predict
 from trinolab.identity.layout import layout_of, views_of
 from trinolab.identity.p3p import three_point_depths
+from trinolab.identity.parameters import IdentityParameters
 from trinolab.identity.search import candidate_points
 from trinolab.triangulation import triangulate_pair
 
 RIG, CODED = load_rig("raised_40deg"), load_handle("coded")
+P = IdentityParameters()
 LENS = np.array([-0.2, 0.08, 1e-3, -5e-4, 0.0])
 BENT = Rig(tuple(replace(camera, distortions=LENS) for camera in RIG.cameras))
 
@@ -40,7 +42,7 @@ def shown_centroid(camera, T, handle, index):
                          ids=["coded", "wide"])
 def test_predicted_centroids_are_those_of_the_visible_patches(handle):
     """To 0.1 px up to 75 deg of slant and to a quarter of one at 90 deg; the centre's image is off by a pixel there."""
-    rng, layout, views = np.random.default_rng(0), layout_of(handle), views_of(RIG)
+    rng, layout, views = np.random.default_rng(0), layout_of(handle, P), views_of(RIG)
     for _ in range(10):
         T = random_pose(rng)
         predicted = predict(batch(T), views, layout)
@@ -54,15 +56,15 @@ def test_predicted_centroids_are_those_of_the_visible_patches(handle):
 
 def test_explained_by_hand():
     """A camera that finds all but one facing marker, a px or 2 off, and one thing that is none."""
-    T, layout, views = random_pose(np.random.default_rng(3)), layout_of(CODED), views_of(RIG)
+    T, layout, views = random_pose(np.random.default_rng(3)), layout_of(CODED, P), views_of(RIG)
     exact = predict(batch(T), views, layout)
-    index = [np.flatnonzero(facing > CERTAIN) for facing in exact.facing[0]]
+    index = [np.flatnonzero(facing > np.cos(np.deg2rad(P.certain_deg))) for facing in exact.facing[0]]
     found = [exact.uv[0, c][:, k].T for c, k in enumerate(index)]
     found[0] = np.vstack([found[0][1:] + [0.6, 0.8], [[30.0, 30.0]]])
-    e = explain(batch(T), views, layout, ideal_pixels(RIG, found), gate_px=4.0)
+    e = explain(batch(T), Observed(views, layout, ideal_pixels(RIG, found)), 4.0, P)
     n = len(index[0]) - 1
     assert e.labels[0, 0, :n + 1].tolist() == [*index[0][1:], -1]
-    assert e.strangers[0].tolist() == [1, 0, 0]
+    assert e.outliers[0].tolist() == [1, 0, 0]
     assert e.missing[0, 0] == pytest.approx(1.0 + missed_by_slant(exact.facing[0, 0], index[0]))
     lacking = [min(m, len(k)) for m, k in zip(e.missing[0], (index[0][1:], *index[1:]), strict=True)]
     assert e.cost[0] == pytest.approx(n * 1.0 + 16.0 * (1 + sum(lacking)), abs=1e-6)
@@ -77,13 +79,13 @@ def missed_by_slant(facing, found):
 
 
 def test_a_covered_camera_lacks_nothing_and_one_at_the_edge_expects_nothing():
-    T, layout = random_pose(np.random.default_rng(3)), layout_of(CODED)
+    T, layout = random_pose(np.random.default_rng(3)), layout_of(CODED, P)
     small = Rig(tuple(replace(camera, size=(200, 200)) for camera in RIG.cameras))
     nothing = [np.empty((0, 2))] * 3
-    e = explain(batch(T), views_of(RIG), layout, ideal_pixels(RIG, nothing), 4.0)
+    e = explain(batch(T), Observed(views_of(RIG), layout, ideal_pixels(RIG, nothing)), 4.0, P)
     assert (e.missing > 0).any()
     assert e.cost[0] == 0.0
-    outside = explain(batch(T), views_of(small), layout, ideal_pixels(small, nothing), 4.0)
+    outside = explain(batch(T), Observed(views_of(small), layout, ideal_pixels(small, nothing)), 4.0, P)
     assert (outside.missing == 0).all()
 
 
@@ -91,31 +93,31 @@ def test_a_marker_on_the_far_side_explains_nothing():
     T = random_pose(np.random.default_rng(6))
     away = np.flatnonzero(slants(CODED, T, RIG.cameras[0].centre) > np.deg2rad(105))
     found = (RIG.cameras[0].project(T.apply(CODED.marker_centres[away])), *[np.empty((0, 2))] * 2)
-    e = explain(batch(T), views_of(RIG), layout_of(CODED), ideal_pixels(RIG, found), 0.5)
+    e = explain(batch(T), Observed(views_of(RIG), layout_of(CODED, P), ideal_pixels(RIG, found)), 0.5, P)
     assert (e.labels == -1).all()
 
 
 @pytest.mark.parametrize("rig", [RIG, BENT], ids=["straight", "bent"])
 def test_the_fit_ends_at_the_pose(rig):
     """Exact predictions of a pose lead back to it from 3 deg and 2 mm away; distortion is taken off before."""
-    rng, layout, views = np.random.default_rng(1), layout_of(CODED), views_of(rig)
+    rng, layout, views = np.random.default_rng(1), layout_of(CODED, P), views_of(rig)
     for _ in range(5):
         T = random_pose(rng)
         exact = predict(batch(T), views, layout)
         seen = [facing > 0.3 for facing in exact.facing[0]]
         found = [camera.to_pixels((uv[:, k].T - camera.principal_point) / camera.focal)
                  for camera, uv, k in zip(rig.cameras, exact.uv[0], seen, strict=True)]
-        uv = ideal_pixels(rig, found)
+        observed = Observed(views, layout, ideal_pixels(rig, found))
         start = batch(T * RigidTransform.from_components([1.0, 1, 1], Rotation.from_rotvec([0.03, -0.02, 0.04])), T)
-        labels = np.repeat(explain(batch(T), views, layout, uv, 1.0).labels, 2, axis=0)
-        end = fit(start, labels, views, layout, uv, steps=8)
+        labels = np.repeat(explain(batch(T), observed, 1.0, P).labels, 2, axis=0)
+        end = fit(start, labels, observed, P, steps=8)
         np.testing.assert_allclose(end.translations, np.tile(T.translation, (2, 1)), atol=1e-4)  # mm
         np.testing.assert_allclose(end.rotations, np.tile(T.rotation.as_matrix(), (2, 1, 1)), atol=1e-5)
 
 
 def test_slopes_are_those_of_finite_differences():
     """Of the points whose images the centroids are; that these wander on the marker is left to the next step."""
-    rng, layout, views = np.random.default_rng(2), layout_of(CODED), views_of(RIG)
+    rng, layout, views = np.random.default_rng(2), layout_of(CODED, P), views_of(RIG)
     T = random_pose(rng)
     predicted = predict(batch(T), views, layout)
     slope = _slopes(batch(T), predicted.points, views)[0]
@@ -139,29 +141,31 @@ def test_candidate_points_are_those_of_eq_20():
     rng, views = np.random.default_rng(4), views_of(BENT)
     X = np.column_stack([rng.uniform(-60, 60, (8, 2)), rng.uniform(520, 620, 8)])
     found = [camera.project(X) + rng.normal(0, 0.1, (8, 2)) for camera in BENT.cameras]
-    uv = ideal_pixels(BENT, found)
     matches = np.column_stack([np.arange(8), np.arange(8)])
-    candidates = candidate_points(views, (0, 1), uv, 0.1, 2.0, matches)
+    free = Observed(views, layout_of(CODED, P), ideal_pixels(BENT, found), pairs=[(0, 1)])
+    p = IdentityParameters(sigma_px=0.1, gate_px=4.0)
+    candidates = candidate_points(free._replace(matches=[matches]), 0, p)
     wanted = triangulate_pair(BENT.cameras[0], BENT.cameras[1], found[0], found[1])[candidates.names[:, 0]]
     assert len(candidates.names) == 8
     assert np.linalg.norm(candidates.points - wanted, axis=1).max() < 3 * candidates.ahead.max()
-    everything = candidate_points(views, (0, 1), uv, 0.1, 2.0)
+    everything = candidate_points(free, 0, p)
     assert {tuple(pair) for pair in matches} <= {tuple(pair) for pair in everything.names}
-    assert len(candidate_points(views, (0, 1), uv, 0.1, 1e-6).names) == 0
+    assert len(candidate_points(free, 0, replace(p, gate_px=2e-6)).names) == 0
 
 
 def test_depth_sigma_is_that_of_many_draws():
     rng, views, point = np.random.default_rng(5), views_of(RIG), np.array([[20.0, -10, 560]])
     exact = [camera.project(point) for camera in RIG.cameras]
-    drawn = [candidate_points(views, (0, 1), ideal_pixels(RIG, [uv + rng.normal(0, 0.2, (1, 2)) for uv in exact]),
-                              0.2, 5.0) for _ in range(400)]
+    p, layout = IdentityParameters(sigma_px=0.2, gate_px=10.0), layout_of(CODED, P)
+    seen = [ideal_pixels(RIG, [uv + rng.normal(0, 0.2, (1, 2)) for uv in exact]) for _ in range(400)]
+    drawn = [candidate_points(Observed(views, layout, uv, pairs=[(0, 1)]), 0, p) for uv in seen]
     scatter = np.std([(c.points - point) @ c.rays[0] for c in drawn])
     assert scatter == pytest.approx(drawn[0].ahead[0], rel=0.15)  # 400 draws: 3.5 %, and the mean ray
 
 
 def test_three_points_against_opencv():
     """OpenCV's solver as an oracle: among its solutions are ours, and among ours is the truth."""
-    rng, camera, layout = np.random.default_rng(7), RIG.cameras[0], layout_of(CODED)
+    rng, camera, layout = np.random.default_rng(7), RIG.cameras[0], layout_of(CODED, P)
     labels = np.argwhere(layout.triplets)
     for _ in range(60):
         triangle, T = CODED.marker_centres[labels[rng.integers(len(labels))]], random_pose(rng)

@@ -12,7 +12,7 @@ from trinolab.camera import Rig
 from trinolab.datasets import load_handle, load_rig
 from trinolab.handle import Handle, slants
 from trinolab.identity import choose, equivalents, identify, labelled_pixels, relabel
-from trinolab.identity.scoring import IdentityParameters
+from trinolab.identity.parameters import IdentityParameters
 
 RIG, TRIO = load_rig("paper_pair"), load_rig("raised_40deg")
 PAPER, CODED = load_handle("paper"), load_handle("coded")

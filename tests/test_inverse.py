@@ -124,6 +124,19 @@ def test_no_stream_of_poses_exceeds_a_limit(stream):
     assert np.isfinite(q).all()
 
 
+@pytest.mark.parametrize("end", [-1, 1])
+def test_to_slow_down_is_always_allowed(end):
+    """A joint at an end of its range that still moves outwards: it may lose what one tick allows, and no more."""
+    limits, dt = ROBOT.limits, INVERSE.tick_s
+    change = limits.acceleration * dt
+    q = limits.low if end < 0 else limits.high
+    speed = end * 3 * change
+    low, high = control.speed_bounds(q, speed, limits, dt)
+    slower = speed - end * change
+    np.testing.assert_allclose(low if end < 0 else high, slower, atol=1e-12)
+    assert (low <= high + 1e-12).all()
+
+
 # --- the reference
 
 

@@ -8,13 +8,12 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import RigidTransform
 
-from trinolab.bench.recordings import standard_recording
 from trinolab.datasets import load_handle, load_rig
 from trinolab.kalman import KalmanParameters
 from trinolab.parameters import Parameters
 from trinolab.plotting import plot_following
 from trinolab.studies.claim_trials import searched, true_labels
-from trinolab.studies.ground_truth import read_clip
+from trinolab.studies.ground_truth import read_recording
 from trinolab.studies.markertrack import follow, moving_regions, step
 from trinolab.studies.tuning import nis_band
 from trinolab.window import Window
@@ -137,11 +136,13 @@ def test_bad_input_is_a_value_error(call):
 @pytest.fixture(scope="module")
 def calm():
     """For each camera its looks, one an instant, and how many of the markers of each are false."""
-    clip, seen = read_clip(standard_recording("calm", seconds=2.0, progress=False)), []
-    for camera, film, empty in zip(clip.rig.cameras, clip.films, clip.empty, strict=True):
-        looks = follow(film, clip.times_s, clip.handle, moving_regions(film, empty), PARAMETERS)
+    recording, seen = read_recording("calm"), []
+    for k, camera in enumerate(recording.rig.cameras):
+        film = recording.images_of(k)
+        regions = moving_regions(film, recording.empty[k])
+        looks = follow(film, recording.times_s, recording.handle, regions, PARAMETERS)
         false = [len(look.markers.uv) if T is None else (true_labels(camera, CODED, T, look.markers.uv) < 0).sum()
-                 for look, T in zip(looks, clip.truths, strict=True)]
+                 for look, T in zip(looks, recording.poses, strict=True)]
         seen.append((looks, false))
     return seen
 

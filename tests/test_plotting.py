@@ -10,8 +10,6 @@ import pandas as pd
 import pytest
 
 from trinolab.plotting import (
-    MASTER,
-    SYSTEM,
     mark_window,
     plot_by_slant,
     plot_estimators,
@@ -28,6 +26,7 @@ from trinolab.plotting import (
     workspace_plotter,
     workspace_scene,
 )
+from trinolab.plotting.structure import MASTER, SYSTEM
 from trinolab.window import Window
 from trinolab.workspace import intersect, surface_mesh
 from trinolab.workspace.cones import paper_cones

@@ -13,13 +13,14 @@ from trinolab.bench.scenario import Job, Shot, take
 from trinolab.bench.scene import exposed, render_rig
 from trinolab.datasets import load_handle, load_rig
 from trinolab.estimators.pixels import fit_patches
+from trinolab.files.recording import Frames
 from trinolab.following import posefilter, posetracker
+from trinolab.following.parameters import FollowParameters
 from trinolab.following.posefilter import PoseFilterParameters
-from trinolab.parameters import Parameters
 from trinolab.rigid import apart, motion_between, shifted
 
 RIG, CODED, PAPER = load_rig("raised_40deg"), load_handle("coded"), load_handle("paper")
-FPS, BEST = 30.0, Parameters(estimator="patches")
+FPS, BEST = 30.0, FollowParameters(estimator="patches")
 UPWARDS = Rotation.from_euler("ZYX", [170.0, 15.0, 10.0], degrees=True)  # the free end
 FIRST = RigidTransform.from_components([-20.0, 5.0, 560.0], UPWARDS)
 VELOCITY = np.array([90.0, -60.0, 40.0, 0.2, 0.3, -0.2])  # mm/s, rad/s
@@ -50,7 +51,7 @@ def with_a_gap():
 
 @pytest.mark.parametrize("estimator", ["paper", "patches"])
 def test_a_coded_handle_is_followed_lost_and_found_at_once(with_a_gap, estimator):
-    found = tracked(with_a_gap[0], CODED, parameters=Parameters(estimator=estimator))
+    found = tracked(with_a_gap[0], CODED, parameters=FollowParameters(estimator=estimator))
     status = [one.measurement.pose.status for one in found]
     assert status[:4] == ["measured"] * 4
     assert status[4:13] == ["predicted"] * 9  # 0.3 s from the last measurement
@@ -204,7 +205,23 @@ def fast():
 @pytest.mark.parametrize("estimator", [pytest.param("paper", marks=pytest.mark.heavy), "patches"])
 def test_a_fast_handle_is_followed_through_its_smear(fast, estimator):
     truth, frames = fast
-    found = tracked(frames, PAPER, truth[0], Parameters(estimator=estimator))
+    found = tracked(frames, PAPER, truth[0], FollowParameters(estimator=estimator))
     assert [one.measurement.pose.status for one in found] == ["measured"] * len(truth)
     for one, T in zip(found, truth, strict=True):
         assert not apart(one.measurement.pose.T_world_handle, T, 0.5, np.deg2rad(3.0))
+
+
+def test_a_sequence_is_step_after_step_and_known_poses_count_until_it_is_sure(monkeypatch):
+    begun = []
+
+    def step(state, images, t_s, *_):
+        assert state.t_s < t_s
+        begun.append(state.motion and state.motion.pose)
+        return posetracker.TrackState(t_s, None, None, sure=len(begun) == 3), images
+
+    monkeypatch.setattr(posetracker, "step", step)
+    first, second, late = (RigidTransform.from_translation([0.0, 0.0, z]) for z in (500, 510, 520))
+    frames = [Frames(k, k / FPS, [k]) for k in range(2, 6)]
+    found = list(posetracker.track_instants(frames, RIG, CODED, known={3: first, 4: second, 5: late}))
+    assert begun == [None, first, second, None]
+    assert found == [(frame, frame.images) for frame in frames]

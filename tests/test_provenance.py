@@ -34,6 +34,7 @@ def package(tmp_path, monkeypatch):
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(text)
     monkeypatch.setattr(provenance, "PACKAGE", tmp_path / "pack")
+    monkeypatch.setattr(provenance, "FACE", {"work": "lazy.work", "wing": "wing"})
     return tmp_path
 
 
@@ -48,6 +49,9 @@ def names(root, source, folder="mine"):
     ("import helper", {"mine/helper.py", "pack/__init__.py", "pack/alone.py"}),
     ("from pack.wing.deep import f", {"pack/__init__.py", "pack/base.py", "pack/wing/__init__.py",
                                       "pack/wing/deep.py", "pack/wing/inner.py"}),
+    ("from pack import work", {"pack/__init__.py", "pack/lazy.py", "pack/base.py"}),  # a name of the face
+    ("import pack\npack.work(1)", {"pack/__init__.py", "pack/lazy.py", "pack/base.py"}),
+    ("import pack as p\np.work(1)", {"pack/__init__.py", "pack/lazy.py", "pack/base.py", "pack/wing/__init__.py"}),
     ("def f():\n    from pack import user", {"pack/__init__.py", "pack/user.py", "pack/lazy.py", "pack/base.py",
                                              "pack/wing/__init__.py", "pack/wing/deep.py", "pack/wing/inner.py"}),
 ])
@@ -119,7 +123,7 @@ def test_all_that_a_chapter_loads_is_among_its_imports(chapter):
 
 def test_a_recording_is_not_made_from_the_measurement():
     files = {path.stem for path in imported_files("import trinolab.bench.recordings", PACKAGE.parent)}
-    assert {"scene", "raycast", "checks", "handle"} <= files
-    assert not files & {"identity", "tracker", "matching", "sweeping"}
+    assert {"scene", "rays", "checks", "handle"} <= files
+    assert not files & {"identify", "tracker", "matching", "runs"}
     rendered, commands = (made_from_module(f"trinolab.{name}")["the package"] for name in ("bench.recordings", "cli"))
     assert rendered != commands

@@ -11,7 +11,7 @@ import pytest
 
 from trinolab.camera import Rig
 from trinolab.datasets import load_rig
-from trinolab.files.recording import list_instants, read_instant
+from trinolab.files.recording import list_instants, read_instants
 
 SIZE = (32, 24)
 
@@ -20,6 +20,10 @@ SIZE = (32, 24)
 def rig():
     """CCD1 and CCD2 with tiny images."""
     return Rig(tuple(replace(camera, size=SIZE) for camera in load_rig("paper_pair").cameras))
+
+
+def read_instant(instant, rig):
+    return next(read_instants([instant], rig))
 
 
 @pytest.fixture
@@ -78,14 +82,16 @@ def test_a_conversion_is_said_once_a_camera_whenever_it_begins(folder, rig, capl
     first, second = list_instants(folder, rig)
     for path in second.paths:
         cv2.imwrite(str(path), np.zeros((*SIZE[::-1], 3), np.uint16))
-    said = set()
     with caplog.at_level(logging.INFO, logger="trinolab"):
-        read_instant(first, rig, said)
+        stream = read_instants([first, second, second], rig)
+        next(stream)
         assert caplog.messages == []
-        read_instant(second, rig, said)
+        next(stream)
         assert len(caplog.messages) == 4  # two cameras, colour and 16 bit
-        read_instant(second, rig, said)
-    assert len(caplog.messages) == 4
+        next(stream)
+        assert len(caplog.messages) == 4
+        read_instant(second, rig)  # another reader says it again
+    assert len(caplog.messages) == 8
 
 
 def test_what_is_no_camera_is_left_alone(folder, rig):

@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from healthy import run
-from processes import CLI, GATE, started, wait_until
+from processes import CLI, GATE, ended, open_gate, started, wait_until
 from scipy.spatial.transform import RigidTransform, Slerp
 
 from trinolab.bench import recordings, scenario
@@ -23,7 +23,7 @@ from trinolab.camera import Rig
 from trinolab.datasets import load_handle, load_real_sets, load_rig, real_set
 from trinolab.files.fetch import why_not
 from trinolab.files.poses import read_poses, transforms, truth_table, write_poses
-from trinolab.files.recording import find_footage, instants, open_recording, read_timestamps
+from trinolab.files.recording import instants, open_folder, read_timestamps
 from trinolab.files.rigs import write_handle, write_rig
 from trinolab.studies.real_recordings import load_trajectories
 
@@ -34,18 +34,18 @@ SMALL = Rig(tuple(scaled(camera, 0.125) for camera in load_rig("raised_40deg").c
 WAITS = f"""
 import time
 from pathlib import Path
-from trinolab import rendering
-real = rendering.take
+from trinolab.bench import recordings
+real = recordings.take
 def take(job, frame, camera):
     while frame >= 6 and not Path({GATE!r}).exists():
         time.sleep(0.01)
     return real(job, frame, camera)
-rendering.take = take
-real_shutdown = rendering.ProcessPoolExecutor.shutdown
+recordings.take = take
+real_shutdown = recordings.ProcessPoolExecutor.shutdown
 def shutdown(*pool, **options):
     Path({GATE!r}).touch()
     real_shutdown(*pool, **options)
-rendering.ProcessPoolExecutor.shutdown = shutdown
+recordings.ProcessPoolExecutor.shutdown = shutdown
 """ + CLI
 RENDER = "render --rig rig.toml --handle handle.toml --motion hard --seed 3 --out out --seconds 0.2"
 
@@ -77,7 +77,7 @@ def poses_file(name, rows, head="frame,x_mm,y_mm,z_mm,qw,qx,qy,qz,status\n"):
 def test_the_folder_is_a_recording_with_its_truth(folder, capfd):
     assert run(RENDER) == 0
     assert capfd.readouterr() == ("6 instants, the handle is there in 6; written to out\n", "")
-    recording = open_recording(find_footage("out", SMALL), SMALL, timestamps="out/timestamps.csv")
+    recording, _ = open_folder("out")
     frames = list(instants(recording))
     assert [frame.frame for frame in frames] == list(range(6))
     assert frames[0].images[0].shape == (128, 160)
@@ -197,6 +197,21 @@ def test_stopped_from_outside_and_run_again_it_goes_on_to_identical_files(folder
     assert run(line) == 0
     rendered("whole", seconds=0.4)
     assert contents(folder / "out") == contents(folder / "whole")
+
+
+def test_the_second_of_two_renderings_is_refused_and_the_first_one_is_whole(folder):
+    line = RENDER.replace("0.2", "0.4")
+    with started(line, WAITS) as first:
+        wait_until(lambda: len(list(folder.glob("out.partial/images/ccd3/[0-9]*.png"))) == 6, first)
+        before = contents(folder)
+        with started(line) as second:
+            assert ended(second) == (2, ["trinolab render: out.partial: another process works on it\n"])
+        assert contents(folder) == before
+        open_gate()
+        assert ended(first) == (0, [])
+    rendered("whole", seconds=0.4)
+    assert contents(folder / "out") == contents(folder / "whole")
+    assert not (folder / "out.partial").exists()
 
 
 def is_gone(group):

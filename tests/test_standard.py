@@ -73,11 +73,11 @@ def test_calm_begins_with_the_empty_scene():
 
 
 def test_two_at_once_render_it_once(cache):
-    code = ("import sys, pathlib; from trinolab import standard; "
-            "standard.cache_folder = lambda: pathlib.Path(sys.argv[1]); load = standard.load_rig; "
+    code = ("import sys, pathlib; from trinolab.bench import recordings; "
+            "recordings.cache_folder = lambda: pathlib.Path(sys.argv[1]); load = recordings.load_rig; "
             "from trinolab.camera import Rig; from trinolab.bench.scene import scaled; "
-            "standard.load_rig = lambda n: Rig(tuple(scaled(c, 0.125) for c in load(n).cameras)); "
-            "print(standard.standard_recording('hard', seconds=0.1, progress=False))")
+            "recordings.load_rig = lambda n: Rig(tuple(scaled(c, 0.125) for c in load(n).cameras)); "
+            "print(recordings.standard_recording('hard', seconds=0.1, progress=False))")
     both = [subprocess.Popen([sys.executable, "-c", code, str(cache)], stdout=subprocess.PIPE, text=True)
             for _ in range(2)]
     said = {process.communicate(timeout=HANGS_S)[0] for process in both}

@@ -34,13 +34,13 @@ os.replace = replace
 WAITS = f"""
 import time
 from pathlib import Path
-from trinolab import tracking
-real = tracking.Rows.add
+from trinolab.following import track
+real = track.Rows.add
 def add(rows, frame, *others):
     while frame >= 8 and not Path({GATE!r}).exists():
         time.sleep(0.01)
     real(rows, frame, *others)
-tracking.Rows.add = add
+track.Rows.add = add
 """ + CLI
 
 # A video of twelve pictures of noise.
@@ -132,7 +132,7 @@ def test_a_track_that_is_stopped_keeps_its_rows_and_goes_on(folder, number, code
     assert_like_uninterrupted(len(kept))
 
 
-@pytest.mark.parametrize(("moment", "there"), [(0, set()), (2, {"poses.csv.partial", "poses.csv"})])
+@pytest.mark.parametrize(("moment", "there"), [(0, {"poses.csv.partial"}), (1, {"poses.csv.partial", "poses.csv"})])
 def test_a_track_that_is_killed_while_it_names_its_files(folder, moment, there):
     before = files()
     with started(f"{moment} {TRACK}", DIES) as process:
@@ -177,6 +177,24 @@ def test_a_rendering_that_is_killed_goes_on_to_the_same_files(folder, moment):
     one, other = ({path.relative_to(root): data for path, data in contents(Path(root)).items() if path.name[0] != "."}
                   for root in ("out", "undisturbed"))
     assert one == other
+
+
+# --- two commands with one output
+
+
+def test_the_second_of_two_tracks_is_refused_and_the_first_one_is_whole(folder):
+    before = files()
+    with started(TRACK, WAITS) as first:
+        wait_until(lambda: len(rows_kept()) == 8, first)
+        kept = Path("poses.csv.partial").read_bytes()
+        with started(TRACK) as second:
+            assert ended(second) == (2, ["trinolab track: poses.csv.partial: another process works on it\n"])
+        assert Path("poses.csv.partial").read_bytes() == kept
+        open_gate()
+        assert ended(first) == (0, [])
+    assert Path("poses.csv").read_bytes() == Path("whole.csv").read_bytes()
+    assert Path("poses.tum").read_bytes() == Path("whole.tum").read_bytes()
+    assert files() == before | {"poses.csv", "poses.tum", GATE}
 
 
 # --- full disks

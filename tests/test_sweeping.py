@@ -14,7 +14,7 @@ from makenotebook import glued, make_notebook
 from processes import GATE, ended, open_gate, started, wait_until
 
 from trinolab.files import provenance
-from trinolab.sweep import folder as sweep_folder
+from trinolab.files.kept import KeptLines
 from trinolab.sweep import runs, sweep
 from trinolab.sweep.folder import read_sweep
 
@@ -185,35 +185,23 @@ def test_a_function_that_is_interrupted_keeps_its_runs(tmp_path):
     assert sweep(once, a=range(4), out=tmp_path / "s")["result"].tolist() == [0, 1, 2, 3]
 
 
-@pytest.mark.parametrize("moment", ["before it is flushed", "after it is flushed"])
-def test_an_interruption_while_a_run_is_kept_counts_what_the_file_has(tmp_path, monkeypatch, moment):
-    real = sweep_folder.SweepFolder.__init__
+@pytest.mark.parametrize(("moment", "count"), [("before it is written", 2), ("after it is written", 3)])
+def test_an_interruption_while_a_run_is_kept_counts_what_the_file_has(tmp_path, monkeypatch, moment, count):
+    real, calls = KeptLines.add_line, []
 
-    class Interrupted:
-        """A file that Ctrl-C meets when the third run is written to it."""
+    def add_line(lines, line):
+        """Ctrl-C comes with the third run."""
+        calls.append(line)
+        if len(calls) == 3 and moment == "before it is written":
+            raise KeyboardInterrupt
+        real(lines, line)
+        if len(calls) == 3:
+            raise KeyboardInterrupt
 
-        def __init__(self, file):
-            self.file, self.writes = file, 0
-
-        def __getattr__(self, name):
-            return getattr(self.file, name)
-
-        def write(self, text):
-            self.writes += 1
-            self.file.write(text)
-            if self.writes == 3:
-                if moment == "after it is flushed":
-                    self.file.flush()
-                raise KeyboardInterrupt
-
-    def opened(folder, *arguments):
-        real(folder, *arguments)
-        folder._file = Interrupted(folder._file)
-
-    monkeypatch.setattr(sweep_folder.SweepFolder, "__init__", opened)
-    with pytest.raises(KeyboardInterrupt, match="3 of 5 runs are kept in"):
+    monkeypatch.setattr(KeptLines, "add_line", add_line)
+    with pytest.raises(KeyboardInterrupt, match=f"{count} of 5 runs are kept in"):
         sweep(absolute, a=range(5), out=tmp_path / "s")
-    assert len((tmp_path / "s" / "runs.jsonl").read_text().splitlines()) == 3
+    assert len((tmp_path / "s" / "runs.jsonl").read_text().splitlines()) == count
 
 
 def absolute(a):
@@ -236,4 +224,19 @@ def test_a_folder_is_for_one_process_at_a_time(tmp_path):
         return sweep(meddle, a=[1], out=tmp_path / "s")
 
     found = sweep(meddle, a=[1], out=tmp_path / "s")
-    assert found["error"].tolist() == [f"ValueError: {tmp_path / 's'}: another process works on this sweep"]
+    assert found["error"].tolist() == [f"ValueError: {tmp_path / 's'}: another process works on it"]
+
+
+@pytest.mark.usefixtures("notebook")
+def test_the_second_of_two_sweeps_is_refused_and_the_first_one_is_whole():
+    line = LINE.replace("0:9:10", "0:7:8") + " -p waits_from=4"
+    with started(line) as first:
+        wait_until(lambda: len(finished()) == 4 and len(traced()[0]) == 6, first)
+        before = contents(Path("new"))
+        with started(line) as second:
+            assert ended(second) == (2, ["trinolab sweep: new/s: another process works on it\n"])
+        assert contents(Path("new")) == before
+        open_gate()
+        assert ended(first)[0] == 0
+    assert read_sweep("new/s")["square"].tolist() == [a**2 for a in range(8)]
+    assert sorted(traced()[0]) == list(range(8))

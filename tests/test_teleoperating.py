@@ -55,25 +55,40 @@ def test_a_recording_moves_the_arm_as_the_hand_moved(recording, tmp_path):
     assert 0.6 * hand_way / 2 < tool_way < 1.1 * hand_way / 2
 
 
+def shortened(recording, first, last, folder):
+    """A recording folder with the frames `first` to `last` of another, at times from 0."""
+    for name in ("rig.toml", "handle.toml"):
+        (folder / name).write_bytes((recording / name).read_bytes())
+    for camera in (recording / "images").iterdir():
+        (folder / "images" / camera.name).mkdir(parents=True)
+        for path in sorted(camera.iterdir())[first:last]:
+            (folder / "images" / camera.name / path.name).symlink_to(path)
+    rows = [f"{k},{k / 30:.9f}" for k in range(last - first)]
+    (folder / "timestamps.csv").write_text("\n".join(["frame,t_s", *rows, ""]))
+    return folder
+
+
 def test_the_command_with_its_video_and_a_clutch(recording, tmp_path, capsys):
-    (tmp_path / "clutch.csv").write_text("t_s,closed\n1.5,1\n1.7,0\n1.9,1\n")
-    assert main(["teleop", "--recording", str(recording), "--clutch", str(tmp_path / "clutch.csv"),
+    (tmp_path / "short").mkdir()
+    short = shortened(recording, 24, 48, tmp_path / "short")  # the hand comes with the seventh frame
+    (tmp_path / "clutch.csv").write_text("t_s,closed\n0.4,1\n0.5,0\n0.6,1\n")
+    assert main(["teleop", "--recording", str(short), "--clutch", str(tmp_path / "clutch.csv"),
                  "--out", str(tmp_path / "new")]) == 0
     out = capsys.readouterr().out
-    assert out.startswith("60 instants: 30 lost, 30 measured; ")
+    assert out.startswith("24 instants: 18 measured, 6 lost; ")
     assert out.endswith(f"0 holds; written to {tmp_path / 'new'}\n")
     events = pd.read_csv(tmp_path / "new" / "events.csv")
     assert events["event"].tolist() == ["clutch closed", "clutch open", "clutch closed"]
-    np.testing.assert_allclose(events["t_s"], [1.5, 1.7, 1.9], atol=1 / 30)
+    np.testing.assert_allclose(events["t_s"], [0.4, 0.5, 0.6], atol=1 / 30)
     film = cv2.VideoCapture(str(tmp_path / "new" / "monitor.webm"))
     frames = []
     while (read := film.read())[0]:
         frames.append(read[1])
-    assert len(frames) == 60
+    assert len(frames) == 24
     assert frames[0].shape == (720, 1280, 3)
-    assert len(read_poses(tmp_path / "new" / "poses.csv")) == 60
+    assert len(read_poses(tmp_path / "new" / "poses.csv")) == 24
     joints = pd.read_csv(tmp_path / "new" / "joints.csv")
-    still = joints[(joints["t_s"] > 0.1) & (joints["t_s"] < 1.5)]
+    still = joints[(joints["t_s"] > 0.1) & (joints["t_s"] < 0.4)]
     assert np.ptp(still[["tool_x_mm", "tool_y_mm", "tool_z_mm"]], axis=0).max() < 0.01  # hold: no drift
 
 

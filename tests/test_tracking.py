@@ -12,10 +12,9 @@ from trinolab.bench.optics import Bench
 from trinolab.bench.scene import render_rig
 from trinolab.datasets import load_handle, load_rig
 from trinolab.files import recorder
-from trinolab.files.kept import Rows
 from trinolab.files.poses import read_poses, transforms, truth_table
 from trinolab.following import posetracker, track
-from trinolab.following.track import track_folder
+from trinolab.following.track import Rows, track_folder
 from trinolab.rigid import shifted
 
 RIG, PAPER = load_rig("paper_pair"), load_handle("paper")
@@ -108,28 +107,19 @@ def test_footage_that_was_changed_begins_anew(folder, tmp_path, monkeypatch):
 
 
 def test_rows_that_are_damaged_are_dropped_with_those_behind(tmp_path):
-    rows = Rows(tmp_path / "p.partial", "x")
-    for frame in range(5):
-        rows.add(frame, frame / 25, pose.LOST)
+    with Rows(tmp_path / "p.partial", "x") as rows:
+        for frame in range(5):
+            rows.add(frame, frame / 25, pose.LOST)
     whole = (tmp_path / "p.partial").read_text()
     for old, new, left in (("\n3,", "\n4,", 3), ("\n2,0.08", "\n2,\0\0\0\0", 2), ("\n1,0.04,", "\n1,", 1),
                            ("lost\n4", "los\n4", 3), ("\n0,0,", "\n0,0,x", 0), ("\n4,0.16", "\n4,0.16\n", 4)):
         (tmp_path / "p.partial").write_text(whole.replace(old, new, 1))
-        again = Rows(tmp_path / "p.partial", "x")
-        assert again.table()["frame"].tolist() == list(range(left)), old
-        again.add(left, left / 25, pose.LOST)
-        assert len(Rows(tmp_path / "p.partial", "x").table()) == left + 1
-    assert len(Rows(tmp_path / "p.partial", "another").table()) == 0
-
-
-def test_rows_survive_a_full_disk(tmp_path):
-    rows = Rows(tmp_path / "p.partial", "x")
-    rows.add(0, 0.0, pose.LOST)
-    kept = (tmp_path / "p.partial").rename(tmp_path / "kept")
-    (tmp_path / "p.partial").mkdir()
-    with pytest.raises(ValueError, match="cannot be written"):
-        rows.add(1, 0.1, pose.LOST)
-    assert len(kept.read_text().splitlines()) == 3
+        with Rows(tmp_path / "p.partial", "x") as again:
+            assert again.table()["frame"].tolist() == list(range(left)), old
+            again.add(left, left / 25, pose.LOST)
+            assert len(again.table()) == left + 1
+    with Rows(tmp_path / "p.partial", "another") as other:
+        assert len(other.table()) == 0
 
 
 def test_a_camera_that_is_late_is_said():

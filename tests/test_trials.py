@@ -9,6 +9,7 @@ from trinolab.handle import slants
 from trinolab.measurement import Measurement
 from trinolab.pose import LOST, Pose
 from trinolab.studies import claim_trials
+from trinolab.studies.replication import shared_poses
 
 PAPER = load_handle("paper")
 T = RigidTransform.from_components([0.0, 0.0, 560.0], Rotation.from_euler("z", 85, degrees=True))
@@ -25,9 +26,9 @@ def shifted(mm, deg):
 
 def test_close_is_a_millimetre_and_five_degrees():
     poses = [T, shifted(0.9, 4.9), shifted(1.1, 0.0), shifted(0.0, 5.1), None, T * PAPER.symmetries[2]]
-    instants = claim_trials.Instants([measured(pose) for pose in poses], [T] * 6, [], [])
-    assert claim_trials.share_close(instants, PAPER, equivalents=False) == 2 / 6
-    assert claim_trials.share_close(instants, PAPER, equivalents=True) == 3 / 6
+    measurements = [measured(pose) for pose in poses]
+    assert claim_trials.share_close(measurements, [T] * 6, PAPER, equivalents=False) == 2 / 6
+    assert claim_trials.share_close(measurements, [T] * 6, PAPER, equivalents=True) == 3 / 6
 
 
 def test_true_labels_by_hand():
@@ -41,11 +42,11 @@ def test_true_labels_by_hand():
 
 
 def test_a_few_instants_of_the_trials_themselves():
-    instants, frames = claim_trials.random_instants(count=3, seed=5)
-    assert claim_trials.share_close(instants, PAPER, equivalents=True) == 1.0
-    assert len(frames) == 3
+    instants = claim_trials.random_instants(count=3, seed=5)
+    assert claim_trials.share_close(instants.measurements, instants.truths, PAPER, equivalents=True) == 1.0
+    assert len(instants.frames) == 3
     clip = claim_trials.tracked_clip(1.0, count=4, seed=5)
-    assert claim_trials.share_close(clip, PAPER, equivalents=False) == 1.0
+    assert claim_trials.share_close(clip.measurements, clip.truths, PAPER, equivalents=False) == 1.0
     assert min(clip.seconds) > 0
     assert len(clip.searched) == 6  # the first instant predicts nothing
     assert all(0 < share <= 1 for share in clip.searched)
@@ -62,14 +63,14 @@ def test_the_hidden_pair_alone_measures_nothing():
     rig = load_rig("paper_pair")
     rng = np.random.default_rng(0)
     arm = Arm(hides_from=tuple(float(c) for c in rig.cameras[0].centre))
-    drawn = claim_trials._drawn(load_rig("raised_40deg"), PAPER, rng, 1, arm)[0]
+    drawn = next(shared_poses(load_rig("raised_40deg"), PAPER, rng, arm))
     frames = render_rig(rig, PAPER, drawn, Bench(), rng, arm)
     assert measure(frames, rig, PAPER).pose.status == "lost"
 
 
 @pytest.mark.parametrize("share", [claim_trials.share_measured, claim_trials.share_tracked])
 def test_every_trial_is_a_share_of_known_instants(share, monkeypatch):
-    one = claim_trials.Instants([measured(T), measured(None)], [T, T], [], [])
-    monkeypatch.setattr(claim_trials, "random_instants", lambda: (one, []))
-    monkeypatch.setattr(claim_trials, "tracked_clip", lambda: one)
+    both = [measured(T), measured(None)]
+    monkeypatch.setattr(claim_trials, "random_instants", lambda: claim_trials.Instants([], [T, T], both))
+    monkeypatch.setattr(claim_trials, "tracked_clip", lambda: claim_trials.Clip([T, T], both, [], []))
     assert share() == 0.5

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import RigidTransform
 
-from trinolab import workflows
 from trinolab.bench.optics import Bench
 from trinolab.bench.scene import render_rig
+from trinolab.cli import measure as measure_command
 from trinolab.cli.measure import measure_folder
 from trinolab.datasets import data_path, load_handle, load_rig, load_table1
 from trinolab.files.poses import POSE_COLUMNS, read_poses, transforms, truth_table, write_poses
@@ -132,7 +132,7 @@ def no_measuring(monkeypatch):
     def measured(*_, **__):
         raise AssertionError("an instant was measured")
 
-    monkeypatch.setattr(workflows, "measure", measured)
+    monkeypatch.setattr(measure_command, "measure", measured)
 
 
 @pytest.mark.usefixtures("no_measuring")
@@ -163,7 +163,7 @@ def test_an_interruption_writes_nothing(recording, tmp_path, monkeypatch):
             raise KeyboardInterrupt
         return Measurement(LOST, (), ())
 
-    monkeypatch.setattr(workflows, "measure", interrupted)
+    monkeypatch.setattr(measure_command, "measure", interrupted)
     (tmp_path / "p.csv").write_text("old")
     with pytest.raises(KeyboardInterrupt):
         measure_folder(RIG, HANDLE, recording / "images", tmp_path / "p.csv", progress=False)

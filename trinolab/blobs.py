@@ -20,7 +20,9 @@ from .checks import Array, as_image, frozen
 RING_PX = 3  # from a blob's outermost pixels to the ring around it
 SQUARE = np.ones((3, 3), np.uint8)
 _LARGE = 2**19  # px: larger images are searched at half their size, or a quarter
-_RUNS, _CONTOURS = (700, 40), (80, 4)  # more at one threshold than both, the second times those wanted, are noise
+# More than this at one threshold is noise: at least the first number, and the second one for each blob wanted.
+_RUNS = (700, 40)  # of bright pixels along the rows
+_CONTOURS = (80, 4)
 _SPOTS = 120  # those that stand out most are looked at
 _ANGLES = np.arange(16) * np.pi / 8
 _RAYS = (np.linspace(0.25, 1.0, 10)[:, None] * np.stack([np.cos(_ANGLES), np.sin(_ANGLES)])[:, None]).astype(np.float32)

@@ -38,7 +38,7 @@ class Camera:
     ------
     ValueError
         For a name that is no line of text, a size that is not two positive whole numbers, a matrix of another form than
-        [[fx, 0, cx], [0, fy, cy], [0, 0, 1]] with focal lengths from 1e-6 to 1e9 px and |cx|, |cy| up to 1e9, other
+        [[fx, 0, cx], [0, fy, cy], [0, 0, 1]] with focal lengths from 1e-6 to 1e9 px and cx, cy within 1e9, other
         than 5 distortions up to 1e6, or anything but one finite transform.
     """
 

@@ -16,7 +16,7 @@ from .checks import Array, as_image, as_number, as_points, check_numbers, frozen
 
 LADDER = 8  # even thresholds tried besides the bisection's
 _TRIES = 10  # places looked at for each marker wanted
-_FOUND = 100  # beside how often a place was tried
+_FOUND = 100  # marks a place where a marker was accepted; smaller values count attempts
 
 
 @dataclass(frozen=True)
@@ -50,89 +50,6 @@ class MarkerParameters:
         check_numbers(self, "min_axis_ratio", "min_fill", "min_contrast", low=0.0)
 
 
-class Blob(NamedTuple):
-    """What may be a marker, as measured."""
-
-    u: float
-    v: float
-    major: float
-    minor: float
-    contrast: float
-    threshold: float
-    level: float
-
-
-def markers_at(image: ArrayLike, uv: ArrayLike, reach_px: float, markers: str = "bright",
-               parameters: MarkerParameters | None = None) -> Array:
-    """Measure markers where they are expected, instead of looking for them in all of an image.
-
-    Parameters
-    ----------
-    image : array_like, shape (height, width)
-        May be a part of an image.
-    uv : array_like, shape (n, 2)
-        px; half a marker off at most. A row with a NaN, or outside the image: not looked for.
-    reach_px : float
-        How far a marker may reach from there.
-    markers : {"bright", "dark"}
-    parameters : MarkerParameters, optional
-
-    Returns
-    -------
-    ndarray, shape (n, 6)
-        Centroid u, v, px; major and minor axis, px; contrast, threshold, grey levels. NaN where there is nothing like a
-        marker.
-    """
-    p, places = parameters or MarkerParameters(), as_points(uv, "uv", 2)
-    bright = brightened(image, markers)
-    found = np.full((len(places), 6), np.nan)
-    rows = np.flatnonzero(((places > -0.5) & (places < np.array(bright.shape[::-1]) - 0.5)).all(axis=1))
-    reach = np.full(len(rows), as_number(reach_px, "reach_px", low=1.0))
-    index = {tuple(places[k]): k for k in rows.tolist()}
-    for candidate in blobs.candidates(bright, blobs.Places(places[rows], reach, 0 * reach + np.inf), p.min_contrast):
-        tried = (blob_at(bright, candidate.uv, candidate.reach, threshold, p) for threshold in candidate.thresholds)
-        if (blob := next((blob for blob in tried if blob is not None), None)) is not None:
-            found[index[tuple(candidate.uv)]] = halfway(bright, blob, p)[:6]
-    return found
-
-
-def brightened(image: ArrayLike, markers: str) -> np.ndarray:
-    """The image, inverted where markers are dark, in a type that can be searched."""
-    if markers not in ("bright", "dark"):
-        raise ValueError(f"markers: expected 'bright' or 'dark', got {markers!r}")
-    grey = blobs.searchable(as_image(image, "image"))
-    return grey if markers == "bright" else grey.max() - grey
-
-
-def halfway(image: np.ndarray, blob: Blob, p: MarkerParameters) -> Blob:
-    """The same blob, its contour taken about halfway up its flank if it is like a marker there."""
-    for _ in range(2):
-        halfway = blob.level + blob.contrast / 2
-        if abs(blob.threshold - halfway) > blob.contrast / 5:
-            blob = blob_at(image, (blob.u, blob.v), blob.major, halfway, p) or blob
-    return blob
-
-
-def blob_at(image: np.ndarray, uv: tuple[float, float], reach: float, threshold: float,
-          p: MarkerParameters) -> Blob | None:
-    """What exceeds a threshold at a place, or None if it is not like a marker."""
-    cut = blobs.cut_out(image, uv, reach, threshold)
-    if cut is None:
-        return None
-    area, major, minor = blobs.ellipse(cut.inside)
-    if not (p.diameter_px[0] <= major <= p.diameter_px[1] and minor >= p.min_axis_ratio * major
-            and area >= p.min_fill * np.pi / 4 * major * minor):
-        return None
-    near = cv2.dilate(cut.inside, blobs.SQUARE, iterations=blobs.RING_PX - 1)
-    ring = cut.grey[(cv2.dilate(near, blobs.SQUARE) > near) & ~cut.others]  # others' light is not the surroundings'
-    level = float(np.partition(ring, len(ring) // 2)[len(ring) // 2]) if len(ring) else np.inf  # the median
-    contrast = cv2.mean(cut.grey, cut.inside)[0] - level
-    if contrast < p.min_contrast:
-        return None
-    u, v = blobs.centroid(cut.grey, near.view(bool) & ~cut.others, level) + cut.corner
-    return Blob(float(u), float(v), major, minor, contrast, threshold, level)
-
-
 class ThresholdStep(NamedTuple):
     """One step of the bisection: the threshold tried and the number of contours it gave."""
 
@@ -153,7 +70,7 @@ class Markers:
     contrast, threshold : ndarray, shape (n,)
         Grey levels between the marker and its ring; the threshold of its contour.
     steps : tuple of ThresholdStep
-        The bisection's way.
+        Thresholds tried by the bisection, with their contour counts.
     """
 
     uv: Array
@@ -161,6 +78,48 @@ class Markers:
     contrast: Array
     threshold: Array
     steps: tuple[ThresholdStep, ...]
+
+
+class Blob(NamedTuple):
+    """What may be a marker, as measured."""
+
+    u: float
+    v: float
+    major: float
+    minor: float
+    contrast: float
+    threshold: float
+    level: float
+
+
+def find_markers(image: ArrayLike, expected: int, markers: str = "bright",
+                 parameters: MarkerParameters | None = None) -> Markers:
+    """Find the markers of one image and their sub-pixel centroids (Eq. 16).
+
+    The bisection's last threshold need not show any marker, and it leaves out whole ranges. So contours are taken from
+    all thresholds that it visits and from a ladder of even ones; where these show but noise, spots that stand out from
+    their surroundings are looked at. What is there is measured at the threshold halfway up its flank. Kept are those
+    like a marker, each once, and of these the ``surplus * expected`` with the highest contrast.
+
+    Parameters
+    ----------
+    image : array_like, shape (height, width)
+        If it has more than 2^19 px it is searched at half its size, or a quarter; centroids come from all its pixels.
+    expected : int
+        N_0, the number of markers on the handle.
+    markers : {"bright", "dark"}
+    parameters : MarkerParameters, optional
+
+    Returns
+    -------
+    Markers
+        Empty if there is nothing like a marker.
+    """
+    p, bright = parameters or MarkerParameters(), brightened(image, markers)
+    wanted = math.ceil(p.surplus * as_number(expected, "expected", low=1))
+    steps, where = _search(bright, wanted, p)
+    table = np.array(_once_each(bright, where, wanted, p), dtype=float).reshape(-1, 7)
+    return Markers(frozen(table[:, :2]), frozen(table[:, 2:4]), frozen(table[:, 4]), frozen(table[:, 5]), steps)
 
 
 def iterative_threshold(image: ArrayLike, contours: int,
@@ -199,38 +158,8 @@ def iterative_threshold(image: ArrayLike, contours: int,
     return tuple(steps)
 
 
-def find_markers(image: ArrayLike, expected: int, markers: str = "bright",
-                 parameters: MarkerParameters | None = None) -> Markers:
-    """Find the markers of one image and their sub-pixel centroids (Eq. 16).
-
-    The bisection's last threshold need not show any marker, and it leaves out whole ranges. So contours are taken from
-    all thresholds that it visits and from a ladder of even ones; where these show but noise, spots that stand out from
-    their surroundings are looked at. What is there is measured at the threshold halfway up its flank. Kept are those
-    like a marker, each once, and of these the ``surplus * expected`` with the highest contrast.
-
-    Parameters
-    ----------
-    image : array_like, shape (height, width)
-        If it has more than 2^19 px it is searched at half its size, or a quarter; centroids come from all its pixels.
-    expected : int
-        N_0, the number of markers on the handle.
-    markers : {"bright", "dark"}
-    parameters : MarkerParameters, optional
-
-    Returns
-    -------
-    Markers
-        Empty if there is nothing like a marker.
-    """
-    p, bright = parameters or MarkerParameters(), brightened(image, markers)
-    wanted = math.ceil(p.surplus * as_number(expected, "expected", low=1))
-    steps, where = _search(bright, wanted, p)
-    table = np.array(_once_each(bright, where, wanted, p), dtype=float).reshape(-1, 7)
-    return Markers(frozen(table[:, :2]), frozen(table[:, 2:4]), frozen(table[:, 4]), frozen(table[:, 5]), steps)
-
-
 def _search(image: np.ndarray, wanted: int, p: MarkerParameters) -> tuple[tuple[ThresholdStep, ...], blobs.Places]:
-    """The bisection's way, and what its thresholds and those of the ladder show."""
+    """The thresholds that the bisection tried, and what its thresholds and those of the ladder show."""
     small, scale = blobs.reduced(image)
     brightest = small.max(axis=1)
     found: dict[float, list[np.ndarray] | None] = {}
@@ -271,3 +200,74 @@ def _once_each(image: np.ndarray, where: blobs.Places, most: int, p: MarkerParam
             break
         cv2.circle(tried, (round(blob.u / 2), round(blob.v / 2)), round(kept[-1].major / 4), _FOUND, -1)
     return kept
+
+
+def markers_at(image: ArrayLike, uv: ArrayLike, reach_px: float, markers: str = "bright",
+               parameters: MarkerParameters | None = None) -> Array:
+    """Measure markers where they are expected, instead of looking for them in all of an image.
+
+    Parameters
+    ----------
+    image : array_like, shape (height, width)
+        May be a part of an image.
+    uv : array_like, shape (n, 2)
+        px; half a marker off at most. A row with a NaN, or outside the image: not looked for.
+    reach_px : float
+        How far a marker may reach from there.
+    markers : {"bright", "dark"}
+    parameters : MarkerParameters, optional
+
+    Returns
+    -------
+    ndarray, shape (n, 6)
+        Centroid u, v, px; major and minor axis, px; contrast, threshold, grey levels. NaN where there is nothing like a
+        marker.
+    """
+    p, places = parameters or MarkerParameters(), as_points(uv, "uv", 2)
+    bright = brightened(image, markers)
+    found = np.full((len(places), 6), np.nan)
+    rows = np.flatnonzero(((places > -0.5) & (places < np.array(bright.shape[::-1]) - 0.5)).all(axis=1))
+    reach = np.full(len(rows), as_number(reach_px, "reach_px", low=1.0))
+    index = {tuple(places[k]): k for k in rows.tolist()}
+    for candidate in blobs.candidates(bright, blobs.Places(places[rows], reach, 0 * reach + np.inf), p.min_contrast):
+        tried = (blob_at(bright, candidate.uv, candidate.reach, threshold, p) for threshold in candidate.thresholds)
+        if (blob := next((blob for blob in tried if blob is not None), None)) is not None:
+            found[index[tuple(candidate.uv)]] = halfway(bright, blob, p)[:6]
+    return found
+
+
+def blob_at(image: np.ndarray, uv: tuple[float, float], reach: float, threshold: float,
+          p: MarkerParameters) -> Blob | None:
+    """What exceeds a threshold at a place, or None if it is not like a marker."""
+    cut = blobs.cut_out(image, uv, reach, threshold)
+    if cut is None:
+        return None
+    area, major, minor = blobs.ellipse(cut.inside)
+    if not (p.diameter_px[0] <= major <= p.diameter_px[1] and minor >= p.min_axis_ratio * major
+            and area >= p.min_fill * np.pi / 4 * major * minor):
+        return None
+    near = cv2.dilate(cut.inside, blobs.SQUARE, iterations=blobs.RING_PX - 1)
+    ring = cut.grey[(cv2.dilate(near, blobs.SQUARE) > near) & ~cut.others]  # others' light is not the surroundings'
+    level = float(np.partition(ring, len(ring) // 2)[len(ring) // 2]) if len(ring) else np.inf  # the median
+    contrast = cv2.mean(cut.grey, cut.inside)[0] - level
+    if contrast < p.min_contrast:
+        return None
+    u, v = blobs.centroid(cut.grey, near.view(bool) & ~cut.others, level) + cut.corner
+    return Blob(float(u), float(v), major, minor, contrast, threshold, level)
+
+
+def brightened(image: ArrayLike, markers: str) -> np.ndarray:
+    """The image, inverted where markers are dark, in a type that can be searched."""
+    if markers not in ("bright", "dark"):
+        raise ValueError(f"markers: expected 'bright' or 'dark', got {markers!r}")
+    grey = blobs.searchable(as_image(image, "image"))
+    return grey if markers == "bright" else grey.max() - grey
+
+
+def halfway(image: np.ndarray, blob: Blob, p: MarkerParameters) -> Blob:
+    """The same blob, its contour taken about halfway up its flank if it is like a marker there."""
+    for _ in range(2):
+        halfway = blob.level + blob.contrast / 2
+        if abs(blob.threshold - halfway) > blob.contrast / 5:
+            blob = blob_at(image, (blob.u, blob.v), blob.major, halfway, p) or blob
+    return blob

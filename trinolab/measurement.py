@@ -10,14 +10,14 @@ from numpy.typing import ArrayLike
 from scipy.spatial.transform import RigidTransform
 
 from .camera import Rig
-from .checks import Array, as_image, frozen
+from .checks import as_image, frozen
 from .estimators import estimate
 from .estimators.identified import Identified
 from .handle import Handle
-from .identity import Hypothesis, choose, identify, relabel
+from .identity import Hypothesis, choose, identify, labelled_pixels, relabel
 from .identity.ends import keep_by_body
 from .markers import Markers, find_markers
-from .matching import candidates
+from .matching import rig_candidates
 from .parameters import Parameters
 from .pose import LOST, Pose
 from .window import Window
@@ -49,7 +49,7 @@ def measure(frames: Sequence[ArrayLike], rig: Rig, handle: Handle, prior: RigidT
     ----------
     frames : sequence of array_like, shape (height, width)
         One grey image a camera, in the rig's order; grey levels 0 to 255 of any number type. Colour and 16-bit images
-        are for `recording.read_instant` to convert: an array does not say which channel is red, or what is white.
+        are for `recording.read_instants` to convert: an array does not say which channel is red, or what is white.
     rig : Rig
     handle : Handle
     prior : RigidTransform, optional
@@ -74,7 +74,9 @@ def measure(frames: Sequence[ArrayLike], rig: Rig, handle: Handle, prior: RigidT
     regions = [Window(0, 0, *camera.size) for camera in rig.cameras] if windows is None else windows
     found = tuple(markers_in(image, region, handle, p) for image, region in zip(images, regions, strict=True))
     pixels = tuple(markers.uv for markers in found)
-    matches = candidate_pairs(images, rig, pixels, p) if p.estimator == "paper" else None
+    matches = None
+    if p.estimator == "paper":
+        matches = [pairs.index for pairs in rig_candidates(rig, images, pixels, p.matching)]
     hypotheses = identify(rig, handle, pixels, p.identity, [markers.axes_px for markers in found], matches)
     if not hypotheses:
         return Measurement(LOST, found, tuple(np.full(len(uv), -1) for uv in pixels))
@@ -84,14 +86,15 @@ def measure(frames: Sequence[ArrayLike], rig: Rig, handle: Handle, prior: RigidT
 def _conclude(hypotheses: list[Hypothesis], images: list[np.ndarray], rig: Rig, handle: Handle,
               found: tuple[Markers, ...], prior: RigidTransform | None, p: Parameters) -> Measurement:
     """Choose among the hypotheses and their equivalents, relabel, and estimate."""
-    options = [(h, S, h.T_world_handle * S) for h in hypotheses for S in handle.symmetries]
-    kept = keep_by_body(images, rig, handle, [T for *_, T in options])
+    options = [(hypothesis, S, hypothesis.T_world_handle * S)
+               for hypothesis in hypotheses for S in handle.symmetries]
+    kept = keep_by_body(images, rig, handle, [T for *_, T in options], p.identity)
     options = [option for option, keep in zip(options, kept, strict=True) if keep]
     index, sure = choose([T for *_, T in options], prior)
-    h, S, T = options[index]
-    pixels = tuple(markers.uv for markers in found)
-    labels = tuple(relabel(label, handle, S) for label in h.labels)
-    pose = estimate(Identified(images, pixels, labels, T), rig, handle, p)
+    hypothesis, S, T = options[index]
+    labels = tuple(relabel(label, handle, S) for label in hypothesis.labels)
+    uv = labelled_pixels(labels, tuple(markers.uv for markers in found), len(handle.marker_centres))
+    pose = estimate(Identified(images, uv, T), rig, handle, p)
     return Measurement(pose if sure or pose is LOST else replace(pose, status="ambiguous"), found, labels)
 
 
@@ -108,10 +111,3 @@ def as_images(frames: Sequence[ArrayLike], rig: Rig) -> list[np.ndarray]:
         raise ValueError(f"frames: expected one for each of {len(rig.cameras)} cameras, got {len(frames)}")
     return [as_image(frame, f"frames: {camera.name}", camera.size, highest=255)
             for frame, camera in zip(frames, rig.cameras, strict=True)]
-
-
-def candidate_pairs(images: Sequence[np.ndarray], rig: Rig, pixels: Sequence[Array],
-                    parameters: Parameters) -> list[np.ndarray]:
-    """Found markers that may be the same one, rows (k, 2) for each pair of cameras of `Rig.pairs` (Eq. 17, 18)."""
-    return [candidates(rig.cameras[i], rig.cameras[j], images[i], images[j], pixels[i], pixels[j],
-                       parameters.matching).index for i, j in rig.pairs]

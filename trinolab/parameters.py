@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 from .background import BackgroundParameters
 from .checks import as_number
-from .identity.scoring import IdentityParameters
+from .identity.parameters import IdentityParameters
 from .kalman import KalmanParameters
 from .markers import MarkerParameters
 from .matching import MatchParameters
@@ -51,3 +51,4 @@ class Parameters:
             raise ValueError(f"estimator: expected one of {', '.join(ESTIMATORS)}, got {self.estimator!r}")
         as_number(self.max_slant_deg, "max_slant_deg", low=0.0, high=90.0)
         as_number(self.sigma_px, "sigma_px", low=0.0, open_low=True)
+        as_number(self.memory_s, "memory_s", low=0.0)

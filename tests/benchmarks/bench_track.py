@@ -25,25 +25,25 @@ from trinolab.bench.motion import human_motion
 from trinolab.bench.optics import Bench
 from trinolab.bench.scene import render_clip
 from trinolab.camera import Rig
-from trinolab.following import posetracker
+from trinolab.following import look, posetracker
+from trinolab.following.parameters import FollowParameters
 from trinolab.metrics import pose_errors
-from trinolab.parameters import Parameters
 
 WANTED = {"paper": 200.0, "patches": 120.0}  # instants a second, three cameras
 FPS, COUNT = 30.0, 60
-STAGES = {"expect": "predict", "look": "markers", "follow": "pose"}
+STAGES = {"expect": "predict", "follow": "markers and pose"}
 
 
 def tracked(frames: list[list[np.ndarray]], rig: Rig, estimator: str) -> tuple[list, list[float], dict[str, float]]:
     """Poses, CPU time of each instant (s), and of the stages (ms, mean)."""
-    p, state, poses, seconds = Parameters(estimator=estimator), posetracker.start(-1 / FPS), [], []
-    with clocked(posetracker, STAGES) as spent:
+    p, state, poses, seconds = FollowParameters(estimator=estimator), posetracker.start(-1 / FPS), [], []
+    with clocked(posetracker, STAGES) as spent, clocked(look, {"look": "markers"}) as within:
         for k, images in enumerate(frames):
             begin = time.process_time()
             state, one = posetracker.step(state, images, k / FPS, rig, HANDLE, p)
             seconds.append(time.process_time() - begin)
             poses.append(one.measurement.pose)
-    return poses, seconds, {stage: ms / len(frames) for stage, ms in spent.items()}
+    return poses, seconds, {stage: ms / len(frames) for stage, ms in {**spent, **within}.items()}
 
 
 def line(name: str, poses: list, truths: list, seconds: list[float], stages: str = "") -> float:
@@ -96,7 +96,7 @@ def memory(count: int = 10_000) -> int:
     state, order, sizes = posetracker.start(-1.0), [*range(30), *range(28, 0, -1)], []
     for k in range(count):
         images = frames[order[k % len(order)]]
-        state, _ = posetracker.step(state, images, k / FPS, RIG, HANDLE, Parameters())
+        state, _ = posetracker.step(state, images, k / FPS, RIG, HANDLE, FollowParameters())
         if (k + 1) % (count // 10) == 0:
             sizes.append(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)
             print(f"{k + 1:6d} instants: {sizes[-1]:.0f} MiB at most", flush=True)

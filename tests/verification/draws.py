@@ -12,11 +12,10 @@ from trinolab.bench.scene import radiance
 from trinolab.camera import Rig
 from trinolab.datasets import load_table1
 from trinolab.handle import Handle
-from trinolab.measurement import measure
 from trinolab.methods import ESTIMATORS
-from trinolab.metrics import nearest_equivalent
 from trinolab.parameters import Parameters
 from trinolab.pose import Pose
+from trinolab.studies.replication import estimates_and_truths, measure_frames
 
 SETTINGS = {name: Parameters(estimator=name) for name in ESTIMATORS}
 
@@ -50,18 +49,14 @@ def frames(rig: Rig, handle: Handle, seeds: int, rows: slice) -> Iterator[tuple[
 def table1_draws(rig: Rig, handle: Handle, seeds: int, rows: slice = slice(None), with_prior: bool = False,
                  estimators=SETTINGS) -> dict[str, list[Draw]]:
     """Every estimator's measurements of the same frames."""
-    found: dict[str, list[Draw]] = {name: [] for name in estimators}
-    shown = tqdm(frames(rig, handle, seeds, rows), total=seeds * len(range(20)[rows]), leave=False, unit="instant")
-    for row, seed, images in shown:
-        prior = load_table1().set_poses[row] if with_prior else None
-        for name, parameters in estimators.items():
-            found[name].append(Draw(row, seed, measure(images, rig, handle, prior, parameters).pose))
-    return found
+    places = [(row, seed) for row in range(20)[rows] for seed in range(seeds)]
+    shown = tqdm(frames(rig, handle, seeds, rows), total=len(places), leave=False, unit="instant")
+    priors = [load_table1().set_poses[row] for row, _ in places] if with_prior else None
+    found = measure_frames((images for *_, images in shown), rig, handle, estimators, priors)
+    return {name: [Draw(row, seed, m.pose) for (row, seed), m in zip(places, measurements, strict=True)]
+            for name, measurements in found.items()}
 
 
 def held(draws: list[Draw], handle: Handle) -> tuple[RigidTransform, RigidTransform]:
     """Estimates, each by its equivalent nearest to the truth, and truths of the draws that have a pose."""
-    with_pose = [draw for draw in draws if draw.pose.T_world_handle is not None]
-    truths = RigidTransform.concatenate([draw.truth for draw in with_pose])
-    estimates = RigidTransform.concatenate([draw.pose.T_world_handle for draw in with_pose])
-    return nearest_equivalent(estimates, truths, handle.symmetries), truths
+    return estimates_and_truths([draw.pose.T_world_handle for draw in draws], [draw.truth for draw in draws], handle)

@@ -1,6 +1,7 @@
 """Random poses of the standard scene without a prior: is every used marker the right one, how far off is the pose."""
 
 from collections import Counter
+from collections.abc import Iterator
 
 import numpy as np
 from scipy.spatial.transform import RigidTransform
@@ -13,10 +14,11 @@ from trinolab.bench.scene import render_rig
 from trinolab.camera import Rig
 from trinolab.datasets import load_handle, load_rig
 from trinolab.handle import Handle
-from trinolab.measurement import Measurement, measure
-from trinolab.metrics import geodesic_deg, nearest_equivalent, pose_errors
+from trinolab.measurement import Measurement
+from trinolab.metrics import geodesic_deg, pose_errors
 from trinolab.studies.bound import RIGS
 from trinolab.studies.claim_trials import true_labels
+from trinolab.studies.replication import estimates_and_truths, measure_frames
 
 from .draws import SETTINGS
 
@@ -33,12 +35,14 @@ def report(arguments) -> None:
 
 def _report(rig_name: str, handle_name: str, poses: int) -> None:
     rig, handle, rng = load_rig(rig_name), load_handle(handle_name), np.random.default_rng(7)
-    truths, found = [], {name: [] for name in SETTINGS}
-    for _ in tqdm(range(poses), leave=False, unit="instant"):
-        truths.append(seen_pose(rig, handle, rng))
-        frames = render_rig(rig, handle, truths[-1], Bench(), rng)
-        for name, parameters in SETTINGS.items():
-            found[name].append(measure(frames, rig, handle, parameters=parameters))
+    truths: list[RigidTransform] = []
+
+    def rendered() -> Iterator[list[np.ndarray]]:
+        for _ in tqdm(range(poses), leave=False, unit="instant"):
+            truths.append(seen_pose(rig, handle, rng))
+            yield render_rig(rig, handle, truths[-1], Bench(), rng)
+
+    found = measure_frames(rendered(), rig, handle, SETTINGS)
     for name, measurements in found.items():
         _line(f"{rig_name:17s} {handle_name:7s} {name:12s}", measurements, truths, rig, handle)
 
@@ -46,11 +50,9 @@ def _report(rig_name: str, handle_name: str, poses: int) -> None:
 def _line(label: str, found: list[Measurement], truths: list[RigidTransform], rig: Rig, handle: Handle) -> None:
     right = np.array([rightly_labelled(m, T, rig, handle) for m, T in zip(found, truths, strict=True)])
     wrong = sum(m.pose.status == "measured" and not ok for m, ok in zip(found, right, strict=True))
-    held = [k for k, m in enumerate(found) if m.pose.T_world_handle is not None]
-    truth = RigidTransform.concatenate([truths[k] for k in held])
-    estimate = RigidTransform.concatenate([found[k].pose.T_world_handle for k in held])
-    e = pose_errors(nearest_equivalent(estimate, truth, handle.symmetries), truth)
-    sigma = np.array([found[k].pose.sigma_mm for k in held])
+    estimate, truth = estimates_and_truths([m.pose.T_world_handle for m in found], truths, handle)
+    e = pose_errors(estimate, truth)
+    sigma = np.array([m.pose.sigma_mm for m in found if m.pose.T_world_handle is not None])
     ratio = np.sqrt(np.mean((np.linalg.norm(estimate.translation - truth.translation, axis=1) / sigma) ** 2))
     print(f"{label} {100 * right.mean():8.2f} {wrong:6d} {e.E_t_mm:8.4f} {e.geodesic_mean_deg:10.3f} "
           f"{e.position_max_mm:12.2f} {e.geodesic_max_deg:6.2f} {ratio:12.2f}         "

@@ -9,7 +9,7 @@ from trinolab.measurement import measure
 
 from .draws import SETTINGS
 
-ESTIMATORS = ("paper", "patches")
+ESTIMATORS = ("paper_checked", "patches")
 
 
 def report(arguments) -> None:

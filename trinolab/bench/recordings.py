@@ -13,10 +13,10 @@ import os
 import shutil
 import signal
 import threading
-from collections.abc import Iterator
+from collections.abc import Generator
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
+from contextlib import closing
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -30,6 +30,7 @@ from ..camera import Camera, Rig
 from ..checks import as_number, as_whole
 from ..datasets import load_handle, load_rig
 from ..files.fetch import cache_folder
+from ..files.kept import locked
 from ..files.outputs import write_whole
 from ..files.poses import pose_table, poses_by_frame, read_poses
 from ..files.provenance import code_hash
@@ -76,7 +77,7 @@ def render(rig: str | Path, handle: str | Path, motion: str, out: str | Path, se
     ------
     ValueError
         Names the file or the argument that is missing, unreadable or does not fit; the folder that exists already,
-        cannot be written, or was begun with other arguments.
+        cannot be written, was begun with other arguments, or that another process works on.
     """
     the_rig, the_handle = read_rig(rig), read_handle(handle)
     seed = as_whole(seed, "seed", 0, 2**63 - 1)
@@ -112,18 +113,23 @@ def write_recording(job: Job, out: str | Path, manifest: dict[str, Any], progres
     """Render what is not there yet, and give the folder its name; see `render`, also for the errors."""
     partial = partial_of(out)
     check_names(job.rig.names)
-    _claim(partial, manifest)
-    begin(out, job.rig, job.handle, {camera.name: empty(job, k) for k, camera in enumerate(job.rig.cameras)})
-    shown = tqdm(total=len(job.shots), unit="instant", disable=None if progress else True)
-    with shown:
+    try:
+        partial.mkdir(exist_ok=True)
+    except OSError as error:
+        raise ValueError(f"{partial}: cannot be written ({error.strerror})") from None
+    with locked(partial):
+        _claim(partial, manifest)
+        begin(out, job.rig, job.handle, {camera.name: empty(job, k) for k, camera in enumerate(job.rig.cameras)})
         seen = np.zeros((len(job.shots), len(job.rig.cameras)), int)
-        for frame, counts in _all_frames(job, partial, min(workers, os.cpu_count() or 1)):
-            seen[frame] = counts
-            shown.update()
-    table = pd.DataFrame(seen, columns=list(job.rig.names)).rename_axis("frame").reset_index()
-    write_whole(partial / "truth_markers.csv", table.to_csv(index=False))
-    truth = truth_of(job, seen)
-    finish(out, list(job.times_s), truth)
+        with tqdm(total=len(job.shots), unit="instant", disable=None if progress else True) as shown, \
+                closing(_all_frames(job, partial, min(workers, os.cpu_count() or 1))) as frames:
+            for frame, counts in frames:
+                seen[frame] = counts
+                shown.update()
+        table = pd.DataFrame(seen, columns=list(job.rig.names)).rename_axis("frame").reset_index()
+        write_whole(partial / "truth_markers.csv", table.to_csv(index=False))
+        truth = truth_of(job, seen)
+        finish(out, list(job.times_s), truth)
     return truth
 
 
@@ -170,10 +176,6 @@ def _claim(partial: Path, manifest: dict[str, Any]) -> None:
             raise ValueError(f"{partial}: an unfinished recording with another {other[0]}; remove it, or name another "
                              "folder")
         return
-    try:
-        partial.mkdir(exist_ok=True)
-    except OSError as error:
-        raise ValueError(f"{partial}: cannot be written ({error.strerror})") from None
     write_whole(path, text)
 
 
@@ -203,7 +205,7 @@ def _one_frame(job: Job, partial: Path, frame: int) -> tuple[int, list[int]]:
     return frame, seen_markers(job, frame)
 
 
-def _all_frames(job: Job, partial: Path, workers: int) -> Iterator[tuple[int, list[int]]]:
+def _all_frames(job: Job, partial: Path, workers: int) -> Generator[tuple[int, list[int]], None, None]:
     """Every frame, in two processes where the system can copy this one, else here."""
     if workers < 2 or len(job.shots) < 8 or "fork" not in multiprocessing.get_all_start_methods():
         yield from (_one_frame(job, partial, frame) for frame in range(len(job.shots)))
@@ -230,12 +232,6 @@ def _start_worker(job: Job, partial: Path) -> None:
 
 def _worker_frame(frame: int) -> tuple[int, list[int]]:
     return _one_frame(_worker["job"], _worker["partial"], frame)
-
-
-try:
-    import fcntl
-except ImportError:  # a system without such locks
-    fcntl = None  # type: ignore[assignment]
 
 
 def standard_recording(name: str, seed: int = 0, seconds: float = SECONDS, rig_name: str = "raised_40deg",
@@ -267,10 +263,15 @@ def standard_recording(name: str, seed: int = 0, seconds: float = SECONDS, rig_n
     manifest = made_from(job, name)
     key = hashlib.sha256(json.dumps(manifest).encode()).hexdigest()[:12]
     folder = recordings_folder() / f"{name}-{rig_name}-{handle_name}-{seed}-{key}"
-    if not folder.is_dir():
-        with _alone(folder):
-            if not folder.is_dir():
-                write_recording(job, folder, manifest, progress)
+    if folder.is_dir():
+        return folder
+    try:
+        folder.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ValueError(f"{folder.parent}: cannot be written ({error.strerror})") from None
+    with locked(folder.with_name(f"{folder.name}.lock"), wait=True):
+        if not folder.is_dir():  # another process has not rendered it meanwhile
+            write_recording(job, folder, manifest, progress)
     return folder
 
 
@@ -285,16 +286,3 @@ def clear_recordings() -> int:
     size = sum(path.stat().st_size for path in files)
     shutil.rmtree(recordings_folder(), ignore_errors=True)
     return size
-
-
-@contextmanager
-def _alone(folder: Path) -> Iterator[None]:
-    """Let one process at a time render a recording; the others wait for it."""
-    try:
-        folder.parent.mkdir(parents=True, exist_ok=True)
-        with folder.with_name(f"{folder.name}.lock").open("w") as lock:
-            if fcntl is not None:
-                fcntl.flock(lock, fcntl.LOCK_EX)
-            yield
-    except OSError as error:
-        raise ValueError(f"{folder.parent}: cannot be written ({error.strerror})") from None

@@ -33,7 +33,7 @@ EMPTY_S = 1.0  # of the calm script, at its start
 _AWAY_MM = 350.0  # along the world's x: beyond every image
 _APPROACH_S, _APPROACH_MM = 0.2, 450.0  # in which the second hand comes from out of the images, and how far
 _MIDDLE = np.array([0.0, 0.0, 570.0])  # of the standard scene
-_FROM = np.array([0.2, 0.75, 0.63])  # whence the second hand comes: from below
+_FROM = np.array([0.2, 0.75, 0.63])  # direction from which the second hand enters
 _DRIFT, _DRIFT_S = 0.08, 8.0  # the light's slow drift: its share, its period
 _LEAD_S = 0.1  # the motion has begun before the first instant
 _HOLDING = Arm(forearm=(0.78, 0.58, 0.24), forearm_length_mm=500.0)  # the elbow is outside the images

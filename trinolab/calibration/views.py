@@ -11,7 +11,7 @@ from tqdm import tqdm
 from tqdm.contrib.logging import logging_redirect_tqdm
 
 from ..checks import Array, as_whole, frozen
-from ..files.images import is_image, read_grey
+from ..files.images import is_image, read_greys
 from ..files.recording import Footage, frames_of, open_footage
 from .target import Target, find_target
 
@@ -151,16 +151,14 @@ def _found(opened: dict[str, _Source], chosen: list[str], target: Target, progre
 
 def _images(source: _Source, chosen: list[str]) -> Iterator[tuple[str, np.ndarray, Path]]:
     """Name, grey image and file of those chosen views that the source has."""
-    said: set[str] = set()
     if source.files is None:
-        for k, image in enumerate(frames_of(source.footage, said=said)):
+        for k, image in enumerate(frames_of(source.footage)):
             if (label := _frame_name(k)) in chosen:
                 yield label, image, source.footage.path
         return
-    for label in chosen:
-        if label in source.files:
-            path = source.footage.path / source.files[label]
-            yield label, read_grey(path, None, said), path
+    labels = [label for label in chosen if label in source.files]
+    paths = [source.footage.path / source.files[label] for label in labels]
+    yield from zip(labels, read_greys(paths), paths, strict=True)
 
 
 def _same_size(image: np.ndarray, size: tuple[int, int] | None, path: Path) -> tuple[int, int]:

@@ -11,7 +11,7 @@ from tqdm.contrib.logging import logging_redirect_tqdm
 
 from ..files.outputs import check_targets
 from ..files.poses import pose_table, poses_by_frame, read_poses, write_poses
-from ..files.recording import list_instants, read_instant
+from ..files.recording import list_instants, read_instants
 from ..files.rigs import read_handle, read_rig
 from ..measurement import measure
 from ..methods import estimator_of
@@ -54,10 +54,9 @@ def measure_folder(rig: str | Path, handle: str | Path, images: str | Path, out:
     instants = list_instants(images, the_rig)
     expected = {} if prior is None else _expected(prior, len(instants))
     check_targets([out], [rig, handle, *([prior] if prior else [])])
-    said: set[str] = set()  # of conversions, by `read_instant`
     with logging_redirect_tqdm(), tqdm(instants, unit="instant", disable=None if progress else True) as shown:
-        poses = [measure(read_instant(i, the_rig, said), the_rig, the_handle, expected.get(i.frame), parameters).pose
-                 for i in shown]
+        poses = [measure(images, the_rig, the_handle, expected.get(instant.frame), parameters).pose
+                 for instant, images in zip(shown, read_instants(instants, the_rig), strict=True)]
     table = pose_table(poses)
     write_poses(table, out)
     return table

@@ -10,7 +10,6 @@ from collections.abc import Callable
 
 from ..camera import Rig
 from ..handle import Handle
-from ..identity import labelled_pixels
 from ..methods import ESTIMATORS
 from ..parameters import Parameters
 from ..pose import Pose, fit_pose
@@ -34,8 +33,7 @@ def estimate(instant: Identified, rig: Rig, handle: Handle, parameters: Paramete
     """
     p = parameters
     if p.estimator == "paper":
-        uv = labelled_pixels(instant.labels, instant.pixels, len(handle.marker_centres))
-        return fit_pose(uv, rig, handle, p.max_slant_deg, p.sigma_px)
+        return fit_pose(instant.uv, rig, handle, p.max_slant_deg, p.sigma_px)
     return _better(p.estimator)(instant, rig, handle, p)
 
 

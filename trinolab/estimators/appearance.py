@@ -164,7 +164,7 @@ def by_motion(shown: Layers, marker: Array, body: Array) -> Array:
 
 
 def shading_basis(turn: Array) -> Array:
-    """Functions of the angle from a marker's middle that make up the brightness around the body, (4, *shape of turn).
+    """Functions of the angle from a marker's middle that make up the brightness around the body, (4, ``*turn.shape``).
 
     The first is 1, the others vanish in the middle. With the next two any distant light is met, with the last nearly
     so where that light ends within the window.

@@ -8,7 +8,6 @@ import numpy as np
 
 from ..camera import Rig
 from ..handle import Handle
-from ..identity import labelled_pixels
 from ..parameters import Parameters
 from ..pose import LOST, Pose, fit_pose
 from ..rigid import apart, motion_between
@@ -26,12 +25,13 @@ def checked_pose(instant: Identified, rig: Rig, handle: Handle, p: Parameters) -
     covariance, of pixel noise alone, does not know of the centroids' bias: where the image model applies, the mean
     square of the error is that of the better pose, and the square of the way from there.
     """
-    uv = labelled_pixels(instant.labels, instant.pixels, len(handle.marker_centres))
     check = fit_patches(instant.images, rig, handle, instant.T_world_handle, p.max_slant_deg)
     if check is None or not check.shown.any():
-        return fit_pose(uv, rig, handle, p.max_slant_deg, p.sigma_px)
+        return fit_pose(instant.uv, rig, handle, p.max_slant_deg, p.sigma_px)
+    uv = instant.uv.copy()
     uv[check.views.camera[~check.shown], check.views.marker[~check.shown]] = np.nan
-    pose, better = fit_pose(uv, rig, handle, p.max_slant_deg, p.sigma_px), judged(check)
+    pose = fit_pose(uv, rig, handle, p.max_slant_deg, p.sigma_px)
+    better = judged(check)
     if pose.T_world_handle is None or better.T_world_handle is None:
         return pose
     if apart(pose.T_world_handle, better.T_world_handle, APART_MM, APART_RAD):

@@ -18,10 +18,8 @@ class Identified(NamedTuple):
     ----------
     images : sequence of ndarray, shape (height, width)
         One a camera.
-    pixels : tuple of ndarray, one a camera, shape (n_c, 2)
-        Of the markers found.
-    labels : tuple of ndarray of int, one a camera, shape (n_c,)
-        For each found marker its index on the handle, or -1.
+    uv : ndarray, shape (cameras, markers, 2)
+        Pixels of the markers found; NaN where a camera has none.
     T_world_handle : RigidTransform
         The pose that identified them.
     smear : (ndarray, ndarray) or None
@@ -29,7 +27,6 @@ class Identified(NamedTuple):
     """
 
     images: Sequence[np.ndarray]
-    pixels: tuple[Array, ...]
-    labels: tuple[np.ndarray, ...]
+    uv: Array
     T_world_handle: RigidTransform
     smear: tuple[Array, Array] | None = None

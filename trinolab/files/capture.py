@@ -92,7 +92,7 @@ def capture(cameras: Mapping[str, str], out: str | Path, rig: str | Path | None 
     sizes = _sizes(cameras, the_rig, size)
     partial = recorder.partial_of(out)
     if partial.exists():
-        raise ValueError(f"{partial}: an unfinished recording; keep it by another name, or remove it")
+        raise _unfinished(partial)
     sources: list[Source] = []
     try:
         for name, wanted in sizes.items():
@@ -202,12 +202,22 @@ def _sizes(cameras: Mapping[str, str], rig: Rig | None, size: tuple[int, int] | 
 
 
 def _begin(out: str | Path, partial: Path, rig: Rig | Sequence[str], handle: Handle | None) -> None:
-    """Make the unfinished folder, or leave nothing."""
+    """Make the unfinished folder, which another process may have made meanwhile, or leave nothing."""
+    try:
+        partial.mkdir()
+    except FileExistsError:
+        raise _unfinished(partial) from None
+    except OSError as error:
+        raise ValueError(f"{partial}: cannot be written ({error.strerror})") from None
     try:
         recorder.begin(out, rig, handle)
     except ValueError:
         shutil.rmtree(partial, ignore_errors=True)
         raise
+
+
+def _unfinished(partial: Path) -> ValueError:
+    return ValueError(f"{partial}: an unfinished recording; keep it by another name, or remove it")
 
 
 def _record(stream: Iterable[Taken], writer: Writer, limit_s: float) -> Exception | None:

@@ -5,10 +5,10 @@ from __future__ import annotations
 import logging
 import os
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import IO
+from typing import IO, NamedTuple
 
 import cv2
 import numpy as np
@@ -35,22 +35,50 @@ def is_image(path: Path) -> bool:
     return path.suffix.lower() in IMAGE_SUFFIXES
 
 
-def read_grey(path: Path, size: tuple[int, int] | None, said: set[str]) -> np.ndarray:
-    """Read an image file as a grey image, shape (height, width), grey levels 0 to 255.
+class Grey(NamedTuple):
+    """A grey image, shape (height, width), grey levels 0 to 255, and what the log shall say of how it became one."""
+
+    image: np.ndarray
+    remarks: tuple[str, ...]
+
+
+def read_grey(path: Path, size: tuple[int, int] | None = None) -> np.ndarray:
+    """One image file as a grey image; see `read_greys`."""
+    return next(read_greys([path], size))
+
+
+def read_greys(paths: Iterable[Path], size: tuple[int, int] | None = None) -> Iterator[np.ndarray]:
+    """Read a camera's image files one after the other as grey images, shape (height, width), grey levels 0 to 255.
+
+    Colour images are converted to grey and 16-bit images to 8-bit levels (with their fractions); the log says so.
 
     Parameters
     ----------
-    path : Path
-    size : (int, int) or None
-        Width and height that it must have; None for any.
-    said : set of str
-        As in `as_grey`.
+    paths : iterable of Path
+    size : (int, int), optional
+        Width and height that they must have.
 
     Raises
     ------
     ValueError
         Names the file: unreadable, no image of 8 or 16 bit, or another size.
     """
+    return said_once((path, _read(path, size)) for path in paths)
+
+
+def said_once(images: Iterable[tuple[Path, Grey]]) -> Iterator[np.ndarray]:
+    """The images of a camera; the log has each remark once, with the file of the first image that it is true of."""
+    said: set[str] = set()
+    for path, (image, remarks) in images:
+        for remark in remarks:
+            if remark not in said:
+                log.info("%s: %s; said once a camera", path, remark)
+        said.update(remarks)
+        yield image
+
+
+def _read(path: Path, size: tuple[int, int] | None) -> Grey:
+    """An image file; errors as for `read_greys`."""
     try:
         data = path.read_bytes()
     except OSError as error:
@@ -61,9 +89,9 @@ def read_grey(path: Path, size: tuple[int, int] | None, said: set[str]) -> np.nd
     if image is None or image.dtype not in (np.uint8, np.uint16):
         raise ValueError(f"{path}: cannot be read as an image of 8 or 16 bit")
     check_size(image, size, path)
-    if complaint:
-        _say(path, f"may be damaged ({complaint})", said)
-    return as_grey(image, path, said)
+    damage = (f"may be damaged ({complaint})",) if complaint else ()
+    grey = as_grey(image)
+    return Grey(grey.image, (*damage, *grey.remarks))
 
 
 def _decoded(data: bytes) -> tuple[np.ndarray | None, str]:
@@ -83,29 +111,19 @@ def check_size(image: np.ndarray, size: tuple[int, int] | None, path: Path) -> N
         raise ValueError(f"{path}: {image.shape[1]} x {image.shape[0]} pixels, the rig says {size[0]} x {size[1]}")
 
 
-def as_grey(image: np.ndarray, path: Path, said: set[str]) -> np.ndarray:
-    """Convert colour to grey and 16 bit to 8-bit levels (with their fractions); the log says so, once for each folder.
+def as_grey(image: np.ndarray) -> Grey:
+    """Convert colour to grey and 16 bit to 8-bit levels (with their fractions).
 
     Parameters
     ----------
     image : ndarray of uint8 or uint16, shape (height, width) or (height, width, 3 or 4)
         Blue first.
-    path : Path
-        Of its file.
-    said : set of str
-        What the log has said before; it grows by what is said here.
     """
+    remarks = []
     if image.ndim == 3:
-        _say(path, "colour converted to grey", said)
+        remarks.append("colour converted to grey")
         image = cv2.cvtColor(image, cv2.COLOR_BGRA2GRAY if image.shape[2] == 4 else cv2.COLOR_BGR2GRAY)
     if image.dtype == np.uint16:
-        _say(path, "16 bit scaled to grey levels 0 to 255", said)
+        remarks.append("16 bit scaled to grey levels 0 to 255")
         image = (image / 257.0).astype(np.float32)
-    return image
-
-
-def _say(path: Path, what: str, said: set[str]) -> None:
-    """Log once what is done to the images of a folder."""
-    if (key := f"{path.parent}: {what}") not in said:
-        said.add(key)
-        log.info("%s: %s; said once a camera", path, what)
+    return Grey(image, tuple(remarks))

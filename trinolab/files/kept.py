@@ -1,81 +1,174 @@
-"""The rows of a track that are finished, in a file beside its pose file: an interruption loses none of them."""
+"""Finished work, kept while more of it comes: an interruption loses none, and one process at a time adds to it."""
 
 from __future__ import annotations
 
-import hashlib
-import io
-import json
-from collections.abc import Mapping, Sequence
+import os
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager, suppress
 from itertools import takewhile
 from pathlib import Path
-from typing import Any
+from typing import Self
 
-import pandas as pd
+from .outputs import check_target
 
-from ..pose import Pose
-from .outputs import check_target, write_whole
-from .poses import POSE_COLUMNS, STATUSES, pose_row
+try:
+    import fcntl
+except ImportError:  # a system without such locks
+    fcntl = None  # type: ignore[assignment]
 
-PARTIAL = ".partial"  # behind the name of a pose file that is not finished
+
+@contextmanager
+def locked(path: Path, wait: bool = False) -> Iterator[None]:
+    """Keep a folder, or a file, which is made if it is not there, for this process alone while the block runs.
+
+    The system frees it when the process ends, however that happens. Where there are no such locks nobody is kept out.
+
+    Parameters
+    ----------
+    path : path
+    wait : bool
+        For the other process, rather than refuse.
+
+    Raises
+    ------
+    ValueError
+        Names the path: another process works on it, or it cannot be opened.
+    """
+    if fcntl is None:
+        yield
+        return
+    with ExitStack() as opened:
+        while True:
+            held = _opened(path)
+            opened.callback(_free, held)
+            _lock(held, path, wait)
+            if _is_still(path, held):
+                break
+        yield
 
 
-class Rows:
-    """The finished rows of a track, in a file that grows; those of the same track interrupted are taken up.
+class KeptLines:
+    """A text file that grows by whole lines, for this process alone as long as it is open.
 
-    Its first line names the track. A row that was cut off, or is damaged, is dropped with all behind it.
+    Its beginning, the head, says what the lines belong to. Those of the same work interrupted are taken up, from the
+    first one on; a line that was cut off, or is damaged, is dropped with all behind it. With another head the file is
+    begun anew.
+
+    Parameters
+    ----------
+    path : path
+        Made if it is not there.
+    head : str
+        Whole lines, or nothing.
+    is_line : callable
+        Takes a line's number, from 0 behind the head, and its text; whether it is a whole one of this work.
+
+    Raises
+    ------
+    ValueError
+        Names the file: another process works on it, or it cannot be written.
     """
 
-    def __init__(self, path: Path, fingerprint: str) -> None:
-        self.path, self._head = path, f"# trinolab track {fingerprint}\n{','.join(POSE_COLUMNS)}\n"
+    def __init__(self, path: Path, head: str, is_line: Callable[[int, str], bool]) -> None:
+        self.path, self._head, self._is_line = path, head.encode(), is_line
         check_target(path)
-        write_whole(path, self._head + "".join(f"{line}\n" for line in self._whole()))
-
-    def add(self, frame: int, t_s: float, pose: Pose) -> None:
-        """One more row; it is with the system when this returns. Raises ValueError if it cannot be written."""
-        cells = (f"{cell:.9g}" if isinstance(cell, float) else str(cell) for cell in pose_row(frame, t_s, pose))
+        with ExitStack() as opened:
+            opened.enter_context(locked(path))
+            try:
+                # Without a buffer: what was written is with the system, what was not is nowhere.
+                self._file = opened.enter_context(path.open("a+b", buffering=0))
+            except OSError as error:
+                raise ValueError(f"{path}: cannot be written ({error.strerror})") from None
+            self._open = opened.pop_all()
         try:
-            with self.path.open("a", encoding="utf-8") as file:
-                file.write(",".join("" if cell == "nan" else cell for cell in cells) + "\n")
+            self._take_up()
+        except BaseException:
+            self.close()
+            raise
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def lines(self) -> list[str]:
+        """The lines so far, without their ends."""
+        text = self._text()
+        if not text.startswith(self._head):
+            return []
+        lines = text[len(self._head):].decode("utf-8", "surrogateescape").split("\n")
+        ended = enumerate(lines[:-1])  # behind the last end there is nothing, or a line that was cut off
+        return [line for _, line in takewhile(lambda numbered: self._is_line(*numbered), ended)]
+
+    def add_line(self, line: str) -> None:
+        """One more line; it is with the system when this returns. Raises ValueError if it cannot be written."""
+        self._write(f"{line}\n".encode())
+
+    def close(self) -> None:
+        """Let others have the file."""
+        self._open.close()
+
+    def remove(self) -> None:
+        """Remove the file, of which nothing is needed any more, and close it."""
+        if fcntl is None:  # such a system may not remove a file that is open
+            self.close()
+        self.path.unlink(missing_ok=True)
+        self.close()
+
+    def _take_up(self) -> None:
+        """Drop what does not belong to this work."""
+        if self._text().startswith(self._head):
+            kept = "".join(f"{line}\n" for line in self.lines())
+            self._file.truncate(len(self._head) + len(kept.encode("utf-8", "surrogateescape")))
+            return
+        self._file.truncate(0)
+        try:
+            self._write(self._head)
+        except ValueError:
+            self.remove()
+            raise
+
+    def _text(self) -> bytes:
+        self._file.seek(0)
+        return self._file.read()
+
+    def _write(self, text: bytes) -> None:
+        """Write at the end of the file, in as many pieces as the system takes it."""
+        try:
+            while text:
+                text = text[self._file.write(text):]
         except OSError as error:
             raise ValueError(f"{self.path}: cannot be written ({error.strerror})") from None
 
-    def table(self) -> pd.DataFrame:
-        """The rows so far."""
-        return pd.read_csv(io.StringIO("\n".join([",".join(POSE_COLUMNS), *self._whole()])))
 
-    def kept(self) -> int:
-        """How many rows are kept, where the track has stopped; of none there is no file."""
-        if not (count := len(self._whole())):
-            self.path.unlink(missing_ok=True)
-        return count
-
-    def _whole(self) -> list[str]:
-        """The lines of the rows that are whole, from the first frame on."""
-        text = self.path.read_text(encoding="utf-8", errors="replace") if self.path.exists() else ""
-        if not text.startswith(self._head):
-            return []
-        lines = text[len(self._head):].split("\n")[:-1]  # behind the last one there is nothing, or a row cut off
-        return [line for _, line in takewhile(_is_row, enumerate(lines))]
-
-
-def fingerprint(files: Sequence[str | Path], sources: Mapping[str, str | Path], *options: Any) -> str:
-    """What tells one track from another: the contents of its files, its footage as it lies there, its options."""
-    contents = [hashlib.sha256(Path(path).read_bytes()).hexdigest() for path in files]
-    where = {name: [str(Path(path).resolve()), _stamp(Path(path))] for name, path in sources.items()}
-    return hashlib.sha256(json.dumps([contents, where, [str(o) for o in options]]).encode()).hexdigest()[:16]
-
-
-def _stamp(path: Path) -> list[tuple[str, int, int]]:
-    """Names, sizes and times of a video, or of a folder's images."""
-    files = sorted(path.iterdir()) if path.is_dir() else [path]
-    return [(file.name, (about := file.stat()).st_size, about.st_mtime_ns) for file in files]
-
-
-def _is_row(numbered: tuple[int, str]) -> bool:
-    """Whether a line is the row of its frame."""
-    frame, cells = numbered[0], numbered[1].split(",")
+def _opened(path: Path) -> int:
+    """A descriptor of a folder or a file, for its lock."""
     try:
-        numbers = [float(cell) for cell in cells[:-1] if cell]
-    except ValueError:
+        return os.open(path, os.O_RDONLY if path.is_dir() else os.O_RDWR | os.O_CREAT, 0o644)
+    except OSError as error:
+        raise ValueError(f"{path}: cannot be written ({error.strerror})") from None
+
+
+def _lock(held: int, path: Path, wait: bool) -> None:
+    try:
+        fcntl.flock(held, fcntl.LOCK_EX if wait else fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        raise ValueError(f"{path}: another process works on it") from None
+    except OSError:  # a file system without locks
+        return
+
+
+def _is_still(path: Path, held: int) -> bool:
+    """Whether a path names what was opened; before that was locked its owner may have removed or renamed it."""
+    try:
+        return os.path.samestat(path.stat(), os.fstat(held))
+    except OSError:
         return False
-    return len(cells) == len(POSE_COLUMNS) and cells[-1] in STATUSES and bool(numbers) and cells[0] == str(frame)
+
+
+def _free(held: int) -> None:
+    """Unlock and close a descriptor; copies of this process may have it, too, and would go on to hold its lock."""
+    with suppress(OSError):  # a file system without locks
+        fcntl.flock(held, fcntl.LOCK_UN)
+    os.close(held)

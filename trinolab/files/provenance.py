@@ -20,7 +20,7 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
-from .. import __version__
+from .. import FACE, __version__
 from ..datasets import data_path
 
 PACKAGE = Path(__file__).resolve().parents[1]
@@ -114,7 +114,7 @@ def imported_files(source: str, folder: Path, package: str = "") -> set[Path]:
     waiting = [(source, folder, package)]
     while waiting:
         text, place, within = waiting.pop()
-        for module in _modules(text, within):
+        for module in modules_imported(text, within):
             for path in _files_of(module, place):
                 if path not in found:
                     found.add(path)
@@ -123,7 +123,7 @@ def imported_files(source: str, folder: Path, package: str = "") -> set[Path]:
 
 
 @lru_cache(maxsize=1024)
-def _modules(source: str, package: str) -> tuple[str, ...]:
+def modules_imported(source: str, package: str) -> tuple[str, ...]:
     """The absolute names of all that a source imports; some may be names in a module."""
     return tuple(dict.fromkeys(_names_imported(ast.parse(source), package)))
 
@@ -132,6 +132,10 @@ def _names_imported(node: ast.AST, package: str) -> Iterator[str]:
     match node:
         case ast.Import(names=aliases):
             yield from (alias.name for alias in aliases)
+            if any(alias.name == PACKAGE.name and alias.asname for alias in aliases):
+                yield from (f"{PACKAGE.name}.{name}" for name in FACE)  # nobody knows which of them it will use
+        case ast.Attribute(value=ast.Name(id=PACKAGE.name), attr=name):
+            yield f"{PACKAGE.name}.{name}"
         case ast.ImportFrom(module=module, names=aliases, level=level):
             above = package.split(".")[:len(package.split(".")) - level + 1] if level else []
             base = ".".join(filter(None, [*above, module]))
@@ -146,8 +150,10 @@ def _names_imported(node: ast.AST, package: str) -> Iterator[str]:
 
 
 def _files_of(module: str, folder: Path) -> Iterator[Path]:
-    """The files that are loaded for a module: the packages' that it lies in, and its own."""
+    """The files that are loaded for a module: the packages' that it lies in, and its own; or for a name of the face."""
     parts = module.split(".")
+    if parts[0] == PACKAGE.name and len(parts) > 1:
+        parts[1:2] = FACE.get(parts[1], parts[1]).split(".")
     place = PACKAGE.parent if parts[0] == PACKAGE.name else folder
     for part in parts:
         yield from (path for path in (place / f"{part}.py", place / part / "__init__.py") if path.is_file())

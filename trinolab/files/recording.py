@@ -7,7 +7,7 @@ and where known ``timestamps.csv`` (``frame,t_s``), ``background/<camera>.png`` 
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -16,8 +16,10 @@ import numpy as np
 
 from ..camera import Rig
 from ..checks import Array, as_number
-from .images import IMAGE_SUFFIXES, as_grey, check_size, is_image, read_grey
+from ..handle import Handle
+from .images import IMAGE_SUFFIXES, Grey, as_grey, check_size, is_image, read_greys, said_once
 from .inputs import read_csv
+from .rigs import read_handle, read_rig
 
 VIDEO_SUFFIXES = (".mkv", ".mp4", ".avi", ".mov", ".webm", ".m4v", ".mpg", ".mpeg")
 
@@ -64,9 +66,8 @@ def open_footage(path: str | Path) -> Footage:
     return Footage(path, (), count)
 
 
-def frames_of(footage: Footage, size: tuple[int, int] | None = None, first: int = 0,
-              said: set[str] | None = None) -> Iterator[np.ndarray]:
-    """The frames one after the other, shape (height, width), grey levels 0 to 255.
+def frames_of(footage: Footage, size: tuple[int, int] | None = None, first: int = 0) -> Iterator[np.ndarray]:
+    """The frames one after the other, shape (height, width), grey levels 0 to 255; see `images.read_greys`.
 
     Parameters
     ----------
@@ -75,19 +76,19 @@ def frames_of(footage: Footage, size: tuple[int, int] | None = None, first: int 
         Width and height that they must have.
     first : int
         The first frame to give.
-    said : set of str, optional
-        What the log has said of conversions, see `images.as_grey`.
 
     Raises
     ------
     ValueError
         Names the file that cannot be read or has another size.
     """
-    said = set() if said is None else said
     if footage.names:
-        yield from (read_grey(footage.path / name, size, said) for name in footage.names[first:])
-        return
-    capture = open_video(footage.path)
+        return read_greys([footage.path / name for name in footage.names[first:]], size)
+    return said_once((footage.path, frame) for frame in _video_frames(footage.path, size, first))
+
+
+def _video_frames(path: Path, size: tuple[int, int] | None, first: int) -> Iterator[Grey]:
+    capture = open_video(path)
     try:
         for _ in range(first):
             capture.grab()
@@ -95,11 +96,11 @@ def frames_of(footage: Footage, size: tuple[int, int] | None = None, first: int 
             there, image = capture.read()
             if not there:
                 return
-            check_size(image, size, footage.path)
+            check_size(image, size, path)
             if image.ndim == 3 and np.array_equal(image[..., 0], image[..., 1]) \
                     and np.array_equal(image[..., 0], image[..., 2]):
                 image = np.ascontiguousarray(image[..., 0])  # a grey video comes with three equal channels
-            yield as_grey(image, footage.path, said)
+            yield as_grey(image)
     finally:
         capture.release()
 
@@ -209,6 +210,29 @@ def open_recording(sources: Mapping[str, str | Path], rig: Rig, fps: float = 30.
     return Recording(rig, footage, count, times, fps, timestamps or "timestamps")
 
 
+def open_folder(folder: str | Path, rig: str | Path | None = None,
+                handle: str | Path | None = None) -> tuple[Recording, Handle]:
+    """Open a recording folder: its footage, with the timestamps if there are any, its rig and its handle.
+
+    Parameters
+    ----------
+    folder : path
+    rig, handle : path, optional
+        Other files than the folder's ``rig.toml`` and ``handle.toml``.
+
+    Raises
+    ------
+    ValueError
+        Names the file that is missing or cannot be read, see `find_footage` and `open_recording`.
+    """
+    root = Path(folder)
+    if not root.is_dir():
+        raise ValueError(f"{root}: no such folder")
+    the_rig, times = read_rig(rig or root / "rig.toml"), root / "timestamps.csv"
+    recording = open_recording(find_footage(root, the_rig), the_rig, timestamps=times if times.exists() else None)
+    return recording, read_handle(handle or root / "handle.toml")
+
+
 def find_footage(folder: str | Path, rig: Rig) -> dict[str, Path]:
     """Each camera's images or video in a recording folder.
 
@@ -238,8 +262,7 @@ def instants(recording: Recording, first: int = 0) -> Iterator[Frames]:
     ValueError
         Names the file that cannot be read, holds no frame, or ends while another one goes on.
     """
-    said: set[str] = set()
-    streams = [frames_of(one, camera.size, first, said)
+    streams = [frames_of(one, camera.size, first)
                for one, camera in zip(recording.footage, recording.rig.cameras, strict=True)]
     frame = first
     while True:
@@ -298,25 +321,17 @@ def list_instants(folder: str | Path, rig: Rig) -> list[Instant]:
     return [Instant(k, tuple(root / camera / name for camera in rig.names)) for k, name in enumerate(every)]
 
 
-def read_instant(instant: Instant, rig: Rig, said: set[str] | None = None) -> list[np.ndarray]:
-    """Read the images of an instant as grey images, shape (height, width), grey levels 0 to 255.
-
-    Colour images are converted to grey and 16-bit images to 8-bit levels (with their fractions); the log says so.
-
-    Parameters
-    ----------
-    instant : Instant
-    rig : Rig
-    said : set of str, optional
-        What the log has said before, and need not say for each of a thousand images; it grows by what is said here.
+def read_instants(listed: Sequence[Instant], rig: Rig) -> Iterator[list[np.ndarray]]:
+    """Read the images of instants one after the other, a grey image a camera; see `images.read_greys`.
 
     Raises
     ------
     ValueError
         Names the file that cannot be read as an image or has another size than its camera.
     """
-    said = set() if said is None else said
-    return [read_grey(path, camera.size, said) for path, camera in zip(instant.paths, rig.cameras, strict=True)]
+    streams = [read_greys([instant.paths[k] for instant in listed], camera.size)
+               for k, camera in enumerate(rig.cameras)]
+    return map(list, zip(*streams, strict=True))
 
 
 def _image_names(folder: Path, rig: Rig) -> set[str]:

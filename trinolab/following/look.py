@@ -17,12 +17,11 @@ from ..blobs import RING_PX
 from ..camera import Camera, Rig
 from ..checks import Array, frozen
 from ..estimators import estimate
-from ..estimators.checked import APART_MM
 from ..estimators.identified import Identified
 from ..estimators.pixels import Fit, fit_patches, judged
 from ..handle import Handle
 from ..identity import labelled_pixels
-from ..identity.hypotheses import FAR, Poses, explain, fit, ideal_pixels, predict
+from ..identity.hypotheses import FAR, Observed, Poses, explain, fit, ideal_pixels, predict
 from ..identity.layout import layout_of, views_of
 from ..markers import Markers, markers_at
 from ..methods import BEST
@@ -31,22 +30,6 @@ from ..rigid import apart, motion_between, shifted
 from ..window import Window
 from .parameters import FollowParameters
 from .posefilter import Motion, is_new
-
-SEEN_DEG = 76.0  # markers turned further away are not expected
-MORE_MM_S, MORE_RAD_S = 50.0, 0.3  # added to the standard deviations of the predicted rates
-SMEARED_PX = 1.5  # a marker that moves less while the shutter is open is as good as still
-STRETCHED = 1.15  # times its size that a marker is long when it is smeared
-CLEAR = 1.5  # misfit (1 is noise) up to which there is no smear
-LEFT_PX = 1.0  # distance that the windows of a good fit may be left with, rms
-SURE_MM, SURE_DEG = 0.5, 1.2  # standard deviations with which a pose is measured: four of them are 2 mm and 5 deg
-AGREED_RAD = np.deg2rad(2.5)  # by which an estimator's pose may differ from that on which the markers agree
-LEAST = 3  # found markers, in all cameras, that make it worth to fit pixels
-MOST = 0.55  # share of the expected markers that a camera must show to count
-FURTHEST_PX = 60  # of a shift that is looked for
-COARSE = 3  # px to a step of the search
-DIMMEST = 2.0  # grey levels, of half of what a marker stands out by; less is noise
-SIGMA_PX = 2.0  # standard deviation of a camera's shift
-AGREE_PX = 6.0  # to which the cameras' shifts must agree on one motion
 
 
 class Sight(NamedTuple):
@@ -65,7 +48,7 @@ class Sight(NamedTuple):
 
 
 class Followed(NamedTuple):
-    """What was measured where a motion had the handle.
+    """What was measured where a guess has the handle.
 
     Attributes
     ----------
@@ -73,42 +56,80 @@ class Followed(NamedTuple):
         ``measured``; `LOST` if too little fits.
     labels : tuple of ndarray of int, one a camera, shape (markers,)
         The marker's index where it was found and agrees, else -1.
+    sights : tuple of Sight
+        What the cameras show there.
     """
 
     pose: Pose
     labels: tuple[np.ndarray, ...]
+    sights: tuple[Sight, ...]
 
 
 class Expected(NamedTuple):
-    """Where a motion predicts the markers in each camera: pixels (markers, 2), NaN for those turned away, a marker's
-    size and how far it moves while the shutter is open, px."""
+    """Where a motion predicts the markers in a camera.
+
+    Attributes
+    ----------
+    uv : ndarray, shape (markers, 2)
+        NaN for those turned away.
+    size_px : float
+        Diameter of a marker's image.
+    blur_px : float
+        Motion blur: how far a marker moves while the shutter is open.
+    """
 
     uv: Array
     size_px: float
-    smear_px: float
+    blur_px: float
+
+
+class Guess(NamedTuple):
+    """Where the handle may be, and how it is looked for there.
+
+    Attributes
+    ----------
+    motion : Motion
+    expected : list of Expected
+        Where that has the markers, one a camera.
+    blurred : bool
+        Whether the handle is fitted as one that moves while the shutter is open.
+    min_cameras : int
+        How many cameras must show it.
+    """
+
+    motion: Motion
+    expected: list[Expected]
+    blurred: bool = False
+    min_cameras: int = 1
 
 
 def expect(rig: Rig, handle: Handle, motion: Motion, p: FollowParameters) -> list[Expected]:
     """Where a motion predicts the markers, one a camera."""
-    views, layout = views_of(rig), layout_of(handle)
+    views = views_of(rig)
+    layout = layout_of(handle, p.identity)
     predicted = predict(_batch(motion.pose), views, layout)
     ahead = predict(_batch(shifted(motion.pose, p.exposure_s * motion.rates[:6])), views, layout)
-    smear = np.linalg.norm(ahead.uv - predicted.uv, axis=2)[0].max(axis=1)
-    facing = predicted.facing[0] > np.cos(np.deg2rad(SEEN_DEG))
+    blur = np.linalg.norm(ahead.uv - predicted.uv, axis=2)[0].max(axis=1)
+    facing = predicted.facing[0] > np.cos(np.deg2rad(p.expected_slant_deg))
     uv = np.where(facing[..., None], views.as_taken(predicted.uv)[0].transpose(0, 2, 1), np.nan)
     depths = np.maximum(predicted.points[0, :, 2].mean(axis=1), 1.0)
     sizes = handle.marker_diameter_mm * views.focal.max(axis=1) / depths
-    return [Expected(*one) for one in zip(uv, sizes.tolist(), smear.tolist(), strict=True)]
+    return [Expected(*one) for one in zip(uv, sizes.tolist(), blur.tolist(), strict=True)]
+
+
+def may_be_blurred(expected: Sequence[Expected], p: FollowParameters) -> bool:
+    """Whether markers are expected to move while the shutter is open by what an image shows."""
+    return max(one.blur_px for one in expected) > p.blurred_px
 
 
 def look(images: Sequence[np.ndarray], expected: Sequence[Expected], rig: Rig, handle: Handle,
-         p: FollowParameters) -> list[Sight]:
+         p: FollowParameters) -> tuple[Sight, ...]:
     """Measure the markers where they are expected; half a marker's diameter off is near enough.
 
     A marker reaches further where it moves: by half of its way in the exposure.
     """
-    return [_look(image, camera, handle, one.uv, 0.75 * one.size_px + RING_PX + one.smear_px / 2, p)
-            for image, camera, one in zip(images, rig.cameras, expected, strict=True)]
+    return tuple(_look(image, camera, handle, one.uv, 0.75 * one.size_px + RING_PX + one.blur_px / 2, p)
+                 for image, camera, one in zip(images, rig.cameras, expected, strict=True))
 
 
 def _look(image: np.ndarray, camera: Camera, handle: Handle, uv: Array, reach_px: float, p: FollowParameters) -> Sight:
@@ -117,7 +138,8 @@ def _look(image: np.ndarray, camera: Camera, handle: Handle, uv: Array, reach_px
     if window is None:
         return Sight(None, np.full((len(uv), 6), np.nan))
     corner = np.array([window.u, window.v, 0, 0, 0, 0])
-    return Sight(window, markers_at(window.crop(image), uv - corner[:2], reach_px, handle.markers, p.markers) + corner)
+    found = markers_at(window.crop(image), uv - corner[:2], reach_px, handle.markers, p.markers)
+    return Sight(window, found + corner)
 
 
 def _batch(T: RigidTransform) -> Poses:
@@ -125,61 +147,74 @@ def _batch(T: RigidTransform) -> Poses:
     return Poses(matrix[None, :3, :3], matrix[None, :3, 3])
 
 
-def follow(images: Sequence[np.ndarray], expected: Sequence[Expected], sights: Sequence[Sight], rig: Rig,
-           handle: Handle, motion: Motion, p: FollowParameters, smeared: bool = False) -> Followed:
-    """The pose of markers that were looked for where a motion predicts them.
+def follow(images: Sequence[np.ndarray], guess: Guess, rig: Rig, handle: Handle, p: FollowParameters) -> Followed:
+    """Look for the markers where a guess has them, and measure the pose from those that are there.
 
     Where the estimator gives no pose, or another one than the markers agree on, the image model does: a single camera
-    is enough for it. With `smeared` it is the image model of a handle that moves while the shutter is open, from the
-    predicted pose: centroids are worth less than that when limb and neighbours are smeared together.
+    is enough for it. With `guess.blurred` it is the image model of a handle that moves while the shutter is open, from
+    the predicted pose: centroids are worth less than that when limb and neighbours are blurred together.
     """
+    sights = look(images, guess.expected, rig, handle, p)
     pixels = tuple(sight.found[:, :2] for sight in sights)
-    T, labels = _agreed(list(pixels), rig, handle, motion.pose, p)
-    if T is None and sum(np.isfinite(sight.found[:, 0]).sum() for sight in sights) < LEAST:
-        return Followed(LOST, labels)  # it is elsewhere
-    if smeared:
-        fit = fit_patches(images, rig, handle, motion.pose, p.max_slant_deg, smear=_smear(motion, p))
-        return Followed(_judged(fit, rig), labels)
-    may_be_smeared = max(one.smear_px for one in expected) > SMEARED_PX or is_new(motion, p.motion)
-    if may_be_smeared and _stretched(expected, sights):
-        return Followed(LOST, labels)
+    T, labels = _agreed(pixels, rig, handle, guess.motion.pose, p)
+    return Followed(_pose(images, guess, sights, T, labels, rig, handle, p), labels, sights)
+
+
+def _pose(images: Sequence[np.ndarray], guess: Guess, sights: tuple[Sight, ...], T: RigidTransform | None,
+          labels: tuple[np.ndarray, ...], rig: Rig, handle: Handle, p: FollowParameters) -> Pose:
+    """The pose from the markers' pose, if they agree on one, or from the pixels."""
+    found = sum(np.isfinite(sight.found[:, 0]).sum() for sight in sights)
+    if T is None and found < p.min_found:
+        return LOST  # it is elsewhere
+    motion = guess.motion
+    expected_blur = _expected_blur(motion, p)
+    if guess.blurred:
+        fit = fit_patches(images, rig, handle, motion.pose, p.max_slant_deg, smear=expected_blur)
+        return _judged(fit, rig, p)
+    blurred = may_be_blurred(guess.expected, p) or is_new(motion, p.motion)
+    if blurred and _stretched(guess.expected, sights, p):
+        return LOST
     if T is not None and p.estimator != BEST:
-        pose = _estimated(Identified(images, pixels, labels, T, _smear(motion, p)), rig, handle, p)
-        if pose.T_world_handle is not None and not apart(pose.T_world_handle, T, APART_MM, AGREED_RAD):
-            return Followed(pose, labels)
+        uv = labelled_pixels(labels, tuple(sight.found[:, :2] for sight in sights), len(handle.marker_centres))
+        pose = _estimated(Identified(images, uv, T, expected_blur), rig, handle, p)
+        agreed_rad = np.deg2rad(p.agreed_deg)
+        if pose.T_world_handle is not None and not apart(pose.T_world_handle, T, p.agreed_mm, agreed_rad):
+            return pose
     fit = fit_patches(images, rig, handle, motion.pose if T is None else T, p.max_slant_deg)
-    return Followed(LOST if may_be_smeared and not _clear(fit) else _judged(fit, rig), labels)
+    if blurred and not _still(fit, p):
+        return LOST
+    return _judged(fit, rig, p)
 
 
-def _smear(motion: Motion, p: FollowParameters) -> tuple[Array, Array]:
-    """The motion expected while the shutter is open, (6,), and its covariance, (6, 6); it may be wrong by some more."""
-    spread = motion.covariance[6:12, 6:12] + np.diag(np.repeat([MORE_MM_S, MORE_RAD_S], 3) ** 2)
-    return p.exposure_s * motion.rates[:6], p.exposure_s**2 * spread
+def _expected_blur(motion: Motion, p: FollowParameters) -> tuple[Array, Array]:
+    """The motion expected while the shutter is open, (6,), and its covariance, (6, 6), process noise added to it."""
+    noise = np.diag(np.repeat([p.rate_noise_mm_s, p.rate_noise_rad_s], 3) ** 2)
+    return p.exposure_s * motion.rates[:6], p.exposure_s**2 * (motion.covariance[6:12, 6:12] + noise)
 
 
-def _stretched(expected: Sequence[Expected], sights: Sequence[Sight]) -> bool:
+def _stretched(expected: Sequence[Expected], sights: Sequence[Sight], p: FollowParameters) -> bool:
     """Whether in some camera most markers are longer than any disc of their size would be."""
-    return any(np.nanmedian(sight.found[:, 2]) > STRETCHED * one.size_px
+    return any(np.nanmedian(sight.found[:, 2]) > p.blurred_length * one.size_px
                for one, sight in zip(expected, sights, strict=True) if np.isfinite(sight.found[:, 2]).any())
 
 
-def _clear(fit: Fit | None) -> bool:
+def _still(fit: Fit | None, p: FollowParameters) -> bool:
     """Whether the image model of a handle that is still leaves nothing but noise."""
-    return fit is not None and bool(fit.shown.sum() >= 4 and np.median(fit.misfit[fit.shown]) < CLEAR)
+    return fit is not None and bool(fit.shown.sum() >= 4 and np.median(fit.misfit[fit.shown]) < p.still_misfit)
 
 
-def _judged(fit: Fit | None, rig: Rig) -> Pose:
+def _judged(fit: Fit | None, rig: Rig, p: FollowParameters) -> Pose:
     """The image model's pose, if in some cameras most of what it predicts is there, and the windows agree on it."""
     if fit is None:
         return LOST
     cameras = fit.views.camera
     share = np.array([fit.shown[cameras == c].mean() if (cameras == c).any() else 0.0 for c in range(len(rig.cameras))])
-    pose = judged(fit._replace(shown=fit.shown & (share > MOST)[cameras]))
-    return pose if _sure(pose) and pose.residual_px < LEFT_PX else LOST
+    pose = judged(fit._replace(shown=fit.shown & (share > p.min_shown_share)[cameras]))
+    return pose if _sure(pose, p) and pose.residual_px < p.max_fit_residual_px else LOST
 
 
-def _sure(pose: Pose) -> bool:
-    return bool(pose.sigma_mm < SURE_MM and pose.sigma_deg < SURE_DEG)
+def _sure(pose: Pose, p: FollowParameters) -> bool:
+    return bool(pose.sigma_mm < p.max_sigma_mm and pose.sigma_deg < p.max_sigma_deg)
 
 
 def found_markers(sight: Sight) -> Markers:
@@ -188,16 +223,19 @@ def found_markers(sight: Sight) -> Markers:
     return Markers(frozen(table[:, :2]), frozen(table[:, 2:4]), frozen(table[:, 4]), frozen(table[:, 5]), ())
 
 
-def _agreed(pixels: list[Array], rig: Rig, handle: Handle, start: RigidTransform,
+def _agreed(pixels: Sequence[Array], rig: Rig, handle: Handle, start: RigidTransform,
             p: FollowParameters) -> tuple[RigidTransform | None, tuple[np.ndarray, ...]]:
     """The pose that most of the markers agree with, and those that do."""
-    views, layout, uv = views_of(rig), layout_of(handle), ideal_pixels(rig, pixels)
-    shown = uv[:, 0] < FAR
-    poses, labels = _batch(start), np.where(shown, np.arange(shown.shape[1]), -1)[None]
+    uv = ideal_pixels(rig, pixels)
+    observed = Observed(views_of(rig), layout_of(handle, p.identity), uv)
+    markers = np.arange(uv.shape[2])
+    poses = _batch(start)
+    labels = np.where(uv[:, 0] < FAR, markers, -1)[None]
+    # A wide gate first, as wide as the search for an unknown pose begins with, then a narrow one.
     for gate, steps in ((4.0, 2), (1.5, 1)):
-        poses = fit(poses, labels, views, layout, uv, steps)
-        explained = explain(poses, views, layout, uv, gate * p.identity.gate_px)
-        labels = np.where(explained.labels == np.arange(shown.shape[1]), explained.labels, -1)
+        poses = fit(poses, labels, observed, p.identity, steps)
+        explained = explain(poses, observed, gate * p.identity.gate_px, p.identity)
+        labels = np.where(explained.labels == markers, explained.labels, -1)
     count = int((labels >= 0).sum())
     residual = np.sqrt(np.where(labels >= 0, explained.squares, 0.0).sum() / max(2 * count - 6, 1))
     if count < 4 or not residual <= p.identity.max_residual_px or not np.isfinite(poses.rotations).all():
@@ -213,45 +251,40 @@ def _estimated(instant: Identified, rig: Rig, handle: Handle, p: FollowParameter
     """
     if p.estimator != "paper_checked":
         pose = estimate(instant, rig, handle, p)
-        return pose if _sure(pose) else LOST
-    uv = labelled_pixels(instant.labels, instant.pixels, len(handle.marker_centres))
-    pose = fit_pose(uv, rig, handle, p.max_slant_deg, p.sigma_px, instant.T_world_handle)
-    if pose.T_world_handle is None or not _sure(pose):
+        return pose if _sure(pose, p) else LOST
+    pose = fit_pose(instant.uv, rig, handle, p.max_slant_deg, p.sigma_px, instant.T_world_handle)
+    if pose.T_world_handle is None or not _sure(pose, p):
         return LOST
     away = motion_between(pose.T_world_handle, instant.T_world_handle)
     return replace(pose, covariance=pose.covariance + np.outer(away, away))
 
 
-def displacement(images: Sequence[np.ndarray], uv: Sequence[Array], size_px: Sequence[float], rig: Rig, handle: Handle,
-                 centre: Array) -> tuple[Array, Array] | None:
+def displacement(images: Sequence[np.ndarray], expected: Sequence[Expected], centre: Array, rig: Rig, handle: Handle,
+                 p: FollowParameters) -> tuple[Array, Array] | None:
     """By how much all of the handle has moved from where it was expected, if the cameras agree.
 
     Parameters
     ----------
     images : sequence of ndarray, shape (height, width)
-    uv : sequence of ndarray, one a camera, shape (markers, 2)
-        Where the markers are expected, px; NaN for those that are not.
-    size_px : sequence of float
-        Of a marker's image, one a camera.
-    rig, handle
+    expected : sequence of Expected, one a camera
     centre : ndarray, shape (3,)
         Where the handle is expected, world frame, mm.
+    rig, handle, p
 
     Returns
     -------
     (ndarray, ndarray), shapes (3,) and (3, 3), or None
         The shift and its covariance, world frame, mm; None where fewer than two cameras agree.
     """
-    shifts = [_shift(image, pixels, size, handle.markers)
-              for image, pixels, size in zip(images, uv, size_px, strict=True)]
+    shifts = [_shift(image, one, handle.markers, p) for image, one in zip(images, expected, strict=True)]
     seen = [c for c, shift in enumerate(shifts) if shift is not None]
     while len(seen) >= 2:
         J = np.concatenate([_by_position(rig, c, centre) for c in seen])
         wanted = np.concatenate([shifts[c] for c in seen])
         motion = np.linalg.lstsq(J, wanted, rcond=None)[0]
         left = np.linalg.norm((J @ motion - wanted).reshape(-1, 2), axis=1)
-        if left.max() <= AGREE_PX:
-            return motion, SIGMA_PX**2 * np.linalg.pinv(J.T @ J)
+        if left.max() <= p.shift_agreement_px:
+            return motion, p.shift_sigma_px**2 * np.linalg.pinv(J.T @ J)
         seen.pop(int(left.argmax()))
     return None
 
@@ -259,35 +292,38 @@ def displacement(images: Sequence[np.ndarray], uv: Sequence[Array], size_px: Seq
 def _by_position(rig: Rig, c: int, centre: Array) -> Array:
     """Derivative of a camera's pixel by a point's position, (2, 3), px/mm."""
     step = 0.5 * np.eye(3)
-    ahead, behind = rig.cameras[c].project(centre + step), rig.cameras[c].project(centre - step)
+    ahead = rig.cameras[c].project(centre + step)
+    behind = rig.cameras[c].project(centre - step)
     return np.nan_to_num((ahead - behind).T)
 
 
-def _shift(image: np.ndarray, uv: Array, size_px: float, markers: str) -> Array | None:
+def _shift(image: np.ndarray, expected: Expected, markers: str, p: FollowParameters) -> Array | None:
     """The shift (2,), px, that puts most of the expected markers on spots; None if nothing stands out."""
-    uv = uv[np.isfinite(uv).all(axis=1)]
+    uv = expected.uv[np.isfinite(expected.uv).all(axis=1)]
+    step = p.search_step_px
     around = Window.around(np.clip(uv, -1e6, 1e6)) if len(uv) >= 2 else None
-    window = around and around.grown(FURTHEST_PX + 2 * size_px).clipped((image.shape[1], image.shape[0]))
-    if window is None or min(window.width, window.height) < 2 * COARSE:
+    window = around and around.grown(p.search_px + 2 * expected.size_px).clipped((image.shape[1], image.shape[0]))
+    if window is None or min(window.width, window.height) < 2 * step:
         return None
-    small = cv2.resize(window.crop(image).astype(np.float32), None, fx=1 / COARSE, fy=1 / COARSE,
+    small = cv2.resize(window.crop(image).astype(np.float32), None, fx=1 / step, fy=1 / step,
                        interpolation=cv2.INTER_AREA)
-    spots = _spots(small if markers == "bright" else -small, size_px / COARSE)
-    if spots.max(initial=0.0) < DIMMEST:
+    spots = _spots(small if markers == "bright" else -small, expected.size_px / step)
+    if spots.max(initial=0.0) < p.min_response:
         return None
-    reach = FURTHEST_PX // COARSE
+    reach = int(p.search_px // step)
     padded = np.pad(spots, reach + 1)
-    at = np.rint((uv - [window.u, window.v]) / COARSE - 0.5).astype(int) + reach + 1
+    at = np.rint((uv - [window.u, window.v]) / step - 0.5).astype(int) + reach + 1
     inside = ((at >= reach) & (at < np.array(padded.shape[::-1]) - reach)).all(axis=1)
     if inside.sum() < 2:
         return None
     score = np.add.reduce([padded[v - reach:v + reach + 1, u - reach:u + reach + 1] for u, v in at[inside].tolist()])
     v, u = np.unravel_index(score.argmax(), score.shape)
-    return COARSE * (np.array([u, v], dtype=float) - reach)
+    return step * (np.array([u, v], dtype=float) - reach)
 
 
 def _spots(image: np.ndarray, size: float) -> np.ndarray:
     """How much a spot of a size stands out from its surroundings, at most as much as half the spots do."""
-    near, wide = (cv2.GaussianBlur(image, (0, 0), sigma) for sigma in (max(size / 4, 0.6), max(size, 1.5)))
+    near = cv2.GaussianBlur(image, (0, 0), max(size / 4, 0.6))
+    wide = cv2.GaussianBlur(image, (0, 0), max(size, 1.5))
     out = np.maximum(near - wide, 0.0)
     return np.minimum(out, 0.5 * out.max(initial=0.0))

@@ -12,10 +12,13 @@ from ..camera import Camera, Rig
 from .posetracker import Tracked
 
 WIDTH = 640  # of a camera's picture, px
-AXIS_MM = 25.0
-_WINDOW, _STRANGER, _MARKER = (200, 200, 0), (120, 120, 120), (60, 220, 60)  # blue, green, red
+AXIS_MM = 25.0  # length of a drawn axis
+# Colours, each blue, green, red.
+_WINDOW = (200, 200, 0)
+_OUTLIER = (120, 120, 120)
+_MARKER = (60, 220, 60)
 _AXES = ((60, 60, 255), (60, 220, 60), (255, 120, 60))
-STATUS_COLOURS = {  # blue, green, red
+STATUS_COLOURS = {
     "measured": (60, 220, 60), "ambiguous": (0, 200, 255), "predicted": (0, 140, 255), "lost": (60, 60, 255),
 }
 
@@ -90,13 +93,13 @@ def _draw(view: np.ndarray, camera: Camera, tracked: Tracked, c: int, scale: flo
           numbers: float | None) -> None:
     """Window, markers with their numbers, and axes, into a smaller picture."""
     if (window := tracked.windows[c]) is not None:
-        corners = [(_pixel((u, v), scale)) for u, v in ((window.u, window.v),
-                                                        (window.u + window.width - 1, window.v + window.height - 1))]
-        cv2.rectangle(view, corners[0], corners[1], _WINDOW, 1)
-    found, labels = tracked.measurement.found[c], tracked.measurement.labels[c]
-    for uv, label in zip(found.uv, labels, strict=True):
+        first = _pixel((window.u, window.v), scale)
+        last = _pixel((window.u + window.width - 1, window.v + window.height - 1), scale)
+        cv2.rectangle(view, first, last, _WINDOW, 1)
+    found = tracked.measurement.found[c]
+    for uv, label in zip(found.uv, tracked.measurement.labels[c], strict=True):
         if np.isfinite(uv).all():
-            cv2.circle(view, _pixel(uv, scale), 6, _STRANGER if label < 0 else _MARKER, 1, cv2.LINE_AA)
+            cv2.circle(view, _pixel(uv, scale), 6, _OUTLIER if label < 0 else _MARKER, 1, cv2.LINE_AA)
             if label >= 0 and numbers is not None:
                 at = _pixel(uv + 10 / scale, scale)
                 cv2.putText(view, str(label), at, cv2.FONT_HERSHEY_SIMPLEX, numbers, _MARKER, 1, cv2.LINE_AA)

@@ -7,7 +7,7 @@ is needed: what is no marker in its place is no marker.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -17,6 +17,7 @@ from scipy.spatial.transform import RigidTransform
 
 from ..camera import Rig
 from ..checks import as_number, as_transform
+from ..files.recording import Frames
 from ..handle import Handle
 from ..identity import choose, equivalents, relabel
 from ..measurement import Measurement, as_images, measure
@@ -24,13 +25,9 @@ from ..pose import LOST, Pose
 from ..rigid import apart
 from ..window import Window
 from . import posefilter
-from .look import SMEARED_PX, displacement, expect, follow, found_markers, look
+from .look import Expected, Followed, Guess, displacement, expect, follow, found_markers, may_be_blurred
 from .parameters import FollowParameters
 from .posefilter import Motion, PoseFilterParameters
-
-SEEN_BY_ALL = 5, 5.0, np.deg2rad(5.0)  # sigmas, mm and rad more by which a measured pose may be off the predicted one
-SEEN_BY_SOME = 3, 2.0, np.deg2rad(2.5)
-TURN_RAD = np.deg2rad(25.0)  # and by no more than this, where a turn of 60 deg looks the same
 
 
 class TrackState(NamedTuple):
@@ -83,6 +80,38 @@ def start(t_s: float, pose: RigidTransform | None = None) -> TrackState:
     return TrackState(t, given, given, True)
 
 
+def track_instants(instants: Iterable[Frames], rig: Rig, handle: Handle, parameters: FollowParameters | None = None,
+                   known: Mapping[int, RigidTransform] | None = None,
+                   state: TrackState | None = None) -> Iterator[tuple[Frames, Tracked]]:
+    """Take the steps of a whole sequence: each instant with what was found in it.
+
+    Parameters
+    ----------
+    instants : iterable of Frames
+    rig : Rig
+    handle : Handle
+    parameters : FollowParameters, optional
+        As for `step`.
+    known : mapping of int to RigidTransform, optional
+        T_world_handle at some frames. They count as long as it is not sure which of the poses that look alike holds.
+    state : TrackState, optional
+        After an instant before the first one; nothing is known without it.
+
+    Raises
+    ------
+    ValueError
+        As `step`.
+    """
+    given = known or {}
+    for now in instants:
+        if now.frame in given and (state is None or not state.sure):
+            state = start(np.nextafter(now.t_s, -np.inf) - 1e-6, given[now.frame])  # the time has to increase
+        elif state is None:
+            state = start(now.t_s - 1.0)
+        state, tracked = step(state, now.images, now.t_s, rig, handle, parameters)
+        yield now, tracked
+
+
 def step(state: TrackState, frames: Sequence[ArrayLike], t_s: float, rig: Rig, handle: Handle,
          parameters: FollowParameters | None = None) -> tuple[TrackState, Tracked]:
     """One instant of a sequence.
@@ -118,91 +147,97 @@ def step(state: TrackState, frames: Sequence[ArrayLike], t_s: float, rig: Rig, h
     if state.motion is None or state.seen is None:
         return _sought(images, t, rig, handle, p)
     predicted = posefilter.predict(state.motion, t, p.motion)
-    best: tuple[Tracked, Motion] | None = None
-    most = 0  # cameras
-    for motion, smeared, least in _guesses(images, predicted, state.seen, rig, handle, p):
-        tracked = _followed(images, motion, rig, handle, p, smeared)
-        pose = tracked.measurement.pose
-        if pose.cameras >= max(least, most + 1) and _believable(pose, motion, rig, handle):
-            best, most = (tracked, motion), pose.cameras
-            if 2 * pose.cameras >= len(rig.cameras):
+    best: tuple[Followed, Motion] | None = None
+    cameras = 0
+    tried: list[Followed] = []
+    for guess in _guesses(images, predicted, state.seen, rig, handle, p):
+        followed = follow(images, guess, rig, handle, p)
+        tried.append(followed)
+        pose = followed.pose
+        if pose.cameras >= max(guess.min_cameras, cameras + 1) and believable(pose, guess.motion, rig, handle, p):
+            best = followed, guess.motion
+            cameras = pose.cameras
+            if 2 * cameras >= len(rig.cameras):
                 break  # a single one of three may be frozen: what do the others say?
     if best is not None:
         return _measured(*best, state.sure, handle, p)
     if t - state.seen.t_s > p.memory_s + 1e-9:  # times are rounded
         return _sought(images, t, rig, handle, p)
-    return state._replace(t_s=t, motion=predicted), _missed(tracked, predicted, state.sure, handle)
+    # The first guess is the prediction itself: its windows belong to the pose that is reported.
+    return state._replace(t_s=t, motion=predicted), _missed(tried[0], predicted, state.sure, handle)
 
 
 def _guesses(images: list[np.ndarray], predicted: Motion, seen: Motion, rig: Rig, handle: Handle,
-             p: FollowParameters) -> Iterator[tuple[Motion, bool, int]]:
-    """Where the handle may be: as predicted; shifted from there, or from where it was; measured without a clue.
+             p: FollowParameters) -> Iterator[Guess]:
+    """Where the handle may be: as predicted; shifted from there, or from where it was; anywhere in the images.
 
-    With each whether it is to be looked for as one that moves while the shutter is open (that takes longer, and comes
-    after those that are quick), and how many cameras have to say so: one image alone is explained by some smear.
+    The handle as one that moves while the shutter is open takes longer, and comes after the guesses that are quick.
+    With an unknown velocity two cameras have to show it: one image alone is explained by some motion blur.
     """
-    yield predicted, False, 1
-    near = [predicted, *_displaced(images, predicted, seen, rig, handle, p)]
-    yield from ((motion, False, 1) for motion in near[1:])
-    yield from ((motion, True, 1) for motion in near
-                if max(one.smear_px for one in expect(rig, handle, motion, p)) > SMEARED_PX)
+    first = Guess(predicted, expect(rig, handle, predicted, p))
+    yield first
+    near = [first]
+    for motion in _displaced(images, first, seen, rig, handle, p):
+        near.append(Guess(motion, expect(rig, handle, motion, p)))
+        yield near[-1]
+    yield from (guess._replace(blurred=True) for guess in near if may_be_blurred(guess.expected, p))
     if posefilter.is_new(predicted, p.motion):
-        yield from ((motion, True, 2) for motion in _in_any_direction(predicted, rig, p))
+        for motion in _in_any_direction(predicted, rig, p):
+            yield Guess(motion, expect(rig, handle, motion, p), blurred=True, min_cameras=2)
+    # Measured in the whole images; the prediction only chooses among poses that look alike.
     pose = measure(images, rig, handle, predicted.pose, p).pose
-    if _believable(pose, predicted, rig, handle) and pose.T_world_handle is not None:
+    if believable(pose, predicted, rig, handle, p) and pose.T_world_handle is not None:
         spread = np.diag(np.repeat([1.0, 0.1], 3) ** 2)
-        there = posefilter.update(predicted, pose.T_world_handle, spread, p.motion)
-        yield from ((there, smeared, 1) for smeared in (False, True))
+        motion = posefilter.update(predicted, pose.T_world_handle, spread, p.motion)
+        there = Guess(motion, expect(rig, handle, motion, p))
+        yield there
+        yield there._replace(blurred=True)
 
 
 def _in_any_direction(motion: Motion, rig: Rig, p: FollowParameters, directions: int = 4) -> list[Motion]:
-    """A motion of unknown velocity with one across the first camera's sight, in directions half a turn around: a smear
-    looks the same both ways, and tells of its direction by itself if it begins with one."""
+    """A motion of unknown velocity with one across the first camera's sight, in directions half a turn around.
+
+    Motion blur looks the same both ways, and tells of its direction by itself if the fit begins with one.
+    """
     across = rig.cameras[0].T_world_cam.as_matrix()[:3, :2]
     angles = np.pi / directions * np.arange(directions)
     velocities = p.motion.speed_mm_s * (across @ [np.cos(angles), np.sin(angles)]).T
     return [motion._replace(rates=np.concatenate([velocity, np.zeros(9)])) for velocity in velocities]
 
 
-def _displaced(images: list[np.ndarray], predicted: Motion, seen: Motion, rig: Rig, handle: Handle,
-               p: FollowParameters) -> list[Motion]:
+def _displaced(images: list[np.ndarray], predicted: Guess, seen: Motion, rig: Rig, handle: Handle,
+               p: FollowParameters) -> Iterator[Motion]:
     """The predicted motion shifted to where the images have the handle, from there and from where it was seen."""
-    found = []
-    for pose in (predicted.pose, seen.pose):
-        expected = expect(rig, handle, predicted._replace(pose=pose), p)
-        shift = displacement(images, [one.uv for one in expected], [one.size_px for one in expected], rig, handle,
-                             pose.translation)
+    motion = predicted.motion
+    places: list[tuple[RigidTransform, list[Expected]]] = [
+        (motion.pose, predicted.expected), (seen.pose, expect(rig, handle, motion._replace(pose=seen.pose), p))]
+    for pose, expected in places:
+        shift = displacement(images, expected, pose.translation, rig, handle, p)
         if shift is not None:
-            found.append(posefilter.restarted(predicted, pose.translation + shift[0], shift[1], seen, p.motion))
-    return found
+            yield posefilter.restarted(motion, pose.translation + shift[0], shift[1], seen, p.motion)
 
 
-def _followed(images: list[np.ndarray], motion: Motion, rig: Rig, handle: Handle,
-              p: FollowParameters, smeared: bool) -> Tracked:
-    """The handle measured near where a motion has it."""
-    expected = expect(rig, handle, motion, p)
-    sights = look(images, expected, rig, handle, p)
-    pose, labels = follow(images, expected, sights, rig, handle, motion, p, smeared)
-    windows = tuple(sight.window for sight in sights)
-    return Tracked(Measurement(pose, tuple(map(found_markers, sights)), labels), windows)
+def _tracked(followed: Followed, pose: Pose, labels: tuple[np.ndarray, ...]) -> Tracked:
+    """What was found where a guess has the handle, with the pose that is reported."""
+    found = tuple(map(found_markers, followed.sights))
+    return Tracked(Measurement(pose, found, labels), tuple(sight.window for sight in followed.sights))
 
 
-def _missed(tracked: Tracked, motion: Motion, sure: bool, handle: Handle) -> Tracked:
-    """An instant without a measurement: the predicted pose."""
+def _missed(followed: Followed, motion: Motion, sure: bool, handle: Handle) -> Tracked:
+    """An instant without a measurement: the predicted pose, with what is seen where it has the handle."""
     pose = Pose("predicted", motion.pose, motion.pose_covariance, np.nan, 0, 0)
-    nothing = tuple(np.full(len(found.uv), -1) for found in tracked.measurement.found)
-    missed = replace(tracked.measurement, pose=pose, labels=nothing)
-    return tracked._replace(measurement=_reported(missed, sure, handle))
+    nothing = tuple(np.full(len(labels), -1) for labels in followed.labels)
+    return _reported(_tracked(followed, pose, nothing), sure, handle)
 
 
-def _measured(tracked: Tracked, motion: Motion, sure: bool, handle: Handle,
+def _measured(followed: Followed, motion: Motion, sure: bool, handle: Handle,
               p: FollowParameters) -> tuple[TrackState, Tracked]:
     """The state after a pose that continues the motion."""
-    pose = tracked.measurement.pose
+    pose = followed.pose
     assert pose.T_world_handle is not None
     after = posefilter.update(motion, pose.T_world_handle, pose.covariance, p.motion)
-    reported = tracked._replace(measurement=_reported(tracked.measurement, sure, handle))
-    return TrackState(motion.t_s, after, after, sure), reported
+    tracked = _reported(_tracked(followed, pose, followed.labels), sure, handle)
+    return TrackState(motion.t_s, after, after, sure), tracked
 
 
 def _sought(images: list[np.ndarray], t: float, rig: Rig, handle: Handle,
@@ -210,36 +245,42 @@ def _sought(images: list[np.ndarray], t: float, rig: Rig, handle: Handle,
     """The handle looked for in whole images, with nothing known."""
     measurement = measure(images, rig, handle, None, p)
     tracked = Tracked(measurement, tuple(Window(0, 0, *camera.size) for camera in rig.cameras))
-    pose, sure = measurement.pose, measurement.pose.status == "measured"
+    pose = measurement.pose
+    sure = pose.status == "measured"
     if pose.T_world_handle is None or not (sure or len(handle.symmetries) > 1):
         return TrackState(t, None, None, False), tracked
     begun = posefilter.begin(t, pose.T_world_handle, pose.covariance, p.motion)
     return TrackState(t, begun, begun, sure), tracked
 
 
-def _believable(pose: Pose, motion: Motion, rig: Rig, handle: Handle) -> bool:
+def believable(pose: Pose, motion: Motion, rig: Rig, handle: Handle, p: FollowParameters) -> bool:
     """Whether a measured pose may be the continuation of a motion; the less, the fewer cameras say so."""
     if pose.status != "measured" or pose.T_world_handle is None:
         return False
-    spread, (sigmas, step_mm, step_rad) = motion.pose_covariance, (SEEN_BY_ALL if pose.cameras == len(rig.cameras)
-                                                                   else SEEN_BY_SOME)
+    if pose.cameras == len(rig.cameras):
+        sigmas, step_mm, step_deg = p.gate_all_sigmas, p.gate_all_mm, p.gate_all_deg
+    else:
+        sigmas, step_mm, step_deg = p.gate_some_sigmas, p.gate_some_mm, p.gate_some_deg
+    spread = motion.pose_covariance
     most_mm = sigmas * np.sqrt(np.trace(spread[:3, :3])) + step_mm
-    most_rad = sigmas * np.sqrt(np.trace(spread[3:, 3:])) + step_rad
+    most_rad = sigmas * np.sqrt(np.trace(spread[3:, 3:])) + np.deg2rad(step_deg)
     if len(handle.symmetries) > 1:
-        most_rad = min(most_rad, TURN_RAD)
+        most_rad = min(most_rad, np.deg2rad(p.gate_alike_deg))
     return not apart(pose.T_world_handle, motion.pose, most_mm, most_rad)
 
 
-def _reported(m: Measurement, sure: bool, handle: Handle) -> Measurement:
-    """As it is if it is sure which of the equivalent poses holds, else as the one that `measure` would name."""
+def _reported(tracked: Tracked, sure: bool, handle: Handle) -> Tracked:
+    """As it is if it is sure which of the equivalent poses holds, else with the one that `measure` would name."""
+    m = tracked.measurement
     pose = m.pose
     if sure or pose is LOST or pose.T_world_handle is None or len(handle.symmetries) == 1:
-        return m
+        return tracked
     alike = equivalents(pose.T_world_handle, handle)
     k = choose(alike, None)[0]
     status = "ambiguous" if pose.status == "measured" else pose.status
     labels = tuple(relabel(row, handle, handle.symmetries[k]) for row in m.labels)
-    return replace(m, pose=replace(pose, status=status, T_world_handle=alike[k]), labels=labels)
+    pose = replace(pose, status=status, T_world_handle=alike[k])
+    return tracked._replace(measurement=replace(m, pose=pose, labels=labels))
 
 
 def searched(tracked: Tracked, rig: Rig) -> float:

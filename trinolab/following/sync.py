@@ -27,11 +27,12 @@ from scipy.interpolate import CubicSpline
 from ..camera import Camera, Rig, fundamental_matrix
 from ..checks import Array, as_array, as_number, frozen
 
-LARGEST_S = 0.2  # offsets are looked for up to here
-GAP_S = 0.1  # a track is not interpolated over longer gaps
-LEAST = 20  # residuals, for an offset
-STRETCH = 10  # instants, whose residuals may be alike
-VELOCITY_NOISE = 1.8  # of a cubic spline between its knots: sigma of the velocity x step / sigma of a sample, at most
+LARGEST_S = 0.2  # largest offset that is looked for
+GAP_S = 0.1  # longest gap over which a track is interpolated
+LEAST = 20  # smallest number of residuals for an offset
+STRETCH = 10  # instants whose residuals may be correlated
+# Noise of the velocity of a cubic spline between its knots, at most: sigma of the velocity x step / sigma of a sample.
+VELOCITY_NOISE = 1.8
 UNSEEN = "no markers in common with another camera"
 RESTING = "too little motion across the epipolar lines"
 BEYOND = f"no best offset within {LARGEST_S:g} s"
@@ -177,8 +178,10 @@ def sampson(uv_a: Array, uv_b: Array, F: Array) -> tuple[Array, Array]:
     To first order how far the two pixels must move to match (Hartley and Zisserman 2004, sect. 11.4.3); the gradient
     leaves out that of the denominator, which is small where the distance is.
     """
-    a, b = (np.column_stack([uv, np.ones(len(uv))]) for uv in (uv_a, uv_b))
-    line_b, line_a = a @ F.T, b @ F
+    a = np.column_stack([uv_a, np.ones(len(uv_a))])
+    b = np.column_stack([uv_b, np.ones(len(uv_b))])
+    line_a = b @ F
+    line_b = a @ F.T
     length = np.sqrt((line_b[:, :2] ** 2).sum(axis=1) + (line_a[:, :2] ** 2).sum(axis=1))
     return (b * line_b).sum(axis=1) / length, line_b[:, :2] / length[:, None]
 
@@ -192,7 +195,8 @@ def join(deltas: dict[tuple[int, int], Delta], cameras: int) -> Offsets:
     reached = {0}
     for _ in range(cameras):
         reached |= {camera for pair in good if reached & set(pair) for camera in pair}
-    offset, sigma = np.full(cameras, np.nan), np.full(cameras, np.nan)
+    offset = np.full(cameras, np.nan)
+    sigma = np.full(cameras, np.nan)
     offset[0] = sigma[0] = 0.0
     if unknown := sorted(reached - {0}):
         used = [(pair, found) for pair, found in good.items() if set(pair) <= reached]
@@ -229,7 +233,8 @@ def _step(r: Array, slope: Array, at: np.ndarray, dt: float) -> tuple[float, flo
     r = r - np.median(r)
     spread = max(1.4826 * _typical(r), 1e-9)
     w = np.minimum(1.0, 3 * spread / np.maximum(np.abs(r), 1e-12))  # a wrong identity counts for little
-    slope, r = slope - (w * slope).sum() / w.sum(), r - (w * r).sum() / w.sum()
+    slope = slope - (w * slope).sum() / w.sum()
+    r = r - (w * r).sum() / w.sum()
     s2 = float((w * r**2).sum() / w.sum())
     noise = w.sum() * s2 * (VELOCITY_NOISE / dt) ** 2
     information = float((w * slope**2).sum())

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import hashlib
+import io
+import json
 import logging
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import nullcontext
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -16,15 +19,16 @@ from tqdm.contrib.logging import logging_redirect_tqdm
 
 from ..camera import Rig
 from ..checks import Array
-from ..files.kept import PARTIAL, Rows, fingerprint
+from ..files.kept import KeptLines
 from ..files.outputs import check_targets, write_together
-from ..files.poses import poses_by_frame, poses_text, read_poses, transforms, tum_text
-from ..files.recording import Recording, find_footage, instants, open_recording
+from ..files.poses import POSE_COLUMNS, STATUSES, pose_row, poses_by_frame, poses_text, read_poses, transforms, tum_text
+from ..files.recording import Recording, instants, open_folder, open_recording
 from ..files.rigs import read_handle, read_rig
 from ..files.video import Film
 from ..handle import Handle
 from ..identity import labelled_pixels
 from ..methods import estimator_of
+from ..pose import Pose
 from . import posetracker
 from .overlay import picture
 from .parameters import FollowParameters
@@ -33,6 +37,7 @@ from .sync import estimate_offsets, significant
 
 log = logging.getLogger("trinolab")
 
+PARTIAL = ".partial"  # behind the name of a pose file that is not finished
 MOST_INSTANTS = 3000  # kept for the cameras' offsets in time
 
 
@@ -81,7 +86,8 @@ def track_files(rig: str | Path, handle: str | Path, sources: Mapping[str, str |
     Raises
     ------
     ValueError
-        Names the file that is missing, unreadable or does not fit. Rows that are finished are kept.
+        Names the file that is missing, unreadable or does not fit, or whose rows another process tracks. Rows that are
+        finished are kept.
     KeyboardInterrupt
         Says how many rows are kept.
     """
@@ -92,48 +98,85 @@ def track_files(rig: str | Path, handle: str | Path, sources: Mapping[str, str |
     files = [Path(path) for path in (rig, handle, start, timestamps) if path is not None]
     tum, film = Path(out).with_suffix(".tum"), None if overlay is None else Film(overlay, recording.rate)
     check_targets([out, tum, *([overlay] if overlay else [])], files)
-    rows = Rows(Path(f"{out}{PARTIAL}"), fingerprint(files, sources, start is None, timestamps is None, fps, method))
-    try:
-        with film or nullcontext():
-            _track_on(job, rows, film, progress)
-        table = rows.table()
-        write_together({out: poses_text(table), tum: tum_text(table)})
-    except KeyboardInterrupt:
-        raise KeyboardInterrupt(_kept(rows) and f"{_kept(rows)}; the same command goes on") from None
-    except (ValueError, OSError) as error:
-        raise ValueError(f"{error}; {_kept(rows)}".removesuffix("; ")) from None
-    rows.path.unlink()
+    made_from = fingerprint(files, sources, start is None, timestamps is None, fps, method)
+    with Rows(Path(f"{out}{PARTIAL}"), made_from) as rows:
+        try:
+            with film or nullcontext():
+                _track_on(job, rows, film, progress)
+            table = rows.table()
+            write_together({out: poses_text(table), tum: tum_text(table)})
+        except KeyboardInterrupt:
+            raise KeyboardInterrupt(_kept(rows) and f"{_kept(rows)}; the same command goes on") from None
+        except (ValueError, OSError) as error:
+            raise ValueError(f"{error}; {_kept(rows)}".removesuffix("; ")) from None
+        rows.remove()
     return table
 
 
 def track_folder(folder: str | Path, out: str | Path, **options: Any) -> pd.DataFrame:
     """Follow the handle through a recording folder, see `recording`; options and errors as for `track_files`."""
-    root = Path(folder)
-    if not root.is_dir():
-        raise ValueError(f"{root}: no such folder")
-    sources = find_footage(root, read_rig(root / "rig.toml"))
-    times = root / "timestamps.csv"
-    return track_files(root / "rig.toml", root / "handle.toml", sources, out,
-                       timestamps=times if times.exists() else None, **options)
+    recording, _ = open_folder(folder)
+    sources = {name: one.path for name, one in zip(recording.rig.names, recording.footage, strict=True)}
+    return track_files(Path(folder, "rig.toml"), Path(folder, "handle.toml"), sources, out,
+                       timestamps=None if recording.times_s is None else recording.times_from, **options)
+
+
+class Rows(KeptLines):
+    """The finished rows of a track, as lines of a CSV file; its first line names the track by its `fingerprint`."""
+
+    def __init__(self, path: Path, made_from: str) -> None:
+        super().__init__(path, f"# trinolab track {made_from}\n{','.join(POSE_COLUMNS)}\n", _is_row)
+
+    def add(self, frame: int, t_s: float, pose: Pose) -> None:
+        """One more row, see `add_line`."""
+        cells = (f"{cell:.9g}" if isinstance(cell, float) else str(cell) for cell in pose_row(frame, t_s, pose))
+        self.add_line(",".join("" if cell == "nan" else cell for cell in cells))
+
+    def table(self) -> pd.DataFrame:
+        """The rows so far."""
+        return pd.read_csv(io.StringIO("\n".join([",".join(POSE_COLUMNS), *self.lines()])))
+
+
+def fingerprint(files: Sequence[str | Path], sources: Mapping[str, str | Path], *options: Any) -> str:
+    """What tells one track from another: the contents of its files, its footage as it lies there, its options."""
+    contents = [hashlib.sha256(Path(path).read_bytes()).hexdigest() for path in files]
+    where = {name: [str(Path(path).resolve()), _stamp(Path(path))] for name, path in sources.items()}
+    return hashlib.sha256(json.dumps([contents, where, [str(o) for o in options]]).encode()).hexdigest()[:16]
+
+
+def _stamp(path: Path) -> list[tuple[str, int, int]]:
+    """Names, sizes and times of a video, or of a folder's images."""
+    files = sorted(path.iterdir()) if path.is_dir() else [path]
+    return [(file.name, (about := file.stat()).st_size, about.st_mtime_ns) for file in files]
+
+
+def _is_row(frame: int, line: str) -> bool:
+    """Whether a line is the row of a frame."""
+    cells = line.split(",")
+    try:
+        numbers = [float(cell) for cell in cells[:-1] if cell]
+    except ValueError:
+        return False
+    return len(cells) == len(POSE_COLUMNS) and cells[-1] in STATUSES and bool(numbers) and cells[0] == str(frame)
 
 
 def _kept(rows: Rows) -> str:
-    """What is there of a track that has stopped; nothing if it had not begun."""
-    return f"{count} rows are kept in {rows.path}" if (count := rows.kept()) else ""
+    """What is there of a track that has stopped; of no row there is no file."""
+    if count := len(rows.lines()):
+        return f"{count} rows are kept in {rows.path}"
+    rows.remove()
+    return ""
 
 
 def _track_on(job: Job, rows: Rows, film: Film | None, progress: bool) -> None:
     """Track from the first frame that has no row."""
     done = rows.table()
-    state, measured = _state_after(done), int((done["status"] == "measured").sum())
-    stream, seen = instants(job.recording, len(done)), Seen([], [])
+    measured, seen = int((done["status"] == "measured").sum()), Seen([], [])
+    steps = posetracker.track_instants(instants(job.recording, len(done)), job.recording.rig, job.handle,
+                                       job.parameters, job.known, _state_after(done))
     with logging_redirect_tqdm(), tqdm(total=job.recording.length, initial=len(done), unit="instant",
                                        disable=None if progress else True) as bar:
-        for now in stream:
-            if (known := job.known.get(now.frame)) is not None and (state is None or not state.sure):
-                state = posetracker.start(np.nextafter(now.t_s, -np.inf) - 1e-6, known)
-            state = state or posetracker.start(now.t_s - 1.0)
-            state, tracked = posetracker.step(state, now.images, now.t_s, job.recording.rig, job.handle, job.parameters)
+        for now, tracked in steps:
             rows.add(now.frame, now.t_s, tracked.measurement.pose)
             seen.add(now.t_s, tracked, len(job.handle.marker_centres))
             if film is not None:

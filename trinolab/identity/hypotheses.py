@@ -15,11 +15,10 @@ from scipy.spatial.transform import Rotation
 from ..camera import Rig
 from ..checks import Array
 from .layout import Layout, Views
+from .parameters import IdentityParameters
 
-STEEP = np.cos(np.deg2rad(75.0))  # markers turned further away are less certain, and less and less
-CERTAIN = np.cos(np.deg2rad(55.0))  # markers turned less than this should be found; up to STEEP one may be missed
-EDGE_PX = 10.0  # ... if it lies whole and as far inside the image
-FAR = 1e9  # px; the place of what is missing: near nothing
+# px; where a marker stands that was not found: near nothing.
+FAR = 1e9
 
 
 class Poses(NamedTuple):
@@ -30,6 +29,40 @@ class Poses(NamedTuple):
 
     def take(self, index: np.ndarray) -> Poses:
         return Poses(self.rotations[index], self.translations[index])
+
+
+class Observed(NamedTuple):
+    """The markers found at one instant, and the rig and the handle that they are compared with.
+
+    Attributes
+    ----------
+    views : Views
+    layout : Layout
+    uv : ndarray, shape (C, 2, N)
+        Pixels of the found markers, see `ideal_pixels`.
+    axes : ndarray, shape (C, N, 2), or None
+        Major and minor axes of their images, px.
+    pairs : sequence of (int, int)
+        Of the cameras.
+    matches : sequence of ndarray of int, or None
+        For each pair the found markers, shape (k, 2), that may be the same one; None if nothing is known of that.
+    """
+
+    views: Views
+    layout: Layout
+    uv: Array
+    axes: Array | None = None
+    pairs: Sequence[tuple[int, int]] = ()
+    matches: Sequence[np.ndarray] | None = None
+
+    def only(self, camera: int) -> Observed:
+        """What one camera alone has found."""
+        axes = None if self.axes is None else self.axes[[camera]]
+        return Observed(self.views.only(camera), self.layout, self.uv[[camera]], axes)
+
+    def axes_of(self, camera: int) -> Array | None:
+        """Axes of one camera's markers, shape (N, 2)."""
+        return None if self.axes is None else self.axes[camera]
 
 
 class Predicted(NamedTuple):
@@ -52,17 +85,17 @@ class Explained(NamedTuple):
         Weighted squared distances of the labelled markers from where they are predicted, px^2; 0 for the others.
     missing : ndarray, shape (h, C)
         Markers that should have been found and were not; the steeper, the less each counts.
-    strangers : ndarray of int, shape (h, C)
+    outliers : ndarray of int, shape (h, C)
         Found markers without a label.
     cost : ndarray, shape (h,)
-        Sum of the squares, and the gate's square for each stranger and for each missing marker, px^2. Of the missing
+        Sum of the squares, and the gate's square for each outlier and for each missing marker, px^2. Of the missing
         ones a camera counts at most as many as it labels: it may be covered, or see another thing.
     """
 
     labels: np.ndarray
     squares: Array
     missing: Array
-    strangers: np.ndarray
+    outliers: np.ndarray
     cost: Array
 
     def take(self, index: np.ndarray) -> Explained:
@@ -92,10 +125,12 @@ def predict(poses: Poses, views: Views, layout: Layout) -> Predicted:
     """Where poses predict the markers' centroids, to first order in a marker's size."""
     h, C, n = len(poses.rotations), len(views.rotations), len(layout.centres)
     rotations = views.rotations @ poses.rotations[:, None]  # (h, C, 3, 3)
-    parts = np.concatenate([layout.centres, layout.normals, layout.tangents])
-    arm, normal, tangent = (rotations.reshape(-1, 3) @ parts.T).reshape(h, C, 3, 3, n).transpose(3, 0, 1, 2, 4)
+    vectors = np.concatenate([layout.centres, layout.normals, layout.tangents])
+    turned = (rotations.reshape(-1, 3) @ vectors.T).reshape(h, C, 3, 3, n)  # (h, C, axis, vector, n)
+    arm, normal, tangent = turned.transpose(3, 0, 1, 2, 4)
     X = arm + _origins(poses, views)[..., None]
-    towards, across = -(normal * X).sum(axis=2), -(tangent * X).sum(axis=2)
+    towards = -(normal * X).sum(axis=2)
+    across = -(tangent * X).sum(axis=2)
     slant = np.arctan2(np.abs(across), towards)
     along = np.interp(slant, layout.slants, layout.shift[0])
     aside = np.copysign(np.interp(slant, layout.slants, layout.shift[1]), across)
@@ -106,41 +141,51 @@ def predict(poses: Poses, views: Views, layout: Layout) -> Predicted:
     return Predicted(uv, facing, points)
 
 
-def explain(poses: Poses, views: Views, layout: Layout, uv: Array, gate_px: float) -> Explained:
+def explain(poses: Poses, observed: Observed, gate_px: float, p: IdentityParameters) -> Explained:
     """Label the found markers by each pose, and say how well it explains them.
 
     A found marker and a predicted one go together if each is the other's nearest and they lie within `gate_px`.
     """
+    views, layout, uv = observed[:3]
     predicted = predict(poses, views, layout)
     shown = np.where(predicted.facing[:, :, None] > layout.limb, predicted.uv, -FAR)
     labels, squares = _mutual_nearest(shown, uv, gate_px)
-    squares *= np.take_along_axis(_weights(predicted.facing), labels, axis=2)
-    expected = np.clip((predicted.facing - STEEP) / (CERTAIN - STEEP), 0.0, 1.0)
-    margin = EDGE_PX + layout.marker_mm / 2 * views.focal[:, :1] / predicted.points[:, :, 2]
-    expected *= views.inside(predicted.uv, margin)
-    missed = np.concatenate([expected, np.zeros((*expected.shape[:2], 1))], axis=2)  # the last one takes the label -1
-    np.put_along_axis(missed, labels, 0.0, axis=2)
-    strangers = ((labels < 0) & (uv[:, 0] < FAR)).sum(axis=2)
-    explained = Explained(labels, squares, missed.sum(axis=2), strangers, squares.sum(axis=(1, 2)))
-    explained.cost[:] += gate_px**2 * (explained.lacking + strangers.sum(axis=1))
+    squares *= np.take_along_axis(_weights(predicted.facing, p), labels, axis=2)
+    missing = _unseen(predicted, labels, views, layout, p)
+    outliers = ((labels < 0) & (uv[:, 0] < FAR)).sum(axis=2)
+    explained = Explained(labels, squares, missing, outliers, squares.sum(axis=(1, 2)))
+    explained.cost[:] += gate_px**2 * (explained.lacking + outliers.sum(axis=1))
     return explained
 
 
-def fit(poses: Poses, labels: np.ndarray, views: Views, layout: Layout, uv: Array, steps: int = 1) -> Poses:
+def _unseen(predicted: Predicted, labels: np.ndarray, views: Views, layout: Layout, p: IdentityParameters) -> Array:
+    """Markers that should have been found and have no label, shape (h, C): whole inside the image, not too steep."""
+    steep, certain = np.cos(np.deg2rad([p.steep_deg, p.certain_deg]))
+    expected = np.clip((predicted.facing - steep) / (certain - steep), 0.0, 1.0)
+    margin = p.edge_px + layout.marker_mm / 2 * views.focal[:, :1] / predicted.points[:, :, 2]
+    expected *= views.inside(predicted.uv, margin)
+    # One more column takes the label -1.
+    missed = np.concatenate([expected, np.zeros((*expected.shape[:2], 1))], axis=2)
+    np.put_along_axis(missed, labels, 0.0, axis=2)
+    return np.asarray(missed.sum(axis=2))
+
+
+def fit(poses: Poses, labels: np.ndarray, observed: Observed, p: IdentityParameters, steps: int = 1) -> Poses:
     """Move each pose by Gauss-Newton steps towards the markers that it labels, large residuals held back (Huber)."""
+    views, layout, uv = observed[:3]
     h, C, n = len(poses.rotations), len(views.rotations), len(layout.centres)
-    target = np.full((h, C, 2, n + 1), np.nan)  # the last one takes the label -1
+    target = np.full((h, C, 2, n + 1), np.nan)  # one more column takes the label -1
     np.put_along_axis(target, np.repeat(labels[:, :, None], 2, axis=2), np.broadcast_to(uv, (h, *uv.shape)), axis=3)
     for _ in range(steps):
         predicted = predict(poses, views, layout)
-        poses = _stepped(poses, target[..., :n] - predicted.uv, predicted, views)
+        poses = _stepped(poses, target[..., :n] - predicted.uv, predicted, views, p)
     return poses
 
 
-def _stepped(poses: Poses, error: Array, predicted: Predicted, views: Views) -> Poses:
+def _stepped(poses: Poses, error: Array, predicted: Predicted, views: Views, p: IdentityParameters) -> Poses:
     """One Gauss-Newton step for errors (h, C, 2, n); NaN counts nothing. Slightly damped: little may be determined."""
     size = np.sqrt((error * error).sum(axis=2))
-    weight = np.where(np.isfinite(size), _weights(predicted.facing) / np.maximum(size, 1.0), 0.0)
+    weight = np.where(np.isfinite(size), _weights(predicted.facing, p) / np.maximum(size, 1.0), 0.0)
     slope = _slopes(poses, predicted.points, views).reshape(len(size), -1, 6)
     weighted = slope * np.repeat(weight.reshape(len(size), -1), 2, axis=1)[..., None]
     error = np.where(np.isfinite(error), error, 0.0).transpose(0, 1, 3, 2).reshape(len(size), -1, 1)
@@ -171,9 +216,9 @@ def _origins(poses: Poses, views: Views) -> Array:
     return (poses.translations @ views.rotations.transpose(0, 2, 1) + views.translations[:, None]).transpose(1, 0, 2)
 
 
-def _weights(facing: Array) -> Array:
+def _weights(facing: Array, p: IdentityParameters) -> Array:
     """Weights of squared distances by the cosine of the slant: at the body's limb a centroid depends on everything."""
-    return np.clip(facing / STEEP, 0.1, 1.0)
+    return np.clip(facing / np.cos(np.deg2rad(p.steep_deg)), 0.1, 1.0)
 
 
 def _mutual_nearest(predicted: Array, uv: Array, gate_px: float) -> tuple[np.ndarray, Array]:

@@ -17,13 +17,11 @@ from scipy.spatial.transform import RigidTransform, Rotation
 from ..camera import Rig
 from ..checks import Array, as_array, as_transform
 from ..handle import Handle
-from .hypotheses import Explained, Poses, ideal_pixels
+from .hypotheses import Explained, Observed, Poses, ideal_pixels
 from .layout import layout_of, views_of
-from .scoring import IdentityParameters, judge, rivals, shape_misfit
+from .parameters import IdentityParameters
+from .scoring import judge, rivals, shape_misfit
 from .search import search
-
-APART_DEG = 3.0  # poses that are nearer to each other are one
-SURPLUS = 3  # so many times the handle's markers are tried in an image
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,7 +59,7 @@ def identify(rig: Rig, handle: Handle, found: Sequence[Array], parameters: Ident
     rig : Rig
     handle : Handle
     found : sequence of array_like, one a camera, shape (n_c, 2)
-        Pixels of the markers found, the best first: beyond three times the handle's number they are not tried.
+        Pixels of the markers found, the best first: beyond `tried_per_marker` times the handle's they are not tried.
     parameters : IdentityParameters, optional
     axes_px : sequence of array_like, one a camera, shape (n_c, 2), optional
         Major and minor axis of each marker's image. They help where one camera sees the handle alone.
@@ -82,13 +80,17 @@ def identify(rig: Rig, handle: Handle, found: Sequence[Array], parameters: Ident
     """
     p = parameters or IdentityParameters()
     pixels = _one_each(found, "found", rig.names, None)
-    counts, most = [len(uv) for uv in pixels], SURPLUS * len(handle.marker_centres)
-    views, layout, uv = views_of(rig), layout_of(handle), ideal_pixels(rig, [uv[:most] for uv in pixels])
+    counts = [len(uv) for uv in pixels]
+    most = p.tried_per_marker * len(handle.marker_centres)
+    uv = ideal_pixels(rig, [uv[:most] for uv in pixels])
     axes = None if axes_px is None else _padded(_one_each(axes_px, "axes_px", rig.names, counts), uv.shape[2])
-    tried = search(views, layout, uv, axes, rig.pairs, _as_matches(matches, rig), p)
+    observed = Observed(views_of(rig), layout_of(handle, p), uv, axes, rig.pairs, _as_matches(matches, rig))
+    tried = search(observed, p)
     if tried is None:
         return []
-    return _alternatives(*tried, shape_misfit(tried[0], tried[1].labels, views, layout, axes), counts, handle, p)
+    poses, explained = tried
+    misfit = shape_misfit(poses, explained.labels, observed, p)
+    return _alternatives(poses, explained, misfit, counts, handle, p)
 
 
 def equivalents(T_world_handle: RigidTransform, handle: Handle) -> list[RigidTransform]:
@@ -147,11 +149,11 @@ def _alternatives(poses: Poses, e: Explained, misfit: Array, counts: list[int], 
     best = int(np.where(v.holds, cost, np.inf).argmin())
     others = np.flatnonzero(rivals(best, e, v, misfit, p))
     turns = np.trace(poses.rotations[others] @ poses.rotations[best].T, axis1=1, axis2=2)
-    others = others[turns < 1 + 2 * np.cos(np.deg2rad(APART_DEG))]  # the others are the same pose found again
+    others = others[turns < 1 + 2 * np.cos(np.deg2rad(p.same_pose_deg))]  # the rest is the same pose found again
     alternatives: list[Hypothesis] = []
     for k in (best, *others[np.argsort(cost[others], kind="stable")]):
         T = RigidTransform.from_components(poses.translations[k], Rotation.from_matrix(poses.rotations[k]))
-        if all(_differ(T, other.T_world_handle, handle) for other in alternatives):
+        if all(_differ(T, other.T_world_handle, handle, p) for other in alternatives):
             labels = tuple(np.pad(row, (0, max(counts) - len(row)), constant_values=-1)[:n]
                            for row, n in zip(v.labels[k], counts, strict=True))
             cameras = tuple(int(c) for c in np.flatnonzero(v.supports[k]))
@@ -159,9 +161,10 @@ def _alternatives(poses: Poses, e: Explained, misfit: Array, counts: list[int], 
     return alternatives
 
 
-def _differ(a: RigidTransform, b: RigidTransform, handle: Handle) -> bool:
+def _differ(a: RigidTransform, b: RigidTransform, handle: Handle, p: IdentityParameters) -> bool:
     """Whether two poses are turned against each other, up to the handle's symmetries."""
-    return min((a.inv() * T).rotation.magnitude() for T in equivalents(b, handle)) > np.deg2rad(APART_DEG)
+    turn = min((a.inv() * T).rotation.magnitude() for T in equivalents(b, handle))
+    return turn > np.deg2rad(p.same_pose_deg)
 
 
 def _one_each(arrays: Sequence[ArrayLike], name: str, names: Sequence[str], counts: list[int] | None) -> list[Array]:

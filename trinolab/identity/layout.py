@@ -15,8 +15,7 @@ from ..camera import Rig
 from ..checks import Array, frozen
 from ..handle import Handle
 from ..lens import distort
-
-TOGETHER = np.cos(np.deg2rad(150.0))  # two markers whose normals are further apart have no viewpoint in common
+from .parameters import IdentityParameters
 
 
 class Layout(NamedTuple):
@@ -98,27 +97,42 @@ class Views(NamedTuple):
 
 
 @lru_cache(maxsize=32)
-def layout_of(handle: Handle) -> Layout:
+def layout_of(handle: Handle, p: IdentityParameters) -> Layout:
     """The arrays of a handle."""
-    centres, normals = handle.marker_centres, handle.marker_normals
+    centres = handle.marker_centres
+    normals = handle.marker_normals
     tangents = np.column_stack([normals[:, 2], np.zeros(len(normals)), -normals[:, 0]])
     distances = np.linalg.norm(centres[:, None] - centres, axis=2)
-    together = (normals @ normals.T > TOGETHER) & ~np.eye(len(centres), dtype=bool)
+    together = normals @ normals.T > np.cos(np.deg2rad(p.max_apart_deg))
+    together &= ~np.eye(len(centres), dtype=bool)
     half = min(handle.marker_diameter_mm / 2 / handle.radius_mm, np.pi)  # from a marker's middle to its edge, rad
     slants = np.linspace(0.0, np.pi / 2 + 0.9 * half, 241)  # beyond, nothing of a marker shows
-    return Layout(centres, normals, frozen(tangents), frozen(np.where(together, distances, np.nan)),
-                  frozen(_triplets(handle, together)), frozen(slants), frozen(_shifts(handle.radius_mm, half, slants)),
-                  handle.marker_diameter_mm, float(np.cos(np.pi / 2 + half / 2)))
+    return Layout(
+        centres=centres,
+        normals=normals,
+        tangents=frozen(tangents),
+        distances=frozen(np.where(together, distances, np.nan)),
+        triplets=frozen(_triplets(handle, together)),
+        slants=frozen(slants),
+        shift=frozen(_shifts(handle.radius_mm, half, slants)),
+        marker_mm=handle.marker_diameter_mm,
+        limb=float(np.cos(np.pi / 2 + half / 2)),
+    )
 
 
 @lru_cache(maxsize=32)
 def views_of(rig: Rig) -> Views:
     """The arrays of a rig."""
     cameras = rig.cameras
-    parts = ([c.T_cam_world.rotation.as_matrix() for c in cameras], [c.T_cam_world.translation for c in cameras],
-             [c.centre for c in cameras], [c.focal for c in cameras], [c.principal_point for c in cameras],
-             [np.array(c.size, dtype=float) for c in cameras], [c.distortions for c in cameras])
-    return Views(*(frozen(np.stack(part)) for part in parts))
+    return Views(
+        rotations=frozen(np.stack([c.T_cam_world.rotation.as_matrix() for c in cameras])),
+        translations=frozen(np.stack([c.T_cam_world.translation for c in cameras])),
+        centres=frozen(np.stack([c.centre for c in cameras])),
+        focal=frozen(np.stack([c.focal for c in cameras])),
+        principal=frozen(np.stack([c.principal_point for c in cameras])),
+        sizes=frozen(np.stack([np.array(c.size, dtype=float) for c in cameras])),
+        distortions=frozen(np.stack([c.distortions for c in cameras])),
+    )
 
 
 def _triplets(handle: Handle, together: np.ndarray) -> np.ndarray:
@@ -126,7 +140,8 @@ def _triplets(handle: Handle, together: np.ndarray) -> np.ndarray:
     X = handle.marker_centres
     sides = X[None] - X[:, None]
     area = np.linalg.norm(np.cross(sides[:, :, None], sides[:, None, :]), axis=3) / 2
-    allowed = together[:, :, None] & together[:, None, :] & together[None] & (area > 0.05 * handle.radius_mm**2)
+    allowed = together[:, :, None] & together[:, None, :] & together[None]
+    allowed &= area > 0.05 * handle.radius_mm**2
     images = np.stack([S.apply(X) for S in handle.symmetries])
     index = np.linalg.norm(images[:, :, None] - X, axis=3).argmin(axis=2)
     starts = index.min(axis=0) == np.arange(len(X))

@@ -36,14 +36,17 @@ def three_point_depths(rays: ArrayLike, sides: ArrayLike, steps: int = 5) -> Arr
     ValueError
         If a shape is wrong or a number is not finite.
     """
-    rays, sides = as_array(rays, "rays", (3, 3)), as_array(sides, "sides", (None, 3))
+    rays = as_array(rays, "rays", (3, 3))
+    sides = as_array(sides, "sides", (None, 3))
     cosine = (rays * np.roll(rays, -1, axis=0)).sum(axis=1)
-    depths, wanted = _without_perspective(rays, sides), np.concatenate([sides, sides])
+    depths = _without_perspective(rays, sides)
+    wanted = np.concatenate([sides, sides])
     for _ in range(steps):
         depths = depths - _newton_step(depths, wanted, cosine)
     after = np.roll(depths, -1, axis=1)
     found = np.sqrt(depths**2 + after**2 - 2 * depths * after * cosine)
-    solved = (np.abs(found - wanted) < 1e-6 * wanted).all(axis=1) & (depths > 0).all(axis=1)
+    solved = (np.abs(found - wanted) < 1e-6 * wanted).all(axis=1)
+    solved &= (depths > 0).all(axis=1)
     return np.where(solved[:, None], depths, np.nan)
 
 
@@ -55,7 +58,8 @@ def _without_perspective(rays: Array, sides: Array) -> Array:
     b = d01 * (r02 + r12 - r01) + d02 * (r01 + r12 - r02) + d12 * (r01 + r02 - r12)
     c = 4 * d01 * d02 - (d01 + d02 - d12) ** 2
     depth2 = a / (b + np.sqrt(np.maximum(b * b - a * c, 0.0)))
-    lean1, lean2 = (np.sqrt(np.maximum(r - d * depth2, 0.0)) for r, d in ((r01, d01), (r02, d02)))
+    lean1 = np.sqrt(np.maximum(r01 - d01 * depth2, 0.0))
+    lean2 = np.sqrt(np.maximum(r02 - d02 * depth2, 0.0))
     same_way = (d01 + d02 - d12) * depth2 <= r01 + r02 - r12
     relief = np.column_stack([np.zeros_like(lean1), lean1, np.where(same_way, lean2, -lean2)])
     depth = np.sqrt(depth2)[:, None]
@@ -69,7 +73,8 @@ def _newton_step(depths: Array, sides: Array, cosine: Array) -> Array:
     """
     after = np.roll(depths, -1, axis=1)
     e = (depths**2 + after**2 - 2 * depths * after * cosine - sides**2).T
-    a, b = 2 * (depths - after * cosine).T, 2 * (after - depths * cosine).T
+    a = 2 * (depths - after * cosine).T
+    b = 2 * (after - depths * cosine).T
     step = [a[(k + 1) % 3] * a[(k + 2) % 3] * e[k] - b[k] * a[(k + 2) % 3] * e[(k + 1) % 3]
             + b[k] * b[(k + 1) % 3] * e[(k + 2) % 3] for k in range(3)]
     return np.stack(step, axis=1) / (a.prod(axis=0) + b.prod(axis=0))[:, None]

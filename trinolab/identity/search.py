@@ -7,25 +7,18 @@ perspective-three-point problem.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
 
 from ..checks import Array
-from .hypotheses import FAR, Explained, Poses, explain, fit
+from .hypotheses import FAR, Explained, Observed, Poses, explain, fit
 from .layout import Layout, Views
 from .p3p import three_point_depths
-from .scoring import CHANCE, PART, IdentityParameters, judge
-
-SIGMAS = 3.0  # a side may be off by as many standard deviations
-MOST_PAIRS, MOST_MARKERS = 48, 24  # candidates of two cameras, and found markers of one, that are tried
-AWAY = 0.1  # cosine between ray and normal from which on a marker faces away, with some leave
-SURE = -35.0  # evidence with which the search ends
-DEPTHS = 1 + 0.004 * np.arange(-10, 11)  # one camera alone knows the distance to some percent; the others choose
-KEEP = 8  # poses of one set of seeds that are fitted
-GATES = (4.0, 2.0, 1.0)  # of the fits, in `gate_px`
+from .parameters import IdentityParameters
+from .scoring import explains_all, judge
 
 
 class Candidates(NamedTuple):
@@ -55,124 +48,137 @@ def rays_through(views: Views, uv: Array) -> Array:
     return (local / np.sqrt((local * local).sum(axis=2, keepdims=True))) @ views.rotations
 
 
-def candidate_points(views: Views, pair: tuple[int, int], uv: Array, sigma_px: float, gate_px: float,
-                     matches: np.ndarray | None = None) -> Candidates:
-    """The points of all pairs of found markers of two cameras whose rays pass each other within `gate_px` (Eq. 17, 20).
+def candidate_points(observed: Observed, pair: int, p: IdentityParameters) -> Candidates:
+    """The points of two cameras' found markers whose rays pass each other within half of `gate_px` (Eq. 17, 20).
 
-    With `matches`, rows of indices (k, 2), of these pairs alone.
+    `pair` counts in `observed.pairs`; where there are matches, of these alone.
     """
-    first, second = pair
+    views, uv = observed.views, observed.uv
+    first, second = observed.pairs[pair]
     a, b = rays_through(views, uv)[[first, second]]
-    base, focal = views.centres[first] - views.centres[second], views.focal.mean(axis=1)
-    cosine, p, q = a @ b.T, (a @ base)[:, None], b @ base
+    base = views.centres[first] - views.centres[second]
+    focal = views.focal.mean(axis=1)
+    # Each ray meets the other one's nearest point at the depths s and t.
+    cosine = a @ b.T
+    along_a = (a @ base)[:, None]
+    along_b = b @ base
     square = np.maximum(1 - cosine**2, 1e-12)
-    s, t = (cosine * q - p) / square, (q - cosine * p) / square  # along the rays to where they are nearest
+    s = (cosine * along_b - along_a) / square
+    t = (along_b - cosine * along_a) / square
     gap_px = np.abs(a @ np.cross(b, base).T) / np.sqrt(square) * focal[second] / np.maximum(t, 1e-12)
-    near = (s > 0) & (t > 0) & (gap_px < gate_px) & (uv[first, 0] < FAR)[:, None] & (uv[second, 0] < FAR)
-    if matches is not None:
+    near = (s > 0) & (t > 0) & (gap_px < p.gate_px / 2)
+    near &= (uv[first, 0] < FAR)[:, None] & (uv[second, 0] < FAR)
+    if observed.matches is not None:
         allowed = np.zeros_like(near)
-        allowed[tuple(matches.T)] = True
+        allowed[tuple(observed.matches[pair].T)] = True
         near &= allowed
-    i, j = np.argwhere(near)[np.argsort(gap_px[near], kind="stable")[:MOST_PAIRS]].T
-    aside = sigma_px / focal[first] * s[i, j]
-    ahead = np.hypot(aside, sigma_px / focal[second] * t[i, j]) / np.sqrt(square[i, j])
+    i, j = np.argwhere(near)[np.argsort(gap_px[near], kind="stable")[:p.max_pairs]].T
+    aside = p.sigma_px / focal[first] * s[i, j]
+    ahead = np.hypot(aside, p.sigma_px / focal[second] * t[i, j]) / np.sqrt(square[i, j])
     return Candidates(np.stack([i, j], axis=1), views.centres[first] + s[i, j, None] * a[i], a[i], ahead, aside)
 
 
-def pair_seeds(candidates: Candidates, uv: Array, axes: Array | None, layout: Layout, tries: int) -> Iterator[Poses]:
+def pair_seeds(candidates: Candidates, camera: int, observed: Observed, p: IdentityParameters,
+               tries: int) -> Iterator[Poses]:
     """Poses from triangles of candidate points: each time of all that show one triplet of the first camera's markers.
 
     Parameters
     ----------
     candidates : Candidates
-    uv : ndarray, shape (2, N)
-        Pixels of the first camera's markers.
-    axes : ndarray, shape (N, 2), or None
-        Their major and minor axes, px: markers that face the camera are preferred.
-    layout : Layout
+    camera : int
+        The first of the two. Triplets of its markers that face it are preferred, where their axes are given.
+    observed : Observed
+    p : IdentityParameters
     tries : int
         Triplets.
     """
-    low, high = _side_range(candidates)
-    known = np.sort(layout.distances[np.isfinite(layout.distances)])
-    fits = np.searchsorted(known, high) > np.searchsorted(known, low)
+    layout = observed.layout
+    low, high = _side_range(candidates, p)
+    distances = np.sort(layout.distances[np.isfinite(layout.distances)])
+    fits = np.searchsorted(distances, high) > np.searchsorted(distances, low)
     fits &= (candidates.names[:, None] != candidates.names).all(axis=2)
     upper = np.triu(fits)
     corners = np.argwhere(upper[:, :, None] & upper & fits[:, None])
     names = np.sort(candidates.names[corners, 0], axis=1)
-    score = _score(uv, axes, names) * fits.sum(axis=1)[corners].min(axis=1, initial=len(fits))
+    score = _score(observed.uv[camera], observed.axes_of(camera), names)
+    score *= fits.sum(axis=1)[corners].min(axis=1, initial=len(fits))
     for chosen in _best_triplets(names, score, tries):
-        yield _from_triangles(candidates, corners[(names == chosen).all(axis=1)], low, high, layout)
+        yield _from_triangles(candidates, corners[(names == chosen).all(axis=1)], low, high, layout, p)
 
 
-def single_seeds(camera: int, uv: Array, axes: Array | None, views: Views, layout: Layout,
-                 tries: int) -> Iterator[Poses]:
+def single_seeds(camera: int, observed: Observed, p: IdentityParameters, tries: int) -> Iterator[Poses]:
     """Poses from triplets of one camera's markers: each time all that show one triplet as three markers that face it.
 
     Parameters
     ----------
     camera : int
-    uv : ndarray, shape (C, 2, N)
-        Pixels.
-    axes : ndarray, shape (N, 2), or None
-        Major and minor axes of this camera's markers, px: they say roughly how far away a marker is.
-    views : Views
-    layout : Layout
+    observed : Observed
+        The axes of the markers, where they are given, say roughly how far away a marker is.
+    p : IdentityParameters
     tries : int
         Triplets.
     """
-    known = np.flatnonzero(uv[camera, 0] < FAR)[:MOST_MARKERS]
-    names = np.array(list(combinations(known, 3)), dtype=int).reshape(-1, 3)
-    if axes is not None:  # as far apart as markers can be, by their size
+    views, layout, uv = observed[:3]
+    axes = observed.axes_of(camera)
+    found = np.flatnonzero(uv[camera, 0] < FAR)[:p.max_single]
+    names = np.array(list(combinations(found, 3)), dtype=int).reshape(-1, 3)
+    if axes is not None:
+        # No further apart than markers of the handle can be, by their size.
         ends = uv[camera][:, names]
         widest = np.sqrt(((ends - np.roll(ends, -1, axis=2)) ** 2).sum(axis=0)).max(axis=1)
         names = names[widest * layout.marker_mm < 1.3 * np.nanmax(layout.distances) * axes[names, 0].max(axis=1)]
-    rays, labels = rays_through(views, uv)[camera], np.argwhere(layout.triplets)
+    rays = rays_through(views, uv)[camera]
+    labels = np.argwhere(layout.triplets)
     for chosen in _best_triplets(names, _score(uv[camera], axes, names), tries):
-        poses = _from_three(rays[chosen], labels, layout)
+        poses = _from_three(rays[chosen], labels, layout, p)
         if axes is not None:
             nominal = layout.marker_mm * views.focal[camera, 0] / np.sqrt((poses.translations**2).sum(axis=1))
             ratio = np.median(axes[chosen, 0]) / nominal
-            poses = poses.take((ratio > 0.6) & (ratio < 2.0))  # not less: a moving marker is smeared
+            poses = poses.take((ratio > 0.6) & (ratio < 2.0))  # motion blur makes a marker longer
         yield Poses(poses.rotations, poses.translations + views.centres[camera])
 
 
-def _side_range(c: Candidates) -> tuple[Array, Array]:
+def _side_range(c: Candidates, p: IdentityParameters) -> tuple[Array, Array]:
     """Shortest and longest distance that each two candidates may have, shapes (m, m): the depths are uncertain."""
     way = c.points[:, None] - c.points
     ahead = np.abs((way * c.rays).sum(axis=2))
     across = np.sqrt(np.maximum((way * way).sum(axis=2) - ahead**2, 0.0))
-    slack, aside = (SIGMAS * np.hypot(sigma[:, None], sigma) for sigma in (c.ahead, c.aside))
-    return (np.hypot(np.maximum(across - aside, 0.0), np.maximum(ahead - slack, 0.0)),
-            np.hypot(across + aside, ahead + slack))
+    slack = p.side_sigmas * np.hypot(c.ahead[:, None], c.ahead)
+    aside = p.side_sigmas * np.hypot(c.aside[:, None], c.aside)
+    shortest = np.hypot(np.maximum(across - aside, 0.0), np.maximum(ahead - slack, 0.0))
+    return shortest, np.hypot(across + aside, ahead + slack)
 
 
-def _from_triangles(c: Candidates, triangles: np.ndarray, low: Array, high: Array, layout: Layout) -> Poses:
+def _from_triangles(c: Candidates, triangles: np.ndarray, low: Array, high: Array, layout: Layout,
+                    p: IdentityParameters) -> Poses:
     """Poses that carry three markers onto candidate points (t, 3), where the sides fit and the markers face the ray."""
     ends = np.roll(triangles, -1, axis=1)
-    shortest, longest = (side[triangles, ends][..., None, None] for side in (low, high))
+    shortest = low[triangles, ends][..., None, None]
+    longest = high[triangles, ends][..., None, None]
     with np.errstate(invalid="ignore"):
         fits = (layout.distances >= shortest) & (layout.distances <= longest)  # (t, 3, n, n)
-    t, *labels = np.nonzero(fits[:, 0, :, :, None] & fits[:, 1, None] & fits[:, 2].swapaxes(1, 2)[:, :, None]
-                            & layout.triplets)
-    corners, chosen = np.stack(labels, axis=1), triangles[t]
-    return _facing(_carried(layout.centres[corners], c.points[chosen]), corners, c.rays[chosen], layout)
+    # Sides 01, 12 and 20 of the triangle as axes of the markers 0, 1, 2.
+    first, second, third = fits[:, 0, :, :, None], fits[:, 1, None], fits[:, 2].swapaxes(1, 2)[:, :, None]
+    t, *labels = np.nonzero(first & second & third & layout.triplets)
+    corners = np.stack(labels, axis=1)
+    chosen = triangles[t]
+    return _facing(_carried(layout.centres[corners], c.points[chosen]), corners, c.rays[chosen], layout, p)
 
 
-def _from_three(rays: Array, labels: np.ndarray, layout: Layout) -> Poses:
+def _from_three(rays: Array, labels: np.ndarray, layout: Layout, p: IdentityParameters) -> Poses:
     """Poses at which markers `labels` (k, 3) lie on three rays and face their origin, relative to that."""
     triangles = layout.centres[labels]
     sides = np.sqrt(((triangles - np.roll(triangles, -1, axis=1)) ** 2).sum(axis=2))
     depths = three_point_depths(rays, sides)
-    corners, solved = np.concatenate([labels, labels]), np.isfinite(depths[:, 0])
-    corners, depths = corners[solved], depths[solved]
-    return _facing(_carried(layout.centres[corners], depths[..., None] * rays), corners, rays, layout)
+    solved = np.isfinite(depths[:, 0])
+    corners = np.concatenate([labels, labels])[solved]
+    return _facing(_carried(layout.centres[corners], depths[solved][..., None] * rays), corners, rays, layout, p)
 
 
-def _facing(poses: Poses, labels: np.ndarray, rays: Array, layout: Layout) -> Poses:
+def _facing(poses: Poses, labels: np.ndarray, rays: Array, layout: Layout, p: IdentityParameters) -> Poses:
     """The poses whose markers `labels` (h, 3) face the rays (h, 3, 3) or (3, 3) that meet them."""
     normals = layout.normals[labels] @ poses.rotations.transpose(0, 2, 1)
-    return poses.take(((normals * rays).sum(axis=2) < AWAY).all(axis=1))
+    return poses.take(((normals * rays).sum(axis=2) < p.away_cosine).all(axis=1))
 
 
 def _carried(source: Array, target: Array) -> Poses:
@@ -185,7 +191,8 @@ def _frames(triangles: Array) -> Array:
     """Axes for each triangle (h, 3, 3), as columns: x along 01, z across its plane."""
     x = triangles[:, 1] - triangles[:, 0]
     z = np.cross(x, triangles[:, 2] - triangles[:, 0])
-    x, z = (v / np.maximum(np.sqrt((v * v).sum(axis=1, keepdims=True)), 1e-12) for v in (x, z))
+    x = x / np.maximum(np.sqrt((x * x).sum(axis=1, keepdims=True)), 1e-12)
+    z = z / np.maximum(np.sqrt((z * z).sum(axis=1, keepdims=True)), 1e-12)
     return np.stack([x, np.cross(z, x), z], axis=2)
 
 
@@ -207,32 +214,19 @@ def _best_triplets(names: np.ndarray, score: Array, tries: int) -> Iterator[np.n
         score = score * np.array([1.0, 1.0, 1e-3, 0.0])[shared]
 
 
-def search(views: Views, layout: Layout, uv: Array, axes: Array | None, pairs: Sequence[tuple[int, int]],
-           matches: Sequence[np.ndarray] | None, p: IdentityParameters) -> tuple[Poses, Explained] | None:
+def search(observed: Observed, p: IdentityParameters) -> tuple[Poses, Explained] | None:
     """Find poses that explain the found markers, good and bad ones; None if there is nothing to try.
 
-    Parameters
-    ----------
-    views : Views
-    layout : Layout
-    uv : ndarray, shape (C, 2, N)
-        Found markers, see `hypotheses.ideal_pixels`.
-    axes : ndarray, shape (C, N, 2), or None
-        Their major and minor axes, px.
-    pairs : sequence of (int, int)
-        Of the cameras.
-    matches : sequence of ndarray of int, or None
-        For each pair the markers, shape (k, 2), that may be the same; then single cameras are not tried.
-    p : IdentityParameters
+    Pairs of cameras come first. Where they settle nothing, single cameras are tried, unless there are matches.
     """
     tried: list[tuple[Poses, Explained]] = []
-    for seeds in _pair_seeds(views, layout, uv, axes, pairs, matches, p):
-        tried.append(_refined(_best(seeds, views, layout, uv, 2 * p.gate_px, KEEP, True), views, layout, uv, p))
+    for seeds in _pair_seeds(observed, p):
+        tried.append(_refined(_best(seeds, observed, p.seeds_kept, p, different=True), observed, p))
         if _settled(tried[-1][1], p):
             break
-    if matches is None and not any(_settled(explained, p, in_spite=True) for _, explained in tried):
-        for camera, seeds in _single_seeds(views, layout, uv, axes):
-            tried.append(_refined(_in_one(seeds, camera, views, layout, uv, p), views, layout, uv, p))
+    if observed.matches is None and not any(_settled(explained, p, in_spite=True) for _, explained in tried):
+        for camera, seeds in _single_seeds(observed, p):
+            tried.append(_refined(_in_one(seeds, camera, observed, p), observed, p))
             if _settled(tried[-1][1], p):
                 break
     if not tried:
@@ -242,43 +236,42 @@ def search(views: Views, layout: Layout, uv: Array, axes: Array | None, pairs: S
             Explained(*map(np.concatenate, zip(*explained, strict=True))))
 
 
-def _pair_seeds(views: Views, layout: Layout, uv: Array, axes: Array | None, pairs: Sequence[tuple[int, int]],
-                matches: Sequence[np.ndarray] | None, p: IdentityParameters) -> Iterator[Poses]:
+def _pair_seeds(observed: Observed, p: IdentityParameters) -> Iterator[Poses]:
     """Poses to try, by pairs of cameras; first those with most in common.
 
     Whatever explains all that was found explains any triplet of it: a few triplets are enough.
     """
-    points = [candidate_points(views, pair, uv, p.sigma_px, p.gate_px / 2, None if matches is None else matches[k])
-              for k, pair in enumerate(pairs)]
-    for k in sorted(range(len(pairs)), key=lambda k: -len(np.unique(points[k].names[:, 0]))):
-        first = pairs[k][0]
-        seeds = pair_seeds(points[k], uv[first], None if axes is None else axes[first], layout, tries=2)
+    points = [candidate_points(observed, pair, p) for pair in range(len(observed.pairs))]
+    for pair in sorted(range(len(points)), key=lambda k: -len(np.unique(points[k].names[:, 0]))):
+        seeds = pair_seeds(points[pair], observed.pairs[pair][0], observed, p, tries=2)
         yield from (poses for poses in seeds if len(poses.rotations))
 
 
-def _single_seeds(views: Views, layout: Layout, uv: Array, axes: Array | None) -> Iterator[tuple[int, Poses]]:
+def _single_seeds(observed: Observed, p: IdentityParameters) -> Iterator[tuple[int, Poses]]:
     """Poses to try, by single cameras; first the one that found most."""
-    for camera in np.argsort(-(uv[:, 0] < FAR).sum(axis=1), kind="stable"):
-        seeds = single_seeds(camera, uv, None if axes is None else axes[camera], views, layout, tries=3)
-        yield from ((int(camera), poses) for poses in seeds if len(poses.rotations))
+    for camera in np.argsort(-(observed.uv[:, 0] < FAR).sum(axis=1), kind="stable").tolist():
+        seeds = single_seeds(camera, observed, p, tries=3)
+        yield from ((camera, poses) for poses in seeds if len(poses.rotations))
 
 
-def _in_one(seeds: Poses, camera: int, views: Views, layout: Layout, uv: Array, p: IdentityParameters) -> Poses:
+def _in_one(seeds: Poses, camera: int, observed: Observed, p: IdentityParameters) -> Poses:
     """The best of one camera's poses fitted to all its markers, each at the distance that suits the others best."""
-    view, pixels = views.only(camera), uv[[camera]]
-    for keep in (40, KEEP):
-        seeds = _best(seeds, view, layout, pixels, 2 * p.gate_px, keep)
-        seeds = fit(seeds, explain(seeds, view, layout, pixels, 2 * p.gate_px).labels, view, layout, pixels, steps=2)
-    ways = view.centres + (seeds.translations - view.centres)[:, None] * DEPTHS[:, None]  # (KEEP, depths, 3)
-    moved = Poses(np.repeat(seeds.rotations, len(DEPTHS), axis=0), ways.reshape(-1, 3))
-    cost = explain(moved, views, layout, uv, 4 * p.gate_px).cost.reshape(-1, len(DEPTHS))
-    return moved.take(cost.argmin(axis=1) + np.arange(len(cost)) * len(DEPTHS))
+    alone = observed.only(camera)
+    for keep in (5 * p.seeds_kept, p.seeds_kept):
+        seeds = _best(seeds, alone, keep, p)
+        seeds = fit(seeds, explain(seeds, alone, 2 * p.gate_px, p).labels, alone, p, steps=2)
+    steps = round(p.depth_range / p.depth_step)
+    depths = 1 + p.depth_step * np.arange(-steps, steps + 1)
+    centre = alone.views.centres
+    ways = centre + (seeds.translations - centre)[:, None] * depths[:, None]  # (seeds, depths, 3)
+    moved = Poses(np.repeat(seeds.rotations, len(depths), axis=0), ways.reshape(-1, 3))
+    cost = explain(moved, observed, 4 * p.gate_px, p).cost.reshape(-1, len(depths))
+    return moved.take(cost.argmin(axis=1) + np.arange(len(cost)) * len(depths))
 
 
-def _best(seeds: Poses, views: Views, layout: Layout, uv: Array, gate_px: float, keep: int,
-          different: bool = False) -> Poses:
-    """The poses of least cost; if they shall be different, one for each labelling."""
-    explained = explain(seeds, views, layout, uv, gate_px)
+def _best(seeds: Poses, observed: Observed, keep: int, p: IdentityParameters, different: bool = False) -> Poses:
+    """The poses of least cost; with `different`, at most one per labelling."""
+    explained = explain(seeds, observed, 2 * p.gate_px, p)
     order = np.argsort(explained.cost, kind="stable")[:10 * keep]
     if different:
         _, first = np.unique(explained.labels[order].reshape(len(order), -1), axis=0, return_index=True)
@@ -286,12 +279,12 @@ def _best(seeds: Poses, views: Views, layout: Layout, uv: Array, gate_px: float,
     return seeds.take(order[:keep])
 
 
-def _refined(poses: Poses, views: Views, layout: Layout, uv: Array, p: IdentityParameters) -> tuple[Poses, Explained]:
+def _refined(poses: Poses, observed: Observed, p: IdentityParameters) -> tuple[Poses, Explained]:
     """Poses fitted to all that they explain, with a gate that narrows."""
-    for gate in GATES:
-        explained = explain(poses, views, layout, uv, gate * p.gate_px)
-        poses = fit(poses, explained.labels, views, layout, uv)
-    return poses, explain(poses, views, layout, uv, p.gate_px)
+    for gate in p.fit_gates:
+        explained = explain(poses, observed, gate * p.gate_px, p)
+        poses = fit(poses, explained.labels, observed, p)
+    return poses, explain(poses, observed, p.gate_px, p)
 
 
 def _settled(explained: Explained, p: IdentityParameters, in_spite: bool = False) -> bool:
@@ -300,7 +293,8 @@ def _settled(explained: Explained, p: IdentityParameters, in_spite: bool = False
     With `in_spite` a camera may: another pair of cameras has been asked, and a single one would be outvoted.
     """
     v = judge(explained, p)
-    everything = (explained.strangers.sum(axis=1) == 0) & (explained.lacking < PART) & (v.evidence <= CHANCE)
-    plenty = (v.supports.sum(axis=1) >= 2) & (v.evidence <= SURE)
-    plenty &= (4 * explained.lacking <= explained.hits.sum(axis=1)) & (in_spite | ~v.against.any(axis=1))
+    everything = explains_all(explained, p) & (v.evidence <= np.log(p.chance))
+    plenty = (v.supports.sum(axis=1) >= 2) & (v.evidence <= p.settled_evidence)
+    plenty &= 4 * explained.lacking <= explained.hits.sum(axis=1)
+    plenty &= in_spite | ~v.against.any(axis=1)
     return bool((v.holds & (everything | plenty)).any())

@@ -124,16 +124,17 @@ def equations_named(text: str) -> set[str]:
 
 
 def index_page(entries: Sequence[Entry], effects: Mapping[str, Sequence[Effect]]) -> str:
-    """The equation index, as MyST Markdown: a row an equation."""
+    """The equation index, as MyST Markdown: a row an equation, with a place for links and links to the reference."""
     rows = ["| Eq. | Sect. | status | functions | tests | chapter |", "|---|---|---|---|---|---|"]
     for entry in entries:
         if not entry.no.isdigit():
             continue
         status = f"{{ref}}`{entry.status} <{entry.label}>`" if effects.get(entry.no) else entry.status
-        functions = "<br>".join(f"`{name.removeprefix('trinolab.')}`" for name in entry.functions)
+        functions = "<br>".join(f"{{py:obj}}`{name.removeprefix('trinolab.')} <{name}>`" for name in entry.functions)
         tests = "<br>".join(map(_readable, entry.tests))
         chapter = f"{{doc}}`{int(entry.chapter[:2])} </notebooks/{entry.chapter}>`"
-        rows.append(f"| {entry.no} | {entry.section} | {status} | {functions} | {tests} | {chapter} |")
+        number = f"[{entry.no}]{{#equation-{entry.no}}}"
+        rows.append(f"| {number} | {entry.section} | {status} | {functions} | {tests} | {chapter} |")
     return "\n".join(rows) + "\n"
 
 
@@ -188,9 +189,9 @@ def _erratum(entry: Entry, effects: Sequence[Effect]) -> str:
 def number_text(value: float) -> str:
     """A number with three digits for a table; what is left of a zero by rounding is a zero."""
     if np.isnan(value):
-        return "no number"
+        return "undefined"
     if np.isinf(value):
-        return "without end"
+        return "infinite"
     if abs(value) < ROUNDING:
         return "0"
     return f"{value:.3g}" if abs(value) < 1000 else f"{value:.0f}"

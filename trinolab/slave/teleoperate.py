@@ -21,7 +21,7 @@ from ..datasets import data_path
 from ..files.inputs import read_csv
 from ..files.outputs import write_together
 from ..files.poses import pose_table, poses_text
-from ..files.recording import Frames, find_footage, instants, open_recording
+from ..files.recording import Frames, instants, open_folder
 from ..files.rigs import read_camera, read_handle, read_rig
 from ..files.video import Film
 from ..following import posetracker
@@ -59,14 +59,9 @@ class Done(NamedTuple):
 
 
 def recorded(folder: str | Path, rig: str | Path | None = None, handle: str | Path | None = None) -> Source:
-    """The instants of a recording folder, see `recording`; other rig and handle files if they are given."""
-    root = Path(folder)
-    if not root.is_dir():
-        raise ValueError(f"{root}: no such folder")
-    the_rig = read_rig(rig or root / "rig.toml")
-    times = root / "timestamps.csv"
-    found = open_recording(find_footage(root, the_rig), the_rig, timestamps=times if times.exists() else None)
-    return Source(the_rig, read_handle(handle or root / "handle.toml"), found.length, found.rate, instants(found))
+    """The instants of a recording folder, see `recording.open_folder`, also for the arguments."""
+    found, the_handle = open_folder(folder, rig, handle)
+    return Source(found.rig, the_handle, found.length, found.rate, instants(found))
 
 
 def simulated(rig: str | Path, handle: str | Path, seconds: float = 10.0, seed: int = 0) -> Source:
@@ -168,11 +163,9 @@ class _Monitor:
 def _moments(source: Source, session: Session, parameters: FollowParameters, switch: tuple[Array, Array] | None,
              progress: bool) -> Iterator[tuple[Frames, posetracker.Tracked, Moment, bool]]:
     """Each instant with its track, the session's moment, and whether the clutch is closed."""
-    state = None
+    steps = posetracker.track_instants(source.frames, source.rig, source.handle, parameters)
     with logging_redirect_tqdm(), tqdm(total=source.length, unit="instant", disable=None if progress else True) as bar:
-        for now in source.frames:
-            state = state or posetracker.start(now.t_s - 1.0)
-            state, tracked = posetracker.step(state, now.images, now.t_s, source.rig, source.handle, parameters)
+        for now, tracked in steps:
             pose = tracked.measurement.pose
             closed = pose.status in MEASURED if switch is None else _is_closed(switch, now.t_s)
             yield now, tracked, session.step(Sample(now.t_s, pose.T_world_handle, pose.status, closed)), closed

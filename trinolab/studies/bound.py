@@ -30,7 +30,7 @@ from ..handle import Handle
 
 STEP_PX = 0.2  # of a central difference, in the image: flat from 0.05 to 0.3, `make verify ARGS="--only bound"`
 SAMPLES = 32, 16  # a side of a pixel's samples at an edge of a marker, and of the body, at least
-FAR = 2.0  # as much longer is the step at the handle's far end, where samples are coarser and edges straight
+FAR = 2.0  # factor of the step at the handle's far end: edges there are straight, samples coarser
 REACH_PX = 5  # a pixel further than this from an edge does not see it move: seven standard deviations of the blur
 PIXELS = ("markers", "around", "handle")
 RIGS = ("paper_pair", "paper_trinocular", "raised_40deg")

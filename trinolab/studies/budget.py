@@ -20,13 +20,11 @@ from scipy.spatial.transform import RigidTransform
 from tqdm import tqdm
 
 from ..bench.optics import Bench
-from ..bench.scene import render_rig
 from ..calibration.target import Board
 from ..checks import Array, as_array
 from ..datasets import load_calibration, load_handle, load_rig, load_table1
 from ..identity import labelled_pixels
 from ..kalman import covariance_root
-from ..measurement import measure
 from ..metrics import euler_deg
 from ..pose import rigid_fit
 from ..rigid import nearest_rotation
@@ -44,6 +42,7 @@ from .deviations import (
     together,
 )
 from .error_sources import Trial, make_trial
+from .replication import replicate
 from .simulated_calibration import simulated_calibration
 
 NEAR_LOCK_DEG = 75.0
@@ -318,9 +317,7 @@ def make_tables(draws: int) -> tuple[pd.DataFrame, pd.DataFrame, pd.DataFrame]:
 
 def _measured(trial: Trial, bench: Bench, seed: int) -> tuple[RigidTransform, Array]:
     """The poses of rendered frames, and the centroids of the markers of the trial."""
-    rng = np.random.default_rng(seed)
-    found = [measure(render_rig(trial.rig, trial.handle, T, bench, rng), trial.rig, trial.handle, T, trial.parameters)
-             for T in trial.truths]
+    found = replicate(trial.truths, trial.rig, trial.handle, seed, bench, trial.parameters, with_prior=True)
     poses = [m.pose.T_world_handle for m in found if m.pose.T_world_handle is not None]
     if len(poses) < len(found):
         raise ValueError(f"trial: expected poses that can be measured, got {len(found) - len(poses)} lost")

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from functools import cache
+from itertools import islice
 from typing import NamedTuple
 
 import numpy as np
@@ -12,7 +13,7 @@ from numpy.typing import ArrayLike
 from scipy.spatial.transform import RigidTransform
 
 from ..bench.hand import Arm, true_visibility
-from ..bench.motion import random_pose, smooth_motion
+from ..bench.motion import smooth_motion
 from ..bench.optics import Bench
 from ..bench.scene import render_clip, render_rig
 from ..camera import Camera, Rig
@@ -23,9 +24,10 @@ from ..image_track import search_window
 from ..kalman import predict_motion
 from ..markers import find_markers
 from ..matching import match
-from ..measurement import Measurement, measure
+from ..measurement import Measurement
 from ..tracker import TrackerState, start, step
 from ..window import Window
+from .replication import measure_frames, shared_poses
 
 FPS = 30.0  # of the paper's cameras
 CLOSE_MM, CLOSE_DEG = 1.0, 5.0  # a pose further off than this is wrong
@@ -34,39 +36,49 @@ LIMB_DEG = 105.0  # a marker is 34 deg wide, so that some of it shows until its 
 
 
 class Instants(NamedTuple):
-    """Measurements and their truths, and of a clip the time that each took, s, and the share of the images searched."""
+    """Frames, an image a camera, their truths, and what was measured in them."""
 
-    measurements: list[Measurement]
+    frames: list[list[np.ndarray]]
     truths: list[RigidTransform]
+    measurements: list[Measurement]
+
+
+class Clip(NamedTuple):
+    """A tracked clip: truths, measurements, the time that each took, s, and the share of the images searched."""
+
+    truths: list[RigidTransform]
+    measurements: list[Measurement]
     seconds: list[float]
     searched: list[float]
 
 
-def share_close(instants: Instants, handle: Handle, equivalents: bool) -> float:
-    """Share of the instants whose pose is close to the truth, with `equivalents` up to the handle's symmetry."""
+def share_close(measurements: Sequence[Measurement], truths: Sequence[RigidTransform], handle: Handle,
+                equivalents: bool) -> float:
+    """Share of the measurements that are close to their truth, with `equivalents` up to the handle's symmetry."""
     symmetries = handle.symmetries if equivalents else handle.symmetries[:1]
     return float(np.mean([any(_close(m.pose.T_world_handle, T * S) for S in symmetries)
-                          for m, T in zip(instants.measurements, instants.truths, strict=True)]))
+                          for m, T in zip(measurements, truths, strict=True)]))
 
 
 @cache
-def random_instants(count: int = 40, seed: int = 0) -> tuple[Instants, list[list[np.ndarray]]]:
-    """Random poses at which both of the pair's cameras truly see the same four markers, measured; with the frames."""
+def random_instants(count: int = 40, seed: int = 0) -> Instants:
+    """Random poses at which both of the pair's cameras truly see the same four markers."""
     rig, handle, rng = load_rig("paper_pair"), load_handle("paper"), np.random.default_rng(seed)
-    truths = _drawn(rig, handle, rng, count, None)
+    truths = list(islice(shared_poses(rig, handle, rng), count))
     frames = [render_rig(rig, handle, T, Bench(), rng) for T in truths]
-    return _measured(frames, truths, rig, handle), frames
+    return Instants(frames, truths, measure_frames(frames, rig, handle)["paper"])
 
 
 def share_measured() -> float:
     """Share of `random_instants` measured close to the truth, up to the handle's symmetry (Sect. 5)."""
-    return share_close(random_instants()[0], load_handle("paper"), equivalents=True)
+    instants = random_instants()
+    return share_close(instants.measurements, instants.truths, load_handle("paper"), equivalents=True)
 
 
 def centroid_error_px() -> float:
     """Rms distance of centroids from the centres' images, up to 65 deg of slant, over `random_instants` (Sect. 5.1)."""
-    rig, handle = load_rig("paper_pair"), load_handle("paper")
-    distances = [distance for m, T in zip(*random_instants()[0][:2], strict=True)
+    rig, handle, instants = load_rig("paper_pair"), load_handle("paper"), random_instants()
+    distances = [distance for m, T in zip(instants.measurements, instants.truths, strict=True)
                  for camera, found in zip(rig.cameras, m.found, strict=True)
                  for distance in _nearest(found.uv, facing_pixels(handle, camera, T, 65.0))[1]]
     return float(np.sqrt(np.mean(np.square([d for d in distances if d < SAME_PX]))))
@@ -75,9 +87,8 @@ def centroid_error_px() -> float:
 def share_of_wrong_matches() -> float:
     """Share of the matches of Sect. 5.2, after all its steps, that join different markers, over `random_instants`."""
     rig, handle = load_rig("paper_pair"), load_handle("paper")
-    (measurements, truths, *_), frames = random_instants()
     wrong = []
-    for m, T, images in zip(measurements, truths, frames, strict=True):
+    for images, T, m in zip(*random_instants(), strict=True):
         uv = [found.uv for found in m.found]
         labels = [true_labels(camera, handle, T, pixels) for camera, pixels in zip(rig.cameras, uv, strict=True)]
         left, right = match(rig.cameras[0], rig.cameras[1], images[0], images[1], uv[0], uv[1]).index.T
@@ -124,12 +135,12 @@ def searched(images: Sequence[ArrayLike], windows: Sequence[Window | None], came
 
 
 @cache
-def tracked_clip(gain: float = 1.0, count: int = 30, seed: int = 0) -> Instants:
+def tracked_clip(gain: float = 1.0, count: int = 30, seed: int = 0) -> Clip:
     """A moving, held handle, tracked from a known start; half-way the light changes by a factor `gain`."""
     rig, handle, rng = load_rig("paper_pair"), load_handle("paper"), np.random.default_rng(seed)
     truths = list(smooth_motion(rng, count / FPS, FPS))
     state = start(render_rig(rig, handle, None, Bench(), rng), rig, -1 / FPS, truths[0])
-    found = Instants([], truths, [], [])
+    found = Clip(truths, [], [], [])
     lights = np.where(np.arange(count) < count // 2, 1.0, gain)
     for k, frames in enumerate(render_clip(rig, handle, truths, Bench(), rng, Arm(), lights)):
         found.searched.extend(_searched(state, truths[k], rig, handle))
@@ -150,12 +161,12 @@ def share_searched() -> float:
 
 def share_tracked() -> float:
     """Share of `tracked_clip` within 1 mm and 5 deg of the truth itself, a flip being wrong (Sect. 6.3)."""
-    return share_close(tracked_clip(), load_handle("paper"), equivalents=False)
+    return _share_tracked(tracked_clip())
 
 
 def share_kept_under_light() -> float:
     """Close poses when the light doubles half-way, as a share of those under steady light (Sect. 6.3)."""
-    return share_close(tracked_clip(2.0), load_handle("paper"), equivalents=False) / share_tracked()
+    return _share_tracked(tracked_clip(2.0)) / share_tracked()
 
 
 @cache
@@ -167,13 +178,13 @@ def share_saved_by_the_third(count: int = 12, seed: int = 1) -> float:
     rig, handle, rng = load_rig("raised_40deg"), load_handle("paper"), np.random.default_rng(seed)
     x, y, z = rig.cameras[0].centre
     arm = Arm(hides_from=(float(x), float(y), float(z)))
-    truths = _drawn(rig, handle, rng, count, arm)
-    found = _measured([render_rig(rig, handle, T, Bench(), rng, arm) for T in truths], truths, rig, handle)
-    return share_close(found, handle, equivalents=True)
+    truths = list(islice(shared_poses(rig, handle, rng, arm), count))
+    frames = (render_rig(rig, handle, T, Bench(), rng, arm) for T in truths)
+    return share_close(measure_frames(frames, rig, handle)["paper"], truths, handle, equivalents=True)
 
 
-def _measured(frames: list[list[np.ndarray]], truths: list[RigidTransform], rig: Rig, handle: Handle) -> Instants:
-    return Instants([measure(images, rig, handle) for images in frames], truths, [], [])
+def _share_tracked(clip: Clip) -> float:
+    return share_close(clip.measurements, clip.truths, load_handle("paper"), equivalents=False)
 
 
 def _searched(state: TrackerState, truth: RigidTransform, rig: Rig, handle: Handle) -> list[float]:
@@ -187,19 +198,6 @@ def _searched(state: TrackerState, truth: RigidTransform, rig: Rig, handle: Hand
             held = window is not None and window.contains(uv).all()
             shares.append(window.area / np.prod(camera.size) if window and held else 1.0)
     return shares
-
-
-def _drawn(rig: Rig, handle: Handle, rng: np.random.Generator, count: int, arm: Arm | None) -> list[RigidTransform]:
-    """Random poses at which some two cameras truly see the same four markers."""
-    def seen() -> Iterator[RigidTransform]:
-        while True:
-            T = random_pose(rng)
-            visible = [true_visibility(camera, handle, T, arm) for camera in rig.cameras]
-            if any((visible[i] & visible[j]).sum() >= 4 for i, j in rig.pairs):
-                yield T
-
-    poses = seen()
-    return [next(poses) for _ in range(count)]
 
 
 def _nearest(uv: Array, predicted: Array) -> tuple[np.ndarray, Array]:

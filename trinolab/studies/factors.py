@@ -23,9 +23,9 @@ from ..camera import Rig
 from ..checks import Array, as_number, as_whole
 from ..datasets import load_handle, load_rig, load_table1
 from ..handle import Handle
-from ..measurement import Measurement, measure
+from ..measurement import Measurement
 from ..parameters import Parameters
-from .replication import replication_errors
+from .replication import PAPER, measure_frames, replication_errors
 
 MEAN_DISTANCE_MM = 570.0  # of Table 1's positions from the middle of CCD1 and CCD2
 
@@ -35,8 +35,6 @@ MARGIN_PX = 10.0  # the handle's markers stay that far inside the images
 
 ERRORS = ("E_t_mm", "E_alpha_deg", "E_beta_deg", "E_gamma_deg", "geodesic_mean_deg", "position_median_mm",
           "geodesic_median_deg")
-
-PAPER: Mapping[str, Parameters] = {"paper": Parameters()}
 
 
 class Setup(NamedTuple):
@@ -162,12 +160,8 @@ def cell(name: str, value: float, seed: int, rig: Rig, handle: Handle,
 
 def measured(setup: Setup, methods: Mapping[str, Parameters], rng: np.random.Generator) -> dict[str, list[Measurement]]:
     """What each method measures in the same frames, a measurement a pose; `rng` draws the noise."""
-    found: dict[str, list[Measurement]] = {method: [] for method in methods}
-    for k in range(len(setup.poses)):
-        frames = _frames(setup, k, rng)
-        for method, parameters in methods.items():
-            found[method].append(measure(frames, setup.rig, setup.handle, parameters=parameters))
-    return found
+    frames = (_frames(setup, k, rng) for k in range(len(setup.poses)))
+    return measure_frames(frames, setup.rig, setup.handle, methods)
 
 
 def sweep_factor(name: str, seeds: int = 1, methods: Mapping[str, Parameters] = PAPER) -> pd.DataFrame:

@@ -32,8 +32,7 @@ from ..sweep.outcome import LAST_COLUMNS, OK
 from ..window import Window
 from . import markertrack
 from .factors import Setup, at_distance, errors_of, measured, table1_setup, with_markers
-from .ground_truth import CoverClip as Clip
-from .ground_truth import KnownRecording, known_recording, standard_clip, watch
+from .ground_truth import Recorded, Regions, held, moving, read_recording, watch
 
 METHODS: Mapping[str, Parameters] = {name: Parameters(estimator=name) for name in ("paper", "patches")}
 SEEDS = "seed=0,1,2"
@@ -53,9 +52,9 @@ def background_pixels(update_rate: float = 0.01, difference_threshold: float = 1
     """
     cured = BackgroundParameters(update_rate, difference_threshold)
     printed = replace(cured, shadow_share=0.0, masked_rate=None, compensate_light=False)
-    clip, found = _hard_light(), dict[str, float]()
+    (frames, empty, truths), found = _hard_light(), dict[str, float]()
     for name, way in {"printed": printed, "cured": cured}.items():
-        seen = watch(list(clip.frames), clip.empty, clip.truths, way)
+        seen = watch(frames, empty, truths, way)
         found[f"false_percent_{name}"] = 100 * float(np.nanmean(seen.false))
         found[f"missed_percent_{name}"] = 100 * float(np.nanmean(seen.missed))
     return found
@@ -180,36 +179,36 @@ def _errors(setup: Setup, seed: int) -> dict[str, float]:
 
 def _followed(name: str, index: int, parameters: Parameters) -> list[tuple[float, bool]]:
     """For each image in which a camera truly sees markers, the window's share of it, and whether they were lost."""
-    recording, regions = _recording(name), _regions(name)[index]
-    camera, instants = recording.rig.cameras[index], recording.instants
-    looks = markertrack.follow([now.images[index] for now in instants], [now.t_s for now in instants],
-                               recording.handle, regions, parameters)
+    recording = _recording(name)
+    width, height = recording.rig.cameras[index].size
+    looks = markertrack.follow(recording.images_of(index), recording.times_s, recording.handle, _regions(name)[index],
+                               parameters)
+    holds = held([look.window for look in looks], recording, index)
     found = []
-    for now, look in zip(instants, looks, strict=True):
-        if now.T_world_handle is not None and (seen := now.seen[index]).any():
-            uv = camera.project(now.T_world_handle.apply(recording.handle.marker_centres[seen]))
+    for now, look, whole in zip(recording.instants, looks, holds, strict=True):
+        if now.seen[index].any():
             area = 0 if look.window is None else look.window.area
-            held = look.window is not None and bool(look.window.contains(uv).all())
-            found.append((area / (camera.size[0] * camera.size[1]), not (held and look.used)))
+            found.append((area / (width * height), not (whole and look.used)))
     return found
 
 
 @cache
-def _recording(name: str) -> KnownRecording:
-    return known_recording(name)
+def _recording(name: str) -> Recorded:
+    return read_recording(name)
 
 
 @cache
 def _regions(name: str) -> list[list[Window | None]]:
     """What moves, for each camera at each instant: there the markers are looked for as long as nothing is known."""
     recording = _recording(name)
-    return [markertrack.moving_regions([now.images[k] for now in recording.instants], recording.empty[k])
-            for k in range(len(recording.rig.cameras))]
+    return [markertrack.moving_regions(recording.images_of(k), empty) for k, empty in enumerate(recording.empty)]
 
 
 @cache
-def _hard_light() -> Clip:
-    return standard_clip("hard", 2)
+def _hard_light() -> tuple[list[np.ndarray], np.ndarray, list[Regions]]:
+    """CCD3's images of `hard`, a fourth of the rows and columns; that of the empty bench; and what truly moves."""
+    recording = read_recording("hard", every=4)
+    return recording.images_of(2), recording.empty[2], moving(recording, 2, seam_px=2)
 
 
 class Exhibit(NamedTuple):

@@ -6,7 +6,6 @@ A shadow is not what moves; it lies on the background. Chapters 1 and 3 to 6.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from pathlib import Path
 from typing import NamedTuple
 
 import cv2
@@ -23,20 +22,8 @@ from ..bench.scenario import Job
 from ..bench.scene import scaled, smeared
 from ..camera import Camera, Rig
 from ..checks import Array, as_array, as_number, as_points, as_whole, frozen
-from ..datasets import load_handle, load_rig
 from ..files.images import read_grey
-from ..files.poses import poses_by_frame, read_poses
-from ..files.recording import (
-    Instant,
-    find_footage,
-    frames_of,
-    instants,
-    list_instants,
-    open_footage,
-    open_recording,
-    read_instant,
-)
-from ..files.rigs import read_handle, read_rig
+from ..files.recording import list_instants, open_folder, read_instants
 from ..handle import Handle, facing_pixels, slants
 from ..matching import epipolar_distances
 from ..parameters import Parameters
@@ -46,47 +33,108 @@ from .claim_trials import true_labels
 SHOWN_DEG = 80.0  # markers turned further away hardly ever give a spot
 
 
-class Clip(NamedTuple):
+class Instant(NamedTuple):
+    """One instant of a recording, and the truth.
+
+    Attributes
+    ----------
+    frame : int
+    t_s : float
+    images : tuple of ndarray, shape (height, width)
+        Grey, one a camera.
+    T_world_handle : RigidTransform or None
+        None where there is no handle.
+    seen : ndarray of bool, shape (cameras, markers)
+        What each camera truly sees, see `hand.true_visibility`; a covered camera sees nothing.
+    """
+
+    frame: int
+    t_s: float
+    images: tuple[np.ndarray, ...]
+    T_world_handle: RigidTransform | None
+    seen: np.ndarray
+
+
+class Recorded(NamedTuple):
     """What the cameras of a rig took together, and the truth.
 
     Attributes
     ----------
     rig : Rig
+        With as many pixels as the images.
     handle : Handle
-    times_s : ndarray, shape (n,)
-    films : tuple of tuples of ndarray, shape (height, width)
-        The n images of each camera.
-    empty : tuple of ndarray
-        Each camera's image of the empty scene.
-    truths : tuple of RigidTransform or None
-        T_world_handle at each instant; None where there is no handle.
+    empty : tuple of ndarray, shape (height, width)
+        Each camera's image of the empty scene, in the light of the first instant.
+    instants : list of Instant
+    job : Job
+        From which the recording was rendered: who moves, and in what light.
     """
 
     rig: Rig
     handle: Handle
-    times_s: Array
-    films: tuple[tuple[np.ndarray, ...], ...]
     empty: tuple[np.ndarray, ...]
-    truths: tuple[RigidTransform | None, ...]
+    instants: list[Instant]
+    job: Job
+
+    @property
+    def times_s(self) -> Array:
+        """Of the instants, s, shape (n,)."""
+        return np.array([now.t_s for now in self.instants])
+
+    @property
+    def poses(self) -> list[RigidTransform | None]:
+        """T_world_handle at each instant."""
+        return [now.T_world_handle for now in self.instants]
+
+    def images_of(self, camera: int) -> list[np.ndarray]:
+        """One camera's images, n of them."""
+        return [now.images[camera] for now in self.instants]
 
 
-def read_clip(folder: str | Path) -> Clip:
-    """Read a recording folder with timestamps, backgrounds and truth; 4 MB an instant of three cameras.
+def read_recording(name: str, frames: Iterable[int] | None = None, seconds: float = 2.0, every: int = 1) -> Recorded:
+    """Read a standard recording, seed 0, or some of its frames, with the truth; it is rendered if it is not there yet.
+
+    Parameters
+    ----------
+    name : {"calm", "hard"}
+    frames : iterable of int, optional
+        The instants to read, in this order; all by default.
+    seconds : float
+        Length of the recording, at 30 frames a second.
+    every : int
+        Rows and columns from one that is kept to the next; a divisor of the image's sides. The cameras of the rig that
+        is returned have as many pixels.
 
     Raises
     ------
     ValueError
-        Names the file that is missing or cannot be read.
+        As `standard_recording`, or if the recording has no such frame, or `every` does not divide the image.
     """
-    root, said = Path(folder), set[str]()
-    rig = read_rig(root / "rig.toml")
-    recorded = open_recording(find_footage(root, rig), rig, timestamps=root / "timestamps.csv")
-    now = list(instants(recorded))
-    empty = tuple(read_grey(root / "background" / f"{camera.name}.png", camera.size, said) for camera in rig.cameras)
-    known = poses_by_frame(read_poses(root / "truth.csv"))
-    times, films = [one.t_s for one in now], tuple(zip(*(one.images for one in now), strict=True))
-    return Clip(rig, read_handle(root / "handle.toml"), frozen(np.array(times)), films, empty,
-                tuple(known.get(one.frame) for one in now))
+    folder = standard_recording(name, seconds=seconds, progress=False)
+    recording, handle = open_folder(folder)
+    thin = (slice(None, None, as_whole(every, "every", 1, 64)),) * 2
+    rig = Rig(tuple(scaled(camera, 1 / every) for camera in recording.rig.cameras))
+    chosen = range(recording.length) if frames is None else [int(k) for k in frames]
+    if outside := [k for k in chosen if not 0 <= k < recording.length]:
+        raise ValueError(f"frames: expected frames 0 to {recording.length - 1}, got {outside[0]}")
+    job = scripted(name, rig, handle, 0, seconds)
+    listed = list_instants(folder / "images", recording.rig)
+    empty = [read_grey(folder / "background" / f"{camera.name}.png", camera.size) for camera in recording.rig.cameras]
+    taken = zip(chosen, read_instants([listed[k] for k in chosen], recording.rig), strict=True)
+    # copies, so that the whole images are not kept
+    return Recorded(rig, handle, tuple(image[thin].copy() for image in empty),
+                    [_instant(job, k, tuple(image[thin].copy() for image in images)) for k, images in taken], job)
+
+
+def _instant(job: Job, frame: int, images: tuple[np.ndarray, ...]) -> Instant:
+    """An instant with its truth, from the script."""
+    shot = job.shots[frame]
+    seen = np.zeros((len(job.rig.cameras), len(job.handle.marker_centres)), bool)
+    if (T := shot.T_world_handle) is not None:
+        for k, camera in enumerate(job.rig.cameras):
+            if shot.gains[k] > 0:
+                seen[k] = true_visibility(camera, job.handle, T, shot.arm)
+    return Instant(frame, float(job.times_s[frame]), images, T, seen)
 
 
 class Regions(NamedTuple):
@@ -103,30 +151,8 @@ class Wrong(NamedTuple):
     missed: float
 
 
-class CoverClip(NamedTuple):
-    """One camera's part of a standard recording, every few rows and columns of it, and its truth.
-
-    Attributes
-    ----------
-    frames : ndarray of uint8, shape (n, height, width)
-    empty : ndarray of uint8, shape (height, width)
-        The empty scene in the light of the first instant.
-    truths : list of Regions
-        One a frame.
-    job : Job
-        The script, for cameras of as many pixels.
-    camera_index : int
-    """
-
-    frames: np.ndarray
-    empty: np.ndarray
-    truths: list[Regions]
-    job: Job
-    camera_index: int
-
-
 class Watched(NamedTuple):
-    """What `background.step` made of a clip of n frames: shares as in `Wrong`, shape (n,), windows, last background."""
+    """What `background.step` made of n frames: shares as in `Wrong`, shape (n,), windows, last background."""
 
     false: Array
     missed: Array
@@ -134,34 +160,9 @@ class Watched(NamedTuple):
     background: np.ndarray
 
 
-def standard_clip(name: str, index: int, every: int = 4, seconds: float = 2.0) -> CoverClip:
-    """A camera's part of a standard recording, seed 0; a seam of 8 px of the recording is left out of the truth.
-
-    Parameters
-    ----------
-    name : {"calm", "hard"}
-    index : int
-        Of the camera.
-    every : int
-        Rows and columns from one that is looked at to the next; a divisor of the image's sides.
-    seconds : float
-        Length.
-
-    Raises
-    ------
-    ValueError
-        As `standard_recording`, or if the rig has no such camera, or `every` does not divide the image.
-    """
-    rig = load_rig("raised_40deg")
-    camera = rig.cameras[as_whole(index, "index", 0, len(rig.cameras) - 1)]
-    small = Rig(tuple(scaled(one, 1 / as_whole(every, "every", 1, 64)) for one in rig.cameras))
-    folder = standard_recording(name, seconds=seconds, progress=False)
-    empty = read_grey(folder / "background" / f"{camera.name}.png", camera.size, set())
-    frames = frames_of(open_footage(folder / "images" / camera.name), camera.size, 0, set())
-    job = scripted(name, small, load_handle("coded"), 0, seconds)
-    truths = [regions(cover(job, k, index), max(1, round(8 / every))) for k in range(len(job.shots))]
-    thinned = np.array([frame[::every, ::every] for frame in frames])
-    return CoverClip(thinned, empty[::every, ::every], truths, job, index)
+def moving(recording: Recorded, camera: int, seam_px: int) -> list[Regions]:
+    """What truly moves in each of one camera's images: handle, hand and forearm; see `regions` for the seam."""
+    return [regions(cover(recording.job, now.frame, camera), seam_px) for now in recording.instants]
 
 
 def cover(job: Job, frame: int, index: int) -> Array:
@@ -195,9 +196,21 @@ def wrong(detection: Detection, truth: Regions) -> Wrong:
 
 def watch(frames: Sequence[ArrayLike], background: ArrayLike, truths: Sequence[Regions],
           parameters: BackgroundParameters | None = None) -> Watched:
-    """Take the steps of a clip, from the background before it, and hold each against the truth.
+    """Take `background.step` from frame to frame, and hold each against the truth.
 
-    Raises ValueError if there are not as many truths as frames, or a frame or the background is not what `step` takes.
+    Parameters
+    ----------
+    frames : sequence of array_like, shape (height, width)
+    background : array_like, shape (height, width)
+        Before the first of them.
+    truths : sequence of Regions
+        One a frame, see `moving`.
+    parameters : BackgroundParameters, optional
+
+    Raises
+    ------
+    ValueError
+        If there are not as many truths as frames, or a frame or the background is not what `step` takes.
     """
     shares, windows, state = [], [], np.asarray(background)
     for frame, truth in zip(frames, truths, strict=True):
@@ -208,85 +221,21 @@ def watch(frames: Sequence[ArrayLike], background: ArrayLike, truths: Sequence[R
     return Watched(false, missed, windows, state)
 
 
-def held(windows: Sequence[Window | None], clip: CoverClip) -> np.ndarray:
-    """Whether each window holds all markers that the clip's camera truly sees, bool (n,)."""
-    camera, handle = clip.job.rig.cameras[clip.camera_index], clip.job.handle
+def _seen_pixels(recording: Recorded, instant: Instant, camera: int) -> Array:
+    """Where the centres of the markers are that one camera truly sees, px, shape (k, 2)."""
+    if instant.T_world_handle is None:
+        return np.empty((0, 2))
+    centres = recording.handle.marker_centres[instant.seen[camera]]
+    return recording.rig.cameras[camera].project(instant.T_world_handle.apply(centres))
+
+
+def held(windows: Sequence[Window | None], recording: Recorded, camera: int) -> np.ndarray:
+    """Whether the window of each instant holds all markers that the camera truly sees, bool (n,)."""
     found = []
-    for window, shot in zip(windows, clip.job.shots, strict=True):
-        uv = np.empty((0, 2))
-        if shot.T_world_handle is not None:
-            seen = true_visibility(camera, handle, shot.T_world_handle, shot.arm)
-            uv = camera.project(shot.T_world_handle.apply(handle.marker_centres[seen]))
+    for window, now in zip(windows, recording.instants, strict=True):
+        uv = _seen_pixels(recording, now, camera)
         found.append(len(uv) == 0 or (window is not None and bool(window.contains(uv).all())))
     return np.array(found)
-
-
-class Known(NamedTuple):
-    """One instant of a recording whose truth is known.
-
-    Attributes
-    ----------
-    frame : int
-    t_s : float
-    images : list of ndarray
-        Grey, one a camera.
-    T_world_handle : RigidTransform or None
-        None where there is no handle.
-    seen : ndarray of bool, shape (cameras, markers)
-        What each camera truly sees, see `hand.true_visibility`.
-    """
-
-    frame: int
-    t_s: float
-    images: list[np.ndarray]
-    T_world_handle: RigidTransform | None
-    seen: np.ndarray
-
-
-class KnownRecording(NamedTuple):
-    """A recording with its truth: cameras, handle, an image a camera of the empty bench, and instants."""
-
-    rig: Rig
-    handle: Handle
-    empty: list[np.ndarray]
-    instants: list[Known]
-
-
-def known_recording(name: str, frames: Iterable[int] | None = None, seconds: float = 2.0) -> KnownRecording:
-    """Read a standard recording, or some of its frames, with the truth; it is rendered if it is not there yet.
-
-    Parameters
-    ----------
-    name : {"calm", "hard"}
-    frames : iterable of int, optional
-        The instants to read, in this order; all by default.
-    seconds : float
-        Length of the recording, at 30 frames a second.
-
-    Raises
-    ------
-    ValueError
-        As `standard_recording`, or if the recording has no such frame.
-    """
-    folder = standard_recording(name, seconds=seconds, progress=False)
-    rig, handle = read_rig(folder / "rig.toml"), read_handle(folder / "handle.toml")
-    job, shown = scripted(name, rig, handle, 0, seconds), list_instants(folder / "images", rig)
-    chosen = range(len(shown)) if frames is None else [int(k) for k in frames]
-    if outside := [k for k in chosen if not 0 <= k < len(shown)]:
-        raise ValueError(f"frames: expected frames 0 to {len(shown) - 1}, got {outside[0]}")
-    empty = Instant(0, tuple(folder / "background" / f"{camera}.png" for camera in rig.names))
-    return KnownRecording(rig, handle, read_instant(empty, rig),
-                          [_known(job, k, read_instant(shown[k], rig)) for k in chosen])
-
-
-def _known(job: Job, frame: int, images: list[np.ndarray]) -> Known:
-    """An instant with its truth, from the script."""
-    shot, cameras = job.shots[frame], job.rig.cameras
-    seen = np.zeros((len(cameras), len(job.handle.marker_centres)), bool)
-    if (T := shot.T_world_handle) is not None:
-        seen |= [true_visibility(camera, job.handle, T, shot.arm) for camera in cameras]
-        seen[np.array(shot.gains) == 0] = False
-    return Known(frame, float(job.times_s[frame]), images, T, seen)
 
 
 class Spots(NamedTuple):
@@ -307,16 +256,16 @@ class Spots(NamedTuple):
     false: int
 
 
-def judge_spots(camera: Camera, handle: Handle, instant: Known, seen: np.ndarray, uv: ArrayLike) -> Spots:
+def judge_spots(camera: Camera, handle: Handle, instant: Instant, seen: np.ndarray, uv: ArrayLike) -> Spots:
     """Hold the spots found in one image against the truth.
 
     Parameters
     ----------
     camera : Camera
     handle : Handle
-    instant : Known
+    instant : Instant
     seen : ndarray of bool, shape (markers,)
-        The camera's row of `Known.seen`.
+        The camera's row of `Instant.seen`.
     uv : array_like, shape (n, 2)
         Spots, px; NaN rows are left out.
 
@@ -336,13 +285,13 @@ def judge_spots(camera: Camera, handle: Handle, instant: Known, seen: np.ndarray
     return Spots(frozen(slant), frozen(np.where(np.isinf(off), np.nan, off)), int((labels < 0).sum()))
 
 
-def judge_search(recording: KnownRecording, find: Callable[[np.ndarray], ArrayLike],
+def judge_search(recording: Recorded, find: Callable[[np.ndarray], ArrayLike],
                  windows: Sequence[Sequence[Window | None]] | None = None) -> Spots:
     """What a search is worth in all images of a recording.
 
     Parameters
     ----------
-    recording : KnownRecording
+    recording : Recorded
     find : callable
         Takes an image, or the part of it in a window, and gives spots (n, 2) in its pixels.
     windows : sequence of sequence of Window or None, optional
@@ -358,7 +307,7 @@ def judge_search(recording: KnownRecording, find: Callable[[np.ndarray], ArrayLi
     return Spots(frozen(np.concatenate(slant)), frozen(np.concatenate(errors)), sum(false))
 
 
-def moving_windows(recording: KnownRecording, parameters: Parameters | None = None) -> list[list[Window | None]]:
+def moving_windows(recording: Recorded, parameters: Parameters | None = None) -> list[list[Window | None]]:
     """The window around what moves, W_ROI, for each instant that of each camera (Sect. 4.1)."""
     p, found = parameters or Parameters(), []
     known: list[np.ndarray] = list(recording.empty)

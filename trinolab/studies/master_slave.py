@@ -95,10 +95,8 @@ def filmed() -> tuple[pd.DataFrame, PageVideo]:
 def _tracked(folder: Path) -> list[Sample]:
     """The tracked poses, the clutch closed, and the last one as long as the hand rests."""
     source = recorded(folder)
-    state, samples = None, []
-    for now in islice(source.frames, FIRST, source.length):
-        state = state or posetracker.start(now.t_s - 1.0)
-        state, tracked = posetracker.step(state, now.images, now.t_s, source.rig, source.handle)
+    chosen, samples = islice(source.frames, FIRST, source.length), []
+    for now, tracked in posetracker.track_instants(chosen, source.rig, source.handle):
         pose = tracked.measurement.pose
         samples.append(Sample(now.t_s, pose.T_world_handle, pose.status, True))
     last = samples[-1]

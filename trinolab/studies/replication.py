@@ -1,13 +1,15 @@
-"""Table 1 replicated: the poses rendered, measured by a method, and compared with the truth (Sect. 6)."""
+"""Render, measure, compare: the experiment of most studies, and with Table 1's poses the replication (Sect. 6)."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 import numpy as np
 from scipy.spatial.transform import RigidTransform
 from tqdm import tqdm
 
+from ..bench.hand import Arm, true_visibility
+from ..bench.motion import random_pose
 from ..bench.optics import Bench
 from ..bench.scene import render_rig
 from ..camera import Rig
@@ -18,10 +20,52 @@ from ..measurement import Measurement, measure
 from ..metrics import PoseErrors, nearest_equivalent, pose_errors
 from ..parameters import Parameters
 
+PAPER: Mapping[str, Parameters] = {"paper": Parameters()}  # the paper's estimator alone
+
+
+def shared_poses(rig: Rig, handle: Handle, rng: np.random.Generator,
+                 arm: Arm | None = None) -> Iterator[RigidTransform]:
+    """Random poses of the standard scene, without end, at which some two cameras truly see the same four markers."""
+    while True:
+        T = random_pose(rng)
+        visible = [true_visibility(camera, handle, T, arm) for camera in rig.cameras]
+        if any((visible[i] & visible[j]).sum() >= 4 for i, j in rig.pairs):
+            yield T
+
+
+def measure_frames(frames: Iterable[Sequence[np.ndarray]], rig: Rig, handle: Handle,
+                   methods: Mapping[str, Parameters] = PAPER,
+                   priors: Sequence[RigidTransform] | None = None) -> dict[str, list[Measurement]]:
+    """Measure each instant on its own by several methods.
+
+    Parameters
+    ----------
+    frames : iterable of sequence of ndarray
+        The images of each instant. They may be rendered as they are asked for: measuring draws no random numbers.
+    rig : Rig
+    handle : Handle
+    methods : mapping
+        From a name to the parameters of the measurement; the paper's alone without it.
+    priors : sequence of RigidTransform, optional
+        T_world_handle that is expected at each instant.
+
+    Returns
+    -------
+    dict
+        For each method a measurement an instant.
+    """
+    found: dict[str, list[Measurement]] = {name: [] for name in methods}
+    for k, images in enumerate(frames):
+        prior = None if priors is None else priors[k]
+        for name, parameters in methods.items():
+            found[name].append(measure(images, rig, handle, prior, parameters))
+    return found
+
 
 def replicate(poses: Iterable[RigidTransform], rig: Rig, handle: Handle, seed: int = 0, bench: Bench | None = None,
-              parameters: Parameters | None = None, progress: bool = False) -> list[Measurement]:
-    """Render each pose with the simulated bench and measure it, without a prior.
+              parameters: Parameters | None = None, with_prior: bool = False,
+              progress: bool = False) -> list[Measurement]:
+    """Render each pose with the simulated bench and measure it.
 
     Parameters
     ----------
@@ -33,13 +77,16 @@ def replicate(poses: Iterable[RigidTransform], rig: Rig, handle: Handle, seed: i
         Of the noise.
     bench : Bench, optional
     parameters : Parameters, optional
+    with_prior : bool
+        Whether the true pose is given as the one that is expected, which tells poses that look alike apart.
     progress : bool
         Show a progress bar on standard error.
     """
     rng = np.random.default_rng(int(as_number(seed, "seed", low=0)))
-    bench = bench or Bench()
-    return [measure(render_rig(rig, handle, T, bench, rng), rig, handle, parameters=parameters)
-            for T in tqdm(list(poses), unit="instant", disable=not progress)]
+    truths, bench = list(poses), bench or Bench()
+    frames = (render_rig(rig, handle, T, bench, rng) for T in tqdm(truths, unit="instant", disable=not progress))
+    method = {"the one": parameters or Parameters()}
+    return measure_frames(frames, rig, handle, method, truths if with_prior else None)["the one"]
 
 
 def replicate_table1(rig: Rig, handle: Handle, seed: int = 0, rows: slice = slice(None), bench: Bench | None = None,
@@ -61,10 +108,22 @@ def replicate_table1(rig: Rig, handle: Handle, seed: int = 0, rows: slice = slic
     return replication_errors(measurements, truths, handle)
 
 
-def replication_errors(measurements: list[Measurement], truths: RigidTransform, handle: Handle) -> PoseErrors:
-    """Errors of measurements against their truths, each by its nearest equivalent; lost ones are left out of `n`."""
-    held = [k for k, m in enumerate(measurements) if m.pose.T_world_handle is not None]
+def replication_errors(measurements: Sequence[Measurement], truths: RigidTransform, handle: Handle) -> PoseErrors:
+    """Errors of measurements against their truths, each by its nearest equivalent; lost ones are left out of `n`.
+
+    Raises ValueError if all of them are lost.
+    """
+    return pose_errors(*estimates_and_truths([m.pose.T_world_handle for m in measurements], truths, handle))
+
+
+def estimates_and_truths(estimates: Sequence[RigidTransform | None], truths: Sequence[RigidTransform] | RigidTransform,
+                         handle: Handle) -> tuple[RigidTransform, RigidTransform]:
+    """The estimates that there are, each as its equivalent nearest to the truth, and their truths.
+
+    Raises ValueError if there are none.
+    """
+    held = [(estimate, truth) for estimate, truth in zip(estimates, truths, strict=True) if estimate is not None]
     if not held:
-        raise ValueError(f"measurements: all {len(measurements)} are lost")
-    estimates = RigidTransform.concatenate([measurements[k].pose.T_world_handle for k in held])
-    return pose_errors(nearest_equivalent(estimates, truths[held], handle.symmetries), truths[held])
+        raise ValueError(f"measurements: all {len(truths)} are lost")
+    found, true = (RigidTransform.concatenate(side) for side in zip(*held, strict=True))
+    return nearest_equivalent(found, true, handle.symmetries), true

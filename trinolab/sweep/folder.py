@@ -8,23 +8,18 @@ from __future__ import annotations
 
 import json
 import logging
-import os
 import shutil
 from collections.abc import Mapping
-from contextlib import suppress
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import pandas as pd
 
 from ..files.inputs import read_csv
+from ..files.kept import KeptLines, locked
 from ..files.outputs import write_together, write_whole
 from .outcome import Outcome
-
-try:
-    import fcntl
-except ImportError:  # a system without such locks
-    fcntl = None  # type: ignore[assignment]
 
 MANIFEST, RUNS, TABLE, FIGURE, NOTEBOOKS = "manifest.json", "runs.jsonl", "table.csv", "figure.png", "notebooks"
 
@@ -54,7 +49,7 @@ class SweepFolder:
     """The folder of one sweep, for one process at a time. Those of another sweep, or of something else, are refused.
 
     The runs of the same sweep interrupted are taken up, unless what they were made from has changed: then they are
-    dropped, and that is said. A line that was cut off is dropped as well.
+    dropped, and that is said. A line that was cut off is dropped as well, see `KeptLines`.
 
     Parameters
     ----------
@@ -78,25 +73,22 @@ class SweepFolder:
         _check_place(self.path)
         try:
             self.path.mkdir(parents=True, exist_ok=True)
-            self._lock = _locked(self.path)
         except OSError as error:
             raise ValueError(f"{path}: cannot be written ({error.strerror})") from None
-        try:
-            self.done = self._taken_up(identity, dict(made_from))
-            write_whole(self.path / RUNS, "".join(_line(number, one) for number, one in self.done.items()))
+        with ExitStack() as opened:
+            opened.enter_context(locked(self.path))
+            self._drop_stale(identity, dict(made_from))
             manifest = {**identity._asdict(), "made_from": dict(made_from), **about}
             write_whole(self.path / MANIFEST, json.dumps(manifest, indent=2, default=repr) + "\n")
-            self._file = (self.path / RUNS).open("a", encoding="utf-8")
-        except BaseException:
-            os.close(self._lock)
-            raise
+            self._lines = opened.enter_context(self._kept_lines())
+            self.done = self._finished()
+            self._open = opened.pop_all()
 
     def __enter__(self) -> SweepFolder:
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._file.close()
-        os.close(self._lock)
+        self._open.close()
 
     def add(self, number: int, outcome: Outcome) -> None:
         """One more run; it is with the system when this returns. Raises ValueError if it cannot be written."""
@@ -104,41 +96,47 @@ class SweepFolder:
             if outcome.notebook:
                 (self.path / NOTEBOOKS).mkdir(exist_ok=True)
                 write_whole(self.path / NOTEBOOKS / f"{number:06d}.ipynb", outcome.notebook)
-            self._file.write(_line(number, outcome))
-            self._file.flush()
         except OSError as error:
-            raise ValueError(f"{self.path / RUNS}: cannot be written ({error.strerror})") from None
+            raise ValueError(f"{self.path / NOTEBOOKS}: cannot be written ({error.strerror})") from None
+        self._lines.add_line(json.dumps({"run": number, **outcome._replace(notebook="")._asdict()}))
         self.done[number] = outcome._replace(notebook="")
 
     def kept(self) -> int:
         """How many runs the file has: one more than `done`, if an interruption came in the middle of `add`."""
-        with suppress(OSError):  # a full disk, which has been told of
-            self._file.flush()
-        return len(_finished(self.path / RUNS, self._runs))
+        return len(self._finished())
 
     def finish(self, found: pd.DataFrame, figure: bytes) -> None:
         """Write the table and its figure. Raises ValueError if they cannot be written."""
         write_together({self.path / TABLE: found.to_csv(index=False, lineterminator="\n"), self.path / FIGURE: figure})
 
-    def _taken_up(self, identity: Identity, made_from: dict[str, str]) -> dict[int, Outcome]:
-        """The finished runs of this sweep that are not stale."""
+    def _kept_lines(self) -> KeptLines:
+        """The lines of the finished runs."""
+        return KeptLines(self.path / RUNS, "", lambda _, line: _read_line(line, self._runs) is not None)
+
+    def _finished(self) -> dict[int, Outcome]:
+        """The runs that have a whole line."""
+        return dict(filter(None, (_read_line(line, self._runs) for line in self._lines.lines())))
+
+    def _drop_stale(self, identity: Identity, made_from: dict[str, str]) -> None:
+        """Drop the finished runs of this sweep if what they were made from has changed; refuse those of another."""
         if not (self.path / MANIFEST).exists():
-            return {}
+            return
         before = _manifest(self.path)
         if {name: before.get(name) for name in Identity._fields} != identity._asdict():
             of = ", ".join(map(str, before.get("parameters") or []))
             raise ValueError(f"{self.path}: holds another sweep ({before.get('what')} over {of}; {before.get('runs')} "
                              "runs); name another folder")
-        done, old = _finished(self.path / RUNS, identity.runs), before.get("made_from", {})
+        old = before.get("made_from", {})
         changed = [name for name in {**old, **made_from} if old.get(name) != made_from.get(name)]
         if not changed:
-            return done
-        log.warning("%s: %s changed since; %d finished runs are stale and are done again", self.path,
-                    f"{' and '.join(changed)} {'has' if len(changed) == 1 else 'have'}", len(done))
+            return
+        with self._kept_lines() as stale:
+            log.warning("%s: %s changed since; %d finished runs are stale and are done again", self.path,
+                        f"{' and '.join(changed)} {'has' if len(changed) == 1 else 'have'}", len(stale.lines()))
+            stale.remove()
         for name in (TABLE, FIGURE):
             (self.path / name).unlink(missing_ok=True)
         shutil.rmtree(self.path / NOTEBOOKS, ignore_errors=True)
-        return {}
 
 
 def read_sweep(folder: str | Path) -> pd.DataFrame:
@@ -160,19 +158,6 @@ def _check_place(path: Path) -> None:
         raise ValueError(f"{path}: holds something that is no sweep; name another folder")
 
 
-def _locked(path: Path) -> int:
-    """The folder, opened, and locked as long as it is open."""
-    if fcntl is None:
-        return os.open(os.devnull, os.O_RDONLY)
-    held = os.open(path, os.O_RDONLY)
-    try:
-        fcntl.flock(held, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except OSError:
-        os.close(held)
-        raise ValueError(f"{path}: another process works on this sweep") from None
-    return held
-
-
 def _manifest(folder: Path) -> dict[str, Any]:
     path = folder / MANIFEST
     try:
@@ -184,22 +169,11 @@ def _manifest(folder: Path) -> dict[str, Any]:
     return found
 
 
-def _line(number: int, outcome: Outcome) -> str:
-    return json.dumps({"run": number, **outcome._replace(notebook="")._asdict()}) + "\n"
-
-
-def _finished(path: Path, runs: int) -> dict[int, Outcome]:
-    """The runs that have a whole line."""
-    text = path.read_text(encoding="utf-8", errors="replace") if path.exists() else ""
-    lines = text.split("\n")[:-1]  # behind the last one there is nothing, or one that was cut off
-    found = dict(filter(None, map(_read_line, lines)))
-    return {number: outcome for number, outcome in found.items() if number in range(runs)}
-
-
-def _read_line(line: str) -> tuple[int, Outcome] | None:
-    """The number and the outcome of a run; None for a damaged line."""
+def _read_line(line: str, runs: int) -> tuple[int, Outcome] | None:
+    """The number and the outcome of one of so many runs; None for a damaged line."""
     try:
         entry = json.loads(line)
-        return int(entry.pop("run")), Outcome(**entry)
+        number, outcome = int(entry.pop("run")), Outcome(**entry)
     except (ValueError, TypeError, KeyError, AttributeError, RecursionError):
         return None
+    return (number, outcome) if number in range(runs) else None

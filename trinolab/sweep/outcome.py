@@ -22,7 +22,7 @@ class Outcome(NamedTuple):
     Attributes
     ----------
     results : dict
-        Number by name; those that are no number are not there.
+        Number by name; non-numeric results are left out.
     seconds : float
         Wall time.
     status : str

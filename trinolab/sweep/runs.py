@@ -33,7 +33,7 @@ from .warmkernel import check_kernel, notebook_job, run_job
 
 TIMEOUT_S = 600.0  # of one cell
 NOTEBOOKS = Path(__file__).resolve().parents[2] / "notebooks"  # of a checkout
-AHEAD = 64  # runs that an executor which nobody knows is given before one of them is finished
+AHEAD = 64  # runs submitted ahead to an executor given by the caller
 
 
 class Sweep(NamedTuple):

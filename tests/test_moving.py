@@ -1,6 +1,5 @@
 """The truth of what moves, against images without noise and against distances; its shares by hand."""
 
-import cv2
 import numpy as np
 import pytest
 
@@ -10,7 +9,7 @@ from trinolab.bench.recordings import scripted
 from trinolab.bench.scenario import take
 from trinolab.camera import Rig
 from trinolab.datasets import load_handle, load_rig
-from trinolab.studies.ground_truth import Regions, cover, held, regions, standard_clip, watch, wrong
+from trinolab.studies.ground_truth import Regions, cover, held, moving, read_recording, regions, watch, wrong
 from trinolab.window import Window
 
 RIG = Rig(tuple(scene.scaled(camera, 0.125) for camera in load_rig("raised_40deg").cameras))
@@ -66,35 +65,36 @@ def test_watching_is_step_after_step():
         watch(frames, frames[0], truths[:2])
 
 
-@pytest.fixture
-def short(tmp_path, monkeypatch):
+@pytest.fixture(scope="module")
+def short(tmp_path_factory):
     """The calm script's instants from 1.2 s on, in a cache of their own."""
     def late(rig, times, seed):
         return calm(rig, times + 1.2, seed)
 
     calm = recordings.SCRIPTS["calm"]
-    monkeypatch.setattr(recordings, "cache_folder", lambda: tmp_path)
-    monkeypatch.setitem(recordings.SCRIPTS, "calm", late)
-    return standard_clip("calm", 1, every=4, seconds=0.07)
+    root = tmp_path_factory.mktemp("cache")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(recordings, "cache_folder", lambda: root)
+        patch.setitem(recordings.SCRIPTS, "calm", late)
+        return read_recording("calm", every=4, seconds=0.07)
 
 
-def test_clip_is_every_few_rows_and_columns_of_the_recording(short, tmp_path):
-    folder = next(path for path in tmp_path.glob("recordings/calm-*") if path.is_dir())
-    frames = [cv2.imread(str(path), cv2.IMREAD_GRAYSCALE) for path in sorted(folder.glob("images/ccd2/*.png"))]
-    np.testing.assert_array_equal(short.frames, np.array(frames)[:, ::4, ::4])
-    assert short.empty.shape == short.truths[0].inside.shape == (256, 320)
-    # what covers the pixel is what it shows: the seam is out, so that the hand is bright and the bench is not
-    watched = watch(short.frames, short.empty, short.truths, BackgroundParameters(min_pixels=30))
+def test_what_covers_a_pixel_is_what_it_shows(short):
+    """The seam is out, so that the hand is bright and the bench is not."""
+    truths = moving(short, 1, seam_px=2)
+    assert short.empty[1].shape == truths[0].inside.shape == (256, 320)
+    watched = watch(short.images_of(1), short.empty[1], truths, BackgroundParameters(min_pixels=30))
     assert watched.false.max() < 1e-4
     assert watched.missed.max() < 0.02
 
 
+def test_the_truth_is_that_of_the_instants_that_were_read(short):
+    last = short._replace(instants=short.instants[-1:])
+    alone, = moving(last, 1, seam_px=2)
+    np.testing.assert_array_equal(alone.inside, moving(short, 1, seam_px=2)[-1].inside)
+
+
 def test_window_holds_the_seen_markers_or_does_not(short):
     everything, corner = Window(0, 0, 320, 256), Window(0, 0, 3, 3)
-    np.testing.assert_array_equal(held([everything, everything], short), [True, True])
-    np.testing.assert_array_equal(held([corner, None], short), [False, False])
-
-
-def test_there_is_no_fourth_camera():
-    with pytest.raises(ValueError, match="index"):
-        standard_clip("calm", 3)
+    np.testing.assert_array_equal(held([everything, everything], short, 1), [True, True])
+    np.testing.assert_array_equal(held([corner, None], short, 1), [False, False])

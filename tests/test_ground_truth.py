@@ -2,6 +2,7 @@
 
 import dataclasses
 
+import cv2
 import numpy as np
 import pandas as pd
 import pytest
@@ -15,7 +16,7 @@ from trinolab.datasets import load_rig
 from trinolab.files.poses import poses_by_frame, read_poses
 from trinolab.handle import Handle
 from trinolab.studies import ground_truth
-from trinolab.studies.ground_truth import in_the_gate, judge_search, judge_spots, known_recording, moving_windows
+from trinolab.studies.ground_truth import in_the_gate, judge_search, judge_spots, moving_windows, read_recording
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -29,7 +30,7 @@ def cache(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def hard():
-    return known_recording("hard", seconds=0.2)
+    return read_recording("hard", seconds=0.2)
 
 
 def exactly(recording, instant, c, moved=0.0):
@@ -48,16 +49,43 @@ def test_the_truth_is_that_of_the_folder(hard):
         assert np.allclose(now.T_world_handle.as_matrix(), poses[now.frame].as_matrix(), atol=1e-6)  # nine digits
         assert now.t_s == pytest.approx(now.frame / 30)
         assert [image.shape for image in now.images] == [(256, 320)] * 3
+    assert np.array_equal(hard.times_s, [now.t_s for now in hard.instants])
+    assert hard.poses[3] is hard.instants[3].T_world_handle
+
+
+def test_images_are_those_of_the_folder(hard):
+    folder = standard_recording("hard", seconds=0.2)
+    assert hard.handle.name == "coded"
+    for camera, (name, empty) in enumerate(zip(hard.rig.names, hard.empty, strict=True)):
+        film = hard.images_of(camera)
+        for path, image in zip(sorted(folder.glob(f"images/{name}/*.png")), film, strict=True):
+            assert np.array_equal(image, cv2.imread(str(path), cv2.IMREAD_GRAYSCALE))
+        assert np.array_equal(empty, cv2.imread(str(folder / "background" / f"{name}.png"), cv2.IMREAD_GRAYSCALE))
+        assert not np.array_equal(film[0], film[1])
+    u, v = np.rint(exactly(hard, hard.instants[0], 0)).astype(int).T
+    assert hard.instants[0].images[0][v, u].max() > 120  # markers are there
+
+
+def test_every_few_rows_and_columns_are_cameras_of_as_many_pixels(hard):
+    thin = read_recording("hard", [4], seconds=0.2, every=4)
+    whole = hard.instants[4]
+    for camera, small, image in zip(thin.rig.cameras, thin.instants[0].images, whole.images, strict=True):
+        assert small.shape == camera.size[::-1] == (64, 80)
+        assert np.array_equal(small, image[::4, ::4])
+    assert np.array_equal(thin.empty[1], hard.empty[1][::4, ::4])
+    centre = whole.T_world_handle.translation[None]
+    # the image's corner stays where it is, half a pixel outside the first centre
+    assert thin.rig.cameras[2].project(centre) == pytest.approx((hard.rig.cameras[2].project(centre) + 0.5) / 4 - 0.5)
 
 
 def test_some_frames_are_the_same_as_in_all(hard):
-    some = known_recording("hard", [4, 1], seconds=0.2)
+    some = read_recording("hard", [4, 1], seconds=0.2)
     assert [now.frame for now in some.instants] == [4, 1]
     assert np.array_equal(some.instants[1].images[2], hard.instants[1].images[2])
 
 
 def test_nobody_is_seen_on_the_empty_bench():
-    calm = known_recording("calm", seconds=0.1)
+    calm = read_recording("calm", seconds=0.1)
     assert all(now.T_world_handle is None and not now.seen.any() for now in calm.instants)
     judged = judge_search(calm, lambda image: np.array([[3.0, 4.0]]))
     assert len(judged.errors_px) == 0
@@ -98,7 +126,18 @@ def test_where_there_is_no_window_nothing_is_found(hard):
 
 def test_a_frame_that_is_not_there():
     with pytest.raises(ValueError, match="frames 0 to 5, got 6"):
-        known_recording("hard", [0, 6], seconds=0.2)
+        read_recording("hard", [0, 6], seconds=0.2)
+
+
+def test_a_file_that_is_missing_is_named(hard):
+    path = standard_recording("hard", seconds=0.2) / "background" / "ccd2.png"
+    content = path.read_bytes()
+    path.unlink()
+    try:
+        with pytest.raises(ValueError, match=r"ccd2\.png"):
+            read_recording("hard", [0], seconds=0.2)
+    finally:
+        path.write_bytes(content)
 
 
 def test_the_gate_by_hand():
@@ -118,6 +157,6 @@ def test_the_gate_by_hand():
 def test_a_covered_camera_sees_nothing(hard, monkeypatch):
     job = recordings.scripted("hard", hard.rig, hard.handle, 0, 0.2)
     dark = job._replace(shots=[shot._replace(gains=(0.0, 1.0, 1.0)) for shot in job.shots])
-    seen = ground_truth._known(dark, 0, []).seen
+    seen = ground_truth._instant(dark, 0, ()).seen
     assert not seen[0].any()
     assert np.array_equal(seen[1:], hard.instants[0].seen[1:])
