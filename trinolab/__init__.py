@@ -5,6 +5,10 @@ Rigid motions are named ``T_target_source``, so that neighbours cancel: ``T_worl
 
 What most users need has a name here: `measure` (frames to a pose), `track` (a recording to poses), `evaluate` (poses
 and their truth to errors), `sweep.sweep` (a notebook or a function to a table), and the readers of their files.
+
+A mistake of the caller's is a ``ValueError`` in one line that names the argument, what was expected and what came: a
+wrong shape or type, lengths that differ, NaN where nothing may be missing, a number out of the range that is documented
+or beyond any bench (`checks.LARGEST`). A docstring says what is raised beside that.
 """
 
 from __future__ import annotations

@@ -46,11 +46,6 @@ class BackgroundParameters:
         takes in a handle that rests.
     compensate_light : bool
         Scale the background to the frame's light before it is compared (see `background.light_gain`).
-
-    Raises
-    ------
-    ValueError
-        Names the field: no number, out of range, or no truth value.
     """
 
     update_rate: float = 0.01
@@ -110,11 +105,6 @@ def difference(frame: ArrayLike, background: ArrayLike, difference_threshold: fl
         T, grey levels, not negative.
     shadow_share : float
         The share of the light that a shadow may take, 0 to 1.
-
-    Raises
-    ------
-    ValueError
-        If one of the two is no grey image, they differ in size, the threshold is negative, or the share not in [0, 1].
     """
     grey, old = _frame_and_background(frame, background)
     threshold = as_number(difference_threshold, "difference_threshold", 0.0)
@@ -147,11 +137,6 @@ def update(background: ArrayLike, frame: ArrayLike, update_rate: float, mask: Ar
     -------
     ndarray of float32 or float64, shape (height, width)
         B_k, read-only.
-
-    Raises
-    ------
-    ValueError
-        If one of the two is no grey image, the sizes differ, the mask is not of bool, or a rate is not in [0, 1].
     """
     grey, old = _frame_and_background(frame, background)
     alpha = as_number(update_rate, "update_rate", 0.0, 1.0)
@@ -180,11 +165,6 @@ def moving_window(mask: ArrayLike, min_pixels: int = 0) -> Window | None:
     -------
     Window or None
         None if nothing moves.
-
-    Raises
-    ------
-    ValueError
-        If `mask` is no image of bool, or `min_pixels` is negative.
     """
     moved = _as_mask(mask)
     if np.count_nonzero(moved) <= as_number(min_pixels, "min_pixels", 0.0):
@@ -211,11 +191,6 @@ def step(background: ArrayLike, frame: ArrayLike, parameters: BackgroundParamete
     background : ndarray, shape (height, width)
         For the next instant.
     detection : Detection
-
-    Raises
-    ------
-    ValueError
-        If one of the two is no grey image, or they differ in size.
     """
     p = parameters or BackgroundParameters()
     grey, old = _frame_and_background(frame, background)
@@ -245,11 +220,6 @@ def light_gain(frame: ArrayLike, background: ArrayLike, step: int = 4) -> float:
     float
         1 if nothing in the background is brighter than 10 grey levels, or no factor within 1/4 and 4 is shared by a
         tenth of the pixels: that is no change of light but a covered lens.
-
-    Raises
-    ------
-    ValueError
-        If one of the two is no grey image, they differ in size, or `step` is less than 1.
     """
     grey = as_image(frame, "frame")
     old = as_image(background, "background", (grey.shape[1], grey.shape[0]))

@@ -169,11 +169,6 @@ def centroid(image: ArrayLike, mask: ArrayLike, background: float) -> Array:
     -------
     ndarray, shape (2,)
         u, v in px from the centre of the image's first pixel; NaN if nothing is brighter than the background.
-
-    Raises
-    ------
-    ValueError
-        If `image` is no grey image or `mask` has another shape.
     """
     image = as_image(image, "image")
     mask = np.asarray(mask, dtype=bool)

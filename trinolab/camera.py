@@ -95,11 +95,6 @@ class Camera:
         ndarray, shape (n, 2)
             Pixels; NaN where a point is missing, not in front of the camera, or so far aside that the distortion model
             folds back. Points outside the image are returned all the same, see `sees`.
-
-        Raises
-        ------
-        ValueError
-            If `points` has another shape.
         """
         local = self.T_cam_world.apply(as_points(points, "points", 3))
         z = np.where(local[:, 2:] > NEAREST_MM, local[:, 2:], np.nan)
@@ -108,28 +103,28 @@ class Camera:
     def to_pixels(self, xy: ArrayLike) -> Array:
         """Normalised ideal coordinates (x/z, y/z), shape (n, 2), to pixels of the distorted image, shape (n, 2).
 
-        NaN for missing points and where `project` gives none. Raises ValueError if `xy` has another shape.
+        NaN for missing points and where `project` gives none.
         """
         return whole_rows(distort(as_points(xy, "xy", 2), self.distortions)[0] * self.focal + self.principal_point)
 
     def normalise(self, uv: ArrayLike) -> Array:
         """Pixels of the distorted image, shape (n, 2), to normalised ideal coordinates (x/z, y/z), shape (n, 2).
 
-        NaN for missing points and where no ideal point maps to the pixel. Raises ValueError if `uv` has another shape.
+        NaN for missing points and where no ideal point maps to the pixel.
         """
         return undistort((as_points(uv, "uv", 2) - self.principal_point) / self.focal, self.distortions)
 
     def ideal_pixels(self, uv: ArrayLike) -> Array:
         """Pixels with the lens distortion removed, shape (n, 2); epipolar lines are straight only among these.
 
-        NaN where `normalise` gives none. Raises ValueError if `uv` has another shape.
+        NaN where `normalise` gives none.
         """
         return whole_rows(self.normalise(uv) * self.focal + self.principal_point)
 
     def rays(self, uv: ArrayLike) -> Array:
         """Directions of the viewing rays through pixels, world frame, shape (n, 3), length 1; they start at `centre`.
 
-        NaN where `normalise` gives none. Raises ValueError if `uv` has another shape.
+        NaN where `normalise` gives none.
         """
         xy = self.normalise(uv)
         local = np.column_stack([xy, np.ones(len(xy))])
@@ -139,7 +134,7 @@ class Camera:
     def sees(self, points: ArrayLike, margin_px: float = 0.0) -> np.ndarray:
         """Whether world points, shape (n, 3), fall into the image at least `margin_px` from its edge; bool (n,).
 
-        False where `project` gives no pixel. Raises ValueError for another shape, or a margin that is no finite number.
+        False where `project` gives no pixel.
         """
         as_number(margin_px, "margin_px")
         uv = self.project(points)
@@ -217,8 +212,8 @@ def epipolar_lines(left: Camera, right: Camera, uv: ArrayLike) -> Array:
     -------
     ndarray, shape (n, 3)
         a, b, c with a^2 + b^2 = 1, so that a u + b v + c is a distance in ideal pixels; NaN for missing pixels, and for
-        the image of the right camera's centre, which has no line. Raises ValueError if `uv` has another shape or both
-        cameras stand in one place.
+        the image of the right camera's centre, which has no line. Raises ValueError if both cameras stand in one
+        place.
     """
     uv, F = left.ideal_pixels(uv), fundamental_matrix(left, right)
     points = np.column_stack([uv, np.ones(len(uv))])
@@ -234,7 +229,7 @@ def T_world_oxyz(rig: Rig, first: int = 0, second: int = 1) -> RigidTransform:
     Raises
     ------
     ValueError
-        If one is no index of a camera, both stand in one place, or their mean axis lies along the baseline.
+        If both cameras stand in one place, or their mean axis lies along the baseline.
     """
     if not all(isinstance(k, (int, np.integer)) and 0 <= k < len(rig.cameras) for k in (first, second)):
         raise ValueError(f"first, second: expected 0 to {len(rig.cameras) - 1}, got {first!r} and {second!r}")

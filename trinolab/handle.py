@@ -44,8 +44,7 @@ class Handle:
     Raises
     ------
     ValueError
-        Names the field: not a number, not positive, no marker, rows that do not fit the columns, markers that overlap
-        or leave the body.
+        If there is no marker, the rows do not fit the columns, or markers overlap or leave the body.
     """
 
     name: str
@@ -113,11 +112,6 @@ def slants(handle: Handle, T_world_handle: RigidTransform, viewpoint: Array) -> 
     T_world_handle : RigidTransform
     viewpoint : ndarray, shape (3,)
         A camera's centre, world frame, mm.
-
-    Raises
-    ------
-    ValueError
-        If `T_world_handle` is not one finite motion, or as `slant_angles`.
     """
     as_transform(T_world_handle, "T_world_handle")
     normals = handle.marker_normals @ T_world_handle.as_matrix()[:3, :3].T
@@ -147,11 +141,6 @@ def slant_angles(centres: Array, normals: Array, viewpoint: Array) -> Array:
     -------
     ndarray, shape (...)
         NaN where a centre or a normal is missing, or the viewpoint lies in the centre.
-
-    Raises
-    ------
-    ValueError
-        If `centres` and `normals` differ in shape or do not end in 3, or `viewpoint` is not three finite numbers.
     """
     centres = as_array(centres, "centres", (*np.shape(centres)[:-1], 3), finite=False)
     normals = as_array(normals, "normals", centres.shape, finite=False)

@@ -69,7 +69,7 @@ def run(start: State, measurements: Sequence[ArrayLike | None] | Array, F: Array
     Raises
     ------
     ValueError
-        As `kalman.update`, or if there is no measurement, or F or Q are not one or k.
+        As `kalman.update`, or if there is no measurement.
     """
     if len(measurements) == 0:
         raise ValueError("measurements: expected at least one, got none")
@@ -95,7 +95,7 @@ def track(times_s: ArrayLike, uv: ArrayLike, parameters: KalmanParameters | None
     Raises
     ------
     ValueError
-        If the times do not increase or do not fit the points, there is no instant, or a number is infinite.
+        If the times do not increase, or there is no instant.
     """
     p = parameters or KalmanParameters()
     points = as_points(uv, "uv", 2)
@@ -133,11 +133,6 @@ def search_window(state: State, window: Window, size: tuple[int, int],
     -------
     Window or None
         Inside the image; None if the target is expected outside.
-
-    Raises
-    ------
-    ValueError
-        If the state has NaN or no covariance.
     """
     p = parameters or KalmanParameters()
     S = innovation(state, None, np.eye(2, len(state.mean)), p.sigma_px**2 * np.eye(2)).covariance
@@ -152,8 +147,6 @@ def search_windows(way: Track, windows: Sequence[Window], size: tuple[int, int],
     """The search window of each instant but the first, from the prediction and the window before; see `search_window`.
 
     It is all of the image where the target is expected outside: then nothing is known.
-
-    Raises ValueError if there is not one window for each instant of the track.
     """
     if len(windows) != len(way.used):
         raise ValueError(f"windows: expected one for each of {len(way.used)} instants, got {len(windows)}")
@@ -174,7 +167,7 @@ def nees(states: State, truth: ArrayLike) -> Array:
     Raises
     ------
     ValueError
-        For a wrong shape, or a covariance that is not positive definite.
+        For a covariance that is not positive definite.
     """
     mean = as_array(states[0], "mean", (None, None))
     error = as_array(truth, "truth", mean.shape) - mean
@@ -204,7 +197,7 @@ def draw(start: State, count: int, F: ArrayLike, Q: ArrayLike, H: ArrayLike, R: 
     Raises
     ------
     ValueError
-        As `run`, or if `rng` is no generator.
+        As `run`.
     """
     as_rng(rng)
     n, k = len(start.mean), int(as_number(count, "count", 1))

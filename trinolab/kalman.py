@@ -52,8 +52,7 @@ def as_covariance(value: ArrayLike, name: str, n: int) -> Array:
     Raises
     ------
     ValueError
-        For a wrong shape, NaN or infinity, or a matrix that is not symmetric and positive semi-definite to 1e-9 of its
-        own scale.
+        For a matrix that is not symmetric and positive semi-definite to 1e-9 of its own scale.
     """
     C = as_array(value, name, (n, n))
     _, correlation = _correlations(C)
@@ -107,11 +106,6 @@ class KalmanParameters:
         Standard deviations of the unknown first velocity and acceleration, px/s and px/s^2. The paper sets them to 0.
     gate_probability : float
         Share of the true observations that the gate lets through, below 1.
-
-    Raises
-    ------
-    ValueError
-        Names the field that is no number or out of range.
     """
 
     jerk_intensity: float = 2e8
@@ -154,8 +148,7 @@ def predict(state: State, F: ArrayLike, Q: ArrayLike) -> State:
     Raises
     ------
     ValueError
-        For a wrong shape, NaN or infinity, a covariance that is not symmetric and positive semi-definite, or a result
-        beyond all bounds.
+        For a covariance that is not symmetric and positive semi-definite.
     """
     x, P = _checked(state)
     F, Q = as_array(F, "F", (len(x), len(x))), as_covariance(Q, "Q", len(x))
@@ -188,7 +181,7 @@ def update(state: State, z: ArrayLike | None, H: ArrayLike, R: ArrayLike) -> Sta
     Raises
     ------
     ValueError
-        As `predict`; also if S is not positive definite, or `z` is infinite.
+        As `predict`; also if S is not positive definite.
     """
     x, P = _checked(state)
     (r, S), H, R = _compared(x, P, z, H, R)
@@ -202,7 +195,7 @@ def update(state: State, z: ArrayLike | None, H: ArrayLike, R: ArrayLike) -> Sta
 def nis(observed: Innovation) -> float:
     """The normalised innovation squared r^T S^-1 r: of mean m if the model holds, NaN if nothing was observed.
 
-    Raises ValueError if S has another shape or is not positive definite.
+    Raises ValueError if S is not positive definite.
     """
     residual = as_array(observed.residual, "residual", (None,), finite=False)
     S = as_array(observed.covariance, "covariance", (len(residual), len(residual)))
@@ -214,7 +207,7 @@ def nis(observed: Innovation) -> float:
 def gate(observed: Innovation, probability: float) -> bool:
     """Whether an observation is among the `probability` share that lies nearest; a missing one is not.
 
-    Raises ValueError if the probability is not in (0, 1), or as `nis`.
+    Raises ValueError as `nis`.
     """
     share = as_number(probability, "probability", 0.0, 1 - 1e-12, open_low=True)
     return bool(nis(observed) <= chdtri(len(observed.residual), 1 - share))
@@ -247,14 +240,9 @@ def white_jerk(dt: float, intensity: float) -> Array:
     Parameters
     ----------
     dt : float
-        s, positive.
+        s, at least 1e-9.
     intensity : float
         q, px^2/s^5.
-
-    Raises
-    ------
-    ValueError
-        If `dt` is not positive, at least 1e-9 s, or the intensity negative.
     """
     t, q = _as_dt(dt), as_number(intensity, "intensity", 0.0)
     one = [[t**5 / 20, t**4 / 8, t**3 / 6], [t**4 / 8, t**3 / 3, t**2 / 2], [t**3 / 6, t**2 / 2, t]]
@@ -264,7 +252,7 @@ def white_jerk(dt: float, intensity: float) -> Array:
 def predict_motion(state: State, dt: float, parameters: KalmanParameters | None = None) -> State:
     """Carry a point's motion on by a time dt, s: `predict` with Phi and Q of the model (Eq. 9-11).
 
-    Raises ValueError as `predict`, `constant_acceleration` and `white_jerk`.
+    Raises ValueError as `predict`.
     """
     p = parameters or KalmanParameters()
     return predict(state, constant_acceleration(dt), white_jerk(dt, p.jerk_intensity))
@@ -274,8 +262,6 @@ def initial_state(z: ArrayLike, parameters: KalmanParameters | None = None) -> S
     """The state after a first observation z (2,), with velocity and acceleration zero and unknown.
 
     The paper's initial covariance, zero, says that they are known to be zero.
-
-    Raises ValueError if `z` is not two finite numbers.
     """
     p = parameters or KalmanParameters()
     sigma = np.repeat([p.sigma_px, p.velocity_sigma, p.acceleration_sigma], 2)

@@ -114,11 +114,6 @@ def find_markers(image: ArrayLike, expected: int, markers: str = "bright",
     -------
     Markers
         Empty if there is nothing like a marker.
-
-    Raises
-    ------
-    ValueError
-        If `image` is no grey image, `expected` is not positive or `markers` is another word.
     """
     p, bright = parameters or MarkerParameters(), brightened(image, markers)
     wanted = math.ceil(p.surplus * as_number(expected, "expected", low=1))
@@ -147,11 +142,6 @@ def iterative_threshold(image: ArrayLike, contours: int,
     -------
     tuple of ThresholdStep
         Every threshold tried, in order; the last one is the paper's choice.
-
-    Raises
-    ------
-    ValueError
-        If `image` is no grey image or `contours` is not positive.
     """
     image = blobs.searchable(as_image(image, "image"))
     as_number(contours, "contours", low=1)
@@ -232,11 +222,6 @@ def markers_at(image: ArrayLike, uv: ArrayLike, reach_px: float, markers: str = 
     ndarray, shape (n, 6)
         Centroid u, v, px; major and minor axis, px; contrast, threshold, grey levels. NaN where there is nothing like a
         marker.
-
-    Raises
-    ------
-    ValueError
-        If `image` is no grey image, a shape is wrong, or `markers` is another word.
     """
     p, places = parameters or MarkerParameters(), as_points(uv, "uv", 2)
     bright = brightened(image, markers)

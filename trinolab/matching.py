@@ -27,11 +27,6 @@ class MatchParameters:
         epsilon_0, the smallest correlation of the windows (Eq. 18); -1 switches the test off.
     window_px : int
         Side of the square windows, odd, from 3 to 1001.
-
-    Raises
-    ------
-    ValueError
-        Names the field that is no number or out of range.
     """
 
     epipolar_gate_px: float = 2.0
@@ -56,11 +51,6 @@ class Matches:
         D_ij (Eq. 17).
     ncc : ndarray, shape (k,)
         S_ij (Eq. 18).
-
-    Raises
-    ------
-    ValueError
-        If the index is not of whole numbers from 0, or the shapes do not fit together.
     """
 
     index: np.ndarray
@@ -96,7 +86,7 @@ def epipolar_distances(left: Camera, right: Camera, uv_left: ArrayLike, uv_right
     Raises
     ------
     ValueError
-        If a shape is wrong or both cameras stand in one place.
+        If both cameras stand in one place.
     """
     lines = epipolar_lines(left, right, uv_left)
     points = right.ideal_pixels(uv_right)
@@ -110,11 +100,6 @@ def ncc(template: ArrayLike, window: ArrayLike) -> float:
     -------
     float
         In [-1, 1] but for rounding; 0 if either window is flat.
-
-    Raises
-    ------
-    ValueError
-        If one of the two is no grey image or not finite, or the shapes differ.
     """
     t, w = as_image(template, "template"), as_image(window, "window")
     if t.shape != w.shape:
@@ -127,8 +112,8 @@ def ncc_matrix(image_left: ArrayLike, image_right: ArrayLike, uv_left: ArrayLike
     """Correlation of the windows centred on each pair of points, shape (n, m) (Eq. 18).
 
     The windows are cut between pixels (bilinear), so that both are centred on their point; beyond the image's edge the
-    last pixel repeats; 0 where a point is missing or a window flat. Raises ValueError for wrong shapes, images that are
-    not finite, and a window that is not odd, from 3 to 1001.
+    last pixel repeats; 0 where a point is missing or a window flat. A window's side is odd, from 3
+    to 1001.
     """
     window_px = _as_window(window_px)
     left = _windows(as_image(image_left, "image_left"), as_points(uv_left, "uv_left", 2), window_px)
@@ -150,7 +135,7 @@ def candidates(left: Camera, right: Camera, image_left: ArrayLike, image_right: 
     Raises
     ------
     ValueError
-        If a shape is wrong, an image is not finite, or both cameras stand in one place.
+        If both cameras stand in one place.
     """
     p = parameters or MatchParameters()
     similarity = ncc_matrix(image_left, image_right, uv_left, uv_right, p.window_px)
@@ -193,7 +178,7 @@ def in_order(matches: Matches, left: Camera, right: Camera, uv_left: ArrayLike, 
     The paper names the constraint and does not define it. Here: of two pairs whose points could be exchanged within
     the epipolar gate, the points must follow each other in the same sense on the left and on the right line.
 
-    Raises ValueError if a match has an index beyond the points, the gate is negative, or as `epipolar_distances`.
+    Raises ValueError if a match has an index beyond the points, or as `epipolar_distances`.
     """
     as_number(gate_px, "gate_px", low=0.0)
     uv_left, uv_right = as_points(uv_left, "uv_left", 2), as_points(uv_right, "uv_right", 2)

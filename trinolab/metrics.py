@@ -48,11 +48,6 @@ def pose_errors(estimates: RigidTransform, truths: RigidTransform) -> PoseErrors
     ----------
     estimates, truths : RigidTransform of length n
         ``T_world_handle``, mm. A handle's symmetry is the caller's matter, see `nearest_equivalent`.
-
-    Raises
-    ------
-    ValueError
-        If either is no RigidTransform, holds no pose or NaN, or the lengths differ.
     """
     position = position_errors(estimates, truths)
     angles = np.abs(angle_differences_deg(estimates, truths))
@@ -63,48 +58,30 @@ def pose_errors(estimates: RigidTransform, truths: RigidTransform) -> PoseErrors
 
 
 def position_errors(estimates: RigidTransform, truths: RigidTransform) -> Array:
-    """Distances between measured and true origins, shape (n,), mm. Raises ValueError as `pose_errors` does."""
+    """Distances between measured and true origins, shape (n,), mm."""
     estimates, truths = _as_pairs(estimates, truths)
     return np.linalg.norm(estimates.translation - truths.translation, axis=1)
 
 
 def position_error(estimates: RigidTransform, truths: RigidTransform) -> float:
-    """Mean distance E_t between measured and true origins, mm (Eq. 26).
-
-    Raises
-    ------
-    ValueError
-        As `pose_errors` does.
-    """
+    """Mean distance E_t between measured and true origins, mm (Eq. 26)."""
     return float(position_errors(estimates, truths).mean())
 
 
 def angle_differences_deg(estimates: RigidTransform, truths: RigidTransform) -> Array:
-    """Measured minus true (alpha, beta, gamma), wrapped to (-180, 180], shape (n, 3), deg.
-
-    Raises ValueError as `pose_errors` does.
-    """
+    """Measured minus true (alpha, beta, gamma), wrapped to (-180, 180], shape (n, 3), deg."""
     estimates, truths = _as_pairs(estimates, truths)
     difference = euler_deg(estimates) - euler_deg(truths)
     return 180.0 - (180.0 - difference) % 360.0
 
 
 def angle_errors_deg(estimates: RigidTransform, truths: RigidTransform) -> Array:
-    """Mean absolute errors E_alpha, E_beta, E_gamma, shape (3,), deg (Eq. 27).
-
-    Raises
-    ------
-    ValueError
-        As `pose_errors` does.
-    """
+    """Mean absolute errors E_alpha, E_beta, E_gamma, shape (3,), deg (Eq. 27)."""
     return np.abs(angle_differences_deg(estimates, truths)).mean(axis=0)
 
 
 def geodesic_deg(estimates: RigidTransform, truths: RigidTransform) -> Array:
-    """Angle of the rotation that carries the true orientation to the measured one, shape (n,), deg, 0 to 180.
-
-    Raises ValueError as `pose_errors` does.
-    """
+    """Angle of the rotation that carries the true orientation to the measured one, shape (n,), deg, 0 to 180."""
     estimates, truths = _as_pairs(estimates, truths)
     return np.rad2deg((estimates.rotation * truths.rotation.inv()).magnitude())
 
@@ -124,11 +101,6 @@ def nees(estimate: RigidTransform, covariance: ArrayLike, truth: RigidTransform)
     ndarray, shape (3,)
         Of an honest covariance they are chi-square with 6, 3 and 3 degrees of freedom (Bar-Shalom, Li and Kirubarajan
         2001, sect. 5.4.2, DOI 10.1002/0471221279).
-
-    Raises
-    ------
-    ValueError
-        If a pose is not one valid RigidTransform, or the covariance is no finite 6 x 6 matrix.
     """
     T, true = as_transform(estimate, "estimate"), as_transform(truth, "truth")
     C = as_array(covariance, "covariance", (6, 6))
@@ -145,11 +117,6 @@ def euler_deg(poses: RigidTransform) -> Array:
     ndarray, shape (n, 3), or (3,) for a single pose
         Degrees; alpha and gamma in [-180, 180], beta in [-90, 90]. At beta = +-90 deg only a combination of alpha and
         gamma is determined; gamma is then 0.
-
-    Raises
-    ------
-    ValueError
-        If `poses` is no RigidTransform.
     """
     if not isinstance(poses, RigidTransform):
         raise ValueError(f"poses: expected a RigidTransform, got {type(poses).__name__}")
@@ -164,11 +131,6 @@ def pose_from_euler_deg(position_mm: ArrayLike, angles_deg: ArrayLike) -> RigidT
     Parameters
     ----------
     position_mm, angles_deg : array_like, shape (n, 3), or (3,) for a single pose
-
-    Raises
-    ------
-    ValueError
-        For other or different shapes, or numbers that are not finite.
     """
     wanted = (3,) if np.ndim(position_mm) == 1 else (None, 3)
     position = as_array(position_mm, "position_mm", wanted)
@@ -192,7 +154,7 @@ def nearest_equivalent(estimates: RigidTransform, truths: RigidTransform,
     Raises
     ------
     ValueError
-        As `pose_errors` does, or if there is no symmetry (the identity is always one).
+        If there is no symmetry (the identity is always one).
     """
     best = nearest_index(estimates, truths, symmetries)
     estimates, _ = _as_pairs(estimates, truths)

@@ -70,11 +70,6 @@ def rigid_fit(points_source: ArrayLike, points_target: ArrayLike) -> RigidTransf
     -------
     RigidTransform or None
         T_target_source; None if fewer than three points are left or they lie on one line to a millionth of it.
-
-    Raises
-    ------
-    ValueError
-        If a shape is wrong or the lengths differ.
     """
     source = as_points(points_source, "points_source", 3)
     target = as_array(points_target, "points_target", source.shape, finite=False)
@@ -143,11 +138,6 @@ def weighted_fit(points_source: ArrayLike, points_target: ArrayLike, covariances
     covariance : ndarray, shape (6, 6)
         Of position and rotation vector, target frame, mm and rad. None instead of both where `rigid_fit` gives none, or
         the weights leave a motion free.
-
-    Raises
-    ------
-    ValueError
-        If a shape is wrong or the lengths differ.
     """
     source = as_points(points_source, "points_source", 3)
     target = as_array(points_target, "points_target", source.shape, finite=False)

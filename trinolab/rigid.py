@@ -57,8 +57,8 @@ def nearest_rotation(matrix: ArrayLike) -> Rotation:
     Raises
     ------
     ValueError
-        For another shape, numbers that are not finite, or a matrix whose determinant is not positive: a reflection or
-        a singular matrix has no rotation that could be meant.
+        For a matrix whose determinant is not positive: a reflection or a singular matrix has no rotation that could be
+        meant.
     """
     array = as_array(matrix, "matrix", (3, 3))
     if np.linalg.det(array) <= 1e-12:

@@ -72,11 +72,6 @@ def start(backgrounds: Sequence[ArrayLike], rig: Rig, t_s: float, pose: RigidTra
         Time of the backgrounds, s; the first instant comes later.
     pose : RigidTransform, optional
         T_world_handle where it is known, for layouts that look alike.
-
-    Raises
-    ------
-    ValueError
-        If the backgrounds are no frames of the rig, see `measure`, or the time is no finite number.
     """
     images = as_images(backgrounds, rig)
     cameras = tuple(CameraState(frozen(image.astype(np.float32)), None, None) for image in images)
@@ -109,7 +104,7 @@ def step(state: TrackerState, frames: Sequence[ArrayLike], t_s: float, rig: Rig,
     Raises
     ------
     ValueError
-        If the frames are none of the rig, see `measure`, or the time does not increase.
+        If the time does not increase.
     """
     p = parameters or Parameters()
     t = as_number(t_s, "t_s", low=state.t_s, open_low=True)

@@ -30,11 +30,6 @@ def depth_forms(xy_left: ArrayLike, xy_right: ArrayLike, T_right_left: RigidTran
         ``numerator / denominator`` is z in the left camera's frame, mm: first by the X, second by the Y coordinates. A
         form fails where the baseline has no component along its axis: both parts are then near zero. NaN for missing
         coordinates.
-
-    Raises
-    ------
-    ValueError
-        If a shape is wrong, the lengths differ, or there is no finite motion.
     """
     left = as_points(xy_left, "xy_left", 2)
     right = as_array(xy_right, "xy_right", left.shape, finite=False)
@@ -65,7 +60,7 @@ def triangulate_pair(left: Camera, right: Camera, uv_left: ArrayLike, uv_right: 
     Raises
     ------
     ValueError
-        If a shape is wrong or both cameras stand in one place.
+        If both cameras stand in one place.
     """
     uv_left = as_points(uv_left, "uv_left", 2)
     uv_right = as_array(uv_right, "uv_right", uv_left.shape, finite=False)
@@ -99,7 +94,7 @@ def triangulate(rig: Rig, uv: ArrayLike) -> Array:
     Raises
     ------
     ValueError
-        If the shape does not fit the rig, or two of its cameras stand in one place.
+        If two of its cameras stand in one place.
     """
     return mean_point(points_of_pairs(rig, uv))
 
@@ -125,11 +120,6 @@ def mean_point(points: ArrayLike) -> Array:
     -------
     ndarray, shape (n, 3)
         NaN where all are missing.
-
-    Raises
-    ------
-    ValueError
-        If the shape is wrong.
     """
     points = as_array(points, "points", (None, None, 3), finite=False)
     valid = np.asarray(np.isfinite(points).all(axis=2))
@@ -163,8 +153,7 @@ def triangulation_covariance(rig: Rig, uv: ArrayLike, sigma_px: float, step_px: 
     Raises
     ------
     ValueError
-        If the shape does not fit the rig, two of its cameras stand in one place, or `sigma_px` or `step_px` is out of
-        its range.
+        If two of the rig's cameras stand in one place.
     """
     return triangulate_with_covariance(rig, uv, sigma_px, step_px)[1]
 

@@ -20,11 +20,6 @@ class Window:
         Its first column and row. They may lie outside an image until the window is `clipped`.
     width, height : int
         px, at least 1.
-
-    Raises
-    ------
-    ValueError
-        Names the field that is no whole number, or not positive.
     """
 
     u: int
@@ -38,10 +33,7 @@ class Window:
 
     @classmethod
     def around(cls, uv: ArrayLike) -> Window | None:
-        """The smallest window whose pixels hold the points uv (n, 2), px; NaN rows are left out, None if all are.
-
-        Raises ValueError if `uv` are no points.
-        """
+        """The smallest window whose pixels hold the points uv (n, 2), px; NaN rows are left out, None if all are."""
         points = as_points(uv, "uv", 2)
         points = points[~np.isnan(points).any(axis=1)]
         if len(points) == 0:
@@ -78,7 +70,7 @@ class Window:
     def crop(self, image: ArrayLike) -> np.ndarray:
         """The part of an image (height, width) under it, as a view; its pixel (0, 0) is (u, v) of the whole.
 
-        Raises ValueError if `image` is no grey image, or the window is not inside it.
+        Raises ValueError if the window is not inside the image.
         """
         grey = self._inside(image)
         return grey[self.v:self.v + self.height, self.u:self.u + self.width]

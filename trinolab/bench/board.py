@@ -29,7 +29,7 @@ def render_board(camera: Camera, board: Board, T_world_board: RigidTransform, be
     Raises
     ------
     ValueError
-        If the pose is not one rigid motion, the board reaches behind the camera, or `rng` is no generator.
+        If the board reaches behind the camera.
     """
     return digitise(blurred(board_radiance(camera, board, T_world_board, bench), bench), bench, rng)
 
@@ -38,7 +38,7 @@ def board_radiance(camera: Camera, board: Board, T_world_board: RigidTransform, 
     """The image before blur and noise: the mean grey of each pixel's area, shape (height, width).
 
     Pixels that an edge may cross have ``bench.supersampling ** 2`` samples, all others one at the centre. From behind
-    the board is white. Raises ValueError if the pose is not one rigid motion or the board reaches behind the camera.
+    the board is white. Raises ValueError if the board reaches behind the camera.
     """
     T_cam_board = camera.T_cam_world * as_transform(T_world_board, "T_world_board")
     if (T_cam_board.apply(np.array(board.outline))[:, 2] <= 0).any():
@@ -70,7 +70,7 @@ def board_positions(rig: Rig, board: Board, count: int, rng: np.random.Generator
     Raises
     ------
     ValueError
-        If a number is out of its range, `rng` is no generator, or fewer than one in a hundred draws fits the images.
+        If fewer than one in a hundred draws fits the images.
     """
     low, high = sorted(as_number(t, "tilt_deg", low=0.0, high=80.0) for t in tilt_deg)
     distance = as_number(distance_mm, "distance_mm", low=0.0, open_low=True)

@@ -164,11 +164,6 @@ class Arm:
     hides_from : tuple of 3 floats or None
         A point of the world, mm, such as a camera's centre: a second hand passes 250 mm before the handle (half-way
         where it is nearer) and hides the markers from there.
-
-    Raises
-    ------
-    ValueError
-        Names the field: no number, out of range, no direction.
     """
 
     grip_mm: tuple[float, float] = (-110.0, -40.0)
@@ -199,8 +194,8 @@ class Arm:
 def capsules(arm: Arm, handle: Handle, T_world_handle: RigidTransform) -> Capsules:
     """The arm's capsules around a handle, world frame.
 
-    Fingers, thumb and palm move rigidly with the handle. Raises ValueError if the pose is not one rigid motion, or the
-    handle lies at the arm's `hides_from` or in the direction of its `forearm` from there.
+    Fingers, thumb and palm move rigidly with the handle. Raises ValueError if the handle lies at the arm's `hides_from`
+    or in the direction of its `forearm` from there.
     """
     as_transform(T_world_handle, "T_world_handle")
     low, high = arm.grip_mm
@@ -225,7 +220,7 @@ def true_visibility(camera: Camera, handle: Handle, T_world_handle: RigidTransfo
     """Which markers a camera truly sees, bool (markers,).
 
     Truly seen: slant at most 62 deg, at least 80 % of the marker not hidden by the body or by an arm, and all of it at
-    least 10 px inside the image. Raises ValueError if `T_world_handle` is not one rigid motion.
+    least 10 px inside the image.
     """
     as_transform(T_world_handle, "T_world_handle")
     steep = slants(handle, T_world_handle, camera.centre) > np.deg2rad(62)

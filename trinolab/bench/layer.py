@@ -62,8 +62,7 @@ def foreground(camera: Camera, handle: Handle, T_world_handle: RigidTransform, b
                arm: Arm | None = None) -> Layer:
     """Handle and arm as a camera sees them, in the smallest window that holds them.
 
-    Pixels that an edge may cross have many samples (see `Bench`), all others one at the centre. Raises ValueError if
-    the pose is not one rigid motion.
+    Pixels that an edge may cross have many samples (see `Bench`), all others one at the centre.
     """
     view, corner = _view(camera, handle, as_transform(T_world_handle, "T_world_handle"), bench, arm)
     shape = view.body_mask.shape
@@ -182,8 +181,7 @@ def shadow(camera: Camera, handle: Handle, T_world_handle: RigidTransform, bench
            arm: Arm | None = None) -> np.ndarray:
     """Share of the wall's directed light that is missing in each pixel, float32 (height, width), 0 to 1.
 
-    The light comes from far away. Nothing where it does not shine towards the wall. Raises ValueError if the pose is
-    not one rigid motion.
+    The light comes from far away. Nothing where it does not shine towards the wall.
     """
     solids = [as_transform(T_world_handle, "T_world_handle").apply(body_corners(handle))]
     if arm is not None:

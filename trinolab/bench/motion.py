@@ -32,11 +32,6 @@ def random_pose(rng: np.random.Generator, x_mm: tuple[float, float] = (-90, 90),
     tilt_deg : (float, float)
         Range of the angle between the handle's axis and the world's z axis (the line of sight of a first camera whose
         frame is the world). The axis is uniform over that band of the sphere, the turn about it uniform.
-
-    Raises
-    ------
-    ValueError
-        If `rng` is no generator, or a range is not two numbers.
     """
     ranges = as_array((x_mm, y_mm, z_mm), "x_mm, y_mm, z_mm", (3, 2))
     position = as_rng(rng).uniform(ranges.min(axis=1), ranges.max(axis=1))
@@ -89,8 +84,7 @@ def motion_at(rng: np.random.Generator, times_s: ArrayLike, start: RigidTransfor
     Raises
     ------
     ValueError
-        If `rng` is no generator, a range or a time is not finite, a speed is negative, or `start` lies outside the
-        ranges.
+        If `start` lies outside the ranges.
     """
     ranges = _ranges(x_mm, y_mm, z_mm, tilt_deg)
     first, azimuth, turn = _coordinates(start, ranges)
@@ -115,11 +109,6 @@ def human_motion(rng: np.random.Generator, times_s: ArrayLike) -> RigidTransform
     benchmark at 30 instants a second, has a speed of 329 mm/s in the median and 496 mm/s at 95 %, and a turn rate of
     15.3 and 36.1 deg/s; over 12 seeds of a minute this one has 328 and 484 mm/s, 15.5 and 37.6 deg/s. Accelerations are
     twice as large, because the bench is smaller.
-
-    Raises
-    ------
-    ValueError
-        If `rng` is no generator, or a time is not finite or negative.
     """
     times = as_array(times_s, "times_s", (None,))
     as_number(times.min(initial=0.0), "times_s: the first", 0.0)

@@ -42,11 +42,6 @@ class Bench:
         Noise variance a grey level, grey levels.
     read_noise : float
         Standard deviation of the noise in the dark, grey levels.
-
-    Raises
-    ------
-    ValueError
-        Names the field: no number, out of range, or no direction.
     """
 
     background_grey: float = 45.0
@@ -83,10 +78,7 @@ def background(camera: Camera, bench: Bench) -> Array:
 
 
 def blurred(image: Array, bench: Bench) -> Array:
-    """Blur an image with the lens's Gaussian, cut off beyond five standard deviations; shape (height, width).
-
-    Raises ValueError if `image` is no grey image.
-    """
+    """Blur an image with the lens's Gaussian, cut off beyond five standard deviations; shape (height, width)."""
     grey: Array = np.array(as_image(image, "image"), float)
     side = 2 * int(np.ceil(5 * bench.blur_px)) + 1
     if side > 1:
@@ -95,10 +87,7 @@ def blurred(image: Array, bench: Bench) -> Array:
 
 
 def digitise(image: Array, bench: Bench, rng: np.random.Generator) -> np.ndarray:
-    """Add noise of variance ``shot_variance * grey + read_noise ** 2``, round and clip to uint8 (height, width).
-
-    Raises ValueError if `image` is no grey image, or `rng` no generator.
-    """
+    """Add noise of variance ``shot_variance * grey + read_noise ** 2``, round and clip to uint8 (height, width)."""
     grey = np.maximum(as_image(image, "image"), 0.0)
     noise = as_rng(rng).standard_normal(grey.shape, dtype=np.float32)
     deviation = grey * bench.shot_variance

@@ -55,11 +55,6 @@ def cast(camera: Camera, handle: Handle, T_world_handle: RigidTransform, uv: Arr
     Hits
         The nearest point in front of the camera on each ray. A ray misses where `Camera.normalise` gives none. A camera
         inside the body sees nothing of it.
-
-    Raises
-    ------
-    ValueError
-        If `uv` has another shape, or `T_world_handle` is not one rigid motion.
     """
     T_handle_cam = (camera.T_cam_world * as_transform(T_world_handle, "T_world_handle")).inv()
     origin = T_handle_cam.translation

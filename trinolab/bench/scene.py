@@ -49,11 +49,6 @@ def render(camera: Camera, handle: Handle, T_world_handle: RigidTransform | None
     Returns
     -------
     ndarray of uint8, shape (height, width)
-
-    Raises
-    ------
-    ValueError
-        If the pose is not one rigid motion, `rng` no generator, or `gain` negative.
     """
     light = as_number(gain, "gain", 0.0) * blurred(radiance(camera, handle, T_world_handle, bench, arm), bench)
     return digitise(light, bench, rng)
@@ -145,11 +140,6 @@ def exposed(camera: Camera, handle: Handle, T_world_handle: RigidTransform, benc
     Returns
     -------
     ndarray, shape (height, width)
-
-    Raises
-    ------
-    ValueError
-        If a shape is wrong, a number not finite, or the exposure negative.
     """
     half = as_number(exposure_s, "exposure_s", low=0.0) / 2
     v, w = as_array(velocity, "velocity", (3,)), as_array(turn_rate, "turn_rate", (3,))

@@ -44,11 +44,6 @@ def relative_pose(T_left_target: RigidTransform, T_right_target: RigidTransform)
     -------
     RigidTransform
         T_left_right: X_l = R_rl X_r + T_rl. As many as came in.
-
-    Raises
-    ------
-    ValueError
-        If one is no RigidTransform, or their lengths differ.
     """
     for name, value in (("T_left_target", T_left_target), ("T_right_target", T_right_target)):
         if not isinstance(value, RigidTransform):
@@ -70,7 +65,7 @@ def mean_relative_pose(T_left_target: RigidTransform, T_right_target: RigidTrans
     Raises
     ------
     ValueError
-        As `relative_pose` does, or for fewer than two positions.
+        For fewer than two positions.
     """
     each = relative_pose(T_left_target, T_right_target)
     if each.single or len(each) < 2:

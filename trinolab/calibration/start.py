@@ -26,11 +26,6 @@ def homography(xy: ArrayLike, uv: ArrayLike) -> Array | None:
     ndarray, shape (3, 3), or None
         ``[u, v, 1] ~ H [x, y, 1]``, scaled so that the points have positive third coordinates; None if fewer than four
         points are left, or four or more of which so many lie on one line that they do not determine it.
-
-    Raises
-    ------
-    ValueError
-        If a shape is wrong or the lengths differ.
     """
     xy = as_points(xy, "xy", 2)
     uv = as_array(uv, "uv", xy.shape, finite=False)
@@ -91,7 +86,7 @@ def target_pose(H: ArrayLike, K: ArrayLike) -> RigidTransform:
     Raises
     ------
     ValueError
-        If a shape is wrong, a number is not finite, or a matrix is singular.
+        If a matrix is singular.
     """
     H, K = as_array(H, "H", (3, 3)), as_array(K, "K", (3, 3))
     if min(abs(np.linalg.det(H / np.linalg.norm(H))), abs(np.linalg.det(K / np.linalg.norm(K)))) < 1e-14:

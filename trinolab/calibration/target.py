@@ -34,11 +34,6 @@ class Board:
         Inner corners in a row and in a column, at least 3 each. One odd and one even leave no two ways to count them.
     square_mm : float
         Side of a square.
-
-    Raises
-    ------
-    ValueError
-        Names the field: no whole number from 3, or a side that is not positive.
     """
 
     columns: int = 9
@@ -131,7 +126,7 @@ class Target:
     Raises
     ------
     ValueError
-        Names the field: unknown, out of range, or given to a target that has no markers.
+        If the kind is unknown, or markers are given to a target that has none.
     """
 
     kind: str

@@ -82,7 +82,7 @@ def load_robot(robot: str | Path = "ur5", speed_rad_s: ArrayLike = SPEED_RAD_S,
 
 
 def forward(robot: Robot, q: ArrayLike, site: str = TOOL) -> RigidTransform:
-    """T_base_site at joint positions `q` (n,), rad; mm. Raises ValueError for another shape, NaN, or no such site."""
+    """T_base_site at joint positions `q` (n,), rad; mm. Raises ValueError if there is no such site."""
     import mujoco
 
     data = mujoco.MjData(robot.model)

@@ -41,11 +41,6 @@ class ReferenceParameters:
         Of its orientation.
     leash_mm, leash_rad : float
         How far it may be ahead of the tool, see `leashed`.
-
-    Raises
-    ------
-    ValueError
-        Names the field that is no number above 0.
     """
 
     rate: float = 20.0

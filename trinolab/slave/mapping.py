@@ -48,11 +48,6 @@ class MappingParameters:
         Where the tool may be commanded to, low and high in x, y, z of the base.
     leash_mm : float
         How far beyond that the hand may be ahead; then it takes the handle's origin along (anti-windup).
-
-    Raises
-    ------
-    ValueError
-        Names the field: no number, out of range, limits the wrong way round.
     """
 
     scale: float = 1.0

@@ -48,11 +48,6 @@ class Readings:
         Magnitude of the force at the slave's tool, N; NaN if unknown.
     full_n : float
         Force at the end of the bar, N.
-
-    Raises
-    ------
-    ValueError
-        Names the field of another kind, or the bar's end that is not positive.
     """
 
     t_s: float

@@ -28,11 +28,6 @@ class OneEuroParameters:
         Hz a mm/s, and Hz a rad/s.
     speed_cutoff_hz : float
         Of the speeds.
-
-    Raises
-    ------
-    ValueError
-        Names the field that is out of range.
     """
 
     cutoff_hz: float = 1.5

@@ -151,11 +151,6 @@ class ForceArrow:
         Length of the arrow, mm/N.
     radius_mm : float
         Of its shaft; less where the arrow is short.
-
-    Raises
-    ------
-    ValueError
-        Names the field of another shape, or the length that is not positive.
     """
 
     origin_mm: Array

@@ -49,8 +49,7 @@ class Loop:
     Raises
     ------
     ValueError
-        If a number is not finite, mass or damping is not positive, or another is negative, or the
-        delay is longer than 1000 periods.
+        If the delay is longer than 1000 periods.
     """
 
     mass_kg: float
@@ -222,7 +221,7 @@ def simulate(loop: Loop, stiffness: float, duration_s: float, push_n: float = 1.
     Raises
     ------
     ValueError
-        If stiffness or duration is negative, a number is not finite, or the period is 0.
+        If the period is 0.
     """
     as_number(stiffness, "stiffness", 0.0)
     count = int(np.ceil(as_number(duration_s, "duration_s", 0.0) / sampling_period(loop)))

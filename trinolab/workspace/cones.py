@@ -30,11 +30,6 @@ class Cone:
         Into the cone; any length comes in, length 1 is stored.
     half_angle : float
         Between axis and surface, rad, more than 0 and less than pi / 2.
-
-    Raises
-    ------
-    ValueError
-        Names the field: another shape, not finite, a zero axis, a half angle out of range.
     """
 
     apex: Array
@@ -86,7 +81,7 @@ def inside(cones: Sequence[Cone], points: ArrayLike) -> np.ndarray:
     Raises
     ------
     ValueError
-        If there is no cone, or `points` has another shape.
+        If there is no cone.
     """
     points = as_points(points, "points", 3)
     result = np.ones(len(points), dtype=bool)
@@ -108,11 +103,6 @@ def cone_surface(cone: Cone, a: ArrayLike, t: ArrayLike) -> Array:
     -------
     ndarray, shape (n, 3)
         ``apex + a radial(t) + a cot(half_angle) axis``.
-
-    Raises
-    ------
-    ValueError
-        For shapes that differ, numbers that are not finite, or a negative radius.
     """
     a = as_array(a, "a", (None,))
     if (a < 0).any():
@@ -139,7 +129,7 @@ def paper_cones(baseline: float, beta1: float, beta2: float, half_angle: float) 
     Raises
     ------
     ValueError
-        For a number out of its range, or two right angles (the axes are parallel).
+        For two right angles: the axes are parallel.
     """
     B = as_number(baseline, "baseline", low=0.0, open_low=True)
     beta1 = as_number(beta1, "beta1", low=0.0, high=np.pi / 2, open_low=True)
@@ -163,11 +153,6 @@ def half_angle(size: ArrayLike, focal: ArrayLike) -> float:
         The sensor's whole sides T_x, T_y; the halves go into the formula.
     focal : float or array_like, shape (2,)
         In the unit of `size`; one for both directions, or one each.
-
-    Raises
-    ------
-    ValueError
-        For another shape or a number that is not positive.
     """
     sides = as_array(size, "size", (2,))
     lengths = as_array(np.broadcast_to(np.asarray(focal, dtype=float), (2,)) if np.ndim(focal) == 0 else focal,

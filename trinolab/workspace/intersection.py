@@ -74,7 +74,7 @@ def intersect(cones: Sequence[Cone], nodes: int = 2**14) -> Workspace:
     Raises
     ------
     ValueError
-        If there is no cone, or `nodes` is too small.
+        If there is no cone.
     """
     given = as_cones(cones)
     nodes = int(as_number(nodes, "nodes", low=16))
@@ -119,7 +119,7 @@ def surface_mesh(cones: Sequence[Cone], centre: Array, n: int = 4000) -> tuple[A
     Raises
     ------
     ValueError
-        If `centre` is not inside, the intersection has no end, or `n` is too small.
+        If `centre` is not inside, or the intersection has no end.
     """
     cones, centre = as_cones(cones), as_array(centre, "centre", (3,))
     directions = _spread(int(as_number(n, "n", low=4)))
