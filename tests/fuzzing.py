@@ -22,10 +22,10 @@ from scipy.spatial.transform import RigidTransform
 from trinolab.bench.recordings import _read_manifest
 from trinolab.datasets import data_path, load_rig
 from trinolab.files.images import read_grey
-from trinolab.files.kept import Rows
 from trinolab.files.poses import pose_table, poses_by_frame, poses_text, read_poses
 from trinolab.files.recording import read_timestamps
 from trinolab.files.rigs import read_handle, read_rig, rig_text
+from trinolab.following.track import Rows
 from trinolab.pose import LOST, Pose
 
 # --- the readers, each with what is done at once to what it takes
@@ -45,7 +45,8 @@ def _poses(path):
 
 
 def _rows(path):
-    table = Rows(path, "x").table()
+    with Rows(path, "x") as rows:
+        table = rows.table()
     assert table["frame"].tolist() == list(range(len(table)))
 
 
