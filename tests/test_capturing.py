@@ -374,14 +374,14 @@ def test_a_disk_that_is_full_from_the_start_leaves_nothing(cameras, tmp_path, mo
 # Takes eight instants; a ninth never comes.
 WAITS = """
 import time
-from trinolab.files import capture as capturing
-real = capturing.instants_of
+from trinolab.files import capture
+real = capture.instants_of
 def instants_of(*sources):
     for k, taken in enumerate(real(*sources)):
         while k == 8:
             time.sleep(0.01)
         yield taken
-capturing.instants_of = instants_of
+capture.instants_of = instants_of
 """ + CLI
 
 

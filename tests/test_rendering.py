@@ -205,10 +205,12 @@ def test_the_second_of_two_renderings_is_refused_and_the_first_one_is_whole(fold
         wait_until(lambda: len(list(folder.glob("out.partial/images/ccd3/[0-9]*.png"))) == 6, first)
         before = contents(folder)
         with started(line) as second:
-            assert ended(second) == (2, ["trinolab render: out.partial: another process works on it\n"])
-        assert contents(folder) == before
+            refused = ended(second)
+        after = contents(folder)
         open_gate()
         assert ended(first) == (0, [])
+    assert refused == (2, [f"trinolab render: {folder / 'out.partial'}: another process works on it\n"])
+    assert after == before
     rendered("whole", seconds=0.4)
     assert contents(folder / "out") == contents(folder / "whole")
     assert not (folder / "out.partial").exists()

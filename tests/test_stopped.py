@@ -47,7 +47,7 @@ track.Rows.add = add
 FILM = """
 import sys
 import numpy as np
-from trinolab.following.overlay import Film
+from trinolab.files.video import Film
 rng = np.random.default_rng(0)
 try:
     with Film("o.webm", 25.0) as film:
@@ -188,10 +188,12 @@ def test_the_second_of_two_tracks_is_refused_and_the_first_one_is_whole(folder):
         wait_until(lambda: len(rows_kept()) == 8, first)
         kept = Path("poses.csv.partial").read_bytes()
         with started(TRACK) as second:
-            assert ended(second) == (2, ["trinolab track: poses.csv.partial: another process works on it\n"])
-        assert Path("poses.csv.partial").read_bytes() == kept
+            refused = ended(second)
+        after = Path("poses.csv.partial").read_bytes()
         open_gate()
         assert ended(first) == (0, [])
+    assert refused == (2, ["trinolab track: poses.csv.partial: another process works on it\n"])
+    assert after == kept
     assert Path("poses.csv").read_bytes() == Path("whole.csv").read_bytes()
     assert Path("poses.tum").read_bytes() == Path("whole.tum").read_bytes()
     assert files() == before | {"poses.csv", "poses.tum", GATE}

@@ -234,9 +234,11 @@ def test_the_second_of_two_sweeps_is_refused_and_the_first_one_is_whole():
         wait_until(lambda: len(finished()) == 4 and len(traced()[0]) == 6, first)
         before = contents(Path("new"))
         with started(line) as second:
-            assert ended(second) == (2, ["trinolab sweep: new/s: another process works on it\n"])
-        assert contents(Path("new")) == before
+            refused = ended(second)
+        after = contents(Path("new"))
         open_gate()
         assert ended(first)[0] == 0
+    assert refused == (2, ["trinolab sweep: new/s: another process works on it\n"])
+    assert after == before
     assert read_sweep("new/s")["square"].tolist() == [a**2 for a in range(8)]
     assert sorted(traced()[0]) == list(range(8))
