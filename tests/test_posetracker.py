@@ -15,6 +15,7 @@ from trinolab.datasets import load_handle, load_rig
 from trinolab.estimators.pixels import fit_patches
 from trinolab.files.recording import Frames
 from trinolab.following import posefilter, posetracker
+from trinolab.following.look import expect, look
 from trinolab.following.parameters import FollowParameters
 from trinolab.following.posefilter import PoseFilterParameters
 from trinolab.rigid import apart, motion_between, shifted
@@ -82,6 +83,18 @@ def test_only_windows_are_searched_while_it_is_followed(with_a_gap):
     shares = [posetracker.searched(one, RIG) for one in tracked(with_a_gap[0][:4], CODED)]
     assert shares[0] == 1.0
     assert max(shares[1:]) < 0.1
+
+
+def test_a_predicted_pose_is_reported_with_the_windows_that_it_predicts(with_a_gap):
+    """Whatever other places were tried after them."""
+    p, state, frames = FollowParameters(), posetracker.start(-1 / FPS), with_a_gap[0]
+    for k in range(4):
+        state, _ = posetracker.step(state, frames[k], k / FPS, RIG, CODED, p)
+    motion = posefilter.predict(state.motion, 4 / FPS, p.motion)
+    wanted = look(frames[4], expect(RIG, CODED, motion, p), RIG, CODED, p)
+    one = posetracker.step(state, frames[4], 4 / FPS, RIG, CODED, p)[1]
+    assert one.measurement.pose.status == "predicted"
+    assert one.windows == tuple(sight.window for sight in wanted)
 
 
 def test_uneven_times_are_no_error(with_a_gap):
