@@ -13,6 +13,7 @@ from trinolab.bench.optics import Bench
 from trinolab.bench.scene import render_clip, render_rig
 from trinolab.camera import Rig
 from trinolab.datasets import load_handle, load_rig, load_table1
+from trinolab.identity import labelled_pixels
 from trinolab.measurement import measure
 from trinolab.parameters import Parameters
 from trinolab.pose import fit_pose
@@ -77,8 +78,10 @@ def test_world_frame_is_the_rigs(frames):
     here, there = (m.pose for m in found)
     assert np.abs((M * here.T_world_handle).as_matrix() - there.T_world_handle.as_matrix()).max() < 1e-9
     rotate = np.kron(np.eye(2), M.rotation.as_matrix())
-    plain, also = (fit_pose(m.labels, rig, CODED, tuple(markers.uv for markers in m.found), Parameters()).covariance
-                   for m, rig in zip(found, (TRIO, moved), strict=True))  # of the pixels' noise alone: no image in it
+    n = len(CODED.marker_centres)
+    uv = [labelled_pixels(m.labels, tuple(markers.uv for markers in m.found), n) for m in found]
+    # Of the pixels' noise alone: no image is in it.
+    plain, also = (fit_pose(pixels, rig, CODED).covariance for pixels, rig in zip(uv, (TRIO, moved), strict=True))
     np.testing.assert_allclose(also, rotate @ plain @ rotate.T, atol=1e-9)
     sigma = np.sqrt(np.diag(there.covariance))
     assert (np.abs(there.covariance - rotate @ here.covariance @ rotate.T) < 0.02 * np.outer(sigma, sigma)).all()
