@@ -23,7 +23,7 @@ from typing import Any, NamedTuple
 import nbformat
 
 import trinolab
-from trinolab.paper.ledger import equations_named, load_ledger
+from trinolab.paper import ledger
 
 ROOT = Path(__file__).resolve().parents[1]
 GENERATED = ROOT / "_build" / "generated" / "api"
@@ -93,10 +93,16 @@ def entries_of(module: ModuleType) -> list[Entry]:
 
 
 def _entry(name: str, thing: Any) -> Entry:
-    named = equations_named(inspect.getdoc(thing) or "")
-    ledger = [entry for entry in load_ledger() if entry.no.isdigit() and (name in entry.functions or entry.no in named)]
-    derived = {int(entry.chapter[:2]) for entry in ledger}
-    return Entry(name, thing, [int(entry.no) for entry in ledger], sorted(derived | _uses().get(name, set())))
+    named = ledger.equations_named(inspect.getdoc(thing) or "")
+    shown = [entry for entry in _equations() if name in entry.functions or entry.no in named]
+    derived = {int(entry.chapter[:2]) for entry in shown}
+    return Entry(name, thing, [int(entry.no) for entry in shown], sorted(derived | _uses().get(name, set())))
+
+
+@cache
+def _equations() -> list[ledger.Entry]:
+    """The equations of the ledger."""
+    return [entry for entry in ledger.load_ledger() if entry.no.isdigit()]
 
 
 @cache
