@@ -42,7 +42,7 @@ class Ticks(NamedTuple):
     q: Array
     speed: Array
     measured: Array
-    control: list[RigidTransform]
+    reference: list[RigidTransform]
     commanded: list[RigidTransform]
     tool: list[RigidTransform]
 
