@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import struct
-import zlib
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
@@ -18,6 +16,7 @@ from .poses import write_poses
 from .rigs import write_handle, write_rig
 
 PNG = [cv2.IMWRITE_PNG_COMPRESSION, 1, cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_RLE]
+STORED_PNG = [cv2.IMWRITE_PNG_COMPRESSION, 0, cv2.IMWRITE_PNG_FILTER, cv2.IMWRITE_PNG_FILTER_NONE]  # filters take time
 PARTIAL = ".partial"  # behind the name of a recording that is not finished
 
 
@@ -116,21 +115,11 @@ def write_image(image: np.ndarray, path: Path, fast: bool = False) -> None:
     """
     temporary = path.with_name(f".{path.name}")
     try:
-        temporary.write_bytes(stored_png(image) if fast else cv2.imencode(".png", image, PNG)[1].tobytes())
+        temporary.write_bytes(cv2.imencode(".png", image, STORED_PNG if fast else PNG)[1].tobytes())
         temporary.replace(path)
     except OSError as error:
         temporary.unlink(missing_ok=True)
         raise ValueError(f"{path}: cannot be written ({error.strerror})") from None
-
-
-def stored_png(image: np.ndarray) -> bytes:
-    """A grey image, uint8, as a PNG whose pixels are not compressed (RFC 2083)."""
-    height, width = image.shape
-    rows = np.hstack([np.zeros((height, 1), np.uint8), image])  # each row begins with the number of its filter: none
-    head = struct.pack(">2I5B", width, height, 8, 0, 0, 0, 0)  # 8 bit, grey
-    chunks = (b"IHDR", head), (b"IDAT", zlib.compress(rows.tobytes(), 0)), (b"IEND", b"")
-    return b"\x89PNG\r\n\x1a\n" + b"".join(struct.pack(">I", len(data)) + kind + data
-                                          + struct.pack(">I", zlib.crc32(kind + data)) for kind, data in chunks)
 
 
 def _make_folder(path: Path) -> None:
