@@ -221,4 +221,4 @@ def test_refuses():
         printed_cones(1.0, 0.0, 1.0, 0.3)
     with pytest.raises(ValueError, match="half_angle"):
         printed_workspace_volume(2.0)
-    assert intersect(printed_cones(1.0, 0.5, 0.5, 0.3), 64).status == "empty"
+    assert intersect(printed_cones(1.0, 0.5, 0.5, 0.3)).status == "empty"

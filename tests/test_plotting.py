@@ -41,7 +41,7 @@ def _close():
 @pytest.fixture(scope="module")
 def cones_and_mesh():
     cones = paper_cones(100.0, np.pi / 4, np.pi / 4, 0.3)
-    return cones, surface_mesh(cones, intersect(cones, 256).centre, 500)
+    return cones, surface_mesh(cones, intersect(cones).centre, 500)
 
 
 def test_workspace_views(cones_and_mesh):
@@ -75,7 +75,7 @@ def test_scene_without_a_display_is_silent_and_opens_no_connection():
     code = ("import socket; socket.socket.connect = None\n"
             "import numpy as np\nfrom trinolab import plotting, workspace\nfrom trinolab.workspace import cones\n"
             "c = cones.paper_cones(100.0, 0.8, 0.8, 0.3)\n"
-            "m = workspace.surface_mesh(c, workspace.intersect(c, 256).centre, 200)\n"
+            "m = workspace.surface_mesh(c, workspace.intersect(c).centre, 200)\n"
             "print(len(plotting.workspace_scene(c, m).data) > 500_000)")
     environment = {key: value for key, value in os.environ.items() if key not in ("DISPLAY", "WAYLAND_DISPLAY")}
     run = subprocess.run([sys.executable, "-W", "error", "-c", code], capture_output=True, text=True, env=environment,

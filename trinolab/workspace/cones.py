@@ -91,6 +91,32 @@ def inside(cones: Sequence[Cone], points: ArrayLike) -> np.ndarray:
     return result
 
 
+def chord(cone: Cone, start: Array, directions: Array) -> tuple[Array, Array]:
+    """The part of each line ``start + s direction`` that lies inside a solid cone: s from `low` to `high`.
+
+    Parameters
+    ----------
+    start : ndarray, shape (3,)
+    directions : ndarray, shape (n, 3), of length 1
+
+    Returns
+    -------
+    low, high : ndarray, shape (n,)
+        In mm, infinite where the line stays inside; low > high where it misses the cone.
+    """
+    m, cos2 = start - cone.apex, np.cos(cone.half_angle) ** 2
+    along = directions @ cone.axis
+    a = along**2 - cos2  # inside both nappes: a s^2 + 2 b s + c >= 0
+    b = (m @ cone.axis) * along - cos2 * (directions @ m)
+    c = (m @ cone.axis) ** 2 - cos2 * (m @ m)
+    near, far = _roots(a, b, c)
+    first, second = np.minimum(near, far), np.maximum(near, far)
+    front = m @ cone.axis + near * along >= 0  # the nappe that both roots lie on, for a < 0
+    low = np.where(a > 0, np.where(along > 0, second, -np.inf), np.where(front, first, np.inf))
+    high = np.where(a > 0, np.where(along > 0, np.inf, first), np.where(front, second, -np.inf))
+    return low, high
+
+
 def cone_surface(cone: Cone, a: ArrayLike, t: ArrayLike) -> Array:
     """Points of a cone's surface in the paper's parameters: radius a about the axis, angle t (Eq. 1-3).
 
@@ -191,6 +217,18 @@ def as_cones(value: Sequence[Cone]) -> tuple[Cone, ...]:
     if not cones or not all(isinstance(cone, Cone) for cone in cones):
         raise ValueError(f"cones: expected one Cone or more, got {len(cones)} objects")
     return cones
+
+
+def _roots(a: Array, b: Array, c: float) -> tuple[Array, Array]:
+    """Both roots of a s^2 + 2 b s + c without cancellation, the smaller magnitude first; NaN where there is none.
+
+    For a > 0 a line always meets both nappes, so that a negative discriminant is rounding. For a = 0, a line along a
+    generator, the second root is far away on the side where a slightly negative a would put it.
+    """
+    discriminant = np.where(a > 0, np.maximum(b * b - a * c, 0.0), b * b - a * c)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        q = -(b + np.copysign(np.sqrt(discriminant), b))
+        return np.where(q == 0, 0.0, c / q), q / np.where(a == 0, -1e-30, a)
 
 
 def _corner_angle(camera: Camera) -> float:

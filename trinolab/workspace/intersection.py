@@ -10,9 +10,16 @@ from scipy.spatial import ConvexHull, HalfspaceIntersection
 
 from ..camera import Camera, Rig
 from ..checks import Array, as_array, as_number, frozen
-from .cones import Cone, as_cones, corners
-from .convex import BOX, Planes, bounds, inscribed_ball, largest_ball, share_direction
-from .faces import chord, moments
+from .cones import Cone, as_cones, chord, corners
+from .extent import (
+    FARTHEST,
+    bounding_box,
+    inscribed_ball,
+    largest_ball,
+    share_direction,
+    spread,
+    volume_and_centroid,
+)
 
 EMPTY_BELOW = 1e-9  # radius of the inscribed ball, relative to the apexes' spread, that counts as none
 
@@ -57,19 +64,11 @@ class Polyhedron:
     volume: float
 
 
-def intersect(cones: Sequence[Cone], nodes: int = 2**14) -> Workspace:
+def intersect(cones: Sequence[Cone]) -> Workspace:
     """Intersect any number of solid cones (Eq. 4).
 
-    Parameters
-    ----------
-    cones : sequence of Cone
-    nodes : int
-        Generators of each cone that find the edges between its face and the others', at least 16. Too few of them
-        overlook a face narrower than a turn / nodes.
-
-    Returns
-    -------
-    Workspace
+    The volume is right to 1e-7, and the centroid to that part of the length. That holds for needles and for cones that
+    only just overlap, too, as long as the part that they share is less than a million times as long as thick.
 
     Raises
     ------
@@ -77,25 +76,24 @@ def intersect(cones: Sequence[Cone], nodes: int = 2**14) -> Workspace:
         If there is no cone.
     """
     given = as_cones(cones)
-    nodes = int(as_number(nodes, "nodes", low=16))
-    different = _without_repeats(given)
-    if share_direction(different, margin=1e-9):
+    if share_direction(given, margin=1e-9):
         return _without_extent(given, "unbounded")
-    planes = Planes(different)
-    p, r = inscribed_ball(planes)
-    if r <= EMPTY_BELOW:
+    _, size = spread(given)
+    centre, radius = inscribed_ball(given)
+    if radius <= EMPTY_BELOW * size:
         return _without_extent(given, "empty")
-    if share_direction(different, margin=-1e-9) or np.abs(box := bounds(planes)).max() > BOX / 2:
+    if share_direction(given, margin=-1e-9):
         return _without_extent(given, "unbounded")
-    centre = planes.origin + planes.scale * p
-    volume, first = moments(different, centre, nodes)
-    return Workspace(given, "bounded", frozen(planes.origin + planes.scale * box), frozen(centre), planes.scale * r,
-                     volume, frozen(centre + first / volume))
+    box = bounding_box(given, centre)
+    if np.abs(box - centre).max() > FARTHEST / 2 * size:
+        return _without_extent(given, "unbounded")
+    volume, centroid = volume_and_centroid(given, (centre, radius), box)
+    return Workspace(given, "bounded", frozen(box), frozen(centre), radius, volume, frozen(centroid))
 
 
 def is_unbounded(cones: Sequence[Cone]) -> bool:
     """Whether the intersection of solid cones has no end, see `Workspace`."""
-    return intersect(cones, nodes=16).status == "unbounded"
+    return intersect(cones).status == "unbounded"
 
 
 def surface_mesh(cones: Sequence[Cone], centre: Array, n: int = 4000) -> tuple[Array, np.ndarray]:
@@ -151,7 +149,7 @@ def view_volume(rig: Rig) -> Polyhedron:
     p, r = largest_ball(planes[:, :3], -planes[:, 3] / scale)
     if r <= EMPTY_BELOW:
         return Polyhedron("empty", np.empty((0, 3)), np.empty((0, 3), dtype=int), 0.0)
-    if np.abs(p).max() > BOX / 10:
+    if np.abs(p).max() > FARTHEST / 10:
         return Polyhedron("unbounded", np.empty((0, 3)), np.empty((0, 3), dtype=int), np.inf)
     return _polyhedron(HalfspaceIntersection(planes, scale * p).intersections)
 
@@ -189,18 +187,6 @@ def _spread(n: int) -> Array:
 
 def _triangles(directions: Array) -> np.ndarray:
     return _outward(directions, ConvexHull(directions))
-
-
-def _without_repeats(cones: tuple[Cone, ...]) -> tuple[Cone, ...]:
-    """Drop cones that repeat another one: their faces coincide, and the volume's integral would count both."""
-    scale = Planes(cones).scale
-    keep: list[Cone] = []
-    for cone in cones:
-        same = [np.abs(cone.apex - other.apex).max() < 1e-9 * scale and np.abs(cone.axis - other.axis).max() < 1e-9
-                and abs(cone.half_angle - other.half_angle) < 1e-9 for other in keep]
-        if not any(same):
-            keep.append(cone)
-    return tuple(keep)
 
 
 def _without_extent(cones: tuple[Cone, ...], status: str) -> Workspace:
