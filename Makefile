@@ -30,6 +30,7 @@ lab: .venv/package.done  ## open the chapters in JupyterLab
 
 lint: .venv/package.done  ## check style and types
 	@$(BIN)/ruff check .
+	@$(BIN)/ruff format --check .
 	@$(BIN)/mypy
 
 verify: .venv/package.done  ## the heavy counts, as a report: an hour; ARGS="--only nees --draws 100" is quick

@@ -1,10 +1,12 @@
-"""Build the book: run what is stale, two jobs at a time, build the pages strictly, print the scoreboard.
+"""Build the book: run what is stale, two jobs at a time, build the pages strictly, print the
+scoreboard.
 
     .venv/bin/python book/build.py
 
-A chapter is stale when its own code has changed, the package's code that it imports, the data or the environment:
-``_build/made_from.json`` has the hashes that each finished result was made from. Jupyter Book takes the outputs of the
-chapters from a jupyter-cache. That cache knows a notebook by its code cells alone, so it is filled from here.
+A chapter is stale when its own code has changed, the package's code that it imports, the data or
+the environment: ``_build/made_from.json`` has the hashes that each finished result was made from.
+Jupyter Book takes the outputs of the chapters from a jupyter-cache. That cache knows a notebook by
+its code cells alone, so it is filled from here.
 """
 
 from __future__ import annotations
@@ -28,24 +30,35 @@ from nbclient.exceptions import CellExecutionError, CellTimeoutError, DeadKernel
 
 from trinolab.cli import as_text
 from trinolab.files.outputs import write_whole
-from trinolab.files.provenance import hash_files, hash_text, made_from_module, made_from_notebook, surroundings
+from trinolab.files.provenance import (
+    hash_files,
+    hash_text,
+    made_from_module,
+    made_from_notebook,
+    surroundings,
+)
 from trinolab.sweep.notebook import ONE_THREAD, read_notebook, run_notebook
 
 ROOT = Path(__file__).resolve().parents[1]
 BUILD = ROOT / "_build"
 CACHE = BUILD / ".jupyter_cache"  # the same folder as `execute: cache` in _config.yml
 EXECUTED = BUILD / "executed"
-MADE_FROM = BUILD / "made_from.json"  # a result's name -> a hash of each thing that it was made from
+# a result's name -> a hash of each thing that it was made from
+MADE_FROM = BUILD / "made_from.json"
 SCOREBOARD = BUILD / "scoreboard.csv"
 NEW_SCOREBOARD = BUILD / "scoreboard.new.csv"
-GENERATED = BUILD / "generated"  # parts of pages: from the ledger of equations, and of the reference in a folder
+# parts of pages: from the ledger of equations, and of the reference in a folder
+GENERATED = BUILD / "generated"
 HTML = BUILD / "html"
 PAGES_MADE_FROM = BUILD / "pages_made_from"  # a hash; it is there as long as the pages are whole
-CELL_TIMEOUT_S = 1800.0  # a cell hangs that takes so long: on a busy machine a film may take ten times its usual time
+# a cell hangs that takes so long: on a busy machine a film may take ten times its usual time
+CELL_TIMEOUT_S = 1800.0
 
 
 class Job(NamedTuple):
-    """Something that has to run: its name, its command, and a hash of each thing that its result is made from."""
+    """Something that has to run: its name, its command, and a hash of each thing that its result is
+    made from.
+    """
 
     name: str
     command: list[str]
@@ -83,10 +96,18 @@ def main() -> int:
 def stale_jobs() -> list[Job]:
     """Return what has to run, the scoreboard first because it takes longest."""
     board = [str(tool("trinolab")), "scoreboard", "--csv", str(NEW_SCOREBOARD)]
-    jobs = [Job("scoreboard", board, made_from_module("trinolab.studies.scoreboard")),
-            Job("ledger", [sys.executable, __file__, "--ledger"], made_from_module("trinolab.paper.errata")),
-            *(Job(path.stem, [sys.executable, __file__, "--chapter", str(path)], made_from(path))
-              for path in chapters())]
+    jobs = [
+        Job("scoreboard", board, made_from_module("trinolab.studies.scoreboard")),
+        Job(
+            "ledger",
+            [sys.executable, __file__, "--ledger"],
+            made_from_module("trinolab.paper.errata"),
+        ),
+        *(
+            Job(path.stem, [sys.executable, __file__, "--chapter", str(path)], made_from(path))
+            for path in chapters()
+        ),
+    ]
     stale = []
     for job in jobs:
         if is_finished(job.name, job.made_from):
@@ -136,7 +157,9 @@ def chapters() -> list[Path]:
 
 def run_all(jobs: list[Job]) -> list[str]:
     """Run jobs, at most two at a time; return the names of those that failed."""
-    waiting, running, failed = list(jobs), list[Running](), list[str]()
+    waiting = list(jobs)
+    running = list[Running]()
+    failed = list[str]()
     try:
         while waiting or running:
             while waiting and len(running) < min(2, os.cpu_count() or 1):
@@ -148,7 +171,8 @@ def run_all(jobs: list[Job]) -> list[str]:
                 if not finish(one):
                     failed.append(one.job.name)
     finally:
-        for one in running:  # only after Ctrl-C; a chapter that is terminated stops its kernel first
+        # only after Ctrl-C; a chapter that is terminated stops its kernel first
+        for one in running:
             one.process.terminate()
             one.process.wait()
     return failed
@@ -158,15 +182,23 @@ def start(job: Job) -> Running:
     """Start a job; what it prints goes to a temporary file."""
     say(f"{job.name}: started")
     log = tempfile.TemporaryFile("w+", encoding="utf-8", errors="replace")  # noqa: SIM115  closed in finish()
-    process = subprocess.Popen(job.command, cwd=ROOT, env={**os.environ, **ONE_THREAD, "PYTHONIOENCODING": "utf-8"},
-                               stdin=subprocess.DEVNULL, stdout=log, stderr=subprocess.STDOUT)
+    process = subprocess.Popen(
+        job.command,
+        cwd=ROOT,
+        env={**os.environ, **ONE_THREAD, "PYTHONIOENCODING": "utf-8"},
+        stdin=subprocess.DEVNULL,
+        stdout=log,
+        stderr=subprocess.STDOUT,
+    )
     return Running(job, process, log, time.monotonic())
 
 
 def finish(one: Running) -> bool:
     """Keep the result of a finished job; report it, with all that it printed if it failed."""
     good = one.process.returncode == 0
-    say(f"{one.job.name}: {'done' if good else 'FAILED'} after {time.monotonic() - one.start:.0f} s")
+    say(
+        f"{one.job.name}: {'done' if good else 'FAILED'} after {time.monotonic() - one.start:.0f} s"
+    )
     if not good:
         one.log.seek(0)
         print(one.log.read())
@@ -200,7 +232,9 @@ def run_chapter(path: Path) -> int:
 
 
 def run_ledger() -> int:
-    """Write the parts of pages that come from the ledger of equations, with the effects of the misprints."""
+    """Write the parts of pages that come from the ledger of equations, with the effects of the
+    misprints.
+    """
     from trinolab.paper.errata import effects
     from trinolab.paper.ledger import write_pages
 
@@ -210,12 +244,16 @@ def run_ledger() -> int:
 
 
 def keep(job: Job) -> None:
-    """Take over the result of a job, in this process alone: the cache's database suffers only one writer at a time."""
+    """Take over the result of a job, in this process alone: the cache's database suffers only one
+    writer at a time.
+    """
     if job.name == "scoreboard":
         NEW_SCOREBOARD.replace(SCOREBOARD)
     elif job.name != "ledger":
         put_into_cache(result_of(job.name))
-    write_whole(MADE_FROM, json.dumps({**read_finished(), job.name: job.made_from}, indent=1) + "\n")
+    write_whole(
+        MADE_FROM, json.dumps({**read_finished(), job.name: job.made_from}, indent=1) + "\n"
+    )
 
 
 def put_into_cache(copy: Path) -> None:
@@ -234,7 +272,8 @@ def is_cached(path: Path) -> bool:
 
 
 def build_pages() -> bool:
-    """Build the pages if anything in them has changed, with every warning an error; return whether they are there.
+    """Build the pages if anything in them has changed, with every warning an error; return whether
+    they are there.
 
     All pages are read anew then: an unchanged page would not repeat its warning.
     """
@@ -249,7 +288,16 @@ def build_pages() -> bool:
     for path in chapters():
         if not is_cached(path):  # somebody has emptied the cache
             put_into_cache(result_of(path.stem))
-    command = [str(tool("jupyter-book")), "build", str(ROOT), "-n", "-W", "--keep-going", "--all", "-q"]
+    command = [
+        str(tool("jupyter-book")),
+        "build",
+        str(ROOT),
+        "-n",
+        "-W",
+        "--keep-going",
+        "--all",
+        "-q",
+    ]
     if subprocess.run(command, cwd=ROOT, stdin=subprocess.DEVNULL).returncode != 0:
         return False
     write_whole(PAGES_MADE_FROM, now)
@@ -267,8 +315,13 @@ def write_reference() -> None:
 
 def pages_made_from() -> str:
     """Return a hash of all that the pages are built from."""
-    sources = [*ROOT.glob("*.yml"), *ROOT.glob("book/**/*"), *ROOT.glob("notebooks/*.ipynb"), *ROOT.glob("data/**/*"),
-               *ROOT.glob("trinolab/**/*.py")]
+    sources = [
+        *ROOT.glob("*.yml"),
+        *ROOT.glob("book/**/*"),
+        *ROOT.glob("notebooks/*.ipynb"),
+        *ROOT.glob("data/**/*"),
+        *ROOT.glob("trinolab/**/*.py"),
+    ]
     results = [SCOREBOARD, *GENERATED.glob("*"), *(result_of(path.stem) for path in chapters())]
     return hash_text(surroundings([])["the environment"] + hash_files([*sources, *results], ROOT))
 

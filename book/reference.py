@@ -1,10 +1,12 @@
-"""The API reference: a page for each folder of the package, made from the docstrings; and a Sphinx extension for it.
+"""The API reference: a page for each folder of the package, made from the docstrings; and a Sphinx
+extension for it.
 
     .venv/bin/python book/reference.py
 
-writes the pages into ``_build/generated/api``; those in ``book/api`` include them. Sphinx's autodoc renders a docstring
-where a page names its function, and viewcode puts the sources beside them. A function's equations come from the ledger
-and from the first line of its docstring, its chapters from the code of the notebooks.
+writes the pages into ``_build/generated/api``; those in ``book/api`` include them. Sphinx's autodoc
+renders a docstring where a page names its function, and viewcode puts the sources beside them. A
+function's equations come from the ledger and from the first line of its docstring, its chapters
+from the code of the notebooks.
 """
 
 from __future__ import annotations
@@ -30,10 +32,18 @@ GENERATED = ROOT / "_build" / "generated" / "api"
 
 # The modules at the top, in the order of the data: three pages, because one would be a wall.
 TOP = {
-    "geometry": ("Cameras, handle, errors", ["camera", "lens", "handle", "rigid", "window", "metrics", "datasets",
-                                             "checks"]),
-    "images": ("From frames to matches", ["background", "kalman", "image_track", "blobs", "markers", "matching"]),
-    "pose": ("From points to the pose", ["triangulation", "pose", "parameters", "methods", "measurement", "tracker"]),
+    "geometry": (
+        "Cameras, handle, errors",
+        ["camera", "lens", "handle", "rigid", "window", "metrics", "datasets", "checks"],
+    ),
+    "images": (
+        "From frames to matches",
+        ["background", "kalman", "image_track", "blobs", "markers", "matching"],
+    ),
+    "pose": (
+        "From points to the pose",
+        ["triangulation", "pose", "parameters", "methods", "measurement", "tracker"],
+    ),
 }
 BY_MODULE = ("studies",)  # experiments: their modules are listed, not their functions
 
@@ -44,7 +54,9 @@ def first_line(thing: Any) -> str:
 
 
 class Entry(NamedTuple):
-    """A public function or class: its full name, the thing, and the numbers of its equations and chapters."""
+    """A public function or class: its full name, the thing, and the numbers of its equations and
+    chapters.
+    """
 
     name: str
     thing: Any
@@ -59,7 +71,11 @@ class Entry(NamedTuple):
 
 def folders() -> list[str]:
     """The folders of the package, in the order of their names."""
-    return [module.name for module in pkgutil.iter_modules(trinolab.__path__) if module.ispkg and module.name != "data"]
+    return [
+        module.name
+        for module in pkgutil.iter_modules(trinolab.__path__)
+        if module.ispkg and module.name != "data"
+    ]
 
 
 def modules_of(folder: str) -> list[ModuleType]:
@@ -80,23 +96,38 @@ def pages() -> dict[str, tuple[str, list[ModuleType]]]:
     placed = [name for _, names in TOP.values() for name in names]
     there = [module.name for module in pkgutil.iter_modules(trinolab.__path__) if not module.ispkg]
     if missing := sorted(set(there) ^ set(placed)):
-        raise ValueError(f"TOP: expected each module at the top of the package once, got a difference in {missing}")
-    top = {page: (title, [import_module(f"trinolab.{name}") for name in names]) for page, (title, names) in TOP.items()}
+        raise ValueError(
+            f"TOP: expected each module at the top of the package once, got a difference in {missing}"
+        )
+    top = {
+        page: (title, [import_module(f"trinolab.{name}") for name in names])
+        for page, (title, names) in TOP.items()
+    }
     return {**top, **{folder: (folder, modules_of(folder)) for folder in folders()}}
 
 
 def entries_of(module: ModuleType) -> list[Entry]:
     """The public functions and classes that a module defines, in the order of its lines."""
-    own = [(name, thing) for name, thing in vars(module).items() if callable(thing) and not name.startswith("_")
-           and (getattr(thing, "__module__", ""), getattr(thing, "__qualname__", "")) == (module.__name__, name)]
-    return [_entry(f"{module.__name__}.{name}", thing) for name, thing in own if inspect.getdoc(thing)]
+    own = [
+        (name, thing)
+        for name, thing in vars(module).items()
+        if callable(thing)
+        and not name.startswith("_")
+        and (getattr(thing, "__module__", ""), getattr(thing, "__qualname__", ""))
+        == (module.__name__, name)
+    ]
+    return [
+        _entry(f"{module.__name__}.{name}", thing) for name, thing in own if inspect.getdoc(thing)
+    ]
 
 
 def _entry(name: str, thing: Any) -> Entry:
     named = ledger.equations_named(inspect.getdoc(thing) or "")
     shown = [entry for entry in _equations() if name in entry.functions or entry.no in named]
     derived = {int(entry.chapter[:2]) for entry in shown}
-    return Entry(name, thing, [int(entry.no) for entry in shown], sorted(derived | _uses().get(name, set())))
+    return Entry(
+        name, thing, [int(entry.no) for entry in shown], sorted(derived | _uses().get(name, set()))
+    )
 
 
 @cache
@@ -111,19 +142,28 @@ def _uses() -> dict[str, set[int]]:
     found: dict[str, set[int]] = {}
     for path in ROOT.glob("notebooks/[0-9]*.ipynb"):
         cells = nbformat.read(path, as_version=4).cells
-        tree = ast.parse("\n".join(re.sub(r"^\s*[%!].*", "", cell.source, flags=re.MULTILINE)
-                                   for cell in cells if cell.cell_type == "code"))
+        tree = ast.parse(
+            "\n".join(
+                re.sub(r"^\s*[%!].*", "", cell.source, flags=re.MULTILINE)
+                for cell in cells
+                if cell.cell_type == "code"
+            )
+        )
         for name in _names_used(tree):
             found.setdefault(name, set()).add(int(path.stem[:2]))
     return found
 
 
 def _names_used(tree: ast.AST) -> Iterator[str]:
-    """The full names of what a source takes from the package: functions by their modules, or imported by themselves."""
+    """The full names of what a source takes from the package: functions by their modules, or
+    imported by themselves.
+    """
     known = {"trinolab": "trinolab"}
     for node in ast.walk(tree):
         if isinstance(node, ast.ImportFrom) and (node.module or "").split(".")[0] == "trinolab":
-            known |= {alias.asname or alias.name: f"{node.module}.{alias.name}" for alias in node.names}
+            known |= {
+                alias.asname or alias.name: f"{node.module}.{alias.name}" for alias in node.names
+            }
     for node in ast.walk(tree):
         name = ast.unparse(node) if isinstance(node, ast.Attribute | ast.Name) else ""
         first, *rest = name.split(".")
@@ -132,12 +172,18 @@ def _names_used(tree: ast.AST) -> Iterator[str]:
 
 
 def _home(name: str) -> str:
-    """The full name of a thing where it is defined: another folder's `__init__` or the face may have handed it on."""
+    """The full name of a thing where it is defined: another folder's `__init__` or the face may
+    have handed it on.
+    """
     module, _, attribute = name.rpartition(".")
     try:
         thing = getattr(import_module(module), attribute)
         return f"{thing.__module__}.{thing.__qualname__}"
-    except (ImportError, AttributeError, ValueError):  # a value, a method's result, a name of another package
+    except (
+        ImportError,
+        AttributeError,
+        ValueError,
+    ):  # a value, a method's result, a name of another package
         return name
 
 
@@ -148,7 +194,9 @@ def _notebook(chapter: int) -> str:
 
 
 def page_text(title: str, modules: list[ModuleType], by_module: bool = False) -> str:
-    """A page, as MyST Markdown: what its modules are, a table of what is in them, then one after the other."""
+    """A page, as MyST Markdown: what its modules are, a table of what is in them, then one after
+    the other.
+    """
     lines = [f"# {title}", ""]
     if hasattr(modules[0], "__path__"):
         lines += [*_rst(f".. automodule:: {modules[0].__name__}"), ""]
@@ -171,7 +219,9 @@ def page_text(title: str, modules: list[ModuleType], by_module: bool = False) ->
 
 def _row(entry: Entry) -> str:
     short = entry.name.rpartition(".")[2]
-    equations = ", ".join(f"{{ref}}`{text} <equation-{first}>`" for first, text in _spans(entry.equations))
+    equations = ", ".join(
+        f"{{ref}}`{text} <equation-{first}>`" for first, text in _spans(entry.equations)
+    )
     chapters = ", ".join(f"{{doc}}`{no} <{_notebook(no)}>`" for no in entry.chapters)
     return f"| {{py:obj}}`{short} <{entry.name}>` | {entry.summary} | {equations} | {chapters} |"
 
@@ -182,7 +232,11 @@ def _directive(entry: Entry) -> str:
     chapters = [f":doc:`chapter {no} <{_notebook(no)}>`" for no in entry.chapters]
     options = "\n   :members:\n" if inspect.isclass(entry.thing) else ""
     kind = "autoclass" if inspect.isclass(entry.thing) else "autofunction"
-    links = f"\n\n   In the book: {', '.join([*equations, *chapters])}." if equations or chapters else ""
+    links = (
+        f"\n\n   In the book: {', '.join([*equations, *chapters])}."
+        if equations or chapters
+        else ""
+    )
     return f".. {kind}:: {entry.name}{options}{links}"
 
 
@@ -209,7 +263,9 @@ def face_text() -> str:
     """The table of what `trinolab` itself has."""
     rows = ["| name | what it is |", "|---|---|"]
     for name, where in trinolab.FACE.items():
-        rows.append(f"| {{py:obj}}`trinolab.{name} <trinolab.{where}>` | {first_line(getattr(trinolab, name))} |")
+        rows.append(
+            f"| {{py:obj}}`trinolab.{name} <trinolab.{where}>` | {first_line(getattr(trinolab, name))} |"
+        )
     return "\n".join([*rows, ""])
 
 
@@ -217,18 +273,26 @@ def contents_text() -> str:
     """The table of the pages, for their first one."""
     rows = ["| page | what is in it |", "|---|---|"]
     for page, (title, modules) in pages().items():
-        what = ", ".join(f"`{_short(module)}`" for module in modules) if page in TOP else first_line(modules[0])
+        what = (
+            ", ".join(f"`{_short(module)}`" for module in modules)
+            if page in TOP
+            else first_line(modules[0])
+        )
         rows.append(f"| {{doc}}`{title} </book/api/{page}>` | {what} |")
     return "\n".join([*rows, ""])
 
 
 def write_pages(folder: Path = GENERATED) -> None:
-    """Write a page for each of `pages`, ``face.md`` and ``contents.md`` into a folder that is made if need be."""
+    """Write a page for each of `pages`, ``face.md`` and ``contents.md`` into a folder that is made
+    if need be.
+    """
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "face.md").write_text(face_text(), encoding="utf-8")
     (folder / "contents.md").write_text(contents_text(), encoding="utf-8")
     for page, (title, modules) in pages().items():
-        (folder / f"{page}.md").write_text(page_text(title, modules, page in BY_MODULE), encoding="utf-8")
+        (folder / f"{page}.md").write_text(
+            page_text(title, modules, page in BY_MODULE), encoding="utf-8"
+        )
 
 
 # --- the extension
@@ -251,12 +315,16 @@ def setup(app: Any) -> dict[str, bool]:
 
 
 def _full_name(name: str, module: str | None) -> str:
-    """What a name in a docstring means: what it means in the module's code, or the one thing of ours that ends so."""
+    """What a name in a docstring means: what it means in the module's code, or the one thing of
+    ours that ends so.
+    """
     if name in _known_names():
         return name
     first, *rest = name.split(".")
     thing = vars(import_module(module)).get(first) if module else None
-    home = thing.__name__ if inspect.ismodule(thing) else f"{getattr(thing, '__module__', '')}.{first}"
+    home = (
+        thing.__name__ if inspect.ismodule(thing) else f"{getattr(thing, '__module__', '')}.{first}"
+    )
     here = ".".join([home, *rest])
     ends = [known for known in _known_names() if known.endswith(f".{name}")] if rest else []
     return here if here in _known_names() else ends[0] if len(ends) == 1 else name
@@ -265,23 +333,43 @@ def _full_name(name: str, module: str | None) -> str:
 @cache
 def _known_names() -> frozenset[str]:
     """The full names of all that the pages show, of modules and methods as well."""
-    shown = [module for page, (_, modules) in pages().items() if page not in BY_MODULE for module in modules]
+    shown = [
+        module
+        for page, (_, modules) in pages().items()
+        if page not in BY_MODULE
+        for module in modules
+    ]
     entries = [entry for module in shown for entry in entries_of(module)]
     kinds = FunctionType | property | cached_property
-    methods = [f"{entry.name}.{name}" for entry in entries if inspect.isclass(entry.thing)
-               for name, thing in vars(entry.thing).items() if isinstance(thing, kinds)]
-    return frozenset([*(module.__name__ for module in shown), *(entry.name for entry in entries), *methods])
+    methods = [
+        f"{entry.name}.{name}"
+        for entry in entries
+        if inspect.isclass(entry.thing)
+        for name, thing in vars(entry.thing).items()
+        if isinstance(thing, kinds)
+    ]
+    return frozenset(
+        [*(module.__name__ for module in shown), *(entry.name for entry in entries), *methods]
+    )
 
 
 def _plain(app: Any, env: Any, node: Any, contnode: Any) -> Any:
-    """The bare text of a name that is none of ours, like that of a parameter. Of ours every name must be there."""
+    """The bare text of a name that is none of ours, like that of a parameter. Of ours every name
+    must be there.
+    """
     mine = node.get("refdomain") != "py" or node.get("reftarget", "").startswith("trinolab.")
     return None if mine else contnode
 
 
 def _skipped(app: Any, what: str, name: str, thing: Any, skip: bool, options: Any) -> bool | None:
-    """Leave out the fields of named tuples, which have no words of their own: the class describes them."""
-    return True if (getattr(thing, "__doc__", None) or "").startswith("Alias for field number") else None
+    """Leave out the fields of named tuples, which have no words of their own: the class describes
+    them.
+    """
+    return (
+        True
+        if (getattr(thing, "__doc__", None) or "").startswith("Alias for field number")
+        else None
+    )
 
 
 if __name__ == "__main__":

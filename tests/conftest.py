@@ -6,14 +6,17 @@ from pathlib import Path
 from hypothesis import settings
 
 for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
-    os.environ.setdefault(_name, "1")  # several tests run at once; more threads than cores make all of them slow
+    # several tests run at once; more threads than cores make all of them slow
+    os.environ.setdefault(_name, "1")
 os.environ["MPLBACKEND"] = "Agg"  # no window, also not in the kernels and commands that tests start
 
-# Real recordings made by others: where TRINOLAB_DATA says, else in a folder shared/data beside the checkout.
+# Real recordings made by others: where TRINOLAB_DATA says, else in a folder shared/data beside the
+# checkout.
 _BESIDE = Path(__file__).resolve().parents[2] / "shared" / "data"
 if "TRINOLAB_DATA" not in os.environ and _BESIDE.is_dir():
     os.environ["TRINOLAB_DATA"] = str(_BESIDE)
 
-# The same examples in each run, however slow the machine: a failure can be repeated, a pass is no luck.
+# The same examples in each run, however slow the machine: a failure can be repeated, a pass is no
+# luck.
 settings.register_profile("repeatable", derandomize=True, deadline=None)
 settings.load_profile("repeatable")

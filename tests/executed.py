@@ -1,4 +1,6 @@
-"""Chapters and scoreboard as `make book` has stored them, if they are not stale; else computed here."""
+"""Chapters and scoreboard as `make book` has stored them, if they are not stale; else computed
+here.
+"""
 
 import build
 import pandas as pd
@@ -20,5 +22,7 @@ def as_it_stands(path):
 def whole_scoreboard():
     """The scoreboard with all its verdicts."""
     if build.is_finished("scoreboard", made_from_module("trinolab.studies.scoreboard")):
-        return pd.read_csv(build.SCOREBOARD, dtype={"no": str}, keep_default_na=False, na_values={"ours": [""]})
+        return pd.read_csv(
+            build.SCOREBOARD, dtype={"no": str}, keep_default_na=False, na_values={"ours": [""]}
+        )
     return scoreboard()

@@ -1,4 +1,6 @@
-"""A folder with all that the commands read, in small images, and the command lines that take it: nothing is wrong."""
+"""A folder with all that the commands read, in small images, and the command lines that take it:
+nothing is wrong.
+"""
 
 import shlex
 
@@ -18,11 +20,18 @@ from trinolab.files.poses import truth_table, write_poses
 from trinolab.files.rigs import write_handle, write_rig
 from trinolab.rigid import shifted
 
-RIG, CODED = Rig(tuple(scaled(camera, 0.25) for camera in load_rig("paper_pair").cameras)), load_handle("coded")
-FIRST = RigidTransform.from_components([0.0, 5.0, 560.0], Rotation.from_euler("ZYX", [170.0, 15.0, 40.0], degrees=True))
+RIG, CODED = (
+    Rig(tuple(scaled(camera, 0.25) for camera in load_rig("paper_pair").cameras)),
+    load_handle("coded"),
+)
+FIRST = RigidTransform.from_components(
+    [0.0, 5.0, 560.0], Rotation.from_euler("ZYX", [170.0, 15.0, 40.0], degrees=True)
+)
 FPS = 25.0
 TRACK = "track rec --out poses.csv"
-VIDEOS = "track --rig rig.toml --handle handle.toml --video ccd1=ccd1.mkv ccd2=ccd2.mkv --out poses.csv"
+VIDEOS = (
+    "track --rig rig.toml --handle handle.toml --video ccd1=ccd1.mkv ccd2=ccd2.mkv --out poses.csv"
+)
 MEASURE = "measure --rig rig.toml --handle handle.toml --images rec/images --out poses.csv"
 EVALUATE = "evaluate found.csv truth.csv --handle handle.toml"
 RENDER = "render --rig rig.toml --handle handle.toml --motion hard --seed 3 --out out --seconds 0.1"
@@ -34,12 +43,18 @@ BOARDS = CALIBRATE.replace("rig.toml", "new.toml")
 
 def true_path(count):
     """The handle's poses at `count` instants."""
-    return RigidTransform.concatenate([shifted(FIRST, np.array([90.0, -60, 40, 0.2, 0.3, -0.2]) * np.sin(k / FPS))
-                                       for k in range(count)])
+    return RigidTransform.concatenate(
+        [
+            shifted(FIRST, np.array([90.0, -60, 40, 0.2, 0.3, -0.2]) * np.sin(k / FPS))
+            for k in range(count)
+        ]
+    )
 
 
 def make_healthy(root, count):
-    """A rig, a handle, a recording of `count` instants, the same as videos, poses, views of a board."""
+    """A rig, a handle, a recording of `count` instants, the same as videos, poses, views of a
+    board.
+    """
     poses, rng = true_path(count), np.random.default_rng(0)
     partial = recorder.begin(root / "rec", RIG, CODED)
     instants = [render_rig(RIG, CODED, T, Bench(), rng) for T in poses]
@@ -57,7 +72,9 @@ def make_healthy(root, count):
 
 
 def write_video(path, frames, codec="FFV1"):
-    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*codec), FPS, frames[0].shape[::-1], isColor=False)
+    writer = cv2.VideoWriter(
+        str(path), cv2.VideoWriter.fourcc(*codec), FPS, frames[0].shape[::-1], isColor=False
+    )
     for frame in frames:
         writer.write(frame)
     writer.release()

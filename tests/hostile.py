@@ -14,14 +14,26 @@ from trinolab.bench.rays import body_region
 from trinolab.bench.scene import render_rig
 from trinolab.camera import Rig
 
-KINDS = ("noise", "glints", "handle and glints", "half hidden", "half hidden, glints", "two handles", "camera turned",
-         "500 blobs", "no markers", "one camera left")
+KINDS = (
+    "noise",
+    "glints",
+    "handle and glints",
+    "half hidden",
+    "half hidden, glints",
+    "two handles",
+    "camera turned",
+    "500 blobs",
+    "no markers",
+    "one camera left",
+)
 TYPICAL_MM = 570.0  # distance at which a blob is as large as a marker
 WRONG_MM, WRONG_DEG = 2.0, 5.0
 
 
 class Instant(NamedTuple):
-    """Frames, one a camera, and the poses of which one may be reported (up to the handle's symmetry)."""
+    """Frames, one a camera, and the poses of which one may be reported (up to the handle's
+    symmetry).
+    """
 
     kind: str
     frames: list[np.ndarray]
@@ -34,7 +46,11 @@ def hostile(rng, rig, handle, kind):
     if kind == "noise":
         return Instant(kind, [_noise(rng, camera.size) for camera in rig.cameras], [])
     if kind == "glints":
-        return Instant(kind, _with_blobs(rng, render_rig(rig, handle, None, Bench(), rng), rig, handle, (3, 21)), [])
+        return Instant(
+            kind,
+            _with_blobs(rng, render_rig(rig, handle, None, Bench(), rng), rig, handle, (3, 21)),
+            [],
+        )
     if kind == "two handles":
         return _two(rng, rig, handle, T)
     if kind == "no markers":
@@ -44,20 +60,32 @@ def hostile(rng, rig, handle, kind):
         return Instant(kind, render_rig(_one_turned(rng, rig), handle, T, Bench(), rng), [T])
     frames = render_rig(rig, handle, T, Bench(), rng)
     if kind.startswith("half hidden"):
-        frames = [_half_hidden(rng, frame, camera, T) if rng.random() < 0.7 else frame
-                  for frame, camera in zip(frames, rig.cameras, strict=True)]
+        frames = [
+            _half_hidden(rng, frame, camera, T) if rng.random() < 0.7 else frame
+            for frame, camera in zip(frames, rig.cameras, strict=True)
+        ]
     if kind == "one camera left":
         left = rng.integers(len(frames))
         frames = [frame if c == left else _covered(rng, frame) for c, frame in enumerate(frames)]
-    many = {"handle and glints": (3, 21), "half hidden, glints": (1, 8), "500 blobs": (500, 501)}.get(kind)
-    return Instant(kind, frames if many is None else _with_blobs(rng, frames, rig, handle, many), [T])
+    many = {
+        "handle and glints": (3, 21),
+        "half hidden, glints": (1, 8),
+        "500 blobs": (500, 501),
+    }.get(kind)
+    return Instant(
+        kind, frames if many is None else _with_blobs(rng, frames, rig, handle, many), [T]
+    )
 
 
 def is_wrong(pose, instant, handle):
-    """Whether a pose is called measured and is off by more than 2 mm or 5 deg from all that may be reported."""
+    """Whether a pose is called measured and is off by more than 2 mm or 5 deg from all that may be
+    reported.
+    """
     if pose.status != "measured":
         return False
-    return not any(_near(pose.T_world_handle, T * S) for T in instant.truths for S in handle.symmetries)
+    return not any(
+        _near(pose.T_world_handle, T * S) for T in instant.truths for S in handle.symmetries
+    )
 
 
 def seen_pose(rng, rig, handle):
@@ -70,7 +98,9 @@ def seen_pose(rng, rig, handle):
 
 def _near(estimate, truth):
     turn = np.rad2deg((estimate.inv() * truth).rotation.magnitude())
-    return np.linalg.norm(estimate.translation - truth.translation) <= WRONG_MM and turn <= WRONG_DEG
+    return (
+        np.linalg.norm(estimate.translation - truth.translation) <= WRONG_MM and turn <= WRONG_DEG
+    )
 
 
 def _noise(rng, size):
@@ -83,8 +113,10 @@ def _noise(rng, size):
 
 def _with_blobs(rng, frames, rig, handle, counts):
     """Add blobs like markers, `counts[0]` to `counts[1] - 1` an image."""
-    return [_blobs(rng, frame, handle, camera, rng.integers(*counts))
-            for frame, camera in zip(frames, rig.cameras, strict=True)]
+    return [
+        _blobs(rng, frame, handle, camera, rng.integers(*counts))
+        for frame, camera in zip(frames, rig.cameras, strict=True)
+    ]
 
 
 def _blobs(rng, frame, handle, camera, count, scale=16):
@@ -93,8 +125,18 @@ def _blobs(rng, frame, handle, camera, count, scale=16):
     for _ in range(count):
         centre = rng.uniform(0, camera.size) * scale
         axes = typical / 2 * rng.uniform(0.7, 1.3) * np.array([1, rng.uniform(0.4, 1)]) * scale
-        cv2.ellipse(shape, centre.astype(int).tolist(), axes.astype(int).tolist(), rng.uniform(0, 180), 0, 360, 255, -1,
-                    cv2.LINE_AA, 4)
+        cv2.ellipse(
+            shape,
+            centre.astype(int).tolist(),
+            axes.astype(int).tolist(),
+            rng.uniform(0, 180),
+            0,
+            360,
+            255,
+            -1,
+            cv2.LINE_AA,
+            4,
+        )
     share = cv2.GaussianBlur(shape, (0, 0), 0.7) / 255
     grey = rng.uniform(180, 255) if handle.markers == "bright" else rng.uniform(0, 30)
     return np.clip(frame * (1 - share) + grey * share, 0, 255).astype(np.uint8)
@@ -102,10 +144,18 @@ def _blobs(rng, frame, handle, camera, count, scale=16):
 
 def _half_hidden(rng, frame, camera, T):
     """Cover what lies on one side of a line that passes near the markers."""
-    (u, v), angle = camera.project(T.translation[None])[0] + rng.normal(0, 30, 2), rng.uniform(0, 2 * np.pi)
-    along, away = 400 * np.array([np.cos(angle), np.sin(angle)]), 400 * np.array([-np.sin(angle), np.cos(angle)])
+    (u, v), angle = (
+        camera.project(T.translation[None])[0] + rng.normal(0, 30, 2),
+        rng.uniform(0, 2 * np.pi),
+    )
+    along, away = (
+        400 * np.array([np.cos(angle), np.sin(angle)]),
+        400 * np.array([-np.sin(angle), np.cos(angle)]),
+    )
     corners = np.array([u, v]) + [along, -along, away - along, away + along]
-    shape = cv2.fillConvexPoly(np.zeros(frame.shape, np.uint8), (16 * corners).astype(int), 255, cv2.LINE_AA, 4)
+    shape = cv2.fillConvexPoly(
+        np.zeros(frame.shape, np.uint8), (16 * corners).astype(int), 255, cv2.LINE_AA, 4
+    )
     share = cv2.GaussianBlur(shape, (0, 0), 1.0) / 255
     return (frame * (1 - share) + rng.uniform(30, 140) * share).astype(np.uint8)
 
@@ -117,9 +167,15 @@ def _covered(rng, frame):
 def _two(rng, rig, handle, T):
     """A second handle before the first one."""
     other = seen_pose(rng, rig, handle)
-    pairs = zip(render_rig(rig, handle, T, Bench(), rng), render_rig(rig, handle, other, Bench(), rng), strict=True)
-    frames = [np.where(body_region(camera, handle, other), front, back)
-              for camera, (back, front) in zip(rig.cameras, pairs, strict=True)]
+    pairs = zip(
+        render_rig(rig, handle, T, Bench(), rng),
+        render_rig(rig, handle, other, Bench(), rng),
+        strict=True,
+    )
+    frames = [
+        np.where(body_region(camera, handle, other), front, back)
+        for camera, (back, front) in zip(rig.cameras, pairs, strict=True)
+    ]
     return Instant("two handles", frames, [T, other])
 
 
@@ -127,5 +183,7 @@ def _one_turned(rng, rig, angle_deg=2.0):
     """The rig as it stands after one camera was turned about its centre."""
     cameras, k, axis = list(rig.cameras), rng.integers(len(rig.cameras)), rng.normal(size=3)
     turn = Rotation.from_rotvec(np.deg2rad(angle_deg) * axis / np.linalg.norm(axis))
-    cameras[k] = replace(cameras[k], T_cam_world=RigidTransform.from_rotation(turn) * cameras[k].T_cam_world)
+    cameras[k] = replace(
+        cameras[k], T_cam_world=RigidTransform.from_rotation(turn) * cameras[k].T_cam_world
+    )
     return Rig(tuple(cameras))

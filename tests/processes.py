@@ -1,7 +1,7 @@
 """Commands as processes of their own: started, watched until something is to be seen, and stopped.
 
-Nothing here depends on how fast a machine is. A process that must not go on too far waits for a file, which the test
-makes when it has seen what it waited for.
+Nothing here depends on how fast a machine is. A process that must not go on too far waits for a
+file, which the test makes when it has seen what it waited for.
 """
 
 import shlex
@@ -11,23 +11,29 @@ import sys
 import time
 from pathlib import Path
 
-HANGS_S = 900.0  # no command of a test takes so long, however busy the machine is: one that does hangs
+# no command of a test takes so long, however busy the machine is: one that does hangs
+HANGS_S = 900.0
 CLI = "import sys; from trinolab.cli import main; sys.exit(main(sys.argv[1:]))"
 GATE = "go"  # the file, in the working folder, that a process waits for
 
 
 def started(line, code=CLI, prepare=None, **options):
-    """A command line as a process that answers Ctrl-C: the background jobs of some shells ignore it, and so would it.
+    """A command line as a process that answers Ctrl-C: the background jobs of some shells ignore
+    it, and so would it.
 
-    `code` is what runs in place of the command, with the line as its arguments; `prepare` is called in the new process.
+    `code` is what runs in place of the command, with the line as its arguments; `prepare` is called
+    in the new process.
     """
+
     def before():
         signal.signal(signal.SIGINT, signal.SIG_DFL)
         if prepare is not None:
             prepare()
 
     options = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, **options}
-    return subprocess.Popen([sys.executable, "-c", code, *shlex.split(line)], text=True, preexec_fn=before, **options)
+    return subprocess.Popen(
+        [sys.executable, "-c", code, *shlex.split(line)], text=True, preexec_fn=before, **options
+    )
 
 
 def ended(process):

@@ -15,7 +15,9 @@ from trinolab.handle import slants
 
 HANDLE = load_handle("coded")
 PLAIN = load_rig("raised_40deg")
-BENT = Rig(tuple(replace(c, distortions=np.array([-0.25, 0.1, 1e-3, -1e-3, 0.0])) for c in PLAIN.cameras))
+BENT = Rig(
+    tuple(replace(c, distortions=np.array([-0.25, 0.1, 1e-3, -1e-3, 0.0])) for c in PLAIN.cameras)
+)
 T = random_pose(np.random.default_rng(1))
 SIDE = 25
 
@@ -23,7 +25,9 @@ SIDE = 25
 def views_of(rig, T_world_handle, steepest_deg=68.0):
     slant = np.stack([slants(HANDLE, T_world_handle, camera.centre) for camera in rig.cameras])
     views = Views(*np.nonzero(slant < np.deg2rad(steepest_deg)))
-    uv = np.stack([camera.project(T_world_handle.apply(HANDLE.marker_centres)) for camera in rig.cameras])[views]
+    uv = np.stack(
+        [camera.project(T_world_handle.apply(HANDLE.marker_centres)) for camera in rig.cameras]
+    )[views]
     return views, windows(rig, views, uv, SIDE), np.rad2deg(slant[views])
 
 
@@ -45,7 +49,8 @@ def test_shares_are_those_of_densely_sampled_rays(rig, any_marker):
         marker = (labels >= 0) if any_marker else labels == views.marker[k]
         for share, truth in ((shown.marker[k], marker), (shown.body[k], labels != EMPTY)):
             error = (share - truth.mean(axis=1))[clear]
-            # an edge is taken as straight within a pixel: a curved or oblique one differs in single pixels
+            # an edge is taken as straight within a pixel: a curved or oblique one differs in single
+            # pixels
             assert np.abs(error).max() < (0.03 if slant[k] < 50 and not any_marker else 0.2)
             # and so does the area, by up to 0.7 % at 65 deg: a hundredth of a pixel in the width
             assert abs(error.sum()) < (0.005 if slant[k] < 50 else 0.015) * truth.mean(axis=1).sum()
@@ -56,13 +61,19 @@ def test_shares_move_with_the_pose_as_their_derivatives_say(any_marker):
     views, at, _ = views_of(PLAIN, T, 60.0)
     shown = layers(PLAIN, HANDLE, T, views, at, any_marker)
     step = np.array([0.02, -0.03, 0.02, 2e-3, -3e-3, 2e-3])  # 0.2 px
-    after, before = (layers(PLAIN, HANDLE, moved(sign * step), views, at, any_marker) for sign in (1, -1))
+    after, before = (
+        layers(PLAIN, HANDLE, moved(sign * step), views, at, any_marker) for sign in (1, -1)
+    )
     one, none = np.ones_like(shown.body), np.zeros_like(shown.body)
     for name, weights in (("marker", (one, none)), ("body", (none, one))):
         change = getattr(after, name) - getattr(before, name)
         told = 2 * step @ by_motion(shown, *weights)
         # summed over a few pixels, because within one the share bends where an edge enters it
-        for pattern in (np.ones(SIDE**2), np.divmod(np.arange(SIDE**2), SIDE)[0], np.arange(SIDE**2) % SIDE):
+        for pattern in (
+            np.ones(SIDE**2),
+            np.divmod(np.arange(SIDE**2), SIDE)[0],
+            np.arange(SIDE**2) % SIDE,
+        ):
             scale = np.abs(change) @ pattern
             np.testing.assert_allclose(told @ pattern, change @ pattern, atol=0.02 * scale.max())
 
@@ -72,7 +83,9 @@ def test_pixels_of_neighbours_and_beyond_the_end_are_known():
     shown = layers(PLAIN, HANDLE, T, views, at)
     v, u = np.divmod(np.arange(SIDE**2), SIDE)
     for k in range(len(views.camera)):
-        labels = cast(PLAIN.cameras[views.camera[k]], HANDLE, T, at.corner[k] + np.column_stack([u, v])).labels
+        labels = cast(
+            PLAIN.cameras[views.camera[k]], HANDLE, T, at.corner[k] + np.column_stack([u, v])
+        ).labels
         other = (labels >= 0) & (labels != views.marker[k])
         assert (shown.clear_px[k][other] < 0.3).all()
         assert (shown.clear_px[k][labels == views.marker[k]] > 0).all()

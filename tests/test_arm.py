@@ -24,7 +24,9 @@ PAPER = load_handle("paper")
 RIG = paper_rig(40.0)
 CCD1, CCD2, CCD3 = RIG.cameras
 # every surface has one grey of its own, so that a grey tells what a pixel sees
-FLAT = Bench(shading=0, texture_contrast=0, background_grey=0, supersampling=4, marker_supersampling=4)
+FLAT = Bench(
+    shading=0, texture_contrast=0, background_grey=0, supersampling=4, marker_supersampling=4
+)
 SKIN = 150.0
 
 
@@ -34,7 +36,9 @@ def plain(**fields):
 
 def upright(position=(0.0, 0.0, 570.0), turn_deg=0.0):
     """Free end upwards, turned about the axis."""
-    rotation = Rotation.from_euler("x", 180, degrees=True) * Rotation.from_euler("y", turn_deg, degrees=True)
+    rotation = Rotation.from_euler("x", 180, degrees=True) * Rotation.from_euler(
+        "y", turn_deg, degrees=True
+    )
     return RigidTransform.from_components(position, rotation)
 
 
@@ -43,7 +47,9 @@ def capsule_distances(solids, points):
     found = []
     for start, end, radius in zip(*solids, strict=True):
         share = np.clip((points - start) @ (end - start) / np.sum((end - start) ** 2), 0, 1)
-        found.append(np.linalg.norm(points - start - share[:, None] * (end - start), axis=1) - radius)
+        found.append(
+            np.linalg.norm(points - start - share[:, None] * (end - start), axis=1) - radius
+        )
     return np.array(found)
 
 
@@ -56,7 +62,9 @@ def body_distance(handle, points):
 
 
 def marched(distance, directions):
-    """Depth along rays from the origin, of unit length, (n, 3), where `distance(points)` becomes 0; infinity: never."""
+    """Depth along rays from the origin, of unit length, (n, 3), where `distance(points)` becomes 0;
+    infinity: never.
+    """
     depth = np.zeros(len(directions))
     for _ in range(400):
         gap = distance(depth[:, None] * directions)
@@ -65,7 +73,9 @@ def marched(distance, directions):
 
 
 def seen(camera, T, arm, uv):
-    """What the rays through pixels see, 'none', 'skin' or 'body', by marching against all solids at once."""
+    """What the rays through pixels see, 'none', 'skin' or 'body', by marching against all solids at
+    once.
+    """
     solids, T_handle_cam = capsules(arm, PAPER, T), (camera.T_cam_world * T).inv()
     rays = camera.rays(uv)
 
@@ -73,11 +83,15 @@ def seen(camera, T, arm, uv):
         return capsule_distances(solids, camera.centre + points).min(axis=0)
 
     def to_body(points):
-        return body_distance(PAPER, T_handle_cam.apply(camera.T_cam_world.apply(camera.centre + points)))
+        return body_distance(
+            PAPER, T_handle_cam.apply(camera.T_cam_world.apply(camera.centre + points))
+        )
 
     depth = marched(lambda points: np.minimum(to_skin(points), to_body(points)), rays)
     points = np.minimum(depth, 5000)[:, None] * rays
-    return np.where(np.isinf(depth), "none", np.where(to_skin(points) < to_body(points), "skin", "body"))
+    return np.where(
+        np.isinf(depth), "none", np.where(to_skin(points) < to_body(points), "skin", "body")
+    )
 
 
 def cropped(camera, centre_uv, size, factor):
@@ -87,7 +101,8 @@ def cropped(camera, centre_uv, size, factor):
     return Camera(camera.name, size, matrix, camera.distortions, camera.T_cam_world)
 
 
-# --- capsules -------------------------------------------------------------------------------------------------------
+# --- capsules
+# -------------------------------------------------------------------------------------------------------
 
 
 def test_rays_meet_capsules_where_marching_does():
@@ -96,12 +111,18 @@ def test_rays_meet_capsules_where_marching_does():
     solids = Capsules(starts, starts + rng.uniform(-90, 90, (6, 3)), rng.uniform(5, 25, 6))
     rays = np.column_stack([rng.uniform(-0.3, 0.3, (3000, 2)), np.ones(3000)])
     length = np.linalg.norm(rays, axis=1)
-    expected = marched(lambda points: capsule_distances(solids, points).min(axis=0), rays / length[:, None]) / length
+    expected = (
+        marched(
+            lambda points: capsule_distances(solids, points).min(axis=0), rays / length[:, None]
+        )
+        / length
+    )
     hits = cast_capsules(solids, rays.T)
     both = np.isfinite(hits.depths) & np.isfinite(expected)
     assert (np.isfinite(hits.depths) != np.isfinite(expected)).sum() <= 2  # rays that graze
     assert 500 < both.sum() < 2500
-    np.testing.assert_allclose(hits.depths[both], expected[both], atol=0.01)  # mm; marching stops short where it grazes
+    # mm; marching stops short where it grazes
+    np.testing.assert_allclose(hits.depths[both], expected[both], atol=0.01)
     assert np.median(np.abs(hits.depths[both] - expected[both])) < 1e-5
     points = hits.depths[both, None] * rays[both]
     nudged = capsule_distances(solids, points + 1e-3 * hits.normals[both]).min(axis=0)
@@ -110,7 +131,9 @@ def test_rays_meet_capsules_where_marching_does():
 
 
 def test_a_ball_is_a_capsule_without_length():
-    """Pencil and paper: a ball of 30 mm 300 mm ahead is met at 270 mm, and missed beyond asin(0.1)."""
+    """Pencil and paper: a ball of 30 mm 300 mm ahead is met at 270 mm, and missed beyond
+    asin(0.1).
+    """
     ball = Capsules(np.array([[0, 0, 300.0]]), np.array([[0, 0, 300.0]]), np.array([30.0]))
     edge = np.tan(np.arcsin(0.1))
     hits = cast_capsules(ball, np.array([[0, 0.999 * edge, 1.001 * edge], [0, 0, 0], [1, 1, 1]]))
@@ -142,7 +165,8 @@ def test_the_region_holds_all_that_meets_the_arm():
         assert region.mean() < 1.4 * met.mean() + 0.03
 
 
-# --- images ---------------------------------------------------------------------------------------------------------
+# --- images
+# ---------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("turn_deg", [0, 180], ids=["fingers in front", "fingers behind"])
@@ -152,7 +176,10 @@ def test_what_is_nearer_hides_what_is_behind(turn_deg):
     image = radiance(CCD1, PAPER, T, FLAT, arm)
     centre = CCD1.project(T.apply([[0.0, -50, 0]]))[0]
     uv = np.round(centre + np.random.default_rng(4).uniform(-140, 140, (500, 2)))
-    corners = [seen(CCD1, T, arm, uv + shift) for shift in ((0.5, 0.5), (-0.5, 0.5), (0.5, -0.5), (-0.5, -0.5), (0, 0))]
+    corners = [
+        seen(CCD1, T, arm, uv + shift)
+        for shift in ((0.5, 0.5), (-0.5, 0.5), (0.5, -0.5), (-0.5, -0.5), (0, 0))
+    ]
     whole = (np.array(corners) == corners[0]).all(axis=0)  # no edge near
     expected = np.select([corners[0] == "skin", corners[0] == "body"], [SKIN, 90.0], 0.0)
     u, v = uv[whole].astype(int).T
@@ -169,11 +196,16 @@ def test_edges_of_the_hand_are_means_over_the_pixel(turn_deg):
     steps = (np.arange(4) + 0.5) / 4 - 0.5
     offsets = np.column_stack([np.tile(steps, 4), np.repeat(steps, 4)])
     what = seen(camera, T, arm, (np.column_stack([u, v])[:, None] + offsets).reshape(-1, 2))
-    expected = np.select([what == "skin", what == "body"], [SKIN, 90.0], 0.0).reshape(26, 32, 16).mean(axis=2)
+    expected = (
+        np.select([what == "skin", what == "body"], [SKIN, 90.0], 0.0)
+        .reshape(26, 32, 16)
+        .mean(axis=2)
+    )
     image = radiance(camera, PAPER, T, FLAT, arm)
     mixed = (expected % 30 != 0).sum()
     assert mixed > 60
-    assert (np.abs(image - expected) > 1e-6).sum() <= 5  # of 832; marching creeps in a crease and where a ray grazes
+    # of 832; marching creeps in a crease and where a ray grazes
+    assert (np.abs(image - expected) > 1e-6).sum() <= 5
 
 
 def test_the_arm_leaves_all_else_as_it_was():
@@ -186,12 +218,18 @@ def test_the_arm_leaves_all_else_as_it_was():
 
 
 def test_skin_is_lit_like_any_surface():
-    """A fingertip that faces the light has the skin's grey, what turns away from it has 1 - shading of that."""
+    """A fingertip that faces the light has the skin's grey, what turns away from it has 1 - shading
+    of that.
+    """
     bench = Bench(light=(0, 0, -1), shading=0.4, texture_contrast=0, background_grey=0)
     skin = radiance(CCD1, PAPER, upright(), bench, plain())
-    skin = skin[(skin != 0) & capsule_region(CCD1, in_camera(CCD1, capsules(plain(), PAPER, upright())))]
+    skin = skin[
+        (skin != 0) & capsule_region(CCD1, in_camera(CCD1, capsules(plain(), PAPER, upright())))
+    ]
     assert skin.max() == pytest.approx(SKIN, abs=0.1)
-    dimmed = radiance(CCD1, PAPER, upright(), Bench(light=(0, 0, 1), shading=0.4, background_grey=0), plain())
+    dimmed = radiance(
+        CCD1, PAPER, upright(), Bench(light=(0, 0, 1), shading=0.4, background_grey=0), plain()
+    )
     assert dimmed[1000, 628] == pytest.approx(0.6 * SKIN)
 
 
@@ -202,27 +240,38 @@ def test_the_texture_is_slight_and_moves_with_the_hand():
     assert grey.std() > 0.02 * 110
     assert grey.mean() == pytest.approx(110, abs=1)
     near, far = upright(), upright((20.0, -30, 600))
-    moved = [radiance(CCD1, PAPER, T, Bench(shading=0), Arm())[tuple(CCD1.project(T.apply([[0, -60, 24.0]]))[0]
-                                                                     .round().astype(int)[::-1])] for T in (near, far)]
+    moved = [
+        radiance(CCD1, PAPER, T, Bench(shading=0), Arm())[
+            tuple(CCD1.project(T.apply([[0, -60, 24.0]]))[0].round().astype(int)[::-1])
+        ]
+        for T in (near, far)
+    ]
     assert moved[0] == pytest.approx(moved[1], abs=2)  # grey levels; a pixel is 0.2 mm
 
 
-# --- the hand and what it hides -------------------------------------------------------------------------------------
+# --- the hand and what it hides
+# -------------------------------------------------------------------------------------
 
 
 def test_the_hand_holds_the_body_where_it_should():
-    """Fingers reach from 40 to 110 mm below the origin and touch the body; they move rigidly with it."""
+    """Fingers reach from 40 to 110 mm below the origin and touch the body; they move rigidly with
+    it.
+    """
     T, other = random_pose(np.random.default_rng(6)), random_pose(np.random.default_rng(7))
     local = [capsules(Arm(), PAPER, pose) for pose in (T, other)]
-    hands = [Capsules(pose.inv().apply(s.starts)[:-2], pose.inv().apply(s.ends)[:-2], s.radii[:-2])
-             for pose, s in zip((T, other), local, strict=True)]
+    hands = [
+        Capsules(pose.inv().apply(s.starts)[:-2], pose.inv().apply(s.ends)[:-2], s.radii[:-2])
+        for pose, s in zip((T, other), local, strict=True)
+    ]
     for ours, theirs in zip(*hands, strict=True):
         np.testing.assert_allclose(ours, theirs, atol=1e-9)  # mm
     fingers = Capsules(*(part[:8] for part in hands[0]))
     heights = np.concatenate([fingers.starts, fingers.ends])[:, 1]
     assert heights.max() + fingers.radii[0] == pytest.approx(-40)
     assert heights.min() - fingers.radii[0] == pytest.approx(-110)
-    np.testing.assert_allclose(np.hypot(*fingers.starts[:, [0, 2]].T), PAPER.radius_mm + fingers.radii, atol=1e-9)
+    np.testing.assert_allclose(
+        np.hypot(*fingers.starts[:, [0, 2]].T), PAPER.radius_mm + fingers.radii, atol=1e-9
+    )
 
 
 def test_the_forearm_leaves_towards_the_operator_and_from_the_free_end():
@@ -261,13 +310,17 @@ def test_a_second_hand_hides_the_markers_from_one_camera():
 
 def test_a_hidden_marker_is_not_in_the_image():
     T, bench = upright(), Bench(shading=0)
-    markers = [(radiance(camera, PAPER, T, bench, Arm(hides_from=tuple(CCD1.centre))) == 220).any()
-               for camera in (CCD1, CCD2)]
+    markers = [
+        (radiance(camera, PAPER, T, bench, Arm(hides_from=tuple(CCD1.centre))) == 220).any()
+        for camera in (CCD1, CCD2)
+    ]
     assert markers == [False, True]
 
 
 def test_true_visibility_counts_the_share_that_an_arm_hides():
-    """A grip that slides over the lower row: the share that is shown, by marching rays to random points of a marker."""
+    """A grip that slides over the lower row: the share that is shown, by marching rays to random
+    points of a marker.
+    """
     rng = np.random.default_rng(10)
     radius, phi = 1.5 * np.sqrt(rng.uniform(size=300)), rng.uniform(0, 2 * np.pi, 300)
     T, decided = upright(turn_deg=180), []
@@ -277,13 +330,20 @@ def test_true_visibility_counts_the_share_that_an_arm_hides():
         assert truly[::2].sum() == 3  # the upper row
         for k in 1 + 2 * np.flatnonzero(true_visibility(CCD1, PAPER, T)[1::2]):
             theta = PAPER.marker_angles[k] + radius * np.cos(phi) / PAPER.radius_mm
-            points = np.column_stack([5 * np.sin(theta), PAPER.marker_centres[k, 1] + radius * np.sin(phi),
-                                      5 * np.cos(theta)])
+            points = np.column_stack(
+                [
+                    5 * np.sin(theta),
+                    PAPER.marker_centres[k, 1] + radius * np.sin(phi),
+                    5 * np.cos(theta),
+                ]
+            )
             world = T.apply(points) - CCD1.centre
             length = np.linalg.norm(world, axis=1)
             solids = capsules(arm, PAPER, T)
-            depth = marched(lambda p, s=solids: capsule_distances(s, CCD1.centre + p).min(axis=0),
-                            world / length[:, None])
+            depth = marched(
+                lambda p, s=solids: capsule_distances(s, CCD1.centre + p).min(axis=0),
+                world / length[:, None],
+            )
             share = (depth > length - 1e-3).mean()
             assert abs(share - 0.8) > 0.01
             assert truly[k] == (share > 0.8)
@@ -291,14 +351,25 @@ def test_true_visibility_counts_the_share_that_an_arm_hides():
     assert 3 <= sum(decided) <= len(decided) - 6
 
 
-# --- bad input ------------------------------------------------------------------------------------------------------
+# --- bad input
+# ------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("field", "value"), [
-    ("grip_mm", (-40, -40)), ("grip_mm", (1, 2, 3)), ("palm_deg", "up"), ("forearm", (0, 0, 0)), ("grey", 0),
-    ("grey", 256), ("texture_contrast", 1.5), ("forearm_length_mm", -1), ("forearm_radius_mm", np.nan),
-    ("hides_from", (1, 2)),
-])
+@pytest.mark.parametrize(
+    ("field", "value"),
+    [
+        ("grip_mm", (-40, -40)),
+        ("grip_mm", (1, 2, 3)),
+        ("palm_deg", "up"),
+        ("forearm", (0, 0, 0)),
+        ("grey", 0),
+        ("grey", 256),
+        ("texture_contrast", 1.5),
+        ("forearm_length_mm", -1),
+        ("forearm_radius_mm", np.nan),
+        ("hides_from", (1, 2)),
+    ],
+)
 def test_a_bad_arm_names_its_field(field, value):
     with pytest.raises(ValueError, match=f"^{field}: expected"):
         Arm(**{field: value})

@@ -1,4 +1,6 @@
-"""Eq. 5-6 against OpenCV, double loops, closed forms and rendered truth; the window against NumPy's extremes."""
+"""Eq. 5-6 against OpenCV, double loops, closed forms and rendered truth; the window against NumPy's
+extremes.
+"""
 
 import cv2
 import numpy as np
@@ -18,7 +20,8 @@ RNG = np.random.default_rng(0)
 FRAME = RNG.integers(0, 256, SIZE[::-1], dtype=np.uint8)
 BACKGROUND = RNG.uniform(0, 255, SIZE[::-1]).astype(np.float32)
 MASK = RNG.uniform(size=SIZE[::-1]) < 0.3
-GREY_ATOL = 5e-5  # grey levels; float32 resolves 1.5e-5 at 255, and two programs round in another order
+# grey levels; float32 resolves 1.5e-5 at 255, and two programs round in another order
+GREY_ATOL = 5e-5
 
 
 def difference_by_loops(frame, background, threshold):
@@ -73,8 +76,11 @@ def test_update_is_accumulate_weighted(alpha):
 def test_selective_update_is_accumulate_weighted_with_a_mask():
     expected = BACKGROUND.copy()
     cv2.accumulateWeighted(FRAME, expected, 0.1, mask=(~MASK).astype(np.uint8))
-    np.testing.assert_allclose(update(BACKGROUND, FRAME, 0.1, MASK), expected, rtol=0, atol=GREY_ATOL)
-    np.testing.assert_array_equal(update(BACKGROUND, FRAME, 0.1, MASK)[MASK], BACKGROUND[MASK])  # left as they are
+    np.testing.assert_allclose(
+        update(BACKGROUND, FRAME, 0.1, MASK), expected, rtol=0, atol=GREY_ATOL
+    )
+    # left as they are
+    np.testing.assert_array_equal(update(BACKGROUND, FRAME, 0.1, MASK)[MASK], BACKGROUND[MASK])
 
 
 def test_update_with_a_slower_rate_under_the_mask_is_that_of_two_loops():
@@ -83,7 +89,9 @@ def test_update_with_a_slower_rate_under_the_mask_is_that_of_two_loops():
         for u in range(FRAME.shape[1]):
             alpha = 0.01 if MASK[v, u] else 0.1
             expected[v, u] = alpha * float(FRAME[v, u]) + (1 - alpha) * float(BACKGROUND[v, u])
-    np.testing.assert_allclose(update(BACKGROUND, FRAME, 0.1, MASK, 0.01), expected, rtol=0, atol=GREY_ATOL)
+    np.testing.assert_allclose(
+        update(BACKGROUND, FRAME, 0.1, MASK, 0.01), expected, rtol=0, atol=GREY_ATOL
+    )
 
 
 @pytest.mark.parametrize("alpha", [0.02, 0.3])
@@ -130,19 +138,27 @@ def rest(parameters, frames=60):
 def test_a_resting_square_is_swallowed_as_printed_and_kept_by_the_mask():
     # (90 - 45) (1 - alpha)^k falls below T = 15 at k = ln 3 / -ln 0.95 = 21.4
     printed = BackgroundParameters(update_rate=0.05, masked_rate=None)
-    assert (rest(printed, 22), rest(printed, 23)) == (1.0, 0.0)  # the k-th frame meets the background of k - 1
+    # the k-th frame meets the background of k - 1
+    assert (rest(printed, 22), rest(printed, 23)) == (1.0, 0.0)
     assert rest(BackgroundParameters()) == 1.0
 
 
 def test_a_saturated_lamp_light_and_back():
-    # The right half is seen at 255 while the lamp is up; its light, 300, is still known when it goes down again.
-    rng, bench = np.random.default_rng(3), np.hstack([np.full((60, 80), 45.0), np.full((60, 80), 200.0)])
+    # The right half is seen at 255 while the lamp is up; its light, 300, is still known when it
+    # goes down again.
+    rng, bench = (
+        np.random.default_rng(3),
+        np.hstack([np.full((60, 80), 45.0), np.full((60, 80), 200.0)]),
+    )
     state, shares = bench, []
     for gain in [1.0] * 3 + [1.5] * 30 + [1.0] * 3:
-        noisy = gain * bench + np.sqrt(0.05 * gain * bench + 1.5**2) * rng.standard_normal(bench.shape)
+        noisy = gain * bench + np.sqrt(0.05 * gain * bench + 1.5**2) * rng.standard_normal(
+            bench.shape
+        )
         state, detection = step(state, np.clip(np.rint(noisy), 0, 255).astype(np.uint8))
         shares.append(detection.mask.mean())
-    assert max(shares) < 1e-3  # half of the pixels have a noise of 3.5 grey levels, T is 15: 4 standard deviations
+    # half of the pixels have a noise of 3.5 grey levels, T is 15: 4 standard deviations
+    assert max(shares) < 1e-3
     assert state[:, 80:].mean() == pytest.approx(200, abs=1)
 
 
@@ -153,7 +169,9 @@ LEAST = 1e-3  # share of the background: a thousandth is no harm to any window
 
 @pytest.fixture(scope="module")
 def hard():
-    """CCD3's part of the hard script, 0.5 to 2.7 s, with a quarter of the pixels a side, and what truly moves in it."""
+    """CCD3's part of the hard script, 0.5 to 2.7 s, with a quarter of the pixels a side, and what
+    truly moves in it.
+    """
     rig = Rig(tuple(scene.scaled(camera, 0.25) for camera in load_rig("raised_40deg").cameras))
     job = scripted("hard", rig, load_handle("coded"), 0, SEEN.stop / 30)
     covers = [cover(job, k, 2) for k in range(SEEN.start, SEEN.stop)]
@@ -161,10 +179,13 @@ def hard():
 
 
 def test_the_step_of_light_is_survived_within_a_second(hard):
-    # The criterion: from 1 s after the step on, no more of the background is false than at worst in the second before
-    # it, or 0.1 %; no more of the moving is missed, or 1 %; the window is that of the truth, to 1 % of the width.
+    # The criterion: from 1 s after the step on, no more of the background is false than at worst in
+    # the second before it, or 0.1 %; no more of the moving is missed, or 1 %; the window is that of
+    # the truth, to 1 % of the width.
     start, frames, covers = hard
-    seen = watch(frames, start, [regions(one) for one in covers], BackgroundParameters(min_pixels=30))
+    seen = watch(
+        frames, start, [regions(one) for one in covers], BackgroundParameters(min_pixels=30)
+    )
     before = slice(FIRST_AFTER - 30, FIRST_AFTER)
     for after in (slice(FIRST_AFTER + 30, None), slice(FIRST_AFTER, None)):  # and in fact at once
         assert seen.false[after].max() <= max(seen.false[before].max(), LEAST)
@@ -177,10 +198,18 @@ def test_the_step_of_light_is_survived_within_a_second(hard):
             assert window.v + window.height == pytest.approx(true.v + true.height, abs=3.2)
 
 
-@pytest.mark.parametrize(("without", "worst"), [
-    ({"compensate_light": False}, 0.5),  # the whole bench has moved, is masked, and never renewed
-    ({"shadow_share": 0.0}, 0.02),
-    ({"update_rate": 0.05}, 0.02)])  # a shadow has gone into the background; where it leaves, the lamp makes it a ghost
+@pytest.mark.parametrize(
+    ("without", "worst"),
+    [
+        (
+            {"compensate_light": False},
+            0.5,
+        ),  # the whole bench has moved, is masked, and never renewed
+        ({"shadow_share": 0.0}, 0.02),
+        # a shadow has gone into the background; where it leaves, the lamp makes it a ghost
+        ({"update_rate": 0.05}, 0.02),
+    ],
+)
 def test_each_cure_is_needed_for_the_step(hard, without, worst):
     start, frames, covers = hard
     parameters = BackgroundParameters(**{"min_pixels": 30} | without)
@@ -209,8 +238,10 @@ def test_what_is_laid_on_the_bench_heals_in_the_time_of_the_masked_rate(rate, fr
     # 45 grey levels fall below T = 15 after ln 3 / -ln(1 - rate) frames; without a rate never.
     old, bench = np.full((40, 50), 45.0), np.full((40, 50), 45, np.uint8)
     bench[10:20, 10:20] = 90
-    for parameters, ghost in ((BackgroundParameters(masked_rate=rate), [True, False]),
-                              (BackgroundParameters(masked_rate=0.0), [True, True])):
+    for parameters, ghost in (
+        (BackgroundParameters(masked_rate=rate), [True, False]),
+        (BackgroundParameters(masked_rate=0.0), [True, True]),
+    ):
         state, found = old, []
         for _ in range(frames + 1):
             state, detection = step(state, bench, parameters)
@@ -251,11 +282,14 @@ def test_crop_and_contains_by_hand():
 
 def test_around_points_and_blank_outside():
     window = Window.around([[3.4, 7.6], [np.nan, 0], [6.5, 8.4]])
-    assert window == Window(3, 8, 5, 1)  # 3.4 lies on pixel 3, 6.5 on pixel 7, 7.6 and 8.4 on pixel 8
+    # 3.4 lies on pixel 3, 6.5 on pixel 7, 7.6 and 8.4 on pixel 8
+    assert window == Window(3, 8, 5, 1)
     assert window.contains([[3.4, 7.6], [6.5, 8.4]]).all()
     assert Window.around([[np.nan, 1]]) is None
     image = np.arange(1, 13).reshape(3, 4)
-    np.testing.assert_array_equal(Window(1, 0, 2, 2).blank_outside(image), [[0, 2, 3, 0], [0, 6, 7, 0], [0, 0, 0, 0]])
+    np.testing.assert_array_equal(
+        Window(1, 0, 2, 2).blank_outside(image), [[0, 2, 3, 0], [0, 6, 7, 0], [0, 0, 0, 0]]
+    )
     assert image[0, 0] == 1
 
 
@@ -266,20 +300,38 @@ def test_grown_and_clipped():
     assert Window(-3, 0, 3, 3).clipped((7, 4)) is None
 
 
-@pytest.mark.parametrize("call", [
-    lambda: difference(FRAME, BACKGROUND[:-1], 15), lambda: difference(FRAME, BACKGROUND, -1),
-    lambda: difference(FRAME, BACKGROUND, 15, -0.1), lambda: BackgroundParameters(shadow_share=2),
-    lambda: difference(FRAME[None], BACKGROUND, 15), lambda: difference(FRAME, BACKGROUND * np.nan, 15),
-    lambda: update(BACKGROUND, FRAME, 1.1), lambda: update(BACKGROUND, FRAME, float("nan")),
-    lambda: update(BACKGROUND, FRAME, 0.1, MASK.astype(int)), lambda: update(BACKGROUND, FRAME, 0.1, MASK[:-1]),
-    lambda: update(BACKGROUND, FRAME, 0.1, MASK, -0.1), lambda: update(BACKGROUND[:-1], FRAME, 0.1),
-    lambda: moving_window(FRAME), lambda: moving_window(MASK, -1),
-    lambda: step(BACKGROUND[:-1], FRAME), lambda: Window(0, 0, 0, 1), lambda: Window(0.5, 0, 1, 1),
-    lambda: Window(0, 0, 9, 9).crop(np.zeros((5, 5))), lambda: Window(0, 0, 1, 1).grown(-1),
-    lambda: Window(3, 0, 2, 2).blank_outside(np.zeros((4, 4))), lambda: Window.around([1, 2]),
-    lambda: Window(0, 0, 1, 1).contains([1, 2]), lambda: BackgroundParameters(update_rate=2),
-    lambda: BackgroundParameters(difference_threshold=-1), lambda: BackgroundParameters(min_pixels="few"),
-    lambda: BackgroundParameters(masked_rate=-0.1), lambda: BackgroundParameters(compensate_light=1)])
+@pytest.mark.parametrize(
+    "call",
+    [
+        lambda: difference(FRAME, BACKGROUND[:-1], 15),
+        lambda: difference(FRAME, BACKGROUND, -1),
+        lambda: difference(FRAME, BACKGROUND, 15, -0.1),
+        lambda: BackgroundParameters(shadow_share=2),
+        lambda: difference(FRAME[None], BACKGROUND, 15),
+        lambda: difference(FRAME, BACKGROUND * np.nan, 15),
+        lambda: update(BACKGROUND, FRAME, 1.1),
+        lambda: update(BACKGROUND, FRAME, float("nan")),
+        lambda: update(BACKGROUND, FRAME, 0.1, MASK.astype(int)),
+        lambda: update(BACKGROUND, FRAME, 0.1, MASK[:-1]),
+        lambda: update(BACKGROUND, FRAME, 0.1, MASK, -0.1),
+        lambda: update(BACKGROUND[:-1], FRAME, 0.1),
+        lambda: moving_window(FRAME),
+        lambda: moving_window(MASK, -1),
+        lambda: step(BACKGROUND[:-1], FRAME),
+        lambda: Window(0, 0, 0, 1),
+        lambda: Window(0.5, 0, 1, 1),
+        lambda: Window(0, 0, 9, 9).crop(np.zeros((5, 5))),
+        lambda: Window(0, 0, 1, 1).grown(-1),
+        lambda: Window(3, 0, 2, 2).blank_outside(np.zeros((4, 4))),
+        lambda: Window.around([1, 2]),
+        lambda: Window(0, 0, 1, 1).contains([1, 2]),
+        lambda: BackgroundParameters(update_rate=2),
+        lambda: BackgroundParameters(difference_threshold=-1),
+        lambda: BackgroundParameters(min_pixels="few"),
+        lambda: BackgroundParameters(masked_rate=-0.1),
+        lambda: BackgroundParameters(compensate_light=1),
+    ],
+)
 def test_bad_input_is_a_value_error(call):
     with pytest.raises(ValueError, match="expected"):
         call()

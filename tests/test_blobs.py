@@ -20,7 +20,9 @@ def boxes_of_components(binary):
 def test_contours_are_the_components(seed):
     """Also those inside a hole of another, and those at the image's edge."""
     rng = np.random.default_rng(seed)
-    image = cv2.GaussianBlur(rng.uniform(0, 255, rng.integers(3, 70, 2)), (0, 0), rng.uniform(0.5, 2.0))
+    image = cv2.GaussianBlur(
+        rng.uniform(0, 255, rng.integers(3, 70, 2)), (0, 0), rng.uniform(0.5, 2.0)
+    )
     threshold = float(np.quantile(image, rng.uniform(0.05, 0.95)))
     found = blobs.contours(image, image.max(axis=1), threshold, 10**6)
     assert sorted(map(cv2.boundingRect, found)) == boxes_of_components(image > threshold)
@@ -54,11 +56,15 @@ def test_noise_in_a_large_image_is_counted_as_far_as_needed(sigma, share):
 
 
 def test_halving_keeps_places():
-    """A pixel of the reduced image is the mean of those that it covers, an odd row and column aside."""
+    """A pixel of the reduced image is the mean of those that it covers, an odd row and column
+    aside.
+    """
     image = np.random.default_rng(0).uniform(0, 255, (1025, 1281))
     small, scale = blobs.reduced(image)
     assert scale == 2
-    np.testing.assert_allclose(small, image[:1024, :1280].reshape(512, 2, 640, 2).mean(axis=(1, 3)), atol=1e-9)
+    np.testing.assert_allclose(
+        small, image[:1024, :1280].reshape(512, 2, 640, 2).mean(axis=(1, 3)), atol=1e-9
+    )
     same, scale = blobs.reduced(image[:500, :640])
     assert scale == 1
     np.testing.assert_array_equal(same, image[:500, :640])
@@ -66,7 +72,11 @@ def test_halving_keeps_places():
 
 def found_places(image, diameter_px=(4.0, 80.0), threshold=None):
     small, scale = blobs.reduced(image)
-    found = {} if threshold is None else {threshold: blobs.contours(small, small.max(axis=1), threshold, 18)}
+    found = (
+        {}
+        if threshold is None
+        else {threshold: blobs.contours(small, small.max(axis=1), threshold, 18)}
+    )
     return blobs.places(small, scale, found, 18, diameter_px, 20.0)
 
 
@@ -75,19 +85,25 @@ def found_places(image, diameter_px=(4.0, 80.0), threshold=None):
 def test_a_disc_is_a_place_by_its_contour_and_without(size, radius):
     centre = np.array([201.3, 152.7])
     v, u = np.indices(size)
-    image = cv2.GaussianBlur(np.where(np.hypot(u - centre[0], v - centre[1]) < radius, 200.0, 60.0), (0, 0), 0.7)
+    image = cv2.GaussianBlur(
+        np.where(np.hypot(u - centre[0], v - centre[1]) < radius, 200.0, 60.0), (0, 0), 0.7
+    )
     for threshold in (130.0, None):
         where = found_places(image, threshold=threshold)
         off = np.linalg.norm(where.uv - centre, axis=1)
         of_this_kind = np.isinf(where.threshold) == (threshold is None)
         shown = (off < max(2.0, radius / 2)) & (where.reach > radius) & of_this_kind
-        assert shown.any() or (threshold is None and radius < 4)  # spots are looked for from 6 px on
-        assert (shown & (off < 1.5)).any() or threshold is None  # px; by its contour to a pixel of the reduced image
+        # spots are looked for from 6 px on
+        assert shown.any() or (threshold is None and radius < 4)
+        # px; by its contour to a pixel of the reduced image
+        assert (shown & (off < 1.5)).any() or threshold is None
 
 
 def test_places_of_a_reduced_image_have_no_offset():
     rng = np.random.default_rng(0)
-    centres = np.stack(np.meshgrid(np.arange(60, 1250, 80), np.arange(60, 1000, 80)), axis=-1).reshape(-1, 2)
+    centres = np.stack(
+        np.meshgrid(np.arange(60, 1250, 80), np.arange(60, 1000, 80)), axis=-1
+    ).reshape(-1, 2)
     centres = centres + rng.uniform(-1, 1, centres.shape)
     image = np.full((1024, 1280), 60, np.uint8)
     for u, v in centres:
@@ -98,7 +114,8 @@ def test_places_of_a_reduced_image_have_no_offset():
     uv = where.uv[np.isfinite(where.threshold)]
     assert len(uv) == len(centres)
     off = uv - centres[np.linalg.norm(uv[:, None] - centres, axis=2).argmin(axis=1)]
-    np.testing.assert_allclose(off.mean(axis=0), 0, atol=0.1)  # px; scatter 0.4 over sqrt(180) discs
+    # px; scatter 0.4 over sqrt(180) discs
+    np.testing.assert_allclose(off.mean(axis=0), 0, atol=0.1)
 
 
 def test_an_edge_and_a_rod_are_no_spots():
@@ -146,16 +163,24 @@ def test_cut_out_holds_the_blob_and_what_is_beside_it():
     cut = blobs.cut_out(image, (23.6, 12.7), 12.0, 100.0)
     u, v = cut.corner
     inside = np.zeros(image.shape, bool)
-    inside[v:v + len(cut.inside), u:u + cut.inside.shape[1]] = cut.inside
+    inside[v : v + len(cut.inside), u : u + cut.inside.shape[1]] = cut.inside
     np.testing.assert_array_equal(inside, image == 200)
-    np.testing.assert_array_equal(cut.grey, image[v:v + len(cut.grey), u:u + cut.grey.shape[1]])
+    np.testing.assert_array_equal(cut.grey, image[v : v + len(cut.grey), u : u + cut.grey.shape[1]])
     np.testing.assert_array_equal(cut.others, cut.grey == 150)
     assert cut.others.any()
 
 
-@pytest.mark.parametrize(("uv", "reach", "threshold"), [
-    ((23.0, 12.0), 12.0, 220.0), ((45.0, 30.0), 12.0, 100.0), ((23.0, 12.0), 1.0, 100.0), ((1.0, 20.0), 9.0, 100.0),
-    ((48.0, 38.0), 9.0, 100.0)], ids=["too dim", "nothing there", "beyond the reach", "cut left", "cut below"])
+@pytest.mark.parametrize(
+    ("uv", "reach", "threshold"),
+    [
+        ((23.0, 12.0), 12.0, 220.0),
+        ((45.0, 30.0), 12.0, 100.0),
+        ((23.0, 12.0), 1.0, 100.0),
+        ((1.0, 20.0), 9.0, 100.0),
+        ((48.0, 38.0), 9.0, 100.0),
+    ],
+    ids=["too dim", "nothing there", "beyond the reach", "cut left", "cut below"],
+)
 def test_nothing_to_cut_out(uv, reach, threshold):
     image = np.zeros((40, 50), np.uint8)
     image[10:16, 16:32] = image[18:24, 0:4] = image[35:40, 44:49] = 200

@@ -1,4 +1,6 @@
-"""The chessboard: its picture by hand, its corners against exact projections, and a whole rendered calibration."""
+"""The chessboard: its picture by hand, its corners against exact projections, and a whole rendered
+calibration.
+"""
 
 from dataclasses import replace
 
@@ -8,7 +10,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from trinolab.bench.board import DARK_GREY, WHITE_GREY, board_positions, board_radiance, render_board
+from trinolab.bench.board import (
+    DARK_GREY,
+    WHITE_GREY,
+    board_positions,
+    board_radiance,
+    render_board,
+)
 from trinolab.bench.optics import Bench
 from trinolab.calibration.adjust import calibrate
 from trinolab.calibration.eq25 import mean_relative_pose, relative_pose
@@ -34,7 +42,9 @@ def at(x, y, z, rotvec=(0, 0, 0)):
 
 
 def true_corners(rig, poses):
-    return np.stack([[camera.project(T.apply(np.array(BOARD.points))) for T in poses] for camera in rig.cameras])
+    return np.stack(
+        [[camera.project(T.apply(np.array(BOARD.points))) for T in poses] for camera in rig.cameras]
+    )
 
 
 # --- the board
@@ -49,8 +59,10 @@ def test_points_by_hand():
         board.points[0, 0] = 1
 
 
-@pytest.mark.parametrize(("name", "value"), [("columns", 2), ("rows", 2.5), ("columns", "9"), ("square_mm", 0.0),
-                                             ("square_mm", np.nan)])
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [("columns", 2), ("rows", 2.5), ("columns", "9"), ("square_mm", 0.0), ("square_mm", np.nan)],
+)
 def test_board_names_the_field(name, value):
     with pytest.raises(ValueError, match=f"^{name}: "):
         replace(BOARD, **{name: value})
@@ -60,13 +72,18 @@ def test_board_names_the_field(name, value):
 
 
 def test_picture_by_hand():
-    # 10 mm at a distance of 100 mm and a focal length of 100 px: 10 px a square, the first corner at pixel (40, 30)
+    # 10 mm at a distance of 100 mm and a focal length of 100 px: 10 px a square, the first corner
+    # at pixel (40, 30)
     image = board_radiance(HAND, Board(4, 3, 10.0), at(0, 0, 100), PLAIN)
     grey = (DARK_GREY + WHITE_GREY) / 2
-    dark, white = [(45, 35), (35, 25), (55, 45), (65, 35), (55, 25)], [(55, 35), (35, 35), (25, 35), (85, 45)]
+    dark, white = (
+        [(45, 35), (35, 25), (55, 45), (65, 35), (55, 25)],
+        [(55, 35), (35, 35), (25, 35), (85, 45)],
+    )
     assert [image[v, u] for u, v in dark] == [DARK_GREY] * 5
     assert [image[v, u] for u, v in white] == [WHITE_GREY] * 4
-    assert image[30, 40] == pytest.approx(grey)  # the corner of four squares, in the middle of a pixel
+    # the corner of four squares, in the middle of a pixel
+    assert image[30, 40] == pytest.approx(grey)
     assert image[35, 50] == pytest.approx(grey)  # an edge through the middle of a pixel
     assert image[35, 49] == DARK_GREY
     assert image[35, 51] == WHITE_GREY
@@ -75,7 +92,9 @@ def test_picture_by_hand():
 
 def test_an_edge_shares_its_pixel_by_area():
     # the board 0.3 mm to the right: 0.3 px; a pixel on an edge is then 0.8 dark and 0.2 white
-    image = board_radiance(HAND, Board(4, 3, 10.0), at(0.3, 0, 100), replace(PLAIN, supersampling=20))
+    image = board_radiance(
+        HAND, Board(4, 3, 10.0), at(0.3, 0, 100), replace(PLAIN, supersampling=20)
+    )
     assert image[35, 50] == pytest.approx(0.8 * DARK_GREY + 0.2 * WHITE_GREY, abs=1e-9)
 
 
@@ -85,14 +104,22 @@ def test_from_behind_the_board_is_white():
     assert image[35, 45] == image[35, 35] == WHITE_GREY
 
 
-@pytest.mark.parametrize("lens", [np.zeros(5), [-0.3, 0.1, 1e-3, -2e-3, 0.0]], ids=["pinhole", "distorted"])
+@pytest.mark.parametrize(
+    "lens", [np.zeros(5), [-0.3, 0.1, 1e-3, -2e-3, 0.0]], ids=["pinhole", "distorted"]
+)
 def test_corners_are_where_they_project_to(lens):
     matrix = np.array([[600.0, 0, 330], [0, 590, 235], [0, 0, 1]])
     rig = Rig(tuple(Camera(f"c{k}", (640, 480), matrix, lens, at(-30 * k, 0, 0)) for k in range(2)))
-    poses = RigidTransform.concatenate([at(-40, -40, 230, [0.4, 0.3, 0.1]), at(-30, -35, 250, [-0.3, 0.4, -0.1])])
+    poses = RigidTransform.concatenate(
+        [at(-40, -40, 230, [0.4, 0.3, 0.1]), at(-30, -35, 250, [-0.3, 0.4, -0.1])]
+    )
     bench, rng = replace(PLAIN, blur_px=1.0), np.random.default_rng(0)
-    uv = np.stack([[find_corners(render_board(camera, BOARD, T, bench, rng), BOARD, 5) for T in poses]
-                   for camera in rig.cameras])
+    uv = np.stack(
+        [
+            [find_corners(render_board(camera, BOARD, T, bench, rng), BOARD, 5) for T in poses]
+            for camera in rig.cameras
+        ]
+    )
     off = uv - true_corners(rig, poses)
     assert np.sqrt((off**2).mean()) < 0.03
     assert np.abs(off.mean(axis=2)).max() < 0.01
@@ -110,7 +137,12 @@ def test_render_refuses_what_cannot_be():
 
 
 @settings(max_examples=15, deadline=None)
-@given(st.floats(-300, 300), st.floats(-300, 300), st.floats(20, 900), st.tuples(*[st.floats(-1.5, 1.5)] * 3))
+@given(
+    st.floats(-300, 300),
+    st.floats(-300, 300),
+    st.floats(20, 900),
+    st.tuples(*[st.floats(-1.5, 1.5)] * 3),
+)
 def test_any_pose_is_a_picture_or_refused(x, y, z, rotvec):
     pose, coarse = at(x, y, z, rotvec), replace(PLAIN, supersampling=2)
     if (pose.apply(np.array(BOARD.outline))[:, 2] <= 0).any():
@@ -177,7 +209,9 @@ def test_positions_refuse_a_board_that_is_too_large():
 
 @pytest.fixture(scope="module")
 def rendered():
-    """14 positions of a board seen by CCD1 and CCD2: the rig, the true poses, and the corners found."""
+    """14 positions of a board seen by CCD1 and CCD2: the rig, the true poses, and the corners
+    found.
+    """
     rig, rng = load_rig("paper_pair"), np.random.default_rng(1)
     poses = board_positions(rig, BOARD, 14, rng)
     bench = Bench(supersampling=4)
@@ -195,11 +229,15 @@ def test_rendered_corners(rendered):
 
 def test_rendered_calibration(rendered):
     rig, poses, uv = rendered
-    found = calibrate(BOARD.points, uv, [c.size for c in rig.cameras], rig.names, distortion_terms=0)
+    found = calibrate(
+        BOARD.points, uv, [c.size for c in rig.cameras], rig.names, distortion_terms=0
+    )
     true, C = rig.cameras[1].T_world_cam, found.relative_covariance(1)
     sigma = np.sqrt(np.diag(C))
     T = found.cameras[1].T_world_cam
-    off = np.concatenate([T.translation - true.translation, (T.rotation * true.rotation.inv()).as_rotvec()])
+    off = np.concatenate(
+        [T.translation - true.translation, (T.rotation * true.rotation.inv()).as_rotvec()]
+    )
     assert off @ np.linalg.solve(C, off) < 22.5  # chi squared of 6 degrees of freedom, 1 in 1,000
     assert sigma[:3].max() < 0.2  # mm
     assert np.rad2deg(sigma[3:]).max() < 0.02  # deg
@@ -211,16 +249,25 @@ def test_rendered_calibration(rendered):
 
 def test_adjustment_beats_the_mean_of_eq_25(rendered):
     rig, _, uv = rendered
-    sides = [calibrate(BOARD.points, side[None], [c.size], distortion_terms=0)
-             for side, c in zip(uv, rig.cameras, strict=True)]
+    sides = [
+        calibrate(BOARD.points, side[None], [c.size], distortion_terms=0)
+        for side, c in zip(uv, rig.cameras, strict=True)
+    ]
     left, right = (RigidTransform.concatenate(list(side.T_world_target)) for side in sides)
     mean = mean_relative_pose(left, right)
     joint = calibrate(BOARD.points, uv, [c.size for c in rig.cameras], distortion_terms=0)
-    joint_sigma, mean_sigma = np.sqrt(np.diag(joint.relative_covariance(1))), np.sqrt(np.diag(mean.covariance))
+    joint_sigma, mean_sigma = (
+        np.sqrt(np.diag(joint.relative_covariance(1))),
+        np.sqrt(np.diag(mean.covariance)),
+    )
     assert len(relative_pose(left, right)) == mean.positions == 14
     assert mean_sigma[0] > joint_sigma[0]
-    # the mean's own scatter does not know of the error that both lenses' parameters put into every position
-    np.testing.assert_allclose(mean.T_left_right.translation, rig.cameras[1].centre, rtol=0, atol=1.0)  # mm
+    # the mean's own scatter does not know of the error that both lenses' parameters put into every
+    # position
+    # mm
+    np.testing.assert_allclose(
+        mean.T_left_right.translation, rig.cameras[1].centre, rtol=0, atol=1.0
+    )
 
 
 # --- what a calibration costs
@@ -244,8 +291,9 @@ def test_a_wrong_scale_costs_its_share_of_the_distance():
     T = rig.cameras[1].T_world_cam
     longer = moved(rig, RigidTransform.from_components(1.001 * T.translation, T.rotation))
     errors = calibration_errors(longer, rig, handle, poses)
-    # a baseline 0.1 % too long makes everything 0.1 % larger about CCD1's centre; a rigid fit keeps the handle's size,
-    # which moves its origin by 0.1 % of the 15 mm between it and the markers at most
+    # a baseline 0.1 % too long makes everything 0.1 % larger about CCD1's centre; a rigid fit keeps
+    # the handle's size, which moves its origin by 0.1 % of the 15 mm between it and the markers at
+    # most
     expected = 1e-3 * np.linalg.norm(poses.translation, axis=1).mean()
     assert errors.E_t_mm == pytest.approx(expected, abs=0.015)
     assert errors.geodesic_max_deg < 1e-3
@@ -253,12 +301,18 @@ def test_a_wrong_scale_costs_its_share_of_the_distance():
 
 def test_14_positions_cost_less_than_the_papers_error():
     assert 0.05 < calibration_cost_mm(draws=2) < 0.31
-    few = simulated_calibration(load_rig("paper_pair"), BOARD, 6, np.random.default_rng(0), noise_px=0.2)
+    few = simulated_calibration(
+        load_rig("paper_pair"), BOARD, 6, np.random.default_rng(0), noise_px=0.2
+    )
     assert few.sigma_px == pytest.approx(0.2, rel=0.1)
 
 
 def test_calibration_errors_refuse():
-    pair, trio, handle, poses = *map(load_rig, ("paper_pair", "paper_trinocular")), load_handle("paper"), load_table1()
+    pair, trio, handle, poses = (
+        *map(load_rig, ("paper_pair", "paper_trinocular")),
+        load_handle("paper"),
+        load_table1(),
+    )
     with pytest.raises(ValueError, match="found: expected 2 cameras, got 3"):
         calibration_errors(trio, pair, handle, poses.set_poses)
     with pytest.raises(ValueError, match="poses: expected three or more markers"):

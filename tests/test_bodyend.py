@@ -15,7 +15,9 @@ from trinolab.identity.ends import keep_by_body
 from trinolab.measurement import measure
 
 RIG, PAPER = load_rig("paper_pair"), load_handle("paper")
-T = RigidTransform.from_components([15.0, -10.0, 560.0], Rotation.from_euler("ZYX", [70, 20, 10], degrees=True))
+T = RigidTransform.from_components(
+    [15.0, -10.0, 560.0], Rotation.from_euler("ZYX", [70, 20, 10], degrees=True)
+)
 
 
 def right_way(poses):
@@ -23,10 +25,17 @@ def right_way(poses):
     return [bool((T.inv() * pose).rotation.as_matrix()[1, 1] > 0) for pose in poses]
 
 
-@pytest.mark.parametrize(("bench", "arm", "markers"), [
-    (Bench(), None, "bright"), (Bench(background_grey=140.0), None, "bright"), (Bench(), None, "dark"),
-    (Bench(), Arm(), "bright"), (Bench(), Arm(palm_deg=120.0), "bright")],
-    ids=["dark background", "bright background", "dark markers", "held", "held the other way"])
+@pytest.mark.parametrize(
+    ("bench", "arm", "markers"),
+    [
+        (Bench(), None, "bright"),
+        (Bench(background_grey=140.0), None, "bright"),
+        (Bench(), None, "dark"),
+        (Bench(), Arm(), "bright"),
+        (Bench(), Arm(palm_deg=120.0), "bright"),
+    ],
+    ids=["dark background", "bright background", "dark markers", "held", "held the other way"],
+)
 def test_the_free_end_halves_the_choice(bench, arm, markers):
     handle = replace(PAPER, markers=markers)
     frames = render_rig(RIG, handle, T, bench, np.random.default_rng(0), arm)
@@ -35,9 +44,14 @@ def test_the_free_end_halves_the_choice(bench, arm, markers):
         assert keep_by_body(frames, RIG, handle, poses).tolist() == right_way(poses)
 
 
-@pytest.mark.parametrize("bench", [
-    Bench(background_grey=90.0, texture_contrast=0.0), Bench(background_grey=70.0, texture_contrast=0.4)],
-    ids=["as bright as the body", "wild"])
+@pytest.mark.parametrize(
+    "bench",
+    [
+        Bench(background_grey=90.0, texture_contrast=0.0),
+        Bench(background_grey=70.0, texture_contrast=0.4),
+    ],
+    ids=["as bright as the body", "wild"],
+)
 def test_a_body_that_does_not_stand_out_decides_nothing(bench):
     frames = render_rig(RIG, PAPER, T, bench, np.random.default_rng(0))
     assert keep_by_body(frames, RIG, PAPER, equivalents(T, PAPER)).all()
@@ -63,8 +77,12 @@ def test_poses_on_other_axes_are_left_alone():
 
 
 def test_a_layout_with_that_symmetry_alone_is_measured():
-    """Markers that look alike end for end, and in no other way: the body decides, without a prior."""
-    handle = replace(PAPER, columns_deg=(60.0, 130.0, 180.0, 230.0, 300.0), rows_mm=((10.0, -10.0),) * 5)
+    """Markers that look alike end for end, and in no other way: the body decides, without a
+    prior.
+    """
+    handle = replace(
+        PAPER, columns_deg=(60.0, 130.0, 180.0, 230.0, 300.0), rows_mm=((10.0, -10.0),) * 5
+    )
     assert len(handle.symmetries) == 2
     pose = measure(render_rig(RIG, handle, T, Bench(), np.random.default_rng(0)), RIG, handle).pose
     assert pose.status == "measured"

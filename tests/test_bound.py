@@ -1,4 +1,6 @@
-"""The Cramer-Rao bound against the information of edges in closed form, and against what its noise model draws."""
+"""The Cramer-Rao bound against the information of edges in closed form, and against what its noise
+model draws.
+"""
 
 from dataclasses import replace
 from itertools import pairwise
@@ -21,7 +23,9 @@ from trinolab.studies.bound import Bound, bound_of, information, mean_length, po
 
 # four markers in the middle of a thick body, far from its outline
 WIDE = Handle("wide", 15.0, 200.0, 25.0, 3.0, (-20.0, 20.0), ((10.0, -10.0), (6.0, -14.0)))
-T = RigidTransform.from_components([10.0, -15.0, 540.0], Rotation.from_euler("ZYX", [70, -170, 15], degrees=True))
+T = RigidTransform.from_components(
+    [10.0, -15.0, 540.0], Rotation.from_euler("ZYX", [70, -170, 15], degrees=True)
+)
 MATRIX = np.array([[2956.2, 0, 628], [0, 2940.1, 515], [0, 0, 1]])
 FLAT = Bench(shading=0.0)  # brightness tells nothing of the pose: only the edges do
 
@@ -30,25 +34,45 @@ def camera(name, distortions, T_world_cam):
     """A camera whose image is cut down to the surroundings of the handle's markers."""
     whole = Camera(name, (1280, 1024), MATRIX, distortions, T_world_cam.inv())
     corner = np.round(whole.project(T.translation[None])[0]) - 150
-    return replace(whole, size=(300, 300), matrix=MATRIX - [[0, 0, corner[0]], [0, 0, corner[1]], [0, 0, 0]])
+    return replace(
+        whole, size=(300, 300), matrix=MATRIX - [[0, 0, corner[0]], [0, 0, corner[1]], [0, 0, 0]]
+    )
 
 
 FRONT = camera("front", [-0.25, 0.12, 0.001, -0.0008, 0.02], RigidTransform.identity())
-SIDE = camera("side", np.zeros(5), RigidTransform.from_components([200.0, 0.0, 70.0], Rotation.from_rotvec(
-    [0, np.deg2rad(-20), 0])))
+SIDE = camera(
+    "side",
+    np.zeros(5),
+    RigidTransform.from_components(
+        [200.0, 0.0, 70.0], Rotation.from_rotvec([0, np.deg2rad(-20), 0])
+    ),
+)
 RIG = Rig((FRONT, SIDE))
 
 
 def moved(pose, step):
-    return RigidTransform.from_components(pose.translation + step[:3], Rotation.from_rotvec(step[3:]) * pose.rotation)
+    return RigidTransform.from_components(
+        pose.translation + step[:3], Rotation.from_rotvec(step[3:]) * pose.rotation
+    )
 
 
 def edge_information(camera, handle, bench, tiny=1e-4):
-    """Of blurred edges, no image made: the sum over the outline of ds (n . dx/dp)^2 int g(x)^2 / variance dx."""
+    """Of blurred edges, no image made: the sum over the outline of ds (n . dx/dp)^2 int g(x)^2 /
+    variance dx.
+    """
     sigma = np.hypot(bench.blur_px, np.sqrt(1 / 12))  # lens and pixel
     step = bench.marker_grey - bench.body_grey
-    across = step**2 * quad(lambda x: norm.pdf(x, 0, sigma)**2 / (1.5**2 + 1 / 12 + 0.05 * (
-        bench.body_grey + step * norm.cdf(x, 0, sigma))), -6, 6)[0]
+    across = (
+        step**2
+        * quad(
+            lambda x: (
+                norm.pdf(x, 0, sigma) ** 2
+                / (1.5**2 + 1 / 12 + 0.05 * (bench.body_grey + step * norm.cdf(x, 0, sigma)))
+            ),
+            -6,
+            6,
+        )[0]
+    )
     F = np.zeros((6, 6))
     for k in range(len(handle.marker_centres)):
         outline = marker_outline(handle, k, 720)
@@ -56,8 +80,10 @@ def edge_information(camera, handle, bench, tiny=1e-4):
         tangent = (np.roll(uv, -1, axis=0) - np.roll(uv, 1, axis=0)) / 2
         length = np.linalg.norm(tangent, axis=1)
         normal = tangent[:, ::-1] * [1, -1] / length[:, None]
-        speeds = [((camera.project(moved(T, d).apply(outline)) - uv) / tiny * normal).sum(axis=1)
-                  for d in tiny * np.eye(6)]
+        speeds = [
+            ((camera.project(moved(T, d).apply(outline)) - uv) / tiny * normal).sum(axis=1)
+            for d in tiny * np.eye(6)
+        ]
         F += across * np.einsum("in,jn,n->ij", speeds, speeds, length)
     return F
 
@@ -65,8 +91,8 @@ def edge_information(camera, handle, bench, tiny=1e-4):
 def test_information_is_that_of_the_markers_edges():
     """The whole matrix: no mixture of parameters is worth more or less than it should be.
 
-    The closed form takes the edges for straight (radius 7.5 px, blur 0.76: 1 %); the noise of a derivative adds a few
-    per cent in the mixture that the images determine least.
+    The closed form takes the edges for straight (radius 7.5 px, blur 0.76: 1 %); the noise of a
+    derivative adds a few per cent in the mixture that the images determine least.
     """
     ours = sum(information(camera, WIDE, T, FLAT) for camera in RIG.cameras)
     edges = sum(edge_information(camera, WIDE, FLAT) for camera in RIG.cameras)
@@ -83,10 +109,14 @@ def test_frames_scatter_as_the_information_says():
     n, rng, fine = 1500, np.random.default_rng(0), replace(FLAT, marker_supersampling=32)
     _, chosen = bound._chosen(FRONT, WIDE, T, "markers")
     step_mm = 0.2 * np.linalg.norm(T.translation) / FRONT.focal.max()
-    J = bound._derivatives(FRONT, WIDE, T, fine, chosen, bound._steps(step_mm, np.abs(WIDE.marker_centres).max()))
+    J = bound._derivatives(
+        FRONT, WIDE, T, fine, chosen, bound._steps(step_mm, np.abs(WIDE.marker_centres).max())
+    )
     expected = blurred(radiance(FRONT, WIDE, T, fine), fine)
     weighted = J / (0.05 * expected[chosen] + 1.5**2 + 1 / 12)[:, None]
-    scores = np.array([(digitise(expected, FLAT, rng)[chosen] - expected[chosen]) @ weighted for _ in range(n)])
+    scores = np.array(
+        [(digitise(expected, FLAT, rng)[chosen] - expected[chosen]) @ weighted for _ in range(n)]
+    )
     inverse = np.linalg.inv(information(FRONT, WIDE, T, FLAT))
     low, high = chi2(6 * n).ppf([0.0005, 0.9995]) / n  # 5.7 to 6.3
     assert low < np.einsum("ni,ij,nj->n", scores, inverse, scores).mean() < high
@@ -94,8 +124,13 @@ def test_frames_scatter_as_the_information_says():
 
 @pytest.mark.heavy
 def test_bound_is_flat_over_the_steps():
-    steps = [bound_of(information(FRONT, WIDE, T, FLAT, step_px=step) + information(SIDE, WIDE, T, FLAT, step_px=step))
-             for step in (0.1, 0.3)]
+    steps = [
+        bound_of(
+            information(FRONT, WIDE, T, FLAT, step_px=step)
+            + information(SIDE, WIDE, T, FLAT, step_px=step)
+        )
+        for step in (0.1, 0.3)
+    ]
     assert steps[0].rms_mm == pytest.approx(steps[1].rms_mm, rel=0.03)
     assert steps[0].rms_deg == pytest.approx(steps[1].rms_deg, rel=0.03)
 
@@ -119,9 +154,13 @@ def coarse(monkeypatch):
 
 
 @pytest.mark.usefixtures("coarse")
-@pytest.mark.parametrize("pixels", ["markers", "around", pytest.param("handle", marks=pytest.mark.heavy)])
+@pytest.mark.parametrize(
+    "pixels", ["markers", "around", pytest.param("handle", marks=pytest.mark.heavy)]
+)
 def test_unknown_greys_take_information_away(pixels):
-    known, unknown = (information(FRONT, WIDE, T, Bench(), pixels, known_greys=k) for k in (True, False))
+    known, unknown = (
+        information(FRONT, WIDE, T, Bench(), pixels, known_greys=k) for k in (True, False)
+    )
     lost = eigh(known - unknown, known, eigvals_only=True)
     assert lost.min() > -1e-9
     assert 1e-5 < lost.max() < 1
@@ -130,7 +169,10 @@ def test_unknown_greys_take_information_away(pixels):
 @pytest.mark.usefixtures("coarse")
 def test_more_pixels_tell_more():
     camera, pose = load_rig("paper_pair").cameras[0], load_table1().set_poses[4]
-    found = [bound_of(information(camera, load_handle("paper"), pose, pixels=pixels)) for pixels in bound.PIXELS]
+    found = [
+        bound_of(information(camera, load_handle("paper"), pose, pixels=pixels))
+        for pixels in bound.PIXELS
+    ]
     for less, more in pairwise(found):
         assert less.rms_mm > more.rms_mm
         assert less.rms_deg > more.rms_deg
@@ -144,21 +186,31 @@ def test_handle_out_of_sight_has_no_bound():
 
 
 def test_means_of_gaussian_lengths():
-    """E |x| is sqrt(8 / pi) sigma in three dimensions, sqrt(pi / 2) in two, sqrt(2 / pi) in one; else drawn."""
+    """E |x| is sqrt(8 / pi) sigma in three dimensions, sqrt(pi / 2) in two, sqrt(2 / pi) in one;
+    else drawn.
+    """
     for n, factor in ((3, np.sqrt(8 / np.pi)), (2, np.sqrt(np.pi / 2)), (1, np.sqrt(2 / np.pi))):
-        assert mean_length(np.diag(([0.04] * n + [0.0] * 3)[:3])) == pytest.approx(0.2 * factor, rel=1e-6)
+        assert mean_length(np.diag(([0.04] * n + [0.0] * 3)[:3])) == pytest.approx(
+            0.2 * factor, rel=1e-6
+        )
     A = np.random.default_rng(0).standard_normal((3, 3)) * [1e-3, 2e-4, 1e-2]
     drawn = np.linalg.norm(np.random.default_rng(1).standard_normal((400_000, 3)) @ A, axis=1)
-    assert mean_length(A.T @ A) == pytest.approx(drawn.mean(), rel=4e-3)  # of a mean of 400,000: 1e-3
+    # of a mean of 400,000: 1e-3
+    assert mean_length(A.T @ A) == pytest.approx(drawn.mean(), rel=4e-3)
     assert mean_length(np.zeros((3, 3))) == 0.0
     C = np.diag([9.0, 16, 0, 1e-6, 0, 0])
     assert (Bound(C).rms_mm, Bound(C).rms_deg) == (5.0, pytest.approx(np.rad2deg(1e-3)))
     assert Bound(C).mean_deg == pytest.approx(np.rad2deg(1e-3 * np.sqrt(2 / np.pi)))
 
 
-@pytest.mark.parametrize(("change", "message"), [({"pixels": "some"}, "pixels: expected one of markers, around"),
-                                                 ({"step_px": 0.0}, "step_px: expected a number"),
-                                                 ({"T_world_handle": None}, "T_world_handle: expected one")])
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"pixels": "some"}, "pixels: expected one of markers, around"),
+        ({"step_px": 0.0}, "step_px: expected a number"),
+        ({"T_world_handle": None}, "T_world_handle: expected one"),
+    ],
+)
 def test_wrong_arguments_are_named(change, message):
     with pytest.raises(ValueError, match=message):
         information(**{"camera": FRONT, "handle": WIDE, "T_world_handle": T, **change})

@@ -1,4 +1,6 @@
-"""The error budget: its sums, its check without linearisation, and the shipped tables against lines computed anew."""
+"""The error budget: its sums, its check without linearisation, and the shipped tables against lines
+computed anew.
+"""
 
 import numpy as np
 import pandas as pd
@@ -21,12 +23,27 @@ from trinolab.studies.budget import (
     rendered,
     statistics,
 )
-from trinolab.studies.deviations import MEANS, drawn, exact, first_order, means, registered, together
+from trinolab.studies.deviations import (
+    MEANS,
+    drawn,
+    exact,
+    first_order,
+    means,
+    registered,
+    together,
+)
 from trinolab.studies.error_sources import make_trial
 
 RMS = [f"rms_{name}" for name in MEANS]
-KNOWN = ["pixel noise", "centroid bias", "calibration", "R_rl as printed", "one focal length", "platform",
-         "printed digits"]
+KNOWN = [
+    "pixel noise",
+    "centroid bias",
+    "calibration",
+    "R_rl as printed",
+    "one focal length",
+    "platform",
+    "printed digits",
+]
 
 
 @pytest.fixture(scope="module")
@@ -46,24 +63,42 @@ def test_budget_holds_every_source_under_every_registration(table):
     for registration in REGISTRATIONS:
         found = list(table.loc[registration].index)
         assert found[:7] == KNOWN
-        assert {"lens distortion", "places of the markers", "handle set askew", "zeros of the set angles"} < set(found)
+        assert {
+            "lens distortion",
+            "places of the markers",
+            "handle set askew",
+            "zeros of the set angles",
+        } < set(found)
 
 
 @pytest.mark.parametrize("registration", REGISTRATIONS)
 def test_lines_of_the_budget_are_computed_again(table, trial, registration):
     sigma = table.loc[(registration, "pixel noise"), "size"]
-    for source in (sources.pixel_noise(trial, sigma), sources.printed_matrix(trial), sources.one_focal_length(trial),
-                   sources.platform(trial, 0.02), sources.printed_digits(trial), sources.lens_distortion(trial, -0.05)):
+    for source in (
+        sources.pixel_noise(trial, sigma),
+        sources.printed_matrix(trial),
+        sources.one_focal_length(trial),
+        sources.platform(trial, 0.02),
+        sources.printed_digits(trial),
+        sources.lens_distortion(trial, -0.05),
+    ):
         again = line(source, trial, REGISTRATIONS[registration])
         stored = table.loc[(registration, source.name)]
-        np.testing.assert_allclose([again[c] for c in (*MEANS, *RMS)], stored[[*MEANS, *RMS]].astype(float),
-                                   rtol=1e-4, atol=1e-9)
+        np.testing.assert_allclose(
+            [again[c] for c in (*MEANS, *RMS)],
+            stored[[*MEANS, *RMS]].astype(float),
+            rtol=1e-4,
+            atol=1e-9,
+        )
 
 
 @pytest.mark.parametrize("registration", REGISTRATIONS)
 def test_sums_of_squares_are_the_lines_added_up(table, registration):
     rows = table.loc[registration]
-    for name, some in (("images: root of sum of squares", KNOWN[:2]), ("all: root of sum of squares", KNOWN)):
+    for name, some in (
+        ("images: root of sum of squares", KNOWN[:2]),
+        ("all: root of sum of squares", KNOWN),
+    ):
         total = np.sqrt((rows.loc[some, RMS].astype(float) ** 2).sum())
         np.testing.assert_allclose(rows.loc[name, RMS].astype(float), total, rtol=1e-4)
 
@@ -72,19 +107,28 @@ def test_table_1_is_in_the_budget_as_it_is_printed(table):
     printed = load_table1()
     e = pose_errors(printed.measured, printed.set_poses)
     expected = [e.E_t_mm, e.E_alpha_deg, e.E_beta_deg, e.E_gamma_deg, e.geodesic_mean_deg]
-    np.testing.assert_allclose(table.loc[("none", "Table 1"), list(MEANS)].astype(float), expected, rtol=1e-5)
+    np.testing.assert_allclose(
+        table.loc[("none", "Table 1"), list(MEANS)].astype(float), expected, rtol=1e-5
+    )
 
 
 def test_first_order_holds(table):
-    """All at once, with and without linearisation; the calibrations drawn differ, so their shift is registered away."""
+    """All at once, with and without linearisation; the calibrations drawn differ, so their shift is
+    registered away.
+    """
     for registration in ("4 poses", "20 poses"):
-        linear, true = (table.loc[(registration, f"all: {name}"), list(MEANS)].astype(float)
-                        for name in ("drawn together", "not linearised"))
+        linear, true = (
+            table.loc[(registration, f"all: {name}"), list(MEANS)].astype(float)
+            for name in ("drawn together", "not linearised")
+        )
         np.testing.assert_allclose(linear, true, rtol=0.15)
 
 
 def test_noise_and_bias_are_most_of_what_rendered_frames_show(table):
-    model, found = (table.loc[("none", f"images: {name}")] for name in ("drawn together", "rendered and measured"))
+    model, found = (
+        table.loc[("none", f"images: {name}")]
+        for name in ("drawn together", "rendered and measured")
+    )
     assert model["E_t_mm"] == pytest.approx(found["E_t_mm"], rel=0.15)
     assert model["geodesic_deg"] == pytest.approx(found["geodesic_deg"], rel=0.2)
 
@@ -95,11 +139,18 @@ def test_mixes_give_what_they_say(trial, table):
     assert list(found["misfit"]) == sorted(found["misfit"])
     row = found.loc["zeros of the set angles + set positions"]
     zeros, positions = (float(size.split()[0]) for size in row["sizes"].split(" + "))
-    mixed = together([sources.set_angles(trial, zeros), sources.platform(trial, positions),
-                      sources.printed_digits(trial)], "mixed")
+    mixed = together(
+        [
+            sources.set_angles(trial, zeros),
+            sources.platform(trial, positions),
+            sources.printed_digits(trial),
+        ],
+        "mixed",
+    )
     tables = registered(drawn(mixed, 4000, np.random.default_rng(5)), trial.truths, range(20))
-    np.testing.assert_allclose(means(first_order(tables, trial.truths))[:4], row[list(MEANS[:4])].astype(float),
-                               rtol=0.12)
+    np.testing.assert_allclose(
+        means(first_order(tables, trial.truths))[:4], row[list(MEANS[:4])].astype(float), rtol=0.12
+    )
     assert found["misfit"].iloc[0] < 1.2
     np.testing.assert_allclose(row[list(MEANS[:4])].astype(float), PRINTED, rtol=0.2)
 
@@ -108,8 +159,15 @@ def test_patterns_are_computed_again(trial, table):
     stored = load_sweep("patterns")
     assert (stored.groupby("model").size() == 6).all()
     noise = sources.pixel_noise(trial, table.loc[("none", "pixel noise"), "size"])
-    tables = registered(drawn(together([noise, sources.printed_digits(trial)], "noise"), module.PATTERN_TABLES,
-                              np.random.default_rng(0)), trial.truths, range(20))
+    tables = registered(
+        drawn(
+            together([noise, sources.printed_digits(trial)], "noise"),
+            module.PATTERN_TABLES,
+            np.random.default_rng(0),
+        ),
+        trial.truths,
+        range(20),
+    )
     printed = load_table1()
     observed = statistics(exact([printed.measured], printed.set_poses), printed.set_poses)[0]
     again = compare(first_order(tables, trial.truths), trial.truths, observed)
@@ -134,15 +192,19 @@ def test_rendered_frames_give_bias_noise_and_poses():
 
 def test_a_lost_pose_is_named(monkeypatch):
     few = make_trial(load_rig("paper_pair"), load_handle("paper"), load_table1().set_poses[[9, 12]])
-    monkeypatch.setattr(replication, "render_rig", lambda *a: [np.zeros((1024, 1280), np.uint8)] * 2)
+    monkeypatch.setattr(
+        replication, "render_rig", lambda *a: [np.zeros((1024, 1280), np.uint8)] * 2
+    )
     with pytest.raises(ValueError, match="got 2 lost"):
         rendered(few, 1)
 
 
 def test_exact_tables_hold_bias_printed_matrix_and_one_focal_length(trial):
-    """Without noise and calibration error the exact chain is near the sum of the three to first order."""
+    """Without noise and calibration error the exact chain is near the sum of the three to first
+    order.
+    """
     uv = trial.uv + 0.1 * np.random.default_rng(0).standard_normal(trial.uv.shape)
-    poses, = exact_tables(trial, Images(uv, 0.0, []), np.zeros((14, 14)), 1)
+    (poses,) = exact_tables(trial, Images(uv, 0.0, []), np.zeros((14, 14)), 1)
     found = exact([poses], trial.truths)
     bias = sources.centroid_bias(trial, uv)
     others = [sources.printed_matrix(trial), sources.one_focal_length(trial)]
@@ -157,10 +219,22 @@ def test_the_command_writes_three_tables(tmp_path, monkeypatch, trial):
     rng = np.random.default_rng(0)
     fake = Images(trial.uv + 0.3 * rng.standard_normal(trial.uv.shape), 0.02, [trial.truths])
     monkeypatch.setattr(module, "rendered", lambda trial, draws: fake)
-    monkeypatch.setattr(module, "parts", lambda *a: parts(*a)._replace(others=[
-        sources.platform(trial)._replace(name="calibration"), sources.printed_digits(trial)]))
+    monkeypatch.setattr(
+        module,
+        "parts",
+        lambda *a: parts(*a)._replace(
+            others=[
+                sources.platform(trial)._replace(name="calibration"),
+                sources.printed_digits(trial),
+            ]
+        ),
+    )
     monkeypatch.setattr(module, "TABLES", 50)
     monkeypatch.setattr(module, "PATTERN_TABLES", 50)
     assert main(["budget", "--out", str(tmp_path), "--draws", "1"]) == 0
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["budget.csv", "mixes.csv", "patterns.csv"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == [
+        "budget.csv",
+        "mixes.csv",
+        "patterns.csv",
+    ]
     assert main(["budget", "--out", str(tmp_path / "none")]) == 2

@@ -12,14 +12,25 @@ from makenotebook import glued, make_notebook
 @pytest.fixture
 def book(tmp_path, monkeypatch):
     """A book of two chapters, in a folder of its own."""
-    for name, path in {"ROOT": "", "EXECUTED": "_build/executed", "MADE_FROM": "_build/made_from.json",
-                       "CACHE": "_build/.jupyter_cache", "SCOREBOARD": "_build/scoreboard.csv",
-                       "NEW_SCOREBOARD": "_build/scoreboard.new.csv", "GENERATED": "_build/generated"}.items():
+    for name, path in {
+        "ROOT": "",
+        "EXECUTED": "_build/executed",
+        "MADE_FROM": "_build/made_from.json",
+        "CACHE": "_build/.jupyter_cache",
+        "SCOREBOARD": "_build/scoreboard.csv",
+        "NEW_SCOREBOARD": "_build/scoreboard.new.csv",
+        "GENERATED": "_build/generated",
+    }.items():
         monkeypatch.setattr(build, name, tmp_path / path)
     build.EXECUTED.mkdir(parents=True)
     (tmp_path / "notebooks").mkdir()
-    (tmp_path / "_toc.yml").write_text("parts: [{chapters: [{file: notebooks/one}, {file: notebooks/two}]}]")
-    for name, code in (("one", "from trinolab import window"), ("two", "from trinolab import lens")):
+    (tmp_path / "_toc.yml").write_text(
+        "parts: [{chapters: [{file: notebooks/one}, {file: notebooks/two}]}]"
+    )
+    for name, code in (
+        ("one", "from trinolab import window"),
+        ("two", "from trinolab import lens"),
+    ):
         make_notebook(tmp_path / "notebooks" / f"{name}.ipynb", code, glued(b="a"))
     return tmp_path
 
@@ -60,8 +71,13 @@ def test_what_is_finished_is_not_run_again_until_something_has_changed(book, mon
 
 
 def test_a_job_that_fails_is_named_and_the_others_are_kept(book, capsys):
-    jobs = [job("scoreboard", f"from pathlib import Path; Path({str(build.NEW_SCOREBOARD)!r}).write_text('no\\n')"),
-            job("one", "raise SystemExit('what was wrong')")]
+    jobs = [
+        job(
+            "scoreboard",
+            f"from pathlib import Path; Path({str(build.NEW_SCOREBOARD)!r}).write_text('no\\n')",
+        ),
+        job("one", "raise SystemExit('what was wrong')"),
+    ]
     assert build.run_all(jobs) == ["one"]
     out = capsys.readouterr().out
     assert "one: FAILED after" in out

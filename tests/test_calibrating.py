@@ -1,4 +1,6 @@
-"""From images of a target to a rig file: rendered truth, missing and spoiled views, mistakes, a real stereo pair."""
+"""From images of a target to a rig file: rendered truth, missing and spoiled views, mistakes, a
+real stereo pair.
+"""
 
 import re
 import shutil
@@ -29,7 +31,9 @@ FILES = ("rig.toml", "rig_views.csv", "rig_residuals.png")
 
 
 def pattern(target, scale=8, border=20.0):
-    """A print of circles or ChArUco squares, and the matrix from its pixels to the target's mm; `scale` px a mm."""
+    """A print of circles or ChArUco squares, and the matrix from its pixels to the target's mm;
+    `scale` px a mm.
+    """
     if target.kind == "circles":
         extent = target.points[-1, :2] + 2 * border
         image = np.full((int(extent[1] * scale), int(extent[0] * scale)), 255, np.uint8)
@@ -39,17 +43,29 @@ def pattern(target, scale=8, border=20.0):
         first = -border
     else:
         dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50)
-        board = cv2.aruco.CharucoBoard((target.columns, target.rows), target.square_mm, 0.75 * target.square_mm,
-                                       dictionary)
+        board = cv2.aruco.CharucoBoard(
+            (target.columns, target.rows), target.square_mm, 0.75 * target.square_mm, dictionary
+        )
         side, margin = int(scale * target.square_mm), int(scale * 6)
-        image = cv2.copyMakeBorder(board.generateImage((side * target.columns, side * target.rows)), margin, margin,
-                                   margin, margin, cv2.BORDER_CONSTANT, value=255)
+        image = cv2.copyMakeBorder(
+            board.generateImage((side * target.columns, side * target.rows)),
+            margin,
+            margin,
+            margin,
+            margin,
+            cv2.BORDER_CONSTANT,
+            value=255,
+        )
         first = -target.square_mm - 6.0
-    return image, np.array([[1 / scale, 0, first + 0.5 / scale], [0, 1 / scale, first + 0.5 / scale], [0, 0, 1]])
+    return image, np.array(
+        [[1 / scale, 0, first + 0.5 / scale], [0, 1 / scale, first + 0.5 / scale], [0, 0, 1]]
+    )
 
 
 def printed(camera, target, T_world_target, rng, sub=4):
-    """A frame of a printed pattern, without lens distortion: a warp at `sub` x `sub` samples a pixel, blur, noise."""
+    """A frame of a printed pattern, without lens distortion: a warp at `sub` x `sub` samples a
+    pixel, blur, noise.
+    """
     image, to_mm = pattern(target)
     T = camera.T_cam_world * T_world_target
     H = camera.matrix @ np.column_stack([T.rotation.as_matrix()[:, :2], T.translation]) @ to_mm
@@ -67,8 +83,13 @@ def off_sigma(result, truth):
     values = []
     for camera in truth.cameras:
         T = camera.T_world_cam
-        values += [*camera.focal, *camera.principal_point, *camera.distortions, *T.translation,
-                   *np.rad2deg(T.rotation.as_rotvec())]
+        values += [
+            *camera.focal,
+            *camera.principal_point,
+            *camera.distortions,
+            *T.translation,
+            *np.rad2deg(T.rotation.as_rotvec()),
+        ]
     table = result.parameters
     return ((table["value"] - values) / table["sigma"])[table["sigma"] > 0]
 
@@ -112,7 +133,11 @@ def test_command_on_rendered_chessboards(folder, capfd):
     assert err == ""
     lines = out.splitlines()
     assert lines[0].split() == ["camera", "views", "points", "rms", "/", "px"]
-    assert [line.split()[:3] for line in lines[1:4]] == [["a", "10", "420"], ["b", "10", "420"], ["all", "10", "840"]]
+    assert [line.split()[:3] for line in lines[1:4]] == [
+        ["a", "10", "420"],
+        ["b", "10", "420"],
+        ["all", "10", "840"],
+    ]
     assert float(lines[3].split()[3]) < 0.12
     assert "a, the world frame" in lines
     assert len(re.findall(r"\+- \d", out)) == 9 + 15
@@ -126,7 +151,15 @@ def test_command_on_rendered_chessboards(folder, capfd):
     assert picture.shape[0] > 500
     assert picture.std() > 10
     table = pd.read_csv("rig_views.csv")
-    assert list(table.columns) == ["camera", "view", "status", "points", "rms_px", "worst_px", "reason"]
+    assert list(table.columns) == [
+        "camera",
+        "view",
+        "status",
+        "points",
+        "rms_px",
+        "worst_px",
+        "reason",
+    ]
     assert (table["status"] == "used").all()
     assert (table["worst_px"] > table["rms_px"]).all()
 
@@ -147,7 +180,10 @@ def test_chessboards_give_the_truth_within_the_stated_uncertainty():
 @pytest.mark.parametrize("target", [CIRCLES, CHARUCO], ids=str)
 def test_printed_targets_give_the_truth(target, tmp_path, monkeypatch):
     rig, rng = make_rig(np.zeros(5)), np.random.default_rng(1)
-    write_views(tmp_path, [[printed(camera, target, T, rng) for T in positions(7)] for camera in rig.cameras])
+    write_views(
+        tmp_path,
+        [[printed(camera, target, T, rng) for T in positions(7)] for camera in rig.cameras],
+    )
     monkeypatch.chdir(tmp_path)
     result = calibrated(target, distortion_terms=0)
     assert (result.views["status"] == "used").all()
@@ -155,7 +191,8 @@ def test_printed_targets_give_the_truth(target, tmp_path, monkeypatch):
     off = off_sigma(result, rig)
     assert off.abs().max() < (10 if target.kind == "circles" else 4)
     b = result.found.cameras[1]
-    np.testing.assert_allclose(b.centre, rig.cameras[1].centre, rtol=0, atol=3.0)  # along z it is worth 0.8 mm
+    # along z it is worth 0.8 mm
+    np.testing.assert_allclose(b.centre, rig.cameras[1].centre, rtol=0, atol=3.0)
     np.testing.assert_allclose(b.focal, rig.cameras[1].focal, rtol=5e-3)
     assert result.found.rms_px < 0.12
 
@@ -165,8 +202,9 @@ def test_part_of_a_charuco_board_is_enough_and_too_little_is_said(tmp_path, monk
     frames = [[printed(camera, CHARUCO, T, rng) for T in positions(6)] for camera in rig.cameras]
     uv = find_target(frames[0][1], CHARUCO)
     assert np.isfinite(uv).all()
-    frames[0][1][:, int(uv[:, 0].mean()):] = 90  # half of the board is hidden
-    frames[1][2][:, int(np.sort(find_target(frames[1][2], CHARUCO)[:, 0])[4]):] = 90  # nearly all of it
+    frames[0][1][:, int(uv[:, 0].mean()) :] = 90  # half of the board is hidden
+    # nearly all of it
+    frames[1][2][:, int(np.sort(find_target(frames[1][2], CHARUCO)[:, 0])[4]) :] = 90
     write_views(tmp_path, frames)
     monkeypatch.chdir(tmp_path)
     result = calibrated(CHARUCO, distortion_terms=0)
@@ -196,22 +234,30 @@ def test_missing_and_empty_views():
 
 @pytest.mark.usefixtures("folder")
 def test_a_bent_view_and_a_wrong_pair_are_left_out(frames):
-    v, u = np.mgrid[:SIZE[1], :SIZE[0]].astype(np.float32)
+    v, u = np.mgrid[: SIZE[1], : SIZE[0]].astype(np.float32)
     bent = cv2.remap(frames[0][4], u + 3 * np.sin(v / 25).astype(np.float32), v, cv2.INTER_LINEAR)
     cv2.imwrite("a/04.png", bent)
     cv2.imwrite("b/07.png", frames[1][1])  # another view under this name
     why = reasons(result := calibrated())
     assert set(why) == {"a/04.png", "b/07.png"}
-    assert re.fullmatch(r"residual \d\.\d\d px, far above the others \(0\.\d\d px in the middle\)", why["a/04.png"])
+    assert re.fullmatch(
+        r"residual \d\.\d\d px, far above the others \(0\.\d\d px in the middle\)", why["a/04.png"]
+    )
     assert why["b/07.png"] == "the target lies elsewhere than for a, against all other views"
     assert off_sigma(result, make_rig()).abs().max() < 4
 
 
 def test_a_camera_that_contradicts_two_others_is_the_one_left_out():
     rig, poses = make_rig(), positions(8)
-    third = Camera("c", SIZE, rig.cameras[0].matrix, LENS, RigidTransform.from_translation([50.0, 0, 0]))
-    uv = np.stack([[camera.project(T.apply(np.array(CHESSBOARD.points))) for T in poses]
-                   for camera in (*rig.cameras, third)])
+    third = Camera(
+        "c", SIZE, rig.cameras[0].matrix, LENS, RigidTransform.from_translation([50.0, 0, 0])
+    )
+    uv = np.stack(
+        [
+            [camera.project(T.apply(np.array(CHESSBOARD.points))) for T in poses]
+            for camera in (*rig.cameras, third)
+        ]
+    )
     uv += np.random.default_rng(0).normal(0, 0.05, uv.shape)
     uv[0, 2] = uv[0, 5]
     uv[1, 3, 10] += 6.0
@@ -239,8 +285,10 @@ def test_patterns_pair_by_what_the_star_stands_for():
 def test_videos_are_paired_by_frame_and_thinned(tmp_path, monkeypatch, frames):
     monkeypatch.chdir(tmp_path)
     for name, side in zip("ab", frames, strict=True):
-        writer = cv2.VideoWriter(f"{name}.mkv", cv2.VideoWriter_fourcc(*"FFV1"), 30, SIZE, isColor=False)
-        for frame in side[:10 if name == "a" else 8]:
+        writer = cv2.VideoWriter(
+            f"{name}.mkv", cv2.VideoWriter_fourcc(*"FFV1"), 30, SIZE, isColor=False
+        )
+        for frame in side[: 10 if name == "a" else 8]:
             for _ in range(2):
                 writer.write(frame)
         writer.release()
@@ -259,8 +307,10 @@ def test_colour_and_16_bit_are_converted_and_said(caplog, frames):
         cv2.imwrite(f"b/{k:02d}.png", frames[1][k].astype(np.uint16) * 257)
     caplog.set_level("INFO", logger="trinolab")
     converted = calibrated()
-    assert caplog.messages == ["a/00.png: colour converted to grey; said once a camera",
-                               "b/00.png: 16 bit scaled to grey levels 0 to 255; said once a camera"]
+    assert caplog.messages == [
+        "a/00.png: colour converted to grey; said once a camera",
+        "b/00.png: 16 bit scaled to grey levels 0 to 255; said once a camera",
+    ]
     assert off_sigma(converted, make_rig()).abs().max() < 4
 
 
@@ -271,10 +321,14 @@ def test_a_target_that_can_be_counted_in_two_ways_is_counted_upright():
     target, rng = Target("circles", 5, 4, 15.0), np.random.default_rng(0)
     camera = make_rig(np.zeros(5)).cameras[0]
     for turn, way in ((0, 1), (40, 1), (-40, 1), (180, -1), (200, -1)):
-        R = Rotation.from_rotvec(np.deg2rad([10.0, 15, 0])) * Rotation.from_rotvec(np.deg2rad([0.0, 0, turn]))
+        R = Rotation.from_rotvec(np.deg2rad([10.0, 15, 0])) * Rotation.from_rotvec(
+            np.deg2rad([0.0, 0, turn])
+        )
         T = RigidTransform.from_components([0, 0, 480] - R.apply(target.points.mean(axis=0)), R)
         uv = find_target(printed(camera, target, T, rng), target)
-        np.testing.assert_allclose(uv[::way], camera.project(T.apply(np.array(target.points))), rtol=0, atol=0.15)
+        np.testing.assert_allclose(
+            uv[::way], camera.project(T.apply(np.array(target.points))), rtol=0, atol=0.15
+        )
 
 
 def test_a_square_chessboard_is_counted_upright_as_well():
@@ -300,22 +354,27 @@ def test_an_old_charuco_board_is_found_as_well():
     for old in (False, True):
         board = cv2.aruco.CharucoBoard((6, 4), 20.0, 12.0, dictionary)
         board.setLegacyPattern(old)
-        image = cv2.copyMakeBorder(board.generateImage((360, 240)), 30, 30, 30, 30, cv2.BORDER_CONSTANT, value=255)
+        image = cv2.copyMakeBorder(
+            board.generateImage((360, 240)), 30, 30, 30, 30, cv2.BORDER_CONSTANT, value=255
+        )
         expected = target.points[:, :2] * 3 + 30 + 60 - 0.5  # 3 px a mm
         np.testing.assert_allclose(find_target(image, target), expected, atol=0.1)
 
 
-@pytest.mark.parametrize(("fields", "message"), [
-    (("stars", 5, 5, 10.0), "board: expected one of chessboard, circles, charuco, got 'stars'"),
-    (("chessboard", 2, 5, 10.0), "columns: expected a number in [3"),
-    (("charuco", 5, 3, 10.0), "rows: expected a number in [4"),
-    (("circles", 5, 5.5, 10.0), "rows: expected a whole number"),
-    (("circles", 5, 5, np.nan), "square_mm: expected"),
-    (("charuco", 5, 5, 10.0, 10.0), "marker_mm: expected less than a square"),
-    (("charuco", 5, 5, 10.0, 5.0, "7X7"), "dictionary: expected a name"),
-    (("charuco", 12, 12, 10.0), "dictionary: 4X4_50 has 50 markers, the board has 72"),
-    (("chessboard", 5, 5, 10.0, 5.0), "marker_mm: a chessboard target has no markers"),
-])
+@pytest.mark.parametrize(
+    ("fields", "message"),
+    [
+        (("stars", 5, 5, 10.0), "board: expected one of chessboard, circles, charuco, got 'stars'"),
+        (("chessboard", 2, 5, 10.0), "columns: expected a number in [3"),
+        (("charuco", 5, 3, 10.0), "rows: expected a number in [4"),
+        (("circles", 5, 5.5, 10.0), "rows: expected a whole number"),
+        (("circles", 5, 5, np.nan), "square_mm: expected"),
+        (("charuco", 5, 5, 10.0, 10.0), "marker_mm: expected less than a square"),
+        (("charuco", 5, 5, 10.0, 5.0, "7X7"), "dictionary: expected a name"),
+        (("charuco", 12, 12, 10.0), "dictionary: 4X4_50 has 50 markers, the board has 72"),
+        (("chessboard", 5, 5, 10.0, 5.0), "marker_mm: a chessboard target has no markers"),
+    ],
+)
 def test_target_refuses(fields, message):
     with pytest.raises(ValueError, match=re.escape(message)):
         Target(*fields)
@@ -343,7 +402,9 @@ GREY = np.full(SIZE[::-1], 90, np.uint8)
 def test_cameras_that_never_see_the_target_together():
     for k in range(10):
         cv2.imwrite(f"{'ab'[k % 2]}/{k:02d}.png", GREY)
-    with pytest.raises(ValueError, match=r"^b: no view in which it sees the target together with a$"):
+    with pytest.raises(
+        ValueError, match=r"^b: no view in which it sees the target together with a$"
+    ):
         calibrated()
 
 
@@ -351,7 +412,9 @@ def test_images_and_videos_together(folder, frames):
     writer = cv2.VideoWriter("b.mkv", cv2.VideoWriter_fourcc(*"FFV1"), 30, SIZE, isColor=False)
     writer.write(frames[1][0])
     writer.release()
-    with pytest.raises(ValueError, match="images: expected images or videos of all cameras, got both"):
+    with pytest.raises(
+        ValueError, match="images: expected images or videos of all cameras, got both"
+    ):
         calibrate_rig({"a": "a", "b": "b.mkv"}, CHESSBOARD, "rig.toml")
 
 
@@ -360,13 +423,22 @@ def test_views_that_say_too_little_name_the_cameras(folder):
     for name in "ab":
         for k in range(1, 4):
             shutil.copy(f"{name}/00.png", f"{name}/{k:02d}.png")
-    with pytest.raises(ValueError, match=r"^images of a, b: (camera a: )?.*expected (positions|views)"):
+    with pytest.raises(
+        ValueError, match=r"^images of a, b: (camera a: )?.*expected (positions|views)"
+    ):
         calibrated()
     assert not any((folder / name).exists() for name in FILES)
 
 
-@pytest.mark.parametrize("place", [(views, "find_target"), (calibrate, "calibrate_robustly"),
-                                   (calibrate, "_picture"), (outputs.os, "replace")])
+@pytest.mark.parametrize(
+    "place",
+    [
+        (views, "find_target"),
+        (calibrate, "calibrate_robustly"),
+        (calibrate, "_picture"),
+        (outputs.os, "replace"),
+    ],
+)
 def test_an_interruption_leaves_nothing(folder, monkeypatch, capfd, place):
     def interrupted(*_, **__):
         raise KeyboardInterrupt
@@ -380,13 +452,26 @@ def test_an_interruption_leaves_nothing(folder, monkeypatch, capfd, place):
 
 # --- a real stereo pair, and another program that reads the rig
 
-ANIPOSE_POINTS = [[0, 0, 400], [120, -60, 500], [-90, 80, 350], [40, 100, 650], [-150, -110, 600]]  # mm
-# aniposelib 0.8.0: CameraGroup.load of the file that the command below wrote, then .project(points); px
+# mm
+ANIPOSE_POINTS = [[0, 0, 400], [120, -60, 500], [-90, 80, 350], [40, 100, 650], [-150, -110, 600]]
+# aniposelib 0.8.0: CameraGroup.load of the file that the command below wrote, then
+# .project(points); px
 ANIPOSE_PIXELS = [
-    [[342.305623636319, 234.899557154631], [467.742828743888, 172.220067546083], [209.492176625097, 353.023450687489],
-     [374.898098032708, 316.404431753756], [212.50960557094, 139.775930827598]],
-    [[219.038967515479, 247.487728601076], [368.597045283466, 182.636586420738], [84.562787754263, 361.331814397773],
-     [294.321070228063, 328.782546503898], [130.586428357559, 154.059689170046]]]
+    [
+        [342.305623636319, 234.899557154631],
+        [467.742828743888, 172.220067546083],
+        [209.492176625097, 353.023450687489],
+        [374.898098032708, 316.404431753756],
+        [212.50960557094, 139.775930827598],
+    ],
+    [
+        [219.038967515479, 247.487728601076],
+        [368.597045283466, 182.636586420738],
+        [84.562787754263, 361.331814397773],
+        [294.321070228063, 328.782546503898],
+        [130.586428357559, 154.059689170046],
+    ],
+]
 ANIPOSE_RIG = """\
 [left]
 name = "left"
@@ -417,7 +502,8 @@ def test_aniposelib_projects_as_we_do(tmp_path):
     (tmp_path / "rig.toml").write_text(ANIPOSE_RIG, encoding="utf-8")
     rig = read_rig(tmp_path / "rig.toml")
     found = np.stack([camera.project(ANIPOSE_POINTS) for camera in rig.cameras])
-    np.testing.assert_allclose(found, ANIPOSE_PIXELS, rtol=0, atol=1e-6)  # px; 5e-13 when it was taken
+    # px; 5e-13 when it was taken
+    np.testing.assert_allclose(found, ANIPOSE_PIXELS, rtol=0, atol=1e-6)
 
 
 def test_a_real_stereo_pair(tmp_path, monkeypatch, capfd):
@@ -426,17 +512,27 @@ def test_a_real_stereo_pair(tmp_path, monkeypatch, capfd):
         pytest.skip("no opencv_stereo: TRINOLAB_DATA names no folder that has it")
     monkeypatch.chdir(tmp_path)
     images = " ".join(f"'{side}={source}/{side}*.jpg'" for side in ("left", "right"))
-    assert run(f"calibrate --images {images} --board chessboard --columns 9 --rows 6 --square 25 --out rig.toml") == 0
+    assert (
+        run(
+            f"calibrate --images {images} --board chessboard --columns 9 --rows 6 --square 25 --out rig.toml"
+        )
+        == 0
+    )
     out = capfd.readouterr().out
     assert re.search(r"^all +13 +1404 +0\.201 ", out, flags=re.MULTILINE)
     assert "views dropped: none" in out
     rig, reference = read_rig("rig.toml"), load_real_sets()["opencv_stereo"].reference
     T, squares = rig.cameras[1].T_cam_world, rig.cameras[1].T_cam_world.translation / 25
-    spread = {key: np.abs(np.subtract(reference[f"{key}_win7"], reference[f"{key}_win11"]))  # what a window makes of it
-              for key in ("T_squares", "rvec_deg")}
+    # what a window makes of it
+    spread = {
+        key: np.abs(np.subtract(reference[f"{key}_win7"], reference[f"{key}_win11"]))
+        for key in ("T_squares", "rvec_deg")
+    }
     assert np.linalg.norm(T.translation) == pytest.approx(reference["baseline_mm_win7"], abs=0.05)
     assert (np.abs(squares - reference["T_squares_win7"]) < spread["T_squares"]).all()
-    assert (np.abs(np.rad2deg(T.rotation.as_rotvec()) - reference["rvec_deg_win7"]) < spread["rvec_deg"]).all()
+    assert (
+        np.abs(np.rad2deg(T.rotation.as_rotvec()) - reference["rvec_deg_win7"]) < spread["rvec_deg"]
+    ).all()
     # the same rig as when aniposelib read it: what the detector's last bits may do
     found = np.stack([camera.project(ANIPOSE_POINTS) for camera in rig.cameras])
     np.testing.assert_allclose(found, ANIPOSE_PIXELS, rtol=0, atol=1e-3)
@@ -446,13 +542,19 @@ def test_real_corners_of_a_board_that_is_seen_in_part():
     tracks = load_caliscope()
     if tracks is None:
         pytest.skip("no caliscope: TRINOLAB_DATA names no folder that has it")
-    uv = np.array(tracks.uv).reshape(4, -1, len(tracks.points), 2)[:, ::2]  # every second view, for time
-    found, why = calibrate_robustly(np.array(tracks.points), uv, [camera.size for camera in tracks.rig.cameras],
-                                    tracks.rig.names)
+    # every second view, for time
+    uv = np.array(tracks.uv).reshape(4, -1, len(tracks.points), 2)[:, ::2]
+    found, why = calibrate_robustly(
+        np.array(tracks.points),
+        uv,
+        [camera.size for camera in tracks.rig.cameras],
+        tracks.rig.names,
+    )
     assert 0 < np.count_nonzero([reason.startswith("too few points") for reason in why.flat]) < 12
     assert found.rms_px < 0.8  # px; the cameras were not triggered together
     for k, (camera, stored) in enumerate(zip(found.cameras, tracks.rig.cameras, strict=True)):
         assert (np.abs(camera.focal - stored.focal) < 4 * found.intrinsic_sigma[k, :2]).all()
         # 1.2 % at most: both calibrations leave out views, and not the same ones
         assert np.linalg.norm(camera.centre) == pytest.approx(
-            np.linalg.norm(stored.centre - tracks.rig.cameras[0].centre), rel=0.025)
+            np.linalg.norm(stored.centre - tracks.rig.cameras[0].centre), rel=0.025
+        )

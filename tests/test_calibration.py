@@ -1,4 +1,6 @@
-"""Eq. 25 by hand and by Monte Carlo; the calibration against exact corners, finite differences and OpenCV."""
+"""Eq. 25 by hand and by Monte Carlo; the calibration against exact corners, finite differences and
+OpenCV.
+"""
 
 import cv2
 import numpy as np
@@ -21,18 +23,34 @@ BOARD = Board(7, 6, 20.0)
 K_LEFT = np.array([[700.0, 0, 330], [0, 690, 228], [0, 0, 1]])
 K_RIGHT = np.array([[715.0, 0, 310], [0, 708, 250], [0, 0, 1]])
 K_THIRD = np.array([[650.0, 0, 322], [0, 655, 241], [0, 0, 1]])
-LENS = np.array([[-0.25, 0.08, 1e-3, -8e-4, 0.02], [-0.2, 0.05, -5e-4, 6e-4, 0.0], [0.1, -0.1, 1e-3, 1e-3, 0.01]])
+LENS = np.array(
+    [
+        [-0.25, 0.08, 1e-3, -8e-4, 0.02],
+        [-0.2, 0.05, -5e-4, 6e-4, 0.0],
+        [0.1, -0.1, 1e-3, 1e-3, 0.01],
+    ]
+)
 
 
 def motion(translation, rotvec=(0, 0, 0)):
-    return RigidTransform.from_components(translation, Rotation.from_rotvec(np.array(rotvec, float)))
+    return RigidTransform.from_components(
+        translation, Rotation.from_rotvec(np.array(rotvec, float))
+    )
 
 
 def make_rig(lens=LENS):
     """Three cameras; world is the first one's frame."""
-    poses = [motion([0, 0, 0]), motion([90, 5, 10], [0.02, -0.2, 0.01]), motion([-60, -120, 40], [0.3, 0.1, -0.05])]
-    return Rig(tuple(Camera(f"c{k}", SIZE, K, d, T.inv())
-                     for k, (K, d, T) in enumerate(zip((K_LEFT, K_RIGHT, K_THIRD), lens, poses, strict=True))))
+    poses = [
+        motion([0, 0, 0]),
+        motion([90, 5, 10], [0.02, -0.2, 0.01]),
+        motion([-60, -120, 40], [0.3, 0.1, -0.05]),
+    ]
+    return Rig(
+        tuple(
+            Camera(f"c{k}", SIZE, K, d, T.inv())
+            for k, (K, d, T) in enumerate(zip((K_LEFT, K_RIGHT, K_THIRD), lens, poses, strict=True))
+        )
+    )
 
 
 def positions(count=8, seed=3):
@@ -43,7 +61,9 @@ def positions(count=8, seed=3):
 
 
 def project(rig, poses):
-    return np.stack([[camera.project(T.apply(np.array(BOARD.points))) for T in poses] for camera in rig.cameras])
+    return np.stack(
+        [[camera.project(T.apply(np.array(BOARD.points))) for T in poses] for camera in rig.cameras]
+    )
 
 
 def check_same(found, true, atol_px, atol_mm, atol_rad, atol_lens):
@@ -58,14 +78,17 @@ def check_same(found, true, atol_px, atol_mm, atol_rad, atol_lens):
 
 
 def test_relative_pose():
-    # the board 500 mm in front of the left camera; the right camera 100 mm to the right sees it 100 mm to the left
+    # the board 500 mm in front of the left camera; the right camera 100 mm to the right sees it 100
+    # mm to the left
     T = relative_pose(motion([0, 0, 500]), motion([-100, 0, 500]))
     np.testing.assert_allclose(T.translation, [100, 0, 0], atol=1e-12)
-    # the right camera sees the board 200 mm ahead, turned by -90 deg about y: R_rl = Ry(90), and Ry(90) (0, 0, 200) is
-    # (200, 0, 0), so T_rl = (0, 0, 500) - (200, 0, 0)
+    # the right camera sees the board 200 mm ahead, turned by -90 deg about y: R_rl = Ry(90), and
+    # Ry(90) (0, 0, 200) is (200, 0, 0), so T_rl = (0, 0, 500) - (200, 0, 0)
     T = relative_pose(motion([0, 0, 500]), motion([0, 0, 200], [0, -np.pi / 2, 0]))
     np.testing.assert_allclose(T.translation, [-200, 0, 500], atol=1e-12)
-    np.testing.assert_allclose(T.rotation.as_matrix(), [[0, 0, 1], [0, 1, 0], [-1, 0, 0]], atol=1e-12)
+    np.testing.assert_allclose(
+        T.rotation.as_matrix(), [[0, 0, 1], [0, 1, 0], [-1, 0, 0]], atol=1e-12
+    )
 
 
 FINITE = st.floats(-1e3, 1e3)
@@ -76,7 +99,8 @@ VECTORS = arrays(float, 3, elements=FINITE)
 def test_eq_25_carries_right_to_left(t_l, w_l, t_r, w_r, point):
     T_l, T_r = motion(t_l, w_l / 300), motion(t_r, w_r / 300)
     T = relative_pose(T_l, T_r)
-    # what both cameras see of one point of the target; lengths up to 5e3 mm leave rounding of 1e-12 mm
+    # what both cameras see of one point of the target; lengths up to 5e3 mm leave rounding of 1e-12
+    # mm
     np.testing.assert_allclose(T.apply(T_r.apply(point)), T_l.apply(point), rtol=0, atol=1e-9)
     back = relative_pose(T_r, T_l)
     np.testing.assert_allclose((T * back).as_matrix(), np.eye(4), rtol=0, atol=1e-9)
@@ -86,7 +110,9 @@ def test_relative_pose_of_many_is_each():
     left, right = positions(5), positions(5, seed=8)
     each = relative_pose(left, right)
     assert len(each) == 5
-    np.testing.assert_allclose(each[3].as_matrix(), relative_pose(left[3], right[3]).as_matrix(), atol=1e-12)
+    np.testing.assert_allclose(
+        each[3].as_matrix(), relative_pose(left[3], right[3]).as_matrix(), atol=1e-12
+    )
 
 
 @pytest.mark.parametrize("bad", [None, np.eye(4), Rotation.identity()])
@@ -113,8 +139,17 @@ def test_mean_and_its_uncertainty_by_monte_carlo():
         noisy = [motion(rng.normal(0, 0.5, 3), rng.normal(0, 2e-3, 3)) * truth * T for T in right]
         draws.append(mean_relative_pose(RigidTransform.concatenate(noisy), right))
     assert draws[0].positions == n
-    off = np.array([np.concatenate([d.T_left_right.translation - truth.translation,
-                                    (d.T_left_right.rotation * truth.rotation.inv()).as_rotvec()]) for d in draws])
+    off = np.array(
+        [
+            np.concatenate(
+                [
+                    d.T_left_right.translation - truth.translation,
+                    (d.T_left_right.rotation * truth.rotation.inv()).as_rotvec(),
+                ]
+            )
+            for d in draws
+        ]
+    )
     said = np.sqrt(np.mean([np.diag(d.covariance) for d in draws], axis=0))
     # a standard deviation from 300 draws is known to 4 %
     np.testing.assert_allclose(off.std(axis=0), said, rtol=0.16)
@@ -126,7 +161,9 @@ def test_rotation_sigma_by_monte_carlo():
     root = np.array([[2e-3, 0, 0], [5e-4, 1e-3, 0], [-3e-4, 2e-4, 3e-3]])
     draws = (Rotation.from_rotvec(rng.normal(size=(4000, 3)) @ root.T) * rotation).as_matrix()
     # 4,000 draws: 1.1 %, and terms of second order 1e-5
-    np.testing.assert_allclose(rotation_sigma(rotation, root @ root.T), draws.std(axis=0), rtol=0.06, atol=2e-5)
+    np.testing.assert_allclose(
+        rotation_sigma(rotation, root @ root.T), draws.std(axis=0), rtol=0.06, atol=2e-5
+    )
 
 
 # --- Zhang's start
@@ -146,7 +183,8 @@ def test_homography_returns_what_made_the_points(change, seed):
     xy = np.random.default_rng(seed).uniform(-3, 3, (12, 2))
     image = np.column_stack([xy, np.ones(12)]) @ true.T
     H = homography(xy, image[:, :2] / image[:, 2:])
-    np.testing.assert_allclose(H / H[2, 2], true / true[2, 2], rtol=0, atol=1e-6)  # entries up to 360
+    # entries up to 360
+    np.testing.assert_allclose(H / H[2, 2], true / true[2, 2], rtol=0, atol=1e-6)
 
 
 def test_homography_needs_four_points_that_are_not_in_line():
@@ -169,11 +207,14 @@ def test_start_is_exact_without_distortion():
     for h, T in zip(H, poses, strict=True):
         expected = rig.cameras[1].T_cam_world * T
         for sign in (1, -1):  # a homography has no sign of its own
-            np.testing.assert_allclose(target_pose(sign * h, K).as_matrix(), expected.as_matrix(), rtol=0, atol=1e-6)
+            np.testing.assert_allclose(
+                target_pose(sign * h, K).as_matrix(), expected.as_matrix(), rtol=0, atol=1e-6
+            )
 
 
 def test_start_falls_back_on_the_image_centre():
-    # two positions of one tilt, and one nearly of it: noise decides where the closed form puts the principal point
+    # two positions of one tilt, and one nearly of it: noise decides where the closed form puts the
+    # principal point
     rig, rng = make_rig(np.zeros((3, 5))), np.random.default_rng(0)
     poses = [motion([-60 + x, -50, 400], [0.2, 0.15, 0]) for x in (0, 5, 10)]
     uv = project(rig, poses)[0] + rng.normal(0, 1.0, (3, len(BOARD.points), 2))
@@ -206,12 +247,15 @@ def test_target_pose_refuses_singular_matrices(name):
 def test_slopes_are_the_derivatives(terms):
     rig, poses = make_rig(), positions(2)
     layout = adjust.Layout(3, 2, terms)
-    x = adjust.pack(layout, [c.matrix for c in rig.cameras], [c.T_world_cam for c in rig.cameras], list(poses))
-    x[:layout.split(x)[0].size].reshape(3, -1)[:, 4:] = LENS[:, :terms]
+    x = adjust.pack(
+        layout, [c.matrix for c in rig.cameras], [c.T_world_cam for c in rig.cameras], list(poses)
+    )
+    x[: layout.split(x)[0].size].reshape(3, -1)[:, 4:] = LENS[:, :terms]
     zero = np.zeros((3, 2, len(BOARD.points), 2))
     J = adjust.slopes(layout, BOARD.points, x).reshape(-1, len(x))
-    numeric = approx_derivative(lambda y: adjust.residuals(layout, BOARD.points, zero, y).ravel(), x,
-                                method="3-point")
+    numeric = approx_derivative(
+        lambda y: adjust.residuals(layout, BOARD.points, zero, y).ravel(), x, method="3-point"
+    )
     scale = np.abs(numeric).max(axis=0)
     np.testing.assert_allclose(J / scale, numeric / scale, rtol=0, atol=1e-6)  # of the differences
 
@@ -219,7 +263,9 @@ def test_slopes_are_the_derivatives(terms):
 def test_model_projects_as_the_cameras_do():
     rig, poses = make_rig(), positions(2)
     layout = adjust.Layout(3, 2, 5)
-    x = adjust.pack(layout, [c.matrix for c in rig.cameras], [c.T_world_cam for c in rig.cameras], list(poses))
+    x = adjust.pack(
+        layout, [c.matrix for c in rig.cameras], [c.T_world_cam for c in rig.cameras], list(poses)
+    )
     x[:27].reshape(3, 9)[:, 4:] = LENS
     uv = project(rig, poses)
     np.testing.assert_allclose(adjust.residuals(layout, BOARD.points, uv, x), 0, atol=1e-9)
@@ -231,7 +277,9 @@ def test_model_projects_as_the_cameras_do():
     matrices, distortions, cameras, targets = adjust.unpack(layout, x)
     np.testing.assert_array_equal(matrices[1], K_RIGHT)
     np.testing.assert_array_equal(distortions, LENS)
-    np.testing.assert_allclose(cameras[2].as_matrix(), rig.cameras[2].T_world_cam.as_matrix(), atol=1e-12)
+    np.testing.assert_allclose(
+        cameras[2].as_matrix(), rig.cameras[2].T_world_cam.as_matrix(), atol=1e-12
+    )
     np.testing.assert_allclose(targets[1].as_matrix(), poses[1].as_matrix(), atol=1e-12)
 
 
@@ -239,7 +287,8 @@ def test_model_projects_as_the_cameras_do():
 def test_left_jacobian(rotvec, change):
     J, step = adjust.left_jacobian(rotvec), 1e-6 * change
     turned = Rotation.from_rotvec(rotvec + step) * Rotation.from_rotvec(rotvec).inv()
-    np.testing.assert_allclose(turned.as_rotvec(), J @ step, rtol=0, atol=2e-11)  # second order of 2e-6
+    # second order of 2e-6
+    np.testing.assert_allclose(turned.as_rotvec(), J @ step, rtol=0, atol=2e-11)
 
 
 # --- exact corners
@@ -248,7 +297,8 @@ def test_left_jacobian(rotvec, change):
 def test_exact_corners_give_the_cameras_back():
     rig, poses = make_rig(), positions()
     found = calibrate(BOARD.points, project(rig, poses), [SIZE] * 3, rig.names)
-    # rounding, magnified by the least determined parameter; worst seen 5e-10 px, 4e-10 mm, 3e-9 for k3
+    # rounding, magnified by the least determined parameter; worst seen 5e-10 px, 4e-10 mm, 3e-9 for
+    # k3
     check_same(found, rig, 1e-8, 1e-8, 1e-10, 1e-7)
     assert found.rms_px < 1e-9
     for a, b in zip(found.T_world_target, poses, strict=True):
@@ -266,11 +316,15 @@ def test_missing_views_and_corners():
     uv[2, 12, 7:] = np.nan  # one row, all on a line: left out
     uv[:, 13] = np.nan
     found = calibrate(BOARD.points, uv, [SIZE] * 3)
-    check_same(found, rig, 1e-7, 1e-7, 1e-9, 1e-6)  # fewer views for each: ten times less determined than above
+    # fewer views for each: ten times less determined than above
+    check_same(found, rig, 1e-7, 1e-7, 1e-9, 1e-6)
     assert [T is None for T in found.T_world_target] == [False] * 13 + [True]
     used = np.isfinite(found.view_rms_px)
-    assert used.tolist() == [[k < 7 for k in range(14)], [k not in (5, 13) for k in range(14)],
-                             [6 < k < 12 for k in range(14)]]
+    assert used.tolist() == [
+        [k < 7 for k in range(14)],
+        [k not in (5, 13) for k in range(14)],
+        [6 < k < 12 for k in range(14)],
+    ]
     np.testing.assert_array_equal(np.isfinite(found.residuals_px[1, 4]), np.isfinite(uv[1, 4]))
 
 
@@ -280,7 +334,7 @@ def test_fewer_distortions(terms):
     rig = make_rig(lens)
     found = calibrate(BOARD.points, project(rig, positions()), [SIZE] * 3, distortion_terms=terms)
     check_same(found, rig, 1e-8, 1e-8, 1e-10, 1e-7)
-    assert (found.intrinsic_sigma[:, 4 + terms:] == 0).all()
+    assert (found.intrinsic_sigma[:, 4 + terms :] == 0).all()
 
 
 # --- against OpenCV, on the same noisy corners
@@ -290,14 +344,18 @@ def test_fewer_distortions(terms):
 def noisy():
     """Exact corners of two cameras with 0.1 px of noise, and what OpenCV makes of them."""
     rig = Rig(make_rig().cameras[:2])
-    uv = project(rig, positions(9)) + np.random.default_rng(4).normal(0, 0.1, (2, 9, len(BOARD.points), 2))
+    uv = project(rig, positions(9)) + np.random.default_rng(4).normal(
+        0, 0.1, (2, 9, len(BOARD.points), 2)
+    )
     uv = uv.astype(np.float32).astype(float)  # OpenCV takes single precision
     board = [BOARD.points.astype(np.float32).reshape(-1, 1, 3)] * 9
     sides = [[view.astype(np.float32).reshape(-1, 1, 2) for view in side] for side in uv]
     stop = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, 500, 1e-14)
     mono = [cv2.calibrateCamera(board, side, SIZE, None, None, criteria=stop) for side in sides]
     start = [np.array(part) for one in mono for part in one[1:3]]
-    stereo = cv2.stereoCalibrate(board, *sides, *start, SIZE, flags=cv2.CALIB_USE_INTRINSIC_GUESS, criteria=stop)
+    stereo = cv2.stereoCalibrate(
+        board, *sides, *start, SIZE, flags=cv2.CALIB_USE_INTRINSIC_GUESS, criteria=stop
+    )
     return uv, mono, stereo
 
 
@@ -305,10 +363,13 @@ def test_one_camera_as_opencv(noisy):
     uv, mono, _ = noisy
     for side, (rms, K, distortions, *_) in zip(uv, mono, strict=True):
         found = calibrate(BOARD.points, side[None], [SIZE])
-        # both stop where the sum of squares stops falling; its valley is flat: 1e-3 of a standard deviation
+        # both stop where the sum of squares stops falling; its valley is flat: 1e-3 of a standard
+        # deviation
         assert found.rms_px == pytest.approx(rms, abs=1e-9)
         sigma = found.intrinsic_sigma[0]
-        assert (np.abs(found.cameras[0].matrix - K)[[0, 1, 0, 1], [0, 1, 2, 2]] < 1e-2 * sigma[:4]).all()
+        assert (
+            np.abs(found.cameras[0].matrix - K)[[0, 1, 0, 1], [0, 1, 2, 2]] < 1e-2 * sigma[:4]
+        ).all()
         assert (np.abs(found.cameras[0].distortions - distortions.ravel()) < 1e-2 * sigma[4:]).all()
 
 
@@ -318,32 +379,64 @@ def test_two_cameras_as_opencv(noisy):
     assert found.rms_px == pytest.approx(rms, abs=1e-9)
     for k, (K, d) in enumerate(((K1, d1), (K2, d2))):
         sigma = found.intrinsic_sigma[k]
-        assert (np.abs(found.cameras[k].matrix - K)[[0, 1, 0, 1], [0, 1, 2, 2]] < 1e-2 * sigma[:4]).all()
+        assert (
+            np.abs(found.cameras[k].matrix - K)[[0, 1, 0, 1], [0, 1, 2, 2]] < 1e-2 * sigma[:4]
+        ).all()
         assert (np.abs(found.cameras[k].distortions - d.ravel()) < 1e-2 * sigma[4:]).all()
     # OpenCV's R, T go left to right; sigma_T is 0.02 to 0.1 mm here
-    np.testing.assert_allclose(found.cameras[1].T_cam_world.translation, T.ravel(), rtol=0, atol=1e-3)
-    np.testing.assert_allclose(found.cameras[1].T_cam_world.rotation.as_matrix(), R, rtol=0, atol=1e-5)
+    np.testing.assert_allclose(
+        found.cameras[1].T_cam_world.translation, T.ravel(), rtol=0, atol=1e-3
+    )
+    np.testing.assert_allclose(
+        found.cameras[1].T_cam_world.rotation.as_matrix(), R, rtol=0, atol=1e-5
+    )
 
 
 # --- uncertainty
 
 
 def test_covariance_by_monte_carlo():
-    rig, rng, sigma = Rig(make_rig(np.where(np.arange(5) < 1, LENS, 0.0)).cameras[:2]), np.random.default_rng(5), 0.2
+    rig, rng, sigma = (
+        Rig(make_rig(np.where(np.arange(5) < 1, LENS, 0.0)).cameras[:2]),
+        np.random.default_rng(5),
+        0.2,
+    )
     exact = project(rig, positions(5))
-    found = [calibrate(BOARD.points, exact + rng.normal(0, sigma, exact.shape), [SIZE] * 2, distortion_terms=1)
-             for _ in range(50)]
-    off = np.array([np.concatenate([
-        *(np.append(f.cameras[k].matrix[[0, 1, 0, 1], [0, 1, 2, 2]], f.cameras[k].distortions[0]) for k in (0, 1)),
-        f.cameras[1].centre - rig.cameras[1].centre,
-        (f.cameras[1].T_world_cam.rotation * rig.cameras[1].T_cam_world.rotation).as_rotvec()]) for f in found])
+    found = [
+        calibrate(
+            BOARD.points, exact + rng.normal(0, sigma, exact.shape), [SIZE] * 2, distortion_terms=1
+        )
+        for _ in range(50)
+    ]
+    off = np.array(
+        [
+            np.concatenate(
+                [
+                    *(
+                        np.append(
+                            f.cameras[k].matrix[[0, 1, 0, 1], [0, 1, 2, 2]],
+                            f.cameras[k].distortions[0],
+                        )
+                        for k in (0, 1)
+                    ),
+                    f.cameras[1].centre - rig.cameras[1].centre,
+                    (
+                        f.cameras[1].T_world_cam.rotation * rig.cameras[1].T_cam_world.rotation
+                    ).as_rotvec(),
+                ]
+            )
+            for f in found
+        ]
+    )
     said = np.sqrt(np.mean([np.diag(f.covariance) for f in found], axis=0))
-    # a standard deviation from 50 draws is known to 10 %; the worst of 16 may be off by three times that
+    # a standard deviation from 50 draws is known to 10 %; the worst of 16 may be off by three times
+    # that
     np.testing.assert_allclose(off.std(axis=0), said, rtol=0.3)
     # correlations: those above 0.9 in the mean covariance show in the draws
     whole = np.mean([f.covariance for f in found], axis=0)
     np.testing.assert_allclose(np.corrcoef(off.T), whole / np.outer(said, said), rtol=0, atol=0.4)
-    assert np.mean([f.sigma_px for f in found]) == pytest.approx(sigma, rel=0.02)  # 50 x 796 degrees of freedom
+    # 50 x 796 degrees of freedom
+    assert np.mean([f.sigma_px for f in found]) == pytest.approx(sigma, rel=0.02)
     one = found[0]
     np.testing.assert_array_equal(one.relative_covariance(1), one.covariance[10:, 10:])
     np.testing.assert_array_equal(one.relative_covariance(0), 0)
@@ -354,11 +447,20 @@ def test_covariance_by_monte_carlo():
 
 def test_residuals_and_their_rms():
     rig = Rig(make_rig().cameras[:2])
-    uv = project(rig, positions(5)) + np.random.default_rng(6).normal(0, 0.1, (2, 5, len(BOARD.points), 2))
+    uv = project(rig, positions(5)) + np.random.default_rng(6).normal(
+        0, 0.1, (2, 5, len(BOARD.points), 2)
+    )
     uv[1, 2] = np.nan
     found = calibrate(BOARD.points, uv, [SIZE] * 2)
-    again = np.stack([[camera.project(T.apply(np.array(BOARD.points))) for T in found.T_world_target]
-                      for camera in found.cameras]) - uv
+    again = (
+        np.stack(
+            [
+                [camera.project(T.apply(np.array(BOARD.points))) for T in found.T_world_target]
+                for camera in found.cameras
+            ]
+        )
+        - uv
+    )
     np.testing.assert_allclose(found.residuals_px, again, atol=1e-9)
     square = (again**2).sum(axis=3)
     assert found.rms_px == pytest.approx(np.sqrt(np.nanmean(square)), abs=1e-12)

@@ -15,12 +15,16 @@ LENS = np.array([-0.25, 0.08, 0.003, -0.002, -0.01])
 def camera(name="a", distortions=LENS, seed=0):
     """A camera in general position that looks at the origin from about 500 mm."""
     rng = np.random.default_rng(seed)
-    T = RigidTransform.from_components([10.0, -20.0, 500.0], Rotation.from_rotvec(rng.normal(0, 0.3, 3)))
+    T = RigidTransform.from_components(
+        [10.0, -20.0, 500.0], Rotation.from_rotvec(rng.normal(0, 0.3, 3))
+    )
     return Camera(name, (640, 480), MATRIX, distortions, T)
 
 
 def plain(T=None, name="a"):
-    return Camera(name, (640, 480), MATRIX, np.zeros(5), RigidTransform.identity() if T is None else T)
+    return Camera(
+        name, (640, 480), MATRIX, np.zeros(5), RigidTransform.identity() if T is None else T
+    )
 
 
 def cloud(n=200):
@@ -28,12 +32,16 @@ def cloud(n=200):
 
 
 def test_a_pixel_by_hand():
-    # u = 800 * 20 / 400 + 300, v = 700 * (-40) / 400 + 250; x right, y down, so the point is above the middle.
-    np.testing.assert_allclose(plain().project([[20.0, -40.0, 400.0]]), [[340.0, 180.0]], atol=1e-12)
+    # u = 800 * 20 / 400 + 300, v = 700 * (-40) / 400 + 250; x right, y down, so the point is above
+    # the middle.
+    np.testing.assert_allclose(
+        plain().project([[20.0, -40.0, 400.0]]), [[340.0, 180.0]], atol=1e-12
+    )
 
 
 def test_a_pixel_by_hand_of_a_camera_elsewhere():
-    # The camera stands at (100, 0, 0) and looks along world x; its x axis is world -z, its y axis world y.
+    # The camera stands at (100, 0, 0) and looks along world x; its x axis is world -z, its y axis
+    # world y.
     turn = Rotation.from_matrix([[0, 0, 1], [0, 1, 0], [-1, 0, 0]])
     seen = plain(RigidTransform.from_components([100.0, 0, 0], turn).inv())
     # In its frame the point is (8, 4, 400): u = 300 + 800 * 8 / 400, v = 250 + 700 * 4 / 400.
@@ -46,27 +54,39 @@ def test_a_pixel_by_hand_of_a_camera_elsewhere():
 def test_project_equals_opencv(distortions):
     a = camera(distortions=distortions)
     rotation, translation = a.T_cam_world.rotation.as_rotvec(), a.T_cam_world.translation
-    theirs = cv2.projectPoints(cloud().reshape(-1, 1, 3), rotation.reshape(3, 1), translation.reshape(3, 1), MATRIX,
-                               distortions.reshape(-1, 1))[0].reshape(-1, 2)
-    np.testing.assert_allclose(a.project(cloud()), theirs, atol=1e-9)  # px; rounding of pixels in the hundreds
+    theirs = cv2.projectPoints(
+        cloud().reshape(-1, 1, 3),
+        rotation.reshape(3, 1),
+        translation.reshape(3, 1),
+        MATRIX,
+        distortions.reshape(-1, 1),
+    )[0].reshape(-1, 2)
+    # px; rounding of pixels in the hundreds
+    np.testing.assert_allclose(a.project(cloud()), theirs, atol=1e-9)
 
 
 def test_rotation_vector_is_opencv_s():
     rotation = camera().T_cam_world.rotation
-    np.testing.assert_allclose(cv2.Rodrigues(rotation.as_rotvec().reshape(3, 1))[0], rotation.as_matrix(), atol=1e-14)
+    np.testing.assert_allclose(
+        cv2.Rodrigues(rotation.as_rotvec().reshape(3, 1))[0], rotation.as_matrix(), atol=1e-14
+    )
 
 
 def test_normalise_equals_opencv():
     a = camera()
     uv = np.random.default_rng(2).uniform([100, 80], [540, 400], (200, 2))
     criteria = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 200, 1e-14)
-    theirs = cv2.undistortPoints(uv.reshape(-1, 1, 2), MATRIX, LENS.reshape(-1, 1), criteria=criteria).reshape(-1, 2)
+    theirs = cv2.undistortPoints(
+        uv.reshape(-1, 1, 2), MATRIX, LENS.reshape(-1, 1), criteria=criteria
+    ).reshape(-1, 2)
     np.testing.assert_allclose(a.normalise(uv), theirs, atol=1e-9)
     np.testing.assert_allclose(a.ideal_pixels(uv), theirs * [800, 700] + [300, 250], atol=1e-6)
 
 
 def test_points_behind_or_missing_have_no_pixel():
-    uv = plain().project([[1.0, 2.0, -400.0], [1.0, 2.0, 0.0], [np.nan, 0.0, 400.0], [1.0, 2.0, 400.0]])
+    uv = plain().project(
+        [[1.0, 2.0, -400.0], [1.0, 2.0, 0.0], [np.nan, 0.0, 400.0], [1.0, 2.0, 400.0]]
+    )
     assert np.isnan(uv[:3]).all()
     assert np.isfinite(uv[3]).all()
 
@@ -82,11 +102,33 @@ def test_rays_start_at_the_centre_and_go_through_the_points():
 
 
 def test_sees_follows_the_image_s_edges():
-    # Pixel centres are whole numbers, so the image ends half a pixel outside: u -0.5 to 639.5, v -0.5 to 479.5.
-    uv = np.array([[-0.49, 100], [-0.51, 100], [639.49, 100], [639.51, 100], [100, -0.49], [100, 479.49], [100, 479.51],
-                   [500.0, 479.0], [479.0, 500.0]])
+    # Pixel centres are whole numbers, so the image ends half a pixel outside: u -0.5 to 639.5, v
+    # -0.5 to 479.5.
+    uv = np.array(
+        [
+            [-0.49, 100],
+            [-0.51, 100],
+            [639.49, 100],
+            [639.51, 100],
+            [100, -0.49],
+            [100, 479.49],
+            [100, 479.51],
+            [500.0, 479.0],
+            [479.0, 500.0],
+        ]
+    )
     points = np.column_stack([(uv - [300, 250]) / [800, 700], np.ones(len(uv))]) * 400
-    assert plain().sees(points).tolist() == [True, False, True, False, True, True, False, True, False]
+    assert plain().sees(points).tolist() == [
+        True,
+        False,
+        True,
+        False,
+        True,
+        True,
+        False,
+        True,
+        False,
+    ]
     assert plain().sees(points, margin_px=5).tolist() == [False] * 9
     assert not plain().sees([[np.nan] * 3, [0, 0, -1]]).any()
 
@@ -95,9 +137,13 @@ def test_sees_follows_the_image_s_edges():
 
 
 def pair(distortions=LENS):
-    moved = RigidTransform.from_components([-90.0, 5.0, 12.0], Rotation.from_rotvec([0.05, -0.2, 0.03]))
+    moved = RigidTransform.from_components(
+        [-90.0, 5.0, 12.0], Rotation.from_rotvec([0.05, -0.2, 0.03])
+    )
     left = camera("left", distortions)
-    return left, Camera("right", (640, 480), MATRIX * [[1.1], [1.2], [1.0]], distortions, moved * left.T_cam_world)
+    return left, Camera(
+        "right", (640, 480), MATRIX * [[1.1], [1.2], [1.0]], distortions, moved * left.T_cam_world
+    )
 
 
 def test_fundamental_matrix_from_projections():
@@ -107,7 +153,8 @@ def test_fundamental_matrix_from_projections():
     np.testing.assert_allclose(np.einsum("ij,jk,ik->i", b, F, a), 0.0, atol=1e-10)
     assert np.linalg.norm(F) == pytest.approx(1.0)
     assert abs(np.linalg.det(F)) < 1e-12
-    theirs = cv2.findFundamentalMat(a[:, :2], b[:, :2], cv2.FM_8POINT)[0]  # estimated from the points alone
+    # estimated from the points alone
+    theirs = cv2.findFundamentalMat(a[:, :2], b[:, :2], cv2.FM_8POINT)[0]
     theirs /= np.linalg.norm(theirs)
     np.testing.assert_allclose(F, theirs * np.sign(np.vdot(F, theirs)), atol=1e-7)
 
@@ -132,7 +179,9 @@ def test_epipolar_lines_pass_through_the_other_image():
     np.testing.assert_allclose(np.linalg.norm(lines[:-1, :2], axis=1), 1.0, atol=1e-12)
     assert np.isnan(lines[-1]).all()
     off = ideal + 3.0 * lines[:-1, :2]
-    np.testing.assert_allclose(np.einsum("ij,ij->i", lines[:-1, :2], off) + lines[:-1, 2], 3.0, atol=1e-6)
+    np.testing.assert_allclose(
+        np.einsum("ij,ij->i", lines[:-1, :2], off) + lines[:-1, 2], 3.0, atol=1e-6
+    )
 
 
 def test_transform_between_cameras_cancels():
@@ -146,10 +195,14 @@ def test_transform_between_cameras_cancels():
 def test_oxyz_of_a_pair_by_hand():
     # Two parallel cameras along world y that look along x: X = y, Z = x, Y = Z x X = x cross y = z.
     looking = Rotation.from_matrix(np.column_stack([[0, 1, 0], [0, 0, 1], [1, 0, 0]]))
-    a, b = (plain(RigidTransform.from_components(c, looking).inv(), name) for c, name in
-            (([5.0, 0, 0], "a"), ([5.0, 80.0, 0], "b")))
+    a, b = (
+        plain(RigidTransform.from_components(c, looking).inv(), name)
+        for c, name in (([5.0, 0, 0], "a"), ([5.0, 80.0, 0], "b"))
+    )
     T = T_world_oxyz(Rig((a, b)))
-    np.testing.assert_allclose(T.rotation.as_matrix(), np.column_stack([[0, 1, 0], [0, 0, 1], [1, 0, 0]]), atol=1e-15)
+    np.testing.assert_allclose(
+        T.rotation.as_matrix(), np.column_stack([[0, 1, 0], [0, 0, 1], [1, 0, 0]]), atol=1e-15
+    )
     np.testing.assert_allclose(T.translation, [5, 0, 0], atol=1e-12)
 
 
@@ -167,19 +220,34 @@ def test_oxyz_of_the_shipped_rigs(name):
 
 
 def make(**changes):
-    fields = {"name": "a", "size": (640, 480), "matrix": MATRIX, "distortions": np.zeros(5),
-              "T_cam_world": RigidTransform.identity()}
+    fields = {
+        "name": "a",
+        "size": (640, 480),
+        "matrix": MATRIX,
+        "distortions": np.zeros(5),
+        "T_cam_world": RigidTransform.identity(),
+    }
     return Camera(**{**fields, **changes})
 
 
-@pytest.mark.parametrize(("changes", "message"), [
-    ({"name": ""}, "name"), ({"name": 3}, "name"),
-    ({"size": (640.5, 480)}, "size"), ({"size": (0, 480)}, "size"), ({"size": (640,)}, "size"),
-    ({"matrix": np.eye(4)}, "matrix"), ({"matrix": MATRIX * [[-1], [1], [1]]}, "matrix: fx"),
-    ({"matrix": MATRIX.T}, "matrix"), ({"matrix": MATRIX * np.nan}, "matrix"),
-    ({"distortions": np.zeros(4)}, "distortions"), ({"distortions": np.full(5, np.nan)}, "distortions"),
-    ({"T_cam_world": np.eye(4)}, "T_cam_world"), ({"T_cam_world": RigidTransform.identity(2)}, "T_cam_world"),
-])
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"name": ""}, "name"),
+        ({"name": 3}, "name"),
+        ({"size": (640.5, 480)}, "size"),
+        ({"size": (0, 480)}, "size"),
+        ({"size": (640,)}, "size"),
+        ({"matrix": np.eye(4)}, "matrix"),
+        ({"matrix": MATRIX * [[-1], [1], [1]]}, "matrix: fx"),
+        ({"matrix": MATRIX.T}, "matrix"),
+        ({"matrix": MATRIX * np.nan}, "matrix"),
+        ({"distortions": np.zeros(4)}, "distortions"),
+        ({"distortions": np.full(5, np.nan)}, "distortions"),
+        ({"T_cam_world": np.eye(4)}, "T_cam_world"),
+        ({"T_cam_world": RigidTransform.identity(2)}, "T_cam_world"),
+    ],
+)
 def test_refuses(changes, message):
     with pytest.raises(ValueError, match=message):
         make(**changes)

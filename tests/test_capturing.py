@@ -44,14 +44,18 @@ def folder(tmp_path, monkeypatch, images):
 
 def write_video(path, frames, fps=FPS):
     height, width = frames[0].shape
-    writer = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*"FFV1"), fps, (width, height), isColor=False)
+    writer = cv2.VideoWriter(
+        str(path), cv2.VideoWriter_fourcc(*"FFV1"), fps, (width, height), isColor=False
+    )
     for frame in frames:
         writer.write(frame)
     writer.release()
 
 
 class Clock(threading.local):
-    """The time that `devices` asks for. It passes only when somebody waits, and for each thread by itself."""
+    """The time that `devices` asks for. It passes only when somebody waits, and for each thread by
+    itself.
+    """
 
     now = 100.0
 
@@ -74,10 +78,13 @@ GRAB_S = 0.002
 
 
 class Device:
-    """A camera that delivers frames of one grey level until `frames` are over, and then fails or raises."""
+    """A camera that delivers frames of one grey level until `frames` are over, and then fails or
+    raises.
+    """
 
     def __init__(self, frames=10**6, size=SIZE, then=None, sizes=None):
-        self.k, self.frames, self.then, self.asked, self.released = -2, frames, then, {}, False  # two are let go
+        # two are let go
+        self.k, self.frames, self.then, self.asked, self.released = -2, frames, then, {}, False
         self.sizes = sizes or {}
         self.size = size
         self.at = {}  # what is done when a frame is grabbed, by the frame's number
@@ -118,8 +125,12 @@ VIDEOS = {"ccd2": "1.mkv", "ccd1": "0.mkv"}
 
 def test_videos_become_a_recording(folder, images):
     done = capture(VIDEOS, "r", "rig.toml", data_path("handles", "coded.toml"), preview=True)
-    assert sorted(path.name for path in folder.joinpath("r").iterdir()) == ["handle.toml", "images", "rig.toml",
-                                                                             "timestamps.csv"]
+    assert sorted(path.name for path in folder.joinpath("r").iterdir()) == [
+        "handle.toml",
+        "images",
+        "rig.toml",
+        "timestamps.csv",
+    ]
     assert not (folder / "r.partial").exists()
     found = list(instants(open_folder("r")[0]))
     np.testing.assert_array_equal([one.images for one in found], images)  # grey again, to the level
@@ -135,12 +146,17 @@ def test_without_a_rig_there_is_no_rig_file_and_any_size_will_do(folder, images)
     capture({"left": "0.mkv", "right": "small.mkv"}, "r", fps=100.0)
     assert sorted(path.name for path in Path("r").iterdir()) == ["images", "timestamps.csv"]
     assert len(list(Path("r/images/right").iterdir())) == 12
-    assert read_timestamps("r/timestamps.csv") == pytest.approx(np.arange(12) / 100)  # a hundred a second
+    # a hundred a second
+    assert read_timestamps("r/timestamps.csv") == pytest.approx(np.arange(12) / 100)
 
 
 def test_cameras_are_asked_for_size_and_rate(cameras, folder):
     capture(TWO, "r", "rig.toml", seconds=0.03, fps=60.0)
-    assert cameras[1].asked == {cv2.CAP_PROP_FPS: 60.0, cv2.CAP_PROP_FRAME_WIDTH: 32, cv2.CAP_PROP_FRAME_HEIGHT: 24}
+    assert cameras[1].asked == {
+        cv2.CAP_PROP_FPS: 60.0,
+        cv2.CAP_PROP_FRAME_WIDTH: 32,
+        cv2.CAP_PROP_FRAME_HEIGHT: 24,
+    }
     assert cameras[0].released
     cameras[0].asked = {}
     capture(TWO, "other", size=(64, 48), seconds=0.03)  # it may give another one
@@ -171,7 +187,8 @@ def test_frames_that_a_camera_has_kept_are_let_go(cameras, clock, monkeypatch):
 
 def test_seconds_end_it(cameras, tmp_path):
     done = capture(TWO, tmp_path / "r", seconds=0.099)
-    assert done.times_s == pytest.approx(2 * GRAB_S * np.arange(25))  # the next one would be at 0.1 s
+    # the next one would be at 0.1 s
+    assert done.times_s == pytest.approx(2 * GRAB_S * np.arange(25))
 
 
 def test_an_interruption_ends_it_and_keeps_what_was_taken(cameras, tmp_path):
@@ -194,7 +211,11 @@ def test_a_second_interruption_says_where_the_images_are(cameras, tmp_path, monk
     monkeypatch.setattr(files_capture.Thread, "join", join)
     monkeypatch.chdir(tmp_path)
     assert cli.main(["capture", "--camera", "ccd1=0", "ccd2=1", "--out", "r"]) == 130
-    assert capfd.readouterr().err.splitlines()[-1].endswith(f"interrupted, what was written is in {tmp_path}/r.partial")
+    assert (
+        capfd.readouterr()
+        .err.splitlines()[-1]
+        .endswith(f"interrupted, what was written is in {tmp_path}/r.partial")
+    )
 
 
 def test_an_interruption_before_the_first_instant_leaves_nothing(cameras, tmp_path):
@@ -207,14 +228,19 @@ def test_an_interruption_before_the_first_instant_leaves_nothing(cameras, tmp_pa
 def test_what_the_disk_cannot_take_is_dropped_and_counted(cameras, tmp_path, monkeypatch):
     real, free, begun, written = recorder.write_image, threading.Event(), [], []
     monkeypatch.setattr(files_capture, "QUEUE", 1)
-    monkeypatch.setattr(recorder, "write_image",
-                        lambda *a: (begun.append(a), free.wait(), real(*a), written.append(a)))
+    monkeypatch.setattr(
+        recorder,
+        "write_image",
+        lambda *a: (begun.append(a), free.wait(), real(*a), written.append(a)),
+    )
 
     def disk_is_free_again():
         free.set()
-        wait_until(lambda: len(written) >= 4)  # the instant that was being written, and the one in the queue
+        # the instant that was being written, and the one in the queue
+        wait_until(lambda: len(written) >= 4)
 
-    cameras[0].at[2] = lambda: wait_until(lambda: begun)  # the first instant is being written before there are more
+    # the first instant is being written before there are more
+    cameras[0].at[2] = lambda: wait_until(lambda: begun)
     cameras[0].at[60] = disk_is_free_again
     done = capture(TWO, tmp_path / "r", seconds=0.4)
     taken = cameras[0].k - 1  # the last one is over the time
@@ -235,13 +261,17 @@ def test_a_queue_that_fills_is_written_without_compression(cameras, tmp_path, mo
 
     monkeypatch.setattr(files_capture, "QUEUE", 8)
     monkeypatch.setattr(recorder, "write_image", write)
-    cameras[0].at[2] = lambda: wait_until(lambda: how)  # the first instant is being written before there are more
+    # the first instant is being written before there are more
+    cameras[0].at[2] = lambda: wait_until(lambda: how)
     cameras[0].at[20] = last.set
     done = capture(TWO, tmp_path / "r", seconds=0.3)
     assert not how[0]
     assert True in how
     assert len(done.times_s) == len(how) / 2
-    grey = [cv2.imread(str(path), cv2.IMREAD_UNCHANGED) for path in sorted((tmp_path / "r/images/ccd1").iterdir())]
+    grey = [
+        cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+        for path in sorted((tmp_path / "r/images/ccd1").iterdir())
+    ]
     assert len({image.shape for image in grey}) == 1
 
 
@@ -257,7 +287,9 @@ def test_a_preview_is_kept_up_to_date(cameras, tmp_path, monkeypatch):
 
 
 def test_preview_is_small_and_its_cameras_equally_high():
-    image = side_by_side([np.full((1024, 1280), 10, np.uint8), np.full((480, 640), 20, np.uint8)], 640)
+    image = side_by_side(
+        [np.full((1024, 1280), 10, np.uint8), np.full((480, 640), 20, np.uint8)], 640
+    )
     # 480 high they are 600 and 640 wide; shrunk to 640 together 247 high, 308 and 329 wide
     assert image.shape == (247, 308 + 329)
     assert (image[0, 0], image[0, 307], image[0, 308], image[246, 636]) == (10, 10, 20, 20)
@@ -274,22 +306,24 @@ def test_what_does_not_fit_leaves_no_folder(cameras, folder, images):
     (folder / "old.partial").mkdir()
     before = sorted(folder.rglob("*"))
     none = Device(frames=0)
-    for change, message in (({"cameras": {**VIDEOS, "ccd2": "no.mkv"}}, r"ccd2: no\.mkv: no such camera or video"),
-                            ({"cameras": {**VIDEOS, "ccd2": "text.mkv"}}, r"text\.mkv: cannot be read as a video"),
-                            ({"cameras": {**VIDEOS, "ccd2": "small.mkv"}}, "ccd2: 32 x 16 pixels .*expected 32 x 24"),
-                            ({"cameras": {**VIDEOS, "ccd2": "0"}, "device": none}, "ccd2: delivers no image after 0 "),
-                            ({"cameras": {"ccd1": "0.mkv"}}, "ccd2: this camera of the rig is not named"),
-                            ({"cameras": {**VIDEOS, "ccd3": "0.mkv"}}, "ccd3: a camera that the rig does not have"),
-                            ({"cameras": {"ccd1": "0", "ccd2": "00"}}, "cameras: expected each camera once"),
-                            ({"cameras": {"a/b": "0"}, "rig": None}, "camera: expected a name that a folder can have"),
-                            ({"cameras": {"..": "0"}, "rig": None}, "camera: expected a name that a folder can have"),
-                            ({"cameras": {}}, "cameras: expected one or more"),
-                            ({"seconds": 0.0}, "seconds: expected a number"),
-                            ({"fps": -1.0}, "fps: expected a number"),
-                            ({"rig": "no.toml"}, r"no\.toml: cannot be read"),
-                            ({"out": "no/r"}, "no such folder to write into"),
-                            ({"out": "full"}, "full: exists already"),
-                            ({"out": "old"}, r"old\.partial: an unfinished recording")):
+    for change, message in (
+        ({"cameras": {**VIDEOS, "ccd2": "no.mkv"}}, r"ccd2: no\.mkv: no such camera or video"),
+        ({"cameras": {**VIDEOS, "ccd2": "text.mkv"}}, r"text\.mkv: cannot be read as a video"),
+        ({"cameras": {**VIDEOS, "ccd2": "small.mkv"}}, "ccd2: 32 x 16 pixels .*expected 32 x 24"),
+        ({"cameras": {**VIDEOS, "ccd2": "0"}, "device": none}, "ccd2: delivers no image after 0 "),
+        ({"cameras": {"ccd1": "0.mkv"}}, "ccd2: this camera of the rig is not named"),
+        ({"cameras": {**VIDEOS, "ccd3": "0.mkv"}}, "ccd3: a camera that the rig does not have"),
+        ({"cameras": {"ccd1": "0", "ccd2": "00"}}, "cameras: expected each camera once"),
+        ({"cameras": {"a/b": "0"}, "rig": None}, "camera: expected a name that a folder can have"),
+        ({"cameras": {"..": "0"}, "rig": None}, "camera: expected a name that a folder can have"),
+        ({"cameras": {}}, "cameras: expected one or more"),
+        ({"seconds": 0.0}, "seconds: expected a number"),
+        ({"fps": -1.0}, "fps: expected a number"),
+        ({"rig": "no.toml"}, r"no\.toml: cannot be read"),
+        ({"out": "no/r"}, "no such folder to write into"),
+        ({"out": "full"}, "full: exists already"),
+        ({"out": "old"}, r"old\.partial: an unfinished recording"),
+    ):
         cameras[0] = change.pop("device", Device())
         with pytest.raises(ValueError, match=message):
             capture(**{"cameras": VIDEOS, "out": "r", "rig": "rig.toml", **change})
@@ -298,16 +332,25 @@ def test_what_does_not_fit_leaves_no_folder(cameras, folder, images):
 
 def test_a_folder_that_another_process_makes_meanwhile_is_left_alone(cameras, tmp_path):
     other = tmp_path / "r.partial" / "images" / "ccd1"
-    cameras[0].at[1] = lambda: other.mkdir(parents=True)  # with the first instant, before there is a folder
-    with pytest.raises(ValueError, match=r"r\.partial: an unfinished recording; keep it by another name"):
+    # with the first instant, before there is a folder
+    cameras[0].at[1] = lambda: other.mkdir(parents=True)
+    with pytest.raises(
+        ValueError, match=r"r\.partial: an unfinished recording; keep it by another name"
+    ):
         capture(TWO, tmp_path / "r")
     assert list((tmp_path / "r.partial").rglob("*")) == [tmp_path / "r.partial" / "images", other]
 
 
-@pytest.mark.parametrize(("spoiled", "message"), [
-    (Device(frames=5), "ccd2: delivers no image after 5 instants"),
-    (Device(sizes={6: (30, 24)}), "ccd2: 30 x 24 pixels after 5 instants, expected 32 x 24")])
-def test_a_camera_that_fails_ends_it_and_what_was_taken_is_kept(cameras, tmp_path, spoiled, message):
+@pytest.mark.parametrize(
+    ("spoiled", "message"),
+    [
+        (Device(frames=5), "ccd2: delivers no image after 5 instants"),
+        (Device(sizes={6: (30, 24)}), "ccd2: 30 x 24 pixels after 5 instants, expected 32 x 24"),
+    ],
+)
+def test_a_camera_that_fails_ends_it_and_what_was_taken_is_kept(
+    cameras, tmp_path, spoiled, message
+):
     cameras[1] = spoiled
     with pytest.raises(ValueError, match=rf"{message}; the 5 instants before are kept in .*r$"):
         capture(TWO, tmp_path / "r")
@@ -318,7 +361,9 @@ def test_a_camera_that_fails_ends_it_and_what_was_taken_is_kept(cameras, tmp_pat
 
 def test_a_video_that_ends_before_another_is_a_camera_that_stops(folder, images):
     write_video(folder / "short.mkv", images[:4, 1])
-    with pytest.raises(ValueError, match="ccd2: delivers no image after 4 instants; the 4 instants before are kept"):
+    with pytest.raises(
+        ValueError, match="ccd2: delivers no image after 4 instants; the 4 instants before are kept"
+    ):
         capture({"ccd1": "0.mkv", "ccd2": "short.mkv"}, "r")
 
 
@@ -341,29 +386,43 @@ def full_disk(monkeypatch, allowed, also_text):
 
 def test_a_full_disk_ends_it_and_whole_instants_are_kept(cameras, tmp_path, monkeypatch):
     full_disk(monkeypatch, 7, also_text=False)  # three instants and a half
-    with pytest.raises(ValueError, match=r"000003\.png: cannot be written \(No space left.*the 3 instants before"):
+    with pytest.raises(
+        ValueError, match=r"000003\.png: cannot be written \(No space left.*the 3 instants before"
+    ):
         capture(TWO, tmp_path / "r")
     assert len(read_timestamps(tmp_path / "r" / "timestamps.csv")) == 3
     assert [len(list((tmp_path / "r" / "images" / name).iterdir())) for name in TWO] == [3, 3]
 
 
-def test_a_full_disk_that_takes_no_times_leaves_the_images_unfinished(cameras, tmp_path, monkeypatch):
+def test_a_full_disk_that_takes_no_times_leaves_the_images_unfinished(
+    cameras, tmp_path, monkeypatch
+):
     full_disk(monkeypatch, 7, also_text=True)
-    with pytest.raises(ValueError, match=r"No space left.*the images of 3 instants are in .*r\.partial"):
+    with pytest.raises(
+        ValueError, match=r"No space left.*the images of 3 instants are in .*r\.partial"
+    ):
         capture(TWO, tmp_path / "r")
     assert len(list((tmp_path / "r.partial" / "images" / "ccd1").iterdir())) == 3
 
 
 def test_a_disk_that_is_full_from_the_start_leaves_nothing(cameras, tmp_path, monkeypatch):
     full_disk(monkeypatch, 0, also_text=False)
-    with pytest.raises(ValueError, match=r"000000\.png: cannot be written \(No space left on device\)$"):
+    with pytest.raises(
+        ValueError, match=r"000000\.png: cannot be written \(No space left on device\)$"
+    ):
         capture(TWO, tmp_path / "r")
     assert list(tmp_path.iterdir()) == []
     write_rig(load_rig("paper_pair"), tmp_path / "rig.toml")
-    monkeypatch.setattr(outputs.os, "replace", lambda *_: (_ for _ in ()).throw(OSError(28, "No space left on device")))
+    monkeypatch.setattr(
+        outputs.os,
+        "replace",
+        lambda *_: (_ for _ in ()).throw(OSError(28, "No space left on device")),
+    )
     for device in cameras.values():
         device.size = (1280, 1024)
-    with pytest.raises(ValueError, match=r"rig\.toml: cannot be written \(No space left on device\)$"):
+    with pytest.raises(
+        ValueError, match=r"rig\.toml: cannot be written \(No space left on device\)$"
+    ):
         capture(TWO, tmp_path / "r", tmp_path / "rig.toml")
     assert [path.name for path in tmp_path.iterdir()] == ["rig.toml"]
 
@@ -372,7 +431,8 @@ def test_a_disk_that_is_full_from_the_start_leaves_nothing(cameras, tmp_path, mo
 
 
 # Takes eight instants; a ninth never comes.
-WAITS = """
+WAITS = (
+    """
 import time
 from trinolab.files import capture
 real = capture.instants_of
@@ -382,14 +442,22 @@ def instants_of(*sources):
             time.sleep(0.01)
         yield taken
 capture.instants_of = instants_of
-""" + CLI
+"""
+    + CLI
+)
 
 
 def test_command_says_what_it_recorded(folder, capfd):
-    assert cli.main(["capture", "--camera", "ccd1=0.mkv", "ccd2=1.mkv", "--out", "r", "--preview"]) == 0
+    assert (
+        cli.main(["capture", "--camera", "ccd1=0.mkv", "ccd2=1.mkv", "--out", "r", "--preview"])
+        == 0
+    )
     out, _ = capfd.readouterr()
-    assert re.fullmatch(r"12 instants in \d\.\d\d s \(\d+\.\d a second\), 0 dropped; "
-                        r"cameras within \d+\.\d ms \(median\), \d+\.\d ms \(longest\); written to r\n", out)
+    assert re.fullmatch(
+        r"12 instants in \d\.\d\d s \(\d+\.\d a second\), 0 dropped; "
+        r"cameras within \d+\.\d ms \(median\), \d+\.\d ms \(longest\); written to r\n",
+        out,
+    )
 
 
 def test_control_c_ends_the_command_normally(folder):
@@ -397,6 +465,9 @@ def test_control_c_ends_the_command_normally(folder):
         wait_until((folder / "r.partial" / "images" / "a" / "000007.png").exists, running)
         running.send_signal(signal.SIGINT)
         code, err = ended(running)
-    assert (code, err) == (0, ["recording to r; Ctrl-C ends it\n", "interrupted: writing what was taken\n"])
+    assert (code, err) == (
+        0,
+        ["recording to r; Ctrl-C ends it\n", "interrupted: writing what was taken\n"],
+    )
     assert len(list((folder / "r" / "images" / "a").iterdir())) == 8
     assert len(read_timestamps(folder / "r" / "timestamps.csv")) == 8

@@ -1,4 +1,6 @@
-"""The instruments that hold centroids against their prediction: on errors made by hand, and on rendered light."""
+"""The instruments that hold centroids against their prediction: on errors made by hand, and on
+rendered light.
+"""
 
 import numpy as np
 import pandas as pd
@@ -19,21 +21,33 @@ from trinolab.studies.centroid_bias import (
 )
 
 PAPER = load_handle("paper")
-STRAIGHT = Camera("c", (1280, 1024), [[3000.0, 0, 640], [0, 3000, 512], [0, 0, 1]], np.zeros(5),
-                  RigidTransform.identity())
-OTHER = Camera("d", (1280, 1024), STRAIGHT.matrix, np.zeros(5), RigidTransform.from_translation([-99.0, 0, 0]))
+STRAIGHT = Camera(
+    "c",
+    (1280, 1024),
+    [[3000.0, 0, 640], [0, 3000, 512], [0, 0, 1]],
+    np.zeros(5),
+    RigidTransform.identity(),
+)
+OTHER = Camera(
+    "d", (1280, 1024), STRAIGHT.matrix, np.zeros(5), RigidTransform.from_translation([-99.0, 0, 0])
+)
 # the handle's axis upwards, column 0 towards the camera, at 540 mm
-UPRIGHT = RigidTransform.from_components([0, 0, 545.0], Rotation.from_matrix(np.diag([1.0, -1, -1])))
+UPRIGHT = RigidTransform.from_components(
+    [0, 0, 545.0], Rotation.from_matrix(np.diag([1.0, -1, -1]))
+)
 
 
 def test_along_is_towards_the_limb_and_across_clockwise():
-    turned = UPRIGHT * RigidTransform.from_rotation(Rotation.from_rotvec([0, np.deg2rad(30.0), 0]))  # to the right
+    # to the right
+    turned = UPRIGHT * RigidTransform.from_rotation(Rotation.from_rotvec([0, np.deg2rad(30.0), 0]))
     truth = centres(STRAIGHT, PAPER, turned)
     errors = centroid_errors(STRAIGHT, PAPER, turned, truth[[0, 1, 10, 11]] + [0.25, 0.5], truth)
     assert list(errors["marker"]) == [0, 1, 10, 11]  # columns at 0 and at 300 deg
     right, left = errors[errors["marker"] < 2], errors[errors["marker"] >= 10]
-    assert right["slant_deg"].to_numpy() == pytest.approx(30.0, abs=0.5)  # the camera is near: not quite 30
-    assert right["along"].to_numpy() == pytest.approx(0.25, abs=0.02)  # perspective tips the normal's image a little
+    # the camera is near: not quite 30
+    assert right["slant_deg"].to_numpy() == pytest.approx(30.0, abs=0.5)
+    # perspective tips the normal's image a little
+    assert right["along"].to_numpy() == pytest.approx(0.25, abs=0.02)
     assert right["across"].to_numpy() == pytest.approx(0.5, abs=0.02)
     assert left["along"].to_numpy() == pytest.approx(-0.25, abs=0.02)
     assert left["across"].to_numpy() == pytest.approx(-0.5, abs=0.02)
@@ -49,15 +63,36 @@ def test_missing_and_broken_centroids_are_missed():
 
 
 def test_report_finds_bias_scatter_and_noise():
-    """3,000 views of one marker: bias that grows with the slant, scatter from view to view, noise from draw to draw."""
+    """3,000 views of one marker: bias that grows with the slant, scatter from view to view, noise
+    from draw to draw.
+    """
     rng = np.random.default_rng(0)
     slant, view = np.repeat(rng.uniform(0, 65, 3000), 2), np.repeat(np.arange(3000), 2)
-    along = 1e-3 * slant + np.repeat(0.03 * rng.standard_normal(3000), 2) + 0.04 * rng.standard_normal(6000)
-    errors = pd.DataFrame({"marker": 0, "slant_deg": slant, "along": along, "across": 0.02 * rng.standard_normal(6000),
-                           "view": view})
+    along = (
+        1e-3 * slant
+        + np.repeat(0.03 * rng.standard_normal(3000), 2)
+        + 0.04 * rng.standard_normal(6000)
+    )
+    errors = pd.DataFrame(
+        {
+            "marker": 0,
+            "slant_deg": slant,
+            "along": along,
+            "across": 0.02 * rng.standard_normal(6000),
+            "view": view,
+        }
+    )
     errors.loc[:9, ["along", "across"]] = np.nan
     table = centroid_report(errors)
-    assert list(table["slant_deg"]) == ["0-10", "10-20", "20-30", "30-40", "40-50", "50-60", "60-65"]
+    assert list(table["slant_deg"]) == [
+        "0-10",
+        "10-20",
+        "20-30",
+        "30-40",
+        "40-50",
+        "50-60",
+        "60-65",
+    ]
     assert (table["n"].sum(), table["missed"].sum()) == (6000, 10)
     middles = np.array([5, 15, 25, 35, 45, 55, 62.5])
     assert (np.abs(table["bias_along"] - 1e-3 * middles) < 4 * table["se_along"]).all()
@@ -68,7 +103,9 @@ def test_report_finds_bias_scatter_and_noise():
 
 
 def test_a_wrapped_markers_centroid_lies_along_the_slant():
-    """The axis across the line of sight, a column 50 deg aside: the bias is along the slant alone, and towards us."""
+    """The axis across the line of sight, a column 50 deg aside: the bias is along the slant alone,
+    and towards us.
+    """
     turned = UPRIGHT * RigidTransform.from_rotation(Rotation.from_rotvec([0, np.deg2rad(50.0), 0]))
     rig = Rig((STRAIGHT, OTHER))
     images = [blurred(radiance(camera, PAPER, turned, Bench()), Bench()) for camera in rig.cameras]
@@ -78,14 +115,17 @@ def test_a_wrapped_markers_centroid_lies_along_the_slant():
         errors = centroid_errors(STRAIGHT, PAPER, turned, found[0], predicted[0]).dropna()
         steep[name] = errors[errors["slant_deg"] > 45]
         assert len(steep[name]) == 2
-    assert (np.abs(steep["plain"]["across"]) < 0.08).all()  # rows above and below the axis: a little perspective
+    # rows above and below the axis: a little perspective
+    assert (np.abs(steep["plain"]["across"]) < 0.08).all()
     assert (steep["plain"]["along"] < -0.2).all()
     assert (np.abs(steep["modelled"]["along"]) < 0.5).all()  # of 1.1: the rest is the detector's
     assert (np.abs(steep["registered"]["along"]) < 0.03).all()
 
 
 def test_a_turned_marker_is_where_its_light_is_and_the_detector_finds_it_elsewhere():
-    """A formula to second order: 3 a^2 / (8 r) times the sine of the slant, towards the middle line."""
+    """A formula to second order: 3 a^2 / (8 r) times the sine of the slant, towards the middle
+    line.
+    """
     rig = Rig((STRAIGHT, OTHER))
     for turn_deg in (-55, 0, 30, 60):
         slant, integral, light, detector = turned_marker(turn_deg, rig, PAPER, Bench())
@@ -103,7 +143,10 @@ def test_a_turned_marker_in_the_dark_is_not_found():
 
 
 def test_errors_of_an_instant_are_those_of_its_cameras():
-    rig, turned = Rig((STRAIGHT, OTHER)), UPRIGHT * RigidTransform.from_rotation(Rotation.from_rotvec([0, 0.4, 0]))
+    rig, turned = (
+        Rig((STRAIGHT, OTHER)),
+        UPRIGHT * RigidTransform.from_rotation(Rotation.from_rotvec([0, 0.4, 0])),
+    )
     truth = [centres(camera, PAPER, turned) for camera in rig.cameras]
 
     def method(images, *_):

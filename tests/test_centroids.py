@@ -1,4 +1,6 @@
-"""Predicted centroids against those of rendered light, and their Jacobian against finite differences."""
+"""Predicted centroids against those of rendered light, and their Jacobian against finite
+differences.
+"""
 
 from dataclasses import replace
 
@@ -16,12 +18,16 @@ from trinolab.handle import Handle, slants
 
 ONE = Handle("one", 5.0, 60.0, 30.0, 3.0, (0.0,), ((0.0,),))
 PLAIN = load_rig("paper_pair")
-BENT = Rig(tuple(replace(c, distortions=np.array([-0.3, 0.1, 1e-3, -2e-3, 0.0])) for c in PLAIN.cameras))
+BENT = Rig(
+    tuple(replace(c, distortions=np.array([-0.3, 0.1, 1e-3, -2e-3, 0.0])) for c in PLAIN.cameras)
+)
 BOTH = Views(np.array([0, 1]), np.array([0, 0]))
 
 
 def pose(turn_deg, tilt_deg=15.0):
-    """The marker turned from the cameras by about `turn_deg`, the axis tilted; not in the image's middle."""
+    """The marker turned from the cameras by about `turn_deg`, the axis tilted; not in the image's
+    middle.
+    """
     rotation = Rotation.from_euler("zxy", [20.0, tilt_deg, 180.0 + turn_deg], degrees=True)
     return RigidTransform.from_components([45.0, -30.0, 540.0], rotation)
 
@@ -45,7 +51,8 @@ def test_centroid_is_that_of_rendered_light(rig, turn_deg):
     assert slants(ONE, T, rig.cameras[0].centre)[0] < np.deg2rad(72)
     predicted, _ = predict_centroids(rig, ONE, T, BOTH)
     drawn = np.stack([light_centroid(camera, T, bench) for camera in rig.cameras])
-    np.testing.assert_allclose(predicted, drawn, atol=0.006)  # px; 32 x 32 rays a pixel are off by up to 0.004
+    # px; 32 x 32 rays a pixel are off by up to 0.004
+    np.testing.assert_allclose(predicted, drawn, atol=0.006)
 
 
 def test_centroid_follows_the_shading():
@@ -68,8 +75,11 @@ def test_jacobian_is_that_of_finite_differences(rig, turn_deg):
     _, jacobian = predict_centroids(rig, ONE, T, BOTH)
     for j, step in enumerate(1e-4 * np.eye(6)):
         high, low = (predict_centroids(rig, ONE, moved(T, s * step), BOTH)[0] for s in (1, -1))
-        # a few 1e-6 of 60 px/rad: the lens's change of area is held fixed; at 85 deg points cross the horizon
-        np.testing.assert_allclose((high - low) / 2e-4, jacobian[:, :, j], atol=5e-3 if turn_deg < 80 else 0.5)
+        # a few 1e-6 of 60 px/rad: the lens's change of area is held fixed; at 85 deg points cross
+        # the horizon
+        np.testing.assert_allclose(
+            (high - low) / 2e-4, jacobian[:, :, j], atol=5e-3 if turn_deg < 80 else 0.5
+        )
 
 
 def test_offset_grows_with_the_slant_and_lies_along_it():

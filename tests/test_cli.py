@@ -1,4 +1,6 @@
-"""The command line: what a person reads, the exit codes, and that an interruption costs one line and no file."""
+"""The command line: what a person reads, the exit codes, and that an interruption costs one line
+and no file.
+"""
 
 import json
 import re
@@ -25,7 +27,18 @@ from trinolab.files.poses import truth_table, write_poses
 from trinolab.files.rigs import write_handle, write_rig
 from trinolab.studies import scoreboard
 
-COMMANDS = ("calibrate", "measure", "track", "evaluate", "capture", "render", "teleop", "sweep", "clear", "scoreboard")
+COMMANDS = (
+    "calibrate",
+    "measure",
+    "track",
+    "evaluate",
+    "capture",
+    "render",
+    "teleop",
+    "sweep",
+    "clear",
+    "scoreboard",
+)
 SIZE = (32, 24)
 MEASURE = "measure --rig rig.toml --handle handle.toml --images images --out poses.csv"
 EVALUATE = "evaluate found.csv truth.csv --handle handle.toml"
@@ -68,13 +81,17 @@ def test_measure_says_what_it_converts(folder, capfd, caplog):
     with caplog.at_level("INFO", logger="trinolab"):
         assert run(MEASURE) == 0
     assert capfd.readouterr().out == "2 instants: 2 lost; written to poses.csv\n"
-    assert caplog.messages == ["images/ccd1/0.png: colour converted to grey; said once a camera",
-                               "images/ccd2/1.png: 16 bit scaled to grey levels 0 to 255; said once a camera"]
+    assert caplog.messages == [
+        "images/ccd1/0.png: colour converted to grey; said once a camera",
+        "images/ccd2/1.png: 16 bit scaled to grey levels 0 to 255; said once a camera",
+    ]
 
 
 def test_evaluate_prints_a_table(folder, capfd):
     assert run(EVALUATE) == 0
-    assert capfd.readouterr().out == """\
+    assert (
+        capfd.readouterr().out
+        == """\
 instants          3
 measured          3   100.0 %
 ambiguous         0     0.0 %
@@ -92,6 +109,7 @@ flips             0
 far off           0   by more than 2 mm or 5 deg
 losses            0
 """
+    )
 
 
 def test_evaluate_tells_how_a_track_was_lost(folder, capfd):
@@ -103,11 +121,16 @@ def test_evaluate_tells_how_a_track_was_lost(folder, capfd):
     assert run(EVALUATE) == 0
     out = capfd.readouterr().out
     assert "visible          10    60.0 % measured\n" in out
-    assert out.endswith("losses            3   back after 3, 1 instants, not back in the last 0 instants\n")
+    assert out.endswith(
+        "losses            3   back after 3, 1 instants, not back in the last 0 instants\n"
+    )
 
 
 def test_many_losses_are_summed_up():
-    assert _lasted(TrackQuality(0, 0, (1,) * 8, None)) == "   back after 1, 1, 1, 1, 1, 1, 1, 1 instants"
+    assert (
+        _lasted(TrackQuality(0, 0, (1,) * 8, None))
+        == "   back after 1, 1, 1, 1, 1, 1, 1, 1 instants"
+    )
     assert _lasted(TrackQuality(0, 0, (1,) * 9 + (7,), None)) == "   back after at most 7 instants"
     assert _lasted(TrackQuality(0, 0, (), 4)) == "   not back in the last 4 instants"
 
@@ -178,9 +201,14 @@ def test_the_examples_run(capfd):
 
 
 @pytest.mark.usefixtures("folder")
-@pytest.mark.parametrize(("error", "said"), [(ValueError("a\nb\r\nc"), "a b c"),
-                                             (OSError(5, "broken", "x.csv"), "[Errno 5] broken: 'x.csv'"),
-                                             (MemoryError("8 TiB"), "not enough memory (8 TiB)")])
+@pytest.mark.parametrize(
+    ("error", "said"),
+    [
+        (ValueError("a\nb\r\nc"), "a b c"),
+        (OSError(5, "broken", "x.csv"), "[Errno 5] broken: 'x.csv'"),
+        (MemoryError("8 TiB"), "not enough memory (8 TiB)"),
+    ],
+)
 def test_every_refusal_is_one_line(error, said, capfd, monkeypatch):
     monkeypatch.setattr(evaluate, "read_poses", lambda _: (_ for _ in ()).throw(error))
     assert run(EVALUATE) == 2
@@ -211,11 +239,15 @@ def test_an_interruption_costs_one_line_and_no_file(folder, line, capfd, monkeyp
 
 def test_the_script_is_installed(folder):
     script = shutil.which("trinolab", path=str(Path(sys.executable).parent))
-    assert script is not None, "run the tests with the environment's python, where the package is installed"
+    assert script is not None, (
+        "run the tests with the environment's python, where the package is installed"
+    )
     done = subprocess.run([script, "--version"], capture_output=True, text=True, check=True)
     assert done.stdout == f"trinolab {__version__}\n"
     (folder / "handle.toml").write_text("name = 1\n")
-    failed = subprocess.run([script, *shlex.split(MEASURE)], capture_output=True, text=True, check=False)
+    failed = subprocess.run(
+        [script, *shlex.split(MEASURE)], capture_output=True, text=True, check=False
+    )
     assert (failed.returncode, failed.stdout) == (2, "")
     assert failed.stderr == "trinolab measure: handle.toml: 'radius_mm' is missing\n"
 

@@ -41,9 +41,15 @@ def dask(tmp_path_factory):
     """The address of a scheduler, and the processes of its workers at the start."""
     script = tmp_path_factory.mktemp("dask") / "start.py"
     script.write_text(CLUSTER)
-    process = subprocess.Popen([sys.executable, str(script)], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
-                               stderr=subprocess.DEVNULL, cwd=script.parent,
-                               env={**os.environ, "PYTHONPATH": str(Path(__file__).parent)})
+    process = subprocess.Popen(
+        [sys.executable, str(script)],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+        stderr=subprocess.DEVNULL,
+        cwd=script.parent,
+        env={**os.environ, "PYTHONPATH": str(Path(__file__).parent)},
+    )
     yield json.loads(process.stdout.readline())
     process.communicate(timeout=HANGS_S)
 
@@ -66,7 +72,9 @@ def test_functions_run_on_the_workers(dask, tmp_path):
 
     address, processes = dask
     with Client(address, set_as_default=False) as client:
-        found = sweep(identify, seed=range(20), folder=str(tmp_path), executor=client.get_executor(pure=False))
+        found = sweep(
+            identify, seed=range(20), folder=str(tmp_path), executor=client.get_executor(pure=False)
+        )
     assert found["seed"].tolist() == list(range(20))
     assert set(found["error"]) == {""}
     assert found["status"].tolist() == ["ok"] * 20
@@ -76,7 +84,10 @@ def test_functions_run_on_the_workers(dask, tmp_path):
 
 def test_workers_with_other_code_are_refused(dask, monkeypatch):
     monkeypatch.setattr(engines, "package_hash", lambda: "another")
-    with pytest.raises(ValueError, match="has another version of trinolab, or of its data"), cluster(dask[0]):
+    with (
+        pytest.raises(ValueError, match="has another version of trinolab, or of its data"),
+        cluster(dask[0]),
+    ):
         pass
 
 
@@ -90,7 +101,8 @@ def test_a_worker_that_is_killed_costs_no_result(dask, tmp_path, monkeypatch, ca
         wait_until(lambda: rows.exists() and len(rows.read_text().splitlines()) >= 6, process)
         os.kill(processes[0], signal.SIGKILL)
         kept = [json.loads(line)["run"] for line in rows.read_text().split("\n")[:-1]]
-        wait_until(lambda: {process for _, process, _ in traced()} > set(processes), process)  # and a new worker
+        # and a new worker
+        wait_until(lambda: {process for _, process, _ in traced()} > set(processes), process)
         open_gate()
         out, _ = process.communicate(timeout=HANGS_S)
     assert (process.returncode, out) == (0, "24 runs: 24 ok; written to s\n")
@@ -99,8 +111,10 @@ def test_a_worker_that_is_killed_costs_no_result(dask, tmp_path, monkeypatch, ca
     lines = Path("s/runs.jsonl").read_text().splitlines()
     assert sorted(json.loads(line)["run"] for line in lines) == list(range(24))
     trace = traced()
-    assert all([a for a, _, _ in trace].count(str(number)) == 1 for number in kept)  # what was there was not run again
-    assert {process for _, process, _ in trace} > set(processes)  # both, and the one that took a place
+    # what was there was not run again
+    assert all([a for a, _, _ in trace].count(str(number)) == 1 for number in kept)
+    # both, and the one that took a place
+    assert {process for _, process, _ in trace} > set(processes)
     assert {threads for _, _, threads in trace} == {"1"}
     assert run(" ".join(command)) == 0  # all is there
     assert len(Path("trace").read_text().splitlines()) == len(trace)

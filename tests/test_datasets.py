@@ -1,4 +1,6 @@
-"""The shipped data: against a second transcription of the paper, and against the functions that made them."""
+"""The shipped data: against a second transcription of the paper, and against the functions that
+made them.
+"""
 
 import itertools
 import re
@@ -9,7 +11,14 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from trinolab.camera import T_between, T_world_oxyz
-from trinolab.datasets import data_path, load_calibration, load_handle, load_rig, load_table1, paper_rig
+from trinolab.datasets import (
+    data_path,
+    load_calibration,
+    load_handle,
+    load_rig,
+    load_table1,
+    paper_rig,
+)
 from trinolab.rigid import nearest_rotation
 from trinolab.studies.scoreboard import Claim, load_claims
 
@@ -27,8 +36,12 @@ def test_table1_equals_the_second_transcription():
     assert [len(row) for row in rows] == [13] * 20
     second = np.array(rows)
     frame = load_table1().frame
-    names = [f"{side}_{part}" for parts in (("x_mm", "y_mm", "z_mm"), ("alpha_deg", "beta_deg", "gamma_deg"))
-             for side in ("measured", "set") for part in parts]
+    names = [
+        f"{side}_{part}"
+        for parts in (("x_mm", "y_mm", "z_mm"), ("alpha_deg", "beta_deg", "gamma_deg"))
+        for side in ("measured", "set")
+        for part in parts
+    ]
     assert frame.index.tolist() == second[:, 0].tolist() == list(range(1, 21))
     np.testing.assert_array_equal(frame[names].to_numpy(), second[:, 1:])
     assert frame.loc[8, "set_y_mm"] == 48.4289
@@ -46,16 +59,24 @@ def test_calibration_equals_the_second_transcription():
 
 
 def test_claims_equal_the_second_transcription():
-    second = {no: (float(value), unit) for no, value, unit in (line.split() for line in lines("claims.txt"))}
-    first = {claim.no: (claim.paper, claim.unit) for claim in load_claims() if isinstance(claim.paper, float)}
+    second = {
+        no: (float(value), unit)
+        for no, value, unit in (line.split() for line in lines("claims.txt"))
+    }
+    first = {
+        claim.no: (claim.paper, claim.unit)
+        for claim in load_claims()
+        if isinstance(claim.paper, float)
+    }
     assert first == second
 
 
 def test_table1_poses_carry_the_printed_numbers():
     table = load_table1()
     np.testing.assert_array_equal(table.set_poses.translation[7], [37.27, 48.4289, 561.55])
-    np.testing.assert_allclose(table.measured.rotation[3].as_euler("ZYX", degrees=True), [-32.1, 81.2, 92.6],
-                               atol=1e-9)  # deg; rounding
+    np.testing.assert_allclose(
+        table.measured.rotation[3].as_euler("ZYX", degrees=True), [-32.1, 81.2, 92.6], atol=1e-9
+    )  # deg; rounding
 
 
 @pytest.mark.parametrize(("name", "elevation"), RIGS.items())
@@ -66,25 +87,31 @@ def test_rig_files_equal_what_the_calibration_gives(name, elevation):
         assert a.size == b.size == (1280, 1024)
         np.testing.assert_array_equal(a.matrix, b.matrix)
         np.testing.assert_array_equal(a.distortions, np.zeros(5))
-        np.testing.assert_allclose(a.T_cam_world.as_matrix(), b.T_cam_world.as_matrix(), atol=1e-9)  # mm; rounding
+        # mm; rounding
+        np.testing.assert_allclose(a.T_cam_world.as_matrix(), b.T_cam_world.as_matrix(), atol=1e-9)
 
 
 def test_ccd2_is_where_eq25_puts_it():
-    # X_l = R_rl X_r + T_rl: CCD2's centre is T_rl in CCD1's frame, its axis the third column of R_rl.
+    # X_l = R_rl X_r + T_rl: CCD2's centre is T_rl in CCD1's frame, its axis the third column of
+    # R_rl.
     ccd1, ccd2 = load_rig("paper_pair").cameras
     np.testing.assert_array_equal(ccd1.T_cam_world.as_matrix(), np.eye(4))
     np.testing.assert_allclose(ccd2.centre, [98.7723, 0.8410, 9.1032], atol=1e-9)
-    np.testing.assert_allclose(ccd2.axis, [-0.1799, 0.0224, 0.9837], atol=4e-4)  # the printed column, off by 3e-4
+    # the printed column, off by 3e-4
+    np.testing.assert_allclose(ccd2.axis, [-0.1799, 0.0224, 0.9837], atol=4e-4)
     X_r = np.array([10.0, 20.0, 500.0])
     X_l = T_between(ccd1, ccd2).apply(X_r)
     R_rl, T_rl = load_calibration()[2:]
-    np.testing.assert_allclose(X_l, R_rl @ X_r + T_rl, atol=0.3)  # mm; 500 mm times what the printed matrix is off
+    # mm; 500 mm times what the printed matrix is off
+    np.testing.assert_allclose(X_l, R_rl @ X_r + T_rl, atol=0.3)
 
 
 def test_ccd3_is_where_the_design_puts_it():
     above, raised = (load_rig(name).cameras[2] for name in ("paper_trinocular", "raised_40deg"))
     np.testing.assert_allclose(above.centre, [0.0, -549.0, 549.0], atol=1e-9)
-    np.testing.assert_allclose(above.T_world_cam.rotation.as_matrix().T, [[1, 0, 0], [0, 0, -1], [0, 1, 0]], atol=1e-12)
+    np.testing.assert_allclose(
+        above.T_world_cam.rotation.as_matrix().T, [[1, 0, 0], [0, 0, -1], [0, 1, 0]], atol=1e-12
+    )
     np.testing.assert_allclose(raised.centre, [0.0, -352.9, 128.4], atol=0.06)  # mm; given to 0.1
     middle = np.array([[0.0, 0.0, 549.0]])
     for camera in (above, raised):
@@ -114,7 +141,12 @@ def test_all_of_table1_is_in_front_of_every_camera_and_in_its_image():
 
 def test_the_paper_handle_has_its_twelve_markers():
     handle = load_handle("paper")
-    assert (handle.radius_mm, handle.length_mm, handle.top_mm, handle.marker_diameter_mm) == (5.0, 200.0, 25.0, 3.0)
+    assert (handle.radius_mm, handle.length_mm, handle.top_mm, handle.marker_diameter_mm) == (
+        5.0,
+        200.0,
+        25.0,
+        3.0,
+    )
     assert handle.columns_deg == (0.0, 60.0, 120.0, 180.0, 240.0, 300.0)
     assert handle.rows_mm == ((10.0, -10.0),) * 6
     assert handle.markers == "bright"
@@ -122,17 +154,20 @@ def test_the_paper_handle_has_its_twelve_markers():
 
 
 def misfits(handle):
-    """How far the markers of columns k, k + 1 stay from those of j, j + 1, least over the shift along the axis, mm.
+    """How far the markers of columns k, k + 1 stay from those of j, j + 1, least over the shift
+    along the axis, mm.
 
-    For every pair of neighbours and every motion that keeps the cylinder: turns about the axis, and half turns across
-    it, each with the shift that fits best. Worked out on the unrolled surface, without the package's symmetries.
+    For every pair of neighbours and every motion that keeps the cylinder: turns about the axis, and
+    half turns across it, each with the shift that fits best. Worked out on the unrolled surface,
+    without the package's symmetries.
     """
     rows = [np.array(row) for row in handle.rows_mm]
     for k, j in itertools.product(range(6), repeat=2):
         here, there = (np.concatenate([rows[m], rows[(m + 1) % 6]]) for m in (k, j))
         if k != j:
             yield np.ptp(here - there) / 2  # the turn; upper marker on upper marker
-        flipped = np.concatenate([-rows[(k + 1) % 6][::-1], -rows[k][::-1]])  # a half turn swaps columns and rows
+        # a half turn swaps columns and rows
+        flipped = np.concatenate([-rows[(k + 1) % 6][::-1], -rows[k][::-1]])
         yield np.ptp(flipped - there) / 2
 
 
@@ -140,7 +175,8 @@ def test_no_motion_carries_two_neighbouring_columns_of_the_coded_handle_onto_two
     handle = load_handle("coded")
     assert len(handle.symmetries) == 1
     assert handle.rows_mm == ((10, -10), (10, -6), (10, -14), (10, -8), (10, -12), (10, -4))
-    assert min(misfits(handle)) == pytest.approx(2.0)  # mm; more than 1 is what identification needs
+    # mm; more than 1 is what identification needs
+    assert min(misfits(handle)) == pytest.approx(2.0)
     assert min(misfits(load_handle("paper"))) == 0.0
 
 
@@ -167,7 +203,9 @@ def test_unknown_names_list_those_that_exist(load):
 
 
 def test_missing_data_files_are_named():
-    with pytest.raises(ValueError, match=r"rigs/no\.toml: no such data file; there are .*paper_pair\.toml"):
+    with pytest.raises(
+        ValueError, match=r"rigs/no\.toml: no such data file; there are .*paper_pair\.toml"
+    ):
         data_path("rigs", "no.toml")
 
 
@@ -176,27 +214,43 @@ def test_every_claim_has_a_criterion_before_a_result():
     numbers = [claim.no for claim in claims]
     assert [no for no in numbers if no.isdigit()] == [str(k) for k in range(1, 21)]
     assert len(set(numbers)) == len(numbers)
-    verdicts = {"match", "same order", "differs", "met", "missed", "cannot be tested", "not tested yet"}
+    verdicts = {
+        "match",
+        "same order",
+        "differs",
+        "met",
+        "missed",
+        "cannot be tested",
+        "not tested yet",
+    }
     for claim in claims:
         assert claim.criterion
         assert claim.verdict in verdicts
         limits = [claim.match_within, claim.at_most, claim.at_least]
         assert (claim.check is None) == all(limit is None for limit in limits), claim.no
-        assert (claim.check is None) == (claim.verdict in {"cannot be tested", "not tested yet"}), claim.no
+        assert (claim.check is None) == (claim.verdict in {"cannot be tested", "not tested yet"}), (
+            claim.no
+        )
 
 
 def claim(**limits):
     return Claim("0", "a", "1", limits.pop("paper", 1.0), "", "c", "v", "r", **limits)
 
 
-@pytest.mark.parametrize(("row", "value", "verdict"), [
-    (claim(match_within=0.1), 1.05, "match"), (claim(match_within=0.1), 1.2, "differs"),
-    (claim(match_within=0.1, same_order_factor=5.0), 1.2, "same order"),
-    (claim(match_within=0.1, same_order_factor=5.0), 0.21, "same order"),
-    (claim(match_within=0.1, same_order_factor=5.0), 0.19, "differs"),
-    (claim(paper="yes", at_most=1.0), 0.9, "match"), (claim(paper="yes", at_least=1.0), 0.9, "differs"),
-    (claim(paper="", at_most=1.0), 0.9, "met"), (claim(paper="", at_most=1.0), 1.1, "missed"),
-])
+@pytest.mark.parametrize(
+    ("row", "value", "verdict"),
+    [
+        (claim(match_within=0.1), 1.05, "match"),
+        (claim(match_within=0.1), 1.2, "differs"),
+        (claim(match_within=0.1, same_order_factor=5.0), 1.2, "same order"),
+        (claim(match_within=0.1, same_order_factor=5.0), 0.21, "same order"),
+        (claim(match_within=0.1, same_order_factor=5.0), 0.19, "differs"),
+        (claim(paper="yes", at_most=1.0), 0.9, "match"),
+        (claim(paper="yes", at_least=1.0), 0.9, "differs"),
+        (claim(paper="", at_most=1.0), 0.9, "met"),
+        (claim(paper="", at_most=1.0), 1.1, "missed"),
+    ],
+)
 def test_verdicts(row, value, verdict):
     assert row.computed_verdict(value) == verdict
 

@@ -1,4 +1,6 @@
-"""First order against the exact functions of `metrics`, and a registration against what it must and must not remove."""
+"""First order against the exact functions of `metrics`, and a registration against what it must and
+must not remove.
+"""
 
 import numpy as np
 import pytest
@@ -26,7 +28,9 @@ TRUTHS = load_table1().set_poses
 def poses_off_by(table):
     """Measured poses whose deviations from Table 1's set poses are `table` (20, 6)."""
     turns = Rotation.from_rotvec(table[:, 3:], degrees=True)
-    return RigidTransform.from_components(TRUTHS.translation + table[:, :3], turns * TRUTHS.rotation)
+    return RigidTransform.from_components(
+        TRUTHS.translation + table[:, :3], turns * TRUTHS.rotation
+    )
 
 
 def small(seed, scale=1e-3):
@@ -51,7 +55,8 @@ def test_errors_to_first_order_are_the_exact_ones_where_they_are_small():
     table = small(1)
     linear, true = first_order(table, TRUTHS), exact([poses_off_by(table)], TRUTHS)
     for a, b in zip(linear, true, strict=True):
-        np.testing.assert_allclose(a, b[0], rtol=0, atol=3e-6)  # second order of 1e-3 deg, 6 times as much at the lock
+        # second order of 1e-3 deg, 6 times as much at the lock
+        np.testing.assert_allclose(a, b[0], rtol=0, atol=3e-6)
 
 
 def test_means_are_those_of_metrics():
@@ -65,25 +70,34 @@ def test_rms_by_hand():
     table = np.zeros((2, 20, 6))
     table[0, :, 0], table[0, :, 1] = 3.0, 4.0
     table[1, :, 5] = 2.0  # about z: alpha alone
-    np.testing.assert_allclose(rms(first_order(table, TRUTHS)), [5 / np.sqrt(2), np.sqrt(2), 0, 0, np.sqrt(2)],
-                               atol=1e-12)
+    np.testing.assert_allclose(
+        rms(first_order(table, TRUTHS)), [5 / np.sqrt(2), np.sqrt(2), 0, 0, np.sqrt(2)], atol=1e-12
+    )
 
 
 def test_draws_have_the_covariance_of_the_roots():
     rng = np.random.default_rng(3)
-    a, b = (Source(name, 1.0, "", rng.standard_normal((20, 6)), rng.standard_normal((20, 6, q)))
-            for name, q in (("a", 2), ("b", 3)))
+    a, b = (
+        Source(name, 1.0, "", rng.standard_normal((20, 6)), rng.standard_normal((20, 6, q)))
+        for name, q in (("a", 2), ("b", 3))
+    )
     both = together([a, b], "both")
     tables = drawn(both, 40_000, np.random.default_rng(0))
     np.testing.assert_allclose(tables.mean(axis=0), a.fixed + b.fixed, atol=0.1)
     found = np.cov(tables[:, 3], rowvar=False)  # of the fourth pose
-    np.testing.assert_allclose(found, a.roots[3] @ a.roots[3].T + b.roots[3] @ b.roots[3].T, atol=0.3)
+    np.testing.assert_allclose(
+        found, a.roots[3] @ a.roots[3].T + b.roots[3] @ b.roots[3].T, atol=0.3
+    )
     shared = np.mean((tables[:, 3, 0] - both.fixed[3, 0]) * (tables[:, 9, 2] - both.fixed[9, 2]))
-    assert shared == pytest.approx(a.roots[3, 0] @ a.roots[9, 2] + b.roots[3, 0] @ b.roots[9, 2], abs=0.2)
+    assert shared == pytest.approx(
+        a.roots[3, 0] @ a.roots[9, 2] + b.roots[3, 0] @ b.roots[9, 2], abs=0.2
+    )
 
 
 def test_registration_takes_away_any_motion_that_all_poses_share():
-    T = RigidTransform.from_components([1e-3, -2e-3, 5e-4], Rotation.from_rotvec([3e-6, -1e-6, 2e-6]))
+    T = RigidTransform.from_components(
+        [1e-3, -2e-3, 5e-4], Rotation.from_rotvec([3e-6, -1e-6, 2e-6])
+    )
     shared = deviations(T * TRUTHS, TRUTHS)
     assert np.abs(shared).max() > 1e-4
     for rows in (range(20), (0, 6, 12, 19), (3, 11, 17)):
@@ -94,7 +108,9 @@ def test_registration_is_a_rigid_fit_of_the_positions():
     table, rows = small(4), [0, 6, 12, 19]
     measured = poses_off_by(table)
     T = rigid_fit(measured.translation[rows], TRUTHS.translation[rows])
-    np.testing.assert_allclose(registered(table, TRUTHS, rows), deviations(T * measured, TRUTHS), atol=1e-7)
+    np.testing.assert_allclose(
+        registered(table, TRUTHS, rows), deviations(T * measured, TRUTHS), atol=1e-7
+    )
 
 
 def test_registration_works_on_many_tables_and_on_none():

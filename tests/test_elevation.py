@@ -13,21 +13,25 @@ from trinolab.studies.elevation import ELEVATIONS_DEG, SETTINGS, accuracy, kept,
 
 PAPER = load_handle("paper")
 TABLE = load_sweep("elevation")
-# Tables have six digits. Between instruction sets their numbers differ by at most 1.3e-11 of themselves
-# (make verify ARGS="--only spread --groups tables").
+# Tables have six digits. Between instruction sets their numbers differ by at most 1.3e-11 of
+# themselves (make verify ARGS="--only spread --groups tables").
 DIGITS = 1e-5
 
 
 @pytest.mark.parametrize(("degrees", "name"), [(40.0, "raised_40deg"), (90.0, "paper_trinocular")])
 def test_the_shipped_rigs_are_two_of_the_elevations(degrees, name):
     for ours, shipped in zip(paper_rig(degrees).cameras, load_rig(name).cameras, strict=True):
-        assert ours.T_cam_world.as_matrix() == pytest.approx(shipped.T_cam_world.as_matrix(), abs=1e-6)
+        assert ours.T_cam_world.as_matrix() == pytest.approx(
+            shipped.T_cam_world.as_matrix(), abs=1e-6
+        )
         assert (ours.matrix == shipped.matrix).all()
 
 
 @pytest.mark.parametrize("degrees", ELEVATIONS_DEG)
 def test_ccd3_is_on_its_circle_and_looks_at_the_middle(degrees):
-    """The circle, written once more: radius 549 about (0, 0, 549) in the plane x = 0, CCD1 its lowest point."""
+    """The circle, written once more: radius 549 about (0, 0, 549) in the plane x = 0, CCD1 its
+    lowest point.
+    """
     camera = paper_rig(degrees).cameras[2]
     spoke = camera.centre - [0, 0, 549]
     assert spoke[0] == 0
@@ -49,7 +53,8 @@ def test_a_camera_in_the_place_of_another_shares_all_it_sees():
 
 def test_table_has_every_elevation_and_estimator():
     assert list(TABLE[["elevation_deg", "estimator"]].itertuples(index=False, name=None)) == [
-        (e, name) for e in ELEVATIONS_DEG for name in SETTINGS]
+        (e, name) for e in ELEVATIONS_DEG for name in SETTINGS
+    ]
     assert TABLE.notna().all(axis=None)
     kept_of_all = elevation.HIDDEN_POSES * TABLE.filter(like="kept_")
     assert (np.abs(kept_of_all - kept_of_all.round()) < 1e-4).all(axis=None)
@@ -63,10 +68,13 @@ def test_one_cell_is_made_again():
     row = TABLE[(TABLE["elevation_deg"] == 50.0) & (TABLE["estimator"] == BEST)].iloc[0]
     e = accuracy(rig, one)[BEST]
     assert (e.n, e.E_t_mm, e.geodesic_mean_deg) == pytest.approx(
-        (row["n"], row["E_t_mm"], row["geodesic_mean_deg"]), rel=DIGITS)
+        (row["n"], row["E_t_mm"], row["geodesic_mean_deg"]), rel=DIGITS
+    )
     assert kept(rig, 0, one)[BEST] == pytest.approx(row["kept_ccd1"], abs=1e-5)
     shared = shared_markers(rig, PAPER, elevation._random_poses())
-    assert [shared[name] for name in shared] == pytest.approx([row[name] for name in shared], abs=1e-5)
+    assert [shared[name] for name in shared] == pytest.approx(
+        [row[name] for name in shared], abs=1e-5
+    )
 
 
 def test_the_hand_hides_that_camera_only():
@@ -74,8 +82,12 @@ def test_the_hand_hides_that_camera_only():
     rig = paper_rig(90.0)
     for hidden in range(3):
         arm = Arm(hides_from=tuple(map(float, rig.cameras[hidden].centre)))
-        seen = np.array([[true_visibility(camera, PAPER, T, arm).sum() for camera in rig.cameras]
-                         for T in elevation._poses("random")])
+        seen = np.array(
+            [
+                [true_visibility(camera, PAPER, T, arm).sum() for camera in rig.cameras]
+                for T in elevation._poses("random")
+            ]
+        )
         assert seen[:, hidden].max() == 0
         others = np.delete(seen, hidden, axis=1)
         assert (others.max(axis=1) >= 4).mean() > 0.5
@@ -92,7 +104,12 @@ def test_frames_are_the_same_whichever_cell_is_first():
 def test_figure_shows_the_table():
     figure = plot_elevation(TABLE, BEST)
     shared, position, kept_axes, angle = figure.axes
-    assert [len(ax.get_legend().get_texts()) for ax in figure.axes] == [3, len(SETTINGS), 3, len(SETTINGS)]
+    assert [len(ax.get_legend().get_texts()) for ax in figure.axes] == [
+        3,
+        len(SETTINGS),
+        3,
+        len(SETTINGS),
+    ]
     of_best = TABLE[TABLE["estimator"] == BEST]
     assert (shared.lines[1].get_ydata() == of_best["shared_13"]).all()
     assert (kept_axes.lines[0].get_ydata() == of_best["kept_ccd1"]).all()

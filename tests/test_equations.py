@@ -1,4 +1,6 @@
-"""The ledger of equations against the code: 27 of 27, and every function, test and chapter that it names is there."""
+"""The ledger of equations against the code: 27 of 27, and every function, test and chapter that it
+names is there.
+"""
 
 import ast
 import importlib
@@ -12,7 +14,15 @@ import pytest
 
 from trinolab.paper import ledger
 from trinolab.paper.errata import ERRATA
-from trinolab.paper.ledger import Effect, Entry, equations_named, errata_page, index_page, load_ledger, number_text
+from trinolab.paper.ledger import (
+    Effect,
+    Entry,
+    equations_named,
+    errata_page,
+    index_page,
+    load_ledger,
+    number_text,
+)
 
 ROOT = Path(__file__).resolve().parents[1]
 LEDGER = load_ledger()
@@ -25,8 +35,15 @@ each_equation = pytest.mark.parametrize("entry", EQUATIONS, ids=lambda entry: en
 def names_in(file):
     """The names of a file's functions; none if there is no such file."""
     path = ROOT / file
-    return {node.name for node in ast.parse(path.read_text(encoding="utf-8")).body
-            if isinstance(node, ast.FunctionDef)} if path.is_file() else set()
+    return (
+        {
+            node.name
+            for node in ast.parse(path.read_text(encoding="utf-8")).body
+            if isinstance(node, ast.FunctionDef)
+        }
+        if path.is_file()
+        else set()
+    )
 
 
 @cache
@@ -37,22 +54,22 @@ def text_of(chapter):
     return "\n".join(cell.source for cell in cells if cell.cell_type == "markdown")
 
 
-def first_line(dotted):
-    """The first line of a function's docstring; None if the module has no such function of its own."""
+def summary(dotted):
+    """What a function's docstring begins with; None if the module has no such function."""
     module, _, name = dotted.rpartition(".")
     try:
         function = getattr(importlib.import_module(module), name, None)
     except ImportError:
         return None
     own = callable(function) and function.__module__ == module
-    return (function.__doc__ or "").partition("\n")[0] if own else None
+    return (function.__doc__ or "").partition("\n\n")[0] if own else None
 
 
 def missing(entry):
     """What an entry names that is not there."""
     problems = []
     for function in entry.functions:
-        line = first_line(function)
+        line = summary(function)
         if line is None:
             problems.append(f"no function {function}")
         elif entry.no.isdigit() and entry.no not in equations_named(line):
@@ -83,17 +100,35 @@ def test_all_that_the_ledger_names_is_there(entry):
     assert missing(entry) == []
 
 
-@pytest.mark.parametrize(("change", "problem"), [
-    ({"functions": ("trinolab.workspace.cones.no_such",)}, "no function trinolab.workspace.cones.no_such"),
-    ({"functions": ("trinolab.no_such.inside",)}, "no function trinolab.no_such.inside"),
-    ({"functions": ("trinolab.pose.Rig",)}, "no function trinolab.pose.Rig"),  # it only imports it
-    ({"functions": ("trinolab.pose.rigid_fit",)}, "trinolab.pose.rigid_fit does not name Eq. 1: "),
-    ({"tests": ("tests/test_workspace.py::test_no_such",)}, "no test tests/test_workspace.py::test_no_such"),
-    ({"tests": ("tests/test_workspace.py::intersect",)}, "no test tests/test_workspace.py::intersect"),
-    ({"tests": ("tests/no_such.py::test_status",)}, "no test tests/no_such.py::test_status"),
-    ({"chapter": "99_no_such"}, "no chapter 99_no_such"),
-    ({"no": "5"}, "trinolab.workspace.cones.paper_cones does not name Eq. 5: "),
-])
+@pytest.mark.parametrize(
+    ("change", "problem"),
+    [
+        (
+            {"functions": ("trinolab.workspace.cones.no_such",)},
+            "no function trinolab.workspace.cones.no_such",
+        ),
+        ({"functions": ("trinolab.no_such.inside",)}, "no function trinolab.no_such.inside"),
+        (
+            {"functions": ("trinolab.pose.Rig",)},
+            "no function trinolab.pose.Rig",
+        ),  # it only imports it
+        (
+            {"functions": ("trinolab.pose.rigid_fit",)},
+            "trinolab.pose.rigid_fit does not name Eq. 1: ",
+        ),
+        (
+            {"tests": ("tests/test_workspace.py::test_no_such",)},
+            "no test tests/test_workspace.py::test_no_such",
+        ),
+        (
+            {"tests": ("tests/test_workspace.py::intersect",)},
+            "no test tests/test_workspace.py::intersect",
+        ),
+        ({"tests": ("tests/no_such.py::test_status",)}, "no test tests/no_such.py::test_status"),
+        ({"chapter": "99_no_such"}, "no chapter 99_no_such"),
+        ({"no": "5"}, "trinolab.workspace.cones.paper_cones does not name Eq. 5: "),
+    ],
+)
 def test_a_wrong_name_is_found(change, problem):
     assert missing(EQUATIONS[0]) == []
     assert missing(replace(EQUATIONS[0], **change))[0].startswith(problem)
@@ -118,19 +153,34 @@ def test_the_formulas_are_closed(entry):
         plain = tex.replace(r"\{", "").replace(r"\}", "")
         assert plain.count("{") == plain.count("}")
         assert re.findall(r"\\begin\{(\w+)\}", tex) == re.findall(r"\\end\{(\w+)\}", tex)
-        assert tex.count(r"\left") - tex.count(r"\leftarrow") == tex.count(r"\right") - tex.count(r"\rightarrow")
+        assert tex.count(r"\left") - tex.count(r"\leftarrow") == tex.count(r"\right") - tex.count(
+            r"\rightarrow"
+        )
     assert entry.what.count("$") % 2 == 0
     assert "$" not in entry.printed + entry.corrected
 
 
 def test_what_is_not_as_printed_has_an_effect_and_every_effect_an_entry():
-    assert {entry.no for entry in LEDGER if entry.status != "as printed"} <= set(ERRATA) <= {e.no for e in LEDGER}
+    assert (
+        {entry.no for entry in LEDGER if entry.status != "as printed"}
+        <= set(ERRATA)
+        <= {e.no for e in LEDGER}
+    )
 
 
-@pytest.mark.parametrize(("line", "numbers"), [
-    ("Distances (Eq. 17).", {"17"}), ("Cones (Eq. 1-3).", {"1", "2", "3"}), ("Points (Eq. 20, 22).", {"20", "22"}),
-    ("All (Eq. 1, 3-5, 9).", {"1", "3", "4", "5", "9"}), ("The workspace (Sect. 3.2).", set()), ("", set()),
-    ("Nothing here.\n\nBut below (Eq. 5).", set()), ("Twenty (Eq. 20).", {"20"})])
+@pytest.mark.parametrize(
+    ("line", "numbers"),
+    [
+        ("Distances (Eq. 17).", {"17"}),
+        ("Cones (Eq. 1-3).", {"1", "2", "3"}),
+        ("Points (Eq. 20, 22).", {"20", "22"}),
+        ("All (Eq. 1, 3-5, 9).", {"1", "3", "4", "5", "9"}),
+        ("The workspace (Sect. 3.2).", set()),
+        ("", set()),
+        ("Nothing here.\n\nBut below (Eq. 5).", set()),
+        ("Twenty (Eq. 20).", {"20"}),
+    ],
+)
 def test_numbers_in_a_docstring(line, numbers):
     assert equations_named(line) == numbers
 
@@ -162,17 +212,34 @@ def load(tmp_path, monkeypatch):
 
 
 def test_an_entry_is_read(load):
-    assert load(BOTH)[0] == Entry("1", "3.2", "x", "misprint", "y", "Wrong.", ("a.b",), ("tests/t.py::test_t",),
-                                  "02_workspace")
+    assert load(BOTH)[0] == Entry(
+        "1",
+        "3.2",
+        "x",
+        "misprint",
+        "y",
+        "Wrong.",
+        ("a.b",),
+        ("tests/t.py::test_t",),
+        "02_workspace",
+    )
 
 
-@pytest.mark.parametrize(("old", "new", "message"), [
-    ('what = "Wrong."\n', "", "entry 1: 'what' is missing"), ('what =', 'waht =', "entry 1: 'what' is missing"),
-    ('what =', 'note = "a"\nwhat =', "entry 1: 'note' is not a field"),
-    ('"misprint"', '"wrong"', "Eq. 1: expected a status of"), ('"misprint"', '"as printed"', "Eq. 1: expected a corr"),
-    ('corrected = "y"', 'corrected = ""', "Eq. 1: expected a corrected form"),
-    ('["a.b"]', '"a.b"', "functions: expected a list of strings"), ('["a.b"]', "[1]", "functions: expected a list"),
-    ('"02_workspace"', "2", "chapter: expected a string, got 2"), ("[[text]]", "[[txt]]", "'text' is missing")])
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ('what = "Wrong."\n', "", "entry 1: 'what' is missing"),
+        ("what =", "waht =", "entry 1: 'what' is missing"),
+        ("what =", 'note = "a"\nwhat =', "entry 1: 'note' is not a field"),
+        ('"misprint"', '"wrong"', "Eq. 1: expected a status of"),
+        ('"misprint"', '"as printed"', "Eq. 1: expected a corr"),
+        ('corrected = "y"', 'corrected = ""', "Eq. 1: expected a corrected form"),
+        ('["a.b"]', '"a.b"', "functions: expected a list of strings"),
+        ('["a.b"]', "[1]", "functions: expected a list"),
+        ('"02_workspace"', "2", "chapter: expected a string, got 2"),
+        ("[[text]]", "[[txt]]", "'text' is missing"),
+    ],
+)
 def test_a_wrong_ledger_is_named_with_its_field(load, old, new, message):
     with pytest.raises(ValueError, match=re.escape(message)):
         load(BOTH.replace(old, new))
@@ -180,13 +247,19 @@ def test_a_wrong_ledger_is_named_with_its_field(load, old, new, message):
 
 # --- the pages
 
-EFFECTS = {"20": (Effect("20", "distance", "mm", 47.936, 1e-13, at_most=1e-6),
-                  Effect("20", "share", "", float("nan"), float("inf"), at_least=0.5))}
+EFFECTS = {
+    "20": (
+        Effect("20", "distance", "mm", 47.936, 1e-13, at_most=1e-6),
+        Effect("20", "share", "", float("nan"), float("inf"), at_least=0.5),
+    )
+}
 
 
 def test_the_index_has_a_row_an_equation():
     rows = index_page(LEDGER, EFFECTS).splitlines()[2:]
-    assert [row.split("|")[1].strip() for row in rows] == [f"[{k}]{{#equation-{k}}}" for k in range(1, 28)]
+    assert [row.split("|")[1].strip() for row in rows] == [
+        f"[{k}]{{#equation-{k}}}" for k in range(1, 28)
+    ]
     for row, entry in zip(rows, EQUATIONS, strict=True):
         assert row.count("|") == 7, "a stroke inside a cell would open another one"
         assert f"</notebooks/{entry.chapter}>`" in row
@@ -198,7 +271,9 @@ def test_the_index_has_a_row_an_equation():
 def test_the_errata_have_a_place_for_every_link_of_the_index():
     everything = {entry.no: EFFECTS["20"] for entry in LEDGER}
     links = re.findall(r"<(erratum-[\w-]+)>", index_page(LEDGER, everything))
-    places = re.findall(r"^\((erratum-[\w-]+)\)=$", errata_page(LEDGER, everything), flags=re.MULTILINE)
+    places = re.findall(
+        r"^\((erratum-[\w-]+)\)=$", errata_page(LEDGER, everything), flags=re.MULTILINE
+    )
     assert len(links) == 27
     assert len(set(places)) == len(places) == len(LEDGER)
     assert set(links) <= set(places)
@@ -207,14 +282,29 @@ def test_the_errata_have_a_place_for_every_link_of_the_index():
 def test_an_erratum_shows_both_forms_and_the_effect():
     page = errata_page([entry for entry in EQUATIONS if entry.no in ("19", "20")], EFFECTS)
     assert "## Eq. 19" not in page
-    assert page.count(r"\tag{20}") == page.count(r"\begin{equation*}") == page.count(r"\end{equation*}") == 2
+    assert (
+        page.count(r"\tag{20}")
+        == page.count(r"\begin{equation*}")
+        == page.count(r"\end{equation*}")
+        == 2
+    )
     assert "| distance | mm | 47.9 | 0 | 0 |" in page
     assert "| share |  | undefined | infinite | at least 0.5 |" in page
 
 
-@pytest.mark.parametrize(("value", "text"), [(47.936, "47.9"), (0.00069913, "0.000699"), (1.2e-13, "0"), (-1e-9, "0"),
-                                             (float("inf"), "infinite"), (float("nan"), "undefined"), (8, "8"),
-                                             (1234.5, "1234")])
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [
+        (47.936, "47.9"),
+        (0.00069913, "0.000699"),
+        (1.2e-13, "0"),
+        (-1e-9, "0"),
+        (float("inf"), "infinite"),
+        (float("nan"), "undefined"),
+        (8, "8"),
+        (1234.5, "1234"),
+    ],
+)
 def test_numbers_for_a_table(value, text):
     assert number_text(value) == text
 
@@ -222,5 +312,9 @@ def test_numbers_for_a_table(value, text):
 def test_pages_are_written_for_the_book_to_include(tmp_path):
     ledger.write_pages(tmp_path / "new" / "folder", EFFECTS)
     for name, page in (("equations", index_page), ("errata", errata_page)):
-        assert (tmp_path / "new" / "folder" / f"{name}.md").read_text(encoding="utf-8") == page(LEDGER, EFFECTS)
-        assert f"_build/generated/{name}.md" in (ROOT / "book" / f"{name}.md").read_text(encoding="utf-8")
+        assert (tmp_path / "new" / "folder" / f"{name}.md").read_text(encoding="utf-8") == page(
+            LEDGER, EFFECTS
+        )
+        assert f"_build/generated/{name}.md" in (ROOT / "book" / f"{name}.md").read_text(
+            encoding="utf-8"
+        )

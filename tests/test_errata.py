@@ -16,16 +16,19 @@ from trinolab.rigid import nearest_rotation
 from trinolab.workspace import intersect
 from trinolab.workspace.cones import Cone, cone_surface, inside
 
-# What each effect must be by the printed and by the corrected form, and a tolerance, from numbers that the package has
-# no part in: by hand, or found by two other programs. None where only the check can be given.
+# What each effect must be by the printed and by the corrected form, and a tolerance, from numbers
+# that the package has no part in: by hand, or found by two other programs. None where only the
+# check can be given.
 KNOWN = {
     "turn_of_ccd1": (90.0, 0.0, 1e-9),  # deg: 45 on either side of Z
     "turn_of_ccd2": (90.0, 0.0, 1e-9),
     "turn_of_ccd3": (90.0, 0.0, 1e-9),
-    # mm: z0 = 99.19 tan 84.7 tan 84.9 / (tan 84.7 + tan 84.9) = 545, less B/2; tan 84.7 moves by 1.9 % for 0.1 deg
+    # mm: z0 = 99.19 tan 84.7 tan 84.9 / (tan 84.7 + tan 84.9) = 545, less B/2; tan 84.7 moves by
+    # 1.9 % for 0.1 deg
     "shift_of_ccd3": (495.0, 0.0, 6.0),
     "workspace_volume": (0.0, 0.07148, 2e-5),  # B^3
-    "whole_sides": (29.05, 15.52, 0.02),  # deg: atan of hypot(1280/2956, 1024/2940), and of half of it
+    # deg: atan of hypot(1280/2956, 1024/2940), and of half of it
+    "whole_sides": (29.05, 15.52, 0.02),
     "black_pixels": (0.0, 1.0, 0.0),
     "resting_handle": (22 / 30, np.inf, 1e-9),  # s: 45 * 0.95^k falls to 15 between k = 21 and 22
     "late_observation": (500 / 30, 0.0, 1e-9),  # px
@@ -40,7 +43,8 @@ KNOWN = {
     "endless_bisection": (np.inf, None, 0.0),
     "wrong_way": (4.0, 8.0, 0.0),
     "residual_for_a_distance": (None, 1.0, 1e-6),
-    "broken_bounds": (np.sqrt(21), 1.0, 1.0),  # of noise: one column of 21; twenty numbers scatter by a third
+    # of noise: one column of 21; twenty numbers scatter by a third
+    "broken_bounds": (np.sqrt(21), 1.0, 1.0),
     "window_that_starts_at_its_point": (None, 1.0, 1e-6),
     "direction_of_motion": (48.0, 0.0, 0.5),  # mm
     "second_form": (12.7, 0.054, 0.5),
@@ -62,8 +66,12 @@ FUNCTIONS = [(no, compute) for no, functions in ERRATA.items() for compute in fu
 @pytest.fixture(scope="module")
 def computed():
     """Every effect by its function's name, each computed once."""
-    return {compute.__name__: effect for (_, compute), effect in
-            zip(FUNCTIONS, (effect for group in effects().values() for effect in group), strict=True)}
+    return {
+        compute.__name__: effect
+        for (_, compute), effect in zip(
+            FUNCTIONS, (effect for group in effects().values() for effect in group), strict=True
+        )
+    }
 
 
 @pytest.mark.parametrize(("no", "name"), [(no, compute.__name__) for no, compute in FUNCTIONS])
@@ -77,7 +85,9 @@ def test_the_printed_form_fails_and_the_corrected_one_passes(computed, no, name)
 @pytest.mark.parametrize("name", KNOWN)
 def test_the_effect_is_the_known_one(computed, name):
     *known, tolerance = KNOWN[name]
-    for value, wanted in zip((computed[name].printed, computed[name].corrected), known, strict=True):
+    for value, wanted in zip(
+        (computed[name].printed, computed[name].corrected), known, strict=True
+    ):
         if wanted is not None:
             assert value == pytest.approx(wanted, abs=tolerance)
 
@@ -86,8 +96,18 @@ def test_every_effect_is_known():
     assert set(KNOWN) == {compute.__name__ for _, compute in FUNCTIONS}
 
 
-@pytest.mark.parametrize(("value", "good"), [(0.5, True), (1.0, True), (2.0, True), (0.4, False), (2.1, False),
-                                             (np.nan, False), (np.inf, False)])
+@pytest.mark.parametrize(
+    ("value", "good"),
+    [
+        (0.5, True),
+        (1.0, True),
+        (2.0, True),
+        (0.4, False),
+        (2.1, False),
+        (np.nan, False),
+        (np.inf, False),
+    ],
+)
 def test_the_check_of_an_effect(value, good):
     assert Effect("1", "a quantity", "mm", 0.0, 1.0, 0.5, 2.0).holds(value) is good
 
@@ -95,11 +115,19 @@ def test_the_check_of_an_effect(value, good):
 def printed(a, t, w, b1, b2, B):
     """Eq. 1 to 3, typed from the paper."""
     cot = 1 / np.tan(w)
-    return ([a * np.sin(b1) * np.cos(t) - a * np.cos(b1) * cot, a * np.sin(t),
-             a * np.cos(b1) * np.cos(t) + a * np.sin(b1) * cot],
-            [a * np.sin(b2) * np.cos(t) + a * np.cos(b2) * cot + B, a * np.sin(t),
-             -a * np.cos(b2) * np.cos(t) + a * np.sin(b2) * cot],
-            [-a * cot + B / 2, a * np.sin(t) + B / np.sqrt(2), a * np.cos(t) + B / 2])
+    return (
+        [
+            a * np.sin(b1) * np.cos(t) - a * np.cos(b1) * cot,
+            a * np.sin(t),
+            a * np.cos(b1) * np.cos(t) + a * np.sin(b1) * cot,
+        ],
+        [
+            a * np.sin(b2) * np.cos(t) + a * np.cos(b2) * cot + B,
+            a * np.sin(t),
+            -a * np.cos(b2) * np.cos(t) + a * np.sin(b2) * cot,
+        ],
+        [-a * cot + B / 2, a * np.sin(t) + B / np.sqrt(2), a * np.cos(t) + B / 2],
+    )
 
 
 @pytest.mark.parametrize(("b1", "b2", "w"), [(45, 45, 20), (84.7, 84.9, 15.5), (30, 70, 40)])
@@ -133,12 +161,15 @@ def test_no_point_counts_as_inside_the_printed_workspace(degrees):
     points = rng.normal(0, 1, (100_000, 3)) * rng.lognormal(0, 1.5, (100_000, 1))
     cones = printed_cones(1.0, np.pi / 4, np.pi / 4, np.deg2rad(degrees))
     for signs in itertools.product((1, -1), repeat=3):
-        nappes = [Cone(c.apex, sign * c.axis, c.half_angle) for c, sign in zip(cones, signs, strict=True)]
+        nappes = [
+            Cone(c.apex, sign * c.axis, c.half_angle) for c, sign in zip(cones, signs, strict=True)
+        ]
         assert not inside(nappes, points).any()
 
 
 def test_the_check_would_see_a_volume():
-    # With a half angle over 45 deg the printed cones do meet somewhere, so "empty" is no property of the test.
+    # With a half angle over 45 deg the printed cones do meet somewhere, so "empty" is no property
+    # of the test.
     assert printed_workspace_volume(np.deg2rad(60)) > 0
 
 
@@ -167,8 +198,10 @@ def test_the_printed_forms_are_those_of_the_paper(form):
     (r1, r2, r3), (r4, r5, r6), (r7, r8, r9) = R
     f_l, f_r, X_l, Y_l, X_r, Y_r = 2900.0, 2800.0, 120.0, -80.0, 60.0, 40.0
     below = r7 * X_l + r8 * Y_l + r9 * f_l
-    z = (f_l * (f_r * T[0] - X_r * T[2]) / (X_r * below - f_r * (r1 * X_l + r2 * Y_l + r3 * f_l)),
-         f_l * (f_r * T[1] - Y_r * T[2]) / (Y_r * below - f_r * (r4 * X_l + r5 * Y_l + r6 * f_l)))[form]
+    z = (
+        f_l * (f_r * T[0] - X_r * T[2]) / (X_r * below - f_r * (r1 * X_l + r2 * Y_l + r3 * f_l)),
+        f_l * (f_r * T[1] - Y_r * T[2]) / (Y_r * below - f_r * (r4 * X_l + r5 * Y_l + r6 * f_l)),
+    )[form]
     point = printed_points(np.array([[X_l, Y_l]]) / f_l, np.array([[X_r, Y_r]]) / f_r, R, T, form)
     np.testing.assert_allclose(point, [[z * X_l / f_l, z * Y_l / f_l, z]], rtol=1e-12)
 
@@ -182,10 +215,13 @@ def test_the_printed_bisection_ends_where_it_can():
 
 
 def eq20(left, right, R, T):
-    """Points of the left frame from normalised image coordinates (f = 1), by the first form of Eq. 20 as printed."""
+    """Points of the left frame from normalised image coordinates (f = 1), by the first form of
+    Eq. 20 as printed.
+    """
     (X_l, Y_l), (X_r, _) = left.T, right.T
-    z = (T[0] - X_r * T[2]) / (X_r * (R[2, 0] * X_l + R[2, 1] * Y_l + R[2, 2])
-                               - (R[0, 0] * X_l + R[0, 1] * Y_l + R[0, 2]))
+    z = (T[0] - X_r * T[2]) / (
+        X_r * (R[2, 0] * X_l + R[2, 1] * Y_l + R[2, 2]) - (R[0, 0] * X_l + R[0, 1] * Y_l + R[0, 2])
+    )
     return np.column_stack([z * X_l, z * Y_l, z])
 
 

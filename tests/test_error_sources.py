@@ -34,7 +34,9 @@ def calibrated():
 
 def fitted(uv, rig=RIG):
     """Poses from pixels (n, 2, 12, 2) by the package's triangulation and fit."""
-    return RigidTransform.concatenate([rigid_fit(HANDLE.marker_centres, triangulate(rig, views)) for views in uv])
+    return RigidTransform.concatenate(
+        [rigid_fit(HANDLE.marker_centres, triangulate(rig, views)) for views in uv]
+    )
 
 
 def test_without_a_mistake_nothing_is_off(trial):
@@ -47,17 +49,21 @@ def test_without_a_mistake_nothing_is_off(trial):
 def test_pixel_noise_scatters_as_drawn_noise_does(trial):
     sigma = 0.01  # small enough for first order next to the gimbal lock
     rng = np.random.default_rng(0)
-    errors = exact([fitted(trial.uv + sigma * rng.standard_normal(trial.uv.shape)) for _ in range(60)], TRUTHS)
+    errors = exact(
+        [fitted(trial.uv + sigma * rng.standard_normal(trial.uv.shape)) for _ in range(60)], TRUTHS
+    )
     model = first_order(drawn(sources.pixel_noise(trial, sigma), 4000, rng), TRUTHS)
     for found, expected in zip(errors, model, strict=True):
-        ratio = np.sqrt((found**2).mean(axis=0) / (expected**2).mean(axis=0))  # (20, 3); 60 draws: 9 % each
+        # (20, 3); 60 draws: 9 % each
+        ratio = np.sqrt((found**2).mean(axis=0) / (expected**2).mean(axis=0))
         assert np.abs(np.log(ratio)).max() < 0.4
         assert abs(np.log(ratio).mean()) < 0.03
 
 
 def test_centroid_bias_is_what_the_changed_pixels_do(trial):
     uv = trial.uv + 0.3 * np.random.default_rng(1).standard_normal(trial.uv.shape)
-    extra = np.where(np.isfinite(uv), uv, 500.0)  # markers that the trial does not use are found too
+    # markers that the trial does not use are found too
+    extra = np.where(np.isfinite(uv), uv, 500.0)
     source = sources.centroid_bias(trial, extra)
     np.testing.assert_allclose(source.fixed, response(trial, uv), atol=1e-12)
     assert source.size == pytest.approx(0.3 * np.sqrt(2), rel=0.1)
@@ -66,20 +72,36 @@ def test_centroid_bias_is_what_the_changed_pixels_do(trial):
 
 def test_calibration_costs_what_repeated_calibrations_cost(trial, calibrated):
     """The covariance of one calibration against twelve others, measured exactly."""
-    costs = [calibration_errors(simulated_calibration(RIG, Board(), 14, np.random.default_rng(k)).rig, RIG, HANDLE,
-                                TRUTHS, 70.0) for k in range(1, 13)]
-    expected = means(first_order(drawn(sources.calibration(trial, calibrated.covariance), 500,
-                                       np.random.default_rng(0)), TRUTHS))
+    costs = [
+        calibration_errors(
+            simulated_calibration(RIG, Board(), 14, np.random.default_rng(k)).rig,
+            RIG,
+            HANDLE,
+            TRUTHS,
+            70.0,
+        )
+        for k in range(1, 13)
+    ]
+    expected = means(
+        first_order(
+            drawn(sources.calibration(trial, calibrated.covariance), 500, np.random.default_rng(0)),
+            TRUTHS,
+        )
+    )
     found = [np.mean([getattr(c, name) for c in costs]) for name in ("E_t_mm", "geodesic_mean_deg")]
-    np.testing.assert_allclose(found, expected[[0, 4]], rtol=0.35)  # a cost varies by 60 %, its mean of twelve by 17 %
+    # a cost varies by 60 %, its mean of twelve by 17 %
+    np.testing.assert_allclose(found, expected[[0, 4]], rtol=0.35)
 
 
 def test_a_shifted_rig_is_shifted_where_it_says(calibrated):
     x = np.arange(1.0, 15.0) * 1e-3
     moved = shifted_rig(RIG, x)
     left, right = moved.cameras
-    np.testing.assert_allclose(left.matrix - RIG.cameras[0].matrix, [[1e-3, 0, 3e-3], [0, 2e-3, 4e-3], [0, 0, 0]],
-                               atol=1e-12)
+    np.testing.assert_allclose(
+        left.matrix - RIG.cameras[0].matrix,
+        [[1e-3, 0, 3e-3], [0, 2e-3, 4e-3], [0, 0, 0]],
+        atol=1e-12,
+    )
     np.testing.assert_allclose(right.focal - RIG.cameras[1].focal, [5e-3, 6e-3])
     np.testing.assert_allclose(left.T_cam_world.as_matrix(), np.eye(4))
     np.testing.assert_allclose(right.centre - RIG.cameras[1].centre, [9e-3, 10e-3, 11e-3])
@@ -93,10 +115,18 @@ def test_a_shifted_rig_wants_as_many_numbers_as_a_calibration_has():
 
 
 def test_a_turned_camera_is_turned_in_its_own_frame(trial):
-    source, turn = sources.turned_camera(trial, 0.01), Rotation.from_rotvec([0.01, -0.02, 0.005], degrees=True)
+    source, turn = (
+        sources.turned_camera(trial, 0.01),
+        Rotation.from_rotvec([0.01, -0.02, 0.005], degrees=True),
+    )
     left, right = RIG.cameras
-    moved = Camera(right.name, right.size, right.matrix, right.distortions,
-                   (right.T_world_cam * RigidTransform.from_rotation(turn)).inv())
+    moved = Camera(
+        right.name,
+        right.size,
+        right.matrix,
+        right.distortions,
+        (right.T_world_cam * RigidTransform.from_rotation(turn)).inv(),
+    )
     expected = response(trial, rig=Rig((left, moved)))
     np.testing.assert_allclose(source.roots @ [1.0, -2.0, 0.5], expected, rtol=0.01, atol=0.002)
     assert np.abs(expected[:, 2]).min() > 0.5  # mm: the vergence is the depth
@@ -104,24 +134,36 @@ def test_a_turned_camera_is_turned_in_its_own_frame(trial):
 
 def test_printed_matrix_and_one_focal_length_cost_what_the_errata_say(trial):
     """There the set positions are triangulated; here the handle's origin comes from its markers."""
-    for source, effect in ((sources.printed_matrix(trial), use_of_no_rotation()),
-                           (sources.one_focal_length(trial), one_focal_length())):
+    for source, effect in (
+        (sources.printed_matrix(trial), use_of_no_rotation()),
+        (sources.one_focal_length(trial), one_focal_length()),
+    ):
         cost = np.linalg.norm(source.fixed[:, :3], axis=1).mean()
         assert cost == pytest.approx(effect.printed, rel=0.05)
 
 
 def test_by_matrix_without_skewness_is_the_chain(trial):
     uv = trial.uv + 0.02 * np.random.default_rng(2).standard_normal(trial.uv.shape)
-    first = sources.by_matrix(trial, uv, RIG, np.zeros((3, 3)))  # the first form of z alone: nearly all of it here
+    # the first form of z alone: nearly all of it here
+    first = sources.by_matrix(trial, uv, RIG, np.zeros((3, 3)))
     errors = exact([first], fitted(uv))
     assert np.abs(errors.position_mm).max() < 0.02
     assert np.abs(errors.turns_deg).max() < 0.2
 
 
 def test_lens_distortion_is_that_of_a_distorting_camera(trial):
-    bent = Rig(tuple(Camera(c.name, c.size, c.matrix, np.array([-0.05, 0, 0, 0, 0]), c.T_cam_world)
-                     for c in RIG.cameras))
-    uv = np.array([[c.project(T.apply(HANDLE.marker_centres)) for c in bent.cameras] for T in TRUTHS]) + 0 * trial.uv
+    bent = Rig(
+        tuple(
+            Camera(c.name, c.size, c.matrix, np.array([-0.05, 0, 0, 0, 0]), c.T_cam_world)
+            for c in RIG.cameras
+        )
+    )
+    uv = (
+        np.array(
+            [[c.project(T.apply(HANDLE.marker_centres)) for c in bent.cameras] for T in TRUTHS]
+        )
+        + 0 * trial.uv
+    )
     expected = exact([fitted(uv)], TRUTHS)
     found = first_order(sources.lens_distortion(trial, -0.05).fixed, TRUTHS)
     np.testing.assert_allclose(found.position_mm, expected.position_mm[0], atol=1e-9)
@@ -135,7 +177,9 @@ def test_markers_beside_their_places(trial):
     z[3], z[12 + 8] = 1.0, -2.0
     shift[3] = [0, 0.01, 0]
     shift[8] = -0.02 * np.cross([0, 1, 0], HANDLE.marker_normals[8])
-    uv = np.array([[c.project(T.apply(HANDLE.marker_centres + shift)) for c in RIG.cameras] for T in TRUTHS])
+    uv = np.array(
+        [[c.project(T.apply(HANDLE.marker_centres + shift)) for c in RIG.cameras] for T in TRUTHS]
+    )
     np.testing.assert_allclose(source.roots @ z, response(trial, uv + 0 * trial.uv), atol=2e-4)
     assert np.abs(source.roots @ z).max() > 0.05
 
@@ -147,8 +191,12 @@ def test_platform_and_digits_are_uniform_errors(trial):
     assert not tables[..., 3:].any()
     digits = first_order(drawn(sources.printed_digits(trial), 2000, rng), TRUTHS)
     rounding = rng.uniform(-0.05, 0.05, (2, 100_000))  # of a measured and a set angle
-    np.testing.assert_allclose(digits.angles_deg.std(axis=(0, 1)), (rounding[0] - rounding[1]).std(), rtol=0.03)
-    np.testing.assert_allclose(digits.position_mm.std(axis=(0, 1)), (rounding[0] - rounding[1]).std() / 10, rtol=0.03)
+    np.testing.assert_allclose(
+        digits.angles_deg.std(axis=(0, 1)), (rounding[0] - rounding[1]).std(), rtol=0.03
+    )
+    np.testing.assert_allclose(
+        digits.position_mm.std(axis=(0, 1)), (rounding[0] - rounding[1]).std() / 10, rtol=0.03
+    )
 
 
 def test_a_handle_set_askew_is_turned_on_its_own_side(trial):
@@ -160,9 +208,13 @@ def test_a_handle_set_askew_is_turned_on_its_own_side(trial):
 
 def test_errors_of_the_set_angles(trial):
     """Constants in the angles, and independent scatter of them."""
-    constant = first_order(sources.set_angles(trial, 0.5).roots @ [1.0, 2.0, -1.0], TRUTHS).angles_deg
+    constant = first_order(
+        sources.set_angles(trial, 0.5).roots @ [1.0, 2.0, -1.0], TRUTHS
+    ).angles_deg
     np.testing.assert_allclose(constant, np.tile([0.5, 1.0, -0.5], (20, 1)), atol=1e-12)
-    scatter = first_order(drawn(sources.set_scatter(trial, 0.25), 3000, np.random.default_rng(0)), TRUTHS)
+    scatter = first_order(
+        drawn(sources.set_scatter(trial, 0.25), 3000, np.random.default_rng(0)), TRUTHS
+    )
     np.testing.assert_allclose(scatter.angles_deg.std(axis=0), 0.25, rtol=0.06)
     assert not scatter.position_mm.any()
 

@@ -15,7 +15,9 @@ HANDLE, CODED = data_path("handles", "paper.toml"), data_path("handles", "coded.
 
 def truths(n=4):
     """n poses along x, with turns that have nothing to do with one another."""
-    turns = Rotation.from_euler("ZYX", [[10.0 * k, 20.0, -30.0 * k] for k in range(n)], degrees=True)
+    turns = Rotation.from_euler(
+        "ZYX", [[10.0 * k, 20.0, -30.0 * k] for k in range(n)], degrees=True
+    )
     return RigidTransform.from_components([[10.0 * k, 0.0, 600.0] for k in range(n)], turns)
 
 
@@ -33,13 +35,24 @@ def compared(tmp_path, estimates, statuses, frames=None, handle=HANDLE, truth=No
 
 def test_errors_by_hand(tmp_path):
     T = truths()
-    off = RigidTransform.from_translation([[3.0, 4.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 0.0, 0.0]]) * T
+    off = (
+        RigidTransform.from_translation(
+            [[3.0, 4.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 0.0, 0.0]]
+        )
+        * T
+    )
     wrong = [off[0], turn_deg("Z", 2.0) * off[1], off[2], off[3] * turn_deg("X", -4.0)]
     result = compared(tmp_path, RigidTransform.concatenate(wrong), "measured")
     # Rz(2 deg) from the left moves pose 1 as well: 10 mm from the axis by 2 sin(1 deg) of that
     chord = 20.0 * np.sin(np.deg2rad(1.0))
     e = result.errors
-    assert (result.instants, result.measured, result.ambiguous, result.predicted, result.lost) == (4, 4, 0, 0, 0)
+    assert (result.instants, result.measured, result.ambiguous, result.predicted, result.lost) == (
+        4,
+        4,
+        0,
+        0,
+        0,
+    )
     assert e.n == 4
     # tolerances: nine digits in the files
     assert e.E_t_mm == pytest.approx((5.0 + chord + 1.0 + 0.0) / 4, abs=1e-6)
@@ -61,7 +74,9 @@ def test_a_track_may_be_turned_by_one_symmetry(tmp_path, k):
 def test_a_flip_inside_a_track_is_an_error(tmp_path):
     T, S = truths(), load_handle("paper").symmetries
     sixty = next(s for s in S if np.isclose(np.rad2deg(s.rotation.magnitude()), 60.0))
-    flipped = RigidTransform.concatenate([T[0] * S[2], T[1] * S[2], T[2] * S[2] * sixty, T[3] * S[2]])
+    flipped = RigidTransform.concatenate(
+        [T[0] * S[2], T[1] * S[2], T[2] * S[2] * sixty, T[3] * S[2]]
+    )
     result = compared(tmp_path, flipped, "measured")
     assert result.errors.geodesic_max_deg == pytest.approx(60.0, abs=1e-6)
     assert result.errors.geodesic_mean_deg == pytest.approx(15.0, abs=1e-6)
@@ -86,9 +101,19 @@ def test_a_handle_without_symmetry_forgives_nothing(tmp_path):
 def test_rows_are_counted_and_joined_on_frame(tmp_path):
     T = truths()
     # frame 3 is missing, 9 is nowhere in the truth, and the order of the rows means nothing
-    estimates = RigidTransform.concatenate([T[2], T[0], RigidTransform.from_translation([0, 0, 7.0]) * T[1], T[3]])
-    result = compared(tmp_path, estimates, ["measured", "ambiguous", "predicted", "measured"], frames=[2, 0, 1, 9])
-    assert (result.instants, result.measured, result.ambiguous, result.predicted, result.lost) == (4, 1, 1, 1, 1)
+    estimates = RigidTransform.concatenate(
+        [T[2], T[0], RigidTransform.from_translation([0, 0, 7.0]) * T[1], T[3]]
+    )
+    result = compared(
+        tmp_path, estimates, ["measured", "ambiguous", "predicted", "measured"], frames=[2, 0, 1, 9]
+    )
+    assert (result.instants, result.measured, result.ambiguous, result.predicted, result.lost) == (
+        4,
+        1,
+        1,
+        1,
+        1,
+    )
     assert result.errors.n == 2
     assert result.errors.position_max_mm < 1e-6
 
@@ -119,17 +144,34 @@ def test_a_flip_inside_a_track_is_counted_and_far_off(tmp_path):
     estimates = RigidTransform.concatenate([T[k] * (S[5] if k == 3 else S[2]) for k in range(6)])
     result = compared(tmp_path, estimates, "measured", truth=truth_table(T))
     assert (result.track.flips, result.track.far_off) == (2, 1)
-    # rows in any order, and an ambiguous row in between, change nothing: only measured rows are the track
+    # rows in any order, and an ambiguous row in between, change nothing: only measured rows are the
+    # track
     statuses = ["measured", "ambiguous", "measured", "measured", "measured", "measured"]
-    mixed = compared(tmp_path, estimates[::-1], statuses, frames=[5, 4, 3, 2, 1, 0], truth=truth_table(T))
+    mixed = compared(
+        tmp_path, estimates[::-1], statuses, frames=[5, 4, 3, 2, 1, 0], truth=truth_table(T)
+    )
     assert (mixed.track.flips, mixed.track.far_off) == (2, 1)
-    alone = compared(tmp_path, estimates, ["measured"] * 3 + ["ambiguous"] + ["measured"] * 2, truth=truth_table(T))
+    alone = compared(
+        tmp_path,
+        estimates,
+        ["measured"] * 3 + ["ambiguous"] + ["measured"] * 2,
+        truth=truth_table(T),
+    )
     assert (alone.track.flips, alone.track.far_off, alone.track.waits) == (0, 0, (1,))
 
 
 def test_losses_count_what_can_be_seen(tmp_path):
     T = truths(8)
-    statuses = ["lost", "measured", "predicted", "lost", "measured", "measured", "ambiguous", "lost"]
+    statuses = [
+        "lost",
+        "measured",
+        "predicted",
+        "lost",
+        "measured",
+        "measured",
+        "ambiguous",
+        "lost",
+    ]
     plain = compared(tmp_path, T, statuses, truth=truth_table(T))
     assert (plain.track.waits, plain.track.unended) == ((2,), 2)
     assert (plain.visible, plain.visible_measured) == (0, 0)
@@ -140,12 +182,29 @@ def test_losses_count_what_can_be_seen(tmp_path):
 
 
 def test_two_cameras_that_see_three_each_are_enough(tmp_path):
-    """The rule needs each camera's count, which stand in a file beside the truth: two rows more are visible."""
+    """The rule needs each camera's count, which stand in a file beside the truth: two rows more are
+    visible.
+    """
     T = truths(8)
-    statuses = ["lost", "measured", "predicted", "lost", "measured", "measured", "ambiguous", "lost"]
+    statuses = [
+        "lost",
+        "measured",
+        "predicted",
+        "lost",
+        "measured",
+        "measured",
+        "ambiguous",
+        "lost",
+    ]
     seen = truth_table(T).assign(markers=[4, 4, 3, 5, 4, 2, 3, 6])
-    counts = pd.DataFrame({"frame": range(8), "a": [4, 4, 3, 0, 4, 2, 3, 1], "b": [0, 0, 3, 5, 2, 2, 2, 6],
-                           "c": [0, 0, 0, 0, 0, 2, 3, 0]})
+    counts = pd.DataFrame(
+        {
+            "frame": range(8),
+            "a": [4, 4, 3, 0, 4, 2, 3, 1],
+            "b": [0, 0, 3, 5, 2, 2, 2, 6],
+            "c": [0, 0, 0, 0, 0, 2, 3, 0],
+        }
+    )
     counts.sample(frac=1, random_state=0).to_csv(tmp_path / "truth_markers.csv", index=False)
     known = compared(tmp_path, T, statuses, truth=seen)
     assert (known.visible, known.visible_measured) == (7, 2)

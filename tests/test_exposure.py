@@ -12,9 +12,15 @@ from trinolab.camera import Camera
 from trinolab.datasets import load_handle, load_rig, load_table1
 from trinolab.handle import Handle, slants
 
-CAMERA = Camera("one", (160, 120), np.array([[1500.0, 0, 80], [0, 1500, 60], [0, 0, 1]]), np.zeros(5),
-                RigidTransform.identity())
-ROD = Handle("rod", 5.0, 60.0, 30.0, 3.0, (180.0,), ((0.0,),))  # one marker, turned towards the camera
+CAMERA = Camera(
+    "one",
+    (160, 120),
+    np.array([[1500.0, 0, 80], [0, 1500, 60], [0, 0, 1]]),
+    np.zeros(5),
+    RigidTransform.identity(),
+)
+# one marker, turned towards the camera
+ROD = Handle("rod", 5.0, 60.0, 30.0, 3.0, (180.0,), ((0.0,),))
 MARKERS_ALONE = Bench(background_grey=0.0, body_grey=0.0, marker_grey=200.0, shading=0.0)
 AT = RigidTransform.from_translation([0.0, 0.0, 505.0])
 
@@ -23,20 +29,36 @@ def moments(image):
     """Sum, mean (u, v) and covariance (2, 2) of an image's light."""
     v, u = np.indices(image.shape)
     points, weights = np.column_stack([u.ravel(), v.ravel()]), image.ravel()
-    return weights.sum(), np.average(points, axis=0, weights=weights), np.cov(points.T, aweights=weights, ddof=0)
+    return (
+        weights.sum(),
+        np.average(points, axis=0, weights=weights),
+        np.cov(points.T, aweights=weights, ddof=0),
+    )
 
 
 def test_at_rest_it_is_the_scene():
-    camera, handle, T = load_rig("paper_pair").cameras[1], load_handle("paper"), load_table1().set_poses[4]
-    np.testing.assert_allclose(exposed(camera, handle, T, Bench(), np.zeros(3), np.zeros(3)),
-                               radiance(camera, handle, T, Bench()), rtol=0, atol=1e-11)  # a quaternion's rounding
+    camera, handle, T = (
+        load_rig("paper_pair").cameras[1],
+        load_handle("paper"),
+        load_table1().set_poses[4],
+    )
+    np.testing.assert_allclose(
+        exposed(camera, handle, T, Bench(), np.zeros(3), np.zeros(3)),
+        # a quaternion's rounding
+        radiance(camera, handle, T, Bench()),
+        rtol=0,
+        atol=1e-11,
+    )
 
 
 @pytest.mark.parametrize("direction", [(1.0, 0.0), (0.0, -1.0), (0.6, 0.8)])
 def test_a_moving_marker_is_smeared_about_its_place_at_mid_exposure(direction):
     velocity = 310.0 * np.array([*direction, 0.0])
     path_px = 310.0 * EXPOSURE_S * 1500.0 / 500.0 * np.array(direction)  # the marker is 500 mm away
-    still, moving = (moments(exposed(CAMERA, ROD, AT, MARKERS_ALONE, v, np.zeros(3))) for v in (np.zeros(3), velocity))
+    still, moving = (
+        moments(exposed(CAMERA, ROD, AT, MARKERS_ALONE, v, np.zeros(3)))
+        for v in (np.zeros(3), velocity)
+    )
     assert moving[0] == pytest.approx(still[0], rel=0.002)  # no light is lost
     np.testing.assert_allclose(moving[1], still[1], atol=0.005)
     spread = np.outer(path_px, path_px) / 12  # of a uniform distribution along the path
@@ -45,11 +67,15 @@ def test_a_moving_marker_is_smeared_about_its_place_at_mid_exposure(direction):
 
 def test_a_turn_smears_across_the_axis_it_is_about():
     turn = np.array([0.0, 40.0, 0.0])  # rad/s about the rod, by 0.2 rad either way
-    still, moving = (moments(exposed(CAMERA, ROD, AT, MARKERS_ALONE, np.zeros(3), w)) for w in (np.zeros(3), turn))
+    still, moving = (
+        moments(exposed(CAMERA, ROD, AT, MARKERS_ALONE, np.zeros(3), w))
+        for w in (np.zeros(3), turn)
+    )
     growth = moving[2] - still[2]
     across = np.linspace(-1.5, 1.5, 301)  # mm on the wrapped disc, by its chords
     chord, angles = np.sqrt(1.5**2 - across**2), np.linspace(-0.2, 0.2, 201)[:, None]
-    u, light = 15.0 * np.sin(angles + across / 5.0), chord * np.cos(angles + across / 5.0)  # 3 px/mm, foreshortened
+    # 3 px/mm, foreshortened
+    u, light = 15.0 * np.sin(angles + across / 5.0), chord * np.cos(angles + across / 5.0)
     wide = np.average(u**2, weights=light)
     narrow = np.average(u[100] ** 2, weights=light[100])
     assert growth[0, 0] == pytest.approx(wide - narrow, rel=0.02)
@@ -69,7 +95,7 @@ def test_refuses_what_is_no_motion():
 def centroid(image, uv, half=26):
     """Centroid of the light around a pixel, which `uv` names; shape (2,)."""
     u, v = np.round(uv).astype(int)
-    _, mean, _ = moments(image[v - half:v + half + 1, u - half:u + half + 1])
+    _, mean, _ = moments(image[v - half : v + half + 1, u - half : u + half + 1])
     return mean + [u - half, v - half]
 
 
@@ -78,16 +104,25 @@ def drawn(camera, handle, T, bench, *motion, arm=None):
 
 
 def test_smeared_is_exposed():
-    camera, handle, T = load_rig("paper_pair").cameras[1], load_handle("paper"), load_table1().set_poses[4]
+    camera, handle, T = (
+        load_rig("paper_pair").cameras[1],
+        load_handle("paper"),
+        load_table1().set_poses[4],
+    )
     velocity, turn = np.array([-250.0, 180.0, 120.0]), np.deg2rad([25.0, -15.0, 20.0])
     bench = Bench(background_grey=0.0, body_grey=0.0, shading=0.0)
-    slow, fast = exposed(camera, handle, T, bench, velocity, turn), drawn(camera, handle, T, bench, velocity, turn)
+    slow, fast = (
+        exposed(camera, handle, T, bench, velocity, turn),
+        drawn(camera, handle, T, bench, velocity, turn),
+    )
     uv = camera.project(T.apply(handle.marker_centres))[facing_the(camera, handle, T)]
     assert len(uv) >= 2
     for pixel in uv:
-        np.testing.assert_allclose(centroid(fast, pixel), centroid(slow, pixel), atol=0.06)  # px; worst seen 0.05
+        # px; worst seen 0.05
+        np.testing.assert_allclose(centroid(fast, pixel), centroid(slow, pixel), atol=0.06)
     assert fast.sum() == pytest.approx(slow.sum(), rel=0.003)
-    assert np.sqrt(np.mean((blurred(fast, bench) - blurred(slow, bench))[slow > 1] ** 2)) < 3  # of 220 grey levels
+    # of 220 grey levels
+    assert np.sqrt(np.mean((blurred(fast, bench) - blurred(slow, bench))[slow > 1] ** 2)) < 3
 
 
 def facing_the(camera, handle, T):
@@ -101,24 +136,50 @@ def test_arm_and_handle_are_smeared_alike():
     assert (still == radiance(camera, handle, T, bench, Arm())).all()
     velocity = np.array([400.0, 0, 0])
     moving = drawn(camera, handle, T, bench, velocity, np.zeros(3), arm=Arm())
-    exact = np.mean([radiance(camera, handle, RigidTransform.from_translation(velocity * t) * T, bench, Arm())
-                     for t in EXPOSURE_S * ((np.arange(12) + 0.5) / 12 - 0.5)], axis=0)
+    exact = np.mean(
+        [
+            radiance(
+                camera, handle, RigidTransform.from_translation(velocity * t) * T, bench, Arm()
+            )
+            for t in EXPOSURE_S * ((np.arange(12) + 0.5) / 12 - 0.5)
+        ],
+        axis=0,
+    )
     off, blur = np.abs(moving - exact), np.abs(still - exact)
     assert off.mean() < 0.2 * blur.mean()
 
 
 def test_what_leaves_the_image_has_no_edge_at_its_border():
     at = RigidTransform.from_translation([0.0, 0.0, 505.0])
-    camera = Camera("two", (40, 120), np.array([[1500.0, 0, 20], [0, 1500, 60], [0, 0, 1]]), np.zeros(5),
-                    RigidTransform.identity())
+    camera = Camera(
+        "two",
+        (40, 120),
+        np.array([[1500.0, 0, 20], [0, 1500, 60], [0, 0, 1]]),
+        np.zeros(5),
+        RigidTransform.identity(),
+    )
     bench = Bench(background_grey=0.0, shading=0.0)
-    image = drawn(camera, ROD, RigidTransform.from_translation([0.0, -35, 0]) * at, bench, np.array([0.0, 600, 0]),
-                  np.zeros(3))
-    assert image[0, 20] == pytest.approx(image[6, 20], abs=1)  # the rod comes in over the upper border
+    image = drawn(
+        camera,
+        ROD,
+        RigidTransform.from_translation([0.0, -35, 0]) * at,
+        bench,
+        np.array([0.0, 600, 0]),
+        np.zeros(3),
+    )
+    # the rod comes in over the upper border
+    assert image[0, 20] == pytest.approx(image[6, 20], abs=1)
 
 
 def test_a_smeared_handle_outside_the_image_is_nothing():
     beside = RigidTransform.from_translation([900.0, 0.0, 505.0])
-    assert smeared(CAMERA, ROD, beside, Bench(), np.array([300.0, 0, 0]), np.zeros(3)).light.size == 0
+    assert (
+        smeared(CAMERA, ROD, beside, Bench(), np.array([300.0, 0, 0]), np.zeros(3)).light.size == 0
+    )
     behind = RigidTransform.from_translation([0.0, 0.0, -505.0])
-    assert smeared(CAMERA, ROD, behind, Bench(), np.array([300.0, 0, 0]), np.zeros(3), Arm()).light.size == 0
+    assert (
+        smeared(
+            CAMERA, ROD, behind, Bench(), np.array([300.0, 0, 0]), np.zeros(3), Arm()
+        ).light.size
+        == 0
+    )

@@ -1,4 +1,6 @@
-"""The names that `trinolab` itself has: each one works, none is hidden by a module, and the README's examples run."""
+"""The names that `trinolab` itself has: each one works, none is hidden by a module, and the
+README's examples run.
+"""
 
 import re
 import subprocess
@@ -27,12 +29,18 @@ PACKAGE = ROOT / "trinolab"
 def home_of(name):
     """The object that a name of the face stands for, got without the face."""
     module, _, attribute = FACE[name].rpartition(".")
-    return getattr(import_module(f"trinolab.{module}"), attribute) if module else import_module(f"trinolab.{name}")
+    return (
+        getattr(import_module(f"trinolab.{module}"), attribute)
+        if module
+        else import_module(f"trinolab.{name}")
+    )
 
 
 def run(code):
     """What some code prints in a new process."""
-    return subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
+    return subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True
+    ).stdout
 
 
 @pytest.mark.parametrize("name", FACE)
@@ -48,7 +56,9 @@ def test_the_face_is_what_a_star_import_brings():
 
 
 def test_type_checkers_see_the_same_face():
-    """They read the imports that Python skips; each must lead to the place where the name is taken from."""
+    """They read the imports that Python skips; each must lead to the place where the name is taken
+    from.
+    """
     source = (PACKAGE / "__init__.py").read_text(encoding="utf-8")
     imports = re.findall(r"^    from \.([\w.]*) import (\w+) as (\w+)", source, re.MULTILINE)
     assert {name: f"{module}.{what}".strip(".") for module, what, name in imports} == FACE
@@ -73,7 +83,10 @@ def test_a_module_that_is_loaded_hides_no_name_of_the_face():
     """In either order: the homes first, and the names first."""
     homes = sorted({f"trinolab.{where.rpartition('.')[0] or where}" for where in FACE.values()})
     show = f"print({', '.join(f'trinolab.{name}' for name in FACE)})"
-    first, second = run(f"import trinolab\n{show}"), run(f"import {', '.join(homes)}\nimport trinolab\n{show}")
+    first, second = (
+        run(f"import trinolab\n{show}"),
+        run(f"import {', '.join(homes)}\nimport trinolab\n{show}"),
+    )
     names = [re.sub(r" at 0x\w+", "", text) for text in (first, second)]
     assert names[0] == names[1]
     assert "function measure" in names[0]
@@ -82,8 +95,13 @@ def test_a_module_that_is_loaded_hides_no_name_of_the_face():
 
 def test_sweep_is_the_folder_and_has_the_function():
     assert run("import trinolab; print(trinolab.sweep.sweep.__module__)") == "trinolab.sweep.runs\n"
-    assert run("from trinolab.sweep import sweep\nimport trinolab.sweep.runs\n"
-               "print(trinolab.sweep.sweep is sweep)") == "True\n"
+    assert (
+        run(
+            "from trinolab.sweep import sweep\nimport trinolab.sweep.runs\n"
+            "print(trinolab.sweep.sweep is sweep)"
+        )
+        == "True\n"
+    )
     assert trinolab.sweep.sweep is runs.sweep
 
 
@@ -92,9 +110,18 @@ def test_sweep_is_the_folder_and_has_the_function():
 
 def examples():
     """The blocks of Python under the README's heading "From Python"."""
-    section = (ROOT / "README.md").read_text(encoding="utf-8").split("## From Python\n")[1].split("\n## ")[0]
+    section = (
+        (ROOT / "README.md")
+        .read_text(encoding="utf-8")
+        .split("## From Python\n")[1]
+        .split("\n## ")[0]
+    )
     blocks = re.findall(r"(?:^    .*\n|^\n(?=    ))+", section, flags=re.MULTILINE)
-    return [re.sub("^    ", "", block, flags=re.MULTILINE) for block in blocks if "import trinolab" in block]
+    return [
+        re.sub("^    ", "", block, flags=re.MULTILINE)
+        for block in blocks
+        if "import trinolab" in block
+    ]
 
 
 @pytest.fixture(scope="module")
@@ -102,27 +129,36 @@ def place(tmp_path_factory):
     """A folder with a short recording and with a small notebook that is called like a chapter."""
     root, rng = tmp_path_factory.mktemp("readme"), np.random.default_rng(0)
     rig, handle = load_rig("paper_pair"), load_handle("coded")
-    path = [shifted(load_table1().set_poses[4], np.array([1.0, 0.5, 0.0, 0.0, 0.01, 0.0]) * k) for k in range(3)]
+    path = [
+        shifted(load_table1().set_poses[4], np.array([1.0, 0.5, 0.0, 0.0, 0.01, 0.0]) * k)
+        for k in range(3)
+    ]
     partial = recorder.begin(root / "recording", rig, handle)
     for k, T in enumerate(path):
         recorder.add(partial, rig, k, render_rig(rig, handle, T, Bench(), rng))
     poses = path[0].concatenate(path)
     recorder.finish(root / "recording", np.arange(3) / 30, truth_table(poses))
     (root / "notebooks").mkdir()
-    make_notebook(root / "notebooks" / "06_matching.ipynb", glued(found="ncc_threshold + seed"),
-                  parameters="ncc_threshold = 0.7\nseed = 0")
+    make_notebook(
+        root / "notebooks" / "06_matching.ipynb",
+        glued(found="ncc_threshold + seed"),
+        parameters="ncc_threshold = 0.7\nseed = 0",
+    )
     return root, poses
 
 
 def test_there_are_three_examples():
     assert len(examples()) == 3
-    assert all(len([line for line in example.splitlines() if line and "import" not in line]) <= 3
-               for example in examples()), "three lines each"
+    assert all(
+        len([line for line in example.splitlines() if line and "import" not in line]) <= 3
+        for example in examples()
+    ), "three lines each"
 
 
 @pytest.fixture
 def after(place, monkeypatch):
     """What an example leaves behind, run in that folder."""
+
     def run_example(number):
         monkeypatch.chdir(place[0])
         names = {}
@@ -149,4 +185,6 @@ def test_readme_tracks_a_recording(after, capsys):
 def test_readme_sweeps_a_chapter(after):
     table = after(2)["table"]
     assert table["status"].tolist() == ["ok"] * 9
-    assert table["found"].tolist() == pytest.approx((table["ncc_threshold"] + table["seed"]).tolist())
+    assert table["found"].tolist() == pytest.approx(
+        (table["ncc_threshold"] + table["seed"]).tolist()
+    )

@@ -1,4 +1,6 @@
-"""The four factors: what each changes and what it leaves, and the shipped tables against cells computed anew."""
+"""The four factors: what each changes and what it leaves, and the shipped tables against cells
+computed anew.
+"""
 
 import numpy as np
 import pandas as pd
@@ -16,8 +18,8 @@ from trinolab.studies.replication import replicate_table1
 
 CELLS = {"distortion": -0.05, "distance": 750.0, "marker_size": 2.0, "speed": 25.0, "turn": 100.0}
 FIELDS = ["E_t_mm", "E_alpha_deg", "E_beta_deg", "E_gamma_deg", "geodesic_mean_deg"]
-# Tables have six digits. Between instruction sets their numbers differ by at most 1.3e-11 of themselves
-# (make verify ARGS="--only spread --groups tables").
+# Tables have six digits. Between instruction sets their numbers differ by at most 1.3e-11 of
+# themselves (make verify ARGS="--only spread --groups tables").
 DIGITS = 1e-5
 each_factor = pytest.mark.parametrize("name", FACTORS)
 
@@ -35,7 +37,9 @@ def test_distortion_is_unknown_to_the_measurement(setup):
     assert [list(c.distortions) for c in changed.true_rig.cameras] == [[-0.1, 0, 0, 0, 0]] * 2
     assert changed.rig is setup.rig
     point = [[60.0, 0.0, 600.0]]  # x/z = 0.1 in CCD1
-    straight, bent = (rig.cameras[0].project(point)[0, 0] for rig in (changed.rig, changed.true_rig))
+    straight, bent = (
+        rig.cameras[0].project(point)[0, 0] for rig in (changed.rig, changed.true_rig)
+    )
     assert bent - straight == pytest.approx(-0.1 * 0.1**3 * 2956.2067, rel=1e-9)
 
 
@@ -46,14 +50,20 @@ def test_distance_moves_along_the_line_of_sight_and_keeps_the_markers_in_view(se
     middle = (setup.rig.cameras[0].centre + setup.rig.cameras[1].centre) / 2
     sight, before = changed.poses.translation - middle, home.poses.translation - middle
     np.testing.assert_allclose(sight, before * distance_mm / 570.0, rtol=0, atol=1e-9)
-    np.testing.assert_allclose(changed.poses.rotation.as_matrix(), home.poses.rotation.as_matrix(), atol=1e-15)
+    np.testing.assert_allclose(
+        changed.poses.rotation.as_matrix(), home.poses.rotation.as_matrix(), atol=1e-15
+    )
     for T in changed.poses:
-        assert all(camera.sees(T.apply(setup.handle.marker_centres)).all() for camera in setup.rig.cameras)
+        assert all(
+            camera.sees(T.apply(setup.handle.marker_centres)).all() for camera in setup.rig.cameras
+        )
 
 
 def test_570_mm_is_where_table_1_has_them(setup):
     middle = (setup.rig.cameras[0].centre + setup.rig.cameras[1].centre) / 2
-    assert np.linalg.norm(setup.poses.translation - middle, axis=1).mean() == pytest.approx(570.0, abs=0.5)
+    assert np.linalg.norm(setup.poses.translation - middle, axis=1).mean() == pytest.approx(
+        570.0, abs=0.5
+    )
 
 
 def test_speed_and_turn_rate_are_what_they_say_in_many_directions(setup):
@@ -76,7 +86,9 @@ def test_marker_size_changes_nothing_else(setup):
 
 def test_at_rest_the_frames_are_the_scene_s(setup):
     frames = factors._frames(setup, 11, np.random.default_rng(4))
-    expected = render_rig(setup.rig, setup.handle, setup.poses[11], Bench(), np.random.default_rng(4))
+    expected = render_rig(
+        setup.rig, setup.handle, setup.poses[11], Bench(), np.random.default_rng(4)
+    )
     np.testing.assert_array_equal(frames, expected)
 
 
@@ -88,24 +100,42 @@ def test_a_cell_says_what_it_is_and_what_it_could_not_measure(monkeypatch, setup
     methods = {"one": Parameters(), "two": Parameters(sigma_px=0.2)}
     rows = cell("speed", 100.0, 3, setup.rig, setup.handle, methods)
     assert [(r["speed_mm_s"], r["seed"], r["method"], r["poses"], r["n"]) for r in rows] == [
-        (100.0, 3, "one", 20, 0), (100.0, 3, "two", 20, 0)]
+        (100.0, 3, "one", 20, 0),
+        (100.0, 3, "two", 20, 0),
+    ]
     assert all(np.isnan(r[field]) for r in rows for field in ERRORS)
 
 
 def test_every_method_measures_the_same_frames(monkeypatch, setup):
     seen = []
-    monkeypatch.setattr(replication, "measure", lambda frames, rig, handle, prior, parameters: seen.append(
-        (parameters.sigma_px, frames[0].sum())))
+    monkeypatch.setattr(
+        replication,
+        "measure",
+        lambda frames, rig, handle, prior, parameters: seen.append(
+            (parameters.sigma_px, frames[0].sum())
+        ),
+    )
     monkeypatch.setattr(factors, "errors_of", lambda *a: {})
-    monkeypatch.setattr(factors, "_frames", lambda setup, k, rng: [rng.integers(0, 255, (2, 2))] * 2)
-    cell("turn", 0.0, 0, setup.rig, setup.handle, {"a": Parameters(), "b": Parameters(sigma_px=0.3)})
+    monkeypatch.setattr(
+        factors, "_frames", lambda setup, k, rng: [rng.integers(0, 255, (2, 2))] * 2
+    )
+    cell(
+        "turn", 0.0, 0, setup.rig, setup.handle, {"a": Parameters(), "b": Parameters(sigma_px=0.3)}
+    )
     first, second = ([total for sigma, total in seen if sigma == s] for s in (0.1, 0.3))
     assert first == second
     assert len(set(first)) > 10
 
 
-@pytest.mark.parametrize(("arguments", "named"), [(("colour", 1.0, 0), "name"), (("speed", np.nan, 0), "speed_mm_s"),
-                                                  (("speed", 1.0, -1), "seed"), (("marker_size", 9.0, 0), "overlap")])
+@pytest.mark.parametrize(
+    ("arguments", "named"),
+    [
+        (("colour", 1.0, 0), "name"),
+        (("speed", np.nan, 0), "speed_mm_s"),
+        (("speed", 1.0, -1), "seed"),
+        (("marker_size", 9.0, 0), "overlap"),
+    ],
+)
 def test_a_cell_refuses(arguments, named, setup):
     with pytest.raises(ValueError, match=named):
         cell(*arguments, setup.rig, setup.handle)
@@ -130,7 +160,9 @@ def test_shipped_tables_agree_at_the_paper_s_working_point(name):
     home = load_sweep("speed").query("speed_mm_s == 0 and seed == 0")
     table = load_sweep(name)
     here = table[(table[FACTORS[name].column] == FACTORS[name].paper) & (table["seed"] == 0)]
-    pd.testing.assert_frame_equal(here.iloc[:, 2:].reset_index(drop=True), home.iloc[:, 2:].reset_index(drop=True))
+    pd.testing.assert_frame_equal(
+        here.iloc[:, 2:].reset_index(drop=True), home.iloc[:, 2:].reset_index(drop=True)
+    )
 
 
 def test_at_the_working_point_it_is_the_replication():
@@ -143,15 +175,23 @@ def test_at_the_working_point_it_is_the_replication():
     assert errors == replicate_table1(rig, handle, seed=0, rows=slice(2))
 
 
-@pytest.mark.parametrize("name", [pytest.param(name, marks=() if name == "speed" else pytest.mark.heavy)
-                                  for name in FACTORS])
+@pytest.mark.parametrize(
+    "name",
+    [pytest.param(name, marks=() if name == "speed" else pytest.mark.heavy) for name in FACTORS],
+)
 def test_shipped_cell_is_computed_again(name):
-    """One cell of each table, all its poses rendered and measured: `make sweeps` makes them anew after a change."""
+    """One cell of each table, all its poses rendered and measured: `make sweeps` makes them anew
+    after a change.
+    """
     value, table = CELLS[name], load_sweep(name)
-    stored = table[(table[FACTORS[name].column] == value) & (table["seed"] == 0) & (table["method"] == "paper")]
-    row, = cell(name, value, 0, load_rig("paper_pair"), load_handle("paper"))
+    stored = table[
+        (table[FACTORS[name].column] == value) & (table["seed"] == 0) & (table["method"] == "paper")
+    ]
+    (row,) = cell(name, value, 0, load_rig("paper_pair"), load_handle("paper"))
     assert [row["poses"], row["n"]] == stored[["poses", "n"]].iloc[0].tolist()
-    np.testing.assert_allclose([row[f] for f in FIELDS], stored[FIELDS].iloc[0].astype(float), rtol=DIGITS)
+    np.testing.assert_allclose(
+        [row[f] for f in FIELDS], stored[FIELDS].iloc[0].astype(float), rtol=DIGITS
+    )
 
 
 # --- the command
@@ -165,17 +205,24 @@ def test_the_command_writes_whole_tables_and_only_those_asked_for(tmp_path, monk
 
     monkeypatch.setattr(factors, "cell", cheap)
     (tmp_path / "turn.csv").write_text("before")
-    assert main(["factors", "--out", str(tmp_path), "--factor", "speed", "turn", "--seeds", "2"]) == 130
+    assert (
+        main(["factors", "--out", str(tmp_path), "--factor", "speed", "turn", "--seeds", "2"])
+        == 130
+    )
     assert sorted(path.name for path in tmp_path.iterdir()) == ["speed.csv", "turn.csv"]
     assert (tmp_path / "turn.csv").read_text() == "before"
     written = pd.read_csv(tmp_path / "speed.csv")
     assert written["seed"].tolist() == [0, 1] * len(FACTORS["speed"].values)
 
 
-@pytest.mark.parametrize(("folder", "factor", "said"), [("none", "speed", "no such folder"),
-                                                       (".", "colour", "factor: expected one of")])
-def test_the_command_refuses_in_a_line_before_it_computes(tmp_path, monkeypatch, capsys, folder, factor, said):
+@pytest.mark.parametrize(
+    ("folder", "factor", "said"),
+    [("none", "speed", "no such folder"), (".", "colour", "factor: expected one of")],
+)
+def test_the_command_refuses_in_a_line_before_it_computes(
+    tmp_path, monkeypatch, capsys, folder, factor, said
+):
     monkeypatch.setattr(factors, "cell", None)
     assert main(["factors", "--out", str(tmp_path / folder), "--factor", factor]) == 2
-    line, = capsys.readouterr().err.splitlines()
+    (line,) = capsys.readouterr().err.splitlines()
     assert said in line

@@ -1,4 +1,6 @@
-"""Footage and recordings: videos and image folders give the same frames; what does not fit is named."""
+"""Footage and recordings: videos and image folders give the same frames; what does not fit is
+named.
+"""
 
 from dataclasses import replace
 
@@ -37,7 +39,9 @@ def images():
 
 @pytest.fixture
 def folder(tmp_path, rig, images):
-    partial = recorder.begin(tmp_path / "r", rig, load_handle("coded"), dict(zip(rig.names, images[0], strict=True)))
+    partial = recorder.begin(
+        tmp_path / "r", rig, load_handle("coded"), dict(zip(rig.names, images[0], strict=True))
+    )
     for k, instant in enumerate(images):
         recorder.add(partial, rig, k, instant)
     recorder.finish(tmp_path / "r", np.arange(5) / 25)
@@ -72,7 +76,9 @@ def test_a_written_folder_is_read_back(folder, rig, images):
 def test_a_folder_opens_with_another_rig_and_without_timestamps(tmp_path, folder, rig):
     (folder / "timestamps.csv").unlink()
     first, second = rig.cameras
-    write_rig(Rig((replace(first, name="ccd2"), replace(second, name="ccd1"))), tmp_path / "other.toml")
+    write_rig(
+        Rig((replace(first, name="ccd2"), replace(second, name="ccd1"))), tmp_path / "other.toml"
+    )
     recording, _ = open_folder(folder, rig=tmp_path / "other.toml")
     assert recording.rig.names == ("ccd2", "ccd1")
     assert [one.path.name for one in recording.footage] == ["ccd2", "ccd1"]
@@ -116,9 +122,13 @@ def test_colour_video_is_converted_and_said_once(tmp_path, caplog):
     assert len(caplog.messages) == 1
 
 
-def test_a_conversion_is_said_for_each_camera_although_both_videos_lie_in_one_folder(tmp_path, rig, caplog):
+def test_a_conversion_is_said_for_each_camera_although_both_videos_lie_in_one_folder(
+    tmp_path, rig, caplog
+):
     for name in rig.names:
-        writer = cv2.VideoWriter(str(tmp_path / f"{name}.mkv"), cv2.VideoWriter_fourcc(*"FFV1"), 30, SIZE)
+        writer = cv2.VideoWriter(
+            str(tmp_path / f"{name}.mkv"), cv2.VideoWriter_fourcc(*"FFV1"), 30, SIZE
+        )
         for _ in range(2):
             writer.write(np.full((*SIZE[::-1], 3), (10, 200, 60), np.uint8))
         writer.release()
@@ -126,8 +136,9 @@ def test_a_conversion_is_said_for_each_camera_although_both_videos_lie_in_one_fo
     recording = open_recording(find_footage(tmp_path, rig), rig)
     for _ in range(2):  # each reader says it again
         assert len(list(instants(recording))) == 2
-    assert caplog.messages == 2 * [f"{tmp_path / name}.mkv: colour converted to grey; said once a camera"
-                                   for name in rig.names]
+    assert caplog.messages == 2 * [
+        f"{tmp_path / name}.mkv: colour converted to grey; said once a camera" for name in rig.names
+    ]
 
 
 def test_a_video_that_ends_early_is_named_after_its_frames(tmp_path, rig, images):
@@ -145,11 +156,13 @@ def test_what_does_not_fit_is_named(tmp_path, folder, rig, images):
     (tmp_path / "empty.mkv").touch()
     (tmp_path / "text.mkv").write_text("no video")
     (tmp_path / "nothing").mkdir()
-    for change, message in (({"ccd2": tmp_path / "no.mkv"}, r"no\.mkv: no such file"),
-                            ({"ccd2": tmp_path / "empty.mkv"}, r"empty\.mkv: cannot be read as a video"),
-                            ({"ccd2": tmp_path / "text.mkv"}, r"text\.mkv: cannot be read as a video"),
-                            ({"ccd2": tmp_path / "nothing"}, r"nothing: no image in it"),
-                            ({"ccd9": tmp_path / "text.mkv"}, "ccd9: a camera that the rig does not have")):
+    for change, message in (
+        ({"ccd2": tmp_path / "no.mkv"}, r"no\.mkv: no such file"),
+        ({"ccd2": tmp_path / "empty.mkv"}, r"empty\.mkv: cannot be read as a video"),
+        ({"ccd2": tmp_path / "text.mkv"}, r"text\.mkv: cannot be read as a video"),
+        ({"ccd2": tmp_path / "nothing"}, r"nothing: no image in it"),
+        ({"ccd9": tmp_path / "text.mkv"}, "ccd9: a camera that the rig does not have"),
+    ):
         with pytest.raises(ValueError, match=message):
             open_recording({**sources, **change}, rig)
     with pytest.raises(ValueError, match="ccd2: no video or folder"):
@@ -161,7 +174,9 @@ def test_what_does_not_fit_is_named(tmp_path, folder, rig, images):
 
 def test_each_camera_has_one_source_in_a_folder(folder, rig, images):
     write_video(folder / "ccd1.mkv", images[:, 0])
-    with pytest.raises(ValueError, match=r"one folder or video of camera ccd1, got ccd1 and ccd1\.mkv"):
+    with pytest.raises(
+        ValueError, match=r"one folder or video of camera ccd1, got ccd1 and ccd1\.mkv"
+    ):
         find_footage(folder, rig)
     with pytest.raises(ValueError, match="no such folder"):
         find_footage(folder / "no", rig)
@@ -193,7 +208,9 @@ def test_too_few_timestamps_are_named(tmp_path, folder, rig, images):
     (tmp_path / "t.csv").write_text("frame,t_s\n0,0\n1,0.1\n")
     with pytest.raises(ValueError, match="no time for frame 2 of 5"):
         open_recording(find_footage(folder, rig), rig, timestamps=tmp_path / "t.csv")
-    stream = instants(open_recording(videos(tmp_path, rig, images), rig, timestamps=tmp_path / "t.csv"))
+    stream = instants(
+        open_recording(videos(tmp_path, rig, images), rig, timestamps=tmp_path / "t.csv")
+    )
     with pytest.raises(ValueError, match="no time for frame 2, they end with frame 1"):
         list(stream)
 

@@ -1,4 +1,6 @@
-"""A sample of what `make verify` feeds to the readers of users' files; and nothing is run that was read."""
+"""A sample of what `make verify` feeds to the readers of users' files; and nothing is run that was
+read.
+"""
 
 import ast
 from pathlib import Path
@@ -9,7 +11,9 @@ from fuzzing import READERS, SEEDS, fuzz, kinds, refusal
 MODULES = sorted(Path(__file__).resolve().parents[1].glob("trinolab/**/*.py"))
 
 
-@pytest.mark.parametrize(("name", "kind"), [(name, kind) for name in READERS for kind in kinds(name)])
+@pytest.mark.parametrize(
+    ("name", "kind"), [(name, kind) for name in READERS for kind in kinds(name)]
+)
 def test_wrong_files_are_taken_or_refused(name, kind):
     assert sum(fuzz(name, kind, 40).values()) >= 40
 
@@ -23,7 +27,18 @@ def test_valid_files_are_taken(name):
 # --- nothing that was read is run
 
 RUN = {"eval", "exec", "compile", "__import__", "system", "popen", "read_pickle", "to_pickle"}
-UNPICKLE = {"pickle", "cPickle", "dill", "joblib", "marshal", "shelve", "cloudpickle", "yaml", "jsonpickle", "runpy"}
+UNPICKLE = {
+    "pickle",
+    "cPickle",
+    "dill",
+    "joblib",
+    "marshal",
+    "shelve",
+    "cloudpickle",
+    "yaml",
+    "jsonpickle",
+    "runpy",
+}
 
 
 def dangers(source):
@@ -34,8 +49,16 @@ def dangers(source):
         elif isinstance(node, ast.ImportFrom):
             yield from ({node.module or "", *(alias.name for alias in node.names)} & UNPICKLE)
         elif isinstance(node, ast.Call):
-            name = node.func.attr if isinstance(node.func, ast.Attribute) else getattr(node.func, "id", "")
-            allowed = {key.arg for key in node.keywords if isinstance(key.value, ast.Constant) and not key.value.value}
+            name = (
+                node.func.attr
+                if isinstance(node.func, ast.Attribute)
+                else getattr(node.func, "id", "")
+            )
+            allowed = {
+                key.arg
+                for key in node.keywords
+                if isinstance(key.value, ast.Constant) and not key.value.value
+            }
             if name in RUN and ast.unparse(node.func) != "re.compile":
                 yield name
             if name == "load" and "np" in ast.unparse(node.func) and "allow_pickle" not in allowed:
@@ -49,15 +72,38 @@ def test_nothing_that_was_read_is_run():
     assert {name: calls for name, calls in found.items() if calls} == {}
 
 
-@pytest.mark.parametrize("line", [
-    "import pickle", "from pickle import loads", "import joblib as j", "eval(text)", "builtins.exec(text)",
-    "import numpy as np; np.load(f)", "np.load(f, allow_pickle=True)", "pd.read_pickle(f)", "os.system(text)",
-    "from marshal import load", "subprocess.run(text, shell=True)", "__import__(name)", "import yaml"])
+@pytest.mark.parametrize(
+    "line",
+    [
+        "import pickle",
+        "from pickle import loads",
+        "import joblib as j",
+        "eval(text)",
+        "builtins.exec(text)",
+        "import numpy as np; np.load(f)",
+        "np.load(f, allow_pickle=True)",
+        "pd.read_pickle(f)",
+        "os.system(text)",
+        "from marshal import load",
+        "subprocess.run(text, shell=True)",
+        "__import__(name)",
+        "import yaml",
+    ],
+)
 def test_what_would_run_a_file_is_found(line):
     assert list(dangers(line))
 
 
-@pytest.mark.parametrize("line", ["np.load(f, allow_pickle=False)", "ast.literal_eval(text)", "json.loads(text)",
-                                  "tomllib.load(f)", "re.compile(text)", "subprocess.run(line, shell=False)"])
+@pytest.mark.parametrize(
+    "line",
+    [
+        "np.load(f, allow_pickle=False)",
+        "ast.literal_eval(text)",
+        "json.loads(text)",
+        "tomllib.load(f)",
+        "re.compile(text)",
+        "subprocess.run(line, shell=False)",
+    ],
+)
 def test_what_is_harmless_is_not(line):
     assert list(dangers(line)) == []

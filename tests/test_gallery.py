@@ -24,8 +24,8 @@ PAGE = ROOT / "book" / "gallery.ipynb"
 TEXT = "\n".join(cell.source for cell in nbformat.read(PAGE, as_version=4).cells)
 CHAPTERS = [name for name, one in GALLERY.items() if isinstance(one.what, str)]
 each_exhibit = pytest.mark.parametrize("name", GALLERY)
-# Tables have six digits. Between instruction sets their numbers differ by at most 1.3e-11 of themselves
-# (make verify ARGS="--only spread --groups tables").
+# Tables have six digits. Between instruction sets their numbers differ by at most 1.3e-11 of
+# themselves (make verify ARGS="--only spread --groups tables").
 DIGITS = 1e-5
 
 
@@ -33,7 +33,9 @@ DIGITS = 1e-5
 def test_table_is_whole(name):
     table, expected = load(name), settings(name)
     assert table.attrs["parameters"] == list(expected[0])
-    assert table[list(expected[0])].to_dict("records") == [pytest.approx(row, rel=1e-5) for row in expected]
+    assert table[list(expected[0])].to_dict("records") == [
+        pytest.approx(row, rel=1e-5) for row in expected
+    ]
     results = table.drop(columns=table.attrs["parameters"])
     assert len(results.columns) >= 2
     assert results.notna().any().all()
@@ -48,7 +50,9 @@ def test_one_run_is_computed_again(name):
     k = len(expected) // 2
     found = GALLERY[name].what(**expected[k])
     results = table.columns.difference(table.attrs["parameters"])
-    np.testing.assert_allclose([found[result] for result in results], table.loc[k, results].astype(float), rtol=DIGITS)
+    np.testing.assert_allclose(
+        [found[result] for result in results], table.loc[k, results].astype(float), rtol=DIGITS
+    )
 
 
 @pytest.mark.parametrize("name", CHAPTERS)
@@ -56,7 +60,7 @@ def test_a_chapter_s_table_has_what_the_chapter_gives(name):
     """The run with the chapter's own parameters."""
     path = ROOT / "notebooks" / f"{GALLERY[name].what}.ipynb"
     table, defaults = load(name), read_parameters(path)
-    row, = (k for k, setting in enumerate(settings(name)) if setting.items() <= defaults.items())
+    (row,) = (k for k, setting in enumerate(settings(name)) if setting.items() <= defaults.items())
     results = as_it_stands(path).results
     for result in GALLERY[name].results:
         assert results[result] == pytest.approx(table.loc[row, result], rel=DIGITS), result
@@ -77,12 +81,21 @@ def test_command_of_a_chapter_has_the_same_runs(name):
 
 def test_tables_agree_where_two_sweeps_meet():
     """At the standard scene, and with the table of chapter 9, which another module computed."""
-    at = {"noise": ("read_noise", 1.5), "blur": ("blur_px", 0.7), "marker_size": ("marker_diameter_mm", 3.0)}
-    here = {name: load(name).query(f"{column} == {value} and seed == 0") for name, (column, value) in at.items()}
+    at = {
+        "noise": ("read_noise", 1.5),
+        "blur": ("blur_px", 0.7),
+        "marker_size": ("marker_diameter_mm", 3.0),
+    }
+    here = {
+        name: load(name).query(f"{column} == {value} and seed == 0")
+        for name, (column, value) in at.items()
+    }
     stored = load_sweep("marker_size").query("marker_diameter_mm == 3 and seed == 0").iloc[0]
     assert here["marker_size"]["E_t_mm_paper"].item() == pytest.approx(stored["E_t_mm"], rel=DIGITS)
     for column in ("E_t_mm_paper", "geodesic_deg_patches"):
-        assert here["blur"][column].item() == pytest.approx(here["marker_size"][column].item(), rel=1e-5)
+        assert here["blur"][column].item() == pytest.approx(
+            here["marker_size"][column].item(), rel=1e-5
+        )
 
 
 @pytest.mark.parametrize("function", [load, settings, command])
@@ -100,8 +113,14 @@ def squares(a, b=1.0):
 
 @pytest.fixture
 def small(monkeypatch, tmp_path):
-    monkeypatch.setattr(gallery, "GALLERY", {"one": Exhibit(squares, ("a=1,2,3",)),
-                                             "two": Exhibit(squares, ("a=0.5:1.5:3", "b=2.0,4.0"), ("product",))})
+    monkeypatch.setattr(
+        gallery,
+        "GALLERY",
+        {
+            "one": Exhibit(squares, ("a=1,2,3",)),
+            "two": Exhibit(squares, ("a=0.5:1.5:3", "b=2.0,4.0"), ("product",)),
+        },
+    )
     (tmp_path / "tables").mkdir()
     folders = ["--out", str(tmp_path / "tables"), "--kept", str(tmp_path / "kept")]
     return tmp_path / "tables", ["gallery", *folders, "--workers", "1"]
@@ -111,7 +130,11 @@ def test_the_command_writes_the_tables(small):
     folder, arguments = small
     assert main(arguments) == 0
     assert (folder / "one.csv").read_text() == "a,square,product\n1,1,1\n2,4,2\n3,9,3\n"
-    assert (folder / "two.csv").read_text().splitlines()[:3] == ["a,b,product", "0.5,2,1", "0.5,4,2"]
+    assert (folder / "two.csv").read_text().splitlines()[:3] == [
+        "a,b,product",
+        "0.5,2,1",
+        "0.5,4,2",
+    ]
     assert not list((folder.parent / "kept").iterdir())
 
 
@@ -143,9 +166,14 @@ def test_a_sweep_with_a_failed_run_writes_nothing(small, monkeypatch, capsys):
     assert not list(folder.iterdir())
 
 
-@pytest.mark.parametrize(("more", "named"), [(["three"], "expected one of one, two, got 'three'"),
-                                             (["--out", "/nowhere"], "no such folder"),
-                                             (["--workers", "0"], "workers")])
+@pytest.mark.parametrize(
+    ("more", "named"),
+    [
+        (["three"], "expected one of one, two, got 'three'"),
+        (["--out", "/nowhere"], "no such folder"),
+        (["--workers", "0"], "workers"),
+    ],
+)
 def test_the_command_refuses_in_a_line(small, more, named, capsys):
     assert main([*small[1], *more]) == 2
     *_, line = capsys.readouterr().err.splitlines()

@@ -14,53 +14,59 @@ def values(text):
     return [setting[0] for setting in axis.settings]
 
 
-@pytest.mark.parametrize(("text", "expected"), [
-    ("a=0.5:0.95:10", [0.5, 0.55, 0.6, 0.65, 0.7, 0.75, 0.8, 0.85, 0.9, 0.95]),
-    ("a=0:1:3", [0.0, 0.5, 1.0]),
-    ("a=8:24:3", [8, 16, 24]),
-    ("a=3:1:3", [3, 2, 1]),
-    ("a=log:0.01:100:5", [0.01, 0.1, 1.0, 10.0, 100.0]),
-    ("a=0,1,2", [0, 1, 2]),
-    ("a = 1.5, 2 ", [1.5, 2]),
-    ("a=-1e-3", [-0.001]),
-    ("a=true,false", [True, False]),
-    ("a=paper,raised_40deg", ["paper", "raised_40deg"]),
-    ("a='x, y',\"0:1:2\"", ["x, y", "0:1:2"]),
-    ("a=[1, 2.5],[3]", [[1, 2.5], [3]]),
-    ("a=0x10,1_000", [16, 1000]),
-])
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("a=0.5:0.95:10", [0.5, 0.55, 0.6, 0.65, 0.7, 0.75, 0.8, 0.85, 0.9, 0.95]),
+        ("a=0:1:3", [0.0, 0.5, 1.0]),
+        ("a=8:24:3", [8, 16, 24]),
+        ("a=3:1:3", [3, 2, 1]),
+        ("a=log:0.01:100:5", [0.01, 0.1, 1.0, 10.0, 100.0]),
+        ("a=0,1,2", [0, 1, 2]),
+        ("a = 1.5, 2 ", [1.5, 2]),
+        ("a=-1e-3", [-0.001]),
+        ("a=true,false", [True, False]),
+        ("a=paper,raised_40deg", ["paper", "raised_40deg"]),
+        ("a='x, y',\"0:1:2\"", ["x, y", "0:1:2"]),
+        ("a=[1, 2.5],[3]", [[1, 2.5], [3]]),
+        ("a=0x10,1_000", [16, 1000]),
+    ],
+)
 def test_what_can_be_typed(text, expected):
     found = values(text)
     assert found == expected
     assert list(map(type, found)) == list(map(type, expected))
 
 
-@pytest.mark.parametrize(("text", "said"), [
-    ("a", "-p a: expected NAME=VALUES or @file.csv"),
-    ("2a=1", "expected NAME=VALUES"),
-    ("=1", "expected NAME=VALUES"),
-    ("a=", "-p a=: expected a:b:n, log:a:b:n, a list like 0,1,2, or @file.csv"),
-    ("a=1;2", "'1;2' is no value"),
-    ("a=1,,2", "'' is no value"),
-    ("a=__import__('os')", "is no value"),
-    ("a=1]\nb=[2", "is no value"),
-    ("a=1 # 2", "is no value"),
-    ("a={b=1}", "expected a:b:n"),
-    ("a=2020-01-01", "expected a:b:n"),
-    ("a=nan", "expected a:b:n"),
-    ("a=1e999", "expected a:b:n"),
-    ("a=0:1:x", "'x' is no number"),
-    ("a=0:1:2:3", "is no value"),
-    ("a=::3", "'' is no value"),
-    ("a=0:true:3", "'true' is no number"),
-    ("a=0:1:1", "expected 2 to 1,000,000 points, got 1"),
-    ("a=0:1:0", "expected 2 to 1,000,000 points, got 0"),
-    ("a=0:1:2.5", "expected 2 to 1,000,000 points, got 2.5"),
-    ("a=0:1:1000000000", "expected 2 to 1,000,000 points"),
-    ("a=log:0:1:3", "log needs numbers above 0"),
-    ("a=1:0", "expected an interval that goes up"),
-    ("a=0:inf:3", "no number, text, true, false"),
-])
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("a", "-p a: expected NAME=VALUES or @file.csv"),
+        ("2a=1", "expected NAME=VALUES"),
+        ("=1", "expected NAME=VALUES"),
+        ("a=", "-p a=: expected a:b:n, log:a:b:n, a list like 0,1,2, or @file.csv"),
+        ("a=1;2", "'1;2' is no value"),
+        ("a=1,,2", "'' is no value"),
+        ("a=__import__('os')", "is no value"),
+        ("a=1]\nb=[2", "is no value"),
+        ("a=1 # 2", "is no value"),
+        ("a={b=1}", "expected a:b:n"),
+        ("a=2020-01-01", "expected a:b:n"),
+        ("a=nan", "expected a:b:n"),
+        ("a=1e999", "expected a:b:n"),
+        ("a=0:1:x", "'x' is no number"),
+        ("a=0:1:2:3", "is no value"),
+        ("a=::3", "'' is no value"),
+        ("a=0:true:3", "'true' is no number"),
+        ("a=0:1:1", "expected 2 to 1,000,000 points, got 1"),
+        ("a=0:1:0", "expected 2 to 1,000,000 points, got 0"),
+        ("a=0:1:2.5", "expected 2 to 1,000,000 points, got 2.5"),
+        ("a=0:1:1000000000", "expected 2 to 1,000,000 points"),
+        ("a=log:0:1:3", "log needs numbers above 0"),
+        ("a=1:0", "expected an interval that goes up"),
+        ("a=0:inf:3", "no number, text, true, false"),
+    ],
+)
 def test_what_is_refused(text, said):
     with pytest.raises(ValueError, match=re.escape(said)) as caught:
         parse([text])
@@ -75,7 +81,9 @@ def test_a_parameter_comes_once(tmp_path):
 
 
 def test_a_file_has_a_row_a_setting(tmp_path):
-    (tmp_path / "runs.csv").write_text('name, threshold, wide\npaper, 0.5, true\n"\'a, b\'", 1, false\n')
+    (tmp_path / "runs.csv").write_text(
+        "name, threshold, wide\npaper, 0.5, true\n\"'a, b'\", 1, false\n"
+    )
     axes = parse([f"@{tmp_path / 'runs.csv'}", "seed=0,1"])
     assert runs(axes) == [
         {"name": "paper", "threshold": 0.5, "wide": True, "seed": 0},
@@ -85,11 +93,18 @@ def test_a_file_has_a_row_a_setting(tmp_path):
     ]
 
 
-@pytest.mark.parametrize(("content", "said"), [
-    ("", "no valid CSV"), ("a\n", "expected a row a run, got none"), ("a b\n1\n", "got 'a b'"),
-    ("a,a\n1,2\n", "got 'a.1'"), ("a,b\n1,\n", "row 1, b: '' is no value"),
-    ("a\n1\nx y\n", "row 2, a: 'x y' is no value"), ("a\n1,2\n", "no valid CSV"),
-])
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        ("", "no valid CSV"),
+        ("a\n", "expected a row a run, got none"),
+        ("a b\n1\n", "got 'a b'"),
+        ("a,a\n1,2\n", "got 'a.1'"),
+        ("a,b\n1,\n", "row 1, b: '' is no value"),
+        ("a\n1\nx y\n", "row 2, a: 'x y' is no value"),
+        ("a\n1,2\n", "no valid CSV"),
+    ],
+)
 def test_a_wrong_file_is_refused(tmp_path, content, said):
     path = tmp_path / "runs.csv"
     path.write_text(content)
@@ -104,18 +119,41 @@ def test_a_missing_file_is_refused():
 
 def test_each_value_with_each_other():
     assert runs(parse(["a=0,1", "b=x", "c=2,3"])) == [
-        {"a": 0, "b": "x", "c": 2}, {"a": 0, "b": "x", "c": 3}, {"a": 1, "b": "x", "c": 2}, {"a": 1, "b": "x", "c": 3}]
+        {"a": 0, "b": "x", "c": 2},
+        {"a": 0, "b": "x", "c": 3},
+        {"a": 1, "b": "x", "c": 2},
+        {"a": 1, "b": "x", "c": 3},
+    ]
     assert runs([]) == [{}]
 
 
 def test_values_from_python():
-    found = axes_of({"a": np.linspace(0, 1, 3), "b": range(2), "c": "text", "d": 3, "e": [[1, 2], [3]], "f": None,
-                     "g": Interval(0, 1), "h": np.float32(0.5), "i": {1: 2}, "j": (x for x in "ab")})
+    found = axes_of(
+        {
+            "a": np.linspace(0, 1, 3),
+            "b": range(2),
+            "c": "text",
+            "d": 3,
+            "e": [[1, 2], [3]],
+            "f": None,
+            "g": Interval(0, 1),
+            "h": np.float32(0.5),
+            "i": {1: 2},
+            "j": (x for x in "ab"),
+        }
+    )
     assert found == [
-        Axis(("a",), [(0.0,), (0.5,), (1.0,)]), Axis(("b",), [(0,), (1,)]), Axis(("c",), [("text",)]),
-        Axis(("d",), [(3,)]), Axis(("e",), [([1, 2],), ([3],)]), Axis(("f",), [(None,)]),
-        Between(("g",), Interval(0, 1)), Axis(("h",), [(0.5,)]), Axis(("i",), [({1: 2},)]),
-        Axis(("j",), [("a",), ("b",)])]
+        Axis(("a",), [(0.0,), (0.5,), (1.0,)]),
+        Axis(("b",), [(0,), (1,)]),
+        Axis(("c",), [("text",)]),
+        Axis(("d",), [(3,)]),
+        Axis(("e",), [([1, 2],), ([3],)]),
+        Axis(("f",), [(None,)]),
+        Between(("g",), Interval(0, 1)),
+        Axis(("h",), [(0.5,)]),
+        Axis(("i",), [({1: 2},)]),
+        Axis(("j",), [("a",), ("b",)]),
+    ]
     assert type(found[0].settings[0][0]) is type(found[7].settings[0][0]) is float
 
 
@@ -147,7 +185,9 @@ def test_an_interval_needs_a_sample():
 
 def test_many_runs_must_be_meant():
     axes = parse(["a=0:1:1000", "b=0:1:1000"])
-    with pytest.raises(ValueError, match=r"the grid has 1,000,000 runs; more than 100,000 must be confirmed"):
+    with pytest.raises(
+        ValueError, match=r"the grid has 1,000,000 runs; more than 100,000 must be confirmed"
+    ):
         runs(axes)
     with pytest.raises(ValueError, match="must be confirmed"):
         runs(axes, sample=MANY + 1)

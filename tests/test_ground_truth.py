@@ -1,4 +1,6 @@
-"""Standard recordings with their truth, and spots held against it; small rigs, and a cache of their own."""
+"""Standard recordings with their truth, and spots held against it; small rigs, and a cache of their
+own.
+"""
 
 import dataclasses
 
@@ -16,7 +18,13 @@ from trinolab.datasets import load_rig
 from trinolab.files.poses import poses_by_frame, read_poses
 from trinolab.handle import Handle
 from trinolab.studies import ground_truth
-from trinolab.studies.ground_truth import in_the_gate, judge_search, judge_spots, moving_windows, read_recording
+from trinolab.studies.ground_truth import (
+    in_the_gate,
+    judge_search,
+    judge_spots,
+    moving_windows,
+    read_recording,
+)
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -24,7 +32,11 @@ def cache(tmp_path_factory):
     root = tmp_path_factory.mktemp("cache")
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(recordings, "cache_folder", lambda: root)
-        patch.setattr(recordings, "load_rig", lambda name: Rig(tuple(scaled(c, 0.25) for c in load_rig(name).cameras)))
+        patch.setattr(
+            recordings,
+            "load_rig",
+            lambda name: Rig(tuple(scaled(c, 0.25) for c in load_rig(name).cameras)),
+        )
         yield root
 
 
@@ -35,7 +47,9 @@ def hard():
 
 def exactly(recording, instant, c, moved=0.0):
     """Where the markers' centres are, and the rows of those that camera c truly sees."""
-    centres = recording.rig.cameras[c].project(instant.T_world_handle.apply(recording.handle.marker_centres))
+    centres = recording.rig.cameras[c].project(
+        instant.T_world_handle.apply(recording.handle.marker_centres)
+    )
     return centres[instant.seen[c]] + moved
 
 
@@ -46,7 +60,8 @@ def test_the_truth_is_that_of_the_folder(hard):
     assert counts.max() >= 4
     poses = poses_by_frame(read_poses(folder / "truth.csv"))
     for now in hard.instants:
-        assert np.allclose(now.T_world_handle.as_matrix(), poses[now.frame].as_matrix(), atol=1e-6)  # nine digits
+        # nine digits
+        assert np.allclose(now.T_world_handle.as_matrix(), poses[now.frame].as_matrix(), atol=1e-6)
         assert now.t_s == pytest.approx(now.frame / 30)
         assert [image.shape for image in now.images] == [(256, 320)] * 3
     assert np.array_equal(hard.times_s, [now.t_s for now in hard.instants])
@@ -60,7 +75,9 @@ def test_images_are_those_of_the_folder(hard):
         film = hard.images_of(camera)
         for path, image in zip(sorted(folder.glob(f"images/{name}/*.png")), film, strict=True):
             assert np.array_equal(image, cv2.imread(str(path), cv2.IMREAD_GRAYSCALE))
-        assert np.array_equal(empty, cv2.imread(str(folder / "background" / f"{name}.png"), cv2.IMREAD_GRAYSCALE))
+        assert np.array_equal(
+            empty, cv2.imread(str(folder / "background" / f"{name}.png"), cv2.IMREAD_GRAYSCALE)
+        )
         assert not np.array_equal(film[0], film[1])
     u, v = np.rint(exactly(hard, hard.instants[0], 0)).astype(int).T
     assert hard.instants[0].images[0][v, u].max() > 120  # markers are there
@@ -69,13 +86,17 @@ def test_images_are_those_of_the_folder(hard):
 def test_every_few_rows_and_columns_are_cameras_of_as_many_pixels(hard):
     thin = read_recording("hard", [4], seconds=0.2, every=4)
     whole = hard.instants[4]
-    for camera, small, image in zip(thin.rig.cameras, thin.instants[0].images, whole.images, strict=True):
+    for camera, small, image in zip(
+        thin.rig.cameras, thin.instants[0].images, whole.images, strict=True
+    ):
         assert small.shape == camera.size[::-1] == (64, 80)
         assert np.array_equal(small, image[::4, ::4])
     assert np.array_equal(thin.empty[1], hard.empty[1][::4, ::4])
     centre = whole.T_world_handle.translation[None]
     # the image's corner stays where it is, half a pixel outside the first centre
-    assert thin.rig.cameras[2].project(centre) == pytest.approx((hard.rig.cameras[2].project(centre) + 0.5) / 4 - 0.5)
+    assert thin.rig.cameras[2].project(centre) == pytest.approx(
+        (hard.rig.cameras[2].project(centre) + 0.5) / 4 - 0.5
+    )
 
 
 def test_some_frames_are_the_same_as_in_all(hard):
@@ -115,11 +136,15 @@ def test_a_search_in_windows_is_in_the_image_s_pixels(hard):
 
     judged = judge_search(hard, find, windows)
     assert judged.false == 0
-    assert judged.errors_px == pytest.approx(np.zeros(sum(now.seen.sum() for now in hard.instants)), abs=1e-9)
+    assert judged.errors_px == pytest.approx(
+        np.zeros(sum(now.seen.sum() for now in hard.instants)), abs=1e-9
+    )
 
 
 def test_where_there_is_no_window_nothing_is_found(hard):
-    judged = judge_search(hard, lambda image: pytest.fail("looked"), [[None] * 3] * len(hard.instants))
+    judged = judge_search(
+        hard, lambda image: pytest.fail("looked"), [[None] * 3] * len(hard.instants)
+    )
     assert np.isnan(judged.errors_px).all()
     assert len(judged.errors_px) > 0
 
@@ -141,11 +166,17 @@ def test_a_file_that_is_missing_is_named(hard):
 
 
 def test_the_gate_by_hand():
-    """Two equal cameras side by side and an upright rod: markers of a row share a line, those of a column none."""
+    """Two equal cameras side by side and an upright rod: markers of a row share a line, those of a
+    column none.
+    """
     camera = load_rig("paper_pair").cameras[0]
-    beside = dataclasses.replace(camera, T_cam_world=RigidTransform.from_translation([-100.0, 0.0, 0.0]))
+    beside = dataclasses.replace(
+        camera, T_cam_world=RigidTransform.from_translation([-100.0, 0.0, 0.0])
+    )
     rig = Rig((camera, dataclasses.replace(beside, name="beside")))
-    upright = RigidTransform.from_components([50.0, 0.0, 570.0], Rotation.from_euler("y", 180, degrees=True))
+    upright = RigidTransform.from_components(
+        [50.0, 0.0, 570.0], Rotation.from_euler("y", 180, degrees=True)
+    )
     row = Handle("row", 5.0, 100.0, 50.0, 3.0, (-40.0, 40.0), ((5.0,), (5.0,)))
     column = Handle("column", 5.0, 100.0, 50.0, 3.0, (0.0,), ((5.0, -5.0),))
     assert in_the_gate([upright] * 3, rig, row, 2.0) == (6, 6)

@@ -1,4 +1,6 @@
-"""The handle: where its markers are, its symmetries for any layout, and what a handle file may not say."""
+"""The handle: where its markers are, its symmetries for any layout, and what a handle file may not
+say.
+"""
 
 import itertools
 
@@ -13,8 +15,16 @@ from trinolab.handle import Handle, slants
 
 
 def fields(**changes):
-    given = {"name": "h", "radius_mm": 5.0, "length_mm": 200.0, "top_mm": 25.0, "marker_diameter_mm": 3.0,
-             "columns_deg": [0.0, 90.0], "rows_mm": [[10.0, -10.0], [10.0, -10.0]], "markers": "bright"}
+    given = {
+        "name": "h",
+        "radius_mm": 5.0,
+        "length_mm": 200.0,
+        "top_mm": 25.0,
+        "marker_diameter_mm": 3.0,
+        "columns_deg": [0.0, 90.0],
+        "rows_mm": [[10.0, -10.0], [10.0, -10.0]],
+        "markers": "bright",
+    }
     return {key: value for key, value in {**given, **changes}.items() if value is not None}
 
 
@@ -23,7 +33,8 @@ def handle(**changes):
 
 
 def test_markers_by_hand():
-    # Column 0 at 0 deg looks along z, column 1 at 90 deg along x; y is the axis; numbered column by column.
+    # Column 0 at 0 deg looks along z, column 1 at 90 deg along x; y is the axis; numbered column by
+    # column.
     h = handle(rows_mm=[[10.0, -10.0], [7.0]])
     np.testing.assert_allclose(h.marker_centres, [[0, 10, 5], [0, -10, 5], [5, 7, 0]], atol=1e-12)
     np.testing.assert_allclose(h.marker_normals, [[0, 0, 1], [0, 0, 1], [1, 0, 0]], atol=1e-12)
@@ -32,11 +43,14 @@ def test_markers_by_hand():
 
 
 def test_slants_by_hand():
-    # Seen from far along z: marker 0 face on, the one at 90 deg on edge, moved and turned with the handle.
+    # Seen from far along z: marker 0 face on, the one at 90 deg on edge, moved and turned with the
+    # handle.
     h = handle(rows_mm=[[0.0], [0.0]])
     ahead = slants(h, RigidTransform.identity(), np.array([0.0, 0.0, 1e9]))
     np.testing.assert_allclose(ahead, [0, np.pi / 2], atol=1e-7)
-    T = RigidTransform.from_components([10.0, 20.0, 30.0], Rotation.from_rotvec([0.0, np.deg2rad(30.0), 0.0]))
+    T = RigidTransform.from_components(
+        [10.0, 20.0, 30.0], Rotation.from_rotvec([0.0, np.deg2rad(30.0), 0.0])
+    )
     far = np.array([10.0, 20.0, 30.0 + 1e9])
     np.testing.assert_allclose(np.rad2deg(slants(h, T, far)), [30.0, 120.0], atol=1e-5)
     near = slants(h, RigidTransform.identity(), np.array([0.0, 5.0, 10.0]))
@@ -44,7 +58,9 @@ def test_slants_by_hand():
 
 
 def brute_force_symmetries(h, step_deg=1):
-    """All turns and half turns on a grid of angles, with the shift that keeps the middle, that keep the marker set."""
+    """All turns and half turns on a grid of angles, with the shift that keeps the middle, that keep
+    the marker set.
+    """
     centres, found = h.marker_centres, 0
     middle = (centres[:, 1].max() + centres[:, 1].min()) / 2
     for flip, angle in itertools.product((False, True), np.arange(0, 360, step_deg)):
@@ -69,7 +85,10 @@ LAYOUTS = {
     "one marker": (handle(columns_deg=[10.0], rows_mm=[[1.0]]), 2),
     "five columns of six": (handle(columns_deg=SIX[:5], rows_mm=[[10.0, -10.0]] * 5), 2),
     "uneven columns": (handle(columns_deg=[0.0, 50.0, 170.0], rows_mm=[[10.0, 0.0]] * 3), 1),
-    "columns of different lengths": (handle(columns_deg=[0.0, 180.0], rows_mm=[[10.0, 0.0, -10.0], [0.0]]), 2),
+    "columns of different lengths": (
+        handle(columns_deg=[0.0, 180.0], rows_mm=[[10.0, 0.0, -10.0], [0.0]]),
+        2,
+    ),
 }
 
 
@@ -82,7 +101,9 @@ def test_symmetries(name):
     sorted_centres = sorted(map(tuple, h.marker_centres.round(6) + 0.0))
     for T in symmetries:
         assert sorted(map(tuple, T.apply(h.marker_centres).round(6) + 0.0)) == sorted_centres
-        np.testing.assert_allclose(T.rotation.as_matrix()[1], [0, np.sign(T.rotation.as_matrix()[1, 1]), 0], atol=1e-12)
+        np.testing.assert_allclose(
+            T.rotation.as_matrix()[1], [0, np.sign(T.rotation.as_matrix()[1, 1]), 0], atol=1e-12
+        )
 
 
 def test_symmetries_are_a_group():
@@ -90,12 +111,16 @@ def test_symmetries_are_a_group():
     for a, b in itertools.product(symmetries, repeat=2):
         product = (a * b).as_matrix()
         assert min(np.abs(product - c.as_matrix()).max() for c in symmetries) < 1e-9
-    differences = [np.abs(a.as_matrix() - b.as_matrix()).max() for a, b in itertools.combinations(symmetries, 2)]
+    differences = [
+        np.abs(a.as_matrix() - b.as_matrix()).max()
+        for a, b in itertools.combinations(symmetries, 2)
+    ]
     assert min(differences) > 0.4
 
 
 def test_round_trip(tmp_path):
-    for h in (h for h, _ in LAYOUTS.values() if len(h.columns_deg) > 1):  # a line of markers is not read
+    # a line of markers is not read
+    for h in (h for h, _ in LAYOUTS.values() if len(h.columns_deg) > 1):
         write_handle(h, tmp_path / "h.toml")
         assert read_handle(tmp_path / "h.toml") == h
 
@@ -108,10 +133,22 @@ def test_markers_are_bright_unless_said(tmp_path):
 
 NAN = float("nan")
 WRONG = {
-    **{f"no {name}": (name, fields(**{name: None})) for name in ("name", "radius_mm", "length_mm", "top_mm",
-                                                                  "marker_diameter_mm", "columns_deg", "rows_mm")},
-    "text as radius": ("radius_mm", fields(radius_mm="five")), "no thickness": ("radius_mm", fields(radius_mm=0.0)),
-    "NaN as length": ("length_mm", fields(length_mm=NAN)), "true as length": ("length_mm", fields(length_mm=True)),
+    **{
+        f"no {name}": (name, fields(**{name: None}))
+        for name in (
+            "name",
+            "radius_mm",
+            "length_mm",
+            "top_mm",
+            "marker_diameter_mm",
+            "columns_deg",
+            "rows_mm",
+        )
+    },
+    "text as radius": ("radius_mm", fields(radius_mm="five")),
+    "no thickness": ("radius_mm", fields(radius_mm=0.0)),
+    "NaN as length": ("length_mm", fields(length_mm=NAN)),
+    "true as length": ("length_mm", fields(length_mm=True)),
     "a negative marker": ("marker_diameter_mm", fields(marker_diameter_mm=-3.0)),
     "infinite top": ("top_mm", fields(top_mm=float("inf"))),
     "no columns": ("columns_deg", fields(columns_deg=[], rows_mm=[])),
@@ -126,11 +163,19 @@ WRONG = {
     "a marker below the bottom": ("rows_mm", fields(rows_mm=[[10.0], [-174.0]])),
     "markers that overlap": ("overlap", fields(rows_mm=[[10.0, 8.0], [10.0]])),
     "columns that overlap": ("overlap", fields(columns_deg=[0.0, 359.0])),
-    "one column": ("rows_mm: expected markers that fix", fields(columns_deg=[0.0], rows_mm=[[10.0, 0.0, -10.0]])),
+    "one column": (
+        "rows_mm: expected markers that fix",
+        fields(columns_deg=[0.0], rows_mm=[[10.0, 0.0, -10.0]]),
+    ),
     "two markers": ("rows_mm: expected markers that fix a pose", fields(rows_mm=[[10.0], [-10.0]])),
-    "one marker": ("rows_mm: expected markers that fix a pose", fields(columns_deg=[0.0], rows_mm=[[10.0]])),
-    "columns that nearly coincide": ("rows_mm: expected markers that fix a pose",
-                                     fields(columns_deg=[0.0, 0.01], rows_mm=[[10.0, 0.0], [-10.0]])),
+    "one marker": (
+        "rows_mm: expected markers that fix a pose",
+        fields(columns_deg=[0.0], rows_mm=[[10.0]]),
+    ),
+    "columns that nearly coincide": (
+        "rows_mm: expected markers that fix a pose",
+        fields(columns_deg=[0.0, 0.01], rows_mm=[[10.0, 0.0], [-10.0]]),
+    ),
     "a radius of a light year": ("radius_mm", fields(radius_mm=1e19)),
     "a column that overflows": ("columns_deg", fields(columns_deg=[0.0, 5.5e240])),
     "grey markers": ("markers", fields(markers="grey")),

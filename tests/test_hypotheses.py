@@ -12,7 +12,16 @@ from trinolab.bench.rays import facing, marker_area
 from trinolab.camera import Rig
 from trinolab.datasets import load_handle, load_rig
 from trinolab.handle import Handle, slants
-from trinolab.identity.hypotheses import FAR, Observed, Poses, _slopes, explain, fit, ideal_pixels, predict
+from trinolab.identity.hypotheses import (
+    FAR,
+    Observed,
+    Poses,
+    _slopes,
+    explain,
+    fit,
+    ideal_pixels,
+    predict,
+)
 from trinolab.identity.layout import layout_of, views_of
 from trinolab.identity.p3p import three_point_depths
 from trinolab.identity.parameters import IdentityParameters
@@ -26,11 +35,15 @@ BENT = Rig(tuple(replace(camera, distortions=LENS) for camera in RIG.cameras))
 
 
 def batch(*poses):
-    return Poses(np.stack([T.rotation.as_matrix() for T in poses]), np.stack([T.translation for T in poses]))
+    return Poses(
+        np.stack([T.rotation.as_matrix() for T in poses]), np.stack([T.translation for T in poses])
+    )
 
 
 def shown_centroid(camera, T, handle, index):
-    """Centroid of a marker's visible part in the image, ideal pixels, from many points with the area each shows."""
+    """Centroid of a marker's visible part in the image, ideal pixels, from many points with the
+    area each shows.
+    """
     patch = marker_area(handle, index)
     patch = patch[facing(handle, patch, T.inv().apply(camera.centre))]
     towards = T.inv().apply(camera.centre) - patch
@@ -38,19 +51,28 @@ def shown_centroid(camera, T, handle, index):
     return np.average(camera.project(T.apply(patch)), axis=0, weights=weight)
 
 
-@pytest.mark.parametrize("handle", [CODED, Handle("wide", 8.0, 150.0, 40.0, 5.0, (0.0, 90.0, 200.0), ((5.0,),) * 3)],
-                         ids=["coded", "wide"])
+@pytest.mark.parametrize(
+    "handle",
+    [CODED, Handle("wide", 8.0, 150.0, 40.0, 5.0, (0.0, 90.0, 200.0), ((5.0,),) * 3)],
+    ids=["coded", "wide"],
+)
 def test_predicted_centroids_are_those_of_the_visible_patches(handle):
-    """To 0.1 px up to 75 deg of slant and to a quarter of one at 90 deg; the centre's image is off by a pixel there."""
+    """To 0.1 px up to 75 deg of slant and to a quarter of one at 90 deg; the centre's image is off
+    by a pixel there.
+    """
     rng, layout, views = np.random.default_rng(0), layout_of(handle, P), views_of(RIG)
     for _ in range(10):
         T = random_pose(rng)
         predicted = predict(batch(T), views, layout)
         for c, camera in enumerate(RIG.cameras):
             slant = np.rad2deg(slants(handle, T, camera.centre))
-            np.testing.assert_allclose(np.rad2deg(np.arccos(predicted.facing[0, c])), slant, atol=1e-6)
+            np.testing.assert_allclose(
+                np.rad2deg(np.arccos(predicted.facing[0, c])), slant, atol=1e-6
+            )
             for k in np.flatnonzero(slant < 90):
-                off = np.linalg.norm(predicted.uv[0, c, :, k] - shown_centroid(camera, T, handle, k))
+                off = np.linalg.norm(
+                    predicted.uv[0, c, :, k] - shown_centroid(camera, T, handle, k)
+                )
                 assert off < (0.1 if slant[k] < 75 else 0.25)
 
 
@@ -58,15 +80,19 @@ def test_explained_by_hand():
     """A camera that finds all but one facing marker, a px or 2 off, and one thing that is none."""
     T, layout, views = random_pose(np.random.default_rng(3)), layout_of(CODED, P), views_of(RIG)
     exact = predict(batch(T), views, layout)
-    index = [np.flatnonzero(facing > np.cos(np.deg2rad(P.certain_deg))) for facing in exact.facing[0]]
+    index = [
+        np.flatnonzero(facing > np.cos(np.deg2rad(P.certain_deg))) for facing in exact.facing[0]
+    ]
     found = [exact.uv[0, c][:, k].T for c, k in enumerate(index)]
     found[0] = np.vstack([found[0][1:] + [0.6, 0.8], [[30.0, 30.0]]])
     e = explain(batch(T), Observed(views, layout, ideal_pixels(RIG, found)), 4.0, P)
     n = len(index[0]) - 1
-    assert e.labels[0, 0, :n + 1].tolist() == [*index[0][1:], -1]
+    assert e.labels[0, 0, : n + 1].tolist() == [*index[0][1:], -1]
     assert e.outliers[0].tolist() == [1, 0, 0]
     assert e.missing[0, 0] == pytest.approx(1.0 + missed_by_slant(exact.facing[0, 0], index[0]))
-    lacking = [min(m, len(k)) for m, k in zip(e.missing[0], (index[0][1:], *index[1:]), strict=True)]
+    lacking = [
+        min(m, len(k)) for m, k in zip(e.missing[0], (index[0][1:], *index[1:]), strict=True)
+    ]
     assert e.cost[0] == pytest.approx(n * 1.0 + 16.0 * (1 + sum(lacking)), abs=1e-6)
     assert e.squares[0, 0].sum() == pytest.approx(n, abs=1e-9)
 
@@ -85,7 +111,9 @@ def test_a_covered_camera_lacks_nothing_and_one_at_the_edge_expects_nothing():
     e = explain(batch(T), Observed(views_of(RIG), layout, ideal_pixels(RIG, nothing)), 4.0, P)
     assert (e.missing > 0).any()
     assert e.cost[0] == 0.0
-    outside = explain(batch(T), Observed(views_of(small), layout, ideal_pixels(small, nothing)), 4.0, P)
+    outside = explain(
+        batch(T), Observed(views_of(small), layout, ideal_pixels(small, nothing)), 4.0, P
+    )
     assert (outside.missing == 0).all()
 
 
@@ -93,40 +121,61 @@ def test_a_marker_on_the_far_side_explains_nothing():
     T = random_pose(np.random.default_rng(6))
     away = np.flatnonzero(slants(CODED, T, RIG.cameras[0].centre) > np.deg2rad(105))
     found = (RIG.cameras[0].project(T.apply(CODED.marker_centres[away])), *[np.empty((0, 2))] * 2)
-    e = explain(batch(T), Observed(views_of(RIG), layout_of(CODED, P), ideal_pixels(RIG, found)), 0.5, P)
+    e = explain(
+        batch(T), Observed(views_of(RIG), layout_of(CODED, P), ideal_pixels(RIG, found)), 0.5, P
+    )
     assert (e.labels == -1).all()
 
 
 @pytest.mark.parametrize("rig", [RIG, BENT], ids=["straight", "bent"])
 def test_the_fit_ends_at_the_pose(rig):
-    """Exact predictions of a pose lead back to it from 3 deg and 2 mm away; distortion is taken off before."""
+    """Exact predictions of a pose lead back to it from 3 deg and 2 mm away; distortion is taken off
+    before.
+    """
     rng, layout, views = np.random.default_rng(1), layout_of(CODED, P), views_of(rig)
     for _ in range(5):
         T = random_pose(rng)
         exact = predict(batch(T), views, layout)
         seen = [facing > 0.3 for facing in exact.facing[0]]
-        found = [camera.to_pixels((uv[:, k].T - camera.principal_point) / camera.focal)
-                 for camera, uv, k in zip(rig.cameras, exact.uv[0], seen, strict=True)]
+        found = [
+            camera.to_pixels((uv[:, k].T - camera.principal_point) / camera.focal)
+            for camera, uv, k in zip(rig.cameras, exact.uv[0], seen, strict=True)
+        ]
         observed = Observed(views, layout, ideal_pixels(rig, found))
-        start = batch(T * RigidTransform.from_components([1.0, 1, 1], Rotation.from_rotvec([0.03, -0.02, 0.04])), T)
+        start = batch(
+            T
+            * RigidTransform.from_components(
+                [1.0, 1, 1], Rotation.from_rotvec([0.03, -0.02, 0.04])
+            ),
+            T,
+        )
         labels = np.repeat(explain(batch(T), observed, 1.0, P).labels, 2, axis=0)
         end = fit(start, labels, observed, P, steps=8)
-        np.testing.assert_allclose(end.translations, np.tile(T.translation, (2, 1)), atol=1e-4)  # mm
-        np.testing.assert_allclose(end.rotations, np.tile(T.rotation.as_matrix(), (2, 1, 1)), atol=1e-5)
+        # mm
+        np.testing.assert_allclose(end.translations, np.tile(T.translation, (2, 1)), atol=1e-4)
+        np.testing.assert_allclose(
+            end.rotations, np.tile(T.rotation.as_matrix(), (2, 1, 1)), atol=1e-5
+        )
 
 
 def test_slopes_are_those_of_finite_differences():
-    """Of the points whose images the centroids are; that these wander on the marker is left to the next step."""
+    """Of the points whose images the centroids are; that these wander on the marker is left to the
+    next step.
+    """
     rng, layout, views = np.random.default_rng(2), layout_of(CODED, P), views_of(RIG)
     T = random_pose(rng)
     predicted = predict(batch(T), views, layout)
     slope = _slopes(batch(T), predicted.points, views)[0]
-    body = [T.inv().apply(c.T_world_cam.apply(x.T)) for c, x in zip(RIG.cameras, predicted.points[0], strict=True)]
+    body = [
+        T.inv().apply(c.T_world_cam.apply(x.T))
+        for c, x in zip(RIG.cameras, predicted.points[0], strict=True)
+    ]
     for k, step in enumerate(1e-4 * np.eye(6)):
         ends = []
         for sign in (1, -1):
-            moved = RigidTransform.from_components(T.translation + sign * step[:3],
-                                                   Rotation.from_rotvec(sign * step[3:]) * T.rotation)
+            moved = RigidTransform.from_components(
+                T.translation + sign * step[:3], Rotation.from_rotvec(sign * step[3:]) * T.rotation
+            )
             ends.append([c.project(moved.apply(x)) for c, x in zip(RIG.cameras, body, strict=True)])
         np.testing.assert_allclose(slope[..., k], np.subtract(*ends) / 2e-4, atol=1e-4)
 
@@ -145,7 +194,9 @@ def test_candidate_points_are_those_of_eq_20():
     free = Observed(views, layout_of(CODED, P), ideal_pixels(BENT, found), pairs=[(0, 1)])
     p = IdentityParameters(sigma_px=0.1, gate_px=4.0)
     candidates = candidate_points(free._replace(matches=[matches]), 0, p)
-    wanted = triangulate_pair(BENT.cameras[0], BENT.cameras[1], found[0], found[1])[candidates.names[:, 0]]
+    wanted = triangulate_pair(BENT.cameras[0], BENT.cameras[1], found[0], found[1])[
+        candidates.names[:, 0]
+    ]
     assert len(candidates.names) == 8
     assert np.linalg.norm(candidates.points - wanted, axis=1).max() < 3 * candidates.ahead.max()
     everything = candidate_points(free, 0, p)
@@ -157,10 +208,13 @@ def test_depth_sigma_is_that_of_many_draws():
     rng, views, point = np.random.default_rng(5), views_of(RIG), np.array([[20.0, -10, 560]])
     exact = [camera.project(point) for camera in RIG.cameras]
     p, layout = IdentityParameters(sigma_px=0.2, gate_px=10.0), layout_of(CODED, P)
-    seen = [ideal_pixels(RIG, [uv + rng.normal(0, 0.2, (1, 2)) for uv in exact]) for _ in range(400)]
+    seen = [
+        ideal_pixels(RIG, [uv + rng.normal(0, 0.2, (1, 2)) for uv in exact]) for _ in range(400)
+    ]
     drawn = [candidate_points(Observed(views, layout, uv, pairs=[(0, 1)]), 0, p) for uv in seen]
     scatter = np.std([(c.points - point) @ c.rays[0] for c in drawn])
-    assert scatter == pytest.approx(drawn[0].ahead[0], rel=0.15)  # 400 draws: 3.5 %, and the mean ray
+    # 400 draws: 3.5 %, and the mean ray
+    assert scatter == pytest.approx(drawn[0].ahead[0], rel=0.15)
 
 
 def test_three_points_against_opencv():
@@ -175,11 +229,16 @@ def test_three_points_against_opencv():
         depths = three_point_depths(rays, sides[None])
         assert depths.shape == (2, 3)
         assert np.nanmin(np.abs(depths - np.linalg.norm(X, axis=1)).max(axis=1)) < 1e-6  # mm
-        count, turns, shifts = cv2.solveP3P(triangle, rays[:, :2] / rays[:, 2:], np.eye(3), None, cv2.SOLVEPNP_AP3P)
-        theirs = [np.linalg.norm((cv2.Rodrigues(r)[0] @ triangle.T).T + t.ravel(), axis=1)
-                  for r, t in zip(turns[:count], shifts[:count], strict=True)]
+        count, turns, shifts = cv2.solveP3P(
+            triangle, rays[:, :2] / rays[:, 2:], np.eye(3), None, cv2.SOLVEPNP_AP3P
+        )
+        theirs = [
+            np.linalg.norm((cv2.Rodrigues(r)[0] @ triangle.T).T + t.ravel(), axis=1)
+            for r, t in zip(turns[:count], shifts[:count], strict=True)
+        ]
         for ours in depths[np.isfinite(depths[:, 0])]:
-            assert min(np.abs(ours - other).max() for other in theirs) < 0.05  # mm; theirs are good to 0.01
+            # mm; theirs are good to 0.01
+            assert min(np.abs(ours - other).max() for other in theirs) < 0.05
 
 
 def test_three_points_that_cannot_be():

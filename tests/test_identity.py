@@ -16,17 +16,45 @@ from trinolab.identity.parameters import IdentityParameters
 
 RIG, TRIO = load_rig("paper_pair"), load_rig("raised_40deg")
 PAPER, CODED = load_handle("paper"), load_handle("coded")
-NEARLY = Handle("nearly", 5.0, 200.0, 25.0, 3.0, PAPER.columns_deg, ((10.0, -14.0), *PAPER.rows_mm[1:]))
-ODD = Handle("odd", 8.0, 150.0, 40.0, 4.0, (0.0, 70.0, 140.0, 215.0, 290.0),
-             ((12.0, -3.0), (9.0, -12.0), (12.0, -7.0), (3.0, -9.0), (10.0, -14.0)))
-MANY = Handle("many", 8.0, 200.0, 25.0, 2.0, tuple(45.0 * k + 3.0 * (k % 3) for k in range(8)),
-              ((10.0, 0.0, -10.0), (10.0, -8.0), (6.0,), (10.0, -3.0, -12.0), (9.0, -10.0), (10.0, 2.0), (4.0, -10.0),
-               (8.0, -1.0, -14.0)))
+NEARLY = Handle(
+    "nearly", 5.0, 200.0, 25.0, 3.0, PAPER.columns_deg, ((10.0, -14.0), *PAPER.rows_mm[1:])
+)
+ODD = Handle(
+    "odd",
+    8.0,
+    150.0,
+    40.0,
+    4.0,
+    (0.0, 70.0, 140.0, 215.0, 290.0),
+    ((12.0, -3.0), (9.0, -12.0), (12.0, -7.0), (3.0, -9.0), (10.0, -14.0)),
+)
+MANY = Handle(
+    "many",
+    8.0,
+    200.0,
+    25.0,
+    2.0,
+    tuple(45.0 * k + 3.0 * (k % 3) for k in range(8)),
+    (
+        (10.0, 0.0, -10.0),
+        (10.0, -8.0),
+        (6.0,),
+        (10.0, -3.0, -12.0),
+        (9.0, -10.0),
+        (10.0, 2.0),
+        (4.0, -10.0),
+        (8.0, -1.0, -14.0),
+    ),
+)
 
 
 def seen_by(camera, T, handle, rng, noise_px=0.1, limit_deg=80.0):
-    """Centroids of the facing markers, their axes and indices, in any order: each marker point by point."""
-    index = rng.permutation(np.flatnonzero(slants(handle, T, camera.centre) < np.deg2rad(limit_deg)))
+    """Centroids of the facing markers, their axes and indices, in any order: each marker point by
+    point.
+    """
+    index = rng.permutation(
+        np.flatnonzero(slants(handle, T, camera.centre) < np.deg2rad(limit_deg))
+    )
     points = [marker_area(handle, k) for k in index]
     shown = [p[facing(handle, p, T.inv().apply(camera.centre))] for p in points]
     uv, axes = np.empty((len(index), 2)), np.empty((len(index), 2))
@@ -36,14 +64,18 @@ def seen_by(camera, T, handle, rng, noise_px=0.1, limit_deg=80.0):
         weight = (outward * (T.inv().apply(camera.centre) - patch)).sum(axis=1)
         pixels = camera.project(T.apply(patch))
         uv[k] = np.average(pixels, axis=0, weights=weight)
-        axes[k] = 4 * np.sqrt(np.maximum(np.linalg.eigvalsh(np.cov(pixels.T, aweights=weight))[::-1], 0.05))
+        axes[k] = 4 * np.sqrt(
+            np.maximum(np.linalg.eigvalsh(np.cov(pixels.T, aweights=weight))[::-1], 0.05)
+        )
     inside = ((uv > 10) & (uv < np.array(camera.size) - 10)).all(axis=1)
     return (uv + rng.normal(0, noise_px, uv.shape))[inside], axes[inside], index[inside]
 
 
 def views(T, handle, rng, rig=RIG, **options):
     """Pixels, axes and indices, a tuple of arrays each."""
-    return tuple(zip(*(seen_by(camera, T, handle, rng, **options) for camera in rig.cameras), strict=True))
+    return tuple(
+        zip(*(seen_by(camera, T, handle, rng, **options) for camera in rig.cameras), strict=True)
+    )
 
 
 def without(arrays, *cameras):
@@ -85,7 +117,11 @@ def test_a_layout_without_symmetry_is_identified_from_one_instant(handle, rig):
 def test_world_frame_and_distortion_do_not_matter():
     M = RigidTransform.from_components([300.0, -200, 900], Rotation.from_rotvec([0.4, 1.2, -0.3]))
     lens = np.array([-0.3, 0.1, 1e-3, -1e-3, 0.0])
-    bent = Rig(tuple(replace(c, T_cam_world=c.T_cam_world * M.inv(), distortions=lens) for c in TRIO.cameras))
+    bent = Rig(
+        tuple(
+            replace(c, T_cam_world=c.T_cam_world * M.inv(), distortions=lens) for c in TRIO.cameras
+        )
+    )
     for T, rng in good_poses(CODED, 5, 1, TRIO):
         found, axes, index = views(M * T, CODED, rng, bent)
         assert_identified(identify(bent, CODED, found, axes_px=axes), M * T, index)
@@ -108,7 +144,7 @@ def test_spurious_markers():
         assert len(options) == 1
         assert apart_deg(options[0].T_world_handle, T) < 5.0
         for label, k in zip(options[0].labels, index, strict=True):
-            assert set(label[:len(k)][label[:len(k)] >= 0] - k[label[:len(k)] >= 0]) <= {0}
+            assert set(label[: len(k)][label[: len(k)] >= 0] - k[label[: len(k)] >= 0]) <= {0}
 
 
 @pytest.mark.parametrize("camera", [0, 1, 2])
@@ -125,11 +161,15 @@ def test_one_camera_is_enough(camera):
 def test_cameras_that_see_different_markers_go_together():
     """Two cameras face to face, either side of the handle."""
     first = RIG.cameras[0]
-    back = RigidTransform.from_components([0.0, 0.0, 1140.0], Rotation.from_euler("y", 180, degrees=True))
+    back = RigidTransform.from_components(
+        [0.0, 0.0, 1140.0], Rotation.from_euler("y", 180, degrees=True)
+    )
     rig = Rig((first, replace(RIG.cameras[1], T_cam_world=back.inv())))
     rng = np.random.default_rng(5)
     for turn in (0.0, 20.0, 40.0):
-        T = RigidTransform.from_components([5.0, 8.0, 570.0], Rotation.from_euler("ZYX", [80, turn, 8], degrees=True))
+        T = RigidTransform.from_components(
+            [5.0, 8.0, 570.0], Rotation.from_euler("ZYX", [80, turn, 8], degrees=True)
+        )
         found, axes, index = views(T, CODED, rng, rig, noise_px=0.03, limit_deg=70.0)
         assert not set(index[0]) & set(index[1])
         options = identify(rig, CODED, found, axes_px=axes)
@@ -144,20 +184,33 @@ def test_mirror_images_of_one_view_are_told_apart_only_where_the_pixels_allow_it
         for T, rng in good_poses(CODED, 40, 6):
             found, axes, index = views(T, CODED, rng, noise_px=0.02, limit_deg=70.0)
             if len(index[0]) == 4:
-                options = identify(RIG, CODED, without(found, 1), IdentityParameters(sigma_px=sigma), without(axes, 1))
+                options = identify(
+                    RIG,
+                    CODED,
+                    without(found, 1),
+                    IdentityParameters(sigma_px=sigma),
+                    without(axes, 1),
+                )
                 counts.append(len(options) == 1)
-                assert min((apart_deg(option.T_world_handle, T) for option in options), default=0.0) < 5.0
+                assert (
+                    min((apart_deg(option.T_world_handle, T) for option in options), default=0.0)
+                    < 5.0
+                )
                 assert len(options) != 1 or apart_deg(options[0].T_world_handle, T) < 5.0
     assert np.mean(told[0.02]) > 0.7
     assert np.mean(told[0.3]) < 0.3
 
 
 def test_one_marker_out_of_line_decides_where_it_is_seen():
-    """The paper's layout with one marker moved by 4 mm: its neighbours' turns explain all markers but that one."""
+    """The paper's layout with one marker moved by 4 mm: its neighbours' turns explain all markers
+    but that one.
+    """
     turn = {True: 0.0, False: 180.0}  # towards the cameras, or to the far side
     for seen, angle in turn.items():
         facing_us = Rotation.from_euler("y", 180.0 + angle, degrees=True)
-        T = RigidTransform.from_components([0.0, 0.0, 560.0], Rotation.from_euler("z", 80, degrees=True) * facing_us)
+        T = RigidTransform.from_components(
+            [0.0, 0.0, 560.0], Rotation.from_euler("z", 80, degrees=True) * facing_us
+        )
         found, axes, index = views(T, NEARLY, np.random.default_rng(0))
         assert (1 in index[0]) == seen
         options = identify(RIG, NEARLY, found, axes_px=axes)
@@ -171,7 +224,9 @@ def test_a_hidden_row_leaves_the_choice_open():
         found, axes, index = views(T, CODED, rng, TRIO)
         rows = [k % 2 == 0 for k in index]
         if len(set(np.concatenate([k[row] for k, row in zip(index, rows, strict=True)]))) >= 4:
-            found, axes = (tuple(a[row] for a, row in zip(part, rows, strict=True)) for part in (found, axes))
+            found, axes = (
+                tuple(a[row] for a, row in zip(part, rows, strict=True)) for part in (found, axes)
+            )
             assert len(identify(TRIO, CODED, found, axes_px=axes)) != 1
 
 
@@ -179,9 +234,16 @@ def test_a_hidden_row_leaves_the_choice_open():
 def test_a_turned_camera_is_outvoted_by_two_and_not_believed_alone(seed):
     T, rng = next(good_poses(CODED, 1, seed, TRIO))
     axis = rng.normal(size=3)
-    turn = RigidTransform.from_rotation(Rotation.from_rotvec(np.deg2rad(2.0) * axis / np.linalg.norm(axis)))
-    turned = Rig((TRIO.cameras[0], replace(TRIO.cameras[1], T_cam_world=turn * TRIO.cameras[1].T_cam_world),
-                  TRIO.cameras[2]))
+    turn = RigidTransform.from_rotation(
+        Rotation.from_rotvec(np.deg2rad(2.0) * axis / np.linalg.norm(axis))
+    )
+    turned = Rig(
+        (
+            TRIO.cameras[0],
+            replace(TRIO.cameras[1], T_cam_world=turn * TRIO.cameras[1].T_cam_world),
+            TRIO.cameras[2],
+        )
+    )
     found, axes, _ = views(T, CODED, rng, turned)
     options = identify(TRIO, CODED, found, axes_px=axes)
     assert len(options) == 1
@@ -213,7 +275,9 @@ def test_blobs_alone_are_nothing(count):
 def test_too_few_are_nothing():
     T, rng = next(good_poses(PAPER, 1, 4))
     found, _, index = views(T, PAPER, rng)
-    three = tuple(uv[np.isin(k, np.intersect1d(*index)[:3])] for uv, k in zip(found, index, strict=True))
+    three = tuple(
+        uv[np.isin(k, np.intersect1d(*index)[:3])] for uv, k in zip(found, index, strict=True)
+    )
     assert identify(RIG, PAPER, three) == []
 
 
@@ -228,7 +292,9 @@ def test_known_matches_limit_the_search():
 
 
 def test_choice_by_prior_and_without():
-    T = RigidTransform.from_components([0, 0, 560.0], Rotation.from_euler("ZYX", [85, 10, 5], degrees=True))
+    T = RigidTransform.from_components(
+        [0, 0, 560.0], Rotation.from_euler("ZYX", [85, 10, 5], degrees=True)
+    )
     alike = equivalents(T, PAPER)
     assert len(alike) == 12
     for k, E in enumerate(alike):
@@ -237,7 +303,9 @@ def test_choice_by_prior_and_without():
     index, sure = choose(alike, None)
     assert not sure
     assert alike[index].rotation.magnitude() == min(E.rotation.magnitude() for E in alike)
-    between = alike[0] * RigidTransform.from_rotation(Rotation.from_rotvec([0, np.deg2rad(29.0), 0]))
+    between = alike[0] * RigidTransform.from_rotation(
+        Rotation.from_rotvec([0, np.deg2rad(29.0), 0])
+    )
     assert not choose(alike, between)[1]  # 29 deg from one and 31 deg from the next
     assert choose(alike[:1], None) == (0, True)
 
@@ -267,9 +335,15 @@ def test_bad_parameters_are_value_errors(field):
         IdentityParameters(**{field: -1})
 
 
-@pytest.mark.parametrize(("options", "word"), [
-    ({"found": [np.ones((4, 2))]}, "found"), ({"found": [np.ones((4, 2)), np.ones((4, 3))]}, "ccd2"),
-    ({"axes_px": [np.ones((4, 2)), np.ones((3, 2))]}, "axes_px"), ({"matches": []}, "matches")])
+@pytest.mark.parametrize(
+    ("options", "word"),
+    [
+        ({"found": [np.ones((4, 2))]}, "found"),
+        ({"found": [np.ones((4, 2)), np.ones((4, 3))]}, "ccd2"),
+        ({"axes_px": [np.ones((4, 2)), np.ones((3, 2))]}, "axes_px"),
+        ({"matches": []}, "matches"),
+    ],
+)
 def test_bad_shapes_are_value_errors(options, word):
     with pytest.raises(ValueError, match=word):
         identify(RIG, PAPER, **{"found": [np.ones((4, 2)), np.ones((4, 2))], **options})

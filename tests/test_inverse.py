@@ -1,4 +1,6 @@
-"""Commands on all that a hand can ask for: limits at every tick, errors against the reference, the end of reach."""
+"""Commands on all that a hand can ask for: limits at every tick, errors against the reference, the
+end of reach.
+"""
 
 from functools import partial
 
@@ -22,11 +24,14 @@ TIMES = np.arange(125) / 30
 
 
 def at(way, turn=(0.0, 0.0, 0.0)):
-    return RigidTransform.from_components(HOME.translation + np.array(way), Rotation.from_rotvec(turn) * HOME.rotation)
+    return RigidTransform.from_components(
+        HOME.translation + np.array(way), Rotation.from_rotvec(turn) * HOME.rotation
+    )
 
 
 def follow(targets):
-    """Joint positions, speeds, and errors against the reference (mm, deg), a row a tick; the tool's last pose.
+    """Joint positions, speeds, and errors against the reference (mm, deg), a row a tick; the tool's
+    last pose.
 
     A target may be a function of the tool's pose at that moment.
     """
@@ -55,12 +60,16 @@ def check_limits(q, speed):
 
 
 def ordinary(t):
-    return at(np.array([80, 60, 50]) * np.sin(2 * np.pi * np.array([0.4, 0.3, 0.5]) * t),
-              np.array([0.3, 0.25, 0.4]) * np.sin(2 * np.pi * np.array([0.4, 0.35, 0.3]) * t))
+    return at(
+        np.array([80, 60, 50]) * np.sin(2 * np.pi * np.array([0.4, 0.3, 0.5]) * t),
+        np.array([0.3, 0.25, 0.4]) * np.sin(2 * np.pi * np.array([0.4, 0.35, 0.3]) * t),
+    )
 
 
 def through_the_wrist(t):
-    """The fifth joint through 0, where two axes fall together; and off the way on which it would be easy."""
+    """The fifth joint through 0, where two axes fall together; and off the way on which it would be
+    easy.
+    """
     q = np.array(ROBOT.home)
     q[4] += 1.5 * (1 - np.cos(2 * np.pi * t / 8))
     turn = Rotation.from_rotvec([0.02 * np.sin(7 * t), 0.02, 0])
@@ -100,7 +109,7 @@ def test_at_the_end_of_its_reach_the_arm_stays_and_comes_back():
     check_limits(q, speed)
     at_the_end = TICKS * len(out)
     assert off[:at_the_end].max() < 5.0
-    assert np.abs(speed[at_the_end - 500:at_the_end]).max() < 0.05  # the last second
+    assert np.abs(speed[at_the_end - 500 : at_the_end]).max() < 0.05  # the last second
     assert np.linalg.norm(held[0].translation - [0, 0, 89.159]) > 880
     turned = np.rad2deg((held[0].rotation * HOME.rotation.inv()).magnitude())
     assert turned < 2.0
@@ -116,8 +125,20 @@ def test_a_jump_of_the_command_is_followed_within_the_limits():
 
 
 @settings(max_examples=15, deadline=None)
-@given(st.lists(st.tuples(st.floats(-2000, 2000), st.floats(-2000, 2000), st.floats(-2000, 2000),
-                          st.floats(-3.1, 3.1), st.floats(-3.1, 3.1), st.floats(-3.1, 3.1)), min_size=1, max_size=12))
+@given(
+    st.lists(
+        st.tuples(
+            st.floats(-2000, 2000),
+            st.floats(-2000, 2000),
+            st.floats(-2000, 2000),
+            st.floats(-3.1, 3.1),
+            st.floats(-3.1, 3.1),
+            st.floats(-3.1, 3.1),
+        ),
+        min_size=1,
+        max_size=12,
+    )
+)
 def test_no_stream_of_poses_exceeds_a_limit(stream):
     q, speed, *_ = follow([at(one[:3], one[3:]) for one in stream])
     check_limits(q, speed)
@@ -126,7 +147,9 @@ def test_no_stream_of_poses_exceeds_a_limit(stream):
 
 @pytest.mark.parametrize("end", [-1, 1])
 def test_to_slow_down_is_always_allowed(end):
-    """A joint at an end of its range that still moves outwards: it may lose what one tick allows, and no more."""
+    """A joint at an end of its range that still moves outwards: it may lose what one tick allows,
+    and no more.
+    """
     limits, dt = ROBOT.limits, INVERSE.tick_s
     change = limits.acceleration * dt
     q = limits.low if end < 0 else limits.high
@@ -150,7 +173,9 @@ def test_a_reference_keeps_to_its_limits_and_comes_to_rest_without_overshooting(
         ways.append((ref.pose.translation - HOME.translation)[0])
         turns.append((ref.pose.rotation * HOME.rotation.inv()).magnitude())
         speeds.append(np.linalg.norm(ref.velocity))
-        assert np.linalg.norm(ref.velocity - last.velocity) <= p.acceleration_mm_s2 * 0.002 * (1 + 1e-9)
+        assert np.linalg.norm(ref.velocity - last.velocity) <= p.acceleration_mm_s2 * 0.002 * (
+            1 + 1e-9
+        )
         assert np.linalg.norm(ref.turn_rate - last.turn_rate) <= p.turn_rad_s2 * 0.002 * (1 + 1e-9)
     assert max(speeds) <= p.speed_mm_s * (1 + 1e-9)
     assert max(np.abs(ways)) <= abs(way) + 0.05

@@ -1,4 +1,6 @@
-"""Eq. 7-15 against OpenCV's filter, one dense Gaussian for all instants, a fitted parabola and matrix exponentials."""
+"""Eq. 7-15 against OpenCV's filter, one dense Gaussian for all instants, a fitted parabola and
+matrix exponentials.
+"""
 
 import cv2
 import numpy as np
@@ -29,7 +31,9 @@ from trinolab.window import Window
 
 DT = 1 / 30
 H = observation_matrix()
-PX = KalmanParameters(jerk_intensity=2.2e5, sigma_px=1.0, velocity_sigma=300.0, acceleration_sigma=1000.0)
+PX = KalmanParameters(
+    jerk_intensity=2.2e5, sigma_px=1.0, velocity_sigma=300.0, acceleration_sigma=1000.0
+)
 R = PX.sigma_px**2 * np.eye(2)
 UNEVEN = np.cumsum([0.0, 0.03, 0.05, 0.02, 0.11, 0.03, 0.03, 0.07, 0.03, 0.03])
 
@@ -42,7 +46,12 @@ def models(times, q=PX.jerk_intensity):
 def path(times, rng, sigma=1.0):
     """A parabola with noise, shape (k, 2)."""
     t = np.asarray(times)[:, None]
-    return [100, 200] + [300, -150] * t + 0.5 * np.array([-400, 250]) * t**2 + sigma * rng.standard_normal((len(t), 2))
+    return (
+        [100, 200]
+        + [300, -150] * t
+        + 0.5 * np.array([-400, 250]) * t**2
+        + sigma * rng.standard_normal((len(t), 2))
+    )
 
 
 def test_transition_by_hand():
@@ -65,16 +74,20 @@ def test_two_short_steps_make_a_long_one():
     long = predict(start, constant_acceleration(0.12), white_jerk(0.12, 1e6))
     short = predict(start, constant_acceleration(0.05), white_jerk(0.05, 1e6))
     short = predict(short, constant_acceleration(0.07), white_jerk(0.07, 1e6))
-    np.testing.assert_allclose(short.covariance, long.covariance, atol=1e-8)  # (px/s^2)^2, up to 1e6
+    # (px/s^2)^2, up to 1e6
+    np.testing.assert_allclose(short.covariance, long.covariance, atol=1e-8)
 
 
 def rank(observed):
     F = constant_acceleration(DT)
-    return np.linalg.matrix_rank(np.vstack([observed @ np.linalg.matrix_power(F, k) for k in range(6)]))
+    return np.linalg.matrix_rank(
+        np.vstack([observed @ np.linalg.matrix_power(F, k) for k in range(6)])
+    )
 
 
 def test_observability_as_printed_and_corrected():
-    assert rank(np.array([[1.0, 1, 0, 0, 0, 0]])) == 3  # Eq. 12 as printed: x + y and its derivatives
+    # Eq. 12 as printed: x + y and its derivatives
+    assert rank(np.array([[1.0, 1, 0, 0, 0, 0]])) == 3
     assert rank(H) == 6
 
 
@@ -94,30 +107,32 @@ def test_every_step_is_opencvs():
     for z in points[1:]:
         state = predict(state, F, Q)
         np.testing.assert_allclose(state.mean, reference.predict()[:, 0], atol=1e-8)
-        np.testing.assert_allclose(state.covariance, reference.errorCovPre, atol=1e-6)  # (px/s^2)^2, up to 1e6
+        # (px/s^2)^2, up to 1e6
+        np.testing.assert_allclose(state.covariance, reference.errorCovPre, atol=1e-6)
         state = update(state, z, H, R)
         np.testing.assert_allclose(state.mean, reference.correct(z[:, None])[:, 0], atol=1e-8)
         np.testing.assert_allclose(state.covariance, reference.errorCovPost, atol=1e-6)
 
 
 def dense_solution(start, points, F, Q):
-    """Mean and covariance of the last state from the joint distribution of all states, without any recursion.
+    """Mean and covariance of the last state from the joint distribution of all states, without any
+    recursion.
 
-    Unknowns: every state. Residuals, each divided by its standard deviation: the start, the motion from each instant
-    to the next, the observations.
+    Unknowns: every state. Residuals, each divided by its standard deviation: the start, the motion
+    from each instant to the next, the observations.
     """
     k = len(points)
     rows = [np.hstack([np.eye(6), np.zeros((6, 6 * k))])]
     target, weight = [start.mean], [np.linalg.inv(start.covariance)]
     for i in range(k):
         row = np.zeros((6, 6 * (k + 1)))
-        row[:, 6 * i:6 * i + 6], row[:, 6 * i + 6:6 * i + 12] = -F[i], np.eye(6)
+        row[:, 6 * i : 6 * i + 6], row[:, 6 * i + 6 : 6 * i + 12] = -F[i], np.eye(6)
         rows.append(row)
         target.append(np.zeros(6))
         weight.append(np.linalg.inv(Q[i]))
         if np.isfinite(points[i]).all():
             row = np.zeros((2, 6 * (k + 1)))
-            row[:, 6 * i + 6:6 * i + 12] = H
+            row[:, 6 * i + 6 : 6 * i + 12] = H
             rows.append(row)
             target.append(points[i])
             weight.append(np.linalg.inv(R))
@@ -134,19 +149,25 @@ def test_last_state_is_that_of_the_joint_distribution_of_all():
     mean, covariance = dense_solution(start, points[1:], F, Q)
     result = run(start, points[1:], F, Q, H, R)
     scale = np.sqrt(np.diag(covariance))
-    np.testing.assert_allclose((result.updated.mean[-1] - mean) / scale, 0, atol=1e-7)  # inverses of 60 x 60: 1e-9
-    np.testing.assert_allclose((result.updated.covariance[-1] - covariance) / np.outer(scale, scale), 0, atol=1e-7)
+    # inverses of 60 x 60: 1e-9
+    np.testing.assert_allclose((result.updated.mean[-1] - mean) / scale, 0, atol=1e-7)
+    np.testing.assert_allclose(
+        (result.updated.covariance[-1] - covariance) / np.outer(scale, scale), 0, atol=1e-7
+    )
 
 
 def test_without_noise_of_the_motion_the_filter_is_a_fitted_parabola():
     points = path(UNEVEN, np.random.default_rng(2))
-    vague = KalmanParameters(jerk_intensity=0.0, sigma_px=1.0, velocity_sigma=1e5, acceleration_sigma=1e6)
+    vague = KalmanParameters(
+        jerk_intensity=0.0, sigma_px=1.0, velocity_sigma=1e5, acceleration_sigma=1e6
+    )
     x = track(UNEVEN, points, vague, gated=False).updated
     t = UNEVEN - UNEVEN[-1]
     fits = [np.polynomial.polynomial.polyfit(t, column, 2) for column in points.T]
     expected = [(fit[0], fit[1], 2 * fit[2]) for fit in fits]
     scale = np.sqrt(np.diag(x.covariance[-1]))  # 0.8 px, 6 px/s, 45 px/s^2
-    np.testing.assert_allclose((x.mean[-1] - np.transpose(expected).ravel()) / scale, 0, atol=1e-4)  # (fit / vague)^2
+    # (fit / vague)^2
+    np.testing.assert_allclose((x.mean[-1] - np.transpose(expected).ravel()) / scale, 0, atol=1e-4)
 
 
 def mean_nees(start, draws, frames, seed, covariance=None):
@@ -169,19 +190,24 @@ def test_errors_are_as_large_as_the_covariance_says():
 
 
 def expected_nees_from_zero(q, frames):
-    """The same for P_0 = 0, exactly: the wrong filter's gains applied to the true covariance of the start."""
+    """The same for P_0 = 0, exactly: the wrong filter's gains applied to the true covariance of the
+    start.
+    """
     F, Q = constant_acceleration(DT), white_jerk(DT, q)
     P, E, values = np.zeros((6, 6)), np.array(initial_state([0, 0], PX).covariance), []
     for _ in range(frames):
         P, E = F @ P @ F.T + Q, F @ E @ F.T + Q
         K = P @ H.T @ np.linalg.inv(H @ P @ H.T + R)
         P, E = ((np.eye(6) - K @ H) @ C @ (np.eye(6) - K @ H).T + K @ R @ K.T for C in (P, E))
-        values.append(np.trace(np.linalg.solve(P[:4, :4], E[:4, :4])))  # of position and velocity: 4 expected
+        # of position and velocity: 4 expected
+        values.append(np.trace(np.linalg.solve(P[:4, :4], E[:4, :4])))
     return np.array(values)
 
 
 def test_initial_covariance_zero_is_far_too_sure():
-    """About 320 after ten frames where 4 are expected, for this Q; with a larger one back after thirty."""
+    """About 320 after ten frames where 4 are expected, for this Q; with a larger one back after
+    thirty.
+    """
     assert 300 < expected_nees_from_zero(PX.jerk_intensity, 10)[-1] < 340
     assert expected_nees_from_zero(PX.jerk_intensity / 10, 10)[-1] > 10_000  # it is Q that decides
     assert expected_nees_from_zero(100 * PX.jerk_intensity, 30)[-1] < 4.1
@@ -190,7 +216,10 @@ def test_initial_covariance_zero_is_far_too_sure():
 
 
 def test_nees_by_hand():
-    states = State(np.array([[1.0, 2.0], [0.0, 0.0]]), np.array([np.diag([4.0, 9.0]), [[2.0, 1.0], [1.0, 2.0]]]))
+    states = State(
+        np.array([[1.0, 2.0], [0.0, 0.0]]),
+        np.array([np.diag([4.0, 9.0]), [[2.0, 1.0], [1.0, 2.0]]]),
+    )
     # 2^2 / 4 + 3^2 / 9; the inverse of the second is ((2, -1), (-1, 2)) / 3
     np.testing.assert_allclose(nees(states, [[3, 5], [1, 1]]), [2, 2 / 3], atol=1e-12)
 
@@ -225,7 +254,8 @@ def test_what_lies_outside_the_gate_is_left_out():
     np.testing.assert_array_equal(gated.updated.mean, without.updated.mean)
     assert gated.nis[8] > chi2.ppf(PX.gate_probability, 2)
     assert np.isnan(without.nis[8])
-    assert abs(track(times, points, PX, gated=False).updated.mean[8, 0] - gap[7, 0]) > 20  # swallowed without it
+    # swallowed without it
+    assert abs(track(times, points, PX, gated=False).updated.mean[8, 0] - gap[7, 0]) > 20
 
 
 def test_track_starts_at_the_first_point_that_was_seen():
@@ -247,7 +277,8 @@ def test_a_single_instant():
 
 def test_search_window_by_hand():
     state = State(np.array([100.4, 50.0, 9, 9]), np.diag([8.0, 3.0, 1, 1]))
-    p = KalmanParameters(sigma_px=1.0, gate_probability=1 - np.exp(-2))  # chi2 with 2 degrees: 4; 4 x (8 + 1) = 6^2
+    # chi2 with 2 degrees: 4; 4 x (8 + 1) = 6^2
+    p = KalmanParameters(sigma_px=1.0, gate_probability=1 - np.exp(-2))
     assert search_window(state, Window(0, 0, 21, 11), (1000, 800), p) == Window(84, 39, 33, 23)
     assert search_window(state, Window(0, 0, 21, 11), (90, 800), p) == Window(84, 39, 6, 23)
     assert search_window(state, Window(0, 0, 21, 11), (80, 800), p) is None
@@ -260,13 +291,18 @@ def test_search_windows_pair_a_prediction_with_the_window_before():
     assert len(found) == 3
     third = State(way.predicted.mean[2], way.predicted.covariance[2])
     assert found[1] == search_window(third, windows[1], (900, 200), PX)
-    assert search_windows(way, windows, (300, 200), PX) == (Window(0, 0, 300, 200),) * 3  # expected outside: everywhere
+    # expected outside: everywhere
+    assert search_windows(way, windows, (300, 200), PX) == (Window(0, 0, 300, 200),) * 3
 
 
 def test_drawn_motion_has_the_models_moments():
     rng, F, Q = np.random.default_rng(7), constant_acceleration(0.5), white_jerk(0.5, 100.0)
-    start = initial_state([1.0, 2.0], KalmanParameters(sigma_px=1.0, velocity_sigma=3.0, acceleration_sigma=5.0))
-    drawn = np.array([np.hstack([part[-1] for part in draw(start, 2, F, Q, H, R, rng)]) for _ in range(1500)])
+    start = initial_state(
+        [1.0, 2.0], KalmanParameters(sigma_px=1.0, velocity_sigma=3.0, acceleration_sigma=5.0)
+    )
+    drawn = np.array(
+        [np.hstack([part[-1] for part in draw(start, 2, F, Q, H, R, rng)]) for _ in range(1500)]
+    )
     end = predict(predict(start, F, Q), F, Q)
     S = H @ end.covariance @ H.T + R
     deviation = np.sqrt(np.append(np.diag(end.covariance), np.diag(S)))
@@ -282,32 +318,57 @@ SKEW = np.eye(6) + np.eye(6, k=1) * 0.1
 F1, Q1 = constant_acceleration(DT), white_jerk(DT, 1.0)
 
 
-@pytest.mark.parametrize("call", [
-    lambda: predict(State(np.full(6, np.nan), np.eye(6)), F1, Q1), lambda: predict(State(np.zeros(6), SKEW), F1, Q1),
-    lambda: predict(State(np.zeros(6), -np.eye(6)), F1, Q1), lambda: predict(State(np.zeros(5), np.eye(6)), F1, Q1),
-    lambda: predict(GOOD, F1[:5], Q1), lambda: predict(GOOD, F1, SKEW), lambda: predict(GOOD, F1 * np.nan, Q1),
-    lambda: predict(GOOD, 1e37 * F1, Q1), lambda: predict(GOOD, F1, Q1 - 1e-3 * np.eye(6)),
-    lambda: predict(State(np.zeros(2), [[1, 2], [2, 1]]), np.eye(2), np.eye(2)),
-    lambda: update(GOOD, [1, 2, 3], H, R), lambda: update(GOOD, [np.inf, 0], H, R),
-    lambda: update(GOOD, [0, 0], H[:, :5], R), lambda: update(GOOD, [0, 0], H, np.diag([1.0, -1.0])),
-    lambda: update(State(np.zeros(6), np.zeros((6, 6))), [0, 0], H, np.zeros((2, 2))),
-    lambda: update(State(np.full(6, 1e308), np.eye(6)), [-1e308, 0], H, R), lambda: innovation(GOOD, [0], H, R),
-    lambda: gate(innovation(GOOD, [0, 0], H, R), 1.0), lambda: constant_acceleration(0.0),
-    lambda: constant_acceleration(-0.1), lambda: constant_acceleration(float("nan")), lambda: white_jerk(0.0, 1.0),
-    lambda: white_jerk(0.1, -1.0), lambda: initial_state([1, np.nan]), lambda: initial_state([1, 2, 3]),
-    lambda: run(GOOD, [], F1, Q1, H, R), lambda: run(GOOD, [[0, 0]] * 2, [F1] * 3, Q1, H, R),
-    lambda: track([0, 0.1], [[0, 0]], PX), lambda: track([0, 0], [[0, 0]] * 2, PX),
-    lambda: track([0.1, 0], [[0, 0]] * 2, PX), lambda: track([], np.empty((0, 2)), PX),
-    lambda: track([0, 1], [[0, 0], [np.inf, 0]], PX), lambda: track([0, np.nan], [[0, 0]] * 2, PX),
-    lambda: search_windows(track([0.0], [[0, 0]], PX), [], (9, 9), PX), lambda: nees(State(np.zeros((2, 3)), np.eye(3)),
-                                                                                      np.zeros((2, 3))),
-    lambda: nees(State(np.zeros((1, 2)), np.zeros((1, 2, 2))), np.zeros((1, 2))),
-    lambda: draw(GOOD, 0, F1, Q1, H, R, np.random.default_rng(0)), lambda: draw(GOOD, 3, F1, Q1, H, R, 0),
-    lambda: KalmanParameters(jerk_intensity=-1), lambda: KalmanParameters(sigma_px=0),
-    lambda: KalmanParameters(gate_probability=1), lambda: KalmanParameters(velocity_sigma=np.inf),
-    lambda: track([0.1, 0], [[np.nan, 0]] * 2, PX), lambda: covariance_root([[0, 1], [1, 0]], "C", 2),
-    lambda: covariance_root([[1, 0.9, -0.9], [0.9, 1, 0.9], [-0.9, 0.9, 1]], "C", 3),
-    lambda: covariance_root([[1, 0.1], [0.2, 1]], "C", 2)])
+@pytest.mark.parametrize(
+    "call",
+    [
+        lambda: predict(State(np.full(6, np.nan), np.eye(6)), F1, Q1),
+        lambda: predict(State(np.zeros(6), SKEW), F1, Q1),
+        lambda: predict(State(np.zeros(6), -np.eye(6)), F1, Q1),
+        lambda: predict(State(np.zeros(5), np.eye(6)), F1, Q1),
+        lambda: predict(GOOD, F1[:5], Q1),
+        lambda: predict(GOOD, F1, SKEW),
+        lambda: predict(GOOD, F1 * np.nan, Q1),
+        lambda: predict(GOOD, 1e37 * F1, Q1),
+        lambda: predict(GOOD, F1, Q1 - 1e-3 * np.eye(6)),
+        lambda: predict(State(np.zeros(2), [[1, 2], [2, 1]]), np.eye(2), np.eye(2)),
+        lambda: update(GOOD, [1, 2, 3], H, R),
+        lambda: update(GOOD, [np.inf, 0], H, R),
+        lambda: update(GOOD, [0, 0], H[:, :5], R),
+        lambda: update(GOOD, [0, 0], H, np.diag([1.0, -1.0])),
+        lambda: update(State(np.zeros(6), np.zeros((6, 6))), [0, 0], H, np.zeros((2, 2))),
+        lambda: update(State(np.full(6, 1e308), np.eye(6)), [-1e308, 0], H, R),
+        lambda: innovation(GOOD, [0], H, R),
+        lambda: gate(innovation(GOOD, [0, 0], H, R), 1.0),
+        lambda: constant_acceleration(0.0),
+        lambda: constant_acceleration(-0.1),
+        lambda: constant_acceleration(float("nan")),
+        lambda: white_jerk(0.0, 1.0),
+        lambda: white_jerk(0.1, -1.0),
+        lambda: initial_state([1, np.nan]),
+        lambda: initial_state([1, 2, 3]),
+        lambda: run(GOOD, [], F1, Q1, H, R),
+        lambda: run(GOOD, [[0, 0]] * 2, [F1] * 3, Q1, H, R),
+        lambda: track([0, 0.1], [[0, 0]], PX),
+        lambda: track([0, 0], [[0, 0]] * 2, PX),
+        lambda: track([0.1, 0], [[0, 0]] * 2, PX),
+        lambda: track([], np.empty((0, 2)), PX),
+        lambda: track([0, 1], [[0, 0], [np.inf, 0]], PX),
+        lambda: track([0, np.nan], [[0, 0]] * 2, PX),
+        lambda: search_windows(track([0.0], [[0, 0]], PX), [], (9, 9), PX),
+        lambda: nees(State(np.zeros((2, 3)), np.eye(3)), np.zeros((2, 3))),
+        lambda: nees(State(np.zeros((1, 2)), np.zeros((1, 2, 2))), np.zeros((1, 2))),
+        lambda: draw(GOOD, 0, F1, Q1, H, R, np.random.default_rng(0)),
+        lambda: draw(GOOD, 3, F1, Q1, H, R, 0),
+        lambda: KalmanParameters(jerk_intensity=-1),
+        lambda: KalmanParameters(sigma_px=0),
+        lambda: KalmanParameters(gate_probability=1),
+        lambda: KalmanParameters(velocity_sigma=np.inf),
+        lambda: track([0.1, 0], [[np.nan, 0]] * 2, PX),
+        lambda: covariance_root([[0, 1], [1, 0]], "C", 2),
+        lambda: covariance_root([[1, 0.9, -0.9], [0.9, 1, 0.9], [-0.9, 0.9, 1]], "C", 3),
+        lambda: covariance_root([[1, 0.1], [0.2, 1]], "C", 2),
+    ],
+)
 def test_bad_input_is_a_value_error(call):
     with pytest.raises(ValueError, match="expected"):
         call()
@@ -319,12 +380,20 @@ scales = st.floats(-6, 6).map(lambda x: 10.0**x)
 shares = st.floats(-6, 0).map(lambda x: 10.0**x)
 
 
-@given(arrays(float, (3, 5), elements=numbers), arrays(float, 3, elements=numbers), st.lists(scales, min_size=3),
-       arrays(float, (3, 3), elements=st.floats(-10, 10)), arrays(float, (2, 3), elements=st.floats(-10, 10)),
-       shares, shares)
+@given(
+    arrays(float, (3, 5), elements=numbers),
+    arrays(float, 3, elements=numbers),
+    st.lists(scales, min_size=3),
+    arrays(float, (3, 3), elements=st.floats(-10, 10)),
+    arrays(float, (2, 3), elements=st.floats(-10, 10)),
+    shares,
+    shares,
+)
 @settings(max_examples=60, deadline=None)
 def test_what_the_filter_returns_it_takes_again(root, mean, scale, F, observed, motion, noise):
-    """A step never makes what is no covariance, for a motion and an observation with noise above rounding."""
+    """A step never makes what is no covariance, for a motion and an observation with noise above
+    rounding.
+    """
     C = np.array(scale[:3])[:, None] * root / 1e6
     C = C @ C.T
     state = predict(State(mean, C), F, (1e-6 + motion * np.trace(F @ C @ F.T)) * np.eye(3))
@@ -336,8 +405,14 @@ def test_what_the_filter_returns_it_takes_again(root, mean, scale, F, observed, 
     assert np.isfinite(state.mean).all()
 
 
-@given(arrays(float, 4, elements=wild), arrays(float, (4, 4), elements=wild), arrays(float, (4, 4), elements=wild),
-       arrays(float, 2, elements=wild), arrays(float, (2, 2), elements=wild), st.booleans())
+@given(
+    arrays(float, 4, elements=wild),
+    arrays(float, (4, 4), elements=wild),
+    arrays(float, (4, 4), elements=wild),
+    arrays(float, 2, elements=wild),
+    arrays(float, (2, 2), elements=wild),
+    st.booleans(),
+)
 @settings(max_examples=100, deadline=None)
 def test_wild_numbers_raise_value_errors_or_give_numbers(mean, C, F, z, noise, tame):
     if tame:  # get past the checks of the covariances
@@ -352,8 +427,10 @@ def test_wild_numbers_raise_value_errors_or_give_numbers(mean, C, F, z, noise, t
     np.testing.assert_array_equal(state.covariance, state.covariance.T)
 
 
-@given(arrays(float, st.integers(0, 6), elements=wild), arrays(float, st.tuples(st.integers(0, 6), st.integers(1, 3)),
-                                                               elements=wild))
+@given(
+    arrays(float, st.integers(0, 6), elements=wild),
+    arrays(float, st.tuples(st.integers(0, 6), st.integers(1, 3)), elements=wild),
+)
 @settings(max_examples=100, deadline=None)
 def test_any_times_and_points_raise_value_errors_or_give_a_track(times, uv):
     try:

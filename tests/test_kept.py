@@ -47,12 +47,26 @@ def written(path, text):
         return lines.lines(), path.read_bytes()
 
 
-@pytest.mark.parametrize(("text", "left"), [
-    (b"", 0), (b"head\n", 0), (b"head\n0\n1\n", 2), (b"head\n0\n1", 1), (b"head\n0\n2\n1\n", 1),
-    (b"head\n\xff\n0\n", 0), (b"head\n0\n\n1\n", 1), (b"other\n0\n", 0), (b"hea", 0)])
+@pytest.mark.parametrize(
+    ("text", "left"),
+    [
+        (b"", 0),
+        (b"head\n", 0),
+        (b"head\n0\n1\n", 2),
+        (b"head\n0\n1", 1),
+        (b"head\n0\n2\n1\n", 1),
+        (b"head\n\xff\n0\n", 0),
+        (b"head\n0\n\n1\n", 1),
+        (b"other\n0\n", 0),
+        (b"hea", 0),
+    ],
+)
 def test_whole_lines_are_taken_up_and_the_rest_is_cut_off(path, text, left):
     lines = [str(number) for number in range(left)]
-    assert written(path, text) == (lines, "".join(f"{line}\n" for line in ["head", *lines]).encode())
+    assert written(path, text) == (
+        lines,
+        "".join(f"{line}\n" for line in ["head", *lines]).encode(),
+    )
 
 
 def test_lines_in_any_script_are_counted_in_bytes(path):
@@ -139,13 +153,19 @@ def test_a_process_that_is_stopped_lets_go(path, number):
 def test_a_folder_is_locked_and_left_as_it_was(tmp_path):
     (tmp_path / "f").mkdir()
     with locked(tmp_path / "f"):
-        with pytest.raises(ValueError, match="f: another process works on it"), locked(tmp_path / "f"):
+        with (
+            pytest.raises(ValueError, match="f: another process works on it"),
+            locked(tmp_path / "f"),
+        ):
             pass
         assert list((tmp_path / "f").iterdir()) == []
 
 
 def test_what_cannot_be_opened_is_named(tmp_path):
-    with pytest.raises(ValueError, match="no/lines: cannot be written"), locked(tmp_path / "no" / "lines"):
+    with (
+        pytest.raises(ValueError, match="no/lines: cannot be written"),
+        locked(tmp_path / "no" / "lines"),
+    ):
         pass
     with pytest.raises(ValueError, match="no/lines: no such folder"):
         opened(tmp_path / "no" / "lines")

@@ -1,4 +1,6 @@
-"""The layer before the background: cropped windows see the same, and a layer may reach beyond its image."""
+"""The layer before the background: cropped windows see the same, and a layer may reach beyond its
+image.
+"""
 
 import numpy as np
 import pytest
@@ -13,7 +15,13 @@ from trinolab.camera import Camera
 from trinolab.datasets import load_handle, load_rig
 
 CAMERA, CODED = scaled(load_rig("paper_pair").cameras[1], 0.25), load_handle("coded")
-BENT = Camera("bent", CAMERA.size, CAMERA.matrix, np.array([-0.2, 0.1, 0.001, -0.001, 0.0]), CAMERA.T_cam_world)
+BENT = Camera(
+    "bent",
+    CAMERA.size,
+    CAMERA.matrix,
+    np.array([-0.2, 0.1, 0.001, -0.001, 0.0]),
+    CAMERA.T_cam_world,
+)
 
 
 def test_over_covers_by_shares_and_leaves_the_background_alone():
@@ -25,7 +33,9 @@ def test_over_covers_by_shares_and_leaves_the_background_alone():
     assert (behind == 10).all()
 
 
-@pytest.mark.parametrize(("corner", "kept"), [((-1, -1), (0, 0)), ((4, 3), (3, 4)), ((9, 9), None), ((-5, 0), None)])
+@pytest.mark.parametrize(
+    ("corner", "kept"), [((-1, -1), (0, 0)), ((4, 3), (3, 4)), ((9, 9), None), ((-5, 0), None)]
+)
 def test_a_layer_may_reach_beyond_its_image_or_lie_outside(corner, kept):
     layer = Layer(np.full((2, 2), 7.0), np.ones((2, 2)), corner)
     image = over(layer, np.zeros((4, 5)))
@@ -54,7 +64,9 @@ def test_a_wider_camera_has_the_same_layer(camera):
 
 
 def test_a_handle_outside_the_image_is_an_empty_layer():
-    layer = foreground(CAMERA, CODED, RigidTransform.from_translation([900.0, 0, 570]), Bench(), Arm())
+    layer = foreground(
+        CAMERA, CODED, RigidTransform.from_translation([900.0, 0, 570]), Bench(), Arm()
+    )
     assert layer.light.size == 0
     image = radiance(CAMERA, CODED, RigidTransform.from_translation([900.0, 0, 570]), Bench())
     assert (image == radiance(CAMERA, CODED, None, Bench())).all()

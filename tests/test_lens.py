@@ -1,4 +1,6 @@
-"""The lens model: against OpenCV, finite differences, and at the radius where the polynomial folds back."""
+"""The lens model: against OpenCV, finite differences, and at the radius where the polynomial folds
+back.
+"""
 
 import cv2
 import numpy as np
@@ -7,10 +9,15 @@ import pytest
 from trinolab.lens import distort, undistort
 
 LENSES = {
-    "none": [0, 0, 0, 0, 0], "barrel": [-0.3, 0.1, 0, 0, 0], "pincushion": [0.2, 0.05, 0, 0, 0],
-    "tangential": [0, 0, 0.01, -0.02, 0], "all": [-0.25, 0.08, 0.003, -0.002, -0.01],
+    "none": [0, 0, 0, 0, 0],
+    "barrel": [-0.3, 0.1, 0, 0, 0],
+    "pincushion": [0.2, 0.05, 0, 0, 0],
+    "tangential": [0, 0, 0.01, -0.02, 0],
+    "all": [-0.25, 0.08, 0.003, -0.002, -0.01],
 }
-each_lens = pytest.mark.parametrize("k", [np.array(k, dtype=float) for k in LENSES.values()], ids=LENSES)
+each_lens = pytest.mark.parametrize(
+    "k", [np.array(k, dtype=float) for k in LENSES.values()], ids=LENSES
+)
 
 
 def points(n=500, reach=0.5):
@@ -20,7 +27,9 @@ def points(n=500, reach=0.5):
 def by_opencv(xy, k):
     """Distort with cv2.projectPoints: points at depth 1, the identity as camera matrix."""
     there = np.column_stack([xy, np.ones(len(xy))]).reshape(-1, 1, 3)
-    return cv2.projectPoints(there, np.zeros((3, 1)), np.zeros((3, 1)), np.eye(3), k.reshape(-1, 1))[0].reshape(-1, 2)
+    return cv2.projectPoints(
+        there, np.zeros((3, 1)), np.zeros((3, 1)), np.eye(3), k.reshape(-1, 1)
+    )[0].reshape(-1, 2)
 
 
 @each_lens
@@ -37,7 +46,9 @@ def test_undistort_equals_opencv():
     k = np.array(LENSES["all"], dtype=float)
     criteria = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 200, 1e-14)
     xy = points(100, 0.3)
-    theirs = cv2.undistortPoints(xy.reshape(-1, 1, 2), np.eye(3), k.reshape(-1, 1), criteria=criteria)
+    theirs = cv2.undistortPoints(
+        xy.reshape(-1, 1, 2), np.eye(3), k.reshape(-1, 1), criteria=criteria
+    )
     np.testing.assert_allclose(undistort(xy, k), theirs.reshape(-1, 2), atol=1e-9)
 
 
@@ -47,7 +58,8 @@ def test_jacobian_against_differences(k):
     jacobian = distort(xy, k)[1]
     for column, move in enumerate(step * np.eye(2)):
         slope = (distort(xy + move, k)[0] - distort(xy - move, k)[0]) / (2 * step)
-        np.testing.assert_allclose(jacobian[:, :, column], slope, atol=1e-9)  # central differences: 1e-6^2 and rounding
+        # central differences: 1e-6^2 and rounding
+        np.testing.assert_allclose(jacobian[:, :, column], slope, atol=1e-9)
 
 
 def test_points_beyond_the_fold_have_no_image():
@@ -57,7 +69,8 @@ def test_points_beyond_the_fold_have_no_image():
     out = distort(xy, k)[0]
     assert np.isfinite(out[0]).all()
     assert np.isnan(out[1:]).all()
-    assert np.isnan(undistort(np.array([[0.9, 0.0]]), k)).all()  # more than the largest image radius, 0.544
+    # more than the largest image radius, 0.544
+    assert np.isnan(undistort(np.array([[0.9, 0.0]]), k)).all()
 
 
 def test_missing_points_stay_missing():

@@ -1,4 +1,6 @@
-"""Stills of the handle: their truth, what is hostile about them, and the bias of a turned marker's centroid."""
+"""Stills of the handle: their truth, what is hostile about them, and the bias of a turned marker's
+centroid.
+"""
 
 import numpy as np
 import pytest
@@ -25,9 +27,11 @@ def test_a_still_knows_its_markers():
     taken = still(Rotation.from_euler("Y", 180, degrees=True), Bench(), np.random.default_rng(0))
     assert taken.image.shape == (320, 320)
     assert taken.image.dtype == np.uint8
-    assert taken.slants_deg == pytest.approx(np.repeat([0.0, 60.5], [2, 4]), abs=1.1)  # from 57 mm off the axis
+    # from 57 mm off the axis
+    assert taken.slants_deg == pytest.approx(np.repeat([0.0, 60.5], [2, 4]), abs=1.1)
     found = find_markers(taken.image, 12).uv
-    assert np.linalg.norm(found[:, None] - taken.uv, axis=2).min(axis=0).max() < 1.5  # of the steep ones
+    # of the steep ones
+    assert np.linalg.norm(found[:, None] - taken.uv, axis=2).min(axis=0).max() < 1.5
 
 
 def test_each_hostile_case_is_what_it_says(cases):

@@ -31,7 +31,9 @@ def disc_image(centres, radius=8.0, size=(160, 120), body=90.0, marker=220.0, sa
 
 
 def components_by_flood_fill(binary):
-    """Count 8-connected components by an explicit flood fill: the reference for the contour count."""
+    """Count 8-connected components by an explicit flood fill: the reference for the contour
+    count.
+    """
     todo = {tuple(p) for p in np.argwhere(binary)}
     count = 0
     while todo:
@@ -75,22 +77,28 @@ def test_bisection_ends_although_the_count_is_never_reached():
 
 
 def test_discs_are_kept_although_the_search_leaves_them():
-    """Wanted are 18: the bisection counts 8, then 4 (the bridges), and ends where no contour is a disc."""
+    """Wanted are 18: the bisection counts 8, then 4 (the bridges), and ends where no contour is a
+    disc.
+    """
     centres = [(30 + 45 * k, 40 + 70 * j) for k in range(4) for j in range(2)]
     image = disc_image(centres, size=(200, 150), body=45.0)
     for k in range(4):
-        image[49:102, 28 + 45 * k:33 + 45 * k] = 120  # beyond the blurred edge, so that the centroid is not concerned
+        # beyond the blurred edge, so that the centroid is not concerned
+        image[49:102, 28 + 45 * k : 33 + 45 * k] = 120
     steps = iterative_threshold(image, 18)
     assert [step.contours for step in steps[:2]] == [8, 4]
     assert len(find_markers(255 * (image > steps[-1].threshold).astype(np.uint8), 12).uv) == 0
     found = find_markers(image, 12)
     assert len(found.uv) == 8
-    # px: two rows of the bridge, 5 px wide and 75 grey levels bright, 9 px off, weigh 0.19 against the disc
+    # px: two rows of the bridge, 5 px wide and 75 grey levels bright, 9 px off, weigh 0.19 against
+    # the disc
     assert np.linalg.norm(found.uv[:, None] - centres, axis=2).min(axis=0).max() < 0.25
 
 
 def wrapped_centroid_mm(theta, radius, disc):
-    """Where a disc wrapped on a cylinder has its centroid from far away, mm from the axis: numerical integrals."""
+    """Where a disc wrapped on a cylinder has its centroid from far away, mm from the axis:
+    numerical integrals.
+    """
     seen = lambda a: 2 * np.sqrt(disc**2 - a**2) * np.cos(theta + a / radius)  # noqa: E731
     area = quad(seen, -disc, disc)[0]
     return quad(lambda a: seen(a) * radius * np.sin(theta + a / radius), -disc, disc)[0] / area
@@ -109,7 +117,8 @@ def test_centroid_of_a_wrapped_marker_is_off_by_what_geometry_says(turn_deg):
     error = found[np.linalg.norm(found - truth, axis=1).argmin()] - truth
     scale = camera.focal[0] / (570 - 5 * np.cos(theta))  # px/mm
     inward = (handle.radius_mm * np.sin(theta) - wrapped_centroid_mm(theta, 5.0, 1.5)) * scale
-    assert abs(error[0]) == pytest.approx(inward, abs=0.03)  # px; pixels and perspective, worst 0.02
+    # px; pixels and perspective, worst 0.02
+    assert abs(error[0]) == pytest.approx(inward, abs=0.03)
     assert (error[0] < 0) == (truth[0] > camera.principal_point[0])  # towards the axis
 
 
@@ -133,7 +142,9 @@ def test_centroid_under_noise_and_eight_bit():
     clean = disc_image([(60.3, 50.6)])
     errors = []
     for _ in range(50):
-        noisy = np.clip(np.round(clean + rng.normal(0, np.sqrt(0.05 * clean + 1.5**2))), 0, 255).astype(np.uint8)
+        noisy = np.clip(
+            np.round(clean + rng.normal(0, np.sqrt(0.05 * clean + 1.5**2))), 0, 255
+        ).astype(np.uint8)
         found = find_markers(noisy, 12)
         assert len(found.uv) == 1
         errors.append(found.uv[0] - [60.3, 50.6])
@@ -157,18 +168,29 @@ def test_dark_markers_are_bright_ones_of_the_negative():
     np.testing.assert_allclose(np.sort(dark.uv, axis=0), np.sort(bright.uv, axis=0), atol=1e-9)
 
 
-@pytest.mark.parametrize(("shape", "why"), [
-    ("bar", "too long"), ("sliver", "too thin"), ("speck", "too small"), ("ring", "not filled"), ("slab", "too large"),
-    ("edge", "cut by the edge"), ("faint", "no contrast")])
+@pytest.mark.parametrize(
+    ("shape", "why"),
+    [
+        ("bar", "too long"),
+        ("sliver", "too thin"),
+        ("speck", "too small"),
+        ("ring", "not filled"),
+        ("slab", "too large"),
+        ("edge", "cut by the edge"),
+        ("faint", "no contrast"),
+    ],
+)
 def test_what_is_no_marker_is_dropped(shape, why):
     image = disc_image([(60.0, 50.0)])
-    draw = {"bar": lambda: cv2.rectangle(image, (90, 20), (150, 23), 220, -1),
-            "sliver": lambda: cv2.rectangle(image, (100, 20), (130, 22), 220, -1),
-            "speck": lambda: cv2.rectangle(image, (110, 90), (111, 91), 220, -1),
-            "ring": lambda: cv2.circle(image, (120, 60), 12, 220, 2),
-            "slab": lambda: cv2.rectangle(image, (80, 5), (155, 115), 220, -1),
-            "edge": lambda: cv2.circle(image, (159, 60), 8, 220, -1),
-            "faint": lambda: cv2.circle(image, (120, 60), 8, 105, -1)}
+    draw = {
+        "bar": lambda: cv2.rectangle(image, (90, 20), (150, 23), 220, -1),
+        "sliver": lambda: cv2.rectangle(image, (100, 20), (130, 22), 220, -1),
+        "speck": lambda: cv2.rectangle(image, (110, 90), (111, 91), 220, -1),
+        "ring": lambda: cv2.circle(image, (120, 60), 12, 220, 2),
+        "slab": lambda: cv2.rectangle(image, (80, 5), (155, 115), 220, -1),
+        "edge": lambda: cv2.circle(image, (159, 60), 8, 220, -1),
+        "faint": lambda: cv2.circle(image, (120, 60), 8, 105, -1),
+    }
     draw[shape]()
     found = find_markers(image, 12, parameters=MarkerParameters(diameter_px=(4.0, 40.0)))
     assert len(found.uv) == 1, why
@@ -194,7 +216,9 @@ def test_markers_survive_a_texture_brighter_than_the_body():
 
 
 def rendered(bench, seed, markers="bright", zoom=1.0, count=2):
-    """Whole frames of the coded handle in random poses, each with the pixels of the markers that are truly seen."""
+    """Whole frames of the coded handle in random poses, each with the pixels of the markers that
+    are truly seen.
+    """
     rig, handle = load_rig("raised_40deg"), replace(load_handle("coded"), markers=markers)
     rng = np.random.default_rng(seed)
     for _ in range(count):
@@ -203,21 +227,36 @@ def rendered(bench, seed, markers="bright", zoom=1.0, count=2):
             focal = zoom * np.array(camera.focal)
             view = replace(camera, matrix=[[focal[0], 0, 640], [0, focal[1], 512], [0, 0, 1]])
             seen = true_visibility(view, handle, T)
-            yield render(view, handle, T, bench, rng), view.project(T.apply(handle.marker_centres[seen]))
+            yield (
+                render(view, handle, T, bench, rng),
+                view.project(T.apply(handle.marker_centres[seen])),
+            )
 
 
-@pytest.mark.parametrize(("what", "options", "bench"), [
-    ("standard scene", {}, {}), ("dark", {"markers": "dark"}, {}), ("low contrast", {}, {"marker_grey": 130}),
-    ("brighter than the body", {}, {"background_grey": 110}), ("as bright as markers", {}, {"background_grey": 150}),
-    ("noise", {}, {"read_noise": 8}), ("blurred", {}, {"blur_px": 2}), ("6 px", {"zoom": 0.4}, {}),
-    ("35 px", {"zoom": 2.2}, {})])
+@pytest.mark.parametrize(
+    ("what", "options", "bench"),
+    [
+        ("standard scene", {}, {}),
+        ("dark", {"markers": "dark"}, {}),
+        ("low contrast", {}, {"marker_grey": 130}),
+        ("brighter than the body", {}, {"background_grey": 110}),
+        ("as bright as markers", {}, {"background_grey": 150}),
+        ("noise", {}, {"read_noise": 8}),
+        ("blurred", {}, {"blur_px": 2}),
+        ("6 px", {"zoom": 0.4}, {}),
+        ("35 px", {"zoom": 2.2}, {}),
+    ],
+)
 def test_all_that_is_truly_seen_is_found_in_whole_frames(what, options, bench):
     """Frames so large that they are searched at half their size; the truth is the renderer's."""
     lost = total = 0
     for image, truth in rendered(Bench(**bench), 7, **options):
         found = find_markers(image, 12, options.get("markers", "bright")).uv
-        near = 0.25 * 15 * options.get("zoom", 1.0)  # px, a quarter of a marker: the centroid is not the centre
-        lost += sum(np.linalg.norm(found - uv, axis=1).min(initial=np.inf) > max(near, 2.0) for uv in truth)
+        # px, a quarter of a marker: the centroid is not the centre
+        near = 0.25 * 15 * options.get("zoom", 1.0)
+        lost += sum(
+            np.linalg.norm(found - uv, axis=1).min(initial=np.inf) > max(near, 2.0) for uv in truth
+        )
         total += len(truth)
     assert total > 15
     assert lost == 0, what
@@ -229,10 +268,13 @@ def test_a_whole_frame_and_a_window_of_it_give_the_same_centroids():
         first = np.maximum(truth.min(axis=0).astype(int) - 40, 0)
         last = truth.max(axis=0).astype(int) + 40
         whole = find_markers(image, 12).uv
-        window = find_markers(image[first[1]:last[1], first[0]:last[0]], 12).uv + first
+        window = find_markers(image[first[1] : last[1], first[0] : last[0]], 12).uv + first
         for uv in truth:
-            one, other = (found[np.linalg.norm(found - uv, axis=1).argmin()] for found in (whole, window))
-            assert np.linalg.norm(one - other) < 0.05  # px; another threshold moves a steep marker's mask by a pixel
+            one, other = (
+                found[np.linalg.norm(found - uv, axis=1).argmin()] for found in (whole, window)
+            )
+            # px; another threshold moves a steep marker's mask by a pixel
+            assert np.linalg.norm(one - other) < 0.05
 
 
 @pytest.mark.parametrize("dtype", [np.uint16, np.int32, np.float32, np.float64])
@@ -244,12 +286,16 @@ def test_other_number_types(dtype):
     np.testing.assert_allclose(found.uv, expected.uv, atol=1e-9)
     assert found.steps == expected.steps
     if dtype is np.uint16:  # 12 bit
-        found = find_markers(16 * image.astype(dtype), 4, parameters=MarkerParameters(min_contrast=320.0))
+        found = find_markers(
+            16 * image.astype(dtype), 4, parameters=MarkerParameters(min_contrast=320.0)
+        )
         np.testing.assert_allclose(found.uv, expected.uv, atol=0.01)
 
 
 def test_a_float_image_keeps_its_fractions_of_grey_levels():
-    """Discs of 2.6 grey levels, as background subtraction leaves them: rounded they would be off by far more."""
+    """Discs of 2.6 grey levels, as background subtraction leaves them: rounded they would be off by
+    far more.
+    """
     truth = np.array([(30.37, 30.81), (80.62, 40.23)])
     image = disc_image(truth) / 50
     found = find_markers(image, 4, parameters=MarkerParameters(min_contrast=1.0))
@@ -285,12 +331,20 @@ def test_noise_and_500_spots_give_no_more_than_was_asked_for():
     assert apart.min() > 6  # each once
 
 
-@pytest.mark.parametrize("call", [
-    lambda image: find_markers(image[None], 12), lambda image: find_markers(image, 0),
-    lambda image: find_markers(image, 12, markers="red"), lambda image: iterative_threshold(image, 0),
-    lambda image: find_markers(image * np.nan, 12), lambda image: centroid(image, np.ones((2, 2), bool), 0.0),
-    lambda image: MarkerParameters(surplus=0.5), lambda image: MarkerParameters(diameter_px=(9.0, 4.0)),
-    lambda image: MarkerParameters(min_contrast=float("nan"))])
+@pytest.mark.parametrize(
+    "call",
+    [
+        lambda image: find_markers(image[None], 12),
+        lambda image: find_markers(image, 0),
+        lambda image: find_markers(image, 12, markers="red"),
+        lambda image: iterative_threshold(image, 0),
+        lambda image: find_markers(image * np.nan, 12),
+        lambda image: centroid(image, np.ones((2, 2), bool), 0.0),
+        lambda image: MarkerParameters(surplus=0.5),
+        lambda image: MarkerParameters(diameter_px=(9.0, 4.0)),
+        lambda image: MarkerParameters(min_contrast=float("nan")),
+    ],
+)
 def test_bad_input_is_a_value_error(call):
     with pytest.raises(ValueError, match="expected"):
         call(disc_image([(60, 50)]))

@@ -1,4 +1,6 @@
-"""The loop of prediction, window, markers and correction: on drawn discs whose places are known, and on a recording."""
+"""The loop of prediction, window, markers and correction: on drawn discs whose places are known,
+and on a recording.
+"""
 
 from dataclasses import replace
 
@@ -18,7 +20,10 @@ from trinolab.studies.markertrack import follow, moving_regions, step
 from trinolab.studies.tuning import nis_band
 from trinolab.window import Window
 
-CODED, PARAMETERS = load_handle("coded"), Parameters(kalman=KalmanParameters(9.5e8, 1.5, 1200.0, 6000.0))
+CODED, PARAMETERS = (
+    load_handle("coded"),
+    Parameters(kalman=KalmanParameters(9.5e8, 1.5, 1200.0, 6000.0)),
+)
 SIZE = (640, 480)
 WHOLE = Window(0, 0, *SIZE)
 PATTERN = np.array([(-30, -40), (30, -40), (0, 0), (-30, 40), (30, 40.0)])
@@ -26,12 +31,18 @@ TIMES = np.arange(12) / 30
 
 
 def discs(*middles, size=SIZE):
-    """A dark image with bright discs of 15 px, five about each middle, and the noise of a camera."""
+    """A dark image with bright discs of 15 px, five about each middle, and the noise of a
+    camera.
+    """
     image = np.full((size[1], size[0]), 45.0)
     for middle in middles:
         for u, v in PATTERN + middle:
-            cv2.circle(image, (round(16 * u), round(16 * v)), 16 * 15 // 2, 220.0, -1, cv2.LINE_AA, 4)
-    noisy = cv2.GaussianBlur(image, (0, 0), 0.7) + np.random.default_rng(0).normal(0, 2, image.shape)
+            cv2.circle(
+                image, (round(16 * u), round(16 * v)), 16 * 15 // 2, 220.0, -1, cv2.LINE_AA, 4
+            )
+    noisy = cv2.GaussianBlur(image, (0, 0), 0.7) + np.random.default_rng(0).normal(
+        0, 2, image.shape
+    )
     return np.clip(noisy, 0, 255).astype(np.uint8)
 
 
@@ -41,7 +52,9 @@ def middle(t):
 
 
 def test_it_looks_elsewhere_first_and_then_where_the_target_will_be():
-    looks = follow([discs(middle(t)) for t in TIMES], TIMES, CODED, [WHOLE] + [None] * 11, PARAMETERS)
+    looks = follow(
+        [discs(middle(t)) for t in TIMES], TIMES, CODED, [WHOLE] + [None] * 11, PARAMETERS
+    )
     assert looks[0].window == WHOLE
     assert np.isnan(looks[0].nis)
     for t, look in zip(TIMES, looks, strict=True):
@@ -121,17 +134,23 @@ def test_a_target_that_leaves_is_looked_for_elsewhere():
     assert not look.used
 
 
-@pytest.mark.parametrize("call", [
-    lambda: step(None, np.zeros((3, 4, 5)), 0, CODED, None), lambda: step(None, np.full((9, 9), 256.0), 0, CODED, None),
-    lambda: step(None, np.zeros((9, 9)), np.nan, CODED, None),
-    lambda: step(None, discs(), 0, CODED, Window(600, 0, 50, 9)),
-    lambda: step(step(None, discs((99, 99)), 0.5, CODED, WHOLE)[0], discs(), 0.5, CODED, WHOLE)])
+@pytest.mark.parametrize(
+    "call",
+    [
+        lambda: step(None, np.zeros((3, 4, 5)), 0, CODED, None),
+        lambda: step(None, np.full((9, 9), 256.0), 0, CODED, None),
+        lambda: step(None, np.zeros((9, 9)), np.nan, CODED, None),
+        lambda: step(None, discs(), 0, CODED, Window(600, 0, 50, 9)),
+        lambda: step(step(None, discs((99, 99)), 0.5, CODED, WHOLE)[0], discs(), 0.5, CODED, WHOLE),
+    ],
+)
 def test_bad_input_is_a_value_error(call):
     with pytest.raises(ValueError, match="expected"):
         call()
 
 
 # --- the calm recording's first two seconds
+
 
 @pytest.fixture(scope="module")
 def calm():
@@ -141,8 +160,12 @@ def calm():
         film = recording.images_of(k)
         regions = moving_regions(film, recording.empty[k])
         looks = follow(film, recording.times_s, recording.handle, regions, PARAMETERS)
-        false = [len(look.markers.uv) if T is None else (true_labels(camera, CODED, T, look.markers.uv) < 0).sum()
-                 for look, T in zip(looks, recording.poses, strict=True)]
+        false = [
+            len(look.markers.uv)
+            if T is None
+            else (true_labels(camera, CODED, T, look.markers.uv) < 0).sum()
+            for look, T in zip(looks, recording.poses, strict=True)
+        ]
         seen.append((looks, false))
     return seen
 
@@ -163,12 +186,17 @@ def test_the_calm_recording_s_markers_are_found_in_small_windows(calm):
         assert found.sum() >= 170  # whole images have 175 to 190
         assert sum(false) == 0
         area = np.mean([look.window.area for look in looks[31:]]) / (1280 * 1024)
-        assert area < 0.05  # of the image; three instants after a start at an unknown speed take most of it
+        # of the image; three instants after a start at an unknown speed take most of it
+        assert area < 0.05
 
 
 def test_the_truth_tells_false_markers_and_a_window_has_fewer():
     """Discs twice, and the handle elsewhere: all that is found is false."""
-    camera, T = load_rig("raised_40deg").cameras[0], RigidTransform.from_translation([400.0, 0, 570])  # out of sight
+    # out of sight
+    camera, T = (
+        load_rig("raised_40deg").cameras[0],
+        RigidTransform.from_translation([400.0, 0, 570]),
+    )
     images = [discs((200, 200), (600, 500), size=camera.size)] * 3
     windows = [Window(0, 0, *camera.size), Window(120, 120, 160, 160), None]
     found = searched(images, windows, camera, CODED, [T, T, T])
@@ -182,7 +210,9 @@ def test_the_truth_tells_false_markers_and_a_window_has_fewer():
 def test_the_picture_needs_a_path(calm):
     def drawn(some):
         boxes = [look.box for look in some]
-        return plot_following(np.zeros((1024, 1280), np.uint8), some[-1].window, boxes, some[-1].markers.uv)
+        return plot_following(
+            np.zeros((1024, 1280), np.uint8), some[-1].window, boxes, some[-1].markers.uv
+        )
 
     looks, _ = calm[0]
     figure = drawn(looks[30:46])

@@ -27,7 +27,9 @@ PAIR = load_rig("paper_pair").cameras
 
 
 def points(rng, n=20):
-    return np.column_stack([rng.uniform(-80, 80, n), rng.uniform(-50, 50, n), rng.uniform(520, 620, n)])
+    return np.column_stack(
+        [rng.uniform(-80, 80, n), rng.uniform(-50, 50, n), rng.uniform(520, 620, n)]
+    )
 
 
 @pytest.mark.parametrize("name", ["paper_pair", "paper_trinocular", "raised_40deg"])
@@ -35,12 +37,16 @@ def test_true_pairs_lie_on_their_epipolar_lines(name):
     rig = load_rig(name)
     X = points(np.random.default_rng(0))
     for i, j in rig.pairs:
-        D = epipolar_distances(rig.cameras[i], rig.cameras[j], rig.cameras[i].project(X), rig.cameras[j].project(X))
+        D = epipolar_distances(
+            rig.cameras[i], rig.cameras[j], rig.cameras[i].project(X), rig.cameras[j].project(X)
+        )
         assert np.diag(D).max() < 1e-8  # px; rounding of coordinates of 1e3 px
 
 
 def test_epipolar_distance_by_brute_force():
-    """The distance from the projection of a densely sampled viewing ray: no fundamental matrix in it."""
+    """The distance from the projection of a densely sampled viewing ray: no fundamental matrix in
+    it.
+    """
     left, right = PAIR
     rng = np.random.default_rng(1)
     uv_left, uv_right = rng.uniform(200, 800, (4, 2)), rng.uniform(200, 800, (3, 2))
@@ -63,7 +69,7 @@ def test_ncc_against_opencv():
     image = rng.integers(0, 255, (30, 40)).astype(np.float32)
     template = image[5:14, 8:21]
     reference = cv2.matchTemplate(image, template, cv2.TM_CCOEFF_NORMED)
-    ours = [[ncc(template, image[v:v + 9, u:u + 13]) for u in range(28)] for v in range(22)]
+    ours = [[ncc(template, image[v : v + 9, u : u + 13]) for u in range(28)] for v in range(22)]
     np.testing.assert_allclose(ours, reference, atol=2e-6)  # OpenCV sums in single precision
 
 
@@ -91,8 +97,11 @@ def test_ncc_matrix_is_centred_on_whole_pixels():
 
 
 def test_mutual_keeps_each_point_once():
-    m = Matches(np.array([[0, 0], [0, 1], [1, 1], [2, 1]]), np.zeros(4), np.array([0.7, 0.9, 0.95, 0.6]))
-    assert mutual(m).index.tolist() == [[1, 1]]  # 0's best is 1, whose best is 1: nothing is left for 0
+    m = Matches(
+        np.array([[0, 0], [0, 1], [1, 1], [2, 1]]), np.zeros(4), np.array([0.7, 0.9, 0.95, 0.6])
+    )
+    # 0's best is 1, whose best is 1: nothing is left for 0
+    assert mutual(m).index.tolist() == [[1, 1]]
 
 
 def test_order_along_the_epipolar_line():
@@ -103,7 +112,10 @@ def test_order_along_the_epipolar_line():
     uv_left, uv_right = left.project(X), right.project(X)
     straight = Matches(np.array([[0, 0], [1, 1]]), np.zeros(2), np.array([0.8, 0.9]))
     crossed = Matches(np.array([[0, 1], [1, 0]]), np.zeros(2), np.array([0.8, 0.9]))
-    assert in_order(straight, left, right, uv_left, uv_right, 2.0).index.tolist() == [[0, 0], [1, 1]]
+    assert in_order(straight, left, right, uv_left, uv_right, 2.0).index.tolist() == [
+        [0, 0],
+        [1, 1],
+    ]
     assert in_order(crossed, left, right, uv_left, uv_right, 2.0).index.tolist() == [[1, 0]]
 
 
@@ -127,16 +139,23 @@ def test_rendered_markers_are_among_the_candidates_and_matched():
 
 @pytest.fixture(scope="module")
 def across():
-    """A rod across the baseline from CCD1 to CCD3, turned so that each camera sees another column head-on."""
+    """A rod across the baseline from CCD1 to CCD3, turned so that each camera sees another column
+    head-on.
+    """
     rig, handle, up = load_rig("raised_40deg"), load_handle("paper"), np.deg2rad(-10)
-    y, z = np.array([1.0, 0.0, 0.0]), np.array([0.0, -np.sin(up), -np.cos(up)])  # axis; the normal of column 0
-    T = RigidTransform.from_components([0.0, 0.0, 560.0], Rotation.from_matrix(np.column_stack([np.cross(y, z), y, z])))
+    # axis; the normal of column 0
+    y, z = np.array([1.0, 0.0, 0.0]), np.array([0.0, -np.sin(up), -np.cos(up)])
+    T = RigidTransform.from_components(
+        [0.0, 0.0, 560.0], Rotation.from_matrix(np.column_stack([np.cross(y, z), y, z]))
+    )
     frames = render_rig(rig, handle, T, Bench(), np.random.default_rng(0))
     return rig, handle, T, frames
 
 
 def true_labels(camera, handle, T, uv):
-    """For each of the columns 0 (markers 0, 1) and 5 (10, 11), which both cameras see, the nearest spot's index."""
+    """For each of the columns 0 (markers 0, 1) and 5 (10, 11), which both cameras see, the nearest
+    spot's index.
+    """
     expected = camera.project(T.apply(handle.marker_centres[[0, 1, 10, 11]]))
     return np.linalg.norm(uv[:, None] - expected, axis=2).argmin(axis=0)
 
@@ -145,12 +164,15 @@ def test_equal_markers_on_one_line_fool_the_correlation_and_not_the_layout(acros
     rig, handle, T, frames = across
     cameras, images = [rig.cameras[k] for k in (0, 2)], [frames[k] for k in (0, 2)]
     uv = [find_markers(image, 12).uv for image in images]
-    spots = [true_labels(camera, handle, T, found) for camera, found in zip(cameras, uv, strict=True)]
+    spots = [
+        true_labels(camera, handle, T, found) for camera, found in zip(cameras, uv, strict=True)
+    ]
     right, crossed = np.column_stack(spots), np.column_stack([spots[0][:2], spots[1][2:]])
     within = {tuple(pair) for pair in candidates(*cameras, *images, *uv).index.tolist()}
     assert {tuple(pair) for pair in [*right.tolist(), *crossed.tolist()]} <= within
     left = {tuple(pair) for pair in match(*cameras, *images, *uv).index.tolist()}
-    assert {tuple(pair) for pair in crossed.tolist()} <= left  # column 0 with column 5: both seen head-on
+    # column 0 with column 5: both seen head-on
+    assert {tuple(pair) for pair in crossed.tolist()} <= left
     assert not {tuple(pair) for pair in right.tolist()} & left
     m = measure(frames, rig, handle)
     labels = [m.labels[k][true_labels(rig.cameras[k], handle, T, m.found[k].uv)] for k in (0, 2)]
@@ -164,18 +186,26 @@ def test_matching_is_the_same_from_either_side(across):
     wide = MatchParameters(epipolar_gate_px=1e4)
     uv = [find_markers(image, 12).uv for image in frames]
     for i, j in rig.pairs:
-        there = match(rig.cameras[i], rig.cameras[j], frames[i], frames[j], uv[i], uv[j], wide).index
+        there = match(
+            rig.cameras[i], rig.cameras[j], frames[i], frames[j], uv[i], uv[j], wide
+        ).index
         back = match(rig.cameras[j], rig.cameras[i], frames[j], frames[i], uv[j], uv[i], wide).index
         assert sorted(there.tolist()) == sorted(back[:, ::-1].tolist())
         assert len(there) > 0
 
 
-@pytest.mark.parametrize("call", [
-    lambda: MatchParameters(epipolar_gate_px=0.0), lambda: MatchParameters(ncc_threshold=1.5),
-    lambda: MatchParameters(window_px=20), lambda: ncc(np.ones((3, 3)), np.ones((3, 4))),
-    lambda: epipolar_distances(*PAIR, [[1, 2, 3]], [[1, 2]]),
-    lambda: epipolar_distances(PAIR[0], PAIR[0], [[1, 2]], [[1, 2]]),
-    lambda: ncc_matrix(np.ones(5), np.ones((5, 5)), [[1, 2]], [[1, 2]], 3)])
+@pytest.mark.parametrize(
+    "call",
+    [
+        lambda: MatchParameters(epipolar_gate_px=0.0),
+        lambda: MatchParameters(ncc_threshold=1.5),
+        lambda: MatchParameters(window_px=20),
+        lambda: ncc(np.ones((3, 3)), np.ones((3, 4))),
+        lambda: epipolar_distances(*PAIR, [[1, 2, 3]], [[1, 2]]),
+        lambda: epipolar_distances(PAIR[0], PAIR[0], [[1, 2]], [[1, 2]]),
+        lambda: ncc_matrix(np.ones(5), np.ones((5, 5)), [[1, 2]], [[1, 2]], 3),
+    ],
+)
 def test_bad_input_is_a_value_error(call):
     with pytest.raises(ValueError, match="expected"):
         call()

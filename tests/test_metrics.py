@@ -1,4 +1,6 @@
-"""Errors of poses: against plain loops, against numbers by hand, and at the places where angles go wrong."""
+"""Errors of poses: against plain loops, against numbers by hand, and at the places where angles go
+wrong.
+"""
 
 import math
 
@@ -29,9 +31,12 @@ def test_table1_gives_the_known_means():
     table = load_table1()
     errors = pose_errors(table.measured, table.set_poses)
     assert errors.n == 20
-    # Means of numbers printed to 0.01 mm and 0.1 deg: exact to rounding, worked out by a separate program.
+    # Means of numbers printed to 0.01 mm and 0.1 deg: exact to rounding, worked out by a separate
+    # program.
     assert errors.E_t_mm == pytest.approx(0.312, abs=5e-4)
-    assert (errors.E_alpha_deg, errors.E_beta_deg, errors.E_gamma_deg) == pytest.approx((0.71, 0.55, 0.64), abs=1e-9)
+    assert (errors.E_alpha_deg, errors.E_beta_deg, errors.E_gamma_deg) == pytest.approx(
+        (0.71, 0.55, 0.64), abs=1e-9
+    )
     assert errors.geodesic_mean_deg == pytest.approx(0.94, abs=5e-3)
     assert errors.position_median_mm == pytest.approx(0.286, abs=5e-4)
 
@@ -40,17 +45,31 @@ def test_means_against_plain_loops():
     frame = load_table1().frame
     distances, angles = [], []
     for _, row in frame.iterrows():
-        distances.append(math.dist([row[f"measured_{c}_mm"] for c in "xyz"], [row[f"set_{c}_mm"] for c in "xyz"]))
-        angles.append([abs(row[f"measured_{a}_deg"] - row[f"set_{a}_deg"]) for a in ("alpha", "beta", "gamma")])
+        distances.append(
+            math.dist([row[f"measured_{c}_mm"] for c in "xyz"], [row[f"set_{c}_mm"] for c in "xyz"])
+        )
+        angles.append(
+            [
+                abs(row[f"measured_{a}_deg"] - row[f"set_{a}_deg"])
+                for a in ("alpha", "beta", "gamma")
+            ]
+        )
     table = load_table1()
-    assert position_error(table.measured, table.set_poses) == pytest.approx(sum(distances) / 20, abs=1e-12)
-    assert angle_errors_deg(table.measured, table.set_poses) == pytest.approx(np.mean(angles, axis=0), abs=1e-9)
+    assert position_error(table.measured, table.set_poses) == pytest.approx(
+        sum(distances) / 20, abs=1e-12
+    )
+    assert angle_errors_deg(table.measured, table.set_poses) == pytest.approx(
+        np.mean(angles, axis=0), abs=1e-9
+    )
 
 
 def test_euler_angles_by_hand():
-    # A turn by 90 deg about Z carries x to y; then beta about the new Y tips x below the horizontal: x -> (0, c, -s).
+    # A turn by 90 deg about Z carries x to y; then beta about the new Y tips x below the
+    # horizontal: x -> (0, c, -s).
     pose = pose_from_euler_deg([1.0, 2.0, 3.0], [90.0, 30.0, 0.0])
-    assert pose.apply([1.0, 0.0, 0.0]) == pytest.approx([1.0, 2.0 + math.sqrt(0.75), 3.0 - 0.5], abs=1e-12)
+    assert pose.apply([1.0, 0.0, 0.0]) == pytest.approx(
+        [1.0, 2.0 + math.sqrt(0.75), 3.0 - 0.5], abs=1e-12
+    )
     assert euler_deg(pose) == pytest.approx([90.0, 30.0, 0.0], abs=1e-9)
 
 
@@ -58,7 +77,9 @@ def test_euler_angles_against_the_product_of_three_turns():
     rng = np.random.default_rng(1)
     angles = rng.uniform([-180, -90, -180], [180, 90, 180], (200, 3))
     poses = pose_from_euler_deg(rng.normal(size=(200, 3)), angles)
-    for matrix, (alpha, beta, gamma) in zip(poses.rotation.as_matrix(), np.deg2rad(angles), strict=True):
+    for matrix, (alpha, beta, gamma) in zip(
+        poses.rotation.as_matrix(), np.deg2rad(angles), strict=True
+    ):
         ca, sa, cb, sb, cg, sg = (f(x) for x in (alpha, beta, gamma) for f in (math.cos, math.sin))
         Rz = np.array([[ca, -sa, 0], [sa, ca, 0], [0, 0, 1]])
         Ry = np.array([[cb, 0, sb], [0, 1, 0], [-sb, 0, cb]])
@@ -68,17 +89,28 @@ def test_euler_angles_against_the_product_of_three_turns():
 
 
 def test_gimbal_lock_gives_a_pose_and_no_warning():
-    pose = pose_from_euler_deg([0.0, 0.0, 0.0], [30.0, 90.0, 20.0])  # warnings are errors in this test run
+    # warnings are errors in this test run
+    pose = pose_from_euler_deg([0.0, 0.0, 0.0], [30.0, 90.0, 20.0])
     alpha, beta, gamma = euler_deg(pose)
     assert (beta, gamma) == pytest.approx((90.0, 0.0), abs=1e-6)
     again = pose_from_euler_deg([0.0, 0.0, 0.0], [alpha, beta, gamma])
     assert geodesic_deg(again, pose)[0] == pytest.approx(0.0, abs=1e-6)
 
 
-@pytest.mark.parametrize(("measured", "true", "difference"), [
-    (179.0, -179.0, -2.0), (-179.0, 179.0, 2.0), (10.0, -10.0, 20.0), (90.0, -90.0, 180.0), (-90.0, 90.0, 180.0)])
+@pytest.mark.parametrize(
+    ("measured", "true", "difference"),
+    [
+        (179.0, -179.0, -2.0),
+        (-179.0, 179.0, 2.0),
+        (10.0, -10.0, 20.0),
+        (90.0, -90.0, 180.0),
+        (-90.0, 90.0, 180.0),
+    ],
+)
 def test_differences_are_wrapped(measured, true, difference):
-    estimate, truth = (pose_from_euler_deg([0.0, 0.0, 0.0], [angle, 0.0, 0.0]) for angle in (measured, true))
+    estimate, truth = (
+        pose_from_euler_deg([0.0, 0.0, 0.0], [angle, 0.0, 0.0]) for angle in (measured, true)
+    )
     assert angle_differences_deg(estimate, truth)[0, 0] == pytest.approx(difference, abs=1e-9)
 
 
@@ -96,11 +128,12 @@ def test_nearest_equivalent_finds_every_symmetry():
     symmetries = load_handle("paper").symmetries
     truths = random_poses(60, rng)
     chosen = RigidTransform.concatenate([symmetries[k] for k in rng.integers(0, 12, 60)])
-    small = RigidTransform.from_components(rng.normal(0, 0.1, (60, 3)),
-                                           Rotation.from_rotvec(rng.normal(0, 0.01, (60, 3))))
+    small = RigidTransform.from_components(
+        rng.normal(0, 0.1, (60, 3)), Rotation.from_rotvec(rng.normal(0, 0.01, (60, 3)))
+    )
     found = nearest_equivalent(truths * small * chosen, truths, symmetries)
-    # The symmetries map the handle to itself, so undoing the right one leaves truth * small up to conjugation: at most
-    # 0.01 * sqrt(3) * 4 rad.
+    # The symmetries map the handle to itself, so undoing the right one leaves truth * small up to
+    # conjugation: at most 0.01 * sqrt(3) * 4 rad.
     assert geodesic_deg(found, truths).max() < 4.0
     assert pose_errors(truths * chosen, truths).geodesic_mean_deg > 30.0
 
@@ -117,8 +150,12 @@ def test_track_equivalent_keeps_a_flip_as_an_error():
     symmetries = load_handle("paper").symmetries
     truths = random_poses(10, rng)
     turned = truths * symmetries[5]
-    np.testing.assert_allclose(geodesic_deg(track_equivalent(turned, truths, symmetries), truths), 0.0, atol=1e-5)
-    flipped = RigidTransform.concatenate([*(turned[k] for k in range(9)), turned[9] * symmetries[3]])
+    np.testing.assert_allclose(
+        geodesic_deg(track_equivalent(turned, truths, symmetries), truths), 0.0, atol=1e-5
+    )
+    flipped = RigidTransform.concatenate(
+        [*(turned[k] for k in range(9)), turned[9] * symmetries[3]]
+    )
     found = geodesic_deg(track_equivalent(flipped, truths, symmetries), truths)
     assert found[:9].max() < 1e-5
     assert found[9] > 30.0
@@ -126,19 +163,31 @@ def test_track_equivalent_keeps_a_flip_as_an_error():
 
 
 def test_a_single_pose_counts_as_one():
-    assert pose_errors(RigidTransform.identity(), RigidTransform.from_translation([3.0, 4.0, 0.0])).E_t_mm == 5.0
+    assert (
+        pose_errors(
+            RigidTransform.identity(), RigidTransform.from_translation([3.0, 4.0, 0.0])
+        ).E_t_mm
+        == 5.0
+    )
 
 
 def bad_pose():
     return RigidTransform.from_translation([[np.nan, 0.0, 0.0]])
 
 
-@pytest.mark.parametrize(("estimates", "truths", "message"), [
-    (np.eye(4), RigidTransform.identity(), "estimates: expected a RigidTransform"),
-    (RigidTransform.identity(), [1], "truths: expected a RigidTransform"),
-    (RigidTransform.identity(2), RigidTransform.identity(3), "2 and 3"),
-    (bad_pose(), RigidTransform.identity(1), "estimates: expected one valid pose or more, got NaN"),
-])
+@pytest.mark.parametrize(
+    ("estimates", "truths", "message"),
+    [
+        (np.eye(4), RigidTransform.identity(), "estimates: expected a RigidTransform"),
+        (RigidTransform.identity(), [1], "truths: expected a RigidTransform"),
+        (RigidTransform.identity(2), RigidTransform.identity(3), "2 and 3"),
+        (
+            bad_pose(),
+            RigidTransform.identity(1),
+            "estimates: expected one valid pose or more, got NaN",
+        ),
+    ],
+)
 def test_refuses(estimates, truths, message):
     with pytest.raises(ValueError, match=message):
         pose_errors(estimates, truths)
@@ -172,7 +221,9 @@ def test_nees_counts_correlation():
     assert nees(found, C, RigidTransform.identity()) == pytest.approx([2 / 1.6, 1, 1])
 
 
-@pytest.mark.parametrize(("covariance", "named"), [(np.eye(5), "covariance"), (np.full((6, 6), np.nan), "covariance")])
+@pytest.mark.parametrize(
+    ("covariance", "named"), [(np.eye(5), "covariance"), (np.full((6, 6), np.nan), "covariance")]
+)
 def test_nees_refuses(covariance, named):
     one = RigidTransform.identity()
     with pytest.raises(ValueError, match=named):

@@ -6,7 +6,13 @@ import pytest
 from trinolab.datasets import load_handle, load_rig, load_table1
 from trinolab.studies.budget import mix, mixes, scaled
 from trinolab.studies.deviations import Source, drawn, first_order, means, together
-from trinolab.studies.error_sources import make_trial, pixel_noise, platform, printed_digits, set_angles
+from trinolab.studies.error_sources import (
+    make_trial,
+    pixel_noise,
+    platform,
+    printed_digits,
+    set_angles,
+)
 
 TRUTHS = load_table1().set_poses
 
@@ -31,7 +37,8 @@ def test_with_registration_too(trial):
     places, digits = platform(trial, 0.1), printed_digits(trial)
     found = mix([places], digits, TRUTHS, [0.1, 0.05, 0.05, 0.05], rows=range(20))
     unregistered = mix([places], digits, TRUTHS, [0.1, 0.05, 0.05, 0.05])
-    assert found.sources[0].size > unregistered.sources[0].size  # a registration takes a part of it away
+    # a registration takes a part of it away
+    assert found.sources[0].size > unregistered.sources[0].size
 
 
 def test_no_size_of_a_wrong_source_fits(trial):

@@ -1,4 +1,6 @@
-"""Smooth motion: rates and smoothness by finite differences of the poses, not from the motion's own formulas."""
+"""Smooth motion: rates and smoothness by finite differences of the poses, not from the motion's own
+formulas.
+"""
 
 import numpy as np
 import pytest
@@ -19,7 +21,9 @@ def rng(seed=0):
 def rates(poses, step_s):
     """Speeds in mm/s and turn rates in deg/s between successive poses."""
     turns = (poses.rotation[:-1].inv() * poses.rotation[1:]).magnitude()
-    return np.linalg.norm(np.diff(poses.translation, axis=0), axis=1) / step_s, np.rad2deg(turns) / step_s
+    return np.linalg.norm(np.diff(poses.translation, axis=0), axis=1) / step_s, np.rad2deg(
+        turns
+    ) / step_s
 
 
 def tilts_deg(poses):
@@ -29,7 +33,8 @@ def tilts_deg(poses):
 def test_the_speeds_are_a_persons():
     clips = [rates(smooth_motion(rng(seed), 20, 100), 0.01) for seed in range(20)]
     speed, turn = (np.array(values) for values in zip(*clips, strict=True))
-    assert np.median(speed) == pytest.approx(200, abs=20)  # mm/s; medians of single clips of 20 s: 173 to 231
+    # mm/s; medians of single clips of 20 s: 173 to 231
+    assert np.median(speed) == pytest.approx(200, abs=20)
     assert np.median(turn) == pytest.approx(20, abs=2)  # deg/s; of single clips: 18 to 24
     assert np.median(speed, axis=1).min() > 100
     assert np.median(speed, axis=1).max() < 300
@@ -41,7 +46,10 @@ def test_asked_for_speeds_are_kept():
     assert np.median(speed) == pytest.approx(50, rel=0.2)  # a clip of 60 s has a median of its own
     assert np.median(turn) == pytest.approx(5, rel=0.2)
     still = smooth_motion(rng(1), 1, 30, speed_mm_s=0, turn_deg_s=0)
-    np.testing.assert_allclose(still.as_matrix(), still.as_matrix()[:1].repeat(30, axis=0), atol=1e-12)  # mm
+    # mm
+    np.testing.assert_allclose(
+        still.as_matrix(), still.as_matrix()[:1].repeat(30, axis=0), atol=1e-12
+    )
 
 
 def test_the_motion_stays_in_the_workspace_and_uses_it():
@@ -56,7 +64,9 @@ def test_the_motion_stays_in_the_workspace_and_uses_it():
 
 
 def test_other_ranges_hold_too():
-    poses = smooth_motion(rng(2), 20, 30, x_mm=(5, 5), y_mm=(-10, 10), z_mm=(700, 710), tilt_deg=(80, 85))
+    poses = smooth_motion(
+        rng(2), 20, 30, x_mm=(5, 5), y_mm=(-10, 10), z_mm=(700, 710), tilt_deg=(80, 85)
+    )
     position = poses.translation
     np.testing.assert_allclose(position[:, 0], 5, atol=1e-12)  # mm
     assert np.abs(position[:, 1]).max() <= 10
@@ -66,7 +76,9 @@ def test_other_ranges_hold_too():
 
 @pytest.mark.parametrize("rest_s", [None, (0.5, 0.9)], ids=["moving", "with a rest"])
 def test_velocity_and_turn_rate_are_continuous(rest_s):
-    """A jump of velocity would make the second difference grow as the step shrinks; it shrinks with it, squared."""
+    """A jump of velocity would make the second difference grow as the step shrinks; it shrinks with
+    it, squared.
+    """
     for seed in range(5):
         worst = []
         for step in (1 / 400, 1 / 800):
@@ -82,7 +94,8 @@ def test_it_starts_where_it_is_told():
     for seed in range(10):
         start = random_pose(rng(seed))
         first = smooth_motion(rng(seed), 1, 30, start)[0]
-        np.testing.assert_allclose(first.as_matrix(), start.as_matrix(), atol=1e-9)  # mm; worst here 3e-13
+        # mm; worst here 3e-13
+        np.testing.assert_allclose(first.as_matrix(), start.as_matrix(), atol=1e-9)
     upright = smooth_motion(rng(), 1, 30)[0]
     np.testing.assert_allclose(upright.translation, [0, 0, 570], atol=1e-9)
     np.testing.assert_allclose(upright.rotation.as_matrix()[:, 1], [0, -1, 0], atol=1e-12)
@@ -98,7 +111,9 @@ def test_at_rest_nothing_moves_and_elsewhere_it_does():
     speed = rates(poses, 1 / 30)[0]
     assert speed[times[1:] < 0.7].min() > 20
     assert speed[times[:-1] > 2.8].min() > 20
-    np.testing.assert_allclose(poses[0].as_matrix(), motion_at(rng(3), [0.0])[0].as_matrix(), atol=1e-12)
+    np.testing.assert_allclose(
+        poses[0].as_matrix(), motion_at(rng(3), [0.0])[0].as_matrix(), atol=1e-12
+    )
 
 
 def test_a_rest_from_the_beginning_keeps_the_start():
@@ -117,7 +132,9 @@ def test_one_seed_is_one_motion_at_any_times():
 
 
 def test_bad_arguments_are_named():
-    outside = RigidTransform.from_components([0, 0, 700], Rotation.from_euler("x", 180, degrees=True))
+    outside = RigidTransform.from_components(
+        [0, 0, 700], Rotation.from_euler("x", 180, degrees=True)
+    )
     end_on = RigidTransform.from_components([0, 0, 570], Rotation.from_euler("x", 90, degrees=True))
     for name, call in {
         "rng": lambda: smooth_motion(5, 1, 30),
@@ -138,25 +155,33 @@ def test_bad_arguments_are_named():
 
 # --- a person's pace
 
-HELD = np.array([[329, 496], [15.3, 36.1]])  # mm/s and deg/s, median and 95 %, of the handheld recording at 30 Hz
+# mm/s and deg/s, median and 95 %, of the handheld recording at 30 Hz
+HELD = np.array([[329, 496], [15.3, 36.1]])
 
 
 def quantiles(poses, step_s):
     return np.array([np.percentile(values, [50, 95]) for values in rates(poses, step_s)])
 
 
-@pytest.mark.skipif(real_set("trajectories") is None,
-                    reason=f"no trajectories: {why_not(load_real_sets()['trajectories'])}")
+@pytest.mark.skipif(
+    real_set("trajectories") is None,
+    reason=f"no trajectories: {why_not(load_real_sets()['trajectories'])}",
+)
 def test_the_pace_is_read_from_a_handheld_recording():
     times, poses = load_trajectories()
     every = np.arange(0, times[-1], 1 / 30)
     turns = Slerp(times, poses.rotation)(every)
     places = np.column_stack([np.interp(every, times, axis) for axis in poses.translation.T])
-    np.testing.assert_allclose(quantiles(RigidTransform.from_components(places, turns), 1 / 30), HELD, rtol=0.005)
+    np.testing.assert_allclose(
+        quantiles(RigidTransform.from_components(places, turns), 1 / 30), HELD, rtol=0.005
+    )
 
 
 def test_human_motion_has_the_speeds_and_turn_rates_of_a_person():
-    found = np.mean([quantiles(human_motion(rng(seed), np.arange(1800) / 30), 1 / 30) for seed in range(4)], axis=0)
+    found = np.mean(
+        [quantiles(human_motion(rng(seed), np.arange(1800) / 30), 1 / 30) for seed in range(4)],
+        axis=0,
+    )
     np.testing.assert_allclose(found, HELD, rtol=0.08)  # over 12 seeds 328, 484, 15.5, 37.6
     for seed in range(4):  # 10 s have medians of their own
         short = quantiles(human_motion(rng(seed), np.arange(300) / 30), 1 / 30)
@@ -166,7 +191,9 @@ def test_human_motion_has_the_speeds_and_turn_rates_of_a_person():
 def test_human_motion_is_one_motion_whenever_it_is_asked_for():
     times = np.array([0.0, 0.31, 1.0, 4.77, 9.5])
     every = human_motion(rng(5), times)
-    np.testing.assert_allclose(every[:3].as_matrix(), human_motion(rng(5), times[:3]).as_matrix(), rtol=0, atol=1e-9)
+    np.testing.assert_allclose(
+        every[:3].as_matrix(), human_motion(rng(5), times[:3]).as_matrix(), rtol=0, atol=1e-9
+    )
     assert len(human_motion(rng(5), [])) == 0
     position = human_motion(rng(6), np.arange(600) / 30).translation
     assert (position >= LIMITS[:, 0] - 1e-9).all()

@@ -1,4 +1,6 @@
-"""The truth of what moves, against images without noise and against distances; its shares by hand."""
+"""The truth of what moves, against images without noise and against distances; its shares by
+hand.
+"""
 
 import numpy as np
 import pytest
@@ -9,7 +11,16 @@ from trinolab.bench.recordings import scripted
 from trinolab.bench.scenario import take
 from trinolab.camera import Rig
 from trinolab.datasets import load_handle, load_rig
-from trinolab.studies.ground_truth import Regions, cover, held, moving, read_recording, regions, watch, wrong
+from trinolab.studies.ground_truth import (
+    Regions,
+    cover,
+    held,
+    moving,
+    read_recording,
+    regions,
+    watch,
+    wrong,
+)
 from trinolab.window import Window
 
 RIG = Rig(tuple(scene.scaled(camera, 0.125) for camera in load_rig("raised_40deg").cameras))
@@ -44,7 +55,10 @@ def test_the_seam_is_left_out():
 
 def test_shares_by_hand():
     found = np.array([[True, False, False, True, True]])
-    truth = Regions(np.array([[True, True, False, False, False]]), np.array([[False, False, False, True, False]]))
+    truth = Regions(
+        np.array([[True, True, False, False, False]]),
+        np.array([[False, False, False, True, False]]),
+    )
     assert wrong(Detection(found, found, None), truth) == (1.0, 0.5)
     nothing = Regions(*np.zeros((2, 1, 5), bool))
     assert np.isnan(wrong(Detection(found, found, None), nothing)).all()
@@ -52,12 +66,17 @@ def test_shares_by_hand():
 
 def test_watching_is_step_after_step():
     frames = [take(JOB, k, 1) for k in (0, 36, 40)]
-    truths, parameters = [regions(cover(JOB, k, 1)) for k in (0, 36, 40)], BackgroundParameters(min_pixels=8)
+    truths, parameters = (
+        [regions(cover(JOB, k, 1)) for k in (0, 36, 40)],
+        BackgroundParameters(min_pixels=8),
+    )
     watched, state = watch(frames, frames[0], truths, parameters), frames[0]
     for k, frame in enumerate(frames):
         state, detection = step(state, frame, parameters)
         assert watched.windows[k] == detection.window
-        np.testing.assert_array_equal([watched.false[k], watched.missed[k]], wrong(detection, truths[k]))
+        np.testing.assert_array_equal(
+            [watched.false[k], watched.missed[k]], wrong(detection, truths[k])
+        )
     np.testing.assert_array_equal(watched.background, state)
     assert watched.windows[0] is None
     assert watched.windows[1] is not None
@@ -68,6 +87,7 @@ def test_watching_is_step_after_step():
 @pytest.fixture(scope="module")
 def short(tmp_path_factory):
     """The calm script's instants from 1.2 s on, in a cache of their own."""
+
     def late(rig, times, seed):
         return calm(rig, times + 1.2, seed)
 
@@ -90,7 +110,7 @@ def test_what_covers_a_pixel_is_what_it_shows(short):
 
 def test_the_truth_is_that_of_the_instants_that_were_read(short):
     last = short._replace(instants=short.instants[-1:])
-    alone, = moving(last, 1, seam_px=2)
+    (alone,) = moving(last, 1, seam_px=2)
     np.testing.assert_array_equal(alone.inside, moving(short, 1, seam_px=2)[-1].inside)
 
 

@@ -15,14 +15,18 @@ PARAMETERS = "sigma_px = 0.5  # noise\nn = 3\nname = 'paper'\nwide = False\nlimi
 
 @pytest.fixture
 def make(tmp_path):
-    """Write a notebook from its parameters cell (None for none) and one more cell; return its path."""
+    """Write a notebook from its parameters cell (None for none) and one more cell; return its
+    path.
+    """
 
     def write(parameters=PARAMETERS, code="pass", tags=("parameters",)):
         cells = [new_markdown_cell("# Title")]
         if parameters is not None:
             cells.append(new_code_cell(parameters, metadata={"tags": list(tags)}))
         kernel = {"name": "python3", "display_name": "Python 3", "language": "python"}
-        notebook = new_notebook(cells=[*cells, new_code_cell(code)], metadata={"kernelspec": kernel})
+        notebook = new_notebook(
+            cells=[*cells, new_code_cell(code)], metadata={"kernelspec": kernel}
+        )
         path = tmp_path / "chapter.ipynb"
         nbformat.write(notebook, path)
         return path
@@ -31,7 +35,14 @@ def make(tmp_path):
 
 
 def test_read_parameters(make):
-    expected = {"sigma_px": 0.5, "n": 3, "name": "paper", "wide": False, "limits": [-1.0, 2], "nothing": None}
+    expected = {
+        "sigma_px": 0.5,
+        "n": 3,
+        "name": "paper",
+        "wide": False,
+        "limits": [-1.0, 2],
+        "nothing": None,
+    }
     assert read_parameters(make()) == expected
 
 
@@ -42,9 +53,13 @@ def test_reading_runs_nothing(make, tmp_path):
     assert not (tmp_path / "trace").exists()
 
 
-@pytest.mark.parametrize("source", ["import os", "a = b = 1", "a, b = 1, 2", "a += 1", "a[0] = 1", "f(1)", "a = 1 +"])
+@pytest.mark.parametrize(
+    "source", ["import os", "a = b = 1", "a, b = 1, 2", "a += 1", "a[0] = 1", "f(1)", "a = 1 +"]
+)
 def test_other_statements_are_refused(make, source):
-    with pytest.raises(ValueError, match=r"chapter\.ipynb: the cell tagged 'parameters' may only hold"):
+    with pytest.raises(
+        ValueError, match=r"chapter\.ipynb: the cell tagged 'parameters' may only hold"
+    ):
         read_parameters(make(source))
 
 
@@ -56,25 +71,38 @@ def test_missing_cell_is_refused(make):
 
 
 def test_missing_and_broken_files_are_refused(tmp_path):
-    with pytest.raises(ValueError, match=r"none\.ipynb: expected a notebook, got FileNotFoundError"):
+    with pytest.raises(
+        ValueError, match=r"none\.ipynb: expected a notebook, got FileNotFoundError"
+    ):
         read_parameters(tmp_path / "none.ipynb")
-    for text in ("{", "[]", "{}", '{"cells": 3, "nbformat": 4, "nbformat_minor": 5, "metadata": {}}'):
+    for text in (
+        "{",
+        "[]",
+        "{}",
+        '{"cells": 3, "nbformat": 4, "nbformat_minor": 5, "metadata": {}}',
+    ):
         (tmp_path / "broken.ipynb").write_text(text)
         with pytest.raises(ValueError, match=r"broken\.ipynb: expected a notebook"):
             run_notebook(tmp_path / "broken.ipynb")
 
 
-@pytest.mark.parametrize(("parameters", "message"), [
-    ({"sigma": 1.0}, "unknown parameter sigma; it has sigma_px, n, name, wide, limits, nothing"),
-    ({"sigma_px": "1"}, "sigma_px: expected float as in 0.5, got '1'"),
-    ({"n": 3.0}, "n: expected int as in 3, got 3.0"),
-    ({"n": True}, "n: expected int as in 3, got True"),
-    ({"sigma_px": True}, "sigma_px: expected float as in 0.5, got True"),
-    ({"wide": 1}, "wide: expected bool as in False, got 1"),
-    ({"name": None}, "name: expected str as in 'paper', got None"),
-    ({"sigma_px": math.nan}, "sigma_px: expected a Python literal, got nan"),
-    ({"limits": [object]}, "limits: expected a Python literal"),
-])
+@pytest.mark.parametrize(
+    ("parameters", "message"),
+    [
+        (
+            {"sigma": 1.0},
+            "unknown parameter sigma; it has sigma_px, n, name, wide, limits, nothing",
+        ),
+        ({"sigma_px": "1"}, "sigma_px: expected float as in 0.5, got '1'"),
+        ({"n": 3.0}, "n: expected int as in 3, got 3.0"),
+        ({"n": True}, "n: expected int as in 3, got True"),
+        ({"sigma_px": True}, "sigma_px: expected float as in 0.5, got True"),
+        ({"wide": 1}, "wide: expected bool as in False, got 1"),
+        ({"name": None}, "name: expected str as in 'paper', got None"),
+        ({"sigma_px": math.nan}, "sigma_px: expected a Python literal, got nan"),
+        ({"limits": [object]}, "limits: expected a Python literal"),
+    ],
+)
 def test_wrong_parameters_are_refused_before_anything_runs(make, tmp_path, parameters, message):
     path = make(code="open('trace', 'w').close()")
     with pytest.raises(ValueError, match=r"expected|unknown") as caught:
@@ -104,12 +132,23 @@ def test_run(make, tmp_path):
     before = path.read_bytes()
     run = run_notebook(path, {"sigma_px": 2, "n": np.int64(4), "name": "it's", "nothing": 1.5})
     assert path.read_bytes() == before
-    assert [cell.metadata.get("tags") for cell in run.notebook.cells[1:3]] == [["parameters"], ["injected-parameters"]]
+    assert [cell.metadata.get("tags") for cell in run.notebook.cells[1:3]] == [
+        ["parameters"],
+        ["injected-parameters"],
+    ]
     results = dict(run.results)
     assert math.isnan(results.pop("missing"))
     assert results.pop("object").startswith("<object")
-    assert results == {"double": 4, "third": 1 / 3, "numpy": 0.25, "truth": True, "word": "two words",
-                       "pair": [1, 2.5], "folder": str(tmp_path), "threads": "1"}
+    assert results == {
+        "double": 4,
+        "third": 1 / 3,
+        "numpy": 0.25,
+        "truth": True,
+        "word": "two words",
+        "pair": [1, 2.5],
+        "folder": str(tmp_path),
+        "threads": "1",
+    }
     assert run.seconds > 0
 
 

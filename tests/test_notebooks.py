@@ -1,7 +1,8 @@
 """Every chapter runs as it stands and with other parameters, and glues what a sweep asks for.
 
-`make book` runs the chapters as they stand: what it has stored is looked at here, or they run here if that is stale.
-With other parameters they run in a small size, which `make verify` repeats in full.
+`make book` runs the chapters as they stand: what it has stored is looked at here, or they run here
+if that is stale. With other parameters they run in a small size, which `make verify` repeats in
+full.
 """
 
 from pathlib import Path
@@ -19,16 +20,44 @@ NOTEBOOKS = sorted(Path(__file__).resolve().parents[1].glob("notebooks/*.ipynb")
 OTHER_PARAMETERS = {
     "01_structure": {"rig_name": "paper_pair", "handle_name": "coded", "row": 12, "seed": 1},
     "02_workspace": {"rig_name": "raised_40deg", "half_angle_deg": 15.0},
-    "03_background": {"update_rate": 0.05, "difference_threshold": 12.0, "shadow_share": 0.4, "seed": 1},
+    "03_background": {
+        "update_rate": 0.05,
+        "difference_threshold": 12.0,
+        "shadow_share": 0.4,
+        "seed": 1,
+    },
     "04_kalman": {"jerk_intensity": 2e9, "sigma_px": 3.0, "velocity_sigma": 800.0, "seed": 5},
     "05_markers": {"surplus": 3.0, "read_noise": 6.0, "seed": 1},
     "06_matching": {"ncc_threshold": 0.9, "epipolar_gate_px": 1.0, "instants": 8, "seed": 1},
-    "07_calibration": {"positions": 10, "square_mm": 12.0, "half_window_px": 5, "noise_px": 0.1, "seed": 2},
+    "07_calibration": {
+        "positions": 10,
+        "square_mm": 12.0,
+        "half_window_px": 5,
+        "noise_px": 0.1,
+        "seed": 2,
+    },
     "08_pose": {"handle_name": "coded", "sigma_px": 0.05, "seed": 3},
     "09_table1": {"handle_name": "coded", "seed": 1, "noise_px": 0.1},
-    "10_estimators": {"rig_name": "raised_40deg", "estimator": "reprojection", "turned_deg": 0.02, "seed": 1},
-    "11_master_slave": {"scale": 2.0, "turn_scale": 0.5, "cutoff_hz": 3.0, "noise_mm": 0.1, "seed": 1},
-    "12_force_feedback": {"mass_kg": 0.5, "damping": 5.0, "delay_s": 0.1, "rate_hz": 60.0, "seed": 1},
+    "10_estimators": {
+        "rig_name": "raised_40deg",
+        "estimator": "reprojection",
+        "turned_deg": 0.02,
+        "seed": 1,
+    },
+    "11_master_slave": {
+        "scale": 2.0,
+        "turn_scale": 0.5,
+        "cutoff_hz": 3.0,
+        "noise_mm": 0.1,
+        "seed": 1,
+    },
+    "12_force_feedback": {
+        "mass_kg": 0.5,
+        "damping": 5.0,
+        "delay_s": 0.1,
+        "rate_hz": 60.0,
+        "seed": 1,
+    },
 }
 SMALL = {
     "01_structure": {"frames": 6, "row_step": 20},
@@ -59,8 +88,11 @@ def check_results(run):
 
 def pages_with_films(run):
     """What the cells show that holds a film."""
-    shown = [output.get("data", {}).get("text/html", "") for cell in run.notebook.cells
-             for output in cell.get("outputs", [])]
+    shown = [
+        output.get("data", {}).get("text/html", "")
+        for cell in run.notebook.cells
+        for output in cell.get("outputs", [])
+    ]
     return [page for page in shown if "<video" in page]
 
 
@@ -75,7 +107,9 @@ def test_runs_at_its_defaults(path, tmp_path):
 @each_notebook
 def test_runs_at_other_parameters(path):
     other, defaults = OTHER_PARAMETERS[path.stem], read_parameters(path)
-    assert any(value != defaults.get(name) for name, value in other.items()), "no parameter differs from its default"
+    assert any(value != defaults.get(name) for name, value in other.items()), (
+        "no parameter differs from its default"
+    )
     check_results(run_notebook(path, {**other, **SMALL[path.stem]}, timeout_s=build.CELL_TIMEOUT_S))
 
 

@@ -19,8 +19,13 @@ def test_written_file_is_for_everyone_to_read(tmp_path):
     assert only(tmp_path) == ["p.csv"]
 
 
-@pytest.mark.parametrize(("failure", "raised"), [(OSError(28, "No space left on device"), ValueError),
-                                                 (KeyboardInterrupt(), KeyboardInterrupt)])
+@pytest.mark.parametrize(
+    ("failure", "raised"),
+    [
+        (OSError(28, "No space left on device"), ValueError),
+        (KeyboardInterrupt(), KeyboardInterrupt),
+    ],
+)
 def test_failed_write_leaves_the_old_file(tmp_path, monkeypatch, failure, raised):
     def fail(*_):
         raise failure
@@ -32,7 +37,10 @@ def test_failed_write_leaves_the_old_file(tmp_path, monkeypatch, failure, raised
         write_whole(path, "new")
     assert path.read_text() == "old"
     assert only(tmp_path) == ["p.csv"]
-    assert raised is KeyboardInterrupt or str(caught.value) == f"{path}: cannot be written (No space left on device)"
+    assert (
+        raised is KeyboardInterrupt
+        or str(caught.value) == f"{path}: cannot be written (No space left on device)"
+    )
 
 
 def test_disk_that_fills_up_leaves_the_old_file(tmp_path, monkeypatch):
@@ -68,10 +76,12 @@ def test_link_stays_a_link(tmp_path):
 @pytest.mark.parametrize("write", [check_target, lambda path: write_whole(path, "x")])
 def test_impossible_target_is_named(tmp_path, write):
     (tmp_path / "file").touch()
-    for path, message in ((tmp_path / "no" / "p.csv", "no such folder to write into"),
-                          (tmp_path / "file" / "p.csv", "no such folder to write into"),
-                          (tmp_path, "a folder or a device is there"),
-                          (os.devnull, "a folder or a device is there")):
+    for path, message in (
+        (tmp_path / "no" / "p.csv", "no such folder to write into"),
+        (tmp_path / "file" / "p.csv", "no such folder to write into"),
+        (tmp_path, "a folder or a device is there"),
+        (os.devnull, "a folder or a device is there"),
+    ):
         with pytest.raises(ValueError) as caught:  # noqa: PT011
             write(path)
         assert str(caught.value).startswith(f"{path}: ")
@@ -84,5 +94,8 @@ def test_files_that_belong_together_appear_together(tmp_path):
         write_together({tmp_path / "a.csv": "text", tmp_path / "b.png": b"bytes"})
     assert only(tmp_path) == ["b.png"]
     write_together({tmp_path / "a.csv": "text", tmp_path / "c.png": b"bytes"})
-    assert ((tmp_path / "a.csv").read_text(), (tmp_path / "c.png").read_bytes()) == ("text", b"bytes")
+    assert ((tmp_path / "a.csv").read_text(), (tmp_path / "c.png").read_bytes()) == (
+        "text",
+        b"bytes",
+    )
     assert stat.S_IMODE((tmp_path / "c.png").stat().st_mode) == 0o644

@@ -40,6 +40,8 @@ def test_a_film_in_a_page_holds_all_its_pictures(tmp_path, capfd):
     assert frames_in(bundle["text/html"], tmp_path) == 7
     assert 'aria-label="a &quot;film&quot; of greys"' in bundle["text/html"]
     assert all(word in bundle["text/html"] for word in ("controls", "muted", "loop"))
-    still = cv2.imdecode(np.frombuffer(base64.b64decode(bundle["image/png"]), np.uint8), cv2.IMREAD_COLOR)
+    still = cv2.imdecode(
+        np.frombuffer(base64.b64decode(bundle["image/png"]), np.uint8), cv2.IMREAD_COLOR
+    )
     assert np.array_equal(still, pictures[3])
     assert capfd.readouterr().err == ""  # OpenCV's remark on every .webm

@@ -19,20 +19,34 @@ TOC = yaml.safe_load((ROOT / "_toc.yml").read_text(encoding="utf-8"))
 CHAPTERS = [chapter for part in TOC["parts"] for chapter in part["chapters"]]
 PAGES = [TOC["root"], *(chapter["file"] for chapter in CHAPTERS)]
 REFERENCE = [section["file"] for chapter in CHAPTERS for section in chapter.get("sections", [])]
-CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+CHROMIUM = next(
+    filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None
+)
 FLAGS = [
-    "--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-sync",
-    "--disable-background-networking", "--disable-component-update", "--enable-logging=stderr",
+    "--headless",
+    "--no-sandbox",
+    "--disable-gpu",
+    "--disable-quic",
+    "--no-first-run",
+    "--disable-sync",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--enable-logging=stderr",
     "--virtual-time-budget=10000",
 ]
-# The console marks every line as INFO. The theme preloads its icon fonts in a way that a browser refuses for pages
-# read from files; they come all the same, by the style sheet.
+# The console marks every line as INFO. The theme preloads its icon fonts in a way that a browser
+# refuses for pages read from files; they come all the same, by the style sheet.
 ERROR = re.compile(r"(?!.*webfonts/fa-)(?i:.*(?:uncaught|error|failed|refused|blocked|net::))")
 
-pytestmark = pytest.mark.skipif(not (HTML / "index.html").exists(), reason="no built pages: run make book first")
-needs_chromium = pytest.mark.skipif(CHROMIUM is None, reason="Chromium is missing (Debian package: chromium)")
+pytestmark = pytest.mark.skipif(
+    not (HTML / "index.html").exists(), reason="no built pages: run make book first"
+)
+needs_chromium = pytest.mark.skipif(
+    CHROMIUM is None, reason="Chromium is missing (Debian package: chromium)"
+)
 each_page = pytest.mark.parametrize("page", [*PAGES, *REFERENCE])
-each_kind = pytest.mark.parametrize("page", [*PAGES, *REFERENCE[:1]])  # those of the reference are alike
+# those of the reference are alike
+each_kind = pytest.mark.parametrize("page", [*PAGES, *REFERENCE[:1]])
 
 
 def read(page):
@@ -40,7 +54,9 @@ def read(page):
 
 
 class Loaded(HTMLParser):
-    """The addresses that a browser loads by itself; a link that the reader may click is none of them."""
+    """The addresses that a browser loads by itself; a link that the reader may click is none of
+    them.
+    """
 
     def __init__(self, text):
         super().__init__()
@@ -59,8 +75,11 @@ class Loaded(HTMLParser):
 
 @each_page
 def test_page_loads_only_its_own_files(page):
-    local = [address.partition("?")[0].partition("#")[0] for address in Loaded(read(page)).addresses
-             if address and not address.startswith("data:")]
+    local = [
+        address.partition("?")[0].partition("#")[0]
+        for address in Loaded(read(page)).addresses
+        if address and not address.startswith("data:")
+    ]
     assert local, "no script or style found at all"
     for address in local:
         assert not re.match(r"\w+:|//", address), address
@@ -86,16 +105,21 @@ def test_every_link_inside_the_book_leads_somewhere(page):
 
 
 def test_an_entry_of_the_reference_leads_to_source_equation_and_chapter():
-    entry = read("book/api/pose").split('id="trinolab.pose.rigid_fit"')[1].split('<dt class="sig')[0]
-    for link in ("../../_modules/trinolab/pose.html#rigid_fit", "../equations.html#equation-23",
-                 "../../notebooks/08_pose.html"):
+    entry = (
+        read("book/api/pose").split('id="trinolab.pose.rigid_fit"')[1].split('<dt class="sig')[0]
+    )
+    for link in (
+        "../../_modules/trinolab/pose.html#rigid_fit",
+        "../equations.html#equation-23",
+        "../../notebooks/08_pose.html",
+    ):
         assert f'href="{link}"' in entry
     assert "points_source" in entry.split("Parameters")[1]
     assert 'href="api/pose.html#trinolab.pose.rigid_fit"' in read("book/equations")
 
 
 def test_the_picture_of_the_house_is_described():
-    picture, = re.findall(r"<img[^>]*house[^>]*>", read("book/design"))
+    (picture,) = re.findall(r"<img[^>]*house[^>]*>", read("book/design"))
     assert len(re.search('alt="([^"]*)"', picture).group(1)) > 100
 
 
@@ -111,21 +135,41 @@ def test_first_page_leads_to_the_book():
 
 
 def test_start_page_has_the_scoreboard():
-    rows = re.search(r"<table[^>]*scoreboard.*?</table>", read(TOC["root"]), flags=re.DOTALL).group().count("<tr")
+    rows = (
+        re.search(r"<table[^>]*scoreboard.*?</table>", read(TOC["root"]), flags=re.DOTALL)
+        .group()
+        .count("<tr")
+    )
     assert rows >= 21, "a head and twenty claims"
 
 
 @pytest.fixture
 def load(tmp_path):
-    """Load a page in Chromium with every host name unknown; return the finished page and the console's errors."""
+    """Load a page in Chromium with every host name unknown; return the finished page and the
+    console's errors.
+    """
 
     def run(page):
         address = (HTML / f"{page}.html").as_uri()
-        command = [CHROMIUM, *FLAGS, "--host-resolver-rules=MAP * ~NOTFOUND", f"--user-data-dir={tmp_path / 'profile'}",
-                   "--dump-dom", address]
-        done = subprocess.run(command, capture_output=True, encoding="utf-8", timeout=120, check=True,
-                              env={**os.environ, "HOME": str(tmp_path)})
-        return done.stdout, [line for line in done.stderr.splitlines() if ":CONSOLE" in line and ERROR.match(line)]
+        command = [
+            CHROMIUM,
+            *FLAGS,
+            "--host-resolver-rules=MAP * ~NOTFOUND",
+            f"--user-data-dir={tmp_path / 'profile'}",
+            "--dump-dom",
+            address,
+        ]
+        done = subprocess.run(
+            command,
+            capture_output=True,
+            encoding="utf-8",
+            timeout=120,
+            check=True,
+            env={**os.environ, "HOME": str(tmp_path)},
+        )
+        return done.stdout, [
+            line for line in done.stderr.splitlines() if ":CONSOLE" in line and ERROR.match(line)
+        ]
 
     return run
 
@@ -143,10 +187,12 @@ def test_page_works_without_network(load, page):
 
 @needs_chromium
 def test_film_of_the_chain_plays(load, tmp_path):
-    film, = re.findall("<video.*?</video>", read("notebooks/01_structure"), flags=re.DOTALL)
+    (film,) = re.findall("<video.*?</video>", read("notebooks/01_structure"), flags=re.DOTALL)
     said = "`${film.videoWidth} px, ${film.duration} s`"
     script = f"film = document.querySelector('video'); film.onloadeddata = () => document.body.dataset.film = {said};"
-    (tmp_path / "film.html").write_text(f"<body>{film}<script>{script}</script></body>", encoding="utf-8")
+    (tmp_path / "film.html").write_text(
+        f"<body>{film}<script>{script}</script></body>", encoding="utf-8"
+    )
     dom, errors = load(tmp_path / "film")
     assert errors == []
     assert 'data-film="960 px, 2 s"' in dom

@@ -21,7 +21,30 @@ def noise():
 
 def test_of_table_1_by_hand():
     """Digits of the printed table; rows 1, 2 and 4 are those with |beta| above 75 deg."""
-    alpha = np.array([.7, .6, .7, 1, 1, .5, .9, .6, .5, .8, .9, .5, .2, .6, .9, .7, 1.2, .5, 1, .4])
+    alpha = np.array(
+        [
+            0.7,
+            0.6,
+            0.7,
+            1,
+            1,
+            0.5,
+            0.9,
+            0.6,
+            0.5,
+            0.8,
+            0.9,
+            0.5,
+            0.2,
+            0.6,
+            0.9,
+            0.7,
+            1.2,
+            0.5,
+            1,
+            0.4,
+        ]
+    )
     near = np.isin(np.arange(1, 21), [1, 2, 4])
     rest = (alpha - alpha.mean()) ** 2
     growth = np.sqrt(rest[near].mean() / rest[~near].mean())
@@ -54,8 +77,11 @@ def test_a_table_of_the_model_itself_is_nothing_unusual(noise):
 
 
 def test_p_counts_both_sides_and_the_observed_table_itself():
-    errors = Errors(np.random.default_rng(0).standard_normal((99, 20, 3)),
-                    np.random.default_rng(1).standard_normal((99, 20, 3)), np.zeros((99, 20, 3)))
+    errors = Errors(
+        np.random.default_rng(0).standard_normal((99, 20, 3)),
+        np.random.default_rng(1).standard_normal((99, 20, 3)),
+        np.zeros((99, 20, 3)),
+    )
     extreme = np.full(len(STATISTICS), 1e6)
     extreme[0] = 0.0
     np.testing.assert_allclose(compare(errors, TRUTHS, extreme)["p"], 2 / 100)
@@ -64,7 +90,9 @@ def test_p_counts_both_sides_and_the_observed_table_itself():
 
 
 def test_table_1_against_noise(noise):
-    """Chapter 9's finding: offsets, and no growth near the gimbal lock, are not what noise makes."""
+    """Chapter 9's finding: offsets, and no growth near the gimbal lock, are not what noise
+    makes.
+    """
     tables = first_order(drawn(noise, 9999, np.random.default_rng(0)), TRUTHS)
     found = compare(tables, TRUTHS, OBSERVED).set_index("statistic")
     assert found.loc["growth_alpha", "p"] < 0.01

@@ -48,14 +48,25 @@ def test_workspace_views(cones_and_mesh):
     cones, mesh = cones_and_mesh
     figure = plot_workspace(cones, mesh, ["a", "b", "c"])
     top, front, side = figure.axes
-    assert [ax.get_xlabel() + ax.get_ylabel() for ax in figure.axes] == ["x / mmz / mm", "x / mmy / mm", "z / mmy / mm"]
-    assert [text.get_text() for text in top.get_legend().get_texts()] == ["a", "b", "c", "workspace"]
+    assert [ax.get_xlabel() + ax.get_ylabel() for ax in figure.axes] == [
+        "x / mmz / mm",
+        "x / mmy / mm",
+        "z / mmy / mm",
+    ]
+    assert [text.get_text() for text in top.get_legend().get_texts()] == [
+        "a",
+        "b",
+        "c",
+        "workspace",
+    ]
     assert front.yaxis_inverted()  # y points down
     assert side.yaxis_inverted()
     assert not top.yaxis_inverted()
     workspace = next(patch for patch in top.patches if patch.get_label() == "workspace").get_xy()
-    np.testing.assert_allclose([workspace.min(axis=0), workspace.max(axis=0)],
-                               [mesh[0][:, [0, 2]].min(axis=0), mesh[0][:, [0, 2]].max(axis=0)])
+    np.testing.assert_allclose(
+        [workspace.min(axis=0), workspace.max(axis=0)],
+        [mesh[0][:, [0, 2]].min(axis=0), mesh[0][:, [0, 2]].max(axis=0)],
+    )
     figure.canvas.draw()
 
 
@@ -72,14 +83,23 @@ def test_scene_is_self_contained_and_needs_no_display(cones_and_mesh):
 
 
 def test_scene_without_a_display_is_silent_and_opens_no_connection():
-    code = ("import socket; socket.socket.connect = None\n"
-            "import numpy as np\nfrom trinolab import plotting, workspace\nfrom trinolab.workspace import cones\n"
-            "c = cones.paper_cones(100.0, 0.8, 0.8, 0.3)\n"
-            "m = workspace.surface_mesh(c, workspace.intersect(c).centre, 200)\n"
-            "print(len(plotting.workspace_scene(c, m).data) > 500_000)")
-    environment = {key: value for key, value in os.environ.items() if key not in ("DISPLAY", "WAYLAND_DISPLAY")}
-    run = subprocess.run([sys.executable, "-W", "error", "-c", code], capture_output=True, text=True, env=environment,
-                         check=False)
+    code = (
+        "import socket; socket.socket.connect = None\n"
+        "import numpy as np\nfrom trinolab import plotting, workspace\nfrom trinolab.workspace import cones\n"
+        "c = cones.paper_cones(100.0, 0.8, 0.8, 0.3)\n"
+        "m = workspace.surface_mesh(c, workspace.intersect(c).centre, 200)\n"
+        "print(len(plotting.workspace_scene(c, m).data) > 500_000)"
+    )
+    environment = {
+        key: value for key, value in os.environ.items() if key not in ("DISPLAY", "WAYLAND_DISPLAY")
+    }
+    run = subprocess.run(
+        [sys.executable, "-W", "error", "-c", code],
+        capture_output=True,
+        text=True,
+        env=environment,
+        check=False,
+    )
     assert (run.stdout.strip(), run.stderr) == ("True", "")
 
 
@@ -100,7 +120,10 @@ def test_pose_errors_show_every_value():
 
 
 def test_factor_shows_every_curve_and_the_working_point():
-    x, panels = [1.0, 2.0, 4.0], {"E_t / mm": {"E_t": [0.1, 0.05, 0.2]}, "deg": {"a": [1, 2, 3], "b": [3, np.nan, 1]}}
+    x, panels = (
+        [1.0, 2.0, 4.0],
+        {"E_t / mm": {"E_t": [0.1, 0.05, 0.2]}, "deg": {"a": [1, 2, 3], "b": [3, np.nan, 1]}},
+    )
     left, right = plot_factor(x, panels, "distance / m", 2.0).axes
     assert [ax.get_ylabel() for ax in (left, right)] == ["E_t / mm", "deg"]
     for ax, curves in zip((left, right), panels.values(), strict=True):
@@ -113,7 +136,10 @@ def test_factor_shows_every_curve_and_the_working_point():
 
 
 def test_factor_with_counts_and_equal_ratios():
-    x, panels = [2.0**k for k in range(10)], {"n": {"kept": [20] * 9 + [0]}, "E_t": {"E_t": np.geomspace(1e-3, 10, 10)}}
+    x, panels = (
+        [2.0**k for k in range(10)],
+        {"n": {"kept": [20] * 9 + [0]}, "E_t": {"E_t": np.geomspace(1e-3, 10, 10)}},
+    )
     counts, errors = plot_factor(x, panels, "noise", 4.0, "log", ["n"], "here").axes
     assert (counts.get_yscale(), errors.get_yscale()) == ("linear", "log")
     assert counts.get_ylim()[0] == 0 < 20 < counts.get_ylim()[1]
@@ -123,7 +149,9 @@ def test_factor_with_counts_and_equal_ratios():
 
 def test_image_with_markers():
     image = np.zeros((30, 50), dtype=np.uint8)  # not square
-    ax = show_image(image, [[10.0, 20.0], [np.nan, np.nan], [49.0, 29.0]], labels=["a", "b", "c"], title="t")
+    ax = show_image(
+        image, [[10.0, 20.0], [np.nan, np.nan], [49.0, 29.0]], labels=["a", "b", "c"], title="t"
+    )
     assert [text.get_text() for text in ax.texts] == ["a", "c"]
     assert ax.texts[0].xy == (10.0, 20.0)
     assert ax.get_xlim() == (-0.5, 49.5)
@@ -137,7 +165,9 @@ def test_image_refuses_colour():
 
 
 def test_centroids_by_slant_show_every_marker_inside_the_frame():
-    errors = pd.DataFrame({"slant_deg": [0.0, 20.0, 60.0], "along": [0.1, -0.7, 0.2], "across": [0.0, 0.3, 9.0]})
+    errors = pd.DataFrame(
+        {"slant_deg": [0.0, 20.0, 60.0], "along": [0.1, -0.7, 0.2], "across": [0.0, 0.3, 9.0]}
+    )
     along, across = plot_by_slant({"plain": errors, "registered": errors / 10}, 0.5).axes
     assert list(along.lines[0].get_ydata()) == [0.1, -0.5, 0.2]
     assert list(across.lines[1].get_ydata()) == [0.0, 0.03, 0.5]
@@ -155,7 +185,11 @@ def test_estimators_stand_over_their_rig_between_its_lines():
     assert [list(line.get_ydata()) for line in ax.lines] == [[0.06, 0.07], [0.005, 0.003]]
     assert all(np.abs(line.get_xdata() - [0, 1]).max() < 0.4 for line in ax.lines)
     assert [segment[0, 1] for segment in ax.collections[0].get_segments()] == [0.03, 0.012]
-    assert [text.get_text() for text in figure.legends[0].get_texts()] == ["paper", "best", "target"]
+    assert [text.get_text() for text in figure.legends[0].get_texts()] == [
+        "paper",
+        "best",
+        "target",
+    ]
     figure.canvas.draw()
 
 
@@ -169,7 +203,10 @@ def test_window_is_drawn_around_its_pixels():
 
 def test_verdict_shows_what_is_found_false_and_missed():
     mask = np.array([[True, True, True, False, False]])
-    inside, outside = np.array([[True, False, False, True, False]]), np.array([[False, True, False, False, True]])
+    inside, outside = (
+        np.array([[True, False, False, True, False]]),
+        np.array([[False, True, False, False, True]]),
+    )
     _, ax = plt.subplots()
     show_verdict(mask, inside, outside, "", ax)
     # found, false, found on the seam, missed, background
@@ -181,14 +218,19 @@ def test_table_shows_every_number_in_its_place():
     _, ax = plt.subplots()
     show_table([[1, 2.5, 99], [0, 30, 4]], (6, 10), (0.1, 0.2, 0.5), ("T", "alpha"), "", ax)
     assert [(*text.get_position(), text.get_text()) for text in ax.texts[:3]] == [
-        (0, 0, "1.00"), (1, 0, "2.50"), (2, 0, "99.00")]
+        (0, 0, "1.00"),
+        (1, 0, "2.50"),
+        (2, 0, "99.00"),
+    ]
     assert [label.get_text() for label in ax.get_xticklabels()] == ["0.1", "0.2", "0.5"]
     assert (ax.get_ylabel(), ax.get_xlabel()) == ("T", "alpha")
     plt.close("all")
 
 
 def test_shares_are_drawn_as_per_cent():
-    figure = plot_shares([0, 1], {"left": {"a": [0.0, 0.5], "b": [1.0, 0.25]}, "right": {"a": [0.1, 0.1]}}, log=True)
+    figure = plot_shares(
+        [0, 1], {"left": {"a": [0.0, 0.5], "b": [1.0, 0.25]}, "right": {"a": [0.1, 0.1]}}, log=True
+    )
     left, right = figure.axes
     np.testing.assert_array_equal([line.get_ydata() for line in left.lines], [[0, 50], [100, 25]])
     np.testing.assert_array_equal(right.lines[0].get_ydata(), [10, 10])
@@ -205,8 +247,13 @@ def test_both_loops_are_closed():
 
 def test_thresholds_below_their_images():
     image = np.full((30, 40), 60, np.uint8)
-    figure = plot_thresholds({"a": image, "b": image}, [[[3.0, 4.0]], np.empty((0, 2))], [np.arange(256)] * 2,
-                             [[(120.0, 3), (60.0, 8)]] * 2, 18)
+    figure = plot_thresholds(
+        {"a": image, "b": image},
+        [[[3.0, 4.0]], np.empty((0, 2))],
+        [np.arange(256)] * 2,
+        [[(120.0, 3), (60.0, 8)]] * 2,
+        18,
+    )
     top, below = figure.axes[0], figure.axes[2]
     assert [ax.get_title() for ax in figure.axes[:2]] == ["a", "b"]
     assert top.lines[0].get_xydata().tolist() == [[3, 4]]
@@ -215,6 +262,10 @@ def test_thresholds_below_their_images():
 
 
 def test_dots_over_the_slant():
-    ax = plot_over_slant({"calm": ([10.0, 20], [0.2, 0.3]), "hard": ([15.0], [np.nan])}, ([5, 60], [0.1, 1]), "stills")
+    ax = plot_over_slant(
+        {"calm": ([10.0, 20], [0.2, 0.3]), "hard": ([15.0], [np.nan])},
+        ([5, 60], [0.1, 1]),
+        "stills",
+    )
     assert [text.get_text() for text in ax.get_legend().get_texts()] == ["calm", "hard", "stills"]
     assert ax.lines[0].get_xydata().tolist() == [[10, 0.2], [20, 0.3]]

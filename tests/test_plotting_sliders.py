@@ -60,5 +60,7 @@ from trinolab.sweep.runs import sweep
 explore(sweep(lambda a, b: a * b, a=[1, 2], b=[3, 4]))
 """
     run = run_notebook(make_notebook(tmp_path / "n.ipynb", "%matplotlib inline", code))
-    shown = [sorted(output.data) for cell in run.notebook.cells for output in cell.get("outputs", [])]
+    shown = [
+        sorted(output.data) for cell in run.notebook.cells for output in cell.get("outputs", [])
+    ]
     assert shown == [["image/png", "text/plain"]]

@@ -29,7 +29,8 @@ def labels(figure):
 def test_one_parameter_gives_curves_with_the_range_over_the_seeds():
     found = sweep(measured, a=[0.0, 0.5, 1.0], b=0.5, seed=[0, 2])
     figure = plot_sweep(found)
-    assert labels(figure) == [("a", "E_t_mm"), ("a", "gain")]  # a result that stays the same is left out
+    # a result that stays the same is left out
+    assert labels(figure) == [("a", "E_t_mm"), ("a", "gain")]
     gain = figure.axes[1]
     np.testing.assert_allclose(gain.lines[0].get_xydata(), [[0.0, 1.0], [0.5, 1.25], [1.0, 1.5]])
     band = gain.collections[0].get_paths()[0].vertices
@@ -41,7 +42,10 @@ def test_a_result_that_only_the_seed_changes_is_left_out_unless_it_is_an_error()
     def noisy(a, seed):
         return {"E_t_mm": float(seed), "moved": a + seed, "drawn": float(seed)}
 
-    assert labels(plot_sweep(sweep(noisy, a=[0.0, 1.0], seed=[0, 3]))) == [("a", "E_t_mm"), ("a", "moved")]
+    assert labels(plot_sweep(sweep(noisy, a=[0.0, 1.0], seed=[0, 3]))) == [
+        ("a", "E_t_mm"),
+        ("a", "moved"),
+    ]
 
 
 def test_values_in_equal_ratios_get_a_logarithmic_axis():
@@ -61,7 +65,9 @@ def test_words_are_named_at_the_axis():
 def test_two_parameters_give_heat_maps_and_failures_are_gaps():
     found = sweep(measured, a=[0.0, 0.5, 1.0], b=[0.5, 1.0])
     figure = plot_sweep(found, ["gain"])
-    np.testing.assert_allclose(figure.axes[0].images[0].get_array().filled(np.nan), [[0, 0.25, 0.5], [0, 0.5, np.nan]])
+    np.testing.assert_allclose(
+        figure.axes[0].images[0].get_array().filled(np.nan), [[0, 0.25, 0.5], [0, 0.5, np.nan]]
+    )
     assert labels(figure) == [("a", "b")]
     assert figure.get_suptitle() == "1 of 6 runs failed"
 
@@ -82,16 +88,25 @@ def test_a_sample_gives_points():
 
 
 def test_one_run_and_none_that_gives_a_number():
-    assert labels(plot_sweep(sweep(measured, a=0.1))) == [("run", "E_t_mm"), ("run", "flat"), ("run", "gain")]
+    assert labels(plot_sweep(sweep(measured, a=0.1))) == [
+        ("run", "E_t_mm"),
+        ("run", "flat"),
+        ("run", "gain"),
+    ]
     figure = plot_sweep(sweep(measured, a=[1.0, 2.0]))
-    assert [text.get_text() for text in figure.texts] == ["no result is a number", "2 of 2 runs failed"]
+    assert [text.get_text() for text in figure.texts] == [
+        "no result is a number",
+        "2 of 2 runs failed",
+    ]
 
 
 def test_other_columns_are_refused():
     found = sweep(measured, a=[0.1, 0.2])
     with pytest.raises(ValueError, match="size: no such column; there are a, flat, gain"):
         plot_sweep(found, ["size"])
-    with pytest.raises(ValueError, match="status: no result that is a number; there are flat, gain, E_t_mm"):
+    with pytest.raises(
+        ValueError, match="status: no result that is a number; there are flat, gain, E_t_mm"
+    ):
         plot_sweep(found, ["status"])
 
 

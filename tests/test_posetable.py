@@ -9,19 +9,50 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from trinolab.datasets import load_table1
-from trinolab.files.poses import pose_table, read_poses, transforms, truth_table, write_poses, write_tum
+from trinolab.files.poses import (
+    pose_table,
+    read_poses,
+    transforms,
+    truth_table,
+    write_poses,
+    write_tum,
+)
 from trinolab.metrics import euler_deg
 from trinolab.pose import LOST, Pose
 
 # book/design.md, "Poses", typed once more
-COLUMNS = ["frame", "t_s", "x_mm", "y_mm", "z_mm", "qw", "qx", "qy", "qz", "alpha_deg", "beta_deg", "gamma_deg",
-           "sigma_mm", "sigma_deg", "residual_px", "markers", "cameras", "status"]
+COLUMNS = [
+    "frame",
+    "t_s",
+    "x_mm",
+    "y_mm",
+    "z_mm",
+    "qw",
+    "qx",
+    "qy",
+    "qz",
+    "alpha_deg",
+    "beta_deg",
+    "gamma_deg",
+    "sigma_mm",
+    "sigma_deg",
+    "residual_px",
+    "markers",
+    "cameras",
+    "status",
+]
 
 
 def some_poses():
     covariance = np.diag([1.0, 4.0, 4.0, 1e-4, 1e-4, 2e-4])
-    T = RigidTransform.from_components([1.0, 2.0, 3.0], Rotation.from_euler("ZYX", [10.0, 20.0, 30.0], degrees=True))
-    return [Pose("measured", T, covariance, 0.5, 6, 2), LOST, Pose("ambiguous", T.inv(), covariance, 0.25, 4, 2)]
+    T = RigidTransform.from_components(
+        [1.0, 2.0, 3.0], Rotation.from_euler("ZYX", [10.0, 20.0, 30.0], degrees=True)
+    )
+    return [
+        Pose("measured", T, covariance, 0.5, 6, 2),
+        LOST,
+        Pose("ambiguous", T.inv(), covariance, 0.25, 4, 2),
+    ]
 
 
 def test_columns_are_those_of_the_design(tmp_path):
@@ -39,9 +70,13 @@ def test_a_row_holds_the_pose():
 
 
 def test_quaternion_is_the_rotation_by_hand():
-    quarter = RigidTransform.from_rotation(Rotation.from_euler("ZYX", [90.0, 0.0, 0.0], degrees=True))
+    quarter = RigidTransform.from_rotation(
+        Rotation.from_euler("ZYX", [90.0, 0.0, 0.0], degrees=True)
+    )
     row = truth_table(RigidTransform.concatenate([quarter])).iloc[0]
-    assert np.allclose([row.qw, row.qx, row.qy, row.qz], [np.sqrt(0.5), 0, 0, np.sqrt(0.5)], atol=1e-15)
+    assert np.allclose(
+        [row.qw, row.qx, row.qy, row.qz], [np.sqrt(0.5), 0, 0, np.sqrt(0.5)], atol=1e-15
+    )
 
 
 def test_lost_row_is_empty(tmp_path):
@@ -62,7 +97,9 @@ def test_written_poses_come_back(tmp_path):
     # nine digits: 5e-7 mm of 600 mm a coordinate, 5e-10 of a quaternion's 1
     assert np.linalg.norm(away.translation, axis=1).max() < 1e-6
     assert away.rotation.magnitude().max() < 1e-8
-    assert np.allclose(euler_deg(transforms(back)), back[["alpha_deg", "beta_deg", "gamma_deg"]], atol=1e-5)
+    assert np.allclose(
+        euler_deg(transforms(back)), back[["alpha_deg", "beta_deg", "gamma_deg"]], atol=1e-5
+    )
 
 
 def test_table_may_lack_what_is_not_needed(tmp_path):
@@ -77,14 +114,26 @@ def test_table_may_lack_what_is_not_needed(tmp_path):
 
 
 def test_tum_holds_the_measured_poses_by_hand(tmp_path):
-    quarter = RigidTransform.from_components([1.0, -250.0, 549.0], Rotation.from_euler("Z", 90.0, degrees=True))
-    poses = [Pose("measured", quarter, np.eye(6), 0.5, 6, 2), LOST, replace(some_poses()[2], status="predicted"),
-             some_poses()[2], replace(some_poses()[0], T_world_handle=quarter.inv())]
+    quarter = RigidTransform.from_components(
+        [1.0, -250.0, 549.0], Rotation.from_euler("Z", 90.0, degrees=True)
+    )
+    poses = [
+        Pose("measured", quarter, np.eye(6), 0.5, 6, 2),
+        LOST,
+        replace(some_poses()[2], status="predicted"),
+        some_poses()[2],
+        replace(some_poses()[0], T_world_handle=quarter.inv()),
+    ]
     write_tum(pose_table(poses, [0.0, 0.1, 0.2, 0.3, 1753000000.4]), tmp_path / "p.tum")
-    h = 0.707106781  # sin 45 deg; the inverse carries (1, -250, 549) back to the origin: t = -R^T (1, -250, 549)
-    assert (tmp_path / "p.tum").read_text().splitlines()[0] == \
-        f"0.000000000 0.001000000 -0.250000000 0.549000000 0.000000000 0.000000000 {h} {h}"
-    wanted = [[0.0, 0.001, -0.25, 0.549, 0, 0, h, h], [1753000000.4, 0.25, 0.001, -0.549, 0, 0, -h, h]]
+    # sin 45 deg; the inverse carries (1, -250, 549) back to the origin: t = -R^T (1, -250, 549)
+    h = 0.707106781
+    assert (tmp_path / "p.tum").read_text().splitlines()[
+        0
+    ] == f"0.000000000 0.001000000 -0.250000000 0.549000000 0.000000000 0.000000000 {h} {h}"
+    wanted = [
+        [0.0, 0.001, -0.25, 0.549, 0, 0, h, h],
+        [1753000000.4, 0.25, 0.001, -0.549, 0, 0, -h, h],
+    ]
     # half a unit of the ninth digit, and a double's 2.4e-7 s in the time since 1970
     np.testing.assert_allclose(np.loadtxt(tmp_path / "p.tum"), wanted, rtol=0, atol=3e-7)
 
@@ -92,8 +141,13 @@ def test_tum_holds_the_measured_poses_by_hand(tmp_path):
 def test_tum_needs_times_only_of_what_it_writes(tmp_path):
     write_tum(pose_table([LOST, LOST]), tmp_path / "p.tum")
     assert (tmp_path / "p.tum").read_text() == ""
-    for table in (pose_table(some_poses()[::-1]), pose_table(some_poses()[::-1]).drop(columns="t_s")):
-        with pytest.raises(ValueError, match="t_s: expected the time of every measured row, got none for frame 2"):
+    for table in (
+        pose_table(some_poses()[::-1]),
+        pose_table(some_poses()[::-1]).drop(columns="t_s"),
+    ):
+        with pytest.raises(
+            ValueError, match="t_s: expected the time of every measured row, got none for frame 2"
+        ):
             write_tum(table, tmp_path / "other.tum")
     assert not (tmp_path / "other.tum").exists()
 
@@ -103,18 +157,45 @@ BAD_TABLES = {
     "empty file": ("", "no valid CSV"),
     "binary": ("\x89PNG\r\n\x1a\n\x00\x00", "column 'frame' is missing"),
     "ragged": (HEAD + "0,0,0,0,1,0,0,0,measured\n1,0,0,0,1,0,0,0,measured,1,2\n", "no valid CSV"),
-    "a field too many": (HEAD + "0,0,0,0,1,0,0,0,measured,\n", "rows have more fields than the first line"),
-    "no frame": (HEAD.replace("frame", "fram") + "0,0,0,0,1,0,0,0,measured\n", "column 'frame' is missing"),
+    "a field too many": (
+        HEAD + "0,0,0,0,1,0,0,0,measured,\n",
+        "rows have more fields than the first line",
+    ),
+    "no frame": (
+        HEAD.replace("frame", "fram") + "0,0,0,0,1,0,0,0,measured\n",
+        "column 'frame' is missing",
+    ),
     "no qy": (HEAD.replace("qy", "q_y") + "0,0,0,0,1,0,0,0,measured\n", "column 'qy' is missing"),
-    "word for a number": (HEAD + "0,0,here,0,1,0,0,0,measured\n", "column 'y_mm' holds something that is no number"),
+    "word for a number": (
+        HEAD + "0,0,here,0,1,0,0,0,measured\n",
+        "column 'y_mm' holds something that is no number",
+    ),
     "word for a frame": (HEAD + "first,0,0,0,1,0,0,0,measured\n", "column 'frame' holds something"),
-    "empty frame": (HEAD + "0,0,0,0,1,0,0,0,measured\n,0,0,0,1,0,0,0,measured\n", "column 'frame' expects whole"),
-    "negative": (HEAD + "-1,0,0,0,1,0,0,0,measured\n", "column 'frame' expects whole numbers from 0"),
-    "fraction": (HEAD + "0.5,0,0,0,1,0,0,0,measured\n", "column 'frame' expects whole numbers from 0"),
-    "infinite": (HEAD + "inf,0,0,0,1,0,0,0,measured\n", "column 'frame' expects whole numbers from 0"),
-    "beyond": (HEAD + "1e30,0,0,0,1,0,0,0,measured\n", "column 'frame' expects whole numbers from 0"),
+    "empty frame": (
+        HEAD + "0,0,0,0,1,0,0,0,measured\n,0,0,0,1,0,0,0,measured\n",
+        "column 'frame' expects whole",
+    ),
+    "negative": (
+        HEAD + "-1,0,0,0,1,0,0,0,measured\n",
+        "column 'frame' expects whole numbers from 0",
+    ),
+    "fraction": (
+        HEAD + "0.5,0,0,0,1,0,0,0,measured\n",
+        "column 'frame' expects whole numbers from 0",
+    ),
+    "infinite": (
+        HEAD + "inf,0,0,0,1,0,0,0,measured\n",
+        "column 'frame' expects whole numbers from 0",
+    ),
+    "beyond": (
+        HEAD + "1e30,0,0,0,1,0,0,0,measured\n",
+        "column 'frame' expects whole numbers from 0",
+    ),
     "doubled": (HEAD + 2 * "3,0,0,0,1,0,0,0,measured\n", "column 'frame' has a number twice"),
-    "status": (HEAD + "0,0,0,0,1,0,0,0,seen\n", "status 'seen' is none of measured, ambiguous, predicted, lost"),
+    "status": (
+        HEAD + "0,0,0,0,1,0,0,0,seen\n",
+        "status 'seen' is none of measured, ambiguous, predicted, lost",
+    ),
     "no status": (HEAD + "0,0,0,0,1,0,0,0,\n", "status 'nan' is none of"),
     "length": (HEAD + "0,0,0,0,1,0,0,0,measured\n4,0,0,0,1,1,0,0,measured\n", "frame 4: no pose"),
     "zero quaternion": (HEAD + "0,0,0,0,0,0,0,0,measured\n", "frame 0: no pose"),
@@ -155,7 +236,9 @@ def test_lost_rows_need_no_pose(tmp_path):
 @settings(max_examples=40, deadline=None, derandomize=True)
 @given(position=st.tuples(*[st.floats(-1e6, 1e6)] * 3), rotvec=st.tuples(*[st.floats(-4, 4)] * 3))
 def test_any_pose_survives_the_file(position, rotvec, tmp_path_factory):
-    T = RigidTransform.concatenate([RigidTransform.from_components(position, Rotation.from_rotvec(rotvec))])
+    T = RigidTransform.concatenate(
+        [RigidTransform.from_components(position, Rotation.from_rotvec(rotvec))]
+    )
     path = tmp_path_factory.mktemp("poses") / "p.csv"
     write_poses(truth_table(T), path)
     back = transforms(read_poses(path))

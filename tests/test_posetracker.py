@@ -1,4 +1,6 @@
-"""The tracker on short rendered clips: followed, lost and found, ambiguous instead of guessed, smeared."""
+"""The tracker on short rendered clips: followed, lost and found, ambiguous instead of guessed,
+smeared.
+"""
 
 from dataclasses import replace
 
@@ -33,7 +35,10 @@ def path(k):
 
 def clip(handle, count, missing=()):
     rng = np.random.default_rng(0)
-    return [render_rig(RIG, handle, None if k in missing else path(k), Bench(), rng) for k in range(count)]
+    return [
+        render_rig(RIG, handle, None if k in missing else path(k), Bench(), rng)
+        for k in range(count)
+    ]
 
 
 def tracked(frames, handle, start=None, parameters=BEST):
@@ -62,7 +67,11 @@ def test_a_coded_handle_is_followed_lost_and_found_at_once(with_a_gap, estimator
         pose = found[k].measurement.pose
         assert not apart(pose.T_world_handle, path(k), 0.3, np.deg2rad(2.0))
         assert np.isfinite(pose.covariance).all()
-    assert found[12].measurement.pose.sigma_mm > found[4].measurement.pose.sigma_mm > found[3].measurement.pose.sigma_mm
+    assert (
+        found[12].measurement.pose.sigma_mm
+        > found[4].measurement.pose.sigma_mm
+        > found[3].measurement.pose.sigma_mm
+    )
 
 
 def test_a_handle_that_looks_alike_is_sure_until_it_was_lost(with_a_gap):
@@ -72,11 +81,20 @@ def test_a_handle_that_looks_alike_is_sure_until_it_was_lost(with_a_gap):
     assert status[:4] == ["measured"] * 4
     assert status[16:] == ["ambiguous"] * 4
     for k in range(4):
-        assert not apart(found[k].measurement.pose.T_world_handle, path(k) * PAPER.symmetries[5], 0.1, np.deg2rad(0.5))
+        assert not apart(
+            found[k].measurement.pose.T_world_handle,
+            path(k) * PAPER.symmetries[5],
+            0.1,
+            np.deg2rad(0.5),
+        )
     for k in range(16, 20):
         pose = found[k].measurement.pose.T_world_handle
-        assert min(np.linalg.norm(motion_between(pose, path(k) * S)) for S in PAPER.symmetries) < 0.1
-    assert [one.measurement.pose.status for one in tracked(with_a_gap[1][:2], PAPER)] == ["ambiguous"] * 2
+        assert (
+            min(np.linalg.norm(motion_between(pose, path(k) * S)) for S in PAPER.symmetries) < 0.1
+        )
+    assert [one.measurement.pose.status for one in tracked(with_a_gap[1][:2], PAPER)] == [
+        "ambiguous"
+    ] * 2
 
 
 def test_only_windows_are_searched_while_it_is_followed(with_a_gap):
@@ -109,7 +127,10 @@ def test_uneven_times_are_no_error(with_a_gap):
 @pytest.mark.parametrize("grey", [0, 255])
 def test_black_and_white_frames_hold_no_pose(with_a_gap, grey):
     nothing = [np.full((1024, 1280), grey, np.uint8)] * 3
-    status = [one.measurement.pose.status for one in tracked([nothing, *with_a_gap[0][:2], nothing], CODED)]
+    status = [
+        one.measurement.pose.status
+        for one in tracked([nothing, *with_a_gap[0][:2], nothing], CODED)
+    ]
     assert status == ["lost", "measured", "measured", "predicted"]
 
 
@@ -118,7 +139,9 @@ def test_a_frozen_camera_is_outvoted(with_a_gap):
     frames = [[*images[:2], with_a_gap[0][0][2]] for images in with_a_gap[0][:4]]
     for k, one in enumerate(tracked(frames, CODED)):
         pose = one.measurement.pose
-        assert pose.status != "measured" or not apart(pose.T_world_handle, path(k), 2.0, np.deg2rad(5.0))
+        assert pose.status != "measured" or not apart(
+            pose.T_world_handle, path(k), 2.0, np.deg2rad(5.0)
+        )
 
 
 def test_frames_of_another_rig_are_refused(with_a_gap):
@@ -140,14 +163,20 @@ def test_the_filter_follows_an_even_motion_and_knows_how_well():
 
 
 def test_the_filter_s_update_is_that_of_kalman():
-    """The small motion and the rates are one state of 18 numbers, of which the first six are observed."""
+    """The small motion and the rates are one state of 18 numbers, of which the first six are
+    observed.
+    """
     p, C = PoseFilterParameters(), np.diag([1e-3] * 3 + [1e-5] * 3)
     motion = posefilter.predict(posefilter.begin(0.0, FIRST, C, p), 1 / FPS, p)
     seen = shifted(motion.pose, np.array([0.2, -0.1, 0.3, 0.01, -0.02, 0.01]))
     found = posefilter.update(motion, seen, C, p)
     floor = np.diag(np.repeat([p.floor_mm, p.floor_rad], 3) ** 2)
-    wanted = kalman.update(kalman.State(np.concatenate([np.zeros(6), motion.rates]), motion.covariance),
-                           motion_between(seen, motion.pose), np.eye(6, 18), C + floor)
+    wanted = kalman.update(
+        kalman.State(np.concatenate([np.zeros(6), motion.rates]), motion.covariance),
+        motion_between(seen, motion.pose),
+        np.eye(6, 18),
+        C + floor,
+    )
     np.testing.assert_allclose(found.rates, wanted.mean[6:], rtol=1e-9)
     np.testing.assert_allclose(motion_between(found.pose, motion.pose), wanted.mean[:6], rtol=1e-6)
     np.testing.assert_allclose(found.covariance, wanted.covariance, rtol=1e-6, atol=1e-6)
@@ -164,10 +193,18 @@ def test_prediction_in_two_steps_is_that_in_one():
 
 
 def smeared_images(handle, T, velocity, rng, rig=RIG):
-    """Images of a handle that moves while the shutter is open; `exposed` renders every step of that."""
+    """Images of a handle that moves while the shutter is open; `exposed` renders every step of
+    that.
+    """
     bench = Bench()
-    return [digitise(blurred(exposed(camera, handle, T, bench, velocity[:3], velocity[3:]), bench), bench, rng)
-            for camera in rig.cameras]
+    return [
+        digitise(
+            blurred(exposed(camera, handle, T, bench, velocity[:3], velocity[3:]), bench),
+            bench,
+            rng,
+        )
+        for camera in rig.cameras
+    ]
 
 
 def test_a_smear_is_fitted_with_the_pose():
@@ -187,16 +224,29 @@ def test_a_smear_is_fitted_with_the_pose():
 
 @pytest.mark.parametrize("turn_deg", [pytest.param(0.0, marks=pytest.mark.heavy), 40.0])
 def test_markers_that_are_smeared_into_one_another_are_told_apart(turn_deg):
-    """Across the rod by 26 px, from one column of the paper's handle to the next, seen by two cameras of three."""
+    """Across the rod by 26 px, from one column of the paper's handle to the next, seen by two
+    cameras of three.
+    """
     rng = np.random.default_rng(3)
     velocity = np.array([480.0, 220.0, 60.0, 0.1, 0.1, -0.1])
     T = FIRST * RigidTransform.from_rotation(Rotation.from_rotvec([0.0, np.deg2rad(turn_deg), 0.0]))
     frames = smeared_images(PAPER, T, velocity, rng)
     frames[0] = np.zeros_like(frames[0])
     for _ in range(3):
-        start = shifted(T, np.concatenate([rng.normal(scale=0.7, size=3), rng.normal(scale=np.deg2rad(1.0), size=3)]))
+        start = shifted(
+            T,
+            np.concatenate(
+                [rng.normal(scale=0.7, size=3), rng.normal(scale=np.deg2rad(1.0), size=3)]
+            ),
+        )
         expected = 0.01 * velocity + rng.normal(scale=np.repeat([0.3, 0.002], 3))
-        fit = fit_patches(frames, RIG, PAPER, start, motion_blur=(expected, np.diag(np.repeat([0.5, 0.004], 3) ** 2)))
+        fit = fit_patches(
+            frames,
+            RIG,
+            PAPER,
+            start,
+            motion_blur=(expected, np.diag(np.repeat([0.5, 0.004], 3) ** 2)),
+        )
         away = motion_between(fit.T_world_handle, T)
         assert np.linalg.norm(away[:3]) < 0.05
         assert np.linalg.norm(away[3:]) < np.deg2rad(0.5)
@@ -205,13 +255,17 @@ def test_markers_that_are_smeared_into_one_another_are_told_apart(turn_deg):
 
 @pytest.fixture(scope="module")
 def fast():
-    """From rest to 0.55 m/s and back within a third of a second; a camera is dark for two instants at full speed."""
+    """From rest to 0.55 m/s and back within a third of a second; a camera is dark for two instants
+    at full speed.
+    """
     t = np.arange(11) / FPS
     phase, way = 2 * np.pi * t * FPS / 10, np.array([1.0, 0.4, 0.2, 0.0, 0.002, 0.006])
     poses = [shifted(FIRST, -25.0 * np.cos(p) * way) for p in phase]
     rates = 25.0 * 2 * np.pi * FPS / 10 * np.sin(phase)[:, None] * way
-    shots = [Shot(T, Arm(), (1.0, 0.0 if k in (2, 3) else 1.0, 1.0), rate[:3], rate[3:], True)
-             for k, (T, rate) in enumerate(zip(poses, rates, strict=True))]
+    shots = [
+        Shot(T, Arm(), (1.0, 0.0 if k in (2, 3) else 1.0, 1.0), rate[:3], rate[3:], True)
+        for k, (T, rate) in enumerate(zip(poses, rates, strict=True))
+    ]
     job = Job(RIG, PAPER, shots, t, 0)
     return poses, [[take(job, k, c) for c in range(3)] for k in range(len(t))]
 
@@ -236,6 +290,8 @@ def test_a_sequence_is_step_after_step_and_known_poses_count_until_it_is_sure(mo
     monkeypatch.setattr(posetracker, "step", step)
     first, second, late = (RigidTransform.from_translation([0.0, 0.0, z]) for z in (500, 510, 520))
     frames = [Frames(k, k / FPS, [k]) for k in range(2, 6)]
-    found = list(posetracker.track_instants(frames, RIG, CODED, known={3: first, 4: second, 5: late}))
+    found = list(
+        posetracker.track_instants(frames, RIG, CODED, known={3: first, 4: second, 5: late})
+    )
     assert begun == [None, first, second, None]
     assert found == [(frame, frame.images) for frame in frames]

@@ -1,7 +1,7 @@
 """Any input at all: a ValueError or a result that keeps its promises; warnings are errors here too.
 
-Numbers include NaN, infinities, those beyond `checks.LARGEST`, and the smallest there are; arrays have any shape. The
-examples are the same in every run.
+Numbers include NaN, infinities, those beyond `checks.LARGEST`, and the smallest there are; arrays
+have any shape. The examples are the same in every run.
 """
 
 import warnings
@@ -29,16 +29,35 @@ from trinolab.kalman import (
     update,
     white_jerk,
 )
-from trinolab.matching import Matches, MatchParameters, epipolar_distances, in_order, match, mutual, ncc, ncc_matrix
+from trinolab.matching import (
+    Matches,
+    MatchParameters,
+    epipolar_distances,
+    in_order,
+    match,
+    mutual,
+    ncc,
+    ncc_matrix,
+)
 from trinolab.pose import rigid_fit, rigid_fit_covariance
-from trinolab.triangulation import depth_forms, mean_point, triangulate, triangulate_pair, triangulation_covariance
+from trinolab.triangulation import (
+    depth_forms,
+    mean_point,
+    triangulate,
+    triangulate_pair,
+    triangulation_covariance,
+)
 
-examples = settings(max_examples=80, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
+examples = settings(
+    max_examples=80, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck)
+)
 
 EXTREMES = [0.0, -0.0, 5e-324, 1e-310, 1e-160, LARGEST, -LARGEST, float("nan")]
 bounded = st.floats(-1e3, 1e3) | st.sampled_from(EXTREMES) | st.floats(-LARGEST, LARGEST)
 numbers = bounded | st.sampled_from([1e37, 1e308, float("inf"), -float("inf")])
-junk = st.sampled_from([None, "text", {}, object(), True, [[1, 2], [3]], [[None, 1.0]], np.array(["a"]), [], 1.5])
+junk = st.sampled_from(
+    [None, "text", {}, object(), True, [[1, 2], [3]], [[None, 1.0]], np.array(["a"]), [], 1.5]
+)
 any_array = arrays(float, st.lists(st.integers(0, 4), max_size=3).map(tuple), elements=numbers)
 anything = any_array | junk | numbers
 
@@ -61,19 +80,30 @@ AHEAD = RigidTransform.from_components([5.0, -3.0, 560.0], Rotation.from_rotvec(
 
 tame = st.floats(-1.0, 1.0)
 motions = arrays(float, 6, elements=tame).map(
-    lambda v: RigidTransform.from_components(500 * v[:3], Rotation.from_rotvec(3 * v[3:])))
+    lambda v: RigidTransform.from_components(500 * v[:3], Rotation.from_rotvec(3 * v[3:]))
+)
 lenses = st.sampled_from([[0.0] * 5, LENS, [0.2, 0.05, 0, 0, 0], [-0.4, 0, 0, 0, 0]])
 cameras = st.builds(
-    lambda f, c, k, T: Camera("c", (1280, 1024), [[f, 0, 600 + 50 * c], [0, 1.1 * f, 500], [0, 0, 1]], k, T),
-    st.floats(200.0, 4000.0), tame, lenses, motions)
-shipped = st.sampled_from([*RIG.cameras, load_rig("raised_40deg").cameras[2],
-                           replace(PAIR.cameras[1], distortions=LENS)])
+    lambda f, c, k, T: Camera(
+        "c", (1280, 1024), [[f, 0, 600 + 50 * c], [0, 1.1 * f, 500], [0, 0, 1]], k, T
+    ),
+    st.floats(200.0, 4000.0),
+    tame,
+    lenses,
+    motions,
+)
+shipped = st.sampled_from(
+    [*RIG.cameras, load_rig("raised_40deg").cameras[2], replace(PAIR.cameras[1], distortions=LENS)]
+)
 
 
 def in_front(camera, spread=0.3):
     """Points before a camera, not too far aside: a strategy, shape (n, 3), world frame."""
+
     def placed(v):
-        return camera.T_world_cam.apply(np.column_stack([spread * v[:, :2], np.ones(len(v))]) * (600 + 400 * v[:, 2:]))
+        return camera.T_world_cam.apply(
+            np.column_stack([spread * v[:, :2], np.ones(len(v))]) * (600 + 400 * v[:, 2:])
+        )
 
     return rows(3, 6, tame).map(placed)
 
@@ -89,7 +119,9 @@ def points_or_missing(array, k):
 
 
 def refused(function, *args):
-    """Whether a call is refused with a ValueError. Any other exception, derived or a warning, is raised."""
+    """Whether a call is refused with a ValueError. Any other exception, derived or a warning, is
+    raised.
+    """
     try:
         function(*args)
     except ValueError as error:
@@ -99,15 +131,23 @@ def refused(function, *args):
     return False
 
 
-@pytest.mark.parametrize("call", [
-    lambda x: RIG.cameras[0].project([[0, 0, x]]), lambda x: RIG.cameras[0].rays([[x, 0]]),
-    lambda x: epipolar_lines(*PAIR.cameras, [[0, x]]), lambda x: slants(HANDLE, AHEAD, [0, 0, x]),
-    lambda x: triangulate(PAIR, np.full((2, 1, 2), x)), lambda x: mean_point(np.full((2, 1, 3), x)),
-    lambda x: rigid_fit(x * np.eye(3), np.eye(3)), lambda x: ncc(np.full((3, 3), x), np.eye(3)),
-    lambda x: predict(State(np.zeros(6), np.eye(6)), F, x * np.eye(6)),
-    lambda x: update(initial_state([0, 0]), [x, 0], H, R),
-    lambda x: replace(RIG.cameras[0], T_cam_world=RigidTransform.from_translation([x, 0, 0])),
-    lambda x: Handle("h", x, 200.0, 100.0, 2.0, [0.0], [[0.0]])])
+@pytest.mark.parametrize(
+    "call",
+    [
+        lambda x: RIG.cameras[0].project([[0, 0, x]]),
+        lambda x: RIG.cameras[0].rays([[x, 0]]),
+        lambda x: epipolar_lines(*PAIR.cameras, [[0, x]]),
+        lambda x: slants(HANDLE, AHEAD, [0, 0, x]),
+        lambda x: triangulate(PAIR, np.full((2, 1, 2), x)),
+        lambda x: mean_point(np.full((2, 1, 3), x)),
+        lambda x: rigid_fit(x * np.eye(3), np.eye(3)),
+        lambda x: ncc(np.full((3, 3), x), np.eye(3)),
+        lambda x: predict(State(np.zeros(6), np.eye(6)), F, x * np.eye(6)),
+        lambda x: update(initial_state([0, 0]), [x, 0], H, R),
+        lambda x: replace(RIG.cameras[0], T_cam_world=RigidTransform.from_translation([x, 0, 0])),
+        lambda x: Handle("h", x, 200.0, 100.0, 2.0, [0.0], [[0.0]]),
+    ],
+)
 @pytest.mark.parametrize("beyond", [1e37, -1e37, 1e160, 1e308, -1e308])
 def test_numbers_beyond_any_bench_are_refused_in_one_line(call, beyond):
     with pytest.raises(ValueError, match=r"^[\w ]+: expected [^\n]+$"):
@@ -123,9 +163,17 @@ def pixels_of(camera, points):
 # --- camera
 
 
-@given(junk | st.text(max_size=3), either(st.tuples(st.integers(-2, 2000), st.integers(1, 2000))),
-       either(st.tuples(numbers, numbers, numbers).map(lambda v: [[v[0], 0, v[1]], [0, v[2], 5.0], [0, 0, 1]])),
-       either(arrays(float, 5, elements=bounded)), st.just(AHEAD) | junk)
+@given(
+    junk | st.text(max_size=3),
+    either(st.tuples(st.integers(-2, 2000), st.integers(1, 2000))),
+    either(
+        st.tuples(numbers, numbers, numbers).map(
+            lambda v: [[v[0], 0, v[1]], [0, v[2], 5.0], [0, 0, 1]]
+        )
+    ),
+    either(arrays(float, 5, elements=bounded)),
+    st.just(AHEAD) | junk,
+)
 @examples
 def test_a_camera_is_refused_or_usable(name, size, matrix, distortions, T):
     try:
@@ -136,12 +184,25 @@ def test_a_camera_is_refused_or_usable(name, size, matrix, distortions, T):
     points_or_missing(camera.rays(np.eye(2) * 1e3), 3)
 
 
-@given(st.floats(1e-6, 1e9), st.floats(-1e9, 1e9), arrays(float, 5, elements=st.floats(-1e6, 1e6)),
-       arrays(float, 3, elements=st.floats(-LARGEST, LARGEST)), rows(3), rows(2))
+@given(
+    st.floats(1e-6, 1e9),
+    st.floats(-1e9, 1e9),
+    arrays(float, 5, elements=st.floats(-1e6, 1e6)),
+    arrays(float, 3, elements=st.floats(-LARGEST, LARGEST)),
+    rows(3),
+    rows(2),
+)
 @examples
-def test_a_camera_with_numbers_at_its_limits_gives_points_or_nan(f, c, distortions, translation, points, uv):
-    camera = Camera("c", (1280, 1024), [[f, 0, c], [0, f, c], [0, 0, 1]], distortions,
-                    RigidTransform.from_translation(translation))
+def test_a_camera_with_numbers_at_its_limits_gives_points_or_nan(
+    f, c, distortions, translation, points, uv
+):
+    camera = Camera(
+        "c",
+        (1280, 1024),
+        [[f, 0, c], [0, f, c], [0, 0, 1]],
+        distortions,
+        RigidTransform.from_translation(translation),
+    )
     points_or_missing(camera.project(points), 2)
     points_or_missing(camera.normalise(uv), 2)
     points_or_missing(camera.rays(uv), 3)
@@ -150,8 +211,13 @@ def test_a_camera_with_numbers_at_its_limits_gives_points_or_nan(f, c, distortio
 @given(shipped, either(rows(3)), either(rows(2)), numbers | junk)
 @examples
 def test_projection_and_rays_of_anything(camera, points, uv, margin):
-    for function, value, k in ((camera.project, points, 2), (camera.to_pixels, uv, 2), (camera.normalise, uv, 2),
-                               (camera.ideal_pixels, uv, 2), (camera.rays, uv, 3)):
+    for function, value, k in (
+        (camera.project, points, 2),
+        (camera.to_pixels, uv, 2),
+        (camera.normalise, uv, 2),
+        (camera.ideal_pixels, uv, 2),
+        (camera.rays, uv, 3),
+    ):
         if not refused(function, value):
             found = points_or_missing(function(value), k)
             assert not found[~np.isfinite(np.asarray(value, dtype=float)).all(axis=1)].any()
@@ -181,10 +247,17 @@ def test_rays_go_back_through_the_points(data, camera):
 @given(lenses, rows(2, 6, tame))
 @examples
 def test_distortion_is_undone_within_the_fold(distortions, xy):
-    camera = Camera("c", (640, 480), [[800, 0, 300], [0, 700, 250], [0, 0, 1]], distortions, RigidTransform.identity())
+    camera = Camera(
+        "c",
+        (640, 480),
+        [[800, 0, 300], [0, 700, 250], [0, 0, 1]],
+        distortions,
+        RigidTransform.identity(),
+    )
     radius2 = (xy**2).sum(axis=1)
     k1, k2, _, _, k3 = distortions
-    # The slope of the radius on the way out: where it nears zero the inverse is as badly determined.
+    # The slope of the radius on the way out: where it nears zero the inverse is as badly
+    # determined.
     way = radius2[:, None] * np.linspace(0, 1, 20)
     steep = (1 + 3 * k1 * way + 5 * k2 * way**2 + 7 * k3 * way**3 > 0.2).all(axis=1)
     uv = camera.to_pixels(xy)
@@ -197,7 +270,8 @@ def test_distortion_is_undone_within_the_fold(distortions, xy):
 def test_a_camera_that_moves_with_the_world_sees_the_same(data, camera, T):
     points = data.draw(in_front(camera))
     moved = replace(camera, T_cam_world=camera.T_cam_world * T.inv())
-    np.testing.assert_allclose(moved.project(T.apply(points)), camera.project(points), atol=1e-7)  # px of some thousand
+    # px of some thousand
+    np.testing.assert_allclose(moved.project(T.apply(points)), camera.project(points), atol=1e-7)
 
 
 @given(st.data(), motions)
@@ -231,7 +305,8 @@ def test_epipolar_lines_of_anything(left, right, uv_left, uv_right):
 
 
 def test_the_image_of_the_other_centre_has_no_line():
-    ahead = RigidTransform.from_translation([0, 0, -500.0])  # of a camera in the middle of the first one's image
+    # of a camera in the middle of the first one's image
+    ahead = RigidTransform.from_translation([0, 0, -500.0])
     left = replace(PAIR.cameras[0], T_cam_world=RigidTransform.identity())
     right = replace(left, T_cam_world=ahead)
     lines = epipolar_lines(left, right, left.project(right.centre[None]))
@@ -248,7 +323,8 @@ def test_true_pairs_lie_on_their_lines_wherever_the_cameras_stand(data, left, T)
     uv_left, uv_right = left.project(points), right.project(points)
     seen = np.isfinite(right.normalise(uv_right)).all(axis=1)
     D = epipolar_distances(left, right, uv_left, uv_right)[seen][:, seen]
-    # px; 1e-10 in the direction of a ray, times a lever of up to a million pixels for points far aside
+    # px; 1e-10 in the direction of a ray, times a lever of up to a million pixels for points far
+    # aside
     own = np.nan_to_num(np.diag(D))  # a point in the image of the other camera's centre has no line
     assert (own < 1e-4 + 1e-9 * np.abs(uv_right[seen]).max(axis=1, initial=0.0)).all()
 
@@ -264,9 +340,18 @@ def test_the_baseline_frame_of_any_two_indices(first, second):
 # --- handle
 
 
-@given(st.tuples(st.just("h") | junk, anything, anything, anything, anything, either(st.lists(numbers, max_size=3)),
-                 either(st.lists(st.lists(numbers, max_size=2), max_size=3)),
-                 st.sampled_from(["bright", "dark", "grey", None])))
+@given(
+    st.tuples(
+        st.just("h") | junk,
+        anything,
+        anything,
+        anything,
+        anything,
+        either(st.lists(numbers, max_size=3)),
+        either(st.lists(st.lists(numbers, max_size=2), max_size=3)),
+        st.sampled_from(["bright", "dark", "grey", None]),
+    )
+)
 @examples
 def test_a_handle_of_anything_is_refused_or_usable(fields):
     try:
@@ -282,8 +367,11 @@ def handle_file(tmp_path_factory):
     return tmp_path_factory.mktemp("handles") / "handle.toml"
 
 
-layouts = st.lists(st.lists(st.sampled_from([-15.0, -5.0, 5.0, 15.5]), min_size=1, max_size=3, unique=True), min_size=1,
-                   max_size=4)
+layouts = st.lists(
+    st.lists(st.sampled_from([-15.0, -5.0, 5.0, 15.5]), min_size=1, max_size=3, unique=True),
+    min_size=1,
+    max_size=4,
+)
 
 
 @given(layouts, st.floats(3.0, 50.0), st.floats(0.0, 360.0))
@@ -292,9 +380,13 @@ def test_any_layout_keeps_its_geometry(handle_file, layout, radius, phase):
     columns = [phase + 90.0 * k for k in range(len(layout))]
     handle = Handle("h", radius, 200.0, 100.0, 2.0, columns, layout)
     centres, normals = handle.marker_centres, handle.marker_normals
-    np.testing.assert_allclose(centres - radius * normals, centres * [0, 1, 0], atol=1e-12)  # mm; on the cylinder
-    from_the_axis = np.pi - np.arctan2(np.abs(centres[:, 1]), radius)  # seen through the body, from the middle
-    np.testing.assert_allclose(slants(handle, RigidTransform.identity(), [0, 0, 0]), from_the_axis, atol=1e-7)
+    # mm; on the cylinder
+    np.testing.assert_allclose(centres - radius * normals, centres * [0, 1, 0], atol=1e-12)
+    # seen through the body, from the middle
+    from_the_axis = np.pi - np.arctan2(np.abs(centres[:, 1]), radius)
+    np.testing.assert_allclose(
+        slants(handle, RigidTransform.identity(), [0, 0, 0]), from_the_axis, atol=1e-7
+    )
     for S in handle.symmetries:  # each carries the set of markers onto itself
         gaps = np.linalg.norm(S.apply(centres)[:, None] - centres, axis=2)
         assert gaps.min(axis=1).max() < 1e-6
@@ -342,15 +434,17 @@ def test_slants_do_not_mind_where_the_world_is(T, viewpoint):
 
 @pytest.mark.parametrize("distance", [1e9, 1e36])
 def test_slants_from_far_away(distance):
-    # the distance itself drowns the handle's size, so what is left is the angle to the line of sight
+    # the distance itself drowns the handle's size, so what is left is the angle to the line of
+    # sight
     angle = slants(HANDLE, RigidTransform.identity(), [0.6 * distance, 0.0, 0.8 * distance])
     np.testing.assert_allclose(np.cos(angle), HANDLE.marker_normals @ [0.6, 0.0, 0.8], atol=1e-7)
 
 
 # --- matching
 
-images = (arrays(float, st.tuples(st.integers(1, 30), st.integers(1, 30)), elements=numbers, fill=st.just(3.0))
-          | arrays(np.uint8, st.tuples(st.integers(1, 30), st.integers(1, 30))))
+images = arrays(
+    float, st.tuples(st.integers(1, 30), st.integers(1, 30)), elements=numbers, fill=st.just(3.0)
+) | arrays(np.uint8, st.tuples(st.integers(1, 30), st.integers(1, 30)))
 TEXTURE = np.random.default_rng(0).integers(0, 255, (60, 80)).astype(np.uint8)
 
 
@@ -363,15 +457,20 @@ def test_correlation_of_anything(template, window):
         assert own == 0 or own == pytest.approx(1, abs=1e-12)
 
 
-@given(arrays(float, (5, 7), elements=tame), arrays(float, (5, 7), elements=tame), st.floats(1e-3, 1e3),
-       st.floats(-10, 10))
+@given(
+    arrays(float, (5, 7), elements=tame),
+    arrays(float, (5, 7), elements=tame),
+    st.floats(1e-3, 1e3),
+    st.floats(-10, 10),
+)
 @examples
 def test_correlation_does_not_mind_gain_offset_and_order(template, window, gain, offset):
     assume(template.std() > 1e-2)
     assume(window.std() > 1e-2)
     S = ncc(template, window)
     assert ncc(window, template) == pytest.approx(S, abs=1e-12)
-    assert ncc(template, gain * window + gain * offset) == pytest.approx(S, abs=1e-9)  # the offset costs three digits
+    # the offset costs three digits
+    assert ncc(template, gain * window + gain * offset) == pytest.approx(S, abs=1e-9)
     assert ncc(template, -window) == pytest.approx(-S, abs=1e-12)
 
 
@@ -391,10 +490,14 @@ def test_rounding_is_no_contrast():
 @pytest.mark.parametrize("far", [1e4, 1e10, 1e36])
 def test_windows_far_outside_repeat_the_edge(far):
     edge = ncc_matrix(TEXTURE, TEXTURE, [[120.0, 20.0], [20.0, -60.0]], [[40, 30]], 21)
-    np.testing.assert_array_equal(ncc_matrix(TEXTURE, TEXTURE, [[far, 20.0], [20.0, -far]], [[40, 30]], 21), edge)
+    np.testing.assert_array_equal(
+        ncc_matrix(TEXTURE, TEXTURE, [[far, 20.0], [20.0, -far]], [[40, 30]], 21), edge
+    )
 
 
-@given(either(images), either(images), either(rows(2)), either(rows(2)), st.integers(-3, 31) | anything)
+@given(
+    either(images), either(images), either(rows(2)), either(rows(2)), st.integers(-3, 31) | anything
+)
 @examples
 def test_correlation_matrix_of_anything(left, right, uv_left, uv_right, window_px):
     if not refused(ncc_matrix, left, right, uv_left, uv_right, window_px):
@@ -432,15 +535,23 @@ def test_a_list_of_matches_of_anything_is_refused_or_one(index, distance, correl
         assert len(matches.distance_px) == len(matches.ncc) == len(matches)
 
 
-@given(arrays(int, st.tuples(st.integers(2, 4), st.just(2)), elements=st.integers(0, 5)),
-       rows(2, 6, st.floats(0, 1000)), st.sampled_from([2.0, 1e3, 0.0, -1.0, float("nan")]), st.integers(-2, 0))
+@given(
+    arrays(int, st.tuples(st.integers(2, 4), st.just(2)), elements=st.integers(0, 5)),
+    rows(2, 6, st.floats(0, 1000)),
+    st.sampled_from([2.0, 1e3, 0.0, -1.0, float("nan")]),
+    st.integers(-2, 0),
+)
 @examples
 def test_matches_of_points_that_are_not_there_are_refused(index, uv, gate_px, below):
     matches = Matches(index, np.ones(len(index)), np.linspace(0, 1, len(index)))
     kept = {tuple(pair) for pair in mutual(matches).index}
     assert kept <= {tuple(pair) for pair in index}
-    assert refused(in_order, matches, *PAIR.cameras, uv, uv, gate_px) == (index.max() >= len(uv) or not gate_px >= 0)
-    assert refused(Matches, index + below, matches.distance_px, matches.ncc) == ((index + below).min() < 0)
+    assert refused(in_order, matches, *PAIR.cameras, uv, uv, gate_px) == (
+        index.max() >= len(uv) or not gate_px >= 0
+    )
+    assert refused(Matches, index + below, matches.distance_px, matches.ncc) == (
+        (index + below).min() < 0
+    )
 
 
 # --- triangulation
@@ -457,14 +568,20 @@ def test_points_from_any_pixels_are_before_both_cameras(left, right, uv, other):
         return
     points = triangulate_pair(left, right, uv_left, uv_right)
     there = points_or_missing(points, 3)
-    assert not there[~np.isfinite(np.column_stack([uv_left, uv_right]).astype(float)).all(axis=1)].any()
-    near = there & (np.abs(points) < 1e9).all(axis=1)  # beyond, rounding may move a point behind a camera
+    assert not there[
+        ~np.isfinite(np.column_stack([uv_left, uv_right]).astype(float)).all(axis=1)
+    ].any()
+    # beyond, rounding may move a point behind a camera
+    near = there & (np.abs(points) < 1e9).all(axis=1)
     for camera in (left, right):
         assert (camera.T_cam_world.apply(points)[near, 2] > 0).all()
 
 
-@given(either(arrays(float, st.tuples(st.just(3), st.integers(0, 4), st.just(2)), elements=bounded)),
-       numbers | junk, numbers | junk | st.floats(1e-6, 1.0))
+@given(
+    either(arrays(float, st.tuples(st.just(3), st.integers(0, 4), st.just(2)), elements=bounded)),
+    numbers | junk,
+    numbers | junk | st.floats(1e-6, 1.0),
+)
 @examples
 def test_points_and_covariances_of_any_pixels(uv, sigma_px, step_px):
     if refused(triangulate, RIG, uv):
@@ -480,11 +597,24 @@ def test_points_and_covariances_of_any_pixels(uv, sigma_px, step_px):
         assert (values[:, 0] >= -1e-9 * np.abs(values).max(axis=1, initial=0.0)).all()
 
 
-@pytest.mark.parametrize(("sigma_px", "step_px"), [(0.0, 1e-3), (-1.0, 1e-3), (np.nan, 1e-3), (1e200, 1e-3), (0.1, 0.0),
-                                                   (0.1, 1e-9), (0.1, 10.0), (0.1, np.nan)])
+@pytest.mark.parametrize(
+    ("sigma_px", "step_px"),
+    [
+        (0.0, 1e-3),
+        (-1.0, 1e-3),
+        (np.nan, 1e-3),
+        (1e200, 1e-3),
+        (0.1, 0.0),
+        (0.1, 1e-9),
+        (0.1, 10.0),
+        (0.1, np.nan),
+    ],
+)
 def test_a_covariance_refuses_noise_and_steps_that_are_none(sigma_px, step_px):
     uv = np.stack([camera.project([[0.0, 0.0, 560.0]]) for camera in PAIR.cameras])
-    with pytest.raises(ValueError, match="sigma_px: expected" if step_px == 1e-3 else "step_px: expected"):
+    with pytest.raises(
+        ValueError, match="sigma_px: expected" if step_px == 1e-3 else "step_px: expected"
+    ):
         triangulation_covariance(PAIR, uv, sigma_px, step_px)
 
 
@@ -492,10 +622,17 @@ def test_a_covariance_refuses_noise_and_steps_that_are_none(sigma_px, step_px):
 @examples
 def test_depths_of_anything(left, right):
     if not refused(depth_forms, left, right, T_between(*PAIR.cameras)):
-        assert all(part.shape == (len(left), 2) for part in depth_forms(left, right, T_between(*PAIR.cameras)))
+        assert all(
+            part.shape == (len(left), 2)
+            for part in depth_forms(left, right, T_between(*PAIR.cameras))
+        )
 
 
-@given(either(arrays(float, st.tuples(st.integers(0, 3), st.integers(0, 3), st.just(3)), elements=bounded)))
+@given(
+    either(
+        arrays(float, st.tuples(st.integers(0, 3), st.integers(0, 3), st.just(3)), elements=bounded)
+    )
+)
 @examples
 def test_the_mean_of_any_points(points):
     if not refused(mean_point, points):
@@ -524,10 +661,13 @@ def test_one_camera_twice_is_refused():
 def test_points_come_back_and_move_along_with_the_world(data, T):
     points = data.draw(in_front(PAIR.cameras[0], 0.15))
     rig = Rig(tuple(replace(camera, distortions=LENS) for camera in RIG.cameras))
-    moved = Rig(tuple(replace(camera, T_cam_world=camera.T_cam_world * T.inv()) for camera in rig.cameras))
+    moved = Rig(
+        tuple(replace(camera, T_cam_world=camera.T_cam_world * T.inv()) for camera in rig.cameras)
+    )
     uv = np.stack([camera.project(points) for camera in rig.cameras])
     found = triangulate(rig, uv)
-    # Two views side by side, 99 mm apart, lose a factor of up to a hundred; undistortion ends at 1e-12 of 1 m.
+    # Two views side by side, 99 mm apart, lose a factor of up to a hundred; undistortion ends at
+    # 1e-12 of 1 m.
     np.testing.assert_allclose(found, points, atol=1e-6)  # mm
     np.testing.assert_allclose(triangulate(moved, uv), T.apply(found), atol=1e-6)
 
@@ -560,8 +700,12 @@ def test_a_fit_finds_the_motion_at_any_scale(points, T, scale):
     np.testing.assert_allclose(found.translation / scale, shift, atol=1e-10)
 
 
-@given(arrays(float, 3, elements=tame), arrays(float, 3, elements=tame),
-       arrays(float, st.integers(0, 6), elements=tame), motions)
+@given(
+    arrays(float, 3, elements=tame),
+    arrays(float, 3, elements=tame),
+    arrays(float, st.integers(0, 6), elements=tame),
+    motions,
+)
 @examples
 def test_points_on_a_line_have_no_pose(start, direction, steps, T):
     line = start + steps[:, None] * direction
@@ -570,11 +714,18 @@ def test_points_on_a_line_have_no_pose(start, direction, steps, T):
     assert refused(rigid_fit_covariance, line, T, np.tile(np.eye(3), (len(line), 1, 1)))
 
 
-@given(either(rows(3, 5)), st.just(AHEAD) | junk, either(arrays(float, (5, 3, 3), elements=bounded)), st.data())
+@given(
+    either(rows(3, 5)),
+    st.just(AHEAD) | junk,
+    either(arrays(float, (5, 3, 3), elements=bounded)),
+    st.data(),
+)
 @examples
 def test_a_covariance_of_anything_is_refused_or_a_covariance(source, T, covariances, data):
     if isinstance(source, np.ndarray) and source.ndim == 2 and data.draw(st.booleans()):
-        covariances = np.einsum("nij,nkj->nik", *[data.draw(arrays(float, (len(source), 3, 3), elements=tame))] * 2)
+        covariances = np.einsum(
+            "nij,nkj->nik", *[data.draw(arrays(float, (len(source), 3, 3), elements=tame))] * 2
+        )
     if not refused(rigid_fit_covariance, source, T, covariances):
         C = rigid_fit_covariance(source, T, covariances)
         scale = np.sqrt(np.maximum(np.diag(C), 1e-300))
@@ -584,8 +735,17 @@ def test_a_covariance_of_anything_is_refused_or_a_covariance(source, T, covarian
 SQUARE = np.array([[1.0, 0, 0], [0, 1, 0], [-1, 0, 0], [0, -1, 2]])
 
 
-@pytest.mark.parametrize("wrong", [-np.eye(3), np.diag([1.0, 1.0, -1e-3]), [[1, 0.5, 0], [0, 1, 0], [0, 0, 1]],
-                                   [[1, 2, 0], [2, 1, 0], [0, 0, 1]], np.full((3, 3), np.nan), 1e200 * np.eye(3)])
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        -np.eye(3),
+        np.diag([1.0, 1.0, -1e-3]),
+        [[1, 0.5, 0], [0, 1, 0], [0, 0, 1]],
+        [[1, 2, 0], [2, 1, 0], [0, 0, 1]],
+        np.full((3, 3), np.nan),
+        1e200 * np.eye(3),
+    ],
+)
 def test_what_is_no_covariance_is_refused(wrong):
     good = np.tile(np.eye(3), (4, 1, 1))
     rigid_fit_covariance(SQUARE, AHEAD, good)
@@ -600,24 +760,41 @@ F, H, R = constant_acceleration(1 / 30), observation_matrix(), 4.0 * np.eye(2)
 Q = white_jerk(1 / 30, 1e6)
 
 
-wild_vectors, wild_matrices = (either(arrays(float, shape, elements=bounded)) for shape in (6, (6, 6)))
+wild_vectors, wild_matrices = (
+    either(arrays(float, shape, elements=bounded)) for shape in (6, (6, 6))
+)
 
 
-@given(wild_vectors, wild_matrices, wild_matrices, either(arrays(float, 2, elements=bounded)), st.booleans())
+@given(
+    wild_vectors,
+    wild_matrices,
+    wild_matrices,
+    either(arrays(float, 2, elements=bounded)),
+    st.booleans(),
+)
 @examples
 def test_a_filter_of_anything_gives_a_state_or_refuses(mean, covariance, Phi, z, tamed):
     if tamed and isinstance(covariance, np.ndarray) and covariance.ndim == 2:
         covariance = np.diag(np.abs(np.diag(covariance)))
     state = State(mean, covariance)
-    for step in (lambda: predict(state, Phi, Q), lambda: predict(state, F, covariance), lambda: update(state, z, H, R),
-                 lambda: update(State(mean, np.eye(6)), z, H, R), lambda: initial_state(z)):
+    for step in (
+        lambda: predict(state, Phi, Q),
+        lambda: predict(state, F, covariance),
+        lambda: update(state, z, H, R),
+        lambda: update(State(mean, np.eye(6)), z, H, R),
+        lambda: initial_state(z),
+    ):
         if not refused(step):
             after = step()
             assert np.isfinite(after.mean).all()
             assert np.linalg.eigvalsh(after.covariance)[0] >= -1e-9 * np.abs(after.covariance).max()
 
 
-@given(arrays(float, 6, elements=tame), arrays(float, 2, elements=tame), arrays(float, 2, elements=tame))
+@given(
+    arrays(float, 6, elements=tame),
+    arrays(float, 2, elements=tame),
+    arrays(float, 2, elements=tame),
+)
 @examples
 def test_a_filter_does_not_mind_where_the_image_begins(mean, z, shift):
     state = initial_state(500 * mean[:2])
@@ -628,11 +805,15 @@ def test_a_filter_does_not_mind_where_the_image_begins(mean, z, shift):
     np.testing.assert_allclose(moved.covariance, here.covariance, rtol=1e-12)
 
 
-@pytest.mark.parametrize("wrong", [-np.eye(2), [[1, 2], [2, 1]], [[1, 0.5], [0, 1]], np.full((2, 2), np.nan),
-                                   np.eye(3)])
+@pytest.mark.parametrize(
+    "wrong", [-np.eye(2), [[1, 2], [2, 1]], [[1, 0.5], [0, 1]], np.full((2, 2), np.nan), np.eye(3)]
+)
 def test_a_filter_refuses_noise_that_is_no_covariance(wrong):
     state = initial_state([1.0, 2.0])
-    for call in (lambda: update(state, [0, 0], H, wrong), lambda: innovation(state, [0, 0], H, wrong)):
+    for call in (
+        lambda: update(state, [0, 0], H, wrong),
+        lambda: innovation(state, [0, 0], H, wrong),
+    ):
         with pytest.raises(ValueError, match="R: expected"):
             call()
     with pytest.raises(ValueError, match="Q: expected"):

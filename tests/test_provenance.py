@@ -1,4 +1,6 @@
-"""What a result is made from: the files that its code imports, and what a change in one of them makes stale."""
+"""What a result is made from: the files that its code imports, and what a change in one of them
+makes stale.
+"""
 
 import subprocess
 import sys
@@ -8,7 +10,13 @@ import nbformat
 import pytest
 
 from trinolab.files import provenance
-from trinolab.files.provenance import PACKAGE, imported_files, made_from_function, made_from_module, made_from_notebook
+from trinolab.files.provenance import (
+    PACKAGE,
+    imported_files,
+    made_from_function,
+    made_from_module,
+    made_from_notebook,
+)
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -23,7 +31,7 @@ def package(tmp_path, monkeypatch):
         "pack/lazy.py": "from . import base",
         "pack/alone.py": "import numpy",
         "pack/user.py": "import numpy as np\nfrom typing import TYPE_CHECKING\nfrom .wing.inner import f\n"
-                        "if TYPE_CHECKING:\n    from . import typed\ndef g():\n    from .lazy import h\n",
+        "if TYPE_CHECKING:\n    from . import typed\ndef g():\n    from .lazy import h\n",
         "pack/wing/__init__.py": "",
         "pack/wing/inner.py": "from ..wing import deep\nfrom ..base import nothing",
         "pack/wing/deep.py": "from . import inner",
@@ -42,19 +50,44 @@ def names(root, source, folder="mine"):
     return {path.relative_to(root).as_posix() for path in imported_files(source, root / folder)}
 
 
-@pytest.mark.parametrize(("source", "expected"), [
-    ("import os, numpy", set()),
-    ("import pack", {"pack/__init__.py"}),
-    ("from pack import base as b, no_module", {"pack/__init__.py", "pack/base.py"}),
-    ("import helper", {"mine/helper.py", "pack/__init__.py", "pack/alone.py"}),
-    ("from pack.wing.deep import f", {"pack/__init__.py", "pack/base.py", "pack/wing/__init__.py",
-                                      "pack/wing/deep.py", "pack/wing/inner.py"}),
-    ("from pack import work", {"pack/__init__.py", "pack/lazy.py", "pack/base.py"}),  # a name of the face
-    ("import pack\npack.work(1)", {"pack/__init__.py", "pack/lazy.py", "pack/base.py"}),
-    ("import pack as p\np.work(1)", {"pack/__init__.py", "pack/lazy.py", "pack/base.py", "pack/wing/__init__.py"}),
-    ("def f():\n    from pack import user", {"pack/__init__.py", "pack/user.py", "pack/lazy.py", "pack/base.py",
-                                             "pack/wing/__init__.py", "pack/wing/deep.py", "pack/wing/inner.py"}),
-])
+@pytest.mark.parametrize(
+    ("source", "expected"),
+    [
+        ("import os, numpy", set()),
+        ("import pack", {"pack/__init__.py"}),
+        ("from pack import base as b, no_module", {"pack/__init__.py", "pack/base.py"}),
+        ("import helper", {"mine/helper.py", "pack/__init__.py", "pack/alone.py"}),
+        (
+            "from pack.wing.deep import f",
+            {
+                "pack/__init__.py",
+                "pack/base.py",
+                "pack/wing/__init__.py",
+                "pack/wing/deep.py",
+                "pack/wing/inner.py",
+            },
+        ),
+        # a name of the face
+        ("from pack import work", {"pack/__init__.py", "pack/lazy.py", "pack/base.py"}),
+        ("import pack\npack.work(1)", {"pack/__init__.py", "pack/lazy.py", "pack/base.py"}),
+        (
+            "import pack as p\np.work(1)",
+            {"pack/__init__.py", "pack/lazy.py", "pack/base.py", "pack/wing/__init__.py"},
+        ),
+        (
+            "def f():\n    from pack import user",
+            {
+                "pack/__init__.py",
+                "pack/user.py",
+                "pack/lazy.py",
+                "pack/base.py",
+                "pack/wing/__init__.py",
+                "pack/wing/deep.py",
+                "pack/wing/inner.py",
+            },
+        ),
+    ],
+)
 def test_imports_are_followed_in_every_form(package, source, expected):
     assert names(package, source) == expected
 
@@ -75,7 +108,16 @@ def test_a_notebook_is_stale_when_what_it_imports_has_changed(package):
         path.write_text(old)
         return {key for key in before if found[key] != before[key]}
 
-    for name in ("user", "lazy", "base", "alone", "wing/inner", "wing/deep", "wing/__init__", "__init__"):
+    for name in (
+        "user",
+        "lazy",
+        "base",
+        "alone",
+        "wing/inner",
+        "wing/deep",
+        "wing/__init__",
+        "__init__",
+    ):
         assert changed(f"pack/{name}.py") == {"the package"}, name
     assert changed("mine/helper.py") == {"the notebook"}
     assert changed("pack/typed.py") == set()
@@ -84,7 +126,9 @@ def test_a_notebook_is_stale_when_what_it_imports_has_changed(package):
 
 
 def test_a_function_is_made_from_its_file_and_the_imports_of_that(package, monkeypatch):
-    (package / "mine" / "work.py").write_text("def f(a):\n    from pack import base\n    import helper\n")
+    (package / "mine" / "work.py").write_text(
+        "def f(a):\n    from pack import base\n    import helper\n"
+    )
     monkeypatch.syspath_prepend(package / "mine")
     import work
 
@@ -92,7 +136,9 @@ def test_a_function_is_made_from_its_file_and_the_imports_of_that(package, monke
     (package / "pack" / "typed.py").write_text("# changed")
     assert made_from_function(work.f) == before
     (package / "pack" / "alone.py").write_text("# changed")
-    assert [key for key, value in made_from_function(work.f).items() if value != before[key]] == ["the package"]
+    assert [key for key, value in made_from_function(work.f).items() if value != before[key]] == [
+        "the package"
+    ]
     (package / "mine" / "helper.py").write_text("import pack.alone  # changed")
     assert made_from_function(work.f)["the function"] != before["the function"]
 
@@ -107,13 +153,21 @@ def test_a_function_without_a_file_is_made_from_the_whole_package(package):
 
 @pytest.mark.parametrize("chapter", ["03_background", "11_master_slave", "gallery"])
 def test_all_that_a_chapter_loads_is_among_its_imports(chapter):
-    """Python itself says which modules are loaded; it knows nothing of the walk along the imports."""
+    """Python itself says which modules are loaded; it knows nothing of the walk along the
+    imports.
+    """
     path = next(ROOT.glob(f"*/{chapter}.ipynb"))
     source = provenance._source(nbformat.read(path, as_version=4))
-    lines = [line for line in source.splitlines() if line.startswith(("import ", "from ")) and "(" not in line]
+    lines = [
+        line
+        for line in source.splitlines()
+        if line.startswith(("import ", "from ")) and "(" not in line
+    ]
     tell = "import sys; print(*(m.__file__ for name, m in sys.modules.items() if name.startswith('trinolab')))"
     code = "\n".join([*lines, tell])
-    done = subprocess.run([sys.executable, "-c", code], cwd=path.parent, capture_output=True, text=True, check=True)
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=path.parent, capture_output=True, text=True, check=True
+    )
     loaded = {Path(file) for file in done.stdout.split()}
     found = imported_files(source, path.parent)
     assert len(loaded) > 20
@@ -122,8 +176,12 @@ def test_all_that_a_chapter_loads_is_among_its_imports(chapter):
 
 
 def test_a_recording_is_not_made_from_the_measurement():
-    files = {path.stem for path in imported_files("import trinolab.bench.recordings", PACKAGE.parent)}
+    files = {
+        path.stem for path in imported_files("import trinolab.bench.recordings", PACKAGE.parent)
+    }
     assert {"scene", "rays", "checks", "handle"} <= files
     assert not files & {"identify", "tracker", "matching", "runs"}
-    rendered, commands = (made_from_module(f"trinolab.{name}")["the package"] for name in ("bench.recordings", "cli"))
+    rendered, commands = (
+        made_from_module(f"trinolab.{name}")["the package"] for name in ("bench.recordings", "cli")
+    )
     assert rendered != commands

@@ -1,4 +1,6 @@
-"""Real recordings made by others: how they are found and fetched, and what this package makes of them."""
+"""Real recordings made by others: how they are found and fetched, and what this package makes of
+them.
+"""
 
 import functools
 import hashlib
@@ -25,9 +27,13 @@ from trinolab.studies import real_recordings
 from trinolab.triangulation import triangulate
 
 SETS = load_real_sets()
-READERS = {"opencv_stereo": real_recordings.load_opencv_stereo, "pymvg_mcsc": real_recordings.load_pymvg_mcsc,
-           "caliscope": real_recordings.load_caliscope, "trackpy_particles": real_recordings.load_trackpy_particles,
-           "trajectories": real_recordings.load_trajectories}
+READERS = {
+    "opencv_stereo": real_recordings.load_opencv_stereo,
+    "pymvg_mcsc": real_recordings.load_pymvg_mcsc,
+    "caliscope": real_recordings.load_caliscope,
+    "trackpy_particles": real_recordings.load_trackpy_particles,
+    "trajectories": real_recordings.load_trajectories,
+}
 
 
 def needs(name):
@@ -46,7 +52,10 @@ def small(tmp_path, monkeypatch):
     """A set of two files, lying nowhere, and a cache and a TRINOLAB_DATA of its own."""
     monkeypatch.delenv("TRINOLAB_DATA", raising=False)
     monkeypatch.setattr(fetch, "cache_folder", lambda: tmp_path / "cache")
-    files = tuple(RealFile(name, hashlib.sha256(data).hexdigest(), f"deep/{name}") for name, data in CONTENT.items())
+    files = tuple(
+        RealFile(name, hashlib.sha256(data).hexdigest(), f"deep/{name}")
+        for name, data in CONTENT.items()
+    )
     return RealSet("small", "two words", "CC0-1.0", "nowhere", "", files, {})
 
 
@@ -140,7 +149,9 @@ def test_what_cannot_be_fetched_says_so(small, served):
     _, address, _ = served
     with pytest.raises(ValueError, match=r"small: http://\S+/deep/a.txt cannot be fetched"):
         find(replace(small, address=f"{address}/nowhere"), fetch=True)
-    with pytest.raises(ValueError, match=r"small: not fetched \(licence: CC0-1.0; origin: nowhere\); set TRINOLAB"):
+    with pytest.raises(
+        ValueError, match=r"small: not fetched \(licence: CC0-1.0; origin: nowhere\); set TRINOLAB"
+    ):
         find(small, fetch=True)
 
 
@@ -158,7 +169,11 @@ def test_the_list_is_complete():
         assert all("/" not in file.name and ".." not in file.path for file in real.files)
         assert not real.address or re.search(r"https://[\w./-]+/[0-9a-f]{40}(/|$)", real.address)
     assert SETS["trajectories"].address == ""  # its licence is not confirmed
-    assert {name for name, real in SETS.items() if real.address} == {"pymvg_mcsc", "caliscope", "trackpy_particles"}
+    assert {name for name, real in SETS.items() if real.address} == {
+        "pymvg_mcsc",
+        "caliscope",
+        "trackpy_particles",
+    }
 
 
 def test_an_incomplete_list_is_named(tmp_path):
@@ -185,10 +200,16 @@ def test_without_the_sets_every_reader_and_row_is_none(tmp_path, monkeypatch):
     monkeypatch.setattr(fetch, "cache_folder", lambda: tmp_path)
     for reader in READERS.values():
         assert reader() is None
-    for row in (real_recordings.baseline_difference_mm, real_recordings.led_median_px, real_recordings.board_fit_mm,
-                real_recordings.particle_median_px, real_recordings.photographed_calibration,
-                 real_recordings.led_errors_px,
-                real_recordings.board_errors_mm, real_recordings.particle_errors_px):
+    for row in (
+        real_recordings.baseline_difference_mm,
+        real_recordings.led_median_px,
+        real_recordings.board_fit_mm,
+        real_recordings.particle_median_px,
+        real_recordings.photographed_calibration,
+        real_recordings.led_errors_px,
+        real_recordings.board_errors_mm,
+        real_recordings.particle_errors_px,
+    ):
         assert row() is None
 
 
@@ -204,14 +225,23 @@ STORED = {  # ours -> where the recording's own reference.json has it
         "stereo_rms_px_win7": ("measured_opencv5_win7", "stereo_rms"),
         "upstream_fx_px": ("upstream_left_intrinsics", "fx"),
         "upstream_cx_px": ("upstream_left_intrinsics", "cx"),
-        "upstream_cy_px": ("upstream_left_intrinsics", "cy")},
-    "pymvg_mcsc": {"upstream_reprojection_mean_px": ("upstream_reproj_mean_px",),
-                   "reprojection_mean_px": ("measured_all_464", "mean"),
-                   "reprojection_median_px": ("measured_all_464", "median")},
-    "caliscope": {"reprojection_median_px": ("reprojection_px_median",), "square_mm": ("square_mm",),
-                  "board_fit_median_mm": ("board_fit_mm_median",)},
-    "trackpy_particles": {"centroid_median_px": ("independent_centroid_vs_npz_px", "median"),
-                          "centroid_p95_px": ("independent_centroid_vs_npz_px", "p95"), "positions": ("n",)},
+        "upstream_cy_px": ("upstream_left_intrinsics", "cy"),
+    },
+    "pymvg_mcsc": {
+        "upstream_reprojection_mean_px": ("upstream_reproj_mean_px",),
+        "reprojection_mean_px": ("measured_all_464", "mean"),
+        "reprojection_median_px": ("measured_all_464", "median"),
+    },
+    "caliscope": {
+        "reprojection_median_px": ("reprojection_px_median",),
+        "square_mm": ("square_mm",),
+        "board_fit_median_mm": ("board_fit_mm_median",),
+    },
+    "trackpy_particles": {
+        "centroid_median_px": ("independent_centroid_vs_npz_px", "median"),
+        "centroid_p95_px": ("independent_centroid_vs_npz_px", "p95"),
+        "positions": ("n",),
+    },
 }
 
 
@@ -221,8 +251,10 @@ def test_references_are_those_of_the_recording(name):
     if folder is None or not (folder / "reference.json").is_file():
         pytest.skip(f"no reference.json of {name}")
     stored = json.loads((folder / "reference.json").read_text(encoding="utf-8"))
-    assert SETS[name].reference == {key: functools.reduce(lambda table, part: table[part], path, stored)
-                                    for key, path in STORED[name].items()}
+    assert SETS[name].reference == {
+        key: functools.reduce(lambda table, part: table[part], path, stored)
+        for key, path in STORED[name].items()
+    }
 
 
 # --- photographs
@@ -238,7 +270,11 @@ def test_photographs():
     photographs = real_recordings.load_opencv_stereo()
     assert len(photographs.left) == len(photographs.right) == 13
     assert {image.shape for side in photographs[:2] for image in side} == {(480, 640)}
-    assert (photographs.board.columns, photographs.board.rows, photographs.board.square_mm) == (9, 6, 25.0)
+    assert (photographs.board.columns, photographs.board.rows, photographs.board.square_mm) == (
+        9,
+        6,
+        25.0,
+    )
 
 
 @needs("opencv_stereo")
@@ -246,34 +282,62 @@ def test_photographs_give_the_stored_stereo_pair(photographed):
     reference = SETS["opencv_stereo"].reference
     T = photographed.cameras[1].T_cam_world  # left to right, as OpenCV has it
     squares, rvec = T.translation / 25, np.rad2deg(T.rotation.as_rotvec())
-    # What the choice of window does to the references themselves: 0.43 mm of baseline, 0.017, 0.004, 0.038 squares,
-    # 0.38, 0.03, 0.02 deg. Ours adjusts the lenses too, the references keep them: well within that.
-    spread = {key: np.abs(np.subtract(reference[f"{key}_win7"], reference[f"{key}_win11"]))
-              for key in ("baseline_mm", "T_squares", "rvec_deg")}
-    assert abs(np.linalg.norm(T.translation) - reference["baseline_mm_win7"]) < 0.1 * spread["baseline_mm"]
+    # What the choice of window does to the references themselves: 0.43 mm of baseline, 0.017,
+    # 0.004, 0.038 squares, 0.38, 0.03, 0.02 deg. Ours adjusts the lenses too, the references keep
+    # them: well within that.
+    spread = {
+        key: np.abs(np.subtract(reference[f"{key}_win7"], reference[f"{key}_win11"]))
+        for key in ("baseline_mm", "T_squares", "rvec_deg")
+    }
+    assert (
+        abs(np.linalg.norm(T.translation) - reference["baseline_mm_win7"])
+        < 0.1 * spread["baseline_mm"]
+    )
     assert (np.abs(squares - reference["T_squares_win7"]) < spread["T_squares"]).all()
     assert (np.abs(rvec - reference["rvec_deg_win7"]) < spread["rvec_deg"]).all()
     # the free lenses can only lower the rms
-    assert reference["stereo_rms_px_win7"] - 0.005 < photographed.rms_px < reference["stereo_rms_px_win7"]
-    np.testing.assert_allclose(photographed.cameras[0].matrix[0], [reference["upstream_fx_px"], 0,
-                               reference["upstream_cx_px"]], rtol=0, atol=3.0)  # window +-11: 535.7 against 533.7 px
+    assert (
+        reference["stereo_rms_px_win7"] - 0.005
+        < photographed.rms_px
+        < reference["stereo_rms_px_win7"]
+    )
+    np.testing.assert_allclose(
+        photographed.cameras[0].matrix[0],
+        [
+            reference["upstream_fx_px"],
+            0,
+            # window +-11: 535.7 against 533.7 px
+            reference["upstream_cx_px"],
+        ],
+        rtol=0,
+        atol=3.0,
+    )
 
 
 @needs("opencv_stereo")
 def test_photographs_as_opencv_calibrates_them(photographed):
     photographs = real_recordings.load_opencv_stereo()
     board = [photographs.board.points.astype(np.float32).reshape(-1, 1, 3)] * 13
-    sides = [[target.find_corners(image, photographs.board, 7).astype(np.float32).reshape(-1, 1, 2) for image in side]
-             for side in photographs[:2]]
+    sides = [
+        [
+            target.find_corners(image, photographs.board, 7).astype(np.float32).reshape(-1, 1, 2)
+            for image in side
+        ]
+        for side in photographs[:2]
+    ]
     mono = [cv2.calibrateCamera(board, side, (640, 480), None, None) for side in sides]
-    np.testing.assert_allclose([one[0] for one in mono], SETS["opencv_stereo"].reference["mono_rms_px_win7"], atol=5e-5)
+    np.testing.assert_allclose(
+        [one[0] for one in mono], SETS["opencv_stereo"].reference["mono_rms_px_win7"], atol=5e-5
+    )
     start = [np.array(part) for one in mono for part in one[1:3]]
     stop = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, 500, 1e-12)
-    rms, *_, R, T, _, _ = cv2.stereoCalibrate(board, *sides, *start, (640, 480), flags=cv2.CALIB_USE_INTRINSIC_GUESS,
-                                              criteria=stop)
+    rms, *_, R, T, _, _ = cv2.stereoCalibrate(
+        board, *sides, *start, (640, 480), flags=cv2.CALIB_USE_INTRINSIC_GUESS, criteria=stop
+    )
     assert photographed.rms_px == pytest.approx(rms, abs=1e-6)
     T_right_left = photographed.cameras[1].T_cam_world
-    np.testing.assert_allclose(T_right_left.translation, T.ravel(), rtol=0, atol=1e-3)  # mm; sigma is 0.03 to 0.14
+    # mm; sigma is 0.03 to 0.14
+    np.testing.assert_allclose(T_right_left.translation, T.ravel(), rtol=0, atol=1e-3)
     np.testing.assert_allclose(T_right_left.rotation.as_matrix(), R, rtol=0, atol=1e-5)
 
 
@@ -282,7 +346,8 @@ def test_a_window_that_reaches_the_next_corner_costs(photographed):
     wide = real_recordings.photographed_calibration(half_window_px=11)
     assert wide.rms_px > 2 * photographed.rms_px
     assert np.linalg.norm(wide.cameras[1].centre) == pytest.approx(
-        SETS["opencv_stereo"].reference["baseline_mm_win11"], abs=0.2)
+        SETS["opencv_stereo"].reference["baseline_mm_win11"], abs=0.2
+    )
 
 
 @needs("opencv_stereo")
@@ -321,21 +386,38 @@ def test_led_cameras_are_the_stored_ones():
         straight = np.array([[K[0, 0], 0, K[0, 2]], [0, K[1, 1], K[1, 2]], [0, 0, 1]])
         np.testing.assert_allclose(camera.matrix, straight, rtol=0, atol=1e-8)
         linear = np.column_stack([points, np.ones(3)]) @ P.T
-        rows = np.column_stack([linear[:, :2] / linear[:, 2:], np.ones(3)]) @ (straight @ np.linalg.inv(K)).T
+        rows = (
+            np.column_stack([linear[:, :2] / linear[:, 2:], np.ones(3)])
+            @ (straight @ np.linalg.inv(K)).T
+        )
         np.testing.assert_allclose(camera.project(points * 1e3), rows[:, :2], rtol=0, atol=1e-8)
-        rad = {key: float(value) for key, value in
-               re.findall(r"(\w+)\s*=\s*(\S+)", (folder / f"basename{k}.rad").read_text())}
+        rad = {
+            key: float(value)
+            for key, value in re.findall(
+                r"(\w+)\s*=\s*(\S+)", (folder / f"basename{k}.rad").read_text()
+            )
+        }
         lens = np.array([[rad["K11"], 0, rad["K13"]], [0, rad["K22"], rad["K23"]], [0, 0, 1]])
         kept = np.isfinite(raw[k - 1]).all(axis=1)
-        ideal = cv2.undistortPoints(raw[k - 1][kept].reshape(-1, 1, 2), lens, np.array([rad[f"kc{j}"] for j in
-                                    range(1, 5)]), R=np.eye(3), P=lens, criteria=(3, 100, 1e-12)).reshape(-1, 2)
+        ideal = cv2.undistortPoints(
+            raw[k - 1][kept].reshape(-1, 1, 2),
+            lens,
+            np.array([rad[f"kc{j}"] for j in range(1, 5)]),
+            R=np.eye(3),
+            P=lens,
+            criteria=(3, 100, 1e-12),
+        ).reshape(-1, 2)
         expected = np.column_stack([ideal, np.ones(len(ideal))]) @ (straight @ np.linalg.inv(K)).T
         np.testing.assert_allclose(tracks.uv[k - 1][kept], expected[:, :2], rtol=0, atol=1e-6)
 
 
 @pytest.mark.parametrize("scale", [1.0, -1.0, 2.5])
 def test_projection_matrices_have_no_scale(scale):
-    K, R, t = np.array([[400.0, 3, 320], [0, 410, 240], [0, 0, 1]]), Rotation.from_rotvec([0.3, -2.0, 0.4]), [1, 2, 3.0]
+    K, R, t = (
+        np.array([[400.0, 3, 320], [0, 410, 240], [0, 0, 1]]),
+        Rotation.from_rotvec([0.3, -2.0, 0.4]),
+        [1, 2, 3.0],
+    )
     found = real_recordings._decomposed(scale * K @ np.column_stack([R.as_matrix(), t]))
     np.testing.assert_allclose(found[0], K, rtol=0, atol=1e-9)
     np.testing.assert_allclose(found[1].as_matrix(), R.as_matrix(), rtol=0, atol=1e-12)
@@ -359,7 +441,8 @@ def test_led_points_are_those_of_the_self_calibration():
         pytest.skip("Xe.dat is not part of what is fetched")
     tracks = real_recordings.load_pymvg_mcsc()
     points = triangulate(tracks.rig, tracks.uv)
-    theirs = -np.loadtxt(stored)[:3].T * 227.7  # its frame is mirrored, its unit 0.2277 m (reference.json)
+    # its frame is mirrored, its unit 0.2277 m (reference.json)
+    theirs = -np.loadtxt(stored)[:3].T * 227.7
     scale = np.linalg.norm(theirs - theirs.mean(0), axis=1).mean()
     assert 50 < scale < 500
     # every fifth instant, outliers left out: the first ones are all there
@@ -400,26 +483,38 @@ def test_cameras_that_face_each_other_spoil_the_plain_mean():
     tracks = real_recordings.load_caliscope()
     steep = real_recordings.triangulate_steep(tracks.rig, tracks.uv, 30.0)
     errors = real_recordings.reprojection_px(tracks.rig, steep, tracks.uv)
-    assert np.nanmedian(errors) == pytest.approx(SETS["caliscope"].reference["reprojection_median_px"], abs=0.005)
+    assert np.nanmedian(errors) == pytest.approx(
+        SETS["caliscope"].reference["reprojection_median_px"], abs=0.005
+    )
 
 
 # --- steep pairs
 
 
 def facing_rig():
-    """Two cameras side by side, 100 mm apart, and one that looks at the first from 1,000 mm away."""
+    """Two cameras side by side, 100 mm apart, and one that looks at the first from 1,000 mm
+    away.
+    """
     K = np.array([[800.0, 0, 320], [0, 800, 240], [0, 0, 1]])
-    poses = [RigidTransform.identity(), RigidTransform.from_translation([100.0, 0, 0]),
-             RigidTransform.from_components([0, 0, 1000.0], Rotation.from_rotvec([0, np.pi, 0]))]
-    return Rig(tuple(Camera(f"c{k}", (640, 480), K, np.zeros(5), T.inv()) for k, T in enumerate(poses)))
+    poses = [
+        RigidTransform.identity(),
+        RigidTransform.from_translation([100.0, 0, 0]),
+        RigidTransform.from_components([0, 0, 1000.0], Rotation.from_rotvec([0, np.pi, 0])),
+    ]
+    return Rig(
+        tuple(Camera(f"c{k}", (640, 480), K, np.zeros(5), T.inv()) for k, T in enumerate(poses))
+    )
 
 
 def test_steep_pairs():
     rig, points = facing_rig(), np.array([[5.0, -10, 480], [-20, 30, 520]])
     uv = np.stack([camera.project(points) for camera in rig.cameras])
     np.testing.assert_allclose(real_recordings.triangulate_steep(rig, uv, 5.0), points, atol=1e-9)
-    np.testing.assert_array_equal(real_recordings.triangulate_steep(rig, uv, 0.0), triangulate(rig, uv))
-    assert np.isnan(real_recordings.triangulate_steep(rig, uv, 80.0)).all()  # the steepest pair: 12 deg
+    np.testing.assert_array_equal(
+        real_recordings.triangulate_steep(rig, uv, 0.0), triangulate(rig, uv)
+    )
+    # the steepest pair: 12 deg
+    assert np.isnan(real_recordings.triangulate_steep(rig, uv, 80.0)).all()
     only = uv.copy()
     only[1] = np.nan  # the two that face each other: 177 and 172 deg
     assert np.isnan(real_recordings.triangulate_steep(rig, only, 9.0)).all()
@@ -472,4 +567,6 @@ def test_trajectory():
     speed = np.linalg.norm(np.diff(trajectory.poses.translation, axis=0), axis=1) / steps
     assert np.median(speed) == pytest.approx(330, abs=10)  # mm/s
     assert steps.max() == pytest.approx(0.11, abs=0.005)
-    np.testing.assert_allclose(np.ptp(trajectory.poses.translation, axis=0), [460, 700, 440], atol=5)
+    np.testing.assert_allclose(
+        np.ptp(trajectory.poses.translation, axis=0), [460, 700, 440], atol=5
+    )

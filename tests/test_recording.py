@@ -33,7 +33,9 @@ def folder(tmp_path, rig):
     for camera in rig.names:
         (tmp_path / camera).mkdir()
         for name in ("a.png", "b.png"):
-            cv2.imwrite(str(tmp_path / camera / name), rng.integers(0, 256, SIZE[::-1], dtype=np.uint8))
+            cv2.imwrite(
+                str(tmp_path / camera / name), rng.integers(0, 256, SIZE[::-1], dtype=np.uint8)
+            )
     return tmp_path
 
 
@@ -64,7 +66,9 @@ def test_grey_in_colour_is_the_same_grey(folder, rig, code, caplog):
     with caplog.at_level(logging.INFO, logger="trinolab"):
         after = read_instant(instant, rig)
     assert np.array_equal(before, after)
-    assert caplog.messages == [f"{path}: colour converted to grey; said once a camera" for path in instant.paths]
+    assert caplog.messages == [
+        f"{path}: colour converted to grey; said once a camera" for path in instant.paths
+    ]
 
 
 def test_sixteen_bits_keep_their_fractions(folder, rig, caplog):
@@ -133,8 +137,17 @@ def spoil_by_a_third(folder):
     return f"{folder / 'ccd3'}: images of a camera that the rig does not have (ccd1, ccd2)"
 
 
-@pytest.mark.parametrize("spoil", [spoil_root, spoil_camera, spoil_all_images, spoil_one_name, spoil_other_name,
-                                   spoil_by_a_third])
+@pytest.mark.parametrize(
+    "spoil",
+    [
+        spoil_root,
+        spoil_camera,
+        spoil_all_images,
+        spoil_one_name,
+        spoil_other_name,
+        spoil_by_a_third,
+    ],
+)
 def test_incomplete_folder_is_named(folder, rig, spoil):
     message = spoil(folder)
     with pytest.raises(ValueError) as caught:  # noqa: PT011
@@ -152,7 +165,10 @@ BAD_IMAGES = {
     "text": (b"this is no image\n", "cannot be read as an image"),
     "cut_off": (encoded(GREY)[:300], "cannot be read as an image (its end is missing)"),
     "signature_alone": (encoded(GREY)[:8], "cannot be read as an image (its end is missing)"),
-    "float": (encoded(GREY.astype(np.float32), ".tiff"), "cannot be read as an image of 8 or 16 bit"),
+    "float": (
+        encoded(GREY.astype(np.float32), ".tiff"),
+        "cannot be read as an image of 8 or 16 bit",
+    ),
     "turned": (encoded(GREY.T), "24 x 32 pixels, the rig says 32 x 24"),
     "larger": (encoded(np.zeros((25, 32), np.uint8)), "32 x 25 pixels, the rig says 32 x 24"),
 }

@@ -58,7 +58,9 @@ def test_pose_is_found_to_hundredths(fit, rig):
 
 @each_fit
 def test_lens_distortion_dark_markers_blur_and_another_light(fit):
-    rig = Rig(tuple(replace(c, distortions=np.array([-0.2, 0.1, 1e-3, -1e-3, 0.0])) for c in TRIO.cameras))
+    rig = Rig(
+        tuple(replace(c, distortions=np.array([-0.2, 0.1, 1e-3, -1e-3, 0.0])) for c in TRIO.cameras)
+    )
     handle = replace(HANDLE, markers="dark")
     bench = Bench(blur_px=1.3, light=(0.6, -0.5, -0.6), shading=0.5, background_grey=120)
     frames = render_rig(rig, handle, POSES[5], bench, np.random.default_rng(1))
@@ -85,7 +87,7 @@ def test_hidden_markers_do_not_pull(fit):
     seen = np.flatnonzero(slants(HANDLE, POSES[6], TRIO.cameras[0].centre) < np.deg2rad(60))
     for k in seen[:2]:  # a finger over half of a marker
         u, v = np.round(uv[k]).astype(int)
-        frames[0][v - 12:v + 12, u:u + 14] = 110
+        frames[0][v - 12 : v + 12, u : u + 14] = 110
     found = fit(frames, TRIO, HANDLE, start_near(POSES[6], 3))
     e = error(found, POSES[6])
     assert np.linalg.norm(e[:3]) < 0.02
@@ -116,7 +118,9 @@ def test_reprojection_covariance_is_honest():
     for _ in range(1000):
         drawn = exact + rng.normal(0, sigma, exact.shape)
         found, C = fit_pixels(drawn, spread, PAIR, HANDLE, views, T, huber=1e9, steps=2)
-        e = np.r_[found.translation - T.translation, (found.rotation * T.rotation.inv()).as_rotvec()]
+        e = np.r_[
+            found.translation - T.translation, (found.rotation * T.rotation.inv()).as_rotvec()
+        ]
         nees.append(e @ np.linalg.solve(C, e))
     low, high = chi2.ppf([0.025, 0.975], 6000) / 1000
     assert low < np.mean(nees) < high
@@ -138,20 +142,30 @@ def test_patches_covariance_is_honest_on_rendered_noise():
     """A sample of `make verify`: the mean NEES of 60 draws, within four standard deviations."""
     rng, bench, nees = np.random.default_rng(5), Bench(), []
     for k in (1, 8, 15):
-        clean = [blurred(radiance(camera, HANDLE, POSES[k], bench), bench) for camera in PAIR.cameras]
+        clean = [
+            blurred(radiance(camera, HANDLE, POSES[k], bench), bench) for camera in PAIR.cameras
+        ]
         for _ in range(20):
-            found = fit_patches([digitise(image, bench, rng) for image in clean], PAIR, HANDLE, start_near(POSES[k]))
+            found = fit_patches(
+                [digitise(image, bench, rng) for image in clean], PAIR, HANDLE, start_near(POSES[k])
+            )
             e = error(found, POSES[k])
             nees.append(e @ np.linalg.solve(found.covariance, e))
     assert abs(np.mean(nees) - 6) < 4 * np.sqrt(12 / len(nees))
 
 
-@pytest.mark.parametrize("estimator", ["paper_checked", pytest.param("weighted", marks=pytest.mark.heavy)])
+@pytest.mark.parametrize(
+    "estimator", ["paper_checked", pytest.param("weighted", marks=pytest.mark.heavy)]
+)
 def test_covariance_of_pairs_is_honest_on_rendered_noise(estimator):
-    """As above for the pairs' estimators, 24 draws: their biased or moved centroids are in the covariance."""
+    """As above for the pairs' estimators, 24 draws: their biased or moved centroids are in the
+    covariance.
+    """
     rng, bench, nees = np.random.default_rng(6), Bench(), []
     for k in (2, 9, 16):
-        clean = [blurred(radiance(camera, HANDLE, POSES[k], bench), bench) for camera in TRIO.cameras]
+        clean = [
+            blurred(radiance(camera, HANDLE, POSES[k], bench), bench) for camera in TRIO.cameras
+        ]
         for _ in range(8):
             images = [digitise(image, bench, rng) for image in clean]
             pose = measure(images, TRIO, HANDLE, POSES[k], Parameters(estimator=estimator)).pose
@@ -164,9 +178,13 @@ def test_registered_centroids_have_no_bias_along_the_slant():
     """A sample of `make verify`: frames without noise, markers up to 65 deg."""
     worst = 0.0
     for k in (0, 4, 9):
-        frames = [blurred(radiance(camera, HANDLE, POSES[k], Bench()), Bench()) for camera in TRIO.cameras]
+        frames = [
+            blurred(radiance(camera, HANDLE, POSES[k], Bench()), Bench()) for camera in TRIO.cameras
+        ]
         found = centre_pixels(frames, TRIO, HANDLE, POSES[k], 65.0)
-        truth = np.stack([camera.project(POSES[k].apply(HANDLE.marker_centres)) for camera in TRIO.cameras])
+        truth = np.stack(
+            [camera.project(POSES[k].apply(HANDLE.marker_centres)) for camera in TRIO.cameras]
+        )
         worst = max(worst, np.nanmax(np.abs(found.uv - truth)))
     assert worst < 0.02  # px in a single marker; a bin's mean must be within 0.01
 
@@ -175,5 +193,7 @@ def test_saturated_pixels_do_not_pull():
     frames = render_rig(PAIR, HANDLE, POSES[4], Bench(), np.random.default_rng(0), gain=1.4)
     assert any((frame == 255).sum() > 200 for frame in frames)
     found = centre_pixels(frames, PAIR, HANDLE, POSES[4], 60.0)
-    truth = np.stack([camera.project(POSES[4].apply(HANDLE.marker_centres)) for camera in PAIR.cameras])
+    truth = np.stack(
+        [camera.project(POSES[4].apply(HANDLE.marker_centres)) for camera in PAIR.cameras]
+    )
     assert np.nanmax(np.abs(found.uv - truth)) < 0.1  # px

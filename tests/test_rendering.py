@@ -29,9 +29,10 @@ from trinolab.studies.real_recordings import load_trajectories
 
 CODED = load_handle("coded")
 SMALL = Rig(tuple(scaled(camera, 0.125) for camera in load_rig("raised_40deg").cameras))
-# Renders six instants, then waits for the gate before each image; an interruption, which waits for what is being
-# rendered, opens it.
-WAITS = f"""
+# Renders six instants, then waits for the gate before each image; an interruption, which waits for
+# what is being rendered, opens it.
+WAITS = (
+    f"""
 import time
 from pathlib import Path
 from trinolab.bench import recordings
@@ -46,7 +47,9 @@ def shutdown(*pool, **options):
     Path({GATE!r}).touch()
     real_shutdown(*pool, **options)
 recordings.ProcessPoolExecutor.shutdown = shutdown
-""" + CLI
+"""
+    + CLI
+)
 RENDER = "render --rig rig.toml --handle handle.toml --motion hard --seed 3 --out out --seconds 0.2"
 
 
@@ -59,7 +62,11 @@ def folder(tmp_path, monkeypatch):
 
 
 def contents(root):
-    return {str(path.relative_to(root)): path.read_bytes() for path in sorted(root.rglob("*")) if path.is_file()}
+    return {
+        str(path.relative_to(root)): path.read_bytes()
+        for path in sorted(root.rglob("*"))
+        if path.is_file()
+    }
 
 
 def rendered(out, motion="hard", seconds=0.2, **options):
@@ -85,12 +92,20 @@ def test_the_folder_is_a_recording_with_its_truth(folder, capfd):
     truth, job = read_poses("out/truth.csv"), scripted("hard", SMALL, CODED, 3, 0.2)
     np.testing.assert_allclose(truth["t_s"], np.arange(6) / 30, atol=1e-9)
     expected = RigidTransform.concatenate([shot.T_world_handle for shot in job.shots])
-    np.testing.assert_allclose(transforms(truth).as_matrix(), expected.as_matrix(), atol=1e-6)  # mm; nine digits
+    # mm; nine digits
+    np.testing.assert_allclose(transforms(truth).as_matrix(), expected.as_matrix(), atol=1e-6)
     for name in SMALL.names:
         assert cv2.imread(f"out/background/{name}.png", cv2.IMREAD_GRAYSCALE).shape == (128, 160)
     assert sorted(path.name for path in (folder / "out").iterdir()) == [
-        "background", "handle.toml", "images", "made_from.json", "rig.toml", "timestamps.csv", "truth.csv",
-        "truth_markers.csv"]
+        "background",
+        "handle.toml",
+        "images",
+        "made_from.json",
+        "rig.toml",
+        "timestamps.csv",
+        "truth.csv",
+        "truth_markers.csv",
+    ]
     assert not (folder / "out.partial").exists()
 
 
@@ -101,7 +116,9 @@ def test_truth_counts_the_markers_that_each_camera_truly_sees(folder):
     counts = np.zeros((len(job.shots), 3), int)
     for frame in (0, hidden, covered):
         shot = job.shots[frame]
-        counts[frame] = [true_visibility(c, CODED, shot.T_world_handle, shot.arm).sum() for c in SMALL.cameras]
+        counts[frame] = [
+            true_visibility(c, CODED, shot.T_world_handle, shot.arm).sum() for c in SMALL.cameras
+        ]
         counts[frame, COVERED[2]] *= frame != covered
         assert seen_markers(job, frame) == counts[frame].tolist()
     assert counts[hidden, 2] == 0 < counts[hidden].max()
@@ -120,8 +137,12 @@ def test_the_empty_second_of_calm_is_empty_and_then_there_is_a_handle(folder):
     assert (truth["markers"] > 0).tolist() == [False] * 4 + [True] * 2
     for name in SMALL.names:
         empty = cv2.imread(f"out/background/{name}.png", cv2.IMREAD_GRAYSCALE).astype(float)
-        images = [cv2.imread(f"out/images/{name}/{k:06d}.png", cv2.IMREAD_GRAYSCALE) - empty for k in range(6)]
-        brightest = np.array([cv2.blur(np.abs(image), (5, 5)).max() for image in images])  # noise is below 10
+        images = [
+            cv2.imread(f"out/images/{name}/{k:06d}.png", cv2.IMREAD_GRAYSCALE) - empty
+            for k in range(6)
+        ]
+        # noise is below 10
+        brightest = np.array([cv2.blur(np.abs(image), (5, 5)).max() for image in images])
         assert brightest[:4].max() < 10 < 20 < brightest[4:].min()
 
 
@@ -172,7 +193,10 @@ def test_interrupted_and_run_again_it_goes_on_to_identical_files(folder, monkeyp
     rendered("whole")
     interrupt_after(monkeypatch, 8)
     assert run(RENDER) == 130
-    assert capfd.readouterr().err == "trinolab render: interrupted, run it again in the same way to go on\n"
+    assert (
+        capfd.readouterr().err
+        == "trinolab render: interrupted, run it again in the same way to go on\n"
+    )
     assert not (folder / "out").exists()
     calls = interrupt_after(monkeypatch, 100)
     assert run(RENDER) == 0
@@ -180,11 +204,15 @@ def test_interrupted_and_run_again_it_goes_on_to_identical_files(folder, monkeyp
     assert contents(folder / "out") == contents(folder / "whole")
 
 
-@pytest.mark.parametrize(("number", "code"), [(signal.SIGKILL, -signal.SIGKILL), (signal.SIGINT, 130)])
+@pytest.mark.parametrize(
+    ("number", "code"), [(signal.SIGKILL, -signal.SIGKILL), (signal.SIGINT, 130)]
+)
 def test_stopped_from_outside_and_run_again_it_goes_on_to_identical_files(folder, number, code):
     line = RENDER.replace("0.2", "0.4")  # twelve instants: enough for two processes
     with started(line, WAITS, start_new_session=True) as process:
-        wait_until(lambda: len(list(folder.glob("out.partial/images/ccd3/[0-9]*.png"))) == 6, process)
+        wait_until(
+            lambda: len(list(folder.glob("out.partial/images/ccd3/[0-9]*.png"))) == 6, process
+        )
         if number == signal.SIGKILL:
             process.send_signal(number)
         else:
@@ -209,7 +237,10 @@ def test_the_second_of_two_renderings_is_refused_and_the_first_one_is_whole(fold
         after = contents(folder)
         open_gate()
         assert ended(first) == (0, [])
-    assert refused == (2, [f"trinolab render: {folder / 'out.partial'}: another process works on it\n"])
+    assert refused == (
+        2,
+        [f"trinolab render: {folder / 'out.partial'}: another process works on it\n"],
+    )
     assert after == before
     rendered("whole", seconds=0.4)
     assert contents(folder / "out") == contents(folder / "whole")
@@ -225,7 +256,9 @@ def is_gone(group):
     return False
 
 
-@pytest.mark.skipif("fork" not in multiprocessing.get_all_start_methods(), reason="processes cannot be copied here")
+@pytest.mark.skipif(
+    "fork" not in multiprocessing.get_all_start_methods(), reason="processes cannot be copied here"
+)
 def test_two_processes_give_what_one_gives(folder):
     job = scripted("hard", SMALL, CODED, 3, 0.27)
     for out, workers in (("one", 1), ("two", 2)):
@@ -233,9 +266,18 @@ def test_two_processes_give_what_one_gives(folder):
     assert contents(folder / "one") == contents(folder / "two")
 
 
-@pytest.mark.parametrize(("option", "named"), [("--seed 3|--seed 4", "seed"), ("hard|calm", "motion"),
-                                               ("0.2|0.1", "frames"), ("rig.toml|other.toml", "rig")])
-def test_an_unfinished_recording_with_other_arguments_is_left_alone(folder, monkeypatch, capfd, option, named):
+@pytest.mark.parametrize(
+    ("option", "named"),
+    [
+        ("--seed 3|--seed 4", "seed"),
+        ("hard|calm", "motion"),
+        ("0.2|0.1", "frames"),
+        ("rig.toml|other.toml", "rig"),
+    ],
+)
+def test_an_unfinished_recording_with_other_arguments_is_left_alone(
+    folder, monkeypatch, capfd, option, named
+):
     interrupt_after(monkeypatch, 4)
     assert run(RENDER) == 130
     write_rig(Rig(SMALL.cameras[:2]), "other.toml")
@@ -264,7 +306,10 @@ def test_the_manifest_knows_the_code(folder, monkeypatch):
 
 
 def test_a_hand_follows_the_poses_of_a_file(folder):
-    poses_file("path.csv", ["0,,,,,,,,lost", "1,5,10,560,1,0,0,0,measured", "2,10,10,560,1,0,0,0,predicted"])
+    poses_file(
+        "path.csv",
+        ["0,,,,,,,,lost", "1,5,10,560,1,0,0,0,measured", "2,10,10,560,1,0,0,0,predicted"],
+    )
     truth = rendered("out", "path.csv", None, fps=20)
     assert truth["status"].tolist() == ["lost", "measured", "measured"]
     np.testing.assert_allclose(truth["t_s"], [0, 0.05, 0.1])
@@ -273,23 +318,30 @@ def test_a_hand_follows_the_poses_of_a_file(folder):
 
 
 def test_a_files_own_times_are_kept(folder):
-    table = truth_table(RigidTransform.from_translation([[0.0, 0, 570]] * 3)).assign(t_s=[1.0, 1.5, 1.7])
+    table = truth_table(RigidTransform.from_translation([[0.0, 0, 570]] * 3)).assign(
+        t_s=[1.0, 1.5, 1.7]
+    )
     write_poses(table, "path.csv")
     np.testing.assert_allclose(rendered("out", "path.csv", None)["t_s"], [1.0, 1.5, 1.7])
     assert len(rendered("short", "path.csv", 0.6)) == 2
 
 
-@pytest.mark.skipif(real_set("trajectories") is None,
-                    reason=f"no trajectories: {why_not(load_real_sets()['trajectories'])}")
+@pytest.mark.skipif(
+    real_set("trajectories") is None,
+    reason=f"no trajectories: {why_not(load_real_sets()['trajectories'])}",
+)
 def test_a_real_trajectory_can_be_followed(folder):
     times, poses = load_trajectories()
     every = np.arange(4, 28, 4.0)
     turns = Slerp(times, poses.rotation)(every)
     places = np.column_stack([np.interp(every, times, axis) for axis in poses.translation.T])
-    path = RigidTransform.from_components(places - np.median(poses.translation, axis=0) + [0, 0, 570], turns)
+    path = RigidTransform.from_components(
+        places - np.median(poses.translation, axis=0) + [0, 0, 570], turns
+    )
     write_poses(truth_table(path).assign(t_s=every), "path.csv")
     truth = rendered("out", "path.csv", None)
-    np.testing.assert_allclose(transforms(truth).as_matrix(), path.as_matrix(), atol=1e-5)  # mm; nine digits
+    # mm; nine digits
+    np.testing.assert_allclose(transforms(truth).as_matrix(), path.as_matrix(), atol=1e-5)
     assert 0 < (truth["markers"] > 0).sum() < len(truth)  # it goes further than the images
 
 
@@ -298,7 +350,9 @@ def test_a_real_trajectory_can_be_followed(folder):
 
 def test_a_full_disk_costs_one_line(folder, monkeypatch, capfd):
     def full(*_):
-        raise ValueError("out.partial/images/ccd1/000000.png: cannot be written (No space left on device)")
+        raise ValueError(
+            "out.partial/images/ccd1/000000.png: cannot be written (No space left on device)"
+        )
 
     monkeypatch.setattr(recordings, "add", full)
     assert run(RENDER) == 2

@@ -11,8 +11,14 @@ from trinolab.files.rigs import read_rig, write_rig
 
 
 def table(name="a", **changes):
-    fields = {"name": name, "size": [640, 480], "matrix": [[800.0, 0.0, 300.0], [0.0, 700.0, 250.0], [0.0, 0.0, 1.0]],
-              "distortions": [0.1, 0.0, 0.0, 0.0, 0.0], "rotation": [0.1, -0.2, 0.3], "translation": [1.0, 2.0, 3.0]}
+    fields = {
+        "name": name,
+        "size": [640, 480],
+        "matrix": [[800.0, 0.0, 300.0], [0.0, 700.0, 250.0], [0.0, 0.0, 1.0]],
+        "distortions": [0.1, 0.0, 0.0, 0.0, 0.0],
+        "rotation": [0.1, -0.2, 0.3],
+        "translation": [1.0, 2.0, 3.0],
+    }
     return {key: value for key, value in {**fields, **changes}.items() if value is not None}
 
 
@@ -23,7 +29,8 @@ def write(path, *tables):
 
 def test_a_file_by_hand(tmp_path):
     path = tmp_path / "rig.toml"
-    path.write_text("""
+    path.write_text(
+        """
 [cam_0]
 name = "left"
 size = [640, 480]
@@ -43,27 +50,39 @@ translation = [0, 0, 0]
 [metadata]
 adjusted = false
 error = 0.0
-""", encoding="utf-8")
+""",
+        encoding="utf-8",
+    )
     rig = read_rig(path)
     assert rig.names == ("left", "right")
     # World to camera: a quarter turn about y carries world z to camera x.
-    np.testing.assert_allclose(rig.cameras[0].T_cam_world.apply([0.0, 0.0, 10.0]), [11.0, 2.0, 3.0], atol=1e-12)
-    np.testing.assert_array_equal(rig.cameras[1].distortions, [0.1, 0.2, 0.3, 0.4, 0.0])  # four: k3 is 0
+    np.testing.assert_allclose(
+        rig.cameras[0].T_cam_world.apply([0.0, 0.0, 10.0]), [11.0, 2.0, 3.0], atol=1e-12
+    )
+    # four: k3 is 0
+    np.testing.assert_array_equal(rig.cameras[1].distortions, [0.1, 0.2, 0.3, 0.4, 0.0])
     assert rig.cameras[0].size == (640, 480)
 
 
 def test_round_trip_keeps_every_digit(tmp_path):
     rng = np.random.default_rng(0)
-    cameras = [Camera(f"c{k}", (1280, 1024), np.array([[2956.2067, 0, 627.993], [0, 2940.1, 515.2], [0, 0, 1]]),
-                      rng.normal(0, 0.1, 5),
-                      RigidTransform.from_components(rng.normal(0, 500, 3), Rotation.random(rng=rng)))
-               for k in range(4)]
+    cameras = [
+        Camera(
+            f"c{k}",
+            (1280, 1024),
+            np.array([[2956.2067, 0, 627.993], [0, 2940.1, 515.2], [0, 0, 1]]),
+            rng.normal(0, 0.1, 5),
+            RigidTransform.from_components(rng.normal(0, 500, 3), Rotation.random(rng=rng)),
+        )
+        for k in range(4)
+    ]
     write_rig(Rig(tuple(cameras)), tmp_path / "rig.toml")
     for a, b in zip(cameras, read_rig(tmp_path / "rig.toml").cameras, strict=True):
         assert (a.name, a.size) == (b.name, b.size)
         np.testing.assert_array_equal(a.matrix, b.matrix)
         np.testing.assert_array_equal(a.distortions, b.distortions)
-        np.testing.assert_allclose(a.T_cam_world.as_matrix(), b.T_cam_world.as_matrix(), atol=1e-12)  # via a vector
+        # via a vector
+        np.testing.assert_allclose(a.T_cam_world.as_matrix(), b.T_cam_world.as_matrix(), atol=1e-12)
 
 
 def test_the_order_of_the_file_is_the_camera_axis(tmp_path):
@@ -79,8 +98,10 @@ def test_shipped_rigs_can_be_read_by_path(name):
 
 NAN, TEXT = float("nan"), "much"
 WRONG = {
-    **{f"no {field}": (field, table(**{field: None}))
-       for field in ("name", "size", "matrix", "rotation", "translation")},
+    **{
+        f"no {field}": (field, table(**{field: None}))
+        for field in ("name", "size", "matrix", "rotation", "translation")
+    },
     "text in the size": ("size", table(size=[640, TEXT])),
     "size as text": ("size", table(size="640 x 480")),
     "a broken size": ("size", table(size=[640.5, 480])),
@@ -88,7 +109,10 @@ WRONG = {
     "NaN in the matrix": ("matrix", table(matrix=[[NAN, 0, 300], [0, 700, 250], [0, 0, 1]])),
     "a ragged matrix": ("matrix", table(matrix=[[800, 0, 300], [0, 700], [0, 0, 1]])),
     "skew": ("matrix", table(matrix=[[800, 1, 300], [0, 700, 250], [0, 0, 1]])),
-    "a negative focal length": ("matrix: fx", table(matrix=[[-800, 0, 300], [0, 700, 250], [0, 0, 1]])),
+    "a negative focal length": (
+        "matrix: fx",
+        table(matrix=[[-800, 0, 300], [0, 700, 250], [0, 0, 1]]),
+    ),
     "a rotation matrix": ("rotation", table(rotation=np.eye(3).tolist())),
     "a quaternion": ("rotation", table(rotation=[0.0, 0.0, 0.0, 1.0])),
     "text in the rotation": ("rotation", table(rotation=[0.0, TEXT, 0.0])),
@@ -119,14 +143,25 @@ def test_a_wrong_camera_is_named_with_its_file_and_field(tmp_path, case):
     assert message.count(str(path)) == 1
 
 
-@pytest.mark.parametrize(("content", "message"), [
-    ("", "two or more, got 0"), (tomli_w.dumps({"one": table()}), "two or more, got 1"),
-    (tomli_w.dumps({"one": table(), "two": table()}), "different names"),
-    (tomli_w.dumps({"one": table(), "two": table("b")}), "different places, got a and b in one"),
-    ("a = " + 5000 * "[", "lists within lists"), ("a = " + 5000 * "9", "no valid TOML"),
-    ("name = 3\n", "name"), ("[[cam]]\nname = 'a'\n[[cam]]\nname = 'b'\n", "cam"),
-    ("this is no file of tables", "no valid TOML"), ("a = [1, 2", "no valid TOML"), (b"\xff\xfe\x00", "no valid TOML"),
-])
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        ("", "two or more, got 0"),
+        (tomli_w.dumps({"one": table()}), "two or more, got 1"),
+        (tomli_w.dumps({"one": table(), "two": table()}), "different names"),
+        (
+            tomli_w.dumps({"one": table(), "two": table("b")}),
+            "different places, got a and b in one",
+        ),
+        ("a = " + 5000 * "[", "lists within lists"),
+        ("a = " + 5000 * "9", "no valid TOML"),
+        ("name = 3\n", "name"),
+        ("[[cam]]\nname = 'a'\n[[cam]]\nname = 'b'\n", "cam"),
+        ("this is no file of tables", "no valid TOML"),
+        ("a = [1, 2", "no valid TOML"),
+        (b"\xff\xfe\x00", "no valid TOML"),
+    ],
+)
 def test_a_wrong_file_is_named(tmp_path, content, message):
     path = tmp_path / "rig.toml"
     path.write_bytes(content if isinstance(content, bytes) else content.encode())

@@ -12,8 +12,14 @@ from trinolab.slave.arm import Limits, forward, joint_values, load_robot
 from trinolab.slave.control import speed_bounds, stopping_speed
 
 # User Manual UR5/CB3, Table B.4: a, d (m), alpha
-DH = [(0.0, 0.089159, np.pi / 2), (-0.425, 0.0, 0.0), (-0.39225, 0.0, 0.0), (0.0, 0.10915, np.pi / 2),
-      (0.0, 0.09465, -np.pi / 2), (0.0, 0.0823, 0.0)]
+DH = [
+    (0.0, 0.089159, np.pi / 2),
+    (-0.425, 0.0, 0.0),
+    (-0.39225, 0.0, 0.0),
+    (0.0, 0.10915, np.pi / 2),
+    (0.0, 0.09465, -np.pi / 2),
+    (0.0, 0.0823, 0.0),
+]
 UR5 = data_path("robots", "ur5.xml").read_text()
 
 
@@ -21,7 +27,12 @@ def by_the_table(q):
     T = np.eye(4)
     for theta, (a, d, alpha) in zip(q, DH, strict=True):
         c, s, ca, sa = np.cos(theta), np.sin(theta), np.cos(alpha), np.sin(alpha)
-        T = T @ [[c, -s * ca, s * sa, a * c], [s, c * ca, -c * sa, a * s], [0, sa, ca, d], [0, 0, 0, 1]]
+        T = T @ [
+            [c, -s * ca, s * sa, a * c],
+            [s, c * ca, -c * sa, a * s],
+            [0, sa, ca, d],
+            [0, 0, 0, 1],
+        ]
     return T
 
 
@@ -63,22 +74,43 @@ def test_joints_by_name(robot):
     np.testing.assert_array_equal(q, [*robot.home[:2], 1.0, *robot.home[3:5], -0.5])
 
 
-@pytest.mark.parametrize(("change", "named"), [
-    ({"knee": 0.0}, "joints: unknown joint 'knee'; there are shoulder_pan"),
-    ({"elbow": 3.2}, "joints: elbow: expected"),
-    ({"elbow": np.nan}, "joints: elbow: expected"), ({"elbow": "far"}, "joints: elbow: expected")])
+@pytest.mark.parametrize(
+    ("change", "named"),
+    [
+        ({"knee": 0.0}, "joints: unknown joint 'knee'; there are shoulder_pan"),
+        ({"elbow": 3.2}, "joints: elbow: expected"),
+        ({"elbow": np.nan}, "joints: elbow: expected"),
+        ({"elbow": "far"}, "joints: elbow: expected"),
+    ],
+)
 def test_joints_that_are_refused(robot, change, named):
     with pytest.raises(ValueError, match=named):
         joint_values(robot, change)
 
 
-@pytest.mark.parametrize(("old", "new", "named"), [
-    ("<mujoco", "<mujoko", "cannot be read as a robot"), ('site name="tool"', 'site name="point"', "no site 'tool'"),
-    ('range="0.35 3.141592653589793"', 'range="3 -3"', "cannot be read as a robot|wrong way round"),
-    ('<velocity class="servo_speed" name="elbow_speed" joint="elbow"/>', "",
-     "joint 'elbow' has no servo called 'elbow_speed'"),
-    ('name="elbow" axis', 'name="elbow" type="slide" axis', "expected hinges as its only joints"),
-    ('qpos="0 -1.35 1.9', 'qpos="0 -1.35 3.9', "its home is beyond the limits")])
+@pytest.mark.parametrize(
+    ("old", "new", "named"),
+    [
+        ("<mujoco", "<mujoko", "cannot be read as a robot"),
+        ('site name="tool"', 'site name="point"', "no site 'tool'"),
+        (
+            'range="0.35 3.141592653589793"',
+            'range="3 -3"',
+            "cannot be read as a robot|wrong way round",
+        ),
+        (
+            '<velocity class="servo_speed" name="elbow_speed" joint="elbow"/>',
+            "",
+            "joint 'elbow' has no servo called 'elbow_speed'",
+        ),
+        (
+            'name="elbow" axis',
+            'name="elbow" type="slide" axis',
+            "expected hinges as its only joints",
+        ),
+        ('qpos="0 -1.35 1.9', 'qpos="0 -1.35 3.9', "its home is beyond the limits"),
+    ],
+)
 def test_files_that_are_no_arm(tmp_path, old, new, named):
     assert old in UR5
     (tmp_path / "arm.xml").write_text(UR5.replace(old, new, 1))
@@ -87,10 +119,16 @@ def test_files_that_are_no_arm(tmp_path, old, new, named):
     assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize(("arguments", "named"), [
-    (("ur6",), "ur6.xml: no such data file"), (("none.xml",), "none.xml: no such file"),
-    (("ur5", 0.0), "speed_rad_s"), (("ur5", 1.0, [1.0, 2.0]), "acceleration_rad_s2"),
-    (("ur5", 1.0, -1.0), "acceleration_rad_s2")])
+@pytest.mark.parametrize(
+    ("arguments", "named"),
+    [
+        (("ur6",), "ur6.xml: no such data file"),
+        (("none.xml",), "none.xml: no such file"),
+        (("ur5", 0.0), "speed_rad_s"),
+        (("ur5", 1.0, [1.0, 2.0]), "acceleration_rad_s2"),
+        (("ur5", 1.0, -1.0), "acceleration_rad_s2"),
+    ],
+)
 def test_what_is_refused(arguments, named):
     with pytest.raises(ValueError, match=named):
         load_robot(*arguments)
@@ -100,7 +138,9 @@ def test_what_is_refused(arguments, named):
 
 
 @given(st.floats(0, 10), st.floats(0.1, 100), st.floats(1e-4, 0.1))
-def test_from_the_stopping_speed_a_joint_stops_in_time_and_hardly_earlier(distance, acceleration, dt):
+def test_from_the_stopping_speed_a_joint_stops_in_time_and_hardly_earlier(
+    distance, acceleration, dt
+):
     speed = float(stopping_speed(np.array(distance), np.array(acceleration), dt))
     covered, now = 0.0, speed
     for _ in range(int(speed / (acceleration * dt)) + 2):
@@ -110,7 +150,11 @@ def test_from_the_stopping_speed_a_joint_stops_in_time_and_hardly_earlier(distan
 
 
 @settings(max_examples=200, deadline=None)
-@given(st.lists(st.floats(-50, 50), min_size=1, max_size=300), st.floats(0.5, 20), st.floats(0.001, 0.02))
+@given(
+    st.lists(st.floats(-50, 50), min_size=1, max_size=300),
+    st.floats(0.5, 20),
+    st.floats(0.001, 0.02),
+)
 def test_whatever_is_wanted_no_limit_is_exceeded(wanted, acceleration, dt):
     limits = Limits(*(np.array([value]) for value in (-0.5, 0.8, 2.0, acceleration)))
     q, speed = np.array([0.1]), np.zeros(1)

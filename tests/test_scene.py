@@ -1,4 +1,6 @@
-"""The simulated bench as an instrument: every reference here comes from another algorithm than the ray caster's."""
+"""The simulated bench as an instrument: every reference here comes from another algorithm than the
+ray caster's.
+"""
 
 import inspect
 
@@ -9,7 +11,16 @@ from scipy.spatial.transform import RigidTransform, Rotation
 from trinolab.bench.hand import Arm, true_visibility
 from trinolab.bench.motion import random_pose
 from trinolab.bench.optics import Bench, background, blurred, digitise
-from trinolab.bench.rays import CAP, EMPTY, SIDE, body_region, cast, edge_pixels, marker_outline, sample_offsets
+from trinolab.bench.rays import (
+    CAP,
+    EMPTY,
+    SIDE,
+    body_region,
+    cast,
+    edge_pixels,
+    marker_outline,
+    sample_offsets,
+)
 from trinolab.bench.scene import radiance, render, render_clip, render_rig, scaled
 from trinolab.camera import Camera, Rig
 from trinolab.handle import Handle, slants
@@ -39,7 +50,8 @@ def centroid(weights):
     return np.array([(weights * u).sum(), (weights * v).sum()]) / weights.sum()
 
 
-# --- geometry -------------------------------------------------------------------------------------------------------
+# --- geometry
+# -------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("camera", [PLAIN, BENT], ids=["plain", "distorted"])
@@ -49,27 +61,38 @@ def test_the_ray_through_a_projected_marker_centre_meets_that_centre(camera):
     for _ in range(100):
         T = random_pose(rng)
         centres = T.apply(PAPER.marker_centres)
-        seen = np.flatnonzero((slants(PAPER, T, camera.centre) < np.deg2rad(85)) & camera.sees(centres))
+        seen = np.flatnonzero(
+            (slants(PAPER, T, camera.centre) < np.deg2rad(85)) & camera.sees(centres)
+        )
         uv = camera.project(centres[seen])
         hits = cast(camera, PAPER, T, uv)
         assert (hits.labels == seen).all()
-        np.testing.assert_allclose(hits.points, PAPER.marker_centres[seen], atol=1e-9)  # mm; worst here 3e-11
-        np.testing.assert_allclose(camera.project(T.apply(hits.points)), uv, atol=1e-9)  # px; worst here 2e-11
+        # mm; worst here 3e-11
+        np.testing.assert_allclose(hits.points, PAPER.marker_centres[seen], atol=1e-9)
+        # px; worst here 2e-11
+        np.testing.assert_allclose(camera.project(T.apply(hits.points)), uv, atol=1e-9)
         tried += len(seen)
     assert tried > 250
 
 
 def test_a_marker_centre_is_drawn_where_pencil_and_paper_put_it():
-    """At (0, 10, 535) in front of the camera: u = 628, v = 515 + 2940.1 x 10 / 535 = 569.96; the image is [v, u]."""
-    image = radiance(PLAIN, PAPER, pose([0, 0, 540], Rotation.from_euler("y", 180, degrees=True)), UNLIT)
+    """At (0, 10, 535) in front of the camera: u = 628, v = 515 + 2940.1 x 10 / 535 = 569.96; the
+    image is [v, u].
+    """
+    image = radiance(
+        PLAIN, PAPER, pose([0, 0, 540], Rotation.from_euler("y", 180, degrees=True)), UNLIT
+    )
     assert image[570, 628] == 220
-    assert (image[563:578, 628] == 220).all()  # 1.5 mm x 2940.1 / 535 = 8.2 px to either side of 569.96
+    # 1.5 mm x 2940.1 / 535 = 8.2 px to either side of 569.96
+    assert (image[563:578, 628] == 220).all()
     assert image[560, 628] == image[579, 628] == 90
     assert image[628, 570] == pytest.approx(background(PLAIN, UNLIT)[628, 570])
 
 
 def test_hits_agree_with_sphere_tracing():
-    """The first meeting, found by marching along the ray by the distance to the body, from all sides and end-on."""
+    """The first meeting, found by marching along the ray by the distance to the body, from all
+    sides and end-on.
+    """
     rng = np.random.default_rng(2)
     labels = []
     for _ in range(40):
@@ -81,20 +104,28 @@ def test_hits_agree_with_sphere_tracing():
         hits = cast(PLAIN, PAPER, T, uv)
         marched = sphere_traced(PAPER, T, PLAIN.rays(uv))
         sure = ~np.isnan(marched).any(axis=1) & (hits.labels != EMPTY)
-        assert (np.isnan(marched).any(axis=1) != (hits.labels == EMPTY)).sum() <= 1  # rays that graze the silhouette
-        np.testing.assert_allclose(hits.points[sure], marched[sure], atol=1e-3)  # mm; marching stops 1e-9 mm away
+        # rays that graze the silhouette
+        assert (np.isnan(marched).any(axis=1) != (hits.labels == EMPTY)).sum() <= 1
+        # mm; marching stops 1e-9 mm away
+        np.testing.assert_allclose(hits.points[sure], marched[sure], atol=1e-3)
         labels.extend(hits.labels)
     assert min(labels.count(part) for part in (EMPTY, SIDE, CAP)) > 20
 
 
 def sphere_traced(handle, T_world_handle, rays):
-    """Points of the handle's frame where world rays from the origin meet the body, NaN for a miss."""
+    """Points of the handle's frame where world rays from the origin meet the body, NaN for a
+    miss.
+    """
     origin, directions = T_world_handle.inv().translation, T_world_handle.rotation.inv().apply(rays)
     depth = np.zeros(len(rays))
     for _ in range(2000):
         x, y, z = (origin + depth[:, None] * directions).T
-        outside = np.stack([np.hypot(x, z) - handle.radius_mm, np.abs(y - handle.top_mm + handle.length_mm / 2)
-                            - handle.length_mm / 2])
+        outside = np.stack(
+            [
+                np.hypot(x, z) - handle.radius_mm,
+                np.abs(y - handle.top_mm + handle.length_mm / 2) - handle.length_mm / 2,
+            ]
+        )
         distance = np.hypot(*np.maximum(outside, 0)) + np.minimum(outside.max(axis=0), 0)
         depth = np.minimum(depth + distance, 2000)
     points = origin + depth[:, None] * directions
@@ -123,25 +154,39 @@ AWKWARD = {
 @pytest.mark.parametrize("camera", [PLAIN, BENT], ids=["plain", "distorted"])
 @pytest.mark.parametrize("T", AWKWARD.values(), ids=AWKWARD.keys())
 def test_no_edge_is_missed(camera, T):
-    """8 x 8 samples everywhere on the body and around it give the same image as 8 x 8 samples at the edges."""
-    small = Camera(camera.name, (160, 128), np.diag([1 / 8, 1 / 8, 1]) @ MATRIX, camera.distortions, IDENTITY)
+    """8 x 8 samples everywhere on the body and around it give the same image as 8 x 8 samples at
+    the edges.
+    """
+    small = Camera(
+        camera.name, (160, 128), np.diag([1 / 8, 1 / 8, 1]) @ MATRIX, camera.distortions, IDENTITY
+    )
     bench = Bench(shading=0, texture_contrast=0, background_grey=0, marker_supersampling=8)
     image = radiance(small, PAPER, T, bench)
     v, u = np.mgrid[:128, :160].reshape(2, -1)
     uv = (np.column_stack([u, v])[:, None] + sample_offsets(8)).reshape(-1, 2)
     labels = cast(small, PAPER, T, uv).labels
-    grey = np.where(labels >= 0, 220.0, np.where(labels == EMPTY, 0.0, 90.0)).reshape(128, 160, -1).mean(axis=2)
+    grey = (
+        np.where(labels >= 0, 220.0, np.where(labels == EMPTY, 0.0, 90.0))
+        .reshape(128, 160, -1)
+        .mean(axis=2)
+    )
     np.testing.assert_allclose(image, grey, atol=1e-9)  # greys of 64 equal samples: rounding alone
     assert image.max() > 0
 
 
 def test_a_body_thinner_than_a_pixel_is_not_missed():
-    """0.4 px wide: its light is that of its area in the image, whatever pixel centres it passes by."""
-    tiny, sharp = scaled(PLAIN, 1 / 128), Bench(shading=0, texture_contrast=0, background_grey=0, marker_grey=90)
+    """0.4 px wide: its light is that of its area in the image, whatever pixel centres it passes
+    by.
+    """
+    tiny, sharp = (
+        scaled(PLAIN, 1 / 128),
+        Bench(shading=0, texture_contrast=0, background_grey=0, marker_grey=90),
+    )
     for x in (0, 7, 19):
         T = pose([x, 75, 540], Rotation.identity())
         whole = radiance(PLAIN, PAPER, T, sharp).sum() / 128**2
-        assert radiance(tiny, PAPER, T, sharp).sum() == pytest.approx(whole, rel=0.15)  # 8 x 8 samples a pixel
+        # 8 x 8 samples a pixel
+        assert radiance(tiny, PAPER, T, sharp).sum() == pytest.approx(whole, rel=0.15)
 
 
 def test_the_edge_pixels_are_few_and_disjoint():
@@ -163,28 +208,34 @@ def test_a_symmetry_of_the_handle_shows_the_same_markers():
     for S in PAPER.symmetries:
         turned = cast(PLAIN, PAPER, T * S, uv).labels
         assert ((labels >= 0) == (turned >= 0)).all()
-        where = S.inv().apply(PAPER.marker_centres)  # marker k of the turned handle is where marker partner[k] was
+        # marker k of the turned handle is where marker partner[k] was
+        where = S.inv().apply(PAPER.marker_centres)
         partner = np.linalg.norm(where[:, None] - PAPER.marker_centres, axis=2).argmin(axis=1)
         assert (turned[labels >= 0] == partner[labels[labels >= 0]]).all()
     assert len(PAPER.symmetries) == 12
     assert len(set(labels[labels >= 0])) >= 4
 
 
-# --- marker images --------------------------------------------------------------------------------------------------
+# --- marker images
+# --------------------------------------------------------------------------------------------------
 
 RADIUS = 1e5  # mm: on it a marker is flat, its sagitta is 1e-5 mm
 FLAT = Handle("flat", RADIUS, 60, 30, 3, [0], [[0]])
 
 
 def flat_cases(count=90, seed=5):
-    """Slant in deg and pose of a flat disc, turned about axes in all directions, the rows and columns among them."""
+    """Slant in deg and pose of a flat disc, turned about axes in all directions, the rows and
+    columns among them.
+    """
     rng = np.random.default_rng(seed)
     cases = []
     for k in range(count):
         slant, azimuth = (0, 20, 40, 55, 65, 70)[k % 6], rng.uniform(0, 2 * np.pi)
         if k % 5 == 0:
             azimuth = np.pi / 4 * np.round(azimuth / (np.pi / 4))
-        tilt = Rotation.from_rotvec(np.deg2rad(slant) * np.array([np.cos(azimuth), np.sin(azimuth), 0]))
+        tilt = Rotation.from_rotvec(
+            np.deg2rad(slant) * np.array([np.cos(azimuth), np.sin(azimuth), 0])
+        )
         rotation = tilt * Rotation.from_euler("y", 180, degrees=True)
         centre = rng.uniform([-0.6, -0.6, 520], [0.6, 0.6, 620])
         cases.append((slant, pose(centre - rotation.apply([0, 0, RADIUS]), rotation)))
@@ -192,7 +243,9 @@ def flat_cases(count=90, seed=5):
 
 
 def ellipse_centre(camera, T_world_handle):
-    """Centre of the projected circle, closed form: the disc's plane to the image is a homography, a circle a conic."""
+    """Centre of the projected circle, closed form: the disc's plane to the image is a homography, a
+    circle a conic.
+    """
     M = T_world_handle.as_matrix()
     H = camera.matrix @ np.column_stack([M[:3, 0], M[:3, 1], M[:3, 2] * RADIUS + M[:3, 3]])
     inverse = np.linalg.inv(H)
@@ -201,8 +254,14 @@ def ellipse_centre(camera, T_world_handle):
 
 
 def disc_errors(count):
-    camera, bench = window([628, 515], (64, 56)), Bench(shading=0, supersampling=count, marker_supersampling=count)
-    errors = [centroid(radiance(camera, FLAT, T, bench) - 90) - ellipse_centre(camera, T) for _, T in flat_cases()]
+    camera, bench = (
+        window([628, 515], (64, 56)),
+        Bench(shading=0, supersampling=count, marker_supersampling=count),
+    )
+    errors = [
+        centroid(radiance(camera, FLAT, T, bench) - 90) - ellipse_centre(camera, T)
+        for _, T in flat_cases()
+    ]
     return np.linalg.norm(errors, axis=1)
 
 
@@ -230,14 +289,18 @@ def test_the_area_of_a_frontal_disc():
 @pytest.mark.parametrize("distortions", [(0,) * 5, BARREL], ids=["plain", "distorted"])
 @pytest.mark.parametrize("slant_deg", [0, 20, 40, 55, 65])
 def test_a_wrapped_marker_is_the_polygon_of_its_projected_edge(slant_deg, distortions):
-    """Area and centroid against Green's theorem on 4000 projected points of the edge, all of it in view."""
+    """Area and centroid against Green's theorem on 4000 projected points of the edge, all of it in
+    view.
+    """
     single = Handle("single", 5, 200, 25, 3, [0], [[10]])
     bench = Bench(shading=0, body_grey=0, marker_grey=200, background_grey=0)
     rng = np.random.default_rng(slant_deg)
     whole = Camera("whole", (1280, 1024), MATRIX, distortions, IDENTITY)
     for _ in range(6):
         spin = Rotation.from_euler("z", rng.uniform(-180, 180), degrees=True)
-        rotation = spin * Rotation.from_euler("y", 180 + slant_deg * rng.choice([-1, 1]), degrees=True)
+        rotation = spin * Rotation.from_euler(
+            "y", 180 + slant_deg * rng.choice([-1, 1]), degrees=True
+        )
         T = pose(rng.uniform([-30, -20, 520], [30, 20, 620]), rotation)
         edge = T.apply(marker_outline(single, 0, 4000))
         camera = window(whole.project(edge).mean(axis=0), distortions=distortions)
@@ -256,7 +319,8 @@ def polygon(uv):
     return abs(cross.sum()) / 2, start + moment / (3 * cross.sum())
 
 
-# --- light, blur, noise ---------------------------------------------------------------------------------------------
+# --- light, blur, noise
+# ---------------------------------------------------------------------------------------------
 
 
 def test_a_surface_that_faces_the_light_has_its_nominal_grey():
@@ -267,7 +331,9 @@ def test_a_surface_that_faces_the_light_has_its_nominal_grey():
 
 
 def test_a_marker_turned_away_stays_well_visible():
-    """At 65 deg from the light: 1 - 0.3 + 0.3 cos 65 deg = 0.827 of its grey, and so the body beside it."""
+    """At 65 deg from the light: 1 - 0.3 + 0.3 cos 65 deg = 0.827 of its grey, and so the body
+    beside it.
+    """
     T = pose([0, 0, 540], Rotation.from_euler("y", 180 + 65, degrees=True))
     u, v = PLAIN.project(T.apply(PAPER.marker_centres[:1]))[0].round().astype(int)
     image = radiance(PLAIN, PAPER, T, Bench(light=(0, 0, -1)))
@@ -283,16 +349,24 @@ def test_an_end_cap_is_lit_like_any_surface(tip_deg):
 
 
 def test_the_light_stands_still_in_the_world():
-    """From one side the body is brighter on that side, however the handle is turned about its axis."""
+    """From one side the body is brighter on that side, however the handle is turned about its
+    axis.
+    """
     for turn in (0, 100, 200):
-        image = radiance(PLAIN, PAPER, pose([0, 0, 540], Rotation.from_euler("y", turn, degrees=True)),
-                         Bench(light=(-1, 0, 0), shading=0.5))
+        image = radiance(
+            PLAIN,
+            PAPER,
+            pose([0, 0, 540], Rotation.from_euler("y", turn, degrees=True)),
+            Bench(light=(-1, 0, 0), shading=0.5),
+        )
         assert image[515, 608] > image[515, 648] + 20
 
 
 def test_dark_markers_on_a_bright_body():
     dark = Handle("dark", 5, 200, 25, 3, [0], [[10]], markers="dark")
-    image = radiance(PLAIN, dark, pose([0, 0, 540], Rotation.from_euler("y", 180, degrees=True)), UNLIT)
+    image = radiance(
+        PLAIN, dark, pose([0, 0, 540], Rotation.from_euler("y", 180, degrees=True)), UNLIT
+    )
     assert (image[570, 628], image[515, 628]) == (90, 220)
 
 
@@ -302,10 +376,12 @@ def test_the_blur_is_a_gaussian_of_the_stated_width():
     out = blurred(image, Bench(blur_px=0.7))
     v, u = np.mgrid[:41, :31]
     assert out.sum() == pytest.approx(1, abs=1e-12)
-    assert (out * (u - 15) ** 2).sum() == pytest.approx(0.49, abs=2e-3)  # 0.4888: sampled at whole pixels
+    # 0.4888: sampled at whole pixels
+    assert (out * (u - 15) ** 2).sum() == pytest.approx(0.49, abs=2e-3)
     assert (out * (v - 20) ** 2).sum() == pytest.approx(0.49, abs=2e-3)
     assert (blurred(image, Bench(blur_px=0)) == image).all()
-    np.testing.assert_allclose(blurred(np.full((9, 8), 70.0), Bench()), 70, atol=1e-9)  # greys; up to the border
+    # greys; up to the border
+    np.testing.assert_allclose(blurred(np.full((9, 8), 70.0), Bench()), 70, atol=1e-9)
     assert image[20, 15] == 1.0
 
 
@@ -328,12 +404,15 @@ def test_greys_are_clipped_to_eight_bits():
     assert frame.max() == 255
 
 
-# --- frames and backgrounds -----------------------------------------------------------------------------------------
+# --- frames and backgrounds
+# -----------------------------------------------------------------------------------------
 
 
 def test_one_seed_gives_one_frame():
     T = random_pose(np.random.default_rng(8))
-    first, again, other = (render(PLAIN, PAPER, T, Bench(), np.random.default_rng(seed)) for seed in (1, 1, 2))
+    first, again, other = (
+        render(PLAIN, PAPER, T, Bench(), np.random.default_rng(seed)) for seed in (1, 1, 2)
+    )
     assert first.shape == (1024, 1280)
     assert (first == again).all()
     assert (first != other).mean() > 0.5
@@ -362,7 +441,9 @@ def test_the_background_has_its_mean_and_contrast_and_its_seed():
     assert (background(PLAIN, Bench(texture_contrast=0)) == 45).all()
 
 
-@pytest.mark.parametrize("position", [[0, 0, -540], [900, 0, 540], [0, -900, 540]], ids=["behind", "right", "above"])
+@pytest.mark.parametrize(
+    "position", [[0, 0, -540], [900, 0, 540], [0, -900, 540]], ids=["behind", "right", "above"]
+)
 def test_a_handle_out_of_view_leaves_the_background(position):
     for camera in (PLAIN, BENT):
         image = radiance(camera, PAPER, pose(position, Rotation.identity()), Bench())
@@ -383,7 +464,8 @@ def test_a_rig_gives_a_frame_a_camera_in_its_order():
     assert max(frame.max() for frame in empty) < 120 < min(frame.max() for frame in frames)
 
 
-# --- clips, light, scale --------------------------------------------------------------------------------------------
+# --- clips, light, scale
+# --------------------------------------------------------------------------------------------
 
 
 def test_the_light_is_a_factor_on_everything_and_the_noise_follows_it():
@@ -400,11 +482,18 @@ def test_the_light_is_a_factor_on_everything_and_the_noise_follows_it():
 
 
 def test_a_clip_is_its_frames():
-    """The same draws as one call of `render` after the other, in step with poses, arms and lights."""
+    """The same draws as one call of `render` after the other, in step with poses, arms and
+    lights.
+    """
     small = scaled(PLAIN, 0.125)
-    poses, arms, lights = [None, AWKWARD["on its side"], random_pose(np.random.default_rng(3))], [None, Arm(), None], [
-        1, 0.5, 2]
-    clip = render_clip(small, PAPER, poses, Bench(), np.random.default_rng(7), arm=arms, lights=lights)
+    poses, arms, lights = (
+        [None, AWKWARD["on its side"], random_pose(np.random.default_rng(3))],
+        [None, Arm(), None],
+        [1, 0.5, 2],
+    )
+    clip = render_clip(
+        small, PAPER, poses, Bench(), np.random.default_rng(7), arm=arms, lights=lights
+    )
     assert inspect.isgenerator(clip)
     rng = np.random.default_rng(7)
     for frame, T, arm, gain in zip(clip, poses, arms, lights, strict=True):
@@ -412,28 +501,40 @@ def test_a_clip_is_its_frames():
     batch = RigidTransform.concatenate(poses[1:])
     held = list(render_clip(small, PAPER, batch, Bench(), np.random.default_rng(7), Arm()))
     rng = np.random.default_rng(7)
-    assert [(a == render(small, PAPER, T, Bench(), rng, Arm())).all() for a, T in zip(held, batch, strict=True)] == [
-        True, True]
+    assert [
+        (a == render(small, PAPER, T, Bench(), rng, Arm())).all()
+        for a, T in zip(held, batch, strict=True)
+    ] == [True, True]
 
 
 def test_a_rigs_clip_gives_lists_of_frames():
     second = Camera("ccd2", (64, 48), np.diag([1 / 20, 1 / 20, 1]) @ MATRIX, [0] * 5, IDENTITY)
     rig = Rig((scaled(PLAIN, 0.125), second))
-    clip = list(render_clip(rig, PAPER, [None, AWKWARD["steep"]], Bench(), np.random.default_rng(7)))
+    clip = list(
+        render_clip(rig, PAPER, [None, AWKWARD["steep"]], Bench(), np.random.default_rng(7))
+    )
     rng = np.random.default_rng(7)
     for frames, T in zip(clip, (None, AWKWARD["steep"]), strict=True):
         assert [frame.shape for frame in frames] == [(128, 160), (48, 64)]
-        assert all((a == b).all() for a, b in zip(frames, render_rig(rig, PAPER, T, Bench(), rng), strict=True))
+        assert all(
+            (a == b).all()
+            for a, b in zip(frames, render_rig(rig, PAPER, T, Bench(), rng), strict=True)
+        )
 
 
 @pytest.mark.parametrize("camera", [PLAIN, BENT], ids=["plain", "distorted"])
 @pytest.mark.parametrize("factor", [0.5, 0.25, 2])
 def test_a_scaled_camera_sees_the_same_through_larger_pixels(camera, factor):
-    """The image's corner, half a pixel outside the first centre, and every point keep their place in the image."""
+    """The image's corner, half a pixel outside the first centre, and every point keep their place
+    in the image.
+    """
     small = scaled(camera, factor)
     assert small.size == (1280 * factor, 1024 * factor)
     points = np.random.default_rng(2).uniform([-90, -60, 520], [90, 60, 620], (50, 3))
-    np.testing.assert_allclose((small.project(points) + 0.5) / factor, camera.project(points) + 0.5, atol=1e-9)  # px
+    # px
+    np.testing.assert_allclose(
+        (small.project(points) + 0.5) / factor, camera.project(points) + 0.5, atol=1e-9
+    )
 
 
 def test_half_the_pixels_a_side_are_means_of_four():
@@ -441,16 +542,23 @@ def test_half_the_pixels_a_side_are_means_of_four():
     T = AWKWARD["on its side"]
     whole, half = (radiance(camera, PAPER, T, even) for camera in (PLAIN, scaled(PLAIN, 0.5)))
     means = whole.reshape(512, 2, 640, 2).mean(axis=(1, 3))
-    np.testing.assert_allclose(half, means, atol=3)  # grey levels; an edge's samples, 16 x 16 against 32 x 32
+    # grey levels; an edge's samples, 16 x 16 against 32 x 32
+    np.testing.assert_allclose(half, means, atol=3)
     assert np.abs(half - means).mean() < 0.005
 
 
 def test_clips_and_scales_name_what_is_wrong():
     rng, T = np.random.default_rng(0), AWKWARD["steep"]
     for name, call in {
-        "arm: expected one for each of 2 poses": lambda: render_clip(PLAIN, PAPER, [T, T], Bench(), rng, [Arm()]),
-        "lights: expected shape": lambda: render_clip(PLAIN, PAPER, [T, T], Bench(), rng, lights=[1.0]),
-        "lights: expected factors": lambda: render_clip(PLAIN, PAPER, [T], Bench(), rng, lights=[-1.0]),
+        "arm: expected one for each of 2 poses": lambda: render_clip(
+            PLAIN, PAPER, [T, T], Bench(), rng, [Arm()]
+        ),
+        "lights: expected shape": lambda: render_clip(
+            PLAIN, PAPER, [T, T], Bench(), rng, lights=[1.0]
+        ),
+        "lights: expected factors": lambda: render_clip(
+            PLAIN, PAPER, [T], Bench(), rng, lights=[-1.0]
+        ),
         "T_world_handle: expected": lambda: list(render_clip(PLAIN, PAPER, [3], Bench(), rng)),
         "gain: expected": lambda: render(PLAIN, PAPER, T, Bench(), rng, gain=-1),
         "factor: expected whole": lambda: scaled(PLAIN, 0.3),
@@ -460,7 +568,8 @@ def test_clips_and_scales_name_what_is_wrong():
             call()
 
 
-# --- truth ----------------------------------------------------------------------------------------------------------
+# --- truth
+# ----------------------------------------------------------------------------------------------------------
 
 
 def test_true_visibility_follows_the_three_rules():
@@ -469,9 +578,11 @@ def test_true_visibility_follows_the_three_rules():
         return true_visibility(PLAIN, handle, T).reshape(6, 2)[:, 0].tolist()
 
     assert seen([0, 0, 540], 0) == [True, True, False, False, False, True]  # slants 0 and 60.5 deg
-    assert seen([0, 0, 540], 2) in ([True, True] + [False] * 4, [True] + [False] * 4 + [True])  # one column at 62.5
+    # one column at 62.5
+    assert seen([0, 0, 540], 2) in ([True, True] + [False] * 4, [True] + [False] * 4 + [True])
     assert seen([0, 0, -540], 0) == [False] * 6
-    # column 0's marker at 535 mm spans 628 +- 8.3 px and v = 515 + 55 +- 8.2; the others lie aside by 24 px
+    # column 0's marker at 535 mm spans 628 +- 8.3 px and v = 515 + 55 +- 8.2; the others lie aside
+    # by 24 px
     edge = (1279.5 - 628 - 10) / 2956.2 * 535
     assert seen([edge - 1.6, 0, 540], 0)[0]
     assert not seen([edge - 1.4, 0, 540], 0)[0]
@@ -507,14 +618,29 @@ def test_random_poses_fill_the_standard_scene():
     np.testing.assert_allclose(normals.mean(axis=0), 0, atol=0.06)
 
 
-# --- bad input ------------------------------------------------------------------------------------------------------
+# --- bad input
+# ------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("field", "value"), [
-    ("background_grey", -1), ("body_grey", 256), ("marker_grey", np.nan), ("texture_contrast", 2), ("shading", 1.1),
-    ("texture_seed", 0.5), ("supersampling", 0), ("supersampling", 2.5), ("marker_supersampling", 65),
-    ("blur_px", -0.1), ("shot_variance", "much"), ("read_noise", None), ("light", (0, 0, 0)), ("light", (1, 2)),
-])
+@pytest.mark.parametrize(
+    ("field", "value"),
+    [
+        ("background_grey", -1),
+        ("body_grey", 256),
+        ("marker_grey", np.nan),
+        ("texture_contrast", 2),
+        ("shading", 1.1),
+        ("texture_seed", 0.5),
+        ("supersampling", 0),
+        ("supersampling", 2.5),
+        ("marker_supersampling", 65),
+        ("blur_px", -0.1),
+        ("shot_variance", "much"),
+        ("read_noise", None),
+        ("light", (0, 0, 0)),
+        ("light", (1, 2)),
+    ],
+)
 def test_a_bad_bench_names_its_field(field, value):
     with pytest.raises(ValueError, match=f"^{field}: expected"):
         Bench(**{field: value})

@@ -1,4 +1,6 @@
-"""The ledger of claims and its scoreboard: a claim that fares otherwise than declared fails here, either way."""
+"""The ledger of claims and its scoreboard: a claim that fares otherwise than declared fails here,
+either way.
+"""
 
 from dataclasses import replace
 from functools import partial
@@ -10,13 +12,24 @@ from executed import whole_scoreboard
 from trinolab.cli import as_text
 from trinolab.datasets import load_calibration, real_set
 from trinolab.studies import scoreboard as module
-from trinolab.studies.scoreboard import CHECKS, COLUMNS, disagreements, load_claims, score, scoreboard
+from trinolab.studies.scoreboard import (
+    CHECKS,
+    COLUMNS,
+    disagreements,
+    load_claims,
+    score,
+    scoreboard,
+)
 
 VERDICTS = {"match", "same order", "differs", "met", "missed", "cannot be tested", "not tested yet"}
 COMPUTED = VERDICTS - {"cannot be tested", "not tested yet"}
 CLAIMS = load_claims()
-REAL = {"real_photographs": "opencv_stereo", "real_leds": "pymvg_mcsc", "real_board": "caliscope",
-        "real_particles": "trackpy_particles"}
+REAL = {
+    "real_photographs": "opencv_stereo",
+    "real_leds": "pymvg_mcsc",
+    "real_board": "caliscope",
+    "real_particles": "trackpy_particles",
+}
 each_claim = pytest.mark.parametrize("claim", CLAIMS, ids=lambda claim: claim.no)
 
 
@@ -28,7 +41,9 @@ def as_declared(check):
     """A number that earns the declared verdict of every claim that the check serves."""
     claims = [c for c in CLAIMS if c.check == check]
     grid = [0.0, *np.geomspace(1e-6, 100.0, 4001).tolist()]
-    return next(value for value in grid if all(c.computed_verdict(value) == c.verdict for c in claims))
+    return next(
+        value for value in grid if all(c.computed_verdict(value) == c.verdict for c in claims)
+    )
 
 
 @pytest.fixture
@@ -70,7 +85,9 @@ def test_every_check_serves_a_claim():
 
 
 def test_every_verdict_is_the_declared_one():
-    """The whole board, of `make book` if that is not stale; whatever else needs it takes cheap numbers."""
+    """The whole board, of `make book` if that is not stale; whatever else needs it takes cheap
+    numbers.
+    """
     board = whole_scoreboard()
     computed = dict(zip(board["no"], board["verdict"], strict=True))
     not_here = {c.no for c in CLAIMS if c.check in REAL and real_set(REAL[c.check]) is None}
@@ -78,7 +95,9 @@ def test_every_verdict_is_the_declared_one():
     assert disagreements(board) == []
     run = ~board["no"].isin(not_here)
     assert list(board["reason"][run]) == [c.reason for c in CLAIMS if c.no not in not_here]
-    assert board["ours"][run].notna().sum() == sum(c.check is not None and c.no not in not_here for c in CLAIMS)
+    assert board["ours"][run].notna().sum() == sum(
+        c.check is not None and c.no not in not_here for c in CLAIMS
+    )
 
 
 @pytest.mark.usefixtures("cheap")
@@ -93,9 +112,12 @@ def test_what_was_not_run_says_so_and_is_no_disagreement(monkeypatch):
     assert (board.drop("5b")["verdict"] != "not run").all()
 
 
-# E_t, E_alpha, E_beta, E_gamma added up by hand from the printed table: 6.2418 mm, 14.2, 11.0, 12.8 deg of twenty
-@pytest.mark.parametrize(("no", "value", "verdict"), [("1", 0.312088, "match"), ("2", 0.71, "differs"),
-                                                      ("3", 0.55, "match"), ("4", 0.64, "match")])
+# E_t, E_alpha, E_beta, E_gamma added up by hand from the printed table: 6.2418 mm, 14.2, 11.0, 12.8
+# deg of twenty
+@pytest.mark.parametrize(
+    ("no", "value", "verdict"),
+    [("1", 0.312088, "match"), ("2", 0.71, "differs"), ("3", 0.55, "match"), ("4", 0.64, "match")],
+)
 def test_table_1_by_hand(no, value, verdict):
     row = dict(zip(COLUMNS, score(claim(no)), strict=True))
     assert row["ours"] == pytest.approx(value, abs=1e-6)
@@ -124,7 +146,11 @@ def test_a_replication_that_lost_poses_is_no_result(monkeypatch):
 @pytest.mark.usefixtures("cheap")
 def test_board_has_a_row_a_claim():
     board = scoreboard()
-    assert tuple(board.columns) == COLUMNS == ("no", "claim", "paper", "ours", "unit", "verdict", "reason")
+    assert (
+        tuple(board.columns)
+        == COLUMNS
+        == ("no", "claim", "paper", "ours", "unit", "verdict", "reason")
+    )
     assert list(board["no"]) == [c.no for c in CLAIMS]
     untested = board[board["verdict"] == "not tested yet"]
     assert untested["ours"].isna().all()
@@ -151,7 +177,9 @@ def test_a_result_that_is_better_than_declared_is_found_too(monkeypatch):
 @pytest.mark.usefixtures("cheap")
 def test_text_fits_a_terminal():
     board = scoreboard()
-    lines = as_text(board.assign(verdict="cannot be tested", ours=board["ours"].fillna(1.234567e-7))).splitlines()
+    lines = as_text(
+        board.assign(verdict="cannot be tested", ours=board["ours"].fillna(1.234567e-7))
+    ).splitlines()
     assert len(lines) == len(CLAIMS) + 1
     assert max(map(len, lines)) <= 120
     for c, line in zip(CLAIMS, lines[1:], strict=True):

@@ -1,4 +1,6 @@
-"""What happens in the standard recordings, and when: the scripts against what a person would look for."""
+"""What happens in the standard recordings, and when: the scripts against what a person would look
+for.
+"""
 
 import numpy as np
 import pytest
@@ -24,11 +26,16 @@ TIMES = np.arange(300) / 30
 
 
 def poses(shots):
-    return RigidTransform.concatenate([shot.T_world_handle for shot in shots if shot.T_world_handle is not None])
+    return RigidTransform.concatenate(
+        [shot.T_world_handle for shot in shots if shot.T_world_handle is not None]
+    )
 
 
 def seen(shot, arm):
-    return [int(true_visibility(camera, CODED, shot.T_world_handle, arm).sum()) for camera in RIG.cameras]
+    return [
+        int(true_visibility(camera, CODED, shot.T_world_handle, arm).sum())
+        for camera in RIG.cameras
+    ]
 
 
 def test_calm_begins_with_an_empty_second_and_nothing_else_happens():
@@ -42,7 +49,8 @@ def test_calm_begins_with_an_empty_second_and_nothing_else_happens():
 @pytest.mark.parametrize("script", [calm, hard])
 def test_a_script_does_not_depend_on_how_long_it_is_played(script):
     short, long = script(RIG, TIMES[:60], 3), script(RIG, TIMES, 3)[:60]
-    np.testing.assert_allclose(poses(short).as_matrix(), poses(long).as_matrix(), rtol=0, atol=1e-9)  # mm
+    # mm
+    np.testing.assert_allclose(poses(short).as_matrix(), poses(long).as_matrix(), rtol=0, atol=1e-9)
     assert [shot.gains for shot in short] == [shot.gains for shot in long]
     other = poses(script(RIG, TIMES[:60], 4)).translation
     assert np.abs(other - poses(short).translation).max() > 10
@@ -78,19 +86,35 @@ def test_the_handle_leaves_all_images_and_comes_back_and_then_it_is_away():
     shots = hard(RIG, TIMES, 0)
     for t, shot in zip(TIMES, shots, strict=True):
         if AWAY_S <= t <= BACK_S:
-            uv = [camera.project(shot.T_world_handle.apply(CODED.marker_centres)) for camera in RIG.cameras]
-            assert not any(((p >= 0) & (p < camera.size)).all(axis=1).any()
-                           for p, camera in zip(uv, RIG.cameras, strict=True))
+            uv = [
+                camera.project(shot.T_world_handle.apply(CODED.marker_centres))
+                for camera in RIG.cameras
+            ]
+            assert not any(
+                ((p >= 0) & (p < camera.size)).all(axis=1).any()
+                for p, camera in zip(uv, RIG.cameras, strict=True)
+            )
     away = [ABSENT_S[0] <= t < ABSENT_S[1] for t in TIMES]
-    assert [shot.T_world_handle is None for shot in shots] == [shot.arm is None for shot in shots] == away
-    places = [shot.T_world_handle.translation for t, shot in zip(TIMES, shots, strict=True) if t < ABSENT_S[0]]
-    assert np.linalg.norm(np.diff(places, axis=0), axis=1).max() * 30 < 1300  # mm/s: a swift hand, no jump
+    assert (
+        [shot.T_world_handle is None for shot in shots]
+        == [shot.arm is None for shot in shots]
+        == away
+    )
+    places = [
+        shot.T_world_handle.translation
+        for t, shot in zip(TIMES, shots, strict=True)
+        if t < ABSENT_S[0]
+    ]
+    # mm/s: a swift hand, no jump
+    assert np.linalg.norm(np.diff(places, axis=0), axis=1).max() * 30 < 1300
 
 
 def test_the_speeds_that_smear_are_those_of_the_motion():
     shots = hard(RIG, np.array([2.5 - 1e-3, 2.5, 2.5 + 1e-3]), 1)
     before, at, after = (shot.T_world_handle for shot in shots)
-    np.testing.assert_allclose(shots[1].velocity, (after.translation - before.translation) / 2e-3, rtol=0.03, atol=3)
+    np.testing.assert_allclose(
+        shots[1].velocity, (after.translation - before.translation) / 2e-3, rtol=0.03, atol=3
+    )
     turn = (after.rotation * before.rotation.inv()).as_rotvec() / 2e-3
     np.testing.assert_allclose(shots[1].turn_rate, turn, rtol=0.03, atol=0.005)
     assert at is not None

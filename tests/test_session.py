@@ -1,4 +1,6 @@
-"""The chain behind the tracker: from poses to the arm, whatever their rate, and what it does when they are lost."""
+"""The chain behind the tracker: from poses to the arm, whatever their rate, and what it does when
+they are lost.
+"""
 
 import numpy as np
 import pytest
@@ -15,13 +17,15 @@ from trinolab.slave.session import Session
 
 ROBOT = load_robot()
 HANDLE = RigidTransform.from_components([0.0, 0.0, 560.0], Rotation.from_rotvec([0, np.pi / 2, 0]))
-TO_BASE = Rotation.from_matrix([[1, 0, 0], [0, 0, 1], [0, -1, 0]])  # the hand's right, down, away: +x, -z, +y
+# the hand's right, down, away: +x, -z, +y
+TO_BASE = Rotation.from_matrix([[1, 0, 0], [0, 0, 1], [0, -1, 0]])
 MAPPING = MappingParameters(alignment=TO_BASE)
 
 
 def moved(way, turn=(0.0, 0.0, 0.0)):
-    return RigidTransform.from_components(HANDLE.translation + np.array(way, float),
-                                          Rotation.from_rotvec(turn) * HANDLE.rotation)
+    return RigidTransform.from_components(
+        HANDLE.translation + np.array(way, float), Rotation.from_rotvec(turn) * HANDLE.rotation
+    )
 
 
 def run(samples, mapping=MAPPING):
@@ -43,7 +47,9 @@ def check_limits(moments):
 
 
 def swing(t):
-    return moved([60 * np.sin(2 * t), 30 * np.sin(3 * t), 30 * np.sin(2.5 * t)], [0.2 * np.sin(2 * t), 0, 0])
+    return moved(
+        [60 * np.sin(2 * t), 30 * np.sin(3 * t), 30 * np.sin(2.5 * t)], [0.2 * np.sin(2 * t), 0, 0]
+    )
 
 
 def test_the_arm_repeats_what_the_hand_does():
@@ -51,16 +57,21 @@ def test_the_arm_repeats_what_the_hand_does():
     _, moments = run([Sample(t, moved([min(60 * t, 120), 0, 0]), "measured", True) for t in times])
     check_limits(moments)
     first, last = moments[0].reading.tool, moments[-1].reading.tool
-    np.testing.assert_allclose(last.translation - first.translation, [118, 0, 0], atol=0.5)  # closed at 1/30 s
+    # closed at 1/30 s
+    np.testing.assert_allclose(last.translation - first.translation, [118, 0, 0], atol=0.5)
     assert (last.rotation * first.rotation.inv()).magnitude() < 1e-3
     assert all(len(moment.ticks.t_s) in (16, 17) for moment in moments[1:])
-    np.testing.assert_allclose(np.diff(all_ticks(moments, "t_s")), TICK_S, rtol=0, atol=1e-9)  # one clock
+    # one clock
+    np.testing.assert_allclose(np.diff(all_ticks(moments, "t_s")), TICK_S, rtol=0, atol=1e-9)
     assert abs(moments[-1].ticks.t_s[-1] - times[-1]) <= TICK_S
 
 
 def test_a_second_of_lost_frames_holds_the_arm_still():
     times = np.arange(1, 121) / 30
-    samples = [Sample(t, None if 1 < t <= 2 else swing(t), "lost" if 1 < t <= 2 else "measured", True) for t in times]
+    samples = [
+        Sample(t, None if 1 < t <= 2 else swing(t), "lost" if 1 < t <= 2 else "measured", True)
+        for t in times
+    ]
     _, moments = run(samples)
     check_limits(moments)
     assert moments[-1].state.held == "pose lost"  # the clutch was never opened
@@ -68,18 +79,25 @@ def test_a_second_of_lost_frames_holds_the_arm_still():
     assert np.ptp(at_rest, axis=0).max() < 0.01
 
 
-@pytest.mark.parametrize("rate", [5, 30, *(pytest.param(rate, marks=pytest.mark.heavy) for rate in (17, 60, 200))])
+@pytest.mark.parametrize(
+    "rate", [5, 30, *(pytest.param(rate, marks=pytest.mark.heavy) for rate in (17, 60, 200))]
+)
 def test_any_rate_of_poses_keeps_the_limits(rate):
     times = np.arange(1, 3 * rate) / rate
     _, moments = run([Sample(t, swing(t), "measured", True) for t in times])
     check_limits(moments)
-    assert all_ticks(moments, "t_s").size == pytest.approx((times[-1] - times[0]) / TICK_S, abs=len(times))
+    assert all_ticks(moments, "t_s").size == pytest.approx(
+        (times[-1] - times[0]) / TICK_S, abs=len(times)
+    )
 
 
 def test_the_force_of_a_contact_is_read():
     times = np.arange(1, 121) / 30
     deep = MappingParameters(alignment=TO_BASE, reach_mm=((-850, 850), (-850, 850), (-20, 950)))
-    _, moments = run([Sample(t, moved([0, min(60 * t, 140), 0]), "measured", True) for t in times], deep)  # down
+    # down
+    _, moments = run(
+        [Sample(t, moved([0, min(60 * t, 140), 0]), "measured", True) for t in times], deep
+    )
     check_limits(moments)
     assert moments[0].reading.force.tolist() == [0, 0, 0]
     assert moments[-1].reading.force[2] > 20
@@ -87,14 +105,24 @@ def test_the_force_of_a_contact_is_read():
 
 def test_limits_are_named():
     near = MappingParameters(alignment=TO_BASE, reach_mm=((-850, 850), (-850, 850), (80, 950)))
-    _, moments = run([Sample(t, moved([0, 60 * t, 0]), "measured", True) for t in np.arange(1, 61) / 30], near)
+    _, moments = run(
+        [Sample(t, moved([0, 60 * t, 0]), "measured", True) for t in np.arange(1, 61) / 30], near
+    )
     assert moments[-1].limits == ("reach",)
     assert moments[-1].reading.tool.translation[2] > 79
 
 
 @settings(max_examples=5, deadline=None)
-@given(st.lists(st.tuples(st.none() | st.tuples(*[st.floats(-1500, 1500)] * 3, *[st.floats(-3.2, 3.2)] * 3),
-                          st.booleans(), st.floats(-0.05, 0.4)), max_size=15))
+@given(
+    st.lists(
+        st.tuples(
+            st.none() | st.tuples(*[st.floats(-1500, 1500)] * 3, *[st.floats(-3.2, 3.2)] * 3),
+            st.booleans(),
+            st.floats(-0.05, 0.4),
+        ),
+        max_size=15,
+    )
+)
 def test_no_stream_however_wild_exceeds_a_limit(stream):
     t, samples = 0.0, []
     for pose, clutch, dt in stream:

@@ -69,16 +69,26 @@ def test_the_force_on_the_tool_is_that_of_the_servos():
 def jacobian_at(q):
     """d position / d q of the tool, m/rad, by central differences."""
     steps = 1e-6 * np.eye(6)
-    return np.transpose([(forward(ROBOT, q + h).translation - forward(ROBOT, q - h).translation) / 2e-3
-                         for h in steps])
+    return np.transpose(
+        [
+            (forward(ROBOT, q + h).translation - forward(ROBOT, q - h).translation) / 2e-3
+            for h in steps
+        ]
+    )
 
 
 def test_in_the_air_there_is_no_force():
     np.testing.assert_array_equal(Slave(ROBOT).read().force, np.zeros(3))
 
 
-@pytest.mark.parametrize(("change", "named"), [({2: 3.5}, "beyond the limits"), ({2: 0.0}, "beyond the limits"),
-                                              ({1: -1.1}, "the tool is inside something")])
+@pytest.mark.parametrize(
+    ("change", "named"),
+    [
+        ({2: 3.5}, "beyond the limits"),
+        ({2: 0.0}, "beyond the limits"),
+        ({1: -1.1}, "the tool is inside something"),
+    ],
+)
 def test_a_start_that_cannot_be(change, named):
     q = np.array(ROBOT.home)
     for joint, value in change.items():
@@ -92,7 +102,9 @@ def test_a_simulation_that_diverges_is_told(tmp_path, monkeypatch):
     text = data_path("robots", "ur5.xml").read_text()
     wild = text.replace('<position kp="10000" forcerange="-150 150"/>', '<position kp="1e14"/>')
     assert wild != text
-    (tmp_path / "wild.xml").write_text(wild.replace('integrator="implicitfast"', 'integrator="Euler"'))
+    (tmp_path / "wild.xml").write_text(
+        wild.replace('integrator="implicitfast"', 'integrator="Euler"')
+    )
     robot = load_robot(tmp_path / "wild.xml")
     slave = Slave(robot)
     with pytest.raises(ValueError, match=r"the simulation diverges at 0\.\d+ s"):

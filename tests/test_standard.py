@@ -21,8 +21,11 @@ from trinolab.files.poses import read_poses
 def cache(tmp_path, monkeypatch):
     """A cache of its own, and rigs of an eighth of the pixels."""
     monkeypatch.setattr(recordings, "cache_folder", lambda: tmp_path / "cache")
-    monkeypatch.setattr(recordings, "load_rig",
-                        lambda name: Rig(tuple(scaled(c, 0.125) for c in load_rig(name).cameras)))
+    monkeypatch.setattr(
+        recordings,
+        "load_rig",
+        lambda name: Rig(tuple(scaled(c, 0.125) for c in load_rig(name).cameras)),
+    )
     return tmp_path / "cache"
 
 
@@ -40,7 +43,13 @@ def test_it_is_rendered_once(cache, monkeypatch):
 
 def test_whatever_it_is_made_from_changes_the_folder(monkeypatch):
     monkeypatch.setattr(recordings, "write_recording", lambda job, folder, *_: folder.mkdir())
-    asked = [{}, {"seed": 1}, {"seconds": 0.2}, {"rig_name": "paper_pair"}, {"handle_name": "paper"}]
+    asked = [
+        {},
+        {"seed": 1},
+        {"seconds": 0.2},
+        {"rig_name": "paper_pair"},
+        {"handle_name": "paper"},
+    ]
     folders = [standard_recording("calm", **{"seconds": 0.1} | options) for options in asked]
     folders.append(standard_recording("hard", seconds=0.1))
     monkeypatch.setattr(recordings, "code_hash", lambda _: "another")
@@ -65,21 +74,35 @@ def test_a_shorter_recording_is_the_beginning_of_a_longer_one():
 def test_calm_begins_with_the_empty_scene():
     folder = standard_recording("calm", seconds=0.1)
     assert set(read_poses(folder / "truth.csv")["status"]) == {"lost"}
-    empty, frame = (cv2.imread(str(folder / name / "ccd1.png" if name == "background" else
-                                   folder / name / "ccd1" / "000002.png"), 0).astype(float)
-                    for name in ("background", "images"))
+    empty, frame = (
+        cv2.imread(
+            str(
+                folder / name / "ccd1.png"
+                if name == "background"
+                else folder / name / "ccd1" / "000002.png"
+            ),
+            0,
+        ).astype(float)
+        for name in ("background", "images")
+    )
     assert np.abs(cv2.blur(frame - empty, (9, 9))).max() < 3  # noise alone
     assert np.abs(frame - empty).max() > 3  # another one
 
 
 def test_two_at_once_render_it_once(cache):
-    code = ("import sys, pathlib; from trinolab.bench import recordings; "
-            "recordings.cache_folder = lambda: pathlib.Path(sys.argv[1]); load = recordings.load_rig; "
-            "from trinolab.camera import Rig; from trinolab.bench.scene import scaled; "
-            "recordings.load_rig = lambda n: Rig(tuple(scaled(c, 0.125) for c in load(n).cameras)); "
-            "print(recordings.standard_recording('hard', seconds=0.1, progress=False))")
-    both = [subprocess.Popen([sys.executable, "-c", code, str(cache)], stdout=subprocess.PIPE, text=True)
-            for _ in range(2)]
+    code = (
+        "import sys, pathlib; from trinolab.bench import recordings; "
+        "recordings.cache_folder = lambda: pathlib.Path(sys.argv[1]); load = recordings.load_rig; "
+        "from trinolab.camera import Rig; from trinolab.bench.scene import scaled; "
+        "recordings.load_rig = lambda n: Rig(tuple(scaled(c, 0.125) for c in load(n).cameras)); "
+        "print(recordings.standard_recording('hard', seconds=0.1, progress=False))"
+    )
+    both = [
+        subprocess.Popen(
+            [sys.executable, "-c", code, str(cache)], stdout=subprocess.PIPE, text=True
+        )
+        for _ in range(2)
+    ]
     said = {process.communicate(timeout=HANGS_S)[0] for process in both}
     assert [process.returncode for process in both] == [0, 0]
     assert said == {f"{standard_recording('hard', seconds=0.1)}\n"}
@@ -88,14 +111,23 @@ def test_two_at_once_render_it_once(cache):
 def test_the_command_clears_the_cache(cache, capfd):
     standard_recording("calm", seconds=0.1)
     assert cli.main(["clear"]) == 0
-    assert capfd.readouterr().out.endswith(f"MB of standard recordings removed from {recordings_folder()}\n")
+    assert capfd.readouterr().out.endswith(
+        f"MB of standard recordings removed from {recordings_folder()}\n"
+    )
     assert not recordings_folder().exists()
     assert cli.main(["clear"]) == 0  # nothing to remove is no mistake
 
 
-@pytest.mark.parametrize(("options", "named"), [({"name": "wild"}, "motion"), ({"seed": -1}, "seed"),
-                                                ({"seconds": 0}, "seconds"), ({"rig_name": "no"}, "no"),
-                                                ({"handle_name": "no"}, "no")])
+@pytest.mark.parametrize(
+    ("options", "named"),
+    [
+        ({"name": "wild"}, "motion"),
+        ({"seed": -1}, "seed"),
+        ({"seconds": 0}, "seconds"),
+        ({"rig_name": "no"}, "no"),
+        ({"handle_name": "no"}, "no"),
+    ],
+)
 def test_a_wrong_name_or_number_is_refused(options, named):
     with pytest.raises(ValueError, match=named):
         standard_recording(**{"name": "calm", "seconds": 0.1} | options)

@@ -1,6 +1,8 @@
-"""Commands that are stopped: by Ctrl-C, by kill -9 at the worst moment, by a full disk. Each in a process of its own.
+"""Commands that are stopped: by Ctrl-C, by kill -9 at the worst moment, by a full disk. Each in a
+process of its own.
 
-A file appears whole or not at all; an interrupted track keeps its finished rows, and goes on where it stopped.
+A file appears whole or not at all; an interrupted track keeps its finished rows, and goes on where
+it stopped.
 """
 
 import os
@@ -21,7 +23,8 @@ resource = pytest.importorskip("resource", reason="limits of a process are set a
 
 COUNT = 24  # instants of the recording: a second to track
 # Ends itself, as by kill -9, when it gives a finished file its name for the n-th time from 0.
-DIES = """
+DIES = (
+    """
 import os, signal, sys
 real, left = os.replace, [int(sys.argv.pop(1))]
 def replace(*paths):
@@ -29,9 +32,12 @@ def replace(*paths):
     left[0] -= 1
     real(*paths)
 os.replace = replace
-""" + CLI
+"""
+    + CLI
+)
 # Tracks eight instants, then waits for the gate before each.
-WAITS = f"""
+WAITS = (
+    f"""
 import time
 from pathlib import Path
 from trinolab.following import track
@@ -41,7 +47,9 @@ def add(rows, frame, *others):
         time.sleep(0.01)
     real(rows, frame, *others)
 track.Rows.add = add
-""" + CLI
+"""
+    + CLI
+)
 
 # A video of twelve pictures of noise.
 FILM = """
@@ -76,13 +84,20 @@ def folder(healthy, tmp_path, monkeypatch):
 
 
 def started_on_a_full_disk(line, limit, code=CLI, **options):
-    """A command as a process; no file that it writes may be longer than `limit` bytes, as if the disk were full.
+    """A command as a process; no file that it writes may be longer than `limit` bytes, as if the
+    disk were full.
 
-    It stores no bytecode: Python does not notice that such a file was cut off, and later processes could not load it.
+    It stores no bytecode: Python does not notice that such a file was cut off, and later processes
+    could not load it.
     """
     environment = {**os.environ, "PYTHONDONTWRITEBYTECODE": "1"}
-    return started(line, code, lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit)), env=environment,
-                   **options)
+    return started(
+        line,
+        code,
+        lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit)),
+        env=environment,
+        **options,
+    )
 
 
 def rows_kept():
@@ -101,10 +116,13 @@ def assert_like_uninterrupted(stopped_at):
     assert table["frame"].tolist() == list(range(COUNT))
     assert table["t_s"].tolist() == whole["t_s"].tolist()
     assert (table["status"] == "measured").all()
-    assert Path("poses.csv").read_text().splitlines()[:stopped_at + 1] == \
-        Path("whole.csv").read_text().splitlines()[:stopped_at + 1]
-    # A pose is fitted to its instant's pixels; the tracker's state, which is lost, says where to look and so which
-    # markers are used. Two estimates of one pose from nearly the same pixels: within three standard deviations of one.
+    assert (
+        Path("poses.csv").read_text().splitlines()[: stopped_at + 1]
+        == Path("whole.csv").read_text().splitlines()[: stopped_at + 1]
+    )
+    # A pose is fitted to its instant's pixels; the tracker's state, which is lost, says where to
+    # look and so which markers are used. Two estimates of one pose from nearly the same pixels:
+    # within three standard deviations of one.
     away = np.linalg.norm(transforms(table).translation - transforms(whole).translation, axis=1)
     assert (away < 3 * whole["sigma_mm"]).all()
     assert (geodesic_deg(transforms(table), transforms(whole)) < 3 * whole["sigma_deg"]).all()
@@ -115,7 +133,9 @@ def assert_like_uninterrupted(stopped_at):
 # --- Ctrl-C and kill -9
 
 
-@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGKILL, -signal.SIGKILL)])
+@pytest.mark.parametrize(
+    ("number", "code"), [(signal.SIGINT, 130), (signal.SIGKILL, -signal.SIGKILL)]
+)
 def test_a_track_that_is_stopped_keeps_its_rows_and_goes_on(folder, number, code):
     before = files()
     with started(TRACK, WAITS) as process:
@@ -132,19 +152,26 @@ def test_a_track_that_is_stopped_keeps_its_rows_and_goes_on(folder, number, code
     assert_like_uninterrupted(len(kept))
 
 
-@pytest.mark.parametrize(("moment", "there"), [(0, {"poses.csv.partial"}), (1, {"poses.csv.partial", "poses.csv"})])
+@pytest.mark.parametrize(
+    ("moment", "there"), [(0, {"poses.csv.partial"}), (1, {"poses.csv.partial", "poses.csv"})]
+)
 def test_a_track_that_is_killed_while_it_names_its_files(folder, moment, there):
     before = files()
     with started(f"{moment} {TRACK}", DIES) as process:
         assert ended(process) == (-signal.SIGKILL, [])
-    assert {name for name in files() if name[0] != "."} == before | there  # a hidden one is nobody's input
-    assert "poses.csv" not in there or Path("poses.csv").read_bytes() == Path("whole.csv").read_bytes()
+    # a hidden one is nobody's input
+    assert {name for name in files() if name[0] != "."} == before | there
+    assert (
+        "poses.csv" not in there or Path("poses.csv").read_bytes() == Path("whole.csv").read_bytes()
+    )
     assert run(TRACK) == 0
     assert Path("poses.csv").read_bytes() == Path("whole.csv").read_bytes()
     assert Path("poses.tum").read_bytes() == Path("whole.tum").read_bytes()
 
 
-@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGKILL, -signal.SIGKILL)])
+@pytest.mark.parametrize(
+    ("number", "code"), [(signal.SIGINT, 130), (signal.SIGKILL, -signal.SIGKILL)]
+)
 def test_a_calibration_that_is_stopped_leaves_nothing(folder, number, code):
     Path("b/04.png").unlink()
     os.mkfifo("b/04.png")  # the last image: who reads it waits until somebody writes
@@ -154,7 +181,10 @@ def test_a_calibration_that_is_stopped_leaves_nothing(folder, number, code):
         process.send_signal(number)
         result = ended(process)
         os.close(pipe)
-    assert result == (code, ["trinolab calibrate: interrupted, nothing was written\n"] if code == 130 else [])
+    assert result == (
+        code,
+        ["trinolab calibrate: interrupted, nothing was written\n"] if code == 130 else [],
+    )
     assert files() == before
 
 
@@ -174,8 +204,14 @@ def test_a_rendering_that_is_killed_goes_on_to_the_same_files(folder, moment):
     assert not Path("out").exists()
     assert run(RENDER) == 0
     assert run(RENDER.replace("--out out", "--out undisturbed")) == 0
-    one, other = ({path.relative_to(root): data for path, data in contents(Path(root)).items() if path.name[0] != "."}
-                  for root in ("out", "undisturbed"))
+    one, other = (
+        {
+            path.relative_to(root): data
+            for path, data in contents(Path(root)).items()
+            if path.name[0] != "."
+        }
+        for root in ("out", "undisturbed")
+    )
     assert one == other
 
 
@@ -201,17 +237,21 @@ def test_the_second_of_two_tracks_is_refused_and_the_first_one_is_whole(folder):
 
 # --- full disks
 
-FULL = "cannot be written (File too large)"  # what a limit of the file size says; a disk has other words
+# what a limit of the file size says; a disk has other words
+FULL = "cannot be written (File too large)"
 
 
-@pytest.mark.parametrize(("line", "limit", "message"), [
-    (MEASURE, 900, f"poses.csv: {FULL}"),
-    (BOARDS, 20_000, f"new_residuals.png: {FULL}"),
-    (BOARDS, 100, f"new.toml: {FULL}"),
-    (TRACK, 100, f"poses.csv.partial: {FULL}"),
-    (RENDER, 100, f"made_from.json: {FULL}"),
-    (RENDER, 2000, f"out.partial/background/ccd1.png: {FULL}"),
-])
+@pytest.mark.parametrize(
+    ("line", "limit", "message"),
+    [
+        (MEASURE, 900, f"poses.csv: {FULL}"),
+        (BOARDS, 20_000, f"new_residuals.png: {FULL}"),
+        (BOARDS, 100, f"new.toml: {FULL}"),
+        (TRACK, 100, f"poses.csv.partial: {FULL}"),
+        (RENDER, 100, f"made_from.json: {FULL}"),
+        (RENDER, 2000, f"out.partial/background/ccd1.png: {FULL}"),
+    ],
+)
 def test_a_full_disk_costs_one_line_and_leaves_nothing_unfinished(folder, line, limit, message):
     import matplotlib.font_manager  # noqa: F401  # its cache is not to be written by the command
 
@@ -231,8 +271,13 @@ def test_a_track_on_a_full_disk_keeps_its_rows(folder, limit):
         code, err = ended(process)
     kept = [row for row in rows_kept() if row.endswith("\n")]
     assert 0 < len(kept) < COUNT
-    assert (code, err) == (2, [f"trinolab track: poses.csv.partial: {FULL}; {len(kept)} rows are kept in "
-                               "poses.csv.partial\n"])
+    assert (code, err) == (
+        2,
+        [
+            f"trinolab track: poses.csv.partial: {FULL}; {len(kept)} rows are kept in "
+            "poses.csv.partial\n"
+        ],
+    )
     assert files() == before | {"poses.csv.partial"}
     assert run(TRACK) == 0
     assert_like_uninterrupted(len(kept))
@@ -243,11 +288,21 @@ def test_a_sweep_on_a_full_disk_keeps_its_runs(folder):
 
     with started_on_a_full_disk(SWEEP, 2_500) as process:
         code, err = ended(process)
-    assert (code, err) == (2, [f"trinolab sweep: new/figure.png: {FULL}; 2 of 2 runs are kept in new; the same command "
-                               "goes on\n"])
+    assert (code, err) == (
+        2,
+        [
+            f"trinolab sweep: new/figure.png: {FULL}; 2 of 2 runs are kept in new; the same command "
+            "goes on\n"
+        ],
+    )
     assert {path.name for path in Path("new").iterdir()} == {"manifest.json", "runs.jsonl"}
     assert run(SWEEP) == 0
-    assert {path.name for path in Path("new").iterdir()} == {"manifest.json", "runs.jsonl", "table.csv", "figure.png"}
+    assert {path.name for path in Path("new").iterdir()} == {
+        "manifest.json",
+        "runs.jsonl",
+        "table.csv",
+        "figure.png",
+    }
 
 
 @pytest.mark.parametrize("limit", [100, 30_000])
@@ -265,5 +320,10 @@ def test_an_overlay_that_the_disk_cuts_off_does_not_appear(tmp_path, monkeypatch
 @pytest.mark.parametrize("line", [EVALUATE, MEASURE])
 def test_an_answer_that_nobody_takes_costs_one_line(folder, line):
     with Path("/dev/full").open("w") as full, started(line, stdout=full) as process:
-        assert ended(process) == (2, [f"trinolab {line.split()[0]}: standard output: cannot be written (No space left "
-                                      "on device)\n"])
+        assert ended(process) == (
+            2,
+            [
+                f"trinolab {line.split()[0]}: standard output: cannot be written (No space left "
+                "on device)\n"
+            ],
+        )

@@ -14,12 +14,28 @@ PACKAGE = ROOT / "trinolab"
 MODULES = sorted(PACKAGE.glob("**/*.py"))
 NOTEBOOKS = sorted(ROOT.glob("notebooks/*.ipynb"))
 
-# The paper's chain at the top, in the order in which its parts import each other. `identity` and `estimators`, which
-# the paper does not have, are folders within it. A part imports its own group and those before it.
+# The paper's chain at the top, in the order in which its parts import each other. `identity` and
+# `estimators`, which the paper does not have, are folders within it. A part imports its own group
+# and those before it.
 CHAIN = [
-    {"checks", "rigid", "methods"}, {"lens", "camera", "handle", "window"},
-    {"background", "kalman", "image_track", "blobs", "markers", "matching", "triangulation", "metrics"}, {"pose"},
-    {"identity"}, {"parameters"}, {"estimators"}, {"measurement"}, {"tracker"},
+    {"checks", "rigid", "methods"},
+    {"lens", "camera", "handle", "window"},
+    {
+        "background",
+        "kalman",
+        "image_track",
+        "blobs",
+        "markers",
+        "matching",
+        "triangulation",
+        "metrics",
+    },
+    {"pose"},
+    {"identity"},
+    {"parameters"},
+    {"estimators"},
+    {"measurement"},
+    {"tracker"},
 ]
 WHOLE_CHAIN = set().union(*CHAIN)
 GEOMETRY = {"checks", "rigid", "lens", "camera", "handle", "window", "metrics"}
@@ -34,21 +50,24 @@ WALLS = {
     "sweep": GEOMETRY | {"files", "datasets", "plotting"},
     "following": WHOLE_CHAIN | {"files"},
     "slave": WHOLE_CHAIN | {"following", "bench", "files", "datasets"},
-    "paper": WHOLE_CHAIN - {"identity", "estimators", "measurement", "tracker"} | {"files", "datasets", "workspace"},
+    "paper": WHOLE_CHAIN - {"identity", "estimators", "measurement", "tracker"}
+    | {"files", "datasets", "workspace"},
 }
 WALLS["studies"] = WHOLE_CHAIN | set(WALLS)
 WALLS["cli"] = WALLS["studies"] | {"studies"}
 
 
 def imports(path):
-    """The names of this package that a file imports, wherever the import stands, and the other packages."""
+    """The names of this package that a file imports, wherever the import stands, and the other
+    packages.
+    """
     own, other = set(), set()
     package = path.parent.relative_to(ROOT).parts
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         if isinstance(node, ast.Import):
             names = [alias.name for alias in node.names]
         elif isinstance(node, ast.ImportFrom):
-            above = package[:len(package) - node.level + 1] if node.level else ()
+            above = package[: len(package) - node.level + 1] if node.level else ()
             base = ".".join(filter(None, [*above, node.module]))
             names = [f"{base}.{alias.name}" for alias in node.names]
         else:
@@ -82,29 +101,44 @@ def test_every_module_and_folder_has_a_place():
 
 
 def test_a_folder_imports_only_what_it_may_know():
-    through = [f"{path.relative_to(ROOT)} imports {other}" for path in MODULES if room(path) in WALLS
-               for other in sorted(rooms_imported(path) - WALLS[room(path)])]
+    through = [
+        f"{path.relative_to(ROOT)} imports {other}"
+        for path in MODULES
+        if room(path) in WALLS
+        for other in sorted(rooms_imported(path) - WALLS[room(path)])
+    ]
     assert through == []
 
 
 def test_the_chain_imports_only_backwards():
     place = {name: number for number, group in enumerate(CHAIN) for name in group}
-    forwards = [f"{path.relative_to(ROOT)} imports {other}" for path in MODULES if room(path) in place
-                for other in sorted(rooms_imported(path)) if place.get(other, len(CHAIN)) > place[room(path)]]
+    forwards = [
+        f"{path.relative_to(ROOT)} imports {other}"
+        for path in MODULES
+        if room(path) in place
+        for other in sorted(rooms_imported(path))
+        if place.get(other, len(CHAIN)) > place[room(path)]
+    ]
     assert forwards == []
 
 
 def test_no_circle():
     """Neither among folders, nor among the modules of one."""
-    by_name = {".".join(path.relative_to(PACKAGE).with_suffix("").parts).removesuffix(".__init__"): path
-               for path in MODULES if room(path) != "__init__"}
+    by_name = {
+        ".".join(path.relative_to(PACKAGE).with_suffix("").parts).removesuffix(".__init__"): path
+        for path in MODULES
+        if room(path) != "__init__"
+    }
 
     def module_of(name):
         while name and name not in by_name:
             name = name.rpartition(".")[0]
         return {name} - {""}
 
-    left = {name: set().union(*map(module_of, imports(path)[0])) - {name} for name, path in by_name.items()}
+    left = {
+        name: set().union(*map(module_of, imports(path)[0])) - {name}
+        for name, path in by_name.items()
+    }
     while left:
         free = {name for name, others in left.items() if not others & set(left)}
         assert free, f"in circles: {sorted(left)}"
@@ -112,7 +146,9 @@ def test_no_circle():
 
 
 def test_the_bench_and_the_chain_never_meet():
-    """What makes the images and what measures them share camera and handle: the truth must not know the estimate."""
+    """What makes the images and what measures them share camera and handle: the truth must not know
+    the estimate.
+    """
     measuring = WHOLE_CHAIN - GEOMETRY - {"pose", "methods"} | {"following"}
     assert not measuring & WALLS["bench"]
     estimates = [path for path in MODULES if room(path) in measuring | {"calibration"}]
@@ -122,8 +158,13 @@ def test_the_bench_and_the_chain_never_meet():
 
 
 def test_import_reader_finds_every_form(tmp_path, monkeypatch):
-    source = ["import trinolab.pose", "from trinolab import scene", "from ..camera import Rig", "from . import handle",
-              "import cv2 as c"]
+    source = [
+        "import trinolab.pose",
+        "from trinolab import scene",
+        "from ..camera import Rig",
+        "from . import handle",
+        "import cv2 as c",
+    ]
     monkeypatch.setattr(sys.modules[__name__], "ROOT", tmp_path)
     path = tmp_path / "trinolab" / "files" / "m.py"
     path.parent.mkdir(parents=True)
@@ -132,8 +173,11 @@ def test_import_reader_finds_every_form(tmp_path, monkeypatch):
 
 
 def test_only_figures_draw():
-    drawing = {path.relative_to(PACKAGE).as_posix() for path in MODULES
-               if imports(path)[1] & {"matplotlib", "pyvista"} and room(path) != "plotting"}
+    drawing = {
+        path.relative_to(PACKAGE).as_posix()
+        for path in MODULES
+        if imports(path)[1] & {"matplotlib", "pyvista"} and room(path) != "plotting"
+    }
     # kernelstate takes matplotlib back to where it was, and draws nothing
     assert drawing == {"sweep/figures.py", "sweep/kernelstate.py", "slave/view.py"}
 
@@ -141,7 +185,11 @@ def test_only_figures_draw():
 def loaded_by(code):
     """The modules that some code loads in a new process."""
     code = f"import sys\n{code}\nprint(*sys.modules)"
-    return set(subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split())
+    return set(
+        subprocess.run(
+            [sys.executable, "-c", code], capture_output=True, text=True, check=True
+        ).stdout.split()
+    )
 
 
 def test_calibrating_loads_its_figure_only_when_needed():
@@ -156,7 +204,9 @@ from trinolab.measurement import measure
 rig = datasets.load_rig("paper_pair")
 measure([np.zeros(camera.size[::-1]) for camera in rig.cameras], rig, datasets.load_handle("paper"))""")
     assert "trinolab.pose" in loaded
-    assert {name for name in loaded if name.startswith("trinolab.estimators.")} == {"trinolab.estimators.identified"}
+    assert {name for name in loaded if name.startswith("trinolab.estimators.")} == {
+        "trinolab.estimators.identified"
+    }
 
 
 @pytest.mark.parametrize("module", ["trinolab", "trinolab.sweep"])
@@ -171,13 +221,20 @@ def test_there_are_notebooks_and_the_table_of_contents_names_them_all():
 
 
 def test_notebooks_are_stored_without_outputs():
-    run = [path.stem for path in NOTEBOOKS for cell in cells(path) if cell.outputs or cell.execution_count is not None]
+    run = [
+        path.stem
+        for path in NOTEBOOKS
+        for cell in cells(path)
+        if cell.outputs or cell.execution_count is not None
+    ]
     assert run == []
 
 
 def test_a_notebook_has_one_cell_of_parameters():
-    counts = {path.stem: sum("parameters" in cell.metadata.get("tags", []) for cell in cells(path))
-              for path in NOTEBOOKS}
+    counts = {
+        path.stem: sum("parameters" in cell.metadata.get("tags", []) for cell in cells(path))
+        for path in NOTEBOOKS
+    }
     assert set(counts.values()) == {1}, counts
 
 
@@ -185,7 +242,9 @@ def repository_files():
     """Every file that git would store."""
     command = ["git", "ls-files", "--cached", "--others", "--exclude-standard", "-z"]
     try:
-        names = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True).stdout.split("\0")
+        names = subprocess.run(
+            command, cwd=ROOT, capture_output=True, text=True, check=True
+        ).stdout.split("\0")
     except (OSError, subprocess.CalledProcessError):
         pytest.skip("not a git repository, or git (Debian package: git) is missing")
     return [ROOT / name for name in names if name and (ROOT / name).is_file()]

@@ -37,7 +37,11 @@ def identify(seed):
     """The process, and how many threads linear algebra and OpenCV use in it."""
     import cv2
 
-    return {"process": os.getpid(), "cv2": cv2.getNumThreads(), "blas": int(os.environ["OPENBLAS_NUM_THREADS"])}
+    return {
+        "process": os.getpid(),
+        "cv2": cv2.getNumThreads(),
+        "blas": int(os.environ["OPENBLAS_NUM_THREADS"]),
+    }
 
 
 def end_process(seed):
@@ -48,7 +52,11 @@ def test_the_table_has_a_row_a_run():
     found = sweep(pair, a=np.array([1.0, 4.0]), b=[1, 2])
     assert list(found.columns) == ["a", "b", "total", "ratio", "seconds", "status", "error"]
     assert found[["a", "b", "total", "ratio"]].values.tolist() == [
-        [1.0, 1, 2.0, 1.0], [1.0, 2, 3.0, 0.5], [4.0, 1, 5.0, 4.0], [4.0, 2, 6.0, 2.0]]
+        [1.0, 1, 2.0, 1.0],
+        [1.0, 2, 3.0, 0.5],
+        [4.0, 1, 5.0, 4.0],
+        [4.0, 2, 6.0, 2.0],
+    ]
     assert (found["seconds"] >= 0).all()
     assert found["status"].tolist() == ["ok"] * 4
     assert found.attrs == {"parameters": ["a", "b"]}
@@ -63,22 +71,44 @@ def test_a_run_that_raises_is_a_row_and_the_others_go_on():
 
 def test_what_a_function_may_return():
     def several(kind):
-        return {"number": 2.5, "numpy": np.float32(0.5), "truth": np.bool_(True), "mapping": {"x": 1},
-                "dataclass": Errors(0.3), "text": "two\nwords", "nothing": None, "array": np.zeros(3)}[kind]
+        return {
+            "number": 2.5,
+            "numpy": np.float32(0.5),
+            "truth": np.bool_(True),
+            "mapping": {"x": 1},
+            "dataclass": Errors(0.3),
+            "text": "two\nwords",
+            "nothing": None,
+            "array": np.zeros(3),
+        }[kind]
 
-    found = sweep(several, kind=["number", "numpy", "truth", "mapping", "dataclass", "text", "nothing", "array"])
+    found = sweep(
+        several,
+        kind=["number", "numpy", "truth", "mapping", "dataclass", "text", "nothing", "array"],
+    )
     assert found["result"].tolist()[:3] == [2.5, 0.5, 1.0]
     assert found["x"][3] == 1
     assert found["E_t_mm"][4] == 0.3
     assert found["status"].tolist() == ["ok"] * 5 + ["no number"] * 3
     assert found["error"].tolist()[5:] == [
-        r"result is no number: 'two\nwords'", "result is no number: None", "result is no number: array([0., 0., 0.])"]
+        r"result is no number: 'two\nwords'",
+        "result is no number: None",
+        "result is no number: array([0., 0., 0.])",
+    ]
     assert found["result"].isna().tolist() == [False] * 3 + [True] * 5
 
 
 def test_a_result_named_like_another_column_is_renamed():
     found = sweep(lambda a: {"a": 2 * a, "seconds": 5, "b": 1}, a=[1])
-    assert list(found.columns) == ["a", "a_result", "seconds_result", "b", "seconds", "status", "error"]
+    assert list(found.columns) == [
+        "a",
+        "a_result",
+        "seconds_result",
+        "b",
+        "seconds",
+        "status",
+        "error",
+    ]
     assert found.loc[0, ["a", "a_result", "seconds_result"]].tolist() == [1, 2, 5]
 
 
@@ -90,19 +120,26 @@ def test_parameters_named_like_options_go_into_the_mapping():
 def test_a_sample():
     found = sweep(pair, a=Interval(0, 1), b=Interval(1, 100, log=True), sample=20)
     assert sorted((found["a"] * 20).astype(int)) == list(range(20))
-    pd.testing.assert_frame_equal(found.drop(columns="seconds"), sweep(
-        pair, a=Interval(0, 1), b=Interval(1, 100, log=True), sample=20).drop(columns="seconds"))
+    pd.testing.assert_frame_equal(
+        found.drop(columns="seconds"),
+        sweep(pair, a=Interval(0, 1), b=Interval(1, 100, log=True), sample=20).drop(
+            columns="seconds"
+        ),
+    )
 
 
-@pytest.mark.parametrize(("arguments", "said"), [
-    ({"a": []}, "a: expected at least one value, got none"),
-    ({"a": 1}, "pair: missing a required argument: 'b'; it takes a, b"),
-    ({"a": 1, "b": 1, "c": 1}, "pair: got an unexpected keyword argument 'c'; it takes a, b"),
-    ({"a": 1, "status": 1}, "status: cannot be swept, the table has a column of this name"),
-    ({"a": range(1000), "b": range(1000)}, "the grid has 1,000,000 runs"),
-    ({"a": 1, "b": 1, "workers": 0}, "workers: expected"),
-    ({"a": 1, "b": Interval(0, 1)}, "b: an interval needs a number of points"),
-])
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        ({"a": []}, "a: expected at least one value, got none"),
+        ({"a": 1}, "pair: missing a required argument: 'b'; it takes a, b"),
+        ({"a": 1, "b": 1, "c": 1}, "pair: got an unexpected keyword argument 'c'; it takes a, b"),
+        ({"a": 1, "status": 1}, "status: cannot be swept, the table has a column of this name"),
+        ({"a": range(1000), "b": range(1000)}, "the grid has 1,000,000 runs"),
+        ({"a": 1, "b": 1, "workers": 0}, "workers: expected"),
+        ({"a": 1, "b": Interval(0, 1)}, "b: an interval needs a number of points"),
+    ],
+)
 def test_what_is_refused(arguments, said):
     with pytest.raises(ValueError, match=re.escape(said)):
         sweep(pair, **arguments)
@@ -117,7 +154,10 @@ def test_several_processes_with_one_thread_each():
 
 
 def test_a_function_that_cannot_travel_is_refused():
-    with pytest.raises(ValueError, match="other processes cannot import it; put it into a module, or use one worker"):
+    with pytest.raises(
+        ValueError,
+        match="other processes cannot import it; put it into a module, or use one worker",
+    ):
         sweep(lambda a: a, a=[1, 2], workers=2)
 
 

@@ -1,4 +1,6 @@
-"""What the gallery's trials change, and what they count, on cases whose answer is known beforehand."""
+"""What the gallery's trials change, and what they count, on cases whose answer is known
+beforehand.
+"""
 
 from types import SimpleNamespace
 
@@ -7,14 +9,20 @@ import pytest
 
 from trinolab.datasets import load_sweep, load_table1, paper_rig
 from trinolab.studies import gallery
-from trinolab.studies.gallery import accuracy, background_pixels, search_window, with_baseline, with_vergence
+from trinolab.studies.gallery import (
+    accuracy,
+    background_pixels,
+    search_window,
+    with_baseline,
+    with_vergence,
+)
 from trinolab.studies.ground_truth import Regions, read_recording
 from trinolab.window import Window
 
 PAIR = paper_rig()
 BASELINE_MM = float(np.linalg.norm(PAIR.cameras[1].centre - PAIR.cameras[0].centre))
-# Tables have six digits. Between instruction sets their numbers differ by at most 1.3e-11 of themselves
-# (make verify ARGS="--only spread --groups tables").
+# Tables have six digits. Between instruction sets their numbers differ by at most 1.3e-11 of
+# themselves (make verify ARGS="--only spread --groups tables").
 DIGITS = 1e-5
 MIDDLE = load_table1().set_poses.translation.mean(axis=0)
 
@@ -29,7 +37,9 @@ def angle_deg(rig):
 
 def same(rig, other):
     for one, two in zip(rig.cameras, other.cameras, strict=True):
-        np.testing.assert_allclose(one.T_cam_world.as_matrix(), two.T_cam_world.as_matrix(), rtol=0, atol=1e-9)
+        np.testing.assert_allclose(
+            one.T_cam_world.as_matrix(), two.T_cam_world.as_matrix(), rtol=0, atol=1e-9
+        )
 
 
 # --- the rigs
@@ -41,15 +51,23 @@ def test_another_baseline_keeps_the_work_in_the_same_place_of_both_images(baseli
     first, second = moved.cameras
     assert first == PAIR.cameras[0]
     assert np.linalg.norm(second.centre) == pytest.approx(baseline_mm)
-    assert np.linalg.norm(np.cross(second.centre, PAIR.cameras[1].centre)) < 1e-9 * baseline_mm * BASELINE_MM
-    np.testing.assert_allclose(second.project([MIDDLE]), PAIR.cameras[1].project([MIDDLE]), rtol=0, atol=1e-6)
+    assert (
+        np.linalg.norm(np.cross(second.centre, PAIR.cameras[1].centre))
+        < 1e-9 * baseline_mm * BASELINE_MM
+    )
+    np.testing.assert_allclose(
+        second.project([MIDDLE]), PAIR.cameras[1].project([MIDDLE]), rtol=0, atol=1e-6
+    )
 
 
 @pytest.mark.parametrize("vergence_deg", [0.0, 4.0, 30.0])
 def test_another_vergence_turns_both_cameras_alike_where_they_stand(vergence_deg):
     turned = with_vergence(PAIR, vergence_deg)
     assert angle_deg(turned) == pytest.approx(vergence_deg, abs=1e-5)
-    shares = [np.arccos(np.clip(axis(a) @ axis(b), -1, 1)) for a, b in zip(PAIR.cameras, turned.cameras, strict=True)]
+    shares = [
+        np.arccos(np.clip(axis(a) @ axis(b), -1, 1))
+        for a, b in zip(PAIR.cameras, turned.cameras, strict=True)
+    ]
     assert shares[0] == pytest.approx(shares[1], abs=1e-9)
     for before, after in zip(PAIR.cameras, turned.cameras, strict=True):
         np.testing.assert_allclose(after.centre, before.centre, atol=1e-12)
@@ -66,9 +84,15 @@ def test_a_third_camera_stays_where_it_is():
         assert changed.cameras[2] == three.cameras[2]
 
 
-@pytest.mark.parametrize(("change", "value", "named"), [
-    (with_baseline, 0.0, "baseline_mm"), (with_baseline, np.nan, "baseline_mm"), (with_vergence, -1.0, "vergence_deg"),
-    (with_vergence, 91.0, "vergence_deg")])
+@pytest.mark.parametrize(
+    ("change", "value", "named"),
+    [
+        (with_baseline, 0.0, "baseline_mm"),
+        (with_baseline, np.nan, "baseline_mm"),
+        (with_vergence, -1.0, "vergence_deg"),
+        (with_vergence, 91.0, "vergence_deg"),
+    ],
+)
 def test_a_rig_that_cannot_be_is_refused(change, value, named):
     with pytest.raises(ValueError, match=named):
         change(PAIR, value)
@@ -87,14 +111,28 @@ def test_at_its_defaults_it_is_the_replication_of_table_1():
     assert found["E_t_mm_patches"] < 0.2 * found["E_t_mm_paper"]
 
 
-@pytest.mark.parametrize(("setting", "read"), [
-    ({"read_noise": 4.0}, lambda s: s.bench.read_noise), ({"blur_px": 2.0}, lambda s: s.bench.blur_px),
-    ({"marker_diameter_mm": 2.0}, lambda s: s.handle.marker_diameter_mm),
-    ({"baseline_mm": 50.0}, lambda s: float(np.linalg.norm(s.rig.cameras[1].centre))),
-    ({"vergence_deg": 6.0}, lambda s: float(angle_deg(s.rig))),
-    ({"distance_mm": 900.0}, lambda s: 570 * float(np.linalg.norm(s.poses.translation[5] - offset(s)))
-     / float(np.linalg.norm(load_table1().set_poses.translation[kept(s)[5]] - offset(s)))),
-    ({"elevation_deg": 40.0}, lambda s: float(np.rad2deg(np.arccos(axis(s.rig.cameras[2])[2]))))])
+@pytest.mark.parametrize(
+    ("setting", "read"),
+    [
+        ({"read_noise": 4.0}, lambda s: s.bench.read_noise),
+        ({"blur_px": 2.0}, lambda s: s.bench.blur_px),
+        ({"marker_diameter_mm": 2.0}, lambda s: s.handle.marker_diameter_mm),
+        ({"baseline_mm": 50.0}, lambda s: float(np.linalg.norm(s.rig.cameras[1].centre))),
+        ({"vergence_deg": 6.0}, lambda s: float(angle_deg(s.rig))),
+        (
+            {"distance_mm": 900.0},
+            lambda s: (
+                570
+                * float(np.linalg.norm(s.poses.translation[5] - offset(s)))
+                / float(np.linalg.norm(load_table1().set_poses.translation[kept(s)[5]] - offset(s)))
+            ),
+        ),
+        (
+            {"elevation_deg": 40.0},
+            lambda s: float(np.rad2deg(np.arccos(axis(s.rig.cameras[2])[2]))),
+        ),
+    ],
+)
 def test_each_setting_reaches_the_scene_and_the_measurement(setting, read, monkeypatch):
     seen = []
     monkeypatch.setattr(gallery, "measured", lambda setup, methods, rng: seen.append(setup) or {})
@@ -115,7 +153,9 @@ def kept(setup):
 
 def test_where_nothing_is_measured_the_errors_are_nan(monkeypatch):
     lost = SimpleNamespace(pose=SimpleNamespace(T_world_handle=None))
-    monkeypatch.setattr(gallery, "measured", lambda setup, methods, rng: {name: [lost] * 20 for name in methods})
+    monkeypatch.setattr(
+        gallery, "measured", lambda setup, methods, rng: {name: [lost] * 20 for name in methods}
+    )
     found = accuracy()
     assert found["n_paper"] == 0
     assert np.isnan(found["E_t_mm_patches"])
@@ -129,7 +169,11 @@ def clip(frames):
     inside = np.zeros((40, 60), bool)
     inside[10:20, 10:30] = True
     images = list(np.array(frames, np.uint8))
-    return (images, np.full((40, 60), 50, np.uint8), [Regions(inside, ~inside)] * len(frames)), inside
+    return (
+        images,
+        np.full((40, 60), 50, np.uint8),
+        [Regions(inside, ~inside)] * len(frames),
+    ), inside
 
 
 def test_a_step_of_the_light_is_false_as_printed_and_cured(monkeypatch):
@@ -167,7 +211,7 @@ def test_without_a_window_every_image_is_lost(still):
 def test_a_window_that_cuts_markers_off_has_lost_them(still, monkeypatch):
     recording = still[0]._replace(instants=still[0].instants[:1])
     monkeypatch.setattr(gallery, "_recording", lambda name: recording)
-    now, = recording.instants
+    (now,) = recording.instants
     for camera, seen, row in zip(recording.rig.cameras, now.seen, still[1], strict=True):
         assert seen.sum() > 1
         uv = camera.project(now.T_world_handle.apply(recording.handle.marker_centres[seen]))

@@ -1,4 +1,6 @@
-"""Sweeps that are kept in a folder: notebooks by the command, functions; interrupted, stale, refused."""
+"""Sweeps that are kept in a folder: notebooks by the command, functions; interrupted, stale,
+refused.
+"""
 
 import json
 import os
@@ -18,7 +20,8 @@ from trinolab.files.kept import KeptLines
 from trinolab.sweep import runs, sweep
 from trinolab.sweep.folder import read_sweep
 
-# Each run leaves a line in `trace`: its parameter and its process. From `waits_from` on a run waits for the gate.
+# Each run leaves a line in `trace`: its parameter and its process. From `waits_from` on a run waits
+# for the gate.
 WORK = f"""
 import os, time
 with open("trace", "a") as file:
@@ -48,12 +51,22 @@ def traced():
 def test_the_command_makes_table_figure_and_manifest(capfd):
     assert run(LINE + " --keep") == 0
     out, err = capfd.readouterr()
-    assert out == ("10 runs: 8 ok, 1 no number, 1 failed; written to new/s\n"
-                   "the first failed: ValueError: too much (code cell 2)\n"
-                   "the first no number: wrong is no number: 'text'\n")
+    assert out == (
+        "10 runs: 8 ok, 1 no number, 1 failed; written to new/s\n"
+        "the first failed: ValueError: too much (code cell 2)\n"
+        "the first no number: wrong is no number: 'text'\n"
+    )
     assert err == ""
     found = read_sweep("new/s")
-    assert list(found.columns) == ["a", "square", "wrong", "seconds_result", "seconds", "status", "error"]
+    assert list(found.columns) == [
+        "a",
+        "square",
+        "wrong",
+        "seconds_result",
+        "seconds",
+        "status",
+        "error",
+    ]
     assert found["a"].tolist() == list(range(10))
     assert found["square"].tolist()[:9] == [a**2 for a in range(9)]
     assert found["status"].tolist() == ["ok", "ok", "no number", *["ok"] * 6, "failed"]
@@ -62,9 +75,26 @@ def test_the_command_makes_table_figure_and_manifest(capfd):
     manifest = json.loads(Path("new/s/manifest.json").read_text())
     assert manifest["command"] == f"trinolab {LINE} --keep"
     assert manifest["values"] == {"a": list(range(10))}
-    assert set(manifest["made_from"]) == {"the notebook", "the package", "its data", "the environment"}
-    assert set(manifest) == {"what", "parameters", "grid", "runs", "made_from", "values", "command", "workers",
-                             "versions", "commit", "machine", "begun"}
+    assert set(manifest["made_from"]) == {
+        "the notebook",
+        "the package",
+        "its data",
+        "the environment",
+    }
+    assert set(manifest) == {
+        "what",
+        "parameters",
+        "grid",
+        "runs",
+        "made_from",
+        "values",
+        "command",
+        "workers",
+        "versions",
+        "commit",
+        "machine",
+        "begun",
+    }
     assert Path("new/s/figure.png").read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"
     assert len(list(Path("new/s/notebooks").iterdir())) == 10
     assert len(traced()[1]) == 2  # a kernel for each worker
@@ -83,14 +113,20 @@ def test_what_is_finished_is_not_run_again_unless_it_is_stale(caplog, monkeypatc
     assert not caplog.messages
     Path("n.ipynb").write_text(Path("n.ipynb").read_text().replace("a**2", "a**3"))
     assert run(line) == 0
-    assert caplog.messages == ["new/s: the notebook has changed since; 3 finished runs are stale and are done again"]
+    assert caplog.messages == [
+        "new/s: the notebook has changed since; 3 finished runs are stale and are done again"
+    ]
     assert Path("new/s/table.csv").read_bytes() != table
     assert sorted(traced()[0]) == [0, 0, 1, 1, 2, 2]
     real = provenance.surroundings
-    monkeypatch.setattr(provenance, "surroundings", lambda code: {**real(code), "the package": "x", "its data": "y"})
+    monkeypatch.setattr(
+        provenance, "surroundings", lambda code: {**real(code), "the package": "x", "its data": "y"}
+    )
     assert run(line) == 0
-    assert caplog.messages[1:] == ["new/s: the package and its data have changed since; 3 finished runs are stale and "
-                                   "are done again"]
+    assert caplog.messages[1:] == [
+        "new/s: the package and its data have changed since; 3 finished runs are stale and "
+        "are done again"
+    ]
 
 
 def test_the_package_the_data_and_the_environment_are_told_apart(tmp_path, monkeypatch):
@@ -109,16 +145,26 @@ def test_the_package_the_data_and_the_environment_are_told_apart(tmp_path, monke
 def finished():
     """The numbers of the runs that are kept, from whole lines."""
     path = Path("new/s/runs.jsonl")
-    return [json.loads(line)["run"] for line in path.read_text().split("\n")[:-1]] if path.exists() else []
+    return (
+        [json.loads(line)["run"] for line in path.read_text().split("\n")[:-1]]
+        if path.exists()
+        else []
+    )
 
 
 def alive(processes):
-    return {process for process in processes if Path(f"/proc/{process}/cmdline").exists()
-            and Path(f"/proc/{process}/cmdline").read_bytes()}
+    return {
+        process
+        for process in processes
+        if Path(f"/proc/{process}/cmdline").exists()
+        and Path(f"/proc/{process}/cmdline").read_bytes()
+    }
 
 
 @pytest.mark.usefixtures("notebook")
-@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGKILL, -signal.SIGKILL)])
+@pytest.mark.parametrize(
+    ("number", "code"), [(signal.SIGINT, 130), (signal.SIGKILL, -signal.SIGKILL)]
+)
 def test_a_sweep_that_is_stopped_keeps_its_runs_and_goes_on(number, code):
     line = LINE.replace("0:9:10", "0:7:8") + " -p waits_from=4"
     with started(line) as process:
@@ -141,9 +187,16 @@ def test_a_sweep_that_is_stopped_keeps_its_runs_and_goes_on(number, code):
 
 
 @pytest.mark.usefixtures("notebook")
-@pytest.mark.parametrize("end", [
-    '{"run": 3, "results": {"squ', '{"run": 3}\n', "\x00\x00\n", "[1]\n",
-    '{"run": 99, "results": {}, "seconds": 1, "status": "ok", "error": ""}\n'])
+@pytest.mark.parametrize(
+    "end",
+    [
+        '{"run": 3, "results": {"squ',
+        '{"run": 3}\n',
+        "\x00\x00\n",
+        "[1]\n",
+        '{"run": 99, "results": {}, "seconds": 1, "status": "ok", "error": ""}\n',
+    ],
+)
 def test_a_line_that_is_cut_off_or_damaged_is_run_again(end):
     def square(a):
         return a**2
@@ -160,7 +213,8 @@ def test_a_function_is_kept_and_stale_when_its_file_has_changed(tmp_path, monkey
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "path", [str(tmp_path), *sys.path])
     Path("mine.py").write_text(
-        "def f(a):\n    with open('trace', 'a') as file:\n        file.write('x')\n    return a\n")
+        "def f(a):\n    with open('trace', 'a') as file:\n        file.write('x')\n    return a\n"
+    )
     import mine
 
     first = sweep(mine.f, a=np.linspace(0, 1, 3), out="s")
@@ -169,7 +223,9 @@ def test_a_function_is_kept_and_stale_when_its_file_has_changed(tmp_path, monkey
     assert Path("trace").read_text() == "xxx"
     Path("mine.py").write_text(Path("mine.py").read_text() + "# changed\n")
     sweep(mine.f, a=np.linspace(0, 1, 3), out="s")
-    assert caplog.messages == ["s: the function has changed since; 3 finished runs are stale and are done again"]
+    assert caplog.messages == [
+        "s: the function has changed since; 3 finished runs are stale and are done again"
+    ]
     assert Path("trace").read_text() == "xxxxxx"
 
 
@@ -185,8 +241,12 @@ def test_a_function_that_is_interrupted_keeps_its_runs(tmp_path):
     assert sweep(once, a=range(4), out=tmp_path / "s")["result"].tolist() == [0, 1, 2, 3]
 
 
-@pytest.mark.parametrize(("moment", "count"), [("before it is written", 2), ("after it is written", 3)])
-def test_an_interruption_while_a_run_is_kept_counts_what_the_file_has(tmp_path, monkeypatch, moment, count):
+@pytest.mark.parametrize(
+    ("moment", "count"), [("before it is written", 2), ("after it is written", 3)]
+)
+def test_an_interruption_while_a_run_is_kept_counts_what_the_file_has(
+    tmp_path, monkeypatch, moment, count
+):
     real, calls = KeptLines.add_line, []
 
     def add_line(lines, line):

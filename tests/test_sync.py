@@ -10,19 +10,40 @@ from trinolab.bench.motion import motion_at
 from trinolab.camera import Camera, Rig, fundamental_matrix
 from trinolab.datasets import load_handle, load_rig
 from trinolab.following import sync
-from trinolab.following.sync import Delta, Offsets, estimate_offsets, join, sampson, significant, tracks_of
+from trinolab.following.sync import (
+    Delta,
+    Offsets,
+    estimate_offsets,
+    join,
+    sampson,
+    significant,
+    tracks_of,
+)
 from trinolab.handle import facing_pixels
 
 OFFSETS = (0.0, 0.007, -0.020)
 TIMES = np.arange(150) / 30
 
 
-def seen(offsets=OFFSETS, seed=0, times=TIMES, noise_px=0.1, speed_mm_s=200.0, turn_deg_s=20.0, rig=None):
-    """Pixels of the markers of a moving handle, (cameras, n, markers, 2); a tenth of them is missing."""
-    rig, handle, rng = rig or load_rig("raised_40deg"), load_handle("coded"), np.random.default_rng(seed)
+def seen(
+    offsets=OFFSETS, seed=0, times=TIMES, noise_px=0.1, speed_mm_s=200.0, turn_deg_s=20.0, rig=None
+):
+    """Pixels of the markers of a moving handle, (cameras, n, markers, 2); a tenth of them is
+    missing.
+    """
+    rig, handle, rng = (
+        rig or load_rig("raised_40deg"),
+        load_handle("coded"),
+        np.random.default_rng(seed),
+    )
     found = []
     for camera, offset in zip(rig.cameras, offsets, strict=True):
-        poses = motion_at(np.random.default_rng(seed), times + offset + 1, speed_mm_s=speed_mm_s, turn_deg_s=turn_deg_s)
+        poses = motion_at(
+            np.random.default_rng(seed),
+            times + offset + 1,
+            speed_mm_s=speed_mm_s,
+            turn_deg_s=turn_deg_s,
+        )
         uv = np.stack([facing_pixels(handle, camera, T, 70.0) for T in poses])
         uv += noise_px * rng.standard_normal(uv.shape)
         uv[rng.random(uv.shape[:2]) < 0.1] = np.nan
@@ -48,7 +69,8 @@ def test_standard_deviations_are_honest():
     for seed in range(8):
         found = estimate_offsets(TIMES, seen(seed=seed), load_rig("raised_40deg"))
         z.append((found.offset_s - OFFSETS)[1:] / found.sigma_s[1:])
-    assert 0.5 < np.sqrt(np.mean(np.square(z))) < 1.6  # 16 numbers that are not independent; 0.86 over 24 at 10 s
+    # 16 numbers that are not independent; 0.86 over 24 at 10 s
+    assert 0.5 < np.sqrt(np.mean(np.square(z))) < 1.6
 
 
 def test_cameras_in_step_have_no_offset():
@@ -60,7 +82,10 @@ def test_cameras_in_step_have_no_offset():
 def test_two_cameras_uneven_times_and_a_lens():
     rng = np.random.default_rng(1)
     times = np.sort(np.delete(TIMES + rng.uniform(-0.01, 0.01, len(TIMES)), [20, 21, 70]))
-    bent = [replace(camera, distortions=[-0.2, 0.1, 1e-3, -1e-3, 0.0]) for camera in load_rig("paper_pair").cameras]
+    bent = [
+        replace(camera, distortions=[-0.2, 0.1, 1e-3, -1e-3, 0.0])
+        for camera in load_rig("paper_pair").cameras
+    ]
     rig = Rig(tuple(bent))
     found = estimate_offsets(times, seen((0, 0.07), times=times, rig=rig), rig)
     assert found.offset_s[1] == pytest.approx(0.07, abs=1e-4)
@@ -68,9 +93,12 @@ def test_two_cameras_uneven_times_and_a_lens():
 
 def test_a_calibration_that_is_off_pretends_no_offset():
     uv, rng = seen((0, 0, 0)), np.random.default_rng(2)
-    off = [Rotation.from_rotvec(rng.normal(0, 0.1, 3), degrees=True) for _ in range(3)]  # about 5 px
-    cameras = [replace(camera, T_cam_world=RigidTransform.from_rotation(R) * camera.T_cam_world)
-               for camera, R in zip(load_rig("raised_40deg").cameras, off, strict=True)]
+    # about 5 px
+    off = [Rotation.from_rotvec(rng.normal(0, 0.1, 3), degrees=True) for _ in range(3)]
+    cameras = [
+        replace(camera, T_cam_world=RigidTransform.from_rotation(R) * camera.T_cam_world)
+        for camera, R in zip(load_rig("raised_40deg").cameras, off, strict=True)
+    ]
     found = estimate_offsets(TIMES, uv, Rig(tuple(cameras)))
     assert not significant(found).any()
     assert np.nanmax(np.abs(found.offset_s)) < 5e-4
@@ -109,8 +137,16 @@ def test_a_camera_that_sees_nothing_has_a_reason_and_the_others_their_offset():
 def test_motion_along_the_epipolar_lines_shows_nothing():
     rig, rng = parallel(), np.random.default_rng(0)
     x = 100 * np.sin(3 * TIMES)
-    points = np.stack([np.column_stack([x, np.full_like(x, y), np.full_like(x, 800.0)]) for y in (-20.0, 0.0, 30.0)], 1)
-    uv = np.stack([camera.project(points.reshape(-1, 3)).reshape(len(x), 3, 2) for camera in rig.cameras])
+    points = np.stack(
+        [
+            np.column_stack([x, np.full_like(x, y), np.full_like(x, 800.0)])
+            for y in (-20.0, 0.0, 30.0)
+        ],
+        1,
+    )
+    uv = np.stack(
+        [camera.project(points.reshape(-1, 3)).reshape(len(x), 3, 2) for camera in rig.cameras]
+    )
     found = estimate_offsets(TIMES, uv + 0.1 * rng.standard_normal(uv.shape), rig)
     assert found.reasons == (None, sync.RESTING)
 
@@ -121,9 +157,15 @@ def test_an_offset_beyond_the_range_is_none():
     assert found.offset_s[2] == pytest.approx(0, abs=5e-5)
 
 
-@pytest.mark.parametrize(("times", "shape", "message"), [
-    (TIMES[::-1], (3, 150, 4, 2), "times_s: expected increasing"), (TIMES, (2, 150, 4, 2), "uv: expected shape"),
-    (TIMES, (3, 149, 4, 2), "uv: expected shape"), (np.full(150, np.nan), (3, 150, 4, 2), "times_s: expected finite")])
+@pytest.mark.parametrize(
+    ("times", "shape", "message"),
+    [
+        (TIMES[::-1], (3, 150, 4, 2), "times_s: expected increasing"),
+        (TIMES, (2, 150, 4, 2), "uv: expected shape"),
+        (TIMES, (3, 149, 4, 2), "uv: expected shape"),
+        (np.full(150, np.nan), (3, 150, 4, 2), "times_s: expected finite"),
+    ],
+)
 def test_what_does_not_fit_is_refused(times, shape, message):
     with pytest.raises(ValueError, match=message):
         estimate_offsets(times, np.zeros(shape), load_rig("raised_40deg"))
@@ -135,8 +177,18 @@ def test_what_does_not_fit_is_refused(times, shape, message):
 def parallel():
     """Two cameras beside each other: a match has the same v."""
     matrix = [[1000.0, 0, 320], [0, 1000.0, 240], [0, 0, 1]]
-    return Rig(tuple(Camera(name, (640, 480), matrix, np.zeros(5), RigidTransform.from_translation([-x, 0.0, 0.0]))
-                     for name, x in (("a", 0.0), ("b", 100.0))))
+    return Rig(
+        tuple(
+            Camera(
+                name,
+                (640, 480),
+                matrix,
+                np.zeros(5),
+                RigidTransform.from_translation([-x, 0.0, 0.0]),
+            )
+            for name, x in (("a", 0.0), ("b", 100.0))
+        )
+    )
 
 
 def test_sampson_distance_by_hand():
@@ -161,35 +213,51 @@ def test_the_gradient_is_that_of_the_distance():
 
 def test_tracks_end_at_long_gaps_and_short_ones_are_left_out():
     uv = np.full((30, 2, 2), np.nan)
-    uv[:10, 0] = uv[12:20, 0] = uv[25:28, 0] = 1.0  # gaps of 0.1 s, which is bridged, and of 0.2 s before three samples
+    # gaps of 0.1 s, which is bridged, and of 0.2 s before three samples
+    uv[:10, 0] = uv[12:20, 0] = uv[25:28, 0] = 1.0
     tracks = tracks_of(TIMES[:30], uv, gap_s=0.11)
     assert [(track.marker, track.first, track.last) for track in tracks] == [(0, 0.0, TIMES[19])]
     assert len(tracks_of(TIMES[:30], uv, gap_s=0.05)) == 2
 
 
 def test_pairs_are_joined_by_least_squares():
-    agreed = {(0, 1): Delta(-0.001, 1e-4, None), (0, 2): Delta(-0.003, 1e-4, None), (1, 2): Delta(-0.002, 1e-4, None)}
+    agreed = {
+        (0, 1): Delta(-0.001, 1e-4, None),
+        (0, 2): Delta(-0.003, 1e-4, None),
+        (1, 2): Delta(-0.002, 1e-4, None),
+    }
     found = join(agreed, 3)
     assert found.offset_s == pytest.approx([0, 0.001, 0.003])
-    assert found.sigma_s == pytest.approx([0, *[1e-4 * np.sqrt(2 / 3)] * 2])  # inverse of [[2, -1], [-1, 2]] / s^2
+    # inverse of [[2, -1], [-1, 2]] / s^2
+    assert found.sigma_s == pytest.approx([0, *[1e-4 * np.sqrt(2 / 3)] * 2])
     apart = join({**agreed, (1, 2): Delta(-0.0026, 1e-4, None)}, 3)
-    # 0.6 ms too much, 0.2 ms for each pair: three residuals of two sigma, chi-square 12 for one degree of freedom
+    # 0.6 ms too much, 0.2 ms for each pair: three residuals of two sigma, chi-square 12 for one
+    # degree of freedom
     assert apart.offset_s == pytest.approx([0, 0.0008, 0.0032])
     assert apart.sigma_s == pytest.approx(found.sigma_s * np.sqrt(12))
 
 
 def test_a_camera_may_be_joined_through_another_or_not_at_all():
     none = Delta(np.nan, np.nan, sync.UNSEEN)
-    through = join({(0, 1): Delta(-0.001, 1e-4, None), (0, 2): none, (1, 2): Delta(-0.002, 1e-4, None)}, 3)
+    through = join(
+        {(0, 1): Delta(-0.001, 1e-4, None), (0, 2): none, (1, 2): Delta(-0.002, 1e-4, None)}, 3
+    )
     assert through.offset_s == pytest.approx([0, 0.001, 0.003])
     assert through.sigma_s == pytest.approx([0, 1e-4, 1e-4 * np.sqrt(2)])
-    apart = join({(0, 1): none, (0, 2): Delta(np.nan, np.nan, sync.RESTING), (1, 2): Delta(0.0, 1e-4, None)}, 3)
+    apart = join(
+        {(0, 1): none, (0, 2): Delta(np.nan, np.nan, sync.RESTING), (1, 2): Delta(0.0, 1e-4, None)},
+        3,
+    )
     assert np.isnan(apart.offset_s[1:]).all()
     assert apart.reasons == (None, sync.UNSEEN, sync.RESTING)
 
 
 def test_significant_needs_both():
-    found = Offsets(np.array([0, 0.002, 0.002, -0.0009, np.nan]), np.array([0, 3e-4, 5e-4, 1e-6, np.nan]), (None,) * 5)
+    found = Offsets(
+        np.array([0, 0.002, 0.002, -0.0009, np.nan]),
+        np.array([0, 3e-4, 5e-4, 1e-6, np.nan]),
+        (None,) * 5,
+    )
     assert list(significant(found)) == [False, True, False, False, False]
     assert list(significant(found, 3.0, 5e-4)) == [False, True, True, True, False]
     with pytest.raises(ValueError, match="least_s: expected a number"):

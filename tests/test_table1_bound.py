@@ -1,4 +1,6 @@
-"""The Cramer-Rao bounds of Table 1's poses: that the shipped table is what the code makes, and makes sense."""
+"""The Cramer-Rao bounds of Table 1's poses: that the shipped table is what the code makes, and
+makes sense.
+"""
 
 import numpy as np
 import pytest
@@ -8,29 +10,36 @@ from trinolab.studies import bound
 from trinolab.studies.bound import COLUMNS, RIGS, SHIPPED_PIXELS, pose_bound, table1_bounds
 
 TABLE = load_sweep("bound").set_index(["rig", "pixels", "row"])
-# Tables have six digits. Between instruction sets their numbers differ by at most 1.3e-11 of themselves
-# (make verify ARGS="--only spread --groups tables").
+# Tables have six digits. Between instruction sets their numbers differ by at most 1.3e-11 of
+# themselves (make verify ARGS="--only spread --groups tables").
 DIGITS = 1e-5
 
 
 def test_table_has_every_pose():
-    assert list(TABLE.index) == [(rig, pixels, row) for rig in RIGS for pixels in SHIPPED_PIXELS
-                                 for row in range(1, 21)]
+    assert list(TABLE.index) == [
+        (rig, pixels, row) for rig in RIGS for pixels in SHIPPED_PIXELS for row in range(1, 21)
+    ]
     assert tuple(TABLE.columns) == COLUMNS
     assert (TABLE > 0).all(axis=None)
 
 
 def test_a_third_camera_and_more_pixels_never_take_information_away():
     for three in RIGS[1:]:
-        assert (TABLE.loc[three, ["rms_mm", "rms_deg"]] < TABLE.loc["paper_pair", ["rms_mm", "rms_deg"]]).all(axis=None)
-    markers, around = (TABLE.xs(pixels, level="pixels")[["rms_mm", "rms_deg"]] for pixels in SHIPPED_PIXELS)
+        assert (
+            TABLE.loc[three, ["rms_mm", "rms_deg"]] < TABLE.loc["paper_pair", ["rms_mm", "rms_deg"]]
+        ).all(axis=None)
+    markers, around = (
+        TABLE.xs(pixels, level="pixels")[["rms_mm", "rms_deg"]] for pixels in SHIPPED_PIXELS
+    )
     assert (around < 1.001 * markers).all(axis=None)
 
 
 @pytest.mark.heavy
 def test_one_row_is_made_again():
     for pixels in SHIPPED_PIXELS:
-        made = pose_bound(load_rig("paper_pair"), load_handle("paper"), load_table1().set_poses[4], None, pixels)
+        made = pose_bound(
+            load_rig("paper_pair"), load_handle("paper"), load_table1().set_poses[4], None, pixels
+        )
         row = TABLE.loc["paper_pair", pixels, 5]
         assert [getattr(made, name) for name in COLUMNS] == pytest.approx(list(row), rel=DIGITS)
 

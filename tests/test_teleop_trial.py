@@ -1,4 +1,6 @@
-"""The trial of master to slave: parts that are known beforehand, delays against their sum, the reach against ticks."""
+"""The trial of master to slave: parts that are known beforehand, delays against their sum, the
+reach against ticks.
+"""
 
 import numpy as np
 import pytest
@@ -30,7 +32,8 @@ from trinolab.studies.master_slave import (
 
 ROBOT = load_robot()
 TOOL = forward(ROBOT, ROBOT.home)
-TO_BASE = Rotation.from_matrix([[1, 0, 0], [0, 0, 1], [0, -1, 0]])  # the hand's right, down, away: +x, -z, +y
+# the hand's right, down, away: +x, -z, +y
+TO_BASE = Rotation.from_matrix([[1, 0, 0], [0, 0, 1], [0, -1, 0]])
 HANDLE = RigidTransform.from_components([0.0, 0.0, 560.0], Rotation.from_rotvec([0, np.pi / 2, 0]))
 MAPPING, FOLLOWING = MappingParameters(alignment=TO_BASE), ReferenceParameters()
 
@@ -40,11 +43,17 @@ def still(times):
 
 
 def steady(speed, turn=0.0):
-    """A hand that goes away with one speed, mm/s, and turns at one rate, rad/s, from `STILL_S` on."""
+    """A hand that goes away with one speed, mm/s, and turns at one rate, rad/s, from `STILL_S`
+    on.
+    """
+
     def hand(times):
         moved = np.maximum(times - STILL_S, 0.0)[:, None]
-        return RigidTransform.from_components(HANDLE.translation + speed * moved * [0, 0, 1],
-                                              Rotation.from_rotvec(turn * moved * [0, 0, 1]) * HANDLE.rotation)
+        return RigidTransform.from_components(
+            HANDLE.translation + speed * moved * [0, 0, 1],
+            Rotation.from_rotvec(turn * moved * [0, 0, 1]) * HANDLE.rotation,
+        )
+
     return hand
 
 
@@ -60,7 +69,9 @@ def test_a_hand_at_rest_without_noise_has_no_error():
 
 
 def test_the_stages_follow_the_parts_and_their_steps_sum_to_the_total():
-    trial = run(ROBOT, human_hand(3, 0.3), MAPPING, noise_mm=0.1, noise_deg=0.3, age_s=0.03, duration_s=1.0)
+    trial = run(
+        ROBOT, human_hand(3, 0.3), MAPPING, noise_mm=0.1, noise_deg=0.3, age_s=0.03, duration_s=1.0
+    )
     assert list(trial.stages) == list(STAGES)
     assert list(parts(trial)) == [*PARTS, "total"]
     assert {len(stage) for stage in trial.stages.values()} == {len(trial.t_s)}
@@ -71,22 +82,41 @@ def test_the_stages_follow_the_parts_and_their_steps_sum_to_the_total():
 
 @pytest.mark.heavy
 def test_noise_alone_has_the_size_of_its_low_pass_and_doubles_with_the_scale():
-    """At rest the filter is a first-order low-pass: of a deviation sigma it leaves sigma sqrt(share / (2 - share)).
+    """At rest the filter is a first-order low-pass: of a deviation sigma it leaves sigma sqrt(share
+    / (2 - share)).
 
-    The clutch is closed at one filtered pose, from which the others differ: sqrt 2 times as much, where they are
-    independent. The mean length of three Gaussian coordinates is sqrt(8 / pi) of them.
+    The clutch is closed at one filtered pose, from which the others differ: sqrt 2 times as much,
+    where they are independent. The mean length of three Gaussian coordinates is sqrt(8 / pi) of
+    them.
     """
     flat = MappingParameters(alignment=TO_BASE, filtering=OneEuroParameters(1.5, 1.0, 0.0, 0.0))
     found = []
     for seed in range(3):
-        once = run(ROBOT, still, flat, noise_mm=0.1, noise_deg=0.3, duration_s=2.0, rng=np.random.default_rng(seed))
+        once = run(
+            ROBOT,
+            still,
+            flat,
+            noise_mm=0.1,
+            noise_deg=0.3,
+            duration_s=2.0,
+            rng=np.random.default_rng(seed),
+        )
         found.append(parts(once)["tracker noise"][0])
     share = 1 / (1 + 30 / (2 * np.pi * 1.5))
     expected = 0.1 * np.sqrt(share / (2 - share)) * np.sqrt(2) * np.sqrt(8 / np.pi)
     assert np.mean(found) == pytest.approx(expected, rel=0.35)  # one closing of the clutch a seed
-    twice = run(ROBOT, still, MappingParameters(2.0, 2.0, TO_BASE, flat.filtering), noise_mm=0.1, noise_deg=0.3,
-                duration_s=2.0, rng=np.random.default_rng(2))
-    np.testing.assert_allclose(parts(twice)["tracker noise"], 2 * np.array(parts(once)["tracker noise"]), rtol=0.01)
+    twice = run(
+        ROBOT,
+        still,
+        MappingParameters(2.0, 2.0, TO_BASE, flat.filtering),
+        noise_mm=0.1,
+        noise_deg=0.3,
+        duration_s=2.0,
+        rng=np.random.default_rng(2),
+    )
+    np.testing.assert_allclose(
+        parts(twice)["tracker noise"], 2 * np.array(parts(once)["tracker noise"]), rtol=0.01
+    )
     assert parts(twice)["filter lag"][0] == pytest.approx(0, abs=1e-9)
 
 
@@ -96,27 +126,46 @@ def test_a_steady_motion_is_behind_by_the_sum_of_the_lags():
     trial = run(ROBOT, steady(speed), MAPPING, age_s=age, duration_s=3.0)
     late = trial.t_s > STILL_S + 2.0
     budget = latency_budget(ROBOT, MAPPING, FOLLOWING, 30.0, speed)
-    lags = {"age and hold": age + budget["hold"] + budget["tick"], "filter lag": budget["filter"],
-            "reference lag": budget["reference"], "servo": budget["servo"], "tracker noise": 0, "kinematics": 0}
-    behind = {name: np.linalg.norm(trial.stages[b].translation[late] - trial.stages[a].translation[late], axis=1).mean()
-              for name, a, b in zip(PARTS, STAGES[:-1], STAGES[1:], strict=True)}
+    lags = {
+        "age and hold": age + budget["hold"] + budget["tick"],
+        "filter lag": budget["filter"],
+        "reference lag": budget["reference"],
+        "servo": budget["servo"],
+        "tracker noise": 0,
+        "kinematics": 0,
+    }
+    behind = {
+        name: np.linalg.norm(
+            trial.stages[b].translation[late] - trial.stages[a].translation[late], axis=1
+        ).mean()
+        for name, a, b in zip(PARTS, STAGES[:-1], STAGES[1:], strict=True)
+    }
     for name, lag in lags.items():
-        assert behind[name] == pytest.approx(speed * lag, abs=0.1), name  # mm; the hold's mean has half a tick to it
-    total = np.linalg.norm(trial.stages["hand"].translation[late] - trial.stages["tool"].translation[late], axis=1)
+        # mm; the hold's mean has half a tick to it
+        assert behind[name] == pytest.approx(speed * lag, abs=0.1), name
+    total = np.linalg.norm(
+        trial.stages["hand"].translation[late] - trial.stages["tool"].translation[late], axis=1
+    )
     assert total.mean() == pytest.approx(speed * sum(lags.values()), abs=0.2)
 
 
 def test_a_trial_says_what_held_it():
-    assert run(ROBOT, steady(300.0), MappingParameters(4.0, alignment=TO_BASE), duration_s=1.0).held == ("reach",)
+    assert run(
+        ROBOT, steady(300.0), MappingParameters(4.0, alignment=TO_BASE), duration_s=1.0
+    ).held == ("reach",)
 
 
 # --- delays
 
 
-@pytest.mark.parametrize(("pace", "within_s"), [(0.3, 0.005), pytest.param(1.0, 0.015, marks=pytest.mark.heavy)])
+@pytest.mark.parametrize(
+    ("pace", "within_s"), [(0.3, 0.005), pytest.param(1.0, 0.015, marks=pytest.mark.heavy)]
+)
 def test_the_measured_delay_is_the_sum_of_the_budget(pace, within_s):
     age = 0.0488
-    trial = run(ROBOT, human_hand(0, pace), MAPPING, noise_mm=0.05, noise_deg=0.3, age_s=age, duration_s=4.0)
+    trial = run(
+        ROBOT, human_hand(0, pace), MAPPING, noise_mm=0.05, noise_deg=0.3, age_s=age, duration_s=4.0
+    )
     budget = latency_budget(ROBOT, MAPPING, FOLLOWING, 30.0, master_slave.speed_mm_s(trial))
     assert sum(budget[stage] for stage in master_slave.CAMERAS) == pytest.approx(age, abs=1e-4)
     assert lag_s(trial) == pytest.approx(sum(budget.values()), abs=within_s)
@@ -125,11 +174,17 @@ def test_the_measured_delay_is_the_sum_of_the_budget(pace, within_s):
 
 def test_the_cross_correlation_finds_a_known_delay_between_ticks():
     t = 0.002 * np.arange(1000)
-    stages = {name: RigidTransform.from_translation(50 * np.stack([np.sin(3 * s), np.cos(2 * s), s * 0], axis=1))
-              for name, s in (("hand", t), ("tool", t - 0.0837))}
+    stages = {
+        name: RigidTransform.from_translation(
+            50 * np.stack([np.sin(3 * s), np.cos(2 * s), s * 0], axis=1)
+        )
+        for name, s in (("hand", t), ("tool", t - 0.0837))
+    }
     assert lag_s(master_slave.Trial(t, stages, ())) == pytest.approx(0.0837, abs=5e-4)
     with pytest.raises(ValueError, match="trial"):
-        lag_s(master_slave.Trial(t[:300], {name: stage[:300] for name, stage in stages.items()}, ()))
+        lag_s(
+            master_slave.Trial(t[:300], {name: stage[:300] for name, stage in stages.items()}, ())
+        )
 
 
 def test_without_a_motion_there_is_no_delay():
@@ -143,7 +198,9 @@ def test_the_reference_is_late_by_its_time_constant_or_by_what_braking_asks_for(
     for speed in (50.0, 420.0):  # as it goes
         ref = control.at_rest(TOOL)
         for k in range(1, 1501):
-            ref = control.step(ref, RigidTransform.from_translation([speed * k * 0.002, 0, 0]) * TOOL, 0.002)
+            ref = control.step(
+                ref, RigidTransform.from_translation([speed * k * 0.002, 0, 0]) * TOOL, 0.002
+            )
         behind = speed * 3.0 - (ref.pose.translation - TOOL.translation)[0]
         assert behind / speed == pytest.approx(reference_lag_s(FOLLOWING, speed), abs=0.003)
 
@@ -151,9 +208,12 @@ def test_the_reference_is_late_by_its_time_constant_or_by_what_braking_asks_for(
 def test_the_tool_is_read_one_step_of_the_simulation_late():
     slave, way = Slave(ROBOT), np.array([0.3, 0.0, 0.0, 0.0, 0.0, 0.0])
     for k in range(500):
-        found = slave.advance(ROBOT.home + way * 0.002 * k, ROBOT.home + way * 0.002 * (k + 1), 0.002)
+        found = slave.advance(
+            ROBOT.home + way * 0.002 * k, ROBOT.home + way * 0.002 * (k + 1), 0.002
+        )
     earlier = forward(ROBOT, found.q - way * ROBOT.model.opt.timestep)
-    np.testing.assert_allclose(found.tool.translation, earlier.translation, atol=0.005)  # mm; it moves by 0.15 a step
+    # mm; it moves by 0.15 a step
+    np.testing.assert_allclose(found.tool.translation, earlier.translation, atol=0.005)
 
 
 # --- the mapping, the noise, the reach, the tool
@@ -161,7 +221,9 @@ def test_the_tool_is_read_one_step_of_the_simulation_late():
 
 @pytest.mark.parametrize(("scale", "turn_scale"), [(1.0, 1.0), (2.5, 0.5)])
 def test_the_mapping_without_a_filter_is_that_of_teleop(scale, turn_scale):
-    quick = MappingParameters(scale, turn_scale, TO_BASE, OneEuroParameters(1e6, 1e6), reach_mm=((-9e3, 9e3),) * 3)
+    quick = MappingParameters(
+        scale, turn_scale, TO_BASE, OneEuroParameters(1e6, 1e6), reach_mm=((-9e3, 9e3),) * 3
+    )
     times = np.arange(60) / 30
     poses, state = human_hand(1)(times + STILL_S), State(-1.0, TOOL)
     for t, pose in zip(times, poses, strict=True):
@@ -190,11 +252,15 @@ def test_the_reach_is_whole_near_home_and_ends_with_the_arm():
     shares = [coverage(ROBOT, scale, TO_BASE, 3) for scale in (1.0, 2.0, 4.0)]
     assert shares == sorted(shares, reverse=True)
     near = ROBOT.limits._replace(low=ROBOT.home - 0.05, high=ROBOT.home + 0.05)
-    assert coverage(ROBOT._replace(limits=near), 1.0, TO_BASE, 2) == (0.0, 0.0)  # joints that hardly move
-    assert shares[1][1] == pytest.approx(2 / 3)  # a third of the points is 200 mm below home, and so below the table
+    # joints that hardly move
+    assert coverage(ROBOT._replace(limits=near), 1.0, TO_BASE, 2) == (0.0, 0.0)
+    # a third of the points is 200 mm below home, and so below the table
+    assert shares[1][1] == pytest.approx(2 / 3)
 
 
-@pytest.mark.parametrize("way", [(150.0, 0.0, 50.0), (-150.0, 100.0, -60.0), (-330.0, 0.0, 0.0), (-420.0, 0.0, 0.0)])
+@pytest.mark.parametrize(
+    "way", [(150.0, 0.0, 50.0), (-150.0, 100.0, -60.0), (-330.0, 0.0, 0.0), (-420.0, 0.0, 0.0)]
+)
 def test_a_point_that_newton_reaches_the_arm_reaches_tick_by_tick(way):
     inverse, command, ref = Inverse(ROBOT), Command(ROBOT.home, np.zeros(6)), control.at_rest(TOOL)
     goal = RigidTransform.from_translation(way) * TOOL
@@ -214,8 +280,16 @@ def test_what_the_papers_errors_are_at_the_tool():
     assert at_tool(0.31, 0.67, turn_scale=0.5)[1] == pytest.approx(turned / 2)
 
 
-@pytest.mark.parametrize(("name", "value"), [("rate_hz", 0.0), ("age_s", -1.0), ("duration_s", 0.0),
-                                             ("noise_mm", -0.1), ("noise_deg", np.nan)])
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("rate_hz", 0.0),
+        ("age_s", -1.0),
+        ("duration_s", 0.0),
+        ("noise_mm", -0.1),
+        ("noise_deg", np.nan),
+    ],
+)
 def test_arguments_that_are_refused(name, value):
     with pytest.raises(ValueError, match=name):
         run(ROBOT, still, **{name: value})

@@ -41,17 +41,28 @@ def check_limits(joints):
 
 
 def test_a_recording_moves_the_arm_as_the_hand_moved(recording, tmp_path):
-    done = teleoperate(part(recording, 28, 60), tmp_path / "out", scale=0.5, video=False, progress=False)
-    joints, events, poses = (pd.read_csv(tmp_path / "out" / f"{name}.csv") for name in ("joints", "events", "poses"))
-    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["events.csv", "joints.csv", "poses.csv"]
+    done = teleoperate(
+        part(recording, 28, 60), tmp_path / "out", scale=0.5, video=False, progress=False
+    )
+    joints, events, poses = (
+        pd.read_csv(tmp_path / "out" / f"{name}.csv") for name in ("joints", "events", "poses")
+    )
+    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == [
+        "events.csv",
+        "joints.csv",
+        "poses.csv",
+    ]
     np.testing.assert_allclose(joints, done.joints, rtol=1e-6, atol=1e-9)
     check_limits(joints)
     assert events["event"].tolist() == ["clutch closed"]
     assert (poses["status"] == "measured").sum() >= 29
-    # how far the hand went since the clutch was closed, and the tool, half as far; the filters are a little behind
+    # how far the hand went since the clutch was closed, and the tool, half as far; the filters are
+    # a little behind
     known = poses[poses["status"] == "measured"][["x_mm", "y_mm", "z_mm"]].to_numpy()
     tool = joints[["tool_x_mm", "tool_y_mm", "tool_z_mm"]].to_numpy()
-    hand_way, tool_way = (np.linalg.norm(np.diff(way, axis=0), axis=1).sum() for way in (known, tool[::17]))
+    hand_way, tool_way = (
+        np.linalg.norm(np.diff(way, axis=0), axis=1).sum() for way in (known, tool[::17])
+    )
     assert 0.6 * hand_way / 2 < tool_way < 1.1 * hand_way / 2
 
 
@@ -70,10 +81,23 @@ def shortened(recording, first, last, folder):
 
 def test_the_command_with_its_video_and_a_clutch(recording, tmp_path, capsys):
     (tmp_path / "short").mkdir()
-    short = shortened(recording, 24, 48, tmp_path / "short")  # the hand comes with the seventh frame
+    # the hand comes with the seventh frame
+    short = shortened(recording, 24, 48, tmp_path / "short")
     (tmp_path / "clutch.csv").write_text("t_s,closed\n0.4,1\n0.5,0\n0.6,1\n")
-    assert main(["teleop", "--recording", str(short), "--clutch", str(tmp_path / "clutch.csv"),
-                 "--out", str(tmp_path / "new")]) == 0
+    assert (
+        main(
+            [
+                "teleop",
+                "--recording",
+                str(short),
+                "--clutch",
+                str(tmp_path / "clutch.csv"),
+                "--out",
+                str(tmp_path / "new"),
+            ]
+        )
+        == 0
+    )
     out = capsys.readouterr().out
     assert out.startswith("24 instants: 18 measured, 6 lost; ")
     assert out.endswith(f"0 holds; written to {tmp_path / 'new'}\n")
@@ -89,11 +113,14 @@ def test_the_command_with_its_video_and_a_clutch(recording, tmp_path, capsys):
     assert len(read_poses(tmp_path / "new" / "poses.csv")) == 24
     joints = pd.read_csv(tmp_path / "new" / "joints.csv")
     still = joints[(joints["t_s"] > 0.1) & (joints["t_s"] < 0.4)]
-    assert np.ptp(still[["tool_x_mm", "tool_y_mm", "tool_z_mm"]], axis=0).max() < 0.01  # hold: no drift
+    # hold: no drift
+    assert np.ptp(still[["tool_x_mm", "tool_y_mm", "tool_z_mm"]], axis=0).max() < 0.01
 
 
 def test_the_simulation_is_filmed_as_it_goes(tmp_path):
-    source = simulated(data_path("rigs", "paper_pair.toml"), data_path("handles", "coded.toml"), seconds=0.2)
+    source = simulated(
+        data_path("rigs", "paper_pair.toml"), data_path("handles", "coded.toml"), seconds=0.2
+    )
     done = teleoperate(source, tmp_path / "out", video=False, progress=False)
     assert done.poses["status"].tolist() == ["lost"] * 6  # the hand comes later
     assert len(done.joints) == pytest.approx(5 / 30 / TICK_S, abs=4)
@@ -101,6 +128,7 @@ def test_the_simulation_is_filmed_as_it_goes(tmp_path):
 
 def failing(recording, error):
     """Six instants, then something stops it."""
+
     def stopped():
         raise error
         yield
@@ -110,7 +138,9 @@ def failing(recording, error):
 
 
 def test_a_session_that_is_stopped_is_written(recording, tmp_path, caplog):
-    done = teleoperate(failing(recording, KeyboardInterrupt()), tmp_path / "out", video=False, progress=False)
+    done = teleoperate(
+        failing(recording, KeyboardInterrupt()), tmp_path / "out", video=False, progress=False
+    )
     assert len(done.poses) == 6
     assert "stopped at 6 of 6 instants; what is done is written" in caplog.text
     assert len(pd.read_csv(tmp_path / "out" / "poses.csv")) == 6
@@ -118,30 +148,54 @@ def test_a_session_that_is_stopped_is_written(recording, tmp_path, caplog):
 
 def test_a_damaged_image_costs_what_comes_after_it(recording, tmp_path):
     with pytest.raises(ValueError, match="cannot be read"):
-        teleoperate(failing(recording, ValueError("x.png: cannot be read")), tmp_path / "out", video=False,
-                    progress=False)
+        teleoperate(
+            failing(recording, ValueError("x.png: cannot be read")),
+            tmp_path / "out",
+            video=False,
+            progress=False,
+        )
     assert len(pd.read_csv(tmp_path / "out" / "joints.csv")) > 50
 
 
-@pytest.mark.parametrize(("arguments", "said"), [
-    (["--robot", "ur6"], "ur6.xml: no such data file"), (["--robot", "none.xml"], "none.xml: no such file"),
-    (["--scale", "0"], "scale: expected"), (["--turn-scale", "nan"], "turn_scale: expected"),
-    (["--clutch", "none.csv"], "none.csv: cannot be read"), (["--clutch", "words.csv"], "words.csv: no column 't_s'"),
-    (["--clutch", "back.csv"], "back.csv: expected times that increase, each with closed 0 or 1"),
-    (["--clutch", "half.csv"], "half.csv: expected times that increase, each with closed 0 or 1"),
-    (["--view", "none.toml"], "none.toml: "), (["--out", "full"], "full: expected a new or empty folder"),
-    (["--out", "none/new"], "none/new: no such folder to write into"), (["--handle", "none.toml"], "none.toml: "),
-    (["--start", "knee=1"], "start: unknown joint 'knee'; there are shoulder_pan"),
-    (["--start", "elbow=4"], "start: elbow: expected"),
-    (["--start", "elbow"], "--start: expected JOINT=RAD, got 'elbow'"),
-    (["--start", "elbow=nan"], "start: elbow: expected"),
-    (["--start", "shoulder_lift=-1.1"], "q: at the start the tool"),
-    (["--rig", "none.toml"], "none.toml: "), (["--recording", "none"], "none: no such folder")])
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["--robot", "ur6"], "ur6.xml: no such data file"),
+        (["--robot", "none.xml"], "none.xml: no such file"),
+        (["--scale", "0"], "scale: expected"),
+        (["--turn-scale", "nan"], "turn_scale: expected"),
+        (["--clutch", "none.csv"], "none.csv: cannot be read"),
+        (["--clutch", "words.csv"], "words.csv: no column 't_s'"),
+        (
+            ["--clutch", "back.csv"],
+            "back.csv: expected times that increase, each with closed 0 or 1",
+        ),
+        (
+            ["--clutch", "half.csv"],
+            "half.csv: expected times that increase, each with closed 0 or 1",
+        ),
+        (["--view", "none.toml"], "none.toml: "),
+        (["--out", "full"], "full: expected a new or empty folder"),
+        (["--out", "none/new"], "none/new: no such folder to write into"),
+        (["--handle", "none.toml"], "none.toml: "),
+        (["--start", "knee=1"], "start: unknown joint 'knee'; there are shoulder_pan"),
+        (["--start", "elbow=4"], "start: elbow: expected"),
+        (["--start", "elbow"], "--start: expected JOINT=RAD, got 'elbow'"),
+        (["--start", "elbow=nan"], "start: elbow: expected"),
+        (["--start", "shoulder_lift=-1.1"], "q: at the start the tool"),
+        (["--rig", "none.toml"], "none.toml: "),
+        (["--recording", "none"], "none: no such folder"),
+    ],
+)
 def test_what_is_refused_in_a_line(recording, tmp_path, monkeypatch, capsys, arguments, said):
     monkeypatch.chdir(tmp_path)
     Path("full").mkdir()
-    for name, text in {"full/x": "", "words.csv": "a,b\n1,2\n", "back.csv": "t_s,closed\n1,1\n0.5,0\n",
-                       "half.csv": "t_s,closed\n1,0.5\n"}.items():
+    for name, text in {
+        "full/x": "",
+        "words.csv": "a,b\n1,2\n",
+        "back.csv": "t_s,closed\n1,1\n0.5,0\n",
+        "half.csv": "t_s,closed\n1,0.5\n",
+    }.items():
         Path(name).write_text(text)
     before = sorted(Path().rglob("*"))
     line = ["teleop", "--recording", str(recording), "--out", "new", "--no-video", *arguments]
@@ -163,5 +217,7 @@ def test_the_shipped_view_sees_where_the_tool_works():
 
     camera = read_camera(data_path("robots", "ur5_view.toml"))
     home = forward(ROBOT, ROBOT.home).translation
-    corners = home + np.array([[x, y, z] for x in (-150, 150) for y in (-150, 150) for z in (-100, 200)])
+    corners = home + np.array(
+        [[x, y, z] for x in (-150, 150) for y in (-150, 150) for z in (-100, 200)]
+    )
     assert camera.sees(corners, 5.0).all()

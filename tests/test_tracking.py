@@ -18,10 +18,13 @@ from trinolab.following.track import Rows, track_folder
 from trinolab.rigid import shifted
 
 RIG, PAPER = load_rig("paper_pair"), load_handle("paper")
-FIRST = RigidTransform.from_components([0.0, 5.0, 560.0], Rotation.from_euler("ZYX", [170.0, 15.0, 40.0], degrees=True))
+FIRST = RigidTransform.from_components(
+    [0.0, 5.0, 560.0], Rotation.from_euler("ZYX", [170.0, 15.0, 40.0], degrees=True)
+)
 COUNT, FPS = 6, 25.0
-PATH = RigidTransform.concatenate([shifted(FIRST, np.array([90.0, -60, 40, 0.2, 0.3, -0.2]) * k / FPS)
-                                   for k in range(COUNT)])
+PATH = RigidTransform.concatenate(
+    [shifted(FIRST, np.array([90.0, -60, 40, 0.2, 0.3, -0.2]) * k / FPS) for k in range(COUNT)]
+)
 
 
 @pytest.fixture(scope="module")
@@ -49,7 +52,9 @@ def stopped_after(monkeypatch, count, error=KeyboardInterrupt):
 
 
 def test_it_writes_poses_and_tum_and_a_video(folder, tmp_path):
-    table = track_folder(folder, tmp_path / "p.csv", start=folder / "truth.csv", overlay=tmp_path / "o.webm")
+    table = track_folder(
+        folder, tmp_path / "p.csv", start=folder / "truth.csv", overlay=tmp_path / "o.webm"
+    )
     assert table["status"].tolist() == ["measured"] * COUNT
     back = read_poses(tmp_path / "p.csv")
     assert back["t_s"].tolist() == pytest.approx(np.arange(COUNT) / FPS)
@@ -111,8 +116,14 @@ def test_rows_that_are_damaged_are_dropped_with_those_behind(tmp_path):
         for frame in range(5):
             rows.add(frame, frame / 25, pose.LOST)
     whole = (tmp_path / "p.partial").read_text()
-    for old, new, left in (("\n3,", "\n4,", 3), ("\n2,0.08", "\n2,\0\0\0\0", 2), ("\n1,0.04,", "\n1,", 1),
-                           ("lost\n4", "los\n4", 3), ("\n0,0,", "\n0,0,x", 0), ("\n4,0.16", "\n4,0.16\n", 4)):
+    for old, new, left in (
+        ("\n3,", "\n4,", 3),
+        ("\n2,0.08", "\n2,\0\0\0\0", 2),
+        ("\n1,0.04,", "\n1,", 1),
+        ("lost\n4", "los\n4", 3),
+        ("\n0,0,", "\n0,0,x", 0),
+        ("\n4,0.16", "\n4,0.16\n", 4),
+    ):
         (tmp_path / "p.partial").write_text(whole.replace(old, new, 1))
         with Rows(tmp_path / "p.partial", "x") as again:
             assert again.table()["frame"].tolist() == list(range(left)), old
@@ -125,18 +136,34 @@ def test_rows_that_are_damaged_are_dropped_with_those_behind(tmp_path):
 def test_a_camera_that_is_late_is_said():
     """CCD2's images are those of 6 ms later; the motion is faster than elsewhere in this module."""
     rng, late_s, count = np.random.default_rng(1), 0.006, 30
-    path = [shifted(FIRST, np.array([60 * np.sin(4 * t), 40 * np.sin(5 * t), 0, 0, 0, 0.3 * np.sin(3 * t)]))
-            for t in np.arange(count) / FPS]
-    late = [shifted(FIRST, np.array([60 * np.sin(4 * t), 40 * np.sin(5 * t), 0, 0, 0, 0.3 * np.sin(3 * t)]))
-            for t in np.arange(count) / FPS + late_s]
+    path = [
+        shifted(
+            FIRST, np.array([60 * np.sin(4 * t), 40 * np.sin(5 * t), 0, 0, 0, 0.3 * np.sin(3 * t)])
+        )
+        for t in np.arange(count) / FPS
+    ]
+    late = [
+        shifted(
+            FIRST, np.array([60 * np.sin(4 * t), 40 * np.sin(5 * t), 0, 0, 0, 0.3 * np.sin(3 * t)])
+        )
+        for t in np.arange(count) / FPS + late_s
+    ]
     seen = track.Seen([], [])
     for k in range(count):
-        uv = [RIG.cameras[c].project(T.apply(PAPER.marker_centres)) for c, T in enumerate((path[k], late[k]))]
+        uv = [
+            RIG.cameras[c].project(T.apply(PAPER.marker_centres))
+            for c, T in enumerate((path[k], late[k]))
+        ]
         seen.times_s.append(k / FPS)
         seen.uv.append(np.stack(uv) + rng.normal(0, 0.05, (2, 12, 2)))
-    line, = seen.offsets(RIG)
+    (line,) = seen.offsets(RIG)
     assert line.startswith("ccd2: 6.")
     assert line.endswith("later than ccd1; the cameras are not synchronised")
-    together = track.Seen(seen.times_s, [np.stack([RIG.cameras[c].project(T.apply(PAPER.marker_centres))
-                                                      for c in (0, 1)]) for T in path])
+    together = track.Seen(
+        seen.times_s,
+        [
+            np.stack([RIG.cameras[c].project(T.apply(PAPER.marker_centres)) for c in (0, 1)])
+            for T in path
+        ],
+    )
     assert together.offsets(RIG) == []

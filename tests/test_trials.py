@@ -21,11 +21,20 @@ def measured(motion):
 
 
 def shifted(mm, deg):
-    return T * RigidTransform.from_components([mm, 0, 0], Rotation.from_rotvec([0, 0, np.deg2rad(deg)]))
+    return T * RigidTransform.from_components(
+        [mm, 0, 0], Rotation.from_rotvec([0, 0, np.deg2rad(deg)])
+    )
 
 
 def test_close_is_a_millimetre_and_five_degrees():
-    poses = [T, shifted(0.9, 4.9), shifted(1.1, 0.0), shifted(0.0, 5.1), None, T * PAPER.symmetries[2]]
+    poses = [
+        T,
+        shifted(0.9, 4.9),
+        shifted(1.1, 0.0),
+        shifted(0.0, 5.1),
+        None,
+        T * PAPER.symmetries[2],
+    ]
     measurements = [measured(pose) for pose in poses]
     assert claim_trials.share_close(measurements, [T] * 6, PAPER, equivalents=False) == 2 / 6
     assert claim_trials.share_close(measurements, [T] * 6, PAPER, equivalents=True) == 3 / 6
@@ -36,14 +45,19 @@ def test_true_labels_by_hand():
     centres = camera.project(T.apply(PAPER.marker_centres))
     facing = int(slants(PAPER, T, camera.centre).argmin())
     away = int(slants(PAPER, T, camera.centre).argmax())
-    labels = claim_trials.true_labels(camera, PAPER, T, np.array([centres[facing] + 1.0, [5.0, 5.0]]))
+    labels = claim_trials.true_labels(
+        camera, PAPER, T, np.array([centres[facing] + 1.0, [5.0, 5.0]])
+    )
     assert labels.tolist() == [facing, -1]
     assert away not in claim_trials.true_labels(camera, PAPER, T, centres)
 
 
 def test_a_few_instants_of_the_trials_themselves():
     instants = claim_trials.random_instants(count=3, seed=5)
-    assert claim_trials.share_close(instants.measurements, instants.truths, PAPER, equivalents=True) == 1.0
+    assert (
+        claim_trials.share_close(instants.measurements, instants.truths, PAPER, equivalents=True)
+        == 1.0
+    )
     assert len(instants.frames) == 3
     clip = claim_trials.tracked_clip(1.0, count=4, seed=5)
     assert claim_trials.share_close(clip.measurements, clip.truths, PAPER, equivalents=False) == 1.0
@@ -71,6 +85,10 @@ def test_the_hidden_pair_alone_measures_nothing():
 @pytest.mark.parametrize("share", [claim_trials.share_measured, claim_trials.share_tracked])
 def test_every_trial_is_a_share_of_known_instants(share, monkeypatch):
     both = [measured(T), measured(None)]
-    monkeypatch.setattr(claim_trials, "random_instants", lambda: claim_trials.Instants([], [T, T], both))
-    monkeypatch.setattr(claim_trials, "tracked_clip", lambda: claim_trials.Clip([T, T], both, [], []))
+    monkeypatch.setattr(
+        claim_trials, "random_instants", lambda: claim_trials.Instants([], [T, T], both)
+    )
+    monkeypatch.setattr(
+        claim_trials, "tracked_clip", lambda: claim_trials.Clip([T, T], both, [], [])
+    )
     assert share() == 0.5

@@ -1,4 +1,6 @@
-"""The likelihood against one dense Gaussian, and fits of motions that were drawn from known models."""
+"""The likelihood against one dense Gaussian, and fits of motions that were drawn from known
+models.
+"""
 
 from pathlib import Path
 
@@ -12,7 +14,13 @@ from trinolab.datasets import load_handle, load_real_sets, load_rig, real_set
 from trinolab.files.fetch import why_not
 from trinolab.following import posefilter
 from trinolab.following.posefilter import FADING_S, PoseFilterParameters, transition
-from trinolab.kalman import KalmanParameters, constant_acceleration, initial_state, observation_matrix, white_jerk
+from trinolab.kalman import (
+    KalmanParameters,
+    constant_acceleration,
+    initial_state,
+    observation_matrix,
+    white_jerk,
+)
 from trinolab.rigid import motion_between
 from trinolab.studies import tuning
 from trinolab.studies.tuning import (
@@ -30,16 +38,25 @@ from trinolab.sweep.notebook import read_parameters
 CHAPTER = Path(__file__).resolve().parents[1] / "notebooks" / "04_kalman.ipynb"
 RIG, CODED = load_rig("raised_40deg"), load_handle("coded")
 UNEVEN = np.cumsum([0.0, 0.03, 0.05, 0.02, 0.11, 0.03, 0.03, 0.07, 0.03, 0.03])
-DRAWN = KalmanParameters(jerk_intensity=9e8, sigma_px=2.0, velocity_sigma=1200.0, acceleration_sigma=6000.0)
+DRAWN = KalmanParameters(
+    jerk_intensity=9e8, sigma_px=2.0, velocity_sigma=1200.0, acceleration_sigma=6000.0
+)
 MODEL = image_model(DRAWN)
 
 
 def drawn(p, times, count, rng):
-    """Tracks drawn from the model itself, the first observation at the first time, shape (len(times), 2 * count)."""
+    """Tracks drawn from the model itself, the first observation at the first time, shape
+    (len(times), 2 * count).
+    """
     steps, start, columns = np.diff(times), initial_state([0, 0], p), []
-    F, Q = [constant_acceleration(dt) for dt in steps], [white_jerk(dt, p.jerk_intensity) for dt in steps]
+    F, Q = (
+        [constant_acceleration(dt) for dt in steps],
+        [white_jerk(dt, p.jerk_intensity) for dt in steps],
+    )
     for _ in range(count):
-        _, uv = image_track.draw(start, len(steps), F, Q, observation_matrix(), p.sigma_px**2 * np.eye(2), rng)
+        _, uv = image_track.draw(
+            start, len(steps), F, Q, observation_matrix(), p.sigma_px**2 * np.eye(2), rng
+        )
         columns.append(np.vstack([[0, 0], uv]))
     return np.hstack(columns)
 
@@ -67,7 +84,9 @@ def test_the_likelihood_is_that_of_one_gaussian_for_all_observations(fading_s):
             C[i, j] = C[j, i] = P[0, 0] + (model.sigma**2 if i == j else 0.0)
             P = F[j] @ P if j + 1 < len(times) else P
     z = np.random.default_rng(1).normal(0, 20, (len(times), 3))
-    expected = sum(multivariate_normal(np.full(len(z) - 1, one[0]), C[1:, 1:]).logpdf(one[1:]) for one in z.T)
+    expected = sum(
+        multivariate_normal(np.full(len(z) - 1, one[0]), C[1:, 1:]).logpdf(one[1:]) for one in z.T
+    )
     assert innovations(times, z, model).log_likelihood == pytest.approx(expected, rel=1e-9)
 
 
@@ -85,11 +104,17 @@ def test_without_fading_it_is_that_of_the_paper():
 def test_a_known_model_is_found_again():
     rng = np.random.default_rng(2)
     data = [(times, drawn(DRAWN, times, 60, rng)) for times in (np.arange(40) / 30, 3 * UNEVEN)]
-    found = tune_image(data, KalmanParameters(jerk_intensity=1e7, sigma_px=10.0, velocity_sigma=100.0))
-    assert found.jerk_intensity == pytest.approx(9e8, rel=0.1)  # over 20 draws a standard deviation of 4 %
+    found = tune_image(
+        data, KalmanParameters(jerk_intensity=1e7, sigma_px=10.0, velocity_sigma=100.0)
+    )
+    # over 20 draws a standard deviation of 4 %
+    assert found.jerk_intensity == pytest.approx(9e8, rel=0.1)
     assert found.sigma_px == pytest.approx(2.0, rel=0.05)  # 2 %
-    assert found.velocity_sigma == pytest.approx(1200, rel=0.2)  # of 240 starts, 5 %; the acceleration is hardly seen
-    squared = np.concatenate([innovations(times, z, image_model(found)).squared.ravel() for times, z in data])
+    # of 240 starts, 5 %; the acceleration is hardly seen
+    assert found.velocity_sigma == pytest.approx(1200, rel=0.2)
+    squared = np.concatenate(
+        [innovations(times, z, image_model(found)).squared.ravel() for times, z in data]
+    )
     assert squared.mean() == pytest.approx(1.0, abs=1e-3)  # as the common scale is free
 
 
@@ -98,8 +123,12 @@ def test_only_what_is_free_is_fitted():
     start = MODEL._replace(fading_s=0.5)
     found = most_likely([(UNEVEN, z)], start, ["jerk_intensity"])
     assert found[1:] == start[1:]
-    likely = [innovations(UNEVEN, z, start._replace(jerk_intensity=found.jerk_intensity * f)).log_likelihood
-              for f in (0.9, 1.0, 1.1)]
+    likely = [
+        innovations(
+            UNEVEN, z, start._replace(jerk_intensity=found.jerk_intensity * f)
+        ).log_likelihood
+        for f in (0.9, 1.0, 1.1)
+    ]
     assert likely[1] == max(likely)
 
 
@@ -107,7 +136,8 @@ def test_the_band_by_hand():
     low, high = nis_band(1)  # of two degrees: 1 - exp(-x / 2)
     assert (low, high) == pytest.approx((-2 * np.log(0.975), -2 * np.log(0.025)), abs=1e-12)
     low, high = nis_band(10_000)
-    assert (low, high) == pytest.approx((2 - 1.96 * 0.02, 2 + 1.96 * 0.02), abs=5e-4)  # nearly normal
+    # nearly normal
+    assert (low, high) == pytest.approx((2 - 1.96 * 0.02, 2 + 1.96 * 0.02), abs=5e-4)
 
 
 def test_the_band_holds_95_percent_of_means_drawn_from_the_model():
@@ -115,10 +145,12 @@ def test_the_band_holds_95_percent_of_means_drawn_from_the_model():
     squared = innovations(times, drawn(DRAWN, times, 300, rng), MODEL).squared
     means = 2 * squared.reshape(29, 300, 2).mean(axis=(0, 2))
     low, high = nis_band(29)
-    assert np.mean((means > low) & (means < high)) == pytest.approx(0.95, abs=0.04)  # 3 standard deviations of 300
+    # 3 standard deviations of 300
+    assert np.mean((means > low) & (means < high)) == pytest.approx(0.95, abs=0.04)
 
 
 # --- dropped instants
+
 
 def true_clock(times, kept):
     return times[kept]
@@ -129,7 +161,9 @@ def even_clock(times, kept):
 
 
 def nis_without_a_third(clock, rng, draws=60):
-    """Mean NIS of three tracks drawn from the model, of 60 instants of which 40 are kept, and the band of that mean."""
+    """Mean NIS of three tracks drawn from the model, of 60 instants of which 40 are kept, and the
+    band of that mean.
+    """
     times, means = np.arange(60) / 30, []
     for _ in range(draws):
         z, kept = drawn(DRAWN, times, 3, rng), np.sort(rng.choice(60, 40, replace=False))
@@ -140,7 +174,8 @@ def nis_without_a_third(clock, rng, draws=60):
 
 def test_dropped_instants_are_no_error_if_their_times_are_used():
     means, (low, high) = nis_without_a_third(true_clock, np.random.default_rng(5))
-    assert np.mean((means > low) & (means < high)) == pytest.approx(0.95, abs=0.09)  # 3 standard deviations of 60
+    # 3 standard deviations of 60
+    assert np.mean((means > low) & (means < high)) == pytest.approx(0.95, abs=0.09)
 
 
 def test_dropped_instants_are_an_error_if_the_times_are_taken_for_even():
@@ -150,18 +185,27 @@ def test_dropped_instants_are_an_error_if_the_times_are_taken_for_even():
 
 # --- the chapter's numbers
 
+
 def chapter():
     values = read_parameters(CHAPTER)
-    return KalmanParameters(**{name: values[name] for name in ("jerk_intensity", "sigma_px", "velocity_sigma",
-                                                               "acceleration_sigma")})
+    return KalmanParameters(
+        **{
+            name: values[name]
+            for name in ("jerk_intensity", "sigma_px", "velocity_sigma", "acceleration_sigma")
+        }
+    )
 
 
-@pytest.mark.parametrize("seeds", [range(1, 9), pytest.param(range(21, 29), marks=pytest.mark.heavy)],
-                         ids=["the chapter's", "others"])
+@pytest.mark.parametrize(
+    "seeds",
+    [range(1, 9), pytest.param(range(21, 29), marks=pytest.mark.heavy)],
+    ids=["the chapter's", "others"],
+)
 def test_the_chapter_s_parameters_are_the_most_likely_ones(seeds):
     p, tracks = chapter(), tuning.drawn_tracks(RIG, CODED, seeds, np.random.default_rng(0))
     found = tune_image([tracks])
-    assert found.jerk_intensity == pytest.approx(p.jerk_intensity, rel=0.15)  # three sets of 8 seeds: 9.2 to 9.9e8
+    # three sets of 8 seeds: 9.2 to 9.9e8
+    assert found.jerk_intensity == pytest.approx(p.jerk_intensity, rel=0.15)
     assert found.sigma_px == pytest.approx(p.sigma_px, rel=0.1)
     assert found.velocity_sigma == pytest.approx(p.velocity_sigma, rel=0.2)
     squared = innovations(*tracks, image_model(p)).squared
@@ -174,14 +218,18 @@ def test_found_centres_are_those_of_the_visible_markers():
     camera = RIG.cameras[0]
     centres = tuning.found_centres(camera, CODED, poses, np.random.default_rng(0))
     away = centres - camera.project(poses.translation)
-    assert np.abs(away).max() < 40  # px; half of the pattern is 12 mm, 60 px, and the centre lies near its middle
+    # px; half of the pattern is 12 mm, 60 px, and the centre lies near its middle
+    assert np.abs(away).max() < 40
     jumps = np.abs(np.diff(away, axis=0)).max(axis=1)
     assert np.median(jumps) < 7  # half the step from a limb marker to its neighbour, 1.25 mm
 
 
 def test_nees_of_the_model_is_four_and_from_a_start_that_is_taken_for_known_is_not():
-    right = tuning.model_nees(DRAWN, initial_state([0, 0], DRAWN).covariance, np.random.default_rng(9))
-    assert right.mean() == pytest.approx(4.0, abs=0.4)  # 25 draws, the frames of one alike: a scatter of 0.13
+    right = tuning.model_nees(
+        DRAWN, initial_state([0, 0], DRAWN).covariance, np.random.default_rng(9)
+    )
+    # 25 draws, the frames of one alike: a scatter of 0.13
+    assert right.mean() == pytest.approx(4.0, abs=0.4)
     zero = tuning.model_nees(DRAWN, np.zeros((6, 6)), np.random.default_rng(9))
     assert zero[0] > 1000
     assert zero[-1] == pytest.approx(right[-1], abs=0.5)  # Q has made it forget
@@ -189,7 +237,8 @@ def test_nees_of_the_model_is_four_and_from_a_start_that_is_taken_for_known_is_n
 
 def test_on_persons_motion_the_filter_is_right_in_the_mean_and_not_in_single_seconds():
     p, rng = chapter(), np.random.default_rng(10)
-    assert tuning.person_nees(RIG.cameras[0], p, range(31, 35), rng) == pytest.approx(4.2, abs=0.6)  # 4.0 to 4.5
+    # 4.0 to 4.5
+    assert tuning.person_nees(RIG.cameras[0], p, range(31, 35), rng) == pytest.approx(4.2, abs=0.6)
     means = tuning.seconds_nis(RIG, CODED, p, range(31, 35), rng)
     assert means.shape == (40,)
     assert means.mean() == pytest.approx(2.0, abs=0.6)
@@ -198,6 +247,7 @@ def test_on_persons_motion_the_filter_is_right_in_the_mean_and_not_in_single_sec
 
 
 # --- the pose's filter
+
 
 def test_the_pose_s_model_is_that_of_the_pose_filter():
     dt, p = 0.04, PoseFilterParameters()
@@ -209,11 +259,20 @@ def test_the_pose_s_model_is_that_of_the_pose_filter():
 
 
 def test_axes_one_by_one_say_what_the_pose_filter_says():
-    """The filter of 18 numbers on poses, beside one of 3 numbers an axis on places and summed angles."""
+    """The filter of 18 numbers on poses, beside one of 3 numbers an axis on places and summed
+    angles.
+    """
     p, rng = PoseFilterParameters(), np.random.default_rng(6)
     times, poses = tuning.drawn_poses(1, 4.0)
-    noisy = [rigid.shifted(T, np.concatenate([p.floor_mm * rng.standard_normal(3),
-                                                   p.floor_rad * rng.standard_normal(3)])) for T in poses]
+    noisy = [
+        rigid.shifted(
+            T,
+            np.concatenate(
+                [p.floor_mm * rng.standard_normal(3), p.floor_rad * rng.standard_normal(3)]
+            ),
+        )
+        for T in poses
+    ]
     motion, squared = posefilter.begin(times[0], noisy[0], np.zeros((6, 6)), p), []
     for t, T in zip(times[1:], noisy[1:], strict=True):
         motion = posefilter.predict(motion, t, p)
@@ -222,25 +281,37 @@ def test_axes_one_by_one_say_what_the_pose_filter_says():
         motion = posefilter.update(motion, T, np.zeros((6, 6)), p)
     whole = np.mean(squared, axis=0).reshape(2, 3)
     paths = pose_paths(poses, p, np.random.default_rng(7))
-    axes = [innovations(times, path, model).squared.mean(axis=0)
-            for path, model in zip(paths, pose_models(p), strict=True)]
-    np.testing.assert_allclose(axes, whole, atol=0.2)  # other draws of the noise: 119 squares have a scatter of 0.13
+    axes = [
+        innovations(times, path, model).squared.mean(axis=0)
+        for path, model in zip(paths, pose_models(p), strict=True)
+    ]
+    # other draws of the noise: 119 squares have a scatter of 0.13
+    np.testing.assert_allclose(axes, whole, atol=0.2)
 
 
 def test_a_pose_s_model_is_fitted_to_persons_motion():
     data = [tuning.drawn_poses(seed, 5.0) for seed in range(1, 4)]
     position, rotation = tune_pose(data, np.random.default_rng(0))
-    for kind, model, was in zip((0, 1), (position, rotation), pose_models(PoseFilterParameters()), strict=True):
-        paths = [(times, pose_paths(poses, PoseFilterParameters(), np.random.default_rng(0))[kind])
-                 for times, poses in data]
-        likely = [sum(innovations(times, path, m).log_likelihood for times, path in paths) for m in (model, was)]
+    for kind, model, was in zip(
+        (0, 1), (position, rotation), pose_models(PoseFilterParameters()), strict=True
+    ):
+        paths = [
+            (times, pose_paths(poses, PoseFilterParameters(), np.random.default_rng(0))[kind])
+            for times, poses in data
+        ]
+        likely = [
+            sum(innovations(times, path, m).log_likelihood for times, path in paths)
+            for m in (model, was)
+        ]
         assert likely[0] >= likely[1]
     assert 1e7 < position.jerk_intensity < 1e8  # mm^2/s^5; eight seeds of 10 s: 3.8e7
     assert 1 < rotation.jerk_intensity < 20  # rad^2/s^5; 4
 
 
-@pytest.mark.skipif(real_set("trajectories") is None,
-                    reason=f"no trajectories: {why_not(load_real_sets()['trajectories'])}")
+@pytest.mark.skipif(
+    real_set("trajectories") is None,
+    reason=f"no trajectories: {why_not(load_real_sets()['trajectories'])}",
+)
 def test_a_handheld_recording_is_of_the_same_kind():
     times, poses = tuning.handheld_poses()
     assert np.median(np.diff(times)) == pytest.approx(0.03, abs=0.001)
@@ -248,17 +319,26 @@ def test_a_handheld_recording_is_of_the_same_kind():
     p, rng = chapter(), np.random.default_rng(8)
     uv = px_a_mm * poses.translation + p.sigma_px * rng.standard_normal((len(times), 3))
     kept = innovations(times, uv, image_model(p)).squared
-    assert 1 < 2 * kept.mean() < 3  # not in the band of 1,500 (1.93 to 2.07): no hand's jerk is white
+    # not in the band of 1,500 (1.93 to 2.07): no hand's jerk is white
+    assert 1 < 2 * kept.mean() < 3
 
 
-@pytest.mark.parametrize("call", [
-    lambda: innovations([0.0], [[1.0]], MODEL), lambda: innovations([0, 0], [[1.0], [2.0]], MODEL),
-    lambda: innovations([0, 1], [[1.0], [np.nan]], MODEL), lambda: innovations([0, 1], [[1.0]], MODEL),
-    lambda: most_likely([(UNEVEN, UNEVEN[:, None])], MODEL, ["fading_s"]),
-    lambda: most_likely([(UNEVEN, UNEVEN[:, None])], MODEL._replace(sigma=0.0), ["sigma"]),
-    lambda: nis_band(0), lambda: nis_band(3, 0), lambda: nis_band(3, share=1.0),
-    lambda: tuning.drawn_poses(1, 0.0),
-    lambda: pose_paths(tuning.drawn_poses(1, 0.2)[1], PoseFilterParameters(), 3)])
+@pytest.mark.parametrize(
+    "call",
+    [
+        lambda: innovations([0.0], [[1.0]], MODEL),
+        lambda: innovations([0, 0], [[1.0], [2.0]], MODEL),
+        lambda: innovations([0, 1], [[1.0], [np.nan]], MODEL),
+        lambda: innovations([0, 1], [[1.0]], MODEL),
+        lambda: most_likely([(UNEVEN, UNEVEN[:, None])], MODEL, ["fading_s"]),
+        lambda: most_likely([(UNEVEN, UNEVEN[:, None])], MODEL._replace(sigma=0.0), ["sigma"]),
+        lambda: nis_band(0),
+        lambda: nis_band(3, 0),
+        lambda: nis_band(3, share=1.0),
+        lambda: tuning.drawn_poses(1, 0.0),
+        lambda: pose_paths(tuning.drawn_poses(1, 0.2)[1], PoseFilterParameters(), 3),
+    ],
+)
 def test_bad_input_is_a_value_error(call):
     with pytest.raises(ValueError, match="expected"):
         call()

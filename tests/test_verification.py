@@ -25,7 +25,9 @@ HONEST = ROOT @ ROOT.T
 
 def off(T, error):
     """A pose that is off by an error of position and rotation vector, world frame."""
-    return RigidTransform.from_components(T.translation + error[:3], Rotation.from_rotvec(error[3:]) * T.rotation)
+    return RigidTransform.from_components(
+        T.translation + error[:3], Rotation.from_rotvec(error[3:]) * T.rotation
+    )
 
 
 def drawn(seeds, covariance=HONEST, turn=lambda k: RigidTransform.identity()):
@@ -56,7 +58,9 @@ def test_honest_covariance_is_inside_the_band_and_a_wrong_one_outside():
 def test_equivalent_poses_are_as_good():
     turned = mean_nees(drawn(2, turn=lambda k: PAPER.symmetries[5 * k + 2]), PAPER)
     assert turned == pytest.approx(mean_nees(drawn(2)), rel=1e-6)
-    estimates, truths = draws.held([*drawn(1, turn=lambda k: PAPER.symmetries[7]), draws.Draw(0, 1, LOST)], PAPER)
+    estimates, truths = draws.held(
+        [*drawn(1, turn=lambda k: PAPER.symmetries[7]), draws.Draw(0, 1, LOST)], PAPER
+    )
     assert len(estimates) == 20
     assert (estimates.rotation * truths.rotation.inv()).magnitude().max() < 0.02
 
@@ -65,11 +69,26 @@ def test_equivalent_poses_are_as_good():
 def test_errors_drawn_from_the_bound_have_the_ratio_one():
     bounds = [Bound(HONEST if row < 10 else 4 * HONEST) for row in range(20)]
     rng = np.random.default_rng(1)
-    found = [draws.Draw(row, 0, Pose("measured", off(TRUTHS[row], (1 + (row >= 10)) * ROOT @ rng.standard_normal(6)),
-                                     HONEST, 0.1, 6, 2)) for row in range(20) for _ in range(100)]
+    found = [
+        draws.Draw(
+            row,
+            0,
+            Pose(
+                "measured",
+                off(TRUTHS[row], (1 + (row >= 10)) * ROOT @ rng.standard_normal(6)),
+                HONEST,
+                0.1,
+                6,
+                2,
+            ),
+        )
+        for row in range(20)
+        for _ in range(100)
+    ]
     assert np.ravel(accuracy.ratios(found, bounds)) == pytest.approx(np.ones(4), abs=0.06)
-    assert np.ravel(accuracy.ratios(found, [Bound(b.covariance / 9) for b in bounds])) == pytest.approx(
-        3 * np.ones(4), abs=0.18)
+    assert np.ravel(
+        accuracy.ratios(found, [Bound(b.covariance / 9) for b in bounds])
+    ) == pytest.approx(3 * np.ones(4), abs=0.18)
 
 
 def test_frames_of_a_seed_are_those_of_the_replication():
@@ -83,15 +102,23 @@ def test_frames_of_a_seed_are_those_of_the_replication():
 
 
 def test_every_estimator_measures_the_same_draws():
-    found = draws.table1_draws(load_rig("paper_pair"), PAPER, 1, slice(7, 8), True, {"a": Parameters(), "b": Parameters(
-        max_slant_deg=80.0)})
+    found = draws.table1_draws(
+        load_rig("paper_pair"),
+        PAPER,
+        1,
+        slice(7, 8),
+        True,
+        {"a": Parameters(), "b": Parameters(max_slant_deg=80.0)},
+    )
     assert [(d.row, d.seed, d.pose.status) for d in found["a"]] == [(7, 0, "measured")]
     assert found["b"][0].pose.residual_px >= found["a"][0].pose.residual_px
 
 
 def test_benchmark_clocks_stages_that_exist():
     with bench_measure.clocked(measurement, bench_measure.STAGES) as spent:
-        measured = measurement.measure([np.zeros((1024, 1280), np.uint8)] * 2, load_rig("paper_pair"), PAPER)
+        measured = measurement.measure(
+            [np.zeros((1024, 1280), np.uint8)] * 2, load_rig("paper_pair"), PAPER
+        )
     assert measured.pose is LOST
     assert spent["markers"] > 0
     assert spent["pose"] == 0
@@ -104,9 +131,13 @@ def test_benchmark_clocks_stages_that_exist():
 def test_one_exchanged_label_is_wrong():
     rig, T = load_rig("paper_pair"), TRUTHS[4]
     uv = [camera.project(T.apply(CODED.marker_centres)) for camera in rig.cameras]
-    facing = [np.flatnonzero(identity.true_labels(c, CODED, T, pixels) == np.arange(12))
-              for c, pixels in zip(rig.cameras, uv, strict=True)]
-    found = tuple(SimpleNamespace(uv=pixels[shown]) for pixels, shown in zip(uv, facing, strict=True))
+    facing = [
+        np.flatnonzero(identity.true_labels(c, CODED, T, pixels) == np.arange(12))
+        for c, pixels in zip(rig.cameras, uv, strict=True)
+    ]
+    found = tuple(
+        SimpleNamespace(uv=pixels[shown]) for pixels, shown in zip(uv, facing, strict=True)
+    )
     pose = Pose("measured", T, HONEST, 0.1, 6, 2)
     assert identity.rightly_labelled(Measurement(pose, found, tuple(facing)), T, rig, CODED)
     wrong = [facing[0], facing[1][[1, 0, *range(2, len(facing[1]))]]]

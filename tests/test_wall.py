@@ -1,4 +1,6 @@
-"""The largest stable stiffness of a computer's wall: by hand, by Nyquist, in simulated time, and by eigenvalues."""
+"""The largest stable stiffness of a computer's wall: by hand, by Nyquist, in simulated time, and by
+eigenvalues.
+"""
 
 from dataclasses import replace
 
@@ -20,7 +22,8 @@ from trinolab.slave.wall import (
     simulated_limit,
 )
 
-# mass kg, damping N s/m, rate Hz, delay s, wall damping N s/m; whether the hold may be taken as a delay
+# mass kg, damping N s/m, rate Hz, delay s, wall damping N s/m; whether the hold may be taken as a
+# delay
 CASES = {
     "30 Hz camera, 50 ms": (0.2, 2.0, 30, 0.05, 0.0, True),
     "30 Hz camera, 50 ms, damped wall": (0.2, 2.0, 30, 0.05, 1.0, True),
@@ -53,7 +56,9 @@ def largest_eigenvalue(loop, stiffness):
 
     def step(h):
         e = np.exp(-b / m * h)
-        return np.array([[1, m / b * (1 - e)], [0, e]]), -np.array([(h - m / b * (1 - e)) / b, (1 - e) / b])
+        return np.array([[1, m / b * (1 - e)], [0, e]]), -np.array(
+            [(h - m / b * (1 - e)) / b, (1 - e) / b]
+        )
 
     (first, early), (second, late) = step(rest), step(T - rest)
     n = 4 + whole
@@ -70,7 +75,9 @@ def largest_eigenvalue(loop, stiffness):
 
 @st.composite
 def loops(draw, most=10.0, wall=0.0):
-    """Loops of 10 Hz to 10 kHz, whose master slows down by itself in 1/most to 1,000 periods; delay up to 6 periods."""
+    """Loops of 10 Hz to 10 kHz, whose master slows down by itself in 1/most to 1,000 periods; delay
+    up to 6 periods.
+    """
     T, mass = 10 ** draw(st.floats(-4, -1)), 10 ** draw(st.floats(-2, 1))
     damping = mass / T * 10 ** draw(st.floats(-3, np.log10(most)))
     delay = T * draw(st.one_of(st.just(0.0), st.floats(0, 6)))
@@ -81,9 +88,11 @@ def loops(draw, most=10.0, wall=0.0):
 def test_nyquist_and_simulation_agree(case):
     loop = loop_of(case)
     simulated = simulated_limit(loop)
-    assert simulated == pytest.approx(nyquist_limit(loop).stiffness, rel=2e-3)  # required: 5 %; the worst is 0.1 %
+    # required: 5 %; the worst is 0.1 %
+    assert simulated == pytest.approx(nyquist_limit(loop).stiffness, rel=2e-3)
     if case[-1]:
-        assert simulated == pytest.approx(nyquist_limit(loop, sampled=False).stiffness, rel=0.05)  # the worst is 3 %
+        # the worst is 3 %
+        assert simulated == pytest.approx(nyquist_limit(loop, sampled=False).stiffness, rel=0.05)
 
 
 @pytest.mark.parametrize("case", CASES.values(), ids=CASES)
@@ -118,22 +127,32 @@ def test_without_delay_and_hold_every_stiffness_is_stable():
 
 
 def test_limit_by_hand():
-    """omega lag = pi/4 and omega = b/m: the lag turns by 45 deg, the master by 135, so K = omega |b + j m omega|."""
+    """omega lag = pi/4 and omega = b/m: the lag turns by 45 deg, the master by 135, so K = omega |b
+    + j m omega|.
+    """
     found = nyquist_limit(Loop(2.0, 6.0, 0.0, np.pi / 12), sampled=False)
     assert found.omega == pytest.approx(3.0, rel=1e-9)
     assert found.stiffness == pytest.approx(3 * 6 * np.sqrt(2), rel=1e-9)
 
 
 def test_limits_of_light_and_heavy_masters():
-    """b / lag for a master that only has mass, pi/2 of that for one that has none; 2 b / T if held and not delayed."""
-    assert nyquist_limit(Loop(1e5, 1.0, 0.0, 0.1), sampled=False).stiffness == pytest.approx(10.0, rel=1e-4)
-    assert nyquist_limit(Loop(1e-5, 1.0, 0.0, 0.1), sampled=False).stiffness == pytest.approx(5 * np.pi, rel=1e-3)
+    """b / lag for a master that only has mass, pi/2 of that for one that has none; 2 b / T if held
+    and not delayed.
+    """
+    assert nyquist_limit(Loop(1e5, 1.0, 0.0, 0.1), sampled=False).stiffness == pytest.approx(
+        10.0, rel=1e-4
+    )
+    assert nyquist_limit(Loop(1e-5, 1.0, 0.0, 0.1), sampled=False).stiffness == pytest.approx(
+        5 * np.pi, rel=1e-3
+    )
     for mass in (1e-5, 1e3):
         assert nyquist_limit(Loop(mass, 1.0, 0.1)).stiffness == pytest.approx(20.0, rel=1e-3)
 
 
 def test_massless_master_with_one_period_of_delay_by_hand():
-    """x moves by T f / b a period: z^2 - z + K T / b = 0 has its roots on the unit circle at K T / b = 1."""
+    """x moves by T f / b a period: z^2 - z + K T / b = 0 has its roots on the unit circle at K T /
+    b = 1.
+    """
     assert nyquist_limit(Loop(1e-6, 3.0, 0.1, 0.1)).stiffness == pytest.approx(30.0, rel=1e-4)
     assert simulated_limit(Loop(1e-6, 3.0, 0.1, 0.1)) == pytest.approx(30.0, rel=2e-3)
 
@@ -150,7 +169,9 @@ def test_massless_master_with_part_of_a_period_of_delay_by_hand(late):
 def test_responses_of_slow_oscillations_agree():
     loop = Loop(0.2, 2.0, 0.001, 0.0123)
     omega = [0.1, 1.0, 10.0, 30.0]
-    np.testing.assert_allclose(sampled_response(loop, omega), delayed_response(loop, omega), rtol=2e-4)
+    np.testing.assert_allclose(
+        sampled_response(loop, omega), delayed_response(loop, omega), rtol=2e-4
+    )
 
 
 def test_sampled_response_by_hand():
@@ -162,7 +183,12 @@ def test_sampled_response_by_hand():
 
 def test_too_much_damping_in_the_wall_is_unstable():
     loop = Loop(0.2, 2.0, 1 / 30, 0.05, 8.0)
-    assert nyquist_limit(loop).stiffness == nyquist_limit(loop, sampled=False).stiffness == simulated_limit(loop) == 0
+    assert (
+        nyquist_limit(loop).stiffness
+        == nyquist_limit(loop, sampled=False).stiffness
+        == simulated_limit(loop)
+        == 0
+    )
 
 
 def test_passive_bound_by_hand():
@@ -180,9 +206,13 @@ def test_a_passive_wall_is_stable(loop):
 @given(loops(most=1e4), st.floats(1.01, 5))
 @settings(deadline=None)
 def test_more_delay_never_allows_more_stiffness(loop, factor):
-    """With the hold as a delay; as it is, only where the master does not stop by itself within a period."""
+    """With the hold as a delay; as it is, only where the master does not stop by itself within a
+    period.
+    """
     more = replace(loop, delay_s=factor * loop.delay_s + 0.1 * loop.period_s)
-    assert nyquist_limit(more, sampled=False).stiffness < nyquist_limit(loop, sampled=False).stiffness
+    assert (
+        nyquist_limit(more, sampled=False).stiffness < nyquist_limit(loop, sampled=False).stiffness
+    )
     if loop.damping * loop.period_s < loop.mass_kg:
         assert nyquist_limit(more).stiffness < nyquist_limit(loop).stiffness
 
@@ -199,7 +229,9 @@ def test_a_little_delay_can_help_a_master_that_stops_within_a_period():
 def test_more_damping_or_a_quicker_loop_never_allows_less(loop, factor):
     for sampled in (True, False):
         limit = nyquist_limit(loop, sampled).stiffness * (1 - 1e-9)
-        assert nyquist_limit(replace(loop, damping=factor * loop.damping), sampled).stiffness >= limit
+        assert (
+            nyquist_limit(replace(loop, damping=factor * loop.damping), sampled).stiffness >= limit
+        )
         quicker = replace(loop, period_s=loop.period_s / factor)
         assert nyquist_limit(quicker, sampled).stiffness >= limit
 
@@ -215,9 +247,16 @@ def test_a_wall_below_damping_over_lag_is_stable(loop):
 @settings(max_examples=30, deadline=None)
 def test_units_do_not_matter(loop, force, time):
     """With other units of force and time the same loop has the same limit."""
-    other = Loop(force * loop.mass_kg * time**2, force * loop.damping * time, loop.period_s * time, loop.delay_s * time)
+    other = Loop(
+        force * loop.mass_kg * time**2,
+        force * loop.damping * time,
+        loop.period_s * time,
+        loop.delay_s * time,
+    )
     for sampled in (True, False):
-        assert nyquist_limit(other, sampled).stiffness == pytest.approx(force * nyquist_limit(loop, sampled).stiffness)
+        assert nyquist_limit(other, sampled).stiffness == pytest.approx(
+            force * nyquist_limit(loop, sampled).stiffness
+        )
 
 
 def test_a_hand_comes_to_rest_in_a_soft_wall():
@@ -271,13 +310,26 @@ def test_a_one_sided_wall_never_pulls_and_bounces_above_the_limit():
 def test_growth_is_told_from_decay():
     loop = Loop(0.2, 2.0, 1 / 30, 0.05)
     limit = nyquist_limit(loop).stiffness
-    assert [grows(loop, share * limit) for share in (0.0, 0.01, 0.5, 0.99, 1.01, 2.0, 1e3)] == [False] * 4 + [True] * 3
+    assert [grows(loop, share * limit) for share in (0.0, 0.01, 0.5, 0.99, 1.01, 2.0, 1e3)] == [
+        False
+    ] * 4 + [True] * 3
 
 
-@pytest.mark.parametrize(("name", "value"), [
-    ("mass_kg", 0.0), ("mass_kg", np.nan), ("damping", 0.0), ("damping", "2"), ("period_s", -0.1), ("delay_s", -0.01),
-    ("delay_s", 101.0), ("delay_s", np.inf), ("wall_damping", -1.0), ("wall_damping", None),
-])
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("mass_kg", 0.0),
+        ("mass_kg", np.nan),
+        ("damping", 0.0),
+        ("damping", "2"),
+        ("period_s", -0.1),
+        ("delay_s", -0.01),
+        ("delay_s", 101.0),
+        ("delay_s", np.inf),
+        ("wall_damping", -1.0),
+        ("wall_damping", None),
+    ],
+)
 def test_refuses_a_loop(name, value):
     good = {"mass_kg": 0.2, "damping": 2.0, "period_s": 0.1, "delay_s": 0.05, "wall_damping": 0.0}
     with pytest.raises(ValueError, match=f"^{name}: expected a number") as caught:
@@ -285,21 +337,24 @@ def test_refuses_a_loop(name, value):
     assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize(("name", "call"), [
-    ("period_s", lambda loop: nyquist_limit(replace(loop, period_s=0.0))),
-    ("period_s", lambda loop: sampled_response(replace(loop, period_s=0.0), [1.0])),
-    ("period_s", lambda loop: simulated_limit(replace(loop, period_s=0.0))),
-    ("period_s", lambda loop: simulate(replace(loop, period_s=0.0), 1.0, 1.0)),
-    ("period_s", lambda loop: grows(replace(loop, period_s=0.0), 1.0)),
-    ("delay_s", passive_limit),
-    ("tolerance", lambda loop: simulated_limit(loop, 0.0)),
-    ("stiffness", lambda loop: simulate(loop, -1.0, 1.0)),
-    ("stiffness", lambda loop: grows(loop, np.inf)),
-    ("duration_s", lambda loop: simulate(loop, 1.0, -1.0)),
-    ("push_n", lambda loop: simulate(loop, 1.0, 1.0, push_n=np.nan)),
-    ("omega", lambda loop: delayed_response(loop, [[1.0]])),
-    ("omega", lambda loop: sampled_response(loop, [np.nan])),
-])
+@pytest.mark.parametrize(
+    ("name", "call"),
+    [
+        ("period_s", lambda loop: nyquist_limit(replace(loop, period_s=0.0))),
+        ("period_s", lambda loop: sampled_response(replace(loop, period_s=0.0), [1.0])),
+        ("period_s", lambda loop: simulated_limit(replace(loop, period_s=0.0))),
+        ("period_s", lambda loop: simulate(replace(loop, period_s=0.0), 1.0, 1.0)),
+        ("period_s", lambda loop: grows(replace(loop, period_s=0.0), 1.0)),
+        ("delay_s", passive_limit),
+        ("tolerance", lambda loop: simulated_limit(loop, 0.0)),
+        ("stiffness", lambda loop: simulate(loop, -1.0, 1.0)),
+        ("stiffness", lambda loop: grows(loop, np.inf)),
+        ("duration_s", lambda loop: simulate(loop, 1.0, -1.0)),
+        ("push_n", lambda loop: simulate(loop, 1.0, 1.0, push_n=np.nan)),
+        ("omega", lambda loop: delayed_response(loop, [[1.0]])),
+        ("omega", lambda loop: sampled_response(loop, [np.nan])),
+    ],
+)
 def test_refuses(name, call):
     with pytest.raises(ValueError, match=f"^{name}: expected"):
         call(Loop(0.2, 2.0, 0.1, 0.05))

@@ -102,16 +102,22 @@ def test_a_warm_kernel_is_like_a_new_one(folder, monkeypatch):
         expected, _ = reported(new)
         execute(warm, SPOIL, "print(1)")
         spoilt, draws_of_seed = reported(warm)
-        assert {name for name in expected if spoilt[name] != expected[name]} == set(expected)  # the test can fail
+        # the test can fail
+        assert {name for name in expected if spoilt[name] != expected[name]} == set(expected)
         assert warm.reset()
         found, draws = reported(warm)
         assert found == expected
         assert not set(draws) & set(draws_of_seed)
         assert warm.reset()
-        assert not set(reported(warm)[1]) & set(draws)  # and by chance each time, as in a new process
-        shown = new_notebook(cells=[new_code_cell("import matplotlib.pyplot as plt\nplt.plot([1, 2]);")])
+        # and by chance each time, as in a new process
+        assert not set(reported(warm)[1]) & set(draws)
+        shown = new_notebook(
+            cells=[new_code_cell("import matplotlib.pyplot as plt\nplt.plot([1, 2]);")]
+        )
         warm.run(shown, 60)
-        assert [sorted(output.data) for output in shown.cells[0].outputs] == [["image/png", "text/plain"]]
+        assert [sorted(output.data) for output in shown.cells[0].outputs] == [
+            ["image/png", "text/plain"]
+        ]
     finally:
         new.close()
         warm.close()
@@ -120,7 +126,10 @@ def test_a_warm_kernel_is_like_a_new_one(folder, monkeypatch):
 @pytest.mark.heavy
 def test_a_chapter_gives_the_same_in_a_warm_kernel_as_in_a_new_one():
     job = notebook_job(ROOT / "notebooks" / "06_matching.ipynb", 120)
-    other, again = (run_job(job, {"instants": 4, **setting}) for setting in ({"ncc_threshold": 0.9}, {"seed": 1}))
+    other, again = (
+        run_job(job, {"instants": 4, **setting})
+        for setting in ({"ncc_threshold": 0.9}, {"seed": 1})
+    )
     new = run_job(job._replace(fresh=True), {"instants": 4, "seed": 1})
     assert [outcome.status for outcome in (other, again, new)] == ["ok"] * 3
     assert len(new.results) > 4
@@ -137,23 +146,30 @@ if kind == "threads": threading.Thread(target=time.sleep, args=(60,), daemon=Tru
 
 
 def test_what_goes_wrong_in_a_kernel(tmp_path):
-    path = make_notebook(tmp_path / "n.ipynb", KINDS, glued(process="os.getpid()"), parameters="kind = 'fine'")
+    path = make_notebook(
+        tmp_path / "n.ipynb", KINDS, glued(process="os.getpid()"), parameters="kind = 'fine'"
+    )
     job = notebook_job(path, 600, keep=True)
     impatient = job._replace(timeout_s=2)
     kinds = ["fine", "raises", "fine", "threads", "fine", "exits", "fine", "sleeps", "fine"]
     found = [run_job(impatient if kind == "sleeps" else job, {"kind": kind}) for kind in kinds]
     assert [outcome.status for outcome in found] == [
-        "failed" if kind in ("raises", "exits", "sleeps") else "ok" for kind in kinds]
+        "failed" if kind in ("raises", "exits", "sleeps") else "ok" for kind in kinds
+    ]
     assert found[1].error == "ValueError: too much (code cell 2)"
     assert found[5].error == "DeadKernelError: Kernel died"
     assert found[7].error.startswith("CellTimeoutError: ")
-    first, again, threads, new, after_exit, after_sleep = (outcome.results["process"] for outcome in found
-                                                           if outcome.status == "ok")
+    first, again, threads, new, after_exit, after_sleep = (
+        outcome.results["process"] for outcome in found if outcome.status == "ok"
+    )
     assert first == again == threads  # a cell that raises does no harm
     assert len({first, new, after_exit, after_sleep}) == 4  # these do, and get another kernel
     executed = [nbformat.reads(outcome.notebook, as_version=4) for outcome in found]
     assert executed[1].cells[2].outputs[0].ename == "ValueError"
-    assert [cell.metadata.get("tags") for cell in executed[0].cells[:2]] == [["parameters"], ["injected-parameters"]]
+    assert [cell.metadata.get("tags") for cell in executed[0].cells[:2]] == [
+        ["parameters"],
+        ["injected-parameters"],
+    ]
 
 
 def test_a_kernel_uses_one_thread(tmp_path):
@@ -165,8 +181,11 @@ import numpy as np
 a = np.ones((1500, 1500)) @ np.ones((1500, 1500))
 cv2.GaussianBlur(np.zeros((4000, 4000), np.uint8), (31, 31), 5)
 """
-    path = make_notebook(tmp_path / "n.ipynb", code, glued(more="len(os.listdir('/proc/self/task')) - before",
-                                                           cv2="cv2.getNumThreads()"))
+    path = make_notebook(
+        tmp_path / "n.ipynb",
+        code,
+        glued(more="len(os.listdir('/proc/self/task')) - before", cv2="cv2.getNumThreads()"),
+    )
     for fresh in (False, True):
         assert run_job(notebook_job(path, 60, fresh), {}).results == {"more": 0, "cv2": 1}
 

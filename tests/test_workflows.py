@@ -21,19 +21,24 @@ from trinolab.studies.replication import replicate, replicate_table1, replicatio
 RIG, HANDLE = data_path("rigs", "paper_pair.toml"), data_path("handles", "paper.toml")
 CODED = data_path("handles", "coded.toml")
 ROWS = [7, 10, 14]  # of Table 1: 8, 11, 15
-NAMES = ["a_010.png", "a_9.png", "b_1.png"]  # in the order of their names, which is not that of their numbers
+# in the order of their names, which is not that of their numbers
+NAMES = ["a_010.png", "a_9.png", "b_1.png"]
 # A single pose away from the gimbal lock; the worst of Table 1's is off by 0.19 mm and 1.9 deg.
 WORST_MM, WORST_DEG = 0.5, 3.0
 
 
 def record(root, handle, rows, names):
-    """Render rows of Table 1 into image folders below `root`, the last one first, and write the truth."""
+    """Render rows of Table 1 into image folders below `root`, the last one first, and write the
+    truth.
+    """
     rig, truth = load_rig("paper_pair"), load_table1().set_poses[rows]
     for camera in rig.names:
         (root / "images" / camera).mkdir(parents=True)
     rng = np.random.default_rng(3)
     for T, name in reversed(list(zip(truth, names, strict=True))):
-        for camera, image in zip(rig.names, render_rig(rig, load_handle(handle), T, Bench(), rng), strict=True):
+        for camera, image in zip(
+            rig.names, render_rig(rig, load_handle(handle), T, Bench(), rng), strict=True
+        ):
             cv2.imwrite(str(root / "images" / camera / name), image)
     write_poses(truth_table(truth), root / "truth.csv")
     return root
@@ -60,15 +65,23 @@ def test_without_a_prior_poses_are_ambiguous_and_in_the_order_of_names(recording
 
 
 def test_with_a_prior_poses_are_measured_and_written(recording, tmp_path):
-    table = measure_folder(RIG, HANDLE, recording / "images", tmp_path / "p.csv", prior=recording / "truth.csv",
-                           progress=False)
+    table = measure_folder(
+        RIG,
+        HANDLE,
+        recording / "images",
+        tmp_path / "p.csv",
+        prior=recording / "truth.csv",
+        progress=False,
+    )
     assert list(table["status"]) == ["measured"] * 3
     assert geodesic_deg(transforms(table), load_table1().set_poses[ROWS]).max() < WORST_DEG
     assert (table["sigma_mm"] > 0).all()
     assert (table["markers"] >= 4).all()
     written = read_poses(tmp_path / "p.csv")
     assert tuple(written.columns) == POSE_COLUMNS
-    assert np.allclose(transforms(written).as_matrix(), transforms(table).as_matrix(), rtol=1e-8, atol=1e-8)
+    assert np.allclose(
+        transforms(written).as_matrix(), transforms(table).as_matrix(), rtol=1e-8, atol=1e-8
+    )
     assert sorted(path.name for path in tmp_path.iterdir()) == ["p.csv"]
 
 
@@ -77,7 +90,8 @@ def test_better_methods_measure_to_hundredths_of_a_millimetre(coded, tmp_path, m
     table = measure_folder(RIG, CODED, coded / "images", tmp_path / "p.csv", method, progress=False)
     truth = load_table1().set_poses[ROWS[1:]]
     assert list(table["status"]) == ["measured"] * 2
-    assert position_errors(transforms(table), truth).max() < 0.04  # mm; twice the bound's three standard deviations
+    # mm; twice the bound's three standard deviations
+    assert position_errors(transforms(table), truth).max() < 0.04
     assert geodesic_deg(transforms(table), truth).max() < 0.3
     assert (table["sigma_mm"] < 0.02).all()
 
@@ -86,8 +100,14 @@ def test_prior_is_joined_on_frame_and_chooses_the_equivalent(recording, tmp_path
     turned = load_table1().set_poses[ROWS[2]] * load_handle("paper").symmetries[3]
     prior = truth_table(RigidTransform.concatenate([turned])).assign(frame=2)
     write_poses(prior, tmp_path / "prior.csv")
-    table = measure_folder(RIG, HANDLE, recording / "images", tmp_path / "p.csv", prior=tmp_path / "prior.csv",
-                           progress=False)
+    table = measure_folder(
+        RIG,
+        HANDLE,
+        recording / "images",
+        tmp_path / "p.csv",
+        prior=tmp_path / "prior.csv",
+        progress=False,
+    )
     assert list(table["status"]) == ["ambiguous", "ambiguous", "measured"]
     found = RigidTransform.concatenate([transforms(table)[2]])
     assert geodesic_deg(found, RigidTransform.concatenate([turned])).max() < WORST_DEG
@@ -108,11 +128,25 @@ def one_instant(recording, root, change):
     return root
 
 
-@pytest.mark.parametrize("change", [lambda grey: cv2.cvtColor(grey, cv2.COLOR_GRAY2BGR),
-                                    lambda grey: grey.astype(np.uint16) * 257], ids=["colour", "16 bit"])
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda grey: cv2.cvtColor(grey, cv2.COLOR_GRAY2BGR),
+        lambda grey: grey.astype(np.uint16) * 257,
+    ],
+    ids=["colour", "16 bit"],
+)
 def test_colour_and_sixteen_bit_give_the_same_pose(recording, tmp_path, change):
-    tables = [measure_folder(RIG, HANDLE, one_instant(recording, tmp_path / name, how), tmp_path / f"{name}.csv",
-                             progress=False) for name, how in (("grey", lambda grey: grey), ("other", change))]
+    tables = [
+        measure_folder(
+            RIG,
+            HANDLE,
+            one_instant(recording, tmp_path / name, how),
+            tmp_path / f"{name}.csv",
+            progress=False,
+        )
+        for name, how in (("grey", lambda grey: grey), ("other", change))
+    ]
     poses = [transforms(table) for table in tables]
     assert position_errors(*poses).max() < 1e-3  # mm; float32 grey levels
     assert geodesic_deg(*poses).max() < 1e-2
@@ -139,17 +173,27 @@ def no_measuring(monkeypatch):
 def test_bad_input_is_refused_before_anything_is_measured(recording, tmp_path):
     out = tmp_path / "p.csv"
     (tmp_path / "bad.csv").write_text("frame\n0\n")
-    write_poses(truth_table(load_table1().set_poses[:2]).assign(frame=[3, 4]), tmp_path / "late.csv")
-    good = {"rig": RIG, "handle": HANDLE, "images": recording / "images", "out": out, "progress": False}
-    for wrong, message in (({"rig": tmp_path / "no.toml"}, r"no\.toml: cannot be read"),
-                           ({"rig": HANDLE}, r"paper\.toml: .*missing"),
-                           ({"handle": RIG}, r"paper_pair\.toml: 'ccd1' is not a field of a handle"),
-                           ({"images": recording}, "ccd1: no such folder"),
-                           ({"out": tmp_path / "bad.csv" / "p.csv"}, "no such folder to write into"),
-                           ({"out": tmp_path}, "cannot be written"),
-                           ({"method": "magic"}, "method: expected one of paper, .*best, got 'magic'"),
-                           ({"prior": tmp_path / "bad.csv"}, r"bad\.csv: column 'x_mm' is missing"),
-                           ({"prior": tmp_path / "late.csv"}, r"late\.csv: no frame in common with the images")):
+    write_poses(
+        truth_table(load_table1().set_poses[:2]).assign(frame=[3, 4]), tmp_path / "late.csv"
+    )
+    good = {
+        "rig": RIG,
+        "handle": HANDLE,
+        "images": recording / "images",
+        "out": out,
+        "progress": False,
+    }
+    for wrong, message in (
+        ({"rig": tmp_path / "no.toml"}, r"no\.toml: cannot be read"),
+        ({"rig": HANDLE}, r"paper\.toml: .*missing"),
+        ({"handle": RIG}, r"paper_pair\.toml: 'ccd1' is not a field of a handle"),
+        ({"images": recording}, "ccd1: no such folder"),
+        ({"out": tmp_path / "bad.csv" / "p.csv"}, "no such folder to write into"),
+        ({"out": tmp_path}, "cannot be written"),
+        ({"method": "magic"}, "method: expected one of paper, .*best, got 'magic'"),
+        ({"prior": tmp_path / "bad.csv"}, r"bad\.csv: column 'x_mm' is missing"),
+        ({"prior": tmp_path / "late.csv"}, r"late\.csv: no frame in common with the images"),
+    ):
         with pytest.raises(ValueError, match=message):
             measure_folder(**{**good, **wrong})
     assert not out.exists()
@@ -176,7 +220,9 @@ def test_an_interruption_writes_nothing(recording, tmp_path, monkeypatch):
 
 def test_replication_is_the_same_for_the_same_seed():
     rig, handle, truth = load_rig("paper_pair"), load_handle("paper"), load_table1().set_poses[[8]]
-    first, same, other = (replicate(truth, rig, handle, seed)[0].pose.T_world_handle.as_matrix() for seed in (4, 4, 5))
+    first, same, other = (
+        replicate(truth, rig, handle, seed)[0].pose.T_world_handle.as_matrix() for seed in (4, 4, 5)
+    )
     assert np.array_equal(first, same)
     assert not np.array_equal(first, other)
 

@@ -1,4 +1,5 @@
-"""The heavy counts, as a report: bound, accuracy, covariances, centroids, identities, files, tracks, arm, processors.
+"""The heavy counts, as a report: bound, accuracy, covariances, centroids, identities, files,
+tracks, arm, processors.
 
     python tests/verify.py [--only table1 nees] [--seeds 20] [--draws 1000] [--poses 1000] ...
 """
@@ -30,25 +31,50 @@ from verification import (
     tracks,
 )
 
-SECTIONS = {"bound": bounds.report, "table1": accuracy.report, "nees": nees.report, "centroid": centroids.report,
-            "identity": identity.report, "layouts": layouts.report, "hostile": misled.report,
-            "fuzz": fuzz.report, "tracks": tracks.report, "slave": slave.report, "heavy": heavy.report,
-            "chapters": chapters.report, "spread": spread.report}
+SECTIONS = {
+    "bound": bounds.report,
+    "table1": accuracy.report,
+    "nees": nees.report,
+    "centroid": centroids.report,
+    "identity": identity.report,
+    "layouts": layouts.report,
+    "hostile": misled.report,
+    "fuzz": fuzz.report,
+    "tracks": tracks.report,
+    "slave": slave.report,
+    "heavy": heavy.report,
+    "chapters": chapters.report,
+    "spread": spread.report,
+}
 
 
 def _arguments() -> argparse.Namespace:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--only", nargs="+", choices=SECTIONS, default=list(SECTIONS), metavar="SECTION",
-                        help=f"of {', '.join(SECTIONS)}; all without it")
-    for name, number, what in (("seeds", 20, "noise seeds of Table 1's poses for each rig"),
-                               ("draws", 1000, "draws for the NEES of each rig, on Table 1's twenty poses"),
-                               ("centroid-poses", 100, "random poses for the centroids of each handle"),
-                               ("poses", 1000, "random poses for the identities of each rig and handle, and layouts"),
-                               ("hostile", 1000, "hostile instants in all"),
-                               ("files", 100_000, "wrong files for the readers of users' files")):
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n\n")[0])
+    parser.add_argument(
+        "--only",
+        nargs="+",
+        choices=SECTIONS,
+        default=list(SECTIONS),
+        metavar="SECTION",
+        help=f"of {', '.join(SECTIONS)}; all without it",
+    )
+    for name, number, what in (
+        ("seeds", 20, "noise seeds of Table 1's poses for each rig"),
+        ("draws", 1000, "draws for the NEES of each rig, on Table 1's twenty poses"),
+        ("centroid-poses", 100, "random poses for the centroids of each handle"),
+        ("poses", 1000, "random poses for the identities of each rig and handle, and layouts"),
+        ("hostile", 1000, "hostile instants in all"),
+        ("files", 100_000, "wrong files for the readers of users' files"),
+    ):
         parser.add_argument(f"--{name}", type=int, default=number, help=f"{what} (%(default)s)")
-    parser.add_argument("--groups", nargs="+", choices=spread.GROUPS, default=list(spread.GROUPS), metavar="GROUP",
-                        help=f"what the spread is looked at of: {', '.join(spread.GROUPS)}; all without it")
+    parser.add_argument(
+        "--groups",
+        nargs="+",
+        choices=spread.GROUPS,
+        default=list(spread.GROUPS),
+        metavar="GROUP",
+        help=f"what the spread is looked at of: {', '.join(spread.GROUPS)}; all without it",
+    )
     return parser.parse_args()
 
 

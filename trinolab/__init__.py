@@ -1,14 +1,17 @@
 """trinolab: a master handle watched by three cameras, from the frames to the slave arm.
 
 Lengths are millimetres, times seconds, angles radians; names that end in ``_deg`` are degrees.
-Rigid motions are named ``T_target_source``, so that neighbours cancel: ``T_world_handle = T_world_cam * T_cam_handle``.
+Rigid motions are named ``T_target_source``, so that neighbours cancel: ``T_world_handle =
+T_world_cam * T_cam_handle``.
 
-What most users need has a name here: `measure` (frames to a pose), `track` (a recording to poses), `evaluate` (poses
-and their truth to errors), `sweep.sweep` (a notebook or a function to a table), and the readers of their files.
+What most users need has a name here: `measure` (frames to a pose), `track` (a recording to poses),
+`evaluate` (poses and their truth to errors), `sweep.sweep` (a notebook or a function to a table),
+and the readers of their files.
 
-A mistake of the caller's is a ``ValueError`` in one line that names the argument, what was expected and what came: a
-wrong shape or type, lengths that differ, NaN where nothing may be missing, a number out of the range that is documented
-or beyond any bench (`checks.LARGEST`). A docstring says what is raised beside that.
+A mistake of the caller's is a ``ValueError`` in one line that names the argument, what was expected
+and what came: a wrong shape or type, lengths that differ, NaN where nothing may be missing, a
+number out of the range that is documented or beyond any bench (`checks.LARGEST`). A docstring says
+what is raised beside that.
 """
 
 from __future__ import annotations
@@ -30,8 +33,9 @@ if TYPE_CHECKING:
 
 __version__ = "0.1.0"
 
-# Where each name of the face is defined: it is loaded when it is asked for. No module may be called like one of them,
-# because Python would put the module in the name's place as soon as anything loads it; `sweep` is the folder itself.
+# Where each name of the face is defined: it is loaded when it is asked for. No module may be called
+# like one of them, because Python would put the module in the name's place as soon as anything
+# loads it; `sweep` is the folder itself.
 FACE = {
     "Parameters": "parameters.Parameters",
     "evaluate": "cli.evaluate.evaluate",

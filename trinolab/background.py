@@ -1,7 +1,8 @@
-"""What moves in an image: the difference from a background, and the background's renewal (Eq. 5-6, Sect. 4.1).
+"""What moves in an image: the difference from a background, and the background's renewal (Eq. 5-6,
+Sect. 4.1).
 
-The background is an array that is passed in and returned: float32, or float64 if it was that already. Where the light
-on the scene has changed, its factor is estimated first (beyond the paper).
+The background is an array that is passed in and returned: float32, or float64 if it was that
+already. Where the light on the scene has changed, its factor is estimated first (beyond the paper).
 """
 
 from __future__ import annotations
@@ -32,20 +33,22 @@ class BackgroundParameters:
     Attributes
     ----------
     update_rate : float
-        alpha of Eq. 6, the weight of a new frame, 0 to 1 a frame. A change has gone into the background by the share
-        1 - 1/e after about 1/alpha frames.
+        alpha of Eq. 6, the weight of a new frame, 0 to 1 a frame. A change has gone into the
+        background by the share 1 - 1/e after about 1/alpha frames.
     difference_threshold : float
         T of Eq. 5, grey levels.
     shadow_share : float
-        The share of the light that a shadow may take, 0 to 1 (see `difference`); 0 is Eq. 5 as printed.
+        The share of the light that a shadow may take, 0 to 1 (see `difference`); 0 is Eq. 5 as
+        printed.
     min_pixels : int
-        The second threshold of Sect. 4.1, px: something moves if more pixels than these have changed. The default is
-        for images of 1280 x 1024.
+        The second threshold of Sect. 4.1, px: something moves if more pixels than these have
+        changed. The default is for images of 1280 x 1024.
     masked_rate : float or None
-        alpha where something moves (see `update`); 0 keeps the old background there. None is Eq. 6 as printed, which
-        takes in a handle that rests.
+        alpha where something moves (see `update`); 0 keeps the old background there. None is Eq. 6
+        as printed, which takes in a handle that rests.
     compensate_light : bool
-        Scale the background to the frame's light before it is compared (see `background.light_gain`).
+        Scale the background to the frame's light before it is compared (see
+        `background.light_gain`).
     """
 
     update_rate: float = 0.01
@@ -63,7 +66,9 @@ class BackgroundParameters:
         if self.masked_rate is not None:
             as_number(self.masked_rate, "masked_rate", 0.0, 1.0)
         if not isinstance(self.compensate_light, bool):
-            raise ValueError(f"compensate_light: expected True or False, got {self.compensate_light!r}")
+            raise ValueError(
+                f"compensate_light: expected True or False, got {self.compensate_light!r}"
+            )
 
 
 class Difference(NamedTuple):
@@ -82,20 +87,23 @@ class Difference(NamedTuple):
 
 
 class Detection(NamedTuple):
-    """What one instant's frame shows to move: see `Difference`, and W_ROI, None if nothing moves."""
+    """What one instant's frame shows to move: see `Difference`, and W_ROI, None if nothing
+    moves.
+    """
 
     image: np.ndarray
     mask: np.ndarray
     window: Window | None
 
 
-def difference(frame: ArrayLike, background: ArrayLike, difference_threshold: float,
-               shadow_share: float = 0.0) -> Difference:
+def difference(
+    frame: ArrayLike, background: ArrayLike, difference_threshold: float, shadow_share: float = 0.0
+) -> Difference:
     """Keep the pixels of a frame that differ from the background by more than a threshold (Eq. 5).
 
-    A shadow leaves of a background b something between (1 - shadow_share) b and b. With a share above 0 a pixel has
-    moved if it is farther than the threshold from all of that range; what is darker than its background, but not by
-    so much, is then missed.
+    A shadow leaves of a background b something between (1 - shadow_share) b and b. With a share
+    above 0 a pixel has moved if it is farther than the threshold from all of that range; what is
+    darker than its background, but not by so much, is then missed.
 
     Parameters
     ----------
@@ -114,13 +122,19 @@ def difference(frame: ArrayLike, background: ArrayLike, difference_threshold: fl
     return Difference(_read_only(np.where(mask, grey, grey.dtype.type(0))), _read_only(mask))
 
 
-def update(background: ArrayLike, frame: ArrayLike, update_rate: float, mask: ArrayLike | None = None,
-           masked_rate: float = 0.0) -> np.ndarray:
+def update(
+    background: ArrayLike,
+    frame: ArrayLike,
+    update_rate: float,
+    mask: ArrayLike | None = None,
+    masked_rate: float = 0.0,
+) -> np.ndarray:
     """Take a share of a frame into the background (Eq. 6).
 
-    Without a mask this is the equation as printed: every pixel, always, also those of a handle that rests, which has
-    gone into the background after a few 1/alpha frames. With the mask of what moves, that part of the background is
-    kept. It then never heals where the background itself has changed; a small `masked_rate` lets it.
+    Without a mask this is the equation as printed: every pixel, always, also those of a handle that
+    rests, which has gone into the background after a few 1/alpha frames. With the mask of what
+    moves, that part of the background is kept. It then never heals where the background itself has
+    changed; a small `masked_rate` lets it.
 
     Parameters
     ----------
@@ -174,12 +188,15 @@ def moving_window(mask: ArrayLike, min_pixels: int = 0) -> Window | None:
     return Window(int(u), int(v), int(width), int(height))
 
 
-def step(background: ArrayLike, frame: ArrayLike, parameters: BackgroundParameters | None = None,
-         ) -> tuple[np.ndarray, Detection]:
+def step(
+    background: ArrayLike,
+    frame: ArrayLike,
+    parameters: BackgroundParameters | None = None,
+) -> tuple[np.ndarray, Detection]:
     """One instant: compare with the background, find the window, renew the background (Eq. 5, 6).
 
-    The background is what the light makes of the scene, also where that is brighter than a camera can show: a saturated
-    pixel is compared with 255, and does not renew it.
+    The background is what the light makes of the scene, also where that is brighter than a camera
+    can show: a saturated pixel is compared with 255, and does not renew it.
 
     Parameters
     ----------
@@ -198,15 +215,17 @@ def step(background: ArrayLike, frame: ArrayLike, parameters: BackgroundParamete
         old = np.multiply(old, old.dtype.type(light_gain(grey, old)))
     image, mask = difference(grey, np.minimum(old, WHITE), p.difference_threshold, p.shadow_share)
     kept = None if p.masked_rate is None else mask | (grey >= WHITE)
-    return (update(old, grey, p.update_rate, kept, p.masked_rate or 0.0),
-            Detection(image, mask, moving_window(mask, p.min_pixels)))
+    return (
+        update(old, grey, p.update_rate, kept, p.masked_rate or 0.0),
+        Detection(image, mask, moving_window(mask, p.min_pixels)),
+    )
 
 
 def light_gain(frame: ArrayLike, background: ArrayLike, step: int = 4) -> float:
     """How much brighter the light has become: the commonest ratio of frame to background.
 
-    One factor for all of the image. What has not moved agrees on it, even where it is less than half of the image; the
-    ratios of what has moved are spread.
+    One factor for all of the image. What has not moved agrees on it, even where it is less than
+    half of the image; the ratios of what has moved are spread.
 
     Parameters
     ----------
@@ -218,19 +237,24 @@ def light_gain(frame: ArrayLike, background: ArrayLike, step: int = 4) -> float:
     Returns
     -------
     float
-        1 if nothing in the background is brighter than 10 grey levels, or no factor within 1/4 and 4 is shared by a
-        tenth of the pixels: that is no change of light but a covered lens.
+        1 if nothing in the background is brighter than 10 grey levels, or no factor within 1/4 and
+        4 is shared by a tenth of the pixels: that is no change of light but a covered lens.
     """
     grey = as_image(frame, "frame")
     old = as_image(background, "background", (grey.shape[1], grey.shape[0]))
     stride = int(as_number(step, "step", 1, 2**31))
-    few, base = grey[::stride, ::stride], old[::stride, ::stride]
+    few = grey[::stride, ::stride]
+    base = old[::stride, ::stride]
     told = (base > DARK) & (few > 0) & (few < WHITE)
     logs = np.log(few[told] / base[told])
     counts, edges = np.histogram(logs, round(2 * _MOST / _BIN), (-_MOST, _MOST))
     blurred = np.convolve(counts, np.hanning(2 * _BLUR + 1), "same")
     near: Array = logs[np.abs(logs - edges[blurred.argmax()]) < _NEAR]
-    return float(np.exp(np.median(near))) if near.size > _LEAST * np.count_nonzero(base > DARK) else 1.0
+    return (
+        float(np.exp(np.median(near)))
+        if near.size > _LEAST * np.count_nonzero(base > DARK)
+        else 1.0
+    )
 
 
 def _frame_and_background(frame: ArrayLike, background: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
@@ -243,7 +267,9 @@ def _frame_and_background(frame: ArrayLike, background: ArrayLike) -> tuple[np.n
 def _as_mask(value: ArrayLike, shape: tuple[int, ...] | None = None) -> np.ndarray:
     mask = np.ascontiguousarray(value)
     if mask.dtype != bool or mask.ndim != 2 or mask.size == 0 or shape not in (None, mask.shape):
-        raise ValueError(f"mask: expected bool of shape {shape or '(height, width)'}, got {mask.dtype} {mask.shape}")
+        raise ValueError(
+            f"mask: expected bool of shape {shape or '(height, width)'}, got {mask.dtype} {mask.shape}"
+        )
     return mask
 
 

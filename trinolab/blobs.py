@@ -1,8 +1,10 @@
-"""Where an image may hold a bright marker, and what is there: contours, spots that stand out, one blob (Sect. 5.1).
+"""Where an image may hold a bright marker, and what is there: contours, spots that stand out, one
+blob (Sect. 5.1).
 
-Contours show every marker that is brighter than all noise, at little cost; where there is noise they cost most and
-show least. So a large image is searched at half its size, thresholds that show noise are left out, and what stands out
-from its own surroundings is looked at as well. All that is a search; what is found is cut out of the image itself.
+Contours show every marker that is brighter than all noise, at little cost; where there is noise
+they cost most and show least. So a large image is searched at half its size, thresholds that show
+noise are left out, and what stands out from its own surroundings is looked at as well. All that is
+a search; what is found is cut out of the image itself.
 """
 
 from __future__ import annotations
@@ -20,16 +22,21 @@ from .checks import Array, as_image, frozen
 RING_PX = 3  # from a blob's outermost pixels to the ring around it
 SQUARE = np.ones((3, 3), np.uint8)
 _LARGE = 2**19  # px: larger images are searched at half their size, or a quarter
-# More than this at one threshold is noise: at least the first number, and the second one for each blob wanted.
+# More than this at one threshold is noise: at least the first number, and the second one for each
+# blob wanted.
 _RUNS = (700, 40)  # of bright pixels along the rows
 _CONTOURS = (80, 4)
 _SPOTS = 120  # those that stand out most are looked at
 _ANGLES = np.arange(16) * np.pi / 8
-_RAYS = (np.linspace(0.25, 1.0, 10)[:, None] * np.stack([np.cos(_ANGLES), np.sin(_ANGLES)])[:, None]).astype(np.float32)
+_RAYS = (
+    np.linspace(0.25, 1.0, 10)[:, None] * np.stack([np.cos(_ANGLES), np.sin(_ANGLES)])[:, None]
+).astype(np.float32)
 
 
 class Places(NamedTuple):
-    """Where n blobs may be: centre (n, 2), px; how far (n,) one may reach, px; threshold (n,) that shows it, or inf."""
+    """Where n blobs may be: centre (n, 2), px; how far (n,) one may reach, px; threshold (n,) that
+    shows it, or inf.
+    """
 
     uv: Array
     reach: Array
@@ -45,7 +52,9 @@ class Candidate(NamedTuple):
 
 
 class Cutout(NamedTuple):
-    """A patch: its first pixel (u, v), its greys, the mask (0 and 1) of one blob, and that of what else is bright."""
+    """A patch: its first pixel (u, v), its greys, the mask (0 and 1) of one blob, and that of what
+    else is bright.
+    """
 
     corner: tuple[int, int]
     grey: np.ndarray
@@ -55,19 +64,29 @@ class Cutout(NamedTuple):
 
 def searchable(image: np.ndarray) -> np.ndarray:
     """The image in a type that OpenCV's functions take, without loss."""
-    return image if image.dtype in (np.uint8, np.uint16, np.float32, np.float64) else image.astype(float)
+    return (
+        image
+        if image.dtype in (np.uint8, np.uint16, np.float32, np.float64)
+        else image.astype(float)
+    )
 
 
 def reduced(image: np.ndarray) -> tuple[np.ndarray, int]:
-    """The image, halved until it is small enough to be searched, and how many of its pixels a side make one then."""
+    """The image, halved until it is small enough to be searched, and how many of its pixels a side
+    make one then.
+    """
     scale = 1
     while image.size > _LARGE:
-        image, scale = _halved(image), 2 * scale
+        image = _halved(image)
+        scale = 2 * scale
     return image, scale
 
 
-def contours(image: np.ndarray, brightest: np.ndarray, threshold: float, wanted: int) -> list[np.ndarray] | None:
-    """The contours, 8-connected, of what exceeds a threshold, (k, 1, 2) each; None if that is noise.
+def contours(
+    image: np.ndarray, brightest: np.ndarray, threshold: float, wanted: int
+) -> list[np.ndarray] | None:
+    """The contours, 8-connected, of what exceeds a threshold, (k, 1, 2) each; None if that is
+    noise.
 
     `brightest` holds the largest grey of each row, (height,).
     """
@@ -78,14 +97,17 @@ def contours(image: np.ndarray, brightest: np.ndarray, threshold: float, wanted:
     if 13 * np.count_nonzero(some[:, 1:] > some[:, :-1]) > max(_RUNS[0], _RUNS[1] * wanted):
         return None
     found, tree = cv2.findContours(binary, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_SIMPLE, offset=(0, top))
-    return [] if tree is None else [found[k] for k in np.flatnonzero(tree[0, :, 3] < 0).tolist()]  # not those of holes
+    # not those of holes
+    return [] if tree is None else [found[k] for k in np.flatnonzero(tree[0, :, 3] < 0).tolist()]
 
 
 def count_contours(image: np.ndarray, threshold: float, enough: int) -> int:
-    """Count the contours; if the middle of a large image has more than enough of them for certain, only those there."""
+    """Count the contours; if the middle of a large image has more than enough of them for certain,
+    only those there.
+    """
     binary = _above(image, threshold)
     if binary.size > _LARGE // 2:
-        middle = binary[7 * len(binary) // 16:9 * len(binary) // 16]
+        middle = binary[7 * len(binary) // 16 : 9 * len(binary) // 16]
         cut = middle[[0, -1]]  # what goes on beyond these rows may be one there
         going_on = np.count_nonzero(cut[:, 0]) + np.count_nonzero(cut[:, 1:] > cut[:, :-1])
         certain = cv2.connectedComponents(middle)[0] - 1 - int(going_on)
@@ -94,14 +116,28 @@ def count_contours(image: np.ndarray, threshold: float, enough: int) -> int:
     return cv2.connectedComponents(binary)[0] - 1
 
 
-def places(image: np.ndarray, scale: int, found: Mapping[float, list[np.ndarray] | None], wanted: int,
-           diameter_px: tuple[float, float], min_contrast: float) -> Places:
-    """Where markers may be: the contours `found` at each threshold, and what stands out; each place once.
+def places(
+    image: np.ndarray,
+    scale: int,
+    found: Mapping[float, list[np.ndarray] | None],
+    wanted: int,
+    diameter_px: tuple[float, float],
+    min_contrast: float,
+) -> Places:
+    """Where markers may be: the contours `found` at each threshold, and what stands out; each place
+    once.
 
     A pixel of `image` is `scale` pixels of the whole one a side, for which the diameters are given.
     """
-    lines = {t: some for t, some in found.items() if some and len(some) <= max(_CONTOURS[0], _CONTOURS[1] * wanted)}
-    parts = _of_contours(lines, scale, diameter_px), _of_spots(image, scale, diameter_px[1], min_contrast / 2)
+    lines = {
+        t: some
+        for t, some in found.items()
+        if some and len(some) <= max(_CONTOURS[0], _CONTOURS[1] * wanted)
+    }
+    parts = (
+        _of_contours(lines, scale, diameter_px),
+        _of_spots(image, scale, diameter_px[1], min_contrast / 2),
+    )
     uv, reach, threshold = (np.concatenate(part) for part in zip(*parts, strict=True))
     cell = np.column_stack([uv // 4, np.log2(reach) // 1]).astype(np.int64) @ [1, 1 << 24, 1 << 48]
     first = np.unique(cell, return_index=True)[1]
@@ -109,48 +145,70 @@ def places(image: np.ndarray, scale: int, found: Mapping[float, list[np.ndarray]
 
 
 def candidates(image: np.ndarray, where: Places, min_contrast: float) -> list[Candidate]:
-    """The places with some contrast, by falling contrast, as sixteen rays from each to its reach show it.
+    """The places with some contrast, by falling contrast, as sixteen rays from each to its reach
+    show it.
 
-    What is darkest on a ray is level with the surroundings, or the saddle between the blob and its neighbour. The
-    threshold is halfway up from the level, but above the saddle, or else the one that showed the place.
+    What is darkest on a ray is level with the surroundings, or the saddle between the blob and its
+    neighbour. The threshold is halfway up from the level, but above the saddle, or else the one
+    that showed the place.
     """
     inside, valley = _along_rays(image, where)
-    top, level, saddle = inside.mean(axis=1), valley[:, 7], valley[:, -1]
+    top = inside.mean(axis=1)
+    level = valley[:, 7]
+    saddle = valley[:, -1]
     peak = np.maximum(top, inside[:, -3])  # a bright pixel or two may be noise
     halfway = np.maximum((level + peak) / 2, 0.75 * saddle + 0.25 * peak)
     other = np.where(np.isinf(where.threshold), 0.4 * saddle + 0.6 * peak, where.threshold)
     clear = (peak - saddle >= min_contrast / 2) | (peak - where.threshold >= min_contrast / 4)
     order = np.argsort(level - top, kind="stable")
     order = order[(clear & (top - level >= 0.8 * min_contrast))[order]]
-    columns = where.uv[order].tolist(), where.reach[order].tolist(), np.stack([halfway, other], axis=1)[order].tolist()
+    columns = (
+        where.uv[order].tolist(),
+        where.reach[order].tolist(),
+        np.stack([halfway, other], axis=1)[order].tolist(),
+    )
     return [Candidate(*row) for row in zip(*columns, strict=True)]
 
 
-def cut_out(image: np.ndarray, uv: tuple[float, float], reach: float, threshold: float) -> Cutout | None:
-    """Cut out what exceeds a threshold at a place; None if nothing does, or it goes beyond its reach or the image."""
-    margin, u, v = int(reach) + RING_PX + 1, round(uv[0]), round(uv[1])
-    u0, v0 = max(u - margin, 0), max(v - margin, 0)
-    grey = image[v0:v + margin + 1, u0:u + margin + 1]
+def cut_out(
+    image: np.ndarray, uv: tuple[float, float], reach: float, threshold: float
+) -> Cutout | None:
+    """Cut out what exceeds a threshold at a place; None if nothing does, or it goes beyond its
+    reach or the image.
+    """
+    margin = int(reach) + RING_PX + 1
+    u = round(uv[0])
+    v = round(uv[1])
+    u0 = max(u - margin, 0)
+    v0 = max(v - margin, 0)
+    grey = image[v0 : v + margin + 1, u0 : u + margin + 1]
     labels = cv2.connectedComponents(_above(grey, threshold))[1]
     label = labels[v - v0, u - u0]
     if label == 0:  # the middle is dark: what surrounds it
         near = max(int(reach / 4), 1)
-        middle = labels[max(v - v0 - near, 0):v - v0 + near + 1, max(u - u0 - near, 0):u - u0 + near + 1]
+        middle = labels[
+            max(v - v0 - near, 0) : v - v0 + near + 1, max(u - u0 - near, 0) : u - u0 + near + 1
+        ]
         label = np.bincount(middle[middle > 0], minlength=1).argmax()
     inside = (labels == label).view(np.uint8)
     x, y, width, height = cv2.boundingRect(inside)
     if label == 0 or x == 0 or y == 0 or x + width == grey.shape[1] or y + height == grey.shape[0]:
         return None
-    x, y, around = max(x - RING_PX - 1, 0), max(y - RING_PX - 1, 0), 2 * RING_PX + 2
-    part = np.s_[y:y + height + around, x:x + width + around]
+    x = max(x - RING_PX - 1, 0)
+    y = max(y - RING_PX - 1, 0)
+    around = 2 * RING_PX + 2
+    part = np.s_[y : y + height + around, x : x + width + around]
     inside = inside[part]
     return Cutout((u0 + x, v0 + y), grey[part], inside, (labels[part] > 0) & (inside == 0))
 
 
 def ellipse(mask: np.ndarray) -> tuple[float, float, float]:
-    """Area, px^2, and axes, px, of the ellipse with a mask's second moments; a pixel's own 1/12 px^2 is included."""
+    """Area, px^2, and axes, px, of the ellipse with a mask's second moments; a pixel's own 1/12
+    px^2 is included.
+    """
     m = cv2.moments(mask)
-    mean, half = (m["mu20"] + m["mu02"]) / 2, math.hypot((m["mu20"] - m["mu02"]) / 2, m["mu11"])
+    mean = (m["mu20"] + m["mu02"]) / 2
+    half = math.hypot((m["mu20"] - m["mu02"]) / 2, m["mu11"])
     major, minor = ((mean + sign * half) / m["m00"] + 1 / 12 for sign in (1, -1))
     return m["m00"], 4 * math.sqrt(major), 4 * math.sqrt(max(minor, 1 / 12))
 
@@ -168,7 +226,8 @@ def centroid(image: ArrayLike, mask: ArrayLike, background: float) -> Array:
     Returns
     -------
     ndarray, shape (2,)
-        u, v in px from the centre of the image's first pixel; NaN if nothing is brighter than the background.
+        u, v in px from the centre of the image's first pixel; NaN if nothing is brighter than the
+        background.
     """
     image = as_image(image, "image")
     mask = np.asarray(mask, dtype=bool)
@@ -189,26 +248,41 @@ def _above(image: np.ndarray, threshold: float) -> np.ndarray:
 def _halved(image: np.ndarray) -> np.ndarray:
     """Each pixel the mean of four; an odd last row or column is left out."""
     height, width = image.shape[0] // 2, image.shape[1] // 2
-    return cv2.resize(image[:2 * height, :2 * width], (width, height), interpolation=cv2.INTER_AREA)
+    return cv2.resize(
+        image[: 2 * height, : 2 * width], (width, height), interpolation=cv2.INTER_AREA
+    )
 
 
-def _of_contours(found: Mapping[float, list[np.ndarray]], scale: int, diameter_px: tuple[float, float]) -> Places:
+def _of_contours(
+    found: Mapping[float, list[np.ndarray]], scale: int, diameter_px: tuple[float, float]
+) -> Places:
     """The contours that are neither too small nor too large for a marker."""
     low, high = diameter_px
-    lines = [(t, line) for t, some in found.items() for line in some if len(line) <= 8 * (high / scale + 1)]
+    lines = [
+        (t, line)
+        for t, some in found.items()
+        for line in some
+        if len(line) <= 8 * (high / scale + 1)
+    ]
     if not lines:
         return Places(np.zeros((0, 2)), np.zeros(0), np.zeros(0))
     n = np.array([len(line) for _, line in lines])
-    xy, starts = np.ascontiguousarray(np.concatenate([line for _, line in lines])[:, 0].T), np.cumsum(n) - n
-    first, last = np.minimum.reduceat(xy, starts, axis=1), np.maximum.reduceat(xy, starts, axis=1)
+    xy = np.ascontiguousarray(np.concatenate([line for _, line in lines])[:, 0].T)
+    starts = np.cumsum(n) - n
+    first = np.minimum.reduceat(xy, starts, axis=1)
+    last = np.maximum.reduceat(xy, starts, axis=1)
     longest = scale * (1 + (last - first).max(axis=0))
     fits = (longest + scale >= 0.7 * low) & (longest - scale <= high + 2)
     uv = scale * (first + last + 1).T / 2 - 0.5
-    return Places(uv[fits], longest[fits] / 2 + RING_PX + scale, np.array([t for t, _ in lines])[fits])
+    return Places(
+        uv[fits], longest[fits] / 2 + RING_PX + scale, np.array([t for t, _ in lines])[fits]
+    )
 
 
 def _of_spots(image: np.ndarray, scale: int, largest: float, least: float) -> Places:
-    """What stands out by `least` grey levels in the image at a quarter of its size, an eighth, ..."""
+    """What stands out by `least` grey levels in the image at a quarter of its size, an eighth,
+    ...
+    """
     found = [np.zeros((4, 0))]
     while min(image.shape) > 8 and scale <= max(largest / 4, 4):
         if scale >= 4:
@@ -216,28 +290,50 @@ def _of_spots(image: np.ndarray, scale: int, largest: float, least: float) -> Pl
             peak = cv2.compare(rise, cv2.dilate(rise, SQUARE), cv2.CMP_EQ) & _above(rise, least)
             at = np.flatnonzero(peak.view(bool))
             v, u = np.divmod(at, image.shape[1])
-            found.append(np.stack([scale * (u + 0.5) - 0.5, scale * (v + 0.5) - 0.5, 0 * u + 3.0 * scale,
-                                   rise.ravel()[at]]))
-        image, scale = _halved(image), 2 * scale
+            found.append(
+                np.stack(
+                    [
+                        scale * (u + 0.5) - 0.5,
+                        scale * (v + 0.5) - 0.5,
+                        0 * u + 3.0 * scale,
+                        rise.ravel()[at],
+                    ]
+                )
+            )
+        image = _halved(image)
+        scale = 2 * scale
     u, v, reach, rise = np.hstack(found)
     best = np.argsort(-rise)[:_SPOTS]
     return Places(np.column_stack([u, v])[best], reach[best], np.full(len(best), np.inf))
 
 
 def _rise(image: np.ndarray) -> np.ndarray:
-    """By how much a pixel is brighter than the darker of two opposite neighbours 2 px away, whichever way they lie."""
+    """By how much a pixel is brighter than the darker of two opposite neighbours 2 px away,
+    whichever way they lie.
+    """
     grey = cv2.blur(image, (3, 3))
     height, width = grey.shape
     wide = cv2.copyMakeBorder(grey, 2, 2, 2, 2, cv2.BORDER_REFLECT_101)
-    darker = [cv2.min(wide[2 + y:2 + y + height, 2 + x:2 + x + width], wide[2 - y:2 - y + height, 2 - x:2 - x + width])
-              for x, y in ((2, 0), (0, 2), (2, 2), (2, -2))]
+    darker = [
+        cv2.min(
+            wide[2 + y : 2 + y + height, 2 + x : 2 + x + width],
+            wide[2 - y : 2 - y + height, 2 - x : 2 - x + width],
+        )
+        for x, y in ((2, 0), (0, 2), (2, 2), (2, -2))
+    ]
     return cv2.subtract(grey, cv2.max(cv2.max(darker[0], darker[1]), cv2.max(darker[2], darker[3])))
 
 
 def _along_rays(image: np.ndarray, where: Places) -> tuple[Array, Array]:
     """The greys where rays begin, and the least along each, (n, 16) both, sorted."""
-    (height, width), reach = image.shape, where.reach.astype(np.float32)[:, None, None]
-    u, v = (where.uv[:, k, None, None].astype(np.float32) + _RAYS[k] * reach for k in (0, 1))  # (n, points, rays)
-    u, v = (np.clip(np.rint(x), 0, most - 1).astype(np.intp) for x, most in ((u, width), (v, height)))
+    (height, width) = image.shape
+    reach = where.reach.astype(np.float32)[:, None, None]
+    # (n, points, rays)
+    u, v = (where.uv[:, k, None, None].astype(np.float32) + _RAYS[k] * reach for k in (0, 1))
+    u, v = (
+        np.clip(np.rint(x), 0, most - 1).astype(np.intp) for x, most in ((u, width), (v, height))
+    )
     grey = image.ravel().take(v * width + u)
-    return np.sort(grey[:, 0], axis=1).astype(float), np.sort(grey.min(axis=1), axis=1).astype(float)
+    return np.sort(grey[:, 0], axis=1).astype(float), np.sort(grey.min(axis=1), axis=1).astype(
+        float
+    )

@@ -1,7 +1,9 @@
 """Cameras and rigs: projection, rays, epipolar geometry.
 
-Camera frame: x right, y down, z forward; the world frame is that of the rig file. Pixels ``uv``: (0, 0) is the centre
-of the top-left pixel. Lens distortion is OpenCV's five-coefficient model (k1, k2, p1, p2, k3)."""
+Camera frame: x right, y down, z forward; the world frame is that of the rig file. Pixels ``uv``:
+(0, 0) is the centre of the top-left pixel. Lens distortion is OpenCV's five-coefficient model (k1,
+k2, p1, p2, k3).
+"""
 
 from __future__ import annotations
 
@@ -37,9 +39,10 @@ class Camera:
     Raises
     ------
     ValueError
-        For a name that is no line of text, a size that is not two positive whole numbers, a matrix of another form than
-        [[fx, 0, cx], [0, fy, cy], [0, 0, 1]] with focal lengths from 1e-6 to 1e9 px and cx, cy within 1e9, other
-        than 5 distortions up to 1e6, or anything but one finite transform.
+        For a name that is no line of text, a size that is not two positive whole numbers, a matrix
+        of another form than [[fx, 0, cx], [0, fy, cy], [0, 0, 1]] with focal lengths from 1e-6 to
+        1e9 px and cx, cy within 1e9, other than 5 distortions up to 1e6, or anything but one finite
+        transform.
     """
 
     name: str
@@ -93,36 +96,45 @@ class Camera:
         Returns
         -------
         ndarray, shape (n, 2)
-            Pixels; NaN where a point is missing, not in front of the camera, or so far aside that the distortion model
-            folds back. Points outside the image are returned all the same, see `sees`.
+            Pixels; NaN where a point is missing, not in front of the camera, or so far aside that
+            the distortion model folds back. Points outside the image are returned all the same, see
+            `sees`.
         """
         local = self.T_cam_world.apply(as_points(points, "points", 3))
         z = np.where(local[:, 2:] > NEAREST_MM, local[:, 2:], np.nan)
         return self.to_pixels(whole_rows(local[:, :2] / z))
 
     def to_pixels(self, xy: ArrayLike) -> Array:
-        """Normalised ideal coordinates (x/z, y/z), shape (n, 2), to pixels of the distorted image, shape (n, 2).
+        """Normalised ideal coordinates (x/z, y/z), shape (n, 2), to pixels of the distorted image,
+        shape (n, 2).
 
         NaN for missing points and where `project` gives none.
         """
-        return whole_rows(distort(as_points(xy, "xy", 2), self.distortions)[0] * self.focal + self.principal_point)
+        return whole_rows(
+            distort(as_points(xy, "xy", 2), self.distortions)[0] * self.focal + self.principal_point
+        )
 
     def normalise(self, uv: ArrayLike) -> Array:
-        """Pixels of the distorted image, shape (n, 2), to normalised ideal coordinates (x/z, y/z), shape (n, 2).
+        """Pixels of the distorted image, shape (n, 2), to normalised ideal coordinates (x/z, y/z),
+        shape (n, 2).
 
         NaN for missing points and where no ideal point maps to the pixel.
         """
-        return undistort((as_points(uv, "uv", 2) - self.principal_point) / self.focal, self.distortions)
+        return undistort(
+            (as_points(uv, "uv", 2) - self.principal_point) / self.focal, self.distortions
+        )
 
     def ideal_pixels(self, uv: ArrayLike) -> Array:
-        """Pixels with the lens distortion removed, shape (n, 2); epipolar lines are straight only among these.
+        """Pixels with the lens distortion removed, shape (n, 2); epipolar lines are straight only
+        among these.
 
         NaN where `normalise` gives none.
         """
         return whole_rows(self.normalise(uv) * self.focal + self.principal_point)
 
     def rays(self, uv: ArrayLike) -> Array:
-        """Directions of the viewing rays through pixels, world frame, shape (n, 3), length 1; they start at `centre`.
+        """Directions of the viewing rays through pixels, world frame, shape (n, 3), length 1; they
+        start at `centre`.
 
         NaN where `normalise` gives none.
         """
@@ -132,7 +144,8 @@ class Camera:
         return self.T_world_cam.rotation.apply(local)
 
     def sees(self, points: ArrayLike, margin_px: float = 0.0) -> np.ndarray:
-        """Whether world points, shape (n, 3), fall into the image at least `margin_px` from its edge; bool (n,).
+        """Whether world points, shape (n, 3), fall into the image at least `margin_px` from its
+        edge; bool (n,).
 
         False where `project` gives no pixel.
         """
@@ -167,19 +180,24 @@ class Rig:
 
     @cached_property
     def pairs(self) -> tuple[tuple[int, int], ...]:
-        """Index pairs (left, right) of the binocular systems: (0, 1), (0, 2), (1, 2) for three cameras."""
+        """Index pairs (left, right) of the binocular systems: (0, 1), (0, 2), (1, 2) for three
+        cameras.
+        """
         n = len(self.cameras)
         return tuple((i, j) for i in range(n) for j in range(i + 1, n))
 
 
 @lru_cache(maxsize=256)
 def T_between(target: Camera, source: Camera) -> RigidTransform:
-    """The motion T_target_source between two cameras' frames: R_rl, T_rl of Sect. 5.3, either way round (Eq. 19)."""
+    """The motion T_target_source between two cameras' frames: R_rl, T_rl of Sect. 5.3, either way
+    round (Eq. 19).
+    """
     return target.T_cam_world * source.T_world_cam
 
 
 def fundamental_matrix(left: Camera, right: Camera) -> Array:
-    """The matrix F with ``right_uv1 @ F @ left_uv1 = 0`` for ideal pixels (Hartley and Zisserman 2004, ch. 9).
+    """The matrix F with ``right_uv1 @ F @ left_uv1 = 0`` for ideal pixels (Hartley and Zisserman
+    2004, ch. 9).
 
     Returns
     -------
@@ -194,7 +212,9 @@ def fundamental_matrix(left: Camera, right: Camera) -> Array:
     T_right_left = T_between(right, left)
     t = T_right_left.translation
     if np.linalg.norm(t) < 1e-9:
-        raise ValueError(f"cameras {left.name} and {right.name}: expected two places, got one (no baseline)")
+        raise ValueError(
+            f"cameras {left.name} and {right.name}: expected two places, got one (no baseline)"
+        )
     essential = np.cross(t, T_right_left.rotation.as_matrix(), axisb=0, axisc=0)
     F = np.linalg.inv(right.matrix).T @ essential @ np.linalg.inv(left.matrix)
     return F / np.linalg.norm(F)
@@ -211,11 +231,12 @@ def epipolar_lines(left: Camera, right: Camera, uv: ArrayLike) -> Array:
     Returns
     -------
     ndarray, shape (n, 3)
-        a, b, c with a^2 + b^2 = 1, so that a u + b v + c is a distance in ideal pixels; NaN for missing pixels, and for
-        the image of the right camera's centre, which has no line. Raises ValueError if both cameras stand in one
-        place.
+        a, b, c with a^2 + b^2 = 1, so that a u + b v + c is a distance in ideal pixels; NaN for
+        missing pixels, and for the image of the right camera's centre, which has no line. Raises
+        ValueError if both cameras stand in one place.
     """
-    uv, F = left.ideal_pixels(uv), fundamental_matrix(left, right)
+    uv = left.ideal_pixels(uv)
+    F = fundamental_matrix(left, right)
     points = np.column_stack([uv, np.ones(len(uv))])
     lines = points @ F.T
     length = np.linalg.norm(lines[:, :2], axis=1, keepdims=True)
@@ -224,17 +245,24 @@ def epipolar_lines(left: Camera, right: Camera, uv: ArrayLike) -> Array:
 
 
 def T_world_oxyz(rig: Rig, first: int = 0, second: int = 1) -> RigidTransform:
-    """Sect. 3's frame OXYZ: origin at the first camera, X along the baseline, Z between the axes, Y = Z x X (Eq. 1-4).
+    """Sect. 3's frame OXYZ: origin at the first camera, X along the baseline, Z between the axes, Y
+    = Z x X (Eq. 1-4).
 
     Raises
     ------
     ValueError
         If both cameras stand in one place, or their mean axis lies along the baseline.
     """
-    if not all(isinstance(k, (int, np.integer)) and 0 <= k < len(rig.cameras) for k in (first, second)):
-        raise ValueError(f"first, second: expected 0 to {len(rig.cameras) - 1}, got {first!r} and {second!r}")
+    if not all(
+        isinstance(k, (int, np.integer)) and 0 <= k < len(rig.cameras) for k in (first, second)
+    ):
+        raise ValueError(
+            f"first, second: expected 0 to {len(rig.cameras) - 1}, got {first!r} and {second!r}"
+        )
     a, b = rig.cameras[first], rig.cameras[second]
     x = as_unit(b.centre - a.centre, f"baseline of {a.name} and {b.name}")
     mean = a.axis + b.axis
     z = as_unit(mean - (mean @ x) * x, f"mean axis of {a.name} and {b.name} across the baseline")
-    return RigidTransform.from_components(a.centre, Rotation.from_matrix(np.column_stack([x, np.cross(z, x), z])))
+    return RigidTransform.from_components(
+        a.centre, Rotation.from_matrix(np.column_stack([x, np.cross(z, x), z]))
+    )

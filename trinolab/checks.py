@@ -1,8 +1,10 @@
-"""The checks of shapes and ranges that all public functions share, so that a mistake reads the same everywhere.
+"""The checks of shapes and ranges that all public functions share, so that a mistake reads the same
+everywhere.
 
-Each function returns a read-only array (or the value) and raises ``ValueError`` with the argument's name, what was
-expected and what came. No number beyond `LARGEST` comes in, whatever its unit, and a computed point beyond it is a
-missing one (`whole_rows`): the algebra behind need not ask whether a product overflows.
+Each function returns a read-only array (or the value) and raises ``ValueError`` with the argument's
+name, what was expected and what came. No number beyond `LARGEST` comes in, whatever its unit, and a
+computed point beyond it is a missing one (`whole_rows`): the algebra behind need not ask whether a
+product overflows.
 """
 
 from __future__ import annotations
@@ -15,8 +17,9 @@ from scipy.spatial.transform import RigidTransform
 
 Array = NDArray[np.float64]
 
-# Of any unit. Far beyond any bench, and beyond what is computed from one: a point whose rays are almost parallel has a
-# covariance of 1e20 mm^2. Its eighth power is still a float, and it is one itself in single precision.
+# Of any unit. Far beyond any bench, and beyond what is computed from one: a point whose rays are
+# almost parallel has a covariance of 1e20 mm^2. Its eighth power is still a float, and it is one
+# itself in single precision.
 LARGEST = 1e36
 
 
@@ -27,27 +30,43 @@ def frozen(array: np.ndarray) -> np.ndarray:
     return copy
 
 
-def as_array(value: ArrayLike, name: str, shape: tuple[int | None, ...], finite: bool = True) -> Array:
+def as_array(
+    value: ArrayLike, name: str, shape: tuple[int | None, ...], finite: bool = True
+) -> Array:
     """Check a float array of a given shape; ``None`` in `shape` stands for any length.
 
-    Without `finite`, NaN stands for what is missing; infinity, and what is beyond `LARGEST`, is a mistake all the same.
+    Without `finite`, NaN stands for what is missing; infinity, and what is beyond `LARGEST`, is a
+    mistake all the same.
     """
-    wanted = "(" + ", ".join("n" if n is None else str(n) for n in shape) + ("," if len(shape) == 1 else "") + ")"
+    wanted = (
+        "("
+        + ", ".join("n" if n is None else str(n) for n in shape)
+        + ("," if len(shape) == 1 else "")
+        + ")"
+    )
     try:
         array = _as_floats(value)
     except (TypeError, ValueError, OverflowError):
-        raise ValueError(f"{name}: expected numbers of shape {wanted}, got {type(value).__name__}") from None
-    if array.ndim != len(shape) or any(n not in (None, m) for n, m in zip(shape, array.shape, strict=True)):
+        raise ValueError(
+            f"{name}: expected numbers of shape {wanted}, got {type(value).__name__}"
+        ) from None
+    if array.ndim != len(shape) or any(
+        n not in (None, m) for n, m in zip(shape, array.shape, strict=True)
+    ):
         raise ValueError(f"{name}: expected shape {wanted}, got {array.shape}")
     wrong = ~(np.abs(array) <= LARGEST) if finite else np.abs(array) > LARGEST
     if wrong.any():
         count = np.count_nonzero(wrong)
-        raise ValueError(f"{name}: expected finite numbers of at most {LARGEST:g}, got {count} that are not")
+        raise ValueError(
+            f"{name}: expected finite numbers of at most {LARGEST:g}, got {count} that are not"
+        )
     return frozen(array)
 
 
 def _as_floats(value: ArrayLike) -> np.ndarray:
-    """The numbers as floats. NumPy would read text like "1.5" and true as numbers: here they are a TypeError."""
+    """The numbers as floats. NumPy would read text like "1.5" and true as numbers: here they are a
+    TypeError.
+    """
     array = np.asarray(value)
     if array.dtype.kind in "bSU":
         raise TypeError
@@ -55,12 +74,15 @@ def _as_floats(value: ArrayLike) -> np.ndarray:
 
 
 def as_points(value: ArrayLike, name: str, dim: int, finite: bool = False) -> Array:
-    """Check points as rows, shape (n, dim). NaN rows stand for missing points unless `finite` is set."""
+    """Check points as rows, shape (n, dim). NaN rows stand for missing points unless `finite` is
+    set.
+    """
     return as_array(value, name, (None, dim), finite=finite)
 
 
-def as_image(value: ArrayLike, name: str, size: tuple[int, int] | None = None,
-             highest: float | None = None) -> np.ndarray:
+def as_image(
+    value: ArrayLike, name: str, size: tuple[int, int] | None = None, highest: float | None = None
+) -> np.ndarray:
     """Check a grey image, shape (height, width), of a number type; `size` is (width, height).
 
     With `highest` the grey levels lie from 0 to that, whatever the type could hold.
@@ -70,19 +92,37 @@ def as_image(value: ArrayLike, name: str, size: tuple[int, int] | None = None,
     except ValueError:  # rows of different lengths
         image = np.empty(0, object)
     if image.ndim != 2 or image.size == 0 or image.dtype.kind not in "uif":
-        raise ValueError(f"{name}: expected a grey image of shape (height, width), got {image.dtype} {image.shape}")
+        raise ValueError(
+            f"{name}: expected a grey image of shape (height, width), got {image.dtype} {image.shape}"
+        )
     if size is not None and image.shape != (size[1], size[0]):
-        raise ValueError(f"{name}: expected {size[0]} x {size[1]} pixels, got {image.shape[1]} x {image.shape[0]}")
+        raise ValueError(
+            f"{name}: expected {size[0]} x {size[1]} pixels, got {image.shape[1]} x {image.shape[0]}"
+        )
     if image.dtype.kind == "f" and not (image.min() >= -LARGEST and image.max() <= LARGEST):
-        raise ValueError(f"{name}: expected finite grey values of at most {LARGEST:g}, got others, or NaN")
-    if highest is not None and image.dtype != np.uint8 and (image.min() < 0 or image.max() > highest):
-        raise ValueError(f"{name}: expected grey levels from 0 to {highest:g}, got {image.min():g} to {image.max():g}")
+        raise ValueError(
+            f"{name}: expected finite grey values of at most {LARGEST:g}, got others, or NaN"
+        )
+    if (
+        highest is not None
+        and image.dtype != np.uint8
+        and (image.min() < 0 or image.max() > highest)
+    ):
+        raise ValueError(
+            f"{name}: expected grey levels from 0 to {highest:g}, got {image.min():g} to {image.max():g}"
+        )
     return image
 
 
-def as_number(value: Any, name: str, low: float = -np.inf, high: float = np.inf, open_low: bool = False) -> float:
-    """Check one number in [low, high], or in (low, high] when `open_low` is set, and not beyond `LARGEST`."""
-    if isinstance(value, (bool, np.bool_)) or not isinstance(value, (int, float, np.integer, np.floating)):
+def as_number(
+    value: Any, name: str, low: float = -np.inf, high: float = np.inf, open_low: bool = False
+) -> float:
+    """Check one number in [low, high], or in (low, high] when `open_low` is set, and not beyond
+    `LARGEST`.
+    """
+    if isinstance(value, (bool, np.bool_)) or not isinstance(
+        value, (int, float, np.integer, np.floating)
+    ):
         raise ValueError(f"{name}: expected a number, got {value!r}")
     try:
         number = float(value)
@@ -96,9 +136,12 @@ def as_number(value: Any, name: str, low: float = -np.inf, high: float = np.inf,
     return number
 
 
-def check_numbers(data: object, *names: str, low: float = -np.inf, high: float = np.inf,
-                  open_low: bool = False) -> None:
-    """Check fields of a frozen dataclass by `as_number`, all with the same range, and store them as floats."""
+def check_numbers(
+    data: object, *names: str, low: float = -np.inf, high: float = np.inf, open_low: bool = False
+) -> None:
+    """Check fields of a frozen dataclass by `as_number`, all with the same range, and store them as
+    floats.
+    """
     for name in names:
         object.__setattr__(data, name, as_number(getattr(data, name), name, low, high, open_low))
 
@@ -124,8 +167,10 @@ def as_rotation_matrix(value: ArrayLike, name: str, atol: float = 1e-6) -> Array
     matrix = as_array(value, name, (3, 3))
     error = float(np.abs(matrix.T @ matrix - np.eye(3)).max())
     if error > atol or np.linalg.det(matrix) < 0:
-        raise ValueError(f"{name}: expected a rotation, got a matrix with R^T R off by {error:.2g}, "
-                         f"det {np.linalg.det(matrix):.4f}")
+        raise ValueError(
+            f"{name}: expected a rotation, got a matrix with R^T R off by {error:.2g}, "
+            f"det {np.linalg.det(matrix):.4f}"
+        )
     return matrix
 
 
@@ -134,12 +179,16 @@ def as_transform(value: Any, name: str) -> RigidTransform:
     if not isinstance(value, RigidTransform) or not value.single:
         raise ValueError(f"{name}: expected one RigidTransform, got {type(value).__name__}")
     if not (np.abs(value.as_matrix()) <= LARGEST).all():
-        raise ValueError(f"{name}: expected a finite motion, got a translation of {value.translation.tolist()}")
+        raise ValueError(
+            f"{name}: expected a finite motion, got a translation of {value.translation.tolist()}"
+        )
     return value
 
 
 def whole_rows(points: np.ndarray) -> np.ndarray:
-    """Make each row (n, k) that is not finite, or beyond `LARGEST`, a missing point, NaN throughout; in place."""
+    """Make each row (n, k) that is not finite, or beyond `LARGEST`, a missing point, NaN
+    throughout; in place.
+    """
     points[~(np.abs(points) <= LARGEST).all(axis=1)] = np.nan
     return points
 

@@ -1,4 +1,6 @@
-"""The paper's numbers and the shipped files: Table 1, calibration, rigs, handles, tables of sweeps (Sect. 6)."""
+"""The paper's numbers and the shipped files: Table 1, calibration, rigs, handles, tables of sweeps
+(Sect. 6).
+"""
 
 from __future__ import annotations
 
@@ -24,7 +26,9 @@ STANDOFF_MM = 549.0  # of CCD3, as far from the work as CCD1
 
 
 class Table1(NamedTuple):
-    """The twenty poses of Table 1: `measured` and `set_poses` (T_world_handle, mm), and the printed numbers."""
+    """The twenty poses of Table 1: `measured` and `set_poses` (T_world_handle, mm), and the printed
+    numbers.
+    """
 
     measured: RigidTransform
     set_poses: RigidTransform
@@ -32,7 +36,9 @@ class Table1(NamedTuple):
 
 
 class Calibration(NamedTuple):
-    """Sect. 6.2 as printed: intrinsic matrices (3, 3) in px, and X_l = R_rl X_r + T_rl (CCD2 to CCD1, mm)."""
+    """Sect. 6.2 as printed: intrinsic matrices (3, 3) in px, and X_l = R_rl X_r + T_rl (CCD2 to
+    CCD1, mm).
+    """
 
     A_l: Array
     A_r: Array
@@ -41,7 +47,8 @@ class Calibration(NamedTuple):
 
 
 def data_path(*parts: str) -> Path:
-    """Return the path of a shipped data file: ``data/`` of a checkout, or the package's copy where it is installed.
+    """Return the path of a shipped data file: ``data/`` of a checkout, or the package's copy where
+    it is installed.
 
     Raises
     ------
@@ -49,18 +56,24 @@ def data_path(*parts: str) -> Path:
         If there is no such file; it lists those beside it.
     """
     package = Path(__file__).resolve().parent
-    root = next((folder for folder in (package / "data", package.parent / "data") if folder.is_dir()), None)
+    root = next(
+        (folder for folder in (package / "data", package.parent / "data") if folder.is_dir()), None
+    )
     if root is None:
         raise ValueError(f"data: not found in or beside {package}; is the installation complete?")
     path = root.joinpath(*parts)
     if not path.exists():
         beside = sorted(p.name for p in path.parent.glob("*")) if path.parent.is_dir() else []
-        raise ValueError(f"{'/'.join(parts)}: no such data file; there are {', '.join(beside) or 'none'}")
+        raise ValueError(
+            f"{'/'.join(parts)}: no such data file; there are {', '.join(beside) or 'none'}"
+        )
     return path
 
 
 def load_rig(name: str) -> Rig:
-    """Load a shipped rig: `paper_pair`, `paper_trinocular`, `raised_40deg`. ValueError for an unknown name."""
+    """Load a shipped rig: `paper_pair`, `paper_trinocular`, `raised_40deg`. ValueError for an
+    unknown name.
+    """
     return read_rig(_named("rigs", name))
 
 
@@ -70,37 +83,55 @@ def load_handle(name: str) -> Handle:
 
 
 def load_table1() -> Table1:
-    """Load Table 1: the measured and the set ("theoretic") poses, and the printed numbers as a data frame."""
+    """Load Table 1: the measured and the set ("theoretic") poses, and the printed numbers as a data
+    frame.
+    """
     frame = pd.read_csv(data_path("table1.csv"), index_col="no")
     measured, set_poses = (
-        pose_from_euler_deg(frame[[f"{side}_{c}_mm" for c in "xyz"]],
-                            frame[[f"{side}_{angle}_deg" for angle in ("alpha", "beta", "gamma")]])
-        for side in ("measured", "set"))
+        pose_from_euler_deg(
+            frame[[f"{side}_{c}_mm" for c in "xyz"]],
+            frame[[f"{side}_{angle}_deg" for angle in ("alpha", "beta", "gamma")]],
+        )
+        for side in ("measured", "set")
+    )
     return Table1(measured, set_poses, frame)
 
 
 def load_calibration() -> Calibration:
-    """Load the calibration of Sect. 6.2 as printed; for use R_rl goes through `nearest_rotation`."""
+    """Load the calibration of Sect. 6.2 as printed; for use R_rl goes through
+    `nearest_rotation`.
+    """
     path = data_path("calibration.toml")
     table = read_toml(path)
-    shapes: dict[str, tuple[int, ...]] = {"A_l": (3, 3), "A_r": (3, 3), "R_rl": (3, 3), "T_rl": (3,)}
-    return Calibration(*(as_array(get(table, key, str(path)), key, shape) for key, shape in shapes.items()))
+    shapes: dict[str, tuple[int, ...]] = {
+        "A_l": (3, 3),
+        "A_r": (3, 3),
+        "R_rl": (3, 3),
+        "T_rl": (3,),
+    }
+    return Calibration(
+        *(as_array(get(table, key, str(path)), key, shape) for key, shape in shapes.items())
+    )
 
 
 def load_real_sets() -> dict[str, RealSet]:
-    """What is known about the real recordings made by others, by name: origin, licence, files, published results."""
+    """What is known about the real recordings made by others, by name: origin, licence, files,
+    published results.
+    """
     return read_real_sets(data_path("real.toml"))
 
 
 def real_set(name: str, fetch: bool = False) -> Path | None:
-    """The folder of a real recording made by others: below TRINOLAB_DATA, or in the cache, or fetched into it.
+    """The folder of a real recording made by others: below TRINOLAB_DATA, or in the cache, or
+    fetched into it.
 
     Parameters
     ----------
     name : str
         `opencv_stereo`, `pymvg_mcsc`, `caliscope`, `trackpy_particles` or `trajectories`.
     fetch : bool
-        Fetch the set if it is not here; its licence is shown. Without it nothing ever touches the network.
+        Fetch the set if it is not here; its licence is shown. Without it nothing ever touches the
+        network.
 
     Returns
     -------
@@ -119,13 +150,15 @@ def real_set(name: str, fetch: bool = False) -> Path | None:
 
 
 def paper_rig(elevation_deg: float | None = None) -> Rig:
-    """Build the paper's rig from its calibration; the world frame is CCD1's camera frame (Sect. 6.2, Fig. 5).
+    """Build the paper's rig from its calibration; the world frame is CCD1's camera frame
+    (Sect. 6.2, Fig. 5).
 
     Parameters
     ----------
     elevation_deg : float, optional
-        Of CCD3, up from CCD1 on the circle of radius 549 mm about (0, 0, 549) in the plane x = 0, looking at the
-        circle's centre; 90 is `paper_trinocular`, 40 `raised_40deg`. None gives CCD1 and CCD2 alone: `paper_pair`.
+        Of CCD3, up from CCD1 on the circle of radius 549 mm about (0, 0, 549) in the plane x = 0,
+        looking at the circle's centre; 90 is `paper_trinocular`, 40 `raised_40deg`. None gives CCD1
+        and CCD2 alone: `paper_pair`.
 
     Raises
     ------
@@ -141,7 +174,9 @@ def paper_rig(elevation_deg: float | None = None) -> Rig:
 
 
 def _ccd3_pose(elevation_deg: float) -> RigidTransform:
-    """T_ccd1_ccd3; its columns x, y, z are (1, 0, 0), (0, cos, -sin), (0, sin, cos) of the elevation."""
+    """T_ccd1_ccd3; its columns x, y, z are (1, 0, 0), (0, cos, -sin), (0, sin, cos) of the
+    elevation.
+    """
     elevation = np.deg2rad(as_number(elevation_deg, "elevation_deg", low=-180.0, high=180.0))
     centre = STANDOFF_MM * np.array([0.0, -np.sin(elevation), 1.0 - np.cos(elevation)])
     return RigidTransform.from_components(centre, Rotation.from_rotvec([-elevation, 0.0, 0.0]))

@@ -1,8 +1,9 @@
-"""The master handle: a cylinder with round markers wrapped on it, its symmetries, and the handle file (Sect. 6.3).
+"""The master handle: a cylinder with round markers wrapped on it, its symmetries, and the handle
+file (Sect. 6.3).
 
-The handle's frame: y along the axis towards the free end. A column at angle theta has the outward normal
-(sin theta, 0, cos theta); a marker at axial coordinate s has its centre at (r sin theta, s, r cos theta).
-Markers are numbered column by column, in the order of the rows.
+The handle's frame: y along the axis towards the free end. A column at angle theta has the outward
+normal (sin theta, 0, cos theta); a marker at axial coordinate s has its centre at (r sin theta, s,
+r cos theta). Markers are numbered column by column, in the order of the rows.
 """
 
 from __future__ import annotations
@@ -44,7 +45,8 @@ class Handle:
     Raises
     ------
     ValueError
-        If there is no marker, the rows do not fit the columns, or markers overlap or leave the body.
+        If there is no marker, the rows do not fit the columns, or markers overlap or leave the
+        body.
     """
 
     name: str
@@ -59,11 +61,21 @@ class Handle:
     def __post_init__(self) -> None:
         if not isinstance(self.name, str) or not self.name:
             raise ValueError(f"name: expected a handle's name, got {self.name!r}")
-        check_numbers(self, "radius_mm", "length_mm", "marker_diameter_mm", low=0.0, high=_LARGEST, open_low=True)
+        check_numbers(
+            self,
+            "radius_mm",
+            "length_mm",
+            "marker_diameter_mm",
+            low=0.0,
+            high=_LARGEST,
+            open_low=True,
+        )
         check_numbers(self, "top_mm", low=-_LARGEST, high=_LARGEST)
         object.__setattr__(self, "columns_deg", _as_numbers(self.columns_deg, "columns_deg"))
         if not isinstance(self.rows_mm, Sequence) or len(self.rows_mm) != len(self.columns_deg):
-            raise ValueError(f"rows_mm: expected {len(self.columns_deg)} lists, one a column, got {self.rows_mm!r}")
+            raise ValueError(
+                f"rows_mm: expected {len(self.columns_deg)} lists, one a column, got {self.rows_mm!r}"
+            )
         rows = tuple(_as_numbers(row, f"rows_mm[{k}]") for k, row in enumerate(self.rows_mm))
         object.__setattr__(self, "rows_mm", rows)
         if self.markers not in ("bright", "dark"):
@@ -94,9 +106,11 @@ class Handle:
 
     @cached_property
     def symmetries(self) -> tuple[RigidTransform, ...]:
-        """Motions T with ``T.apply(marker_centres)`` the same set of markers; the identity is the first.
+        """Motions T with ``T.apply(marker_centres)`` the same set of markers; the identity is the
+        first.
 
-        ``T_world_handle * T`` for each of them shows the same markers: 12 for the paper's layout, 1 for a coded one.
+        ``T_world_handle * T`` for each of them shows the same markers: 12 for the paper's layout, 1
+        for a coded one.
         """
         identity = RigidTransform.identity()
         found = [T for T in _candidate_symmetries(self) if _keeps_markers(self, T)]
@@ -118,10 +132,14 @@ def slants(handle: Handle, T_world_handle: RigidTransform, viewpoint: Array) -> 
     return slant_angles(T_world_handle.apply(handle.marker_centres), normals, viewpoint)
 
 
-def facing_pixels(handle: Handle, camera: Camera, T_world_handle: RigidTransform, max_slant_deg: float) -> Array:
-    """Images of the markers' centres that are turned from a camera by at most `max_slant_deg`, shape (n, 2), px.
+def facing_pixels(
+    handle: Handle, camera: Camera, T_world_handle: RigidTransform, max_slant_deg: float
+) -> Array:
+    """Images of the markers' centres that are turned from a camera by at most `max_slant_deg`,
+    shape (n, 2), px.
 
-    NaN for the others, and where `Camera.project` gives no pixel; whether the body hides a marker is not asked.
+    NaN for the others, and where `Camera.project` gives no pixel; whether the body hides a marker
+    is not asked.
     """
     uv = camera.project(T_world_handle.apply(handle.marker_centres))
     uv[slants(handle, T_world_handle, camera.centre) > np.deg2rad(max_slant_deg)] = np.nan
@@ -151,7 +169,9 @@ def slant_angles(centres: Array, normals: Array, viewpoint: Array) -> Array:
 
 
 def on_cylinder(radius: float, theta: Array | float, axial: Array | float) -> Array:
-    """Points at a distance from the axis, angles about it and axial coordinates, handle frame, shape (n, 3), mm."""
+    """Points at a distance from the axis, angles about it and axial coordinates, handle frame,
+    shape (n, 3), mm.
+    """
     theta, axial = np.broadcast_arrays(theta, axial)
     return np.column_stack([radius * np.sin(theta), axial, radius * np.cos(theta)])
 
@@ -177,13 +197,17 @@ def _check_layout(handle: Handle) -> None:
     distance[np.diag_indices_from(distance)] = np.inf
     if distance.min() < handle.marker_diameter_mm:
         i, j = np.unravel_index(distance.argmin(), distance.shape)
-        raise ValueError(f"columns_deg, rows_mm: markers {i} and {j} overlap, {distance.min():.3g} mm apart")
+        raise ValueError(
+            f"columns_deg, rows_mm: markers {i} and {j} overlap, {distance.min():.3g} mm apart"
+        )
 
 
 def _candidate_symmetries(handle: Handle) -> list[RigidTransform]:
     """Turns about the axis, and half turns across it, that carry marker 0 to some marker."""
     turns = handle.marker_angles - handle.marker_angles[0]
-    motions = [RigidTransform.from_rotation(Rotation.from_rotvec([0.0, turn, 0.0])) for turn in turns]
+    motions = [
+        RigidTransform.from_rotation(Rotation.from_rotvec([0.0, turn, 0.0])) for turn in turns
+    ]
     for theta, s in zip(handle.marker_angles, handle.marker_centres[:, 1], strict=True):
         azimuth = (handle.marker_angles[0] + theta) / 2
         half_turn = Rotation.from_rotvec(np.pi * np.array([np.sin(azimuth), 0.0, np.cos(azimuth)]))

@@ -1,4 +1,6 @@
-"""The Kalman filter over a sequence: any model by `run`, a point in an image by `track`, and its next window."""
+"""The Kalman filter over a sequence: any model by `run`, a point in an image by `track`, and its
+next window.
+"""
 
 from __future__ import annotations
 
@@ -50,8 +52,15 @@ class Track(NamedTuple):
     used: np.ndarray
 
 
-def run(start: State, measurements: Sequence[ArrayLike | None] | Array, F: ArrayLike, Q: ArrayLike, H: ArrayLike,
-        R: ArrayLike, gate_probability: float | None = None) -> Track:
+def run(
+    start: State,
+    measurements: Sequence[ArrayLike | None] | Array,
+    F: ArrayLike,
+    Q: ArrayLike,
+    H: ArrayLike,
+    R: ArrayLike,
+    gate_probability: float | None = None,
+) -> Track:
     """Filter a sequence: at each instant predict, ask the gate, update (Eq. 9-15).
 
     Parameters
@@ -76,11 +85,16 @@ def run(start: State, measurements: Sequence[ArrayLike | None] | Array, F: Array
     return _stacked(_steps(start, measurements, F, Q, H, R, gate_probability))
 
 
-def track(times_s: ArrayLike, uv: ArrayLike, parameters: KalmanParameters | None = None, gated: bool = True) -> Track:
+def track(
+    times_s: ArrayLike,
+    uv: ArrayLike,
+    parameters: KalmanParameters | None = None,
+    gated: bool = True,
+) -> Track:
     """Follow a point of an image by the paper's model, at even or uneven times (Eq. 7-15).
 
-    The first point seen starts the filter: there the prediction is the start itself, with a NIS of NaN, and before it
-    all is NaN.
+    The first point seen starts the filter: there the prediction is the start itself, with a NIS of
+    NaN, and before it all is NaN.
 
     Parameters
     ----------
@@ -107,17 +121,28 @@ def track(times_s: ArrayLike, uv: ArrayLike, parameters: KalmanParameters | None
     nothing = State(np.full(6, np.nan), np.full((6, 6), np.nan))
     steps = [(nothing, nothing, np.nan, False)] * first
     if seen.any():
-        start, dts = initial_state(points[first], p), np.diff(times[first:])
-        steps += [(start, start, np.nan, True),
-                  *_steps(start, points[first + 1:], [constant_acceleration(dt) for dt in dts],
-                          [white_jerk(dt, p.jerk_intensity) for dt in dts], observation_matrix(),
-                          p.sigma_px**2 * np.eye(2), p.gate_probability if gated else None)]
+        start = initial_state(points[first], p)
+        dts = np.diff(times[first:])
+        steps += [
+            (start, start, np.nan, True),
+            *_steps(
+                start,
+                points[first + 1 :],
+                [constant_acceleration(dt) for dt in dts],
+                [white_jerk(dt, p.jerk_intensity) for dt in dts],
+                observation_matrix(),
+                p.sigma_px**2 * np.eye(2),
+                p.gate_probability if gated else None,
+            ),
+        ]
     return _stacked(steps)
 
 
-def search_window(state: State, window: Window, size: tuple[int, int],
-                  parameters: KalmanParameters | None = None) -> Window | None:
-    """Where to look for a target next: its last window, moved to the predicted position and grown by the gate.
+def search_window(
+    state: State, window: Window, size: tuple[int, int], parameters: KalmanParameters | None = None
+) -> Window | None:
+    """Where to look for a target next: its last window, moved to the predicted position and grown
+    by the gate.
 
     Parameters
     ----------
@@ -137,26 +162,38 @@ def search_window(state: State, window: Window, size: tuple[int, int],
     p = parameters or KalmanParameters()
     S = innovation(state, None, np.eye(2, len(state.mean)), p.sigma_px**2 * np.eye(2)).covariance
     margin = np.sqrt(chdtri(2, 1 - p.gate_probability) * S.diagonal().max())
-    u, v = np.clip(np.rint(state.mean[:2] - (np.array([window.width, window.height]) - 1) / 2), -(2**29), 2**29)
+    u, v = np.clip(
+        np.rint(state.mean[:2] - (np.array([window.width, window.height]) - 1) / 2), -(2**29), 2**29
+    )
     moved = Window(int(u), int(v), window.width, window.height)
     return moved.grown(min(margin, 2.0**29)).clipped(size)
 
 
-def search_windows(way: Track, windows: Sequence[Window], size: tuple[int, int],
-                   parameters: KalmanParameters | None = None) -> tuple[Window, ...]:
-    """The search window of each instant but the first, from the prediction and the window before; see `search_window`.
+def search_windows(
+    way: Track,
+    windows: Sequence[Window],
+    size: tuple[int, int],
+    parameters: KalmanParameters | None = None,
+) -> tuple[Window, ...]:
+    """The search window of each instant but the first, from the prediction and the window before;
+    see `search_window`.
 
     It is all of the image where the target is expected outside: then nothing is known.
     """
     if len(windows) != len(way.used):
-        raise ValueError(f"windows: expected one for each of {len(way.used)} instants, got {len(windows)}")
+        raise ValueError(
+            f"windows: expected one for each of {len(way.used)} instants, got {len(windows)}"
+        )
     predicted = zip(way.predicted.mean[1:], way.predicted.covariance[1:], strict=True)
-    return tuple(search_window(State(*state), window, size, parameters) or Window(0, 0, *size)
-                 for state, window in zip(predicted, windows, strict=False))
+    return tuple(
+        search_window(State(*state), window, size, parameters) or Window(0, 0, *size)
+        for state, window in zip(predicted, windows, strict=False)
+    )
 
 
 def nees(states: State, truth: ArrayLike) -> Array:
-    """Normalised error squared e^T P^-1 e of k states of n numbers: of mean n if the filter is consistent; shape (k,).
+    """Normalised error squared e^T P^-1 e of k states of n numbers: of mean n if the filter is
+    consistent; shape (k,).
 
     Parameters
     ----------
@@ -172,11 +209,25 @@ def nees(states: State, truth: ArrayLike) -> Array:
     mean = as_array(states[0], "mean", (None, None))
     error = as_array(truth, "truth", mean.shape) - mean
     covariances = as_array(states[1], "covariance", (len(mean), mean.shape[1], mean.shape[1]))
-    return frozen(np.array([e @ solve_covariance(P, e, "covariance") for e, P in zip(error, covariances, strict=True)]))
+    return frozen(
+        np.array(
+            [
+                e @ solve_covariance(P, e, "covariance")
+                for e, P in zip(error, covariances, strict=True)
+            ]
+        )
+    )
 
 
-def draw(start: State, count: int, F: ArrayLike, Q: ArrayLike, H: ArrayLike, R: ArrayLike,
-         rng: np.random.Generator) -> tuple[Array, Array]:
+def draw(
+    start: State,
+    count: int,
+    F: ArrayLike,
+    Q: ArrayLike,
+    H: ArrayLike,
+    R: ArrayLike,
+    rng: np.random.Generator,
+) -> tuple[Array, Array]:
     """Draw a motion and its observations from the model itself (Eq. 7, 8).
 
     Parameters
@@ -200,10 +251,12 @@ def draw(start: State, count: int, F: ArrayLike, Q: ArrayLike, H: ArrayLike, R: 
         As `run`.
     """
     as_rng(rng)
-    n, k = len(start.mean), int(as_number(count, "count", 1))
+    n = len(start.mean)
+    k = int(as_number(count, "count", 1))
     H = as_array(H, "H", (None, n))
     state = start.mean + covariance_root(start.covariance, "covariance", n) @ rng.standard_normal(n)
-    noise, states = covariance_root(R, "R", len(H)), []
+    noise = covariance_root(R, "R", len(H))
+    states = []
     for F_k, Q_k in zip(_each(F, "F", k, n), _each(Q, "Q", k, n), strict=True):
         state = F_k @ state + covariance_root(Q_k, "Q", n) @ rng.standard_normal(n)
         states.append(state)
@@ -211,11 +264,20 @@ def draw(start: State, count: int, F: ArrayLike, Q: ArrayLike, H: ArrayLike, R: 
     return frozen(np.array(states)), frozen(observations)
 
 
-def _steps(start: State, measurements: Sequence[ArrayLike | None] | Array, F: ArrayLike, Q: ArrayLike, H: ArrayLike,
-           R: ArrayLike, gate_probability: float | None) -> list[Step]:
+def _steps(
+    start: State,
+    measurements: Sequence[ArrayLike | None] | Array,
+    F: ArrayLike,
+    Q: ArrayLike,
+    H: ArrayLike,
+    R: ArrayLike,
+    gate_probability: float | None,
+) -> list[Step]:
     """What `run` does at each instant: predicted, updated, NIS, used."""
-    n, k = len(as_array(start[0], "mean", (None,))), len(measurements)
-    state, steps = State(*start), []
+    n = len(as_array(start[0], "mean", (None,)))
+    k = len(measurements)
+    state = State(*start)
+    steps = []
     for z, F_k, Q_k in zip(measurements, _each(F, "F", k, n), _each(Q, "Q", k, n), strict=True):
         predicted = predict(state, F_k, Q_k)
         observed = innovation(predicted, z, H, R)
@@ -236,5 +298,8 @@ def _each(value: ArrayLike, name: str, k: int, n: int) -> Array:
 
 def _stacked(steps: Sequence[Step]) -> Track:
     predicted, updated, values, used = zip(*steps, strict=True)
-    states = [State(*(frozen(np.stack(part)) for part in zip(*each, strict=True))) for each in (predicted, updated)]
+    states = [
+        State(*(frozen(np.stack(part)) for part in zip(*each, strict=True)))
+        for each in (predicted, updated)
+    ]
     return Track(states[0], states[1], frozen(np.array(values)), frozen(np.array(used)))

@@ -1,8 +1,9 @@
-"""The linear Kalman filter over any F, H, Q, R, and the paper's model of a point that moves in an image (Sect. 4.2).
+"""The linear Kalman filter over any F, H, Q, R, and the paper's model of a point that moves in an
+image (Sect. 4.2).
 
-Eq. 9-15 stand in three functions, `propagate`, `compare` and `correct`, that check nothing: plain arrays in and out, in
-the paper's letters. `predict`, `innovation` and `update` check what they are given, call them, and return the next
-state as a value.
+Eq. 9-15 stand in three functions, `propagate`, `compare` and `correct`, that check nothing: plain
+arrays in and out, in the paper's letters. `predict`, `innovation` and `update` check what they are
+given, call them, and return the next state as a value.
 """
 
 from __future__ import annotations
@@ -31,15 +32,18 @@ def propagate(x: Array, P: Array, F: Array, Q: Array) -> tuple[Array, Array]:
 
 
 def compare(x: Array, P: Array, z: Array, H: Array, R: Array) -> tuple[Array, Array]:
-    """The innovation Z - H X and its covariance S = H P- H^T + R; nothing is checked (Eq. 13, 15)."""
+    """The innovation Z - H X and its covariance S = H P- H^T + R; nothing is checked (Eq. 13,
+    15).
+    """
     return z - H @ x, H @ P @ H.T + R
 
 
 def correct(x: Array, P: Array, r: Array, S: Array, H: Array, R: Array) -> tuple[Array, Array]:
-    """Mean and covariance after an observation, from what `compare` gives; nothing is checked (Eq. 13-15).
+    """Mean and covariance after an observation, from what `compare` gives; nothing is checked
+    (Eq. 13-15).
 
-    Joseph's form of Eq. 14, P = (I - K H) P- (I - K H)^T + K R K^T, keeps P positive although K is rounded. Columns of
-    x and r beside each other are states that share one covariance.
+    Joseph's form of Eq. 14, P = (I - K H) P- (I - K H)^T + K R K^T, keeps P positive although K is
+    rounded. Columns of x and r beside each other are states that share one covariance.
     """
     K = np.linalg.solve(S, H @ P).T  # P- H^T S^-1, since P- and S are symmetric
     rest = np.eye(len(x)) - K @ H
@@ -58,16 +62,22 @@ def as_covariance(value: ArrayLike, name: str, n: int) -> Array:
     _, correlation = _correlations(C)
     skewness = np.abs(correlation - correlation.T).max(initial=0)
     if not (np.abs(correlation).max(initial=0) <= 1 + RELATIVE_ATOL and skewness <= RELATIVE_ATOL):
-        raise ValueError(f"{name}: expected a symmetric, positive semi-definite matrix, got {C.tolist()}")
+        raise ValueError(
+            f"{name}: expected a symmetric, positive semi-definite matrix, got {C.tolist()}"
+        )
     lowest = np.linalg.eigvalsh(correlation).min(initial=0)
     if lowest < -RELATIVE_ATOL:
-        raise ValueError(f"{name}: expected a positive semi-definite matrix, got an eigenvalue of {lowest:.2g} "
-                         "of its correlations")
+        raise ValueError(
+            f"{name}: expected a positive semi-definite matrix, got an eigenvalue of {lowest:.2g} "
+            "of its correlations"
+        )
     return C
 
 
 def covariance_root(value: ArrayLike, name: str, n: int) -> Array:
-    """A square root A of a covariance, A A^T = C, shape (n, n). Raises ValueError as `as_covariance`."""
+    """A square root A of a covariance, A A^T = C, shape (n, n). Raises ValueError as
+    `as_covariance`.
+    """
     scale, correlation = _correlations(as_covariance(value, name, n))
     values, vectors = np.linalg.eigh(correlation)
     return scale[:, None] * vectors * np.sqrt(np.maximum(values, 0))
@@ -86,24 +96,28 @@ def solve_covariance(C: Array, right: Array, name: str) -> Array:
             raise LinAlgError
         return cho_solve(cho_factor(C, lower=True), right)
     except LinAlgError:
-        raise ValueError(f"{name}: expected a positive definite covariance, got {C.tolist()}") from None
+        raise ValueError(
+            f"{name}: expected a positive definite covariance, got {C.tolist()}"
+        ) from None
 
 
 @dataclass(frozen=True)
 class KalmanParameters:
-    """Parameters of the filter of a point in the image; the defaults fit W_ROI's centre in images of 1280 x 1024.
+    """Parameters of the filter of a point in the image; the defaults fit W_ROI's centre in images
+    of 1280 x 1024.
 
     That centre jumps when a part of the target leaves the image: hence a `sigma_px` of several px.
 
     Attributes
     ----------
     jerk_intensity : float
-        q of Q (Eq. 10), the spectral density of the white jerk, px^2/s^5: over a second the acceleration wanders by
-        sqrt(q) px/s^2.
+        q of Q (Eq. 10), the spectral density of the white jerk, px^2/s^5: over a second the
+        acceleration wanders by sqrt(q) px/s^2.
     sigma_px : float
         Standard deviation of the observed position in each direction; R = sigma_px^2 I (Eq. 13).
     velocity_sigma, acceleration_sigma : float
-        Standard deviations of the unknown first velocity and acceleration, px/s and px/s^2. The paper sets them to 0.
+        Standard deviations of the unknown first velocity and acceleration, px/s and px/s^2. The
+        paper sets them to 0.
     gate_probability : float
         Share of the true observations that the gate lets through, below 1.
     """
@@ -121,14 +135,18 @@ class KalmanParameters:
 
 
 class State(NamedTuple):
-    """What is known of the state: its mean, shape (n,), and the covariance of its error, shape (n, n)."""
+    """What is known of the state: its mean, shape (n,), and the covariance of its error, shape (n,
+    n).
+    """
 
     mean: Array
     covariance: Array
 
 
 class Innovation(NamedTuple):
-    """Observation less prediction, shape (m,), NaN if nothing was observed, and its covariance S, shape (m, m)."""
+    """Observation less prediction, shape (m,), NaN if nothing was observed, and its covariance S,
+    shape (m, m).
+    """
 
     residual: Array
     covariance: Array
@@ -151,7 +169,8 @@ def predict(state: State, F: ArrayLike, Q: ArrayLike) -> State:
         For a covariance that is not symmetric and positive semi-definite.
     """
     x, P = _checked(state)
-    F, Q = as_array(F, "F", (len(x), len(x))), as_covariance(Q, "Q", len(x))
+    F = as_array(F, "F", (len(x), len(x)))
+    Q = as_covariance(Q, "Q", len(x))
     x, P = propagate(x, P, F, Q)
     return State(as_array(x, "F x", x.shape), _symmetric(P, "F P F^T + Q"))
 
@@ -193,7 +212,8 @@ def update(state: State, z: ArrayLike | None, H: ArrayLike, R: ArrayLike) -> Sta
 
 
 def nis(observed: Innovation) -> float:
-    """The normalised innovation squared r^T S^-1 r: of mean m if the model holds, NaN if nothing was observed.
+    """The normalised innovation squared r^T S^-1 r: of mean m if the model holds, NaN if nothing
+    was observed.
 
     Raises ValueError if S is not positive definite.
     """
@@ -205,7 +225,8 @@ def nis(observed: Innovation) -> float:
 
 
 def gate(observed: Innovation, probability: float) -> bool:
-    """Whether an observation is among the `probability` share that lies nearest; a missing one is not.
+    """Whether an observation is among the `probability` share that lies nearest; a missing one is
+    not.
 
     Raises ValueError as `nis`.
     """
@@ -233,9 +254,10 @@ def observation_matrix() -> Array:
 def white_jerk(dt: float, intensity: float) -> Array:
     """Q of a point whose acceleration is pushed about by a white jerk, shape (6, 6) (Eq. 10).
 
-    A jerk at a time s before the end moves the end by g(s) = (s^2 / 2, s, 1) in position, velocity and acceleration.
-    Jerks of different times are independent, so Q = intensity x the integral of g g^T over s from 0 to dt, in each
-    direction. Two steps make the Q of one long step, so that it fits uneven frame times.
+    A jerk at a time s before the end moves the end by g(s) = (s^2 / 2, s, 1) in position, velocity
+    and acceleration. Jerks of different times are independent, so Q = intensity x the integral of g
+    g^T over s from 0 to dt, in each direction. Two steps make the Q of one long step, so that it
+    fits uneven frame times.
 
     Parameters
     ----------
@@ -244,7 +266,8 @@ def white_jerk(dt: float, intensity: float) -> Array:
     intensity : float
         q, px^2/s^5.
     """
-    t, q = _as_dt(dt), as_number(intensity, "intensity", 0.0)
+    t = _as_dt(dt)
+    q = as_number(intensity, "intensity", 0.0)
     one = [[t**5 / 20, t**4 / 8, t**3 / 6], [t**4 / 8, t**3 / 3, t**2 / 2], [t**3 / 6, t**2 / 2, t]]
     return frozen(q * np.kron(one, np.eye(2)))
 
@@ -265,7 +288,10 @@ def initial_state(z: ArrayLike, parameters: KalmanParameters | None = None) -> S
     """
     p = parameters or KalmanParameters()
     sigma = np.repeat([p.sigma_px, p.velocity_sigma, p.acceleration_sigma], 2)
-    return State(frozen(np.append(as_array(z, "z", (2,)), np.zeros(4))), as_array(np.diag(sigma**2), "P", (6, 6)))
+    return State(
+        frozen(np.append(as_array(z, "z", (2,)), np.zeros(4))),
+        as_array(np.diag(sigma**2), "P", (6, 6)),
+    )
 
 
 def _checked(state: State) -> tuple[Array, Array]:
@@ -274,13 +300,19 @@ def _checked(state: State) -> tuple[Array, Array]:
     return mean, as_covariance(state[1], "covariance", len(mean))
 
 
-def _compared(x: Array, P: Array, z: ArrayLike | None, H: ArrayLike, R: ArrayLike) -> tuple[Innovation, Array, Array]:
+def _compared(
+    x: Array, P: Array, z: ArrayLike | None, H: ArrayLike, R: ArrayLike
+) -> tuple[Innovation, Array, Array]:
     """The innovation of an observation, and H and R, after their checks."""
     H = as_array(H, "H", (None, len(x)))
     R = as_covariance(R, "R", len(H))
     observed = np.full(len(H), np.nan) if z is None else as_array(z, "z", (len(H),), finite=False)
     r, S = compare(x, P, observed, H, R)
-    return Innovation(as_array(r, "z - H x", r.shape, finite=False), _symmetric(S, "H P H^T + R")), H, R
+    return (
+        Innovation(as_array(r, "z - H x", r.shape, finite=False), _symmetric(S, "H P H^T + R")),
+        H,
+        R,
+    )
 
 
 def _symmetric(C: Array, name: str) -> Array:

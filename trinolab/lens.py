@@ -1,7 +1,8 @@
-"""The lens: checks of the intrinsic numbers, and distortion on normalised coordinates with its inverse.
+"""The lens: checks of the intrinsic numbers, and distortion on normalised coordinates with its
+inverse.
 
-The model is that of Brown (1971) as OpenCV writes it: radial terms k1, k2, k3, tangential terms p1, p2, in the order
-k1, k2, p1, p2, k3.
+The model is that of Brown (1971) as OpenCV writes it: radial terms k1, k2, k3, tangential terms p1,
+p2, in the order k1, k2, p1, p2, k3.
 """
 
 from __future__ import annotations
@@ -20,13 +21,17 @@ def as_size(value: Any) -> tuple[int, int]:
     """Check width and height of an image, px."""
     size = as_array(value, "size", (2,))
     if (size < 1).any() or (size > LARGEST_PX).any() or (size != np.round(size)).any():
-        raise ValueError(f"size: expected width and height as whole numbers from 1 to {LARGEST_PX}, "
-                         f"got {size.tolist()}")
+        raise ValueError(
+            f"size: expected width and height as whole numbers from 1 to {LARGEST_PX}, "
+            f"got {size.tolist()}"
+        )
     return int(size[0]), int(size[1])
 
 
 def as_intrinsics(value: ArrayLike) -> Array:
-    """Check an intrinsic matrix: no skew, focal lengths from 1e-6 to 1e9 px, a principal point up to 1e9 px."""
+    """Check an intrinsic matrix: no skew, focal lengths from 1e-6 to 1e9 px, a principal point up
+    to 1e9 px.
+    """
     matrix = as_array(value, "matrix", (3, 3))
     for k, name in enumerate(("fx", "fy")):
         as_number(matrix[k, k], f"matrix: {name}", low=1e-6, high=1e9)
@@ -34,7 +39,9 @@ def as_intrinsics(value: ArrayLike) -> Array:
     rest = matrix - np.diag(np.diag(matrix))
     rest[:2, 2] = 0
     if np.any(rest) or matrix[2, 2] != 1:
-        raise ValueError(f"matrix: expected [[fx, 0, cx], [0, fy, cy], [0, 0, 1]], got {matrix.tolist()}")
+        raise ValueError(
+            f"matrix: expected [[fx, 0, cx], [0, fy, cy], [0, 0, 1]], got {matrix.tolist()}"
+        )
     return matrix
 
 
@@ -60,18 +67,31 @@ def distort(xy: Array, k: Array) -> tuple[Array, Array]:
     r2 = x * x + y * y
     radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
     slope = k1 + r2 * (2 * k2 + 3 * r2 * k3)  # d radial / d r2
-    out = np.column_stack([x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x),
-                           y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y])
+    out = np.column_stack(
+        [
+            x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x),
+            y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y,
+        ]
+    )
     cross = 2 * x * y * slope + 2 * p1 * x + 2 * p2 * y
-    jacobian = np.stack([radial + 2 * x * x * slope + 2 * p1 * y + 6 * p2 * x, cross,
-                         cross, radial + 2 * y * y * slope + 6 * p1 * y + 2 * p2 * x], axis=1).reshape(-1, 2, 2)
+    jacobian = np.stack(
+        [
+            radial + 2 * x * x * slope + 2 * p1 * y + 6 * p2 * x,
+            cross,
+            cross,
+            radial + 2 * y * y * slope + 6 * p1 * y + 2 * p2 * x,
+        ],
+        axis=1,
+    ).reshape(-1, 2, 2)
     out[r2 > _fold_radius2(k)] = np.nan
     return whole_rows(out), jacobian
 
 
 @np.errstate(all="ignore")  # a step of Newton's method may lead anywhere; that shows in the result
 def undistort(xy: Array, k: Array, iterations: int = 20) -> Array:
-    """Invert `distort` by Newton's method; shape (n, 2), NaN where it does not converge to 1e-12."""
+    """Invert `distort` by Newton's method; shape (n, 2), NaN where it does not converge to
+    1e-12.
+    """
     xy = whole_rows(np.array(xy, dtype=float))
     if not np.any(k):
         return xy
@@ -88,14 +108,26 @@ def undistort(xy: Array, k: Array, iterations: int = 20) -> Array:
 
 
 def _fold_radius2(k: Array) -> float:
-    """Squared radius at which r (1 + k1 r^2 + k2 r^4 + k3 r^6) stops growing; infinity if it never does."""
-    roots = np.roots([1.0, 3 * k[0], 5 * k[1], 7 * k[4]])  # of 1 / r^2, so that a tiny coefficient divides nothing
+    """Squared radius at which r (1 + k1 r^2 + k2 r^4 + k3 r^6) stops growing; infinity if it never
+    does.
+    """
+    # of 1 / r^2, so that a tiny coefficient divides nothing
+    roots = np.roots([1.0, 3 * k[0], 5 * k[1], 7 * k[4]])
     real = roots.real[(np.abs(roots.imag) < 1e-12 * np.abs(roots)) & (roots.real > 0)]
     return 1.0 / float(real.max()) if real.size else np.inf
 
 
 def _solve2(A: Array, b: Array) -> Array:
-    """Solve n systems of two equations; a singular one gives infinities, which `undistort` turns into NaN."""
+    """Solve n systems of two equations; a singular one gives infinities, which `undistort` turns
+    into NaN.
+    """
     det = A[:, 0, 0] * A[:, 1, 1] - A[:, 0, 1] * A[:, 1, 0]
-    return np.column_stack([A[:, 1, 1] * b[:, 0] - A[:, 0, 1] * b[:, 1],
-                            A[:, 0, 0] * b[:, 1] - A[:, 1, 0] * b[:, 0]]) / det[:, None]
+    return (
+        np.column_stack(
+            [
+                A[:, 1, 1] * b[:, 0] - A[:, 0, 1] * b[:, 1],
+                A[:, 0, 0] * b[:, 1] - A[:, 1, 0] * b[:, 0],
+            ]
+        )
+        / det[:, None]
+    )

@@ -1,4 +1,6 @@
-"""Finding the markers in one image: the iterative threshold, shape filters, and the intensity centroid (Sect. 5.1)."""
+"""Finding the markers in one image: the iterative threshold, shape filters, and the intensity
+centroid (Sect. 5.1).
+"""
 
 from __future__ import annotations
 
@@ -92,19 +94,25 @@ class Blob(NamedTuple):
     level: float
 
 
-def find_markers(image: ArrayLike, expected: int, markers: str = "bright",
-                 parameters: MarkerParameters | None = None) -> Markers:
+def find_markers(
+    image: ArrayLike,
+    expected: int,
+    markers: str = "bright",
+    parameters: MarkerParameters | None = None,
+) -> Markers:
     """Find the markers of one image and their sub-pixel centroids (Eq. 16).
 
-    The bisection's last threshold need not show any marker, and it leaves out whole ranges. So contours are taken from
-    all thresholds that it visits and from a ladder of even ones; where these show but noise, spots that stand out from
-    their surroundings are looked at. What is there is measured at the threshold halfway up its flank. Kept are those
-    like a marker, each once, and of these the ``surplus * expected`` with the highest contrast.
+    The bisection's last threshold need not show any marker, and it leaves out whole ranges. So
+    contours are taken from all thresholds that it visits and from a ladder of even ones; where
+    these show but noise, spots that stand out from their surroundings are looked at. What is there
+    is measured at the threshold halfway up its flank. Kept are those like a marker, each once, and
+    of these the ``surplus * expected`` with the highest contrast.
 
     Parameters
     ----------
     image : array_like, shape (height, width)
-        If it has more than 2^19 px it is searched at half its size, or a quarter; centroids come from all its pixels.
+        If it has more than 2^19 px it is searched at half its size, or a quarter; centroids come
+        from all its pixels.
     expected : int
         N_0, the number of markers on the handle.
     markers : {"bright", "dark"}
@@ -115,20 +123,24 @@ def find_markers(image: ArrayLike, expected: int, markers: str = "bright",
     Markers
         Empty if there is nothing like a marker.
     """
-    p, bright = parameters or MarkerParameters(), brightened(image, markers)
+    p = parameters or MarkerParameters()
+    bright = brightened(image, markers)
     wanted = math.ceil(p.surplus * as_number(expected, "expected", low=1))
     steps, where = _search(bright, wanted, p)
     table = np.array(_once_each(bright, where, wanted, p), dtype=float).reshape(-1, 7)
-    return Markers(frozen(table[:, :2]), frozen(table[:, 2:4]), frozen(table[:, 4]), frozen(table[:, 5]), steps)
+    return Markers(
+        frozen(table[:, :2]), frozen(table[:, 2:4]), frozen(table[:, 4]), frozen(table[:, 5]), steps
+    )
 
 
-def iterative_threshold(image: ArrayLike, contours: int,
-                        count: Callable[[float], int] | None = None) -> tuple[ThresholdStep, ...]:
+def iterative_threshold(
+    image: ArrayLike, contours: int, count: Callable[[float], int] | None = None
+) -> tuple[ThresholdStep, ...]:
     """Bisect the threshold until the binary image has a wanted number of contours (Eq. 16).
 
-    Too many contours raise the threshold, too few lower it. The count is not monotone and may never be the wanted one,
-    so the bisection also ends when the interval is under one grey level. In the noise of a large image it counts no
-    further than is needed to know that there are too many.
+    Too many contours raise the threshold, too few lower it. The count is not monotone and may never
+    be the wanted one, so the bisection also ends when the interval is under one grey level. In the
+    noise of a large image it counts no further than is needed to know that there are too many.
 
     Parameters
     ----------
@@ -146,7 +158,8 @@ def iterative_threshold(image: ArrayLike, contours: int,
     image = blobs.searchable(as_image(image, "image"))
     as_number(contours, "contours", low=1)
     count = count or (lambda threshold: blobs.count_contours(image, threshold, contours))
-    t_min, t_max = float(image.min()), float(image.max())
+    t_min = float(image.min())
+    t_max = float(image.max())
     steps = []
     while t_max - t_min >= 1.0:
         threshold = (t_max + t_min) / 2
@@ -158,14 +171,19 @@ def iterative_threshold(image: ArrayLike, contours: int,
     return tuple(steps)
 
 
-def _search(image: np.ndarray, wanted: int, p: MarkerParameters) -> tuple[tuple[ThresholdStep, ...], blobs.Places]:
-    """The thresholds that the bisection tried, and what its thresholds and those of the ladder show."""
+def _search(
+    image: np.ndarray, wanted: int, p: MarkerParameters
+) -> tuple[tuple[ThresholdStep, ...], blobs.Places]:
+    """The thresholds that the bisection tried, and what its thresholds and those of the ladder
+    show.
+    """
     small, scale = blobs.reduced(image)
     brightest = small.max(axis=1)
     found: dict[float, list[np.ndarray] | None] = {}
 
     def look(threshold: float) -> list[np.ndarray] | None:
-        level = float(math.floor(threshold)) if small.dtype.kind == "u" else threshold  # the same pixels exceed it
+        # the same pixels exceed it
+        level = float(math.floor(threshold)) if small.dtype.kind == "u" else threshold
         if level not in found:
             found[level] = blobs.contours(small, brightest, level, wanted)
         return found[level]
@@ -175,35 +193,50 @@ def _search(image: np.ndarray, wanted: int, p: MarkerParameters) -> tuple[tuple[
         return blobs.count_contours(small, threshold, wanted) if lines is None else len(lines)
 
     steps = iterative_threshold(small, wanted, count)
-    low, high = float(small.min()), float(brightest.max())
+    low = float(small.min())
+    high = float(brightest.max())
     for threshold in np.linspace(low, high, LADDER + 2)[1:-1].tolist() if steps else ():
         if all(abs(threshold - level) > (high - low) / 30 for level in found):
             look(threshold)
     return steps, blobs.places(small, scale, found, wanted, p.diameter_px, p.min_contrast)
 
 
-def _once_each(image: np.ndarray, where: blobs.Places, most: int, p: MarkerParameters) -> list[Blob]:
+def _once_each(
+    image: np.ndarray, where: blobs.Places, most: int, p: MarkerParameters
+) -> list[Blob]:
     """What is like a marker, each once, by falling contrast as it seems from afar."""
-    tried = np.zeros((image.shape[0] // 2 + 2, image.shape[1] // 2 + 2), np.uint8)  # how often, of every second pixel
+    # how often, of every second pixel
+    tried = np.zeros((image.shape[0] // 2 + 2, image.shape[1] // 2 + 2), np.uint8)
     kept: list[Blob] = []
-    for candidate in blobs.candidates(image, where, p.min_contrast)[:_TRIES * most]:
-        x, y = round(candidate.uv[0] / 2), round(candidate.uv[1] / 2)
+    for candidate in blobs.candidates(image, where, p.min_contrast)[: _TRIES * most]:
+        x = round(candidate.uv[0] / 2)
+        y = round(candidate.uv[1] / 2)
         if tried[y, x] > 1:
             continue
-        tried[max(y - 1, 0):y + 2, max(x - 1, 0):x + 2] += 1
-        found = (blob_at(image, candidate.uv, candidate.reach, threshold, p) for threshold in candidate.thresholds)
+        tried[max(y - 1, 0) : y + 2, max(x - 1, 0) : x + 2] += 1
+        found = (
+            blob_at(image, candidate.uv, candidate.reach, threshold, p)
+            for threshold in candidate.thresholds
+        )
         blob = next((blob for blob in found if blob is not None), None)
         if blob is None or tried[round(blob.v / 2), round(blob.u / 2)] >= _FOUND:
             continue
         kept.append(halfway(image, blob, p))
         if len(kept) == most:
             break
-        cv2.circle(tried, (round(blob.u / 2), round(blob.v / 2)), round(kept[-1].major / 4), _FOUND, -1)
+        cv2.circle(
+            tried, (round(blob.u / 2), round(blob.v / 2)), round(kept[-1].major / 4), _FOUND, -1
+        )
     return kept
 
 
-def markers_at(image: ArrayLike, uv: ArrayLike, reach_px: float, markers: str = "bright",
-               parameters: MarkerParameters | None = None) -> Array:
+def markers_at(
+    image: ArrayLike,
+    uv: ArrayLike,
+    reach_px: float,
+    markers: str = "bright",
+    parameters: MarkerParameters | None = None,
+) -> Array:
     """Measure markers where they are expected, instead of looking for them in all of an image.
 
     Parameters
@@ -220,35 +253,49 @@ def markers_at(image: ArrayLike, uv: ArrayLike, reach_px: float, markers: str = 
     Returns
     -------
     ndarray, shape (n, 6)
-        Centroid u, v, px; major and minor axis, px; contrast, threshold, grey levels. NaN where there is nothing like a
-        marker.
+        Centroid u, v, px; major and minor axis, px; contrast, threshold, grey levels. NaN where
+        there is nothing like a marker.
     """
-    p, places = parameters or MarkerParameters(), as_points(uv, "uv", 2)
+    p = parameters or MarkerParameters()
+    places = as_points(uv, "uv", 2)
     bright = brightened(image, markers)
     found = np.full((len(places), 6), np.nan)
-    rows = np.flatnonzero(((places > -0.5) & (places < np.array(bright.shape[::-1]) - 0.5)).all(axis=1))
+    rows = np.flatnonzero(
+        ((places > -0.5) & (places < np.array(bright.shape[::-1]) - 0.5)).all(axis=1)
+    )
     reach = np.full(len(rows), as_number(reach_px, "reach_px", low=1.0))
     index = {tuple(places[k]): k for k in rows.tolist()}
-    for candidate in blobs.candidates(bright, blobs.Places(places[rows], reach, 0 * reach + np.inf), p.min_contrast):
-        tried = (blob_at(bright, candidate.uv, candidate.reach, threshold, p) for threshold in candidate.thresholds)
+    for candidate in blobs.candidates(
+        bright, blobs.Places(places[rows], reach, 0 * reach + np.inf), p.min_contrast
+    ):
+        tried = (
+            blob_at(bright, candidate.uv, candidate.reach, threshold, p)
+            for threshold in candidate.thresholds
+        )
         if (blob := next((blob for blob in tried if blob is not None), None)) is not None:
             found[index[tuple(candidate.uv)]] = halfway(bright, blob, p)[:6]
     return found
 
 
-def blob_at(image: np.ndarray, uv: tuple[float, float], reach: float, threshold: float,
-          p: MarkerParameters) -> Blob | None:
+def blob_at(
+    image: np.ndarray, uv: tuple[float, float], reach: float, threshold: float, p: MarkerParameters
+) -> Blob | None:
     """What exceeds a threshold at a place, or None if it is not like a marker."""
     cut = blobs.cut_out(image, uv, reach, threshold)
     if cut is None:
         return None
     area, major, minor = blobs.ellipse(cut.inside)
-    if not (p.diameter_px[0] <= major <= p.diameter_px[1] and minor >= p.min_axis_ratio * major
-            and area >= p.min_fill * np.pi / 4 * major * minor):
+    if not (
+        p.diameter_px[0] <= major <= p.diameter_px[1]
+        and minor >= p.min_axis_ratio * major
+        and area >= p.min_fill * np.pi / 4 * major * minor
+    ):
         return None
     near = cv2.dilate(cut.inside, blobs.SQUARE, iterations=blobs.RING_PX - 1)
-    ring = cut.grey[(cv2.dilate(near, blobs.SQUARE) > near) & ~cut.others]  # others' light is not the surroundings'
-    level = float(np.partition(ring, len(ring) // 2)[len(ring) // 2]) if len(ring) else np.inf  # the median
+    # others' light is not the surroundings'
+    ring = cut.grey[(cv2.dilate(near, blobs.SQUARE) > near) & ~cut.others]
+    # the median
+    level = float(np.partition(ring, len(ring) // 2)[len(ring) // 2]) if len(ring) else np.inf
     contrast = cv2.mean(cut.grey, cut.inside)[0] - level
     if contrast < p.min_contrast:
         return None

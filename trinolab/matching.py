@@ -1,4 +1,6 @@
-"""Which marker of one image is which of another: epipolar gate, grey correlation, ordering, uniqueness (Sect. 5.2)."""
+"""Which marker of one image is which of another: epipolar gate, grey correlation, ordering,
+uniqueness (Sect. 5.2).
+"""
 
 from __future__ import annotations
 
@@ -12,7 +14,8 @@ from numpy.typing import ArrayLike
 from .camera import Camera, Rig, epipolar_lines
 from .checks import Array, as_array, as_image, as_number, as_points, check_numbers, frozen
 
-FLAT = 1e-6  # contrast of a window by its largest value; one grey level in one pixel of 16 bit is 1.5e-5
+# contrast of a window by its largest value; one grey level in one pixel of 16 bit is 1.5e-5
+FLAT = 1e-6
 
 
 @dataclass(frozen=True)
@@ -69,7 +72,9 @@ class Matches:
         return len(self.index)
 
 
-def epipolar_distances(left: Camera, right: Camera, uv_left: ArrayLike, uv_right: ArrayLike) -> Array:
+def epipolar_distances(
+    left: Camera, right: Camera, uv_left: ArrayLike, uv_right: ArrayLike
+) -> Array:
     """Distance of each right point from each left point's epipolar line (Eq. 17).
 
     Parameters
@@ -101,29 +106,45 @@ def ncc(template: ArrayLike, window: ArrayLike) -> float:
     float
         In [-1, 1] but for rounding; 0 if either window is flat.
     """
-    t, w = as_image(template, "template"), as_image(window, "window")
+    t = as_image(template, "template")
+    w = as_image(window, "window")
     if t.shape != w.shape:
         raise ValueError(f"window: expected shape {t.shape} like the template, got {w.shape}")
     return float((_units(t[None]) @ _units(w[None]).T)[0, 0])
 
 
-def ncc_matrix(image_left: ArrayLike, image_right: ArrayLike, uv_left: ArrayLike, uv_right: ArrayLike,
-               window_px: int) -> Array:
+def ncc_matrix(
+    image_left: ArrayLike,
+    image_right: ArrayLike,
+    uv_left: ArrayLike,
+    uv_right: ArrayLike,
+    window_px: int,
+) -> Array:
     """Correlation of the windows centred on each pair of points, shape (n, m) (Eq. 18).
 
-    The windows are cut between pixels (bilinear), so that both are centred on their point; beyond the image's edge the
-    last pixel repeats; 0 where a point is missing or a window flat. A window's side is odd, from 3
-    to 1001.
+    The windows are cut between pixels (bilinear), so that both are centred on their point; beyond
+    the image's edge the last pixel repeats; 0 where a point is missing or a window flat. A window's
+    side is odd, from 3 to 1001.
     """
     window_px = _as_window(window_px)
     left = _windows(as_image(image_left, "image_left"), as_points(uv_left, "uv_left", 2), window_px)
-    right = _windows(as_image(image_right, "image_right"), as_points(uv_right, "uv_right", 2), window_px)
+    right = _windows(
+        as_image(image_right, "image_right"), as_points(uv_right, "uv_right", 2), window_px
+    )
     return left @ right.T
 
 
-def candidates(left: Camera, right: Camera, image_left: ArrayLike, image_right: ArrayLike, uv_left: ArrayLike,
-               uv_right: ArrayLike, parameters: MatchParameters | None = None) -> Matches:
-    """All pairs that pass the epipolar gate and the correlation threshold, several for a point if need be (Eq. 17-18).
+def candidates(
+    left: Camera,
+    right: Camera,
+    image_left: ArrayLike,
+    image_right: ArrayLike,
+    uv_left: ArrayLike,
+    uv_right: ArrayLike,
+    parameters: MatchParameters | None = None,
+) -> Matches:
+    """All pairs that pass the epipolar gate and the correlation threshold, several for a point if
+    need be (Eq. 17-18).
 
     Parameters
     ----------
@@ -142,19 +163,36 @@ def candidates(left: Camera, right: Camera, image_left: ArrayLike, image_right: 
     return _passing(epipolar_distances(left, right, uv_left, uv_right), similarity, p)
 
 
-def rig_candidates(rig: Rig, images: Sequence[ArrayLike], uv: Sequence[ArrayLike],
-                   parameters: MatchParameters | None = None) -> list[Matches]:
+def rig_candidates(
+    rig: Rig,
+    images: Sequence[ArrayLike],
+    uv: Sequence[ArrayLike],
+    parameters: MatchParameters | None = None,
+) -> list[Matches]:
     """`candidates` for each pair of a rig's cameras, in the order of `Rig.pairs` (Eq. 17-18)."""
-    p, cameras = parameters or MatchParameters(), rig.cameras
-    rows = [_windows(as_image(image, "images"), as_points(points, "uv", 2), p.window_px)
-            for image, points in zip(images, uv, strict=True)]
-    return [_passing(epipolar_distances(cameras[i], cameras[j], uv[i], uv[j]), rows[i] @ rows[j].T, p)
-            for i, j in rig.pairs]
+    p = parameters or MatchParameters()
+    cameras = rig.cameras
+    rows = [
+        _windows(as_image(image, "images"), as_points(points, "uv", 2), p.window_px)
+        for image, points in zip(images, uv, strict=True)
+    ]
+    return [
+        _passing(epipolar_distances(cameras[i], cameras[j], uv[i], uv[j]), rows[i] @ rows[j].T, p)
+        for i, j in rig.pairs
+    ]
 
 
-def match(left: Camera, right: Camera, image_left: ArrayLike, image_right: ArrayLike, uv_left: ArrayLike,
-          uv_right: ArrayLike, parameters: MatchParameters | None = None) -> Matches:
-    """The paper's matching: candidates, then both directions, then order along the epipolar lines (Sect. 5.2).
+def match(
+    left: Camera,
+    right: Camera,
+    image_left: ArrayLike,
+    image_right: ArrayLike,
+    uv_left: ArrayLike,
+    uv_right: ArrayLike,
+    parameters: MatchParameters | None = None,
+) -> Matches:
+    """The paper's matching: candidates, then both directions, then order along the epipolar lines
+    (Sect. 5.2).
 
     Parameters and errors as in `candidates`.
     """
@@ -164,48 +202,73 @@ def match(left: Camera, right: Camera, image_left: ArrayLike, image_right: Array
 
 
 def mutual(matches: Matches) -> Matches:
-    """Keep the pairs that are each other's best by correlation: uniqueness in both directions (Sect. 5.2, step 3)."""
-    keep = [k for k, (i, j) in enumerate(matches.index)
-            if matches.ncc[k] >= matches.ncc[matches.index[:, 0] == i].max()
-            and matches.ncc[k] >= matches.ncc[matches.index[:, 1] == j].max()]
+    """Keep the pairs that are each other's best by correlation: uniqueness in both directions
+    (Sect. 5.2, step 3).
+    """
+    keep = [
+        k
+        for k, (i, j) in enumerate(matches.index)
+        if matches.ncc[k] >= matches.ncc[matches.index[:, 0] == i].max()
+        and matches.ncc[k] >= matches.ncc[matches.index[:, 1] == j].max()
+    ]
     return _subset(matches, keep)
 
 
-def in_order(matches: Matches, left: Camera, right: Camera, uv_left: ArrayLike, uv_right: ArrayLike,
-             gate_px: float) -> Matches:
-    """Drop pairs that break the order along an epipolar line, the weaker of two first (Sect. 5.2, step 3).
+def in_order(
+    matches: Matches,
+    left: Camera,
+    right: Camera,
+    uv_left: ArrayLike,
+    uv_right: ArrayLike,
+    gate_px: float,
+) -> Matches:
+    """Drop pairs that break the order along an epipolar line, the weaker of two first (Sect. 5.2,
+    step 3).
 
-    The paper names the constraint and does not define it. Here: of two pairs whose points could be exchanged within
-    the epipolar gate, the points must follow each other in the same sense on the left and on the right line.
+    The paper names the constraint and does not define it. Here: of two pairs whose points could be
+    exchanged within the epipolar gate, the points must follow each other in the same sense on the
+    left and on the right line.
 
     Raises ValueError if a match has an index beyond the points, or as `epipolar_distances`.
     """
     as_number(gate_px, "gate_px", low=0.0)
-    uv_left, uv_right = as_points(uv_left, "uv_left", 2), as_points(uv_right, "uv_right", 2)
+    uv_left = as_points(uv_left, "uv_left", 2)
+    uv_right = as_points(uv_right, "uv_right", 2)
     swap = epipolar_distances(left, right, uv_left, uv_right)
     if (matches.index >= swap.shape).any():
-        raise ValueError(f"matches: expected indices below {swap.shape}, got {matches.index.max(axis=0).tolist()}")
+        raise ValueError(
+            f"matches: expected indices below {swap.shape}, got {matches.index.max(axis=0).tolist()}"
+        )
     baseline = right.centre - left.centre
-    along_left, along_right = left.rays(uv_left) @ baseline, right.rays(uv_right) @ baseline
+    along_left = left.rays(uv_left) @ baseline
+    along_right = right.rays(uv_right) @ baseline
     keep: list[int] = []
     for k in np.argsort(-matches.ncc, kind="stable"):
         i, j = matches.index[k]
         rivals = [matches.index[n] for n in keep]
-        if all(swap[i, b] >= gate_px or swap[a, j] >= gate_px
-               or (along_left[i] - along_left[a]) * (along_right[j] - along_right[b]) > 0 for a, b in rivals):
+        if all(
+            swap[i, b] >= gate_px
+            or swap[a, j] >= gate_px
+            or (along_left[i] - along_left[a]) * (along_right[j] - along_right[b]) > 0
+            for a, b in rivals
+        ):
             keep.append(int(k))
     return _subset(matches, sorted(keep))
 
 
 def _windows(image: np.ndarray, uv: Array, window_px: int) -> Array:
-    """Windows about points as rows of zero mean and length 1 (zero where flat or the point is missing)."""
+    """Windows about points as rows of zero mean and length 1 (zero where flat or the point is
+    missing).
+    """
     if image.dtype != np.uint8:
         image = image.astype(np.float32)
     cuts = np.zeros((len(uv), window_px, window_px))
     outside = np.array(image.shape[::-1]) + window_px  # from there on all windows are the same
     for k in np.flatnonzero(np.isfinite(uv).all(axis=1)):
         centre = np.clip(uv[k], -window_px, outside)
-        cuts[k] = cv2.getRectSubPix(image, (window_px, window_px), tuple(centre), patchType=cv2.CV_32F)
+        cuts[k] = cv2.getRectSubPix(
+            image, (window_px, window_px), tuple(centre), patchType=cv2.CV_32F
+        )
     return _units(cuts)
 
 
@@ -231,4 +294,6 @@ def _passing(distance: Array, similarity: Array, p: MatchParameters) -> Matches:
 
 def _subset(matches: Matches, keep: list[int]) -> Matches:
     rows = np.array(keep, dtype=int)
-    return Matches(frozen(matches.index[rows]), frozen(matches.distance_px[rows]), frozen(matches.ncc[rows]))
+    return Matches(
+        frozen(matches.index[rows]), frozen(matches.distance_px[rows]), frozen(matches.ncc[rows])
+    )

@@ -41,23 +41,30 @@ class Measurement:
     labels: tuple[np.ndarray, ...]
 
 
-def measure(frames: Sequence[ArrayLike], rig: Rig, handle: Handle, prior: RigidTransform | None = None,
-            parameters: Parameters | None = None, windows: Sequence[Window | None] | None = None) -> Measurement:
+def measure(
+    frames: Sequence[ArrayLike],
+    rig: Rig,
+    handle: Handle,
+    prior: RigidTransform | None = None,
+    parameters: Parameters | None = None,
+    windows: Sequence[Window | None] | None = None,
+) -> Measurement:
     """Measure the handle's pose from the frames of one instant by the paper's method (Eq. 16-24).
 
     Parameters
     ----------
     frames : sequence of array_like, shape (height, width)
-        One grey image a camera, in the rig's order; grey levels 0 to 255 of any number type. Colour and 16-bit images
-        are for `recording.read_instants` to convert: an array does not say which channel is red, or what is white.
+        One grey image a camera, in the rig's order; grey levels 0 to 255 of any number type. Colour
+        and 16-bit images are for `recording.read_instants` to convert: an array does not say which
+        channel is red, or what is white.
     rig : Rig
     handle : Handle
     prior : RigidTransform, optional
         T_world_handle expected at this instant; chooses among poses that look alike.
     parameters : Parameters, optional
     windows : sequence of Window or None, optional
-        W_ROI of each camera, inside its image: markers are looked for there alone, and nowhere where it is None.
-        Without `windows` in whole images.
+        W_ROI of each camera, inside its image: markers are looked for there alone, and nowhere
+        where it is None. Without `windows` in whole images.
 
     Returns
     -------
@@ -67,27 +74,42 @@ def measure(frames: Sequence[ArrayLike], rig: Rig, handle: Handle, prior: RigidT
     Raises
     ------
     ValueError
-        If the frames do not fit the rig in number or size, or are no grey images with levels from 0 to 255.
+        If the frames do not fit the rig in number or size, or are no grey images with levels from 0
+        to 255.
     """
     p = parameters or Parameters()
     images = as_images(frames, rig)
     regions = [Window(0, 0, *camera.size) for camera in rig.cameras] if windows is None else windows
-    found = tuple(markers_in(image, region, handle, p) for image, region in zip(images, regions, strict=True))
+    found = tuple(
+        markers_in(image, region, handle, p) for image, region in zip(images, regions, strict=True)
+    )
     pixels = tuple(markers.uv for markers in found)
     matches = None
     if p.estimator == "paper":
         matches = [pairs.index for pairs in rig_candidates(rig, images, pixels, p.matching)]
-    hypotheses = identify(rig, handle, pixels, p.identity, [markers.axes_px for markers in found], matches)
+    hypotheses = identify(
+        rig, handle, pixels, p.identity, [markers.axes_px for markers in found], matches
+    )
     if not hypotheses:
         return Measurement(LOST, found, tuple(np.full(len(uv), -1) for uv in pixels))
     return _conclude(hypotheses, images, rig, handle, found, prior, p)
 
 
-def _conclude(hypotheses: list[Hypothesis], images: list[np.ndarray], rig: Rig, handle: Handle,
-              found: tuple[Markers, ...], prior: RigidTransform | None, p: Parameters) -> Measurement:
+def _conclude(
+    hypotheses: list[Hypothesis],
+    images: list[np.ndarray],
+    rig: Rig,
+    handle: Handle,
+    found: tuple[Markers, ...],
+    prior: RigidTransform | None,
+    p: Parameters,
+) -> Measurement:
     """Choose among the hypotheses and their equivalents, relabel, and estimate."""
-    options = [(hypothesis, S, hypothesis.T_world_handle * S)
-               for hypothesis in hypotheses for S in handle.symmetries]
+    options = [
+        (hypothesis, S, hypothesis.T_world_handle * S)
+        for hypothesis in hypotheses
+        for S in handle.symmetries
+    ]
     kept = keep_by_body(images, rig, handle, [T for *_, T in options], p.identity)
     options = [option for option, keep in zip(options, kept, strict=True) if keep]
     index, sure = choose([T for *_, T in options], prior)
@@ -95,7 +117,9 @@ def _conclude(hypotheses: list[Hypothesis], images: list[np.ndarray], rig: Rig, 
     labels = tuple(relabel(label, handle, S) for label in hypothesis.labels)
     uv = labelled_pixels(labels, tuple(markers.uv for markers in found), len(handle.marker_centres))
     pose = estimate(Identified(images, uv, T), rig, handle, p)
-    return Measurement(pose if sure or pose is LOST else replace(pose, status="ambiguous"), found, labels)
+    return Measurement(
+        pose if sure or pose is LOST else replace(pose, status="ambiguous"), found, labels
+    )
 
 
 def markers_in(image: np.ndarray, region: Window | None, handle: Handle, p: Parameters) -> Markers:
@@ -108,6 +132,10 @@ def markers_in(image: np.ndarray, region: Window | None, handle: Handle, p: Para
 
 def as_images(frames: Sequence[ArrayLike], rig: Rig) -> list[np.ndarray]:
     if len(frames) != len(rig.cameras):
-        raise ValueError(f"frames: expected one for each of {len(rig.cameras)} cameras, got {len(frames)}")
-    return [as_image(frame, f"frames: {camera.name}", camera.size, highest=255)
-            for frame, camera in zip(frames, rig.cameras, strict=True)]
+        raise ValueError(
+            f"frames: expected one for each of {len(rig.cameras)} cameras, got {len(frames)}"
+        )
+    return [
+        as_image(frame, f"frames: {camera.name}", camera.size, highest=255)
+        for frame, camera in zip(frames, rig.cameras, strict=True)
+    ]

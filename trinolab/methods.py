@@ -1,8 +1,11 @@
-"""The names of the estimators, in a module that loads nothing: the command line knows them before it computes."""
+"""The names of the estimators, in a module that loads nothing: the command line knows them before
+it computes.
+"""
 
 ESTIMATORS = ("paper", "paper_checked", "weighted", "reprojection", "patches", "outline")
 BEST = "patches"  # the most accurate that keeps up with 30 frames a second
-METHODS = {**{name: name for name in ESTIMATORS}, "best": BEST}  # what --method may name -> the estimator
+# what --method may name -> the estimator
+METHODS = {**{name: name for name in ESTIMATORS}, "best": BEST}
 
 
 def estimator_of(method: str) -> str:

@@ -1,7 +1,9 @@
-"""Errors of measured poses: Eq. 26 and 27, the geodesic angle, and errors up to a handle's symmetry.
+"""Errors of measured poses: Eq. 26 and 27, the geodesic angle, and errors up to a handle's
+symmetry.
 
-Poses are a batched ``RigidTransform`` of length n, each ``T_world_handle`` (a single one counts as n = 1). Only valid
-poses come in: who has NaN rows drops them, and reports the share that is left. Names that end in ``_deg`` are degrees.
+Poses are a batched ``RigidTransform`` of length n, each ``T_world_handle`` (a single one counts as
+n = 1). Only valid poses come in: who has NaN rows drops them, and reports the share that is left.
+Names that end in ``_deg`` are degrees.
 """
 
 from __future__ import annotations
@@ -20,10 +22,12 @@ from .checks import Array, as_array, as_transform
 
 @dataclass(frozen=True)
 class PoseErrors:
-    """Errors of n measured poses against their truths: the paper's four means, and what they do not show.
+    """Errors of n measured poses against their truths: the paper's four means, and what they do not
+    show.
 
-    ``E_*`` are the means of Eq. 26 and 27; the geodesic angle is that of the rotation from truth to estimate, which
-    has no gimbal lock. The Euler angles' means and maxima are ill-conditioned near beta = +-90 deg.
+    ``E_*`` are the means of Eq. 26 and 27; the geodesic angle is that of the rotation from truth to
+    estimate, which has no gimbal lock. The Euler angles' means and maxima are ill-conditioned near
+    beta = +-90 deg.
     """
 
     n: int
@@ -47,13 +51,22 @@ def pose_errors(estimates: RigidTransform, truths: RigidTransform) -> PoseErrors
     Parameters
     ----------
     estimates, truths : RigidTransform of length n
-        ``T_world_handle``, mm. A handle's symmetry is the caller's matter, see `nearest_equivalent`.
+        ``T_world_handle``, mm. A handle's symmetry is the caller's matter, see
+        `nearest_equivalent`.
     """
     position = position_errors(estimates, truths)
     angles = np.abs(angle_differences_deg(estimates, truths))
     geodesic = geodesic_deg(estimates, truths)
-    values = [position.mean(), *angles.mean(axis=0), geodesic.mean(), np.median(position), position.max(),
-              *np.median(angles, axis=0), np.median(geodesic), geodesic.max()]
+    values = [
+        position.mean(),
+        *angles.mean(axis=0),
+        geodesic.mean(),
+        np.median(position),
+        position.max(),
+        *np.median(angles, axis=0),
+        np.median(geodesic),
+        geodesic.max(),
+    ]
     return PoseErrors(len(position), *(float(value) for value in values))
 
 
@@ -81,13 +94,16 @@ def angle_errors_deg(estimates: RigidTransform, truths: RigidTransform) -> Array
 
 
 def geodesic_deg(estimates: RigidTransform, truths: RigidTransform) -> Array:
-    """Angle of the rotation that carries the true orientation to the measured one, shape (n,), deg, 0 to 180."""
+    """Angle of the rotation that carries the true orientation to the measured one, shape (n,), deg,
+    0 to 180.
+    """
     estimates, truths = _as_pairs(estimates, truths)
     return np.rad2deg((estimates.rotation * truths.rotation.inv()).magnitude())
 
 
 def nees(estimate: RigidTransform, covariance: ArrayLike, truth: RigidTransform) -> Array:
-    """Normalised estimation errors squared e^T C^-1 e: of a pose, and of its position and its rotation alone.
+    """Normalised estimation errors squared e^T C^-1 e: of a pose, and of its position and its
+    rotation alone.
 
     Parameters
     ----------
@@ -99,24 +115,28 @@ def nees(estimate: RigidTransform, covariance: ArrayLike, truth: RigidTransform)
     Returns
     -------
     ndarray, shape (3,)
-        Of an honest covariance they are chi-square with 6, 3 and 3 degrees of freedom (Bar-Shalom, Li and Kirubarajan
-        2001, sect. 5.4.2, DOI 10.1002/0471221279).
+        Of an honest covariance they are chi-square with 6, 3 and 3 degrees of freedom (Bar-Shalom,
+        Li and Kirubarajan 2001, sect. 5.4.2, DOI 10.1002/0471221279).
     """
-    T, true = as_transform(estimate, "estimate"), as_transform(truth, "truth")
+    T = as_transform(estimate, "estimate")
+    true = as_transform(truth, "truth")
     C = as_array(covariance, "covariance", (6, 6))
-    error = np.concatenate([T.translation - true.translation, (T.rotation * true.rotation.inv()).as_rotvec()])
+    error = np.concatenate(
+        [T.translation - true.translation, (T.rotation * true.rotation.inv()).as_rotvec()]
+    )
     parts = slice(0, 6), slice(0, 3), slice(3, 6)
     return np.array([error[part] @ np.linalg.solve(C[part, part], error[part]) for part in parts])
 
 
 def euler_deg(poses: RigidTransform) -> Array:
-    """Euler angles alpha, beta, gamma about Z, Y, X: R = Rz(alpha) Ry(beta) Rx(gamma) (Sect. 5.3, 6.5).
+    """Euler angles alpha, beta, gamma about Z, Y, X: R = Rz(alpha) Ry(beta) Rx(gamma) (Sect. 5.3,
+    6.5).
 
     Returns
     -------
     ndarray, shape (n, 3), or (3,) for a single pose
-        Degrees; alpha and gamma in [-180, 180], beta in [-90, 90]. At beta = +-90 deg only a combination of alpha and
-        gamma is determined; gamma is then 0.
+        Degrees; alpha and gamma in [-180, 180], beta in [-90, 90]. At beta = +-90 deg only a
+        combination of alpha and gamma is determined; gamma is then 0.
     """
     if not isinstance(poses, RigidTransform):
         raise ValueError(f"poses: expected a RigidTransform, got {type(poses).__name__}")
@@ -126,7 +146,8 @@ def euler_deg(poses: RigidTransform) -> Array:
 
 
 def pose_from_euler_deg(position_mm: ArrayLike, angles_deg: ArrayLike) -> RigidTransform:
-    """Poses from positions and Euler angles alpha, beta, gamma about Z, Y, X: the inverse of `euler_deg`.
+    """Poses from positions and Euler angles alpha, beta, gamma about Z, Y, X: the inverse of
+    `euler_deg`.
 
     Parameters
     ----------
@@ -135,15 +156,19 @@ def pose_from_euler_deg(position_mm: ArrayLike, angles_deg: ArrayLike) -> RigidT
     wanted = (3,) if np.ndim(position_mm) == 1 else (None, 3)
     position = as_array(position_mm, "position_mm", wanted)
     angles = as_array(angles_deg, "angles_deg", position.shape)
-    return RigidTransform.from_components(position, Rotation.from_euler("ZYX", angles, degrees=True))
+    return RigidTransform.from_components(
+        position, Rotation.from_euler("ZYX", angles, degrees=True)
+    )
 
 
-def nearest_equivalent(estimates: RigidTransform, truths: RigidTransform,
-                       symmetries: Sequence[RigidTransform]) -> RigidTransform:
-    """Replace each pose by the one of its equivalents ``T_world_handle * S`` that is closest to its truth.
+def nearest_equivalent(
+    estimates: RigidTransform, truths: RigidTransform, symmetries: Sequence[RigidTransform]
+) -> RigidTransform:
+    """Replace each pose by the one of its equivalents ``T_world_handle * S`` that is closest to its
+    truth.
 
-    For instants that have nothing to do with one another; for a track see `track_equivalent`. Closest is the smallest
-    geodesic angle; among equals (to 1e-9 deg) the smallest distance.
+    For instants that have nothing to do with one another; for a track see `track_equivalent`.
+    Closest is the smallest geodesic angle; among equals (to 1e-9 deg) the smallest distance.
 
     Parameters
     ----------
@@ -161,48 +186,67 @@ def nearest_equivalent(estimates: RigidTransform, truths: RigidTransform,
     return estimates * RigidTransform.concatenate([symmetries[k] for k in best])
 
 
-def nearest_index(estimates: RigidTransform, truths: RigidTransform,
-                  symmetries: Sequence[RigidTransform]) -> NDArray[np.intp]:
-    """Which symmetry `nearest_equivalent` takes for each pose, shape (n,); parameters and errors are the same."""
+def nearest_index(
+    estimates: RigidTransform, truths: RigidTransform, symmetries: Sequence[RigidTransform]
+) -> NDArray[np.intp]:
+    """Which symmetry `nearest_equivalent` takes for each pose, shape (n,); parameters and errors
+    are the same.
+    """
     angle, distance = _against_equivalents(estimates, truths, symmetries)
     tied = angle <= angle.min(axis=0) + 1e-9
     return np.where(tied, distance, np.inf).argmin(axis=0)
 
 
-def track_equivalent(estimates: RigidTransform, truths: RigidTransform,
-                     symmetries: Sequence[RigidTransform]) -> RigidTransform:
-    """Replace the poses of one track by ``T_world_handle * S`` with one S for all: a flip inside stays an error.
+def track_equivalent(
+    estimates: RigidTransform, truths: RigidTransform, symmetries: Sequence[RigidTransform]
+) -> RigidTransform:
+    """Replace the poses of one track by ``T_world_handle * S`` with one S for all: a flip inside
+    stays an error.
 
-    S is the symmetry with the least mean geodesic angle; among equals (to 1e-9 deg) the least mean distance.
-    Parameters and errors as for `nearest_equivalent`.
+    S is the symmetry with the least mean geodesic angle; among equals (to 1e-9 deg) the least mean
+    distance. Parameters and errors as for `nearest_equivalent`.
     """
-    angle, distance = (value.mean(axis=1) for value in _against_equivalents(estimates, truths, symmetries))
+    angle, distance = (
+        value.mean(axis=1) for value in _against_equivalents(estimates, truths, symmetries)
+    )
     best = int(np.where(angle <= angle.min() + 1e-9, distance, np.inf).argmin())
     return _as_pairs(estimates, truths)[0] * symmetries[best]
 
 
-def _against_equivalents(estimates: RigidTransform, truths: RigidTransform,
-                         symmetries: Sequence[RigidTransform]) -> tuple[Array, Array]:
-    """Geodesic angles (deg) and distances (mm) of every equivalent of every pose, each of shape (k, n)."""
+def _against_equivalents(
+    estimates: RigidTransform, truths: RigidTransform, symmetries: Sequence[RigidTransform]
+) -> tuple[Array, Array]:
+    """Geodesic angles (deg) and distances (mm) of every equivalent of every pose, each of shape (k,
+    n).
+    """
     if len(symmetries) == 0:
         raise ValueError("symmetries: expected one motion or more, got none")
     estimates, truths = _as_pairs(estimates, truths)
     turned = [estimates * S for S in symmetries]
-    return (np.array([geodesic_deg(poses, truths) for poses in turned]),
-            np.array([position_errors(poses, truths) for poses in turned]))
+    return (
+        np.array([geodesic_deg(poses, truths) for poses in turned]),
+        np.array([position_errors(poses, truths) for poses in turned]),
+    )
 
 
 def _as_pairs(estimates: Any, truths: Any) -> tuple[RigidTransform, RigidTransform]:
-    estimates, truths = _as_poses(estimates, "estimates"), _as_poses(truths, "truths")
+    estimates = _as_poses(estimates, "estimates")
+    truths = _as_poses(truths, "truths")
     if len(estimates) != len(truths):
-        raise ValueError(f"estimates, truths: expected as many of either, got {len(estimates)} and {len(truths)}")
+        raise ValueError(
+            f"estimates, truths: expected as many of either, got {len(estimates)} and {len(truths)}"
+        )
     return estimates, truths
 
 
 def _as_poses(value: Any, name: str) -> RigidTransform:
     if not isinstance(value, RigidTransform):
-        raise ValueError(f"{name}: expected a RigidTransform of length n, got {type(value).__name__}")
+        raise ValueError(
+            f"{name}: expected a RigidTransform of length n, got {type(value).__name__}"
+        )
     matrices = value.as_matrix().reshape(-1, 4, 4)
     if len(matrices) == 0 or not np.isfinite(matrices).all():
-        raise ValueError(f"{name}: expected one valid pose or more, got {'NaN' if len(matrices) else 'none'}")
+        raise ValueError(
+            f"{name}: expected one valid pose or more, got {'NaN' if len(matrices) else 'none'}"
+        )
     return RigidTransform.concatenate([value]) if value.single else value

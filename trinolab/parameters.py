@@ -28,12 +28,14 @@ class Parameters:
     estimator : {"paper", "paper_checked", "weighted", "reprojection", "patches", "outline"}
         How the pose follows from the markers, see `estimators.estimate`.
     max_slant_deg : float
-        Markers turned further away are identified but not measured, as long as four are left: beyond 70 deg the
-        centroid of a wrapped marker lies more than 1 px beside the image of its centre.
+        Markers turned further away are identified but not measured, as long as four are left:
+        beyond 70 deg the centroid of a wrapped marker lies more than 1 px beside the image of its
+        centre.
     sigma_px : float
         Standard deviation of a centroid for the pose's covariance.
     memory_s : float
-        For how long the last measured pose chooses among poses that look alike, and is predicted from, s.
+        For how long the last measured pose chooses among poses that look alike, and is predicted
+        from, s.
     """
 
     background: BackgroundParameters = field(default_factory=BackgroundParameters)
@@ -48,7 +50,9 @@ class Parameters:
 
     def __post_init__(self) -> None:
         if self.estimator not in ESTIMATORS:
-            raise ValueError(f"estimator: expected one of {', '.join(ESTIMATORS)}, got {self.estimator!r}")
+            raise ValueError(
+                f"estimator: expected one of {', '.join(ESTIMATORS)}, got {self.estimator!r}"
+            )
         as_number(self.max_slant_deg, "max_slant_deg", low=0.0, high=90.0)
         as_number(self.sigma_px, "sigma_px", low=0.0, open_low=True)
         as_number(self.memory_s, "memory_s", low=0.0)

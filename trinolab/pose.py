@@ -1,4 +1,6 @@
-"""From labelled markers to the handle's pose: the rigid fit of Eq. 23-24, its covariance, and the paper's estimate."""
+"""From labelled markers to the handle's pose: the rigid fit of Eq. 23-24, its covariance, and the
+paper's estimate.
+"""
 
 from __future__ import annotations
 
@@ -24,7 +26,8 @@ class Pose:
     Attributes
     ----------
     status : str
-        ``measured``, ``ambiguous`` (one of several equivalent poses), ``predicted`` or ``lost`` (no pose).
+        ``measured``, ``ambiguous`` (one of several equivalent poses), ``predicted`` or ``lost`` (no
+        pose).
     T_world_handle : RigidTransform or None
     covariance : ndarray, shape (6, 6)
         Of position (mm) and rotation vector (rad), both in the world frame; NaN without a pose.
@@ -58,8 +61,8 @@ LOST = Pose("lost", None, np.full((6, 6), np.nan), np.nan, 0, 0)
 def rigid_fit(points_source: ArrayLike, points_target: ArrayLike) -> RigidTransform | None:
     """The rigid motion that carries one set of points onto another with least squares (Eq. 23, 24).
 
-    Eq. 24 as printed asks for any 4 x 4 matrix; this one is kept a rotation and a translation (Kabsch 1976, with the
-    guard against reflections of Umeyama 1991, DOI 10.1109/34.88573).
+    Eq. 24 as printed asks for any 4 x 4 matrix; this one is kept a rotation and a translation
+    (Kabsch 1976, with the guard against reflections of Umeyama 1991, DOI 10.1109/34.88573).
 
     Parameters
     ----------
@@ -69,7 +72,8 @@ def rigid_fit(points_source: ArrayLike, points_target: ArrayLike) -> RigidTransf
     Returns
     -------
     RigidTransform or None
-        T_target_source; None if fewer than three points are left or they lie on one line to a millionth of it.
+        T_target_source; None if fewer than three points are left or they lie on one line to a
+        millionth of it.
     """
     source = as_points(points_source, "points_source", 3)
     target = as_array(points_target, "points_target", source.shape, finite=False)
@@ -77,14 +81,17 @@ def rigid_fit(points_source: ArrayLike, points_target: ArrayLike) -> RigidTransf
     source, target = source[valid], target[valid]
     if _on_one_line(source) or _on_one_line(target):
         return None
-    source_mean, target_mean = source.mean(axis=0), target.mean(axis=0)
+    source_mean = source.mean(axis=0)
+    target_mean = target.mean(axis=0)
     U, _, Vt = np.linalg.svd((target - target_mean).T @ (source - source_mean))
     guard = np.diag([1.0, 1.0, np.linalg.det(U) * np.linalg.det(Vt)])
     rotation = Rotation.from_matrix(U @ guard @ Vt)
     return RigidTransform.from_components(target_mean - rotation.apply(source_mean), rotation)
 
 
-def rigid_fit_covariance(points_source: ArrayLike, T_target_source: RigidTransform, covariances: ArrayLike) -> Array:
+def rigid_fit_covariance(
+    points_source: ArrayLike, T_target_source: RigidTransform, covariances: ArrayLike
+) -> Array:
     """Covariance of `rigid_fit` for independent errors of the target points, to first order.
 
     Parameters
@@ -112,16 +119,24 @@ def rigid_fit_covariance(points_source: ArrayLike, T_target_source: RigidTransfo
     if _on_one_line(source):
         raise ValueError("points_source: expected three or more points that are not on one line")
     arms = T_target_source.rotation.apply(np.array(source))  # SciPy wants a writable array
-    J = np.concatenate([np.broadcast_to(np.eye(3), (len(arms), 3, 3)), -cross_matrices(arms)], axis=2)  # (n, 3, 6)
+    # (n, 3, 6)
+    J = np.concatenate(
+        [np.broadcast_to(np.eye(3), (len(arms), 3, 3)), -cross_matrices(arms)], axis=2
+    )
     scale = np.repeat([1.0, np.abs(arms).max()], 3)  # mm and rad on one footing
     J_scaled = J / scale
-    gain = np.linalg.solve(np.einsum("nki,nkj->ij", J_scaled, J_scaled), J_scaled.transpose(0, 2, 1))  # (n, 6, 3)
+    # (n, 6, 3)
+    gain = np.linalg.solve(
+        np.einsum("nki,nkj->ij", J_scaled, J_scaled), J_scaled.transpose(0, 2, 1)
+    )
     return np.einsum("nik,nkl,njl->ij", gain, C, gain) / np.outer(scale, scale)
 
 
-def weighted_fit(points_source: ArrayLike, points_target: ArrayLike, covariances: ArrayLike,
-                 steps: int = 5) -> tuple[RigidTransform, Array] | None:
-    """The rigid motion with least squares weighted by the target points' covariances (Eq. 23, 24, generalised).
+def weighted_fit(
+    points_source: ArrayLike, points_target: ArrayLike, covariances: ArrayLike, steps: int = 5
+) -> tuple[RigidTransform, Array] | None:
+    """The rigid motion with least squares weighted by the target points' covariances (Eq. 23, 24,
+    generalised).
 
     Parameters
     ----------
@@ -136,8 +151,8 @@ def weighted_fit(points_source: ArrayLike, points_target: ArrayLike, covariances
     -------
     T_target_source : RigidTransform
     covariance : ndarray, shape (6, 6)
-        Of position and rotation vector, target frame, mm and rad. None instead of both where `rigid_fit` gives none, or
-        the weights leave a motion free.
+        Of position and rotation vector, target frame, mm and rad. None instead of both where
+        `rigid_fit` gives none, or the weights leave a motion free.
     """
     source = as_points(points_source, "points_source", 3)
     target = as_array(points_target, "points_target", source.shape, finite=False)
@@ -146,21 +161,31 @@ def weighted_fit(points_source: ArrayLike, points_target: ArrayLike, covariances
     if T is None:
         return None
     valid = np.isfinite(np.concatenate([source, target, C.reshape(-1, 9)], axis=1)).all(axis=1)
-    source, target, W = source[valid], target[valid], np.linalg.inv(C[valid])
+    source = source[valid]
+    target = target[valid]
+    W = np.linalg.inv(C[valid])
     for _ in range(steps):
         arms = source @ T.rotation.as_matrix().T
-        J = np.concatenate([np.broadcast_to(np.eye(3), (len(arms), 3, 3)), -cross_matrices(arms)], axis=2)
+        J = np.concatenate(
+            [np.broadcast_to(np.eye(3), (len(arms), 3, 3)), -cross_matrices(arms)], axis=2
+        )
         JW = J.transpose(0, 2, 1) @ W
         information = (JW @ J).sum(axis=0)
         if np.linalg.matrix_rank(information) < 6:
             return None
-        step = np.linalg.solve(information, (JW @ (target - arms - T.translation)[..., None]).sum(axis=0)[:, 0])
-        T = RigidTransform.from_components(T.translation + step[:3], Rotation.from_rotvec(step[3:]) * T.rotation)
+        step = np.linalg.solve(
+            information, (JW @ (target - arms - T.translation)[..., None]).sum(axis=0)[:, 0]
+        )
+        T = RigidTransform.from_components(
+            T.translation + step[:3], Rotation.from_rotvec(step[3:]) * T.rotation
+        )
     return T, np.linalg.inv(information)
 
 
 def _on_one_line(points: Array, ratio: float = 1e-6) -> bool:
-    """Whether points have no extent across their longest direction (also: fewer than three points)."""
+    """Whether points have no extent across their longest direction (also: fewer than three
+    points).
+    """
     if len(points) < 3:
         return True
     extent = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
@@ -174,18 +199,27 @@ def _as_covariances(value: ArrayLike, n: int) -> Array:
     unit = C / np.maximum(size, np.finfo(float).tiny)[:, None, None]
     symmetric = np.abs(unit - unit.transpose(0, 2, 1)).max(initial=0.0) <= 1e-9
     if not symmetric or np.linalg.eigvalsh(unit).min(initial=0.0) < -1e-9:
-        raise ValueError("covariances: expected symmetric matrices without a negative eigenvalue, got another one")
+        raise ValueError(
+            "covariances: expected symmetric matrices without a negative eigenvalue, got another one"
+        )
     return C
 
 
-def fit_pose(uv: Array, rig: Rig, handle: Handle, max_slant_deg: float = 70.0, sigma_px: float = 0.1,
-             known: RigidTransform | None = None) -> Pose:
+def fit_pose(
+    uv: Array,
+    rig: Rig,
+    handle: Handle,
+    max_slant_deg: float = 70.0,
+    sigma_px: float = 0.1,
+    known: RigidTransform | None = None,
+) -> Pose:
     """The paper's estimate from labelled markers: pairs, mean, rigid fit (Eq. 20-24).
 
     Parameters
     ----------
     uv : ndarray, shape (cameras, markers, 2)
-        Each marker's centroid in each image, px; NaN where it was not found. `identity.labelled_pixels` makes it.
+        Each marker's centroid in each image, px; NaN where it was not found.
+        `identity.labelled_pixels` makes it.
     rig, handle
     max_slant_deg : float
         Markers turned further away are left out if four others remain.
@@ -197,7 +231,8 @@ def fit_pose(uv: Array, rig: Rig, handle: Handle, max_slant_deg: float = 70.0, s
     Returns
     -------
     Pose
-        With status ``measured``; `LOST` if fewer than three markers that are not on a line were triangulated.
+        With status ``measured``; `LOST` if fewer than three markers that are not on a line were
+        triangulated.
     """
     T = rigid_fit(handle.marker_centres, triangulate(rig, uv)) if known is None else known
     if T is None:
@@ -214,14 +249,20 @@ def fit_pose(uv: Array, rig: Rig, handle: Handle, max_slant_deg: float = 70.0, s
     return measured_pose(T, covariance, some, used, rig, handle)
 
 
-def _facing(uv: Array, rig: Rig, handle: Handle, T_world_handle: RigidTransform, max_slant_deg: float) -> Array:
+def _facing(
+    uv: Array, rig: Rig, handle: Handle, T_world_handle: RigidTransform, max_slant_deg: float
+) -> Array:
     """The pixels without those of markers that are turned away."""
     turned = np.stack([slants(handle, T_world_handle, camera.centre) for camera in rig.cameras])
     return np.where((turned > np.deg2rad(max_slant_deg))[..., None], np.nan, uv)
 
 
-def measured_pose(T: RigidTransform, covariance: Array, uv: Array, used: np.ndarray, rig: Rig, handle: Handle) -> Pose:
-    """A measured pose, with the reprojection error of the markers that were used (markers,), those triangulated."""
+def measured_pose(
+    T: RigidTransform, covariance: Array, uv: Array, used: np.ndarray, rig: Rig, handle: Handle
+) -> Pose:
+    """A measured pose, with the reprojection error of the markers that were used (markers,), those
+    triangulated.
+    """
     centres = T.apply(handle.marker_centres)
     error = np.stack([camera.project(centres) for camera in rig.cameras]) - uv
     seen = np.asarray(np.isfinite(error).all(axis=2)) & used

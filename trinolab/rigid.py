@@ -1,7 +1,8 @@
-"""Rigid motions: put together and taken apart, how far two are apart, and the rotation nearest to a matrix.
+"""Rigid motions: put together and taken apart, how far two are apart, and the rotation nearest to a
+matrix.
 
-SciPy checks and mends every matrix that it is given, which takes ten times as long as what is computed with it. Loops
-of many ticks a second use these functions instead.
+SciPy checks and mends every matrix that it is given, which takes ten times as long as what is
+computed with it. Loops of many ticks a second use these functions instead.
 """
 
 from __future__ import annotations
@@ -27,7 +28,9 @@ def rotation_of(motion: RigidTransform) -> Rotation:
 
 
 def motion_between(a: RigidTransform, b: RigidTransform) -> Array:
-    """From pose b to pose a, shape (6,): position (mm) and rotation vector (rad), as in a pose's covariance."""
+    """From pose b to pose a, shape (6,): position (mm) and rotation vector (rad), as in a pose's
+    covariance.
+    """
     turn = (rotation_of(a) * rotation_of(b).inv()).as_rotvec()
     return np.concatenate([a.translation - b.translation, turn])
 
@@ -57,8 +60,8 @@ def nearest_rotation(matrix: ArrayLike) -> Rotation:
     Raises
     ------
     ValueError
-        For a matrix whose determinant is not positive: a reflection or a singular matrix has no rotation that could be
-        meant.
+        For a matrix whose determinant is not positive: a reflection or a singular matrix has no
+        rotation that could be meant.
     """
     array = as_array(matrix, "matrix", (3, 3))
     if np.linalg.det(array) <= 1e-12:

@@ -1,6 +1,8 @@
-"""The paper's tracker: background, moving window, prediction, and the measurement in the window (Sect. 4-5).
+"""The paper's tracker: background, moving window, prediction, and the measurement in the window
+(Sect. 4-5).
 
-One call of `step` is one instant. The tracker that the commands use is `following.posetracker`, which follows the pose.
+One call of `step` is one instant. The tracker that the commands use is `following.posetracker`,
+which follows the pose.
 """
 
 from __future__ import annotations
@@ -29,7 +31,8 @@ class CameraState(NamedTuple):
     ----------
     background : ndarray, shape (height, width)
     motion : kalman.State or None
-        Of the centre of the moving region (Eq. 7); None before anything moved, or after it was long unseen.
+        Of the centre of the moving region (Eq. 7); None before anything moved, or after it was long
+        unseen.
     window : Window or None
         Around the moving region when it was last seen.
     """
@@ -60,7 +63,9 @@ class TrackerState(NamedTuple):
     pose: RigidTransform | None
 
 
-def start(backgrounds: Sequence[ArrayLike], rig: Rig, t_s: float, pose: RigidTransform | None = None) -> TrackerState:
+def start(
+    backgrounds: Sequence[ArrayLike], rig: Rig, t_s: float, pose: RigidTransform | None = None
+) -> TrackerState:
     """The state before the first instant.
 
     Parameters
@@ -79,9 +84,16 @@ def start(backgrounds: Sequence[ArrayLike], rig: Rig, t_s: float, pose: RigidTra
     return TrackerState(t, cameras, t, pose)
 
 
-def step(state: TrackerState, frames: Sequence[ArrayLike], t_s: float, rig: Rig, handle: Handle,
-         parameters: Parameters | None = None) -> tuple[TrackerState, Measurement]:
-    """One instant of a sequence: background, window, prediction, and the measurement in the window (Eq. 5-24).
+def step(
+    state: TrackerState,
+    frames: Sequence[ArrayLike],
+    t_s: float,
+    rig: Rig,
+    handle: Handle,
+    parameters: Parameters | None = None,
+) -> tuple[TrackerState, Measurement]:
+    """One instant of a sequence: background, window, prediction, and the measurement in the window
+    (Eq. 5-24).
 
     Parameters
     ----------
@@ -109,7 +121,9 @@ def step(state: TrackerState, frames: Sequence[ArrayLike], t_s: float, rig: Rig,
     p = parameters or Parameters()
     t = as_number(t_s, "t_s", low=state.t_s, open_low=True)
     images = as_images(frames, rig)
-    stepped = [_step_camera(*pair, t - state.t_s, p) for pair in zip(state.cameras, images, strict=True)]
+    stepped = [
+        _step_camera(*pair, t - state.t_s, p) for pair in zip(state.cameras, images, strict=True)
+    ]
     cameras, windows = zip(*stepped, strict=True)
     prior = state.pose if t - state.measured_s <= p.memory_s else None
     measurement = measure(images, rig, handle, prior, p, windows)
@@ -118,22 +132,37 @@ def step(state: TrackerState, frames: Sequence[ArrayLike], t_s: float, rig: Rig,
     return TrackerState(t, cameras, state.measured_s, state.pose), measurement
 
 
-def _step_camera(camera: CameraState, image: np.ndarray, dt: float, p: Parameters) -> tuple[CameraState, Window | None]:
-    """Renew one camera's background and filter; the window is where something moves, else where it is predicted."""
+def _step_camera(
+    camera: CameraState, image: np.ndarray, dt: float, p: Parameters
+) -> tuple[CameraState, Window | None]:
+    """Renew one camera's background and filter; the window is where something moves, else where it
+    is predicted.
+    """
     size = (image.shape[1], image.shape[0])
     renewed, detection = background.step(camera.background, image, p.background)
     motion = camera.motion and kalman.predict_motion(camera.motion, dt, p.kalman)
     if detection.window is None:
-        predicted = search_window(motion, camera.window, size, p.kalman) if motion and camera.window else None
+        predicted = (
+            search_window(motion, camera.window, size, p.kalman)
+            if motion and camera.window
+            else None
+        )
         return CameraState(renewed, motion if predicted else None, camera.window), predicted
     centre = np.array(detection.window.centre)
     state = CameraState(renewed, corrected(motion, centre, p.kalman), detection.window)
     return state, detection.window.grown(p.markers.diameter_px[0]).clipped(size)
 
 
-def corrected(motion: kalman.State | None, centre: ArrayLike, p: kalman.KalmanParameters) -> kalman.State:
-    """Update a predicted motion by the observed centre; start anew where there is none, or the gate refuses it."""
-    H, R = kalman.observation_matrix(), p.sigma_px**2 * np.eye(2)
-    if motion is None or not kalman.gate(kalman.innovation(motion, centre, H, R), p.gate_probability):
+def corrected(
+    motion: kalman.State | None, centre: ArrayLike, p: kalman.KalmanParameters
+) -> kalman.State:
+    """Update a predicted motion by the observed centre; start anew where there is none, or the gate
+    refuses it.
+    """
+    H = kalman.observation_matrix()
+    R = p.sigma_px**2 * np.eye(2)
+    if motion is None or not kalman.gate(
+        kalman.innovation(motion, centre, H, R), p.gate_probability
+    ):
         return kalman.initial_state(centre, p)
     return kalman.update(motion, centre, H, R)

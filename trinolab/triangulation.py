@@ -1,7 +1,9 @@
-"""From matched pixels to points: Eq. 20 for each pair of cameras, the change of frame, and the mean (Sect. 5.3).
+"""From matched pixels to points: Eq. 20 for each pair of cameras, the change of frame, and the mean
+(Sect. 5.3).
 
-Eq. 20 as printed needs X_r = R X_l + T, left to right, and one focal length a camera. Here R, T come from the cameras
-(`camera.T_between`), each image axis is divided by its own focal length, and lens distortion is removed first.
+Eq. 20 as printed needs X_r = R X_l + T, left to right, and one focal length a camera. Here R, T
+come from the cameras (`camera.T_between`), each image axis is divided by its own focal length, and
+lens distortion is removed first.
 """
 
 from __future__ import annotations
@@ -14,7 +16,9 @@ from .camera import Camera, Rig, T_between
 from .checks import Array, as_array, as_number, as_points, as_transform, whole_rows
 
 
-def depth_forms(xy_left: ArrayLike, xy_right: ArrayLike, T_right_left: RigidTransform) -> tuple[Array, Array]:
+def depth_forms(
+    xy_left: ArrayLike, xy_right: ArrayLike, T_right_left: RigidTransform
+) -> tuple[Array, Array]:
     """Numerators and denominators of the two forms of z (Eq. 20).
 
     Parameters
@@ -27,9 +31,9 @@ def depth_forms(xy_left: ArrayLike, xy_right: ArrayLike, T_right_left: RigidTran
     Returns
     -------
     numerator, denominator : ndarray, shape (n, 2)
-        ``numerator / denominator`` is z in the left camera's frame, mm: first by the X, second by the Y coordinates. A
-        form fails where the baseline has no component along its axis: both parts are then near zero. NaN for missing
-        coordinates.
+        ``numerator / denominator`` is z in the left camera's frame, mm: first by the X, second by
+        the Y coordinates. A form fails where the baseline has no component along its axis: both
+        parts are then near zero. NaN for missing coordinates.
     """
     left = as_points(xy_left, "xy_left", 2)
     right = as_array(xy_right, "xy_right", left.shape, finite=False)
@@ -42,8 +46,9 @@ def depth_forms(xy_left: ArrayLike, xy_right: ArrayLike, T_right_left: RigidTran
 def triangulate_pair(left: Camera, right: Camera, uv_left: ArrayLike, uv_right: ArrayLike) -> Array:
     """Points from one binocular system, in the world frame (Eq. 20, 21).
 
-    The two forms of z are solved together by least squares, which takes the one that the baseline supports. x and y
-    follow from the left ray, as the paper does it; the point therefore lies on the left ray exactly.
+    The two forms of z are solved together by least squares, which takes the one that the baseline
+    supports. x and y follow from the left ray, as the paper does it; the point therefore lies on
+    the left ray exactly.
 
     Parameters
     ----------
@@ -54,8 +59,8 @@ def triangulate_pair(left: Camera, right: Camera, uv_left: ArrayLike, uv_right: 
     Returns
     -------
     ndarray, shape (n, 3)
-        World frame, mm. NaN where a pixel is missing, where the rays are parallel, or where the point would lie behind
-        either camera.
+        World frame, mm. NaN where a pixel is missing, where the rays are parallel, or where the
+        point would lie behind either camera.
 
     Raises
     ------
@@ -66,7 +71,9 @@ def triangulate_pair(left: Camera, right: Camera, uv_left: ArrayLike, uv_right: 
     uv_right = as_array(uv_right, "uv_right", uv_left.shape, finite=False)
     T_right_left = T_between(right, left)
     if np.linalg.norm(T_right_left.translation) < 1e-9:
-        raise ValueError(f"cameras {left.name} and {right.name}: expected two places, got one (no baseline)")
+        raise ValueError(
+            f"cameras {left.name} and {right.name}: expected two places, got one (no baseline)"
+        )
     xy_left = left.normalise(uv_left)
     numerator, denominator = depth_forms(xy_left, right.normalise(uv_right), T_right_left)
     square = (denominator**2).sum(axis=1)
@@ -89,7 +96,8 @@ def triangulate(rig: Rig, uv: ArrayLike) -> Array:
     Returns
     -------
     ndarray, shape (n, 3)
-        World frame, mm: the mean over the pairs that see the marker; NaN where none has a point (`triangulate_pair`).
+        World frame, mm: the mean over the pairs that see the marker; NaN where none has a point
+        (`triangulate_pair`).
 
     Raises
     ------
@@ -100,12 +108,15 @@ def triangulate(rig: Rig, uv: ArrayLike) -> Array:
 
 
 def points_of_pairs(rig: Rig, uv: ArrayLike) -> Array:
-    """Points from each binocular system of a rig, in the order of `Rig.pairs`, shape (pairs, n, 3) (Eq. 20, 21).
+    """Points from each binocular system of a rig, in the order of `Rig.pairs`, shape (pairs, n, 3)
+    (Eq. 20, 21).
 
     Parameters and errors as for `triangulate`; NaN where a pair has no point (`triangulate_pair`).
     """
     uv = as_array(uv, "uv", (len(rig.cameras), None, 2), finite=False)
-    return np.stack([triangulate_pair(rig.cameras[i], rig.cameras[j], uv[i], uv[j]) for i, j in rig.pairs])
+    return np.stack(
+        [triangulate_pair(rig.cameras[i], rig.cameras[j], uv[i], uv[j]) for i, j in rig.pairs]
+    )
 
 
 def mean_point(points: ArrayLike) -> Array:
@@ -132,7 +143,9 @@ def _counts(valid: np.ndarray) -> Array:
     return np.where(count > 0, count, np.nan)
 
 
-def triangulation_covariance(rig: Rig, uv: ArrayLike, sigma_px: float, step_px: float = 1e-3) -> Array:
+def triangulation_covariance(
+    rig: Rig, uv: ArrayLike, sigma_px: float, step_px: float = 1e-3
+) -> Array:
     """Covariance of `triangulate` for independent pixel noise, by central differences.
 
     Parameters
@@ -142,8 +155,8 @@ def triangulation_covariance(rig: Rig, uv: ArrayLike, sigma_px: float, step_px: 
     sigma_px : float
         Standard deviation of each pixel coordinate, at most 1e6.
     step_px : float
-        Of the differences, 1e-6 to 1; the function is smooth over pixels, so 1e-3 px is far from both rounding and
-        curvature.
+        Of the differences, 1e-6 to 1; the function is smooth over pixels, so 1e-3 px is far from
+        both rounding and curvature.
 
     Returns
     -------
@@ -158,7 +171,9 @@ def triangulation_covariance(rig: Rig, uv: ArrayLike, sigma_px: float, step_px: 
     return triangulate_with_covariance(rig, uv, sigma_px, step_px)[1]
 
 
-def triangulate_with_covariance(rig: Rig, uv: ArrayLike, sigma_px: float, step_px: float = 1e-3) -> tuple[Array, Array]:
+def triangulate_with_covariance(
+    rig: Rig, uv: ArrayLike, sigma_px: float, step_px: float = 1e-3
+) -> tuple[Array, Array]:
     """What `triangulate` and `triangulation_covariance` give, in half the time of both."""
     points, slopes = _slopes(rig, uv, sigma_px, step_px)
     valid = np.asarray(np.isfinite(points).all(axis=2))
@@ -167,9 +182,11 @@ def triangulate_with_covariance(rig: Rig, uv: ArrayLike, sigma_px: float, step_p
 
 
 def triangulate_weighted(rig: Rig, uv: ArrayLike, sigma_px: ArrayLike) -> tuple[Array, Array]:
-    """Points from all binocular systems, each weighted by the inverse of its covariance, instead of Eq. 22's mean.
+    """Points from all binocular systems, each weighted by the inverse of its covariance, instead of
+    Eq. 22's mean.
 
-    Parameters and errors as for `triangulation_covariance`; `sigma_px` may be of shape (cameras, n), one a pixel.
+    Parameters and errors as for `triangulation_covariance`; `sigma_px` may be of shape (cameras,
+    n), one a pixel.
 
     Returns
     -------
@@ -180,26 +197,44 @@ def triangulate_weighted(rig: Rig, uv: ArrayLike, sigma_px: ArrayLike) -> tuple[
     """
     points, slopes = _slopes(rig, uv, sigma_px)
     valid = np.asarray(np.isfinite(points).all(axis=2) & np.isfinite(slopes).all(axis=(2, 3)))
-    points, slopes = np.where(valid[..., None], points, 0.0), np.where(valid[..., None, None], slopes, 0.0)
-    eye, seen = np.eye(3), np.asarray(valid.any(axis=0))
+    points = np.where(valid[..., None], points, 0.0)
+    slopes = np.where(valid[..., None, None], slopes, 0.0)
+    eye = np.eye(3)
+    seen = np.asarray(valid.any(axis=0))
     own = slopes @ slopes.transpose(0, 1, 3, 2) + np.where(valid[..., None, None], 0.0, eye)
     weights = np.where(valid[..., None, None], np.linalg.inv(own), 0.0)
-    share = np.linalg.inv(weights.sum(axis=0) + np.where(seen[:, None, None], 0.0, eye)) @ weights  # (pairs, n, 3, 3)
-    combined, point = (share @ slopes).sum(axis=0), (share @ points[..., None]).sum(axis=0)[..., 0]
-    return np.where(seen[:, None], point, np.nan), np.where(seen[:, None, None], combined @ combined.mT, np.nan)
+    # (pairs, n, 3, 3)
+    share = np.linalg.inv(weights.sum(axis=0) + np.where(seen[:, None, None], 0.0, eye)) @ weights
+    combined = (share @ slopes).sum(axis=0)
+    point = (share @ points[..., None]).sum(axis=0)[..., 0]
+    return np.where(seen[:, None], point, np.nan), np.where(
+        seen[:, None, None], combined @ combined.mT, np.nan
+    )
 
 
-def _slopes(rig: Rig, uv: ArrayLike, sigma_px: ArrayLike, step_px: float = 1e-3) -> tuple[Array, Array]:
-    """Points (pairs, n, 3), and how far they move for a standard deviation of each coordinate, (pairs, n, 3, 2 C)."""
+def _slopes(
+    rig: Rig, uv: ArrayLike, sigma_px: ArrayLike, step_px: float = 1e-3
+) -> tuple[Array, Array]:
+    """Points (pairs, n, 3), and how far they move for a standard deviation of each coordinate,
+    (pairs, n, 3, 2 C).
+    """
     uv = as_array(uv, "uv", (len(rig.cameras), None, 2), finite=False)
     C, n = uv.shape[:2]
     if np.ndim(sigma_px) == 0:
-        sigma_px = np.full((C, n), as_number(sigma_px, "sigma_px", low=0.0, high=1e6, open_low=True))
-    sigma = np.repeat(as_array(sigma_px, "sigma_px", (C, n), finite=False).T, 2, axis=1)[:, None]  # (n, 1, 2 C)
+        sigma_px = np.full(
+            (C, n), as_number(sigma_px, "sigma_px", low=0.0, high=1e6, open_low=True)
+        )
+    # (n, 1, 2 C)
+    sigma = np.repeat(as_array(sigma_px, "sigma_px", (C, n), finite=False).T, 2, axis=1)[:, None]
     step_px = as_number(step_px, "step_px", low=1e-6, high=1.0)
     steps = step_px * np.eye(2 * C).reshape(2 * C, C, 1, 2)
-    every = np.concatenate([uv[None], uv + steps, uv - steps])  # (1 + 4 C, C, n, 2): one call for all is quick
-    points = points_of_pairs(rig, every.swapaxes(0, 1).reshape(C, -1, 2)).reshape(len(rig.pairs), 1 + 4 * C, n, 3)
-    ahead, behind = points[:, 1:1 + 2 * C], points[:, 1 + 2 * C:]
+    # (1 + 4 C, C, n, 2): one call for all is quick
+    every = np.concatenate([uv[None], uv + steps, uv - steps])
+    points = points_of_pairs(rig, every.swapaxes(0, 1).reshape(C, -1, 2)).reshape(
+        len(rig.pairs), 1 + 4 * C, n, 3
+    )
+    ahead = points[:, 1 : 1 + 2 * C]
+    behind = points[:, 1 + 2 * C :]
     slopes = (ahead - behind).transpose(0, 2, 3, 1) / (2 * step_px)
-    return points[:, 0], np.where(slopes == 0, 0.0, sigma * slopes)  # a pair does not ask for others' pixels
+    # a pair does not ask for others' pixels
+    return points[:, 0], np.where(slopes == 0, 0.0, sigma * slopes)

@@ -33,12 +33,15 @@ class Window:
 
     @classmethod
     def around(cls, uv: ArrayLike) -> Window | None:
-        """The smallest window whose pixels hold the points uv (n, 2), px; NaN rows are left out, None if all are."""
+        """The smallest window whose pixels hold the points uv (n, 2), px; NaN rows are left out,
+        None if all are.
+        """
         points = as_points(uv, "uv", 2)
         points = points[~np.isnan(points).any(axis=1)]
         if len(points) == 0:
             return None
-        (u, v), (last_u, last_v) = np.floor(points.min(axis=0) + 0.5), np.floor(points.max(axis=0) + 0.5)
+        (u, v) = np.floor(points.min(axis=0) + 0.5)
+        (last_u, last_v) = np.floor(points.max(axis=0) + 0.5)
         return cls(u, v, last_u - u + 1, last_v - v + 1)
 
     @property
@@ -58,25 +61,32 @@ class Window:
 
     def clipped(self, size: tuple[int, int]) -> Window | None:
         """The part of it inside an image of `size` (width, height); None if there is none."""
-        u, v = max(self.u, 0), max(self.v, 0)
-        width, height = min(self.u + self.width, size[0]) - u, min(self.v + self.height, size[1]) - v
+        u = max(self.u, 0)
+        v = max(self.v, 0)
+        width = min(self.u + self.width, size[0]) - u
+        height = min(self.v + self.height, size[1]) - v
         return Window(u, v, width, height) if width > 0 and height > 0 else None
 
     def grown(self, margin_px: float) -> Window:
         """The window with a margin on each side, rounded up to whole pixels."""
         margin = int(np.ceil(as_number(margin_px, "margin_px", 0.0, 2**30)))
-        return Window(self.u - margin, self.v - margin, self.width + 2 * margin, self.height + 2 * margin)
+        return Window(
+            self.u - margin, self.v - margin, self.width + 2 * margin, self.height + 2 * margin
+        )
 
     def crop(self, image: ArrayLike) -> np.ndarray:
-        """The part of an image (height, width) under it, as a view; its pixel (0, 0) is (u, v) of the whole.
+        """The part of an image (height, width) under it, as a view; its pixel (0, 0) is (u, v) of
+        the whole.
 
         Raises ValueError if the window is not inside the image.
         """
         grey = self._inside(image)
-        return grey[self.v:self.v + self.height, self.u:self.u + self.width]
+        return grey[self.v : self.v + self.height, self.u : self.u + self.width]
 
     def blank_outside(self, image: ArrayLike) -> np.ndarray:
-        """A copy of an image (height, width) that is 0 outside the window; raises ValueError as `crop`."""
+        """A copy of an image (height, width) that is 0 outside the window; raises ValueError as
+        `crop`.
+        """
         grey = self._inside(image)
         blank = np.zeros_like(grey)
         self.crop(blank)[:] = self.crop(grey)
@@ -85,5 +95,7 @@ class Window:
     def _inside(self, image: ArrayLike) -> np.ndarray:
         grey = as_image(image, "image")
         if self.clipped((grey.shape[1], grey.shape[0])) != self:
-            raise ValueError(f"image: expected one that holds {self}, got {grey.shape[1]} x {grey.shape[0]} pixels")
+            raise ValueError(
+                f"image: expected one that holds {self}, got {grey.shape[1]} x {grey.shape[0]} pixels"
+            )
         return grey

@@ -1,4 +1,5 @@
-"""Milliseconds to find the markers of a frame, 1280 x 1024 on one core: ``python tests/benchmarks/bench_markers.py``.
+"""Milliseconds to find the markers of a frame, 1280 x 1024 on one core: ``python
+tests/benchmarks/bench_markers.py``.
 
 Beside it cv2.SimpleBlobDetector on the same frames, with its recall of the truly seen markers.
 """
@@ -21,9 +22,13 @@ from trinolab.datasets import load_handle, load_rig
 from trinolab.markers import find_markers
 
 LIMIT_MS, HOSTILE_MS = 4.0, 10.0  # three frames have 15 ms for all that is to be done
-SCENES = {"standard scene": Bench(), "background 110": Bench(background_grey=110),
-          "background 150": Bench(background_grey=150), "marker 130": Bench(marker_grey=130),
-          "noise 8": Bench(read_noise=8)}
+SCENES = {
+    "standard scene": Bench(),
+    "background 110": Bench(background_grey=110),
+    "background 150": Bench(background_grey=150),
+    "marker 130": Bench(marker_grey=130),
+    "noise 8": Bench(read_noise=8),
+}
 
 
 def frames(rig, handle, bench, count):
@@ -32,7 +37,10 @@ def frames(rig, handle, bench, count):
     for _ in range(count):
         T = random_pose(rng)
         for camera, image in zip(rig.cameras, render_rig(rig, handle, T, bench, rng), strict=True):
-            yield image, camera.project(T.apply(handle.marker_centres[true_visibility(camera, handle, T)]))
+            yield (
+                image,
+                camera.project(T.apply(handle.marker_centres[true_visibility(camera, handle, T)])),
+            )
 
 
 def simple_blob_detector(markers):
@@ -48,7 +56,9 @@ def simple_blob_detector(markers):
 
 
 def timed(function, image, repeats):
-    """What a function finds, and the median of its CPU time, ms, which other programs do not lengthen."""
+    """What a function finds, and the median of its CPU time, ms, which other programs do not
+    lengthen.
+    """
     times = []
     for _ in range(repeats):
         start = time.process_time()
@@ -67,7 +77,9 @@ def measure(label, pictures, markers):
         times.append((ms, other_ms))
         total += len(truth)
         for k, uv in enumerate((found, other)):
-            hits[k] += sum(np.linalg.norm(uv - centre, axis=1).min(initial=np.inf) < 4 for centre in truth)
+            hits[k] += sum(
+                np.linalg.norm(uv - centre, axis=1).min(initial=np.inf) < 4 for centre in truth
+            )
     (ours, theirs), most = np.median(times, axis=0), np.max(times, axis=0)[0]
     recall = 100 * hits / total
     shares = f"{recall[0]:9.1f}{recall[1]:10.1f}"
@@ -82,16 +94,30 @@ def hostile():
     spots = flat.copy()
     for u, v in rng.uniform(0, (1280, 1024), (500, 2)):
         cv2.circle(spots, (round(u), round(v)), 7, 200, -1)
-    for name, image, sigma in (("noise of 3 grey levels", flat, 3), ("noise of 10 grey levels", flat, 10),
-                               ("noise of 30 grey levels", flat, 30), ("500 spots", cv2.blur(spots, (2, 2)), 3)):
-        yield name, np.clip(np.rint(image + rng.normal(0, sigma, image.shape)), 0, 255).astype(np.uint8)
+    for name, image, sigma in (
+        ("noise of 3 grey levels", flat, 3),
+        ("noise of 10 grey levels", flat, 10),
+        ("noise of 30 grey levels", flat, 30),
+        ("500 spots", cv2.blur(spots, (2, 2)), 3),
+    ):
+        yield (
+            name,
+            np.clip(np.rint(image + rng.normal(0, sigma, image.shape)), 0, 255).astype(np.uint8),
+        )
 
 
 def main(poses: int = 8) -> int:
     cv2.setNumThreads(1)
-    print(f"{'ms a frame':36}{'median':>8}{'most':>8}{'OpenCV':>10}{'ratio':>8}{'found %':>9}{'OpenCV %':>10}")
-    standard = [measure(f"{rig}, {handle}", frames(load_rig(rig), load_handle(handle), Bench(), poses), "bright")
-                for rig in ("paper_pair", "paper_trinocular", "raised_40deg") for handle in ("paper", "coded")]
+    print(
+        f"{'ms a frame':36}{'median':>8}{'most':>8}{'OpenCV':>10}{'ratio':>8}{'found %':>9}{'OpenCV %':>10}"
+    )
+    standard = [
+        measure(
+            f"{rig}, {handle}", frames(load_rig(rig), load_handle(handle), Bench(), poses), "bright"
+        )
+        for rig in ("paper_pair", "paper_trinocular", "raised_40deg")
+        for handle in ("paper", "coded")
+    ]
     rig, handle = load_rig("raised_40deg"), load_handle("coded")
     for markers in ("bright", "dark"):
         for name, bench in SCENES.items():

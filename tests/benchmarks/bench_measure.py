@@ -1,8 +1,10 @@
-"""Milliseconds to measure one instant of three 1280 x 1024 frames on one core, stage by stage, for each estimator.
+"""Milliseconds to measure one instant of three 1280 x 1024 frames on one core, stage by stage, for
+each estimator.
 
-Beside it a plain OpenCV chain on the same frames: SimpleBlobDetector, triangulatePoints for each pair of cameras and
-their mean, rigid fit by SVD; once with OpenCV's own thresholds, once told that the body is darker than grey 100. Which
-blob is which marker the truth tells it, and that takes no time; ours finds it out, without a prior:
+Beside it a plain OpenCV chain on the same frames: SimpleBlobDetector, triangulatePoints for each
+pair of cameras and their mean, rigid fit by SVD; once with OpenCV's own thresholds, once told that
+the body is darker than grey 100. Which blob is which marker the truth tells it, and that takes no
+time; ours finds it out, without a prior:
 
     python tests/benchmarks/bench_measure.py
 """
@@ -32,14 +34,24 @@ from trinolab.pose import rigid_fit
 from trinolab.studies.claim_trials import true_labels
 
 LIMIT_MS = 15.0
-STAGES = {"find_markers": "markers", "rig_candidates": "pairs", "identify": "identity", "estimate": "pose"}
+STAGES = {
+    "find_markers": "markers",
+    "rig_candidates": "pairs",
+    "identify": "identity",
+    "estimate": "pose",
+}
 RIG, HANDLE = load_rig("raised_40deg"), load_handle("coded")
 
 
 @contextmanager
 def clocked(module, names: dict[str, str]) -> Iterator[dict[str, float]]:
-    """CPU time (ms), which another program does not lengthen, that functions of a module take, summed by stage."""
-    spent, originals = dict.fromkeys(names.values(), 0.0), {name: getattr(module, name) for name in names}
+    """CPU time (ms), which another program does not lengthen, that functions of a module take,
+    summed by stage.
+    """
+    spent, originals = (
+        dict.fromkeys(names.values(), 0.0),
+        {name: getattr(module, name) for name in names},
+    )
 
     def clock(function, stage):
         @wraps(function)
@@ -49,6 +61,7 @@ def clocked(module, names: dict[str, str]) -> Iterator[dict[str, float]]:
                 return function(*arguments, **options)
             finally:
                 spent[stage] += 1e3 * (time.process_time() - start)
+
         return timed
 
     for name, stage in names.items():
@@ -60,11 +73,15 @@ def clocked(module, names: dict[str, str]) -> Iterator[dict[str, float]]:
             setattr(module, name, function)
 
 
-def ours(frames: list[np.ndarray], estimator: str) -> tuple[RigidTransform | None, dict[str, float]]:
+def ours(
+    frames: list[np.ndarray], estimator: str
+) -> tuple[RigidTransform | None, dict[str, float]]:
     """Pose and times, ms."""
     with clocked(measurement, STAGES) as spent:
         start = time.process_time()
-        pose = measurement.measure(frames, RIG, HANDLE, parameters=Parameters(estimator=estimator)).pose
+        pose = measurement.measure(
+            frames, RIG, HANDLE, parameters=Parameters(estimator=estimator)
+        ).pose
         total = 1e3 * (time.process_time() - start)
     return pose.T_world_handle, {"total": total, **spent}
 
@@ -84,14 +101,19 @@ def blob_detector(lowest: float | None, distance_mm: float = 570.0) -> cv2.Simpl
     return cv2.SimpleBlobDetector_create(p)
 
 
-def opencv_chain(frames: list[np.ndarray], truth: RigidTransform, lowest: float | None = None
-                 ) -> tuple[RigidTransform | None, dict[str, float]]:
+def opencv_chain(
+    frames: list[np.ndarray], truth: RigidTransform, lowest: float | None = None
+) -> tuple[RigidTransform | None, dict[str, float]]:
     """Pose and times, ms; the shipped rigs have no distortion that had to be removed."""
     start = time.process_time()
     detector = blob_detector(lowest)
-    found = [np.array([blob.pt for blob in detector.detect(frame)]).reshape(-1, 2) for frame in frames]
+    found = [
+        np.array([blob.pt for blob in detector.detect(frame)]).reshape(-1, 2) for frame in frames
+    ]
     detected = time.process_time()
-    labels = tuple(true_labels(c, HANDLE, truth, uv) for c, uv in zip(RIG.cameras, found, strict=True))
+    labels = tuple(
+        true_labels(c, HANDLE, truth, uv) for c, uv in zip(RIG.cameras, found, strict=True)
+    )
     uv = labelled_pixels(labels, tuple(found), len(HANDLE.marker_centres))
     told = time.process_time()
     points = np.full((len(RIG.pairs), len(HANDLE.marker_centres), 3), np.nan)
@@ -102,7 +124,10 @@ def opencv_chain(frames: list[np.ndarray], truth: RigidTransform, lowest: float 
         pair[both] = (X[:3] / X[3]).T
     T = rigid_fit(HANDLE.marker_centres, _mean(points))
     stages = {"markers": detected - start, "pose": time.process_time() - told}
-    return T, {"total": 1e3 * sum(stages.values()), **{stage: 1e3 * spent for stage, spent in stages.items()}}
+    return T, {
+        "total": 1e3 * sum(stages.values()),
+        **{stage: 1e3 * spent for stage, spent in stages.items()},
+    }
 
 
 def _mean(points: np.ndarray) -> np.ndarray:
@@ -114,11 +139,16 @@ def _mean(points: np.ndarray) -> np.ndarray:
 def report(name: str, results: list, truths: RigidTransform, repeats: int) -> float:
     """Print a line; return the median time of an instant, ms."""
     times = [spent for _, spent in results]
-    median = {stage: float(np.median([spent.get(stage, np.nan) for spent in times])) for stage in times[0]}
+    median = {
+        stage: float(np.median([spent.get(stage, np.nan) for spent in times])) for stage in times[0]
+    }
     held = [(T, truths[k // repeats]) for k, (T, _) in enumerate(results) if T is not None]
     e = pose_errors(*(RigidTransform.concatenate(list(part)) for part in zip(*held, strict=True)))
     stages = "".join(f"{median.get(stage, np.nan):10.2f}" for stage in ("total", *STAGES.values()))
-    print(f"{name:22s}{stages}{e.E_t_mm:10.4f}{e.geodesic_mean_deg:10.3f}{len(results) - len(held):6d}", flush=True)
+    print(
+        f"{name:22s}{stages}{e.E_t_mm:10.4f}{e.geodesic_mean_deg:10.3f}{len(results) - len(held):6d}",
+        flush=True,
+    )
     return median["total"]
 
 
@@ -126,18 +156,36 @@ def main(poses: int = 20, repeats: int = 5) -> int:
     cv2.setNumThreads(1)
     rng, truths = np.random.default_rng(1), load_table1().set_poses[:poses]
     frames = [render_rig(RIG, HANDLE, T, Bench(), rng) for T in truths]
-    print(f"median ms of CPU time over Table 1's {poses} poses, {repeats} times each; rig `raised_40deg`, "
-          "handle `coded`; E_t mm, mean geodesic deg")
-    print(f"{'':22s}" + "".join(f"{name:>10s}" for name in ("total", *STAGES.values(), "E_t", "geodesic")) + "  lost")
+    print(
+        f"median ms of CPU time over Table 1's {poses} poses, {repeats} times each; rig `raised_40deg`, "
+        "handle `coded`; E_t mm, mean geodesic deg"
+    )
+    print(
+        f"{'':22s}"
+        + "".join(f"{name:>10s}" for name in ("total", *STAGES.values(), "E_t", "geodesic"))
+        + "  lost"
+    )
     ours(frames[0], BEST)  # what is made once
-    totals = {name: report(name, [ours(images, name) for images in frames for _ in range(repeats)], truths, repeats)
-              for name in ESTIMATORS}
+    totals = {
+        name: report(
+            name, [ours(images, name) for images in frames for _ in range(repeats)], truths, repeats
+        )
+        for name in ESTIMATORS
+    }
     for lowest, name in ((None, "OpenCV"), (100.0, "OpenCV, from grey 100")):
-        plain = [opencv_chain(images, T, lowest) for images, T in zip(frames, truths, strict=True)
-                 for _ in range(repeats)]
+        plain = [
+            opencv_chain(images, T, lowest)
+            for images, T in zip(frames, truths, strict=True)
+            for _ in range(repeats)
+        ]
         opencv = report(name, plain, truths, repeats)
-        print("    times of ours by this one: " + ", ".join(f"{name} {ms / opencv:.2f}" for name, ms in totals.items()))
-    print(f"limit {LIMIT_MS:.0f} ms for `{BEST}`: {'kept' if totals[BEST] <= LIMIT_MS else 'BROKEN'}")
+        print(
+            "    times of ours by this one: "
+            + ", ".join(f"{name} {ms / opencv:.2f}" for name, ms in totals.items())
+        )
+    print(
+        f"limit {LIMIT_MS:.0f} ms for `{BEST}`: {'kept' if totals[BEST] <= LIMIT_MS else 'BROKEN'}"
+    )
     return int(totals[BEST] > LIMIT_MS)
 
 

@@ -1,4 +1,6 @@
-"""Milliseconds a frame of the simulated bench, 1280 x 1024 on one core: ``python tests/benchmarks/bench_scene.py``."""
+"""Milliseconds a frame of the simulated bench, 1280 x 1024 on one core: ``python
+tests/benchmarks/bench_scene.py``.
+"""
 
 import os
 
@@ -30,7 +32,9 @@ def milliseconds(function, *arguments) -> float:
     return 1e3 * (time.process_time() - start)
 
 
-def stage_times(camera: Camera, poses: list[RigidTransform], bench: Bench, rng: np.random.Generator) -> dict:
+def stage_times(
+    camera: Camera, poses: list[RigidTransform], bench: Bench, rng: np.random.Generator
+) -> dict:
     image = radiance(camera, PAPER, poses[0], bench)  # makes the background once
     return {
         "radiance": [milliseconds(radiance, camera, PAPER, T, bench) for T in poses],
@@ -53,7 +57,9 @@ def main(frames: int = 30) -> int:
             label = f"{stage}, {lens}"
             print(f"{label:26}{np.median(values):8.0f}{np.max(values):8.0f}")
         slowest = max(slowest, float(np.median(times["render"])))
-    print(f"largest resident memory {resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024:.0f} MiB")
+    print(
+        f"largest resident memory {resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024:.0f} MiB"
+    )
     print(f"limit {LIMIT_MS:.0f} ms: {'kept' if slowest <= LIMIT_MS else 'BROKEN'}")
     return int(slowest > LIMIT_MS)
 

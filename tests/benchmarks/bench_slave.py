@@ -1,4 +1,6 @@
-"""Milliseconds of a tick of the slave arm, on one core: ``python tests/benchmarks/bench_slave.py``."""
+"""Milliseconds of a tick of the slave arm, on one core: ``python
+tests/benchmarks/bench_slave.py``.
+"""
 
 import os
 
@@ -20,13 +22,19 @@ HANDLE = RigidTransform.from_components([0.0, 0.0, 560.0], Rotation.from_rotvec(
 
 def moved(t):
     way = np.array([60 * np.sin(2 * t), 30 * np.sin(3 * t), 30 * np.sin(2.5 * t)])
-    return RigidTransform.from_components(HANDLE.translation + way, Rotation.from_rotvec([0.2 * np.sin(2 * t), 0, 0]))
+    return RigidTransform.from_components(
+        HANDLE.translation + way, Rotation.from_rotvec([0.2 * np.sin(2 * t), 0, 0])
+    )
 
 
 def main(ticks: int = 3000) -> int:
     robot = load_robot()
     inverse, slave = Inverse(robot), Slave(robot)
-    state, command, ref = State(0.0, inverse.tool(robot.home)), Command(robot.home, np.zeros(6)), None
+    state, command, ref = (
+        State(0.0, inverse.tool(robot.home)),
+        Command(robot.home, np.zeros(6)),
+        None,
+    )
     times = {"mapping": [], "reference and kinematics": [], "both": [], "servos (simulation)": []}
     for k in range(1, ticks + 1):
         t = k * inverse.tick_s

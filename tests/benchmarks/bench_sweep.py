@@ -1,8 +1,8 @@
-"""What a sweep costs beside its runs: chapter 6 with reused kernels, one and two at a time; a papermill loop in the
-same run; a function; a table of 10,000 rows that is opened and drawn.
+"""What a sweep costs beside its runs: chapter 6 with reused kernels, one and two at a time; a
+papermill loop in the same run; a function; a table of 10,000 rows that is opened and drawn.
 
-The time of the cells is what the kernel says of each. Everything else is ours: starting and resetting kernels,
-messages, rows, table and figure.
+The time of the cells is what the kernel says of each. Everything else is ours: starting and
+resetting kernels, messages, rows, table and figure.
 
     python tests/benchmarks/bench_sweep.py [--runs 40] [--instants 4]
 """
@@ -42,11 +42,17 @@ total = sum(np.linalg.svd(np.random.default_rng(seed).normal(size=(60, 60)))[1][
 broken = []
 
 
-def line(what: str, value: float, unit: str, limit: float | None = None, at_least: bool = False) -> None:
+def line(
+    what: str, value: float, unit: str, limit: float | None = None, at_least: bool = False
+) -> None:
     """Print a result, and whether it keeps to its limit."""
     kept = limit is None or (value >= limit if at_least else value <= limit)
-    said = "" if limit is None else f"   limit {'at least' if at_least else 'at most'} {limit:g}: " \
+    said = (
+        ""
+        if limit is None
+        else f"   limit {'at least' if at_least else 'at most'} {limit:g}: "
         f"{'kept' if kept else 'BROKEN'}"
+    )
     print(f"{what:64s}{value:9.3f} {unit:8s}{said}", flush=True)
     broken.extend([] if kept else [what])
 
@@ -58,18 +64,30 @@ def seconds(function: Callable[[], object]) -> float:
 
 
 def cells_of(folder: Path) -> list[tuple[float, float]]:
-    """For each kept notebook, in the order of time, when its first cell began and how long its cells took, s."""
+    """For each kept notebook, in the order of time, when its first cell began and how long its
+    cells took, s.
+    """
     found = []
     for path in (folder / "notebooks").iterdir():
-        times = [cell.metadata["execution"] for cell in nbformat.read(path, as_version=4).cells
-                 if cell.metadata.get("execution")]
-        spans = [[datetime.fromisoformat(of[f"iopub.{name}"].replace("Z", "+00:00")).timestamp()
-                  for name in ("execute_input", "status.idle")] for of in times]
+        times = [
+            cell.metadata["execution"]
+            for cell in nbformat.read(path, as_version=4).cells
+            if cell.metadata.get("execution")
+        ]
+        spans = [
+            [
+                datetime.fromisoformat(of[f"iopub.{name}"].replace("Z", "+00:00")).timestamp()
+                for name in ("execute_input", "status.idle")
+            ]
+            for of in times
+        ]
         found.append((spans[0][0], sum(last - first for first, last in spans)))
     return sorted(found)
 
 
-def swept(path: Path, workers: int, root: Path, **values: object) -> tuple[float, list[tuple[float, float]]]:
+def swept(
+    path: Path, workers: int, root: Path, **values: object
+) -> tuple[float, list[tuple[float, float]]]:
     """Wall time of a sweep, s, and what `cells_of` says of it."""
     job, folder = of_notebook(path, axes_of(values), keep=True), root / f"{path.stem}-{workers}"
     wall = seconds(lambda: compute(job, kernels(workers, job.kernels), folder))
@@ -77,7 +95,9 @@ def swept(path: Path, workers: int, root: Path, **values: object) -> tuple[float
 
 
 def beyond(wall: float, workers: int, cells: list[tuple[float, float]]) -> float:
-    """A worker's time for a run beyond its cells, s: starts of kernels, table, figure, and waiting for the end, too."""
+    """A worker's time for a run beyond its cells, s: starts of kernels, table, figure, and waiting
+    for the end, too.
+    """
     return (workers * wall - sum(spent for _, spent in cells)) / len(cells)
 
 
@@ -86,20 +106,38 @@ def looped(path: Path, root: Path, runs: list[dict[str, object]]) -> float:
     import papermill
 
     with unheard():  # its kernels talk
-        return seconds(lambda: [papermill.execute_notebook(path, root / "papermill.ipynb", run, progress_bar=False,
-                                                           cwd=path.parent) for run in runs])
+        return seconds(
+            lambda: [
+                papermill.execute_notebook(
+                    path, root / "papermill.ipynb", run, progress_bar=False, cwd=path.parent
+                )
+                for run in runs
+            ]
+        )
 
 
 def measure_notebooks(root: Path, runs: int, instants: int) -> None:
     chapter, seeds = find_notebook("06_matching"), range(runs)
-    swept(chapter, 1, root / "first", instants=2, seed=0)  # renders the recordings, if they are not there
-    (one, cells_one), (two, cells_two) = (swept(chapter, k, root, instants=instants, seed=seeds) for k in (1, 2))
+    # renders the recordings, if they are not there
+    swept(chapter, 1, root / "first", instants=2, seed=0)
+    (one, cells_one), (two, cells_two) = (
+        swept(chapter, k, root, instants=instants, seed=seeds) for k in (1, 2)
+    )
     line("06_matching, one worker: wall time", one / runs, "s a run")
     line("06_matching, two workers: wall time", two / runs, "s a run")
-    line("06_matching, one worker: beyond the cells", beyond(one, 1, cells_one), "s a run", OVERHEAD_S)
+    line(
+        "06_matching, one worker: beyond the cells",
+        beyond(one, 1, cells_one),
+        "s a run",
+        OVERHEAD_S,
+    )
     line("06_matching, two workers: of each beyond the cells", beyond(two, 2, cells_two), "s a run")
     starts, spent = np.transpose(cells_one)
-    line("06_matching, from run to run: median beyond the cells", float(np.median(np.diff(starts) - spent[:-1])), "s")
+    line(
+        "06_matching, from run to run: median beyond the cells",
+        float(np.median(np.diff(starts) - spent[:-1])),
+        "s",
+    )
     line("06_matching, two workers by one: throughput", one / two, "times", SCALING, True)
     few = [{"instants": instants, "seed": seed} for seed in range(min(runs, 5))]
     each = looped(chapter, root, few) / len(few)
@@ -109,7 +147,13 @@ def measure_notebooks(root: Path, runs: int, instants: int) -> None:
     line("short notebook, its cells", sum(spent for _, spent in cells) / runs, "s a run", 1.0)
     line("short notebook, two workers: of each beyond the cells", beyond(wall, 2, cells), "s a run")
     loop = looped(short, root, [{"seed": seed} for seed in range(runs)])
-    line("short notebook, a papermill loop by two workers: time", loop / wall, "times", PAPERMILL, True)
+    line(
+        "short notebook, a papermill loop by two workers: time",
+        loop / wall,
+        "times",
+        PAPERMILL,
+        True,
+    )
 
 
 def busy(a: float, b: float) -> dict[str, float]:
@@ -123,20 +167,35 @@ def measure_function(root: Path) -> None:
     job = of_function(busy, axes, kept=True)
     for workers in (1, 2):
         folder = root / f"function-{workers}"
-        wall = seconds(lambda folder=folder, workers=workers: compute(job, processes(workers), folder))
-        own = sum(json.loads(row)["seconds"] for row in (folder / "runs.jsonl").read_text().splitlines())
-        line(f"function, 10,000 runs, {workers} workers: beyond the function", 1e3 * (wall - own / workers) / 1e4,
-             "ms a run", FUNCTION_MS)
-    line("10,000 rows: opened and drawn", seconds(lambda: as_png(plot_sweep(read_sweep(folder)))), "s", OPEN_S)
+        wall = seconds(
+            lambda folder=folder, workers=workers: compute(job, processes(workers), folder)
+        )
+        own = sum(
+            json.loads(row)["seconds"] for row in (folder / "runs.jsonl").read_text().splitlines()
+        )
+        line(
+            f"function, 10,000 runs, {workers} workers: beyond the function",
+            1e3 * (wall - own / workers) / 1e4,
+            "ms a run",
+            FUNCTION_MS,
+        )
+    line(
+        "10,000 rows: opened and drawn",
+        seconds(lambda: as_png(plot_sweep(read_sweep(folder)))),
+        "s",
+        OPEN_S,
+    )
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n\n")[0])
     parser.add_argument("--runs", type=int, default=40, help="of each notebook (%(default)s)")
     parser.add_argument("--instants", type=int, default=4, help="of chapter 6 (%(default)s)")
     arguments = parser.parse_args()
     os.environ.update(ONE_THREAD)  # papermill's kernels as well
-    print(f"{arguments.runs} runs of a notebook; {os.cpu_count()} cores, load {os.getloadavg()[0]:.1f} at the start")
+    print(
+        f"{arguments.runs} runs of a notebook; {os.cpu_count()} cores, load {os.getloadavg()[0]:.1f} at the start"
+    )
     with tempfile.TemporaryDirectory() as folder:
         measure_function(Path(folder))
         measure_notebooks(Path(folder), arguments.runs, arguments.instants)

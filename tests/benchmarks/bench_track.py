@@ -1,7 +1,9 @@
-"""Instants a second of the tracker on one core, from frames in memory, beside a plain OpenCV chain in the same run.
+"""Instants a second of the tracker on one core, from frames in memory, beside a plain OpenCV chain
+in the same run.
 
-A hand holds the handle and moves at a person's pace; two and three cameras of 1280 x 1024, before a textured and a flat
-background. The floor is the time to read all pixels once. With --long the memory over 10,000 instants:
+A hand holds the handle and moves at a person's pace; two and three cameras of 1280 x 1024, before a
+textured and a flat background. The floor is the time to read all pixels once. With --long the
+memory over 10,000 instants:
 
     python tests/benchmarks/bench_track.py [--long]
 """
@@ -34,9 +36,16 @@ FPS, COUNT = 30.0, 60
 STAGES = {"expect": "predict", "follow": "markers and pose"}
 
 
-def tracked(frames: list[list[np.ndarray]], rig: Rig, estimator: str) -> tuple[list, list[float], dict[str, float]]:
+def tracked(
+    frames: list[list[np.ndarray]], rig: Rig, estimator: str
+) -> tuple[list, list[float], dict[str, float]]:
     """Poses, CPU time of each instant (s), and of the stages (ms, mean)."""
-    p, state, poses, seconds = FollowParameters(estimator=estimator), posetracker.start(-1 / FPS), [], []
+    p, state, poses, seconds = (
+        FollowParameters(estimator=estimator),
+        posetracker.start(-1 / FPS),
+        [],
+        [],
+    )
     with clocked(posetracker, STAGES) as spent, clocked(look, {"look": "markers"}) as within:
         for k, images in enumerate(frames):
             begin = time.process_time()
@@ -51,8 +60,11 @@ def line(name: str, poses: list, truths: list, seconds: list[float], stages: str
     held = [(T, truths[k]) for k, T in enumerate(poses) if T is not None]
     e = pose_errors(*(RigidTransform.concatenate(list(part)) for part in zip(*held, strict=True)))
     rate = 1 / float(np.median(seconds))
-    print(f"  {name:24s}{rate:8.0f} a second {1e3 * np.mean(seconds):8.2f} ms mean  E_t {e.E_t_mm:.4f} mm "
-          f"{e.geodesic_mean_deg:.3f} deg  lost {len(poses) - len(held)}  {stages}", flush=True)
+    print(
+        f"  {name:24s}{rate:8.0f} a second {1e3 * np.mean(seconds):8.2f} ms mean  E_t {e.E_t_mm:.4f} mm "
+        f"{e.geodesic_mean_deg:.3f} deg  lost {len(poses) - len(held)}  {stages}",
+        flush=True,
+    )
     return rate
 
 
@@ -68,31 +80,57 @@ def floor(frames: list[list[np.ndarray]]) -> float:
 def main() -> int:
     cv2.setNumThreads(1)
     truths, broken = list(human_motion(np.random.default_rng(3), np.arange(COUNT) / FPS)), []
-    for cameras, background, contrast in ((3, "textured", 0.15), (2, "textured", 0.15), (3, "flat", 0.0)):
+    for cameras, background, contrast in (
+        (3, "textured", 0.15),
+        (2, "textured", 0.15),
+        (3, "flat", 0.0),
+    ):
         rig = replace(RIG, cameras=RIG.cameras[:cameras])
         bench = replace(Bench(), texture_contrast=contrast)
         frames = list(render_clip(rig, HANDLE, truths, bench, np.random.default_rng(0), Arm()))
-        print(f"{cameras} cameras, {background} background; reading the pixels once: {floor(frames):.0f} a second")
+        print(
+            f"{cameras} cameras, {background} background; reading the pixels once: {floor(frames):.0f} a second"
+        )
         rates = {}
         for estimator, wanted in WANTED.items():
             tracked(frames[:5], rig, estimator)  # what is made once
             poses, seconds, spent = tracked(frames, rig, estimator)
             stages = ", ".join(f"{stage} {ms:.2f}" for stage, ms in spent.items())
-            rates[estimator] = line(estimator, [p.T_world_handle for p in poses], truths, seconds, f"ms: {stages}")
+            rates[estimator] = line(
+                estimator, [p.T_world_handle for p in poses], truths, seconds, f"ms: {stages}"
+            )
             if cameras == 3 and rates[estimator] < wanted:
                 broken.append(f"{estimator}, {background}: {rates[estimator]:.0f} of {wanted:.0f}")
         if cameras == 3:
             plain = [opencv_chain(images, T) for images, T in zip(frames, truths, strict=True)]
-            rate = line("OpenCV, markers told", [T for T, _ in plain], truths, [ms["total"] / 1e3 for _, ms in plain])
-            print("    ours by this one: " + ", ".join(f"{name} {ours / rate:.1f}" for name, ours in rates.items()))
-    print(f"wanted of three cameras: {WANTED}: {'BROKEN: ' + '; '.join(broken) if broken else 'kept'}")
+            rate = line(
+                "OpenCV, markers told",
+                [T for T, _ in plain],
+                truths,
+                [ms["total"] / 1e3 for _, ms in plain],
+            )
+            print(
+                "    ours by this one: "
+                + ", ".join(f"{name} {ours / rate:.1f}" for name, ours in rates.items())
+            )
+    print(
+        f"wanted of three cameras: {WANTED}: {'BROKEN: ' + '; '.join(broken) if broken else 'kept'}"
+    )
     return int(bool(broken))
 
 
 def memory(count: int = 10_000) -> int:
     """Print the memory over many instants; it must not grow."""
-    frames = list(render_clip(RIG, HANDLE, human_motion(np.random.default_rng(3), np.arange(30) / FPS), Bench(),
-                              np.random.default_rng(0), Arm()))
+    frames = list(
+        render_clip(
+            RIG,
+            HANDLE,
+            human_motion(np.random.default_rng(3), np.arange(30) / FPS),
+            Bench(),
+            np.random.default_rng(0),
+            Arm(),
+        )
+    )
     state, order, sizes = posetracker.start(-1.0), [*range(30), *range(28, 0, -1)], []
     for k in range(count):
         images = frames[order[k % len(order)]]

@@ -12,10 +12,21 @@ from trinolab.studies.centroid_bias import METHODS, Method, centroid_report, ins
 from .draws import expected_frames
 
 
-def drawn_errors(methods: dict[str, Method], poses: int, draws: int = 2, rig_name: str = "raised_40deg",
-                 handle_name: str = "coded", seed: int = 11) -> dict[str, pd.DataFrame]:
+def drawn_errors(
+    methods: dict[str, Method],
+    poses: int,
+    draws: int = 2,
+    rig_name: str = "raised_40deg",
+    handle_name: str = "coded",
+    seed: int = 11,
+) -> dict[str, pd.DataFrame]:
     """Errors of each method on rendered frames of random poses, the same for all of them."""
-    rig, handle, rng, bench = load_rig(rig_name), load_handle(handle_name), np.random.default_rng(seed), Bench()
+    rig, handle, rng, bench = (
+        load_rig(rig_name),
+        load_handle(handle_name),
+        np.random.default_rng(seed),
+        Bench(),
+    )
     errors: dict[str, list[pd.DataFrame]] = {name: [] for name in methods}
     for k in tqdm(range(poses), leave=False, unit="pose"):
         T = random_pose(rng)
@@ -28,9 +39,18 @@ def drawn_errors(methods: dict[str, Method], poses: int, draws: int = 2, rig_nam
 
 
 def report(arguments) -> None:
-    print(f"Found minus predicted centroid, px, {arguments.centroid_poses} random poses, three cameras, two draws, by")
-    print("slant: bias along it and across it (se: standard error), scatter, and the part of the scatter that is noise")
+    print(
+        f"Found minus predicted centroid, px, {arguments.centroid_poses} random poses, three cameras, two draws, by"
+    )
+    print(
+        "slant: bias along it and across it (se: standard error), scatter, and the part of the scatter that is noise"
+    )
     for handle in ("coded", "paper"):
-        for name, errors in drawn_errors(METHODS, arguments.centroid_poses, handle_name=handle).items():
+        for name, errors in drawn_errors(
+            METHODS, arguments.centroid_poses, handle_name=handle
+        ).items():
             print(f"{name}, handle `{handle}`")
-            print(centroid_report(errors).to_string(index=False, float_format="{:.4f}".format), flush=True)
+            print(
+                centroid_report(errors).to_string(index=False, float_format="{:.4f}".format),
+                flush=True,
+            )

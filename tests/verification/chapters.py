@@ -1,4 +1,6 @@
-"""Every chapter in full size with other parameters than its own; the tests do the same in a small size."""
+"""Every chapter in full size with other parameters than its own; the tests do the same in a small
+size.
+"""
 
 import time
 from pathlib import Path
@@ -14,5 +16,7 @@ def report(arguments) -> None:
     print("chapters: run with other parameters in full size")
     for name, parameters in OTHER_PARAMETERS.items():
         begin = time.perf_counter()
-        check_results(run_notebook(ROOT / "notebooks" / f"{name}.ipynb", parameters, timeout_s=1800.0))
+        check_results(
+            run_notebook(ROOT / "notebooks" / f"{name}.ipynb", parameters, timeout_s=1800.0)
+        )
         print(f"{name:20s}{time.perf_counter() - begin:6.0f} s  {parameters}", flush=True)

@@ -21,7 +21,9 @@ from .identity import rightly_labelled, seen_pose
 APART_MM = 2.0  # between markers, and the least by which the staggers of two columns differ
 
 
-def staggered(rng: np.random.Generator, columns: int = 6, radius_mm: float = 5.0, diameter_mm: float = 3.0) -> Handle:
+def staggered(
+    rng: np.random.Generator, columns: int = 6, radius_mm: float = 5.0, diameter_mm: float = 3.0
+) -> Handle:
     """Two markers a column, the distance between them another one in each column."""
     room = rng.uniform(12, 16) + APART_MM * rng.permutation(columns)
     first = rng.uniform(8, 20, columns)
@@ -35,31 +37,48 @@ def near_symmetric(rng: np.random.Generator) -> Handle:
     paper = load_handle("paper")
     rows = [list(row) for row in paper.rows_mm]
     rows[rng.integers(6)][rng.integers(2)] += float(rng.choice([-1, 1]) * rng.uniform(3, 6))
-    return Handle("near", paper.radius_mm, paper.length_mm, paper.top_mm, paper.marker_diameter_mm, paper.columns_deg,
-                  tuple(map(tuple, rows)))
+    return Handle(
+        "near",
+        paper.radius_mm,
+        paper.length_mm,
+        paper.top_mm,
+        paper.marker_diameter_mm,
+        paper.columns_deg,
+        tuple(map(tuple, rows)),
+    )
 
 
 LAYOUTS: dict[str, Callable[[np.random.Generator], Handle]] = {
     "staggered": staggered,
     "five columns": lambda rng: staggered(rng, 5),
     "eight columns": lambda rng: staggered(rng, 8, 8.0),
-    "other radius": lambda rng: staggered(rng, 6, float(rng.uniform(6, 12)), float(rng.uniform(2.5, 4))),
+    "other radius": lambda rng: staggered(
+        rng, 6, float(rng.uniform(6, 12)), float(rng.uniform(2.5, 4))
+    ),
     "near-symmetric": near_symmetric,
 }
 
 
 def report(arguments) -> None:
     poses = max(arguments.poses // 5, 1)
-    print(f"{poses} random poses of random layouts of each kind, a new one every ten, four markers truly seen by each")
-    print("of two cameras, no prior, `best`; what tells a near-symmetric one from the paper's is seen by one of them.")
+    print(
+        f"{poses} random poses of random layouts of each kind, a new one every ten, four markers truly seen by each"
+    )
+    print(
+        "of two cameras, no prior, `best`; what tells a near-symmetric one from the paper's is seen by one of them."
+    )
     print("Right: measured, and every used marker identified; wrong: measured, but not so.")
-    print(f"{'layout':15s} {'rig':17s} right %  ambiguous  lost  wrong   worst mm, deg of those right")
+    print(
+        f"{'layout':15s} {'rig':17s} right %  ambiguous  lost  wrong   worst mm, deg of those right"
+    )
     for kind in LAYOUTS:
         for rig in ("paper_pair", "raised_40deg"):
             _line(kind, rig, poses)
 
 
-def instants(kind: str, rig: Rig, poses: int, rng: np.random.Generator) -> Iterator[tuple[Handle, RigidTransform]]:
+def instants(
+    kind: str, rig: Rig, poses: int, rng: np.random.Generator
+) -> Iterator[tuple[Handle, RigidTransform]]:
     """Handles and poses."""
     for k in range(poses):
         if k % 10 == 0:
@@ -78,13 +97,22 @@ def _tells(rig: Rig, handle: Handle, T: RigidTransform) -> bool:
 
 def _line(kind: str, rig_name: str, poses: int) -> None:
     rig, rng, status, worst = load_rig(rig_name), np.random.default_rng(3), [], np.zeros(2)
-    for handle, T in tqdm(instants(kind, rig, poses, rng), total=poses, leave=False, unit="instant"):
-        found = measure(render_rig(rig, handle, T, Bench(), rng), rig, handle, parameters=SETTINGS["patches"])
+    for handle, T in tqdm(
+        instants(kind, rig, poses, rng), total=poses, leave=False, unit="instant"
+    ):
+        found = measure(
+            render_rig(rig, handle, T, Bench(), rng), rig, handle, parameters=SETTINGS["patches"]
+        )
         right = found.pose.status == "measured" and rightly_labelled(found, T, rig, handle)
         status.append("right" if right else found.pose.status)
         if right:
             pose = found.pose.T_world_handle
-            worst = np.maximum(worst, [np.linalg.norm(pose.translation - T.translation), geodesic_deg(pose, T)[0]])
+            worst = np.maximum(
+                worst, [np.linalg.norm(pose.translation - T.translation), geodesic_deg(pose, T)[0]]
+            )
     counts = [status.count(word) for word in ("ambiguous", "lost", "measured")]
-    print(f"{kind:15s} {rig_name:17s} {100 * status.count('right') / poses:7.2f} {counts[0]:10d} {counts[1]:5d} "
-          f"{counts[2]:6d} {worst[0]:8.3f} {worst[1]:6.2f}", flush=True)
+    print(
+        f"{kind:15s} {rig_name:17s} {100 * status.count('right') / poses:7.2f} {counts[0]:10d} {counts[1]:5d} "
+        f"{counts[2]:6d} {worst[0]:8.3f} {worst[1]:6.2f}",
+        flush=True,
+    )

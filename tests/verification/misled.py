@@ -14,7 +14,9 @@ ESTIMATORS = ("paper_checked", "patches")
 
 def report(arguments) -> None:
     each = -(-arguments.hostile // (2 * len(KINDS)))
-    print(f"{each} hostile instants of each kind and rig, handle `coded`, no prior: measured and right, and wrong ones")
+    print(
+        f"{each} hostile instants of each kind and rig, handle `coded`, no prior: measured and right, and wrong ones"
+    )
     print(f"{'kind':20s} {'rig':17s}" + "".join(f"{name:>10s} right, wrong" for name in ESTIMATORS))
     for kind in KINDS:
         for rig in ("paper_pair", "raised_40deg"):
@@ -31,4 +33,8 @@ def _line(kind: str, rig_name: str, each: int) -> None:
             misled = is_wrong(pose, instant, handle)
             wrong[name] += misled
             right[name] += pose.status == "measured" and not misled
-    print(f"{kind:20s} {rig_name:17s}" + "".join(f"{right[n]:15d}, {wrong[n]:5d}" for n in ESTIMATORS), flush=True)
+    print(
+        f"{kind:20s} {rig_name:17s}"
+        + "".join(f"{right[n]:15d}, {wrong[n]:5d}" for n in ESTIMATORS),
+        flush=True,
+    )

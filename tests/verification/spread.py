@@ -1,7 +1,9 @@
-"""How far apart the numbers are that different processors give: each is computed again with parts of this one off.
+"""How far apart the numbers are that different processors give: each is computed again with parts
+of this one off.
 
-A processor rounds in an order that depends on its instructions. NumPy, OpenBLAS, OpenCV and the C library choose theirs
-when they are loaded, and each has a switch that takes some away. So one machine can give the numbers of several.
+A processor rounds in an order that depends on its instructions. NumPy, OpenBLAS, OpenCV and the C
+library choose theirs when they are loaded, and each has a switch that takes some away. So one
+machine can give the numbers of several.
 
     python tests/verify.py --only spread [--groups tables errata scoreboard chapters]
 """
@@ -17,7 +19,8 @@ from functools import partial
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
-# Below this a number is what rounding left of a zero: nothing of ours (mm, deg, px, shares, s) is quoted so small.
+# Below this a number is what rounding left of a zero: nothing of ours (mm, deg, px, shares, s) is
+# quoted so small.
 ZERO = 1e-6
 SHOWN = 10  # lines of text that differ, at most
 
@@ -31,11 +34,20 @@ def instruction_sets():
     numpy_off = {"NPY_DISABLE_CPU_FEATURES": " ".join(there)} if there else {}
     sets = {"all": {}, "two threads": {"OMP_NUM_THREADS": "2", "OPENBLAS_NUM_THREADS": "2"}}
     if platform.machine() in ("x86_64", "AMD64"):
-        sets["no AVX2, no FMA"] = {**numpy_off, "OPENBLAS_CORETYPE": "Sandybridge", "OPENCV_CPU_DISABLE": "AVX2,FP16",
-                                   "OPENCV_IPP": "sse42", "GLIBC_TUNABLES": "glibc.cpu.hwcaps=-AVX2,-FMA"}
-        sets["SSE alone"] = {**numpy_off, "OPENBLAS_CORETYPE": "Prescott", "OPENCV_IPP": "disabled",
-                             "OPENCV_CPU_DISABLE": "AVX2,FP16,AVX,SSE4.2,SSE4.1",
-                             "GLIBC_TUNABLES": "glibc.cpu.hwcaps=-AVX2,-FMA,-AVX"}
+        sets["no AVX2, no FMA"] = {
+            **numpy_off,
+            "OPENBLAS_CORETYPE": "Sandybridge",
+            "OPENCV_CPU_DISABLE": "AVX2,FP16",
+            "OPENCV_IPP": "sse42",
+            "GLIBC_TUNABLES": "glibc.cpu.hwcaps=-AVX2,-FMA",
+        }
+        sets["SSE alone"] = {
+            **numpy_off,
+            "OPENBLAS_CORETYPE": "Prescott",
+            "OPENCV_IPP": "disabled",
+            "OPENCV_CPU_DISABLE": "AVX2,FP16,AVX,SSE4.2,SSE4.1",
+            "GLIBC_TUNABLES": "glibc.cpu.hwcaps=-AVX2,-FMA,-AVX",
+        }
     else:
         sets["NumPy's baseline"] = numpy_off
     return sets
@@ -45,7 +57,9 @@ def instruction_sets():
 
 
 def tables():
-    """A run of each shipped table whose numbers are measured in images, and how far the shipped ones are from it."""
+    """A run of each shipped table whose numbers are measured in images, and how far the shipped
+    ones are from it.
+    """
     import numpy as np
 
     from trinolab.datasets import load_handle, load_rig, load_sweep, load_table1, paper_rig
@@ -64,28 +78,46 @@ def tables():
     for name, exhibit in gallery.GALLERY.items():
         if callable(exhibit.what):
             rows = gallery.settings(name)
-            add(f"gallery/{name}", exhibit.what(**rows[len(rows) // 2]), gallery.load(name).iloc[len(rows) // 2])
+            add(
+                f"gallery/{name}",
+                exhibit.what(**rows[len(rows) // 2]),
+                gallery.load(name).iloc[len(rows) // 2],
+            )
     for name, factor in factors.FACTORS.items():
         table = load_sweep(name)
         value = factor.values[len(factor.values) // 2]
-        row, = factors.cell(name, value, 0, pair, handle)
-        stored = table[(table[factor.column] == value) & (table["seed"] == 0) & (table["method"] == "paper")].iloc[0]
+        (row,) = factors.cell(name, value, 0, pair, handle)
+        stored = table[
+            (table[factor.column] == value) & (table["seed"] == 0) & (table["method"] == "paper")
+        ].iloc[0]
         add(name, {field: row[field] for field in factors.ERRORS}, stored)
     errors = elevation.accuracy(paper_rig(50.0), {BEST: elevation.SETTINGS[BEST]})[BEST]
     table = load_sweep("elevation")
     stored = table[(table["elevation_deg"] == 50.0) & (table["estimator"] == BEST)].iloc[0]
-    add("elevation", {name: getattr(errors, name) for name in ("n", "E_t_mm", "geodesic_mean_deg")}, stored)
+    add(
+        "elevation",
+        {name: getattr(errors, name) for name in ("n", "E_t_mm", "geodesic_mean_deg")},
+        stored,
+    )
     bounds = load_sweep("bound").set_index(["rig", "pixels", "row"])
     for pixels in SHIPPED_PIXELS:
         made = pose_bound(pair, handle, load_table1().set_poses[4], None, pixels)
-        add(f"bound, {pixels}", {name: getattr(made, name) for name in COLUMNS}, bounds.loc["paper_pair", pixels, 5])
-    away = {name: abs(found[name] - shipped[name]) / max(abs(shipped[name]), ZERO) for name in found}
+        add(
+            f"bound, {pixels}",
+            {name: getattr(made, name) for name in COLUMNS},
+            bounds.loc["paper_pair", pixels, 5],
+        )
+    away = {
+        name: abs(found[name] - shipped[name]) / max(abs(shipped[name]), ZERO) for name in found
+    }
     assert np.isfinite(list(away.values())).all()
     return {**found, "shipped": away}
 
 
 def errata():
-    """Each effect of a misprint, by the printed and the corrected form, and the page's text of it."""
+    """Each effect of a misprint, by the printed and the corrected form, and the page's text of
+    it.
+    """
     from trinolab.paper.errata import effects
     from trinolab.paper.ledger import number_text
 
@@ -154,8 +186,10 @@ GROUPS = {"tables": tables, "errata": errata, "scoreboard": scoreboard, "chapter
 
 def report(arguments):
     sets = instruction_sets()
-    print("spread: the largest relative difference of a number between instruction sets; texts that differ (numbers\n"
-          f"as they are quoted, verdicts, what chapters print). Sets: {', '.join(sets)}")
+    print(
+        "spread: the largest relative difference of a number between instruction sets; texts that differ (numbers\n"
+        f"as they are quoted, verdicts, what chapters print). Sets: {', '.join(sets)}"
+    )
     print(f"{'group':12s}{'numbers':>9s}{'largest':>10s}{'texts':>8s}{'differ':>8s}  where")
     for group in arguments.groups:
         with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
@@ -167,7 +201,9 @@ def _computed(group, environment):
     """The numbers of a group, in a process with an environment."""
     command = [sys.executable, "-m", "verification.spread", group]
     everything = {**os.environ, **environment}
-    done = subprocess.run(command, cwd=ROOT / "tests", env=everything, capture_output=True, text=True)
+    done = subprocess.run(
+        command, cwd=ROOT / "tests", env=everything, capture_output=True, text=True
+    )
     if done.returncode:
         raise RuntimeError(f"{group}: {done.stderr.splitlines()[-1]}")
     return json.loads(done.stdout.splitlines()[-1])
@@ -191,11 +227,15 @@ def _line(group, found):
         print(f"    {line}")
     if any(away):
         far = max((value, name) for one in away for name, value in one.items())
-        print(f"    shipped tables (six digits) are at most {far[0]:.1e} from what was computed: {far[1]}")
+        print(
+            f"    shipped tables (six digits) are at most {far[0]:.1e} from what was computed: {far[1]}"
+        )
 
 
 def relative_spread(values):
-    """The largest difference of some numbers, relative to the largest of them; 0 if all are infinite or undefined."""
+    """The largest difference of some numbers, relative to the largest of them; 0 if all are
+    infinite or undefined.
+    """
     finite = [value for value in values if value is not None and abs(value) < float("inf")]
     if len(finite) < len(values):
         return 0.0 if not finite else float("inf")

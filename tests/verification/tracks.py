@@ -1,4 +1,6 @@
-"""The standard recordings tracked and held against their truth, and a real hand's motion before the bench's cameras."""
+"""The standard recordings tracked and held against their truth, and a real hand's motion before the
+bench's cameras.
+"""
 
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -18,20 +20,30 @@ SECONDS = 10.0
 
 
 def report(arguments) -> None:
-    print("tracks: share measured of the instants at which one camera truly sees four markers or two see three each,\n"
-          "until the first loss and over all; flips, poses off by more than 2 mm or 5 deg; errors; instants to be back")
-    print(f"{'recording':20s} {'handle':7s} {'method':7s}{'until lost':>11s}{'all':>8s}{'flips':>6s}{'off':>5s}"
-          f"{'E_t mm':>9s}{'deg':>7s}  back after")
+    print(
+        "tracks: share measured of the instants at which one camera truly sees four markers or two see three each,\n"
+        "until the first loss and over all; flips, poses off by more than 2 mm or 5 deg; errors; instants to be back"
+    )
+    print(
+        f"{'recording':20s} {'handle':7s} {'method':7s}{'until lost':>11s}{'all':>8s}{'flips':>6s}{'off':>5s}"
+        f"{'E_t mm':>9s}{'deg':>7s}  back after"
+    )
     with TemporaryDirectory() as folder:
         for name, seed in (("calm", 0), ("hard", 0), ("hard", 1), ("hard", 2)):
             for handle in HANDLES:
-                _lines(f"{name}, seed {seed}", standard_recording(name, seed, SECONDS, handle_name=handle), handle,
-                       Path(folder))
+                _lines(
+                    f"{name}, seed {seed}",
+                    standard_recording(name, seed, SECONDS, handle_name=handle),
+                    handle,
+                    Path(folder),
+                )
         _real(Path(folder))
 
 
 def _real(folder: Path) -> None:
-    """Ten seconds of a handheld recording, its middle moved to the bench's, upright there; it leaves the images."""
+    """Ten seconds of a handheld recording, its middle moved to the bench's, upright there; it
+    leaves the images.
+    """
     try:
         times, poses = load_trajectories()
     except ValueError as reason:
@@ -41,12 +53,18 @@ def _real(folder: Path) -> None:
     places = np.column_stack([np.interp(every, times, axis) for axis in poses.translation.T])
     turns = Slerp(times, poses.rotation)(every)
     upright = Rotation.from_euler("Z", 180, degrees=True) * turns.mean().inv()
-    path = RigidTransform.from_components(places - np.median(places, axis=0) + [0, 0, 570], upright * turns)
+    path = RigidTransform.from_components(
+        places - np.median(places, axis=0) + [0, 0, 570], upright * turns
+    )
     write_poses(truth_table(path).assign(t_s=every), folder / "path.csv")
     for handle in HANDLES:
         out = folder / f"real_{handle}"
-        render(data_path("rigs", "raised_40deg.toml"), data_path("handles", f"{handle}.toml"),
-               str(folder / "path.csv"), out)
+        render(
+            data_path("rigs", "raised_40deg.toml"),
+            data_path("handles", f"{handle}.toml"),
+            str(folder / "path.csv"),
+            out,
+        )
         _lines("a real hand", out, handle, folder)
 
 
@@ -57,7 +75,9 @@ def _lines(name: str, recording: Path, handle: str, folder: Path) -> None:
     write_poses(first, start)
     for method in METHODS:
         out = folder / "poses.csv"
-        table = track_folder(recording, out, method=method, start=start if handle == "paper" else None)
+        table = track_folder(
+            recording, out, method=method, start=start if handle == "paper" else None
+        )
         result = evaluate(out, recording / "truth.csv", recording / "handle.toml")
         begun = table[table["frame"] >= table["frame"][table["status"] == "measured"].min()]
         lost = begun["frame"][begun["status"] == "lost"].min()
@@ -68,6 +88,9 @@ def _lines(name: str, recording: Path, handle: str, folder: Path) -> None:
         (folder / "truth_markers.csv").write_bytes((recording / "truth_markers.csv").read_bytes())
         before = evaluate(out, part, recording / "handle.toml")
         shares = [100 * r.visible_measured / max(r.visible, 1) for r in (before, result)]
-        print(f"{name:20s} {handle:7s} {method:7s}{shares[0]:9.2f} %{shares[1]:6.2f} %{result.track.flips:6d}"
-              f"{result.track.far_off:5d}{result.errors.E_t_mm:9.4f}{result.errors.geodesic_mean_deg:7.3f}"
-              f"  {', '.join(map(str, result.track.waits))}", flush=True)
+        print(
+            f"{name:20s} {handle:7s} {method:7s}{shares[0]:9.2f} %{shares[1]:6.2f} %{result.track.flips:6d}"
+            f"{result.track.far_off:5d}{result.errors.E_t_mm:9.4f}{result.errors.geodesic_mean_deg:7.3f}"
+            f"  {', '.join(map(str, result.track.waits))}",
+            flush=True,
+        )

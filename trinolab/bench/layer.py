@@ -1,7 +1,8 @@
-"""What moves in front of the simulated bench's background: the light of handle and arm, and the shadow they cast.
+"""What moves in front of the simulated bench's background: the light of handle and arm, and the
+shadow they cast.
 
-An image before blur and noise is ``over(foreground(...), background)``. Only the window around handle and arm is ever
-computed.
+An image before blur and noise is ``over(foreground(...), background)``. Only the window around
+handle and arm is ever computed.
 """
 
 from __future__ import annotations
@@ -16,14 +17,35 @@ from scipy.spatial.transform import RigidTransform
 from ..camera import Camera
 from ..checks import Array, as_transform
 from ..handle import Handle
-from .hand import Arm, Capsules, capsule_corners, capsule_region, capsules, cast_capsules, in_camera, skin_grey
+from .hand import (
+    Arm,
+    Capsules,
+    capsule_corners,
+    capsule_region,
+    capsules,
+    cast_capsules,
+    in_camera,
+    skin_grey,
+)
 from .optics import Bench, lambert
-from .rays import EMPTY, SIDE, Hits, body_corners, body_region, cast, edge_pixels, hull_region, sample_offsets
+from .rays import (
+    EMPTY,
+    SIDE,
+    Hits,
+    body_corners,
+    body_region,
+    cast,
+    edge_pixels,
+    hull_region,
+    sample_offsets,
+)
 
 _CHUNK = 16_384  # rays cast at once: their arrays stay in the cache
 _ARM = -4  # label of what an arm hides, beside those of raycast
-_SKIN_SAMPLES = 4  # a side of the square of samples at an edge between skin and background: nothing is measured there
-WALL_MM = 850.0  # z of the wall in the world frame, a plane across the line of sight of a first camera
+# a side of the square of samples at an edge between skin and background: nothing is measured there
+_SKIN_SAMPLES = 4
+# z of the wall in the world frame, a plane across the line of sight of a first camera
+WALL_MM = 850.0
 _PENUMBRA_MM = 12.0  # over which the shadow's edge fades
 
 
@@ -58,15 +80,22 @@ class _View(NamedTuple):
     arm_mask: np.ndarray
 
 
-def foreground(camera: Camera, handle: Handle, T_world_handle: RigidTransform, bench: Bench,
-               arm: Arm | None = None) -> Layer:
+def foreground(
+    camera: Camera,
+    handle: Handle,
+    T_world_handle: RigidTransform,
+    bench: Bench,
+    arm: Arm | None = None,
+) -> Layer:
     """Handle and arm as a camera sees them, in the smallest window that holds them.
 
     Pixels that an edge may cross have many samples (see `Bench`), all others one at the centre.
     """
     view, corner = _view(camera, handle, as_transform(T_world_handle, "T_world_handle"), bench, arm)
     shape = view.body_mask.shape
-    light, cover, labels = np.zeros(shape), np.zeros(shape), np.full(shape, EMPTY, np.int16)
+    light = np.zeros(shape)
+    cover = np.zeros(shape)
+    labels = np.full(shape, EMPTY, np.int16)
     if light.size:
         _sample(view, view.body_mask | view.arm_mask, light, cover, labels, 1)
         counts = bench.supersampling, bench.marker_supersampling, _SKIN_SAMPLES
@@ -76,12 +105,17 @@ def foreground(camera: Camera, handle: Handle, T_world_handle: RigidTransform, b
 
 
 def over(layer: Layer, behind: Array) -> Array:
-    """The layer before an image of the whole background; shape of `behind`, which stays as it is."""
+    """The layer before an image of the whole background; shape of `behind`, which stays as it
+    is.
+    """
     image = np.array(behind, float)
     (u, v), (height, width) = layer.corner, layer.light.shape
-    rows, columns = (slice(max(start, 0), max(start + length, 0)) for start, length in ((v, height), (u, width)))
+    rows, columns = (
+        slice(max(start, 0), max(start + length, 0)) for start, length in ((v, height), (u, width))
+    )
     part = image[rows, columns]
-    top, left = max(-v, 0), max(-u, 0)
+    top = max(-v, 0)
+    left = max(-u, 0)
     own = slice(top, top + part.shape[0]), slice(left, left + part.shape[1])
     part *= 1 - layer.cover[own]
     part += layer.light[own]
@@ -89,27 +123,33 @@ def over(layer: Layer, behind: Array) -> Array:
 
 
 def cropped(camera: Camera, corner: tuple[int, int], size: tuple[int, int]) -> Camera:
-    """The camera of a window of the image, which may reach beyond it: same rays, its first pixel at `corner`."""
+    """The camera of a window of the image, which may reach beyond it: same rays, its first pixel at
+    `corner`.
+    """
     matrix = camera.matrix.copy()
     matrix[:2, 2] -= corner
     return replace(camera, size=size, matrix=matrix)
 
 
-def _view(camera: Camera, handle: Handle, T_world_handle: RigidTransform, bench: Bench,
-          arm: Arm | None) -> tuple[_View, tuple[int, int]]:
+def _view(
+    camera: Camera, handle: Handle, T_world_handle: RigidTransform, bench: Bench, arm: Arm | None
+) -> tuple[_View, tuple[int, int]]:
     """The view of the window, and the window's first pixel."""
     body = body_region(camera, handle, T_world_handle)
     solids = None if arm is None else in_camera(camera, capsules(arm, handle, T_world_handle))
     hand = np.zeros_like(body) if solids is None else capsule_region(camera, solids)
     rows, columns = _bounds(body | hand)
-    corner, size = (columns.start, rows.start), (columns.stop - columns.start, rows.stop - rows.start)
+    corner = (columns.start, rows.start)
+    size = (columns.stop - columns.start, rows.stop - rows.start)
     window = cropped(camera, corner, size) if min(size) > 0 else camera
     part = rows, columns
     return _View(window, handle, T_world_handle, bench, arm, solids, body[part], hand[part]), corner
 
 
 def _bounds(mask: np.ndarray) -> tuple[slice, slice]:
-    """The rows and columns that hold all of a mask, and one more on each side where there is one."""
+    """The rows and columns that hold all of a mask, and one more on each side where there is
+    one.
+    """
     found = []
     for axis in (1, 0):
         held = np.flatnonzero(mask.any(axis=axis))
@@ -119,25 +159,33 @@ def _bounds(mask: np.ndarray) -> tuple[slice, slice]:
 
 
 def _edges(view: _View, labels: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Pixels that an edge may cross: of the body, of a marker, and of skin before the background alone."""
+    """Pixels that an edge may cross: of the body, of a marker, and of skin before the background
+    alone.
+    """
     body, markers = edge_pixels(view.camera, view.handle, view.T_world_handle, labels)
     square = np.ones((3, 3), np.uint8)
-    highest, lowest = cv2.dilate(labels, square), cv2.erode(labels, square)
+    highest = cv2.dilate(labels, square)
+    lowest = cv2.erode(labels, square)
     skin = body & (highest == EMPTY) & (lowest == _ARM)
     hidden = highest == _ARM  # an outline that runs behind the arm
     return body & ~skin & ~hidden, markers & ~skin & ~hidden, skin
 
 
-def _sample(view: _View, mask: np.ndarray, light: Array, cover: Array, labels: np.ndarray | None, count: int) -> None:
-    """Fill the pixels of `mask` with the mean of ``count ** 2`` samples; write what their centres see to `labels`."""
+def _sample(
+    view: _View, mask: np.ndarray, light: Array, cover: Array, labels: np.ndarray | None, count: int
+) -> None:
+    """Fill the pixels of `mask` with the mean of ``count ** 2`` samples; write what their centres
+    see to `labels`.
+    """
     offsets = sample_offsets(count)
     step = max(1, _CHUNK // len(offsets))
     rows, columns = np.nonzero(mask)
-    body, arm = view.body_mask[rows, columns], view.arm_mask[rows, columns]
+    body = view.body_mask[rows, columns]
+    arm = view.arm_mask[rows, columns]
     for on_body, on_arm in ((True, False), (False, True), (True, True)):
         chosen = np.flatnonzero((body == on_body) & (arm == on_arm))
         for start in range(0, len(chosen), step):
-            v, u = (index[chosen[start:start + step]] for index in (rows, columns))
+            v, u = (index[chosen[start : start + step]] for index in (rows, columns))
             uv = (np.column_stack([u, v])[:, None] + offsets).reshape(-1, 2)
             grey, found = _look(view, uv, on_body, on_arm)
             hit = found != EMPTY
@@ -148,11 +196,16 @@ def _sample(view: _View, mask: np.ndarray, light: Array, cover: Array, labels: n
 
 
 def _look(view: _View, uv: Array, on_body: bool, on_arm: bool) -> tuple[Array, np.ndarray]:
-    """Grey of what the rays through pixels meet first, and its label, shapes (n,); NaN where they meet nothing."""
-    grey, labels, depths = np.full(len(uv), np.nan), np.full(len(uv), EMPTY, np.int16), np.full(len(uv), np.inf)
+    """Grey of what the rays through pixels meet first, and its label, shapes (n,); NaN where they
+    meet nothing.
+    """
+    grey = np.full(len(uv), np.nan)
+    labels = np.full(len(uv), EMPTY, np.int16)
+    depths = np.full(len(uv), np.inf)
     if on_body:
         hits = cast(view.camera, view.handle, view.T_world_handle, uv)
-        grey, labels = _surface_grey(view.handle, view.T_world_handle, view.bench, hits), hits.labels
+        grey = _surface_grey(view.handle, view.T_world_handle, view.bench, hits)
+        labels = hits.labels
         depths = np.where(labels == EMPTY, np.inf, hits.depths)
     if on_arm and view.arm is not None and view.solids is not None:
         xy = view.camera.normalise(uv)
@@ -161,14 +214,18 @@ def _look(view: _View, uv: Array, on_body: bool, on_arm: bool) -> tuple[Array, n
         points = np.column_stack([xy, np.ones(len(xy))])[nearer] * skin.depths[nearer, None]
         T_handle_cam = (view.camera.T_cam_world * view.T_world_handle).inv()
         normals = skin.normals[nearer] @ view.camera.T_cam_world.rotation.as_matrix()
-        grey[nearer] = skin_grey(view.arm, T_handle_cam.apply(points)) * lambert(view.bench, normals @ view.bench.light)
+        grey[nearer] = skin_grey(view.arm, T_handle_cam.apply(points)) * lambert(
+            view.bench, normals @ view.bench.light
+        )
         labels[nearer] = _ARM
     return grey, labels
 
 
-def _surface_grey(handle: Handle, T_world_handle: RigidTransform, bench: Bench, hits: Hits) -> Array:
+def _surface_grey(
+    handle: Handle, T_world_handle: RigidTransform, bench: Bench, hits: Hits
+) -> Array:
     """Grey of the surface at each hit, shape (n,); meaningless where a ray missed."""
-    body, marker = (bench.body_grey, bench.marker_grey)[::1 if handle.markers == "bright" else -1]
+    body, marker = (bench.body_grey, bench.marker_grey)[:: 1 if handle.markers == "bright" else -1]
     light = T_world_handle.rotation.inv().apply(bench.light)
     x, y, z = hits.points.T
     cap_cosine = np.where(y > (handle.top_mm + handle.bottom_mm) / 2, light[1], -light[1])
@@ -177,9 +234,15 @@ def _surface_grey(handle: Handle, T_world_handle: RigidTransform, bench: Bench, 
     return np.where(hits.labels >= 0, marker, body) * lambert(bench, cosine)
 
 
-def shadow(camera: Camera, handle: Handle, T_world_handle: RigidTransform, bench: Bench,
-           arm: Arm | None = None) -> np.ndarray:
-    """Share of the wall's directed light that is missing in each pixel, float32 (height, width), 0 to 1.
+def shadow(
+    camera: Camera,
+    handle: Handle,
+    T_world_handle: RigidTransform,
+    bench: Bench,
+    arm: Arm | None = None,
+) -> np.ndarray:
+    """Share of the wall's directed light that is missing in each pixel, float32 (height, width), 0
+    to 1.
 
     The light comes from far away. Nothing where it does not shine towards the wall.
     """
@@ -195,6 +258,8 @@ def shadow(camera: Camera, handle: Handle, T_world_handle: RigidTransform, bench
 
 
 def _on_wall(points: Array, light: tuple[float, float, float]) -> Array:
-    """Where the shadows of points fall, world frame, shape (n, 3), mm; of those behind the wall, where they are."""
+    """Where the shadows of points fall, world frame, shape (n, 3), mm; of those behind the wall,
+    where they are.
+    """
     way = np.maximum(WALL_MM - points[:, 2], 0) / -light[2]
     return points - way[:, None] * np.array(light)

@@ -1,7 +1,7 @@
 """Poses of the standard scene: drawn at random, and smooth motion like that of a person's hand.
 
-Every coordinate of the motion is a smooth function of time, a sum of a few sinusoids: position and orientation have
-continuous derivatives, and keep to their ranges because each goes through a sine.
+Every coordinate of the motion is a smooth function of time, a sum of a few sinusoids: position and
+orientation have continuous derivatives, and keep to their ranges because each goes through a sine.
 """
 
 from __future__ import annotations
@@ -16,12 +16,22 @@ from ..checks import Array, as_array, as_number, as_rng, as_transform
 
 _BANDS_HZ = (0.1, 0.2, 0.35, 0.5)  # a coordinate is the sum of one sinusoid from each band
 _RAMP_S = 0.3  # to come to rest, and to start again
-_SPEED, _TURN = 1.77, 0.67  # measured: with them the medians over a long time are the speeds asked for
-_HAND_MM_S, _HAND_DEG_S, _SLOWEST_MM_S, _PACE = 313.0, 16.2, 20.0, 0.9  # of `human_motion`
+# measured: with them the medians over a long time are the speeds asked for
+_SPEED, _TURN = 1.77, 0.67
+# of `human_motion`
+_HAND_MM_S = 313.0
+_HAND_DEG_S = 16.2
+_SLOWEST_MM_S = 20.0
+_PACE = 0.9
 
 
-def random_pose(rng: np.random.Generator, x_mm: tuple[float, float] = (-90, 90), y_mm: tuple[float, float] = (-60, 60),
-                z_mm: tuple[float, float] = (520, 620), tilt_deg: tuple[float, float] = (60, 120)) -> RigidTransform:
+def random_pose(
+    rng: np.random.Generator,
+    x_mm: tuple[float, float] = (-90, 90),
+    y_mm: tuple[float, float] = (-60, 60),
+    z_mm: tuple[float, float] = (520, 620),
+    tilt_deg: tuple[float, float] = (60, 120),
+) -> RigidTransform:
     """Draw a pose T_world_handle of the standard scene.
 
     Parameters
@@ -30,33 +40,54 @@ def random_pose(rng: np.random.Generator, x_mm: tuple[float, float] = (-90, 90),
     x_mm, y_mm, z_mm : (float, float)
         Range of the handle's origin in the world frame.
     tilt_deg : (float, float)
-        Range of the angle between the handle's axis and the world's z axis (the line of sight of a first camera whose
-        frame is the world). The axis is uniform over that band of the sphere, the turn about it uniform.
+        Range of the angle between the handle's axis and the world's z axis (the line of sight of a
+        first camera whose frame is the world). The axis is uniform over that band of the sphere,
+        the turn about it uniform.
     """
     ranges = as_array((x_mm, y_mm, z_mm), "x_mm, y_mm, z_mm", (3, 2))
     position = as_rng(rng).uniform(ranges.min(axis=1), ranges.max(axis=1))
-    polar = np.arccos(rng.uniform(*np.sort(np.cos(np.deg2rad(as_array(tilt_deg, "tilt_deg", (2,)))))))
+    polar = np.arccos(
+        rng.uniform(*np.sort(np.cos(np.deg2rad(as_array(tilt_deg, "tilt_deg", (2,))))))
+    )
     azimuth, turn = rng.uniform(0, 2 * np.pi, 2)
     return RigidTransform.from_components(position, _orientation(azimuth, polar, turn))
 
 
-def smooth_motion(rng: np.random.Generator, duration_s: float, fps: float, start: RigidTransform | None = None,
-                  **options: Any) -> RigidTransform:
-    """Draw the poses T_world_handle of a clip: ``round(duration_s * fps)`` of them at 0, 1/fps, 2/fps, ... seconds.
+def smooth_motion(
+    rng: np.random.Generator,
+    duration_s: float,
+    fps: float,
+    start: RigidTransform | None = None,
+    **options: Any,
+) -> RigidTransform:
+    """Draw the poses T_world_handle of a clip: ``round(duration_s * fps)`` of them at 0, 1/fps,
+    2/fps, ... seconds.
 
-    See `motion_at` for `start`, the options and the errors; also raises ValueError for a clip without a frame.
+    See `motion_at` for `start`, the options and the errors; also raises ValueError for a clip
+    without a frame.
     """
     fps = as_number(fps, "fps", 0.0, open_low=True)
     count = round(as_number(duration_s, "duration_s", 0.0) * fps)
     if count < 1:
-        raise ValueError(f"duration_s: expected one frame or more at {fps:g} frames a second, got {duration_s!r}")
+        raise ValueError(
+            f"duration_s: expected one frame or more at {fps:g} frames a second, got {duration_s!r}"
+        )
     return motion_at(rng, np.arange(count) / fps, start, **options)
 
 
-def motion_at(rng: np.random.Generator, times_s: ArrayLike, start: RigidTransform | None = None, *,
-              rest_s: tuple[float, float] | None = None, speed_mm_s: float = 200.0, turn_deg_s: float = 20.0,
-              x_mm: tuple[float, float] = (-90, 90), y_mm: tuple[float, float] = (-60, 60),
-              z_mm: tuple[float, float] = (520, 620), tilt_deg: tuple[float, float] = (60, 120)) -> RigidTransform:
+def motion_at(
+    rng: np.random.Generator,
+    times_s: ArrayLike,
+    start: RigidTransform | None = None,
+    *,
+    rest_s: tuple[float, float] | None = None,
+    speed_mm_s: float = 200.0,
+    turn_deg_s: float = 20.0,
+    x_mm: tuple[float, float] = (-90, 90),
+    y_mm: tuple[float, float] = (-60, 60),
+    z_mm: tuple[float, float] = (520, 620),
+    tilt_deg: tuple[float, float] = (60, 120),
+) -> RigidTransform:
     """Draw a smooth random motion and evaluate it; times need not be evenly spaced.
 
     One state of `rng` gives one motion, whatever the times.
@@ -69,10 +100,11 @@ def motion_at(rng: np.random.Generator, times_s: ArrayLike, start: RigidTransfor
     start : RigidTransform or None
         T_world_handle; None for the middle of the ranges, the free end upwards (the world's -y).
     rest_s : (float, float) or None
-        The handle rests, all poses equal, between these times; 0.3 s before and after it slows down and speeds up.
+        The handle rests, all poses equal, between these times; 0.3 s before and after it slows down
+        and speeds up.
     speed_mm_s, turn_deg_s : float
-        Typical speed and turn rate: about their medians over a long time. With the default tilt the turn rate stays
-        below 3.3 times `turn_deg_s`.
+        Typical speed and turn rate: about their medians over a long time. With the default tilt the
+        turn rate stays below 3.3 times `turn_deg_s`.
     x_mm, y_mm, z_mm, tilt_deg : (float, float)
         Ranges as in `random_pose`; the motion never leaves them.
 
@@ -95,20 +127,30 @@ def motion_at(rng: np.random.Generator, times_s: ArrayLike, start: RigidTransfor
         times = _rested(times, *np.sort(as_array(rest_s, "rest_s", (2,))))
     half = np.ptp(ranges, axis=1) / 2
     phases = _wander(as_rng(rng), times, 6)  # (6, n), unit rate
-    inside = _within(ranges[:3], first[:3], phases[:3] * speed * _SPEED / max(float(np.linalg.norm(half[:3])), 1e-12))
-    polar = _within(ranges[3:], first[3:], phases[3:4] * rate * _TURN / max(float(half[3]), 1e-12))[0]
+    inside = _within(
+        ranges[:3],
+        first[:3],
+        phases[:3] * speed * _SPEED / max(float(np.linalg.norm(half[:3])), 1e-12),
+    )
+    polar = _within(ranges[3:], first[3:], phases[3:4] * rate * _TURN / max(float(half[3]), 1e-12))[
+        0
+    ]
     spins = phases[4:] * rate * _TURN
-    return RigidTransform.from_components(inside.T, _orientation(azimuth + spins[0], polar, turn + spins[1]))
+    return RigidTransform.from_components(
+        inside.T, _orientation(azimuth + spins[0], polar, turn + spins[1])
+    )
 
 
 def human_motion(rng: np.random.Generator, times_s: ArrayLike) -> RigidTransform:
-    """Draw a motion of the standard scene at a person's pace: poses T_world_handle at times from 0 on.
+    """Draw a motion of the standard scene at a person's pace: poses T_world_handle at times from 0
+    on.
 
-    The path is `motion_at`'s. Its places are passed at a more even speed (the root of the path's own), its orientations
-    by a clock that now stands nearly still and now runs double. A handheld recording, freiburg1_xyz of the TUM RGB-D
-    benchmark at 30 instants a second, has a speed of 329 mm/s in the median and 496 mm/s at 95 %, and a turn rate of
-    15.3 and 36.1 deg/s; over 12 seeds of a minute this one has 328 and 484 mm/s, 15.5 and 37.6 deg/s. Accelerations are
-    twice as large, because the bench is smaller.
+    The path is `motion_at`'s. Its places are passed at a more even speed (the root of the path's
+    own), its orientations by a clock that now stands nearly still and now runs double. A handheld
+    recording, freiburg1_xyz of the TUM RGB-D benchmark at 30 instants a second, has a speed of 329
+    mm/s in the median and 496 mm/s at 95 %, and a turn rate of 15.3 and 36.1 deg/s; over 12 seeds
+    of a minute this one has 328 and 484 mm/s, 15.5 and 37.6 deg/s. Accelerations are twice as
+    large, because the bench is smaller.
     """
     times = as_array(times_s, "times_s", (None,))
     as_number(times.min(initial=0.0), "times_s: the first", 0.0)
@@ -121,12 +163,17 @@ def human_motion(rng: np.random.Generator, times_s: ArrayLike) -> RigidTransform
 
 
 def _person(seed: int, times: Array) -> RigidTransform:
-    return motion_at(np.random.default_rng(seed), times, speed_mm_s=_HAND_MM_S, turn_deg_s=_HAND_DEG_S)
+    return motion_at(
+        np.random.default_rng(seed), times, speed_mm_s=_HAND_MM_S, turn_deg_s=_HAND_DEG_S
+    )
 
 
 def _even_pace(seed: int, times: Array, step_s: float = 0.01) -> Array:
-    """Times of the path at which a hand passes that makes the root of the path's speed, shape of `times`."""
-    longest = times.max(initial=0.0) * np.sqrt(_HAND_MM_S / _SLOWEST_MM_S)  # of the path that it may pass by then
+    """Times of the path at which a hand passes that makes the root of the path's speed, shape of
+    `times`.
+    """
+    # of the path that it may pass by then
+    longest = times.max(initial=0.0) * np.sqrt(_HAND_MM_S / _SLOWEST_MM_S)
     path_s = np.arange(0, longest + 2 * step_s, step_s)
     speed = np.linalg.norm(np.gradient(_person(seed, path_s).translation, step_s, axis=0), axis=1)
     pace = np.sqrt((speed + _SLOWEST_MM_S) / _HAND_MM_S)  # seconds a second of the path
@@ -149,39 +196,56 @@ def _coordinates(start: RigidTransform | None, ranges: Array) -> tuple[Array, fl
     first = np.array([*start.translation, np.arctan2(np.hypot(axis[0], axis[1]), axis[2])])
     if (first < ranges[:, 0] - 1e-9).any() or (first > ranges[:, 1] + 1e-9).any():
         at = ", ".join(f"{value:.4g}" for value in (*first[:3], np.rad2deg(first[3])))
-        raise ValueError(f"start: expected x, y, z (mm) and tilt (deg) within their ranges, got {at}")
+        raise ValueError(
+            f"start: expected x, y, z (mm) and tilt (deg) within their ranges, got {at}"
+        )
     azimuth = float(np.arctan2(axis[1], axis[0]))
     turn = (_orientation(azimuth, first[3], 0.0).inv() * start.rotation).as_rotvec()[1]
     return first, azimuth, float(turn)
 
 
 def _orientation(azimuth: Array | float, polar: Array | float, turn: Array | float) -> Rotation:
-    """The handle's y axis laid on the world's z, tipped to the polar angle, and turned to the azimuth; or n of them."""
+    """The handle's y axis laid on the world's z, tipped to the polar angle, and turned to the
+    azimuth; or n of them.
+    """
     azimuth, polar, turn = np.broadcast_arrays(azimuth, polar, turn)
     angles = np.stack([azimuth, polar, np.full(polar.shape, np.pi / 2)], axis=-1)
-    return Rotation.from_euler("ZYX", angles) * Rotation.from_rotvec(turn[..., None] * [0.0, 1.0, 0.0])
+    return Rotation.from_euler("ZYX", angles) * Rotation.from_rotvec(
+        turn[..., None] * [0.0, 1.0, 0.0]
+    )
 
 
 def _wander(rng: np.random.Generator, times: Array, count: int) -> Array:
-    """Smooth random functions of time that are 0 at 0 and have a slope of unit root mean square; shape (count, n)."""
+    """Smooth random functions of time that are 0 at 0 and have a slope of unit root mean square;
+    shape (count, n).
+    """
     bands = len(_BANDS_HZ) - 1
     omega = 2 * np.pi * rng.uniform(_BANDS_HZ[:-1], _BANDS_HZ[1:], (count, bands))[..., None]
     phase = rng.uniform(0, 2 * np.pi, (count, bands))[..., None]
-    return (np.sqrt(2 / bands) / omega * (np.sin(omega * times + phase) - np.sin(phase))).sum(axis=1)
+    return (np.sqrt(2 / bands) / omega * (np.sin(omega * times + phase) - np.sin(phase))).sum(
+        axis=1
+    )
 
 
 def _within(ranges: Array, first: Array, travel: Array) -> Array:
-    """Coordinates that start at `first`, move by about `travel` (rad a half range), and stay in range; shape (m, n)."""
-    middle, half = ranges.mean(axis=1), np.ptp(ranges, axis=1) / 2
+    """Coordinates that start at `first`, move by about `travel` (rad a half range), and stay in
+    range; shape (m, n).
+    """
+    middle = ranges.mean(axis=1)
+    half = np.ptp(ranges, axis=1) / 2
     angle = np.arcsin(np.clip((first - middle) / np.maximum(half, 1e-12), -1, 1))
     return middle[:, None] + half[:, None] * np.sin(angle[:, None] + travel)
 
 
 def _rested(times: Array, begin: float, end: float) -> Array:
-    """Time that stands still from `begin` to `end`, with smooth ramps before and after; 0 stays 0."""
+    """Time that stands still from `begin` to `end`, with smooth ramps before and after; 0 stays
+    0.
+    """
+
     def warped(t: Array) -> Array:
         before = np.minimum(t, begin)
         return before - _ramp(before - begin + _RAMP_S) + _ramp(t - end)
+
     return warped(times) - warped(np.zeros(1))
 
 

@@ -1,4 +1,6 @@
-"""The simulated bench without a handle: its light, surfaces and camera electronics, and the empty background."""
+"""The simulated bench without a handle: its light, surfaces and camera electronics, and the empty
+background.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +17,8 @@ from ..checks import Array, as_image, as_rng, as_unit, as_whole, check_numbers, 
 
 @dataclass(frozen=True)
 class Bench:
-    """Light, surfaces and camera electronics of the simulated bench; the defaults are the standard scene.
+    """Light, surfaces and camera electronics of the simulated bench; the defaults are the standard
+    scene.
 
     Attributes
     ----------
@@ -30,12 +33,13 @@ class Bench:
     light : tuple of 3 floats
         Direction towards the light, world frame.
     shading : float
-        Share of the light that comes from `light` (Lambert's cosine law); the rest is the same from everywhere.
-        Grey = nominal grey x (1 - shading + shading x max(0, cosine)).
+        Share of the light that comes from `light` (Lambert's cosine law); the rest is the same from
+        everywhere. Grey = nominal grey x (1 - shading + shading x max(0, cosine)).
     supersampling, marker_supersampling : int
-        A pixel at an edge of the body, or of a marker, is the mean of that many by that many samples. A disc seen at
-        70 deg has its centroid off by up to 0.016 px at 8 x 8 and 0.008 px at 16 x 16. More do not help: the rest is
-        what whole pixels do to a disc five of them across.
+        A pixel at an edge of the body, or of a marker, is the mean of that many by that many
+        samples. A disc seen at 70 deg has its centroid off by up to 0.016 px at 8 x 8 and 0.008 px
+        at 16 x 16. More do not help: the rest is what whole pixels do to a disc five of them
+        across.
     blur_px : float
         Standard deviation of the lens's Gaussian blur, px.
     shot_variance : float
@@ -58,36 +62,52 @@ class Bench:
     read_noise: float = 1.5
 
     def __post_init__(self) -> None:
-        check_numbers(self, "background_grey", "body_grey", "marker_grey", "read_noise", low=0.0, high=255)
+        check_numbers(
+            self, "background_grey", "body_grey", "marker_grey", "read_noise", low=0.0, high=255
+        )
         check_numbers(self, "texture_contrast", "shading", low=0.0, high=1)
         check_numbers(self, "blur_px", "shot_variance", low=0.0, high=100)
-        for name, low, high in (("texture_seed", 0, 2**63), ("supersampling", 1, 64), ("marker_supersampling", 1, 64)):
+        for name, low, high in (
+            ("texture_seed", 0, 2**63),
+            ("supersampling", 1, 64),
+            ("marker_supersampling", 1, 64),
+        ):
             object.__setattr__(self, name, as_whole(getattr(self, name), name, low, high))
         object.__setattr__(self, "light", tuple(float(c) for c in as_unit(self.light, "light")))
 
 
 def lambert(bench: Bench, cosine: Array) -> Array:
-    """Share of its nominal grey that a surface shows, whose normal makes an angle of this cosine with the light."""
+    """Share of its nominal grey that a surface shows, whose normal makes an angle of this cosine
+    with the light.
+    """
     return 1 - bench.shading + bench.shading * np.maximum(cosine, 0)
 
 
 def background(camera: Camera, bench: Bench) -> Array:
-    """The empty bench before blur and noise, shape (height, width), read-only; the same whenever it is asked for."""
+    """The empty bench before blur and noise, shape (height, width), read-only; the same whenever it
+    is asked for.
+    """
     seed = (bench.texture_seed, zlib.crc32(camera.name.encode()))
     return _texture(camera.size, seed, bench.background_grey, bench.texture_contrast)
 
 
 def blurred(image: Array, bench: Bench) -> Array:
-    """Blur an image with the lens's Gaussian, cut off beyond five standard deviations; shape (height, width)."""
+    """Blur an image with the lens's Gaussian, cut off beyond five standard deviations; shape
+    (height, width).
+    """
     grey: Array = np.array(as_image(image, "image"), float)
     side = 2 * int(np.ceil(5 * bench.blur_px)) + 1
     if side > 1:
-        cv2.GaussianBlur(grey, (side, side), bench.blur_px, dst=grey, borderType=cv2.BORDER_REPLICATE)
+        cv2.GaussianBlur(
+            grey, (side, side), bench.blur_px, dst=grey, borderType=cv2.BORDER_REPLICATE
+        )
     return grey
 
 
 def digitise(image: Array, bench: Bench, rng: np.random.Generator) -> np.ndarray:
-    """Add noise of variance ``shot_variance * grey + read_noise ** 2``, round and clip to uint8 (height, width)."""
+    """Add noise of variance ``shot_variance * grey + read_noise ** 2``, round and clip to uint8
+    (height, width).
+    """
     grey = np.maximum(as_image(image, "image"), 0.0)
     noise = as_rng(rng).standard_normal(grey.shape, dtype=np.float32)
     deviation = grey * bench.shot_variance
@@ -99,12 +119,14 @@ def digitise(image: Array, bench: Bench, rng: np.random.Generator) -> np.ndarray
 
 @lru_cache(maxsize=8)
 def _texture(size: tuple[int, int], seed: tuple[int, int], grey: float, contrast: float) -> Array:
-    """Smooth random blotches of three sizes with a given mean and contrast, never below 0; shape (height, width)."""
+    """Smooth random blotches of three sizes with a given mean and contrast, never below 0; shape
+    (height, width).
+    """
     rng = np.random.default_rng(seed)
     image = np.zeros((size[1], size[0]))
     for blotch in (6, 24, 96):  # px
         coarse = rng.standard_normal((size[1] // blotch + 3, size[0] // blotch + 3))
         whole = cv2.resize(coarse, None, fx=blotch, fy=blotch, interpolation=cv2.INTER_CUBIC)
-        image += whole[blotch:blotch + size[1], blotch:blotch + size[0]]
+        image += whole[blotch : blotch + size[1], blotch : blotch + size[0]]
     image -= image.mean()
     return frozen(np.maximum(grey + grey * contrast * image / max(image.std(), 1e-12), 0))

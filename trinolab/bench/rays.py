@@ -1,7 +1,8 @@
 """Viewing rays against the handle: which surface point and which part of the handle a pixel sees.
 
-The body is the finite cylinder, a ray meets it in closed form; a marker is the set of surface points whose distance
-from the marker's centre, measured on the unrolled surface, is at most half the marker's diameter.
+The body is the finite cylinder, a ray meets it in closed form; a marker is the set of surface
+points whose distance from the marker's centre, measured on the unrolled surface, is at most half
+the marker's diameter.
 """
 
 from __future__ import annotations
@@ -17,7 +18,10 @@ from ..camera import Camera
 from ..checks import Array, as_transform
 from ..handle import Handle, on_cylinder
 
-EMPTY, SIDE, CAP = -3, -2, -1  # labels of what is no marker; marker k has the label k
+# labels of what is no marker; marker k has the label k
+EMPTY = -3
+SIDE = -2
+CAP = -1
 _SQUARE = np.ones((3, 3), np.uint8)
 
 
@@ -53,13 +57,16 @@ def cast(camera: Camera, handle: Handle, T_world_handle: RigidTransform, uv: Arr
     Returns
     -------
     Hits
-        The nearest point in front of the camera on each ray. A ray misses where `Camera.normalise` gives none. A camera
-        inside the body sees nothing of it.
+        The nearest point in front of the camera on each ray. A ray misses where `Camera.normalise`
+        gives none. A camera inside the body sees nothing of it.
     """
     T_handle_cam = (camera.T_cam_world * as_transform(T_world_handle, "T_world_handle")).inv()
     origin = T_handle_cam.translation
     xy = camera.normalise(uv)
-    directions = T_handle_cam.rotation.as_matrix() @ np.stack([xy[:, 0], xy[:, 1], np.ones(len(xy))])  # (3, n)
+    # (3, n)
+    directions = T_handle_cam.rotation.as_matrix() @ np.stack(
+        [xy[:, 0], xy[:, 1], np.ones(len(xy))]
+    )
     depth, on_cap = _first_meeting(handle, origin, directions)
     points = (origin[:, None] + depth * directions).T
     labels = np.where(np.isnan(depth), EMPTY, np.where(on_cap, CAP, SIDE)).astype(np.int16)
@@ -73,18 +80,21 @@ def body_region(camera: Camera, handle: Handle, T_world_handle: RigidTransform) 
 
 
 def hull_region(camera: Camera, local: Array) -> np.ndarray:
-    """Pixels that may see the convex hull of points, bool (height, width): its image, with two pixels to spare.
+    """Pixels that may see the convex hull of points, bool (height, width): its image, with two
+    pixels to spare.
 
-    `local` are points of the camera's frame, shape (n, 3), mm. All of the image where the outline has no simple shape:
-    the hull reaches behind the camera, or so far aside that the distortion model folds back. Nothing where all of it
-    lies behind the camera.
+    `local` are points of the camera's frame, shape (n, 3), mm. All of the image where the outline
+    has no simple shape: the hull reaches behind the camera, or so far aside that the distortion
+    model folds back. Nothing where all of it lies behind the camera.
     """
     width, height = camera.size
     if (local[:, 2] <= 0).all():
         return np.zeros((height, width), bool)
     if (local[:, 2] < 1e-3 * np.abs(local).max()).any():
         return np.ones((height, width), bool)
-    uv = camera.to_pixels(_subdivided(cv2.convexHull((local[:, :2] / local[:, 2:]).astype(np.float32))[:, 0]))
+    uv = camera.to_pixels(
+        _subdivided(cv2.convexHull((local[:, :2] / local[:, 2:]).astype(np.float32))[:, 0])
+    )
     if not (np.abs(uv) < 2e4).all():
         return np.ones((height, width), bool)
     region = np.zeros((height, width), np.uint8)
@@ -93,16 +103,17 @@ def hull_region(camera: Camera, local: Array) -> np.ndarray:
     part = np.zeros((high - low)[::-1], np.uint8)
     if part.size:
         cv2.fillPoly(part, [np.round(16 * (uv - low)).astype(np.int32)], 1, shift=4)
-        region[low[1]:high[1], low[0]:high[0]] = cv2.dilate(part, np.ones((5, 5), np.uint8))
+        region[low[1] : high[1], low[0] : high[0]] = cv2.dilate(part, np.ones((5, 5), np.uint8))
     return region.astype(bool)
 
 
-def edge_pixels(camera: Camera, handle: Handle, T_world_handle: RigidTransform,
-                labels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def edge_pixels(
+    camera: Camera, handle: Handle, T_world_handle: RigidTransform, labels: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """Pixels that an edge may cross.
 
-    They are those with a neighbour of another label, and those that the projected outline of the body or of a marker
-    passes, which finds slivers thinner than a pixel.
+    They are those with a neighbour of another label, and those that the projected outline of the
+    body or of a marker passes, which finds slivers thinner than a pixel.
 
     Parameters
     ----------
@@ -116,15 +127,22 @@ def edge_pixels(camera: Camera, handle: Handle, T_world_handle: RigidTransform,
     """
     maps = labels, np.maximum(labels, CAP)
     body, markers = (cv2.dilate(part, _SQUARE) != cv2.erode(part, _SQUARE) for part in maps)
-    for mask, points in zip((body, markers), _outlines(camera, handle, T_world_handle), strict=True):
+    for mask, points in zip(
+        (body, markers), _outlines(camera, handle, T_world_handle), strict=True
+    ):
         uv = camera.project(T_world_handle.apply(points))
-        u, v = np.round(uv[((uv > -0.5) & (uv < np.array(camera.size) - 0.5)).all(axis=1)]).astype(int).T
+        u, v = (
+            np.round(uv[((uv > -0.5) & (uv < np.array(camera.size) - 0.5)).all(axis=1)])
+            .astype(int)
+            .T
+        )
         mask[v, u] = True
     return body & ~markers, markers
 
 
 def marker_outline(handle: Handle, index: int, count: int = 64, scale: float = 1.0) -> Array:
-    """Points on the edge of a marker (or on a circle `scale` times as large), evenly spaced on the unrolled surface.
+    """Points on the edge of a marker (or on a circle `scale` times as large), evenly spaced on the
+    unrolled surface.
 
     Returns
     -------
@@ -134,31 +152,45 @@ def marker_outline(handle: Handle, index: int, count: int = 64, scale: float = 1
     phi = 2 * np.pi * np.arange(count) / count
     half = scale * handle.marker_diameter_mm / 2
     theta = handle.marker_angles[index] + half / handle.radius_mm * np.cos(phi)
-    return on_cylinder(handle.radius_mm, theta, handle.marker_centres[index, 1] + half * np.sin(phi))
+    return on_cylinder(
+        handle.radius_mm, theta, handle.marker_centres[index, 1] + half * np.sin(phi)
+    )
 
 
 def facing(handle: Handle, points: Array, viewpoint: Array) -> np.ndarray:
-    """Whether the side of the body at its surface points, shape (n, 3), looks towards a viewpoint (handle frame)."""
+    """Whether the side of the body at its surface points, shape (n, 3), looks towards a viewpoint
+    (handle frame).
+    """
     return points[:, [0, 2]] @ viewpoint[[0, 2]] > handle.radius_mm**2
 
 
 def marker_area(handle: Handle, index: int) -> Array:
     """Points of a marker, each for an equal share of its area, handle frame, shape (n, 3), mm."""
-    return np.concatenate([marker_outline(handle, index, scale=scale) for scale in np.sqrt((np.arange(16) + 0.5) / 16)])
+    return np.concatenate(
+        [
+            marker_outline(handle, index, scale=scale)
+            for scale in np.sqrt((np.arange(16) + 0.5) / 16)
+        ]
+    )
 
 
 def sample_offsets(count: int) -> Array:
-    """Where a pixel is sampled, relative to its centre, px: the centres of count x count cells, (count ** 2, 2)."""
+    """Where a pixel is sampled, relative to its centre, px: the centres of count x count cells,
+    (count ** 2, 2).
+    """
     steps = (np.arange(count) + 0.5) / count - 0.5
     return np.column_stack([np.tile(steps, count), np.repeat(steps, count)])
 
 
 def _first_meeting(handle: Handle, origin: Array, directions: Array) -> tuple[Array, np.ndarray]:
-    """Ray parameter of the first surface point, NaN where a ray misses, and whether an end cap is met; shapes (n,)."""
+    """Ray parameter of the first surface point, NaN where a ray misses, and whether an end cap is
+    met; shapes (n,).
+    """
     with np.errstate(divide="ignore", invalid="ignore"):
         side_in, side_out = _side_interval(handle.radius_mm, origin, directions)
         ends = (np.array([[handle.bottom_mm], [handle.top_mm]]) - origin[1]) / directions[1]
-        slab_in, slab_out = ends.min(axis=0), ends.max(axis=0)
+        slab_in = ends.min(axis=0)
+        slab_out = ends.max(axis=0)
         first = np.maximum(side_in, slab_in)
         hit = (first < np.minimum(side_out, slab_out)) & (first > 0)
         return np.where(hit, first, np.nan), slab_in > side_in
@@ -167,8 +199,8 @@ def _first_meeting(handle: Handle, origin: Array, directions: Array) -> tuple[Ar
 def _side_interval(radius: float, origin: Array, directions: Array) -> tuple[Array, Array]:
     """Where rays enter and leave the endless cylinder, shapes (n,); NaN where they miss it.
 
-    The distance between ray and axis comes from a cross product, which keeps 1e-12 mm where the textbook discriminant
-    of the quadratic cancels.
+    The distance between ray and axis comes from a cross product, which keeps 1e-12 mm where the
+    textbook discriminant of the quadratic cancels.
     """
     (ox, _, oz), (dx, _, dz) = origin, directions
     a = dx * dx + dz * dz
@@ -176,13 +208,15 @@ def _side_interval(radius: float, origin: Array, directions: Array) -> tuple[Arr
     half = np.sqrt((radius**2 - (ox * dz - oz * dx) ** 2 / a) / a)
     along = a == 0  # parallel to the axis
     if along.any():
-        middle[along], half[along] = 0.0, np.inf if np.hypot(ox, oz) <= radius else np.nan
+        middle[along] = 0.0
+        half[along] = np.inf if np.hypot(ox, oz) <= radius else np.nan
     return middle - half, middle + half
 
 
 def _label_markers(handle: Handle, points: Array, labels: np.ndarray) -> None:
     """Write the numbers of the markers into `labels` where a point of the side belongs to one."""
-    half, axial = handle.marker_diameter_mm / 2, handle.marker_centres[:, 1]
+    half = handle.marker_diameter_mm / 2
+    axial = handle.marker_centres[:, 1]
     near = (points[:, 1] >= axial.min() - half) & (points[:, 1] <= axial.max() + half)
     chosen = np.flatnonzero(near & (labels == SIDE))
     x, y, z = points[chosen].T
@@ -197,7 +231,11 @@ def _label_markers(handle: Handle, points: Array, labels: np.ndarray) -> None:
 def body_corners(handle: Handle, sides: int = 64) -> Array:
     """Corners of a prism that holds the body, handle frame, shape (2 sides, 3), mm."""
     theta = 2 * np.pi * np.arange(sides) / sides
-    circle = np.column_stack([np.sin(theta), np.zeros(sides), np.cos(theta)]) * handle.radius_mm / np.cos(np.pi / sides)
+    circle = (
+        np.column_stack([np.sin(theta), np.zeros(sides), np.cos(theta)])
+        * handle.radius_mm
+        / np.cos(np.pi / sides)
+    )
     return np.concatenate([circle + [0, handle.bottom_mm, 0], circle + [0, handle.top_mm, 0]])
 
 
@@ -208,8 +246,11 @@ def _subdivided(polygon: np.ndarray, parts: int = 8) -> Array:
     return ((1 - weight) * polygon[:, None] + weight * after[:, None]).reshape(-1, 2)
 
 
-def _outlines(camera: Camera, handle: Handle, T_world_handle: RigidTransform) -> tuple[Array, Array]:
-    """Points a quarter of a pixel apart on the edges that a camera may see: the body's, (n, 3), the markers', (m, 3).
+def _outlines(
+    camera: Camera, handle: Handle, T_world_handle: RigidTransform
+) -> tuple[Array, Array]:
+    """Points a quarter of a pixel apart on the edges that a camera may see: the body's, (n, 3), the
+    markers', (m, 3).
 
     Handle frame, mm. Of a marker only what the body does not hide.
     """
@@ -217,19 +258,36 @@ def _outlines(camera: Camera, handle: Handle, T_world_handle: RigidTransform) ->
     viewpoint = T_cam_handle.inv().translation
     depth = T_cam_handle.apply(body_corners(handle))[:, 2].min()
     step = 0.25 * max(depth, 20.0) / camera.focal.max()
-    around, along, small = (int(min(length / step, 20_000)) + 8 for length in (
-        2 * np.pi * handle.radius_mm, handle.length_mm, np.pi * handle.marker_diameter_mm))
-    theta, axial = np.linspace(0, 2 * np.pi, around), np.linspace(handle.bottom_mm, handle.top_mm, along)
-    body = [on_cylinder(handle.radius_mm, theta, handle.bottom_mm), on_cylinder(handle.radius_mm, theta, handle.top_mm)]
-    body += [on_cylinder(handle.radius_mm, side, axial) for side in _silhouette_angles(handle, viewpoint)]
-    markers = np.concatenate([marker_outline(handle, k, small) for k in range(len(handle.marker_angles))])
+    around, along, small = (
+        int(min(length / step, 20_000)) + 8
+        for length in (
+            2 * np.pi * handle.radius_mm,
+            handle.length_mm,
+            np.pi * handle.marker_diameter_mm,
+        )
+    )
+    theta = np.linspace(0, 2 * np.pi, around)
+    axial = np.linspace(handle.bottom_mm, handle.top_mm, along)
+    body = [
+        on_cylinder(handle.radius_mm, theta, handle.bottom_mm),
+        on_cylinder(handle.radius_mm, theta, handle.top_mm),
+    ]
+    body += [
+        on_cylinder(handle.radius_mm, side, axial) for side in _silhouette_angles(handle, viewpoint)
+    ]
+    markers = np.concatenate(
+        [marker_outline(handle, k, small) for k in range(len(handle.marker_angles))]
+    )
     return np.concatenate(body), markers[facing(handle, markers, viewpoint)]
 
 
 def _silhouette_angles(handle: Handle, viewpoint: Array) -> tuple[float, ...]:
-    """Angles about the axis at which the side turns away from a viewpoint; none from within the endless cylinder."""
+    """Angles about the axis at which the side turns away from a viewpoint; none from within the
+    endless cylinder.
+    """
     distance = np.hypot(viewpoint[0], viewpoint[2])
     if distance <= handle.radius_mm:
         return ()
-    towards, half = np.arctan2(viewpoint[0], viewpoint[2]), np.arccos(handle.radius_mm / distance)
+    towards = np.arctan2(viewpoint[0], viewpoint[2])
+    half = np.arccos(handle.radius_mm / distance)
     return float(towards - half), float(towards + half)

@@ -1,7 +1,9 @@
-"""Recordings from the simulated bench: every frame of a scenario, with the truth, in a recording folder.
+"""Recordings from the simulated bench: every frame of a scenario, with the truth, in a recording
+folder.
 
-The noise of a frame follows from the seed, the frame and the camera: an interrupted rendering goes on where it stopped.
-The two standard recordings are rendered when they are asked for, and kept in the user's cache.
+The noise of a frame follows from the seed, the frame and the camera: an interrupted rendering goes
+on where it stopped. The two standard recordings are rendered when they are asked for, and kept in
+the user's cache.
 """
 
 from __future__ import annotations
@@ -47,16 +49,26 @@ WORKERS = 2  # processes, where the machine has as many
 _worker: dict[str, Any] = {}  # of a process of the pool: its job
 
 
-def render(rig: str | Path, handle: str | Path, motion: str, out: str | Path, seed: int = 0,
-           seconds: float | None = None, fps: float = 30.0, progress: bool = True) -> pd.DataFrame:
-    """Render a recording folder with its truth; interrupted and called again in the same way, it goes on.
+def render(
+    rig: str | Path,
+    handle: str | Path,
+    motion: str,
+    out: str | Path,
+    seed: int = 0,
+    seconds: float | None = None,
+    fps: float = 30.0,
+    progress: bool = True,
+) -> pd.DataFrame:
+    """Render a recording folder with its truth; interrupted and called again in the same way, it
+    goes on.
 
     Parameters
     ----------
     rig, handle : path
         Rig and handle file.
     motion : str
-        ``calm`` or ``hard``, the scenarios of `scenario`; or a CSV of poses, a hand holds the handle along them.
+        ``calm`` or ``hard``, the scenarios of `scenario`; or a CSV of poses, a hand holds the
+        handle along them.
     out : path
         The folder to write. Until it is whole, all is in the folder ``<out>.partial`` beside it.
     seed : int
@@ -76,41 +88,64 @@ def render(rig: str | Path, handle: str | Path, motion: str, out: str | Path, se
     Raises
     ------
     ValueError
-        Names the file or the argument that is missing, unreadable or does not fit; the folder that exists already,
-        cannot be written, was begun with other arguments, or that another process works on.
+        Names the file or the argument that is missing, unreadable or does not fit; the folder that
+        exists already, cannot be written, was begun with other arguments, or that another process
+        works on.
     """
-    the_rig, the_handle = read_rig(rig), read_handle(handle)
+    the_rig = read_rig(rig)
+    the_handle = read_handle(handle)
     seed = as_whole(seed, "seed", 0, 2**63 - 1)
     if motion in SCRIPTS:
-        job = scripted(motion, the_rig, the_handle, seed, SECONDS if seconds is None else seconds, fps)
+        job = scripted(
+            motion, the_rig, the_handle, seed, SECONDS if seconds is None else seconds, fps
+        )
     else:
         job = Job(the_rig, the_handle, *_followed(motion, the_rig, seconds, fps), seed)
     return write_recording(job, out, made_from(job, motion), progress)
 
 
-def scripted(name: str, rig: Rig, handle: Handle, seed: int, seconds: float, fps: float = 30.0) -> Job:
+def scripted(
+    name: str, rig: Rig, handle: Handle, seed: int, seconds: float, fps: float = 30.0
+) -> Job:
     """The job of a script. Raises ValueError for an unknown script, or a length without a frame."""
     if name not in SCRIPTS:
         raise ValueError(f"motion: expected {', '.join(SCRIPTS)} or a CSV of poses, got {name!r}")
     fps = as_number(fps, "fps", 0.0, 1e4, open_low=True)
     times = np.arange(round(as_number(seconds, "seconds", 0.0, 3600.0, open_low=True) * fps)) / fps
     if len(times) == 0:
-        raise ValueError(f"seconds: expected one frame or more at {fps:g} frames a second, got {seconds!r}")
+        raise ValueError(
+            f"seconds: expected one frame or more at {fps:g} frames a second, got {seconds!r}"
+        )
     return Job(rig, handle, SCRIPTS[name](rig, times, seed), times, seed)
 
 
 def made_from(job: Job, motion: str) -> dict[str, Any]:
     """All that decides what is in a recording, short: for the manifest, and for a cache's key."""
-    parts = {"rig": [_camera_numbers(camera) for camera in job.rig.cameras], "handle": asdict(job.handle),
-             "bench": asdict(job.bench), "times": list(job.times_s),
-             "instants": [_shot_numbers(shot) for shot in job.shots], "code": code_hash(__name__)}
-    short = {name: hashlib.sha256(json.dumps(part).encode()).hexdigest()[:16] for name, part in parts.items()}
+    parts = {
+        "rig": [_camera_numbers(camera) for camera in job.rig.cameras],
+        "handle": asdict(job.handle),
+        "bench": asdict(job.bench),
+        "times": list(job.times_s),
+        "instants": [_shot_numbers(shot) for shot in job.shots],
+        "code": code_hash(__name__),
+    }
+    short = {
+        name: hashlib.sha256(json.dumps(part).encode()).hexdigest()[:16]
+        for name, part in parts.items()
+    }
     return {"motion": Path(motion).name, "seed": job.seed, "frames": len(job.shots), **short}
 
 
-def write_recording(job: Job, out: str | Path, manifest: dict[str, Any], progress: bool = True,
-                    workers: int = WORKERS) -> pd.DataFrame:
-    """Render what is not there yet, and give the folder its name; see `render`, also for the errors."""
+def write_recording(
+    job: Job,
+    out: str | Path,
+    manifest: dict[str, Any],
+    progress: bool = True,
+    workers: int = WORKERS,
+) -> pd.DataFrame:
+    """Render what is not there yet, and give the folder its name; see `render`, also for the
+    errors.
+    """
     partial = partial_of(out)
     check_names(job.rig.names)
     try:
@@ -119,10 +154,17 @@ def write_recording(job: Job, out: str | Path, manifest: dict[str, Any], progres
         raise ValueError(f"{partial}: cannot be written ({error.strerror})") from None
     with locked(partial):
         _claim(partial, manifest)
-        begin(out, job.rig, job.handle, {camera.name: empty(job, k) for k, camera in enumerate(job.rig.cameras)})
+        begin(
+            out,
+            job.rig,
+            job.handle,
+            {camera.name: empty(job, k) for k, camera in enumerate(job.rig.cameras)},
+        )
         seen = np.zeros((len(job.shots), len(job.rig.cameras)), int)
-        with tqdm(total=len(job.shots), unit="instant", disable=None if progress else True) as shown, \
-                closing(_all_frames(job, partial, min(workers, os.cpu_count() or 1))) as frames:
+        with (
+            tqdm(total=len(job.shots), unit="instant", disable=None if progress else True) as shown,
+            closing(_all_frames(job, partial, min(workers, os.cpu_count() or 1))) as frames,
+        ):
             for frame, counts in frames:
                 seen[frame] = counts
                 shown.update()
@@ -135,13 +177,25 @@ def write_recording(job: Job, out: str | Path, manifest: dict[str, Any], progres
 
 def truth_of(job: Job, seen: np.ndarray) -> pd.DataFrame:
     """The true poses; `seen` is how many markers each camera truly sees, int (frames, cameras)."""
-    poses = [LOST if shot.T_world_handle is None else
-             Pose("measured", shot.T_world_handle, np.zeros((6, 6)), 0.0, int(row.max()), int((row > 0).sum()))
-             for shot, row in zip(job.shots, seen, strict=True)]
+    poses = [
+        LOST
+        if shot.T_world_handle is None
+        else Pose(
+            "measured",
+            shot.T_world_handle,
+            np.zeros((6, 6)),
+            0.0,
+            int(row.max()),
+            int((row > 0).sum()),
+        )
+        for shot, row in zip(job.shots, seen, strict=True)
+    ]
     return pose_table(poses, list(job.times_s))
 
 
-def _followed(path: str | Path, rig: Rig, seconds: float | None, fps: float) -> tuple[list[Shot], np.ndarray]:
+def _followed(
+    path: str | Path, rig: Rig, seconds: float | None, fps: float
+) -> tuple[list[Shot], np.ndarray]:
     """The instants of a file of poses, and their times."""
     if not Path(path).is_file():
         raise ValueError(f"motion: expected {', '.join(SCRIPTS)} or a CSV of poses, got {path!r}")
@@ -150,7 +204,9 @@ def _followed(path: str | Path, rig: Rig, seconds: float | None, fps: float) -> 
         raise ValueError(f"{path}: no pose in it")
     if not np.array_equal(table["frame"], np.arange(len(table))):
         missing = int(np.flatnonzero(table["frame"].to_numpy() != np.arange(len(table)))[0])
-        raise ValueError(f"{path}: frame {missing} is missing; an instant without the handle has the status 'lost'")
+        raise ValueError(
+            f"{path}: frame {missing} is missing; an instant without the handle has the status 'lost'"
+        )
     times = _times_of(table, path, as_number(fps, "fps", 0.0, 1e4, open_low=True))
     if seconds is not None:
         times = times[times - times[0] < as_number(seconds, "seconds", 0.0, open_low=True)]
@@ -169,12 +225,15 @@ def _times_of(table: pd.DataFrame, path: str | Path, fps: float) -> np.ndarray:
 
 def _claim(partial: Path, manifest: dict[str, Any]) -> None:
     """Write the manifest into an unfinished folder; refuse one that was begun with another."""
-    path, text = partial / MANIFEST, json.dumps(manifest, indent=1) + "\n"
+    path = partial / MANIFEST
+    text = json.dumps(manifest, indent=1) + "\n"
     if partial.is_dir() and any(partial.iterdir()):
         begun = _read_manifest(path)
         if other := [name for name in manifest if begun.get(name) != manifest[name]]:
-            raise ValueError(f"{partial}: an unfinished recording with another {other[0]}; remove it, or name another "
-                             "folder")
+            raise ValueError(
+                f"{partial}: an unfinished recording with another {other[0]}; remove it, or name another "
+                "folder"
+            )
         return
     write_whole(path, text)
 
@@ -189,7 +248,13 @@ def _read_manifest(path: Path) -> dict[str, Any]:
 
 def _camera_numbers(camera: Camera) -> list[Any]:
     T = camera.T_cam_world
-    return [camera.name, camera.size, camera.matrix.tolist(), camera.distortions.tolist(), T.as_matrix().tolist()]
+    return [
+        camera.name,
+        camera.size,
+        camera.matrix.tolist(),
+        camera.distortions.tolist(),
+        T.as_matrix().tolist(),
+    ]
 
 
 def _shot_numbers(shot: Shot) -> list[Any]:
@@ -199,24 +264,32 @@ def _shot_numbers(shot: Shot) -> list[Any]:
 
 
 def _one_frame(job: Job, partial: Path, frame: int) -> tuple[int, list[int]]:
-    """Write the images of an instant that are not there yet; return it with its truly seen markers."""
+    """Write the images of an instant that are not there yet; return it with its truly seen
+    markers.
+    """
     if not all(path.is_file() for path in image_paths(partial, job.rig, frame)):
         add(partial, job.rig, frame, [take(job, frame, k) for k in range(len(job.rig.cameras))])
     return frame, seen_markers(job, frame)
 
 
-def _all_frames(job: Job, partial: Path, workers: int) -> Generator[tuple[int, list[int]], None, None]:
+def _all_frames(
+    job: Job, partial: Path, workers: int
+) -> Generator[tuple[int, list[int]], None, None]:
     """Every frame, in two processes where the system can copy this one, else here."""
     if workers < 2 or len(job.shots) < 8 or "fork" not in multiprocessing.get_all_start_methods():
         yield from (_one_frame(job, partial, frame) for frame in range(len(job.shots)))
         return
     threads = cv2.getNumThreads()
     cv2.setNumThreads(1)  # its threads would be missing in the copies
-    pool = ProcessPoolExecutor(workers, multiprocessing.get_context("fork"), _start_worker, (job, partial))
+    pool = ProcessPoolExecutor(
+        workers, multiprocessing.get_context("fork"), _start_worker, (job, partial)
+    )
     try:
         yield from pool.map(_worker_frame, range(len(job.shots)))
     except BrokenProcessPool:
-        raise OSError("a process that renders was ended from outside; what it has rendered is kept") from None
+        raise OSError(
+            "a process that renders was ended from outside; what it has rendered is kept"
+        ) from None
     finally:
         pool.shutdown(cancel_futures=True)
         cv2.setNumThreads(threads)
@@ -234,12 +307,19 @@ def _worker_frame(frame: int) -> tuple[int, list[int]]:
     return _one_frame(_worker["job"], _worker["partial"], frame)
 
 
-def standard_recording(name: str, seed: int = 0, seconds: float = SECONDS, rig_name: str = "raised_40deg",
-                       handle_name: str = "coded", progress: bool = True) -> Path:
-    """The folder of a standard recording, 30 frames a second; rendered, in a minute or two, if it is not there yet.
+def standard_recording(
+    name: str,
+    seed: int = 0,
+    seconds: float = SECONDS,
+    rig_name: str = "raised_40deg",
+    handle_name: str = "coded",
+    progress: bool = True,
+) -> Path:
+    """The folder of a standard recording, 30 frames a second; rendered, in a minute or two, if it
+    is not there yet.
 
-    A recording belongs to its name, seed, length, rig and handle, and to the code that renders it: whatever of these
-    changes, it is rendered anew. The first seconds of a longer one are the same.
+    A recording belongs to its name, seed, length, rig and handle, and to the code that renders it:
+    whatever of these changes, it is rendered anew. The first seconds of a longer one are the same.
 
     Parameters
     ----------
@@ -257,9 +337,16 @@ def standard_recording(name: str, seed: int = 0, seconds: float = SECONDS, rig_n
     Raises
     ------
     ValueError
-        If a name is unknown, the seed or the length is out of range, or the cache cannot be written.
+        If a name is unknown, the seed or the length is out of range, or the cache cannot be
+        written.
     """
-    job = scripted(name, load_rig(rig_name), load_handle(handle_name), as_whole(seed, "seed", 0, 2**63 - 1), seconds)
+    job = scripted(
+        name,
+        load_rig(rig_name),
+        load_handle(handle_name),
+        as_whole(seed, "seed", 0, 2**63 - 1),
+        seconds,
+    )
     manifest = made_from(job, name)
     key = hashlib.sha256(json.dumps(manifest).encode()).hexdigest()[:12]
     folder = recordings_folder() / f"{name}-{rig_name}-{handle_name}-{seed}-{key}"
@@ -276,7 +363,9 @@ def standard_recording(name: str, seed: int = 0, seconds: float = SECONDS, rig_n
 
 
 def recordings_folder() -> Path:
-    """Where standard recordings are kept: a folder of the user's cache, which may be removed at any time."""
+    """Where standard recordings are kept: a folder of the user's cache, which may be removed at any
+    time.
+    """
     return cache_folder() / "recordings"
 
 

@@ -1,7 +1,9 @@
-"""The scenario of a recording: who moves, how bright it is, what is in the way, and the frames that come of it.
+"""The scenario of a recording: who moves, how bright it is, what is in the way, and the frames that
+come of it.
 
-Two scenarios are the standard recordings, `calm` and `hard`; `following` holds the handle along given poses. A scenario
-does not depend on how long it is played: the first seconds of a longer one are the same.
+Two scenarios are the standard recordings, `calm` and `hard`; `following` holds the handle along
+given poses. A scenario does not depend on how long it is played: the first seconds of a longer one
+are the same.
 """
 
 from __future__ import annotations
@@ -25,18 +27,26 @@ from .scene import EXPOSURE_S, smeared
 
 # The hard script's times, s. A camera is its place in the rig; a rig of two takes them in turn.
 HIDDEN = ((0.6, 1.4, 2), (4.4, 5.2, 0), (9.0, 9.8, 1))  # a second hand is before this camera
-LIGHT_STEP_S, LIGHT_BEFORE, LIGHT_AFTER = 1.5, 0.8, 1.2
+LIGHT_STEP_S = 1.5
+LIGHT_BEFORE = 0.8
+LIGHT_AFTER = 1.2
 COVERED = (3.0, 4.0, 1)  # this camera is dark
-OUT_S, AWAY_S, BACK_S, INSIDE_S = 5.6, 6.6, 6.9, 7.9  # the handle leaves the images, and comes back
+# the handle leaves the images, and comes back
+OUT_S = 5.6
+AWAY_S = 6.6
+BACK_S = 6.9
+INSIDE_S = 7.9
 ABSENT_S = (8.2, 8.7)  # nobody is there
 EMPTY_S = 1.0  # of the calm script, at its start
 _AWAY_MM = 350.0  # along the world's x: beyond every image
-_APPROACH_S, _APPROACH_MM = 0.2, 450.0  # in which the second hand comes from out of the images, and how far
+# in which the second hand comes from out of the images, and how far
+_APPROACH_S, _APPROACH_MM = 0.2, 450.0
 _MIDDLE = np.array([0.0, 0.0, 570.0])  # of the standard scene
 _FROM = np.array([0.2, 0.75, 0.63])  # direction from which the second hand enters
 _DRIFT, _DRIFT_S = 0.08, 8.0  # the light's slow drift: its share, its period
 _LEAD_S = 0.1  # the motion has begun before the first instant
-_HOLDING = Arm(forearm=(0.78, 0.58, 0.24), forearm_length_mm=500.0)  # the elbow is outside the images
+# the elbow is outside the images
+_HOLDING = Arm(forearm=(0.78, 0.58, 0.24), forearm_length_mm=500.0)
 
 
 class Shot(NamedTuple):
@@ -72,30 +82,44 @@ def calm(rig: Rig, times_s: ArrayLike, seed: int) -> list[Shot]:
 
 def following(rig: Rig, poses: Sequence[RigidTransform | None]) -> list[Shot]:
     """A hand that holds the handle at these poses, T_world_handle; None where nobody is there."""
-    lights, rest = (1.0,) * len(rig.cameras), np.zeros(3)
+    lights = (1.0,) * len(rig.cameras)
+    rest = np.zeros(3)
     return [Shot(T, None if T is None else _HOLDING, lights, rest, rest, False) for T in poses]
 
 
 def hard(rig: Rig, times_s: ArrayLike, seed: int) -> list[Shot]:
     """All that makes tracking hard, at the times above: see `HIDDEN` to `ABSENT_S`.
 
-    A second hand hides one camera's view, the light steps by 1.5 and drifts, one camera is covered, the handle leaves
-    the images and is away; motion smears the images over the exposure, and shadows move on the background.
+    A second hand hides one camera's view, the light steps by 1.5 and drifts, one camera is covered,
+    the handle leaves the images and is away; motion smears the images over the exposure, and
+    shadows move on the background.
     """
     times = as_array(times_s, "times_s", (None,))
-    begin, middle, end = (_hard_poses(seed, times + t) for t in (-EXPOSURE_S / 2, 0.0, EXPOSURE_S / 2))
+    begin, middle, end = (
+        _hard_poses(seed, times + t) for t in (-EXPOSURE_S / 2, 0.0, EXPOSURE_S / 2)
+    )
     velocities = (end.translation - begin.translation) / EXPOSURE_S
     turns = (end.rotation * begin.rotation.inv()).as_rotvec() / EXPOSURE_S
     shots = []
     for t, T, velocity, turn in zip(times, middle, velocities, turns, strict=True):
         there = not ABSENT_S[0] <= t < ABSENT_S[1]
-        shots.append(Shot(T if there else None, replace(_HOLDING, hides_from=_hidden_from(rig, t)) if there else None,
-                          _gains(rig, t), velocity, turn, True))
+        shots.append(
+            Shot(
+                T if there else None,
+                replace(_HOLDING, hides_from=_hidden_from(rig, t)) if there else None,
+                _gains(rig, t),
+                velocity,
+                turn,
+                True,
+            )
+        )
     return shots
 
 
 def _hard_poses(seed: int, times: Array) -> RigidTransform:
-    away = _smooth_step((times - OUT_S) / (AWAY_S - OUT_S)) - _smooth_step((times - BACK_S) / (INSIDE_S - BACK_S))
+    away = _smooth_step((times - OUT_S) / (AWAY_S - OUT_S)) - _smooth_step(
+        (times - BACK_S) / (INSIDE_S - BACK_S)
+    )
     poses = human_motion(np.random.default_rng([seed, 1]), times + _LEAD_S)
     shift = np.column_stack([_AWAY_MM * away, np.zeros((len(times), 2))])
     return RigidTransform.from_components(poses.translation + shift, poses.rotation)
@@ -103,13 +127,20 @@ def _hard_poses(seed: int, times: Array) -> RigidTransform:
 
 def _gains(rig: Rig, t: float) -> tuple[float, ...]:
     """The light for each camera at a time."""
-    light = (LIGHT_BEFORE if t < LIGHT_STEP_S else LIGHT_AFTER) * (1 + _DRIFT * np.sin(2 * np.pi * t / _DRIFT_S))
-    count, (begin, end, covered) = len(rig.cameras), COVERED
-    return tuple(0.0 if k == covered % count and begin <= t < end else float(light) for k in range(count))
+    light = (LIGHT_BEFORE if t < LIGHT_STEP_S else LIGHT_AFTER) * (
+        1 + _DRIFT * np.sin(2 * np.pi * t / _DRIFT_S)
+    )
+    count = len(rig.cameras)
+    (begin, end, covered) = COVERED
+    return tuple(
+        0.0 if k == covered % count and begin <= t < end else float(light) for k in range(count)
+    )
 
 
 def _hidden_from(rig: Rig, t: float) -> tuple[float, float, float] | None:
-    """From where the second hand hides the handle at a time: a camera's centre, or aside while it comes and goes."""
+    """From where the second hand hides the handle at a time: a camera's centre, or aside while it
+    comes and goes.
+    """
     for begin, end, index in HIDDEN:
         if begin <= t < end:
             near = _smooth_step(np.array(min(t - begin, end - t) / _APPROACH_S))
@@ -120,7 +151,9 @@ def _hidden_from(rig: Rig, t: float) -> tuple[float, float, float] | None:
 
 
 def _aside(camera: Camera) -> Array:
-    """Direction across a camera's sight from which the second hand comes: from below, shape (3,)."""
+    """Direction across a camera's sight from which the second hand comes: from below, shape
+    (3,).
+    """
     sight = camera.centre - _MIDDLE
     sight /= np.linalg.norm(sight)
     across = _FROM - (_FROM @ sight) * sight
@@ -134,7 +167,9 @@ def _smooth_step(share: Array) -> Array:
 
 
 class Job(NamedTuple):
-    """A recording to make: cameras, handle, the instants with their times (s), and the seed of the noise."""
+    """A recording to make: cameras, handle, the instants with their times (s), and the seed of the
+    noise.
+    """
 
     rig: Rig
     handle: Handle
@@ -146,12 +181,18 @@ class Job(NamedTuple):
 
 def take(job: Job, frame: int, index: int) -> np.ndarray:
     """A camera's image of an instant, uint8 (height, width)."""
-    camera, shot, bench = job.rig.cameras[index], job.shots[frame], job.bench
+    camera = job.rig.cameras[index]
+    shot = job.shots[frame]
+    bench = job.bench
     light: Array = background(camera, bench)
     if shot.T_world_handle is not None and shot.gains[index] > 0:
         if shot.shadows:
-            light = light * (1 - bench.shading * shadow(camera, job.handle, shot.T_world_handle, bench, shot.arm))
-        layer = smeared(camera, job.handle, shot.T_world_handle, bench, shot.velocity, shot.turn_rate, shot.arm)
+            light = light * (
+                1 - bench.shading * shadow(camera, job.handle, shot.T_world_handle, bench, shot.arm)
+            )
+        layer = smeared(
+            camera, job.handle, shot.T_world_handle, bench, shot.velocity, shot.turn_rate, shot.arm
+        )
         light = over(layer, light)
     return digitise(shot.gains[index] * blurred(light, bench), bench, _noise(job, index, 1 + frame))
 
@@ -161,13 +202,19 @@ def seen_markers(job: Job, frame: int) -> list[int]:
     shot = job.shots[frame]
     if shot.T_world_handle is None:
         return [0] * len(job.rig.cameras)
-    return [int(true_visibility(camera, job.handle, shot.T_world_handle, shot.arm).sum()) if gain > 0 else 0
-            for camera, gain in zip(job.rig.cameras, shot.gains, strict=True)]
+    return [
+        int(true_visibility(camera, job.handle, shot.T_world_handle, shot.arm).sum())
+        if gain > 0
+        else 0
+        for camera, gain in zip(job.rig.cameras, shot.gains, strict=True)
+    ]
 
 
 def empty(job: Job, index: int) -> np.ndarray:
     """A camera's image of the empty bench in the light of the first instant."""
-    light = job.shots[0].gains[index] * blurred(background(job.rig.cameras[index], job.bench), job.bench)
+    light = job.shots[0].gains[index] * blurred(
+        background(job.rig.cameras[index], job.bench), job.bench
+    )
     return digitise(light, job.bench, _noise(job, index, 0))
 
 

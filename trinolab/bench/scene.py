@@ -1,7 +1,9 @@
-"""The simulated bench: what cameras would see of the handle, and of a hand that holds it, with the truth.
+"""The simulated bench: what cameras would see of the handle, and of a hand that holds it, with the
+truth.
 
-A frame is ``digitise(blurred(radiance(...)))``: the light that reaches each pixel's area, the lens's blur, then shot
-and read noise and 8 bit. Motion blur is the mean of `radiance` over the poses of an exposure, before the blur.
+A frame is ``digitise(blurred(radiance(...)))``: the light that reaches each pixel's area, the
+lens's blur, then shot and read noise and 8 bit. Motion blur is the mean of `radiance` over the
+poses of an exposure, before the blur.
 """
 
 from __future__ import annotations
@@ -28,8 +30,15 @@ SMEAR_STEP_PX = 1.5  # likewise in `smeared`
 _LEAST_PX, _MOST_PX = 0.05, 300.0  # a motion of the image below or beyond these is not drawn
 
 
-def render(camera: Camera, handle: Handle, T_world_handle: RigidTransform | None, bench: Bench,
-           rng: np.random.Generator, arm: Arm | None = None, gain: float = 1.0) -> np.ndarray:
+def render(
+    camera: Camera,
+    handle: Handle,
+    T_world_handle: RigidTransform | None,
+    bench: Bench,
+    rng: np.random.Generator,
+    arm: Arm | None = None,
+    gain: float = 1.0,
+) -> np.ndarray:
     """Take a frame of the handle.
 
     Parameters
@@ -50,20 +59,36 @@ def render(camera: Camera, handle: Handle, T_world_handle: RigidTransform | None
     -------
     ndarray of uint8, shape (height, width)
     """
-    light = as_number(gain, "gain", 0.0) * blurred(radiance(camera, handle, T_world_handle, bench, arm), bench)
+    light = as_number(gain, "gain", 0.0) * blurred(
+        radiance(camera, handle, T_world_handle, bench, arm), bench
+    )
     return digitise(light, bench, rng)
 
 
-def render_rig(rig: Rig, handle: Handle, T_world_handle: RigidTransform | None, bench: Bench,
-               rng: np.random.Generator, arm: Arm | None = None, gain: float = 1.0) -> list[np.ndarray]:
+def render_rig(
+    rig: Rig,
+    handle: Handle,
+    T_world_handle: RigidTransform | None,
+    bench: Bench,
+    rng: np.random.Generator,
+    arm: Arm | None = None,
+    gain: float = 1.0,
+) -> list[np.ndarray]:
     """Take a frame with each camera of a rig, in its order; see `render`."""
     return [render(camera, handle, T_world_handle, bench, rng, arm, gain) for camera in rig.cameras]
 
 
-def render_clip(view: Camera | Rig, handle: Handle, poses: RigidTransform | Sequence[RigidTransform | None],
-                bench: Bench, rng: np.random.Generator, arm: Arm | Sequence[Arm | None] | None = None,
-                lights: ArrayLike | None = None) -> Iterator[Any]:
-    """Take the frames of a clip, one instant after the other: a frame of a camera, or the list of a rig's frames.
+def render_clip(
+    view: Camera | Rig,
+    handle: Handle,
+    poses: RigidTransform | Sequence[RigidTransform | None],
+    bench: Bench,
+    rng: np.random.Generator,
+    arm: Arm | Sequence[Arm | None] | None = None,
+    lights: ArrayLike | None = None,
+) -> Iterator[Any]:
+    """Take the frames of a clip, one instant after the other: a frame of a camera, or the list of a
+    rig's frames.
 
     Parameters
     ----------
@@ -82,8 +107,8 @@ def render_clip(view: Camera | Rig, handle: Handle, poses: RigidTransform | Sequ
     Raises
     ------
     ValueError
-        At the call if `arm` or `lights` has another length than `poses`, or a light is negative; at the frame what
-        `render` refuses.
+        At the call if `arm` or `lights` has another length than `poses`, or a light is negative; at
+        the frame what `render` refuses.
     """
     take: Any = render_rig if isinstance(view, Rig) else render
     arms = [arm] * len(poses) if arm is None or isinstance(arm, Arm) else list(arm)
@@ -92,37 +117,58 @@ def render_clip(view: Camera | Rig, handle: Handle, poses: RigidTransform | Sequ
     gains = np.ones(len(poses)) if lights is None else as_array(lights, "lights", (len(poses),))
     if (gains < 0).any():
         raise ValueError(f"lights: expected factors from 0, got {gains.min():g}")
-    return (take(view, handle, poses[k], bench, rng, arms[k], float(gains[k])) for k in range(len(arms)))
+    return (
+        take(view, handle, poses[k], bench, rng, arms[k], float(gains[k])) for k in range(len(arms))
+    )
 
 
 def scaled(camera: Camera, factor: float) -> Camera:
     """The same camera with `factor` times as many pixels a side: 0.5 makes four pixels one.
 
-    The corner of the image stays where it is, half a pixel outside the first centre: cx + 1/2 scales, not cx. Raises
-    ValueError if the size does not come out in whole pixels.
+    The corner of the image stays where it is, half a pixel outside the first centre: cx + 1/2
+    scales, not cx. Raises ValueError if the size does not come out in whole pixels.
     """
     factor = as_number(factor, "factor", 0.0, open_low=True)
     size = factor * np.array(camera.size)
     if (np.abs(size - np.round(size)) > 1e-9).any():
-        raise ValueError(f"factor: expected whole pixels of {camera.size[0]} x {camera.size[1]}, got {factor:g}")
+        raise ValueError(
+            f"factor: expected whole pixels of {camera.size[0]} x {camera.size[1]}, got {factor:g}"
+        )
     matrix = np.diag([factor, factor, 1.0]) @ camera.matrix
     matrix[:2, 2] += (factor - 1) / 2
     width, height = np.round(size).astype(int)
-    return Camera(camera.name, (int(width), int(height)), matrix, camera.distortions, camera.T_cam_world)
+    return Camera(
+        camera.name, (int(width), int(height)), matrix, camera.distortions, camera.T_cam_world
+    )
 
 
-def radiance(camera: Camera, handle: Handle, T_world_handle: RigidTransform | None, bench: Bench,
-             arm: Arm | None = None) -> Array:
-    """The image before blur and noise: the mean grey of each pixel's area, shape (height, width); see `foreground`."""
+def radiance(
+    camera: Camera,
+    handle: Handle,
+    T_world_handle: RigidTransform | None,
+    bench: Bench,
+    arm: Arm | None = None,
+) -> Array:
+    """The image before blur and noise: the mean grey of each pixel's area, shape (height, width);
+    see `foreground`.
+    """
     behind = background(camera, bench)
     if T_world_handle is None:
         return behind.copy()
     return over(foreground(camera, handle, T_world_handle, bench, arm), behind)
 
 
-def exposed(camera: Camera, handle: Handle, T_world_handle: RigidTransform, bench: Bench, velocity: ArrayLike,
-            turn_rate: ArrayLike, exposure_s: float = EXPOSURE_S) -> Array:
-    """The image before blur and noise of a handle in steady motion: the mean of `scene.radiance` over the exposure.
+def exposed(
+    camera: Camera,
+    handle: Handle,
+    T_world_handle: RigidTransform,
+    bench: Bench,
+    velocity: ArrayLike,
+    turn_rate: ArrayLike,
+    exposure_s: float = EXPOSURE_S,
+) -> Array:
+    """The image before blur and noise of a handle in steady motion: the mean of `scene.radiance`
+    over the exposure.
 
     Parameters
     ----------
@@ -142,8 +188,12 @@ def exposed(camera: Camera, handle: Handle, T_world_handle: RigidTransform, benc
     ndarray, shape (height, width)
     """
     half = as_number(exposure_s, "exposure_s", low=0.0) / 2
-    v, w = as_array(velocity, "velocity", (3,)), as_array(turn_rate, "turn_rate", (3,))
-    ends = [camera.project(_moved(T_world_handle, v, w, t).apply(handle.marker_centres)) for t in (-half, half)]
+    v = as_array(velocity, "velocity", (3,))
+    w = as_array(turn_rate, "turn_rate", (3,))
+    ends = [
+        camera.project(_moved(T_world_handle, v, w, t).apply(handle.marker_centres))
+        for t in (-half, half)
+    ]
     longest = np.nanmax(np.linalg.norm(ends[1] - ends[0], axis=1), initial=0.0)
     steps = max(1, int(np.ceil(longest / STEP_PX)))
     if steps > 1:
@@ -154,18 +204,33 @@ def exposed(camera: Camera, handle: Handle, T_world_handle: RigidTransform, benc
     return light / steps
 
 
-def smeared(camera: Camera, handle: Handle, T_world_handle: RigidTransform, bench: Bench, velocity: ArrayLike,
-            turn_rate: ArrayLike, arm: Arm | None = None, exposure_s: float = EXPOSURE_S) -> Layer:
-    """Handle and arm in steady motion, smeared over the exposure: `exposed` in a twentieth of its time.
+def smeared(
+    camera: Camera,
+    handle: Handle,
+    T_world_handle: RigidTransform,
+    bench: Bench,
+    velocity: ArrayLike,
+    turn_rate: ArrayLike,
+    arm: Arm | None = None,
+    exposure_s: float = EXPOSURE_S,
+) -> Layer:
+    """Handle and arm in steady motion, smeared over the exposure: `exposed` in a twentieth of its
+    time.
 
-    The layer at mid-exposure is drawn once, and moved by the affine motion of the image that fits the handle's. What
-    that leaves out is below a tenth of a pixel: the handle's turn about its own axis, and what perspective adds. The
-    arguments are those of `exposed`, and the arm, which moves with the handle.
+    The layer at mid-exposure is drawn once, and moved by the affine motion of the image that fits
+    the handle's. What that leaves out is below a tenth of a pixel: the handle's turn about its own
+    axis, and what perspective adds. The arguments are those of `exposed`, and the arm, which moves
+    with the handle.
     """
     half = as_number(exposure_s, "exposure_s", low=0.0) / 2
-    v, w = as_array(velocity, "velocity", (3,)), as_array(turn_rate, "turn_rate", (3,))
-    points = np.concatenate([handle.marker_centres, [[0, handle.top_mm, 0], [0, handle.bottom_mm, 0]]])
-    begin, end = (camera.project(_moved(T_world_handle, v, w, t).apply(points)) for t in (-half, half))
+    v = as_array(velocity, "velocity", (3,))
+    w = as_array(turn_rate, "turn_rate", (3,))
+    points = np.concatenate(
+        [handle.marker_centres, [[0, handle.top_mm, 0], [0, handle.bottom_mm, 0]]]
+    )
+    begin, end = (
+        camera.project(_moved(T_world_handle, v, w, t).apply(points)) for t in (-half, half)
+    )
     shown = np.isfinite(begin + end).all(axis=1)
     longest = np.linalg.norm(end - begin, axis=1)[shown].max(initial=0.0)
     if shown.sum() < 4 or not _LEAST_PX < longest < _MOST_PX:
@@ -177,7 +242,9 @@ def smeared(camera: Camera, handle: Handle, T_world_handle: RigidTransform, benc
     layer = foreground(wide, handle, T_world_handle, fine, arm)
     corner = layer.corner[0] - margin, layer.corner[1] - margin
     flow = _affine((begin + end)[shown] / 2 - corner, (end - begin)[shown])
-    return _mean_of_moved(layer._replace(corner=corner), flow, margin, int(np.ceil(longest / SMEAR_STEP_PX)))
+    return _mean_of_moved(
+        layer._replace(corner=corner), flow, margin, int(np.ceil(longest / SMEAR_STEP_PX))
+    )
 
 
 def _affine(at: Array, change: Array) -> Array:
@@ -191,7 +258,9 @@ def _affine(at: Array, change: Array) -> Array:
 
 
 def _mean_of_moved(layer: Layer, flow: Array, margin: int, steps: int) -> Layer:
-    """The mean of a layer moved by shares of -1/2 to 1/2 of a change over the exposure; its window is wider."""
+    """The mean of a layer moved by shares of -1/2 to 1/2 of a change over the exposure; its window
+    is wider.
+    """
     if not layer.light.size:  # it lies outside the image
         return layer
     both = np.dstack([layer.light, layer.cover]).astype(np.float32)
@@ -200,7 +269,9 @@ def _mean_of_moved(layer: Layer, flow: Array, margin: int, steps: int) -> Layer:
     for share in (np.arange(steps) + 0.5) / steps - 0.5:
         forward = np.eye(2, 3) + share * flow
         forward[:, 2] += margin
-        total += cv2.warpAffine(both, forward, (width + 2 * margin, height + 2 * margin), flags=cv2.INTER_LINEAR)
+        total += cv2.warpAffine(
+            both, forward, (width + 2 * margin, height + 2 * margin), flags=cv2.INTER_LINEAR
+        )
     total /= steps
     u, v = layer.corner
     return Layer(total[..., 0].astype(float), total[..., 1].astype(float), (u - margin, v - margin))

@@ -1,6 +1,6 @@
 """From images of a target to a rig (Sect. 6.2).
 
-`calibrate` is the command's way from files to files; its steps are `target` (points of a target in an image), `views`
-(which images belong together), `start` (a first camera in closed form), `eq25` (Eq. 25), `adjust` (the joint
-adjustment) and `outliers` (views that do not fit the others).
+`calibrate` is the command's way from files to files; its steps are `target` (points of a target in
+an image), `views` (which images belong together), `start` (a first camera in closed form), `eq25`
+(Eq. 25), `adjust` (the joint adjustment) and `outliers` (views that do not fit the others).
 """

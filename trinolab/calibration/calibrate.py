@@ -1,4 +1,6 @@
-"""From images of a target to a rig file, with what a person needs to judge it: the command ``trinolab calibrate``."""
+"""From images of a target to a rig file, with what a person needs to judge it: the command
+``trinolab calibrate``.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +21,8 @@ from .outliers import FEWEST_POINTS, calibrate_robustly
 from .target import Target
 from .views import TargetViews, check_connected, read_views
 
-WORST_RMS_PX = 3.0  # cameras that are not triggered together come to 0.8; a camera that is frozen to 10 and more
+# cameras that are not triggered together come to 0.8; a camera that is frozen to 10 and more
+WORST_RMS_PX = 3.0
 _LENS = ("fx / px", "fy / px", "cx / px", "cy / px", "k1", "k2", "p1", "p2", "k3")
 _PLACE = ("x / mm", "y / mm", "z / mm", "rotation x / deg", "rotation y / deg", "rotation z / deg")
 
@@ -31,11 +34,12 @@ class RigCalibration(NamedTuple):
     ----------
     found : Calibrated
     parameters : pandas.DataFrame
-        Columns `camera`, `parameter`, `value`, `sigma`: lens, and place and rotation vector of T_world_cam, which is
-        zero for the first camera. `sigma` is the standard deviation, 0 for what is fixed.
+        Columns `camera`, `parameter`, `value`, `sigma`: lens, and place and rotation vector of
+        T_world_cam, which is zero for the first camera. `sigma` is the standard deviation, 0 for
+        what is fixed.
     views : pandas.DataFrame
-        A row a camera and view: `camera`, `view`, `status` (``used``, ``dropped``, ``missing``), `points` found,
-        `rms_px` and `worst_px` (NaN if not used), `reason` for what was dropped.
+        A row a camera and view: `camera`, `view`, `status` (``used``, ``dropped``, ``missing``),
+        `points` found, `rms_px` and `worst_px` (NaN if not used), `reason` for what was dropped.
     passed_over : int
         Views that were not looked at.
     files : tuple of Path
@@ -49,19 +53,26 @@ class RigCalibration(NamedTuple):
     files: tuple[Path, Path, Path]
 
 
-def calibrate_rig(sources: Mapping[str, str | Path], target: Target, out: str | Path, most_views: int = 50,
-                  distortion_terms: int = 5, progress: bool = True) -> RigCalibration:
+def calibrate_rig(
+    sources: Mapping[str, str | Path],
+    target: Target,
+    out: str | Path,
+    most_views: int = 50,
+    distortion_terms: int = 5,
+    progress: bool = True,
+) -> RigCalibration:
     """Calibrate two or more cameras from images or videos of a target, and write the rig.
 
-    The world frame is the first camera's. Beside ``RIG.toml`` appear ``RIG_views.csv`` (the table `views`) and
-    ``RIG_residuals.png``; all three, or none.
+    The world frame is the first camera's. Beside ``RIG.toml`` appear ``RIG_views.csv`` (the table
+    `views`) and ``RIG_residuals.png``; all three, or none.
 
     Parameters
     ----------
     sources : mapping of str to path
-        For each camera's name a folder of images (paired by file name), a pattern such as ``photos/left*.png`` (paired
-        by what the ``*`` stands for), or a video (paired by frame). A view may be missing in a camera. Colour and
-        16-bit images are converted, and the log says so.
+        For each camera's name a folder of images (paired by file name), a pattern such as
+        ``photos/left*.png`` (paired by what the ``*`` stands for), or a video (paired by frame). A
+        view may be missing in a camera. Colour and 16-bit images are converted, and the log says
+        so.
     target : Target
     out : path
         The rig file, ``.toml``.
@@ -75,9 +86,9 @@ def calibrate_rig(sources: Mapping[str, str | Path], target: Target, out: str | 
     Raises
     ------
     ValueError
-        Names the file, camera or argument: what `views.read_views` refuses, a file that cannot be written, a
-        camera with fewer than three views of the target or none in common with the others, views that contradict each
-        other, and what `adjust.calibrate` refuses.
+        Names the file, camera or argument: what `views.read_views` refuses, a file that cannot be
+        written, a camera with fewer than three views of the target or none in common with the
+        others, views that contradict each other, and what `adjust.calibrate` refuses.
     """
     files = _outputs(out)
     seen = read_views(sources, target, most_views, progress)
@@ -85,8 +96,19 @@ def calibrate_rig(sources: Mapping[str, str | Path], target: Target, out: str | 
     found, reasons = _calibrated(seen, target, distortion_terms)
     views = _view_table(seen, found, reasons)
     parameters = _parameter_table(found)
-    write_together(dict(zip(files, (rig_text(found.rig), views.to_csv(index=False, float_format="%.6g"),
-                                    _picture(seen, found)), strict=True)))
+    write_together(
+        dict(
+            zip(
+                files,
+                (
+                    rig_text(found.rig),
+                    views.to_csv(index=False, float_format="%.6g"),
+                    _picture(seen, found),
+                ),
+                strict=True,
+            )
+        )
+    )
     return RigCalibration(found, parameters, views, seen.passed_over, files)
 
 
@@ -95,7 +117,11 @@ def _outputs(out: str | Path) -> tuple[Path, Path, Path]:
     rig = Path(out)
     if rig.suffix.lower() != ".toml":
         raise ValueError(f"{out}: expected a name that ends in .toml")
-    files = (rig, rig.with_name(f"{rig.stem}_views.csv"), rig.with_name(f"{rig.stem}_residuals.png"))
+    files = (
+        rig,
+        rig.with_name(f"{rig.stem}_views.csv"),
+        rig.with_name(f"{rig.stem}_residuals.png"),
+    )
     for path in files:
         check_target(path)
     return files
@@ -104,10 +130,14 @@ def _outputs(out: str | Path) -> tuple[Path, Path, Path]:
 def _check_seen(seen: TargetViews, sources: Mapping[str, str | Path], target: Target) -> None:
     """Refuse cameras that saw too little of the target."""
     enough = np.isfinite(seen.uv).all(axis=3).sum(axis=2) >= FEWEST_POINTS
-    for name, has, images in zip(seen.cameras, enough.sum(axis=1), seen.present.sum(axis=1), strict=True):
+    for name, has, images in zip(
+        seen.cameras, enough.sum(axis=1), seen.present.sum(axis=1), strict=True
+    ):
         if has < 3:
-            raise ValueError(f"{sources[name]}: camera {name}: target ({target}) found in {has} of {images} images, "
-                             "expected three or more")
+            raise ValueError(
+                f"{sources[name]}: camera {name}: target ({target}) found in {has} of {images} images, "
+                "expected three or more"
+            )
     check_connected(seen.cameras, enough, "no view in which it sees the target together")
 
 
@@ -118,11 +148,17 @@ def _calibrated(seen: TargetViews, target: Target, terms: int) -> tuple[Calibrat
     except ValueError as error:
         if not str(error).startswith("uv: "):
             raise
-        text = re.sub(r"\bcamera (\d+)", lambda number: f"camera {seen.cameras[int(number[1])]}", str(error)[4:])
+        text = re.sub(
+            r"\bcamera (\d+)",
+            lambda number: f"camera {seen.cameras[int(number[1])]}",
+            str(error)[4:],
+        )
         raise ValueError(f"images of {', '.join(seen.cameras)}: {text}") from None
     if found.rms_px > WORST_RMS_PX:
-        raise ValueError(f"images of {', '.join(seen.cameras)}: a residual of {found.rms_px:.1f} px, expected at most "
-                         f"{WORST_RMS_PX:g}: views of one name do not show one position of the target")
+        raise ValueError(
+            f"images of {', '.join(seen.cameras)}: a residual of {found.rms_px:.1f} px, expected at most "
+            f"{WORST_RMS_PX:g}: views of one name do not show one position of the target"
+        )
     return found, reasons
 
 
@@ -133,10 +169,17 @@ def _view_table(seen: TargetViews, found: Calibrated, reasons: np.ndarray) -> pd
     for k, v in np.ndindex(reasons.shape):
         used = np.isfinite(distances[k, v]).any()
         status = "used" if used else "dropped" if seen.present[k, v] else "missing"
-        rows.append({"camera": seen.cameras[k], "view": seen.views[v], "status": status,
-                     "points": int(np.isfinite(seen.uv[k, v]).all(axis=1).sum()),
-                     "rms_px": found.view_rms_px[k, v], "worst_px": np.nanmax(distances[k, v]) if used else np.nan,
-                     "reason": reasons[k, v] if status == "dropped" else ""})
+        rows.append(
+            {
+                "camera": seen.cameras[k],
+                "view": seen.views[v],
+                "status": status,
+                "points": int(np.isfinite(seen.uv[k, v]).all(axis=1).sum()),
+                "rms_px": found.view_rms_px[k, v],
+                "worst_px": np.nanmax(distances[k, v]) if used else np.nan,
+                "reason": reasons[k, v] if status == "dropped" else "",
+            }
+        )
     return pd.DataFrame(rows)
 
 
@@ -145,17 +188,24 @@ def _parameter_table(found: Calibrated) -> pd.DataFrame:
     rows = []
     for k, camera in enumerate(found.cameras):
         lens = [*camera.focal, *camera.principal_point, *camera.distortions]
-        values, sigmas = [*lens, *_place(found, k)[0]], [*found.intrinsic_sigma[k], *_place(found, k)[1]]
-        rows += [{"camera": camera.name, "parameter": name, "value": float(value), "sigma": float(sigma)}
-                 for name, value, sigma in zip(_LENS + _PLACE, values, sigmas, strict=True)]
+        values = [*lens, *_place(found, k)[0]]
+        sigmas = [*found.intrinsic_sigma[k], *_place(found, k)[1]]
+        rows += [
+            {"camera": camera.name, "parameter": name, "value": float(value), "sigma": float(sigma)}
+            for name, value, sigma in zip(_LENS + _PLACE, values, sigmas, strict=True)
+        ]
     return pd.DataFrame(rows)
 
 
 def _place(found: Calibrated, camera: int) -> tuple[Array, Array]:
-    """Translation (mm) and rotation vector (deg) of T_world_cam, (6,), and their standard deviations."""
-    T, covariance = found.cameras[camera].T_world_cam, found.relative_covariance(camera)
+    """Translation (mm) and rotation vector (deg) of T_world_cam, (6,), and their standard
+    deviations.
+    """
+    T = found.cameras[camera].T_world_cam
+    covariance = found.relative_covariance(camera)
     rotvec = T.rotation.as_rotvec()
-    back = np.linalg.inv(left_jacobian(rotvec))  # from small turns in the world to changes of the vector
+    # from small turns in the world to changes of the vector
+    back = np.linalg.inv(left_jacobian(rotvec))
     turned = back @ covariance[3:, 3:] @ back.T
     sigmas = np.sqrt(np.concatenate([np.diag(covariance)[:3], np.diag(turned)]))
     units = np.repeat([1.0, 180 / np.pi], 3)
@@ -172,18 +222,26 @@ def _picture(seen: TargetViews, found: Calibrated) -> bytes:
 
 
 def as_lines(result: RigCalibration) -> list[str]:
-    """A calibration as lines of text: errors, parameters with their standard deviations, what was dropped and why."""
+    """A calibration as lines of text: errors, parameters with their standard deviations, what was
+    dropped and why.
+    """
     found, views = result.found, result.views
     lines = [f"{'camera':12s} {'views':>6s} {'points':>7s} {'rms / px':>9s}"]
     for name, rows in views[views["status"] == "used"].groupby("camera", sort=False):
-        rms = np.sqrt((rows["rms_px"]**2 * rows["points"]).sum() / rows["points"].sum())
+        rms = np.sqrt((rows["rms_px"] ** 2 * rows["points"]).sum() / rows["points"].sum())
         lines.append(f"{name:12s} {len(rows):6d} {rows['points'].sum():7d} {rms:9.3f}")
-    lines.append(f"{'all':12s} {sum(T is not None for T in found.T_world_target):6d} "
-                 f"{views.loc[views['status'] == 'used', 'points'].sum():7d} {found.rms_px:9.3f}    "
-                 f"(noise of a coordinate {found.sigma_px:.3f} px)")
+    lines.append(
+        f"{'all':12s} {sum(T is not None for T in found.T_world_target):6d} "
+        f"{views.loc[views['status'] == 'used', 'points'].sum():7d} {found.rms_px:9.3f}    "
+        f"(noise of a coordinate {found.sigma_px:.3f} px)"
+    )
     for name, rows in result.parameters.groupby("camera", sort=False):
-        shown = rows[:len(_LENS)] if name == found.cameras[0].name else rows
-        lines += ["", name + (", the world frame" if len(shown) < len(rows) else ""), *map(_line, shown.itertuples())]
+        shown = rows[: len(_LENS)] if name == found.cameras[0].name else rows
+        lines += [
+            "",
+            name + (", the world frame" if len(shown) < len(rows) else ""),
+            *map(_line, shown.itertuples()),
+        ]
     dropped = views[views["status"] == "dropped"]
     lines += ["", f"views dropped: {len(dropped) or 'none'}"]
     lines += [f"  {row.camera} {row.view}: {row.reason}" for row in dropped.itertuples()]

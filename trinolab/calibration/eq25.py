@@ -1,7 +1,7 @@
 """The relative pose of two cameras from the poses of one target in both (Sect. 6.2).
 
-Eq. 25 means X_l = R_rl X_r + T_rl, right to left. In our names T_rl and R_rl are the motion ``T_left_right``, and the
-target's frame is what the equation calls the world.
+Eq. 25 means X_l = R_rl X_r + T_rl, right to left. In our names T_rl and R_rl are the motion
+``T_left_right``, and the target's frame is what the equation calls the world.
 """
 
 from __future__ import annotations
@@ -33,7 +33,8 @@ class RelativePose:
 
 
 def relative_pose(T_left_target: RigidTransform, T_right_target: RigidTransform) -> RigidTransform:
-    """The relative pose of two cameras that see one target: R_rl = R_l R_r^-1, T_rl = T_l - R_rl T_r (Eq. 25).
+    """The relative pose of two cameras that see one target: R_rl = R_l R_r^-1, T_rl = T_l - R_rl
+    T_r (Eq. 25).
 
     Parameters
     ----------
@@ -49,14 +50,19 @@ def relative_pose(T_left_target: RigidTransform, T_right_target: RigidTransform)
         if not isinstance(value, RigidTransform):
             raise ValueError(f"{name}: expected a RigidTransform, got {type(value).__name__}")
     if T_left_target.shape != T_right_target.shape:
-        raise ValueError(f"T_right_target: expected shape {T_left_target.shape}, got {T_right_target.shape}")
+        raise ValueError(
+            f"T_right_target: expected shape {T_left_target.shape}, got {T_right_target.shape}"
+        )
     R_rl = T_left_target.rotation * T_right_target.rotation.inv()
     T_rl = T_left_target.translation - R_rl.apply(T_right_target.translation)
     return RigidTransform.from_components(T_rl, R_rl)
 
 
-def mean_relative_pose(T_left_target: RigidTransform, T_right_target: RigidTransform) -> RelativePose:
-    """Eq. 25 for each position of the target, and the mean, with the uncertainty that their scatter shows (Eq. 25).
+def mean_relative_pose(
+    T_left_target: RigidTransform, T_right_target: RigidTransform
+) -> RelativePose:
+    """Eq. 25 for each position of the target, and the mean, with the uncertainty that their scatter
+    shows (Eq. 25).
 
     Parameters
     ----------
@@ -69,7 +75,9 @@ def mean_relative_pose(T_left_target: RigidTransform, T_right_target: RigidTrans
     """
     each = relative_pose(T_left_target, T_right_target)
     if each.single or len(each) < 2:
-        raise ValueError(f"T_left_target: expected two or more positions, got {1 if each.single else len(each)}")
+        raise ValueError(
+            f"T_left_target: expected two or more positions, got {1 if each.single else len(each)}"
+        )
     rotation = each.rotation.mean()
     mean = RigidTransform.from_components(each.translation.mean(axis=0), rotation)
     turns = (each.rotation * rotation.inv()).as_rotvec()
@@ -78,7 +86,9 @@ def mean_relative_pose(T_left_target: RigidTransform, T_right_target: RigidTrans
 
 
 def rotation_sigma(rotation: Rotation, covariance: ArrayLike) -> Array:
-    """Standard deviations of a rotation matrix's entries from the covariance (3, 3) of its rotation vector, (3, 3)."""
+    """Standard deviations of a rotation matrix's entries from the covariance (3, 3) of its rotation
+    vector, (3, 3).
+    """
     C = as_array(covariance, "covariance", (3, 3))
     slope = np.stack([np.cross(axis, rotation.as_matrix(), axisb=0, axisc=0) for axis in np.eye(3)])
     return np.sqrt(np.maximum(np.einsum("kij,kl,lij->ij", slope, C, slope), 0.0))

@@ -1,8 +1,10 @@
-"""Views of a target that do not fit the others: found and left out, each with its reason (Sect. 6.2).
+"""Views of a target that do not fit the others: found and left out, each with its reason
+(Sect. 6.2).
 
-A least squares over all views has no defence against a target that moved during the exposure, or two images that do
-not belong together. Each camera is calibrated alone first, then every two cameras are asked whether they agree on how
-they stand to each other (Eq. 25), and the joint adjustment has the last word.
+A least squares over all views has no defence against a target that moved during the exposure, or
+two images that do not belong together. Each camera is calibrated alone first, then every two
+cameras are asked whether they agree on how they stand to each other (Eq. 25), and the joint
+adjustment has the last word.
 """
 
 from __future__ import annotations
@@ -19,13 +21,20 @@ from .eq25 import relative_pose
 from .start import homography
 
 FEWEST_POINTS = 6  # of a view: two more than a homography needs, so that a wrong one shows
-FAR_ABOVE = 3.0  # times the median residual of the camera's views; a blurred or steep view has up to twice it
-_TURN_DEG, _SHIFT = 5.0, 0.05  # what two cameras may disagree by, the shift as a share of the target's distance
+# times the median residual of the camera's views; a blurred or steep view has up to twice it
+FAR_ABOVE = 3.0
+# what two cameras may disagree by, the shift as a share of the target's distance
+_TURN_DEG, _SHIFT = 5.0, 0.05
 _ROUNDING_PX = 1e-3  # residuals that are no reason to leave out a view
 
 
-def calibrate_robustly(target: Array, uv: ArrayLike, sizes: Sequence[tuple[int, int]], names: Sequence[str],
-                       distortion_terms: int = 5) -> tuple[Calibrated, np.ndarray]:
+def calibrate_robustly(
+    target: Array,
+    uv: ArrayLike,
+    sizes: Sequence[tuple[int, int]],
+    names: Sequence[str],
+    distortion_terms: int = 5,
+) -> tuple[Calibrated, np.ndarray]:
     """Calibrate without the views that do not fit the others.
 
     Parameters
@@ -51,7 +60,14 @@ def calibrate_robustly(target: Array, uv: ArrayLike, sizes: Sequence[tuple[int, 
     alone = []
     for k in range(len(uv)):
         try:
-            found = _fitted(target, uv[k:k + 1], reasons[k:k + 1], sizes[k:k + 1], names[k:k + 1], distortion_terms)
+            found = _fitted(
+                target,
+                uv[k : k + 1],
+                reasons[k : k + 1],
+                sizes[k : k + 1],
+                names[k : k + 1],
+                distortion_terms,
+            )
             alone.append(list(found.T_world_target))
         except ValueError:  # too little for a camera alone may be enough for all together
             alone.append([None] * uv.shape[1])
@@ -73,15 +89,25 @@ def _too_few(target: Array, uv: Array) -> np.ndarray:
         if counts[at] == 0:
             why[at] = "no target found"
         elif counts[at] < FEWEST_POINTS:
-            why[at] = f"too few points: {counts[at]} of {len(target)}, expected {FEWEST_POINTS} or more"
+            why[at] = (
+                f"too few points: {counts[at]} of {len(target)}, expected {FEWEST_POINTS} or more"
+            )
         elif homography(target[:, :2], uv[at]) is None:
             why[at] = f"the {counts[at]} points found lie on one line"
     return why
 
 
-def _fitted(target: Array, uv: Array, reasons: np.ndarray, sizes: Sequence[tuple[int, int]], names: Sequence[str],
-            terms: int) -> Calibrated:
-    """Calibrate until no view's residual is far above those of its camera's others; drops views in place."""
+def _fitted(
+    target: Array,
+    uv: Array,
+    reasons: np.ndarray,
+    sizes: Sequence[tuple[int, int]],
+    names: Sequence[str],
+    terms: int,
+) -> Calibrated:
+    """Calibrate until no view's residual is far above those of its camera's others; drops views in
+    place.
+    """
     while True:
         found = calibrate(target, uv, sizes, names, terms)
         why = _far_above(found.view_rms_px)
@@ -91,17 +117,23 @@ def _fitted(target: Array, uv: Array, reasons: np.ndarray, sizes: Sequence[tuple
 
 
 def _far_above(rms: Array) -> np.ndarray:
-    """Reasons (cameras, views) that lie in the residuals, of the worst views only: the others may suffer from them."""
+    """Reasons (cameras, views) that lie in the residuals, of the worst views only: the others may
+    suffer from them.
+    """
     typical = np.array([np.median(row[np.isfinite(row)]) for row in rms])[:, None]
     excess = np.nan_to_num(rms / np.maximum(FAR_ABOVE * typical, _ROUNDING_PX))
     why = np.full(rms.shape, "", object)
     for k, v in zip(*np.nonzero(excess > max(1.0, excess.max() / 2)), strict=True):
-        why[k, v] = f"residual {rms[k, v]:.2f} px, far above the others ({typical[k, 0]:.2f} px in the middle)"
+        why[k, v] = (
+            f"residual {rms[k, v]:.2f} px, far above the others ({typical[k, 0]:.2f} px in the middle)"
+        )
     return why
 
 
 def _disagreeing(T_cam_target: list[Poses], names: Sequence[str]) -> np.ndarray:
-    """Reasons (cameras, views) that lie in the relative poses: where cameras see the target in different places."""
+    """Reasons (cameras, views) that lie in the relative poses: where cameras see the target in
+    different places.
+    """
     against = np.zeros((len(names), len(names), len(T_cam_target[0])), bool)
     for a in range(len(names)):
         for b in range(a):
@@ -110,22 +142,34 @@ def _disagreeing(T_cam_target: list[Poses], names: Sequence[str]) -> np.ndarray:
     while against.any():
         v = int(np.flatnonzero(against.any(axis=(0, 1)))[0])
         counts = against[:, :, v].sum(axis=1)
-        k = int(np.flatnonzero(counts == counts.max())[-1])  # of two cameras that contradict each other, the later one
-        others = ", ".join(name for name, other in zip(names, against[k, :, v], strict=True) if other)
+        # of two cameras that contradict each other, the later one
+        k = int(np.flatnonzero(counts == counts.max())[-1])
+        others = ", ".join(
+            name for name, other in zip(names, against[k, :, v], strict=True) if other
+        )
         why[k, v] = f"the target lies elsewhere than for {others}, against all other views"
         against[k, :, v] = against[:, k, v] = False
     return why
 
 
 def _unlike(first: Poses, second: Poses) -> np.ndarray:
-    """Views, bool (views,), whose relative pose of two cameras is far from that of most; none if fewer than three."""
-    shared = [v for v, (a, b) in enumerate(zip(first, second, strict=True)) if a is not None and b is not None]
+    """Views, bool (views,), whose relative pose of two cameras is far from that of most; none if
+    fewer than three.
+    """
+    shared = [
+        v
+        for v, (a, b) in enumerate(zip(first, second, strict=True))
+        if a is not None and b is not None
+    ]
     unlike = np.zeros(len(first), bool)
     if len(shared) < 3:
         return unlike
-    left, right = (RigidTransform.concatenate([side[v] for v in shared]) for side in (first, second))
+    left, right = (
+        RigidTransform.concatenate([side[v] for v in shared]) for side in (first, second)
+    )
     each = relative_pose(left, right)
-    turns = np.rad2deg([(each.rotation * R.inv()).magnitude() for R in each.rotation])  # (shared, shared)
+    # (shared, shared)
+    turns = np.rad2deg([(each.rotation * R.inv()).magnitude() for R in each.rotation])
     shifts = np.linalg.norm(each.translation[:, None] - each.translation, axis=2)
     shifts /= np.median(np.linalg.norm(left.translation, axis=1))
     off = np.maximum(turns / _TURN_DEG, shifts / _SHIFT)

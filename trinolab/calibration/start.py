@@ -1,6 +1,8 @@
-"""Starting values of a calibration in closed form: homographies, the intrinsic matrix, the target's poses (Sect. 6.2).
+"""Starting values of a calibration in closed form: homographies, the intrinsic matrix, the target's
+poses (Sect. 6.2).
 
-After Zhang (2000), with no skew. Nothing here knows about lens distortion; `calibration` refines all of it.
+After Zhang (2000), with no skew. Nothing here knows about lens distortion; `calibration` refines
+all of it.
 """
 
 from __future__ import annotations
@@ -14,25 +16,29 @@ from ..rigid import nearest_rotation
 
 
 def homography(xy: ArrayLike, uv: ArrayLike) -> Array | None:
-    """The homography that takes points of a plane to pixels, by the normalised direct linear transformation.
+    """The homography that takes points of a plane to pixels, by the normalised direct linear
+    transformation.
 
     Parameters
     ----------
     xy, uv : array_like, shape (n, 2)
-        Row by row the same point, in the plane and in the image; rows with NaN in either are left out.
+        Row by row the same point, in the plane and in the image; rows with NaN in either are left
+        out.
 
     Returns
     -------
     ndarray, shape (3, 3), or None
-        ``[u, v, 1] ~ H [x, y, 1]``, scaled so that the points have positive third coordinates; None if fewer than four
-        points are left, or four or more of which so many lie on one line that they do not determine it.
+        ``[u, v, 1] ~ H [x, y, 1]``, scaled so that the points have positive third coordinates; None
+        if fewer than four points are left, or four or more of which so many lie on one line that
+        they do not determine it.
     """
     xy = as_points(xy, "xy", 2)
     uv = as_array(uv, "uv", xy.shape, finite=False)
     valid = np.isfinite(xy).all(axis=1) & np.isfinite(uv).all(axis=1)
     if valid.sum() < 4:
         return None
-    (p, N), (q, M) = _normalised(xy[valid]), _normalised(uv[valid])
+    (p, N) = _normalised(xy[valid])
+    (q, M) = _normalised(uv[valid])
     zero = np.zeros_like(p)
     A = np.concatenate([np.hstack([p, zero, -q[:, :1] * p]), np.hstack([zero, p, -q[:, 1:2] * p])])
     values, Vt = np.linalg.svd(A)[1:]
@@ -43,11 +49,13 @@ def homography(xy: ArrayLike, uv: ArrayLike) -> Array | None:
 
 
 def intrinsics(homographies: ArrayLike, size: tuple[int, int]) -> Array:
-    """The intrinsic matrix from the homographies of three or more positions of a plane, in closed form.
+    """The intrinsic matrix from the homographies of three or more positions of a plane, in closed
+    form.
 
-    Each homography ``H = K [r1 r2 t]`` gives two equations for ``B = K^-T K^-1``, because r1 and r2 are perpendicular
-    and of one length. If noise makes the answer no camera, or puts the principal point outside the image, the principal
-    point is taken to be the image's centre and the focal lengths alone are solved for.
+    Each homography ``H = K [r1 r2 t]`` gives two equations for ``B = K^-T K^-1``, because r1 and r2
+    are perpendicular and of one length. If noise makes the answer no camera, or puts the principal
+    point outside the image, the principal point is taken to be the image's centre and the focal
+    lengths alone are solved for.
 
     Parameters
     ----------
@@ -62,43 +70,60 @@ def intrinsics(homographies: ArrayLike, size: tuple[int, int]) -> Array:
     Raises
     ------
     ValueError
-        If there are fewer than three homographies, or the positions do not determine the focal lengths, as when the
-        plane was always parallel to the image.
+        If there are fewer than three homographies, or the positions do not determine the focal
+        lengths, as when the plane was always parallel to the image.
     """
     H = as_array(homographies, "homographies", (None, 3, 3))
     if len(H) < 3:
         raise ValueError(f"homographies: expected three or more, got {len(H)}")
     scale = float(max(size))
-    N = np.array([[1 / scale, 0, (1 - size[0]) / 2 / scale], [0, 1 / scale, (1 - size[1]) / 2 / scale], [0, 0, 1]])
+    N = np.array(
+        [
+            [1 / scale, 0, (1 - size[0]) / 2 / scale],
+            [0, 1 / scale, (1 - size[1]) / 2 / scale],
+            [0, 0, 1],
+        ]
+    )
     H = N @ H
     equations = _equations(H / np.linalg.norm(H, axis=(1, 2), keepdims=True))
     K = _from_conic(np.linalg.svd(equations)[2][-1])
     if K is None or (np.abs(K[:2, 2]) > np.array(size) / 2 / scale).any():
         K = _from_conic(_centred(equations))
     if K is None:
-        raise ValueError("homographies: expected positions of different tilt; these do not determine the focal lengths")
+        raise ValueError(
+            "homographies: expected positions of different tilt; these do not determine the focal lengths"
+        )
     return frozen(np.linalg.inv(N) @ K)
 
 
 def target_pose(H: ArrayLike, K: ArrayLike) -> RigidTransform:
-    """The pose T_cam_target of a plane from its homography and the intrinsic matrix, in the plane's unit of length.
+    """The pose T_cam_target of a plane from its homography and the intrinsic matrix, in the plane's
+    unit of length.
 
     Raises
     ------
     ValueError
         If a matrix is singular.
     """
-    H, K = as_array(H, "H", (3, 3)), as_array(K, "K", (3, 3))
-    if min(abs(np.linalg.det(H / np.linalg.norm(H))), abs(np.linalg.det(K / np.linalg.norm(K)))) < 1e-14:
+    H = as_array(H, "H", (3, 3))
+    K = as_array(K, "K", (3, 3))
+    if (
+        min(abs(np.linalg.det(H / np.linalg.norm(H))), abs(np.linalg.det(K / np.linalg.norm(K))))
+        < 1e-14
+    ):
         raise ValueError("H, K: expected invertible matrices")
     columns = np.linalg.solve(K, H)
     columns /= np.linalg.norm(columns[:, :2], axis=0).mean() * (np.sign(columns[2, 2]) or 1.0)
     r1, r2, t = columns.T
-    return RigidTransform.from_components(t, nearest_rotation(np.column_stack([r1, r2, np.cross(r1, r2)])))
+    return RigidTransform.from_components(
+        t, nearest_rotation(np.column_stack([r1, r2, np.cross(r1, r2)]))
+    )
 
 
 def _normalised(points: Array) -> tuple[Array, Array]:
-    """Points moved to mean 0 and rms distance sqrt 2, with a 1 beside them, (n, 3), and the matrix that does it."""
+    """Points moved to mean 0 and rms distance sqrt 2, with a 1 beside them, (n, 3), and the matrix
+    that does it.
+    """
     mean = points.mean(axis=0)
     spread = np.sqrt(((points - mean) ** 2).sum(axis=1).mean())
     scale = np.sqrt(2) / spread if spread > 0 else 1.0
@@ -108,10 +133,20 @@ def _normalised(points: Array) -> tuple[Array, Array]:
 
 def _equations(H: Array) -> Array:
     """Two rows a homography for b = (B11, B22, B13, B23, B33), shape (2 m, 5)."""
+
     def row(i: int, j: int) -> Array:
         a, b = H[:, :, i], H[:, :, j]
-        return np.stack([a[:, 0] * b[:, 0], a[:, 1] * b[:, 1], a[:, 2] * b[:, 0] + a[:, 0] * b[:, 2],
-                         a[:, 2] * b[:, 1] + a[:, 1] * b[:, 2], a[:, 2] * b[:, 2]], axis=1)
+        return np.stack(
+            [
+                a[:, 0] * b[:, 0],
+                a[:, 1] * b[:, 1],
+                a[:, 2] * b[:, 0] + a[:, 0] * b[:, 2],
+                a[:, 2] * b[:, 1] + a[:, 1] * b[:, 2],
+                a[:, 2] * b[:, 2],
+            ],
+            axis=1,
+        )
+
     return np.concatenate([row(0, 1), row(0, 0) - row(1, 1)])
 
 

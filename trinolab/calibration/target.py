@@ -1,7 +1,8 @@
-"""Calibration targets and how they are found in an image: chessboards, grids of circles, ChArUco boards (Sect. 6.2).
+"""Calibration targets and how they are found in an image: chessboards, grids of circles, ChArUco
+boards (Sect. 6.2).
 
-The target's frame: origin at its first point, x along a row of points, y along a column, z away from a viewer who sees
-x point right and y down. The detectors are OpenCV's.
+The target's frame: origin at its first point, x along a row of points, y along a column, z away
+from a viewer who sees x point right and y down. The detectors are OpenCV's.
 """
 
 from __future__ import annotations
@@ -31,7 +32,8 @@ class Board:
     Attributes
     ----------
     columns, rows : int
-        Inner corners in a row and in a column, at least 3 each. One odd and one even leave no two ways to count them.
+        Inner corners in a row and in a column, at least 3 each. One odd and one even leave no two
+        ways to count them.
     square_mm : float
         Side of a square.
     """
@@ -53,23 +55,32 @@ class Board:
 
     @cached_property
     def outline(self) -> Array:
-        """The board's own corners, a white margin of one square included, shape (4, 3), mm, board frame."""
-        low, right, bottom = -2.0, self.columns + 1.0, self.rows + 1.0
-        return frozen(np.array([[low, low, 0], [right, low, 0], [right, bottom, 0], [low, bottom, 0]]) * self.square_mm)
+        """The board's own corners, a white margin of one square included, shape (4, 3), mm, board
+        frame.
+        """
+        low = -2.0
+        right = self.columns + 1.0
+        bottom = self.rows + 1.0
+        return frozen(
+            np.array([[low, low, 0], [right, low, 0], [right, bottom, 0], [low, bottom, 0]])
+            * self.square_mm
+        )
 
 
 def find_corners(image: ArrayLike, board: Board, half_window_px: int | None = 7) -> Array:
     """Find the inner corners of a board to sub-pixel accuracy.
 
-    The search fits the corner at which the grey gradients in a window are all perpendicular to the line to it. The
-    half window should stay below half of the smallest distance between corners: beyond, other edges pull some away.
+    The search fits the corner at which the grey gradients in a window are all perpendicular to the
+    line to it. The half window should stay below half of the smallest distance between corners:
+    beyond, other edges pull some away.
 
     Parameters
     ----------
     image : array_like of uint8, shape (height, width)
     board : Board
     half_window_px : int or None
-        The window is ``2 * half_window_px + 1`` px wide. None for what suits the image: 7, or less if corners are near.
+        The window is ``2 * half_window_px + 1`` px wide. None for what suits the image: 7, or less
+        if corners are near.
 
     Returns
     -------
@@ -93,14 +104,22 @@ def find_corners(image: ArrayLike, board: Board, half_window_px: int | None = 7)
 
 
 def sharpened(grey: np.ndarray, corners: np.ndarray, half: int) -> Array:
-    """Corners (n, 2) to sub-pixel accuracy, px, from places near them in an image of uint8 and half a window, px."""
+    """Corners (n, 2) to sub-pixel accuracy, px, from places near them in an image of uint8 and half
+    a window, px.
+    """
     start = np.ascontiguousarray(corners, np.float32).reshape(-1, 1, 2)
-    return np.asarray(cv2.cornerSubPix(grey, start, (half, half), (-1, -1), _STOP), float).reshape(-1, 2)
+    return np.asarray(cv2.cornerSubPix(grey, start, (half, half), (-1, -1), _STOP), float).reshape(
+        -1, 2
+    )
 
 
 def half_window(grid: np.ndarray, share: float = 0.4) -> int:
-    """Half a window (px) for corners (rows, columns, 2), NaN where missing: a share of the least distance, 2 to 7."""
-    between = np.concatenate([np.linalg.norm(np.diff(grid, axis=axis), axis=2).ravel() for axis in (0, 1)])
+    """Half a window (px) for corners (rows, columns, 2), NaN where missing: a share of the least
+    distance, 2 to 7.
+    """
+    between = np.concatenate(
+        [np.linalg.norm(np.diff(grid, axis=axis), axis=2).ravel() for axis in (0, 1)]
+    )
     nearest = np.min(between, where=np.isfinite(between), initial=7 / share)
     return int(np.clip(share * nearest, 2, 7))
 
@@ -114,8 +133,8 @@ class Target:
     kind : {"chessboard", "circles", "charuco"}
         Circles are dark on light, in rows one below the other.
     columns, rows : int
-        As OpenCV counts: **inner corners** of a chessboard, **circles** of a grid, both from 3; **squares** of a
-        ChArUco board, from 4.
+        As OpenCV counts: **inner corners** of a chessboard, **circles** of a grid, both from 3;
+        **squares** of a ChArUco board, from 4.
     square_mm : float
         Side of a square, or distance of the centres of neighbouring circles.
     marker_mm : float, optional
@@ -146,7 +165,9 @@ class Target:
             self._check_markers(square)
         elif self.marker_mm is not None or self.dictionary is not None:
             name = "dictionary" if self.marker_mm is None else "marker_mm"
-            raise ValueError(f"{name}: a {self.kind} target has no markers; expected it with charuco only")
+            raise ValueError(
+                f"{name}: a {self.kind} target has no markers; expected it with charuco only"
+            )
 
     def _check_markers(self, square: float) -> None:
         marker = as_number(self.side_of_marker, "marker_mm", low=0.0, open_low=True)
@@ -154,8 +175,11 @@ class Target:
             raise ValueError(f"marker_mm: expected less than a square ({square:g}), got {marker:g}")
         name = self.dictionary or _DICTIONARY
         if not hasattr(cv2.aruco, f"DICT_{name}"):
-            raise ValueError(f"dictionary: expected a name such as {_DICTIONARY} or 5X5_250, got {name!r}")
-        there, needed = len(_dictionary(name).bytesList), self.columns * self.rows // 2
+            raise ValueError(
+                f"dictionary: expected a name such as {_DICTIONARY} or 5X5_250, got {name!r}"
+            )
+        there = len(_dictionary(name).bytesList)
+        needed = self.columns * self.rows // 2
         if needed > there:
             raise ValueError(f"dictionary: {name} has {there} markers, the board has {needed}")
 
@@ -166,7 +190,9 @@ class Target:
 
     @property
     def board(self) -> Board:
-        """The points as the inner corners of a chessboard, which for a grid of circles need not be one."""
+        """The points as the inner corners of a chessboard, which for a grid of circles need not be
+        one.
+        """
         border = int(self.kind == "charuco")
         return Board(self.columns - border, self.rows - border, self.square_mm)
 
@@ -177,19 +203,25 @@ class Target:
 
     @property
     def two_ways(self) -> bool:
-        """Whether the target looks the same from two sides, so that its points can be counted in two ways."""
-        return self.kind == "circles" or (self.kind == "chessboard" and (self.columns - self.rows) % 2 == 0)
+        """Whether the target looks the same from two sides, so that its points can be counted in
+        two ways.
+        """
+        return self.kind == "circles" or (
+            self.kind == "chessboard" and (self.columns - self.rows) % 2 == 0
+        )
 
     def __str__(self) -> str:
-        counted = {"chessboard": "inner corners", "circles": "circles", "charuco": "squares"}[self.kind]
+        counted = {"chessboard": "inner corners", "circles": "circles", "charuco": "squares"}[
+            self.kind
+        ]
         return f"{self.kind}, {self.columns} x {self.rows} {counted}"
 
 
 def find_target(image: ArrayLike, target: Target) -> Array:
     """Find a target's points in an image, to sub-pixel accuracy.
 
-    Where the target could be counted in two ways, its rows are taken to run to the right in the image: cameras that
-    look at such a target must be upright, all within 45 deg.
+    Where the target could be counted in two ways, its rows are taken to run to the right in the
+    image: cameras that look at such a target must be upright, all within 45 deg.
 
     Parameters
     ----------
@@ -199,8 +231,8 @@ def find_target(image: ArrayLike, target: Target) -> Array:
     Returns
     -------
     ndarray, shape (n, 2)
-        Pixels, in the order of `Target.points`; NaN for what was not found. Of a ChArUco board some points may be
-        found; of the others all or none.
+        Pixels, in the order of `Target.points`; NaN for what was not found. Of a ChArUco board some
+        points may be found; of the others all or none.
 
     Raises
     ------
@@ -210,17 +242,27 @@ def find_target(image: ArrayLike, target: Target) -> Array:
     grey = as_image(image, "image")
     if grey.dtype != np.uint8:
         raise ValueError(f"image: expected 8 bit, got {grey.dtype}")
-    if min(grey.shape) < _LEAST_PX * min(target.columns, target.rows):  # OpenCV refuses images of a few pixels
+    # OpenCV refuses images of a few pixels
+    if min(grey.shape) < _LEAST_PX * min(target.columns, target.rows):
         return np.full((len(target.points), 2), np.nan)
     if target.kind == "charuco":
         return frozen(_charuco(grey, target))
-    uv = find_corners(grey, target.board, None) if target.kind == "chessboard" else _circles(grey, target)
+    uv = (
+        find_corners(grey, target.board, None)
+        if target.kind == "chessboard"
+        else _circles(grey, target)
+    )
     return frozen(_upright(uv, target) if target.two_ways else uv)
 
 
 def _circles(grey: np.ndarray, target: Target) -> Array:
-    """Centres of a grid of circles, (n, 2). A centre is its blob's, off the circle's own by the perspective."""
-    for flags in (cv2.CALIB_CB_SYMMETRIC_GRID, cv2.CALIB_CB_SYMMETRIC_GRID + cv2.CALIB_CB_CLUSTERING):
+    """Centres of a grid of circles, (n, 2). A centre is its blob's, off the circle's own by the
+    perspective.
+    """
+    for flags in (
+        cv2.CALIB_CB_SYMMETRIC_GRID,
+        cv2.CALIB_CB_SYMMETRIC_GRID + cv2.CALIB_CB_CLUSTERING,
+    ):
         found, centres = cv2.findCirclesGrid(grey, (target.columns, target.rows), flags=flags)
         if found:
             return np.asarray(centres, float).reshape(-1, 2)
@@ -230,25 +272,33 @@ def _circles(grey: np.ndarray, target: Target) -> Array:
 def _charuco(grey: np.ndarray, target: Target) -> Array:
     """Corners of a ChArUco board, (n, 2), NaN for those whose markers are not seen."""
     uv = np.full((len(target.points), 2), np.nan)
-    for old in (False, True)[:1 + (target.rows % 2 == 0)]:  # with even rows OpenCV before 4.6 drew another board
+    # with even rows OpenCV before 4.6 drew another board
+    for old in (False, True)[: 1 + (target.rows % 2 == 0)]:
         corners, ids, *_ = _detector(target, old).detectBoard(grey)
         if ids is not None and len(ids):
             uv[np.ravel(ids)] = np.reshape(corners, (-1, 2))
             found = np.isfinite(uv).all(axis=1)
-            uv[found] = sharpened(grey, uv[found], half_window(uv.reshape(target.rows - 1, -1, 2), _free_share(target)))
+            uv[found] = sharpened(
+                grey,
+                uv[found],
+                half_window(uv.reshape(target.rows - 1, -1, 2), _free_share(target)),
+            )
             break
     return uv
 
 
 def _free_share(target: Target) -> float:
-    """How far from a corner the nearest marker begins, as a share of a square: a window should not reach it."""
+    """How far from a corner the nearest marker begins, as a share of a square: a window should not
+    reach it.
+    """
     return (1 - target.side_of_marker / target.square_mm) / 2
 
 
 def _upright(uv: Array, target: Target) -> Array:
     """The points (n, 2) in the one of the possible orders whose rows run most to the right."""
     grid = uv.reshape(target.rows, target.columns, 2)
-    along, down = grid[:, -1].mean(axis=0) - grid[:, 0].mean(axis=0), grid[-1].mean(axis=0) - grid[0].mean(axis=0)
+    along = grid[:, -1].mean(axis=0) - grid[:, 0].mean(axis=0)
+    down = grid[-1].mean(axis=0) - grid[0].mean(axis=0)
     if along[0] * down[1] < along[1] * down[0]:
         grid = grid[:, ::-1]  # counted as in a mirror
     turns = range(4) if target.columns == target.rows else (0, 2)
@@ -262,7 +312,11 @@ def _dictionary(name: str) -> cv2.aruco.Dictionary:
 
 @lru_cache(maxsize=8)
 def _detector(target: Target, old: bool) -> cv2.aruco.CharucoDetector:
-    board = cv2.aruco.CharucoBoard((target.columns, target.rows), target.square_mm, target.side_of_marker,
-                                   _dictionary(target.dictionary or _DICTIONARY))
+    board = cv2.aruco.CharucoBoard(
+        (target.columns, target.rows),
+        target.square_mm,
+        target.side_of_marker,
+        _dictionary(target.dictionary or _DICTIONARY),
+    )
     board.setLegacyPattern(old)
     return cv2.aruco.CharucoDetector(board)

@@ -1,4 +1,6 @@
-"""Views of a target as files: what each camera took, which images belong together, and the points found in them."""
+"""Views of a target as files: what each camera took, which images belong together, and the points
+found in them.
+"""
 
 from __future__ import annotations
 
@@ -50,16 +52,20 @@ class _Source(NamedTuple):
     labels: list[str]
 
 
-def read_views(sources: Mapping[str, str | Path], target: Target, most: int = 50, progress: bool = True) -> TargetViews:
+def read_views(
+    sources: Mapping[str, str | Path], target: Target, most: int = 50, progress: bool = True
+) -> TargetViews:
     """Look for a target in the images or the video of each camera.
 
-    Views of folders are paired by their files' names, of patterns by what the ``*`` stands for, of videos by the
-    frames' numbers; a view may be missing in a camera. Of more than `most` views some are passed over, evenly.
+    Views of folders are paired by their files' names, of patterns by what the ``*`` stands for, of
+    videos by the frames' numbers; a view may be missing in a camera. Of more than `most` views some
+    are passed over, evenly.
 
     Parameters
     ----------
     sources : mapping of str to path
-        For each camera's name a folder of images, a pattern such as ``photos/left*.png``, or a video.
+        For each camera's name a folder of images, a pattern such as ``photos/left*.png``, or a
+        video.
     target : Target
     most : int
         Views to look at.
@@ -69,30 +75,44 @@ def read_views(sources: Mapping[str, str | Path], target: Target, most: int = 50
     Raises
     ------
     ValueError
-        Names the file or camera: fewer than two cameras, videos beside images, no view in common, a file that cannot
-        be read or has another size than the others of its camera.
+        Names the file or camera: fewer than two cameras, videos beside images, no view in common, a
+        file that cannot be read or has another size than the others of its camera.
     """
     if len(sources) < 2:
-        raise ValueError(f"images: expected two or more cameras, got {', '.join(sources) or 'none'}")
+        raise ValueError(
+            f"images: expected two or more cameras, got {', '.join(sources) or 'none'}"
+        )
     if "metadata" in sources:
         raise ValueError("images: a camera cannot be called metadata in a rig file")
     most = as_whole(most, "views", low=3)
     opened = {name: _open(path) for name, path in sources.items()}
     if len({one.files is None for one in opened.values()}) > 1:
-        raise ValueError("images: expected images or videos of all cameras, got both; views could not be paired")
+        raise ValueError(
+            "images: expected images or videos of all cameras, got both; views could not be paired"
+        )
     every = max(opened.values(), key=lambda one: len(one.labels)).labels
     if any(one.files for one in opened.values()):
         every = sorted({label for one in opened.values() for label in one.labels})
-    chosen = every[::-(-len(every) // most)]
+    chosen = every[:: -(-len(every) // most)]
     there = np.array([[label in set(one.labels) for label in chosen] for one in opened.values()])
-    check_connected(tuple(opened), there, "no view in common", f", whose views are called {_some(every)}")
+    check_connected(
+        tuple(opened), there, "no view in common", f", whose views are called {_some(every)}"
+    )
     uv, present, sizes = _found(opened, chosen, target, progress)
-    return TargetViews(tuple(opened), tuple(sizes), tuple(chosen), frozen(uv), frozen(present),
-                       len(every) - len(chosen))
+    return TargetViews(
+        tuple(opened),
+        tuple(sizes),
+        tuple(chosen),
+        frozen(uv),
+        frozen(present),
+        len(every) - len(chosen),
+    )
 
 
 def check_connected(cameras: tuple[str, ...], seen: np.ndarray, what: str, hint: str = "") -> None:
-    """Refuse cameras that views, bool (cameras, views), do not connect; the ValueError names one of them."""
+    """Refuse cameras that views, bool (cameras, views), do not connect; the ValueError names one of
+    them.
+    """
     reached, more = {0}, {0}
     while more:
         known = seen[sorted(reached)].any(axis=0)
@@ -121,27 +141,38 @@ def _matching(pattern: Path) -> _Source:
     before, after = pattern.name.split("*", 1)
     if not pattern.parent.is_dir():
         raise ValueError(f"{pattern}: no such folder {pattern.parent}")
-    files = {file.name[len(before):len(file.name) - len(after)]: file.name for file in sorted(pattern.parent.iterdir())
-             if is_image(file) and file.name.startswith(before) and file.name.endswith(after)
-             and len(file.name) >= len(before) + len(after)}
+    files = {
+        file.name[len(before) : len(file.name) - len(after)]: file.name
+        for file in sorted(pattern.parent.iterdir())
+        if is_image(file)
+        and file.name.startswith(before)
+        and file.name.endswith(after)
+        and len(file.name) >= len(before) + len(after)
+    }
     if not files:
         raise ValueError(f"{pattern}: no image of that name")
     return _Source(Footage(pattern.parent, tuple(files.values()), len(files)), files, list(files))
 
 
-def _found(opened: dict[str, _Source], chosen: list[str], target: Target, progress: bool
-           ) -> tuple[Array, np.ndarray, list[tuple[int, int]]]:
+def _found(
+    opened: dict[str, _Source], chosen: list[str], target: Target, progress: bool
+) -> tuple[Array, np.ndarray, list[tuple[int, int]]]:
     """Points (cameras, views, n, 2), whether there was an image, and the sizes of the images."""
     uv = np.full((len(opened), len(chosen), len(target.points), 2), np.nan)
-    present, sizes = np.zeros(uv.shape[:2], bool), list[tuple[int, int]]()
+    present = np.zeros(uv.shape[:2], bool)
+    sizes = list[tuple[int, int]]()
     count = sum(len(set(source.labels) & set(chosen)) for source in opened.values())
-    with logging_redirect_tqdm(), tqdm(total=count, unit="image", disable=None if progress else True) as bar:
+    with (
+        logging_redirect_tqdm(),
+        tqdm(total=count, unit="image", disable=None if progress else True) as bar,
+    ):
         for k, (name, source) in enumerate(opened.items()):
             size = None
             for label, image, path in _images(source, chosen):
                 size = _same_size(image, size, path)
                 v = chosen.index(label)
-                uv[k, v], present[k, v] = find_target(_eight_bit(image), target), True
+                uv[k, v] = find_target(_eight_bit(image), target)
+                present[k, v] = True
                 bar.update()
             if size is None:
                 raise ValueError(f"{source.footage.path}: no frame of camera {name} could be read")
@@ -164,7 +195,9 @@ def _images(source: _Source, chosen: list[str]) -> Iterator[tuple[str, np.ndarra
 def _same_size(image: np.ndarray, size: tuple[int, int] | None, path: Path) -> tuple[int, int]:
     new = (image.shape[1], image.shape[0])
     if size is not None and new != size:
-        raise ValueError(f"{path}: {new[0]} x {new[1]} pixels, the camera's other images have {size[0]} x {size[1]}")
+        raise ValueError(
+            f"{path}: {new[0]} x {new[1]} pixels, the camera's other images have {size[0]} x {size[1]}"
+        )
     return new
 
 

@@ -1,6 +1,7 @@
 """The command ``trinolab``: thin, each command calls one workflow.
 
-Exit code 0 is success, 1 a result that is not as declared, 2 a mistake in the input, 130 an interruption.
+Exit code 0 is success, 1 a result that is not as declared, 2 a mistake in the input, 130 an
+interruption.
 """
 
 from __future__ import annotations
@@ -32,16 +33,22 @@ def main(argv: Sequence[str] | None = None) -> int:
         print(f"trinolab {arguments.command}: {' '.join(what.splitlines())}", file=sys.stderr)
         return 2
     except KeyboardInterrupt as stop:
-        print(f"trinolab {arguments.command}: interrupted, {str(stop) or 'nothing was written'}", file=sys.stderr)
+        print(
+            f"trinolab {arguments.command}: interrupted, {str(stop) or 'nothing was written'}",
+            file=sys.stderr,
+        )
         return 130
 
 
 def _say(text: str) -> None:
-    """Print an answer. Raises ValueError where nobody takes it: a full disk, a pipe that was closed."""
+    """Print an answer. Raises ValueError where nobody takes it: a full disk, a pipe that was
+    closed.
+    """
     try:
         print(text, flush=True)
     except OSError as error:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # or Python, at its end, would complain as well
+        # or Python, at its end, would complain as well
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         raise ValueError(f"standard output: cannot be written ({error.strerror})") from None
 
 
@@ -72,12 +79,18 @@ def _calibrate(a: argparse.Namespace) -> int:
     sources = _named(a.images, "--images")
     target = Target(a.board, a.columns, a.rows, a.square, a.marker, a.dictionary)
     result = calibrate_rig(sources, target, a.out, a.views, a.distortions)
-    _say("\n".join([*as_lines(result), "", f"written: {', '.join(str(path) for path in result.files)}"]))
+    _say(
+        "\n".join(
+            [*as_lines(result), "", f"written: {', '.join(str(path) for path in result.files)}"]
+        )
+    )
     return 0
 
 
 def _named(items: Sequence[str], option: str) -> dict[str, str]:
-    """NAME=PATH arguments as a mapping; ValueError for another form, or a name or a path that comes twice."""
+    """NAME=PATH arguments as a mapping; ValueError for another form, or a name or a path that comes
+    twice.
+    """
     found: dict[str, str] = {}
     for item in items:
         name, equals, path = item.partition("=")
@@ -101,8 +114,15 @@ def _track(a: argparse.Namespace) -> int:
     if a.folder is not None:
         table = track_folder(a.folder, a.out, **options)
     else:
-        table = track_files(a.rig, a.handle, _named(a.video, "--video"), a.out, fps=a.fps, timestamps=a.timestamps,
-                            **options)
+        table = track_files(
+            a.rig,
+            a.handle,
+            _named(a.video, "--video"),
+            a.out,
+            fps=a.fps,
+            timestamps=a.timestamps,
+            **options,
+        )
     _say(f"{_counted(table)}; written to {a.out}")
     return 0
 
@@ -126,12 +146,17 @@ def _evaluate(a: argparse.Namespace) -> int:
 def _capture(a: argparse.Namespace) -> int:
     from ..files.capture import capture
 
-    done = capture(_named(a.camera, "--camera"), a.out, a.rig, a.handle, a.seconds, a.fps, a.size, a.preview)
-    n, last = len(done.times_s), done.times_s[-1]
+    done = capture(
+        _named(a.camera, "--camera"), a.out, a.rig, a.handle, a.seconds, a.fps, a.size, a.preview
+    )
+    n = len(done.times_s)
+    last = done.times_s[-1]
     rate = f" in {last:.2f} s ({(n - 1) / last:.1f} a second)" if n > 1 else ""
     spread = sorted(1e3 * done.spread_s)
-    _say(f"{n} instants{rate}, {done.dropped} dropped; cameras within {spread[n // 2]:.1f} ms (median), "
-          f"{spread[-1]:.1f} ms (longest); written to {a.out}")
+    _say(
+        f"{n} instants{rate}, {done.dropped} dropped; cameras within {spread[n // 2]:.1f} ms (median), "
+        f"{spread[-1]:.1f} ms (longest); written to {a.out}"
+    )
     return 0
 
 
@@ -142,7 +167,9 @@ def _render(a: argparse.Namespace) -> int:
         truth = render(a.rig, a.handle, a.motion, a.out, a.seed, a.seconds, a.fps)
     except KeyboardInterrupt:
         raise KeyboardInterrupt("run it again in the same way to go on") from None
-    _say(f"{len(truth)} instants, the handle is there in {(truth['status'] != 'lost').sum()}; written to {a.out}")
+    _say(
+        f"{len(truth)} instants, the handle is there in {(truth['status'] != 'lost').sum()}; written to {a.out}"
+    )
     return 0
 
 
@@ -151,13 +178,28 @@ def _teleop(a: argparse.Namespace) -> int:
 
     if a.live_simulation and not (a.rig and a.handle):
         raise ValueError("--live-simulation: needs --rig and --handle")
-    source = (simulated(a.rig, a.handle, a.seconds, a.seed) if a.live_simulation
-              else recorded(a.recording, a.rig, a.handle))
-    done = teleoperate(source, a.out, a.robot, a.scale, a.turn_scale, a.clutch, a.view, a.method, _joints(a.start),
-                       not a.no_video)
+    source = (
+        simulated(a.rig, a.handle, a.seconds, a.seed)
+        if a.live_simulation
+        else recorded(a.recording, a.rig, a.handle)
+    )
+    done = teleoperate(
+        source,
+        a.out,
+        a.robot,
+        a.scale,
+        a.turn_scale,
+        a.clutch,
+        a.view,
+        a.method,
+        _joints(a.start),
+        not a.no_video,
+    )
     holds = done.events.loc[done.events["event"] == "hold", "detail"]
-    _say(f"{_counted(done.poses)}; {len(done.joints)} ticks of the arm, {len(holds)} holds"
-         f"{f' (the first: {holds.iloc[0]})' if len(holds) else ''}; written to {a.out}")
+    _say(
+        f"{_counted(done.poses)}; {len(done.joints)} ticks of the arm, {len(holds)} holds"
+        f"{f' (the first: {holds.iloc[0]})' if len(holds) else ''}; written to {a.out}"
+    )
     return 0
 
 
@@ -168,9 +210,19 @@ def _sweep(a: argparse.Namespace) -> int:
     from ..sweep.runs import compute, of_notebook
 
     as_number(a.timeout, "--timeout", low=1.0)
-    job = of_notebook(a.notebook, parse(a.parameter), a.sample, a.sample_seed, a.yes, a.timeout, a.fresh_kernels,
-                      a.keep)
-    workers = as_whole((os.cpu_count() or 1) if a.workers is None else a.workers, "--workers", low=1)
+    job = of_notebook(
+        a.notebook,
+        parse(a.parameter),
+        a.sample,
+        a.sample_seed,
+        a.yes,
+        a.timeout,
+        a.fresh_kernels,
+        a.keep,
+    )
+    workers = as_whole(
+        (os.cpu_count() or 1) if a.workers is None else a.workers, "--workers", low=1
+    )
     local = kernels(min(workers, len(job.settings)), job.kernels)
     engine = local if a.scheduler is None else cluster(a.scheduler, job.kernels)
     found = compute(job, engine, a.out, {"command": a.line, "workers": a.scheduler or workers})
@@ -183,7 +235,9 @@ def _sweep(a: argparse.Namespace) -> int:
 def _clear(a: argparse.Namespace) -> int:
     from ..bench.recordings import clear_recordings, recordings_folder
 
-    _say(f"{clear_recordings() / 1e6:.0f} MB of standard recordings removed from {recordings_folder()}")
+    _say(
+        f"{clear_recordings() / 1e6:.0f} MB of standard recordings removed from {recordings_folder()}"
+    )
     return 0
 
 
@@ -205,8 +259,12 @@ def _scoreboard(a: argparse.Namespace) -> int:
 
 def as_text(board: pd.DataFrame, width: int = 76) -> str:
     """The scoreboard as plain text of under 120 columns; long claims are cut."""
-    short = board["claim"].where(board["claim"].str.len() <= width, board["claim"].str.slice(stop=width - 3) + "...")
-    table = board.assign(claim=short, paper=board["paper"].map(_digits), ours=board["ours"].map(_digits))
+    short = board["claim"].where(
+        board["claim"].str.len() <= width, board["claim"].str.slice(stop=width - 3) + "..."
+    )
+    table = board.assign(
+        claim=short, paper=board["paper"].map(_digits), ours=board["ours"].map(_digits)
+    )
     table = table[["no", "claim", "paper", "ours", "unit", "verdict"]]
     left = {"claim": f"{{:<{width}s}}".format, "verdict": "{:<16s}".format}
     return table.to_string(index=False, justify="left", formatters=left)
@@ -218,8 +276,18 @@ def _digits(value: float | str) -> str:
     return "" if value != value else f"{value:.3g}"
 
 
-_RUN = {"calibrate": _calibrate, "measure": _measure, "track": _track, "evaluate": _evaluate, "render": _render,
-        "teleop": _teleop, "sweep": _sweep, "clear": _clear, "capture": _capture, "scoreboard": _scoreboard}
+_RUN = {
+    "calibrate": _calibrate,
+    "measure": _measure,
+    "track": _track,
+    "evaluate": _evaluate,
+    "render": _render,
+    "teleop": _teleop,
+    "sweep": _sweep,
+    "clear": _clear,
+    "capture": _capture,
+    "scoreboard": _scoreboard,
+}
 
 
 if __name__ == "__main__":

@@ -21,8 +21,11 @@ class _Parser(argparse.ArgumentParser):
 
 def parser() -> argparse.ArgumentParser:
     """The parser of all commands; `command` names the one that was given."""
-    top = _Parser(prog="trinolab", description="The three-camera master handle: measure, evaluate, compare with the "
-                     "paper.", epilog="trinolab COMMAND --help says more and has an example.")
+    top = _Parser(
+        prog="trinolab",
+        description="The three-camera master handle: measure, evaluate, compare with the paper.",
+        epilog="trinolab COMMAND --help says more and has an example.",
+    )
     top.add_argument("--version", action="version", version=f"trinolab {__version__}")
     commands = top.add_subparsers(dest="command", required=True, metavar="COMMAND")
     _add_calibrate(commands)
@@ -32,172 +35,430 @@ def parser() -> argparse.ArgumentParser:
     _add_render(commands)
     _add_teleop(commands)
     _add_sweep(commands)
-    _add(commands, "clear", "remove the standard recordings that chapters keep in the user's cache",
-         "trinolab clear")
+    _add(
+        commands,
+        "clear",
+        "remove the standard recordings that chapters keep in the user's cache",
+        "trinolab clear",
+    )
     _add_capture(commands)
-    board = _add(commands, "scoreboard", "print the paper's claims beside what is computed here",
-                 "trinolab scoreboard --csv scoreboard.csv")
+    board = _add(
+        commands,
+        "scoreboard",
+        "print the paper's claims beside what is computed here",
+        "trinolab scoreboard --csv scoreboard.csv",
+    )
     board.add_argument("--csv", metavar="FILE", help="write the table as CSV, too")
     return top
 
 
 def _add_calibrate(commands: argparse._SubParsersAction) -> None:
-    p = _add(commands, "calibrate", "calibrate two or more cameras from images of a flat target",
-             "trinolab calibrate --images ccd1=photos/ccd1 ccd2=photos/ccd2 --board chessboard \\\n"
-             "      --columns 9 --rows 6 --square 25 --out rig.toml")
-    p.add_argument("--images", required=True, nargs="+", action="extend", metavar="NAME=PATH",
-                   help="for each camera a folder of images (paired by file name), a pattern like 'photos/left*.png' "
-                   "(paired by what * stands for) or a video (paired by frame); the first camera is the world frame")
-    p.add_argument("--board", required=True, choices=["chessboard", "circles", "charuco"],
-                   help="the target; circles are a symmetric grid, dark on light")
-    p.add_argument("--columns", required=True, type=int, metavar="N",
-                   help="points in a row: inner corners of a chessboard, circles, but squares of a charuco board")
-    p.add_argument("--rows", required=True, type=int, metavar="N", help="rows, counted in the same way")
-    p.add_argument("--square", required=True, type=float, metavar="MM",
-                   help="side of a square, or distance of neighbouring circles, mm")
-    p.add_argument("--marker", type=float, metavar="MM",
-                   help="side of a charuco board's markers, mm (default: 0.75 of a square)")
-    p.add_argument("--dictionary", metavar="NAME", help="of a charuco board's markers (default: 4X4_50)")
-    p.add_argument("--out", required=True, metavar="RIG.toml",
-                   help="the rig to write; RIG_views.csv and RIG_residuals.png appear beside it")
-    p.add_argument("--views", type=int, default=50, metavar="N",
-                   help="the most views to look at; of more, some are passed over evenly (default: %(default)s)")
-    p.add_argument("--distortions", type=int, default=5, choices=[0, 1, 2, 4, 5],
-                   help="how many of k1, k2, p1, p2, k3 are estimated (default: %(default)s)")
+    p = _add(
+        commands,
+        "calibrate",
+        "calibrate two or more cameras from images of a flat target",
+        "trinolab calibrate --images ccd1=photos/ccd1 ccd2=photos/ccd2 --board chessboard \\\n"
+        "      --columns 9 --rows 6 --square 25 --out rig.toml",
+    )
+    p.add_argument(
+        "--images",
+        required=True,
+        nargs="+",
+        action="extend",
+        metavar="NAME=PATH",
+        help="for each camera a folder of images (paired by file name), a pattern like 'photos/left*.png' "
+        "(paired by what * stands for) or a video (paired by frame); the first camera is the world frame",
+    )
+    p.add_argument(
+        "--board",
+        required=True,
+        choices=["chessboard", "circles", "charuco"],
+        help="the target; circles are a symmetric grid, dark on light",
+    )
+    p.add_argument(
+        "--columns",
+        required=True,
+        type=int,
+        metavar="N",
+        help="points in a row: inner corners of a chessboard, circles, but squares of a charuco board",
+    )
+    p.add_argument(
+        "--rows", required=True, type=int, metavar="N", help="rows, counted in the same way"
+    )
+    p.add_argument(
+        "--square",
+        required=True,
+        type=float,
+        metavar="MM",
+        help="side of a square, or distance of neighbouring circles, mm",
+    )
+    p.add_argument(
+        "--marker",
+        type=float,
+        metavar="MM",
+        help="side of a charuco board's markers, mm (default: 0.75 of a square)",
+    )
+    p.add_argument(
+        "--dictionary", metavar="NAME", help="of a charuco board's markers (default: 4X4_50)"
+    )
+    p.add_argument(
+        "--out",
+        required=True,
+        metavar="RIG.toml",
+        help="the rig to write; RIG_views.csv and RIG_residuals.png appear beside it",
+    )
+    p.add_argument(
+        "--views",
+        type=int,
+        default=50,
+        metavar="N",
+        help="the most views to look at; of more, some are passed over evenly (default: %(default)s)",
+    )
+    p.add_argument(
+        "--distortions",
+        type=int,
+        default=5,
+        choices=[0, 1, 2, 4, 5],
+        help="how many of k1, k2, p1, p2, k3 are estimated (default: %(default)s)",
+    )
 
 
 def _add_measure(commands: argparse._SubParsersAction) -> None:
-    p = _add(commands, "measure", "measure the handle's pose in every instant of a folder of images",
-             "trinolab measure --rig rig.toml --handle handle.toml --images images --out poses.csv")
+    p = _add(
+        commands,
+        "measure",
+        "measure the handle's pose in every instant of a folder of images",
+        "trinolab measure --rig rig.toml --handle handle.toml --images images --out poses.csv",
+    )
     _add_rig_and_handle(p, required=True)
-    p.add_argument("--images", required=True, metavar="DIR",
-                   help="holds a folder a camera, named as in the rig, the same file names in each")
+    p.add_argument(
+        "--images",
+        required=True,
+        metavar="DIR",
+        help="holds a folder a camera, named as in the rig, the same file names in each",
+    )
     p.add_argument("--out", required=True, metavar="POSES.csv", help="the poses to write")
     _add_method(p, "paper_checked")
-    p.add_argument("--prior", metavar="POSES.csv",
-                   help="expected poses, joined on 'frame': they choose among poses that look alike")
+    p.add_argument(
+        "--prior",
+        metavar="POSES.csv",
+        help="expected poses, joined on 'frame': they choose among poses that look alike",
+    )
 
 
 def _add_track(commands: argparse._SubParsersAction) -> None:
-    p = _add(commands, "track", "follow the handle through a recording",
-             "trinolab track recording --out poses.csv --overlay seen.webm\n"
-             "  trinolab track --rig rig.toml --handle handle.toml --video ccd1=1.mkv ccd2=2.mkv \\\n"
-             "      --out poses.csv")
-    p.add_argument("folder", nargs="?", metavar="DIR", help="a recording folder, instead of --rig, --handle, --video")
+    p = _add(
+        commands,
+        "track",
+        "follow the handle through a recording",
+        "trinolab track recording --out poses.csv --overlay seen.webm\n"
+        "  trinolab track --rig rig.toml --handle handle.toml --video ccd1=1.mkv ccd2=2.mkv \\\n"
+        "      --out poses.csv",
+    )
+    p.add_argument(
+        "folder",
+        nargs="?",
+        metavar="DIR",
+        help="a recording folder, instead of --rig, --handle, --video",
+    )
     _add_rig_and_handle(p, required=False)
-    p.add_argument("--video", nargs="+", action="extend", metavar="NAME=PATH",
-                   help="for each camera a video, or a folder of images (in the order of their names)")
-    p.add_argument("--out", required=True, metavar="POSES.csv",
-                   help="the poses to write, and POSES.tum; an interrupted track is in POSES.csv.partial, from where "
-                   "the same command goes on")
-    p.add_argument("--start", metavar="POSES.csv", help="poses known at some frames, for handles that look alike")
-    p.add_argument("--overlay", metavar="OUT.webm", help="write a video of windows, markers and pose")
+    p.add_argument(
+        "--video",
+        nargs="+",
+        action="extend",
+        metavar="NAME=PATH",
+        help="for each camera a video, or a folder of images (in the order of their names)",
+    )
+    p.add_argument(
+        "--out",
+        required=True,
+        metavar="POSES.csv",
+        help="the poses to write, and POSES.tum; an interrupted track is in POSES.csv.partial, from where "
+        "the same command goes on",
+    )
+    p.add_argument(
+        "--start",
+        metavar="POSES.csv",
+        help="poses known at some frames, for handles that look alike",
+    )
+    p.add_argument(
+        "--overlay", metavar="OUT.webm", help="write a video of windows, markers and pose"
+    )
     times = p.add_mutually_exclusive_group()
-    times.add_argument("--fps", type=float, default=30.0, metavar="F", help="frames a second (default: %(default)s)")
+    times.add_argument(
+        "--fps",
+        type=float,
+        default=30.0,
+        metavar="F",
+        help="frames a second (default: %(default)s)",
+    )
     times.add_argument("--timestamps", metavar="CSV", help="columns 'frame' and 't_s'")
     _add_method(p, "best")
 
 
 def _add_rig_and_handle(p: argparse.ArgumentParser, required: bool) -> None:
     p.add_argument("--rig", required=required, metavar="RIG.toml", help="the cameras")
-    p.add_argument("--handle", required=required, metavar="HANDLE.toml", help="the handle and its markers")
+    p.add_argument(
+        "--handle", required=required, metavar="HANDLE.toml", help="the handle and its markers"
+    )
 
 
 def _add_method(p: argparse.ArgumentParser, default: str) -> None:
-    p.add_argument("--method", default=default, choices=METHODS, metavar="METHOD",
-                   help=f"the estimator: {', '.join(METHODS)} (default: %(default)s). paper is the paper's, "
-                   "paper_checked the same checked against the pixels; best is patches")
+    p.add_argument(
+        "--method",
+        default=default,
+        choices=METHODS,
+        metavar="METHOD",
+        help=f"the estimator: {', '.join(METHODS)} (default: %(default)s). paper is the paper's, "
+        "paper_checked the same checked against the pixels; best is patches",
+    )
 
 
 def _add_evaluate(commands: argparse._SubParsersAction) -> None:
-    p = _add(commands, "evaluate", "compare poses with their truth (Eq. 26, 27, flips, losses)",
-             "trinolab evaluate poses.csv truth.csv --handle handle.toml")
+    p = _add(
+        commands,
+        "evaluate",
+        "compare poses with their truth (Eq. 26, 27, flips, losses)",
+        "trinolab evaluate poses.csv truth.csv --handle handle.toml",
+    )
     p.add_argument("poses", metavar="POSES.csv", help="what 'trinolab measure' has written")
     p.add_argument("truth", metavar="TRUTH.csv", help="the true poses, joined on 'frame'")
-    p.add_argument("--handle", required=True, metavar="HANDLE.toml", help="errors count up to its symmetry")
+    p.add_argument(
+        "--handle", required=True, metavar="HANDLE.toml", help="errors count up to its symmetry"
+    )
 
 
 def _add_render(commands: argparse._SubParsersAction) -> None:
-    p = _add(commands, "render", "render a recording with its truth from the simulated bench",
-             "trinolab render --rig rig.toml --handle handle.toml --motion calm --out recording")
+    p = _add(
+        commands,
+        "render",
+        "render a recording with its truth from the simulated bench",
+        "trinolab render --rig rig.toml --handle handle.toml --motion calm --out recording",
+    )
     _add_rig_and_handle(p, required=True)
-    p.add_argument("--motion", required=True, metavar="calm|hard|POSES.csv",
-                   help="a standard recording's script, or poses along which a hand holds the handle")
-    p.add_argument("--out", required=True, metavar="DIR",
-                   help="the recording to write; until it is whole it is DIR.partial, and goes on where it stopped")
-    p.add_argument("--seed", type=int, default=0, metavar="N", help="of motion and noise (default: %(default)s)")
-    p.add_argument("--seconds", type=float, metavar="S", help="length (default: 10, or all of POSES.csv)")
-    p.add_argument("--fps", type=float, default=30.0, metavar="F", help="frames a second, if POSES.csv has no times")
+    p.add_argument(
+        "--motion",
+        required=True,
+        metavar="calm|hard|POSES.csv",
+        help="a standard recording's script, or poses along which a hand holds the handle",
+    )
+    p.add_argument(
+        "--out",
+        required=True,
+        metavar="DIR",
+        help="the recording to write; until it is whole it is DIR.partial, and goes on where it stopped",
+    )
+    p.add_argument(
+        "--seed",
+        type=int,
+        default=0,
+        metavar="N",
+        help="of motion and noise (default: %(default)s)",
+    )
+    p.add_argument(
+        "--seconds", type=float, metavar="S", help="length (default: 10, or all of POSES.csv)"
+    )
+    p.add_argument(
+        "--fps",
+        type=float,
+        default=30.0,
+        metavar="F",
+        help="frames a second, if POSES.csv has no times",
+    )
 
 
 def _add_teleop(commands: argparse._SubParsersAction) -> None:
-    p = _add(commands, "teleop", "let the simulated slave arm follow the handle",
-             "trinolab teleop --recording recording --out session")
+    p = _add(
+        commands,
+        "teleop",
+        "let the simulated slave arm follow the handle",
+        "trinolab teleop --recording recording --out session",
+    )
     source = p.add_mutually_exclusive_group(required=True)
     source.add_argument("--recording", metavar="DIR", help="a recording folder")
-    source.add_argument("--live-simulation", action="store_true",
-                        help="images of a moving hand, taken by the simulated bench as they are asked for")
+    source.add_argument(
+        "--live-simulation",
+        action="store_true",
+        help="images of a moving hand, taken by the simulated bench as they are asked for",
+    )
     _add_rig_and_handle(p, required=False)
-    p.add_argument("--robot", default="ur5", metavar="ARM.xml", help="a shipped arm, or a file (default: %(default)s)")
-    p.add_argument("--start", nargs="+", default=[], metavar="JOINT=RAD", help="where the arm starts, by its joints' "
-                   "names; those that are not named as at home")
-    p.add_argument("--view", metavar="CAMERA.toml",
-                   help="the surveillance camera in the robot's base frame (default: a shipped one)")
-    p.add_argument("--out", required=True, metavar="DIR",
-                   help="folder to make: poses.csv, joints.csv, events.csv, monitor.webm")
-    p.add_argument("--scale", type=float, default=1.0, metavar="S", help="tool : handle, distances (default: 1)")
-    p.add_argument("--turn-scale", type=float, default=1.0, metavar="S", help="tool : handle, angles (default: 1)")
-    p.add_argument("--clutch", metavar="CSV", help="columns t_s and closed (0 or 1), which holds from then on; "
-                   "without it the clutch is closed while the handle is measured")
-    p.add_argument("--seconds", type=float, default=10.0, metavar="S",
-                   help="length of the simulation (default: %(default)g)")
-    p.add_argument("--seed", type=int, default=0, metavar="N", help="of the simulation (default: %(default)s)")
+    p.add_argument(
+        "--robot",
+        default="ur5",
+        metavar="ARM.xml",
+        help="a shipped arm, or a file (default: %(default)s)",
+    )
+    p.add_argument(
+        "--start",
+        nargs="+",
+        default=[],
+        metavar="JOINT=RAD",
+        help="where the arm starts, by its joints' names; those that are not named as at home",
+    )
+    p.add_argument(
+        "--view",
+        metavar="CAMERA.toml",
+        help="the surveillance camera in the robot's base frame (default: a shipped one)",
+    )
+    p.add_argument(
+        "--out",
+        required=True,
+        metavar="DIR",
+        help="folder to make: poses.csv, joints.csv, events.csv, monitor.webm",
+    )
+    p.add_argument(
+        "--scale",
+        type=float,
+        default=1.0,
+        metavar="S",
+        help="tool : handle, distances (default: 1)",
+    )
+    p.add_argument(
+        "--turn-scale",
+        type=float,
+        default=1.0,
+        metavar="S",
+        help="tool : handle, angles (default: 1)",
+    )
+    p.add_argument(
+        "--clutch",
+        metavar="CSV",
+        help="columns t_s and closed (0 or 1), which holds from then on; "
+        "without it the clutch is closed while the handle is measured",
+    )
+    p.add_argument(
+        "--seconds",
+        type=float,
+        default=10.0,
+        metavar="S",
+        help="length of the simulation (default: %(default)g)",
+    )
+    p.add_argument(
+        "--seed", type=int, default=0, metavar="N", help="of the simulation (default: %(default)s)"
+    )
     p.add_argument("--no-video", action="store_true", help="leave the monitor's video out")
     _add_method(p, "best")
 
 
 def _add_sweep(commands: argparse._SubParsersAction) -> None:
-    p = _add(commands, "sweep", "run a notebook with many settings of its parameters",
-             "trinolab sweep notebooks/06_matching.ipynb -p ncc_threshold=0.5:0.95:10 \\\n"
-             "      -p seed=0,1,2 --workers 2 --out sweeps/ncc")
-    p.add_argument("notebook", metavar="NOTEBOOK",
-                   help="has a code cell tagged 'parameters'; what it glues is the result")
-    p.add_argument("-p", "--parameter", required=True, action="append", metavar="NAME=VALUES",
-                   help="a:b:n, n values from a to b; log:a:b:n, the same in equal ratios; a list like 0,1,2 (TOML "
-                   "literals); @FILE.csv, a column a parameter and a row a run. Each is combined with each")
-    p.add_argument("--out", required=True, metavar="DIR", help="folder for table.csv, figure.png, manifest.json and "
-                   "runs.jsonl, the finished runs: the same command goes on where it was stopped")
-    p.add_argument("--sample", type=int, metavar="N",
-                   help="N runs instead of all, a Latin hypercube; then NAME=a:b and NAME=log:a:b are intervals")
-    p.add_argument("--sample-seed", type=int, default=0, metavar="N", help="of that draw (default: %(default)s)")
+    p = _add(
+        commands,
+        "sweep",
+        "run a notebook with many settings of its parameters",
+        "trinolab sweep notebooks/06_matching.ipynb -p ncc_threshold=0.5:0.95:10 \\\n"
+        "      -p seed=0,1,2 --workers 2 --out sweeps/ncc",
+    )
+    p.add_argument(
+        "notebook",
+        metavar="NOTEBOOK",
+        help="has a code cell tagged 'parameters'; what it glues is the result",
+    )
+    p.add_argument(
+        "-p",
+        "--parameter",
+        required=True,
+        action="append",
+        metavar="NAME=VALUES",
+        help="a:b:n, n values from a to b; log:a:b:n, the same in equal ratios; a list like 0,1,2 (TOML "
+        "literals); @FILE.csv, a column a parameter and a row a run. Each is combined with each",
+    )
+    p.add_argument(
+        "--out",
+        required=True,
+        metavar="DIR",
+        help="folder for table.csv, figure.png, manifest.json and "
+        "runs.jsonl, the finished runs: the same command goes on where it was stopped",
+    )
+    p.add_argument(
+        "--sample",
+        type=int,
+        metavar="N",
+        help="N runs instead of all, a Latin hypercube; then NAME=a:b and NAME=log:a:b are intervals",
+    )
+    p.add_argument(
+        "--sample-seed",
+        type=int,
+        default=0,
+        metavar="N",
+        help="of that draw (default: %(default)s)",
+    )
     where = p.add_mutually_exclusive_group()
-    where.add_argument("--workers", type=int, metavar="N", help="kernels at a time (default: one a core)")
-    where.add_argument("--scheduler", metavar="ADDRESS",
-                       help="of a Dask cluster that runs already, like tcp://host:8786: its workers run the notebooks")
-    p.add_argument("--fresh-kernels", action="store_true",
-                   help="start a kernel for each run; otherwise one is used again, its state reset")
-    p.add_argument("--timeout", type=float, default=600.0, metavar="S",
-                   help="the longest time that a cell may take (default: %(default)g s)")
+    where.add_argument(
+        "--workers", type=int, metavar="N", help="kernels at a time (default: one a core)"
+    )
+    where.add_argument(
+        "--scheduler",
+        metavar="ADDRESS",
+        help="of a Dask cluster that runs already, like tcp://host:8786: its workers run the notebooks",
+    )
+    p.add_argument(
+        "--fresh-kernels",
+        action="store_true",
+        help="start a kernel for each run; otherwise one is used again, its state reset",
+    )
+    p.add_argument(
+        "--timeout",
+        type=float,
+        default=600.0,
+        metavar="S",
+        help="the longest time that a cell may take (default: %(default)g s)",
+    )
     p.add_argument("--keep", action="store_true", help="keep the executed notebooks, too")
     p.add_argument("--yes", action="store_true", help="more than 100,000 runs are meant")
 
 
 def _add_capture(commands: argparse._SubParsersAction) -> None:
-    p = _add(commands, "capture", "record a folder of images from cameras; Ctrl-C ends it",
-             "trinolab capture --camera ccd1=0 ccd2=2 --rig rig.toml --preview --out recording")
-    p.add_argument("--camera", required=True, nargs="+", action="extend", metavar="NAME=INDEX",
-                   help="a camera by its index at this computer; NAME=PATH plays a video in its place")
-    p.add_argument("--out", required=True, metavar="DIR", help="the recording to write: images, timestamps.csv")
+    p = _add(
+        commands,
+        "capture",
+        "record a folder of images from cameras; Ctrl-C ends it",
+        "trinolab capture --camera ccd1=0 ccd2=2 --rig rig.toml --preview --out recording",
+    )
+    p.add_argument(
+        "--camera",
+        required=True,
+        nargs="+",
+        action="extend",
+        metavar="NAME=INDEX",
+        help="a camera by its index at this computer; NAME=PATH plays a video in its place",
+    )
+    p.add_argument(
+        "--out", required=True, metavar="DIR", help="the recording to write: images, timestamps.csv"
+    )
     which = p.add_mutually_exclusive_group()
-    which.add_argument("--rig", metavar="RIG.toml", help="the cameras' names and sizes; goes into the recording")
-    which.add_argument("--size", nargs=2, type=int, metavar=("WIDTH", "HEIGHT"), help="to ask of cameras without a rig")
+    which.add_argument(
+        "--rig", metavar="RIG.toml", help="the cameras' names and sizes; goes into the recording"
+    )
+    which.add_argument(
+        "--size",
+        nargs=2,
+        type=int,
+        metavar=("WIDTH", "HEIGHT"),
+        help="to ask of cameras without a rig",
+    )
     p.add_argument("--handle", metavar="HANDLE.toml", help="goes into the recording")
-    p.add_argument("--seconds", type=float, metavar="S", help="to record for (default: until Ctrl-C)")
-    p.add_argument("--fps", type=float, metavar="F", help="frames a second to ask of cameras, or to play videos with")
-    p.add_argument("--preview", action="store_true",
-                   help="keep preview.png in DIR.partial up to date: what the cameras see")
+    p.add_argument(
+        "--seconds", type=float, metavar="S", help="to record for (default: until Ctrl-C)"
+    )
+    p.add_argument(
+        "--fps",
+        type=float,
+        metavar="F",
+        help="frames a second to ask of cameras, or to play videos with",
+    )
+    p.add_argument(
+        "--preview",
+        action="store_true",
+        help="keep preview.png in DIR.partial up to date: what the cameras see",
+    )
 
 
-def _add(commands: argparse._SubParsersAction, name: str, about: str, example: str) -> argparse.ArgumentParser:
-    return commands.add_parser(name, help=about, description=about[0].upper() + about[1:] + ".",
-                               epilog=f"example:\n  {example}")
+def _add(
+    commands: argparse._SubParsersAction, name: str, about: str, example: str
+) -> argparse.ArgumentParser:
+    return commands.add_parser(
+        name,
+        help=about,
+        description=about[0].upper() + about[1:] + ".",
+        epilog=f"example:\n  {example}",
+    )

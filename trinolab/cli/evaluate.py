@@ -1,6 +1,7 @@
 """What ``trinolab evaluate`` does: poses compared with their truth, from files.
 
-Beside the mean errors stands what they do not show: flips between equivalent poses, poses far off, and time lost.
+Beside the mean errors stands what they do not show: flips between equivalent poses, poses far off,
+and time lost.
 """
 
 from __future__ import annotations
@@ -31,8 +32,10 @@ from ..metrics import (
 )
 
 FAR_MM, FAR_DEG = 2.0, 5.0  # beyond either a pose is far off
-SEEN_BY_ONE, SEEN_BY_TWO = 4, 3  # markers that one camera, or each of two, has to see: as many fix the pose
-COUNTS = "truth_markers.csv"  # beside the truth: for each frame how many markers each camera truly sees
+# markers that one camera, or each of two, has to see: as many fix the pose
+SEEN_BY_ONE, SEEN_BY_TWO = 4, 3
+# beside the truth: for each frame how many markers each camera truly sees
+COUNTS = "truth_markers.csv"
 
 
 @dataclass(frozen=True)
@@ -42,11 +45,14 @@ class TrackQuality:
     Attributes
     ----------
     flips : int
-        How often the nearest equivalent changes from one measured pose to the next: each is an error.
+        How often the nearest equivalent changes from one measured pose to the next: each is an
+        error.
     far_off : int
-        Measured poses that are off by more than 2 mm or 5 deg, by one equivalent for the whole track.
+        Measured poses that are off by more than 2 mm or 5 deg, by one equivalent for the whole
+        track.
     waits : tuple of int
-        For each loss that ended, the instants without a measured pose until the next one, see `waits`.
+        For each loss that ended, the instants without a measured pose until the next one, see
+        `waits`.
     unended : int or None
         The same for a loss that did not end; None if the last instant was measured, or none was.
     """
@@ -57,7 +63,9 @@ class TrackQuality:
     unended: int | None
 
 
-def flips(estimates: RigidTransform, truths: RigidTransform, symmetries: Sequence[RigidTransform]) -> int:
+def flips(
+    estimates: RigidTransform, truths: RigidTransform, symmetries: Sequence[RigidTransform]
+) -> int:
     """How often the nearest equivalent changes from one pose of a track to the next.
 
     Parameters
@@ -75,25 +83,37 @@ def flips(estimates: RigidTransform, truths: RigidTransform, symmetries: Sequenc
     return int(np.count_nonzero(np.diff(nearest_index(estimates, truths, symmetries))))
 
 
-def far_off(estimates: RigidTransform, truths: RigidTransform, symmetries: Sequence[RigidTransform],
-            far_mm: float = FAR_MM, far_deg: float = FAR_DEG) -> int:
-    """How many poses of a track are off by more than `far_mm` or `far_deg`, by one equivalent for all.
+def far_off(
+    estimates: RigidTransform,
+    truths: RigidTransform,
+    symmetries: Sequence[RigidTransform],
+    far_mm: float = FAR_MM,
+    far_deg: float = FAR_DEG,
+) -> int:
+    """How many poses of a track are off by more than `far_mm` or `far_deg`, by one equivalent for
+    all.
 
-    Parameters and errors as for `flips`; also raises ValueError for a limit that is no number or negative.
+    Parameters and errors as for `flips`; also raises ValueError for a limit that is no number or
+    negative.
     """
-    far_mm, far_deg = as_number(far_mm, "far_mm", 0.0), as_number(far_deg, "far_deg", 0.0)
+    far_mm = as_number(far_mm, "far_mm", 0.0)
+    far_deg = as_number(far_deg, "far_deg", 0.0)
     turned = track_equivalent(estimates, truths, symmetries)
     beyond = (position_errors(turned, truths) > far_mm) | (geodesic_deg(turned, truths) > far_deg)
     return int(np.count_nonzero(beyond))
 
 
-def waits(measured: ArrayLike, counted: ArrayLike | None = None) -> tuple[tuple[int, ...], int | None]:
-    """How many instants each loss lasted: from a measured pose that no measured one follows, to the next measured one.
+def waits(
+    measured: ArrayLike, counted: ArrayLike | None = None
+) -> tuple[tuple[int, ...], int | None]:
+    """How many instants each loss lasted: from a measured pose that no measured one follows, to the
+    next measured one.
 
     Parameters
     ----------
     measured : array_like of bool, shape (n,)
-        Whether an instant has a measured pose, in the order of time. What comes before the first is no loss.
+        Whether an instant has a measured pose, in the order of time. What comes before the first is
+        no loss.
     counted : array_like of bool, shape (n,), optional
         The instants that count, such as those at which the handle can be seen; all by default.
 
@@ -112,12 +132,14 @@ def waits(measured: ArrayLike, counted: ArrayLike | None = None) -> tuple[tuple[
     seen = np.asarray(measured, dtype=bool)
     counts = np.ones(seen.shape, bool) if counted is None else np.asarray(counted, dtype=bool)
     if seen.ndim != 1 or counts.shape != seen.shape:
-        raise ValueError(f"measured, counted: expected shape (n,) of both, got {seen.shape} and {counts.shape}")
+        raise ValueError(
+            f"measured, counted: expected shape (n,) of both, got {seen.shape} and {counts.shape}"
+        )
     at = np.flatnonzero(seen)
-    ended = tuple(int(counts[a + 1:b].sum()) for a, b in pairwise(at) if b > a + 1)
+    ended = tuple(int(counts[a + 1 : b].sum()) for a, b in pairwise(at) if b > a + 1)
     if len(at) == 0 or seen[-1]:
         return ended, None
-    return ended, int(counts[at[-1] + 1:].sum())
+    return ended, int(counts[at[-1] + 1 :].sum())
 
 
 @dataclass(frozen=True)
@@ -133,11 +155,12 @@ class Evaluation:
     errors : PoseErrors or None
         Over the rows that hold a pose, `predicted` ones left out; None if there is none.
     visible, visible_measured : int
-        Instants at which one camera truly sees four markers, or two see three each, and how many of them are measured;
-        0 if the truth does not say how many markers are seen. What two cameras see stands in a file beside it,
-        ``truth_markers.csv``, as `bench.recordings` writes it.
+        Instants at which one camera truly sees four markers, or two see three each, and how many of
+        them are measured; 0 if the truth does not say how many markers are seen. What two cameras
+        see stands in a file beside it, ``truth_markers.csv``, as `bench.recordings` writes it.
     track : TrackQuality
-        Of the `measured` rows: flips, poses far off, losses. A loss counts the visible instants, if they are known.
+        Of the `measured` rows: flips, poses far off, losses. A loss counts the visible instants, if
+        they are known.
     """
 
     instants: int
@@ -154,27 +177,41 @@ class Evaluation:
 def evaluate(poses: str | Path, truth: str | Path, handle: str | Path) -> Evaluation:
     """Compare a pose file with the truth, up to the handle's symmetry (Eq. 26-27).
 
-    The `measured` rows are compared as one track, by one equivalent for all; an `ambiguous` row says of itself that it
-    is one of several, so each is compared by its nearest equivalent.
+    The `measured` rows are compared as one track, by one equivalent for all; an `ambiguous` row
+    says of itself that it is one of several, so each is compared by its nearest equivalent.
 
     Raises
     ------
     ValueError
         If a file is missing or malformed, or the two have no frame in common.
     """
-    found, true, the_handle = read_poses(poses), read_poses(truth), read_handle(handle)
+    found = read_poses(poses)
+    true = read_poses(truth)
+    the_handle = read_handle(handle)
     true = true[true["status"] != "lost"].sort_values("frame")
     both = found.merge(true, on="frame", suffixes=("", "_true"))
     if both.empty:
         raise ValueError(f"{poses}, {truth}: no frame in common")
     counts = both["status"].value_counts()
-    measured, ambiguous, predicted = (int(counts.get(s, 0)) for s in ("measured", "ambiguous", "predicted"))
+    measured, ambiguous, predicted = (
+        int(counts.get(s, 0)) for s in ("measured", "ambiguous", "predicted")
+    )
     lost = len(true) - measured - ambiguous - predicted
     rows = both[both["status"] == "measured"].sort_values("frame")
-    here, visible = true["frame"].isin(rows["frame"]).to_numpy(), _visible(true, Path(truth).with_name(COUNTS))
+    here = true["frame"].isin(rows["frame"]).to_numpy()
+    visible = _visible(true, Path(truth).with_name(COUNTS))
     lasted = waits(here, visible if visible.any() else None)
-    return Evaluation(len(true), measured, ambiguous, predicted, lost, _errors(both, true, the_handle),
-                      int(visible.sum()), int((visible & here).sum()), _quality(rows, true, the_handle, *lasted))
+    return Evaluation(
+        len(true),
+        measured,
+        ambiguous,
+        predicted,
+        lost,
+        _errors(both, true, the_handle),
+        int(visible.sum()),
+        int((visible & here).sum()),
+        _quality(rows, true, the_handle, *lasted),
+    )
 
 
 def as_lines(result: Evaluation) -> list[str]:
@@ -192,10 +229,14 @@ def as_lines(result: Evaluation) -> list[str]:
 
 
 def _error_lines(e: PoseErrors) -> list[str]:
-    lines = [f"errors of {e.n} poses, up to the handle's symmetry:", "              mean   median      max",
-             f"E_t       {e.E_t_mm:8.3f} {e.position_median_mm:8.3f} {e.position_max_mm:8.3f} mm    (Eq. 26)"]
+    lines = [
+        f"errors of {e.n} poses, up to the handle's symmetry:",
+        "              mean   median      max",
+        f"E_t       {e.E_t_mm:8.3f} {e.position_median_mm:8.3f} {e.position_max_mm:8.3f} mm    (Eq. 26)",
+    ]
     for name in ("alpha", "beta", "gamma"):
-        mean, median = getattr(e, f"E_{name}_deg"), getattr(e, f"{name}_median_deg")
+        mean = getattr(e, f"E_{name}_deg")
+        median = getattr(e, f"{name}_median_deg")
         lines.append(f"{'E_' + name:9s} {mean:8.3f} {median:8.3f}          deg   (Eq. 27)")
     geodesic = (e.geodesic_mean_deg, e.geodesic_median_deg, e.geodesic_max_deg)
     return [*lines, "geodesic  " + " ".join(f"{value:8.3f}" for value in geodesic) + " deg"]
@@ -203,9 +244,12 @@ def _error_lines(e: PoseErrors) -> list[str]:
 
 def _track_lines(track: TrackQuality) -> list[str]:
     losses = len(track.waits) + (track.unended is not None)
-    return ["the measured poses as one track:", f"flips      {track.flips:8d}",
-            f"far off    {track.far_off:8d}   by more than {FAR_MM:g} mm or {FAR_DEG:g} deg",
-            f"losses     {losses:8d}{_lasted(track)}"]
+    return [
+        "the measured poses as one track:",
+        f"flips      {track.flips:8d}",
+        f"far off    {track.far_off:8d}   by more than {FAR_MM:g} mm or {FAR_DEG:g} deg",
+        f"losses     {losses:8d}{_lasted(track)}",
+    ]
 
 
 def _lasted(track: TrackQuality) -> str:
@@ -217,7 +261,9 @@ def _lasted(track: TrackQuality) -> str:
 
 
 def _visible(true: pd.DataFrame, counts: Path) -> np.ndarray:
-    """Whether enough is truly seen to fix the pose, a bool for each row of a truth; never if nothing says so."""
+    """Whether enough is truly seen to fix the pose, a bool for each row of a truth; never if
+    nothing says so.
+    """
     markers = true["markers"] if "markers" in true else pd.Series(0, true.index)
     by_one = markers.to_numpy(dtype=float) >= SEEN_BY_ONE
     if not counts.exists():
@@ -229,17 +275,26 @@ def _visible(true: pd.DataFrame, counts: Path) -> np.ndarray:
     return by_one | true["frame"].isin(seen["frame"][by_two]).to_numpy()
 
 
-def _quality(rows: pd.DataFrame, true: pd.DataFrame, handle: Handle, ended: tuple[int, ...], unended: int | None
-             ) -> TrackQuality:
+def _quality(
+    rows: pd.DataFrame,
+    true: pd.DataFrame,
+    handle: Handle,
+    ended: tuple[int, ...],
+    unended: int | None,
+) -> TrackQuality:
     """Quality of the measured rows, in the order of time."""
     if rows.empty:
         return TrackQuality(0, 0, ended, unended)
     pairs = transforms(rows), transforms(true.set_index("frame").loc[rows["frame"]])
-    return TrackQuality(flips(*pairs, handle.symmetries), far_off(*pairs, handle.symmetries), ended, unended)
+    return TrackQuality(
+        flips(*pairs, handle.symmetries), far_off(*pairs, handle.symmetries), ended, unended
+    )
 
 
 def _errors(both: pd.DataFrame, true: pd.DataFrame, handle: Handle) -> PoseErrors | None:
-    """Errors over the measured and the ambiguous rows of the joined table; None if there are none."""
+    """Errors over the measured and the ambiguous rows of the joined table; None if there are
+    none.
+    """
     estimates, truths = [], []
     for status, equivalent in (("measured", track_equivalent), ("ambiguous", nearest_equivalent)):
         rows = both[both["status"] == status]

@@ -18,9 +18,15 @@ from ..methods import estimator_of
 from ..parameters import Parameters
 
 
-def measure_folder(rig: str | Path, handle: str | Path, images: str | Path, out: str | Path,
-                   method: str = "paper_checked",
-                   prior: str | Path | None = None, progress: bool = True) -> pd.DataFrame:
+def measure_folder(
+    rig: str | Path,
+    handle: str | Path,
+    images: str | Path,
+    out: str | Path,
+    method: str = "paper_checked",
+    prior: str | Path | None = None,
+    progress: bool = True,
+) -> pd.DataFrame:
     """Measure every instant of a folder of images on its own, and write the poses.
 
     Parameters
@@ -28,8 +34,8 @@ def measure_folder(rig: str | Path, handle: str | Path, images: str | Path, out:
     rig, handle : path
         Rig and handle file.
     images : path
-        Holds a folder a camera, named as in the rig, the same file names in each. Colour and 16-bit images are
-        converted, and the log says so.
+        Holds a folder a camera, named as in the rig, the same file names in each. Colour and 16-bit
+        images are converted, and the log says so.
     out : path
         CSV of poses to write; it appears when all instants are done.
     method : {"paper", "paper_checked", "weighted", "reprojection", "patches", "outline", "best"}
@@ -50,13 +56,19 @@ def measure_folder(rig: str | Path, handle: str | Path, images: str | Path, out:
         Names the file that is missing, unreadable or does not fit.
     """
     parameters = Parameters(estimator=estimator_of(method))
-    the_rig, the_handle = read_rig(rig), read_handle(handle)
+    the_rig = read_rig(rig)
+    the_handle = read_handle(handle)
     instants = list_instants(images, the_rig)
     expected = {} if prior is None else _expected(prior, len(instants))
     check_targets([out], [rig, handle, *([prior] if prior else [])])
-    with logging_redirect_tqdm(), tqdm(instants, unit="instant", disable=None if progress else True) as shown:
-        poses = [measure(images, the_rig, the_handle, expected.get(instant.frame), parameters).pose
-                 for instant, images in zip(shown, read_instants(instants, the_rig), strict=True)]
+    with (
+        logging_redirect_tqdm(),
+        tqdm(instants, unit="instant", disable=None if progress else True) as shown,
+    ):
+        poses = [
+            measure(images, the_rig, the_handle, expected.get(instant.frame), parameters).pose
+            for instant, images in zip(shown, read_instants(instants, the_rig), strict=True)
+        ]
     table = pose_table(poses)
     write_poses(table, out)
     return table
@@ -66,5 +78,7 @@ def _expected(path: str | Path, instants: int) -> dict[int, RigidTransform]:
     """The poses of a prior by their frame."""
     table = read_poses(path)
     if not (table["frame"] < instants).any():
-        raise ValueError(f"{path}: no frame in common with the images, which are frames 0 to {instants - 1}")
+        raise ValueError(
+            f"{path}: no frame in common with the images, which are frames 0 to {instants - 1}"
+        )
     return poses_by_frame(table)

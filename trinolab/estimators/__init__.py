@@ -1,7 +1,7 @@
 """Better poses from the same images (beyond the paper): the estimators by name.
 
-``paper`` is the paper's own (Eq. 20-24, `pose.fit_pose`); each other one stands in a module of this folder, which is
-loaded when it is asked for.
+``paper`` is the paper's own (Eq. 20-24, `pose.fit_pose`); each other one stands in a module of this
+folder, which is loaded when it is asked for.
 """
 
 from __future__ import annotations
@@ -21,15 +21,16 @@ __all__ = ["Identified", "estimate"]
 def estimate(instant: Identified, rig: Rig, handle: Handle, parameters: Parameters) -> Pose:
     """The pose by the estimator that the parameters name.
 
-    ``paper``: pairs, mean, rigid fit (Eq. 20-24). ``paper_checked``: the same, checked against the pixels.
-    ``weighted``: centroids registered and moved to the centres, pairs and points weighted by their covariances.
-    ``reprojection``: all views at once, by predicted centroids. ``patches``: all views at once, by the pixels.
-    ``outline``: as ``patches``, with the body's outline.
+    ``paper``: pairs, mean, rigid fit (Eq. 20-24). ``paper_checked``: the same, checked against the
+    pixels. ``weighted``: centroids registered and moved to the centres, pairs and points weighted
+    by their covariances. ``reprojection``: all views at once, by predicted centroids. ``patches``:
+    all views at once, by the pixels. ``outline``: as ``patches``, with the body's outline.
 
     Returns
     -------
     Pose
-        With status ``measured``; `pose.LOST` if too little is seen, or what is seen is not what the pose predicts.
+        With status ``measured``; `pose.LOST` if too little is seen, or what is seen is not what the
+        pose predicts.
     """
     p = parameters
     if p.estimator == "paper":
@@ -38,7 +39,9 @@ def estimate(instant: Identified, rig: Rig, handle: Handle, parameters: Paramete
 
 
 def _better(name: str) -> Callable[[Identified, Rig, Handle, Parameters], Pose]:
-    """The function of an estimator; its module is loaded now, so that the paper's chain runs without it."""
+    """The function of an estimator; its module is loaded now, so that the paper's chain runs
+    without it.
+    """
     match name:
         case "paper_checked":
             from .checked import checked_pose as estimator

@@ -1,11 +1,13 @@
-"""What a wrapped marker's image looks like: windows of pixels about markers, and what each pixel shows before the blur.
+"""What a wrapped marker's image looks like: windows of pixels about markers, and what each pixel
+shows before the blur.
 
-A pixel's ray meets the cylinder in closed form; distances from the marker's edge and from the body's outline give the
-share of the pixel's area that each covers. A view is a marker in a camera's image; arrays have one row a view, vectors
-their three components first.
+A pixel's ray meets the cylinder in closed form; distances from the marker's edge and from the
+body's outline give the share of the pixel's area that each covers. A view is a marker in a camera's
+image; arrays have one row a view, vectors their three components first.
 
-After a small motion of the handle (nu mm, omega rad, handle frame) the point X of a ray lies, seen from the handle, at
-X - nu - omega x X. With the gradient g of a distance there, that distance changes by -g.nu - (X x g).omega.
+After a small motion of the handle (nu mm, omega rad, handle frame) the point X of a ray lies, seen
+from the handle, at X - nu - omega x X. With the gradient g of a distance there, that distance
+changes by -g.nu - (X x g).omega.
 """
 
 from __future__ import annotations
@@ -19,7 +21,8 @@ from ..camera import Camera, Rig
 from ..checks import Array
 from ..handle import Handle
 
-GRAZING = 0.05  # cosine of ray and normal: a surface that is turned away further counts as this oblique
+# cosine of ray and normal: a surface that is turned away further counts as this oblique
+GRAZING = 0.05
 
 
 class Views(NamedTuple):
@@ -55,7 +58,8 @@ class Layers(NamedTuple):
     Attributes
     ----------
     marker, body : ndarray, shape (k, p)
-        Share of the pixel's area that the view's marker covers (or any marker), and that all of the body does.
+        Share of the pixel's area that the view's marker covers (or any marker), and that all of the
+        body does.
     covered : ndarray, shape (k, p)
         What share of the pixel the marker would cover if the body did not end there.
     marker_point, body_point : ndarray, shape (3, k, p)
@@ -65,7 +69,8 @@ class Layers(NamedTuple):
     turn : ndarray, shape (k, p)
         Angle about the axis from the marker's column, rad.
     clear_px : ndarray, shape (k, p)
-        Distance from whatever else is there, the body's end or another marker's edge; negative inside it.
+        Distance from whatever else is there, the body's end or another marker's edge; negative
+        inside it.
     """
 
     marker: Array
@@ -80,7 +85,9 @@ class Layers(NamedTuple):
 
 
 class _Rays(NamedTuple):
-    """Rays in the handle's frame: start (3, k, 1), direction (3, k, p), its derivatives by u and v (3, k, 1)."""
+    """Rays in the handle's frame: start (3, k, 1), direction (3, k, p), its derivatives by u and v
+    (3, k, 1).
+    """
 
     start: Array
     direction: Array
@@ -89,7 +96,9 @@ class _Rays(NamedTuple):
 
 
 class _Place(NamedTuple):
-    """Points of the body beside a marker's middle: angle about the axis, rad; along it, and distance, mm; (k, p)."""
+    """Points of the body beside a marker's middle: angle about the axis, rad; along it, and
+    distance, mm; (k, p).
+    """
 
     turn: Array
     along: Array
@@ -97,23 +106,30 @@ class _Place(NamedTuple):
 
 
 def windows(rig: Rig, views: Views, uv: Array, side: int) -> Windows:
-    """Windows with pixels uv, shape (k, 2), in their middle; `side` is odd. They may reach beyond the image."""
+    """Windows with pixels uv, shape (k, 2), in their middle; `side` is odd. They may reach beyond
+    the image.
+    """
     corner = np.round(uv).astype(int) - side // 2
     grid = np.stack(np.divmod(np.arange(side * side), side)[::-1])  # (2, p): column, row
-    xy, xy_per_px = np.empty((2, len(uv), side * side)), np.empty((len(uv), 2, 2))
+    xy = np.empty((2, len(uv), side * side))
+    xy_per_px = np.empty((len(uv), 2, 2))
     for c, camera in enumerate(rig.cameras):
         mine = np.flatnonzero(views.camera == c)
         pixels = corner[mine].T[:, :, None] + grid[:, None]  # (2, k, p)
         if camera.distortions.any():
             xy[:, mine], xy_per_px[mine] = _through_lens(camera, pixels, uv[mine])
         else:
-            xy[:, mine] = (pixels - camera.principal_point[:, None, None]) / camera.focal[:, None, None]
+            xy[:, mine] = (pixels - camera.principal_point[:, None, None]) / camera.focal[
+                :, None, None
+            ]
             xy_per_px[mine] = np.diag(1 / camera.focal)
     return Windows(corner, side, xy, xy_per_px)
 
 
 def _through_lens(camera: Camera, pixels: Array, uv: Array) -> tuple[Array, Array]:
-    """`xy` and `xy_per_px` of windows with pixels (2, k, p) and middles uv (k, 2), for a lens with distortion."""
+    """`xy` and `xy_per_px` of windows with pixels (2, k, p) and middles uv (k, 2), for a lens with
+    distortion.
+    """
     steps = 0.5 * np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
     every = np.concatenate([pixels.transpose(1, 2, 0), uv[:, None] + steps], axis=1)
     found = camera.normalise(every.reshape(-1, 2)).reshape(len(uv), -1, 2)
@@ -122,39 +138,54 @@ def _through_lens(camera: Camera, pixels: Array, uv: Array) -> tuple[Array, Arra
     return found[:, :-4].transpose(2, 0, 1), by_px
 
 
-def layers(rig: Rig, handle: Handle, T_world_handle: RigidTransform, views: Views, at: Windows,
-           any_marker: bool = False) -> Layers:
+def layers(
+    rig: Rig,
+    handle: Handle,
+    T_world_handle: RigidTransform,
+    views: Views,
+    at: Windows,
+    any_marker: bool = False,
+) -> Layers:
     """What each pixel of windows shows of the handle at a pose (see `Layers`).
 
-    With `any_marker` the neighbours of a view's marker count as it does, and are nothing else that is in the way.
+    With `any_marker` the neighbours of a view's marker count as it does, and are nothing else that
+    is in the way.
     """
     rays = _rays(rig, T_world_handle, views, at)
     depth, P, outward, distance = _nearest_to_axis(rays)
     body, body_push, _ = _edge(handle.radius_mm - distance, depth, -outward, rays)
     depth, X, normal = _surface(handle, rays, depth, P, distance)
     clear = np.minimum(handle.top_mm - X[1], X[1] - handle.bottom_mm)
-    angle, edge = np.arctan2(X[0], X[2]), handle.marker_diameter_mm / 2
+    angle = np.arctan2(X[0], X[2])
+    edge = handle.marker_diameter_mm / 2
     own = nearest = _place(handle, views.marker, angle, X[1])
     for others in _neighbours(handle)[views.marker].T:
         beside = _place(handle, others, angle, X[1])
         if any_marker:
             nearer = beside.distance < nearest.distance
-            nearest = _Place(*(np.where(nearer, *pair) for pair in zip(beside, nearest, strict=True)))
+            nearest = _Place(
+                *(np.where(nearer, *pair) for pair in zip(beside, nearest, strict=True))
+            )
         else:
             clear = np.minimum(clear, beside.distance - edge)
     gradient = _inwards(handle, nearest, X)
     facing = np.minimum(_dot(normal, rays.direction), -GRAZING)
-    gradient -= normal * (_dot(gradient, rays.direction) / facing)  # as the ray's point slides along the surface
+    # as the ray's point slides along the surface
+    gradient -= normal * (_dot(gradient, rays.direction) / facing)
     covered, marker_push, width = _edge(edge - nearest.distance, depth, gradient, rays)
-    return Layers(covered * body, body, covered, X, P, marker_push, body_push, own.turn, clear / width)
+    return Layers(
+        covered * body, body, covered, X, P, marker_push, body_push, own.turn, clear / width
+    )
 
 
 def by_motion(shown: Layers, marker: Array, body: Array) -> Array:
-    """Derivative of ``marker * shown.marker + body * shown.body`` by a motion (nu mm, omega rad), shape (k, 6, p).
+    """Derivative of ``marker * shown.marker + body * shown.body`` by a motion (nu mm, omega rad),
+    shape (k, 6, p).
 
     `marker` and `body` are weights of shape (k, p).
     """
-    F, G = (marker * shown.body) * shown.marker_push, (marker * shown.covered + body) * shown.body_push
+    F = (marker * shown.body) * shown.marker_push
+    G = (marker * shown.covered + body) * shown.body_push
     result = np.empty((len(marker), 6, marker.shape[1]), marker.dtype)
     X, P = shown.marker_point, shown.body_point
     for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
@@ -164,27 +195,35 @@ def by_motion(shown: Layers, marker: Array, body: Array) -> Array:
 
 
 def shading_basis(turn: Array) -> Array:
-    """Functions of the angle from a marker's middle that make up the brightness around the body, (4, ``*turn.shape``).
+    """Functions of the angle from a marker's middle that make up the brightness around the body,
+    (4, ``*turn.shape``).
 
-    The first is 1, the others vanish in the middle. With the next two any distant light is met, with the last nearly
-    so where that light ends within the window.
+    The first is 1, the others vanish in the middle. With the next two any distant light is met,
+    with the last nearly so where that light ends within the window.
     """
-    s, c = np.sin(turn), 1 - np.cos(turn)
+    s = np.sin(turn)
+    c = 1 - np.cos(turn)
     return np.stack([np.ones_like(turn), s, c, s * c])
 
 
 def _rays(rig: Rig, T_world_handle: RigidTransform, views: Views, at: Windows) -> _Rays:
     R_handle_world = T_world_handle.as_matrix()[:3, :3].T
     turns = [R_handle_world @ camera.T_world_cam.as_matrix()[:3, :3] for camera in rig.cameras]
-    starts = [R_handle_world @ (camera.centre - T_world_handle.translation) for camera in rig.cameras]
+    starts = [
+        R_handle_world @ (camera.centre - T_world_handle.translation) for camera in rig.cameras
+    ]
     R = np.stack(turns)[views.camera].transpose(2, 1, 0)[..., None]
     start = np.stack(starts)[views.camera].T[..., None]
-    by_u, by_v = (R[0] * at.xy_per_px[:, 0, k, None] + R[1] * at.xy_per_px[:, 1, k, None] for k in (0, 1))
+    by_u, by_v = (
+        R[0] * at.xy_per_px[:, 0, k, None] + R[1] * at.xy_per_px[:, 1, k, None] for k in (0, 1)
+    )
     return _Rays(start, R[0] * at.xy[0] + R[1] * at.xy[1] + R[2], by_u, by_v)
 
 
 def _nearest_to_axis(rays: _Rays) -> tuple[Array, Array, Array, Array]:
-    """Depth (k, p), point (3, k, p), direction from the axis and distance, mm, where rays pass the axis nearest by."""
+    """Depth (k, p), point (3, k, p), direction from the axis and distance, mm, where rays pass the
+    axis nearest by.
+    """
     (ox, _, oz), (dx, _, dz) = rays.start, rays.direction
     depth = -(ox * dx + oz * dz) / (dx * dx + dz * dz)
     P = rays.start + depth * rays.direction
@@ -194,8 +233,12 @@ def _nearest_to_axis(rays: _Rays) -> tuple[Array, Array, Array, Array]:
     return depth, P, outward / distance, distance
 
 
-def _surface(handle: Handle, rays: _Rays, depth: Array, P: Array, distance: Array) -> tuple[Array, Array, Array]:
-    """Depth (k, p), point (3, k, p) and normal of the body's side where a ray meets it, or passes it nearest by."""
+def _surface(
+    handle: Handle, rays: _Rays, depth: Array, P: Array, distance: Array
+) -> tuple[Array, Array, Array]:
+    """Depth (k, p), point (3, k, p) and normal of the body's side where a ray meets it, or passes
+    it nearest by.
+    """
     dx, _, dz = rays.direction
     half = np.sqrt(np.maximum(handle.radius_mm**2 - distance**2, 0.0) / (dx * dx + dz * dz))
     X = P - half * rays.direction
@@ -205,7 +248,9 @@ def _surface(handle: Handle, rays: _Rays, depth: Array, P: Array, distance: Arra
 
 
 def _place(handle: Handle, markers: np.ndarray, angle: Array, axial: Array) -> _Place:
-    """Where points of the body, by angle and axial coordinate (k, p), lie beside the middle of a marker each (k,)."""
+    """Where points of the body, by angle and axial coordinate (k, p), lie beside the middle of a
+    marker each (k,).
+    """
     turn = _wrapped(angle - handle.marker_angles[markers, None])
     along = axial - handle.marker_centres[markers, 1, None]
     return _Place(turn, along, np.maximum(np.hypot(handle.radius_mm * turn, along), 1e-9))
@@ -219,20 +264,23 @@ def _inwards(handle: Handle, place: _Place, X: Array) -> Array:
 
 def _neighbours(handle: Handle, nearest: int = 2) -> np.ndarray:
     """Indices (markers, nearest) of each marker's nearest neighbours on the surface."""
-    theta, axial = handle.marker_angles, handle.marker_centres[:, 1]
+    theta = handle.marker_angles
+    axial = handle.marker_centres[:, 1]
     gap = np.hypot(handle.radius_mm * _wrapped(theta[:, None] - theta), axial[:, None] - axial)
     np.fill_diagonal(gap, np.inf)
     return gap.argsort(axis=1)[:, :nearest]
 
 
 def _edge(inside: Array, depth: Array, gradient: Array, rays: _Rays) -> tuple[Array, Array, Array]:
-    """Share (k, p) of a pixel's area on the inner side of an edge, how it is pushed (3, k, p), and mm to a pixel.
+    """Share (k, p) of a pixel's area on the inner side of an edge, how it is pushed (3, k, p), and
+    mm to a pixel.
 
-    The edge is straight within a pixel: `inside` mm away, with a gradient (3, k, p) at the ray's point, `depth` along
-    the ray. The share is then the integral of a trapezoid.
+    The edge is straight within a pixel: `inside` mm away, with a gradient (3, k, p) at the ray's
+    point, `depth` along the ray. The share is then the integral of a trapezoid.
     """
     by_u, by_v = (np.abs(depth * _dot(gradient, step)) for step in (rays.by_u, rays.by_v))
-    long, short = (np.maximum(part(by_u, by_v), 1e-6) for part in (np.maximum, np.minimum))  # zero in the very middle
+    # zero in the very middle
+    long, short = (np.maximum(part(by_u, by_v), 1e-6) for part in (np.maximum, np.minimum))
     away = np.abs(inside)
     left = np.maximum((long + short) / 2 - away, 0.0)  # to where the edge leaves the pixel
     corner = left < short  # it cuts off no more than a corner

@@ -1,12 +1,14 @@
-"""Where the centroid of a wrapped marker's image lies, and centroids measured to a hundredth of a pixel.
+"""Where the centroid of a wrapped marker's image lies, and centroids measured to a hundredth of a
+pixel.
 
-The centroid is the mean of the image over the marker's visible part. A piece of the surface counts by the area of its
-image, which falls with the cosine between normal and line of sight and with the square of the distance, and by its
-brightness. The integral is a sum over points of the disc, taken on the unrolled surface.
+The centroid is the mean of the image over the marker's visible part. A piece of the surface counts
+by the area of its image, which falls with the cosine between normal and line of sight and with the
+square of the distance, and by its brightness. The integral is a sum over points of the disc, taken
+on the unrolled surface.
 
-The intensity centroid of Sect. 5.1 is pulled by the body's shading, by what lies beyond the body's outline, by
-neighbours and by saturation. `register` shifts what an image model predicts until it lies on the pixels: there these
-are in the model, or their pixels have no weight.
+The intensity centroid of Sect. 5.1 is pulled by the body's shading, by what lies beyond the body's
+outline, by neighbours and by saturation. `register` shifts what an image model predicts until it
+lies on the pixels: there these are in the model, or their pixels have no weight.
 """
 
 from __future__ import annotations
@@ -38,11 +40,17 @@ from .imagemodel import (
 )
 from .patches import Patches, patches
 
-RINGS, SPOKES = 8, 24  # of the sum; twice as many of both change a centroid by less than 0.001 px up to 70 deg
+# of the sum; twice as many of both change a centroid by less than 0.001 px up to 70 deg
+RINGS, SPOKES = 8, 24
 
 
-def predict_centroids(rig: Rig, handle: Handle, T_world_handle: RigidTransform, views: Views,
-                      shading: Array | None = None) -> tuple[Array, Array]:
+def predict_centroids(
+    rig: Rig,
+    handle: Handle,
+    T_world_handle: RigidTransform,
+    views: Views,
+    shading: Array | None = None,
+) -> tuple[Array, Array]:
     """Centroids of markers' images at a pose, and how they move with it.
 
     Parameters
@@ -58,25 +66,31 @@ def predict_centroids(rig: Rig, handle: Handle, T_world_handle: RigidTransform, 
     Returns
     -------
     uv : ndarray, shape (k, 2)
-        Pixels of the distorted image; NaN where nothing of the marker is visible or `Camera.project` gives no pixel.
+        Pixels of the distorted image; NaN where nothing of the marker is visible or
+        `Camera.project` gives no pixel.
     jacobian : ndarray, shape (k, 2, 6)
-        By a small motion (nu mm, omega rad) of the handle in its own frame: ``T_world_handle * exp(nu, omega)``.
+        By a small motion (nu mm, omega rad) of the handle in its own frame: ``T_world_handle *
+        exp(nu, omega)``.
     """
     turn, X = _disc_points(handle)  # (n,), (markers, n, 3)
-    uv, jacobian = np.empty((len(views.camera), 2)), np.empty((len(views.camera), 2, 6))
+    uv = np.empty((len(views.camera), 2))
+    jacobian = np.empty((len(views.camera), 2, 6))
     for c, camera in enumerate(rig.cameras):
         mine = views.camera == c
         bright = 1.0 if shading is None else 1 + shading[mine] @ shading_basis(turn)[1:]
-        uv[mine], jacobian[mine] = _centroids(camera, handle, T_world_handle, X[views.marker[mine]], bright)
+        uv[mine], jacobian[mine] = _centroids(
+            camera, handle, T_world_handle, X[views.marker[mine]], bright
+        )
     return uv, jacobian
 
 
-def _centroids(camera: Camera, handle: Handle, T_world_handle: RigidTransform, X: Array,
-               bright: Array | float) -> tuple[Array, Array]:
+def _centroids(
+    camera: Camera, handle: Handle, T_world_handle: RigidTransform, X: Array, bright: Array | float
+) -> tuple[Array, Array]:
     """Centroids (k, 2) and Jacobians (k, 2, 6) from points X (k, n, 3) of markers, handle frame.
 
-    With the weight w of a point and its pixel p the centroid is sum(w p) / sum(w), and its derivative
-    (sum(w dp) + sum((p - centroid) dw)) / sum(w).
+    With the weight w of a point and its pixel p the centroid is sum(w p) / sum(w), and its
+    derivative (sum(w dp) + sum((p - centroid) dw)) / sum(w).
     """
     T_cam_handle = camera.T_cam_world * T_world_handle
     viewpoint = T_cam_handle.inv().translation
@@ -86,23 +100,33 @@ def _centroids(camera: Camera, handle: Handle, T_world_handle: RigidTransform, X
     per_facing = np.where(facing > 0, area * bright / z**3, 0.0)
     weight = per_facing * facing
     # seen from the handle the viewpoint moves, by -nu - omega x viewpoint
-    d_facing = -np.concatenate([normal, np.cross(np.broadcast_to(viewpoint, X.shape), normal)], axis=2)
+    d_facing = -np.concatenate(
+        [normal, np.cross(np.broadcast_to(viewpoint, X.shape), normal)], axis=2
+    )
     d_weight = per_facing[..., None] * d_facing - 3 * (weight / z)[..., None] * d_z
     total = weight.sum(axis=1)[:, None]
     with np.errstate(invalid="ignore", divide="ignore"):
         centroid = (weight[..., None] * p).sum(axis=1) / total
-        d_centroid = np.einsum("kn,kndj->kdj", weight, d_p) + np.einsum("knd,knj->kdj", p - centroid[:, None], d_weight)
+        d_centroid = np.einsum("kn,kndj->kdj", weight, d_p) + np.einsum(
+            "knd,knj->kdj", p - centroid[:, None], d_weight
+        )
         return centroid, d_centroid / total[..., None]
 
 
-def _projection(camera: Camera, T_cam_handle: RigidTransform, X: Array) -> tuple[Array, Array, Array, Array, Array]:
-    """Pixels (k, n, 2) and depths (k, n) of points X (k, n, 3), their derivatives, and the lens's change of area.
+def _projection(
+    camera: Camera, T_cam_handle: RigidTransform, X: Array
+) -> tuple[Array, Array, Array, Array, Array]:
+    """Pixels (k, n, 2) and depths (k, n) of points X (k, n, 3), their derivatives, and the lens's
+    change of area.
 
-    The derivatives are by a small motion of the handle; that of the lens's area, a millionth of it, is left out.
+    The derivatives are by a small motion of the handle; that of the lens's area, a millionth of it,
+    is left out.
     """
     R = T_cam_handle.rotation.as_matrix()
     local = X @ R.T + T_cam_handle.translation
-    d_local = R @ np.concatenate([np.broadcast_to(np.eye(3), (*X.shape, 3)), -cross_matrices(X)], axis=3)
+    d_local = R @ np.concatenate(
+        [np.broadcast_to(np.eye(3), (*X.shape, 3)), -cross_matrices(X)], axis=3
+    )
     z = local[..., 2]
     xy = local[..., :2] / z[..., None]
     d_xy = (d_local[..., :2, :] - xy[..., None] * d_local[..., 2:, :]) / z[..., None, None]
@@ -113,13 +137,17 @@ def _projection(camera: Camera, T_cam_handle: RigidTransform, X: Array) -> tuple
 
 
 def _disc_points(handle: Handle) -> tuple[Array, Array]:
-    """Angles (n,) from the middle and points (markers, n, 3) of discs, each for an equal share of the area."""
+    """Angles (n,) from the middle and points (markers, n, 3) of discs, each for an equal share of
+    the area.
+    """
     radius = np.sqrt((np.arange(RINGS) + 0.5) / RINGS) * handle.marker_diameter_mm / 2
     phi = 2 * np.pi * (np.arange(SPOKES) + 0.5) / SPOKES
     turn = np.outer(radius / handle.radius_mm, np.cos(phi)).ravel()
     angle = handle.marker_angles[:, None] + turn
     axial = handle.marker_centres[:, 1, None] + np.outer(radius, np.sin(phi)).ravel()
-    return turn, np.stack([handle.radius_mm * np.sin(angle), axial, handle.radius_mm * np.cos(angle)], axis=2)
+    return turn, np.stack(
+        [handle.radius_mm * np.sin(angle), axial, handle.radius_mm * np.cos(angle)], axis=2
+    )
 
 
 class Registered(NamedTuple):
@@ -144,18 +172,20 @@ class Registered(NamedTuple):
 
 
 class CentrePixels(NamedTuple):
-    """Pixels of markers' centres, (cameras, markers, 2), NaN where unseen, and their standard deviations, px, (cameras,
-    markers)."""
+    """Pixels of markers' centres, (cameras, markers, 2), NaN where unseen, and their standard
+    deviations, px, (cameras, markers).
+    """
 
     uv: Array
     sigma_px: Array
 
 
 def register(state: State, here: Patches, rig: Rig, handle: Handle) -> tuple[State, Registered]:
-    """Measure the centroids of markers in their windows by one Gauss-Newton step of shift, blur and greys each.
+    """Measure the centroids of markers in their windows by one Gauss-Newton step of shift, blur and
+    greys each.
 
-    The background beside the body, the body's shading, saturated pixels and neighbours are in the model or without
-    weight, so that they do not pull at the centroid as they do at a plain one.
+    The background beside the body, the body's shading, saturated pixels and neighbours are in the
+    model or without weight, so that they do not pull at the centroid as they do at a plain one.
 
     Returns
     -------
@@ -164,25 +194,40 @@ def register(state: State, here: Patches, rig: Rig, handle: Handle) -> tuple[Sta
     registered : Registered
     """
     at = linearise(state, here, rig, handle)
-    uv, by_motion = predict_centroids(rig, handle, state.T_world_handle, here.views, at.greys[:, 2:5])
-    shift = np.linalg.pinv(by_motion[:, :, :3]).transpose(0, 2, 1)  # (k, 2, 3): the motion that moves it by a pixel
+    uv, by_motion = predict_centroids(
+        rig, handle, state.T_world_handle, here.views, at.greys[:, 2:5]
+    )
+    # (k, 2, 3): the motion that moves it by a pixel
+    shift = np.linalg.pinv(by_motion[:, :, :3]).transpose(0, 2, 1)
     by_other = np.concatenate([shift @ at.by_pose[:, :3], at.by_pose[:, 6:]], axis=1)
     normal = reduce(by_other, at)
     covariance = inverse(normal.information + 1e-9 * np.eye(3))
     step = (covariance @ normal.gradient[..., None])[..., 0]
     after = advanced(at, by_other, normal, step)
-    blur = [np.median(step[here.views.camera == c, 2]) if (here.views.camera == c).any() else 0.0
-            for c in range(len(rig.cameras))]
+    blur = [
+        np.median(step[here.views.camera == c, 2]) if (here.views.camera == c).any() else 0.0
+        for c in range(len(rig.cameras))
+    ]
     noise = noise_of(after)
-    renewed = State(state.T_world_handle, after.greys, limited(state.blur_px2, np.array(blur)), noise)
+    renewed = State(
+        state.T_world_handle, after.greys, limited(state.blur_px2, np.array(blur)), noise
+    )
     return renewed, Registered(uv + step[:, :2], step[:, :2], covariance[:, :2, :2], after)
 
 
-def centre_pixels(images: Sequence[np.ndarray], rig: Rig, handle: Handle, T_world_handle: RigidTransform,
-                  max_slant_deg: float, rounds: int = 2) -> CentrePixels | None:
-    """Where the centres of markers are in the images: where a pose predicts them, shifted as the centroids are.
+def centre_pixels(
+    images: Sequence[np.ndarray],
+    rig: Rig,
+    handle: Handle,
+    T_world_handle: RigidTransform,
+    max_slant_deg: float,
+    rounds: int = 2,
+) -> CentrePixels | None:
+    """Where the centres of markers are in the images: where a pose predicts them, shifted as the
+    centroids are.
 
-    Parameters as for `reprojection.fit_centroids`; windows that show no marker are left out. None if all do not.
+    Parameters as for `reprojection.fit_centroids`; windows that show no marker are left out. None
+    if all do not.
     """
     here = patches(images, rig, handle, T_world_handle, max_slant_deg)
     state = first_state(T_world_handle, rig)
@@ -194,7 +239,9 @@ def centre_pixels(images: Sequence[np.ndarray], rig: Rig, handle: Handle, T_worl
     views = Views(here.views.camera[shown], here.views.marker[shown])
     uv = np.full((len(rig.cameras), len(handle.marker_centres), 2), np.nan)
     centres = T_world_handle.apply(handle.marker_centres)
-    uv[views] = np.stack([camera.project(centres) for camera in rig.cameras])[views] + found.shift[shown]
+    uv[views] = (
+        np.stack([camera.project(centres) for camera in rig.cameras])[views] + found.shift[shown]
+    )
     sigma = np.full(uv.shape[:2], np.nan)
     variance = np.trace(found.covariance[shown], axis1=1, axis2=2) / 2
     sigma[views] = np.sqrt(variance * np.maximum(misfit(found.at)[shown], 1.0))

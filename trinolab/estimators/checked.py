@@ -1,4 +1,6 @@
-"""The paper's estimate checked against the pixels: hidden markers are left out, the covariance knows of the bias."""
+"""The paper's estimate checked against the pixels: hidden markers are left out, the covariance
+knows of the bias.
+"""
 
 from __future__ import annotations
 
@@ -19,11 +21,13 @@ APART_RAD = np.deg2rad(4.0)  # likewise
 
 
 def checked_pose(instant: Identified, rig: Rig, handle: Handle, p: Parameters) -> Pose:
-    """The paper's estimate, without markers that something hides in part: where the image model shows that, see `Fit`.
+    """The paper's estimate, without markers that something hides in part: where the image model
+    shows that, see `Fit`.
 
-    The paper has no test of a pose. Here it is lost if the image model, where it applies, leads far away from it. Its
-    covariance, of pixel noise alone, does not know of the centroids' bias: where the image model applies, the mean
-    square of the error is that of the better pose, and the square of the way from there.
+    The paper has no test of a pose. Here it is lost if the image model, where it applies, leads far
+    away from it. Its covariance, of pixel noise alone, does not know of the centroids' bias: where
+    the image model applies, the mean square of the error is that of the better pose, and the square
+    of the way from there.
     """
     check = fit_patches(instant.images, rig, handle, instant.T_world_handle, p.max_slant_deg)
     if check is None or not check.shown.any():

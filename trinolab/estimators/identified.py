@@ -23,7 +23,8 @@ class Identified(NamedTuple):
     T_world_handle : RigidTransform
         The pose that identified them.
     motion_blur : (ndarray, ndarray) or None
-        The motion expected while the shutter is open, for the estimators that fit pixels, see `pixels.fit_patches`.
+        The motion expected while the shutter is open, for the estimators that fit pixels, see
+        `pixels.fit_patches`.
     """
 
     images: Sequence[np.ndarray]

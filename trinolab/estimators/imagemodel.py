@@ -4,12 +4,13 @@ In each window the grey is
 
     marker * shading * m  +  body * shading * b  +  background * (1 - b),
 
-m and b being the shares of `appearance.layers` after a Gaussian blur, and the shading a sum of `shading_basis`. These
-greys of a window are eliminated (Schur complement; Triggs et al. 2000, DOI 10.1007/3-540-44480-7_21), so that none has
-to be known. The noise of the pixels is estimated from what a fit leaves.
+m and b being the shares of `appearance.layers` after a Gaussian blur, and the shading a sum of
+`shading_basis`. These greys of a window are eliminated (Schur complement; Triggs et al. 2000, DOI
+10.1007/3-540-44480-7_21), so that none has to be known. The noise of the pixels is estimated from
+what a fit leaves.
 
-All is computed in double precision: in single precision a fit would end a thousandth of its error elsewhere on another
-processor, which rounds in another order.
+All is computed in double precision: in single precision a fit would end a thousandth of its error
+elsewhere on another processor, which rounds in another order.
 """
 
 from __future__ import annotations
@@ -30,18 +31,23 @@ ENOUGH = 30  # pixels for a variance
 BORDER_PX = 2  # of a window, where the blur lacks neighbours
 CLEAR_PX = 2.5  # pixels nearer than this to another marker or to the body's end have no weight
 BLUR_PX = 0.8  # where the search for a camera's blur begins
-BLUR_STEP_PX, MOST_STEPS = 1.5, 20  # from pose to pose while the shutter is open; how many poses there are at most
+# from pose to pose while the shutter is open; how many poses there are at most
+BLUR_STEP_PX, MOST_STEPS = 1.5, 20
 
 
 class Noise(NamedTuple):
-    """Variance of a pixel, ``base + slope * grey``, and of the background's texture; grey levels squared."""
+    """Variance of a pixel, ``base + slope * grey``, and of the background's texture; grey levels
+    squared.
+    """
 
     base: float = 4.0
     slope: float = 0.05
     texture: float = 100.0
 
 
-def estimate_noise(residual: Array, predicted: Array, used: np.ndarray, marker: Array, body: Array) -> Noise:
+def estimate_noise(
+    residual: Array, predicted: Array, used: np.ndarray, marker: Array, body: Array
+) -> Noise:
     """Estimate the noise from residuals on the body and on markers, away from all edges.
 
     Parameters
@@ -55,16 +61,21 @@ def estimate_noise(residual: Array, predicted: Array, used: np.ndarray, marker: 
     Returns
     -------
     Noise
-        From medians, so that wrong pixels do not count; what too few pixels show is left at a usual value.
+        From medians, so that wrong pixels do not count; what too few pixels show is left at a usual
+        value.
     """
     dark, bright = (used & (body > 0.99) & part for part in (marker < 0.01, marker > 0.99))
     if min(dark.sum(), bright.sum()) < ENOUGH:
         return Noise()
-    low, high = _robust_variance(residual[dark]), _robust_variance(residual[bright])
-    level, higher = float(predicted[dark].mean()), float(predicted[bright].mean())
+    low = _robust_variance(residual[dark])
+    high = _robust_variance(residual[bright])
+    level = float(predicted[dark].mean())
+    higher = float(predicted[bright].mean())
     slope = min(max((high - low) / (higher - level or 1.0), 0.0), 0.7 * low / max(level, 1.0))
     beyond = residual[used & (body < 0.05)]
-    texture = max(_robust_variance(beyond) - low, 25.0) if beyond.size >= ENOUGH else Noise().texture
+    texture = (
+        max(_robust_variance(beyond) - low, 25.0) if beyond.size >= ENOUGH else Noise().texture
+    )
     return Noise(max(low - slope * level, 0.01), slope, texture)
 
 
@@ -74,7 +85,9 @@ def _robust_variance(residual: Array) -> float:
 
 
 def blur_matrices(side: int, blur_px2: Array) -> Array:
-    """Matrices (n, side, side) that blur a row of pixels by a Gaussian; its weights at a border sum up to 1, too."""
+    """Matrices (n, side, side) that blur a row of pixels by a Gaussian; its weights at a border sum
+    up to 1, too.
+    """
     x = np.arange(side)
     weight = np.exp(-0.5 * (x[:, None] - x) ** 2 / blur_px2[:, None, None])
     return weight / weight.sum(axis=2, keepdims=True)
@@ -92,14 +105,21 @@ def half_laplacian(grey: Array, side: int) -> Array:
     """Derivative of blurred windows (k, p) by the blur's variance: the heat equation."""
     window = grey.reshape(-1, side, side)
     result = np.zeros_like(window)
-    result[:, 1:-1, 1:-1] = (window[:, 2:, 1:-1] + window[:, :-2, 1:-1] + window[:, 1:-1, 2:] + window[:, 1:-1, :-2]
-                             - 4 * window[:, 1:-1, 1:-1]) / 2
+    result[:, 1:-1, 1:-1] = (
+        window[:, 2:, 1:-1]
+        + window[:, :-2, 1:-1]
+        + window[:, 1:-1, 2:]
+        + window[:, 1:-1, :-2]
+        - 4 * window[:, 1:-1, 1:-1]
+    ) / 2
     return result.reshape(grey.shape)
 
 
 class MotionBlur(NamedTuple):
-    """The handle's motion while the shutter is open, (6,) mm and rad, world frame, and what was expected of it before:
-    a motion (6,) and the information on it, (6, 6), an inverse covariance."""
+    """The handle's motion while the shutter is open, (6,) mm and rad, world frame, and what was
+    expected of it before: a motion (6,) and the information on it, (6, 6), an inverse
+    covariance.
+    """
 
     motion: Array
     expected: Array
@@ -113,7 +133,8 @@ class State(NamedTuple):
     ----------
     T_world_handle : RigidTransform
     greys : ndarray, shape (k, 6), or None
-        Marker (above the body), body, three of shading, background; None as long as they are unknown.
+        Marker (above the body), body, three of shading, background; None as long as they are
+        unknown.
     blur_px2 : ndarray, shape (cameras,)
         Variance of each camera's blur.
     noise : Noise
@@ -137,8 +158,8 @@ class Linear(NamedTuple):
         Of the state, or found where it had none.
     predicted, residual, weight : ndarray, shape (k, p)
     by_pose : ndarray, shape (k, 7 or 13, p)
-        Derivatives by a small motion of the handle (nu mm, omega rad; handle frame), where there is motion blur by that
-        (handle frame), and by the blur's variance.
+        Derivatives by a small motion of the handle (nu mm, omega rad; handle frame), where there is
+        motion blur by that (handle frame), and by the blur's variance.
     by_greys : ndarray, shape (k, 6, p)
     marker, body : ndarray, shape (k, p)
         Shares after the blur.
@@ -173,7 +194,9 @@ class Reduced(NamedTuple):
     greys_by_other: Array
 
 
-def first_state(T_world_handle: RigidTransform, rig: Rig, motion_blur: MotionBlur | None = None) -> State:
+def first_state(
+    T_world_handle: RigidTransform, rig: Rig, motion_blur: MotionBlur | None = None
+) -> State:
     """A pose with nothing known of greys, and a usual blur and noise."""
     return State(T_world_handle, None, np.full(len(rig.cameras), BLUR_PX**2), Noise(), motion_blur)
 
@@ -182,43 +205,76 @@ def linearise(state: State, here: Patches, rig: Rig, handle: Handle) -> Linear:
     """The model and its derivatives at a state."""
     shares_open = _shares_open(state, here, handle)
     moving = state.motion_blur is not None  # neighbours are blurred together
-    during = [layers(rig, handle, _at(state, share), here.views, here.at, moving) for share in shares_open]
+    during = [
+        layers(rig, handle, _at(state, share), here.views, here.at, moving) for share in shares_open
+    ]
     B = blur_matrices(here.at.side, state.blur_px2)[here.views.camera]
     bases = [shading_basis(shown.turn).transpose(1, 0, 2) for shown in during]  # (k, basis, p) each
-    shares = _mean([np.stack([shown.marker, shown.body], axis=1)[:, :, None] * basis[:, None]
-                    for shown, basis in zip(during, bases, strict=True)])  # (k, 2, basis, p)
+    shares = _mean(
+        [
+            np.stack([shown.marker, shown.body], axis=1)[:, :, None] * basis[:, None]
+            for shown, basis in zip(during, bases, strict=True)
+        ]
+    )  # (k, 2, basis, p)
     k, _, n, p = shares.shape
-    marker_light, body_light = blurred(B, shares.reshape(k, 2 * n, p)).reshape(k, 2, n, p).transpose(1, 0, 2, 3)
+    marker_light, body_light = (
+        blurred(B, shares.reshape(k, 2 * n, p)).reshape(k, 2, n, p).transpose(1, 0, 2, 3)
+    )
     m, b = marker_light[:, 0], body_light[:, 0]
     clear_px = np.minimum.reduce([shown.clear_px for shown in during])
     usable = here.valid & (clear_px > CLEAR_PX) & _inner(here.at.side)
     greys = state.greys
     if greys is None:
-        greys = _first_greys(np.concatenate([m[:, None], body_light, 1 - b[:, None]], axis=1), usable, here.grey)
-    marker, body, background = greys[:, :1], greys[:, 1:2], greys[:, -1:]
+        greys = _first_greys(
+            np.concatenate([m[:, None], body_light, 1 - b[:, None]], axis=1), usable, here.grey
+        )
+    marker = greys[:, :1]
+    body = greys[:, 1:2]
+    background = greys[:, -1:]
     shade = np.concatenate([np.ones((k, 1)), greys[:, 2:-1]], axis=1)[:, None]  # (k, 1, basis)
-    m_shaded, b_shaded = (shade @ marker_light)[:, 0], (shade @ body_light)[:, 0]
+    m_shaded = (shade @ marker_light)[:, 0]
+    b_shaded = (shade @ body_light)[:, 0]
     predicted = marker * m_shaded + body * b_shaded + background * (1 - b)
     by_shade = marker[..., None] * marker_light[:, 1:] + body[..., None] * body_light[:, 1:]
-    by_greys = np.concatenate([m_shaded[:, None], b_shaded[:, None], by_shade, 1 - b[:, None]], axis=1)
+    by_greys = np.concatenate(
+        [m_shaded[:, None], b_shaded[:, None], by_shade, 1 - b[:, None]], axis=1
+    )
     shadings = [(shade @ basis)[:, 0] for basis in bases]
-    moves = [by_motion(shown, marker * shading, body * shading - background)
-             for shown, shading in zip(during, shadings, strict=True)]
+    moves = [
+        by_motion(shown, marker * shading, body * shading - background)
+        for shown, shading in zip(during, shadings, strict=True)
+    ]
     parts = [blurred(B, _mean(moves))]
     if state.motion_blur is not None:
-        parts.append(blurred(B, _mean([share * move for share, move in zip(shares_open, moves, strict=True)])))
+        parts.append(
+            blurred(
+                B, _mean([share * move for share, move in zip(shares_open, moves, strict=True)])
+            )
+        )
     by_pose = np.concatenate([*parts, half_laplacian(predicted, here.at.side)[:, None]], axis=1)
-    variance = state.noise.base + state.noise.slope * np.maximum(predicted, 0) + state.noise.texture * (1 - b) ** 2
-    return Linear(greys, predicted, here.grey - predicted, usable / variance, by_pose, by_greys, m, b)
+    variance = (
+        state.noise.base
+        + state.noise.slope * np.maximum(predicted, 0)
+        + state.noise.texture * (1 - b) ** 2
+    )
+    return Linear(
+        greys, predicted, here.grey - predicted, usable / variance, by_pose, by_greys, m, b
+    )
 
 
 def _shares_open(state: State, here: Patches, handle: Handle) -> Array:
-    """Where in the exposure the handle is looked at, -0.5 to 0.5: often enough for a smooth motion blur."""
+    """Where in the exposure the handle is looked at, -0.5 to 0.5: often enough for a smooth motion
+    blur.
+    """
     if state.motion_blur is None:
         return np.zeros(1)
     arm = np.linalg.norm(handle.marker_centres, axis=1).max()
-    way_mm = np.linalg.norm(state.motion_blur.motion[:3]) + arm * np.linalg.norm(state.motion_blur.motion[3:])
-    count = int(np.clip(np.ceil(way_mm * here.px_per_mm.max(initial=0.0) / BLUR_STEP_PX), 2, MOST_STEPS))
+    way_mm = np.linalg.norm(state.motion_blur.motion[:3]) + arm * np.linalg.norm(
+        state.motion_blur.motion[3:]
+    )
+    count = int(
+        np.clip(np.ceil(way_mm * here.px_per_mm.max(initial=0.0) / BLUR_STEP_PX), 2, MOST_STEPS)
+    )
     return (np.arange(count) + 0.5) / count - 0.5
 
 
@@ -233,12 +289,18 @@ def _mean(parts: list[Array]) -> Array:
 
 
 def reduce(by_other: Array, at: Linear) -> Reduced:
-    """Normal equations for unknowns with derivatives `by_other` (k, m, p), the greys of each window eliminated."""
-    n, r, C = by_other.shape[1], at.residual[:, None], at.by_greys
+    """Normal equations for unknowns with derivatives `by_other` (k, m, p), the greys of each window
+    eliminated.
+    """
+    n = by_other.shape[1]
+    r = at.residual[:, None]
+    C = at.by_greys
     every = np.concatenate([by_other, C, r], axis=1, dtype=float)
     products = (every * at.weight[:, None]) @ every.transpose(0, 2, 1)
     CC, OC = products[:, n:-1, n:-1], products[:, :n, n:-1]
-    CC += 1e-9 * np.trace(CC, axis1=1, axis2=2)[:, None, None] * np.eye(CC.shape[1]) + 1e-12 * np.eye(CC.shape[1])
+    CC += 1e-9 * np.trace(CC, axis1=1, axis2=2)[:, None, None] * np.eye(
+        CC.shape[1]
+    ) + 1e-12 * np.eye(CC.shape[1])
     solved = np.asarray(np.linalg.solve(CC, products[:, n:-1][..., np.r_[:n, -1]]), dtype=float)
     gain, greys = solved[..., :-1], solved[..., -1]
     gradient = products[:, :n, -1] - (OC @ greys[..., None])[..., 0]
@@ -249,7 +311,9 @@ def advanced(at: Linear, by_other: Array, normal: Reduced, step: Array) -> Linea
     """The model after a step (k, m) of the other unknowns, to first order; the greys follow."""
     greys = normal.greys - (normal.greys_by_other @ step[..., None])[..., 0]
     change = (step[:, None] @ by_other + greys[:, None] @ at.by_greys)[:, 0]
-    return at._replace(greys=at.greys + greys, predicted=at.predicted + change, residual=at.residual - change)
+    return at._replace(
+        greys=at.greys + greys, predicted=at.predicted + change, residual=at.residual - change
+    )
 
 
 def noise_of(at: Linear) -> Noise:
@@ -258,23 +322,29 @@ def noise_of(at: Linear) -> Noise:
 
 
 def misfit(at: Linear) -> Array:
-    """Reduced chi-square of each window, shape (k,): about 1 where the window shows what the state predicts."""
+    """Reduced chi-square of each window, shape (k,): about 1 where the window shows what the state
+    predicts.
+    """
     count = (at.weight > 0).sum(axis=1)
     return (at.weight * at.residual**2).sum(axis=1) / np.maximum(count - at.greys.shape[1], 1)
 
 
 def has_contrast(at: Linear, handle: Handle) -> np.ndarray:
-    """Whether there is anything like a marker in each window, bool (k,): as contrasty as half the others."""
+    """Whether there is anything like a marker in each window, bool (k,): as contrasty as half the
+    others.
+    """
     contrast = at.greys[:, 0] * (1 if handle.markers == "bright" else -1)
     clear = contrast > 3 * np.sqrt(1 / at.weight.max(initial=1e-12))  # the noise of a dark pixel
     return clear & (contrast > np.median(contrast[clear]) / 2) if clear.any() else clear
 
 
-def marker_is_shown(at: Linear, handle: Handle, max_misfit: float = 4.0, max_rms: float = 0.15) -> np.ndarray:
+def marker_is_shown(
+    at: Linear, handle: Handle, max_misfit: float = 4.0, max_rms: float = 0.15
+) -> np.ndarray:
     """Whether each window shows a marker where it is predicted, bool (k,).
 
-    A window fits if its misfit is small against the noise, or what is left against the marker's contrast: a real
-    marker is never quite what the model says.
+    A window fits if its misfit is small against the noise, or what is left against the marker's
+    contrast: a real marker is never quite what the model says.
     """
     used = at.weight > 0
     rms = np.sqrt((used * at.residual**2).sum(axis=1) / np.maximum(used.sum(axis=1), 1))
@@ -291,7 +361,9 @@ def inverse(matrices: Array) -> Array:
 
 
 def limited(blur_px2: Array, step: Array) -> Array:
-    """The blurs' variances after a step: no further than a factor of two away, and from 0.2 to 5 px squared."""
+    """The blurs' variances after a step: no further than a factor of two away, and from 0.2 to 5 px
+    squared.
+    """
     return np.clip(np.clip(blur_px2 + step, 0.5 * blur_px2, 2 * blur_px2), 0.04, 25.0)
 
 

@@ -1,7 +1,7 @@
 """Windows of pixels cut out of images: about markers, and along the body's outline.
 
-The outline says nothing of the turn about the axis, but it fixes the axis across the line of sight over all of the
-body's length. A hand may hide parts of it: each window is judged on its own.
+The outline says nothing of the turn about the axis, but it fixes the axis across the line of sight
+over all of the body's length. A hand may hide parts of it: each window is judged on its own.
 """
 
 from __future__ import annotations
@@ -38,7 +38,8 @@ class Patches(NamedTuple):
     valid : ndarray of bool, shape (k, p)
         Not saturated.
     alone : ndarray, shape (k,)
-        What share of it a window counts: less where it has its pixels in common with others that show the same.
+        What share of it a window counts: less where it has its pixels in common with others that
+        show the same.
     """
 
     views: Views
@@ -49,50 +50,84 @@ class Patches(NamedTuple):
     alone: Array
 
 
-def patches(images: Sequence[np.ndarray], rig: Rig, handle: Handle, T_world_handle: RigidTransform,
-            max_slant_deg: float, motion_blur: Array | None = None) -> Patches:
-    """Windows about all markers that a pose turns to a camera by at most a slant, as far as they lie in its image.
+def patches(
+    images: Sequence[np.ndarray],
+    rig: Rig,
+    handle: Handle,
+    T_world_handle: RigidTransform,
+    max_slant_deg: float,
+    motion_blur: Array | None = None,
+) -> Patches:
+    """Windows about all markers that a pose turns to a camera by at most a slant, as far as they
+    lie in its image.
 
-    `motion_blur` (6,) is the handle's motion while the shutter is open (mm, rad): they are as much larger.
+    `motion_blur` (6,) is the handle's motion while the shutter is open (mm, rad): they are as much
+    larger.
     """
     centres = T_world_handle.apply(handle.marker_centres)
     normals = handle.marker_normals @ T_world_handle.as_matrix()[:3, :3].T
     slant = np.stack([slant_angles(centres, normals, camera.centre) for camera in rig.cameras])
     facing = slant < np.deg2rad(max_slant_deg)
     uv = np.stack([camera.project(centres) for camera in rig.cameras])
-    scale = np.stack([camera.focal.mean() / camera.T_cam_world.apply(centres)[:, 2] for camera in rig.cameras])
+    scale = np.stack(
+        [camera.focal.mean() / camera.T_cam_world.apply(centres)[:, 2] for camera in rig.cameras]
+    )
     largest = handle.marker_diameter_mm * scale[facing].max(initial=0.0)
-    moved = 0.0 if motion_blur is None else np.linalg.norm(motion_blur[:3]) * scale[facing].max(initial=0.0)
+    moved = (
+        0.0
+        if motion_blur is None
+        else np.linalg.norm(motion_blur[:3]) * scale[facing].max(initial=0.0)
+    )
     side = 2 * int(np.ceil(min(largest + moved, LARGEST_PX) / 2 + MARGIN_PX)) + 1
     views = Views(*np.nonzero(facing))
     here = cut(images, rig, handle, T_world_handle, views, uv[views], side)
     return here if motion_blur is None else here._replace(alone=_alone(here, images))
 
 
-def cut(images: Sequence[np.ndarray], rig: Rig, handle: Handle, T_world_handle: RigidTransform, views: Views, uv: Array,
-        side: int) -> Patches:
-    """Windows of an odd side about pixels uv (k, 2); views whose window is not all inside the image are left out."""
+def cut(
+    images: Sequence[np.ndarray],
+    rig: Rig,
+    handle: Handle,
+    T_world_handle: RigidTransform,
+    views: Views,
+    uv: Array,
+    side: int,
+) -> Patches:
+    """Windows of an odd side about pixels uv (k, 2); views whose window is not all inside the image
+    are left out.
+    """
     room = np.array([camera.size for camera in rig.cameras])[views.camera] - side / 2 - 1
     inside = np.asarray(((uv > side / 2) & (uv < room)).all(axis=1))
-    views, uv = Views(views.camera[inside], views.marker[inside]), uv[inside]
+    views = Views(views.camera[inside], views.marker[inside])
+    uv = uv[inside]
     at = windows(rig, views, uv, side)
-    grey = np.array([images[c][v:v + side, u:u + side] for c, (u, v) in zip(views.camera, at.corner, strict=True)],
-                    dtype=float).reshape(len(at.corner), side * side)
+    grey = np.array(
+        [
+            images[c][v : v + side, u : u + side]
+            for c, (u, v) in zip(views.camera, at.corner, strict=True)
+        ],
+        dtype=float,
+    ).reshape(len(at.corner), side * side)
     centres = T_world_handle.apply(handle.marker_centres)
-    scale = np.stack([camera.focal.mean() / camera.T_cam_world.apply(centres)[:, 2] for camera in rig.cameras])
+    scale = np.stack(
+        [camera.focal.mean() / camera.T_cam_world.apply(centres)[:, 2] for camera in rig.cameras]
+    )
     return Patches(views, at, scale[views], grey, grey < SATURATED, np.ones(len(uv)))
 
 
 def _alone(here: Patches, images: Sequence[np.ndarray]) -> Array:
     """One by the mean number of windows that a window's pixels lie in, shape (k,)."""
-    side, counts = here.at.side, [np.zeros(image.shape, np.uint8) for image in images]
+    side = here.at.side
+    counts = [np.zeros(image.shape, np.uint8) for image in images]
     places = list(zip(here.views.camera, here.at.corner, strict=True))
     for c, (u, v) in places:
-        counts[c][v:v + side, u:u + side] += 1
-    return np.array([1 / counts[c][v:v + side, u:u + side].mean() for c, (u, v) in places])
+        counts[c][v : v + side, u : u + side] += 1
+    return np.array([1 / counts[c][v : v + side, u : u + side].mean() for c, (u, v) in places])
 
 
-def outline_patches(images: Sequence[np.ndarray], rig: Rig, handle: Handle, T_world_handle: RigidTransform) -> Patches:
+def outline_patches(
+    images: Sequence[np.ndarray], rig: Rig, handle: Handle, T_world_handle: RigidTransform
+) -> Patches:
     """Windows on both sides of the body's outline in every image, away from markers and ends."""
     found = [_outline(camera, handle, T_world_handle) for camera in rig.cameras]
     camera = np.repeat(np.arange(len(found)), [len(angle) for angle, _ in found])
@@ -103,13 +138,20 @@ def outline_patches(images: Sequence[np.ndarray], rig: Rig, handle: Handle, T_wo
 
 
 def _outline(camera: Camera, handle: Handle, T_world_handle: RigidTransform) -> tuple[Array, Array]:
-    """Angles about the axis (n,) and pixels (n, 2) of places on the outline; none from within the endless cylinder."""
+    """Angles about the axis (n,) and pixels (n, 2) of places on the outline; none from within the
+    endless cylinder.
+    """
     x, _, z = T_world_handle.inv().apply(camera.centre)
     if np.hypot(x, z) <= handle.radius_mm:
         return np.empty(0), np.empty((0, 2))
-    towards, half = np.arctan2(x, z), np.arccos(handle.radius_mm / np.hypot(x, z))
-    angle, axial = (part.ravel() for part in np.meshgrid([towards - half, towards + half], _places(handle)))
-    points = np.column_stack([handle.radius_mm * np.sin(angle), axial, handle.radius_mm * np.cos(angle)])
+    towards = np.arctan2(x, z)
+    half = np.arccos(handle.radius_mm / np.hypot(x, z))
+    angle, axial = (
+        part.ravel() for part in np.meshgrid([towards - half, towards + half], _places(handle))
+    )
+    points = np.column_stack(
+        [handle.radius_mm * np.sin(angle), axial, handle.radius_mm * np.cos(angle)]
+    )
     return angle, camera.project(T_world_handle.apply(points))
 
 

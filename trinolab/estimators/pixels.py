@@ -1,7 +1,9 @@
-"""The pose that fits the markers' pixels in all views at once, with its covariance: beyond the paper (Sect. 5.3).
+"""The pose that fits the markers' pixels in all views at once, with its covariance: beyond the
+paper (Sect. 5.3).
 
-No centroid, no pair of cameras, no triangulated point: greys, the cameras' blurs and the pose are found together by
-Gauss-Newton steps from a pose that is right to about a pixel. A marker that a single camera sees counts as well.
+No centroid, no pair of cameras, no triangulated point: greys, the cameras' blurs and the pose are
+found together by Gauss-Newton steps from a pose that is right to about a pixel. A marker that a
+single camera sees counts as well.
 """
 
 from __future__ import annotations
@@ -37,12 +39,15 @@ from .imagemodel import (
 )
 from .patches import Patches, outline_patches, patches
 
-FLOOR_PX = 0.003  # by so much the image model misplaces a marker of the simulated bench, shading and all
+# by so much the image model misplaces a marker of the simulated bench, shading and all
+FLOOR_PX = 0.003
 MOST_STEPS = 8  # Gauss-Newton steps; two do where two cameras share markers
-SETTLED_PX = 0.1  # a step that moves all markers by less is the last one: the next would move them by a hundredth
+# a step that moves all markers by less is the last one: the next would move them by a hundredth
+SETTLED_PX = 0.1
 LARGEST_STEP = np.repeat([5.0, 0.3], 3)  # mm, rad; the image model holds within a few pixels
 BLUR_FLOOR = 0.001  # and this share of the way that it moves while the shutter is open
-OUTLINE_FLOOR_PX = 0.4  # and a piece of outline: texture and shade at the limb misplace all alike, which no mean mends
+# and a piece of outline: texture and shade at the limb misplace all alike, which no mean mends
+OUTLINE_FLOOR_PX = 0.4
 
 
 class Fit(NamedTuple):
@@ -71,7 +76,9 @@ class Fit(NamedTuple):
 
 
 class _Step(NamedTuple):
-    """A Gauss-Newton step: of pose and blurs, its information, and the first group's model after it."""
+    """A Gauss-Newton step: of pose and blurs, its information, and the first group's model after
+    it.
+    """
 
     step: Array
     information: Array
@@ -79,9 +86,15 @@ class _Step(NamedTuple):
     after: Linear
 
 
-def fit_patches(images: Sequence[np.ndarray], rig: Rig, handle: Handle, start: RigidTransform,
-                max_slant_deg: float = 72.0, outline: bool = False,
-                motion_blur: tuple[Array, Array] | None = None) -> Fit | None:
+def fit_patches(
+    images: Sequence[np.ndarray],
+    rig: Rig,
+    handle: Handle,
+    start: RigidTransform,
+    max_slant_deg: float = 72.0,
+    outline: bool = False,
+    motion_blur: tuple[Array, Array] | None = None,
+) -> Fit | None:
     """Improve a pose by the pixels about all markers that it shows.
 
     Parameters
@@ -97,19 +110,25 @@ def fit_patches(images: Sequence[np.ndarray], rig: Rig, handle: Handle, start: R
     outline : bool
         Use the body's outline, too.
     motion_blur : (ndarray, ndarray), shapes (6,) and (6, 6), optional
-        What is expected of the handle's motion while the shutter is open (mm, rad; world frame), and its covariance;
-        without it the handle is still.
+        What is expected of the handle's motion while the shutter is open (mm, rad; world frame),
+        and its covariance; without it the handle is still.
 
     Returns
     -------
     Fit or None
         None if too little is in view to fix a pose, or the steps lead away.
     """
-    here = patches(images, rig, handle, start, max_slant_deg, None if motion_blur is None else motion_blur[0])
+    here = patches(
+        images, rig, handle, start, max_slant_deg, None if motion_blur is None else motion_blur[0]
+    )
     if len(np.unique(here.views.marker)) < 3:
         return None
     groups = [here, outline_patches(images, rig, handle, start)] if outline else [here]
-    moving = None if motion_blur is None else MotionBlur(motion_blur[0], motion_blur[0], inverse(motion_blur[1]))
+    moving = (
+        None
+        if motion_blur is None
+        else MotionBlur(motion_blur[0], motion_blur[0], inverse(motion_blur[1]))
+    )
     states = [first_state(start, rig, moving)] * len(groups)
     for k in range(MOST_STEPS):
         states, last = _improved(states, groups, rig, handle)
@@ -117,60 +136,97 @@ def fit_patches(images: Sequence[np.ndarray], rig: Rig, handle: Handle, start: R
             return None
         if k > 0 and _moved_px(last.step, here, handle) < SETTLED_PX:
             break
-    T, shown = states[0].T_world_handle, marker_is_shown(last.after, handle)
+    T = states[0].T_world_handle
+    shown = marker_is_shown(last.after, handle)
     left = _distances(last.normal, last.step[:6]) * here.px_per_mm
-    spread = float(np.median(misfit(last.after)[shown])) if shown.any() else 1.0  # the weights are older than the step
+    # the weights are older than the step
+    spread = float(np.median(misfit(last.after)[shown])) if shown.any() else 1.0
     covariance = in_world(spread * inverse(last.information)[:6, :6], T)
     return judged_fit(T, covariance, here.views, last.after, shown, left)
 
 
-def _improved(states: list[State], groups: list[Patches], rig: Rig, handle: Handle) -> tuple[list[State], _Step]:
+def _improved(
+    states: list[State], groups: list[Patches], rig: Rig, handle: Handle
+) -> tuple[list[State], _Step]:
     """One step: the groups of windows share pose, blurs and noise, each has its own greys."""
-    models = [linearise(state, group, rig, handle) for state, group in zip(states, groups, strict=True)]
+    models = [
+        linearise(state, group, rig, handle) for state, group in zip(states, groups, strict=True)
+    ]
     normals = [reduce(model.by_pose, model) for model in models]
-    there = has_contrast(models[0], handle)  # windows that show no marker would only fit their noise
+    # windows that show no marker would only fit their noise
+    there = has_contrast(models[0], handle)
     information, gradient = _summed(models, normals, states[0], groups, there, rig)
-    T, motion_blur = states[0].T_world_handle, states[0].motion_blur
+    T = states[0].T_world_handle
+    motion_blur = states[0].motion_blur
     if motion_blur is not None:
         _expect(information, gradient, motion_blur, T)
     step = inverse(information) @ gradient
-    after = [advanced(model, model.by_pose, normal, _own(step, group.views.camera, rig))
-             for model, normal, group in zip(models, normals, groups, strict=True)]
-    information, gradient = _summed(after, normals, states[0], groups, there, rig)  # misfits may be gone
+    after = [
+        advanced(model, model.by_pose, normal, _own(step, group.views.camera, rig))
+        for model, normal, group in zip(models, normals, groups, strict=True)
+    ]
+    # misfits may be gone
+    information, gradient = _summed(after, normals, states[0], groups, there, rig)
     if motion_blur is not None:
         _expect(information, gradient, motion_blur, T)
         turn = np.kron(np.eye(2), T.as_matrix()[:3, :3])
-        motion_blur = motion_blur._replace(motion=motion_blur.motion + turn @ np.nan_to_num(step[6:12]))
+        motion_blur = motion_blur._replace(
+            motion=motion_blur.motion + turn @ np.nan_to_num(step[6:12])
+        )
     T = moved(T, np.nan_to_num(step[:6]))
     noise = noise_of(after[0]._replace(weight=after[0].weight * there[:, None]))
-    blur = limited(states[0].blur_px2, step[-len(rig.cameras):])
+    blur = limited(states[0].blur_px2, step[-len(rig.cameras) :])
     renewed = [State(T, model.greys, blur, noise, motion_blur) for model in after]
     return renewed, _Step(step, information, normals[0], after[0])
 
 
-def _summed(models: list[Linear], normals: list[Reduced], state: State, groups: list[Patches], there: np.ndarray,
-            rig: Rig) -> tuple[Array, Array]:
-    """Normal equations of pose and blurs over all windows, each by its trust; markers' only where there is one."""
+def _summed(
+    models: list[Linear],
+    normals: list[Reduced],
+    state: State,
+    groups: list[Patches],
+    there: np.ndarray,
+    rig: Rig,
+) -> tuple[Array, Array]:
+    """Normal equations of pose and blurs over all windows, each by its trust; markers' only where
+    there is one.
+    """
     way_mm = 0.0 if state.motion_blur is None else np.linalg.norm(state.motion_blur.motion[:3])
-    floors = (FLOOR_PX + BLUR_FLOOR * way_mm * groups[0].px_per_mm, OUTLINE_FLOOR_PX)[:len(groups)]
-    weights = [group.alone * _trust(model, normal.information, group.px_per_mm, floor)
-               for model, normal, group, floor in zip(models, normals, groups, floors, strict=True)]
+    floors = (FLOOR_PX + BLUR_FLOOR * way_mm * groups[0].px_per_mm, OUTLINE_FLOOR_PX)[: len(groups)]
+    weights = [
+        group.alone * _trust(model, normal.information, group.px_per_mm, floor)
+        for model, normal, group, floor in zip(models, normals, groups, floors, strict=True)
+    ]
     weights[0] = weights[0] * there
-    parts = [_assembled(normal, weight, group.views.camera, rig)
-             for normal, weight, group in zip(normals, weights, groups, strict=True)]
+    parts = [
+        _assembled(normal, weight, group.views.camera, rig)
+        for normal, weight, group in zip(normals, weights, groups, strict=True)
+    ]
     blank = 1e-12 * np.eye(len(parts[0][1]))
-    return sum((part[0] for part in parts), blank), sum((part[1] for part in parts), np.zeros(len(blank)))
+    return sum((part[0] for part in parts), blank), sum(
+        (part[1] for part in parts), np.zeros(len(blank))
+    )
 
 
-def _expect(information: Array, gradient: Array, motion_blur: MotionBlur, T_world_handle: RigidTransform) -> None:
-    """Add what was expected of the motion blur to the normal equations, whose unknowns 6 to 11 it is (handle frame)."""
+def _expect(
+    information: Array, gradient: Array, motion_blur: MotionBlur, T_world_handle: RigidTransform
+) -> None:
+    """Add what was expected of the motion blur to the normal equations, whose unknowns 6 to 11 it
+    is (handle frame).
+    """
     turn = np.kron(np.eye(2), T_world_handle.as_matrix()[:3, :3])
     information[6:12, 6:12] += turn.T @ motion_blur.information @ turn
     gradient[6:12] += turn.T @ motion_blur.information @ (motion_blur.expected - motion_blur.motion)
 
 
-def judged_fit(T_world_handle: RigidTransform, covariance: Array, views: Views, at: Linear, shown: np.ndarray,
-               left_px: Array) -> Fit:
+def judged_fit(
+    T_world_handle: RigidTransform,
+    covariance: Array,
+    views: Views,
+    at: Linear,
+    shown: np.ndarray,
+    left_px: Array,
+) -> Fit:
     """A fit with the rms of the distances `left_px` (k,) over the views that show a marker."""
     residual = float(np.sqrt(np.mean(left_px[shown] ** 2))) if shown.any() else np.nan
     return Fit(T_world_handle, covariance, views, misfit(at), shown, residual)
@@ -179,12 +235,15 @@ def judged_fit(T_world_handle: RigidTransform, covariance: Array, views: Views, 
 def moved(T_world_handle: RigidTransform, step: Array) -> RigidTransform:
     """A pose after a small motion (nu mm, omega rad) in the handle's own frame."""
     motion = np.eye(4)
-    motion[:3, :3], motion[:3, 3] = Rotation.from_rotvec(step[3:]).as_matrix(), step[:3]
+    motion[:3, :3] = Rotation.from_rotvec(step[3:]).as_matrix()
+    motion[:3, 3] = step[:3]
     return RigidTransform.from_matrix(T_world_handle.as_matrix() @ motion)
 
 
 def _own(step: Array, camera: np.ndarray, rig: Rig) -> Array:
-    """A step of all unknowns as one for each window: pose, any motion blur, its camera's blur; shape (k, 7 or 13)."""
+    """A step of all unknowns as one for each window: pose, any motion blur, its camera's blur;
+    shape (k, 7 or 13).
+    """
     common, blurs = np.split(step, [-len(rig.cameras)])
     return np.column_stack([np.broadcast_to(common, (len(camera), len(common))), blurs[camera]])
 
@@ -192,7 +251,9 @@ def _own(step: Array, camera: np.ndarray, rig: Rig) -> Array:
 def _moved_px(step: Array, here: Patches, handle: Handle) -> float:
     """How far a step moves the markers at most, in any direction, px."""
     arms = handle.marker_centres[here.views.marker]
-    return float((np.linalg.norm(step[:3] + np.cross(step[3:6], arms), axis=1) * here.px_per_mm).max())
+    return float(
+        (np.linalg.norm(step[:3] + np.cross(step[3:6], arms), axis=1) * here.px_per_mm).max()
+    )
 
 
 def _distances(normal: Reduced, step: Array) -> Array:
@@ -203,22 +264,32 @@ def _distances(normal: Reduced, step: Array) -> Array:
 
 
 def _trust(at: Linear, information: Array, px_per_mm: Array, floor_px: Array | float) -> Array:
-    """Weight of each window, shape (k,): less where it does not fit, or claims to know its place to below the floor."""
+    """Weight of each window, shape (k,): less where it does not fit, or claims to know its place to
+    below the floor.
+    """
     per_px2 = np.trace(information[:, :3, :3], axis1=1, axis2=2) / (2 * px_per_mm**2)
     return 1 / np.maximum(misfit(at), 1.0) / (1 + floor_px**2 * per_px2)
 
 
 def _assembled(normal: Reduced, trust: Array, camera: np.ndarray, rig: Rig) -> tuple[Array, Array]:
-    """Normal equations of the pose (6), any motion blur (6) and the cameras' blurs from those of the windows."""
+    """Normal equations of the pose (6), any motion blur (6) and the cameras' blurs from those of
+    the windows.
+    """
     own = (camera[:, None] == np.arange(len(rig.cameras))) * trust[:, None]  # (k, cameras)
     between = own.T @ normal.information[:, -1, :-1]
-    total = np.block([[np.tensordot(trust, normal.information[:, :-1, :-1], 1), between.T],
-                      [between, np.diag(own.T @ normal.information[:, -1, -1])]])
+    total = np.block(
+        [
+            [np.tensordot(trust, normal.information[:, :-1, :-1], 1), between.T],
+            [between, np.diag(own.T @ normal.information[:, -1, -1])],
+        ]
+    )
     return total, np.concatenate([trust @ normal.gradient[:, :-1], own.T @ normal.gradient[:, -1]])
 
 
 def in_world(covariance: Array, T_world_handle: RigidTransform) -> Array:
-    """A covariance of a small motion in the handle's frame as one of position and rotation vector in the world's."""
+    """A covariance of a small motion in the handle's frame as one of position and rotation vector
+    in the world's.
+    """
     turn = np.kron(np.eye(2), T_world_handle.as_matrix()[:3, :3])
     return turn @ covariance @ turn.T
 
@@ -227,17 +298,39 @@ def judged(fit: Fit | None) -> Pose:
     """A measured pose if enough views show what it predicts, and fix it, else `pose.LOST`."""
     if fit is None or fit.shown.sum() < 4 or len(np.unique(fit.views.marker[fit.shown])) < 3:
         return LOST
-    return Pose("measured", fit.T_world_handle, fit.covariance, fit.residual_px,
-                len(np.unique(fit.views.marker[fit.shown])), len(np.unique(fit.views.camera[fit.shown])))
+    return Pose(
+        "measured",
+        fit.T_world_handle,
+        fit.covariance,
+        fit.residual_px,
+        len(np.unique(fit.views.marker[fit.shown])),
+        len(np.unique(fit.views.camera[fit.shown])),
+    )
 
 
 def patches_pose(instant: Identified, rig: Rig, handle: Handle, p: Parameters) -> Pose:
     """The estimator ``patches``: see `fit_patches`."""
-    fit = fit_patches(instant.images, rig, handle, instant.T_world_handle, p.max_slant_deg, False, instant.motion_blur)
+    fit = fit_patches(
+        instant.images,
+        rig,
+        handle,
+        instant.T_world_handle,
+        p.max_slant_deg,
+        False,
+        instant.motion_blur,
+    )
     return judged(fit)
 
 
 def outline_pose(instant: Identified, rig: Rig, handle: Handle, p: Parameters) -> Pose:
     """The estimator ``outline``: see `fit_patches`."""
-    fit = fit_patches(instant.images, rig, handle, instant.T_world_handle, p.max_slant_deg, True, instant.motion_blur)
+    fit = fit_patches(
+        instant.images,
+        rig,
+        handle,
+        instant.T_world_handle,
+        p.max_slant_deg,
+        True,
+        instant.motion_blur,
+    )
     return judged(fit)

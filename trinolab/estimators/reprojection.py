@@ -1,4 +1,6 @@
-"""The pose with the least reprojection error of the markers' centroids, over all views at once (beyond Sect. 5.3)."""
+"""The pose with the least reprojection error of the markers' centroids, over all views at once
+(beyond Sect. 5.3).
+"""
 
 from __future__ import annotations
 
@@ -20,12 +22,19 @@ from .patches import patches
 from .pixels import FLOOR_PX, Fit, in_world, judged, judged_fit, moved
 
 
-def fit_centroids(images: Sequence[np.ndarray], rig: Rig, handle: Handle, start: RigidTransform,
-                  max_slant_deg: float = 72.0, steps: int = 3) -> Fit | None:
-    """The pose with the least reprojection error of the predicted centroids, over all views at once.
+def fit_centroids(
+    images: Sequence[np.ndarray],
+    rig: Rig,
+    handle: Handle,
+    start: RigidTransform,
+    max_slant_deg: float = 72.0,
+    steps: int = 3,
+) -> Fit | None:
+    """The pose with the least reprojection error of the predicted centroids, over all views at
+    once.
 
-    Parameters and result as for `pixels.fit_patches`; `steps` is the number of times that the centroids are measured,
-    each time by what the pose found before predicts.
+    Parameters and result as for `pixels.fit_patches`; `steps` is the number of times that the
+    centroids are measured, each time by what the pose found before predicts.
     """
     here = patches(images, rig, handle, start, max_slant_deg)
     if len(np.unique(here.views.marker)) < 3:
@@ -33,18 +42,33 @@ def fit_centroids(images: Sequence[np.ndarray], rig: Rig, handle: Handle, start:
     state = first_state(start, rig)
     for _ in range(steps):
         state, found = register(state, here, rig, handle)
-        covariance = found.covariance * np.maximum(misfit(found.at), 1.0)[:, None, None] + FLOOR_PX**2 * np.eye(2)
+        covariance = found.covariance * np.maximum(misfit(found.at), 1.0)[
+            :, None, None
+        ] + FLOOR_PX**2 * np.eye(2)
         shading = found.at.greys[:, 2:5]
-        T, covariance = fit_pixels(found.uv, covariance, rig, handle, here.views, state.T_world_handle, shading)
+        T, covariance = fit_pixels(
+            found.uv, covariance, rig, handle, here.views, state.T_world_handle, shading
+        )
         if not np.isfinite(covariance).all():
             return None
         state = state._replace(T_world_handle=T)
-    left = np.linalg.norm(found.uv - predict_centroids(rig, handle, T, here.views, shading)[0], axis=1)
+    left = np.linalg.norm(
+        found.uv - predict_centroids(rig, handle, T, here.views, shading)[0], axis=1
+    )
     return judged_fit(T, covariance, here.views, found.at, marker_is_shown(found.at, handle), left)
 
 
-def fit_pixels(uv: Array, covariance: Array, rig: Rig, handle: Handle, views: Views, start: RigidTransform,
-               shading: Array | None = None, steps: int = 4, huber: float = 3.0) -> tuple[RigidTransform, Array]:
+def fit_pixels(
+    uv: Array,
+    covariance: Array,
+    rig: Rig,
+    handle: Handle,
+    views: Views,
+    start: RigidTransform,
+    shading: Array | None = None,
+    steps: int = 4,
+    huber: float = 3.0,
+) -> tuple[RigidTransform, Array]:
     """The pose whose predicted centroids lie nearest to measured ones, robust to a wrong match.
 
     Parameters
@@ -61,15 +85,18 @@ def fit_pixels(uv: Array, covariance: Array, rig: Rig, handle: Handle, views: Vi
     steps : int
         Gauss-Newton steps.
     huber : float
-        Standard deviations beyond which a centroid counts for less (Huber 1964, DOI 10.1214/aoms/1177703732).
+        Standard deviations beyond which a centroid counts for less (Huber 1964, DOI
+        10.1214/aoms/1177703732).
 
     Returns
     -------
     T_world_handle : RigidTransform
     covariance : ndarray, shape (6, 6)
-        Of position (mm) and rotation vector (rad), world frame; NaN where the centroids do not fix the pose.
+        Of position (mm) and rotation vector (rad), world frame; NaN where the centroids do not fix
+        the pose.
     """
-    T, W = start, inverse(covariance)
+    T = start
+    W = inverse(covariance)
     for _ in range(steps):
         predicted, J = predict_centroids(rig, handle, T, views, shading)
         J = np.nan_to_num(J)
@@ -86,4 +113,6 @@ def fit_pixels(uv: Array, covariance: Array, rig: Rig, handle: Handle, views: Vi
 
 def reprojection_pose(instant: Identified, rig: Rig, handle: Handle, p: Parameters) -> Pose:
     """The estimator ``reprojection``: see `fit_centroids`."""
-    return judged(fit_centroids(instant.images, rig, handle, instant.T_world_handle, p.max_slant_deg))
+    return judged(
+        fit_centroids(instant.images, rig, handle, instant.T_world_handle, p.max_slant_deg)
+    )

@@ -1,4 +1,6 @@
-"""The paper's pairs and fit from better centroids, each weighted by its covariance: what Eq. 20-24 can give."""
+"""The paper's pairs and fit from better centroids, each weighted by its covariance: what Eq. 20-24
+can give.
+"""
 
 from __future__ import annotations
 
@@ -22,11 +24,19 @@ from .pixels import FLOOR_PX
 STEPS = np.repeat([0.1, 0.003], 3)  # mm, rad; a tenth of a pixel or two
 
 
-def fit_weighted(images: Sequence[np.ndarray], rig: Rig, handle: Handle, start: RigidTransform,
-                 max_slant_deg: float = 72.0, rounds: int = 4) -> tuple[RigidTransform, Array, Array] | None:
-    """The weighted fit to weighted points, from registered centroids that their model moves to the markers' centres.
+def fit_weighted(
+    images: Sequence[np.ndarray],
+    rig: Rig,
+    handle: Handle,
+    start: RigidTransform,
+    max_slant_deg: float = 72.0,
+    rounds: int = 4,
+) -> tuple[RigidTransform, Array, Array] | None:
+    """The weighted fit to weighted points, from registered centroids that their model moves to the
+    markers' centres.
 
-    On plain centroids the weights do harm: they trust the pixels across the line of sight, and so the bias there.
+    On plain centroids the weights do harm: they trust the pixels across the line of sight, and so
+    the bias there.
 
     Parameters
     ----------
@@ -49,23 +59,36 @@ def fit_weighted(images: Sequence[np.ndarray], rig: Rig, handle: Handle, start: 
         fit = None if centres is None else _fit(centres, rig, handle)
         if centres is None or fit is None:
             return None
-        before, measured, (T, covariance) = T, centres, fit
+        before = T
+        measured = centres
+        (T, covariance) = fit
     settled = _settled(T, covariance, before, measured, rig, handle)
     return None if settled is None else (*settled, measured.uv)
 
 
-def _settled(T: RigidTransform, covariance: Array, before: RigidTransform, centres: CentrePixels, rig: Rig,
-             handle: Handle) -> tuple[RigidTransform, Array] | None:
-    """The pose that finds itself, were the centres measured with it instead of the pose before, and its covariance.
+def _settled(
+    T: RigidTransform,
+    covariance: Array,
+    before: RigidTransform,
+    centres: CentrePixels,
+    rig: Rig,
+    handle: Handle,
+) -> tuple[RigidTransform, Array] | None:
+    """The pose that finds itself, were the centres measured with it instead of the pose before, and
+    its covariance.
 
-    From centroid to centre it is as far as a pose says. If the pose found changes by M dT with the pose that said so,
-    the one that finds itself lies (1 - M)^-1 times as far away, and all errors grow as much.
+    From centroid to centre it is as far as a pose says. If the pose found changes by M dT with the
+    pose that said so, the one that finds itself lies (1 - M)^-1 times as far away, and all errors
+    grow as much.
     """
     views = Views(*np.nonzero(np.isfinite(centres.uv[..., 0])))
-    here, columns = _to_centre(rig, handle, before, views), []
+    here = _to_centre(rig, handle, before, views)
+    columns = []
     for k in range(6):
         uv = centres.uv.copy()
-        uv[views] += _to_centre(rig, handle, shifted(before, STEPS * (np.arange(6) == k)), views) - here
+        uv[views] += (
+            _to_centre(rig, handle, shifted(before, STEPS * (np.arange(6) == k)), views) - here
+        )
         other = _fit(centres._replace(uv=uv), rig, handle)
         if other is None:
             return None
@@ -91,4 +114,6 @@ def weighted_pose(instant: Identified, rig: Rig, handle: Handle, p: Parameters) 
     if fit is None:
         return LOST
     T, covariance, uv = fit
-    return measured_pose(T, covariance, uv, np.asarray(np.isfinite(triangulate(rig, uv)).all(axis=1)), rig, handle)
+    return measured_pose(
+        T, covariance, uv, np.asarray(np.isfinite(triangulate(rig, uv)).all(axis=1)), rig, handle
+    )

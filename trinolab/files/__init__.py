@@ -1,1 +1,3 @@
-"""Files that are read and written: images, rigs, handles, poses, recordings, videos, cameras, and unfinished work."""
+"""Files that are read and written: images, rigs, handles, poses, recordings, videos, cameras, and
+unfinished work.
+"""

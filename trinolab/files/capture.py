@@ -1,7 +1,8 @@
 """A recording folder from cameras as they deliver; video files may stand in for them.
 
-A thread of its own writes what a bounded queue hands it: grabbing never waits for the disk. What does not fit into the
-queue is dropped and counted; before that, images are written without compression.
+A thread of its own writes what a bounded queue hands it: grabbing never waits for the disk. What
+does not fit into the queue is dropped and counted; before that, images are written without
+compression.
 """
 
 from __future__ import annotations
@@ -54,9 +55,16 @@ class Captured:
     dropped: int
 
 
-def capture(cameras: Mapping[str, str], out: str | Path, rig: str | Path | None = None,
-            handle: str | Path | None = None, seconds: float | None = None, fps: float | None = None,
-            size: tuple[int, int] | None = None, preview: bool = False) -> Captured:
+def capture(
+    cameras: Mapping[str, str],
+    out: str | Path,
+    rig: str | Path | None = None,
+    handle: str | Path | None = None,
+    seconds: float | None = None,
+    fps: float | None = None,
+    size: tuple[int, int] | None = None,
+    preview: bool = False,
+) -> Captured:
     """Record from cameras until the time is over, videos end together, or Ctrl-C.
 
     Parameters
@@ -66,12 +74,13 @@ def capture(cameras: Mapping[str, str], out: str | Path, rig: str | Path | None 
     out : path
         Recording folder to write, see `recording`; unfinished it has ``.partial`` behind its name.
     rig, handle : path, optional
-        Rig and handle file, which become part of the recording; cameras are asked for the rig's sizes.
+        Rig and handle file, which become part of the recording; cameras are asked for the rig's
+        sizes.
     seconds : float, optional
         To record for; without end by default.
     fps : float, optional
-        Frames a second that cameras are asked for, and that videos are played with; by default the device's and the
-        video's own.
+        Frames a second that cameras are asked for, and that videos are played with; by default the
+        device's and the video's own.
     size : (int, int), optional
         Width and height that cameras are asked for, if there is no rig.
     preview : bool
@@ -80,9 +89,10 @@ def capture(cameras: Mapping[str, str], out: str | Path, rig: str | Path | None 
     Raises
     ------
     ValueError
-        Before anything is recorded: names that are none, or not the rig's; a camera or video that cannot be opened, or
-        has not the rig's size; a folder that exists. While recording: a camera that stops or changes its size, a file
-        that cannot be written; the instants before it are kept, and the error says where.
+        Before anything is recorded: names that are none, or not the rig's; a camera or video that
+        cannot be opened, or has not the rig's size; a folder that exists. While recording: a camera
+        that stops or changes its size, a file that cannot be written; the instants before it are
+        kept, and the error says where.
     """
     the_rig = None if rig is None else read_rig(rig)
     the_handle = None if handle is None else read_handle(handle)
@@ -101,7 +111,11 @@ def capture(cameras: Mapping[str, str], out: str | Path, rig: str | Path | None 
         stream = instants_of(sources, None if the_rig is None else sizes)
         first = next(stream)  # so that what does not fit is found before there is a folder
         _begin(out, partial, the_rig or list(sizes), the_handle)
-        log.info("recording to %s; Ctrl-C ends it%s", out, f"; {partial / PREVIEW} shows it" if preview else "")
+        log.info(
+            "recording to %s; Ctrl-C ends it%s",
+            out,
+            f"; {partial / PREVIEW} shows it" if preview else "",
+        )
         writer = Writer(partial, list(sizes), preview)
         error = _record(chain([first], stream), writer, limit)
     finally:
@@ -127,7 +141,9 @@ class Writer:
         self.written: list[Taken] = []
         self.dropped = 0
         self.error: Exception | None = None
-        self._partial, self._names, self._preview = partial, names, preview
+        self._partial = partial
+        self._names = names
+        self._preview = preview
         self._queue: Queue[Taken | None] = Queue(QUEUE)
         self._shown_s = -np.inf
         self._thread = Thread(target=self._run, daemon=True)
@@ -141,7 +157,9 @@ class Writer:
             self.dropped += 1
 
     def close(self) -> None:
-        """Wait until all that was handed over is written; a KeyboardInterrupt meanwhile says where it is."""
+        """Wait until all that was handed over is written; a KeyboardInterrupt meanwhile says where
+        it is.
+        """
         try:
             self._queue.put(None)
             self._thread.join()
@@ -160,8 +178,10 @@ class Writer:
     def _write(self, taken: Taken, pool: ThreadPoolExecutor) -> None:
         paths = recorder.image_paths(self._partial, self._names, len(self.written))
         fast = self._queue.qsize() > QUEUE // 4
-        tasks = [pool.submit(recorder.write_image, image, path, fast)
-                 for image, path in zip(taken.images, paths, strict=True)]
+        tasks = [
+            pool.submit(recorder.write_image, image, path, fast)
+            for image, path in zip(taken.images, paths, strict=True)
+        ]
         wait(tasks)
         if wrong := next(filter(None, (task.exception() for task in tasks)), None):
             for path in paths:
@@ -179,30 +199,43 @@ def side_by_side(images: Sequence[np.ndarray], width: int = PREVIEW_WIDTH) -> np
     wide = sum(image.shape[1] * height / image.shape[0] for image in images)
     height = max(int(height * min(1.0, width / wide)), 1)
     sizes = [(max(image.shape[1] * height // image.shape[0], 1), height) for image in images]
-    return np.hstack([cv2.resize(image, size, interpolation=cv2.INTER_AREA)
-                      for image, size in zip(images, sizes, strict=True)])
+    return np.hstack(
+        [
+            cv2.resize(image, size, interpolation=cv2.INTER_AREA)
+            for image, size in zip(images, sizes, strict=True)
+        ]
+    )
 
 
-def _sizes(cameras: Mapping[str, str], rig: Rig | None, size: tuple[int, int] | None
-           ) -> dict[str, tuple[int, int] | None]:
+def _sizes(
+    cameras: Mapping[str, str], rig: Rig | None, size: tuple[int, int] | None
+) -> dict[str, tuple[int, int] | None]:
     """The size of each camera where it is known, in the rig's order."""
     if not cameras:
         raise ValueError("cameras: expected one or more, got none")
     recorder.check_names(cameras)
     indices = [what for what in cameras.values() if what.isdecimal()]
     if len(set(map(int, indices))) < len(indices):
-        raise ValueError(f"cameras: expected each camera once, got the indices {', '.join(indices)}")
+        raise ValueError(
+            f"cameras: expected each camera once, got the indices {', '.join(indices)}"
+        )
     if rig is None:
         return dict.fromkeys(cameras, size)
     if missing := [name for name in rig.names if name not in cameras]:
-        raise ValueError(f"{missing[0]}: this camera of the rig is not named ({', '.join(rig.names)})")
+        raise ValueError(
+            f"{missing[0]}: this camera of the rig is not named ({', '.join(rig.names)})"
+        )
     if unknown := [name for name in cameras if name not in rig.names]:
-        raise ValueError(f"{unknown[0]}: a camera that the rig does not have ({', '.join(rig.names)})")
+        raise ValueError(
+            f"{unknown[0]}: a camera that the rig does not have ({', '.join(rig.names)})"
+        )
     return {camera.name: camera.size for camera in rig.cameras}
 
 
 def _begin(out: str | Path, partial: Path, rig: Rig | Sequence[str], handle: Handle | None) -> None:
-    """Make the unfinished folder, which another process may have made meanwhile, or leave nothing."""
+    """Make the unfinished folder, which another process may have made meanwhile, or leave
+    nothing.
+    """
     try:
         partial.mkdir()
     except FileExistsError:
@@ -247,7 +280,9 @@ def _concluded(out: str | Path, partial: Path, writer: Writer, error: Exception 
     try:
         recorder.finish(out, list(times - times[0]))
     except ValueError as last:
-        raise ValueError(f"{error or last}; the images of {len(times)} instants are in {partial}") from None
+        raise ValueError(
+            f"{error or last}; the images of {len(times)} instants are in {partial}"
+        ) from None
     if error is not None:
         raise ValueError(f"{error}; the {len(times)} instants before are kept in {out}")
     spread = np.array([taken.spread_s for taken in writer.written])

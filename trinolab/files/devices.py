@@ -1,6 +1,7 @@
 """Cameras of this computer, and videos in their place: opened, and grabbed together.
 
-All cameras are grabbed first, so that they are as near to one instant as they can be; then their images are fetched.
+All cameras are grabbed first, so that they are as near to one instant as they can be; then their
+images are fetched.
 """
 
 from __future__ import annotations
@@ -21,7 +22,9 @@ WAITED_S = 1e-3  # a grab that takes as long has waited for its frame
 
 
 class Source(NamedTuple):
-    """A camera, or a video in its place, which is played in steps of `period_s`; a camera sets the pace (0)."""
+    """A camera, or a video in its place, which is played in steps of `period_s`; a camera sets the
+    pace (0).
+    """
 
     name: str
     device: cv2.VideoCapture
@@ -29,15 +32,20 @@ class Source(NamedTuple):
 
 
 class Taken(NamedTuple):
-    """One instant: its time, the time from the first grab to the last (s), and a grey image a camera, uint8."""
+    """One instant: its time, the time from the first grab to the last (s), and a grey image a
+    camera, uint8.
+    """
 
     t_s: float
     spread_s: float
     images: list[np.ndarray]
 
 
-def open_source(name: str, what: str, size: tuple[int, int] | None = None, fps: float | None = None) -> Source:
-    """Open a camera by its index, or a video by its path; a camera is asked for the size and the rate.
+def open_source(
+    name: str, what: str, size: tuple[int, int] | None = None, fps: float | None = None
+) -> Source:
+    """Open a camera by its index, or a video by its path; a camera is asked for the size and the
+    rate.
 
     Raises
     ------
@@ -49,7 +57,9 @@ def open_source(name: str, what: str, size: tuple[int, int] | None = None, fps: 
         if not device.isOpened():
             raise ValueError(f"{name}: camera {what} cannot be opened")
         wanted = {cv2.CAP_PROP_FPS: fps} if fps else {}
-        wanted |= {cv2.CAP_PROP_FRAME_WIDTH: size[0], cv2.CAP_PROP_FRAME_HEIGHT: size[1]} if size else {}
+        wanted |= (
+            {cv2.CAP_PROP_FRAME_WIDTH: size[0], cv2.CAP_PROP_FRAME_HEIGHT: size[1]} if size else {}
+        )
         for key, value in wanted.items():
             device.set(key, value)
         return Source(name, device, 0.0)
@@ -61,9 +71,11 @@ def open_source(name: str, what: str, size: tuple[int, int] | None = None, fps: 
 
 
 def drain(sources: Sequence[Source]) -> None:
-    """Let go of the frames that cameras have kept while others were opened: a grab that has to wait brings a new one.
+    """Let go of the frames that cameras have kept while others were opened: a grab that has to wait
+    brings a new one.
 
-    A first round starts the cameras. All take their rounds at a time, so that none keeps much in the meantime.
+    A first round starts the cameras. All take their rounds at a time, so that none keeps much in
+    the meantime.
     """
     live = [source.device for source in sources if not source.period_s]
     with ThreadPoolExecutor(len(sources)) as pool:
@@ -71,9 +83,11 @@ def drain(sources: Sequence[Source]) -> None:
             list(pool.map(_grab_until_new, live))
 
 
-def instants_of(sources: Sequence[Source], sizes: Mapping[str, tuple[int, int] | None] | None = None
-                ) -> Iterator[Taken]:
-    """Grab all, then fetch the images, as fast as the slowest source delivers; videos end it together.
+def instants_of(
+    sources: Sequence[Source], sizes: Mapping[str, tuple[int, int] | None] | None = None
+) -> Iterator[Taken]:
+    """Grab all, then fetch the images, as fast as the slowest source delivers; videos end it
+    together.
 
     Raises
     ------
@@ -89,9 +103,16 @@ def instants_of(sources: Sequence[Source], sizes: Mapping[str, tuple[int, int] |
         grabbed = [(source.device.grab(), time.perf_counter()) for source in sources]
         at = [t for _, t in grabbed]
         start = start or at[0]
-        if k and not any(good for good, _ in grabbed) and all(source.period_s for source in sources):
+        if (
+            k
+            and not any(good for good, _ in grabbed)
+            and all(source.period_s for source in sources)
+        ):
             return
-        images = [_fetched(source, good, k, known) for source, (good, _) in zip(sources, grabbed, strict=True)]
+        images = [
+            _fetched(source, good, k, known)
+            for source, (good, _) in zip(sources, grabbed, strict=True)
+        ]
         yield Taken((at[0] + at[-1]) / 2, at[-1] - at[0], images)
 
 
@@ -113,7 +134,9 @@ def _open_index(index: int) -> cv2.VideoCapture:
         logging.setLogLevel(before)
 
 
-def _fetched(source: Source, grabbed: bool, k: int, known: dict[str, tuple[int, int] | None]) -> np.ndarray:
+def _fetched(
+    source: Source, grabbed: bool, k: int, known: dict[str, tuple[int, int] | None]
+) -> np.ndarray:
     """The grey image of a source that has grabbed; `known` holds the sizes, and learns one."""
     there, image = source.device.retrieve() if grabbed else (False, None)
     if not there or image is None:
@@ -123,6 +146,8 @@ def _fetched(source: Source, grabbed: bool, k: int, known: dict[str, tuple[int, 
     if wanted is None:
         known[source.name] = wanted = size
     if size != wanted:
-        raise ValueError(f"{source.name}: {size[0]} x {size[1]} pixels after {k} instants, expected "
-                         f"{wanted[0]} x {wanted[1]}")
+        raise ValueError(
+            f"{source.name}: {size[0]} x {size[1]} pixels after {k} instants, expected "
+            f"{wanted[0]} x {wanted[1]}"
+        )
     return image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)

@@ -1,7 +1,9 @@
-"""Real recordings made by others: where they are on this machine, and how they get there when asked for.
+"""Real recordings made by others: where they are on this machine, and how they get there when asked
+for.
 
-They are not part of the package. A set lies in the folder that the environment variable TRINOLAB_DATA names, or in the
-user's cache after it was fetched. Every file is checked against its SHA-256 before it is used.
+They are not part of the package. A set lies in the folder that the environment variable
+TRINOLAB_DATA names, or in the user's cache after it was fetched. Every file is checked against its
+SHA-256 before it is used.
 """
 
 from __future__ import annotations
@@ -18,7 +20,9 @@ VARIABLE = "TRINOLAB_DATA"
 
 
 class RealFile(NamedTuple):
-    """A file of a set: its name, its SHA-256 (hexadecimal), and its path below the set's address."""
+    """A file of a set: its name, its SHA-256 (hexadecimal), and its path below the set's
+    address.
+    """
 
     name: str
     sha256: str
@@ -54,7 +58,9 @@ def read_real_sets(path: str | Path) -> dict[str, RealSet]:
     ValueError
         Names the file, the set and the field that is missing.
     """
-    return {name: _set_from(name, row, f"{path}: [{name}]") for name, row in read_toml(path).items()}
+    return {
+        name: _set_from(name, row, f"{path}: [{name}]") for name, row in read_toml(path).items()
+    }
 
 
 def find(real: RealSet, fetch: bool = False) -> Path | None:
@@ -74,8 +80,9 @@ def find(real: RealSet, fetch: bool = False) -> Path | None:
     Raises
     ------
     ValueError
-        If TRINOLAB_DATA names no folder, a file of the set is missing there or is not the one that is meant, the set
-        cannot be fetched (no pinned address, no network), or what came is not what was asked for.
+        If TRINOLAB_DATA names no folder, a file of the set is missing there or is not the one that
+        is meant, the set cannot be fetched (no pinned address, no network), or what came is not
+        what was asked for.
     """
     named = os.environ.get(VARIABLE, "")
     if named and not Path(named).is_dir():
@@ -90,7 +97,8 @@ def find(real: RealSet, fetch: bool = False) -> Path | None:
 
 def why_not(real: RealSet | None = None) -> str:
     """Why a set is not here, for a chapter, a test or the scoreboard to say."""
-    named, what = os.environ.get(VARIABLE, ""), real.name if real else "such set"
+    named = os.environ.get(VARIABLE, "")
+    what = real.name if real else "such set"
     return f"{VARIABLE} has no {what}" if named else f"{VARIABLE} is not set"
 
 
@@ -102,17 +110,25 @@ def cache_folder() -> Path:
 
 
 def _fetched(real: RealSet, folder: Path) -> Path:
-    """Fetch a set's files; says the licence on the logger of pooch, which writes to standard error."""
+    """Fetch a set's files; says the licence on the logger of pooch, which writes to standard
+    error.
+    """
     import pooch
 
     if not real.address:
-        raise ValueError(f"{real.name}: not fetched (licence: {real.licence}; origin: {real.origin}); "
-                         f"set {VARIABLE} to a folder that has {real.name}/")
-    pooch.get_logger().info("%s: %s. Licence: %s. From %s", real.name, real.what, real.licence, real.origin)
+        raise ValueError(
+            f"{real.name}: not fetched (licence: {real.licence}; origin: {real.origin}); "
+            f"set {VARIABLE} to a folder that has {real.name}/"
+        )
+    pooch.get_logger().info(
+        "%s: %s. Licence: %s. From %s", real.name, real.what, real.licence, real.origin
+    )
     for file in real.files:
         address = f"{real.address}/{file.path}"
         try:
-            pooch.retrieve(address, known_hash=f"sha256:{file.sha256}", fname=file.name, path=folder)
+            pooch.retrieve(
+                address, known_hash=f"sha256:{file.sha256}", fname=file.name, path=folder
+            )
         except OSError as error:  # what requests raises is one, too
             raise ValueError(f"{real.name}: {address} cannot be fetched ({error})") from None
     return folder
@@ -125,12 +141,18 @@ def _checked(real: RealSet, folder: Path) -> Path:
         if not path.is_file():
             raise ValueError(f"{path}: missing; {real.name} needs it")
         if hashlib.sha256(path.read_bytes()).hexdigest() != file.sha256:
-            raise ValueError(f"{path}: SHA-256 is not {file.sha256[:12]}...; this is another file than the one meant")
+            raise ValueError(
+                f"{path}: SHA-256 is not {file.sha256[:12]}...; this is another file than the one meant"
+            )
     return folder
 
 
 def _set_from(name: str, row: dict[str, Any], where: str) -> RealSet:
-    files = tuple(RealFile(*(get(file, key, f"{where}: files") for key in RealFile._fields))
-                  for file in get(row, "files", where))
-    rest = {key: get(row, key, where) for key in ("what", "licence", "origin", "address", "reference")}
+    files = tuple(
+        RealFile(*(get(file, key, f"{where}: files") for key in RealFile._fields))
+        for file in get(row, "files", where)
+    )
+    rest = {
+        key: get(row, key, where) for key in ("what", "licence", "origin", "address", "reference")
+    }
     return RealSet(name=name, files=files, **rest)

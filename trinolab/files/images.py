@@ -1,4 +1,6 @@
-"""Images that are read: as grey images, whatever they were. What cannot be read is a ValueError that names the file."""
+"""Images that are read: as grey images, whatever they were. What cannot be read is a ValueError
+that names the file.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +21,9 @@ log = logging.getLogger("trinolab")
 
 @contextmanager
 def unheard() -> Iterator[IO[bytes]]:
-    """Whatever the process writes to the file of standard error meanwhile goes to the file that this gives."""
+    """Whatever the process writes to the file of standard error meanwhile goes to the file that
+    this gives.
+    """
     with tempfile.TemporaryFile() as file:
         kept = os.dup(2)
         os.dup2(file.fileno(), 2)
@@ -36,7 +40,9 @@ def is_image(path: Path) -> bool:
 
 
 class Grey(NamedTuple):
-    """A grey image, shape (height, width), grey levels 0 to 255, and what the log shall say of how it became one."""
+    """A grey image, shape (height, width), grey levels 0 to 255, and what the log shall say of how
+    it became one.
+    """
 
     image: np.ndarray
     remarks: tuple[str, ...]
@@ -48,9 +54,11 @@ def read_grey(path: Path, size: tuple[int, int] | None = None) -> np.ndarray:
 
 
 def read_greys(paths: Iterable[Path], size: tuple[int, int] | None = None) -> Iterator[np.ndarray]:
-    """Read a camera's image files one after the other as grey images, shape (height, width), grey levels 0 to 255.
+    """Read a camera's image files one after the other as grey images, shape (height, width), grey
+    levels 0 to 255.
 
-    Colour images are converted to grey and 16-bit images to 8-bit levels (with their fractions); the log says so.
+    Colour images are converted to grey and 16-bit images to 8-bit levels (with their fractions);
+    the log says so.
 
     Parameters
     ----------
@@ -67,7 +75,9 @@ def read_greys(paths: Iterable[Path], size: tuple[int, int] | None = None) -> It
 
 
 def said_once(images: Iterable[tuple[Path, Grey]]) -> Iterator[np.ndarray]:
-    """The images of a camera; the log has each remark once, with the file of the first image that it is true of."""
+    """The images of a camera; the log has each remark once, with the file of the first image that
+    it is true of.
+    """
     said: set[str] = set()
     for path, (image, remarks) in images:
         for remark in remarks:
@@ -95,10 +105,14 @@ def _read(path: Path, size: tuple[int, int] | None) -> Grey:
 
 
 def _decoded(data: bytes) -> tuple[np.ndarray | None, str]:
-    """The image, None if there is none, and the first line of what its decoder has to say about it."""
+    """The image, None if there is none, and the first line of what its decoder has to say about
+    it.
+    """
     with unheard() as said:
         try:
-            image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED) if data else None
+            image = (
+                cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED) if data else None
+            )
         except cv2.error:  # more pixels than OpenCV takes
             image = None
         said.seek(0)
@@ -106,9 +120,13 @@ def _decoded(data: bytes) -> tuple[np.ndarray | None, str]:
 
 
 def check_size(image: np.ndarray, size: tuple[int, int] | None, path: Path) -> None:
-    """Raise a ValueError that names the file if the image has not the size (width, height) that the rig says."""
+    """Raise a ValueError that names the file if the image has not the size (width, height) that the
+    rig says.
+    """
     if size is not None and image.shape[:2] != (size[1], size[0]):
-        raise ValueError(f"{path}: {image.shape[1]} x {image.shape[0]} pixels, the rig says {size[0]} x {size[1]}")
+        raise ValueError(
+            f"{path}: {image.shape[1]} x {image.shape[0]} pixels, the rig says {size[0]} x {size[1]}"
+        )
 
 
 def as_grey(image: np.ndarray) -> Grey:
@@ -122,7 +140,9 @@ def as_grey(image: np.ndarray) -> Grey:
     remarks = []
     if image.ndim == 3:
         remarks.append("colour converted to grey")
-        image = cv2.cvtColor(image, cv2.COLOR_BGRA2GRAY if image.shape[2] == 4 else cv2.COLOR_BGR2GRAY)
+        image = cv2.cvtColor(
+            image, cv2.COLOR_BGRA2GRAY if image.shape[2] == 4 else cv2.COLOR_BGR2GRAY
+        )
     if image.dtype == np.uint16:
         remarks.append("16 bit scaled to grey levels 0 to 255")
         image = (image / 257.0).astype(np.float32)

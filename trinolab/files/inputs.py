@@ -13,7 +13,8 @@ import pandas as pd
 def read_csv(path: str | Path, **options: Any) -> pd.DataFrame:
     """Read a CSV file of this computer; `options` are those of `pandas.read_csv`.
 
-    The file is opened here: pandas would fetch an address, and unpack what is named like an archive.
+    The file is opened here: pandas would fetch an address, and unpack what is named like an
+    archive.
 
     Raises
     ------
@@ -26,14 +27,18 @@ def read_csv(path: str | Path, **options: Any) -> pd.DataFrame:
     except OSError as error:
         raise ValueError(f"{path}: cannot be read ({error.strerror})") from None
     except (ValueError, OverflowError) as error:  # pandas' own are of the first kind
-        raise ValueError(f"{path}: no valid CSV ({(str(error).splitlines() or ['?'])[0]})") from None
+        raise ValueError(
+            f"{path}: no valid CSV ({(str(error).splitlines() or ['?'])[0]})"
+        ) from None
     if not isinstance(table.index, pd.RangeIndex):
         raise ValueError(f"{path}: no valid CSV (rows have more fields than the first line)")
     return table
 
 
 def get(table: Mapping[str, Any], key: str, where: str) -> Any:
-    """Return ``table[key]`` of a file's table; a missing key is a ValueError that names file and key."""
+    """Return ``table[key]`` of a file's table; a missing key is a ValueError that names file and
+    key.
+    """
     if not isinstance(table, Mapping) or key not in table:
         raise ValueError(f"{where}: '{key}' is missing")
     return table[key]
@@ -48,5 +53,7 @@ def read_toml(path: str | Path) -> dict[str, Any]:
         raise ValueError(f"{path}: cannot be read ({error.strerror})") from None
     except RecursionError:
         raise ValueError(f"{path}: no valid TOML (lists within lists, too many)") from None
-    except ValueError as error:  # tomllib's own, text that is not UTF-8, a whole number of thousands of digits
+    except (
+        ValueError
+    ) as error:  # tomllib's own, text that is not UTF-8, a whole number of thousands of digits
         raise ValueError(f"{path}: no valid TOML ({error})") from None

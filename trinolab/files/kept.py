@@ -1,4 +1,6 @@
-"""Finished work, kept while more of it comes: an interruption loses none, and one process at a time adds to it."""
+"""Finished work, kept while more of it comes: an interruption loses none, and one process at a time
+adds to it.
+"""
 
 from __future__ import annotations
 
@@ -19,9 +21,11 @@ except ImportError:  # a system without such locks
 
 @contextmanager
 def locked(path: Path, wait: bool = False) -> Iterator[None]:
-    """Keep a folder, or a file, which is made if it is not there, for this process alone while the block runs.
+    """Keep a folder, or a file, which is made if it is not there, for this process alone while the
+    block runs.
 
-    The system frees it when the process ends, however that happens. Where there are no such locks nobody is kept out.
+    The system frees it when the process ends, however that happens. Where there are no such locks
+    nobody is kept out.
 
     Parameters
     ----------
@@ -50,9 +54,9 @@ def locked(path: Path, wait: bool = False) -> Iterator[None]:
 class KeptLines:
     """A text file that grows by whole lines, for this process alone as long as it is open.
 
-    Its beginning, the head, says what the lines belong to. Those of the same work interrupted are taken up, from the
-    first one on; a line that was cut off, or is damaged, is dropped with all behind it. With another head the file is
-    begun anew.
+    Its beginning, the head, says what the lines belong to. Those of the same work interrupted are
+    taken up, from the first one on; a line that was cut off, or is damaged, is dropped with all
+    behind it. With another head the file is begun anew.
 
     Parameters
     ----------
@@ -61,7 +65,8 @@ class KeptLines:
     head : str
         Whole lines, or nothing.
     is_line : callable
-        Takes a line's number, from 0 behind the head, and its text; whether it is a whole one of this work.
+        Takes a line's number, from 0 behind the head, and its text; whether it is a whole one of
+        this work.
 
     Raises
     ------
@@ -70,7 +75,9 @@ class KeptLines:
     """
 
     def __init__(self, path: Path, head: str, is_line: Callable[[int, str], bool]) -> None:
-        self.path, self._head, self._is_line = path, head.encode(), is_line
+        self.path = path
+        self._head = head.encode()
+        self._is_line = is_line
         check_target(path)
         with ExitStack() as opened:
             opened.enter_context(locked(path))
@@ -97,12 +104,15 @@ class KeptLines:
         text = self._text()
         if not text.startswith(self._head):
             return []
-        lines = text[len(self._head):].decode("utf-8", "surrogateescape").split("\n")
-        ended = enumerate(lines[:-1])  # behind the last end there is nothing, or a line that was cut off
+        lines = text[len(self._head) :].decode("utf-8", "surrogateescape").split("\n")
+        # behind the last end there is nothing, or a line that was cut off
+        ended = enumerate(lines[:-1])
         return [line for _, line in takewhile(lambda numbered: self._is_line(*numbered), ended)]
 
     def add_line(self, line: str) -> None:
-        """One more line; it is with the system when this returns. Raises ValueError if it cannot be written."""
+        """One more line; it is with the system when this returns. Raises ValueError if it cannot be
+        written.
+        """
         self._write(f"{line}\n".encode())
 
     def close(self) -> None:
@@ -137,7 +147,7 @@ class KeptLines:
         """Write at the end of the file, in as many pieces as the system takes it."""
         try:
             while text:
-                text = text[self._file.write(text):]
+                text = text[self._file.write(text) :]
         except OSError as error:
             raise ValueError(f"{self.path}: cannot be written ({error.strerror})") from None
 
@@ -160,7 +170,9 @@ def _lock(held: int, path: Path, wait: bool) -> None:
 
 
 def _is_still(path: Path, held: int) -> bool:
-    """Whether a path names what was opened; before that was locked its owner may have removed or renamed it."""
+    """Whether a path names what was opened; before that was locked its owner may have removed or
+    renamed it.
+    """
     try:
         return os.path.samestat(path.stat(), os.fstat(held))
     except OSError:
@@ -168,7 +180,9 @@ def _is_still(path: Path, held: int) -> bool:
 
 
 def _free(held: int) -> None:
-    """Unlock and close a descriptor; copies of this process may have it, too, and would go on to hold its lock."""
+    """Unlock and close a descriptor; copies of this process may have it, too, and would go on to
+    hold its lock.
+    """
     with suppress(OSError):  # a file system without locks
         fcntl.flock(held, fcntl.LOCK_UN)
     os.close(held)

@@ -11,8 +11,11 @@ import pandas as pd
 
 
 def check_target(path: str | Path) -> None:
-    """Refuse, with a ValueError, a place where `write_whole` could not write: asked before a long computation."""
-    target, folder = Path(path), resolved(path).parent
+    """Refuse, with a ValueError, a place where `write_whole` could not write: asked before a long
+    computation.
+    """
+    target = Path(path)
+    folder = resolved(path).parent
     if not folder.is_dir():
         raise ValueError(f"{path}: no such folder to write into")
     if target.exists() and not target.is_file():
@@ -22,12 +25,16 @@ def check_target(path: str | Path) -> None:
 
 
 def check_targets(targets: Iterable[str | Path], inputs: Iterable[str | Path] = ()) -> None:
-    """Refuse as `check_target` does, and a file that would be written twice, or over one that the command reads."""
+    """Refuse as `check_target` does, and a file that would be written twice, or over one that the
+    command reads.
+    """
     taken = {resolved(path) for path in inputs}
     for path in targets:
         check_target(path)
         if resolved(path) in taken:
-            raise ValueError(f"{path}: expected a file of its own, got one that this command reads, or writes as well")
+            raise ValueError(
+                f"{path}: expected a file of its own, got one that this command reads, or writes as well"
+            )
         taken.add(resolved(path))
 
 
@@ -51,7 +58,8 @@ def write_whole(path: str | Path, text: str) -> None:
 
 
 def write_together(contents: Mapping[str | Path, str | bytes]) -> None:
-    """Write files that belong together: the first one takes its name only when the last one is written, too.
+    """Write files that belong together: the first one takes its name only when the last one is
+    written, too.
 
     Raises
     ------
@@ -76,8 +84,9 @@ def write_together(contents: Mapping[str | Path, str | bytes]) -> None:
 def _temporary(target: Path, content: str | bytes) -> Path:
     """A finished file beside the target, for everyone to read; none is left behind by a failure."""
     mode, encoding = ("w", "utf-8") if isinstance(content, str) else ("wb", None)
-    with tempfile.NamedTemporaryFile(mode, dir=target.parent, prefix=f".{target.name}.", delete=False,
-                                     encoding=encoding) as file:
+    with tempfile.NamedTemporaryFile(
+        mode, dir=target.parent, prefix=f".{target.name}.", delete=False, encoding=encoding
+    ) as file:
         temporary = Path(file.name)
         try:
             file.write(content)

@@ -1,4 +1,5 @@
-"""Tables of poses, and their files: CSV, one row an instant (columns: `POSE_COLUMNS`); the pose is T_world_handle.
+"""Tables of poses, and their files: CSV, one row an instant (columns: `POSE_COLUMNS`); the pose is
+T_world_handle.
 
 Beside it TUM, which other programs read.
 """
@@ -17,15 +18,35 @@ from ..pose import Pose
 from .inputs import read_csv
 from .outputs import write_whole
 
-POSE_COLUMNS = ("frame", "t_s", "x_mm", "y_mm", "z_mm", "qw", "qx", "qy", "qz", "alpha_deg", "beta_deg", "gamma_deg",
-                "sigma_mm", "sigma_deg", "residual_px", "markers", "cameras", "status")
+POSE_COLUMNS = (
+    "frame",
+    "t_s",
+    "x_mm",
+    "y_mm",
+    "z_mm",
+    "qw",
+    "qx",
+    "qy",
+    "qz",
+    "alpha_deg",
+    "beta_deg",
+    "gamma_deg",
+    "sigma_mm",
+    "sigma_deg",
+    "residual_px",
+    "markers",
+    "cameras",
+    "status",
+)
 
 FARTHEST_MM = 1e9  # of a position that a file may hold: a thousand km
 STATUSES = ("measured", "ambiguous", "predicted", "lost")
 
 
 def pose_table(poses: Sequence[Pose], t_s: Sequence[float] | None = None) -> pd.DataFrame:
-    """Poses as a table with the columns of `POSE_COLUMNS`; a lost pose has empty numbers, `t_s` is empty if unknown."""
+    """Poses as a table with the columns of `POSE_COLUMNS`; a lost pose has empty numbers, `t_s` is
+    empty if unknown.
+    """
     times = [np.nan] * len(poses) if t_s is None else t_s
     rows = [pose_row(k, t, pose) for k, (t, pose) in enumerate(zip(times, poses, strict=True))]
     return pd.DataFrame(rows, columns=list(POSE_COLUMNS))
@@ -67,10 +88,11 @@ def poses_text(table: pd.DataFrame) -> str:
 
 
 def write_tum(table: pd.DataFrame, path: str | Path) -> None:
-    """Write the track as a TUM file: a line ``t tx ty tz qx qy qz qw`` a pose, in s and m, for tools like evo.
+    """Write the track as a TUM file: a line ``t tx ty tz qx qy qz qw`` a pose, in s and m, for
+    tools like evo.
 
-    Only `measured` rows are written: an ambiguous pose is one of several, and a predicted one was not seen. A table
-    without any gives an empty file.
+    Only `measured` rows are written: an ambiguous pose is one of several, and a predicted one was
+    not seen. A table without any gives an empty file.
 
     Parameters
     ----------
@@ -92,28 +114,36 @@ def tum_text(table: pd.DataFrame) -> str:
     held = table[table["status"] == "measured"]
     times = held["t_s"].to_numpy(dtype=float) if "t_s" in held else np.full(len(held), np.nan)
     if not np.isfinite(times).all():
-        raise ValueError(f"t_s: expected the time of every measured row, got none for frame "
-                         f"{int(held['frame'].iloc[int(np.isfinite(times).argmin())])}")
-    numbers = held[["x_mm", "y_mm", "z_mm", "qx", "qy", "qz", "qw"]].to_numpy(dtype=float) / ([1e3] * 3 + [1.0] * 4)
+        raise ValueError(
+            f"t_s: expected the time of every measured row, got none for frame "
+            f"{int(held['frame'].iloc[int(np.isfinite(times).argmin())])}"
+        )
+    numbers = held[["x_mm", "y_mm", "z_mm", "qx", "qy", "qz", "qw"]].to_numpy(dtype=float) / (
+        [1e3] * 3 + [1.0] * 4
+    )
     rows = np.column_stack([times, numbers])
     return "".join(" ".join(f"{value:.9f}" for value in row) + "\n" for row in rows)
 
 
 def read_poses(path: str | Path) -> pd.DataFrame:
-    """Read a pose table; only `frame`, the position and the quaternion are required, `status` is "measured" if absent.
+    """Read a pose table; only `frame`, the position and the quaternion are required, `status` is
+    "measured" if absent.
 
     Raises
     ------
     ValueError
-        Names the file and the column: unreadable, missing, no number, frames that are not whole, negative or repeated,
-        an unknown status, a pose that is incomplete or whose quaternion has not length 1.
+        Names the file and the column: unreadable, missing, no number, frames that are not whole,
+        negative or repeated, an unknown status, a pose that is incomplete or whose quaternion has
+        not length 1.
     """
     table = read_csv(path)
     for column in ("frame", *POSE_COLUMNS[2:9]):
         if column not in table:
             raise ValueError(f"{path}: column '{column}' is missing")
     for column in POSE_COLUMNS[:-1]:
-        if column in table and not (pd.api.types.is_numeric_dtype(table[column]) or table[column].isna().all()):
+        if column in table and not (
+            pd.api.types.is_numeric_dtype(table[column]) or table[column].isna().all()
+        ):
             raise ValueError(f"{path}: column '{column}' holds something that is no number")
     table = table.assign(status=table.get("status", "measured"))
     _check_poses(table, path)
@@ -126,13 +156,29 @@ def pose_row(frame: int, t_s: float, pose: Pose) -> tuple:
         return (frame, t_s, *[np.nan] * 13, pose.markers, pose.cameras, pose.status)
     T = pose.T_world_handle
     quaternion = T.rotation.as_quat(canonical=True, scalar_first=True)
-    return (frame, t_s, *T.translation, *quaternion, *np.ravel(euler_deg(T)), pose.sigma_mm, pose.sigma_deg,
-            pose.residual_px, pose.markers, pose.cameras, pose.status)
+    return (
+        frame,
+        t_s,
+        *T.translation,
+        *quaternion,
+        *np.ravel(euler_deg(T)),
+        pose.sigma_mm,
+        pose.sigma_deg,
+        pose.residual_px,
+        pose.markers,
+        pose.cameras,
+        pose.status,
+    )
 
 
 def _check_poses(table: pd.DataFrame, path: str | Path) -> None:
     frame = table["frame"].to_numpy(dtype=float)
-    if not np.isfinite(frame).all() or (frame != np.round(frame)).any() or (frame < 0).any() or (frame > 2**53).any():
+    if (
+        not np.isfinite(frame).all()
+        or (frame != np.round(frame)).any()
+        or (frame < 0).any()
+        or (frame > 2**53).any()
+    ):
         raise ValueError(f"{path}: column 'frame' expects whole numbers from 0")
     if len(np.unique(frame)) < len(frame):
         raise ValueError(f"{path}: column 'frame' has a number twice")
@@ -144,5 +190,7 @@ def _check_poses(table: pd.DataFrame, path: str | Path) -> None:
         length = np.linalg.norm(pose[:, 3:], axis=1)
     wrong_rows = ~(np.abs(pose) <= FARTHEST_MM).all(axis=1) | ~(np.abs(length - 1) < 1e-3)
     if wrong_rows.any():
-        raise ValueError(f"{path}: frame {int(held['frame'].iloc[int(wrong_rows.argmax())])}: no pose "
-                         f"(numbers missing or beyond {FARTHEST_MM:g}, or a quaternion that has not length 1)")
+        raise ValueError(
+            f"{path}: frame {int(held['frame'].iloc[int(wrong_rows.argmax())])}: no pose "
+            f"(numbers missing or beyond {FARTHEST_MM:g}, or a quaternion that has not length 1)"
+        )

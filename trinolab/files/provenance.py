@@ -1,7 +1,9 @@
-"""What a result was made from and where: hashes that tell whether it is stale, versions, commit, machine.
+"""What a result was made from and where: hashes that tell whether it is stale, versions, commit,
+machine.
 
-A result depends on the code that makes it, not on the whole package: on what its notebook, function or module imports,
-directly or not. One walk along these imports serves the pages of the book, the sweeps and the recordings.
+A result depends on the code that makes it, not on the whole package: on what its notebook, function
+or module imports, directly or not. One walk along these imports serves the pages of the book, the
+sweeps and the recordings.
 """
 
 from __future__ import annotations
@@ -32,27 +34,39 @@ def surroundings(code: Iterable[Path] | None = None) -> dict[str, str]:
     Parameters
     ----------
     code : iterable of Path, optional
-        The package's files that the result is made with, of `imported_files`; all of the package without it.
+        The package's files that the result is made with, of `imported_files`; all of the package
+        without it.
 
     Returns
     -------
     dict
-        Hashes of the package's code, its data and the environment, each under the name that a sentence gives it.
+        Hashes of the package's code, its data and the environment, each under the name that a
+        sentence gives it.
     """
-    environment = [sys.version, platform.machine(), str(os.environ.get("TRINOLAB_DATA")), *_installed()]
-    return {"the package": hash_files(PACKAGE.glob("**/*.py") if code is None else code, PACKAGE),
-            "its data": hash_files(data_path().glob("**/*"), data_path()),
-            "the environment": hash_text("\n".join(environment))}
+    environment = [
+        sys.version,
+        platform.machine(),
+        str(os.environ.get("TRINOLAB_DATA")),
+        *_installed(),
+    ]
+    return {
+        "the package": hash_files(PACKAGE.glob("**/*.py") if code is None else code, PACKAGE),
+        "its data": hash_files(data_path().glob("**/*"), data_path()),
+        "the environment": hash_text("\n".join(environment)),
+    }
 
 
 @lru_cache
 def _installed() -> list[str]:
-    """Names and versions of all installed packages, as they are when a process asks first: that takes a while."""
+    """Names and versions of all installed packages, as they are when a process asks first: that
+    takes a while.
+    """
     return sorted(f"{found.name} {found.version}" for found in metadata.distributions())
 
 
 def made_from_notebook(notebook: Any, folder: Path) -> dict[str, str]:
-    """A hash of each thing that a notebook's results depend on: its code, the package's that it imports, data, ...
+    """A hash of each thing that a notebook's results depend on: its code, the package's that it
+    imports, data, ...
 
     Parameters
     ----------
@@ -62,19 +76,27 @@ def made_from_notebook(notebook: Any, folder: Path) -> dict[str, str]:
     """
     files = imported_files(_source(notebook), folder)
     beside = [path for path in files if PACKAGE not in path.parents]
-    own = hash_text(hash_cells(notebook) + hash_files(beside, folder)) if beside else hash_cells(notebook)
+    own = (
+        hash_text(hash_cells(notebook) + hash_files(beside, folder))
+        if beside
+        else hash_cells(notebook)
+    )
     return {"the notebook": own, **surroundings(files.difference(beside))}
 
 
 def made_from_function(function: Callable[..., Any]) -> dict[str, str]:
-    """A hash of each thing that a function's results depend on: its file, the package's code that this imports, ...
+    """A hash of each thing that a function's results depend on: its file, the package's code that
+    this imports, ...
 
     All of the package's code counts for a function that no file is known of.
     """
     path = _source_file(function)
     if path is None:
         return {"the function": hash_function(function), **surroundings()}
-    files = {path, *imported_files(path.read_text(encoding="utf-8"), path.parent, _package_of(path))}
+    files = {
+        path,
+        *imported_files(path.read_text(encoding="utf-8"), path.parent, _package_of(path)),
+    }
     beside = [file for file in files if PACKAGE not in file.parents]
     own = hash_files(beside, path.parent) if beside else hash_function(function)
     return {"the function": own, **surroundings(files.difference(beside))}
@@ -87,14 +109,18 @@ def made_from_module(name: str) -> dict[str, str]:
 
 @lru_cache
 def code_hash(name: str) -> str:
-    """A hash of one of the package's modules with all that it imports, as they are when a process asks first."""
+    """A hash of one of the package's modules with all that it imports, as they are when a process
+    asks first.
+    """
     return hash_files(imported_files(f"import {name}", PACKAGE.parent), PACKAGE)
 
 
 def imported_files(source: str, folder: Path, package: str = "") -> set[Path]:
-    """The files of this package, and of modules beside a source, that the source imports, directly or not.
+    """The files of this package, and of modules beside a source, that the source imports, directly
+    or not.
 
-    Imports count wherever they stand, in a function as well; what is only for a type checker does not.
+    Imports count wherever they stand, in a function as well; what is only for a type checker does
+    not.
 
     Parameters
     ----------
@@ -118,7 +144,9 @@ def imported_files(source: str, folder: Path, package: str = "") -> set[Path]:
             for path in _files_of(module, place):
                 if path not in found:
                     found.add(path)
-                    waiting.append((path.read_text(encoding="utf-8"), path.parent, _package_of(path)))
+                    waiting.append(
+                        (path.read_text(encoding="utf-8"), path.parent, _package_of(path))
+                    )
     return found
 
 
@@ -133,11 +161,12 @@ def _names_imported(node: ast.AST, package: str) -> Iterator[str]:
         case ast.Import(names=aliases):
             yield from (alias.name for alias in aliases)
             if any(alias.name == PACKAGE.name and alias.asname for alias in aliases):
-                yield from (f"{PACKAGE.name}.{name}" for name in FACE)  # nobody knows which of them it will use
+                # nobody knows which of them it will use
+                yield from (f"{PACKAGE.name}.{name}" for name in FACE)
         case ast.Attribute(value=ast.Name(id=PACKAGE.name), attr=name):
             yield f"{PACKAGE.name}.{name}"
         case ast.ImportFrom(module=module, names=aliases, level=level):
-            above = package.split(".")[:len(package.split(".")) - level + 1] if level else []
+            above = package.split(".")[: len(package.split(".")) - level + 1] if level else []
             base = ".".join(filter(None, [*above, module]))
             yield base
             yield from (f"{base}.{alias.name}" for alias in aliases if alias.name != "*")
@@ -150,13 +179,17 @@ def _names_imported(node: ast.AST, package: str) -> Iterator[str]:
 
 
 def _files_of(module: str, folder: Path) -> Iterator[Path]:
-    """The files that are loaded for a module: the packages' that it lies in, and its own; or for a name of the face."""
+    """The files that are loaded for a module: the packages' that it lies in, and its own; or for a
+    name of the face.
+    """
     parts = module.split(".")
     if parts[0] == PACKAGE.name and len(parts) > 1:
         parts[1:2] = FACE.get(parts[1], parts[1]).split(".")
     place = PACKAGE.parent if parts[0] == PACKAGE.name else folder
     for part in parts:
-        yield from (path for path in (place / f"{part}.py", place / part / "__init__.py") if path.is_file())
+        yield from (
+            path for path in (place / f"{part}.py", place / part / "__init__.py") if path.is_file()
+        )
         place = place / part
 
 
@@ -187,7 +220,9 @@ def _source_file(function: Callable[..., Any]) -> Path | None:
 def hash_files(files: Iterable[Path], root: Path) -> str:
     """A hash of the names, below `root`, and the contents of files."""
     state = hashlib.sha256()
-    for path in sorted(path for path in files if path.is_file() and "__pycache__" not in path.parts):
+    for path in sorted(
+        path for path in files if path.is_file() and "__pycache__" not in path.parts
+    ):
         content = path.read_bytes()
         state.update(f"{path.relative_to(root).as_posix()} {len(content)}\n".encode() + content)
     return state.hexdigest()
@@ -199,7 +234,9 @@ def hash_text(text: str) -> str:
 
 
 def hash_function(function: Callable[..., Any]) -> str:
-    """A hash of the file that a function is written in, or of its own lines where there is no such file."""
+    """A hash of the file that a function is written in, or of its own lines where there is no such
+    file.
+    """
     path = _source_file(function)
     if path is not None:
         return hash_text(path.read_text(encoding="utf-8"))
@@ -211,22 +248,40 @@ def hash_function(function: Callable[..., Any]) -> str:
 
 def hash_cells(notebook: Any) -> str:
     """A hash of a notebook's code."""
-    return hash_text(json.dumps([cell.source for cell in notebook.cells if cell.cell_type == "code"]))
+    return hash_text(
+        json.dumps([cell.source for cell in notebook.cells if cell.cell_type == "code"])
+    )
 
 
 def versions() -> dict[str, str]:
     """The versions of Python, of this package, and of what it computes with."""
     names = ("numpy", "scipy", "pandas", "opencv-contrib-python-headless", "matplotlib")
-    return {"python": platform.python_version(), "trinolab": __version__,
-            **{name: metadata.version(name) for name in names}}
+    return {
+        "python": platform.python_version(),
+        "trinolab": __version__,
+        **{name: metadata.version(name) for name in names},
+    }
 
 
 def commit() -> str:
-    """The commit of the checkout that this package lies in, ``+`` behind it if files have changed; else empty."""
+    """The commit of the checkout that this package lies in, ``+`` behind it if files have changed;
+    else empty.
+    """
     try:
-        name, changes = (subprocess.run(["git", *command], cwd=PACKAGE, capture_output=True, text=True, check=True,
-                                        timeout=10).stdout.strip()
-                         for command in (["rev-parse", "HEAD"], ["status", "--porcelain", "--untracked-files=no"]))
+        name, changes = (
+            subprocess.run(
+                ["git", *command],
+                cwd=PACKAGE,
+                capture_output=True,
+                text=True,
+                check=True,
+                timeout=10,
+            ).stdout.strip()
+            for command in (
+                ["rev-parse", "HEAD"],
+                ["status", "--porcelain", "--untracked-files=no"],
+            )
+        )
     except (OSError, subprocess.SubprocessError):
         return ""
     return f"{name}+" if changes else name
@@ -234,5 +289,9 @@ def commit() -> str:
 
 def machine() -> dict[str, Any]:
     """The computer: name, system, processor type, number of cores."""
-    return {"name": platform.node(), "system": platform.platform(), "processor": platform.machine(),
-            "cores": os.cpu_count()}
+    return {
+        "name": platform.node(),
+        "system": platform.platform(),
+        "processor": platform.machine(),
+        "cores": os.cpu_count(),
+    }

@@ -1,4 +1,6 @@
-"""Write a recording folder: instant by instant into a folder beside it, which takes its name when it is whole."""
+"""Write a recording folder: instant by instant into a folder beside it, which takes its name when
+it is whole.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +18,8 @@ from .poses import write_poses
 from .rigs import write_handle, write_rig
 
 PNG = [cv2.IMWRITE_PNG_COMPRESSION, 1, cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_RLE]
-STORED_PNG = [cv2.IMWRITE_PNG_COMPRESSION, 0, cv2.IMWRITE_PNG_FILTER, cv2.IMWRITE_PNG_FILTER_NONE]  # filters take time
+# filters take time
+STORED_PNG = [cv2.IMWRITE_PNG_COMPRESSION, 0, cv2.IMWRITE_PNG_FILTER, cv2.IMWRITE_PNG_FILTER_NONE]
 PARTIAL = ".partial"  # behind the name of a recording that is not finished
 
 
@@ -35,15 +38,20 @@ def partial_of(folder: str | Path) -> Path:
     return target.with_name(target.name + PARTIAL)
 
 
-def begin(folder: str | Path, rig: Rig | Sequence[str], handle: Handle | None = None,
-          backgrounds: Mapping[str, np.ndarray] | None = None) -> Path:
+def begin(
+    folder: str | Path,
+    rig: Rig | Sequence[str],
+    handle: Handle | None = None,
+    backgrounds: Mapping[str, np.ndarray] | None = None,
+) -> Path:
     """Make the unfinished folder with all that is known before the first instant, and return it.
 
     Parameters
     ----------
     folder : path
     rig : Rig or sequence of str
-        The cameras, or only their names where they are not calibrated: the folder then has no rig file.
+        The cameras, or only their names where they are not calibrated: the folder then has no rig
+        file.
     handle : Handle, optional
     backgrounds : mapping of str to ndarray, optional
         A camera's empty scene, uint8.
@@ -71,7 +79,7 @@ def begin(folder: str | Path, rig: Rig | Sequence[str], handle: Handle | None = 
 def check_names(cameras: Iterable[str]) -> None:
     """Refuse, with a ValueError, a camera's name that cannot name its folder."""
     for name in cameras:
-        if not name or name.startswith(".") or set(name) & set('/\\:\0'):
+        if not name or name.startswith(".") or set(name) & set("/\\:\0"):
             raise ValueError(f"camera: expected a name that a folder can have, got {name!r}")
 
 
@@ -81,7 +89,9 @@ def image_paths(partial: Path, rig: Rig | Sequence[str], frame: int) -> list[Pat
 
 
 def add(partial: Path, rig: Rig | Sequence[str], frame: int, images: Sequence[np.ndarray]) -> None:
-    """Write the images of an instant, uint8, one a camera. Raises ValueError if one cannot be written."""
+    """Write the images of an instant, uint8, one a camera. Raises ValueError if one cannot be
+    written.
+    """
     for path, image in zip(image_paths(partial, rig, frame), images, strict=True):
         write_image(image, path)
 
@@ -106,7 +116,8 @@ def finish(folder: str | Path, times_s: Sequence[float], truth: pd.DataFrame | N
 
 
 def write_image(image: np.ndarray, path: Path, fast: bool = False) -> None:
-    """Write a grey image, uint8, as PNG, whole or not at all; `fast` takes a seventh of the time and double the room.
+    """Write a grey image, uint8, as PNG, whole or not at all; `fast` takes a seventh of the time
+    and double the room.
 
     Raises
     ------

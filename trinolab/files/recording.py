@@ -1,7 +1,9 @@
-"""Recordings as files: the instants of several cameras, with their times, from image folders or videos.
+"""Recordings as files: the instants of several cameras, with their times, from image folders or
+videos.
 
-A recording folder holds ``rig.toml``, ``handle.toml``, for each camera ``images/<camera>/*.png`` or ``<camera>.mkv``,
-and where known ``timestamps.csv`` (``frame,t_s``), ``background/<camera>.png`` and ``truth.csv``.
+A recording folder holds ``rig.toml``, ``handle.toml``, for each camera ``images/<camera>/*.png`` or
+``<camera>.mkv``, and where known ``timestamps.csv`` (``frame,t_s``), ``background/<camera>.png``
+and ``truth.csv``.
 """
 
 from __future__ import annotations
@@ -23,7 +25,8 @@ from .rigs import read_handle, read_rig
 
 VIDEO_SUFFIXES = (".mkv", ".mp4", ".avi", ".mov", ".webm", ".m4v", ".mpg", ".mpeg")
 
-os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")  # a broken video is our line to say, not FFmpeg's
+# a broken video is our line to say, not FFmpeg's
+os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
 
 
 class Footage(NamedTuple):
@@ -66,8 +69,11 @@ def open_footage(path: str | Path) -> Footage:
     return Footage(path, (), count)
 
 
-def frames_of(footage: Footage, size: tuple[int, int] | None = None, first: int = 0) -> Iterator[np.ndarray]:
-    """The frames one after the other, shape (height, width), grey levels 0 to 255; see `images.read_greys`.
+def frames_of(
+    footage: Footage, size: tuple[int, int] | None = None, first: int = 0
+) -> Iterator[np.ndarray]:
+    """The frames one after the other, shape (height, width), grey levels 0 to 255; see
+    `images.read_greys`.
 
     Parameters
     ----------
@@ -97,9 +103,13 @@ def _video_frames(path: Path, size: tuple[int, int] | None, first: int) -> Itera
             if not there:
                 return
             check_size(image, size, path)
-            if image.ndim == 3 and np.array_equal(image[..., 0], image[..., 1]) \
-                    and np.array_equal(image[..., 0], image[..., 2]):
-                image = np.ascontiguousarray(image[..., 0])  # a grey video comes with three equal channels
+            if (
+                image.ndim == 3
+                and np.array_equal(image[..., 0], image[..., 1])
+                and np.array_equal(image[..., 0], image[..., 2])
+            ):
+                # a grey video comes with three equal channels
+                image = np.ascontiguousarray(image[..., 0])
             yield as_grey(image)
     finally:
         capture.release()
@@ -107,7 +117,8 @@ def _video_frames(path: Path, size: tuple[int, int] | None, first: int) -> Itera
 
 def open_video(path: Path) -> cv2.VideoCapture:
     """Open a video to read from. Raises ValueError if it cannot be read."""
-    level = cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_ERROR)  # and not OpenCV's warning either
+    # and not OpenCV's warning either
+    level = cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_ERROR)
     try:
         capture = cv2.VideoCapture(str(path), cv2.CAP_FFMPEG)
     finally:
@@ -118,7 +129,9 @@ def open_video(path: Path) -> cv2.VideoCapture:
 
 
 class Instant(NamedTuple):
-    """The images of one instant: `paths` in the order of the rig's cameras; `frame` counts from 0."""
+    """The images of one instant: `paths` in the order of the rig's cameras; `frame` counts from
+    0.
+    """
 
     frame: int
     paths: tuple[Path, ...]
@@ -161,20 +174,28 @@ class Recording(NamedTuple):
             return frame / self.fps
         if frame >= len(self.times_s):
             last = len(self.times_s) - 1
-            raise ValueError(f"{self.times_from}: no time for frame {frame}, they end with frame {last}")
+            raise ValueError(
+                f"{self.times_from}: no time for frame {frame}, they end with frame {last}"
+            )
         return float(self.times_s[frame])
 
 
 class Frames(NamedTuple):
-    """One instant: its number from 0, its time (s), and a grey image a camera, in the rig's order."""
+    """One instant: its number from 0, its time (s), and a grey image a camera, in the rig's
+    order.
+    """
 
     frame: int
     t_s: float
     images: list[np.ndarray]
 
 
-def open_recording(sources: Mapping[str, str | Path], rig: Rig, fps: float = 30.0,
-                   timestamps: str | Path | None = None) -> Recording:
+def open_recording(
+    sources: Mapping[str, str | Path],
+    rig: Rig,
+    fps: float = 30.0,
+    timestamps: str | Path | None = None,
+) -> Recording:
     """Open the footage of all cameras of a rig.
 
     Parameters
@@ -190,18 +211,24 @@ def open_recording(sources: Mapping[str, str | Path], rig: Rig, fps: float = 30.
     Raises
     ------
     ValueError
-        If a camera of the rig has no source or the rig lacks one, a source cannot be read, folders hold different
-        numbers of images, or the timestamps are wrong.
+        If a camera of the rig has no source or the rig lacks one, a source cannot be read, folders
+        hold different numbers of images, or the timestamps are wrong.
     """
     if missing := [name for name in rig.names if name not in sources]:
-        raise ValueError(f"{missing[0]}: no video or folder for this camera of the rig ({', '.join(rig.names)})")
+        raise ValueError(
+            f"{missing[0]}: no video or folder for this camera of the rig ({', '.join(rig.names)})"
+        )
     if unknown := [name for name in sources if name not in rig.names]:
-        raise ValueError(f"{unknown[0]}: a camera that the rig does not have ({', '.join(rig.names)})")
+        raise ValueError(
+            f"{unknown[0]}: a camera that the rig does not have ({', '.join(rig.names)})"
+        )
     footage = tuple(open_footage(sources[name]) for name in rig.names)
     folders = [one for one in footage if one.names]
     for one in folders[1:]:
         if one.length != folders[0].length:
-            raise ValueError(f"{one.path}: {one.length} images, {folders[0].path} has {folders[0].length}")
+            raise ValueError(
+                f"{one.path}: {one.length} images, {folders[0].path} has {folders[0].length}"
+            )
     fps = as_number(fps, "fps", low=0.0, high=1e6, open_low=True)
     times = None if timestamps is None else read_timestamps(timestamps)
     count = folders[0].length if folders else max(one.length for one in footage)
@@ -210,9 +237,11 @@ def open_recording(sources: Mapping[str, str | Path], rig: Rig, fps: float = 30.
     return Recording(rig, footage, count, times, fps, timestamps or "timestamps")
 
 
-def open_folder(folder: str | Path, rig: str | Path | None = None,
-                handle: str | Path | None = None) -> tuple[Recording, Handle]:
-    """Open a recording folder: its footage, with the timestamps if there are any, its rig and its handle.
+def open_folder(
+    folder: str | Path, rig: str | Path | None = None, handle: str | Path | None = None
+) -> tuple[Recording, Handle]:
+    """Open a recording folder: its footage, with the timestamps if there are any, its rig and its
+    handle.
 
     Parameters
     ----------
@@ -228,8 +257,11 @@ def open_folder(folder: str | Path, rig: str | Path | None = None,
     root = Path(folder)
     if not root.is_dir():
         raise ValueError(f"{root}: no such folder")
-    the_rig, times = read_rig(rig or root / "rig.toml"), root / "timestamps.csv"
-    recording = open_recording(find_footage(root, the_rig), the_rig, timestamps=times if times.exists() else None)
+    the_rig = read_rig(rig or root / "rig.toml")
+    times = root / "timestamps.csv"
+    recording = open_recording(
+        find_footage(root, the_rig), the_rig, timestamps=times if times.exists() else None
+    )
     return recording, read_handle(handle or root / "handle.toml")
 
 
@@ -241,14 +273,19 @@ def find_footage(folder: str | Path, rig: Rig) -> dict[str, Path]:
     ValueError
         If a camera has none, or more than one.
     """
-    root, found = Path(folder), {}
+    root = Path(folder)
+    found = {}
     if not root.is_dir():
         raise ValueError(f"{root}: no such folder")
     for name in rig.names:
         places = [root / "images" / name, *(root / f"{name}{suffix}" for suffix in VIDEO_SUFFIXES)]
         there = [place for place in places if place.exists()]
         if len(there) != 1:
-            what = f"{there[0].name} and {there[1].name}" if there else f"neither images/{name} nor {name}.mkv"
+            what = (
+                f"{there[0].name} and {there[1].name}"
+                if there
+                else f"neither images/{name} nor {name}.mkv"
+            )
             raise ValueError(f"{root}: expected one folder or video of camera {name}, got {what}")
         found[name] = there[0]
     return found
@@ -262,12 +299,16 @@ def instants(recording: Recording, first: int = 0) -> Iterator[Frames]:
     ValueError
         Names the file that cannot be read, holds no frame, or ends while another one goes on.
     """
-    streams = [frames_of(one, camera.size, first)
-               for one, camera in zip(recording.footage, recording.rig.cameras, strict=True)]
+    streams = [
+        frames_of(one, camera.size, first)
+        for one, camera in zip(recording.footage, recording.rig.cameras, strict=True)
+    ]
     frame = first
     while True:
         images = [next(stream, None) for stream in streams]
-        over = [one.path for one, image in zip(recording.footage, images, strict=True) if image is None]
+        over = [
+            one.path for one, image in zip(recording.footage, images, strict=True) if image is None
+        ]
         if len(over) == len(images):
             if frame == 0:
                 raise ValueError(f"{over[0]}: no frame in it")
@@ -284,11 +325,12 @@ def read_timestamps(path: str | Path) -> Array:
     Raises
     ------
     ValueError
-        Names the file and the row: unreadable, a column missing, no number, frames that do not count from 0, times that
-        do not increase.
+        Names the file and the row: unreadable, a column missing, no number, frames that do not
+        count from 0, times that do not increase.
     """
     table = read_csv(path, usecols=["frame", "t_s"], dtype=float)
-    frame, times = table["frame"].to_numpy(), table["t_s"].to_numpy()
+    frame = table["frame"].to_numpy()
+    times = table["t_s"].to_numpy()
     if len(times) == 0 or not np.array_equal(frame, np.arange(len(frame))):
         raise ValueError(f"{path}: column 'frame' expects 0, 1, 2, ...")
     increasing = np.isfinite(times) & np.append(True, times[1:] > times[:-1])
@@ -299,42 +341,57 @@ def read_timestamps(path: str | Path) -> Array:
 
 
 def list_instants(folder: str | Path, rig: Rig) -> list[Instant]:
-    """The instants of a folder that holds a folder of images for each camera, the same file names in each.
+    """The instants of a folder that holds a folder of images for each camera, the same file names
+    in each.
 
     Raises
     ------
     ValueError
-        If a camera's folder is missing or holds no image, a name is missing in one of them, or there are images of a
-        camera that the rig does not have.
+        If a camera's folder is missing or holds no image, a name is missing in one of them, or
+        there are images of a camera that the rig does not have.
     """
     root = Path(folder)
     if not root.is_dir():
         raise ValueError(f"{root}: no such folder")
     names = {camera: _image_names(root / camera, rig) for camera in rig.names}
-    for other in sorted(path for path in root.iterdir() if path.is_dir() and path.name not in rig.names):
+    for other in sorted(
+        path for path in root.iterdir() if path.is_dir() and path.name not in rig.names
+    ):
         if any(is_image(path) for path in other.iterdir()):
-            raise ValueError(f"{other}: images of a camera that the rig does not have ({', '.join(rig.names)})")
+            raise ValueError(
+                f"{other}: images of a camera that the rig does not have ({', '.join(rig.names)})"
+            )
     every = sorted(set().union(*names.values()))
     for camera, present in names.items():
         if missing := [name for name in every if name not in present]:
-            raise ValueError(f"{root / camera / missing[0]}: missing, another camera has this image")
-    return [Instant(k, tuple(root / camera / name for camera in rig.names)) for k, name in enumerate(every)]
+            raise ValueError(
+                f"{root / camera / missing[0]}: missing, another camera has this image"
+            )
+    return [
+        Instant(k, tuple(root / camera / name for camera in rig.names))
+        for k, name in enumerate(every)
+    ]
 
 
 def read_instants(listed: Sequence[Instant], rig: Rig) -> Iterator[list[np.ndarray]]:
-    """Read the images of instants one after the other, a grey image a camera; see `images.read_greys`.
+    """Read the images of instants one after the other, a grey image a camera; see
+    `images.read_greys`.
 
     Raises
     ------
     ValueError
         Names the file that cannot be read as an image or has another size than its camera.
     """
-    streams = [read_greys([instant.paths[k] for instant in listed], camera.size)
-               for k, camera in enumerate(rig.cameras)]
+    streams = [
+        read_greys([instant.paths[k] for instant in listed], camera.size)
+        for k, camera in enumerate(rig.cameras)
+    ]
     return map(list, zip(*streams, strict=True))
 
 
 def _image_names(folder: Path, rig: Rig) -> set[str]:
     if not folder.is_dir():
-        raise ValueError(f"{folder}: no such folder; each camera of the rig needs one ({', '.join(rig.names)})")
+        raise ValueError(
+            f"{folder}: no such folder; each camera of the rig needs one ({', '.join(rig.names)})"
+        )
     return set(open_footage(folder).names)

@@ -1,4 +1,6 @@
-"""Rig and handle files (TOML). Rigs have the layout that Anipose, FreeMoCap and Pose2Sim read, a table a camera."""
+"""Rig and handle files (TOML). Rigs have the layout that Anipose, FreeMoCap and Pose2Sim read, a
+table a camera.
+"""
 
 from __future__ import annotations
 
@@ -23,14 +25,14 @@ NEAREST_MM = 1e-6  # of two cameras
 def read_rig(path: str | Path) -> Rig:
     """Read a rig file (TOML, the layout that Anipose, FreeMoCap and Pose2Sim read).
 
-    Every table but ``metadata`` is a camera with `name`, `size`, `matrix`, `distortions` (4 or 5), `rotation`
-    (Rodrigues vector) and `translation` (mm), both world to camera.
+    Every table but ``metadata`` is a camera with `name`, `size`, `matrix`, `distortions` (4 or 5),
+    `rotation` (Rodrigues vector) and `translation` (mm), both world to camera.
 
     Raises
     ------
     ValueError
-        Names the file and the field: unreadable, missing, of another shape, not finite, a fisheye camera, two cameras
-        in one place; what `Camera` and `Rig` refuse.
+        Names the file and the field: unreadable, missing, of another shape, not finite, a fisheye
+        camera, two cameras in one place; what `Camera` and `Rig` refuse.
     """
     with _named(path):
         rig = Rig(tuple(_cameras(path)))
@@ -39,7 +41,9 @@ def read_rig(path: str | Path) -> Rig:
 
 
 def read_camera(path: str | Path) -> Camera:
-    """Read a file of the same layout that has one camera, in a world frame of its own. Errors as for `read_rig`."""
+    """Read a file of the same layout that has one camera, in a world frame of its own. Errors as
+    for `read_rig`.
+    """
     with _named(path):
         cameras = _cameras(path)
         if len(cameras) != 1:
@@ -53,17 +57,23 @@ def _named(path: str | Path) -> Iterator[None]:
     try:
         yield
     except ValueError as error:
-        raise ValueError(str(error) if str(error).startswith(str(path)) else f"{path}: {error}") from None
+        raise ValueError(
+            str(error) if str(error).startswith(str(path)) else f"{path}: {error}"
+        ) from None
 
 
 def _cameras(path: str | Path) -> list[Camera]:
     tables = {key: value for key, value in read_toml(path).items() if key != "metadata"}
-    return [_camera_from(table, f"{path}: [{key if key.isprintable() else repr(key)}]")
-            for key, table in tables.items()]
+    return [
+        _camera_from(table, f"{path}: [{key if key.isprintable() else repr(key)}]")
+        for key, table in tables.items()
+    ]
 
 
 def write_rig(rig: Rig, path: str | Path) -> None:
-    """Write a rig file that `read_rig` reads back, whole or not at all. Raises ValueError if it cannot be written."""
+    """Write a rig file that `read_rig` reads back, whole or not at all. Raises ValueError if it
+    cannot be written.
+    """
     write_whole(path, rig_text(rig))
 
 
@@ -76,20 +86,26 @@ def _check_places(rig: Rig) -> None:
     """Refuse two cameras in one place: they see no depth, and most often one of them was copied."""
     for left, right in ((rig.cameras[i], rig.cameras[j]) for i, j in rig.pairs):
         if np.linalg.norm(left.centre - right.centre) < NEAREST_MM:
-            raise ValueError(f"rotation, translation: expected cameras in different places, got {left.name} and "
-                             f"{right.name} in one")
+            raise ValueError(
+                f"rotation, translation: expected cameras in different places, got {left.name} and "
+                f"{right.name} in one"
+            )
 
 
 def _camera_from(table: dict[str, Any], where: str) -> Camera:
     if isinstance(table, dict) and table.get("fisheye", False):
         raise ValueError(f"{where}: fisheye lenses are not supported")
-    fields = {key: get(table, key, where) for key in ("name", "size", "matrix", "rotation", "translation")}
+    fields = {
+        key: get(table, key, where) for key in ("name", "size", "matrix", "rotation", "translation")
+    }
     try:
         distortions = list(as_array(table.get("distortions", [0.0] * 5), "distortions", (None,)))
         rotvec = np.array(as_array(fields["rotation"], "rotation", (3,)))  # SciPy wants it writable
         as_number(np.abs(rotvec).max(), "rotation: the largest", high=1e6)
         rotation = Rotation.from_rotvec(rotvec)
-        T_cam_world = RigidTransform.from_components(as_array(fields["translation"], "translation", (3,)), rotation)
+        T_cam_world = RigidTransform.from_components(
+            as_array(fields["translation"], "translation", (3,)), rotation
+        )
         padded = np.array(distortions + [0.0] * (len(distortions) == 4))
         return Camera(fields["name"], fields["size"], fields["matrix"], padded, T_cam_world)
     except ValueError as error:
@@ -97,10 +113,14 @@ def _camera_from(table: dict[str, Any], where: str) -> Camera:
 
 
 def _table_of(camera: Camera) -> dict[str, Any]:
-    return {"name": camera.name, "size": list(camera.size), "matrix": camera.matrix.tolist(),
-            "distortions": camera.distortions.tolist(),
-            "rotation": camera.T_cam_world.rotation.as_rotvec().tolist(),
-            "translation": camera.T_cam_world.translation.tolist()}
+    return {
+        "name": camera.name,
+        "size": list(camera.size),
+        "matrix": camera.matrix.tolist(),
+        "distortions": camera.distortions.tolist(),
+        "rotation": camera.T_cam_world.rotation.as_rotvec().tolist(),
+        "translation": camera.T_cam_world.translation.tolist(),
+    }
 
 
 def read_handle(path: str | Path) -> Handle:
@@ -109,7 +129,8 @@ def read_handle(path: str | Path) -> Handle:
     Raises
     ------
     ValueError
-        Names the file and the field: unreadable, missing, unknown, refused by `Handle`, or markers on one line.
+        Names the file and the field: unreadable, missing, unknown, refused by `Handle`, or markers
+        on one line.
     """
     table = read_toml(path)
     names = tuple(Handle.__dataclass_fields__)
@@ -123,14 +144,20 @@ def read_handle(path: str | Path) -> Handle:
 
 
 def write_handle(handle: Handle, path: str | Path) -> None:
-    """Write a handle file that `read_handle` reads back, whole or not at all; ValueError if it cannot be written."""
+    """Write a handle file that `read_handle` reads back, whole or not at all; ValueError if it
+    cannot be written.
+    """
     table: dict[str, Any] = {name: getattr(handle, name) for name in Handle.__dataclass_fields__}
     write_whole(path, tomli_w.dumps(table))
 
 
 def _spread_out(handle: Handle) -> Handle:
     """The handle; refuse markers on one line, about which it may turn and looks the same."""
-    spread = np.linalg.svd(handle.marker_centres - handle.marker_centres.mean(axis=0), compute_uv=False)
+    spread = np.linalg.svd(
+        handle.marker_centres - handle.marker_centres.mean(axis=0), compute_uv=False
+    )
     if len(spread) < 2 or spread[1] < 1e-3 * handle.marker_diameter_mm:
-        raise ValueError("columns_deg, rows_mm: expected markers that fix a pose, got all of them on one line")
+        raise ValueError(
+            "columns_deg, rows_mm: expected markers that fix a pose, got all of them on one line"
+        )
     return handle

@@ -24,7 +24,8 @@ class Film:
     """
 
     def __init__(self, path: str | Path, fps: float) -> None:
-        self.path, self.fps = Path(path), fps
+        self.path = Path(path)
+        self.fps = fps
         if self.path.suffix.lower() != ".webm":
             raise ValueError(f"{path}: expected a name that ends in .webm")
         self._partial = self.path.with_name(f".{self.path.stem}.partial{self.path.suffix}")
@@ -38,7 +39,9 @@ class Film:
         if self._writer is None:
             code = cv2.VideoWriter.fourcc(*"VP90")
             with unheard():  # OpenCV finds the codec's name unusual
-                self._writer = cv2.VideoWriter(str(self._partial), code, self.fps, (image.shape[1], image.shape[0]))
+                self._writer = cv2.VideoWriter(
+                    str(self._partial), code, self.fps, (image.shape[1], image.shape[0])
+                )
             if not self._writer.isOpened():
                 raise ValueError(f"{self.path}: cannot be written as a VP9 video")
         with unheard() as said:
@@ -65,7 +68,7 @@ def _is_whole(path: Path) -> bool:
     with path.open("rb") as file:
         head = file.read(256)
     begin = head.find(b"\x18\x53\x80\x67") + 12  # the segment's name and its length, 4 and 8 bytes
-    length = int.from_bytes(head[begin - 8:begin]) & (1 << 56) - 1
+    length = int.from_bytes(head[begin - 8 : begin]) & (1 << 56) - 1
     return begin > 11 and begin + length == path.stat().st_size
 
 
@@ -85,10 +88,15 @@ class PageVideo:
     """
 
     def __init__(self, path: str | Path, text: str, still: np.ndarray) -> None:
-        self.data, self.text, self.still = Path(path).read_bytes(), text, still
+        self.data = Path(path).read_bytes()
+        self.text = text
+        self.still = still
 
     def _repr_mimebundle_(self, **_: object) -> dict[str, str]:
-        data, png = b64encode(self.data).decode(), b64encode(cv2.imencode(".png", self.still)[1].tobytes()).decode()
-        page = (f'<video controls muted loop playsinline style="width: 100%" aria-label="{html.escape(self.text)}">'
-                f'<source type="video/webm" src="data:video/webm;base64,{data}">{html.escape(self.text)}</video>')
+        data = b64encode(self.data).decode()
+        png = b64encode(cv2.imencode(".png", self.still)[1].tobytes()).decode()
+        page = (
+            f'<video controls muted loop playsinline style="width: 100%" aria-label="{html.escape(self.text)}">'
+            f'<source type="video/webm" src="data:video/webm;base64,{data}">{html.escape(self.text)}</video>'
+        )
         return {"text/html": page, "image/png": png, "text/plain": self.text}

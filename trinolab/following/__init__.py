@@ -1,6 +1,7 @@
-"""The handle followed through a recording by its pose (beyond the paper, which follows points in images).
+"""The handle followed through a recording by its pose (beyond the paper, which follows points in
+images).
 
-`track` is the command's way from files to files; its steps are `posetracker` (one instant), `posefilter` (the
-prediction) and `look` (the handle where it is expected). `overlay` draws what was seen, `sync` finds how far the clocks
-of the cameras lie apart.
+`track` is the command's way from files to files; its steps are `posetracker` (one instant),
+`posefilter` (the prediction) and `look` (the handle where it is expected). `overlay` draws what was
+seen, `sync` finds how far the clocks of the cameras lie apart.
 """

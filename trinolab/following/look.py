@@ -1,6 +1,8 @@
-"""The handle looked for where it is expected: markers at their predicted places, and the pose from them (Sect. 4.2).
+"""The handle looked for where it is expected: markers at their predicted places, and the pose from
+them (Sect. 4.2).
 
-Where too few are found, a coarse search over shifts of the predicted markers says where the handle went.
+Where too few are found, a coarse search over shifts of the predicted markers says where the handle
+went.
 """
 
 from __future__ import annotations
@@ -122,17 +124,31 @@ def may_be_blurred(expected: Sequence[Expected], p: FollowParameters) -> bool:
     return max(one.blur_px for one in expected) > p.blurred_px
 
 
-def look(images: Sequence[np.ndarray], expected: Sequence[Expected], rig: Rig, handle: Handle,
-         p: FollowParameters) -> tuple[Sight, ...]:
+def look(
+    images: Sequence[np.ndarray],
+    expected: Sequence[Expected],
+    rig: Rig,
+    handle: Handle,
+    p: FollowParameters,
+) -> tuple[Sight, ...]:
     """Measure the markers where they are expected; half a marker's diameter off is near enough.
 
     A marker reaches further where it moves: by half of its way in the exposure.
     """
-    return tuple(_look(image, camera, handle, one.uv, 0.75 * one.size_px + RING_PX + one.blur_px / 2, p)
-                 for image, camera, one in zip(images, rig.cameras, expected, strict=True))
+    return tuple(
+        _look(image, camera, handle, one.uv, 0.75 * one.size_px + RING_PX + one.blur_px / 2, p)
+        for image, camera, one in zip(images, rig.cameras, expected, strict=True)
+    )
 
 
-def _look(image: np.ndarray, camera: Camera, handle: Handle, uv: Array, reach_px: float, p: FollowParameters) -> Sight:
+def _look(
+    image: np.ndarray,
+    camera: Camera,
+    handle: Handle,
+    uv: Array,
+    reach_px: float,
+    p: FollowParameters,
+) -> Sight:
     around = Window.around(np.clip(uv, -1e6, 1e6))
     window = around and around.grown(2 * reach_px).clipped(camera.size)
     if window is None:
@@ -147,12 +163,15 @@ def _batch(T: RigidTransform) -> Poses:
     return Poses(matrix[None, :3, :3], matrix[None, :3, 3])
 
 
-def follow(images: Sequence[np.ndarray], guess: Guess, rig: Rig, handle: Handle, p: FollowParameters) -> Followed:
+def follow(
+    images: Sequence[np.ndarray], guess: Guess, rig: Rig, handle: Handle, p: FollowParameters
+) -> Followed:
     """Look for the markers where a guess has them, and measure the pose from those that are there.
 
-    Where the estimator gives no pose, or another one than the markers agree on, the image model does: a single camera
-    is enough for it. With `guess.blurred` it is the image model of a handle that moves while the shutter is open, from
-    the predicted pose: centroids are worth less than that when limb and neighbours are blurred together.
+    Where the estimator gives no pose, or another one than the markers agree on, the image model
+    does: a single camera is enough for it. With `guess.blurred` it is the image model of a handle
+    that moves while the shutter is open, from the predicted pose: centroids are worth less than
+    that when limb and neighbours are blurred together.
     """
     sights = look(images, guess.expected, rig, handle, p)
     pixels = tuple(sight.found[:, :2] for sight in sights)
@@ -160,8 +179,16 @@ def follow(images: Sequence[np.ndarray], guess: Guess, rig: Rig, handle: Handle,
     return Followed(_pose(images, guess, sights, T, labels, rig, handle, p), labels, sights)
 
 
-def _pose(images: Sequence[np.ndarray], guess: Guess, sights: tuple[Sight, ...], T: RigidTransform | None,
-          labels: tuple[np.ndarray, ...], rig: Rig, handle: Handle, p: FollowParameters) -> Pose:
+def _pose(
+    images: Sequence[np.ndarray],
+    guess: Guess,
+    sights: tuple[Sight, ...],
+    T: RigidTransform | None,
+    labels: tuple[np.ndarray, ...],
+    rig: Rig,
+    handle: Handle,
+    p: FollowParameters,
+) -> Pose:
     """The pose from the markers' pose, if they agree on one, or from the pixels."""
     found = sum(np.isfinite(sight.found[:, 0]).sum() for sight in sights)
     if T is None and found < p.min_found:
@@ -169,16 +196,22 @@ def _pose(images: Sequence[np.ndarray], guess: Guess, sights: tuple[Sight, ...],
     motion = guess.motion
     expected_blur = _expected_blur(motion, p)
     if guess.blurred:
-        fit = fit_patches(images, rig, handle, motion.pose, p.max_slant_deg, motion_blur=expected_blur)
+        fit = fit_patches(
+            images, rig, handle, motion.pose, p.max_slant_deg, motion_blur=expected_blur
+        )
         return _judged(fit, rig, p)
     blurred = may_be_blurred(guess.expected, p) or is_new(motion, p.motion)
     if blurred and _stretched(guess.expected, sights, p):
         return LOST
     if T is not None and p.estimator != BEST:
-        uv = labelled_pixels(labels, tuple(sight.found[:, :2] for sight in sights), len(handle.marker_centres))
+        uv = labelled_pixels(
+            labels, tuple(sight.found[:, :2] for sight in sights), len(handle.marker_centres)
+        )
         pose = _estimated(Identified(images, uv, T, expected_blur), rig, handle, p)
         agreed_rad = np.deg2rad(p.agreed_deg)
-        if pose.T_world_handle is not None and not apart(pose.T_world_handle, T, p.agreed_mm, agreed_rad):
+        if pose.T_world_handle is not None and not apart(
+            pose.T_world_handle, T, p.agreed_mm, agreed_rad
+        ):
             return pose
     fit = fit_patches(images, rig, handle, motion.pose if T is None else T, p.max_slant_deg)
     if blurred and not _still(fit, p):
@@ -187,28 +220,44 @@ def _pose(images: Sequence[np.ndarray], guess: Guess, sights: tuple[Sight, ...],
 
 
 def _expected_blur(motion: Motion, p: FollowParameters) -> tuple[Array, Array]:
-    """The motion expected while the shutter is open, (6,), and its covariance, (6, 6), process noise added to it."""
+    """The motion expected while the shutter is open, (6,), and its covariance, (6, 6), process
+    noise added to it.
+    """
     noise = np.diag(np.repeat([p.rate_noise_mm_s, p.rate_noise_rad_s], 3) ** 2)
-    return p.exposure_s * motion.rates[:6], p.exposure_s**2 * (motion.covariance[6:12, 6:12] + noise)
+    return p.exposure_s * motion.rates[:6], p.exposure_s**2 * (
+        motion.covariance[6:12, 6:12] + noise
+    )
 
 
 def _stretched(expected: Sequence[Expected], sights: Sequence[Sight], p: FollowParameters) -> bool:
     """Whether in some camera most markers are longer than any disc of their size would be."""
-    return any(np.nanmedian(sight.found[:, 2]) > p.blurred_length * one.size_px
-               for one, sight in zip(expected, sights, strict=True) if np.isfinite(sight.found[:, 2]).any())
+    return any(
+        np.nanmedian(sight.found[:, 2]) > p.blurred_length * one.size_px
+        for one, sight in zip(expected, sights, strict=True)
+        if np.isfinite(sight.found[:, 2]).any()
+    )
 
 
 def _still(fit: Fit | None, p: FollowParameters) -> bool:
     """Whether the image model of a handle that is still leaves nothing but noise."""
-    return fit is not None and bool(fit.shown.sum() >= 4 and np.median(fit.misfit[fit.shown]) < p.still_misfit)
+    return fit is not None and bool(
+        fit.shown.sum() >= 4 and np.median(fit.misfit[fit.shown]) < p.still_misfit
+    )
 
 
 def _judged(fit: Fit | None, rig: Rig, p: FollowParameters) -> Pose:
-    """The image model's pose, if in some cameras most of what it predicts is there, and the windows agree on it."""
+    """The image model's pose, if in some cameras most of what it predicts is there, and the windows
+    agree on it.
+    """
     if fit is None:
         return LOST
     cameras = fit.views.camera
-    share = np.array([fit.shown[cameras == c].mean() if (cameras == c).any() else 0.0 for c in range(len(rig.cameras))])
+    share = np.array(
+        [
+            fit.shown[cameras == c].mean() if (cameras == c).any() else 0.0
+            for c in range(len(rig.cameras))
+        ]
+    )
     pose = judged(fit._replace(shown=fit.shown & (share > p.min_shown_share)[cameras]))
     return pose if _sure(pose, p) and pose.residual_px < p.max_fit_residual_px else LOST
 
@@ -220,11 +269,14 @@ def _sure(pose: Pose, p: FollowParameters) -> bool:
 def found_markers(sight: Sight) -> Markers:
     """What a camera shows, with a row for each marker; NaN where there is none."""
     table = sight.found
-    return Markers(frozen(table[:, :2]), frozen(table[:, 2:4]), frozen(table[:, 4]), frozen(table[:, 5]), ())
+    return Markers(
+        frozen(table[:, :2]), frozen(table[:, 2:4]), frozen(table[:, 4]), frozen(table[:, 5]), ()
+    )
 
 
-def _agreed(pixels: Sequence[Array], rig: Rig, handle: Handle, start: RigidTransform,
-            p: FollowParameters) -> tuple[RigidTransform | None, tuple[np.ndarray, ...]]:
+def _agreed(
+    pixels: Sequence[Array], rig: Rig, handle: Handle, start: RigidTransform, p: FollowParameters
+) -> tuple[RigidTransform | None, tuple[np.ndarray, ...]]:
     """The pose that most of the markers agree with, and those that do."""
     uv = ideal_pixels(rig, pixels)
     observed = Observed(views_of(rig), layout_of(handle, p.identity), uv)
@@ -238,14 +290,19 @@ def _agreed(pixels: Sequence[Array], rig: Rig, handle: Handle, start: RigidTrans
         labels = np.where(explained.labels == markers, explained.labels, -1)
     count = int((labels >= 0).sum())
     residual = np.sqrt(np.where(labels >= 0, explained.squares, 0.0).sum() / max(2 * count - 6, 1))
-    if count < 4 or not residual <= p.identity.max_residual_px or not np.isfinite(poses.rotations).all():
+    if (
+        count < 4
+        or not residual <= p.identity.max_residual_px
+        or not np.isfinite(poses.rotations).all()
+    ):
         return None, tuple(labels[0])
     turn = Rotation.from_matrix(poses.rotations[0])
     return RigidTransform.from_components(poses.translations[0], turn), tuple(labels[0])
 
 
 def _estimated(instant: Identified, rig: Rig, handle: Handle, p: FollowParameters) -> Pose:
-    """The pose by the estimator, `LOST` if it is not sure; the paper's without the image model that checks an instant.
+    """The pose by the estimator, `LOST` if it is not sure; the paper's without the image model that
+    checks an instant.
 
     The covariance of the paper's takes in the way to the pose that all pixels agree on.
     """
@@ -259,8 +316,14 @@ def _estimated(instant: Identified, rig: Rig, handle: Handle, p: FollowParameter
     return replace(pose, covariance=pose.covariance + np.outer(away, away))
 
 
-def displacement(images: Sequence[np.ndarray], expected: Sequence[Expected], centre: Array, rig: Rig, handle: Handle,
-                 p: FollowParameters) -> tuple[Array, Array] | None:
+def displacement(
+    images: Sequence[np.ndarray],
+    expected: Sequence[Expected],
+    centre: Array,
+    rig: Rig,
+    handle: Handle,
+    p: FollowParameters,
+) -> tuple[Array, Array] | None:
     """By how much all of the handle has moved from where it was expected, if the cameras agree.
 
     Parameters
@@ -276,7 +339,9 @@ def displacement(images: Sequence[np.ndarray], expected: Sequence[Expected], cen
     (ndarray, ndarray), shapes (3,) and (3, 3), or None
         The shift and its covariance, world frame, mm; None where fewer than two cameras agree.
     """
-    shifts = [_shift(image, one, handle.markers, p) for image, one in zip(images, expected, strict=True)]
+    shifts = [
+        _shift(image, one, handle.markers, p) for image, one in zip(images, expected, strict=True)
+    ]
     seen = [c for c, shift in enumerate(shifts) if shift is not None]
     while len(seen) >= 2:
         J = np.concatenate([_by_position(rig, c, centre) for c in seen])
@@ -297,16 +362,27 @@ def _by_position(rig: Rig, c: int, centre: Array) -> Array:
     return np.nan_to_num((ahead - behind).T)
 
 
-def _shift(image: np.ndarray, expected: Expected, markers: str, p: FollowParameters) -> Array | None:
-    """The shift (2,), px, that puts most of the expected markers on spots; None if nothing stands out."""
+def _shift(
+    image: np.ndarray, expected: Expected, markers: str, p: FollowParameters
+) -> Array | None:
+    """The shift (2,), px, that puts most of the expected markers on spots; None if nothing stands
+    out.
+    """
     uv = expected.uv[np.isfinite(expected.uv).all(axis=1)]
     step = p.search_step_px
     around = Window.around(np.clip(uv, -1e6, 1e6)) if len(uv) >= 2 else None
-    window = around and around.grown(p.search_px + 2 * expected.size_px).clipped((image.shape[1], image.shape[0]))
+    window = around and around.grown(p.search_px + 2 * expected.size_px).clipped(
+        (image.shape[1], image.shape[0])
+    )
     if window is None or min(window.width, window.height) < 2 * step:
         return None
-    small = cv2.resize(window.crop(image).astype(np.float32), None, fx=1 / step, fy=1 / step,
-                       interpolation=cv2.INTER_AREA)
+    small = cv2.resize(
+        window.crop(image).astype(np.float32),
+        None,
+        fx=1 / step,
+        fy=1 / step,
+        interpolation=cv2.INTER_AREA,
+    )
     spots = _spots(small if markers == "bright" else -small, expected.size_px / step)
     if spots.max(initial=0.0) < p.min_response:
         return None
@@ -316,13 +392,20 @@ def _shift(image: np.ndarray, expected: Expected, markers: str, p: FollowParamet
     inside = ((at >= reach) & (at < np.array(padded.shape[::-1]) - reach)).all(axis=1)
     if inside.sum() < 2:
         return None
-    score = np.add.reduce([padded[v - reach:v + reach + 1, u - reach:u + reach + 1] for u, v in at[inside].tolist()])
+    score = np.add.reduce(
+        [
+            padded[v - reach : v + reach + 1, u - reach : u + reach + 1]
+            for u, v in at[inside].tolist()
+        ]
+    )
     v, u = np.unravel_index(score.argmax(), score.shape)
     return step * (np.array([u, v], dtype=float) - reach)
 
 
 def _spots(image: np.ndarray, size: float) -> np.ndarray:
-    """How much a spot of a size stands out from its surroundings, at most as much as half the spots do."""
+    """How much a spot of a size stands out from its surroundings, at most as much as half the spots
+    do.
+    """
     near = cv2.GaussianBlur(image, (0, 0), max(size / 4, 0.6))
     wide = cv2.GaussianBlur(image, (0, 0), max(size, 1.5))
     out = np.maximum(near - wide, 0.0)

@@ -9,11 +9,35 @@ from ..parameters import Parameters
 from .posefilter import PoseFilterParameters
 
 # What the checks of `FollowParameters` share, by the range that a field lies in.
-_POSITIVE = ("still_misfit", "max_fit_residual_px", "max_sigma_mm", "max_sigma_deg", "shift_sigma_px")
-_NOT_NEGATIVE = ("exposure_s", "rate_noise_mm_s", "rate_noise_rad_s", "blurred_px", "blurred_length", "agreed_mm",
-                 "search_px", "min_response", "shift_agreement_px", "gate_all_sigmas", "gate_all_mm",
-                 "gate_some_sigmas", "gate_some_mm")
-_ANGLES_DEG = ("expected_slant_deg", "agreed_deg", "gate_all_deg", "gate_some_deg", "gate_alike_deg")
+_POSITIVE = (
+    "still_misfit",
+    "max_fit_residual_px",
+    "max_sigma_mm",
+    "max_sigma_deg",
+    "shift_sigma_px",
+)
+_NOT_NEGATIVE = (
+    "exposure_s",
+    "rate_noise_mm_s",
+    "rate_noise_rad_s",
+    "blurred_px",
+    "blurred_length",
+    "agreed_mm",
+    "search_px",
+    "min_response",
+    "shift_agreement_px",
+    "gate_all_sigmas",
+    "gate_all_mm",
+    "gate_some_sigmas",
+    "gate_some_mm",
+)
+_ANGLES_DEG = (
+    "expected_slant_deg",
+    "agreed_deg",
+    "gate_all_deg",
+    "gate_some_deg",
+    "gate_alike_deg",
+)
 
 
 @dataclass(frozen=True)
@@ -28,7 +52,8 @@ class FollowParameters(Parameters):
     expected_slant_deg : float
         Markers turned further away are not looked for.
     rate_noise_mm_s, rate_noise_rad_s : float
-        Process noise of the motion within the exposure: added to the standard deviations of the predicted rates.
+        Process noise of the motion within the exposure: added to the standard deviations of the
+        predicted rates.
     blurred_px : float
         Motion within the exposure from which on a marker may show motion blur.
     blurred_length : float
@@ -40,7 +65,8 @@ class FollowParameters(Parameters):
     max_sigma_mm, max_sigma_deg : float
         Largest standard deviations of a measured pose: four of them are 2 mm and 5 deg.
     agreed_mm, agreed_deg : float
-        Distance and angle by which an estimator's pose may differ from that on which the markers agree.
+        Distance and angle by which an estimator's pose may differ from that on which the markers
+        agree.
     min_found : int
         Found markers in all cameras from which on pixels are fitted.
     min_shown_share : float
@@ -56,12 +82,13 @@ class FollowParameters(Parameters):
     shift_agreement_px : float
         Distance within which the cameras' shifts must agree on one motion of the handle.
     gate_all_sigmas, gate_all_mm, gate_all_deg : float
-        Gate of a pose that all cameras show: distance and angle from the prediction, in its standard deviations, and
-        what is added to them.
+        Gate of a pose that all cameras show: distance and angle from the prediction, in its
+        standard deviations, and what is added to them.
     gate_some_sigmas, gate_some_mm, gate_some_deg : float
         The same where a camera does not show it.
     gate_alike_deg : float
-        Largest angle of either gate for a handle that looks alike from several sides: the paper's after 60 deg.
+        Largest angle of either gate for a handle that looks alike from several sides: the paper's
+        after 60 deg.
     """
 
     motion: PoseFilterParameters = field(default_factory=PoseFilterParameters)
@@ -106,5 +133,7 @@ class FollowParameters(Parameters):
 
     @property
     def checked(self) -> FollowParameters:
-        """With the paper's poses checked against the pixels: a track must not begin at a wrong one."""
+        """With the paper's poses checked against the pixels: a track must not begin at a wrong
+        one.
+        """
         return replace(self, estimator="paper_checked") if self.estimator == "paper" else self

@@ -1,8 +1,10 @@
-"""A filter for the handle's pose: position and orientation with their rates, driven by a white jerk.
+"""A filter for the handle's pose: position and orientation with their rates, driven by a white
+jerk.
 
-The model of `kalman` with 18 numbers: a small motion away from the pose that is believed, its rate and the rate's rate.
-After each step the motion goes into the pose and is zero again (the error-state filter, Sola 2017, arXiv:1711.02508),
-so that no orientation is ever far from where its three angles are small.
+The model of `kalman` with 18 numbers: a small motion away from the pose that is believed, its rate
+and the rate's rate. After each step the motion goes into the pose and is zero again (the
+error-state filter, Sola 2017, arXiv:1711.02508), so that no orientation is ever far from where its
+three angles are small.
 """
 
 from __future__ import annotations
@@ -30,8 +32,9 @@ class PoseFilterParameters:
     Attributes
     ----------
     jerk_mm, jerk_rad : float
-        Intensity of the white jerk, mm^2/s^5 and rad^2/s^5. The first is the most likely one under motions drawn like
-        a person's, the second under a recording of a real hand (`python -m trinolab.studies.tuning`), rounded.
+        Intensity of the white jerk, mm^2/s^5 and rad^2/s^5. The first is the most likely one under
+        motions drawn like a person's, the second under a recording of a real hand (`python -m
+        trinolab.studies.tuning`), rounded.
     speed_mm_s, turn_rad_s : float
         Standard deviations of the rates at the start.
     floor_mm, floor_rad : float
@@ -79,7 +82,8 @@ def begin(t_s: float, pose: RigidTransform, covariance: Array, p: PoseFilterPara
     rates = np.repeat([p.speed_mm_s, p.turn_rad_s], 3)
     spread = np.zeros((18, 18))
     spread[:6, :6] = covariance + _floor(p)
-    spread[range(6, 18), range(6, 18)] = np.concatenate([rates, 10 * rates]) ** 2  # from rest within 0.1 s
+    # from rest within 0.1 s
+    spread[range(6, 18), range(6, 18)] = np.concatenate([rates, 10 * rates]) ** 2
     return Motion(t_s, pose, np.zeros(12), spread)
 
 
@@ -89,44 +93,63 @@ def is_new(motion: Motion, p: PoseFilterParameters) -> bool:
 
 
 def predict(motion: Motion, t_s: float, p: PoseFilterParameters) -> Motion:
-    """Carry a motion on to a later time (Eq. 9, 10, of 18 numbers). Raises ValueError if the time does not increase."""
-    F, Q = _model(as_number(t_s - motion.t_s, "t_s", low=kalman.MIN_DT_S, high=1e6), p.jerk_mm, p.jerk_rad)
+    """Carry a motion on to a later time (Eq. 9, 10, of 18 numbers). Raises ValueError if the time
+    does not increase.
+    """
+    F, Q = _model(
+        as_number(t_s - motion.t_s, "t_s", low=kalman.MIN_DT_S, high=1e6), p.jerk_mm, p.jerk_rad
+    )
     x, P = kalman.propagate(_state(motion), motion.covariance, F, Q)
     return Motion(t_s, shifted(motion.pose, x[:6]), x[6:], P)
 
 
-def update(motion: Motion, pose: RigidTransform, covariance: Array, p: PoseFilterParameters) -> Motion:
+def update(
+    motion: Motion, pose: RigidTransform, covariance: Array, p: PoseFilterParameters
+) -> Motion:
     """Correct a predicted motion by a measured pose with its covariance (6, 6) (Eq. 13-15)."""
-    x, P, z, R = _state(motion), motion.covariance, motion_between(pose, motion.pose), covariance + _floor(p)
+    x = _state(motion)
+    P = motion.covariance
+    z = motion_between(pose, motion.pose)
+    R = covariance + _floor(p)
     r, S = kalman.compare(x, P, z, H, R)
     x, P = kalman.correct(x, P, r, S, H, R)
     return Motion(motion.t_s, shifted(motion.pose, x[:6]), x[6:], P)
 
 
-def restarted(motion: Motion, position: Array, covariance: Array, seen: Motion, p: PoseFilterParameters) -> Motion:
+def restarted(
+    motion: Motion, position: Array, covariance: Array, seen: Motion, p: PoseFilterParameters
+) -> Motion:
     """A motion that is elsewhere than predicted, at a position (3,), mm, with a covariance (3, 3).
 
-    Its velocity is the way since it was seen. The orientation and what is known of it stay as predicted.
+    Its velocity is the way since it was seen. The orientation and what is known of it stay as
+    predicted.
     """
     there = RigidTransform.from_components(position, motion.pose.rotation)
     begun = begin(motion.t_s, there, block_diag(covariance, np.zeros((3, 3))), p)
-    rates, spread = motion.rates.copy(), begun.covariance.copy()
-    rates[:3], rates[6:9] = (position - seen.pose.translation) / (motion.t_s - seen.t_s), 0.0
+    rates = motion.rates.copy()
+    spread = begun.covariance.copy()
+    rates[:3] = (position - seen.pose.translation) / (motion.t_s - seen.t_s)
+    rates[6:9] = 0.0
     turning = np.r_[3:6, 9:12, 15:18]
     spread[np.ix_(turning, turning)] = motion.covariance[np.ix_(turning, turning)]
     return Motion(motion.t_s, there, rates, spread)
 
 
 def nis(motion: Motion, pose: RigidTransform, covariance: Array, p: PoseFilterParameters) -> float:
-    """The normalised innovation squared of a measured pose: chi-square with six degrees of freedom if all holds."""
-    z, R = motion_between(pose, motion.pose), covariance + _floor(p)
+    """The normalised innovation squared of a measured pose: chi-square with six degrees of freedom
+    if all holds.
+    """
+    z = motion_between(pose, motion.pose)
+    R = covariance + _floor(p)
     r, S = kalman.compare(_state(motion), motion.covariance, z, H, R)
     return float(r @ np.linalg.solve(S, r))
 
 
 @lru_cache(maxsize=4096)
 def transition(dt: float, fading_s: float = np.inf) -> Array:
-    """Phi of one coordinate, (x, v, a), over a time dt, s, with an acceleration that fades, shape (3, 3) (Eq. 11)."""
+    """Phi of one coordinate, (x, v, a), over a time dt, s, with an acceleration that fades, shape
+    (3, 3) (Eq. 11).
+    """
     if np.isinf(fading_s):
         return frozen(np.array([[1, dt, dt**2 / 2], [0, 1, dt], [0, 0, 1]]))
     share = dt / fading_s
@@ -137,7 +160,9 @@ def transition(dt: float, fading_s: float = np.inf) -> Array:
 
 @lru_cache(maxsize=64)
 def _model(dt: float, jerk_mm: float, jerk_rad: float) -> tuple[Array, Array]:
-    """Phi and Q of the 18 numbers, (18, 18) each (Eq. 10, 11); a hand's acceleration does not last (Singer 1970)."""
+    """Phi and Q of the 18 numbers, (18, 18) each (Eq. 10, 11); a hand's acceleration does not last
+    (Singer 1970).
+    """
     F = np.kron(transition(dt, FADING_S), np.eye(6))
     Q = np.kron(kalman.white_jerk(dt, 1.0)[::2, ::2], np.diag(np.repeat([jerk_mm, jerk_rad], 3)))
     return F.astype(float), Q.astype(float)

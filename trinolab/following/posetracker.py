@@ -1,8 +1,9 @@
-"""The handle followed through a sequence by a filter on its pose: look where it is expected, else everywhere.
+"""The handle followed through a sequence by a filter on its pose: look where it is expected, else
+everywhere.
 
-The paper's windows follow what moves in each image (`tracker.step`); here they are the projections of one predicted
-pose, so that a camera that is covered for a while, or sees a hand move, knows where to look all the same. No background
-is needed: what is no marker in its place is no marker.
+The paper's windows follow what moves in each image (`tracker.step`); here they are the projections
+of one predicted pose, so that a camera that is covered for a while, or sees a hand move, knows
+where to look all the same. No background is needed: what is no marker in its place is no marker.
 """
 
 from __future__ import annotations
@@ -25,7 +26,16 @@ from ..pose import LOST, Pose
 from ..rigid import apart
 from ..window import Window
 from . import posefilter
-from .look import Expected, Followed, Guess, displacement, expect, follow, found_markers, may_be_blurred
+from .look import (
+    Expected,
+    Followed,
+    Guess,
+    displacement,
+    expect,
+    follow,
+    found_markers,
+    may_be_blurred,
+)
 from .parameters import FollowParameters
 from .posefilter import Motion, PoseFilterParameters
 
@@ -52,7 +62,9 @@ class TrackState(NamedTuple):
 
 
 class Tracked(NamedTuple):
-    """One instant of a track: the measurement, and the windows that were searched, None where a camera was left out."""
+    """One instant of a track: the measurement, and the windows that were searched, None where a
+    camera was left out.
+    """
 
     measurement: Measurement
     windows: tuple[Window | None, ...]
@@ -76,13 +88,20 @@ def start(t_s: float, pose: RigidTransform | None = None) -> TrackState:
     t = as_number(t_s, "t_s")
     if pose is None:
         return TrackState(t, None, None, False)
-    given = posefilter.begin(t, as_transform(pose, "pose"), np.diag([25.0] * 3 + [0.01] * 3), PoseFilterParameters())
+    given = posefilter.begin(
+        t, as_transform(pose, "pose"), np.diag([25.0] * 3 + [0.01] * 3), PoseFilterParameters()
+    )
     return TrackState(t, given, given, True)
 
 
-def track_instants(instants: Iterable[Frames], rig: Rig, handle: Handle, parameters: FollowParameters | None = None,
-                   known: Mapping[int, RigidTransform] | None = None,
-                   state: TrackState | None = None) -> Iterator[tuple[Frames, Tracked]]:
+def track_instants(
+    instants: Iterable[Frames],
+    rig: Rig,
+    handle: Handle,
+    parameters: FollowParameters | None = None,
+    known: Mapping[int, RigidTransform] | None = None,
+    state: TrackState | None = None,
+) -> Iterator[tuple[Frames, Tracked]]:
     """Take the steps of a whole sequence: each instant with what was found in it.
 
     Parameters
@@ -93,7 +112,8 @@ def track_instants(instants: Iterable[Frames], rig: Rig, handle: Handle, paramet
     parameters : FollowParameters, optional
         As for `step`.
     known : mapping of int to RigidTransform, optional
-        T_world_handle at some frames. They count as long as it is not sure which of the poses that look alike holds.
+        T_world_handle at some frames. They count as long as it is not sure which of the poses that
+        look alike holds.
     state : TrackState, optional
         After an instant before the first one; nothing is known without it.
 
@@ -105,15 +125,22 @@ def track_instants(instants: Iterable[Frames], rig: Rig, handle: Handle, paramet
     given = known or {}
     for now in instants:
         if now.frame in given and (state is None or not state.sure):
-            state = start(np.nextafter(now.t_s, -np.inf) - 1e-6, given[now.frame])  # the time has to increase
+            # the time has to increase
+            state = start(np.nextafter(now.t_s, -np.inf) - 1e-6, given[now.frame])
         elif state is None:
             state = start(now.t_s - 1.0)
         state, tracked = step(state, now.images, now.t_s, rig, handle, parameters)
         yield now, tracked
 
 
-def step(state: TrackState, frames: Sequence[ArrayLike], t_s: float, rig: Rig, handle: Handle,
-         parameters: FollowParameters | None = None) -> tuple[TrackState, Tracked]:
+def step(
+    state: TrackState,
+    frames: Sequence[ArrayLike],
+    t_s: float,
+    rig: Rig,
+    handle: Handle,
+    parameters: FollowParameters | None = None,
+) -> tuple[TrackState, Tracked]:
     """One instant of a sequence.
 
     Parameters
@@ -133,8 +160,9 @@ def step(state: TrackState, frames: Sequence[ArrayLike], t_s: float, rig: Rig, h
     -------
     state : TrackState
     tracked : Tracked
-        With a pose ``measured``; ``ambiguous`` where the handle looks alike from several sides and has been lost since
-        it was known which; ``predicted`` for `memory_s` after the last measurement; else `LOST`.
+        With a pose ``measured``; ``ambiguous`` where the handle looks alike from several sides and
+        has been lost since it was known which; ``predicted`` for `memory_s` after the last
+        measurement; else `LOST`.
 
     Raises
     ------
@@ -154,7 +182,9 @@ def step(state: TrackState, frames: Sequence[ArrayLike], t_s: float, rig: Rig, h
         followed = follow(images, guess, rig, handle, p)
         tried.append(followed)
         pose = followed.pose
-        if pose.cameras >= max(guess.min_cameras, cameras + 1) and believable(pose, guess.motion, rig, handle, p):
+        if pose.cameras >= max(guess.min_cameras, cameras + 1) and believable(
+            pose, guess.motion, rig, handle, p
+        ):
             best = followed, guess.motion
             cameras = pose.cameras
             if 2 * cameras >= len(rig.cameras):
@@ -167,12 +197,20 @@ def step(state: TrackState, frames: Sequence[ArrayLike], t_s: float, rig: Rig, h
     return state._replace(t_s=t, motion=predicted), _missed(tried[0], predicted, state.sure, handle)
 
 
-def _guesses(images: list[np.ndarray], predicted: Motion, seen: Motion, rig: Rig, handle: Handle,
-             p: FollowParameters) -> Iterator[Guess]:
-    """Where the handle may be: as predicted; shifted from there, or from where it was; anywhere in the images.
+def _guesses(
+    images: list[np.ndarray],
+    predicted: Motion,
+    seen: Motion,
+    rig: Rig,
+    handle: Handle,
+    p: FollowParameters,
+) -> Iterator[Guess]:
+    """Where the handle may be: as predicted; shifted from there, or from where it was; anywhere in
+    the images.
 
-    The handle as one that moves while the shutter is open takes longer, and comes after the guesses that are quick.
-    With an unknown velocity two cameras have to show it: one image alone is explained by some motion blur.
+    The handle as one that moves while the shutter is open takes longer, and comes after the guesses
+    that are quick. With an unknown velocity two cameras have to show it: one image alone is
+    explained by some motion blur.
     """
     first = Guess(predicted, expect(rig, handle, predicted, p))
     yield first
@@ -194,44 +232,67 @@ def _guesses(images: list[np.ndarray], predicted: Motion, seen: Motion, rig: Rig
         yield there._replace(blurred=True)
 
 
-def _in_any_direction(motion: Motion, rig: Rig, p: FollowParameters, directions: int = 4) -> list[Motion]:
-    """A motion of unknown velocity with one across the first camera's sight, in directions half a turn around.
+def _in_any_direction(
+    motion: Motion, rig: Rig, p: FollowParameters, directions: int = 4
+) -> list[Motion]:
+    """A motion of unknown velocity with one across the first camera's sight, in directions half a
+    turn around.
 
-    Motion blur looks the same both ways, and tells of its direction by itself if the fit begins with one.
+    Motion blur looks the same both ways, and tells of its direction by itself if the fit begins
+    with one.
     """
     across = rig.cameras[0].T_world_cam.as_matrix()[:3, :2]
     angles = np.pi / directions * np.arange(directions)
     velocities = p.motion.speed_mm_s * (across @ [np.cos(angles), np.sin(angles)]).T
-    return [motion._replace(rates=np.concatenate([velocity, np.zeros(9)])) for velocity in velocities]
+    return [
+        motion._replace(rates=np.concatenate([velocity, np.zeros(9)])) for velocity in velocities
+    ]
 
 
-def _displaced(images: list[np.ndarray], predicted: Guess, seen: Motion, rig: Rig, handle: Handle,
-               p: FollowParameters) -> Iterator[Motion]:
-    """The predicted motion shifted to where the images have the handle, from there and from where it was seen."""
+def _displaced(
+    images: list[np.ndarray],
+    predicted: Guess,
+    seen: Motion,
+    rig: Rig,
+    handle: Handle,
+    p: FollowParameters,
+) -> Iterator[Motion]:
+    """The predicted motion shifted to where the images have the handle, from there and from where
+    it was seen.
+    """
     motion = predicted.motion
     places: list[tuple[RigidTransform, list[Expected]]] = [
-        (motion.pose, predicted.expected), (seen.pose, expect(rig, handle, motion._replace(pose=seen.pose), p))]
+        (motion.pose, predicted.expected),
+        (seen.pose, expect(rig, handle, motion._replace(pose=seen.pose), p)),
+    ]
     for pose, expected in places:
         shift = displacement(images, expected, pose.translation, rig, handle, p)
         if shift is not None:
-            yield posefilter.restarted(motion, pose.translation + shift[0], shift[1], seen, p.motion)
+            yield posefilter.restarted(
+                motion, pose.translation + shift[0], shift[1], seen, p.motion
+            )
 
 
 def _tracked(followed: Followed, pose: Pose, labels: tuple[np.ndarray, ...]) -> Tracked:
     """What was found where a guess has the handle, with the pose that is reported."""
     found = tuple(map(found_markers, followed.sights))
-    return Tracked(Measurement(pose, found, labels), tuple(sight.window for sight in followed.sights))
+    return Tracked(
+        Measurement(pose, found, labels), tuple(sight.window for sight in followed.sights)
+    )
 
 
 def _missed(followed: Followed, motion: Motion, sure: bool, handle: Handle) -> Tracked:
-    """An instant without a measurement: the predicted pose, with what is seen where it has the handle."""
+    """An instant without a measurement: the predicted pose, with what is seen where it has the
+    handle.
+    """
     pose = Pose("predicted", motion.pose, motion.pose_covariance, np.nan, 0, 0)
     nothing = tuple(np.full(len(labels), -1) for labels in followed.labels)
     return _reported(_tracked(followed, pose, nothing), sure, handle)
 
 
-def _measured(followed: Followed, motion: Motion, sure: bool, handle: Handle,
-              p: FollowParameters) -> tuple[TrackState, Tracked]:
+def _measured(
+    followed: Followed, motion: Motion, sure: bool, handle: Handle, p: FollowParameters
+) -> tuple[TrackState, Tracked]:
     """The state after a pose that continues the motion."""
     pose = followed.pose
     assert pose.T_world_handle is not None
@@ -240,8 +301,9 @@ def _measured(followed: Followed, motion: Motion, sure: bool, handle: Handle,
     return TrackState(motion.t_s, after, after, sure), tracked
 
 
-def _sought(images: list[np.ndarray], t: float, rig: Rig, handle: Handle,
-            p: FollowParameters) -> tuple[TrackState, Tracked]:
+def _sought(
+    images: list[np.ndarray], t: float, rig: Rig, handle: Handle, p: FollowParameters
+) -> tuple[TrackState, Tracked]:
     """The handle looked for in whole images, with nothing known."""
     measurement = measure(images, rig, handle, None, p)
     tracked = Tracked(measurement, tuple(Window(0, 0, *camera.size) for camera in rig.cameras))
@@ -254,13 +316,19 @@ def _sought(images: list[np.ndarray], t: float, rig: Rig, handle: Handle,
 
 
 def believable(pose: Pose, motion: Motion, rig: Rig, handle: Handle, p: FollowParameters) -> bool:
-    """Whether a measured pose may be the continuation of a motion; the less, the fewer cameras say so."""
+    """Whether a measured pose may be the continuation of a motion; the less, the fewer cameras say
+    so.
+    """
     if pose.status != "measured" or pose.T_world_handle is None:
         return False
     if pose.cameras == len(rig.cameras):
-        sigmas, step_mm, step_deg = p.gate_all_sigmas, p.gate_all_mm, p.gate_all_deg
+        sigmas = p.gate_all_sigmas
+        step_mm = p.gate_all_mm
+        step_deg = p.gate_all_deg
     else:
-        sigmas, step_mm, step_deg = p.gate_some_sigmas, p.gate_some_mm, p.gate_some_deg
+        sigmas = p.gate_some_sigmas
+        step_mm = p.gate_some_mm
+        step_deg = p.gate_some_deg
     spread = motion.pose_covariance
     most_mm = sigmas * np.sqrt(np.trace(spread[:3, :3])) + step_mm
     most_rad = sigmas * np.sqrt(np.trace(spread[3:, 3:])) + np.deg2rad(step_deg)
@@ -270,7 +338,9 @@ def believable(pose: Pose, motion: Motion, rig: Rig, handle: Handle, p: FollowPa
 
 
 def _reported(tracked: Tracked, sure: bool, handle: Handle) -> Tracked:
-    """As it is if it is sure which of the equivalent poses holds, else with the one that `measure` would name."""
+    """As it is if it is sure which of the equivalent poses holds, else with the one that `measure`
+    would name.
+    """
     m = tracked.measurement
     pose = m.pose
     if sure or pose is LOST or pose.T_world_handle is None or len(handle.symmetries) == 1:

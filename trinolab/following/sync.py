@@ -1,18 +1,19 @@
 """How far the clocks of unsynchronised cameras lie apart, from the motion that they saw.
 
-A camera's frame labelled t shows what happened at t + offset. Two cameras a and b see a moving marker where the
-epipolar constraint allows it only if both look at one moment, so b's pixel is taken at t + delta, delta = offset_a -
-offset_b, from a spline through its frames:
+A camera's frame labelled t shows what happened at t + offset. Two cameras a and b see a moving
+marker where the epipolar constraint allows it only if both look at one moment, so b's pixel is
+taken at t + delta, delta = offset_a - offset_b, from a spline through its frames:
 
     r(delta) = Sampson distance of a's pixel at t and b's pixel at t + delta,    r' = dr/d delta = g . v_b
 
-with g the distance's gradient by b's pixel and v_b the pixel's velocity. A constant is fitted too, for a calibration
-that is slightly off: r and r' stand for what differs from their means. The least sum of squares is found by Gauss and
-Newton's steps -sum(r r') / sum(r'^2). The variance of delta is s^2 / sum(r'^2) for independent residuals of variance
-s^2; or, as errors of the calibration make neighbours alike, the sum over stretches of time of (sum of r r' there)^2,
-by sum(r'^2)^2, if that is more. Where little moves across the epipolar lines r' is the noise of the velocity, which
-says nothing. Each pair's sum of squares depends on its delta alone: to join the pairs by weighted least squares is to
-fit one offset a camera to all.
+with g the distance's gradient by b's pixel and v_b the pixel's velocity. A constant is fitted too,
+for a calibration that is slightly off: r and r' stand for what differs from their means. The least
+sum of squares is found by Gauss and Newton's steps -sum(r r') / sum(r'^2). The variance of delta is
+s^2 / sum(r'^2) for independent residuals of variance s^2; or, as errors of the calibration make
+neighbours alike, the sum over stretches of time of (sum of r r' there)^2, by sum(r'^2)^2, if that
+is more. Where little moves across the epipolar lines r' is the noise of the velocity, which says
+nothing. Each pair's sum of squares depends on its delta alone: to join the pairs by weighted least
+squares is to fit one offset a camera to all.
 """
 
 from __future__ import annotations
@@ -31,7 +32,8 @@ LARGEST_S = 0.2  # largest offset that is looked for
 GAP_S = 0.1  # longest gap over which a track is interpolated
 LEAST = 20  # smallest number of residuals for an offset
 STRETCH = 10  # instants whose residuals may be correlated
-# Noise of the velocity of a cubic spline between its knots, at most: sigma of the velocity x step / sigma of a sample.
+# Noise of the velocity of a cubic spline between its knots, at most: sigma of the velocity x step /
+# sigma of a sample.
 VELOCITY_NOISE = 1.8
 UNSEEN = "no markers in common with another camera"
 RESTING = "too little motion across the epipolar lines"
@@ -45,8 +47,8 @@ class Offsets:
     Attributes
     ----------
     offset_s : ndarray, shape (cameras,)
-        A frame labelled t shows what the first camera shows at t + offset; NaN where the data do not tell, 0 for the
-        first camera.
+        A frame labelled t shows what the first camera shows at t + offset; NaN where the data do
+        not tell, 0 for the first camera.
     sigma_s : ndarray, shape (cameras,)
         Standard deviations; NaN and 0 likewise.
     reasons : tuple of (str or None)
@@ -67,7 +69,9 @@ class Delta(NamedTuple):
 
 
 class Track(NamedTuple):
-    """A marker in one camera between two gaps: a spline of its ideal pixels over the labels from `first` to `last`."""
+    """A marker in one camera between two gaps: a spline of its ideal pixels over the labels from
+    `first` to `last`.
+    """
 
     marker: int
     first: float
@@ -102,13 +106,18 @@ def estimate_offsets(times_s: ArrayLike, uv: ArrayLike, rig: Rig) -> Offsets:
     pixels = as_array(uv, "uv", (len(rig.cameras), len(times), None, 2), finite=False)
     ideal = np.stack([_ideal(*pair) for pair in zip(rig.cameras, pixels, strict=True)])
     tracks = [tracks_of(times, one) for one in ideal]
-    deltas = {(a, b): pair_delta(times, ideal[a], tracks[b], fundamental_matrix(rig.cameras[a], rig.cameras[b]))
-              for a, b in rig.pairs}
+    deltas = {
+        (a, b): pair_delta(
+            times, ideal[a], tracks[b], fundamental_matrix(rig.cameras[a], rig.cameras[b])
+        )
+        for a, b in rig.pairs
+    }
     return join(deltas, len(rig.cameras))
 
 
 def significant(found: Offsets, sigmas: float = 5.0, least_s: float = 1e-3) -> np.ndarray:
-    """Whether each camera's offset is more than `sigmas` standard deviations and more than `least_s`, bool (cameras,).
+    """Whether each camera's offset is more than `sigmas` standard deviations and more than
+    `least_s`, bool (cameras,).
 
     Never for NaN. Raises ValueError for a limit that is no number or negative.
     """
@@ -119,13 +128,22 @@ def significant(found: Offsets, sigmas: float = 5.0, least_s: float = 1e-3) -> n
 
 
 def tracks_of(times: Array, uv: Array, gap_s: float = GAP_S) -> list[Track]:
-    """Splines of a camera's markers, uv (n, markers, 2), one for each stretch of four or more without a long gap."""
+    """Splines of a camera's markers, uv (n, markers, 2), one for each stretch of four or more
+    without a long gap.
+    """
     found = []
     for marker in range(uv.shape[1]):
         at = np.flatnonzero(np.isfinite(uv[:, marker]).all(axis=1))
         for run in np.split(at, 1 + np.flatnonzero(np.diff(times[at]) > gap_s)):
             if len(run) >= 4:
-                found.append(Track(marker, times[run[0]], times[run[-1]], CubicSpline(times[run], uv[run, marker])))
+                found.append(
+                    Track(
+                        marker,
+                        times[run[0]],
+                        times[run[-1]],
+                        CubicSpline(times[run], uv[run, marker]),
+                    )
+                )
     return found
 
 
@@ -146,7 +164,9 @@ def pair_delta(times: Array, uv_a: Array, tracks_b: list[Track], F: Array) -> De
         return Delta(np.nan, np.nan, UNSEEN)
     delta = float(grid[np.nanargmin(cost)])
     for _ in range(10):
-        step, sigma, moves = _step(*residuals(delta, times, uv_a, tracks_b, F), float(np.median(np.diff(times))))
+        step, sigma, moves = _step(
+            *residuals(delta, times, uv_a, tracks_b, F), float(np.median(np.diff(times)))
+        )
         if not moves:
             differs = abs(delta) > 0.9 * LARGEST_S and np.nanmax(cost) > 2 * np.nanmin(cost) + 1e-6
             return Delta(np.nan, np.nan, BEYOND if differs else RESTING)
@@ -156,9 +176,12 @@ def pair_delta(times: Array, uv_a: Array, tracks_b: list[Track], F: Array) -> De
     return Delta(delta, sigma, None)
 
 
-def residuals(delta: float, times: Array, uv_a: Array, tracks_b: list[Track], F: Array
-              ) -> tuple[Array, Array, np.ndarray]:
-    """Signed Sampson distances (px) for a delta (s), their derivatives (px/s), and their instants; shapes (k,)."""
+def residuals(
+    delta: float, times: Array, uv_a: Array, tracks_b: list[Track], F: Array
+) -> tuple[Array, Array, np.ndarray]:
+    """Signed Sampson distances (px) for a delta (s), their derivatives (px/s), and their instants;
+    shapes (k,).
+    """
     parts = []
     for track in tracks_b:
         inside = (times + delta >= track.first) & (times + delta <= track.last)
@@ -173,10 +196,11 @@ def residuals(delta: float, times: Array, uv_a: Array, tracks_b: list[Track], F:
 
 
 def sampson(uv_a: Array, uv_b: Array, F: Array) -> tuple[Array, Array]:
-    """Signed Sampson distances of matches, shape (k,), px, and their gradients by uv_b, shape (k, 2).
+    """Signed Sampson distances of matches, shape (k,), px, and their gradients by uv_b, shape (k,
+    2).
 
-    To first order how far the two pixels must move to match (Hartley and Zisserman 2004, sect. 11.4.3); the gradient
-    leaves out that of the denominator, which is small where the distance is.
+    To first order how far the two pixels must move to match (Hartley and Zisserman 2004, sect.
+    11.4.3); the gradient leaves out that of the denominator, which is small where the distance is.
     """
     a = np.column_stack([uv_a, np.ones(len(uv_a))])
     b = np.column_stack([uv_b, np.ones(len(uv_b))])
@@ -187,7 +211,8 @@ def sampson(uv_a: Array, uv_b: Array, F: Array) -> tuple[Array, Array]:
 
 
 def join(deltas: dict[tuple[int, int], Delta], cameras: int) -> Offsets:
-    """One offset a camera from the pairs' deltas, by weighted least squares; NaN where no pairs lead to the first.
+    """One offset a camera from the pairs' deltas, by weighted least squares; NaN where no pairs
+    lead to the first.
 
     Where the pairs contradict each other more than their standard deviations allow, these grow.
     """
@@ -206,7 +231,9 @@ def join(deltas: dict[tuple[int, int], Delta], cameras: int) -> Offsets:
         offset[unknown] = covariance @ (A.T @ (y / s**2))
         excess = (((y - A @ offset[unknown]) / s) ** 2).sum() / max(len(y) - len(unknown), 1)
         sigma[unknown] = np.sqrt(np.diag(covariance) * max(excess, 1.0))
-    return Offsets(frozen(offset), frozen(sigma), tuple(_reason(c, deltas, reached) for c in range(cameras)))
+    return Offsets(
+        frozen(offset), frozen(sigma), tuple(_reason(c, deltas, reached) for c in range(cameras))
+    )
 
 
 def _reason(camera: int, deltas: dict[tuple[int, int], Delta], reached: set[int]) -> str | None:
@@ -227,12 +254,15 @@ def _typical(r: Array) -> float:
 
 
 def _step(r: Array, slope: Array, at: np.ndarray, dt: float) -> tuple[float, float, bool]:
-    """Gauss and Newton's step (s), its standard deviation (s), and whether the slopes are more than noise."""
+    """Gauss and Newton's step (s), its standard deviation (s), and whether the slopes are more than
+    noise.
+    """
     if len(r) < LEAST:
         return 0.0, np.nan, False
     r = r - np.median(r)
     spread = max(1.4826 * _typical(r), 1e-9)
-    w = np.minimum(1.0, 3 * spread / np.maximum(np.abs(r), 1e-12))  # a wrong identity counts for little
+    # a wrong identity counts for little
+    w = np.minimum(1.0, 3 * spread / np.maximum(np.abs(r), 1e-12))
     slope = slope - (w * slope).sum() / w.sum()
     r = r - (w * r).sum() / w.sum()
     s2 = float((w * r**2).sum() / w.sum())

@@ -1,4 +1,6 @@
-"""What `trinolab track` does: a recording in, a pose file out, row by row, so that an interruption loses nothing."""
+"""What `trinolab track` does: a recording in, a pose file out, row by row, so that an interruption
+loses nothing.
+"""
 
 from __future__ import annotations
 
@@ -21,7 +23,16 @@ from ..camera import Rig
 from ..checks import Array
 from ..files.kept import KeptLines
 from ..files.outputs import check_targets, write_together
-from ..files.poses import POSE_COLUMNS, STATUSES, pose_row, poses_by_frame, poses_text, read_poses, transforms, tum_text
+from ..files.poses import (
+    POSE_COLUMNS,
+    STATUSES,
+    pose_row,
+    poses_by_frame,
+    poses_text,
+    read_poses,
+    transforms,
+    tum_text,
+)
 from ..files.recording import Recording, instants, open_folder, open_recording
 from ..files.rigs import read_handle, read_rig
 from ..files.video import Film
@@ -50,12 +61,22 @@ class Job(NamedTuple):
     known: Mapping[int, RigidTransform]
 
 
-def track_files(rig: str | Path, handle: str | Path, sources: Mapping[str, str | Path], out: str | Path,
-                start: str | Path | None = None, overlay: str | Path | None = None, fps: float = 30.0,
-                timestamps: str | Path | None = None, method: str = "best", progress: bool = True) -> pd.DataFrame:
+def track_files(
+    rig: str | Path,
+    handle: str | Path,
+    sources: Mapping[str, str | Path],
+    out: str | Path,
+    start: str | Path | None = None,
+    overlay: str | Path | None = None,
+    fps: float = 30.0,
+    timestamps: str | Path | None = None,
+    method: str = "best",
+    progress: bool = True,
+) -> pd.DataFrame:
     """Follow the handle through videos or image folders, and write its poses.
 
-    Rows are kept in a file beside `out` as they come. The same call goes on where an interrupted one has stopped.
+    Rows are kept in a file beside `out` as they come. The same call goes on where an interrupted
+    one has stopped.
 
     Parameters
     ----------
@@ -66,7 +87,8 @@ def track_files(rig: str | Path, handle: str | Path, sources: Mapping[str, str |
     out : path
         CSV of poses to write; TUM beside it, with the suffix ``.tum``.
     start : path, optional
-        CSV of poses known at some frames: at the first one for a handle that looks alike from several sides.
+        CSV of poses known at some frames: at the first one for a handle that looks alike from
+        several sides.
     overlay : path, optional
         A .webm video (VP9) of what was found, from the frame with which this call began.
     fps : float
@@ -86,8 +108,8 @@ def track_files(rig: str | Path, handle: str | Path, sources: Mapping[str, str |
     Raises
     ------
     ValueError
-        Names the file that is missing, unreadable or does not fit, or whose rows another process tracks. Rows that are
-        finished are kept.
+        Names the file that is missing, unreadable or does not fit, or whose rows another process
+        tracks. Rows that are finished are kept.
     KeyboardInterrupt
         Says how many rows are kept.
     """
@@ -96,7 +118,8 @@ def track_files(rig: str | Path, handle: str | Path, sources: Mapping[str, str |
     parameters = FollowParameters(estimator=estimator_of(method))
     job = Job(recording, read_handle(handle), parameters, _known(start, recording))
     files = [Path(path) for path in (rig, handle, start, timestamps) if path is not None]
-    tum, film = Path(out).with_suffix(".tum"), None if overlay is None else Film(overlay, recording.rate)
+    tum = Path(out).with_suffix(".tum")
+    film = None if overlay is None else Film(overlay, recording.rate)
     check_targets([out, tum, *([overlay] if overlay else [])], files)
     made_from = fingerprint(files, sources, start is None, timestamps is None, fps, method)
     with Rows(Path(f"{out}{PARTIAL}"), made_from) as rows:
@@ -106,7 +129,9 @@ def track_files(rig: str | Path, handle: str | Path, sources: Mapping[str, str |
             table = rows.table()
             write_together({out: poses_text(table), tum: tum_text(table)})
         except KeyboardInterrupt:
-            raise KeyboardInterrupt(_kept(rows) and f"{_kept(rows)}; the same command goes on") from None
+            raise KeyboardInterrupt(
+                _kept(rows) and f"{_kept(rows)}; the same command goes on"
+            ) from None
         except (ValueError, OSError) as error:
             raise ValueError(f"{error}; {_kept(rows)}".removesuffix("; ")) from None
         rows.remove()
@@ -114,22 +139,37 @@ def track_files(rig: str | Path, handle: str | Path, sources: Mapping[str, str |
 
 
 def track_folder(folder: str | Path, out: str | Path, **options: Any) -> pd.DataFrame:
-    """Follow the handle through a recording folder, see `recording`; options and errors as for `track_files`."""
+    """Follow the handle through a recording folder, see `recording`; options and errors as for
+    `track_files`.
+    """
     recording, _ = open_folder(folder)
-    sources = {name: one.path for name, one in zip(recording.rig.names, recording.footage, strict=True)}
-    return track_files(Path(folder, "rig.toml"), Path(folder, "handle.toml"), sources, out,
-                       timestamps=None if recording.times_s is None else recording.times_from, **options)
+    sources = {
+        name: one.path for name, one in zip(recording.rig.names, recording.footage, strict=True)
+    }
+    return track_files(
+        Path(folder, "rig.toml"),
+        Path(folder, "handle.toml"),
+        sources,
+        out,
+        timestamps=None if recording.times_s is None else recording.times_from,
+        **options,
+    )
 
 
 class Rows(KeptLines):
-    """The finished rows of a track, as lines of a CSV file; its first line names the track by its `fingerprint`."""
+    """The finished rows of a track, as lines of a CSV file; its first line names the track by its
+    `fingerprint`.
+    """
 
     def __init__(self, path: Path, made_from: str) -> None:
         super().__init__(path, f"# trinolab track {made_from}\n{','.join(POSE_COLUMNS)}\n", _is_row)
 
     def add(self, frame: int, t_s: float, pose: Pose) -> None:
         """One more row, see `add_line`."""
-        cells = (f"{cell:.9g}" if isinstance(cell, float) else str(cell) for cell in pose_row(frame, t_s, pose))
+        cells = (
+            f"{cell:.9g}" if isinstance(cell, float) else str(cell)
+            for cell in pose_row(frame, t_s, pose)
+        )
         self.add_line(",".join("" if cell == "nan" else cell for cell in cells))
 
     def table(self) -> pd.DataFrame:
@@ -137,11 +177,19 @@ class Rows(KeptLines):
         return pd.read_csv(io.StringIO("\n".join([",".join(POSE_COLUMNS), *self.lines()])))
 
 
-def fingerprint(files: Sequence[str | Path], sources: Mapping[str, str | Path], *options: Any) -> str:
-    """What tells one track from another: the contents of its files, its footage as it lies there, its options."""
+def fingerprint(
+    files: Sequence[str | Path], sources: Mapping[str, str | Path], *options: Any
+) -> str:
+    """What tells one track from another: the contents of its files, its footage as it lies there,
+    its options.
+    """
     contents = [hashlib.sha256(Path(path).read_bytes()).hexdigest() for path in files]
-    where = {name: [str(Path(path).resolve()), _stamp(Path(path))] for name, path in sources.items()}
-    return hashlib.sha256(json.dumps([contents, where, [str(o) for o in options]]).encode()).hexdigest()[:16]
+    where = {
+        name: [str(Path(path).resolve()), _stamp(Path(path))] for name, path in sources.items()
+    }
+    return hashlib.sha256(
+        json.dumps([contents, where, [str(o) for o in options]]).encode()
+    ).hexdigest()[:16]
 
 
 def _stamp(path: Path) -> list[tuple[str, int, int]]:
@@ -157,7 +205,12 @@ def _is_row(frame: int, line: str) -> bool:
         numbers = [float(cell) for cell in cells[:-1] if cell]
     except ValueError:
         return False
-    return len(cells) == len(POSE_COLUMNS) and cells[-1] in STATUSES and bool(numbers) and cells[0] == str(frame)
+    return (
+        len(cells) == len(POSE_COLUMNS)
+        and cells[-1] in STATUSES
+        and bool(numbers)
+        and cells[0] == str(frame)
+    )
 
 
 def _kept(rows: Rows) -> str:
@@ -171,11 +224,25 @@ def _kept(rows: Rows) -> str:
 def _track_on(job: Job, rows: Rows, film: Film | None, progress: bool) -> None:
     """Track from the first frame that has no row."""
     done = rows.table()
-    measured, seen = int((done["status"] == "measured").sum()), Seen([], [])
-    steps = posetracker.track_instants(instants(job.recording, len(done)), job.recording.rig, job.handle,
-                                       job.parameters, job.known, _state_after(done))
-    with logging_redirect_tqdm(), tqdm(total=job.recording.length, initial=len(done), unit="instant",
-                                       disable=None if progress else True) as bar:
+    measured = int((done["status"] == "measured").sum())
+    seen = Seen([], [])
+    steps = posetracker.track_instants(
+        instants(job.recording, len(done)),
+        job.recording.rig,
+        job.handle,
+        job.parameters,
+        job.known,
+        _state_after(done),
+    )
+    with (
+        logging_redirect_tqdm(),
+        tqdm(
+            total=job.recording.length,
+            initial=len(done),
+            unit="instant",
+            disable=None if progress else True,
+        ) as bar,
+    ):
         for now, tracked in steps:
             rows.add(now.frame, now.t_s, tracked.measurement.pose)
             seen.add(now.t_s, tracked, len(job.handle.marker_centres))
@@ -202,18 +269,25 @@ class Seen(NamedTuple):
             self.uv.append(labelled_pixels(tracked.measurement.labels, pixels, markers))
 
     def offsets(self, rig: Rig) -> list[str]:
-        """A line for each camera whose clock differs from the first one's, where the markers show that."""
+        """A line for each camera whose clock differs from the first one's, where the markers show
+        that.
+        """
         if len(self.times_s) < 2:
             return []
         found = estimate_offsets(np.array(self.times_s), np.stack(self.uv, axis=1), rig)
-        late_ms, sigma_ms = 1e3 * found.offset_s, 1e3 * found.sigma_s
-        return [f"{rig.names[c]}: {abs(late_ms[c]):.1f} ms (+- {sigma_ms[c]:.1f}) "
-                f"{'later' if late_ms[c] > 0 else 'earlier'} than {rig.names[0]}; the cameras are not synchronised"
-                for c in np.flatnonzero(significant(found))]
+        late_ms = 1e3 * found.offset_s
+        sigma_ms = 1e3 * found.sigma_s
+        return [
+            f"{rig.names[c]}: {abs(late_ms[c]):.1f} ms (+- {sigma_ms[c]:.1f}) "
+            f"{'later' if late_ms[c] > 0 else 'earlier'} than {rig.names[0]}; the cameras are not synchronised"
+            for c in np.flatnonzero(significant(found))
+        ]
 
 
 def _state_after(done: pd.DataFrame) -> TrackState | None:
-    """The tracker's state after the rows of an interrupted track: from its last pose, at unknown speed."""
+    """The tracker's state after the rows of an interrupted track: from its last pose, at unknown
+    speed.
+    """
     held = done[done["status"].isin(["measured", "ambiguous"])]
     if not len(held):
         return None
@@ -228,6 +302,9 @@ def _known(path: str | Path | None, recording: Recording) -> dict[int, RigidTran
         return {}
     if not (known := poses_by_frame(read_poses(path))):
         raise ValueError(f"{path}: no row holds a pose")
-    if recording.footage[0].names and min(known) >= recording.length:  # of a video nobody knows how long it is
-        raise ValueError(f"{path}: no frame in common with the recording, which has {recording.length}")
+    # of a video nobody knows how long it is
+    if recording.footage[0].names and min(known) >= recording.length:
+        raise ValueError(
+            f"{path}: no frame in common with the recording, which has {recording.length}"
+        )
     return known

@@ -1,8 +1,9 @@
 """Which way round: the visible end of the body tells poses apart that show the same markers.
 
-Turned end for end, the handle's body lies elsewhere along the axis. Beside the markers there are stretches of the axis
-where one pose has the body and the other has not: there an image shows the body's two edges, or it does not. What an
-edge looks like is learned where both have it, so the body may be brighter or darker than what is behind it.
+Turned end for end, the handle's body lies elsewhere along the axis. Beside the markers there are
+stretches of the axis where one pose has the body and the other has not: there an image shows the
+body's two edges, or it does not. What an edge looks like is learned where both have it, so the body
+may be brighter or darker than what is behind it.
 """
 
 from __future__ import annotations
@@ -24,15 +25,22 @@ SAMPLES = np.array([[0.55, 0.7, 0.85], [1.25, 1.45, 1.65]])
 
 
 class Stations(NamedTuple):
-    """Places on the axis of the body, mm: of the part that two poses share, and of what follows below and above it."""
+    """Places on the axis of the body, mm: of the part that two poses share, and of what follows
+    below and above it.
+    """
 
     shared: Array
     below: Array
     above: Array
 
 
-def keep_by_body(images: Sequence[np.ndarray], rig: Rig, handle: Handle, poses: Sequence[RigidTransform],
-                 parameters: IdentityParameters | None = None) -> np.ndarray:
+def keep_by_body(
+    images: Sequence[np.ndarray],
+    rig: Rig,
+    handle: Handle,
+    poses: Sequence[RigidTransform],
+    parameters: IdentityParameters | None = None,
+) -> np.ndarray:
     """Which of several poses the body's visible end leaves; all where it does not decide clearly.
 
     Parameters
@@ -60,7 +68,9 @@ def keep_by_body(images: Sequence[np.ndarray], rig: Rig, handle: Handle, poses: 
 
 
 def _spans(handle: Handle, poses: Sequence[RigidTransform]) -> Array:
-    """Where each body begins and ends on the first pose's axis, shape (k, 2), mm; NaN if its axis is another one."""
+    """Where each body begins and ends on the first pose's axis, shape (k, 2), mm; NaN if its axis
+    is another one.
+    """
     points = np.array([[0.0, handle.bottom_mm, 0.0], [0.0, handle.top_mm, 0.0], [0.0, 0.0, 0.0]])
     matrices = np.linalg.inv(poses[0].as_matrix()) @ [pose.as_matrix() for pose in poses]
     local = points @ matrices[:, :3, :3].transpose(0, 2, 1) + matrices[:, None, :3, 3]  # (k, 3, 3)
@@ -70,8 +80,15 @@ def _spans(handle: Handle, poses: Sequence[RigidTransform]) -> Array:
     return np.where(same[:, None], np.sort(local[:, :2, 1], axis=1), np.nan)
 
 
-def _loser(images: Sequence[np.ndarray], rig: Rig, handle: Handle, pose: RigidTransform, a: Array, b: Array,
-           p: IdentityParameters) -> Array | None:
+def _loser(
+    images: Sequence[np.ndarray],
+    rig: Rig,
+    handle: Handle,
+    pose: RigidTransform,
+    a: Array,
+    b: Array,
+    p: IdentityParameters,
+) -> Array | None:
     """The span of two that the images refuse, or None."""
     low = max(a[0], b[0])
     high = min(a[1], b[1])
@@ -79,8 +96,11 @@ def _loser(images: Sequence[np.ndarray], rig: Rig, handle: Handle, pose: RigidTr
         return None  # nothing to learn from, or one span within the other
     shared = _free_stations(handle, low, high, p)
     stations = Stations(shared, _stretch(handle, low, -1, p), _stretch(handle, high, 1, p))
-    leads = [lead for camera, image in zip(rig.cameras, images, strict=True)
-             if (lead := _lead(image, camera, handle, pose, stations, p)) is not None]
+    leads = [
+        lead
+        for camera, image in zip(rig.cameras, images, strict=True)
+        if (lead := _lead(image, camera, handle, pose, stations, p)) is not None
+    ]
     lower, upper = (a, b) if a[0] < b[0] else (b, a)
     if max(leads, default=0.0) > p.end_lead and min(leads) > -p.end_lead / 2:
         return upper
@@ -90,7 +110,9 @@ def _loser(images: Sequence[np.ndarray], rig: Rig, handle: Handle, pose: RigidTr
 
 
 def _stretch(handle: Handle, edge: float, sign: int, p: IdentityParameters) -> Array:
-    """Stations beyond an end of the common part; the cap of a tilted body reaches a little over it."""
+    """Stations beyond an end of the common part; the cap of a tilted body reaches a little over
+    it.
+    """
     reach = max(p.end_reach_mm, 2 * handle.radius_mm)
     return edge + sign * np.arange(0.7 * handle.radius_mm, reach, p.end_step_mm)
 
@@ -98,29 +120,47 @@ def _stretch(handle: Handle, edge: float, sign: int, p: IdentityParameters) -> A
 def _free_stations(handle: Handle, low: float, high: float, p: IdentityParameters) -> Array:
     """Stations between two ends that no marker touches, 40 mm from the markers at most."""
     axial = handle.marker_centres[:, 1]
-    stations = np.arange(max(low + 1, axial.min() - 40), min(high - 1, axial.max() + 40), p.end_step_mm)
-    return stations[(np.abs(stations[:, None] - axial) > handle.marker_diameter_mm / 2 + 1).all(axis=1)]
+    stations = np.arange(
+        max(low + 1, axial.min() - 40), min(high - 1, axial.max() + 40), p.end_step_mm
+    )
+    return stations[
+        (np.abs(stations[:, None] - axial) > handle.marker_diameter_mm / 2 + 1).all(axis=1)
+    ]
 
 
-def _lead(image: np.ndarray, camera: Camera, handle: Handle, pose: RigidTransform, stations: Stations,
-          p: IdentityParameters) -> float | None:
-    """By how much of an edge's contrast one camera prefers the body below to above; None if it shows no edges."""
+def _lead(
+    image: np.ndarray,
+    camera: Camera,
+    handle: Handle,
+    pose: RigidTransform,
+    stations: Stations,
+    p: IdentityParameters,
+) -> float | None:
+    """By how much of an edge's contrast one camera prefers the body below to above; None if it
+    shows no edges.
+    """
     steps = _steps(image, camera, handle, pose, np.concatenate(stations))
-    shared = steps[:len(stations.shared)]
+    shared = steps[: len(stations.shared)]
     shared = shared[np.isfinite(shared).all(axis=1)]
     if len(shared) < 3:
         return None
     contrast = np.median(shared, axis=0)  # of the left and of the right edge
-    if np.abs(contrast).min() < p.end_contrast or (shared / contrast < 0.5).mean(axis=0).max() > 0.2:
+    if (
+        np.abs(contrast).min() < p.end_contrast
+        or (shared / contrast < 0.5).mean(axis=0).max() > 0.2
+    ):
         return None  # no edges, or one lost in what is behind it
-    share = np.clip(steps[len(stations.shared):] / contrast, -1.0, 1.5).min(axis=1)  # of a body both edges show
-    below = _best_run(share[:len(stations.below)], p.end_run)
-    above = _best_run(share[len(stations.below):], p.end_run)
+    # of a body both edges show
+    share = np.clip(steps[len(stations.shared) :] / contrast, -1.0, 1.5).min(axis=1)
+    below = _best_run(share[: len(stations.below)], p.end_run)
+    above = _best_run(share[len(stations.below) :], p.end_run)
     return None if below is None or above is None else below - above
 
 
 def _best_run(share: Array, length: int) -> float | None:
-    """Largest mean of some stations in a row, 0 to 1: a hand may hide some; None without a run inside the image."""
+    """Largest mean of some stations in a row, 0 to 1: a hand may hide some; None without a run
+    inside the image.
+    """
     if len(share) < length:
         return None
     runs = np.convolve(share, np.full(length, 1 / length), mode="valid")
@@ -128,8 +168,12 @@ def _best_run(share: Array, length: int) -> float | None:
     return float(np.clip(runs.max(), 0.0, 1.0)) if len(runs) else None
 
 
-def _steps(image: np.ndarray, camera: Camera, handle: Handle, pose: RigidTransform, stations: Array) -> Array:
-    """Intensity inside minus outside the body's two edges at stations of the axis, (n, 2); NaN outside the image."""
+def _steps(
+    image: np.ndarray, camera: Camera, handle: Handle, pose: RigidTransform, stations: Array
+) -> Array:
+    """Intensity inside minus outside the body's two edges at stations of the axis, (n, 2); NaN
+    outside the image.
+    """
     view = pose.inv().apply(camera.centre)
     across = np.array([view[2], 0.0, -view[0]])
     across *= handle.radius_mm / max(float(np.linalg.norm(across)), 1e-12)
@@ -140,5 +184,6 @@ def _steps(image: np.ndarray, camera: Camera, handle: Handle, pose: RigidTransfo
         inside = np.asarray(((uv > -0.5) & (uv < np.array(camera.size) - 0.5)).all(axis=1))
     u, v = np.where(inside[:, None], uv, 0.0).round().astype(int).T
     intensity = np.where(inside, image[v, u].astype(float), np.nan)
-    mean = intensity.reshape(2, 2, SAMPLES.shape[1], -1).mean(axis=2)  # (side, inside or outside, station)
+    # (side, inside or outside, station)
+    mean = intensity.reshape(2, 2, SAMPLES.shape[1], -1).mean(axis=2)
     return (mean[:, 0] - mean[:, 1]).T

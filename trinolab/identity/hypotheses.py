@@ -1,7 +1,9 @@
-"""Hypotheses for the handle's pose, many at once: what each predicts, what it explains, its fit to what it explains.
+"""Hypotheses for the handle's pose, many at once: what each predicts, what it explains, its fit to
+what it explains.
 
-A pose predicts where each marker's centroid appears in each image. Images are meant without lens distortion throughout.
-Arrays have the axes h poses, C cameras, n markers of the handle, N markers found (of the camera with the most).
+A pose predicts where each marker's centroid appears in each image. Images are meant without lens
+distortion throughout. Arrays have the axes h poses, C cameras, n markers of the handle, N markers
+found (of the camera with the most).
 """
 
 from __future__ import annotations
@@ -45,7 +47,8 @@ class Observed(NamedTuple):
     pairs : sequence of (int, int)
         Of the cameras.
     matches : sequence of ndarray of int, or None
-        For each pair the found markers, shape (k, 2), that may be the same one; None if nothing is known of that.
+        For each pair the found markers, shape (k, 2), that may be the same one; None if nothing is
+        known of that.
     """
 
     views: Views
@@ -66,8 +69,9 @@ class Observed(NamedTuple):
 
 
 class Predicted(NamedTuple):
-    """What poses predict: centroids in pixels (h, C, 2, n), the cosines of the slants (h, C, n), and the points in the
-    cameras' frames of which the centroids are images (h, C, 3, n), mm."""
+    """What poses predict: centroids in pixels (h, C, 2, n), the cosines of the slants (h, C, n),
+    and the points in the cameras' frames of which the centroids are images (h, C, 3, n), mm.
+    """
 
     uv: Array
     facing: Array
@@ -82,14 +86,16 @@ class Explained(NamedTuple):
     labels : ndarray of int, shape (h, C, N)
         For each found marker its index on the handle, or -1.
     squares : ndarray, shape (h, C, N)
-        Weighted squared distances of the labelled markers from where they are predicted, px^2; 0 for the others.
+        Weighted squared distances of the labelled markers from where they are predicted, px^2; 0
+        for the others.
     missing : ndarray, shape (h, C)
         Markers that should have been found and were not; the steeper, the less each counts.
     outliers : ndarray of int, shape (h, C)
         Found markers without a label.
     cost : ndarray, shape (h,)
-        Sum of the squares, and the gate's square for each outlier and for each missing marker, px^2. Of the missing
-        ones a camera counts at most as many as it labels: it may be covered, or see another thing.
+        Sum of the squares, and the gate's square for each outlier and for each missing marker,
+        px^2. Of the missing ones a camera counts at most as many as it labels: it may be covered,
+        or see another thing.
     """
 
     labels: np.ndarray
@@ -113,20 +119,25 @@ class Explained(NamedTuple):
 
 
 def ideal_pixels(rig: Rig, found: Sequence[Array]) -> Array:
-    """Found pixels without lens distortion, one array for all cameras, shape (C, 2, N); `FAR` where there is none."""
+    """Found pixels without lens distortion, one array for all cameras, shape (C, 2, N); `FAR` where
+    there is none.
+    """
     uv = np.full((len(found), 2, max(map(len, found))), FAR)
     for row, camera, pixels in zip(uv, rig.cameras, found, strict=True):
         ideal = camera.ideal_pixels(pixels) if camera.distortions.any() else pixels
-        row[:, :len(pixels)] = np.where(np.isfinite(ideal), ideal, FAR).T
+        row[:, : len(pixels)] = np.where(np.isfinite(ideal), ideal, FAR).T
     return uv
 
 
 def predict(poses: Poses, views: Views, layout: Layout) -> Predicted:
     """Where poses predict the markers' centroids, to first order in a marker's size."""
-    h, C, n = len(poses.rotations), len(views.rotations), len(layout.centres)
+    h = len(poses.rotations)
+    C = len(views.rotations)
+    n = len(layout.centres)
     rotations = views.rotations @ poses.rotations[:, None]  # (h, C, 3, 3)
     vectors = np.concatenate([layout.centres, layout.normals, layout.tangents])
-    turned = (rotations.reshape(-1, 3) @ vectors.T).reshape(h, C, 3, 3, n)  # (h, C, axis, vector, n)
+    # (h, C, axis, vector, n)
+    turned = (rotations.reshape(-1, 3) @ vectors.T).reshape(h, C, 3, 3, n)
     arm, normal, tangent = turned.transpose(3, 0, 1, 2, 4)
     X = arm + _origins(poses, views)[..., None]
     towards = -(normal * X).sum(axis=2)
@@ -137,14 +148,18 @@ def predict(poses: Poses, views: Views, layout: Layout) -> Predicted:
     points = X + along[:, :, None] * normal + aside[:, :, None] * tangent
     facing = np.where(points[:, :, 2] > 0, towards / np.sqrt((X * X).sum(axis=2)), -1.0)
     with np.errstate(divide="ignore", invalid="ignore"):
-        uv = points[:, :, :2] / points[:, :, 2:] * views.focal[:, :, None] + views.principal[:, :, None]
+        uv = (
+            points[:, :, :2] / points[:, :, 2:] * views.focal[:, :, None]
+            + views.principal[:, :, None]
+        )
     return Predicted(uv, facing, points)
 
 
 def explain(poses: Poses, observed: Observed, gate_px: float, p: IdentityParameters) -> Explained:
     """Label the found markers by each pose, and say how well it explains them.
 
-    A found marker and a predicted one go together if each is the other's nearest and they lie within `gate_px`.
+    A found marker and a predicted one go together if each is the other's nearest and they lie
+    within `gate_px`.
     """
     views, layout, uv = observed[:3]
     predicted = predict(poses, views, layout)
@@ -158,8 +173,12 @@ def explain(poses: Poses, observed: Observed, gate_px: float, p: IdentityParamet
     return explained
 
 
-def _unseen(predicted: Predicted, labels: np.ndarray, views: Views, layout: Layout, p: IdentityParameters) -> Array:
-    """Markers that should have been found and have no label, shape (h, C): whole inside the image, not too steep."""
+def _unseen(
+    predicted: Predicted, labels: np.ndarray, views: Views, layout: Layout, p: IdentityParameters
+) -> Array:
+    """Markers that should have been found and have no label, shape (h, C): whole inside the image,
+    not too steep.
+    """
     steep, certain = np.cos(np.deg2rad([p.steep_deg, p.certain_deg]))
     expected = np.clip((predicted.facing - steep) / (certain - steep), 0.0, 1.0)
     margin = p.edge_px + layout.marker_mm / 2 * views.focal[:, :1] / predicted.points[:, :, 2]
@@ -170,20 +189,35 @@ def _unseen(predicted: Predicted, labels: np.ndarray, views: Views, layout: Layo
     return np.asarray(missed.sum(axis=2))
 
 
-def fit(poses: Poses, labels: np.ndarray, observed: Observed, p: IdentityParameters, steps: int = 1) -> Poses:
-    """Move each pose by Gauss-Newton steps towards the markers that it labels, large residuals held back (Huber)."""
+def fit(
+    poses: Poses, labels: np.ndarray, observed: Observed, p: IdentityParameters, steps: int = 1
+) -> Poses:
+    """Move each pose by Gauss-Newton steps towards the markers that it labels, large residuals held
+    back (Huber).
+    """
     views, layout, uv = observed[:3]
-    h, C, n = len(poses.rotations), len(views.rotations), len(layout.centres)
+    h = len(poses.rotations)
+    C = len(views.rotations)
+    n = len(layout.centres)
     target = np.full((h, C, 2, n + 1), np.nan)  # one more column takes the label -1
-    np.put_along_axis(target, np.repeat(labels[:, :, None], 2, axis=2), np.broadcast_to(uv, (h, *uv.shape)), axis=3)
+    np.put_along_axis(
+        target,
+        np.repeat(labels[:, :, None], 2, axis=2),
+        np.broadcast_to(uv, (h, *uv.shape)),
+        axis=3,
+    )
     for _ in range(steps):
         predicted = predict(poses, views, layout)
         poses = _stepped(poses, target[..., :n] - predicted.uv, predicted, views, p)
     return poses
 
 
-def _stepped(poses: Poses, error: Array, predicted: Predicted, views: Views, p: IdentityParameters) -> Poses:
-    """One Gauss-Newton step for errors (h, C, 2, n); NaN counts nothing. Slightly damped: little may be determined."""
+def _stepped(
+    poses: Poses, error: Array, predicted: Predicted, views: Views, p: IdentityParameters
+) -> Poses:
+    """One Gauss-Newton step for errors (h, C, 2, n); NaN counts nothing. Slightly damped: little
+    may be determined.
+    """
     size = np.sqrt((error * error).sum(axis=2))
     weight = np.where(np.isfinite(size), _weights(predicted.facing, p) / np.maximum(size, 1.0), 0.0)
     slope = _slopes(poses, predicted.points, views).reshape(len(size), -1, 6)
@@ -199,33 +233,46 @@ def _stepped(poses: Poses, error: Array, predicted: Predicted, views: Views, p: 
 
 
 def _slopes(poses: Poses, points: Array, views: Views) -> Array:
-    """Derivatives of the pixels, (h, C, n, 2, 6), by translation and rotation vector about the handle's origin (world
-    frame)."""
+    """Derivatives of the pixels, (h, C, n, 2, 6), by translation and rotation vector about the
+    handle's origin (world frame).
+    """
     x, y, z = points.transpose(2, 0, 1, 3)[..., None]  # each (h, C, n, 1)
     right, down, ahead = views.rotations.transpose(1, 0, 2)[:, :, None]  # each (C, 1, 3)
     fx, fy = views.focal.T[:, :, None, None]
-    by_shift = np.stack([fx / z * (right - x / z * ahead), fy / z * (down - y / z * ahead)], axis=3)  # (h, C, n, 2, 3)
-    arms = (points - _origins(poses, views)[..., None]).transpose(0, 1, 3, 2) @ views.rotations  # world frame
+    # (h, C, n, 2, 3)
+    by_shift = np.stack([fx / z * (right - x / z * ahead), fy / z * (down - y / z * ahead)], axis=3)
+    # world frame
+    arms = (points - _origins(poses, views)[..., None]).transpose(0, 1, 3, 2) @ views.rotations
     a, b, c = np.moveaxis(arms[:, :, :, None], -1, 0)
     u, v, w = np.moveaxis(by_shift, -1, 0)
-    return np.concatenate([by_shift, np.stack([b * w - c * v, c * u - a * w, a * v - b * u], axis=-1)], axis=4)
+    return np.concatenate(
+        [by_shift, np.stack([b * w - c * v, c * u - a * w, a * v - b * u], axis=-1)], axis=4
+    )
 
 
 def _origins(poses: Poses, views: Views) -> Array:
     """The handle's origin in the cameras' frames, (h, C, 3)."""
-    return (poses.translations @ views.rotations.transpose(0, 2, 1) + views.translations[:, None]).transpose(1, 0, 2)
+    return (
+        poses.translations @ views.rotations.transpose(0, 2, 1) + views.translations[:, None]
+    ).transpose(1, 0, 2)
 
 
 def _weights(facing: Array, p: IdentityParameters) -> Array:
-    """Weights of squared distances by the cosine of the slant: at the body's limb a centroid depends on everything."""
+    """Weights of squared distances by the cosine of the slant: at the body's limb a centroid
+    depends on everything.
+    """
     return np.clip(facing / np.cos(np.deg2rad(p.steep_deg)), 0.1, 1.0)
 
 
 def _mutual_nearest(predicted: Array, uv: Array, gate_px: float) -> tuple[np.ndarray, Array]:
-    """Labels (h, C, N) of found pixels (C, 2, N) by predictions (h, C, 2, n), and squared distances, 0 for no label."""
+    """Labels (h, C, N) of found pixels (C, 2, N) by predictions (h, C, 2, n), and squared
+    distances, 0 for no label.
+    """
     square = (predicted[:, :, 0, :, None] - uv[:, 0, None]) ** 2
     square += (predicted[:, :, 1, :, None] - uv[:, 1, None]) ** 2  # (h, C, n, N)
     marker = square.argmin(axis=2)
     best = np.take_along_axis(square, marker[:, :, None], axis=2)[:, :, 0]
-    mutual = (best < gate_px**2) & (best <= np.take_along_axis(square.min(axis=3, initial=np.inf), marker, axis=2))
+    mutual = (best < gate_px**2) & (
+        best <= np.take_along_axis(square.min(axis=3, initial=np.inf), marker, axis=2)
+    )
     return np.where(mutual, marker, -1), np.where(mutual, best, 0.0)

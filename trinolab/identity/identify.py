@@ -1,8 +1,8 @@
 """Which found marker is which marker of the handle: poses from triplets, verified in every image.
 
-The paper assumes that this is known. Three markers that fit three of the layout give a pose; the pose predicts where
-every marker appears; the pose that explains most of what was found wins. A layout with symmetry has several such poses:
-the prior chooses, or the choice is reported as open.
+The paper assumes that this is known. Three markers that fit three of the layout give a pose; the
+pose predicts where every marker appears; the pose that explains most of what was found wins. A
+layout with symmetry has several such poses: the prior chooses, or the choice is reported as open.
 """
 
 from __future__ import annotations
@@ -39,8 +39,8 @@ class Hypothesis:
     cost : float
         px^2, see `hypotheses.Explained`.
     residual_px : float
-        Standard deviation of a coordinate of the labelled markers from where the pose predicts them: the sum of
-        squares by the degrees of freedom.
+        Standard deviation of a coordinate of the labelled markers from where the pose predicts
+        them: the sum of squares by the degrees of freedom.
     """
 
     T_world_handle: RigidTransform
@@ -50,8 +50,14 @@ class Hypothesis:
     residual_px: float
 
 
-def identify(rig: Rig, handle: Handle, found: Sequence[Array], parameters: IdentityParameters | None = None,
-             axes_px: Sequence[Array] | None = None, matches: Sequence[np.ndarray] | None = None) -> list[Hypothesis]:
+def identify(
+    rig: Rig,
+    handle: Handle,
+    found: Sequence[Array],
+    parameters: IdentityParameters | None = None,
+    axes_px: Sequence[Array] | None = None,
+    matches: Sequence[np.ndarray] | None = None,
+) -> list[Hypothesis]:
     """Find the poses that explain the found markers.
 
     Parameters
@@ -59,19 +65,22 @@ def identify(rig: Rig, handle: Handle, found: Sequence[Array], parameters: Ident
     rig : Rig
     handle : Handle
     found : sequence of array_like, one a camera, shape (n_c, 2)
-        Pixels of the markers found, the best first: beyond `tried_per_marker` times the handle's they are not tried.
+        Pixels of the markers found, the best first: beyond `tried_per_marker` times the handle's
+        they are not tried.
     parameters : IdentityParameters, optional
     axes_px : sequence of array_like, one a camera, shape (n_c, 2), optional
-        Major and minor axis of each marker's image. They help where one camera sees the handle alone.
+        Major and minor axis of each marker's image. They help where one camera sees the handle
+        alone.
     matches : sequence of array_like of int, one a pair of cameras, shape (k, 2), optional
-        Rows of the markers of both cameras, in the order of `Rig.pairs`, that may be the same marker (Eq. 17-18). With
-        them poses are sought by these pairs alone, as in the paper; without, by epipolar lines and in single cameras.
+        Rows of the markers of both cameras, in the order of `Rig.pairs`, that may be the same
+        marker (Eq. 17-18). With them poses are sought by these pairs alone, as in the paper;
+        without, by epipolar lines and in single cameras.
 
     Returns
     -------
     list of Hypothesis
-        The best first, then those between which the images do not decide. Poses that differ by a symmetry of the handle
-        count as one here: see `equivalents`. Empty if nothing fits.
+        The best first, then those between which the images do not decide. Poses that differ by a
+        symmetry of the handle count as one here: see `equivalents`. Empty if nothing fits.
 
     Raises
     ------
@@ -83,8 +92,14 @@ def identify(rig: Rig, handle: Handle, found: Sequence[Array], parameters: Ident
     counts = [len(uv) for uv in pixels]
     most = p.tried_per_marker * len(handle.marker_centres)
     uv = ideal_pixels(rig, [uv[:most] for uv in pixels])
-    axes = None if axes_px is None else _padded(_one_each(axes_px, "axes_px", rig.names, counts), uv.shape[2])
-    observed = Observed(views_of(rig), layout_of(handle, p), uv, axes, rig.pairs, _as_matches(matches, rig))
+    axes = (
+        None
+        if axes_px is None
+        else _padded(_one_each(axes_px, "axes_px", rig.names, counts), uv.shape[2])
+    )
+    observed = Observed(
+        views_of(rig), layout_of(handle, p), uv, axes, rig.pairs, _as_matches(matches, rig)
+    )
     tried = search(observed, p)
     if tried is None:
         return []
@@ -94,15 +109,18 @@ def identify(rig: Rig, handle: Handle, found: Sequence[Array], parameters: Ident
 
 
 def equivalents(T_world_handle: RigidTransform, handle: Handle) -> list[RigidTransform]:
-    """The poses that show the same markers, by the handle's symmetries; the given one is the first."""
+    """The poses that show the same markers, by the handle's symmetries; the given one is the
+    first.
+    """
     return [T_world_handle * S for S in handle.symmetries]
 
 
 def choose(alternatives: list[RigidTransform], prior: RigidTransform | None) -> tuple[int, bool]:
     """Choose among poses that the images cannot tell apart.
 
-    With a prior: the one with the least turn from it; the choice is sure if the next one is at least twice as far.
-    Without: the one with the least turn from the identity; it is sure only if there is no other.
+    With a prior: the one with the least turn from it; the choice is sure if the next one is at
+    least twice as far. Without: the one with the least turn from the identity; it is sure only if
+    there is no other.
 
     Parameters
     ----------
@@ -124,7 +142,9 @@ def choose(alternatives: list[RigidTransform], prior: RigidTransform | None) -> 
     return int(order[0]), bool(prior is not None and turns[order[1]] >= 2 * turns[order[0]])
 
 
-def labelled_pixels(labels: tuple[np.ndarray, ...], found: tuple[Array, ...], markers: int) -> Array:
+def labelled_pixels(
+    labels: tuple[np.ndarray, ...], found: tuple[Array, ...], markers: int
+) -> Array:
     """Found pixels by marker, shape (cameras, markers, 2); NaN where a camera has none."""
     uv = np.full((len(found), markers, 2), np.nan)
     for row, label, pixels in zip(uv, labels, found, strict=True):
@@ -139,8 +159,14 @@ def relabel(labels: np.ndarray, handle: Handle, symmetry: RigidTransform) -> np.
     return np.where(labels >= 0, source[labels], -1)
 
 
-def _alternatives(poses: Poses, e: Explained, misfit: Array, counts: list[int], handle: Handle,
-                  p: IdentityParameters) -> list[Hypothesis]:
+def _alternatives(
+    poses: Poses,
+    e: Explained,
+    misfit: Array,
+    counts: list[int],
+    handle: Handle,
+    p: IdentityParameters,
+) -> list[Hypothesis]:
     """The best of the poses that hold, and its rivals."""
     v = judge(e, p)
     if not v.holds.any():
@@ -149,15 +175,22 @@ def _alternatives(poses: Poses, e: Explained, misfit: Array, counts: list[int], 
     best = int(np.where(v.holds, cost, np.inf).argmin())
     others = np.flatnonzero(rivals(best, e, v, misfit, p))
     turns = np.trace(poses.rotations[others] @ poses.rotations[best].T, axis1=1, axis2=2)
-    others = others[turns < 1 + 2 * np.cos(np.deg2rad(p.same_pose_deg))]  # the rest is the same pose found again
+    # the rest is the same pose found again
+    others = others[turns < 1 + 2 * np.cos(np.deg2rad(p.same_pose_deg))]
     alternatives: list[Hypothesis] = []
     for k in (best, *others[np.argsort(cost[others], kind="stable")]):
-        T = RigidTransform.from_components(poses.translations[k], Rotation.from_matrix(poses.rotations[k]))
+        T = RigidTransform.from_components(
+            poses.translations[k], Rotation.from_matrix(poses.rotations[k])
+        )
         if all(_differ(T, other.T_world_handle, handle, p) for other in alternatives):
-            labels = tuple(np.pad(row, (0, max(counts) - len(row)), constant_values=-1)[:n]
-                           for row, n in zip(v.labels[k], counts, strict=True))
+            labels = tuple(
+                np.pad(row, (0, max(counts) - len(row)), constant_values=-1)[:n]
+                for row, n in zip(v.labels[k], counts, strict=True)
+            )
             cameras = tuple(int(c) for c in np.flatnonzero(v.supports[k]))
-            alternatives.append(Hypothesis(T, labels, cameras, float(cost[k]), float(v.residual_px[k])))
+            alternatives.append(
+                Hypothesis(T, labels, cameras, float(cost[k]), float(v.residual_px[k]))
+            )
     return alternatives
 
 
@@ -167,22 +200,35 @@ def _differ(a: RigidTransform, b: RigidTransform, handle: Handle, p: IdentityPar
     return turn > np.deg2rad(p.same_pose_deg)
 
 
-def _one_each(arrays: Sequence[ArrayLike], name: str, names: Sequence[str], counts: list[int] | None) -> list[Array]:
+def _one_each(
+    arrays: Sequence[ArrayLike], name: str, names: Sequence[str], counts: list[int] | None
+) -> list[Array]:
     """Check arrays (n_c, 2), one a camera."""
     if len(arrays) != len(names):
-        raise ValueError(f"{name}: expected one for each of {len(names)} cameras, got {len(arrays)}")
+        raise ValueError(
+            f"{name}: expected one for each of {len(names)} cameras, got {len(arrays)}"
+        )
     rows = [None] * len(names) if counts is None else counts
-    return [as_array(array, f"{name}: {camera}", (n, 2)) for array, camera, n in zip(arrays, names, rows, strict=True)]
+    return [
+        as_array(array, f"{name}: {camera}", (n, 2))
+        for array, camera, n in zip(arrays, names, rows, strict=True)
+    ]
 
 
 def _padded(axes: list[Array], most: int) -> Array:
     """One array for all cameras, shape (C, most, 2)."""
-    return np.stack([np.concatenate([part, np.ones((max(most - len(part), 0), 2))])[:most] for part in axes])
+    return np.stack(
+        [np.concatenate([part, np.ones((max(most - len(part), 0), 2))])[:most] for part in axes]
+    )
 
 
 def _as_matches(matches: Sequence[ArrayLike] | None, rig: Rig) -> list[np.ndarray] | None:
     if matches is None:
         return None
     if len(matches) != len(rig.pairs):
-        raise ValueError(f"matches: expected one for each of {len(rig.pairs)} pairs of cameras, got {len(matches)}")
-    return [as_array(rows, f"matches[{k}]", (None, 2)).astype(int) for k, rows in enumerate(matches)]
+        raise ValueError(
+            f"matches: expected one for each of {len(rig.pairs)} pairs of cameras, got {len(matches)}"
+        )
+    return [
+        as_array(rows, f"matches[{k}]", (None, 2)).astype(int) for k, rows in enumerate(matches)
+    ]

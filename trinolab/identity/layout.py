@@ -1,7 +1,8 @@
 """What the search for the handle's pose needs of layout and rig, as arrays, computed once for each.
 
-The centroid of a wrapped marker is not the image of the marker's centre. To first order in the marker's size it is the
-image of another point, which wanders towards the viewer's side of the marker as the marker turns away.
+The centroid of a wrapped marker is not the image of the marker's centre. To first order in the
+marker's size it is the image of another point, which wanders towards the viewer's side of the
+marker as the marker turns away.
 """
 
 from __future__ import annotations
@@ -28,12 +29,14 @@ class Layout(NamedTuple):
     distances : ndarray, shape (n, n)
         Between centres, mm; NaN where no viewpoint sees both, and on the diagonal.
     triplets : ndarray of bool, shape (n, n, n)
-        Whether three markers can be seen together and are not on a line. Of a symmetric layout only those that start
-        at the first marker of an orbit: the others give equivalent poses.
+        Whether three markers can be seen together and are not on a line. Of a symmetric layout only
+        those that start at the first marker of an orbit: the others give equivalent poses.
     slants : ndarray, shape (k,)
-        Angles between a marker's normal and the direction to the viewer in the plane across the axis, rad.
+        Angles between a marker's normal and the direction to the viewer in the plane across the
+        axis, rad.
     shift : ndarray, shape (2, k)
-        For each of them the way from the marker's centre to the point seen as its centroid, along normal and tangent.
+        For each of them the way from the marker's centre to the point seen as its centroid, along
+        normal and tangent.
     marker_mm : float
         Diameter of a marker.
     limb : float
@@ -75,10 +78,12 @@ class Views(NamedTuple):
 
     def only(self, camera: int) -> Views:
         """One camera alone."""
-        return Views(*(part[camera:camera + 1] for part in self))
+        return Views(*(part[camera : camera + 1] for part in self))
 
     def inside(self, uv: Array, margin_px: Array) -> np.ndarray:
-        """Whether ideal pixels (h, C, 2, n) lie a margin (h, C, n) inside the images as they are taken, (h, C, n)."""
+        """Whether ideal pixels (h, C, 2, n) lie a margin (h, C, n) inside the images as they are
+        taken, (h, C, n).
+        """
         uv = self.as_taken(uv)
         from_edge = np.minimum(uv, self.sizes[:, :, None] - 1.0 - uv).min(axis=2)
         return np.asarray(from_edge >= margin_px)
@@ -105,7 +110,8 @@ def layout_of(handle: Handle, p: IdentityParameters) -> Layout:
     distances = np.linalg.norm(centres[:, None] - centres, axis=2)
     together = normals @ normals.T > np.cos(np.deg2rad(p.max_apart_deg))
     together &= ~np.eye(len(centres), dtype=bool)
-    half = min(handle.marker_diameter_mm / 2 / handle.radius_mm, np.pi)  # from a marker's middle to its edge, rad
+    # from a marker's middle to its edge, rad
+    half = min(handle.marker_diameter_mm / 2 / handle.radius_mm, np.pi)
     slants = np.linspace(0.0, np.pi / 2 + 0.9 * half, 241)  # beyond, nothing of a marker shows
     return Layout(
         centres=centres,
@@ -149,10 +155,11 @@ def _triplets(handle: Handle, together: np.ndarray) -> np.ndarray:
 
 
 def _shifts(radius_mm: float, half: float, slants: Array, samples: int = 400) -> Array:
-    """See `Layout.shift`: the mean of a disc's points, each with the area that it shows to a far viewer.
+    """See `Layout.shift`: the mean of a disc's points, each with the area that it shows to a far
+    viewer.
 
-    A strip of the disc at the angle phi from its middle is as long as the chord there and shows the cosine of its own
-    slant; what is turned away shows nothing.
+    A strip of the disc at the angle phi from its middle is as long as the chord there and shows the
+    cosine of its own slant; what is turned away shows nothing.
     """
     phi = half * (2 * np.arange(samples) + 1 - samples) / samples
     shown = np.sqrt(half**2 - phi**2) * np.maximum(np.cos(phi - slants[:, None]), 0.0)

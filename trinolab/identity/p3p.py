@@ -1,4 +1,6 @@
-"""The perspective-three-point problem: how far away are three points with known distances, seen along three rays?"""
+"""The perspective-three-point problem: how far away are three points with known distances, seen
+along three rays?
+"""
 
 from __future__ import annotations
 
@@ -10,11 +12,13 @@ from ..checks import Array, as_array
 
 @np.errstate(all="ignore")  # what has no solution shows in the result
 def three_point_depths(rays: ArrayLike, sides: ArrayLike, steps: int = 5) -> Array:
-    """Distances of three points along three rays, by the distances between them; two solutions for each triangle.
+    """Distances of three points along three rays, by the distances between them; two solutions for
+    each triangle.
 
-    A triangle that is small against its distance looks the same as its mirror image in depth. Without perspective the
-    two have a closed form (Alter 1994, DOI 10.1109/34.310681); from each Newton's method goes on to the solution with
-    perspective. Where the three-point problem has further solutions they are not looked for.
+    A triangle that is small against its distance looks the same as its mirror image in depth.
+    Without perspective the two have a closed form (Alter 1994, DOI 10.1109/34.310681); from each
+    Newton's method goes on to the solution with perspective. Where the three-point problem has
+    further solutions they are not looked for.
 
     Parameters
     ----------
@@ -28,8 +32,8 @@ def three_point_depths(rays: ArrayLike, sides: ArrayLike, steps: int = 5) -> Arr
     Returns
     -------
     ndarray, shape (2 k, 3)
-        mm: the first solution of each triangle, then the second. Rows that are no solution (their points do not have
-        the sides to a millionth) are NaN.
+        mm: the first solution of each triangle, then the second. Rows that are no solution (their
+        points do not have the sides to a millionth) are NaN.
 
     Raises
     ------
@@ -51,7 +55,9 @@ def three_point_depths(rays: ArrayLike, sides: ArrayLike, steps: int = 5) -> Arr
 
 
 def _without_perspective(rays: Array, sides: Array) -> Array:
-    """Alter's two solutions: the image's triangle and the model's give the scale, and how deep each side leans."""
+    """Alter's two solutions: the image's triangle and the model's give the scale, and how deep each
+    side leans.
+    """
     d01, d12, d02 = ((rays - np.roll(rays, -1, axis=0)) ** 2).sum(axis=1)  # squared, at depth 1
     r01, r12, r02 = (sides**2).T
     a = 4 * r01 * r02 - (r01 + r02 - r12) ** 2  # 16 times the area squared
@@ -75,6 +81,10 @@ def _newton_step(depths: Array, sides: Array, cosine: Array) -> Array:
     e = (depths**2 + after**2 - 2 * depths * after * cosine - sides**2).T
     a = 2 * (depths - after * cosine).T
     b = 2 * (after - depths * cosine).T
-    step = [a[(k + 1) % 3] * a[(k + 2) % 3] * e[k] - b[k] * a[(k + 2) % 3] * e[(k + 1) % 3]
-            + b[k] * b[(k + 1) % 3] * e[(k + 2) % 3] for k in range(3)]
+    step = [
+        a[(k + 1) % 3] * a[(k + 2) % 3] * e[k]
+        - b[k] * a[(k + 2) % 3] * e[(k + 1) % 3]
+        + b[k] * b[(k + 1) % 3] * e[(k + 2) % 3]
+        for k in range(3)
+    ]
     return np.stack(step, axis=1) / (a.prod(axis=0) + b.prod(axis=0))[:, None]

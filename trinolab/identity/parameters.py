@@ -7,10 +7,28 @@ from dataclasses import dataclass
 from ..checks import as_number, as_whole
 
 # What the checks of `IdentityParameters` share, by the range that a field lies in.
-_POSITIVE = ("gate_px", "sigma_px", "max_residual_px", "side_sigmas", "depth_step", "missing_share", "size_sigma",
-             "roundness_sigma", "decisive_variances", "end_step_mm", "end_reach_mm")
+_POSITIVE = (
+    "gate_px",
+    "sigma_px",
+    "max_residual_px",
+    "side_sigmas",
+    "depth_step",
+    "missing_share",
+    "size_sigma",
+    "roundness_sigma",
+    "decisive_variances",
+    "end_step_mm",
+    "end_reach_mm",
+)
 _NOT_NEGATIVE = ("depth_range", "edge_px", "end_contrast")
-_WHOLE = {"min_markers": 3, "tried_per_marker": 1, "max_pairs": 3, "max_single": 3, "seeds_kept": 1, "end_run": 1}
+_WHOLE = {
+    "min_markers": 3,
+    "tried_per_marker": 1,
+    "max_pairs": 3,
+    "max_single": 3,
+    "seeds_kept": 1,
+    "end_run": 1,
+}
 
 
 @dataclass(frozen=True)
@@ -22,8 +40,8 @@ class IdentityParameters:
     gate_px : float
         How far a found marker may lie from where a pose predicts it.
     sigma_px : float
-        Standard deviation of a centroid's coordinate from where a pose predicts it, all biases included: of the
-        detector, the calibration, the markers' places on the handle.
+        Standard deviation of a centroid's coordinate from where a pose predicts it, all biases
+        included: of the detector, the calibration, the markers' places on the handle.
     min_markers : int
         Different markers that a pose must label; the paper asks for four.
     max_residual_px : float
@@ -33,18 +51,21 @@ class IdentityParameters:
     max_apart_deg : float
         Largest angle between the normals of two markers that one viewpoint may see.
     max_pairs : int
-        Pairs of found markers of two cameras that are tried, those with the smallest gap between their rays first.
+        Pairs of found markers of two cameras that are tried, those with the smallest gap between
+        their rays first.
     max_single : int
         Found markers of one camera that are tried where it has to do alone.
     side_sigmas : float
-        Standard deviations by which the side of a triangle of found points may differ from the layout's.
+        Standard deviations by which the side of a triangle of found points may differ from the
+        layout's.
     away_cosine : float
-        Cosine of ray and normal above which a marker faces away; a little tolerance for poses that are not fitted yet.
+        Cosine of ray and normal above which a marker faces away; a little tolerance for poses that
+        are not fitted yet.
     seeds_kept : int
         Poses of one set of seeds that are fitted.
     depth_range, depth_step : float
-        One camera alone knows the distance to some percent: distances up to this share nearer and further are tried
-        against the other cameras, in steps of this share.
+        One camera alone knows the distance to some percent: distances up to this share nearer and
+        further are tried against the other cameras, in steps of this share.
     fit_gates : tuple of float
         Gates of the fits one after the other, in `gate_px`.
     settled_evidence : float
@@ -52,31 +73,35 @@ class IdentityParameters:
     steep_deg : float
         Slant from which on a marker's weight falls, and beyond which it is not missed.
     certain_deg : float
-        Slant up to which a marker that is not found counts as missing in full; up to `steep_deg` less and less.
+        Slant up to which a marker that is not found counts as missing in full; up to `steep_deg`
+        less and less.
     edge_px : float
         A marker nearer to the image's edge is not missed.
     chance : float
-        Probability of a coincidence up to which a pose holds: that markers thrown at random within the gate fit as
-        well. Thousands of poses are tried.
+        Probability of a coincidence up to which a pose holds: that markers thrown at random within
+        the gate fit as well. Thousands of poses are tried.
     missing_share : float
         Share of a missing marker from which on something is missing.
     size_sigma, roundness_sigma : float
-        Standard deviations of a marker's size (its logarithm) and of its ratio of axes: blur and motion blur change
-        both.
+        Standard deviations of a marker's size (its logarithm) and of its ratio of axes: blur and
+        motion blur change both.
     decisive_variances : float
-        Difference of two costs, in variances of a centroid, by which the images decide between two poses.
+        Difference of two costs, in variances of a centroid, by which the images decide between two
+        poses.
     same_pose_deg : float
         Poses that are turned less against each other are one.
     end_step_mm : float
         Distance of the stations along the axis at which the body's edges are looked at.
     end_reach_mm : float
-        How far they are looked at beyond the part of the body that two poses share: a hand may hold what follows.
+        How far they are looked at beyond the part of the body that two poses share: a hand may hold
+        what follows.
     end_run : int
         Stations in a row that have to show the body.
     end_contrast : float
         Grey levels; an edge of less contrast shows nothing.
     end_lead : float
-        Share of an edge's contrast by which a camera decides for an end of the body; by half of it it objects.
+        Share of an edge's contrast by which a camera decides for an end of the body; by half of it
+        it objects.
 
     Raises
     ------
@@ -130,6 +155,8 @@ class IdentityParameters:
         as_number(self.chance, "chance", low=0.0, high=1.0, open_low=True)
         as_number(self.end_lead, "end_lead", low=0.0, high=1.0)
         if not isinstance(self.fit_gates, tuple) or not self.fit_gates:
-            raise ValueError(f"fit_gates: expected a tuple of one or more numbers, got {self.fit_gates!r}")
+            raise ValueError(
+                f"fit_gates: expected a tuple of one or more numbers, got {self.fit_gates!r}"
+            )
         for gate in self.fit_gates:
             as_number(gate, "fit_gates", low=0.0, open_low=True)

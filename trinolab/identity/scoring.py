@@ -1,7 +1,9 @@
-"""Which of the handle's hypothetical poses hold, by what they explain, and which of those the images cannot tell apart.
+"""Which of the handle's hypothetical poses hold, by what they explain, and which of those the
+images cannot tell apart.
 
-Three markers in one image fix a pose; all further ones are evidence. What is found counts for more than what is not: a
-hand may hide a marker, and nothing but a marker (or a coincidence) looks like one at the right place.
+Three markers in one image fix a pose; all further ones are evidence. What is found counts for more
+than what is not: a hand may hide a marker, and nothing but a marker (or a coincidence) looks like
+one at the right place.
 """
 
 from __future__ import annotations
@@ -44,11 +46,12 @@ class Verdict(NamedTuple):
 def judge(e: Explained, p: IdentityParameters) -> Verdict:
     """Say which poses hold.
 
-    A camera supports a pose if it shows two of its markers or more, and more than it lacks. It speaks against the pose
-    if it does not, and has found other things instead: where two markers or so should be, or a handle of its own. A
-    pose holds if it labels enough different markers and fits them, if two cameras support it or one does and none
-    speaks against it, and if that is no coincidence: by the number of markers and how well they fit, or because
-    nothing that was found is left over and nothing is missing.
+    A camera supports a pose if it shows two of its markers or more, and more than it lacks. It
+    speaks against the pose if it does not, and has found other things instead: where two markers or
+    so should be, or a handle of its own. A pose holds if it labels enough different markers and
+    fits them, if two cameras support it or one does and none speaks against it, and if that is no
+    coincidence: by the number of markers and how well they fit, or because nothing that was found
+    is left over and nothing is missing.
     """
     hits = e.hits
     # Cameras that show a handle by themselves, and how many of its markers at most.
@@ -79,23 +82,30 @@ def explains_all(e: Explained, p: IdentityParameters) -> np.ndarray:
 
 
 def rivals(best: int, e: Explained, v: Verdict, misfit: Array, p: IdentityParameters) -> np.ndarray:
-    """The possible poses that the images do not clearly refuse beside the best one, itself included; bool (h,).
+    """The possible poses that the images do not clearly refuse beside the best one, itself
+    included; bool (h,).
 
-    What a pose leaves over counts against it in full. What it lacks counts only if the best pose lacks nothing:
-    otherwise something is hidden, and may hide that too.
+    What a pose leaves over counts against it in full. What it lacks counts only if the best pose
+    lacks nothing: otherwise something is hidden, and may hide that too.
     """
     variance = max(p.sigma_px, float(v.residual_px[best])) ** 2
-    against = e.squares.sum(axis=(1, 2)) + p.sigma_px**2 * misfit + p.gate_px**2 * e.outliers.sum(axis=1)
+    against = (
+        e.squares.sum(axis=(1, 2)) + p.sigma_px**2 * misfit + p.gate_px**2 * e.outliers.sum(axis=1)
+    )
     excused = e.lacking[best] > p.missing_share
     excused |= e.lacking < e.lacking[best] + 2 * p.missing_share
-    return np.asarray(v.possible & (against < against[best] + p.decisive_variances * variance) & excused)
+    return np.asarray(
+        v.possible & (against < against[best] + p.decisive_variances * variance) & excused
+    )
 
 
-def shape_misfit(poses: Poses, labels: np.ndarray, observed: Observed, p: IdentityParameters) -> Array:
+def shape_misfit(
+    poses: Poses, labels: np.ndarray, observed: Observed, p: IdentityParameters
+) -> Array:
     """How badly the labelled markers' sizes and roundness fit the poses, in variances, shape (h,).
 
-    The longer axis is the marker's diameter at its distance, the shorter one is foreshortened by the slant. Both are
-    known only roughly: blur and motion blur change them. Zero without axes.
+    The longer axis is the marker's diameter at its distance, the shorter one is foreshortened by
+    the slant. Both are known only roughly: blur and motion blur change them. Zero without axes.
     """
     views, layout, _, axes = observed[:4]
     if axes is None:
@@ -109,7 +119,9 @@ def shape_misfit(poses: Poses, labels: np.ndarray, observed: Observed, p: Identi
         roundness = (axes[..., 1] / axes[..., 0] - np.maximum(facing, 0.2)) / p.roundness_sigma
     # No marker counts more than three standard deviations: one of another shape is no proof.
     terms = np.minimum(size**2, 9.0) + np.minimum(roundness**2, 9.0)
-    return np.where((labels >= 0) & (facing > np.cos(np.deg2rad(p.steep_deg))), terms, 0.0).sum(axis=(1, 2))
+    return np.where((labels >= 0) & (facing > np.cos(np.deg2rad(p.steep_deg))), terms, 0.0).sum(
+        axis=(1, 2)
+    )
 
 
 def _different(labels: np.ndarray) -> np.ndarray:

@@ -1,8 +1,9 @@
-"""The search for poses that explain the found markers: from seeds to a few poses fitted to all they explain.
+"""The search for poses that explain the found markers: from seeds to a few poses fitted to all they
+explain.
 
-A seed comes from three found markers that may be three markers of the layout. Two cameras turn pairs of found markers
-into points, and three points make a triangle with known sides. One camera alone sees three directions: the
-perspective-three-point problem.
+A seed comes from three found markers that may be three markers of the layout. Two cameras turn
+pairs of found markers into points, and three points make a triangle with known sides. One camera
+alone sees three directions: the perspective-three-point problem.
 """
 
 from __future__ import annotations
@@ -49,7 +50,8 @@ def rays_through(views: Views, uv: Array) -> Array:
 
 
 def candidate_points(observed: Observed, pair: int, p: IdentityParameters) -> Candidates:
-    """The points of two cameras' found markers whose rays pass each other within half of `gate_px` (Eq. 17, 20).
+    """The points of two cameras' found markers whose rays pass each other within half of `gate_px`
+    (Eq. 17, 20).
 
     `pair` counts in `observed.pairs`; where there are matches, of these alone.
     """
@@ -65,28 +67,35 @@ def candidate_points(observed: Observed, pair: int, p: IdentityParameters) -> Ca
     square = np.maximum(1 - cosine**2, 1e-12)
     s = (cosine * along_b - along_a) / square
     t = (along_b - cosine * along_a) / square
-    gap_px = np.abs(a @ np.cross(b, base).T) / np.sqrt(square) * focal[second] / np.maximum(t, 1e-12)
+    gap_px = (
+        np.abs(a @ np.cross(b, base).T) / np.sqrt(square) * focal[second] / np.maximum(t, 1e-12)
+    )
     near = (s > 0) & (t > 0) & (gap_px < p.gate_px / 2)
     near &= (uv[first, 0] < FAR)[:, None] & (uv[second, 0] < FAR)
     if observed.matches is not None:
         allowed = np.zeros_like(near)
         allowed[tuple(observed.matches[pair].T)] = True
         near &= allowed
-    i, j = np.argwhere(near)[np.argsort(gap_px[near], kind="stable")[:p.max_pairs]].T
+    i, j = np.argwhere(near)[np.argsort(gap_px[near], kind="stable")[: p.max_pairs]].T
     aside = p.sigma_px / focal[first] * s[i, j]
     ahead = np.hypot(aside, p.sigma_px / focal[second] * t[i, j]) / np.sqrt(square[i, j])
-    return Candidates(np.stack([i, j], axis=1), views.centres[first] + s[i, j, None] * a[i], a[i], ahead, aside)
+    return Candidates(
+        np.stack([i, j], axis=1), views.centres[first] + s[i, j, None] * a[i], a[i], ahead, aside
+    )
 
 
-def pair_seeds(candidates: Candidates, camera: int, observed: Observed, p: IdentityParameters,
-               tries: int) -> Iterator[Poses]:
-    """Poses from triangles of candidate points: each time of all that show one triplet of the first camera's markers.
+def pair_seeds(
+    candidates: Candidates, camera: int, observed: Observed, p: IdentityParameters, tries: int
+) -> Iterator[Poses]:
+    """Poses from triangles of candidate points: each time of all that show one triplet of the first
+    camera's markers.
 
     Parameters
     ----------
     candidates : Candidates
     camera : int
-        The first of the two. Triplets of its markers that face it are preferred, where their axes are given.
+        The first of the two. Triplets of its markers that face it are preferred, where their axes
+        are given.
     observed : Observed
     p : IdentityParameters
     tries : int
@@ -103,11 +112,16 @@ def pair_seeds(candidates: Candidates, camera: int, observed: Observed, p: Ident
     score = _score(observed.uv[camera], observed.axes_of(camera), names)
     score *= fits.sum(axis=1)[corners].min(axis=1, initial=len(fits))
     for chosen in _best_triplets(names, score, tries):
-        yield _from_triangles(candidates, corners[(names == chosen).all(axis=1)], low, high, layout, p)
+        yield _from_triangles(
+            candidates, corners[(names == chosen).all(axis=1)], low, high, layout, p
+        )
 
 
-def single_seeds(camera: int, observed: Observed, p: IdentityParameters, tries: int) -> Iterator[Poses]:
-    """Poses from triplets of one camera's markers: each time all that show one triplet as three markers that face it.
+def single_seeds(
+    camera: int, observed: Observed, p: IdentityParameters, tries: int
+) -> Iterator[Poses]:
+    """Poses from triplets of one camera's markers: each time all that show one triplet as three
+    markers that face it.
 
     Parameters
     ----------
@@ -120,26 +134,35 @@ def single_seeds(camera: int, observed: Observed, p: IdentityParameters, tries: 
     """
     views, layout, uv = observed[:3]
     axes = observed.axes_of(camera)
-    found = np.flatnonzero(uv[camera, 0] < FAR)[:p.max_single]
+    found = np.flatnonzero(uv[camera, 0] < FAR)[: p.max_single]
     names = np.array(list(combinations(found, 3)), dtype=int).reshape(-1, 3)
     if axes is not None:
         # No further apart than markers of the handle can be, by their size.
         ends = uv[camera][:, names]
         widest = np.sqrt(((ends - np.roll(ends, -1, axis=2)) ** 2).sum(axis=0)).max(axis=1)
-        names = names[widest * layout.marker_mm < 1.3 * np.nanmax(layout.distances) * axes[names, 0].max(axis=1)]
+        names = names[
+            widest * layout.marker_mm
+            < 1.3 * np.nanmax(layout.distances) * axes[names, 0].max(axis=1)
+        ]
     rays = rays_through(views, uv)[camera]
     labels = np.argwhere(layout.triplets)
     for chosen in _best_triplets(names, _score(uv[camera], axes, names), tries):
         poses = _from_three(rays[chosen], labels, layout, p)
         if axes is not None:
-            nominal = layout.marker_mm * views.focal[camera, 0] / np.sqrt((poses.translations**2).sum(axis=1))
+            nominal = (
+                layout.marker_mm
+                * views.focal[camera, 0]
+                / np.sqrt((poses.translations**2).sum(axis=1))
+            )
             ratio = np.median(axes[chosen, 0]) / nominal
             poses = poses.take((ratio > 0.6) & (ratio < 2.0))  # motion blur makes a marker longer
         yield Poses(poses.rotations, poses.translations + views.centres[camera])
 
 
 def _side_range(c: Candidates, p: IdentityParameters) -> tuple[Array, Array]:
-    """Shortest and longest distance that each two candidates may have, shapes (m, m): the depths are uncertain."""
+    """Shortest and longest distance that each two candidates may have, shapes (m, m): the depths
+    are uncertain.
+    """
     way = c.points[:, None] - c.points
     ahead = np.abs((way * c.rays).sum(axis=2))
     across = np.sqrt(np.maximum((way * way).sum(axis=2) - ahead**2, 0.0))
@@ -149,33 +172,55 @@ def _side_range(c: Candidates, p: IdentityParameters) -> tuple[Array, Array]:
     return shortest, np.hypot(across + aside, ahead + slack)
 
 
-def _from_triangles(c: Candidates, triangles: np.ndarray, low: Array, high: Array, layout: Layout,
-                    p: IdentityParameters) -> Poses:
-    """Poses that carry three markers onto candidate points (t, 3), where the sides fit and the markers face the ray."""
+def _from_triangles(
+    c: Candidates,
+    triangles: np.ndarray,
+    low: Array,
+    high: Array,
+    layout: Layout,
+    p: IdentityParameters,
+) -> Poses:
+    """Poses that carry three markers onto candidate points (t, 3), where the sides fit and the
+    markers face the ray.
+    """
     ends = np.roll(triangles, -1, axis=1)
     shortest = low[triangles, ends][..., None, None]
     longest = high[triangles, ends][..., None, None]
     with np.errstate(invalid="ignore"):
         fits = (layout.distances >= shortest) & (layout.distances <= longest)  # (t, 3, n, n)
     # Sides 01, 12 and 20 of the triangle as axes of the markers 0, 1, 2.
-    first, second, third = fits[:, 0, :, :, None], fits[:, 1, None], fits[:, 2].swapaxes(1, 2)[:, :, None]
+    first = fits[:, 0, :, :, None]
+    second = fits[:, 1, None]
+    third = fits[:, 2].swapaxes(1, 2)[:, :, None]
     t, *labels = np.nonzero(first & second & third & layout.triplets)
     corners = np.stack(labels, axis=1)
     chosen = triangles[t]
-    return _facing(_carried(layout.centres[corners], c.points[chosen]), corners, c.rays[chosen], layout, p)
+    return _facing(
+        _carried(layout.centres[corners], c.points[chosen]), corners, c.rays[chosen], layout, p
+    )
 
 
 def _from_three(rays: Array, labels: np.ndarray, layout: Layout, p: IdentityParameters) -> Poses:
-    """Poses at which markers `labels` (k, 3) lie on three rays and face their origin, relative to that."""
+    """Poses at which markers `labels` (k, 3) lie on three rays and face their origin, relative to
+    that.
+    """
     triangles = layout.centres[labels]
     sides = np.sqrt(((triangles - np.roll(triangles, -1, axis=1)) ** 2).sum(axis=2))
     depths = three_point_depths(rays, sides)
     solved = np.isfinite(depths[:, 0])
     corners = np.concatenate([labels, labels])[solved]
-    return _facing(_carried(layout.centres[corners], depths[solved][..., None] * rays), corners, rays, layout, p)
+    return _facing(
+        _carried(layout.centres[corners], depths[solved][..., None] * rays),
+        corners,
+        rays,
+        layout,
+        p,
+    )
 
 
-def _facing(poses: Poses, labels: np.ndarray, rays: Array, layout: Layout, p: IdentityParameters) -> Poses:
+def _facing(
+    poses: Poses, labels: np.ndarray, rays: Array, layout: Layout, p: IdentityParameters
+) -> Poses:
     """The poses whose markers `labels` (h, 3) face the rays (h, 3, 3) or (3, 3) that meet them."""
     normals = layout.normals[labels] @ poses.rotations.transpose(0, 2, 1)
     return poses.take(((normals * rays).sum(axis=2) < p.away_cosine).all(axis=1))
@@ -184,7 +229,9 @@ def _facing(poses: Poses, labels: np.ndarray, rays: Array, layout: Layout, p: Id
 def _carried(source: Array, target: Array) -> Poses:
     """The motions that carry triangles (h, 3, 3) onto others: frame onto frame."""
     rotations = _frames(target) @ _frames(source).transpose(0, 2, 1)
-    return Poses(rotations, target.mean(axis=1) - (rotations @ source.mean(axis=1)[..., None])[..., 0])
+    return Poses(
+        rotations, target.mean(axis=1) - (rotations @ source.mean(axis=1)[..., None])[..., 0]
+    )
 
 
 def _frames(triangles: Array) -> Array:
@@ -197,14 +244,18 @@ def _frames(triangles: Array) -> Array:
 
 
 def _score(uv: Array, axes: Array | None, names: np.ndarray) -> Array:
-    """How promising triplets (t, 3) are: large ones, of round markers, for these face the camera."""
+    """How promising triplets (t, 3) are: large ones, of round markers, for these face the
+    camera.
+    """
     (ax, bx, cx), (ay, by, cy) = uv[:, names].transpose(0, 2, 1)
     area = np.abs((bx - ax) * (cy - ay) - (cx - ax) * (by - ay))
     return area if axes is None else area * (axes[:, 1] / axes[:, 0])[names].prod(axis=1)
 
 
 def _best_triplets(names: np.ndarray, score: Array, tries: int) -> Iterator[np.ndarray]:
-    """Triplets (3,) by falling score; each chosen one puts those off that share two markers with it."""
+    """Triplets (3,) by falling score; each chosen one puts those off that share two markers with
+    it.
+    """
     for _ in range(tries):
         if not score.max(initial=0.0) > 0:
             return
@@ -215,16 +266,20 @@ def _best_triplets(names: np.ndarray, score: Array, tries: int) -> Iterator[np.n
 
 
 def search(observed: Observed, p: IdentityParameters) -> tuple[Poses, Explained] | None:
-    """Find poses that explain the found markers, good and bad ones; None if there is nothing to try.
+    """Find poses that explain the found markers, good and bad ones; None if there is nothing to
+    try.
 
-    Pairs of cameras come first. Where they settle nothing, single cameras are tried, unless there are matches.
+    Pairs of cameras come first. Where they settle nothing, single cameras are tried, unless there
+    are matches.
     """
     tried: list[tuple[Poses, Explained]] = []
     for seeds in _pair_seeds(observed, p):
         tried.append(_refined(_best(seeds, observed, p.seeds_kept, p, different=True), observed, p))
         if _settled(tried[-1][1], p):
             break
-    if observed.matches is None and not any(_settled(explained, p, in_spite=True) for _, explained in tried):
+    if observed.matches is None and not any(
+        _settled(explained, p, in_spite=True) for _, explained in tried
+    ):
         for camera, seeds in _single_seeds(observed, p):
             tried.append(_refined(_in_one(seeds, camera, observed, p), observed, p))
             if _settled(tried[-1][1], p):
@@ -232,8 +287,10 @@ def search(observed: Observed, p: IdentityParameters) -> tuple[Poses, Explained]
     if not tried:
         return None
     poses, explained = zip(*tried, strict=True)
-    return (Poses(*map(np.concatenate, zip(*poses, strict=True))),
-            Explained(*map(np.concatenate, zip(*explained, strict=True))))
+    return (
+        Poses(*map(np.concatenate, zip(*poses, strict=True))),
+        Explained(*map(np.concatenate, zip(*explained, strict=True))),
+    )
 
 
 def _pair_seeds(observed: Observed, p: IdentityParameters) -> Iterator[Poses]:
@@ -255,7 +312,9 @@ def _single_seeds(observed: Observed, p: IdentityParameters) -> Iterator[tuple[i
 
 
 def _in_one(seeds: Poses, camera: int, observed: Observed, p: IdentityParameters) -> Poses:
-    """The best of one camera's poses fitted to all its markers, each at the distance that suits the others best."""
+    """The best of one camera's poses fitted to all its markers, each at the distance that suits the
+    others best.
+    """
     alone = observed.only(camera)
     for keep in (5 * p.seeds_kept, p.seeds_kept):
         seeds = _best(seeds, alone, keep, p)
@@ -269,12 +328,16 @@ def _in_one(seeds: Poses, camera: int, observed: Observed, p: IdentityParameters
     return moved.take(cost.argmin(axis=1) + np.arange(len(cost)) * len(depths))
 
 
-def _best(seeds: Poses, observed: Observed, keep: int, p: IdentityParameters, different: bool = False) -> Poses:
+def _best(
+    seeds: Poses, observed: Observed, keep: int, p: IdentityParameters, different: bool = False
+) -> Poses:
     """The poses of least cost; with `different`, at most one per labelling."""
     explained = explain(seeds, observed, 2 * p.gate_px, p)
-    order = np.argsort(explained.cost, kind="stable")[:10 * keep]
+    order = np.argsort(explained.cost, kind="stable")[: 10 * keep]
     if different:
-        _, first = np.unique(explained.labels[order].reshape(len(order), -1), axis=0, return_index=True)
+        _, first = np.unique(
+            explained.labels[order].reshape(len(order), -1), axis=0, return_index=True
+        )
         order = order[np.sort(first)]
     return seeds.take(order[:keep])
 
@@ -288,9 +351,11 @@ def _refined(poses: Poses, observed: Observed, p: IdentityParameters) -> tuple[P
 
 
 def _settled(explained: Explained, p: IdentityParameters, in_spite: bool = False) -> bool:
-    """Whether one of the poses is beyond doubt: it explains everything, or plenty and no camera speaks against it.
+    """Whether one of the poses is beyond doubt: it explains everything, or plenty and no camera
+    speaks against it.
 
-    With `in_spite` a camera may: another pair of cameras has been asked, and a single one would be outvoted.
+    With `in_spite` a camera may: another pair of cameras has been asked, and a single one would be
+    outvoted.
     """
     v = judge(explained, p)
     everything = explains_all(explained, p) & (v.evidence <= np.log(p.chance))

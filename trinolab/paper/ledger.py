@@ -1,4 +1,6 @@
-"""The ledger of the paper's equations, ``data/equations.toml``, and the pages of the book that come from it."""
+"""The ledger of the paper's equations, ``data/equations.toml``, and the pages of the book that come
+from it.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +21,8 @@ STATUSES = ("as printed", "misprint", "ambiguous")
 
 @dataclass(frozen=True)
 class Entry:
-    """One entry of the ledger: an equation, or a sentence or number of the text that cannot be right.
+    """One entry of the ledger: an equation, or a sentence or number of the text that cannot be
+    right.
 
     Attributes
     ----------
@@ -29,7 +32,8 @@ class Entry:
     printed, corrected : str
         TeX; `corrected` is empty where the printed form holds.
     status : str
-        One of `STATUSES`. Ambiguous is what can be read in several ways, or leaves something undefined.
+        One of `STATUSES`. Ambiguous is what can be read in several ways, or leaves something
+        undefined.
     what : str
         A sentence: what is wrong, and how it shows.
     functions, tests : tuple of str
@@ -55,9 +59,13 @@ class Entry:
 
     def __post_init__(self) -> None:
         if self.status not in STATUSES:
-            raise ValueError(f"{self.name}: expected a status of {', '.join(STATUSES)}, got {self.status!r}")
+            raise ValueError(
+                f"{self.name}: expected a status of {', '.join(STATUSES)}, got {self.status!r}"
+            )
         if bool(self.corrected) == (self.status == "as printed"):
-            raise ValueError(f"{self.name}: expected a corrected form unless the status is 'as printed'")
+            raise ValueError(
+                f"{self.name}: expected a corrected form unless the status is 'as printed'"
+            )
 
     @property
     def name(self) -> str:
@@ -72,7 +80,8 @@ class Entry:
 
 @dataclass(frozen=True)
 class Effect:
-    """What a misprint does: one quantity, computed by the printed form and by the corrected one, and what it must be.
+    """What a misprint does: one quantity, computed by the printed form and by the corrected one,
+    and what it must be.
 
     Attributes
     ----------
@@ -111,12 +120,18 @@ def load_ledger() -> tuple[Entry, ...]:
     path = data_path("equations.toml")
     table = read_toml(path)
     rows = [*get(table, "equation", str(path)), *get(table, "text", str(path))]
-    return tuple(_entry(row, f"{path}: entry {row.get('no', k)}") for k, row in enumerate(rows, start=1))
+    return tuple(
+        _entry(row, f"{path}: entry {row.get('no', k)}") for k, row in enumerate(rows, start=1)
+    )
 
 
 def equations_named(text: str) -> set[str]:
-    """The numbers of the equations in a docstring's first line: {"20", "21"} of "... (Eq. 20-21)."."""
-    found = re.search(r"\(Eq\. ([\d, -]+)\)", text.partition("\n")[0])
+    """The numbers of the equations in a docstring's summary: {"20", "21"} of "... (Eq. 20-21).".
+
+    The summary is all that stands before the first empty line.
+    """
+    summary = " ".join(text.partition("\n\n")[0].split())
+    found = re.search(r"\(Eq\. ([\d, -]+)\)", summary)
     if found is None:
         return set()
     spans = [part.partition("-") for part in found.group(1).replace(" ", "").split(",")]
@@ -124,28 +139,40 @@ def equations_named(text: str) -> set[str]:
 
 
 def index_page(entries: Sequence[Entry], effects: Mapping[str, Sequence[Effect]]) -> str:
-    """The equation index, as MyST Markdown: a row an equation, with a place for links and links to the reference."""
+    """The equation index, as MyST Markdown: a row an equation, with a place for links and links to
+    the reference.
+    """
     rows = ["| Eq. | Sect. | status | functions | tests | chapter |", "|---|---|---|---|---|---|"]
     for entry in entries:
         if not entry.no.isdigit():
             continue
-        status = f"{{ref}}`{entry.status} <{entry.label}>`" if effects.get(entry.no) else entry.status
-        functions = "<br>".join(f"{{py:obj}}`{'.'.join(name.split('.')[-2:])} <{name}>`" for name in entry.functions)
+        status = (
+            f"{{ref}}`{entry.status} <{entry.label}>`" if effects.get(entry.no) else entry.status
+        )
+        functions = "<br>".join(
+            f"{{py:obj}}`{'.'.join(name.split('.')[-2:])} <{name}>`" for name in entry.functions
+        )
         tests = "<br>".join(map(_readable, entry.tests))
         chapter = f"{{doc}}`{int(entry.chapter[:2])} </notebooks/{entry.chapter}>`"
         number = f"[{entry.no}]{{#equation-{entry.no}}}"
-        rows.append(f"| {number} | {entry.section} | {status} | {functions} | {tests} | {chapter} |")
+        rows.append(
+            f"| {number} | {entry.section} | {status} | {functions} | {tests} | {chapter} |"
+        )
     return "\n".join(rows) + "\n"
 
 
 def errata_page(entries: Sequence[Entry], effects: Mapping[str, Sequence[Effect]]) -> str:
-    """The errata, as MyST Markdown: every entry that is not as printed, or whose printed form has an effect."""
+    """The errata, as MyST Markdown: every entry that is not as printed, or whose printed form has
+    an effect.
+    """
     wrong = [entry for entry in entries if entry.status != "as printed" or effects.get(entry.no)]
     return "\n".join(_erratum(entry, effects.get(entry.no, ())) for entry in wrong)
 
 
 def write_pages(folder: Path, effects: Mapping[str, Sequence[Effect]]) -> None:
-    """Write ``equations.md`` and ``errata.md`` into a folder, made if need be; the pages of the book include them."""
+    """Write ``equations.md`` and ``errata.md`` into a folder, made if need be; the pages of the
+    book include them.
+    """
     entries = load_ledger()
     folder.mkdir(parents=True, exist_ok=True)
     for name, page in (("errata", errata_page), ("equations", index_page)):
@@ -161,8 +188,12 @@ def _entry(row: Any, where: str) -> Entry:
         if name not in ("functions", "tests"):
             _check(isinstance(value, str), value, f"{where}: {name}", "a string")
         else:
-            _check(isinstance(value, list) and all(isinstance(v, str) for v in value), value, f"{where}: {name}",
-                   "a list of strings")
+            _check(
+                isinstance(value, list) and all(isinstance(v, str) for v in value),
+                value,
+                f"{where}: {name}",
+                "a list of strings",
+            )
             fields[name] = tuple(value)
     return Entry(**fields)
 
@@ -174,15 +205,26 @@ def _check(good: bool, value: Any, where: str, wanted: str) -> None:
 
 def _erratum(entry: Entry, effects: Sequence[Effect]) -> str:
     tag = f" \\tag{{{entry.no}}}" if entry.no.isdigit() else ""
-    kind = f"Sect. {entry.section}, {entry.status}" if entry.no.isdigit() else entry.status.capitalize()
+    kind = (
+        f"Sect. {entry.section}, {entry.status}"
+        if entry.no.isdigit()
+        else entry.status.capitalize()
+    )
     lines = [f"({entry.label})=", f"## {entry.name}", "", f"*{kind}.* {entry.what}", ""]
     for title, tex in (("As printed:", entry.printed), ("Corrected:", entry.corrected)):
         if tex:  # in $$ several lines would be put into an environment that takes no tag
-            lines += [title, "", f"\\begin{{equation*}}\n{tex.strip()}{tag}\n\\end{{equation*}}", ""]
+            lines += [
+                title,
+                "",
+                f"\\begin{{equation*}}\n{tex.strip()}{tag}\n\\end{{equation*}}",
+                "",
+            ]
     if effects:
         lines += ["| effect | unit | as printed | corrected | must be |", "|---|---|---:|---:|---|"]
-        lines += [f"| {e.meaning} | {e.unit} | {number_text(e.printed)} | {number_text(e.corrected)} | {_wanted(e)} |"
-                  for e in effects]
+        lines += [
+            f"| {e.meaning} | {e.unit} | {number_text(e.printed)} | {number_text(e.corrected)} | {_wanted(e)} |"
+            for e in effects
+        ]
     return "\n".join([*lines, "", f"In the book: {{doc}}`/notebooks/{entry.chapter}`.", ""])
 
 
@@ -198,7 +240,8 @@ def number_text(value: float) -> str:
 
 
 def _wanted(effect: Effect) -> str:
-    low, high = number_text(effect.at_least), number_text(effect.at_most)
+    low = number_text(effect.at_least)
+    high = number_text(effect.at_most)
     if np.isinf(effect.at_most):
         return f"at least {low}"
     if np.isinf(effect.at_least):
@@ -207,7 +250,9 @@ def _wanted(effect: Effect) -> str:
 
 
 def _readable(test: str) -> str:
-    """A test's file and name in words: a name of eighty characters would not be broken into lines."""
+    """A test's file and name in words: a name of eighty characters would not be broken into
+    lines.
+    """
     file, _, name = test.removeprefix("tests/").partition("::")
     words = name.removeprefix("test_").replace("_s_", "'s ").replace("_", " ")
     return f"`{file}`: {words}"

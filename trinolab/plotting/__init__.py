@@ -1,6 +1,7 @@
 """Figures: arrays in, figures out.
 
-Colours are those of Okabe and Ito, which colour-blind readers can tell apart, on white, whatever the page's theme.
+Colours are those of Okabe and Ito, which colour-blind readers can tell apart, on white, whatever
+the page's theme.
 """
 
 from .basics import COLOURS, plot_beside, plot_curves, plot_pose_errors, show_frames, show_image
@@ -19,8 +20,30 @@ from .wall import plot_contacts, plot_limits, plot_nyquist
 from .workspace import Mesh, plot_workspace, workspace_plotter, workspace_scene
 
 __all__ = [
-    "COLOURS", "Mesh", "mark_window", "plot_beside", "plot_by_slant", "plot_contacts", "plot_curves", "plot_elevation",
-    "plot_estimators", "plot_factor", "plot_following", "plot_limits", "plot_nyquist", "plot_over_slant",
-    "plot_pose_errors", "plot_residuals", "plot_shares", "plot_structure", "plot_thresholds", "plot_workspace",
-    "show_frames", "show_image", "show_table", "show_verdict", "workspace_plotter", "workspace_scene",
+    "COLOURS",
+    "Mesh",
+    "mark_window",
+    "plot_beside",
+    "plot_by_slant",
+    "plot_contacts",
+    "plot_curves",
+    "plot_elevation",
+    "plot_estimators",
+    "plot_factor",
+    "plot_following",
+    "plot_limits",
+    "plot_nyquist",
+    "plot_over_slant",
+    "plot_pose_errors",
+    "plot_residuals",
+    "plot_shares",
+    "plot_structure",
+    "plot_thresholds",
+    "plot_workspace",
+    "show_frames",
+    "show_image",
+    "show_table",
+    "show_verdict",
+    "workspace_plotter",
+    "workspace_scene",
 ]

@@ -17,15 +17,22 @@ from ..workspace.cones import Cone
 COLOURS = ("#0072B2", "#E69F00", "#009E73", "#56B4E9", "#D55E00", "#F0E442")  # one a camera
 
 
-def plot_pose_errors(position_mm: ArrayLike, angles_deg: ArrayLike, labels: Sequence[Any] | None = None) -> Figure:
-    """Position errors (n,) in mm and signed angle errors (n, 3) in deg, pose by pose, with their means.
+def plot_pose_errors(
+    position_mm: ArrayLike, angles_deg: ArrayLike, labels: Sequence[Any] | None = None
+) -> Figure:
+    """Position errors (n,) in mm and signed angle errors (n, 3) in deg, pose by pose, with their
+    means.
 
-    `labels` names the poses; 1, 2, ... without it. The dashed line is the mean absolute error (Eq. 26, 27), the
-    dotted one the signed mean.
+    `labels` names the poses; 1, 2, ... without it. The dashed line is the mean absolute error
+    (Eq. 26, 27), the dotted one the signed mean.
     """
     angles = as_points(angles_deg, "angles_deg", 3)
-    panels = np.column_stack([as_points(np.reshape(position_mm, (-1, 1)), "position_mm", 1), angles])
-    figure, axes = plt.subplots(4, 1, figsize=(8, 7), sharex=True, layout="constrained", facecolor="white")
+    panels = np.column_stack(
+        [as_points(np.reshape(position_mm, (-1, 1)), "position_mm", 1), angles]
+    )
+    figure, axes = plt.subplots(
+        4, 1, figsize=(8, 7), sharex=True, layout="constrained", facecolor="white"
+    )
     titles = ("position / mm", "alpha / deg", "beta / deg", "gamma / deg")
     ticks = np.arange(1, len(panels) + 1)
     for ax, values, title, colour in zip(axes, panels.T, titles, COLOURS, strict=False):
@@ -40,24 +47,41 @@ def plot_pose_errors(position_mm: ArrayLike, angles_deg: ArrayLike, labels: Sequ
     return figure
 
 
-def plot_beside(x: ArrayLike, panels: Mapping[str, Mapping[str, ArrayLike]], xlabel: str, columns: int) -> Figure:
-    """Panels, each named by its y axis, with series y (n,) > 0 over one x (n,) as dots on a logarithmic axis."""
+def plot_beside(
+    x: ArrayLike, panels: Mapping[str, Mapping[str, ArrayLike]], xlabel: str, columns: int
+) -> Figure:
+    """Panels, each named by its y axis, with series y (n,) > 0 over one x (n,) as dots on a
+    logarithmic axis.
+    """
     rows = -(-len(panels) // columns)
-    figure, axes = plt.subplots(rows, columns, figsize=(4 * columns, 2.7 * rows + 0.6), squeeze=False,
-                                layout="constrained", facecolor="white")
+    figure, axes = plt.subplots(
+        rows,
+        columns,
+        figsize=(4 * columns, 2.7 * rows + 0.6),
+        squeeze=False,
+        layout="constrained",
+        facecolor="white",
+    )
     for ax, (ylabel, series) in zip(axes.flat, panels.items(), strict=False):
         for (name, y), colour, marker in zip(series.items(), COLOURS, "osD^vP", strict=False):
             ax.semilogy(x, y, marker, color=colour, label=name, markersize=5)
         ax.set(xlabel=xlabel, ylabel=ylabel, facecolor="white")
         ax.yaxis.set(major_formatter="{x:g}", minor_formatter="")
-    for ax in axes.flat[len(panels):]:
+    for ax in axes.flat[len(panels) :]:
         ax.remove()
-    figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=len(COLOURS))
+    figure.legend(
+        *axes[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=len(COLOURS)
+    )
     return figure
 
 
-def show_image(image: ArrayLike, uv: ArrayLike | None = None, labels: Sequence[Any] | None = None,
-               title: str = "", ax: Axes | None = None) -> Axes:
+def show_image(
+    image: ArrayLike,
+    uv: ArrayLike | None = None,
+    labels: Sequence[Any] | None = None,
+    title: str = "",
+    ax: Axes | None = None,
+) -> Axes:
     """A grey image with points on it.
 
     Parameters
@@ -72,34 +96,62 @@ def show_image(image: ArrayLike, uv: ArrayLike | None = None, labels: Sequence[A
     """
     grey = as_image(np.asarray(image), "image")
     if ax is None:
-        _, ax = plt.subplots(figsize=(7, 7 * grey.shape[0] / grey.shape[1]), layout="constrained", facecolor="white")
+        _, ax = plt.subplots(
+            figsize=(7, 7 * grey.shape[0] / grey.shape[1]), layout="constrained", facecolor="white"
+        )
     ax.imshow(grey, cmap="gray", interpolation="nearest")
-    ax.set(title=title, xlabel="u / px", ylabel="v / px", xlim=(-0.5, grey.shape[1] - 0.5),
-           ylim=(grey.shape[0] - 0.5, -0.5))
+    ax.set(
+        title=title,
+        xlabel="u / px",
+        ylabel="v / px",
+        xlim=(-0.5, grey.shape[1] - 0.5),
+        ylim=(grey.shape[0] - 0.5, -0.5),
+    )
     if uv is not None:
         _mark(ax, as_points(uv, "uv", 2), labels)
     return ax
 
 
-def show_frames(frames: Sequence[ArrayLike], pixels: Sequence[ArrayLike], labels: Sequence[Sequence[Any]],
-                names: Sequence[str], half_width_px: float = 100.0) -> Figure:
-    """The images of one instant side by side, cut out around the markers found in them, with the markers' labels.
+def show_frames(
+    frames: Sequence[ArrayLike],
+    pixels: Sequence[ArrayLike],
+    labels: Sequence[Sequence[Any]],
+    names: Sequence[str],
+    half_width_px: float = 100.0,
+) -> Figure:
+    """The images of one instant side by side, cut out around the markers found in them, with the
+    markers' labels.
 
-    `frames`, `pixels` (n, 2), `labels` and `names` hold one entry a camera; the label -1 is shown as a question mark.
-    Without a marker all of the image is shown.
+    `frames`, `pixels` (n, 2), `labels` and `names` hold one entry a camera; the label -1 is shown
+    as a question mark. Without a marker all of the image is shown.
     """
-    figure, axes = plt.subplots(1, len(frames), figsize=(4.8 * len(frames), 4.6), squeeze=False, layout="constrained",
-                                facecolor="white")
+    figure, axes = plt.subplots(
+        1,
+        len(frames),
+        figsize=(4.8 * len(frames), 4.6),
+        squeeze=False,
+        layout="constrained",
+        facecolor="white",
+    )
     for ax, frame, uv, label, name in zip(axes[0], frames, pixels, labels, names, strict=True):
         show_image(frame, uv, ["?" if text == -1 else text for text in label], name, ax)
         if len(found := np.asarray(uv)) > 0:
             u, v = (found.min(axis=0) + found.max(axis=0)) / 2
-            ax.set(xlim=(u - half_width_px, u + half_width_px), ylim=(v + half_width_px, v - half_width_px))
+            ax.set(
+                xlim=(u - half_width_px, u + half_width_px),
+                ylim=(v + half_width_px, v - half_width_px),
+            )
     return figure
 
 
-def plot_curves(x: ArrayLike, curves: Mapping[str, ArrayLike], xlabel: str, ylabel: str, log: str = "",
-                styles: Sequence[str] = ("o-",)) -> Axes:
+def plot_curves(
+    x: ArrayLike,
+    curves: Mapping[str, ArrayLike],
+    xlabel: str,
+    ylabel: str,
+    log: str = "",
+    styles: Sequence[str] = ("o-",),
+) -> Axes:
     """Curves y (n,) over one x (n,), named by the mapping's keys, with a tick at each x.
 
     `log` names the logarithmic axes ("x", "y", "xy"); `styles` are matplotlib's, taken in turn.
@@ -120,8 +172,14 @@ def _mark(ax: Axes, uv: Array, labels: Sequence[Any] | None) -> None:
     ax.plot(uv[:, 0], uv[:, 1], "+", color=COLOURS[1], markersize=9)
     for k, (u, v) in enumerate(uv):
         if labels is not None and np.isfinite(u + v):
-            ax.annotate(str(labels[k]), (u, v), xytext=(10, 6), textcoords="offset points", color=COLOURS[1],
-                        fontsize=9)
+            ax.annotate(
+                str(labels[k]),
+                (u, v),
+                xytext=(10, 6),
+                textcoords="offset points",
+                color=COLOURS[1],
+                fontsize=9,
+            )
 
 
 def _names(cones: Sequence[Cone], names: Sequence[str] | None) -> Sequence[str]:

@@ -1,4 +1,6 @@
-"""Figures of errors: over what was varied, over CCD3's place, over estimators, and of a calibration."""
+"""Figures of errors: over what was varied, over CCD3's place, over estimators, and of a
+calibration.
+"""
 
 from __future__ import annotations
 
@@ -23,10 +25,17 @@ _STYLES = ("o-", "s--", "D-.", "^:", "v-")
 _MARKERS = "osD^vP"
 
 
-def plot_factor(x: ArrayLike, panels: Mapping[str, Mapping[str, ArrayLike]], xlabel: str, paper: float,
-                xscale: str = "linear", counts: Collection[str] = (),
-                mark: str = "the paper's working point") -> Figure:
-    """Panels side by side, each named by its logarithmic y axis, with curves y (n,) > 0 over one x (n,).
+def plot_factor(
+    x: ArrayLike,
+    panels: Mapping[str, Mapping[str, ArrayLike]],
+    xlabel: str,
+    paper: float,
+    xscale: str = "linear",
+    counts: Collection[str] = (),
+    mark: str = "the paper's working point",
+) -> Figure:
+    """Panels side by side, each named by its logarithmic y axis, with curves y (n,) > 0 over one x
+    (n,).
 
     Parameters
     ----------
@@ -42,11 +51,13 @@ def plot_factor(x: ArrayLike, panels: Mapping[str, Mapping[str, ArrayLike]], xla
     mark : str
     """
     width = min(4.4 * len(panels), 10.5)
-    figure, axes = plt.subplots(1, len(panels), figsize=(width, 3.0), squeeze=False, layout="constrained",
-                                facecolor="white")
+    figure, axes = plt.subplots(
+        1, len(panels), figsize=(width, 3.0), squeeze=False, layout="constrained", facecolor="white"
+    )
     for ax, (ylabel, curves) in zip(axes[0], panels.items(), strict=True):
-        for (name, y), colour, style in zip(curves.items(), COLOURS, ("o-", "s--", "D-.", "^:", "v-", "P--"),
-                                            strict=False):
+        for (name, y), colour, style in zip(
+            curves.items(), COLOURS, ("o-", "s--", "D-.", "^:", "v-", "P--"), strict=False
+        ):
             ax.plot(x, np.asarray(y, float), style, color=colour, label=name, markersize=4)
         ax.axvline(paper, color="black", linestyle=":", linewidth=1.2, label=mark)
         ax.set(xlabel=xlabel, ylabel=ylabel, xscale=xscale, facecolor="white")
@@ -55,9 +66,13 @@ def plot_factor(x: ArrayLike, panels: Mapping[str, Mapping[str, ArrayLike]], xla
             ax.set_ylim(0, 1.08 * max(np.nanmax(y), 1))
         else:
             ax.set_yscale("log")
-            ax.yaxis.set(major_locator=LogLocator(subs=_in_a_decade(y)), major_formatter="{x:g}", minor_formatter="")
+            ax.yaxis.set(
+                major_locator=LogLocator(subs=_in_a_decade(y)),
+                major_formatter="{x:g}",
+                minor_formatter="",
+            )
         if xscale == "log":
-            some = np.asarray(x)[::-(-np.size(x) // 7)]  # at most seven
+            some = np.asarray(x)[:: -(-np.size(x) // 7)]  # at most seven
             ax.set_xticks(some, [f"{tick:g}" for tick in some])
             ax.minorticks_off()
         ax.grid(axis="y", alpha=0.3)
@@ -66,13 +81,20 @@ def plot_factor(x: ArrayLike, panels: Mapping[str, Mapping[str, ArrayLike]], xla
 
 
 def _in_a_decade(y: Array) -> tuple[float, ...]:
-    """The ticks of a logarithmic axis: at several numbers of a decade, or at powers of ten if there are many."""
+    """The ticks of a logarithmic axis: at several numbers of a decade, or at powers of ten if there
+    are many.
+    """
     positive = y[y > 0]
-    return (1, 1.5, 2, 3, 5, 7) if len(positive) == 0 or positive.max() < 100 * positive.min() else (1,)
+    return (
+        (1, 1.5, 2, 3, 5, 7)
+        if len(positive) == 0 or positive.max() < 100 * positive.min()
+        else (1,)
+    )
 
 
 def plot_elevation(table: pd.DataFrame, estimator: str) -> Figure:
-    """Shared markers, errors by estimator, and poses kept with a camera hidden, over CCD3's elevation.
+    """Shared markers, errors by estimator, and poses kept with a camera hidden, over CCD3's
+    elevation.
 
     Parameters
     ----------
@@ -88,10 +110,17 @@ def plot_elevation(table: pd.DataFrame, estimator: str) -> Figure:
     """
     one = table[table["estimator"] == estimator]
     if one.empty:
-        raise ValueError(f"estimator: expected one of {', '.join(table['estimator'].unique())}, got {estimator!r}")
-    figure, axes = plt.subplots(2, 2, figsize=(9, 6), sharex=True, layout="constrained", facecolor="white")
-    x, (shared, position, kept, angle) = one["elevation_deg"], axes.ravel()
-    _curves(shared, {f"CCD{p[0]} and CCD{p[1]}": (x, one[f"shared_{p}"]) for p in ("12", "13", "23")})
+        raise ValueError(
+            f"estimator: expected one of {', '.join(table['estimator'].unique())}, got {estimator!r}"
+        )
+    figure, axes = plt.subplots(
+        2, 2, figsize=(9, 6), sharex=True, layout="constrained", facecolor="white"
+    )
+    x = one["elevation_deg"]
+    (shared, position, kept, angle) = axes.ravel()
+    _curves(
+        shared, {f"CCD{p[0]} and CCD{p[1]}": (x, one[f"shared_{p}"]) for p in ("12", "13", "23")}
+    )
     _curves(kept, {f"CCD{k} hidden": (x, one[f"kept_ccd{k}"]) for k in (1, 2, 3)})
     for ax, column in ((position, "E_t_mm"), (angle, "geodesic_mean_deg")):
         by_name = table.groupby("estimator", sort=False)
@@ -99,7 +128,9 @@ def plot_elevation(table: pd.DataFrame, estimator: str) -> Figure:
         ax.set(yscale="log")
     shared.set(ylabel="shared markers, mean", ylim=(0, None))
     position.set(ylabel="E_t / mm")
-    kept.set(ylabel=f"poses kept, {estimator}", ylim=(-0.03, 1.03), xlabel="elevation of CCD3 / deg")
+    kept.set(
+        ylabel=f"poses kept, {estimator}", ylim=(-0.03, 1.03), xlabel="elevation of CCD3 / deg"
+    )
     angle.set(ylabel="geodesic angle / deg", xlabel="elevation of CCD3 / deg")
     return figure
 
@@ -110,63 +141,114 @@ def _curves(ax: Axes, curves: dict) -> None:
         ax.plot(x, y, style, color=colour, label=name, markersize=4)
     for rig, elevation in SHIPPED_DEG.items():
         ax.axvline(elevation, color="black", linestyle=":", linewidth=1)
-        ax.annotate(rig, (elevation, 1.0), xycoords=("data", "axes fraction"), xytext=(-3, -3), rotation=90,
-                    textcoords="offset points", ha="right", va="top", fontsize=6)
+        ax.annotate(
+            rig,
+            (elevation, 1.0),
+            xycoords=("data", "axes fraction"),
+            xytext=(-3, -3),
+            rotation=90,
+            textcoords="offset points",
+            ha="right",
+            va="top",
+            fontsize=6,
+        )
     ax.set(facecolor="white")
     ax.grid(alpha=0.3)
     ax.legend(fontsize=7)
 
 
 def plot_by_slant(errors: Mapping[str, pd.DataFrame], limit_px: float) -> Figure:
-    """Errors of centroids along the slant and across it, over the slant: a dot a marker, one colour a method.
+    """Errors of centroids along the slant and across it, over the slant: a dot a marker, one colour
+    a method.
 
     Parameters
     ----------
     errors : mapping
-        From the name of a method to its table, as `centroid_bias.centroid_errors` gives it; not more than two.
+        From the name of a method to its table, as `centroid_bias.centroid_errors` gives it; not
+        more than two.
     limit_px : float
         Of the vertical axes; a dot beyond is drawn at the edge.
     """
     figure, axes = plt.subplots(1, 2, figsize=(9.2, 3.2), layout="constrained", facecolor="white")
     for ax, axis in zip(axes, ("along", "across"), strict=True):
-        for (name, table), colour, marker in zip(errors.items(), COLOURS[1::-1], "x.", strict=False):
-            ax.plot(table["slant_deg"], table[axis].clip(-limit_px, limit_px), marker, color=colour, label=name,
-                    markersize=4)
+        for (name, table), colour, marker in zip(
+            errors.items(), COLOURS[1::-1], "x.", strict=False
+        ):
+            ax.plot(
+                table["slant_deg"],
+                table[axis].clip(-limit_px, limit_px),
+                marker,
+                color=colour,
+                label=name,
+                markersize=4,
+            )
         ax.axhline(0.0, color="black", linewidth=0.8)
-        ax.set(xlabel="slant / deg", ylabel=f"error {axis} the slant / px", ylim=(-1.03 * limit_px, 1.03 * limit_px),
-               facecolor="white")
+        ax.set(
+            xlabel="slant / deg",
+            ylabel=f"error {axis} the slant / px",
+            ylim=(-1.03 * limit_px, 1.03 * limit_px),
+            facecolor="white",
+        )
         ax.legend(fontsize=8)
     return figure
 
 
-def plot_estimators(errors: Mapping[str, pd.DataFrame], lines: Mapping[str, pd.DataFrame]) -> Figure:
-    """Errors of estimators on several rigs, a panel a quantity, with other values as short lines across each rig.
+def plot_estimators(
+    errors: Mapping[str, pd.DataFrame], lines: Mapping[str, pd.DataFrame]
+) -> Figure:
+    """Errors of estimators on several rigs, a panel a quantity, with other values as short lines
+    across each rig.
 
     Parameters
     ----------
     errors : mapping
-        From the name of a y axis to a table with a row a rig and a column an estimator, all positive.
+        From the name of a y axis to a table with a row a rig and a column an estimator, all
+        positive.
     lines : mapping
-        From the name of a line to a table with a row a rig and a column a y axis; not more than three.
+        From the name of a line to a table with a row a rig and a column a y axis; not more than
+        three.
     """
-    figure, axes = plt.subplots(1, len(errors), figsize=(4.8 * len(errors), 3.6), squeeze=False, layout="constrained",
-                                facecolor="white")
+    figure, axes = plt.subplots(
+        1,
+        len(errors),
+        figsize=(4.8 * len(errors), 3.6),
+        squeeze=False,
+        layout="constrained",
+        facecolor="white",
+    )
     for ax, (ylabel, table) in zip(axes[0], errors.items(), strict=True):
         x = np.arange(len(table))
         for k, (name, colour, marker) in enumerate(zip(table, COLOURS, _MARKERS, strict=False)):
-            ax.plot(x + 0.13 * (k - (len(table.columns) - 1) / 2), table[name], marker, color=colour, label=name)
-        for (name, values), style in zip(lines.items(), ("solid", "dotted", "dashed"), strict=False):
+            ax.plot(
+                x + 0.13 * (k - (len(table.columns) - 1) / 2),
+                table[name],
+                marker,
+                color=colour,
+                label=name,
+            )
+        for (name, values), style in zip(
+            lines.items(), ("solid", "dotted", "dashed"), strict=False
+        ):
             ax.hlines(values.loc[table.index, ylabel], x - 0.4, x + 0.4, "black", style, label=name)
         ax.set(ylabel=ylabel, yscale="log", facecolor="white")
         ax.set_xticks(x, table.index)
-        ax.yaxis.set(major_locator=LogLocator(subs=(1, 2, 5)), major_formatter="{x:g}", minor_formatter="")
+        ax.yaxis.set(
+            major_locator=LogLocator(subs=(1, 2, 5)), major_formatter="{x:g}", minor_formatter=""
+        )
         ax.grid(axis="y", alpha=0.3)
-    figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=4, fontsize=8)
+    figure.legend(
+        *axes[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=4, fontsize=8
+    )
     return figure
 
 
-def plot_residuals(uv: ArrayLike, residuals_px: ArrayLike, sizes: Sequence[tuple[int, int]], names: Sequence[str],
-                   views: Sequence[str]) -> Figure:
+def plot_residuals(
+    uv: ArrayLike,
+    residuals_px: ArrayLike,
+    sizes: Sequence[tuple[int, int]],
+    names: Sequence[str],
+    views: Sequence[str],
+) -> Figure:
     """Residuals as arrows in each camera's image, and their rms a view below.
 
     Parameters
@@ -181,35 +263,65 @@ def plot_residuals(uv: ArrayLike, residuals_px: ArrayLike, sizes: Sequence[tuple
     """
     uv = as_array(uv, "uv", (len(names), len(views), None, 2), finite=False)
     off = as_array(residuals_px, "residuals_px", uv.shape, finite=False)
-    figure = Figure(figsize=(max(4.2 * len(names), 8.4), 6.6), layout="constrained", facecolor="white")
+    figure = Figure(
+        figsize=(max(4.2 * len(names), 8.4), 6.6), layout="constrained", facecolor="white"
+    )
     grid = figure.add_gridspec(2, len(names), height_ratios=(3, 2))
     for k, name in enumerate(names):
-        _arrows(figure.add_subplot(grid[0, k]), uv[k], off[k], sizes[k], name, COLOURS[k % len(COLOURS)])
+        _arrows(
+            figure.add_subplot(grid[0, k]), uv[k], off[k], sizes[k], name, COLOURS[k % len(COLOURS)]
+        )
     _bars(figure.add_subplot(grid[1, :]), np.linalg.norm(off, axis=3), names, views)
     return figure
 
 
 def _arrows(ax: Axes, uv: Array, off: Array, size: tuple[int, int], name: str, colour: str) -> None:
-    """One camera's residuals, magnified by a power of ten; most are shorter than a tenth of the image's width."""
+    """One camera's residuals, magnified by a power of ten; most are shorter than a tenth of the
+    image's width.
+    """
     used = np.isfinite(off).all(axis=2) & np.isfinite(uv).all(axis=2)
     start, arrow = uv[used], off[used]
     length = np.linalg.norm(arrow, axis=1)
     largest = np.quantile(length, 0.98) if len(length) and length.max() > 0 else 1.0
     factor = 10 ** np.floor(np.log10(0.1 * size[0] / largest))
-    ax.quiver(*start.T, *(factor * arrow).T, color=colour, angles="xy", scale_units="xy", scale=1, width=0.002)
+    ax.quiver(
+        *start.T,
+        *(factor * arrow).T,
+        color=colour,
+        angles="xy",
+        scale_units="xy",
+        scale=1,
+        width=0.002,
+    )
     rms = np.sqrt(np.mean(length**2)) if len(length) else np.nan
-    ax.set(title=f"{name}: {rms:.3f} px rms, arrows x {factor:g}", xlim=(-0.5, size[0] - 0.5),
-           ylim=(size[1] - 0.5, -0.5), aspect="equal", xlabel="u / px", ylabel="v / px", facecolor="white")
+    ax.set(
+        title=f"{name}: {rms:.3f} px rms, arrows x {factor:g}",
+        xlim=(-0.5, size[0] - 0.5),
+        ylim=(size[1] - 0.5, -0.5),
+        aspect="equal",
+        xlabel="u / px",
+        ylabel="v / px",
+        facecolor="white",
+    )
 
 
 def _bars(ax: Axes, distances: Array, names: Sequence[str], views: Sequence[str]) -> None:
     """The rms of each camera's views, beside each other."""
-    width, at = 0.8 / len(names), np.arange(len(views))
+    width = 0.8 / len(names)
+    at = np.arange(len(views))
     count = np.isfinite(distances).sum(axis=2)
     rms = np.sqrt(np.nansum(distances**2, axis=2) / np.maximum(count, 1))
     for k, (name, heights) in enumerate(zip(names, rms, strict=True)):
-        ax.bar(at + width * (k - (len(names) - 1) / 2), heights, width, color=COLOURS[k % len(COLOURS)], label=name)
+        ax.bar(
+            at + width * (k - (len(names) - 1) / 2),
+            heights,
+            width,
+            color=COLOURS[k % len(COLOURS)],
+            label=name,
+        )
     step = -(-len(views) // 25)
-    ax.set_xticks(at[::step], [str(view) for view in views[::step]], rotation=60, ha="right", fontsize=7)
+    ax.set_xticks(
+        at[::step], [str(view) for view in views[::step]], rotation=60, ha="right", fontsize=7
+    )
     ax.set(ylabel="rms / px", xlabel="view (no bar: not used)", facecolor="white")
     ax.legend(fontsize=8)

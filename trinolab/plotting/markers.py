@@ -1,4 +1,6 @@
-"""Figures of what is found in images: moving windows, markers, centroids, and a target followed (Fig. 6)."""
+"""Figures of what is found in images: moving windows, markers, centroids, and a target followed
+(Fig. 6).
+"""
 
 from __future__ import annotations
 
@@ -20,8 +22,13 @@ _VERDICTS = {"background": "white", "found": "silver", "false": "#D55E00", "miss
 MARGIN_PX = 150
 
 
-def plot_thresholds(images: Mapping[str, np.ndarray], uv: Sequence[Array], counts: Sequence[ArrayLike],
-                    steps: Sequence[ArrayLike], wanted: float) -> Figure:
+def plot_thresholds(
+    images: Mapping[str, np.ndarray],
+    uv: Sequence[Array],
+    counts: Sequence[ArrayLike],
+    steps: Sequence[ArrayLike],
+    wanted: float,
+) -> Figure:
     """Images with the spots found in them; below each its number of contours at every threshold.
 
     Parameters
@@ -37,8 +44,12 @@ def plot_thresholds(images: Mapping[str, np.ndarray], uv: Sequence[Array], count
     wanted : float
         The number that it looks for.
     """
-    figure, axes = plt.subplots(2, len(images), figsize=(13, 6), layout="constrained", facecolor="white")
-    for (name, image), spots, count, way, (top, bottom) in zip(images.items(), uv, counts, steps, axes.T, strict=True):
+    figure, axes = plt.subplots(
+        2, len(images), figsize=(13, 6), layout="constrained", facecolor="white"
+    )
+    for (name, image), spots, count, way, (top, bottom) in zip(
+        images.items(), uv, counts, steps, axes.T, strict=True
+    ):
         show_image(image, spots, title=name, ax=top)
         bottom.semilogy(np.maximum(count, 0.5), color="grey")
         bottom.axhline(wanted, color=COLOURS[4], linestyle="--")
@@ -47,9 +58,12 @@ def plot_thresholds(images: Mapping[str, np.ndarray], uv: Sequence[Array], count
     return figure
 
 
-def plot_over_slant(dots: Mapping[str, tuple[ArrayLike, ArrayLike]], line: tuple[ArrayLike, ArrayLike],
-                    named: str) -> Axes:
-    """Distances of centroids from their centres (px, logarithmic) over the slant (deg): dots by name, and one line."""
+def plot_over_slant(
+    dots: Mapping[str, tuple[ArrayLike, ArrayLike]], line: tuple[ArrayLike, ArrayLike], named: str
+) -> Axes:
+    """Distances of centroids from their centres (px, logarithmic) over the slant (deg): dots by
+    name, and one line.
+    """
     _, ax = plt.subplots(figsize=(6.5, 3.6), layout="constrained", facecolor="white")
     for (name, (slant, error)), symbol, colour in zip(dots.items(), "ox", COLOURS, strict=False):
         ax.semilogy(slant, error, symbol, color=colour, markersize=3, label=name)
@@ -60,13 +74,27 @@ def plot_over_slant(dots: Mapping[str, tuple[ArrayLike, ArrayLike]], line: tuple
     return ax
 
 
-def mark_window(ax: Axes, window: Window, label: str = "", colour: str = COLOURS[1], style: str = "-") -> None:
+def mark_window(
+    ax: Axes, window: Window, label: str = "", colour: str = COLOURS[1], style: str = "-"
+) -> None:
     """Draw a window into an image's axes, around all of its pixels."""
-    ax.add_patch(Rectangle((window.u - 0.5, window.v - 0.5), window.width, window.height, fill=False,
-                           edgecolor=colour, linestyle=style, linewidth=1.5, label=label))
+    ax.add_patch(
+        Rectangle(
+            (window.u - 0.5, window.v - 0.5),
+            window.width,
+            window.height,
+            fill=False,
+            edgecolor=colour,
+            linestyle=style,
+            linewidth=1.5,
+            label=label,
+        )
+    )
 
 
-def show_verdict(mask: ArrayLike, inside: ArrayLike, outside: ArrayLike, title: str, ax: Axes) -> None:
+def show_verdict(
+    mask: ArrayLike, inside: ArrayLike, outside: ArrayLike, title: str, ax: Axes
+) -> None:
     """Show which pixels count as moving, and which of them rightly.
 
     Parameters
@@ -80,14 +108,24 @@ def show_verdict(mask: ArrayLike, inside: ArrayLike, outside: ArrayLike, title: 
     """
     found, moved, still = (np.asarray(part, dtype=bool) for part in (mask, inside, outside))
     kind = 1 * found + 1 * (found & still) + 3 * (~found & moved)
-    ax.imshow(kind, cmap=ListedColormap(list(_VERDICTS.values())), vmin=0, vmax=3, interpolation="nearest")
+    ax.imshow(
+        kind, cmap=ListedColormap(list(_VERDICTS.values())), vmin=0, vmax=3, interpolation="nearest"
+    )
     ax.set(title=title, xlabel="u / px", ylabel="v / px")
-    patches = [Patch(facecolor=colour, edgecolor="black", label=name) for name, colour in _VERDICTS.items()]
+    patches = [
+        Patch(facecolor=colour, edgecolor="black", label=name) for name, colour in _VERDICTS.items()
+    ]
     ax.legend(handles=patches, fontsize=8, ncols=4, loc="upper center", bbox_to_anchor=(0.5, -0.18))
 
 
-def show_table(values: ArrayLike, rows: Sequence[float], columns: Sequence[float], names: tuple[str, str], title: str,
-               ax: Axes) -> None:
+def show_table(
+    values: ArrayLike,
+    rows: Sequence[float],
+    columns: Sequence[float],
+    names: tuple[str, str],
+    title: str,
+    ax: Axes,
+) -> None:
     """Show numbers from 0 to 100, one for each of `rows` and `columns`, the darker the larger.
 
     `names` are those of the rows and of the columns.
@@ -95,31 +133,52 @@ def show_table(values: ArrayLike, rows: Sequence[float], columns: Sequence[float
     table = as_array(values, "values", (len(rows), len(columns)))
     ax.imshow(table, cmap="Blues", vmin=0, vmax=100, aspect="auto")
     for (i, j), value in np.ndenumerate(table):
-        ax.text(j, i, f"{value:.2f}", ha="center", va="center", color="white" if value > 55 else "black")
+        ax.text(
+            j, i, f"{value:.2f}", ha="center", va="center", color="white" if value > 55 else "black"
+        )
     ax.set(title=title, xlabel=names[1], ylabel=names[0])
     ax.set_xticks(range(len(columns)), [f"{column:g}" for column in columns])
     ax.set_yticks(range(len(rows)), [f"{row:g}" for row in rows])
 
 
-def plot_shares(t_s: ArrayLike, panels: Mapping[str, Mapping[str, ArrayLike]], log: bool = False) -> Figure:
-    """Shares from 0 to 1 over time, as per cent: panels side by side by their titles, curves (n,) by their names.
+def plot_shares(
+    t_s: ArrayLike, panels: Mapping[str, Mapping[str, ArrayLike]], log: bool = False
+) -> Figure:
+    """Shares from 0 to 1 over time, as per cent: panels side by side by their titles, curves (n,)
+    by their names.
 
     `log` spreads what is small: the axis is logarithmic from 1 % on and linear below.
     """
-    figure, axes = plt.subplots(1, len(panels), figsize=(5.5 * len(panels), 3.8), sharey=True, squeeze=False,
-                                layout="constrained", facecolor="white")
+    figure, axes = plt.subplots(
+        1,
+        len(panels),
+        figsize=(5.5 * len(panels), 3.8),
+        sharey=True,
+        squeeze=False,
+        layout="constrained",
+        facecolor="white",
+    )
     for ax, (title, curves) in zip(axes[0], panels.items(), strict=True):
         for (name, share), colour in zip(curves.items(), COLOURS, strict=False):
             ax.plot(t_s, 100 * np.asarray(share), color=colour, label=name)
-        ax.set(title=title, xlabel="t / s", yscale="symlog" if log else "linear", ylim=(-0.2 if log else -2, 105))
+        ax.set(
+            title=title,
+            xlabel="t / s",
+            yscale="symlog" if log else "linear",
+            ylim=(-0.2 if log else -2, 105),
+        )
         ax.yaxis.set(major_formatter="{x:g}")
         ax.grid(axis="y", alpha=0.3)
     axes[0, 0].set_ylabel("share / %")
-    figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=len(COLOURS))
+    figure.legend(
+        *axes[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=len(COLOURS)
+    )
     return figure
 
 
-def plot_following(image: ArrayLike, searched: Window | None, boxes: Sequence[Window | None], found: Array) -> Figure:
+def plot_following(
+    image: ArrayLike, searched: Window | None, boxes: Sequence[Window | None], found: Array
+) -> Figure:
     """One instant twice, cut out: where the filter looks, and what it finds there.
 
     Parameters
@@ -134,12 +193,19 @@ def plot_following(image: ArrayLike, searched: Window | None, boxes: Sequence[Wi
     """
     known = [box for box in boxes if box is not None]
     if len(known) < max(len(boxes), 2) or searched is None:
-        raise ValueError(f"boxes: expected two or more with markers, got {len(known)} of {len(boxes)}")
+        raise ValueError(
+            f"boxes: expected two or more with markers, got {len(known)} of {len(boxes)}"
+        )
     centres = np.array([box.centre for box in known])
     view = searched.grown(MARGIN_PX).clipped(np.shape(image)[::-1]) or searched
     figure, axes = plt.subplots(1, 2, figsize=(8.5, 5.2), layout="constrained", facecolor="white")
-    for ax, title, shown, points in zip(axes, ("(c) predicted", "(d) found and corrected"), (None, found),
-                                        (centres[:-1], centres), strict=True):
+    for ax, title, shown, points in zip(
+        axes,
+        ("(c) predicted", "(d) found and corrected"),
+        (None, found),
+        (centres[:-1], centres),
+        strict=True,
+    ):
         show_image(image, shown, title=title, ax=ax)
         _outline(ax, searched, COLOURS[1], "search window")
         ax.plot(points[:, 0], points[:, 1], ".-", color=COLOURS[2], label="centres so far")
@@ -152,5 +218,14 @@ def plot_following(image: ArrayLike, searched: Window | None, boxes: Sequence[Wi
 
 
 def _outline(ax: Axes, window: Window, colour: str, label: str) -> None:
-    ax.add_patch(Rectangle((window.u - 0.5, window.v - 0.5), window.width, window.height, fill=False, edgecolor=colour,
-                           linewidth=2, label=label))
+    ax.add_patch(
+        Rectangle(
+            (window.u - 0.5, window.v - 0.5),
+            window.width,
+            window.height,
+            fill=False,
+            edgecolor=colour,
+            linewidth=2,
+            label=label,
+        )
+    )

@@ -1,4 +1,6 @@
-"""The paper's Fig. 1 and 2, drawn anew from the text: the master-slave system and the master's chain as loops."""
+"""The paper's Fig. 1 and 2, drawn anew from the text: the master-slave system and the master's
+chain as loops.
+"""
 
 from __future__ import annotations
 
@@ -10,19 +12,37 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
-SYSTEM = {"operator": (0, 1), "operating\nhandle": (1, 2), "detection\nunit": (2, 2), "computer": (3, 2),
-          "control\nappliance": (3, 0), "robot": (2, 0), "surveillance\ncameras": (1, 0), "monitor": (1, 1)}
+SYSTEM = {
+    "operator": (0, 1),
+    "operating\nhandle": (1, 2),
+    "detection\nunit": (2, 2),
+    "computer": (3, 2),
+    "control\nappliance": (3, 0),
+    "robot": (2, 0),
+    "surveillance\ncameras": (1, 0),
+    "monitor": (1, 1),
+}
 
 BETWEEN = ("hand", "light", "pose", "joint parameters", "motion", "light", "video", "eyes")
-MASTER = {"frames": (0, 2), "background\nEq. 5-6": (1, 2), "window\nEq. 7-15": (2, 2), "markers\nEq. 16": (3, 2),
-          "matches\nEq. 17-18": (3, 0), "points\nEq. 19-22": (2, 0), "pose\nEq. 23-24": (1, 0), "mapping": (0, 0)}
+MASTER = {
+    "frames": (0, 2),
+    "background\nEq. 5-6": (1, 2),
+    "window\nEq. 7-15": (2, 2),
+    "markers\nEq. 16": (3, 2),
+    "matches\nEq. 17-18": (3, 0),
+    "points\nEq. 19-22": (2, 0),
+    "pose\nEq. 23-24": (1, 0),
+    "mapping": (0, 0),
+}
 
 HANDED_ON = ("grey", "mask", "px", "centroids", "pairs", "mm", "mm, rad", "next instant")
 
 
 def plot_structure() -> Figure:
     """Fig. 1, the system, and Fig. 2, the master: what hands what to whom (Sect. 2, 3.1)."""
-    figure, (above, below) = plt.subplots(2, 1, figsize=(10, 8), layout="constrained", facecolor="white")
+    figure, (above, below) = plt.subplots(
+        2, 1, figsize=(10, 8), layout="constrained", facecolor="white"
+    )
     _loop(above, "Fig. 1: the system", SYSTEM, BETWEEN)
     above.add_patch(Rectangle((0.5, 0.65), 3, 1.75, fill=False, linestyle="--", label="master"))
     above.add_patch(Rectangle((0.5, -0.4), 3, 0.8, fill=False, linestyle=":", label="slave"))
@@ -31,14 +51,24 @@ def plot_structure() -> Figure:
     return figure
 
 
-def _loop(ax: Axes, title: str, boxes: Mapping[str, tuple[float, float]], labels: Sequence[str]) -> None:
+def _loop(
+    ax: Axes, title: str, boxes: Mapping[str, tuple[float, float]], labels: Sequence[str]
+) -> None:
     """Boxes with an arrow from each to the next, and from the last to the first."""
     names = list(boxes)
     for a, b, text in zip(names, [*names[1:], names[0]], labels, strict=True):
         gap = 20 if boxes[a][0] == boxes[b][0] else 34  # boxes are wider than high
-        ax.annotate("", boxes[b], boxes[a], arrowprops={"arrowstyle": "-|>", "shrinkA": gap, "shrinkB": gap})
+        ax.annotate(
+            "", boxes[b], boxes[a], arrowprops={"arrowstyle": "-|>", "shrinkA": gap, "shrinkB": gap}
+        )
         x, y = np.mean([boxes[a], boxes[b]], axis=0)
         ax.text(x, y, text, fontsize=8, ha="center", backgroundcolor="white")
-        ax.text(*boxes[a], a, ha="center", va="center", bbox={"boxstyle": "round", "facecolor": "#DDEEFF"})
+        ax.text(
+            *boxes[a],
+            a,
+            ha="center",
+            va="center",
+            bbox={"boxstyle": "round", "facecolor": "#DDEEFF"},
+        )
     ax.set(title=title, xlim=(-0.5, 3.6), ylim=(-0.5, 2.6))
     ax.axis("off")

@@ -1,4 +1,6 @@
-"""Figures of a computer's wall: Nyquist curves, contacts over time, the largest stable stiffness (beyond the paper)."""
+"""Figures of a computer's wall: Nyquist curves, contacts over time, the largest stable stiffness
+(beyond the paper).
+"""
 
 from __future__ import annotations
 
@@ -13,30 +15,41 @@ from .basics import COLOURS
 
 
 def plot_nyquist(curves: Mapping[str, tuple[ArrayLike, ArrayLike]], widest: float = 2.5) -> Figure:
-    """Loop transfer functions in the complex plane around the point -1, which a stable loop leaves on its left.
+    """Loop transfer functions in the complex plane around the point -1, which a stable loop leaves
+    on its left.
 
     Parameters
     ----------
     curves : mapping of str to (exact, approximate)
-        By name, the values of the loop with its hold, shape (n,), drawn solid, and with a delay in its place, shape
-        (k,), drawn dashed; in the order of rising frequency.
+        By name, the values of the loop with its hold, shape (n,), drawn solid, and with a delay in
+        its place, shape (k,), drawn dashed; in the order of rising frequency.
     widest : float
         Half the width of the axes.
     """
     figure, ax = plt.subplots(figsize=(6.5, 5), layout="constrained", facecolor="white")
-    ax.plot(np.cos(angle := np.linspace(0, 2 * np.pi, 200)), np.sin(angle), color="silver", linewidth=1)
+    ax.plot(
+        np.cos(angle := np.linspace(0, 2 * np.pi, 200)), np.sin(angle), color="silver", linewidth=1
+    )
     for (name, (exact, approximate)), colour in zip(curves.items(), COLOURS, strict=False):
         for values, style, label in ((exact, "-", name), (approximate, "--", None)):
             ax.plot(np.real(values), np.imag(values), style, color=colour, label=label)
     ax.plot(-1, 0, "x", color="black", markersize=9, label="the point -1")
-    ax.set(xlabel="real part of the loop / 1", ylabel="imaginary part of the loop / 1", aspect="equal",
-           facecolor="white", xlim=(-widest, 0.4 * widest), ylim=(-widest, 0.6 * widest))
+    ax.set(
+        xlabel="real part of the loop / 1",
+        ylabel="imaginary part of the loop / 1",
+        aspect="equal",
+        facecolor="white",
+        xlim=(-widest, 0.4 * widest),
+        ylim=(-widest, 0.6 * widest),
+    )
     ax.grid(alpha=0.3)
     ax.legend(loc="lower right", fontsize=9)
     return figure
 
 
-def plot_contacts(panels: Mapping[str, Mapping[str, tuple[ArrayLike, ArrayLike]]], ylabels: Sequence[str]) -> Figure:
+def plot_contacts(
+    panels: Mapping[str, Mapping[str, tuple[ArrayLike, ArrayLike]]], ylabels: Sequence[str]
+) -> Figure:
     """Curves over time in panels side by side, each with its own vertical axis.
 
     Parameters
@@ -46,8 +59,14 @@ def plot_contacts(panels: Mapping[str, Mapping[str, tuple[ArrayLike, ArrayLike]]
     ylabels : sequence of str
         What a panel draws, with its unit.
     """
-    figure, axes = plt.subplots(1, len(panels), figsize=(4 * len(panels), 3.4), squeeze=False, layout="constrained",
-                                facecolor="white")
+    figure, axes = plt.subplots(
+        1,
+        len(panels),
+        figsize=(4 * len(panels), 3.4),
+        squeeze=False,
+        layout="constrained",
+        facecolor="white",
+    )
     for ax, (title, curves), ylabel in zip(axes[0], panels.items(), ylabels, strict=True):
         for (name, (t_s, values)), colour in zip(curves.items(), COLOURS, strict=False):
             ax.plot(t_s, values, color=colour, label=name)
@@ -59,8 +78,11 @@ def plot_contacts(panels: Mapping[str, Mapping[str, tuple[ArrayLike, ArrayLike]]
     return figure
 
 
-def plot_limits(delays_s: ArrayLike, limits: Mapping[str, ArrayLike],
-                marks: Mapping[str, ArrayLike] | None = None) -> Figure:
+def plot_limits(
+    delays_s: ArrayLike,
+    limits: Mapping[str, ArrayLike],
+    marks: Mapping[str, ArrayLike] | None = None,
+) -> Figure:
     """The largest stable stiffness over the delay, on a logarithmic axis.
 
     Parameters
@@ -77,7 +99,12 @@ def plot_limits(delays_s: ArrayLike, limits: Mapping[str, ArrayLike],
         ax.plot(1e3 * np.asarray(delays_s), limit, color=colour, label=name)
     for name, limit in (marks or {}).items():
         ax.plot(1e3 * np.asarray(delays_s), limit, "o", color="black", fillstyle="none", label=name)
-    ax.set(xlabel="delay / ms", ylabel="largest stable stiffness / (N/m)", yscale="log", facecolor="white")
+    ax.set(
+        xlabel="delay / ms",
+        ylabel="largest stable stiffness / (N/m)",
+        yscale="log",
+        facecolor="white",
+    )
     ax.yaxis.set(major_formatter="{x:g}")
     ax.grid(alpha=0.3, which="both")
     ax.legend(fontsize=9)

@@ -45,7 +45,13 @@ def plot_workspace(cones: Sequence[Cone], mesh: Mesh, names: Sequence[str] | Non
             _fill(ax, _outline(cone, vertices)[:, [i, j]], COLOURS[k % len(COLOURS)], 0.12, name)
             ax.plot(*cone.apex[[i, j]], "o", color=COLOURS[k % len(COLOURS)], markersize=5)
         _fill(ax, vertices[:, [i, j]], WORKSPACE_COLOUR, 0.75, "workspace")
-        ax.set(title=title, xlabel=f"{'xyz'[i]} / mm", ylabel=f"{'xyz'[j]} / mm", aspect="equal", facecolor="white")
+        ax.set(
+            title=title,
+            xlabel=f"{'xyz'[i]} / mm",
+            ylabel=f"{'xyz'[j]} / mm",
+            aspect="equal",
+            facecolor="white",
+        )
         if j == 1:
             ax.invert_yaxis()  # y points down
     axes[0].legend(loc="lower left", fontsize=8)
@@ -53,7 +59,8 @@ def plot_workspace(cones: Sequence[Cone], mesh: Mesh, names: Sequence[str] | Non
 
 
 def workspace_scene(cones: Sequence[Cone], mesh: Mesh, height: int = 420) -> Any:
-    """A scene that can be turned in the page, without a server or a display: cones, their apexes, the workspace.
+    """A scene that can be turned in the page, without a server or a display: cones, their apexes,
+    the workspace.
 
     Returns
     -------
@@ -63,8 +70,10 @@ def workspace_scene(cones: Sequence[Cone], mesh: Mesh, height: int = 420) -> Any
     from IPython.display import HTML
 
     page = html.escape(_scene_page(workspace_plotter(cones, mesh)))
-    return HTML(f'<div><iframe srcdoc="{page}" width="100%" height="{int(height)}" style="border:0; background:white" '
-                'title="workspace, turnable"></iframe></div>')
+    return HTML(
+        f'<div><iframe srcdoc="{page}" width="100%" height="{int(height)}" style="border:0; background:white" '
+        'title="workspace, turnable"></iframe></div>'
+    )
 
 
 def workspace_plotter(cones: Sequence[Cone], mesh: Mesh) -> pyvista.Plotter:
@@ -72,19 +81,29 @@ def workspace_plotter(cones: Sequence[Cone], mesh: Mesh) -> pyvista.Plotter:
     import pyvista
 
     vertices, triangles = mesh
-    with pyvista.vtk_verbosity("off"):  # a machine without a display is no matter: nothing is rendered here
+    # a machine without a display is no matter: nothing is rendered here
+    with pyvista.vtk_verbosity("off"):
         plotter = pyvista.Plotter(off_screen=True)
     plotter.renderer.set_background("white")
     middle = vertices.mean(axis=0)
-    solid = pyvista.PolyData.from_regular_faces(middle + 0.99 * (vertices - middle), triangles)  # clear of the cones
+    # clear of the cones
+    solid = pyvista.PolyData.from_regular_faces(middle + 0.99 * (vertices - middle), triangles)
     plotter.add_mesh(solid, color=WORKSPACE_COLOUR, ambient=0.4)
     for k, cone in enumerate(cones):
         surface = pyvista.PolyData.from_regular_faces(*_cone_mesh(cone, vertices))
         plotter.add_mesh(surface, color=COLOURS[k % len(COLOURS)], opacity=0.2, ambient=0.4)
-        plotter.add_mesh(pyvista.Sphere(radius=6.0, center=cone.apex), color=COLOURS[k % len(COLOURS)])
+        plotter.add_mesh(
+            pyvista.Sphere(radius=6.0, center=cone.apex), color=COLOURS[k % len(COLOURS)]
+        )
     for direction, colour in zip(np.eye(3), ("red", "green", "blue"), strict=True):
-        plotter.add_mesh(pyvista.Line((0.0, 0.0, 0.0), 50.0 * direction), color=colour, line_width=4)
-    plotter.camera_position = [tuple(middle - [900.0, 500.0, 900.0]), tuple(middle), (0.0, -1.0, 0.0)]
+        plotter.add_mesh(
+            pyvista.Line((0.0, 0.0, 0.0), 50.0 * direction), color=colour, line_width=4
+        )
+    plotter.camera_position = [
+        tuple(middle - [900.0, 500.0, 900.0]),
+        tuple(middle),
+        (0.0, -1.0, 0.0),
+    ]
     plotter.renderer.ResetCamera()
     return plotter
 
@@ -92,19 +111,27 @@ def workspace_plotter(cones: Sequence[Cone], mesh: Mesh) -> pyvista.Plotter:
 def _scene_page(plotter: pyvista.Plotter) -> str:
     """A page that holds the scene and vtk.js.
 
-    PyVista's own export starts a web server for this and lets it look for downloads; the parts are taken directly.
+    PyVista's own export starts a web server for this and lets it look for downloads; the parts are
+    taken directly.
     """
     from trame_vtk.modules.vtk import serializers
     from trame_vtk.tools.vtksz2html import write_html
 
     serializers.initialize_serializers()
-    context, window = serializers.SynchronizationContext(), plotter.render_window
+    context = serializers.SynchronizationContext()
+    window = plotter.render_window
     scene = serializers.serialize(None, window, serializers.reference_id(window), context, 1)
-    scene["extra"] = {"vtkRefId": scene["id"], "centerOfRotation": plotter.camera.focal_point,
-                      "camera": serializers.reference_id(plotter.camera)}
-    arrays = {entry["hash"]: {**entry, "content": context.get_cached_data_array(entry["hash"], False)}
-              for entry in serializers.extract_array_hash(scene)}
-    packed, page = io.BytesIO(), io.StringIO()
+    scene["extra"] = {
+        "vtkRefId": scene["id"],
+        "centerOfRotation": plotter.camera.focal_point,
+        "camera": serializers.reference_id(plotter.camera),
+    }
+    arrays = {
+        entry["hash"]: {**entry, "content": context.get_cached_data_array(entry["hash"], False)}
+        for entry in serializers.extract_array_hash(scene)
+    }
+    packed = io.BytesIO()
+    page = io.StringIO()
     with zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED) as archive:
         archive.writestr("index.json", json.dumps({"hashes": arrays, "scene": scene}))
     write_html(packed.getvalue(), page)
@@ -115,7 +142,9 @@ def _outline(cone: Cone, vertices: Array) -> Array:
     """The apex, and a circle on the cone as far away as the farthest vertex, shape (n, 3)."""
     depth = float(((vertices - cone.apex) @ cone.axis).max())
     t = np.linspace(0, 2 * np.pi, 73)
-    return np.vstack([cone.apex, cone_surface(cone, np.full(73, depth * np.tan(cone.half_angle)), t)])
+    return np.vstack(
+        [cone.apex, cone_surface(cone, np.full(73, depth * np.tan(cone.half_angle)), t)]
+    )
 
 
 def _cone_mesh(cone: Cone, vertices: Array) -> Mesh:

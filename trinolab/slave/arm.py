@@ -1,4 +1,6 @@
-"""The simulated slave arm: a six-axis arm from a MuJoCo model, its servos, and the force at its tool. Extra `slave`."""
+"""The simulated slave arm: a six-axis arm from a MuJoCo model, its servos, and the force at its
+tool. Extra `slave`.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +25,9 @@ TOOL = "tool"  # the site whose pose is commanded
 
 
 class Limits(NamedTuple):
-    """What no command exceeds: lowest and highest position, rad, speed, rad/s, acceleration, rad/s^2; each (n,)."""
+    """What no command exceeds: lowest and highest position, rad, speed, rad/s, acceleration,
+    rad/s^2; each (n,).
+    """
 
     low: Array
     high: Array
@@ -37,7 +41,8 @@ class Robot(NamedTuple):
     Attributes
     ----------
     model : mujoco.MjModel
-        Lengths m. Its site `TOOL` is what is commanded, its keyframe ``home``, if there is one, where it starts.
+        Lengths m. Its site `TOOL` is what is commanded, its keyframe ``home``, if there is one,
+        where it starts.
     joints : tuple of str
         Hinges, in the order of every array of joint positions.
     limits : Limits
@@ -51,30 +56,38 @@ class Robot(NamedTuple):
     home: Array
 
 
-def load_robot(robot: str | Path = "ur5", speed_rad_s: ArrayLike = SPEED_RAD_S,
-               acceleration_rad_s2: ArrayLike = ACCELERATION_RAD_S2) -> Robot:
+def load_robot(
+    robot: str | Path = "ur5",
+    speed_rad_s: ArrayLike = SPEED_RAD_S,
+    acceleration_rad_s2: ArrayLike = ACCELERATION_RAD_S2,
+) -> Robot:
     """Read an arm: a shipped one by its name, or an MJCF file.
 
     Parameters
     ----------
     robot : str or path
-        ``ur5``, or a file. Its joints are hinges with a range, each with a servo of its name for the position, and one
-        with ``_speed`` behind it for the speed.
+        ``ur5``, or a file. Its joints are hinges with a range, each with a servo of its name for
+        the position, and one with ``_speed`` behind it for the speed.
     speed_rad_s, acceleration_rad_s2 : array_like, scalar or shape (n,)
         Limits that such a file cannot state.
 
     Raises
     ------
     ValueError
-        Names the file and what is wrong: unreadable, another kind of joint, a joint without a range or servo, limits
-        the wrong way round, no site ``tool``, a home beyond the limits; or the extra is missing.
+        Names the file and what is wrong: unreadable, another kind of joint, a joint without a range
+        or servo, limits the wrong way round, no site ``tool``, a home beyond the limits; or the
+        extra is missing.
     """
     model = _read(data_path("robots", f"{robot}.xml") if _is_name(robot) else Path(robot))
     joints = tuple(model.joint(k).name for k in range(model.njnt))
     _check(model, joints, str(robot))
     n = len(joints)
-    limits = Limits(frozen(np.array(model.jnt_range[:, 0])), frozen(np.array(model.jnt_range[:, 1])),
-                    _positive(speed_rad_s, "speed_rad_s", n), _positive(acceleration_rad_s2, "acceleration_rad_s2", n))
+    limits = Limits(
+        frozen(np.array(model.jnt_range[:, 0])),
+        frozen(np.array(model.jnt_range[:, 1])),
+        _positive(speed_rad_s, "speed_rad_s", n),
+        _positive(acceleration_rad_s2, "acceleration_rad_s2", n),
+    )
     home = np.array(model.key("home").qpos) if _has_home(model) else np.zeros(n)
     if not ((limits.low <= home) & (home <= limits.high)).all():
         raise ValueError(f"{robot}: its home is beyond the limits of a joint")
@@ -82,7 +95,9 @@ def load_robot(robot: str | Path = "ur5", speed_rad_s: ArrayLike = SPEED_RAD_S,
 
 
 def forward(robot: Robot, q: ArrayLike, site: str = TOOL) -> RigidTransform:
-    """T_base_site at joint positions `q` (n,), rad; mm. Raises ValueError if there is no such site."""
+    """T_base_site at joint positions `q` (n,), rad; mm. Raises ValueError if there is no such
+    site.
+    """
     import mujoco
 
     data = mujoco.MjData(robot.model)
@@ -92,12 +107,16 @@ def forward(robot: Robot, q: ArrayLike, site: str = TOOL) -> RigidTransform:
 
 
 def site_pose(data: Any, site: str = TOOL) -> RigidTransform:
-    """T_base_site, mm, of a `mujoco.MjData` whose kinematics are computed. ValueError if there is no such site."""
+    """T_base_site, mm, of a `mujoco.MjData` whose kinematics are computed. ValueError if there is
+    no such site.
+    """
     try:
         found = data.site(site)
     except KeyError:
         raise ValueError(f"site: the robot has no site {site!r}") from None
-    return placed(1000 * found.xpos, Rotation.from_matrix(found.xmat.reshape(3, 3), assume_valid=True))
+    return placed(
+        1000 * found.xpos, Rotation.from_matrix(found.xmat.reshape(3, 3), assume_valid=True)
+    )
 
 
 def joint_values(robot: Robot, values: Mapping[str, Any], name: str = "joints") -> Array:
@@ -106,9 +125,15 @@ def joint_values(robot: Robot, values: Mapping[str, Any], name: str = "joints") 
     Raises ValueError for a name that is not there, or a value that is no number within the limits.
     """
     if unknown := [joint for joint in values if joint not in robot.joints]:
-        raise ValueError(f"{name}: unknown joint {unknown[0]!r}; there are {', '.join(robot.joints)}")
-    q = [as_number(values.get(joint, home), f"{name}: {joint}", low, high)
-         for joint, home, low, high in zip(robot.joints, robot.home, robot.limits.low, robot.limits.high, strict=True)]
+        raise ValueError(
+            f"{name}: unknown joint {unknown[0]!r}; there are {', '.join(robot.joints)}"
+        )
+    q = [
+        as_number(values.get(joint, home), f"{name}: {joint}", low, high)
+        for joint, home, low, high in zip(
+            robot.joints, robot.home, robot.limits.low, robot.limits.high, strict=True
+        )
+    ]
     return frozen(np.array(q))
 
 
@@ -116,13 +141,17 @@ def _read(path: Path) -> Any:
     try:
         import mujoco
     except ImportError:
-        raise ValueError("the slave arm needs the packages mujoco and mink (extra 'slave')") from None
+        raise ValueError(
+            "the slave arm needs the packages mujoco and mink (extra 'slave')"
+        ) from None
     if not path.is_file():
         raise ValueError(f"{path}: no such file")
     try:
         return mujoco.MjModel.from_xml_path(str(path))
     except ValueError as error:
-        raise ValueError(f"{path}: cannot be read as a robot ({' '.join(str(error).split())})") from None
+        raise ValueError(
+            f"{path}: cannot be read as a robot ({' '.join(str(error).split())})"
+        ) from None
 
 
 def _check(model: Any, joints: tuple[str, ...], where: str) -> None:
@@ -132,7 +161,9 @@ def _check(model: Any, joints: tuple[str, ...], where: str) -> None:
     for k, joint in enumerate(joints):
         low, high = model.jnt_range[k]
         if not (model.jnt_limited[k] and low < high):
-            raise ValueError(f"{where}: joint {joint!r} has no range, or its limits are the wrong way round")
+            raise ValueError(
+                f"{where}: joint {joint!r} has no range, or its limits are the wrong way round"
+            )
         if missing := {joint, f"{joint}_speed"} - servos:
             raise ValueError(f"{where}: joint {joint!r} has no servo called {min(missing)!r}")
     if TOOL not in {model.site(k).name for k in range(model.nsite)}:
@@ -148,7 +179,11 @@ def _is_name(robot: str | Path) -> bool:
 
 
 def _positive(value: ArrayLike, name: str, n: int) -> Array:
-    array = np.broadcast_to(np.asarray(value, float), (n,)) if np.ndim(value) == 0 else as_array(value, name, (n,))
+    array = (
+        np.broadcast_to(np.asarray(value, float), (n,))
+        if np.ndim(value) == 0
+        else as_array(value, name, (n,))
+    )
     for entry in array:
         as_number(entry, name, 0.0, open_low=True)
     return frozen(np.array(array))
@@ -179,8 +214,8 @@ class Reading(NamedTuple):
 class Slave:
     """The arm in MuJoCo, at rest at joint positions `q` (its home without them).
 
-    Its servos run at every step of the simulation (1 kHz in the shipped model); commands between two ticks are
-    interpolated.
+    Its servos run at every step of the simulation (1 kHz in the shipped model); commands between
+    two ticks are interpolated.
 
     Parameters
     ----------
@@ -197,13 +232,17 @@ class Slave:
     def __init__(self, robot: Robot, q: ArrayLike | None = None) -> None:
         import mujoco
 
-        self.robot, self._mujoco, self._data = robot, mujoco, mujoco.MjData(robot.model)
+        self.robot = robot
+        self._mujoco = mujoco
+        self._data = mujoco.MjData(robot.model)
         start = robot.home if q is None else as_array(q, "q", (len(robot.joints),))
         if ((start < robot.limits.low) | (start > robot.limits.high)).any():
             raise ValueError("q: the start is beyond the limits of a joint")
         self._data.qpos[:] = start
-        self._position, self._speed = ([robot.model.actuator(f"{joint}{end}").id for joint in robot.joints]
-                                       for end in ("", "_speed"))
+        self._position, self._speed = (
+            [robot.model.actuator(f"{joint}{end}").id for joint in robot.joints]
+            for end in ("", "_speed")
+        )
         self._data.ctrl[self._position] = start
         mujoco.mj_forward(robot.model, self._data)
         if (self._data.contact.dist < 0).any():
@@ -231,13 +270,21 @@ class Slave:
     def read(self) -> Reading:
         """What is measured now."""
         d = self._data
-        return Reading(float(d.time), frozen(np.array(d.qpos)), frozen(np.array(d.qvel)), site_pose(d),
-                       frozen(self._force()))
+        return Reading(
+            float(d.time),
+            frozen(np.array(d.qpos)),
+            frozen(np.array(d.qvel)),
+            site_pose(d),
+            frozen(self._force()),
+        )
 
     def _force(self) -> Array:
         """The sum of the contact forces on the tool's body."""
-        model, data, total = self.robot.model, self._data, np.zeros(3)
-        body, wrench = model.site(TOOL).bodyid.item(), np.zeros(6)
+        model = self.robot.model
+        data = self._data
+        total = np.zeros(3)
+        body = model.site(TOOL).bodyid.item()
+        wrench = np.zeros(6)
         for k, contact in enumerate(data.contact):
             bodies = [model.geom_bodyid[geom] for geom in contact.geom]
             if body in bodies:
@@ -247,6 +294,11 @@ class Slave:
         return total
 
     def _diverges(self) -> bool:
-        bad = (self._mujoco.mjtWarning.mjWARN_BADQACC, self._mujoco.mjtWarning.mjWARN_BADQVEL,
-               self._mujoco.mjtWarning.mjWARN_BADQPOS)
-        return not np.isfinite(self._data.qpos).all() or any(self._data.warning[one].number for one in bad)
+        bad = (
+            self._mujoco.mjtWarning.mjWARN_BADQACC,
+            self._mujoco.mjtWarning.mjWARN_BADQVEL,
+            self._mujoco.mjtWarning.mjWARN_BADQPOS,
+        )
+        return not np.isfinite(self._data.qpos).all() or any(
+            self._data.warning[one].number for one in bad
+        )

@@ -1,11 +1,14 @@
-"""From commanded poses to joint commands: the tool's reference, and joints that follow within their limits.
+"""From commanded poses to joint commands: the tool's reference, and joints that follow within their
+limits.
 
-The reference goes after commanded poses no faster, and with no more acceleration, than a tool should. Joint speeds
-follow by differential inverse kinematics (extra `slave`), within limits of position, speed and acceleration.
+The reference goes after commanded poses no faster, and with no more acceleration, than a tool
+should. Joint speeds follow by differential inverse kinematics (extra `slave`), within limits of
+position, speed and acceleration.
 
-Time is cut into ticks; during each a joint moves with one speed. A speed is allowed if it differs from the last one by
-no more than the acceleration permits, and if the joint can still stop before the end of its range by slowing down as
-fast as it may. Whatever was allowed at one tick leaves something that is allowed at the next: slowing down.
+Time is cut into ticks; during each a joint moves with one speed. A speed is allowed if it differs
+from the last one by no more than the acceleration permits, and if the joint can still stop before
+the end of its range by slowing down as fast as it may. Whatever was allowed at one tick leaves
+something that is allowed at the next: slowing down.
 """
 
 from __future__ import annotations
@@ -24,7 +27,8 @@ MARGIN = 0.7  # of the acceleration, that braking is planned with
 TICK_S = 0.002
 ORIENTATION_M = 0.3  # a radian counts as much as so many metres
 DAMPING = 1e-3  # m^2: a joint that moves the tool by less than 30 mm a radian is spared
-CATCH_UP_MM_S2, CATCH_UP_RAD_S2 = 1500.0, 3.0  # what is left behind is closed no faster than it can be braked with
+# what is left behind is closed no faster than it can be braked with
+CATCH_UP_MM_S2, CATCH_UP_RAD_S2 = 1500.0, 3.0
 
 
 @dataclass(frozen=True)
@@ -34,7 +38,8 @@ class ReferenceParameters:
     Attributes
     ----------
     rate : float
-        Of the approach, 1/s: a steady motion is followed 1 / rate behind, a fast one v / (2 MARGIN acceleration).
+        Of the approach, 1/s: a steady motion is followed 1 / rate behind, a fast one v / (2 MARGIN
+        acceleration).
     speed_mm_s, acceleration_mm_s2 : float
         Of the tool's position.
     turn_rad_s, turn_rad_s2 : float
@@ -56,7 +61,9 @@ class ReferenceParameters:
 
 
 class Reference(NamedTuple):
-    """T_base_tool, mm, and the speed of the last tick: of the position, mm/s, and of the orientation, rad/s, base."""
+    """T_base_tool, mm, and the speed of the last tick: of the position, mm/s, and of the
+    orientation, rad/s, base.
+    """
 
     pose: RigidTransform
     velocity: Array
@@ -68,9 +75,15 @@ def at_rest(pose: RigidTransform) -> Reference:
     return Reference(pose, frozen(np.zeros(3)), frozen(np.zeros(3)))
 
 
-def step(reference: Reference, target: RigidTransform, dt: float, parameters: ReferenceParameters | None = None
-         ) -> Reference:
-    """One tick of `dt` s towards a target T_base_tool; it comes to rest there without overshooting."""
+def step(
+    reference: Reference,
+    target: RigidTransform,
+    dt: float,
+    parameters: ReferenceParameters | None = None,
+) -> Reference:
+    """One tick of `dt` s towards a target T_base_tool; it comes to rest there without
+    overshooting.
+    """
     p = parameters or ReferenceParameters()
     off = motion_between(target, reference.pose)
     velocity = _next(reference.velocity, off[:3], dt, p.rate, p.speed_mm_s, p.acceleration_mm_s2)
@@ -79,8 +92,11 @@ def step(reference: Reference, target: RigidTransform, dt: float, parameters: Re
     return Reference(moved, frozen(velocity), frozen(turn_rate))
 
 
-def leashed(reference: Reference, tool: RigidTransform, parameters: ReferenceParameters | None = None) -> Reference:
-    """Call a reference back that the tool (T_base_tool) cannot follow, or it would come back late (anti-windup).
+def leashed(
+    reference: Reference, tool: RigidTransform, parameters: ReferenceParameters | None = None
+) -> Reference:
+    """Call a reference back that the tool (T_base_tool) cannot follow, or it would come back late
+    (anti-windup).
 
     What goes on pulling at the leash, its speed loses.
     """
@@ -90,7 +106,9 @@ def leashed(reference: Reference, tool: RigidTransform, parameters: ReferencePar
     ahead = motion_between(reference.pose, tool)
     off, velocity = _held(ahead[:3], reference.velocity, p.leash_mm)
     turn, turn_rate = _held(ahead[3:], reference.turn_rate, p.leash_rad)
-    return Reference(shifted(tool, np.concatenate([off, turn])), frozen(velocity), frozen(turn_rate))
+    return Reference(
+        shifted(tool, np.concatenate([off, turn])), frozen(velocity), frozen(turn_rate)
+    )
 
 
 def _held(off: Array, speed: Array, longest: float) -> tuple[Array, Array]:
@@ -102,8 +120,12 @@ def _held(off: Array, speed: Array, longest: float) -> tuple[Array, Array]:
     return longest * along, speed - max(0.0, float(speed @ along)) * along
 
 
-def _next(speed: Array, off: Array, dt: float, rate: float, most: float, acceleration: float) -> Array:
-    """The speed for the next tick: towards what is off by a vector, and so that it can be stopped there."""
+def _next(
+    speed: Array, off: Array, dt: float, rate: float, most: float, acceleration: float
+) -> Array:
+    """The speed for the next tick: towards what is off by a vector, and so that it can be stopped
+    there.
+    """
     distance = float(np.linalg.norm(off))
     brake = np.sqrt(2 * MARGIN * acceleration * distance)
     wanted = off * (min(rate * distance, brake, most) / max(distance, 1e-12))
@@ -126,13 +148,19 @@ def speed_bounds(q: Array, speed: Array, limits: Limits, dt: float) -> tuple[Arr
         Length of a tick, s.
     """
     change = limits.acceleration * dt
-    high = np.minimum.reduce([speed + change, limits.speed, stopping_speed(limits.high - q, limits.acceleration, dt)])
-    low = np.maximum.reduce([speed - change, -limits.speed, -stopping_speed(q - limits.low, limits.acceleration, dt)])
-    return np.minimum(low, speed + change), np.maximum(high, speed - change)  # to slow down is always allowed
+    high = np.minimum.reduce(
+        [speed + change, limits.speed, stopping_speed(limits.high - q, limits.acceleration, dt)]
+    )
+    low = np.maximum.reduce(
+        [speed - change, -limits.speed, -stopping_speed(q - limits.low, limits.acceleration, dt)]
+    )
+    # to slow down is always allowed
+    return np.minimum(low, speed + change), np.maximum(high, speed - change)
 
 
 def stopping_speed(distance: Array, acceleration: Array, dt: float) -> Array:
-    """The highest speed from which a joint stops within a distance, losing ``acceleration * dt`` from tick to tick.
+    """The highest speed from which a joint stops within a distance, losing ``acceleration * dt``
+    from tick to tick.
 
     With v = (n + f) a dt, n whole and 0 <= f < 1, the ticks v, v - a dt, ... until it rests cover
     a dt^2 (n + 1) (n / 2 + f); this is solved for n and f.
@@ -174,7 +202,8 @@ class Inverse:
         """T_base_tool, mm, at joint positions, rad."""
         if q is not self._q:
             self._configuration.update(np.array(q))
-            self._tool, self._q = site_pose(self._configuration.data), None if q.flags.writeable else q
+            self._tool = site_pose(self._configuration.data)
+            self._q = None if q.flags.writeable else q
         return self._tool
 
     def step(self, command: Command, before: RigidTransform, after: RigidTransform) -> Command:
@@ -190,9 +219,11 @@ class Inverse:
         now = self.tool(command.q)
         self._task.set_target(self._se3(_goal(now, before, after, self.tick_s)))
         low, high = speed_bounds(command.q, command.speed, self.robot.limits, self.tick_s)
-        self._limit.low, self._limit.high = low * self.tick_s, high * self.tick_s
-        found = self._mink.solve_ik(self._configuration, [self._task], self.tick_s, "daqp", DAMPING,
-                                    limits=[self._limit])
+        self._limit.low = low * self.tick_s
+        self._limit.high = high * self.tick_s
+        found = self._mink.solve_ik(
+            self._configuration, [self._task], self.tick_s, "daqp", DAMPING, limits=[self._limit]
+        )
         speed = np.clip(found, low, high)  # the solver keeps its bounds to a tolerance
         return Command(frozen(command.q + speed * self.tick_s), frozen(speed))
 
@@ -209,19 +240,29 @@ def _bounds_of(n: int) -> Any:
         low = high = np.zeros(n)
 
         def compute_qp_inequalities(self, configuration: Any, dt: float) -> Any:
-            return mink.Constraint(np.vstack([np.eye(n), -np.eye(n)]), np.concatenate([self.high, -self.low]))
+            return mink.Constraint(
+                np.vstack([np.eye(n), -np.eye(n)]), np.concatenate([self.high, -self.low])
+            )
 
     return Bounds()
 
 
-def _goal(now: RigidTransform, before: RigidTransform, after: RigidTransform, dt: float) -> RigidTransform:
-    """Where the tool should be after a tick: moved as the reference moves, and a part of what it was off."""
+def _goal(
+    now: RigidTransform, before: RigidTransform, after: RigidTransform, dt: float
+) -> RigidTransform:
+    """Where the tool should be after a tick: moved as the reference moves, and a part of what it
+    was off.
+    """
     off = motion_between(before, now)
-    closed = np.concatenate([_part(off[:3], CATCH_UP_MM_S2, dt), _part(off[3:], CATCH_UP_RAD_S2, dt)])
+    closed = np.concatenate(
+        [_part(off[:3], CATCH_UP_MM_S2, dt), _part(off[3:], CATCH_UP_RAD_S2, dt)]
+    )
     return shifted(shifted(now, closed), motion_between(after, before))
 
 
 def _part(off: Array, acceleration: float, dt: float) -> Array:
-    """The part of a distance that is closed in a tick: half of a short one, of a long one as much as can be braked."""
+    """The part of a distance that is closed in a tick: half of a short one, of a long one as much
+    as can be braked.
+    """
     distance = float(np.linalg.norm(off))
     return off * min(0.5, np.sqrt(2 * acceleration * distance) * dt / max(distance, 1e-12))

@@ -1,9 +1,11 @@
-"""From the handle's pose to the tool's: the movement mapping of a leader and a follower (Sect. 2, 3.1).
+"""From the handle's pose to the tool's: the movement mapping of a leader and a follower (Sect. 2,
+3.1).
 
-While the clutch is closed, the tool moves from where it was when it was closed as the handle moves from where it was,
-scaled, and turned so that the operator sees in the surveillance camera's picture what the hand does. While it is open
-the tool rests, and the hand can be brought back (indexing). What cannot be trusted makes the tool rest as well, until
-the clutch has been opened and is closed anew.
+While the clutch is closed, the tool moves from where it was when it was closed as the handle moves
+from where it was, scaled, and turned so that the operator sees in the surveillance camera's picture
+what the hand does. While it is open the tool rests, and the hand can be brought back (indexing).
+What cannot be trusted makes the tool rest as well, until the clutch has been opened and is closed
+anew.
 """
 
 from __future__ import annotations
@@ -21,8 +23,11 @@ from . import oneeuro
 from .oneeuro import Filtered, OneEuroParameters
 
 FOLLOWED = ("measured", "ambiguous", "predicted")
-LOST, STALE, JUMP, NOT_FINITE, BACKWARDS = ("pose lost", "pose stale", "pose jumped", "pose not finite",
-                                            "time went backwards")
+LOST = "pose lost"
+STALE = "pose stale"
+JUMP = "pose jumped"
+NOT_FINITE = "pose not finite"
+BACKWARDS = "time went backwards"
 
 
 @dataclass(frozen=True)
@@ -36,7 +41,8 @@ class MappingParameters:
     turn_scale : float
         Tool : handle, of angles.
     alignment : Rotation
-        R_base_world: how directions in the handle's world frame become directions at the robot, see `alignment`.
+        R_base_world: how directions in the handle's world frame become directions at the robot, see
+        `alignment`.
     filtering : OneEuroParameters
     stale_s : float
         So old may the last pose be that was measured.
@@ -47,7 +53,8 @@ class MappingParameters:
     reach_mm : tuple of three pairs of floats
         Where the tool may be commanded to, low and high in x, y, z of the base.
     leash_mm : float
-        How far beyond that the hand may be ahead; then it takes the handle's origin along (anti-windup).
+        How far beyond that the hand may be ahead; then it takes the handle's origin along
+        (anti-windup).
     """
 
     scale: float = 1.0
@@ -63,16 +70,34 @@ class MappingParameters:
     leash_mm: float = 10.0
 
     def __post_init__(self) -> None:
-        check_numbers(self, "scale", "turn_scale", "stale_s", "hand_mm_s", "hand_rad_s", low=0.0, open_low=True)
+        check_numbers(
+            self,
+            "scale",
+            "turn_scale",
+            "stale_s",
+            "hand_mm_s",
+            "hand_rad_s",
+            low=0.0,
+            open_low=True,
+        )
         check_numbers(self, "slack_mm", "slack_rad", "leash_mm", low=0.0)
         if len(self.reach_mm) != 3:
-            raise ValueError(f"reach_mm: expected low and high of x, y and z, got {len(self.reach_mm)} pairs")
+            raise ValueError(
+                f"reach_mm: expected low and high of x, y and z, got {len(self.reach_mm)} pairs"
+            )
         for axis, (low, high) in zip("xyz", self.reach_mm, strict=True):
-            as_number(high, f"reach_mm: high {axis}", as_number(low, f"reach_mm: low {axis}"), open_low=True)
+            as_number(
+                high,
+                f"reach_mm: high {axis}",
+                as_number(low, f"reach_mm: low {axis}"),
+                open_low=True,
+            )
 
 
 class Sample(NamedTuple):
-    """An instant: time, s; T_world_handle, mm, or None; the pose's status; whether the clutch is closed."""
+    """An instant: time, s; T_world_handle, mm, or None; the pose's status; whether the clutch is
+    closed.
+    """
 
     t_s: float
     T_world_handle: RigidTransform | None
@@ -118,30 +143,38 @@ class State(NamedTuple):
 
 
 def alignment(surveillance: Camera, R_operator_world: Rotation | None = None) -> Rotation:
-    """R_base_world by which the tool goes right, down and away in the picture as the hand does before the operator.
+    """R_base_world by which the tool goes right, down and away in the picture as the hand does
+    before the operator.
 
     Parameters
     ----------
     surveillance : Camera
         Its frame in the robot's base frame, as ``T_world_cam``.
     R_operator_world : Rotation, optional
-        From the handle's world frame to one with x to the operator's right, y down, z away; the world frame is such a
-        one without it, as it is where the operator looks along with CCD1.
+        From the handle's world frame to one with x to the operator's right, y down, z away; the
+        world frame is such a one without it, as it is where the operator looks along with CCD1.
     """
     return surveillance.T_world_cam.rotation * (R_operator_world or Rotation.identity())
 
 
 def step(state: State, sample: Sample, parameters: MappingParameters | None = None) -> State:
-    """The state after another instant. Nothing that a sample holds raises: what cannot be used makes the tool rest."""
+    """The state after another instant. Nothing that a sample holds raises: what cannot be used
+    makes the tool rest.
+    """
     p = parameters or MappingParameters()
-    t, wrong = sample.t_s, _wrong(state, sample, p)
+    t = sample.t_s
+    wrong = _wrong(state, sample, p)
     if wrong == BACKWARDS:
         return _resting(state, wrong if sample.clutch else "")
     if wrong in (JUMP, NOT_FINITE) or (wrong and t - state.measured_s > p.stale_s):
         return _resting(state, wrong if sample.clutch else "")._replace(t_s=t, handle=None)
     if wrong:  # a moment without a pose
         return state._replace(t_s=t) if sample.clutch else _resting(state, "")._replace(t_s=t)
-    return _mapped(state, _seen(state, sample, p), p) if sample.clutch else _resting(_seen(state, sample, p), "")
+    return (
+        _mapped(state, _seen(state, sample, p), p)
+        if sample.clutch
+        else _resting(_seen(state, sample, p), "")
+    )
 
 
 def _wrong(state: State, sample: Sample, p: MappingParameters) -> str:
@@ -154,7 +187,8 @@ def _wrong(state: State, sample: Sample, p: MappingParameters) -> str:
     if not np.isfinite(T.as_matrix()).all():
         return NOT_FINITE
     gone_s = sample.t_s - state.measured_s
-    if gone_s > p.stale_s and (sample.status == "predicted" or state.origin is not None):  # the stream had stopped
+    # the stream had stopped
+    if gone_s > p.stale_s and (sample.status == "predicted" or state.origin is not None):
         return STALE
     return JUMP if state.handle is not None and _is_jump(state.handle, sample, p) else ""
 
@@ -163,19 +197,32 @@ def _is_jump(handle: Filtered, sample: Sample, p: MappingParameters) -> bool:
     """Whether a pose is further from the filtered one than a hand can be by then."""
     assert sample.T_world_handle is not None
     dt = sample.t_s - handle.t_s
-    return apart(sample.T_world_handle, handle.pose, p.hand_mm_s * dt + p.slack_mm, p.hand_rad_s * dt + p.slack_rad)
+    return apart(
+        sample.T_world_handle,
+        handle.pose,
+        p.hand_mm_s * dt + p.slack_mm,
+        p.hand_rad_s * dt + p.slack_rad,
+    )
 
 
 def _seen(state: State, sample: Sample, p: MappingParameters) -> State:
     """The state with the handle's pose, filtered."""
     T, t = sample.T_world_handle, sample.t_s
     assert T is not None
-    handle = oneeuro.begin(t, T) if state.handle is None else oneeuro.step(state.handle, t, T, p.filtering)
-    return state._replace(t_s=t, handle=handle, measured_s=state.measured_s if sample.status == "predicted" else t)
+    handle = (
+        oneeuro.begin(t, T)
+        if state.handle is None
+        else oneeuro.step(state.handle, t, T, p.filtering)
+    )
+    return state._replace(
+        t_s=t, handle=handle, measured_s=state.measured_s if sample.status == "predicted" else t
+    )
 
 
 def _mapped(before: State, state: State, p: MappingParameters) -> State:
-    """The state with the target that belongs to the handle's pose; `before` is that of the instant before."""
+    """The state with the target that belongs to the handle's pose; `before` is that of the instant
+    before.
+    """
     if state.held or state.handle is None:
         return state
     pose = state.handle.pose
@@ -185,12 +232,17 @@ def _mapped(before: State, state: State, p: MappingParameters) -> State:
     ahead = wanted - reached
     excess = ahead * max(0.0, 1 - p.leash_mm / max(float(np.linalg.norm(ahead)), 1e-12))
     target = placed(reached, _turned(before, pose, p) * rotation_of(state.target))
-    return state._replace(target=target, origin=Origin(origin.handle, frozen(origin.tool - excess)),
-                          limited=bool(ahead.any()))
+    return state._replace(
+        target=target,
+        origin=Origin(origin.handle, frozen(origin.tool - excess)),
+        limited=bool(ahead.any()),
+    )
 
 
 def _turned(before: State, pose: RigidTransform, p: MappingParameters) -> Rotation:
-    """What the tool turns by from one instant to the next; scaled step by step, as angles beyond 180 deg are."""
+    """What the tool turns by from one instant to the next; scaled step by step, as angles beyond
+    180 deg are.
+    """
     if before.origin is None or before.handle is None:
         return Rotation.identity()
     turn = motion_between(pose, before.handle.pose)[3:]

@@ -1,7 +1,8 @@
 """The One-Euro filter for poses: strong at rest, where noise shows, weak in motion, where lag does.
 
-Casiez, Roussel, Vogel: 1 Euro Filter: A Simple Speed-based Low-pass Filter for Noisy Input in Interactive Systems.
-CHI 2012, doi:10.1145/2207676.2208639. Position and orientation are filtered apart; a speed is the length of a vector.
+Casiez, Roussel, Vogel: 1 Euro Filter: A Simple Speed-based Low-pass Filter for Noisy Input in
+Interactive Systems. CHI 2012, doi:10.1145/2207676.2208639. Position and orientation are filtered
+apart; a speed is the length of a vector.
 """
 
 from __future__ import annotations
@@ -37,12 +38,16 @@ class OneEuroParameters:
     speed_cutoff_hz: float = 2.0
 
     def __post_init__(self) -> None:
-        check_numbers(self, "cutoff_hz", "turn_cutoff_hz", "speed_cutoff_hz", low=0.0, open_low=True)
+        check_numbers(
+            self, "cutoff_hz", "turn_cutoff_hz", "speed_cutoff_hz", low=0.0, open_low=True
+        )
         check_numbers(self, "slope", "turn_slope", low=0.0)
 
 
 class Filtered(NamedTuple):
-    """The state: time, s, the filtered pose and the last one, and filtered speeds, mm/s and rad/s, each (3,)."""
+    """The state: time, s, the filtered pose and the last one, and filtered speeds, mm/s and rad/s,
+    each (3,).
+    """
 
     t_s: float
     pose: RigidTransform
@@ -56,11 +61,14 @@ def begin(t_s: float, pose: RigidTransform) -> Filtered:
     return Filtered(t_s, pose, pose, frozen(np.zeros(3)), frozen(np.zeros(3)))
 
 
-def step(state: Filtered, t_s: float, pose: RigidTransform, parameters: OneEuroParameters | None = None) -> Filtered:
+def step(
+    state: Filtered, t_s: float, pose: RigidTransform, parameters: OneEuroParameters | None = None
+) -> Filtered:
     """The state after another pose. Raises ValueError if the time does not increase."""
     p = parameters or OneEuroParameters()
     dt = as_number(t_s, "t_s", state.t_s, open_low=True) - state.t_s
-    off, moved = motion_between(pose, state.pose), motion_between(pose, state.last)
+    off = motion_between(pose, state.pose)
+    moved = motion_between(pose, state.last)
     share = _share(p.speed_cutoff_hz, dt)
     velocity = state.velocity + share * (moved[:3] / dt - state.velocity)
     turn_rate = state.turn_rate + share * (moved[3:] / dt - state.turn_rate)
@@ -70,7 +78,9 @@ def step(state: Filtered, t_s: float, pose: RigidTransform, parameters: OneEuroP
 
 
 def lag_s(speed: float, cutoff_hz: float, slope: float) -> float:
-    """How far the filter is behind a steady motion, s: the time constant 1 / (2 pi f) of its low-pass at that speed."""
+    """How far the filter is behind a steady motion, s: the time constant 1 / (2 pi f) of its
+    low-pass at that speed.
+    """
     return 1 / (2 * np.pi * (cutoff_hz + slope * speed))
 
 

@@ -1,4 +1,5 @@
-"""A teleoperation session in memory: the handle's poses in, the arm's motion out, tick by tick. Extra `slave`.
+"""A teleoperation session in memory: the handle's poses in, the arm's motion out, tick by tick.
+Extra `slave`.
 
 What it leaves behind, the joints' trajectory and the events, is kept as tables.
 """
@@ -35,7 +36,8 @@ class Ticks(NamedTuple):
     measured : ndarray, shape (n, joints)
         Of the simulated arm, rad.
     reference, commanded, tool : list of RigidTransform
-        T_base_tool, mm: the limited reference, that of the commanded joints, and that of the simulated arm.
+        T_base_tool, mm: the limited reference, that of the commanded joints, and that of the
+        simulated arm.
     """
 
     t_s: Array
@@ -48,7 +50,9 @@ class Ticks(NamedTuple):
 
 
 class Moment(NamedTuple):
-    """An instant: the mapping's state after its sample, the ticks up to it, and what is measured at the arm."""
+    """An instant: the mapping's state after its sample, the ticks up to it, and what is measured at
+    the arm.
+    """
 
     state: State
     ticks: Ticks
@@ -73,17 +77,27 @@ class Session:
         For a start that cannot be, see `arm.Slave`.
     """
 
-    def __init__(self, robot: Robot, mapping: MappingParameters | None = None,
-                 following: ReferenceParameters | None = None, q: ArrayLike | None = None) -> None:
-        self.robot, self.mapping = robot, mapping or MappingParameters()
-        self._following, self._inverse, self.slave = following or ReferenceParameters(), Inverse(robot), Slave(robot, q)
+    def __init__(
+        self,
+        robot: Robot,
+        mapping: MappingParameters | None = None,
+        following: ReferenceParameters | None = None,
+        q: ArrayLike | None = None,
+    ) -> None:
+        self.robot = robot
+        self.mapping = mapping or MappingParameters()
+        self._following = following or ReferenceParameters()
+        self._inverse = Inverse(robot)
+        self.slave = Slave(robot, q)
         start = self.slave.read()
-        self._command, self._reference = Command(start.q, start.speed), control.at_rest(start.tool)
+        self._command = Command(start.q, start.speed)
+        self._reference = control.at_rest(start.tool)
         self.state: State | None = None
         self._moved_s = 0.0  # up to when the arm has moved
 
     def step(self, sample: Sample) -> Moment:
-        """One instant: the arm moves up to its time as was commanded before, then the sample says what comes next.
+        """One instant: the arm moves up to its time as was commanded before, then the sample says
+        what comes next.
 
         Raises ValueError if the simulation diverges.
         """
@@ -101,15 +115,26 @@ class Session:
         begin = until_s - count * dt if gap > LONGEST_S else self._moved_s
         rows = [(begin + (k + 1) * dt, *self._tick(state.target)) for k in range(count)]
         self._moved_s = begin + count * dt
-        times, commands, readings, references = zip(*rows, strict=True) if rows else ((), (), (), ())
+        times, commands, readings, references = (
+            zip(*rows, strict=True) if rows else ((), (), (), ())
+        )
         n = len(self.robot.joints)
-        return Ticks(frozen(np.array(times)), frozen(np.array([c.q for c in commands]).reshape(-1, n)),
-                     frozen(np.array([c.speed for c in commands]).reshape(-1, n)),
-                     frozen(np.array([r.q for r in readings]).reshape(-1, n)), [one[0] for one in references],
-                     [one[1] for one in references], [r.tool for r in readings])
+        return Ticks(
+            frozen(np.array(times)),
+            frozen(np.array([c.q for c in commands]).reshape(-1, n)),
+            frozen(np.array([c.speed for c in commands]).reshape(-1, n)),
+            frozen(np.array([r.q for r in readings]).reshape(-1, n)),
+            [one[0] for one in references],
+            [one[1] for one in references],
+            [r.tool for r in readings],
+        )
 
-    def _tick(self, target: RigidTransform) -> tuple[Command, Reading, tuple[RigidTransform, RigidTransform]]:
-        dt, before, command = self._inverse.tick_s, self._reference, self._command
+    def _tick(
+        self, target: RigidTransform
+    ) -> tuple[Command, Reading, tuple[RigidTransform, RigidTransform]]:
+        dt = self._inverse.tick_s
+        before = self._reference
+        command = self._command
         after: Reference = control.step(before, target, dt, self._following)
         self._command = self._inverse.step(command, before.pose, after.pose)
         commanded = self._inverse.tool(self._command.q)
@@ -118,7 +143,9 @@ class Session:
         return self._command, reading, (after.pose, commanded)
 
     def _at_limits(self) -> tuple[str, ...]:
-        """What cannot go further: joints at an end of their range, the reach of the mapping, the leash."""
+        """What cannot go further: joints at an end of their range, the reach of the mapping, the
+        leash.
+        """
         q, limits = self._command.q, self.robot.limits
         ends = np.minimum(q - limits.low, limits.high - q) < 1e-3
         names = [joint for joint, end in zip(self.robot.joints, ends, strict=True) if end]
@@ -142,7 +169,8 @@ class Log:
     """
 
     def __init__(self, joints: Sequence[str]) -> None:
-        self.joints, self.events = list(joints), list[Event]()
+        self.joints = list(joints)
+        self.events = list[Event]()
         self._ticks: list[np.ndarray] = []
         self._last: tuple[bool, str, tuple[str, ...]] = (False, "", ())
 
@@ -156,9 +184,20 @@ class Log:
         self._last = now
 
     def trajectory(self) -> pd.DataFrame:
-        """A row a tick: ``t_s``; each joint commanded (rad, rad/s) and measured (rad); the tool (mm, base)."""
-        columns = ["t_s", *(f"{joint}{end}" for end in ("_rad", "_rad_s", "_measured_rad") for joint in self.joints),
-                   "tool_x_mm", "tool_y_mm", "tool_z_mm"]
+        """A row a tick: ``t_s``; each joint commanded (rad, rad/s) and measured (rad); the tool
+        (mm, base).
+        """
+        columns = [
+            "t_s",
+            *(
+                f"{joint}{end}"
+                for end in ("_rad", "_rad_s", "_measured_rad")
+                for joint in self.joints
+            ),
+            "tool_x_mm",
+            "tool_y_mm",
+            "tool_z_mm",
+        ]
         rows = np.vstack(self._ticks) if self._ticks else np.empty((0, len(columns)))
         return pd.DataFrame(rows, columns=columns)
 
@@ -167,8 +206,9 @@ class Log:
         return pd.DataFrame(self.events, columns=list(Event._fields))
 
 
-def _changes(t: float, before: tuple[bool, str, tuple[str, ...]], now: tuple[bool, str, tuple[str, ...]]
-             ) -> list[Event]:
+def _changes(
+    t: float, before: tuple[bool, str, tuple[str, ...]], now: tuple[bool, str, tuple[str, ...]]
+) -> list[Event]:
     found = [Event(t, "clutch closed" if now[0] else "clutch open")] if now[0] != before[0] else []
     if now[1] != before[1]:
         found.append(Event(t, "hold", now[1]) if now[1] else Event(t, "hold ended"))

@@ -1,4 +1,6 @@
-"""What `trinolab teleop` does: a recording, or the simulated bench, to poses, joints, events and a video."""
+"""What `trinolab teleop` does: a recording, or the simulated bench, to poses, joints, events and a
+video.
+"""
 
 from __future__ import annotations
 
@@ -36,7 +38,10 @@ from .session import Log, Moment, Session
 
 log = logging.getLogger("trinolab")
 
-VIDEO, POSES, JOINTS, EVENTS = "monitor.webm", "poses.csv", "joints.csv", "events.csv"
+VIDEO = "monitor.webm"
+POSES = "poses.csv"
+JOINTS = "joints.csv"
+EVENTS = "events.csv"
 MEASURED = ("measured", "ambiguous")
 
 
@@ -58,7 +63,9 @@ class Done(NamedTuple):
     events: pd.DataFrame
 
 
-def recorded(folder: str | Path, rig: str | Path | None = None, handle: str | Path | None = None) -> Source:
+def recorded(
+    folder: str | Path, rig: str | Path | None = None, handle: str | Path | None = None
+) -> Source:
     """The instants of a recording folder, see `recording.open_folder`, also for the arguments."""
     found, the_handle = open_folder(folder, rig, handle)
     return Source(found.rig, the_handle, found.length, found.rate, instants(found))
@@ -67,32 +74,47 @@ def recorded(folder: str | Path, rig: str | Path | None = None, handle: str | Pa
 def simulated(rig: str | Path, handle: str | Path, seconds: float = 10.0, seed: int = 0) -> Source:
     """The instants of the script ``calm``, taken by the simulated bench as they are asked for."""
     job = scripted("calm", read_rig(rig), read_handle(handle), seed, seconds)
-    frames = (Frames(k, float(t), [take(job, k, c) for c in range(len(job.rig.cameras))])
-              for k, t in enumerate(job.times_s))
+    frames = (
+        Frames(k, float(t), [take(job, k, c) for c in range(len(job.rig.cameras))])
+        for k, t in enumerate(job.times_s)
+    )
     return Source(job.rig, job.handle, len(job.times_s), 30.0, frames)
 
 
-def teleoperate(source: Source, out: str | Path, robot: str | Path = "ur5", scale: float = 1.0, turn_scale: float = 1.0,
-                clutch: str | Path | None = None, view: str | Path | None = None, method: str = "best",
-                start: Mapping[str, float] | None = None, video: bool = True, progress: bool = True) -> Done:
-    """Follow the handle, move the arm, and write what happened; Ctrl-C ends the session, and it is written.
+def teleoperate(
+    source: Source,
+    out: str | Path,
+    robot: str | Path = "ur5",
+    scale: float = 1.0,
+    turn_scale: float = 1.0,
+    clutch: str | Path | None = None,
+    view: str | Path | None = None,
+    method: str = "best",
+    start: Mapping[str, float] | None = None,
+    video: bool = True,
+    progress: bool = True,
+) -> Done:
+    """Follow the handle, move the arm, and write what happened; Ctrl-C ends the session, and it is
+    written.
 
     Parameters
     ----------
     source : Source
         See `recorded` and `simulated`.
     out : path
-        A folder that is not there yet, or empty: for ``poses.csv``, ``joints.csv`` (a row a tick), ``events.csv``, and
-        ``monitor.webm`` (VP9).
+        A folder that is not there yet, or empty: for ``poses.csv``, ``joints.csv`` (a row a tick),
+        ``events.csv``, and ``monitor.webm`` (VP9).
     robot : str or path
         See `arm.load_robot`.
     scale, turn_scale : float
         Tool : handle, of distances and of angles.
     clutch : path, optional
-        CSV with the columns ``t_s`` and ``closed`` (0 or 1), which holds from its time on; open before the first one.
-        Without it the clutch is closed while the handle is measured, as by an operator who opens it at every loss.
+        CSV with the columns ``t_s`` and ``closed`` (0 or 1), which holds from its time on; open
+        before the first one. Without it the clutch is closed while the handle is measured, as by an
+        operator who opens it at every loss.
     view : path, optional
-        A rig file with the surveillance camera, in mm in the robot's base frame; a shipped one without it.
+        A rig file with the surveillance camera, in mm in the robot's base frame; a shipped one
+        without it.
     method : str
         The estimator, see `methods.METHODS`.
     start : mapping, optional
@@ -105,31 +127,51 @@ def teleoperate(source: Source, out: str | Path, robot: str | Path = "ur5", scal
     Raises
     ------
     ValueError
-        Names the argument or the file that cannot be used; before anything is computed, but for a damaged image, or a
-        simulation that diverges: then what is there is written, too.
+        Names the argument or the file that cannot be used; before anything is computed, but for a
+        damaged image, or a simulation that diverges: then what is there is written, too.
     """
-    root, camera, switch = _new_folder(out), _surveillance(view), _clutch(clutch)
+    root = _new_folder(out)
+    camera = _surveillance(view)
+    switch = _clutch(clutch)
     parameters = FollowParameters(estimator=estimator_of(method))
     arm = load_robot(robot)
-    session = Session(arm, MappingParameters(scale, turn_scale, alignment(camera)),
-                      q=joint_values(arm, start or {}, "start"))
-    notes, poses = Log(session.robot.joints), list[tuple[float, Pose]]()
+    session = Session(
+        arm,
+        MappingParameters(scale, turn_scale, alignment(camera)),
+        q=joint_values(arm, start or {}, "start"),
+    )
+    notes = Log(session.robot.joints)
+    poses = list[tuple[float, Pose]]()
     root.mkdir(exist_ok=True)
     try:
         with _Monitor(root, source, session, camera) if video else nullcontext() as monitor:
             try:
-                for now, tracked, moment, closed in _moments(source, session, parameters, switch, progress):
+                for now, tracked, moment, closed in _moments(
+                    source, session, parameters, switch, progress
+                ):
                     poses.append((now.t_s, tracked.measurement.pose))
                     notes.add(moment, closed)
                     if monitor is not None:
                         monitor.add(now, tracked, moment, closed)
             except KeyboardInterrupt:
-                log.warning("stopped at %d of %d instants; what is done is written", len(poses), source.length)
+                log.warning(
+                    "stopped at %d of %d instants; what is done is written",
+                    len(poses),
+                    source.length,
+                )
     finally:
-        done = Done(pose_table([pose for _, pose in poses], [t for t, _ in poses]), notes.trajectory(),
-                    notes.event_table())
-        write_together({root / POSES: poses_text(done.poses), root / JOINTS: _text(done.joints),
-                        root / EVENTS: _text(done.events)})
+        done = Done(
+            pose_table([pose for _, pose in poses], [t for t, _ in poses]),
+            notes.trajectory(),
+            notes.event_table(),
+        )
+        write_together(
+            {
+                root / POSES: poses_text(done.poses),
+                root / JOINTS: _text(done.joints),
+                root / EVENTS: _text(done.events),
+            }
+        )
     return done
 
 
@@ -139,8 +181,10 @@ class _Monitor:
     def __init__(self, root: Path, source: Source, session: Session, camera: Camera) -> None:
         from .view import SlaveView  # loads PyVista
 
-        self._view, self._film = SlaveView(session.robot.model, camera), Film(root / VIDEO, source.rate)
-        self._cameras, self._data = source.rig.cameras, session.slave.data
+        self._view = SlaveView(session.robot.model, camera)
+        self._film = Film(root / VIDEO, source.rate)
+        self._cameras = source.rig.cameras
+        self._data = session.slave.data
 
     def __enter__(self) -> _Monitor:
         self._film.__enter__()
@@ -154,21 +198,45 @@ class _Monitor:
         from .view import ForceArrow
 
         force, state = moment.reading.force, moment.state
-        picture = self._view.render(self._data, ForceArrow(moment.reading.tool.translation, force, mm_per_n=2.0))
-        readings = Readings(now.t_s, tracked.measurement.pose.status, closed, state.held or None, moment.limits,
-                            float(np.linalg.norm(force)), 100.0)
-        self._film.add(blue_first(monitor_picture(now.images, tracked, self._cameras, picture, readings)))
+        picture = self._view.render(
+            self._data, ForceArrow(moment.reading.tool.translation, force, mm_per_n=2.0)
+        )
+        readings = Readings(
+            now.t_s,
+            tracked.measurement.pose.status,
+            closed,
+            state.held or None,
+            moment.limits,
+            float(np.linalg.norm(force)),
+            100.0,
+        )
+        self._film.add(
+            blue_first(monitor_picture(now.images, tracked, self._cameras, picture, readings))
+        )
 
 
-def _moments(source: Source, session: Session, parameters: FollowParameters, switch: tuple[Array, Array] | None,
-             progress: bool) -> Iterator[tuple[Frames, posetracker.Tracked, Moment, bool]]:
+def _moments(
+    source: Source,
+    session: Session,
+    parameters: FollowParameters,
+    switch: tuple[Array, Array] | None,
+    progress: bool,
+) -> Iterator[tuple[Frames, posetracker.Tracked, Moment, bool]]:
     """Each instant with its track, the session's moment, and whether the clutch is closed."""
     steps = posetracker.track_instants(source.frames, source.rig, source.handle, parameters)
-    with logging_redirect_tqdm(), tqdm(total=source.length, unit="instant", disable=None if progress else True) as bar:
+    with (
+        logging_redirect_tqdm(),
+        tqdm(total=source.length, unit="instant", disable=None if progress else True) as bar,
+    ):
         for now, tracked in steps:
             pose = tracked.measurement.pose
             closed = pose.status in MEASURED if switch is None else _is_closed(switch, now.t_s)
-            yield now, tracked, session.step(Sample(now.t_s, pose.T_world_handle, pose.status, closed)), closed
+            yield (
+                now,
+                tracked,
+                session.step(Sample(now.t_s, pose.T_world_handle, pose.status, closed)),
+                closed,
+            )
             bar.update()
 
 
@@ -192,8 +260,12 @@ def _clutch(path: str | Path | None) -> tuple[Array, Array] | None:
     table = read_csv(path)
     if missing := [name for name in ("t_s", "closed") if name not in table]:
         raise ValueError(f"{path}: no column '{missing[0]}'")
-    times, closed = (pd.to_numeric(table[name], errors="coerce").to_numpy(float) for name in ("t_s", "closed"))
-    if not (np.isfinite(times).all() and np.isin(closed, (0, 1)).all() and (np.diff(times) > 0).all()):
+    times, closed = (
+        pd.to_numeric(table[name], errors="coerce").to_numpy(float) for name in ("t_s", "closed")
+    )
+    if not (
+        np.isfinite(times).all() and np.isin(closed, (0, 1)).all() and (np.diff(times) > 0).all()
+    ):
         raise ValueError(f"{path}: expected times that increase, each with closed 0 or 1")
     return times, closed
 

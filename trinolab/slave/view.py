@@ -1,7 +1,7 @@
 """The surveillance camera: a MuJoCo scene, drawn by PyVista as a calibrated camera would see it.
 
-Lengths are mm, the world frame is the robot's; MuJoCo's metres are converted here. What is drawn where agrees with
-`Camera.project`, so that the picture can be measured in like any other.
+Lengths are mm, the world frame is the robot's; MuJoCo's metres are converted here. What is drawn
+where agrees with `Camera.project`, so that the picture can be measured in like any other.
 """
 
 from __future__ import annotations
@@ -20,9 +20,11 @@ if TYPE_CHECKING:
     import mujoco
     import pyvista
 
-HIDDEN_GROUP = 3  # MuJoCo's habit: geoms of this group and above are for collisions, or not for the eye
+# MuJoCo's habit: geoms of this group and above are for collisions, or not for the eye
+HIDDEN_GROUP = 3
 ENDLESS = 10.0  # half the side of an endless plane, by the model's extent (stat.extent)
-UNSET = (0.5, 0.5, 0.5, 1.0)  # a geom's colour in MuJoCo if nothing is said; then the material's holds
+# a geom's colour in MuJoCo if nothing is said; then the material's holds
+UNSET = (0.5, 0.5, 0.5, 1.0)
 FORCE_COLOUR = "#D55E00"
 MOST_PX = 8192  # side of a picture that is rendered
 WIDEST = 2.0  # times the image may grow where the lens distortion is taken out
@@ -37,23 +39,28 @@ class GeomScene(NamedTuple):
 
 
 def geom_scene(model: mujoco.MjModel, background: str = "white") -> GeomScene:
-    """A model's geoms as a PyVista scene, each about its own origin, in mm; nothing is rendered yet.
+    """A model's geoms as a PyVista scene, each about its own origin, in mm; nothing is rendered
+    yet.
 
-    Geoms of group 3 and above and wholly transparent ones are left out, textures too. A plane without a size
-    reaches from its origin as far as ten times the model's extent.
+    Geoms of group 3 and above and wholly transparent ones are left out, textures too. A plane
+    without a size reaches from its origin as far as ten times the model's extent.
 
     Raises
     ------
     ValueError
-        For anything but a model, a geom to be drawn that is no plane, sphere, capsule, ellipsoid, cylinder or box, or
-        a machine that cannot render without a display.
+        For anything but a model, a geom to be drawn that is no plane, sphere, capsule, ellipsoid,
+        cylinder or box, or a machine that cannot render without a display.
     """
     import mujoco
     import pyvista
 
     if not isinstance(model, mujoco.MjModel):
         raise ValueError(f"model: expected a mujoco.MjModel, got {type(model).__name__}")
-    shown = [k for k in range(model.ngeom) if model.geom_group[k] < HIDDEN_GROUP and _colour(model, k)[3] > 0]
+    shown = [
+        k
+        for k in range(model.ngeom)
+        if model.geom_group[k] < HIDDEN_GROUP and _colour(model, k)[3] > 0
+    ]
     shapes = {k: _shape(model, k) for k in shown}
     fill = _as_colour(background)
     with pyvista.vtk_verbosity("off"):  # a machine without a display is no matter
@@ -61,15 +68,21 @@ def geom_scene(model: mujoco.MjModel, background: str = "white") -> GeomScene:
     _can_render(plotter)
     plotter.background_color = fill
     plotter.add_light(pyvista.Light(light_type="headlight", intensity=0.55))
-    plotter.add_light(pyvista.Light(position=(-0.4, -0.6, 1.0), light_type="scene light", intensity=0.6))
-    actors = {k: plotter.add_mesh(shapes[k], reset_camera=False, render=False, **_look(model, k)) for k in shown}
+    plotter.add_light(
+        pyvista.Light(position=(-0.4, -0.6, 1.0), light_type="scene light", intensity=0.6)
+    )
+    actors = {
+        k: plotter.add_mesh(shapes[k], reset_camera=False, render=False, **_look(model, k))
+        for k in shown
+    }
     return GeomScene(plotter, actors)
 
 
 def place(actor: pyvista.Actor, position_m: np.ndarray, rotation: np.ndarray) -> None:
     """Move an actor to a pose of MuJoCo's: position (3,) in m, rotation matrix (9,), row by row."""
     pose = np.eye(4)
-    pose[:3, :3], pose[:3, 3] = rotation.reshape(3, 3), 1000.0 * position_m
+    pose[:3, :3] = rotation.reshape(3, 3)
+    pose[:3, 3] = 1000.0 * position_m
     actor.visibility = bool(np.isfinite(pose).all())
     if actor.visibility:
         actor.user_matrix = pose
@@ -80,11 +93,14 @@ def _shape(model: mujoco.MjModel, k: int) -> pyvista.PolyData:
     import mujoco
     import pyvista
 
-    kind, (a, b, c) = mujoco.mjtGeom(model.geom_type[k]), 1000.0 * model.geom_size[k]
+    kind = mujoco.mjtGeom(model.geom_type[k])
+    (a, b, c) = 1000.0 * model.geom_size[k]
     upright: dict[str, Any] = {"direction": (0, 0, 1), "radius": a}
     if kind == mujoco.mjtGeom.mjGEOM_PLANE:
         endless = 2000.0 * ENDLESS * model.stat.extent
-        return pyvista.Plane(i_size=2 * a or endless, j_size=2 * b or endless, i_resolution=1, j_resolution=1)
+        return pyvista.Plane(
+            i_size=2 * a or endless, j_size=2 * b or endless, i_resolution=1, j_resolution=1
+        )
     if kind == mujoco.mjtGeom.mjGEOM_BOX:
         return pyvista.Box((-a, a, -b, b, -c, c))
     if kind == mujoco.mjtGeom.mjGEOM_CYLINDER:
@@ -94,24 +110,40 @@ def _shape(model: mujoco.MjModel, k: int) -> pyvista.PolyData:
     if kind in (mujoco.mjtGeom.mjGEOM_SPHERE, mujoco.mjtGeom.mjGEOM_ELLIPSOID):
         return pyvista.Sphere(radius=1.0).scale([a, b, c] if b else a)
     name = kind.name.removeprefix("mjGEOM_").lower()
-    raise ValueError(f"model: expected simple shapes, got geom {k} ({model.geom(k).name or 'no name'}): {name}")
+    raise ValueError(
+        f"model: expected simple shapes, got geom {k} ({model.geom(k).name or 'no name'}): {name}"
+    )
 
 
 def _colour(model: mujoco.MjModel, k: int) -> tuple[float, ...]:
-    """Red, green, blue, opacity of a geom, 0 to 1: its own, or where nothing is said its material's."""
-    own, material = tuple(map(float, model.geom_rgba[k])), int(model.geom_matid[k])
+    """Red, green, blue, opacity of a geom, 0 to 1: its own, or where nothing is said its
+    material's.
+    """
+    own = tuple(map(float, model.geom_rgba[k]))
+    material = int(model.geom_matid[k])
     return own if material < 0 or own != UNSET else tuple(map(float, model.mat_rgba[material]))
 
 
 def _look(model: mujoco.MjModel, k: int) -> dict[str, Any]:
-    """How PyVista shall draw a geom. What its material emits takes the place of what it reflects."""
+    """How PyVista shall draw a geom. What its material emits takes the place of what it
+    reflects.
+    """
     import mujoco
 
-    material, (*colour, opacity) = int(model.geom_matid[k]), _colour(model, k)
-    ambient = 0.25 + 0.75 * float(np.clip(model.mat_emission[material], 0, 1) if material >= 0 else 0)
+    material = int(model.geom_matid[k])
+    (*colour, opacity) = _colour(model, k)
+    ambient = 0.25 + 0.75 * float(
+        np.clip(model.mat_emission[material], 0, 1) if material >= 0 else 0
+    )
     edged = model.geom_type[k] in (mujoco.mjtGeom.mjGEOM_BOX, mujoco.mjtGeom.mjGEOM_PLANE)
-    return {"color": colour, "opacity": opacity, "ambient": ambient, "diffuse": 1 - ambient,
-            "smooth_shading": not edged, "split_sharp_edges": not edged}
+    return {
+        "color": colour,
+        "opacity": opacity,
+        "ambient": ambient,
+        "diffuse": 1 - ambient,
+        "smooth_shading": not edged,
+        "split_sharp_edges": not edged,
+    }
 
 
 def _as_colour(background: str) -> pyvista.Color:
@@ -124,8 +156,13 @@ def _as_colour(background: str) -> pyvista.Color:
 
 
 def _can_render(plotter: pyvista.Plotter) -> None:
-    """VTK ends the process where it has neither a display nor EGL, and falls back on a library that is not there."""
-    if plotter.render_window is None or plotter.render_window.GetClassName() != "vtkOSOpenGLRenderWindow":
+    """VTK ends the process where it has neither a display nor EGL, and falls back on a library that
+    is not there.
+    """
+    if (
+        plotter.render_window is None
+        or plotter.render_window.GetClassName() != "vtkOSOpenGLRenderWindow"
+    ):
         return
     for name in ("libOSMesa.so.8", "libOSMesa.so.6", "libOSMesa.so"):
         try:
@@ -134,12 +171,15 @@ def _can_render(plotter: pyvista.Plotter) -> None:
         except OSError:
             continue
     plotter.close()
-    raise ValueError("this machine cannot render without a display (Debian packages: libegl1, libgl1-mesa-dri)")
+    raise ValueError(
+        "this machine cannot render without a display (Debian packages: libegl1, libgl1-mesa-dri)"
+    )
 
 
 @dataclass(frozen=True, eq=False)
 class ForceArrow:
-    """A force, drawn as an arrow from the point where it acts; a missing one (NaN), or none at all, is not.
+    """A force, drawn as an arrow from the point where it acts; a missing one (NaN), or none at all,
+    is not.
 
     Attributes
     ----------
@@ -172,8 +212,8 @@ class ForceArrow:
 class SlaveView:
     """The picture that a calibrated camera takes of a MuJoCo scene; a context manager.
 
-    Lens distortion is applied to the rendered picture, bilinearly; pixels that no ideal point maps to show the
-    background.
+    Lens distortion is applied to the rendered picture, bilinearly; pixels that no ideal point maps
+    to show the background.
 
     Parameters
     ----------
@@ -186,9 +226,9 @@ class SlaveView:
     Raises
     ------
     ValueError
-        For anything but a model and a camera, a geom that is no simple shape (see `geom_scene`), an image of more than
-        `MOST_PX` pixels a side, a lens that needs a picture more than `WIDEST` times as large, or a machine that cannot
-        render.
+        For anything but a model and a camera, a geom that is no simple shape (see `geom_scene`), an
+        image of more than `MOST_PX` pixels a side, a lens that needs a picture more than `WIDEST`
+        times as large, or a machine that cannot render.
     """
 
     def __init__(self, model: mujoco.MjModel, camera: Camera, background: str = "white") -> None:
@@ -208,8 +248,8 @@ class SlaveView:
         Parameters
         ----------
         data : mujoco.MjData
-            Its geom_xpos (m) and geom_xmat are used: call mj_forward, or step, before. A geom whose pose is not finite
-            is left out.
+            Its geom_xpos (m) and geom_xmat are used: call mj_forward, or step, before. A geom whose
+            pose is not finite is left out.
         force : ForceArrow, optional
 
         Returns
@@ -225,8 +265,10 @@ class SlaveView:
         if self._plotter.render_window is None:
             raise ValueError("view: expected an open one, got one that is closed")
         if np.shape(getattr(data, "geom_xpos", ())) != (self._model.ngeom, 3):
-            raise ValueError(f"data: expected the MjData of this model with {self._model.ngeom} geoms, "
-                             f"got {type(data).__name__}")
+            raise ValueError(
+                f"data: expected the MjData of this model with {self._model.ngeom} geoms, "
+                f"got {type(data).__name__}"
+            )
         if not isinstance(force, ForceArrow | None):
             raise ValueError(f"force: expected a ForceArrow, got {type(force).__name__}")
         for k, actor in self._actors.items():
@@ -235,7 +277,9 @@ class SlaveView:
         picture = self._snap()
         if self._ideal.map_uv is None:
             return picture
-        return np.asarray(cv2.remap(picture, *self._ideal.map_uv, cv2.INTER_LINEAR, borderValue=self._fill))
+        return np.asarray(
+            cv2.remap(picture, *self._ideal.map_uv, cv2.INTER_LINEAR, borderValue=self._fill)
+        )
 
     def close(self) -> None:
         """Give the memory of the renderer back; the view cannot render any more."""
@@ -250,8 +294,14 @@ class SlaveView:
     def _draw(self, force: ForceArrow | None) -> None:
         shape = None if force is None else _arrow(force)
         if shape is not None and self._arrow is None:
-            self._arrow = self._plotter.add_mesh(shape, color=FORCE_COLOUR, ambient=0.5, diffuse=0.5,
-                                                 reset_camera=False, render=False)
+            self._arrow = self._plotter.add_mesh(
+                shape,
+                color=FORCE_COLOUR,
+                ambient=0.5,
+                diffuse=0.5,
+                reset_camera=False,
+                render=False,
+            )
         elif shape is not None and self._arrow is not None:
             self._arrow.mapper.dataset = shape
         if self._arrow is not None:
@@ -265,27 +315,38 @@ class SlaveView:
 
 
 class _Ideal(NamedTuple):
-    """The picture without lens distortion: its size, principal point (px), and where each pixel of the image lies."""
+    """The picture without lens distortion: its size, principal point (px), and where each pixel of
+    the image lies.
+    """
 
     size: tuple[int, int]
     centre: Array
-    map_uv: tuple[np.ndarray, np.ndarray] | None = None  # columns and rows, (height, width), float32
+    # columns and rows, (height, width), float32
+    map_uv: tuple[np.ndarray, np.ndarray] | None = None
 
 
 def _undistorted(camera: Camera) -> _Ideal:
     """The smallest ideal picture that holds all that the camera sees."""
     if max(camera.size) > MOST_PX:
-        raise ValueError(f"camera: expected an image of at most {MOST_PX} px a side, got {camera.size}")
+        raise ValueError(
+            f"camera: expected an image of at most {MOST_PX} px a side, got {camera.size}"
+        )
     if not camera.distortions.any():
         return _Ideal(camera.size, camera.principal_point)
     width, height = camera.size
     uv = camera.ideal_pixels(np.indices((height, width))[::-1].reshape(2, -1).T)
     known = uv[np.isfinite(uv[:, 0])]
-    low, high = (np.floor(known.min(axis=0)) - 1, np.ceil(known.max(axis=0)) + 1) if len(known) else (0, np.inf)
+    low, high = (
+        (np.floor(known.min(axis=0)) - 1, np.ceil(known.max(axis=0)) + 1)
+        if len(known)
+        else (0, np.inf)
+    )
     size = np.broadcast_to(high - low + 1, 2)
     if (size > np.minimum(WIDEST * np.array(camera.size) + 4, MOST_PX)).any():
-        raise ValueError(f"camera: expected a lens whose picture without distortion is at most {WIDEST:g} times as "
-                         f"large, got distortions {camera.distortions.tolist()}")
+        raise ValueError(
+            f"camera: expected a lens whose picture without distortion is at most {WIDEST:g} times as "
+            f"large, got distortions {camera.distortions.tolist()}"
+        )
     map_u, map_v = np.nan_to_num(uv - low, nan=-9.0).astype(np.float32).T.reshape(2, height, width)
     return _Ideal((int(size[0]), int(size[1])), camera.principal_point - low, (map_u, map_v))
 
@@ -301,12 +362,14 @@ def _aim(plotter: pyvista.Plotter, camera: Camera) -> None:
 def _project(plotter: pyvista.Plotter, camera: Camera, ideal: _Ideal) -> None:
     """Set the projection to the camera's, with the near and the far plane around what there is.
 
-    OpenGL's eye looks along -z with y up, and its picture spans the pixels' edges: -1 is at u = -0.5 px.
+    OpenGL's eye looks along -z with y up, and its picture spans the pixels' edges: -1 is at u =
+    -0.5 px.
     """
     import pyvista
 
     near, far = _depths(np.array(plotter.renderer.ComputeVisiblePropBounds()), camera)
-    (fx, fy), (cx, cy) = 2 * camera.focal / ideal.size, 1 - (2 * ideal.centre + 1) / ideal.size
+    (fx, fy) = 2 * camera.focal / ideal.size
+    (cx, cy) = 1 - (2 * ideal.centre + 1) / ideal.size
     depth = (far + near) / (near - far), 2 * far * near / (near - far)
     matrix = np.array([[fx, 0, cx, 0], [0, fy, -cy, 0], [0, 0, *depth], [0, 0, -1, 0]])
     plotter.camera.SetExplicitProjectionTransformMatrix(pyvista.vtkmatrix_from_array(matrix))
@@ -314,7 +377,9 @@ def _project(plotter: pyvista.Plotter, camera: Camera, ideal: _Ideal) -> None:
 
 
 def _depths(bounds: np.ndarray, camera: Camera) -> tuple[float, float]:
-    """Depths (mm) between which what is in front of the camera lies, of a box with bounds (6,) as VTK has them, mm."""
+    """Depths (mm) between which what is in front of the camera lies, of a box with bounds (6,) as
+    VTK has them, mm.
+    """
     corners = np.array(np.meshgrid(*bounds.reshape(3, 2))).reshape(3, -1).T
     depth = camera.T_cam_world.apply(corners)[:, 2]
     far = 1.01 * depth.max()
@@ -332,5 +397,11 @@ def _arrow(force: ForceArrow) -> pyvista.PolyData | None:
     if not 1e-6 < length < 1e6:
         return None
     radius = min(force.radius_mm / length, 0.08)  # all by the arrow's length
-    return pyvista.Arrow(start=force.origin_mm, direction=frozen(way), scale=length, shaft_radius=radius,
-                         tip_radius=2.5 * radius, tip_length=6 * radius)
+    return pyvista.Arrow(
+        start=force.origin_mm,
+        direction=frozen(way),
+        scale=length,
+        shaft_radius=radius,
+        tip_radius=2.5 * radius,
+        tip_length=6 * radius,
+    )

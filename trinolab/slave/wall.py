@@ -1,12 +1,14 @@
-"""A wall that a computer lets a hand feel: how stiff it may be before the loop gets unstable (beyond the paper).
+"""A wall that a computer lets a hand feel: how stiff it may be before the loop gets unstable
+(beyond the paper).
 
-A master of one degree of freedom is pressed against the wall, m x'' + b x' = h - f, with x the depth in the wall and h
-the hand's force. Each period T the computer reads x and finds f = K x + B (x - x before) / T. The master feels it after
-the delay tau, until the next one comes. The Nyquist criterion gives the largest stable K, with the hold as it is or as
-the delay T/2 that it resembles.
+A master of one degree of freedom is pressed against the wall, m x'' + b x' = h - f, with x the
+depth in the wall and h the hand's force. Each period T the computer reads x and finds f = K x + B
+(x - x before) / T. The master feels it after the delay tau, until the next one comes. The Nyquist
+criterion gives the largest stable K, with the hold as it is or as the delay T/2 that it resembles.
 
-`contact` simulates the same in time, in closed form between two changes of the force. Its largest stable stiffness is
-found by bisection, from nothing but growth or decay, so it tests what the Nyquist criterion says.
+`contact` simulates the same in time, in closed form between two changes of the force. Its largest
+stable stiffness is found by bisection, from nothing but growth or decay, so it tests what the
+Nyquist criterion says.
 """
 
 from __future__ import annotations
@@ -70,7 +72,9 @@ class Loop:
 
 
 class Limit(NamedTuple):
-    """The largest stable stiffness, N/m, and the frequency of the oscillation there, rad/s (NaN if there is none)."""
+    """The largest stable stiffness, N/m, and the frequency of the oscillation there, rad/s (NaN if
+    there is none).
+    """
 
     stiffness: float
     omega: float
@@ -97,8 +101,9 @@ def delayed_response(loop: Loop, omega: ArrayLike) -> Complex:
 def sampled_response(loop: Loop, omega: ArrayLike) -> Complex:
     """Depth over the computer's force, m/N, shape (n,), from sample to sample: exact for any delay.
 
-    In a period the force of d + 1 periods ago acts for r seconds, then that of d periods ago, where tau = d T + r.
-    Parameters as for `delayed_response`, omega up to pi / T; also raises ValueError if the period is 0.
+    In a period the force of d + 1 periods ago acts for r seconds, then that of d periods ago, where
+    tau = d T + r. Parameters as for `delayed_response`, omega up to pi / T; also raises ValueError
+    if the period is 0.
     """
     z = np.exp(1j * as_array(omega, "omega", (None,)) * sampling_period(loop))
     whole, rest = divmod(loop.delay_s, loop.period_s)
@@ -110,7 +115,8 @@ def sampled_response(loop: Loop, omega: ArrayLike) -> Complex:
 
 
 def nyquist_limit(loop: Loop, sampled: bool = True) -> Limit:
-    """The largest stable stiffness by the Nyquist criterion: the gain margin of the loop of stiffness 1.
+    """The largest stable stiffness by the Nyquist criterion: the gain margin of the loop of
+    stiffness 1.
 
     Parameters
     ----------
@@ -121,8 +127,8 @@ def nyquist_limit(loop: Loop, sampled: bool = True) -> Limit:
     Returns
     -------
     Limit
-        Of stiffness 0 if the wall's damping alone makes the loop unstable, infinite if every stiffness is stable
-        (no delay and no hold).
+        Of stiffness 0 if the wall's damping alone makes the loop unstable, infinite if every
+        stiffness is stable (no delay and no hold).
 
     Raises
     ------
@@ -146,9 +152,11 @@ def nyquist_limit(loop: Loop, sampled: bool = True) -> Limit:
 
 
 def passive_limit(loop: Loop) -> float:
-    """The stiffness, N/m, below which a wall without delay is passive, so stable in any passive hand: b > K T/2 + B.
+    """The stiffness, N/m, below which a wall without delay is passive, so stable in any passive
+    hand: b > K T/2 + B.
 
-    Colgate and Schenkel (1997), J. of Robotic Systems 14(1), 37-47. Never negative; infinite if the period is 0.
+    Colgate and Schenkel (1997), J. of Robotic Systems 14(1), 37-47. Never negative; infinite if the
+    period is 0.
 
     Raises
     ------
@@ -163,7 +171,9 @@ def passive_limit(loop: Loop) -> float:
 def _difference(loop: Loop, omega: Array) -> Complex:
     """What the backward difference makes of a depth of frequency omega, 1/s."""
     s = 1j * omega
-    return np.asarray(-np.expm1(-s * loop.period_s) / loop.period_s if loop.period_s else s, dtype=np.complex128)
+    return np.asarray(
+        -np.expm1(-s * loop.period_s) / loop.period_s if loop.period_s else s, dtype=np.complex128
+    )
 
 
 def _step(loop: Loop, h: float) -> tuple[Array, Array]:
@@ -178,8 +188,10 @@ def _smallest_crossing(loop: Loop, wanted: Callable[[Array], Complex], top: floa
     slowest = 0.1 * min(1 / loop.lag_s, np.sqrt(loop.damping / loop.mass_kg / loop.lag_s))
     grid = np.geomspace(min(slowest, top / 2), top, GRID)
     off = wanted(grid).imag
-    at = [brentq(lambda w: wanted(np.array([w]))[0].imag, *grid[k:k + 2], xtol=1e-14 * grid[k])
-          for k in np.flatnonzero(off[:-1] * off[1:] < 0)]
+    at = [
+        brentq(lambda w: wanted(np.array([w]))[0].imag, *grid[k : k + 2], xtol=1e-14 * grid[k])
+        for k in np.flatnonzero(off[:-1] * off[1:] < 0)
+    ]
     omega = np.array([*at, top])
     gain = wanted(omega)
     real = (gain.real > 0) & (np.abs(gain.imag) <= 1e-6 * np.abs(gain))  # so is that at z = -1
@@ -190,14 +202,18 @@ def _smallest_crossing(loop: Loop, wanted: Callable[[Array], Complex], top: floa
 
 
 class Contact(NamedTuple):
-    """A simulated contact: times, s, depths in the wall, m, and the wall's forces, N, shape (n,) each."""
+    """A simulated contact: times, s, depths in the wall, m, and the wall's forces, N, shape (n,)
+    each.
+    """
 
     t_s: Array
     depth_m: Array
     force_n: Array
 
 
-def simulate(loop: Loop, stiffness: float, duration_s: float, push_n: float = 1.0, one_sided: bool = True) -> Contact:
+def simulate(
+    loop: Loop, stiffness: float, duration_s: float, push_n: float = 1.0, one_sided: bool = True
+) -> Contact:
     """A hand pushes the resting master into the wall with a constant force, from its surface.
 
     Parameters
@@ -227,24 +243,30 @@ def simulate(loop: Loop, stiffness: float, duration_s: float, push_n: float = 1.
     count = int(np.ceil(as_number(duration_s, "duration_s", 0.0) / sampling_period(loop)))
     states = _periods(loop, stiffness, (0.0, 0.0), as_number(push_n, "push_n"), one_sided)
     x, v, before, after = np.array(list(islice(states, count))).reshape(-1, 4).T[:, :, None]
-    switch, h = loop.delay_s % loop.period_s, loop.period_s * np.arange(8) / 8
+    switch = loop.delay_s % loop.period_s
+    h = loop.period_s * np.arange(8) / 8
     p, q, e, g = _movement(loop, np.minimum(h, switch))
     P, Q, *_ = _movement(loop, np.maximum(h - switch, 0.0))
     first, second = push_n - before, push_n - after
     depth = x + p * v + q * first + P * (e * v + g * first) + Q * second
     t = loop.period_s * np.arange(count)[:, None] + h
-    return Contact(*(frozen(part.ravel()) for part in (t, depth, np.where(h < switch, before, after))))
+    return Contact(
+        *(frozen(part.ravel()) for part in (t, depth, np.where(h < switch, before, after)))
+    )
 
 
 def grows(loop: Loop, stiffness: float) -> bool:
     """Whether the oscillation of a master that is let go in a two-sided wall grows, by simulation.
 
-    Up to 60 passages through zero are simulated. The mean square of the depths in the last third of them is held
-    against that in the third before. A master that hardly swings decays. Raises ValueError as `simulate`.
+    Up to 60 passages through zero are simulated. The mean square of the depths in the last third of
+    them is held against that in the third before. A master that hardly swings decays. Raises
+    ValueError as `simulate`.
     """
     as_number(stiffness, "stiffness", 0.0)
     sampling_period(loop)
-    swings, last, track = 0, 1.0, []
+    swings = 0
+    last = 1.0
+    track = []
     for x, *_ in islice(_periods(loop, stiffness, (1.0, 0.0), 0.0, False), MOST_STEPS):
         swings, last = swings + (x * last < 0), x or last
         if swings >= SWINGS or not 1e-12 < abs(last) < 1e12:
@@ -257,7 +279,8 @@ def grows(loop: Loop, stiffness: float) -> bool:
 
 
 def simulated_limit(loop: Loop, tolerance: float = 1e-3) -> float:
-    """The largest stable stiffness, N/m, by bisection: between one whose swings decay and one whose swings grow.
+    """The largest stable stiffness, N/m, by bisection: between one whose swings decay and one whose
+    swings grow.
 
     Parameters
     ----------
@@ -272,7 +295,8 @@ def simulated_limit(loop: Loop, tolerance: float = 1e-3) -> float:
         If the tolerance lies elsewhere or the period is 0.
     """
     tolerance = as_number(tolerance, "tolerance", 1e-6, 0.5)
-    low, high = 0.0, loop.damping / (sampling_period(loop) + loop.delay_s)
+    low = 0.0
+    high = loop.damping / (sampling_period(loop) + loop.delay_s)
     if grows(loop, 1e-3 * high):
         return 0.0
     while not grows(loop, high):
@@ -285,15 +309,21 @@ def simulated_limit(loop: Loop, tolerance: float = 1e-3) -> float:
 
 def _movement(loop: Loop, h: ArrayLike) -> tuple[Array, Array, Array, Array]:
     """The step over h seconds in closed form: depth + p speed + q force, and e speed + g force."""
-    time, rate = np.asarray(h, dtype=float), loop.damping / loop.mass_kg
+    time = np.asarray(h, dtype=float)
+    rate = loop.damping / loop.mass_kg
     faded: Array = -np.expm1(-rate * time)
     return faded / rate, (time - faded / rate) / loop.damping, 1 - faded, faded / loop.damping
 
 
-def _periods(loop: Loop, stiffness: float, start: tuple[float, float], push_n: float,
-             one_sided: bool) -> Iterator[tuple[float, float, float, float]]:
-    """Depth and speed at the start of each period, and the wall's force before and after the switch within it."""
-    (x, v), last, T = start, start[0], loop.period_s
+def _periods(
+    loop: Loop, stiffness: float, start: tuple[float, float], push_n: float, one_sided: bool
+) -> Iterator[tuple[float, float, float, float]]:
+    """Depth and speed at the start of each period, and the wall's force before and after the switch
+    within it.
+    """
+    (x, v) = start
+    last = start[0]
+    T = loop.period_s
     whole, rest = divmod(loop.delay_s, T)
     (p, q, e, g), (P, Q, E, G) = (map(float, _movement(loop, h)) for h in (rest, T - rest))
     forces = deque([0.0] * (int(whole) + 2), maxlen=int(whole) + 2)
@@ -301,6 +331,8 @@ def _periods(loop: Loop, stiffness: float, start: tuple[float, float], push_n: f
         force = stiffness * x + loop.wall_damping * (x - last) / T
         forces.append(0.0 if one_sided and (x <= 0 or force < 0) else force)
         yield x, v, forces[0], forces[1]
-        last, first, second = x, push_n - forces[0], push_n - forces[1]
+        last = x
+        first = push_n - forces[0]
+        second = push_n - forces[1]
         x, v = x + p * v + q * first, e * v + g * first
         x, v = x + P * v + Q * second, E * v + G * second

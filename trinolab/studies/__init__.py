@@ -1,1 +1,3 @@
-"""Experiments with a seed behind chapters, claims and shipped tables. Only the book and the commands import them."""
+"""Experiments with a seed behind chapters, claims and shipped tables. Only the book and the
+commands import them.
+"""

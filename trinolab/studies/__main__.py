@@ -1,6 +1,6 @@
 """The studies as a command: makes the tables of ``data/sweeps`` again, each whole or not at all.
 
-    python -m trinolab.studies NAME [--out FOLDER] [options]
+python -m trinolab.studies NAME [--out FOLDER] [options]
 """
 
 from __future__ import annotations
@@ -16,22 +16,50 @@ from ..files.outputs import check_targets, write_table
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run a study and return the exit code: 2 for a mistake in the input, 130 for an interruption."""
-    parser = argparse.ArgumentParser(prog="python -m trinolab.studies", description=(__doc__ or "").splitlines()[0])
+    """Run a study and return the exit code: 2 for a mistake in the input, 130 for an
+    interruption.
+    """
+    parser = argparse.ArgumentParser(
+        prog="python -m trinolab.studies", description=(__doc__ or "").partition("\n\n")[0]
+    )
     studies = parser.add_subparsers(dest="study", required=True, metavar="NAME")
-    _add(studies, "bound", "the Cramer-Rao bound at Table 1's poses, for every shipped rig: bound.csv")
-    budget = _add(studies, "budget", "the error budget of Table 1: budget.csv, mixes.csv, patterns.csv")
-    budget.add_argument("--draws", type=int, default=5, metavar="N", help="tables of rendered frames (%(default)s)")
+    _add(
+        studies,
+        "bound",
+        "the Cramer-Rao bound at Table 1's poses, for every shipped rig: bound.csv",
+    )
+    budget = _add(
+        studies, "budget", "the error budget of Table 1: budget.csv, mixes.csv, patterns.csv"
+    )
+    budget.add_argument(
+        "--draws", type=int, default=5, metavar="N", help="tables of rendered frames (%(default)s)"
+    )
     _add(studies, "elevation", "CCD3's elevation from 10 to 90 deg: elevation.csv")
     factors = _add(studies, "factors", "the four factors of Sect. 6.5, a table each")
-    factors.add_argument("--factor", nargs="+", metavar="FACTOR", help="some of them; all without it")
-    factors.add_argument("--seeds", type=int, default=1, metavar="N", help="draws of the noise (%(default)s)")
+    factors.add_argument(
+        "--factor", nargs="+", metavar="FACTOR", help="some of them; all without it"
+    )
+    factors.add_argument(
+        "--seeds", type=int, default=1, metavar="N", help="draws of the noise (%(default)s)"
+    )
     gallery = _add(studies, "gallery", "the sweep gallery, a table each", out="data/sweeps/gallery")
     gallery.add_argument("names", nargs="*", metavar="SWEEP", help="some of them; all without it")
-    gallery.add_argument("--kept", default="_build/sweeps", metavar="FOLDER",
-                         help="for finished runs; a command that was stopped goes on with them (%(default)s)")
-    gallery.add_argument("--workers", type=int, default=os.cpu_count() or 1, metavar="N", help="processes (one a core)")
-    studies.add_parser("tuning", help="the most likely parameters of the filters of image and pose; prints them")
+    gallery.add_argument(
+        "--kept",
+        default="_build/sweeps",
+        metavar="FOLDER",
+        help="for finished runs; a command that was stopped goes on with them (%(default)s)",
+    )
+    gallery.add_argument(
+        "--workers",
+        type=int,
+        default=os.cpu_count() or 1,
+        metavar="N",
+        help="processes (one a core)",
+    )
+    studies.add_parser(
+        "tuning", help="the most likely parameters of the filters of image and pose; prints them"
+    )
     arguments = parser.parse_args(argv)
     try:
         _run(arguments)
@@ -39,13 +67,17 @@ def main(argv: Sequence[str] | None = None) -> int:
         print(f"{parser.prog} {arguments.study}: {error}", file=sys.stderr)
         return 2
     except KeyboardInterrupt as stop:
-        print(f"{parser.prog} {arguments.study}: {str(stop) or 'stopped, nothing was written'}", file=sys.stderr)
+        print(
+            f"{parser.prog} {arguments.study}: {str(stop) or 'stopped, nothing was written'}",
+            file=sys.stderr,
+        )
         return 130
     return 0
 
 
-def _add(studies: argparse._SubParsersAction, name: str, what: str,
-         out: str = "data/sweeps") -> argparse.ArgumentParser:
+def _add(
+    studies: argparse._SubParsersAction, name: str, what: str, out: str = "data/sweeps"
+) -> argparse.ArgumentParser:
     parser = studies.add_parser(name, help=what, description=what)
     parser.add_argument("--out", default=out, metavar="FOLDER", help="of the tables (%(default)s)")
     return parser
@@ -61,7 +93,9 @@ def _run(a: argparse.Namespace) -> None:
     elif a.study == "factors":
         names = a.factor or list(study.FACTORS)
         if unknown := [name for name in names if name not in study.FACTORS]:
-            raise ValueError(f"factor: expected one of {', '.join(study.FACTORS)}, got {unknown[0]!r}")
+            raise ValueError(
+                f"factor: expected one of {', '.join(study.FACTORS)}, got {unknown[0]!r}"
+            )
         for name, path in zip(names, _targets(a.out, names), strict=True):
             write_table(study.sweep_factor(name, a.seeds), path)  # each as soon as it is whole
     elif a.study == "budget":

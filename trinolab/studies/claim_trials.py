@@ -1,4 +1,6 @@
-"""The paper's claims without numbers, put to the test on the simulated bench: seeded trials with a known truth."""
+"""The paper's claims without numbers, put to the test on the simulated bench: seeded trials with a
+known truth.
+"""
 
 from __future__ import annotations
 
@@ -31,8 +33,11 @@ from .replication import measure_frames, shared_poses
 
 FPS = 30.0  # of the paper's cameras
 CLOSE_MM, CLOSE_DEG = 1.0, 5.0  # a pose further off than this is wrong
-SAME_PX = 8.0  # a found marker further off than this is another thing; half a marker, of which the limb hides a part
-LIMB_DEG = 105.0  # a marker is 34 deg wide, so that some of it shows until its middle is turned away by this
+# a found marker further off than this is another thing; half a marker, of which the limb hides a
+# part
+SAME_PX = 8.0
+# a marker is 34 deg wide, so that some of it shows until its middle is turned away by this
+LIMB_DEG = 105.0
 
 
 class Instants(NamedTuple):
@@ -44,7 +49,9 @@ class Instants(NamedTuple):
 
 
 class Clip(NamedTuple):
-    """A tracked clip: truths, measurements, the time that each took, s, and the share of the images searched."""
+    """A tracked clip: truths, measurements, the time that each took, s, and the share of the images
+    searched.
+    """
 
     truths: list[RigidTransform]
     measurements: list[Measurement]
@@ -52,52 +59,88 @@ class Clip(NamedTuple):
     searched: list[float]
 
 
-def share_close(measurements: Sequence[Measurement], truths: Sequence[RigidTransform], handle: Handle,
-                equivalents: bool) -> float:
-    """Share of the measurements that are close to their truth, with `equivalents` up to the handle's symmetry."""
+def share_close(
+    measurements: Sequence[Measurement],
+    truths: Sequence[RigidTransform],
+    handle: Handle,
+    equivalents: bool,
+) -> float:
+    """Share of the measurements that are close to their truth, with `equivalents` up to the
+    handle's symmetry.
+    """
     symmetries = handle.symmetries if equivalents else handle.symmetries[:1]
-    return float(np.mean([any(_close(m.pose.T_world_handle, T * S) for S in symmetries)
-                          for m, T in zip(measurements, truths, strict=True)]))
+    return float(
+        np.mean(
+            [
+                any(_close(m.pose.T_world_handle, T * S) for S in symmetries)
+                for m, T in zip(measurements, truths, strict=True)
+            ]
+        )
+    )
 
 
 @cache
 def random_instants(count: int = 40, seed: int = 0) -> Instants:
     """Random poses at which both of the pair's cameras truly see the same four markers."""
-    rig, handle, rng = load_rig("paper_pair"), load_handle("paper"), np.random.default_rng(seed)
+    rig = load_rig("paper_pair")
+    handle = load_handle("paper")
+    rng = np.random.default_rng(seed)
     truths = list(islice(shared_poses(rig, handle, rng), count))
     frames = [render_rig(rig, handle, T, Bench(), rng) for T in truths]
     return Instants(frames, truths, measure_frames(frames, rig, handle)["paper"])
 
 
 def share_measured() -> float:
-    """Share of `random_instants` measured close to the truth, up to the handle's symmetry (Sect. 5)."""
+    """Share of `random_instants` measured close to the truth, up to the handle's symmetry
+    (Sect. 5).
+    """
     instants = random_instants()
-    return share_close(instants.measurements, instants.truths, load_handle("paper"), equivalents=True)
+    return share_close(
+        instants.measurements, instants.truths, load_handle("paper"), equivalents=True
+    )
 
 
 def centroid_error_px() -> float:
-    """Rms distance of centroids from the centres' images, up to 65 deg of slant, over `random_instants` (Sect. 5.1)."""
-    rig, handle, instants = load_rig("paper_pair"), load_handle("paper"), random_instants()
-    distances = [distance for m, T in zip(instants.measurements, instants.truths, strict=True)
-                 for camera, found in zip(rig.cameras, m.found, strict=True)
-                 for distance in _nearest(found.uv, facing_pixels(handle, camera, T, 65.0))[1]]
+    """Rms distance of centroids from the centres' images, up to 65 deg of slant, over
+    `random_instants` (Sect. 5.1).
+    """
+    rig = load_rig("paper_pair")
+    handle = load_handle("paper")
+    instants = random_instants()
+    distances = [
+        distance
+        for m, T in zip(instants.measurements, instants.truths, strict=True)
+        for camera, found in zip(rig.cameras, m.found, strict=True)
+        for distance in _nearest(found.uv, facing_pixels(handle, camera, T, 65.0))[1]
+    ]
     return float(np.sqrt(np.mean(np.square([d for d in distances if d < SAME_PX]))))
 
 
 def share_of_wrong_matches() -> float:
-    """Share of the matches of Sect. 5.2, after all its steps, that join different markers, over `random_instants`."""
-    rig, handle = load_rig("paper_pair"), load_handle("paper")
+    """Share of the matches of Sect. 5.2, after all its steps, that join different markers, over
+    `random_instants`.
+    """
+    rig = load_rig("paper_pair")
+    handle = load_handle("paper")
     wrong = []
     for images, T, m in zip(*random_instants(), strict=True):
         uv = [found.uv for found in m.found]
-        labels = [true_labels(camera, handle, T, pixels) for camera, pixels in zip(rig.cameras, uv, strict=True)]
-        left, right = match(rig.cameras[0], rig.cameras[1], images[0], images[1], uv[0], uv[1]).index.T
+        labels = [
+            true_labels(camera, handle, T, pixels)
+            for camera, pixels in zip(rig.cameras, uv, strict=True)
+        ]
+        left, right = match(
+            rig.cameras[0], rig.cameras[1], images[0], images[1], uv[0], uv[1]
+        ).index.T
         wrong += list((labels[0][left] != labels[1][right]) | (labels[0][left] < 0))
     return float(np.mean(wrong))
 
 
-def true_labels(camera: Camera, handle: Handle, T_world_handle: RigidTransform, uv: ArrayLike) -> np.ndarray:
-    """The marker that each found pixel is, by the truth: the nearest one that shows, int (n,); -1 for none.
+def true_labels(
+    camera: Camera, handle: Handle, T_world_handle: RigidTransform, uv: ArrayLike
+) -> np.ndarray:
+    """The marker that each found pixel is, by the truth: the nearest one that shows, int (n,); -1
+    for none.
 
     Raises ValueError if `uv` is not of shape (n, 2).
     """
@@ -107,7 +150,9 @@ def true_labels(camera: Camera, handle: Handle, T_world_handle: RigidTransform, 
 
 
 class Searched(NamedTuple):
-    """What a search for markers costs and brings: mean share of the image, mean CPU time, s; found, of these false."""
+    """What a search for markers costs and brings: mean share of the image, mean CPU time, s; found,
+    of these false.
+    """
 
     area: float
     seconds: float
@@ -115,29 +160,49 @@ class Searched(NamedTuple):
     false: int
 
 
-def searched(images: Sequence[ArrayLike], windows: Sequence[Window | None], camera: Camera, handle: Handle,
-             truths: Sequence[RigidTransform | None]) -> Searched:
-    """Look for markers in a window of each image, and ask the truth which of them are none (Sect. 4.2).
+def searched(
+    images: Sequence[ArrayLike],
+    windows: Sequence[Window | None],
+    camera: Camera,
+    handle: Handle,
+    truths: Sequence[RigidTransform | None],
+) -> Searched:
+    """Look for markers in a window of each image, and ask the truth which of them are none
+    (Sect. 4.2).
 
-    An instant without a window or without a handle is left out. Raises ValueError if no other is left.
+    An instant without a window or without a handle is left out. Raises ValueError if no other is
+    left.
     """
-    there = [(image, window, T) for image, window, T in zip(images, windows, truths, strict=True)
-             if window is not None and T is not None]
+    there = [
+        (image, window, T)
+        for image, window, T in zip(images, windows, truths, strict=True)
+        if window is not None and T is not None
+    ]
     if not there:
         raise ValueError("windows, truths: expected an instant that has both, got none")
     begin = time.process_time()
-    found = [find_markers(window.crop(image), len(handle.marker_centres), handle.markers).uv + [window.u, window.v]
-             for image, window, _ in there]
+    found = [
+        find_markers(window.crop(image), len(handle.marker_centres), handle.markers).uv
+        + [window.u, window.v]
+        for image, window, _ in there
+    ]
     seconds = (time.process_time() - begin) / len(there)
-    false = [int((true_labels(camera, handle, T, uv) < 0).sum()) for (*_, T), uv in zip(there, found, strict=True)]
+    false = [
+        int((true_labels(camera, handle, T, uv) < 0).sum())
+        for (*_, T), uv in zip(there, found, strict=True)
+    ]
     area = float(np.mean([window.area for _, window, _ in there]) / np.prod(camera.size))
     return Searched(area, seconds, sum(map(len, found)), sum(false))
 
 
 @cache
 def tracked_clip(gain: float = 1.0, count: int = 30, seed: int = 0) -> Clip:
-    """A moving, held handle, tracked from a known start; half-way the light changes by a factor `gain`."""
-    rig, handle, rng = load_rig("paper_pair"), load_handle("paper"), np.random.default_rng(seed)
+    """A moving, held handle, tracked from a known start; half-way the light changes by a factor
+    `gain`.
+    """
+    rig = load_rig("paper_pair")
+    handle = load_handle("paper")
+    rng = np.random.default_rng(seed)
     truths = list(smooth_motion(rng, count / FPS, FPS))
     state = start(render_rig(rig, handle, None, Bench(), rng), rig, -1 / FPS, truths[0])
     found = Clip(truths, [], [], [])
@@ -154,33 +219,44 @@ def tracked_clip(gain: float = 1.0, count: int = 30, seed: int = 0) -> Clip:
 def share_searched() -> float:
     """Mean area of the predicted windows in `tracked_clip`, as a share of the image (Sect. 4.2).
 
-    A window that leaves out a truly seen marker counts as the whole image: there a search would have to go on.
+    A window that leaves out a truly seen marker counts as the whole image: there a search would
+    have to go on.
     """
     return float(np.mean(tracked_clip().searched))
 
 
 def share_tracked() -> float:
-    """Share of `tracked_clip` within 1 mm and 5 deg of the truth itself, a flip being wrong (Sect. 6.3)."""
+    """Share of `tracked_clip` within 1 mm and 5 deg of the truth itself, a flip being wrong
+    (Sect. 6.3).
+    """
     return _share_tracked(tracked_clip())
 
 
 def share_kept_under_light() -> float:
-    """Close poses when the light doubles half-way, as a share of those under steady light (Sect. 6.3)."""
+    """Close poses when the light doubles half-way, as a share of those under steady light
+    (Sect. 6.3).
+    """
     return _share_tracked(tracked_clip(2.0)) / share_tracked()
 
 
 @cache
 def share_saved_by_the_third(count: int = 12, seed: int = 1) -> float:
-    """Share of the instants with CCD1 hidden by a hand that three cameras measure all the same (Sect. 7).
+    """Share of the instants with CCD1 hidden by a hand that three cameras measure all the same
+    (Sect. 7).
 
-    Counted are poses at which two of the three cameras truly see four markers; with CCD1 hidden the pair measures none.
+    Counted are poses at which two of the three cameras truly see four markers; with CCD1 hidden the
+    pair measures none.
     """
-    rig, handle, rng = load_rig("raised_40deg"), load_handle("paper"), np.random.default_rng(seed)
+    rig = load_rig("raised_40deg")
+    handle = load_handle("paper")
+    rng = np.random.default_rng(seed)
     x, y, z = rig.cameras[0].centre
     arm = Arm(hides_from=(float(x), float(y), float(z)))
     truths = list(islice(shared_poses(rig, handle, rng, arm), count))
     frames = (render_rig(rig, handle, T, Bench(), rng, arm) for T in truths)
-    return share_close(measure_frames(frames, rig, handle)["paper"], truths, handle, equivalents=True)
+    return share_close(
+        measure_frames(frames, rig, handle)["paper"], truths, handle, equivalents=True
+    )
 
 
 def _share_tracked(clip: Clip) -> float:
@@ -211,4 +287,6 @@ def _close(estimate: RigidTransform | None, truth: RigidTransform) -> bool:
     if estimate is None:
         return False
     turn = np.rad2deg((estimate.inv() * truth).rotation.magnitude())
-    return bool(np.linalg.norm(estimate.translation - truth.translation) <= CLOSE_MM and turn <= CLOSE_DEG)
+    return bool(
+        np.linalg.norm(estimate.translation - truth.translation) <= CLOSE_MM and turn <= CLOSE_DEG
+    )

@@ -1,7 +1,8 @@
-"""Deviations of measured poses from true ones, to first order: what causes them, how they add up, what they average to.
+"""Deviations of measured poses from true ones, to first order: what causes them, how they add up,
+what they average to.
 
-A deviation is a position error (mm) and a rotation vector (deg) from the true pose to the measured one, world frame. A
-table holds one for each of n poses.
+A deviation is a position error (mm) and a rotation vector (deg) from the true pose to the measured
+one, world frame. A table holds one for each of n poses.
 """
 
 from __future__ import annotations
@@ -20,7 +21,8 @@ MEANS = ("E_t_mm", "E_alpha_deg", "E_beta_deg", "E_gamma_deg", "geodesic_deg")
 
 
 class Source(NamedTuple):
-    """One source of error: ``deviation = fixed + roots @ z`` with independent standard normal numbers z.
+    """One source of error: ``deviation = fixed + roots @ z`` with independent standard normal
+    numbers z.
 
     Attributes
     ----------
@@ -59,18 +61,23 @@ class Errors(NamedTuple):
 
 
 def deviations(estimates: RigidTransform, truths: RigidTransform) -> Array:
-    """Position errors, mm, and rotation vectors, deg, from truths to estimates, shape (n, 6), world frame."""
+    """Position errors, mm, and rotation vectors, deg, from truths to estimates, shape (n, 6), world
+    frame.
+    """
     turns = (estimates.rotation * truths.rotation.inv()).as_rotvec(degrees=True)
     return np.column_stack([estimates.translation - truths.translation, turns])
 
 
 def euler_jacobian(poses: RigidTransform) -> Array:
-    """Derivative of (alpha, beta, gamma) by a small rotation vector in the world frame, shape (n, 3, 3).
+    """Derivative of (alpha, beta, gamma) by a small rotation vector in the world frame, shape (n,
+    3, 3).
 
-    Turned back by alpha, a rotation vector is (d gamma cos beta, d beta, d alpha - d gamma sin beta).
+    Turned back by alpha, a rotation vector is (d gamma cos beta, d beta, d alpha - d gamma sin
+    beta).
     """
     alpha, beta, _ = poses.rotation.as_euler("ZYX").T
-    zero, one = np.zeros_like(beta), np.ones_like(beta)
+    zero = np.zeros_like(beta)
+    one = np.ones_like(beta)
     rates = np.stack([[np.tan(beta), zero, one], [zero, one, zero], [1 / np.cos(beta), zero, zero]])
     back = Rotation.from_euler("Z", -alpha[:, None]).as_matrix()
     return np.einsum("ijn,njk->nik", rates, back)
@@ -78,8 +85,13 @@ def euler_jacobian(poses: RigidTransform) -> Array:
 
 def together(sources: Sequence[Source], name: str) -> Source:
     """All sources at once, as one."""
-    return Source(name, float(len(sources)), "sources", np.sum([s.fixed for s in sources], axis=0),
-                  np.concatenate([s.roots for s in sources], axis=2))
+    return Source(
+        name,
+        float(len(sources)),
+        "sources",
+        np.sum([s.fixed for s in sources], axis=0),
+        np.concatenate([s.roots for s in sources], axis=2),
+    )
 
 
 def drawn(source: Source, count: int, rng: np.random.Generator) -> Array:
@@ -89,10 +101,11 @@ def drawn(source: Source, count: int, rng: np.random.Generator) -> Array:
 
 
 def registered(tables: Array, truths: RigidTransform, rows: Sequence[int]) -> Array:
-    """What is left of deviations (..., n, 6) once the positions at `rows` have been laid onto the true ones.
+    """What is left of deviations (..., n, 6) once the positions at `rows` have been laid onto the
+    true ones.
 
-    That is a rigid fit, to first order; it takes away what all poses share, and adds what it makes of the errors at
-    `rows`. Without rows nothing happens.
+    That is a rigid fit, to first order; it takes away what all poses share, and adds what it makes
+    of the errors at `rows`. Without rows nothing happens.
 
     Raises
     ------
@@ -102,19 +115,26 @@ def registered(tables: Array, truths: RigidTransform, rows: Sequence[int]) -> Ar
     if len(rows) == 0:
         return tables
     arms = truths.translation - truths.translation.mean(axis=0)
-    A = np.concatenate([np.broadcast_to(np.eye(3), (len(arms), 3, 3)), -cross_matrices(arms)], axis=2)  # (n, 3, 6)
+    # (n, 3, 6)
+    A = np.concatenate(
+        [np.broadcast_to(np.eye(3), (len(arms), 3, 3)), -cross_matrices(arms)], axis=2
+    )
     used = A[list(rows)].reshape(-1, 6)
     if np.linalg.matrix_rank(used) < 6:
         raise ValueError("rows: expected three or more positions that are not on a line")
-    motion = tables[..., list(rows), :3].reshape(*tables.shape[:-2], -1) @ np.linalg.pinv(used).T  # (..., 6) mm, rad
+    # (..., 6) mm, rad
+    motion = tables[..., list(rows), :3].reshape(*tables.shape[:-2], -1) @ np.linalg.pinv(used).T
     turn = np.broadcast_to(np.rad2deg(motion[..., None, 3:]), (*tables.shape[:-1], 3))
     return tables - np.concatenate([np.einsum("nij,...j->...ni", A, motion), turn], axis=-1)
 
 
 def first_order(tables: Array, truths: RigidTransform) -> Errors:
     """The errors that deviations (..., n, 6) mean, to first order."""
-    return Errors(tables[..., :3], np.einsum("nij,...nj->...ni", euler_jacobian(truths), tables[..., 3:]),
-                  tables[..., 3:])
+    return Errors(
+        tables[..., :3],
+        np.einsum("nij,...nj->...ni", euler_jacobian(truths), tables[..., 3:]),
+        tables[..., 3:],
+    )
 
 
 def exact(estimates: Sequence[RigidTransform], truths: RigidTransform) -> Errors:
@@ -125,13 +145,24 @@ def exact(estimates: Sequence[RigidTransform], truths: RigidTransform) -> Errors
 
 
 def means(errors: Errors) -> Array:
-    """E_t, E_alpha, E_beta, E_gamma and the mean geodesic angle, over all poses and tables, shape (5,) (Eq. 26-27)."""
-    return np.array([np.linalg.norm(errors.position_mm, axis=-1).mean(),
-                     *np.abs(errors.angles_deg).reshape(-1, 3).mean(axis=0),
-                     np.linalg.norm(errors.turns_deg, axis=-1).mean()])
+    """E_t, E_alpha, E_beta, E_gamma and the mean geodesic angle, over all poses and tables, shape
+    (5,) (Eq. 26-27).
+    """
+    return np.array(
+        [
+            np.linalg.norm(errors.position_mm, axis=-1).mean(),
+            *np.abs(errors.angles_deg).reshape(-1, 3).mean(axis=0),
+            np.linalg.norm(errors.turns_deg, axis=-1).mean(),
+        ]
+    )
 
 
 def rms(errors: Errors) -> Array:
     """Roots of the mean squares of the same five, shape (5,)."""
-    return np.sqrt([(errors.position_mm**2).sum(axis=-1).mean(), *(errors.angles_deg**2).reshape(-1, 3).mean(axis=0),
-                    (errors.turns_deg**2).sum(axis=-1).mean()])
+    return np.sqrt(
+        [
+            (errors.position_mm**2).sum(axis=-1).mean(),
+            *(errors.angles_deg**2).reshape(-1, 3).mean(axis=0),
+            (errors.turns_deg**2).sum(axis=-1).mean(),
+        ]
+    )

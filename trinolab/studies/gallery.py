@@ -1,6 +1,7 @@
 """The sweep gallery: which sweeps it has, what each runs at one setting, and its tables made again.
 
-Each sweep is a function of this module, or a chapter, at the settings of a grid as `trinolab sweep` takes it.
+Each sweep is a function of this module, or a chapter, at the settings of a grid as `trinolab sweep`
+takes it.
 """
 
 from __future__ import annotations
@@ -34,25 +35,32 @@ from . import markertrack
 from .factors import Setup, at_distance, errors_of, measured, table1_setup, with_markers
 from .ground_truth import Recorded, Regions, held, moving, read_recording, watch
 
-METHODS: Mapping[str, Parameters] = {name: Parameters(estimator=name) for name in ("paper", "patches")}
+METHODS: Mapping[str, Parameters] = {
+    name: Parameters(estimator=name) for name in ("paper", "patches")
+}
 SEEDS = "seed=0,1,2"
 PAIRS = ("wrong_matches", "missing_matches", "due_matches")
 SPOTS = ("last_missed_calm", "last_missed_hard", "missed_calm_windows", "missed_hard_windows")
 
 
-def background_pixels(update_rate: float = 0.01, difference_threshold: float = 15.0) -> dict[str, float]:
-    """Wrong pixels of CCD3 in the first two seconds of `hard`, whose light drifts and steps, per cent (Eq. 5, 6).
+def background_pixels(
+    update_rate: float = 0.01, difference_threshold: float = 15.0
+) -> dict[str, float]:
+    """Wrong pixels of CCD3 in the first two seconds of `hard`, whose light drifts and steps, per
+    cent (Eq. 5, 6).
 
     Returns
     -------
     dict
-        `false_percent_*` of the background that counts as moving, and `missed_percent_*` of handle, hand and forearm
-        that do not; means over the frames. `*_printed` is the equations as they stand, `*_cured` with shadows, a factor
-        of the light, and no update where something moves (chapter 3).
+        `false_percent_*` of the background that counts as moving, and `missed_percent_*` of handle,
+        hand and forearm that do not; means over the frames. `*_printed` is the equations as they
+        stand, `*_cured` with shadows, a factor of the light, and no update where something moves
+        (chapter 3).
     """
     cured = BackgroundParameters(update_rate, difference_threshold)
     printed = replace(cured, shadow_share=0.0, masked_rate=None, compensate_light=False)
-    (frames, empty, truths), found = _hard_light(), dict[str, float]()
+    (frames, empty, truths) = _hard_light()
+    found = dict[str, float]()
     for name, way in {"printed": printed, "cured": cured}.items():
         seen = watch(frames, empty, truths, way)
         found[f"false_percent_{name}"] = 100 * float(np.nanmean(seen.false))
@@ -61,7 +69,8 @@ def background_pixels(update_rate: float = 0.01, difference_threshold: float = 1
 
 
 def search_window(jerk_intensity: float = 9.5e8, sigma_px: float = 1.5) -> dict[str, float]:
-    """The search windows of the paper's filter in the first two seconds of the standard recordings (Eq. 9-15).
+    """The search windows of the paper's filter in the first two seconds of the standard recordings
+    (Eq. 9-15).
 
     Parameters
     ----------
@@ -73,23 +82,35 @@ def search_window(jerk_intensity: float = 9.5e8, sigma_px: float = 1.5) -> dict[
     Returns
     -------
     dict
-        For `calm` and `hard`, of the images in which a camera truly sees markers: `window_percent_*`, the mean window
-        as a share of the image; `lost_*`, how many the filter loses: a marker is outside the window, nothing is found,
-        or the gate refuses what is.
+        For `calm` and `hard`, of the images in which a camera truly sees markers:
+        `window_percent_*`, the mean window as a share of the image; `lost_*`, how many the filter
+        loses: a marker is outside the window, nothing is found, or the gate refuses what is.
     """
     kalman = replace(KalmanParameters(), jerk_intensity=jerk_intensity, sigma_px=sigma_px)
     found: dict[str, float] = {}
     for name in ("calm", "hard"):
-        seen = [one for camera in range(3) for one in _followed(name, camera, Parameters(kalman=kalman))]
-        found |= {f"window_percent_{name}": 100 * float(np.mean([share for share, _ in seen])),
-                  f"lost_{name}": float(sum(lost for _, lost in seen))}
+        seen = [
+            one for camera in range(3) for one in _followed(name, camera, Parameters(kalman=kalman))
+        ]
+        found |= {
+            f"window_percent_{name}": 100 * float(np.mean([share for share, _ in seen])),
+            f"lost_{name}": float(sum(lost for _, lost in seen)),
+        }
     return found
 
 
-def accuracy(read_noise: float = 1.5, blur_px: float = 0.7, marker_diameter_mm: float = 3.0,
-             distance_mm: float | None = None, baseline_mm: float | None = None, vergence_deg: float | None = None,
-             elevation_deg: float | None = None, seed: int = 0) -> dict[str, float]:
-    """Errors of the paper's estimator and of the image model on rendered frames of Table 1's poses (Eq. 26, 27).
+def accuracy(
+    read_noise: float = 1.5,
+    blur_px: float = 0.7,
+    marker_diameter_mm: float = 3.0,
+    distance_mm: float | None = None,
+    baseline_mm: float | None = None,
+    vergence_deg: float | None = None,
+    elevation_deg: float | None = None,
+    seed: int = 0,
+) -> dict[str, float]:
+    """Errors of the paper's estimator and of the image model on rendered frames of Table 1's poses
+    (Eq. 26, 27).
 
     Parameters
     ----------
@@ -99,7 +120,8 @@ def accuracy(read_noise: float = 1.5, blur_px: float = 0.7, marker_diameter_mm: 
         Standard deviation of the lens's blur.
     marker_diameter_mm : float
     distance_mm : float, optional
-        Mean distance from the cameras, see `factors.at_distance`; all poses where Table 1 has them without it.
+        Mean distance from the cameras, see `factors.at_distance`; all poses where Table 1 has them
+        without it.
     baseline_mm : float, optional
         From CCD1 to CCD2, see `with_baseline`; the paper's without it.
     vergence_deg : float, optional
@@ -112,7 +134,8 @@ def accuracy(read_noise: float = 1.5, blur_px: float = 0.7, marker_diameter_mm: 
     Returns
     -------
     dict
-        `E_t_mm_*`, `geodesic_deg_*` (mean), and `n_*`, how many of the poses were measured, for `paper`, `patches`.
+        `E_t_mm_*`, `geodesic_deg_*` (mean), and `n_*`, how many of the poses were measured, for
+        `paper`, `patches`.
 
     Raises
     ------
@@ -124,12 +147,17 @@ def accuracy(read_noise: float = 1.5, blur_px: float = 0.7, marker_diameter_mm: 
     rig = rig if vergence_deg is None else with_vergence(rig, vergence_deg)
     setup = with_markers(table1_setup(rig, load_handle("paper")), marker_diameter_mm)
     setup = setup._replace(bench=Bench(read_noise=read_noise, blur_px=blur_px))
-    setup = setup if distance_mm is None else at_distance(setup, as_number(distance_mm, "distance_mm", 1.0))
+    setup = (
+        setup
+        if distance_mm is None
+        else at_distance(setup, as_number(distance_mm, "distance_mm", 1.0))
+    )
     return _errors(setup, as_whole(seed, "seed", low=0))
 
 
 def with_baseline(rig: Rig, baseline_mm: float) -> Rig:
-    """CCD2 moved along the line from CCD1, and turned so that the middle of Table 1's positions stays in its image.
+    """CCD2 moved along the line from CCD1, and turned so that the middle of Table 1's positions
+    stays in its image.
 
     Raises ValueError for a distance that is not above 0.
     """
@@ -138,13 +166,16 @@ def with_baseline(rig: Rig, baseline_mm: float) -> Rig:
     line = second.centre - first.centre
     centre = first.centre + length * line / np.linalg.norm(line)
     middle = load_table1().set_poses.translation.mean(axis=0)
-    return Rig((first, _placed(second, centre, _turning(middle - second.centre, middle - centre)), *others))
+    return Rig(
+        (first, _placed(second, centre, _turning(middle - second.centre, middle - centre)), *others)
+    )
 
 
 def with_vergence(rig: Rig, vergence_deg: float) -> Rig:
     """CCD1 and CCD2 turned where they stand, by the same angle, until their axes make an angle.
 
-    They turn about the common normal of their axes. Raises ValueError for an angle that is not in [0, 90].
+    They turn about the common normal of their axes. Raises ValueError for an angle that is not in
+    [0, 90].
     """
     angle = np.deg2rad(as_number(vergence_deg, "vergence_deg", 0.0, 90.0))
     first, second, *others = rig.cameras
@@ -152,7 +183,9 @@ def with_vergence(rig: Rig, vergence_deg: float) -> Rig:
     normal = np.cross(*axes)
     now = np.arctan2(np.linalg.norm(normal), axes[0] @ axes[1])
     half = Rotation.from_rotvec((angle - now) / 2 * normal / np.linalg.norm(normal))
-    return Rig((_placed(first, first.centre, half.inv()), _placed(second, second.centre, half), *others))
+    return Rig(
+        (_placed(first, first.centre, half.inv()), _placed(second, second.centre, half), *others)
+    )
 
 
 def _placed(camera: Camera, centre: Array, turn: Rotation) -> Camera:
@@ -172,17 +205,27 @@ def _errors(setup: Setup, seed: int) -> dict[str, float]:
     found: dict[str, float] = {}
     for name, measurements in measured(setup, METHODS, np.random.default_rng(seed)).items():
         errors = errors_of(measurements, setup)
-        found |= {f"E_t_mm_{name}": errors["E_t_mm"], f"geodesic_deg_{name}": errors["geodesic_mean_deg"],
-                  f"n_{name}": errors["n"]}
+        found |= {
+            f"E_t_mm_{name}": errors["E_t_mm"],
+            f"geodesic_deg_{name}": errors["geodesic_mean_deg"],
+            f"n_{name}": errors["n"],
+        }
     return found
 
 
 def _followed(name: str, index: int, parameters: Parameters) -> list[tuple[float, bool]]:
-    """For each image in which a camera truly sees markers, the window's share of it, and whether they were lost."""
+    """For each image in which a camera truly sees markers, the window's share of it, and whether
+    they were lost.
+    """
     recording = _recording(name)
     width, height = recording.rig.cameras[index].size
-    looks = markertrack.follow(recording.images_of(index), recording.times_s, recording.handle, _regions(name)[index],
-                               parameters)
+    looks = markertrack.follow(
+        recording.images_of(index),
+        recording.times_s,
+        recording.handle,
+        _regions(name)[index],
+        parameters,
+    )
     holds = held([look.window for look in looks], recording, index)
     found = []
     for now, look, whole in zip(recording.instants, looks, holds, strict=True):
@@ -199,14 +242,21 @@ def _recording(name: str) -> Recorded:
 
 @cache
 def _regions(name: str) -> list[list[Window | None]]:
-    """What moves, for each camera at each instant: there the markers are looked for as long as nothing is known."""
+    """What moves, for each camera at each instant: there the markers are looked for as long as
+    nothing is known.
+    """
     recording = _recording(name)
-    return [markertrack.moving_regions(recording.images_of(k), empty) for k, empty in enumerate(recording.empty)]
+    return [
+        markertrack.moving_regions(recording.images_of(k), empty)
+        for k, empty in enumerate(recording.empty)
+    ]
 
 
 @cache
 def _hard_light() -> tuple[list[np.ndarray], np.ndarray, list[Regions]]:
-    """CCD3's images of `hard`, a fourth of the rows and columns; that of the empty bench; and what truly moves."""
+    """CCD3's images of `hard`, a fourth of the rows and columns; that of the empty bench; and what
+    truly moves.
+    """
     recording = read_recording("hard", every=4)
     return recording.images_of(2), recording.empty[2], moving(recording, 2, seam_px=2)
 
@@ -231,8 +281,12 @@ class Exhibit(NamedTuple):
 
 GALLERY = {
     "update_rate": Exhibit(background_pixels, ("update_rate=log:0.001:0.512:10",)),
-    "difference_threshold": Exhibit(background_pixels, ("difference_threshold=3,5,7,10,15,20,30,45,60,90",)),
-    "background": Exhibit(background_pixels, ("update_rate=log:0.001:0.256:5", "difference_threshold=5,10,15,30,60")),
+    "difference_threshold": Exhibit(
+        background_pixels, ("difference_threshold=3,5,7,10,15,20,30,45,60,90",)
+    ),
+    "background": Exhibit(
+        background_pixels, ("update_rate=log:0.001:0.256:5", "difference_threshold=5,10,15,30,60")
+    ),
     "process_noise": Exhibit(search_window, ("jerk_intensity=log:1e4:1e13:10",)),
     "surplus": Exhibit("05_markers", ("surplus=1.0,1.25,1.5,2.0,3.0,5.0",), SPOTS),
     "ncc_threshold": Exhibit("06_matching", ("ncc_threshold=0.5:0.95:10", SEEDS), PAIRS),
@@ -240,7 +294,9 @@ GALLERY = {
     "noise": Exhibit(accuracy, ("read_noise=log:0.5:32.0:7", SEEDS)),
     "blur": Exhibit(accuracy, ("blur_px=0.3,0.5,0.7,1.0,1.5,2.0,3.0,4.0", SEEDS)),
     "marker_size": Exhibit(accuracy, ("marker_diameter_mm=1.0,1.5,2.0,2.5,3.0,4.0,5.0", SEEDS)),
-    "distance": Exhibit(accuracy, ("distance_mm=430.0,500.0,570.0,650.0,750.0,900.0,1100.0", SEEDS)),
+    "distance": Exhibit(
+        accuracy, ("distance_mm=430.0,500.0,570.0,650.0,750.0,900.0,1100.0", SEEDS)
+    ),
     "baseline": Exhibit(accuracy, ("baseline_mm=25.0,50.0,75.0,100.0,150.0,200.0,300.0", SEEDS)),
     "vergence": Exhibit(accuracy, ("vergence_deg=0.0,4.0,7.0,10.5,14.0,18.0,22.0", SEEDS)),
     "elevation": Exhibit(accuracy, ("elevation_deg=10.0:90.0:9", SEEDS)),
@@ -248,7 +304,9 @@ GALLERY = {
 
 
 def settings(name: str) -> list[dict[str, Any]]:
-    """The parameters of each run of a sweep, in the table's order. ValueError for an unknown name."""
+    """The parameters of each run of a sweep, in the table's order. ValueError for an unknown
+    name.
+    """
     return runs(parse(_exhibit(name).grid))
 
 
@@ -258,11 +316,15 @@ def command(name: str) -> str:
     if callable(what):
         return f"python -m trinolab.studies gallery {name}"
     grids = [part for text in grid for part in ("-p", text)]
-    return shlex.join(["trinolab", "sweep", f"notebooks/{what}.ipynb", *grids, "--out", f"sweeps/{name}"])
+    return shlex.join(
+        ["trinolab", "sweep", f"notebooks/{what}.ipynb", *grids, "--out", f"sweeps/{name}"]
+    )
 
 
 def load(name: str) -> pd.DataFrame:
-    """A shipped table, a row a run: the parameters, then the results. ValueError for an unknown name."""
+    """A shipped table, a row a run: the parameters, then the results. ValueError for an unknown
+    name.
+    """
     names = list(settings(name)[0])
     found = load_sweep(f"gallery/{name}")
     found.attrs["parameters"] = names
@@ -286,12 +348,17 @@ def make(name: str, workers: int = 1, kept: Path | None = None) -> pd.DataFrame:
     ValueError
         For an unknown name; if a run fails.
     """
-    exhibit, rows = _exhibit(name), settings(name)
+    exhibit = _exhibit(name)
+    rows = settings(name)
     grid = {key: list(dict.fromkeys(row[key] for row in rows)) for key in rows[0]}
     found = sweep(exhibit.what, grid, out=kept, workers=workers)
     if len(bad := found[found["status"] != OK]):
-        raise ValueError(f"{name}: {len(bad)} of {len(found)} runs failed; the first: {bad['error'].iloc[0]}")
-    results = exhibit.results or [column for column in found if column not in (*grid, *LAST_COLUMNS)]
+        raise ValueError(
+            f"{name}: {len(bad)} of {len(found)} runs failed; the first: {bad['error'].iloc[0]}"
+        )
+    results = exhibit.results or [
+        column for column in found if column not in (*grid, *LAST_COLUMNS)
+    ]
     return found[[*grid, *results]]
 
 
@@ -302,7 +369,8 @@ def _exhibit(name: str) -> Exhibit:
 
 
 def make_tables(names: Sequence[str], workers: int, out: Path, kept: Path) -> None:
-    """Write the tables of some sweeps, or of all: at the end, since data that change make finished runs stale.
+    """Write the tables of some sweeps, or of all: at the end, since data that change make finished
+    runs stale.
 
     Parameters
     ----------

@@ -1,4 +1,5 @@
-"""Recordings of the simulated bench in memory, with what is truly in them, and spots and pixels held against it.
+"""Recordings of the simulated bench in memory, with what is truly in them, and spots and pixels
+held against it.
 
 A shadow is not what moves; it lies on the background. Chapters 1 and 3 to 6.
 """
@@ -91,8 +92,11 @@ class Recorded(NamedTuple):
         return [now.images[camera] for now in self.instants]
 
 
-def read_recording(name: str, frames: Iterable[int] | None = None, seconds: float = 2.0, every: int = 1) -> Recorded:
-    """Read a standard recording, seed 0, or some of its frames, with the truth; it is rendered if it is not there yet.
+def read_recording(
+    name: str, frames: Iterable[int] | None = None, seconds: float = 2.0, every: int = 1
+) -> Recorded:
+    """Read a standard recording, seed 0, or some of its frames, with the truth; it is rendered if
+    it is not there yet.
 
     Parameters
     ----------
@@ -102,13 +106,14 @@ def read_recording(name: str, frames: Iterable[int] | None = None, seconds: floa
     seconds : float
         Length of the recording, at 30 frames a second.
     every : int
-        Rows and columns from one that is kept to the next; a divisor of the image's sides. The cameras of the rig that
-        is returned have as many pixels.
+        Rows and columns from one that is kept to the next; a divisor of the image's sides. The
+        cameras of the rig that is returned have as many pixels.
 
     Raises
     ------
     ValueError
-        As `standard_recording`, or if the recording has no such frame, or `every` does not divide the image.
+        As `standard_recording`, or if the recording has no such frame, or `every` does not divide
+        the image.
     """
     folder = standard_recording(name, seconds=seconds, progress=False)
     recording, handle = open_folder(folder)
@@ -119,11 +124,19 @@ def read_recording(name: str, frames: Iterable[int] | None = None, seconds: floa
         raise ValueError(f"frames: expected frames 0 to {recording.length - 1}, got {outside[0]}")
     job = scripted(name, rig, handle, 0, seconds)
     listed = list_instants(folder / "images", recording.rig)
-    empty = [read_grey(folder / "background" / f"{camera.name}.png", camera.size) for camera in recording.rig.cameras]
+    empty = [
+        read_grey(folder / "background" / f"{camera.name}.png", camera.size)
+        for camera in recording.rig.cameras
+    ]
     taken = zip(chosen, read_instants([listed[k] for k in chosen], recording.rig), strict=True)
     # copies, so that the whole images are not kept
-    return Recorded(rig, handle, tuple(image[thin].copy() for image in empty),
-                    [_instant(job, k, tuple(image[thin].copy() for image in images)) for k, images in taken], job)
+    return Recorded(
+        rig,
+        handle,
+        tuple(image[thin].copy() for image in empty),
+        [_instant(job, k, tuple(image[thin].copy() for image in images)) for k, images in taken],
+        job,
+    )
 
 
 def _instant(job: Job, frame: int, images: tuple[np.ndarray, ...]) -> Instant:
@@ -138,21 +151,27 @@ def _instant(job: Job, frame: int, images: tuple[np.ndarray, ...]) -> Instant:
 
 
 class Regions(NamedTuple):
-    """Pixels of which it is clear what they show, bool (height, width): the moving, and the background."""
+    """Pixels of which it is clear what they show, bool (height, width): the moving, and the
+    background.
+    """
 
     inside: np.ndarray
     outside: np.ndarray
 
 
 class Wrong(NamedTuple):
-    """Shares of the background that count as moving, and of the moving that does not; NaN where there is none."""
+    """Shares of the background that count as moving, and of the moving that does not; NaN where
+    there is none.
+    """
 
     false: float
     missed: float
 
 
 class Watched(NamedTuple):
-    """What `background.step` made of n frames: shares as in `Wrong`, shape (n,), windows, last background."""
+    """What `background.step` made of n frames: shares as in `Wrong`, shape (n,), windows, last
+    background.
+    """
 
     false: Array
     missed: Array
@@ -161,22 +180,29 @@ class Watched(NamedTuple):
 
 
 def moving(recording: Recorded, camera: int, seam_px: int) -> list[Regions]:
-    """What truly moves in each of one camera's images: handle, hand and forearm; see `regions` for the seam."""
+    """What truly moves in each of one camera's images: handle, hand and forearm; see `regions` for
+    the seam.
+    """
     return [regions(cover(recording.job, now.frame, camera), seam_px) for now in recording.instants]
 
 
 def cover(job: Job, frame: int, index: int) -> Array:
-    """The share of each pixel that handle, hand and forearm cover while a camera's shutter is open, (height, width)."""
+    """The share of each pixel that handle, hand and forearm cover while a camera's shutter is open,
+    (height, width).
+    """
     camera, shot = job.rig.cameras[index], job.shots[frame]
     nothing = np.zeros(camera.size[::-1])
     if shot.T_world_handle is None:
         return nothing
-    layer = smeared(camera, job.handle, shot.T_world_handle, job.bench, shot.velocity, shot.turn_rate, shot.arm)
+    layer = smeared(
+        camera, job.handle, shot.T_world_handle, job.bench, shot.velocity, shot.turn_rate, shot.arm
+    )
     return over(layer._replace(light=layer.cover), nothing)
 
 
 def regions(covered: ArrayLike, seam_px: int = 3) -> Regions:
-    """Leave out the seam: pixels less than `seam_px` columns and rows from an outline, which blur mixes.
+    """Leave out the seam: pixels less than `seam_px` columns and rows from an outline, which blur
+    mixes.
 
     Raises ValueError if `covered` is no image of shares, or `seam_px` is negative.
     """
@@ -190,12 +216,18 @@ def regions(covered: ArrayLike, seam_px: int = 3) -> Regions:
 def wrong(detection: Detection, truth: Regions) -> Wrong:
     """Hold a detection against the truth."""
     found, inside, outside = detection.mask, *truth
-    return Wrong(float(found[outside].mean()) if outside.any() else np.nan,
-                 float(1 - found[inside].mean()) if inside.any() else np.nan)
+    return Wrong(
+        float(found[outside].mean()) if outside.any() else np.nan,
+        float(1 - found[inside].mean()) if inside.any() else np.nan,
+    )
 
 
-def watch(frames: Sequence[ArrayLike], background: ArrayLike, truths: Sequence[Regions],
-          parameters: BackgroundParameters | None = None) -> Watched:
+def watch(
+    frames: Sequence[ArrayLike],
+    background: ArrayLike,
+    truths: Sequence[Regions],
+    parameters: BackgroundParameters | None = None,
+) -> Watched:
     """Take `background.step` from frame to frame, and hold each against the truth.
 
     Parameters
@@ -210,9 +242,12 @@ def watch(frames: Sequence[ArrayLike], background: ArrayLike, truths: Sequence[R
     Raises
     ------
     ValueError
-        If there are not as many truths as frames, or a frame or the background is not what `step` takes.
+        If there are not as many truths as frames, or a frame or the background is not what `step`
+        takes.
     """
-    shares, windows, state = [], [], np.asarray(background)
+    shares = []
+    windows = []
+    state = np.asarray(background)
     for frame, truth in zip(frames, truths, strict=True):
         state, detection = step(state, frame, parameters)
         shares.append(wrong(detection, truth))
@@ -230,7 +265,9 @@ def _seen_pixels(recording: Recorded, instant: Instant, camera: int) -> Array:
 
 
 def held(windows: Sequence[Window | None], recording: Recorded, camera: int) -> np.ndarray:
-    """Whether the window of each instant holds all markers that the camera truly sees, bool (n,)."""
+    """Whether the window of each instant holds all markers that the camera truly sees, bool
+    (n,).
+    """
     found = []
     for window, now in zip(windows, recording.instants, strict=True):
         uv = _seen_pixels(recording, now, camera)
@@ -256,7 +293,9 @@ class Spots(NamedTuple):
     false: int
 
 
-def judge_spots(camera: Camera, handle: Handle, instant: Instant, seen: np.ndarray, uv: ArrayLike) -> Spots:
+def judge_spots(
+    camera: Camera, handle: Handle, instant: Instant, seen: np.ndarray, uv: ArrayLike
+) -> Spots:
     """Hold the spots found in one image against the truth.
 
     Parameters
@@ -278,15 +317,25 @@ def judge_spots(camera: Camera, handle: Handle, instant: Instant, seen: np.ndarr
     spots = spots[~np.isnan(spots).any(axis=1)]
     if (T := instant.T_world_handle) is None:
         return Spots(frozen(np.empty(0)), frozen(np.empty(0)), len(spots))
-    labels, centres = true_labels(camera, handle, T, spots), camera.project(T.apply(handle.marker_centres))
-    off = np.array([np.linalg.norm(spots[labels == k] - centres[k], axis=1).min(initial=np.inf)
-                    for k in np.flatnonzero(seen)])
+    labels = true_labels(camera, handle, T, spots)
+    centres = camera.project(T.apply(handle.marker_centres))
+    off = np.array(
+        [
+            np.linalg.norm(spots[labels == k] - centres[k], axis=1).min(initial=np.inf)
+            for k in np.flatnonzero(seen)
+        ]
+    )
     slant = np.rad2deg(slants(handle, T, camera.centre)[seen])
-    return Spots(frozen(slant), frozen(np.where(np.isinf(off), np.nan, off)), int((labels < 0).sum()))
+    return Spots(
+        frozen(slant), frozen(np.where(np.isinf(off), np.nan, off)), int((labels < 0).sum())
+    )
 
 
-def judge_search(recording: Recorded, find: Callable[[np.ndarray], ArrayLike],
-                 windows: Sequence[Sequence[Window | None]] | None = None) -> Spots:
+def judge_search(
+    recording: Recorded,
+    find: Callable[[np.ndarray], ArrayLike],
+    windows: Sequence[Sequence[Window | None]] | None = None,
+) -> Spots:
     """What a search is worth in all images of a recording.
 
     Parameters
@@ -295,32 +344,55 @@ def judge_search(recording: Recorded, find: Callable[[np.ndarray], ArrayLike],
     find : callable
         Takes an image, or the part of it in a window, and gives spots (n, 2) in its pixels.
     windows : sequence of sequence of Window or None, optional
-        For each instant that of each camera; nothing is looked for where it is None. Whole images without it.
+        For each instant that of each camera; nothing is looked for where it is None. Whole images
+        without it.
     """
-    judged, whole = [], [Window(0, 0, *camera.size) for camera in recording.rig.cameras]
+    judged = []
+    whole = [Window(0, 0, *camera.size) for camera in recording.rig.cameras]
     for k, instant in enumerate(recording.instants):
-        for camera, image, seen, window in zip(recording.rig.cameras, instant.images, instant.seen,
-                                               whole if windows is None else windows[k], strict=True):
-            uv = np.empty((0, 2)) if window is None else find(window.crop(image)) + np.array([window.u, window.v])
+        for camera, image, seen, window in zip(
+            recording.rig.cameras,
+            instant.images,
+            instant.seen,
+            whole if windows is None else windows[k],
+            strict=True,
+        ):
+            uv = (
+                np.empty((0, 2))
+                if window is None
+                else find(window.crop(image)) + np.array([window.u, window.v])
+            )
             judged.append(judge_spots(camera, recording.handle, instant, seen, uv))
     slant, errors, false = zip(*judged, strict=True)
     return Spots(frozen(np.concatenate(slant)), frozen(np.concatenate(errors)), sum(false))
 
 
-def moving_windows(recording: Recorded, parameters: Parameters | None = None) -> list[list[Window | None]]:
+def moving_windows(
+    recording: Recorded, parameters: Parameters | None = None
+) -> list[list[Window | None]]:
     """The window around what moves, W_ROI, for each instant that of each camera (Sect. 4.1)."""
-    p, found = parameters or Parameters(), []
+    p = parameters or Parameters()
+    found = []
     known: list[np.ndarray] = list(recording.empty)
     for instant in recording.instants:
-        stepped = [background.step(*pair, p.background) for pair in zip(known, instant.images, strict=True)]
+        stepped = [
+            background.step(*pair, p.background) for pair in zip(known, instant.images, strict=True)
+        ]
         known = [renewed for renewed, _ in stepped]
-        found.append([moved.window and moved.window.grown(p.markers.diameter_px[0]).clipped(camera.size)
-                      for (_, moved), camera in zip(stepped, recording.rig.cameras, strict=True)])
+        found.append(
+            [
+                moved.window and moved.window.grown(p.markers.diameter_px[0]).clipped(camera.size)
+                for (_, moved), camera in zip(stepped, recording.rig.cameras, strict=True)
+            ]
+        )
     return found
 
 
-def in_the_gate(poses: Iterable[RigidTransform], rig: Rig, handle: Handle, gate_px: float) -> tuple[int, int]:
-    """What the epipolar gate lets through if every spot is exactly the image of its marker's centre (Eq. 17).
+def in_the_gate(
+    poses: Iterable[RigidTransform], rig: Rig, handle: Handle, gate_px: float
+) -> tuple[int, int]:
+    """What the epipolar gate lets through if every spot is exactly the image of its marker's centre
+    (Eq. 17).
 
     Parameters
     ----------
@@ -341,7 +413,9 @@ def in_the_gate(poses: Iterable[RigidTransform], rig: Rig, handle: Handle, gate_
     for T in poses:
         uv = [facing_pixels(handle, camera, T, SHOWN_DEG) for camera in rig.cameras]
         for i, j in rig.pairs:
-            passing = epipolar_distances(rig.cameras[i], rig.cameras[j], uv[i], uv[j]) < gate_px  # NaN does not
+            # NaN does not
+            passing = epipolar_distances(rig.cameras[i], rig.cameras[j], uv[i], uv[j]) < gate_px
             same = int(np.trace(passing))
-            wrong, right = wrong + int(passing.sum()) - same, right + same
+            wrong = wrong + int(passing.sum()) - same
+            right = right + same
     return wrong, right

@@ -1,8 +1,9 @@
-"""Evidence from real cameras: recordings made by others, read in our conventions, beside their published results.
+"""Evidence from real cameras: recordings made by others, read in our conventions, beside their
+published results.
 
-Each function returns None where its recording is not on this machine (see `datasets.real_set`). Lengths are mm, and
-pixels have (0, 0) in the centre of the first one. Nothing is unpickled. The readers raise ValueError as
-`datasets.real_set` does.
+Each function returns None where its recording is not on this machine (see `datasets.real_set`).
+Lengths are mm, and pixels have (0, 0) in the centre of the first one. Nothing is unpickled. The
+readers raise ValueError as `datasets.real_set` does.
 """
 
 from __future__ import annotations
@@ -29,12 +30,16 @@ from ..markers import MarkerParameters, find_markers
 from ..pose import rigid_fit
 from ..triangulation import mean_point, points_of_pairs, triangulate
 
-PARTICLES = MarkerParameters(diameter_px=(2.5, 14.0), min_axis_ratio=0.3, min_fill=0.6, min_contrast=1.5)
+PARTICLES = MarkerParameters(
+    diameter_px=(2.5, 14.0), min_axis_ratio=0.3, min_fill=0.6, min_contrast=1.5
+)
 """What passes for a particle of `trackpy_particles`: 5 px across, and of 2 to 40 grey levels."""
 
 
 class StereoPhotographs(NamedTuple):
-    """Pairs of photographs of a board: images of uint8, shape (height, width), one a view in `left` and `right`."""
+    """Pairs of photographs of a board: images of uint8, shape (height, width), one a view in `left`
+    and `right`.
+    """
 
     left: tuple[np.ndarray, ...]
     right: tuple[np.ndarray, ...]
@@ -42,7 +47,9 @@ class StereoPhotographs(NamedTuple):
 
 
 class Tracks(NamedTuple):
-    """Points seen by a calibrated rig: pixels (cameras, n, 2), NaN where not seen, and points (m, 3) or None, mm."""
+    """Points seen by a calibrated rig: pixels (cameras, n, 2), NaN where not seen, and points (m,
+    3) or None, mm.
+    """
 
     rig: Rig
     uv: Array
@@ -50,7 +57,9 @@ class Tracks(NamedTuple):
 
 
 class Particles(NamedTuple):
-    """A grey image of dark particles, and the positions (n, 2), px, that another program finds in it."""
+    """A grey image of dark particles, and the positions (n, 2), px, that another program finds in
+    it.
+    """
 
     image: np.ndarray
     uv: Array
@@ -68,33 +77,42 @@ def load_opencv_stereo(fetch: bool = False) -> StereoPhotographs | None:
     folder = real_set("opencv_stereo", fetch)
     if folder is None:
         return None
-    left, right = (tuple(_grey(path) for path in sorted(folder.glob(f"{side}??.jpg"))) for side in ("left", "right"))
+    left, right = (
+        tuple(_grey(path) for path in sorted(folder.glob(f"{side}??.jpg")))
+        for side in ("left", "right")
+    )
     return StereoPhotographs(left, right, Board(9, 6, 25.0))
 
 
 def load_pymvg_mcsc(fetch: bool = False) -> Tracks | None:
     """One LED at 464 instants in four cameras, as MultiCamSelfCal's output has it; no `points`.
 
-    Three traps, undone here. The lens distortion belongs to the matrix of the ``.rad`` files and not to the linear
-    camera. The linear cameras have skew, up to 4 px, which `Camera` has not: **the pixels are corrected for distortion
-    and skew**, and the cameras have neither. Cameras and points of the files without ``Pmat`` are mirrored: a proper
-    rotation puts every point behind its camera. The ``Pmat`` files are not; their unit is the metre.
+    Three traps, undone here. The lens distortion belongs to the matrix of the ``.rad`` files and
+    not to the linear camera. The linear cameras have skew, up to 4 px, which `Camera` has not:
+    **the pixels are corrected for distortion and skew**, and the cameras have neither. Cameras and
+    points of the files without ``Pmat`` are mirrored: a proper rotation puts every point behind its
+    camera. The ``Pmat`` files are not; their unit is the metre.
     """
     folder = real_set("pymvg_mcsc", fetch)
     if folder is None:
         return None
     sizes = np.loadtxt(folder / "Res.dat", dtype=int)
     pixels = np.loadtxt(folder / "points.dat").reshape(len(sizes), 3, -1)[:, :2].transpose(0, 2, 1)
-    cameras, corrected = zip(*(_mcsc_camera(folder, k, size, uv) for k, (size, uv)
-                               in enumerate(zip(sizes.tolist(), pixels, strict=True), start=1)), strict=True)
+    cameras, corrected = zip(
+        *(
+            _mcsc_camera(folder, k, size, uv)
+            for k, (size, uv) in enumerate(zip(sizes.tolist(), pixels, strict=True), start=1)
+        ),
+        strict=True,
+    )
     return Tracks(Rig(cameras), frozen(np.stack(corrected)), None)
 
 
 def load_caliscope(fetch: bool = False) -> Tracks | None:
     """Corners of a board in four webcams: 48 instants of 12 corners, one after the other in `uv`.
 
-    `points` are the 12 corners in the board's frame, z = 0. The cameras were not triggered together: their times within
-    an instant differ by 8 ms in the middle, up to 46 ms.
+    `points` are the 12 corners in the board's frame, z = 0. The cameras were not triggered
+    together: their times within an instant differ by 8 ms in the middle, up to 46 ms.
     """
     folder = real_set("caliscope", fetch)
     if folder is None:
@@ -111,7 +129,9 @@ def load_caliscope(fetch: bool = False) -> Tracks | None:
 
 
 def load_trackpy_particles(fetch: bool = False) -> Particles | None:
-    """A microscope image of dark particles, and the 344 positions of trackpy's ``locate(255 - image, 9, ...)``."""
+    """A microscope image of dark particles, and the 344 positions of trackpy's ``locate(255 -
+    image, 9, ...)``.
+    """
     folder = real_set("trackpy_particles", fetch)
     if folder is None:
         return None
@@ -121,11 +141,17 @@ def load_trackpy_particles(fetch: bool = False) -> Particles | None:
 
 
 def load_trajectories(fetch: bool = False) -> Trajectory | None:
-    """A handheld camera followed by motion capture for 30 s: times and poses. Never fetched: see `data/real.toml`."""
+    """A handheld camera followed by motion capture for 30 s: times and poses. Never fetched: see
+    `data/real.toml`.
+    """
     folder = real_set("trajectories", fetch)
     if folder is None:
         return None
-    rows = as_array(np.loadtxt(folder / "freiburg1_xyz-groundtruth.txt"), "freiburg1_xyz-groundtruth.txt", (None, 8))
+    rows = as_array(
+        np.loadtxt(folder / "freiburg1_xyz-groundtruth.txt"),
+        "freiburg1_xyz-groundtruth.txt",
+        (None, 8),
+    )
     poses = RigidTransform.from_components(rows[:, 1:4] * 1e3, Rotation.from_quat(rows[:, 4:]))
     return Trajectory(frozen(rows[:, 0] - rows[0, 0]), poses)
 
@@ -139,7 +165,8 @@ def _grey(path: Path) -> np.ndarray:
 
 def _mcsc_camera(folder: Path, number: int, size: list[int], uv: Array) -> tuple[Camera, Array]:
     """A camera without distortion and skew, and its pixels corrected for both."""
-    name, identity = f"basler{number}", RigidTransform.identity()
+    name = f"basler{number}"
+    identity = RigidTransform.identity()
     text = (folder / f"basename{number}.rad").read_text(encoding="utf-8")
     rad = {key: float(value) for key, value in re.findall(r"(\w+)\s*=\s*(\S+)", text)}
     matrix = np.array([[rad["K11"], 0, rad["K13"]], [0, rad["K22"], rad["K23"]], [0, 0, 1]])
@@ -148,7 +175,9 @@ def _mcsc_camera(folder: Path, number: int, size: list[int], uv: Array) -> tuple
     K, R, t = _decomposed(np.loadtxt(folder / f"camera{number}.Pmat.cal"))
     upright = K.copy()
     upright[0, 1] = 0.0  # the skew stays with the pixels' correction
-    camera = Camera(name, lens.size, upright, np.zeros(5), RigidTransform.from_components(t * 1e3, R))
+    camera = Camera(
+        name, lens.size, upright, np.zeros(5), RigidTransform.from_components(t * 1e3, R)
+    )
     ideal = lens.ideal_pixels(uv)
     xy = np.column_stack([ideal, np.ones(len(ideal))]) @ np.linalg.inv(K).T
     return camera, camera.to_pixels(xy[:, :2])
@@ -164,31 +193,47 @@ def _decomposed(P: Array) -> tuple[Array, Rotation, Array]:
 
 
 def _caliscope_camera(name: str, table: dict) -> Camera:
-    T = RigidTransform.from_components(np.array(table["translation"]) * 1e3, Rotation.from_matrix(table["rotation"]))
+    T = RigidTransform.from_components(
+        np.array(table["translation"]) * 1e3, Rotation.from_matrix(table["rotation"])
+    )
     return Camera(name, table["size"], table["matrix"], table["distortions"], T)
 
 
 def photographed_calibration(half_window_px: int = 7) -> Calibrated | None:
-    """Calibrate OpenCV's 13 pairs of photographs of a chessboard; the smallest squares are 20 px across."""
+    """Calibrate OpenCV's 13 pairs of photographs of a chessboard; the smallest squares are 20 px
+    across.
+    """
     photographs = load_opencv_stereo()
     if photographs is None:
         return None
-    uv = [[find_corners(image, photographs.board, half_window_px) for image in side] for side in photographs[:2]]
+    uv = [
+        [find_corners(image, photographs.board, half_window_px) for image in side]
+        for side in photographs[:2]
+    ]
     height, width = photographs.left[0].shape
-    return calibrate(photographs.board.points, np.array(uv), [(width, height)] * 2, ("left", "right"))
+    return calibrate(
+        photographs.board.points, np.array(uv), [(width, height)] * 2, ("left", "right")
+    )
 
 
 def led_errors_px() -> Array | None:
-    """Reprojection errors of one LED in four cameras, 464 instants, points by Eq. 20-22; shape (cameras, n), px.
+    """Reprojection errors of one LED in four cameras, 464 instants, points by Eq. 20-22; shape
+    (cameras, n), px.
 
-    In pixels without distortion and skew, which are up to a fifth larger than those that were taken.
+    In pixels without distortion and skew, which are up to a fifth larger than those that were
+    taken.
     """
     tracks = load_pymvg_mcsc()
-    return None if tracks is None else reprojection_px(tracks.rig, triangulate(tracks.rig, tracks.uv), tracks.uv)
+    return (
+        None
+        if tracks is None
+        else reprojection_px(tracks.rig, triangulate(tracks.rig, tracks.uv), tracks.uv)
+    )
 
 
 def board_errors_mm(min_angle_deg: float = 30.0) -> Array | None:
-    """Distances of a board's corners, triangulated from four webcams, from the board laid through them.
+    """Distances of a board's corners, triangulated from four webcams, from the board laid through
+    them.
 
     Parameters
     ----------
@@ -203,7 +248,9 @@ def board_errors_mm(min_angle_deg: float = 30.0) -> Array | None:
     tracks = load_caliscope()
     if tracks is None or tracks.points is None:
         return None
-    measured = triangulate_steep(tracks.rig, tracks.uv, min_angle_deg).reshape(-1, len(tracks.points), 3)
+    measured = triangulate_steep(tracks.rig, tracks.uv, min_angle_deg).reshape(
+        -1, len(tracks.points), 3
+    )
     errors = np.full(measured.shape[:2], np.nan)
     for row, points in zip(errors, measured, strict=True):
         T = rigid_fit(tracks.points, points)
@@ -213,11 +260,12 @@ def board_errors_mm(min_angle_deg: float = 30.0) -> Array | None:
 
 
 def particle_errors_px(window_px: int = 9) -> Array | None:
-    """Distance of each position that trackpy gives from the nearest marker that `find_markers` finds; (344,), px.
+    """Distance of each position that trackpy gives from the nearest marker that `find_markers`
+    finds; (344,), px.
 
-    The image is bright with dark particles, and uneven; what is searched is its difference from the mean over a window
-    as wide as a particle (9 px, as in the reference). A position without a marker of its own counts with its distance
-    from the nearest other one.
+    The image is bright with dark particles, and uneven; what is searched is its difference from the
+    mean over a window as wide as a particle (9 px, as in the reference). A position without a
+    marker of its own counts with its distance from the nearest other one.
     """
     particles = load_trackpy_particles()
     if particles is None:
@@ -229,10 +277,12 @@ def particle_errors_px(window_px: int = 9) -> Array | None:
 
 
 def triangulate_steep(rig: Rig, uv: ArrayLike, min_angle_deg: float) -> Array:
-    """Points by Eq. 20-22 without those pairs of cameras whose rays are too nearly parallel to measure (Eq. 20-22).
+    """Points by Eq. 20-22 without those pairs of cameras whose rays are too nearly parallel to
+    measure (Eq. 20-22).
 
-    A depth's error grows like 1/sin of the angle between the rays: at 30 deg, and for cameras that face each other at
-    150 deg, it is twice that of a right angle. Eq. 22's plain mean would take such a pair for as good as any.
+    A depth's error grows like 1/sin of the angle between the rays: at 30 deg, and for cameras that
+    face each other at 150 deg, it is twice that of a right angle. Eq. 22's plain mean would take
+    such a pair for as good as any.
 
     Parameters
     ----------
@@ -263,13 +313,19 @@ def triangulate_steep(rig: Rig, uv: ArrayLike, min_angle_deg: float) -> Array:
 
 
 def reprojection_px(rig: Rig, points: ArrayLike, uv: ArrayLike) -> Array:
-    """Distances of projected points (n, 3) from pixels (cameras, n, 2); shape (cameras, n), px, NaN where missing."""
+    """Distances of projected points (n, 3) from pixels (cameras, n, 2); shape (cameras, n), px, NaN
+    where missing.
+    """
     pixels = as_array(uv, "uv", (len(rig.cameras), None, 2), finite=False)
-    return np.linalg.norm(np.stack([camera.project(points) for camera in rig.cameras]) - pixels, axis=2)
+    return np.linalg.norm(
+        np.stack([camera.project(points) for camera in rig.cameras]) - pixels, axis=2
+    )
 
 
 def baseline_difference_mm() -> float | None:
-    """How far the photographed pair's baseline is from the stored reference for the same window of +-7 px, mm."""
+    """How far the photographed pair's baseline is from the stored reference for the same window of
+    +-7 px, mm.
+    """
     calibrated = photographed_calibration()
     if calibrated is None:
         return None

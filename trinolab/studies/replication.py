@@ -1,4 +1,6 @@
-"""Render, measure, compare: the experiment of most studies, and with Table 1's poses the replication (Sect. 6)."""
+"""Render, measure, compare: the experiment of most studies, and with Table 1's poses the
+replication (Sect. 6).
+"""
 
 from __future__ import annotations
 
@@ -23,9 +25,12 @@ from ..parameters import Parameters
 PAPER: Mapping[str, Parameters] = {"paper": Parameters()}  # the paper's estimator alone
 
 
-def shared_poses(rig: Rig, handle: Handle, rng: np.random.Generator,
-                 arm: Arm | None = None) -> Iterator[RigidTransform]:
-    """Random poses of the standard scene, without end, at which some two cameras truly see the same four markers."""
+def shared_poses(
+    rig: Rig, handle: Handle, rng: np.random.Generator, arm: Arm | None = None
+) -> Iterator[RigidTransform]:
+    """Random poses of the standard scene, without end, at which some two cameras truly see the same
+    four markers.
+    """
     while True:
         T = random_pose(rng)
         visible = [true_visibility(camera, handle, T, arm) for camera in rig.cameras]
@@ -33,15 +38,20 @@ def shared_poses(rig: Rig, handle: Handle, rng: np.random.Generator,
             yield T
 
 
-def measure_frames(frames: Iterable[Sequence[np.ndarray]], rig: Rig, handle: Handle,
-                   methods: Mapping[str, Parameters] = PAPER,
-                   priors: Sequence[RigidTransform] | None = None) -> dict[str, list[Measurement]]:
+def measure_frames(
+    frames: Iterable[Sequence[np.ndarray]],
+    rig: Rig,
+    handle: Handle,
+    methods: Mapping[str, Parameters] = PAPER,
+    priors: Sequence[RigidTransform] | None = None,
+) -> dict[str, list[Measurement]]:
     """Measure each instant on its own by several methods.
 
     Parameters
     ----------
     frames : iterable of sequence of ndarray
-        The images of each instant. They may be rendered as they are asked for: measuring draws no random numbers.
+        The images of each instant. They may be rendered as they are asked for: measuring draws no
+        random numbers.
     rig : Rig
     handle : Handle
     methods : mapping
@@ -62,9 +72,16 @@ def measure_frames(frames: Iterable[Sequence[np.ndarray]], rig: Rig, handle: Han
     return found
 
 
-def replicate(poses: Iterable[RigidTransform], rig: Rig, handle: Handle, seed: int = 0, bench: Bench | None = None,
-              parameters: Parameters | None = None, with_prior: bool = False,
-              progress: bool = False) -> list[Measurement]:
+def replicate(
+    poses: Iterable[RigidTransform],
+    rig: Rig,
+    handle: Handle,
+    seed: int = 0,
+    bench: Bench | None = None,
+    parameters: Parameters | None = None,
+    with_prior: bool = False,
+    progress: bool = False,
+) -> list[Measurement]:
     """Render each pose with the simulated bench and measure it.
 
     Parameters
@@ -78,20 +95,32 @@ def replicate(poses: Iterable[RigidTransform], rig: Rig, handle: Handle, seed: i
     bench : Bench, optional
     parameters : Parameters, optional
     with_prior : bool
-        Whether the true pose is given as the one that is expected, which tells poses that look alike apart.
+        Whether the true pose is given as the one that is expected, which tells poses that look
+        alike apart.
     progress : bool
         Show a progress bar on standard error.
     """
     rng = np.random.default_rng(int(as_number(seed, "seed", low=0)))
-    truths, bench = list(poses), bench or Bench()
-    frames = (render_rig(rig, handle, T, bench, rng) for T in tqdm(truths, unit="instant", disable=not progress))
+    truths = list(poses)
+    bench = bench or Bench()
+    frames = (
+        render_rig(rig, handle, T, bench, rng)
+        for T in tqdm(truths, unit="instant", disable=not progress)
+    )
     method = {"the one": parameters or Parameters()}
     return measure_frames(frames, rig, handle, method, truths if with_prior else None)["the one"]
 
 
-def replicate_table1(rig: Rig, handle: Handle, seed: int = 0, rows: slice = slice(None), bench: Bench | None = None,
-                     parameters: Parameters | None = None) -> PoseErrors:
-    """The errors of the whole chain on rendered frames of Table 1's poses, up to the handle's symmetry (Eq. 26-27).
+def replicate_table1(
+    rig: Rig,
+    handle: Handle,
+    seed: int = 0,
+    rows: slice = slice(None),
+    bench: Bench | None = None,
+    parameters: Parameters | None = None,
+) -> PoseErrors:
+    """The errors of the whole chain on rendered frames of Table 1's poses, up to the handle's
+    symmetry (Eq. 26-27).
 
     Parameters
     ----------
@@ -108,21 +137,33 @@ def replicate_table1(rig: Rig, handle: Handle, seed: int = 0, rows: slice = slic
     return replication_errors(measurements, truths, handle)
 
 
-def replication_errors(measurements: Sequence[Measurement], truths: RigidTransform, handle: Handle) -> PoseErrors:
-    """Errors of measurements against their truths, each by its nearest equivalent; lost ones are left out of `n`.
+def replication_errors(
+    measurements: Sequence[Measurement], truths: RigidTransform, handle: Handle
+) -> PoseErrors:
+    """Errors of measurements against their truths, each by its nearest equivalent; lost ones are
+    left out of `n`.
 
     Raises ValueError if all of them are lost.
     """
-    return pose_errors(*estimates_and_truths([m.pose.T_world_handle for m in measurements], truths, handle))
+    return pose_errors(
+        *estimates_and_truths([m.pose.T_world_handle for m in measurements], truths, handle)
+    )
 
 
-def estimates_and_truths(estimates: Sequence[RigidTransform | None], truths: Sequence[RigidTransform] | RigidTransform,
-                         handle: Handle) -> tuple[RigidTransform, RigidTransform]:
+def estimates_and_truths(
+    estimates: Sequence[RigidTransform | None],
+    truths: Sequence[RigidTransform] | RigidTransform,
+    handle: Handle,
+) -> tuple[RigidTransform, RigidTransform]:
     """The estimates that there are, each as its equivalent nearest to the truth, and their truths.
 
     Raises ValueError if there are none.
     """
-    held = [(estimate, truth) for estimate, truth in zip(estimates, truths, strict=True) if estimate is not None]
+    held = [
+        (estimate, truth)
+        for estimate, truth in zip(estimates, truths, strict=True)
+        if estimate is not None
+    ]
     if not held:
         raise ValueError(f"measurements: all {len(truths)} are lost")
     found, true = (RigidTransform.concatenate(side) for side in zip(*held, strict=True))

@@ -32,7 +32,9 @@ RIGS = ("paper_pair", "paper_trinocular", "raised_40deg")
 
 @dataclass(frozen=True)
 class Claim:
-    """One row of the ledger of claims; the fields are explained at the top of ``data/claims.toml``."""
+    """One row of the ledger of claims; the fields are explained at the top of
+    ``data/claims.toml``.
+    """
 
     no: str
     claim: str
@@ -54,7 +56,8 @@ class Claim:
         Returns
         -------
         str
-            "match", "same order" or "differs" where the paper says something; "met" or "missed" where it does not.
+            "match", "same order" or "differs" where the paper says something; "met" or "missed"
+            where it does not.
         """
         number = as_number(value, "value")
         if self.match_within is not None:
@@ -69,7 +72,9 @@ class Claim:
         if abs(number - paper) <= (self.match_within or 0.0):
             return "match"
         factor = self.same_order_factor
-        same_order = factor is not None and number > 0 and paper / factor <= number <= paper * factor
+        same_order = (
+            factor is not None and number > 0 and paper / factor <= number <= paper * factor
+        )
         return "same order" if same_order else "differs"
 
 
@@ -82,8 +87,10 @@ def load_claims() -> tuple[Claim, ...]:
         Names the row and the field that is missing or unknown.
     """
     path = data_path("claims.toml")
-    return tuple(_claim_from(row, f"{path}: claim {row.get('no', k)}")
-                 for k, row in enumerate(get(read_toml(path), "claim", str(path)), start=1))
+    return tuple(
+        _claim_from(row, f"{path}: claim {row.get('no', k)}")
+        for k, row in enumerate(get(read_toml(path), "claim", str(path)), start=1)
+    )
 
 
 def _claim_from(row: dict[str, Any], where: str) -> Claim:
@@ -107,8 +114,9 @@ def scoreboard(progress: bool = False) -> pd.DataFrame:
     Returns
     -------
     pandas.DataFrame
-        Columns `COLUMNS`, one row a claim; `ours` is NaN where nothing is computed. The verdict is then the declared
-        one ("cannot be tested", "not tested yet"), or "not run" where it takes a recording that is not here.
+        Columns `COLUMNS`, one row a claim; `ours` is NaN where nothing is computed. The verdict is
+        then the declared one ("cannot be tested", "not tested yet"), or "not run" where it takes a
+        recording that is not here.
     """
     with tqdm(load_claims(), unit="claim", disable=None if progress else True) as claims:
         rows = [score(claim) for claim in claims]
@@ -121,17 +129,30 @@ def score(claim: Claim) -> tuple:
         return claim.no, claim.claim, claim.paper, np.nan, claim.unit, claim.verdict, claim.reason
     value = CHECKS[claim.check]()
     if value is None:
-        return claim.no, claim.claim, claim.paper, np.nan, claim.unit, NOT_RUN, f"{NOT_RUN}: {why_not()}"
+        return (
+            claim.no,
+            claim.claim,
+            claim.paper,
+            np.nan,
+            claim.unit,
+            NOT_RUN,
+            f"{NOT_RUN}: {why_not()}",
+        )
     verdict = claim.computed_verdict(value)
     reason = claim.reason if verdict == claim.verdict else f"The ledger declares '{claim.verdict}'."
     return claim.no, claim.claim, claim.paper, value, claim.unit, verdict, reason
 
 
 def disagreements(board: pd.DataFrame) -> list[str]:
-    """The numbers of the claims whose computed verdict is not the declared one; what was not run says nothing."""
+    """The numbers of the claims whose computed verdict is not the declared one; what was not run
+    says nothing.
+    """
     declared = {claim.no: claim.verdict for claim in load_claims()}
-    return [no for no, verdict in zip(board["no"], board["verdict"], strict=True)
-            if verdict not in (declared[no], NOT_RUN)]
+    return [
+        no
+        for no, verdict in zip(board["no"], board["verdict"], strict=True)
+        if verdict not in (declared[no], NOT_RUN)
+    ]
 
 
 @cache
@@ -142,23 +163,33 @@ def _table1() -> PoseErrors:
 
 @cache
 def _replication(draws: int = 5) -> PoseErrors:
-    """Errors over Table 1's poses, each under several draws of the noise: one draw's alpha varies by a third."""
+    """Errors over Table 1's poses, each under several draws of the noise: one draw's alpha varies
+    by a third.
+    """
     handle = load_handle("paper")
     truths = RigidTransform.concatenate([load_table1().set_poses] * draws)
     errors = replication_errors(replicate(truths, load_rig("paper_pair"), handle), truths, handle)
     if errors.n < len(truths):
-        raise RuntimeError(f"the replication measured {errors.n} of {len(truths)} poses: its means would flatter")
+        raise RuntimeError(
+            f"the replication measured {errors.n} of {len(truths)} poses: its means would flatter"
+        )
     return errors
 
 
 @cache
 def _best(rig: str) -> PoseErrors:
     """Errors of the best estimator over Table 1's poses, one draw of the noise."""
-    handle, truths = load_handle("paper"), load_table1().set_poses
-    errors = replication_errors(replicate(truths, load_rig(rig), handle, parameters=Parameters(estimator=BEST)), truths,
-                                handle)
+    handle = load_handle("paper")
+    truths = load_table1().set_poses
+    errors = replication_errors(
+        replicate(truths, load_rig(rig), handle, parameters=Parameters(estimator=BEST)),
+        truths,
+        handle,
+    )
     if errors.n < len(truths):
-        raise RuntimeError(f"the best estimator measured {errors.n} of {len(truths)} poses: its means would flatter")
+        raise RuntimeError(
+            f"the best estimator measured {errors.n} of {len(truths)} poses: its means would flatter"
+        )
     return errors
 
 

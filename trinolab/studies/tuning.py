@@ -1,10 +1,11 @@
-"""Q, R and the first covariance from data: the most likely ones, by what a filter expected and what came (Sect. 4.2).
+"""Q, R and the first covariance from data: the most likely ones, by what a filter expected and what
+came (Sect. 4.2).
 
-In the model of `kalman` a coordinate does not know of the others, and coordinates that are observed at the same times
-with the same noise share one covariance. So any number of tracks is one filter of three numbers, place, velocity and
-acceleration, and its likelihood is quick enough to be maximised. The pose's filter (`posefilter`) is of the same kind,
-but its acceleration fades. The motions are a person's, as drawn by `bench.motion` and as recorded, seen without a
-single image. Chapter 4.
+In the model of `kalman` a coordinate does not know of the others, and coordinates that are observed
+at the same times with the same noise share one covariance. So any number of tracks is one filter of
+three numbers, place, velocity and acceleration, and its likelihood is quick enough to be maximised.
+The pose's filter (`posefilter`) is of the same kind, but its acceleration fades. The motions are a
+person's, as drawn by `bench.motion` and as recorded, seen without a single image. Chapter 4.
 """
 
 from __future__ import annotations
@@ -43,7 +44,8 @@ from ..window import Window
 from .real_recordings import load_trajectories
 
 FPS = 30.0
-FOUND_DEG, SCATTER_DEG = 91.0, 2.7  # a marker is found up to this slant, give or take, anew at each instant
+# a marker is found up to this slant, give or take, anew at each instant
+FOUND_DEG, SCATTER_DEG = 91.0, 2.7
 SETTLED_S = 2.0  # each motion begins in the middle of its ranges
 
 
@@ -70,7 +72,9 @@ class Model(NamedTuple):
 
 
 class Innovations(NamedTuple):
-    """Observations less predictions, shape (k, m), and the variance that they should have, shape (k,)."""
+    """Observations less predictions, shape (k, m), and the variance that they should have, shape
+    (k,).
+    """
 
     residuals: Array
     variances: Array
@@ -88,7 +92,8 @@ class Innovations(NamedTuple):
 
 
 def innovations(times_s: ArrayLike, z: ArrayLike, model: Model) -> Innovations:
-    """Filter coordinates that are all observed at the same times, and keep what each observation was off (Eq. 9-15).
+    """Filter coordinates that are all observed at the same times, and keep what each observation
+    was off (Eq. 9-15).
 
     Parameters
     ----------
@@ -107,19 +112,27 @@ def innovations(times_s: ArrayLike, z: ArrayLike, model: Model) -> Innovations:
     seen = as_array(z, "z", (len(times), None))
     if len(times) < 2 or not (np.diff(times) >= MIN_DT_S).all():
         raise ValueError("times_s: expected two increasing times or more")
-    x, P = np.zeros((3, seen.shape[1])), np.diag(np.square(model[1:4]))  # a column a coordinate, one P for all
+    # a column a coordinate, one P for all
+    x = np.zeros((3, seen.shape[1]))
+    P = np.diag(np.square(model[1:4]))
     x[0] = seen[0]
-    H, R = np.eye(1, 3), np.array([[model.sigma**2]])
-    residuals, variances = np.empty((len(times) - 1, seen.shape[1])), np.empty(len(times) - 1)
+    H = np.eye(1, 3)
+    R = np.array([[model.sigma**2]])
+    residuals = np.empty((len(times) - 1, seen.shape[1]))
+    variances = np.empty(len(times) - 1)
     for k, dt in enumerate(np.diff(times).tolist()):
-        x, P = propagate(x, P, transition(dt, model.fading_s), model.jerk_intensity * _unit_noise(dt))
+        x, P = propagate(
+            x, P, transition(dt, model.fading_s), model.jerk_intensity * _unit_noise(dt)
+        )
         r, S = compare(x, P, seen[k + 1], H, R)
         x, P = correct(x, P, r, S, H, R)
         residuals[k], variances[k] = r[0], S[0, 0]
     return Innovations(frozen(residuals), frozen(variances))
 
 
-def most_likely(data: Sequence[tuple[ArrayLike, ArrayLike]], start: Model, free: Sequence[str]) -> Model:
+def most_likely(
+    data: Sequence[tuple[ArrayLike, ArrayLike]], start: Model, free: Sequence[str]
+) -> Model:
     """The model under which the observations were most likely.
 
     Parameters
@@ -151,13 +164,16 @@ def image_model(p: KalmanParameters) -> Model:
     return Model(p.jerk_intensity, p.sigma_px, p.velocity_sigma, p.acceleration_sigma)
 
 
-def tune_image(data: Sequence[tuple[ArrayLike, ArrayLike]], start: KalmanParameters | None = None) -> KalmanParameters:
+def tune_image(
+    data: Sequence[tuple[ArrayLike, ArrayLike]], start: KalmanParameters | None = None
+) -> KalmanParameters:
     """Q, R and the first covariance of the image's filter that make tracks of points most likely.
 
     Parameters
     ----------
     data : sequence of (times_s, uv)
-        Times (k + 1,), s, and the coordinates seen then, px, shape (k + 1, m): of each point two columns.
+        Times (k + 1,), s, and the coordinates seen then, px, shape (k + 1, m): of each point two
+        columns.
     start : KalmanParameters, optional
         Where the search begins; its gate is kept.
 
@@ -172,27 +188,36 @@ def tune_image(data: Sequence[tuple[ArrayLike, ArrayLike]], start: KalmanParamet
 
 
 def nis_band(count: int, dof: int = 2, share: float = 0.95) -> tuple[float, float]:
-    """Where the mean of `count` NIS lies with probability `share` if the model holds; each has `dof` coordinates.
+    """Where the mean of `count` NIS lies with probability `share` if the model holds; each has
+    `dof` coordinates.
 
-    The sum of independent chi-squares is one. Raises ValueError if a count is not positive or the share not in (0, 1).
+    The sum of independent chi-squares is one. Raises ValueError if a count is not positive or the
+    share not in (0, 1).
     """
-    n, m = as_whole(count, "count", 1), as_whole(dof, "dof", 1)
+    n = as_whole(count, "count", 1)
+    m = as_whole(dof, "dof", 1)
     tail = (1 - as_number(share, "share", 1e-9, 1 - 1e-9)) / 2
     low, high = chdtri(n * m, [1 - tail, tail]) / n
     return float(low), float(high)
 
 
 def pose_models(p: PoseFilterParameters, fading_s: float = FADING_S) -> tuple[Model, Model]:
-    """The pose filter's model of one axis of the position (mm), and of one of the rotation (rad)."""
+    """The pose filter's model of one axis of the position (mm), and of one of the rotation
+    (rad).
+    """
     position = Model(p.jerk_mm, p.floor_mm, p.speed_mm_s, 10 * p.speed_mm_s, fading_s)
     return position, Model(p.jerk_rad, p.floor_rad, p.turn_rad_s, 10 * p.turn_rad_s, fading_s)
 
 
-def pose_paths(poses: RigidTransform, p: PoseFilterParameters, rng: np.random.Generator) -> tuple[Array, Array]:
-    """What the pose filter observes, axis by axis: positions, mm, and angles turned, rad, shape (k, 3) each.
+def pose_paths(
+    poses: RigidTransform, p: PoseFilterParameters, rng: np.random.Generator
+) -> tuple[Array, Array]:
+    """What the pose filter observes, axis by axis: positions, mm, and angles turned, rad, shape (k,
+    3) each.
 
-    The angles are the sums of the turns from pose to pose, in the world frame. Both get noise as large as the filter's
-    floor, which is what it believes of poses without a covariance of their own.
+    The angles are the sums of the turns from pose to pose, in the world frame. Both get noise as
+    large as the filter's floor, which is what it believes of poses without a covariance of their
+    own.
     """
     turns = (poses.rotation[1:] * poses.rotation[:-1].inv()).as_rotvec()
     angles = np.vstack([np.zeros((1, 3)), turns.cumsum(axis=0)])
@@ -200,9 +225,12 @@ def pose_paths(poses: RigidTransform, p: PoseFilterParameters, rng: np.random.Ge
     return poses.translation + p.floor_mm * noise[0], angles + p.floor_rad * noise[1]
 
 
-def tune_pose(data: Sequence[tuple[ArrayLike, RigidTransform]], rng: np.random.Generator,
-              p: PoseFilterParameters | None = None,
-              free: Sequence[str] = ("jerk_intensity", "fading_s")) -> tuple[Model, Model]:
+def tune_pose(
+    data: Sequence[tuple[ArrayLike, RigidTransform]],
+    rng: np.random.Generator,
+    p: PoseFilterParameters | None = None,
+    free: Sequence[str] = ("jerk_intensity", "fading_s"),
+) -> tuple[Model, Model]:
     """The pose filter's models of position and rotation under which motions were most likely.
 
     Parameters
@@ -224,8 +252,10 @@ def tune_pose(data: Sequence[tuple[ArrayLike, RigidTransform]], rng: np.random.G
     p = p or PoseFilterParameters()
     paths = [(times, *pose_paths(poses, p, rng)) for times, poses in data]
     position, rotation = pose_models(p)
-    return (most_likely([(times, places) for times, places, _ in paths], position, free),
-            most_likely([(times, angles) for times, _, angles in paths], rotation, free))
+    return (
+        most_likely([(times, places) for times, places, _ in paths], position, free),
+        most_likely([(times, angles) for times, _, angles in paths], rotation, free),
+    )
 
 
 @lru_cache(maxsize=4096)
@@ -234,52 +264,90 @@ def _unit_noise(dt: float) -> Array:
     return white_jerk(dt, 1.0)[::2, ::2]
 
 
-def found_centres(camera: Camera, handle: Handle, poses: RigidTransform, rng: np.random.Generator) -> Array:
-    """Centres of the rectangles around the markers that a camera finds, shape (k, 2), px; NaN where it finds none.
+def found_centres(
+    camera: Camera, handle: Handle, poses: RigidTransform, rng: np.random.Generator
+) -> Array:
+    """Centres of the rectangles around the markers that a camera finds, shape (k, 2), px; NaN where
+    it finds none.
 
-    Nothing is rendered. Of the markers at the limb some are found at one instant and not at the next, so that the
-    rectangle changes though the handle hardly does: each is found up to a slant of 91 deg, with a standard deviation of
-    2.7 deg. So it was in the windows of `markertrack`, over 5 s of the calm recordings with the seeds 1 and 2.
+    Nothing is rendered. Of the markers at the limb some are found at one instant and not at the
+    next, so that the rectangle changes though the handle hardly does: each is found up to a slant
+    of 91 deg, with a standard deviation of 2.7 deg. So it was in the windows of `markertrack`, over
+    5 s of the calm recordings with the seeds 1 and 2.
     """
-    limits = np.deg2rad(as_rng(rng).normal(FOUND_DEG, SCATTER_DEG, (len(poses), len(handle.marker_centres))))
-    boxes = [Window.around(camera.project(T.apply(handle.marker_centres))[slants(handle, T, camera.centre) < limit])
-             for T, limit in zip(poses, limits, strict=True)]
+    limits = np.deg2rad(
+        as_rng(rng).normal(FOUND_DEG, SCATTER_DEG, (len(poses), len(handle.marker_centres)))
+    )
+    boxes = [
+        Window.around(
+            camera.project(T.apply(handle.marker_centres))[slants(handle, T, camera.centre) < limit]
+        )
+        for T, limit in zip(poses, limits, strict=True)
+    ]
     return np.array([(np.nan, np.nan) if box is None else box.centre for box in boxes])
 
 
 def drawn_poses(seed: int, seconds: float) -> tuple[Array, RigidTransform]:
-    """Times, s, at 30 instants a second, and poses of a person's motion, other than those of a standard recording."""
+    """Times, s, at 30 instants a second, and poses of a person's motion, other than those of a
+    standard recording.
+    """
     times = np.arange(round(as_number(seconds, "seconds", 0.1) * FPS)) / FPS
     return times, human_motion(np.random.default_rng(seed), times + SETTLED_S)
 
 
-def drawn_tracks(rig: Rig, handle: Handle, seeds: Sequence[int], rng: np.random.Generator, seconds: float = 2.0,
-                 stretches: int = 5) -> tuple[Array, Array]:
-    """Times, s, and the coordinates that all cameras see of persons' motions, cut into stretches; for `tune_image`."""
+def drawn_tracks(
+    rig: Rig,
+    handle: Handle,
+    seeds: Sequence[int],
+    rng: np.random.Generator,
+    seconds: float = 2.0,
+    stretches: int = 5,
+) -> tuple[Array, Array]:
+    """Times, s, and the coordinates that all cameras see of persons' motions, cut into stretches;
+    for `tune_image`.
+    """
     columns = []
     for seed in seeds:
         times, poses = drawn_poses(seed, seconds * stretches)
         for camera in rig.cameras:
             columns += np.split(found_centres(camera, handle, poses, rng), stretches)
-    return times[:len(columns[0])], np.hstack(columns)
+    return times[: len(columns[0])], np.hstack(columns)
 
 
-def seconds_nis(rig: Rig, handle: Handle, p: KalmanParameters, seeds: Sequence[int],
-                rng: np.random.Generator) -> Array:
-    """Mean NIS of single seconds of persons' motions, ten a seed, over all cameras; shape (10 * seeds,)."""
+def seconds_nis(
+    rig: Rig, handle: Handle, p: KalmanParameters, seeds: Sequence[int], rng: np.random.Generator
+) -> Array:
+    """Mean NIS of single seconds of persons' motions, ten a seed, over all cameras; shape (10 *
+    seeds,).
+    """
     times, z = drawn_tracks(rig, handle, seeds, rng, seconds=1.0, stretches=10)
-    squared = innovations(times, z, image_model(p)).squared  # columns: seed, camera, stretch, coordinate
-    return 2 * squared.reshape(len(times) - 1, len(seeds), len(rig.cameras), 10, 2).mean(axis=(0, 2, 4)).ravel()
+    # columns: seed, camera, stretch, coordinate
+    squared = innovations(times, z, image_model(p)).squared
+    return (
+        2
+        * squared.reshape(len(times) - 1, len(seeds), len(rig.cameras), 10, 2)
+        .mean(axis=(0, 2, 4))
+        .ravel()
+    )
 
 
-def model_nees(p: KalmanParameters, believed: ArrayLike, rng: np.random.Generator, draws: int = 25,
-               frames: int = 30) -> Array:
-    """Mean NEES of position and velocity, four numbers, over motions drawn from the model itself; shape (frames,).
+def model_nees(
+    p: KalmanParameters,
+    believed: ArrayLike,
+    rng: np.random.Generator,
+    draws: int = 25,
+    frames: int = 30,
+) -> Array:
+    """Mean NEES of position and velocity, four numbers, over motions drawn from the model itself;
+    shape (frames,).
 
     The motion starts as `p` has it; the filter starts with the covariance `believed`, shape (6, 6).
     """
-    start, H, R = initial_state([0, 0], p), observation_matrix(), p.sigma_px**2 * np.eye(2)
-    F, Q = constant_acceleration(1 / FPS), white_jerk(1 / FPS, p.jerk_intensity)
+    start = initial_state([0, 0], p)
+    H = observation_matrix()
+    R = p.sigma_px**2 * np.eye(2)
+    F = constant_acceleration(1 / FPS)
+    Q = white_jerk(1 / FPS, p.jerk_intensity)
     values = []
     for _ in range(draws):
         truth, z = draw(start, frames, F, Q, H, R, rng)
@@ -288,26 +356,38 @@ def model_nees(p: KalmanParameters, believed: ArrayLike, rng: np.random.Generato
     return np.mean(values, axis=0)
 
 
-def person_nees(camera: Camera, p: KalmanParameters, seeds: Sequence[int], rng: np.random.Generator,
-                seconds: float = 10.0) -> float:
-    """Mean NEES of position and velocity, four numbers, where a camera sees the origin of a person's handle with noise.
+def person_nees(
+    camera: Camera,
+    p: KalmanParameters,
+    seeds: Sequence[int],
+    rng: np.random.Generator,
+    seconds: float = 10.0,
+) -> float:
+    """Mean NEES of position and velocity, four numbers, where a camera sees the origin of a
+    person's handle with noise.
 
-    The noise is as large as the filter believes, so that only the motion can be other than its model. The velocity is
-    the true one, over 2 ms; the first second is left out.
+    The noise is as large as the filter believes, so that only the motion can be other than its
+    model. The velocity is the true one, over 2 ms; the first second is left out.
     """
     values = []
     for seed in seeds:
         times = np.arange(round(seconds * FPS)) / FPS
-        before, now, after = (camera.project(human_motion(np.random.default_rng(seed), times + SETTLED_S + step)
-                                             .translation) for step in (-1e-3, 0.0, 1e-3))
+        before, now, after = (
+            camera.project(
+                human_motion(np.random.default_rng(seed), times + SETTLED_S + step).translation
+            )
+            for step in (-1e-3, 0.0, 1e-3)
+        )
         states = track(times, now + rng.normal(0.0, p.sigma_px, now.shape), p, gated=False).updated
         truth = np.hstack([now, (after - before) / 2e-3])
-        values.append(_nees_of_four(states, truth)[round(FPS):])
+        values.append(_nees_of_four(states, truth)[round(FPS) :])
     return float(np.mean(values))
 
 
 def handheld_poses(every: int = 3) -> tuple[Array, RigidTransform] | None:
-    """Times and poses of the recorded handheld motion, one of `every` of its 100 a second; None if it is not here."""
+    """Times and poses of the recorded handheld motion, one of `every` of its 100 a second; None if
+    it is not here.
+    """
     recorded = load_trajectories()
     return None if recorded is None else (recorded.t_s[::every], recorded.poses[::every])
 
@@ -318,21 +398,28 @@ def _nees_of_four(states: State, truth: Array) -> Array:
 
 
 def judge(data: Sequence[tuple[Array, RigidTransform]], models: tuple[Model, Model]) -> list[str]:
-    """A line each for the position and the rotation: log-likelihood an observation, and mean NIS of the three axes."""
-    p, lines = PoseFilterParameters(), []
+    """A line each for the position and the rotation: log-likelihood an observation, and mean NIS of
+    the three axes.
+    """
+    p = PoseFilterParameters()
+    lines = []
     paths = [(times, pose_paths(poses, p, np.random.default_rng(1))) for times, poses in data]
     for kind, (name, model) in enumerate(zip(("position", "rotation"), models, strict=True)):
         found = [innovations(times, both[kind], model) for times, both in paths]
         axes = np.concatenate([one.squared for one in found]).mean(axis=0)
         likely = sum(one.log_likelihood for one in found) / sum(one.residuals.size for one in found)
-        lines.append(f"{name}: jerk {model.jerk_intensity:9.3g}, fading {model.fading_s:5.3g} s; log-likelihood "
-                     f"{likely:6.3f}, NIS {axes.sum():5.2f} of 3, by axes {np.round(axes, 2)}")
+        lines.append(
+            f"{name}: jerk {model.jerk_intensity:9.3g}, fading {model.fading_s:5.3g} s; log-likelihood "
+            f"{likely:6.3f}, NIS {axes.sum():5.2f} of 3, by axes {np.round(axes, 2)}"
+        )
     return lines
 
 
 def print_most_likely() -> None:
     """Print what is most likely for the image's filter and the pose's."""
-    tracks = drawn_tracks(load_rig("raised_40deg"), load_handle("coded"), range(1, 9), np.random.default_rng(0))
+    tracks = drawn_tracks(
+        load_rig("raised_40deg"), load_handle("coded"), range(1, 9), np.random.default_rng(0)
+    )
     print("image:", tune_image([tracks]))
     sets = {"drawn": [drawn_poses(seed, 10.0) for seed in range(1, 9)]}
     if (held := handheld_poses()) is not None:
@@ -340,7 +427,9 @@ def print_most_likely() -> None:
     models = {"as it is": pose_models(PoseFilterParameters())}
     for name, data in sets.items():
         models[f"fitted to {name}"] = tune_pose(data, np.random.default_rng(0))
-        models[f"fitted to {name}, fading kept"] = tune_pose(data, np.random.default_rng(0), free=("jerk_intensity",))
+        models[f"fitted to {name}, fading kept"] = tune_pose(
+            data, np.random.default_rng(0), free=("jerk_intensity",)
+        )
     for name, data in sets.items():
         for which, both in models.items():
             print(f"pose, {name} motion, {which}:", *judge(data, both), sep="\n    ")

@@ -1,7 +1,8 @@
-"""Parameter sweeps of notebooks and functions: `sweep` computes one, `read_sweep` reads its table again.
+"""Parameter sweeps of notebooks and functions: `sweep` computes one, `read_sweep` reads its table
+again.
 
-`grid` says which runs there are, `engines` where they are computed, `notebook` and `warmkernel` how a notebook is run,
-`folder` how finished runs are kept, `figures` how a table is drawn.
+`grid` says which runs there are, `engines` where they are computed, `notebook` and `warmkernel` how
+a notebook is run, `folder` how finished runs are kept, `figures` how a table is drawn.
 """
 
 from .folder import read_sweep

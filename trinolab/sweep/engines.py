@@ -1,4 +1,6 @@
-"""Where the runs of a sweep are computed: executors of `concurrent.futures`, all used in the same way."""
+"""Where the runs of a sweep are computed: executors of `concurrent.futures`, all used in the same
+way.
+"""
 
 from __future__ import annotations
 
@@ -7,7 +9,14 @@ import os
 import signal
 import sys
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import FIRST_COMPLETED, Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor, wait
+from concurrent.futures import (
+    FIRST_COMPLETED,
+    Executor,
+    Future,
+    ProcessPoolExecutor,
+    ThreadPoolExecutor,
+    wait,
+)
 from contextlib import contextmanager, suppress
 from multiprocessing.reduction import ForkingPickler
 from typing import Any, NamedTuple
@@ -29,7 +38,8 @@ class Engine(NamedTuple):
     ahead : int
         How many calls it is given before one of them is finished.
     batch_s : float
-        Runs that are shorter than this go together, s: to send each alone would take longer than to compute it.
+        Runs that are shorter than this go together, s: to send each alone would take longer than to
+        compute it.
     """
 
     executor: Executor
@@ -52,13 +62,18 @@ class Inline(Executor):
 
 @contextmanager
 def processes(workers: int) -> Iterator[Engine]:
-    """Processes of this computer, with one thread each for linear algebra and OpenCV; no process for one worker."""
+    """Processes of this computer, with one thread each for linear algebra and OpenCV; no process
+    for one worker.
+    """
     if workers == 1:
         yield Engine(Inline(), 1)
         return
     others = set(multiprocessing.active_children())
     unheard = signal.signal, (signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is a matter of this process
-    with one_thread_each(), ProcessPoolExecutor(workers, multiprocessing.get_context("spawn"), *unheard) as pool:
+    with (
+        one_thread_each(),
+        ProcessPoolExecutor(workers, multiprocessing.get_context("spawn"), *unheard) as pool,
+    ):
         try:
             yield Engine(pool, 4 * workers, BATCH_S)
         except BaseException:
@@ -70,7 +85,8 @@ def processes(workers: int) -> Iterator[Engine]:
 
 @contextmanager
 def kernels(workers: int, sweep: str) -> Iterator[Engine]:
-    """Threads, each of which has a kernel do its work; they are processes of their own, with one thread each, too.
+    """Threads, each of which has a kernel do its work; they are processes of their own, with one
+    thread each, too.
 
     The kernels of the notebook job that `sweep` names are closed at the end.
     """
@@ -91,12 +107,15 @@ def cluster(address: str, sweep: str = "") -> Iterator[Engine]:
     Raises
     ------
     ValueError
-        If no scheduler answers, it has no workers, or they have another version of this package or its data.
+        If no scheduler answers, it has no workers, or they have another version of this package or
+        its data.
     """
     try:
         from dask.distributed import Client
     except ImportError:
-        raise ValueError("a Dask cluster needs the package dask[distributed] (extra 'cluster')") from None
+        raise ValueError(
+            "a Dask cluster needs the package dask[distributed] (extra 'cluster')"
+        ) from None
     try:
         client = Client(address, timeout=CONNECT_S, set_as_default=False)
     except (OSError, ValueError) as error:
@@ -104,14 +123,20 @@ def cluster(address: str, sweep: str = "") -> Iterator[Engine]:
     with client:
         _settle(client, address)
         try:
-            yield Engine(client.get_executor(pure=False), 4 * sum(client.nthreads().values()), BATCH_S)
+            yield Engine(
+                client.get_executor(pure=False), 4 * sum(client.nthreads().values()), BATCH_S
+            )
         finally:
             with suppress(Exception):  # workers that are gone have no kernels either
                 client.run(close_kernels, sweep)
 
 
-def as_finished(engine: Engine, calls: Iterable[tuple[Any, ...]]) -> Iterator[tuple[Any, Future[Any]]]:
-    """Compute calls (key, function, argument, ...), and give keys and futures in the order in which they are done."""
+def as_finished(
+    engine: Engine, calls: Iterable[tuple[Any, ...]]
+) -> Iterator[tuple[Any, Future[Any]]]:
+    """Compute calls (key, function, argument, ...), and give keys and futures in the order in which
+    they are done.
+    """
     pending: dict[Future[Any], Any] = {}
     try:
         for key, *call in calls:
@@ -128,13 +153,17 @@ def as_finished(engine: Engine, calls: Iterable[tuple[Any, ...]]) -> Iterator[tu
 def check_portable(function: Callable[..., Any]) -> None:
     """Refuse, with a ValueError, a function that another process could not find."""
     name = getattr(function, "__qualname__", repr(function))
-    main = getattr(function, "__module__", None) == "__main__" and not hasattr(sys.modules["__main__"], "__file__")
+    main = getattr(function, "__module__", None) == "__main__" and not hasattr(
+        sys.modules["__main__"], "__file__"
+    )
     try:
         ForkingPickler.dumps(function)
     except Exception:  # whatever an object's own pickling raises
         main = True
     if main:
-        raise ValueError(f"{name}: other processes cannot import it; put it into a module, or use one worker")
+        raise ValueError(
+            f"{name}: other processes cannot import it; put it into a module, or use one worker"
+        )
 
 
 @contextmanager
@@ -156,7 +185,9 @@ def _done(pending: dict[Future[Any], Any]) -> Iterator[tuple[Any, Future[Any]]]:
 
 
 def _settle(client: Any, address: str) -> None:
-    """Give each worker one thread for linear algebra and OpenCV; ValueError if its code is not that of this process."""
+    """Give each worker one thread for linear algebra and OpenCV; ValueError if its code is not that
+    of this process.
+    """
     try:
         client.wait_for_workers(1, timeout=CONNECT_S)
         found = client.run(settled)
@@ -171,7 +202,9 @@ def _settle(client: Any, address: str) -> None:
 
 
 def settled() -> str:
-    """In a worker: use one thread for linear algebra and OpenCV; the hash of this package and its data."""
+    """In a worker: use one thread for linear algebra and OpenCV; the hash of this package and its
+    data.
+    """
     os.environ.update(ONE_THREAD)
     if "cv2" in sys.modules:
         sys.modules["cv2"].setNumThreads(1)

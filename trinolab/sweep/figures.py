@@ -1,4 +1,6 @@
-"""Figures of a sweep's table: curves, heat maps, small multiples, and sliders in a live notebook."""
+"""Figures of a sweep's table: curves, heat maps, small multiples, and sliders in a live
+notebook.
+"""
 
 from __future__ import annotations
 
@@ -18,13 +20,17 @@ from ..plotting import COLOURS
 from .notebook import UNATTENDED
 
 REPEATS = ("seed",)  # parameters that repeat a run rather than change it
-MOST_PANELS, MOST_COLUMNS, MOST_ROWS = 12, 4, 3
+MOST_PANELS = 12
+MOST_COLUMNS = 4
+MOST_ROWS = 3
 NOT_RESULTS = ("seconds", "status", "error")
 RESULT = "which result"  # no parameter has a name with a space
 
 
 class Levels(NamedTuple):
-    """The different values of a parameter, in order, and for each row of the table which of them it has."""
+    """The different values of a parameter, in order, and for each row of the table which of them it
+    has.
+    """
 
     name: str
     values: list[Any]
@@ -33,29 +39,38 @@ class Levels(NamedTuple):
     @property
     def numbers(self) -> Array | None:
         """The values as numbers; None if they are something else."""
-        numeric = all(isinstance(value, (int, float)) and not isinstance(value, bool) for value in self.values)
+        numeric = all(
+            isinstance(value, (int, float)) and not isinstance(value, bool) for value in self.values
+        )
         return np.array(self.values, float) if numeric else None
 
     @property
     def labels(self) -> list[str]:
         """The values as short texts."""
-        return [f"{value:.4g}" if isinstance(value, float) else str(value)[:20] for value in self.values]
+        return [
+            f"{value:.4g}" if isinstance(value, float) else str(value)[:20] for value in self.values
+        ]
 
 
-def plot_sweep(found: pd.DataFrame, results: Sequence[str] | None = None,
-               parameters: Sequence[str] | None = None) -> Figure:
-    """Show what a sweep gave: curves over one parameter, heat maps over two, one for each further setting.
+def plot_sweep(
+    found: pd.DataFrame,
+    results: Sequence[str] | None = None,
+    parameters: Sequence[str] | None = None,
+) -> Figure:
+    """Show what a sweep gave: curves over one parameter, heat maps over two, one for each further
+    setting.
 
-    A parameter named ``seed`` repeats a run: shown are the mean over its values and, about a curve, the range. Runs
-    that are no full grid, such as a sample, are shown as points. Failed runs are gaps.
+    A parameter named ``seed`` repeats a run: shown are the mean over its values and, about a curve,
+    the range. Runs that are no full grid, such as a sample, are shown as points. Failed runs are
+    gaps.
 
     Parameters
     ----------
     found : pandas.DataFrame
         As `runs.sweep` or `sweep.read_sweep` gives it.
     results : sequence of str, optional
-        The columns to show; without it the errors of Eq. 26 and 27, and what changes with more than the seed, as many
-        as there is room.
+        The columns to show; without it the errors of Eq. 26 and 27, and what changes with more than
+        the seed, as many as there is room.
     parameters : sequence of str, optional
         The columns that were swept, where ``found.attrs`` does not say it.
 
@@ -93,19 +108,33 @@ def as_png(figure: Figure) -> bytes:
     return file.getvalue()
 
 
-def results_of(found: pd.DataFrame, parameters: Sequence[str], wanted: Sequence[str] | None = None) -> list[str]:
+def results_of(
+    found: pd.DataFrame, parameters: Sequence[str], wanted: Sequence[str] | None = None
+) -> list[str]:
     """The columns to show, in their order; errors as for `plot_sweep`."""
     if missing := [name for name in (*parameters, *(wanted or ())) if name not in found]:
         raise ValueError(f"{missing[0]}: no such column; there are {', '.join(found.columns)}")
     others = [name for name in found if name not in (*parameters, *NOT_RESULTS)]
-    numeric = [name for name in others if pd.api.types.is_numeric_dtype(found[name]) and found[name].notna().any()]
+    numeric = [
+        name
+        for name in others
+        if pd.api.types.is_numeric_dtype(found[name]) and found[name].notna().any()
+    ]
     if wanted is not None:
         if wrong := [name for name in wanted if name not in numeric]:
-            raise ValueError(f"{wrong[0]}: no result that is a number; there are {', '.join(numeric) or 'none'}")
+            raise ValueError(
+                f"{wrong[0]}: no result that is a number; there are {', '.join(numeric) or 'none'}"
+            )
         return list(wanted)
     levels = varied(found, parameters)
-    means = found[numeric].groupby(_flat(levels)).mean() if levels and is_grid(levels) else found[numeric]
-    changing = [name for name in numeric if (found if name.startswith("E_") else means)[name].nunique() > 1] or numeric
+    means = (
+        found[numeric].groupby(_flat(levels)).mean()
+        if levels and is_grid(levels)
+        else found[numeric]
+    )
+    changing = [
+        name for name in numeric if (found if name.startswith("E_") else means)[name].nunique() > 1
+    ] or numeric
     return sorted(changing, key=lambda name: not name.startswith("E_"))[:MOST_PANELS]
 
 
@@ -131,12 +160,16 @@ def is_grid(levels: Sequence[Levels]) -> bool:
     """Whether there is a row for each combination."""
     shape = [len(level.values) for level in levels]
     rows = len(levels[0].which)
-    return np.prod(shape, dtype=float) <= rows and len(set(_flat(levels).tolist())) == np.prod(shape)
+    return np.prod(shape, dtype=float) <= rows and len(set(_flat(levels).tolist())) == np.prod(
+        shape
+    )
 
 
 def _flat(levels: Sequence[Levels]) -> np.ndarray:
     """The combination of each row, as one number."""
-    return np.ravel_multi_index([level.which for level in levels], [len(level.values) for level in levels])
+    return np.ravel_multi_index(
+        [level.which for level in levels], [len(level.values) for level in levels]
+    )
 
 
 def _statistics(y: Array, levels: Sequence[Levels]) -> pd.DataFrame:
@@ -148,8 +181,14 @@ def _statistics(y: Array, levels: Sequence[Levels]) -> pd.DataFrame:
 def _panels(count: int) -> tuple[Figure, list[Axes]]:
     columns = 2 if count == 4 else min(count, 3)
     rows = -(-count // columns)
-    figure, axes = plt.subplots(rows, columns, figsize=(max(4.0 * columns, 5.0), 2.8 * rows + 0.4), squeeze=False,
-                                layout="constrained", facecolor="white")
+    figure, axes = plt.subplots(
+        rows,
+        columns,
+        figsize=(max(4.0 * columns, 5.0), 2.8 * rows + 0.4),
+        squeeze=False,
+        layout="constrained",
+        facecolor="white",
+    )
     for ax in axes.flat[count:]:
         ax.remove()
     return figure, list(axes.flat[:count])
@@ -157,11 +196,14 @@ def _panels(count: int) -> tuple[Figure, list[Axes]]:
 
 def draw_curve(ax: Axes, y: Array, level: Levels, name: str) -> None:
     """A result over one parameter: its mean, and its range where a value comes more than once."""
-    statistics, x = _statistics(y, [level]), level.numbers
+    statistics = _statistics(y, [level])
+    x = level.numbers
     at = np.arange(len(level.values)) if x is None else x
     ax.plot(at, statistics["mean"], "o-" if len(at) <= 50 else "-", color=COLOURS[0], markersize=4)
     if len(y) > len(at):
-        ax.fill_between(at, statistics["min"], statistics["max"], color=COLOURS[0], alpha=0.2, linewidth=0)
+        ax.fill_between(
+            at, statistics["min"], statistics["max"], color=COLOURS[0], alpha=0.2, linewidth=0
+        )
     if x is None:
         ax.set_xticks(at, level.labels, rotation=30 if max(map(len, level.labels)) > 8 else 0)
     elif _is_geometric(x):
@@ -170,12 +212,24 @@ def draw_curve(ax: Axes, y: Array, level: Levels, name: str) -> None:
     ax.grid(alpha=0.3)
 
 
-def _heat_map(ax: Axes, y: Array, levels: Sequence[Levels], name: str,
-              limits: tuple[float | None, float | None] = (None, None)) -> None:
+def _heat_map(
+    ax: Axes,
+    y: Array,
+    levels: Sequence[Levels],
+    name: str,
+    limits: tuple[float | None, float | None] = (None, None),
+) -> None:
     """The means over two parameters, the first one to the right; grey where there is none."""
     across, up = levels
     means = _statistics(y, levels)["mean"].to_numpy().reshape(len(across.values), len(up.values)).T
-    image = ax.imshow(means, origin="lower", aspect="auto", interpolation="nearest", vmin=limits[0], vmax=limits[1])
+    image = ax.imshow(
+        means,
+        origin="lower",
+        aspect="auto",
+        interpolation="nearest",
+        vmin=limits[0],
+        vmax=limits[1],
+    )
     ax.figure.colorbar(image, ax=ax, label=name)
     for axis, level in ((ax.xaxis, across), (ax.yaxis, up)):
         some = np.unique(np.linspace(0, len(level.values) - 1, 6).round().astype(int))
@@ -184,32 +238,62 @@ def _heat_map(ax: Axes, y: Array, levels: Sequence[Levels], name: str,
 
 
 def _multiples(found: pd.DataFrame, shown: Sequence[str], levels: Sequence[Levels]) -> Figure:
-    """Heat maps over the first two parameters: a row a result, a column a setting of the others (some, if many)."""
+    """Heat maps over the first two parameters: a row a result, a column a setting of the others
+    (some, if many).
+    """
     first, others = levels[:2], levels[2:]
     flat = _flat(others)
     some = np.unique(np.linspace(0, flat.max(), MOST_COLUMNS).round().astype(int))
     rows = shown[:MOST_ROWS]
-    figure, axes = plt.subplots(len(rows), len(some), figsize=(3.6 * len(some), 2.8 * len(rows) + 0.4), squeeze=False,
-                                layout="constrained", facecolor="white")
-    for ax, (name, combination) in zip(axes.flat, ((name, k) for name in rows for k in some), strict=True):
-        y, here = found[name].to_numpy(float), flat == combination
+    figure, axes = plt.subplots(
+        len(rows),
+        len(some),
+        figsize=(3.6 * len(some), 2.8 * len(rows) + 0.4),
+        squeeze=False,
+        layout="constrained",
+        facecolor="white",
+    )
+    for ax, (name, combination) in zip(
+        axes.flat, ((name, k) for name in rows for k in some), strict=True
+    ):
+        y = found[name].to_numpy(float)
+        here = flat == combination
         part = [level._replace(which=level.which[here]) for level in first]
         _heat_map(ax, y[here], part, name, (np.nanmin(y), np.nanmax(y)))
         setting = np.unravel_index(combination, [len(level.values) for level in others])
-        ax.set_title(", ".join(f"{level.name} {level.labels[k]}" for level, k in zip(others, setting, strict=True)),
-                     fontsize=9)
+        ax.set_title(
+            ", ".join(
+                f"{level.name} {level.labels[k]}" for level, k in zip(others, setting, strict=True)
+            ),
+            fontsize=9,
+        )
     return figure
 
 
 def _scattered(found: pd.DataFrame, shown: Sequence[str], levels: Sequence[Levels]) -> Figure:
     """Each result over each parameter, as points."""
     rows, columns = shown[:MOST_ROWS], levels[:MOST_COLUMNS]
-    figure, axes = plt.subplots(len(rows), len(columns), figsize=(3.6 * len(columns), 2.8 * len(rows) + 0.4),
-                                sharey="row", squeeze=False, layout="constrained", facecolor="white")
-    for ax, (name, level) in zip(axes.flat, ((name, level) for name in rows for level in columns), strict=True):
+    figure, axes = plt.subplots(
+        len(rows),
+        len(columns),
+        figsize=(3.6 * len(columns), 2.8 * len(rows) + 0.4),
+        sharey="row",
+        squeeze=False,
+        layout="constrained",
+        facecolor="white",
+    )
+    for ax, (name, level) in zip(
+        axes.flat, ((name, level) for name in rows for level in columns), strict=True
+    ):
         x = level.numbers
         at = np.arange(len(level.values)) if x is None else x
-        ax.plot(at[level.which], found[name], ".", color=COLOURS[0], markersize=5 if len(found) < 500 else 2)
+        ax.plot(
+            at[level.which],
+            found[name],
+            ".",
+            color=COLOURS[0],
+            markersize=5 if len(found) < 500 else 2,
+        )
         if x is None:
             ax.set_xticks(at, level.labels)
         ax.set(xlabel=level.name, ylabel=name, facecolor="white")
@@ -217,8 +301,15 @@ def _scattered(found: pd.DataFrame, shown: Sequence[str], levels: Sequence[Level
 
 
 def _is_geometric(x: Array) -> bool:
-    """Whether each value is the same multiple of the one before, and they do not lie close together."""
-    return len(x) > 2 and x[0] > 0 and x[-1] >= 10 * x[0] and bool(np.allclose(np.diff(np.log(x), 2), 0, atol=1e-6))
+    """Whether each value is the same multiple of the one before, and they do not lie close
+    together.
+    """
+    return (
+        len(x) > 2
+        and x[0] > 0
+        and x[-1] >= 10 * x[0]
+        and bool(np.allclose(np.diff(np.log(x), 2), 0, atol=1e-6))
+    )
 
 
 def _name_failures(figure: Figure, found: pd.DataFrame) -> None:
@@ -247,8 +338,8 @@ def explore(found: pd.DataFrame, results: Sequence[str] | None = None) -> Any:
     Returns
     -------
     ipywidgets.VBox or matplotlib.figure.Figure
-        The figure of `plot_sweep` where sliders are of no use: in a built page, whose kernel is gone; over fewer than
-        two parameters; for runs that are no full grid.
+        The figure of `plot_sweep` where sliders are of no use: in a built page, whose kernel is
+        gone; over fewer than two parameters; for runs that are no full grid.
 
     Raises
     ------
@@ -256,10 +347,12 @@ def explore(found: pd.DataFrame, results: Sequence[str] | None = None) -> Any:
         For a column that is not there, or is no number.
     """
     names = found.attrs.get("parameters", [])
-    shown, levels = results_of(found, names, results), varied(found, names)
+    shown = results_of(found, names, results)
+    levels = varied(found, names)
     if UNATTENDED in os.environ or len(levels) < 2 or not shown or not is_grid(levels):
         figure = plot_sweep(found, results)
-        plt.close(figure)  # or a notebook shows it twice: as an open figure, and as what the cell gives
+        # or a notebook shows it twice: as an open figure, and as what the cell gives
+        plt.close(figure)
         return figure
     import ipywidgets
 
@@ -275,8 +368,11 @@ def explore(found: pd.DataFrame, results: Sequence[str] | None = None) -> Any:
     return ipywidgets.VBox([*controls.values(), ipywidgets.interactive_output(draw, controls)])
 
 
-def plot_slice(found: pd.DataFrame, result: str, levels: Sequence[Levels], at: Mapping[str, int]) -> Figure:
-    """A result over the first parameter, at the chosen values of the others (their places in `Levels.values`).
+def plot_slice(
+    found: pd.DataFrame, result: str, levels: Sequence[Levels], at: Mapping[str, int]
+) -> Figure:
+    """A result over the first parameter, at the chosen values of the others (their places in
+    `Levels.values`).
 
     The vertical axis is that of the whole sweep, so that curves can be compared.
     """
@@ -284,8 +380,14 @@ def plot_slice(found: pd.DataFrame, result: str, levels: Sequence[Levels], at: M
     for level in levels[1:]:
         here = here & (level.which == at[level.name])
     figure, ax = plt.subplots(figsize=(6.5, 3.6), layout="constrained", facecolor="white")
-    draw_curve(ax, found[result].to_numpy(float)[here], levels[0]._replace(which=levels[0].which[here]), result)
-    low, high = found[result].min(), found[result].max()
+    draw_curve(
+        ax,
+        found[result].to_numpy(float)[here],
+        levels[0]._replace(which=levels[0].which[here]),
+        result,
+    )
+    low = found[result].min()
+    high = found[result].max()
     margin = 0.05 * (high - low) or 0.5
     ax.set_ylim(low - margin, high + margin)
     return figure

@@ -1,4 +1,6 @@
-"""Which runs a sweep has: the values of its parameters, each with each, or a Latin hypercube sample of them."""
+"""Which runs a sweep has: the values of its parameters, each with each, or a Latin hypercube sample
+of them.
+"""
 
 from __future__ import annotations
 
@@ -30,16 +32,21 @@ class Axis(NamedTuple):
 
 
 class Interval(NamedTuple):
-    """All that lies between two numbers, for a sample; with `log` as many below the geometric mean as above it."""
+    """All that lies between two numbers, for a sample; with `log` as many below the geometric mean
+    as above it.
+    """
 
     low: float
     high: float
     log: bool = False
 
     def at(self, u: float, whole: bool = False) -> float:
-        """The value at the share `u` of the way, 0 <= u < 1; of the whole numbers, both ends included, if `whole`."""
+        """The value at the share `u` of the way, 0 <= u < 1; of the whole numbers, both ends
+        included, if `whole`.
+        """
         if whole:
-            low, high = math.ceil(self.low), math.floor(self.high)
+            low = math.ceil(self.low)
+            high = math.floor(self.high)
             return min(math.floor(Interval(low, high + 1, self.log).at(u)), high)
         if self.log:
             return _rounded(self.low * (self.high / self.low) ** u)
@@ -54,10 +61,12 @@ class Between(NamedTuple):
 
 
 def parse(texts: Sequence[str]) -> list[Axis | Between]:
-    """The axes of a grid from what was typed: ``name=0.5:0.95:10``, ``name=log:1:100:3``, ``name=0,1``, ``@runs.csv``.
+    """The axes of a grid from what was typed: ``name=0.5:0.95:10``, ``name=log:1:100:3``,
+    ``name=0,1``, ``@runs.csv``.
 
-    Values are TOML literals, and nothing is evaluated; a text of letters may go without quotes. ``name=0.5:0.95``, an
-    interval without a number of points, is for samples. The file has a column a parameter, and a row a setting.
+    Values are TOML literals, and nothing is evaluated; a text of letters may go without quotes.
+    ``name=0.5:0.95``, an interval without a number of points, is for samples. The file has a column
+    a parameter, and a row a setting.
 
     Raises
     ------
@@ -69,15 +78,22 @@ def parse(texts: Sequence[str]) -> list[Axis | Between]:
 
 
 def axes_of(values: Mapping[str, Any]) -> list[Axis | Between]:
-    """The axes of a grid from Python values: an iterable, an `Interval`, or one value (a text is one value).
+    """The axes of a grid from Python values: an iterable, an `Interval`, or one value (a text is
+    one value).
 
     Raises
     ------
     ValueError
         If a parameter has no value.
     """
-    return _checked([Between((name,), value) if isinstance(value, Interval) else Axis((name,), _listed(value))
-                     for name, value in values.items()])
+    return _checked(
+        [
+            Between((name,), value)
+            if isinstance(value, Interval)
+            else Axis((name,), _listed(value))
+            for name, value in values.items()
+        ]
+    )
 
 
 def count(axes: Sequence[Axis | Between], sample: int | None = None) -> int:
@@ -87,16 +103,23 @@ def count(axes: Sequence[Axis | Between], sample: int | None = None) -> int:
     return sample
 
 
-def runs(axes: Sequence[Axis | Between], sample: int | None = None, sample_seed: int = 0,
-         whole: Iterable[str] = (), yes: bool = False) -> list[dict[str, Any]]:
-    """The settings of all runs, a mapping from names to values for each; the last parameter changes fastest.
+def runs(
+    axes: Sequence[Axis | Between],
+    sample: int | None = None,
+    sample_seed: int = 0,
+    whole: Iterable[str] = (),
+    yes: bool = False,
+) -> list[dict[str, Any]]:
+    """The settings of all runs, a mapping from names to values for each; the last parameter changes
+    fastest.
 
     Parameters
     ----------
     axes : sequence
         As `parse` or `axes_of` gives them.
     sample : int, optional
-        So many runs, a Latin hypercube of the axes: each one's values, or parts of its interval, come equally often.
+        So many runs, a Latin hypercube of the axes: each one's values, or parts of its interval,
+        come equally often.
     sample_seed : int
         Of that draw.
     whole : iterable of str
@@ -114,9 +137,13 @@ def runs(axes: Sequence[Axis | Between], sample: int | None = None, sample_seed:
     as_whole(sample_seed, "sample_seed", low=0)
     for axis in axes:
         if sample is None and isinstance(axis, Between):
-            raise ValueError(f"{axis.names[0]}: an interval needs a number of points (a:b:n), or a sample")
+            raise ValueError(
+                f"{axis.names[0]}: an interval needs a number of points (a:b:n), or a sample"
+            )
     if (total := count(axes, sample)) > MANY and not yes:
-        raise ValueError(f"the grid has {total:,} runs; more than {MANY:,} must be confirmed (--yes, yes=True)")
+        raise ValueError(
+            f"the grid has {total:,} runs; more than {MANY:,} must be confirmed (--yes, yes=True)"
+        )
     names = list(chain.from_iterable(axis.names for axis in axes))
     settings = _crossed(axes) if sample is None else _sampled(axes, sample, sample_seed, set(whole))
     return [dict(zip(names, chain.from_iterable(parts), strict=True)) for parts in settings]
@@ -126,13 +153,18 @@ def _crossed(axes: Sequence[Axis | Between]) -> Iterable[tuple[tuple[Any, ...], 
     return product(*(axis.settings for axis in axes if isinstance(axis, Axis)))
 
 
-def _sampled(axes: Sequence[Axis | Between], sample: int, seed: int, whole: set[str]
-             ) -> Iterable[list[tuple[Any, ...]]]:
+def _sampled(
+    axes: Sequence[Axis | Between], sample: int, seed: int, whole: set[str]
+) -> Iterable[list[tuple[Any, ...]]]:
     from scipy.stats import qmc
 
     for row in qmc.LatinHypercube(len(axes), rng=seed).random(sample) if axes else [()] * sample:
-        yield [(axis.interval.at(u, axis.names[0] in whole),) if isinstance(axis, Between)
-               else axis.settings[int(u * len(axis.settings))] for axis, u in zip(axes, row, strict=True)]
+        yield [
+            (axis.interval.at(u, axis.names[0] in whole),)
+            if isinstance(axis, Between)
+            else axis.settings[int(u * len(axis.settings))]
+            for axis, u in zip(axes, row, strict=True)
+        ]
 
 
 def _checked(axes: list[Axis | Between]) -> list[Axis | Between]:
@@ -167,7 +199,9 @@ def _range(name: str, found: re.Match[str], where: str) -> Axis | Between:
     n = _number(found["count"], where)
     if not (isinstance(n, int) and 2 <= n <= MOST_POINTS):
         raise ValueError(f"{where}: expected 2 to {MOST_POINTS:,} points, got {found['count']}")
-    points = [_rounded(x) for x in (np.geomspace if found["log"] else np.linspace)(low, high, n).tolist()]
+    points = [
+        _rounded(x) for x in (np.geomspace if found["log"] else np.linspace)(low, high, n).tolist()
+    ]
     if isinstance(low, int) and isinstance(high, int) and all(x == int(x) for x in points):
         points = [int(x) for x in points]
     return Axis((name,), [(x,) for x in points])
@@ -177,9 +211,16 @@ def _from_file(path: str) -> Axis:
     table = read_csv(path, dtype=str, keep_default_na=False, skipinitialspace=True)
     for name in table.columns:
         if not name.isidentifier():
-            raise ValueError(f"{path}: expected names of parameters in the first line, got {name!r}")
-    rows = [tuple(_one(cell, f"{path}: row {k}, {name}") for name, cell in zip(table.columns, cells, strict=True))
-            for k, cells in enumerate(table.itertuples(index=False, name=None), 1)]
+            raise ValueError(
+                f"{path}: expected names of parameters in the first line, got {name!r}"
+            )
+    rows = [
+        tuple(
+            _one(cell, f"{path}: row {k}, {name}")
+            for name, cell in zip(table.columns, cells, strict=True)
+        )
+        for k, cells in enumerate(table.itertuples(index=False, name=None), 1)
+    ]
     if not rows:
         raise ValueError(f"{path}: expected a row a run, got none")
     return Axis(tuple(table.columns), rows)
@@ -201,7 +242,9 @@ def _one(text: str, where: str) -> Any:
     if found is None or len(found) != 1:
         raise ValueError(f"{where}: {text.strip()!r} is no value; {FORMS}")
     if not _is_plain(found[0]):
-        raise ValueError(f"{where}: {text.strip()!r} is no number, text, true, false, or list of these")
+        raise ValueError(
+            f"{where}: {text.strip()!r} is no number, text, true, false, or list of these"
+        )
     return found[0]
 
 
@@ -218,7 +261,9 @@ def _is_plain(value: Any) -> bool:
     """Whether a value is a finite number, a text, a truth or a list of these."""
     if isinstance(value, list):
         return all(map(_is_plain, value))
-    return isinstance(value, (str, bool, int)) or (isinstance(value, float) and math.isfinite(value))
+    return isinstance(value, (str, bool, int)) or (
+        isinstance(value, float) and math.isfinite(value)
+    )
 
 
 def _number(text: str, where: str) -> float:

@@ -1,10 +1,12 @@
-"""In a kernel that runs notebook after notebook: take it back to where it was before the first of them.
+"""In a kernel that runs notebook after notebook: take it back to where it was before the first of
+them.
 
-Reset are: the variables, history and outputs of the notebook; the modules of this package and those that lie beside the
-notebook, which are loaded anew; working folder, environment variables, ``sys.path`` and other settings of ``sys``,
-builtins, warnings and loggers; figures, rcParams and the inline backend of matplotlib; what IPython shows, and its
-callbacks; options of NumPy and pandas; the global random numbers of Python, NumPy and OpenCV, which are those of a new
-process: seeded by chance, OpenCV's always alike. Not reset is what a notebook changes inside other modules.
+Reset are: the variables, history and outputs of the notebook; the modules of this package and those
+that lie beside the notebook, which are loaded anew; working folder, environment variables,
+``sys.path`` and other settings of ``sys``, builtins, warnings and loggers; figures, rcParams and
+the inline backend of matplotlib; what IPython shows, and its callbacks; options of NumPy and
+pandas; the global random numbers of Python, NumPy and OpenCV, which are those of a new process:
+seeded by chance, OpenCV's always alike. Not reset is what a notebook changes inside other modules.
 """
 
 from __future__ import annotations
@@ -37,15 +39,25 @@ def remember(shell: Any, imports: str = "") -> None:
     ----------
     shell : IPython's shell
     imports : str
-        The names of the modules that the notebook imports, with spaces between. They are loaded first: libraries set up
-        things of their own, which are not the notebook's.
+        The names of the modules that the notebook imports, with spaces between. They are loaded
+        first: libraries set up things of their own, which are not the notebook's.
     """
     forget = _modules()
     for name in ("cv2", "matplotlib.pyplot", "pandas", *imports.split()):
         with suppress(Exception):  # the notebook will see it
             importlib.import_module(name)
-    _undo[:] = [_threads(), lambda: shell.reset(new_session=True), _python(), forget, _matplotlib(), _ipython(shell),
-                _numpy(), _pandas(), _opencv(), gc.collect]
+    _undo[:] = [
+        _threads(),
+        lambda: shell.reset(new_session=True),
+        _python(),
+        forget,
+        _matplotlib(),
+        _ipython(shell),
+        _numpy(),
+        _pandas(),
+        _opencv(),
+        gc.collect,
+    ]
     forget()
 
 
@@ -67,8 +79,11 @@ def _threads() -> Callable[[], None]:
     kept = set(threading.enumerate())
 
     def check() -> None:
-        late = {thread for thread in set(threading.enumerate()) - kept
-                if type(thread).__module__.partition(".")[0] not in SERVICES}
+        late = {
+            thread
+            for thread in set(threading.enumerate()) - kept
+            if type(thread).__module__.partition(".")[0] not in SERVICES
+        }
         if late or multiprocessing.active_children():
             raise RuntimeError("threads or processes of the notebook still run")
 
@@ -76,16 +91,25 @@ def _threads() -> Callable[[], None]:
 
 
 def _python() -> Callable[[], None]:
-    folder, environ, names = Path.cwd(), dict(os.environ), dict(vars(builtins))
-    path, arguments = list(sys.path), list(sys.argv)
-    streams = {name: getattr(sys, name) for name in ("stdin", "stdout", "stderr", "displayhook", "excepthook")}
-    limit, filters, loggers = sys.getrecursionlimit(), list(warnings.filters), _loggers()
+    folder = Path.cwd()
+    environ = dict(os.environ)
+    names = dict(vars(builtins))
+    path = list(sys.path)
+    arguments = list(sys.argv)
+    streams = {
+        name: getattr(sys, name)
+        for name in ("stdin", "stdout", "stderr", "displayhook", "excepthook")
+    }
+    limit = sys.getrecursionlimit()
+    filters = list(warnings.filters)
+    loggers = _loggers()
 
     def undo() -> None:
         os.chdir(folder)
         _put_back(os.environ, environ)
         _put_back(vars(builtins), names)
-        sys.path, sys.argv = list(path), list(arguments)
+        sys.path = list(path)
+        sys.argv = list(arguments)
         for name, value in streams.items():
             setattr(sys, name, value)
         sys.setrecursionlimit(limit)
@@ -102,14 +126,19 @@ def _python() -> Callable[[], None]:
 def _loggers() -> dict[str, tuple[Any, ...]]:
     """Level, handlers and switches of every logger."""
     found = {"": logging.getLogger(), **logging.Logger.manager.loggerDict}
-    return {name: (logger.level, list(logger.handlers), logger.propagate, logger.disabled)
-            for name, logger in found.items() if isinstance(logger, logging.Logger)}
+    return {
+        name: (logger.level, list(logger.handlers), logger.propagate, logger.disabled)
+        for name, logger in found.items()
+        if isinstance(logger, logging.Logger)
+    }
 
 
 def _restore_loggers(kept: dict[str, tuple[Any, ...]]) -> None:
     for name in _loggers():
         logger = logging.getLogger(name)
-        level, logger.handlers[:], logger.propagate, logger.disabled = kept.get(name, (logging.NOTSET, [], True, False))
+        level, logger.handlers[:], logger.propagate, logger.disabled = kept.get(
+            name, (logging.NOTSET, [], True, False)
+        )
         logger.setLevel(level)
 
 
@@ -125,11 +154,14 @@ def _modules() -> Callable[[], None]:
 
 
 def _is_installed(name: str) -> bool:
-    """Whether a module comes with Python or from its packages, and neither from here nor from a notebook's folder."""
+    """Whether a module comes with Python or from its packages, and neither from here nor from a
+    notebook's folder.
+    """
     place = getattr(sys.modules[name], "__file__", None)
     if name.partition(".")[0] == OWN:
         return False
-    return place is None or place.startswith(os.path.dirname(os.__file__)) or "-packages" in place  # site-, dist-
+    # site-, dist-
+    return place is None or place.startswith(os.path.dirname(os.__file__)) or "-packages" in place
 
 
 def _matplotlib() -> Callable[[], None]:
@@ -137,10 +169,15 @@ def _matplotlib() -> Callable[[], None]:
     import matplotlib.pyplot as plt
     from matplotlib_inline.config import InlineBackend
 
-    plt.close(plt.figure())  # loads the backend, which then has said to IPython how figures are shown
-    parameters, inline = dict(matplotlib.rcParams), InlineBackend.instance()
-    settings = {name: value for name, value in inline.trait_values().items()
-                if name in ("figure_formats", "print_figure_kwargs", "close_figures")}
+    # loads the backend, which then has said to IPython how figures are shown
+    plt.close(plt.figure())
+    parameters = dict(matplotlib.rcParams)
+    inline = InlineBackend.instance()
+    settings = {
+        name: value
+        for name, value in inline.trait_values().items()
+        if name in ("figure_formats", "print_figure_kwargs", "close_figures")
+    }
 
     def undo() -> None:
         plt.close("all")
@@ -153,9 +190,14 @@ def _matplotlib() -> Callable[[], None]:
 
 def _ipython(shell: Any) -> Callable[[], None]:
     callbacks = {name: list(functions) for name, functions in shell.events.callbacks.items()}
-    tables = [getattr(formatter, name) for formatter in shell.display_formatter.formatters.values()
-              for name in ("singleton_printers", "type_printers", "deferred_printers") if hasattr(formatter, name)]
-    printers, node = [(table, dict(table)) for table in tables], shell.ast_node_interactivity
+    tables = [
+        getattr(formatter, name)
+        for formatter in shell.display_formatter.formatters.values()
+        for name in ("singleton_printers", "type_printers", "deferred_printers")
+        if hasattr(formatter, name)
+    ]
+    printers = [(table, dict(table)) for table in tables]
+    node = shell.ast_node_interactivity
 
     def undo() -> None:
         for name, functions in callbacks.items():
@@ -170,7 +212,9 @@ def _ipython(shell: Any) -> Callable[[], None]:
 def _numpy() -> Callable[[], None]:
     import numpy as np
 
-    shown: dict[str, Any] = {name: value for name, value in np.get_printoptions().items() if name != "override_repr"}
+    shown: dict[str, Any] = {
+        name: value for name, value in np.get_printoptions().items() if name != "override_repr"
+    }
     errors = np.geterr()
 
     def undo() -> None:
@@ -185,14 +229,23 @@ def _pandas() -> Callable[[], None]:
     import pandas as pd
 
     def options(level: dict[str, Any], above: str = "") -> dict[str, Any]:
-        return {name: value for key, entry in level.items() for name, value in
-                (options(entry, f"{above}{key}.") if isinstance(entry, dict) else {f"{above}{key}": entry}).items()}
+        return {
+            name: value
+            for key, entry in level.items()
+            for name, value in (
+                options(entry, f"{above}{key}.")
+                if isinstance(entry, dict)
+                else {f"{above}{key}": entry}
+            ).items()
+        }
 
     kept = options(pd.options.d)
 
     def undo() -> None:
         now = options(pd.options.d)
-        for name in [name for name, value in kept.items() if now[name] is not value and now[name] != value]:
+        for name in [
+            name for name, value in kept.items() if now[name] is not value and now[name] != value
+        ]:
             pd.set_option(name, kept[name])
 
     return undo

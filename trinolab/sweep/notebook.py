@@ -1,7 +1,9 @@
-"""Notebooks as functions: read a chapter's parameters, run it with others, and take the numbers that it stands for.
+"""Notebooks as functions: read a chapter's parameters, run it with others, and take the numbers
+that it stands for.
 
-A notebook says what may be swept in the one code cell tagged ``parameters``; what it glues with ``myst_nb.glue`` is its
-result. The same call that puts a number into the text so puts it into a table.
+A notebook says what may be swept in the one code cell tagged ``parameters``; what it glues with
+``myst_nb.glue`` is its result. The same call that puts a number into the text so puts it into a
+table.
 """
 
 from __future__ import annotations
@@ -18,18 +20,28 @@ from typing import Any
 
 import numpy as np
 
-# nbclient and nbformat belong to the extra "book": they are imported where they are used, so that the package imports
-# without them.
+# nbclient and nbformat belong to the extra "book": they are imported where they are used, so that
+# the package imports without them.
 
-ONE_THREAD = {name: "1" for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS",
-                                     "VECLIB_MAXIMUM_THREADS", "OPENCV_FOR_THREADS_NUM")}
+ONE_THREAD = {
+    name: "1"
+    for name in (
+        "OMP_NUM_THREADS",
+        "OPENBLAS_NUM_THREADS",
+        "MKL_NUM_THREADS",
+        "VECLIB_MAXIMUM_THREADS",
+        "OPENCV_FOR_THREADS_NUM",
+    )
+}
 
 """Environment of a process that is one of several: without it each starts a thread a core."""
 
 
 UNATTENDED = "TRINOLAB_UNATTENDED"
 
-"""Set in a kernel that nobody watches: what would need a hand, such as a slider, shows a figure instead."""
+"""Set in a kernel that nobody watches: what would need a hand, such as a slider, shows a figure
+instead.
+"""
 
 
 @dataclass(frozen=True)
@@ -41,7 +53,8 @@ class NotebookRun:
     notebook : nbformat.NotebookNode
         The executed copy, with outputs.
     results : dict
-        What was glued, by name: Python numbers, strings, lists ...; the plain text of what is none of these.
+        What was glued, by name: Python numbers, strings, lists ...; the plain text of what is none
+        of these.
     seconds : float
         Wall time, the start of the kernel included.
     """
@@ -67,27 +80,30 @@ def read_parameters(path: str | os.PathLike[str]) -> dict[str, Any]:
     Raises
     ------
     ValueError
-        The file is missing or no notebook; it has no code cell tagged ``parameters``, or more than one; the cell holds
-        anything but assignments ``name = literal`` or ``name: type = literal``.
+        The file is missing or no notebook; it has no code cell tagged ``parameters``, or more than
+        one; the cell holds anything but assignments ``name = literal`` or ``name: type = literal``.
     """
     notebook = read_notebook(path)
     return _assignments(notebook.cells[_parameters_index(notebook, path)].source, path)
 
 
-def run_notebook(path: str | os.PathLike[str], parameters: Mapping[str, Any] | None = None,
-                 timeout_s: float = 300.0) -> NotebookRun:
+def run_notebook(
+    path: str | os.PathLike[str],
+    parameters: Mapping[str, Any] | None = None,
+    timeout_s: float = 300.0,
+) -> NotebookRun:
     """Execute a copy of a notebook in a fresh kernel, in the notebook's folder.
 
-    New values go into a cell tagged ``injected-parameters`` right after the tagged one (papermill's convention);
-    the file itself is not changed.
+    New values go into a cell tagged ``injected-parameters`` right after the tagged one (papermill's
+    convention); the file itself is not changed.
 
     Parameters
     ----------
     path : path-like
         The notebook, a file of nbformat 4.
     parameters : mapping, optional
-        Name -> value for those parameters that differ from their defaults. Without it the notebook runs as it stands,
-        and needs no tagged cell.
+        Name -> value for those parameters that differ from their defaults. Without it the notebook
+        runs as it stands, and needs no tagged cell.
     timeout_s : float
         The longest time that one cell may take, s.
 
@@ -99,8 +115,9 @@ def run_notebook(path: str | os.PathLike[str], parameters: Mapping[str, Any] | N
     Raises
     ------
     ValueError
-        As in `read_parameters`; an unknown parameter; a value of another type than its default (an int for a float is
-        fine, and anything for ``None``); a value that is no Python literal. All before anything runs.
+        As in `read_parameters`; an unknown parameter; a value of another type than its default (an
+        int for a float is fine, and anything for ``None``); a value that is no Python literal. All
+        before anything runs.
     nbclient.exceptions.CellExecutionError
         A cell raised; the message holds its traceback.
     nbclient.exceptions.CellTimeoutError
@@ -114,7 +131,9 @@ def run_notebook(path: str | os.PathLike[str], parameters: Mapping[str, Any] | N
     if parameters is not None:
         inject(notebook, parameters, path)
     folder = str(Path(path).resolve().parent)
-    client = NotebookClient(notebook, timeout=timeout_s, record_timing=False, resources={"metadata": {"path": folder}})
+    client = NotebookClient(
+        notebook, timeout=timeout_s, record_timing=False, resources={"metadata": {"path": folder}}
+    )
     start = time.perf_counter()
     client.execute(env={**os.environ, **ONE_THREAD, UNATTENDED: "1"})
     return NotebookRun(notebook, glued(notebook), time.perf_counter() - start)
@@ -150,11 +169,15 @@ def read_notebook(path: str | os.PathLike[str]) -> Any:
     try:
         return nbformat.read(Path(path), as_version=4)
     except Exception as error:  # a broken file makes nbformat fail in many ways
-        raise ValueError(f"{path}: expected a notebook, got {type(error).__name__}: {error}") from None
+        raise ValueError(
+            f"{path}: expected a notebook, got {type(error).__name__}: {error}"
+        ) from None
 
 
 def imported(notebook: Any) -> str:
-    """The modules that a notebook imports outside of any block, spaces between; some may be but a name in one."""
+    """The modules that a notebook imports outside of any block, spaces between; some may be but a
+    name in one.
+    """
     found: list[str] = []
     for cell in notebook.cells:
         with suppress(SyntaxError):  # IPython's own syntax
@@ -173,8 +196,11 @@ def _modules(statement: ast.stmt) -> list[str]:
 
 
 def _parameters_index(notebook: Any, path: str | os.PathLike[str]) -> int:
-    tagged = [i for i, cell in enumerate(notebook.cells)
-              if cell.cell_type == "code" and "parameters" in cell.metadata.get("tags", [])]
+    tagged = [
+        i
+        for i, cell in enumerate(notebook.cells)
+        if cell.cell_type == "code" and "parameters" in cell.metadata.get("tags", [])
+    ]
     if len(tagged) != 1:
         raise ValueError(f"{path}: expected one code cell tagged 'parameters', got {len(tagged)}")
     return tagged[0]
@@ -185,19 +211,24 @@ def _assignments(source: str, path: str | os.PathLike[str]) -> dict[str, Any]:
         statements = ast.parse(source).body
         return dict(_assignment(statement) for statement in statements)
     except (SyntaxError, ValueError) as error:
-        raise ValueError(f"{path}: the cell tagged 'parameters' may only hold name = literal; {error}") from None
+        raise ValueError(
+            f"{path}: the cell tagged 'parameters' may only hold name = literal; {error}"
+        ) from None
 
 
 def _assignment(statement: ast.stmt) -> tuple[str, Any]:
     match statement:
-        case ast.Assign(targets=[ast.Name(id=name)], value=value) \
-                | ast.AnnAssign(target=ast.Name(id=name), value=ast.expr() as value):
+        case (
+            ast.Assign(targets=[ast.Name(id=name)], value=value)
+            | ast.AnnAssign(target=ast.Name(id=name), value=ast.expr() as value)
+        ):
             return name, ast.literal_eval(value)
     raise ValueError(f"line {statement.lineno}: {ast.unparse(statement)}")
 
 
 def inject(notebook: Any, parameters: Mapping[str, Any], path: str | os.PathLike[str]) -> None:
-    """Put parameters into a notebook, in a cell of their own after the tagged one; ValueError as for `run_notebook`.
+    """Put parameters into a notebook, in a cell of their own after the tagged one; ValueError as
+    for `run_notebook`.
 
     A cell that was put there before is replaced.
     """
@@ -205,7 +236,11 @@ def inject(notebook: Any, parameters: Mapping[str, Any], path: str | os.PathLike
 
     index = _parameters_index(notebook, path)
     lines = assignments(_assignments(notebook.cells[index].source, path), parameters, path)
-    notebook.cells = [cell for cell in notebook.cells if "injected-parameters" not in cell.metadata.get("tags", [])]
+    notebook.cells = [
+        cell
+        for cell in notebook.cells
+        if "injected-parameters" not in cell.metadata.get("tags", [])
+    ]
     if not lines:
         return
     cell = nbformat.v4.new_code_cell("\n".join(lines), metadata={"tags": ["injected-parameters"]})
@@ -214,14 +249,21 @@ def inject(notebook: Any, parameters: Mapping[str, Any], path: str | os.PathLike
     notebook.cells.insert(_parameters_index(notebook, path) + 1, cell)
 
 
-def assignments(defaults: Mapping[str, Any], parameters: Mapping[str, Any], path: str | os.PathLike[str]) -> list[str]:
-    """Parameters as lines of code; ValueError, with those that there are, for one that does not fit the defaults."""
+def assignments(
+    defaults: Mapping[str, Any], parameters: Mapping[str, Any], path: str | os.PathLike[str]
+) -> list[str]:
+    """Parameters as lines of code; ValueError, with those that there are, for one that does not fit
+    the defaults.
+    """
     has = f"it has {', '.join(defaults) or 'none'}"
     unknown = sorted(set(parameters) - set(defaults))
     if unknown:
         raise ValueError(f"{path}: unknown parameter {', '.join(unknown)}; {has}")
     try:
-        return [f"{name} = {_literal(value, defaults[name], name)}" for name, value in parameters.items()]
+        return [
+            f"{name} = {_literal(value, defaults[name], name)}"
+            for name, value in parameters.items()
+        ]
     except ValueError as error:
         raise ValueError(f"{path}: {error}; {has}") from None
 
@@ -229,9 +271,15 @@ def assignments(defaults: Mapping[str, Any], parameters: Mapping[str, Any], path
 def _literal(value: Any, default: Any, name: str) -> str:
     """Return the value's source text; refuse another type than the default's."""
     value = value.item() if isinstance(value, np.generic) else value
-    fits = default is None or type(value) is type(default) or (type(default) is float and type(value) is int)
+    fits = (
+        default is None
+        or type(value) is type(default)
+        or (type(default) is float and type(value) is int)
+    )
     if not fits:
-        raise ValueError(f"{name}: expected {type(default).__name__} as in {default!r}, got {value!r}")
+        raise ValueError(
+            f"{name}: expected {type(default).__name__} as in {default!r}, got {value!r}"
+        )
     try:
         ast.literal_eval(repr(value))
     except (SyntaxError, ValueError):
@@ -240,7 +288,9 @@ def _literal(value: Any, default: Any, name: str) -> str:
 
 
 def _value(text: str) -> Any:
-    """Turn the displayed text of a glued object back into the object, if it is a number or another literal."""
+    """Turn the displayed text of a glued object back into the object, if it is a number or another
+    literal.
+    """
     # NumPy 2 shows its scalars as np.float64(0.5) and np.True_
     bare = re.sub(r"^np\.(?:\w+\((.*)\)|(True|False)_)$", r"\1\2", text)
     for parse in (ast.literal_eval, float):

@@ -12,7 +12,9 @@ import numpy as np
 if TYPE_CHECKING:
     import pandas as pd
 
-OK, FAILED, NO_NUMBER = "ok", "failed", "no number"
+OK = "ok"
+FAILED = "failed"
+NO_NUMBER = "no number"
 LAST_COLUMNS = ("seconds", "status", "error")
 
 
@@ -41,7 +43,9 @@ class Outcome(NamedTuple):
 
 
 def call(function: Callable[..., Any], values: Mapping[str, Any]) -> Outcome:
-    """Run a function once. What it returns are its results: a mapping, a dataclass, a named tuple, or a number."""
+    """Run a function once. What it returns are its results: a mapping, a dataclass, a named tuple,
+    or a number.
+    """
     start = time.perf_counter()
     try:
         returned = function(**values)
@@ -50,7 +54,9 @@ def call(function: Callable[..., Any], values: Mapping[str, Any]) -> Outcome:
     return finished(_named(returned), time.perf_counter() - start)
 
 
-def each(run: Callable[[Mapping[str, Any]], Outcome], settings: Sequence[Mapping[str, Any]]) -> list[Outcome]:
+def each(
+    run: Callable[[Mapping[str, Any]], Outcome], settings: Sequence[Mapping[str, Any]]
+) -> list[Outcome]:
     """The outcomes of several runs, one after the other."""
     return [run(setting) for setting in settings]
 
@@ -58,8 +64,11 @@ def each(run: Callable[[Mapping[str, Any]], Outcome], settings: Sequence[Mapping
 def finished(results: Mapping[str, Any], seconds: float, notebook: str = "") -> Outcome:
     """The outcome of a run that has come to its end."""
     numbers = {str(name): as_plain_number(value) for name, value in results.items()}
-    wrong = [f"{name} is no number: {_one_line(repr(value))}" for name, value in results.items()
-             if numbers[str(name)] is None]
+    wrong = [
+        f"{name} is no number: {_one_line(repr(value))}"
+        for name, value in results.items()
+        if numbers[str(name)] is None
+    ]
     kept = {name: value for name, value in numbers.items() if value is not None}
     return Outcome(kept, seconds, NO_NUMBER if wrong else OK, "; ".join(wrong), notebook)
 
@@ -70,11 +79,14 @@ def failed(error: BaseException | str, seconds: float, notebook: str = "") -> Ou
     return Outcome({}, seconds, FAILED, _one_line(text), notebook)
 
 
-def table(names: Sequence[str], settings: Sequence[Mapping[str, Any]], outcomes: Mapping[int, Outcome]) -> pd.DataFrame:
+def table(
+    names: Sequence[str], settings: Sequence[Mapping[str, Any]], outcomes: Mapping[int, Outcome]
+) -> pd.DataFrame:
     """The tidy table of a sweep, a row for each outcome, in the order of the runs.
 
-    Columns: the parameters `names`; the results in the order in which they first come, NaN where a run has none (a
-    result named like another column is renamed ``..._result``); `LAST_COLUMNS`. ``attrs`` holds the parameters' names.
+    Columns: the parameters `names`; the results in the order in which they first come, NaN where a
+    run has none (a result named like another column is renamed ``..._result``); `LAST_COLUMNS`.
+    ``attrs`` holds the parameters' names.
     """
     import pandas as pd
 
@@ -109,4 +121,4 @@ def _named(returned: Any) -> dict[str, Any]:
 
 def _one_line(text: str, longest: int = 300) -> str:
     line = " ".join(text.split())
-    return line if len(line) <= longest else f"{line[:longest - 3]}..."
+    return line if len(line) <= longest else f"{line[: longest - 3]}..."

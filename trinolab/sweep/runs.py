@@ -1,6 +1,8 @@
-"""Parameter sweeps: a notebook or a function at many settings of its parameters, and a tidy table of what it gave.
+"""Parameter sweeps: a notebook or a function at many settings of its parameters, and a tidy table
+of what it gave.
 
-The runs are computed one after the other or several at a time, and kept as they come; then table and figure are made.
+The runs are computed one after the other or several at a time, and kept as they come; then table
+and figure are made.
 """
 
 from __future__ import annotations
@@ -23,7 +25,14 @@ import pandas as pd
 from tqdm import tqdm
 
 from ..checks import as_whole
-from ..files.provenance import commit, hash_text, machine, made_from_function, made_from_notebook, versions
+from ..files.provenance import (
+    commit,
+    hash_text,
+    machine,
+    made_from_function,
+    made_from_notebook,
+    versions,
+)
 from .engines import BATCH_S, Engine, as_finished, check_portable, kernels, processes
 from .folder import Identity, SweepFolder
 from .grid import Axis, Between, axes_of, runs
@@ -66,23 +75,53 @@ class Sweep(NamedTuple):
     kernels: str = ""
 
 
-def of_function(function: Callable[..., Any], axes: Sequence[Axis | Between], sample: int | None = None,
-                sample_seed: int = 0, yes: bool = False, kept: bool = False) -> Sweep:
+def of_function(
+    function: Callable[..., Any],
+    axes: Sequence[Axis | Between],
+    sample: int | None = None,
+    sample_seed: int = 0,
+    yes: bool = False,
+    kept: bool = False,
+) -> Sweep:
     """The sweep of a function; ValueError if it does not take these arguments."""
     names = _names(axes)
     name = getattr(function, "__qualname__", type(function).__name__)
     _check_arguments(function, names, name)
     made_from = made_from_function(function) if kept else {}
     settings = runs(axes, sample, sample_seed, yes=yes)
-    return Sweep(name, partial(call, function), names, settings, made_from, _described(axes, sample, sample_seed))
+    return Sweep(
+        name,
+        partial(call, function),
+        names,
+        settings,
+        made_from,
+        _described(axes, sample, sample_seed),
+    )
 
 
-def of_notebook(what: str | Path, axes: Sequence[Axis | Between], sample: int | None = None, sample_seed: int = 0,
-                yes: bool = False, timeout_s: float = TIMEOUT_S, fresh: bool = False, keep: bool = False) -> Sweep:
-    """The sweep of a notebook; ValueError for a parameter that it lacks or of another type, a result that is a text."""
-    path, names = find_notebook(what), _names(axes)
+def of_notebook(
+    what: str | Path,
+    axes: Sequence[Axis | Between],
+    sample: int | None = None,
+    sample_seed: int = 0,
+    yes: bool = False,
+    timeout_s: float = TIMEOUT_S,
+    fresh: bool = False,
+    keep: bool = False,
+) -> Sweep:
+    """The sweep of a notebook; ValueError for a parameter that it lacks or of another type, a
+    result that is a text.
+    """
+    path = find_notebook(what)
+    names = _names(axes)
     defaults = read_parameters(path)
-    settings = runs(axes, sample, sample_seed, [name for name, value in defaults.items() if type(value) is int], yes)
+    settings = runs(
+        axes,
+        sample,
+        sample_seed,
+        [name for name, value in defaults.items() if type(value) is int],
+        yes,
+    )
     for name in names:
         for value in {repr(setting[name]): setting[name] for setting in settings}.values():
             assignments(defaults, {name: value}, path)
@@ -95,22 +134,37 @@ def of_notebook(what: str | Path, axes: Sequence[Axis | Between], sample: int | 
 
 
 def find_notebook(what: str | Path) -> Path:
-    """The file of a notebook: the path as it is, or a chapter's name. ValueError if there is none."""
-    places = [Path(what), Path(f"{what}.ipynb"), Path("notebooks", f"{what}.ipynb"), NOTEBOOKS / f"{what}.ipynb"]
+    """The file of a notebook: the path as it is, or a chapter's name. ValueError if there is
+    none.
+    """
+    places = [
+        Path(what),
+        Path(f"{what}.ipynb"),
+        Path("notebooks", f"{what}.ipynb"),
+        NOTEBOOKS / f"{what}.ipynb",
+    ]
     for path in places:
         if path.is_file():
             return path
     raise ValueError(f"{what}: no such notebook")
 
 
-def compute(job: Sweep, engine: AbstractContextManager[Engine], out: str | Path | None = None,
-            about: Mapping[str, Any] | None = None, progress: bool | None = None) -> pd.DataFrame:
-    """Do what is not done yet, and return the table of all runs; see `sweep`. `about` goes into the manifest."""
+def compute(
+    job: Sweep,
+    engine: AbstractContextManager[Engine],
+    out: str | Path | None = None,
+    about: Mapping[str, Any] | None = None,
+    progress: bool | None = None,
+) -> pd.DataFrame:
+    """Do what is not done yet, and return the table of all runs; see `sweep`. `about` goes into the
+    manifest.
+    """
     with engine as where:
         if out is None:
             return table(job.names, job.settings, dict(_outcomes(job, where, {}, progress)))
         with SweepFolder(out, _identity(job), job.made_from, _about(job, about or {})) as folder:
-            Thread(target=import_module, args=(f"{__package__}.figures",), daemon=True).start()  # meanwhile
+            # meanwhile
+            Thread(target=import_module, args=(f"{__package__}.figures",), daemon=True).start()
             try:
                 for number, outcome in _outcomes(job, where, dict(folder.done), progress):
                     folder.add(number, outcome)
@@ -123,10 +177,17 @@ def compute(job: Sweep, engine: AbstractContextManager[Engine], out: str | Path 
     return found
 
 
-def shown(found: Iterator[tuple[int, Outcome]], total: int, progress: bool | None, lost: int = 0, initial: int = 0
-          ) -> Iterator[tuple[int, Outcome]]:
+def shown(
+    found: Iterator[tuple[int, Outcome]],
+    total: int,
+    progress: bool | None,
+    lost: int = 0,
+    initial: int = 0,
+) -> Iterator[tuple[int, Outcome]]:
     """The same outcomes, and a progress bar: runs done, failed, remaining time."""
-    with tqdm(total=total, initial=initial, unit="run", disable=None if progress is None else not progress) as bar:
+    with tqdm(
+        total=total, initial=initial, unit="run", disable=None if progress is None else not progress
+    ) as bar:
         for number, outcome in found:
             lost += outcome.status == FAILED
             bar.set_postfix_str(f"{lost} failed", refresh=False)
@@ -134,9 +195,12 @@ def shown(found: Iterator[tuple[int, Outcome]], total: int, progress: bool | Non
             yield number, outcome
 
 
-def _outcomes(job: Sweep, engine: Engine, done: Mapping[int, Outcome], progress: bool | None
-              ) -> Iterator[tuple[int, Outcome]]:
-    """The number and the outcome of each run that is not done, in the order in which they are finished."""
+def _outcomes(
+    job: Sweep, engine: Engine, done: Mapping[int, Outcome], progress: bool | None
+) -> Iterator[tuple[int, Outcome]]:
+    """The number and the outcome of each run that is not done, in the order in which they are
+    finished.
+    """
     todo = (number for number in range(len(job.settings)) if number not in done)
     lost = sum(outcome.status == FAILED for outcome in done.values())
     return shown(_computed(job, engine, todo), len(job.settings), progress, lost, len(done))
@@ -177,8 +241,14 @@ def _figure(found: pd.DataFrame) -> bytes:
 
 def _about(job: Sweep, more: Mapping[str, Any]) -> dict[str, Any]:
     """What the manifest says beside what the sweep is."""
-    return {"values": job.grid, **more, "versions": versions(), "commit": commit(), "machine": machine(),
-            "begun": datetime.now(UTC).isoformat(timespec="seconds")}
+    return {
+        "values": job.grid,
+        **more,
+        "versions": versions(),
+        "commit": commit(),
+        "machine": machine(),
+        "begun": datetime.now(UTC).isoformat(timespec="seconds"),
+    }
 
 
 def _kept(folder: SweepFolder, total: int) -> str:
@@ -190,14 +260,18 @@ def _identity(job: Sweep) -> Identity:
     return Identity(job.name, list(job.names), hash_text(settings), len(job.settings))
 
 
-def _described(axes: Sequence[Axis | Between], sample: int | None, sample_seed: int) -> dict[str, Any]:
+def _described(
+    axes: Sequence[Axis | Between], sample: int | None, sample_seed: int
+) -> dict[str, Any]:
     """A grid for people to read."""
     values: dict[str, Any] = {}
     for axis in axes:
         if isinstance(axis, Between):
             values[axis.names[0]] = axis.interval._asdict()
         else:
-            values |= {name: [setting[k] for setting in axis.settings] for k, name in enumerate(axis.names)}
+            values |= {
+                name: [setting[k] for setting in axis.settings] for k, name in enumerate(axis.names)
+            }
     return values if sample is None else {**values, "sample": sample, "sample_seed": sample_seed}
 
 
@@ -210,12 +284,17 @@ def _names(axes: Sequence[Axis | Between]) -> list[str]:
 
 
 def _check_results(notebook: Any, path: Path) -> None:
-    """Refuse a notebook that glues a literal which is no number; what a computation gives is known when it has run."""
+    """Refuse a notebook that glues a literal which is no number; what a computation gives is known
+    when it has run.
+    """
     for cell in notebook.cells:
         with suppress(SyntaxError):  # IPython's own syntax
             for node in ast.walk(ast.parse(cell.source if cell.cell_type == "code" else "")):
                 match node:
-                    case ast.Call(func=ast.Name(id="glue") | ast.Attribute(attr="glue"), args=[name, value, *_]):
+                    case ast.Call(
+                        func=ast.Name(id="glue") | ast.Attribute(attr="glue"),
+                        args=[name, value, *_],
+                    ):
                         _check_literal(value, f"{path}: {ast.unparse(name)}")
 
 
@@ -237,27 +316,42 @@ def _check_arguments(function: Callable[..., Any], names: Sequence[str], name: s
     try:
         signature.bind(**dict.fromkeys(names))
     except TypeError as error:
-        raise ValueError(f"{name}: {error}; it takes {', '.join(signature.parameters) or 'nothing'}") from None
+        raise ValueError(
+            f"{name}: {error}; it takes {', '.join(signature.parameters) or 'nothing'}"
+        ) from None
 
 
-def sweep(what: str | Path | Callable[..., Any], grid: Mapping[str, Any] | None = None, *,
-          out: str | Path | None = None, sample: int | None = None, sample_seed: int = 0, workers: int = 1,
-          executor: Executor | None = None, fresh_kernels: bool = False, progress: bool | None = None,
-          yes: bool = False, **values: Any) -> pd.DataFrame:
+def sweep(
+    what: str | Path | Callable[..., Any],
+    grid: Mapping[str, Any] | None = None,
+    *,
+    out: str | Path | None = None,
+    sample: int | None = None,
+    sample_seed: int = 0,
+    workers: int = 1,
+    executor: Executor | None = None,
+    fresh_kernels: bool = False,
+    progress: bool | None = None,
+    yes: bool = False,
+    **values: Any,
+) -> pd.DataFrame:
     """Run a notebook or a function at every setting of a grid, and return a row for each run.
 
     Parameters
     ----------
     what : str, path or callable
-        A notebook: a file, or the name of a chapter like ``"06_matching"``; its results are what it glues. Or a
-        function, which gives a number, or several with names: a mapping, a dataclass, a named tuple.
+        A notebook: a file, or the name of a chapter like ``"06_matching"``; its results are what it
+        glues. Or a function, which gives a number, or several with names: a mapping, a dataclass, a
+        named tuple.
     grid : mapping, optional
         Name -> values, for parameters whose names are those of options here.
     out : path, optional
-        A folder in which every run is kept as soon as it is finished, with a table and a figure at the end. The same
-        call goes on where it was stopped; what is finished is not run again, unless code or data have changed.
+        A folder in which every run is kept as soon as it is finished, with a table and a figure at
+        the end. The same call goes on where it was stopped; what is finished is not run again,
+        unless code or data have changed.
     sample : int, optional
-        So many runs instead of all: a Latin hypercube of the values. Then a parameter may be a `grid.Interval`.
+        So many runs instead of all: a Latin hypercube of the values. Then a parameter may be a
+        `grid.Interval`.
     sample_seed : int
         Of that draw.
     workers : int
@@ -272,22 +366,25 @@ def sweep(what: str | Path | Callable[..., Any], grid: Mapping[str, Any] | None 
     yes : bool
         A grid of more than `grid.MANY` runs is meant.
     **values
-        Name -> an iterable of values, or one value. Every parameter with every other; the last one changes fastest.
+        Name -> an iterable of values, or one value. Every parameter with every other; the last one
+        changes fastest.
 
     Returns
     -------
     pandas.DataFrame
-        Parameters, results, seconds, status, error; see `outcome.table`. A run that raises is a row, too.
+        Parameters, results, seconds, status, error; see `outcome.table`. A run that raises is a
+        row, too.
 
     Raises
     ------
     ValueError
-        Before anything runs: an empty grid, too many runs, a parameter that is not there or of another type, a folder
-        of another sweep.
+        Before anything runs: an empty grid, too many runs, a parameter that is not there or of
+        another type, a folder of another sweep.
     KeyboardInterrupt
         Says how many runs are kept.
     """
-    axes, workers = axes_of({**(grid or {}), **values}), as_whole(workers, "workers", low=1)
+    axes = axes_of({**(grid or {}), **values})
+    workers = as_whole(workers, "workers", low=1)
     if callable(what):
         if workers > 1 and executor is None:
             check_portable(what)

@@ -1,4 +1,6 @@
-"""Notebooks run one after the other in kernels that stay: each starts as in a new kernel, see `kernelstate`."""
+"""Notebooks run one after the other in kernels that stay: each starts as in a new kernel, see
+`kernelstate`.
+"""
 
 from __future__ import annotations
 
@@ -39,7 +41,9 @@ _lock = threading.Lock()
 
 
 class Key(NamedTuple):
-    """What a kernel is for: its sweep, its name, the folder where it starts, the modules that its notebook imports."""
+    """What a kernel is for: its sweep, its name, the folder where it starts, the modules that its
+    notebook imports.
+    """
 
     sweep: str
     name: str
@@ -50,8 +54,9 @@ class Key(NamedTuple):
 class NotebookJob(NamedTuple):
     """A notebook to be run: its name, its content as JSON, the folder where it runs, and how.
 
-    `sweep` is a name that no other sweep has: kernels are not shared, and are closed together. `timeout_s` is the
-    longest time of one cell; `fresh` starts a kernel for each run; `keep` returns what was executed.
+    `sweep` is a name that no other sweep has: kernels are not shared, and are closed together.
+    `timeout_s` is the longest time of one cell; `fresh` starts a kernel for each run; `keep`
+    returns what was executed.
     """
 
     sweep: str
@@ -63,10 +68,14 @@ class NotebookJob(NamedTuple):
     keep: bool = False
 
 
-def notebook_job(path: str | Path, timeout_s: float, fresh: bool = False, keep: bool = False) -> NotebookJob:
+def notebook_job(
+    path: str | Path, timeout_s: float, fresh: bool = False, keep: bool = False
+) -> NotebookJob:
     """The job of a notebook file. ValueError if it is none."""
     text = json.dumps(read_notebook(path))
-    return NotebookJob(uuid4().hex, Path(path).name, text, str(Path(path).resolve().parent), timeout_s, fresh, keep)
+    return NotebookJob(
+        uuid4().hex, Path(path).name, text, str(Path(path).resolve().parent), timeout_s, fresh, keep
+    )
 
 
 def check_kernel(path: str | Path) -> None:
@@ -84,7 +93,9 @@ def run_job(job: NotebookJob, parameters: Mapping[str, Any]) -> Outcome:
     """Run a notebook with these parameters, in a kernel that is free, or in a new one."""
     import nbformat
 
-    notebook, kernel, start = nbformat.from_dict(json.loads(job.text)), None, time.perf_counter()
+    notebook = nbformat.from_dict(json.loads(job.text))
+    kernel = None
+    start = time.perf_counter()
     inject(notebook, parameters, job.name)
     try:
         kernel = _take(job, notebook)
@@ -99,7 +110,9 @@ def run_job(job: NotebookJob, parameters: Mapping[str, Any]) -> Outcome:
 
 
 def close_kernels(sweep: str | None = None) -> None:
-    """End the kernels of a sweep in this process, or all; what still runs in one of them fails, and no other starts."""
+    """End the kernels of a sweep in this process, or all; what still runs in one of them fails, and
+    no other starts.
+    """
     with _lock:
         mine = {kernel for kernel in _all if sweep in (None, kernel.key.sweep)}
         _ended.update({kernel.key.sweep for kernel in mine} | ({sweep} if sweep else set()))
@@ -117,7 +130,10 @@ class Kernel:
     """
 
     def __init__(self, key: Key, warm: bool) -> None:
-        self.key, self.sound, self._used, self._loop = key, True, False, asyncio.SelectorEventLoop()
+        self.key = key
+        self.sound = True
+        self._used = False
+        self._loop = asyncio.SelectorEventLoop()
         self._manager: Any = None
         self._client: Any = None
         with _lock:
@@ -168,8 +184,13 @@ class Kernel:
 
         self._manager = AsyncKernelManager(kernel_name=self.key.name, log=_quiet)
         extra = ["--HistoryManager.enabled=False"] if self._manager.ipykernel else []
-        await self._manager.start_kernel(cwd=self.key.folder, env={**os.environ, **ONE_THREAD, UNATTENDED: "1"},
-                                         extra_arguments=extra, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        await self._manager.start_kernel(
+            cwd=self.key.folder,
+            env={**os.environ, **ONE_THREAD, UNATTENDED: "1"},
+            extra_arguments=extra,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+        )
         if self.key.sweep in _ended:  # meanwhile
             raise RuntimeError("the sweep has ended")
         self._client = self._manager.client()
@@ -182,8 +203,16 @@ class Kernel:
         return self._loop.run_until_complete(self._asked(code))
 
     async def _asked(self, code: str) -> bool:
-        reply = asyncio.ensure_future(self._client.execute_interactive(
-            code, silent=True, store_history=False, allow_stdin=False, timeout=START_S, output_hook=lambda _: None))
+        reply = asyncio.ensure_future(
+            self._client.execute_interactive(
+                code,
+                silent=True,
+                store_history=False,
+                allow_stdin=False,
+                timeout=START_S,
+                output_hook=lambda _: None,
+            )
+        )
         while not reply.done() and await self._manager.is_alive():
             await asyncio.wait({reply}, timeout=0.5)
         if not reply.done() or reply.exception() is not None:  # it has died, or does not answer
@@ -228,13 +257,26 @@ def _kernel_name(notebook: Any) -> str:
 
 
 def _reason(error: Exception, notebook: Any) -> str:
-    """What went wrong, in one line; of a cell that raised its number among the code cells of the notebook."""
-    ename, evalue = getattr(error, "ename", None), getattr(error, "evalue", "")
+    """What went wrong, in one line; of a cell that raised its number among the code cells of the
+    notebook.
+    """
+    ename = getattr(error, "ename", None)
+    evalue = getattr(error, "evalue", "")
     if ename is None:
         return f"{type(error).__name__}: {error}"
-    cells = [cell for cell in notebook.cells if cell.cell_type == "code"
-             and "injected-parameters" not in cell.metadata.get("tags", [])]
-    number = next((k for k, cell in enumerate(cells, 1) if any(o.output_type == "error" for o in cell.outputs)), 0)
+    cells = [
+        cell
+        for cell in notebook.cells
+        if cell.cell_type == "code" and "injected-parameters" not in cell.metadata.get("tags", [])
+    ]
+    number = next(
+        (
+            k
+            for k, cell in enumerate(cells, 1)
+            if any(o.output_type == "error" for o in cell.outputs)
+        ),
+        0,
+    )
     return f"{ename}: {evalue} (code cell {number})"
 
 

@@ -1,8 +1,9 @@
 """Solid cones of view: membership, surface, and the cones of the paper's three cameras (Eq. 1-3).
 
-A cone here is the convex solid of one nappe: all points whose direction from the apex is within the half angle of the
-axis. Lengths mm, angles rad. Sect. 3's frame OXYZ: origin CCD1's centre, X along the baseline, Z away from the cameras
-in the plane of the two optical axes, Y = Z x X, which points down.
+A cone here is the convex solid of one nappe: all points whose direction from the apex is within the
+half angle of the axis. Lengths mm, angles rad. Sect. 3's frame OXYZ: origin CCD1's centre, X along
+the baseline, Z away from the cameras in the plane of the two optical axes, Y = Z x X, which points
+down.
 """
 
 from __future__ import annotations
@@ -43,7 +44,9 @@ class Cone:
 
     @cached_property
     def across(self) -> Array:
-        """Two directions across the axis, shape (2, 3), right-handed with it: Y x axis first, or X if that is Y."""
+        """Two directions across the axis, shape (2, 3), right-handed with it: Y x axis first, or X
+        if that is Y.
+        """
         first = np.cross([0.0, 1.0, 0.0], self.axis)
         if np.linalg.norm(first) < 1e-3:
             first = np.array([1.0, 0.0, 0.0]) - self.axis[0] * self.axis
@@ -92,7 +95,8 @@ def inside(cones: Sequence[Cone], points: ArrayLike) -> np.ndarray:
 
 
 def chord(cone: Cone, start: Array, directions: Array) -> tuple[Array, Array]:
-    """The part of each line ``start + s direction`` that lies inside a solid cone: s from `low` to `high`.
+    """The part of each line ``start + s direction`` that lies inside a solid cone: s from `low` to
+    `high`.
 
     Parameters
     ----------
@@ -104,13 +108,15 @@ def chord(cone: Cone, start: Array, directions: Array) -> tuple[Array, Array]:
     low, high : ndarray, shape (n,)
         In mm, infinite where the line stays inside; low > high where it misses the cone.
     """
-    m, cos2 = start - cone.apex, np.cos(cone.half_angle) ** 2
+    m = start - cone.apex
+    cos2 = np.cos(cone.half_angle) ** 2
     along = directions @ cone.axis
     a = along**2 - cos2  # inside both nappes: a s^2 + 2 b s + c >= 0
     b = (m @ cone.axis) * along - cos2 * (directions @ m)
     c = (m @ cone.axis) ** 2 - cos2 * (m @ m)
     near, far = _roots(a, b, c)
-    first, second = np.minimum(near, far), np.maximum(near, far)
+    first = np.minimum(near, far)
+    second = np.maximum(near, far)
     front = m @ cone.axis + near * along >= 0  # the nappe that both roots lie on, for a < 0
     low = np.where(a > 0, np.where(along > 0, second, -np.inf), np.where(front, first, np.inf))
     high = np.where(a > 0, np.where(along > 0, np.inf, first), np.where(front, second, -np.inf))
@@ -118,7 +124,8 @@ def chord(cone: Cone, start: Array, directions: Array) -> tuple[Array, Array]:
 
 
 def cone_surface(cone: Cone, a: ArrayLike, t: ArrayLike) -> Array:
-    """Points of a cone's surface in the paper's parameters: radius a about the axis, angle t (Eq. 1-3).
+    """Points of a cone's surface in the paper's parameters: radius a about the axis, angle t
+    (Eq. 1-3).
 
     Parameters
     ----------
@@ -137,18 +144,23 @@ def cone_surface(cone: Cone, a: ArrayLike, t: ArrayLike) -> Array:
     return cone.apex + a[:, None] * (cone.radial(t) + cone.axis / np.tan(cone.half_angle))
 
 
-def paper_cones(baseline: float, beta1: float, beta2: float, half_angle: float) -> tuple[Cone, Cone, Cone]:
-    """The cones of CCD1, CCD2, CCD3 in OXYZ, with the matrices turned as the text means them (Eq. 1-3).
+def paper_cones(
+    baseline: float, beta1: float, beta2: float, half_angle: float
+) -> tuple[Cone, Cone, Cone]:
+    """The cones of CCD1, CCD2, CCD3 in OXYZ, with the matrices turned as the text means them
+    (Eq. 1-3).
 
-    The axes of CCD1 and CCD2 meet at (x0, 0, z0). CCD3 is moved from there along +Y by CCD1's distance, as printed,
-    and looks back along -Y. (Y points down: a camera above the work is the mirror image, of the same volume.)
+    The axes of CCD1 and CCD2 meet at (x0, 0, z0). CCD3 is moved from there along +Y by CCD1's
+    distance, as printed, and looks back along -Y. (Y points down: a camera above the work is the
+    mirror image, of the same volume.)
 
     Parameters
     ----------
     baseline : float
         B, mm, positive.
     beta1, beta2 : float
-        Angles between the baseline and the axes of CCD1 and CCD2, inside the triangle, rad, in (0, pi/2].
+        Angles between the baseline and the axes of CCD1 and CCD2, inside the triangle, rad, in (0,
+        pi/2].
     half_angle : float
         omega, rad, in (0, pi/2); see `half_angle`.
 
@@ -162,16 +174,20 @@ def paper_cones(baseline: float, beta1: float, beta2: float, half_angle: float) 
     beta2 = as_number(beta2, "beta2", low=0.0, high=np.pi / 2, open_low=True)
     if np.pi - beta1 - beta2 < 1e-12:
         raise ValueError("beta1, beta2: expected axes that meet, got two right angles")
-    reach = B * np.sin(beta2) / np.sin(beta1 + beta2)  # CCD1 to the intersection: x0 = B tan b2 / (tan b1 + tan b2)
+    # CCD1 to the intersection: x0 = B tan b2 / (tan b1 + tan b2)
+    reach = B * np.sin(beta2) / np.sin(beta1 + beta2)
     axis1 = np.array([np.cos(beta1), 0.0, np.sin(beta1)])
     third = reach * (axis1 + [0.0, 1.0, 0.0])
-    return (Cone(np.zeros(3), axis1, half_angle),
-            Cone(np.array([B, 0.0, 0.0]), np.array([-np.cos(beta2), 0.0, np.sin(beta2)]), half_angle),
-            Cone(third, np.array([0.0, -1.0, 0.0]), half_angle))
+    return (
+        Cone(np.zeros(3), axis1, half_angle),
+        Cone(np.array([B, 0.0, 0.0]), np.array([-np.cos(beta2), 0.0, np.sin(beta2)]), half_angle),
+        Cone(third, np.array([0.0, -1.0, 0.0]), half_angle),
+    )
 
 
 def half_angle(size: ArrayLike, focal: ArrayLike) -> float:
-    """Half angle omega of the cone around an image whose principal point is its middle, rad (Sect. 3.2).
+    """Half angle omega of the cone around an image whose principal point is its middle, rad
+    (Sect. 3.2).
 
     Parameters
     ----------
@@ -181,8 +197,11 @@ def half_angle(size: ArrayLike, focal: ArrayLike) -> float:
         In the unit of `size`; one for both directions, or one each.
     """
     sides = as_array(size, "size", (2,))
-    lengths = as_array(np.broadcast_to(np.asarray(focal, dtype=float), (2,)) if np.ndim(focal) == 0 else focal,
-                       "focal", (2,))
+    lengths = as_array(
+        np.broadcast_to(np.asarray(focal, dtype=float), (2,)) if np.ndim(focal) == 0 else focal,
+        "focal",
+        (2,),
+    )
     for name, values in (("size", sides), ("focal", lengths)):
         if (values <= 0).any():
             raise ValueError(f"{name}: expected positive numbers, got {values.min():g}")
@@ -190,7 +209,8 @@ def half_angle(size: ArrayLike, focal: ArrayLike) -> float:
 
 
 def cones_of_rig(rig: Rig) -> tuple[Cone, ...]:
-    """The cones around what each camera sees: about the optical axis, to the farthest corner of the image.
+    """The cones around what each camera sees: about the optical axis, to the farthest corner of the
+    image.
 
     Returns
     -------
@@ -206,7 +226,9 @@ def cones_of_rig(rig: Rig) -> tuple[Cone, ...]:
 
 
 def corners(camera: Camera) -> Array:
-    """The image's outer corners in pixels, shape (4, 2), clockwise as seen: half a pixel outside the corner pixels."""
+    """The image's outer corners in pixels, shape (4, 2), clockwise as seen: half a pixel outside
+    the corner pixels.
+    """
     width, height = camera.size
     return np.array([[0.0, 0.0], [width, 0.0], [width, height], [0.0, height]]) - 0.5
 
@@ -220,10 +242,12 @@ def as_cones(value: Sequence[Cone]) -> tuple[Cone, ...]:
 
 
 def _roots(a: Array, b: Array, c: float) -> tuple[Array, Array]:
-    """Both roots of a s^2 + 2 b s + c without cancellation, the smaller magnitude first; NaN where there is none.
+    """Both roots of a s^2 + 2 b s + c without cancellation, the smaller magnitude first; NaN where
+    there is none.
 
-    For a > 0 a line always meets both nappes, so that a negative discriminant is rounding. For a = 0, a line along a
-    generator, the second root is far away on the side where a slightly negative a would put it.
+    For a > 0 a line always meets both nappes, so that a negative discriminant is rounding. For a =
+    0, a line along a generator, the second root is far away on the side where a slightly negative a
+    would put it.
     """
     discriminant = np.where(a > 0, np.maximum(b * b - a * c, 0.0), b * b - a * c)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -234,7 +258,9 @@ def _roots(a: Array, b: Array, c: float) -> tuple[Array, Array]:
 def _corner_angle(camera: Camera) -> float:
     cosines = camera.rays(corners(camera)) @ camera.axis
     if not np.isfinite(cosines).all():
-        raise ValueError(f"camera {camera.name}: its distortion has no ray for a corner of the image")
+        raise ValueError(
+            f"camera {camera.name}: its distortion has no ray for a corner of the image"
+        )
     return float(np.arccos(cosines.min()))
 
 

@@ -1,9 +1,10 @@
-"""Emptiness, extent, volume and centroid of an intersection of solid cones, by planes that touch the cones.
+"""Emptiness, extent, volume and centroid of an intersection of solid cones, by planes that touch
+the cones.
 
-A solid cone is the intersection of the half-spaces that touch it along its generators, n(t) . (p - apex) <= 0. Finitely
-many of them enclose the cones' intersection in a polyhedron. More planes are added only where it sticks out of a cone:
-one plane at the worst place (the cutting planes of Kelley 1960) for the inscribed ball and the bounding box, and planes
-at equal steps for the volume.
+A solid cone is the intersection of the half-spaces that touch it along its generators, n(t) . (p -
+apex) <= 0. Finitely many of them enclose the cones' intersection in a polyhedron. More planes are
+added only where it sticks out of a cone: one plane at the worst place (the cutting planes of Kelley
+1960) for the inscribed ball and the bounding box, and planes at equal steps for the volume.
 """
 
 from __future__ import annotations
@@ -23,14 +24,17 @@ from .cones import Cone
 FARTHEST = 1e6  # half side of the box around everything
 FIRST_PLANES = 24  # tangent planes a cone to begin with
 TOLERANCE = 1e-10  # length that ball and box may be beyond a cone
-ROUNDS = 60  # of cutting planes for the box; about 15 are needed, far bodies end in rounding before `TOLERANCE`
+# of cutting planes for the box; about 15 are needed, far bodies end in rounding before `TOLERANCE`
+ROUNDS = 60
 
 # For the volume.
 FEWEST = 64  # tangent planes next to the body that a cone gets at least
 FINEST = 2**40  # steps of a turn beyond which two planes are the same
 MOST = 6000  # tangent planes of all cones; more take seconds
-ACCURACY = 1e-7  # relative difference of two extrapolated volumes that is small enough; the last one is better
-FLAT = 1e-9  # length beyond a cone that is not worth a plane, in units of the inscribed ball's radius
+# relative difference of two extrapolated volumes that is small enough; the last one is better
+ACCURACY = 1e-7
+# length beyond a cone that is not worth a plane, in units of the inscribed ball's radius
+FLAT = 1e-9
 LITTLE = 0.01  # nor is what is so little of the farthest point's length: its planes may be coarser
 
 
@@ -50,7 +54,9 @@ class Turn(NamedTuple):
 
 
 def spread(cones: Sequence[Cone]) -> tuple[Array, float]:
-    """Middle of the apexes, and the largest distance of one from it (1 mm if all are in one place), mm."""
+    """Middle of the apexes, and the largest distance of one from it (1 mm if all are in one place),
+    mm.
+    """
     apexes = np.array([cone.apex for cone in cones])
     origin = apexes.mean(axis=0)
     return origin, float(np.linalg.norm(apexes - origin, axis=1).max()) or 1.0
@@ -59,8 +65,9 @@ def spread(cones: Sequence[Cone]) -> tuple[Array, float]:
 def inscribed_ball(cones: Sequence[Cone]) -> tuple[Array, float]:
     """Centre and radius of the largest ball in all cones, mm.
 
-    The linear programme over some of the planes can only find too large a ball: radius <= 0 proves that the cones
-    share no ball at all. `FARTHEST` bounds the answer; a centre there means that the cones reach at least so far.
+    The linear programme over some of the planes can only find too large a ball: radius <= 0 proves
+    that the cones share no ball at all. `FARTHEST` bounds the answer; a centre there means that the
+    cones reach at least so far.
     """
     origin, unit = spread(cones)
     angles = _first_angles(cones)
@@ -73,7 +80,8 @@ def inscribed_ball(cones: Sequence[Cone]) -> tuple[Array, float]:
 
 
 def largest_ball(normals: Array, offsets: Array) -> tuple[Array, float]:
-    """Centre and radius of the largest ball with normals . p + r <= offsets; r < 0 where there is none.
+    """Centre and radius of the largest ball with normals . p + r <= offsets; r < 0 where there is
+    none.
 
     Parameters
     ----------
@@ -81,8 +89,14 @@ def largest_ball(normals: Array, offsets: Array) -> tuple[Array, float]:
     offsets : ndarray, shape (n,)
     """
     A = np.column_stack([normals, np.ones(len(normals))])
-    result = linprog([0.0, 0.0, 0.0, -1.0], A_ub=A, b_ub=offsets, bounds=(-FARTHEST, FARTHEST), method="highs-ds",
-                     options={"primal_feasibility_tolerance": 1e-10, "dual_feasibility_tolerance": 1e-10})
+    result = linprog(
+        [0.0, 0.0, 0.0, -1.0],
+        A_ub=A,
+        b_ub=offsets,
+        bounds=(-FARTHEST, FARTHEST),
+        method="highs-ds",
+        options={"primal_feasibility_tolerance": 1e-10, "dual_feasibility_tolerance": 1e-10},
+    )
     if result.x is None:
         raise ValueError(f"cones: the linear programme failed ({result.message})")
     return result.x[:3], float(result.x[3])
@@ -108,13 +122,16 @@ def bounding_box(cones: Sequence[Cone], centre: Array) -> Array:
     return box
 
 
-def volume_and_centroid(cones: Sequence[Cone], ball: tuple[Array, float], box: Array) -> tuple[float, Array]:
+def volume_and_centroid(
+    cones: Sequence[Cone], ball: tuple[Array, float], box: Array
+) -> tuple[float, Array]:
     """Volume (mm^3) and centroid (mm) of the bounded intersection of cones.
 
-    The polyhedron of tangent planes is too large by an error that grows as the square of the angle between them, so
-    two of them, one with half the angle, tell what it would be without any: (4 fine - coarse) / 3, after Richardson
-    (1911). The angle is halved until that changes no more. Planes are added only where the polyhedron is beyond a
-    cone: a small part of a wide cone gets its planes there.
+    The polyhedron of tangent planes is too large by an error that grows as the square of the angle
+    between them, so two of them, one with half the angle, tell what it would be without any: (4
+    fine - coarse) / 3, after Richardson (1911). The angle is halved until that changes no more.
+    Planes are added only where the polyhedron is beyond a cone: a small part of a wide cone gets
+    its planes there.
 
     Parameters
     ----------
@@ -130,31 +147,49 @@ def volume_and_centroid(cones: Sequence[Cone], ball: tuple[Array, float], box: A
     moments: list[Array] = []
     while True:
         y = _vertices(*_half_spaces(cones, [turn.angles for turn in turns], centre, unit), farthest)
-        wanted = [_between(cone, turn, centre + unit * y, least) for cone, turn in zip(cones, turns, strict=True)]
-        few = [0 < len(k) < FEWEST and turn.steps < FINEST for k, turn in zip(wanted, turns, strict=True)]
+        wanted = [
+            _between(cone, turn, centre + unit * y, least)
+            for cone, turn in zip(cones, turns, strict=True)
+        ]
+        few = [
+            0 < len(k) < FEWEST and turn.steps < FINEST
+            for k, turn in zip(wanted, turns, strict=True)
+        ]
         if any(few):  # these cones first, and then all of them together
             moments = []
         else:
             moments.append(_moments(y))
             few = [True] * len(cones)
-        turns = [turn.halved(k) if one else turn for turn, k, one in zip(turns, wanted, few, strict=True)]
+        turns = [
+            turn.halved(k) if one else turn for turn, k, one in zip(turns, wanted, few, strict=True)
+        ]
         if len(moments) > 2:
-            before, best = ((4 * fine - coarse) / 3 for coarse, fine in itertools.pairwise(moments[-3:]))
-            if abs(best[0] - before[0]) <= ACCURACY * best[0] or sum(len(turn.k) for turn in turns) > MOST:
+            before, best = (
+                (4 * fine - coarse) / 3 for coarse, fine in itertools.pairwise(moments[-3:])
+            )
+            if (
+                abs(best[0] - before[0]) <= ACCURACY * best[0]
+                or sum(len(turn.k) for turn in turns) > MOST
+            ):
                 return float(best[0] * unit**3), centre + unit * best[1:] / best[0]
 
 
 def share_direction(cones: Sequence[Cone], margin: float = 0.0) -> bool:
-    """Whether some direction lies in all cones, each narrowed by `margin` (rad): then their intersection has no end.
+    """Whether some direction lies in all cones, each narrowed by `margin` (rad): then their
+    intersection has no end.
 
-    On the sphere of directions each cone is a cap smaller than a hemisphere, so what they share is convex. If it is
-    not empty, its border is either the whole circle of one cap, and then that cap's axis lies in all of them; or it
-    has a corner, where two circles meet. So axes and meeting points are all that must be tried.
+    On the sphere of directions each cone is a cap smaller than a hemisphere, so what they share is
+    convex. If it is not empty, its border is either the whole circle of one cap, and then that
+    cap's axis lies in all of them; or it has a corner, where two circles meet. So axes and meeting
+    points are all that must be tried.
     """
     angles = np.array([cone.half_angle for cone in cones]) - margin
     axes = np.array([cone.axis for cone in cones])
-    tries = [axes] + [_circles_meet(axes[i], axes[j], angles[i], angles[j])
-                      for i in range(len(cones)) for j in range(i)]
+    tries = [axes] + [
+        _circles_meet(axes[i], axes[j], angles[i], angles[j])
+        for i in range(len(cones))
+        for j in range(i)
+    ]
     return bool(((np.vstack(tries) @ axes.T) >= np.cos(angles) - 1e-14).all(axis=1).any())
 
 
@@ -162,7 +197,9 @@ def _first_angles(cones: Sequence[Cone]) -> list[Array]:
     return [Turn(np.arange(FIRST_PLANES), FIRST_PLANES).angles for _ in cones]
 
 
-def _half_spaces(cones: Sequence[Cone], angles: Sequence[Array], origin: Array, unit: float) -> tuple[Array, Array]:
+def _half_spaces(
+    cones: Sequence[Cone], angles: Sequence[Array], origin: Array, unit: float
+) -> tuple[Array, Array]:
     """The cones' tangent planes at these angles: normals . y <= offsets for p = origin + unit y."""
     normals = [cone.normals(t) for cone, t in zip(cones, angles, strict=True)]
     offsets = [n @ ((cone.apex - origin) / unit) for cone, n in zip(cones, normals, strict=True)]
@@ -170,9 +207,13 @@ def _half_spaces(cones: Sequence[Cone], angles: Sequence[Array], origin: Array, 
 
 
 def _vertices(normals: Array, offsets: Array, farthest: float) -> Array:
-    """Corners of the polyhedron normals . y <= offsets, and no coordinate farther out, that has 0 inside, (n, 3)."""
+    """Corners of the polyhedron normals . y <= offsets, and no coordinate farther out, that has 0
+    inside, (n, 3).
+    """
     sides = np.column_stack([np.vstack([np.eye(3), -np.eye(3)]), np.full(6, -farthest)])
-    return HalfspaceIntersection(np.vstack([np.column_stack([normals, -offsets]), sides]), np.zeros(3)).intersections
+    return HalfspaceIntersection(
+        np.vstack([np.column_stack([normals, -offsets]), sides]), np.zeros(3)
+    ).intersections
 
 
 def _moments(vertices: Array) -> Array:
@@ -184,14 +225,20 @@ def _moments(vertices: Array) -> Array:
 
 
 def _beyond(cone: Cone, points: Array) -> tuple[Array, Array]:
-    """How far points are beyond the nearest tangent plane of a cone (negative inside), and that plane's angle."""
+    """How far points are beyond the nearest tangent plane of a cone (negative inside), and that
+    plane's angle.
+    """
     x = points - cone.apex
     across = x @ cone.across.T
-    distance = np.cos(cone.half_angle) * np.hypot(*across.T) - np.sin(cone.half_angle) * (x @ cone.axis)
+    distance = np.cos(cone.half_angle) * np.hypot(*across.T) - np.sin(cone.half_angle) * (
+        x @ cone.axis
+    )
     return distance, np.arctan2(across[:, 1], across[:, 0])
 
 
-def _cut(cones: Sequence[Cone], angles: Sequence[Array], points: Array, least: float) -> tuple[list[Array], bool]:
+def _cut(
+    cones: Sequence[Cone], angles: Sequence[Array], points: Array, least: float
+) -> tuple[list[Array], bool]:
     """Add the planes that points are beyond by more than `least`; also whether there were any."""
     found = [_beyond(cone, points) for cone in cones]
     more = [t[distance > least] for distance, t in found]
@@ -199,10 +246,11 @@ def _cut(cones: Sequence[Cone], angles: Sequence[Array], points: Array, least: f
 
 
 def _between(cone: Cone, turn: Turn, points: Array, least: float) -> np.ndarray:
-    """The planes next to points that are beyond a cone by more than `least`, numbered by half the angle of `turn`.
+    """The planes next to points that are beyond a cone by more than `least`, numbered by half the
+    angle of `turn`.
 
-    The points are corners of the polyhedron. Those that are beyond the cone lie half way between two of its planes, but
-    for those on a third cone's plane.
+    The points are corners of the polyhedron. Those that are beyond the cone lie half way between
+    two of its planes, but for those on a third cone's plane.
     """
     distance, t = _beyond(cone, points)
     t = t[distance > max(least, LITTLE * distance.max())]
@@ -211,12 +259,16 @@ def _between(cone: Cone, turn: Turn, points: Array, least: float) -> np.ndarray:
 
 
 def _circles_meet(axis1: Array, axis2: Array, angle1: float, angle2: float) -> Array:
-    """Unit directions at angle1 from axis1 and angle2 from axis2, shape (2, 3), or (0, 3) where there is none."""
-    normal, g = np.cross(axis1, axis2), float(axis1 @ axis2)
+    """Unit directions at angle1 from axis1 and angle2 from axis2, shape (2, 3), or (0, 3) where
+    there is none.
+    """
+    normal = np.cross(axis1, axis2)
+    g = float(axis1 @ axis2)
     sin2 = float(normal @ normal)
     if sin2 < 1e-20:
         return np.empty((0, 3))
-    c1, c2 = np.cos(angle1), np.cos(angle2)
+    c1 = np.cos(angle1)
+    c2 = np.cos(angle2)
     flat = ((c1 - c2 * g) * axis1 + (c2 - c1 * g) * axis2) / sin2
     rest = 1.0 - float(flat @ flat)
     if rest < -1e-14:

@@ -1,4 +1,6 @@
-"""The workspace: the intersection of solid cones of view, its extent, volume and surface; the true fields of view."""
+"""The workspace: the intersection of solid cones of view, its extent, volume and surface; the true
+fields of view.
+"""
 
 from __future__ import annotations
 
@@ -21,20 +23,22 @@ from .extent import (
     volume_and_centroid,
 )
 
-EMPTY_BELOW = 1e-9  # radius of the inscribed ball, relative to the apexes' spread, that counts as none
+# radius of the inscribed ball, relative to the apexes' spread, that counts as none
+EMPTY_BELOW = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
 class Workspace:
-    """The intersection of solid cones; arrays in the cones' frame, NaN where a quantity is not defined.
+    """The intersection of solid cones; arrays in the cones' frame, NaN where a quantity is not
+    defined.
 
     Attributes
     ----------
     cones : tuple of Cone
         As given.
     status : {"bounded", "empty", "unbounded"}
-        Empty also where the cones touch without sharing a volume; unbounded also where they reach farther than a
-        hundred thousand times their apexes' distance.
+        Empty also where the cones touch without sharing a volume; unbounded also where they reach
+        farther than a hundred thousand times their apexes' distance.
     bounding_box : ndarray, shape (2, 3)
         Lowest and highest x, y, z, mm.
     centre : ndarray, shape (3,)
@@ -56,7 +60,9 @@ class Workspace:
 
 @dataclass(frozen=True, eq=False)
 class Polyhedron:
-    """What all cameras of a rig see: `status` as in `Workspace`, corners (k, 3) in mm, triangles (m, 3), mm^3."""
+    """What all cameras of a rig see: `status` as in `Workspace`, corners (k, 3) in mm, triangles
+    (m, 3), mm^3.
+    """
 
     status: str
     vertices: Array
@@ -67,8 +73,9 @@ class Polyhedron:
 def intersect(cones: Sequence[Cone]) -> Workspace:
     """Intersect any number of solid cones (Eq. 4).
 
-    The volume is right to 1e-7, and the centroid to that part of the length. That holds for needles and for cones that
-    only just overlap, too, as long as the part that they share is less than a million times as long as thick.
+    The volume is right to 1e-7, and the centroid to that part of the length. That holds for needles
+    and for cones that only just overlap, too, as long as the part that they share is less than a
+    million times as long as thick.
 
     Raises
     ------
@@ -88,7 +95,9 @@ def intersect(cones: Sequence[Cone]) -> Workspace:
     if np.abs(box - centre).max() > FARTHEST / 2 * size:
         return _without_extent(given, "unbounded")
     volume, centroid = volume_and_centroid(given, (centre, radius), box)
-    return Workspace(given, "bounded", frozen(box), frozen(centre), radius, volume, frozen(centroid))
+    return Workspace(
+        given, "bounded", frozen(box), frozen(centre), radius, volume, frozen(centroid)
+    )
 
 
 def is_unbounded(cones: Sequence[Cone]) -> bool:
@@ -119,7 +128,8 @@ def surface_mesh(cones: Sequence[Cone], centre: Array, n: int = 4000) -> tuple[A
     ValueError
         If `centre` is not inside, or the intersection has no end.
     """
-    cones, centre = as_cones(cones), as_array(centre, "centre", (3,))
+    cones = as_cones(cones)
+    centre = as_array(centre, "centre", (3,))
     directions = _spread(int(as_number(n, "n", low=4)))
     ends = [chord(cone, centre, directions) for cone in cones]
     distance = np.min([high for _, high in ends], axis=0)
@@ -145,7 +155,10 @@ def view_volume(rig: Rig) -> Polyhedron:
         If a camera has lens distortion: its field of view has curved sides.
     """
     planes = np.vstack([_pyramid(camera) for camera in rig.cameras])
-    scale = max(float(np.linalg.norm(camera.centre - rig.cameras[0].centre)) for camera in rig.cameras) or 1.0
+    scale = (
+        max(float(np.linalg.norm(camera.centre - rig.cameras[0].centre)) for camera in rig.cameras)
+        or 1.0
+    )
     p, r = largest_ball(planes[:, :3], -planes[:, 3] / scale)
     if r <= EMPTY_BELOW:
         return Polyhedron("empty", np.empty((0, 3)), np.empty((0, 3), dtype=int), 0.0)
@@ -157,7 +170,9 @@ def view_volume(rig: Rig) -> Polyhedron:
 def _pyramid(camera: Camera) -> Array:
     """The four sides of what a camera sees, shape (4, 4): normal . p + offset <= 0 inside."""
     if np.any(camera.distortions):
-        raise ValueError(f"camera {camera.name}: expected no lens distortion, got {camera.distortions.tolist()}")
+        raise ValueError(
+            f"camera {camera.name}: expected no lens distortion, got {camera.distortions.tolist()}"
+        )
     rays = camera.rays(corners(camera))
     normals = np.cross(np.roll(rays, -1, axis=0), rays)
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
@@ -181,7 +196,8 @@ def _outward(points: Array, hull: ConvexHull) -> np.ndarray:
 def _spread(n: int) -> Array:
     """n directions, evenly spread along a spiral, shape (n, 3)."""
     k = np.arange(n) + 0.5
-    z, turn = 1 - 2 * k / n, np.pi * (1 + np.sqrt(5)) * k
+    z = 1 - 2 * k / n
+    turn = np.pi * (1 + np.sqrt(5)) * k
     return np.column_stack([np.sqrt(1 - z**2) * np.cos(turn), np.sqrt(1 - z**2) * np.sin(turn), z])
 
 

@@ -1,7 +1,8 @@
 """The paper's misprints as printed, each beside what shows that it is one. Nothing here is for use.
 
-An effect is one quantity, computed once by the printed form and once by the corrected one, and a check that the first
-fails and the second passes. The printed forms stand in the modules ``errata_*`` and nowhere else in the package.
+An effect is one quantity, computed once by the printed form and once by the corrected one, and a
+check that the first fails and the second passes. The printed forms stand in the modules
+``errata_*`` and nowhere else in the package.
 """
 
 from __future__ import annotations
@@ -11,7 +12,13 @@ from collections.abc import Callable
 from ..ledger import Effect
 from . import background, kalman, markers, pose, table1, workspace
 
-__all__ = ["ERRATA", "effects", "printed_cones", "printed_rotation_error", "printed_workspace_volume"]
+__all__ = [
+    "ERRATA",
+    "effects",
+    "printed_cones",
+    "printed_rotation_error",
+    "printed_workspace_volume",
+]
 
 ERRATA: dict[str, tuple[Callable[[], Effect], ...]] = {
     "1": (workspace.turn_of_ccd1,),
@@ -28,8 +35,7 @@ ERRATA: dict[str, tuple[Callable[[], Effect], ...]] = {
     "16": (markers.endless_bisection, markers.wrong_way),
     "17": (markers.residual_for_a_distance,),
     "18": (markers.broken_bounds, markers.window_that_starts_at_its_point),
-    "20": (pose.direction_of_motion, pose.second_form, pose.first_form,
-           pose.one_focal_length),
+    "20": (pose.direction_of_motion, pose.second_form, pose.first_form, pose.one_focal_length),
     "21": (pose.change_of_frame,),
     "22": (pose.plain_mean,),
     "24": (pose.four_markers, pose.any_matrix),
