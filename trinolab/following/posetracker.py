@@ -116,11 +116,6 @@ def track_instants(
         look alike holds.
     state : TrackState, optional
         After an instant before the first one; nothing is known without it.
-
-    Raises
-    ------
-    ValueError
-        As `step`.
     """
     given = known or {}
     for now in instants:

@@ -81,11 +81,6 @@ def identify(
     list of Hypothesis
         The best first, then those between which the images do not decide. Poses that differ by a
         symmetry of the handle count as one here: see `equivalents`. Empty if nothing fits.
-
-    Raises
-    ------
-    ValueError
-        If a shape is wrong.
     """
     p = parameters or IdentityParameters()
     pixels = _one_each(found, "found", rig.names, None)

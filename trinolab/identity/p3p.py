@@ -34,11 +34,6 @@ def three_point_depths(rays: ArrayLike, sides: ArrayLike, steps: int = 5) -> Arr
     ndarray, shape (2 k, 3)
         mm: the first solution of each triangle, then the second. Rows that are no solution (their
         points do not have the sides to a millionth) are NaN.
-
-    Raises
-    ------
-    ValueError
-        If a shape is wrong or a number is not finite.
     """
     rays = as_array(rays, "rays", (3, 3))
     sides = as_array(sides, "sides", (None, 3))

@@ -102,11 +102,6 @@ class IdentityParameters:
     end_lead : float
         Share of an edge's contrast by which a camera decides for an end of the body; by half of it
         it objects.
-
-    Raises
-    ------
-    ValueError
-        Names the field that is no number or out of range.
     """
 
     gate_px: float = 4.0
