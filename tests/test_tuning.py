@@ -240,10 +240,12 @@ def test_on_persons_motion_the_filter_is_right_in_the_mean_and_not_in_single_sec
     # 4.0 to 4.5
     assert tuning.person_nees(RIG.cameras[0], p, range(31, 35), rng) == pytest.approx(4.2, abs=0.6)
     means = tuning.seconds_nis(RIG, CODED, p, range(31, 35), rng)
-    assert means.shape == (40,)
+    assert means.shape == (40, 3)
     assert means.mean() == pytest.approx(2.0, abs=0.6)
-    low, high = nis_band(87)
+    low, high = nis_band(29)
     assert np.mean((means > low) & (means < high)) < 0.6  # of 95 % if a person's jerk were white
+    # the cameras watch the same motion
+    assert np.corrcoef(means.T)[0, 1] > 0.5
 
 
 # --- the pose's filter

@@ -6,6 +6,7 @@ the page's theme.
 
 from .basics import COLOURS, plot_beside, plot_curves, plot_pose_errors, show_frames, show_image
 from .errors import plot_by_slant, plot_elevation, plot_estimators, plot_factor, plot_residuals
+from .filters import plot_nis, plot_normals, plot_prediction
 from .markers import (
     mark_window,
     plot_following,
@@ -15,7 +16,7 @@ from .markers import (
     show_table,
     show_verdict,
 )
-from .structure import plot_structure
+from .structure import plot_chain, plot_structure
 from .wall import plot_contacts, plot_limits, plot_nyquist
 from .workspace import Mesh, plot_workspace, workspace_plotter, workspace_scene
 
@@ -25,6 +26,7 @@ __all__ = [
     "mark_window",
     "plot_beside",
     "plot_by_slant",
+    "plot_chain",
     "plot_contacts",
     "plot_curves",
     "plot_elevation",
@@ -32,9 +34,12 @@ __all__ = [
     "plot_factor",
     "plot_following",
     "plot_limits",
+    "plot_nis",
+    "plot_normals",
     "plot_nyquist",
     "plot_over_slant",
     "plot_pose_errors",
+    "plot_prediction",
     "plot_residuals",
     "plot_shares",
     "plot_structure",

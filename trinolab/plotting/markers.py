@@ -207,17 +207,17 @@ def plot_following(
         strict=True,
     ):
         show_image(image, shown, title=title, ax=ax)
-        _outline(ax, searched, COLOURS[1], "search window")
+        outline(ax, searched, COLOURS[1], "search window")
         ax.plot(points[:, 0], points[:, 1], ".-", color=COLOURS[2], label="centres so far")
         ax.set(xlim=(view.u, view.u + view.width), ylim=(view.v + view.height, view.v))
-    _outline(axes[0], known[-2], COLOURS[3], "markers, one instant ago")
-    _outline(axes[1], known[-1], COLOURS[3], "markers now")
+    outline(axes[0], known[-2], COLOURS[3], "markers, one instant ago")
+    outline(axes[1], known[-1], COLOURS[3], "markers now")
     for ax in axes:
         ax.legend(fontsize=8, loc="lower right")
     return figure
 
 
-def _outline(ax: Axes, window: Window, colour: str, label: str) -> None:
+def outline(ax: Axes, window: Window, colour: str, label: str) -> None:
     ax.add_patch(
         Rectangle(
             (window.u - 0.5, window.v - 0.5),

@@ -51,6 +51,33 @@ def plot_structure() -> Figure:
     return figure
 
 
+def plot_chain(stage: str) -> Figure:
+    """The data's way through the master as a row of boxes, with one stage lit.
+
+    Parameters
+    ----------
+    stage : str
+        The first word of a box, such as "window". Raises ValueError if no box has it.
+    """
+    names = list(MASTER)
+    lit = [name.partition("\n")[0] == stage for name in names]
+    if not any(lit):
+        raise ValueError(
+            f"stage: expected one of {', '.join(n.split()[0] for n in names)}, got {stage!r}"
+        )
+    figure, ax = plt.subplots(figsize=(8.5, 0.9), layout="constrained", facecolor="white")
+    for k, (name, chosen) in enumerate(zip(names, lit, strict=True)):
+        colour = "#E69F00" if chosen else "#DDEEFF"
+        box = {"boxstyle": "round", "facecolor": colour}
+        ax.text(k, 0, name, ha="center", va="center", fontsize=9, bbox=box)
+        if k > 0:
+            arrow = {"arrowstyle": "-|>", "shrinkA": 30, "shrinkB": 30}
+            ax.annotate("", (k, 0), (k - 1, 0), arrowprops=arrow)
+    ax.set(xlim=(-0.5, len(names) - 0.5), ylim=(-0.6, 0.6))
+    ax.axis("off")
+    return figure
+
+
 def _loop(
     ax: Axes, title: str, boxes: Mapping[str, tuple[float, float]], labels: Sequence[str]
 ) -> None:

@@ -317,18 +317,21 @@ def drawn_tracks(
 def seconds_nis(
     rig: Rig, handle: Handle, p: KalmanParameters, seeds: Sequence[int], rng: np.random.Generator
 ) -> Array:
-    """Mean NIS of single seconds of persons' motions, ten a seed, over all cameras; shape (10 *
-    seeds,).
+    """Mean NIS of single seconds of persons' motions, ten a seed, as each camera sees them.
+
+    The cameras watch the same motion: their innovations are not independent of each other, and a
+    band for one camera is none for the mean of all.
+
+    Returns
+    -------
+    ndarray, shape (10 * seeds, cameras)
     """
     times, z = drawn_tracks(rig, handle, seeds, rng, seconds=1.0, stretches=10)
-    # columns: seed, camera, stretch, coordinate
     squared = innovations(times, z, image_model(p)).squared
-    return (
-        2
-        * squared.reshape(len(times) - 1, len(seeds), len(rig.cameras), 10, 2)
-        .mean(axis=(0, 2, 4))
-        .ravel()
-    )
+    # instant, seed, camera, stretch, coordinate
+    each = squared.reshape(len(times) - 1, len(seeds), len(rig.cameras), 10, 2)
+    means = 2 * each.mean(axis=(0, 4))
+    return means.swapaxes(1, 2).reshape(-1, len(rig.cameras))
 
 
 def model_nees(
