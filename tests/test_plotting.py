@@ -9,9 +9,11 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from trinolab.datasets import load_rig
 from trinolab.plotting import (
     mark_window,
     plot_by_slant,
+    plot_epipolar_plane,
     plot_estimators,
     plot_factor,
     plot_over_slant,
@@ -19,6 +21,7 @@ from trinolab.plotting import (
     plot_shares,
     plot_structure,
     plot_thresholds,
+    plot_windows,
     plot_workspace,
     show_image,
     show_table,
@@ -269,3 +272,23 @@ def test_dots_over_the_slant():
     )
     assert [text.get_text() for text in ax.get_legend().get_texts()] == ["calm", "hard", "stills"]
     assert ax.lines[0].get_xydata().tolist() == [[10, 0.2], [20, 0.3]]
+
+
+def test_the_epipolar_plane_holds_the_points_and_the_second_camera_s_line():
+    rig = load_rig("raised_40deg")
+    depths = [350.0, 450.0, 550.0]
+    figure = plot_epipolar_plane(rig.cameras[0], rig.cameras[2], [400, 300], depths)
+    ax = figure.axes[0]
+    line = next(one for one in ax.lines if one.get_label().startswith("epipolar line"))
+    seen = np.array(line.get_data_3d()).T
+    centre = rig.cameras[2].centre
+    points = rig.cameras[0].centre + np.outer(depths, rig.cameras[0].rays([[400.0, 300.0]])[0])
+    for pixel, point in zip(seen, points, strict=True):
+        # what the camera sees of a point lies on the way to it
+        np.testing.assert_allclose(np.cross(pixel - centre, point - centre), 0, atol=1e-6)
+
+
+def test_windows_that_are_compared_have_one_scale_of_greys():
+    dark, bright = np.full((5, 5), 10), np.full((5, 5), 200)
+    figure = plot_windows([[dark, bright]], [["left", "right"]])
+    assert [ax.images[0].get_clim() for ax in figure.axes] == [(0, 200)] * 2

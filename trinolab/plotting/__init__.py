@@ -16,6 +16,7 @@ from .markers import (
     show_table,
     show_verdict,
 )
+from .matching import plot_epipolar_plane, plot_windows
 from .structure import plot_chain, plot_structure
 from .wall import plot_contacts, plot_limits, plot_nyquist
 from .workspace import Mesh, plot_workspace, workspace_plotter, workspace_scene
@@ -30,6 +31,7 @@ __all__ = [
     "plot_contacts",
     "plot_curves",
     "plot_elevation",
+    "plot_epipolar_plane",
     "plot_estimators",
     "plot_factor",
     "plot_following",
@@ -44,6 +46,7 @@ __all__ = [
     "plot_shares",
     "plot_structure",
     "plot_thresholds",
+    "plot_windows",
     "plot_workspace",
     "show_frames",
     "show_image",
