@@ -155,7 +155,8 @@ def coarse(monkeypatch):
 
 @pytest.mark.usefixtures("coarse")
 @pytest.mark.parametrize(
-    "pixels", ["markers", "around", pytest.param("handle", marks=pytest.mark.heavy)]
+    "pixels",
+    ["markers", *(pytest.param(name, marks=pytest.mark.heavy) for name in ("around", "handle"))],
 )
 def test_unknown_greys_take_information_away(pixels):
     known, unknown = (

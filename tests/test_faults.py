@@ -42,6 +42,7 @@ from trinolab.files.poses import poses_by_frame, read_poses
 from trinolab.files.rigs import write_rig
 from trinolab.metrics import geodesic_deg
 from trinolab.studies import scoreboard
+from trinolab.sweep import engines
 
 COUNT = 6  # instants of the recording
 
@@ -1209,6 +1210,7 @@ def test_a_fault_costs_one_line_and_no_file(folder, spoil, line, message, capfd,
     if "locked" in line and os.geteuid() == 0:
         pytest.skip("root may write everywhere")
     monkeypatch.setattr(scoreboard, "CHECKS", {})  # a mistake is found before anything is computed
+    monkeypatch.setattr(engines, "CONNECT_S", 1.0)  # of a cluster that never answers
     spoil()
     before = contents(folder)
     assert run(line) == 2

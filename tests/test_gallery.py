@@ -43,7 +43,13 @@ def test_table_is_whole(name):
         assert tuple(results.columns) == GALLERY[name].results
 
 
-@pytest.mark.parametrize("name", ["background", "marker_size", "elevation"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        "marker_size",
+        *(pytest.param(name, marks=pytest.mark.heavy) for name in ("background", "elevation")),
+    ],
+)
 def test_one_run_is_computed_again(name):
     """The run in the middle: `make sweeps` makes the tables anew after a change."""
     table, expected = load(name), settings(name)

@@ -62,9 +62,9 @@ OTHER_PARAMETERS = {
 SMALL = {
     "01_structure": {"frames": 6, "row_step": 20},
     "02_workspace": {"step_deg": 26.0, "row_step": 20},
-    "03_background": {"spacing": 16, "cameras": 1, "row_step": 20},
+    "03_background": {"spacing": 32, "cameras": 1, "row_step": 20},
     "04_kalman": {"moving": 6, "motions": 1},
-    "05_markers": {"frame_step": 15, "draws": 10, "row_step": 20},
+    "05_markers": {"frame_step": 29, "draws": 4, "row_step": 20},
     "06_matching": {"instants": 6, "row_step": 20},
     "07_calibration": {"positions": 4, "draws": 1, "row_step": 20},
     "08_pose": {"draws": 10, "row_step": 20},

@@ -45,8 +45,15 @@ needs_chromium = pytest.mark.skipif(
     CHROMIUM is None, reason="Chromium is missing (Debian package: chromium)"
 )
 each_page = pytest.mark.parametrize("page", [*PAGES, *REFERENCE])
-# those of the reference are alike
-each_kind = pytest.mark.parametrize("page", [*PAGES, *REFERENCE[:1]])
+# Those of the reference are alike, and so are the pages that hold text and formulas alone.
+ALIKE = {"book/notation", "book/assumptions", "book/design", "book/bibliography", "book/api/index"}
+each_kind = pytest.mark.parametrize(
+    "page",
+    [
+        pytest.param(page, marks=[pytest.mark.heavy] * (page in ALIKE))
+        for page in [*PAGES, *REFERENCE[:1]]
+    ],
+)
 
 
 def read(page):

@@ -1,11 +1,21 @@
 """Trials of the slave arm: the tool after a recorded track, and the force of a block in its way."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 
 pytest.importorskip("mink", reason="the extra 'slave' is missing")
 
 from trinolab.studies import master_slave
+
+
+@pytest.fixture(autouse=True, scope="module")
+def _tracked_once():
+    """The recording is tracked once for all trials."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(master_slave, "_tracked", cache(master_slave._tracked))
+        yield
 
 
 def test_after_a_recorded_track_the_tool_is_where_the_true_motion_leads():

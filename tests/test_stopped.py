@@ -197,7 +197,7 @@ def test_a_calibration_that_is_killed_while_it_names_its_files(folder):
     assert read_rig("new.toml").names == ("a", "b")
 
 
-@pytest.mark.parametrize("moment", [2, 7, 12])
+@pytest.mark.parametrize("moment", [2, pytest.param(7, marks=pytest.mark.heavy), 12])
 def test_a_rendering_that_is_killed_goes_on_to_the_same_files(folder, moment):
     with started(f"{moment} {RENDER}", DIES) as process:
         assert ended(process) == (-signal.SIGKILL, [])
@@ -264,7 +264,7 @@ def test_a_full_disk_costs_one_line_and_leaves_nothing_unfinished(folder, line, 
     assert line != RENDER or run(line) == 0
 
 
-@pytest.mark.parametrize("limit", [1_500, 4_000])
+@pytest.mark.parametrize("limit", [1_500, pytest.param(4_000, marks=pytest.mark.heavy)])
 def test_a_track_on_a_full_disk_keeps_its_rows(folder, limit):
     before = files()
     with started_on_a_full_disk(TRACK, limit) as process:

@@ -101,6 +101,7 @@ def test_a_rig_that_cannot_be_is_refused(change, value, named):
 # --- accuracy
 
 
+@pytest.mark.heavy
 def test_at_its_defaults_it_is_the_replication_of_table_1():
     """By another module, which changed nothing either."""
     stored = load_sweep("speed").query("speed_mm_s == 0 and seed == 0").iloc[0]

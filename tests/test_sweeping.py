@@ -103,28 +103,28 @@ def test_the_command_makes_table_figure_and_manifest(capfd):
 
 @pytest.mark.usefixtures("notebook")
 def test_what_is_finished_is_not_run_again_unless_it_is_stale(caplog, monkeypatch):
-    line = LINE.replace("0:9:10", "0,1,2")
+    line = LINE.replace("0:9:10", "0,1").replace("--workers 2", "--workers 1")
     assert run(line) == 0
     before, table = contents(Path("new/s")), Path("new/s/table.csv").read_bytes()
     assert run(line) == 0
     after = contents(Path("new/s"))
     assert {path for path in before if before[path] != after[path]} <= {Path("new/s/manifest.json")}
-    assert sorted(traced()[0]) == [0, 1, 2]
+    assert sorted(traced()[0]) == [0, 1]
     assert not caplog.messages
     Path("n.ipynb").write_text(Path("n.ipynb").read_text().replace("a**2", "a**3"))
     assert run(line) == 0
     assert caplog.messages == [
-        "new/s: the notebook has changed since; 3 finished runs are stale and are done again"
+        "new/s: the notebook has changed since; 2 finished runs are stale and are done again"
     ]
     assert Path("new/s/table.csv").read_bytes() != table
-    assert sorted(traced()[0]) == [0, 0, 1, 1, 2, 2]
+    assert sorted(traced()[0]) == [0, 0, 1, 1]
     real = provenance.surroundings
     monkeypatch.setattr(
         provenance, "surroundings", lambda code: {**real(code), "the package": "x", "its data": "y"}
     )
     assert run(line) == 0
     assert caplog.messages[1:] == [
-        "new/s: the package and its data have changed since; 3 finished runs are stale and "
+        "new/s: the package and its data have changed since; 2 finished runs are stale and "
         "are done again"
     ]
 
@@ -163,12 +163,22 @@ def alive(processes):
 
 @pytest.mark.usefixtures("notebook")
 @pytest.mark.parametrize(
-    ("number", "code"), [(signal.SIGINT, 130), (signal.SIGKILL, -signal.SIGKILL)]
+    ("number", "code", "workers"),
+    [
+        (signal.SIGINT, 130, 1),
+        pytest.param(signal.SIGINT, 130, 2, marks=pytest.mark.heavy),
+        (signal.SIGKILL, -signal.SIGKILL, 1),
+    ],
 )
-def test_a_sweep_that_is_stopped_keeps_its_runs_and_goes_on(number, code):
+def test_a_sweep_that_is_stopped_keeps_its_runs_and_goes_on(number, code, workers):
     line = LINE.replace("0:9:10", "0:7:8") + " -p waits_from=4"
+    line = line.replace("--workers 2", f"--workers {workers}")
     with started(line) as process:
-        wait_until(lambda: len(finished()) == 4 and len(traced()[0]) == 6, process)
+        wait_until(lambda: len(finished()) == 4 and len(traced()[0]) == 4 + workers, process)
+        before = contents(Path("new"))
+        with started(line) as second:
+            assert ended(second) == (2, ["trinolab sweep: new/s: another process works on it\n"])
+        assert contents(Path("new")) == before
         process.send_signal(number)
         assert (result := ended(process))[0] == code
     kept = finished()
@@ -287,11 +297,13 @@ def test_a_folder_is_for_one_process_at_a_time(tmp_path):
     assert found["error"].tolist() == [f"ValueError: {tmp_path / 's'}: another process works on it"]
 
 
+@pytest.mark.heavy
 @pytest.mark.usefixtures("notebook")
 def test_the_second_of_two_sweeps_is_refused_and_the_first_one_is_whole():
-    line = LINE.replace("0:9:10", "0:7:8") + " -p waits_from=4"
+    line = LINE.replace("0:9:10", "0:7:8").replace("--workers 2", "--workers 1")
+    line += " -p waits_from=4"
     with started(line) as first:
-        wait_until(lambda: len(finished()) == 4 and len(traced()[0]) == 6, first)
+        wait_until(lambda: len(finished()) == 4 and len(traced()[0]) == 5, first)
         before = contents(Path("new"))
         with started(line) as second:
             refused = ended(second)

@@ -253,12 +253,12 @@ def test_parameters_that_are_refused(field, value):
 # --- the filter
 
 
-@pytest.mark.parametrize("speed", [10.0, 100.0, 500.0])
+@pytest.mark.parametrize("speed", [10.0, pytest.param(100.0, marks=pytest.mark.heavy), 500.0])
 def test_the_filter_is_as_far_behind_as_it_says(speed):
     p, state = OneEuroParameters(), oneeuro.begin(0.0, HANDLE)
-    for k in range(1, 3001):
+    for k in range(1, 1501):
         state = oneeuro.step(state, k / 1000, moved([speed * k / 1000, 0, 0]), p)
-    behind = (speed * 3.0 + HANDLE.translation[0] - state.pose.translation[0]) / speed
+    behind = (speed * 1.5 + HANDLE.translation[0] - state.pose.translation[0]) / speed
     assert behind == pytest.approx(oneeuro.lag_s(speed, p.cutoff_hz, p.slope), rel=0.05)
 
 

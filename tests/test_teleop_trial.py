@@ -259,7 +259,13 @@ def test_the_reach_is_whole_near_home_and_ends_with_the_arm():
 
 
 @pytest.mark.parametrize(
-    "way", [(150.0, 0.0, 50.0), (-150.0, 100.0, -60.0), (-330.0, 0.0, 0.0), (-420.0, 0.0, 0.0)]
+    "way",
+    [
+        pytest.param((150.0, 0.0, 50.0), marks=pytest.mark.heavy),
+        pytest.param((-150.0, 100.0, -60.0), marks=pytest.mark.heavy),
+        (-330.0, 0.0, 0.0),  # just within the reach
+        (-420.0, 0.0, 0.0),  # beyond it
+    ],
 )
 def test_a_point_that_newton_reaches_the_arm_reaches_tick_by_tick(way):
     inverse, command, ref = Inverse(ROBOT), Command(ROBOT.home, np.zeros(6)), control.at_rest(TOOL)
