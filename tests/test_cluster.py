@@ -29,6 +29,8 @@ if __name__ == "__main__":
 """
 WORK = """
 import os, time
+with open("kernels", "a") as file:
+    file.write(f"{os.getpid()}\\n")
 with open("trace", "a") as file:
     file.write(f"{a} {os.getppid()} {os.environ['OMP_NUM_THREADS']}\\n")
 while a >= 8 and not os.path.exists("go"):
@@ -67,6 +69,14 @@ def traced():
     return [(a, int(process), threads) for a, process, threads in rows]
 
 
+def is_alive(process):
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    return True
+
+
 def test_functions_run_on_the_workers(dask, tmp_path):
     from dask.distributed import Client
 
@@ -91,7 +101,9 @@ def test_workers_with_other_code_are_refused(dask, monkeypatch):
         pass
 
 
-def test_a_worker_that_is_killed_costs_no_result(dask, tmp_path, monkeypatch, capfd):
+def test_a_worker_that_is_killed_costs_no_result_and_none_keeps_a_kernel(
+    dask, tmp_path, monkeypatch, capfd
+):
     address, processes = dask
     monkeypatch.chdir(tmp_path)
     make_notebook(Path("n.ipynb"), WORK, glued(square="a**2"), parameters="a = 0")
@@ -116,6 +128,9 @@ def test_a_worker_that_is_killed_costs_no_result(dask, tmp_path, monkeypatch, ca
     # both, and the one that took a place
     assert {process for _, process, _ in trace} > set(processes)
     assert {threads for _, _, threads in trace} == {"1"}
+    # no worker keeps a kernel, not even the one that was killed
+    begun = set(map(int, Path("kernels").read_text().split()))
+    wait_until(lambda: not any(map(is_alive, begun)))
     assert run(" ".join(command)) == 0  # all is there
     assert len(Path("trace").read_text().splitlines()) == len(trace)
     assert capfd.readouterr().out.splitlines()[-1] == "24 runs: 24 ok; written to s"

@@ -4,6 +4,7 @@ way.
 
 from __future__ import annotations
 
+import asyncio
 import multiprocessing
 import os
 import signal
@@ -128,7 +129,7 @@ def cluster(address: str, sweep: str = "") -> Iterator[Engine]:
             )
         finally:
             with suppress(Exception):  # workers that are gone have no kernels either
-                client.run(close_kernels, sweep)
+                client.run(_close_on_worker, sweep)
 
 
 def as_finished(
@@ -182,6 +183,13 @@ def _done(pending: dict[Future[Any], Any]) -> Iterator[tuple[Any, Future[Any]]]:
     """Those that are done, at least one; they are taken from `pending`."""
     for future in wait(pending, return_when=FIRST_COMPLETED).done:
         yield pending.pop(future), future
+
+
+async def _close_on_worker(sweep: str) -> None:
+    """End the kernels of a sweep in a worker: in a thread, because the worker's own event loop runs
+    here, and a kernel is ended by running another one.
+    """
+    await asyncio.to_thread(close_kernels, sweep)
 
 
 def _settle(client: Any, address: str) -> None:
