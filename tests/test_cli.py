@@ -23,7 +23,7 @@ from trinolab.cli import arguments, evaluate
 from trinolab.cli import measure as measure_command
 from trinolab.cli.evaluate import TrackQuality, _lasted
 from trinolab.datasets import data_path, load_handle, load_rig, load_table1
-from trinolab.files.poses import truth_table, write_poses
+from trinolab.files.poses import read_poses, truth_table, write_poses
 from trinolab.files.rigs import write_handle, write_rig
 from trinolab.studies import scoreboard
 
@@ -71,6 +71,19 @@ def test_measure_says_what_it_found_and_where_it_is(folder, capfd):
     assert out == "2 instants: 2 lost; written to poses.csv\n"
     assert err == ""  # no progress bar where standard error is no terminal
     assert len((folder / "poses.csv").read_text().splitlines()) == 3
+
+
+def test_measure_keeps_the_numbers_of_the_images(folder, capfd):
+    for camera in ("ccd1", "ccd2"):
+        for k in (0, 1):
+            Path(f"images/{camera}/{k}.png").rename(f"images/{camera}/{k + 20:06d}.png")
+    assert run(MEASURE) == 0
+    assert capfd.readouterr().out == (
+        "2 instants: 2 lost; frames 20 to 21, as the images are called; written to poses.csv\n"
+    )
+    assert read_poses("poses.csv")["frame"].tolist() == [20, 21]
+    assert run(MEASURE + " --prior truth.csv") == 2
+    assert "no frame in common with the images, which are frames 20 to 21" in capfd.readouterr().err
 
 
 def test_measure_says_what_it_converts(folder, capfd, caplog):

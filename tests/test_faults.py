@@ -197,6 +197,9 @@ def only_view(*kept):
     return remove
 
 
+TIMED = "frame,t_s,x_mm,y_mm,z_mm,qw,qx,qy,qz,status"
+
+
 def rows(*lines, head="frame,x_mm,y_mm,z_mm,qw,qx,qy,qz,status"):
     return "\n".join([head, *lines]) + "\n"
 
@@ -204,7 +207,6 @@ def rows(*lines, head="frame,x_mm,y_mm,z_mm,qw,qx,qy,qz,status"):
 CCD2_0, CCD2_1 = "rec/images/ccd2/000000.png", "rec/images/ccd2/000001.png"
 GREY, WRONG_SIZE = np.full(SIZE[::-1], 90, np.uint8), np.zeros((256, 318), np.uint8)
 POSE, TIMES = "0,0,570,1,0,0,0,measured", "rec/timestamps.csv"
-NO_CAMERA = "rec/images/ccd9: images of a camera that the rig does not have"
 FAULTS = {
     # images
     "images: no folder": (nothing, MEASURE.replace("rec/images", "no"), "no: no such folder"),
@@ -219,11 +221,6 @@ FAULTS = {
         moved("rec/images/ccd2", "rec/images/ccd9"),
         TRACK,
         "rec: expected one folder or video of camera ccd2, got neither",
-    ),
-    "images: camera too many": (
-        lambda: shutil.copytree("rec/images/ccd2", "rec/images/ccd9"),
-        MEASURE,
-        NO_CAMERA,
     ),
     "images: one missing": (
         gone(CCD2_1),
@@ -628,9 +625,7 @@ FAULTS = {
     "path: repeated times": (
         text(
             "path.csv",
-            rows(
-                f"0,0.1,{POSE}", f"1,0.1,{POSE}", head="frame,t_s,x_mm,y_mm,z_mm,qw,qx,qy,qz,status"
-            ),
+            rows(f"0,0.1,{POSE}", f"1,0.1,{POSE}", head=TIMED),
         ),
         FOLLOW,
         "path.csv: column 't_s' expects increasing seconds",
@@ -638,9 +633,7 @@ FAULTS = {
     "path: decreasing times": (
         text(
             "path.csv",
-            rows(
-                f"0,0.1,{POSE}", f"1,0.0,{POSE}", head="frame,t_s,x_mm,y_mm,z_mm,qw,qx,qy,qz,status"
-            ),
+            rows(f"0,0.1,{POSE}", f"1,0.0,{POSE}", head=TIMED),
         ),
         FOLLOW,
         "path.csv: column 't_s' expects increasing seconds",
@@ -713,6 +706,17 @@ FAULTS = {
         text("found.csv", rows(f"9,{POSE}")),
         EVALUATE,
         "found.csv, truth.csv: no frame in common",
+    ),
+    "poses: other times": (
+        lambda: [
+            text(
+                f"{name}.csv",
+                rows(f"0,{t},{POSE}", f"1,{t + 0.04},{POSE}", head=TIMED),
+            )()
+            for name, t in (("found", 0.0), ("truth", 0.8))
+        ],
+        EVALUATE,
+        "found.csv, truth.csv: frame 0 is at 0 s in the one and at 0.8 s in the other",
     ),
     # where to write
     "out: no folder": (

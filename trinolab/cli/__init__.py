@@ -56,7 +56,10 @@ def _measure(a: argparse.Namespace) -> int:
     from .measure import measure_folder
 
     table = measure_folder(a.rig, a.handle, a.images, a.out, a.method, a.prior)
-    _say(f"{_counted(table)}; written to {a.out}")
+    frames = table["frame"].tolist()
+    named = frames != list(range(len(frames)))
+    span = f"; frames {frames[0]} to {frames[-1]}, as the images are called" if named else ""
+    _say(f"{_counted(table)}{span}; written to {a.out}")
     return 0
 
 

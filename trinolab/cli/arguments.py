@@ -135,7 +135,8 @@ def _add_measure(commands: argparse._SubParsersAction) -> None:
         "--images",
         required=True,
         metavar="DIR",
-        help="holds a folder a camera, named as in the rig, the same file names in each",
+        help="holds a folder a camera, named as in the rig, the same file names in each; a pose's frame is "
+        "the number in the name, where the names differ in their numbers alone, else they count from 0",
     )
     p.add_argument("--out", required=True, metavar="POSES.csv", help="the poses to write")
     _add_method(p, "paper_checked")
@@ -222,7 +223,11 @@ def _add_evaluate(commands: argparse._SubParsersAction) -> None:
         "trinolab evaluate poses.csv truth.csv --handle handle.toml",
     )
     p.add_argument("poses", metavar="POSES.csv", help="what 'trinolab measure' has written")
-    p.add_argument("truth", metavar="TRUTH.csv", help="the true poses, joined on 'frame'")
+    p.add_argument(
+        "truth",
+        metavar="TRUTH.csv",
+        help="the true poses, joined on 'frame'; refused where times or places show that the frames are others",
+    )
     p.add_argument(
         "--handle", required=True, metavar="HANDLE.toml", help="errors count up to its symmetry"
     )

@@ -30,6 +30,7 @@ from ..metrics import (
     position_errors,
     track_equivalent,
 )
+from .joining import join
 
 FAR_MM, FAR_DEG = 2.0, 5.0  # beyond either a pose is far off
 # markers that one camera, or each of two, has to see: as many fix the pose
@@ -183,15 +184,13 @@ def evaluate(poses: str | Path, truth: str | Path, handle: str | Path) -> Evalua
     Raises
     ------
     ValueError
-        If a file is missing or malformed, or the two have no frame in common.
+        If a file is missing or malformed, or the two do not belong together, see `joining.join`.
     """
     found = read_poses(poses)
     true = read_poses(truth)
     the_handle = read_handle(handle)
+    both = join(found, true, poses, truth)
     true = true[true["status"] != "lost"].sort_values("frame")
-    both = found.merge(true, on="frame", suffixes=("", "_true"))
-    if both.empty:
-        raise ValueError(f"{poses}, {truth}: no frame in common")
     counts = both["status"].value_counts()
     measured, ambiguous, predicted = (
         int(counts.get(s, 0)) for s in ("measured", "ambiguous", "predicted")

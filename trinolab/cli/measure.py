@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import pandas as pd
@@ -34,8 +35,9 @@ def measure_folder(
     rig, handle : path
         Rig and handle file.
     images : path
-        Holds a folder a camera, named as in the rig, the same file names in each. Colour and 16-bit
-        images are converted, and the log says so.
+        Holds a folder a camera, named as in the rig, the same file names in each; what is in
+        others is left out. The frames are the numbers in the names, see `recording.frames_named`.
+        Colour and 16-bit images are converted. The log says what was left out or converted.
     out : path
         CSV of poses to write; it appears when all instants are done.
     method : {"paper", "paper_checked", "weighted", "reprojection", "patches", "outline", "best"}
@@ -59,7 +61,8 @@ def measure_folder(
     the_rig = read_rig(rig)
     the_handle = read_handle(handle)
     instants = list_instants(images, the_rig)
-    expected = {} if prior is None else _expected(prior, len(instants))
+    frames = [instant.frame for instant in instants]
+    expected = {} if prior is None else _expected(prior, frames)
     check_targets([out], [rig, handle, *([prior] if prior else [])])
     with (
         logging_redirect_tqdm(),
@@ -69,16 +72,17 @@ def measure_folder(
             measure(images, the_rig, the_handle, expected.get(instant.frame), parameters).pose
             for instant, images in zip(shown, read_instants(instants, the_rig), strict=True)
         ]
-    table = pose_table(poses)
+    table = pose_table(poses, frames=frames)
     write_poses(table, out)
     return table
 
 
-def _expected(path: str | Path, instants: int) -> dict[int, RigidTransform]:
+def _expected(path: str | Path, frames: Sequence[int]) -> dict[int, RigidTransform]:
     """The poses of a prior by their frame."""
     table = read_poses(path)
-    if not (table["frame"] < instants).any():
+    if not table["frame"].isin(frames).any():
         raise ValueError(
-            f"{path}: no frame in common with the images, which are frames 0 to {instants - 1}"
+            f"{path}: no frame in common with the images, which are frames {min(frames)} to "
+            f"{max(frames)}"
         )
     return poses_by_frame(table)

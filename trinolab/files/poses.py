@@ -43,12 +43,17 @@ FARTHEST_MM = 1e9  # of a position that a file may hold: a thousand km
 STATUSES = ("measured", "ambiguous", "predicted", "lost")
 
 
-def pose_table(poses: Sequence[Pose], t_s: Sequence[float] | None = None) -> pd.DataFrame:
+def pose_table(
+    poses: Sequence[Pose],
+    t_s: Sequence[float] | None = None,
+    frames: Sequence[int] | None = None,
+) -> pd.DataFrame:
     """Poses as a table with the columns of `POSE_COLUMNS`; a lost pose has empty numbers, `t_s` is
-    empty if unknown.
+    empty if unknown, `frames` count from 0.
     """
     times = [np.nan] * len(poses) if t_s is None else t_s
-    rows = [pose_row(k, t, pose) for k, (t, pose) in enumerate(zip(times, poses, strict=True))]
+    numbers = range(len(poses)) if frames is None else frames
+    rows = [pose_row(k, t, pose) for k, t, pose in zip(numbers, times, poses, strict=True)]
     return pd.DataFrame(rows, columns=list(POSE_COLUMNS))
 
 

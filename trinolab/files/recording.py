@@ -8,7 +8,9 @@ and ``truth.csv``.
 
 from __future__ import annotations
 
+import logging
 import os
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -23,7 +25,10 @@ from .images import IMAGE_SUFFIXES, Grey, as_grey, check_size, is_image, read_gr
 from .inputs import read_csv
 from .rigs import read_handle, read_rig
 
+LAST_FRAME = 2**53  # a pose file may have; a time in nanoseconds is no frame
 VIDEO_SUFFIXES = (".mkv", ".mp4", ".avi", ".mov", ".webm", ".m4v", ".mpg", ".mpeg")
+
+log = logging.getLogger("trinolab")
 
 # a broken video is our line to say, not FFmpeg's
 os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
@@ -129,8 +134,8 @@ def open_video(path: Path) -> cv2.VideoCapture:
 
 
 class Instant(NamedTuple):
-    """The images of one instant: `paths` in the order of the rig's cameras; `frame` counts from
-    0.
+    """The images of one instant: `paths` in the order of the rig's cameras; `frame` as in
+    `frames_named`.
     """
 
     frame: int
@@ -342,13 +347,14 @@ def read_timestamps(path: str | Path) -> Array:
 
 def list_instants(folder: str | Path, rig: Rig) -> list[Instant]:
     """The instants of a folder that holds a folder of images for each camera, the same file names
-    in each.
+    in each, in the order of their frames.
+
+    Images of a camera that the rig does not have are left out; the log says so.
 
     Raises
     ------
     ValueError
-        If a camera's folder is missing or holds no image, a name is missing in one of them, or
-        there are images of a camera that the rig does not have.
+        If a camera's folder is missing or holds no image, or a name is missing in one of them.
     """
     root = Path(folder)
     if not root.is_dir():
@@ -358,9 +364,7 @@ def list_instants(folder: str | Path, rig: Rig) -> list[Instant]:
         path for path in root.iterdir() if path.is_dir() and path.name not in rig.names
     ):
         if any(is_image(path) for path in other.iterdir()):
-            raise ValueError(
-                f"{other}: images of a camera that the rig does not have ({', '.join(rig.names)})"
-            )
+            log.info("%s: left out, the rig has no such camera (%s)", other, ", ".join(rig.names))
     every = sorted(set().union(*names.values()))
     for camera, present in names.items():
         if missing := [name for name in every if name not in present]:
@@ -368,9 +372,29 @@ def list_instants(folder: str | Path, rig: Rig) -> list[Instant]:
                 f"{root / camera / missing[0]}: missing, another camera has this image"
             )
     return [
-        Instant(k, tuple(root / camera / name for camera in rig.names))
-        for k, name in enumerate(every)
+        Instant(frame, tuple(root / camera / name for camera in rig.names))
+        for frame, name in sorted(zip(frames_named(every), every, strict=True))
     ]
+
+
+def frames_named(names: Sequence[str]) -> list[int]:
+    """The frames that images are of: the numbers in their names, or else their places from 0.
+
+    Names that differ in one whole number at their end are numbers: ``000020.png``, ``left_7.png``.
+    Where what comes before the number differs, as in the time ``1699999999.25.png``, or two numbers
+    are the same, nobody knows what the number counts.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Of files, in the order in which they count if they are no numbers.
+    """
+    parts = [re.fullmatch(r"(.*?)([0-9]+)", Path(name).stem) for name in names]
+    before = {part[1] if part else None for part in parts}
+    numbers = [int(part[2]) for part in parts if part]
+    if len(before) > 1 or len(set(numbers)) < len(names) or max(numbers) > LAST_FRAME:
+        return list(range(len(names)))
+    return numbers
 
 
 def read_instants(listed: Sequence[Instant], rig: Rig) -> Iterator[list[np.ndarray]]:

@@ -1,0 +1,148 @@
+"""Poses joined with their truth on the frame, and the signs that the two do not belong together.
+
+A wrong join gives numbers like a right one: poses of frames 20 to 24 that are numbered 0 to 4 are
+half a hand's way off, and look like a bad measurement.
+"""
+
+from __future__ import annotations
+
+import logging
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import pandas as pd
+
+FITS_MM = 2.0  # the median distance of poses that belong to their truth; a worse one is looked into
+BETTER = 0.25  # another offset has to fit so much better, as a share of that distance
+# frames by which a tracker may be late: a larger offset is a wrong join
+DELAY = 5
+FEWEST = 3  # poses that show an offset
+MOST = 200  # poses that are held against the truth at every offset
+_POSITION = ["x_mm", "y_mm", "z_mm"]
+
+log = logging.getLogger("trinolab")
+
+
+class Offset(NamedTuple):
+    """Frames from the poses to the truth that they fit best, and the median distances there and
+    without it, mm.
+    """
+
+    frames: int
+    there_mm: float
+    here_mm: float
+
+
+def join(
+    found: pd.DataFrame, true: pd.DataFrame, poses: str | Path, truth: str | Path
+) -> pd.DataFrame:
+    """The rows of poses beside those of their truth, whose columns end in ``_true``.
+
+    The log says what is odd: instants without a partner, poses that are late, files that seem to be
+    swapped.
+
+    Parameters
+    ----------
+    found, true : pandas.DataFrame
+        Of `read_poses`.
+    poses, truth : path
+        Their files.
+
+    Raises
+    ------
+    ValueError
+        Names both files: no frame in common, times that disagree by half a frame or more, poses
+        that fit the truth of frames far away.
+    """
+    there = true[true["status"] != "lost"]
+    both = found.merge(there, on="frame", suffixes=("", "_true"))
+    if both.empty:
+        raise ValueError(f"{poses}, {truth}: no frame in common")
+    _check_times(both, f"{poses}, {truth}")
+    _check_offset(best_offset(found, there), poses, truth)
+    if alone := int((~found["frame"].isin(true["frame"])).sum()):
+        log.warning("%s: %d of %d frames have no truth in %s", poses, alone, len(found), truth)
+    if alone := int((~there["frame"].isin(found["frame"])).sum()):
+        said = "%s: %d of %d instants have no row in %s, and count as lost"
+        log.warning(said, truth, alone, len(there), poses)
+    if _has_sigma(true) and not _has_sigma(found):
+        log.warning(
+            "%s has uncertainties, %s has none: is the truth given before the poses?", truth, poses
+        )
+    return both
+
+
+def best_offset(found: pd.DataFrame, true: pd.DataFrame) -> Offset | None:
+    """The offset at which poses fit the truth far better than they do; None if they fit, or fit
+    nowhere.
+
+    Parameters
+    ----------
+    found, true : pandas.DataFrame
+        Of `read_poses`; each row of `true` has a pose.
+    """
+    held = found[found["status"].isin(["measured", "ambiguous"])]
+    if len(held) < FEWEST:
+        return None
+    held = held.iloc[np.unique(np.linspace(0, len(held) - 1, MOST).round().astype(int))]
+    true = true.sort_values("frame")
+    here = _distances(held, true, 0)
+    if len(here) < FEWEST or np.median(here) <= FITS_MM:
+        return None
+    # whatever the offset is, the middle one of the poses has a partner
+    middle = int(held["frame"].iloc[len(held) // 2])
+    best = Offset(0, float(np.median(here)), float(np.median(here)))
+    for offset in (true["frame"] - middle).tolist():
+        there = _distances(held, true, offset)
+        if len(there) >= max(FEWEST, 0.8 * len(here)) and np.median(there) < best.there_mm:
+            best = best._replace(frames=offset, there_mm=float(np.median(there)))
+    fits = best.there_mm <= FITS_MM and best.there_mm <= BETTER * best.here_mm
+    return best if fits else None
+
+
+def _distances(held: pd.DataFrame, true: pd.DataFrame, offset: int) -> np.ndarray:
+    """How far poses are from the truth so many frames later, mm; of those that have one."""
+    frames = true["frame"].to_numpy()
+    wanted = held["frame"].to_numpy() + offset
+    place = np.minimum(np.searchsorted(frames, wanted), len(frames) - 1)
+    has = frames[place] == wanted
+    apart = held[_POSITION].to_numpy()[has] - true[_POSITION].to_numpy()[place[has]]
+    return np.linalg.norm(apart, axis=1)
+
+
+def _check_times(both: pd.DataFrame, where: str) -> None:
+    """Refuse times that are half a frame or more apart; where one file has none they say
+    nothing.
+    """
+    if not {"t_s", "t_s_true"} <= set(both):
+        return
+    timed = both[["frame", "t_s", "t_s_true"]].dropna().sort_values("frame")
+    if len(timed) < 2:
+        return
+    period = float(np.median(np.diff(timed["t_s_true"]) / np.diff(timed["frame"])))
+    apart = (timed["t_s"] - timed["t_s_true"]).abs()
+    if period > 0 and (apart >= 0.5 * period).any():
+        wrong = timed[apart >= 0.5 * period].iloc[0]
+        raise ValueError(
+            f"{where}: frame {int(wrong['frame'])} is at {wrong['t_s']:.6g} s in the one and at "
+            f"{wrong['t_s_true']:.6g} s in the other; their frames do not belong together"
+        )
+
+
+def _check_offset(offset: Offset | None, poses: str | Path, truth: str | Path) -> None:
+    if offset is None:
+        return
+    when = f"{abs(offset.frames)} frames {'later' if offset.frames > 0 else 'earlier'}"
+    said = (
+        f"the poses fit the truth {when} far better (median {offset.there_mm:.3g} mm instead of "
+        f"{offset.here_mm:.3g})"
+    )
+    if abs(offset.frames) > DELAY:
+        raise ValueError(f"{poses}, {truth}: {said}; their frames do not belong together")
+    log.warning("%s: %s: they are delayed, or numbered otherwise than %s", poses, said, truth)
+
+
+def _has_sigma(table: pd.DataFrame) -> bool:
+    """Whether a table says how sure its poses are, as an estimate does and a truth does not."""
+    return "sigma_mm" in table and bool((table["sigma_mm"] > 0).any())
