@@ -10,10 +10,16 @@ from processes import HANGS_S
 
 from trinolab import cli
 from trinolab.bench import recordings
-from trinolab.bench.recordings import clear_recordings, recordings_folder, standard_recording
+from trinolab.bench.recordings import (
+    clear_recordings,
+    kept_recordings,
+    recordings_folder,
+    standard_recording,
+)
 from trinolab.bench.scene import scaled
 from trinolab.camera import Rig
 from trinolab.datasets import load_rig
+from trinolab.files.kept import locked
 from trinolab.files.poses import read_poses
 
 
@@ -59,7 +65,8 @@ def test_whatever_it_is_made_from_changes_the_folder(monkeypatch):
 
 def test_equal_seeds_give_equal_recordings(cache):
     first = images(standard_recording("hard", seed=2, seconds=0.1))
-    assert clear_recordings() >= sum(len(data) for data in first.values())
+    (gone,) = clear_recordings()
+    assert gone.size == sum(len(data) for data in first.values())
     assert not (cache / "recordings").exists()
     assert images(standard_recording("hard", seed=2, seconds=0.1)) == first
 
@@ -108,14 +115,89 @@ def test_two_at_once_render_it_once(cache):
     assert said == {f"{standard_recording('hard', seconds=0.1)}\n"}
 
 
-def test_the_command_clears_the_cache(cache, capfd):
-    standard_recording("calm", seconds=0.1)
+def answering(monkeypatch, *answers):
+    """A person at a terminal, and the questions that are asked there."""
+    asked, left = [], iter(answers)
+
+    def answer(question):
+        asked.append(question)
+        if (said := next(left, None)) is None:
+            raise EOFError
+        return said
+
+    monkeypatch.setattr("sys.stdin.isatty", lambda: True)
+    monkeypatch.setattr("builtins.input", answer)
+    return asked
+
+
+@pytest.mark.parametrize("answers", [("y",), (" YES ",)])
+def test_clear_shows_what_there_is_asks_and_removes(cache, capfd, monkeypatch, answers):
+    kept = [standard_recording(name, seconds=0.1) for name in ("calm", "hard")]
+    asked = answering(monkeypatch, *answers)
     assert cli.main(["clear"]) == 0
-    assert capfd.readouterr().out.endswith(
-        f"MB of standard recordings removed from {recordings_folder()}\n"
-    )
+    out = capfd.readouterr().out.splitlines()
+    assert asked == ["remove 0 MB? [y/N] "]
+    assert out[0] == f"in {recordings_folder()}, for all copies of trinolab on this account:"
+    assert sorted(line.split()[-1] for line in out[1:3]) == sorted(path.name for path in kept)
+    assert out[3:] == [f"0 MB of standard recordings removed from {recordings_folder()}"]
     assert not recordings_folder().exists()
     assert cli.main(["clear"]) == 0  # nothing to remove is no mistake
+    assert capfd.readouterr().out == f"no standard recording is kept in {recordings_folder()}\n"
+
+
+@pytest.mark.parametrize("answers", [("",), ("n",), ("what?",), ()])
+def test_whoever_does_not_say_yes_keeps_them(cache, capfd, monkeypatch, answers):
+    before = images(standard_recording("calm", seconds=0.1))
+    answering(monkeypatch, *answers)
+    assert cli.main(["clear"]) == 0
+    assert capfd.readouterr().out.endswith("nothing was removed\n")
+    assert images(standard_recording("calm", seconds=0.1)) == before
+
+
+def test_without_a_terminal_it_takes_a_yes(cache, capfd, monkeypatch):
+    folder = standard_recording("calm", seconds=0.1)
+    monkeypatch.setattr("sys.stdin.isatty", lambda: False)
+    assert cli.main(["clear"]) == 2
+    assert capfd.readouterr() == (
+        "",
+        "trinolab clear: no terminal to ask on; --yes removes 1 standard recordings, 0 MB, from "
+        f"{recordings_folder()}\n",
+    )
+    assert folder.is_dir()
+    assert cli.main(["clear", "--yes"]) == 0
+    assert not recordings_folder().exists()
+
+
+def test_what_is_being_rendered_stays(cache, capfd):
+    folder, other = (standard_recording(name, seconds=0.1) for name in ("calm", "hard"))
+    folder.rename(folder.with_name(f"{folder.name}.partial"))
+    with locked(folder.with_name(f"{folder.name}.lock")):
+        assert cli.main(["clear", "--yes"]) == 0
+    assert capfd.readouterr().out == (
+        f"{folder.name}: left, it is being rendered\n"
+        f"0 MB of standard recordings removed from {recordings_folder()}\n"
+    )
+    assert not other.exists()
+    assert folder.with_name(f"{folder.name}.partial").is_dir()
+    assert [one.name for one in kept_recordings()] == [folder.name]
+
+
+def test_a_removal_that_is_interrupted_leaves_no_recording_in_part(cache, monkeypatch):
+    folder = standard_recording("calm", seconds=0.1)
+
+    def interrupted(path, **_):
+        if path.exists():
+            raise KeyboardInterrupt
+
+    with monkeypatch.context() as patched:
+        patched.setattr(recordings.shutil, "rmtree", interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            clear_recordings()
+    assert not folder.exists()
+    assert [one.name for one in kept_recordings()] == [folder.name]
+    standard_recording("calm", seconds=0.1)  # rendered anew beside what is left
+    clear_recordings()
+    assert not recordings_folder().exists()
 
 
 @pytest.mark.parametrize(

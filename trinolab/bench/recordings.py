@@ -15,13 +15,14 @@ import os
 import shutil
 import signal
 import threading
-from collections.abc import Generator
+from collections.abc import Generator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import closing
+from contextlib import closing, suppress
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
+from stat import S_ISREG
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
@@ -36,7 +37,7 @@ from ..files.kept import locked
 from ..files.outputs import write_whole
 from ..files.poses import pose_table, poses_by_frame, read_poses
 from ..files.provenance import code_hash
-from ..files.recorder import add, begin, check_names, finish, image_paths, partial_of
+from ..files.recorder import PARTIAL, add, begin, check_names, finish, image_paths, partial_of
 from ..files.rigs import read_handle, read_rig
 from ..handle import Handle
 from ..pose import LOST, Pose
@@ -45,6 +46,9 @@ from .scenario import Job, Shot, calm, empty, following, hard, seen_markers, tak
 SCRIPTS = {"calm": calm, "hard": hard}
 SECONDS = 10.0  # of a standard recording
 MANIFEST = "made_from.json"
+# behind the name of a standard recording: whoever renders it has this file; it is being removed
+LOCK = ".lock"
+REMOVED = ".removed"
 WORKERS = 2  # processes, where the machine has as many
 _worker: dict[str, Any] = {}  # of a process of the pool: its job
 
@@ -356,7 +360,7 @@ def standard_recording(
         folder.parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise ValueError(f"{folder.parent}: cannot be written ({error.strerror})") from None
-    with locked(folder.with_name(f"{folder.name}.lock"), wait=True):
+    with locked(folder.with_name(f"{folder.name}{LOCK}"), wait=True):
         if not folder.is_dir():  # another process has not rendered it meanwhile
             write_recording(job, folder, manifest, progress)
     return folder
@@ -369,9 +373,67 @@ def recordings_folder() -> Path:
     return cache_folder() / "recordings"
 
 
-def clear_recordings() -> int:
-    """Remove all standard recordings; the number of bytes that this frees."""
-    files = [path for path in recordings_folder().rglob("*") if path.is_file()]
-    size = sum(path.stat().st_size for path in files)
-    shutil.rmtree(recordings_folder(), ignore_errors=True)
-    return size
+class Kept(NamedTuple):
+    """A standard recording in the user's cache, whole or not: its name, its size, bytes, and when it
+    was last written, s since 1970.
+    """
+
+    name: str
+    size: int
+    written_s: float
+
+
+def kept_recordings() -> list[Kept]:
+    """The standard recordings that are kept, the last written one first."""
+    found = []
+    for name, paths in _paths_by_name().items():
+        about = [one for root in paths for path in [root, *root.rglob("*")] for one in _stat(path)]
+        size = sum(one.st_size for one in about if S_ISREG(one.st_mode))
+        found.append(Kept(name, size, max((one.st_mtime for one in about), default=0.0)))
+    return sorted(found, key=lambda kept: -kept.written_s)
+
+
+def clear_recordings(chosen: Sequence[Kept] | None = None) -> list[Kept]:
+    """Remove standard recordings, all by default; return those that are gone.
+
+    One that a process renders at this moment stays. One whose removal is interrupted is not taken
+    for a whole one.
+    """
+    gone = []
+    for kept in kept_recordings() if chosen is None else chosen:
+        with suppress(ValueError), locked(recordings_folder() / f"{kept.name}{LOCK}"):
+            for path in _paths_by_name().get(kept.name, []):
+                _remove(path)
+            gone.append(kept)
+    with suppress(OSError):  # it is not there, or something is left
+        recordings_folder().rmdir()
+    return gone
+
+
+def _stat(path: Path) -> list[os.stat_result]:
+    """What the system says of a file; nothing if it is gone, as those are that somebody renders."""
+    try:
+        return [path.stat()]
+    except FileNotFoundError:
+        return []
+
+
+def _remove(path: Path) -> None:
+    """Remove a file, or a folder, which loses its name first."""
+    if not path.is_dir():
+        path.unlink(missing_ok=True)
+        return
+    nameless = path.with_name(f"{path.stem}{REMOVED}")
+    if path != nameless:
+        shutil.rmtree(nameless, ignore_errors=True)  # of an interrupted removal
+        path = path.rename(nameless)
+    shutil.rmtree(path)
+
+
+def _paths_by_name() -> dict[str, list[Path]]:
+    """What belongs to each standard recording: the folder, the unfinished one, the lock."""
+    found: dict[str, list[Path]] = {}
+    for path in sorted(recordings_folder().glob("*")):
+        name = path.stem if path.suffix in (PARTIAL, LOCK, REMOVED) else path.name
+        found.setdefault(name, []).append(path)
+    return found

@@ -12,6 +12,7 @@ import os
 import shlex
 import sys
 from collections.abc import Sequence
+from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -19,6 +20,8 @@ from .arguments import parser
 
 if TYPE_CHECKING:
     import pandas as pd
+
+    from ..bench.recordings import Kept
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -236,12 +239,51 @@ def _sweep(a: argparse.Namespace) -> int:
 
 
 def _clear(a: argparse.Namespace) -> int:
-    from ..bench.recordings import clear_recordings, recordings_folder
+    from ..bench.recordings import clear_recordings, kept_recordings, recordings_folder
 
-    _say(
-        f"{clear_recordings() / 1e6:.0f} MB of standard recordings removed from {recordings_folder()}"
-    )
+    folder = recordings_folder()
+    kept = kept_recordings()
+    if not kept:
+        _say(f"no standard recording is kept in {folder}")
+        return 0
+    if not a.yes:
+        if not sys.stdin.isatty():
+            raise ValueError(
+                f"no terminal to ask on; --yes removes {len(kept)} standard recordings, "
+                f"{_megabytes(kept)}, from {folder}"
+            )
+        _say(
+            "\n".join(
+                [f"in {folder}, for all copies of trinolab on this account:", *map(_line, kept)]
+            )
+        )
+        if not _confirmed(f"remove {_megabytes(kept)}?"):
+            _say("nothing was removed")
+            return 0
+    gone = clear_recordings(kept)
+    for one in kept:
+        if one not in gone:
+            _say(f"{one.name}: left, it is being rendered")
+    _say(f"{_megabytes(gone)} of standard recordings removed from {folder}")
     return 0
+
+
+def _megabytes(kept: Sequence[Kept]) -> str:
+    return f"{sum(one.size for one in kept) / 1e6:.0f} MB"
+
+
+def _line(kept: Kept) -> str:
+    when = datetime.fromtimestamp(kept.written_s).strftime("%Y-%m-%d %H:%M")
+    return f"  {_megabytes([kept]):>7}  {when}  {kept.name}"
+
+
+def _confirmed(question: str) -> bool:
+    """Whether a person at the terminal says yes; no answer is none."""
+    try:
+        return input(f"{question} [y/N] ").strip().lower() in ("y", "yes")
+    except EOFError:
+        print()
+        return False
 
 
 def _scoreboard(a: argparse.Namespace) -> int:

@@ -35,11 +35,14 @@ def parser() -> argparse.ArgumentParser:
     _add_render(commands)
     _add_teleop(commands)
     _add_sweep(commands)
-    _add(
+    clear = _add(
         commands,
         "clear",
         "remove the standard recordings that chapters keep in the user's cache",
         "trinolab clear",
+    )
+    clear.add_argument(
+        "--yes", action="store_true", help="remove them without showing them and asking first"
     )
     _add_capture(commands)
     board = _add(
