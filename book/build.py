@@ -28,7 +28,7 @@ import yaml
 from jupyter_cache import get_cache
 from nbclient.exceptions import CellExecutionError, CellTimeoutError, DeadKernelError
 
-from trinolab.cli import as_text
+from trinolab.cli import as_text, not_run
 from trinolab.files.outputs import write_whole
 from trinolab.files.provenance import (
     hash_files,
@@ -88,7 +88,8 @@ def main() -> int:
     except KeyboardInterrupt:
         print("\nstopped; the chapters that were finished are kept")
         return 130
-    print(f"\n{as_text(pd.read_csv(SCOREBOARD, dtype=str, keep_default_na=False))}")
+    board = pd.read_csv(SCOREBOARD, dtype=str, keep_default_na=False)
+    print("\n".join(filter(None, ["", as_text(board), not_run(board)])))
     print(f"\nThe book: {HTML / 'index.html'}, after {time.monotonic() - begin:.0f} s")
     return 0
 

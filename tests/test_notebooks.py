@@ -96,6 +96,12 @@ def pages_with_films(run):
     return [page for page in shown if "<video" in page]
 
 
+@pytest.mark.parametrize("entries", [OTHER_PARAMETERS, SMALL], ids=["OTHER_PARAMETERS", "SMALL"])
+def test_every_chapter_has_an_entry(entries):
+    missing = {path.stem for path in NOTEBOOKS} - set(entries)
+    assert not missing, "a chapter needs an entry in OTHER_PARAMETERS and in SMALL, see above"
+
+
 @each_notebook
 def test_runs_at_its_defaults(path, tmp_path):
     run = as_it_stands(path)
@@ -106,11 +112,12 @@ def test_runs_at_its_defaults(path, tmp_path):
 
 @each_notebook
 def test_runs_at_other_parameters(path):
-    other, defaults = OTHER_PARAMETERS[path.stem], read_parameters(path)
+    other, small = (entries.get(path.stem, {}) for entries in (OTHER_PARAMETERS, SMALL))
+    defaults = read_parameters(path)
     assert any(value != defaults.get(name) for name, value in other.items()), (
         "no parameter differs from its default"
     )
-    check_results(run_notebook(path, {**other, **SMALL[path.stem]}, timeout_s=build.CELL_TIMEOUT_S))
+    check_results(run_notebook(path, {**other, **small}, timeout_s=build.CELL_TIMEOUT_S))
 
 
 @each_notebook

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from executed import whole_scoreboard
 
-from trinolab.cli import as_text
+from trinolab.cli import as_text, main, not_run
 from trinolab.datasets import load_calibration, real_set
 from trinolab.studies import scoreboard as module
 from trinolab.studies.scoreboard import (
@@ -55,9 +55,11 @@ def cheap(monkeypatch):
 # --- the ledger
 
 
-def test_all_twenty_claims_are_there_once():
+def test_all_twenty_claims_are_there_once_and_others_go_on_from_there():
     numbers = [c.no for c in CLAIMS]
-    assert [no for no in numbers if no.isdigit()] == [str(k) for k in range(1, 21)]
+    papers = [int(no) for no in numbers if no.isdigit()]
+    assert papers == list(range(1, len(papers) + 1))
+    assert len(papers) >= 20
     assert len(set(numbers)) == len(numbers)
     assert all(no.rstrip("abcdefgh").isdigit() for no in numbers)
 
@@ -106,7 +108,11 @@ def test_what_was_not_run_says_so_and_is_no_disagreement(monkeypatch):
     monkeypatch.setitem(module.CHECKS, "real_leds", lambda: None)
     board = scoreboard().set_index("no")
     assert board.loc["5b", "verdict"] == "not run"
-    assert board.loc["5b", "reason"] == "not run: TRINOLAB_DATA is not set"
+    assert board.loc["5b", "reason"].startswith(
+        "not run: TRINOLAB_DATA is not set; data/real.toml "
+    )
+    assert not_run(board.reset_index()) == f"claim 5b: {board.loc['5b', 'reason']}"
+    assert not_run(board.drop("5b").reset_index()) == ""
     assert np.isnan(board.loc["5b", "ours"])
     assert disagreements(board.reset_index()) == []
     assert (board.drop("5b")["verdict"] != "not run").all()
@@ -141,6 +147,22 @@ def test_a_replication_that_lost_poses_is_no_result(monkeypatch):
 
 
 # --- the board
+
+
+def test_a_check_that_is_not_there_is_one_line_before_anything_is_computed(monkeypatch, capsys):
+    def computed():
+        raise AssertionError
+
+    wrong = (claim("1"), replace(claim("2"), no="21", check="table_1_alpha"))
+    monkeypatch.setattr(module, "load_claims", lambda: wrong)
+    monkeypatch.setattr(module, "CHECKS", dict.fromkeys(CHECKS, computed))
+    assert main(["scoreboard"]) == 2
+    out, err = capsys.readouterr()
+    assert err.startswith(
+        "trinolab scoreboard: claims.toml: claim 21: check: expected one of table1_"
+    )
+    assert err.endswith("(CHECKS in trinolab/studies/scoreboard.py), got 'table_1_alpha'\n")
+    assert (out, err.count("\n")) == ("", 1)
 
 
 @pytest.mark.usefixtures("cheap")

@@ -296,6 +296,8 @@ def _scoreboard(a: argparse.Namespace) -> int:
     if a.csv:
         write_whole(a.csv, board.assign(ours=board["ours"].map(_digits)).to_csv(index=False))
     _say(as_text(board))
+    if note := not_run(board):
+        _say(note)
     if wrong := disagreements(board):
         print(f"not as declared in the ledger: claim {', '.join(wrong)}", file=sys.stderr)
         return 1
@@ -313,6 +315,15 @@ def as_text(board: pd.DataFrame, width: int = 76) -> str:
     table = table[["no", "claim", "paper", "ours", "unit", "verdict"]]
     left = {"claim": f"{{:<{width}s}}".format, "verdict": "{:<16s}".format}
     return table.to_string(index=False, justify="left", formatters=left)
+
+
+def not_run(board: pd.DataFrame) -> str:
+    """What a reader of a scoreboard as text should know of the rows that were not run; nothing if all
+    were.
+    """
+    rows = board[board["verdict"] == "not run"]
+    numbers = ", ".join(map(str, rows["no"]))
+    return f"claim {numbers}: {rows['reason'].iloc[0]}" if len(rows) else ""
 
 
 def _digits(value: float | str) -> str:

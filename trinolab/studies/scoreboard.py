@@ -27,6 +27,7 @@ from .simulated_calibration import calibration_cost_mm
 
 COLUMNS = ("no", "claim", "paper", "ours", "unit", "verdict", "reason")
 NOT_RUN = "not run"
+WHENCE = "data/real.toml says which recordings it should have, and where they come from"
 RIGS = ("paper_pair", "paper_trinocular", "raised_40deg")
 
 
@@ -117,8 +118,20 @@ def scoreboard(progress: bool = False) -> pd.DataFrame:
         Columns `COLUMNS`, one row a claim; `ours` is NaN where nothing is computed. The verdict is
         then the declared one ("cannot be tested", "not tested yet"), or "not run" where it takes a
         recording that is not here.
+
+    Raises
+    ------
+    ValueError
+        Before anything is computed: a claim names a check that is not in `CHECKS`.
     """
-    with tqdm(load_claims(), unit="claim", disable=None if progress else True) as claims:
+    ledger = load_claims()
+    for claim in ledger:
+        if claim.check is not None and claim.check not in CHECKS:
+            raise ValueError(
+                f"claims.toml: claim {claim.no}: check: expected one of {', '.join(CHECKS)} "
+                f"(CHECKS in trinolab/studies/scoreboard.py), got {claim.check!r}"
+            )
+    with tqdm(ledger, unit="claim", disable=None if progress else True) as claims:
         rows = [score(claim) for claim in claims]
     return pd.DataFrame(rows, columns=list(COLUMNS))
 
@@ -136,7 +149,7 @@ def score(claim: Claim) -> tuple:
             np.nan,
             claim.unit,
             NOT_RUN,
-            f"{NOT_RUN}: {why_not()}",
+            f"{NOT_RUN}: {why_not()}; {WHENCE}",
         )
     verdict = claim.computed_verdict(value)
     reason = claim.reason if verdict == claim.verdict else f"The ledger declares '{claim.verdict}'."
