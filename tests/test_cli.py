@@ -3,6 +3,7 @@ and no file.
 """
 
 import json
+import os
 import re
 import shlex
 import shutil
@@ -15,6 +16,7 @@ import cv2
 import numpy as np
 import pytest
 from healthy import contents, run
+from processes import ended, started
 from scipy.spatial.transform import RigidTransform
 
 from trinolab import __version__
@@ -179,6 +181,51 @@ def test_scoreboard_fails_where_a_verdict_is_not_the_declared_one(monkeypatch, c
     assert len(out.splitlines()) == 2
 
 
+@pytest.mark.parametrize(
+    ("line", "workflow"),
+    [
+        ("track --rig R --handle H --video a=b --out o", "following.track.track_files"),
+        ("track rec --rig R --handle H --out o", "following.track.track_folder"),
+        ("render --rig R --handle H --motion calm --out o", "bench.recordings.render"),
+        ("teleop --recording rec --rig R --handle H --out o", "slave.teleoperate.recorded"),
+        ("teleop --live-simulation --rig R --handle H --out o", "slave.teleoperate.simulated"),
+        ("capture --camera a=0 --rig R --handle H --out o", "files.capture.capture"),
+        ("measure --rig R --handle H --images i --out o", "cli.measure.measure_folder"),
+        ("evaluate p.csv t.csv --handle H", "cli.evaluate.evaluate"),
+    ],
+)
+def test_every_command_knows_the_shipped_files_by_name(line, workflow, monkeypatch):
+    if workflow.startswith("slave"):
+        pytest.importorskip("mink", reason="the extra 'slave' is missing")
+    given = []
+
+    def stop(*arguments, **_):
+        given.extend(arguments)
+        raise ValueError
+
+    monkeypatch.setattr(f"trinolab.{workflow}", stop)
+    assert run(line.replace(" R ", " raised_40deg ").replace(" H", " coded")) == 2
+    assert data_path("handles", "coded.toml") in given
+    assert data_path("rigs", "raised_40deg.toml") in given or " R " not in line
+
+
+@pytest.mark.usefixtures("folder")
+def test_a_file_goes_before_the_name_of_a_shipped_one(capfd):
+    Path("handle.toml").rename("coded")
+    Path("coded").write_text("name = 1\n")
+    assert run(EVALUATE.replace("handle.toml", "coded")) == 2
+    assert "coded: 'radius_mm' is missing" in capfd.readouterr().err
+
+
+@pytest.mark.usefixtures("folder")
+def test_who_has_seen_enough_of_an_answer_is_not_told_so():
+    reader, writer = os.pipe()
+    os.close(reader)
+    with started(EVALUATE, stdout=writer) as process:
+        os.close(writer)
+        assert ended(process) == (0, [])
+
+
 # --- help
 
 
@@ -271,8 +318,16 @@ def test_help_and_interruption_do_not_wait_for_heavy_imports():
     assert not {"numpy", "scipy", "pandas", "cv2"} & set(json.loads(done.stdout))
 
 
-def test_shipped_files_are_fit_for_the_command(folder, capfd):
-    line = f"measure --rig {data_path('rigs', 'paper_pair.toml')} --handle {data_path('handles', 'coded.toml')} "
-    assert run(line + "--images images --out poses.csv") == 2
+@pytest.mark.parametrize(
+    "files",
+    [
+        (data_path("rigs", "paper_pair.toml"), data_path("handles", "coded.toml")),
+        ("paper_pair", "coded"),
+    ],
+    ids=["paths", "names"],
+)
+def test_shipped_files_are_fit_for_the_command(folder, capfd, files):
+    line = f"measure --rig {files[0]} --handle {files[1]} --images images --out poses.csv"
+    assert run(line) == 2
     assert "32 x 24 pixels, the rig says 1280 x 1024" in capfd.readouterr().err
     assert not (folder / "poses.csv").exists()

@@ -393,7 +393,17 @@ FAULTS = {
     "rig: missing, track": (
         gone("rec/rig.toml"),
         TRACK,
-        "rec/rig.toml: cannot be read (No such file",
+        "rec: not a recording folder with its rig (no rig.toml in it)",
+    ),
+    "rig: no such name": (
+        nothing,
+        MEASURE.replace("rig.toml", "raised"),
+        "raised: no such file, and no shipped rig (paper_pair, paper_trinocular, raised_40deg)",
+    ),
+    "handle: no such name": (
+        nothing,
+        EVALUATE.replace("handle.toml", "coder"),
+        "coder: no such file, and no shipped handle (coded, paper)",
     ),
     "rig: a folder": (
         nothing,
@@ -833,6 +843,11 @@ FAULTS = {
         "no/b.csv: no such folder to write into",
     ),
     # render's and capture's other arguments
+    "motion: no file": (
+        nothing,
+        RENDER.replace("hard", "no.csv"),
+        "motion: no.csv: no such file",
+    ),
     "motion: unknown": (
         nothing,
         RENDER.replace("hard", "wild"),
@@ -862,22 +877,27 @@ FAULTS = {
     "camera: no equals": (
         nothing,
         CAPTURE.replace("ccd1=", ""),
-        "--camera: expected NAME=PATH, got 'ccd1.mkv'",
+        "--camera: expected NAME=INDEX, as ccd1=0, or NAME=VIDEO, got 'ccd1.mkv'",
     ),
     "camera: no name": (
         nothing,
         CAPTURE.replace("ccd1=", "="),
-        "--camera: expected NAME=PATH, got '=ccd1.mkv'",
+        "--camera: expected NAME=INDEX, as ccd1=0, or NAME=VIDEO, got '=ccd1.mkv'",
     ),
     "camera: no path": (
         nothing,
         CAPTURE.replace("=ccd1.mkv", "="),
-        "--camera: expected NAME=PATH, got 'ccd1='",
+        "--camera: expected NAME=INDEX, as ccd1=0, or NAME=VIDEO, got 'ccd1='",
     ),
     "camera: named twice": (
         nothing,
         CAPTURE.replace("ccd2=", "ccd1="),
         "--camera: camera ccd1 is named twice",
+    ),
+    "camera: a folder": (
+        nothing,
+        CAPTURE.replace("ccd1.mkv", "rec"),
+        "ccd1: rec: expected a camera's index or a video, got a folder",
     ),
     "camera: a text": (text("ccd2.mkv", "hello"), CAPTURE, "ccd2.mkv: cannot be read as a video"),
     "camera: no file": (gone("ccd2.mkv"), CAPTURE, "ccd2: ccd2.mkv: no such camera or video"),
@@ -888,6 +908,11 @@ FAULTS = {
     ),
     # sweeps
     "sweep: no notebook": (gone("n.ipynb"), SWEEP, "n.ipynb: no such notebook"),
+    "sweep: no chapter": (
+        nothing,
+        SWEEP.replace("n.ipynb", "99_end"),
+        "99_end: no such notebook; the chapters are 01_structure, 02_workspace",
+    ),
     "sweep: no JSON": (text("n.ipynb", "{"), SWEEP, "n.ipynb: expected a notebook, got"),
     "sweep: another file": (
         nothing,
@@ -1195,10 +1220,20 @@ FAULTS = {
         "arguments are required: --handle, --images, --out",
     ),
     "method": (nothing, MEASURE + " --method magic", "argument --method: invalid choice: 'magic'"),
-    "folder and rig": (
+    "folder and video": (
         nothing,
-        TRACK + " --rig rig.toml",
-        "expected a recording folder, or else all of --rig",
+        TRACK + " --video ccd1=ccd1.mkv ccd2=ccd2.mkv",
+        "--video: not beside a recording folder (rec), which has its own",
+    ),
+    "folder: empty": (
+        lambda: Path("none").mkdir(),
+        TRACK.replace("rec", "none"),
+        "none: not a recording folder with its rig (no rig.toml in it)",
+    ),
+    "folder: a file": (
+        nothing,
+        TRACK.replace("rec", "truth.csv"),
+        "truth.csv: expected a recording folder, got a file",
     ),
     "no video": (
         nothing,

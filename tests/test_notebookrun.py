@@ -1,6 +1,8 @@
 """`notebookrun` on notebooks made for the purpose."""
 
 import math
+import re
+from pathlib import Path
 
 import nbformat
 import numpy as np
@@ -8,7 +10,7 @@ import pytest
 from nbclient.exceptions import CellExecutionError, CellTimeoutError
 from nbformat.v4 import new_code_cell, new_markdown_cell, new_notebook
 
-from trinolab.sweep.notebook import glued, read_parameters, run_notebook
+from trinolab.sweep.notebook import LETTERS, glued, read_parameters, run_notebook
 
 PARAMETERS = "sigma_px = 0.5  # noise\nn = 3\nname = 'paper'\nwide = False\nlimits = [-1.0, 2]\nnothing = None"
 
@@ -190,3 +192,21 @@ def test_papermill_runs_our_notebooks_and_we_run_its(make, tmp_path):
     assert again.results == {"n": 3, "sigma": 2.0}
     tags = [cell.metadata.get("tags", []) for cell in again.notebook.cells]
     assert sum("injected-parameters" in tag for tag in tags) == 1
+
+
+def test_a_letter_of_the_paper_is_answered_by_the_name_that_is_meant(make):
+    path = make(parameters="update_rate = 0.1\nn = 1")
+    with pytest.raises(
+        ValueError, match=r"unknown parameter alpha; alpha is update_rate, it has update_rate, n$"
+    ):
+        run_notebook(path, {"alpha": 0.2})
+    with pytest.raises(ValueError, match=r"unknown parameter lambda; it has update_rate, n$"):
+        run_notebook(path, {"lambda": 2})
+
+
+def test_the_letters_are_those_of_the_notation():
+    text = (Path(__file__).resolve().parents[1] / "book" / "notation.md").read_text("utf-8")
+    rows = re.findall(r"^\| \$\\?(\w+)\$ \|.*\| `(\w+)` \|$", text, re.MULTILINE)
+    assert len(rows) > 5
+    for letter, name in LETTERS.items():
+        assert (letter if letter[:7] != "epsilon" else "varepsilon_0", name) in rows

@@ -80,6 +80,18 @@ def test_more_parameters_give_small_multiples_with_one_scale():
     np.testing.assert_allclose(maps[2].images[0].get_array(), [[2, 2.25], [2, 2.4]])
 
 
+def test_what_has_no_room_is_said():
+    def many(a, b=0.0, c=0.0):
+        return {f"r{k:02d}": a + b + c + k for k in range(15)}
+
+    figure = plot_sweep(sweep(many, a=[0.0, 1.0]))
+    assert len(labels(figure)) == 12
+    assert figure.get_suptitle() == "3 more results are in the table"
+    figure = plot_sweep(sweep(many, a=[0.0, 1.0], b=[0.0, 1.0], c=[0.0, 1.0]))
+    assert len([ax for ax in figure.axes if ax.get_title()]) == 3 * 2
+    assert figure.get_suptitle() == "12 more results are in the table"
+
+
 def test_a_sample_gives_points():
     found = sweep(measured, a=Interval(0, 1), b=Interval(0, 1), sample=30)
     figure = plot_sweep(found, ["gain"])

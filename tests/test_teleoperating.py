@@ -185,6 +185,7 @@ def test_a_damaged_image_costs_what_comes_after_it(recording, tmp_path):
         (["--start", "shoulder_lift=-1.1"], "q: at the start the tool"),
         (["--rig", "none.toml"], "none.toml: "),
         (["--recording", "none"], "none: no such folder"),
+        (["--recording", "back.csv"], "back.csv: expected a recording folder, got a file"),
     ],
 )
 def test_what_is_refused_in_a_line(recording, tmp_path, monkeypatch, capsys, arguments, said):

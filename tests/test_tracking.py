@@ -10,7 +10,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 from trinolab import following, pose
 from trinolab.bench.optics import Bench
 from trinolab.bench.scene import render_rig
-from trinolab.datasets import load_handle, load_rig
+from trinolab.datasets import handle_file, load_handle, load_rig, rig_file
 from trinolab.files import recorder
 from trinolab.files.poses import read_poses, transforms, truth_table
 from trinolab.following import posetracker, track
@@ -64,6 +64,21 @@ def test_it_writes_poses_and_tum_and_a_video(folder, tmp_path):
     video = cv2.VideoCapture(str(tmp_path / "o.webm"))
     assert video.read()[1].shape == (512, 1280, 3)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["o.webm", "p.csv", "p.tum"]
+
+
+def test_a_recording_may_be_tracked_with_another_rig_and_handle(folder, tmp_path):
+    shutil.copytree(folder, tmp_path / "r")
+    for name in ("rig.toml", "handle.toml"):
+        (tmp_path / "r" / name).unlink()
+    other = {"rig": rig_file("paper_pair"), "handle": handle_file("paper")}
+    table = track_folder(tmp_path / "r", tmp_path / "p.csv", **other, method="paper")
+    assert set(table["status"]) == {"ambiguous"}
+    assert table["t_s"].tolist() == pytest.approx(np.arange(COUNT) / FPS)
+    (tmp_path / "t.csv").write_text("frame,t_s\n" + "".join(f"{k},{5 + k}\n" for k in range(COUNT)))
+    table = track_folder(
+        tmp_path / "r", tmp_path / "q.csv", **other, timestamps=tmp_path / "t.csv", method="paper"
+    )
+    assert table["t_s"].tolist() == [5, 6, 7, 8, 9, 10]
 
 
 def test_without_a_start_the_paper_s_handle_is_ambiguous(folder, tmp_path):

@@ -186,8 +186,36 @@ def _camera(name: str, matrix: Array, T_world_cam: RigidTransform) -> Camera:
     return Camera(name, IMAGE_SIZE, matrix, np.zeros(5), T_world_cam.inv())
 
 
+def rig_file(what: str | Path) -> Path:
+    """The rig file that a word of a command line means: a path, or the name of a shipped one.
+
+    A file or folder of that name goes first. Raises ValueError for a name, a word without a suffix
+    or a folder, that is neither.
+    """
+    return _file_meant("rigs", "rig", what)
+
+
+def handle_file(what: str | Path) -> Path:
+    """The handle file that a word of a command line means, as `rig_file`."""
+    return _file_meant("handles", "handle", what)
+
+
+def _file_meant(folder: str, kind: str, what: str | Path) -> Path:
+    path = Path(what)
+    if path.exists() or path.is_symlink() or path.suffix or len(path.parts) != 1:
+        return path
+    names = _shipped(folder)
+    if str(what) not in names:
+        raise ValueError(f"{what}: no such file, and no shipped {kind} ({', '.join(names)})")
+    return data_path(folder, f"{what}.toml")
+
+
+def _shipped(folder: str) -> list[str]:
+    return sorted(path.stem for path in data_path(folder).glob("*.toml"))
+
+
 def _named(folder: str, name: str) -> Path:
-    names = sorted(path.stem for path in data_path(folder).glob("*.toml"))
+    names = _shipped(folder)
     if name not in names:
         raise ValueError(f"name: expected one of {', '.join(names)}, got {name!r}")
     return data_path(folder, f"{name}.toml")

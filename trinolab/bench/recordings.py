@@ -202,6 +202,8 @@ def _followed(
 ) -> tuple[list[Shot], np.ndarray]:
     """The instants of a file of poses, and their times."""
     if not Path(path).is_file():
+        if Path(path).suffix or len(Path(path).parts) > 1:
+            raise ValueError(f"motion: {path}: no such file")
         raise ValueError(f"motion: expected {', '.join(SCRIPTS)} or a CSV of poses, got {path!r}")
     table = read_poses(path).sort_values("frame")
     if not (poses := poses_by_frame(table)):

@@ -30,6 +30,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     arguments.line = shlex.join(["trinolab", *(sys.argv[1:] if argv is None else argv)])
     logging.basicConfig(format="%(message)s", stream=sys.stderr, level=logging.INFO)
     try:
+        _find_shipped(arguments)
         return _RUN[arguments.command](arguments)
     except (ValueError, OSError, MemoryError) as error:
         what = f"not enough memory ({error})" if isinstance(error, MemoryError) else str(error)
@@ -43,16 +44,29 @@ def main(argv: Sequence[str] | None = None) -> int:
         return 130
 
 
+def _find_shipped(a: argparse.Namespace) -> None:
+    """Put the files in the place of the names of shipped rigs and handles."""
+    rig, handle = getattr(a, "rig", None), getattr(a, "handle", None)
+    if rig is None and handle is None:
+        return
+    from ..datasets import handle_file, rig_file
+
+    a.rig = None if rig is None else rig_file(rig)
+    a.handle = None if handle is None else handle_file(handle)
+
+
 def _say(text: str) -> None:
-    """Print an answer. Raises ValueError where nobody takes it: a full disk, a pipe that was
-    closed.
+    """Print an answer. Raises ValueError where it cannot be written: on a full disk.
+
+    Whoever reads it through a pipe may have seen enough, as `head` has: that is no mistake.
     """
     try:
         print(text, flush=True)
     except OSError as error:
         # or Python, at its end, would complain as well
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        raise ValueError(f"standard output: cannot be written ({error.strerror})") from None
+        if not isinstance(error, BrokenPipeError):
+            raise ValueError(f"standard output: cannot be written ({error.strerror})") from None
 
 
 def _measure(a: argparse.Namespace) -> int:
@@ -93,15 +107,15 @@ def _calibrate(a: argparse.Namespace) -> int:
     return 0
 
 
-def _named(items: Sequence[str], option: str) -> dict[str, str]:
-    """NAME=PATH arguments as a mapping; ValueError for another form, or a name or a path that comes
-    twice.
+def _named(items: Sequence[str], option: str, form: str = "NAME=PATH") -> dict[str, str]:
+    """Arguments like NAME=PATH as a mapping; ValueError for another form, or a name or a path that
+    comes twice.
     """
     found: dict[str, str] = {}
     for item in items:
         name, equals, path = item.partition("=")
         if not (name.strip() and equals and path):
-            raise ValueError(f"{option}: expected NAME=PATH, got {item!r}")
+            raise ValueError(f"{option}: expected {form}, got {item!r}")
         if name in found:
             raise ValueError(f"{option}: camera {name} is named twice")
         if Path(path) in map(Path, found.values()):
@@ -114,21 +128,19 @@ def _track(a: argparse.Namespace) -> int:
     from ..following.track import track_files, track_folder
 
     options = {"start": a.start, "overlay": a.overlay, "method": a.method}
-    apart = [a.rig, a.handle, a.video]
-    if any(apart) if a.folder is not None else not all(apart):
-        raise ValueError("expected a recording folder, or else all of --rig, --handle and --video")
+    options |= {"fps": a.fps, "timestamps": a.timestamps}
     if a.folder is not None:
-        table = track_folder(a.folder, a.out, **options)
+        if a.video:
+            raise ValueError(
+                f"--video: not beside a recording folder ({a.folder}), which has its own"
+            )
+        table = track_folder(a.folder, a.out, a.rig, a.handle, **options)
     else:
-        table = track_files(
-            a.rig,
-            a.handle,
-            _named(a.video, "--video"),
-            a.out,
-            fps=a.fps,
-            timestamps=a.timestamps,
-            **options,
-        )
+        if not (a.rig and a.handle and a.video):
+            raise ValueError(
+                "expected a recording folder, or else all of --rig, --handle and --video"
+            )
+        table = track_files(a.rig, a.handle, _named(a.video, "--video"), a.out, **options)
     _say(f"{_counted(table)}; written to {a.out}")
     return 0
 
@@ -153,7 +165,14 @@ def _capture(a: argparse.Namespace) -> int:
     from ..files.capture import capture
 
     done = capture(
-        _named(a.camera, "--camera"), a.out, a.rig, a.handle, a.seconds, a.fps, a.size, a.preview
+        _named(a.camera, "--camera", "NAME=INDEX, as ccd1=0, or NAME=VIDEO"),
+        a.out,
+        a.rig,
+        a.handle,
+        a.seconds,
+        a.fps,
+        a.size,
+        a.preview,
     )
     n = len(done.times_s)
     last = done.times_s[-1]

@@ -163,7 +163,7 @@ def _add_track(commands: argparse._SubParsersAction) -> None:
         "folder",
         nargs="?",
         metavar="DIR",
-        help="a recording folder, instead of --rig, --handle, --video",
+        help="a recording folder, instead of --video; --rig and --handle then replace its own files",
     )
     _add_rig_and_handle(p, required=False)
     p.add_argument(
@@ -201,9 +201,17 @@ def _add_track(commands: argparse._SubParsersAction) -> None:
 
 
 def _add_rig_and_handle(p: argparse.ArgumentParser, required: bool) -> None:
-    p.add_argument("--rig", required=required, metavar="RIG.toml", help="the cameras")
     p.add_argument(
-        "--handle", required=required, metavar="HANDLE.toml", help="the handle and its markers"
+        "--rig",
+        required=required,
+        metavar="RIG.toml",
+        help="the cameras: a file, or a shipped rig by its name, as raised_40deg",
+    )
+    p.add_argument(
+        "--handle",
+        required=required,
+        metavar="HANDLE.toml",
+        help="the handle and its markers: a file, or a shipped one by its name, as coded",
     )
 
 
@@ -232,7 +240,10 @@ def _add_evaluate(commands: argparse._SubParsersAction) -> None:
         help="the true poses, joined on 'frame'; refused where times or places show that the frames are others",
     )
     p.add_argument(
-        "--handle", required=True, metavar="HANDLE.toml", help="errors count up to its symmetry"
+        "--handle",
+        required=True,
+        metavar="HANDLE.toml",
+        help="a file, or a shipped one by its name; errors count up to its symmetry",
     )
 
 
@@ -435,7 +446,9 @@ def _add_capture(commands: argparse._SubParsersAction) -> None:
     )
     which = p.add_mutually_exclusive_group()
     which.add_argument(
-        "--rig", metavar="RIG.toml", help="the cameras' names and sizes; goes into the recording"
+        "--rig",
+        metavar="RIG.toml",
+        help="the cameras' names and sizes, a file or a shipped name; goes into the recording",
     )
     which.add_argument(
         "--size",

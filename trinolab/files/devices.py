@@ -63,6 +63,8 @@ def open_source(
         for key, value in wanted.items():
             device.set(key, value)
         return Source(name, device, 0.0)
+    if Path(what).is_dir():
+        raise ValueError(f"{name}: {what}: expected a camera's index or a video, got a folder")
     if not Path(what).is_file():
         raise ValueError(f"{name}: {what}: no such camera or video")
     device = open_video(Path(what))

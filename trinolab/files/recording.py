@@ -252,22 +252,33 @@ def open_folder(
     ----------
     folder : path
     rig, handle : path, optional
-        Other files than the folder's ``rig.toml`` and ``handle.toml``.
+        Other files than the folder's ``rig.toml`` and ``handle.toml``; a rig may have some of the
+        cameras.
 
     Raises
     ------
     ValueError
         Names the file that is missing or cannot be read, see `find_footage` and `open_recording`.
     """
-    root = Path(folder)
-    if not root.is_dir():
-        raise ValueError(f"{root}: no such folder")
+    root = _existing(folder)
+    if rig is None and not (root / "rig.toml").exists():
+        raise ValueError(f"{root}: not a recording folder with its rig (no rig.toml in it)")
     the_rig = read_rig(rig or root / "rig.toml")
     times = root / "timestamps.csv"
     recording = open_recording(
         find_footage(root, the_rig), the_rig, timestamps=times if times.exists() else None
     )
     return recording, read_handle(handle or root / "handle.toml")
+
+
+def _existing(folder: str | Path) -> Path:
+    """A recording folder. Raises ValueError if there is none, or something else."""
+    root = Path(folder)
+    if root.exists() and not root.is_dir():
+        raise ValueError(f"{root}: expected a recording folder, got a file")
+    if not root.is_dir():
+        raise ValueError(f"{root}: no such folder")
+    return root
 
 
 def find_footage(folder: str | Path, rig: Rig) -> dict[str, Path]:
@@ -278,10 +289,8 @@ def find_footage(folder: str | Path, rig: Rig) -> dict[str, Path]:
     ValueError
         If a camera has none, or more than one.
     """
-    root = Path(folder)
+    root = _existing(folder)
     found = {}
-    if not root.is_dir():
-        raise ValueError(f"{root}: no such folder")
     for name in rig.names:
         places = [root / "images" / name, *(root / f"{name}{suffix}" for suffix in VIDEO_SUFFIXES)]
         there = [place for place in places if place.exists()]

@@ -138,20 +138,35 @@ def track_files(
     return table
 
 
-def track_folder(folder: str | Path, out: str | Path, **options: Any) -> pd.DataFrame:
-    """Follow the handle through a recording folder, see `recording`; options and errors as for
-    `track_files`.
+def track_folder(
+    folder: str | Path,
+    out: str | Path,
+    rig: str | Path | None = None,
+    handle: str | Path | None = None,
+    timestamps: str | Path | None = None,
+    **options: Any,
+) -> pd.DataFrame:
+    """Follow the handle through a recording folder, see `recording`.
+
+    Parameters
+    ----------
+    folder : path
+    out : path
+        As for `track_files`, which also has the other options and the errors.
+    rig, handle, timestamps : path, optional
+        Other files than the folder's; a rig may have some of the cameras.
     """
-    recording, _ = open_folder(folder)
+    recording, _ = open_folder(folder, rig, handle)
     sources = {
         name: one.path for name, one in zip(recording.rig.names, recording.footage, strict=True)
     }
+    kept = None if recording.times_s is None else recording.times_from
     return track_files(
-        Path(folder, "rig.toml"),
-        Path(folder, "handle.toml"),
+        rig or Path(folder, "rig.toml"),
+        handle or Path(folder, "handle.toml"),
         sources,
         out,
-        timestamps=None if recording.times_s is None else recording.times_from,
+        timestamps=timestamps or kept,
         **options,
     )
 

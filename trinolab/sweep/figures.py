@@ -80,8 +80,10 @@ def plot_sweep(
         For a column that is not there, or is no number.
     """
     names = list(parameters if parameters is not None else found.attrs.get("parameters", []))
-    shown = results_of(found, names, results)
+    every = results_of(found, names, results)
     levels = varied(found, names)
+    several = len(levels) > 2 or (len(levels) == 2 and not is_grid(levels))
+    shown = every[: MOST_ROWS if several else MOST_PANELS if results is None else None]
     if not shown:
         return _said("no result is a number", found)
     if len(levels) <= 1:
@@ -96,7 +98,7 @@ def plot_sweep(
             _heat_map(ax, found[name].to_numpy(float), levels, name)
     else:
         figure = _multiples(found, shown, levels)
-    _name_failures(figure, found)
+    _name_what_is_missing(figure, found, len(every) - len(shown))
     return figure
 
 
@@ -135,7 +137,7 @@ def results_of(
     changing = [
         name for name in numeric if (found if name.startswith("E_") else means)[name].nunique() > 1
     ] or numeric
-    return sorted(changing, key=lambda name: not name.startswith("E_"))[:MOST_PANELS]
+    return sorted(changing, key=lambda name: not name.startswith("E_"))
 
 
 def varied(found: pd.DataFrame, parameters: Sequence[str]) -> list[Levels]:
@@ -244,17 +246,16 @@ def _multiples(found: pd.DataFrame, shown: Sequence[str], levels: Sequence[Level
     first, others = levels[:2], levels[2:]
     flat = _flat(others)
     some = np.unique(np.linspace(0, flat.max(), MOST_COLUMNS).round().astype(int))
-    rows = shown[:MOST_ROWS]
     figure, axes = plt.subplots(
-        len(rows),
+        len(shown),
         len(some),
-        figsize=(3.6 * len(some), 2.8 * len(rows) + 0.4),
+        figsize=(3.6 * len(some), 2.8 * len(shown) + 0.4),
         squeeze=False,
         layout="constrained",
         facecolor="white",
     )
     for ax, (name, combination) in zip(
-        axes.flat, ((name, k) for name in rows for k in some), strict=True
+        axes.flat, ((name, k) for name in shown for k in some), strict=True
     ):
         y = found[name].to_numpy(float)
         here = flat == combination
@@ -272,18 +273,18 @@ def _multiples(found: pd.DataFrame, shown: Sequence[str], levels: Sequence[Level
 
 def _scattered(found: pd.DataFrame, shown: Sequence[str], levels: Sequence[Levels]) -> Figure:
     """Each result over each parameter, as points."""
-    rows, columns = shown[:MOST_ROWS], levels[:MOST_COLUMNS]
+    columns = levels[:MOST_COLUMNS]
     figure, axes = plt.subplots(
-        len(rows),
+        len(shown),
         len(columns),
-        figsize=(3.6 * len(columns), 2.8 * len(rows) + 0.4),
+        figsize=(3.6 * len(columns), 2.8 * len(shown) + 0.4),
         sharey="row",
         squeeze=False,
         layout="constrained",
         facecolor="white",
     )
     for ax, (name, level) in zip(
-        axes.flat, ((name, level) for name in rows for level in columns), strict=True
+        axes.flat, ((name, level) for name in shown for level in columns), strict=True
     ):
         x = level.numbers
         at = np.arange(len(level.values)) if x is None else x
@@ -312,16 +313,19 @@ def _is_geometric(x: Array) -> bool:
     )
 
 
-def _name_failures(figure: Figure, found: pd.DataFrame) -> None:
+def _name_what_is_missing(figure: Figure, found: pd.DataFrame, left_out: int = 0) -> None:
+    """Say in the figure which runs failed, and how many results have no room in it."""
     failed = int((found["status"] == "failed").sum()) if "status" in found else 0
-    if failed:
-        figure.suptitle(f"{failed} of {len(found)} runs failed", fontsize=10)
+    said = [f"{failed} of {len(found)} runs failed"] * bool(failed)
+    said += [f"{left_out} more results are in the table"] * bool(left_out)
+    if said:
+        figure.suptitle("; ".join(said), fontsize=10)
 
 
 def _said(text: str, found: pd.DataFrame) -> Figure:
     figure = plt.figure(figsize=(5, 2), facecolor="white")
     figure.text(0.5, 0.5, text, ha="center")
-    _name_failures(figure, found)
+    _name_what_is_missing(figure, found)
     return figure
 
 
@@ -333,7 +337,7 @@ def explore(found: pd.DataFrame, results: Sequence[str] | None = None) -> Any:
     found : pandas.DataFrame
         As `runs.sweep` or `sweep.read_sweep` gives it.
     results : sequence of str, optional
-        The columns to choose from; without it those that `plot_sweep` shows.
+        The columns to choose from; without it those that change, those of Eq. 26 and 27 first.
 
     Returns
     -------
@@ -357,9 +361,12 @@ def explore(found: pd.DataFrame, results: Sequence[str] | None = None) -> Any:
     import ipywidgets
 
     controls = {RESULT: ipywidgets.Dropdown(options=shown, description="result")}
+    whole = {"description_width": "initial"}  # a name is not cut off
     for level in levels[1:]:
         options = [(label, k) for k, label in enumerate(level.labels)]
-        controls[level.name] = ipywidgets.SelectionSlider(options=options, description=level.name)
+        controls[level.name] = ipywidgets.SelectionSlider(
+            options=options, description=level.name, style=whole
+        )
 
     def draw(**chosen: Any) -> None:
         plot_slice(found, chosen.pop(RESULT), levels, chosen)

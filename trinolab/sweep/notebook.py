@@ -37,6 +37,17 @@ ONE_THREAD = {
 """Environment of a process that is one of several: without it each starts a thread a core."""
 
 
+# The paper's letters, as `book/notation.md` has them, and what they are called in the chapters.
+LETTERS = {
+    "alpha": "update_rate",
+    "T": "difference_threshold",
+    "lambda": "surplus",
+    "D_0": "epipolar_gate_px",
+    "varepsilon_0": "ncc_threshold",
+    "epsilon_0": "ncc_threshold",
+    "epsilon": "ncc_threshold",
+}
+
 UNATTENDED = "TRINOLAB_UNATTENDED"
 
 """Set in a kernel that nobody watches: what would need a hand, such as a slider, shows a figure
@@ -258,7 +269,10 @@ def assignments(
     has = f"it has {', '.join(defaults) or 'none'}"
     unknown = sorted(set(parameters) - set(defaults))
     if unknown:
-        raise ValueError(f"{path}: unknown parameter {', '.join(unknown)}; {has}")
+        meant = [f"{name} is {LETTERS[name]}" for name in unknown if LETTERS.get(name) in defaults]
+        raise ValueError(
+            f"{path}: unknown parameter {', '.join(unknown)}; {', '.join([*meant, has])}"
+        )
     try:
         return [
             f"{name} = {_literal(value, defaults[name], name)}"

@@ -146,7 +146,11 @@ def find_notebook(what: str | Path) -> Path:
     for path in places:
         if path.is_file():
             return path
-    raise ValueError(f"{what}: no such notebook")
+    chapters = ", ".join(sorted(path.stem for path in NOTEBOOKS.glob("*.ipynb")))
+    where = (
+        f"the chapters are {chapters}" if chapters else "the chapters are in the repository alone"
+    )
+    raise ValueError(f"{what}: no such notebook; {where}")
 
 
 def compute(
