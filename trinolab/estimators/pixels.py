@@ -19,6 +19,7 @@ from ..checks import Array
 from ..handle import Handle
 from ..parameters import Parameters
 from ..pose import LOST, Pose
+from ..rigid import placed, rotation_of
 from .appearance import Views
 from .identified import Identified
 from .imagemodel import (
@@ -234,10 +235,10 @@ def judged_fit(
 
 def moved(T_world_handle: RigidTransform, step: Array) -> RigidTransform:
     """A pose after a small motion (nu mm, omega rad) in the handle's own frame."""
-    motion = np.eye(4)
-    motion[:3, :3] = Rotation.from_rotvec(step[3:]).as_matrix()
-    motion[:3, 3] = step[:3]
-    return RigidTransform.from_matrix(T_world_handle.as_matrix() @ motion)
+    turn = rotation_of(T_world_handle)
+    return placed(
+        T_world_handle.translation + turn.apply(step[:3]), turn * Rotation.from_rotvec(step[3:])
+    )
 
 
 def _own(step: Array, camera: np.ndarray, rig: Rig) -> Array:
