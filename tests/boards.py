@@ -14,7 +14,8 @@ from trinolab.camera import Camera, Rig
 SIZE = (480, 360)
 LENS = np.array([-0.12, 0.05, 5e-4, -4e-4, 0.0])
 CALIBRATE = (
-    "calibrate --images a=a b=b --board chessboard --columns 7 --rows 6 --square 15 --out rig.toml"
+    "calibrate --images a=a b=b --board chessboard --columns 7 --rows 6 --square 15 "
+    "--distortions 5 --out rig.toml"
 )
 
 

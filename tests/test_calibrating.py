@@ -16,6 +16,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 
 from trinolab.calibration import calibrate, views
 from trinolab.calibration.calibrate import as_lines, calibrate_rig
+from trinolab.calibration.hints import hint
 from trinolab.calibration.outliers import calibrate_robustly
 from trinolab.calibration.target import Target, find_target
 from trinolab.camera import Camera
@@ -116,7 +117,8 @@ def folder(rendered, tmp_path, monkeypatch):
 
 
 def calibrated(target=CHESSBOARD, **rest):
-    return calibrate_rig({"a": "a", "b": "b"}, target, "rig.toml", **rest)
+    """A calibration with all distortions, unless others are given: to choose takes longer."""
+    return calibrate_rig({"a": "a", "b": "b"}, target, "rig.toml", **{"distortion_terms": 5} | rest)
 
 
 def reasons(result):
@@ -197,6 +199,54 @@ def test_printed_targets_give_the_truth(target, tmp_path, monkeypatch):
     assert result.found.rms_px < 0.12
 
 
+def test_light_on_dark_is_found_as_well():
+    rng = np.random.default_rng(1)
+    for target in (CIRCLES, CHARUCO):
+        taken = printed(make_rig(np.zeros(5)).cameras[0], target, positions(1)[0], rng)
+        dark = find_target(taken, target)
+        assert np.isfinite(dark).all()
+        np.testing.assert_allclose(find_target(255 - taken, target), dark, rtol=0, atol=0.02)  # px
+
+
+@pytest.mark.parametrize(
+    ("asked", "there", "said"),
+    [
+        (
+            Target("charuco", 6, 5, 20.0, dictionary="5X5_100"),
+            CHARUCO,
+            "with --dictionary 4X4_50 it is found in 2 of 2 tried",
+        ),
+        (
+            Target("charuco", 5, 6, 20.0),
+            CHARUCO,
+            "with --columns 6 --rows 5 it is found in 2 of 2 tried",
+        ),
+        (
+            Target("circles", 7, 5, 15.0),
+            CIRCLES,
+            "with --columns 7 --rows 6 it is found in 2 of 2 tried",
+        ),
+    ],
+    ids=lambda value: str(value),
+)
+def test_another_board_that_would_fit_is_named(asked, there, said):
+    rng, camera = np.random.default_rng(1), make_rig(np.zeros(5)).cameras[0]
+    images = [printed(camera, there, T, rng) for T in positions(2)]
+    assert hint(images, asked) == said
+    assert hint([np.full_like(image, 90) for image in images], asked) == ""
+    assert hint([], asked) == ""
+
+
+@pytest.mark.usefixtures("folder")
+def test_a_wrong_count_of_corners_is_answered_with_the_right_one():
+    with pytest.raises(
+        ValueError,
+        match=r"camera a: target \(chessboard, 8 x 6 inner corners\) found in 0 of 10 images, "
+        r"expected three or more; with --columns 7 --rows 6 it is found in 5 of 5 tried$",
+    ):
+        calibrated(Target("chessboard", 8, 6, 15.0))
+
+
 def test_part_of_a_charuco_board_is_enough_and_too_little_is_said(tmp_path, monkeypatch):
     rig, rng = make_rig(np.zeros(5)), np.random.default_rng(1)
     frames = [[printed(camera, CHARUCO, T, rng) for T in positions(6)] for camera in rig.cameras]
@@ -228,8 +278,8 @@ def test_missing_and_empty_views():
     assert off_sigma(result, make_rig()).abs().max() < 4
     text = as_lines(result)
     assert "views dropped: 1" in text
-    assert "  b 05.png: no target found" in text
-    assert "  a 03.png: no image" in text
+    assert "  b: no target found in 1 of its views: 05.png" in text
+    assert "  a: no image in 1 of its views: 03.png" in text
 
 
 @pytest.mark.usefixtures("folder")
@@ -308,8 +358,8 @@ def test_colour_and_16_bit_are_converted_and_said(caplog, frames):
     caplog.set_level("INFO", logger="trinolab")
     converted = calibrated()
     assert caplog.messages == [
-        "a/00.png: colour converted to grey; said once a camera",
-        "b/00.png: 16 bit scaled to grey levels 0 to 255; said once a camera",
+        "a/00.png: colour converted to grey; said once",
+        "b/00.png: 16 bit scaled to grey levels 0 to 255; said once",
     ]
     assert off_sigma(converted, make_rig()).abs().max() < 4
 
@@ -514,7 +564,8 @@ def test_a_real_stereo_pair(tmp_path, monkeypatch, capfd):
     images = " ".join(f"'{side}={source}/{side}*.jpg'" for side in ("left", "right"))
     assert (
         run(
-            f"calibrate --images {images} --board chessboard --columns 9 --rows 6 --square 25 --out rig.toml"
+            f"calibrate --images {images} --board chessboard --columns 9 --rows 6 --square 25 "
+            "--distortions 5 --out rig.toml"
         )
         == 0
     )

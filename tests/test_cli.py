@@ -97,8 +97,8 @@ def test_measure_says_what_it_converts(folder, capfd, caplog):
         assert run(MEASURE) == 0
     assert capfd.readouterr().out == "2 instants: 2 lost; written to poses.csv\n"
     assert caplog.messages == [
-        "images/ccd1/0.png: colour converted to grey; said once a camera",
-        "images/ccd2/1.png: 16 bit scaled to grey levels 0 to 255; said once a camera",
+        "images/ccd1/0.png: colour converted to grey; said once",
+        "images/ccd2/1.png: 16 bit scaled to grey levels 0 to 255; said once",
     ]
 
 

@@ -26,7 +26,7 @@ from .eq25 import relative_pose
 from .start import homography, intrinsics, target_pose
 
 Poses = list[RigidTransform | None]
-_TERMS = (0, 1, 2, 4, 5)  # numbers of distortion coefficients that make sense: k1, k2, (p1, p2), k3
+TERMS = (0, 1, 2, 4, 5)  # numbers of distortion coefficients that make sense: k1, k2, (p1, p2), k3
 
 
 class Layout(NamedTuple):
@@ -353,8 +353,8 @@ def _checked(
     pixels = as_array(uv, "uv", (None, None, len(points), 2), finite=False)
     if len(sizes) != len(pixels) or not len(pixels):
         raise ValueError(f"sizes: expected one for each of {len(pixels)} cameras, got {len(sizes)}")
-    if as_number(terms, "distortion_terms") not in _TERMS:
-        raise ValueError(f"distortion_terms: expected one of {_TERMS}, got {terms!r}")
+    if as_number(terms, "distortion_terms") not in TERMS:
+        raise ValueError(f"distortion_terms: expected one of {TERMS}, got {terms!r}")
     return points, pixels
 
 

@@ -16,10 +16,13 @@ import pandas as pd
 from ..checks import Array
 from ..files.outputs import check_target, write_together
 from ..files.rigs import rig_text
+from . import distortions
 from .adjust import Calibrated, left_jacobian
-from .outliers import FEWEST_POINTS, calibrate_robustly
+from .distortions import Choice, calibrate_by_choice
+from .hints import hint
+from .outliers import FEWEST_POINTS, UNSEEN, calibrate_robustly
 from .target import Target
-from .views import TargetViews, check_connected, read_views
+from .views import TargetViews, check_connected, read_views, some
 
 # cameras that are not triggered together come to 0.8; a camera that is frozen to 10 and more
 WORST_RMS_PX = 3.0
@@ -42,6 +45,8 @@ class RigCalibration(NamedTuple):
         `points` found, `rms_px` and `worst_px` (NaN if not used), `reason` for what was dropped.
     passed_over : int
         Views that were not looked at.
+    choice : Choice or None
+        How the number of distortions was chosen; None if it was given.
     files : tuple of Path
         What was written: rig, views, picture.
     """
@@ -50,6 +55,7 @@ class RigCalibration(NamedTuple):
     parameters: pd.DataFrame
     views: pd.DataFrame
     passed_over: int
+    choice: Choice | None
     files: tuple[Path, Path, Path]
 
 
@@ -58,7 +64,7 @@ def calibrate_rig(
     target: Target,
     out: str | Path,
     most_views: int = 50,
-    distortion_terms: int = 5,
+    distortion_terms: int | None = None,
     progress: bool = True,
 ) -> RigCalibration:
     """Calibrate two or more cameras from images or videos of a target, and write the rig.
@@ -78,8 +84,9 @@ def calibrate_rig(
         The rig file, ``.toml``.
     most_views : int
         Of more views than that some are passed over, evenly.
-    distortion_terms : int
-        How many of k1, k2, p1, p2, k3 are estimated, in this order: 0, 1, 2, 4 or 5.
+    distortion_terms : int, optional
+        How many of k1, k2, p1, p2, k3 are estimated, in this order: 0, 1, 2, 4 or 5. Without it as
+        many as the views can tell, see `distortions`.
     progress : bool
         Show a progress bar on standard error, if that is a terminal.
 
@@ -93,7 +100,7 @@ def calibrate_rig(
     files = _outputs(out)
     seen = read_views(sources, target, most_views, progress)
     _check_seen(seen, sources, target)
-    found, reasons = _calibrated(seen, target, distortion_terms)
+    found, reasons, choice = _calibrated(seen, target, distortion_terms)
     views = _view_table(seen, found, reasons)
     parameters = _parameter_table(found)
     write_together(
@@ -109,7 +116,7 @@ def calibrate_rig(
             )
         )
     )
-    return RigCalibration(found, parameters, views, seen.passed_over, files)
+    return RigCalibration(found, parameters, views, seen.passed_over, choice, files)
 
 
 def _outputs(out: str | Path) -> tuple[Path, Path, Path]:
@@ -130,21 +137,31 @@ def _outputs(out: str | Path) -> tuple[Path, Path, Path]:
 def _check_seen(seen: TargetViews, sources: Mapping[str, str | Path], target: Target) -> None:
     """Refuse cameras that saw too little of the target."""
     enough = np.isfinite(seen.uv).all(axis=3).sum(axis=2) >= FEWEST_POINTS
-    for name, has, images in zip(
-        seen.cameras, enough.sum(axis=1), seen.present.sum(axis=1), strict=True
+    for name, has, images, without in zip(
+        seen.cameras, enough.sum(axis=1), seen.present.sum(axis=1), seen.without, strict=True
     ):
         if has < 3:
+            other = hint(without, target)
             raise ValueError(
                 f"{sources[name]}: camera {name}: target ({target}) found in {has} of {images} images, "
-                "expected three or more"
+                f"expected three or more{other and f'; {other}'}"
             )
     check_connected(seen.cameras, enough, "no view in which it sees the target together")
 
 
-def _calibrated(seen: TargetViews, target: Target, terms: int) -> tuple[Calibrated, np.ndarray]:
-    """The calibration, and why views were dropped; an error speaks of cameras by their names."""
+def _calibrated(
+    seen: TargetViews, target: Target, terms: int | None
+) -> tuple[Calibrated, np.ndarray, Choice | None]:
+    """The calibration, why views were dropped, and how the distortions were chosen; an error speaks
+    of cameras by their names.
+    """
+    given = (target.points, seen.uv, seen.sizes, seen.cameras)
+    choice = None
     try:
-        found, reasons = calibrate_robustly(target.points, seen.uv, seen.sizes, seen.cameras, terms)
+        if terms is None:
+            found, reasons, choice = calibrate_by_choice(*given)
+        else:
+            found, reasons = calibrate_robustly(*given, terms)
     except ValueError as error:
         if not str(error).startswith("uv: "):
             raise
@@ -159,7 +176,7 @@ def _calibrated(seen: TargetViews, target: Target, terms: int) -> tuple[Calibrat
             f"images of {', '.join(seen.cameras)}: a residual of {found.rms_px:.1f} px, expected at most "
             f"{WORST_RMS_PX:g}: views of one name do not show one position of the target"
         )
-    return found, reasons
+    return found, reasons, choice
 
 
 def _view_table(seen: TargetViews, found: Calibrated, reasons: np.ndarray) -> pd.DataFrame:
@@ -242,14 +259,24 @@ def as_lines(result: RigCalibration) -> list[str]:
             name + (", the world frame" if len(shown) < len(rows) else ""),
             *map(_line, shown.itertuples()),
         ]
+    lines += ["", *distortions.as_lines(result.choice)] if result.choice else []
     dropped = views[views["status"] == "dropped"]
     lines += ["", f"views dropped: {len(dropped) or 'none'}"]
-    lines += [f"  {row.camera} {row.view}: {row.reason}" for row in dropped.itertuples()]
-    missing = views[views["status"] == "missing"]
-    lines += [f"  {row.camera} {row.view}: no image" for row in missing.itertuples()]
+    known = dropped[dropped["reason"] != UNSEEN]
+    lines += [f"  {row.camera} {row.view}: {row.reason}" for row in known.itertuples()]
+    lines += _by_camera(dropped[dropped["reason"] == UNSEEN], UNSEEN)
+    lines += _by_camera(views[views["status"] == "missing"], "no image")
     if result.passed_over:
         lines.append(f"views not looked at, evenly among the others: {result.passed_over}")
     return lines
+
+
+def _by_camera(rows: pd.DataFrame, reason: str) -> list[str]:
+    """A line for each camera that has views of a common reason."""
+    return [
+        f"  {name}: {reason} in {len(of)} of its views: {some(list(of['view']))}"
+        for name, of in rows.groupby("camera", sort=False)
+    ]
 
 
 def _line(row: Any) -> str:

@@ -21,6 +21,7 @@ from .eq25 import relative_pose
 from .start import homography
 
 FEWEST_POINTS = 6  # of a view: two more than a homography needs, so that a wrong one shows
+UNSEEN = "no target found"
 # times the median residual of the camera's views; a blurred or steep view has up to twice it
 FAR_ABOVE = 3.0
 # what two cameras may disagree by, the shift as a share of the target's distance
@@ -87,7 +88,7 @@ def _too_few(target: Array, uv: Array) -> np.ndarray:
     why = np.full(counts.shape, "", object)
     for at in np.ndindex(counts.shape):
         if counts[at] == 0:
-            why[at] = "no target found"
+            why[at] = UNSEEN
         elif counts[at] < FEWEST_POINTS:
             why[at] = (
                 f"too few points: {counts[at]} of {len(target)}, expected {FEWEST_POINTS} or more"

@@ -131,7 +131,8 @@ class Target:
     Attributes
     ----------
     kind : {"chessboard", "circles", "charuco"}
-        Circles are dark on light, in rows one below the other.
+        Circles are in rows one below the other. Circles and ChArUco boards may be printed in light
+        on dark as well.
     columns, rows : int
         As OpenCV counts: **inner corners** of a chessboard, **circles** of a grid, both from 3;
         **squares** of a ChArUco board, from 4.
@@ -178,7 +179,7 @@ class Target:
             raise ValueError(
                 f"dictionary: expected a name such as {_DICTIONARY} or 5X5_250, got {name!r}"
             )
-        there = len(_dictionary(name).bytesList)
+        there = len(dictionary_of(name).bytesList)
         needed = self.columns * self.rows // 2
         if needed > there:
             raise ValueError(f"dictionary: {name} has {there} markers, the board has {needed}")
@@ -245,13 +246,13 @@ def find_target(image: ArrayLike, target: Target) -> Array:
     # OpenCV refuses images of a few pixels
     if min(grey.shape) < _LEAST_PX * min(target.columns, target.rows):
         return np.full((len(target.points), 2), np.nan)
-    if target.kind == "charuco":
-        return frozen(_charuco(grey, target))
-    uv = (
-        find_corners(grey, target.board, None)
-        if target.kind == "chessboard"
-        else _circles(grey, target)
-    )
+    if target.kind == "chessboard":
+        uv = find_corners(grey, target.board, None)
+    else:
+        search = _charuco if target.kind == "charuco" else _circles
+        uv = search(grey, target)
+        if not np.isfinite(uv).any():
+            uv = search(255 - grey, target)  # some makers print in light on dark
     return frozen(_upright(uv, target) if target.two_ways else uv)
 
 
@@ -306,7 +307,8 @@ def _upright(uv: Array, target: Target) -> Array:
     return max(ways, key=lambda way: float((way[:, -1] - way[:, 0])[:, 0].sum())).reshape(-1, 2)
 
 
-def _dictionary(name: str) -> cv2.aruco.Dictionary:
+def dictionary_of(name: str) -> cv2.aruco.Dictionary:
+    """OpenCV's dictionary of markers by its name without ``DICT_``."""
     return cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, f"DICT_{name}"))
 
 
@@ -316,7 +318,7 @@ def _detector(target: Target, old: bool) -> cv2.aruco.CharucoDetector:
         (target.columns, target.rows),
         target.square_mm,
         target.side_of_marker,
-        _dictionary(target.dictionary or _DICTIONARY),
+        dictionary_of(target.dictionary or _DICTIONARY),
     )
     board.setLegacyPattern(old)
     return cv2.aruco.CharucoDetector(board)

@@ -4,7 +4,7 @@ found in them.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -16,6 +16,8 @@ from ..checks import Array, as_whole, frozen
 from ..files.images import is_image, read_greys
 from ..files.recording import Footage, frames_of, open_footage
 from .target import Target, find_target
+
+MOST_KEPT = 5  # of a camera's images without the target
 
 
 class TargetViews(NamedTuple):
@@ -34,6 +36,8 @@ class TargetViews(NamedTuple):
         Whether the camera has an image of the view.
     passed_over : int
         Views that were not looked at, because there were more than asked for.
+    without : tuple of list of ndarray
+        A few images of each camera in which the target was not found.
     """
 
     cameras: tuple[str, ...]
@@ -42,6 +46,7 @@ class TargetViews(NamedTuple):
     uv: Array
     present: np.ndarray
     passed_over: int
+    without: tuple[list[np.ndarray], ...]
 
 
 class _Source(NamedTuple):
@@ -96,9 +101,9 @@ def read_views(
     chosen = every[:: -(-len(every) // most)]
     there = np.array([[label in set(one.labels) for label in chosen] for one in opened.values()])
     check_connected(
-        tuple(opened), there, "no view in common", f", whose views are called {_some(every)}"
+        tuple(opened), there, "no view in common", f", whose views are called {some(every)}"
     )
-    uv, present, sizes = _found(opened, chosen, target, progress)
+    uv, present, sizes, without = _found(opened, chosen, target, progress)
     return TargetViews(
         tuple(opened),
         tuple(sizes),
@@ -106,6 +111,7 @@ def read_views(
         frozen(uv),
         frozen(present),
         len(every) - len(chosen),
+        tuple(without),
     )
 
 
@@ -156,11 +162,15 @@ def _matching(pattern: Path) -> _Source:
 
 def _found(
     opened: dict[str, _Source], chosen: list[str], target: Target, progress: bool
-) -> tuple[Array, np.ndarray, list[tuple[int, int]]]:
-    """Points (cameras, views, n, 2), whether there was an image, and the sizes of the images."""
+) -> tuple[Array, np.ndarray, list[tuple[int, int]], list[list[np.ndarray]]]:
+    """Points (cameras, views, n, 2), whether there was an image, the sizes of the images, and a few
+    in which nothing was found.
+    """
     uv = np.full((len(opened), len(chosen), len(target.points), 2), np.nan)
     present = np.zeros(uv.shape[:2], bool)
     sizes = list[tuple[int, int]]()
+    without: list[list[np.ndarray]] = [[] for _ in opened]
+    said: set[str] = set()
     count = sum(len(set(source.labels) & set(chosen)) for source in opened.values())
     with (
         logging_redirect_tqdm(),
@@ -168,28 +178,33 @@ def _found(
     ):
         for k, (name, source) in enumerate(opened.items()):
             size = None
-            for label, image, path in _images(source, chosen):
+            for label, image, path in _images(source, chosen, said):
                 size = _same_size(image, size, path)
                 v = chosen.index(label)
-                uv[k, v] = find_target(_eight_bit(image), target)
+                grey = _eight_bit(image)
+                uv[k, v] = find_target(grey, target)
+                if len(without[k]) < MOST_KEPT and np.isnan(uv[k, v]).all():
+                    without[k].append(grey)
                 present[k, v] = True
                 bar.update()
             if size is None:
                 raise ValueError(f"{source.footage.path}: no frame of camera {name} could be read")
             sizes.append(size)
-    return uv, present, sizes
+    return uv, present, sizes, without
 
 
-def _images(source: _Source, chosen: list[str]) -> Iterator[tuple[str, np.ndarray, Path]]:
+def _images(
+    source: _Source, chosen: list[str], said: set[str]
+) -> Iterator[tuple[str, np.ndarray, Path]]:
     """Name, grey image and file of those chosen views that the source has."""
     if source.files is None:
-        for k, image in enumerate(frames_of(source.footage)):
+        for k, image in enumerate(frames_of(source.footage, said=said)):
             if (label := _frame_name(k)) in chosen:
                 yield label, image, source.footage.path
         return
     labels = [label for label in chosen if label in source.files]
     paths = [source.footage.path / source.files[label] for label in labels]
-    yield from zip(labels, read_greys(paths), paths, strict=True)
+    yield from zip(labels, read_greys(paths, said=said), paths, strict=True)
 
 
 def _same_size(image: np.ndarray, size: tuple[int, int] | None, path: Path) -> tuple[int, int]:
@@ -209,5 +224,6 @@ def _frame_name(frame: int) -> str:
     return f"{frame:06d}"
 
 
-def _some(labels: list[str]) -> str:
+def some(labels: Sequence[str]) -> str:
+    """The first few of many names."""
     return ", ".join(labels[:4]) + (", ..." if len(labels) > 4 else "")

@@ -120,9 +120,9 @@ def _add_calibrate(commands: argparse._SubParsersAction) -> None:
     p.add_argument(
         "--distortions",
         type=int,
-        default=5,
         choices=[0, 1, 2, 4, 5],
-        help="how many of k1, k2, p1, p2, k3 are estimated (default: %(default)s)",
+        help="how many of k1, k2, p1, p2, k3 are estimated (default: as many as views that are left "
+        "out speak for)",
     )
 
 

@@ -53,7 +53,9 @@ def read_grey(path: Path, size: tuple[int, int] | None = None) -> np.ndarray:
     return next(read_greys([path], size))
 
 
-def read_greys(paths: Iterable[Path], size: tuple[int, int] | None = None) -> Iterator[np.ndarray]:
+def read_greys(
+    paths: Iterable[Path], size: tuple[int, int] | None = None, said: set[str] | None = None
+) -> Iterator[np.ndarray]:
     """Read a camera's image files one after the other as grey images, shape (height, width), grey
     levels 0 to 255.
 
@@ -65,25 +67,29 @@ def read_greys(paths: Iterable[Path], size: tuple[int, int] | None = None) -> It
     paths : iterable of Path
     size : (int, int), optional
         Width and height that they must have.
+    said : set of str, optional
+        Remarks that the log has already; cameras that are read together share one.
 
     Raises
     ------
     ValueError
         Names the file: unreadable, no image of 8 or 16 bit, or another size.
     """
-    return said_once((path, _read(path, size)) for path in paths)
+    return said_once(((path, _read(path, size)) for path in paths), said)
 
 
-def said_once(images: Iterable[tuple[Path, Grey]]) -> Iterator[np.ndarray]:
-    """The images of a camera; the log has each remark once, with the file of the first image that
-    it is true of.
+def said_once(
+    images: Iterable[tuple[Path, Grey]], said: set[str] | None = None
+) -> Iterator[np.ndarray]:
+    """The images; the log has each remark once, with the file of the first image that it is true
+    of.
     """
-    said: set[str] = set()
+    before = set() if said is None else said
     for path, (image, remarks) in images:
         for remark in remarks:
-            if remark not in said:
-                log.info("%s: %s; said once a camera", path, remark)
-        said.update(remarks)
+            if remark not in before:
+                log.info("%s: %s; said once", path, remark)
+        before.update(remarks)
         yield image
 
 
@@ -99,9 +105,9 @@ def _read(path: Path, size: tuple[int, int] | None) -> Grey:
     if image is None or image.dtype not in (np.uint8, np.uint16):
         raise ValueError(f"{path}: cannot be read as an image of 8 or 16 bit")
     check_size(image, size, path)
-    damage = (f"may be damaged ({complaint})",) if complaint else ()
-    grey = as_grey(image)
-    return Grey(grey.image, (*damage, *grey.remarks))
+    if complaint:
+        log.info("%s: may be damaged (%s)", path, complaint)
+    return as_grey(image)
 
 
 def _decoded(data: bytes) -> tuple[np.ndarray | None, str]:

@@ -75,7 +75,10 @@ def open_footage(path: str | Path) -> Footage:
 
 
 def frames_of(
-    footage: Footage, size: tuple[int, int] | None = None, first: int = 0
+    footage: Footage,
+    size: tuple[int, int] | None = None,
+    first: int = 0,
+    said: set[str] | None = None,
 ) -> Iterator[np.ndarray]:
     """The frames one after the other, shape (height, width), grey levels 0 to 255; see
     `images.read_greys`.
@@ -87,6 +90,8 @@ def frames_of(
         Width and height that they must have.
     first : int
         The first frame to give.
+    said : set of str, optional
+        Remarks that the log has already, see `images.read_greys`.
 
     Raises
     ------
@@ -94,8 +99,9 @@ def frames_of(
         Names the file that cannot be read or has another size.
     """
     if footage.names:
-        return read_greys([footage.path / name for name in footage.names[first:]], size)
-    return said_once((footage.path, frame) for frame in _video_frames(footage.path, size, first))
+        return read_greys([footage.path / name for name in footage.names[first:]], size, said)
+    frames = _video_frames(footage.path, size, first)
+    return said_once(((footage.path, frame) for frame in frames), said)
 
 
 def _video_frames(path: Path, size: tuple[int, int] | None, first: int) -> Iterator[Grey]:
@@ -313,8 +319,9 @@ def instants(recording: Recording, first: int = 0) -> Iterator[Frames]:
     ValueError
         Names the file that cannot be read, holds no frame, or ends while another one goes on.
     """
+    said: set[str] = set()
     streams = [
-        frames_of(one, camera.size, first)
+        frames_of(one, camera.size, first, said)
         for one, camera in zip(recording.footage, recording.rig.cameras, strict=True)
     ]
     frame = first
@@ -415,8 +422,9 @@ def read_instants(listed: Sequence[Instant], rig: Rig) -> Iterator[list[np.ndarr
     ValueError
         Names the file that cannot be read as an image or has another size than its camera.
     """
+    said: set[str] = set()
     streams = [
-        read_greys([instant.paths[k] for instant in listed], camera.size)
+        read_greys([instant.paths[k] for instant in listed], camera.size, said)
         for k, camera in enumerate(rig.cameras)
     ]
     return map(list, zip(*streams, strict=True))

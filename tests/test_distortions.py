@@ -1,0 +1,110 @@
+"""The number of distortion coefficients: by lenses that are known, by hand, and on real pairs."""
+
+import numpy as np
+import pytest
+from boards import SIZE, make_rig, positions
+
+from trinolab.calibration.adjust import calibrate
+from trinolab.calibration.distortions import (
+    Choice,
+    as_lines,
+    calibrate_by_choice,
+    chosen,
+    left_out_squares,
+)
+from trinolab.calibration.target import Target
+from trinolab.datasets import real_set
+from trinolab.files.fetch import why_not
+from trinolab.studies.real_recordings import load_opencv_stereo
+from trinolab.studies.simulated_calibration import corners_of
+
+TARGET = Target("chessboard", 7, 5, 15.0)
+NAMES = ("a", "b")
+
+
+def taken(lens, views, noise_px=0.05):
+    """Corners of the target in both cameras, (2, views, n, 2), px, with noise."""
+    exact = np.stack(
+        [
+            [camera.project(T.apply(np.array(TARGET.points))) for T in positions(views)]
+            for camera in make_rig(np.array(lens)).cameras
+        ]
+    )
+    return exact + np.random.default_rng(0).normal(0, noise_px, exact.shape)
+
+
+@pytest.mark.parametrize(
+    ("lens", "terms"),
+    [
+        pytest.param((0.0,) * 5, 0, marks=pytest.mark.heavy),
+        ((-0.3, 0.2, 0.003, -0.002, 0.0), 4),
+    ],
+)
+def test_as_many_as_the_lens_has(lens, terms):
+    uv = taken(lens, 8)
+    found, why, choice = calibrate_by_choice(TARGET.points, uv, [SIZE] * 2, NAMES)
+    assert choice.terms == found.distortion_terms == terms
+    assert sorted(choice.left_out_px) == [0, 1, 2, 4, 5]
+    assert (why == "").all()
+    # a distance has two coordinates; of a left-out view's points the pose takes a little
+    assert choice.left_out_px[terms] == pytest.approx(0.05 * np.sqrt(2), rel=0.1)
+    # the others that do as well are in the uncertainty
+    alone = calibrate(TARGET.points, uv, [SIZE] * 2, NAMES, terms)
+    assert (choice.undecided == (terms,)) == np.array_equal(found.covariance, alone.covariance)
+    more = np.diag(found.covariance) - np.diag(alone.covariance)
+    squares = [
+        (
+            calibrate(TARGET.points, uv, [SIZE] * 2, NAMES, n).cameras[0].focal
+            - alone.cameras[0].focal
+        )
+        ** 2
+        for n in choice.undecided
+    ]
+    np.testing.assert_allclose(more[:2], np.mean(squares, axis=0), rtol=1e-9, atol=1e-12)
+
+
+def test_what_is_left_out_is_not_fitted():
+    # One corner of one view is 2 px off: where the view is left out no camera has bent to it.
+    uv = taken((0.0,) * 5, 8)
+    uv[0, 3, 0] += 2.0
+    found = calibrate(TARGET.points, uv, [SIZE] * 2, NAMES, 5)
+    squares = left_out_squares(np.array(TARGET.points), uv, found)
+    inside = (np.linalg.norm(found.residuals_px, axis=3) ** 2).mean(axis=(0, 2))
+    assert squares.argmax() == 3
+    assert squares[3] > inside[3]
+    assert squares[3] > 2 * np.delete(squares, 3).max()
+
+
+def test_the_choice_by_hand():
+    # 1 is worse than 5 in each view alike, 2 in two of four by as much as 5 is in the others
+    five = np.array([4.0, 9.0, 4.0, 9.0])
+    squares = {1: five + 1.0, 2: five + [0.1, -0.1, 0.2, 0.0], 5: five}
+    choice = chosen(squares)
+    assert choice.terms == 2
+    assert choice.undecided == (2, 5)
+    assert choice.left_out_px[1] == pytest.approx(np.sqrt(7.5))
+    assert as_lines(choice)[1].startswith(
+        "  rms / px in views left out, by their number: 1: 2.7386,"
+    )
+    assert "cannot decide between 2 and 5" in as_lines(choice)[2]
+    assert len(as_lines(chosen({2: five}))) == 2
+
+
+def test_too_few_views_to_leave_some_out():
+    uv = taken((0.0,) * 5, 3)
+    found, _, choice = calibrate_by_choice(TARGET.points, uv, [SIZE] * 2, NAMES)
+    assert choice == Choice(found.distortion_terms, {}, ())
+    assert "too few views" in as_lines(choice)[0]
+
+
+@pytest.mark.heavy
+@pytest.mark.skipif(real_set("opencv_stereo") is None, reason=f"no opencv_stereo: {why_not()}")
+def test_real_pairs_speak_for_four():
+    # Two coefficients put the second camera 0.2 deg elsewhere, eighteen sigmas of noise.
+    stereo = load_opencv_stereo()
+    corners = corners_of((stereo.left, stereo.right), stereo.board)
+    _, _, choice = calibrate_by_choice(
+        stereo.board.points, corners, [(640, 480)] * 2, ("left", "right")
+    )
+    assert choice.terms == 4
+    assert choice.undecided == (4, 5)

@@ -1,0 +1,228 @@
+"""How many distortion coefficients the views of a target can tell: by cross-validation over the
+views (Sect. 6.2).
+
+A lens model with more coefficients always fits its own views better, and its reported uncertainty
+speaks of noise alone. Whether it describes the lens is seen in views that were not used: cameras
+are calibrated without some of the views, the target's pose in each of these is found with the
+cameras held, and what is left of the points is the model's error. The fewest coefficients are
+chosen whose error is not worse than the best by more than its standard error (Hastie, Tibshirani
+and Friedman 2009, The Elements of Statistical Learning, sect. 7.10).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.optimize import least_squares
+
+from ..checks import Array, as_array, frozen
+from ..rigid import motion_between
+from .adjust import TERMS, Calibrated, Layout, calibrate, pack, residuals, slopes
+from .outliers import calibrate_robustly
+
+FOLDS = 5  # parts of the views, each of which is left out once
+MOST_VIEWS = 25  # that are asked: a calibration of many takes long
+
+
+class Choice(NamedTuple):
+    """The number of distortion coefficients, and what speaks for it.
+
+    Attributes
+    ----------
+    terms : int
+        How many of k1, k2, p1, p2, k3 are fitted, in this order.
+    left_out_px : dict of int to float
+        For each number the rms distance of points in views that were left out, px. Empty where
+        there are too few views to leave some out.
+    undecided : tuple of int
+        The numbers that the views cannot tell from the best one, by falling simplicity; `terms` is
+        the first of them.
+    """
+
+    terms: int
+    left_out_px: dict[int, float]
+    undecided: tuple[int, ...]
+
+
+def calibrate_by_choice(
+    target: Array, uv: ArrayLike, sizes: Sequence[tuple[int, int]], names: Sequence[str]
+) -> tuple[Calibrated, np.ndarray, Choice]:
+    """Calibrate with as many distortion coefficients as the views can tell.
+
+    Where several numbers of coefficients do equally well, the fewest are taken, and the covariance
+    has, beside that of noise, the mean square of the others' differences from this result.
+
+    Parameters
+    ----------
+    target, uv, sizes, names
+        As `outliers.calibrate_robustly` takes them.
+
+    Returns
+    -------
+    Calibrated
+    reasons : ndarray of str, shape (cameras, views)
+        Why a view was left out of all.
+    Choice
+
+    Raises
+    ------
+    ValueError
+        As `outliers.calibrate_robustly`.
+    """
+    found, reasons = _of_most_terms(target, uv, sizes, names)
+    pixels = np.array(as_array(uv, "uv", (None, None, len(target), 2), finite=False))
+    pixels[reasons != ""] = np.nan
+    every = {found.distortion_terms: found}
+    for terms in TERMS[: TERMS.index(found.distortion_terms)]:
+        every[terms] = calibrate(target, pixels, sizes, names, terms)
+    squares = {terms: left_out_squares(target, pixels, one) for terms, one in sorted(every.items())}
+    choice = chosen({terms: one for terms, one in squares.items() if one is not None})
+    if not choice.left_out_px:
+        return found, reasons, choice._replace(terms=found.distortion_terms)
+    best = every[choice.terms]
+    spread = np.mean([_way(every[terms], best) for terms in choice.undecided], axis=0)
+    return replace(best, covariance=frozen(best.covariance + spread)), reasons, choice
+
+
+def _of_most_terms(
+    target: Array, uv: ArrayLike, sizes: Sequence[tuple[int, int]], names: Sequence[str]
+) -> tuple[Calibrated, np.ndarray]:
+    """The calibration with as many coefficients as the views determine at all."""
+    for terms in TERMS[:0:-1]:
+        try:
+            return calibrate_robustly(target, uv, sizes, names, terms)
+        except ValueError:  # the views leave some of them free
+            continue
+    return calibrate_robustly(target, uv, sizes, names, TERMS[0])
+
+
+def left_out_squares(target: Array, uv: Array, found: Calibrated) -> Array | None:
+    """Mean squared distance of the points of each view from where cameras that were calibrated
+    without the view see them, px^2, shape (views used,).
+
+    Parameters
+    ----------
+    target : ndarray, shape (n, 3)
+    uv : ndarray, shape (cameras, views, n, 2)
+        NaN for what was not found or is not used.
+    found : Calibrated
+        The calibration from all of them.
+
+    Returns
+    -------
+    ndarray, shape (views asked,)
+        None if what is left does not determine the cameras.
+    """
+    used = np.array([v for v, T in enumerate(found.T_world_target) if T is not None])
+    asked = used[:: -(-len(used) // MOST_VIEWS)]
+    folds = min(FOLDS, len(asked))
+    squares = np.empty(len(asked))
+    for fold in range(folds):
+        without = uv[:, asked].copy()
+        out = np.arange(fold, len(asked), folds)
+        without[:, out] = np.nan
+        try:
+            others = calibrate(
+                target,
+                without,
+                [camera.size for camera in found.cameras],
+                [camera.name for camera in found.cameras],
+                found.distortion_terms,
+            )
+        except ValueError:
+            return None
+        for k in out:
+            squares[k] = _left(target, uv[:, asked[k]], others, found, asked[k])
+    return squares
+
+
+def _left(target: Array, uv: Array, cameras: Calibrated, found: Calibrated, view: int) -> float:
+    """Mean squared distance (px^2) that is left in one view, (cameras, n, 2), by the best pose of
+    the target with the cameras held.
+    """
+    layout = Layout(len(uv), 1, cameras.distortion_terms)
+    start = found.T_world_target[view]
+    held = pack(
+        layout,
+        [camera.matrix for camera in cameras.cameras],
+        [camera.T_world_cam for camera in cameras.cameras],
+        [start] if start is not None else [],
+    )
+    layout.split(held)[0][:, 4:] = [
+        camera.distortions[: cameras.distortion_terms] for camera in cameras.cameras
+    ]
+    measured = uv[:, None]
+    valid = np.isfinite(measured)
+
+    def moved(pose: Array) -> Array:
+        return np.concatenate([held[:-6], pose])
+
+    left = least_squares(
+        lambda pose: np.nan_to_num(
+            residuals(layout, target, measured, moved(pose))[valid], nan=1e6
+        ),
+        held[-6:],
+        jac=lambda pose: slopes(layout, target, moved(pose))[valid][:, -6:],
+        x_scale="jac",
+        method="lm",
+    )
+    return float(2 * left.cost / (valid.sum() / 2))
+
+
+def chosen(squares: dict[int, Array]) -> Choice:
+    """The choice by the left-out views' mean squares (views,), px^2, of each number of terms."""
+    if not squares:
+        return Choice(0, {}, ())
+    rms = {terms: float(np.sqrt(one.mean())) for terms, one in squares.items()}
+    best = min(rms, key=lambda terms: rms[terms])
+    undecided = []
+    for terms, one in squares.items():
+        worse = one - squares[best]  # view by view: some are blurred for all models
+        if worse.mean() <= worse.std(ddof=1) / np.sqrt(len(worse)):
+            undecided.append(terms)
+    return Choice(min(undecided), rms, tuple(sorted(undecided)))
+
+
+def _way(other: Calibrated, best: Calibrated) -> Array:
+    """The outer product (q, q) of how far another calibration's cameras lie from the best one's, in
+    the order of `Calibrated.covariance`.
+    """
+    terms = best.distortion_terms
+    lenses = [
+        np.concatenate(
+            [
+                a.focal - b.focal,
+                a.principal_point - b.principal_point,
+                (a.distortions - b.distortions)[:terms],
+            ]
+        )
+        for a, b in zip(other.cameras, best.cameras, strict=True)
+    ]
+    places = [
+        motion_between(a.T_world_cam, b.T_world_cam)
+        for a, b in zip(other.cameras[1:], best.cameras[1:], strict=True)
+    ]
+    way = np.concatenate([*lenses, *places])
+    return np.outer(way, way)
+
+
+def as_lines(choice: Choice) -> list[str]:
+    """The choice as lines of text."""
+    if not choice.left_out_px:
+        return [f"distortions: {choice.terms}; too few views to leave some out and choose by them"]
+    errors = ", ".join(f"{terms}: {rms:.4f}" for terms, rms in choice.left_out_px.items())
+    lines = [
+        f"distortions: {choice.terms} of k1, k2, p1, p2, k3",
+        f"  rms / px in views left out, by their number: {errors}",
+    ]
+    if len(choice.undecided) > 1:
+        *most, last = map(str, choice.undecided)
+        lines.append(
+            f"  the views cannot decide between {', '.join(most)} and {last}: the fewest are taken, "
+            "and +- holds how far the others lie away"
+        )
+    return lines
