@@ -167,6 +167,7 @@ def test_unknown_greys_take_information_away(pixels):
     assert 1e-5 < lost.max() < 1
 
 
+@pytest.mark.heavy
 @pytest.mark.usefixtures("coarse")
 def test_more_pixels_tell_more():
     camera, pose = load_rig("paper_pair").cameras[0], load_table1().set_poses[4]

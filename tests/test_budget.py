@@ -215,6 +215,7 @@ def test_exact_tables_hold_bias_printed_matrix_and_one_focal_length(trial):
     assert np.linalg.norm(together(others, "others").fixed[:, :3], axis=1).min() > 0.3
 
 
+@pytest.mark.heavy
 def test_the_command_writes_three_tables(tmp_path, monkeypatch, trial):
     rng = np.random.default_rng(0)
     fake = Images(trial.uv + 0.3 * rng.standard_normal(trial.uv.shape), 0.02, [trial.truths])

@@ -101,6 +101,7 @@ def test_workers_with_other_code_are_refused(dask, monkeypatch):
         pass
 
 
+@pytest.mark.heavy
 def test_a_worker_that_is_killed_costs_no_result_and_none_keeps_a_kernel(
     dask, tmp_path, monkeypatch, capfd
 ):

@@ -181,6 +181,7 @@ def test_annotated_parameters_are_read(make):
         read_parameters(make("a: int"))
 
 
+@pytest.mark.heavy
 def test_papermill_runs_our_notebooks_and_we_run_its(make, tmp_path):
     import papermill
 

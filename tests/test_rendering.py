@@ -205,7 +205,11 @@ def test_interrupted_and_run_again_it_goes_on_to_identical_files(folder, monkeyp
 
 
 @pytest.mark.parametrize(
-    ("number", "code"), [(signal.SIGKILL, -signal.SIGKILL), (signal.SIGINT, 130)]
+    ("number", "code"),
+    [
+        pytest.param(signal.SIGKILL, -signal.SIGKILL, marks=pytest.mark.heavy),
+        (signal.SIGINT, 130),
+    ],
 )
 def test_stopped_from_outside_and_run_again_it_goes_on_to_identical_files(folder, number, code):
     line = RENDER.replace("0.2", "0.4")  # twelve instants: enough for two processes
@@ -227,6 +231,7 @@ def test_stopped_from_outside_and_run_again_it_goes_on_to_identical_files(folder
     assert contents(folder / "out") == contents(folder / "whole")
 
 
+@pytest.mark.heavy
 def test_the_second_of_two_renderings_is_refused_and_the_first_one_is_whole(folder):
     line = RENDER.replace("0.2", "0.4")
     with started(line, WAITS) as first:

@@ -224,6 +224,7 @@ def test_a_little_delay_can_help_a_master_that_stops_within_a_period():
     assert simulated_limit(later) > 1.1 * simulated_limit(loop)
 
 
+@pytest.mark.heavy
 @given(loops(), st.floats(1.01, 10))
 @settings(deadline=None)
 def test_more_damping_or_a_quicker_loop_never_allows_less(loop, factor):
