@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from trinolab.cli.evaluate import far_off, flips, waits
 from trinolab.datasets import load_handle
+from trinolab.metrics import far_off, flips, waits
 
 
 def track(n):

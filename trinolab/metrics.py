@@ -11,13 +11,18 @@ from __future__ import annotations
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from .checks import Array, as_array, as_transform
+from .checks import Array, as_array, as_number, as_transform
+
+FAR_MM, FAR_DEG = 2.0, 5.0  # beyond either a pose is far off
+# markers that one camera, or each of two, has to see: as many fix the pose
+SEEN_BY_ONE, SEEN_BY_TWO = 4, 3
 
 
 @dataclass(frozen=True)
@@ -211,6 +216,101 @@ def track_equivalent(
     )
     best = int(np.where(angle <= angle.min() + 1e-9, distance, np.inf).argmin())
     return _as_pairs(estimates, truths)[0] * symmetries[best]
+
+
+def flips(
+    estimates: RigidTransform, truths: RigidTransform, symmetries: Sequence[RigidTransform]
+) -> int:
+    """How often the nearest equivalent changes from one pose of a track to the next.
+
+    Parameters
+    ----------
+    estimates, truths : RigidTransform of length n
+        T_world_handle in the order of time.
+    symmetries : sequence of RigidTransform
+        `Handle.symmetries`.
+
+    Raises
+    ------
+    ValueError
+        As `nearest_equivalent`.
+    """
+    return int(np.count_nonzero(np.diff(nearest_index(estimates, truths, symmetries))))
+
+
+def far_off(
+    estimates: RigidTransform,
+    truths: RigidTransform,
+    symmetries: Sequence[RigidTransform],
+    far_mm: float = FAR_MM,
+    far_deg: float = FAR_DEG,
+) -> int:
+    """How many poses of a track are off by more than `far_mm` or `far_deg`, by one equivalent for
+    all.
+
+    Parameters and errors as for `flips`; also raises ValueError for a limit that is no number or
+    negative.
+    """
+    far_mm = as_number(far_mm, "far_mm", 0.0)
+    far_deg = as_number(far_deg, "far_deg", 0.0)
+    turned = track_equivalent(estimates, truths, symmetries)
+    beyond = (position_errors(turned, truths) > far_mm) | (geodesic_deg(turned, truths) > far_deg)
+    return int(np.count_nonzero(beyond))
+
+
+def waits(
+    measured: ArrayLike, counted: ArrayLike | None = None
+) -> tuple[tuple[int, ...], int | None]:
+    """How many instants each loss lasted: from a measured pose that no measured one follows, to the
+    next measured one.
+
+    Parameters
+    ----------
+    measured : array_like of bool, shape (n,)
+        Whether an instant has a measured pose, in the order of time. What comes before the first is
+        no loss.
+    counted : array_like of bool, shape (n,), optional
+        The instants that count, such as those at which the handle can be seen; all by default.
+
+    Returns
+    -------
+    ended : tuple of int
+        One a loss after which the track came back.
+    unended : int or None
+        Instants of a last loss after which it did not; None if there is none.
+
+    Raises
+    ------
+    ValueError
+        If the arrays are not of one dimension and one length.
+    """
+    seen = np.asarray(measured, dtype=bool)
+    counts = np.ones(seen.shape, bool) if counted is None else np.asarray(counted, dtype=bool)
+    if seen.ndim != 1 or counts.shape != seen.shape:
+        raise ValueError(
+            f"measured, counted: expected shape (n,) of both, got {seen.shape} and {counts.shape}"
+        )
+    at = np.flatnonzero(seen)
+    ended = tuple(int(counts[a + 1 : b].sum()) for a, b in pairwise(at) if b > a + 1)
+    if len(at) == 0 or seen[-1]:
+        return ended, None
+    return ended, int(counts[at[-1] + 1 :].sum())
+
+
+def can_be_measured(seen: ArrayLike) -> NDArray[np.bool_]:
+    """Whether enough is truly seen to fix the pose: four markers by one camera, or three by two.
+
+    Parameters
+    ----------
+    seen : array_like of int, shape (n, cameras)
+        How many markers each camera truly sees at each instant.
+
+    Returns
+    -------
+    ndarray of bool, shape (n,)
+    """
+    counts = as_array(seen, "seen", (None, None), finite=False)
+    return (counts >= SEEN_BY_ONE).any(axis=1) | ((counts >= SEEN_BY_TWO).sum(axis=1) >= 2)
 
 
 def _against_equivalents(

@@ -50,7 +50,7 @@ def random_pose(
         rng.uniform(*np.sort(np.cos(np.deg2rad(as_array(tilt_deg, "tilt_deg", (2,))))))
     )
     azimuth, turn = rng.uniform(0, 2 * np.pi, 2)
-    return RigidTransform.from_components(position, _orientation(azimuth, polar, turn))
+    return RigidTransform.from_components(position, orientation(azimuth, polar, turn))
 
 
 def smooth_motion(
@@ -137,7 +137,7 @@ def motion_at(
     ]
     spins = phases[4:] * rate * _TURN
     return RigidTransform.from_components(
-        inside.T, _orientation(azimuth + spins[0], polar, turn + spins[1])
+        inside.T, orientation(azimuth + spins[0], polar, turn + spins[1])
     )
 
 
@@ -200,13 +200,18 @@ def _coordinates(start: RigidTransform | None, ranges: Array) -> tuple[Array, fl
             f"start: expected x, y, z (mm) and tilt (deg) within their ranges, got {at}"
         )
     azimuth = float(np.arctan2(axis[1], axis[0]))
-    turn = (_orientation(azimuth, first[3], 0.0).inv() * start.rotation).as_rotvec()[1]
+    turn = (orientation(azimuth, first[3], 0.0).inv() * start.rotation).as_rotvec()[1]
     return first, azimuth, float(turn)
 
 
-def _orientation(azimuth: Array | float, polar: Array | float, turn: Array | float) -> Rotation:
-    """The handle's y axis laid on the world's z, tipped to the polar angle, and turned to the
-    azimuth; or n of them.
+def orientation(azimuth: Array | float, polar: Array | float, turn: Array | float) -> Rotation:
+    """Orientations of a handle: its y axis laid on the world's z, tipped to the polar angle, and
+    turned to the azimuth.
+
+    Parameters
+    ----------
+    azimuth, polar, turn : float, or ndarray of shape (n,)
+        Direction of the handle's axis, and turn about it, rad.
     """
     azimuth, polar, turn = np.broadcast_arrays(azimuth, polar, turn)
     angles = np.stack([azimuth, polar, np.full(polar.shape, np.pi / 2)], axis=-1)

@@ -6,35 +6,31 @@ and time lost.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from numpy.typing import ArrayLike
 from scipy.spatial.transform import RigidTransform
 
-from ..checks import as_number
 from ..files.inputs import read_csv
 from ..files.poses import STATUSES, read_poses, transforms
 from ..files.rigs import read_handle
 from ..handle import Handle
 from ..metrics import (
+    FAR_DEG,
+    FAR_MM,
     PoseErrors,
-    geodesic_deg,
+    can_be_measured,
+    far_off,
+    flips,
     nearest_equivalent,
-    nearest_index,
     pose_errors,
-    position_errors,
     track_equivalent,
+    waits,
 )
 from .joining import join
 
-FAR_MM, FAR_DEG = 2.0, 5.0  # beyond either a pose is far off
-# markers that one camera, or each of two, has to see: as many fix the pose
-SEEN_BY_ONE, SEEN_BY_TWO = 4, 3
 # beside the truth: for each frame how many markers each camera truly sees
 COUNTS = "truth_markers.csv"
 
@@ -62,85 +58,6 @@ class TrackQuality:
     far_off: int
     waits: tuple[int, ...]
     unended: int | None
-
-
-def flips(
-    estimates: RigidTransform, truths: RigidTransform, symmetries: Sequence[RigidTransform]
-) -> int:
-    """How often the nearest equivalent changes from one pose of a track to the next.
-
-    Parameters
-    ----------
-    estimates, truths : RigidTransform of length n
-        T_world_handle in the order of time.
-    symmetries : sequence of RigidTransform
-        `Handle.symmetries`.
-
-    Raises
-    ------
-    ValueError
-        As `metrics.nearest_equivalent`.
-    """
-    return int(np.count_nonzero(np.diff(nearest_index(estimates, truths, symmetries))))
-
-
-def far_off(
-    estimates: RigidTransform,
-    truths: RigidTransform,
-    symmetries: Sequence[RigidTransform],
-    far_mm: float = FAR_MM,
-    far_deg: float = FAR_DEG,
-) -> int:
-    """How many poses of a track are off by more than `far_mm` or `far_deg`, by one equivalent for
-    all.
-
-    Parameters and errors as for `flips`; also raises ValueError for a limit that is no number or
-    negative.
-    """
-    far_mm = as_number(far_mm, "far_mm", 0.0)
-    far_deg = as_number(far_deg, "far_deg", 0.0)
-    turned = track_equivalent(estimates, truths, symmetries)
-    beyond = (position_errors(turned, truths) > far_mm) | (geodesic_deg(turned, truths) > far_deg)
-    return int(np.count_nonzero(beyond))
-
-
-def waits(
-    measured: ArrayLike, counted: ArrayLike | None = None
-) -> tuple[tuple[int, ...], int | None]:
-    """How many instants each loss lasted: from a measured pose that no measured one follows, to the
-    next measured one.
-
-    Parameters
-    ----------
-    measured : array_like of bool, shape (n,)
-        Whether an instant has a measured pose, in the order of time. What comes before the first is
-        no loss.
-    counted : array_like of bool, shape (n,), optional
-        The instants that count, such as those at which the handle can be seen; all by default.
-
-    Returns
-    -------
-    ended : tuple of int
-        One a loss after which the track came back.
-    unended : int or None
-        Instants of a last loss after which it did not; None if there is none.
-
-    Raises
-    ------
-    ValueError
-        If the arrays are not of one dimension and one length.
-    """
-    seen = np.asarray(measured, dtype=bool)
-    counts = np.ones(seen.shape, bool) if counted is None else np.asarray(counted, dtype=bool)
-    if seen.ndim != 1 or counts.shape != seen.shape:
-        raise ValueError(
-            f"measured, counted: expected shape (n,) of both, got {seen.shape} and {counts.shape}"
-        )
-    at = np.flatnonzero(seen)
-    ended = tuple(int(counts[a + 1 : b].sum()) for a, b in pairwise(at) if b > a + 1)
-    if len(at) == 0 or seen[-1]:
-        return ended, None
-    return ended, int(counts[at[-1] + 1 :].sum())
 
 
 @dataclass(frozen=True)
@@ -264,14 +181,14 @@ def _visible(true: pd.DataFrame, counts: Path) -> np.ndarray:
     nothing says so.
     """
     markers = true["markers"] if "markers" in true else pd.Series(0, true.index)
-    by_one = markers.to_numpy(dtype=float) >= SEEN_BY_ONE
+    by_one = can_be_measured(markers.to_numpy(dtype=float)[:, None])
     if not counts.exists():
         return by_one
     seen = read_csv(counts)
     if "frame" not in seen or not all(map(pd.api.types.is_numeric_dtype, seen.dtypes)):
         raise ValueError(f"{counts}: expected numbers in the column frame and one a camera")
-    by_two = (seen.drop(columns="frame") >= SEEN_BY_TWO).sum(axis=1) >= 2
-    return by_one | true["frame"].isin(seen["frame"][by_two]).to_numpy()
+    enough = can_be_measured(seen.drop(columns="frame").to_numpy())
+    return by_one | true["frame"].isin(seen["frame"][enough]).to_numpy()
 
 
 def _quality(

@@ -146,8 +146,14 @@ def mesh_volume(vertices: Array, triangles: np.ndarray) -> float:
     return float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6)
 
 
-def view_volume(rig: Rig) -> Polyhedron:
+def view_volume(rig: Rig, farthest_mm: float | None = None) -> Polyhedron:
     """The true common field of view: the intersection of the pyramids that the images' edges span.
+
+    Parameters
+    ----------
+    rig : Rig
+    farthest_mm : float, optional
+        The pyramids end at this depth before each camera; without it they have no end.
 
     Raises
     ------
@@ -155,6 +161,9 @@ def view_volume(rig: Rig) -> Polyhedron:
         If a camera has lens distortion: its field of view has curved sides.
     """
     planes = np.vstack([_pyramid(camera) for camera in rig.cameras])
+    if farthest_mm is not None:
+        depth = as_number(farthest_mm, "farthest_mm", low=0.0, open_low=True)
+        planes = np.vstack([planes, *(_end(camera, depth) for camera in rig.cameras)])
     scale = (
         max(float(np.linalg.norm(camera.centre - rig.cameras[0].centre)) for camera in rig.cameras)
         or 1.0
@@ -177,6 +186,11 @@ def _pyramid(camera: Camera) -> Array:
     normals = np.cross(np.roll(rays, -1, axis=0), rays)
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     return np.column_stack([normals, -normals @ camera.centre])
+
+
+def _end(camera: Camera, depth_mm: float) -> Array:
+    """The plane at a depth before a camera, shape (1, 4), in the form of `_pyramid`."""
+    return np.append(camera.axis, -camera.axis @ camera.centre - depth_mm)[None]
 
 
 def _polyhedron(points: Array) -> Polyhedron:
