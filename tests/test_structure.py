@@ -54,7 +54,8 @@ WALLS = {
     | {"files", "datasets", "workspace"},
 }
 WALLS["studies"] = WHOLE_CHAIN | set(WALLS)
-WALLS["cli"] = WALLS["studies"] | {"studies"}
+WALLS["accept"] = WALLS["studies"] | {"studies"}
+WALLS["cli"] = WALLS["accept"] | {"accept"}
 
 
 def imports(path):

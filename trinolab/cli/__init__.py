@@ -228,6 +228,14 @@ def _teleop(a: argparse.Namespace) -> int:
     return 0
 
 
+def _accept(a: argparse.Namespace) -> int:
+    from ..accept.command import accept, as_lines
+
+    done = accept(a.rig, a.handle, a.out, a.recording, a.poses, a.seed, a.chart)
+    _say("\n".join([*as_lines(done), f"{done.cpu_s:.0f} s of processor time; written to {a.out}"]))
+    return 0
+
+
 def _sweep(a: argparse.Namespace) -> int:
     from ..checks import as_number, as_whole
     from ..sweep.engines import cluster, kernels
@@ -358,6 +366,7 @@ _RUN = {
     "evaluate": _evaluate,
     "render": _render,
     "teleop": _teleop,
+    "accept": _accept,
     "sweep": _sweep,
     "clear": _clear,
     "capture": _capture,

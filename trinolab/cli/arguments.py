@@ -34,6 +34,7 @@ def parser() -> argparse.ArgumentParser:
     _add_evaluate(commands)
     _add_render(commands)
     _add_teleop(commands)
+    _add_accept(commands)
     _add_sweep(commands)
     clear = _add(
         commands,
@@ -357,6 +358,47 @@ def _add_teleop(commands: argparse._SubParsersAction) -> None:
     )
     p.add_argument("--no-video", action="store_true", help="leave the monitor's video out")
     _add_method(p, "best")
+
+
+def _add_accept(commands: argparse._SubParsersAction) -> None:
+    p = _add(
+        commands,
+        "accept",
+        "measure a rig and its handle by a series of tests, and write a data sheet",
+        "trinolab accept --rig rig.toml --handle handle.toml --out sheet",
+    )
+    _add_rig_and_handle(p, required=True)
+    p.add_argument(
+        "--recording",
+        nargs="+",
+        action="extend",
+        default=[],
+        metavar="DIR",
+        help="recording folders in the place of rendered images; then the tests are run that need no "
+        "truth: jitter if the handle rests, a pointer if it turns about one point, availability",
+    )
+    p.add_argument(
+        "--out",
+        required=True,
+        metavar="DIR",
+        help="folder for index.html, numbers.csv, sheet.json and measured.jsonl, the finished parts: "
+        "the same command goes on where it was stopped",
+    )
+    p.add_argument(
+        "--poses",
+        type=int,
+        default=512,
+        metavar="N",
+        help="of the static test; the other tests grow and shrink with it (default: %(default)s)",
+    )
+    p.add_argument(
+        "--seed", type=int, default=0, metavar="N", help="of poses and noise (default: %(default)s)"
+    )
+    p.add_argument(
+        "--chart",
+        metavar="CHART.csv",
+        help="a control chart over the commits, to which this sheet is added",
+    )
 
 
 def _add_sweep(commands: argparse._SubParsersAction) -> None:

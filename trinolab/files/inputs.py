@@ -1,7 +1,8 @@
-"""Tables that are read: TOML and CSV. What cannot be read is a ValueError that names the file."""
+"""Tables that are read: TOML, JSON and CSV. What cannot be read is a ValueError that names the file."""
 
 from __future__ import annotations
 
+import json
 import tomllib
 from collections.abc import Mapping
 from pathlib import Path
@@ -57,3 +58,13 @@ def read_toml(path: str | Path) -> dict[str, Any]:
         ValueError
     ) as error:  # tomllib's own, text that is not UTF-8, a whole number of thousands of digits
         raise ValueError(f"{path}: no valid TOML ({error})") from None
+
+
+def read_json(path: str | Path) -> Any:
+    """Read a JSON file; what cannot be opened or parsed is a ValueError that names the file."""
+    try:
+        return json.loads(Path(path).read_text(encoding="utf-8"))
+    except OSError as error:
+        raise ValueError(f"{path}: cannot be read ({error.strerror})") from None
+    except (ValueError, RecursionError):
+        raise ValueError(f"{path}: no valid JSON") from None

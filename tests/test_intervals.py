@@ -1,0 +1,149 @@
+"""Intervals and the Allan deviation, against closed forms, other algorithms, and counting."""
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from trinolab.accept import intervals
+from trinolab.accept.intervals import (
+    allan_deviation,
+    allan_freedom,
+    by_bootstrap,
+    highest_share,
+    octaves,
+    of_allan,
+    of_quantile,
+    of_share,
+    of_slope,
+    rms,
+)
+
+
+def by_loops(values, m):
+    """The overlapping Allan deviation as its definition reads."""
+    n = len(values)
+    means = [np.mean(values[k : k + m]) for k in range(n - m + 1)]
+    steps = [means[k + m] - means[k] for k in range(len(means) - m)]
+    return np.sqrt(np.mean(np.square(steps)) / 2)
+
+
+@pytest.mark.parametrize("m", [1, 2, 5, 10])
+def test_allan_deviation_as_defined(m):
+    values = np.random.default_rng(0).normal(size=40)
+    assert allan_deviation(values, m) == pytest.approx(by_loops(values, m), rel=1e-12)
+
+
+def test_allan_deviation_of_columns_adds_the_variances():
+    values = np.random.default_rng(1).normal(size=(60, 2))
+    each = [by_loops(column, 4) for column in values.T]
+    assert allan_deviation(values, 4) == pytest.approx(np.hypot(*each), rel=1e-12)
+
+
+@pytest.mark.parametrize("m", [1, 4, 16, 64])
+def test_allan_deviation_of_noise_in_closed_form(m):
+    """White noise: sigma / sqrt m; a random walk of steps s: s sqrt((2 m^2 + 1) / (6 m)). Of n / m
+    means the relative scatter is about sqrt(m / n); five of them.
+    """
+    n = 40_000
+    steps = np.random.default_rng(2).normal(size=n)
+    scatter = 5 * np.sqrt(m / n)
+    assert allan_deviation(3 * steps, m) == pytest.approx(3 / np.sqrt(m), rel=scatter)
+    walk = np.sqrt((2 * m**2 + 1) / (6 * m))
+    assert allan_deviation(np.cumsum(steps), m) == pytest.approx(walk, rel=scatter)
+
+
+def test_allan_deviation_of_a_drift():
+    """A line of slope d: its means of m differ by m d, so the deviation is m d / sqrt 2."""
+    assert allan_deviation(0.2 * np.arange(100), 8) == pytest.approx(8 * 0.2 / np.sqrt(2))
+
+
+@pytest.mark.parametrize("m", [1, 4, 16])
+def test_interval_of_an_allan_deviation_holds_95_percent(m):
+    n, draws = 128, 600
+    rng = np.random.default_rng(3)
+    held = 0
+    for _ in range(draws):
+        low, high, _ = of_allan(allan_deviation(rng.normal(size=n), m), n, m)
+        held += low <= 1 / np.sqrt(m) <= high
+    # 600 draws of 0.95 scatter by 0.009
+    assert held / draws == pytest.approx(0.95, abs=0.03)
+
+
+def test_freedom_of_an_allan_deviation_by_sampling():
+    rng = np.random.default_rng(4)
+    variance = np.array([allan_deviation(rng.normal(size=128), 8) ** 2 for _ in range(2000)])
+    # of 2000 draws the estimate scatters by 4 %
+    sampled = 2 * variance.mean() ** 2 / variance.var()
+    assert allan_freedom(128, 8) == pytest.approx(sampled, rel=0.15)
+
+
+def test_octaves():
+    assert octaves(240) == [1, 2, 4, 8, 16, 32]
+    assert octaves(12) == [1, 2]
+    assert octaves(2) == [1]
+
+
+def test_wilson_by_its_formula():
+    k, n, z = 7, 40, stats.norm.ppf(0.975)
+    p = k / n
+    middle = (p + z**2 / (2 * n)) / (1 + z**2 / n)
+    half = z / (1 + z**2 / n) * np.sqrt(p * (1 - p) / n + z**2 / (4 * n**2))
+    low, high, how = of_share(k, n)
+    assert (low, high) == pytest.approx((middle - half, middle + half), rel=1e-12)
+    assert how == "Wilson"
+
+
+def test_highest_share_without_a_case_is_the_rule_of_three():
+    assert highest_share(0, 512) == pytest.approx(1 - 0.05 ** (1 / 512), rel=1e-9)
+    assert highest_share(0, 10_000) == pytest.approx(3 / 10_000, rel=0.01)
+    assert highest_share(3, 3) == 1.0
+
+
+def test_quantile_lies_between_order_statistics():
+    """The interval of the median of 1 to 20 is from the 6th to the 15th value (a table of David
+    and Nagaraja: 95.9 %).
+    """
+    low, high, _ = of_quantile(np.arange(1.0, 21.0), 0.5)
+    assert (low, high) == (6.0, 15.0)
+
+
+def test_quantile_of_too_few_values_has_no_upper_end():
+    low, high, _ = of_quantile(np.arange(20.0), 0.95)
+    assert np.isfinite(low)
+    assert np.isnan(high)
+
+
+def test_bootstrap_of_a_mean_against_the_normal_interval():
+    values = np.random.default_rng(5).normal(2.0, 1.0, 400)
+    low, high, _ = by_bootstrap(values, np.mean)
+    reach = 1.96 * values.std() / 20
+    # percentiles of 2000 resamples scatter by 3 % of the reach
+    assert low == pytest.approx(values.mean() - reach, abs=0.15 * reach)
+    assert high == pytest.approx(values.mean() + reach, abs=0.15 * reach)
+
+
+def test_bootstrap_draws_whole_rows():
+    """A statistic that is the same for each row is the same for each resample."""
+    rows = np.column_stack([np.arange(10.0), -np.arange(10.0)])
+    low, high, _ = by_bootstrap(rows, lambda chosen: float(chosen.sum()))
+    assert low == high == 0.0
+
+
+def test_bootstrap_of_one_value_says_nothing():
+    assert by_bootstrap([3.0], np.mean) == intervals.NONE
+
+
+def test_slope_against_another_solution():
+    rng = np.random.default_rng(6)
+    t = np.linspace(0, 5, 30)
+    x = 0.3 * t + rng.normal(0, 0.1, 30)
+    slope, (low, high, _) = of_slope(t, x)
+    coefficients, covariance = np.polyfit(t, x, 1, cov="unscaled")
+    variance = ((x - np.polyval(coefficients, t)) ** 2).sum() / 28
+    reach = stats.t.ppf(0.975, 28) * np.sqrt(variance * covariance[0, 0])
+    assert slope == pytest.approx(coefficients[0], rel=1e-9)
+    assert (low, high) == pytest.approx((slope - reach, slope + reach), rel=1e-9)
+
+
+def test_rms():
+    assert rms(np.array([3.0, 4.0])) == pytest.approx(np.sqrt(12.5))
