@@ -23,12 +23,12 @@ from .setup import Setup
 NAME = "A7"
 TITLE = "The arm"
 CORNERS_MM = np.array([[0, 0, 0], [60, 60, 60], [-60, 60, 60], [-60, -60, -60], [60, -60, -60.0]])
-MOVE_S, DWELL_S = 1.0, 0.8
+MOVE_S, DWELL_S = 0.8, 0.6
 CYCLES, TOGETHER = 30, 5  # of the five poses, and those of a part
 FEWEST = 2 * TOGETHER
 SPEED_MM_S = 100.0
 RADIUS_MM, SIDE_MM = 50.0, 80.0
-ROUNDS, LEAD_S = 10, 1.0  # of a path, and the rest before it
+ROUNDS, LEAD_S = 10, 1.0  # of a path, behind one that is not counted, and the rest before it
 STATIONS = 72  # of a path, at which its rounds are compared
 SHAPES = ("circle", "square")
 _ORIGIN = np.zeros(3)
@@ -79,7 +79,7 @@ def run(setup: Setup, k: int, noise: Noise) -> dict[str, Any]:
             for name, poses in stages.items()
         }
     shape = SHAPES[k - groups]
-    duration = LEAD_S + ROUNDS * length_of(shape) / SPEED_MM_S + 0.5
+    duration = LEAD_S + (1 + ROUNDS) * length_of(shape) / SPEED_MM_S + 0.5
     trial = run_trial(robot, lambda t: along(shape, t), duration_s=duration, **options)
     fine = slice(None, None, 5)  # a hundred a second
     return {
@@ -297,7 +297,8 @@ def _off_path(shape: str, trial: dict[str, Any]) -> tuple[Array, Array]:
     tool, hand = np.array(trial["tool"]), np.array(trial["hand"])
     points, off = [], []
     for at in stations(shape):
-        due = (at + np.arange(ROUNDS) * length_of(shape)) / SPEED_MM_S + STILL_S + LEAD_S
+        rounds = 1 + np.arange(ROUNDS)  # the first one begins at rest
+        due = (at + rounds * length_of(shape)) / SPEED_MM_S + STILL_S + LEAD_S
         point, ahead = (_interpolated(times, hand, t) for t in (due[0], due[0] + 0.01))
         forward = (ahead - point) / np.linalg.norm(ahead - point)
         away = crossings(tool, times, point, forward, due) - point

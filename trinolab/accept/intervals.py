@@ -48,16 +48,10 @@ def by_bootstrap(values: ArrayLike, statistic: Callable[[Array], float], seed: i
     rows = np.asarray(values, float)
     if len(rows) < 2:
         return NONE
-    found = stats.bootstrap(
-        (np.arange(len(rows)),),
-        lambda chosen: statistic(rows[chosen]),
-        vectorized=False,
-        n_resamples=RESAMPLES,
-        confidence_level=LEVEL,
-        method="percentile",
-        rng=np.random.default_rng(seed),
-    ).confidence_interval
-    return Interval(float(found.low), float(found.high), BOOTSTRAP)
+    chosen = np.random.default_rng(seed).integers(len(rows), size=(RESAMPLES, len(rows)))
+    found = [statistic(rows[resample]) for resample in chosen]
+    low, high = np.quantile(found, [(1 - LEVEL) / 2, (1 + LEVEL) / 2])
+    return Interval(float(low), float(high), BOOTSTRAP)
 
 
 def of_quantile(values: ArrayLike, share: float) -> Interval:

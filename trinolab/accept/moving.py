@@ -26,7 +26,8 @@ from .tracks import FPS, Row
 NAME = "A3"
 TITLE = "Accuracy in motion: a virtual bar"
 BAR_MM = (300.0, 200.0, 150.0, 100.0, 50.0)  # the first that the field has room to move
-LEAST_MM = 40.0  # of that room, in either direction
+LEAST_MM = 30.0  # of that room, in either direction
+FARTHEST_MM = 1000.0  # that it is looked for
 SPEEDS_MM_S = (100.0, 200.0, 500.0, 1000.0)
 ADVANCE = 0.2  # of the speed to and fro: that across it
 SHARE, FEWEST = 36 / 512, 12  # of instants a raster
@@ -94,22 +95,32 @@ def bar_of(field: Field) -> Bar:
         if len(room) == 0:
             continue
         middle = room.mean(axis=0)
-        reach = np.array([_reach(field, middle, way, half) for way in ways])
-        if (2 * reach >= LEAST_MM).all():
-            return Bar(length, direction, middle, np.array(ways), reach)
+        room_mm = _room(field, middle, np.array(ways), half)
+        if (2 * room_mm >= LEAST_MM).all():
+            return Bar(length, direction, middle, np.array(ways), room_mm)
     raise ValueError(
         f"rig: the common field of view has no room to move a bar of {BAR_MM[-1]:g} mm"
     )
 
 
-def _reach(field: Field, middle: Array, way: Array, half: Array) -> float:
-    """How far the bar can be moved to either side along a direction, mm."""
-    steps = np.arange(0.0, 500.0, 1.0)[:, None]
-    free = np.ones(len(steps), bool)
-    for sign in (-1, 1):
-        at = middle + sign * steps * way
-        free &= field.holds(at - half) & field.holds(at + half)
-    return float(np.argmin(free)) if not free.all() else float(len(free))
+def _room(field: Field, middle: Array, ways: Array, half: Array) -> Array:
+    """Half the sides of a rectangle in which the bar can be moved, mm, shape (2,).
+
+    Its sides are in the ratio of how far the bar can go along each direction alone. The field is
+    convex, so what holds at the corners holds inside.
+    """
+
+    def reach(corners: Array) -> float:
+        steps = np.linspace(0.0, 1.0, 501)[:, None]
+        free = np.ones(len(steps), bool)
+        for corner in corners:
+            at = middle + steps * corner
+            free &= field.holds(at - half) & field.holds(at + half)
+        return float(steps[max(int(np.argmin(free)) - 1, 0), 0]) if not free.all() else 1.0
+
+    sides = np.array([FARTHEST_MM * reach(FARTHEST_MM * np.array([way, -way])) for way in ways])
+    signs = np.array([[a, b] for a in (-1, 1) for b in (-1, 1)])
+    return sides * reach((signs * sides) @ ways)
 
 
 def path_of(setup: Setup, raster: int) -> Path:
@@ -132,9 +143,7 @@ def _middles(bar: Bar, speed: float, direction: int, duration: float, t: Array) 
     half = min(float(bar.half_mm[direction]), speed * duration / (2 * np.pi))
     edge = float(bar.half_mm[1 - direction])
     on = min(ADVANCE * speed, 2 * edge / duration) * (t - duration / 2)
-    # an ellipse fits into the room where its corners are cut off
-    width = np.sqrt(np.maximum(1 - (on / edge) ** 2, 0.0))
-    to_and_fro = -width * half * np.cos(speed / half * t)
+    to_and_fro = -half * np.cos(speed / half * t)
     return (
         bar.middle
         + np.outer(to_and_fro, bar.ways[direction])

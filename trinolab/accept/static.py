@@ -132,7 +132,11 @@ def explained(freedoms: Array, values: Array) -> tuple[Array, Array]:
         return part, chance
     for d, e in np.ndindex(*shape):
         order = np.argsort(freedoms[:, d], kind="stable")
-        found = stats.kruskal(*np.array_split(np.abs(values[order, e]), BINS))
+        ordered = np.abs(values[order, e])
+        if np.ptp(ordered) == 0:  # all of one rank
+            part[d, e], chance[d, e] = 0.0, 1.0
+            continue
+        found = stats.kruskal(*np.array_split(ordered, BINS))
         part[d, e] = found.statistic / (len(values) - 1)
         chance[d, e] = found.pvalue
     return part, chance

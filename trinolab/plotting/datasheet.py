@@ -17,6 +17,7 @@ from ..checks import as_array, as_points
 from .basics import COLOURS
 
 WIDTH_IN = 3.75  # 360 px of a page
+_LEAST = 1e-9  # that a logarithmic axis shows
 _SIZES: Any = {"font.size": 9, "axes.titlesize": 9, "axes.labelsize": 9, "legend.fontsize": 9}
 
 
@@ -62,11 +63,10 @@ def plot_error_map(
     errors' 2 and 98 %.
     """
     at = as_points(places, "places", 2)
-    values = as_array(errors, "errors", (len(at),))
+    values = np.maximum(as_array(errors, "errors", (len(at),)), _LEAST)
     figure, ax = _subplots(height=3.6)
     low, high = np.quantile(values, [0.02, 0.98])
-    high = max(high, 1.01 * low, 1e-12)
-    norm = LogNorm(max(low, 1e-9), high)
+    norm = LogNorm(low, max(high, 1.01 * low))
     order = np.argsort(values)  # large errors on top
     dots = ax.scatter(*at[order].T, c=values[order], s=12, cmap="viridis", norm=norm)
     bar = figure.colorbar(dots, ax=ax, label=colour_label, extend="both")
@@ -84,10 +84,11 @@ def plot_against(
     so many ranges of equally many poses.
     """
     x = as_array(freedoms, "freedoms", (None, len(names)))
-    y = as_array(errors, "errors", (len(x),))
+    y = np.maximum(as_array(errors, "errors", (len(x),)), _LEAST)
     figure, axes = _subplots(3, 2, height=5.4, sharey=True)
+    axes[0, 0].set(yscale="log", ylim=(y.min() / 2, 2 * y.max()))
     for ax, column, name in zip(axes.flat, x.T, names, strict=True):
-        ax.semilogy(column, y, ".", color=COLOURS[3], markersize=2.5, alpha=0.7)
+        ax.plot(column, y, ".", color=COLOURS[3], markersize=2.5, alpha=0.7)
         parts = np.array_split(np.argsort(column), ranges)
         middle = [(np.median(column[part]), np.median(y[part])) for part in parts if len(part)]
         ax.plot(*np.transpose(middle), "o-", color=COLOURS[4], markersize=3)
@@ -127,17 +128,18 @@ def plot_over_speed(
     limits.
     """
     x = as_array(speeds, "speeds", (None,))
-    y = as_array(errors, "errors", (len(x),))
+    y = np.maximum(as_array(errors, "errors", (len(x),)), _LEAST)
     figure, ax = _subplots()
-    ax.loglog(x, y, ".", color=COLOURS[3], markersize=3, label="an instant")
+    # before anything is drawn: equal values would have no range
+    ax.set(xscale="log", yscale="log", ylim=(np.quantile(y, 0.02) / 2, 2 * y.max()))
+    ax.plot(x, y, ".", color=COLOURS[3], markersize=3, label="an instant")
     for k, (low, high) in enumerate(pairwise(limits)):
         here = (x >= low) & (x < high)
         if here.any():
             level = np.sqrt(np.mean(y[here] ** 2))
             name = "rms of a range" if k == 0 else None
             ax.plot([low, min(high, x.max())], [level] * 2, color=COLOURS[4], lw=2.5, label=name)
-    floor = max(np.quantile(y, 0.02), 1e-9)
-    ax.set(xlabel="speed / (m/s)", ylabel=ylabel, facecolor="white", ylim=(floor / 2, None))
+    ax.set(xlabel="speed / (m/s)", ylabel=ylabel, facecolor="white")
     ax.grid(alpha=0.3, which="both")
     ax.legend(loc="upper left")
     _plain(ax)

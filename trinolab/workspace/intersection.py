@@ -168,6 +168,8 @@ def view_volume(rig: Rig, farthest_mm: float | None = None) -> Polyhedron:
         max(float(np.linalg.norm(camera.centre - rig.cameras[0].centre)) for camera in rig.cameras)
         or 1.0
     )
+    if farthest_mm is not None:
+        scale = max(scale, farthest_mm)  # within which all lies
     p, r = largest_ball(planes[:, :3], -planes[:, 3] / scale)
     if r <= EMPTY_BELOW:
         return Polyhedron("empty", np.empty((0, 3)), np.empty((0, 3), dtype=int), 0.0)

@@ -1,0 +1,556 @@
+"""The tests of the data sheet: what they draw, and what they make of poses that are known."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+from scipy.optimize import least_squares
+from scipy.spatial.transform import RigidTransform, Rotation
+
+from trinolab.accept import availability, latency, moving, pointer, rest, static, tracks
+from trinolab.accept.setup import Setup, drawn_at, field_of, sobol_poses
+from trinolab.accept.tracks import FPS, as_track, row_of, track_of_table
+from trinolab.bench.scenario import seen_markers
+from trinolab.camera import Camera, Rig
+from trinolab.datasets import load_handle, load_rig
+from trinolab.files.poses import pose_table
+from trinolab.pose import LOST, Pose
+from trinolab.rigid import shifted
+from trinolab.workspace import view_volume
+
+RIGS = ("paper_pair", "paper_trinocular", "raised_40deg")
+
+
+@cache
+def setup(rig="raised_40deg", handle="coded", poses=64):
+    return Setup(load_rig(rig), load_handle(handle), poses)
+
+
+def rows_of(poses, off=None, lost=(), times=None):
+    """Rows of measured poses that are off their truth by (n, 6), but for those that are lost."""
+    off = np.zeros((len(poses), 6)) if off is None else off
+    times = np.arange(len(poses)) / FPS if times is None else times
+    covariance = np.diag([0.01**2] * 3 + [0.001**2] * 3)
+    measured = [
+        LOST if k in lost else Pose("measured", shifted(T, off[k]), covariance, 0.1, 6, 3)
+        for k, T in enumerate(poses)
+    ]
+    return [row_of(float(t), pose, 0.01) for t, pose in zip(times, measured, strict=True)]
+
+
+def value(answer, what, statistic):
+    """The one number of this name."""
+    (number,) = [n for n in answer.numbers if (n.what, n.statistic) == (what, statistic)]
+    return number
+
+
+# --- the field of view, and the poses in it
+
+
+@pytest.mark.parametrize("rig", RIGS)
+def test_every_marker_of_every_pose_is_in_every_image(rig):
+    one = setup(rig)
+    for T in sobol_poses(one.field, 64, 0).poses:
+        for camera in one.rig.cameras:
+            assert camera.sees(T.apply(one.handle.marker_centres)).all()
+
+
+@pytest.mark.parametrize("rig", RIGS)
+def test_field_is_what_counting_gives(rig):
+    """Random points of the field's box, judged by the images of a ball's outermost points."""
+    field = setup(rig).field
+    rng = np.random.default_rng(0)
+    points = rng.uniform(*field.box, (300, 3))
+    held = field.holds(points)
+    for point, inside in zip(points[:100], held, strict=False):
+        around = point + field.reach_mm * np.vstack([np.eye(3), -np.eye(3)])
+        if inside:
+            # a ball is at most 1 / cos of the half field of view wider than the margin
+            closer = point + 0.9 * (around - point)
+            assert all(camera.sees(closer).all() for camera in field.rig.cameras)
+    assert 0.02 < held.mean() < 0.9
+
+
+def test_a_view_that_ends_is_a_cut_pyramid():
+    """Two cameras in nearly one place see nearly one pyramid: a third of base times height."""
+    camera = load_rig("paper_pair").cameras[0]
+    aside = RigidTransform.from_translation([-1e-4, 0, 0]) * camera.T_cam_world
+    twin = Camera("twin", camera.size, camera.matrix, camera.distortions, aside)
+    view = view_volume(Rig((camera, twin)), 600.0)
+    base = 600.0**2 * np.prod(np.array(camera.size) / camera.focal)
+    assert view.status == "bounded"
+    assert view.volume == pytest.approx(base * 600.0 / 3, rel=1e-6)
+
+
+def test_a_pair_without_an_end_has_a_field():
+    """It ends where a marker is 8 px large: 2956 px / mm x 3 mm / 8 px."""
+    assert view_volume(load_rig("paper_pair")).status == "unbounded"
+    assert setup("paper_pair").field.farthest_mm == pytest.approx(2939.5353 * 3 / 8, rel=1e-3)
+
+
+def test_lens_distortion_is_in_the_field():
+    """With a barrel lens the corners of the image see further out."""
+    rig = load_rig("raised_40deg")
+    bent = Rig(
+        tuple(
+            Camera(c.name, c.size, c.matrix, np.array([-0.3, 0, 0, 0, 0]), c.T_cam_world)
+            for c in rig.cameras
+        )
+    )
+    straight, curved = (field_of(one, load_handle("coded")) for one in (rig, bent))
+    assert len(curved.points) > len(straight.points)
+
+
+def test_cameras_that_share_nothing_are_refused():
+    a, b = load_rig("paper_pair").cameras
+    back = RigidTransform.from_rotation(Rotation.from_rotvec([0, np.pi, 0]))
+    turned = Camera("b", b.size, b.matrix, b.distortions, b.T_cam_world * back)
+    with pytest.raises(ValueError, match="no field of view in common"):
+        field_of(Rig((a, turned)), load_handle("coded"))
+
+
+def test_sobol_poses_are_even():
+    """Of 512 poses: half of the turns and azimuths lie on either side, the tilts fill their band,
+    and the first ones are those of a smaller sheet.
+    """
+    field = setup().field
+    drawn = sobol_poses(field, 512, 0)
+    tilt, azimuth, turn = drawn.freedoms[:, 3:].T
+    assert tilt.min() > 59.999
+    assert tilt.max() < 120.001
+    for angle in (azimuth, turn):
+        # rejection leaves a Sobol sequence nearly as even; random ones scatter by 11
+        assert abs((angle < 180).sum() - 256) < 22
+    fewer = sobol_poses(field, 32, 0)
+    assert np.allclose(fewer.freedoms, drawn.freedoms[:32])
+
+
+def test_tilt_is_that_of_the_axis():
+    field = setup().field
+    drawn = drawn_at(field, np.random.default_rng(0).uniform(size=(5, 6)))
+    axes = drawn.poses.rotation.as_matrix()[:, :, 1]
+    tilt = np.rad2deg(np.arccos(axes @ field.rig.cameras[0].axis))
+    assert tilt == pytest.approx(drawn.freedoms[:, 3])
+
+
+# --- A1: rest
+
+
+def test_rest_in_numbers():
+    """Gaussian noise of 0.01 mm and 0.1 deg about each axis."""
+    rng = np.random.default_rng(0)
+    places = rest.places(setup())
+    assert len(places) == rest.PLACES
+    assert setup().field.holds(places.translation).all()
+    size = np.repeat([0.01, np.deg2rad(0.1)], 3)
+    noise = rng.normal(size=(9, 200, 6)) * size
+    found = [rows_of([T] * 200, off) for T, off in zip(places, noise, strict=True)]
+    answer = rest.judge(setup(), found)
+    # 5400 numbers: their root mean square scatters by 1 %
+    assert value(answer, "jitter, position", "rms").value == pytest.approx(
+        0.01 * np.sqrt(3), rel=0.04
+    )
+    assert value(answer, "jitter, rotation", "rms").value == pytest.approx(
+        0.1 * np.sqrt(3), rel=0.04
+    )
+    one, long = [n for n in answer.numbers if n.what == "Allan deviation, position"]
+    assert one.value == pytest.approx(0.01 * np.sqrt(3), rel=0.05)
+    assert long.low < one.value / np.sqrt(32) < long.high
+    drift = value(answer, "drift, position", "steepest of all axes")
+    # of 27 lines the steepest is less than four standard deviations from none
+    spread = 60 * 0.01 / (np.std(np.arange(200) / FPS) * np.sqrt(200))
+    assert abs(drift.value) < 4 * spread
+    jitter = rest.jitter_of([as_track(rows) for rows in found])
+    assert jitter == pytest.approx((0.01, 0.1), rel=0.04)
+
+
+def test_drift_is_found():
+    """A place that moves by 0.1 mm a minute along x."""
+    n = 200
+    off = np.random.default_rng(1).normal(size=(n, 6)) * 1e-4
+    off[:, 0] += 0.1 / 60 * np.arange(n) / FPS
+    answer = rest.judge_tracks([as_track(rows_of([rest.places(setup())[0]] * n, off))], 0, "x")
+    drift = value(answer, "drift, position", "steepest of all axes")
+    assert drift.low < 0.1 < drift.high
+    assert drift.value == pytest.approx(0.1, rel=0.1)
+
+
+def test_a_recording_is_at_rest_or_not():
+    T = rest.places(setup())[0]
+    still = np.zeros((50, 6))
+    moved = still.copy()
+    moved[:, 1] = np.linspace(0, 3, 50)
+    turned = still.copy()
+    turned[:, 4] = np.linspace(0, np.deg2rad(5), 50)
+    assert rest.at_rest(as_track(rows_of([T] * 50, still)))
+    assert not rest.at_rest(as_track(rows_of([T] * 50, moved)))
+    assert not rest.at_rest(as_track(rows_of([T] * 50, turned)))
+    assert not rest.at_rest(as_track(rows_of([T] * 50, still, lost=range(50))))
+
+
+# --- A2: static accuracy
+
+
+def static_rows(one, off, lost=()):
+    poses = sobol_poses(one.field, one.poses, one.seed).poses
+    rows = rows_of(poses, off, lost)
+    return [rows[k : k + static.TOGETHER] for k in range(0, len(rows), static.TOGETHER)]
+
+
+def test_static_errors_before_and_after_registration():
+    """A rig that is shifted by 0.3 mm and turned by 0.1 deg: nothing is left of that after a rigid
+    registration.
+    """
+    one = setup()
+    poses = sobol_poses(one.field, one.poses, one.seed).poses
+    turn = Rotation.from_rotvec([0, 0, np.deg2rad(0.1)])
+    moved = RigidTransform.from_components([0.3, 0, 0], turn) * poses
+    off = np.column_stack(
+        [
+            moved.translation - poses.translation,
+            (moved.rotation * poses.rotation.inv()).as_rotvec(),
+        ]
+    )
+    answer = static.judge(one, static_rows(one, off))
+    assert value(answer, "poses measured", "share").value == 100
+    assert value(answer, "position error", "mean").value == pytest.approx(
+        np.linalg.norm(off[:, :3], axis=1).mean()
+    )
+    assert value(answer, "angle error", "largest").value == pytest.approx(0.1)
+    assert value(answer, "position error, registered", "largest").value < 1e-9
+    assert value(answer, "angle error, registered", "largest").value < 1e-6
+    far = "called measured, off by more than 2 mm or 5 deg"
+    assert value(answer, far, "count").value == 0
+
+
+def test_static_numbers_of_known_errors():
+    """Half of the poses off by 0.01 mm, half by 0.03 mm along z; four are lost, one is far off."""
+    one = setup()
+    off = np.zeros((64, 6))
+    off[:, 2] = np.where(np.arange(64) % 2, 0.01, 0.03)
+    off[5, 2] = 2.5
+    answer = static.judge(one, static_rows(one, off, lost=(0, 2, 4, 6)))
+    known = np.delete(off[:, 2], [0, 2, 4, 6])
+    assert value(answer, "poses measured", "share").value == pytest.approx(100 * 60 / 64)
+    assert value(answer, "position error", "median").value == pytest.approx(np.median(known))
+    assert value(answer, "position error", "rms").value == pytest.approx(np.sqrt((known**2).mean()))
+    assert value(answer, "position error", "largest").value == pytest.approx(2.5)
+    far = value(answer, "called measured, off by more than 2 mm or 5 deg", "count")
+    assert (far.value, far.n) == (1, 60)
+    # the reported standard deviation is 0.01 sqrt 3 mm
+    assert value(answer, "true / reported position error", "rms").value == pytest.approx(
+        np.sqrt((known**2).mean()) / (0.01 * np.sqrt(3))
+    )
+
+
+def test_what_goes_with_an_error_is_found():
+    """An error that grows with z, another that depends on an angle which closes on itself, and
+    noise.
+    """
+    rng = np.random.default_rng(2)
+    freedoms = rng.uniform(size=(400, 6))
+    values = rng.normal(size=(400, 3))
+    values[:, 0] *= 1 + 4 * freedoms[:, 2]
+    values[:, 1] *= 2 + np.cos(2 * np.pi * freedoms[:, 4])
+    part, chance = static.explained(freedoms, values)
+    sure = chance < 0.05 / chance.size
+    assert sure[2, 0]
+    assert sure[4, 1]
+    assert sure.sum() == 2
+    # noise: H has as many degrees of freedom as ranges less one
+    assert part[:, 2].mean() == pytest.approx(5 / 399, rel=0.6)
+
+
+# --- A3: motion
+
+
+@pytest.mark.parametrize("rig", RIGS)
+def test_both_ends_stay_in_the_field(rig):
+    one = setup(rig)
+    for raster in range(2 * len(moving.SPEEDS_MM_S)):
+        for end in moving.ends_of(one, raster):
+            assert one.field.holds(end.translation).all()
+
+
+def test_bar_of_the_standard_rig():
+    bar = moving.bar_of(setup().field)
+    assert bar.length_mm == 300
+    assert np.linalg.norm(bar.direction) == pytest.approx(1)
+    assert abs(bar.ways @ bar.direction).max() < 1e-9
+
+
+@pytest.mark.parametrize("raster", range(8))
+def test_velocity_is_that_of_the_way(raster):
+    """Against differences of what the way is a moment later; the largest speed is the nominal one,
+    and a tenth more for the way across.
+    """
+    one = setup(poses=512)
+    path = moving.path_of(one, raster)
+    nominal = moving.SPEEDS_MM_S[raster // 2]
+    speed = np.linalg.norm(path.velocities, axis=1)
+    assert speed.max() < 1.1 * nominal
+    assert speed.max() > 0.8 * nominal
+    steps = np.diff(path.positions, axis=0) * FPS
+    between = (path.velocities[1:] + path.velocities[:-1]) / 2
+    if nominal <= 200:  # a chord against a mean: the sine bends little within an interval
+        assert np.linalg.norm(steps - between, axis=1).max() < 0.1 * nominal
+
+
+def moving_rows(one, off=None, lost=None):
+    rows = []
+    for k in range(moving.parts(one)):
+        raster, end = divmod(k, moving.ENDS)
+        poses = moving.ends_of(one, raster)[end]
+        shift = np.zeros((len(poses), 6)) if off is None else np.tile(off[end], (len(poses), 1))
+        rows.append(rows_of(poses, shift, () if lost is None else lost(k)))
+    return rows
+
+
+def test_bar_of_known_ends():
+    """The second end is off by 0.2 mm along the bar: the bar is as much too long."""
+    one = setup()
+    direction = moving.bar_of(one.field).direction
+    off = np.zeros((2, 6))
+    off[1, :3] = 0.2 * direction
+    answer = moving.judge(one, moving_rows(one, off))
+    for speed in ("0.1", "0.2", "0.5", "1"):
+        length = value(answer, f"bar's length at {speed} m/s", "rms")
+        assert length.value == pytest.approx(0.2, rel=1e-6)
+        assert value(answer, f"relative position at {speed} m/s", "rms").value == pytest.approx(0.2)
+        assert value(answer, f"relative angle at {speed} m/s", "largest").value < 1e-6
+        assert value(answer, f"both ends measured at {speed} m/s", "share").value == 100
+
+
+def test_an_angle_of_the_first_end_counts_with_the_bar():
+    one = setup()
+    bar = moving.bar_of(one.field)
+    across = bar.ways[0]
+    off = np.zeros((2, 6))
+    off[0, 3:] = np.deg2rad(0.1) * across
+    answer = moving.judge(one, moving_rows(one, off))
+    lever = 2 * bar.length_mm * np.sin(np.deg2rad(0.05))
+    position = value(answer, "relative position at 0.1 m/s", "rms").value
+    assert position == pytest.approx(lever, rel=1e-6)
+    assert value(answer, "relative angle at 0.1 m/s", "rms").value == pytest.approx(0.1, rel=1e-6)
+    assert value(answer, "bar's length at 0.1 m/s", "rms").value < 1e-9
+
+
+def test_an_instant_counts_where_both_ends_are_measured():
+    one = setup()
+    answer = moving.judge(one, moving_rows(one, lost=lambda k: (0, 1) if k % 2 else (1, 2)))
+    counts = [n for n in answer.numbers if n.what.startswith("both ends")]
+    all_of, measured = sum(n.n for n in counts), sum(n.n * n.value / 100 for n in counts)
+    missing = 0
+    for raster in range(8):
+        speed = np.linalg.norm(moving.path_of(one, raster).velocities, axis=1)
+        missing += (speed[:3] >= 50).sum()
+        all_of -= (speed >= 50).sum()
+    assert all_of == 0
+    assert measured == pytest.approx(sum(n.n for n in counts) - missing)
+
+
+# --- A4: the pointer
+
+
+def test_pivot_of_a_known_tip():
+    """Exact poses give the tip; noisy ones what a search for the least squares finds."""
+    rng = np.random.default_rng(3)
+    tip, point = np.array([3.0, 100.0, -2.0]), np.array([10.0, 20.0, 600.0])
+    turns = Rotation.from_rotvec(rng.normal(size=(20, 3)) * 0.4)
+    poses = RigidTransform.from_components(point - turns.apply(tip), turns)
+    exact = pointer.calibrate_pivot(poses)
+    assert exact.tip == pytest.approx(tip, abs=1e-9)
+    assert exact.point == pytest.approx(point, abs=1e-9)
+    noisy = RigidTransform.from_components(poses.translation + rng.normal(0, 0.05, (20, 3)), turns)
+    found = pointer.calibrate_pivot(noisy)
+    other = least_squares(
+        lambda x: (turns.apply(x[:3]) + noisy.translation - x[3:]).ravel(), np.zeros(6), xtol=1e-15
+    )
+    assert np.concatenate([found.tip, found.point]) == pytest.approx(other.x, abs=1e-5)
+    assert found.off.ravel() == pytest.approx(other.fun, abs=1e-5)
+
+
+def test_a_turn_about_one_axis_has_no_pivot():
+    turns = Rotation.from_rotvec(np.linspace(0, 1, 10)[:, None] * [0, 1.0, 0])
+    poses = RigidTransform.from_components(np.tile([0, 0, 500.0], (10, 1)), turns)
+    assert pointer.calibrate_pivot(poses) is None
+
+
+@pytest.mark.parametrize("rig", RIGS)
+def test_touches_hold_the_tip(rig):
+    one = setup(rig)
+    drawn = pointer.touches(one)
+    tips = np.array([T.apply(pointer.TIP_MM) for T in drawn.poses])
+    assert tips == pytest.approx(drawn.points, abs=1e-9)
+    assert one.field.holds(drawn.poses.translation).all()
+    assert np.ptp(drawn.points[: drawn.pivoted], axis=0).max() == 0
+    down = one.rig.cameras[0].T_world_cam.rotation.as_matrix()[:, 1]
+    axes = drawn.poses.rotation.as_matrix()[:, :, 1]
+    tilt = np.rad2deg(np.arccos(np.clip(axes @ down, -1, 1)))
+    assert tilt.max() <= pointer.CONE_DEG + 1e-6
+    assert tilt.max() > 0.6 * pointer.CONE_DEG
+
+
+def pointer_rows(one, off=None):
+    rows = rows_of(pointer.touches(one).poses, off)
+    return [rows[k : k + pointer.TOGETHER] for k in range(0, len(rows), pointer.TOGETHER)]
+
+
+def test_pointer_of_exact_poses_errs_nowhere():
+    answer = pointer.judge(setup(), pointer_rows(setup()))
+    for what, statistic in (
+        ("tip held at one point, scatter", "largest"),
+        ("tip from pivoting, error", "distance"),
+        ("distance between two points, error", "largest"),
+    ):
+        assert value(answer, what, statistic).value < 1e-9
+
+
+def test_pointer_of_noisy_poses():
+    """0.02 mm about each axis, no turn: the tip scatters by it, a distance by sqrt 2 of one
+    axis.
+    """
+    one = setup(poses=512)
+    n = len(pointer.touches(one).points)
+    off = np.zeros((n, 6))
+    off[:, :3] = np.random.default_rng(4).normal(0, 0.02, (n, 3))
+    answer = pointer.judge(one, pointer_rows(one, off))
+    scatter = value(answer, "tip held at one point, scatter", "rms")
+    assert scatter.low < 0.02 * np.sqrt(3) < 1.1 * scatter.high
+    distance = value(answer, "distance between two points, error", "rms")
+    assert distance.low < 0.02 * np.sqrt(2) < 1.1 * distance.high
+
+
+def test_a_recorded_pivot_is_known_as_one():
+    one = setup()
+    drawn = pointer.touches(one)
+    pivoted = as_track(rows_of(drawn.poses[: drawn.pivoted]))
+    answer = pointer.judge_recording(pivoted, "recording a")
+    assert value(answer, "tip held at one point, scatter", "largest").value < 1e-9
+    elsewhere = as_track(rows_of(drawn.poses[drawn.pivoted :]))
+    assert pointer.judge_recording(elsewhere, "recording b").numbers == []
+
+
+# --- A5: latency
+
+
+@pytest.mark.parametrize("rate", latency.RATES_HZ)
+def test_delay_of_a_known_sine(rate):
+    rng = np.random.default_rng(5)
+    t = (np.arange(60) + 0.3) / FPS
+    late = 0.0123
+    values = 7 + 30 * np.sin(2 * np.pi * rate * (t - late))
+    delay, interval = latency.delay_of(t, values, rate)
+    assert delay == pytest.approx(late, abs=1e-9)
+    delay, (low, high, _) = latency.delay_of(t, values + rng.normal(0, 0.05, 60), rate)
+    assert low < late < high
+    # the phase of n values scatters by sqrt(2 / n) of noise over amplitude
+    expected = np.sqrt(2 / 60) * 0.05 / 30 / (2 * np.pi * rate)
+    assert high - low == pytest.approx(2 * 2.0 * expected, rel=0.5)
+    assert interval.high - interval.low < 1e-9
+
+
+def test_a_held_value_is_half_an_interval_old():
+    rate = 1.0
+    t = np.arange(120) / FPS
+    values = 30 * np.sin(2 * np.pi * rate * t)
+    age = 0.02
+    delay, _ = latency.delay_of(*latency.held(t + age, values), rate)
+    assert delay == pytest.approx(age + 0.5 / FPS, abs=5e-4)
+
+
+def test_latency_of_exact_poses():
+    one = setup()
+    rows = []
+    for k in range(latency.parts(one)):
+        times, poses, velocities = latency.sine(one, k)
+        rows.append(rows_of(poses, times=times))
+        assert np.linalg.norm(velocities, axis=1).max() <= 30.1 * 2 * np.pi * latency.RATES_HZ[k]
+    answer = latency.judge(one, rows)
+    for rate in ("0.5", "1", "2"):
+        own = value(answer, f"pose against its own time, sine of {rate} Hz", "delay")
+        assert own.value == pytest.approx(0, abs=1e-6)
+    # rows_of says 10 ms a measurement; half of the exposure is 5 ms
+    assert value(answer, "age of a pose when it is there", "median").value == pytest.approx(15)
+
+
+# --- A6: availability
+
+
+def test_availability_of_a_known_track():
+    """Five instants are lost, of which the truth says that they could be measured."""
+    one = setup(poses=52)
+    job = availability.job_of(one)
+    n = len(job.shots)
+    assert n == 30
+    poses = [shot.T_world_handle for shot in job.shots]
+    answer = availability.judge(one, [rows_of(poses, lost=range(10, 15))])
+    assert value(answer, "measured, of all instants", "share").value == pytest.approx(
+        100 * (n - 5) / n
+    )
+    assert value(answer, "losses", "count").value == 1
+    again = value(answer, "time until it is found again", "largest")
+    possible = sum(max(seen_markers(job, k)) >= 4 for k in range(10, 15))
+    assert again.value == pytest.approx(possible / FPS)
+
+
+def test_standard_scene_is_in_view():
+    """As it stands for the shipped rigs; a rig whose world lies elsewhere is brought before it."""
+    one = setup()
+    assert availability.before(one) is one.rig
+    T = RigidTransform.from_components([500, -300, 80], Rotation.from_rotvec([0.3, 1.0, -0.5]))
+    elsewhere = Rig(
+        tuple(
+            Camera(c.name, c.size, c.matrix, c.distortions, c.T_cam_world * T)
+            for c in one.rig.cameras
+        )
+    )
+    moved = Setup(elsewhere, one.handle, 8)
+    rig = availability.before(moved)
+    assert rig is not elsewhere
+    for camera in rig.cameras:
+        assert camera.sees([[0.0, 0.0, 570.0]]).all()
+    between = [c.T_cam_world * rig.cameras[0].T_world_cam for c in rig.cameras]
+    true = [c.T_cam_world * one.rig.cameras[0].T_world_cam for c in one.rig.cameras]
+    for a, b in zip(between, true, strict=True):
+        assert np.allclose(a.as_matrix(), b.as_matrix(), atol=1e-9)
+
+
+# --- tracks
+
+
+def test_rows_and_tables_hold_the_same():
+    drawn = sobol_poses(setup().field, 6, 0)
+    rows = rows_of(drawn.poses, lost=(2,))
+    track = as_track(rows)
+    covariance = np.diag([0.01**2] * 3 + [0.001**2] * 3)
+    poses = [
+        LOST if k == 2 else Pose("measured", T, covariance, 0.1, 6, 3)
+        for k, T in enumerate(drawn.poses)
+    ]
+    other = track_of_table(pose_table(poses, list(np.arange(6) / FPS)))
+    assert track.status.tolist() == other.status.tolist()
+    for name in ("t_s", "positions", "quaternions", "sigmas"):
+        np.testing.assert_allclose(getattr(track, name), getattr(other, name), atol=1e-12)
+    assert track.found.tolist() == [True, True, False, True, True, True]
+
+
+def test_errors_are_those_put_in():
+    one = setup()
+    drawn = sobol_poses(one.field, 5, 0)
+    off = np.random.default_rng(6).normal(size=(5, 6)) * np.repeat([0.1, 0.01], 3)
+    found, there = tracks.errors(as_track(rows_of(drawn.poses, off, lost=(1,))), drawn.poses, one)
+    assert there.tolist() == [True, False, True, True, True]
+    assert found[there] == pytest.approx(off[there], abs=1e-9)
+    assert np.isnan(found[1]).all()
+
+
+def test_errors_are_up_to_the_handle_s_symmetry():
+    one = setup(handle="paper")
+    drawn = sobol_poses(one.field, 3, 0)
+    turned = [T * one.handle.symmetries[k] for k, T in enumerate(drawn.poses)]
+    track = as_track(rows_of(turned))
+    each, _ = tracks.errors(track, drawn.poses, one, one_track=False)
+    assert np.abs(each).max() < 1e-9
+    together, _ = tracks.errors(track, drawn.poses, one)
+    assert np.rad2deg(np.abs(together[:, 3:]).max()) > 50
