@@ -17,13 +17,13 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from ..datasets import data_path
+from ..datasets import data_path, load_sweep
 from ..files.inputs import read_json
 from .numbers import OWN, Answer, Number, Picture, as_table
 
 FORMAT = 1
 PAGE, TABLE, NUMBERS = "index.html", "numbers.csv", "sheet.json"
-SECOND = "second_renderer.json"
+SECOND, SECOND_TABLE = "second_renderer.json", "second_renderer"
 AFTER = (
     "The tests are laid out after ASTM E2919 (static poses), ASTM F2554 (a pointer's tip), the "
     "withdrawn ASTM E3064 (a bar in motion), ISO 9283 (an arm's poses and paths) and Wiles, "
@@ -139,8 +139,8 @@ def read_sheet(path: str | Path) -> tuple[dict[str, Any], pd.DataFrame]:
 
 
 def second_renderer() -> pd.DataFrame | None:
-    """What the estimators give on images of another renderer, a row an estimator, rig and handle;
-    None where nobody has made it.
+    """What the estimators give on images of another renderer, a row an estimator, rig and handle:
+    ``data/second_renderer.json``, or the shipped table of that study; None where there is neither.
 
     Raises
     ------
@@ -150,7 +150,10 @@ def second_renderer() -> pd.DataFrame | None:
     try:
         path = data_path(SECOND)
     except ValueError:
-        return None
+        try:
+            return load_sweep(SECOND_TABLE)
+        except ValueError:
+            return None
     found = read_json(path)
     rows = found.get("rows") if isinstance(found, dict) else found
     if not isinstance(rows, list) or not all(isinstance(row, dict) for row in rows):
@@ -177,6 +180,7 @@ table { border-collapse: collapse; width: 100%; font-size: .9rem; margin: .8rem 
 th, td { text-align: left; padding: .22rem .5rem .22rem 0; vertical-align: top;
          border-bottom: 1px solid var(--line) }
 th { font-weight: 600 }
+.conditions td { overflow-wrap: anywhere }
 td.number { white-space: nowrap; font-variant-numeric: tabular-nums }
 small, .soft { color: var(--soft) }
 .wide { overflow-x: auto }
@@ -185,7 +189,9 @@ small, .soft { color: var(--soft) }
 figure { margin: 0; max-width: 100% }
 figure img { background: #fff; border-radius: .3rem; width: 360px; max-width: 100%; height: auto;
              display: block }
-nav a { margin-right: .8rem; white-space: nowrap }
+figcaption { color: var(--soft); font-size: .85rem; line-height: 1.35; width: 360px;
+             max-width: 100% }
+nav { display: flex; flex-wrap: wrap; gap: 0 .8rem }
 """
 
 
@@ -246,7 +252,7 @@ def _conditions(about: Mapping[str, Any]) -> str:
         for name, value in about.items()
         if name != "summary"
     ]
-    return f"<h2>Conditions</h2><table>{''.join(rows)}</table>"
+    return f"<h2>Conditions</h2><table class="conditions">{''.join(rows)}</table>"
 
 
 def _test(sheet: Sheet, name: str) -> str:
@@ -262,7 +268,8 @@ def _test(sheet: Sheet, name: str) -> str:
 def _figure(picture: Picture) -> str:
     return (
         f'<figure><img alt="{escape(picture.alt, quote=True)}" '
-        f'src="data:image/png;base64,{_png(picture.figure)}"></figure>'
+        f'src="data:image/png;base64,{_png(picture.figure)}">'
+        f'<figcaption aria-hidden="true">{escape(picture.alt)}</figcaption></figure>'
     )
 
 

@@ -11,6 +11,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator
 from numpy.typing import ArrayLike
 
 from ..checks import as_array, as_points
@@ -187,4 +188,6 @@ def plot_control_chart(
 def _plain(ax: Axes) -> None:
     """Numbers in place of powers of ten on logarithmic axes."""
     for axis in (ax.xaxis, ax.yaxis):
-        axis.set(major_formatter="{x:g}", minor_formatter="")
+        low, high = axis.get_view_interval()
+        subs = (1, 2, 5) if high < 300 * low else (1,)
+        axis.set(major_locator=LogLocator(subs=subs), major_formatter="{x:g}", minor_formatter="")
