@@ -11,8 +11,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from .. import plotting
 from ..checks import Array
+from ..plotting import datasheet
 from ..slave.arm import load_robot
 from ..studies.master_slave import STILL_S
 from ..studies.master_slave import run as run_trial
@@ -284,7 +284,7 @@ def _path(setup: Setup, shape: str, trial: dict[str, Any]) -> tuple[list[Number]
         shape,
         f"The commanded {shape} as dots, and the mean way of the tool, whose distance from it is "
         f"drawn {factor:g} times as large.",
-        plotting.plot_path(points @ flat.T, mean @ flat.T, factor),
+        datasheet.plot_path(points @ flat.T, mean @ flat.T, factor),
     )
     return numbers, picture
 

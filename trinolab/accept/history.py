@@ -16,11 +16,11 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from .. import plotting
 from ..files.inputs import read_csv
 from ..files.kept import locked
 from ..files.outputs import write_whole
 from ..files.provenance import commit
+from ..plotting import datasheet
 from .numbers import Number
 
 # test, quantity, statistic, and a short name for the chart's axis
@@ -108,6 +108,6 @@ def charts(table: pd.DataFrame, rig: str, handle: str, poses: int, seed: int) ->
             value = rows["value"].to_numpy(float)
             limits = np.where(np.isfinite(limits), limits, value[:, None])
             figures.append(
-                plotting.plot_control_chart(rows["commit"].tolist(), value, limits, label)
+                datasheet.plot_control_chart(rows["commit"].tolist(), value, limits, label)
             )
     return figures

@@ -14,9 +14,9 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial.transform import RigidTransform
 
-from .. import plotting
 from ..checks import Array
 from ..metrics import FAR_DEG, FAR_MM
+from ..plotting import datasheet
 from ..rigid import motion_between, shifted
 from . import tracks
 from .numbers import LARGEST, Answer, Number, Picture, distribution, far_count, share
@@ -269,7 +269,7 @@ def _picture(speeds: Array, errors: Array) -> Picture:
         "moving",
         "The error of the bar's length over the speed, a dot an instant, with the root mean square "
         "of each range of speed.",
-        plotting.plot_over_speed(
+        datasheet.plot_over_speed(
             speeds, errors, [low / 1000 for low, _ in ranges()] + [2.0], "bar's length, error / mm"
         ),
     )

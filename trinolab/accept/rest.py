@@ -7,8 +7,8 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from .. import plotting
 from ..checks import Array
+from ..plotting import datasheet
 from . import intervals, tracks
 from .intervals import Interval, by_bootstrap, rms
 from .numbers import CLOCK, OWN, Answer, Number, Picture
@@ -248,7 +248,7 @@ def _picture(rests: list[Rest]) -> Picture:
         step = float(np.median(np.diff(rest.t_s)))
         deviation = [intervals.allan_deviation(rest.off[:, _MM], m) for m in lengths]
         curves.append((step * np.array(lengths), 1e3 * np.array(deviation)))
-    figure = plotting.plot_allan(curves, "Allan deviation of the position / µm")
+    figure = datasheet.plot_allan(curves, "Allan deviation of the position / µm")
     return Picture(
         "allan",
         "Allan deviation of the position over the averaging time, a grey line a place, their root "

@@ -252,7 +252,7 @@ def _conditions(about: Mapping[str, Any]) -> str:
         for name, value in about.items()
         if name != "summary"
     ]
-    return f"<h2>Conditions</h2><table class="conditions">{''.join(rows)}</table>"
+    return f'<h2>Conditions</h2><table class="conditions">{"".join(rows)}</table>'
 
 
 def _test(sheet: Sheet, name: str) -> str:

@@ -8,9 +8,9 @@ import numpy as np
 from scipy import stats
 from scipy.spatial.transform import Rotation
 
-from .. import plotting
 from ..checks import Array
 from ..metrics import FAR_DEG, FAR_MM
+from ..plotting import datasheet
 from ..pose import rigid_fit
 from ..studies.replication import replicate
 from . import tracks
@@ -152,7 +152,7 @@ def _pictures(setup: Setup, drawn: Drawn, off: Array, found: np.ndarray) -> list
             f"map_{name}",
             f"Where in the field the position error is how large, seen along {along}: a dot a "
             "pose, its colour the error on a logarithmic scale.",
-            plotting.plot_error_map(
+            datasheet.plot_error_map(
                 position[:, pair], distances, [axes[k] for k in pair], "position error / mm"
             ),
         )
@@ -163,7 +163,7 @@ def _pictures(setup: Setup, drawn: Drawn, off: Array, found: np.ndarray) -> list
             f"freedoms_{name}",
             f"The {name} error over each of the six degrees of freedom, a dot a pose, with the "
             "median of six ranges.",
-            plotting.plot_against(freedoms, values, FREEDOMS, f"{name} error / {unit}", BINS),
+            datasheet.plot_against(freedoms, values, FREEDOMS, f"{name} error / {unit}", BINS),
         )
         for name, values, unit in (("position", distances, "mm"), ("angle", angles, "deg"))
     ]
@@ -174,7 +174,7 @@ def _pictures(setup: Setup, drawn: Drawn, off: Array, found: np.ndarray) -> list
         "explained",
         "A table of six degrees of freedom by six components of the error: the share of the ranks' "
         "variance that goes with a freedom, with a frame where that is no accident.",
-        plotting.plot_explained(
+        datasheet.plot_explained(
             100 * part, chance < 0.05 / chance.size, [f.split(" /")[0] for f in FREEDOMS], ERRORS
         ),
     )
