@@ -21,10 +21,10 @@ from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import RigidTransform
 
-from trinolab.bench.recordings import _read_manifest
 from trinolab.datasets import data_path, load_rig
 from trinolab.files.images import read_grey
 from trinolab.files.poses import pose_table, poses_by_frame, poses_text, read_poses
+from trinolab.files.recorder import read_manifest
 from trinolab.files.recording import read_timestamps
 from trinolab.files.rigs import read_handle, read_rig, rig_text
 from trinolab.following.track import Rows
@@ -62,7 +62,7 @@ READERS = {
     "poses": _poses,
     "timestamps": read_timestamps,
     "rows": _rows,
-    "manifest": _read_manifest,
+    "manifest": read_manifest,
     "image": _image,
 }
 

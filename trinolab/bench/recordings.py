@@ -37,7 +37,16 @@ from ..files.kept import locked
 from ..files.outputs import write_whole
 from ..files.poses import pose_table, poses_by_frame, read_poses
 from ..files.provenance import code_hash
-from ..files.recorder import PARTIAL, add, begin, check_names, finish, image_paths, partial_of
+from ..files.recorder import (
+    PARTIAL,
+    add,
+    begin,
+    check_names,
+    claim,
+    finish,
+    image_paths,
+    partial_of,
+)
 from ..files.rigs import read_handle, read_rig
 from ..handle import Handle
 from ..pose import LOST, Pose
@@ -45,7 +54,6 @@ from .scenario import Job, Shot, calm, empty, following, hard, seen_markers, tak
 
 SCRIPTS = {"calm": calm, "hard": hard}
 SECONDS = 10.0  # of a standard recording
-MANIFEST = "made_from.json"
 # behind the name of a standard recording: whoever renders it has this file; it is being removed
 LOCK = ".lock"
 REMOVED = ".removed"
@@ -157,7 +165,7 @@ def write_recording(
     except OSError as error:
         raise ValueError(f"{partial}: cannot be written ({error.strerror})") from None
     with locked(partial):
-        _claim(partial, manifest)
+        claim(partial, manifest)
         begin(
             out,
             job.rig,
@@ -227,29 +235,6 @@ def _times_of(table: pd.DataFrame, path: str | Path, fps: float) -> np.ndarray:
     if not (np.isfinite(times).all() and (np.diff(times) > 0).all()):
         raise ValueError(f"{path}: column 't_s' expects increasing seconds")
     return times
-
-
-def _claim(partial: Path, manifest: dict[str, Any]) -> None:
-    """Write the manifest into an unfinished folder; refuse one that was begun with another."""
-    path = partial / MANIFEST
-    text = json.dumps(manifest, indent=1) + "\n"
-    if partial.is_dir() and any(partial.iterdir()):
-        begun = _read_manifest(path)
-        if other := [name for name in manifest if begun.get(name) != manifest[name]]:
-            raise ValueError(
-                f"{partial}: an unfinished recording with another {other[0]}; remove it, or name another "
-                "folder"
-            )
-        return
-    write_whole(path, text)
-
-
-def _read_manifest(path: Path) -> dict[str, Any]:
-    try:
-        found = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError, RecursionError):
-        return {}
-    return found if isinstance(found, dict) else {}
 
 
 def _camera_numbers(camera: Camera) -> list[Any]:

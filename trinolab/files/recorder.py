@@ -4,8 +4,10 @@ it is whole.
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -20,6 +22,7 @@ from .rigs import write_handle, write_rig
 PNG = [cv2.IMWRITE_PNG_COMPRESSION, 1, cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_RLE]
 # filters take time
 STORED_PNG = [cv2.IMWRITE_PNG_COMPRESSION, 0, cv2.IMWRITE_PNG_FILTER, cv2.IMWRITE_PNG_FILTER_NONE]
+MANIFEST = "made_from.json"
 PARTIAL = ".partial"  # behind the name of a recording that is not finished
 
 
@@ -81,6 +84,35 @@ def check_names(cameras: Iterable[str]) -> None:
     for name in cameras:
         if not name or name.startswith(".") or set(name) & set("/\\:\0"):
             raise ValueError(f"camera: expected a name that a folder can have, got {name!r}")
+
+
+def claim(partial: Path, manifest: Mapping[str, Any]) -> None:
+    """Write into an unfinished folder what the recording is made from, so that it can go on later.
+
+    Raises
+    ------
+    ValueError
+        If the folder was begun with something else, or cannot be written.
+    """
+    path = partial / MANIFEST
+    if partial.is_dir() and any(partial.iterdir()):
+        begun = read_manifest(path)
+        if other := [name for name in manifest if begun.get(name) != manifest[name]]:
+            raise ValueError(
+                f"{partial}: an unfinished recording with another {other[0]}; remove it, or name another "
+                "folder"
+            )
+        return
+    write_whole(path, json.dumps(manifest, indent=1) + "\n")
+
+
+def read_manifest(path: Path) -> dict[str, Any]:
+    """What a recording was made from; nothing where the file says nothing that can be read."""
+    try:
+        found = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError):
+        return {}
+    return found if isinstance(found, dict) else {}
 
 
 def image_paths(partial: Path, rig: Rig | Sequence[str], frame: int) -> list[Path]:
