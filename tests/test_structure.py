@@ -47,6 +47,7 @@ WALLS = {
     "plotting": GEOMETRY | {"workspace"},
     "calibration": GEOMETRY | {"files", "plotting"},
     "bench": GEOMETRY | {"pose", "files", "datasets", "calibration"},
+    "second": {"checks", "camera", "handle", "files", "datasets"},
     "sweep": GEOMETRY | {"files", "datasets", "plotting"},
     "following": WHOLE_CHAIN | {"files"},
     "slave": WHOLE_CHAIN | {"following", "bench", "files", "datasets"},
@@ -156,6 +157,15 @@ def test_the_bench_and_the_chain_never_meet():
     assert not [path for path in estimates if "bench" in rooms_imported(path)]
     used = {name for path in MODULES if room(path) == "bench" for name in imports(path)[0]}
     assert {name for name in used if name.startswith("calibration")} <= {"calibration.target.Board"}
+
+
+def test_the_second_renderer_knows_neither_the_bench_nor_the_chain():
+    """An error that both renderers had, or one of them and the measurement, would be invisible."""
+    assert not WALLS["second"] & (
+        WHOLE_CHAIN - {"checks", "camera", "handle"} | {"bench", "calibration"}
+    )
+    knowing = {room(path) for path in MODULES if "second" in rooms_imported(path)}
+    assert knowing == {"studies"}
 
 
 def test_import_reader_finds_every_form(tmp_path, monkeypatch):
