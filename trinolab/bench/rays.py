@@ -7,6 +7,7 @@ the marker's diameter.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import cv2
@@ -23,6 +24,19 @@ EMPTY = -3
 SIDE = -2
 CAP = -1
 _SQUARE = np.ones((3, 3), np.uint8)
+
+
+@dataclass(frozen=True)
+class OvalHandle(Handle):
+    """A handle as it was made: its markers are ovals on the unrolled surface.
+
+    Attributes
+    ----------
+    marker_length_mm : float
+        Of a marker along the axis; `marker_diameter_mm` is that around the body.
+    """
+
+    marker_length_mm: float = 3.0
 
 
 class Hits(NamedTuple):
@@ -150,11 +164,16 @@ def marker_outline(handle: Handle, index: int, count: int = 64, scale: float = 1
         Handle frame, mm.
     """
     phi = 2 * np.pi * np.arange(count) / count
-    half = scale * handle.marker_diameter_mm / 2
-    theta = handle.marker_angles[index] + half / handle.radius_mm * np.cos(phi)
-    return on_cylinder(
-        handle.radius_mm, theta, handle.marker_centres[index, 1] + half * np.sin(phi)
-    )
+    around, along = (scale * half for half in _half_axes(handle))
+    theta = handle.marker_angles[index] + around / handle.radius_mm * np.cos(phi)
+    axial = handle.marker_centres[index, 1] + along * np.sin(phi)
+    return on_cylinder(handle.radius_mm, theta, axial)
+
+
+def _half_axes(handle: Handle) -> tuple[float, float]:
+    """Of a marker, around the body and along the axis, mm."""
+    around = handle.marker_diameter_mm / 2
+    return around, handle.marker_length_mm / 2 if isinstance(handle, OvalHandle) else around
 
 
 def facing(handle: Handle, points: Array, viewpoint: Array) -> np.ndarray:
@@ -215,16 +234,17 @@ def _side_interval(radius: float, origin: Array, directions: Array) -> tuple[Arr
 
 def _label_markers(handle: Handle, points: Array, labels: np.ndarray) -> None:
     """Write the numbers of the markers into `labels` where a point of the side belongs to one."""
-    half = handle.marker_diameter_mm / 2
+    around, along = _half_axes(handle)
+    shrunk = around / along  # by which an oval shrinks along the axis to a circle
     axial = handle.marker_centres[:, 1]
-    near = (points[:, 1] >= axial.min() - half) & (points[:, 1] <= axial.max() + half)
+    near = (points[:, 1] >= axial.min() - along) & (points[:, 1] <= axial.max() + along)
     chosen = np.flatnonzero(near & (labels == SIDE))
     x, y, z = points[chosen].T
     theta = np.arctan2(x, z)
     for k, (theta_k, s_k) in enumerate(zip(handle.marker_angles, axial, strict=True)):
         turn = theta - theta_k
         turn -= 2 * np.pi * np.round(turn / (2 * np.pi))
-        inside = (handle.radius_mm * turn) ** 2 + (y - s_k) ** 2 <= half**2
+        inside = (handle.radius_mm * turn) ** 2 + (shrunk * (y - s_k)) ** 2 <= around**2
         labels[chosen[inside]] = k
 
 

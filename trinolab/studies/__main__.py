@@ -11,8 +11,13 @@ import sys
 from collections.abc import Sequence
 from importlib import import_module
 from pathlib import Path
+from types import ModuleType
+from typing import TYPE_CHECKING
 
 from ..files.outputs import check_targets, write_table
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -44,19 +49,22 @@ def main(argv: Sequence[str] | None = None) -> int:
     )
     gallery = _add(studies, "gallery", "the sweep gallery, a table each", out="data/sweeps/gallery")
     gallery.add_argument("names", nargs="*", metavar="SWEEP", help="some of them; all without it")
-    gallery.add_argument(
-        "--kept",
-        default="_build/sweeps",
-        metavar="FOLDER",
-        help="for finished runs; a command that was stopped goes on with them (%(default)s)",
+    _add_kept(gallery, "_build/sweeps", "finished runs")
+    _add_workers(gallery)
+    second = _add(
+        studies, "second_renderer", "the estimators on path-traced frames: second_renderer.csv"
     )
-    gallery.add_argument(
-        "--workers",
+    _add_kept(second, "_build/second", "the recordings")
+    stress = _add(studies, "stress", "the bench broken, one thing at a time: stress.csv")
+    stress.add_argument(
+        "--instants",
         type=int,
-        default=os.cpu_count() or 1,
+        default=100,
         metavar="N",
-        help="processes (one a core)",
+        help="of each fault and handle (%(default)s)",
     )
+    _add_kept(stress, "_build/stress", "finished blocks")
+    _add_workers(stress)
     studies.add_parser(
         "tuning", help="the most likely parameters of the filters of image and pose; prints them"
     )
@@ -83,6 +91,25 @@ def _add(
     return parser
 
 
+def _add_kept(parser: argparse.ArgumentParser, folder: str, what: str) -> None:
+    parser.add_argument(
+        "--kept",
+        default=folder,
+        metavar="FOLDER",
+        help=f"for {what}; a command that was stopped goes on with them (%(default)s)",
+    )
+
+
+def _add_workers(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--workers",
+        type=int,
+        default=os.cpu_count() or 1,
+        metavar="N",
+        help="processes (one a core)",
+    )
+
+
 def _run(a: argparse.Namespace) -> None:
     """Compute what was asked for; a study's module is loaded when it is run."""
     study = import_module(f".{a.study}", __package__)
@@ -102,12 +129,18 @@ def _run(a: argparse.Namespace) -> None:
         paths = _targets(a.out, ("budget", "mixes", "patterns"))
         for table, path in zip(study.make_tables(a.draws), paths, strict=True):
             write_table(table, path)
-    elif a.study == "elevation":
-        (path,) = _targets(a.out, ("elevation",))
-        write_table(study.sweep_elevation(progress=True), path)
     else:
-        (path,) = _targets(a.out, ("bound",))
-        write_table(study.sweep_bounds(), path)
+        (path,) = _targets(a.out, (a.study,))
+        write_table(_one_table(a, study), path)
+
+
+def _one_table(a: argparse.Namespace, study: ModuleType) -> pd.DataFrame:
+    """The table of a study that has one, of the study's own name."""
+    if a.study == "second_renderer":
+        return study.make_table(Path(a.kept))
+    if a.study == "stress":
+        return study.make_table(a.instants, a.workers, Path(a.kept))
+    return study.sweep_elevation(progress=True) if a.study == "elevation" else study.sweep_bounds()
 
 
 def _targets(out: str, names: Sequence[str]) -> list[Path]:

@@ -5,6 +5,7 @@ replication (Sect. 6).
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import RigidTransform
@@ -19,10 +20,46 @@ from ..checks import as_number
 from ..datasets import load_table1
 from ..handle import Handle
 from ..measurement import Measurement, measure
-from ..metrics import PoseErrors, nearest_equivalent, pose_errors
+from ..methods import ESTIMATORS
+from ..metrics import (
+    PoseErrors,
+    geodesic_deg,
+    nearest_equivalent,
+    pose_errors,
+    position_errors,
+)
 from ..parameters import Parameters
+from ..pose import Pose
 
 PAPER: Mapping[str, Parameters] = {"paper": Parameters()}  # the paper's estimator alone
+EVERY: Mapping[str, Parameters] = {name: Parameters(estimator=name) for name in ESTIMATORS}
+WRONG_MM, WRONG_DEG = 2.0, 5.0  # a pose called measured that is further off is a false one
+
+
+class Deviation(NamedTuple):
+    """How far a measured pose is off, and how far by its own word; a lost or ambiguous one has NaN.
+
+    Attributes
+    ----------
+    mm, deg : float
+        Distance of the origins, geodesic angle, up to the handle's symmetry.
+    sigma_mm, sigma_deg : float
+        As `Pose` reports them.
+    """
+
+    mm: float
+    deg: float
+    sigma_mm: float
+    sigma_deg: float
+
+    @property
+    def measured(self) -> bool:
+        return not np.isnan(self.mm)
+
+    @property
+    def wrong(self) -> bool:
+        """Whether the pose is called measured and is a false one."""
+        return self.mm > WRONG_MM or self.deg > WRONG_DEG
 
 
 def shared_poses(
@@ -168,3 +205,16 @@ def estimates_and_truths(
         raise ValueError(f"measurements: all {len(truths)} are lost")
     found, true = (RigidTransform.concatenate(side) for side in zip(*held, strict=True))
     return nearest_equivalent(found, true, handle.symmetries), true
+
+
+def deviation(pose: Pose, truth: RigidTransform, handle: Handle) -> Deviation:
+    """Hold a pose against its truth."""
+    if pose.status != "measured" or pose.T_world_handle is None:
+        return Deviation(np.nan, np.nan, np.nan, np.nan)
+    estimate = nearest_equivalent(pose.T_world_handle, truth, handle.symmetries)
+    return Deviation(
+        float(position_errors(estimate, truth)[0]),
+        float(geodesic_deg(estimate, truth)[0]),
+        pose.sigma_mm,
+        pose.sigma_deg,
+    )

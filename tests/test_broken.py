@@ -1,0 +1,173 @@
+"""The faults of the broken bench: each does what it says, held against numbers worked out by hand
+or against the frames of the whole bench.
+"""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import RigidTransform, Rotation
+
+from trinolab.bench.optics import Bench
+from trinolab.bench.scene import radiance, render, scaled
+from trinolab.camera import Rig
+from trinolab.datasets import load_handle, load_rig, load_table1
+from trinolab.markers import find_markers
+from trinolab.studies import broken
+from trinolab.studies.broken import FAULTS, Instant
+
+PAIR, CODED = load_rig("paper_pair"), load_handle("coded")
+T = load_table1().set_poses[4]
+NOW = Instant(PAIR, CODED, T)
+
+
+def spots(image):
+    return find_markers(image, 12).uv
+
+
+def moved_spots(image, camera, shifted, handle=CODED):
+    """For each spot of a frame at rest how far its partner lies, and how far it should: px, (n, 2)
+    each. `shifted` are the markers' centres as they are in `image`, world frame.
+    """
+    rest = spots(render(camera, CODED, T, Bench(), np.random.default_rng(5)))
+    there = spots(image)
+    before, after = camera.project(T.apply(handle.marker_centres)), camera.project(shifted)
+    found, due = [], []
+    for uv in rest:
+        marker = np.linalg.norm(before - uv, axis=1).argmin()
+        partner = there[np.linalg.norm(there - uv - (after - before)[marker], axis=1).argmin()]
+        found.append(partner - uv)
+        due.append((after - before)[marker])
+    return np.array(found), np.array(due)
+
+
+def test_gamma_by_hand():
+    levels = np.array([[0, 64, 255]], np.uint8)
+    assert broken.gamma(levels).tolist() == [[0, 111, 255]]  # 255 (64 / 255) ** 0.6 = 111.2
+
+
+def test_jpeg_changes_a_frame_a_little():
+    frame = render(PAIR.cameras[0], CODED, T, Bench(), np.random.default_rng(0))
+    off = broken.jpeg(frame).astype(float) - frame
+    assert off.any()
+    assert np.abs(off).mean() < 3
+
+
+def test_a_rig_file_is_off_by_as_much_as_it_should():
+    rng = np.random.default_rng(0)
+    shifts, turns = [], []
+    for _ in range(400):
+        rig = broken.miscalibrated(PAIR, 0.3, 0.02, rng)
+        for wrong, right in zip(rig.cameras, PAIR.cameras, strict=True):
+            shifts.append(wrong.principal_point - right.principal_point)
+            turns.append((wrong.T_cam_world * right.T_world_cam).rotation.as_rotvec(degrees=True))
+    # 800 camera draws with two and three numbers each: 2.5 % are two standard deviations and more
+    assert np.std(shifts) == pytest.approx(0.3, rel=0.05)
+    assert np.std(turns) == pytest.approx(0.02, rel=0.05)
+    (same, _) = broken.miscalibrated(PAIR, 0.0, 0.0, rng).cameras
+    assert np.array_equal(same.matrix, PAIR.cameras[0].matrix)
+
+
+def test_displaced_markers_lie_beside_their_places_each_its_own_way():
+    made = broken.displaced(CODED, np.random.default_rng(1))
+    way = made.marker_centres - CODED.marker_centres
+    np.testing.assert_allclose(np.linalg.norm(way, axis=1), 0.05, rtol=1e-4)  # chord for arc
+    assert np.ptp(way[:, 1]) > 0.05
+    np.testing.assert_allclose(np.hypot(*made.marker_centres[:, [0, 2]].T), CODED.radius_mm)
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_oval_markers_have_the_right_sides(seed):
+    """The second moments of the light of a marker that faces the camera: of an ellipse a squared
+    quarter of each half axis.
+    """
+    made = broken.oval(CODED, np.random.default_rng(seed))
+    camera = PAIR.cameras[0]
+    facing = RigidTransform.from_components(
+        [0, 0, 400.0], Rotation.from_euler("YZ", [180, 90], degrees=True)
+    )
+    bench = Bench(background_grey=0.0, body_grey=0.0, marker_grey=200.0, shading=0.0)
+    light = radiance(camera, made, facing, bench)
+    u, v = np.round(camera.project(facing.apply(made.marker_centres[:1]))[0]).astype(int)
+    window = light[v - 20 : v + 21, u - 20 : u + 21]
+    grid = np.mgrid[-20:21, -20:21].reshape(2, -1)
+    moments = np.cov(grid, aweights=window.ravel(), ddof=0) - np.eye(2) / 12
+    across_v, across_u = 4 * np.sqrt(np.diag(moments)) / camera.focal[::-1] * 395.0
+    assert sorted([made.marker_length_mm, made.marker_diameter_mm]) == pytest.approx([2.85, 3.15])
+    assert across_u == pytest.approx(made.marker_length_mm, abs=0.01)  # the axis lies along u
+    assert across_v == pytest.approx(made.marker_diameter_mm, abs=0.06)  # it is bent: 1.5 % less
+
+
+def test_a_kink_moves_the_upper_row_alone():
+    rng = np.random.default_rng(3)
+    way = np.random.default_rng(3).uniform(0, 2 * np.pi)
+    (frame, _), _ = broken.bent(NOW, rng)
+    turn = Rotation.from_rotvec(0.1 / 10 * np.array([np.cos(way), 0, np.sin(way)]))
+    upper = CODED.marker_centres[:, 1:2] > 0
+    kinked = np.where(upper, turn.apply(np.array(CODED.marker_centres)), CODED.marker_centres)
+    np.testing.assert_allclose(
+        np.linalg.norm((kinked - CODED.marker_centres)[::2], axis=1).max(), 0.112, atol=0.01
+    )
+    found, due = moved_spots(frame, PAIR.cameras[0], T.apply(kinked))
+    assert np.abs(due).max() > 0.3
+    np.testing.assert_allclose(found, due, atol=0.1)
+
+
+def test_a_camera_that_waits_sees_the_handle_where_it_is_then():
+    motion = broken.hand_motion(np.random.default_rng(3))
+    assert np.linalg.norm(motion.velocity) == pytest.approx(broken.SPEED_MM_S)
+    (first, second), _ = broken.apart(NOW, np.random.default_rng(3))
+    for image, camera, t in ((first, PAIR.cameras[0], -0.0025), (second, PAIR.cameras[1], 0.0025)):
+        shifted = broken.later(T, motion, t).apply(CODED.marker_centres)
+        found, due = moved_spots(image, camera, shifted)
+        assert np.abs(due).max() > 1
+        np.testing.assert_allclose(found, due, atol=0.15)
+
+
+def test_a_rolling_shutter_takes_each_row_at_its_own_time():
+    motion = broken.hand_motion(np.random.default_rng(3))
+    camera = PAIR.cameras[0]
+    image = broken.rolled(camera, CODED, T, motion)
+    centres = CODED.marker_centres
+    shifted = T.apply(centres)
+    for _ in range(3):  # the row that takes a marker depends on where it is then
+        times = broken.READOUT_S * (camera.project(shifted)[:, 1] / 1023 - 0.5)
+        shifted = np.array(
+            [broken.later(T, motion, t).apply(c) for t, c in zip(times, centres, strict=True)]
+        )
+    found, due = moved_spots(image, camera, shifted)
+    assert np.abs(due).max() > 1
+    np.testing.assert_allclose(found, due, atol=0.15)
+    still = broken.rolled(
+        camera, CODED, T, motion._replace(velocity=np.zeros(3), turn_rate=np.zeros(3))
+    )
+    np.testing.assert_allclose(still, radiance(camera, CODED, T, Bench()), atol=1e-9)
+
+
+def test_the_highlight_lies_where_lamp_and_camera_have_their_half():
+    """A handle across the view: the half of the directions to the camera, (0, -1) in y and z, and to
+    the lamp, (-0.3, -1), leans by half of atan 0.3.
+    """
+    across = RigidTransform.from_components(
+        [0, 0, 560.0], Rotation.from_euler("Z", 90, degrees=True)
+    )
+    camera = PAIR.cameras[0]
+    image = broken.highlight(camera, CODED, across)
+    lean = np.arctan(0.3) / 2
+    point = [[0, -CODED.radius_mm * np.sin(lean), 560.0 - CODED.radius_mm * np.cos(lean)]]
+    u, v = camera.project(point)[0]
+    column = image[:, round(u)]
+    assert (column * np.arange(1024)).sum() / column.sum() == pytest.approx(v, abs=0.2)
+    assert 380 < column.max() <= 400
+    assert np.flatnonzero(image.any(axis=1)).size < 60  # the body is 52 px wide
+
+
+@pytest.mark.parametrize("name", FAULTS)
+def test_every_fault_gives_frames_of_its_own(name):
+    small = Rig(tuple(scaled(camera, 0.25) for camera in PAIR.cameras))
+    one = Instant(small, CODED, T)
+    taken = FAULTS[name](one, np.random.default_rng(2))
+    assert [frame.shape for frame in taken.frames] == [(256, 320)] * 2
+    assert all(frame.dtype == np.uint8 for frame in taken.frames)
+    plain = FAULTS["none"](one, np.random.default_rng(2))
+    same = [np.array_equal(a, b) for a, b in zip(taken.frames, plain.frames, strict=True)]
+    believed = taken.rig is one.rig
+    assert (all(same) and believed) == (name == "none")
