@@ -284,7 +284,7 @@ def _path(setup: Setup, shape: str, trial: dict[str, Any]) -> tuple[list[Number]
         shape,
         f"The commanded {shape} as dots, and the mean way of the tool, whose distance from it is "
         f"drawn {factor:g} times as large.",
-        datasheet.plot_path(points @ flat.T, mean @ flat.T, factor),
+        datasheet.as_png(datasheet.plot_path(points @ flat.T, mean @ flat.T, factor)),
     )
     return numbers, picture
 

@@ -14,7 +14,6 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from matplotlib.figure import Figure
 
 from ..files.inputs import read_csv
 from ..files.kept import locked
@@ -85,9 +84,9 @@ def extend(path: str | Path, rows: pd.DataFrame) -> pd.DataFrame:
     return read_csv(target) if target.exists() else pd.read_csv(io.StringIO(text))
 
 
-def charts(table: pd.DataFrame, rig: str, handle: str, poses: int, seed: int) -> list[Figure]:
-    """A control chart for each of `CHARTED` that the table has for a rig, a handle, a size and a
-    seed.
+def charts(table: pd.DataFrame, rig: str, handle: str, poses: int, seed: int) -> list[bytes]:
+    """A control chart, a PNG file, for each of `CHARTED` that the table has for a rig, a handle, a
+    size and a seed.
     """
     same = (
         (table["rig"] == rig)
@@ -95,7 +94,7 @@ def charts(table: pd.DataFrame, rig: str, handle: str, poses: int, seed: int) ->
         & (table["poses"] == poses)
         & (table["seed"] == seed)
     )
-    figures = []
+    pictures = []
     for test, what, statistic, label in CHARTED:
         rows = table[
             same
@@ -107,7 +106,9 @@ def charts(table: pd.DataFrame, rig: str, handle: str, poses: int, seed: int) ->
             limits = rows[["low", "high"]].to_numpy(float)
             value = rows["value"].to_numpy(float)
             limits = np.where(np.isfinite(limits), limits, value[:, None])
-            figures.append(
-                datasheet.plot_control_chart(rows["commit"].tolist(), value, limits, label)
+            pictures.append(
+                datasheet.as_png(
+                    datasheet.plot_control_chart(rows["commit"].tolist(), value, limits, label)
+                )
             )
-    return figures
+    return pictures

@@ -269,7 +269,12 @@ def _picture(speeds: Array, errors: Array) -> Picture:
         "moving",
         "The error of the bar's length over the speed, a dot an instant, with the root mean square "
         "of each range of speed.",
-        datasheet.plot_over_speed(
-            speeds, errors, [low / 1000 for low, _ in ranges()] + [2.0], "bar's length, error / mm"
+        datasheet.as_png(
+            datasheet.plot_over_speed(
+                speeds,
+                errors,
+                [low / 1000 for low, _ in ranges()] + [2.0],
+                "bar's length, error / mm",
+            )
         ),
     )

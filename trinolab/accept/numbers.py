@@ -8,7 +8,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
-from matplotlib.figure import Figure
 
 from ..checks import Array
 from .intervals import NONE, Interval, by_bootstrap, highest_share, of_quantile, of_share, rms
@@ -65,11 +64,13 @@ def _named(interval: Interval) -> dict[str, Any]:
 
 
 class Picture(NamedTuple):
-    """A figure of the sheet: its name, what it shows for those who cannot see it, and itself."""
+    """A figure of the sheet: its name, what it shows for those who cannot see it, and its PNG
+    file.
+    """
 
     name: str
     alt: str
-    figure: Figure
+    png: bytes
 
 
 @dataclass

@@ -248,11 +248,11 @@ def _picture(rests: list[Rest]) -> Picture:
         step = float(np.median(np.diff(rest.t_s)))
         deviation = [intervals.allan_deviation(rest.off[:, _MM], m) for m in lengths]
         curves.append((step * np.array(lengths), 1e3 * np.array(deviation)))
-    figure = datasheet.plot_allan(curves, "Allan deviation of the position / µm")
+    png = datasheet.as_png(datasheet.plot_allan(curves, "Allan deviation of the position / µm"))
     return Picture(
         "allan",
         "Allan deviation of the position over the averaging time, a grey line a place, their root "
         "mean square in blue, and a dashed line that falls with the root of the time, as white "
         "noise does.",
-        figure,
+        png,
     )

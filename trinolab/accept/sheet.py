@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import base64
-import io
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
@@ -12,10 +11,8 @@ from itertools import groupby
 from pathlib import Path
 from typing import Any
 
-import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
-from matplotlib.figure import Figure
 
 from ..datasets import data_path, load_sweep
 from ..files.inputs import read_json
@@ -69,15 +66,15 @@ class Sheet:
         Of every test.
     left_out : dict
         Why a test was not run, by its name.
-    charts : list of Figure
-        The control charts, if there are any.
+    charts : list of bytes
+        The control charts as PNG files, if there are any.
     """
 
     about: dict[str, Any]
     answers: dict[str, Answer]
     titles: dict[str, str]
     left_out: dict[str, str] = field(default_factory=dict)
-    charts: list[Figure] = field(default_factory=list)
+    charts: list[bytes] = field(default_factory=list)
 
     @property
     def numbers(self) -> list[Number]:
@@ -268,16 +265,9 @@ def _test(sheet: Sheet, name: str) -> str:
 def _figure(picture: Picture) -> str:
     return (
         f'<figure><img alt="{escape(picture.alt, quote=True)}" '
-        f'src="data:image/png;base64,{_png(picture.figure)}">'
+        f'src="data:image/png;base64,{base64.b64encode(picture.png).decode("ascii")}">'
         f'<figcaption aria-hidden="true">{escape(picture.alt)}</figcaption></figure>'
     )
-
-
-def _png(figure: Figure) -> str:
-    file = io.BytesIO()
-    figure.savefig(file, format="png", dpi=192)
-    plt.close(figure)
-    return base64.b64encode(file.getvalue()).decode("ascii")
 
 
 def _numbers(numbers: Sequence[Number]) -> str:
@@ -325,7 +315,7 @@ def digits(value: float) -> str:
     return np.format_float_positional(value, precision=3, fractional=False, trim="-")
 
 
-def _chart(charts: Sequence[Figure]) -> str:
+def _chart(charts: Sequence[bytes]) -> str:
     head = '<h2 id="A8">A8 Control chart</h2>'
     if not charts:
         return f"{head}<p>No chart was named (<code>--chart</code>).</p>"
@@ -334,9 +324,9 @@ def _chart(charts: Sequence[Figure]) -> str:
             "chart",
             "A number of this sheet over the commits, a dot with its interval each; the band is "
             "the interval of the first.",
-            figure,
+            png,
         )
-        for figure in charts
+        for png in charts
     ]
     figures = "".join(map(_figure, pictures))
     return (

@@ -152,8 +152,10 @@ def _pictures(setup: Setup, drawn: Drawn, off: Array, found: np.ndarray) -> list
             f"map_{name}",
             f"Where in the field the position error is how large, seen along {along}: a dot a "
             "pose, its colour the error on a logarithmic scale.",
-            datasheet.plot_error_map(
-                position[:, pair], distances, [axes[k] for k in pair], "position error / mm"
+            datasheet.as_png(
+                datasheet.plot_error_map(
+                    position[:, pair], distances, [axes[k] for k in pair], "position error / mm"
+                )
             ),
         )
         for name, along, pair in (("xz", "y", [0, 2]), ("yz", "x", [1, 2]))
@@ -163,7 +165,9 @@ def _pictures(setup: Setup, drawn: Drawn, off: Array, found: np.ndarray) -> list
             f"freedoms_{name}",
             f"The {name} error over each of the six degrees of freedom, a dot a pose, with the "
             "median of six ranges.",
-            datasheet.plot_against(freedoms, values, FREEDOMS, f"{name} error / {unit}", BINS),
+            datasheet.as_png(
+                datasheet.plot_against(freedoms, values, FREEDOMS, f"{name} error / {unit}", BINS)
+            ),
         )
         for name, values, unit in (("position", distances, "mm"), ("angle", angles, "deg"))
     ]
@@ -174,8 +178,13 @@ def _pictures(setup: Setup, drawn: Drawn, off: Array, found: np.ndarray) -> list
         "explained",
         "A table of six degrees of freedom by six components of the error: the share of the ranks' "
         "variance that goes with a freedom, with a frame where that is no accident.",
-        datasheet.plot_explained(
-            100 * part, chance < 0.05 / chance.size, [f.split(" /")[0] for f in FREEDOMS], ERRORS
+        datasheet.as_png(
+            datasheet.plot_explained(
+                100 * part,
+                chance < 0.05 / chance.size,
+                [f.split(" /")[0] for f in FREEDOMS],
+                ERRORS,
+            )
         ),
     )
     return [*maps, *against, matrix]
