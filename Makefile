@@ -46,6 +46,7 @@ sweeps: .venv/package.done  ## make the tables in data/sweeps again: three quart
 bench: .venv/package.done  ## the time that a measurement, an instant of a track, a frame, a sweep, a tick of the arm take
 	@$(BIN)/python tests/benchmarks/bench_measure.py
 	@$(BIN)/python tests/benchmarks/bench_markers.py
+	@$(BIN)/python tests/benchmarks/bench_background.py
 	@$(BIN)/python tests/benchmarks/bench_track.py
 	@$(BIN)/python tests/benchmarks/bench_scene.py
 	@$(BIN)/python tests/benchmarks/bench_sweep.py

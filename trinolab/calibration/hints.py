@@ -50,6 +50,7 @@ def _others(images: Sequence[np.ndarray], target: Target) -> Iterator[Target]:
     """Boards that may be meant instead, the likelier first."""
     turned = replace(target, columns=target.rows, rows=target.columns)
     if target.kind == "charuco":
+        yield turned
         name = _dictionary(images, target)
         if name is not None:
             yield replace(target, dictionary=name)
@@ -58,13 +59,13 @@ def _others(images: Sequence[np.ndarray], target: Target) -> Iterator[Target]:
     if target.kind == "chessboard":
         yield from (replace(target, columns=c, rows=r) for c, r in _chessboards(images))
         return
-    yield turned
     steps = range(-NEARBY, NEARBY + 1)
     counts = [(target.columns + a, target.rows + b) for a in steps for b in steps]
-    # a part of a grid is a grid as well
+    # a part of a grid is a grid as well: the largest first
     for columns, rows in sorted(counts, key=lambda count: -count[0] * count[1]):
-        if min(columns, rows) >= 3 and (columns, rows) != (target.columns, target.rows):
+        if min(columns, rows) >= 3:
             yield replace(target, columns=columns, rows=rows)
+    yield turned
 
 
 def _dictionary(images: Sequence[np.ndarray], target: Target) -> str | None:

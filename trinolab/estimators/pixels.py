@@ -47,7 +47,7 @@ MOST_STEPS = 8  # Gauss-Newton steps; two do where two cameras share markers
 SETTLED_PX = 0.1
 LARGEST_STEP = np.repeat([5.0, 0.3], 3)  # mm, rad; the image model holds within a few pixels
 BLUR_FLOOR = 0.001  # and this share of the way that it moves while the shutter is open
-# and a piece of outline: texture and shade at the limb misplace all alike, which no mean mends
+# and a piece of outline: its unknown shade moves with the pose, and hides a sixth of a pixel whole
 OUTLINE_FLOOR_PX = 0.4
 
 
@@ -324,7 +324,12 @@ def patches_pose(instant: Identified, rig: Rig, handle: Handle, p: Parameters) -
 
 
 def outline_pose(instant: Identified, rig: Rig, handle: Handle, p: Parameters) -> Pose:
-    """The estimator ``outline``: see `fit_patches`."""
+    """The estimator ``outline``: see `fit_patches`.
+
+    It is hardly better than ``patches``, although the bound with the outline is half of that
+    without (chapter 10): the light near the limb is unknown in each window, and takes up most of
+    what a shifted outline would show.
+    """
     fit = fit_patches(
         instant.images,
         rig,
