@@ -1,14 +1,12 @@
-"""The stress table: sums and bounds worked out by hand, a small trial, and the shipped table."""
+"""The stress table: sums and bounds worked out by hand, and a small trial."""
 
 import numpy as np
 import pandas as pd
 import pytest
 
-from trinolab.datasets import load_handle, load_sweep, load_table1
-from trinolab.methods import ESTIMATORS
+from trinolab.datasets import load_handle, load_table1
 from trinolab.pose import LOST, Pose
 from trinolab.studies import replication, stress
-from trinolab.studies.broken import FAULTS
 from trinolab.studies.replication import Deviation, deviation
 
 HELD = [Deviation(0.3, 1.0, 0.1, 1.0), Deviation(2.5, 2.0, 0.5, 1.0)]
@@ -80,38 +78,3 @@ def test_a_block_without_a_fault(monkeypatch):
 def test_an_unknown_fault_is_refused():
     with pytest.raises(ValueError, match=r"fault: expected one of none, lens blur 2 px, .*'rain'"):
         stress.trial("rain", "coded", 0)
-
-
-# --- the shipped table
-
-
-@pytest.fixture(scope="module")
-def table():
-    return load_sweep("stress")
-
-
-def test_table_is_whole(table):
-    keys = ["fault", "rig", "handle", "estimator"]
-    assert not table.duplicated(keys).any()
-    expected = len(FAULTS) * len(stress.RIGS) * len(stress.HANDLES) * len(ESTIMATORS)
-    assert len(table) == expected
-    assert set(table["fault"]) == set(FAULTS)
-    assert (table["measured"] <= table["n"]).all()
-    assert (table["wrong"] <= table["measured"]).all()
-    held = table[table["measured"] > 1]
-    assert (held["low_mm"] <= held["mean_mm"]).all()
-    assert (held["mean_mm"] <= held["largest_mm"]).all()
-    assert (table["wrong_share_below"] > table["wrong"] / table["n"]).all()
-
-
-@pytest.mark.heavy
-def test_a_block_of_the_table_is_computed_again(table):
-    """The first blocks of one fault and handle: as many instants as the table has."""
-    part = table.query("fault == 'JPEG 60' and handle == 'coded'")
-    blocks = pd.DataFrame(
-        [stress.trial("JPEG 60", "coded", k) for k in range(part["n"].iloc[0] // stress.BLOCK)]
-    )
-    for row in part.to_dict("records"):
-        again = stress._judged(blocks, f"{row['rig']}/{row['estimator']}")
-        assert again["measured"] == row["measured"]
-        assert again["mean_mm"] == pytest.approx(row["mean_mm"], rel=0.01)
