@@ -7,7 +7,7 @@ import pytest
 from scipy.optimize import least_squares
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from trinolab.accept import availability, latency, moving, pointer, rest, static, tracks
+from trinolab.accept import arm, availability, latency, moving, pointer, rest, static, tracks
 from trinolab.accept.setup import Setup, drawn_at, field_of, sobol_poses
 from trinolab.accept.tracks import FPS, as_track, row_of, track_of_table
 from trinolab.bench.scenario import seen_markers
@@ -516,6 +516,71 @@ def test_standard_scene_is_in_view():
         assert np.allclose(a.as_matrix(), b.as_matrix(), atol=1e-9)
 
 
+# --- A7: the arm
+
+
+def test_accuracy_and_repeatability_by_hand():
+    """Four positions at the corners of a square of 2 mm about (1, 0, 0)."""
+    positions = np.array([[2, 1, 0], [2, -1, 0], [0, 1, 0], [0, -1, 0.0]])
+    found = arm.attained(positions, np.zeros(3))
+    assert found.accuracy == pytest.approx(1.0)
+    assert found.repeatability == pytest.approx(np.sqrt(2))  # all are as far from their mean
+
+
+def test_repeatability_has_three_deviations():
+    positions = np.array([[1.0, 0, 0], [-1, 0, 0], [3, 0, 0], [-3, 0, 0]])
+    distances = np.array([1, 1, 3, 3.0])
+    found = arm.attained(positions, np.zeros(3))
+    assert found.repeatability == pytest.approx(2 + 3 * distances.std(ddof=1))
+
+
+@pytest.mark.parametrize("shape", arm.SHAPES)
+def test_a_path_that_lags_is_exact(shape):
+    """A tool on the commanded path, 0.1 s late: nothing is off, wherever it is looked at."""
+    assert largest_off(shape, np.zeros(3)) < 0.01
+
+
+@pytest.mark.parametrize("shape", arm.SHAPES)
+def test_a_path_that_is_shifted_is_off(shape):
+    """By 0.3 mm across its plane: as much at each station, and each round the same."""
+    assert largest_off(shape, np.array([0, 0, 0.3])) == pytest.approx(0.3, abs=0.01)
+
+
+def largest_off(shape, shift):
+    times = np.arange(0, arm.LEAD_S + 12 * arm.length_of(shape) / arm.SPEED_MM_S, 0.01)
+    times = times + arm.STILL_S
+    hand = arm.along(shape, times).translation
+    tool = arm.along(shape, times - 0.1).translation + shift
+    trial = {"t_s": times.tolist(), "hand": hand.tolist(), "tool": tool.tolist()}
+    points, off = arm._off_path(shape, trial)
+    assert len(points) == len(arm.stations(shape))
+    assert off.shape == (len(points), arm.ROUNDS, 3)
+    assert np.abs(off - off.mean(axis=1, keepdims=True)).max() < 0.02
+    return np.linalg.norm(off, axis=2).max()
+
+
+def test_a_square_is_looked_at_away_from_its_corners():
+    way = arm.stations("square")
+    corners = arm.SIDE_MM * np.arange(5)
+    assert np.abs(way[:, None] - corners).min() >= arm.AWAY_MM
+    assert len(arm.stations("circle")) == arm.STATIONS
+
+
+def test_hand_rests_at_its_five_poses():
+    step = arm.MOVE_S + arm.DWELL_S
+    for k in range(7):
+        ends = arm.STILL_S + (k + 1) * step - np.array([0.01, arm.DWELL_S - 0.01])
+        resting = arm.five_poses(ends)
+        assert np.ptp(resting.translation, axis=0).max() < 1e-9
+        expected = arm.CORNERS_MM[(k + 1) % 5] + [0, 0, 570]
+        assert resting.translation[0] == pytest.approx(expected)
+    times = np.linspace(0, 20, 4001)
+    speeds = np.linalg.norm(np.diff(arm.five_poses(times).translation, axis=0), axis=1) / 0.005
+    # minimum jerk: 15 / 8 of the mean speed
+    longest = max(np.linalg.norm(np.roll(arm.CORNERS_MM, -1, axis=0) - arm.CORNERS_MM, axis=1))
+    assert speeds.max() == pytest.approx(15 / 8 * longest / arm.MOVE_S, rel=1e-3)
+
+
 # --- tracks
 
 
@@ -554,3 +619,60 @@ def test_errors_are_up_to_the_handle_s_symmetry():
     assert np.abs(each).max() < 1e-9
     together, _ = tracks.errors(track, drawn.poses, one)
     assert np.rad2deg(np.abs(together[:, 3:]).max()) > 50
+
+
+# --- a part of each test, rendered and measured
+
+
+@pytest.mark.heavy
+def test_a_place_at_rest_is_measured():
+    one = setup(poses=8)
+    rest_one = rest.rest_of(as_track(rest.run(one, 0)))
+    assert rest_one.gaps == 0
+    assert np.sqrt((rest_one.off[:, :3] ** 2).sum(axis=1).mean()) < 0.05
+    assert np.sqrt((rest_one.off[:, 3:] ** 2).sum(axis=1).mean()) < 0.5
+
+
+@pytest.mark.heavy
+@pytest.mark.parametrize("test", [static, pointer], ids=["A2", "A4"])
+def test_a_few_poses_are_measured(test):
+    one = setup(poses=8)
+    drawn = sobol_poses(one.field, 8, 0) if test is static else pointer.touches(one)
+    rows = test.run(one, 0)
+    off, found = tracks.errors(as_track(rows), drawn.poses[: len(rows)], one, one_track=False)
+    assert found.all()
+    assert np.linalg.norm(off[:, :3], axis=1).max() < 0.1
+    assert np.rad2deg(np.linalg.norm(off[:, 3:], axis=1)).max() < 1.0
+
+
+@pytest.mark.heavy
+def test_an_end_of_the_bar_is_followed():
+    """At 0.1 m/s: nearly every instant, to a few tenths of a millimetre."""
+    one = setup(poses=8)
+    off, found = tracks.errors(as_track(moving.run(one, 0)), moving.ends_of(one, 0)[0], one)
+    assert found.mean() > 0.9
+    assert np.linalg.norm(off[found, :3], axis=1).max() < 0.5
+
+
+@pytest.mark.heavy
+def test_a_sine_is_followed_without_delay():
+    one = setup(poses=8)
+    answer = latency.judge(one, [latency.run(one, k) for k in range(latency.parts(one))])
+    delay = value(answer, "pose against its own time, sine of 1 Hz", "delay")
+    assert abs(delay.value) < 0.5
+
+
+@pytest.mark.heavy
+def test_the_script_is_followed():
+    one = setup(poses=8)
+    answer = availability.judge(one, [availability.run(one, 0)])
+    assert value(answer, "measured, of the possible instants", "share").value > 80
+
+
+@pytest.mark.heavy
+def test_the_arm_comes_to_its_poses():
+    pytest.importorskip("mink", reason="the arm needs the extra 'slave'")
+    one = setup(poses=8)
+    found = arm.run(one, 0, arm.Noise(0.003, 0.03, "a test has"))
+    off = np.array(found["tool"]["positions"]) - np.array(found["hand"]["positions"])
+    assert np.linalg.norm(off, axis=1).max() < 0.5

@@ -15,13 +15,13 @@ from ..checks import as_whole
 from ..files.outputs import check_targets, write_together
 from ..files.poses import read_poses
 from ..files.provenance import code_hash, commit, machine, versions
-from ..files.recording import find_footage
+from ..files.recording import find_footage, open_folder
 from ..files.rigs import read_rig
-from ..following.track import fingerprint, track_files
+from ..following.track import fingerprint, track_folder
 from . import arm, availability, history, pointer, rest
 from .arm import Noise
 from .numbers import Answer
-from .setup import POSES
+from .setup import POSES, Field, field_of
 from .sheet import GLANCE, NUMBERS, PAGE, TABLE, Sheet, contents, interval_text, value_text
 from .tracks import Track, as_track, track_of_table
 from .work import RENDERED, TESTS, Found, Kept, Part, Source, do, setup_of
@@ -86,6 +86,10 @@ def accept(
     source = Source(str(rig), str(handle), poses, seed)
     setup_of.cache_clear()  # the files may have changed since another call
     setup = setup_of(source)
+    for path in recordings:
+        open_folder(path, rig, handle)  # all of them before the first one is followed
+    if not recordings:
+        field_of(setup.rig, setup.handle)  # a rig without one is refused before the folder is made
     workers = min(as_whole(workers, "workers", 1), os.cpu_count() or 1)
     folder = _folder(out, [rig, handle, *([chart] if chart else [])])
     if chart is not None:
@@ -229,18 +233,12 @@ def _add(answers: dict[str, Answer], name: str, more: Answer) -> None:
 
 def _track(source: Source, path: str | Path, out: Path, kept: Kept, progress: bool) -> Track:
     """The poses of a recording folder: those that are kept, or tracked now."""
-    the_rig = read_rig(source.rig)
-    footage = find_footage(path, the_rig)
-    times = Path(path, "timestamps.csv")
-    stamps = times if times.exists() else None
-    files: list[str | Path] = [source.rig, source.handle, *([times] if stamps else [])]
-    key = f"recording {fingerprint(files, footage)}"
+    files = [source.rig, source.handle]
+    key = f"recording {fingerprint(files, find_footage(path, read_rig(source.rig)))}"
     if key in kept.found() and out.exists():
         return track_of_table(read_poses(out))
     begin = time.process_time()
-    table = track_files(
-        source.rig, source.handle, footage, out, timestamps=stamps, progress=progress
-    )
+    table = track_folder(path, out, source.rig, source.handle, progress=progress)
     kept.add(key, Found(None, time.process_time() - begin))
     return track_of_table(table)
 
@@ -267,8 +265,7 @@ def _about(
         "estimator": setup.parameters.estimator,
         "poses": source.poses,
         "seed": source.seed,
-        "field of view": f"{setup.field.volume_mm3 / 1e6:.1f} litres, up to "
-        f"{setup.field.farthest_mm:.0f} mm before a camera",
+        "field of view": "" if recordings else _field_text(setup.field),
         "made": datetime.now(UTC).isoformat(timespec="minutes"),
         "commit": commit() or "no checkout",
         "versions": ", ".join(f"{name} {version}" for name, version in versions().items()),
@@ -277,6 +274,11 @@ def _about(
         "command": _command(source, recordings),
     }
     return {name: value for name, value in about.items() if value != ""}
+
+
+def _field_text(field: Field) -> str:
+    litres = field.volume_mm3 / 1e6
+    return f"{litres:.1f} litres, up to {field.farthest_mm:.0f} mm before a camera"
 
 
 def _command(source: Source, recordings: Sequence[str | Path]) -> str:

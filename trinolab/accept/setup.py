@@ -5,6 +5,7 @@ many poses, the seed.
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -30,7 +31,8 @@ CENTRE_MM = np.array([0.0, 0.0, 570.0])  # of the standard scene
 
 
 class Setup:
-    """Cameras, handle, size and seed of a sheet, and the field of view that follows from them.
+    """Cameras, handle, size and seed of a sheet, and the field of view that follows from them when
+    it is asked for.
 
     Parameters
     ----------
@@ -44,7 +46,7 @@ class Setup:
     Raises
     ------
     ValueError
-        If the cameras have no field in common, or the numbers are out of range.
+        If the numbers are out of range.
     """
 
     def __init__(self, rig: Rig, handle: Handle, poses: int = POSES, seed: int = 0) -> None:
@@ -53,7 +55,11 @@ class Setup:
         self.poses = as_whole(poses, "poses", FEWEST_POSES, 2**13)
         self.seed = as_whole(seed, "seed", 0, 2**31 - 1)
         self.parameters = FollowParameters(estimator=estimator_of("best"))
-        self.field = field_of(rig, handle, self.seed)
+
+    @cached_property
+    def field(self) -> Field:
+        """The common field of view, see `field_of`. ValueError if there is none."""
+        return field_of(self.rig, self.handle, self.seed)
 
     def part(self, share: float, least: int) -> int:
         """So many of a test that has `share` times as many as there are poses."""

@@ -112,7 +112,7 @@ def _plain(row: Mapping[str, Any]) -> dict[str, Any]:
     for name, value in row.items():
         if isinstance(value, float):
             value = float(f"{value:.6g}") if np.isfinite(value) else None
-        if value is not None and value != "":
+        if value is not None and (value != "" or name == "unit"):
             kept[name] = value
     return kept
 
