@@ -1,7 +1,10 @@
-"""Build the book: run what is stale, two jobs at a time, build the pages strictly, print the
-scoreboard.
+"""Build the book: render the recordings, run what is stale, two jobs at a time, build the pages
+strictly, print the scoreboard.
 
     .venv/bin/python book/build.py
+
+Nothing here has a time limit: how long a rendering takes depends on the machine. On a terminal a
+line says what is running, in a log there is one a minute; Ctrl-C stops it.
 
 A chapter is stale when its own code has changed, the package's code that it imports, the data or
 the environment: ``_build/made_from.json`` has the hashes that each finished result was made from.
@@ -26,7 +29,7 @@ import nbformat
 import pandas as pd
 import yaml
 from jupyter_cache import get_cache
-from nbclient.exceptions import CellExecutionError, CellTimeoutError, DeadKernelError
+from nbclient.exceptions import CellExecutionError, DeadKernelError
 
 from trinolab.cli import as_text, not_run
 from trinolab.files.outputs import write_whole
@@ -51,8 +54,13 @@ NEW_SCOREBOARD = BUILD / "scoreboard.new.csv"
 GENERATED = BUILD / "generated"
 HTML = BUILD / "html"
 PAGES_MADE_FROM = BUILD / "pages_made_from"  # a hash; it is there as long as the pages are whole
-# a cell hangs that takes so long: on a busy machine a film may take ten times its usual time
-CELL_TIMEOUT_S = 1800.0
+# the standard recordings that chapters use, and their length, s
+RECORDINGS = ("calm", "hard")
+RECORDED_S = 2.0
+SIGN_OF_LIFE_S = 60.0  # in a log
+# what most often ends a kernel, or a whole job, from outside
+KILLED = "most often the machine had no memory left: close other programs"
+AGAIN = "`make book`, or `python book/build.py`, goes on from there"
 
 
 class Job(NamedTuple):
@@ -80,14 +88,21 @@ def main() -> int:
     os.chdir(ROOT)
     EXECUTED.mkdir(parents=True, exist_ok=True)
     try:
-        if failed := run_all(stale_jobs()):
-            print(f"failed: {', '.join(failed)}; all else is kept, and the same command goes on")
+        if stale := stale_jobs():
+            render_recordings()
+        if failed := run_all(stale):
+            print(f"\nFAILED: {', '.join(failed)}. What they said is above; all else is kept.")
+            print(f"Mend it, or try again if the machine was at fault: {AGAIN}.")
             return 1
         if not build_pages():
+            print(f"\nFAILED: the pages; the warnings above say why. Mend it: {AGAIN}.")
             return 1
     except KeyboardInterrupt:
-        print("\nstopped; the chapters that were finished are kept")
+        print(f"\nstopped; what is finished is kept, and {AGAIN}")
         return 130
+    except (ValueError, OSError) as error:
+        print(f"\nFAILED: {error}\nWhat is finished is kept. Mend it: {AGAIN}.")
+        return 1
     board = pd.read_csv(SCOREBOARD, dtype=str, keep_default_na=False)
     print("\n".join(filter(None, ["", as_text(board), not_run(board)])))
     print(f"\nThe book: {HTML / 'index.html'}, after {time.monotonic() - begin:.0f} s")
@@ -116,6 +131,19 @@ def stale_jobs() -> list[Job]:
         else:
             stale.append(job)
     return stale
+
+
+def render_recordings() -> None:
+    """Render the recordings that chapters use, if they are not there: a chapter would do it where
+    nobody sees how far it is.
+    """
+    from trinolab.bench.recordings import standard_recording
+
+    for name in RECORDINGS:
+        start = time.monotonic()
+        say(f"recording {name}: rendered if it is not there")
+        standard_recording(name, seconds=RECORDED_S)
+        say(f"recording {name}: there, after {time.monotonic() - start:.0f} s")
 
 
 def executed(path: Path) -> Path | None:
@@ -161,15 +189,18 @@ def run_all(jobs: list[Job]) -> list[str]:
     waiting = list(jobs)
     running = list[Running]()
     failed = list[str]()
+    ended = 0
+    said = time.monotonic()
     try:
         while waiting or running:
             while waiting and len(running) < min(2, os.cpu_count() or 1):
                 running.append(start(waiting.pop(0)))
-            show_progress(running)
+            said = show_progress(running, said)
             time.sleep(0.2)
             for one in [one for one in running if one.process.poll() is not None]:
                 running.remove(one)
-                if not finish(one):
+                ended += 1
+                if not finish(one, f"{ended} of {len(jobs)}"):
                     failed.append(one.job.name)
     finally:
         # only after Ctrl-C; a chapter that is terminated stops its kernel first
@@ -194,26 +225,38 @@ def start(job: Job) -> Running:
     return Running(job, process, log, time.monotonic())
 
 
-def finish(one: Running) -> bool:
-    """Keep the result of a finished job; report it, with all that it printed if it failed."""
+def finish(one: Running, place: str = "") -> bool:
+    """Keep the result of a finished job; report it and its place, with all that it printed if it
+    failed.
+    """
     good = one.process.returncode == 0
-    say(
-        f"{one.job.name}: {'done' if good else 'FAILED'} after {time.monotonic() - one.start:.0f} s"
-    )
+    word = "done" if good else "FAILED"
+    say(f"{one.job.name}: {word} after {time.monotonic() - one.start:.0f} s ({place})")
     if not good:
         one.log.seek(0)
-        print(one.log.read())
+        # without what each kernel says when it starts, which is not why this one failed
+        print(re.sub(r"^\[IPKernelApp\].*\n", "", one.log.read(), flags=re.MULTILINE).rstrip())
+        if one.process.returncode < 0:
+            print(f"{one.job.name}: ended by signal {-one.process.returncode}; {KILLED}")
     else:
         keep(one.job)
     one.log.close()
     return good
 
 
-def show_progress(running: list[Running]) -> None:
-    """On a terminal keep one line that says what is running and for how long."""
+def show_progress(running: list[Running], said: float) -> float:
+    """Say what is running and for how long: in one line on a terminal, now and then in a log; when
+    it was said last, `said` or now.
+    """
+    now = time.monotonic()
+    line = "running: " + ", ".join(f"{one.job.name} {now - one.start:.0f} s" for one in running)
     if sys.stdout.isatty():
-        shown = (f"{one.job.name} {time.monotonic() - one.start:.0f} s" for one in running)
-        print("\r\033[Krunning: " + ", ".join(shown), end="", flush=True)
+        print(f"\r\033[K{line}", end="", flush=True)
+    elif now - said < SIGN_OF_LIFE_S:
+        return said
+    else:
+        print(line, flush=True)
+    return now
 
 
 def say(line: str) -> None:
@@ -224,8 +267,11 @@ def say(line: str) -> None:
 def run_chapter(path: Path) -> int:
     """Execute one notebook and store it beside the cache; print the traceback if it raises."""
     try:
-        run = run_notebook(path, timeout_s=CELL_TIMEOUT_S)
-    except (CellExecutionError, CellTimeoutError, DeadKernelError, ValueError) as error:
+        run = run_notebook(path)
+    except DeadKernelError:
+        print(f"{path.name}: its kernel died; {KILLED}")
+        return 1
+    except (CellExecutionError, ValueError) as error:
         print(re.sub(r"\x1b\[[0-9;]*m", "", str(error)))
         return 1
     write_whole(result_of(path.stem), nbformat.writes(run.notebook))

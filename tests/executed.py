@@ -14,7 +14,7 @@ def as_it_stands(path):
     """A chapter's run at its defaults."""
     copy = build.executed(path)
     if copy is None:
-        return run_notebook(path, timeout_s=build.CELL_TIMEOUT_S)
+        return run_notebook(path)
     notebook = read_notebook(copy)
     return NotebookRun(notebook, glued(notebook), 0.0)
 

@@ -1,12 +1,22 @@
 """What `make book` runs again: jobs that are stale or failed, and nothing else."""
 
+import inspect
 import json
+import re
+import subprocess
 import sys
+from pathlib import Path
 
 import build
 import nbformat
 import pytest
 from makenotebook import glued, make_notebook
+
+from trinolab.bench import recordings
+from trinolab.studies.ground_truth import read_recording
+
+ROOT = Path(__file__).resolve().parents[1]
+KILLS_ITSELF = "import os, signal; os.kill(os.getpid(), signal.SIGKILL)"
 
 
 @pytest.fixture
@@ -80,7 +90,7 @@ def test_a_job_that_fails_is_named_and_the_others_are_kept(book, capsys):
     ]
     assert build.run_all(jobs) == ["one"]
     out = capsys.readouterr().out
-    assert "one: FAILED after" in out
+    assert re.search(r"^one: FAILED after \d+ s \([12] of 2\)$", out, re.MULTILINE)
     assert "what was wrong" in out
     assert build.SCOREBOARD.read_text() == "no\n"
     assert json.loads(build.MADE_FROM.read_text()) == {"scoreboard": {"the package": "scoreboard"}}
@@ -93,7 +103,77 @@ def test_a_chapter_is_run_and_stored(book, capsys):
     assert any(cell.get("outputs") for cell in stored.cells)
     make_notebook(path, "raise ValueError('a broken chapter')", glued(b="a"))
     assert build.run_chapter(path) == 1
-    assert "a broken chapter" in capsys.readouterr().out
+    out = capsys.readouterr().out
+    assert "raise ValueError('a broken chapter')" in out
+    assert out.rstrip().endswith("ValueError: a broken chapter")
+
+
+def test_a_chapter_whose_kernel_dies_says_so_in_a_line(book):
+    path = make_notebook(chapter(book, "one"), "import os; os._exit(1)")
+    done = subprocess.run(
+        [sys.executable, build.__file__, "--chapter", str(path)],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 1
+    assert done.stdout == (
+        "one.ipynb: its kernel died; most often the machine had no memory left: close other programs\n"
+    )
+
+
+def test_the_last_lines_say_what_failed_and_what_to_type(book, monkeypatch, capsys):
+    monkeypatch.chdir(book)
+    monkeypatch.setattr(build, "render_recordings", lambda: None)
+    why = "print('[IPKernelApp] WARNING | no matter'); raise SystemExit('why')"
+    jobs = [job("ledger"), job("one", why), job("two", KILLS_ITSELF)]
+    monkeypatch.setattr(build, "stale_jobs", lambda: jobs)
+    assert build.main() == 1
+    lines = capsys.readouterr().out.splitlines()
+    assert "why" in lines
+    assert not any("no matter" in line for line in lines)
+    assert (
+        "two: ended by signal 9; most often the machine had no memory left: close other programs"
+        in lines
+    )
+    assert re.fullmatch(
+        "FAILED: (one, two|two, one). What they said is above; all else is kept.", lines[-2]
+    )
+    assert lines[-1] == (
+        "Mend it, or try again if the machine was at fault: `make book`, or `python book/build.py`, "
+        "goes on from there."
+    )
+
+
+def test_a_cache_that_cannot_be_written_is_said_before_anything_runs(book, monkeypatch, capsys):
+    monkeypatch.chdir(book)
+
+    def refused(*_, **__):
+        raise ValueError("recordings: cannot be written")
+
+    monkeypatch.setattr(recordings, "standard_recording", refused)
+    assert build.main() == 1
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[-2] == "FAILED: recordings: cannot be written"
+    assert not [line for line in lines if line.endswith("started")]
+
+
+def test_a_log_gets_a_sign_of_life_now_and_then(monkeypatch, capsys):
+    now = iter([100.0, 159.0, 160.0])
+    monkeypatch.setattr(build.time, "monotonic", lambda: next(now))
+    running = [build.Running(job("one"), None, None, 40.0)]
+    said = 100.0
+    for _ in range(3):
+        said = build.show_progress(running, said)
+    assert capsys.readouterr().out == "running: one 120 s\n"
+    assert said == 160.0
+
+
+def test_the_recordings_are_those_that_the_chapters_read():
+    text = "".join(path.read_text("utf-8") for path in ROOT.glob("notebooks/*.ipynb"))
+    named = set(re.findall(r'read_recording\(\\"(\w+)\\"', text))
+    assert named == set(build.RECORDINGS)
+    assert inspect.signature(read_recording).parameters["seconds"].default == build.RECORDED_S
 
 
 def test_the_pages_are_stale_when_a_docstring_has_changed(book):

@@ -1,6 +1,7 @@
 """Recording from cameras: videos in their place, and devices that fail in every way."""
 
 import re
+import shutil
 import signal
 import threading
 from dataclasses import replace
@@ -16,7 +17,7 @@ from trinolab.camera import Rig
 from trinolab.datasets import data_path, load_rig
 from trinolab.files import capture as files_capture
 from trinolab.files import devices, outputs, recorder
-from trinolab.files.capture import capture, side_by_side
+from trinolab.files.capture import Captured, capture, side_by_side, timing
 from trinolab.files.devices import drain, instants_of, open_source
 from trinolab.files.recording import instants, open_folder, read_timestamps
 from trinolab.files.rigs import write_rig
@@ -77,6 +78,16 @@ def clock(monkeypatch):
 GRAB_S = 0.002
 
 
+class Closed:
+    """A camera that cannot be opened."""
+
+    def isOpened(self):
+        return False
+
+    def release(self):
+        pass
+
+
 class Device:
     """A camera that delivers frames of one grey level until `frames` are over, and then fails or
     raises.
@@ -103,6 +114,12 @@ class Device:
     def retrieve(self):
         width, height = self.sizes.get(self.k, self.size)
         return True, np.full((height, width, 3), self.k % 256, np.uint8)
+
+    def read(self):
+        return self.grab(), self.retrieve()[1]
+
+    def get(self, key):
+        return {cv2.CAP_PROP_FPS: 30.0}[key]
 
     def set(self, key, value):
         self.asked[key] = value
@@ -454,9 +471,101 @@ def test_command_says_what_it_recorded(folder, capfd):
     )
     out, _ = capfd.readouterr()
     assert re.fullmatch(
-        r"12 instants in \d\.\d\d s \(\d+\.\d a second\), 0 dropped; "
-        r"cameras within \d+\.\d ms \(median\), \d+\.\d ms \(longest\); written to r\n",
+        r"12 instants in 0\.06 s \(200\.0 a second\), 0 dropped; the times are the videos'; "
+        r"written to r\n",
         out,
+    )
+
+
+def test_command_judges_the_timing_of_cameras(cameras, tmp_path, monkeypatch, capfd):
+    monkeypatch.chdir(tmp_path)
+    line = ["capture", "--camera", "ccd1=0", "ccd2=1", "--out", "r", "--seconds", "0.099"]
+    assert cli.main(line) == 0
+    # 2 ms between the grabs, 4 ms between the instants; 300 mm/s times 2 ms, 0.1 mm by 2 ms
+    assert capfd.readouterr().out == (
+        "25 instants in 0.10 s (250.0 a second), 0 dropped; cameras within 2.0 ms (median), 2.0 ms "
+        "(longest); written to r\n"
+        "in 2.0 ms, as 95 % of the instants took, a hand at 300 mm/s moves 0.6 mm, and one at 50 mm/s "
+        "0.1 mm: fit for a slow hand, not for a quick one, if the cameras have a common trigger; else "
+        "their exposures may be another 4 ms apart (trinolab track says how many)\n"
+    )
+
+
+@pytest.mark.parametrize(
+    ("spread_ms", "said"),
+    [
+        (449.0, "one at 0.22 mm/s 0.1 mm: fit for a handle at rest, not for a moving hand"),
+        (5.1, "one at 20 mm/s 0.1 mm: fit for a handle at rest, not for a moving hand"),
+        (4.9, "one at 20 mm/s 0.1 mm: fit for a slow hand, not for a quick one, if the cameras"),
+        (0.3, "one at 3.3e+02 mm/s 0.1 mm: fit for a moving hand, if the cameras"),
+        (0.0, "moves 0 mm, and one at 1e+05 mm/s 0.1 mm: fit for a moving hand, if the cameras"),
+    ],
+)
+def test_a_verdict_on_the_timing(spread_ms, said):
+    times = np.arange(100) / 30
+    spread = np.full(100, spread_ms / 1e3)
+    spread[:4] = 9.0  # a few bad instants do not spoil it
+    assert said in timing(Captured(Path("r"), times, spread, 0, 3))
+    assert timing(Captured(Path("r"), times, spread, 0, 1)) == ""
+    spread[:6] = 9.0
+    assert "fit for a handle at rest" in timing(Captured(Path("r"), times, spread, 0, 2))
+
+
+def test_the_cameras_are_listed(cameras, tmp_path, monkeypatch, capfd):
+    for index, name in ((0, "A good one"), (1, "Another"), (10, "")):
+        (tmp_path / f"video{index}").mkdir()
+        if name:
+            (tmp_path / f"video{index}" / "name").write_text(f"{name}\n")
+    monkeypatch.setattr(devices, "ABOUT", tmp_path)
+    monkeypatch.setattr(devices, "DEVICES", Path("none"))
+    cameras[1].frames, cameras[10] = -2, Closed()
+    assert cli.main(["capture", "--list"]) == 0
+    assert capfd.readouterr().out == (
+        "  0  A good one: 32 x 24 px, 30 frames a second\n"
+        "  1  Another: delivers no image\n"
+        " 10  camera: there is no none/video10\n"
+    )
+    assert cameras[0].released
+    for index in (0, 1, 10):
+        shutil.rmtree(tmp_path / f"video{index}")
+    assert cli.main(["capture", "--list"]) == 0
+    assert capfd.readouterr().out.startswith("no camera; a container")
+
+
+def test_another_system_has_no_list_and_its_cameras_are_tried(cameras, tmp_path, monkeypatch):
+    monkeypatch.setattr(devices, "ABOUT", tmp_path / "none")
+    monkeypatch.setattr(devices, "_open_index", lambda k: cameras.get(k, Closed()))
+    assert [(one.number, one.size) for one in devices.list_cameras()] == [(0, SIZE), (1, SIZE)]
+
+
+def test_a_camera_that_cannot_be_opened_is_answered_by_those_that_are_there(tmp_path, monkeypatch):
+    monkeypatch.setattr(devices, "_open_index", lambda _: Closed())
+    monkeypatch.setattr(devices, "DEVICES", tmp_path / "dev")
+    monkeypatch.setattr(devices, "ABOUT", tmp_path / "none")
+    with pytest.raises(ValueError, match=r"a: camera 7 cannot be opened .*--list tries all$"):
+        open_source("a", "7")
+    monkeypatch.setattr(devices, "ABOUT", tmp_path)
+    with pytest.raises(ValueError, match=r"\(there is no .*video7\); this computer has no camera$"):
+        open_source("a", "7")
+    (tmp_path / "video2").mkdir()
+    (tmp_path / "dev").mkdir()
+    (tmp_path / "dev" / "video7").touch()
+    with pytest.raises(
+        ValueError,
+        match=r"\(another program uses it, or it is no camera\); there are 2 \(no name\)$",
+    ):
+        open_source("a", "7")
+    monkeypatch.setattr(devices.os, "access", lambda *_: False)
+    with pytest.raises(
+        ValueError, match=r"\(no permission for .*video7; its users are in the group"
+    ):
+        open_source("a", "7")
+
+
+def test_what_a_recording_needs_is_asked_for(capfd):
+    assert cli.main(["capture", "--camera", "a=0"]) == 2
+    assert capfd.readouterr().err == (
+        "trinolab capture: the following arguments are required: --out\n"
     )
 
 

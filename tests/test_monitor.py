@@ -213,7 +213,7 @@ def test_a_film_of_the_monitor(tmp_path):
             film.add(blue_first(picture))
     video = cv2.VideoCapture(str(tmp_path / "m.webm"))
     frame = video.read()[1]
-    # red first on the way in, VP9's loss
+    # red first on the way in, the codec's loss
     assert np.abs(frame[500, 300, ::-1].astype(int) - (250, 120, 10)).max() < 12
     page = PageVideo(
         tmp_path / "m.webm", "the monitor", blue_first(pictures[0])

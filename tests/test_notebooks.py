@@ -7,7 +7,6 @@ full.
 
 from pathlib import Path
 
-import build
 import pytest
 from executed import as_it_stands
 from films import frames_in
@@ -117,7 +116,7 @@ def test_runs_at_other_parameters(path):
     assert any(value != defaults.get(name) for name, value in other.items()), (
         "no parameter differs from its default"
     )
-    check_results(run_notebook(path, {**other, **small}, timeout_s=build.CELL_TIMEOUT_S))
+    check_results(run_notebook(path, {**other, **small}))
 
 
 @each_notebook

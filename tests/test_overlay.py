@@ -1,18 +1,21 @@
 """The film of a track, and the same in a page."""
 
 import base64
+from time import process_time
 
 import cv2
 import numpy as np
 import pytest
 from films import frames_in
+from scipy.spatial.transform import RigidTransform, Rotation
 
 from trinolab.datasets import load_rig
 from trinolab.files.video import Film, PageVideo
-from trinolab.following.overlay import picture
+from trinolab.following.overlay import inset, picture
 from trinolab.following.posetracker import Tracked
 from trinolab.measurement import Measurement
-from trinolab.pose import LOST
+from trinolab.pose import LOST, Pose
+from trinolab.window import Window
 
 RIG = load_rig("paper_pair")
 
@@ -28,6 +31,92 @@ def test_a_picture_is_as_wide_as_asked(width):
     shown = picture(images, nothing(), RIG, 3, 0.1, width)
     assert shown.shape == (width * 4 // 5, 2 * width, 3)
     assert [int(shown[100, u, 0]) for u in (width - 9, 2 * width - 9)] == [40, 90]
+
+
+def found(pose=None, windows=(None, None)):
+    """Two markers that both cameras see, 40 px apart."""
+    markers = type("Found", (), {"uv": np.array([[600.0, 500.0], [640.0, 500.0]])})()
+    labels = (np.array([3, 11]),) * 2
+    return Tracked(Measurement(pose or LOST, (markers, markers), labels), windows)
+
+
+@pytest.fixture
+def written(monkeypatch):
+    """All that is written into pictures: the words, and their lower left corners."""
+    texts, put = [], cv2.putText
+
+    def record(image, text, at, *rest):
+        texts.append((text, at))
+        return put(image, text, at, *rest)
+
+    monkeypatch.setattr(cv2, "putText", record)
+    return texts
+
+
+def test_the_window_is_enlarged_in_a_corner(written):
+    images = [np.full((1024, 1280), 40, np.uint8) for _ in range(2)]
+    for image in images:
+        image[495:506, 595:606] = 250
+    window = Window(570, 450, 120, 100)
+    small = inset(images[0], found(windows=(window, None)), 0, 640)
+    # 0.4 of 512 px are 204.8 px high; a pixel of the image is 2.048 of them
+    assert small.shape == (205, 246, 3)
+    shown = picture(images, found(windows=(window, None)), RIG, 0, 0.0)
+    assert np.array_equal(shown[:205, 640 - 246 : 640], small)
+    # the marker's middle, 30 and 50 px from the window's corner, half a pixel more to its edge
+    bright = np.argwhere(small[..., 0] > 200)[:, ::-1].mean(axis=0)
+    np.testing.assert_allclose(bright, 2.048 * np.array([30.5, 50.5]) - 0.5, atol=1.0)
+    # numbers stand beside the enlarged markers, or where nothing is enlarged beside the markers
+    # themselves: each on the side that is away from the other
+    three, eleven = (dict(written[:2])[label] for label in ("3", "11"))
+    assert three[0] < 2.048 * 30 < 2.048 * 70 < eleven[0]
+    assert [text for text, _ in written].count("3") == 1 + 1 + 1
+
+
+@pytest.mark.parametrize("window", [None, Window(0, 0, 1280, 1024), Window(100, 100, 900, 700)])
+def test_what_would_hardly_be_larger_is_not_enlarged(window):
+    assert inset(np.zeros((1024, 1280), np.uint8), found(windows=(window, None)), 0) is None
+
+
+def test_the_caption_has_the_pose_and_the_axes_have_letters(written):
+    T = RigidTransform.from_components(
+        [1.0, -2.0, 560.0], Rotation.from_euler("ZYX", [170.0, 15.0, 40.0], degrees=True)
+    )
+    pose = Pose("measured", T, np.eye(6), 0.1, 6, 2)
+    picture([np.zeros((1024, 1280), np.uint8)] * 2, found(pose), RIG, 7, 0.25)
+    words = [text for text, _ in written]
+    assert words[-1] == "frame 7  0.250 s  measured"
+    assert words[-2] == "(1.0, -2.0, 560.0) mm  (170.0, 15.0, 40.0) deg"
+    assert [words.count(letter) for letter in "xyz"] == [2, 2, 2]
+
+
+def noise(count):
+    rng = np.random.default_rng(0)
+    return [rng.integers(0, 256, (128, 256, 3), np.uint8) for _ in range(count)]
+
+
+def test_a_film_is_encoded_as_it_goes(tmp_path):
+    """Nobody waits for its end: what is left to do then takes less than a tenth of the time."""
+    with Film(tmp_path / "f.webm", 30.0) as film:
+        start = process_time()
+        for one in noise(20):
+            film.add(one)
+        end = process_time()
+    assert process_time() - end < 0.1 * (end - start)
+
+
+def test_a_film_is_written_by_one_alone(tmp_path):
+    pictures = noise(3)
+    with Film(tmp_path / "f.webm", 30.0) as film:
+        film.add(pictures[0])
+        with pytest.raises(ValueError, match=r"[/\\]f\.webm: another process works on it$"):
+            Film(tmp_path / "f.webm", 30.0).__enter__()
+        film.add(pictures[1])
+    with Film(tmp_path / "f.webm", 30.0):  # a film without a picture leaves the one that is there
+        pass
+    assert [path.name for path in tmp_path.iterdir()] == ["f.webm"]
+    video = cv2.VideoCapture(str(tmp_path / "f.webm"))
+    assert [video.read()[0] for _ in range(3)] == [True, True, False]
 
 
 def test_a_film_in_a_page_holds_all_its_pictures(tmp_path, capfd):

@@ -10,6 +10,7 @@ import shutil
 import signal
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 from healthy import BOARDS, EVALUATE, MEASURE, RENDER, SWEEP, TRACK, contents, make_healthy, run
@@ -233,6 +234,23 @@ def test_the_second_of_two_tracks_is_refused_and_the_first_one_is_whole(folder):
     assert Path("poses.csv").read_bytes() == Path("whole.csv").read_bytes()
     assert Path("poses.tum").read_bytes() == Path("whole.tum").read_bytes()
     assert files() == before | {"poses.csv", "poses.tum", GATE}
+
+
+def test_the_second_of_two_tracks_with_one_overlay_is_refused(folder):
+    before = files()
+    overlay = f"{TRACK} --overlay o.webm"
+    with started(overlay, WAITS) as first:
+        wait_until(lambda: len(rows_kept()) == 8, first)
+        with started(overlay.replace("poses", "other")) as second:
+            refused = ended(second)
+        open_gate()
+        assert ended(first) == (0, [])
+    assert refused == (2, ["trinolab track: o.webm: another process works on it\n"])
+    assert files() == before | {"poses.csv", "poses.tum", "o.webm", GATE}
+    video, count = cv2.VideoCapture("o.webm"), 0
+    while video.read()[0]:
+        count += 1
+    assert count == COUNT
 
 
 # --- full disks

@@ -13,6 +13,7 @@ pytest.importorskip("mink", reason="the extra 'slave' is missing")
 from trinolab.bench.recordings import standard_recording
 from trinolab.cli import main
 from trinolab.datasets import data_path
+from trinolab.files.kept import locked
 from trinolab.files.poses import read_poses
 from trinolab.slave.arm import load_robot
 from trinolab.slave.control import TICK_S
@@ -144,6 +145,16 @@ def test_a_session_that_is_stopped_is_written(recording, tmp_path, caplog):
     assert len(done.poses) == 6
     assert "stopped at 6 of 6 instants; what is done is written" in caplog.text
     assert len(pd.read_csv(tmp_path / "out" / "poses.csv")) == 6
+
+
+def test_the_second_of_two_sessions_in_one_folder_is_refused(recording, tmp_path):
+    (tmp_path / "out").mkdir()
+    with (
+        locked(tmp_path / "out"),
+        pytest.raises(ValueError, match="out: another process works on it"),
+    ):
+        teleoperate(part(recording, 30, 32), tmp_path / "out", video=False, progress=False)
+    assert list((tmp_path / "out").iterdir()) == []
 
 
 def test_a_damaged_image_costs_what_comes_after_it(recording, tmp_path):

@@ -151,7 +151,7 @@ def chapters():
     found = {}
     for path in [*sorted(ROOT.glob("notebooks/*.ipynb")), ROOT / "book" / "gallery.ipynb"]:
         try:
-            run = run_notebook(path, timeout_s=1800.0)
+            run = run_notebook(path)
         except Exception as error:
             found[f"{path.stem}: runs"] = str(error).splitlines()[-1]
             continue

@@ -162,8 +162,14 @@ def _evaluate(a: argparse.Namespace) -> int:
 
 
 def _capture(a: argparse.Namespace) -> int:
-    from ..files.capture import capture
+    from ..files.capture import capture, timing
 
+    if a.list:
+        return _list_cameras()
+    if missing := [name for name in ("camera", "out") if getattr(a, name) is None]:
+        raise ValueError(
+            f"the following arguments are required: {', '.join(f'--{m}' for m in missing)}"
+        )
     done = capture(
         _named(a.camera, "--camera", "NAME=INDEX, as ccd1=0, or NAME=VIDEO"),
         a.out,
@@ -178,10 +184,26 @@ def _capture(a: argparse.Namespace) -> int:
     last = done.times_s[-1]
     rate = f" in {last:.2f} s ({(n - 1) / last:.1f} a second)" if n > 1 else ""
     spread = sorted(1e3 * done.spread_s)
-    _say(
-        f"{n} instants{rate}, {done.dropped} dropped; cameras within {spread[n // 2]:.1f} ms (median), "
-        f"{spread[-1]:.1f} ms (longest); written to {a.out}"
+    within = (
+        f"cameras within {spread[n // 2]:.1f} ms (median), {spread[-1]:.1f} ms (longest)"
+        if done.live
+        else "the times are the videos'"
     )
+    _say(f"{n} instants{rate}, {done.dropped} dropped; {within}; written to {a.out}")
+    if verdict := timing(done):
+        _say(verdict)
+    return 0
+
+
+def _list_cameras() -> int:
+    from ..files.devices import list_cameras
+
+    found = list_cameras()
+    for one in found:
+        what = "{} x {} px, {:g} frames a second".format(*(one.size or (0, 0)), one.fps)
+        _say(f"{one.number:3d}  {one.name or 'camera'}: {one.problem or what}")
+    if not found:
+        _say("no camera; a container or a virtual machine has those that are handed through to it")
     return 0
 
 
@@ -242,7 +264,8 @@ def _sweep(a: argparse.Namespace) -> int:
     from ..sweep.grid import parse
     from ..sweep.runs import compute, of_notebook
 
-    as_number(a.timeout, "--timeout", low=1.0)
+    if a.timeout is not None:
+        as_number(a.timeout, "--timeout", low=1.0)
     job = of_notebook(
         a.notebook,
         parse(a.parameter),

@@ -460,9 +460,9 @@ def _add_sweep(commands: argparse._SubParsersAction) -> None:
     p.add_argument(
         "--timeout",
         type=float,
-        default=600.0,
         metavar="S",
-        help="the longest time that a cell may take (default: %(default)g s)",
+        help="the longest time that a cell may take (default: as long as it takes; a first run may "
+        "render a recording)",
     )
     p.add_argument("--keep", action="store_true", help="keep the executed notebooks, too")
     p.add_argument("--yes", action="store_true", help="more than 100,000 runs are meant")
@@ -476,16 +476,18 @@ def _add_capture(commands: argparse._SubParsersAction) -> None:
         "trinolab capture --camera ccd1=0 ccd2=2 --rig rig.toml --preview --out recording",
     )
     p.add_argument(
+        "--list",
+        action="store_true",
+        help="show the cameras of this computer with their indices, and record nothing",
+    )
+    p.add_argument(
         "--camera",
-        required=True,
         nargs="+",
         action="extend",
         metavar="NAME=INDEX",
-        help="a camera by its index at this computer; NAME=PATH plays a video in its place",
+        help="a camera by its index at this computer; NAME=VIDEO plays a video in its place",
     )
-    p.add_argument(
-        "--out", required=True, metavar="DIR", help="the recording to write: images, timestamps.csv"
-    )
+    p.add_argument("--out", metavar="DIR", help="the recording to write: images, timestamps.csv")
     which = p.add_mutually_exclusive_group()
     which.add_argument(
         "--rig",

@@ -28,6 +28,10 @@ from .devices import Source, Taken, drain, instants_of, open_source
 from .rigs import read_handle, read_rig
 
 QUEUE = 32  # instants that wait to be written: a second, 130 MB of three cameras of 1280 x 1024
+# What a handle may move between the images of an instant, and how fast hands are: a person's in
+# the median, see `bench.motion.human_motion`, and one that is led with care.
+ALLOWED_MM, HAND_MM_S, SLOW_MM_S = 0.1, 300.0, 20.0
+MOST_OF_THEM = 0.95  # instants that a verdict is about
 PREVIEW = "preview.png"
 PREVIEW_S, PREVIEW_WIDTH = 0.25, 1280
 
@@ -47,12 +51,15 @@ class Captured:
         Between these two grabs.
     dropped : int
         Instants that were taken, but could not be written in time.
+    live : int
+        Cameras, as opposed to videos in their place.
     """
 
     folder: Path
     times_s: Array
     spread_s: Array
     dropped: int
+    live: int
 
 
 def capture(
@@ -121,7 +128,8 @@ def capture(
     finally:
         for source in sources:
             source.device.release()
-    return _concluded(out, partial, writer, error)
+    live = sum(not source.period_s for source in sources)
+    return _concluded(out, partial, writer, error, live)
 
 
 class Writer:
@@ -270,7 +278,36 @@ def _record(stream: Iterable[Taken], writer: Writer, limit_s: float) -> Exceptio
     return writer.error or error
 
 
-def _concluded(out: str | Path, partial: Path, writer: Writer, error: Exception | None) -> Captured:
+def timing(captured: Captured) -> str:
+    """What the time between the cameras' grabs means for a handle that moves: nothing for fewer than
+    two cameras.
+
+    A handle at the speed v moves v times this time between two images that are taken for one
+    instant, and a measured point is as wrong. The grabs are seen, the exposures are not: a camera
+    that nobody triggers exposes when it likes, and its image may wait for a frame's time.
+    """
+    if captured.live < 2:
+        return ""
+    spread_s = float(np.quantile(captured.spread_s, MOST_OF_THEM))
+    speed = ALLOWED_MM / max(spread_s, 1e-6)
+    costs = (
+        f"in {1e3 * spread_s:.1f} ms, as {100 * MOST_OF_THEM:.0f} % of the instants took, a hand at "
+        f"{HAND_MM_S:g} mm/s moves {HAND_MM_S * spread_s:.2g} mm, and one at {speed:.2g} mm/s "
+        f"{ALLOWED_MM:g} mm"
+    )
+    if speed < SLOW_MM_S:
+        return f"{costs}: fit for a handle at rest, not for a moving hand"
+    fit = "a moving hand" if speed >= HAND_MM_S else "a slow hand, not for a quick one"
+    frame_ms = 1e3 * np.median(np.diff(captured.times_s)) if len(captured.times_s) > 1 else np.nan
+    return (
+        f"{costs}: fit for {fit}, if the cameras have a common trigger; else their exposures may be "
+        f"another {frame_ms:.0f} ms apart (trinolab track says how many)"
+    )
+
+
+def _concluded(
+    out: str | Path, partial: Path, writer: Writer, error: Exception | None, live: int
+) -> Captured:
     """Give the recording its name, and say what was wrong."""
     (partial / PREVIEW).unlink(missing_ok=True)
     if not writer.written:
@@ -286,4 +323,4 @@ def _concluded(out: str | Path, partial: Path, writer: Writer, error: Exception 
     if error is not None:
         raise ValueError(f"{error}; the {len(times)} instants before are kept in {out}")
     spread = np.array([taken.spread_s for taken in writer.written])
-    return Captured(Path(out), frozen(times - times[0]), frozen(spread), writer.dropped)
+    return Captured(Path(out), frozen(times - times[0]), frozen(spread), writer.dropped, live)

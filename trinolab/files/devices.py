@@ -6,6 +6,7 @@ images are fetched.
 
 from __future__ import annotations
 
+import os
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -19,6 +20,9 @@ import numpy as np
 from .recording import open_video
 
 WAITED_S = 1e-3  # a grab that takes as long has waited for its frame
+# where Linux has its cameras, and their names
+DEVICES, ABOUT = Path("/dev"), Path("/sys/class/video4linux")
+TRIED = 10  # indices that are tried on another system
 
 
 class Source(NamedTuple):
@@ -29,6 +33,18 @@ class Source(NamedTuple):
     name: str
     device: cv2.VideoCapture
     period_s: float
+
+
+class Attached(NamedTuple):
+    """A camera of this computer: its index, its name if the system says it, width and height, px,
+    and frames a second as it stands; or what is wrong with it, and no size.
+    """
+
+    number: int
+    name: str
+    size: tuple[int, int] | None
+    fps: float
+    problem: str
 
 
 class Taken(NamedTuple):
@@ -55,7 +71,9 @@ def open_source(
     if what.isdecimal() and len(what) < 5:
         device = _open_index(int(what))
         if not device.isOpened():
-            raise ValueError(f"{name}: camera {what} cannot be opened")
+            raise ValueError(
+                f"{name}: camera {what} cannot be opened ({_why_not(int(what))}); {_those_there()}"
+            )
         wanted = {cv2.CAP_PROP_FPS: fps} if fps else {}
         wanted |= (
             {cv2.CAP_PROP_FRAME_WIDTH: size[0], cv2.CAP_PROP_FRAME_HEIGHT: size[1]} if size else {}
@@ -70,6 +88,60 @@ def open_source(
     device = open_video(Path(what))
     rate = fps or device.get(cv2.CAP_PROP_FPS)
     return Source(name, device, 1 / rate if 0 < rate <= 1000 else 1 / 30)
+
+
+def list_cameras() -> list[Attached]:
+    """The cameras of this computer, each opened for a moment; also those that cannot be opened."""
+    on_linux = ABOUT.is_dir()
+    found = [_tried(index) for index in (_indices() if on_linux else range(TRIED))]
+    return [one for one in found if on_linux or not one.problem]
+
+
+def _tried(index: int) -> Attached:
+    device = _open_index(index)
+    try:
+        if not device.isOpened():
+            return Attached(index, _name_of(index), None, 0.0, _why_not(index))
+        there, image = device.read()
+        fps = float(device.get(cv2.CAP_PROP_FPS))
+    finally:
+        device.release()
+    if not there or image is None:
+        return Attached(index, _name_of(index), None, 0.0, "delivers no image")
+    return Attached(index, _name_of(index), (image.shape[1], image.shape[0]), fps, "")
+
+
+def _indices() -> list[int]:
+    """Of the devices that Linux lists as cameras; some have a second one, which has no images."""
+    numbers = [path.name.removeprefix("video") for path in ABOUT.glob("video*")]
+    return sorted(int(number) for number in numbers if number.isdecimal())
+
+
+def _name_of(index: int) -> str:
+    try:
+        return (ABOUT / f"video{index}" / "name").read_text(encoding="utf-8").strip()
+    except (OSError, ValueError):  # another system, or no name
+        return ""
+
+
+def _why_not(index: int) -> str:
+    """Why a camera cannot be opened, as far as that can be seen."""
+    path = DEVICES / f"video{index}"
+    if not ABOUT.is_dir():
+        return "there is none, another program uses it, or the system forbids it"
+    if not path.exists():
+        return f"there is no {path}"
+    if not os.access(path, os.R_OK | os.W_OK):
+        return f"no permission for {path}; its users are in the group {path.group()}"
+    return "another program uses it, or it is no camera"
+
+
+def _those_there() -> str:
+    """What to try instead of a camera that cannot be opened."""
+    if not ABOUT.is_dir():
+        return "trinolab capture --list tries all"
+    named = [f"{index} ({_name_of(index) or 'no name'})" for index in _indices()]
+    return f"there are {', '.join(named)}" if named else "this computer has no camera"
 
 
 def drain(sources: Sequence[Source]) -> None:
@@ -91,12 +163,15 @@ def instants_of(
     """Grab all, then fetch the images, as fast as the slowest source delivers; videos end it
     together.
 
+    Where all are videos an instant has their time; a camera's is that of this computer.
+
     Raises
     ------
     ValueError
         Names the camera that stops, or has another size than in `sizes` or before.
     """
     period = max(source.period_s for source in sources)
+    played = all(source.period_s for source in sources)
     known = dict(sizes or {})
     start = 0.0
     for k in count():
@@ -105,17 +180,16 @@ def instants_of(
         grabbed = [(source.device.grab(), time.perf_counter()) for source in sources]
         at = [t for _, t in grabbed]
         start = start or at[0]
-        if (
-            k
-            and not any(good for good, _ in grabbed)
-            and all(source.period_s for source in sources)
-        ):
+        if k and played and not any(good for good, _ in grabbed):
             return
         images = [
             _fetched(source, good, k, known)
             for source, (good, _) in zip(sources, grabbed, strict=True)
         ]
-        yield Taken((at[0] + at[-1]) / 2, at[-1] - at[0], images)
+        if played:  # the time that a video tells, however long it takes to read it
+            yield Taken(start + k * period, 0.0, images)
+        else:
+            yield Taken((at[0] + at[-1]) / 2, at[-1] - at[0], images)
 
 
 def _grab_until_new(device: cv2.VideoCapture) -> None:

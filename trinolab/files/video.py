@@ -4,23 +4,28 @@ from __future__ import annotations
 
 import html
 from base64 import b64encode
+from contextlib import ExitStack
 from pathlib import Path
 
 import cv2
 import numpy as np
 
 from .images import unheard
+from .kept import locked
 
 CUT_OFF = "cannot be written as a whole (is the disk full?)"
 
 
 class Film:
-    """A VP9 video that takes its name when it is whole; a context manager.
+    """A VP8 video that takes its name when it is whole; a context manager.
+
+    A picture is encoded when it is added, so that nobody waits for the film's end; VP9 as OpenCV
+    sets it up takes ten times as long, most of it then.
 
     Raises
     ------
     ValueError
-        If the video cannot be written, or not as a whole.
+        If the video cannot be written, or not as a whole, or another process writes it.
     """
 
     def __init__(self, path: str | Path, fps: float) -> None:
@@ -30,20 +35,25 @@ class Film:
             raise ValueError(f"{path}: expected a name that ends in .webm")
         self._partial = self.path.with_name(f".{self.path.stem}.partial{self.path.suffix}")
         self._writer: cv2.VideoWriter | None = None
+        self._mine = ExitStack()
 
     def __enter__(self) -> Film:
+        try:
+            self._mine.enter_context(locked(self._partial))
+        except ValueError as error:
+            raise ValueError(str(error).replace(str(self._partial), str(self.path))) from None
         return self
 
     def add(self, image: np.ndarray) -> None:
         """One more picture, (height, width, 3); all of one size."""
         if self._writer is None:
-            code = cv2.VideoWriter.fourcc(*"VP90")
+            code = cv2.VideoWriter.fourcc(*"VP80")
             with unheard():  # OpenCV finds the codec's name unusual
                 self._writer = cv2.VideoWriter(
                     str(self._partial), code, self.fps, (image.shape[1], image.shape[0])
                 )
             if not self._writer.isOpened():
-                raise ValueError(f"{self.path}: cannot be written as a VP9 video")
+                raise ValueError(f"{self.path}: cannot be written as a VP8 video")
         with unheard() as said:
             self._writer.write(image)
             said.seek(0)
@@ -51,15 +61,15 @@ class Film:
                 raise ValueError(f"{self.path}: {CUT_OFF}")
 
     def __exit__(self, kind: object, *_: object) -> None:
-        if self._writer is not None:
-            self._writer.release()
-        if self._partial.exists():
-            whole = kind is None and _is_whole(self._partial)
-            if whole:
+        with self._mine:
+            if self._writer is not None:
+                self._writer.release()
+            good = self._writer is not None and kind is None
+            if good and _is_whole(self._partial):
                 self._partial.replace(self.path)
-            else:
-                self._partial.unlink()
-            if kind is None and not whole:
+                return
+            self._partial.unlink(missing_ok=True)
+            if good:
                 raise ValueError(f"{self.path}: {CUT_OFF}")
 
 

@@ -90,7 +90,7 @@ def track_files(
         CSV of poses known at some frames: at the first one for a handle that looks alike from
         several sides.
     overlay : path, optional
-        A .webm video (VP9) of what was found, from the frame with which this call began.
+        A .webm video (VP8) of what was found, from the frame with which this call began.
     fps : float
         Frames a second, where there are no timestamps.
     timestamps : path, optional

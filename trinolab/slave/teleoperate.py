@@ -21,6 +21,7 @@ from ..camera import Camera, Rig
 from ..checks import Array
 from ..datasets import data_path
 from ..files.inputs import read_csv
+from ..files.kept import locked
 from ..files.outputs import write_together
 from ..files.poses import pose_table, poses_text
 from ..files.recording import Frames, instants, open_folder
@@ -103,7 +104,7 @@ def teleoperate(
         See `recorded` and `simulated`.
     out : path
         A folder that is not there yet, or empty: for ``poses.csv``, ``joints.csv`` (a row a tick),
-        ``events.csv``, and ``monitor.webm`` (VP9).
+        ``events.csv``, and ``monitor.webm`` (VP8).
     robot : str or path
         See `arm.load_robot`.
     scale, turn_scale : float
@@ -128,7 +129,8 @@ def teleoperate(
     ------
     ValueError
         Names the argument or the file that cannot be used; before anything is computed, but for a
-        damaged image, or a simulation that diverges: then what is there is written, too.
+        damaged image, or a simulation that diverges: then what is there is written, too. Another
+        process writes into the folder.
     """
     root = _new_folder(out)
     camera = _surveillance(view)
@@ -143,35 +145,37 @@ def teleoperate(
     notes = Log(session.robot.joints)
     poses = list[tuple[float, Pose]]()
     root.mkdir(exist_ok=True)
-    try:
-        with _Monitor(root, source, session, camera) if video else nullcontext() as monitor:
-            try:
-                for now, tracked, moment, closed in _moments(
-                    source, session, parameters, switch, progress
-                ):
-                    poses.append((now.t_s, tracked.measurement.pose))
-                    notes.add(moment, closed)
-                    if monitor is not None:
-                        monitor.add(now, tracked, moment, closed)
-            except KeyboardInterrupt:
-                log.warning(
-                    "stopped at %d of %d instants; what is done is written",
-                    len(poses),
-                    source.length,
-                )
-    finally:
-        done = Done(
-            pose_table([pose for _, pose in poses], [t for t, _ in poses]),
-            notes.trajectory(),
-            notes.event_table(),
-        )
-        write_together(
-            {
-                root / POSES: poses_text(done.poses),
-                root / JOINTS: _text(done.joints),
-                root / EVENTS: _text(done.events),
-            }
-        )
+    with locked(root):
+        _new_folder(out)  # another process may have been here meanwhile
+        try:
+            with _Monitor(root, source, session, camera) if video else nullcontext() as monitor:
+                try:
+                    for now, tracked, moment, closed in _moments(
+                        source, session, parameters, switch, progress
+                    ):
+                        poses.append((now.t_s, tracked.measurement.pose))
+                        notes.add(moment, closed)
+                        if monitor is not None:
+                            monitor.add(now, tracked, moment, closed)
+                except KeyboardInterrupt:
+                    log.warning(
+                        "stopped at %d of %d instants; what is done is written",
+                        len(poses),
+                        source.length,
+                    )
+        finally:
+            done = Done(
+                pose_table([pose for _, pose in poses], [t for t, _ in poses]),
+                notes.trajectory(),
+                notes.event_table(),
+            )
+            write_together(
+                {
+                    root / POSES: poses_text(done.poses),
+                    root / JOINTS: _text(done.joints),
+                    root / EVENTS: _text(done.events),
+                }
+            )
     return done
 
 

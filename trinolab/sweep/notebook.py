@@ -101,7 +101,7 @@ def read_parameters(path: str | os.PathLike[str]) -> dict[str, Any]:
 def run_notebook(
     path: str | os.PathLike[str],
     parameters: Mapping[str, Any] | None = None,
-    timeout_s: float = 300.0,
+    timeout_s: float | None = None,
 ) -> NotebookRun:
     """Execute a copy of a notebook in a fresh kernel, in the notebook's folder.
 
@@ -115,8 +115,8 @@ def run_notebook(
     parameters : mapping, optional
         Name -> value for those parameters that differ from their defaults. Without it the notebook
         runs as it stands, and needs no tagged cell.
-    timeout_s : float
-        The longest time that one cell may take, s.
+    timeout_s : float, optional
+        The longest time that one cell may take, s; without it as long as it takes.
 
     Returns
     -------

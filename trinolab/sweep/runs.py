@@ -40,7 +40,6 @@ from .notebook import assignments, read_notebook, read_parameters
 from .outcome import FAILED, LAST_COLUMNS, Outcome, as_plain_number, call, each, failed, table
 from .warmkernel import check_kernel, notebook_job, run_job
 
-TIMEOUT_S = 600.0  # of one cell
 NOTEBOOKS = Path(__file__).resolve().parents[2] / "notebooks"  # of a checkout
 AHEAD = 64  # runs submitted ahead to an executor given by the caller
 
@@ -105,7 +104,7 @@ def of_notebook(
     sample: int | None = None,
     sample_seed: int = 0,
     yes: bool = False,
-    timeout_s: float = TIMEOUT_S,
+    timeout_s: float | None = None,
     fresh: bool = False,
     keep: bool = False,
 ) -> Sweep:

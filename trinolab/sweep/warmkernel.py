@@ -55,7 +55,7 @@ class NotebookJob(NamedTuple):
     """A notebook to be run: its name, its content as JSON, the folder where it runs, and how.
 
     `sweep` is a name that no other sweep has: kernels are not shared, and are closed together.
-    `timeout_s` is the longest time of one cell; `fresh` starts a kernel for each run; `keep`
+    `timeout_s` is the longest time of one cell, None without a limit; `fresh` starts a kernel for each run; `keep`
     returns what was executed.
     """
 
@@ -63,13 +63,13 @@ class NotebookJob(NamedTuple):
     name: str
     text: str
     folder: str
-    timeout_s: float
+    timeout_s: float | None
     fresh: bool = False
     keep: bool = False
 
 
 def notebook_job(
-    path: str | Path, timeout_s: float, fresh: bool = False, keep: bool = False
+    path: str | Path, timeout_s: float | None, fresh: bool = False, keep: bool = False
 ) -> NotebookJob:
     """The job of a notebook file. ValueError if it is none."""
     text = json.dumps(read_notebook(path))
@@ -145,7 +145,7 @@ class Kernel:
             self.close()
             raise
 
-    def run(self, notebook: Any, timeout_s: float) -> None:
+    def run(self, notebook: Any, timeout_s: float | None) -> None:
         """Execute a notebook in place; raises what nbclient raises."""
         from nbclient import NotebookClient
         from nbclient.exceptions import CellExecutionError
