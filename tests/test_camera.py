@@ -5,7 +5,16 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from trinolab.camera import Camera, Rig, T_between, T_world_oxyz, epipolar_lines, fundamental_matrix
+from trinolab.camera import (
+    Camera,
+    Rig,
+    RigCovariance,
+    T_between,
+    T_world_oxyz,
+    displaced,
+    epipolar_lines,
+    fundamental_matrix,
+)
 from trinolab.datasets import load_rig
 
 MATRIX = np.array([[800.0, 0, 300.0], [0, 700.0, 250.0], [0, 0, 1]])
@@ -282,3 +291,45 @@ def test_cameras_cannot_be_changed():
 def test_pairs_are_in_order():
     assert load_rig("paper_trinocular").pairs == ((0, 1), (0, 2), (1, 2))
     assert load_rig("paper_pair").pairs == ((0, 1),)
+
+
+def test_a_displaced_camera_by_hand():
+    """Each number of the vector alone, seen in the pixel of a point."""
+    a = plain()
+    rig = Rig((a, plain(RigidTransform.from_translation([0.0, 0.0, 100.0]), "b")))
+    point = np.array([[10.0, 20.0, 400.0]])  # of the world: 500 mm in front of camera b
+    before = rig.cameras[1].project(point)[0]
+
+    def moved(k, by):
+        delta = np.zeros(30)
+        delta[15 + k] = by
+        other = displaced(rig, delta)
+        np.testing.assert_array_equal(other.cameras[0].project(point), a.project(point))
+        return other.cameras[1].project(point)[0] - before
+
+    x, y, z = 10.0, 20.0, 500.0
+    f = a.focal
+    np.testing.assert_allclose(moved(0, 2.0), [2.0 * x / z, 0.0], atol=1e-12)
+    np.testing.assert_allclose(moved(1, 2.0), [0.0, 2.0 * y / z], atol=1e-12)
+    np.testing.assert_allclose(moved(2, 0.3), [0.3, 0.0], atol=1e-12)
+    np.testing.assert_allclose(moved(3, 0.3), [0.0, 0.3], atol=1e-12)
+    r2 = (x * x + y * y) / z**2
+    np.testing.assert_allclose(moved(4, 0.1), f * [x / z, y / z] * 0.1 * r2, atol=1e-9)
+    # the turn is of what the camera has turned already, not of the shift: z is 400 for it
+    np.testing.assert_allclose(
+        moved(11, 1e-6), f * [-y / z * 1e-6, x / z * 1e-6], rtol=1e-5, atol=1e-12
+    )
+    turned = f * np.array([400.0 / z + x / z * x / z, x * y / z**2]) * 1e-6
+    np.testing.assert_allclose(moved(10, 1e-6), turned, rtol=1e-4)
+    np.testing.assert_allclose(moved(12, 0.5), [f[0] * 0.5 / z, 0.0], atol=1e-9)
+    np.testing.assert_allclose(moved(14, -100.0), f * [x / 400 - x / z, y / 400 - y / z], atol=1e-9)
+
+
+def test_a_displaced_rig_keeps_what_is_known_of_it():
+    covariance = RigCovariance(("a", "b"), np.eye(30))
+    rig = Rig((plain(), plain(name="b")), covariance)
+    assert displaced(rig, np.zeros(30)).covariance is covariance
+    with pytest.raises(ValueError, match=r"delta: expected shape \(30,\), got \(15,\)"):
+        displaced(rig, np.zeros(15))
+    with pytest.raises(ValueError, match="covariance: expected one of the cameras a, c, got a, b"):
+        Rig((plain(), plain(name="c")), covariance)

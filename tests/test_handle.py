@@ -131,6 +131,14 @@ def test_markers_are_bright_unless_said(tmp_path):
     assert read_handle(path).markers == "bright"
 
 
+def test_how_well_the_markers_are_placed(tmp_path):
+    path = tmp_path / "h.toml"
+    path.write_text(tomli_w.dumps(fields()), encoding="utf-8")
+    assert read_handle(path).placement_sigma_mm == 0.0
+    write_handle(handle(placement_sigma_mm=0.05), path)
+    assert read_handle(path) == handle(placement_sigma_mm=0.05)
+
+
 NAN = float("nan")
 WRONG = {
     **{
@@ -149,6 +157,8 @@ WRONG = {
     "no thickness": ("radius_mm", fields(radius_mm=0.0)),
     "NaN as length": ("length_mm", fields(length_mm=NAN)),
     "true as length": ("length_mm", fields(length_mm=True)),
+    "a negative placement": ("placement_sigma_mm", fields(placement_sigma_mm=-0.1)),
+    "text as placement": ("placement_sigma_mm", fields(placement_sigma_mm="good")),
     "a negative marker": ("marker_diameter_mm", fields(marker_diameter_mm=-3.0)),
     "infinite top": ("top_mm", fields(top_mm=float("inf"))),
     "no columns": ("columns_deg", fields(columns_deg=[], rows_mm=[])),

@@ -1,13 +1,17 @@
 """Rig files: round trips, what other programs write, and every way in which a file can be wrong."""
 
+import re
+import tomllib
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import tomli_w
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from trinolab.camera import Camera, Rig
+from trinolab.camera import Camera, Rig, RigCovariance
 from trinolab.datasets import data_path, load_rig
-from trinolab.files.rigs import read_rig, write_rig
+from trinolab.files.rigs import covariance_text, read_rig, write_rig
 
 
 def table(name="a", **changes):
@@ -175,3 +179,84 @@ def test_files_that_cannot_be_read_are_named(tmp_path):
         with pytest.raises(ValueError, match="cannot be read") as caught:
             read_rig(path)
         assert str(caught.value).startswith(str(path))
+
+
+def known(names=("a", "b"), seed=0):
+    """A covariance as a calibration gives it: the first camera's place is exact."""
+    n = 15 * len(names)
+    mixed = np.random.default_rng(seed).normal(size=(n, n)) * np.logspace(-6, 1, n)[:, None]
+    mixed[9:15] = 0.0
+    return RigCovariance(names, mixed @ mixed.T)
+
+
+def two(covariance=None):
+    cameras = load_rig("paper_pair").cameras
+    named = (replace(camera, name=name) for camera, name in zip(cameras, "ab", strict=True))
+    return Rig(tuple(named), covariance)
+
+
+def test_the_covariance_beside_a_rig(tmp_path):
+    rig = two(known())
+    write_rig(rig, tmp_path / "rig.toml")
+    assert {path.name for path in tmp_path.iterdir()} == {"rig.toml", "rig.covariance.toml"}
+    again = read_rig(tmp_path / "rig.toml")
+    assert again.covariance.names == ("a", "b")
+    np.testing.assert_array_equal(again.covariance.matrix, rig.covariance.matrix)
+    # what other programs read has cameras alone
+    tables = tomllib.loads((tmp_path / "rig.toml").read_text(encoding="utf-8"))
+    assert set(tables) == {"a", "b"}
+    said = tomllib.loads((tmp_path / "rig.covariance.toml").read_text(encoding="utf-8"))
+    assert said["parameters"][:5] == ["fx", "fy", "cx", "cy", "k1"]
+    assert said["units"] == ["px"] * 4 + ["1"] * 5 + ["rad"] * 3 + ["mm"] * 3
+
+
+def test_a_rig_without_a_covariance_takes_no_other_ones(tmp_path):
+    write_rig(two(), tmp_path / "rig.toml")
+    assert read_rig(tmp_path / "rig.toml").covariance is None
+    write_rig(two(known()), tmp_path / "rig.toml")
+    with pytest.raises(ValueError, match=r"rig\.covariance\.toml: belongs to the rig that"):
+        write_rig(two(), tmp_path / "rig.toml")
+
+
+def spoiled(**changes):
+    table = tomllib.loads(covariance_text(known()))
+    table.update(changes)
+    return {key: value for key, value in table.items() if value is not None}
+
+
+ASYMMETRIC = known().matrix + np.eye(30, k=1) * np.sqrt(np.diag(known().matrix))[:, None] * 1e-3
+INDEFINITE = known().matrix - 2 * np.diag(np.arange(30) == 29) * known().matrix[29, 29]
+WRONG_COVARIANCE = {
+    "no format": ("'format' is missing", spoiled(format=None)),
+    "another version": (
+        "format: expected 'trinolab rig covariance 1', got 'trinolab rig covariance 2'",
+        spoiled(format="trinolab rig covariance 2"),
+    ),
+    "other cameras": ("cameras: expected a, b, got a, c", spoiled(cameras=["a", "c"])),
+    "another order": ("cameras: expected a, b, got b, a", spoiled(cameras=["b", "a"])),
+    "one parameter less": ("parameters: expected fx", spoiled(parameters=["fx"])),
+    "degrees": ("units: expected px", spoiled(units=["px"] * 9 + ["deg"] * 6)),
+    "no matrix": ("'matrix' is missing", spoiled(matrix=None)),
+    "a small matrix": ("matrix: expected shape (30, 30)", spoiled(matrix=np.eye(3).tolist())),
+    "text": ("matrix: expected numbers", spoiled(matrix="much")),
+    "NaN": ("matrix: expected finite", spoiled(matrix=(known().matrix * NAN).tolist())),
+    "not symmetric": ("not symmetric", spoiled(matrix=ASYMMETRIC.tolist())),
+    "a negative variance": ("negative variance", spoiled(matrix=(-known().matrix).tolist())),
+    "no variance": (
+        "without a variance",
+        spoiled(matrix=(known().matrix + np.eye(30, k=10) + np.eye(30, k=-10)).tolist()),
+    ),
+    "indefinite": ("negative", spoiled(matrix=INDEFINITE.tolist())),
+}
+
+
+@pytest.mark.parametrize("case", WRONG_COVARIANCE)
+def test_a_wrong_covariance_file_is_one_line(tmp_path, case):
+    message, table = WRONG_COVARIANCE[case]
+    write_rig(two(known()), tmp_path / "rig.toml")
+    beside = tmp_path / "rig.covariance.toml"
+    beside.write_text(tomli_w.dumps(table), encoding="utf-8")
+    with pytest.raises(ValueError, match=re.escape(message)) as error:
+        read_rig(tmp_path / "rig.toml")
+    assert str(error.value).startswith(str(beside))
+    assert "\n" not in str(error.value)

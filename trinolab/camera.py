@@ -7,7 +7,7 @@ k2, p1, p2, k3).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 
 import numpy as np
@@ -18,6 +18,25 @@ from .checks import Array, as_array, as_number, as_points, as_transform, as_unit
 from .lens import as_intrinsics, as_size, distort, undistort
 
 NEAREST_MM = 1e-6  # depth from which on a point is in front of a camera
+# of a camera, in the order of `RigCovariance`, with their units
+CAMERA_PARAMETERS = (
+    ("fx", "px"),
+    ("fy", "px"),
+    ("cx", "px"),
+    ("cy", "px"),
+    ("k1", "1"),
+    ("k2", "1"),
+    ("p1", "1"),
+    ("p2", "1"),
+    ("k3", "1"),
+    ("rotation_x", "rad"),
+    ("rotation_y", "rad"),
+    ("rotation_z", "rad"),
+    ("translation_x", "mm"),
+    ("translation_y", "mm"),
+    ("translation_z", "mm"),
+)
+_ROUNDING = 1e-6  # of a covariance whose variances are 1: what rounded digits may leave
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,16 +175,73 @@ class Camera:
 
 
 @dataclass(frozen=True, eq=False)
-class Rig:
-    """Two or more cameras in one world frame; their order is the camera axis of every array.
+class RigCovariance:
+    """How well the cameras of a rig are known: the covariance of all their parameters.
+
+    Attributes
+    ----------
+    names : tuple of str
+        Of the cameras, in the order of the rig.
+    matrix : ndarray, shape (15 c, 15 c)
+        For each camera fx, fy, cx, cy (px), k1, k2, p1, p2, k3, a small rotation d (3, rad; the
+        camera's R_cam_world becomes exp(d) R_cam_world) and the translation of T_cam_world (3,
+        mm), see `displaced`. What is known exactly, as the first camera's place where that is the
+        world frame, has zeros.
 
     Raises
     ------
     ValueError
-        For fewer than two cameras, or two of one name.
+        If the matrix has another shape, is not finite, not symmetric, or has a negative eigenvalue.
+    """
+
+    names: tuple[str, ...]
+    matrix: Array
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "names", tuple(self.names))
+        n = len(CAMERA_PARAMETERS) * len(self.names)
+        object.__setattr__(self, "matrix", _as_covariance(self.matrix, n))
+
+
+def _as_covariance(value: ArrayLike, n: int) -> Array:
+    """A covariance matrix (n, n), checked with all variances brought to 1: its units differ."""
+    matrix = as_array(value, "matrix", (n, n))
+    if (np.diag(matrix) < 0).any():
+        raise ValueError("matrix: expected a covariance, got a negative variance")
+    sigma = np.sqrt(np.diag(matrix))
+    known = sigma == 0
+    unit = matrix / np.outer(np.where(known, 1.0, sigma), np.where(known, 1.0, sigma))
+    if np.abs(unit - unit.T).max(initial=0.0) > _ROUNDING:
+        raise ValueError("matrix: expected a covariance, got a matrix that is not symmetric")
+    if np.any(matrix[known]):
+        raise ValueError("matrix: expected a covariance, got one of a number without a variance")
+    smallest = np.linalg.eigvalsh(unit).min(initial=0.0)
+    if smallest < -_ROUNDING:
+        raise ValueError(
+            f"matrix: expected a covariance, got a negative eigenvalue ({smallest:.2g} "
+            "with all variances brought to 1)"
+        )
+    return matrix
+
+
+@dataclass(frozen=True, eq=False)
+class Rig:
+    """Two or more cameras in one world frame; their order is the camera axis of every array.
+
+    Attributes
+    ----------
+    cameras : tuple of Camera
+    covariance : RigCovariance or None
+        How well they are known; None where nobody has said it.
+
+    Raises
+    ------
+    ValueError
+        For fewer than two cameras, two of one name, or a covariance of other cameras.
     """
 
     cameras: tuple[Camera, ...]
+    covariance: RigCovariance | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "cameras", tuple(self.cameras))
@@ -173,6 +249,11 @@ class Rig:
             raise ValueError(f"cameras: expected two or more, got {len(self.cameras)}")
         if len(set(self.names)) < len(self.cameras):
             raise ValueError(f"cameras: expected different names, got {', '.join(self.names)}")
+        if self.covariance is not None and self.covariance.names != self.names:
+            raise ValueError(
+                f"covariance: expected one of the cameras {', '.join(self.names)}, "
+                f"got {', '.join(self.covariance.names)}"
+            )
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -185,6 +266,40 @@ class Rig:
         """
         n = len(self.cameras)
         return tuple((i, j) for i in range(n) for j in range(i + 1, n))
+
+
+def displaced(rig: Rig, delta: ArrayLike) -> Rig:
+    """The rig whose parameters differ by a vector in the order of `RigCovariance`.
+
+    Parameters
+    ----------
+    rig : Rig
+    delta : array_like, shape (15 c,)
+        px, rad and mm; a draw from the rig's covariance gives a rig as it may be.
+
+    Raises
+    ------
+    ValueError
+        For a vector of another length, or cameras that `Camera` refuses.
+    """
+    n = len(CAMERA_PARAMETERS)
+    rows = as_array(delta, "delta", (n * len(rig.cameras),)).reshape(-1, n)
+    cameras = [_displaced(*one) for one in zip(rig.cameras, rows, strict=True)]
+    return Rig(tuple(cameras), rig.covariance)
+
+
+def _displaced(camera: Camera, delta: Array) -> Camera:
+    lens, distortions, turn, shift = np.split(delta, [4, 9, 12])
+    matrix = camera.matrix.copy()
+    matrix[[0, 1, 0, 1], [0, 1, 2, 2]] += lens
+    T = camera.T_cam_world
+    rotation = Rotation.from_rotvec(np.array(turn)) * T.rotation  # SciPy wants it writable
+    return replace(
+        camera,
+        matrix=matrix,
+        distortions=camera.distortions + distortions,
+        T_cam_world=RigidTransform.from_components(T.translation + shift, rotation),
+    )
 
 
 @lru_cache(maxsize=256)

@@ -41,6 +41,9 @@ class Handle:
         Axial coordinates of the markers, one tuple a column.
     markers : {"bright", "dark"}
         Against the body.
+    placement_sigma_mm : float
+        How well the markers are placed: standard deviation of each coordinate of each centre, mm;
+        0 where nobody has said it.
 
     Raises
     ------
@@ -57,6 +60,7 @@ class Handle:
     columns_deg: tuple[float, ...]
     rows_mm: tuple[tuple[float, ...], ...]
     markers: str = "bright"
+    placement_sigma_mm: float = 0.0
 
     def __post_init__(self) -> None:
         if not isinstance(self.name, str) or not self.name:
@@ -70,6 +74,7 @@ class Handle:
             high=_LARGEST,
             open_low=True,
         )
+        check_numbers(self, "placement_sigma_mm", low=0.0, high=_LARGEST)
         check_numbers(self, "top_mm", low=-_LARGEST, high=_LARGEST)
         object.__setattr__(self, "columns_deg", _as_numbers(self.columns_deg, "columns_deg"))
         if not isinstance(self.rows_mm, Sequence) or len(self.rows_mm) != len(self.columns_deg):

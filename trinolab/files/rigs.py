@@ -1,11 +1,15 @@
 """Rig and handle files (TOML). Rigs have the layout that Anipose, FreeMoCap and Pose2Sim read, a
 table a camera.
+
+How well the cameras are known stands in a file of its own beside the rig, so that others' readers
+still read that: ``rig.covariance.toml`` beside ``rig.toml``.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,31 +17,73 @@ import numpy as np
 import tomli_w
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from ..camera import Camera, Rig
+from ..camera import CAMERA_PARAMETERS, Camera, Rig, RigCovariance
 from ..checks import as_array, as_number
 from ..handle import Handle
 from .inputs import get, read_toml
-from .outputs import write_whole
+from .outputs import write_together, write_whole
 
 NEAREST_MM = 1e-6  # of two cameras
+COVARIANCE_FORMAT = "trinolab rig covariance 1"
 
 
 def read_rig(path: str | Path) -> Rig:
     """Read a rig file (TOML, the layout that Anipose, FreeMoCap and Pose2Sim read).
 
     Every table but ``metadata`` is a camera with `name`, `size`, `matrix`, `distortions` (4 or 5),
-    `rotation` (Rodrigues vector) and `translation` (mm), both world to camera.
+    `rotation` (Rodrigues vector) and `translation` (mm), both world to camera. A covariance file
+    beside it (`covariance_path`) is read as well.
 
     Raises
     ------
     ValueError
         Names the file and the field: unreadable, missing, of another shape, not finite, a fisheye
-        camera, two cameras in one place; what `Camera` and `Rig` refuse.
+        camera, two cameras in one place; what `Camera`, `Rig` and `read_covariance` refuse.
     """
     with _named(path):
         rig = Rig(tuple(_cameras(path)))
         _check_places(rig)
-    return rig
+    beside = covariance_path(path)
+    return replace(rig, covariance=read_covariance(beside, rig)) if beside.exists() else rig
+
+
+def covariance_path(rig: str | Path) -> Path:
+    """The place of the covariance file that belongs to a rig file: ``rig.covariance.toml`` beside
+    ``rig.toml``.
+    """
+    return Path(rig).with_suffix(".covariance.toml")
+
+
+def read_covariance(path: str | Path, rig: Rig) -> RigCovariance:
+    """Read the covariance file of a rig (TOML).
+
+    It has `format` (``trinolab rig covariance 1``), `cameras` (their names in the order of the
+    rig), `parameters` and `units` of a camera (those of `camera.CAMERA_PARAMETERS`), and `matrix`,
+    as `camera.RigCovariance` explains it.
+
+    Raises
+    ------
+    ValueError
+        Names the file and the field: unreadable, missing, of another format, of other cameras,
+        parameters or units; what `RigCovariance` refuses.
+    """
+    with _named(path):
+        table = read_toml(path)
+        names, units = (list(part) for part in zip(*CAMERA_PARAMETERS, strict=True))
+        expected = {
+            "format": COVARIANCE_FORMAT,
+            "cameras": list(rig.names),
+            "parameters": names,
+            "units": units,
+        }
+        for key, value in expected.items():
+            if (found := get(table, key, str(path))) != value:
+                raise ValueError(f"{key}: expected {_said(value)}, got {_said(found)}")
+        return RigCovariance(rig.names, get(table, "matrix", str(path)))
+
+
+def _said(value: Any) -> str:
+    return ", ".join(map(str, value)) if isinstance(value, list) else repr(value)
 
 
 def read_camera(path: str | Path) -> Camera:
@@ -71,15 +117,40 @@ def _cameras(path: str | Path) -> list[Camera]:
 
 
 def write_rig(rig: Rig, path: str | Path) -> None:
-    """Write a rig file that `read_rig` reads back, whole or not at all. Raises ValueError if it
-    cannot be written.
+    """Write a rig file that `read_rig` reads back, and its covariance beside it if it has one;
+    whole or not at all.
+
+    Raises
+    ------
+    ValueError
+        If they cannot be written, or a rig without a covariance would take another rig's.
     """
+    beside = covariance_path(path)
+    if rig.covariance is not None:
+        write_together({path: rig_text(rig), beside: covariance_text(rig.covariance)})
+        return
+    if beside.exists():
+        raise ValueError(f"{beside}: belongs to the rig that {path} was; remove it first")
     write_whole(path, rig_text(rig))
 
 
 def rig_text(rig: Rig) -> str:
     """What a rig file says."""
     return tomli_w.dumps({camera.name: _table_of(camera) for camera in rig.cameras})
+
+
+def covariance_text(covariance: RigCovariance) -> str:
+    """What the covariance file of a rig says."""
+    names, units = (list(part) for part in zip(*CAMERA_PARAMETERS, strict=True))
+    return tomli_w.dumps(
+        {
+            "format": COVARIANCE_FORMAT,
+            "cameras": list(covariance.names),
+            "parameters": names,
+            "units": units,
+            "matrix": covariance.matrix.tolist(),
+        }
+    )
 
 
 def _check_places(rig: Rig) -> None:
@@ -136,9 +207,12 @@ def read_handle(path: str | Path) -> Handle:
     names = tuple(Handle.__dataclass_fields__)
     if unknown := sorted(set(table) - set(names)):
         raise ValueError(f"{path}: {unknown[0]!r} is not a field of a handle ({', '.join(names)})")
-    fields = {name: get(table, name, str(path)) for name in names if name != "markers"}
+    optional = ("markers", "placement_sigma_mm")
+    fields = {
+        name: get(table, name, str(path)) for name in names if name in table or name not in optional
+    }
     try:
-        return _spread_out(Handle(**fields, markers=table.get("markers", "bright")))
+        return _spread_out(Handle(**fields))
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from None
 
