@@ -28,7 +28,7 @@ from trinolab.studies.real_recordings import load_caliscope
 CHESSBOARD = Target("chessboard", 7, 6, 15.0)
 CIRCLES = Target("circles", 7, 6, 15.0)
 CHARUCO = Target("charuco", 6, 5, 20.0)
-FILES = ("rig.toml", "rig_views.csv", "rig_residuals.png")
+FILES = ("rig.toml", "rig.covariance.toml", "rig_views.csv", "rig_residuals.png")
 
 
 def pattern(target, scale=8, border=20.0):
@@ -175,7 +175,9 @@ def test_chessboards_give_the_truth_within_the_stated_uncertainty():
     assert np.sqrt((off**2).mean()) < 2
     for path in result.files:
         assert path.is_file()
-    written = read_rig("rig.toml").cameras[1]
+    again = read_rig("rig.toml")
+    np.testing.assert_array_equal(again.covariance.matrix, result.found.rig_covariance.matrix)
+    written = again.cameras[1]
     np.testing.assert_array_equal(written.matrix, result.found.cameras[1].matrix)
 
 

@@ -12,11 +12,11 @@ from scipy.optimize._numdiff import approx_derivative
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from trinolab.calibration import adjust
-from trinolab.calibration.adjust import calibrate
+from trinolab.calibration.adjust import Calibrated, calibrate
 from trinolab.calibration.eq25 import mean_relative_pose, relative_pose, rotation_sigma
 from trinolab.calibration.start import homography, intrinsics, target_pose
 from trinolab.calibration.target import Board
-from trinolab.camera import Camera, Rig
+from trinolab.camera import Camera, Rig, displaced
 
 SIZE = (640, 480)
 BOARD = Board(7, 6, 20.0)
@@ -393,6 +393,41 @@ def test_two_cameras_as_opencv(noisy):
 
 
 # --- uncertainty
+
+
+def _changed(camera, lens, T_world_cam):
+    """A camera with changed lens, and at another place if there is one."""
+    fx, fy, cx, cy = lens[:4]
+    matrix = camera.matrix + np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 0]])
+    T = camera.T_cam_world if T_world_cam is None else T_world_cam.inv()
+    return Camera(camera.name, camera.size, matrix, camera.distortions + lens[4:], T)
+
+
+def test_the_covariance_as_that_of_a_rig():
+    """A small change of each of the calibration's numbers, made to the cameras themselves, is the
+    change that the rig's covariance has of it.
+    """
+    rig = Rig(make_rig().cameras[:2])
+    for k in range(24):
+        change = np.zeros(24)  # 9 of each lens, place and turn of the second camera
+        change[k] = 1e-6
+        found = Calibrated(
+            rig.cameras, (None,), np.outer(change, change), 5, np.zeros((2, 1, 1, 2)), 0.1
+        )
+        matrix = found.rig_covariance.matrix
+        largest = int(np.diag(matrix).argmax())
+        moved = displaced(rig, matrix[largest] / np.sqrt(matrix[largest, largest]))
+        lens = change[:18].reshape(2, 9)
+        T = rig.cameras[1].T_world_cam
+        turned = Rotation.from_rotvec(np.array(change[21:])) * T.rotation
+        place = RigidTransform.from_components(T.translation + change[18:21], turned)
+        expected = project(
+            Rig(tuple(map(_changed, rig.cameras, lens, (None, place)))), positions(2)
+        )
+        step = expected - project(rig, positions(2))
+        found_step = project(moved, positions(2)) - project(rig, positions(2))
+        same, opposite = (np.abs(found_step - s * step).max() for s in (1, -1))
+        assert min(same, opposite) < 1e-4 * np.abs(step).max(), k
 
 
 def test_covariance_by_monte_carlo():

@@ -107,6 +107,56 @@ def undistort(xy: Array, k: Array, iterations: int = 20) -> Array:
     return ideal
 
 
+def project_with_slopes(lens: Array, local: Array) -> tuple[Array, Array, Array]:
+    """Project points of a camera's frame, with the derivatives of their pixels.
+
+    Parameters
+    ----------
+    lens : ndarray, shape (4 + m,)
+        fx, fy, cx, cy (px) and the first m of k1, k2, p1, p2, k3; the others are zero.
+    local : ndarray, shape (..., 3)
+        Camera frame, mm.
+
+    Returns
+    -------
+    uv : ndarray, shape (..., 2)
+        NaN for points that are not in front of the camera, and where `distort` gives none.
+    by_lens : ndarray, shape (..., 2, 4 + m)
+    by_local : ndarray, shape (..., 2, 3)
+    """
+    depth = np.where(local[..., 2] > 0, local[..., 2], np.nan)[..., None]
+    xy = local[..., :2] / depth
+    distorted, by_xy = (
+        a.reshape(*xy.shape[:-1], *a.shape[1:])
+        for a in distort(xy.reshape(-1, 2), np.pad(lens[4:], (0, 9 - len(lens))))
+    )
+    focal = lens[:2]
+    one = np.broadcast_to(np.eye(2), (*xy.shape[:-1], 2, 2))
+    by_lens = np.concatenate(
+        [
+            one * distorted[..., None],
+            one,
+            _by_distortions(xy)[..., : len(lens) - 4] * focal[:, None],
+        ],
+        axis=-1,
+    )
+    by_local = np.concatenate([one, -xy[..., None]], axis=-1) / depth[..., None]
+    return distorted * focal + lens[2:4], by_lens, (focal[:, None] * by_xy) @ by_local
+
+
+def _by_distortions(xy: Array) -> Array:
+    """Slopes of the distorted coordinates by k1, k2, p1, p2, k3, shape (..., 2, 5): the model is
+    linear in them.
+    """
+    x, y = xy[..., 0], xy[..., 1]
+    r2 = x * x + y * y
+    tangential = np.stack(
+        [np.stack([2 * x * y, r2 + 2 * x * x], -1), np.stack([r2 + 2 * y * y, 2 * x * y], -1)], -2
+    )
+    radial = xy[..., None] * np.stack([r2, r2**2, r2**3], -1)[..., None, :]
+    return np.concatenate([radial[..., :2], tangential, radial[..., 2:]], axis=-1)
+
+
 def _fold_radius2(k: Array) -> float:
     """Squared radius at which r (1 + k1 r^2 + k2 r^4 + k3 r^6) stops growing; infinity if it never
     does.

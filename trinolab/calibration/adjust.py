@@ -18,9 +18,9 @@ from scipy.linalg import block_diag
 from scipy.optimize import least_squares
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from ..camera import Camera, Rig
+from ..camera import CAMERA_PARAMETERS, Camera, Rig, RigCovariance
 from ..checks import Array, as_array, as_number, as_points, frozen
-from ..lens import distort
+from ..lens import project_with_slopes
 from ..rigid import cross_matrices
 from .eq25 import relative_pose
 from .start import homography, intrinsics, target_pose
@@ -100,7 +100,7 @@ def residuals(layout: Layout, target: Array, uv: Array, x: Array) -> Array:
     return (
         np.stack(
             [
-                _project(lens, _local(world, pose))[0]
+                project_with_slopes(lens, _local(world, pose))[0]
                 for lens, pose in zip(lenses, cameras, strict=True)
             ]
         )
@@ -122,7 +122,7 @@ def slopes(layout: Layout, target: Array, x: Array) -> Array:
     turned = -cross_matrices(arms) @ np.stack([left_jacobian(pose[3:]) for pose in views])[:, None]
     for c, (lens, pose) in enumerate(zip(lenses, cameras, strict=True)):
         R_cam_world = Rotation.from_rotvec(pose[3:]).as_matrix().T
-        _, by_lens, by_local = _project(lens, _local(world, pose))
+        _, by_lens, by_local = project_with_slopes(lens, _local(world, pose))
         J[c, ..., c * width : (c + 1) * width] = by_lens
         by_world = by_local @ R_cam_world  # (views, n, 2, 3)
         if c:
@@ -162,45 +162,6 @@ def _local(world: Array, pose: Array) -> Array:
     return (world - pose[:3]) @ Rotation.from_rotvec(pose[3:]).as_matrix()
 
 
-def _project(lens: Array, local: Array) -> tuple[Array, Array, Array]:
-    """Pixels (..., 2) of points (..., 3) in the camera's frame, and their slopes by the lens and by
-    the points.
-
-    NaN for points that are not in front of the camera.
-    """
-    depth = np.where(local[..., 2] > 0, local[..., 2], np.nan)[..., None]
-    xy = local[..., :2] / depth
-    distorted, by_xy = (
-        a.reshape(*xy.shape[:-1], *a.shape[1:])
-        for a in distort(xy.reshape(-1, 2), np.pad(lens[4:], (0, 9 - len(lens))))
-    )
-    focal = lens[:2]
-    one = np.broadcast_to(np.eye(2), (*xy.shape[:-1], 2, 2))
-    by_lens = np.concatenate(
-        [
-            one * distorted[..., None],
-            one,
-            _by_distortions(xy)[..., : len(lens) - 4] * focal[:, None],
-        ],
-        axis=-1,
-    )
-    by_local = np.concatenate([one, -xy[..., None]], axis=-1) / depth[..., None]
-    return distorted * focal + lens[2:4], by_lens, (focal[:, None] * by_xy) @ by_local
-
-
-def _by_distortions(xy: Array) -> Array:
-    """Slopes of the distorted coordinates by k1, k2, p1, p2, k3, shape (..., 2, 5): the model is
-    linear in them.
-    """
-    x, y = xy[..., 0], xy[..., 1]
-    r2 = x * x + y * y
-    tangential = np.stack(
-        [np.stack([2 * x * y, r2 + 2 * x * x], -1), np.stack([r2 + 2 * y * y, 2 * x * y], -1)], -2
-    )
-    radial = xy[..., None] * np.stack([r2, r2**2, r2**3], -1)[..., None, :]
-    return np.concatenate([radial[..., :2], tangential, radial[..., 2:]], axis=-1)
-
-
 @dataclass(frozen=True, eq=False)
 class Calibrated:
     """Cameras from views of a target.
@@ -233,8 +194,26 @@ class Calibrated:
 
     @property
     def rig(self) -> Rig:
-        """The cameras as a rig. ValueError if there is only one."""
-        return Rig(self.cameras)
+        """The cameras as a rig, with its covariance. ValueError if there is only one."""
+        return Rig(self.cameras, self.rig_covariance)
+
+    @property
+    def rig_covariance(self) -> RigCovariance:
+        """The covariance as that of a rig: what was fixed has zeros, the first camera's place is
+        exact.
+        """
+        lens = 4 + self.distortion_terms
+        n = len(self.cameras)
+        size = len(CAMERA_PARAMETERS)
+        into = np.zeros((n, size, len(self.covariance)))
+        for c, camera in enumerate(self.cameras):
+            into[c, :lens, c * lens : (c + 1) * lens] = np.eye(lens)
+            if c:
+                at = n * lens + 6 * (c - 1)
+                into[c, 9:, at : at + 6] = _world_to_camera(camera.T_cam_world)
+        flat = into.reshape(n * size, -1)
+        matrix = flat @ self.covariance @ flat.T
+        return RigCovariance(tuple(camera.name for camera in self.cameras), (matrix + matrix.T) / 2)
 
     @property
     def rms_px(self) -> float:
@@ -272,6 +251,18 @@ class Calibrated:
             if camera == 0
             else self.covariance[start : start + 6, start : start + 6]
         )
+
+
+def _world_to_camera(T_cam_world: RigidTransform) -> Array:
+    """Matrix (6, 6) from translation and small rotation (world frame) of T_world_cam to small
+    rotation (camera frame) and translation of T_cam_world.
+
+    With R, t of T_cam_world, a turn w of the camera makes R exp(-w), which is exp(-R w) R; the
+    camera's centre is -R^T t.
+    """
+    R = T_cam_world.rotation.as_matrix()
+    t = T_cam_world.translation
+    return np.block([[np.zeros((3, 3)), -R], [-R, cross_matrices(t) @ R]])
 
 
 def calibrate(

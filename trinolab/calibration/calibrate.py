@@ -15,7 +15,7 @@ import pandas as pd
 
 from ..checks import Array
 from ..files.outputs import check_target, write_together
-from ..files.rigs import rig_text
+from ..files.rigs import covariance_path, covariance_text, rig_text
 from . import distortions
 from .adjust import Calibrated, left_jacobian
 from .distortions import Choice, calibrate_by_choice
@@ -48,7 +48,7 @@ class RigCalibration(NamedTuple):
     choice : Choice or None
         How the number of distortions was chosen; None if it was given.
     files : tuple of Path
-        What was written: rig, views, picture.
+        What was written: rig, its covariance, views, picture.
     """
 
     found: Calibrated
@@ -56,7 +56,7 @@ class RigCalibration(NamedTuple):
     views: pd.DataFrame
     passed_over: int
     choice: Choice | None
-    files: tuple[Path, Path, Path]
+    files: tuple[Path, ...]
 
 
 def calibrate_rig(
@@ -69,8 +69,9 @@ def calibrate_rig(
 ) -> RigCalibration:
     """Calibrate two or more cameras from images or videos of a target, and write the rig.
 
-    The world frame is the first camera's. Beside ``RIG.toml`` appear ``RIG_views.csv`` (the table
-    `views`) and ``RIG_residuals.png``; all three, or none.
+    The world frame is the first camera's. Beside ``RIG.toml`` appear ``RIG.covariance.toml`` (see
+    `files.rigs.read_covariance`), ``RIG_views.csv`` (the table `views`) and ``RIG_residuals.png``;
+    all of them, or none.
 
     Parameters
     ----------
@@ -103,29 +104,24 @@ def calibrate_rig(
     found, reasons, choice = _calibrated(seen, target, distortion_terms)
     views = _view_table(seen, found, reasons)
     parameters = _parameter_table(found)
-    write_together(
-        dict(
-            zip(
-                files,
-                (
-                    rig_text(found.rig),
-                    views.to_csv(index=False, float_format="%.6g"),
-                    _picture(seen, found),
-                ),
-                strict=True,
-            )
-        )
+    contents = (
+        rig_text(found.rig),
+        covariance_text(found.rig_covariance),
+        views.to_csv(index=False, float_format="%.6g"),
+        _picture(seen, found),
     )
+    write_together(dict(zip(files, contents, strict=True)))
     return RigCalibration(found, parameters, views, seen.passed_over, choice, files)
 
 
-def _outputs(out: str | Path) -> tuple[Path, Path, Path]:
-    """The three files to write, each found to be writable."""
+def _outputs(out: str | Path) -> tuple[Path, ...]:
+    """The files to write, each found to be writable."""
     rig = Path(out)
     if rig.suffix.lower() != ".toml":
         raise ValueError(f"{out}: expected a name that ends in .toml")
     files = (
         rig,
+        covariance_path(rig),
         rig.with_name(f"{rig.stem}_views.csv"),
         rig.with_name(f"{rig.stem}_residuals.png"),
     )

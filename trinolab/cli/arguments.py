@@ -109,7 +109,8 @@ def _add_calibrate(commands: argparse._SubParsersAction) -> None:
         "--out",
         required=True,
         metavar="RIG.toml",
-        help="the rig to write; RIG_views.csv and RIG_residuals.png appear beside it",
+        help="the rig to write; RIG.covariance.toml (how well it is known), RIG_views.csv and "
+        "RIG_residuals.png appear beside it",
     )
     p.add_argument(
         "--views",
