@@ -61,8 +61,13 @@ def _others(images: Sequence[np.ndarray], target: Target) -> Iterator[Target]:
         return
     steps = range(-NEARBY, NEARBY + 1)
     counts = [(target.columns + a, target.rows + b) for a in steps for b in steps]
-    # a part of a grid is a grid as well: the largest first
-    for columns, rows in sorted(counts, key=lambda count: -count[0] * count[1]):
+
+    def by_likelihood(count: tuple[int, int]) -> tuple[int, int]:
+        """The largest first, since a part of a grid is a grid as well; then the least changed."""
+        columns, rows = count
+        return -columns * rows, abs(columns - target.columns) + abs(rows - target.rows)
+
+    for columns, rows in sorted(counts, key=by_likelihood):
         if min(columns, rows) >= 3:
             yield replace(target, columns=columns, rows=rows)
     yield turned
