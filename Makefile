@@ -26,7 +26,8 @@ test: .venv/package.done  ## run the tests, quicker after make book; ARGS="-k po
 	@$(BIN)/python -m pytest -n auto --dist worksteal $(ARGS)
 
 lab: .venv/package.done  ## open the chapters in JupyterLab
-	@$(BIN)/jupyter-lab --ServerApp.root_dir=. --LabApp.default_url=/lab/tree/notebooks
+	@$(BIN)/jupyter-lab --ServerApp.root_dir=. --LabApp.default_url=/lab/tree/notebooks \
+	    $(if $(filter 0,$(shell id -u)),--allow-root)
 
 lint: .venv/package.done  ## check style and types
 	@$(BIN)/ruff check .
@@ -55,6 +56,14 @@ bench: .venv/package.done  ## the time that a measurement, an instant of a track
 clean:  ## remove what was built, but not .venv
 	rm -rf _build .pytest_cache .mypy_cache .ruff_cache .hypothesis
 
+# What pip says is a line or two for each of 200 packages: of these the large ones, and how far it is.
+SHORT := { n=0; while read -r word what; do case "$$word $$what" in \
+	    Collecting*|Processing*) n=$$((n + 1)); [ $$((n % 25)) -ne 0 ] || echo "$$n packages are here";; \
+	    Downloading*\([1-9][0-9]*MB\)*) echo "fetching $${what\#\#*/}";; \
+	    Installing\ collected*) echo "installing $$n packages: a minute or two";; \
+	    FAILED*) exit 1;; \
+	esac; done; }
+
 # The two stamps are written last: an install that was interrupted is done again from the start.
 # Where uv fails (it brings certificates of its own, which not every network accepts), pip is tried.
 .venv/environment.done: environment.txt
@@ -64,9 +73,11 @@ clean:  ## remove what was built, but not .venv
 	@rm -rf .venv
 	@{ uv --version >/dev/null 2>&1 && set -x && \
 	    uv venv --quiet --python "$$($(PYTHON) -c 'import sys; print(sys.executable)')" .venv && \
-	    uv pip install --quiet --python $(BIN)/python --require-hashes -r environment.txt; } || \
-	{ set -x; rm -rf .venv; $(PYTHON) -m venv .venv && \
-	    $(BIN)/python -m pip install --disable-pip-version-check --quiet --require-hashes -r environment.txt; }
+	    uv pip install --python $(BIN)/python --require-hashes -r environment.txt; } || \
+	{ { set -x; rm -rf .venv; $(PYTHON) -m venv .venv && PYTHONUNBUFFERED=1 $(BIN)/python -m pip install \
+	    --disable-pip-version-check --progress-bar off --require-hashes -r environment.txt || \
+	    echo FAILED; } | $(SHORT); } || \
+	{ echo 'FAILED: the environment; what pip said is above. When that is mended, type the same again.' >&2; exit 1; }
 	@touch $@
 
 .venv/package.done: .venv/environment.done pyproject.toml

@@ -41,7 +41,7 @@ def rooms(together: Mapping[str, str] = TOGETHER) -> Graph:
     graph: Graph = {}
     for path in sorted(PACKAGE.glob("**/*.py")):
         parts = path.relative_to(PACKAGE).with_suffix("").parts
-        if parts == ("__init__",):
+        if parts in (("__init__",), ("__main__",)):
             continue
         package = ".".join(path.parent.relative_to(ROOT).parts)
         imported = modules_imported(path.read_text(encoding="utf-8"), package)

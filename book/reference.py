@@ -94,7 +94,11 @@ def pages() -> dict[str, tuple[str, list[ModuleType]]]:
         If a module at the top is on none of the pages.
     """
     placed = [name for _, names in TOP.values() for name in names]
-    there = [module.name for module in pkgutil.iter_modules(trinolab.__path__) if not module.ispkg]
+    there = [
+        module.name
+        for module in pkgutil.iter_modules(trinolab.__path__)
+        if not module.ispkg and module.name != "__main__"
+    ]
     if missing := sorted(set(there) ^ set(placed)):
         raise ValueError(
             f"TOP: expected each module at the top of the package once, got a difference in {missing}"

@@ -304,6 +304,8 @@ def test_the_script_is_installed(folder):
     )
     done = subprocess.run([script, "--version"], capture_output=True, text=True, check=True)
     assert done.stdout == f"trinolab {__version__}\n"
+    module = [sys.executable, "-m", "trinolab", "--version"]
+    assert subprocess.run(module, capture_output=True, text=True, check=True).stdout == done.stdout
     (folder / "handle.toml").write_text("name = 1\n")
     failed = subprocess.run(
         [script, *shlex.split(MEASURE)], capture_output=True, text=True, check=False

@@ -395,7 +395,3 @@ _RUN = {
     "capture": _capture,
     "scoreboard": _scoreboard,
 }
-
-
-if __name__ == "__main__":
-    sys.exit(main())
