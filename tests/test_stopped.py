@@ -263,7 +263,7 @@ FULL = "cannot be written (File too large)"
     ("line", "limit", "message"),
     [
         (MEASURE, 900, f"poses.csv: {FULL}"),
-        (BOARDS, 20_000, f"new_residuals.png: {FULL}"),
+        (BOARDS, 40_000, f"new_residuals.png: {FULL}"),
         (BOARDS, 100, f"new.toml: {FULL}"),
         (TRACK, 100, f"poses.csv.partial: {FULL}"),
         (RENDER, 100, f"made_from.json: {FULL}"),
