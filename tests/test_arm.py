@@ -187,7 +187,7 @@ def test_what_is_nearer_hides_what_is_behind(turn_deg):
     assert all((expected[whole] == grey).sum() >= 5 for grey in (0.0, 90.0, SKIN))
 
 
-@pytest.mark.parametrize("turn_deg", [0, 130])
+@pytest.mark.parametrize("turn_deg", [130, pytest.param(0, marks=pytest.mark.heavy)])
 def test_edges_of_the_hand_are_means_over_the_pixel(turn_deg):
     """A few large pixels, all of them marched with 4 x 4 samples."""
     T, arm = upright(turn_deg=turn_deg), plain()

@@ -56,11 +56,26 @@ def dask(tmp_path_factory):
     process.communicate(timeout=HANGS_S)
 
 
+@pytest.fixture
+def here():
+    """The address of a scheduler in this process, with one worker, a thread: it starts at once."""
+    from dask.distributed import LocalCluster
+
+    with LocalCluster(
+        n_workers=1, threads_per_worker=1, processes=False, dashboard_address=None
+    ) as local:
+        yield local.scheduler_address
+
+
 def identify(seed, folder):
     """Ends when both workers have begun a run."""
     (Path(folder) / str(os.getpid())).touch()
     wait_until(lambda: len(list(Path(folder).iterdir())) == 2)
     return {"process": os.getpid(), "threads": int(os.environ["OPENBLAS_NUM_THREADS"])}
+
+
+def absolute(x):
+    return abs(x)
 
 
 def traced():
@@ -77,6 +92,7 @@ def is_alive(process):
     return True
 
 
+@pytest.mark.heavy
 def test_functions_run_on_the_workers(dask, tmp_path):
     from dask.distributed import Client
 
@@ -92,13 +108,20 @@ def test_functions_run_on_the_workers(dask, tmp_path):
     assert found["threads"].tolist() == [1] * 20
 
 
-def test_workers_with_other_code_are_refused(dask, monkeypatch):
-    monkeypatch.setattr(engines, "package_hash", lambda: "another")
+def test_workers_with_other_code_are_refused(here, monkeypatch):
+    versions = iter("ab")  # each one who is asked has another
+    monkeypatch.setattr(engines, "package_hash", lambda: next(versions))
     with (
         pytest.raises(ValueError, match="has another version of trinolab, or of its data"),
-        cluster(dask[0]),
+        cluster(here),
     ):
         pass
+
+
+def test_a_sweep_is_computed_by_a_cluster_in_this_process(here):
+    with cluster(here) as engine:
+        found = sweep(absolute, x=[-1.0, 2.0, -3.0], executor=engine.executor)
+    assert found["result"].tolist() == [1.0, 2.0, 3.0]
 
 
 @pytest.mark.heavy

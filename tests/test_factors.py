@@ -175,10 +175,8 @@ def test_at_the_working_point_it_is_the_replication():
     assert errors == replicate_table1(rig, handle, seed=0, rows=slice(2))
 
 
-@pytest.mark.parametrize(
-    "name",
-    [pytest.param(name, marks=() if name == "speed" else pytest.mark.heavy) for name in FACTORS],
-)
+@pytest.mark.heavy
+@pytest.mark.parametrize("name", FACTORS)
 def test_shipped_cell_is_computed_again(name):
     """One cell of each table, all its poses rendered and measured: `make sweeps` makes them anew
     after a change.

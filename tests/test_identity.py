@@ -181,7 +181,7 @@ def test_mirror_images_of_one_view_are_told_apart_only_where_the_pixels_allow_it
     """Four markers in one plane have two poses, some degrees to tens of degrees apart."""
     told = {0.02: [], 0.3: []}
     for sigma, counts in told.items():
-        for T, rng in good_poses(CODED, 40, 6):
+        for T, rng in good_poses(CODED, 24, 6):
             found, axes, index = views(T, CODED, rng, noise_px=0.02, limit_deg=70.0)
             if len(index[0]) == 4:
                 options = identify(

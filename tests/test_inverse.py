@@ -124,7 +124,7 @@ def test_a_jump_of_the_command_is_followed_within_the_limits():
     np.testing.assert_allclose(tool.translation, HOME.translation + [100, 80, 78], atol=0.01)
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=8, deadline=None)
 @given(
     st.lists(
         st.tuples(
@@ -163,7 +163,7 @@ def test_to_slow_down_is_always_allowed(end):
 # --- the reference
 
 
-@settings(max_examples=5, deadline=None)
+@settings(max_examples=3, deadline=None)
 @given(st.floats(-500, 500), st.floats(-3, 3))
 def test_a_reference_keeps_to_its_limits_and_comes_to_rest_without_overshooting(way, turn):
     p, target = ReferenceParameters(), at([way, 0, 0], [turn, 0, 0])

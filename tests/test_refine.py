@@ -43,7 +43,14 @@ def error(fit, T):
 
 
 @each_fit
-@pytest.mark.parametrize("rig", [PAIR, TRIO, ABOVE], ids=["pair", "raised", "above"])
+@pytest.mark.parametrize(
+    "rig",
+    [
+        pytest.param(PAIR, id="pair"),
+        pytest.param(ABOVE, id="above"),
+        pytest.param(TRIO, id="raised", marks=pytest.mark.heavy),
+    ],
+)
 def test_pose_is_found_to_hundredths(fit, rig):
     for k in (2, 11):
         frames = render_rig(rig, HANDLE, POSES[k], Bench(), np.random.default_rng(k))
@@ -138,6 +145,7 @@ def test_wrong_match_is_outvoted():
     assert off[0] < 0.05 < off[1]  # mm
 
 
+@pytest.mark.heavy
 def test_patches_covariance_is_honest_on_rendered_noise():
     """A sample of `make verify`: the mean NEES of 60 draws, within four standard deviations."""
     rng, bench, nees = np.random.default_rng(5), Bench(), []

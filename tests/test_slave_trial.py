@@ -18,6 +18,7 @@ def _tracked_once():
         yield
 
 
+@pytest.mark.heavy
 def test_after_a_recorded_track_the_tool_is_where_the_true_motion_leads():
     assert master_slave.slave_at_rest() < 1.0
 

@@ -158,9 +158,8 @@ def test_a_trial_says_what_held_it():
 # --- delays
 
 
-@pytest.mark.parametrize(
-    ("pace", "within_s"), [(0.3, 0.005), pytest.param(1.0, 0.015, marks=pytest.mark.heavy)]
-)
+@pytest.mark.parametrize(("pace", "within_s"), [(0.3, 0.005), (1.0, 0.015)])
+@pytest.mark.heavy
 def test_the_measured_delay_is_the_sum_of_the_budget(pace, within_s):
     age = 0.0488
     trial = run(

@@ -44,6 +44,7 @@ def mean_nees(found, handle=CODED):
     return np.mean([nees.nees(draw.pose, draw.truth, handle) for draw in found], axis=0)
 
 
+@pytest.mark.heavy
 def test_honest_covariance_is_inside_the_band_and_a_wrong_one_outside():
     assert nees.band(1000) == pytest.approx((5.787, 6.217), abs=2e-3)  # 6 +- 1.96 sqrt(12 / 1000)
     low, high = nees.band(400)
