@@ -352,11 +352,15 @@ def build_pages() -> bool:
 
 
 def write_reference() -> None:
-    """Write the API reference and the picture of the house, both from the package as it is now."""
+    """Write the API reference, the commands' help and the picture of the house, from the package as it
+    is now.
+    """
+    import commandhelp
     import house
     import reference
 
     reference.write_pages()
+    commandhelp.write_help()
     house.write_house()
 
 

@@ -28,14 +28,23 @@ def parser() -> argparse.ArgumentParser:
     )
     top.add_argument("--version", action="version", version=f"trinolab {__version__}")
     commands = top.add_subparsers(dest="command", required=True, metavar="COMMAND")
-    _add_calibrate(commands)
-    _add_measure(commands)
+    # in the order in which they are used
+    _add_render(commands)
     _add_track(commands)
     _add_evaluate(commands)
-    _add_render(commands)
+    _add_measure(commands)
+    _add_capture(commands)
+    _add_calibrate(commands)
     _add_teleop(commands)
-    _add_accept(commands)
     _add_sweep(commands)
+    _add_accept(commands)
+    board = _add(
+        commands,
+        "scoreboard",
+        "print the paper's claims beside what is computed here",
+        "trinolab scoreboard --csv scoreboard.csv",
+    )
+    board.add_argument("--csv", metavar="FILE", help="write the table as CSV, too")
     clear = _add(
         commands,
         "clear",
@@ -45,14 +54,6 @@ def parser() -> argparse.ArgumentParser:
     clear.add_argument(
         "--yes", action="store_true", help="remove them without showing them and asking first"
     )
-    _add_capture(commands)
-    board = _add(
-        commands,
-        "scoreboard",
-        "print the paper's claims beside what is computed here",
-        "trinolab scoreboard --csv scoreboard.csv",
-    )
-    board.add_argument("--csv", metavar="FILE", help="write the table as CSV, too")
     return top
 
 
