@@ -1,9 +1,6 @@
 """The built pages as a reader sees them who has no network."""
 
-import os
 import re
-import shutil
-import subprocess
 from functools import cache
 from html import unescape
 from html.parser import HTMLParser
@@ -12,6 +9,7 @@ from urllib.parse import unquote
 
 import pytest
 import yaml
+from browser import CHROMIUM, Browser
 
 ROOT = Path(__file__).resolve().parents[1]
 HTML = ROOT / "_build" / "html"
@@ -19,25 +17,6 @@ TOC = yaml.safe_load((ROOT / "_toc.yml").read_text(encoding="utf-8"))
 CHAPTERS = [chapter for part in TOC["parts"] for chapter in part["chapters"]]
 PAGES = [TOC["root"], *(chapter["file"] for chapter in CHAPTERS)]
 REFERENCE = [section["file"] for chapter in CHAPTERS for section in chapter.get("sections", [])]
-CHROMIUM = next(
-    filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None
-)
-FLAGS = [
-    "--headless",
-    "--no-sandbox",
-    "--disable-gpu",
-    "--disable-quic",
-    "--no-first-run",
-    "--disable-sync",
-    "--disable-background-networking",
-    "--disable-component-update",
-    "--enable-logging=stderr",
-    "--virtual-time-budget=10000",
-]
-# The console marks every line as INFO. The theme preloads its icon fonts in a way that a browser
-# refuses for pages read from files; they come all the same, by the style sheet.
-ERROR = re.compile(r"(?!.*webfonts/fa-)(?i:.*(?:uncaught|error|failed|refused|blocked|net::))")
-
 pytestmark = pytest.mark.skipif(
     not (HTML / "index.html").exists(), reason="no built pages: run make book first"
 )
@@ -150,56 +129,76 @@ def test_start_page_has_the_scoreboard():
     assert rows >= 21, "a head and twenty claims"
 
 
-@pytest.fixture
-def load(tmp_path):
-    """Load a page in Chromium with every host name unknown; return the finished page and the
-    console's errors.
-    """
+@pytest.fixture(scope="module")
+def browser(tmp_path_factory):
+    browser = Browser(tmp_path_factory.mktemp("profile"))
+    yield browser
+    browser.close()
 
-    def run(page):
-        address = (HTML / f"{page}.html").as_uri()
-        command = [
-            CHROMIUM,
-            *FLAGS,
-            "--host-resolver-rules=MAP * ~NOTFOUND",
-            f"--user-data-dir={tmp_path / 'profile'}",
-            "--dump-dom",
-            address,
-        ]
-        done = subprocess.run(
-            command,
-            capture_output=True,
-            encoding="utf-8",
-            timeout=120,
-            check=True,
-            env={**os.environ, "HOME": str(tmp_path)},
-        )
-        return done.stdout, [
-            line for line in done.stderr.splitlines() if ":CONSOLE" in line and ERROR.match(line)
-        ]
 
-    return run
+# Of each formula: whether its box cuts it off, or cannot be scrolled to its end.
+CLIPPED = """
+[...document.querySelectorAll('article div.math')].filter(box => {
+    const formula = box.querySelector('mjx-math').getBoundingClientRect();
+    const edges = box.getBoundingClientRect();
+    const scrolls = getComputedStyle(box).overflowX == 'auto';
+    return formula.left < edges.left - 1 || (formula.right > edges.right + 1 && !scrolls);
+}).map(box => box.textContent.slice(0, 60))
+"""
+# The lines of a chapter's code that its box does not show whole.
+WIDE_CODE = """
+[...document.querySelectorAll('article .cell_input div.highlight pre')]
+    .filter(box => box.scrollWidth > box.clientWidth + 1)
+    .map(box => box.textContent.slice(0, 60))
+"""
+# How far the page itself can be scrolled sideways.
+WIDE_PAGE = "document.documentElement.scrollWidth - document.documentElement.clientWidth"
 
 
 @needs_chromium
 @each_kind
-def test_page_works_without_network(load, page):
+def test_page_works_without_network(browser, page):
     formulas = len(re.findall(r'class="math notranslate nohighlight', read(page)))
-    dom, errors = load(page)
-    assert errors == []
-    assert dom.count("<mjx-container") >= formulas
-    assert "<mjx-merror" not in dom
+    browser.open((HTML / f"{page}.html").as_uri())
+    assert browser.errors == []
+    assert browser.evaluate("document.querySelectorAll('mjx-container').length") >= formulas
+    assert browser.evaluate("document.querySelectorAll('mjx-merror').length") == 0
     assert formulas > 0 or not page.startswith("notebooks/")
+    assert browser.evaluate(CLIPPED) == []
+    assert browser.evaluate(WIDE_PAGE) == 0
+    browser.resize(400)
+    assert browser.evaluate(CLIPPED) == []
+    assert browser.evaluate(WIDE_PAGE) == 0
+
+
+# Chapters whose code is still wider than their page: each leaves this list when it is written anew.
+WIDE = {"01_structure", "07_calibration", "09_table1", "10_estimators", "11_master_slave"}
 
 
 @needs_chromium
-def test_film_of_the_chain_plays(load, tmp_path):
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(name, marks=[pytest.mark.xfail(strict=True)] * (name in WIDE))
+        for name in (Path(page).name for page in PAGES if page.startswith("notebooks/"))
+    ],
+)
+def test_no_line_of_code_is_wider_than_its_box(browser, name):
+    browser.open((HTML / "notebooks" / f"{name}.html").as_uri())
+    assert browser.evaluate(WIDE_CODE) == []
+
+
+@needs_chromium
+def test_film_of_the_chain_plays(browser, tmp_path):
     (film,) = re.findall("<video.*?</video>", read("notebooks/01_structure"), flags=re.DOTALL)
-    said = "`${film.videoWidth} px, ${film.duration} s`"
-    script = f"film = document.querySelector('video'); film.onloadeddata = () => document.body.dataset.film = {said};"
-    (tmp_path / "film.html").write_text(
-        f"<body>{film}<script>{script}</script></body>", encoding="utf-8"
-    )
-    dom, errors = load(tmp_path / "film")
-    assert errors == []
-    assert 'data-film="960 px, 2 s"' in dom
+    (tmp_path / "film.html").write_text(f"<body>{film}</body>", encoding="utf-8")
+    browser.open((tmp_path / "film.html").as_uri())
+    size = """
+    new Promise(done => {
+        const film = document.querySelector('video');
+        const tell = () => done([film.videoWidth, film.duration]);
+        film.readyState >= 2 ? tell() : film.onloadeddata = tell;
+    })
+    """
+    assert browser.evaluate(size) == [960, 2]
+    assert browser.errors == []

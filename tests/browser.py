@@ -1,0 +1,149 @@
+"""A headless Chromium that stays: pages are opened in it one after the other, with the network off.
+
+It is spoken to by the Chrome DevTools Protocol, a message of JSON at a time.
+"""
+
+from __future__ import annotations
+
+import base64
+import itertools
+import json
+import os
+import shutil
+import subprocess
+from pathlib import Path
+from typing import Any
+
+import websocket
+from processes import wait_until
+
+CHROMIUM = next(
+    filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None
+)
+FLAGS = [
+    "--headless",
+    "--no-sandbox",
+    "--disable-gpu",
+    "--disable-quic",
+    "--no-first-run",
+    "--disable-sync",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--host-resolver-rules=MAP * ~NOTFOUND",
+    "--remote-debugging-port=0",
+    "--remote-allow-origins=*",
+]
+ANSWERS_S = 120.0  # an answer that takes longer is none
+# What MathJax has to do is done when its promise is, and figures are there when they are complete.
+READY = """
+(async () => {
+    if (document.readyState !== 'complete')
+        await new Promise(done => addEventListener('load', done, {once: true}));
+    if (window.MathJax && MathJax.startup) await MathJax.startup.promise;
+    return true;
+})()
+"""
+
+
+class Browser:
+    """Chromium with a profile of its own in a folder."""
+
+    def __init__(self, folder: Path) -> None:
+        self._process = subprocess.Popen(
+            [str(CHROMIUM), *FLAGS, f"--user-data-dir={folder}", "about:blank"],
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+            env={**os.environ, "HOME": str(folder)},
+        )
+        port = folder / "DevToolsActivePort"
+        wait_until(lambda: port.exists() and port.read_text().count("\n") == 1, self._process)
+        number, path = port.read_text().split("\n")
+        self._socket = websocket.create_connection(
+            f"ws://127.0.0.1:{number}{path}", timeout=ANSWERS_S
+        )
+        self._numbers = itertools.count(1)
+        self._session: str | None = None
+        self._target: str | None = None
+        self._addresses: dict[str, str] = {}  # of requests, by their number
+        self.errors: list[str] = []
+
+    def open(self, address: str, width: int = 1280, height: int = 900) -> None:
+        """Open a page in a tab of its own and of this size, and wait until its formulas are set.
+
+        `errors` then holds what the console called an error, and requests that failed.
+        """
+        self._session = None
+        if self._target is not None:
+            self._ask("Target.closeTarget", {"targetId": self._target})
+        self._target = str(self._ask("Target.createTarget", {"url": "about:blank"})["targetId"])
+        tab = {"targetId": self._target, "flatten": True}
+        self._session = self._ask("Target.attachToTarget", tab)["sessionId"]
+        self.errors.clear()
+        for domain in ("Page", "Runtime", "Log", "Network"):
+            self._ask(f"{domain}.enable")
+        self.resize(width, height)
+        self._ask("Page.navigate", {"url": address})
+        self.evaluate(READY)
+
+    def resize(self, width: int, height: int = 900) -> None:
+        """Give the window another size, in pixels of the page."""
+        self._ask(
+            "Emulation.setDeviceMetricsOverride",
+            {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": False},
+        )
+
+    def picture(self) -> bytes:
+        """What the window shows, as a PNG file."""
+        return base64.b64decode(self._ask("Page.captureScreenshot")["data"])
+
+    def evaluate(self, expression: str) -> Any:
+        """The value of an expression of JavaScript in the page; a promise is waited for."""
+        answer = self._ask(
+            "Runtime.evaluate",
+            {"expression": expression, "awaitPromise": True, "returnByValue": True},
+        )
+        if "exceptionDetails" in answer:
+            raise RuntimeError(json.dumps(answer["exceptionDetails"])[:500])
+        return answer["result"].get("value")
+
+    def close(self) -> None:
+        """End the process."""
+        self._socket.close()
+        self._process.kill()
+        self._process.wait()
+
+    def _ask(self, method: str, parameters: dict[str, Any] | None = None) -> dict[str, Any]:
+        number = next(self._numbers)
+        message: dict[str, Any] = {"id": number, "method": method, "params": parameters or {}}
+        if self._session is not None:
+            message["sessionId"] = self._session
+        self._socket.send(json.dumps(message))
+        while True:
+            said = json.loads(self._socket.recv())
+            if said.get("id") == number:
+                if "error" in said:
+                    raise RuntimeError(f"{method}: {said['error']}")
+                return dict(said["result"])
+            self._note(said)
+
+    def _note(self, said: dict[str, Any]) -> None:
+        """Keep what is an error among the events that come by themselves."""
+        about = said.get("params", {})
+        match said.get("method"):
+            case "Runtime.exceptionThrown":
+                self._fail(json.dumps(about["exceptionDetails"])[:300])
+            case "Log.entryAdded" if about["entry"]["level"] == "error":
+                self._fail(f"{about['entry']['text']} {about['entry'].get('url', '')}")
+            case "Network.requestWillBeSent":
+                self._addresses[about["requestId"]] = about["request"]["url"]
+            case "Network.loadingFailed" if not about.get("canceled"):
+                address = self._addresses.get(about["requestId"], "")
+                self._fail(f"{about['errorText']} {address}")
+
+    def _fail(self, what: str) -> None:
+        """The theme preloads its icons' fonts in a way that a browser refuses for pages read from
+        files; they come all the same, by the style sheet.
+        """
+        if "webfonts/fa-" not in what:
+            self.errors.append(what)
