@@ -17,6 +17,7 @@ from .markers import (
     show_verdict,
 )
 from .matching import plot_epipolar_plane, plot_windows
+from .rig import plot_layouts, plot_rig
 from .structure import plot_chain, plot_structure
 from .wall import plot_contacts, plot_limits, plot_nyquist
 from .workspace import Mesh, plot_workspace, workspace_plotter, workspace_scene
@@ -35,6 +36,7 @@ __all__ = [
     "plot_estimators",
     "plot_factor",
     "plot_following",
+    "plot_layouts",
     "plot_limits",
     "plot_nis",
     "plot_normals",
@@ -43,6 +45,7 @@ __all__ = [
     "plot_pose_errors",
     "plot_prediction",
     "plot_residuals",
+    "plot_rig",
     "plot_shares",
     "plot_structure",
     "plot_thresholds",
