@@ -56,8 +56,8 @@ def plot_rig(
     draw(rod, "0.35", 6.0)
     spots = as_points(markers, "markers", 3)
     ax.scatter(spots[:, 0], spots[:, 2], spots[:, 1], s=14, color="k", depthshade=False)
-    origin, *ends = as_points(axes, "axes", 3)
-    for end, colour, name in zip(ends, ("red", "green", "blue"), "xyz", strict=True):
+    origin, *tips_of_axes = as_points(axes, "axes", 3)
+    for end, colour, name in zip(tips_of_axes, ("red", "green", "blue"), "xyz", strict=True):
         draw([origin, end], colour, 2.5)
         ax.text(end[0], end[2], end[1], name, color=colour, fontsize=11)
     ax.set(xlabel="x / mm", ylabel="z / mm", zlabel="y / mm")
