@@ -42,7 +42,7 @@ TOP = {
     ),
     "pose": (
         "From points to the pose",
-        ["triangulation", "pose", "parameters", "methods", "measurement", "tracker"],
+        ["triangulation", "pose", "systematic", "parameters", "methods", "measurement", "tracker"],
     ),
 }
 BY_MODULE = ("studies",)  # experiments: their modules are listed, not their functions

@@ -19,7 +19,7 @@ NOTEBOOKS = sorted(ROOT.glob("notebooks/*.ipynb"))
 # and those before it.
 CHAIN = [
     {"checks", "rigid", "methods"},
-    {"lens", "camera", "handle", "window"},
+    {"lens", "camera", "handle", "window", "systematic"},
     {
         "background",
         "kalman",

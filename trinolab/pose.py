@@ -4,7 +4,7 @@ paper's estimate.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -14,7 +14,8 @@ from .camera import Rig
 from .checks import Array, as_array, as_points, as_transform
 from .handle import Handle, slants
 from .rigid import cross_matrices
-from .triangulation import triangulate, triangulate_with_covariance
+from .systematic import NOTHING, is_uncertain, response, systematic_covariance
+from .triangulation import triangulate, triangulate_with_covariance, triangulation_slopes
 
 SMALLEST_MM = 1e-9  # points that are nearer to a line than that lie on it
 
@@ -30,11 +31,15 @@ class Pose:
         pose).
     T_world_handle : RigidTransform or None
     covariance : ndarray, shape (6, 6)
-        Of position (mm) and rotation vector (rad), both in the world frame; NaN without a pose.
+        Of position (mm) and rotation vector (rad), both in the world frame, by what is new in each
+        instant; NaN without a pose.
     residual_px : float
         Rms reprojection error of the markers used.
     markers, cameras : int
         How many were used.
+    systematic : ndarray, shape (6, 6)
+        The same by what all instants have in common, the errors of rig and marker layout; zeros
+        where nothing is known of them.
     """
 
     status: str
@@ -43,16 +48,38 @@ class Pose:
     residual_px: float
     markers: int
     cameras: int
+    systematic: Array = field(default_factory=lambda: NOTHING)
+
+    @property
+    def whole_covariance(self) -> Array:
+        """The covariance by all that is known, shape (6, 6): `covariance` and `systematic`."""
+        return self.covariance + self.systematic
 
     @property
     def sigma_mm(self) -> float:
-        """Square root of the trace of the position's covariance."""
-        return float(np.sqrt(np.trace(self.covariance[:3, :3])))
+        """Square root of the trace of the position's whole covariance."""
+        return _spread(self.whole_covariance)[0]
 
     @property
     def sigma_deg(self) -> float:
-        """Square root of the trace of the rotation vector's covariance."""
-        return float(np.rad2deg(np.sqrt(np.trace(self.covariance[3:, 3:]))))
+        """Square root of the trace of the rotation vector's whole covariance."""
+        return _spread(self.whole_covariance)[1]
+
+    @property
+    def systematic_mm(self) -> float:
+        """The part of `sigma_mm` that all instants have in common."""
+        return _spread(self.systematic)[0]
+
+    @property
+    def systematic_deg(self) -> float:
+        """The part of `sigma_deg` that all instants have in common."""
+        return _spread(self.systematic)[1]
+
+
+def _spread(covariance: Array) -> tuple[float, float]:
+    """Square roots of the traces of position and rotation vector, mm and deg."""
+    variances = np.diag(covariance)
+    return float(np.sqrt(variances[:3].sum())), float(np.rad2deg(np.sqrt(variances[3:].sum())))
 
 
 LOST = Pose("lost", None, np.full((6, 6), np.nan), np.nan, 0, 0)
@@ -115,6 +142,21 @@ def rigid_fit_covariance(
     """
     source = as_points(points_source, "points_source", 3, finite=True)
     C = _as_covariances(covariances, len(source))
+    gain = rigid_fit_gain(source, T_target_source)
+    return np.einsum("nik,nkl,njl->ij", gain, C, gain)
+
+
+def rigid_fit_gain(points_source: ArrayLike, T_target_source: RigidTransform) -> Array:
+    """Derivatives of `rigid_fit` by the target points.
+
+    Parameters and errors as for `rigid_fit_covariance`.
+
+    Returns
+    -------
+    ndarray, shape (n, 6, 3)
+        Of position (mm) and rotation vector (rad), target frame, by each point, mm.
+    """
+    source = as_points(points_source, "points_source", 3, finite=True)
     T_target_source = as_transform(T_target_source, "T_target_source")
     if _on_one_line(source):
         raise ValueError("points_source: expected three or more points that are not on one line")
@@ -129,7 +171,7 @@ def rigid_fit_covariance(
     gain = np.linalg.solve(
         np.einsum("nki,nkj->ij", J_scaled, J_scaled), J_scaled.transpose(0, 2, 1)
     )
-    return np.einsum("nik,nkl,njl->ij", gain, C, gain) / np.outer(scale, scale)
+    return gain / scale[:, None]
 
 
 def weighted_fit(
@@ -165,12 +207,7 @@ def weighted_fit(
     target = target[valid]
     W = np.linalg.inv(C[valid])
     for _ in range(steps):
-        arms = source @ T.rotation.as_matrix().T
-        J = np.concatenate(
-            [np.broadcast_to(np.eye(3), (len(arms), 3, 3)), -cross_matrices(arms)], axis=2
-        )
-        JW = J.transpose(0, 2, 1) @ W
-        information = (JW @ J).sum(axis=0)
+        arms, JW, information = _normal(source, T, W)
         if np.linalg.matrix_rank(information) < 6:
             return None
         step = np.linalg.solve(
@@ -180,6 +217,32 @@ def weighted_fit(
             T.translation + step[:3], Rotation.from_rotvec(step[3:]) * T.rotation
         )
     return T, np.linalg.inv(information)
+
+
+def weighted_fit_gain(
+    points_source: Array, T_target_source: RigidTransform, covariances: Array
+) -> Array:
+    """Derivatives of `weighted_fit` by the target points, shape (n, 6, 3), see `rigid_fit_gain`;
+    zeros for a point without a covariance.
+    """
+    valid = np.asarray(np.isfinite(covariances).all(axis=(1, 2)))
+    gain = np.zeros((len(valid), 6, 3))
+    W = np.linalg.inv(covariances[valid])
+    _, JW, information = _normal(points_source[valid], T_target_source, W)
+    gain[valid] = np.linalg.inv(information) @ JW
+    return gain
+
+
+def _normal(
+    source: Array, T: RigidTransform, W: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Arms (n, 3), weighted derivatives (n, 6, 3) and information (6, 6) of a weighted fit."""
+    arms = source @ T.rotation.as_matrix().T
+    J = np.concatenate(
+        [np.broadcast_to(np.eye(3), (len(arms), 3, 3)), -cross_matrices(arms)], axis=2
+    )
+    JW = J.transpose(0, 2, 1) @ W
+    return arms, JW, (JW @ J).sum(axis=0)
 
 
 def _on_one_line(points: Array, ratio: float = 1e-6) -> bool:
@@ -246,7 +309,37 @@ def fit_pose(
     if T is None:
         return LOST
     covariance = rigid_fit_covariance(handle.marker_centres[used], T, covariances[used])
-    return measured_pose(T, covariance, some, used, rig, handle)
+    systematic = NOTHING
+    if is_uncertain(rig, handle):
+        by_point = np.zeros((len(used), 6, 3))
+        by_point[used] = rigid_fit_gain(handle.marker_centres[used], T)
+        by_pixel = triangulation_slopes(rig, some)
+        systematic = systematic_of_points(T, by_point, by_pixel, rig, handle)
+    return measured_pose(T, covariance, some, used, rig, handle, systematic)
+
+
+def systematic_of_points(
+    T: RigidTransform, by_point: Array, by_pixel: Array, rig: Rig, handle: Handle
+) -> Array:
+    """Systematic covariance (6, 6) of a pose that was fitted to triangulated points.
+
+    Parameters
+    ----------
+    T : RigidTransform
+        T_world_handle.
+    by_point : ndarray, shape (markers, 6, 3)
+        Of the pose by the points; zeros for those that were not used.
+    by_pixel : ndarray, shape (markers, 3, 2 cameras)
+        Of the points by the pixels.
+    rig, handle
+    """
+    # (6, markers, cameras, 2)
+    gain = np.einsum("nai,nij->anj", by_point, np.nan_to_num(by_pixel)).reshape(
+        6, len(by_point), -1, 2
+    )
+    marker, camera = np.nonzero(np.any(gain, axis=(0, 3)))
+    found = response(gain[:, marker, camera], camera, marker, handle, T)
+    return systematic_covariance(found, rig, handle)
 
 
 def _facing(
@@ -258,7 +351,13 @@ def _facing(
 
 
 def measured_pose(
-    T: RigidTransform, covariance: Array, uv: Array, used: np.ndarray, rig: Rig, handle: Handle
+    T: RigidTransform,
+    covariance: Array,
+    uv: Array,
+    used: np.ndarray,
+    rig: Rig,
+    handle: Handle,
+    systematic: Array = NOTHING,
 ) -> Pose:
     """A measured pose, with the reprojection error of the markers that were used (markers,), those
     triangulated.
@@ -267,4 +366,5 @@ def measured_pose(
     error = np.stack([camera.project(centres) for camera in rig.cameras]) - uv
     seen = np.asarray(np.isfinite(error).all(axis=2)) & used
     residual = float(np.sqrt((error[seen] ** 2).sum(axis=1).mean()))
-    return Pose("measured", T, covariance, residual, int(used.sum()), int(seen.any(axis=1).sum()))
+    cameras = int(seen.any(axis=1).sum())
+    return Pose("measured", T, covariance, residual, int(used.sum()), cameras, systematic)

@@ -41,4 +41,8 @@ def checked_pose(instant: Identified, rig: Rig, handle: Handle, p: Parameters) -
     if apart(pose.T_world_handle, better.T_world_handle, APART_MM, APART_RAD):
         return LOST
     away = motion_between(pose.T_world_handle, better.T_world_handle)
-    return replace(pose, covariance=better.covariance + np.outer(away, away))
+    return replace(
+        pose,
+        covariance=better.covariance + np.outer(away, away),
+        systematic=better.systematic,
+    )

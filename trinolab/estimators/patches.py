@@ -37,6 +37,8 @@ class Patches(NamedTuple):
     grey : ndarray, shape (k, p)
     valid : ndarray of bool, shape (k, p)
         Not saturated.
+    points : ndarray, shape (k, 3)
+        What lies in the middle, handle frame, mm.
     alone : ndarray, shape (k,)
         What share of it a window counts: less where it has its pixels in common with others that
         show the same.
@@ -47,6 +49,7 @@ class Patches(NamedTuple):
     px_per_mm: Array
     grey: np.ndarray
     valid: np.ndarray
+    points: Array
     alone: Array
 
 
@@ -80,7 +83,8 @@ def patches(
     )
     side = 2 * int(np.ceil(min(largest + moved, LARGEST_PX) / 2 + MARGIN_PX)) + 1
     views = Views(*np.nonzero(facing))
-    here = cut(images, rig, handle, T_world_handle, views, uv[views], side)
+    points = handle.marker_centres[views.marker]
+    here = cut(images, rig, handle, T_world_handle, views, points, uv[views], side)
     return here if motion_blur is None else here._replace(alone=_alone(here, images))
 
 
@@ -90,16 +94,18 @@ def cut(
     handle: Handle,
     T_world_handle: RigidTransform,
     views: Views,
+    points: Array,
     uv: Array,
     side: int,
 ) -> Patches:
-    """Windows of an odd side about pixels uv (k, 2); views whose window is not all inside the image
-    are left out.
+    """Windows of an odd side about points (k, 3) of the handle, which pixels uv (k, 2) show; views
+    whose window is not all inside the image are left out.
     """
     room = np.array([camera.size for camera in rig.cameras])[views.camera] - side / 2 - 1
     inside = np.asarray(((uv > side / 2) & (uv < room)).all(axis=1))
     views = Views(views.camera[inside], views.marker[inside])
     uv = uv[inside]
+    points = points[inside]
     at = windows(rig, views, uv, side)
     grey = np.array(
         [
@@ -112,7 +118,7 @@ def cut(
     scale = np.stack(
         [camera.focal.mean() / camera.T_cam_world.apply(centres)[:, 2] for camera in rig.cameras]
     )
-    return Patches(views, at, scale[views], grey, grey < SATURATED, np.ones(len(uv)))
+    return Patches(views, at, scale[views], grey, grey < SATURATED, points, np.ones(len(uv)))
 
 
 def _alone(here: Patches, images: Sequence[np.ndarray]) -> Array:
@@ -130,20 +136,23 @@ def outline_patches(
 ) -> Patches:
     """Windows on both sides of the body's outline in every image, away from markers and ends."""
     found = [_outline(camera, handle, T_world_handle) for camera in rig.cameras]
-    camera = np.repeat(np.arange(len(found)), [len(angle) for angle, _ in found])
-    angle, uv = (np.concatenate(part) for part in zip(*found, strict=True))
+    camera = np.repeat(np.arange(len(found)), [len(angle) for angle, _, _ in found])
+    angle, points, uv = (np.concatenate(part) for part in zip(*found, strict=True))
     turn = angle[:, None] - handle.marker_angles
     nearest = np.abs(turn - 2 * np.pi * np.round(turn / (2 * np.pi))).argmin(axis=1)
-    return cut(images, rig, handle, T_world_handle, Views(camera, nearest), uv, SIDE_PX)
+    views = Views(camera, nearest)
+    return cut(images, rig, handle, T_world_handle, views, points, uv, SIDE_PX)
 
 
-def _outline(camera: Camera, handle: Handle, T_world_handle: RigidTransform) -> tuple[Array, Array]:
-    """Angles about the axis (n,) and pixels (n, 2) of places on the outline; none from within the
-    endless cylinder.
+def _outline(
+    camera: Camera, handle: Handle, T_world_handle: RigidTransform
+) -> tuple[Array, Array, Array]:
+    """Angles about the axis (n,), points (n, 3) of the handle and pixels (n, 2) of places on the
+    outline; none from within the endless cylinder.
     """
     x, _, z = T_world_handle.inv().apply(camera.centre)
     if np.hypot(x, z) <= handle.radius_mm:
-        return np.empty(0), np.empty((0, 2))
+        return np.empty(0), np.empty((0, 3)), np.empty((0, 2))
     towards = np.arctan2(x, z)
     half = np.arccos(handle.radius_mm / np.hypot(x, z))
     angle, axial = (
@@ -152,7 +161,7 @@ def _outline(camera: Camera, handle: Handle, T_world_handle: RigidTransform) -> 
     points = np.column_stack(
         [handle.radius_mm * np.sin(angle), axial, handle.radius_mm * np.cos(angle)]
     )
-    return angle, camera.project(T_world_handle.apply(points))
+    return angle, points, camera.project(T_world_handle.apply(points))
 
 
 def _places(handle: Handle) -> Array:

@@ -20,6 +20,7 @@ from ..handle import Handle
 from ..parameters import Parameters
 from ..pose import LOST, Pose
 from ..rigid import placed, rotation_of
+from ..systematic import NOTHING, Response, is_uncertain, pixel_slopes, systematic_covariance
 from .appearance import Views
 from .identified import Identified
 from .imagemodel import (
@@ -66,6 +67,8 @@ class Fit(NamedTuple):
         Whether there is a marker like the others at all.
     residual_px : float
         Rms distance of the markers shown from where the pose predicts them.
+    systematic : ndarray, shape (6, 6)
+        See `pose.Pose`.
     """
 
     T_world_handle: RigidTransform
@@ -74,16 +77,18 @@ class Fit(NamedTuple):
     misfit: Array
     shown: np.ndarray
     residual_px: float
+    systematic: Array = NOTHING
 
 
 class _Step(NamedTuple):
-    """A Gauss-Newton step: of pose and blurs, its information, and the first group's model after
-    it.
+    """A Gauss-Newton step: of pose and blurs, its information; of each group of windows its normal
+    equations and weights; the first group's model after it.
     """
 
     step: Array
     information: Array
-    normal: Reduced
+    normals: list[Reduced]
+    weights: list[Array]
     after: Linear
 
 
@@ -139,11 +144,44 @@ def fit_patches(
             break
     T = states[0].T_world_handle
     shown = marker_is_shown(last.after, handle)
-    left = _distances(last.normal, last.step[:6]) * here.px_per_mm
+    left = _distances(last.normals[0], last.step[:6]) * here.px_per_mm
     # the weights are older than the step
     spread = float(np.median(misfit(last.after)[shown])) if shown.any() else 1.0
     covariance = in_world(spread * inverse(last.information)[:6, :6], T)
-    return judged_fit(T, covariance, here.views, last.after, shown, left)
+    answers = _response(last, groups, rig, handle, T) if is_uncertain(rig, handle) else None
+    return judged_fit(T, covariance, answers, here.views, last.after, shown, left, rig, handle)
+
+
+def _response(
+    last: _Step, groups: list[Patches], rig: Rig, handle: Handle, T: RigidTransform
+) -> Response:
+    """How the pose answers to shifts of its windows: to each as to the motion of the handle that
+    shifts it alike.
+    """
+    R = T.as_matrix()[:3, :3]
+    spread = inverse(last.information)[:6]
+    cameras = len(rig.cameras)
+    parts = []
+    for k, (normal, weight, group) in enumerate(
+        zip(last.normals, last.weights, groups, strict=True)
+    ):
+        camera = group.views.camera
+        points = group.points @ R.T + T.translation
+        by_points = np.empty((len(points), 2, 3))
+        for c, one in enumerate(rig.cameras):
+            by_points[camera == c] = pixel_slopes(one, points[camera == c])[1]
+        motions = np.linalg.pinv(by_points @ R)  # (k, 3, 2), handle frame
+        answer = weight[:, None, None] * (normal.information[:, :, :3] @ motions)
+        common = spread[:, : answer.shape[1] - 1]
+        blurs = spread[:, -cameras:][:, camera]
+        gain = np.einsum("am,kmd->akd", common, answer[:, :-1])
+        gain += blurs[..., None] * answer[:, -1]
+        marker = group.views.marker if k == 0 else np.full(len(points), -1)
+        parts.append((gain, camera, points, marker))
+    gains, *others = zip(*parts, strict=True)
+    turn = np.kron(np.eye(2), R)
+    gain = np.einsum("ab,bkd->akd", turn, np.concatenate(gains, axis=1))
+    return Response(gain, *(np.concatenate(part) for part in others))
 
 
 def _improved(
@@ -156,7 +194,7 @@ def _improved(
     normals = [reduce(model.by_pose, model) for model in models]
     # windows that show no marker would only fit their noise
     there = has_contrast(models[0], handle)
-    information, gradient = _summed(models, normals, states[0], groups, there, rig)
+    information, gradient, _ = _summed(models, normals, states[0], groups, there, rig)
     T = states[0].T_world_handle
     motion_blur = states[0].motion_blur
     if motion_blur is not None:
@@ -167,7 +205,7 @@ def _improved(
         for model, normal, group in zip(models, normals, groups, strict=True)
     ]
     # misfits may be gone
-    information, gradient = _summed(after, normals, states[0], groups, there, rig)
+    information, gradient, weights = _summed(after, normals, states[0], groups, there, rig)
     if motion_blur is not None:
         _expect(information, gradient, motion_blur, T)
         turn = np.kron(np.eye(2), T.as_matrix()[:3, :3])
@@ -178,7 +216,7 @@ def _improved(
     noise = noise_of(after[0]._replace(weight=after[0].weight * there[:, None]))
     blur = limited(states[0].blur_px2, step[-len(rig.cameras) :])
     renewed = [State(T, model.greys, blur, noise, motion_blur) for model in after]
-    return renewed, _Step(step, information, normals[0], after[0])
+    return renewed, _Step(step, information, normals, weights, after[0])
 
 
 def _summed(
@@ -188,9 +226,9 @@ def _summed(
     groups: list[Patches],
     there: np.ndarray,
     rig: Rig,
-) -> tuple[Array, Array]:
-    """Normal equations of pose and blurs over all windows, each by its trust; markers' only where
-    there is one.
+) -> tuple[Array, Array, list[Array]]:
+    """Normal equations of pose and blurs over all windows, and the windows' weights: each by its
+    trust, markers' only where there is one.
     """
     way_mm = 0.0 if state.motion_blur is None else np.linalg.norm(state.motion_blur.motion[:3])
     floors = (FLOOR_PX + BLUR_FLOOR * way_mm * groups[0].px_per_mm, OUTLINE_FLOOR_PX)[: len(groups)]
@@ -204,9 +242,9 @@ def _summed(
         for normal, weight, group in zip(normals, weights, groups, strict=True)
     ]
     blank = 1e-12 * np.eye(len(parts[0][1]))
-    return sum((part[0] for part in parts), blank), sum(
-        (part[1] for part in parts), np.zeros(len(blank))
-    )
+    information = sum((part[0] for part in parts), blank)
+    gradient = sum((part[1] for part in parts), np.zeros(len(blank)))
+    return information, gradient, weights
 
 
 def _expect(
@@ -223,14 +261,18 @@ def _expect(
 def judged_fit(
     T_world_handle: RigidTransform,
     covariance: Array,
+    answers: Response | None,
     views: Views,
     at: Linear,
     shown: np.ndarray,
     left_px: Array,
+    rig: Rig,
+    handle: Handle,
 ) -> Fit:
     """A fit with the rms of the distances `left_px` (k,) over the views that show a marker."""
     residual = float(np.sqrt(np.mean(left_px[shown] ** 2))) if shown.any() else np.nan
-    return Fit(T_world_handle, covariance, views, misfit(at), shown, residual)
+    systematic = NOTHING if answers is None else systematic_covariance(answers, rig, handle)
+    return Fit(T_world_handle, covariance, views, misfit(at), shown, residual, systematic)
 
 
 def moved(T_world_handle: RigidTransform, step: Array) -> RigidTransform:
@@ -306,6 +348,7 @@ def judged(fit: Fit | None) -> Pose:
         fit.residual_px,
         len(np.unique(fit.views.marker[fit.shown])),
         len(np.unique(fit.views.camera[fit.shown])),
+        fit.systematic,
     )
 
 

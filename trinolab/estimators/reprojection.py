@@ -14,6 +14,7 @@ from ..checks import Array
 from ..handle import Handle
 from ..parameters import Parameters
 from ..pose import Pose
+from ..systematic import Response, is_uncertain, response
 from .appearance import Views
 from .centroids import predict_centroids, register
 from .identified import Identified
@@ -42,12 +43,12 @@ def fit_centroids(
     state = first_state(start, rig)
     for _ in range(steps):
         state, found = register(state, here, rig, handle)
-        covariance = found.covariance * np.maximum(misfit(found.at), 1.0)[
+        spread_px = found.covariance * np.maximum(misfit(found.at), 1.0)[
             :, None, None
         ] + FLOOR_PX**2 * np.eye(2)
         shading = found.at.greys[:, 2:5]
         T, covariance = fit_pixels(
-            found.uv, covariance, rig, handle, here.views, state.T_world_handle, shading
+            found.uv, spread_px, rig, handle, here.views, state.T_world_handle, shading
         )
         if not np.isfinite(covariance).all():
             return None
@@ -55,7 +56,11 @@ def fit_centroids(
     left = np.linalg.norm(
         found.uv - predict_centroids(rig, handle, T, here.views, shading)[0], axis=1
     )
-    return judged_fit(T, covariance, here.views, found.at, marker_is_shown(found.at, handle), left)
+    shown = marker_is_shown(found.at, handle)
+    answers = None
+    if is_uncertain(rig, handle):
+        answers = _response(found.uv, spread_px, rig, handle, here.views, T, shading)
+    return judged_fit(T, covariance, answers, here.views, found.at, shown, left, rig, handle)
 
 
 def fit_pixels(
@@ -99,16 +104,41 @@ def fit_pixels(
     W = inverse(covariance)
     for _ in range(steps):
         predicted, J = predict_centroids(rig, handle, T, views, shading)
-        J = np.nan_to_num(J)
-        residual = np.nan_to_num(uv - predicted)
-        distance = np.sqrt(np.maximum(np.einsum("ki,kij,kj->k", residual, W, residual), 1e-12))
-        counts = np.asarray(np.isfinite(predicted).all(axis=1)) * np.minimum(huber / distance, 1.0)
-        weighted = W * counts[:, None, None]
-        information = np.einsum("kia,kij,kjb->ab", J, weighted, J)
-        spread = inverse(information)
-        step = spread @ np.einsum("kia,kij,kj->a", J, weighted, residual)
-        T = moved(T, np.nan_to_num(step))
+        residual, gain, spread = _normal(uv, W, predicted, J, huber)
+        T = moved(T, np.nan_to_num(np.einsum("akd,kd->a", gain, residual)))
     return T, in_world(spread, T)
+
+
+def _normal(
+    uv: Array, W: Array, predicted: Array, J: Array, huber: float
+) -> tuple[Array, Array, Array]:
+    """Residuals (k, 2), the pose's derivatives by them (6, k, 2), and its covariance (6, 6), handle
+    frame.
+    """
+    J = np.nan_to_num(J)
+    residual = np.nan_to_num(uv - predicted)
+    distance = np.sqrt(np.maximum(np.einsum("ki,kij,kj->k", residual, W, residual), 1e-12))
+    counts = np.asarray(np.isfinite(predicted).all(axis=1)) * np.minimum(huber / distance, 1.0)
+    weighted = W * counts[:, None, None]
+    spread = inverse(np.einsum("kia,kij,kjb->ab", J, weighted, J))
+    return residual, np.einsum("ab,kib,kij->akj", spread, J, weighted), spread
+
+
+def _response(
+    uv: Array,
+    covariance: Array,
+    rig: Rig,
+    handle: Handle,
+    views: Views,
+    T: RigidTransform,
+    shading: Array,
+    huber: float = 3.0,
+) -> Response:
+    """How the pose of `fit_pixels` answers to the centroids."""
+    predicted, J = predict_centroids(rig, handle, T, views, shading)
+    _, gain, _ = _normal(uv, inverse(covariance), predicted, J, huber)
+    turn = np.kron(np.eye(2), T.as_matrix()[:3, :3])
+    return response(np.einsum("ab,bkd->akd", turn, gain), views.camera, views.marker, handle, T)
 
 
 def reprojection_pose(instant: Identified, rig: Rig, handle: Handle, p: Parameters) -> Pose:

@@ -13,9 +13,17 @@ from ..camera import Rig
 from ..checks import Array
 from ..handle import Handle
 from ..parameters import Parameters
-from ..pose import LOST, Pose, measured_pose, weighted_fit
+from ..pose import (
+    LOST,
+    Pose,
+    measured_pose,
+    systematic_of_points,
+    weighted_fit,
+    weighted_fit_gain,
+)
 from ..rigid import motion_between, shifted
-from ..triangulation import triangulate, triangulate_weighted
+from ..systematic import NOTHING, is_uncertain
+from ..triangulation import triangulate, triangulate_weighted, weighted_slopes
 from .appearance import Views
 from .centroids import CentrePixels, centre_pixels, predict_centroids
 from .identified import Identified
@@ -31,7 +39,7 @@ def fit_weighted(
     start: RigidTransform,
     max_slant_deg: float = 72.0,
     rounds: int = 4,
-) -> tuple[RigidTransform, Array, Array] | None:
+) -> tuple[RigidTransform, Array, Array, Array] | None:
     """The weighted fit to weighted points, from registered centroids that their model moves to the
     markers' centres.
 
@@ -50,8 +58,10 @@ def fit_weighted(
     T_world_handle : RigidTransform
     covariance : ndarray, shape (6, 6)
         Of position (mm) and rotation vector (rad), world frame.
+    systematic : ndarray, shape (6, 6)
+        See `pose.Pose`.
     uv : ndarray, shape (cameras, markers, 2)
-        The centres' pixels. None instead of all three where too little is in view.
+        The centres' pixels. None instead of all four where too little is in view.
     """
     T = start
     for _ in range(rounds):
@@ -62,20 +72,34 @@ def fit_weighted(
         before = T
         measured = centres
         (T, covariance) = fit
-    settled = _settled(T, covariance, before, measured, rig, handle)
-    return None if settled is None else (*settled, measured.uv)
+    grown = _grown(T, before, measured, rig, handle)
+    if grown is None:
+        return None
+    systematic = _systematic(T, measured, rig, handle)
+    return (
+        shifted(before, grown @ motion_between(T, before)),
+        grown @ covariance @ grown.T,
+        grown @ systematic @ grown.T,
+        measured.uv,
+    )
 
 
-def _settled(
-    T: RigidTransform,
-    covariance: Array,
-    before: RigidTransform,
-    centres: CentrePixels,
-    rig: Rig,
-    handle: Handle,
-) -> tuple[RigidTransform, Array] | None:
-    """The pose that finds itself, were the centres measured with it instead of the pose before, and
-    its covariance.
+def _systematic(T: RigidTransform, centres: CentrePixels, rig: Rig, handle: Handle) -> Array:
+    """The systematic covariance (6, 6) of the fit to centres."""
+    if not is_uncertain(rig, handle):
+        return NOTHING
+    sigma_px = np.hypot(centres.sigma_px, FLOOR_PX)
+    _, covariances = triangulate_weighted(rig, centres.uv, sigma_px)
+    by_point = weighted_fit_gain(handle.marker_centres, T, covariances)
+    by_pixel = weighted_slopes(rig, centres.uv, sigma_px)
+    return systematic_of_points(T, by_point, by_pixel, rig, handle)
+
+
+def _grown(
+    T: RigidTransform, before: RigidTransform, centres: CentrePixels, rig: Rig, handle: Handle
+) -> Array | None:
+    """By what matrix (6, 6) the pose that finds itself, were the centres measured with it instead
+    of the pose before, lies further away than the one that was found.
 
     From centroid to centre it is as far as a pose says. If the pose found changes by M dT with the
     pose that said so, the one that finds itself lies (1 - M)^-1 times as far away, and all errors
@@ -93,8 +117,7 @@ def _settled(
         if other is None:
             return None
         columns.append(motion_between(other[0], T) / STEPS[k])
-    grown = np.linalg.inv(np.eye(6) - np.column_stack(columns))
-    return shifted(before, grown @ motion_between(T, before)), grown @ covariance @ grown.T
+    return np.linalg.inv(np.eye(6) - np.column_stack(columns))
 
 
 def _fit(centres: CentrePixels, rig: Rig, handle: Handle) -> tuple[RigidTransform, Array] | None:
@@ -113,7 +136,6 @@ def weighted_pose(instant: Identified, rig: Rig, handle: Handle, p: Parameters) 
     fit = fit_weighted(instant.images, rig, handle, instant.T_world_handle, p.max_slant_deg)
     if fit is None:
         return LOST
-    T, covariance, uv = fit
-    return measured_pose(
-        T, covariance, uv, np.asarray(np.isfinite(triangulate(rig, uv)).all(axis=1)), rig, handle
-    )
+    T, covariance, systematic, uv = fit
+    used = np.asarray(np.isfinite(triangulate(rig, uv)).all(axis=1))
+    return measured_pose(T, covariance, uv, used, rig, handle, systematic)

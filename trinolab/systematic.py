@@ -1,0 +1,118 @@
+"""What the errors of the calibration and of the marker layout do to pixels, and so to a pose.
+
+An error d of the rig's parameters, or of the markers' places, moves the image of a marker from
+where the rig says that it is. To whoever measures with that rig it is an error of the pixel, which
+is the same in every instant. So one way leads from it to the pose for all estimators: the
+derivative of the pose by the pixels, times the derivative of the pixels by d (error propagation to
+first order; Hartley and Zisserman 2004, ch. 5).
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.spatial.transform import RigidTransform
+
+from .camera import CAMERA_PARAMETERS, Camera, Rig
+from .checks import Array, frozen
+from .handle import Handle
+from .lens import project_with_slopes
+from .rigid import cross_matrices
+
+NOTHING = frozen(np.zeros((6, 6)))  # the systematic covariance of a pose where nothing is known
+
+
+class Response(NamedTuple):
+    """How a pose answers to the pixels that it was measured from.
+
+    Attributes
+    ----------
+    gain : ndarray, shape (6, k, 2)
+        By how much position (mm) and rotation vector (rad; both in the world frame) change if what
+        was seen in one place moves by a pixel.
+    camera : ndarray of int, shape (k,)
+        Which image it was seen in.
+    points : ndarray, shape (k, 3)
+        Where it is, world frame, mm.
+    marker : ndarray of int, shape (k,)
+        Which marker it is; -1 for what is no marker and moves with none.
+    """
+
+    gain: Array
+    camera: np.ndarray
+    points: Array
+    marker: np.ndarray
+
+
+def is_uncertain(rig: Rig, handle: Handle) -> bool:
+    """Whether anything is known of the errors of rig and layout."""
+    return rig.covariance is not None or handle.placement_sigma_mm > 0
+
+
+def response(
+    gain: Array, camera: np.ndarray, marker: np.ndarray, handle: Handle, T: RigidTransform
+) -> Response:
+    """The response of a pose that was measured from markers alone."""
+    points = T.apply(handle.marker_centres)[marker]
+    return Response(gain, camera, points, marker)
+
+
+def systematic_covariance(found: Response, rig: Rig, handle: Handle) -> Array:
+    """Covariance of a pose by the errors of the rig and of the markers' places, which every instant
+    has in common.
+
+    Parameters
+    ----------
+    found : Response
+    rig : Rig
+        Of its covariance nothing counts where it has none.
+    handle : Handle
+        Of its `placement_sigma_mm`.
+
+    Returns
+    -------
+    ndarray, shape (6, 6)
+        Of position (mm) and rotation vector (rad), world frame.
+    """
+    if not is_uncertain(rig, handle):
+        return NOTHING
+    by_rig = np.zeros((6, len(rig.cameras), len(CAMERA_PARAMETERS)))
+    by_marker = np.zeros((len(handle.marker_centres), 6, 3))
+    for c, camera in enumerate(rig.cameras):
+        mine = found.camera == c
+        gain = found.gain[:, mine]
+        by_parameters, by_points = pixel_slopes(camera, found.points[mine])
+        by_rig[:, c] = np.einsum("akd,kdp->ap", gain, by_parameters)
+        own = found.marker[mine]
+        moved = np.einsum("akd,kdx->kax", gain, by_points)
+        np.add.at(by_marker, own[own >= 0], moved[own >= 0])
+    total = handle.placement_sigma_mm**2 * np.einsum("max,mbx->ab", by_marker, by_marker)
+    if rig.covariance is not None:
+        flat = by_rig.reshape(6, -1)
+        total = total + flat @ rig.covariance.matrix @ flat.T
+    return total
+
+
+def pixel_slopes(camera: Camera, points: Array) -> tuple[Array, Array]:
+    """How the images of points move with a camera's parameters, and with the points.
+
+    Parameters
+    ----------
+    camera : Camera
+    points : ndarray, shape (n, 3)
+        World frame, mm.
+
+    Returns
+    -------
+    by_parameters : ndarray, shape (n, 2, 15)
+        In the order of `camera.RigCovariance`.
+    by_points : ndarray, shape (n, 2, 3)
+        World frame, px/mm. NaN in both where `Camera.project` gives no pixel.
+    """
+    T = camera.T_cam_world.as_matrix()
+    arms = points @ T[:3, :3].T
+    lens = np.concatenate([camera.focal, camera.principal_point, camera.distortions])
+    _, by_lens, by_local = project_with_slopes(lens, arms + T[:3, 3])
+    by_turn = -by_local @ cross_matrices(arms)
+    return np.concatenate([by_lens, by_turn, by_local], axis=2), by_local @ T[:3, :3]
