@@ -16,11 +16,11 @@ from trinolab.identity.hypotheses import (
     FAR,
     Observed,
     Poses,
-    _slopes,
     explain,
     fit,
     ideal_pixels,
     predict,
+    slopes,
 )
 from trinolab.identity.layout import layout_of, views_of
 from trinolab.identity.p3p import three_point_depths
@@ -165,7 +165,7 @@ def test_slopes_are_those_of_finite_differences():
     rng, layout, views = np.random.default_rng(2), layout_of(CODED, P), views_of(RIG)
     T = random_pose(rng)
     predicted = predict(batch(T), views, layout)
-    slope = _slopes(batch(T), predicted.points, views)[0]
+    slope = slopes(batch(T), predicted.points, views)[0]
     body = [
         T.inv().apply(c.T_world_cam.apply(x.T))
         for c, x in zip(RIG.cameras, predicted.points[0], strict=True)

@@ -40,6 +40,8 @@ COLUMNS = [
     "markers",
     "cameras",
     "status",
+    "systematic_mm",
+    "systematic_deg",
 ]
 
 
@@ -67,6 +69,23 @@ def test_a_row_holds_the_pose():
     assert row.sigma_mm == pytest.approx(3.0)  # sqrt(1 + 4 + 4)
     assert row.sigma_deg == pytest.approx(np.rad2deg(0.02))  # sqrt(4e-4) rad
     assert (row.residual_px, row.markers, row.cameras, row.status) == (0.5, 6, 2, "measured")
+    assert (row.systematic_mm, row.systematic_deg) == (0.0, 0.0)
+
+
+def test_sigma_is_the_whole_and_systematic_a_part_of_it(tmp_path):
+    pose = replace(some_poses()[0], systematic=np.diag([4.0, 8.0, 4.0, 0.0, 4e-4, 0.0]))
+    write_poses(pose_table([pose]), tmp_path / "p.csv")
+    row = read_poses(tmp_path / "p.csv").iloc[0]
+    assert row.sigma_mm == pytest.approx(5.0)  # sqrt(1 + 4 + 4 + 4 + 8 + 4)
+    assert row.systematic_mm == pytest.approx(4.0)
+    assert row.sigma_deg == pytest.approx(np.rad2deg(np.sqrt(8e-4)))
+    assert row.systematic_deg == pytest.approx(np.rad2deg(0.02))
+
+
+def test_files_without_the_systematic_part_are_read(tmp_path):
+    old = pose_table(some_poses()).drop(columns=["systematic_mm", "systematic_deg"])
+    write_poses(old, tmp_path / "p.csv")
+    assert tuple(read_poses(tmp_path / "p.csv").columns) == tuple(COLUMNS[:-2])
 
 
 def test_quaternion_is_the_rotation_by_hand():
@@ -82,7 +101,7 @@ def test_quaternion_is_the_rotation_by_hand():
 def test_lost_row_is_empty(tmp_path):
     write_poses(pose_table(some_poses()), tmp_path / "p.csv")
     lines = (tmp_path / "p.csv").read_text().splitlines()
-    assert lines[2] == "1" + "," * 15 + "0,0,lost"
+    assert lines[2] == "1" + "," * 15 + "0,0,lost,,"
     row = read_poses(tmp_path / "p.csv").iloc[1]
     assert row.status == "lost"
     assert row[list(COLUMNS[1:15])].isna().all()

@@ -264,6 +264,7 @@ FULL = "cannot be written (File too large)"
     [
         (MEASURE, 900, f"poses.csv: {FULL}"),
         (BOARDS, 40_000, f"new_residuals.png: {FULL}"),
+        (BOARDS, 10_000, f"new.covariance.toml: {FULL}"),
         (BOARDS, 100, f"new.toml: {FULL}"),
         (TRACK, 100, f"poses.csv.partial: {FULL}"),
         (RENDER, 100, f"made_from.json: {FULL}"),

@@ -135,7 +135,7 @@ def test_rows_that_are_damaged_are_dropped_with_those_behind(tmp_path):
         ("\n3,", "\n4,", 3),
         ("\n2,0.08", "\n2,\0\0\0\0", 2),
         ("\n1,0.04,", "\n1,", 1),
-        ("lost\n4", "los\n4", 3),
+        ("lost,,\n4", "los,,\n4", 3),
         ("\n0,0,", "\n0,0,x", 0),
         ("\n4,0.16", "\n4,0.16\n", 4),
     ):

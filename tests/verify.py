@@ -18,6 +18,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "book"))  # as pyte
 from verification import (
     accuracy,
     bounds,
+    calibrations,
     centroids,
     chapters,
     fuzz,
@@ -38,6 +39,7 @@ SECTIONS = {
     "centroid": centroids.report,
     "identity": identity.report,
     "layouts": layouts.report,
+    "calibrations": calibrations.report,
     "hostile": misled.report,
     "fuzz": fuzz.report,
     "tracks": tracks.report,
@@ -63,6 +65,7 @@ def _arguments() -> argparse.Namespace:
         ("draws", 1000, "draws for the NEES of each rig, on Table 1's twenty poses"),
         ("centroid-poses", 100, "random poses for the centroids of each handle"),
         ("poses", 1000, "random poses for the identities of each rig and handle, and layouts"),
+        ("calibrations", 50, "calibrations and layouts drawn for each rig and estimator"),
         ("hostile", 1000, "hostile instants in all"),
         ("files", 100_000, "wrong files for the readers of users' files"),
     ):

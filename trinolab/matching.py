@@ -5,7 +5,7 @@ uniqueness (Sect. 5.2).
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -13,9 +13,11 @@ from numpy.typing import ArrayLike
 
 from .camera import Camera, Rig, epipolar_lines
 from .checks import Array, as_array, as_image, as_number, as_points, check_numbers, frozen
+from .systematic import offsets_of
 
 # contrast of a window by its largest value; one grey level in one pixel of 16 bit is 1.5e-5
 FLAT = 1e-6
+RIG_SIGMAS = 4.0  # of the rig's errors that a gate lets through
 
 
 @dataclass(frozen=True)
@@ -169,17 +171,34 @@ def rig_candidates(
     uv: Sequence[ArrayLike],
     parameters: MatchParameters | None = None,
 ) -> list[Matches]:
-    """`candidates` for each pair of a rig's cameras, in the order of `Rig.pairs` (Eq. 17-18)."""
+    """`candidates` for each pair of a rig's cameras, in the order of `Rig.pairs` (Eq. 17-18).
+
+    Where the rig's errors are known, the epipolar gate is as much wider.
+    """
     p = parameters or MatchParameters()
+    gates = _epipolar_gates(rig, uv, p)
     cameras = rig.cameras
     rows = [
         _windows(as_image(image, "images"), as_points(points, "uv", 2), p.window_px)
         for image, points in zip(images, uv, strict=True)
     ]
     return [
-        _passing(epipolar_distances(cameras[i], cameras[j], uv[i], uv[j]), rows[i] @ rows[j].T, p)
-        for i, j in rig.pairs
+        _passing(
+            epipolar_distances(cameras[i], cameras[j], uv[i], uv[j]), rows[i] @ rows[j].T, gate
+        )
+        for (i, j), gate in zip(rig.pairs, gates, strict=True)
     ]
+
+
+def _epipolar_gates(rig: Rig, uv: Sequence[ArrayLike], p: MatchParameters) -> list[MatchParameters]:
+    """The parameters for each pair of cameras."""
+    if rig.covariance is None:
+        return [p] * len(rig.pairs)
+    offsets = offsets_of(rig, [np.asarray(points) for points in uv])
+    if offsets is None:
+        return [p] * len(rig.pairs)
+    wider = (RIG_SIGMAS * offsets.apart_px(i, j) for i, j in rig.pairs)
+    return [replace(p, epipolar_gate_px=float(np.hypot(p.epipolar_gate_px, w))) for w in wider]
 
 
 def match(

@@ -16,6 +16,7 @@ from .estimators.identified import Identified
 from .handle import Handle
 from .identity import Hypothesis, choose, identify, labelled_pixels, relabel
 from .identity.ends import keep_by_body
+from .identity.reconcile import reconciled
 from .markers import Markers, find_markers
 from .matching import rig_candidates
 from .parameters import Parameters
@@ -116,6 +117,7 @@ def _conclude(
     hypothesis, S, T = options[index]
     labels = tuple(relabel(label, handle, S) for label in hypothesis.labels)
     uv = labelled_pixels(labels, tuple(markers.uv for markers in found), len(handle.marker_centres))
+    rig, T = reconciled(rig, handle, uv, T, p.sigma_px, p.identity)
     pose = estimate(Identified(images, uv, T), rig, handle, p)
     return Measurement(
         pose if sure or pose is LOST else replace(pose, status="ambiguous"), found, labels

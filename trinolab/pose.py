@@ -14,7 +14,7 @@ from .camera import Rig
 from .checks import Array, as_array, as_points, as_transform
 from .handle import Handle, slants
 from .rigid import cross_matrices
-from .systematic import NOTHING, is_uncertain, response, systematic_covariance
+from .systematic import NOTHING, Response, is_uncertain, response, systematic_covariance
 from .triangulation import triangulate, triangulate_with_covariance, triangulation_slopes
 
 SMALLEST_MM = 1e-9  # points that are nearer to a line than that lie on it
@@ -314,14 +314,15 @@ def fit_pose(
         by_point = np.zeros((len(used), 6, 3))
         by_point[used] = rigid_fit_gain(handle.marker_centres[used], T)
         by_pixel = triangulation_slopes(rig, some)
-        systematic = systematic_of_points(T, by_point, by_pixel, rig, handle)
+        found = response_of_points(T, by_point, by_pixel, handle)
+        systematic = systematic_covariance(found, rig, handle)
     return measured_pose(T, covariance, some, used, rig, handle, systematic)
 
 
-def systematic_of_points(
-    T: RigidTransform, by_point: Array, by_pixel: Array, rig: Rig, handle: Handle
-) -> Array:
-    """Systematic covariance (6, 6) of a pose that was fitted to triangulated points.
+def response_of_points(
+    T: RigidTransform, by_point: Array, by_pixel: Array, handle: Handle
+) -> Response:
+    """How a pose that was fitted to triangulated points answers to the pixels.
 
     Parameters
     ----------
@@ -331,15 +332,14 @@ def systematic_of_points(
         Of the pose by the points; zeros for those that were not used.
     by_pixel : ndarray, shape (markers, 3, 2 cameras)
         Of the points by the pixels.
-    rig, handle
+    handle : Handle
     """
     # (6, markers, cameras, 2)
     gain = np.einsum("nai,nij->anj", by_point, np.nan_to_num(by_pixel)).reshape(
         6, len(by_point), -1, 2
     )
     marker, camera = np.nonzero(np.any(gain, axis=(0, 3)))
-    found = response(gain[:, marker, camera], camera, marker, handle, T)
-    return systematic_covariance(found, rig, handle)
+    return response(gain[:, marker, camera], camera, marker, handle, T)
 
 
 def _facing(

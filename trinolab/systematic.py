@@ -9,9 +9,11 @@ first order; Hartley and Zisserman 2004, ch. 5).
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+from scipy.linalg import block_diag
 from scipy.spatial.transform import RigidTransform
 
 from .camera import CAMERA_PARAMETERS, Camera, Rig
@@ -92,6 +94,66 @@ def systematic_covariance(found: Response, rig: Rig, handle: Handle) -> Array:
         flat = by_rig.reshape(6, -1)
         total = total + flat @ rig.covariance.matrix @ flat.T
     return total
+
+
+class ImageOffsets(NamedTuple):
+    """By how much the cameras' images may be shifted against each other where a handle is.
+
+    A handle is small against its distance: an error of the rig shifts each image of it as a whole.
+
+    Attributes
+    ----------
+    covariance : ndarray, shape (2 C, 2 C)
+        Of the shifts, by the rig's covariance, px^2; u and v of the first camera come first.
+    by_parameters : ndarray, shape (2 C, 15 C)
+        The shifts by the rig's parameters.
+    by_position : ndarray, shape (2 C, 3)
+        The shifts that a motion of the handle makes, world frame, px/mm.
+    """
+
+    covariance: Array
+    by_parameters: Array
+    by_position: Array
+
+    def apart_px(self, i: int, j: int) -> float:
+        """Standard deviation of the distance of a pixel from its epipolar line, between two
+        cameras.
+        """
+        rows = np.r_[2 * i : 2 * i + 2, 2 * j : 2 * j + 2]
+        across = np.linalg.svd(self.by_position[rows])[0][:, -1]  # what no motion explains
+        return float(np.sqrt(2 * across @ self.covariance[np.ix_(rows, rows)] @ across))
+
+
+def offsets_at(rig: Rig, point: Array) -> ImageOffsets | None:
+    """The offsets of a rig's images at a point (3,), world frame; None where the rig's errors are
+    not known, or a camera does not look there.
+    """
+    if rig.covariance is None:
+        return None
+    slopes = [pixel_slopes(camera, point[None]) for camera in rig.cameras]
+    by_parameters = block_diag(*(part[0][0] for part in slopes))
+    by_position = np.concatenate([part[1][0] for part in slopes])
+    if not (np.isfinite(by_parameters).all() and np.isfinite(by_position).all()):
+        return None
+    covariance = by_parameters @ rig.covariance.matrix @ by_parameters.T
+    return ImageOffsets(covariance, by_parameters, by_position)
+
+
+def offsets_of(rig: Rig, found: Sequence[Array]) -> ImageOffsets | None:
+    """The offsets where the middles of found pixels, (n, 2) a camera, meet best; None also where
+    fewer than two cameras have found any.
+    """
+    seen = [k for k, uv in enumerate(found) if len(uv)]
+    if rig.covariance is None or len(seen) < 2:
+        return None
+    middles = [np.median(found[k], axis=0)[None] for k in seen]
+    cameras = [rig.cameras[k] for k in seen]
+    rays = np.concatenate([camera.rays(uv) for camera, uv in zip(cameras, middles, strict=True)])
+    centres = np.stack([camera.centre for camera in cameras])
+    across = np.eye(3) - rays[:, :, None] * rays[:, None]
+    # the point nearest to all rays
+    right = (across @ centres[..., None]).sum(axis=0)[:, 0]
+    return offsets_at(rig, np.linalg.lstsq(across.sum(axis=0), right, rcond=None)[0])
 
 
 def pixel_slopes(camera: Camera, points: Array) -> tuple[Array, Array]:

@@ -30,6 +30,8 @@ def checked_pose(instant: Identified, rig: Rig, handle: Handle, p: Parameters) -
     of the way from there.
     """
     check = fit_patches(instant.images, rig, handle, instant.T_world_handle, p.max_slant_deg)
+    if check is not None and check.refused:
+        return LOST
     if check is None or not check.shown.any():
         return fit_pose(instant.uv, rig, handle, p.max_slant_deg, p.sigma_px)
     uv = instant.uv.copy()

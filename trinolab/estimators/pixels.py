@@ -20,8 +20,9 @@ from ..handle import Handle
 from ..parameters import Parameters
 from ..pose import LOST, Pose
 from ..rigid import placed, rotation_of
-from ..systematic import NOTHING, Response, is_uncertain, pixel_slopes, systematic_covariance
+from ..systematic import NOTHING, Response, is_uncertain, pixel_slopes
 from .appearance import Views
+from .contradiction import Residuals, contradict, honest
 from .identified import Identified
 from .imagemodel import (
     Linear,
@@ -69,6 +70,8 @@ class Fit(NamedTuple):
         Rms distance of the markers shown from where the pose predicts them.
     systematic : ndarray, shape (6, 6)
         See `pose.Pose`.
+    refused : bool
+        Whether its views contradict each other too much, see `contradiction`.
     """
 
     T_world_handle: RigidTransform
@@ -78,6 +81,7 @@ class Fit(NamedTuple):
     shown: np.ndarray
     residual_px: float
     systematic: Array = NOTHING
+    refused: bool = False
 
 
 class _Step(NamedTuple):
@@ -144,24 +148,30 @@ def fit_patches(
             break
     T = states[0].T_world_handle
     shown = marker_is_shown(last.after, handle)
-    left = _distances(last.normals[0], last.step[:6]) * here.px_per_mm
+    apart, chi_square = _left(last, here.views.camera, rig)
+    left = apart * here.px_per_mm
     # the weights are older than the step
     spread = float(np.median(misfit(last.after)[shown])) if shown.any() else 1.0
     covariance = in_world(spread * inverse(last.information)[:6, :6], T)
-    answers = _response(last, groups, rig, handle, T) if is_uncertain(rig, handle) else None
-    return judged_fit(T, covariance, answers, here.views, last.after, shown, left, rig, handle)
+    fit = judged_fit(T, covariance, here.views, last.after, shown, left)
+    freedom = 2 * int(shown.sum()) - 6
+    if is_uncertain(rig, handle) or contradict(chi_square[shown].sum() / spread, freedom):
+        answers, residuals = _response(last, groups, rig, T, shown / spread)
+        return counted(fit, answers, residuals, rig, handle)
+    return fit
 
 
 def _response(
-    last: _Step, groups: list[Patches], rig: Rig, handle: Handle, T: RigidTransform
-) -> Response:
-    """How the pose answers to shifts of its windows: to each as to the motion of the handle that
-    shifts it alike.
+    last: _Step, groups: list[Patches], rig: Rig, T: RigidTransform, counts: Array
+) -> tuple[Response, Residuals]:
+    """How the pose answers to shifts of its windows, to each as to the motion of the handle that
+    shifts it alike; and the shifts that are left. `counts` (k,) is a factor of markers' information.
     """
     R = T.as_matrix()[:3, :3]
     spread = inverse(last.information)[:6]
     cameras = len(rig.cameras)
     parts = []
+    residuals = []
     for k, (normal, weight, group) in enumerate(
         zip(last.normals, last.weights, groups, strict=True)
     ):
@@ -178,10 +188,20 @@ def _response(
         gain += blurs[..., None] * answer[:, -1]
         marker = group.views.marker if k == 0 else np.full(len(points), -1)
         parts.append((gain, camera, points, marker))
+        information = motions.mT @ normal.information[:, :3, :3] @ motions
+        asked = _asked(normal, _own(last.step, camera, rig))
+        gradient = motions.mT @ asked[..., None]
+        shift = np.zeros((len(points), 2))
+        if k == 0:
+            shift[:] = np.linalg.solve(information + 1e-12 * np.eye(2), gradient)[..., 0]
+        trust = counts * weight if k == 0 else np.zeros(len(points))
+        residuals.append((shift, trust[:, None, None] * information))
     gains, *others = zip(*parts, strict=True)
     turn = np.kron(np.eye(2), R)
     gain = np.einsum("ab,bkd->akd", turn, np.concatenate(gains, axis=1))
-    return Response(gain, *(np.concatenate(part) for part in others))
+    return Response(gain, *(np.concatenate(part) for part in others)), Residuals(
+        *(np.concatenate(part) for part in zip(*residuals, strict=True))
+    )
 
 
 def _improved(
@@ -261,18 +281,22 @@ def _expect(
 def judged_fit(
     T_world_handle: RigidTransform,
     covariance: Array,
-    answers: Response | None,
     views: Views,
     at: Linear,
     shown: np.ndarray,
     left_px: Array,
-    rig: Rig,
-    handle: Handle,
 ) -> Fit:
     """A fit with the rms of the distances `left_px` (k,) over the views that show a marker."""
     residual = float(np.sqrt(np.mean(left_px[shown] ** 2))) if shown.any() else np.nan
-    systematic = NOTHING if answers is None else systematic_covariance(answers, rig, handle)
-    return Fit(T_world_handle, covariance, views, misfit(at), shown, residual, systematic)
+    return Fit(T_world_handle, covariance, views, misfit(at), shown, residual)
+
+
+def counted(fit: Fit, answers: Response, left: Residuals, rig: Rig, handle: Handle) -> Fit:
+    """A fit with the errors of rig and layout, and its views' contradictions, in its covariances."""
+    found = honest(fit.covariance, answers, left, fit.T_world_handle, rig, handle)
+    return fit._replace(
+        covariance=found.covariance, systematic=found.systematic, refused=found.refused
+    )
 
 
 def moved(T_world_handle: RigidTransform, step: Array) -> RigidTransform:
@@ -299,11 +323,22 @@ def _moved_px(step: Array, here: Patches, handle: Handle) -> float:
     )
 
 
-def _distances(normal: Reduced, step: Array) -> Array:
-    """How far each window alone would still move the handle after a step, shape (k,), mm."""
-    gradient = normal.gradient[:, :3] - normal.information[:, :3, :6] @ step
+def _asked(normal: Reduced, step: Array) -> Array:
+    """What each window alone still asks for after a step (k, m) of its unknowns: its gradient by
+    position, shape (k, 3).
+    """
+    return normal.gradient[:, :3] - (normal.information[:, :3] @ step[..., None])[..., 0]
+
+
+def _left(last: _Step, camera: np.ndarray, rig: Rig) -> tuple[Array, Array]:
+    """How far each marker's window alone would still move the handle after the last step, shape
+    (k,), mm, and the chi-square of that, shape (k,).
+    """
+    normal = last.normals[0]
     along = np.linalg.pinv(normal.information[:, :3, :3], rcond=1e-2, hermitian=True)
-    return np.linalg.norm((along @ gradient[..., None])[..., 0], axis=1)
+    asked = _asked(normal, _own(last.step, camera, rig))
+    motion = (along @ asked[..., None])[..., 0]
+    return np.linalg.norm(motion, axis=1), last.weights[0] * (motion * asked).sum(axis=1)
 
 
 def _trust(at: Linear, information: Array, px_per_mm: Array, floor_px: Array | float) -> Array:
@@ -338,8 +373,15 @@ def in_world(covariance: Array, T_world_handle: RigidTransform) -> Array:
 
 
 def judged(fit: Fit | None) -> Pose:
-    """A measured pose if enough views show what it predicts, and fix it, else `pose.LOST`."""
-    if fit is None or fit.shown.sum() < 4 or len(np.unique(fit.views.marker[fit.shown])) < 3:
+    """A measured pose if enough views show what it predicts, fix it, and do not contradict each
+    other too much, else `pose.LOST`.
+    """
+    if (
+        fit is None
+        or fit.refused
+        or fit.shown.sum() < 4
+        or len(np.unique(fit.views.marker[fit.shown])) < 3
+    ):
         return LOST
     return Pose(
         "measured",

@@ -17,10 +17,11 @@ from ..pose import Pose
 from ..systematic import Response, is_uncertain, response
 from .appearance import Views
 from .centroids import predict_centroids, register
+from .contradiction import Residuals, contradict
 from .identified import Identified
 from .imagemodel import first_state, inverse, marker_is_shown, misfit
 from .patches import patches
-from .pixels import FLOOR_PX, Fit, in_world, judged, judged_fit, moved
+from .pixels import FLOOR_PX, Fit, counted, in_world, judged, judged_fit, moved
 
 
 def fit_centroids(
@@ -53,14 +54,17 @@ def fit_centroids(
         if not np.isfinite(covariance).all():
             return None
         state = state._replace(T_world_handle=T)
-    left = np.linalg.norm(
-        found.uv - predict_centroids(rig, handle, T, here.views, shading)[0], axis=1
-    )
+    left = found.uv - predict_centroids(rig, handle, T, here.views, shading)[0]
     shown = marker_is_shown(found.at, handle)
-    answers = None
-    if is_uncertain(rig, handle):
-        answers = _response(found.uv, spread_px, rig, handle, here.views, T, shading)
-    return judged_fit(T, covariance, answers, here.views, found.at, shown, left, rig, handle)
+    fit = judged_fit(T, covariance, here.views, found.at, shown, np.linalg.norm(left, axis=1))
+    W = inverse(spread_px)
+    counts = np.asarray(shown & np.isfinite(left).all(axis=1))
+    chi_square = float(np.einsum("ki,kij,kj->", left[counts], W[counts], left[counts]))
+    if is_uncertain(rig, handle) or contradict(chi_square, 2 * int(counts.sum()) - 6):
+        answers = response_of_pixels(found.uv, spread_px, rig, handle, here.views, T, shading)
+        residuals = Residuals(np.nan_to_num(left), W * counts[:, None, None])
+        return counted(fit, answers, residuals, rig, handle)
+    return fit
 
 
 def fit_pixels(
@@ -124,17 +128,17 @@ def _normal(
     return residual, np.einsum("ab,kib,kij->akj", spread, J, weighted), spread
 
 
-def _response(
+def response_of_pixels(
     uv: Array,
     covariance: Array,
     rig: Rig,
     handle: Handle,
     views: Views,
     T: RigidTransform,
-    shading: Array,
+    shading: Array | None = None,
     huber: float = 3.0,
 ) -> Response:
-    """How the pose of `fit_pixels` answers to the centroids."""
+    """How the pose of `fit_pixels` answers to the centroids; parameters as there."""
     predicted, J = predict_centroids(rig, handle, T, views, shading)
     _, gain, _ = _normal(uv, inverse(covariance), predicted, J, huber)
     turn = np.kron(np.eye(2), T.as_matrix()[:3, :3])

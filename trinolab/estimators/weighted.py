@@ -17,7 +17,7 @@ from ..pose import (
     LOST,
     Pose,
     measured_pose,
-    systematic_of_points,
+    response_of_points,
     weighted_fit,
     weighted_fit_gain,
 )
@@ -26,6 +26,7 @@ from ..systematic import NOTHING, is_uncertain
 from ..triangulation import triangulate, triangulate_weighted, weighted_slopes
 from .appearance import Views
 from .centroids import CentrePixels, centre_pixels, predict_centroids
+from .contradiction import Honest, Residuals, contradict, honest
 from .identified import Identified
 from .pixels import FLOOR_PX
 
@@ -39,7 +40,7 @@ def fit_weighted(
     start: RigidTransform,
     max_slant_deg: float = 72.0,
     rounds: int = 4,
-) -> tuple[RigidTransform, Array, Array, Array] | None:
+) -> tuple[RigidTransform, Honest, Array] | None:
     """The weighted fit to weighted points, from registered centroids that their model moves to the
     markers' centres.
 
@@ -56,12 +57,10 @@ def fit_weighted(
     Returns
     -------
     T_world_handle : RigidTransform
-    covariance : ndarray, shape (6, 6)
+    covariances : Honest
         Of position (mm) and rotation vector (rad), world frame.
-    systematic : ndarray, shape (6, 6)
-        See `pose.Pose`.
     uv : ndarray, shape (cameras, markers, 2)
-        The centres' pixels. None instead of all four where too little is in view.
+        The centres' pixels. None instead of all three where too little is in view.
     """
     T = start
     for _ in range(rounds):
@@ -75,24 +74,34 @@ def fit_weighted(
     grown = _grown(T, before, measured, rig, handle)
     if grown is None:
         return None
-    systematic = _systematic(T, measured, rig, handle)
-    return (
-        shifted(before, grown @ motion_between(T, before)),
-        grown @ covariance @ grown.T,
-        grown @ systematic @ grown.T,
-        measured.uv,
-    )
+    T = shifted(before, grown @ motion_between(T, before))
+    covariance = grown @ covariance @ grown.T
+    return T, honest_fit(T, covariance, grown, measured, rig, handle), measured.uv
 
 
-def _systematic(T: RigidTransform, centres: CentrePixels, rig: Rig, handle: Handle) -> Array:
-    """The systematic covariance (6, 6) of the fit to centres."""
-    if not is_uncertain(rig, handle):
-        return NOTHING
+def honest_fit(
+    T: RigidTransform,
+    covariance: Array,
+    grown: Array,
+    centres: CentrePixels,
+    rig: Rig,
+    handle: Handle,
+) -> Honest:
+    """The covariances of the fit to centres, all of whose errors are `grown` (6, 6)."""
     sigma_px = np.hypot(centres.sigma_px, FLOOR_PX)
+    expected = T.apply(handle.marker_centres)
+    left = centres.uv - np.stack([camera.project(expected) for camera in rig.cameras])
+    seen = np.isfinite(left).all(axis=2)
+    chi_square = float(((left[seen] / sigma_px[seen, None]) ** 2).sum())
+    if not (is_uncertain(rig, handle) or contradict(chi_square, 2 * int(seen.sum()) - 6)):
+        return Honest(covariance, NOTHING, False)
     _, covariances = triangulate_weighted(rig, centres.uv, sigma_px)
-    by_point = weighted_fit_gain(handle.marker_centres, T, covariances)
+    by_point = grown @ weighted_fit_gain(handle.marker_centres, T, covariances)
     by_pixel = weighted_slopes(rig, centres.uv, sigma_px)
-    return systematic_of_points(T, by_point, by_pixel, rig, handle)
+    found = response_of_points(T, by_point, by_pixel, handle)
+    at = found.camera, found.marker
+    information = np.eye(2) / sigma_px[at][:, None, None] ** 2
+    return honest(covariance, found, Residuals(left[at], information), T, rig, handle)
 
 
 def _grown(
@@ -136,6 +145,8 @@ def weighted_pose(instant: Identified, rig: Rig, handle: Handle, p: Parameters) 
     fit = fit_weighted(instant.images, rig, handle, instant.T_world_handle, p.max_slant_deg)
     if fit is None:
         return LOST
-    T, covariance, systematic, uv = fit
+    T, found, uv = fit
+    if found.refused:
+        return LOST
     used = np.asarray(np.isfinite(triangulate(rig, uv)).all(axis=1))
-    return measured_pose(T, covariance, uv, used, rig, handle, systematic)
+    return measured_pose(T, found.covariance, uv, used, rig, handle, found.systematic)

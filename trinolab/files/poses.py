@@ -1,6 +1,9 @@
 """Tables of poses, and their files: CSV, one row an instant (columns: `POSE_COLUMNS`); the pose is
 T_world_handle.
 
+Of the whole uncertainty `sigma_mm`, `sigma_deg` the columns `systematic_mm`, `systematic_deg` are
+the part that all instants have in common: what the errors of rig and marker layout make.
+
 Beside it TUM, which other programs read.
 """
 
@@ -37,6 +40,8 @@ POSE_COLUMNS = (
     "markers",
     "cameras",
     "status",
+    "systematic_mm",
+    "systematic_deg",
 )
 
 FARTHEST_MM = 1e9  # of a position that a file may hold: a thousand km
@@ -145,7 +150,7 @@ def read_poses(path: str | Path) -> pd.DataFrame:
     for column in ("frame", *POSE_COLUMNS[2:9]):
         if column not in table:
             raise ValueError(f"{path}: column '{column}' is missing")
-    for column in POSE_COLUMNS[:-1]:
+    for column in (name for name in POSE_COLUMNS if name != "status"):
         if column in table and not (
             pd.api.types.is_numeric_dtype(table[column]) or table[column].isna().all()
         ):
@@ -158,7 +163,8 @@ def read_poses(path: str | Path) -> pd.DataFrame:
 def pose_row(frame: int, t_s: float, pose: Pose) -> tuple:
     """One row, in the order of `POSE_COLUMNS`."""
     if pose.T_world_handle is None:
-        return (frame, t_s, *[np.nan] * 13, pose.markers, pose.cameras, pose.status)
+        nothing = [np.nan] * 13
+        return (frame, t_s, *nothing, pose.markers, pose.cameras, pose.status, np.nan, np.nan)
     T = pose.T_world_handle
     quaternion = T.rotation.as_quat(canonical=True, scalar_first=True)
     return (
@@ -173,6 +179,8 @@ def pose_row(frame: int, t_s: float, pose: Pose) -> tuple:
         pose.markers,
         pose.cameras,
         pose.status,
+        pose.systematic_mm,
+        pose.systematic_deg,
     )
 
 

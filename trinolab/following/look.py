@@ -25,10 +25,12 @@ from ..handle import Handle
 from ..identity import labelled_pixels
 from ..identity.hypotheses import FAR, Observed, Poses, explain, fit, ideal_pixels, predict
 from ..identity.layout import layout_of, views_of
+from ..identity.reconcile import reconciled
 from ..markers import Markers, markers_at
 from ..methods import BEST
 from ..pose import LOST, Pose, fit_pose
 from ..rigid import apart, motion_between, shifted
+from ..systematic import NOTHING, offsets_at
 from ..window import Window
 from .parameters import FollowParameters
 from .posefilter import Motion, is_new
@@ -60,11 +62,15 @@ class Followed(NamedTuple):
         The marker's index where it was found and agrees, else -1.
     sights : tuple of Sight
         What the cameras show there.
+    rig : Rig
+        With which it was measured: what the markers contradict each other has corrected it, see
+        `identity.reconcile`.
     """
 
     pose: Pose
     labels: tuple[np.ndarray, ...]
     sights: tuple[Sight, ...]
+    rig: Rig
 
 
 class Expected(NamedTuple):
@@ -164,7 +170,12 @@ def _batch(T: RigidTransform) -> Poses:
 
 
 def follow(
-    images: Sequence[np.ndarray], guess: Guess, rig: Rig, handle: Handle, p: FollowParameters
+    images: Sequence[np.ndarray],
+    guess: Guess,
+    rig: Rig,
+    handle: Handle,
+    p: FollowParameters,
+    before: Rig | None = None,
 ) -> Followed:
     """Look for the markers where a guess has them, and measure the pose from those that are there.
 
@@ -172,11 +183,19 @@ def follow(
     does: a single camera is enough for it. With `guess.blurred` it is the image model of a handle
     that moves while the shutter is open, from the predicted pose: centroids are worth less than
     that when limb and neighbours are blurred together.
+
+    `before` is the rig as the last instant left it. It serves where too few markers are found to
+    say how this one does.
     """
     sights = look(images, guess.expected, rig, handle, p)
     pixels = tuple(sight.found[:, :2] for sight in sights)
     T, labels = _agreed(pixels, rig, handle, guess.motion.pose, p)
-    return Followed(_pose(images, guess, sights, T, labels, rig, handle, p), labels, sights)
+    here = before or rig
+    if T is not None:
+        uv = labelled_pixels(labels, pixels, len(handle.marker_centres))
+        here, T = reconciled(rig, handle, uv, T, p.sigma_px, p.identity)
+    pose = _pose(images, guess, sights, T, labels, here, handle, p)
+    return Followed(pose, labels, sights, here)
 
 
 def _pose(
@@ -263,7 +282,11 @@ def _judged(fit: Fit | None, rig: Rig, p: FollowParameters) -> Pose:
 
 
 def _sure(pose: Pose, p: FollowParameters) -> bool:
-    return bool(pose.sigma_mm < p.max_sigma_mm and pose.sigma_deg < p.max_sigma_deg)
+    """Whether this instant fixes the pose; what rig and layout do to it is the same before and
+    after.
+    """
+    own = replace(pose, systematic=NOTHING)
+    return bool(own.sigma_mm < p.max_sigma_mm and own.sigma_deg < p.max_sigma_deg)
 
 
 def found_markers(sight: Sight) -> Markers:
@@ -279,7 +302,8 @@ def _agreed(
 ) -> tuple[RigidTransform | None, tuple[np.ndarray, ...]]:
     """The pose that most of the markers agree with, and those that do."""
     uv = ideal_pixels(rig, pixels)
-    observed = Observed(views_of(rig), layout_of(handle, p.identity), uv)
+    offsets = offsets_at(rig, start.translation)
+    observed = Observed(views_of(rig), layout_of(handle, p.identity), uv, offsets=offsets)
     markers = np.arange(uv.shape[2])
     poses = _batch(start)
     labels = np.where(uv[:, 0] < FAR, markers, -1)[None]
@@ -289,7 +313,8 @@ def _agreed(
         explained = explain(poses, observed, gate * p.identity.gate_px, p.identity)
         labels = np.where(explained.labels == markers, explained.labels, -1)
     count = int((labels >= 0).sum())
-    residual = np.sqrt(np.where(labels >= 0, explained.squares, 0.0).sum() / max(2 * count - 6, 1))
+    freedom = max(2 * count - 6 - int(explained.spared[0]), 1)
+    residual = np.sqrt(np.where(labels >= 0, explained.squares, 0.0).sum() / freedom)
     if (
         count < 4
         or not residual <= p.identity.max_residual_px

@@ -17,13 +17,14 @@ from numpy.typing import ArrayLike
 from scipy.spatial.transform import RigidTransform
 
 from ..camera import Rig
-from ..checks import as_number, as_transform
+from ..checks import Array, as_number, as_transform
 from ..files.recording import Frames
 from ..handle import Handle
 from ..identity import choose, equivalents, relabel
 from ..measurement import Measurement, as_images, measure
 from ..pose import LOST, Pose
 from ..rigid import apart
+from ..systematic import NOTHING
 from ..window import Window
 from . import posefilter
 from .look import (
@@ -53,21 +54,36 @@ class TrackState(NamedTuple):
         The same when the handle was last measured, or given.
     sure : bool
         Whether the pose that is followed is the true one of those that look alike.
+    rig : Rig or None
+        As the last measurement left it, see `look.Followed`; None where there is none.
+    systematic : ndarray, shape (6, 6)
+        Of the last measured pose, see `pose.Pose`.
     """
 
     t_s: float
     motion: Motion | None
     seen: Motion | None
     sure: bool
+    rig: Rig | None = None
+    systematic: Array = NOTHING
 
 
 class Tracked(NamedTuple):
-    """One instant of a track: the measurement, and the windows that were searched, None where a
-    camera was left out.
+    """One instant of a track.
+
+    Attributes
+    ----------
+    measurement : Measurement
+    windows : tuple of Window or None
+        That were searched; None where a camera was left out.
+    labels : tuple of ndarray of int, one a camera, or None
+        Of the markers found near where they were expected, also where they agree on no pose; None
+        where the whole images were searched.
     """
 
     measurement: Measurement
     windows: tuple[Window | None, ...]
+    labels: tuple[np.ndarray, ...] | None = None
 
 
 def start(t_s: float, pose: RigidTransform | None = None) -> TrackState:
@@ -174,7 +190,7 @@ def step(
     cameras = 0
     tried: list[Followed] = []
     for guess in _guesses(images, predicted, state.seen, rig, handle, p):
-        followed = follow(images, guess, rig, handle, p)
+        followed = follow(images, guess, rig, handle, p, state.rig)
         tried.append(followed)
         pose = followed.pose
         if pose.cameras >= max(guess.min_cameras, cameras + 1) and believable(
@@ -189,7 +205,7 @@ def step(
     if t - state.seen.t_s > p.memory_s + 1e-9:  # times are rounded
         return _sought(images, t, rig, handle, p)
     # The first guess is the prediction itself: its windows belong to the pose that is reported.
-    return state._replace(t_s=t, motion=predicted), _missed(tried[0], predicted, state.sure, handle)
+    return state._replace(t_s=t, motion=predicted), _missed(tried[0], predicted, state, handle)
 
 
 def _guesses(
@@ -271,18 +287,18 @@ def _displaced(
 def _tracked(followed: Followed, pose: Pose, labels: tuple[np.ndarray, ...]) -> Tracked:
     """What was found where a guess has the handle, with the pose that is reported."""
     found = tuple(map(found_markers, followed.sights))
-    return Tracked(
-        Measurement(pose, found, labels), tuple(sight.window for sight in followed.sights)
-    )
+    windows = tuple(sight.window for sight in followed.sights)
+    return Tracked(Measurement(pose, found, labels), windows, followed.labels)
 
 
-def _missed(followed: Followed, motion: Motion, sure: bool, handle: Handle) -> Tracked:
+def _missed(followed: Followed, motion: Motion, state: TrackState, handle: Handle) -> Tracked:
     """An instant without a measurement: the predicted pose, with what is seen where it has the
     handle.
     """
-    pose = Pose("predicted", motion.pose, motion.pose_covariance, np.nan, 0, 0)
+    spread = motion.pose_covariance
+    pose = Pose("predicted", motion.pose, spread, np.nan, 0, 0, state.systematic)
     nothing = tuple(np.full(len(labels), -1) for labels in followed.labels)
-    return _reported(_tracked(followed, pose, nothing), sure, handle)
+    return _reported(_tracked(followed, pose, nothing), state.sure, handle)
 
 
 def _measured(
@@ -293,7 +309,7 @@ def _measured(
     assert pose.T_world_handle is not None
     after = posefilter.update(motion, pose.T_world_handle, pose.covariance, p.motion)
     tracked = _reported(_tracked(followed, pose, followed.labels), sure, handle)
-    return TrackState(motion.t_s, after, after, sure), tracked
+    return TrackState(motion.t_s, after, after, sure, followed.rig, pose.systematic), tracked
 
 
 def _sought(
@@ -307,7 +323,7 @@ def _sought(
     if pose.T_world_handle is None or not (sure or len(handle.symmetries) > 1):
         return TrackState(t, None, None, False), tracked
     begun = posefilter.begin(t, pose.T_world_handle, pose.covariance, p.motion)
-    return TrackState(t, begun, begun, sure), tracked
+    return TrackState(t, begun, begun, sure, None, pose.systematic), tracked
 
 
 def believable(pose: Pose, motion: Motion, rig: Rig, handle: Handle, p: FollowParameters) -> bool:
@@ -343,9 +359,12 @@ def _reported(tracked: Tracked, sure: bool, handle: Handle) -> Tracked:
     alike = equivalents(pose.T_world_handle, handle)
     k = choose(alike, None)[0]
     status = "ambiguous" if pose.status == "measured" else pose.status
-    labels = tuple(relabel(row, handle, handle.symmetries[k]) for row in m.labels)
+    labels, near = (
+        rows and tuple(relabel(row, handle, handle.symmetries[k]) for row in rows)
+        for rows in (m.labels, tracked.labels)
+    )
     pose = replace(pose, status=status, T_world_handle=alike[k])
-    return tracked._replace(measurement=replace(m, pose=pose, labels=labels))
+    return tracked._replace(measurement=replace(m, pose=pose, labels=labels), labels=near)
 
 
 def searched(tracked: Tracked, rig: Rig) -> float:

@@ -40,7 +40,7 @@ from ..handle import Handle
 from ..identity import labelled_pixels
 from ..methods import estimator_of
 from ..pose import Pose
-from . import posetracker
+from . import drift, posetracker
 from .overlay import picture
 from .parameters import FollowParameters
 from .posetracker import TrackState
@@ -49,7 +49,7 @@ from .sync import estimate_offsets, significant
 log = logging.getLogger("trinolab")
 
 PARTIAL = ".partial"  # behind the name of a pose file that is not finished
-MOST_INSTANTS = 3000  # kept for the cameras' offsets in time
+MOST_INSTANTS = 3000  # kept for the cameras' offsets in time, and for their drift
 
 
 class Job(NamedTuple):
@@ -215,16 +215,17 @@ def _stamp(path: Path) -> list[tuple[str, int, int]]:
 
 def _is_row(frame: int, line: str) -> bool:
     """Whether a line is the row of a frame."""
-    cells = line.split(",")
+    row = dict(zip(POSE_COLUMNS, line.split(","), strict=False))
+    status = row.pop("status", "")
     try:
-        numbers = [float(cell) for cell in cells[:-1] if cell]
+        numbers = [float(cell) for cell in row.values() if cell]
     except ValueError:
         return False
     return (
-        len(cells) == len(POSE_COLUMNS)
-        and cells[-1] in STATUSES
+        line.count(",") == len(POSE_COLUMNS) - 1
+        and status in STATUSES
         and bool(numbers)
-        and cells[0] == str(frame)
+        and row["frame"] == str(frame)
     )
 
 
@@ -241,6 +242,7 @@ def _track_on(job: Job, rows: Rows, film: Film | None, progress: bool) -> None:
     done = rows.table()
     measured = int((done["status"] == "measured").sum())
     seen = Seen([], [])
+    watched = Watched(job.recording.rig, job.handle, job.parameters)
     steps = posetracker.track_instants(
         instants(job.recording, len(done)),
         job.recording.rig,
@@ -261,12 +263,13 @@ def _track_on(job: Job, rows: Rows, film: Film | None, progress: bool) -> None:
         for now, tracked in steps:
             rows.add(now.frame, now.t_s, tracked.measurement.pose)
             seen.add(now.t_s, tracked, len(job.handle.marker_centres))
+            watched.add(now.frame, now.t_s, tracked)
             if film is not None:
                 film.add(picture(now.images, tracked, job.recording.rig, now.frame, now.t_s))
             measured += tracked.measurement.pose.status == "measured"
             bar.set_postfix_str(f"tracked {100 * measured / (now.frame + 1):.0f} %", refresh=False)
             bar.update()
-        for line in seen.offsets(job.recording.rig):
+        for line in [*seen.offsets(job.recording.rig), *watched.drift()]:
             log.info(line)
 
 
@@ -296,6 +299,51 @@ class Seen(NamedTuple):
             f"{rig.names[c]}: {abs(late_ms[c]):.1f} ms (+- {sigma_ms[c]:.1f}) "
             f"{'later' if late_ms[c] > 0 else 'earlier'} than {rig.names[0]}; the cameras are not synchronised"
             for c in np.flatnonzero(significant(found))
+        ]
+
+
+class Watched:
+    """The instants of a track in which a drift of the rig would show: of long ones every second,
+    every fourth, ...
+    """
+
+    def __init__(self, rig: Rig, handle: Handle, parameters: FollowParameters) -> None:
+        self.rig = rig
+        self.handle = handle
+        self.parameters = parameters
+        self.every = 1
+        self.instants: list[tuple[int, float, RigidTransform, Array]] = []
+
+    def add(self, frame: int, t_s: float, tracked: posetracker.Tracked) -> None:
+        """One more instant, if the handle was there."""
+        measurement = tracked.measurement
+        T = measurement.pose.T_world_handle
+        if T is None or frame % self.every:
+            return
+        labels = measurement.labels if tracked.labels is None else tracked.labels
+        pixels = tuple(found.uv for found in measurement.found)
+        uv = labelled_pixels(labels, pixels, len(self.handle.marker_centres))
+        self.instants.append((frame, t_s, T, uv))
+        if len(self.instants) > MOST_INSTANTS:
+            self.every *= 2
+            self.instants = [one for one in self.instants if one[0] % self.every == 0]
+
+    def drift(self) -> list[str]:
+        """A line if a camera has turned, else none."""
+        if not self.instants:
+            return []
+        frames, times, poses, uv = zip(*self.instants, strict=True)
+        batch = RigidTransform.concatenate(list(poses))
+        p = self.parameters.identity
+        series = drift.image_offsets(self.rig, self.handle, batch, np.stack(uv), p)
+        found = drift.find_drift(series, self.rig)
+        if found is None:
+            return []
+        names = " or ".join(self.rig.names[c] for c in found.cameras)
+        return [
+            f"{names}: turned by {found.turned_deg:.3f} deg ({found.shift_px:.1f} px, as far as that "
+            f"shows) at {times[found.instant]:.2f} s (frame {frames[found.instant]}); from there on "
+            "the rig file does not hold"
         ]
 
 

@@ -16,11 +16,15 @@ from scipy.spatial.transform import Rotation
 
 from ..camera import Rig
 from ..checks import Array
+from ..systematic import ImageOffsets
 from .layout import Layout, Views
 from .parameters import IdentityParameters
 
 # px; where a marker stands that was not found: near nothing.
 FAR = 1e9
+# chi-square of offsets of the cameras' images up to which the rig's covariance explains them: with
+# three degrees of freedom, as three cameras have, one instant in 100,000 has more
+GRANTED = 25.0
 
 
 class Poses(NamedTuple):
@@ -49,6 +53,8 @@ class Observed(NamedTuple):
     matches : sequence of ndarray of int, or None
         For each pair the found markers, shape (k, 2), that may be the same one; None if nothing is
         known of that.
+    offsets : ImageOffsets, optional
+        By how much the rig's errors may shift the images against each other.
     """
 
     views: Views
@@ -57,6 +63,7 @@ class Observed(NamedTuple):
     axes: Array | None = None
     pairs: Sequence[tuple[int, int]] = ()
     matches: Sequence[np.ndarray] | None = None
+    offsets: ImageOffsets | None = None
 
     def only(self, camera: int) -> Observed:
         """What one camera alone has found."""
@@ -96,6 +103,8 @@ class Explained(NamedTuple):
         Sum of the squares, and the gate's square for each outlier and for each missing marker,
         px^2. Of the missing ones a camera counts at most as many as it labels: it may be covered,
         or see another thing.
+    spared : ndarray of int, shape (h,)
+        Degrees of freedom of the squares that went into offsets of the images.
     """
 
     labels: np.ndarray
@@ -103,6 +112,7 @@ class Explained(NamedTuple):
     missing: Array
     outliers: np.ndarray
     cost: Array
+    spared: np.ndarray
 
     def take(self, index: np.ndarray) -> Explained:
         return Explained(*(part[index] for part in self))
@@ -159,18 +169,52 @@ def explain(poses: Poses, observed: Observed, gate_px: float, p: IdentityParamet
     """Label the found markers by each pose, and say how well it explains them.
 
     A found marker and a predicted one go together if each is the other's nearest and they lie
-    within `gate_px`.
+    within `gate_px`. Their squared distances are counted without the offsets of the images, as far
+    as the rig's covariance grants them.
     """
     views, layout, uv = observed[:3]
     predicted = predict(poses, views, layout)
     shown = np.where(predicted.facing[:, :, None] > layout.limb, predicted.uv, -FAR)
     labels, squares = _mutual_nearest(shown, uv, gate_px)
-    squares *= np.take_along_axis(_weights(predicted.facing, p), labels, axis=2)
+    spared = np.zeros(len(labels), int)
+    if observed.offsets is not None:
+        squares, spared = _without_offsets(predicted.uv, labels, uv, observed.offsets, p)
+    squares *= np.take_along_axis(weights(predicted.facing, p), labels, axis=2)
     missing = _unseen(predicted, labels, views, layout, p)
     outliers = ((labels < 0) & (uv[:, 0] < FAR)).sum(axis=2)
-    explained = Explained(labels, squares, missing, outliers, squares.sum(axis=(1, 2)))
+    explained = Explained(labels, squares, missing, outliers, squares.sum(axis=(1, 2)), spared)
     explained.cost[:] += gate_px**2 * (explained.lacking + outliers.sum(axis=1))
     return explained
+
+
+def _without_offsets(
+    predicted: Array, labels: np.ndarray, uv: Array, offsets: ImageOffsets, p: IdentityParameters
+) -> tuple[Array, np.ndarray]:
+    """Squared distances (h, C, N) of labelled markers without the images' offsets, and how many
+    degrees of freedom (h,) these took.
+
+    An image's offset is the mean of its distances. All of it is granted, unless the offsets
+    together are less likely than `GRANTED`: what a motion of the handle explains is free.
+    """
+    h, C, _ = labels.shape
+    labelled = labels >= 0
+    there = np.take_along_axis(predicted, np.maximum(labels, 0)[:, :, None], axis=3)
+    away = np.where(labelled[:, :, None], uv - there, 0.0)  # (h, C, 2, N)
+    count = labelled.sum(axis=2)
+    mean = away.sum(axis=3) / np.maximum(count, 1)[..., None]
+    noise = np.where(count > 0, p.sigma_px**2 / np.maximum(count, 1), FAR)
+    V = offsets.covariance + np.repeat(noise, 2, axis=1)[..., None] * np.eye(2 * C)
+    J = offsets.by_position
+    W = np.linalg.inv(V)
+    WJ = W @ J
+    # a single camera leaves the distance free: a metre is as good as infinity
+    P = W - WJ @ np.linalg.solve(J.T @ WJ + 1e-6 * np.eye(3), WJ.transpose(0, 2, 1))
+    flat = mean.reshape(h, 2 * C)
+    chi_square = np.einsum("hi,hij,hj->h", flat, P, flat)
+    share = np.sqrt(np.minimum(GRANTED / np.maximum(chi_square, 1e-12), 1.0))
+    left = np.where(labelled[:, :, None], away - (share[:, None, None] * mean)[..., None], 0.0)
+    spared = np.maximum(2 * (count > 0).sum(axis=1) - 3, 0)
+    return (left * left).sum(axis=2), spared
 
 
 def _unseen(
@@ -219,8 +263,8 @@ def _stepped(
     may be determined.
     """
     size = np.sqrt((error * error).sum(axis=2))
-    weight = np.where(np.isfinite(size), _weights(predicted.facing, p) / np.maximum(size, 1.0), 0.0)
-    slope = _slopes(poses, predicted.points, views).reshape(len(size), -1, 6)
+    weight = np.where(np.isfinite(size), weights(predicted.facing, p) / np.maximum(size, 1.0), 0.0)
+    slope = slopes(poses, predicted.points, views).reshape(len(size), -1, 6)
     weighted = slope * np.repeat(weight.reshape(len(size), -1), 2, axis=1)[..., None]
     error = np.where(np.isfinite(error), error, 0.0).transpose(0, 1, 3, 2).reshape(len(size), -1, 1)
     right = weighted.transpose(0, 2, 1) @ error
@@ -232,7 +276,7 @@ def _stepped(
     return Poses(turn @ poses.rotations, poses.translations + step[:, :3])
 
 
-def _slopes(poses: Poses, points: Array, views: Views) -> Array:
+def slopes(poses: Poses, points: Array, views: Views) -> Array:
     """Derivatives of the pixels, (h, C, n, 2, 6), by translation and rotation vector about the
     handle's origin (world frame).
     """
@@ -257,7 +301,7 @@ def _origins(poses: Poses, views: Views) -> Array:
     ).transpose(1, 0, 2)
 
 
-def _weights(facing: Array, p: IdentityParameters) -> Array:
+def weights(facing: Array, p: IdentityParameters) -> Array:
     """Weights of squared distances by the cosine of the slant: at the body's limb a centroid
     depends on everything.
     """

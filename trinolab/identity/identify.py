@@ -17,6 +17,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 from ..camera import Rig
 from ..checks import Array, as_array, as_transform
 from ..handle import Handle
+from ..systematic import offsets_of
 from .hypotheses import Explained, Observed, Poses, ideal_pixels
 from .layout import layout_of, views_of
 from .parameters import IdentityParameters
@@ -93,7 +94,13 @@ def identify(
         else _padded(_one_each(axes_px, "axes_px", rig.names, counts), uv.shape[2])
     )
     observed = Observed(
-        views_of(rig), layout_of(handle, p), uv, axes, rig.pairs, _as_matches(matches, rig)
+        views_of(rig),
+        layout_of(handle, p),
+        uv,
+        axes,
+        rig.pairs,
+        _as_matches(matches, rig),
+        offsets_of(rig, pixels),
     )
     tried = search(observed, p)
     if tried is None:

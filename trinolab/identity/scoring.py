@@ -62,7 +62,7 @@ def judge(e: Explained, p: IdentityParameters) -> Verdict:
     supports = goes_along & (hits >= 2)
     labels = np.where(goes_along[..., None], e.labels, -1)
     count = (labels >= 0).sum(axis=(1, 2))
-    freedom = np.maximum(2 * count - 6, 1)
+    freedom = np.maximum(2 * count - 6 - e.spared, 1)
     residual = np.sqrt(np.where(labels >= 0, e.squares, 0.0).sum(axis=(1, 2)) / freedom)
     other_things = (e.missing >= 2 * p.missing_share) & (e.outliers > hits)
     against = ~supports & ((by_itself > 0) | other_things)

@@ -70,7 +70,11 @@ def candidate_points(observed: Observed, pair: int, p: IdentityParameters) -> Ca
     gap_px = (
         np.abs(a @ np.cross(b, base).T) / np.sqrt(square) * focal[second] / np.maximum(t, 1e-12)
     )
-    near = (s > 0) & (t > 0) & (gap_px < p.gate_px / 2)
+    widest = p.gate_px / 2
+    if observed.offsets is not None:
+        apart = observed.offsets.apart_px(first, second)
+        widest = float(np.hypot(widest, p.side_sigmas * apart))
+    near = (s > 0) & (t > 0) & (gap_px < widest)
     near &= (uv[first, 0] < FAR)[:, None] & (uv[second, 0] < FAR)
     if observed.matches is not None:
         allowed = np.zeros_like(near)

@@ -1,0 +1,322 @@
+"""Calibrations and layouts as they may be: is a pose's whole uncertainty honest, and is none called
+measured that is badly wrong.
+
+The rig and the handle that measure are the shipped ones, with a covariance; what is measured is
+drawn from it. Pixels are drawn where there is enough to draw: centroids as
+`estimators.centroids.predict_centroids` has them, moved as the marker is, and noise. The estimators
+that fit images get rendered ones, and there the rig and the handle that measure are drawn.
+"""
+
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+from scipy.spatial.transform import RigidTransform
+from tqdm import tqdm
+
+from trinolab.bench.hand import true_visibility
+from trinolab.bench.motion import random_pose
+from trinolab.bench.optics import Bench
+from trinolab.bench.scene import render_rig
+from trinolab.camera import Rig, RigCovariance, displaced
+from trinolab.datasets import load_handle, load_rig
+from trinolab.estimators.appearance import Views
+from trinolab.estimators.centroids import CentrePixels, predict_centroids
+from trinolab.estimators.contradiction import Residuals, honest
+from trinolab.estimators.reprojection import fit_pixels, response_of_pixels
+from trinolab.estimators.weighted import honest_fit
+from trinolab.handle import Handle
+from trinolab.identity import choose, equivalents, identify, labelled_pixels, relabel
+from trinolab.identity.parameters import IdentityParameters
+from trinolab.identity.reconcile import reconciled
+from trinolab.measurement import measure
+from trinolab.metrics import nearest_equivalent
+from trinolab.parameters import Parameters
+from trinolab.pose import LOST, Pose, fit_pose, weighted_fit
+from trinolab.rigid import motion_between
+from trinolab.systematic import pixel_slopes
+from trinolab.triangulation import triangulate_weighted
+
+# principal points (px) and directions (deg) of all cameras, places of the markers (mm)
+KINDS = {"good": (0.1, 0.005, 0.0), "poor": (0.3, 0.02, 0.0), "layout": (0.0, 0.0, 0.05)}
+RIGS = ("paper_pair", "raised_40deg")
+NOISE_PX = {"paper": 0.1, "weighted": 0.03, "reprojection": 0.03}
+IMAGES = ("paper_checked", "patches", "outline")
+HONEST = 0.8, 1.3  # rms of true error by reported standard deviation
+BADLY_MM, BADLY_DEG, SIGMAS = 2.0, 5.0, 5.0  # off by more than all of these
+P = Parameters()
+
+
+class Setup(NamedTuple):
+    """What measures: a rig and a handle, and how well they are known."""
+
+    rig: Rig
+    handle: Handle
+
+
+class Truth(NamedTuple):
+    """What is measured: cameras, and by how much the markers are beside their places, (n, 3), handle
+    frame, mm.
+    """
+
+    rig: Rig
+    beside: np.ndarray
+
+
+class Seen(NamedTuple):
+    """An instant as pixels, (cameras, markers, 2) each: centroids, and images of the centres."""
+
+    T_world_handle: RigidTransform
+    centroids: np.ndarray
+    centres: np.ndarray
+
+
+class Score(NamedTuple):
+    """Error by sigma, of position and rotation, and whether the pose is badly wrong."""
+
+    mm: float
+    deg: float
+    badly: bool
+
+
+def setup(rig_name: str, handle_name: str, kind: str) -> Setup:
+    """A shipped rig and handle of which it is known how well they are known."""
+    px, deg, mm = KINDS[kind]
+    rig = load_rig(rig_name)
+    sigma = np.zeros((len(rig.cameras), 15))
+    sigma[:, 2:4] = px
+    sigma[:, 9:12] = np.deg2rad(deg)
+    covariance = RigCovariance(rig.names, np.diag(sigma.ravel() ** 2)) if px else None
+    handle = replace(load_handle(handle_name), placement_sigma_mm=mm)
+    return Setup(replace(rig, covariance=covariance), handle)
+
+
+def drawn(known: Setup, rng: np.random.Generator) -> Truth:
+    """What there may be where this is known."""
+    rig = known.rig
+    if rig.covariance is not None:
+        sigma = np.sqrt(np.diag(rig.covariance.matrix))
+        rig = displaced(rig, sigma * rng.standard_normal(len(sigma)))
+    shape = known.handle.marker_centres.shape
+    return Truth(rig, known.handle.placement_sigma_mm * rng.standard_normal(shape))
+
+
+def seen(known: Setup, truth: Truth, noise_px: float, rng: np.random.Generator) -> Seen:
+    """A random pose at which two cameras see four markers, in pixels."""
+    handle = known.handle
+    while True:
+        T = random_pose(rng)
+        visible = np.stack([true_visibility(c, handle, T) for c in known.rig.cameras])
+        if (visible.sum(axis=1) >= 4).sum() >= 2:
+            break
+    views = Views(*np.nonzero(visible))
+    beside = truth.beside @ T.rotation.as_matrix().T
+    at = T.apply(handle.marker_centres)
+    centroids = np.full((*visible.shape, 2), np.nan)
+    centres = np.full((*visible.shape, 2), np.nan)
+    noise = noise_px * rng.standard_normal(centroids.shape)
+    uv = predict_centroids(truth.rig, handle, T, views)[0]
+    for k, (c, m) in enumerate(zip(*views, strict=True)):
+        moved = pixel_slopes(truth.rig.cameras[c], at[[m]])[1][0] @ beside[m]
+        centroids[c, m] = uv[k] + moved + noise[c, m]
+        centres[c, m] = truth.rig.cameras[c].project(at[[m]] + beside[m])[0] + noise[c, m]
+    return Seen(T, centroids, centres)
+
+
+def paper_pose(known: Setup, one: Seen, T: RigidTransform) -> Pose:
+    """The paper's estimate from the pixels of the centres."""
+    return fit_pose(one.centres, *known, P.max_slant_deg, NOISE_PX["paper"], T)
+
+
+def weighted_pose(known: Setup, one: Seen, T: RigidTransform) -> Pose:
+    """The weighted fit from the pixels of the centres."""
+    sigma = np.where(np.isfinite(one.centres[..., 0]), NOISE_PX["weighted"], np.nan)
+    fit = weighted_fit(
+        known.handle.marker_centres, *triangulate_weighted(known.rig, one.centres, sigma)
+    )
+    if fit is None:
+        return LOST
+    centres = CentrePixels(one.centres, sigma)
+    return _reported(fit[0], honest_fit(*fit, np.eye(6), centres, *known))
+
+
+def reprojection_pose(known: Setup, one: Seen, T: RigidTransform) -> Pose:
+    """The pose of least reprojection error from the centroids."""
+    views = Views(*np.nonzero(np.isfinite(one.centroids[..., 0])))
+    spread = np.tile(NOISE_PX["reprojection"] ** 2 * np.eye(2), (len(views.camera), 1, 1))
+    uv = one.centroids[views]
+    T, covariance = fit_pixels(uv, spread, *known, views, T)
+    found = response_of_pixels(uv, spread, *known, views, T)
+    left = uv - predict_centroids(*known, T, views)[0]
+    residuals = Residuals(left, np.linalg.inv(spread))
+    return _reported(T, honest(covariance, found, residuals, T, *known))
+
+
+def _reported(T: RigidTransform, found) -> Pose:
+    if found.refused:
+        return LOST
+    return Pose("measured", T, found.covariance, np.nan, 0, 0, found.systematic)
+
+
+ESTIMATORS: dict[str, Callable[[Setup, Seen, RigidTransform], Pose]] = {
+    "paper": paper_pose,
+    "weighted": weighted_pose,
+    "reprojection": reprojection_pose,
+}
+
+
+def measured(known: Setup, one: Seen, estimator: str, rng: np.random.Generator) -> Pose:
+    """What `measurement.measure` does, from found pixels on."""
+    p = IdentityParameters()
+    found = []
+    order = []
+    for uv in one.centroids:
+        there = np.flatnonzero(np.isfinite(uv[:, 0]))
+        order.append(rng.permutation(there))
+        found.append(uv[order[-1]])
+    hypotheses = identify(*known, found, p)
+    if not hypotheses:
+        return LOST
+    options = [T for h in hypotheses for T in equivalents(h.T_world_handle, known.handle)]
+    k, _ = choose(options, one.T_world_handle)
+    hypothesis = hypotheses[k // len(known.handle.symmetries)]
+    S = known.handle.symmetries[k % len(known.handle.symmetries)]
+    labels = tuple(relabel(row, known.handle, S) for row in hypothesis.labels)
+    n = len(known.handle.marker_centres)
+    centroids = labelled_pixels(labels, tuple(found), n)
+    there = tuple(uv[rows] for uv, rows in zip(one.centres, order, strict=True))
+    centres = labelled_pixels(labels, there, n)
+    rig, T = reconciled(known.rig, known.handle, centroids, options[k], P.sigma_px, p)
+    return ESTIMATORS[estimator](
+        Setup(rig, known.handle), Seen(one.T_world_handle, centroids, centres), T
+    )
+
+
+def from_pixels(
+    rig_name: str,
+    handle_name: str,
+    kind: str,
+    estimator: str,
+    draws: int,
+    poses: int,
+    seed: int = 0,
+) -> list[Score | None]:
+    """Scores of every pose that was measured, None for the others: so many calibrations, so many
+    poses each.
+    """
+    rng = np.random.default_rng(seed)
+    known = setup(rig_name, handle_name, kind)
+    scores = []
+    for _ in range(draws):
+        truth = drawn(known, rng)
+        for _ in range(poses):
+            one = seen(known, truth, NOISE_PX[estimator], rng)
+            scores.append(score(measured(known, one, estimator, rng), one.T_world_handle, known))
+    return scores
+
+
+def from_images(
+    rig_name: str, kind: str, draws: int, poses: int, estimators=IMAGES, seed: int = 0
+) -> dict[str, list[Score | None]]:
+    """The same for estimators that fit images: each pose is rendered once, rig and handle drawn.
+
+    A wrapped marker cannot be above its place. It is beside it in two directions by as much as the
+    file says for three.
+    """
+    rng = np.random.default_rng(seed)
+    known = setup(rig_name, "coded", kind)
+    exact = setup(rig_name, "coded", "layout")
+    truths = [seen(exact, Truth(exact.rig, 0 * exact.handle.marker_centres), 0.0, rng)[0]]
+    truths += [
+        seen(exact, Truth(exact.rig, 0 * exact.handle.marker_centres), 0.0, rng)[0]
+        for _ in range(poses - 1)
+    ]
+    frames = [render_rig(exact.rig, exact.handle, T, Bench(), rng) for T in truths]
+    scores: dict[str, list[Score | None]] = {name: [] for name in estimators}
+    for _ in tqdm(range(draws), leave=False, unit="calibration"):
+        truth = drawn(known, rng)
+        with_it = Setup(truth.rig, _beside(known.handle, rng))
+        for T, images in zip(truths, frames, strict=True):
+            for name in estimators:
+                pose = measure(images, *with_it, None, Parameters(estimator=name)).pose
+                scores[name].append(score(pose, T, with_it))
+    return scores
+
+
+def _beside(handle: Handle, rng: np.random.Generator) -> Handle:
+    """A handle with each marker beside its place, around and along the axis."""
+    sigma = np.sqrt(1.5) * handle.placement_sigma_mm
+    angles = np.repeat(handle.columns_deg, [len(rows) for rows in handle.rows_mm])
+    along = np.concatenate([np.array(rows) for rows in handle.rows_mm])
+    angles = angles + np.rad2deg(sigma * rng.standard_normal(len(angles)) / handle.radius_mm)
+    along = along + sigma * rng.standard_normal(len(along))
+    columns = tuple(float(a) for a in angles)
+    return replace(handle, columns_deg=columns, rows_mm=tuple((float(s),) for s in along))
+
+
+def score(pose: Pose, truth: RigidTransform, known: Setup) -> Score | None:
+    """How far off a measured pose is, in its own standard deviations."""
+    if pose.status != "measured" or pose.T_world_handle is None:
+        return None
+    T = nearest_equivalent(pose.T_world_handle, truth, known.handle.symmetries)[0]
+    away = motion_between(T, truth)
+    mm = float(np.linalg.norm(away[:3]))
+    deg = float(np.rad2deg(np.linalg.norm(away[3:])))
+    badly = (mm > BADLY_MM and mm > SIGMAS * pose.sigma_mm) or (
+        deg > BADLY_DEG and deg > SIGMAS * pose.sigma_deg
+    )
+    return Score(mm / pose.sigma_mm, deg / pose.sigma_deg, badly)
+
+
+class Summary(NamedTuple):
+    """Of scores: how many, the share measured, rms of error by sigma, and how many badly wrong."""
+
+    count: int
+    measured: float
+    mm: float
+    deg: float
+    badly: int
+
+    @property
+    def honest(self) -> bool:
+        return HONEST[0] <= self.mm <= HONEST[1] and HONEST[0] <= self.deg <= HONEST[1]
+
+
+def summary(scores: list[Score | None]) -> Summary:
+    """The scores in short."""
+    held = [one for one in scores if one is not None]
+    rms = np.sqrt(np.mean(np.square([one[:2] for one in held]), axis=0))
+    badly = sum(one.badly for one in held)
+    return Summary(len(scores), len(held) / len(scores), float(rms[0]), float(rms[1]), badly)
+
+
+def report(arguments) -> None:
+    draws = arguments.calibrations
+    print(
+        f"{draws} calibrations and layouts drawn for each row, random poses, seed 0. rms of true error by the"
+    )
+    print(f"whole sigma is honest from {HONEST[0]} to {HONEST[1]}. Badly wrong: measured, and off by")
+    print(f"more than {SIGMAS:g} sigmas and {BADLY_MM:g} mm or {BADLY_DEG:g} deg")
+    total = badly = 0
+    for label, scores in _rows(draws):
+        s = summary(scores)
+        total += s.count
+        badly += s.badly
+        print(
+            f"{label}  n {s.count:5d}  measured {100 * s.measured:5.1f} %  position {s.mm:.2f}  rotation {s.deg:.2f}"
+            f"{'' if s.honest else ' *'}  badly wrong {s.badly}",
+            flush=True,
+        )
+    print(f"badly wrong in all: {badly} of {total}")
+
+
+def _rows(draws: int) -> Iterator[tuple[str, list[Score | None]]]:
+    for rig in RIGS:
+        for kind in KINDS:
+            for handle in ("coded", "paper"):
+                for name in ESTIMATORS:
+                    label = f"{rig:13s} {kind:7s} {handle:6s} {name:13s}"
+                    yield label, from_pixels(rig, handle, kind, name, draws, 6)
+            for name, scores in from_images(rig, kind, draws, 4).items():
+                yield f"{rig:13s} {kind:7s} coded  {name:13s}", scores

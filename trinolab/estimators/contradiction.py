@@ -1,0 +1,185 @@
+"""Whether the places where markers were seen contradict each other beyond their noise, and what
+that says of the pose.
+
+A pose has six numbers, and what is seen has three times as many: what is left over is a chi-square.
+Where it is larger than the noise explains, with one chance in a hundred, there are two reasons.
+
+Markers contradict each other within each image: the model of what is seen is not exact, or the
+markers are not where the layout says. The covariance is scaled by the chi-square by its degrees of
+freedom (Birge 1932, DOI 10.1103/PhysRev.40.207; the scale factor of the Particle Data Group).
+
+Images contradict each other as a whole: the rig is not what its file says. Some of the images'
+offsets show, others make the same shifts as a motion of the handle, and do not. All are taken to be
+of one size, which is estimated from those that show, one for two cameras, three for three, so that
+the size is itself uncertain: it is enlarged by Student's factor for as few.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.linalg import block_diag
+from scipy.spatial.transform import RigidTransform
+from scipy.special import chdtri, fdtri, stdtrit
+
+from ..camera import CAMERA_PARAMETERS, Rig
+from ..checks import Array
+from ..handle import Handle
+from ..rigid import cross_matrices
+from ..systematic import NOTHING, Response, pixel_slopes, systematic_covariance
+
+CHANCE = 0.01  # of a contradiction where there is none
+ONE_SIGMA = 0.841345  # share of a normal distribution below one standard deviation
+FREE = 1e-3  # share of an offset below which it does not show beside a pose
+# A pose whose images contradict each other is refused if this many standard deviations are more.
+REFUSED_SIGMAS = 2.0
+MOST_MM, MOST_RAD = 2.0, np.deg2rad(5.0)
+
+
+class Residuals(NamedTuple):
+    """What is left of the places in which markers were seen.
+
+    Attributes
+    ----------
+    px : ndarray, shape (k, 2)
+        Seen minus predicted.
+    information : ndarray, shape (k, 2, 2)
+        Inverse covariance of where they were seen, px^-2; zeros for what does not count.
+    """
+
+    px: Array
+    information: Array
+
+
+class Honest(NamedTuple):
+    """A pose's covariances when all contradictions are counted.
+
+    Attributes
+    ----------
+    covariance, systematic : ndarray, shape (6, 6)
+        See `pose.Pose`.
+    refused : bool
+        Whether the contradictions are so large that the pose is not to be relied on.
+    """
+
+    covariance: Array
+    systematic: Array
+    refused: bool
+
+
+def contradict(chi_square: float, freedom: int) -> bool:
+    """Whether a chi-square is more than what noise alone makes of it."""
+    return freedom > 0 and bool(chi_square > chdtri(freedom, CHANCE))
+
+
+def honest(
+    covariance: Array,
+    found: Response,
+    left: Residuals,
+    T_world_handle: RigidTransform,
+    rig: Rig,
+    handle: Handle,
+) -> Honest:
+    """The covariances of a pose by what is known of rig and layout, and by what contradicts.
+
+    Parameters
+    ----------
+    covariance : ndarray, shape (6, 6)
+        Of the pose, by the noise.
+    found : Response
+    left : Residuals
+        In the same order.
+    T_world_handle : RigidTransform
+    rig, handle
+        What their errors explain is no contradiction.
+    """
+    scale, offset_px2 = _contradictions(found, left, T_world_handle, rig, handle)
+    own = covariance if scale == 1 else scale * covariance
+    unexplained = offset_px2 * _by_offsets(found, rig) if offset_px2 else NOTHING
+    total = own + unexplained
+    sigmas = np.sqrt([np.trace(total[:3, :3]), np.trace(total[3:, 3:])])
+    too_much = (REFUSED_SIGMAS * sigmas > [MOST_MM, MOST_RAD]).any()
+    refused = bool((scale > 1 or offset_px2 > 0) and too_much)
+    return Honest(own, systematic_covariance(found, rig, handle) + unexplained, refused)
+
+
+def _contradictions(
+    found: Response, left: Residuals, T_world_handle: RigidTransform, rig: Rig, handle: Handle
+) -> tuple[float, float]:
+    """The scale of the covariance, 1 without a contradiction within the images, and the variance of
+    the images' offsets, px^2, 0 without one between them.
+    """
+    used = left.information.any(axis=(1, 2))
+    camera = found.camera[used]
+    by_parameters, by_points = _slopes(found.points[used], camera, rig)
+    V = block_diag(*np.linalg.inv(left.information[used]))
+    V += _known(by_parameters, by_points, camera, found.marker[used], rig, handle)
+    arms = found.points[used] - T_world_handle.translation
+    by_pose = np.concatenate([by_points, -by_points @ cross_matrices(arms)], axis=2)
+    offsets = _offsets_that_show(T_world_handle, rig)[camera]
+    # whitened, and what a pose explains taken off
+    root = np.linalg.cholesky(V)
+    rows = np.concatenate([by_pose, offsets, left.px[used][..., None]], axis=2)
+    white = np.linalg.solve(root, rows.reshape(len(root), -1))
+    explained = np.linalg.qr(white[:, :6])[0]
+    rest = white[:, 6:] - explained @ (explained.T @ white[:, 6:])
+    U, sizes, Vt = np.linalg.svd(rest[:, :-1], full_matrices=False)
+    shown = sizes > FREE * np.linalg.norm(white[:, 6:-1])
+    along = U[:, shown].T @ rest[:, -1]
+    between = float((along**2).sum())
+    within = float((rest[:, -1] ** 2).sum()) - between
+    count = int(shown.sum())
+    freedom = 2 * int(used.sum()) - 6 - count
+    scale = within / freedom if contradict(within, freedom) else 1.0
+    if freedom <= 0 or not count or between <= count * scale * fdtri(count, freedom, 1 - CHANCE):
+        return scale, 0.0
+    px = Vt[shown].T @ (along / sizes[shown])
+    return scale, float(px @ px / count * stdtrit(count, ONE_SIGMA) ** 2)
+
+
+def _slopes(points: Array, camera: np.ndarray, rig: Rig) -> tuple[Array, Array]:
+    """Derivatives of the pixels by their camera's parameters (k, 2, 15), and by the points that
+    they show (k, 2, 3).
+    """
+    by_parameters = np.empty((len(points), 2, len(CAMERA_PARAMETERS)))
+    by_points = np.empty((len(points), 2, 3))
+    for c, one in enumerate(rig.cameras):
+        by_parameters[camera == c], by_points[camera == c] = pixel_slopes(one, points[camera == c])
+    return by_parameters, by_points
+
+
+def _known(
+    by_parameters: Array,
+    by_points: Array,
+    camera: np.ndarray,
+    marker: np.ndarray,
+    rig: Rig,
+    handle: Handle,
+) -> Array:
+    """Covariance (2 k, 2 k) of the pixels by what is known of the errors of rig and layout."""
+    k, _, n = by_parameters.shape
+    moved = by_points.reshape(2 * k, 3)
+    same = np.repeat(np.repeat(marker[:, None] == marker, 2, axis=0), 2, axis=1)
+    V = handle.placement_sigma_mm**2 * same * (moved @ moved.T)
+    if rig.covariance is not None:
+        by_rig = np.zeros((k, 2, len(rig.cameras), n))
+        by_rig[np.arange(k), :, camera] = by_parameters
+        flat = by_rig.reshape(2 * k, -1)
+        V = V + flat @ rig.covariance.matrix @ flat.T
+    return V
+
+
+def _offsets_that_show(T_world_handle: RigidTransform, rig: Rig) -> Array:
+    """Offsets of the images (C, 2, n), each of size 1, that no motion of the handle makes."""
+    place = T_world_handle.translation[None]
+    by_position = np.concatenate([pixel_slopes(camera, place)[1][0] for camera in rig.cameras])
+    return np.linalg.svd(by_position)[0][:, 3:].reshape(len(rig.cameras), 2, -1)
+
+
+def _by_offsets(found: Response, rig: Rig) -> Array:
+    """Covariance (6, 6) of the pose by offsets of all images of 1 px each way."""
+    moved = np.stack(
+        [found.gain[:, found.camera == c].sum(axis=1) for c in range(len(rig.cameras))]
+    )
+    return np.einsum("cad,cbd->ab", moved, moved)

@@ -1,0 +1,224 @@
+"""Whether a camera of the rig has turned within a recording, which one, and when.
+
+In each instant the images' offsets against each other are estimated together with the pose, from
+the identified markers alone (`identity.reconcile` has the same equations). What a motion of the
+handle explains does not show: of 2 C offsets three are missing. A camera that turns shifts its image
+from then on by the same way, wherever the handle is. So for each camera and each moment a model with
+such a shift is compared with one without, by least squares; the offsets may be anything else as
+long as they stay (the likelihood ratio of a change; Csorgo and Horvath 1997, Limit Theorems in
+Change-Point Analysis).
+
+Neighbours in time are alike, because what is left of the centroids' bias goes with the pose. The
+ratio is divided by as much as that makes of it for a first-order autoregression, and compared with
+what such noise exceeds once in a thousand recordings.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.spatial.transform import RigidTransform, Rotation
+
+from ..camera import Rig
+from ..checks import Array
+from ..handle import Handle
+from ..identity.hypotheses import FAR, Poses, ideal_pixels, predict, slopes, weights
+from ..identity.layout import layout_of, views_of
+from ..identity.parameters import IdentityParameters
+from ..systematic import pixel_slopes
+
+BLOCK = 5  # instants of which the middle one counts: a wrong marker does not last
+FEWEST = 4  # blocks on either side of a change
+SMALLEST_PX = 0.3  # shift; markers that are seen from another side make as much
+THRESHOLD = 100.0  # of the likelihood ratio: what noise exceeds in fewer than one recording of 1000
+ALIKE = 0.5  # share of the threshold by which a camera explains a change better than another
+MOST_TESTED = 200  # moments
+FEWEST_MARKERS = 3  # that a camera must show
+STEPS = 3  # Gauss-Newton
+HUBER_PX = 0.5  # residual beyond which a marker counts for less
+
+
+class Drift(NamedTuple):
+    """A camera has turned.
+
+    Attributes
+    ----------
+    cameras : tuple of int
+        Which one; several where the images do not say which of them it is.
+    instant : int
+        The first instant after it, of those that were given.
+    shift_px : float
+        By how much its image has moved, as far as that shows.
+    turned_deg : float
+        The angle that does it.
+    """
+
+    cameras: tuple[int, ...]
+    instant: int
+    shift_px: float
+    turned_deg: float
+
+
+class Series(NamedTuple):
+    """Offsets of the images over n instants.
+
+    Attributes
+    ----------
+    instant : ndarray of int, shape (n,)
+        Which of those that were given.
+    shift : ndarray, shape (n, 2 C)
+        The part of the offsets that shows, px.
+    shows : ndarray, shape (n, 2 C, 2 C)
+        The projection of any offsets onto that part.
+    """
+
+    instant: np.ndarray
+    shift: Array
+    shows: Array
+
+
+def image_offsets(
+    rig: Rig, handle: Handle, poses: RigidTransform, uv: Array, p: IdentityParameters
+) -> Series:
+    """The offsets of the images against each other, instant by instant.
+
+    Parameters
+    ----------
+    rig, handle
+    poses : RigidTransform of length n
+        T_world_handle, right to some pixels.
+    uv : ndarray, shape (n, cameras, markers, 2)
+        Identified markers, px; NaN where there is none. An instant counts if two cameras or more
+        show three.
+    p : IdentityParameters
+    """
+    C = uv.shape[1]
+    seeing = np.isfinite(uv).all(axis=3).sum(axis=2) >= FEWEST_MARKERS
+    parts = [(np.zeros(0, int), np.zeros((0, 2 * C)), np.zeros((0, 2 * C, 2 * C)))]
+    for pattern in np.unique(seeing, axis=0):
+        cameras = np.flatnonzero(pattern)
+        if len(cameras) < 2:
+            continue
+        instant = np.flatnonzero((seeing == pattern).all(axis=1))
+        size, basis = _offsets(rig, handle, poses[instant], uv[instant], cameras, p)
+        rows = np.zeros((len(instant), 2 * C, basis.shape[2]))
+        rows[:, (2 * cameras[:, None] + [0, 1]).ravel()] = basis
+        parts.append((instant, (rows @ size[..., None])[..., 0], rows @ rows.mT))
+    instant, shift, shows = (np.concatenate(part) for part in zip(*parts, strict=True))
+    order = np.argsort(instant)
+    whole = order[np.isfinite(shift[order]).all(axis=1)]
+    return Series(instant[whole], shift[whole], shows[whole])
+
+
+def _offsets(
+    rig: Rig,
+    handle: Handle,
+    poses: RigidTransform,
+    uv: Array,
+    cameras: np.ndarray,
+    p: IdentityParameters,
+) -> tuple[Array, Array]:
+    """Sizes (n, m) of the offsets that show, and what they are, (n, 2 cameras, m)."""
+    views = views_of(rig)
+    layout = layout_of(handle, p)
+    place = poses.translation
+    n = len(place)
+    by_position = np.stack([pixel_slopes(rig.cameras[c], place)[1] for c in cameras], axis=1)
+    basis = np.linalg.svd(by_position.reshape(n, -1, 3))[0][:, :, 3:]
+    m = basis.shape[2]
+    by_offset = basis.reshape(n, len(cameras), 1, 2, m)
+    seen = np.stack([ideal_pixels(rig, list(one)) for one in uv])[:, cameras]  # (n, C, 2, markers)
+    there = seen[:, :, 0] < FAR
+    now = Poses(poses.rotation.as_matrix(), place)
+    size = np.zeros((n, m))
+    for _ in range(STEPS):
+        predicted = predict(now, views, layout)
+        left = (seen - predicted.uv[:, cameras]).transpose(0, 1, 3, 2)
+        left = left - (by_offset @ size[:, None, None, :, None])[..., 0]
+        left = np.where(there[..., None], left, 0.0)
+        weight = there * weights(predicted.facing[:, cameras], p)
+        weight = weight * HUBER_PX / np.maximum(np.linalg.norm(left, axis=3), HUBER_PX)
+        by_pose = slopes(now, predicted.points, views)[:, cameras]
+        J = np.concatenate([by_pose, np.broadcast_to(by_offset, (*left.shape, m))], axis=4)
+        J = np.where(there[..., None, None], J, 0.0).reshape(n, -1, 6 + m)
+        JW = J.mT * np.repeat(weight.reshape(n, -1), 2, axis=1)[:, None]
+        normal = JW @ J + 1e-9 * np.eye(6 + m)
+        step = np.linalg.solve(normal, JW @ left.reshape(n, -1, 1))[..., 0]
+        turn = Rotation.from_rotvec(step[:, 3:6]).as_matrix()
+        now = Poses(turn @ now.rotations, now.translations + step[:, :3])
+        size = size + step[:, 6:]
+    return size, basis
+
+
+def find_drift(series: Series, rig: Rig) -> Drift | None:
+    """The most likely turn of a camera, if there is one.
+
+    Parameters
+    ----------
+    series : Series
+    rig : Rig
+    """
+    blocks = _blocks(series)
+    n = len(blocks.instant)
+    if n < 2 * FEWEST:
+        return None
+    moments = np.unique(np.linspace(FEWEST, n - FEWEST, MOST_TESTED).astype(int))
+    C = len(rig.cameras)
+    gains, shifts = zip(*(_changes(blocks, c, moments) for c in range(C)), strict=True)
+    gain = np.array(gains)  # (C, moments)
+    best = gain.max(axis=0).argmax()
+    first = int(gain[:, best].argmax())
+    ratio = gain[:, best] / _noise(blocks, first, moments[best], shifts[first][best])
+    shift_px = float(np.linalg.norm(shifts[first][best]))
+    if ratio[first] < THRESHOLD or shift_px < SMALLEST_PX:
+        return None
+    cameras = np.flatnonzero(ratio > ratio[first] - ALIKE * THRESHOLD)
+    angle = float(np.rad2deg(shift_px / rig.cameras[first].focal.mean()))
+    return Drift(tuple(cameras.tolist()), int(blocks.instant[moments[best]]), shift_px, angle)
+
+
+def _blocks(series: Series) -> Series:
+    """The median of every few instants, by each offset for itself; the first one's number."""
+    n = len(series.instant) // BLOCK
+    width = series.shift.shape[1]
+    kept = slice(n * BLOCK)
+    return Series(
+        series.instant[kept].reshape(n, BLOCK)[:, 0],
+        np.median(series.shift[kept].reshape(n, BLOCK, width), axis=1),
+        series.shows[kept].reshape(n, BLOCK, width, width).mean(axis=1),
+    )
+
+
+def _changes(blocks: Series, camera: int, moments: np.ndarray) -> tuple[Array, Array]:
+    """By how much the sum of squares falls if a camera's image has shifted at each of the moments,
+    and the shifts (moments, 2), px.
+    """
+    mine = slice(2 * camera, 2 * camera + 2)
+    later_A = np.cumsum(blocks.shows[::-1], axis=0)[::-1][moments]
+    later_b = np.cumsum(blocks.shift[::-1], axis=0)[::-1][moments]
+    free = np.linalg.pinv(blocks.shows.sum(axis=0), rcond=1e-6, hermitian=True)
+    # the constant offsets eliminated
+    cross = later_A[:, :, mine]
+    normal = later_A[:, mine, mine] - cross.mT @ free @ cross
+    right = later_b[:, mine] - cross.mT @ (free @ blocks.shift.sum(axis=0))
+    shift = (np.linalg.pinv(normal, rcond=1e-3, hermitian=True) @ right[..., None])[..., 0]
+    return (shift * right).sum(axis=1), shift
+
+
+def _noise(blocks: Series, camera: int, moment: int, shift: Array) -> float:
+    """The variance of an offset that shows, as if blocks were independent, px^2: what is left of
+    the model with the change, times (1 + rho) / (1 - rho) of its autocorrelation rho.
+    """
+    change = np.zeros(blocks.shift.shape[1])
+    change[2 * camera : 2 * camera + 2] = shift
+    later = np.arange(len(blocks.instant)) >= moment
+    left = blocks.shift - later[:, None] * (blocks.shows @ change)
+    free = np.linalg.pinv(blocks.shows.sum(axis=0), rcond=1e-6, hermitian=True)
+    left = left - (blocks.shows @ (free @ left.sum(axis=0)))
+    squares = float((left * left).sum())
+    rho = float((left[1:] * left[:-1]).sum()) / max(squares, 1e-300)
+    rho = min(max(rho + 1 / len(left), 0.0), 0.95)  # what was fitted makes it look smaller
+    shown = np.trace(blocks.shows, axis1=1, axis2=2).sum()
+    freedom = max(shown - len(change) + 1, 1.0)
+    return max(squares / freedom, 1e-8) * (1 + rho) / (1 - rho)
