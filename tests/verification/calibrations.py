@@ -296,7 +296,9 @@ def report(arguments) -> None:
     print(
         f"{draws} calibrations and layouts drawn for each row, random poses, seed 0. rms of true error by the"
     )
-    print(f"whole sigma is honest from {HONEST[0]} to {HONEST[1]}. Badly wrong: measured, and off by")
+    print(
+        f"whole sigma is honest from {HONEST[0]} to {HONEST[1]}. Badly wrong: measured, and off by"
+    )
     print(f"more than {SIGMAS:g} sigmas and {BADLY_MM:g} mm or {BADLY_DEG:g} deg")
     total = badly = 0
     for label, scores in _rows(draws):
