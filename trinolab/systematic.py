@@ -79,21 +79,34 @@ def systematic_covariance(found: Response, rig: Rig, handle: Handle) -> Array:
     """
     if not is_uncertain(rig, handle):
         return NOTHING
-    by_rig = np.zeros((6, len(rig.cameras), len(CAMERA_PARAMETERS)))
-    by_marker = np.zeros((len(handle.marker_centres), 6, 3))
-    for c, camera in enumerate(rig.cameras):
-        mine = found.camera == c
-        gain = found.gain[:, mine]
-        by_parameters, by_points = pixel_slopes(camera, found.points[mine])
-        by_rig[:, c] = np.einsum("akd,kdp->ap", gain, by_parameters)
-        own = found.marker[mine]
-        moved = np.einsum("akd,kdx->kax", gain, by_points)
-        np.add.at(by_marker, own[own >= 0], moved[own >= 0])
-    total = handle.placement_sigma_mm**2 * np.einsum("max,mbx->ab", by_marker, by_marker)
+    gain = found.gain.reshape(6, -1)
+    return gain @ known_errors(found, rig, handle) @ gain.T
+
+
+def known_errors(found: Response, rig: Rig, handle: Handle) -> Array:
+    """Covariance of the pixels of a response by the errors of the rig and of the markers' places,
+    (2 k, 2 k), px^2; u and v of the first place come first.
+    """
+    k = len(found.points)
+    by_parameters, by_points = slopes_at(rig, found.camera, found.points)
+    moved = by_points.reshape(2 * k, 3)
+    same = (found.marker[:, None] == found.marker) & (found.marker >= 0)
+    total = handle.placement_sigma_mm**2 * (moved @ moved.T) * same.repeat(2, 0).repeat(2, 1)
     if rig.covariance is not None:
-        flat = by_rig.reshape(6, -1)
-        total = total + flat @ rig.covariance.matrix @ flat.T
+        by_rig = np.zeros((k, 2, len(rig.cameras), len(CAMERA_PARAMETERS)))
+        by_rig[np.arange(k), :, found.camera] = by_parameters
+        flat = by_rig.reshape(2 * k, -1)
+        total += flat @ rig.covariance.matrix @ flat.T
     return total
+
+
+def slopes_at(rig: Rig, camera: np.ndarray, points: Array) -> tuple[Array, Array]:
+    """`pixel_slopes` of points (k, 3), each in a camera (k,) of its own."""
+    by_parameters = np.empty((len(points), 2, len(CAMERA_PARAMETERS)))
+    by_points = np.empty((len(points), 2, 3))
+    for c, one in enumerate(rig.cameras):
+        by_parameters[camera == c], by_points[camera == c] = pixel_slopes(one, points[camera == c])
+    return by_parameters, by_points
 
 
 class ImageOffsets(NamedTuple):
@@ -120,8 +133,15 @@ class ImageOffsets(NamedTuple):
         cameras.
         """
         rows = np.r_[2 * i : 2 * i + 2, 2 * j : 2 * j + 2]
-        across = np.linalg.svd(self.by_position[rows])[0][:, -1]  # what no motion explains
+        across = contradicting(self.by_position[rows])[:, 0]
         return float(np.sqrt(2 * across @ self.covariance[np.ix_(rows, rows)] @ across))
+
+
+def contradicting(by_position: Array) -> Array:
+    """The offsets that no motion of the handle makes: an orthonormal basis (..., 2 C, 2 C - 3) across
+    `ImageOffsets.by_position` (..., 2 C, 3).
+    """
+    return np.linalg.svd(by_position)[0][..., 3:]
 
 
 def offsets_at(rig: Rig, point: Array) -> ImageOffsets | None:

@@ -23,11 +23,19 @@ from scipy.linalg import block_diag
 from scipy.spatial.transform import RigidTransform
 from scipy.special import chdtri, fdtri, stdtrit
 
-from ..camera import CAMERA_PARAMETERS, Rig
+from ..camera import Rig
 from ..checks import Array
 from ..handle import Handle
 from ..rigid import cross_matrices
-from ..systematic import NOTHING, Response, pixel_slopes, systematic_covariance
+from ..systematic import (
+    NOTHING,
+    Response,
+    contradicting,
+    known_errors,
+    pixel_slopes,
+    slopes_at,
+    systematic_covariance,
+)
 
 CHANCE = 0.01  # of a contradiction where there is none
 ONE_SIGMA = 0.841345  # share of a normal distribution below one standard deviation
@@ -111,13 +119,12 @@ def _contradictions(
     the images' offsets, px^2, 0 without one between them.
     """
     used = left.information.any(axis=(1, 2))
-    camera = found.camera[used]
-    by_parameters, by_points = _slopes(found.points[used], camera, rig)
-    V = block_diag(*np.linalg.inv(left.information[used]))
-    V += _known(by_parameters, by_points, camera, found.marker[used], rig, handle)
-    arms = found.points[used] - T_world_handle.translation
+    seen = Response(found.gain[:, used], *(part[used] for part in found[1:]))
+    V = block_diag(*np.linalg.inv(left.information[used])) + known_errors(seen, rig, handle)
+    _, by_points = slopes_at(rig, seen.camera, seen.points)
+    arms = seen.points - T_world_handle.translation
     by_pose = np.concatenate([by_points, -by_points @ cross_matrices(arms)], axis=2)
-    offsets = _offsets_that_show(T_world_handle, rig)[camera]
+    offsets = _offsets_that_show(T_world_handle, rig)[seen.camera]
     # whitened, and what a pose explains taken off
     root = np.linalg.cholesky(V)
     rows = np.concatenate([by_pose, offsets, left.px[used][..., None]], axis=2)
@@ -138,43 +145,11 @@ def _contradictions(
     return scale, float(px @ px / count * stdtrit(count, ONE_SIGMA) ** 2)
 
 
-def _slopes(points: Array, camera: np.ndarray, rig: Rig) -> tuple[Array, Array]:
-    """Derivatives of the pixels by their camera's parameters (k, 2, 15), and by the points that
-    they show (k, 2, 3).
-    """
-    by_parameters = np.empty((len(points), 2, len(CAMERA_PARAMETERS)))
-    by_points = np.empty((len(points), 2, 3))
-    for c, one in enumerate(rig.cameras):
-        by_parameters[camera == c], by_points[camera == c] = pixel_slopes(one, points[camera == c])
-    return by_parameters, by_points
-
-
-def _known(
-    by_parameters: Array,
-    by_points: Array,
-    camera: np.ndarray,
-    marker: np.ndarray,
-    rig: Rig,
-    handle: Handle,
-) -> Array:
-    """Covariance (2 k, 2 k) of the pixels by what is known of the errors of rig and layout."""
-    k, _, n = by_parameters.shape
-    moved = by_points.reshape(2 * k, 3)
-    same = np.repeat(np.repeat(marker[:, None] == marker, 2, axis=0), 2, axis=1)
-    V = handle.placement_sigma_mm**2 * same * (moved @ moved.T)
-    if rig.covariance is not None:
-        by_rig = np.zeros((k, 2, len(rig.cameras), n))
-        by_rig[np.arange(k), :, camera] = by_parameters
-        flat = by_rig.reshape(2 * k, -1)
-        V = V + flat @ rig.covariance.matrix @ flat.T
-    return V
-
-
 def _offsets_that_show(T_world_handle: RigidTransform, rig: Rig) -> Array:
     """Offsets of the images (C, 2, n), each of size 1, that no motion of the handle makes."""
     place = T_world_handle.translation[None]
     by_position = np.concatenate([pixel_slopes(camera, place)[1][0] for camera in rig.cameras])
-    return np.linalg.svd(by_position)[0][:, 3:].reshape(len(rig.cameras), 2, -1)
+    return contradicting(by_position).reshape(len(rig.cameras), 2, -1)
 
 
 def _by_offsets(found: Response, rig: Rig) -> Array:

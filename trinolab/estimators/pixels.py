@@ -20,7 +20,7 @@ from ..handle import Handle
 from ..parameters import Parameters
 from ..pose import LOST, Pose
 from ..rigid import placed, rotation_of
-from ..systematic import NOTHING, Response, is_uncertain, pixel_slopes
+from ..systematic import NOTHING, Response, is_uncertain, slopes_at
 from .appearance import Views
 from .contradiction import Residuals, contradict, honest
 from .identified import Identified
@@ -156,52 +156,60 @@ def fit_patches(
     fit = judged_fit(T, covariance, here.views, last.after, shown, left)
     freedom = 2 * int(shown.sum()) - 6
     if is_uncertain(rig, handle) or contradict(chi_square[shown].sum() / spread, freedom):
-        answers, residuals = _response(last, groups, rig, T, shown / spread)
+        answers = _response(last, groups, rig, T)
+        residuals = _residuals(last, groups, rig, T, shown / spread)
         return counted(fit, answers, residuals, rig, handle)
     return fit
 
 
-def _response(
-    last: _Step, groups: list[Patches], rig: Rig, T: RigidTransform, counts: Array
-) -> tuple[Response, Residuals]:
-    """How the pose answers to shifts of its windows, to each as to the motion of the handle that
-    shifts it alike; and the shifts that are left. `counts` (k,) is a factor of markers' information.
+def _response(last: _Step, groups: list[Patches], rig: Rig, T: RigidTransform) -> Response:
+    """How the pose answers to shifts of its windows: to each as to the motion of the handle that
+    shifts it alike.
     """
-    R = T.as_matrix()[:3, :3]
     spread = inverse(last.information)[:6]
-    cameras = len(rig.cameras)
-    parts = []
-    residuals = []
-    for k, (normal, weight, group) in enumerate(
-        zip(last.normals, last.weights, groups, strict=True)
-    ):
-        camera = group.views.camera
-        points = group.points @ R.T + T.translation
-        by_points = np.empty((len(points), 2, 3))
-        for c, one in enumerate(rig.cameras):
-            by_points[camera == c] = pixel_slopes(one, points[camera == c])[1]
-        motions = np.linalg.pinv(by_points @ R)  # (k, 3, 2), handle frame
-        answer = weight[:, None, None] * (normal.information[:, :, :3] @ motions)
-        common = spread[:, : answer.shape[1] - 1]
-        blurs = spread[:, -cameras:][:, camera]
-        gain = np.einsum("am,kmd->akd", common, answer[:, :-1])
-        gain += blurs[..., None] * answer[:, -1]
-        marker = group.views.marker if k == 0 else np.full(len(points), -1)
-        parts.append((gain, camera, points, marker))
-        information = motions.mT @ normal.information[:, :3, :3] @ motions
-        asked = _asked(normal, _own(last.step, camera, rig))
-        gradient = motions.mT @ asked[..., None]
-        shift = np.zeros((len(points), 2))
-        if k == 0:
-            shift[:] = np.linalg.solve(information + 1e-12 * np.eye(2), gradient)[..., 0]
-        trust = counts * weight if k == 0 else np.zeros(len(points))
-        residuals.append((shift, trust[:, None, None] * information))
-    gains, *others = zip(*parts, strict=True)
-    turn = np.kron(np.eye(2), R)
-    gain = np.einsum("ab,bkd->akd", turn, np.concatenate(gains, axis=1))
-    return Response(gain, *(np.concatenate(part) for part in others)), Residuals(
-        *(np.concatenate(part) for part in zip(*residuals, strict=True))
+    gains = []
+    for normal, weight, group in zip(last.normals, last.weights, groups, strict=True):
+        asked = weight[:, None, None] * (normal.information[:, :, :3] @ _motions(group, rig, T))
+        by_common = spread[:, : asked.shape[1] - 1]
+        by_blur = spread[:, -len(rig.cameras) :][:, group.views.camera]
+        gain = np.einsum("am,kmd->akd", by_common, asked[:, :-1])
+        gains.append(gain + by_blur[..., None] * asked[:, -1])
+    # a piece of the outline is no marker
+    marker = [groups[0].views.marker, *(np.full(len(one.points), -1) for one in groups[1:])]
+    return Response(
+        np.einsum("ab,bkd->akd", both_in_world(T), np.concatenate(gains, axis=1)),
+        np.concatenate([group.views.camera for group in groups]),
+        T.apply(np.concatenate([group.points for group in groups])),
+        np.concatenate(marker),
     )
+
+
+def _residuals(
+    last: _Step, groups: list[Patches], rig: Rig, T: RigidTransform, counts: Array
+) -> Residuals:
+    """The shifts that windows still ask for after the last step, those of markers times `counts`
+    (k,); the outline's do not count.
+    """
+    here = groups[0]
+    normal = last.normals[0]
+    motions = _motions(here, rig, T)
+    asked = motions.mT @ _asked(normal, _own(last.step, here.views.camera, rig))[..., None]
+    information = motions.mT @ normal.information[:, :3, :3] @ motions
+    shift = np.linalg.solve(information + 1e-12 * np.eye(2), asked)[..., 0]
+    information *= (counts * last.weights[0])[:, None, None]
+    others = sum(len(group.points) for group in groups[1:])
+    return Residuals(
+        np.concatenate([shift, np.zeros((others, 2))]),
+        np.concatenate([information, np.zeros((others, 2, 2))]),
+    )
+
+
+def _motions(group: Patches, rig: Rig, T: RigidTransform) -> Array:
+    """The shortest motions of the handle, in its frame, that shift windows by a pixel along u and
+    along v, (k, 3, 2), mm/px.
+    """
+    by_points = slopes_at(rig, group.views.camera, T.apply(group.points))[1]
+    return np.linalg.pinv(by_points @ T.as_matrix()[:3, :3])
 
 
 def _improved(
@@ -228,7 +236,7 @@ def _improved(
     information, gradient, weights = _summed(after, normals, states[0], groups, there, rig)
     if motion_blur is not None:
         _expect(information, gradient, motion_blur, T)
-        turn = np.kron(np.eye(2), T.as_matrix()[:3, :3])
+        turn = both_in_world(T)
         motion_blur = motion_blur._replace(
             motion=motion_blur.motion + turn @ np.nan_to_num(step[6:12])
         )
@@ -273,7 +281,7 @@ def _expect(
     """Add what was expected of the motion blur to the normal equations, whose unknowns 6 to 11 it
     is (handle frame).
     """
-    turn = np.kron(np.eye(2), T_world_handle.as_matrix()[:3, :3])
+    turn = both_in_world(T_world_handle)
     information[6:12, 6:12] += turn.T @ motion_blur.information @ turn
     gradient[6:12] += turn.T @ motion_blur.information @ (motion_blur.expected - motion_blur.motion)
 
@@ -368,8 +376,13 @@ def in_world(covariance: Array, T_world_handle: RigidTransform) -> Array:
     """A covariance of a small motion in the handle's frame as one of position and rotation vector
     in the world's.
     """
-    turn = np.kron(np.eye(2), T_world_handle.as_matrix()[:3, :3])
+    turn = both_in_world(T_world_handle)
     return turn @ covariance @ turn.T
+
+
+def both_in_world(T_world_handle: RigidTransform) -> Array:
+    """The matrix (6, 6) from position and rotation vector in the handle's frame to the world's."""
+    return np.kron(np.eye(2), T_world_handle.as_matrix()[:3, :3])
 
 
 def judged(fit: Fit | None) -> Pose:

@@ -21,7 +21,7 @@ from .contradiction import Residuals, contradict
 from .identified import Identified
 from .imagemodel import first_state, inverse, marker_is_shown, misfit
 from .patches import patches
-from .pixels import FLOOR_PX, Fit, counted, in_world, judged, judged_fit, moved
+from .pixels import FLOOR_PX, Fit, both_in_world, counted, in_world, judged, judged_fit, moved
 
 
 def fit_centroids(
@@ -141,8 +141,8 @@ def response_of_pixels(
     """How the pose of `fit_pixels` answers to the centroids; parameters as there."""
     predicted, J = predict_centroids(rig, handle, T, views, shading)
     _, gain, _ = _normal(uv, inverse(covariance), predicted, J, huber)
-    turn = np.kron(np.eye(2), T.as_matrix()[:3, :3])
-    return response(np.einsum("ab,bkd->akd", turn, gain), views.camera, views.marker, handle, T)
+    gain = np.einsum("ab,bkd->akd", both_in_world(T), gain)
+    return response(gain, views.camera, views.marker, handle, T)
 
 
 def reprojection_pose(instant: Identified, rig: Rig, handle: Handle, p: Parameters) -> Pose:

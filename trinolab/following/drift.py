@@ -1,7 +1,7 @@
 """Whether a camera of the rig has turned within a recording, which one, and when.
 
 In each instant the images' offsets against each other are estimated together with the pose, from
-the identified markers alone (`identity.reconcile` has the same equations). What a motion of the
+the identified markers alone (`identity.reconcile.fit_with_offsets`). What a motion of the
 handle explains does not show: of 2 C offsets three are missing. A camera that turns shifts its image
 from then on by the same way, wherever the handle is. So for each camera and each moment a model with
 such a shift is compared with one without, by least squares; the offsets may be anything else as
@@ -18,15 +18,15 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from scipy.spatial.transform import RigidTransform, Rotation
+from scipy.spatial.transform import RigidTransform
 
 from ..camera import Rig
 from ..checks import Array
 from ..handle import Handle
-from ..identity.hypotheses import FAR, Poses, ideal_pixels, predict, slopes, weights
-from ..identity.layout import layout_of, views_of
+from ..identity.hypotheses import Poses
 from ..identity.parameters import IdentityParameters
-from ..systematic import pixel_slopes
+from ..identity.reconcile import fit_with_offsets
+from ..systematic import contradicting, pixel_slopes
 
 BLOCK = 5  # instants of which the middle one counts: a wrong marker does not last
 FEWEST = 4  # blocks on either side of a change
@@ -35,8 +35,7 @@ THRESHOLD = 100.0  # of the likelihood ratio: what noise exceeds in fewer than o
 ALIKE = 0.5  # share of the threshold by which a camera explains a change better than another
 MOST_TESTED = 200  # moments
 FEWEST_MARKERS = 3  # that a camera must show
-STEPS = 3  # Gauss-Newton
-HUBER_PX = 0.5  # residual beyond which a marker counts for less
+SIGMA_PX = 0.15  # of a centroid whose bias goes with the pose
 
 
 class Drift(NamedTuple):
@@ -101,54 +100,32 @@ def image_offsets(
         if len(cameras) < 2:
             continue
         instant = np.flatnonzero((seeing == pattern).all(axis=1))
-        size, basis = _offsets(rig, handle, poses[instant], uv[instant], cameras, p)
-        rows = np.zeros((len(instant), 2 * C, basis.shape[2]))
-        rows[:, (2 * cameras[:, None] + [0, 1]).ravel()] = basis
-        parts.append((instant, (rows @ size[..., None])[..., 0], rows @ rows.mT))
+        some = Rig(tuple(rig.cameras[c] for c in cameras))
+        shift, shows = _shifts(some, handle, poses[instant], uv[instant][:, cameras], p)
+        rows = (2 * cameras[:, None] + [0, 1]).ravel()
+        all_shift = np.zeros((len(instant), 2 * C))
+        all_shift[:, rows] = shift
+        all_shows = np.zeros((len(instant), 2 * C, 2 * C))
+        all_shows[:, rows[:, None], rows] = shows
+        parts.append((instant, all_shift, all_shows))
     instant, shift, shows = (np.concatenate(part) for part in zip(*parts, strict=True))
     order = np.argsort(instant)
     whole = order[np.isfinite(shift[order]).all(axis=1)]
     return Series(instant[whole], shift[whole], shows[whole])
 
 
-def _offsets(
-    rig: Rig,
-    handle: Handle,
-    poses: RigidTransform,
-    uv: Array,
-    cameras: np.ndarray,
-    p: IdentityParameters,
+def _shifts(
+    rig: Rig, handle: Handle, poses: RigidTransform, uv: Array, p: IdentityParameters
 ) -> tuple[Array, Array]:
-    """Sizes (n, m) of the offsets that show, and what they are, (n, 2 cameras, m)."""
-    views = views_of(rig)
-    layout = layout_of(handle, p)
+    """`Series.shift` and `Series.shows` of instants that all cameras of a rig see."""
     place = poses.translation
-    n = len(place)
-    by_position = np.stack([pixel_slopes(rig.cameras[c], place)[1] for c in cameras], axis=1)
-    basis = np.linalg.svd(by_position.reshape(n, -1, 3))[0][:, :, 3:]
+    by_position = np.stack([pixel_slopes(camera, place)[1] for camera in rig.cameras], axis=1)
+    basis = contradicting(by_position.reshape(len(place), -1, 3))
     m = basis.shape[2]
-    by_offset = basis.reshape(n, len(cameras), 1, 2, m)
-    seen = np.stack([ideal_pixels(rig, list(one)) for one in uv])[:, cameras]  # (n, C, 2, markers)
-    there = seen[:, :, 0] < FAR
-    now = Poses(poses.rotation.as_matrix(), place)
-    size = np.zeros((n, m))
-    for _ in range(STEPS):
-        predicted = predict(now, views, layout)
-        left = (seen - predicted.uv[:, cameras]).transpose(0, 1, 3, 2)
-        left = left - (by_offset @ size[:, None, None, :, None])[..., 0]
-        left = np.where(there[..., None], left, 0.0)
-        weight = there * weights(predicted.facing[:, cameras], p)
-        weight = weight * HUBER_PX / np.maximum(np.linalg.norm(left, axis=3), HUBER_PX)
-        by_pose = slopes(now, predicted.points, views)[:, cameras]
-        J = np.concatenate([by_pose, np.broadcast_to(by_offset, (*left.shape, m))], axis=4)
-        J = np.where(there[..., None, None], J, 0.0).reshape(n, -1, 6 + m)
-        JW = J.mT * np.repeat(weight.reshape(n, -1), 2, axis=1)[:, None]
-        normal = JW @ J + 1e-9 * np.eye(6 + m)
-        step = np.linalg.solve(normal, JW @ left.reshape(n, -1, 1))[..., 0]
-        turn = Rotation.from_rotvec(step[:, 3:6]).as_matrix()
-        now = Poses(turn @ now.rotations, now.translations + step[:, :3])
-        size = size + step[:, 6:]
-    return size, basis
+    start = Poses(poses.rotation.as_matrix(), place)
+    nothing = np.zeros((m, m))
+    found = fit_with_offsets(rig, handle, start, uv, basis, nothing, SIGMA_PX, p)
+    return (basis @ found.size[..., None])[..., 0], basis @ basis.mT
 
 
 def find_drift(series: Series, rig: Rig) -> Drift | None:

@@ -17,33 +17,31 @@ from scipy.spatial.transform import RigidTransform, Rotation
 from ..camera import Rig, RigCovariance, displaced
 from ..checks import Array
 from ..handle import Handle
-from ..systematic import ImageOffsets, offsets_at
-from .hypotheses import Poses, predict, slopes, weights
+from ..systematic import contradicting, offsets_at
+from .hypotheses import FAR, Poses, ideal_pixels, predict, slopes, weights
 from .layout import layout_of, views_of
 from .parameters import IdentityParameters
 
-STEPS = 3
+STEPS = 3  # Gauss-Newton
 HUBER = 3.0  # standard deviations beyond which a marker counts for less
 EXACT_PX2 = 1e-6  # variance of an offset that the rig's covariance says is none
 
 
-class _Contradiction(NamedTuple):
-    """Offsets of the images that no motion of the handle explains.
+class Offsets(NamedTuple):
+    """Offsets of the images, found together with the poses of n instants.
 
     Attributes
     ----------
-    basis : ndarray, shape (2 C, n)
-        Orthonormal, across `ImageOffsets.by_position`.
-    before, after : ndarray, shape (n, n)
-        Covariance of their sizes, px^2, by the rig's covariance and with what was seen.
-    size : ndarray, shape (n,)
-        What was seen, px.
+    size : ndarray, shape (n, m)
+        By the offsets of the given basis, px.
+    covariance : ndarray, shape (n, m, m)
+        px^2.
+    poses : Poses
     """
 
-    basis: Array
-    before: Array
-    after: Array
     size: Array
+    covariance: Array
+    poses: Poses
 
 
 def reconciled(
@@ -80,53 +78,78 @@ def reconciled(
     offsets = offsets_at(rig, T_world_handle.translation)
     if rig.covariance is None or offsets is None:
         return rig, T_world_handle
-    found, T = _contradiction(rig, handle, uv, T_world_handle, offsets, sigma_px, p)
-    by_offset = found.basis @ np.linalg.inv(found.before)  # (2 C, n)
-    gain = rig.covariance.matrix @ offsets.by_parameters.T @ by_offset
-    learnt = gain @ (found.before - found.after) @ gain.T
-    left = RigCovariance(rig.names, rig.covariance.matrix - (learnt + learnt.T) / 2)
-    return replace(displaced(rig, gain @ found.size), covariance=left), T
-
-
-def _contradiction(
-    rig: Rig,
-    handle: Handle,
-    uv: Array,
-    T: RigidTransform,
-    offsets: ImageOffsets,
-    sigma_px: float,
-    p: IdentityParameters,
-) -> tuple[_Contradiction, RigidTransform]:
-    """Pose and contradicting offsets together, by least squares with the offsets' prior."""
-    views = views_of(rig)
-    layout = layout_of(handle, p)
-    seen = np.isfinite(uv).all(axis=2)
-    basis = np.linalg.svd(offsets.by_position)[0][:, 3:]
+    basis = contradicting(offsets.by_position)
     before = basis.T @ offsets.covariance @ basis + EXACT_PX2 * np.eye(basis.shape[1])
     prior = np.linalg.inv(before)
-    by_offset = basis.reshape(len(uv), 1, 2, -1).repeat(uv.shape[1], axis=1)[seen]
-    size = np.zeros(basis.shape[1])
+    matrix = T_world_handle.as_matrix()[None]
+    poses = Poses(matrix[:, :3, :3], matrix[:, :3, 3])
+    found = fit_with_offsets(rig, handle, poses, uv[None], basis[None], prior, sigma_px, p)
+    gain = rig.covariance.matrix @ offsets.by_parameters.T @ basis @ prior
+    learnt = gain @ (before - found.covariance[0]) @ gain.T
+    left = RigCovariance(rig.names, rig.covariance.matrix - (learnt + learnt.T) / 2)
+    T = RigidTransform.from_components(
+        found.poses.translations[0], Rotation.from_matrix(found.poses.rotations[0])
+    )
+    return replace(displaced(rig, gain @ found.size[0]), covariance=left), T
+
+
+def fit_with_offsets(
+    rig: Rig,
+    handle: Handle,
+    poses: Poses,
+    uv: Array,
+    basis: Array,
+    prior: Array,
+    sigma_px: float,
+    p: IdentityParameters,
+) -> Offsets:
+    """Fit poses and offsets of the images together, by least squares, large residuals held back
+    (Huber).
+
+    Parameters
+    ----------
+    rig, handle
+        What the handle's `placement_sigma_mm` makes of a pixel counts as noise.
+    poses : Poses
+        Of n instants, right to some pixels.
+    uv : ndarray, shape (n, C, markers, 2)
+        Identified markers, px; NaN where there is none.
+    basis : ndarray, shape (n, 2 C, m)
+        Offsets, as of `systematic.contradicting`.
+    prior : ndarray, shape (m, m)
+        Inverse covariance of their sizes, px^-2, about zero.
+    sigma_px : float
+        Standard deviation of a centroid.
+    p : IdentityParameters
+    """
+    views = views_of(rig)
+    layout = layout_of(handle, p)
+    n, C, markers, _ = uv.shape
+    m = basis.shape[2]
+    seen = np.stack([ideal_pixels(rig, list(one)) for one in uv])  # (n, C, 2, markers)
+    there = seen[:, :, 0] < FAR
+    by_offset = np.broadcast_to(basis.reshape(n, C, 1, 2, m), (n, C, markers, 2, m))
+    size = np.zeros((n, m))
     for _ in range(STEPS):
-        matrix = T.as_matrix()[None]
-        poses = Poses(matrix[:, :3, :3], matrix[:, :3, 3])
         predicted = predict(poses, views, layout)
-        shown = views.as_taken(predicted.uv)[0].transpose(0, 2, 1)
-        left = (uv - shown)[seen] - by_offset @ size
-        by_pose = slopes(poses, predicted.points, views)[0][seen]
-        scale = views.focal[:, :1] / predicted.points[0, :, 2]
+        left = (seen - predicted.uv).transpose(0, 1, 3, 2)
+        left = left - (by_offset @ size[:, None, None, :, None])[..., 0]
+        left = np.where(there[..., None], left, 0.0)
+        scale = views.focal[:, :1] / predicted.points[:, :, 2]  # px/mm
         variance = sigma_px**2 + (handle.placement_sigma_mm * scale) ** 2
-        weight = (weights(predicted.facing[0], p) / variance)[seen]
-        distance = np.linalg.norm(left, axis=1) * np.sqrt(weight)
+        weight = there * weights(predicted.facing, p) / variance
+        distance = np.linalg.norm(left, axis=3) * np.sqrt(weight)
         weight = weight * HUBER / np.maximum(distance, HUBER)
-        J = np.concatenate([by_pose, by_offset], axis=2)
-        JW = J * weight[:, None, None]
-        information = np.einsum("kda,kdb->ab", JW, J)
-        information[6:, 6:] += prior
-        right = np.einsum("kda,kd->a", JW, left)
-        right[6:] -= prior @ size
+        J = np.concatenate([slopes(poses, predicted.points, views), by_offset], axis=4)
+        J = np.where(there[..., None, None], J, 0.0).reshape(n, -1, 6 + m)
+        JW = J.mT * weight.reshape(n, 1, -1).repeat(2, axis=2)
+        information = JW @ J
+        information[:, 6:, 6:] += prior
+        right = JW @ left.reshape(n, -1, 1)
+        right[:, 6:] -= prior @ size[..., None]
         spread = np.linalg.pinv(information, hermitian=True)
-        step = spread @ right
-        turn = Rotation.from_rotvec(step[3:6]) * T.rotation
-        T = RigidTransform.from_components(T.translation + step[:3], turn)
-        size = size + step[6:]
-    return _Contradiction(basis, before, spread[6:, 6:], size), T
+        step = (spread @ right)[..., 0]
+        turn = Rotation.from_rotvec(step[:, 3:6]).as_matrix()
+        poses = Poses(turn @ poses.rotations, poses.translations + step[:, :3])
+        size = size + step[:, 6:]
+    return Offsets(size, spread[:, 6:, 6:], poses)
