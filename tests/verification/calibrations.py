@@ -2,13 +2,14 @@
 measured that is badly wrong.
 
 The rig and the handle that measure are the shipped ones, with a covariance; what is measured is
-drawn from it. Pixels are drawn where there is enough to draw: centroids as
-`estimators.centroids.predict_centroids` has them, moved as the marker is, and noise. The estimators
-that fit images get rendered ones, and there the rig and the handle that measure are drawn.
+drawn from it. From pixels there are many instants: centroids as
+`estimators.centroids.predict_centroids` has them, moved as the marker is, and noise. All estimators
+get rendered images, too.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from itertools import product
 from typing import NamedTuple
 
 import numpy as np
@@ -31,6 +32,7 @@ from trinolab.identity import choose, equivalents, identify, labelled_pixels, re
 from trinolab.identity.parameters import IdentityParameters
 from trinolab.identity.reconcile import reconciled
 from trinolab.measurement import measure
+from trinolab.methods import ESTIMATORS as METHODS
 from trinolab.metrics import nearest_equivalent
 from trinolab.parameters import Parameters
 from trinolab.pose import LOST, Pose, fit_pose, weighted_fit
@@ -42,7 +44,7 @@ from trinolab.triangulation import triangulate_weighted
 KINDS = {"good": (0.1, 0.005, 0.0), "poor": (0.3, 0.02, 0.0), "layout": (0.0, 0.0, 0.05)}
 RIGS = ("paper_pair", "raised_40deg")
 NOISE_PX = {"paper": 0.1, "weighted": 0.03, "reprojection": 0.03}
-IMAGES = ("paper_checked", "patches", "outline")
+POSES_OF_PIXELS, POSES_OF_IMAGES = 6, 2  # of a calibration
 HONEST = 0.8, 1.3  # rms of true error by reported standard deviation
 BADLY_MM, BADLY_DEG, SIGMAS = 2.0, 5.0, 5.0  # off by more than all of these
 P = Parameters()
@@ -90,6 +92,11 @@ def setup(rig_name: str, handle_name: str, kind: str) -> Setup:
     covariance = RigCovariance(rig.names, np.diag(sigma.ravel() ** 2)) if px else None
     handle = replace(load_handle(handle_name), placement_sigma_mm=mm)
     return Setup(replace(rig, covariance=covariance), handle)
+
+
+def silent(known: Setup) -> Setup:
+    """The same as files have it that do not say how well rig and layout are known."""
+    return Setup(Rig(known.rig.cameras), replace(known.handle, placement_sigma_mm=0.0))
 
 
 def drawn(known: Setup, rng: np.random.Generator) -> Truth:
@@ -194,53 +201,45 @@ def measured(known: Setup, one: Seen, estimator: str, rng: np.random.Generator) 
 
 
 def from_pixels(
-    rig_name: str,
-    handle_name: str,
-    kind: str,
-    estimator: str,
-    draws: int,
-    poses: int,
-    seed: int = 0,
-) -> list[Score | None]:
-    """Scores of every pose that was measured, None for the others: so many calibrations, so many
-    poses each.
+    known: Setup, estimator: str, draws: int, poses: int, seed: int = 0
+) -> dict[bool, list[Score | None]]:
+    """Scores of so many calibrations and layouts, so many poses each; None for what was not
+    measured. True: with what is known of rig and handle; False: with files that do not say it.
     """
     rng = np.random.default_rng(seed)
-    known = setup(rig_name, handle_name, kind)
-    scores = []
+    scores: dict[bool, list[Score | None]] = {True: [], False: []}
     for _ in range(draws):
         truth = drawn(known, rng)
         for _ in range(poses):
             one = seen(known, truth, NOISE_PX[estimator], rng)
-            scores.append(score(measured(known, one, estimator, rng), one.T_world_handle, known))
+            for told, own in scores.items():
+                pose = measured(known if told else silent(known), one, estimator, rng)
+                own.append(score(pose, one.T_world_handle, known))
     return scores
 
 
 def from_images(
-    rig_name: str, kind: str, draws: int, poses: int, estimators=IMAGES, seed: int = 0
-) -> dict[str, list[Score | None]]:
-    """The same for estimators that fit images: each pose is rendered once, rig and handle drawn.
+    known: Setup, draws: int, poses: int, estimators: Sequence[str] = METHODS, seed: int = 0
+) -> dict[tuple[str, bool], list[Score | None]]:
+    """The same from rendered images, for each estimator.
 
     A wrapped marker cannot be above its place. It is beside it in two directions by as much as the
     file says for three.
     """
     rng = np.random.default_rng(seed)
-    known = setup(rig_name, "coded", kind)
-    exact = setup(rig_name, "coded", "layout")
-    truths = [seen(exact, Truth(exact.rig, 0 * exact.handle.marker_centres), 0.0, rng)[0]]
-    truths += [
-        seen(exact, Truth(exact.rig, 0 * exact.handle.marker_centres), 0.0, rng)[0]
-        for _ in range(poses - 1)
-    ]
-    frames = [render_rig(exact.rig, exact.handle, T, Bench(), rng) for T in truths]
-    scores: dict[str, list[Score | None]] = {name: [] for name in estimators}
+    scores: dict[tuple[str, bool], list[Score | None]] = {
+        (name, told): [] for name in estimators for told in (True, False)
+    }
     for _ in tqdm(range(draws), leave=False, unit="calibration"):
-        truth = drawn(known, rng)
-        with_it = Setup(truth.rig, _beside(known.handle, rng))
-        for T, images in zip(truths, frames, strict=True):
-            for name in estimators:
-                pose = measure(images, *with_it, None, Parameters(estimator=name)).pose
-                scores[name].append(score(pose, T, with_it))
+        rig = drawn(known, rng).rig
+        handle = _beside(known.handle, rng)
+        for _ in range(poses):
+            T = seen(known, Truth(rig, 0 * handle.marker_centres), 0.0, rng).T_world_handle
+            images = render_rig(rig, handle, T, Bench(), rng)
+            for (name, told), own in scores.items():
+                with_it = known if told else silent(known)
+                pose = measure(images, *with_it, T, Parameters(estimator=name)).pose
+                own.append(score(pose, T, known))
     return scores
 
 
@@ -297,28 +296,35 @@ def report(arguments) -> None:
         f"{draws} calibrations and layouts drawn for each row, random poses, seed 0. rms of true error by the"
     )
     print(
-        f"whole sigma is honest from {HONEST[0]} to {HONEST[1]}. Badly wrong: measured, and off by"
+        f"whole sigma is honest from {HONEST[0]} to {HONEST[1]}, else *. Badly wrong: measured, and off by"
     )
-    print(f"more than {SIGMAS:g} sigmas and {BADLY_MM:g} mm or {BADLY_DEG:g} deg")
-    total = badly = 0
-    for label, scores in _rows(draws):
-        s = summary(scores)
-        total += s.count
-        badly += s.badly
+    print(
+        f"more than {SIGMAS:g} sigmas and {BADLY_MM:g} mm or {BADLY_DEG:g} deg. Last: the same with files that do"
+    )
+    print("not say how well rig and layout are known, share measured and badly wrong")
+    totals = np.zeros(4, int)
+    for label, told, untold in _rows(draws):
+        s, u = summary(told), summary(untold)
+        totals += [s.count, s.badly, u.count, u.badly]
         print(
-            f"{label}  n {s.count:5d}  measured {100 * s.measured:5.1f} %  position {s.mm:.2f}  rotation {s.deg:.2f}"
-            f"{'' if s.honest else ' *'}  badly wrong {s.badly}",
+            f"{label} n {s.count:4d}  measured {100 * s.measured:5.1f} %  position {s.mm:.2f}  rotation {s.deg:.2f}"
+            f"{'  ' if s.honest else ' *'}  badly wrong {s.badly}   |  {100 * u.measured:5.1f} %  {u.badly}",
             flush=True,
         )
-    print(f"badly wrong in all: {badly} of {total}")
+    count, badly, silent_count, silent_badly = totals
+    print(
+        f"badly wrong in all: {badly} of {count}; with files that say nothing {silent_badly} of {silent_count}"
+    )
 
 
-def _rows(draws: int) -> Iterator[tuple[str, list[Score | None]]]:
-    for rig in RIGS:
-        for kind in KINDS:
-            for handle in ("coded", "paper"):
-                for name in ESTIMATORS:
-                    label = f"{rig:13s} {kind:7s} {handle:6s} {name:13s}"
-                    yield label, from_pixels(rig, handle, kind, name, draws, 6)
-            for name, scores in from_images(rig, kind, draws, 4).items():
-                yield f"{rig:13s} {kind:7s} coded  {name:13s}", scores
+def _rows(draws: int) -> Iterator[tuple[str, list[Score | None], list[Score | None]]]:
+    """A label, and the scores with and without what is known."""
+    for rig, kind, handle in product(RIGS, KINDS, ("coded", "paper")):
+        known = setup(rig, handle, kind)
+        label = f"{rig:12s} {kind:6s} {handle:5s}"
+        for name in ESTIMATORS:
+            scores = from_pixels(known, name, draws, POSES_OF_PIXELS)
+            yield f"{label} {name:13s} pixels", scores[True], scores[False]
+        found = from_images(known, draws, POSES_OF_IMAGES)
+        for name in METHODS:
+            yield f"{label} {name:13s} images", found[name, True], found[name, False]

@@ -1,0 +1,116 @@
+"""Contradictions between what was seen: none in noise, and those of markers and of images are told
+apart.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import RigidTransform, Rotation
+
+from trinolab.camera import RigCovariance
+from trinolab.datasets import load_handle, load_rig
+from trinolab.estimators.appearance import Views
+from trinolab.estimators.centroids import predict_centroids
+from trinolab.estimators.contradiction import Residuals, contradict, honest
+from trinolab.estimators.reprojection import fit_pixels, response_of_pixels
+from trinolab.handle import slants
+from trinolab.systematic import NOTHING
+
+PAIR, THREE = load_rig("paper_pair"), load_rig("raised_40deg")
+CODED = load_handle("coded")
+POSE = RigidTransform.from_components([20.0, -10.0, 560.0], Rotation.from_rotvec([0.2, 0.3, 0.4]))
+SIGMA_PX = 0.03
+
+
+def facing(rig):
+    """The views of the markers that face a camera within 60 deg."""
+    return Views(*np.nonzero([slants(CODED, POSE, c.centre) < np.deg2rad(60) for c in rig.cameras]))
+
+
+def found(rig, handle, noise, offsets=0.0, sigma_px=SIGMA_PX):
+    """The fit to centroids with noise (k, 2), px, and an offset of each image (C, 2), px."""
+    views = facing(rig)
+    offsets = np.broadcast_to(offsets, (len(rig.cameras), 2))
+    uv = predict_centroids(rig, handle, POSE, views)[0] + noise + offsets[views.camera]
+    spread = np.tile(sigma_px**2 * np.eye(2), (len(uv), 1, 1))
+    T, covariance = fit_pixels(uv, spread, rig, handle, views, POSE)
+    left = uv - predict_centroids(rig, handle, T, views)[0]
+    answers = response_of_pixels(uv, spread, rig, handle, views, T)
+    residuals = Residuals(left, np.linalg.inv(spread))
+    return T, covariance, honest(covariance, answers, residuals, T, rig, handle)
+
+
+def drawn(rig, seed, sigma_px=SIGMA_PX):
+    shape = (len(facing(rig).camera), 2)
+    return sigma_px * np.random.default_rng(seed).standard_normal(shape)
+
+
+def known_to(rig, px):
+    """A rig whose principal points are known to some pixels."""
+    sigma = np.zeros((len(rig.cameras), 15))
+    sigma[:, 2:4] = px
+    return replace(rig, covariance=RigCovariance(rig.names, np.diag(sigma.ravel() ** 2)))
+
+
+def test_a_chi_square_by_the_table():
+    assert not contradict(16.8, 6)  # 16.81: one in a hundred (Abramowitz and Stegun, table 26.8)
+    assert contradict(16.82, 6)
+    assert not contradict(1e9, 0)
+
+
+@pytest.mark.parametrize("rig", [PAIR, THREE], ids=["pair", "three"])
+def test_noise_is_no_contradiction(rig):
+    n = 60
+    noticed = 0
+    for seed in range(n):
+        _, covariance, told = found(rig, CODED, drawn(rig, seed))
+        noticed += not (np.array_equal(told.covariance, covariance) and not told.systematic.any())
+        assert not told.refused
+    assert noticed <= 5  # two tests of one in a hundred: 1.2; more than 5 of 60 once in 500
+
+
+def test_markers_that_contradict_each_other_scale_the_covariance():
+    ratios = []
+    for seed in range(40):
+        _, covariance, told = found(THREE, CODED, drawn(THREE, seed, 3 * SIGMA_PX))
+        ratios.append(told.covariance[0, 0] / covariance[0, 0])
+    # 9, less what Huber's weights hold back
+    assert 6 < np.mean(ratios) < 9.5
+
+
+def test_images_that_contradict_each_other_are_a_systematic_error():
+    """Offsets of 0.3 px that nobody knows of: the size of those that show tells that of all."""
+    rng = np.random.default_rng(0)
+    rows = []
+    for seed in range(30):
+        offsets = 0.3 * rng.standard_normal((3, 2))
+        T, covariance, told = found(THREE, CODED, drawn(THREE, seed), offsets)
+        away = np.sum((T.translation - POSE.translation) ** 2)
+        parts = told.systematic, covariance
+        rows.append((away, *(np.trace(part[:3, :3]) for part in parts)))
+        np.testing.assert_array_equal(told.covariance, covariance)
+    error, systematic, noise = np.sqrt(np.mean(rows, axis=0))
+    assert error > 3 * noise
+    assert 0.6 < error / systematic < 1.1  # below 1: three that show are few, Student's factor
+
+
+def test_a_rig_that_is_known_no_better_does_not_contradict():
+    noise = drawn(THREE, 0)
+    rig = known_to(THREE, 1.0)
+    offsets = np.array([[0, 0], [0, 0], [0, 1.0]])
+    _, _, told = found(rig, CODED, noise, offsets, sigma_px=0.5)
+    expected = found(rig, CODED, noise, 0 * offsets, sigma_px=0.5)[2]
+    np.testing.assert_allclose(told.systematic, expected.systematic, rtol=0.1)
+    assert expected.systematic.any()
+
+
+def test_a_pose_that_large_contradictions_leave_open_is_refused():
+    across = [[0, 3.0], [0, -3.0]]  # of the pair's baseline, which no motion of the handle makes
+    assert found(PAIR, CODED, drawn(PAIR, 0), across)[2].refused
+    assert not found(PAIR, CODED, drawn(PAIR, 0))[2].refused
+
+
+def test_nothing_systematic_where_nothing_is_known_or_shows():
+    told = found(PAIR, CODED, np.zeros_like(drawn(PAIR, 0)))[2]
+    np.testing.assert_array_equal(told.systematic, NOTHING)

@@ -1,0 +1,92 @@
+"""A rig corrected by what one instant shows: offsets that are put in are found, and what is left is
+as uncertain as it says.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import RigidTransform, Rotation
+
+from trinolab.camera import RigCovariance, displaced
+from trinolab.datasets import load_handle, load_rig
+from trinolab.estimators.appearance import Views
+from trinolab.estimators.centroids import predict_centroids
+from trinolab.handle import slants
+from trinolab.identity.hypotheses import Poses
+from trinolab.identity.parameters import IdentityParameters
+from trinolab.identity.reconcile import fit_with_offsets, reconciled
+from trinolab.systematic import contradicting, offsets_at
+
+P = IdentityParameters()
+CODED = load_handle("coded")
+POSE = RigidTransform.from_components([20.0, -10.0, 560.0], Rotation.from_rotvec([0.2, 0.3, 0.4]))
+SIGMA_PX = 0.05
+
+
+def known(name):
+    """A rig with principal points known to 0.3 px and directions to 0.02 deg."""
+    rig = load_rig(name)
+    sigma = np.zeros((len(rig.cameras), 15))
+    sigma[:, 2:4] = 0.3
+    sigma[:, 9:12] = np.deg2rad(0.02)
+    return replace(rig, covariance=RigCovariance(rig.names, np.diag(sigma.ravel() ** 2)))
+
+
+def centroids(rig, noise=0.0):
+    """Pixels (cameras, markers, 2) of the markers that face a camera within 60 deg."""
+    slant = np.stack([slants(CODED, POSE, camera.centre) for camera in rig.cameras])
+    views = Views(*np.nonzero(slant < np.deg2rad(60)))
+    uv = np.full((*slant.shape, 2), np.nan)
+    uv[views] = predict_centroids(rig, CODED, POSE, views)[0]
+    return uv + noise
+
+
+@pytest.mark.parametrize("name", ["paper_pair", "raised_40deg"])
+def test_offsets_that_no_motion_makes_are_found(name):
+    rig = known(name)
+    basis = contradicting(offsets_at(rig, POSE.translation).by_position)
+    sizes = np.array([0.7, -0.4, 0.5])[: basis.shape[1]]
+    shift = (basis @ sizes).reshape(-1, 1, 2)
+    start = RigidTransform.from_components(
+        POSE.translation + [0.5, -0.5, 1.0], Rotation.from_rotvec([0.01, 0, 0.01]) * POSE.rotation
+    ).as_matrix()[None]
+    poses = Poses(start[:, :3, :3], start[:, :3, 3])
+    uv = (centroids(rig) + shift)[None]
+    free = np.zeros((len(sizes), len(sizes)))
+    found = fit_with_offsets(rig, CODED, poses, uv, basis[None], free, SIGMA_PX, P)
+    # the layout's centroids are right to first order in a marker's size
+    np.testing.assert_allclose(found.size[0], sizes, atol=0.01)
+    np.testing.assert_allclose(found.poses.translations[0], POSE.translation, atol=0.02)
+
+
+def test_a_rig_without_a_covariance_stays_as_it_is():
+    rig = load_rig("raised_40deg")
+    assert reconciled(rig, CODED, centroids(rig), POSE, SIGMA_PX, P) == (rig, POSE)
+
+
+def test_what_is_left_is_as_uncertain_as_it_says():
+    """Offsets of the images where the handle is, of 60 drawn rigs: normalised squares."""
+    rig = known("raised_40deg")
+    rng = np.random.default_rng(1)
+    n = 60
+    before = []
+    after = []
+    for _ in range(n):
+        errors = np.sqrt(np.diag(rig.covariance.matrix)) * rng.standard_normal(45)
+        noise = SIGMA_PX * rng.standard_normal((3, len(CODED.marker_centres), 2))
+        uv = centroids(displaced(rig, errors), noise)
+        here, _ = reconciled(rig, CODED, uv, POSE, SIGMA_PX, P)
+        at = offsets_at(rig, POSE.translation)
+        shifts = at.by_parameters @ errors
+        learnt = np.concatenate([c.project(POSE.translation[None])[0] for c in here.cameras])
+        learnt -= np.concatenate([c.project(POSE.translation[None])[0] for c in rig.cameras])
+        left = at.by_parameters @ here.covariance.matrix @ at.by_parameters.T
+        away = shifts - learnt
+        after.append(away @ np.linalg.solve(left, away))
+        basis = contradicting(at.by_position)
+        before.append((np.linalg.norm(basis.T @ shifts), np.linalg.norm(basis.T @ away)))
+    # chi-square with 6 degrees of freedom: the mean of 60 has a standard deviation of 0.45
+    assert 4.6 < np.mean(after) < 7.4
+    shown, remaining = np.mean(before, axis=0)
+    assert remaining < 0.1 * shown
