@@ -28,8 +28,7 @@ from trinolab.estimators.contradiction import Residuals, honest
 from trinolab.estimators.reprojection import fit_pixels, response_of_pixels
 from trinolab.estimators.weighted import honest_fit
 from trinolab.handle import Handle
-from trinolab.identity import choose, equivalents, identify, labelled_pixels, relabel
-from trinolab.identity.parameters import IdentityParameters
+from trinolab.identity import choose, identify, labelled_pixels, relabel
 from trinolab.identity.reconcile import reconciled
 from trinolab.measurement import measure
 from trinolab.methods import ESTIMATORS as METHODS
@@ -43,8 +42,8 @@ from trinolab.triangulation import triangulate_weighted
 # principal points (px) and directions (deg) of all cameras, places of the markers (mm)
 KINDS = {"good": (0.1, 0.005, 0.0), "poor": (0.3, 0.02, 0.0), "layout": (0.0, 0.0, 0.05)}
 RIGS = ("paper_pair", "raised_40deg")
-NOISE_PX = {"paper": 0.1, "weighted": 0.03, "reprojection": 0.03}
-POSES_OF_PIXELS, POSES_OF_IMAGES = 6, 2  # of a calibration
+NOISE_PX = 0.05  # of pixels that are drawn
+POSES_OF_PIXELS, POSES_OF_IMAGES = 4, 1  # of a calibration
 HONEST = 0.8, 1.3  # rms of true error by reported standard deviation
 BADLY_MM, BADLY_DEG, SIGMAS = 2.0, 5.0, 5.0  # off by more than all of these
 P = Parameters()
@@ -80,6 +79,10 @@ class Score(NamedTuple):
     mm: float
     deg: float
     badly: bool
+
+
+# by estimator, and whether the files say how well rig and layout are known; None: not measured
+Scores = dict[tuple[str, bool], list[Score | None]]
 
 
 def setup(rig_name: str, handle_name: str, kind: str) -> Setup:
@@ -133,12 +136,12 @@ def seen(known: Setup, truth: Truth, noise_px: float, rng: np.random.Generator) 
 
 def paper_pose(known: Setup, one: Seen, T: RigidTransform) -> Pose:
     """The paper's estimate from the pixels of the centres."""
-    return fit_pose(one.centres, *known, P.max_slant_deg, NOISE_PX["paper"], T)
+    return fit_pose(one.centres, *known, P.max_slant_deg, NOISE_PX, T)
 
 
 def weighted_pose(known: Setup, one: Seen, T: RigidTransform) -> Pose:
     """The weighted fit from the pixels of the centres."""
-    sigma = np.where(np.isfinite(one.centres[..., 0]), NOISE_PX["weighted"], np.nan)
+    sigma = np.where(np.isfinite(one.centres[..., 0]), NOISE_PX, np.nan)
     fit = weighted_fit(
         known.handle.marker_centres, *triangulate_weighted(known.rig, one.centres, sigma)
     )
@@ -151,7 +154,7 @@ def weighted_pose(known: Setup, one: Seen, T: RigidTransform) -> Pose:
 def reprojection_pose(known: Setup, one: Seen, T: RigidTransform) -> Pose:
     """The pose of least reprojection error from the centroids."""
     views = Views(*np.nonzero(np.isfinite(one.centroids[..., 0])))
-    spread = np.tile(NOISE_PX["reprojection"] ** 2 * np.eye(2), (len(views.camera), 1, 1))
+    spread = np.tile(NOISE_PX**2 * np.eye(2), (len(views.camera), 1, 1))
     uv = one.centroids[views]
     T, covariance = fit_pixels(uv, spread, *known, views, T)
     found = response_of_pixels(uv, spread, *known, views, T)
@@ -173,63 +176,62 @@ ESTIMATORS: dict[str, Callable[[Setup, Seen, RigidTransform], Pose]] = {
 }
 
 
-def measured(known: Setup, one: Seen, estimator: str, rng: np.random.Generator) -> Pose:
-    """What `measurement.measure` does, from found pixels on."""
-    p = IdentityParameters()
-    found = []
-    order = []
-    for uv in one.centroids:
-        there = np.flatnonzero(np.isfinite(uv[:, 0]))
-        order.append(rng.permutation(there))
-        found.append(uv[order[-1]])
+def identified(
+    known: Setup, one: Seen, rng: np.random.Generator
+) -> tuple[Setup, Seen, RigidTransform] | None:
+    """What `measurement.measure` does with found pixels before it asks an estimator: the rig as the
+    pixels leave it, the pixels by marker, the pose.
+    """
+    p = P.identity
+    order = [rng.permutation(np.flatnonzero(np.isfinite(uv[:, 0]))) for uv in one.centroids]
+    found = tuple(uv[rows] for uv, rows in zip(one.centroids, order, strict=True))
     hypotheses = identify(*known, found, p)
     if not hypotheses:
-        return LOST
-    options = [T for h in hypotheses for T in equivalents(h.T_world_handle, known.handle)]
-    k, _ = choose(options, one.T_world_handle)
-    hypothesis = hypotheses[k // len(known.handle.symmetries)]
-    S = known.handle.symmetries[k % len(known.handle.symmetries)]
+        return None
+    options = [
+        (hypothesis, S, hypothesis.T_world_handle * S)
+        for hypothesis in hypotheses
+        for S in known.handle.symmetries
+    ]
+    k, _ = choose([T for *_, T in options], one.T_world_handle)
+    hypothesis, S, T = options[k]
     labels = tuple(relabel(row, known.handle, S) for row in hypothesis.labels)
     n = len(known.handle.marker_centres)
-    centroids = labelled_pixels(labels, tuple(found), n)
+    centroids = labelled_pixels(labels, found, n)
     there = tuple(uv[rows] for uv, rows in zip(one.centres, order, strict=True))
     centres = labelled_pixels(labels, there, n)
-    rig, T = reconciled(known.rig, known.handle, centroids, options[k], P.sigma_px, p)
-    return ESTIMATORS[estimator](
-        Setup(rig, known.handle), Seen(one.T_world_handle, centroids, centres), T
-    )
+    rig, T = reconciled(known.rig, known.handle, centroids, T, P.sigma_px, p)
+    return Setup(rig, known.handle), Seen(one.T_world_handle, centroids, centres), T
 
 
-def from_pixels(
-    known: Setup, estimator: str, draws: int, poses: int, seed: int = 0
-) -> dict[bool, list[Score | None]]:
-    """Scores of so many calibrations and layouts, so many poses each; None for what was not
-    measured. True: with what is known of rig and handle; False: with files that do not say it.
-    """
+def from_pixels(known: Setup, draws: int, poses: int, seed: int = 0) -> Scores:
+    """So many calibrations and layouts, so many poses each, by the estimators that need no image."""
     rng = np.random.default_rng(seed)
-    scores: dict[bool, list[Score | None]] = {True: [], False: []}
+    scores: Scores = {(name, told): [] for told in (True, False) for name in ESTIMATORS}
+    setups = {True: known, False: silent(known)}
     for _ in range(draws):
         truth = drawn(known, rng)
         for _ in range(poses):
-            one = seen(known, truth, NOISE_PX[estimator], rng)
-            for told, own in scores.items():
-                pose = measured(known if told else silent(known), one, estimator, rng)
-                own.append(score(pose, one.T_world_handle, known))
+            one = seen(known, truth, NOISE_PX, rng)
+            for told, with_it in setups.items():
+                there = identified(with_it, one, rng)
+                for name, estimate in ESTIMATORS.items():
+                    pose = LOST if there is None else estimate(*there)
+                    scores[name, told].append(score(pose, one.T_world_handle, known))
     return scores
 
 
 def from_images(
     known: Setup, draws: int, poses: int, estimators: Sequence[str] = METHODS, seed: int = 0
-) -> dict[tuple[str, bool], list[Score | None]]:
-    """The same from rendered images, for each estimator.
+) -> Scores:
+    """The same by all estimators from rendered images.
 
     A wrapped marker cannot be above its place. It is beside it in two directions by as much as the
     file says for three.
     """
     rng = np.random.default_rng(seed)
-    scores: dict[tuple[str, bool], list[Score | None]] = {
-        (name, told): [] for name in estimators for told in (True, False)
-    }
+    scores: Scores = {(name, told): [] for told in (True, False) for name in estimators}
+    setups = {True: known, False: silent(known)}
     for _ in tqdm(range(draws), leave=False, unit="calibration"):
         rig = drawn(known, rng).rig
         handle = _beside(known.handle, rng)
@@ -237,8 +239,7 @@ def from_images(
             T = seen(known, Truth(rig, 0 * handle.marker_centres), 0.0, rng).T_world_handle
             images = render_rig(rig, handle, T, Bench(), rng)
             for (name, told), own in scores.items():
-                with_it = known if told else silent(known)
-                pose = measure(images, *with_it, T, Parameters(estimator=name)).pose
+                pose = measure(images, *setups[told], T, Parameters(estimator=name)).pose
                 own.append(score(pose, T, known))
     return scores
 
@@ -321,10 +322,9 @@ def _rows(draws: int) -> Iterator[tuple[str, list[Score | None], list[Score | No
     """A label, and the scores with and without what is known."""
     for rig, kind, handle in product(RIGS, KINDS, ("coded", "paper")):
         known = setup(rig, handle, kind)
-        label = f"{rig:12s} {kind:6s} {handle:5s}"
-        for name in ESTIMATORS:
-            scores = from_pixels(known, name, draws, POSES_OF_PIXELS)
-            yield f"{label} {name:13s} pixels", scores[True], scores[False]
-        found = from_images(known, draws, POSES_OF_IMAGES)
-        for name in METHODS:
-            yield f"{label} {name:13s} images", found[name, True], found[name, False]
+        pixels = from_pixels(known, draws, POSES_OF_PIXELS)
+        images = from_images(known, draws, POSES_OF_IMAGES)
+        for source, scores in (("pixels", pixels), ("images", images)):
+            for name in dict.fromkeys(name for name, _ in scores):
+                label = f"{rig:12s} {kind:6s} {handle:5s} {name:13s} {source}"
+                yield label, scores[name, True], scores[name, False]
