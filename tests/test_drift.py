@@ -2,19 +2,31 @@
 none does.
 """
 
+import re
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from trinolab.camera import Rig
+from trinolab.bench.optics import Bench
+from trinolab.bench.scene import render_rig
+from trinolab.camera import Rig, RigCovariance
 from trinolab.datasets import load_handle, load_rig
 from trinolab.estimators.appearance import Views
 from trinolab.estimators.centroids import predict_centroids
+from trinolab.files import recorder
+from trinolab.files.poses import transforms, truth_table
+from trinolab.following import track
 from trinolab.following.drift import find_drift, image_offsets
+from trinolab.following.parameters import FollowParameters
+from trinolab.following.posetracker import Tracked
+from trinolab.following.track import Watched, track_folder
 from trinolab.handle import slants
 from trinolab.identity.parameters import IdentityParameters
+from trinolab.measurement import Measurement
+from trinolab.pose import Pose
 
 P = IdentityParameters()
 CODED = load_handle("coded")
@@ -118,3 +130,70 @@ def test_too_few_instants_say_nothing():
     )
     assert len(nothing.instant) == 0
     assert find_drift(nothing, rig) is None
+
+
+def test_a_track_says_which_camera_and_when():
+    rig = load_rig("raised_40deg")
+    rng = np.random.default_rng(1)
+    poses = moving(rng)
+    after = turned(rig, 1)
+    uv = np.concatenate([seen(rig, poses[:WHEN], rng), seen(after, poses[WHEN:], rng)])
+    watched = Watched(rig, CODED, FollowParameters())
+    for k, T in enumerate(poses):
+        pose = Pose("measured", T, np.eye(6), 0.1, 6, 3)
+        found = tuple(SimpleNamespace(uv=pixels) for pixels in uv[k])
+        labels = tuple(np.where(np.isfinite(own[:, 0]), np.arange(12), -1) for own in uv[k])
+        watched.add(k, k / 25, Tracked(Measurement(pose, found, labels), (None,) * 3))
+    (line,) = watched.drift()
+    said = re.fullmatch(
+        r"ccd2: turned by (0\.0\d+) deg \((\d\.\d) px, as far as that shows\) at (\d\.\d\d) s "
+        r"\(frame (\d+)\); from there on the rig file does not hold",
+        line,
+    )
+    assert abs(int(said[4]) - WHEN) <= 5
+    assert float(said[3]) == pytest.approx(int(said[4]) / 25)
+
+
+def test_long_tracks_are_watched_at_fewer_instants(monkeypatch):
+    monkeypatch.setattr(track, "MOST_INSTANTS", 10)
+    watched = Watched(load_rig("paper_pair"), CODED, FollowParameters())
+    nothing = (np.full(12, -1),) * 2
+    found = (SimpleNamespace(uv=np.zeros((12, 2))),) * 2
+    pose = Pose("measured", moving(np.random.default_rng(0))[0], np.eye(6), 0.1, 6, 2)
+    for frame in range(50):
+        watched.add(frame, 0.0, Tracked(Measurement(pose, found, nothing), (None, None)))
+    frames = [frame for frame, *_ in watched.instants]
+    assert frames == list(range(0, 50, watched.every))
+    assert len(frames) <= 10
+
+
+@pytest.mark.heavy
+@pytest.mark.parametrize("name", ["paper_pair", "raised_40deg"])
+@pytest.mark.parametrize("known", [True, False])
+def test_a_rendered_recording_with_a_camera_that_turns(name, known, tmp_path, caplog):
+    """It is reported, and no pose is called measured that is badly wrong."""
+    rig = load_rig(name)
+    last = len(rig.cameras) - 1
+    rng = np.random.default_rng(2)
+    poses = moving(rng)[::2][: 2 * (N // 5)]
+    half = len(poses) // 2
+    folder = tmp_path / "r"
+    sigma = np.tile(
+        [0.0] * 2 + [0.1] * 2 + [0.0] * 5 + [np.deg2rad(0.005)] * 3 + [0.0] * 3, last + 1
+    )
+    covariance = RigCovariance(rig.names, np.diag(sigma**2)) if known else None
+    partial = recorder.begin(folder, replace(rig, covariance=covariance), CODED)
+    for k, T in enumerate(poses):
+        there = rig if k < half else turned(rig, last)
+        recorder.add(partial, rig, k, render_rig(there, CODED, T, Bench(), rng))
+    recorder.finish(folder, np.arange(len(poses)) / 12.5, truth_table(poses))
+    with caplog.at_level("INFO", logger="trinolab"):
+        table = track_folder(folder, tmp_path / "p.csv", progress=False)
+    (line,) = [message for message in caplog.messages if "turned by" in message]
+    assert rig.names[last] in line.split(":")[0]
+    assert abs(int(re.search(r"frame (\d+)", line)[1]) - half) <= 5
+    held = table[table["status"] == "measured"]
+    assert (held["frame"] < half).sum() == half
+    away = transforms(held).translation - poses.translation[held["frame"]]
+    mm = np.linalg.norm(away, axis=1)
+    assert not ((mm > 2) & (mm > 5 * held["sigma_mm"])).any()

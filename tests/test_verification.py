@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from benchmarks import bench_measure
 from scipy.spatial.transform import RigidTransform, Rotation
-from verification import accuracy, draws, identity, nees
+from verification import accuracy, calibrations, draws, identity, nees
 
 from trinolab import measurement
 from trinolab.bench.optics import Bench
@@ -124,6 +124,45 @@ def test_benchmark_clocks_stages_that_exist():
     assert spent["markers"] > 0
     assert spent["pose"] == 0
     assert list(spent) == list(bench_measure.STAGES.values())
+
+
+# --- calibrations
+
+
+def test_sigmas_count_errors_of_rig_and_layout():
+    """A sample of what `make verify` counts: the whole sigma is of the error's size, the part that
+    is new in each instant is a fraction of it.
+    """
+    known = calibrations.setup("raised_40deg", "coded", "poor")
+    scores = calibrations.from_pixels(known, draws=10, poses=1)
+    for name in calibrations.ESTIMATORS:
+        found = calibrations.summary(scores[name, True])
+        # rms of ten errors with two or three degrees of freedom: 1 +- 0.15
+        assert 0.55 < found.mm < 1.5, name
+        assert 0.55 < found.deg < 1.5, name
+        assert found.measured > 0.7
+        assert found.badly == 0
+    alone = calibrations.summary(scores["paper", False])
+    assert alone.mm > 3  # without the file, and without an estimator that looks at the pixels
+
+
+def test_a_score_counts_in_sigmas_and_finds_what_is_badly_wrong():
+    known = calibrations.setup("paper_pair", "coded", "good")
+    T = TRUTHS[4]
+    small = np.diag([1e-4, 1e-4, 2e-4, 1e-6, 1e-6, 2e-6])  # 0.02 mm, 0.115 deg
+    systematic = np.diag([3e-2, 3e-2, 3e-2, 0, 0, 0])
+
+    def score(away, covariance=small, systematic=0 * small):
+        pose = Pose("measured", off(T, np.array(away)), covariance, 0.1, 6, 2, systematic)
+        return calibrations.score(pose, T, known)
+
+    assert score([0, 0.02, 0, 0, 0, 0]).mm == pytest.approx(1.0)
+    assert score([0, 0, 0, 0.004, 0, 0]).deg == pytest.approx(2.0)
+    assert score([0, 1.9, 0, 0, 0, 0])[2] is False  # 95 sigmas, and less than 2 mm
+    assert score([0, 2.1, 0, 0, 0, 0])[2] is True
+    assert score([0, 2.1, 0, 0, 0, 0], systematic=9 * systematic)[2] is False
+    assert score([0, 0, 0, 0.1, 0, 0])[2] is True  # 5.7 deg
+    assert calibrations.score(LOST, T, known) is None
 
 
 # --- identities

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -11,12 +12,14 @@ from tqdm import tqdm
 from tqdm.contrib.logging import logging_redirect_tqdm
 
 from ..files.outputs import check_targets
-from ..files.poses import pose_table, poses_by_frame, read_poses, write_poses
+from ..files.poses import contradictions, pose_table, poses_by_frame, read_poses, write_poses
 from ..files.recording import list_instants, read_instants
 from ..files.rigs import read_handle, read_rig
 from ..measurement import measure
 from ..methods import estimator_of
 from ..parameters import Parameters
+
+log = logging.getLogger("trinolab")
 
 
 def measure_folder(
@@ -74,6 +77,8 @@ def measure_folder(
         ]
     table = pose_table(poses, frames=frames)
     write_poses(table, out)
+    for line in contradictions(table, the_rig, the_handle, rig):
+        log.info(line)
     return table
 
 

@@ -16,10 +16,14 @@ import numpy as np
 import pandas as pd
 from scipy.spatial.transform import RigidTransform, Rotation
 
+from ..camera import Rig
+from ..handle import Handle
 from ..metrics import euler_deg
 from ..pose import Pose
+from ..systematic import is_uncertain
 from .inputs import read_csv
 from .outputs import write_whole
+from .rigs import covariance_path
 
 POSE_COLUMNS = (
     "frame",
@@ -44,6 +48,8 @@ POSE_COLUMNS = (
     "systematic_deg",
 )
 
+# share of the poses whose images contradict each other, and their number, that noise does not make
+OFTEN, SEVERAL = 0.1, 2
 FARTHEST_MM = 1e9  # of a position that a file may hold: a thousand km
 STATUSES = ("measured", "ambiguous", "predicted", "lost")
 
@@ -66,6 +72,25 @@ def truth_table(poses: RigidTransform) -> pd.DataFrame:
     """Known poses, a batch of length n, as a pose table without uncertainty."""
     exact = [Pose("measured", T, np.zeros((6, 6)), 0.0, 0, 0) for T in poses]
     return pose_table(exact)
+
+
+def contradictions(
+    table: pd.DataFrame, rig: Rig, handle: Handle, rig_path: str | Path
+) -> list[str]:
+    """A line if the images contradict each other in more poses of a table than noise makes of it,
+    and nothing is known of the errors of rig and handle; else none.
+    """
+    if is_uncertain(rig, handle):
+        return []
+    held = table[table["status"].isin(["measured", "ambiguous"])]
+    count = int((held["systematic_mm"] > 0).sum())
+    if count <= max(OFTEN * len(held), SEVERAL):
+        return []
+    return [
+        f"{rig_path}: the cameras contradict each other in {count} of {len(held)} poses, which counts "
+        f"in sigma as far as it shows; {covariance_path(rig_path).name} would say how well they are "
+        "known"
+    ]
 
 
 def transforms(table: pd.DataFrame) -> RigidTransform:

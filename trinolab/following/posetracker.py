@@ -359,10 +359,9 @@ def _reported(tracked: Tracked, sure: bool, handle: Handle) -> Tracked:
     alike = equivalents(pose.T_world_handle, handle)
     k = choose(alike, None)[0]
     status = "ambiguous" if pose.status == "measured" else pose.status
-    labels, near = (
-        rows and tuple(relabel(row, handle, handle.symmetries[k]) for row in rows)
-        for rows in (m.labels, tracked.labels)
-    )
+    symmetry = handle.symmetries[k]
+    labels = tuple(relabel(row, handle, symmetry) for row in m.labels)
+    near = tracked.labels and tuple(relabel(row, handle, symmetry) for row in tracked.labels)
     pose = replace(pose, status=status, T_world_handle=alike[k])
     return tracked._replace(measurement=replace(m, pose=pose, labels=labels), labels=near)
 

@@ -26,6 +26,7 @@ from ..files.outputs import check_targets, write_together
 from ..files.poses import (
     POSE_COLUMNS,
     STATUSES,
+    contradictions,
     pose_row,
     poses_by_frame,
     poses_text,
@@ -135,6 +136,8 @@ def track_files(
         except (ValueError, OSError) as error:
             raise ValueError(f"{error}; {_kept(rows)}".removesuffix("; ")) from None
         rows.remove()
+    for line in contradictions(table, the_rig, job.handle, rig):
+        log.info(line)
     return table
 
 

@@ -99,7 +99,7 @@ def fit_with_offsets(
     poses: Poses,
     uv: Array,
     basis: Array,
-    prior: Array,
+    prior: np.ndarray,
     sigma_px: float,
     p: IdentityParameters,
 ) -> Offsets:
