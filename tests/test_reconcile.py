@@ -90,3 +90,22 @@ def test_what_is_left_is_as_uncertain_as_it_says():
     assert 4.6 < np.mean(after) < 7.4
     shown, remaining = np.mean(before, axis=0)
     assert remaining < 0.1 * shown
+
+
+def test_a_rig_that_shows_more_than_its_file_says_is_worse_known():
+    rig = known("raised_40deg")
+    at = offsets_at(rig, POSE.translation)
+    basis = contradicting(at.by_position)
+    sigma = np.sqrt(basis[:, 0] @ at.covariance @ basis[:, 0])
+    before = np.trace(at.covariance)
+
+    def left(sigmas):
+        uv = centroids(rig) + (sigmas * sigma * basis[:, 0]).reshape(-1, 1, 2)
+        here, _ = reconciled(rig, CODED, uv, POSE, SIGMA_PX, P)
+        moved = at.by_parameters @ here.covariance.matrix @ at.by_parameters.T
+        return np.trace(moved) / before
+
+    assert left(0.0) < 0.6  # what shows is known now
+    assert left(2.0) == pytest.approx(left(0.0), rel=0.05)
+    # chi-square about 36 of three, times Student's 1.197 squared: 17
+    assert 10 * left(0.0) < left(6.0) < 25 * left(0.0)

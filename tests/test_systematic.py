@@ -4,12 +4,20 @@ against draws.
 
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 from scipy.spatial.transform import RigidTransform, Rotation
 
+from trinolab.bench.optics import Bench
+from trinolab.bench.scene import render_rig
 from trinolab.camera import Rig, RigCovariance, displaced
 from trinolab.datasets import load_handle, load_rig
+from trinolab.estimators.pixels import fit_patches
+from trinolab.files.poses import contradictions, pose_table
+from trinolab.handle import facing_pixels
+from trinolab.pose import Pose, fit_pose, fit_response
+from trinolab.rigid import motion_between
 from trinolab.systematic import NOTHING, pixel_slopes, response, systematic_covariance
 
 BENT = np.array([-0.2, 0.1, 0.001, -0.002, 0.05])
@@ -64,3 +72,58 @@ def test_what_cameras_and_views_have_in_common_adds_up():
     assert spread([0, 0], [0, 0], RIG, placed) == pytest.approx(2 * moves)
     assert spread([0, 0], [0, 1], RIG, placed) == pytest.approx(np.sqrt(2) * moves, rel=0.02)
     assert spread([0, 0], [-1, -1], RIG, placed) == 0.0
+
+
+def test_the_papers_pose_answers_to_pixels_as_its_response_says():
+    uv = np.stack([facing_pixels(CODED, camera, POSE, 60.0) for camera in RIG.cameras])
+    uv += 0.1 * np.random.default_rng(0).standard_normal(uv.shape)
+    found = fit_response(uv, RIG, CODED)
+    start = fit_pose(uv, RIG, CODED).T_world_handle
+    for k in range(0, len(found.camera), 3):
+        for d in range(2):
+            step = np.zeros_like(uv)
+            step[found.camera[k], found.marker[k], d] = 0.05
+            there, back = (fit_pose(uv + s * step, RIG, CODED).T_world_handle for s in (1, -1))
+            slope = (motion_between(there, start) - motion_between(back, start)) / 0.1
+            size = np.repeat([np.linalg.norm(slope[:3]), np.linalg.norm(slope[3:])], 3)
+            assert (np.abs(found.gain[:, k, d] - slope) < 0.01 * size).all()
+
+
+def test_no_response_without_a_pose():
+    with pytest.raises(ValueError, match="uv: expected pixels that fix a pose"):
+        fit_response(np.full((3, 12, 2), np.nan), RIG, CODED)
+
+
+@pytest.mark.parametrize("outline", [False, True])
+def test_a_pose_from_pixels_answers_to_a_shifted_image_as_its_response_says(outline):
+    """The whole image of a camera shifts, as it does when a principal point is wrong."""
+    rig = load_rig("raised_40deg")
+    sigma = np.zeros((3, 15))
+    sigma[:, 2:4] = 0.3
+    rig = replace(rig, covariance=RigCovariance(rig.names, np.diag(sigma.ravel() ** 2)))
+    images = render_rig(rig, CODED, POSE, Bench(), np.random.default_rng(0))
+    fit = fit_patches(images, rig, CODED, POSE, outline=outline)
+    for c, way in ((0, [0.2, 0.0]), (2, [0.0, 0.2])):
+        shift = np.array([[1.0, 0.0, way[0]], [0.0, 1.0, way[1]]])
+        moved = [image.astype(np.float32) for image in images]
+        size = moved[c].shape[::-1]
+        moved[c] = cv2.warpAffine(
+            moved[c], shift, size, flags=cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE
+        )
+        away = motion_between(
+            fit_patches(moved, rig, CODED, POSE, outline=outline).T_world_handle, fit.T_world_handle
+        )
+        expected = fit.answers.gain[:, fit.answers.camera == c].sum(axis=1) @ way
+        # interpolation makes less noise, and so other weights
+        sizes = np.repeat([np.linalg.norm(expected[:3]), np.linalg.norm(expected[3:])], 3)
+        assert (np.abs(away - expected) < 0.15 * sizes).all()
+
+
+def test_files_say_where_cameras_contradict_each_other():
+    poses = [Pose("measured", POSE, np.eye(6), 0.1, 6, 2) for _ in range(10)]
+    wrong = [replace(pose, systematic=np.eye(6)) for pose in poses]
+    some = pose_table([*poses[:6], *wrong[:4]])
+    (line,) = contradictions(some, "a/rig.toml")
+    assert line.startswith("a/rig.toml: the cameras contradict each other in 4 of 10 poses")
+    assert "rig.covariance.toml" in line
+    assert contradictions(pose_table([*poses, *wrong[:1]]), "rig.toml") == []

@@ -5,6 +5,7 @@ paper's estimate.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -297,26 +298,67 @@ def fit_pose(
         With status ``measured``; `LOST` if fewer than three markers that are not on a line were
         triangulated.
     """
+    fitted = _fitted(uv, rig, handle, max_slant_deg, sigma_px, known)
+    if fitted is None:
+        return LOST
+    T, some, used, covariances = fitted
+    covariance = rigid_fit_covariance(handle.marker_centres[used], T, covariances[used])
+    systematic = NOTHING
+    if is_uncertain(rig, handle):
+        systematic = systematic_covariance(_response(fitted, rig, handle), rig, handle)
+    return measured_pose(T, covariance, some, used, rig, handle, systematic)
+
+
+def fit_response(uv: Array, rig: Rig, handle: Handle, max_slant_deg: float = 70.0) -> Response:
+    """How a pose that `fit_pose` has measured answers to the pixels; parameters as there.
+
+    Raises
+    ------
+    ValueError
+        If it measures none.
+    """
+    fitted = _fitted(uv, rig, handle, max_slant_deg, 1.0, None)
+    if fitted is None:
+        raise ValueError("uv: expected pixels that fix a pose, got others")
+    return _response(fitted, rig, handle)
+
+
+class _Fitted(NamedTuple):
+    """A pose, the pixels (cameras, markers, 2), the markers that were used (markers,), and the
+    points' covariances (markers, 3, 3).
+    """
+
+    T_world_handle: RigidTransform
+    uv: Array
+    used: np.ndarray
+    covariances: Array
+
+
+def _fitted(
+    uv: Array,
+    rig: Rig,
+    handle: Handle,
+    max_slant_deg: float,
+    sigma_px: float,
+    known: RigidTransform | None,
+) -> _Fitted | None:
     T = rigid_fit(handle.marker_centres, triangulate(rig, uv)) if known is None else known
     if T is None:
-        return LOST
+        return None
     for some in (_facing(uv, rig, handle, T, max_slant_deg), uv):
         points, covariances = triangulate_with_covariance(rig, some, sigma_px)
         used = np.asarray(np.isfinite(points).all(axis=1))
         if used.sum() >= 4:
             break
     T = rigid_fit(handle.marker_centres, points)
-    if T is None:
-        return LOST
-    covariance = rigid_fit_covariance(handle.marker_centres[used], T, covariances[used])
-    systematic = NOTHING
-    if is_uncertain(rig, handle):
-        by_point = np.zeros((len(used), 6, 3))
-        by_point[used] = rigid_fit_gain(handle.marker_centres[used], T)
-        by_pixel = triangulation_slopes(rig, some)
-        found = response_of_points(T, by_point, by_pixel, handle)
-        systematic = systematic_covariance(found, rig, handle)
-    return measured_pose(T, covariance, some, used, rig, handle, systematic)
+    return None if T is None else _Fitted(T, some, used, covariances)
+
+
+def _response(fitted: _Fitted, rig: Rig, handle: Handle) -> Response:
+    T, some, used, _ = fitted
+    by_point = np.zeros((len(used), 6, 3))
+    by_point[used] = rigid_fit_gain(handle.marker_centres[used], T)
+    return response_of_points(T, by_point, triangulation_slopes(rig, some), handle)
 
 
 def response_of_points(

@@ -15,6 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg import block_diag
 from scipy.spatial.transform import RigidTransform
+from scipy.special import chdtri, stdtrit
 
 from .camera import CAMERA_PARAMETERS, Camera, Rig
 from .checks import Array, frozen
@@ -22,6 +23,8 @@ from .handle import Handle
 from .lens import project_with_slopes
 from .rigid import cross_matrices
 
+CHANCE = 0.01  # of a contradiction where there is none
+ONE_SIGMA = 0.841345  # share of a normal distribution below one standard deviation
 NOTHING = frozen(np.zeros((6, 6)))  # the systematic covariance of a pose where nothing is known
 
 
@@ -58,6 +61,18 @@ def response(
     """The response of a pose that was measured from markers alone."""
     points = T.apply(handle.marker_centres)[marker]
     return Response(gain, camera, points, marker)
+
+
+def contradict(chi_square: float, freedom: int) -> bool:
+    """Whether a chi-square is more than what noise alone makes of it."""
+    return freedom > 0 and bool(chi_square > chdtri(freedom, CHANCE))
+
+
+def variance_of_few(chi_square: float, count: int) -> float:
+    """A variance that is estimated from the squares of few numbers, and so is itself uncertain: by
+    Student's factor, so that one standard deviation means what it always does.
+    """
+    return float(chi_square / count * stdtrit(count, ONE_SIGMA) ** 2)
 
 
 def systematic_covariance(found: Response, rig: Rig, handle: Handle) -> Array:

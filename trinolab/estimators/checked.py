@@ -9,10 +9,12 @@ from dataclasses import replace
 import numpy as np
 
 from ..camera import Rig
+from ..checks import Array
 from ..handle import Handle
 from ..parameters import Parameters
-from ..pose import LOST, Pose, fit_pose
+from ..pose import LOST, Pose, fit_pose, fit_response
 from ..rigid import apart, motion_between
+from ..systematic import Response, is_uncertain, known_errors
 from .identified import Identified
 from .pixels import fit_patches, judged
 
@@ -43,8 +45,40 @@ def checked_pose(instant: Identified, rig: Rig, handle: Handle, p: Parameters) -
     if apart(pose.T_world_handle, better.T_world_handle, APART_MM, APART_RAD):
         return LOST
     away = motion_between(pose.T_world_handle, better.T_world_handle)
+    systematic = better.systematic
+    if check.answers is not None and is_uncertain(rig, handle):
+        found = fit_response(uv, rig, handle, p.max_slant_deg)
+        away, learnt = _told(away, found, check.answers, pose, better, rig, handle)
+        systematic = systematic - learnt
     return replace(
         pose,
         covariance=better.covariance + np.outer(away, away),
-        systematic=better.systematic,
+        systematic=systematic,
     )
+
+
+def _told(
+    away: Array,
+    found: Response,
+    answers: Response,
+    pose: Pose,
+    better: Pose,
+    rig: Rig,
+    handle: Handle,
+) -> tuple[Array, Array]:
+    """What the way from the better pose to the paper's says of the errors of rig and layout, which
+    move both: the way from where the truth is to be expected then, and by how much less the better
+    pose owes to them (the mean and the covariance of a normal distribution, given another's value).
+    """
+    both = Response(
+        np.concatenate([found.gain, answers.gain], axis=1),
+        *(np.concatenate(parts) for parts in zip(found[1:], answers[1:], strict=True)),
+    )
+    V = known_errors(both, rig, handle)
+    ours = answers.gain.reshape(6, -1)
+    of_better = np.hstack([np.zeros((6, len(V) - ours.shape[1])), ours])
+    of_way = np.hstack([found.gain.reshape(6, -1), -ours])
+    common = of_better @ V @ of_way.T
+    total = pose.covariance + better.covariance + of_way @ V @ of_way.T
+    gain = np.linalg.solve(total, common.T).T
+    return away + gain @ away, gain @ common.T

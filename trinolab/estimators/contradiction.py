@@ -21,24 +21,25 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg import block_diag
 from scipy.spatial.transform import RigidTransform
-from scipy.special import chdtri, fdtri, stdtrit
+from scipy.special import fdtri
 
 from ..camera import Rig
 from ..checks import Array
 from ..handle import Handle
 from ..rigid import cross_matrices
 from ..systematic import (
+    CHANCE,
     NOTHING,
     Response,
+    contradict,
     contradicting,
     known_errors,
     pixel_slopes,
     slopes_at,
     systematic_covariance,
+    variance_of_few,
 )
 
-CHANCE = 0.01  # of a contradiction where there is none
-ONE_SIGMA = 0.841345  # share of a normal distribution below one standard deviation
 FREE = 1e-3  # share of an offset below which it does not show beside a pose
 # A pose whose images contradict each other is refused if this many standard deviations are more.
 REFUSED_SIGMAS = 2.0
@@ -74,11 +75,6 @@ class Honest(NamedTuple):
     covariance: Array
     systematic: Array
     refused: bool
-
-
-def contradict(chi_square: float, freedom: int) -> bool:
-    """Whether a chi-square is more than what noise alone makes of it."""
-    return freedom > 0 and bool(chi_square > chdtri(freedom, CHANCE))
 
 
 def honest(
@@ -142,7 +138,7 @@ def _contradictions(
     if freedom <= 0 or not count or between <= count * scale * fdtri(count, freedom, 1 - CHANCE):
         return scale, 0.0
     px = Vt[shown].T @ (along / sizes[shown])
-    return scale, float(px @ px / count * stdtrit(count, ONE_SIGMA) ** 2)
+    return scale, variance_of_few(float(px @ px), count)
 
 
 def _offsets_that_show(T_world_handle: RigidTransform, rig: Rig) -> Array:

@@ -20,9 +20,9 @@ from ..handle import Handle
 from ..parameters import Parameters
 from ..pose import LOST, Pose
 from ..rigid import placed, rotation_of
-from ..systematic import NOTHING, Response, is_uncertain, slopes_at
+from ..systematic import NOTHING, Response, contradict, is_uncertain, slopes_at
 from .appearance import Views
-from .contradiction import Residuals, contradict, honest
+from .contradiction import Residuals, honest
 from .identified import Identified
 from .imagemodel import (
     Linear,
@@ -72,6 +72,8 @@ class Fit(NamedTuple):
         See `pose.Pose`.
     refused : bool
         Whether its views contradict each other too much, see `contradiction`.
+    answers : Response or None
+        Where errors of rig and layout, or contradictions, are counted.
     """
 
     T_world_handle: RigidTransform
@@ -82,6 +84,7 @@ class Fit(NamedTuple):
     residual_px: float
     systematic: Array = NOTHING
     refused: bool = False
+    answers: Response | None = None
 
 
 class _Step(NamedTuple):
@@ -303,7 +306,10 @@ def counted(fit: Fit, answers: Response, left: Residuals, rig: Rig, handle: Hand
     """A fit with the errors of rig and layout, and its views' contradictions, in its covariances."""
     found = honest(fit.covariance, answers, left, fit.T_world_handle, rig, handle)
     return fit._replace(
-        covariance=found.covariance, systematic=found.systematic, refused=found.refused
+        covariance=found.covariance,
+        systematic=found.systematic,
+        refused=found.refused,
+        answers=answers,
     )
 
 

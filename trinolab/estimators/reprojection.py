@@ -14,10 +14,10 @@ from ..checks import Array
 from ..handle import Handle
 from ..parameters import Parameters
 from ..pose import Pose
-from ..systematic import Response, is_uncertain, response
+from ..systematic import Response, contradict, is_uncertain, response
 from .appearance import Views
 from .centroids import predict_centroids, register
-from .contradiction import Residuals, contradict
+from .contradiction import Residuals
 from .identified import Identified
 from .imagemodel import first_state, inverse, marker_is_shown, misfit
 from .patches import patches

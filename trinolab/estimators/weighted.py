@@ -22,11 +22,11 @@ from ..pose import (
     weighted_fit_gain,
 )
 from ..rigid import motion_between, shifted
-from ..systematic import NOTHING, is_uncertain
+from ..systematic import NOTHING, contradict, is_uncertain
 from ..triangulation import triangulate, triangulate_weighted, weighted_slopes
 from .appearance import Views
 from .centroids import CentrePixels, centre_pixels, predict_centroids
-from .contradiction import Honest, Residuals, contradict, honest
+from .contradiction import Honest, Residuals, honest
 from .identified import Identified
 from .pixels import FLOOR_PX
 

@@ -16,11 +16,8 @@ import numpy as np
 import pandas as pd
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from ..camera import Rig
-from ..handle import Handle
 from ..metrics import euler_deg
 from ..pose import Pose
-from ..systematic import is_uncertain
 from .inputs import read_csv
 from .outputs import write_whole
 from .rigs import covariance_path
@@ -74,21 +71,17 @@ def truth_table(poses: RigidTransform) -> pd.DataFrame:
     return pose_table(exact)
 
 
-def contradictions(
-    table: pd.DataFrame, rig: Rig, handle: Handle, rig_path: str | Path
-) -> list[str]:
-    """A line if the images contradict each other in more poses of a table than noise makes of it,
-    and nothing is known of the errors of rig and handle; else none.
+def contradictions(table: pd.DataFrame, rig: str | Path) -> list[str]:
+    """A line if the images contradict each other in more poses of a table than noise makes of it;
+    for a rig file and a handle of whose errors nothing is known, so that nothing else is systematic.
     """
-    if is_uncertain(rig, handle):
-        return []
     held = table[table["status"].isin(["measured", "ambiguous"])]
     count = int((held["systematic_mm"] > 0).sum())
     if count <= max(OFTEN * len(held), SEVERAL):
         return []
     return [
-        f"{rig_path}: the cameras contradict each other in {count} of {len(held)} poses, which counts "
-        f"in sigma as far as it shows; {covariance_path(rig_path).name} would say how well they are "
+        f"{rig}: the cameras contradict each other in {count} of {len(held)} poses, which counts "
+        f"in sigma as far as it shows; {covariance_path(rig).name} would say how well they are "
         "known"
     ]
 

@@ -40,7 +40,8 @@ from ..files.video import Film
 from ..handle import Handle
 from ..identity import labelled_pixels
 from ..methods import estimator_of
-from ..pose import Pose
+from ..pose import Pose, fit_pose
+from ..systematic import is_uncertain
 from . import drift, posetracker
 from .overlay import picture
 from .parameters import FollowParameters
@@ -136,7 +137,7 @@ def track_files(
         except (ValueError, OSError) as error:
             raise ValueError(f"{error}; {_kept(rows)}".removesuffix("; ")) from None
         rows.remove()
-    for line in contradictions(table, the_rig, job.handle, rig):
+    for line in [] if is_uncertain(the_rig, job.handle) else contradictions(table, rig):
         log.info(line)
     return table
 
@@ -318,14 +319,19 @@ class Watched:
         self.instants: list[tuple[int, float, RigidTransform, Array]] = []
 
     def add(self, frame: int, t_s: float, tracked: posetracker.Tracked) -> None:
-        """One more instant, if the handle was there."""
-        measurement = tracked.measurement
-        T = measurement.pose.T_world_handle
-        if T is None or frame % self.every:
+        """One more instant, if its markers were identified: also where a pose was refused."""
+        if frame % self.every:
             return
+        measurement = tracked.measurement
         labels = measurement.labels if tracked.labels is None else tracked.labels
         pixels = tuple(found.uv for found in measurement.found)
         uv = labelled_pixels(labels, pixels, len(self.handle.marker_centres))
+        pose = measurement.pose
+        if pose.T_world_handle is None:
+            pose = fit_pose(uv, self.rig, self.handle)
+        if pose.T_world_handle is None:
+            return
+        T = pose.T_world_handle
         self.instants.append((frame, t_s, T, uv))
         if len(self.instants) > MOST_INSTANTS:
             self.every *= 2

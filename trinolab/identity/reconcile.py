@@ -3,7 +3,9 @@
 Where several cameras see the handle, the rig's errors show: one image has it a little higher than
 the others allow. What shows is no longer an error, it is measured, and the rig is corrected by it
 as far as its covariance lets that be (the update of a Kalman filter, whose state is the rig). What
-a motion of the handle explains as well does not show, and stays in the covariance.
+a motion of the handle explains as well does not show, and stays in the covariance. Where more shows
+than the covariance makes likely, the rig is worse known than its file says, also in what does not
+show: its covariance is scaled by that (Birge 1932, DOI 10.1103/PhysRev.40.207).
 """
 
 from __future__ import annotations
@@ -17,7 +19,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 from ..camera import Rig, RigCovariance, displaced
 from ..checks import Array
 from ..handle import Handle
-from ..systematic import contradicting, offsets_at
+from ..systematic import contradict, contradicting, offsets_at, variance_of_few
 from .hypotheses import FAR, Poses, ideal_pixels, predict, slopes, weights
 from .layout import layout_of, views_of
 from .parameters import IdentityParameters
@@ -79,14 +81,21 @@ def reconciled(
     if rig.covariance is None or offsets is None:
         return rig, T_world_handle
     basis = contradicting(offsets.by_position)
-    before = basis.T @ offsets.covariance @ basis + EXACT_PX2 * np.eye(basis.shape[1])
+    m = basis.shape[1]
+    before = basis.T @ offsets.covariance @ basis + EXACT_PX2 * np.eye(m)
     prior = np.linalg.inv(before)
     matrix = T_world_handle.as_matrix()[None]
     poses = Poses(matrix[:, :3, :3], matrix[:, :3, 3])
     found = fit_with_offsets(rig, handle, poses, uv[None], basis[None], prior, sigma_px, p)
-    gain = rig.covariance.matrix @ offsets.by_parameters.T @ basis @ prior
-    learnt = gain @ (before - found.covariance[0]) @ gain.T
-    left = RigCovariance(rig.names, rig.covariance.matrix - (learnt + learnt.T) / 2)
+    surprise = float(found.size[0] @ prior @ found.size[0])
+    scale = max(variance_of_few(surprise, m), 1.0) if contradict(surprise, m) else 1.0
+    if scale > 1:
+        prior = prior / scale
+        found = fit_with_offsets(rig, handle, poses, uv[None], basis[None], prior, sigma_px, p)
+    known = scale * rig.covariance.matrix
+    gain = known @ offsets.by_parameters.T @ basis @ prior
+    learnt = gain @ (scale * before - found.covariance[0]) @ gain.T
+    left = RigCovariance(rig.names, known - (learnt + learnt.T) / 2)
     T = RigidTransform.from_components(
         found.poses.translations[0], Rotation.from_matrix(found.poses.rotations[0])
     )
