@@ -60,9 +60,38 @@ def test_offsets_that_no_motion_makes_are_found(name):
     np.testing.assert_allclose(found.poses.translations[0], POSE.translation, atol=0.02)
 
 
-def test_a_rig_without_a_covariance_stays_as_it_is():
+def test_a_rig_of_which_nothing_is_known_stays_as_it_is():
     rig = load_rig("raised_40deg")
-    assert reconciled(rig, CODED, centroids(rig), POSE, SIGMA_PX, P) == (rig, POSE)
+    noise = 0.1 * np.random.default_rng(0).standard_normal((3, len(CODED.marker_centres), 2))
+    assert reconciled(rig, CODED, centroids(rig, noise), POSE, SIGMA_PX, P) == (rig, POSE)
+
+
+@pytest.mark.parametrize("name", ["paper_pair", "raised_40deg"])
+def test_a_rig_of_which_nothing_is_known_is_doubted_where_it_is_contradicted(name):
+    rig = load_rig(name)
+    basis = contradicting(offsets_at(known(name), POSE.translation).by_position)
+    shift = 2.0 * basis[:, 0]  # px, over all images
+    uv = centroids(rig) + shift.reshape(-1, 1, 2)
+    here, _ = reconciled(rig, CODED, uv, POSE, SIGMA_PX, P)
+    place = POSE.translation[None]
+    learnt = [
+        a.project(place)[0] - b.project(place)[0]
+        for a, b in zip(here.cameras, rig.cameras, strict=True)
+    ]
+    np.testing.assert_allclose(basis.T @ np.concatenate(learnt), basis.T @ shift, atol=0.05)
+    # what does not show is taken to be of that size, by Student's factor: three ways are free
+    at = offsets_at(here, POSE.translation)
+    m = basis.shape[1]
+    expected = np.sqrt(3 * 2.0**2 / m) * {1: 1.837, 3: 1.197}[m]
+    assert np.sqrt(np.trace(at.covariance)) == pytest.approx(expected, rel=0.05)
+
+
+def test_one_camera_contradicts_nobody():
+    rig = load_rig("paper_pair")
+    uv = centroids(rig)
+    uv[1] = np.nan
+    uv[0] += [3.0, 3.0]
+    assert reconciled(rig, CODED, uv, POSE, SIGMA_PX, P)[0] is rig
 
 
 def test_what_is_left_is_as_uncertain_as_it_says():

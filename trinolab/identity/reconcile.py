@@ -5,7 +5,9 @@ the others allow. What shows is no longer an error, it is measured, and the rig 
 as far as its covariance lets that be (the update of a Kalman filter, whose state is the rig). What
 a motion of the handle explains as well does not show, and stays in the covariance. Where more shows
 than the covariance makes likely, the rig is worse known than its file says, also in what does not
-show: its covariance is scaled by that (Birge 1932, DOI 10.1103/PhysRev.40.207).
+show: its covariance is scaled by that (Birge 1932, DOI 10.1103/PhysRev.40.207). A rig of which
+nothing is known gets a covariance only where it is contradicted: offsets of all images that are as
+large as those that show.
 """
 
 from __future__ import annotations
@@ -16,16 +18,18 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from ..camera import Rig, RigCovariance, displaced
+from ..camera import CAMERA_PARAMETERS, Rig, RigCovariance, displaced
 from ..checks import Array
 from ..handle import Handle
-from ..systematic import contradict, contradicting, offsets_at, variance_of_few
+from ..systematic import contradict, contradicting, offsets_at, pixel_slopes, variance_of_few
 from .hypotheses import FAR, Poses, ideal_pixels, predict, slopes, weights
 from .layout import layout_of, views_of
 from .parameters import IdentityParameters
 
 STEPS = 3  # Gauss-Newton
 HUBER = 3.0  # standard deviations beyond which a marker counts for less
+FEWEST_MARKERS = 2  # that a camera must show to contradict another
+PRINCIPAL_POINT = slice(2, 4)  # in `CAMERA_PARAMETERS`
 EXACT_PX2 = 1e-6  # variance of an offset that the rig's covariance says is none
 
 
@@ -59,7 +63,8 @@ def reconciled(
     Parameters
     ----------
     rig : Rig
-        With a covariance; without one nothing is corrected.
+        Without a covariance nothing is corrected, unless the images contradict each other by more
+        than centroids may be off, all biases included (`p.sigma_px`).
     handle : Handle
         What its `placement_sigma_mm` makes of a pixel counts as noise.
     uv : ndarray, shape (cameras, markers, 2)
@@ -77,6 +82,10 @@ def reconciled(
     T_world_handle : RigidTransform
         As the corrected rig has it.
     """
+    matrix = T_world_handle.as_matrix()[None]
+    poses = Poses(matrix[:, :3, :3], matrix[:, :3, 3])
+    if rig.covariance is None and _exceeds_biases(rig, handle, uv, poses, p):
+        rig = _doubted(rig, handle, uv, poses, p)
     offsets = offsets_at(rig, T_world_handle.translation)
     if rig.covariance is None or offsets is None:
         return rig, T_world_handle
@@ -84,8 +93,6 @@ def reconciled(
     m = basis.shape[1]
     before = basis.T @ offsets.covariance @ basis + EXACT_PX2 * np.eye(m)
     prior = np.linalg.inv(before)
-    matrix = T_world_handle.as_matrix()[None]
-    poses = Poses(matrix[:, :3, :3], matrix[:, :3, 3])
     found = fit_with_offsets(rig, handle, poses, uv[None], basis[None], prior, sigma_px, p)
     surprise = float(found.size[0] @ prior @ found.size[0])
     scale = max(variance_of_few(surprise, m), 1.0) if contradict(surprise, m) else 1.0
@@ -100,6 +107,44 @@ def reconciled(
         found.poses.translations[0], Rotation.from_matrix(found.poses.rotations[0])
     )
     return replace(displaced(rig, gain @ found.size[0]), covariance=left), T
+
+
+def _exceeds_biases(
+    rig: Rig, handle: Handle, uv: Array, poses: Poses, p: IdentityParameters
+) -> bool:
+    """Whether markers lie so far from where a pose predicts them that offsets may explain it: by
+    their chi-square, which no fit of offsets lowers by more than itself. Most instants end here.
+    """
+    views = views_of(rig)
+    predicted = predict(poses, views, layout_of(handle, p))
+    left = ideal_pixels(rig, list(uv)) - predicted.uv[0]
+    squares = np.where(np.abs(left[:, 0]) < FAR / 2, (left**2).sum(axis=1), 0.0)
+    chi_square = float((weights(predicted.facing[0], p) * squares).sum()) / p.sigma_px**2
+    return contradict(chi_square, 2 * len(uv) - 3)
+
+
+def _doubted(rig: Rig, handle: Handle, uv: Array, poses: Poses, p: IdentityParameters) -> Rig:
+    """A rig of which nothing is known with the covariance that its contradictions say, if two
+    cameras or more show enough markers to contradict each other.
+    """
+    seeing = np.flatnonzero(np.isfinite(uv).all(axis=2).sum(axis=1) >= FEWEST_MARKERS)
+    if len(seeing) < 2:
+        return rig
+    cameras = tuple(rig.cameras[c] for c in seeing)
+    by_position = np.concatenate([pixel_slopes(c, poses.translations)[1][0] for c in cameras])
+    basis = contradicting(by_position)
+    m = basis.shape[1]
+    free = np.zeros((m, m))
+    some = Rig(cameras)
+    found = fit_with_offsets(
+        some, handle, poses, uv[None, seeing], basis[None], free, p.sigma_px, p
+    )
+    size = found.size[0]
+    if not contradict(float(size @ np.linalg.solve(found.covariance[0], size)), m):
+        return rig
+    variances = np.zeros((len(rig.cameras), len(CAMERA_PARAMETERS)))
+    variances[:, PRINCIPAL_POINT] = variance_of_few(float(size @ size), m)
+    return replace(rig, covariance=RigCovariance(rig.names, np.diag(variances.ravel())))
 
 
 def fit_with_offsets(
