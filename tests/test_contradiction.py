@@ -67,29 +67,29 @@ def test_a_variance_of_few_by_the_table_of_students_t():
 
 @pytest.mark.parametrize("rig", [PAIR, THREE], ids=["pair", "three"])
 def test_noise_is_no_contradiction(rig):
-    n = 60
+    n = 20
     noticed = 0
     for seed in range(n):
         _, covariance, told = found(rig, CODED, drawn(rig, seed))
         noticed += not (np.array_equal(told.covariance, covariance) and not told.systematic.any())
         assert not told.refused
-    assert noticed <= 5  # two tests of one in a hundred: 1.2; more than 5 of 60 once in 500
+    assert noticed <= 3  # two tests of one in a hundred: 0.4; more than 3 of 20 once in 1500
 
 
 def test_markers_that_contradict_each_other_scale_the_covariance():
     ratios = []
-    for seed in range(40):
+    for seed in range(10):
         _, covariance, told = found(THREE, CODED, drawn(THREE, seed, 3 * SIGMA_PX))
         ratios.append(told.covariance[0, 0] / covariance[0, 0])
     # 9, less what Huber's weights hold back
-    assert 6 < np.mean(ratios) < 9.5
+    assert 5.5 < np.mean(ratios) < 10
 
 
 def test_images_that_contradict_each_other_are_a_systematic_error():
     """Offsets of 0.3 px that nobody knows of: the size of those that show tells that of all."""
     rng = np.random.default_rng(0)
     rows = []
-    for seed in range(30):
+    for seed in range(15):
         offsets = 0.3 * rng.standard_normal((3, 2))
         T, covariance, told = found(THREE, CODED, drawn(THREE, seed), offsets)
         away = np.sum((T.translation - POSE.translation) ** 2)

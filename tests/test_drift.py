@@ -95,7 +95,7 @@ def test_a_pair_does_not_say_which_of_its_cameras_has_turned():
 @pytest.mark.parametrize("name", ["paper_pair", "raised_40deg"])
 def test_a_rig_that_stays_does_not_drift(name):
     rig = load_rig(name)
-    assert [find_drift(series(rig, None, seed), rig) for seed in range(4)] == [None] * 4
+    assert [find_drift(series(rig, None, seed), rig) for seed in range(2)] == [None] * 2
 
 
 def test_offsets_that_stay_are_no_drift():

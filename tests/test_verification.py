@@ -130,20 +130,16 @@ def test_benchmark_clocks_stages_that_exist():
 
 
 def test_sigmas_count_errors_of_rig_and_layout():
-    """A sample of what `make verify` counts: the whole sigma is of the error's size, the part that
-    is new in each instant is a fraction of it.
-    """
+    """A sample of what `make verify` counts; what is new in each instant is a tenth of the error."""
     known = calibrations.setup("raised_40deg", "coded", "poor")
-    scores = calibrations.from_pixels(known, draws=10, poses=1)
+    scores = calibrations.from_pixels(known, draws=6, poses=1)
     for name in calibrations.ESTIMATORS:
         found = calibrations.summary(scores[name, True])
-        # rms of ten errors with two or three degrees of freedom: 1 +- 0.15
-        assert 0.55 < found.mm < 1.5, name
-        assert 0.55 < found.deg < 1.5, name
+        # rms of six errors with two or three degrees of freedom: 1 +- 0.2
+        assert 0.5 < found.mm < 1.6, name
+        assert 0.5 < found.deg < 1.6, name
         assert found.measured > 0.7
         assert found.badly == 0
-    alone = calibrations.summary(scores["paper", False])
-    assert alone.mm > 3  # without the file, and without an estimator that looks at the pixels
 
 
 def test_a_score_counts_in_sigmas_and_finds_what_is_badly_wrong():
