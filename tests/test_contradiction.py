@@ -120,3 +120,15 @@ def test_a_pose_that_large_contradictions_leave_open_is_refused():
 def test_nothing_systematic_where_nothing_is_known_or_shows():
     told = found(PAIR, CODED, np.zeros_like(drawn(PAIR, 0)))[2]
     np.testing.assert_array_equal(told.systematic, NOTHING)
+
+
+def test_what_does_not_count_cannot_contradict():
+    # all windows of an instant may be without weight: the rig is known, nothing was seen
+    views = facing(PAIR)
+    uv = predict_centroids(PAIR, CODED, POSE, views)[0]
+    spread = np.tile(SIGMA_PX**2 * np.eye(2), (len(uv), 1, 1))
+    answers = response_of_pixels(uv, spread, PAIR, CODED, views, POSE)
+    nothing = Residuals(np.zeros_like(uv), np.zeros_like(spread))
+    told = honest(np.eye(6), answers, nothing, POSE, known_to(PAIR, 0.1), CODED)
+    np.testing.assert_array_equal(told.covariance, np.eye(6))
+    assert not told.refused

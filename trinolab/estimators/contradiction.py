@@ -115,6 +115,8 @@ def _contradictions(
     the images' offsets, px^2, 0 without one between them.
     """
     used = left.information.any(axis=(1, 2))
+    if not used.any():
+        return 1.0, 0.0
     seen = Response(found.gain[:, used], *(part[used] for part in found[1:]))
     V = block_diag(*np.linalg.inv(left.information[used])) + known_errors(seen, rig, handle)
     _, by_points = slopes_at(rig, seen.camera, seen.points)
