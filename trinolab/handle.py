@@ -3,7 +3,8 @@ file (Sect. 6.3).
 
 The handle's frame: y along the axis towards the free end. A column at angle theta has the outward
 normal (sin theta, 0, cos theta); a marker at axial coordinate s has its centre at (r sin theta, s,
-r cos theta). Markers are numbered column by column, in the order of the rows.
+r cos theta). Markers are numbered column by column, in the order of the rows. A real marker lies
+beside the place that columns and rows state, by its own offset.
 """
 
 from __future__ import annotations
@@ -44,12 +45,16 @@ class Handle:
     placement_sigma_mm : float
         How well the markers are placed: standard deviation of each coordinate of each centre, mm;
         0 where nobody has said it.
+    offsets_mm : tuple of (float, float, float)
+        From the place that column and row state to each marker's own centre, handle frame, one a
+        marker; empty where all lie where they should. A marker is wrapped on a cylinder about the
+        axis, of the radius at which its centre lies.
 
     Raises
     ------
     ValueError
-        If there is no marker, the rows do not fit the columns, or markers overlap or leave the
-        body.
+        If there is no marker, the rows do not fit the columns, an offset is larger than half a
+        marker, or markers overlap or leave the body.
     """
 
     name: str
@@ -61,6 +66,7 @@ class Handle:
     rows_mm: tuple[tuple[float, ...], ...]
     markers: str = "bright"
     placement_sigma_mm: float = 0.0
+    offsets_mm: tuple[tuple[float, float, float], ...] = ()
 
     def __post_init__(self) -> None:
         if not isinstance(self.name, str) or not self.name:
@@ -85,6 +91,7 @@ class Handle:
         object.__setattr__(self, "rows_mm", rows)
         if self.markers not in ("bright", "dark"):
             raise ValueError(f"markers: expected 'bright' or 'dark', got {self.markers!r}")
+        object.__setattr__(self, "offsets_mm", _as_offsets(self))
         _check_layout(self)
 
     @property
@@ -92,10 +99,40 @@ class Handle:
         return self.top_mm - self.length_mm
 
     @cached_property
-    def marker_angles(self) -> Array:
+    def stated_angles(self) -> Array:
         """Angle of each marker's column, shape (n,), rad."""
         counts = [len(row) for row in self.rows_mm]
         return frozen(np.repeat(np.deg2rad(self.columns_deg), counts))
+
+    @cached_property
+    def stated_centres(self) -> Array:
+        """Where columns and rows have the markers' centres, handle frame, shape (n, 3), mm."""
+        axial = np.concatenate([np.array(row) for row in self.rows_mm])
+        return frozen(on_cylinder(self.radius_mm, self.stated_angles, axial))
+
+    @cached_property
+    def marker_centres(self) -> Array:
+        """Centres of the markers, handle frame, shape (n, 3), mm."""
+        if not self.offsets_mm:
+            return self.stated_centres
+        return frozen(self.stated_centres + self.offsets_mm)
+
+    @cached_property
+    def marker_angles(self) -> Array:
+        """Angle of each marker about the axis, shape (n,), rad."""
+        if not self.offsets_mm:
+            return self.stated_angles
+        x, _, z = self.marker_centres.T
+        turn = np.arctan2(x, z) - self.stated_angles
+        return frozen(self.stated_angles + turn - 2 * np.pi * np.round(turn / (2 * np.pi)))
+
+    @cached_property
+    def marker_radii(self) -> Array:
+        """Distance of each marker's centre from the axis, shape (n,), mm."""
+        if not self.offsets_mm:
+            return frozen(np.full(len(self.stated_angles), self.radius_mm))
+        x, _, z = self.marker_centres.T
+        return frozen(np.hypot(x, z))
 
     @cached_property
     def marker_normals(self) -> Array:
@@ -104,18 +141,12 @@ class Handle:
         return frozen(np.column_stack([np.sin(theta), np.zeros_like(theta), np.cos(theta)]))
 
     @cached_property
-    def marker_centres(self) -> Array:
-        """Centres on the cylinder's surface, handle frame, shape (n, 3), mm."""
-        axial = np.concatenate([np.array(row) for row in self.rows_mm])
-        return frozen(on_cylinder(self.radius_mm, self.marker_angles, axial))
-
-    @cached_property
     def symmetries(self) -> tuple[RigidTransform, ...]:
-        """Motions T with ``T.apply(marker_centres)`` the same set of markers; the identity is the
+        """Motions T with ``T.apply(stated_centres)`` the same set of markers; the identity is the
         first.
 
         ``T_world_handle * T`` for each of them shows the same markers: 12 for the paper's layout, 1
-        for a coded one.
+        for a coded one. The markers' own offsets are too small to tell such poses apart.
         """
         identity = RigidTransform.identity()
         found = [T for T in _candidate_symmetries(self) if _keeps_markers(self, T)]
@@ -189,6 +220,18 @@ def _as_numbers(value: Any, name: str) -> tuple[float, ...]:
     return tuple(float(v) for v in numbers)
 
 
+def _as_offsets(handle: Handle) -> tuple[tuple[float, float, float], ...]:
+    """The offsets as numbers; refuse another number of them, and large ones."""
+    value = handle.offsets_mm
+    if isinstance(value, Sequence) and not isinstance(value, str) and len(value) == 0:
+        return ()
+    offsets = as_array(value, "offsets_mm", (len(handle.stated_angles), 3))
+    most = handle.marker_diameter_mm / 2
+    largest = float(np.linalg.norm(offsets, axis=1).max())
+    as_number(largest, "offsets_mm: the largest", high=most)
+    return tuple((float(x), float(y), float(z)) for x, y, z in offsets)
+
+
 def _check_layout(handle: Handle) -> None:
     """Refuse markers that leave the body or overlap, measured on the unrolled surface."""
     radius = handle.marker_diameter_mm / 2
@@ -209,14 +252,14 @@ def _check_layout(handle: Handle) -> None:
 
 def _candidate_symmetries(handle: Handle) -> list[RigidTransform]:
     """Turns about the axis, and half turns across it, that carry marker 0 to some marker."""
-    turns = handle.marker_angles - handle.marker_angles[0]
+    turns = handle.stated_angles - handle.stated_angles[0]
     motions = [
         RigidTransform.from_rotation(Rotation.from_rotvec([0.0, turn, 0.0])) for turn in turns
     ]
-    for theta, s in zip(handle.marker_angles, handle.marker_centres[:, 1], strict=True):
-        azimuth = (handle.marker_angles[0] + theta) / 2
+    for theta, s in zip(handle.stated_angles, handle.stated_centres[:, 1], strict=True):
+        azimuth = (handle.stated_angles[0] + theta) / 2
         half_turn = Rotation.from_rotvec(np.pi * np.array([np.sin(azimuth), 0.0, np.cos(azimuth)]))
-        shift = [0.0, s + handle.marker_centres[0, 1], 0.0]
+        shift = [0.0, s + handle.stated_centres[0, 1], 0.0]
         motions.append(RigidTransform.from_components(shift, half_turn))
     unique: list[RigidTransform] = []
     for T in motions:
@@ -226,8 +269,8 @@ def _candidate_symmetries(handle: Handle) -> list[RigidTransform]:
 
 
 def _keeps_markers(handle: Handle, T: RigidTransform, atol_mm: float = 1e-6) -> bool:
-    moved = T.apply(handle.marker_centres)
-    distance = np.linalg.norm(moved[:, None] - handle.marker_centres, axis=2)
+    moved = T.apply(handle.stated_centres)
+    distance = np.linalg.norm(moved[:, None] - handle.stated_centres, axis=2)
     return bool((distance.min(axis=1) < atol_mm).all())
 
 

@@ -84,7 +84,7 @@ def cast(camera: Camera, handle: Handle, T_world_handle: RigidTransform, uv: Arr
     depth, on_cap = _first_meeting(handle, origin, directions)
     points = (origin[:, None] + depth * directions).T
     labels = np.where(np.isnan(depth), EMPTY, np.where(on_cap, CAP, SIDE)).astype(np.int16)
-    _label_markers(handle, points, labels)
+    _label_markers(handle, origin, directions, points, labels)
     return Hits(points, labels, depth)
 
 
@@ -165,9 +165,10 @@ def marker_outline(handle: Handle, index: int, count: int = 64, scale: float = 1
     """
     phi = 2 * np.pi * np.arange(count) / count
     around, along = (scale * half for half in _half_axes(handle))
-    theta = handle.marker_angles[index] + around / handle.radius_mm * np.cos(phi)
+    radius = handle.marker_radii[index]
+    theta = handle.marker_angles[index] + around / radius * np.cos(phi)
     axial = handle.marker_centres[index, 1] + along * np.sin(phi)
-    return on_cylinder(handle.radius_mm, theta, axial)
+    return on_cylinder(radius, theta, axial)
 
 
 def _half_axes(handle: Handle) -> tuple[float, float]:
@@ -232,20 +233,39 @@ def _side_interval(radius: float, origin: Array, directions: Array) -> tuple[Arr
     return middle - half, middle + half
 
 
-def _label_markers(handle: Handle, points: Array, labels: np.ndarray) -> None:
-    """Write the numbers of the markers into `labels` where a point of the side belongs to one."""
+def _label_markers(
+    handle: Handle, origin: Array, directions: Array, points: Array, labels: np.ndarray
+) -> None:
+    """Write the numbers of the markers into `labels` where a ray that meets the side meets one.
+
+    A marker whose own place is off the body's surface is met there, where it lies.
+    """
     around, along = _half_axes(handle)
     shrunk = around / along  # by which an oval shrinks along the axis to a circle
     axial = handle.marker_centres[:, 1]
-    near = (points[:, 1] >= axial.min() - along) & (points[:, 1] <= axial.max() + along)
+    reach = along + np.abs(handle.marker_radii - handle.radius_mm).max()
+    near = (points[:, 1] >= axial.min() - reach) & (points[:, 1] <= axial.max() + reach)
     chosen = np.flatnonzero(near & (labels == SIDE))
     x, y, z = points[chosen].T
-    theta = np.arctan2(x, z)
-    for k, (theta_k, s_k) in enumerate(zip(handle.marker_angles, axial, strict=True)):
-        turn = theta - theta_k
+    on_body = np.arctan2(x, z), y
+    for k, radius in enumerate(handle.marker_radii):
+        theta, height = on_body
+        if radius != handle.radius_mm:
+            theta, height = _on_cylinder(radius, origin, directions[:, chosen])
+        turn = theta - handle.marker_angles[k]
         turn -= 2 * np.pi * np.round(turn / (2 * np.pi))
-        inside = (handle.radius_mm * turn) ** 2 + (shrunk * (y - s_k)) ** 2 <= around**2
+        inside = (radius * turn) ** 2 + (shrunk * (height - axial[k])) ** 2 <= around**2
         labels[chosen[inside]] = k
+
+
+def _on_cylinder(radius: float, origin: Array, directions: Array) -> tuple[Array, Array]:
+    """Angle about the axis and axial coordinate where rays enter an endless cylinder, shapes (n,);
+    NaN where they miss it.
+    """
+    with np.errstate(divide="ignore", invalid="ignore"):
+        depth, _ = _side_interval(radius, origin, directions)
+    x, y, z = origin[:, None] + depth * directions
+    return np.arctan2(x, z), y
 
 
 def body_corners(handle: Handle, sides: int = 64) -> Array:

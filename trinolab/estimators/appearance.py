@@ -154,7 +154,8 @@ def layers(
     rays = _rays(rig, T_world_handle, views, at)
     depth, P, outward, distance = _nearest_to_axis(rays)
     body, body_push, _ = _edge(handle.radius_mm - distance, depth, -outward, rays)
-    depth, X, normal = _surface(handle, rays, depth, P, distance)
+    radius = handle.marker_radii[views.marker, None]
+    depth, X, normal = _surface(radius, rays, depth, P, distance)
     clear = np.minimum(handle.top_mm - X[1], X[1] - handle.bottom_mm)
     angle = np.arctan2(X[0], X[2])
     edge = handle.marker_diameter_mm / 2
@@ -234,13 +235,13 @@ def _nearest_to_axis(rays: _Rays) -> tuple[Array, Array, Array, Array]:
 
 
 def _surface(
-    handle: Handle, rays: _Rays, depth: Array, P: Array, distance: Array
+    radius: Array, rays: _Rays, depth: Array, P: Array, distance: Array
 ) -> tuple[Array, Array, Array]:
-    """Depth (k, p), point (3, k, p) and normal of the body's side where a ray meets it, or passes
-    it nearest by.
+    """Depth (k, p), point (3, k, p) and normal where a ray meets the cylinder that the view's
+    marker is wrapped on, of a radius (k, 1), or passes it nearest by.
     """
     dx, _, dz = rays.direction
-    half = np.sqrt(np.maximum(handle.radius_mm**2 - distance**2, 0.0) / (dx * dx + dz * dz))
+    half = np.sqrt(np.maximum(radius**2 - distance**2, 0.0) / (dx * dx + dz * dz))
     X = P - half * rays.direction
     normal = X / _length(X[0], X[2])
     normal[1] = 0
@@ -253,7 +254,8 @@ def _place(handle: Handle, markers: np.ndarray, angle: Array, axial: Array) -> _
     """
     turn = _wrapped(angle - handle.marker_angles[markers, None])
     along = axial - handle.marker_centres[markers, 1, None]
-    return _Place(turn, along, np.maximum(_length(handle.radius_mm * turn, along), 1e-9))
+    across = handle.marker_radii[markers, None] * turn
+    return _Place(turn, along, np.maximum(_length(across, along), 1e-9))
 
 
 def _inwards(handle: Handle, place: _Place, X: Array) -> Array:

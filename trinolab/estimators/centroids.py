@@ -78,16 +78,18 @@ def predict_centroids(
     for c, camera in enumerate(rig.cameras):
         mine = views.camera == c
         bright = 1.0 if shading is None else 1 + shading[mine] @ shading_basis(turn)[1:]
+        markers = views.marker[mine]
         uv[mine], jacobian[mine] = _centroids(
-            camera, handle, T_world_handle, X[views.marker[mine]], bright
+            camera, T_world_handle, X[markers], handle.marker_radii[markers], bright
         )
     return uv, jacobian
 
 
 def _centroids(
-    camera: Camera, handle: Handle, T_world_handle: RigidTransform, X: Array, bright: Array | float
+    camera: Camera, T_world_handle: RigidTransform, X: Array, radii: Array, bright: Array | float
 ) -> tuple[Array, Array]:
-    """Centroids (k, 2) and Jacobians (k, 2, 6) from points X (k, n, 3) of markers, handle frame.
+    """Centroids (k, 2) and Jacobians (k, 2, 6) from points X (k, n, 3) of markers, handle frame,
+    that lie at their radii (k,) from the axis.
 
     With the weight w of a point and its pixel p the centroid is sum(w p) / sum(w), and its
     derivative (sum(w dp) + sum((p - centroid) dw)) / sum(w).
@@ -95,7 +97,7 @@ def _centroids(
     T_cam_handle = camera.T_cam_world * T_world_handle
     viewpoint = T_cam_handle.inv().translation
     p, d_p, z, d_z, area = _projection(camera, T_cam_handle, X)
-    normal = X * np.array([1.0, 0.0, 1.0]) / handle.radius_mm
+    normal = X * np.array([1.0, 0.0, 1.0]) / radii[:, None, None]
     facing = (normal * (viewpoint - X)).sum(axis=2)  # cosine times distance
     per_facing = np.where(facing > 0, area * bright / z**3, 0.0)
     weight = per_facing * facing
@@ -142,12 +144,13 @@ def _disc_points(handle: Handle) -> tuple[Array, Array]:
     """
     radius = np.sqrt((np.arange(RINGS) + 0.5) / RINGS) * handle.marker_diameter_mm / 2
     phi = 2 * np.pi * (np.arange(SPOKES) + 0.5) / SPOKES
-    turn = np.outer(radius / handle.radius_mm, np.cos(phi)).ravel()
-    angle = handle.marker_angles[:, None] + turn
+    around = handle.marker_radii[:, None]
+    ring = np.repeat(radius, SPOKES)
+    angle = handle.marker_angles[:, None] + ring / around * np.tile(np.cos(phi), RINGS)
     axial = handle.marker_centres[:, 1, None] + np.outer(radius, np.sin(phi)).ravel()
-    return turn, np.stack(
-        [handle.radius_mm * np.sin(angle), axial, handle.radius_mm * np.cos(angle)], axis=2
-    )
+    # the light around the body does not ask for a marker's own radius
+    turn = np.outer(radius / handle.radius_mm, np.cos(phi)).ravel()
+    return turn, np.stack([around * np.sin(angle), axial, around * np.cos(angle)], axis=2)
 
 
 class Registered(NamedTuple):
@@ -172,12 +175,13 @@ class Registered(NamedTuple):
 
 
 class CentrePixels(NamedTuple):
-    """Pixels of markers' centres, (cameras, markers, 2), NaN where unseen, and their standard
-    deviations, px, (cameras, markers).
+    """Pixels of markers' centres, (cameras, markers, 2), NaN where unseen, their standard
+    deviations, px, (cameras, markers), and covariances, px^2, (cameras, markers, 2, 2).
     """
 
     uv: Array
     sigma_px: Array
+    covariance: Array
 
 
 def register(state: State, here: Patches, rig: Rig, handle: Handle) -> tuple[State, Registered]:
@@ -242,7 +246,9 @@ def centre_pixels(
     uv[views] = (
         np.stack([camera.project(centres) for camera in rig.cameras])[views] + found.shift[shown]
     )
-    sigma = np.full(uv.shape[:2], np.nan)
-    variance = np.trace(found.covariance[shown], axis1=1, axis2=2) / 2
-    sigma[views] = np.sqrt(variance * np.maximum(misfit(found.at)[shown], 1.0))
-    return CentrePixels(uv, sigma)
+    covariance = np.full((*uv.shape, 2), np.nan)
+    covariance[views] = (
+        found.covariance[shown] * np.maximum(misfit(found.at)[shown], 1.0)[:, None, None]
+    )
+    sigma = np.sqrt(np.trace(covariance, axis1=2, axis2=3) / 2)
+    return CentrePixels(uv, sigma, covariance)

@@ -207,7 +207,7 @@ def read_handle(path: str | Path) -> Handle:
     names = tuple(Handle.__dataclass_fields__)
     if unknown := sorted(set(table) - set(names)):
         raise ValueError(f"{path}: {unknown[0]!r} is not a field of a handle ({', '.join(names)})")
-    optional = ("markers", "placement_sigma_mm")
+    optional = ("markers", "placement_sigma_mm", "offsets_mm")
     fields = {
         name: get(table, name, str(path)) for name in names if name in table or name not in optional
     }
@@ -221,8 +221,15 @@ def write_handle(handle: Handle, path: str | Path) -> None:
     """Write a handle file that `read_handle` reads back, whole or not at all; ValueError if it
     cannot be written.
     """
+    write_whole(path, handle_text(handle))
+
+
+def handle_text(handle: Handle) -> str:
+    """What a handle file says."""
     table: dict[str, Any] = {name: getattr(handle, name) for name in Handle.__dataclass_fields__}
-    write_whole(path, tomli_w.dumps(table))
+    if not handle.offsets_mm:
+        del table["offsets_mm"]
+    return tomli_w.dumps(table)
 
 
 def _spread_out(handle: Handle) -> Handle:
