@@ -11,6 +11,7 @@ from trinolab.camera import (
     RigCovariance,
     T_between,
     T_world_oxyz,
+    difference,
     displaced,
     epipolar_lines,
     fundamental_matrix,
@@ -333,3 +334,12 @@ def test_a_displaced_rig_keeps_what_is_known_of_it():
         displaced(rig, np.zeros(15))
     with pytest.raises(ValueError, match="covariance: expected one of the cameras a, c, got a, b"):
         Rig((plain(), plain(name="c")), covariance)
+
+
+def test_the_difference_of_two_rigs_leads_from_one_to_the_other():
+    rig = load_rig("raised_40deg")
+    delta = 0.01 * np.random.default_rng(0).standard_normal(45)
+    moved = displaced(rig, delta)
+    # rotation vectors there and back
+    np.testing.assert_allclose(difference(moved, rig).ravel(), delta, atol=1e-12)
+    assert not difference(rig, rig).any()

@@ -302,6 +302,27 @@ def _displaced(camera: Camera, delta: Array) -> Camera:
     )
 
 
+def difference(rig: Rig, start: Rig) -> Array:
+    """By what the cameras of a rig differ from those of another one, shape (cameras, 15): the
+    vector that `displaced` takes.
+    """
+    rows = []
+    for camera, other in zip(rig.cameras, start.cameras, strict=True):
+        turn = camera.T_cam_world.rotation * other.T_cam_world.rotation.inv()
+        rows.append(
+            np.concatenate(
+                [
+                    camera.focal - other.focal,
+                    camera.principal_point - other.principal_point,
+                    camera.distortions - other.distortions,
+                    turn.as_rotvec(),
+                    camera.T_cam_world.translation - other.T_cam_world.translation,
+                ]
+            )
+        )
+    return np.stack(rows)
+
+
 @lru_cache(maxsize=256)
 def T_between(target: Camera, source: Camera) -> RigidTransform:
     """The motion T_target_source between two cameras' frames: R_rl, T_rl of Sect. 5.3, either way

@@ -111,13 +111,13 @@ def _fitted(
     """
     while True:
         found = calibrate(target, uv, sizes, names, terms)
-        why = _far_above(found.view_rms_px)
+        why = far_above(found.view_rms_px)
         if not (why != "").any():
             return found
         _leave_out(uv, reasons, why)
 
 
-def _far_above(rms: Array) -> np.ndarray:
+def far_above(rms: Array) -> np.ndarray:
     """Reasons (cameras, views) that lie in the residuals, of the worst views only: the others may
     suffer from them.
     """

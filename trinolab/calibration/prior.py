@@ -1,0 +1,109 @@
+"""What is known of a rig and a handle before a bundle adjustment, and the unknowns that it leaves.
+
+**Unknowns of unit variance.** With P = B B^T and g = B u the prior of u is the unit matrix. What is known
+exactly has no column in B, and px, mm and rad stand on one footing.
+
+**Gauge.** Three motions change no image: of the world, of the handle's frame with all markers in
+it, and the scale. The world is held by the first camera, whose place and direction do not change.
+The handle's frame is held by the markers: their changes have no part that is a rigid motion of all
+of them, so that columns of B are orthogonal to these six. That says what the new frame *is*: the
+one in which the markers lie nearest to where they were. The scale is held by a length that is
+stated, else by the prior.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.linalg import block_diag, null_space
+
+from ..camera import Camera, Rig
+from ..checks import Array, frozen
+from ..handle import Handle
+from ..rigid import cross_matrices
+
+POSE = slice(9, 15)  # of a camera's parameters those of its place and direction
+# What is assumed of a rig that says nothing: sigmas of fx and fy (a share of them), cx and cy (px),
+# the direction (rad) and the place (mm). The lens's distortions are kept.
+FOCAL_SHARE, CENTRE_PX, TURN_RAD, SHIFT_MM = 1e-3, 1.0, np.deg2rad(0.05), 0.2
+PLACEMENT_MM = 0.05  # and of a handle that says nothing: of each coordinate of each marker
+_ROUNDING = 1e-12
+
+
+class Length(NamedTuple):
+    """A length that is known, mm: the distance of two ``cameras``' centres, or of two ``markers``'
+    centres, by their indices.
+    """
+
+    of: str
+    first: int
+    second: int
+    mm: float
+
+
+class Prior(NamedTuple):
+    """What is known before.
+
+    Attributes
+    ----------
+    rig : ndarray, shape (15 c, 15 c)
+        As the matrix of `camera.RigCovariance`; zeros for the first camera's place and direction.
+    placement_sigma_mm : float
+        Of each coordinate of each marker's centre; 0 holds them all.
+    length : Length or None
+        What holds the scale; None where the two above do.
+    """
+
+    rig: Array
+    placement_sigma_mm: float
+    length: Length | None
+
+
+def prior_of(rig: Rig, handle: Handle, length: Length | None = None) -> Prior:
+    """What is known of a rig and a handle before: what they state, else usual values.
+
+    A rig that states nothing has the scale held by the distance of its first two cameras, if no
+    other length is given.
+    """
+    if rig.covariance is None:
+        sigmas = np.concatenate([_usual_sigmas(camera) for camera in rig.cameras])
+        covariance = np.diag(sigmas**2)
+        length = length or Length("cameras", 0, 1, _distance(rig, 0, 1))
+    else:
+        covariance = np.array(rig.covariance.matrix)
+    covariance[POSE] = 0.0
+    covariance[:, POSE] = 0.0
+    return Prior(frozen(covariance), handle.placement_sigma_mm or PLACEMENT_MM, length)
+
+
+def _usual_sigmas(camera: Camera) -> Array:
+    fixed = np.zeros(5)
+    return np.concatenate(
+        [
+            FOCAL_SHARE * camera.focal,
+            np.full(2, CENTRE_PX),
+            fixed,
+            np.full(3, TURN_RAD),
+            np.full(3, SHIFT_MM),
+        ]
+    )
+
+
+def _distance(rig: Rig, a: int, b: int) -> float:
+    return float(np.linalg.norm(rig.cameras[a].centre - rig.cameras[b].centre))
+
+
+def basis(handle: Handle, prior: Prior) -> Array:
+    """The matrix B, (15 c + 3 m, q): a column for each unknown of unit variance."""
+    sigma = np.sqrt(np.diag(prior.rig))
+    scale = np.where(sigma > 0, sigma, 1.0)
+    values, vectors = np.linalg.eigh(prior.rig / np.outer(scale, scale))
+    free = values > _ROUNDING
+    cameras = sigma[:, None] * vectors[:, free] * np.sqrt(values[free])
+    X = handle.marker_centres
+    if prior.placement_sigma_mm == 0:
+        return block_diag(cameras, np.zeros((X.size, 0)))
+    moves = np.broadcast_to(np.eye(3), (len(X), 3, 3))
+    rigid = np.concatenate([moves, -cross_matrices(X - X.mean(axis=0))], axis=2).reshape(-1, 6)
+    return block_diag(cameras, prior.placement_sigma_mm * null_space(rigid.T))
