@@ -33,6 +33,7 @@ COMMANDS = (
     "calibrate",
     "measure",
     "track",
+    "refine",
     "evaluate",
     "capture",
     "render",
@@ -186,6 +187,8 @@ def test_scoreboard_fails_where_a_verdict_is_not_the_declared_one(monkeypatch, c
     [
         ("track --rig R --handle H --video a=b --out o", "following.track.track_files"),
         ("track rec --rig R --handle H --out o", "following.track.track_folder"),
+        ("refine --rig R --handle H --video a=b --out o", "following.refine.refine_files"),
+        ("refine rec --rig R --handle H --out o", "following.refine.refine_folder"),
         ("render --rig R --handle H --motion calm --out o", "bench.recordings.render"),
         ("teleop --recording rec --rig R --handle H --out o", "slave.teleoperate.recorded"),
         ("teleop --live-simulation --rig R --handle H --out o", "slave.teleoperate.simulated"),

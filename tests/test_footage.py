@@ -20,6 +20,7 @@ from trinolab.files.recording import (
     open_footage,
     open_recording,
     read_timestamps,
+    some_instants,
 )
 from trinolab.files.rigs import write_rig
 
@@ -108,6 +109,22 @@ def test_a_lossless_video_gives_the_same_frames(tmp_path, rig, images):
         assert [one.frame for one in found] == list(range(first, 5))
         assert found[0].t_s == pytest.approx(first / 30)
         np.testing.assert_array_equal([one.images for one in found], images[first:])
+
+
+@pytest.mark.parametrize("kind", ["folder", "videos"])
+def test_some_instants_alone(kind, folder, tmp_path, rig, images):
+    sources = find_footage(folder, rig) if kind == "folder" else videos(tmp_path, rig, images)
+    recording = open_recording(sources, rig, fps=30.0)
+    found = list(some_instants(recording, [1, 4]))
+    assert [one.frame for one in found] == [1, 4]
+    np.testing.assert_array_equal([one.images for one in found], images[[1, 4]])
+    assert list(some_instants(recording, [])) == []
+
+
+def test_an_instant_behind_the_end_names_the_video(tmp_path, rig, images):
+    recording = open_recording(videos(tmp_path, rig, images), rig)
+    with pytest.raises(ValueError, match=r"ccd1\.mkv: ends before frame 7"):
+        list(some_instants(recording, [7]))
 
 
 def test_colour_video_is_converted_and_said_once(tmp_path, caplog):

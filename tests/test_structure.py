@@ -49,7 +49,7 @@ WALLS = {
     "bench": GEOMETRY | {"pose", "files", "datasets", "calibration"},
     "second": {"checks", "camera", "handle", "files", "datasets"},
     "sweep": GEOMETRY | {"files", "datasets", "plotting"},
-    "following": WHOLE_CHAIN | {"files"},
+    "following": WHOLE_CHAIN | {"files", "calibration"},
     "slave": WHOLE_CHAIN | {"following", "bench", "files", "datasets"},
     "paper": WHOLE_CHAIN - {"identity", "estimators", "measurement", "tracker"}
     | {"files", "datasets", "workspace"},

@@ -1,5 +1,5 @@
 """The heavy counts, as a report: bound, accuracy, covariances, centroids, identities, files,
-tracks, arm, processors.
+tracks, refining, arm, processors.
 
     python tests/verify.py [--only table1 nees] [--seeds 20] [--draws 1000] [--poses 1000] ...
 """
@@ -27,6 +27,7 @@ from verification import (
     layouts,
     misled,
     nees,
+    refined,
     slave,
     spread,
     tracks,
@@ -43,6 +44,7 @@ SECTIONS = {
     "hostile": misled.report,
     "fuzz": fuzz.report,
     "tracks": tracks.report,
+    "refine": refined.report,
     "slave": slave.report,
     "heavy": heavy.report,
     "chapters": chapters.report,
@@ -67,6 +69,8 @@ def _arguments() -> argparse.Namespace:
         ("poses", 1000, "random poses for the identities of each rig and handle, and layouts"),
         ("calibrations", 50, "calibrations and layouts drawn for each rig and estimator"),
         ("hostile", 1000, "hostile instants in all"),
+        ("refined", 20, "draws of rig and layout for each rig and handle that a recording refines"),
+        ("recordings", 2, "recordings that are rendered and refined, for each rig"),
         ("files", 100_000, "wrong files for the readers of users' files"),
     ):
         parser.add_argument(f"--{name}", type=int, default=number, help=f"{what} (%(default)s)")

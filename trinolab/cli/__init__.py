@@ -11,10 +11,10 @@ import logging
 import os
 import shlex
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from datetime import datetime
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from .arguments import parser
 
@@ -128,21 +128,46 @@ def _track(a: argparse.Namespace) -> int:
     from ..following.track import track_files, track_folder
 
     options = {"start": a.start, "overlay": a.overlay, "method": a.method}
-    options |= {"fps": a.fps, "timestamps": a.timestamps}
+    table = _on_footage(a, track_folder, track_files, options)
+    _say(f"{_counted(table)}; written to {a.out}")
+    return 0
+
+
+def _refine(a: argparse.Namespace) -> int:
+    from ..following.refine import refine_files, refine_folder
+    from .refine import as_lines
+
+    length = None if a.length is None else (a.length[0], a.length[1], _number(a.length[2]))
+    options = {"start": a.start, "instants": a.instants, "length": length}
+    refined = _on_footage(a, refine_folder, refine_files, options)
+    _say("\n".join([*as_lines(refined), "", f"written to {a.out}"]))
+    return 0
+
+
+def _on_footage(
+    a: argparse.Namespace,
+    of_folder: Callable[..., Any],
+    of_files: Callable[..., Any],
+    options: Mapping[str, Any],
+) -> Any:
+    """Call what takes a recording folder, or else what takes rig, handle and videos."""
+    options = {**options, "fps": a.fps, "timestamps": a.timestamps}
     if a.folder is not None:
         if a.video:
             raise ValueError(
                 f"--video: not beside a recording folder ({a.folder}), which has its own"
             )
-        table = track_folder(a.folder, a.out, a.rig, a.handle, **options)
-    else:
-        if not (a.rig and a.handle and a.video):
-            raise ValueError(
-                "expected a recording folder, or else all of --rig, --handle and --video"
-            )
-        table = track_files(a.rig, a.handle, _named(a.video, "--video"), a.out, **options)
-    _say(f"{_counted(table)}; written to {a.out}")
-    return 0
+        return of_folder(a.folder, a.out, a.rig, a.handle, **options)
+    if not (a.rig and a.handle and a.video):
+        raise ValueError("expected a recording folder, or else all of --rig, --handle and --video")
+    return of_files(a.rig, a.handle, _named(a.video, "--video"), a.out, **options)
+
+
+def _number(text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        raise ValueError(f"--length: expected a number of mm, got {text!r}") from None
 
 
 def _counted(table: pd.DataFrame) -> str:
@@ -386,6 +411,7 @@ _RUN = {
     "calibrate": _calibrate,
     "measure": _measure,
     "track": _track,
+    "refine": _refine,
     "evaluate": _evaluate,
     "render": _render,
     "teleop": _teleop,

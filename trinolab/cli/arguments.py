@@ -31,6 +31,7 @@ def parser() -> argparse.ArgumentParser:
     # in the order in which they are used
     _add_render(commands)
     _add_track(commands)
+    _add_refine(commands)
     _add_evaluate(commands)
     _add_measure(commands)
     _add_capture(commands)
@@ -162,20 +163,7 @@ def _add_track(commands: argparse._SubParsersAction) -> None:
         "  trinolab track --rig rig.toml --handle handle.toml --video ccd1=1.mkv ccd2=2.mkv \\\n"
         "      --out poses.csv",
     )
-    p.add_argument(
-        "folder",
-        nargs="?",
-        metavar="DIR",
-        help="a recording folder, instead of --video; --rig and --handle then replace its own files",
-    )
-    _add_rig_and_handle(p, required=False)
-    p.add_argument(
-        "--video",
-        nargs="+",
-        action="extend",
-        metavar="NAME=PATH",
-        help="for each camera a video, or a folder of images (in the order of their names)",
-    )
+    _add_footage(p)
     p.add_argument(
         "--out",
         required=True,
@@ -191,6 +179,66 @@ def _add_track(commands: argparse._SubParsersAction) -> None:
     p.add_argument(
         "--overlay", metavar="OUT.webm", help="write a video of windows, markers and pose"
     )
+    _add_times(p)
+    _add_method(p, "best")
+
+
+def _add_refine(commands: argparse._SubParsersAction) -> None:
+    p = _add(
+        commands,
+        "refine",
+        "improve a rig and a handle file by a recording of the moving handle",
+        "trinolab refine recording --out refined\n"
+        "  trinolab refine recording --length ccd1 ccd2 99.19 --out refined",
+    )
+    _add_footage(p)
+    p.add_argument(
+        "--out",
+        required=True,
+        metavar="DIR",
+        help="folder to make: rig.toml, rig.covariance.toml, handle.toml, and views.csv with what was left "
+        "out; until it is whole, finished work is in DIR.partial, from where the same command goes on",
+    )
+    p.add_argument(
+        "--start",
+        metavar="POSES.csv",
+        help="poses known at some frames; needed for handles that look alike",
+    )
+    p.add_argument(
+        "--instants",
+        type=int,
+        default=300,
+        metavar="N",
+        help="the most that are adjusted; of more, those that spread most (default: %(default)s)",
+    )
+    p.add_argument(
+        "--length",
+        nargs=3,
+        metavar=("A", "B", "MM"),
+        help="what holds the scale: the distance of two cameras, by their names, or of two markers, by "
+        "their numbers (default: the rig's covariance, else the distance of its first two cameras)",
+    )
+    _add_times(p)
+
+
+def _add_footage(p: argparse.ArgumentParser) -> None:
+    p.add_argument(
+        "folder",
+        nargs="?",
+        metavar="DIR",
+        help="a recording folder, instead of --video; --rig and --handle then replace its own files",
+    )
+    _add_rig_and_handle(p, required=False)
+    p.add_argument(
+        "--video",
+        nargs="+",
+        action="extend",
+        metavar="NAME=PATH",
+        help="for each camera a video, or a folder of images (in the order of their names)",
+    )
+
+
+def _add_times(p: argparse.ArgumentParser) -> None:
     times = p.add_mutually_exclusive_group()
     times.add_argument(
         "--fps",
@@ -200,7 +248,6 @@ def _add_track(commands: argparse._SubParsersAction) -> None:
         help="frames a second (default: %(default)s)",
     )
     times.add_argument("--timestamps", metavar="CSV", help="columns 'frame' and 't_s'")
-    _add_method(p, "best")
 
 
 def _add_rig_and_handle(p: argparse.ArgumentParser, required: bool) -> None:

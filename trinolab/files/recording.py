@@ -277,6 +277,37 @@ def open_folder(
     return recording, read_handle(handle or root / "handle.toml")
 
 
+class Parts(NamedTuple):
+    """What a recording folder consists of: its rig's and its handle's file, for each camera's name
+    its footage, and its timestamps if there are any.
+    """
+
+    rig: Path
+    handle: Path
+    sources: dict[str, Path]
+    timestamps: Path | None
+
+
+def parts_of_folder(
+    folder: str | Path,
+    rig: str | Path | None = None,
+    handle: str | Path | None = None,
+    timestamps: str | Path | None = None,
+) -> Parts:
+    """The files of a recording folder, or those that stand in their places; parameters and errors
+    as for `open_folder`.
+    """
+    recording, _ = open_folder(folder, rig, handle)
+    kept = None if recording.times_s is None else recording.times_from
+    times = timestamps or kept
+    return Parts(
+        Path(rig or Path(folder, "rig.toml")),
+        Path(handle or Path(folder, "handle.toml")),
+        {name: one.path for name, one in zip(recording.rig.names, recording.footage, strict=True)},
+        None if times is None else Path(times),
+    )
+
+
 def _existing(folder: str | Path) -> Path:
     """A recording folder. Raises ValueError if there is none, or something else."""
     root = Path(folder)
@@ -338,6 +369,31 @@ def instants(recording: Recording, first: int = 0) -> Iterator[Frames]:
             raise ValueError(f"{over[0]}: ends after {frame} frames, another camera goes on")
         yield Frames(frame, recording.time_of(frame), images)  # type: ignore[arg-type]
         frame += 1
+
+
+def some_instants(recording: Recording, frames: Sequence[int]) -> Iterator[Frames]:
+    """Some instants, by their numbers, which increase; of image folders nothing else is read.
+
+    Raises
+    ------
+    ValueError
+        Names the file that cannot be read, or the video that ends before.
+    """
+    wanted = set(frames)
+    streams = []
+    for one, camera in zip(recording.footage, recording.rig.cameras, strict=True):
+        if one.names:
+            paths = [one.path / one.names[frame] for frame in frames]
+            streams.append(read_greys(paths, camera.size))
+        else:
+            every = enumerate(frames_of(one, camera.size))
+            streams.append(image for frame, image in every if frame in wanted)
+    for frame in frames:
+        images = [next(stream, None) for stream in streams]
+        for one, image in zip(recording.footage, images, strict=True):
+            if image is None:
+                raise ValueError(f"{one.path}: ends before frame {frame}")
+        yield Frames(frame, recording.time_of(frame), images)  # type: ignore[arg-type]
 
 
 def read_timestamps(path: str | Path) -> Array:

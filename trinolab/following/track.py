@@ -34,7 +34,7 @@ from ..files.poses import (
     transforms,
     tum_text,
 )
-from ..files.recording import Recording, instants, open_folder, open_recording
+from ..files.recording import Recording, instants, open_recording, parts_of_folder
 from ..files.rigs import read_handle, read_rig
 from ..files.video import Film
 from ..handle import Handle
@@ -118,7 +118,7 @@ def track_files(
     the_rig = read_rig(rig)
     recording = open_recording(sources, the_rig, fps, timestamps)
     parameters = FollowParameters(estimator=estimator_of(method))
-    job = Job(recording, read_handle(handle), parameters, _known(start, recording))
+    job = Job(recording, read_handle(handle), parameters, known_poses(start, recording))
     files = [Path(path) for path in (rig, handle, start, timestamps) if path is not None]
     tum = Path(out).with_suffix(".tum")
     film = None if overlay is None else Film(overlay, recording.rate)
@@ -127,7 +127,7 @@ def track_files(
     with Rows(Path(f"{out}{PARTIAL}"), made_from) as rows:
         try:
             with film or nullcontext():
-                _track_on(job, rows, film, progress)
+                track_on(job, rows, film, progress)
             table = rows.table()
             write_together({out: poses_text(table), tum: tum_text(table)})
         except KeyboardInterrupt:
@@ -160,18 +160,9 @@ def track_folder(
     rig, handle, timestamps : path, optional
         Other files than the folder's; a rig may have some of the cameras.
     """
-    recording, _ = open_folder(folder, rig, handle)
-    sources = {
-        name: one.path for name, one in zip(recording.rig.names, recording.footage, strict=True)
-    }
-    kept = None if recording.times_s is None else recording.times_from
+    parts = parts_of_folder(folder, rig, handle, timestamps)
     return track_files(
-        rig or Path(folder, "rig.toml"),
-        handle or Path(folder, "handle.toml"),
-        sources,
-        out,
-        timestamps=timestamps or kept,
-        **options,
+        parts.rig, parts.handle, parts.sources, out, timestamps=parts.timestamps, **options
     )
 
 
@@ -241,7 +232,7 @@ def _kept(rows: Rows) -> str:
     return ""
 
 
-def _track_on(job: Job, rows: Rows, film: Film | None, progress: bool) -> None:
+def track_on(job: Job, rows: Rows, film: Film | None, progress: bool) -> None:
     """Track from the first frame that has no row."""
     done = rows.table()
     measured = int((done["status"] == "measured").sum())
@@ -368,7 +359,7 @@ def _state_after(done: pd.DataFrame) -> TrackState | None:
     return state._replace(sure=last["status"] == "measured")
 
 
-def _known(path: str | Path | None, recording: Recording) -> dict[int, RigidTransform]:
+def known_poses(path: str | Path | None, recording: Recording) -> dict[int, RigidTransform]:
     """The poses of a start file by their frames."""
     if path is None:
         return {}

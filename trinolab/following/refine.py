@@ -1,0 +1,324 @@
+"""What `trinolab refine` does: from a recording of the moving handle, a better rig and a better
+handle file.
+
+The handle is followed, instants that spread over its motion are chosen, the centres of their markers
+are measured, and `calibration.bundle` adjusts rig, marker layout and poses together. The prior of
+that adjustment is also what the handle is followed with: a pose is not refused for an error of the
+rig that is to be expected.
+"""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import pandas as pd
+from scipy.spatial.transform import RigidTransform
+
+from ..calibration.bundle import Centres, fit_poses
+from ..calibration.misfits import Cleaned, adjust_robustly, view_rms
+from ..calibration.prior import Length, Prior, prior_of
+from ..camera import Rig, RigCovariance
+from ..checks import Array, as_number, as_whole
+from ..files.kept import locked
+from ..files.outputs import write_together
+from ..files.poses import transforms
+from ..files.recorder import partial_of
+from ..files.recording import Recording, open_recording, parts_of_folder
+from ..files.rigs import covariance_text, handle_text, read_handle, read_rig, rig_text
+from ..handle import Handle
+from .centres import measured_centres, spread_out, still
+from .parameters import FollowParameters
+from .track import Job, Rows, fingerprint, known_poses, track_on
+
+FEWEST = 10  # instants; with fewer nearly all would come from what was known before
+# Times that the centres are measured: where they lie in a marker's image depends on pose and layout.
+PASSES = 2
+FOLLOWED_BY = FollowParameters(estimator="weighted")  # quick; the centres are measured anew anyhow
+
+
+class Refined(NamedTuple):
+    """What a recording says about a rig and a handle.
+
+    Attributes
+    ----------
+    start_rig, start_handle
+        As they were.
+    found : Cleaned
+        The adjustment.
+    prior : Prior
+        What was known before.
+    frames : ndarray of int
+        The frames that were chosen, in the order of `found.reasons`.
+    still, length : int
+        Instants that show the handle still enough, and all of the recording.
+    before_px, after_px : float
+        Rms distance of the centres from where the old rig and handle have them, with the poses that
+        fit those best, and the new ones.
+    views : pandas.DataFrame
+        A row a camera and instant: `frame`, `camera`, `status` (``used``, ``left out``, ``nothing
+        seen``), `centres`, `rms_px` (NaN if not used), `reason`.
+    """
+
+    start_rig: Rig
+    start_handle: Handle
+    found: Cleaned
+    prior: Prior
+    frames: np.ndarray
+    still: int
+    length: int
+    before_px: float
+    after_px: float
+    views: pd.DataFrame
+
+
+class _Asked(NamedTuple):
+    """A refinement to do: the recording and its handle, which say how well they are known; poses
+    known at some frames, the prior, how many instants are taken, where finished work is kept, and
+    what tells this work from another.
+    """
+
+    recording: Recording
+    handle: Handle
+    known: Mapping[int, RigidTransform]
+    prior: Prior
+    most: int
+    kept: Path
+    made_from: str
+    progress: bool
+
+
+def refine_files(
+    rig: str | Path,
+    handle: str | Path,
+    sources: Mapping[str, str | Path],
+    out: str | Path,
+    start: str | Path | None = None,
+    fps: float = 30.0,
+    timestamps: str | Path | None = None,
+    instants: int = 300,
+    length: tuple[str, str, float] | None = None,
+    progress: bool = True,
+) -> Refined:
+    """Adjust a rig and a handle's markers to a recording of the moving handle, and write both.
+
+    Finished work is kept in the folder ``<out>.partial``. The same call goes on where an interrupted
+    one has stopped.
+
+    Parameters
+    ----------
+    rig, handle : path
+        Rig and handle file: what is started from. How well they are known is in the rig's covariance
+        file and the handle's `placement_sigma_mm`; usual values stand for what they do not say, see
+        `calibration.prior.prior_of`.
+    sources : mapping of str to path
+        For each camera's name its video, or its folder of images (in the order of their names).
+    out : path
+        A folder that is not there yet, or empty: for ``rig.toml``, ``rig.covariance.toml``,
+        ``handle.toml`` and ``views.csv``.
+    start : path, optional
+        CSV of poses known at some frames: for a handle that looks alike from several sides.
+    fps, timestamps
+        As for `track.track_files`.
+    instants : int
+        The most that are adjusted; of more, those are chosen that spread most.
+    length : (str, str, float), optional
+        A known length that holds the scale: two cameras, or two markers by their numbers, and their
+        distance in mm.
+    progress : bool
+        Show progress bars on standard error, if that is a terminal.
+
+    Raises
+    ------
+    ValueError
+        Names the file or the argument: missing, unreadable, does not fit, a length between what is
+        not there, a handle that is seen still in too few instants, or whose identity is not known,
+        centres that no rig explains. Finished work is kept.
+    KeyboardInterrupt
+        Says where finished work is kept.
+    """
+    the_rig = read_rig(rig)
+    the_handle = read_handle(handle)
+    recording = open_recording(sources, the_rig, fps, timestamps)
+    prior = prior_of(the_rig, the_handle, _as_length(length, the_rig, the_handle))
+    most = as_whole(instants, "instants", low=FEWEST)
+    known = known_poses(start, recording)
+    if len(the_handle.symmetries) > 1 and not known:
+        raise ValueError(
+            f"start: {handle} looks alike from {len(the_handle.symmetries)} sides; expected a pose "
+            "that says which marker is which"
+        )
+    recording = recording._replace(
+        rig=replace(the_rig, covariance=RigCovariance(the_rig.names, prior.rig))
+    )
+    the_handle = replace(the_handle, placement_sigma_mm=prior.placement_sigma_mm)
+    files = [Path(path) for path in (rig, handle, start, timestamps) if path is not None]
+    made_from = fingerprint(files, sources, start is None, fps, most, length, prior.rig.tolist())
+    partial = partial_of(out)
+    partial.mkdir(exist_ok=True)
+    with locked(partial):
+        asked = _Asked(recording, the_handle, known, prior, most, partial, made_from, progress)
+        try:
+            refined = _refined(asked)
+            _write(refined, partial, Path(out))
+        except KeyboardInterrupt:
+            raise KeyboardInterrupt(
+                f"what is finished is kept in {partial}; the same command goes on"
+            ) from None
+    return refined
+
+
+def refine_folder(
+    folder: str | Path,
+    out: str | Path,
+    rig: str | Path | None = None,
+    handle: str | Path | None = None,
+    timestamps: str | Path | None = None,
+    **options: Any,
+) -> Refined:
+    """Refine the rig and the handle of a recording folder, see `files.recording`; the rest as for
+    `refine_files`, and other files than the folder's as for `track.track_folder`.
+    """
+    parts = parts_of_folder(folder, rig, handle, timestamps)
+    return refine_files(
+        parts.rig, parts.handle, parts.sources, out, timestamps=parts.timestamps, **options
+    )
+
+
+def _as_length(length: tuple[str, str, float] | None, rig: Rig, handle: Handle) -> Length | None:
+    """The stated length; its ends are cameras, else markers."""
+    if length is None:
+        return None
+    *ends, mm = length
+    mm = as_number(mm, "length", low=0.0, high=1e6, open_low=True)
+    markers = [str(k) for k in range(len(handle.marker_centres))]
+    for of, names in (("cameras", list(rig.names)), ("markers", markers)):
+        if all(end in names for end in ends) and ends[0] != ends[1]:
+            return Length(of, names.index(ends[0]), names.index(ends[1]), mm)
+    raise ValueError(
+        f"length: expected two cameras of {', '.join(rig.names)}, or two markers of 0 to "
+        f"{len(markers) - 1}, got {ends[0]} and {ends[1]}"
+    )
+
+
+def _refined(asked: _Asked) -> Refined:
+    """Follow, choose, then measure and adjust, and once again with what the first time gave."""
+    table = _followed(asked)
+    good = still(table[table["status"] == "measured"], asked.recording.rig, FOLLOWED_BY.exposure_s)
+    if len(good) < FEWEST:
+        raise ValueError(
+            f"{asked.recording.footage[0].path}: {len(good)} instants show the handle still "
+            f"enough, expected {FEWEST} or more"
+        )
+    rows = good.iloc[spread_out(transforms(good), asked.most)]
+    frames = rows["frame"].to_numpy()
+    poses = transforms(rows)
+    rig = asked.recording.rig
+    handle = asked.handle
+    for number in range(PASSES):
+        seen = measured_centres(
+            asked.recording._replace(rig=rig),
+            handle,
+            frames,
+            poses,
+            asked.kept / f"centres_{number}.json",
+            _head(asked, rig_text(rig), handle_text(handle), poses.as_matrix().tolist()),
+            asked.progress,
+        )
+        found = adjust_robustly(asked.recording.rig, asked.handle, poses, seen, asked.prior)
+        rig = found.bundle.rig
+        handle = found.bundle.handle
+        poses = _replaced(poses, found)
+    counts = (len(good), len(table))
+    return _as_refined(asked, found, frames, counts, seen)
+
+
+def _followed(asked: _Asked) -> pd.DataFrame:
+    """The poses of all instants."""
+    job = Job(asked.recording, asked.handle, FOLLOWED_BY, asked.known)
+    with Rows(asked.kept / "poses.csv", asked.made_from) as rows:
+        track_on(job, rows, None, asked.progress)
+        return rows.table()
+
+
+def _head(asked: _Asked, *parts: Any) -> str:
+    """What tells one step of the work from another."""
+    return fingerprint([], {}, asked.made_from, *parts)
+
+
+def _replaced(poses: RigidTransform, found: Cleaned) -> RigidTransform:
+    """The poses, with those that were adjusted in their places."""
+    new = dict(zip(found.instants.tolist(), found.bundle.poses, strict=True))
+    return RigidTransform.concatenate([new.get(k, pose) for k, pose in enumerate(poses)])
+
+
+def _as_refined(
+    asked: _Asked, found: Cleaned, frames: np.ndarray, counts: tuple[int, int], seen: Centres
+) -> Refined:
+    rig = asked.recording.rig
+    before = fit_poses(rig, asked.handle, found.bundle.poses, found.seen)
+    return Refined(
+        rig,
+        asked.handle,
+        found,
+        asked.prior,
+        frames,
+        *counts,
+        _rms(before.residuals_px),
+        _rms(found.bundle.residuals_px),
+        _view_table(rig, found, frames, seen),
+    )
+
+
+def _rms(residuals: Array) -> float:
+    return float(np.sqrt((residuals**2).sum(axis=1).mean()))
+
+
+def _view_table(rig: Rig, found: Cleaned, frames: np.ndarray, seen: Centres) -> pd.DataFrame:
+    """The table `Refined.views`."""
+    shape = found.reasons.shape
+    count = np.zeros(shape, int)
+    np.add.at(count, (seen.instant, seen.camera), 1)
+    used = found.seen._replace(instant=found.instants[found.seen.instant])
+    rms = view_rms(used, found.bundle, shape)
+    rows = [
+        {
+            "frame": int(frames[i]),
+            "camera": rig.names[c],
+            "status": "used"
+            if np.isfinite(rms[i, c])
+            else "left out"
+            if count[i, c]
+            else "nothing seen",
+            "centres": int(count[i, c]),
+            "rms_px": rms[i, c],
+            "reason": found.reasons[i, c],
+        }
+        for i, c in np.ndindex(shape)
+    ]
+    return pd.DataFrame(rows)
+
+
+def _write(refined: Refined, partial: Path, out: Path) -> None:
+    """Write the result, and give it its name when it is whole; then drop the kept work."""
+    bundle = refined.found.bundle
+    result = partial / "result"
+    result.mkdir(exist_ok=True)
+    assert bundle.rig.covariance is not None
+    write_together(
+        {
+            result / "rig.toml": rig_text(bundle.rig),
+            result / "rig.covariance.toml": covariance_text(bundle.rig.covariance),
+            result / "handle.toml": handle_text(bundle.handle),
+            result / "views.csv": refined.views.to_csv(index=False, float_format="%.6g"),
+        }
+    )
+    try:
+        result.rename(out.resolve())
+    except OSError as error:
+        raise ValueError(f"{out}: cannot be written ({error.strerror})") from None
+    shutil.rmtree(partial)
