@@ -31,11 +31,11 @@ def parser() -> argparse.ArgumentParser:
     # in the order in which they are used
     _add_render(commands)
     _add_track(commands)
-    _add_refine(commands)
     _add_evaluate(commands)
     _add_measure(commands)
     _add_capture(commands)
     _add_calibrate(commands)
+    _add_refine(commands)
     _add_teleop(commands)
     _add_sweep(commands)
     _add_accept(commands)
