@@ -18,14 +18,11 @@ from trinolab.plotting import (
     plot_factor,
     plot_over_slant,
     plot_pose_errors,
-    plot_shares,
     plot_structure,
     plot_thresholds,
     plot_windows,
     plot_workspace,
     show_image,
-    show_table,
-    show_verdict,
     workspace_plotter,
     workspace_scene,
 )
@@ -201,43 +198,6 @@ def test_window_is_drawn_around_its_pixels():
     mark_window(ax, Window(3, 5, 10, 4), "seen")
     box = ax.patches[0].get_bbox()
     assert (box.x0, box.y0, box.x1, box.y1) == (2.5, 4.5, 12.5, 8.5)  # of pixels 3 to 12 and 5 to 8
-    plt.close("all")
-
-
-def test_verdict_shows_what_is_found_false_and_missed():
-    mask = np.array([[True, True, True, False, False]])
-    inside, outside = (
-        np.array([[True, False, False, True, False]]),
-        np.array([[False, True, False, False, True]]),
-    )
-    _, ax = plt.subplots()
-    show_verdict(mask, inside, outside, "", ax)
-    # found, false, found on the seam, missed, background
-    np.testing.assert_array_equal(ax.images[0].get_array(), [[1, 2, 1, 3, 0]])
-    plt.close("all")
-
-
-def test_table_shows_every_number_in_its_place():
-    _, ax = plt.subplots()
-    show_table([[1, 2.5, 99], [0, 30, 4]], (6, 10), (0.1, 0.2, 0.5), ("T", "alpha"), "", ax)
-    assert [(*text.get_position(), text.get_text()) for text in ax.texts[:3]] == [
-        (0, 0, "1.00"),
-        (1, 0, "2.50"),
-        (2, 0, "99.00"),
-    ]
-    assert [label.get_text() for label in ax.get_xticklabels()] == ["0.1", "0.2", "0.5"]
-    assert (ax.get_ylabel(), ax.get_xlabel()) == ("T", "alpha")
-    plt.close("all")
-
-
-def test_shares_are_drawn_as_per_cent():
-    figure = plot_shares(
-        [0, 1], {"left": {"a": [0.0, 0.5], "b": [1.0, 0.25]}, "right": {"a": [0.1, 0.1]}}, log=True
-    )
-    left, right = figure.axes
-    np.testing.assert_array_equal([line.get_ydata() for line in left.lines], [[0, 50], [100, 25]])
-    np.testing.assert_array_equal(right.lines[0].get_ydata(), [10, 10])
-    assert [text.get_text() for text in figure.legends[0].get_texts()] == ["a", "b"]
     plt.close("all")
 
 

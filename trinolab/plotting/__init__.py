@@ -4,6 +4,7 @@ Colours are those of Okabe and Ito, which colour-blind readers can tell apart, o
 the page's theme.
 """
 
+from .background import plot_pixel_histories, plot_shares, plot_verdicts, show_table
 from .basics import COLOURS, plot_beside, plot_curves, plot_pose_errors, show_frames, show_image
 from .errors import plot_by_slant, plot_elevation, plot_estimators, plot_factor, plot_residuals
 from .filters import plot_nis, plot_normals, plot_prediction
@@ -11,12 +12,10 @@ from .markers import (
     mark_window,
     plot_following,
     plot_over_slant,
-    plot_shares,
     plot_thresholds,
-    show_table,
-    show_verdict,
 )
 from .matching import plot_epipolar_plane, plot_windows
+from .pose import plot_frames, plot_two_rays
 from .rig import plot_layouts, plot_rig
 from .structure import plot_chain, plot_structure
 from .wall import plot_contacts, plot_limits, plot_nyquist
@@ -36,12 +35,14 @@ __all__ = [
     "plot_estimators",
     "plot_factor",
     "plot_following",
+    "plot_frames",
     "plot_layouts",
     "plot_limits",
     "plot_nis",
     "plot_normals",
     "plot_nyquist",
     "plot_over_slant",
+    "plot_pixel_histories",
     "plot_pose_errors",
     "plot_prediction",
     "plot_residuals",
@@ -49,12 +50,13 @@ __all__ = [
     "plot_shares",
     "plot_structure",
     "plot_thresholds",
+    "plot_two_rays",
+    "plot_verdicts",
     "plot_windows",
     "plot_workspace",
     "show_frames",
     "show_image",
     "show_table",
-    "show_verdict",
     "workspace_plotter",
     "workspace_scene",
 ]

@@ -128,7 +128,7 @@ def show_frames(
     figure, axes = plt.subplots(
         1,
         len(frames),
-        figsize=(4.8 * len(frames), 4.6),
+        figsize=(6.9, 6.9 / len(frames) + 0.3),
         squeeze=False,
         layout="constrained",
         facecolor="white",

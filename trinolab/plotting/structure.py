@@ -51,20 +51,19 @@ def plot_structure() -> Figure:
     return figure
 
 
-def plot_chain(stage: str) -> Figure:
-    """The data's way through the master as a row of boxes, with one stage lit.
+def plot_chain(*stages: str) -> Figure:
+    """The data's way through the master as a row of boxes, with one stage lit, or several.
 
     Parameters
     ----------
-    stage : str
-        The first word of a box, such as "window". Raises ValueError if no box has it.
+    *stages : str
+        The first words of the boxes, such as "window". Raises ValueError if no box has it.
     """
     names = list(MASTER)
-    lit = [name.partition("\n")[0] == stage for name in names]
-    if not any(lit):
-        raise ValueError(
-            f"stage: expected one of {', '.join(n.split()[0] for n in names)}, got {stage!r}"
-        )
+    words = [name.partition("\n")[0] for name in names]
+    if unknown := [stage for stage in stages if stage not in words]:
+        raise ValueError(f"stage: expected one of {', '.join(words)}, got {unknown[0]!r}")
+    lit = [word in stages for word in words]
     figure, ax = plt.subplots(figsize=(8.5, 0.9), layout="constrained", facecolor="white")
     for k, (name, chosen) in enumerate(zip(names, lit, strict=True)):
         colour = "#E69F00" if chosen else "#DDEEFF"
