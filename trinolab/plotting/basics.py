@@ -164,7 +164,7 @@ def plot_curves(
     ax.set_xticks(np.asarray(x), [f"{tick:g}" for tick in np.asarray(x)])
     ax.minorticks_off()
     ax.grid(axis="y", alpha=0.3)
-    ax.legend(fontsize=8)
+    ax.legend(fontsize=9)
     return ax
 
 

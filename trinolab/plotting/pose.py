@@ -73,7 +73,9 @@ def plot_frames(rig: Rig, T_world_handle: RigidTransform) -> Figure:
     ax: Axes3D = figure.add_axes((-0.05, -0.1, 1.12, 1.25), projection="3d")  # type: ignore[assignment]
     frames = {camera.name: camera.T_world_cam for camera in rig.cameras}
     frames["handle"] = T_world_handle
-    for (name, T), colour in zip(frames.items(), ("#0072B2", "#A06A00", "#009E73", "black"), strict=False):
+    for (name, T), colour in zip(
+        frames.items(), ("#0072B2", "#A06A00", "#009E73", "black"), strict=False
+    ):
         _draw_frame(ax, name, T, colour)
     world = rig.cameras[0].centre
     ways = {"Eq. 21 ": rig.cameras[1].centre, "Eq. 23": T_world_handle.translation}

@@ -35,6 +35,7 @@ MASTER = {
     "mapping": (0, 0),
 }
 
+CHARACTER_IN, PAD_IN = 0.07, 0.16  # width of a letter and of a box around 9 pt text
 HANDED_ON = ("grey", "mask", "px", "centroids", "pairs", "mm", "mm, rad", "next instant")
 
 
@@ -64,16 +65,20 @@ def plot_chain(*stages: str) -> Figure:
     if unknown := [stage for stage in stages if stage not in words]:
         raise ValueError(f"stage: expected one of {', '.join(words)}, got {unknown[0]!r}")
     lit = [word in stages for word in words]
-    figure, ax = plt.subplots(figsize=(8.5, 0.9), layout="constrained", facecolor="white")
-    for k, (name, chosen) in enumerate(zip(names, lit, strict=True)):
-        colour = "#E69F00" if chosen else "#DDEEFF"
-        box = {"boxstyle": "round", "facecolor": colour}
-        ax.text(k, 0, name, ha="center", va="center", fontsize=9, bbox=box)
-        if k > 0:
-            arrow = {"arrowstyle": "-|>", "shrinkA": 30, "shrinkB": 30}
-            ax.annotate("", (k, 0), (k - 1, 0), arrowprops=arrow)
-    ax.set(xlim=(-0.5, len(names) - 0.5), ylim=(-0.6, 0.6))
+    width = 6.9  # inches, the page's column
+    sizes = [CHARACTER_IN * max(len(line) for line in name.split("\n")) + PAD_IN for name in names]
+    gap = (width - sum(sizes)) / len(names)
+    figure, ax = plt.subplots(figsize=(width, 0.7), facecolor="white")
+    ax.set_position((0, 0, 1, 1))
+    ax.set(xlim=(0, width), ylim=(-0.35, 0.35))
     ax.axis("off")
+    left = gap / 2
+    for k, (name, size, chosen) in enumerate(zip(names, sizes, lit, strict=True)):
+        box = {"boxstyle": "round", "facecolor": "#E69F00" if chosen else "#DDEEFF"}
+        ax.text(left + size / 2, 0, name, ha="center", va="center", fontsize=9, bbox=box)
+        if k > 0:
+            ax.annotate("", (left, 0), (left - gap, 0), arrowprops={"arrowstyle": "-|>"})
+        left = left + size + gap
     return figure
 
 
