@@ -53,7 +53,7 @@ def test_workspace_views(cones_and_mesh):
         "x / mmy / mm",
         "z / mmy / mm",
     ]
-    assert [text.get_text() for text in top.get_legend().get_texts()] == [
+    assert [text.get_text() for text in figure.legends[0].get_texts()] == [
         "a",
         "b",
         "c",

@@ -19,7 +19,13 @@ from .pose import plot_frames, plot_two_rays
 from .rig import plot_layouts, plot_rig
 from .structure import plot_chain, plot_structure
 from .wall import plot_contacts, plot_limits, plot_nyquist
-from .workspace import Mesh, plot_workspace, workspace_plotter, workspace_scene
+from .workspace import (
+    Mesh,
+    plot_workspace,
+    show_cones_from_above,
+    workspace_plotter,
+    workspace_scene,
+)
 
 __all__ = [
     "COLOURS",
@@ -54,6 +60,7 @@ __all__ = [
     "plot_verdicts",
     "plot_windows",
     "plot_workspace",
+    "show_cones_from_above",
     "show_frames",
     "show_image",
     "show_table",

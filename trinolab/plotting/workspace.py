@@ -39,23 +39,81 @@ def plot_workspace(cones: Sequence[Cone], mesh: Mesh, names: Sequence[str] | Non
         One a cone.
     """
     vertices = as_points(mesh[0], "mesh", 3)
-    figure, axes = plt.subplots(1, 3, figsize=(12, 4.2), layout="constrained", facecolor="white")
+    figure, axes = plt.subplots(1, 3, figsize=(6.9, 3.3), layout="constrained", facecolor="white")
     for ax, (title, i, j) in zip(axes, VIEWS, strict=True):
         for k, (cone, name) in enumerate(zip(cones, _names(cones, names), strict=True)):
             _fill(ax, _outline(cone, vertices)[:, [i, j]], COLOURS[k % len(COLOURS)], 0.12, name)
             ax.plot(*cone.apex[[i, j]], "o", color=COLOURS[k % len(COLOURS)], markersize=5)
         _fill(ax, vertices[:, [i, j]], WORKSPACE_COLOUR, 0.75, "workspace")
         ax.set(
-            title=title,
             xlabel=f"{'xyz'[i]} / mm",
             ylabel=f"{'xyz'[j]} / mm",
             aspect="equal",
             facecolor="white",
         )
+        ax.set_title(title, fontsize=10)
         if j == 1:
             ax.invert_yaxis()  # y points down
-    axes[0].legend(loc="lower left", fontsize=8)
+    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=4)
     return figure
+
+
+def show_cones_from_above(
+    cones: Sequence[Cone], names: Sequence[str], title: str, ax: Axes, letters: bool = False
+) -> None:
+    """A plan of cones, cut at the height of the first one's apex: OXYZ's X to the right, Z upwards.
+
+    Parameters
+    ----------
+    cones : sequence of Cone
+        A cone whose axis lies in the plan is a wedge; one that looks along Y is a dashed circle, its
+        cut; any other place in between is drawn by its outline from above, dashed.
+    names : sequence of str
+        One a cone.
+    title : str
+    ax : Axes
+    letters : bool
+        Whether to write the paper's letters at the first two cones: B, the angles beta, and the
+        place (x0, z0) where the axes meet.
+    """
+    reach = 1.6 * float(np.linalg.norm(cones[1].apex - cones[0].apex))
+    for cone, name, colour in zip(cones, names, COLOURS, strict=False):
+        x, height, z = cone.apex - [0.0, cones[0].apex[1], 0.0]
+        style = "-" if abs(height) < 1e-9 else "--"
+        if abs(cone.axis[1]) > 1 - 1e-9:
+            radius = abs(height) * np.tan(cone.half_angle)
+            t = np.linspace(0, 2 * np.pi, 73)
+            outline = np.column_stack([x + radius * np.cos(t), z + radius * np.sin(t)])
+        else:
+            middle = np.arctan2(cone.axis[2], cone.axis[0])
+            turned = middle + np.array([-1, 1]) * cone.half_angle
+            ends = np.column_stack([np.cos(turned), np.sin(turned)]) * reach
+            outline = np.vstack([[x, z], [x, z] + ends])
+            far = reach * np.array([np.cos(middle), np.sin(middle)])
+            ax.plot(*np.array([[x, z], [x, z] + far]).T, "-.", color=colour, linewidth=0.8)
+        ax.fill(*outline.T, facecolor=colour, alpha=0.25, label=name)
+        ax.fill(*outline.T, fill=False, edgecolor=colour, linestyle=style)
+        ax.plot(x, z, "o" if style == "-" else "s", color=colour)
+    if letters:
+        _write_letters(ax, cones)
+    ax.set(xlabel="$X / B$", ylabel="$Z / B$", aspect="equal", facecolor="white")
+    ax.set_title(title, fontsize=10)
+
+
+def _write_letters(ax: Axes, cones: Sequence[Cone]) -> None:
+    """B, beta_1, beta_2, x0 and z0 of two cones whose apexes lie on X."""
+    (a, _, _), (b, _, _) = cones[0].apex, cones[1].apex
+    slopes = [cone.axis[2] / cone.axis[0] for cone in cones[:2]]
+    x0 = (slopes[0] * a - slopes[1] * b) / (slopes[0] - slopes[1])
+    z0 = slopes[0] * (x0 - a)
+    ax.annotate("", (a, -0.2), (b, -0.2), arrowprops={"arrowstyle": "<->"})
+    ax.text((a + b) / 2, -0.22, "$B$", ha="center", va="top")
+    ax.plot([x0, x0], [0, z0], ":", color="black", linewidth=1)
+    ax.text(x0, z0 / 2, " $z_0$", va="center")
+    ax.text((a + x0) / 2, -0.05, "$x_0$", ha="center", va="top")
+    ax.plot(x0, z0, "o", color="black", markersize=4)
+    for start, text, side in ((a, r"$\beta_1$", 1), (b, r"$\beta_2$", -1)):
+        ax.text(start + 0.2 * side, 0.03, text, ha="center", va="bottom")
 
 
 def workspace_scene(cones: Sequence[Cone], mesh: Mesh, height: int = 420) -> Any:
