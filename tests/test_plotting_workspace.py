@@ -19,7 +19,7 @@ def _close():
 def test_points_of_the_plan_are_inside_the_wedge_when_they_are_inside_the_cone():
     cones = paper_cones(1.0, np.deg2rad(60), np.deg2rad(50), 0.3)
     _, ax = plt.subplots()
-    show_cones_from_above(cones, NAMES, "", ax)
+    show_cones_from_above(cones, NAMES, "", ax, reach=3.0)
     plan = np.random.default_rng(0).uniform(-0.2, 1.2, (500, 2))
     points = np.column_stack([plan[:, 0], np.zeros(500), plan[:, 1]])
     filled = {patch.get_label(): patch for patch in ax.patches}
@@ -32,7 +32,7 @@ def test_points_of_the_plan_are_inside_the_wedge_when_they_are_inside_the_cone()
 def test_the_letters_stand_where_the_axes_meet():
     _, ax = plt.subplots()
     B, beta1, beta2 = 1.0, np.deg2rad(60), np.deg2rad(45)
-    show_cones_from_above(paper_cones(B, beta1, beta2, 0.3), NAMES, "", ax, letters=True)
+    show_cones_from_above(paper_cones(B, beta1, beta2, 0.3), NAMES, "", ax, 2.0, letters=True)
     x0 = B * np.tan(beta2) / (np.tan(beta1) + np.tan(beta2))
     meeting = ax.lines[-1].get_xydata()[0]
     np.testing.assert_allclose(meeting, [x0, x0 * np.tan(beta1)])

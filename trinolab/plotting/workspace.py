@@ -59,7 +59,12 @@ def plot_workspace(cones: Sequence[Cone], mesh: Mesh, names: Sequence[str] | Non
 
 
 def show_cones_from_above(
-    cones: Sequence[Cone], names: Sequence[str], title: str, ax: Axes, letters: bool = False
+    cones: Sequence[Cone],
+    names: Sequence[str],
+    title: str,
+    ax: Axes,
+    reach: float,
+    letters: bool = False,
 ) -> None:
     """A plan of cones, cut at the height of the first one's apex: OXYZ's X to the right, Z upwards.
 
@@ -72,11 +77,12 @@ def show_cones_from_above(
         One a cone.
     title : str
     ax : Axes
+    reach : float
+        How far a wedge is drawn, in the cones' unit.
     letters : bool
         Whether to write the paper's letters at the first two cones: B, the angles beta, and the
         place (x0, z0) where the axes meet.
     """
-    reach = 1.6 * float(np.linalg.norm(cones[1].apex - cones[0].apex))
     for cone, name, colour in zip(cones, names, COLOURS, strict=False):
         x, height, z = cone.apex - [0.0, cones[0].apex[1], 0.0]
         style = "-" if abs(height) < 1e-9 else "--"
@@ -95,25 +101,34 @@ def show_cones_from_above(
         ax.fill(*outline.T, fill=False, edgecolor=colour, linestyle=style)
         ax.plot(x, z, "o" if style == "-" else "s", color=colour)
     if letters:
-        _write_letters(ax, cones)
-    ax.set(xlabel="$X / B$", ylabel="$Z / B$", aspect="equal", facecolor="white")
+        _write_letters(ax, cones, reach / 10)
+    middle_x = (cones[0].apex[0] + cones[1].apex[0]) / 2
+    wide = 0.65 * reach if letters else 1.3 * reach  # printed cones look apart
+    ax.set(
+        xlabel="$X / B$",
+        ylabel="$Z / B$",
+        aspect="equal",
+        facecolor="white",
+        xlim=(middle_x - wide, middle_x + wide),
+        ylim=(-0.3 * reach, 1.05 * reach),
+    )
     ax.set_title(title, fontsize=10)
 
 
-def _write_letters(ax: Axes, cones: Sequence[Cone]) -> None:
-    """B, beta_1, beta_2, x0 and z0 of two cones whose apexes lie on X."""
+def _write_letters(ax: Axes, cones: Sequence[Cone], step: float) -> None:
+    """B, beta_1, beta_2, x0 and z0 of two cones whose apexes lie on X; letters are a step high."""
     (a, _, _), (b, _, _) = cones[0].apex, cones[1].apex
     slopes = [cone.axis[2] / cone.axis[0] for cone in cones[:2]]
     x0 = (slopes[0] * a - slopes[1] * b) / (slopes[0] - slopes[1])
     z0 = slopes[0] * (x0 - a)
-    ax.annotate("", (a, -0.2), (b, -0.2), arrowprops={"arrowstyle": "<->"})
-    ax.text((a + b) / 2, -0.22, "$B$", ha="center", va="top")
+    ax.annotate("", (a, -1.1 * step), (b, -1.1 * step), arrowprops={"arrowstyle": "<->"})
+    ax.text((a + b) / 2, -1.3 * step, "$B$", ha="center", va="top")
     ax.plot([x0, x0], [0, z0], ":", color="black", linewidth=1)
     ax.text(x0, z0 / 2, " $z_0$", va="center")
-    ax.text((a + x0) / 2, -0.05, "$x_0$", ha="center", va="top")
+    ax.text((a + x0) / 2, 0, "$x_0$", ha="center", va="top")
     ax.plot(x0, z0, "o", color="black", markersize=4)
     for start, text, side in ((a, r"$\beta_1$", 1), (b, r"$\beta_2$", -1)):
-        ax.text(start + 0.2 * side, 0.03, text, ha="center", va="bottom")
+        ax.text(start + 1.3 * step * side, 0, text, ha="center", va="bottom")
 
 
 def workspace_scene(cones: Sequence[Cone], mesh: Mesh, height: int = 420) -> Any:
