@@ -12,6 +12,7 @@ from .markers import (
     mark_window,
     plot_following,
     plot_over_slant,
+    plot_rod_section,
     plot_thresholds,
 )
 from .matching import plot_epipolar_plane, plot_windows
@@ -53,6 +54,7 @@ __all__ = [
     "plot_prediction",
     "plot_residuals",
     "plot_rig",
+    "plot_rod_section",
     "plot_shares",
     "plot_structure",
     "plot_thresholds",
