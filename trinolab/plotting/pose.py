@@ -70,7 +70,7 @@ def plot_frames(rig: Rig, T_world_handle: RigidTransform) -> Figure:
         mm.
     """
     figure = plt.figure(figsize=(6.9, 4.4), facecolor="white")
-    ax: Axes3D = figure.add_axes((-0.05, -0.1, 1.12, 1.25), projection="3d")  # type: ignore[assignment]
+    ax: Axes3D = figure.add_axes((-0.05, -0.1, 1.12, 1.25), projection="3d")
     frames = {camera.name: camera.T_world_cam for camera in rig.cameras}
     frames["handle"] = T_world_handle
     for (name, T), colour in zip(
