@@ -37,16 +37,16 @@ def plot_epipolar_plane(
     figure = plt.figure(figsize=(7.5, 4.2), layout="constrained", facecolor="white")
     ax: Axes3D = figure.add_subplot(projection="3d")
     for camera, colour in ((left, COLOURS[0]), (right, COLOURS[1])):
-        draw_camera(ax, camera, colour)
+        _draw_camera(ax, camera, colour)
     ax.plot(*np.stack([left.centre, points[-1]]).T, color=COLOURS[0], label="ray of the left pixel")
     ax.scatter(*points.T, color="black", s=20, label="points that it may show")
     for point in points:
         ax.plot(*np.stack([right.centre, point]).T, color=COLOURS[1], linewidth=0.8)
     plane = np.stack([left.centre, points[-1], right.centre])
     ax.add_collection3d(Poly3DCollection([plane], facecolor=COLOURS[2], alpha=0.15))
-    seen = on_image(right, right.project(points))
+    seen = _on_image(right, right.project(points))
     ax.plot(*seen.T, "o-", color=COLOURS[4], markersize=4, label="epipolar line, right image")
-    seen_from_the_side(ax)
+    _seen_from_the_side(ax)
     figure.legend(loc="outside lower center", ncols=3)
     return figure
 
@@ -77,15 +77,15 @@ def plot_windows(windows: Sequence[Sequence[ArrayLike]], titles: Sequence[Sequen
     return figure
 
 
-def draw_camera(ax: Axes3D, camera: Camera, colour: str) -> None:
+def _draw_camera(ax: Axes3D, camera: Camera, colour: str) -> None:
     """A camera's centre, its name, and its image in front of it."""
-    corners = on_image(camera, np.array([[0, 0], [1, 0], [1, 1], [0, 1]]) * camera.size)
+    corners = _on_image(camera, np.array([[0, 0], [1, 0], [1, 1], [0, 1]]) * camera.size)
     ax.add_collection3d(Poly3DCollection([corners], facecolor=colour, alpha=0.15, edgecolor=colour))
     ax.scatter(*camera.centre, color=colour, s=30)
     ax.text(*camera.centre, f"  {camera.name}", color=colour)
 
 
-def seen_from_the_side(ax: Axes3D) -> None:
+def _seen_from_the_side(ax: Axes3D) -> None:
     """One scale for all directions, no axes; the first camera looks to the right."""
     ax.set_aspect("equal")
     ax.set_box_aspect(ax.get_box_aspect(), zoom=1.15)
@@ -93,7 +93,7 @@ def seen_from_the_side(ax: Axes3D) -> None:
     ax.view_init(elev=25, azim=30, roll=-90)
 
 
-def on_image(camera: Camera, uv: ArrayLike) -> Array:
+def _on_image(camera: Camera, uv: ArrayLike) -> Array:
     """Points of an image that is drawn in front of its camera, world frame, shape (n, 3)."""
     pixels = as_points(uv, "uv", 2)
     xy = camera.normalise(pixels)

@@ -6,17 +6,16 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from mpl_toolkits.mplot3d.axes3d import Axes3D
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import RigidTransform
 
 from ..camera import Camera, Rig
 from ..checks import Array, as_array
 from .basics import COLOURS
-from .matching import seen_from_the_side
 
 AXIS_MM = 70.0  # length of a frame's axes
 BEYOND = 1.15  # a ray is drawn so much farther than the point
+FRAME_COLOURS = (COLOURS[0], "#A06A00", COLOURS[2], "black")  # legible as text
 
 
 def plot_two_rays(
@@ -69,21 +68,26 @@ def plot_frames(rig: Rig, T_world_handle: RigidTransform) -> Figure:
     T_world_handle : RigidTransform
         mm.
     """
-    figure = plt.figure(figsize=(6.9, 4.4), facecolor="white")
-    ax: Axes3D = figure.add_axes((-0.05, -0.1, 1.12, 1.25), projection="3d")
+    figure, ax = plt.subplots(figsize=(6.9, 3.8), layout="constrained", facecolor="white")
     frames = {camera.name: camera.T_world_cam for camera in rig.cameras}
     frames["handle"] = T_world_handle
-    for (name, T), colour in zip(
-        frames.items(), ("#0072B2", "#A06A00", "#009E73", "black"), strict=False
-    ):
+    for (name, T), colour in zip(frames.items(), FRAME_COLOURS, strict=False):
         _draw_frame(ax, name, T, colour)
-    world = rig.cameras[0].centre
+    world = _oblique(rig.cameras[0].centre)
     ways = {"Eq. 21 ": rig.cameras[1].centre, "Eq. 23": T_world_handle.translation}
     for (label, start), side in zip(ways.items(), ("right", "center"), strict=True):
-        ax.plot(*np.stack([start, world]).T, ":", color="black", linewidth=1)
-        ax.text(*((np.asarray(start) + world) / 2), label, ha=side, va="bottom")
-    seen_from_the_side(ax)
+        ends = np.stack([_oblique(start), world])
+        ax.plot(*ends.T, ":", color="black", linewidth=1)
+        ax.text(*ends.mean(axis=0), label, ha=side, va="bottom")
+    ax.set_aspect("equal")
+    ax.margins(0.08)
+    ax.axis("off")
     return figure
+
+
+def _oblique(points: ArrayLike) -> Array:
+    """World points on the page, shape (..., 2): z to the right, y down, x obliquely backwards."""
+    return np.asarray(points, dtype=float) @ np.array([[-0.4, 0.45], [0.0, -1.0], [1.0, 0.0]])
 
 
 def _from_above(left: Camera, points: Array) -> Array:
@@ -91,11 +95,13 @@ def _from_above(left: Camera, points: Array) -> Array:
     return left.T_cam_world.apply(points)[:, [2, 0]]
 
 
-def _draw_frame(ax: Axes3D, name: str, T: RigidTransform, colour: str) -> None:
+def _draw_frame(ax: Axes, name: str, T: RigidTransform, colour: str) -> None:
     """Three labelled arrows at a frame's origin."""
-    origin = T.translation
-    ax.scatter(*origin, color=colour, s=25)
-    ax.text(*origin, f"  {name}", color=colour, va="bottom", fontweight="bold")
+    origin = _oblique(T.translation)
+    ax.plot(*origin, "o", color=colour)
+    ax.annotate(name, origin, (8, 5), textcoords="offset points", color=colour, fontweight="bold")
     for axis, letter in zip(T.rotation.as_matrix().T, "xyz", strict=True):
-        ax.quiver(*origin, *(AXIS_MM * axis), color=colour, arrow_length_ratio=0.15)
-        ax.text(*(origin + 1.25 * AXIS_MM * axis), f"${letter}$", color=colour, ha="center")
+        tip = origin + AXIS_MM * _oblique(axis)
+        ax.plot(*tip, " ")  # so that the limits hold it
+        ax.annotate("", tip, origin, arrowprops={"arrowstyle": "-|>", "color": colour})
+        ax.text(*(origin + 1.25 * (tip - origin)), f"${letter}$", color=colour, ha="center")
