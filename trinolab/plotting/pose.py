@@ -78,7 +78,8 @@ def plot_frames(rig: Rig, T_world_handle: RigidTransform) -> Figure:
     for (label, start), side in zip(ways.items(), ("right", "center"), strict=True):
         ends = np.stack([_oblique(start), world])
         ax.plot(*ends.T, ":", color="black", linewidth=1)
-        ax.text(*ends.mean(axis=0), label, ha=side, va="bottom")
+        u, v = ends.mean(axis=0)
+        ax.text(u, v, label, ha=side, va="bottom")
     ax.set_aspect("equal")
     ax.margins(0.08)
     ax.axis("off")
@@ -98,10 +99,13 @@ def _from_above(left: Camera, points: Array) -> Array:
 def _draw_frame(ax: Axes, name: str, T: RigidTransform, colour: str) -> None:
     """Three labelled arrows at a frame's origin."""
     origin = _oblique(T.translation)
-    ax.plot(*origin, "o", color=colour)
-    ax.annotate(name, origin, (8, 5), textcoords="offset points", color=colour, fontweight="bold")
+    u, v = origin
+    ax.plot(u, v, "o", color=colour)
+    ax.annotate(name, (u, v), (8, 5), textcoords="offset points", color=colour, fontweight="bold")
     for axis, letter in zip(T.rotation.as_matrix().T, "xyz", strict=True):
-        tip = origin + AXIS_MM * _oblique(axis)
+        along = AXIS_MM * _oblique(axis)
+        tip = (u + along[0], v + along[1])
         ax.plot(*tip, " ")  # so that the limits hold it
-        ax.annotate("", tip, origin, arrowprops={"arrowstyle": "-|>", "color": colour})
-        ax.text(*(origin + 1.25 * (tip - origin)), f"${letter}$", color=colour, ha="center")
+        ax.annotate("", tip, (u, v), arrowprops={"arrowstyle": "-|>", "color": colour})
+        x, y = origin + 1.25 * along
+        ax.text(x, y, f"${letter}$", color=colour, ha="center")
