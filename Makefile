@@ -37,10 +37,11 @@ lint: .venv/package.done  ## check style and types
 verify: .venv/package.done  ## the heavy counts, as a report: an hour; ARGS="--only nees --draws 100" is quick
 	@$(BIN)/python tests/verify.py $(ARGS)
 
-sweeps: .venv/package.done  ## make the tables in data/sweeps again: three quarters of an hour
+sweeps: .venv/package.done  ## make the tables in data/sweeps again: an hour
 	@$(BIN)/python -m trinolab.studies factors
 	@$(BIN)/python -m trinolab.studies budget
 	@$(BIN)/python -m trinolab.studies elevation
+	@$(BIN)/python -m trinolab.studies calibration_error
 	@$(BIN)/python -m trinolab.studies bound
 	@$(BIN)/python -m trinolab.studies gallery
 

@@ -6,7 +6,14 @@ the page's theme.
 
 from .background import plot_pixel_histories, plot_shares, plot_verdicts, show_table
 from .basics import COLOURS, plot_beside, plot_curves, plot_pose_errors, show_frames, show_image
-from .errors import plot_by_slant, plot_elevation, plot_estimators, plot_factor, plot_residuals
+from .errors import (
+    plot_by_slant,
+    plot_calibration_error,
+    plot_elevation,
+    plot_estimators,
+    plot_factor,
+    plot_residuals,
+)
 from .filters import plot_nis, plot_normals, plot_prediction
 from .markers import (
     mark_window,
@@ -34,6 +41,7 @@ __all__ = [
     "mark_window",
     "plot_beside",
     "plot_by_slant",
+    "plot_calibration_error",
     "plot_chain",
     "plot_contacts",
     "plot_curves",

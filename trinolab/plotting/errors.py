@@ -4,7 +4,7 @@ calibration.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import matplotlib.pyplot as plt
@@ -23,6 +23,14 @@ if TYPE_CHECKING:
 SHIPPED_DEG = {"raised_40deg": 40.0, "paper_trinocular": 90.0}
 _STYLES = ("o-", "s--", "D-.", "^:", "v-")
 _MARKERS = "osD^vP"
+COLUMN_IN = 7.0  # width of a page's column
+_EXACT = 3.0  # how far to the left of the first level an exact rig is drawn
+_CALIBRATION_PANELS = {
+    "E_t_mm": "E_t / mm",
+    "geodesic_deg": "geodesic angle / deg",
+    "measured": "measured",
+    "off": "off by 2 mm or 5°",
+}
 
 
 def plot_factor(
@@ -133,6 +141,87 @@ def plot_elevation(table: pd.DataFrame, estimator: str) -> Figure:
     )
     angle.set(ylabel="geodesic angle / deg", xlabel="elevation of CCD3 / deg")
     return figure
+
+
+def plot_calibration_error(table: pd.DataFrame, handle: str, limit_mm: float) -> Figure:
+    """Pose errors, and the poses that are measured, over the error of the calibration: a colour a
+    rig, a style an estimator, bands of 95 %.
+
+    Parameters
+    ----------
+    table : pandas.DataFrame
+        As `calibration_error.make_table` gives it; what is changed are principal points and
+        directions. The exact rig stands at the left edge.
+    handle : str
+        Whose rows are shown.
+    limit_mm : float
+        Of E_t, a dotted line.
+
+    Raises
+    ------
+    ValueError
+        If the table has no row of that handle.
+    """
+    rows = table[(table["handle"] == handle) & (table["changed"] == "directions")]
+    if rows.empty:
+        raise ValueError(
+            f"handle: expected one of {', '.join(table['handle'].unique())}, got {handle!r}"
+        )
+    exact = rows.loc[rows["centre_px"] > 0, "centre_px"].min() / _EXACT
+    with plt.rc_context({"font.size": 9}):
+        figure, axes = plt.subplots(
+            2,
+            2,
+            figsize=(COLUMN_IN, 5.2),
+            sharex=True,
+            height_ratios=(2.2, 1),
+            layout="constrained",
+            facecolor="white",
+        )
+        for ax, (column, ylabel) in zip(axes.flat, _CALIBRATION_PANELS.items(), strict=True):
+            for (rig, estimator), curve in rows.groupby(["rig", "estimator"], sort=False):
+                colour = COLOURS[0 if rig == rows["rig"].iloc[0] else 4]
+                style = "s--" if estimator == rows["estimator"].iloc[0] else "o-"
+                x = curve["centre_px"].where(curve["centre_px"] > 0, exact)
+                ax.plot(
+                    x, curve[column], style, color=colour, label=f"{rig}, {estimator}", markersize=4
+                )
+                ax.fill_between(
+                    x,
+                    curve[f"{column}_low"],
+                    curve[f"{column}_high"],
+                    color=colour,
+                    alpha=0.2,
+                    lw=0,
+                )
+            ax.set(xscale="log", ylabel=ylabel, facecolor="white")
+            ax.grid(alpha=0.3)
+        for ax in axes[0]:
+            ax.set(yscale="log")
+            ax.yaxis.set(major_formatter="{x:g}", minor_formatter="")
+            above = ax.secondary_xaxis("top", functions=_between(rows))
+            above.set(xlabel="each camera turned about an axis by / deg")
+            above.set_xticks(
+                ticks := [0.0005, 0.0015, 0.005, 0.015, 0.05], map("{:g}".format, ticks)
+            )
+            above.minorticks_off()
+        axes[0, 0].axhline(limit_mm, color="black", linestyle=":", label=f"{limit_mm:g} mm")
+        for ax in axes[1]:
+            ax.set(xlabel="each principal point off by / px", ylim=(-0.03, 1.03))
+        named = {exact: "exact"} | {px: f"{px:g}" for px in (0.01, 0.03, 0.1, 0.3, 1.0)}
+        axes[1, 0].set_xticks(list(named), list(named.values()))
+        axes[1, 0].minorticks_off()
+        figure.legend(
+            *axes[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=3, fontsize=9
+        )
+    return figure
+
+
+def _between(rows: pd.DataFrame) -> tuple[Callable[[Array], Array], Callable[[Array], Array]]:
+    """From the principal points' error to the directions', and back."""
+    last = rows.iloc[-1]
+    ratio = last["turn_deg"] / last["centre_px"]
+    return (lambda px: px * ratio, lambda deg: deg / ratio)
 
 
 def _curves(ax: Axes, curves: dict) -> None:

@@ -40,6 +40,16 @@ def main(argv: Sequence[str] | None = None) -> int:
         "--draws", type=int, default=5, metavar="N", help="tables of rendered frames (%(default)s)"
     )
     _add(studies, "elevation", "CCD3's elevation from 10 to 90 deg: elevation.csv")
+    calibration = _add(
+        studies,
+        "calibration_error",
+        "what a rig file that is off costs a pose: calibration_error.csv",
+    )
+    calibration.add_argument(
+        "--draws", type=int, default=40, metavar="N", help="rigs drawn a level (%(default)s)"
+    )
+    _add_kept(calibration, "_build/calibration_error", "finished draws")
+    _add_workers(calibration)
     factors = _add(studies, "factors", "the four factors of Sect. 6.5, a table each")
     factors.add_argument(
         "--factor", nargs="+", metavar="FACTOR", help="some of them; all without it"
