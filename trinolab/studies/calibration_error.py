@@ -110,12 +110,13 @@ def one_draw(changed: str, level: float, rig: str, handle: str, draw: int) -> di
         was measured and is more than 2 mm or 5 deg off. The first five are NaN if fewer than ten
         were measured.
     """
-    believed = drawn_rig(load_rig(rig), changed, level, draw)
-    found = measure_frames(_frames(rig, handle), believed, load_handle(handle), SETTINGS)
+    shown = _shown(rig, handle)
+    believed = drawn_rig(shown.rig, changed, level, draw)
+    found = measure_frames(shown.frames, believed, shown.handle, SETTINGS)
     return {
         f"{name}_{estimator}": value
         for estimator, measurements in found.items()
-        for name, value in _results(measurements, load_handle(handle)).items()
+        for name, value in _results(measurements, shown.handle).items()
     }
 
 
@@ -304,9 +305,18 @@ def _errors(found: RigidTransform, truths: RigidTransform) -> dict[str, float]:
     }
 
 
+class _Shown(NamedTuple):
+    """Who looks at what: the true rig, the handle, and the frames of Table 1's poses."""
+
+    rig: Rig
+    handle: Handle
+    frames: list[list[np.ndarray]]
+
+
 @lru_cache(maxsize=1)
-def _frames(rig: str, handle: str) -> list[list[np.ndarray]]:
-    """The true rig's frames of Table 1's poses; those of one rig and handle are kept, 80 MB."""
+def _shown(rig: str, handle: str) -> _Shown:
+    """What is rendered; that of one rig and handle is kept, 80 MB."""
     rng = np.random.default_rng(NOISE_SEED)
     true, rod = load_rig(rig), load_handle(handle)
-    return [render_rig(true, rod, T, Bench(), rng) for T in load_table1().set_poses]
+    frames = [render_rig(true, rod, T, Bench(), rng) for T in load_table1().set_poses]
+    return _Shown(true, rod, frames)
