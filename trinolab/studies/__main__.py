@@ -148,6 +148,8 @@ def _one_table(a: argparse.Namespace, study: ModuleType) -> pd.DataFrame:
     """The table of a study that has one, of the study's own name."""
     if a.study == "second_renderer":
         return study.make_table(Path(a.kept))
+    if a.study == "calibration_error":
+        return study.make_table(a.draws, a.workers, Path(a.kept))
     if a.study == "stress":
         return study.make_table(a.instants, a.workers, Path(a.kept))
     return study.sweep_elevation(progress=True) if a.study == "elevation" else study.sweep_bounds()

@@ -9,7 +9,6 @@ scales: levels, rigs, handles and estimators are compared on the same draws.
 
 from __future__ import annotations
 
-import shutil
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -28,7 +27,6 @@ from ..bench.scene import render_rig
 from ..camera import Camera, Rig
 from ..checks import Array, as_number, as_points, as_whole
 from ..datasets import load_handle, load_rig, load_table1
-from ..files.outputs import write_table
 from ..handle import Handle
 from ..measurement import Measurement
 from ..methods import BEST
@@ -155,9 +153,17 @@ def pattern(positions: ArrayLike, errors: ArrayLike) -> Pattern:
     return Pattern(float(1.0 - scatter / squares), float(1.0 - rest / scatter))
 
 
-def make_table(workers: int, kept: Path, draws: int = DRAWS) -> pd.DataFrame:
-    """The shipped table; finished draws are kept in a folder, with which a call that was stopped
-    goes on.
+def make_table(draws: int, workers: int, kept: Path) -> pd.DataFrame:
+    """The shipped table.
+
+    Parameters
+    ----------
+    draws : int
+        Of each level.
+    workers : int
+        Processes.
+    kept : path
+        Folder that keeps finished draws, see `sweep.runs.sweep`.
 
     Returns
     -------
@@ -175,12 +181,6 @@ def make_table(workers: int, kept: Path, draws: int = DRAWS) -> pd.DataFrame:
             raise ValueError(f"{len(bad)} draws failed; the first: {bad['error'].iloc[0]}")
         rows += summaries(found)
     return pd.DataFrame(rows)
-
-
-def write(path: Path, workers: int, kept: Path, draws: int = DRAWS) -> None:
-    """Write the table whole, and forget the finished draws; see `make_table`."""
-    write_table(make_table(workers, kept, draws), path)
-    shutil.rmtree(kept)
 
 
 def _grids(draws: int) -> dict[str, dict[str, Sequence]]:
