@@ -14,7 +14,7 @@ endif
 unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
-.PHONY: help book test lab lint verify sweeps bench clean
+.PHONY: help book test lab lint verify sweeps sheet bench clean
 
 help:  ## show this list
 	@sed -n 's/^\([a-z]*\):.*## /\1\t/p' $(MAKEFILE_LIST)
@@ -44,6 +44,10 @@ sweeps: .venv/package.done  ## make the tables in data/sweeps again: an hour
 	@$(BIN)/python -m trinolab.studies calibration_error
 	@$(BIN)/python -m trinolab.studies bound
 	@$(BIN)/python -m trinolab.studies gallery
+
+sheet: .venv/package.done  ## the data sheet of the standard rig in _build/sheet, its numbers and its row of the control chart in data/accept: 15 minutes
+	@$(BIN)/trinolab accept --rig raised_40deg --handle coded --chart data/accept/history.csv --out _build/sheet
+	@cp _build/sheet/sheet.json data/accept/raised_40deg.json
 
 bench: .venv/package.done  ## the time that a measurement, an instant of a track, a frame, a sweep, a tick of the arm take
 	@$(BIN)/python tests/benchmarks/bench_measure.py

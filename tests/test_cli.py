@@ -38,6 +38,7 @@ COMMANDS = (
     "capture",
     "render",
     "teleop",
+    "accept",
     "sweep",
     "clear",
     "scoreboard",

@@ -10,15 +10,16 @@ from types import SimpleNamespace
 import numpy as np
 import pandas as pd
 import pytest
-from healthy import run
+from healthy import make_healthy, run
 from test_acceptance import pointer_rows, rows_of, setup, static_rows
 
 from trinolab.accept import command, history, pointer, rest, sheet, static, work
 from trinolab.accept.command import accept, as_lines
-from trinolab.accept.numbers import OWN, Answer, Number, far_count, share
+from trinolab.accept.numbers import CLOCK, OWN, Answer, Number, far_count, share
 from trinolab.accept.sheet import Sheet, contents, digits, read_sheet
 from trinolab.accept.work import Found, Kept, Part, Source
 from trinolab.datasets import data_path
+from trinolab.files.poses import read_poses
 
 RIG, HANDLE = data_path("rigs", "raised_40deg.toml"), data_path("handles", "coded.toml")
 
@@ -157,10 +158,10 @@ def test_json_is_read_back(made, tmp_path):
     path.write_text(text, encoding="utf-8")
     about, numbers = read_sheet(path)
     assert about["rig"] == "raised_40deg"
-    assert len(numbers) == len(made[0].numbers)
     wanted = [number.value for number in made[0].numbers]
-    np.testing.assert_allclose(numbers["value"], wanted, rtol=1e-5)
-    assert numbers["source"].isin([OWN, "this computer's clock"]).all()
+    np.testing.assert_allclose([number.value for number in numbers], wanted, rtol=1e-5)
+    assert {number.source for number in numbers} == {OWN, CLOCK}
+    assert len(sheet.readable(numbers)) == len(numbers)
 
 
 @pytest.mark.parametrize(
@@ -327,7 +328,7 @@ def test_command_writes_the_sheet(quick, tmp_path):
     about, numbers = read_sheet(tmp_path / "out" / "sheet.json")
     assert about["poses"] == 8
     assert "trinolab accept --rig raised_40deg.toml --handle coded.toml" in about["command"]
-    assert set(numbers["test"]) == {"A1", "A2"}
+    assert {number.test for number in numbers} == {"A1", "A2"}
     assert len(history.read_history(chart)) == 4
     lines = as_lines(done)
     assert any(line.startswith("A2  position error, rms: 0.000173 mm") for line in lines)
@@ -379,3 +380,46 @@ def test_counts_say_how_sure_they_are():
     assert none.value == 0
     assert none.note == "a share of at most 0.58 %, 95 % sure"
     assert Answer().numbers == []
+
+
+# --- recordings
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory):
+    """A folder with a recording of a moving handle in small images."""
+    root = tmp_path_factory.mktemp("recorded")
+    make_healthy(root, 10)
+    return root
+
+
+def test_a_recording_in_the_renderer_s_place(recording, tmp_path, monkeypatch):
+    """The tests that need no truth; poses are written once, and taken from there by a second
+    call.
+    """
+    monkeypatch.setattr(command.arm, "why_not", lambda: "needs the package mujoco")
+    files = recording / "rec" / "rig.toml", recording / "rec" / "handle.toml"
+    out = tmp_path / "out"
+    done = accept(*files, out, [recording / "rec"], workers=1, progress=False)
+    table = read_poses(out / "poses_0_rec.csv")
+    (number,) = [n for n in done.sheet.numbers if n.what == "measured, of all instants"]
+    assert number.value == pytest.approx(100 * (table["status"] == "measured").mean())
+    assert (number.source, number.seed, number.n) == ("recording rec", None, 10)
+    assert set(done.sheet.left_out) == {"A1", "A2", "A3", "A4", "A5", "A7"}
+    assert "in no recording does the handle rest" in done.sheet.left_out["A1"]
+    monkeypatch.setattr(command, "track_folder", None)
+    again = accept(*files, out, [recording / "rec"], workers=1, progress=False)
+    assert again.sheet.numbers == done.sheet.numbers
+    assert "recording rec" in Read((out / "index.html").read_text()).text
+
+
+def test_a_folder_that_is_no_recording_is_refused(recording, tmp_path):
+    with pytest.raises(ValueError, match="nowhere"):
+        accept(
+            recording / "rig.toml",
+            recording / "handle.toml",
+            tmp_path / "out",
+            [recording / "rec", tmp_path / "nowhere"],
+            progress=False,
+        )
+    assert not (tmp_path / "out").exists()

@@ -19,8 +19,8 @@ from ..files.inputs import read_csv
 from ..files.kept import locked
 from ..files.outputs import write_whole
 from ..files.provenance import commit
-from ..plotting import datasheet
-from .numbers import Number
+from ..plotting.datasheet import as_png, plot_control_chart
+from .numbers import Number, Picture
 
 # test, quantity, statistic, and a short name for the chart's axis
 CHARTED = (
@@ -32,6 +32,9 @@ CHARTED = (
 RUN = ("date", "commit", "rig", "handle", "poses", "seed")
 COLUMNS = (*RUN, "test", "what", "statistic", "value", "low", "high", "unit", "n")
 SHORT = 7  # letters of a commit
+ALT = (
+    "The {} over the commits, a dot with its interval each; the band is the interval of the first."
+)
 
 
 def rows_of(
@@ -84,9 +87,9 @@ def extend(path: str | Path, rows: pd.DataFrame) -> pd.DataFrame:
     return read_csv(target) if target.exists() else pd.read_csv(io.StringIO(text))
 
 
-def charts(table: pd.DataFrame, rig: str, handle: str, poses: int, seed: int) -> list[bytes]:
-    """A control chart, a PNG file, for each of `CHARTED` that the table has for a rig, a handle, a
-    size and a seed.
+def charts(table: pd.DataFrame, rig: str, handle: str, poses: int, seed: int) -> list[Picture]:
+    """A control chart for each of `CHARTED` that the table has for a rig, a handle, a size and a
+    seed.
     """
     same = (
         (table["rig"] == rig)
@@ -106,9 +109,6 @@ def charts(table: pd.DataFrame, rig: str, handle: str, poses: int, seed: int) ->
             limits = rows[["low", "high"]].to_numpy(float)
             value = rows["value"].to_numpy(float)
             limits = np.where(np.isfinite(limits), limits, value[:, None])
-            pictures.append(
-                datasheet.as_png(
-                    datasheet.plot_control_chart(rows["commit"].tolist(), value, limits, label)
-                )
-            )
+            figure = plot_control_chart(rows["commit"].tolist(), value, limits, label)
+            pictures.append(Picture(f"chart_{test}_{what}", ALT.format(label), as_png(figure)))
     return pictures

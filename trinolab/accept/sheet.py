@@ -66,15 +66,15 @@ class Sheet:
         Of every test.
     left_out : dict
         Why a test was not run, by its name.
-    charts : list of bytes
-        The control charts as PNG files, if there are any.
+    charts : list of Picture
+        The control charts, if there are any.
     """
 
     about: dict[str, Any]
     answers: dict[str, Answer]
     titles: dict[str, str]
     left_out: dict[str, str] = field(default_factory=dict)
-    charts: list[bytes] = field(default_factory=list)
+    charts: list[Picture] = field(default_factory=list)
 
     @property
     def numbers(self) -> list[Number]:
@@ -117,8 +117,8 @@ def _plain(row: Mapping[str, Any]) -> dict[str, Any]:
     return kept
 
 
-def read_sheet(path: str | Path) -> tuple[dict[str, Any], pd.DataFrame]:
-    """Read a sheet's JSON: what it says of itself, and its numbers with the columns of `Number`.
+def read_sheet(path: str | Path) -> tuple[dict[str, Any], list[Number]]:
+    """Read a sheet's JSON: what it says of itself, and its numbers.
 
     Raises
     ------
@@ -129,10 +129,27 @@ def read_sheet(path: str | Path) -> tuple[dict[str, Any], pd.DataFrame]:
     if not isinstance(found, dict) or found.get("format") != FORMAT:
         raise ValueError(f"{path}: expected a sheet of format {FORMAT}")
     try:
-        numbers = [Number(**row) for row in found["numbers"]]
+        return found["about"], [Number(**row) for row in found["numbers"]]
     except (KeyError, TypeError) as error:
         raise ValueError(f"{path}: expected the numbers of a sheet ({error})") from None
-    return found["about"], as_table(numbers)
+
+
+def readable(numbers: Sequence[Number]) -> pd.DataFrame:
+    """Numbers as a table of texts for a reader: what, statistic, value, interval, n, seed."""
+    rows = [
+        (
+            number.what,
+            number.statistic,
+            value_text(number),
+            interval_text(number),
+            number.n,
+            "" if number.seed is None else number.seed,
+            number.interval or number.note,
+        )
+        for number in numbers
+    ]
+    columns = ["what", "statistic", "value", "95 %", "n", "seed", "interval by, or note"]
+    return pd.DataFrame(rows, columns=columns)
 
 
 def second_renderer() -> pd.DataFrame | None:
@@ -258,11 +275,12 @@ def _test(sheet: Sheet, name: str) -> str:
         return f"{head}<p>Not run: {escape(sheet.left_out.get(name, 'nothing was measured'))}.</p>"
     answer = sheet.answers[name]
     notes = "".join(f"<p>{escape(note)}</p>" for note in answer.notes)
-    figures = "".join(_figure(picture) for picture in answer.pictures)
+    figures = "".join(figure_html(picture) for picture in answer.pictures)
     return f'{head}{notes}<div class="figures">{figures}</div>{_numbers(answer.numbers)}'
 
 
-def _figure(picture: Picture) -> str:
+def figure_html(picture: Picture) -> str:
+    """A picture as a piece of a page that carries it."""
     return (
         f'<figure><img alt="{escape(picture.alt, quote=True)}" '
         f'src="data:image/png;base64,{base64.b64encode(picture.png).decode("ascii")}">'
@@ -315,20 +333,11 @@ def digits(value: float) -> str:
     return np.format_float_positional(value, precision=3, fractional=False, trim="-")
 
 
-def _chart(charts: Sequence[bytes]) -> str:
+def _chart(charts: Sequence[Picture]) -> str:
     head = '<h2 id="A8">A8 Control chart</h2>'
     if not charts:
         return f"{head}<p>No chart was named (<code>--chart</code>).</p>"
-    pictures = [
-        Picture(
-            "chart",
-            "A number of this sheet over the commits, a dot with its interval each; the band is "
-            "the interval of the first.",
-            png,
-        )
-        for png in charts
-    ]
-    figures = "".join(map(_figure, pictures))
+    figures = "".join(map(figure_html, charts))
     return (
         f"{head}<p>The same poses and the same noise at each commit: two dots differ by the code "
         "alone. The band is the interval of the first one, in which another draw would lie as "
