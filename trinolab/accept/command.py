@@ -88,6 +88,8 @@ def accept(
     setup = setup_of(source)
     for path in recordings:
         open_folder(path, rig, handle)  # all of them before the first one is followed
+    if recordings and chart is not None:
+        raise ValueError("chart: expected no recordings beside it, it holds what is rendered")
     if not recordings:
         field_of(setup.rig, setup.handle)  # a rig without one is refused before the folder is made
     workers = min(as_whole(workers, "workers", 1), os.cpu_count() or 1)
@@ -108,11 +110,12 @@ def accept(
                 f"{count} parts are kept in {kept.path}; the same command goes on"
             ) from None
         cpu_s = sum(found.cpu_s for found in kept.found().values())
-    about = _about(source, recordings, cpu_s, len(setup.rig.cameras))
-    sheet = Sheet(about, answers, {name: test.TITLE for name, test in TESTS.items()}, left_out)
-    if chart is not None and not recordings:
-        _add_to_chart(sheet, chart, source)
-    write_together({folder / name: text for name, text in contents(sheet).items()})
+        about = _about(source, recordings, cpu_s, len(setup.rig.cameras))
+        titles = {name: test.TITLE for name, test in TESTS.items()}
+        sheet = Sheet(about, answers, titles, left_out)
+        if chart is not None:
+            _add_to_chart(sheet, chart, source)
+        write_together({folder / name: text for name, text in contents(sheet).items()})
     return Done(sheet, folder / PAGE, cpu_s)
 
 
@@ -153,7 +156,7 @@ def _rendered(
         name: TESTS[name].judge(setup, [found[Part(name, k).key].rows for k in range(count)])
         for name, count in counts.items()
     }
-    at_rest = [as_track(found[Part("A1", k).key].rows) for k in range(counts["A1"])]
+    at_rest = [as_track(found[Part("A1", k).key].rows) for k in range(counts.get("A1", 0))]
     noise = _noise(rest.jitter_of(at_rest), "it has in test A1")
     _lead_arm(source, noise, kept, workers, progress, answers, left_out)
     return answers, left_out

@@ -155,7 +155,15 @@ def _jitter(
     count = sum(len(rest.t_s) for rest in rests)
     all_places = Number(NAME, f"jitter, {kind}", "rms", rms(each), unit, count, seed, source)
     worst = Number(
-        NAME, f"jitter, {kind}", "worst place", float(each.max()), unit, count, seed, source
+        NAME,
+        f"jitter, {kind}",
+        "worst place",
+        float(each.max()),
+        unit,
+        count,
+        seed,
+        source,
+        note=f"of {len(each)} places",
     )
     return [all_places.within(_over_places(each)), worst]
 
