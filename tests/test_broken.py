@@ -13,6 +13,7 @@ from trinolab.datasets import load_handle, load_rig, load_table1
 from trinolab.markers import find_markers
 from trinolab.studies import broken
 from trinolab.studies.broken import FAULTS, Instant
+from trinolab.studies.stress import WINDOW_PX, watched
 
 PAIR, CODED = load_rig("paper_pair"), load_handle("coded")
 T = load_table1().set_poses[4]
@@ -129,7 +130,8 @@ def test_a_rolling_shutter_takes_each_row_at_its_own_time():
     centres = CODED.marker_centres
     shifted = T.apply(centres)
     for _ in range(3):  # the row that takes a marker depends on where it is then
-        times = broken.READOUT_S * (camera.project(shifted)[:, 1] / 1023 - 0.5)
+        rows = camera.project(shifted)[:, 1] - camera.principal_point[1]
+        times = broken.READOUT_S * rows / 1024
         shifted = np.array(
             [broken.later(T, motion, t).apply(c) for t, c in zip(times, centres, strict=True)]
         )
@@ -139,7 +141,19 @@ def test_a_rolling_shutter_takes_each_row_at_its_own_time():
     still = broken.rolled(
         camera, CODED, T, motion._replace(velocity=np.zeros(3), turn_rate=np.zeros(3))
     )
-    np.testing.assert_allclose(still, radiance(camera, CODED, T, Bench()), atol=1e-9)
+    np.testing.assert_allclose(still, radiance(camera, CODED, T, broken.BENCH), atol=1e-9)
+
+
+def test_a_rolling_shutter_does_not_ask_which_window_is_read():
+    motion = broken.hand_motion(np.random.default_rng(3))
+    whole = PAIR.cameras[0]
+    (window, _) = watched(PAIR, T).cameras
+    corner = whole.principal_point - window.principal_point
+    assert 0 < corner[1] < 1024 - WINDOW_PX
+    there, inside = (spots(broken.rolled(camera, CODED, T, motion)) for camera in (whole, window))
+    apart = np.linalg.norm(inside[:, None] + corner - there, axis=2).min(axis=1)
+    assert len(inside) == len(there) > 3
+    assert apart.max() < 0.15  # px; bands of rows begin at other rows
 
 
 def test_the_highlight_lies_where_lamp_and_camera_have_their_half():

@@ -69,7 +69,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     stress.add_argument(
         "--instants",
         type=int,
-        default=100,
+        default=390,
         metavar="N",
         help="of each fault and handle (%(default)s)",
     )
