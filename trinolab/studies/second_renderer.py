@@ -19,7 +19,7 @@ from scipy.spatial.transform import RigidTransform
 from scipy.stats import bootstrap
 
 from ..bench.optics import Bench
-from ..bench.scene import render_rig
+from ..bench.scene import render
 from ..files.poses import poses_by_frame, read_poses
 from ..files.recording import instants, open_folder
 from ..following.parameters import FollowParameters
@@ -30,6 +30,7 @@ from ..second import recipe
 from .replication import EVERY, Deviation, deviation, measure_frames
 
 SECOND, OURS = "second", "bench"  # the renderers
+FILM = "film"  # stands in the column of estimators for the best one that follows
 
 
 def make_table(kept: Path) -> pd.DataFrame:
@@ -46,7 +47,7 @@ def make_table(kept: Path) -> pd.DataFrame:
         A row for each renderer, rig, handle and estimator; the film has one of its own, `track` with
         the best estimator. Columns: instants `n`, of them `measured`, and of these `wrong` (off by
         more than 2 mm or 5 deg); for mm and deg the mean of the error with its 95 % interval, and
-        the rms of error by reported sigma.
+        the rms of error by reported sigma; the `seed`; the 95 % interval of that rms.
 
     Raises
     ------
@@ -68,8 +69,45 @@ def make_table(kept: Path) -> pd.DataFrame:
                 for estimator in ESTIMATORS
             ]
     film = {"renderer": SECOND, "rig": recipe.FILM_RIG, "handle": recipe.FILM_HANDLE}
-    rows.append({**film, "estimator": "film"} | judged(followed(folders["film"])))
+    rows.append({**film, "estimator": FILM} | judged(followed(folders["film"])))
     return pd.DataFrame(rows)
+
+
+def side_by_side(
+    table: pd.DataFrame, estimators: Sequence[str] = ("paper_checked", BEST)
+) -> pd.DataFrame:
+    """The shipped table for a reader: what an estimator gives on the second renderer's images, and
+    beside it what it gives on our own bench at the same poses.
+
+    Parameters
+    ----------
+    table : pandas.DataFrame
+        Of `make_table`.
+    estimators : sequence of str
+        Whose rows are shown; the film comes last.
+
+    Returns
+    -------
+    pandas.DataFrame
+        The columns ``..., own`` are those of our own bench; errors are means, `by sigma` is the rms
+        of error by reported sigma.
+    """
+    keys = ["rig", "handle", "estimator"]
+    shown = {
+        "mm": "mean_mm",
+        "by sigma, mm": "error_by_sigma_mm",
+        "deg": "mean_deg",
+        "by sigma, deg": "error_by_sigma_deg",
+    }
+    other, own = (
+        table[table["renderer"] == renderer].set_index(keys) for renderer in (SECOND, OURS)
+    )
+    rows = other[["n", "measured"]].copy()
+    for name, column in shown.items():
+        rows[name] = other[column]
+        rows[f"{name}, own"] = own[column]
+    kept = rows.index.get_level_values("estimator").isin([*estimators, FILM])
+    return rows[kept].reset_index()
 
 
 def recorded(name: str, kept: Path) -> Path:
@@ -102,14 +140,18 @@ def judged(deviations: Sequence[Deviation]) -> dict[str, float]:
         "measured": len(held),
         "wrong": sum(one.wrong for one in held),
     }
+    ratios = {}
     for unit in ("mm", "deg"):
         errors = np.array([getattr(one, unit) for one in held])
         sigmas = np.array([getattr(one, f"sigma_{unit}") for one in held])
+        ratios[unit] = (errors / sigmas) ** 2
         row[f"mean_{unit}"] = float(errors.mean()) if held else np.nan
         row[f"low_{unit}"], row[f"high_{unit}"] = interval(errors)
-        row[f"error_by_sigma_{unit}"] = (
-            float(np.sqrt(((errors / sigmas) ** 2).mean())) if held else np.nan
-        )
+        row[f"error_by_sigma_{unit}"] = float(np.sqrt(ratios[unit].mean())) if held else np.nan
+    row["seed"] = recipe.SEED
+    for unit, squares in ratios.items():
+        low, high = np.sqrt(interval(squares))
+        row[f"error_by_sigma_low_{unit}"], row[f"error_by_sigma_high_{unit}"] = low, high
     return row
 
 
@@ -129,10 +171,13 @@ def _read(folder: Path) -> Iterator[list[np.ndarray]]:
 
 
 def _ours(truths: Sequence[RigidTransform], handle: Handle) -> Iterator[list[np.ndarray]]:
-    """Frames of the standard scene, one for each of the recipe's cameras."""
-    rng = np.random.default_rng(recipe.SEED)
-    rig = recipe.four_cameras()
-    return (render_rig(rig, handle, T, Bench(), rng) for T in truths)
+    """Frames of the standard scene, one for each of the recipe's cameras; each has its own noise."""
+    cameras = recipe.four_cameras().cameras
+    for k, T in enumerate(truths):
+        yield [
+            render(camera, handle, T, Bench(), np.random.default_rng([recipe.SEED, k, c]))
+            for c, camera in enumerate(cameras)
+        ]
 
 
 def _measured(

@@ -16,6 +16,7 @@ import sys
 from collections.abc import Mapping, Sequence
 from itertools import islice
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -44,11 +45,18 @@ from .replication import (
 
 RIGS = {"paper_pair": 2, "raised_40deg": 3}  # how many of the cameras that take the frames
 HANDLES = ("coded", "paper")
+# Faults of where and when the cameras look: an image by itself does not show them.
+GEOMETRY = (
+    "rolling shutter 10 ms",
+    "calibration 0.1 px, 0.005 deg",
+    "calibration 0.3 px, 0.02 deg",
+    "frames 5 ms apart",
+)
 BLOCK = 10  # instants
 SEED = 15
 # All estimators measure the first rounds, two the others: what `trinolab measure` takes unless it is
 # told otherwise, and the best one.
-FIRST_ROUNDS = 3
+FIRST_ROUNDS = 2
 OFTEN = ("paper_checked", BEST)
 WINDOW_PX = 320  # a side; the markers and half a marker's distance beside them
 SIGMAS = 5.0  # off by more of them is beyond what a pose says of itself
@@ -239,6 +247,38 @@ def _judged(blocks: pd.DataFrame, name: str) -> dict[str, float]:
         )
         row[f"error_by_sigma_low_{unit}"], row[f"error_by_sigma_high_{unit}"] = low, high
     return row
+
+
+def by_fault(table: pd.DataFrame, rig: str, estimator: str) -> pd.DataFrame:
+    """The shipped table for a reader: a row a fault, both handles together.
+
+    Parameters
+    ----------
+    table : pandas.DataFrame
+        Of `make_table`.
+    rig, estimator : str
+        Whose rows are shown.
+
+    Returns
+    -------
+    pandas.DataFrame
+        The fault; instants `n`; the share `measured`; mean error and rms of error by reported sigma
+        for mm and deg; how many were `wrong`, and of them `unforeseen`, see `make_table`; the upper
+        95 % bound of the share of wrong ones.
+    """
+    rows = []
+    mine = table[(table["rig"] == rig) & (table["estimator"] == estimator)]
+    for fault, both in mine.groupby("fault", sort=False):
+        n, held, wrong = (int(both[name].sum()) for name in ("n", "measured", "wrong"))
+        share = both["measured"] / max(held, 1)
+        row: dict[str, Any] = {"fault": fault, "n": n, "measured": held / n}
+        for unit in ("mm", "deg"):
+            squares = both[f"error_by_sigma_{unit}"] ** 2
+            row[unit] = float((both[f"mean_{unit}"] * share).sum()) if held else np.nan
+            row[f"by sigma, {unit}"] = float(np.sqrt((squares * share).sum())) if held else np.nan
+        row |= {"wrong": wrong, "unforeseen": int(both["unforeseen"].sum())}
+        rows.append({**row, "wrong, at most": share_below(wrong, n)})
+    return pd.DataFrame(rows)
 
 
 def _ratio_interval(squares: Array, counts: Array) -> tuple[float, float]:
