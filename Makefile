@@ -37,11 +37,12 @@ lint: .venv/package.done  ## check style and types
 verify: .venv/package.done  ## the heavy counts, as a report: an hour; ARGS="--only nees --draws 100" is quick
 	@$(BIN)/python tests/verify.py $(ARGS)
 
-sweeps: .venv/package.done  ## make the tables in data/sweeps again: an hour
+sweeps: .venv/package.done  ## make the tables in data/sweeps again, but the one that needs another renderer: two hours
 	@$(BIN)/python -m trinolab.studies factors
 	@$(BIN)/python -m trinolab.studies budget
 	@$(BIN)/python -m trinolab.studies elevation
 	@$(BIN)/python -m trinolab.studies calibration_error
+	@$(BIN)/python -m trinolab.studies stress
 	@$(BIN)/python -m trinolab.studies bound
 	@$(BIN)/python -m trinolab.studies gallery
 

@@ -5,6 +5,7 @@ time.
 import json
 import re
 from html.parser import HTMLParser
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -18,9 +19,14 @@ from trinolab.accept.command import accept, as_lines
 from trinolab.accept.numbers import CLOCK, OWN, Answer, Number, far_count, share
 from trinolab.accept.sheet import Sheet, contents, digits, read_sheet
 from trinolab.accept.work import Found, Kept, Part, Source
-from trinolab.datasets import data_path
+from trinolab.datasets import data_path, load_sweep
 from trinolab.files.poses import read_poses
+from trinolab.methods import BEST
+from trinolab.studies.broken import FAULTS
+from trinolab.studies.second_renderer import side_by_side
+from trinolab.studies.stress import by_fault
 
+ROOT = Path(__file__).resolve().parents[1]
 RIG, HANDLE = data_path("rigs", "raised_40deg.toml"), data_path("handles", "coded.toml")
 
 
@@ -177,25 +183,35 @@ def test_what_is_no_sheet_is_refused(tmp_path, text):
 # --- the other renderer
 
 
-def test_other_renderer_is_shown_where_there_is_one(tmp_path, monkeypatch):
-    path = tmp_path / "second_renderer.json"
-    path.write_text('{"rows": [{"estimator": "patches", "rig": "x", "n": 60, "mean_mm": 0.0123}]}')
-    monkeypatch.setattr(sheet, "data_path", lambda name: path)
-    text = Read(sheet._second()).text
-    assert "patches" in text
-    assert "0.0123" in text
-    path.write_text("[3]")
-    with pytest.raises(ValueError, match="expected a list of rows"):
-        sheet._second()
+def test_page_shows_the_other_renderer_and_the_limits(made):
+    text = Read(made[1][sheet.PAGE]).text
+    shown = side_by_side(load_sweep("second_renderer"))
+    assert digits(shown["mm"].iloc[0]) in text
+    for fault in FAULTS:
+        assert text.count(fault) >= 2  # with two cameras, and with three
+    (row,) = (
+        by_fault(load_sweep("stress"), "paper_pair", BEST)
+        .query("fault == 'JPEG 60'")
+        .to_dict("records")
+    )
+    assert digits(row["mm"]) in text
 
 
-def test_other_renderer_is_left_out_where_there_is_none(monkeypatch):
-    def missing(name):
-        raise ValueError("no such data file")
-
-    monkeypatch.setattr(sheet, "data_path", missing)
-    monkeypatch.setattr(sheet, "load_sweep", missing)
-    assert "There are none" in sheet._second()
+def test_readme_shows_the_shipped_sheet():
+    """Each row: a name, value with unit, interval, n; the unit and n tell which number it is."""
+    _, numbers = read_sheet(data_path("accept", "raised_40deg.json"))
+    texts = {
+        (sheet.value_text(one), sheet.interval_text(one), str(one.n)): one.what for one in numbers
+    }
+    part = (ROOT / "README.md").read_text().split("## A data sheet")[1].split("\n## ")[0]
+    rows = [
+        [cell.strip() for cell in line.strip("|").split("|")]
+        for line in part.splitlines()
+        if line.startswith("| ")
+    ][1:]
+    assert len(rows) >= 8
+    for name, *values in rows:
+        assert tuple(values) in texts, name
 
 
 # --- the control chart

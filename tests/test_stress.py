@@ -1,16 +1,22 @@
-"""The stress table: sums and bounds worked out by hand, and a small trial."""
+"""The stress table: sums and bounds worked out by hand, a small trial, and the shipped table."""
+
+from itertools import product
 
 import numpy as np
 import pandas as pd
 import pytest
 
-from trinolab.datasets import load_handle, load_table1
+from trinolab.datasets import load_handle, load_rig, load_sweep, load_table1
+from trinolab.methods import BEST, ESTIMATORS
 from trinolab.pose import LOST, Pose
 from trinolab.studies import replication, stress
+from trinolab.studies.__main__ import main
+from trinolab.studies.broken import FAULTS
 from trinolab.studies.replication import Deviation, deviation
 
 HELD = [Deviation(0.3, 1.0, 0.1, 1.0), Deviation(2.5, 2.0, 0.5, 1.0)]
 MISSING = Deviation(np.nan, np.nan, np.nan, np.nan)
+DIGITS = 1e-5  # of the shipped table
 
 
 def test_a_pose_is_held_against_the_nearest_equivalent_of_its_truth():
@@ -46,6 +52,51 @@ def test_blocks_add_up_to_a_row():
     assert row["error_by_sigma_mm"] == pytest.approx(np.sqrt((3.0**2 + 5.0**2) / 2))
     half = 1.96 * 1.1 / np.sqrt(2)
     assert (row["low_mm"], row["high_mm"]) == pytest.approx((1.4 - half, 1.4 + half))
+    # two blocks with a pose each: drawn again, both are one of them in half of the cases
+    assert row["error_by_sigma_low_mm"] == pytest.approx(3.0)
+    assert row["error_by_sigma_high_mm"] == pytest.approx(5.0)
+
+
+def test_unforeseen_is_what_five_sigmas_do_not_cover():
+    poses = [(2.5, 0.6, 1.0), (2.5, 0.4, 1.0), (1.9, 0.1, 1.0), (0.1, 0.1, 6.0)]  # mm, sigma, deg
+    found = [stress._unforeseen(Deviation(mm, deg, sigma, 1.0)) for mm, sigma, deg in poses]
+    assert found == [False, True, False, True]
+
+
+def test_blocks_that_an_estimator_has_not_measured_do_not_count():
+    blocks = pd.DataFrame([{f"r/e/{k}": v for k, v in stress._sums(HELD).items()}, {}])
+    assert stress._judged(blocks, "r/e")["n"] == 2
+
+
+def test_a_fault_is_both_handles_together():
+    """Two of four poses at 1 mm and 3 sigmas, and one of six at 4 mm and 6 sigmas."""
+    common = {"fault": "rain", "rig": "r", "estimator": "e", "unforeseen": 1}
+    numbers = [
+        {"n": 4, "measured": 2, "wrong": 0, "mean_mm": 1.0, "error_by_sigma_mm": 3.0},
+        {"n": 6, "measured": 1, "wrong": 1, "mean_mm": 4.0, "error_by_sigma_mm": 6.0},
+    ]
+    angles = {"mean_deg": np.nan, "error_by_sigma_deg": np.nan}
+    table = pd.DataFrame([{**common, **row, **angles} for row in numbers])
+    (row,) = stress.by_fault(table, "r", "e").to_dict("records")
+    assert (row["n"], row["measured"], row["wrong"], row["unforeseen"]) == (10, 0.3, 1, 2)
+    assert row["mm"] == pytest.approx(2.0)
+    assert row["by sigma, mm"] == pytest.approx(np.sqrt((9 + 9 + 36) / 3))
+    assert row["wrong, at most"] == pytest.approx(0.394, abs=1e-3)
+
+
+def test_windows_hold_the_markers_and_stay_inside_the_images():
+    rig, handle = load_rig("raised_40deg"), load_handle("coded")
+    for T in load_table1().set_poses:
+        for whole, window in zip(rig.cameras, stress.watched(rig, T).cameras, strict=True):
+            assert window.size == (stress.WINDOW_PX, stress.WINDOW_PX)
+            corner = whole.principal_point - window.principal_point
+            assert (corner >= 0).all()
+            assert (corner + window.size <= whole.size).all()
+            centres = T.apply(handle.marker_centres)
+            np.testing.assert_allclose(window.project(centres) + corner, whole.project(centres))
+            # markers near the edge of an image are as far from that of its window
+            inside = whole.sees(centres, 20.0)
+            assert window.sees(centres[inside], 20.0).all()
 
 
 def test_nothing_measured_has_no_mean():
@@ -73,6 +124,95 @@ def test_a_block_without_a_fault(monkeypatch):
     assert 0 < found["raised_40deg/patches/largest_mm"] < 0.05
     assert found == stress.trial("none", "coded", 0)
     assert found != stress.trial("none", "coded", 1)
+
+
+def test_later_rounds_are_those_of_two_estimators(monkeypatch):
+    monkeypatch.setattr(stress, "BLOCK", 1)
+    found = stress.trial("gamma 0.6", "paper", stress.FIRST_ROUNDS)
+    assert {name.split("/")[1] for name in found} == set(stress.OFTEN)
+
+
+# --- the command
+
+
+def quick(fault, handle, block):
+    DONE.append((fault, handle, block))
+    sums = dict(zip(stress.SUMS, [10.0, 8.0, 0.0, 0.0, *[1.0] * 8], strict=True))
+    names = ESTIMATORS if block < stress.FIRST_ROUNDS else stress.OFTEN
+    return {f"{r}/{e}/{k}": v for r in stress.RIGS for e in names for k, v in sums.items()}
+
+
+DONE = []
+
+
+def test_more_rounds_add_to_those_that_are_kept(monkeypatch, tmp_path):
+    monkeypatch.setattr(stress, "trial", quick)
+    monkeypatch.setattr(stress, "FAULTS", {name: FAULTS[name] for name in ("none", "JPEG 60")})
+    monkeypatch.setattr(stress, "HANDLES", ("coded",))
+    command = ["stress", "--out", str(tmp_path), "--kept", str(tmp_path / "kept"), "--workers", "1"]
+    assert main([*command, "--instants", "20"]) == 0
+    first = pd.read_csv(tmp_path / "stress.csv")
+    assert set(first["n"]) == {20}
+    assert len(DONE) == 2 * 2  # rounds and faults
+    DONE.clear()
+    assert main([*command, "--instants", "30"]) == 0
+    assert {block for *_, block in DONE} == {2}
+    second = pd.read_csv(tmp_path / "stress.csv")
+    assert list(second.columns) == list(first.columns)
+    counts = second.groupby("estimator")["n"].unique().explode().to_dict()
+    assert counts == {name: 30 if name in stress.OFTEN else 20 for name in ESTIMATORS}
+
+
+# --- the shipped table
+
+
+def test_table_is_whole():
+    table = load_sweep("stress")
+    keys = ["fault", "handle", "rig", "estimator"]
+    expected = list(product(FAULTS, stress.HANDLES, stress.RIGS, ESTIMATORS))
+    assert list(table[keys].itertuples(index=False, name=None)) == expected
+    often = table["estimator"].isin(stress.OFTEN)
+    assert (table["n"][~often] == stress.FIRST_ROUNDS * stress.BLOCK).all()
+    assert table["n"][often].nunique() == 1
+    assert (table["wrong"] <= table["measured"]).all()
+    assert (table["unforeseen"] <= table["wrong"]).all()
+    assert (table["seed"] == stress.SEED).all()
+    for unit in ("mm", "deg"):
+        ends = table[[f"error_by_sigma_low_{unit}", f"error_by_sigma_high_{unit}"]].to_numpy().T
+        many = table["measured"] > 10
+        assert (ends[0] <= table[f"error_by_sigma_{unit}"] * (1 + DIGITS))[many].all()
+        assert (table[f"error_by_sigma_{unit}"] <= ends[1] * (1 + DIGITS))[many].all()
+
+
+def test_without_a_fault_the_best_estimator_is_honest_and_never_wrong():
+    table = load_sweep("stress")
+    table = table[(table["fault"] == "none") & (table["estimator"] == BEST)]
+    assert (table["measured"] == table["n"]).all()
+    assert (table["wrong"] == 0).all()
+    ratios = table[["error_by_sigma_mm", "error_by_sigma_deg"]].to_numpy()
+    assert ((ratios > 0.8) & (ratios < 1.3)).all()
+
+
+def made_again(fault, handle, estimators):
+    """Rows of estimators that measure the first rounds alone."""
+    blocks = [stress.trial(fault, handle, k) for k in range(stress.FIRST_ROUNDS)]
+    table = load_sweep("stress").set_index(["fault", "handle", "rig", "estimator"])
+    for rig, estimator in product(stress.RIGS, estimators):
+        stored = table.loc[(fault, handle, rig, estimator)]
+        for name, value in stress._judged(pd.DataFrame(blocks), f"{rig}/{estimator}").items():
+            assert stored[name] == pytest.approx(value, rel=DIGITS, nan_ok=True), name
+
+
+def test_two_rows_are_made_again(monkeypatch):
+    monkeypatch.setattr(stress, "EVERY", {"paper": replication.EVERY["paper"]})
+    made_again("half contrast", "coded", ["paper"])
+
+
+@pytest.mark.heavy
+@pytest.mark.parametrize("handle", stress.HANDLES)
+@pytest.mark.parametrize("fault", FAULTS)
+def test_all_estimators_of_a_fault_are_made_again(fault, handle):
+    made_again(fault, handle, [name for name in ESTIMATORS if name not in stress.OFTEN])
 
 
 def test_an_unknown_fault_is_refused():

@@ -13,7 +13,7 @@ from scipy.spatial.transform import RigidTransform
 from tqdm import tqdm
 
 from ..checks import as_number
-from ..datasets import data_path, load_handle, load_rig, load_table1
+from ..datasets import data_path, load_handle, load_rig, load_sweep, load_table1
 from ..files.fetch import why_not
 from ..files.inputs import get, read_toml
 from ..methods import BEST
@@ -21,7 +21,7 @@ from ..metrics import PoseErrors, pose_errors
 from ..paper.errata.pose import printed_rotation_error
 from ..paper.errata.workspace import printed_workspace_volume
 from ..parameters import Parameters
-from . import claim_trials, master_slave, real_recordings
+from . import claim_trials, master_slave, real_recordings, second_renderer
 from .replication import replicate, replication_errors
 from .simulated_calibration import calibration_cost_mm
 
@@ -206,6 +206,32 @@ def _best(rig: str) -> PoseErrors:
     return errors
 
 
+def _on_second(rig: str, column: str) -> float:
+    """The best estimator on the second renderer's images, by the worse of the handles."""
+    table = load_sweep("second_renderer")
+    return float(table[_rows_of(table, BEST) & (table["rig"] == rig)][column].max())
+
+
+def _honesty_on_second(estimator: str) -> float:
+    """The largest factor, either way, between the rms error and the sigma of a rig, a handle and a
+    unit, on the second renderer's images.
+    """
+    table = load_sweep("second_renderer")
+    rows = table[_rows_of(table, estimator)]
+    ratios = rows[["error_by_sigma_mm", "error_by_sigma_deg"]].to_numpy().ravel()
+    return float(np.maximum(ratios, 1 / ratios).max())
+
+
+def _rows_of(table: pd.DataFrame, estimator: str) -> pd.Series:
+    return (table["renderer"] == second_renderer.SECOND) & (table["estimator"] == estimator)
+
+
+def _false_when_broken() -> float:
+    """Wrong poses of the best estimator in the table of faults."""
+    table = load_sweep("stress")
+    return float(table[(table["estimator"] == BEST) & (table["fault"] != "none")]["wrong"].sum())
+
+
 def _field(errors: Callable[[], PoseErrors], name: str) -> Callable[[], float]:
     return lambda: float(getattr(errors(), name))
 
@@ -222,6 +248,11 @@ CHECKS: dict[str, Callable[[], float | None]] = {  # None: not run
     "replication_geodesic": _field(_replication, "geodesic_mean_deg"),
     **{f"best_position_{rig}": _field(partial(_best, rig), "E_t_mm") for rig in RIGS},
     **{f"best_geodesic_{rig}": _field(partial(_best, rig), "geodesic_mean_deg") for rig in RIGS},
+    **{f"second_position_{rig}": partial(_on_second, rig, "mean_mm") for rig in RIGS},
+    **{f"second_geodesic_{rig}": partial(_on_second, rig, "mean_deg") for rig in RIGS},
+    "second_honesty_best": partial(_honesty_on_second, BEST),
+    "second_honesty_checked": partial(_honesty_on_second, "paper_checked"),
+    "broken_false_poses": _false_when_broken,
     "printed_rotation": lambda: printed_rotation_error()[0],
     "printed_workspace": lambda: printed_workspace_volume(np.deg2rad(20.0)),
     "share_measured": claim_trials.share_measured,
