@@ -150,17 +150,18 @@ def test_more_rounds_add_to_those_that_are_kept(monkeypatch, tmp_path):
     monkeypatch.setattr(stress, "FAULTS", {name: FAULTS[name] for name in ("none", "JPEG 60")})
     monkeypatch.setattr(stress, "HANDLES", ("coded",))
     command = ["stress", "--out", str(tmp_path), "--kept", str(tmp_path / "kept"), "--workers", "1"]
-    assert main([*command, "--instants", "20"]) == 0
+    monkeypatch.setattr(stress, "FIRST_ROUNDS", 1)
+    assert main([*command, "--instants", "10"]) == 0
     first = pd.read_csv(tmp_path / "stress.csv")
-    assert set(first["n"]) == {20}
-    assert len(DONE) == 2 * 2  # rounds and faults
+    assert set(first["n"]) == {10}
+    assert DONE == [("none", "coded", 0), ("JPEG 60", "coded", 0)]
     DONE.clear()
-    assert main([*command, "--instants", "30"]) == 0
-    assert {block for *_, block in DONE} == {2}
+    assert main([*command, "--instants", "20"]) == 0
+    assert DONE == [("none", "coded", 1), ("JPEG 60", "coded", 1)]
     second = pd.read_csv(tmp_path / "stress.csv")
     assert list(second.columns) == list(first.columns)
     counts = second.groupby("estimator")["n"].unique().explode().to_dict()
-    assert counts == {name: 30 if name in stress.OFTEN else 20 for name in ESTIMATORS}
+    assert counts == {name: 20 if name in stress.OFTEN else 10 for name in ESTIMATORS}
 
 
 # --- the shipped table
