@@ -350,9 +350,9 @@ def _limits() -> str:
         "file say what they said before. Both shipped handles together, by the estimator of this "
         "sheet. A pose is <em>wrong</em> if it was called measured and is more than 2 mm or 5 deg "
         "off, <em>unforeseen</em> if that is more than five of its own sigmas as well; "
-        "<em>wrong, at most</em> is the upper 95 % bound of their share. Where a fault shows in the "
-        "images the pose is refused; what moves all images alike, as a camera that is turned along "
-        "the epipolar lines, cannot be seen in one instant.</p>" + "".join(parts)
+        "<em>wrong, at most</em> is the upper 95 % bound of their share. What shows in an image is "
+        "borne or refused. What is wrong with where and when the cameras look is not: it moves depth "
+        "along the epipolar lines, where two cameras agree on the wrong place.</p>" + "".join(parts)
     )
 
 
