@@ -346,8 +346,8 @@ def _limits() -> str:
     ]
     return (
         '<h2 id="limits">Limits</h2>'
-        "<p>The own bench was broken on purpose, one thing at a time, and told nobody: rig and handle "
-        "file say what they said before. Both shipped handles together, by the estimator of this "
+        "<p>The own bench was broken on purpose, one thing at a time, while rig and handle file said "
+        "what they had said before. Both shipped handles together, by the estimator of this "
         "sheet. A pose is <em>wrong</em> if it was called measured and is more than 2 mm or 5 deg "
         "off, <em>unforeseen</em> if that is more than five of its own sigmas as well; "
         "<em>wrong, at most</em> is the upper 95 % bound of their share. What shows in an image is "
