@@ -262,22 +262,28 @@ def by_fault(table: pd.DataFrame, rig: str, estimator: str) -> pd.DataFrame:
     Returns
     -------
     pandas.DataFrame
-        The fault; instants `n`; the share `measured`; mean error and rms of error by reported sigma
-        for mm and deg; how many were `wrong`, and of them `unforeseen`, see `make_table`; the upper
-        95 % bound of the share of wrong ones.
+        The fault; instants `n`; the share `measured`; how many were `wrong`, the upper 95 % bound of
+        their share, and how many of them were `unforeseen`, see `make_table`; mean error and rms of
+        error by reported sigma for mm and deg.
     """
     rows = []
     mine = table[(table["rig"] == rig) & (table["estimator"] == estimator)]
     for fault, both in mine.groupby("fault", sort=False):
         n, held, wrong = (int(both[name].sum()) for name in ("n", "measured", "wrong"))
         share = both["measured"] / max(held, 1)
-        row: dict[str, Any] = {"fault": fault, "n": n, "measured": held / n}
+        row: dict[str, Any] = {
+            "fault": fault,
+            "n": n,
+            "measured": held / n,
+            "wrong": wrong,
+            "wrong, at most": share_below(wrong, n),
+            "unforeseen": int(both["unforeseen"].sum()),
+        }
         for unit in ("mm", "deg"):
             squares = both[f"error_by_sigma_{unit}"] ** 2
             row[unit] = float((both[f"mean_{unit}"] * share).sum()) if held else np.nan
             row[f"by sigma, {unit}"] = float(np.sqrt((squares * share).sum())) if held else np.nan
-        row |= {"wrong": wrong, "unforeseen": int(both["unforeseen"].sum())}
-        rows.append({**row, "wrong, at most": share_below(wrong, n)})
+        rows.append(row)
     return pd.DataFrame(rows)
 
 
