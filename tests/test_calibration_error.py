@@ -187,8 +187,10 @@ def test_table_is_whole():
 
 
 def test_exact_rig_is_one_row_of_the_gallery():
-    """Other frames of the same poses: the noise is drawn anew."""
-    other = load_sweep("gallery/noise").query("read_noise == 1.5")
+    """Other frames of the same poses: the noise is drawn anew, with a read noise of 1 and of 2 in
+    place of 1.5.
+    """
+    other = load_sweep("gallery/noise").query("read_noise in [1, 2]")
     for estimator in study.SETTINGS:
         here = shipped("paper_pair", estimator).loc[0.0, "E_t_mm"]
         assert here == pytest.approx(other[f"E_t_mm_{estimator}"].mean(), rel=0.15)
@@ -249,7 +251,7 @@ def slopes(rig, T):
 
 
 def predicted(rig):
-    """E_t in mm and the mean geodesic angle in deg at level 1, over the table's draws."""
+    """E_t in mm at level 1, over the table's draws."""
     z = np.array(
         [
             np.random.default_rng([study.SEED, k]).standard_normal((len(rig.cameras), 5))
@@ -257,23 +259,17 @@ def predicted(rig):
         ]
     )
     errors = np.einsum("nirc,drc->dni", [slopes(rig, T) for T in TRUTHS], z)
-    position, turn = (
-        np.linalg.norm(errors[..., :3], axis=2),
-        np.linalg.norm(errors[..., 3:], axis=2),
-    )
-    return position.mean(), np.rad2deg(turn.mean())
+    return np.linalg.norm(errors[..., :3], axis=2).mean()
 
 
 @pytest.mark.parametrize(("level", "off_by"), [(0.5, 0.05), (1.0, 0.05)])
 @pytest.mark.parametrize("rig", study.RIGS)
 def test_measured_slope_is_that_of_the_pinhole(rig, level, off_by):
-    """Position: the image model weighs its windows, the theory all pixels alike; and what is lost
-    at a level counts in the theory alone.
+    """Where all points are moved together, geometry decides. How far the handle turns depends on
+    what a fit trusts most: the image model weighs its windows, the theory all pixels alike.
     """
-    position, turn = predicted(load_rig(rig))
     row = shipped(rig, BEST).loc[level]
-    assert row["E_t_mm"] / level == pytest.approx(position, rel=off_by)
-    assert row["geodesic_deg"] / level == pytest.approx(turn, rel=4 * off_by)
+    assert row["E_t_mm"] / level == pytest.approx(predicted(load_rig(rig)), rel=off_by)
 
 
 # --- the command

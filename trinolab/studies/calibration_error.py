@@ -126,7 +126,7 @@ class Pattern(NamedTuple):
     common_share : float
         Share of their mean square that is one shift of all poses.
     smooth_share : float
-        Share of the rest that is an affine function of the position.
+        Share of the rest that is an affine function of the position; NaN if there is no rest.
     """
 
     common_share: float
@@ -150,7 +150,8 @@ def pattern(positions: ArrayLike, errors: ArrayLike) -> Pattern:
     field = np.column_stack([np.ones(len(x)), x])
     left = e - field @ np.linalg.lstsq(field, e)[0]
     squares, scatter, rest = ((part**2).sum() for part in (e, about_mean, left))
-    return Pattern(float(1.0 - scatter / squares), float(1.0 - rest / scatter))
+    smooth = float(1.0 - rest / scatter) if scatter > 0 else np.nan
+    return Pattern(float(1.0 - scatter / squares), smooth)
 
 
 def make_table(draws: int, workers: int, kept: Path) -> pd.DataFrame:
@@ -275,7 +276,7 @@ def level_at(
 
 def _first_crossing(x: Array, y: Array, limit: float) -> float:
     k = int(np.argmax(y >= limit))
-    if k == 0:  # nowhere, or before the first
+    if k == 0 or np.isnan(y[k - 1]):  # nowhere, before the first, or behind a gap
         return np.nan
     return float(
         np.exp(np.interp(np.log(limit), np.log(y[k - 1 : k + 1]), np.log(x[k - 1 : k + 1])))
