@@ -171,20 +171,10 @@ def test_page_works_without_network(browser, page):
     assert browser.evaluate(WIDE_PAGE) == 0
 
 
-# Chapters whose code is still wider than their page: each leaves this list when it is written anew.
-WIDE = {"09_table1", "11_master_slave", "12_force_feedback"}
-
-
 @needs_chromium
-@pytest.mark.parametrize(
-    "name",
-    [
-        pytest.param(name, marks=[pytest.mark.xfail(strict=True)] * (name in WIDE))
-        for name in (Path(page).name for page in PAGES if page.startswith("notebooks/"))
-    ],
-)
-def test_no_line_of_code_is_wider_than_its_box(browser, name):
-    browser.open((HTML / "notebooks" / f"{name}.html").as_uri())
+@pytest.mark.parametrize("page", [page for page in PAGES if page.startswith("notebooks/")])
+def test_no_line_of_code_is_wider_than_its_box(browser, page):
+    browser.open((HTML / f"{page}.html").as_uri())
     assert browser.evaluate(WIDE_CODE) == []
 
 
