@@ -3,8 +3,6 @@
 import numpy as np
 import pytest
 from scipy import stats
-
-from trinolab.accept import intervals
 from trinolab.accept.intervals import (
     allan_deviation,
     allan_freedom,
@@ -17,6 +15,8 @@ from trinolab.accept.intervals import (
     of_slope,
     rms,
 )
+
+from trinolab import intervals
 
 
 def by_loops(values, m):

@@ -20,6 +20,8 @@ NOTEBOOKS = sorted(ROOT.glob("notebooks/*.ipynb"))
 CHAIN = [
     {"checks", "rigid", "methods"},
     {"lens", "camera", "handle", "window", "systematic"},
+    {"checks", "rigid", "methods", "intervals"},
+    {"lens", "camera", "handle", "window"},
     {
         "background",
         "kalman",

@@ -12,11 +12,11 @@ import numpy as np
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from ..checks import Array
+from ..intervals import by_bootstrap
 from ..plotting import datasheet
 from ..slave.arm import load_robot
 from ..studies.master_slave import STILL_S
 from ..studies.master_slave import run as run_trial
-from .intervals import by_bootstrap
 from .numbers import SIMULATED, Answer, Number, Picture
 from .setup import Setup
 

@@ -13,8 +13,8 @@ from scipy.spatial.transform import RigidTransform
 
 from ..bench.scene import EXPOSURE_S
 from ..checks import Array
+from ..intervals import LEVEL, Interval, of_quantile
 from . import tracks
-from .intervals import LEVEL, Interval, of_quantile
 from .moving import bar_of_setup
 from .numbers import CLOCK, Answer, Number, share
 from .setup import Setup, drawn_at

@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 
 from ..checks import Array
-from .intervals import NONE, Interval, by_bootstrap, highest_share, of_quantile, of_share, rms
+from ..intervals import NONE, Interval, by_bootstrap, highest_share, of_quantile, of_share, rms
 
 OWN = "own bench"  # images drawn by the model that is fitted
 SIMULATED = "simulated arm"

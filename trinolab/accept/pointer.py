@@ -10,9 +10,9 @@ import numpy as np
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from ..checks import Array
+from ..intervals import by_bootstrap, rms
 from ..studies.replication import replicate
 from . import tracks
-from .intervals import by_bootstrap, rms
 from .numbers import OWN, Answer, Number, distribution, share
 from .setup import Setup
 from .tracks import Row, Track

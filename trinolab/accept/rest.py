@@ -7,10 +7,11 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial.transform import RigidTransform, Rotation
 
+from .. import intervals
 from ..checks import Array
+from ..intervals import Interval, by_bootstrap, rms
 from ..plotting import datasheet
-from . import intervals, tracks
-from .intervals import Interval, by_bootstrap, rms
+from . import tracks
 from .numbers import CLOCK, OWN, Answer, Number, Picture
 from .setup import Field, Setup, drawn_at
 from .tracks import Row, Track

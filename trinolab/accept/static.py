@@ -9,12 +9,12 @@ from scipy import stats
 from scipy.spatial.transform import Rotation
 
 from ..checks import Array
+from ..intervals import by_bootstrap, rms
 from ..metrics import FAR_DEG, FAR_MM
 from ..plotting import datasheet
 from ..pose import rigid_fit
 from ..studies.replication import replicate
 from . import tracks
-from .intervals import by_bootstrap, rms
 from .numbers import Answer, Number, Picture, distribution, far_count, share
 from .setup import FREEDOMS, Drawn, Setup, sobol_poses
 from .tracks import Row

@@ -39,6 +39,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     budget.add_argument(
         "--draws", type=int, default=5, metavar="N", help="tables of rendered frames (%(default)s)"
     )
+    claims = _add(studies, "claims", "the trials of the protocol: claims_results.csv", out="data")
+    claims.add_argument("names", nargs="*", metavar="TRIAL", help="some of them; all without it")
+    claims.add_argument(
+        "--hashes", action="store_true", help="print the hash of each row of the protocol instead"
+    )
+    _add_kept(claims, "_build/claims", "finished draws")
     _add(studies, "elevation", "CCD3's elevation from 10 to 90 deg: elevation.csv")
     calibration = _add(
         studies,
@@ -127,6 +133,11 @@ def _run(a: argparse.Namespace) -> None:
         study.print_most_likely()
     elif a.study == "gallery":
         study.make_tables(a.names, a.workers, Path(a.out), Path(a.kept))
+    elif a.study == "claims" and a.hashes:
+        study.print_hashes()
+    elif a.study == "claims":
+        (path,) = _targets(a.out, ("claims_results",))
+        study.make_table(path, Path(a.kept), a.names)
     elif a.study == "factors":
         names = a.factor or list(study.FACTORS)
         if unknown := [name for name in names if name not in study.FACTORS]:

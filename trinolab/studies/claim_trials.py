@@ -111,7 +111,7 @@ def centroid_error_px() -> float:
         distance
         for m, T in zip(instants.measurements, instants.truths, strict=True)
         for camera, found in zip(rig.cameras, m.found, strict=True)
-        for distance in _nearest(found.uv, facing_pixels(handle, camera, T, 65.0))[1]
+        for distance in nearest(found.uv, facing_pixels(handle, camera, T, 65.0))[1]
     ]
     return float(np.sqrt(np.mean(np.square([d for d in distances if d < SAME_PX]))))
 
@@ -145,7 +145,7 @@ def true_labels(
     Raises ValueError if `uv` is not of shape (n, 2).
     """
     shown = facing_pixels(handle, camera, T_world_handle, LIMB_DEG)
-    label, distance = _nearest(as_points(uv, "uv", 2), shown)
+    label, distance = nearest(as_points(uv, "uv", 2), shown)
     return np.where(distance < SAME_PX, label, -1)
 
 
@@ -269,14 +269,23 @@ def _searched(state: TrackerState, truth: RigidTransform, rig: Rig, handle: Hand
     for camera, known in zip(rig.cameras, state.cameras, strict=True):
         if known.motion is not None and known.window is not None:
             window = search_window(predict_motion(known.motion, 1 / FPS), known.window, camera.size)
-            seen = true_visibility(camera, handle, truth, Arm())
-            uv = camera.project(truth.apply(handle.marker_centres[seen]))
-            held = window is not None and window.contains(uv).all()
-            shares.append(window.area / np.prod(camera.size) if window and held else 1.0)
+            shares.append(share_of_image(window, camera, handle, truth))
     return shares
 
 
-def _nearest(uv: Array, predicted: Array) -> tuple[np.ndarray, Array]:
+def share_of_image(
+    window: Window | None, camera: Camera, handle: Handle, truth: RigidTransform
+) -> float:
+    """Area of a search window as a share of the image: all of it if a marker that is truly seen,
+    with a hand on the handle, lies outside.
+    """
+    seen = true_visibility(camera, handle, truth, Arm())
+    uv = camera.project(truth.apply(handle.marker_centres[seen]))
+    held = window is not None and window.contains(uv).all()
+    return float(window.area / np.prod(camera.size)) if window and held else 1.0
+
+
+def nearest(uv: Array, predicted: Array) -> tuple[np.ndarray, Array]:
     """Index of, and distance to, the nearest predicted pixel of each found one."""
     distance = np.linalg.norm(uv[:, None] - predicted, axis=2)
     distance = np.where(np.isnan(distance), np.inf, distance)

@@ -109,11 +109,17 @@ def at_distance(setup: Setup, distance_mm: float) -> Setup:
     Orientations stay, and the ratio of any two distances. Poses with a marker outside an image at
     one of `DISTANCES_MM` are left out at all of them.
     """
-    moved = [_scaled(setup, distance) for distance in (distance_mm, *DISTANCES_MM)]
-    seen = np.all([_in_view(setup.true_rig, setup.handle, poses) for poses in moved], axis=0)
+    moved = _scaled(setup, distance_mm)
+    seen = in_view_everywhere(setup) & _in_view(setup.true_rig, setup.handle, moved)
     return setup._replace(
-        poses=moved[0][seen], velocity=setup.velocity[seen], turn_rate=setup.turn_rate[seen]
+        poses=moved[seen], velocity=setup.velocity[seen], turn_rate=setup.turn_rate[seen]
     )
+
+
+def in_view_everywhere(setup: Setup) -> np.ndarray:
+    """Which poses have all markers inside the images at every one of `DISTANCES_MM`, bool (n,)."""
+    moved = [_scaled(setup, distance) for distance in DISTANCES_MM]
+    return np.all([_in_view(setup.true_rig, setup.handle, poses) for poses in moved], axis=0)
 
 
 def with_markers(setup: Setup, diameter_mm: float) -> Setup:
@@ -185,8 +191,8 @@ def measured(
     setup: Setup, methods: Mapping[str, Parameters], rng: np.random.Generator
 ) -> dict[str, list[Measurement]]:
     """What each method measures in the same frames, a measurement a pose; `rng` draws the noise."""
-    frames = (_frames(setup, k, rng) for k in range(len(setup.poses)))
-    return measure_frames(frames, setup.rig, setup.handle, methods)
+    taken = (frames(setup, k, rng) for k in range(len(setup.poses)))
+    return measure_frames(taken, setup.rig, setup.handle, methods)
 
 
 def sweep_factor(
@@ -212,7 +218,7 @@ def sweep_factor(
     )
 
 
-def _frames(setup: Setup, k: int, rng: np.random.Generator) -> list[np.ndarray]:
+def frames(setup: Setup, k: int, rng: np.random.Generator) -> list[np.ndarray]:
     """The frames of pose `k`; those of `scene.render_rig` if it is at rest."""
     lights = [
         exposed(

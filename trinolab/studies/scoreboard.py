@@ -1,107 +1,69 @@
-"""The paper's claims against what is computed here: one row a claim of ``data/claims.toml``."""
+"""The paper's claims against what is computed here: one row a claim of ``data/claims.toml``.
+
+What is drawn comes from ``data/claims_results.csv``, which `claims` makes; the rest is computed at
+once.
+"""
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
-from dataclasses import dataclass
-from functools import cache, partial
-from typing import Any
+from functools import cache
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
-from scipy.spatial.transform import RigidTransform
 from tqdm import tqdm
 
-from ..checks import as_number
-from ..datasets import data_path, load_handle, load_rig, load_sweep, load_table1
+from ..bench.optics import Bench
+from ..bench.scene import render_rig
+from ..datasets import data_path, load_handle, load_rig, load_table1
 from ..files.fetch import why_not
-from ..files.inputs import get, read_toml
-from ..methods import BEST
+from ..intervals import of_quantile
+from ..measurement import measure
 from ..metrics import PoseErrors, pose_errors
 from ..paper.errata.pose import printed_rotation_error
 from ..paper.errata.workspace import printed_workspace_volume
-from ..parameters import Parameters
-from . import claim_trials, master_slave, real_recordings, second_renderer
-from .replication import replicate, replication_errors
-from .simulated_calibration import calibration_cost_mm
+from . import real_recordings
+from .protocol import Claim, can_show, load_claims, load_trials
 
-COLUMNS = ("no", "claim", "paper", "ours", "unit", "verdict", "reason")
+__all__ = ["CHECKS", "COLUMNS", "Claim", "disagreements", "load_claims", "score", "scoreboard"]
+
+COLUMNS = (
+    "no",
+    "claim",
+    "paper",
+    "ours",
+    "unit",
+    "verdict",
+    "reason",
+    "low",
+    "high",
+    "n",
+    "seed",
+    "kind",
+    "criterion",
+    "can_show",
+    "sensitivity",
+)
 NOT_RUN = "not run"
 WHENCE = "data/real.toml says which recordings it should have, and where they come from"
-RIGS = ("paper_pair", "paper_trinocular", "raised_40deg")
+NOT_DRAWN = (
+    "not run: data/claims_results.csv has no row; `python -m trinolab.studies claims` makes it"
+)
+MARKER_SIZES_MM = (2.0, 4.0)  # between which the assumed size of 3 mm may well lie
 
 
-@dataclass(frozen=True)
-class Claim:
-    """One row of the ledger of claims; the fields are explained at the top of
-    ``data/claims.toml``.
+class Result(NamedTuple):
+    """What a check gives: a value, its interval, how many draws, and their seed; NaN and "" where
+    nothing is drawn.
     """
 
-    no: str
-    claim: str
-    section: str
-    paper: float | str
-    unit: str
-    criterion: str
-    verdict: str
-    reason: str
-    check: str | None = None
-    match_within: float | None = None
-    same_order_factor: float | None = None
-    at_most: float | None = None
-    at_least: float | None = None
-
-    def computed_verdict(self, value: float) -> str:
-        """What a computed value makes of the claim, by the criterion's numbers.
-
-        Returns
-        -------
-        str
-            "match", "same order" or "differs" where the paper says something; "met" or "missed"
-            where it does not.
-        """
-        number = as_number(value, "value")
-        if self.match_within is not None:
-            return self._against_number(number)
-        low = -np.inf if self.at_least is None else self.at_least
-        high = np.inf if self.at_most is None else self.at_most
-        yes, no = ("met", "missed") if self.paper == "" else ("match", "differs")
-        return yes if low <= number <= high else no
-
-    def _against_number(self, number: float) -> str:
-        paper = as_number(self.paper, f"claim {self.no}: paper")
-        if abs(number - paper) <= (self.match_within or 0.0):
-            return "match"
-        factor = self.same_order_factor
-        same_order = (
-            factor is not None and number > 0 and paper / factor <= number <= paper * factor
-        )
-        return "same order" if same_order else "differs"
-
-
-def load_claims() -> tuple[Claim, ...]:
-    """Load the ledger of the paper's claims, in its order.
-
-    Raises
-    ------
-    ValueError
-        Names the row and the field that is missing or unknown.
-    """
-    path = data_path("claims.toml")
-    return tuple(
-        _claim_from(row, f"{path}: claim {row.get('no', k)}")
-        for k, row in enumerate(get(read_toml(path), "claim", str(path)), start=1)
-    )
-
-
-def _claim_from(row: dict[str, Any], where: str) -> Claim:
-    fields = Claim.__dataclass_fields__
-    unknown = sorted(set(row) - set(fields))
-    if unknown:
-        raise ValueError(f"{where}: '{unknown[0]}' is not a field of a claim ({', '.join(fields)})")
-    for name in ("no", "claim", "section", "paper", "unit", "criterion", "verdict", "reason"):
-        get(row, name, where)
-    return Claim(**row)
+    value: float
+    low: float = np.nan
+    high: float = np.nan
+    n: float = np.nan
+    seed: float | str = ""
 
 
 def scoreboard(progress: bool = False) -> pd.DataFrame:
@@ -125,35 +87,80 @@ def scoreboard(progress: bool = False) -> pd.DataFrame:
         Before anything is computed: a claim names a check that is not in `CHECKS`.
     """
     ledger = load_claims()
+    trials = load_trials()
     for claim in ledger:
-        if claim.check is not None and claim.check not in CHECKS:
+        if claim.check is not None and claim.trial is None and claim.check not in CHECKS:
             raise ValueError(
                 f"claims.toml: claim {claim.no}: check: expected one of {', '.join(CHECKS)} "
                 f"(CHECKS in trinolab/studies/scoreboard.py), got {claim.check!r}"
+            )
+        if claim.trial is not None and claim.trial not in trials:
+            raise ValueError(
+                f"claims.toml: claim {claim.no}: trial: expected one of {', '.join(trials)}, "
+                f"got {claim.trial!r}"
             )
     with tqdm(ledger, unit="claim", disable=None if progress else True) as claims:
         rows = [score(claim) for claim in claims]
     return pd.DataFrame(rows, columns=list(COLUMNS))
 
 
+def drawn_results() -> dict[str, Result]:
+    """What the run of the protocol has given, by check; nothing where it was not run."""
+    try:
+        path = data_path("claims_results.csv")
+    except ValueError:
+        return {}
+    return {
+        row.check: Result(row.value, row.low, row.high, row.n, row.seed)
+        for row in pd.read_csv(path).itertuples()
+    }
+
+
 def score(claim: Claim) -> tuple:
     """One row of the scoreboard."""
+    result = None
+    why = f"{NOT_RUN}: {why_not()}; {WHENCE}"
+    if claim.trial is not None:
+        result = drawn_results().get(str(claim.check))
+        why = NOT_DRAWN
+    elif claim.check is not None:
+        found = CHECKS[claim.check]()
+        result = Result(found) if isinstance(found, int | float) else found
     if claim.check is None:
-        return claim.no, claim.claim, claim.paper, np.nan, claim.unit, claim.verdict, claim.reason
-    value = CHECKS[claim.check]()
-    if value is None:
-        return (
-            claim.no,
-            claim.claim,
-            claim.paper,
-            np.nan,
-            claim.unit,
-            NOT_RUN,
-            f"{NOT_RUN}: {why_not()}; {WHENCE}",
-        )
-    verdict = claim.computed_verdict(value)
-    reason = claim.reason if verdict == claim.verdict else f"The ledger declares '{claim.verdict}'."
-    return claim.no, claim.claim, claim.paper, value, claim.unit, verdict, reason
+        verdict, reason, result = claim.verdict, claim.reason, Result(np.nan)
+    elif result is None or np.isnan(result.value):
+        verdict, reason, result = NOT_RUN, why, Result(np.nan)
+    else:
+        verdict = claim.computed_verdict(result.value, result.low, result.high)
+        same = verdict == claim.verdict
+        reason = claim.reason if same else f"The ledger declares '{claim.verdict}'."
+    return (
+        claim.no,
+        claim.claim,
+        claim.paper,
+        result.value,
+        claim.unit,
+        verdict,
+        reason,
+        *result[1:],
+        claim.kind,
+        claim.criterion,
+        can_show(claim, load_trials()),
+        sensitivity(claim),
+    )
+
+
+def sensitivity(claim: Claim) -> str:
+    """What the assumed size of the markers does to a claim's number, in words; "" for most."""
+    if claim.sensitivity is None:
+        return ""
+    table = pd.read_csv(data_path("sweeps", "marker_size.csv"))
+    there = table["marker_diameter_mm"].between(*MARKER_SIZES_MM) & (table["method"] == "paper")
+    values = table[there][claim.sensitivity]
+    return (
+        f"Markers of {MARKER_SIZES_MM[0]:g} to {MARKER_SIZES_MM[1]:g} mm, of which the paper says "
+        f"nothing, make it {values.min():.2f} to {values.max():.2f} {claim.unit}."
+    )
 
 
 def disagreements(board: pd.DataFrame) -> list[str]:
@@ -174,98 +181,46 @@ def _table1() -> PoseErrors:
     return pose_errors(table.measured, table.set_poses)
 
 
-@cache
-def _replication(draws: int = 5) -> PoseErrors:
-    """Errors over Table 1's poses, each under several draws of the noise: one draw's alpha varies
-    by a third.
+def _mean_of_table1(name: str) -> Result:
+    """A mean of the printed table. It has no interval: its rounding is in the criterion's
+    tolerance.
     """
-    handle = load_handle("paper")
-    truths = RigidTransform.concatenate([load_table1().set_poses] * draws)
-    errors = replication_errors(replicate(truths, load_rig("paper_pair"), handle), truths, handle)
-    if errors.n < len(truths):
-        raise RuntimeError(
-            f"the replication measured {errors.n} of {len(truths)} poses: its means would flatter"
-        )
-    return errors
+    return Result(float(getattr(_table1(), name)), n=_table1().n)
 
 
-@cache
-def _best(rig: str) -> PoseErrors:
-    """Errors of the best estimator over Table 1's poses, one draw of the noise."""
+def seconds_an_instant(count: int = 7) -> Result:
+    """Median time of the paper's measurement of two rendered images on this machine now, s, with
+    its interval; whole images, one process.
+    """
+    rig = load_rig("paper_pair")
     handle = load_handle("paper")
-    truths = load_table1().set_poses
-    errors = replication_errors(
-        replicate(truths, load_rig(rig), handle, parameters=Parameters(estimator=BEST)),
-        truths,
-        handle,
+    frames = render_rig(
+        rig, handle, load_table1().set_poses[0], Bench(), np.random.default_rng(1716)
     )
-    if errors.n < len(truths):
-        raise RuntimeError(
-            f"the best estimator measured {errors.n} of {len(truths)} poses: its means would flatter"
-        )
-    return errors
+    seconds = []
+    for _ in range(count + 1):
+        begin = time.perf_counter()
+        measure(frames, rig, handle)
+        seconds.append(time.perf_counter() - begin)
+    later = np.array(seconds[1:])  # the first one warms up
+    interval = of_quantile(later, 0.5)
+    return Result(float(np.median(later)), interval.low, interval.high, count)
 
 
-def _on_second(rig: str, column: str) -> float:
-    """The best estimator on the second renderer's images, by the worse of the handles."""
-    table = load_sweep("second_renderer")
-    return float(table[_rows_of(table, BEST) & (table["rig"] == rig)][column].max())
+def _on_table1(name: str) -> Callable[[], Result]:
+    return lambda: _mean_of_table1(name)
 
 
-def _honesty_on_second(estimator: str) -> float:
-    """The largest factor, either way, between the rms error and the sigma of a rig, a handle and a
-    unit, on the second renderer's images.
-    """
-    table = load_sweep("second_renderer")
-    rows = table[_rows_of(table, estimator)]
-    ratios = rows[["error_by_sigma_mm", "error_by_sigma_deg"]].to_numpy().ravel()
-    return float(np.maximum(ratios, 1 / ratios).max())
-
-
-def _rows_of(table: pd.DataFrame, estimator: str) -> pd.Series:
-    return (table["renderer"] == second_renderer.SECOND) & (table["estimator"] == estimator)
-
-
-def _false_when_broken() -> float:
-    """Wrong poses of the best estimator in the table of faults."""
-    table = load_sweep("stress")
-    return float(table[(table["estimator"] == BEST) & (table["fault"] != "none")]["wrong"].sum())
-
-
-def _field(errors: Callable[[], PoseErrors], name: str) -> Callable[[], float]:
-    return lambda: float(getattr(errors(), name))
-
-
-CHECKS: dict[str, Callable[[], float | None]] = {  # None: not run
-    "table1_position": _field(_table1, "E_t_mm"),
-    "table1_alpha": _field(_table1, "E_alpha_deg"),
-    "table1_beta": _field(_table1, "E_beta_deg"),
-    "table1_gamma": _field(_table1, "E_gamma_deg"),
-    "replication_position": _field(_replication, "E_t_mm"),
-    "replication_alpha": _field(_replication, "E_alpha_deg"),
-    "replication_beta": _field(_replication, "E_beta_deg"),
-    "replication_gamma": _field(_replication, "E_gamma_deg"),
-    "replication_geodesic": _field(_replication, "geodesic_mean_deg"),
-    **{f"best_position_{rig}": _field(partial(_best, rig), "E_t_mm") for rig in RIGS},
-    **{f"best_geodesic_{rig}": _field(partial(_best, rig), "geodesic_mean_deg") for rig in RIGS},
-    **{f"second_position_{rig}": partial(_on_second, rig, "mean_mm") for rig in RIGS},
-    **{f"second_geodesic_{rig}": partial(_on_second, rig, "mean_deg") for rig in RIGS},
-    "second_honesty_best": partial(_honesty_on_second, BEST),
-    "second_honesty_checked": partial(_honesty_on_second, "paper_checked"),
-    "broken_false_poses": _false_when_broken,
+CHECKS: dict[str, Callable[[], Result | float | None]] = {  # None: not run
+    "table1_position": _on_table1("E_t_mm"),
+    "table1_alpha": _on_table1("E_alpha_deg"),
+    "table1_beta": _on_table1("E_beta_deg"),
+    "table1_gamma": _on_table1("E_gamma_deg"),
     "printed_rotation": lambda: printed_rotation_error()[0],
     "printed_workspace": lambda: printed_workspace_volume(np.deg2rad(20.0)),
-    "share_measured": claim_trials.share_measured,
-    "share_tracked": claim_trials.share_tracked,
-    "share_kept_under_light": claim_trials.share_kept_under_light,
-    "share_of_wrong_matches": claim_trials.share_of_wrong_matches,
-    "share_searched": claim_trials.share_searched,
-    "share_saved_by_the_third": claim_trials.share_saved_by_the_third,
-    "centroid_error_px": claim_trials.centroid_error_px,
-    "calibration_cost": calibration_cost_mm,
+    "seconds_an_instant": seconds_an_instant,
     "real_photographs": real_recordings.baseline_difference_mm,
     "real_leds": real_recordings.led_median_px,
     "real_board": real_recordings.board_fit_mm,
     "real_particles": real_recordings.particle_median_px,
-    "slave_at_rest": master_slave.slave_at_rest,
 }

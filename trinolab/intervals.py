@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy import stats
 
-from ..checks import Array, as_array, as_number, as_whole
+from .checks import Array, as_array, as_number, as_whole
 
 LEVEL = 0.95
 RESAMPLES = 2000
@@ -63,6 +63,15 @@ def of_quantile(values: ArrayLike, share: float) -> Interval:
     test = stats.quantile_test(rows, q=float(np.quantile(rows, p)), p=p)
     found = test.confidence_interval(confidence_level=LEVEL)
     return Interval(float(found.low), float(found.high), "order statistics")
+
+
+def of_student(values: ArrayLike) -> Interval:
+    """Of the mean of independent values, by Student's t."""
+    x = as_array(values, "values", (None,))
+    if len(x) < 2:
+        return NONE
+    reach = float(stats.t.ppf((1 + LEVEL) / 2, len(x) - 1) * x.std(ddof=1) / np.sqrt(len(x)))
+    return Interval(float(x.mean()) - reach, float(x.mean()) + reach, "Student's t")
 
 
 def of_share(count: int, n: int) -> Interval:
