@@ -352,9 +352,10 @@ def build_pages() -> bool:
 
 
 def write_reference() -> None:
-    """Write the API reference, the commands' help and the picture of the house, from the package as it
-    is now.
+    """Write the API reference, the commands' help, the picture of the house, and the pages of the
+    claims, all as the package is now.
     """
+    import claims_pages
     import commandhelp
     import house
     import reference
@@ -362,6 +363,7 @@ def write_reference() -> None:
     reference.write_pages()
     commandhelp.write_help()
     house.write_house()
+    claims_pages.write_pages(SCOREBOARD, GENERATED / "claims")
 
 
 def pages_made_from() -> str:

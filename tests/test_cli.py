@@ -168,7 +168,9 @@ def test_scoreboard_prints_and_writes(folder, capfd, monkeypatch):
     assert lines[1].split()[0] == "1"
     assert lines[1].split()[-4:] == ["0.31", "0.31", "mm", "match"]
     written = (folder / "board.csv").read_text(encoding="utf-8").splitlines()
-    assert written[0] == "no,claim,paper,ours,unit,verdict,reason"
+    assert written[0] == (
+        "no,claim,paper,ours,unit,verdict,reason,low,high,n,seed,kind,criterion,can_show,sensitivity"
+    )
     assert len(written) == len(lines)
 
 

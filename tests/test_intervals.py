@@ -3,7 +3,9 @@
 import numpy as np
 import pytest
 from scipy import stats
-from trinolab.accept.intervals import (
+
+from trinolab import intervals
+from trinolab.intervals import (
     allan_deviation,
     allan_freedom,
     by_bootstrap,
@@ -15,8 +17,6 @@ from trinolab.accept.intervals import (
     of_slope,
     rms,
 )
-
-from trinolab import intervals
 
 
 def by_loops(values, m):

@@ -8,8 +8,9 @@ from trinolab.datasets import load_handle, load_rig
 from trinolab.handle import slants
 from trinolab.measurement import Measurement
 from trinolab.pose import LOST, Pose
-from trinolab.studies import claim_trials
+from trinolab.studies import claim_draws, claim_trials
 from trinolab.studies.replication import shared_poses
+from trinolab.window import Window
 
 PAPER = load_handle("paper")
 T = RigidTransform.from_components([0.0, 0.0, 560.0], Rotation.from_euler("z", 85, degrees=True))
@@ -52,19 +53,26 @@ def test_true_labels_by_hand():
     assert away not in claim_trials.true_labels(camera, PAPER, T, centres)
 
 
-def test_a_few_instants_of_the_trials_themselves():
-    instants = claim_trials.random_instants(count=3, seed=5)
-    assert (
-        claim_trials.share_close(instants.measurements, instants.truths, PAPER, equivalents=True)
-        == 1.0
-    )
-    assert len(instants.frames) == 3
-    clip = claim_trials.tracked_clip(1.0, count=4, seed=5)
-    assert claim_trials.share_close(clip.measurements, clip.truths, PAPER, equivalents=False) == 1.0
-    assert min(clip.seconds) > 0
-    assert len(clip.searched) == 6  # the first instant predicts nothing
-    assert all(0 < share <= 1 for share in clip.searched)
-    assert claim_trials.share_saved_by_the_third(count=1, seed=5) in (0.0, 1.0)
+@pytest.mark.heavy
+def test_a_clip_is_tracked_in_steady_light():
+    drawn = claim_draws.clip(0, 5)
+    assert drawn["share_tracked_ours"] == (1.0, 1.0)
+    searched, windows = drawn["share_searched_ours"]
+    assert windows == 2 * (claim_draws.CLIP - 1)  # the first instant predicts nothing
+    assert 0 < searched < windows
+
+
+def test_a_window_that_leaves_out_a_marker_is_the_whole_image():
+    camera = load_rig("paper_pair").cameras[0]
+    whole = Window(0, 0, *camera.size)
+    assert claim_trials.share_of_image(whole, camera, PAPER, T) == 1.0
+    assert claim_trials.share_of_image(Window(0, 0, 9, 9), camera, PAPER, T) == 1.0
+    assert claim_trials.share_of_image(None, camera, PAPER, T) == 1.0
+    uv = camera.project(T.apply(PAPER.marker_centres))
+    u, v = uv.min(axis=0).astype(int) - 2
+    width, height = np.ptp(uv, axis=0).astype(int) + 5
+    share = claim_trials.share_of_image(Window(u, v, width, height), camera, PAPER, T)
+    assert share == pytest.approx(width * height / np.prod(camera.size))
 
 
 def test_the_hidden_pair_alone_measures_nothing():
@@ -80,15 +88,3 @@ def test_the_hidden_pair_alone_measures_nothing():
     drawn = next(shared_poses(load_rig("raised_40deg"), PAPER, rng, arm))
     frames = render_rig(rig, PAPER, drawn, Bench(), rng, arm)
     assert measure(frames, rig, PAPER).pose.status == "lost"
-
-
-@pytest.mark.parametrize("share", [claim_trials.share_measured, claim_trials.share_tracked])
-def test_every_trial_is_a_share_of_known_instants(share, monkeypatch):
-    both = [measured(T), measured(None)]
-    monkeypatch.setattr(
-        claim_trials, "random_instants", lambda: claim_trials.Instants([], [T, T], both)
-    )
-    monkeypatch.setattr(
-        claim_trials, "tracked_clip", lambda: claim_trials.Clip([T, T], both, [], [])
-    )
-    assert share() == 0.5

@@ -134,13 +134,13 @@ def errata():
 
 def scoreboard():
     """Each claim's number, its digits on the board, and its verdict."""
-    from trinolab.cli import _digits
+    from trinolab.cli import digits
     from trinolab.studies.scoreboard import scoreboard as whole
 
     found = {}
     for row in whole().itertuples():
         found[row.no] = row.ours
-        found[f"{row.no}, text"] = f"{_digits(row.ours)} {row.verdict}"
+        found[f"{row.no}, text"] = f"{digits(row.ours)} {row.verdict}"
     return found
 
 

@@ -369,7 +369,9 @@ def _scoreboard(a: argparse.Namespace) -> int:
         check_target(a.csv)
     board = scoreboard(progress=True)
     if a.csv:
-        write_whole(a.csv, board.assign(ours=board["ours"].map(_digits)).to_csv(index=False))
+        shown = {name: board[name].map(digits) for name in ("ours", "low", "high")}
+        shown |= {name: board[name].map(_whole) for name in ("n", "seed")}
+        write_whole(a.csv, board.assign(**shown).to_csv(index=False))
     _say(as_text(board))
     if note := not_run(board):
         _say(note)
@@ -385,7 +387,7 @@ def as_text(board: pd.DataFrame, width: int = 76) -> str:
         board["claim"].str.len() <= width, board["claim"].str.slice(stop=width - 3) + "..."
     )
     table = board.assign(
-        claim=short, paper=board["paper"].map(_digits), ours=board["ours"].map(_digits)
+        claim=short, paper=board["paper"].map(digits), ours=board["ours"].map(digits)
     )
     table = table[["no", "claim", "paper", "ours", "unit", "verdict"]]
     left = {"claim": f"{{:<{width}s}}".format, "verdict": "{:<16s}".format}
@@ -401,7 +403,12 @@ def not_run(board: pd.DataFrame) -> str:
     return f"claim {numbers}: {rows['reason'].iloc[0]}" if len(rows) else ""
 
 
-def _digits(value: float | str) -> str:
+def _whole(value: float | str) -> str:
+    return "" if value == "" or value != value else f"{float(value):.0f}"
+
+
+def digits(value: float | str) -> str:
+    """A number with the digits that a board shows; "" for NaN."""
     if isinstance(value, str):
         return value
     return "" if value != value else f"{value:.3g}"

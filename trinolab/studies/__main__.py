@@ -39,7 +39,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     budget.add_argument(
         "--draws", type=int, default=5, metavar="N", help="tables of rendered frames (%(default)s)"
     )
-    claims = _add(studies, "claims", "the trials of the protocol: claims_results.csv", out="data")
+    claims = _add(
+        studies,
+        "claims",
+        "the trials of the protocol: claims_results.csv, claims_draws.csv",
+        out="data",
+    )
     claims.add_argument("names", nargs="*", metavar="TRIAL", help="some of them; all without it")
     claims.add_argument(
         "--hashes", action="store_true", help="print the hash of each row of the protocol instead"
@@ -136,8 +141,9 @@ def _run(a: argparse.Namespace) -> None:
     elif a.study == "claims" and a.hashes:
         study.print_hashes()
     elif a.study == "claims":
-        (path,) = _targets(a.out, ("claims_results",))
-        study.make_table(path, Path(a.kept), a.names)
+        study.make_tables(
+            *_targets(a.out, ("claims_results", "claims_draws")), Path(a.kept), a.names
+        )
     elif a.study == "factors":
         names = a.factor or list(study.FACTORS)
         if unknown := [name for name in names if name not in study.FACTORS]:

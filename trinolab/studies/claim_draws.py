@@ -114,12 +114,7 @@ def random_pose(k: int, seed: int) -> Draw:
     truth = next(shared_poses(rig, handle, rng))
     images = render_rig(rig, handle, truth, Bench(), rng)
     m = measure(images, rig, handle)
-    left, right = (
-        true_labels(camera, handle, truth, found.uv)
-        for camera, found in zip(rig.cameras, m.found, strict=True)
-    )
-    pairs = match(*rig.cameras, *images, m.found[0].uv, m.found[1].uv).index
-    same = (left[pairs[:, 0]] == right[pairs[:, 1]]) & (left[pairs[:, 0]] >= 0)
+    left, right, pairs, same = _matched(images, m, truth, rig, handle)
     both = np.logical_and(*(true_visibility(camera, handle, truth) for camera in rig.cameras))
     matched = np.isin(np.flatnonzero(both), left[pairs[same, 0]])
     off = np.concatenate(
@@ -157,12 +152,7 @@ def recorded_instant(k: int, seed: int) -> Draw:
     assert truth is not None  # chosen so
     images = [take(job, frame, index) for index in range(len(rig.cameras))]
     m = measure(images, rig, handle)
-    left, right = (
-        true_labels(camera, handle, truth, found.uv)
-        for camera, found in zip(rig.cameras, m.found, strict=True)
-    )
-    pairs = match(*rig.cameras, *images, m.found[0].uv, m.found[1].uv).index
-    same = (left[pairs[:, 0]] == right[pairs[:, 1]]) & (left[pairs[:, 0]] >= 0)
+    left, right, pairs, same = _matched(images, m, truth, rig, handle)
     return {
         "recorded_wrong_matches": (float((~same).sum()), float(len(pairs))),
         "recorded_wrong_identities": _wrong_identities(m, left, right),
@@ -330,21 +320,17 @@ def slave(k: int, seed: int) -> Draw:
     robot = _robot()
     number = seed + k
     hand = master_slave.human_hand(number, 0.3)
-    noise = {"noise_mm": 0.05, "noise_deg": 0.3, "age_s": 0.005 + 1 / 30 + 0.0105}
-    moving = master_slave.run(
-        robot, hand, **noise, duration_s=3.0, rng=np.random.default_rng([seed, k, 0])
+    led = partial(
+        master_slave.run, robot, noise_mm=0.05, noise_deg=0.3, age_s=0.005 + 1 / 30 + 0.0105
     )
+    moving = led(hand, duration_s=3.0, rng=np.random.default_rng([seed, k, 0]))
     stop_s = master_slave.STILL_S + 1.0
 
     def resting(times: Array) -> RigidTransform:
         return hand(np.minimum(times, stop_s))
 
-    rest = master_slave.run(
-        robot,
-        resting,
-        **noise,
-        duration_s=1.0 + master_slave.REST_S,
-        rng=np.random.default_rng([seed, k, 1]),
+    rest = led(
+        resting, duration_s=1.0 + master_slave.REST_S, rng=np.random.default_rng([seed, k, 1])
     )
     mm, deg = master_slave.parts(moving)["total"]
     last = [rest.stages[name][-1:] for name in ("hand", "tool")]
@@ -449,6 +435,22 @@ def _time(
         for where in (window, Window(0, 0, *camera.size))
     )
     return inside, whole
+
+
+def _matched(
+    images: list[np.ndarray], m: Measurement, truth: RigidTransform, rig: Rig, handle: Handle
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """The true markers of what both cameras found, the pairs that Sect. 5.2 makes of it, and which of
+    these are right.
+    """
+    left, right = (
+        true_labels(camera, handle, truth, found.uv)
+        for camera, found in zip(rig.cameras, m.found, strict=True)
+    )
+    uv = [found.uv for found in m.found]
+    pairs = match(rig.cameras[0], rig.cameras[1], images[0], images[1], uv[0], uv[1]).index
+    same = (left[pairs[:, 0]] == right[pairs[:, 1]]) & (left[pairs[:, 0]] >= 0)
+    return left, right, pairs, same
 
 
 def _wrong_identities(m: Measurement, left: np.ndarray, right: np.ndarray) -> tuple[float, float]:

@@ -1,13 +1,11 @@
-"""The paper's claims without numbers, put to the test on the simulated bench: seeded trials with a
-known truth.
+"""What counts in a trial of a claim on the simulated bench, whose truth is known: a pose that is
+close, a marker by its true name, the cost of a search.
 """
 
 from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from functools import cache
-from itertools import islice
 from typing import NamedTuple
 
 import numpy as np
@@ -15,21 +13,12 @@ from numpy.typing import ArrayLike
 from scipy.spatial.transform import RigidTransform
 
 from ..bench.hand import Arm, true_visibility
-from ..bench.motion import smooth_motion
-from ..bench.optics import Bench
-from ..bench.scene import render_clip, render_rig
-from ..camera import Camera, Rig
+from ..camera import Camera
 from ..checks import Array, as_points
-from ..datasets import load_handle, load_rig
 from ..handle import Handle, facing_pixels
-from ..image_track import search_window
-from ..kalman import predict_motion
 from ..markers import find_markers
-from ..matching import match
 from ..measurement import Measurement
-from ..tracker import TrackerState, start, step
 from ..window import Window
-from .replication import measure_frames, shared_poses
 
 FPS = 30.0  # of the paper's cameras
 CLOSE_MM, CLOSE_DEG = 1.0, 5.0  # a pose further off than this is wrong
@@ -38,25 +27,6 @@ CLOSE_MM, CLOSE_DEG = 1.0, 5.0  # a pose further off than this is wrong
 SAME_PX = 8.0
 # a marker is 34 deg wide, so that some of it shows until its middle is turned away by this
 LIMB_DEG = 105.0
-
-
-class Instants(NamedTuple):
-    """Frames, an image a camera, their truths, and what was measured in them."""
-
-    frames: list[list[np.ndarray]]
-    truths: list[RigidTransform]
-    measurements: list[Measurement]
-
-
-class Clip(NamedTuple):
-    """A tracked clip: truths, measurements, the time that each took, s, and the share of the images
-    searched.
-    """
-
-    truths: list[RigidTransform]
-    measurements: list[Measurement]
-    seconds: list[float]
-    searched: list[float]
 
 
 def share_close(
@@ -77,63 +47,6 @@ def share_close(
             ]
         )
     )
-
-
-@cache
-def random_instants(count: int = 40, seed: int = 0) -> Instants:
-    """Random poses at which both of the pair's cameras truly see the same four markers."""
-    rig = load_rig("paper_pair")
-    handle = load_handle("paper")
-    rng = np.random.default_rng(seed)
-    truths = list(islice(shared_poses(rig, handle, rng), count))
-    frames = [render_rig(rig, handle, T, Bench(), rng) for T in truths]
-    return Instants(frames, truths, measure_frames(frames, rig, handle)["paper"])
-
-
-def share_measured() -> float:
-    """Share of `random_instants` measured close to the truth, up to the handle's symmetry
-    (Sect. 5).
-    """
-    instants = random_instants()
-    return share_close(
-        instants.measurements, instants.truths, load_handle("paper"), equivalents=True
-    )
-
-
-def centroid_error_px() -> float:
-    """Rms distance of centroids from the centres' images, up to 65 deg of slant, over
-    `random_instants` (Sect. 5.1).
-    """
-    rig = load_rig("paper_pair")
-    handle = load_handle("paper")
-    instants = random_instants()
-    distances = [
-        distance
-        for m, T in zip(instants.measurements, instants.truths, strict=True)
-        for camera, found in zip(rig.cameras, m.found, strict=True)
-        for distance in nearest(found.uv, facing_pixels(handle, camera, T, 65.0))[1]
-    ]
-    return float(np.sqrt(np.mean(np.square([d for d in distances if d < SAME_PX]))))
-
-
-def share_of_wrong_matches() -> float:
-    """Share of the matches of Sect. 5.2, after all its steps, that join different markers, over
-    `random_instants`.
-    """
-    rig = load_rig("paper_pair")
-    handle = load_handle("paper")
-    wrong = []
-    for images, T, m in zip(*random_instants(), strict=True):
-        uv = [found.uv for found in m.found]
-        labels = [
-            true_labels(camera, handle, T, pixels)
-            for camera, pixels in zip(rig.cameras, uv, strict=True)
-        ]
-        left, right = match(
-            rig.cameras[0], rig.cameras[1], images[0], images[1], uv[0], uv[1]
-        ).index.T
-        wrong += list((labels[0][left] != labels[1][right]) | (labels[0][left] < 0))
-    return float(np.mean(wrong))
 
 
 def true_labels(
@@ -193,84 +106,6 @@ def searched(
     ]
     area = float(np.mean([window.area for _, window, _ in there]) / np.prod(camera.size))
     return Searched(area, seconds, sum(map(len, found)), sum(false))
-
-
-@cache
-def tracked_clip(gain: float = 1.0, count: int = 30, seed: int = 0) -> Clip:
-    """A moving, held handle, tracked from a known start; half-way the light changes by a factor
-    `gain`.
-    """
-    rig = load_rig("paper_pair")
-    handle = load_handle("paper")
-    rng = np.random.default_rng(seed)
-    truths = list(smooth_motion(rng, count / FPS, FPS))
-    state = start(render_rig(rig, handle, None, Bench(), rng), rig, -1 / FPS, truths[0])
-    found = Clip(truths, [], [], [])
-    lights = np.where(np.arange(count) < count // 2, 1.0, gain)
-    for k, frames in enumerate(render_clip(rig, handle, truths, Bench(), rng, Arm(), lights)):
-        found.searched.extend(_searched(state, truths[k], rig, handle))
-        begin = time.perf_counter()
-        state, measurement = step(state, frames, k / FPS, rig, handle)
-        found.seconds.append(time.perf_counter() - begin)
-        found.measurements.append(measurement)
-    return found
-
-
-def share_searched() -> float:
-    """Mean area of the predicted windows in `tracked_clip`, as a share of the image (Sect. 4.2).
-
-    A window that leaves out a truly seen marker counts as the whole image: there a search would
-    have to go on.
-    """
-    return float(np.mean(tracked_clip().searched))
-
-
-def share_tracked() -> float:
-    """Share of `tracked_clip` within 1 mm and 5 deg of the truth itself, a flip being wrong
-    (Sect. 6.3).
-    """
-    return _share_tracked(tracked_clip())
-
-
-def share_kept_under_light() -> float:
-    """Close poses when the light doubles half-way, as a share of those under steady light
-    (Sect. 6.3).
-    """
-    return _share_tracked(tracked_clip(2.0)) / share_tracked()
-
-
-@cache
-def share_saved_by_the_third(count: int = 12, seed: int = 1) -> float:
-    """Share of the instants with CCD1 hidden by a hand that three cameras measure all the same
-    (Sect. 7).
-
-    Counted are poses at which two of the three cameras truly see four markers; with CCD1 hidden the
-    pair measures none.
-    """
-    rig = load_rig("raised_40deg")
-    handle = load_handle("paper")
-    rng = np.random.default_rng(seed)
-    x, y, z = rig.cameras[0].centre
-    arm = Arm(hides_from=(float(x), float(y), float(z)))
-    truths = list(islice(shared_poses(rig, handle, rng, arm), count))
-    frames = (render_rig(rig, handle, T, Bench(), rng, arm) for T in truths)
-    return share_close(
-        measure_frames(frames, rig, handle)["paper"], truths, handle, equivalents=True
-    )
-
-
-def _share_tracked(clip: Clip) -> float:
-    return share_close(clip.measurements, clip.truths, load_handle("paper"), equivalents=False)
-
-
-def _searched(state: TrackerState, truth: RigidTransform, rig: Rig, handle: Handle) -> list[float]:
-    """For each camera that follows something: see `share_searched`."""
-    shares = []
-    for camera, known in zip(rig.cameras, state.cameras, strict=True):
-        if known.motion is not None and known.window is not None:
-            window = search_window(predict_motion(known.motion, 1 / FPS), known.window, camera.size)
-            shares.append(share_of_image(window, camera, handle, truth))
-    return shares
 
 
 def share_of_image(

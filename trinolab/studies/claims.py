@@ -2,8 +2,9 @@
 
 python -m trinolab.studies claims
 
-makes ``data/claims_results.csv``. Each draw is kept as soon as it is made, so that an interruption
-loses none, and the table is written after each trial.
+makes ``data/claims_results.csv``, and ``data/claims_draws.csv`` with the numbers of each draw. A draw
+is kept as soon as it is made, so that an interruption loses none, and the tables are written after
+each trial.
 """
 
 from __future__ import annotations
@@ -23,12 +24,13 @@ from ..intervals import NONE, Interval, by_bootstrap, of_share, of_student
 from .claim_draws import TRIALS, Draw
 from .protocol import Claim, Trial, frozen_hash, load_claims, load_trials
 
+DRAWS = ("trial", "k", "check", "a", "b")
 COLUMNS = ("check", "trial", "statistic", "value", "low", "high", "n", "draws", "seed")
 
 
-def make_table(out: Path, kept: Path, names: Sequence[str] = ()) -> None:
-    """Run trials, all without `names`, and put their results into the table `out`; other rows of it
-    stay.
+def make_tables(results: Path, every: Path, kept: Path, names: Sequence[str] = ()) -> None:
+    """Run trials, all without `names`, and put what they give into two tables, of the results and of
+    every draw; the rows of other trials stay.
 
     Raises
     ------
@@ -41,10 +43,30 @@ def make_table(out: Path, kept: Path, names: Sequence[str] = ()) -> None:
     for name in names or TRIALS:
         trial = load_trials()[name]
         draws = drawn(name, trial, kept / f"{name}.jsonl")
-        rows = results_of(name, trial, draws)
-        others = pd.read_csv(out) if out.exists() else pd.DataFrame(columns=list(COLUMNS))
-        others = others[others["trial"] != name]
-        write_table(pd.concat([others, rows]) if len(others) else rows, out)
+        _put(table_of_draws(name, draws), every, name)
+        _put(results_of(name, trial, draws), results, name)
+
+
+def table_of_draws(name: str, draws: Sequence[Draw]) -> pd.DataFrame:
+    """The numbers a and b of each draw; columns `DRAWS`."""
+    rows = [(name, k, check, *pair) for k, draw in enumerate(draws) for check, pair in draw.items()]
+    return pd.DataFrame(rows, columns=list(DRAWS))
+
+
+def draws_of(table: pd.DataFrame, name: str) -> list[Draw]:
+    """The draws of a trial from a table as `table_of_draws` gives it."""
+    found: dict[int, Draw] = {}
+    for row in table[table["trial"] == name].itertuples():
+        found.setdefault(int(row.k), {})[str(row.check)] = (float(row.a), float(row.b))
+    return [found[k] for k in sorted(found)]
+
+
+def _put(rows: pd.DataFrame, path: Path, name: str) -> None:
+    """Put the rows of a trial into a table, in the place of those that it has."""
+    if path.exists():
+        others = pd.read_csv(path)
+        rows = pd.concat([others[others["trial"] != name], rows])
+    write_table(rows, path)
 
 
 def drawn(name: str, trial: Trial, path: Path) -> list[Draw]:

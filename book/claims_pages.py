@@ -1,0 +1,146 @@
+"""Parts of the start page and of the protocol's page: the two boards, the trials, the criteria, the
+log of deviations.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pandas as pd
+
+from trinolab.cli import digits
+from trinolab.files.outputs import write_whole
+from trinolab.studies.protocol import (
+    Claim,
+    can_show,
+    load_claims,
+    load_deviations,
+    load_trials,
+)
+
+VERDICTS = ("match", "differs", "undecided", "cannot be tested")
+IS_OF_THE_PAPER = ("re-computation", "replication as printed", "replication as corrected")
+
+
+def write_pages(scoreboard: Path, folder: Path) -> None:
+    """Write all parts, from the board as `make book` has stored it and from the ledger."""
+    folder.mkdir(parents=True, exist_ok=True)
+    board = read_board(scoreboard)
+    of_paper = board["kind"].isin(IS_OF_THE_PAPER)
+    parts = {
+        "answer": answer(board[of_paper]),
+        "paper": board_table(board[of_paper]),
+        "own": board_table(board[~of_paper]),
+        "trials": trials_table(),
+        "criteria": criteria_table(),
+        "deviations": deviations_list(),
+    }
+    for name, text in parts.items():
+        write_whole(folder / f"{name}.md", text + "\n")
+
+
+def read_board(path: Path) -> pd.DataFrame:
+    """The stored board, its numbers as numbers."""
+    numbers = ("ours", "low", "high", "n")
+    return pd.read_csv(
+        path, dtype={"no": str}, keep_default_na=False, na_values={name: [""] for name in numbers}
+    )
+
+
+def answer(board: pd.DataFrame) -> str:
+    """How many of the paper's claims fare how, by kind, as a sentence."""
+    counts = board["verdict"].value_counts()
+    said = [f"{counts[verdict]} {word(verdict)}" for verdict in VERDICTS if verdict in counts]
+    left = int((~board["verdict"].isin(VERDICTS)).sum())
+    rest = f"; {left} were not run here" if left else ""
+    return f"Of {len(board)} rows {', '.join(said)}{rest}."
+
+
+def word(verdict: str) -> str:
+    """A verdict as the verb of a sentence whose subject is a number of rows."""
+    verbs = {"differs": "differ", "undecided": "are undecided"}
+    return verbs.get(verdict, verdict)
+
+
+def board_table(board: pd.DataFrame) -> str:
+    """A board as a table of four columns: what is claimed and what decides; both numbers; verdict and
+    reason.
+    """
+    rows = [
+        (
+            f"{row.no}",
+            f"{row.claim} <br> *{row.kind}.* {row.criterion}",
+            numbers_of(row),
+            f"**{row.verdict}.** {row.reason} {row.sensitivity}".rstrip(),
+        )
+        for row in board.itertuples()
+    ]
+    head = ("No", "Claim, and what decides", "Paper and ours", "Verdict, and why")
+    return list_table(head, rows, "5 45 20 30", "scoreboard")
+
+
+def numbers_of(row: object) -> str:
+    """The paper's number and ours, with interval, n and seed."""
+    paper = digits(row.paper)
+    unit = row.unit
+    lines = [] if paper in ("", "yes") else [f"paper {paper} {unit}"]
+    ours, low, high, n = (getattr(row, name) for name in ("ours", "low", "high", "n"))
+    if ours == ours:
+        lines.append(f"ours {digits(ours)} {unit}".rstrip())
+    if low == low and high == high:
+        lines.append(f"{digits(low)} to {digits(high)}")
+    if n == n:
+        seed = str(row.seed)
+        lines.append(f"n {n:.0f}" + (f", seed {seed}" if seed else ""))
+    return " <br> ".join(lines) or "-"
+
+
+def trials_table() -> str:
+    """What each trial draws at random."""
+    rows = [(name, t.drawn + ".", str(t.draws), str(t.seed)) for name, t in load_trials().items()]
+    return list_table(("Trial", "What is drawn", "Draws", "Seed"), rows, "20 60 10 10", "trials")
+
+
+def criteria_table() -> str:
+    """Each row's words of the paper, kind, criterion and trial."""
+    rows = [
+        (claim.no, in_words(claim), claim.criterion, sample_of(claim)) for claim in load_claims()
+    ]
+    head = ("No", "Claim, and the paper's words", "Criterion", "Sample")
+    return list_table(head, rows, "6 39 35 20", "criteria")
+
+
+def in_words(claim: Claim) -> str:
+    """A claim with the paper's words, or as a requirement of ours."""
+    said = f"“{claim.quote}” (Sect. {claim.section})" if claim.quote else "Ours."
+    return f"{claim.claim} <br> {said} <br> *{claim.kind}*"
+
+
+def sample_of(claim: Claim) -> str:
+    """Trial and statistic of a claim, and what they can show."""
+    if claim.trial is None:
+        return "nothing drawn"
+    shown = can_show(claim, load_trials())
+    return f"{claim.trial}, {claim.statistic}" + (f"; {shown}" if shown else "")
+
+
+def deviations_list() -> str:
+    """The log, an item each."""
+    return "\n".join(
+        f"- **{entry.date}**, claim {', '.join(entry.claims)}. *Was:* {entry.was} *Now:* {entry.now} "
+        f"{entry.why}"
+        for entry in load_deviations()
+    )
+
+
+def list_table(head: tuple[str, ...], rows: list[tuple[str, ...]], widths: str, kind: str) -> str:
+    """A table whose cells may be long, in MyST."""
+    lines = ["````{list-table}", ":header-rows: 1", f":widths: {widths}", f":class: {kind}", ""]
+    for row in [head, *rows]:
+        lines += [f"{'* -' if k == 0 else '  -'} {escaped(cell)}" for k, cell in enumerate(row)]
+    return "\n".join([*lines, "````"])
+
+
+def escaped(text: str) -> str:
+    """Text in which no character is markup that a sentence can have by chance."""
+    return text.replace("_", "\\_").replace("^", "\\^").replace("[", "\\[").replace("]", "\\]")
