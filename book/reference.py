@@ -34,7 +34,17 @@ GENERATED = ROOT / "_build" / "generated" / "api"
 TOP = {
     "geometry": (
         "Cameras, handle, errors",
-        ["camera", "lens", "handle", "rigid", "window", "metrics", "datasets", "checks"],
+        [
+            "camera",
+            "lens",
+            "handle",
+            "rigid",
+            "window",
+            "metrics",
+            "intervals",
+            "datasets",
+            "checks",
+        ],
     ),
     "images": (
         "From frames to matches",
