@@ -5,6 +5,7 @@ log of deviations.
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import pandas as pd
 
@@ -63,36 +64,31 @@ def word(verdict: str) -> str:
 
 
 def board_table(board: pd.DataFrame) -> str:
-    """A board as a table of four columns: what is claimed and what decides; both numbers; verdict and
-    reason.
+    """A board as a table of three columns, which a narrow screen has room for: the row; claim,
+    verdict and reason; both numbers and the criterion.
     """
     rows = [
         (
-            f"{row.no}",
-            f"{row.claim} <br> *{row.kind}.* {row.criterion}",
-            numbers_of(row),
-            f"**{row.verdict}.** {row.reason} {row.sensitivity}".rstrip(),
+            str(row.no),
+            f"{row.claim} <br> **{row.verdict}**: {row.reason} {row.sensitivity}".rstrip(),
+            f"{numbers_of(row)} <br> *{row.kind}*: {row.criterion}",
         )
         for row in board.itertuples()
     ]
-    head = ("No", "Claim, and what decides", "Paper and ours", "Verdict, and why")
-    return list_table(head, rows, "5 45 20 30", "scoreboard")
+    head = ("No", "Claim, and how it fares", "Paper, ours, and what decides")
+    return list_table(head, rows, "6 47 47", "scoreboard")
 
 
-def numbers_of(row: object) -> str:
+def numbers_of(row: Any) -> str:
     """The paper's number and ours, with interval, n and seed."""
-    paper = digits(row.paper)
-    unit = row.unit
-    lines = [] if paper in ("", "yes") else [f"paper {paper} {unit}"]
-    ours, low, high, n = (getattr(row, name) for name in ("ours", "low", "high", "n"))
-    if ours == ours:
-        lines.append(f"ours {digits(ours)} {unit}".rstrip())
-    if low == low and high == high:
-        lines.append(f"{digits(low)} to {digits(high)}")
-    if n == n:
-        seed = str(row.seed)
-        lines.append(f"n {n:.0f}" + (f", seed {seed}" if seed else ""))
-    return " <br> ".join(lines) or "-"
+    lines = [] if row.paper in ("", "yes") else [f"paper {row.paper} {row.unit}"]
+    if row.ours == row.ours:
+        lines.append(f"ours **{digits(row.ours)}** {row.unit}".rstrip())
+    if row.low == row.low and row.high == row.high:
+        lines[-1] += f" ({digits(row.low)} to {digits(row.high)})"
+    if row.n == row.n:
+        lines.append(f"n {row.n:.0f}" + (f", seed {row.seed}" if row.seed else ""))
+    return " <br> ".join(lines) or "no number"
 
 
 def trials_table() -> str:
