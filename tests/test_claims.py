@@ -25,8 +25,8 @@ def draws_come_out_again(name, numbers):
         drawn = TRIALS[name](k, ROWS[name].seed)
         assert set(drawn) == set(stored[k])
         for check in set(drawn) - FROM_THE_CLOCK:
-            # single precision of the image model on another processor; all else is the same
-            assert drawn[check] == pytest.approx(stored[k][check], rel=0.02, abs=1e-6), check
+            # six digits are stored, and processors differ in the last ones
+            assert drawn[check] == pytest.approx(stored[k][check], rel=1e-4, abs=1e-6), check
 
 
 @pytest.mark.parametrize("name", QUICK)
@@ -48,7 +48,8 @@ def test_results_follow_from_the_stored_draws(name):
     stored = RESULTS[RESULTS["trial"] == name].reset_index(drop=True)
     assert list(again["check"]) == list(stored["check"])
     numbers = ["value", "low", "high", "n", "draws", "seed"]
-    assert np.allclose(again[numbers], stored[numbers], rtol=1e-6, atol=1e-9, equal_nan=True)
+    # both tables have six digits
+    assert np.allclose(again[numbers], stored[numbers], rtol=2e-5, atol=1e-6, equal_nan=True)
     assert (stored["draws"] == ROWS[name].draws).all()
     assert (stored["seed"] == ROWS[name].seed).all()
 
