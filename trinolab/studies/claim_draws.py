@@ -68,7 +68,7 @@ PRINTED = Parameters(
     )
 )
 PRINTED_H = np.array([[1.0, 1.0, 0.0, 0.0, 0.0, 0.0]])  # Eq. 12: x + y is observed
-CLIP = 6  # instants; the light changes in the middle
+CLIP, LONG_CLIP = 6, 30  # instants; the light changes in the middle
 FACTORS = {"distortion": -0.1, "distance": 900.0, "marker_size": 4.0, "speed": 200.0}
 CONCEALED_MM = 1.0  # a marker's place is calculated if it is as near as this
 MARKER_PX = 0.1  # noise of a marker's pixel where no image is rendered
@@ -176,20 +176,22 @@ def hidden_camera(k: int, seed: int) -> Draw:
     return found
 
 
-def clip(k: int, seed: int) -> Draw:
+def clip(k: int, seed: int, length: int = CLIP) -> Draw:
     """A short clip of a moving, held handle, tracked from a known start by the printed background
     and by ours, in steady light and in light that doubles half-way.
     """
     rig = load_rig("paper_pair")
     handle = load_handle("paper")
     rng = np.random.default_rng([seed, k])
-    truths = list(smooth_motion(rng, CLIP / FPS, FPS))
-    half = CLIP // 2
+    truths = list(smooth_motion(rng, length / FPS, FPS))
+    half = length // 2
     empty = render_rig(rig, handle, None, Bench(), rng)
     first = list(render_clip(rig, handle, truths[:half], Bench(), rng, Arm()))
     second = {
         gain: list(
-            render_clip(rig, handle, truths[half:], Bench(), rng, Arm(), np.full(CLIP - half, gain))
+            render_clip(
+                rig, handle, truths[half:], Bench(), rng, Arm(), np.full(length - half, gain)
+            )
         )
         for gain in (1.0, 2.0)
     }
@@ -216,6 +218,11 @@ def clip(k: int, seed: int) -> Draw:
                 second[1.0][-1][0], steady.window, rig.cameras[0], handle, truths[-1]
             )
     return found
+
+
+def long_clip(k: int, seed: int) -> Draw:
+    """`clip` for a second, its checks named ``long_``."""
+    return {f"long_{check}": pair for check, pair in clip(k, seed, LONG_CLIP).items()}
 
 
 def calibration(k: int, seed: int) -> Draw:
@@ -355,6 +362,7 @@ TRIALS: dict[str, Callable[[int, int], Draw]] = {
     "recorded_instant": recorded_instant,
     "hidden_camera": hidden_camera,
     "clip": clip,
+    "long_clip": long_clip,
 }
 
 
