@@ -18,10 +18,8 @@ NOTEBOOKS = sorted(ROOT.glob("notebooks/*.ipynb"))
 # `estimators`, which the paper does not have, are folders within it. A part imports its own group
 # and those before it.
 CHAIN = [
-    {"checks", "rigid", "methods"},
-    {"lens", "camera", "handle", "window", "systematic"},
     {"checks", "rigid", "methods", "intervals"},
-    {"lens", "camera", "handle", "window"},
+    {"lens", "camera", "handle", "window", "systematic"},
     {
         "background",
         "kalman",

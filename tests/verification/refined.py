@@ -14,8 +14,8 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import RigidTransform, Rotation
-
 from trinolab.accept.intervals import by_bootstrap
+
 from trinolab.bench.motion import motion_at, random_pose
 from trinolab.bench.optics import Bench
 from trinolab.bench.scenario import Job, Shot, take

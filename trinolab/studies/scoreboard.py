@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from functools import cache
+from functools import cache, partial
 from typing import NamedTuple
 
 import numpy as np
@@ -17,14 +17,15 @@ from tqdm import tqdm
 
 from ..bench.optics import Bench
 from ..bench.scene import render_rig
-from ..datasets import data_path, load_handle, load_rig, load_table1
+from ..datasets import data_path, load_handle, load_rig, load_sweep, load_table1
 from ..files.fetch import why_not
 from ..intervals import of_quantile
 from ..measurement import measure
+from ..methods import BEST
 from ..metrics import PoseErrors, pose_errors
 from ..paper.errata.pose import printed_rotation_error
 from ..paper.errata.workspace import printed_workspace_volume
-from . import real_recordings
+from . import real_recordings, second_renderer
 from .protocol import Claim, can_show, load_claims, load_trials
 
 __all__ = ["CHECKS", "COLUMNS", "Claim", "disagreements", "load_claims", "score", "scoreboard"]
@@ -46,6 +47,7 @@ COLUMNS = (
     "can_show",
     "sensitivity",
 )
+RIGS = ("paper_pair", "paper_trinocular", "raised_40deg")
 NOT_RUN = "not run"
 WHENCE = "data/real.toml says which recordings it should have, and where they come from"
 NOT_DRAWN = (
@@ -207,6 +209,32 @@ def seconds_an_instant(count: int = 7) -> Result:
     return Result(float(np.median(later)), interval.low, interval.high, count)
 
 
+def _on_second(rig: str, column: str) -> float:
+    """The best estimator on the second renderer's images, by the worse of the handles."""
+    table = load_sweep("second_renderer")
+    return float(table[_rows_of(table, BEST) & (table["rig"] == rig)][column].max())
+
+
+def _honesty_on_second(estimator: str) -> float:
+    """The largest factor, either way, between the rms error and the sigma of a rig, a handle and a
+    unit, on the second renderer's images.
+    """
+    table = load_sweep("second_renderer")
+    rows = table[_rows_of(table, estimator)]
+    ratios = rows[["error_by_sigma_mm", "error_by_sigma_deg"]].to_numpy().ravel()
+    return float(np.maximum(ratios, 1 / ratios).max())
+
+
+def _rows_of(table: pd.DataFrame, estimator: str) -> pd.Series:
+    return (table["renderer"] == second_renderer.SECOND) & (table["estimator"] == estimator)
+
+
+def _false_when_broken() -> float:
+    """Wrong poses of the best estimator in the table of faults."""
+    table = load_sweep("stress")
+    return float(table[(table["estimator"] == BEST) & (table["fault"] != "none")]["wrong"].sum())
+
+
 def _on_table1(name: str) -> Callable[[], Result]:
     return lambda: _mean_of_table1(name)
 
@@ -219,6 +247,11 @@ CHECKS: dict[str, Callable[[], Result | float | None]] = {  # None: not run
     "printed_rotation": lambda: printed_rotation_error()[0],
     "printed_workspace": lambda: printed_workspace_volume(np.deg2rad(20.0)),
     "seconds_an_instant": seconds_an_instant,
+    **{f"second_position_{rig}": partial(_on_second, rig, "mean_mm") for rig in RIGS},
+    **{f"second_geodesic_{rig}": partial(_on_second, rig, "mean_deg") for rig in RIGS},
+    "second_honesty_best": partial(_honesty_on_second, BEST),
+    "second_honesty_checked": partial(_honesty_on_second, "paper_checked"),
+    "broken_false_poses": _false_when_broken,
     "real_photographs": real_recordings.baseline_difference_mm,
     "real_leds": real_recordings.led_median_px,
     "real_board": real_recordings.board_fit_mm,
