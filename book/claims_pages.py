@@ -93,17 +93,21 @@ def numbers_of(row: Any) -> str:
 
 def trials_table() -> str:
     """What each trial draws at random."""
-    rows = [(name, t.drawn + ".", str(t.draws), str(t.seed)) for name, t in load_trials().items()]
-    return list_table(("Trial", "What is drawn", "Draws", "Seed"), rows, "20 60 10 10", "trials")
+    rows = [
+        (f"{name} <br> {t.draws} draws, seed {t.seed}", f"{t.drawn}.")
+        for name, t in load_trials().items()
+    ]
+    return list_table(("Trial", "What is drawn"), rows, "35 65", "trials")
 
 
 def criteria_table() -> str:
-    """Each row's words of the paper, kind, criterion and trial."""
+    """Each row's words of the paper and kind; its criterion and sample."""
     rows = [
-        (claim.no, in_words(claim), claim.criterion, sample_of(claim)) for claim in load_claims()
+        (claim.no, in_words(claim), f"{claim.criterion} <br> *{sample_of(claim)}*")
+        for claim in load_claims()
     ]
-    head = ("No", "Claim, and the paper's words", "Criterion", "Sample")
-    return list_table(head, rows, "6 39 35 20", "criteria")
+    head = ("No", "Claim, and the paper's words", "Criterion, and sample")
+    return list_table(head, rows, "6 47 47", "criteria")
 
 
 def in_words(claim: Claim) -> str:

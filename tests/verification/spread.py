@@ -139,6 +139,8 @@ def scoreboard():
 
     found = {}
     for row in whole().itertuples():
+        if row.unit == "s":  # a time of this machine
+            continue
         found[row.no] = row.ours
         found[f"{row.no}, text"] = f"{digits(row.ours)} {row.verdict}"
     return found

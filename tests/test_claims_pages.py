@@ -1,0 +1,56 @@
+"""The parts of the start page and of the protocol's page that come from the ledger and the board."""
+
+import re
+
+import claims_pages
+import pytest
+
+from trinolab.cli import main
+from trinolab.studies import scoreboard
+from trinolab.studies.protocol import load_claims, load_deviations, load_trials
+
+CLAIMS = load_claims()
+
+
+@pytest.fixture(scope="module")
+def pages(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("pages")
+    with pytest.MonkeyPatch.context() as patch:
+        # nothing is rendered, no recording is read
+        patch.setattr(scoreboard, "CHECKS", dict.fromkeys(scoreboard.CHECKS, lambda: 0.31))
+        main(["scoreboard", "--csv", str(folder / "board.csv")])
+    claims_pages.write_pages(folder / "board.csv", folder / "claims")
+    return {path.stem: path.read_text(encoding="utf-8") for path in folder.glob("claims/*.md")}
+
+
+def rows_of(table):
+    return re.findall(r"^\* - (.*)$", table, flags=re.MULTILINE)[1:]
+
+
+def test_each_claim_stands_on_one_of_two_boards(pages):
+    assert rows_of(pages["paper"]) == [c.no for c in CLAIMS if not c.is_ours]
+    assert rows_of(pages["own"]) == [c.no for c in CLAIMS if c.is_ours]
+    assert rows_of(pages["criteria"]) == [c.no for c in CLAIMS]
+
+
+def test_a_row_shows_verdict_interval_sample_and_criterion(pages):
+    row = pages["paper"].split("* - 11\n")[1].split("\n* - ")[0]
+    for shown in ("**match**", "ours **1** share (0.969 to 1)", "n 120, seed 1706"):
+        assert shown in row
+    assert "in at least 0.95 of the cases" in row
+
+
+def test_the_answer_counts_every_row(pages):
+    counts = [int(n) for n in re.findall(r"\d+", pages["answer"])]
+    assert counts[0] == sum(not c.is_ours for c in CLAIMS) == sum(counts[1:])
+
+
+def test_protocol_has_trials_quotes_and_log(pages):
+    assert len(rows_of(pages["trials"])) == len(load_trials())
+    assert "can adapt well to changing ambient light" in pages["criteria"]
+    assert pages["deviations"].count("*Was:*") == len(load_deviations())
+
+
+def test_no_cell_has_markup_by_chance(pages):
+    assert "P\\_0 = 0" in pages["criteria"]
+    assert "\\[1 1 0 0 0 0\\]" in pages["criteria"]
