@@ -251,7 +251,7 @@ def test_text_fits_a_terminal():
     assert max(map(len, lines)) <= 120
     for c, line in zip(CLAIMS, lines[1:], strict=True):
         assert line.split()[0] == c.no
-        assert c.claim in line
+        assert c.claim[:60] in line  # a longer one ends in dots
 
 
 @pytest.mark.usefixtures("cheap")
