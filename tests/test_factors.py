@@ -85,7 +85,7 @@ def test_marker_size_changes_nothing_else(setup):
 
 
 def test_at_rest_the_frames_are_the_scene_s(setup):
-    frames = factors._frames(setup, 11, np.random.default_rng(4))
+    frames = factors.frames(setup, 11, np.random.default_rng(4))
     expected = render_rig(
         setup.rig, setup.handle, setup.poses[11], Bench(), np.random.default_rng(4)
     )
@@ -96,7 +96,7 @@ def test_at_rest_the_frames_are_the_scene_s(setup):
 
 
 def test_a_cell_says_what_it_is_and_what_it_could_not_measure(monkeypatch, setup):
-    monkeypatch.setattr(factors, "_frames", lambda *a: [np.zeros((1024, 1280), np.uint8)] * 2)
+    monkeypatch.setattr(factors, "frames", lambda *a: [np.zeros((1024, 1280), np.uint8)] * 2)
     methods = {"one": Parameters(), "two": Parameters(sigma_px=0.2)}
     rows = cell("speed", 100.0, 3, setup.rig, setup.handle, methods)
     assert [(r["speed_mm_s"], r["seed"], r["method"], r["poses"], r["n"]) for r in rows] == [
@@ -116,9 +116,7 @@ def test_every_method_measures_the_same_frames(monkeypatch, setup):
         ),
     )
     monkeypatch.setattr(factors, "errors_of", lambda *a: {})
-    monkeypatch.setattr(
-        factors, "_frames", lambda setup, k, rng: [rng.integers(0, 255, (2, 2))] * 2
-    )
+    monkeypatch.setattr(factors, "frames", lambda setup, k, rng: [rng.integers(0, 255, (2, 2))] * 2)
     cell(
         "turn", 0.0, 0, setup.rig, setup.handle, {"a": Parameters(), "b": Parameters(sigma_px=0.3)}
     )
@@ -170,7 +168,7 @@ def test_at_the_working_point_it_is_the_replication():
     rig, handle = load_rig("paper_pair"), load_handle("paper")
     setup = table1_setup(rig, handle)
     rng = np.random.default_rng(0)
-    found = [measurement.measure(factors._frames(setup, k, rng), rig, handle) for k in range(2)]
+    found = [measurement.measure(factors.frames(setup, k, rng), rig, handle) for k in range(2)]
     errors = replication.replication_errors(found, load_table1().set_poses[:2], handle)
     assert errors == replicate_table1(rig, handle, seed=0, rows=slice(2))
 

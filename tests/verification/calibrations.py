@@ -147,7 +147,8 @@ def weighted_pose(known: Setup, one: Seen, T: RigidTransform) -> Pose:
     )
     if fit is None:
         return LOST
-    centres = CentrePixels(one.centres, sigma)
+    covariance = sigma[..., None, None] ** 2 * np.eye(2)
+    centres = CentrePixels(one.centres, sigma, covariance)
     return _reported(fit[0], honest_fit(*fit, np.eye(6), centres, *known))
 
 

@@ -14,7 +14,6 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import RigidTransform, Rotation
-from trinolab.accept.intervals import by_bootstrap
 
 from trinolab.bench.motion import motion_at, random_pose
 from trinolab.bench.optics import Bench
@@ -34,6 +33,7 @@ from trinolab.files.rigs import read_handle, read_rig
 from trinolab.following.centres import MAX_SLANT_DEG
 from trinolab.following.refine import refine_folder
 from trinolab.handle import Handle, slants
+from trinolab.intervals import by_bootstrap
 from trinolab.measurement import measure
 from trinolab.parameters import Parameters
 from trinolab.rigid import cross_matrices, motion_between
