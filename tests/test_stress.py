@@ -7,6 +7,7 @@ import pandas as pd
 import pytest
 
 from trinolab.datasets import load_handle, load_rig, load_sweep, load_table1
+from trinolab.intervals import highest_share
 from trinolab.methods import BEST, ESTIMATORS
 from trinolab.pose import LOST, Pose
 from trinolab.studies import replication, stress
@@ -109,9 +110,9 @@ def test_nothing_measured_has_no_mean():
 
 def test_bound_of_a_share():
     """None of n: (1 - p) ** n = 0.05, about 3 / n; one of ten: 39.4 %, from a table of the binomial."""
-    assert stress.share_below(0, 1000) == pytest.approx(3 / 1000, rel=0.01)
-    assert stress.share_below(1, 10) == pytest.approx(0.394, abs=1e-3)
-    assert stress.share_below(5, 5) == 1.0
+    assert highest_share(0, 1000) == pytest.approx(3 / 1000, rel=0.01)
+    assert highest_share(1, 10) == pytest.approx(0.394, abs=1e-3)
+    assert highest_share(5, 5) == 1.0
 
 
 def test_a_block_without_a_fault(monkeypatch):

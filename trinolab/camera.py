@@ -15,7 +15,8 @@ from numpy.typing import ArrayLike
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from .checks import Array, as_array, as_number, as_points, as_transform, as_unit, frozen, whole_rows
-from .lens import as_intrinsics, as_size, distort, undistort
+from .lens import as_intrinsics, as_size, distort, project_with_slopes, undistort
+from .rigid import cross_matrices
 
 NEAREST_MM = 1e-6  # depth from which on a point is in front of a camera
 # of a camera, in the order of `RigCovariance`, with their units
@@ -321,6 +322,33 @@ def difference(rig: Rig, start: Rig) -> Array:
             )
         )
     return np.stack(rows)
+
+
+def pixels_with_slopes(camera: Camera, points: Array) -> tuple[Array, Array, Array]:
+    """The images of points, and how they move with a camera's parameters and with the points.
+
+    Parameters
+    ----------
+    camera : Camera
+    points : ndarray, shape (n, 3)
+        World frame, mm.
+
+    Returns
+    -------
+    uv : ndarray, shape (n, 2)
+        px.
+    by_parameters : ndarray, shape (n, 2, 15)
+        In the order of `RigCovariance`.
+    by_points : ndarray, shape (n, 2, 3)
+        World frame, px/mm. NaN in all where `Camera.project` gives no pixel.
+    """
+    T = camera.T_cam_world.as_matrix()
+    arms = points @ T[:3, :3].T
+    lens = np.concatenate([camera.focal, camera.principal_point, camera.distortions])
+    uv, by_lens, by_local = project_with_slopes(lens, arms + T[:3, 3])
+    by_turn = -by_local @ cross_matrices(arms)
+    by_parameters = np.concatenate([by_lens, by_turn, by_local], axis=2)
+    return uv, by_parameters, by_local @ T[:3, :3]
 
 
 @lru_cache(maxsize=256)

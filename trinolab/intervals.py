@@ -82,8 +82,10 @@ def of_share(count: int, n: int) -> Interval:
 
 def highest_share(count: int, n: int) -> float:
     """A share that is exceeded with a confidence of 5 % at most, after `count` in `n` trials
-    (Clopper and Pearson 1934, one-sided).
+    (Clopper and Pearson 1934, one-sided, DOI 10.1093/biomet/26.4.404); 1 without a trial.
     """
+    if n == 0:
+        return 1.0
     found = stats.binomtest(int(count), int(n), alternative="less").proportion_ci(
         LEVEL, method="exact"
     )

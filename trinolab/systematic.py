@@ -17,11 +17,9 @@ from scipy.linalg import block_diag
 from scipy.spatial.transform import RigidTransform
 from scipy.special import chdtri, stdtrit
 
-from .camera import CAMERA_PARAMETERS, Camera, Rig
+from .camera import CAMERA_PARAMETERS, Camera, Rig, pixels_with_slopes
 from .checks import Array, frozen
 from .handle import Handle
-from .lens import project_with_slopes
-from .rigid import cross_matrices
 
 CHANCE = 0.01  # of a contradiction where there is none
 ONE_SIGMA = 0.841345  # share of a normal distribution below one standard deviation
@@ -192,24 +190,5 @@ def offsets_of(rig: Rig, found: Sequence[Array]) -> ImageOffsets | None:
 
 
 def pixel_slopes(camera: Camera, points: Array) -> tuple[Array, Array]:
-    """How the images of points move with a camera's parameters, and with the points.
-
-    Parameters
-    ----------
-    camera : Camera
-    points : ndarray, shape (n, 3)
-        World frame, mm.
-
-    Returns
-    -------
-    by_parameters : ndarray, shape (n, 2, 15)
-        In the order of `camera.RigCovariance`.
-    by_points : ndarray, shape (n, 2, 3)
-        World frame, px/mm. NaN in both where `Camera.project` gives no pixel.
-    """
-    T = camera.T_cam_world.as_matrix()
-    arms = points @ T[:3, :3].T
-    lens = np.concatenate([camera.focal, camera.principal_point, camera.distortions])
-    _, by_lens, by_local = project_with_slopes(lens, arms + T[:3, 3])
-    by_turn = -by_local @ cross_matrices(arms)
-    return np.concatenate([by_lens, by_turn, by_local], axis=2), by_local @ T[:3, :3]
+    """`camera.pixels_with_slopes` without the pixels."""
+    return pixels_with_slopes(camera, points)[1:]

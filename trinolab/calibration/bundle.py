@@ -44,10 +44,9 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from ..camera import CAMERA_PARAMETERS, Camera, Rig, RigCovariance, displaced
+from ..camera import CAMERA_PARAMETERS, Camera, Rig, RigCovariance, displaced, pixels_with_slopes
 from ..checks import Array, frozen
 from ..handle import Handle
-from ..lens import project_with_slopes
 from ..rigid import cross_matrices
 from .adjust import left_jacobian
 from .prior import Prior, basis
@@ -265,17 +264,11 @@ def _linearised(problem: _Problem, state: _State) -> _Linear:
     residual = np.empty((len(arms), 2))
     for c, camera in enumerate(state.rig.cameras):
         mine = np.flatnonzero(seen.camera == c)
-        turn = camera.T_cam_world.as_matrix()[:3, :3]
-        turned = world[mine] @ turn.T
-        lens = np.concatenate([camera.focal, camera.principal_point, camera.distortions])
-        uv, by_lens, by_local = project_with_slopes(lens, turned + camera.T_cam_world.translation)
+        uv, by_camera, by_world = pixels_with_slopes(camera, world[mine])
         residual[mine] = seen.uv[mine] - uv
         # exp(delta) turns the camera: to first order by left_jacobian(delta) times its change
-        by_turn = -by_local @ cross_matrices(turned) @ left_jacobian(state.delta[Q * c + 9 :][:3])
-        by_common[mine, :, Q * c : Q * (c + 1)] = np.concatenate(
-            [by_lens, by_turn, by_local], axis=2
-        )
-        by_world = by_local @ turn
+        by_camera[:, :, 9:12] = by_camera[:, :, 9:12] @ left_jacobian(state.delta[Q * c + 9 :][:3])
+        by_common[mine, :, Q * c : Q * (c + 1)] = by_camera
         by_pose[mine] = np.concatenate([by_world, -by_world @ cross_matrices(arms[mine])], axis=2)
         at = Q * count + 3 * seen.marker[mine, None] + np.arange(3)
         by_common[mine[:, None, None], np.arange(2)[:, None], at[:, None]] = by_world @ R[mine]

@@ -15,7 +15,7 @@ from matplotlib.patches import Patch
 from numpy.typing import ArrayLike
 
 from ..checks import as_array
-from .basics import COLOURS
+from .basics import COLOURS, row_of_panels
 
 VERDICTS = {"background": "white", "found": "silver", "false": "#D55E00", "missed": "#0072B2"}
 
@@ -73,17 +73,9 @@ def plot_shares(
 
     `log` spreads what is small: the axis is logarithmic from 1 % on and linear below.
     """
-    figure, axes = plt.subplots(
-        1,
-        len(panels),
-        figsize=(6.9, 3.2),
-        sharey=True,
-        squeeze=False,
-        layout="constrained",
-        facecolor="white",
-    )
+    figure, axes = row_of_panels(len(panels), (6.9, 3.2), sharey=True)
     styles = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)))
-    for ax, (title, curves) in zip(axes[0], panels.items(), strict=True):
+    for ax, (title, curves) in zip(axes, panels.items(), strict=True):
         for (name, share), colour, style in zip(curves.items(), COLOURS, styles, strict=False):
             ax.plot(t_s, 100 * np.asarray(share), linestyle=style, color=colour, label=name)
         ax.set(
@@ -94,9 +86,9 @@ def plot_shares(
         )
         ax.yaxis.set(major_formatter="{x:g}")
         ax.grid(axis="y", alpha=0.3)
-    axes[0, 0].set_ylabel("share / %, linear below 1 %" if log else "share / %")
+    axes[0].set_ylabel("share / %, linear below 1 %" if log else "share / %")
     figure.legend(
-        *axes[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=len(COLOURS)
+        *axes[0].get_legend_handles_labels(), loc="outside upper center", ncols=len(COLOURS)
     )
     return figure
 
@@ -112,22 +104,14 @@ def plot_verdicts(masks: Mapping[str, ArrayLike], inside: ArrayLike, outside: Ar
         Pixels that truly moved, and that truly did not. What is neither is never false or missed.
     """
     moved, still = (np.asarray(part, dtype=bool) for part in (inside, outside))
-    figure, axes = plt.subplots(
-        1,
-        len(masks),
-        figsize=(6.9, 2.6),
-        sharey=True,
-        squeeze=False,
-        layout="constrained",
-        facecolor="white",
-    )
+    figure, axes = row_of_panels(len(masks), (6.9, 2.6), sharey=True)
     colours = ListedColormap(list(VERDICTS.values()))
-    for ax, (title, mask) in zip(axes[0], masks.items(), strict=True):
+    for ax, (title, mask) in zip(axes, masks.items(), strict=True):
         found = np.asarray(mask, dtype=bool)
         kind = 1 * found + 1 * (found & still) + 3 * (~found & moved)
         ax.imshow(kind, cmap=colours, vmin=0, vmax=3, interpolation="nearest")
         ax.set(title=title, xlabel="$u$ / px")
-    axes[0, 0].set_ylabel("$v$ / px")
+    axes[0].set_ylabel("$v$ / px")
     patches = [
         Patch(facecolor=colour, edgecolor="black", label=name) for name, colour in VERDICTS.items()
     ]

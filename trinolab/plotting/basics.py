@@ -17,6 +17,22 @@ from ..workspace.cones import Cone
 COLOURS = ("#0072B2", "#E69F00", "#009E73", "#56B4E9", "#D55E00", "#F0E442")  # one a camera
 
 
+def row_of_panels(
+    count: int, size_in: tuple[float, float], sharey: bool = False
+) -> tuple[Figure, list[Axes]]:
+    """A figure of width and height `size_in`, inches, with axes side by side."""
+    figure, axes = plt.subplots(
+        1,
+        count,
+        figsize=size_in,
+        sharey=sharey,
+        squeeze=False,
+        layout="constrained",
+        facecolor="white",
+    )
+    return figure, list(axes[0])
+
+
 def plot_pose_errors(
     position_mm: ArrayLike, angles_deg: ArrayLike, labels: Sequence[Any] | None = None
 ) -> Figure:
@@ -125,15 +141,8 @@ def show_frames(
     `frames`, `pixels` (n, 2), `labels` and `names` hold one entry a camera; the label -1 is shown
     as a question mark. Without a marker all of the image is shown.
     """
-    figure, axes = plt.subplots(
-        1,
-        len(frames),
-        figsize=(6.9, 6.9 / len(frames) + 0.3),
-        squeeze=False,
-        layout="constrained",
-        facecolor="white",
-    )
-    for ax, frame, uv, label, name in zip(axes[0], frames, pixels, labels, names, strict=True):
+    figure, axes = row_of_panels(len(frames), (6.9, 6.9 / len(frames) + 0.3))
+    for ax, frame, uv, label, name in zip(axes, frames, pixels, labels, names, strict=True):
         show_image(frame, uv, ["?" if text == -1 else text for text in label], name, ax)
         if len(found := np.asarray(uv)) > 0:
             u, v = (found.min(axis=0) + found.max(axis=0)) / 2

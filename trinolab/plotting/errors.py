@@ -12,10 +12,11 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator
+from matplotlib.typing import LineStyleType
 from numpy.typing import ArrayLike
 
 from ..checks import Array, as_array
-from .basics import COLOURS
+from .basics import COLOURS, row_of_panels
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
 SHIPPED_DEG = {"raised_40deg": 40.0, "paper_trinocular": 90.0}
 _STYLES = ("o-", "s--", "D-.", "^:", "v-")
 _MARKERS = "osD^vP"
+_LINES: tuple[LineStyleType, ...] = ("solid", "dotted", "dashed")
 COLUMN_IN = 7.0  # width of a page's column
 _EXACT = 3.0  # how far to the left of the first level an exact rig is drawn
 _CALIBRATION_PANELS = {
@@ -59,10 +61,8 @@ def plot_factor(
     mark : str
     """
     width = min(4.4 * len(panels), 10.5)
-    figure, axes = plt.subplots(
-        1, len(panels), figsize=(width, 3.0), squeeze=False, layout="constrained", facecolor="white"
-    )
-    for ax, (ylabel, curves) in zip(axes[0], panels.items(), strict=True):
+    figure, axes = row_of_panels(len(panels), (width, 3.0))
+    for ax, (ylabel, curves) in zip(axes, panels.items(), strict=True):
         for (name, y), colour, style in zip(
             curves.items(), COLOURS, ("o-", "s--", "D-.", "^:", "v-", "P--"), strict=False
         ):
@@ -297,15 +297,8 @@ def plot_estimators(
         From the name of a line to a table with a row a rig and a column a y axis; not more than
         three.
     """
-    figure, axes = plt.subplots(
-        1,
-        len(errors),
-        figsize=(4.8 * len(errors), 3.6),
-        squeeze=False,
-        layout="constrained",
-        facecolor="white",
-    )
-    for ax, (ylabel, table) in zip(axes[0], errors.items(), strict=True):
+    figure, axes = row_of_panels(len(errors), (4.8 * len(errors), 3.6))
+    for ax, (ylabel, table) in zip(axes, errors.items(), strict=True):
         x = np.arange(len(table))
         for k, (name, colour, marker) in enumerate(zip(table, COLOURS, _MARKERS, strict=False)):
             ax.plot(
@@ -315,9 +308,7 @@ def plot_estimators(
                 color=colour,
                 label=name,
             )
-        for (name, values), style in zip(
-            lines.items(), ("solid", "dotted", "dashed"), strict=False
-        ):
+        for (name, values), style in zip(lines.items(), _LINES, strict=False):
             ax.hlines(values.loc[table.index, ylabel], x - 0.4, x + 0.4, "black", style, label=name)
         ax.set(ylabel=ylabel, yscale="log", facecolor="white")
         ax.set_xticks(x, table.index)
@@ -326,7 +317,7 @@ def plot_estimators(
         )
         ax.grid(axis="y", alpha=0.3)
     figure.legend(
-        *axes[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=4, fontsize=8
+        *axes[0].get_legend_handles_labels(), loc="outside upper center", ncols=4, fontsize=8
     )
     return figure
 

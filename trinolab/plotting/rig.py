@@ -11,7 +11,7 @@ from matplotlib.patches import Ellipse
 from numpy.typing import ArrayLike
 
 from ..checks import as_points
-from .basics import COLOURS
+from .basics import COLOURS, row_of_panels
 
 FRUSTUM_MM = 90.0  # length of the pyramids that stand for cameras
 
@@ -81,16 +81,8 @@ def plot_layouts(
     diameter_deg, diameter_mm : float
         Of a marker, about the axis and along it.
     """
-    figure, row = plt.subplots(
-        1,
-        len(layouts),
-        figsize=(8.5, 2.9),
-        sharey=True,
-        squeeze=False,
-        layout="constrained",
-        facecolor="white",
-    )
-    for ax, (name, (angles, axial)) in zip(row[0], layouts.items(), strict=True):
+    figure, row = row_of_panels(len(layouts), (8.5, 2.9), sharey=True)
+    for ax, (name, (angles, axial)) in zip(row, layouts.items(), strict=True):
         for number, (angle, place) in enumerate(
             zip(np.asarray(angles), np.asarray(axial), strict=True)
         ):
@@ -98,5 +90,5 @@ def plot_layouts(
             ax.text(angle, place, str(number), color="w", ha="center", va="center", fontsize=9)
         ax.set(title=name, xlabel="angle about the axis / deg", xlim=(-30, 330), ylim=(-16, 16))
         ax.set_xticks(range(0, 301, 60))
-    row[0, 0].set_ylabel("along the axis / mm")
+    row[0].set_ylabel("along the axis / mm")
     return figure

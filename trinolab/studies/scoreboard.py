@@ -7,7 +7,7 @@ once.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import cache, partial
 from typing import NamedTuple
 
@@ -26,7 +26,7 @@ from ..metrics import PoseErrors, pose_errors
 from ..paper.errata.pose import printed_rotation_error
 from ..paper.errata.workspace import printed_workspace_volume
 from . import real_recordings, second_renderer
-from .protocol import Claim, can_show, load_claims, load_trials
+from .protocol import Claim, Trial, can_show, load_claims, load_trials
 
 __all__ = ["CHECKS", "COLUMNS", "Claim", "disagreements", "load_claims", "score", "scoreboard"]
 
@@ -102,7 +102,8 @@ def scoreboard(progress: bool = False) -> pd.DataFrame:
                 f"got {claim.trial!r}"
             )
     with tqdm(ledger, unit="claim", disable=None if progress else True) as claims:
-        rows = [score(claim) for claim in claims]
+        results = drawn_results()
+        rows = [score(claim, results, trials) for claim in claims]
     return pd.DataFrame(rows, columns=list(COLUMNS))
 
 
@@ -118,12 +119,12 @@ def drawn_results() -> dict[str, Result]:
     }
 
 
-def score(claim: Claim) -> tuple:
-    """One row of the scoreboard."""
+def score(claim: Claim, results: Mapping[str, Result], trials: dict[str, Trial]) -> tuple:
+    """One row of the scoreboard, with what was drawn and what it was drawn by."""
     result = None
     why = f"{NOT_RUN}: {why_not()}; {WHENCE}"
     if claim.trial is not None:
-        result = drawn_results().get(str(claim.check))
+        result = results.get(str(claim.check))
         why = NOT_DRAWN
     elif claim.check is not None:
         found = CHECKS[claim.check]()
@@ -147,7 +148,7 @@ def score(claim: Claim) -> tuple:
         *result[1:],
         claim.kind,
         claim.criterion,
-        can_show(claim, load_trials()),
+        can_show(claim, trials),
         sensitivity(claim),
     )
 

@@ -21,13 +21,13 @@ from typing import Any
 import numpy as np
 import pandas as pd
 from scipy.spatial.transform import RigidTransform
-from scipy.stats import beta
 
 from ..bench.layer import cropped
 from ..camera import Camera, Rig
 from ..checks import Array
 from ..datasets import load_handle, load_rig
 from ..handle import Handle
+from ..intervals import highest_share
 from ..methods import BEST, ESTIMATORS
 from ..parameters import Parameters
 from ..sweep import sweep
@@ -230,7 +230,7 @@ def _judged(blocks: pd.DataFrame, name: str) -> dict[str, float]:
         "n": n,
         "measured": held,
         "wrong": wrong,
-        "wrong_share_below": share_below(wrong, n),
+        "wrong_share_below": highest_share(wrong, n),
     }
     for unit in ("mm", "deg"):
         mean = total[f"sum_{unit}"] / held if held else np.nan
@@ -276,7 +276,7 @@ def by_fault(table: pd.DataFrame, rig: str, estimator: str) -> pd.DataFrame:
             "n": n,
             "measured": held / n,
             "wrong": wrong,
-            "wrong, at most": share_below(wrong, n),
+            "wrong, at most": highest_share(wrong, n),
             "unforeseen": int(both["unforeseen"].sum()),
         }
         for unit in ("mm", "deg"):
@@ -298,11 +298,3 @@ def _ratio_interval(squares: Array, counts: Array) -> tuple[float, float]:
     found = np.sqrt(squares[drawn].sum(axis=1)[held > 0] / held[held > 0])
     low, high = np.percentile(found, [2.5, 97.5])
     return float(low), float(high)
-
-
-def share_below(count: int, n: int) -> float:
-    """The upper 95 % bound of a share of which `count` of `n` were seen; for none of many about 3 / n.
-
-    Clopper and Pearson 1934, one-sided (DOI 10.1093/biomet/26.4.404).
-    """
-    return float(beta.ppf(0.95, count + 1, n - count)) if count < n else 1.0
