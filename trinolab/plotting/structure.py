@@ -23,7 +23,7 @@ SYSTEM = {
     "monitor": (1, 1),
 }
 
-BETWEEN = ("hand", "light", "pose", "joint parameters", "motion", "light", "video", "eyes")
+BETWEEN = ("hand", "light", "pose", "joint\nparameters", "motion", "light", "video", "eyes")
 MASTER = {
     "frames": (0, 2),
     "background\nEq. 5-6": (1, 2),
@@ -42,13 +42,13 @@ HANDED_ON = ("grey", "mask", "px", "centroids", "pairs", "mm", "mm, rad", "next 
 def plot_structure() -> Figure:
     """Fig. 1, the system, and Fig. 2, the master: what hands what to whom (Sect. 2, 3.1)."""
     figure, (above, below) = plt.subplots(
-        2, 1, figsize=(10, 8), layout="constrained", facecolor="white"
+        2, 1, figsize=(6.9, 6.4), layout="constrained", facecolor="white"
     )
-    _loop(above, "Fig. 1: the system", SYSTEM, BETWEEN)
+    _loop(above, "the paper's Fig. 1: the system", SYSTEM, BETWEEN)
     above.add_patch(Rectangle((0.5, 0.65), 3, 1.75, fill=False, linestyle="--", label="master"))
     above.add_patch(Rectangle((0.5, -0.4), 3, 0.8, fill=False, linestyle=":", label="slave"))
     above.legend(loc="lower left")
-    _loop(below, "Fig. 2: the master", MASTER, HANDED_ON)
+    _loop(below, "the paper's Fig. 2: the master", MASTER, HANDED_ON)
     return figure
 
 
@@ -93,12 +93,17 @@ def _loop(
             "", boxes[b], boxes[a], arrowprops={"arrowstyle": "-|>", "shrinkA": gap, "shrinkB": gap}
         )
         x, y = np.mean([boxes[a], boxes[b]], axis=0)
-        ax.text(x, y, text, fontsize=8, ha="center", backgroundcolor="white")
+        if boxes[a][0] == boxes[b][0]:  # beside an upright arrow, above any other
+            ax.text(x + 0.08, y, text, fontsize=9, va="center")
+        else:
+            plain = {"facecolor": "white", "edgecolor": "none", "pad": 1}
+            ax.text(x, y + 0.14, text, fontsize=9, ha="center", va="bottom", bbox=plain)
         ax.text(
             *boxes[a],
             a,
             ha="center",
             va="center",
+            fontsize=9,
             bbox={"boxstyle": "round", "facecolor": "#DDEEFF"},
         )
     ax.set(title=title, xlim=(-0.5, 3.6), ylim=(-0.5, 2.6))
