@@ -22,8 +22,9 @@ help:  ## show this list
 book: .venv/package.done  ## run the chapters, build the pages, print the scoreboard
 	@$(BIN)/python book/build.py
 
+# One process more than there are cores: some tests wait for others, or for a browser.
 test: .venv/package.done  ## run the tests, quicker after make book; ARGS="-k pose" chooses some
-	@$(BIN)/python -m pytest -n auto --dist worksteal $(ARGS)
+	@$(BIN)/python -m pytest -n $$($(BIN)/python -c 'import os; print(os.cpu_count() + 1)') --dist worksteal $(ARGS)
 
 lab: .venv/package.done  ## open the chapters in JupyterLab
 	@$(BIN)/jupyter-lab --ServerApp.root_dir=. --LabApp.default_url=/lab/tree/notebooks \
