@@ -117,7 +117,7 @@ def stale_jobs() -> list[Job]:
         Job(
             "ledger",
             [sys.executable, __file__, "--ledger"],
-            made_from_module("trinolab.paper.errata"),
+            {**made_from_module("trinolab.paper.errata"), "labels": " ".join(labels())},
         ),
         *(
             Job(path.stem, [sys.executable, __file__, "--chapter", str(path)], made_from(path))
@@ -286,8 +286,18 @@ def run_ledger() -> int:
     from trinolab.paper.ledger import write_pages
 
     shutil.rmtree(GENERATED, ignore_errors=True)
-    write_pages(GENERATED, effects())
+    write_pages(GENERATED, effects(), labels())
     return 0
+
+
+def labels() -> list[str]:
+    """The labels of equations, "eq-20", that chapters have before a formula."""
+    found = set[str]()
+    for path in chapters():
+        cells = read_notebook(path).cells
+        text = "\n".join(cell.source for cell in cells if cell.cell_type == "markdown")
+        found |= set(re.findall(r"^\((eq-\d+)\)=$", text, flags=re.MULTILINE))
+    return sorted(found)
 
 
 def keep(job: Job) -> None:

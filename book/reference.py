@@ -322,7 +322,17 @@ def setup(app: Any) -> dict[str, bool]:
                 node["reftarget"] = _full_name(node["reftarget"], node.get("py:module"))
                 node.attributes.pop("refspecific", None)  # or Sphinx takes any name that ends so
 
+    def linkable(app: Any, document: Any) -> None:
+        """A label can be linked as a heading can: ``assumptions.md#a16``, which JupyterLab opens as
+        well.
+        """
+        slugs = app.env.metadata[app.env.docname].setdefault("myst_slugs", {})
+        for name, explicit in document.nametypes.items():
+            if explicit and document.nameids.get(name):
+                slugs.setdefault(name, (0, document.nameids[name], name))
+
     app.connect("doctree-read", name_in_full)
+    app.connect("doctree-read", linkable)
     app.connect("missing-reference", _plain)
     app.connect("autodoc-skip-member", _skipped)
     return {"parallel_read_safe": True, "parallel_write_safe": True}

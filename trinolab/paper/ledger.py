@@ -5,7 +5,7 @@ from it.
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -17,6 +17,22 @@ from ..files.inputs import get, read_toml
 
 ROUNDING = 2e-5  # of all quantities of the errata; none of them is meant to be so small
 STATUSES = ("as printed", "misprint", "ambiguous")
+# a status -> the title of its part of the errata, and what stands there
+PARTS = {
+    "misprint": (
+        "Errors",
+        "What is printed here is wrong: whoever computes by it gets another result than the text means.",
+    ),
+    "ambiguous": (
+        "Ambiguities",
+        "These may be right in one of several readings, or leave something undefined, and are no errors of "
+        "the authors' as far as we can see. We give the reading that works.",
+    ),
+    "as printed": (
+        "As printed, with a limit",
+        "These hold as they stand, but not all that the text says of them.",
+    ),
+}
 
 
 @dataclass(frozen=True)
@@ -138,45 +154,60 @@ def equations_named(text: str) -> set[str]:
     return {str(no) for first, _, last in spans for no in range(int(first), int(last or first) + 1)}
 
 
-def index_page(entries: Sequence[Entry], effects: Mapping[str, Sequence[Effect]]) -> str:
-    """The equation index, as MyST Markdown: a row an equation, with a place for links and links to
-    the reference.
+def index_page(
+    entries: Sequence[Entry],
+    effects: Mapping[str, Sequence[Effect]],
+    labelled: Collection[str] = (),
+) -> str:
+    """The equation index, as MyST Markdown: a line to jump from, then a section an equation with its
+    formula, its links, and its tests as a command.
+
+    Parameters
+    ----------
+    entries : sequence of Entry
+    effects : mapping
+        From an entry's number to what its misprint does; without one there is no link to the errata.
+    labelled : collection of str
+        Labels that chapters have, "eq-20"; a chapter without one is linked as a whole.
     """
-    rows = ["| Eq. | Sect. | status | functions | tests | chapter |", "|---|---|---|---|---|---|"]
-    for entry in entries:
-        if not entry.no.isdigit():
-            continue
-        status = (
-            f"{{ref}}`{entry.status} <{entry.label}>`" if effects.get(entry.no) else entry.status
-        )
-        functions = "<br>".join(
-            f"{{py:obj}}`{'.'.join(name.split('.')[-2:])} <{name}>`" for name in entry.functions
-        )
-        tests = "<br>".join(map(_readable, entry.tests))
-        chapter = f"{{doc}}`{int(entry.chapter[:2])} </notebooks/{entry.chapter}>`"
-        number = f"[{entry.no}]{{#equation-{entry.no}}}"
-        rows.append(
-            f"| {number} | {entry.section} | {status} | {functions} | {tests} | {chapter} |"
-        )
-    return "\n".join(rows) + "\n"
+    equations = [entry for entry in entries if entry.no.isdigit()]
+    jumps = " ".join(f"{{ref}}`{entry.no} <equation-{entry.no}>`" for entry in equations)
+    sections = [_index_section(entry, bool(effects.get(entry.no)), labelled) for entry in equations]
+    return "\n".join([f"**Eq.** {jumps}", "", *sections])
 
 
-def errata_page(entries: Sequence[Entry], effects: Mapping[str, Sequence[Effect]]) -> str:
-    """The errata, as MyST Markdown: every entry that is not as printed, or whose printed form has
-    an effect.
+def errata_page(
+    entries: Sequence[Entry],
+    effects: Mapping[str, Sequence[Effect]],
+    labelled: Collection[str] = (),
+) -> str:
+    """The errata, as MyST Markdown, in the three `PARTS`: every entry that is not as printed, or
+    whose printed form has an effect.
     """
-    wrong = [entry for entry in entries if entry.status != "as printed" or effects.get(entry.no)]
-    return "\n".join(_erratum(entry, effects.get(entry.no, ())) for entry in wrong)
+    lines = list[str]()
+    for status, (title, meaning) in PARTS.items():
+        found = [
+            entry
+            for entry in entries
+            if entry.status == status and (status != "as printed" or effects.get(entry.no))
+        ]
+        if found:
+            jumps = ", ".join(f"{{ref}}`{entry.name} <{entry.label}>`" for entry in found)
+            lines += [f"## {title}", "", f"{meaning} {jumps}.", ""]
+            lines += [_erratum(entry, effects.get(entry.no, ()), labelled) for entry in found]
+    return "\n".join(lines)
 
 
-def write_pages(folder: Path, effects: Mapping[str, Sequence[Effect]]) -> None:
+def write_pages(
+    folder: Path, effects: Mapping[str, Sequence[Effect]], labelled: Collection[str] = ()
+) -> None:
     """Write ``equations.md`` and ``errata.md`` into a folder, made if need be; the pages of the
     book include them.
     """
     entries = load_ledger()
     folder.mkdir(parents=True, exist_ok=True)
     for name, page in (("errata", errata_page), ("equations", index_page)):
-        (folder / f"{name}.md").write_text(page(entries, effects), encoding="utf-8")
+        (folder / f"{name}.md").write_text(page(entries, effects, labelled), encoding="utf-8")
 
 
 def _entry(row: Any, where: str) -> Entry:
@@ -203,29 +234,64 @@ def _check(good: bool, value: Any, where: str, wanted: str) -> None:
         raise ValueError(f"{where}: expected {wanted}, got {value!r}")
 
 
-def _erratum(entry: Entry, effects: Sequence[Effect]) -> str:
-    tag = f" \\tag{{{entry.no}}}" if entry.no.isdigit() else ""
-    kind = (
-        f"Sect. {entry.section}, {entry.status}"
-        if entry.no.isdigit()
-        else entry.status.capitalize()
+def _index_section(entry: Entry, has_effect: bool, labelled: Collection[str]) -> str:
+    status = f"{{ref}}`{entry.status} <{entry.label}>`" if has_effect else entry.status
+    shown = "; here corrected" if entry.corrected else ""
+    functions = ", ".join(
+        f"{{py:obj}}`{'.'.join(name.split('.')[-2:])} <{name}>`" for name in entry.functions
     )
-    lines = [f"({entry.label})=", f"## {entry.name}", "", f"*{kind}.* {entry.what}", ""]
-    for title, tex in (("As printed:", entry.printed), ("Corrected:", entry.corrected)):
-        if tex:  # in $$ several lines would be put into an environment that takes no tag
-            lines += [
-                title,
-                "",
-                f"\\begin{{equation*}}\n{tex.strip()}{tag}\n\\end{{equation*}}",
-                "",
-            ]
+    return "\n".join(
+        [
+            f"(equation-{entry.no})=",
+            f"## {entry.name}",
+            "",
+            f"Sect. {entry.section}, {status}{shown}; derived in {_chapter_link(entry, labelled)}.",
+            "",
+            *_formula(entry.corrected or entry.printed, entry.no),
+            f"Computed by {functions}. Tested by",
+            "",
+            "```sh",
+            "pytest " + " \\\n    ".join(entry.tests),
+            "```",
+            "",
+        ]
+    )
+
+
+def _chapter_link(entry: Entry, labelled: Collection[str]) -> str:
+    """To the equation itself where the chapter has a label for it, else to the chapter."""
+    chapter = f"chapter {int(entry.chapter[:2])}"
+    label = f"eq-{entry.no}"
+    if label in labelled:
+        return f"{{ref}}`{chapter} <{label}>`"
+    return f"{{doc}}`{chapter} </notebooks/{entry.chapter}>`"
+
+
+def _formula(tex: str, no: str) -> list[str]:
+    """A display with the paper's number; in $$ several lines would be put into an environment that
+    takes no tag.
+    """
+    tag = f" \\tag{{{no}}}" if no.isdigit() else ""
+    return [f"\\begin{{equation*}}\n{tex.strip()}{tag}\n\\end{{equation*}}", ""]
+
+
+def _erratum(entry: Entry, effects: Sequence[Effect], labelled: Collection[str]) -> str:
+    lines = [f"({entry.label})=", f"### {entry.name}", ""]
+    where = f"*Sect. {entry.section}.* " if entry.no.isdigit() else ""
+    lines += [where + entry.what, ""]
+    for title, tex in (("As printed:", entry.printed), ("As we use it:", entry.corrected)):
+        if tex:
+            lines += [title, "", *_formula(tex, entry.no)]
     if effects:
         lines += ["| effect | unit | as printed | corrected | must be |", "|---|---|---:|---:|---|"]
         lines += [
             f"| {e.meaning} | {e.unit} | {number_text(e.printed)} | {number_text(e.corrected)} | {_wanted(e)} |"
             for e in effects
         ]
-    return "\n".join([*lines, "", f"In the book: {{doc}}`/notebooks/{entry.chapter}`.", ""])
+    links = _chapter_link(entry, labelled)
+    if entry.no.isdigit():
+        links += f"; {{ref}}`functions and tests <equation-{entry.no}>`"
+    return "\n".join([*lines, "", f"In the book: {links}.", ""])
 
 
 def number_text(value: float) -> str:
@@ -247,12 +313,3 @@ def _wanted(effect: Effect) -> str:
     if np.isinf(effect.at_least):
         return high if high == "0" else f"at most {high}"
     return low if low == high else f"{low} to {high}"
-
-
-def _readable(test: str) -> str:
-    """A test's file and name in words: a name of eighty characters would not be broken into
-    lines.
-    """
-    file, _, name = test.removeprefix("tests/").partition("::")
-    words = name.removeprefix("test_").replace("_s_", "'s ").replace("_", " ")
-    return f"`{file}`: {words}"

@@ -76,6 +76,16 @@ def main(argv: Sequence[str] | None = None) -> int:
         studies, "second_renderer", "the estimators on path-traced frames: second_renderer.csv"
     )
     _add_kept(second, "_build/second", "the recordings")
+    sensitivity = _add(
+        studies,
+        "sensitivity",
+        "the headline numbers with other assumptions: sensitivity.csv",
+        out="data",
+    )
+    sensitivity.add_argument(
+        "--draws", type=int, default=3, metavar="N", help="of the noise, a pose (%(default)s)"
+    )
+    _add_kept(sensitivity, "_build/sensitivity", "finished instants")
     stress = _add(studies, "stress", "the bench broken, one thing at a time: stress.csv")
     stress.add_argument(
         "--instants",
@@ -165,6 +175,8 @@ def _one_table(a: argparse.Namespace, study: ModuleType) -> pd.DataFrame:
     """The table of a study that has one, of the study's own name."""
     if a.study == "second_renderer":
         return study.make_table(Path(a.kept))
+    if a.study == "sensitivity":
+        return study.make_table(Path(a.kept), a.draws)
     if a.study == "calibration_error":
         return study.make_table(a.draws, a.workers, Path(a.kept))
     if a.study == "stress":
