@@ -53,6 +53,7 @@ NEW_SCOREBOARD = BUILD / "scoreboard.new.csv"
 # parts of pages: from the ledger of equations, and of the reference in a folder
 GENERATED = BUILD / "generated"
 HTML = BUILD / "html"
+SECONDS = BUILD / "seconds.json"  # a result's name -> how long it took, s
 PAGES_MADE_FROM = BUILD / "pages_made_from"  # a hash; it is there as long as the pages are whole
 # the standard recordings that chapters use, and their length, s
 RECORDINGS = ("calm", "hard")
@@ -240,6 +241,9 @@ def finish(one: Running, place: str = "") -> bool:
             print(f"{one.job.name}: ended by signal {-one.process.returncode}; {KILLED}")
     else:
         keep(one.job)
+        took = json.loads(SECONDS.read_text(encoding="utf-8")) if SECONDS.exists() else {}
+        took[one.job.name] = round(time.monotonic() - one.start, 1)
+        write_whole(SECONDS, json.dumps(took, indent=1) + "\n")
     one.log.close()
     return good
 
@@ -357,23 +361,33 @@ def build_pages() -> bool:
     ]
     if subprocess.run(command, cwd=ROOT, stdin=subprocess.DEVNULL).returncode != 0:
         return False
+    write_crate()
     write_whole(PAGES_MADE_FROM, now)
     return True
 
 
 def write_reference() -> None:
     """Write the API reference, the commands' help, the picture of the house, and the pages of the
-    claims, all as the package is now.
+    claims and of the report, all as the package is now.
     """
     import claims_pages
     import commandhelp
     import house
     import reference
+    import report_pages
 
     reference.write_pages()
     commandhelp.write_help()
     house.write_house()
     claims_pages.write_pages(SCOREBOARD, GENERATED / "claims")
+    report_pages.write_pages(SCOREBOARD, SECONDS, GENERATED / "report")
+
+
+def write_crate() -> None:
+    """Put what the pages stand on beside them, and describe both as an RO-Crate."""
+    import crate
+
+    crate.write_crate(HTML)
 
 
 def pages_made_from() -> str:

@@ -54,7 +54,8 @@ def answer(board: pd.DataFrame) -> str:
     said = [f"{counts[verdict]} {word(verdict)}" for verdict in VERDICTS if verdict in counts]
     left = int((~board["verdict"].isin(VERDICTS)).sum())
     rest = f"; {left} were not run here" if left else ""
-    return f"Of {len(board)} rows {', '.join(said)}{rest}."
+    report = "The {doc}`replication report </book/report>` has all of it on a page."
+    return f"Of {len(board)} rows {', '.join(said)}{rest}. {report}"
 
 
 def word(verdict: str) -> str:
@@ -76,7 +77,7 @@ def board_table(board: pd.DataFrame) -> str:
         for row in board.itertuples()
     ]
     head = ("No", "Claim, and how it fares", "Paper, ours, and what decides")
-    return list_table(head, rows, "6 47 47", "scoreboard")
+    return list_table(head, rows, "6 47 47", "scoreboard", anchor="claim")
 
 
 def numbers_of(row: Any) -> str:
@@ -107,7 +108,7 @@ def criteria_table() -> str:
         for claim in load_claims()
     ]
     head = ("No", "Claim, and the paper's words", "Criterion, and sample")
-    return list_table(head, rows, "6 47 47", "criteria")
+    return list_table(head, rows, "6 47 47", "criteria", anchor="criterion")
 
 
 def in_words(claim: Claim) -> str:
@@ -127,18 +128,47 @@ def sample_of(claim: Claim) -> str:
 def deviations_list() -> str:
     """The log, an item each."""
     return "\n".join(
-        f"- **{entry.date}**, claim {', '.join(entry.claims)}. *Was:* {entry.was} *Now:* {entry.now} "
+        f"- **{entry.date}**, claim {', '.join(map(claim_link, entry.claims))}. *Was:* {entry.was} *Now:* {entry.now} "
         f"{entry.why}"
         for entry in load_deviations()
     )
 
 
-def list_table(head: tuple[str, ...], rows: list[tuple[str, ...]], widths: str, kind: str) -> str:
-    """A table whose cells may be long, in MyST."""
+def claim_link(no: str) -> str:
+    """A claim's number as a link to its row of the scoreboard."""
+    return f"{{ref}}`{no} <claim-{no}>`"
+
+
+def list_table(
+    head: tuple[str, ...],
+    rows: list[tuple[str, ...]],
+    widths: str,
+    kind: str,
+    anchor: str = "",
+    raw: bool = False,
+) -> str:
+    """A table whose cells may be long, in MyST.
+
+    Parameters
+    ----------
+    anchor : str
+        The first cell of a row is a number, to which links may lead: "claim" makes "claim-17a".
+    raw : bool
+        Whether cells are markup already.
+    """
     lines = ["````{list-table}", ":header-rows: 1", f":widths: {widths}", f":class: {kind}", ""]
     for row in [head, *rows]:
-        lines += [f"{'* -' if k == 0 else '  -'} {escaped(cell)}" for k, cell in enumerate(row)]
+        cells = list(row) if raw else [escaped(cell) for cell in row]
+        if anchor and row is not head:
+            cells[0] = placed(anchor, row[0])
+        lines += [f"{'* -' if k == 0 else '  -'} {cell}" for k, cell in enumerate(cells)]
     return "\n".join([*lines, "````"])
+
+
+def placed(anchor: str, no: str) -> str:
+    """A row's number as a place to link to, and a link to the other page that has the row."""
+    other = {"claim": "criterion", "criterion": "claim"}[anchor]
+    return f"[{{ref}}`{no} <{other}-{no}>`]{{#{anchor}-{no}}}"
 
 
 def escaped(text: str) -> str:
