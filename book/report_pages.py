@@ -14,7 +14,7 @@ from importlib.metadata import version
 from pathlib import Path
 
 import pandas as pd
-from claims_pages import IS_OF_THE_PAPER, VERDICTS, claim_link, list_table, read_board, word
+from claims_pages import IS_OF_THE_PAPER, VERDICTS, claim_link, list_table, read_board
 
 from trinolab.cli import digits
 from trinolab.files.outputs import write_whole
@@ -70,8 +70,8 @@ NAMES = {
     "angle": "angle",
     "E_t best": "$E_t$ of the best estimator",
     "angle best": "its angle",
-    "told apart": "true pose found",
-    "measured": "measured",
+    "told apart": "poses that are the true one",
+    "measured": "measured poses",
     "E_t printed": "$E_t$ of the printed table",
     "angle printed": "angle of the printed table",
     "E_t of a calibration": "$E_t$ of a calibration",
@@ -79,6 +79,7 @@ NAMES = {
     "false_percent_cured": "bench taken for moving",
     "window_percent_calm": "image searched",
 }
+POSES, CALIBRATIONS = 20, 30  # of a number that nothing was left out of
 PACKAGES = ("numpy", "scipy", "opencv-contrib-python-headless", "pandas", "jupyter-book")
 FILES = (
     "data/claims.toml",
@@ -142,7 +143,7 @@ def kinds(board: pd.DataFrame) -> str:
             chosen = some[some["verdict"] == verdict]
             if len(chosen):
                 links = ", ".join(claim_link(no) for no in chosen["no"])
-                fares.append(f"{len(chosen)} {word(verdict)}: {links}")
+                fares.append(f"{len(chosen)} {verdict}: {links}")
         rows.append((f"{kind} <br> {len(some)} rows", " <br> ".join(fares)))
     return list_table(("Kind", "How its rows fare"), rows, "28 72", "kinds", raw=True)
 
@@ -162,7 +163,7 @@ def sensitivity(table: pd.DataFrame) -> str:
     drawn = table[table["source"] == "rendered"]
     first = drawn.drop_duplicates("number")
     base = ", ".join(
-        f"{NAMES[row.number]} {digits(row.as_assumed)} {row.unit} ({claim_link(row.claim)})"
+        f"{NAMES[row.number]} {quantity(row.as_assumed, row.unit)} ({claim_link(row.claim)})"
         for row in first.itertuples()
     )
     rows, none = [], list[str]()
@@ -170,7 +171,7 @@ def sensitivity(table: pd.DataFrame) -> str:
         changed = [row for row in some.itertuples() if is_shown(row)]
         name = f"[{assumption}](assumptions.md#{assumption.lower()})"
         if changed:
-            what = " <br> ".join(map(change_text, changed))
+            what = "; ".join(map(change_text, changed))
             rows.append((f"{name} {instead}", what))
         else:
             none.append(f"{name} ({instead})")
@@ -178,12 +179,12 @@ def sensitivity(table: pd.DataFrame) -> str:
     not_varied = "\n".join(
         f"- [{no}](assumptions.md#{no.lower()}): {why}." for no, why in NOT_VARIED.items()
     )
-    seed, draws = first["seed"].iloc[0], first["draws"].iloc[0]
+    seed, draws = (int(first[name].iloc[0]) for name in ("seed", "draws"))
     return "\n".join(
         [
             f"As assumed (20 poses, {draws} draws of the noise each, seed {seed}): {base}.",
             "",
-            list_table(head, rows, "40 60", "sensitivity", raw=True),
+            list_table(head, rows, "34 66", "sensitivity", raw=True),
             "",
             f"No change shows for {', '.join(none)}." if none else "",
             "",
@@ -202,21 +203,27 @@ def is_shown(row: object) -> bool:
         return False
     if row.low == row.low:
         return row.low > 0 or row.high < 0
-    return abs(row.difference) > 1e-6 * max(abs(row.as_assumed), 1e-6)
+    return abs(row.difference) > 1e-3 * abs(row.as_assumed)
 
 
 def change_text(row: object) -> str:
     """Before and after, and the interval of the difference."""
-    unit = "" if row.unit == "share" else f" {row.unit}"
-    text = f"{NAMES[row.number]} {digits(row.as_assumed)} → **{digits(row.changed)}**{unit}"
+    after = quantity(row.changed, row.unit)
+    text = f"{NAMES[row.number]} {digits(row.as_assumed)} → **{after}**"
     if row.low == row.low:
-        text += f" ({signed(row.low)} to {signed(row.high)}, n {row.n})"
+        fewer = "" if row.n in (POSES, CALIBRATIONS) else f", n {row.n}"
+        text += f" ({signed(row.low)} to {signed(row.high)}{fewer})"
     return text
 
 
+def quantity(value: float, unit: str) -> str:
+    """A number with its unit; a share in percent."""
+    return f"{100 * value:.0f} %" if unit == "share" else f"{digits(value)} {unit}"
+
+
 def signed(value: float) -> str:
-    """With a plus where it is one."""
-    return f"+{digits(value)}" if value > 0 else digits(value)
+    """Two digits, with a sign."""
+    return f"{value:+.2g}".replace("-", "−")
 
 
 def environment(seconds: Path) -> str:

@@ -27,14 +27,19 @@ def rows_of(table):
     return re.findall(r"^\* - (.*)$", table, flags=re.MULTILINE)[1:]
 
 
+def numbers_of(table, anchor):
+    """The rows of claims, each of which has a place to link to."""
+    return re.findall(rf"^\* - .*\{{#{anchor}-(\w+)\}}$", table, flags=re.MULTILINE)
+
+
 def test_each_claim_stands_on_one_of_two_boards(pages):
-    assert rows_of(pages["paper"]) == [c.no for c in CLAIMS if not c.is_ours]
-    assert rows_of(pages["own"]) == [c.no for c in CLAIMS if c.is_ours]
-    assert rows_of(pages["criteria"]) == [c.no for c in CLAIMS]
+    assert numbers_of(pages["paper"], "claim") == [c.no for c in CLAIMS if not c.is_ours]
+    assert numbers_of(pages["own"], "claim") == [c.no for c in CLAIMS if c.is_ours]
+    assert numbers_of(pages["criteria"], "criterion") == [c.no for c in CLAIMS]
 
 
 def test_a_row_shows_verdict_interval_sample_and_criterion(pages):
-    row = pages["paper"].split("* - 11\n")[1].split("\n* - ")[0]
+    row = pages["paper"].split("{#claim-11}\n")[1].split("\n* - ")[0]
     for shown in ("**match**", "ours **1** share (0.969 to 1)", "n 120, seed 1706"):
         assert shown in row
     assert "in at least 0.95 of the cases" in row
@@ -49,6 +54,7 @@ def test_protocol_has_trials_quotes_and_log(pages):
     assert len(rows_of(pages["trials"])) == len(load_trials())
     assert "can adapt well to changing ambient light" in pages["criteria"]
     assert pages["deviations"].count("*Was:*") == len(load_deviations())
+    assert "claim {ref}`12 <claim-12>`." in pages["deviations"]
 
 
 def test_no_cell_has_markup_by_chance(pages):

@@ -5,6 +5,7 @@ names is there.
 import ast
 import importlib
 import re
+import shlex
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -152,7 +153,13 @@ def test_the_formulas_are_closed(entry):
     for tex in (entry.printed, entry.corrected, entry.what):
         plain = tex.replace(r"\{", "").replace(r"\}", "")
         assert plain.count("{") == plain.count("}")
-        assert re.findall(r"\\begin\{(\w+)\}", tex) == re.findall(r"\\end\{(\w+)\}", tex)
+        opened = list[str]()
+        for what, name in re.findall(r"\\(begin|end)\{(\w+)\}", tex):
+            if what == "begin":
+                opened.append(name)
+            else:
+                assert opened.pop() == name
+        assert not opened
         assert tex.count(r"\left") - tex.count(r"\leftarrow") == tex.count(r"\right") - tex.count(
             r"\rightarrow"
         )
@@ -255,41 +262,93 @@ EFFECTS = {
 }
 
 
-def test_the_index_has_a_row_an_equation():
-    rows = index_page(LEDGER, EFFECTS).splitlines()[2:]
-    assert [row.split("|")[1].strip() for row in rows] == [
-        f"[{k}]{{#equation-{k}}}" for k in range(1, 28)
+def section(page, no):
+    """The section of an equation of the index."""
+    return page.split(f"(equation-{no})=\n")[1].split("\n(equation-")[0]
+
+
+def test_the_index_has_a_section_an_equation():
+    page = index_page(LEDGER, EFFECTS, ["eq-20"])
+    assert re.findall(r"^\(equation-(\d+)\)=$", page, flags=re.MULTILINE) == [
+        str(k) for k in range(1, 28)
     ]
-    for row, entry in zip(rows, EQUATIONS, strict=True):
-        assert row.count("|") == 7, "a stroke inside a cell would open another one"
-        assert f"</notebooks/{entry.chapter}>`" in row
-        assert all(f".{name.rpartition('.')[2]} <{name}>`" in row for name in entry.functions)
-    assert "{ref}`ambiguous <erratum-eq-20>`" in rows[19]
-    assert "| as printed |" in rows[21]
+    for entry in EQUATIONS:
+        text = section(page, entry.no)
+        assert f"## {entry.name}\n" in text
+        assert f"<equation-{entry.no}>`" in page.splitlines()[0], "no link to jump"
+        assert (entry.corrected or entry.printed) in text
+        assert rf"\tag{{{entry.no}}}" in text
+        assert all(f".{name.rpartition('.')[2]} <{name}>`" in text for name in entry.functions)
+    assert "{ref}`ambiguous <erratum-eq-20>`" in section(page, 20)
+    assert "Sect. 5.3, as printed;" in section(page, 22)
+
+
+def test_the_index_leads_to_the_equation_where_the_chapter_has_a_label():
+    page = index_page(LEDGER, EFFECTS, ["eq-20"])
+    assert "{ref}`chapter 8 <eq-20>`" in section(page, 20)
+    assert "{doc}`chapter 8 </notebooks/08_pose>`" in section(page, 21)
+
+
+def test_the_tests_of_an_equation_can_be_pasted():
+    command = section(index_page(LEDGER, EFFECTS), 20).split("```sh\n")[1].split("\n```")[0]
+    words = shlex.split(command.replace("\\\n", " "))
+    assert words[0] == "pytest"
+    assert tuple(words[1:]) == EQUATIONS[19].tests
+
+
+def test_chapters_have_labels_before_their_own_equations_alone():
+    for entry in EQUATIONS:
+        for path in ROOT.glob("notebooks/*.ipynb"):
+            text = text_of(path.stem)
+            labels = text.count(f"(eq-{entry.no})=\n")
+            assert labels <= (path.stem == entry.chapter), f"eq-{entry.no} in {path.stem}"
+            if labels:
+                after = text.split(f"(eq-{entry.no})=\n")[1]
+                assert after.startswith(("$$", r"\begin{"))
+                assert rf"\tag{{{entry.no}}}" in after.split("\n\n")[0]
+
+
+def test_chapters_link_back_to_the_index():
+    for entry in EQUATIONS:
+        text = text_of(entry.chapter)
+        if f"(eq-{entry.no})=" in text:
+            assert f"equations.md#equation-{entry.no})" in text
 
 
 def test_the_errata_have_a_place_for_every_link_of_the_index():
     everything = {entry.no: EFFECTS["20"] for entry in LEDGER}
-    links = re.findall(r"<(erratum-[\w-]+)>", index_page(LEDGER, everything))
+    links = set(re.findall(r"<(erratum-[\w-]+)>", index_page(LEDGER, everything)))
     places = re.findall(
         r"^\((erratum-[\w-]+)\)=$", errata_page(LEDGER, everything), flags=re.MULTILINE
     )
     assert len(links) == 27
     assert len(set(places)) == len(places) == len(LEDGER)
-    assert set(links) <= set(places)
+    assert links <= set(places)
+
+
+def test_the_errata_keep_errors_ambiguities_and_limits_apart():
+    page = errata_page(LEDGER, {"22": EFFECTS["20"]})
+    parts = re.split(r"^## (.+)$", page, flags=re.MULTILINE)[1:]
+    assert parts[::2] == [title for title, _ in ledger.PARTS.values()]
+    for status, text in zip(ledger.PARTS, parts[1::2], strict=True):
+        shown = re.findall(r"^### (.+)$", text, flags=re.MULTILINE)
+        wanted = [entry.name for entry in LEDGER if entry.status == status]
+        assert shown == (wanted if status != "as printed" else ["Eq. 22"])
 
 
 def test_an_erratum_shows_both_forms_and_the_effect():
     page = errata_page([entry for entry in EQUATIONS if entry.no in ("19", "20")], EFFECTS)
-    assert "## Eq. 19" not in page
+    assert "# Eq. 19" not in page
     assert (
         page.count(r"\tag{20}")
         == page.count(r"\begin{equation*}")
         == page.count(r"\end{equation*}")
         == 2
     )
-    assert "| distance | mm | 47.9 | 0 | 0 |" in page
-    assert "| share |  | undefined | infinite | at least 0.5 |" in page
+    assert "- distance: **47.9** mm as printed, 0 mm as corrected; it must be 0." in page
+    assert (
+        "- share: **undefined** as printed, infinite as corrected; it must be at least 0.5." in page
+    )
 
 
 @pytest.mark.parametrize(

@@ -283,15 +283,21 @@ def _erratum(entry: Entry, effects: Sequence[Effect], labelled: Collection[str])
         if tex:
             lines += [title, "", *_formula(tex, entry.no)]
     if effects:
-        lines += ["| effect | unit | as printed | corrected | must be |", "|---|---|---:|---:|---|"]
-        lines += [
-            f"| {e.meaning} | {e.unit} | {number_text(e.printed)} | {number_text(e.corrected)} | {_wanted(e)} |"
-            for e in effects
-        ]
+        lines += ["What it does:", "", *map(_effect_item, effects)]
     links = _chapter_link(entry, labelled)
     if entry.no.isdigit():
         links += f"; {{ref}}`functions and tests <equation-{entry.no}>`"
     return "\n".join([*lines, "", f"In the book: {links}.", ""])
+
+
+def _effect_item(effect: Effect) -> str:
+    """An effect as an item of a list, which a narrow screen has room for."""
+    unit = f" {effect.unit}" if effect.unit else ""
+    printed, corrected = number_text(effect.printed), number_text(effect.corrected)
+    return (
+        f"- {effect.meaning}: **{printed}**{unit} as printed, {corrected}{unit} as corrected; it must be "
+        f"{_wanted(effect)}."
+    )
 
 
 def number_text(value: float) -> str:

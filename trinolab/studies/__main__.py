@@ -83,7 +83,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         out="data",
     )
     sensitivity.add_argument(
-        "--draws", type=int, default=3, metavar="N", help="of the noise, a pose (%(default)s)"
+        "--draws", type=int, default=2, metavar="N", help="of the noise, a pose (%(default)s)"
     )
     _add_kept(sensitivity, "_build/sensitivity", "finished instants")
     stress = _add(studies, "stress", "the bench broken, one thing at a time: stress.csv")
