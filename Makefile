@@ -38,7 +38,7 @@ lint: .venv/package.done  ## check style and types
 verify: .venv/package.done  ## the heavy counts, as a report: an hour; ARGS="--only nees --draws 100" is quick
 	@$(BIN)/python tests/verify.py $(ARGS)
 
-sweeps: .venv/package.done  ## make the tables in data/sweeps again, but the one that needs another renderer: two hours
+sweeps: .venv/package.done  ## make the tables in data/sweeps and data/sensitivity.csv again, but the one that needs another renderer: two and a half hours
 	@$(BIN)/python -m trinolab.studies factors
 	@$(BIN)/python -m trinolab.studies budget
 	@$(BIN)/python -m trinolab.studies elevation
@@ -46,6 +46,7 @@ sweeps: .venv/package.done  ## make the tables in data/sweeps again, but the one
 	@$(BIN)/python -m trinolab.studies stress
 	@$(BIN)/python -m trinolab.studies bound
 	@$(BIN)/python -m trinolab.studies gallery
+	@$(BIN)/python -m trinolab.studies sensitivity
 
 sheet: .venv/package.done  ## the data sheet of the standard rig in _build/sheet, its numbers and its row of the control chart in data/accept: 15 minutes
 	@$(BIN)/trinolab accept --rig raised_40deg --handle coded --chart data/accept/history.csv --out _build/sheet

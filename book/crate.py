@@ -18,6 +18,8 @@ from report_pages import ROOT, commit, sha256
 
 from trinolab.files.outputs import write_whole
 
+# of RO-Crate, and the one term of schema.org that it does not have
+CONTEXT = ["https://w3id.org/ro/crate/1.1/context", {"sha256": "https://schema.org/sha256"}]
 PAPER = "http://www.naturalspublishing.com/Article.asp?ArtcID=8106"
 CC_BY = "https://creativecommons.org/licenses/by/4.0/"
 BSD = "https://spdx.org/licenses/BSD-3-Clause"
@@ -91,7 +93,7 @@ def metadata(html: Path) -> dict[str, Any]:
         "about": {"@id": "./"},
     }
     graph = [descriptor, root, *pages, *inputs, build, _software(), *_surroundings()]
-    return {"@context": "https://w3id.org/ro/crate/1.1/context", "@graph": graph}
+    return {"@context": CONTEXT, "@graph": graph}
 
 
 def _file(html: Path, name: str, what: str, licence: str) -> dict[str, Any]:
@@ -142,6 +144,11 @@ def _surroundings() -> list[dict[str, Any]]:
             "publisher": {"@id": "#publisher"},
             "pagination": "749-757",
         },
-        {"@id": "#publisher", "@type": "Organization", "name": "Natural Sciences Publishing"},
+        {
+            "@id": "#publisher",
+            "@type": "Organization",
+            "name": "Natural Sciences Publishing",
+            "url": "http://www.naturalspublishing.com/",
+        },
         *people,
     ]

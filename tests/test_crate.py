@@ -22,7 +22,8 @@ def problems(folder):
     found = json.loads((folder / "ro-crate-metadata.json").read_text(encoding="utf-8"))
     entities = {entity.get("@id"): entity for entity in found["@graph"]}
     said = []
-    if found["@context"] != "https://w3id.org/ro/crate/1.1/context":
+    first, *more = found["@context"]
+    if first != "https://w3id.org/ro/crate/1.1/context" or any("@vocab" in terms for terms in more):
         said.append("context")
     if len(entities) != len(found["@graph"]) or None in entities:
         said.append("every entity has an @id of its own")
