@@ -9,7 +9,7 @@ import pytest
 import report_pages
 
 from trinolab.studies import scoreboard
-from trinolab.studies.protocol import load_claims
+from trinolab.studies.protocol import load_claims, load_deviations
 
 ROOT = Path(__file__).resolve().parents[1]
 ASSUMPTIONS = (ROOT / "book" / "assumptions.md").read_text(encoding="utf-8")
@@ -60,6 +60,14 @@ def test_every_assumption_is_varied_or_it_is_said_why_not():
 def test_assumptions_stand_in_their_order():
     found = re.findall(r"^\* - \[A(\d+)\]\{#a(\d+)\}$", ASSUMPTIONS, flags=re.MULTILINE)
     assert found == [(str(k), str(k)) for k in range(1, len(found) + 1)]
+
+
+def test_the_page_counts_rightly():
+    page = (ROOT / "book" / "report.md").read_text(encoding="utf-8")
+    assert f"[{ASSUMPTIONS.count('{#a')} choices](assumptions.md)" in page
+    log = load_deviations()
+    assert sum(entry.date == "2026-11-20" for entry in log) == 7, "seven changes before the freeze"
+    assert sum(bool(entry.hashes) for entry in log) == 2, "two additions after it"
 
 
 def row(**changes):
