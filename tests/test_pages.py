@@ -104,6 +104,31 @@ def test_an_entry_of_the_reference_leads_to_source_equation_and_chapter():
     assert 'href="api/pose.html#trinolab.pose.rigid_fit"' in read("book/equations")
 
 
+def test_the_index_leads_to_the_equation_itself_and_back():
+    index = read("book/equations")
+    for no, chapter in ((4, "02_workspace"), (16, "05_markers"), (20, "08_pose")):
+        assert f'href="../notebooks/{chapter}.html#eq-{no}"' in index
+        assert re.search(
+            rf'<div class="[^"]*math[^"]*" id="eq-{no}">', read(f"notebooks/{chapter}")
+        )
+        assert f'href="../book/equations.html#equation-{no}"' in read(f"notebooks/{chapter}")
+
+
+@pytest.mark.parametrize(
+    ("page", "link"),
+    [
+        ("notebooks/08_pose", "../book/assumptions.html#a16"),
+        ("notebooks/04_kalman", "../book/errata.html#erratum-eq-12"),
+        ("book/report", "start.html#claim-17"),
+        ("book/report", "assumptions.html#a11"),
+        ("book/protocol", "start.html#claim-17"),
+        (TOC["root"], "protocol.html#criterion-17"),
+    ],
+)
+def test_assumptions_claims_and_errata_are_linked_where_they_are_used(page, link):
+    assert f'href="{link}"' in read(page)
+
+
 def test_the_picture_of_the_house_is_described():
     (picture,) = re.findall(r"<img[^>]*house[^>]*>", read("book/design"))
     assert len(re.search('alt="([^"]*)"', picture).group(1)) > 100
