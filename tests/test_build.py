@@ -30,6 +30,7 @@ def book(tmp_path, monkeypatch):
         "SCOREBOARD": "_build/scoreboard.csv",
         "NEW_SCOREBOARD": "_build/scoreboard.new.csv",
         "GENERATED": "_build/generated",
+        "SECONDS": "_build/seconds.json",
     }.items():
         monkeypatch.setattr(build, name, tmp_path / path)
     build.EXECUTED.mkdir(parents=True)
@@ -94,6 +95,7 @@ def test_a_job_that_fails_is_named_and_the_others_are_kept(book, capsys):
     assert "what was wrong" in out
     assert build.SCOREBOARD.read_text() == "no\n"
     assert json.loads(build.MADE_FROM.read_text()) == {"scoreboard": {"the package": "scoreboard"}}
+    assert json.loads(build.SECONDS.read_text()).keys() == {"scoreboard"}
 
 
 def test_a_chapter_is_run_and_stored(book, capsys):
@@ -156,6 +158,17 @@ def test_a_cache_that_cannot_be_written_is_said_before_anything_runs(book, monke
     lines = capsys.readouterr().out.splitlines()
     assert lines[-2] == "FAILED: recordings: cannot be written"
     assert not [line for line in lines if line.endswith("started")]
+
+
+def test_a_label_makes_the_ledger_stale_and_other_text_does_not(book):
+    path = chapter(book, "one")
+    notebook = build.read_notebook(path)
+    before = build.stale_jobs()[1].made_from
+    assert before["labels"] == ""
+    notebook.cells.append(nbformat.v4.new_markdown_cell("Text.\n\n(eq-20)=\n$$ x \\tag{20} $$"))
+    nbformat.write(notebook, path)
+    assert build.labels() == ["eq-20"]
+    assert build.stale_jobs()[1].made_from == {**before, "labels": "eq-20"}
 
 
 def test_a_log_gets_a_sign_of_life_now_and_then(monkeypatch, capsys):

@@ -96,6 +96,7 @@ def row(**changes):
         ({}, True),
         ({"low": -0.05}, False),
         ({"low": -0.2, "high": -0.1}, True),
+        ({"difference": 1e-5, "low": 1e-6, "high": 2e-5}, False),
         ({"low": 0.0, "high": 0.0, "difference": 0.0}, False),
         ({"low": float("nan"), "high": float("nan")}, True),
         ({"low": float("nan"), "high": float("nan"), "difference": 1e-6}, False),
@@ -111,6 +112,14 @@ def test_the_table_has_each_change_once():
     text = report_pages.sensitivity(TABLE)
     for instead in TABLE["instead"].unique():
         assert text.count(f" {instead}\n") + text.count(f" ({instead})") == 1, instead
+
+
+def test_the_conclusion_names_what_reaches_the_papers_number():
+    table = pd.DataFrame([row(changed=0.2), row(assumption="A4", changed=0.6)])
+    text = report_pages.conclusion(table)
+    assert "between 0.2 and 0.6 mm" in text
+    assert "0.31 mm by [A4](assumptions.md#a4)." in text
+    assert "None reaches" in report_pages.conclusion(table[:1])
 
 
 def test_environment_has_versions_machine_and_hashes(tmp_path):
