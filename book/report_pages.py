@@ -67,13 +67,13 @@ NAMES = {
     "E_alpha": "$E_\\alpha$",
     "E_beta": "$E_\\beta$",
     "E_gamma": "$E_\\gamma$",
-    "angle": "angle",
-    "E_t best": "$E_t$ of the best estimator",
-    "angle best": "its angle",
+    "angle": "angle $\\vartheta$",
+    "E_t best": "best $E_t$",
+    "angle best": "best $\\vartheta$",
     "told apart": "poses that are the true one",
     "measured": "measured poses",
     "E_t printed": "$E_t$ of the printed table",
-    "angle printed": "angle of the printed table",
+    "angle printed": "$\\vartheta$ of the printed table",
     "E_t of a calibration": "$E_t$ of a calibration",
     "workspace": "workspace",
     "false_percent_cured": "bench taken for moving",
@@ -203,31 +203,32 @@ def conclusion(drawn: pd.DataFrame) -> str:
     some = drawn[drawn["number"] == "E_t"].dropna(subset="changed")
     reach = some[some["changed"] >= PAPER_MM]
     links = ", ".join(f"[{no}](assumptions.md#{no.lower()})" for no in reach["assumption"])
-    found = (
-        f"It reaches the paper's {PAPER_MM} mm by {links}" if len(reach) else "None reaches 0.31 mm"
-    )
+    found = "None takes it"
+    if len(reach):
+        found = f"Only {links} take{'s' if len(reach) == 1 else ''} it"
     return (
         f"Over all changes {NAMES['E_t']} lies between {digits(some['changed'].min())} and "
-        f"{digits(some['changed'].max())} mm. {found}."
+        f"{digits(some['changed'].max())} mm. {found} to the paper's {PAPER_MM} mm."
     )
 
 
 def is_shown(row: object) -> bool:
-    """Whether a difference is one: more than a thousandth, and its interval leaves out zero where
+    """Whether a difference is one: more than a hundredth, and its interval leaves out zero where
     anything was drawn.
     """
-    if not abs(row.difference) > 1e-3 * abs(row.as_assumed):
+    if not abs(row.difference) > 1e-2 * abs(row.as_assumed):
         return False
     return row.low != row.low or row.low > 0 or row.high < 0
 
 
 def change_text(row: object) -> str:
     """Before and after, and the interval of the difference."""
+    scale = 100 if row.unit == "share" else 1
     after = quantity(row.changed, row.unit)
-    text = f"{NAMES[row.number]} {digits(row.as_assumed)} → **{after}**"
+    text = f"{NAMES[row.number]} {digits(scale * row.as_assumed)} → **{after}**"
     if row.low == row.low:
         fewer = "" if row.n in (POSES, CALIBRATIONS) else f", n {row.n}"
-        text += f" ({signed(row.low)} to {signed(row.high)}{fewer})"
+        text += f" ({signed(scale * row.low)} to {signed(scale * row.high)}{fewer})"
     return text
 
 
@@ -237,8 +238,9 @@ def quantity(value: float, unit: str) -> str:
 
 
 def signed(value: float) -> str:
-    """Two digits, with a sign."""
-    return f"{value:+.2g}".replace("-", "−")
+    """Two digits, or whole numbers, with a sign."""
+    text = f"{value:+.0f}" if abs(value) >= 10 else f"{value:+.2g}"
+    return text.replace("-", "−")
 
 
 def environment(seconds: Path) -> str:

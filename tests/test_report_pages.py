@@ -118,8 +118,8 @@ def test_the_conclusion_names_what_reaches_the_papers_number():
     table = pd.DataFrame([row(changed=0.2), row(assumption="A4", changed=0.6)])
     text = report_pages.conclusion(table)
     assert "between 0.2 and 0.6 mm" in text
-    assert "0.31 mm by [A4](assumptions.md#a4)." in text
-    assert "None reaches" in report_pages.conclusion(table[:1])
+    assert "Only [A4](assumptions.md#a4) takes it to the paper's 0.31 mm." in text
+    assert "None takes it to" in report_pages.conclusion(table[:1])
 
 
 def test_environment_has_versions_machine_and_hashes(tmp_path):
