@@ -28,7 +28,7 @@ test: .venv/package.done  ## run the tests, quicker after make book; ARGS="-k po
 
 lab: .venv/package.done  ## open the chapters in JupyterLab
 	@$(BIN)/jupyter-lab --ServerApp.root_dir=. --LabApp.default_url=/lab/tree/notebooks \
-	    $(if $(filter 0,$(shell id -u)),--allow-root)
+	    --LabApp.extra_labextensions_path="$(CURDIR)/book/lab" $(if $(filter 0,$(shell id -u)),--allow-root)
 
 lint: .venv/package.done  ## check style and types
 	@$(BIN)/ruff check .
