@@ -1,4 +1,4 @@
-"""Sliders over a finished sweep, moved by hand; and what is shown where nobody can move them."""
+"""Sliders over a parameter and over a finished sweep, moved by hand; and what is shown where nobody can move them."""
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -7,9 +7,9 @@ from makenotebook import make_notebook
 from matplotlib.figure import Figure
 
 from trinolab.sweep import sweep
-from trinolab.sweep.figures import explore
 from trinolab.sweep.grid import Interval
 from trinolab.sweep.notebook import UNATTENDED, run_notebook
+from trinolab.sweep.sliders import explore, slide
 
 
 @pytest.fixture(autouse=True)
@@ -53,9 +53,30 @@ def test_where_sliders_are_of_no_use_there_is_a_figure(monkeypatch):
         explore(found, ["size"])
 
 
+def line(slope):
+    figure, ax = plt.subplots()
+    ax.plot([0, 1], [0, slope])
+    return figure
+
+
+def test_a_slider_redraws_a_figure():
+    slider, _ = slide(line, "slope", [1, 3], start=2.0).children
+    assert [label for label, _ in slider.options] == ["1", "2", "3"]
+    assert last_curve()[1] == [[0, 0], [1, 2]]
+    slider.value = 3
+    assert last_curve()[1] == [[0, 0], [1, 3]]
+
+
+def test_where_nobody_can_move_a_slider_there_is_the_figure_at_its_start(monkeypatch):
+    monkeypatch.setenv(UNATTENDED, "1")
+    figure = slide(line, "slope", [1, 3], start=2.0)
+    assert figure.axes[0].lines[0].get_ydata().tolist() == [0, 2]
+    assert plt.get_fignums() == []
+
+
 def test_a_page_needs_no_kernel(tmp_path):
     code = """
-from trinolab.sweep.figures import explore
+from trinolab.sweep.sliders import explore
 from trinolab.sweep.runs import sweep
 explore(sweep(lambda a, b: a * b, a=[1, 2], b=[3, 4]))
 """

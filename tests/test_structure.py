@@ -191,7 +191,12 @@ def test_only_figures_draw():
         if imports(path)[1] & {"matplotlib", "pyvista"} and room(path) != "plotting"
     }
     # kernelstate takes matplotlib back to where it was, and draws nothing
-    assert drawing == {"sweep/figures.py", "sweep/kernelstate.py", "slave/view.py"}
+    assert drawing == {
+        "sweep/figures.py",
+        "sweep/sliders.py",
+        "sweep/kernelstate.py",
+        "slave/view.py",
+    }
 
 
 def loaded_by(code):

@@ -1,12 +1,9 @@
-"""Figures of a sweep's table: curves, heat maps, small multiples, and sliders in a live
-notebook.
-"""
+"""Figures of a sweep's table: curves, heat maps, small multiples."""
 
 from __future__ import annotations
 
 import io
-import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import matplotlib.pyplot as plt
@@ -17,14 +14,12 @@ from matplotlib.figure import Figure
 
 from ..checks import Array
 from ..plotting import COLOURS
-from .notebook import UNATTENDED
 
 REPEATS = ("seed",)  # parameters that repeat a run rather than change it
 MOST_PANELS = 12
 MOST_COLUMNS = 4
 MOST_ROWS = 3
 NOT_RESULTS = ("seconds", "status", "error")
-RESULT = "which result"  # no parameter has a name with a space
 
 
 class Levels(NamedTuple):
@@ -326,75 +321,4 @@ def _said(text: str, found: pd.DataFrame) -> Figure:
     figure = plt.figure(figsize=(5, 2), facecolor="white")
     figure.text(0.5, 0.5, text, ha="center")
     _name_what_is_missing(figure, found)
-    return figure
-
-
-def explore(found: pd.DataFrame, results: Sequence[str] | None = None) -> Any:
-    """Sliders over a finished sweep, by ipywidgets. Nothing is computed again.
-
-    Parameters
-    ----------
-    found : pandas.DataFrame
-        As `runs.sweep` or `sweep.read_sweep` gives it.
-    results : sequence of str, optional
-        The columns to choose from; without it those that change, those of Eq. 26 and 27 first.
-
-    Returns
-    -------
-    ipywidgets.VBox or matplotlib.figure.Figure
-        The figure of `plot_sweep` where sliders are of no use: in a built page, whose kernel is
-        gone; over fewer than two parameters; for runs that are no full grid.
-
-    Raises
-    ------
-    ValueError
-        For a column that is not there, or is no number.
-    """
-    names = found.attrs.get("parameters", [])
-    shown = results_of(found, names, results)
-    levels = varied(found, names)
-    if UNATTENDED in os.environ or len(levels) < 2 or not shown or not is_grid(levels):
-        figure = plot_sweep(found, results)
-        # or a notebook shows it twice: as an open figure, and as what the cell gives
-        plt.close(figure)
-        return figure
-    import ipywidgets
-
-    controls = {RESULT: ipywidgets.Dropdown(options=shown, description="result")}
-    whole = {"description_width": "initial"}  # a name is not cut off
-    for level in levels[1:]:
-        options = [(label, k) for k, label in enumerate(level.labels)]
-        controls[level.name] = ipywidgets.SelectionSlider(
-            options=options, description=level.name, style=whole
-        )
-
-    def draw(**chosen: Any) -> None:
-        plot_slice(found, chosen.pop(RESULT), levels, chosen)
-        plt.show()
-
-    return ipywidgets.VBox([*controls.values(), ipywidgets.interactive_output(draw, controls)])
-
-
-def plot_slice(
-    found: pd.DataFrame, result: str, levels: Sequence[Levels], at: Mapping[str, int]
-) -> Figure:
-    """A result over the first parameter, at the chosen values of the others (their places in
-    `Levels.values`).
-
-    The vertical axis is that of the whole sweep, so that curves can be compared.
-    """
-    here = pd.Series(True, index=range(len(found))).to_numpy()
-    for level in levels[1:]:
-        here = here & (level.which == at[level.name])
-    figure, ax = plt.subplots(figsize=(6.5, 3.6), layout="constrained", facecolor="white")
-    draw_curve(
-        ax,
-        found[result].to_numpy(float)[here],
-        levels[0]._replace(which=levels[0].which[here]),
-        result,
-    )
-    low = found[result].min()
-    high = found[result].max()
-    margin = 0.05 * (high - low) or 0.5
-    ax.set_ylim(low - margin, high + margin)
     return figure
