@@ -20,7 +20,14 @@ function formatted(stored, format) {
   if (!kind || !Number.isFinite(value)) return stored;
   if (kind === "f") return value.toFixed(digits ?? 6);
   if (kind === "%") return (100 * value).toFixed(digits ?? 6) + "%";
-  return String(Number(value.toPrecision(Math.max(1, digits ?? 6))));
+  return general(value, Math.max(1, digits ?? 6));
+}
+
+/** Python's g: so many digits, and an exponent for what is very small or large. */
+function general(value, digits) {
+  const [mantissa, exponent] = value.toExponential(digits - 1).split("e");
+  if (exponent >= -4 && exponent < digits) return String(Number(value.toPrecision(digits)));
+  return `${Number(mantissa)}e${exponent[0]}${exponent.slice(1).padStart(2, "0")}`;
 }
 
 /** Name -> stored text of all numbers that the notebook's cells have given so far. */
