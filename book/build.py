@@ -367,8 +367,8 @@ def build_pages() -> bool:
 
 
 def write_reference() -> None:
-    """Write the API reference, the commands' help, the picture of the house, and the pages of the
-    claims and of the report, all as the package is now.
+    """Write the API reference, the commands' help, the picture of the house, the pages of the
+    claims and of the report, all as the package is now, and the start page's film.
     """
     import claims_pages
     import commandhelp
@@ -381,6 +381,7 @@ def write_reference() -> None:
     house.write_house()
     claims_pages.write_pages(SCOREBOARD, GENERATED / "claims")
     report_pages.write_pages(SCOREBOARD, SECONDS, GENERATED / "report")
+    write_film()
 
 
 def write_crate() -> None:
@@ -388,6 +389,15 @@ def write_crate() -> None:
     import crate
 
     crate.write_crate(HTML)
+
+
+def write_film() -> None:
+    """Write chapter 1's film, which the start page shows as well."""
+    chapter = nbformat.read(result_of("01_structure"), as_version=4)
+    shown = (output.get("data", {}) for cell in chapter.cells for output in cell.get("outputs", []))
+    (film,) = [data["text/html"] for data in shown if "<video" in data.get("text/html", "")]
+    (GENERATED / "start").mkdir(parents=True, exist_ok=True)
+    write_whole(GENERATED / "start" / "film.html", film)
 
 
 def pages_made_from() -> str:

@@ -1,4 +1,4 @@
-"""Parts of the start page and of the protocol's page: the two boards, the trials, the criteria, the
+"""Parts of the scoreboard's page and of the protocol's page: the two boards, the trials, the criteria, the
 log of deviations.
 """
 

@@ -1,4 +1,4 @@
-"""The parts of the start page and of the protocol's page that come from the ledger and the board."""
+"""The parts of the scoreboard's page and of the protocol's page that come from the ledger and the board."""
 
 import re
 

@@ -145,9 +145,16 @@ def test_first_page_leads_to_the_book():
     assert f"url={TOC['root']}.html" in (HTML / "index.html").read_text(encoding="utf-8")
 
 
-def test_start_page_has_the_scoreboard():
+def test_start_page_has_the_film_the_answer_and_a_link_to_the_scoreboard():
+    start = read(TOC["root"])
+    assert "<video" in start
+    assert "Does it replicate?" in start
+    assert 'href="scoreboard.html#scoreboard"' in start
+
+
+def test_scoreboard_has_a_row_for_each_claim():
     rows = (
-        re.search(r"<table[^>]*scoreboard.*?</table>", read(TOC["root"]), flags=re.DOTALL)
+        re.search(r"<table[^>]*scoreboard.*?</table>", read("book/scoreboard"), flags=re.DOTALL)
         .group()
         .count("<tr")
     )

@@ -147,6 +147,21 @@ def test_factor_with_counts_and_equal_ratios():
     assert counts.lines[-1].get_label() == "here"
 
 
+def test_factor_with_intervals_and_one_legend():
+    y, low, high = [2.0, 3.0], [1.0, 2.5], [4.0, 3.5]
+    figure = plot_factor([1, 2], {"a": {"one": [y, low, high]}, "b": {"one": y}}, "x", 1.0)
+    with_bars, without = figure.axes
+    (bars,) = with_bars.collections
+    assert [segment.tolist() for segment in bars.get_segments()] == [
+        [[1, 1], [1, 4]],
+        [[2, 2.5], [2, 3.5]],
+    ]
+    assert not without.collections
+    (legend,) = figure.legends
+    assert [text.get_text() for text in legend.get_texts()] == ["one", "the paper's working point"]
+    assert legend.get_texts()[0].get_fontsize() == 9
+
+
 def test_image_with_markers():
     image = np.zeros((30, 50), dtype=np.uint8)  # not square
     ax = show_image(

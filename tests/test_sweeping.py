@@ -30,7 +30,12 @@ while a >= waits_from and not os.path.exists({GATE!r}):
     time.sleep(0.01)
 if a > 8: raise ValueError("too much")
 """
-RESULTS = glued(square="a**2", wrong="'text' if a == 2 else 1", seconds="7")
+RESULTS = glued(
+    square="a**2",
+    wrong="[a] if a == 2 else 1",
+    seconds="7",
+    verdict="'large' if a > 5 else 'small'",
+)
 LINE = "sweep n.ipynb -p a=0:9:10 --workers 2 --out new/s"
 
 
@@ -54,7 +59,7 @@ def test_the_command_makes_table_figure_and_manifest(capfd):
     assert out == (
         "10 runs: 8 ok, 1 no number, 1 failed; written to new/s\n"
         "the first failed: ValueError: too much (code cell 2)\n"
-        "the first no number: wrong is no number: 'text'\n"
+        "the first no number: wrong is no number: [2]\n"
     )
     assert err == ""
     found = read_sweep("new/s")
@@ -70,7 +75,7 @@ def test_the_command_makes_table_figure_and_manifest(capfd):
     assert found["a"].tolist() == list(range(10))
     assert found["square"].tolist()[:9] == [a**2 for a in range(9)]
     assert found["status"].tolist() == ["ok", "ok", "no number", *["ok"] * 6, "failed"]
-    assert found["error"].tolist()[2] == "wrong is no number: 'text'"
+    assert found["error"].tolist()[2] == "wrong is no number: [2]"
     assert found.attrs["parameters"] == ["a"]
     manifest = json.loads(Path("new/s/manifest.json").read_text())
     assert manifest["command"] == f"trinolab {LINE} --keep"

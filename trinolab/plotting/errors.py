@@ -5,7 +5,7 @@ calibration.
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -44,14 +44,15 @@ def plot_factor(
     counts: Collection[str] = (),
     mark: str = "the paper's working point",
 ) -> Figure:
-    """Panels side by side, each named by its logarithmic y axis, with curves y (n,) > 0 over one x
-    (n,).
+    """Panels side by side, each named by its logarithmic y axis, with curves y > 0 over one x (n,),
+    and one legend for all.
 
     Parameters
     ----------
     x : array_like, shape (n,)
     panels : mapping
-        From the name of a y axis to its curves, a mapping from their names; gaps where y is NaN.
+        From the name of a y axis to its curves, a mapping from their names to y (n,), or to y, the
+        lower and the upper end of its interval (3, n); gaps where y is NaN.
     xlabel : str
     paper : float
         Where a dotted line marks the paper's working point, or what `mark` says.
@@ -60,32 +61,54 @@ def plot_factor(
         Panels whose y axis is linear, from 0.
     mark : str
     """
-    width = min(4.4 * len(panels), 10.5)
-    figure, axes = row_of_panels(len(panels), (width, 3.0))
-    for ax, (ylabel, curves) in zip(axes, panels.items(), strict=True):
-        for (name, y), colour, style in zip(
-            curves.items(), COLOURS, ("o-", "s--", "D-.", "^:", "v-", "P--"), strict=False
-        ):
-            ax.plot(x, np.asarray(y, float), style, color=colour, label=name, markersize=4)
-        ax.axvline(paper, color="black", linestyle=":", linewidth=1.2, label=mark)
-        ax.set(xlabel=xlabel, ylabel=ylabel, xscale=xscale, facecolor="white")
-        y = np.concatenate([np.asarray(values, float) for values in curves.values()])
-        if ylabel in counts:
-            ax.set_ylim(0, 1.08 * max(np.nanmax(y), 1))
-        else:
-            ax.set_yscale("log")
-            ax.yaxis.set(
-                major_locator=LogLocator(subs=_in_a_decade(y)),
-                major_formatter="{x:g}",
-                minor_formatter="",
-            )
-        if xscale == "log":
-            some = np.asarray(x)[:: -(-np.size(x) // 7)]  # at most seven
-            ax.set_xticks(some, [f"{tick:g}" for tick in some])
-            ax.minorticks_off()
-        ax.grid(axis="y", alpha=0.3)
-        ax.legend(fontsize=7)
+    with plt.rc_context({"font.size": 9, "axes.labelsize": 9, "legend.fontsize": 9}):
+        figure, axes = row_of_panels(len(panels), (COLUMN_IN, 3.2))
+        for ax, (ylabel, curves) in zip(axes, panels.items(), strict=True):
+            highest = [
+                _with_interval(ax, x, values, name, k)
+                for k, (name, values) in enumerate(curves.items())
+            ]
+            ax.axvline(paper, color="black", linestyle=":", linewidth=1.2, label=mark)
+            ax.set(xlabel=xlabel, ylabel=ylabel, xscale=xscale, facecolor="white")
+            if ylabel in counts:
+                ax.set_ylim(0, 1.08 * max(*highest, 0.01, 0.01))
+            else:
+                y = np.concatenate([np.atleast_2d(values)[0] for values in curves.values()])
+                ax.set_yscale("log")
+                ax.yaxis.set(
+                    major_locator=LogLocator(subs=_in_a_decade(y)),
+                    major_formatter="{x:g}",
+                    minor_formatter="",
+                )
+            if xscale == "log":
+                some = np.asarray(x)[:: -(-np.size(x) // (12 // len(panels)))]
+                ax.set_xticks(some, [f"{tick:g}" for tick in some])
+                ax.minorticks_off()
+            ax.grid(axis="y", alpha=0.3)
+        named: dict[str, Any] = {}
+        for ax in axes:
+            handles, labels = ax.get_legend_handles_labels()
+            named |= dict(zip(labels, handles, strict=True))
+        named[mark] = named.pop(mark)  # the last one
+        figure.legend(
+            named.values(),
+            named.keys(),
+            loc="outside upper center",
+            ncols=3 if len(named) < 6 else 4,
+        )
     return figure
+
+
+def _with_interval(ax: Axes, x: ArrayLike, values: ArrayLike, name: str, k: int) -> float:
+    """The k-th curve of a panel, with a bar for each interval; the highest of its points."""
+    rows = np.atleast_2d(np.asarray(values, float))
+    colour = COLOURS[k % len(COLOURS)]
+    style = ("o-", "s--", "D-.", "^:", "v-", "P--")[k % 6]
+    ax.plot(x, rows[0], style, color=colour, label=name, markersize=4)
+    if len(rows) == 3:
+        _, low, high = rows
+        ax.vlines(np.asarray(x), low, high, color=colour, linewidth=1.5, alpha=0.6)
+    return float(np.nanmax(rows))
 
 
 def _in_a_decade(y: Array) -> tuple[float, ...]:

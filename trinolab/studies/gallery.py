@@ -40,7 +40,10 @@ METHODS: Mapping[str, Parameters] = {
 }
 SEEDS = "seed=0,1,2"
 PAIRS = ("wrong_matches", "missing_matches", "due_matches")
-SPOTS = ("last_missed_calm", "last_missed_hard", "missed_calm_windows", "missed_hard_windows")
+SPOTS = (
+    *("last_missed_calm", "last_missed_hard", "missed_calm_windows", "missed_hard_windows"),
+    *("shown_calm", "shown_hard"),
+)
 
 
 def background_pixels(
@@ -84,7 +87,8 @@ def search_window(jerk_intensity: float = 9.5e8, sigma_px: float = 1.5) -> dict[
     dict
         For `calm` and `hard`, of the images in which a camera truly sees markers:
         `window_percent_*`, the mean window as a share of the image; `lost_*`, how many the filter
-        loses: a marker is outside the window, nothing is found, or the gate refuses what is.
+        loses: a marker is outside the window, nothing is found, or the gate refuses what is;
+        `images_*`, how many there are.
     """
     kalman = replace(KalmanParameters(), jerk_intensity=jerk_intensity, sigma_px=sigma_px)
     found: dict[str, float] = {}
@@ -95,6 +99,7 @@ def search_window(jerk_intensity: float = 9.5e8, sigma_px: float = 1.5) -> dict[
         found |= {
             f"window_percent_{name}": 100 * float(np.mean([share for share, _ in seen])),
             f"lost_{name}": float(sum(lost for _, lost in seen)),
+            f"images_{name}": float(len(seen)),
         }
     return found
 

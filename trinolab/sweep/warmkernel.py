@@ -90,7 +90,9 @@ def check_kernel(path: str | Path) -> None:
 
 
 def run_job(job: NotebookJob, parameters: Mapping[str, Any]) -> Outcome:
-    """Run a notebook with these parameters, in a kernel that is free, or in a new one."""
+    """Run a notebook with these parameters, in a kernel that is free, or in a new one; texts that
+    it glues are no results.
+    """
     import nbformat
 
     notebook = nbformat.from_dict(json.loads(job.text))
@@ -101,7 +103,11 @@ def run_job(job: NotebookJob, parameters: Mapping[str, Any]) -> Outcome:
         kernel = _take(job, notebook)
         start = time.perf_counter()
         kernel.run(notebook, job.timeout_s)
-        outcome = finished(glued(notebook), time.perf_counter() - start)
+        # what it says in words is for its readers
+        results = {
+            name: value for name, value in glued(notebook).items() if not isinstance(value, str)
+        }
+        outcome = finished(results, time.perf_counter() - start)
     except Exception as error:  # whatever a notebook raises, or the kernel that it has ended
         outcome = failed(_reason(error, notebook), time.perf_counter() - start)
     if kernel is not None:
