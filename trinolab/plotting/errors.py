@@ -61,41 +61,41 @@ def plot_factor(
         Panels whose y axis is linear, from 0.
     mark : str
     """
-    with plt.rc_context({"font.size": 9, "axes.labelsize": 9, "legend.fontsize": 9}):
-        figure, axes = row_of_panels(len(panels), (COLUMN_IN, 3.2))
-        for ax, (ylabel, curves) in zip(axes, panels.items(), strict=True):
-            highest = [
-                _with_interval(ax, x, values, name, k)
-                for k, (name, values) in enumerate(curves.items())
-            ]
-            ax.axvline(paper, color="black", linestyle=":", linewidth=1.2, label=mark)
-            ax.set(xlabel=xlabel, ylabel=ylabel, xscale=xscale, facecolor="white")
-            if ylabel in counts:
-                ax.set_ylim(0, 1.08 * max(*highest, 0.01, 0.01))
-            else:
-                y = np.concatenate([np.atleast_2d(values)[0] for values in curves.values()])
-                ax.set_yscale("log")
-                ax.yaxis.set(
-                    major_locator=LogLocator(subs=_in_a_decade(y)),
-                    major_formatter="{x:g}",
-                    minor_formatter="",
-                )
-            if xscale == "log":
-                some = np.asarray(x)[:: -(-np.size(x) // (12 // len(panels)))]
-                ax.set_xticks(some, [f"{tick:g}" for tick in some])
-                ax.minorticks_off()
-            ax.grid(axis="y", alpha=0.3)
-        named: dict[str, Any] = {}
-        for ax in axes:
-            handles, labels = ax.get_legend_handles_labels()
-            named |= dict(zip(labels, handles, strict=True))
-        named[mark] = named.pop(mark)  # the last one
-        figure.legend(
-            named.values(),
-            named.keys(),
-            loc="outside upper center",
-            ncols=3 if len(named) < 6 else 4,
-        )
+    figure, axes = row_of_panels(len(panels), (COLUMN_IN, 3.2))
+    for ax, (ylabel, curves) in zip(axes, panels.items(), strict=True):
+        highest = [
+            _with_interval(ax, x, values, name, k)
+            for k, (name, values) in enumerate(curves.items())
+        ]
+        ax.axvline(paper, color="black", linestyle=":", linewidth=1.2, label=mark)
+        ax.set(xlabel=xlabel, ylabel=ylabel, xscale=xscale, facecolor="white")
+        if ylabel in counts:
+            ax.set_ylim(0, 1.08 * max(*highest, 0.01))
+        else:
+            y = np.concatenate([np.atleast_2d(values)[0] for values in curves.values()])
+            ax.set_yscale("log")
+            ax.yaxis.set(
+                major_locator=LogLocator(subs=_in_a_decade(y)),
+                major_formatter="{x:g}",
+                minor_formatter="",
+            )
+        if xscale == "log":
+            some = np.asarray(x)[:: -(-np.size(x) // (12 // len(panels)))]
+            ax.set_xticks(some, [f"{tick:g}" for tick in some])
+            ax.minorticks_off()
+        ax.grid(axis="y", alpha=0.3)
+    named: dict[str, Any] = {}
+    for ax in axes:
+        handles, labels = ax.get_legend_handles_labels()
+        named |= dict(zip(labels, handles, strict=True))
+    named[mark] = named.pop(mark)  # the last one
+    figure.legend(
+        named.values(),
+        named.keys(),
+        loc="outside upper center",
+        ncols=3,
+        fontsize=9,
+    )
     return figure
 
 

@@ -92,6 +92,7 @@ def search_window(jerk_intensity: float = 9.5e8, sigma_px: float = 1.5) -> dict[
     """
     kalman = replace(KalmanParameters(), jerk_intensity=jerk_intensity, sigma_px=sigma_px)
     found: dict[str, float] = {}
+    images: dict[str, float] = {}
     for name in ("calm", "hard"):
         seen = [
             one for camera in range(3) for one in _followed(name, camera, Parameters(kalman=kalman))
@@ -99,9 +100,9 @@ def search_window(jerk_intensity: float = 9.5e8, sigma_px: float = 1.5) -> dict[
         found |= {
             f"window_percent_{name}": 100 * float(np.mean([share for share, _ in seen])),
             f"lost_{name}": float(sum(lost for _, lost in seen)),
-            f"images_{name}": float(len(seen)),
         }
-    return found
+        images[f"images_{name}"] = float(len(seen))
+    return found | images
 
 
 def accuracy(
