@@ -13,7 +13,9 @@ NOTEBOOKS = Path(__file__).resolve().parents[1] / "notebooks"
 
 @cache
 def run(chapter, **parameters):
-    return run_notebook(NOTEBOOKS / f"{chapter}.ipynb", parameters)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.delenv("MPLBACKEND", raising=False)  # figures are shown, as in a build
+        return run_notebook(NOTEBOOKS / f"{chapter}.ipynb", parameters)
 
 
 def picture(found, cell):

@@ -22,8 +22,6 @@ CHAPTERS = sorted((ROOT / "notebooks").glob("*.ipynb"))
 pytestmark = pytest.mark.skipif(
     CHROMIUM is None, reason="Chromium is missing (Debian package: chromium)"
 )
-# Chapter 3 with another alpha, and small enough for a test.
-CHANGED = "update_rate = 0.05\nspacing = 8\ncameras = 1\nrow_step = 10\n"
 
 
 @pytest.fixture(scope="module")
@@ -58,9 +56,8 @@ def test_numbers_have_the_formats_of_the_pages(browser):
 
 @pytest.fixture
 def lab(tmp_path):
-    """The address of a JupyterLab on a copy of chapter 3: what Lab saves is not ours."""
-    (tmp_path / "notebooks").mkdir()
-    shutil.copy(ROOT / "notebooks" / "03_background.ipynb", tmp_path / "notebooks")
+    """The address of a JupyterLab on a copy of the chapters: what Lab saves is not ours."""
+    shutil.copytree(ROOT / "notebooks", tmp_path / "notebooks")
     with socket.socket() as one:
         one.bind(("127.0.0.1", 0))
         port = one.getsockname()[1]
@@ -101,53 +98,94 @@ def lab(tmp_path):
     process.wait()
 
 
+class Reader:
+    """A chapter that is open in JupyterLab."""
+
+    def __init__(self, browser, address, chapter):
+        self._browser = browser
+        browser.open(f"{address}/lab/tree/notebooks/{chapter}.ipynb?reset")
+        panel = "globalThis.jupyterapp?.shell.currentWidget"
+        self.sees(f"{panel}?.content?.model?.cells.length > 40 && {panel}.sessionContext.isReady")
+        browser.evaluate(f"""
+            globalThis.cellOf = (id) => {panel}.content.widgets.find((one) => one.model.id == id);
+            globalThis.goTo = (id) => {panel}.content.scrollToCell(cellOf(id));
+        """)
+
+    def sees(self, expression):
+        """Wait until an expression of JavaScript gives something true, and return that."""
+        return wait_until(lambda: self._browser.evaluate(expression))
+
+    def runs_all(self, cell, changed):
+        """Change the cell of parameters, and run all cells."""
+        self._browser.evaluate(f"""
+            cellOf('{cell}').model.sharedModel.setSource(
+                cellOf('{cell}').model.sharedModel.source + {json.dumps(chr(10) + changed)});
+            jupyterapp.commands.execute('notebook:run-all-cells').then(
+                (good) => (globalThis.ran = good ? 'well' : 'with an error'));
+        """)
+        assert self.sees("globalThis.ran") == "well"
+
+    def reads(self, cell, word):
+        """What a cell's text says, once it has a word."""
+        self._browser.evaluate(f"goTo('{cell}')")
+        return self.sees(f"""
+            (() => {{
+                const text = cellOf('{cell}').node.querySelector('.myst')?.innerText;
+                return text?.includes('{word}') && text;
+            }})()
+        """)
+
+    def moves_the_slider_of(self, cell):
+        """One stop to the right: what the output says before and after, when its picture has
+        changed.
+        """
+        self._browser.evaluate(f"goTo('{cell}')")
+        shown = f"""
+            (() => {{
+                const node = cellOf('{cell}').node;
+                const image = node.querySelector('.jp-OutputArea img');
+                return image && [node.querySelector('.jp-OutputArea pre').innerText, image.src];
+            }})()
+        """
+        before = self.sees(shown)
+        self._browser.evaluate(f"""
+            cellOf('{cell}').node.querySelector('.noUi-handle').dispatchEvent(
+                new KeyboardEvent('keydown', {{key: 'ArrowRight', bubbles: true}}));
+            globalThis.moved = performance.now();
+        """)
+        after = wait_until(
+            lambda: (now := self._browser.evaluate(shown)) and now[1] != before[1] and now
+        )
+        passed_ms = self._browser.evaluate("performance.now() - moved")
+        print(f"{cell}: the picture changed after {passed_ms:.0f} ms")
+        return before[0], after[0]
+
+
 @pytest.mark.heavy
 def test_a_reader_changes_alpha_and_moves_its_slider(browser, lab):
-    browser.open(f"{lab}/lab/tree/notebooks/03_background.ipynb?reset")
-
-    def seen(expression):
-        return wait_until(lambda: browser.evaluate(expression))
-
-    panel = "globalThis.jupyterapp?.shell.currentWidget"
-    seen(f"{panel}?.content?.model?.cells.length > 40 && {panel}.sessionContext.isReady")
+    reader = Reader(browser, lab, "03_background")
     # admonitions are boxes, and not text between colons
-    assert "This chapter" in seen("document.querySelector('.myst aside')?.innerText")
-    browser.evaluate(f"""
-        globalThis.cellOf = (id) => {panel}.content.widgets.find((one) => one.model.id == id);
-        const parameters = cellOf('background-03').model.sharedModel;
-        parameters.setSource(parameters.source + '\\n' + {json.dumps(CHANGED)});
-        jupyterapp.commands.execute('notebook:run-all-cells').then((good) => (globalThis.ran = good));
-    """)
-    seen("globalThis.ran")
-
-    # the numbers of the text are those of the run
-    browser.evaluate("jupyterapp.shell.currentWidget.content.scrollToCell(cellOf('background-12'))")
-    said = seen("""
-        (() => {
-            const text = cellOf('background-12').node.querySelector('.myst')?.innerText;
-            return text?.includes('0.05') && text;
-        })()
-    """)
+    assert "This chapter" in reader.sees("document.querySelector('.myst aside')?.innerText")
+    reader.runs_all("background-03", "update_rate, spacing, cameras, row_step = 0.05, 8, 1, 10")
+    said = reader.reads("background-12", "0.05")
     assert re.search(r"false alarm for 0\.3 s, and the resting hand is seen for 0\.7 s", said)
+    before, after = reader.moves_the_slider_of("background-37-slider")
+    assert "alpha = 0.05" in before
+    assert "alpha = 0.1" in after
 
-    # the slider redraws the figure, and what stands above it
-    browser.evaluate(
-        "jupyterapp.shell.currentWidget.content.scrollToCell(cellOf('background-37-slider'))"
-    )
-    shown = """
-        (() => {
-            const node = cellOf('background-37-slider').node;
-            const image = node.querySelector('.jp-OutputArea img');
-            return image && [node.querySelector('.jp-OutputArea pre').innerText, image.src];
-        })()
-    """
-    before = seen(shown)
-    assert "alpha = 0.05" in before[0]
-    browser.evaluate("""
-        cellOf('background-37-slider').node.querySelector('.noUi-handle').dispatchEvent(
-            new KeyboardEvent('keydown', {key: 'ArrowRight', bubbles: true}));
-        globalThis.moved = performance.now();
-    """)
-    after = wait_until(lambda: (now := browser.evaluate(shown)) and now[1] != before[1] and now)
-    print(f"the picture changed after {browser.evaluate('performance.now() - moved'):.0f} ms")
-    assert "alpha = 0.1" in after[0]
+
+@pytest.mark.heavy
+@pytest.mark.parametrize(
+    ("chapter", "changed", "cell", "before", "after"),
+    [
+        ("04_kalman", "moving, motions = 6, 1", "kalman-39-slider", "q = 9.5e+08", "q = 1e+09"),
+        ("06_matching", "instants, row_step = 6, 20", "matching-27", "hold 0.5:", "hold 0.65:"),
+        ("08_pose", "draws, row_step = 10, 20", "pose-08", "baseline 99 mm", "baseline 150 mm"),
+    ],
+)
+def test_the_other_sliders_redraw(browser, lab, chapter, changed, cell, before, after):
+    reader = Reader(browser, lab, chapter)
+    reader.runs_all(f"{chapter[3:]}-03", changed)
+    said = reader.moves_the_slider_of(cell)
+    assert before in said[0]
+    assert after in said[1]
