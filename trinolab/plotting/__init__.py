@@ -6,6 +6,13 @@ the page's theme.
 
 from .background import plot_pixel_histories, plot_shares, plot_verdicts, show_table
 from .basics import COLOURS, plot_beside, plot_curves, plot_pose_errors, show_frames, show_image
+from .calibration import (
+    plot_boards,
+    plot_chi_square,
+    plot_grids,
+    plot_relative_errors,
+    plot_with_intervals,
+)
 from .errors import (
     plot_by_slant,
     plot_calibration_error,
@@ -40,9 +47,11 @@ __all__ = [
     "Mesh",
     "mark_window",
     "plot_beside",
+    "plot_boards",
     "plot_by_slant",
     "plot_calibration_error",
     "plot_chain",
+    "plot_chi_square",
     "plot_contacts",
     "plot_curves",
     "plot_elevation",
@@ -51,6 +60,7 @@ __all__ = [
     "plot_factor",
     "plot_following",
     "plot_frames",
+    "plot_grids",
     "plot_layouts",
     "plot_limits",
     "plot_nis",
@@ -60,6 +70,7 @@ __all__ = [
     "plot_pixel_histories",
     "plot_pose_errors",
     "plot_prediction",
+    "plot_relative_errors",
     "plot_residuals",
     "plot_rig",
     "plot_rod_section",
@@ -69,6 +80,7 @@ __all__ = [
     "plot_two_rays",
     "plot_verdicts",
     "plot_windows",
+    "plot_with_intervals",
     "plot_workspace",
     "show_cones_from_above",
     "show_frames",

@@ -72,11 +72,11 @@ def plot_frames(rig: Rig, T_world_handle: RigidTransform) -> Figure:
     frames = {camera.name: camera.T_world_cam for camera in rig.cameras}
     frames["handle"] = T_world_handle
     for (name, T), colour in zip(frames.items(), FRAME_COLOURS, strict=False):
-        _draw_frame(ax, name, T, colour)
-    world = _oblique(rig.cameras[0].centre)
+        draw_frame(ax, name, T, colour)
+    world = oblique(rig.cameras[0].centre)
     ways = {"Eq. 21 ": rig.cameras[1].centre, "Eq. 23": T_world_handle.translation}
     for (label, start), side in zip(ways.items(), ("right", "center"), strict=True):
-        ends = np.stack([_oblique(start), world])
+        ends = np.stack([oblique(start), world])
         ax.plot(*ends.T, ":", color="black", linewidth=1)
         u, v = ends.mean(axis=0)
         ax.text(u, v, label, ha=side, va="bottom")
@@ -86,7 +86,7 @@ def plot_frames(rig: Rig, T_world_handle: RigidTransform) -> Figure:
     return figure
 
 
-def _oblique(points: ArrayLike) -> Array:
+def oblique(points: ArrayLike) -> Array:
     """World points on the page, shape (..., 2): z to the right, y down, x obliquely backwards."""
     return np.asarray(points, dtype=float) @ np.array([[-0.4, 0.45], [0.0, -1.0], [1.0, 0.0]])
 
@@ -96,14 +96,14 @@ def _from_above(left: Camera, points: Array) -> Array:
     return left.T_cam_world.apply(points)[:, [2, 0]]
 
 
-def _draw_frame(ax: Axes, name: str, T: RigidTransform, colour: str) -> None:
+def draw_frame(ax: Axes, name: str, T: RigidTransform, colour: str) -> None:
     """Three labelled arrows at a frame's origin."""
-    origin = _oblique(T.translation)
+    origin = oblique(T.translation)
     u, v = origin
     ax.plot(u, v, "o", color=colour)
     ax.annotate(name, (u, v), (8, 5), textcoords="offset points", color=colour, fontweight="bold")
     for axis, letter in zip(T.rotation.as_matrix().T, "xyz", strict=True):
-        along = AXIS_MM * _oblique(axis)
+        along = AXIS_MM * oblique(axis)
         tip = (u + along[0], v + along[1])
         ax.plot(*tip, " ")  # so that the limits hold it
         ax.annotate("", tip, (u, v), arrowprops={"arrowstyle": "-|>", "color": colour})
