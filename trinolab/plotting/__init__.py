@@ -20,6 +20,7 @@ from .errors import (
     plot_estimators,
     plot_factor,
     plot_residuals,
+    plot_shifts,
 )
 from .filters import plot_nis, plot_normals, plot_prediction
 from .markers import (
@@ -75,6 +76,7 @@ __all__ = [
     "plot_rig",
     "plot_rod_section",
     "plot_shares",
+    "plot_shifts",
     "plot_structure",
     "plot_thresholds",
     "plot_two_rays",

@@ -11,11 +11,12 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.patches import Circle
 from matplotlib.ticker import LogLocator
 from matplotlib.typing import LineStyleType
 from numpy.typing import ArrayLike
 
-from ..checks import Array, as_array
+from ..checks import Array, as_array, as_points
 from .basics import COLOURS, row_of_panels
 
 if TYPE_CHECKING:
@@ -23,7 +24,8 @@ if TYPE_CHECKING:
 
 SHIPPED_DEG = {"raised_40deg": 40.0, "paper_trinocular": 90.0}
 _STYLES = ("o-", "s--", "D-.", "^:", "v-")
-_MARKERS = "osD^vP"
+_MARKERS = "osD^vPX"
+_SEVEN = (*COLOURS[:5], "#CC79A7", "black")
 _LINES: tuple[LineStyleType, ...] = ("solid", "dotted", "dashed")
 COLUMN_IN = 7.0  # width of a page's column
 _EXACT = 3.0  # how far to the left of the first level an exact rig is drawn
@@ -145,7 +147,7 @@ def plot_elevation(table: pd.DataFrame, estimator: str) -> Figure:
             f"estimator: expected one of {', '.join(table['estimator'].unique())}, got {estimator!r}"
         )
     figure, axes = plt.subplots(
-        2, 2, figsize=(9, 6), sharex=True, layout="constrained", facecolor="white"
+        2, 2, figsize=(COLUMN_IN, 6.2), sharex=True, layout="constrained", facecolor="white"
     )
     x = one["elevation_deg"]
     (shared, position, kept, angle) = axes.ravel()
@@ -158,7 +160,7 @@ def plot_elevation(table: pd.DataFrame, estimator: str) -> Figure:
         _curves(ax, {name: (rows["elevation_deg"], rows[column]) for name, rows in by_name})
         ax.set(yscale="log")
     shared.set(ylabel="shared markers, mean", ylim=(0, None))
-    position.set(ylabel="E_t / mm")
+    position.set(ylabel="$E_t$ / mm")
     kept.set(
         ylabel=f"poses kept, {estimator}", ylim=(-0.03, 1.03), xlabel="elevation of CCD3 / deg"
     )
@@ -262,11 +264,11 @@ def _curves(ax: Axes, curves: dict) -> None:
             textcoords="offset points",
             ha="right",
             va="top",
-            fontsize=6,
+            fontsize=9,
         )
     ax.set(facecolor="white")
     ax.grid(alpha=0.3)
-    ax.legend(fontsize=7)
+    ax.legend(fontsize=9)
 
 
 def plot_by_slant(errors: Mapping[str, pd.DataFrame], limit_px: float) -> Figure:
@@ -281,7 +283,7 @@ def plot_by_slant(errors: Mapping[str, pd.DataFrame], limit_px: float) -> Figure
     limit_px : float
         Of the vertical axes; a dot beyond is drawn at the edge.
     """
-    figure, axes = plt.subplots(1, 2, figsize=(9.2, 3.2), layout="constrained", facecolor="white")
+    figure, axes = row_of_panels(2, (COLUMN_IN, 3.0))
     for ax, axis in zip(axes, ("along", "across"), strict=True):
         for (name, table), colour, marker in zip(
             errors.items(), COLOURS[1::-1], "x.", strict=False
@@ -301,12 +303,14 @@ def plot_by_slant(errors: Mapping[str, pd.DataFrame], limit_px: float) -> Figure
             ylim=(-1.03 * limit_px, 1.03 * limit_px),
             facecolor="white",
         )
-        ax.legend(fontsize=8)
+        ax.legend(fontsize=9)
     return figure
 
 
 def plot_estimators(
-    errors: Mapping[str, pd.DataFrame], lines: Mapping[str, pd.DataFrame]
+    errors: Mapping[str, pd.DataFrame],
+    lines: Mapping[str, pd.DataFrame],
+    ends: Mapping[str, tuple[pd.DataFrame, pd.DataFrame]] | None = None,
 ) -> Figure:
     """Errors of estimators on several rigs, a panel a quantity, with other values as short lines
     across each rig.
@@ -319,18 +323,26 @@ def plot_estimators(
     lines : mapping
         From the name of a line to a table with a row a rig and a column a y axis; not more than
         three.
+    ends : mapping, optional
+        From the name of a y axis to the low and the high ends of intervals, tables like the errors'.
     """
-    figure, axes = row_of_panels(len(errors), (4.8 * len(errors), 3.6))
-    for ax, (ylabel, table) in zip(axes, errors.items(), strict=True):
+    figure, axes = plt.subplots(
+        len(errors),
+        1,
+        figsize=(COLUMN_IN, 0.8 + 2.5 * len(errors)),
+        sharex=True,
+        squeeze=False,
+        layout="constrained",
+        facecolor="white",
+    )
+    for ax, (ylabel, table) in zip(axes[:, 0], errors.items(), strict=True):
         x = np.arange(len(table))
-        for k, (name, colour, marker) in enumerate(zip(table, COLOURS, _MARKERS, strict=False)):
-            ax.plot(
-                x + 0.13 * (k - (len(table.columns) - 1) / 2),
-                table[name],
-                marker,
-                color=colour,
-                label=name,
-            )
+        for k, (name, colour, marker) in enumerate(zip(table, _SEVEN, _MARKERS, strict=False)):
+            at = x + 0.13 * (k - (len(table.columns) - 1) / 2)
+            ax.plot(at, table[name], marker, color=colour, label=name)
+            if ends is not None:
+                low, high = (end[name] for end in ends[ylabel])
+                ax.vlines(at, low, high, color=colour, linewidth=1)
         for (name, values), style in zip(lines.items(), _LINES, strict=False):
             ax.hlines(values.loc[table.index, ylabel], x - 0.4, x + 0.4, "black", style, label=name)
         ax.set(ylabel=ylabel, yscale="log", facecolor="white")
@@ -340,8 +352,49 @@ def plot_estimators(
         )
         ax.grid(axis="y", alpha=0.3)
     figure.legend(
-        *axes[0].get_legend_handles_labels(), loc="outside upper center", ncols=4, fontsize=8
+        *axes[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=3, fontsize=9
     )
+    return figure
+
+
+def plot_shifts(
+    panels: Mapping[str, tuple[ArrayLike, ArrayLike]],
+    cameras: Mapping[str, Mapping[str, ArrayLike]],
+    radius_mm: float,
+    factor: float,
+) -> Figure:
+    """How far measured points lie beside their markers, in the section across a rod.
+
+    Parameters
+    ----------
+    panels : mapping
+        From a panel's title to the markers' places (n, 2) and the points' shifts (n, 2), mm.
+    cameras : mapping
+        From a panel's title to the directions (2,) in which its cameras stand.
+    radius_mm : float
+        Of the rod.
+    factor : float
+        By which the shifts are drawn longer.
+    """
+    figure, axes = row_of_panels(len(panels), (COLUMN_IN, 3.7))
+    for ax, (title, (at, shift)) in zip(axes, panels.items(), strict=True):
+        start, arrow = as_points(at, "at", 2), factor * as_points(shift, "shift", 2)
+        ax.add_patch(Circle((0, 0), radius_mm, facecolor="0.9", edgecolor="0.5"))
+        ax.quiver(*start.T, *arrow.T, color=COLOURS[4], angles="xy", scale_units="xy", scale=1)
+        ax.plot(*start.T, ".", color=COLOURS[0])
+        if len(arrow):
+            mean = arrow.mean(axis=0)
+            ax.annotate("", mean, (0, 0), arrowprops={"arrowstyle": "-|>", "linewidth": 2})
+        for name, direction in cameras[title].items():
+            towards = as_array(direction, name, (2,)) / np.linalg.norm(direction)
+            x, y = 1.75 * radius_mm * towards
+            ax.text(x, y, name, ha="center", va="center")
+            tip, tail = 1.25 * radius_mm * towards, 1.55 * radius_mm * towards
+            style = {"arrowstyle": "-|>", "linestyle": ":"}
+            ax.annotate("", (tip[0], tip[1]), (tail[0], tail[1]), arrowprops=style)
+        ax.set(title=title, aspect="equal")
+        ax.set(xlim=(-2 * radius_mm, 2 * radius_mm), ylim=(-1.4 * radius_mm, 2 * radius_mm))
+        ax.axis("off")
     return figure
 
 
