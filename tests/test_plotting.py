@@ -18,6 +18,7 @@ from trinolab.plotting import (
     plot_factor,
     plot_over_slant,
     plot_pose_errors,
+    plot_shifts,
     plot_structure,
     plot_thresholds,
     plot_windows,
@@ -206,6 +207,33 @@ def test_estimators_stand_over_their_rig_between_its_lines():
         "target",
     ]
     figure.canvas.draw()
+
+
+def test_intervals_of_estimators_reach_from_end_to_end():
+    means = pd.DataFrame({"paper": [0.06], "best": [0.006]}, index=["pair"])
+    ends = (means / 2, 2 * means)
+    ax = plot_estimators({"mm": means}, {}, {"mm": ends}).axes[0]
+    bars = [collection.get_segments()[0][:, 1] for collection in ax.collections]
+    np.testing.assert_allclose(bars, [[0.03, 0.12], [0.003, 0.012]])
+
+
+def test_seven_estimators_are_drawn():
+    means = pd.DataFrame({name: [1.0] for name in "abcdefg"}, index=["pair"])
+    ax = plot_estimators({"mm": means}, {}).axes[0]
+    assert [line.get_label() for line in ax.lines] == list("abcdefg")
+
+
+def test_shifts_are_drawn_at_their_markers_and_their_mean_from_the_middle():
+    at, shift = np.array([[3.0, 4], [-3, 4]]), np.array([[-0.1, 0.0], [-0.3, -0.2]])
+    figure = plot_shifts({"one": (at, shift)}, {"one": {"a": [0, 2], "b": [3, 0]}}, 5.0, 10)
+    (ax,) = figure.axes
+    (arrows,) = ax.collections
+    np.testing.assert_allclose(arrows.get_offsets(), at)
+    np.testing.assert_allclose(np.stack([arrows.U, arrows.V], axis=1), 10 * shift)
+    named = {text.get_text(): text.get_position() for text in ax.texts if text.get_text()}
+    np.testing.assert_allclose([named["a"], named["b"]], [[0, 8.75], [8.75, 0]])
+    means = [text.xy for text in ax.texts if not text.get_text()]
+    np.testing.assert_allclose(means[0], [-2, -1])
 
 
 def test_window_is_drawn_around_its_pixels():

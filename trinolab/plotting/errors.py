@@ -159,6 +159,9 @@ def plot_elevation(table: pd.DataFrame, estimator: str) -> Figure:
         by_name = table.groupby("estimator", sort=False)
         _curves(ax, {name: (rows["elevation_deg"], rows[column]) for name, rows in by_name})
         ax.set(yscale="log")
+        ax.yaxis.set(
+            major_locator=LogLocator(subs=(1, 2, 5)), major_formatter="{x:g}", minor_formatter=""
+        )
     shared.set(ylabel="shared markers, mean", ylim=(0, None))
     position.set(ylabel="$E_t$ / mm")
     kept.set(
@@ -370,7 +373,7 @@ def plot_shifts(
     panels : mapping
         From a panel's title to the markers' places (n, 2) and the points' shifts (n, 2), mm.
     cameras : mapping
-        From a panel's title to the directions (2,) in which its cameras stand.
+        From a panel's title to the directions (2,) in which its two cameras stand.
     radius_mm : float
         Of the rod.
     factor : float
@@ -385,15 +388,16 @@ def plot_shifts(
         if len(arrow):
             mean = arrow.mean(axis=0)
             ax.annotate("", mean, (0, 0), arrowprops={"arrowstyle": "-|>", "linewidth": 2})
-        for name, direction in cameras[title].items():
+        sides = zip(cameras[title].items(), ("right", "left"), strict=False)
+        for (name, direction), side in sides:
             towards = as_array(direction, name, (2,)) / np.linalg.norm(direction)
             x, y = 1.75 * radius_mm * towards
-            ax.text(x, y, name, ha="center", va="center")
+            ax.text(x, y, name, ha=side, va="center")
             tip, tail = 1.25 * radius_mm * towards, 1.55 * radius_mm * towards
             style = {"arrowstyle": "-|>", "linestyle": ":"}
             ax.annotate("", (tip[0], tip[1]), (tail[0], tail[1]), arrowprops=style)
         ax.set(title=title, aspect="equal")
-        ax.set(xlim=(-2 * radius_mm, 2 * radius_mm), ylim=(-1.4 * radius_mm, 2 * radius_mm))
+        ax.set(xlim=(-2.4 * radius_mm, 2.4 * radius_mm), ylim=(-1.4 * radius_mm, 2 * radius_mm))
         ax.axis("off")
     return figure
 
