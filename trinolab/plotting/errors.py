@@ -385,9 +385,12 @@ def plot_shifts(
         ax.add_patch(Circle((0, 0), radius_mm, facecolor="0.9", edgecolor="0.5"))
         ax.quiver(*start.T, *arrow.T, color=COLOURS[4], angles="xy", scale_units="xy", scale=1)
         ax.plot(*start.T, ".", color=COLOURS[0])
-        if len(arrow):
-            mean = arrow.mean(axis=0)
-            ax.annotate("", mean, (0, 0), arrowprops={"arrowstyle": "-|>", "linewidth": 2})
+        mean = arrow.mean(axis=0) if len(arrow) else np.zeros(2)
+        ax.plot(0, 0, ".", color="black")
+        if np.linalg.norm(mean) > 0.1 * radius_mm:
+            ax.annotate(
+                "", (mean[0], mean[1]), (0, 0), arrowprops={"arrowstyle": "-|>", "linewidth": 2}
+            )
         sides = zip(cameras[title].items(), ("right", "left"), strict=False)
         for (name, direction), side in sides:
             towards = as_array(direction, name, (2,)) / np.linalg.norm(direction)
