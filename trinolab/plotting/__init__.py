@@ -34,6 +34,14 @@ from .matching import plot_epipolar_plane, plot_windows
 from .pose import plot_frames, plot_two_rays
 from .rig import plot_layouts, plot_rig
 from .structure import plot_chain, plot_structure
+from .table1 import (
+    plot_budget,
+    plot_errors_in_space,
+    plot_factors,
+    plot_null,
+    plot_over_beta,
+    plot_refused,
+)
 from .wall import plot_contacts, plot_limits, plot_nyquist
 from .workspace import (
     Mesh,
@@ -49,6 +57,7 @@ __all__ = [
     "mark_window",
     "plot_beside",
     "plot_boards",
+    "plot_budget",
     "plot_by_slant",
     "plot_calibration_error",
     "plot_chain",
@@ -57,8 +66,10 @@ __all__ = [
     "plot_curves",
     "plot_elevation",
     "plot_epipolar_plane",
+    "plot_errors_in_space",
     "plot_estimators",
     "plot_factor",
+    "plot_factors",
     "plot_following",
     "plot_frames",
     "plot_grids",
@@ -66,11 +77,14 @@ __all__ = [
     "plot_limits",
     "plot_nis",
     "plot_normals",
+    "plot_null",
     "plot_nyquist",
+    "plot_over_beta",
     "plot_over_slant",
     "plot_pixel_histories",
     "plot_pose_errors",
     "plot_prediction",
+    "plot_refused",
     "plot_relative_errors",
     "plot_residuals",
     "plot_rig",

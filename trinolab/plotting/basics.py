@@ -47,7 +47,7 @@ def plot_pose_errors(
         [as_points(np.reshape(position_mm, (-1, 1)), "position_mm", 1), angles]
     )
     figure, axes = plt.subplots(
-        4, 1, figsize=(8, 7), sharex=True, layout="constrained", facecolor="white"
+        4, 1, figsize=(6.9, 6.4), sharex=True, layout="constrained", facecolor="white"
     )
     titles = ("position / mm", "alpha / deg", "beta / deg", "gamma / deg")
     ticks = np.arange(1, len(panels) + 1)
@@ -57,37 +57,9 @@ def plot_pose_errors(
         ax.axhline(np.mean(np.abs(values)), color="black", linestyle="--", label="mean absolute")
         ax.axhline(np.mean(values), color="black", linestyle=":", label="signed mean")
         ax.set(ylabel=title, facecolor="white")
-    axes[0].legend(ncols=2, fontsize=8)
+    axes[0].legend(ncols=2, fontsize=9)
     axes[-1].set_xticks(ticks, [str(label) for label in (ticks if labels is None else labels)])
     axes[-1].set_xlabel("pose")
-    return figure
-
-
-def plot_beside(
-    x: ArrayLike, panels: Mapping[str, Mapping[str, ArrayLike]], xlabel: str, columns: int
-) -> Figure:
-    """Panels, each named by its y axis, with series y (n,) > 0 over one x (n,) as dots on a
-    logarithmic axis.
-    """
-    rows = -(-len(panels) // columns)
-    figure, axes = plt.subplots(
-        rows,
-        columns,
-        figsize=(4 * columns, 2.7 * rows + 0.6),
-        squeeze=False,
-        layout="constrained",
-        facecolor="white",
-    )
-    for ax, (ylabel, series) in zip(axes.flat, panels.items(), strict=False):
-        for (name, y), colour, marker in zip(series.items(), COLOURS, "osD^vP", strict=False):
-            ax.semilogy(x, y, marker, color=colour, label=name, markersize=5)
-        ax.set(xlabel=xlabel, ylabel=ylabel, facecolor="white")
-        ax.yaxis.set(major_formatter="{x:g}", minor_formatter="")
-    for ax in axes.flat[len(panels) :]:
-        ax.remove()
-    figure.legend(
-        *axes[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=len(COLOURS)
-    )
     return figure
 
 

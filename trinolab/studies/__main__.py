@@ -34,7 +34,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         "the Cramer-Rao bound at Table 1's poses, for every shipped rig: bound.csv",
     )
     budget = _add(
-        studies, "budget", "the error budget of Table 1: budget.csv, mixes.csv, patterns.csv"
+        studies,
+        "budget",
+        "the error budget of Table 1: budget.csv, mixes.csv, patterns.csv, smooth.csv",
     )
     budget.add_argument(
         "--draws", type=int, default=5, metavar="N", help="tables of rendered frames (%(default)s)"
@@ -163,7 +165,7 @@ def _run(a: argparse.Namespace) -> None:
         for name, path in zip(names, _targets(a.out, names), strict=True):
             write_table(study.sweep_factor(name, a.seeds), path)  # each as soon as it is whole
     elif a.study == "budget":
-        paths = _targets(a.out, ("budget", "mixes", "patterns"))
+        paths = _targets(a.out, ("budget", "mixes", "patterns", "smooth"))
         for table, path in zip(study.make_tables(a.draws), paths, strict=True):
             write_table(table, path)
     else:

@@ -1,9 +1,9 @@
-"""The error budget of Table 1: each source alone, all together, and the mixes that give the printed
-means (Sect. 6.5).
+"""The error budget of Table 1: each source alone, all together, the mixes that give the printed
+means, and what the table's pattern leaves of them (Sect. 6.5).
 
-A mix says how large some sources would have to be. The pattern compares a table's errors with a
-model's by statistics without a scale: sizes agree by chance, since a model has a free one; these
-numbers stay what they are when all errors of a table grow. Chapter 9.
+What is certainly there is kept apart from what the authors' program may have done: whether it took
+R_rl as printed, and one f for both axes, nobody knows. A mix says how large some sources would have
+to be. Chapter 9.
 """
 
 from __future__ import annotations
@@ -26,10 +26,10 @@ from ..checks import Array, as_array
 from ..datasets import load_calibration, load_handle, load_rig, load_table1
 from ..identity import labelled_pixels
 from ..kalman import covariance_root
-from ..metrics import euler_deg
 from ..pose import rigid_fit
 from ..rigid import nearest_rotation
 from . import error_sources as sources
+from .accounts import clamped_anew, misaligned
 from .deviations import (
     MEANS,
     Errors,
@@ -43,18 +43,19 @@ from .deviations import (
     together,
 )
 from .error_sources import Trial, make_trial
+from .pattern import (
+    STATISTICS,
+    filled_up,
+    largest_size,
+    pattern_table,
+    rigid_field,
+    scaled,
+    statistics,
+    without_field,
+)
 from .replication import replicate
 from .simulated_calibration import simulated_calibration
 
-NEAR_LOCK_DEG = 75.0
-STATISTICS = {
-    "growth_alpha": "scatter of alpha near the gimbal lock by that elsewhere",
-    "growth_gamma": "scatter of gamma near the gimbal lock by that elsewhere",
-    "offset_alpha": "mean of alpha's errors by its standard error",
-    "offset_beta": "mean of beta's errors by its standard error",
-    "offset_gamma": "mean of gamma's errors by its standard error",
-    "depth": "scatter of z by that of x and y",
-}
 MIX_TABLES = 100  # that are drawn of each source
 _FACTORS = (1e-3, 1e3)  # limits of a size, of what the source is taken for
 POSITIONS = 14  # of the board in Sect. 6.2
@@ -65,56 +66,9 @@ REGISTRATIONS: Mapping[str, Sequence[int]] = {
     "20 poses": range(20),
 }
 TABLES = 1000  # that are drawn of a source
-PATTERN_TABLES = 9999
-
-
-def statistics(errors: Errors, truths: RigidTransform) -> Array:
-    """The numbers of `STATISTICS` for tables of errors, shape (..., 6).
-
-    Scatter is the rms about the mean over all n poses; the t of an offset is taken without its
-    sign.
-    """
-    n = len(truths)
-    near = np.abs(euler_deg(truths)[:, 1]) > NEAR_LOCK_DEG
-    mean = errors.angles_deg.mean(axis=-2, keepdims=True)
-    square = (errors.angles_deg - mean) ** 2
-    growth = np.sqrt(square[..., near, :].mean(axis=-2) / square[..., ~near, :].mean(axis=-2))
-    t = np.abs(mean[..., 0, :]) / np.sqrt(square.sum(axis=-2) / (n - 1) / n)
-    spread = errors.position_mm.var(axis=-2)
-    depth = np.sqrt(2 * spread[..., 2] / (spread[..., 0] + spread[..., 1]))
-    return np.concatenate([growth[..., [0, 2]], t, depth[..., None]], axis=-1)
-
-
-def compare(errors: Errors, truths: RigidTransform, observed: Array) -> pd.DataFrame:
-    """Hold observed statistics against those of the tables that a model draws.
-
-    Parameters
-    ----------
-    errors : Errors, shape (count, n, 3)
-        Of the model's tables.
-    truths : RigidTransform of length n
-    observed : ndarray, shape (6,)
-
-    Returns
-    -------
-    pandas.DataFrame
-        A row a statistic: the observed one; the model's median and its range from 2.5 to 97.5 %; p,
-        two-sided: twice the share of tables, the observed one among them, that lie as far out on
-        the observed one's side.
-    """
-    model = statistics(errors, truths)
-    side = np.minimum((model <= observed).sum(axis=0), (model >= observed).sum(axis=0))
-    low, middle, high = np.quantile(model, [0.025, 0.5, 0.975], axis=0)
-    return pd.DataFrame(
-        {
-            "statistic": list(STATISTICS),
-            "observed": observed,
-            "model_median": middle,
-            "model_low": low,
-            "model_high": high,
-            "p": np.minimum(2 * (1 + side) / (1 + len(model)), 1.0),
-        }
-    )
+SMOOTH_TABLES = 4000
+PATTERN_TABLES = 19_999
+SEED = 0
 
 
 class Mix(NamedTuple):
@@ -199,26 +153,24 @@ def mixes(
     targets: ArrayLike,
     rows: Sequence[int] = (),
 ) -> list[Mix]:
-    """`mix` for each of the free sources and for every two that fit better than either alone, the
-    best first.
+    """`mix` for each of the free sources, and for every two and three that fit better than any part
+    of them, the best first.
     """
-    alone = [mix([source], given, truths, targets, rows) for source in free]
-    pairs = [
-        (
-            mix([free[i], free[j]], given, truths, targets, rows),
-            min(alone[i].misfit, alone[j].misfit),
-        )
-        for i, j in combinations(range(len(free)), 2)
+    found: dict[tuple[int, ...], Mix] = {}
+    for count in (1, 2, 3):
+        for chosen in combinations(range(len(free)), count):
+            found[chosen] = mix([free[k] for k in chosen], given, truths, targets, rows)
+    kept = [
+        one
+        for chosen, one in found.items()
+        if all(one.misfit < 0.99 * found[part].misfit for part in _parts_of(chosen))
     ]
-    better = [pair for pair, single in pairs if pair.misfit < 0.99 * single]
-    return sorted([*alone, *better], key=lambda found: found.misfit)
+    return sorted(kept, key=lambda one: one.misfit)
 
 
-def scaled(source: Source, factor: float) -> Source:
-    """The same source with another size."""
-    return source._replace(
-        size=factor * source.size, fixed=factor * source.fixed, roots=factor * source.roots
-    )
+def _parts_of(chosen: tuple[int, ...]) -> list[tuple[int, ...]]:
+    """The choices with one member less."""
+    return list(combinations(chosen, len(chosen) - 1)) if len(chosen) > 1 else []
 
 
 class Images(NamedTuple):
@@ -240,14 +192,31 @@ class Images(NamedTuple):
 
 
 class Parts(NamedTuple):
-    """Sources of error: in the images; others of known size; of unknown size in the cameras, and in
-    the reference.
+    """Sources of error by what is known of them.
+
+    Attributes
+    ----------
+    images, bench : list of Source
+        What is certainly there: noise and bias of the centroids; calibration, platform, digits.
+    software : list of Source
+        What the authors' program does if it does what is printed.
+    cameras, reference : list of Source
+        Of unknown size, each taken for a unit: in the cameras, and in what was set.
     """
 
     images: list[Source]
-    others: list[Source]
+    bench: list[Source]
+    software: list[Source]
     cameras: list[Source]
     reference: list[Source]
+
+    @property
+    def certain(self) -> list[Source]:
+        return [*self.images, *self.bench]
+
+    @property
+    def digits(self) -> Source:
+        return self.bench[-1]
 
 
 def rendered(trial: Trial, draws: int) -> Images:
@@ -277,11 +246,10 @@ def parts(trial: Trial, images: Images, covariance: Array) -> Parts:
         [sources.pixel_noise(trial, images.sigma_px), sources.centroid_bias(trial, images.uv)],
         [
             sources.calibration(trial, covariance),
-            sources.printed_matrix(trial),
-            sources.one_focal_length(trial),
             sources.platform(trial, 0.02),
             sources.printed_digits(trial),
         ],
+        [sources.printed_matrix(trial), sources.one_focal_length(trial)],
         [
             sources.lens_distortion(trial, -0.05),
             sources.turned_camera(trial, 0.02),
@@ -289,6 +257,7 @@ def parts(trial: Trial, images: Images, covariance: Array) -> Parts:
         ],
         [
             sources.askew(trial, 0.5),
+            sources.turned_reference(trial, 0.5),
             sources.set_angles(trial, 0.5),
             sources.set_scatter(trial, 0.5),
             sources.platform(trial, 0.2)._replace(name="set positions"),
@@ -297,18 +266,20 @@ def parts(trial: Trial, images: Images, covariance: Array) -> Parts:
 
 
 def exact_tables(
-    trial: Trial, images: Images, covariance: Array, draws: int
+    trial: Trial, images: Images, covariance: Array, draws: int, as_printed: bool
 ) -> list[RigidTransform]:
-    """Poses with all at once that is wrong with images and cameras, not linearised."""
+    """Poses with what is certainly wrong with images and cameras at once, not linearised.
+
+    With `as_printed` the program takes R_rl as printed, and one f for both axes, as well.
+    """
     rng = _rng()
     root = covariance_root(covariance, "covariance", len(covariance))
     printed = load_calibration().R_rl
-    skewness = printed - nearest_rotation(printed).as_matrix()
+    skewness = printed - nearest_rotation(printed).as_matrix() if as_printed else np.zeros((3, 3))
+    believed = sources.with_one_focal(trial.rig) if as_printed else trial.rig
     tables = []
     for _ in range(draws):
-        rig = sources.shifted_rig(
-            sources.with_one_focal(trial.rig), root @ rng.standard_normal(len(root))
-        )
+        rig = sources.shifted_rig(believed, root @ rng.standard_normal(len(root)))
         uv = images.uv + images.sigma_px * rng.standard_normal(images.uv.shape)
         tables.append(sources.by_matrix(trial, uv, rig, skewness))
     return tables
@@ -325,47 +296,69 @@ def line(source: Source, trial: Trial, rows: Sequence[int] = ()) -> dict[str, fl
         "size": source.size,
         "unit": source.unit,
         **_columns(means(errors), rms(errors)),
+        "n": TABLES,
     }
 
 
 def budget(
-    trial: Trial, images: Images, of: Parts, at_once: Sequence[RigidTransform]
+    trial: Trial,
+    images: Images,
+    of: Parts,
+    at_once: Mapping[str, Sequence[RigidTransform]],
 ) -> pd.DataFrame:
     """Each source alone, the sums, what was measured on rendered frames, and Table 1, before and
     after registration.
 
-    Columns: registration, source, size, unit, `MEANS`, and the rms of the same. A root of a sum of
-    squares has no mean.
+    Parameters
+    ----------
+    trial, images, of
+    at_once : mapping
+        Tables that are not linearised (`exact_tables`), for "certain" and "as printed".
+
+    Returns
+    -------
+    pandas.DataFrame
+        Columns: registration, source, size, unit, `MEANS`, the rms of the same, kind, n (tables
+        drawn or measured) and seed. A root of a sum of squares has no mean.
     """
-    known = [*of.images, *of.others]
+    printed = [*of.certain, *of.software]
+    kinds = of._asdict()
     lines = []
     for registration, rows in REGISTRATIONS.items():
-        some = [line(source, trial, rows) for source in (*known, *of.cameras, *of.reference)]
-        some += [
-            _quadrature("images: root of sum of squares", some[:2]),
+        alone = {
+            s.name: line(s, trial, rows) | {"kind": k} for k, some in kinds.items() for s in some
+        }
+        sums = [
+            _quadrature("images: root of sum of squares", [alone[s.name] for s in of.images]),
             line(together(of.images, "images: drawn together"), trial, rows),
             _measured_line("images: rendered and measured", images.estimates, trial, rows),
-            _quadrature("all: root of sum of squares", some[: len(known)]),
-            line(together(known, "all: drawn together"), trial, rows),
-            _measured_line("all: not linearised", at_once, trial, rows),
+            _quadrature("certain: root of sum of squares", [alone[s.name] for s in of.certain]),
+            line(together(of.certain, "certain: drawn together"), trial, rows),
+            _measured_line("certain: not linearised", at_once["certain"], trial, rows),
+            _quadrature("as printed: root of sum of squares", [alone[s.name] for s in printed]),
+            line(together(printed, "as printed: drawn together"), trial, rows),
+            _measured_line("as printed: not linearised", at_once["as printed"], trial, rows),
             _measured_line("Table 1", [load_table1().measured], trial, rows),
         ]
+        some = [*alone.values(), *({**one, "kind": "sum"} for one in sums)]
         lines += [{"registration": registration, **entry} for entry in some]
-    return pd.DataFrame(lines)
+    table = pd.DataFrame(lines)
+    last = table[["kind", "n"]]
+    return table.drop(columns=["kind", "n"]).assign(kind=last["kind"], n=last["n"], seed=SEED)
 
 
 def found_mixes(trial: Trial, of: Parts) -> list[Mix]:
-    """One or two sources, beside the printed digits, in the sizes that come closest to the printed
-    means.
+    """One, two or three sources, beside the printed digits, in the sizes that come closest to the
+    printed means.
 
     Positions are registered by all poses: those of Table 1 have no common shift.
     """
-    free = [*of.images, of.others[0], *of.cameras, *of.reference]
-    return mixes(free, of.others[-1], trial.truths, PRINTED, REGISTRATIONS["20 poses"])
+    free = [*of.images, of.bench[0], *of.cameras, *of.reference]
+    return mixes(free, of.digits, trial.truths, PRINTED, REGISTRATIONS["20 poses"])
 
 
 def mixes_table(found: Sequence[Mix]) -> pd.DataFrame:
-    """A row a mix. Columns: misfit, sources, sizes, and the first four of `MEANS`."""
+    """A row a mix. Columns: misfit, sources, sizes, the first four of `MEANS`, n and seed."""
     return pd.DataFrame(
         [
             {
@@ -373,63 +366,117 @@ def mixes_table(found: Sequence[Mix]) -> pd.DataFrame:
                 "sources": _names(m.sources),
                 "sizes": " + ".join(f"{s.size:.3g} {s.unit}" for s in m.sources),
                 **dict(zip(MEANS[:4], m.means, strict=True)),
+                "n": MIX_TABLES,
+                "seed": SEED,
             }
             for m in found
         ]
     )
 
 
-def patterns_table(trial: Trial, of: Parts, found: Sequence[Mix]) -> pd.DataFrame:
-    """The statistics of `statistics` for Table 1 and for several models, each registered by all
-    poses.
+def crossed_mixes(trial: Trial, of: Parts) -> list[Mix]:
+    """Each cause that moves positions with each that turns poses, sized like `found_mixes`.
 
-    The last two are the best mix without errors of the reference, and the reference's alone: zeros
-    and positions as the mixes have them, and a scatter of the set angles like that of Table 1's
-    errors.
+    The first are a distorting lens, a turned camera, and set positions; the second the centroids'
+    bias, misalignments on both sides, zeros of the set angles, and their scatter.
     """
-    table = load_table1()
-    rows = REGISTRATIONS["20 poses"]
-    printed = exact([table.measured], table.set_poses)
-    zeros, scatter, positions = of.reference[1:]
-    pair = next(m for m in found if {s.name for s in m.sources} == {zeros.name, positions.name})
-    seen = next(
-        m for m in found if not {s.name for s in m.sources} & {s.name for s in of.reference}
-    )
-    spread = printed.angles_deg.std(axis=1, ddof=1).mean()
-    models = {
-        "pixel noise": of.images[:1],
-        "images": of.images,
-        "whole budget": [*of.images, *of.others[:-1]],
-        _names(seen.sources): seen.sources,
-        "errors of the reference": [*pair.sources, scaled(scatter, spread / scatter.size)],
-    }
-    lines = []
-    for name, some in models.items():
-        tables = registered(
-            drawn(together([*some, of.others[-1]], name), PATTERN_TABLES, _rng()),
-            trial.truths,
-            rows,
-        )
-        lines.append(
-            compare(
-                first_order(tables, trial.truths),
-                trial.truths,
-                statistics(printed, trial.truths)[0],
-            )
-        )
-        lines[-1].insert(0, "model", name)
-    return pd.concat(lines)
+    lens, turned = of.cameras[:2]
+    mount, reference, zeros, scatter, positions = of.reference
+    turning = [[of.images[1]], [reference, mount], [zeros], [scatter]]
+    return [
+        mix([moves, *turns], of.digits, trial.truths, PRINTED, REGISTRATIONS["20 poses"])
+        for moves in (lens, turned, positions)
+        for turns in turning
+    ]
 
 
-def make_tables(draws: int) -> tuple[pd.DataFrame, pd.DataFrame, pd.DataFrame]:
-    """The tables ``budget``, ``mixes`` and ``patterns``, with so many tables of rendered frames."""
+def models(trial: Trial, of: Parts) -> list[tuple[Source, Sequence[str]]]:
+    """What the pattern of Table 1 is held against, each with the statistics it was fitted to.
+
+    What is certainly there; that with the program as printed; that with one f and so much of
+    independent position errors as Table 1 has; the twelve `crossed_mixes`; the two accounts that
+    are fitted to the table itself.
+    """
+    printed = _table1_errors()
+    certain = together([*of.images, *of.bench[:-1]], "certain")
+    one_f = together([certain, of.software[1]], "certain, one f, filled up")
+    with_digits = [
+        certain,
+        together([certain, *of.software], "certain, as printed"),
+        filled_up(one_f, of.reference[-1], trial.truths, _scatter_mm(printed, trial)),
+        *(together(m.sources, _names(m.sources)) for m in crossed_mixes(trial, of)),
+    ]
+    offsets = [name for name in STATISTICS if name.startswith("offset")]
+    return [
+        *((together([model, of.digits], model.name), ()) for model in with_digits),
+        (misaligned(printed, trial.truths), ()),
+        (clamped_anew(printed, trial.truths), offsets),
+    ]
+
+
+def patterns_table(trial: Trial, of: Parts) -> pd.DataFrame:
+    """`pattern.pattern_table` of `models`."""
+    observed = statistics(_table1_errors(), trial.truths)[0]
+    return pattern_table(models(trial, of), trial.truths, observed, PATTERN_TABLES, SEED)
+
+
+def smooth_table(trial: Trial, of: Parts) -> pd.DataFrame:
+    """How large a cause of position errors may be before the spatial test refuses it at 5 %.
+
+    Columns: source, taken (its size in the budget), unit, largest (the size that is just not
+    refused), share (of Table 1's mean square that it makes then), n and seed.
+    """
+    observed = _table1_errors().position_mm[0]
+    causes = [*of.software, *of.cameras[:2]]
+    rows = []
+    for cause in causes:
+        largest, share = largest_size(
+            cause, of.reference[-1], trial.truths, observed, tables=SMOOTH_TABLES, seed=SEED
+        )
+        rows.append(
+            {
+                "source": cause.name,
+                "taken": cause.size,
+                "unit": cause.unit,
+                "largest": largest,
+                "share": share,
+                "n": SMOOTH_TABLES,
+                "seed": SEED,
+            }
+        )
+    return pd.DataFrame(rows)
+
+
+def make_tables(draws: int) -> tuple[pd.DataFrame, ...]:
+    """The tables ``budget``, ``mixes``, ``patterns`` and ``smooth``, with so many tables of rendered
+    frames.
+    """
     trial = make_trial(load_rig("paper_pair"), load_handle("paper"), load_table1().set_poses)
     covariance = simulated_calibration(trial.rig, Board(), POSITIONS, _rng()).covariance
     images = rendered(trial, draws)
     of = parts(trial, images, covariance)
-    at_once = exact_tables(trial, images, covariance, 4 * draws)
+    at_once = {
+        name: exact_tables(trial, images, covariance, 4 * draws, name == "as printed")
+        for name in ("certain", "as printed")
+    }
     found = found_mixes(trial, of)
-    return budget(trial, images, of, at_once), mixes_table(found), patterns_table(trial, of, found)
+    return (
+        budget(trial, images, of, at_once),
+        mixes_table(found),
+        patterns_table(trial, of),
+        smooth_table(trial, of),
+    )
+
+
+def _table1_errors() -> Errors:
+    table = load_table1()
+    return exact([table.measured], table.set_poses)
+
+
+def _scatter_mm(errors: Errors, trial: Trial) -> float:
+    """Rms of one table's position errors without a rigid motion of all, mm."""
+    rest = without_field(errors.position_mm[0], rigid_field(trial.truths.translation))
+    return float(np.sqrt((rest**2).sum() / len(rest)))
 
 
 def _measured(trial: Trial, bench: Bench, seed: int) -> tuple[RigidTransform, Array]:
@@ -457,6 +504,7 @@ def _measured_line(
         "size": len(tables),
         "unit": "tables",
         **_columns(means(errors), rms(errors)),
+        "n": len(tables),
     }
 
 
@@ -469,6 +517,7 @@ def _quadrature(name: str, lines: Sequence[Mapping[str, float | str]]) -> dict[s
         "size": len(lines),
         "unit": "sources",
         **_columns(np.full(5, np.nan), total),
+        "n": TABLES,
     }
 
 
@@ -491,4 +540,4 @@ def _names(some: Sequence[Source]) -> str:
 
 
 def _rng() -> np.random.Generator:
-    return np.random.default_rng(0)
+    return np.random.default_rng(SEED)

@@ -270,6 +270,15 @@ def askew(trial: Trial, sigma_deg: float) -> Source:
     return Source("handle set askew", sigma_deg, "deg an axis", _nothing(trial), roots)
 
 
+def turned_reference(trial: Trial, sigma_deg: float) -> Source:
+    """A reference of the angles that is turned before the cameras, by `sigma_deg` about each axis
+    of the world, the same in all poses; the positions' reference is not.
+    """
+    roots = np.zeros((len(trial.truths), 6, 3))
+    roots[:, 3:] = sigma_deg * np.eye(3)
+    return Source("reference turned", sigma_deg, "deg an axis", _nothing(trial), roots)
+
+
 def set_angles(trial: Trial, sigma_deg: float) -> Source:
     """Zeros of the three axes that set alpha, beta and gamma, each off by `sigma_deg`, the same in
     all poses.
