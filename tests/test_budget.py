@@ -12,16 +12,17 @@ from trinolab.studies import budget as module
 from trinolab.studies import error_sources as sources
 from trinolab.studies import replication
 from trinolab.studies.__main__ import main
+from trinolab.studies.accounts import clamped_anew, misaligned
 from trinolab.studies.budget import (
     PRINTED,
     REGISTRATIONS,
     Images,
-    compare,
+    Parts,
     exact_tables,
     line,
     parts,
     rendered,
-    statistics,
+    smooth_table,
 )
 from trinolab.studies.deviations import (
     MEANS,
@@ -33,17 +34,19 @@ from trinolab.studies.deviations import (
     together,
 )
 from trinolab.studies.error_sources import make_trial
+from trinolab.studies.pattern import STATISTICS, holm, pattern_table, statistics
 
 RMS = [f"rms_{name}" for name in MEANS]
 KNOWN = [
     "pixel noise",
     "centroid bias",
     "calibration",
-    "R_rl as printed",
-    "one focal length",
     "platform",
     "printed digits",
+    "R_rl as printed",
+    "one focal length",
 ]
+CERTAIN = KNOWN[:5]
 
 
 @pytest.fixture(scope="module")
@@ -67,6 +70,7 @@ def test_budget_holds_every_source_under_every_registration(table):
             "lens distortion",
             "places of the markers",
             "handle set askew",
+            "reference turned",
             "zeros of the set angles",
         } < set(found)
 
@@ -97,10 +101,20 @@ def test_sums_of_squares_are_the_lines_added_up(table, registration):
     rows = table.loc[registration]
     for name, some in (
         ("images: root of sum of squares", KNOWN[:2]),
-        ("all: root of sum of squares", KNOWN),
+        ("certain: root of sum of squares", CERTAIN),
+        ("as printed: root of sum of squares", KNOWN),
     ):
         total = np.sqrt((rows.loc[some, RMS].astype(float) ** 2).sum())
         np.testing.assert_allclose(rows.loc[name, RMS].astype(float), total, rtol=1e-4)
+
+
+def test_what_is_certain_is_kept_apart_from_the_authors_program(table):
+    kinds = table.loc["20 poses", "kind"]
+    assert set(kinds[CERTAIN]) == {"images", "bench"}
+    assert set(kinds[KNOWN[5:]]) == {"software"}
+    assert (table["seed"] == module.SEED).all()
+    assert table.loc[("none", "Table 1"), "n"] == 1
+    assert table.loc[("none", "certain: drawn together"), "n"] == module.TABLES
 
 
 def test_table_1_is_in_the_budget_as_it_is_printed(table):
@@ -117,11 +131,12 @@ def test_first_order_holds(table):
     registered away.
     """
     for registration in ("4 poses", "20 poses"):
-        linear, true = (
-            table.loc[(registration, f"all: {name}"), list(MEANS)].astype(float)
-            for name in ("drawn together", "not linearised")
-        )
-        np.testing.assert_allclose(linear, true, rtol=0.15)
+        for what in ("certain", "as printed"):
+            linear, true = (
+                table.loc[(registration, f"{what}: {name}"), list(MEANS)].astype(float)
+                for name in ("drawn together", "not linearised")
+            )
+            np.testing.assert_allclose(linear, true, rtol=0.15)
 
 
 def test_noise_and_bias_are_most_of_what_rendered_frames_show(table):
@@ -155,24 +170,44 @@ def test_mixes_give_what_they_say(trial, table):
     np.testing.assert_allclose(row[list(MEANS[:4])].astype(float), PRINTED, rtol=0.2)
 
 
-def test_patterns_are_computed_again(trial, table):
+def test_patterns_are_computed_again():
+    """The two accounts, which need no rendered frame."""
     stored = load_sweep("patterns")
-    assert (stored.groupby("model").size() == 6).all()
-    noise = sources.pixel_noise(trial, table.loc[("none", "pixel noise"), "size"])
-    tables = registered(
-        drawn(
-            together([noise, sources.printed_digits(trial)], "noise"),
-            module.PATTERN_TABLES,
-            np.random.default_rng(0),
-        ),
-        trial.truths,
-        range(20),
-    )
+    assert (stored.groupby("model").size() == len(STATISTICS)).all()
+    assert (stored["n"] == module.PATTERN_TABLES).all()
+    tested = stored[~stored["fitted"]]
+    np.testing.assert_allclose(tested["p_holm"], holm(tested["p"]), rtol=1e-4)
     printed = load_table1()
-    observed = statistics(exact([printed.measured], printed.set_poses), printed.set_poses)[0]
-    again = compare(first_order(tables, trial.truths), trial.truths, observed)
-    rows = stored[stored["model"] == "pixel noise"].reset_index(drop=True).drop(columns="model")
-    pd.testing.assert_frame_equal(again, rows, rtol=1e-4, atol=5e-4)
+    truths = printed.set_poses
+    errors = exact([printed.measured], truths)
+    accounts = [(misaligned(errors, truths), ()), (clamped_anew(errors, truths), ())]
+    again = pattern_table(
+        accounts, truths, statistics(errors, truths)[0], module.PATTERN_TABLES, module.SEED
+    )
+    rows = stored[stored["model"].isin(again["model"])].reset_index(drop=True)
+    same = ["model", "statistic", "observed", "model_median", "model_low", "model_high", "p"]
+    pd.testing.assert_frame_equal(again[same], rows[same], rtol=1e-4, atol=5e-4)
+
+
+def test_the_pattern_refuses_misalignments_and_keeps_the_clamp():
+    """Chapter 9's answer."""
+    least = load_sweep("patterns").groupby("model")["p_holm"].min()
+    assert least["misaligned on both sides"] < 0.05
+    assert least["certain, one f, filled up"] < 0.05
+    assert least["clamped anew"] > 0.05
+
+
+def test_largest_smooth_causes_are_computed_again(trial, monkeypatch):
+    stored = load_sweep("smooth").set_index("source")
+    places = sources.platform(trial, 0.2)
+    some = [sources.one_focal_length(trial), sources.lens_distortion(trial, -0.05)]
+    monkeypatch.setattr(module, "SMOOTH_TABLES", 1000)
+    of = Parts([], [], some, [some[0], some[1]], [places])
+    again = smooth_table(trial, of).drop_duplicates("source").set_index("source")
+    for name in ("one focal length", "lens distortion"):
+        assert again.loc[name, "largest"] == pytest.approx(stored.loc[name, "largest"], rel=0.1)
+    # one f for both axes, as printed, is too large
+    assert stored.loc["one focal length", "largest"] < stored.loc["one focal length", "taken"]
 
 
 # --- how they are made
@@ -201,14 +236,19 @@ def test_a_lost_pose_is_named(monkeypatch):
 
 def test_exact_tables_hold_bias_printed_matrix_and_one_focal_length(trial):
     """Without noise and calibration error the exact chain is near the sum of the three to first
-    order.
+    order, and without the program's mistakes near the bias.
     """
     uv = trial.uv + 0.1 * np.random.default_rng(0).standard_normal(trial.uv.shape)
-    (poses,) = exact_tables(trial, Images(uv, 0.0, []), np.zeros((14, 14)), 1)
+    given = trial, Images(uv, 0.0, []), np.zeros((14, 14)), 1
+    (alone,) = exact_tables(*given, as_printed=False)
+    (poses,) = exact_tables(*given, as_printed=True)
     found = exact([poses], trial.truths)
     bias = sources.centroid_bias(trial, uv)
     others = [sources.printed_matrix(trial), sources.one_focal_length(trial)]
     expected = together([bias, *others], "all")
+    without = exact([alone], trial.truths)
+    np.testing.assert_allclose(without.position_mm[0], bias.fixed[:, :3], atol=0.04)
+    np.testing.assert_allclose(without.turns_deg[0], bias.fixed[:, 3:], atol=0.4)
     np.testing.assert_allclose(found.position_mm[0], expected.fixed[:, :3], atol=0.04)
     np.testing.assert_allclose(found.turns_deg[0], expected.fixed[:, 3:], atol=0.4)
     assert np.abs(bias.fixed[:, 3:]).max() > 1.5
@@ -216,7 +256,7 @@ def test_exact_tables_hold_bias_printed_matrix_and_one_focal_length(trial):
 
 
 @pytest.mark.heavy
-def test_the_command_writes_three_tables(tmp_path, monkeypatch, trial):
+def test_the_command_writes_four_tables(tmp_path, monkeypatch, trial):
     rng = np.random.default_rng(0)
     fake = Images(trial.uv + 0.3 * rng.standard_normal(trial.uv.shape), 0.02, [trial.truths])
     monkeypatch.setattr(module, "rendered", lambda trial, draws: fake)
@@ -224,7 +264,7 @@ def test_the_command_writes_three_tables(tmp_path, monkeypatch, trial):
         module,
         "parts",
         lambda *a: parts(*a)._replace(
-            others=[
+            bench=[
                 sources.platform(trial)._replace(name="calibration"),
                 sources.printed_digits(trial),
             ]
@@ -232,10 +272,12 @@ def test_the_command_writes_three_tables(tmp_path, monkeypatch, trial):
     )
     monkeypatch.setattr(module, "TABLES", 50)
     monkeypatch.setattr(module, "PATTERN_TABLES", 50)
+    monkeypatch.setattr(module, "SMOOTH_TABLES", 50)
     assert main(["budget", "--out", str(tmp_path), "--draws", "1"]) == 0
     assert sorted(path.name for path in tmp_path.iterdir()) == [
         "budget.csv",
         "mixes.csv",
         "patterns.csv",
+        "smooth.csv",
     ]
     assert main(["budget", "--out", str(tmp_path / "none")]) == 2

@@ -208,6 +208,16 @@ def test_a_handle_set_askew_is_turned_on_its_own_side(trial):
     np.testing.assert_allclose((source.roots @ [1.0, -0.5, 0.2])[:, 3:], expected, atol=1e-9)
 
 
+def test_a_turned_reference_turns_poses_about_the_worlds_axes_and_moves_none(trial):
+    source = sources.turned_reference(trial, 0.1)
+    turn = Rotation.from_rotvec([0.1, -0.05, 0.02], degrees=True)
+    turned = RigidTransform.from_components(TRUTHS.translation, turn * TRUTHS.rotation)
+    expected = exact([turned], TRUTHS).turns_deg[0]
+    found = source.roots @ [1.0, -0.5, 0.2]
+    np.testing.assert_allclose(found[:, 3:], expected, atol=1e-9)
+    assert not found[:, :3].any()
+
+
 def test_errors_of_the_set_angles(trial):
     """Constants in the angles, and independent scatter of them."""
     constant = first_order(

@@ -186,7 +186,7 @@ def plot_null(
 ) -> Axes:
     """Histograms of a statistic as several models draw it, and a line where it was observed."""
     _, ax = plt.subplots(figsize=(COLUMN_IN, 3.2), layout="constrained", facecolor="white")
-    edges = np.linspace(*limits, 41)
+    edges = np.linspace(*limits, 41).tolist()
     for (name, values), colour in zip(draws.items(), COLOURS, strict=False):
         clipped = np.clip(np.asarray(values, dtype=float), *limits)
         share = np.full(clipped.shape, 1.0 / clipped.size)

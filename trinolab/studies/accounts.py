@@ -121,7 +121,7 @@ def fit_constants(turns_deg: ArrayLike, design: Array) -> Fit:
     A = design.reshape(3 * n, q)
     if np.linalg.matrix_rank(A) < q:
         raise ValueError("design: expected constants that can be told apart")
-    values = np.linalg.lstsq(A, turns.reshape(-1))[0]
+    values = np.linalg.lstsq(A, turns.reshape(-1))[0].astype(np.float64)
     rest = turns - design @ values
     free = 3 * n - q
     covariance = (rest**2).sum() / free * np.linalg.inv(A.T @ A)
