@@ -34,7 +34,9 @@ def plot_errors_in_space(positions: ArrayLike, errors: ArrayLike, magnified: flo
     """
     x = as_points(positions, "positions", 3)
     e = magnified * as_points(errors, "errors", 3)
-    figure, panels = row_of_panels(2, (COLUMN_IN, 3.6))
+    figure, panels = plt.subplots(
+        2, 1, figsize=(COLUMN_IN, 6.6), layout="constrained", facecolor="white"
+    )
     for ax, (i, j, name) in zip(panels, _VIEWS, strict=True):
         ax.quiver(
             x[:, i],
@@ -45,7 +47,7 @@ def plot_errors_in_space(positions: ArrayLike, errors: ArrayLike, magnified: flo
             scale_units="xy",
             scale=1.0,
             color=COLOURS[0],
-            width=0.008,
+            width=0.005,
         )
         ax.plot(x[:, i], x[:, j], "o", color="black", markersize=3)
         ends = np.concatenate([x, x + e])
@@ -79,6 +81,7 @@ def plot_factors(curves: Mapping[str, tuple[ArrayLike, ArrayLike, float]], ylabe
         ax.set(xlabel=xlabel, facecolor="white")
         ax.yaxis.set(major_formatter="{x:g}", minor_formatter="")
         ax.set_yticks([0.05, 0.1, 0.2, 0.3])
+        ax.locator_params(axis="x", nbins=5)
         ax.grid(axis="y", alpha=0.3)
     for ax in grid[:, 0]:
         ax.set_ylabel(ylabel)
@@ -172,7 +175,7 @@ def plot_over_beta(
     figure, row = row_of_panels(len(panels), (COLUMN_IN, 3.1), sharey=True)
     for ax, (title, series) in zip(row, panels.items(), strict=True):
         for (name, y), colour, style in zip(series.items(), COLOURS, styles, strict=False):
-            ax.semilogy(beta_deg, y, style, color=colour, label=name, markersize=5)
+            ax.semilogy(beta_deg, y, style, color=colour, label=name, markersize=7, mew=1.5)
         ax.set(title=title, xlabel=r"$|\beta|$ / deg", facecolor="white")
         ax.grid(axis="y", alpha=0.3)
     row[0].set_ylabel("error / deg")
@@ -198,4 +201,4 @@ def plot_null(
 
 
 def _short(p: float) -> str:
-    return "< 0.001" if p < 0.001 else f"{p:.1g}" if p < 0.1 else f"{p:.2f}"
+    return "< 0.001" if p < 0.001 else f"{p:.1g}" if p < 0.01 else f"{p:.2f}"
