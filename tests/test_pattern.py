@@ -23,6 +23,7 @@ from trinolab.studies.pattern import (
     filled_up,
     holm,
     largest_size,
+    p_values,
     pattern_table,
     rigid_field,
     scaled,
@@ -126,9 +127,11 @@ def test_white_errors_have_the_beta_distribution():
 
 
 def test_a_table_of_the_model_itself_is_nothing_unusual(noise):
-    tables = first_order(drawn(noise, 1500, np.random.default_rng(0)), TRUTHS)
-    own = statistics(first_order(drawn(noise, 200, np.random.default_rng(1)), TRUTHS), TRUTHS)
-    p = np.array([compare(tables, TRUTHS, one)["p"] for one in own])
+    model, own = (
+        statistics(first_order(drawn(noise, count, np.random.default_rng(seed)), TRUTHS), TRUTHS)
+        for count, seed in ((20_000, 0), (200, 1))
+    )
+    p = np.array([p_values(model, one) for one in own])
     assert p.shape == (200, len(STATISTICS))
     for column in p.T:
         assert stats.kstest(column, "uniform").pvalue > 0.001
@@ -183,7 +186,7 @@ def test_the_largest_size_is_refused_in_one_of_twenty(trial):
     rest = without_field(TABLE_MM, rigid_field(PLACES))
     assert np.sqrt((rest**2).sum() / 20) == pytest.approx(rms, rel=1e-3)
     for source in (one_focal_length(trial), turned_camera(trial, 0.02)):
-        size, share = largest_size(source, places, TRUTHS, TABLE_MM, 0.05, 2000)
+        size, share = largest_size(source, places, TRUTHS, TABLE_MM, 0.05, 1000)
         assert 0 < size < 2 * source.size
         assert 0 < share < 0.7
         below = []
@@ -191,7 +194,7 @@ def test_the_largest_size_is_refused_in_one_of_twenty(trial):
             model = filled_up(scaled(source, factor * size / source.size), places, TRUTHS, rms)
             some = drawn(model, 4000, np.random.default_rng(7))[..., :3]
             below.append((smooth_share(PLACES, some) <= OBSERVED[-1]).mean())
-        assert below[0] == pytest.approx(0.05, abs=0.015)
+        assert below[0] == pytest.approx(0.05, abs=0.025)  # 1,000 tables: 0.007
         assert below[1] < below[0] - 0.01
 
 

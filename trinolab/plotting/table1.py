@@ -175,7 +175,7 @@ def plot_over_beta(
     figure, row = row_of_panels(len(panels), (COLUMN_IN, 3.1), sharey=True)
     for ax, (title, series) in zip(row, panels.items(), strict=True):
         for (name, y), colour, style in zip(series.items(), COLOURS, styles, strict=False):
-            ax.semilogy(beta_deg, y, style, color=colour, label=name, markersize=7, mew=1.5)
+            ax.semilogy(beta_deg, y, style, color=colour, label=name, markersize=6, mew=1.5)
         ax.set(title=title, xlabel=r"$|\beta|$ / deg", facecolor="white")
         ax.grid(axis="y", alpha=0.3)
     row[0].set_ylabel("error / deg")

@@ -395,7 +395,7 @@ def models(trial: Trial, of: Parts) -> list[tuple[Source, Sequence[str]]]:
 
     What is certainly there; that with the program as printed; that with one f and so much of
     independent position errors as Table 1 has; the twelve `crossed_mixes`; the two accounts that
-    are fitted to the table itself.
+    are fitted to the table itself, and the clamp with all and with a third of what images do.
     """
     printed = _table1_errors()
     certain = together([*of.images, *of.bench[:-1]], "certain")
@@ -406,11 +406,15 @@ def models(trial: Trial, of: Parts) -> list[tuple[Source, Sequence[str]]]:
         filled_up(one_f, of.reference[-1], trial.truths, _scatter_mm(printed, trial)),
         *(together(m.sources, _names(m.sources)) for m in crossed_mixes(trial, of)),
     ]
+    clamp = clamped_anew(printed, trial.truths)
+    third = [scaled(source, 1 / 3) for source in of.images]
     offsets = [name for name in STATISTICS if name.startswith("offset")]
     return [
         *((together([model, of.digits], model.name), ()) for model in with_digits),
         (misaligned(printed, trial.truths), ()),
-        (clamped_anew(printed, trial.truths), offsets),
+        (together([clamp, *of.images], "clamped anew + images"), ()),
+        (together([clamp, *third], "clamped anew + images / 3"), ()),
+        (clamp, offsets),
     ]
 
 

@@ -115,7 +115,6 @@ def compare(errors: Errors, truths: RigidTransform, observed: Array) -> pd.DataF
         the observed one's side.
     """
     model = statistics(errors, truths)
-    side = np.minimum((model <= observed).sum(axis=0), (model >= observed).sum(axis=0))
     low, middle, high = np.quantile(model, [0.025, 0.5, 0.975], axis=0)
     return pd.DataFrame(
         {
@@ -124,9 +123,17 @@ def compare(errors: Errors, truths: RigidTransform, observed: Array) -> pd.DataF
             "model_median": middle,
             "model_low": low,
             "model_high": high,
-            "p": np.minimum(2 * (1 + side) / (1 + len(model)), 1.0),
+            "p": p_values(model, observed),
         }
     )
+
+
+def p_values(model: Array, observed: Array) -> Array:
+    """Two-sided p of observed statistics (q,) under those of a model's tables (count, q), shape
+    (q,).
+    """
+    side = np.minimum((model <= observed).sum(axis=0), (model >= observed).sum(axis=0))
+    return np.minimum(2 * (1 + side) / (1 + len(model)), 1.0)
 
 
 def holm(p: ArrayLike) -> Array:
