@@ -36,7 +36,7 @@ OTHER_PARAMETERS = {
         "seed": 2,
     },
     "08_pose": {"handle_name": "coded", "sigma_px": 0.05, "seed": 3},
-    "09_table1": {"handle_name": "coded", "seed": 1, "noise_px": 0.1},
+    "09_table1": {"handle_name": "coded", "seed": 1, "noise_px": 0.1, "level": 0.001},
     "10_estimators": {
         "rig_name": "raised_40deg",
         "estimator": "reprojection",
@@ -67,7 +67,7 @@ SMALL = {
     "06_matching": {"instants": 6, "row_step": 20},
     "07_calibration": {"positions": 4, "draws": 1, "row_step": 20},
     "08_pose": {"draws": 10, "row_step": 20},
-    "09_table1": {"row_step": 20},
+    "09_table1": {"row_step": 20, "tables": 100},
     "10_estimators": {"row_step": 20, "turns": 2},
     "11_master_slave": {"share": 0.42, "row_step": 20},
     "12_force_feedback": {"share": 0.1, "row_step": 20},
