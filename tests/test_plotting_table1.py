@@ -15,7 +15,7 @@ from trinolab.plotting import (
     plot_refused,
 )
 
-NARROWEST_PT, WIDEST_IN = 9, 6.9
+SMALLEST_PT, WIDEST_IN = 9, 6.9
 
 
 @pytest.fixture(autouse=True)
@@ -28,7 +28,9 @@ def legible(figure):
     """Whether it fits the page's column, and no text is smaller than 9 pt."""
     figure.canvas.draw()
     texts = [t for t in figure.findobj(plt.Text) if t.get_text() and t.get_visible()]
-    return figure.get_figwidth() <= WIDEST_IN and min(t.get_fontsize() for t in texts) >= 9
+    return (
+        figure.get_figwidth() <= WIDEST_IN and min(t.get_fontsize() for t in texts) >= SMALLEST_PT
+    )
 
 
 def test_arrows_start_at_their_positions_and_are_magnified():

@@ -49,7 +49,7 @@ def plot_pose_errors(
     figure, axes = plt.subplots(
         4, 1, figsize=(6.9, 6.4), sharex=True, layout="constrained", facecolor="white"
     )
-    titles = ("position / mm", "alpha / deg", "beta / deg", "gamma / deg")
+    titles = ("position / mm", r"$\alpha$ / deg", r"$\beta$ / deg", r"$\gamma$ / deg")
     ticks = np.arange(1, len(panels) + 1)
     for ax, values, title, colour in zip(axes, panels.T, titles, COLOURS, strict=False):
         ax.bar(ticks, values, color=colour)
