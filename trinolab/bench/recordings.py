@@ -15,7 +15,7 @@ import os
 import shutil
 import signal
 import threading
-from collections.abc import Generator, Sequence
+from collections.abc import Callable, Generator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import closing, suppress
@@ -339,8 +339,32 @@ def standard_recording(
         seconds,
     )
     manifest = made_from(job, name)
+    return kept_folder(
+        f"{name}-{rig_name}-{handle_name}-{seed}",
+        manifest,
+        lambda folder: write_recording(job, folder, manifest, progress),
+    )
+
+
+def kept_folder(name: str, manifest: dict[str, Any], make: Callable[[Path], object]) -> Path:
+    """A folder of the user's cache, made if it is not there yet.
+
+    Parameters
+    ----------
+    name : str
+        It begins with this.
+    manifest : dict
+        All that decides what is in it; with another one it is another folder.
+    make : callable
+        Makes the folder it is given, whole or not at all. One process at a time does.
+
+    Raises
+    ------
+    ValueError
+        If the cache cannot be written.
+    """
     key = hashlib.sha256(json.dumps(manifest).encode()).hexdigest()[:12]
-    folder = recordings_folder() / f"{name}-{rig_name}-{handle_name}-{seed}-{key}"
+    folder = recordings_folder() / f"{name}-{key}"
     if folder.is_dir():
         return folder
     try:
@@ -348,8 +372,8 @@ def standard_recording(
     except OSError as error:
         raise ValueError(f"{folder.parent}: cannot be written ({error.strerror})") from None
     with locked(folder.with_name(f"{folder.name}{LOCK}"), wait=True):
-        if not folder.is_dir():  # another process has not rendered it meanwhile
-            write_recording(job, folder, manifest, progress)
+        if not folder.is_dir():  # another process has not made it meanwhile
+            make(folder)
     return folder
 
 

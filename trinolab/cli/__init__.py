@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
     from ..bench.recordings import Kept
+    from ..slave.teleoperate import Done
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -250,6 +251,8 @@ def _teleop(a: argparse.Namespace) -> int:
 
     if a.live_simulation and not (a.rig and a.handle):
         raise ValueError("--live-simulation: needs --rig and --handle")
+    if a.task:
+        return _task(a)
     source = (
         simulated(a.rig, a.handle, a.seconds, a.seed)
         if a.live_simulation
@@ -267,10 +270,24 @@ def _teleop(a: argparse.Namespace) -> int:
         _joints(a.start),
         not a.no_video,
     )
+    return _say_session(done, a.out)
+
+
+def _task(a: argparse.Namespace) -> int:
+    from ..slave.task import perform
+
+    for name in ("rig", "handle", "clutch", "view", "start"):
+        if getattr(a, name):
+            raise ValueError(f"--task: brings its own {name}")
+    return _say_session(perform(a.out, a.seed, a.method, not a.no_video), a.out)
+
+
+def _say_session(done: Done, out: str) -> int:
+    """What a session came to, in one line."""
     holds = done.events.loc[done.events["event"] == "hold", "detail"]
     _say(
         f"{_counted(done.poses)}; {len(done.joints)} ticks of the arm, {len(holds)} holds"
-        f"{f' (the first: {holds.iloc[0]})' if len(holds) else ''}; written to {a.out}"
+        f"{f' (the first: {holds.iloc[0]})' if len(holds) else ''}; written to {out}"
     )
     return 0
 

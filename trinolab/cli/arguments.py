@@ -350,6 +350,12 @@ def _add_teleop(commands: argparse._SubParsersAction) -> None:
         action="store_true",
         help="images of a moving hand, taken by the simulated bench as they are asked for",
     )
+    source.add_argument(
+        "--task",
+        action="store_true",
+        help="a task of 15 s on the simulated bench, with its own rig, clutch and scales: a block "
+        "touched, a camera covered, a pose lost",
+    )
     _add_rig_and_handle(p, required=False)
     p.add_argument(
         "--robot",
@@ -392,7 +398,7 @@ def _add_teleop(commands: argparse._SubParsersAction) -> None:
     p.add_argument(
         "--clutch",
         metavar="CSV",
-        help="columns t_s and closed (0 or 1), which holds from then on; "
+        help="columns t_s and closed (0 or 1), which holds from then on, and if wanted scale; "
         "without it the clutch is closed while the handle is measured",
     )
     p.add_argument(

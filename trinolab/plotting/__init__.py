@@ -33,6 +33,7 @@ from .markers import (
 from .matching import plot_epipolar_plane, plot_windows
 from .pose import plot_frames, plot_two_rays
 from .rig import plot_layouts, plot_rig
+from .slave import plot_arm, plot_delays, plot_session
 from .structure import plot_chain, plot_structure
 from .table1 import (
     plot_budget,
@@ -55,6 +56,7 @@ __all__ = [
     "COLOURS",
     "Mesh",
     "mark_window",
+    "plot_arm",
     "plot_beside",
     "plot_boards",
     "plot_budget",
@@ -64,6 +66,7 @@ __all__ = [
     "plot_chi_square",
     "plot_contacts",
     "plot_curves",
+    "plot_delays",
     "plot_elevation",
     "plot_epipolar_plane",
     "plot_errors_in_space",
@@ -89,6 +92,7 @@ __all__ = [
     "plot_residuals",
     "plot_rig",
     "plot_rod_section",
+    "plot_session",
     "plot_shares",
     "plot_shifts",
     "plot_structure",

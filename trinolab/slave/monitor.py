@@ -58,6 +58,8 @@ class Readings:
         Magnitude of the force at the slave's tool, N; NaN if unknown.
     full_n : float
         Force at the end of the bar, N.
+    scale : float
+        Of the slave's distances to the handle's; NaN if it is not to be shown.
     """
 
     t_s: float
@@ -67,9 +69,10 @@ class Readings:
     limits: tuple[str, ...] = ()
     force_n: float = np.nan
     full_n: float = 20.0
+    scale: float = np.nan
 
     def __post_init__(self) -> None:
-        for name in ("t_s", "force_n"):
+        for name in ("t_s", "force_n", "scale"):
             object.__setattr__(
                 self, name, float(as_array(getattr(self, name), name, (), finite=False))
             )
@@ -143,6 +146,8 @@ def _lines(r: Readings) -> list[tuple[str, str, Colour | None]]:
         if r.clutch_closed
         else "OPEN: not coupled"
     )
+    if r.clutch_closed and not np.isnan(r.scale):
+        clutch = f"{clutch}, scale {r.scale:g}"
     status = r.status if r.status != "lost" else "LOST: no pose"
     over = "over" if r.force_n > r.full_n else "of"
     force = "no reading" if np.isnan(r.force_n) else f"{r.force_n:.1f} N {over} {r.full_n:g} N"

@@ -21,6 +21,7 @@ from .arm import Reading, Robot, Slave
 from .control import Command, Inverse, Reference, ReferenceParameters
 from .mapping import MappingParameters, Sample, State
 
+TOUCHED_N = 1.0  # a force from which on the tool touches something
 LONGEST_S = 3.0  # of a gap between two samples; by then the arm rests
 
 
@@ -38,6 +39,8 @@ class Ticks(NamedTuple):
     reference, commanded, tool : list of RigidTransform
         T_base_tool, mm: the limited reference, that of the commanded joints, and that of the
         simulated arm.
+    force_n : ndarray, shape (n,)
+        On the tool, N.
     """
 
     t_s: Array
@@ -47,6 +50,7 @@ class Ticks(NamedTuple):
     reference: list[RigidTransform]
     commanded: list[RigidTransform]
     tool: list[RigidTransform]
+    force_n: Array
 
 
 class Moment(NamedTuple):
@@ -127,6 +131,7 @@ class Session:
             [one[0] for one in references],
             [one[1] for one in references],
             [r.tool for r in readings],
+            frozen(np.array([np.linalg.norm(r.force) for r in readings])),
         )
 
     def _tick(
@@ -172,20 +177,25 @@ class Log:
         self.joints = list(joints)
         self.events = list[Event]()
         self._ticks: list[np.ndarray] = []
-        self._last: tuple[bool, str, tuple[str, ...]] = (False, "", ())
+        self._last = _Now()
 
-    def add(self, moment: Moment, clutch: bool) -> None:
-        """One more moment; its changes against the one before become events."""
+    def add(self, moment: Moment, clutch: bool, scale: float | None = None) -> None:
+        """One more moment; its changes against the one before become events.
+
+        `scale` is that of the mapping, tool : handle; None if it never changes.
+        """
         ticks = moment.ticks
         tool = np.array([pose.translation for pose in ticks.tool]).reshape(-1, 3)
-        self._ticks.append(np.column_stack([ticks.t_s, ticks.q, ticks.speed, ticks.measured, tool]))
-        now = (clutch, moment.state.held, moment.limits)
+        parts = [ticks.t_s, ticks.q, ticks.speed, ticks.measured, tool, ticks.force_n]
+        self._ticks.append(np.column_stack(parts))
+        touching = bool(np.linalg.norm(moment.reading.force) > TOUCHED_N)
+        now = _Now(clutch, moment.state.held, moment.limits, touching, scale)
         self.events += _changes(moment.state.t_s, self._last, now)
         self._last = now
 
     def trajectory(self) -> pd.DataFrame:
         """A row a tick: ``t_s``; each joint commanded (rad, rad/s) and measured (rad); the tool
-        (mm, base).
+        (mm, base), and the force on it (N).
         """
         columns = [
             "t_s",
@@ -197,6 +207,7 @@ class Log:
             "tool_x_mm",
             "tool_y_mm",
             "tool_z_mm",
+            "force_n",
         ]
         rows = np.vstack(self._ticks) if self._ticks else np.empty((0, len(columns)))
         return pd.DataFrame(rows, columns=columns)
@@ -206,11 +217,29 @@ class Log:
         return pd.DataFrame(self.events, columns=list(Event._fields))
 
 
-def _changes(
-    t: float, before: tuple[bool, str, tuple[str, ...]], now: tuple[bool, str, tuple[str, ...]]
-) -> list[Event]:
-    found = [Event(t, "clutch closed" if now[0] else "clutch open")] if now[0] != before[0] else []
-    if now[1] != before[1]:
-        found.append(Event(t, "hold", now[1]) if now[1] else Event(t, "hold ended"))
-    found += [Event(t, "limit", name) for name in now[2] if name not in before[2]]
-    return found + [Event(t, "limit left", name) for name in before[2] if name not in now[2]]
+class _Now(NamedTuple):
+    """What a log compares: clutch, reason of a hold, limits, whether the tool touches something,
+    scale.
+    """
+
+    clutch: bool = False
+    held: str = ""
+    limits: tuple[str, ...] = ()
+    touching: bool = False
+    scale: float | None = None
+
+
+def _changes(t: float, before: _Now, now: _Now) -> list[Event]:
+    found = []
+    if now.scale != before.scale and None not in (now.scale, before.scale):
+        found.append(Event(t, "scale", f"{now.scale:g}"))
+    if now.clutch != before.clutch:
+        found.append(Event(t, "clutch closed" if now.clutch else "clutch open"))
+    if now.held != before.held:
+        found.append(Event(t, "hold", now.held) if now.held else Event(t, "hold ended"))
+    if now.touching != before.touching:
+        found.append(Event(t, "contact" if now.touching else "contact left"))
+    found += [Event(t, "limit", name) for name in now.limits if name not in before.limits]
+    return found + [
+        Event(t, "limit left", name) for name in before.limits if name not in now.limits
+    ]

@@ -7,6 +7,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Iterator, Mapping
 from contextlib import nullcontext
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -34,7 +35,7 @@ from ..methods import estimator_of
 from ..pose import Pose
 from .arm import joint_values, load_robot
 from .mapping import MappingParameters, Sample, alignment
-from .monitor import Readings, blue_first, monitor_picture
+from .monitor import SIZE, Readings, blue_first, monitor_picture
 from .session import Log, Moment, Session
 
 log = logging.getLogger("trinolab")
@@ -44,6 +45,16 @@ POSES = "poses.csv"
 JOINTS = "joints.csv"
 EVENTS = "events.csv"
 MEASURED = ("measured", "ambiguous")
+
+
+class Script(NamedTuple):
+    """From which times on, s, the clutch is closed or open, and the scale that holds from the next
+    closing of the clutch on; shape (n,) each.
+    """
+
+    times_s: Array
+    closed: Array
+    scales: Array
 
 
 class Source(NamedTuple):
@@ -93,6 +104,7 @@ def teleoperate(
     method: str = "best",
     start: Mapping[str, float] | None = None,
     video: bool = True,
+    size: tuple[int, int] = SIZE,
     progress: bool = True,
 ) -> Done:
     """Follow the handle, move the arm, and write what happened; Ctrl-C ends the session, and it is
@@ -111,8 +123,9 @@ def teleoperate(
         Tool : handle, of distances and of angles.
     clutch : path, optional
         CSV with the columns ``t_s`` and ``closed`` (0 or 1), which holds from its time on; open
-        before the first one. Without it the clutch is closed while the handle is measured, as by an
-        operator who opens it at every loss.
+        before the first one. A third column, ``scale``, has the scale that holds from the next
+        closing of the clutch on, in place of the argument. Without a file the clutch is closed
+        while the handle is measured, as by an operator who opens it at every loss.
     view : path, optional
         A rig file with the surveillance camera, in mm in the robot's base frame; a shipped one
         without it.
@@ -122,6 +135,8 @@ def teleoperate(
         Joint positions by name, rad, those that are not named as at home.
     video : bool
         Whether the monitor is drawn.
+    size : (int, int)
+        Width and height of the video, px, see `monitor.monitor_picture`.
     progress : bool
         Show a progress bar on standard error, if that is a terminal.
 
@@ -134,7 +149,7 @@ def teleoperate(
     """
     root = _new_folder(out)
     camera = _surveillance(view)
-    switch = _clutch(clutch)
+    switch = _script(clutch, scale)
     parameters = FollowParameters(estimator=estimator_of(method))
     arm = load_robot(robot)
     session = Session(
@@ -148,13 +163,15 @@ def teleoperate(
     with locked(root):
         _new_folder(out)  # another process may have been here meanwhile
         try:
-            with _Monitor(root, source, session, camera) if video else nullcontext() as monitor:
+            with (
+                _Monitor(root, source, session, camera, size) if video else nullcontext() as monitor
+            ):
                 try:
                     for now, tracked, moment, closed in _moments(
                         source, session, parameters, switch, progress
                     ):
                         poses.append((now.t_s, tracked.measurement.pose))
-                        notes.add(moment, closed)
+                        notes.add(moment, closed, session.mapping.scale)
                         if monitor is not None:
                             monitor.add(now, tracked, moment, closed)
                 except KeyboardInterrupt:
@@ -182,13 +199,22 @@ def teleoperate(
 class _Monitor:
     """The monitor's film, a picture an instant; a context manager."""
 
-    def __init__(self, root: Path, source: Source, session: Session, camera: Camera) -> None:
+    def __init__(
+        self,
+        root: Path,
+        source: Source,
+        session: Session,
+        camera: Camera,
+        size: tuple[int, int],
+    ) -> None:
         from .view import SlaveView  # loads PyVista
 
         self._view = SlaveView(session.robot.model, camera)
         self._film = Film(root / VIDEO, source.rate)
         self._cameras = source.rig.cameras
         self._data = session.slave.data
+        self._session = session
+        self._size = size
 
     def __enter__(self) -> _Monitor:
         self._film.__enter__()
@@ -213,9 +239,12 @@ class _Monitor:
             moment.limits,
             float(np.linalg.norm(force)),
             100.0,
+            self._session.mapping.scale,
         )
         self._film.add(
-            blue_first(monitor_picture(now.images, tracked, self._cameras, picture, readings))
+            blue_first(
+                monitor_picture(now.images, tracked, self._cameras, picture, readings, self._size)
+            )
         )
 
 
@@ -223,10 +252,11 @@ def _moments(
     source: Source,
     session: Session,
     parameters: FollowParameters,
-    switch: tuple[Array, Array] | None,
+    switch: Script | None,
     progress: bool,
 ) -> Iterator[tuple[Frames, posetracker.Tracked, Moment, bool]]:
     """Each instant with its track, the session's moment, and whether the clutch is closed."""
+    coupled = False
     steps = posetracker.track_instants(source.frames, source.rig, source.handle, parameters)
     with (
         logging_redirect_tqdm(),
@@ -234,7 +264,12 @@ def _moments(
     ):
         for now, tracked in steps:
             pose = tracked.measurement.pose
-            closed = pose.status in MEASURED if switch is None else _is_closed(switch, now.t_s)
+            closed = pose.status in MEASURED
+            if switch is not None:
+                closed, scale = _at(switch, now.t_s)
+                if closed and not coupled:
+                    session.mapping = replace(session.mapping, scale=scale)
+            coupled = closed
             yield (
                 now,
                 tracked,
@@ -257,26 +292,32 @@ def _surveillance(view: str | Path | None) -> Camera:
     return read_camera(data_path("robots", "ur5_view.toml") if view is None else view)
 
 
-def _clutch(path: str | Path | None) -> tuple[Array, Array] | None:
-    """Times from which the clutch is open or closed, and which; None without a file."""
+def _script(path: str | Path | None, scale: float) -> Script | None:
+    """What the operator does with clutch and scale; None without a file."""
     if path is None:
         return None
     table = read_csv(path)
     if missing := [name for name in ("t_s", "closed") if name not in table]:
         raise ValueError(f"{path}: no column '{missing[0]}'")
-    times, closed = (
-        pd.to_numeric(table[name], errors="coerce").to_numpy(float) for name in ("t_s", "closed")
+    if "scale" not in table:
+        table = table.assign(scale=scale)
+    times, closed, scales = (
+        pd.to_numeric(table[name], errors="coerce").to_numpy(float)
+        for name in ("t_s", "closed", "scale")
     )
     if not (
         np.isfinite(times).all() and np.isin(closed, (0, 1)).all() and (np.diff(times) > 0).all()
     ):
         raise ValueError(f"{path}: expected times that increase, each with closed 0 or 1")
-    return times, closed
+    if not (np.isfinite(scales).all() and (scales > 0).all()):
+        raise ValueError(f"{path}: column 'scale' expects numbers above 0")
+    return Script(times, closed, scales)
 
 
-def _is_closed(switch: tuple[Array, Array], t_s: float) -> bool:
-    k = int(np.searchsorted(switch[0], t_s, side="right")) - 1
-    return k >= 0 and bool(switch[1][k])
+def _at(script: Script, t_s: float) -> tuple[bool, float]:
+    """Whether the clutch is closed at a time, and the scale of the script by then."""
+    k = int(np.searchsorted(script.times_s, t_s + 1e-9, side="right")) - 1
+    return k >= 0 and bool(script.closed[k]), float(script.scales[max(k, 0)])
 
 
 def _text(table: pd.DataFrame) -> str:

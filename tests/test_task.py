@@ -1,0 +1,154 @@
+"""The task of fifteen seconds: what the plan says happens, in its order, in the session and in the
+images.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+
+pytest.importorskip("mink", reason="the extra 'slave' is missing")
+
+from trinolab.bench.hand import true_visibility
+from trinolab.cli import main
+from trinolab.datasets import data_path
+from trinolab.files.poses import read_poses
+from trinolab.files.rigs import read_camera
+from trinolab.slave import task
+from trinolab.slave.arm import load_robot
+from trinolab.slave.mapping import MappingParameters, Sample, alignment
+from trinolab.slave.session import Log, Session
+
+IN_ORDER = [
+    ("clutch closed", ""),
+    ("contact", ""),
+    ("contact left", ""),
+    ("clutch open", ""),  # the stroke
+    ("clutch closed", ""),
+    ("hold", None),  # whatever was noticed first
+    ("clutch open", ""),
+    ("hold ended", ""),
+    ("clutch closed", ""),  # anew
+    ("clutch open", ""),
+    ("scale", "0.5"),
+    ("clutch closed", ""),
+    ("contact", ""),  # the target
+]
+
+
+def check_events(events):
+    found = list(zip(events["event"], events["detail"].fillna(""), strict=True))
+    assert [event for event, _ in found] == [event for event, _ in IN_ORDER]
+    for (event, detail), (_, wanted) in zip(found, IN_ORDER, strict=True):
+        assert wanted is None or detail == wanted, event
+    at = events["t_s"].to_numpy()
+    held = at[[event for event, _ in found].index("hold")]
+    assert task.DARK_S[0] < held < task.DARK_S[1]
+
+
+def check_contacts(joints):
+    """A firm push against the side, a gentler one on the top, at the place that was meant."""
+    t, force = joints["t_s"], joints["force_n"]
+    firm, gentle = force[(t > 3.8) & (t < 4.4)].median(), force[t > 14.5].median()
+    assert 20 < firm < 100
+    assert 2 < gentle < firm
+    tool = joints[["tool_x_mm", "tool_y_mm", "tool_z_mm"]].to_numpy()
+    assert np.linalg.norm(tool[-1] - task.TARGET_MM) < 3  # mm, after five closings of the clutch
+    resting = ((t > 6.1) & (t < 7.2)) | ((t > 9.9) & (t < 11.1))  # a stroke; a hold
+    for stretch in (resting & (t < 8), resting & (t > 8)):
+        assert np.ptp(tool[stretch], axis=0).max() < 0.3
+
+
+@pytest.mark.heavy
+def test_the_true_motion_does_the_task():
+    """The session alone: true poses, none while it is dark."""
+    camera = read_camera(data_path("robots", "ur5_view.toml"))
+    session = Session(load_robot(), MappingParameters(task.COARSE, alignment=alignment(camera)))
+    log = Log(session.robot.joints)
+    rows = [line.split(",") for line in task.script().split()[1:]]
+    coupled = False
+    for t, pose in zip(*task.hand(0), strict=True):
+        now = [row for row in rows if float(row[0]) <= t + 1e-9]
+        closed = bool(now) and now[-1][1] == "1"
+        if closed and not coupled:
+            session.mapping = replace(session.mapping, scale=float(now[-1][2]))
+        coupled = closed
+        dark = task.DARK_S[0] <= t < task.DARK_S[1]
+        sample = Sample(float(t), None if dark else pose, "lost" if dark else "measured", closed)
+        log.add(session.step(sample), closed, session.mapping.scale)
+    check_events(log.event_table())
+    check_contacts(log.trajectory())
+
+
+@pytest.mark.heavy
+def test_the_images_do_the_task():
+    folder = task.performed(0)
+    events, joints = (pd.read_csv(folder / f"{name}.csv") for name in ("events", "joints"))
+    check_events(events)
+    check_contacts(joints)
+    poses, truth = read_poses(folder / "poses.csv"), read_poses(task.recording(0) / "truth.csv")
+    t = truth["t_s"]
+    covered = (t >= task.COVERED_S[0]) & (t < task.COVERED_S[1])
+    assert (poses["status"][covered] == "measured").all()
+    assert (poses["cameras"][covered] == 2).all()
+    dark = (t >= task.DARK_S[0]) & (t < task.DARK_S[1])
+    assert (poses["status"][dark] != "measured").all()
+    assert (poses["status"][~dark & (t > 1)] == "measured").mean() > 0.97
+    axes = ["x_mm", "y_mm", "z_mm"]
+    seen = poses["status"] == "measured"
+    off = np.linalg.norm(poses.loc[seen, axes].to_numpy() - truth.loc[seen, axes], axis=1)
+    assert np.median(off) < 0.1
+
+
+def test_the_hand_stays_in_sight_and_trembles_by_its_seed():
+    times, poses = task.hand(0)
+    cameras = task.rig().cameras
+    assert len(times) == task.RATE_HZ * 15
+    for k in range(0, len(times), 25):
+        seen = [true_visibility(one, task.job(0).handle, poses[k]).sum() for one in cameras]
+        assert min(seen) >= 3
+    speed = np.linalg.norm(np.diff(poses.translation, axis=0), axis=1) * task.RATE_HZ
+    assert speed.max() < 200  # mm/s
+    other = task.hand(1)[1]
+    apart = np.linalg.norm(other.translation - poses.translation, axis=1)
+    assert 0 < apart.max() < 1  # mm: a tremor
+    assert np.array_equal(task.hand(0)[1].as_matrix(), poses.as_matrix())
+
+
+def test_binned_cameras_see_the_same_at_half_the_pixels():
+    """The middle of the first binned pixel is the corner that the first four pixels share."""
+    for whole, binned in zip(
+        task.load_rig("raised_40deg").cameras, task.rig().cameras, strict=True
+    ):
+        uv = whole.project([[10.0, -5.0, 560.0]])
+        np.testing.assert_allclose(
+            binned.project([[10.0, -5.0, 560.0]]), (uv + 0.5) / 2 - 0.5, atol=1e-9
+        )
+        assert binned.size == (whole.size[0] // 2, whole.size[1] // 2)
+
+
+def test_the_cameras_are_covered_when_the_plan_says_so():
+    shots = task.job(0).shots
+    times = task.hand(0)[0]
+    lights = np.array([shot.gains for shot in shots])
+    covered = (times >= task.COVERED_S[0]) & (times < task.COVERED_S[1])
+    dark = (times >= task.DARK_S[0]) & (times < task.DARK_S[1])
+    assert (lights[covered] == [1, 0, 1]).all()
+    assert (lights[dark] == 0).all()
+    assert (lights[~covered & ~dark] == 1).all()
+
+
+def test_the_block_is_where_the_plan_has_it():
+    model = load_robot().model
+    middle, half = model.body("block").pos, model.geom("block").size
+    assert 1000 * (middle[1] - half[1]) == pytest.approx(task.SIDE_MM[1])
+    assert 1000 * (middle[2] + half[2]) == pytest.approx(task.TARGET_MM[2])
+    assert 1000 * middle[:2] == pytest.approx(task.TARGET_MM[:2])
+    assert 1000 * model.geom("tool").size[0] == pytest.approx(task.RADIUS_MM)
+
+
+def test_the_command_brings_its_own_clutch(tmp_path, capsys):
+    arguments = ["teleop", "--task", "--clutch", "c.csv", "--out", str(tmp_path / "out")]
+    assert main(arguments) == 2
+    assert "--task: brings its own clutch" in capsys.readouterr().err
