@@ -72,7 +72,7 @@ SMALL = {
     "11_master_slave": {"share": 0.42, "row_step": 20},
     "12_force_feedback": {"share": 0.1, "row_step": 20},
 }
-FILM_FRAMES = {"01_structure": 30, "11_master_slave": 36}  # of the films that chapters show
+FILM_FRAMES = {"01_structure": 30, "11_master_slave": 225}  # of the films that chapters show
 ERRORS = {"E_t_mm", "E_alpha_deg", "E_beta_deg", "E_gamma_deg"}
 
 each_notebook = pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)

@@ -33,7 +33,7 @@ from .markers import (
 from .matching import plot_epipolar_plane, plot_windows
 from .pose import plot_frames, plot_two_rays
 from .rig import plot_layouts, plot_rig
-from .slave import plot_arm, plot_delays, plot_session
+from .slave import plot_arm, plot_delays, plot_session, plot_two_port
 from .structure import plot_chain, plot_structure
 from .table1 import (
     plot_budget,
@@ -43,7 +43,7 @@ from .table1 import (
     plot_over_beta,
     plot_refused,
 )
-from .wall import plot_contacts, plot_limits, plot_nyquist
+from .wall import plot_contacts, plot_impedances, plot_limits, plot_nyquist
 from .workspace import (
     Mesh,
     plot_workspace,
@@ -76,6 +76,7 @@ __all__ = [
     "plot_following",
     "plot_frames",
     "plot_grids",
+    "plot_impedances",
     "plot_layouts",
     "plot_limits",
     "plot_nis",
@@ -97,6 +98,7 @@ __all__ = [
     "plot_shifts",
     "plot_structure",
     "plot_thresholds",
+    "plot_two_port",
     "plot_two_rays",
     "plot_verdicts",
     "plot_windows",

@@ -1,4 +1,6 @@
-"""Pictures of the slave: the arm with its frames, a session over time, a delay taken apart."""
+"""Pictures of the slave: the arm with its frames, a session over time, a delay taken apart, and the
+slave as one end of a two-port.
+"""
 
 from __future__ import annotations
 
@@ -8,6 +10,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import RigidTransform
 
@@ -83,6 +86,7 @@ def plot_session(
         layout="constrained",
         facecolor="white",
     )
+    first_names = list(next(iter(panels.values())))
     for ax, (label, curves) in zip(rows[:, 0], panels.items(), strict=True):
         for (name, values), colour in zip(curves.items(), COLOURS, strict=False):
             ax.plot(t_s, values, color=colour, label=name, linewidth=1.4)
@@ -92,7 +96,7 @@ def plot_session(
                 ax.axvspan(begin, end, label=name if first else None, **look)
         ax.set(ylabel=label, facecolor="white")
         ax.grid(alpha=0.3)
-        if len(curves) > 1 and ax is not rows[0, 0]:
+        if len(curves) > 1 and list(curves) != first_names:
             ax.legend(fontsize=9, loc="upper right")
     rows[-1, 0].set_xlabel("t / s")
     handles, labels = rows[0, 0].get_legend_handles_labels()
@@ -124,6 +128,34 @@ def plot_delays(budget_ms: Mapping[str, float], measured_ms: Mapping[str, float]
     ax.grid(axis="x", alpha=0.3)
     ax.legend(fontsize=9)
     return ax
+
+
+def plot_two_port() -> Figure:
+    """A teleoperator as a two-port: what hand, channel and surroundings give each other."""
+    figure, ax = plt.subplots(figsize=(6.9, 1.7), facecolor="white")
+    ax.set_position((0, 0, 1, 1))
+    ax.set(xlim=(0, 6.9), ylim=(-0.85, 0.85))
+    ax.axis("off")
+    places = (0.55, 2.15, 3.45, 4.75, 6.3)
+    names = ("hand", "master", "channel", "slave", "what is\ntouched")
+    for x, name in zip(places, names, strict=True):
+        box = {"boxstyle": "round,pad=0.5", "facecolor": "#DDEEFF"}
+        ax.text(x, 0, name, ha="center", va="center", fontsize=9, bbox=box, zorder=3)
+    ax.plot([places[1], places[3]], [0, 0], color="#B0B4BA", linewidth=5, zorder=1)
+    ax.add_patch(Rectangle((1.68, -0.6), 3.55, 1.2, fill=False, linestyle="--"))
+    ax.text(3.45, 0.7, "the two-port $H$", ha="center", va="center", fontsize=9)
+    for left, right, speed, force in (
+        (0.9, 1.66, "$V_m$", "$F_h$"),
+        (5.25, 5.85, "$V_s$", "$F_e$"),
+    ):
+        middle = (left + right) / 2
+        for height, text, (tip, tail) in (
+            (0.25, speed, (right, left)),
+            (-0.25, force, (left, right) if force == "$F_e$" else (right, left)),
+        ):
+            ax.annotate("", (tip, height), (tail, height), arrowprops={"arrowstyle": "-|>"})
+            ax.text(middle, height + 0.14, text, ha="center", va="center", fontsize=9)
+    return figure
 
 
 _LOOKS = (

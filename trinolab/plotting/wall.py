@@ -47,6 +47,26 @@ def plot_nyquist(curves: Mapping[str, tuple[ArrayLike, ArrayLike]], widest: floa
     return figure
 
 
+def plot_impedances(omega: ArrayLike, sizes: Mapping[str, ArrayLike]) -> Figure:
+    """Sizes of impedances over the frequency, on logarithmic axes.
+
+    Parameters
+    ----------
+    omega : array_like, shape (n,)
+        rad/s.
+    sizes : mapping of str to array_like, shape (n,)
+        N s/m, by the name of the curve.
+    """
+    figure, ax = plt.subplots(figsize=(6.9, 3.6), layout="constrained", facecolor="white")
+    looks = ("-", "-", "--", ":")
+    for (name, values), colour, look in zip(sizes.items(), COLOURS, looks, strict=False):
+        ax.loglog(omega, values, look, color=colour, label=name)
+    ax.set(xlabel=r"$\omega$ / (rad/s)", ylabel="impedance / (N s/m)", facecolor="white")
+    ax.grid(alpha=0.3)
+    ax.legend(fontsize=9)
+    return figure
+
+
 def plot_contacts(
     panels: Mapping[str, Mapping[str, tuple[ArrayLike, ArrayLike]]], ylabels: Sequence[str]
 ) -> Figure:
@@ -62,7 +82,7 @@ def plot_contacts(
     figure, axes = plt.subplots(
         1,
         len(panels),
-        figsize=(4 * len(panels), 3.4),
+        figsize=(6.9, 2.9),
         squeeze=False,
         layout="constrained",
         facecolor="white",
@@ -74,7 +94,7 @@ def plot_contacts(
         ax.set(title=title, xlabel="t / s", ylabel=ylabel, facecolor="white")
         ax.grid(alpha=0.3)
         if len(curves) > 1:
-            ax.legend(fontsize=8)
+            ax.legend(fontsize=9)
     return figure
 
 
@@ -94,7 +114,7 @@ def plot_limits(
     marks : mapping of str to array_like, shape (n,), optional
         The same by another algorithm, drawn as circles; NaN where there is none.
     """
-    figure, ax = plt.subplots(figsize=(7, 4.2), layout="constrained", facecolor="white")
+    figure, ax = plt.subplots(figsize=(6.9, 4.2), layout="constrained", facecolor="white")
     for (name, limit), colour in zip(limits.items(), COLOURS, strict=False):
         ax.plot(1e3 * np.asarray(delays_s), limit, color=colour, label=name)
     for name, limit in (marks or {}).items():

@@ -11,19 +11,15 @@ from collections.abc import Callable
 from importlib.util import find_spec
 from itertools import accumulate, islice
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import NamedTuple
 
-import cv2
 import numpy as np
-import pandas as pd
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from ..bench.motion import human_motion
 from ..bench.recordings import standard_recording
 from ..checks import Array, as_number, as_rng, as_whole, frozen
 from ..files.poses import poses_by_frame, read_poses
-from ..files.video import PageVideo
 from ..following import posetracker
 from ..rigid import motion_between, shifted
 from ..slave import mapping as slave_mapping
@@ -32,7 +28,7 @@ from ..slave.arm import TOOL, Reading, Robot, forward, load_robot
 from ..slave.control import MARGIN, TICK_S, ReferenceParameters
 from ..slave.mapping import MappingParameters, Sample, State
 from ..slave.session import Session
-from ..slave.teleoperate import VIDEO, recorded, teleoperate
+from ..slave.teleoperate import recorded
 
 REST_S = 1.5
 FIRST = 30  # frame of the recording `calm` at which the hand has come
@@ -85,27 +81,6 @@ def pushed() -> tuple[Session, Reading]:
         hand = RigidTransform.from_translation([0, min(150 * t, 90), 560 + 150 * max(t - 0.6, 0)])
         reading = session.step(Sample(t, hand, "measured", True)).reading
     return session, reading
-
-
-def filmed() -> tuple[pd.DataFrame, PageVideo]:
-    """A stroke of the clutch while a second hand hides CCD3, from images to the arm: events, and
-    the monitor's film.
-
-    The images are those of the recording `hard` from 0.3 to 1.5 s.
-    """
-    source = recorded(standard_recording("hard", seconds=2.0, progress=False))
-    with TemporaryDirectory() as folder:
-        clutch = Path(folder, "clutch.csv")
-        out = Path(folder, "session")
-        clutch.write_text("t_s,closed\n0.4,1\n0.75,0\n0.95,1\n", encoding="utf-8")
-        part = source._replace(length=36, frames=islice(source.frames, 10, 46))
-        done = teleoperate(part, out, clutch=clutch, progress=False)
-        film = cv2.VideoCapture(str(out / VIDEO))
-        still = film.read()[1]
-        film.release()
-        return done.events, PageVideo(
-            out / VIDEO, "The operator's monitor: three cameras, the arm, the status.", still
-        )
 
 
 def _tracked(folder: Path) -> list[Sample]:
