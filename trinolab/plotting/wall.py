@@ -1,10 +1,10 @@
-"""Figures of a computer's wall: Nyquist curves, contacts over time, the largest stable stiffness
-(beyond the paper).
+"""Figures of what a hand feels: impedances, Nyquist curves, the largest stable stiffness (beyond
+the paper).
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -64,37 +64,6 @@ def plot_impedances(omega: ArrayLike, sizes: Mapping[str, ArrayLike]) -> Figure:
     ax.set(xlabel=r"$\omega$ / (rad/s)", ylabel="impedance / (N s/m)", facecolor="white")
     ax.grid(alpha=0.3)
     ax.legend(fontsize=9)
-    return figure
-
-
-def plot_contacts(
-    panels: Mapping[str, Mapping[str, tuple[ArrayLike, ArrayLike]]], ylabels: Sequence[str]
-) -> Figure:
-    """Curves over time in panels side by side, each with its own vertical axis.
-
-    Parameters
-    ----------
-    panels : mapping of str to mapping of str to (t_s, values)
-        By title, and by the curve's name: times, s, and what is drawn over them, shape (n,) each.
-    ylabels : sequence of str
-        What a panel draws, with its unit.
-    """
-    figure, axes = plt.subplots(
-        1,
-        len(panels),
-        figsize=(6.9, 2.9),
-        squeeze=False,
-        layout="constrained",
-        facecolor="white",
-    )
-    for ax, (title, curves), ylabel in zip(axes[0], panels.items(), ylabels, strict=True):
-        for (name, (t_s, values)), colour in zip(curves.items(), COLOURS, strict=False):
-            ax.plot(t_s, values, color=colour, label=name)
-        ax.axhline(0, color="black", linewidth=0.8)
-        ax.set(title=title, xlabel="t / s", ylabel=ylabel, facecolor="white")
-        ax.grid(alpha=0.3)
-        if len(curves) > 1:
-            ax.legend(fontsize=9)
     return figure
 
 
