@@ -5,7 +5,7 @@ the page's theme.
 """
 
 from .background import plot_pixel_histories, plot_shares, plot_verdicts, show_table
-from .basics import COLOURS, plot_beside, plot_curves, plot_pose_errors, show_frames, show_image
+from .basics import COLOURS, plot_curves, plot_pose_errors, show_frames, show_image
 from .calibration import (
     plot_boards,
     plot_chi_square,
@@ -43,7 +43,7 @@ from .table1 import (
     plot_over_beta,
     plot_refused,
 )
-from .wall import plot_contacts, plot_impedances, plot_limits, plot_nyquist
+from .wall import plot_impedances, plot_limits, plot_nyquist
 from .workspace import (
     Mesh,
     plot_workspace,
@@ -57,14 +57,12 @@ __all__ = [
     "Mesh",
     "mark_window",
     "plot_arm",
-    "plot_beside",
     "plot_boards",
     "plot_budget",
     "plot_by_slant",
     "plot_calibration_error",
     "plot_chain",
     "plot_chi_square",
-    "plot_contacts",
     "plot_curves",
     "plot_delays",
     "plot_elevation",
