@@ -98,6 +98,10 @@ def test_the_slave_is_shown_as_it_is_where_it_fits_and_smaller_or_larger_where_n
     [
         (FINE, ["12.35 s", "measured", "CLOSED: coupled", "no", "none", "5.0 N of 20 N"]),
         (
+            Readings(1.0, "measured", True, scale=0.5),
+            ["1.00 s", "measured", "CLOSED: coupled, scale 0.5", "no", "none", "no reading"],
+        ),
+        (
             Readings(np.nan, "lost", False, "handle lost", ("joint 3", "speed"), 25.0, 10.0),
             [
                 "--",

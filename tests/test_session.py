@@ -13,7 +13,7 @@ pytest.importorskip("mink", reason="the extra 'slave' is missing")
 from trinolab.slave.arm import load_robot
 from trinolab.slave.control import TICK_S
 from trinolab.slave.mapping import MappingParameters, Sample
-from trinolab.slave.session import Session
+from trinolab.slave.session import Log, Session
 
 ROBOT = load_robot()
 HANDLE = RigidTransform.from_components([0.0, 0.0, 560.0], Rotation.from_rotvec([0, np.pi / 2, 0]))
@@ -101,6 +101,15 @@ def test_the_force_of_a_contact_is_read():
     check_limits(moments)
     assert moments[0].reading.force.tolist() == [0, 0, 0]
     assert moments[-1].reading.force[2] > 20
+    log = Log(ROBOT.joints)
+    for k, moment in enumerate(moments):
+        log.add(moment, clutch=True, scale=1.0 if k < 80 else 2.0)
+    events = log.event_table()
+    assert events["event"].tolist() == ["clutch closed", "contact", "scale"]
+    assert events["detail"].tolist() == ["", "", "2"]
+    force = log.trajectory()["force_n"]
+    assert force.iloc[-1] == pytest.approx(np.linalg.norm(moments[-1].reading.force))
+    assert (force[log.trajectory()["t_s"] < events["t_s"][1] - 0.05] == 0).all()
 
 
 def test_limits_are_named():

@@ -84,7 +84,7 @@ def test_the_command_with_its_video_and_a_clutch(recording, tmp_path, capsys):
     (tmp_path / "short").mkdir()
     # the hand comes with the seventh frame
     short = shortened(recording, 24, 42, tmp_path / "short")
-    (tmp_path / "clutch.csv").write_text("t_s,closed\n0.3,1\n0.4,0\n0.5,1\n")
+    (tmp_path / "clutch.csv").write_text("t_s,closed,scale\n0.3,1,1\n0.4,0,2\n0.5,1,2\n")
     assert (
         main(
             [
@@ -103,8 +103,10 @@ def test_the_command_with_its_video_and_a_clutch(recording, tmp_path, capsys):
     assert out.startswith("18 instants: 12 measured, 6 lost; ")
     assert out.endswith(f"0 holds; written to {tmp_path / 'new'}\n")
     events = pd.read_csv(tmp_path / "new" / "events.csv")
-    assert events["event"].tolist() == ["clutch closed", "clutch open", "clutch closed"]
-    np.testing.assert_allclose(events["t_s"], [0.3, 0.4, 0.5], atol=1 / 30)
+    # another scale holds from the next closing on
+    wanted = ["clutch closed", "clutch open", "scale", "clutch closed"]
+    assert events["event"].tolist() == wanted
+    np.testing.assert_allclose(events["t_s"], [0.3, 0.4, 0.5, 0.5], atol=1 / 30)
     film = cv2.VideoCapture(str(tmp_path / "new" / "monitor.webm"))
     frames = []
     while (read := film.read())[0]:
@@ -185,6 +187,7 @@ def test_a_damaged_image_costs_what_comes_after_it(recording, tmp_path):
             ["--clutch", "half.csv"],
             "half.csv: expected times that increase, each with closed 0 or 1",
         ),
+        (["--clutch", "zero.csv"], "zero.csv: column 'scale' expects numbers above 0"),
         (["--view", "none.toml"], "none.toml: "),
         (["--out", "full"], "full: expected a new or empty folder"),
         (["--out", "none/new"], "none/new: no such folder to write into"),
@@ -207,6 +210,7 @@ def test_what_is_refused_in_a_line(recording, tmp_path, monkeypatch, capsys, arg
         "words.csv": "a,b\n1,2\n",
         "back.csv": "t_s,closed\n1,1\n0.5,0\n",
         "half.csv": "t_s,closed\n1,0.5\n",
+        "zero.csv": "t_s,closed,scale\n1,1,0\n",
     }.items():
         Path(name).write_text(text)
     before = sorted(Path().rglob("*"))

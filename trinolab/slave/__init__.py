@@ -1,8 +1,8 @@
-"""From the handle's pose to the slave arm, and back to the hand (Sect. 2, 3.1; control and wall are
-beyond the paper).
+"""From the handle's pose to the slave arm, and back to the hand (Sect. 2, 3.1; control, bilateral and
+wall are beyond the paper).
 
 `teleoperate` is the command's way from files to files; its steps are `oneeuro` (a filter on the
 pose), `mapping` (hand to tool), `control` (tool to joints), `arm` (the simulated arm), `session`
-(all of them, tick by tick). `monitor` and `view` are what the operator sees, `wall` what the hand
-may feel.
+(all of them, tick by tick). `monitor` and `view` are what the operator sees, `task` is something to
+do. `bilateral` and `wall` are about what the hand may feel.
 """
