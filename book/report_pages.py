@@ -99,6 +99,7 @@ def write_pages(scoreboard: Path, seconds: Path, folder: Path) -> None:
         "answer": answer(board),
         "kinds": kinds(board),
         "untestable": untestable(board),
+        "headline": headline(table),
         "sensitivity": sensitivity(table),
         "environment": environment(seconds),
     }
@@ -157,36 +158,39 @@ def untestable(board: pd.DataFrame) -> str:
     )
 
 
-def sensitivity(table: pd.DataFrame) -> str:
-    """What each change of an assumption does to the headline numbers: those with a difference that is
-    not chance's, and which changes show none.
-    """
+def headline(table: pd.DataFrame) -> str:
+    """The headline numbers as assumed, and how far the position error moves."""
     drawn = table[table["source"] == "rendered"]
     first = drawn.drop_duplicates("number")
     base = ", ".join(
         f"{NAMES[row.number]} {quantity(row.as_assumed, row.unit)} ({claim_link(row.claim)})"
         for row in first.itertuples()
     )
+    seed, draws = (int(first[name].iloc[0]) for name in ("seed", "draws"))
+    return (
+        f"As assumed ({POSES} poses, {draws} draws of the noise each, seed {seed}): {base}.\n\n"
+        f"{conclusion(drawn)}"
+    )
+
+
+def sensitivity(table: pd.DataFrame) -> str:
+    """What each change of an assumption does to the headline numbers: those with a difference that is
+    not chance's, and which changes show none.
+    """
     rows, none = [], list[str]()
     for (assumption, instead), some in table.groupby(["assumption", "instead"], sort=False):
         changed = [row for row in some.itertuples() if is_shown(row)]
         name = f"[{assumption}](assumptions.md#{assumption.lower()})"
         if changed:
-            what = "; ".join(map(change_text, changed))
-            rows.append((f"{name} {instead}", what))
+            rows.append((f"{name} {instead}", "; ".join(map(change_text, changed))))
         else:
             none.append(f"{name} ({instead})")
     head = ("Assumption, and what holds instead", "What changes, with its interval")
     not_varied = "\n".join(
         f"- [{no}](assumptions.md#{no.lower()}): {why}." for no, why in NOT_VARIED.items()
     )
-    seed, draws = (int(first[name].iloc[0]) for name in ("seed", "draws"))
     return "\n".join(
         [
-            conclusion(drawn),
-            "",
-            f"As assumed (20 poses, {draws} draws of the noise each, seed {seed}): {base}.",
-            "",
             list_table(head, rows, "34 66", "sensitivity", raw=True),
             "",
             f"No change shows for {', '.join(none)}." if none else "",
