@@ -105,7 +105,7 @@ class Reader:
         self._browser = browser
         browser.open(f"{address}/lab/tree/notebooks/{chapter}.ipynb?reset")
         panel = "globalThis.jupyterapp?.shell.currentWidget"
-        self.sees(f"{panel}?.content?.model?.cells.length > 40 && {panel}.sessionContext.isReady")
+        self.sees(f"{panel}?.content?.model?.cells.length > 20 && {panel}.sessionContext.isReady")
         browser.evaluate(f"""
             globalThis.cellOf = (id) => {panel}.content.widgets.find((one) => one.model.id == id);
             globalThis.goTo = (id) => {panel}.content.scrollToCell(cellOf(id));
