@@ -105,11 +105,12 @@ def test_the_force_of_a_contact_is_read():
     for k, moment in enumerate(moments):
         log.add(moment, clutch=True, scale=1.0 if k < 80 else 2.0)
     events = log.event_table()
+    events = events[~events["event"].str.startswith("limit")]
     assert events["event"].tolist() == ["clutch closed", "contact", "scale"]
     assert events["detail"].tolist() == ["", "", "2"]
     force = log.trajectory()["force_n"]
     assert force.iloc[-1] == pytest.approx(np.linalg.norm(moments[-1].reading.force))
-    assert (force[log.trajectory()["t_s"] < events["t_s"][1] - 0.05] == 0).all()
+    assert (force[log.trajectory()["t_s"] < events["t_s"].iloc[1] - 0.05] == 0).all()
 
 
 def test_limits_are_named():
