@@ -49,7 +49,7 @@ def check_events(events):
 
 def check_contacts(joints):
     """A push against the side, and one on the top, at the place that was meant. How hard they are
-    depends on the tremor: 24 to 68 N and 36 to 40 N over the seeds 0 to 3.
+    depends on the tremor: 24 to 63 N and 28 to 40 N over the seeds 0 to 3.
     """
     t, force = joints["t_s"], joints["force_n"]
     for stretch in ((t > 3.8) & (t < 4.4), t > 14.5):
