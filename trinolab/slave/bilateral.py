@@ -106,7 +106,7 @@ def critical_delay(teleoperator: Teleoperator) -> float:
     infinite if it never is.
 
     The characteristic equation is L(s) exp(-2 s T) = 1 with L = C^2 / ((Z_m + C) (Z_s + C)). A root
-    can cross the imaginary axis only where |L| = 1, and there arg L = 2 omega T.
+    can cross the imaginary axis only where ``|L|`` = 1, and there arg L = 2 omega T.
     """
     p = teleoperator
 
