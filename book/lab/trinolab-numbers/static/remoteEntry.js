@@ -11,13 +11,18 @@ const RECORD = "application/papermill.record/text/plain";
 const NOT_YET = "…";
 const STYLE = '.myst a[aria-label="Link to this Equation"] { display: none; }';
 
-/** A stored value in one of Python's formats: .2f, .0%, .3g, g, or none. */
+/** A stored value in one of Python's formats: .2f, +.3f, .0%, .3g, g, or none. */
 function formatted(stored, format) {
   const quoted = stored.match(/^(['"])(.*)\1$/s);
   if (quoted) return quoted[2];
-  const [, digits, kind] = format.match(/^(?:\.(\d+))?([fg%])$/) || [];
+  const [, sign, digits, kind] = format.match(/^(\+?)(?:\.(\d+))?([fg%])$/) || [];
   const value = Number(stored);
   if (!kind || !Number.isFinite(value)) return stored;
+  return (sign && value >= 0 ? "+" : "") + unsigned(value, digits, kind);
+}
+
+/** Python's formats without a sign for what is positive. */
+function unsigned(value, digits, kind) {
   if (kind === "f") return value.toFixed(digits ?? 6);
   if (kind === "%") return (100 * value).toFixed(digits ?? 6) + "%";
   return general(value, Math.max(1, digits ?? 6));
