@@ -70,6 +70,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     factors.add_argument(
         "--seeds", type=int, default=1, metavar="N", help="draws of the noise (%(default)s)"
     )
+    _add(studies, "fitts", "a pointing task by simulated operators, by scale and delay: fitts.csv")
     gallery = _add(studies, "gallery", "the sweep gallery, a table each", out="data/sweeps/gallery")
     gallery.add_argument("names", nargs="*", metavar="SWEEP", help="some of them; all without it")
     _add_kept(gallery, "_build/sweeps", "finished runs")
@@ -183,6 +184,8 @@ def _one_table(a: argparse.Namespace, study: ModuleType) -> pd.DataFrame:
         return study.make_table(a.draws, a.workers, Path(a.kept))
     if a.study == "stress":
         return study.make_table(a.instants, a.workers, Path(a.kept))
+    if a.study == "fitts":
+        return study.make_table(progress=True)
     return study.sweep_elevation(progress=True) if a.study == "elevation" else study.sweep_bounds()
 
 
