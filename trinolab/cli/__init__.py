@@ -292,6 +292,14 @@ def _say_session(done: Done, out: str) -> int:
     return 0
 
 
+def _bag(a: argparse.Namespace) -> int:
+    from ..files.bags import write_bag
+
+    counts = write_bag(a.folder, a.out, a.poses, a.joints)
+    _say("\n".join([*(f"{n:7d}  {topic}" for topic, n in counts.items()), f"written to {a.out}"]))
+    return 0
+
+
 def _accept(a: argparse.Namespace) -> int:
     from ..accept.command import accept, as_lines
 
@@ -440,6 +448,7 @@ _RUN = {
     "render": _render,
     "teleop": _teleop,
     "accept": _accept,
+    "bag": _bag,
     "sweep": _sweep,
     "clear": _clear,
     "capture": _capture,

@@ -37,6 +37,7 @@ def parser() -> argparse.ArgumentParser:
     _add_calibrate(commands)
     _add_refine(commands)
     _add_teleop(commands)
+    _add_bag(commands)
     _add_sweep(commands)
     _add_accept(commands)
     board = _add(
@@ -226,7 +227,8 @@ def _add_footage(p: argparse.ArgumentParser) -> None:
         "folder",
         nargs="?",
         metavar="DIR",
-        help="a recording folder, instead of --video; --rig and --handle then replace its own files",
+        help="a recording folder, instead of --video; --rig and --handle then replace its own files. "
+        "track reads a ROS 2 bag as well",
     )
     _add_rig_and_handle(p, required=False)
     p.add_argument(
@@ -521,6 +523,26 @@ def _add_sweep(commands: argparse._SubParsersAction) -> None:
     )
     p.add_argument("--keep", action="store_true", help="keep the executed notebooks, too")
     p.add_argument("--yes", action="store_true", help="more than 100,000 runs are meant")
+
+
+def _add_bag(commands: argparse._SubParsersAction) -> None:
+    p = _add(
+        commands,
+        "bag",
+        "write a recording, its poses and the arm's motion as a ROS 2 bag (MCAP)",
+        "trinolab bag recording --poses poses.csv --joints session/joints.csv --out bag",
+    )
+    p.add_argument("folder", metavar="DIR", help="a recording folder with its rig and its handle")
+    p.add_argument("--poses", metavar="POSES.csv", help="the handle's poses, as track writes them")
+    p.add_argument(
+        "--joints", metavar="JOINTS.csv", help="the arm's motion, as teleop writes it"
+    )
+    p.add_argument(
+        "--out",
+        required=True,
+        metavar="BAG",
+        help="the folder to make: metadata.yaml and an MCAP file",
+    )
 
 
 def _add_capture(commands: argparse._SubParsersAction) -> None:

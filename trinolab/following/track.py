@@ -8,6 +8,7 @@ import hashlib
 import io
 import json
 import logging
+import shutil
 from collections.abc import Mapping, Sequence
 from contextlib import nullcontext
 from pathlib import Path
@@ -21,6 +22,7 @@ from tqdm.contrib.logging import logging_redirect_tqdm
 
 from ..camera import Rig
 from ..checks import Array
+from ..files.bags import is_bag, unpack_bag
 from ..files.kept import KeptLines
 from ..files.outputs import check_targets, write_together
 from ..files.poses import (
@@ -51,6 +53,7 @@ from .sync import estimate_offsets, significant
 log = logging.getLogger("trinolab")
 
 PARTIAL = ".partial"  # behind the name of a pose file that is not finished
+UNPACKED = ".unpacked"  # behind that of a bag's recording folder, until the poses are written
 MOST_INSTANTS = 3000  # kept for the cameras' offsets in time, and for their drift
 
 
@@ -150,16 +153,25 @@ def track_folder(
     timestamps: str | Path | None = None,
     **options: Any,
 ) -> pd.DataFrame:
-    """Follow the handle through a recording folder, see `recording`.
+    """Follow the handle through a recording folder, see `recording`, or a ROS 2 bag, see `bags`.
 
     Parameters
     ----------
     folder : path
+        A bag is unpacked beside `out` until the poses are written.
     out : path
         As for `track_files`, which also has the other options and the errors.
     rig, handle, timestamps : path, optional
         Other files than the folder's; a rig may have some of the cameras.
     """
+    if is_bag(folder):
+        which = hashlib.sha256(json.dumps(_stamp(Path(folder))).encode()).hexdigest()[:8]
+        inside = Path(f"{out}.{which}{UNPACKED}")
+        if not inside.exists():
+            unpack_bag(folder, inside, None if rig is None else read_rig(rig), handle)
+        table = track_folder(inside, out, rig, handle, timestamps, **options)
+        shutil.rmtree(inside)
+        return table
     parts = parts_of_folder(folder, rig, handle, timestamps)
     return track_files(
         parts.rig, parts.handle, parts.sources, out, timestamps=parts.timestamps, **options
