@@ -534,9 +534,7 @@ def _add_bag(commands: argparse._SubParsersAction) -> None:
     )
     p.add_argument("folder", metavar="DIR", help="a recording folder with its rig and its handle")
     p.add_argument("--poses", metavar="POSES.csv", help="the handle's poses, as track writes them")
-    p.add_argument(
-        "--joints", metavar="JOINTS.csv", help="the arm's motion, as teleop writes it"
-    )
+    p.add_argument("--joints", metavar="JOINTS.csv", help="the arm's motion, as teleop writes it")
     p.add_argument(
         "--out",
         required=True,

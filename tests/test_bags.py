@@ -1,0 +1,265 @@
+"""A recording as a ROS 2 bag, read back by another reader (mcap), and tracked from it."""
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy.spatial.transform import RigidTransform, Rotation
+
+from trinolab.bench.optics import Bench
+from trinolab.bench.scene import render_rig
+from trinolab.cli import main
+from trinolab.datasets import load_handle, paper_rig
+from trinolab.files import recorder
+from trinolab.files.bags import is_bag, unpack_bag, write_bag
+from trinolab.files.images import read_greys
+from trinolab.files.poses import pose_table, write_poses
+from trinolab.files.recording import open_folder
+from trinolab.files.rigs import read_rig
+from trinolab.pose import LOST, Pose
+
+rosbags = pytest.importorskip("rosbags.rosbag2", reason="extra ros is not installed")
+
+RIG = paper_rig(40.0)
+CODED = load_handle("coded")
+COUNT, FPS = 4, 30
+TURN = Rotation.from_euler("ZYX", [-30, 10, 20], degrees=True)
+POSES = [RigidTransform.from_components([2.0 * k, 5.0, 549.0], TURN) for k in range(COUNT)]
+JOINTS = pd.DataFrame(
+    {
+        "t_s": [0.0, 0.002],
+        "elbow_rad": [0.1, 0.2],
+        "wrist_rad": [1.1, 1.2],
+        "elbow_rad_s": [0.5, 0.6],
+        "wrist_rad_s": [1.5, 1.6],
+        "elbow_measured_rad": [0.11, 0.21],
+        "wrist_measured_rad": [1.11, 1.21],
+    }
+)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """A recording with its poses, the last of them lost, and the arm's motion."""
+    root, rng = tmp_path_factory.mktemp("bags") / "r", np.random.default_rng(0)
+    partial = recorder.begin(root, RIG, CODED)
+    for k, T in enumerate(POSES):
+        recorder.add(partial, RIG, k, render_rig(RIG, CODED, T, Bench(), rng))
+    recorder.finish(root, np.arange(COUNT) / FPS)
+    covariance = np.diag([0.03, 0.03, 0.03, 1e-4, 1e-4, 1e-4])
+    poses = [Pose("measured", T, covariance, 0.1, 6, 3) for T in POSES[:-1]]
+    table = pose_table([*poses, LOST], np.arange(COUNT) / FPS)
+    write_poses(table, root.parent / "poses.csv")
+    JOINTS.to_csv(root.parent / "joints.csv", index=False)
+    return root
+
+
+@pytest.fixture(scope="module")
+def bag(folder):
+    out = folder.parent / "bag"
+    arguments = ["--poses", str(folder.parent / "poses.csv")]
+    arguments += ["--joints", str(folder.parent / "joints.csv")]
+    assert main(["bag", str(folder), *arguments, "--out", str(out)]) == 0
+    return out
+
+
+@pytest.fixture(scope="module")
+def contents(bag):
+    """The messages of the bag by their topics, as the reader of the format's makers has them."""
+    reader = pytest.importorskip("mcap.reader", reason="mcap is not installed")
+    decoder = pytest.importorskip("mcap_ros2.decoder", reason="mcap-ros2-support is not installed")
+    (file,) = bag.glob("*.mcap")
+    found = {}
+    with file.open("rb") as stream:
+        made = reader.make_reader(stream, decoder_factories=[decoder.DecoderFactory()])
+        for _, channel, message, content in made.iter_decoded_messages():
+            found.setdefault(channel.topic, []).append((message.log_time, content))
+    return found
+
+
+def vector(one):
+    return np.array([one.x, one.y, one.z])
+
+
+def turned(one):
+    return Rotation.from_quat([one.x, one.y, one.z, one.w])
+
+
+def test_another_reader_finds_all_topics(contents):
+    expected = {f"/{name}/image": COUNT for name in RIG.names}
+    expected |= {f"/{name}/camera_info": 1 for name in RIG.names}
+    expected |= {"/tf_static": 1, "/handle_description": 1}
+    expected |= {"/handle_pose": COUNT - 1, "/tf": COUNT - 1}
+    expected |= {"/joint_states": 2, "/joint_commands": 2}
+    assert {topic: len(messages) for topic, messages in contents.items()} == expected
+
+
+def test_another_reader_finds_the_images_and_their_times(contents, folder):
+    import cv2
+
+    for name in RIG.names:
+        files = sorted((folder / "images" / name).iterdir())
+        for k, ((time_ns, content), image) in enumerate(
+            zip(contents[f"/{name}/image"], read_greys(files), strict=True)
+        ):
+            found = cv2.imdecode(np.frombuffer(content.data, np.uint8), cv2.IMREAD_UNCHANGED)
+            np.testing.assert_array_equal(found, image)
+            stamp = content.header.stamp
+            assert time_ns == stamp.sec * 10**9 + stamp.nanosec == round(k / FPS * 1e9)
+
+
+def test_another_reader_projects_to_the_same_pixels(contents):
+    """A point of the world, in metres, through tf_static and camera_info, by hand."""
+    ((_, static),) = contents["/tf_static"]
+    places = {one.child_frame_id: one.transform for one in static.transforms}
+    point_mm = np.array([12.0, -7.0, 560.0])
+    for camera in RIG.cameras:
+        ((_, info),) = contents[f"/{camera.name}/camera_info"]
+        place = places[info.header.frame_id]
+        seen = turned(place.rotation).inv().apply(point_mm / 1000 - vector(place.translation))
+        u, v, w = np.reshape(info.k, (3, 3)) @ seen
+        np.testing.assert_allclose([u / w, v / w], camera.project(point_mm[None])[0], atol=1e-9)
+        assert (info.width, info.height) == camera.size
+        assert list(info.d) == list(camera.distortions)
+
+
+def test_another_reader_finds_the_poses_in_metres(contents):
+    for (_, content), (_, moved), T in zip(
+        contents["/handle_pose"], contents["/tf"], POSES, strict=False
+    ):
+        (tf,) = moved.transforms
+        pose = content.pose.pose
+        # a pose file has nine digits
+        np.testing.assert_allclose(vector(pose.position), T.translation / 1000, atol=1e-9)
+        np.testing.assert_allclose(vector(tf.transform.translation), vector(pose.position))
+        assert (turned(pose.orientation).inv() * T.rotation).magnitude() < 1e-7
+        assert (content.header.frame_id, tf.child_frame_id) == ("world", "handle")
+        spread = np.reshape(content.pose.covariance, (6, 6))
+        np.testing.assert_allclose(np.diag(spread)[:3], 0.03e-6, rtol=1e-6)  # mm^2 in m^2
+        np.testing.assert_allclose(np.diag(spread)[3:], 1e-4, rtol=1e-6)  # rad^2
+
+
+def test_another_reader_finds_the_arm(contents):
+    _, state = contents["/joint_states"][1]
+    _, command = contents["/joint_commands"][1]
+    assert list(state.name) == ["elbow", "wrist"]
+    assert list(state.position) == [0.21, 1.21]
+    assert list(command.position) == [0.2, 1.2]
+    assert list(command.velocity) == [0.6, 1.6]
+
+
+def test_a_bag_becomes_the_recording_that_it_was(bag, folder, tmp_path):
+    unpack_bag(bag, tmp_path / "again")
+    before, handle = open_folder(folder)
+    after, same = open_folder(tmp_path / "again")
+    assert same == handle
+    assert set(after.rig.names) == set(before.rig.names)
+    np.testing.assert_allclose(after.times_s, before.times_s, atol=1e-9)  # ns
+    for name in RIG.names:
+        old, new = (r.rig.cameras[r.rig.names.index(name)] for r in (before, after))
+        np.testing.assert_array_equal(new.matrix, old.matrix)
+        # the rotation went through a quaternion, the length through metres
+        np.testing.assert_allclose(
+            new.T_cam_world.as_matrix(), old.T_cam_world.as_matrix(), atol=1e-9
+        )
+        for one, other in zip(
+            read_greys(sorted((folder / "images" / name).iterdir())),
+            read_greys(sorted((tmp_path / "again" / "images" / name).iterdir())),
+            strict=True,
+        ):
+            np.testing.assert_array_equal(one, other)
+
+
+def test_track_reads_a_bag(bag, folder, tmp_path):
+    (file,) = bag.glob("*.mcap")
+    rig = ["--rig", str(folder / "rig.toml")]
+    for source, more in ((folder, []), (bag, []), (file, rig)):
+        out = tmp_path / f"{source.name}.csv"
+        assert main(["track", str(source), *more, "--out", str(out)]) == 0
+    of_folder, of_bag, of_file = (
+        pd.read_csv(tmp_path / f"{one.name}.csv") for one in (folder, bag, file)
+    )
+    pd.testing.assert_frame_equal(of_file, of_folder)
+    # its rig went through metres and quaternions: 1e-13 mm, of which a fit makes no more than this
+    pd.testing.assert_frame_equal(of_bag, of_folder, rtol=1e-5, atol=1e-5)
+    assert (of_folder["status"] == "measured").all()
+    left = {path.suffix for path in tmp_path.iterdir()}
+    assert left == {".csv", ".tum"}  # what was unpacked is gone
+
+
+def test_raw_images_of_others_are_read(bag, tmp_path):
+    """A bag of another writer: raw images, in colour, beside each other in time, and no handle."""
+    from rosbags.rosbag2 import StoragePlugin, Writer
+    from rosbags.typesys import Stores, get_typestore
+
+    ros = get_typestore(Stores.ROS2_HUMBLE)
+    types = ros.types
+    colour = np.arange(4 * 6 * 3, dtype=np.uint8).reshape(4, 6, 3)
+    with Writer(tmp_path / "b", version=8, storage_plugin=StoragePlugin.SQLITE3) as writer:
+        kind = "sensor_msgs/msg/Image"
+        for name, off_ns in (("left", 0), ("right", 1000)):
+            topic = writer.add_connection(f"/rig/{name}/image_raw", kind, typestore=ros)
+            for k in range(2):
+                time_ns = 10**9 + k * 10**8 + off_ns
+                stamp = types["builtin_interfaces/msg/Time"](time_ns // 10**9, time_ns % 10**9)
+                header = types["std_msgs/msg/Header"](stamp, name)
+                image = types[kind](header, 4, 6, "rgb8", 0, 18, colour.ravel())
+                writer.write(topic, time_ns, ros.serialize_cdr(image, kind))
+    cameras = (f"rig_{name}" for name in ("left", "right"))
+    text = "".join(
+        f'[{name}]\nname = "{name}"\nsize = [6, 4]\nmatrix = [[9.0, 0.0, 3.0], [0.0, 9.0, 2.0], '
+        f"[0.0, 0.0, 1.0]]\nrotation = [0.0, 0.0, 0.0]\ntranslation = [{k}.0, 0.0, 0.0]\n"
+        for k, name in enumerate(cameras)
+    )
+    (tmp_path / "rig.toml").write_text(text)
+    recorder.write_handle(CODED, tmp_path / "handle.toml")
+    unpack_bag(
+        tmp_path / "b", tmp_path / "r", read_rig(tmp_path / "rig.toml"), tmp_path / "handle.toml"
+    )
+    recording, _ = open_folder(tmp_path / "r")
+    np.testing.assert_allclose(recording.times_s, [1.0000005, 1.1000005], atol=1e-9)
+    (first, _) = read_greys(sorted((tmp_path / "r" / "images" / "rig_left").iterdir()))
+    grey = colour @ [0.299, 0.587, 0.114]  # ITU-R BT.601
+    np.testing.assert_allclose(first, grey, atol=0.51)  # rounded to whole levels
+
+
+def test_what_cannot_be_written_or_read_is_said_in_one_line(bag, folder, tmp_path, capsys):
+    (tmp_path / "bad.mcap").write_bytes(b"no bag")
+    (tmp_path / "joints.csv").write_text("t_s,elbow_measured_rad\n0,1\n")
+    (tmp_path / "early.csv").write_text(JOINTS.assign(t_s=[-1.0, 0.0]).to_csv(index=False))
+    wrong = [
+        (["bag", str(folder), "--out", str(bag)], "exists already"),
+        (["bag", str(tmp_path), "--out", str(tmp_path / "b")], "rig.toml"),
+        (
+            ["bag", str(folder), "--joints", str(tmp_path / "joints.csv"), "--out"]
+            + [str(tmp_path / "b")],
+            "'elbow_rad' is missing",
+        ),
+        (
+            ["bag", str(folder), "--joints", str(tmp_path / "early.csv"), "--out"]
+            + [str(tmp_path / "b")],
+            "expected times from 0",
+        ),
+        (["track", str(tmp_path / "bad.mcap"), "--out", str(tmp_path / "p.csv")], "bad.mcap"),
+        (["track", str(tmp_path / "none.mcap"), "--out", str(tmp_path / "p.csv")], "none.mcap"),
+    ]
+    before = sorted(tmp_path.iterdir())
+    for arguments, what in wrong:
+        assert main(arguments) == 2, arguments
+        said = capsys.readouterr().err.strip()
+        assert what in said, said
+        assert "\n" not in said
+    assert sorted(tmp_path.iterdir()) == before
+
+
+def test_a_bag_is_told_from_a_folder(bag, folder):
+    assert is_bag(bag)
+    assert is_bag(next(bag.glob("*.mcap")))
+    assert not is_bag(folder)
+
+
+def test_without_the_extra_a_line_names_it(folder, tmp_path, monkeypatch):
+    import sys
+
+    monkeypatch.setitem(sys.modules, "rosbags.typesys", None)
+    with pytest.raises(ValueError, match=r"pip install 'trinolab\[ros\]'"):
+        write_bag(folder, tmp_path / "bag")
