@@ -43,6 +43,7 @@ sweeps: .venv/package.done  ## make the tables in data/sweeps and data/sensitivi
 	@$(BIN)/python -m trinolab.studies budget
 	@$(BIN)/python -m trinolab.studies elevation
 	@$(BIN)/python -m trinolab.studies calibration_error
+	@$(BIN)/python -m trinolab.studies fitts
 	@$(BIN)/python -m trinolab.studies stress
 	@$(BIN)/python -m trinolab.studies bound
 	@$(BIN)/python -m trinolab.studies gallery

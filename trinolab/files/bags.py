@@ -34,7 +34,6 @@ from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
-import pandas as pd
 from scipy.spatial.transform import RigidTransform, Rotation
 from tqdm import tqdm
 
@@ -165,7 +164,7 @@ def unpack_bag(
                 _unpack(reader, topic, partial, camera, bag, ros)
                 for camera, topic in zip(the_rig.cameras, topics.values(), strict=True)
             ]
-        recorder.finish(folder, _common_times(times, the_rig, bag))
+        recorder.finish(folder, _common_times(times, the_rig, bag).tolist())
     finally:
         shutil.rmtree(partial, ignore_errors=True)
 
@@ -438,7 +437,7 @@ def _unpack(
     reader: Any, topic: str, partial: Path, camera: Camera, bag: str | Path, ros: Any
 ) -> np.ndarray:
     """Write a camera's images, and return their times, s."""
-    times = []
+    times: list[float] = []
     for time_ns, content in tqdm(_messages(reader, topic, ros), unit="image", disable=None):
         image = _decoded(content)
         if image is None or image.shape[:2] != (camera.size[1], camera.size[0]):

@@ -5,4 +5,7 @@ wall are beyond the paper).
 pose), `mapping` (hand to tool), `control` (tool to joints), `arm` (the simulated arm), `session`
 (all of them, tick by tick). `monitor` and `view` are what the operator sees, `task` is something to
 do. `bilateral` and `wall` are about what the hand may feel.
+(all of them, tick by tick). `monitor` and `view` are what the operator sees, `wall` what the hand
+may feel. `pointing` is a task to do with the tool, its log and how well it was done, `operators` models of a person who
+does it.
 """

@@ -143,7 +143,7 @@ class _Continuous:
         n = len(targets)
         own_s = person.delay_s + person.neuromuscular_s
         loop_s = own_s + machine_lag_s(machine.mapping, machine.following) + delay * TICK_S
-        self._gain = 1 / (np.e * loop_s) / machine.mapping.scale
+        self._gain = np.exp(-1) / loop_s / machine.mapping.scale
         self._person = person
         self._half = targets[:, 1] / 2
         late = round(person.delay_s / TICK_S)

@@ -84,10 +84,8 @@ def make_table(seeds: int = SEEDS, progress: bool = False) -> pd.DataFrame:
     and `moves` with `_low` and `_high` of their 95 % interval (Student's t over the operators);
     `error_share` with its own (Wilson, over all trials).
     """
-    cells = list(product(STRATEGIES, SCALES, DELAYS_S))
-    return pd.DataFrame(
-        [_cell(*cell, seeds) for cell in tqdm(cells, unit="cell", disable=not progress)]
-    )
+    cells = tqdm(list(product(STRATEGIES, SCALES, DELAYS_S)), unit="cell", disable=not progress)
+    return pd.DataFrame([_cell(name, scale, delay_s, seeds) for name, scale, delay_s in cells])
 
 
 def _cell(strategy: str, scale: float, delay_s: float, seeds: int) -> dict[str, float | str]:
