@@ -1,6 +1,7 @@
 """The pointing task, its log, the models of an operator, and the shipped table."""
 
 import math
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -20,9 +21,11 @@ from trinolab.slave.pointing import (
     read_log,
     write_log,
 )
-from trinolab.studies.fitts import DELAYS_S, SCALES, _cell, lag_models, one_operator
+from trinolab.studies.fitts import DELAYS_S, SCALES, _cell, _fit, lag_models, one_operator
 from trinolab.sweep import sweep
+from trinolab.sweep.notebook import run_notebook
 
+PAGE = Path(__file__).resolve().parents[1] / "book" / "operator.ipynb"
 SURE = Person(observation_noise=0.0, motor_noise=0.0, acuity_mm=0.0, miss=0.0)
 
 
@@ -230,10 +233,31 @@ def test_the_shipped_table_is_what_the_study_gives():
         assert found[name] == pytest.approx(row[name], rel=2e-3)
 
 
-def test_a_delay_multiplies_the_difficulty_of_a_continuous_operator():
+@pytest.mark.parametrize(("product_form", "other"), [(True, False), (False, True)])
+def test_the_models_of_lag_find_what_they_are_given(product_form, other):
+    """Movement times made by one of the two models: it explains all, the other one less."""
+    pairs = [(d, w, lag) for d in (40, 80, 160) for w in (5, 10, 20) for lag in DELAYS_S]
+    means = pd.DataFrame(pairs, columns=["distance_mm", "width_mm", "delay_s"])
+    bits = difficulty(means["distance_mm"].to_numpy(), means["width_mm"].to_numpy())
+    factor = bits if product_form else 1.0
+    means["time"] = 0.2 + 0.1 * bits + 1.5 * means["delay_s"] * factor
+    found, r2 = _fit(means, product_form)
+    np.testing.assert_allclose(found, [0.2, 0.1, 1.5], atol=1e-9)
+    assert r2 == pytest.approx(1.0)
+    assert _fit(means, other)[1] < 0.999
+
+
+def test_more_delay_takes_longer_and_the_interval_says_so():
     found = lag_models("continuous", seeds=3, repeats=3)
-    assert found.r2_product > found.r2_sum
-    assert found.r2_product > 0.9
+    assert found.c.low < found.c_bit < found.c.high
+    assert found.c.low > 0
+
+
+def test_the_page_runs_with_other_parameters():
+    changed = {"scale": 2.0, "delay_s": 0.3, "seeds": 3, "repeats": 2}
+    results = run_notebook(PAGE, changed).results
+    assert results["scale"] == 2.0
+    assert results["more_continuous"] > results["more_waiting"] > 0
 
 
 def test_an_operator_can_be_swept():

@@ -21,6 +21,7 @@ the simulated arm are left out: its tool is 1 ms behind its reference.
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from dataclasses import dataclass, field
 
@@ -66,6 +67,8 @@ class Person:
         of Crossman and Goodeve's and Keele's iterative corrections (1963, 1968).
     move_s : float
         Duration of an unseen move, of minimum jerk (Flash and Hogan 1985), s.
+    crossover : float
+        omega_c tau of the crossover model, rad; 1/e, the highest without overshoot.
     """
 
     delay_s: float = 0.15
@@ -75,9 +78,11 @@ class Person:
     acuity_mm: float = 0.5
     miss: float = 0.07
     move_s: float = 0.3
+    crossover: float = math.exp(-1)
 
     def __post_init__(self) -> None:
         check_numbers(self, "delay_s", "neuromuscular_s", "move_s", low=0.01, high=2.0)
+        check_numbers(self, "crossover", low=0.0, high=math.pi / 2, open_low=True)
         check_numbers(self, "observation_noise", "motor_noise", "acuity_mm", "miss", low=0.0)
 
 
@@ -143,7 +148,7 @@ class _Continuous:
         n = len(targets)
         own_s = person.delay_s + person.neuromuscular_s
         loop_s = own_s + machine_lag_s(machine.mapping, machine.following) + delay * TICK_S
-        self._gain = np.exp(-1) / loop_s / machine.mapping.scale
+        self._gain = person.crossover / loop_s / machine.mapping.scale
         self._person = person
         self._half = targets[:, 1] / 2
         late = round(person.delay_s / TICK_S)

@@ -57,6 +57,7 @@ def one_operator(
     repeats: int = REPEATS,
     own_delay_s: float = Person.delay_s,
     miss: float = Person.miss,
+    crossover: float = Person.crossover,
 ) -> dict[str, float]:
     """What one operator reaches: ``throughput_bit_s``, ``movement_s``, ``error_share``, ``moves``.
 
@@ -70,10 +71,11 @@ def one_operator(
         The operator.
     repeats : int
         Trials of each of the nine targets.
-    own_delay_s, miss : float
+    own_delay_s, miss, crossover : float
         Of `slave.operators.Person`.
     """
-    found = performance(_log(strategy, scale, delay_s, seed, repeats, own_delay_s, miss))
+    person = Person(delay_s=own_delay_s, miss=miss, crossover=crossover)
+    found = performance(_log(strategy, scale, delay_s, seed, repeats, person))
     return {name: value for name, value in found._asdict().items() if name != "n"}
 
 
@@ -147,9 +149,7 @@ def _log(
     delay_s: float,
     seed: int,
     repeats: int,
-    own_delay_s: float = Person.delay_s,
-    miss: float = Person.miss,
+    person: Person | None = None,
 ) -> pd.DataFrame:
-    person = Person(delay_s=own_delay_s, miss=miss)
     rng = np.random.default_rng(seed)
     return point(conditions(repeats=repeats), strategy, scale, delay_s, rng, person)
