@@ -15,6 +15,7 @@ from trinolab.files.images import read_greys
 from trinolab.files.poses import pose_table, write_poses
 from trinolab.files.recording import open_folder
 from trinolab.files.rigs import read_rig
+from trinolab.following import posetracker
 from trinolab.pose import LOST, Pose
 
 rosbags = pytest.importorskip("rosbags.rosbag2", reason="extra ros is not installed")
@@ -184,6 +185,27 @@ def test_track_reads_a_bag(bag, folder, tmp_path):
     assert (of_folder["status"] == "measured").all()
     left = {path.suffix for path in tmp_path.iterdir()}
     assert left == {".csv", ".tum"}  # what was unpacked is gone
+
+
+def test_an_interrupted_track_of_a_bag_goes_on(bag, tmp_path, monkeypatch):
+    out = tmp_path / "p.csv"
+    real, calls = posetracker.step, []
+
+    def step(*arguments):
+        calls.append(1)
+        if len(calls) == 3:
+            raise KeyboardInterrupt
+        return real(*arguments)
+
+    monkeypatch.setattr(posetracker, "step", step)
+    assert main(["track", str(bag), "--out", str(out)]) == 130
+    kept = {path.name for path in tmp_path.iterdir()}
+    assert "p.csv" not in kept
+    assert "p.csv.partial" in kept
+    assert main(["track", str(bag), "--out", str(out)]) == 0
+    assert len(calls) <= COUNT + 2  # what was finished is not measured again
+    assert {path.name for path in tmp_path.iterdir()} == {"p.csv", "p.tum"}
+    assert len(pd.read_csv(out)) == COUNT
 
 
 def test_raw_images_of_others_are_read(bag, tmp_path):

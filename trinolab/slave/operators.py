@@ -45,7 +45,8 @@ USUAL_HAND_MM_S = 100.0  # at scale 1: the speed by which an operator knows the 
 
 @dataclass(frozen=True)
 class Person:
-    """What an operator can do. The defaults are those of the publications named here.
+    """What an operator can do. The defaults are those of the publications named here; the duration
+    of an unseen move is ours.
 
     Attributes
     ----------
