@@ -22,7 +22,7 @@ rosbags = pytest.importorskip("rosbags.rosbag2", reason="extra ros is not instal
 
 RIG = paper_rig(40.0)
 CODED = load_handle("coded")
-COUNT, FPS = 4, 30
+COUNT, FPS = 3, 30
 TURN = Rotation.from_euler("ZYX", [-30, 10, 20], degrees=True)
 POSES = [RigidTransform.from_components([2.0 * k, 5.0, 549.0], TURN) for k in range(COUNT)]
 JOINTS = pd.DataFrame(
