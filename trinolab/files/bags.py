@@ -24,6 +24,7 @@ position and orientation: a third of them stands at each axis.
 
 from __future__ import annotations
 
+import logging
 import shutil
 import tempfile
 from collections.abc import Iterator, Sequence
@@ -40,12 +41,14 @@ from tqdm import tqdm
 from ..camera import Camera, Rig
 from ..handle import Handle
 from . import recorder
-from .images import as_grey
+from .images import as_grey, decoded
 from .inputs import read_csv
 from .outputs import check_target, resolved, write_whole
 from .poses import read_poses, transforms
 from .recording import Recording, instants, open_folder
 from .rigs import handle_text, read_handle
+
+log = logging.getLogger("trinolab")
 
 WORLD, HANDLE = "world", "handle"
 MM = 1e-3  # of a metre
@@ -330,14 +333,18 @@ def _nanoseconds(t_s: float, where: str) -> int:
 def _opened(bag: str | Path) -> Iterator[Any]:
     """A reader of a bag; what is wrong with the file becomes a ValueError that names it."""
     from rosbags.rosbag2 import Reader, ReaderError
+    from rosbags.serde import SerdeError
 
+    # what its parsers let through where bytes are damaged
+    damaged = (KeyError, IndexError, TypeError, AttributeError, OverflowError, MemoryError)
     if not Path(bag).exists():
         raise ValueError(f"{bag}: no such file or folder")
     try:
         with Reader(Path(bag)) as reader:
             yield reader
-    except ReaderError as error:
-        raise ValueError(f"{bag}: cannot be read as a ROS 2 bag ({error})") from None
+    except (ReaderError, SerdeError, *damaged) as error:
+        what = " ".join(str(error).split()) or type(error).__name__
+        raise ValueError(f"{bag}: cannot be read as a ROS 2 bag ({what})") from None
 
 
 def _messages(reader: Any, topic: str, ros: Any) -> Iterator[tuple[int, Any]]:
@@ -439,7 +446,9 @@ def _unpack(
     """Write a camera's images, and return their times, s."""
     times: list[float] = []
     for time_ns, content in tqdm(_messages(reader, topic, ros), unit="image", disable=None):
-        image = _decoded(content)
+        image, complaint = _decoded(content)
+        if complaint:
+            log.info("%s: %s: image %d: may be damaged (%s)", bag, topic, len(times), complaint)
         if image is None or image.shape[:2] != (camera.size[1], camera.size[0]):
             raise ValueError(
                 f"{bag}: {topic}: image {len(times)}: expected {camera.size[0]} x {camera.size[1]} "
@@ -453,19 +462,22 @@ def _unpack(
     return np.array(times)
 
 
-def _decoded(content: Any) -> np.ndarray | None:
-    """The image that a message holds; None if it cannot be decoded."""
+def _decoded(content: Any) -> tuple[np.ndarray | None, str]:
+    """The image that a message holds, None if it cannot be decoded, and what its decoder has to
+    say.
+    """
     if content.__msgtype__ == IMAGES[0]:
-        image = cv2.imdecode(np.asarray(content.data, np.uint8), cv2.IMREAD_UNCHANGED)
-        return image if image is not None and image.dtype == np.uint8 else None
+        image, complaint = decoded(bytes(content.data))
+        return (image if image is not None and image.dtype == np.uint8 else None), complaint
     channels = {"mono8": 1, "8UC1": 1, "bgr8": 3, "rgb8": 3}.get(content.encoding)
-    if channels is None or len(content.data) < content.height * content.step:
-        return None
+    wide = content.width * (channels or 0)
+    if not 0 < wide <= content.step or len(content.data) < content.height * content.step:
+        return None, ""
     rows = np.reshape(content.data[: content.height * content.step], (content.height, -1))
-    image = rows[:, : content.width * channels].reshape(content.height, content.width, channels)
+    image = rows[:, :wide].reshape(content.height, content.width, -1)
     if content.encoding == "rgb8":
         image = image[..., ::-1]
-    return np.ascontiguousarray(image[..., 0] if channels == 1 else image)
+    return np.ascontiguousarray(image[..., 0] if channels == 1 else image), ""
 
 
 def _common_times(times: Sequence[np.ndarray], rig: Rig, bag: str | Path) -> np.ndarray:

@@ -101,7 +101,7 @@ def _read(path: Path, size: tuple[int, int] | None) -> Grey:
         raise ValueError(f"{path}: cannot be read ({error.strerror})") from None
     if data.startswith(b"\x89PNG") and b"IEND" not in data[-12:]:
         raise ValueError(f"{path}: cannot be read as an image (its end is missing)")
-    image, complaint = _decoded(data)
+    image, complaint = decoded(data)
     if image is None or image.dtype not in (np.uint8, np.uint16):
         raise ValueError(f"{path}: cannot be read as an image of 8 or 16 bit")
     check_size(image, size, path)
@@ -110,7 +110,7 @@ def _read(path: Path, size: tuple[int, int] | None) -> Grey:
     return as_grey(image)
 
 
-def _decoded(data: bytes) -> tuple[np.ndarray | None, str]:
+def decoded(data: bytes) -> tuple[np.ndarray | None, str]:
     """The image, None if there is none, and the first line of what its decoder has to say about
     it.
     """
