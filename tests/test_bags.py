@@ -273,6 +273,41 @@ def test_what_cannot_be_written_or_read_is_said_in_one_line(bag, folder, tmp_pat
     assert sorted(tmp_path.iterdir()) == before
 
 
+def refusal(bag, folder):
+    """Why a bag cannot be unpacked; empty if it could."""
+    try:
+        unpack_bag(bag, folder)
+    except ValueError as error:
+        return str(error)
+    return ""
+
+
+def test_a_damaged_bag_is_one_line(tmp_path):
+    """Cut off, or some bytes changed: a ValueError that names it, or all is there."""
+    rng = np.random.default_rng(0)
+    partial = recorder.begin(tmp_path / "r", RIG, CODED)
+    width, height = RIG.cameras[0].size
+    recorder.add(partial, RIG, 0, [np.zeros((height, width), np.uint8)] * len(RIG.names))
+    recorder.finish(tmp_path / "r", [0.0])
+    write_bag(tmp_path / "r", tmp_path / "b")
+    whole = next((tmp_path / "b").glob("*.mcap")).read_bytes()
+    for k in range(30):
+        data = bytearray(whole)
+        if k % 3 == 0:
+            data = data[: rng.integers(1, len(data))]
+        else:
+            data[rng.integers(len(data))] = rng.integers(256)
+            data[rng.integers(len(data))] = rng.integers(256)
+        (tmp_path / "x.mcap").write_bytes(data)
+        said = refusal(tmp_path / "x.mcap", tmp_path / f"o{k}")
+        assert (tmp_path / f"o{k}" / "timestamps.csv").exists() == (not said)
+        if said:
+            assert "x.mcap" in said
+            assert "\n" not in said
+            assert not (tmp_path / f"o{k}").exists()
+    assert not list(tmp_path.glob("*.partial"))
+
+
 def test_a_bag_is_told_from_a_folder(bag, folder):
     assert is_bag(bag)
     assert is_bag(next(bag.glob("*.mcap")))

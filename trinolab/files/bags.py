@@ -155,13 +155,14 @@ def unpack_bag(
         place, images that no instant has in common, or that have no encoding that is known.
     """
     ros = _ros()
+    given = None if handle is None else read_handle(handle)
     partial = recorder.partial_of(folder)
     shutil.rmtree(partial, ignore_errors=True)
     try:
         with _opened(bag) as reader:
             the_rig = rig or _rig_of(reader, bag, ros)
             topics = {name: _images_of(reader, name, bag) for name in the_rig.names}
-            the_handle = read_handle(handle) if handle else _handle_of(reader, bag, ros)
+            the_handle = given or _handle_of(reader, bag, ros)
             recorder.begin(folder, the_rig, the_handle)
             times = [
                 _unpack(reader, topic, partial, camera, bag, ros)
@@ -345,6 +346,9 @@ def _opened(bag: str | Path) -> Iterator[Any]:
     except (ReaderError, SerdeError, *damaged) as error:
         what = " ".join(str(error).split()) or type(error).__name__
         raise ValueError(f"{bag}: cannot be read as a ROS 2 bag ({what})") from None
+    except ValueError as error:
+        what = " ".join(str(error).split())
+        raise ValueError(what if what.startswith(str(bag)) else f"{bag}: {what}") from None
 
 
 def _messages(reader: Any, topic: str, ros: Any) -> Iterator[tuple[int, Any]]:
