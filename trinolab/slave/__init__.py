@@ -4,8 +4,6 @@ wall are beyond the paper).
 `teleoperate` is the command's way from files to files; its steps are `oneeuro` (a filter on the
 pose), `mapping` (hand to tool), `control` (tool to joints), `arm` (the simulated arm), `session`
 (all of them, tick by tick). `monitor` and `view` are what the operator sees, `task` is something to
-do. `bilateral` and `wall` are about what the hand may feel.
-(all of them, tick by tick). `monitor` and `view` are what the operator sees, `wall` what the hand
-may feel. `pointing` is a task to do with the tool, its log and how well it was done, `operators` models of a person who
-does it.
+do. `pointing` is a task of aimed movements, its log and how well it was done, `operators` are
+models of a person who does it. `bilateral` and `wall` are about what the hand may feel.
 """
