@@ -4,7 +4,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
-from trinolab.plotting import plot_chain, plot_nis, plot_normals, plot_prediction
+from trinolab.plotting import plot_beliefs, plot_chain, plot_nis, plot_normals, plot_prediction
 from trinolab.window import Window
 
 
@@ -21,6 +21,15 @@ def test_densities_have_the_area_one_and_their_peak_at_the_mean():
         x, y = line.get_data()
         assert np.trapezoid(y, x) == pytest.approx(1.0, abs=2e-3)  # 3.5 standard deviations
         assert x[y.argmax()] == pytest.approx(mean, abs=np.diff(x).max())
+
+
+def test_a_belief_is_drawn_one_standard_deviation_from_its_mean():
+    mean, P = np.array([1.0, -2.0]), np.array([[13.0, 9.0], [9.0, 9.0]])
+    ax = plot_beliefs({"predicted": (mean, P)}, "place", "speed")
+    away = np.column_stack(ax.lines[0].get_data()) - mean
+    squared = np.einsum("ki,ij,kj->k", away, np.linalg.inv(P), away)
+    assert squared == pytest.approx(np.ones(len(away)))
+    assert np.abs(away).max(axis=0) == pytest.approx(np.sqrt(np.diag(P)), rel=1e-3)
 
 
 def test_the_gate_is_an_ellipse_that_holds_its_share_of_the_innovations():

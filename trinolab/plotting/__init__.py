@@ -22,7 +22,7 @@ from .errors import (
     plot_residuals,
     plot_shifts,
 )
-from .filters import plot_nis, plot_normals, plot_prediction
+from .filters import plot_beliefs, plot_nis, plot_normals, plot_prediction
 from .markers import (
     mark_window,
     plot_following,
@@ -57,6 +57,7 @@ __all__ = [
     "Mesh",
     "mark_window",
     "plot_arm",
+    "plot_beliefs",
     "plot_boards",
     "plot_budget",
     "plot_by_slant",

@@ -14,7 +14,8 @@ from numpy.typing import ArrayLike
 from ..checks import Array, as_image, as_points
 from ..workspace.cones import Cone
 
-COLOURS = ("#0072B2", "#E69F00", "#009E73", "#56B4E9", "#D55E00", "#F0E442")  # one a camera
+# one a camera, or one a spot
+COLOURS = ("#0072B2", "#E69F00", "#009E73", "#56B4E9", "#D55E00", "#F0E442", "#CC79A7")
 
 
 def row_of_panels(

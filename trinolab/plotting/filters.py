@@ -44,6 +44,33 @@ def plot_normals(normals: Mapping[str, tuple[float, float]], xlabel: str) -> Axe
     return ax
 
 
+def plot_beliefs(
+    beliefs: Mapping[str, tuple[ArrayLike, ArrayLike]], xlabel: str, ylabel: str
+) -> Axes:
+    """Normal distributions of two numbers, each as its ellipse of one standard deviation.
+
+    Parameters
+    ----------
+    beliefs : mapping of str to (array_like, array_like)
+        Name -> mean, shape (2,), and covariance, shape (2, 2).
+    xlabel, ylabel : str
+        Of the first and of the second number.
+    """
+    turn = np.linspace(0, 2 * np.pi, 181)
+    circle = np.array([np.cos(turn), np.sin(turn)])
+    _, ax = plt.subplots(figsize=(6.5, 3.4), layout="constrained", facecolor="white")
+    styles = zip(beliefs.items(), COLOURS, ("-", "--", "-."), strict=False)
+    for (name, (mean, covariance)), colour, style in styles:
+        x, y = as_array(mean, "mean", (2,))
+        root = np.linalg.cholesky(as_array(covariance, "covariance", (2, 2)))
+        around = root @ circle
+        ax.plot(x + around[0], y + around[1], style, color=colour, linewidth=2, label=name)
+        ax.plot(x, y, "+", color=colour)
+    ax.set(xlabel=xlabel, ylabel=ylabel, facecolor="white")
+    ax.legend(loc="upper left", bbox_to_anchor=(1.02, 1.0))
+    return ax
+
+
 def plot_prediction(
     image: ArrayLike,
     window: Window,
