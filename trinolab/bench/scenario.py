@@ -46,7 +46,7 @@ _FROM = np.array([0.2, 0.75, 0.63])  # direction from which the second hand ente
 _DRIFT, _DRIFT_S = 0.08, 8.0  # the light's slow drift: its share, its period
 _LEAD_S = 0.1  # the motion has begun before the first instant
 # the elbow is outside the images
-_HOLDING = Arm(forearm=(0.78, 0.58, 0.24), forearm_length_mm=500.0)
+HOLDING = Arm(forearm=(0.78, 0.58, 0.24), forearm_length_mm=500.0)
 
 
 class Shot(NamedTuple):
@@ -84,7 +84,7 @@ def following(rig: Rig, poses: Sequence[RigidTransform | None]) -> list[Shot]:
     """A hand that holds the handle at these poses, T_world_handle; None where nobody is there."""
     lights = (1.0,) * len(rig.cameras)
     rest = np.zeros(3)
-    return [Shot(T, None if T is None else _HOLDING, lights, rest, rest, False) for T in poses]
+    return [Shot(T, None if T is None else HOLDING, lights, rest, rest, False) for T in poses]
 
 
 def hard(rig: Rig, times_s: ArrayLike, seed: int) -> list[Shot]:
@@ -106,7 +106,7 @@ def hard(rig: Rig, times_s: ArrayLike, seed: int) -> list[Shot]:
         shots.append(
             Shot(
                 T if there else None,
-                replace(_HOLDING, hides_from=_hidden_from(rig, t)) if there else None,
+                replace(HOLDING, hides_from=_hidden_from(rig, t)) if there else None,
                 _gains(rig, t),
                 velocity,
                 turn,

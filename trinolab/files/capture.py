@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import logging
 import shutil
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor, wait
 from dataclasses import dataclass
 from itertools import chain
@@ -117,7 +117,7 @@ def capture(
         drain(sources)
         stream = instants_of(sources, None if the_rig is None else sizes)
         first = next(stream)  # so that what does not fit is found before there is a folder
-        _begin(out, partial, the_rig or list(sizes), the_handle)
+        begin_new(out, partial, the_rig or list(sizes), the_handle)
         log.info(
             "recording to %s; Ctrl-C ends it%s",
             out,
@@ -135,6 +135,17 @@ def capture(
 class Writer:
     """Writes instants in a thread of its own.
 
+    Parameters
+    ----------
+    partial : Path
+        The unfinished recording.
+    names : sequence of str
+        Of the cameras.
+    preview : bool
+        Whether ``preview.png`` is kept up to date.
+    whole : callable, optional
+        Called with each instant when all of its images are there.
+
     Attributes
     ----------
     written : list of Taken
@@ -145,13 +156,20 @@ class Writer:
         Why the thread writes no more.
     """
 
-    def __init__(self, partial: Path, names: Sequence[str], preview: bool) -> None:
+    def __init__(
+        self,
+        partial: Path,
+        names: Sequence[str],
+        preview: bool,
+        whole: Callable[[Taken], None] | None = None,
+    ) -> None:
         self.written: list[Taken] = []
         self.dropped = 0
         self.error: Exception | None = None
         self._partial = partial
         self._names = names
         self._preview = preview
+        self._whole = whole
         self._queue: Queue[Taken | None] = Queue(QUEUE)
         self._shown_s = -np.inf
         self._thread = Thread(target=self._run, daemon=True)
@@ -195,6 +213,8 @@ class Writer:
             for path in paths:
                 path.unlink(missing_ok=True)
             raise wrong
+        if self._whole is not None:
+            self._whole(taken)
         self.written.append(taken._replace(images=[]))
         if self._preview and taken.t_s >= self._shown_s + PREVIEW_S:
             self._shown_s = taken.t_s
@@ -240,7 +260,7 @@ def _sizes(
     return {camera.name: camera.size for camera in rig.cameras}
 
 
-def _begin(out: str | Path, partial: Path, rig: Rig | Sequence[str], handle: Handle | None) -> None:
+def begin_new(out: str | Path, partial: Path, rig: Rig | Sequence[str], handle: Handle | None) -> None:
     """Make the unfinished folder, which another process may have made meanwhile, or leave
     nothing.
     """

@@ -183,7 +183,7 @@ def instants_of(
         if k and played and not any(good for good, _ in grabbed):
             return
         images = [
-            _fetched(source, good, k, known)
+            fetched(source, good, k, known)
             for source, (good, _) in zip(sources, grabbed, strict=True)
         ]
         if played:  # the time that a video tells, however long it takes to read it
@@ -210,7 +210,7 @@ def _open_index(index: int) -> cv2.VideoCapture:
         logging.setLogLevel(before)
 
 
-def _fetched(
+def fetched(
     source: Source, grabbed: bool, k: int, known: dict[str, tuple[int, int] | None]
 ) -> np.ndarray:
     """The grey image of a source that has grabbed; `known` holds the sizes, and learns one."""

@@ -35,8 +35,8 @@ def unheard() -> Iterator[IO[bytes]]:
 
 
 def is_image(path: Path) -> bool:
-    """Whether a file is named like an image."""
-    return path.suffix.lower() in IMAGE_SUFFIXES
+    """Whether a file is named like an image; a hidden one is unfinished, or no image."""
+    return not path.name.startswith(".") and path.suffix.lower() in IMAGE_SUFFIXES
 
 
 class Grey(NamedTuple):

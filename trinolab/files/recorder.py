@@ -141,6 +141,12 @@ def finish(folder: str | Path, times_s: Sequence[float], truth: pd.DataFrame | N
     write_whole(partial / "timestamps.csv", table.to_csv(index=False, float_format="%.9g"))
     if truth is not None:
         write_poses(truth, partial / "truth.csv")
+    give_name(folder)
+
+
+def give_name(folder: str | Path) -> None:
+    """Give a recording that is whole its name. Raises ValueError as `finish` does."""
+    partial = partial_of(folder)
     try:
         partial.rename(Path(folder).resolve())
     except OSError as error:

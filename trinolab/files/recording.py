@@ -23,6 +23,7 @@ from ..checks import Array, as_number
 from ..handle import Handle
 from .images import IMAGE_SUFFIXES, Grey, as_grey, check_size, is_image, read_greys, said_once
 from .inputs import read_csv
+from .recorder import PARTIAL
 from .rigs import read_handle, read_rig
 
 LAST_FRAME = 2**53  # a pose file may have; a time in nanoseconds is no frame
@@ -242,6 +243,13 @@ def open_recording(
             )
     fps = as_number(fps, "fps", low=0.0, high=1e6, open_low=True)
     times = None if timestamps is None else read_timestamps(timestamps)
+    if times is not None and Path(timestamps or "").parent.name.endswith(PARTIAL):
+        # Of a recording that was cut off an instant counts if its time was written: that came last.
+        footage = tuple(
+            one._replace(names=one.names[: len(times)], length=min(one.length, len(times)))
+            for one in footage
+        )
+        folders = [one for one in footage if one.names]
     count = folders[0].length if folders else max(one.length for one in footage)
     if times is not None and folders and len(times) < count:
         raise ValueError(f"{timestamps}: no time for frame {len(times)} of {count}")

@@ -74,6 +74,8 @@ class Session:
     following : ReferenceParameters, optional
     q : array_like, shape (n,), optional
         Where the arm starts, rad; its home without it.
+    tick_s : float
+        From one command to the arm to the next, s.
 
     Raises
     ------
@@ -87,11 +89,12 @@ class Session:
         mapping: MappingParameters | None = None,
         following: ReferenceParameters | None = None,
         q: ArrayLike | None = None,
+        tick_s: float = control.TICK_S,
     ) -> None:
         self.robot = robot
         self.mapping = mapping or MappingParameters()
         self._following = following or ReferenceParameters()
-        self._inverse = Inverse(robot)
+        self._inverse = Inverse(robot, tick_s)
         self.slave = Slave(robot, q)
         start = self.slave.read()
         self._command = Command(start.q, start.speed)
@@ -177,7 +180,7 @@ class Log:
         self.joints = list(joints)
         self.events = list[Event]()
         self._ticks: list[np.ndarray] = []
-        self._last = _Now()
+        self._last = Now()
 
     def add(self, moment: Moment, clutch: bool, scale: float | None = None) -> None:
         """One more moment; its changes against the one before become events.
@@ -189,8 +192,8 @@ class Log:
         parts = [ticks.t_s, ticks.q, ticks.speed, ticks.measured, tool, ticks.force_n]
         self._ticks.append(np.column_stack(parts))
         touching = bool(np.linalg.norm(moment.reading.force) > TOUCHED_N)
-        now = _Now(clutch, moment.state.held, moment.limits, touching, scale)
-        self.events += _changes(moment.state.t_s, self._last, now)
+        now = Now(clutch, moment.state.held, moment.limits, touching, scale)
+        self.events += changes(moment.state.t_s, self._last, now)
         self._last = now
 
     def trajectory(self) -> pd.DataFrame:
@@ -217,7 +220,7 @@ class Log:
         return pd.DataFrame(self.events, columns=list(Event._fields))
 
 
-class _Now(NamedTuple):
+class Now(NamedTuple):
     """What a log compares: clutch, reason of a hold, limits, whether the tool touches something,
     scale.
     """
@@ -229,7 +232,8 @@ class _Now(NamedTuple):
     scale: float | None = None
 
 
-def _changes(t: float, before: _Now, now: _Now) -> list[Event]:
+def changes(t: float, before: Now, now: Now) -> list[Event]:
+    """What has changed from one instant to the next."""
     found = []
     if now.scale != before.scale and None not in (now.scale, before.scale):
         found.append(Event(t, "scale", f"{now.scale:g}"))
