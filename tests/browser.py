@@ -97,6 +97,50 @@ class Browser:
         """What the window shows, as a PNG file."""
         return base64.b64decode(self._ask("Page.captureScreenshot")["data"])
 
+    def scheme(self, name: str) -> None:
+        """Ask pages for their ``light`` or ``dark`` colours."""
+        features = [{"name": "prefers-color-scheme", "value": name}]
+        self._ask("Emulation.setEmulatedMedia", {"features": features})
+
+    def press(self, key: str, up: bool = True) -> None:
+        """Press a key, by its name in JavaScript, and let it go again, or not."""
+        code = {"Tab": 9, "Enter": 13, " ": 32, "ArrowRight": 39}.get(key, ord(key[0].upper()))
+        about: dict[str, Any] = {"key": key, "windowsVirtualKeyCode": code}
+        text = {"text": {"Enter": "\r"}.get(key, key)} if len(key) == 1 or key == "Enter" else {}
+        self._ask("Input.dispatchKeyEvent", {"type": "keyDown", **about, **text})
+        if up:
+            self.let_go(key)
+
+    def let_go(self, key: str) -> None:
+        """Let a key go."""
+        self._ask("Input.dispatchKeyEvent", {"type": "keyUp", "key": key})
+
+    def click(self, selector: str) -> None:
+        """Click the middle of an element with the mouse, wherever on the page it is."""
+        u, v = self._middle(selector)
+        self._mouse("mousePressed", u, v)
+        self._mouse("mouseReleased", u, v)
+
+    def drag(self, selector: str, right: float, down: float) -> None:
+        """Drag from the middle of an element by so many pixels, in ten steps."""
+        u, v = self._middle(selector)
+        self._mouse("mousePressed", u, v)
+        for k in range(1, 11):
+            self._mouse("mouseMoved", u + right * k / 10, v + down * k / 10)
+        self._mouse("mouseReleased", u + right, v + down)
+
+    def _middle(self, selector: str) -> tuple[float, float]:
+        found = self.evaluate(
+            f"(one => {{ one.scrollIntoView({{block: 'center'}}); const b = one.getBoundingClientRect();"
+            f" return [b.x + b.width / 2, b.y + b.height / 2]; }})"
+            f"(document.querySelector({json.dumps(selector)}))"
+        )
+        return float(found[0]), float(found[1])
+
+    def _mouse(self, kind: str, u: float, v: float) -> None:
+        about = {"x": u, "y": v, "button": "left", "buttons": 1, "clickCount": 1}
+        self._ask("Input.dispatchMouseEvent", {"type": kind, **about})
+
     def evaluate(self, expression: str) -> Any:
         """The value of an expression of JavaScript in the page; a promise is waited for."""
         answer = self._ask(

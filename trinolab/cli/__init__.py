@@ -297,6 +297,21 @@ def _bag(a: argparse.Namespace) -> int:
 
     counts = write_bag(a.folder, a.out, a.poses, a.joints)
     _say("\n".join([*(f"{n:7d}  {topic}" for topic, n in counts.items()), f"written to {a.out}"]))
+
+
+def _live(a: argparse.Namespace) -> int:
+    from ..live.command import chosen, live, show
+
+    cameras = _named(a.camera or [], "--camera", "NAME=INDEX, as ccd1=0, or NAME=VIDEO")
+    source = chosen(cameras, a.recording, a.rig, a.handle, a.fps)
+
+    def on_open(address: str) -> None:
+        _say(f"{address}\nis the page; Ctrl-C ends it")
+        if not a.no_browser:
+            show(address)
+
+    said = live(source, a.out, a.robot, a.method, a.host, a.port, on_open=on_open)
+    _say(said or "ended; nothing was recorded")
     return 0
 
 
@@ -447,6 +462,7 @@ _RUN = {
     "evaluate": _evaluate,
     "render": _render,
     "teleop": _teleop,
+    "live": _live,
     "accept": _accept,
     "bag": _bag,
     "sweep": _sweep,

@@ -38,6 +38,7 @@ def parser() -> argparse.ArgumentParser:
     _add_refine(commands)
     _add_teleop(commands)
     _add_bag(commands)
+    _add_live(commands)
     _add_sweep(commands)
     _add_accept(commands)
     board = _add(
@@ -414,6 +415,63 @@ def _add_teleop(commands: argparse._SubParsersAction) -> None:
         "--seed", type=int, default=0, metavar="N", help="of the simulation (default: %(default)s)"
     )
     p.add_argument("--no-video", action="store_true", help="leave the monitor's video out")
+    _add_method(p, "best")
+
+
+def _add_live(commands: argparse._SubParsersAction) -> None:
+    p = _add(
+        commands,
+        "live",
+        "follow the handle live and let the simulated arm go along, on a page in the browser",
+        "trinolab live --simulation\n"
+        "  trinolab live --camera ccd1=0 ccd2=2 ccd3=4 --rig rig.toml --handle handle.toml",
+    )
+    source = p.add_mutually_exclusive_group(required=True)
+    source.add_argument(
+        "--camera",
+        nargs="+",
+        action="extend",
+        metavar="NAME=INDEX",
+        help="a camera by its index at this computer; NAME=VIDEO for all plays videos in their place",
+    )
+    source.add_argument("--recording", metavar="DIR", help="plays a recording folder")
+    source.add_argument(
+        "--simulation",
+        action="store_true",
+        help="the simulated bench; a hand moves the rod by itself, or the mouse does",
+    )
+    _add_rig_and_handle(p, required=False)
+    p.add_argument(
+        "--fps",
+        type=float,
+        metavar="F",
+        help="frames a second to ask of cameras, or to play videos with",
+    )
+    p.add_argument(
+        "--out",
+        default=".",
+        metavar="DIR",
+        help="folder in which recordings get theirs (default: this one)",
+    )
+    p.add_argument(
+        "--robot",
+        default="ur5",
+        metavar="ARM.xml",
+        help="a shipped arm, or a file (default: %(default)s)",
+    )
+    p.add_argument(
+        "--host",
+        default="127.0.0.1",
+        metavar="ADDRESS",
+        help="where the page is; with another one than 127.0.0.1 other computers get in who know "
+        "the page's whole address, over a connection that is not encrypted",
+    )
+    p.add_argument(
+        "--port", type=int, default=0, metavar="N", help="of the page (default: any that is free)"
+    )
+    p.add_argument(
+        "--no-browser", action="store_true", help="print the page's address, and open nothing"
+    )
     _add_method(p, "best")
 
 

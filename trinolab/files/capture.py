@@ -260,7 +260,9 @@ def _sizes(
     return {camera.name: camera.size for camera in rig.cameras}
 
 
-def begin_new(out: str | Path, partial: Path, rig: Rig | Sequence[str], handle: Handle | None) -> None:
+def begin_new(
+    out: str | Path, partial: Path, rig: Rig | Sequence[str], handle: Handle | None
+) -> None:
     """Make the unfinished folder, which another process may have made meanwhile, or leave
     nothing.
     """

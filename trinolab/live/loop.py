@@ -247,9 +247,7 @@ class Loop:
         rig, handle, p = self.source.rig, self.source.handle, self._parameters
         if follower == POSE:
             t_s = max(latest.t_s, np.nextafter(self._state.t_s, np.inf))
-            self._state, tracked = posetracker.step(
-                self._state, latest.images, t_s, rig, handle, p
-            )
+            self._state, tracked = posetracker.step(self._state, latest.images, t_s, rig, handle, p)
             return tracked
         state = self._paper or tracker.start(latest.images, rig, latest.t_s - WAIT_S)
         t_s = max(latest.t_s, np.nextafter(state.t_s, np.inf))

@@ -7,8 +7,12 @@ sees the present. A feed that fails is opened anew every second, as a camera is 
 
 from __future__ import annotations
 
+import multiprocessing
+import signal
 import time
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import closing, suppress
+from multiprocessing.connection import Connection
 from threading import Condition, Event, Lock, Thread
 from typing import Any, NamedTuple
 
@@ -93,7 +97,7 @@ class Feed:
                     if stopped.is_set():
                         return
                 problem = "has ended"
-            except (ValueError, OSError, cv2.error) as error:
+            except (ValueError, OSError, EOFError, cv2.error) as error:
                 problem = " ".join(str(error).split()).removeprefix(f"{self.name}: ")
             with changed:
                 self.problem = problem
@@ -175,9 +179,7 @@ class Source:
             return list(filter(None, (feed.trouble(now) for feed in self._feeds)))
 
     def _all_new(self) -> bool:
-        return all(
-            feed.number > used for feed, used in zip(self._feeds, self._used, strict=True)
-        )
+        return all(feed.number > used for feed, used in zip(self._feeds, self._used, strict=True))
 
 
 def of_cameras(
@@ -214,19 +216,45 @@ def of_recording(recording: Recording, handle: Handle) -> Source:
 
 
 def of_bench(rig: Rig, handle: Handle, seed: int = 0) -> Source:
-    """The simulated bench, whose images are half as large; nothing blurs what moves."""
+    """The simulated bench, whose images are half as large; nothing blurs what moves.
+
+    It draws in a process of its own, so that the loop has its thread for itself.
+    """
     small = Rig(tuple(scaled(camera, 0.5) for camera in rig.cameras), rig.covariance)
     hand = SimulatedHand(seed)
-    rng = np.random.default_rng([seed, 1])
 
     def frames(stopped: Event) -> Iterator[Shown]:
-        while not stopped.is_set():
-            begin = time.monotonic()
-            arm = HOLDING if hand.drawn else None
-            yield begin, render_rig(small, handle, hand.pose(begin), _QUICK, rng, arm)
-            stopped.wait(max(0.0, begin + 1 / SIMULATED_FPS - time.monotonic()))
+        with closing(_drawing(small, handle, seed)) as ask:
+            while not stopped.is_set():
+                begin = time.monotonic()
+                ask.send((hand.pose(begin), hand.drawn))
+                while not ask.poll(0.1):
+                    if stopped.is_set():
+                        return
+                yield begin, ask.recv()
+                stopped.wait(max(0.0, begin + 1 / SIMULATED_FPS - time.monotonic()))
 
     return Source(small, handle, [Feed("simulation", frames, False)], hand)
+
+
+def _drawing(rig: Rig, handle: Handle, seed: int) -> Connection:
+    """A process that draws each pose that it gets, and ends when this one does."""
+    context = multiprocessing.get_context("spawn")
+    ours, its = context.Pipe()
+    context.Process(target=_draw, args=(its, rig, handle, seed), daemon=True).start()
+    its.close()  # so that its end is seen here
+    return ours
+
+
+def _draw(asked: Connection, rig: Rig, handle: Handle, seed: int) -> None:
+    """Draw until the other end is closed. Ctrl-C is for the process that asks."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    cv2.setNumThreads(1)
+    rng = np.random.default_rng([seed, 1])
+    with suppress(EOFError, OSError):
+        while True:
+            T, drawn = asked.recv()
+            asked.send(render_rig(rig, handle, T, _QUICK, rng, HOLDING if drawn else None))
 
 
 class SimulatedHand:

@@ -76,6 +76,8 @@ class Session:
         Where the arm starts, rad; its home without it.
     tick_s : float
         From one command to the arm to the next, s.
+    longest_s : float
+        Of a gap between two samples that the arm moves in, s.
 
     Raises
     ------
@@ -90,11 +92,13 @@ class Session:
         following: ReferenceParameters | None = None,
         q: ArrayLike | None = None,
         tick_s: float = control.TICK_S,
+        longest_s: float = LONGEST_S,
     ) -> None:
         self.robot = robot
         self.mapping = mapping or MappingParameters()
         self._following = following or ReferenceParameters()
         self._inverse = Inverse(robot, tick_s)
+        self._longest_s = longest_s
         self.slave = Slave(robot, q)
         start = self.slave.read()
         self._command = Command(start.q, start.speed)
@@ -118,8 +122,8 @@ class Session:
     def _run(self, state: State, until_s: float) -> Ticks:
         dt = self._inverse.tick_s
         gap = until_s - self._moved_s  # with what rounding has left from the instant before
-        count = round(min(gap, LONGEST_S) / dt) if gap > 0 else 0
-        begin = until_s - count * dt if gap > LONGEST_S else self._moved_s
+        count = round(min(gap, self._longest_s) / dt) if gap > 0 else 0
+        begin = until_s - count * dt if gap > self._longest_s else self._moved_s
         rows = [(begin + (k + 1) * dt, *self._tick(state.target)) for k in range(count)]
         self._moved_s = begin + count * dt
         times, commands, readings, references = (
