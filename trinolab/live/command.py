@@ -23,7 +23,7 @@ from ..slave.arm import load_robot
 from ..slave.mapping import MappingParameters, alignment
 from ..slave.session import Session
 from . import sources
-from .loop import SILENCE_S, Loop
+from .loop import NO_FRAME_S, SILENCE_S, Loop
 from .recording import Recorder
 from .sources import Source
 
@@ -84,7 +84,7 @@ def live(
     as_number(silence_s, "silence_s", 0.0, open_low=True)
     estimator = estimator_of(method)
     view = read_camera(data_path("robots", "ur5_view.toml"))
-    mapping = MappingParameters(alignment=alignment(view))
+    mapping = MappingParameters(alignment=alignment(view), stale_s=NO_FRAME_S)
     session = Session(load_robot(robot), mapping, tick_s=TICK_S, longest_s=LONGEST_S)
     recorder = Recorder(Path(out), source.rig, source.handle)
     loop = Loop(source, session, recorder, estimator, silence_s)

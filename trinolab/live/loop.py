@@ -28,7 +28,7 @@ from .settings import PAPER, POSE, Values
 from .sources import Latest, Source
 
 WAIT_S = 0.1  # for a new frame; then the page is told all the same
-NO_FRAME_S = 0.15  # without one the arm holds
+NO_FRAME_S = 0.3  # without one the arm holds; the mapping takes a pose that is older for stale
 SILENCE_S = 1.0  # of the page, after which its clutch is open
 NOTES = 6  # of what happened, shown on the page
 

@@ -200,7 +200,7 @@ class Socket(_Guarded, WebSocketHandler):
                 self.desk.take_over(self)
             elif self.desk.tab is self:
                 obey(words, self.desk)
-        except (ValueError, TypeError, KeyError, RecursionError) as error:
+        except (ValueError, TypeError, LookupError, RecursionError) as error:
             self.say({"refused": f"not understood: {error}"[:200]})
 
     def say(self, words: dict[str, Any]) -> None:
@@ -210,7 +210,7 @@ class Socket(_Guarded, WebSocketHandler):
 
 
 def obey(words: dict[str, Any], desk: Desk) -> None:
-    """Do what the page in charge says. Raises ValueError, TypeError or KeyError for what makes no
+    """Do what the page in charge says. Raises ValueError, TypeError or LookupError for what makes no
     sense.
     """
     loop = desk.loop

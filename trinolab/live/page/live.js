@@ -224,7 +224,7 @@ function canvasOf(id, middle, size, up) {
 
 function paint() {
   if (!scene || !last) return;
-  const world = canvasOf('world', [0, 60, 380], 900, 'y');
+  const world = canvasOf('world', [0, -110, 370], 620, 'y');
   for (const {name, field: [centre, ...corners]} of scene.cameras) {
     for (const corner of corners) world.line([centre, corner], 'line');
     world.line(corners, 'line', 1, true);
@@ -239,7 +239,7 @@ function paint() {
     world.line(high, 'rod', 2);
     for (const marker of scene.handle.markers) world.dot(put(marker), 'ink', 2);
   }
-  const arm = canvasOf('arm', [-350, 0, 300], 1500, 'z');
+  const arm = canvasOf('arm', [-400, 0, 180], 1050, 'z');
   const box = (x, y, z, a, b, c, ink) => {
     const ring = h => [[-a, -b], [a, -b], [a, b], [-a, b]].map(([p, q]) => [x + p, y + q, h]);
     arm.line(ring(z - c), ink, 1, true);

@@ -1,0 +1,186 @@
+"""The sources of the live system: always the latest frame, and words for what is wrong."""
+
+import threading
+import time
+
+import numpy as np
+import pytest
+from livepage import HELD, RIG, Bench
+from processes import wait_until
+
+from trinolab.files import recorder
+from trinolab.live import sources
+from trinolab.live.command import chosen
+from trinolab.live.sources import Feed, SimulatedHand, Source, as_bytes
+
+IMAGE = np.arange(12, dtype=np.uint8).reshape(3, 4)
+
+
+def fed(count=2, live=False):
+    """A source of feeds that a test pushes frames into."""
+    feeds = [Feed(f"c{k}", lambda stopped: iter(()), live) for k in range(count)]
+    return Source(RIG, None, feeds), feeds
+
+
+def test_only_the_latest_frame_is_there_and_once():
+    source, (first, second) = fed()
+    for k in range(5):
+        first._keep(float(k), [IMAGE + k])
+    assert source.next(0.0) is None  # the second has none yet
+    second._keep(3.9, [IMAGE])
+    latest = source.next(0.0)
+    assert latest.number == 1
+    assert latest.t_s == pytest.approx(3.95)
+    assert latest.spread_s == pytest.approx(0.1)
+    np.testing.assert_array_equal(latest.images[0], IMAGE + 4)
+    assert source.next(0.0) is None
+    first._keep(6.0, [IMAGE])
+    assert source.next(0.0) is None  # one of them is not new
+    second._keep(6.0, [IMAGE])
+    assert source.next(0.0).number == 2
+
+
+def test_a_reader_that_was_away_sees_the_present():
+    numbers = iter(range(10**9))
+
+    def frames(stopped):
+        while not stopped.is_set():
+            yield time.monotonic(), [np.full((2, 2), next(numbers) % 256, np.uint8)]
+            stopped.wait(0.001)
+
+    feed = Feed("c", frames, False)
+    with Source(RIG, None, [feed]) as source:
+        source.next(60.0)
+        before = feed.number
+        wait_until(lambda: feed.number > before + 50)
+        latest = source.next(60.0)
+        assert latest.number == 2
+        assert latest.arrived_s >= feed.arrived_s - 1.0
+        np.testing.assert_array_less(before + 49, feed.number)
+
+
+def test_what_fails_is_said_and_opened_again():
+    bench = Bench()
+    with bench.source as source:
+        assert source.next(60.0) is not None
+        bench.broken = "delivers no image"
+        wait_until(lambda: source.troubles() == ["ccd2: delivers no image"])
+        bench.broken = ""
+        wait_until(lambda: source.troubles() == [])
+        assert source.next(60.0) is not None
+
+
+def test_a_camera_without_a_new_image_is_named():
+    _, (feed, _) = fed()
+    feed._keep(0.0, [IMAGE])
+    assert feed.trouble(feed.arrived_s + 0.4) == ""
+    assert feed.trouble(feed.arrived_s + 3.0) == "c0: no new image for 3 s"
+
+
+def test_a_camera_with_the_same_image_again_and_again_is_named(monkeypatch):
+    _, (feed, _) = fed(live=True)
+    now = [100.0]
+    monkeypatch.setattr(sources.time, "monotonic", lambda: now[0])
+    for _ in range(8):
+        feed._keep(now[0], [IMAGE.copy()])
+        now[0] += 0.1
+    assert feed.trouble(now[0]) == "c0: the image stands still (frozen?)"
+    feed._keep(now[0], [IMAGE + 1])
+    assert feed.trouble(now[0]) == ""
+
+
+def test_a_video_may_stand_still():
+    _, (feed, _) = fed(live=False)
+    for _ in range(3):
+        feed._keep(0.0, [IMAGE])
+    assert feed.changed_s == feed.arrived_s
+
+
+def test_a_recording_is_played_again_from_its_start(tmp_path):
+    folder = tmp_path / "recording"
+    recorder.begin(folder, RIG, chosen().handle)
+    images = [[image + np.uint8(k) for image in HELD] for k in range(3)]
+    for k in range(3):
+        recorder.add(recorder.partial_of(folder), RIG, k, images[k])
+    recorder.finish(folder, [0.0, 0.01, 0.02])
+    threads = threading.active_count()
+    with chosen(recording=folder) as source:
+        seen = set()
+
+        def all_seen():
+            latest = source.next(60.0)
+            assert latest.images[0].dtype == np.uint8
+            seen.update(k for k in range(3) if np.array_equal(latest.images[1], images[k][1]))
+            return seen == {0, 1, 2} and latest.number > 5
+
+        wait_until(all_seen)
+    wait_until(lambda: threading.active_count() <= threads)
+
+
+def test_the_hand_goes_by_itself_smoothly_or_where_it_is_taken():
+    hand = SimulatedHand(seed=1)
+    times = 100 + np.arange(0, 20, 1 / 30)
+    places = np.array([hand.pose(t).translation for t in times])
+    speed = 30 * np.linalg.norm(np.diff(places, axis=0), axis=1)
+    assert 10 < np.median(speed) < 120
+    assert speed.max() < 300
+    hand.go_home()
+    for t in times[-1] + 1 + np.arange(0, 3, 0.05):
+        home = hand.pose(t)
+    hand.move([10, -5, 3], [0, 0, 0.1])
+    for t in times[-1] + 5 + np.arange(0, 3, 0.05):
+        now = hand.pose(t)
+    np.testing.assert_allclose(now.translation - home.translation, [10, -5, 3], atol=1e-3)
+    assert (now.rotation * home.rotation.inv()).magnitude() == pytest.approx(0.1, abs=1e-3)
+    for _ in range(100):
+        hand.move([50, 50, 50], [0, 0, 0])
+    for t in times[-1] + 9 + np.arange(0, 3, 0.05):
+        now = hand.pose(t)
+    np.testing.assert_allclose(now.translation, sources.RANGES_MM[:, 1], atol=1e-3)
+
+
+def test_the_bench_draws_the_hand_where_it_is():
+    source = chosen(seed=3)
+    with source:
+        latest = wait_until(lambda: source.next(60.0))
+        assert [image.shape for image in latest.images] == [(512, 640)] * 3
+        assert latest.images[0].max() > 150  # a marker in the light
+        source.hand.go_home()
+        source.hand.drawn = True
+        wait_until(
+            lambda: np.mean(source.next(60.0).images[0]) > 50
+        )  # skin is brighter than the bench
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"cameras": {"ccd1": "0"}}, "cameras: need --rig and --handle"),
+        ({"recording": "nowhere"}, "nowhere: no such folder"),
+    ],
+)
+def test_a_source_that_cannot_be_is_refused(options, message):
+    with pytest.raises(ValueError, match=message):
+        chosen(**options)
+
+
+CAMERAS = [
+    ({"ccd1": "0", "ccd2": "1"}, "ccd3: this camera of the rig is not named"),
+    ({"ccd1": "0", "ccd2": "1", "ccd3": "2", "x": "3"}, "x: a camera that the rig does not have"),
+    ({"ccd1": "0", "ccd2": "1", "ccd3": "c.mkv"}, "expected cameras or videos, got both"),
+    ({"ccd1": "990", "ccd2": "991", "ccd3": "992"}, "ccd1: camera 990 cannot be opened"),
+    ({"ccd1": "a.mkv", "ccd2": "b.mkv", "ccd3": "c.mkv"}, "a.mkv: no such file"),
+]
+
+
+@pytest.mark.parametrize(("cameras", "message"), CAMERAS)
+def test_cameras_that_are_not_the_rigs_are_refused(cameras, message):
+    from trinolab.datasets import handle_file, rig_file
+
+    with pytest.raises(ValueError, match=message):
+        chosen(cameras, rig=rig_file("raised_40deg"), handle=handle_file("coded"))
+
+
+def test_grey_levels_become_bytes():
+    assert as_bytes(IMAGE) is IMAGE
+    np.testing.assert_array_equal(as_bytes(np.array([[-3.0, 4.6, 300.0]])), [[0, 5, 255]])
