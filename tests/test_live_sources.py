@@ -147,9 +147,8 @@ def test_the_bench_draws_the_hand_where_it_is():
         assert latest.images[0].max() > 150  # a marker in the light
         source.hand.go_home()
         source.hand.drawn = True
-        wait_until(
-            lambda: np.mean(source.next(60.0).images[0]) > 50
-        )  # skin is brighter than the bench
+        # skin is brighter than the bench
+        wait_until(lambda: np.count_nonzero(source.next(60.0).images[0] > 95) > 5000)
 
 
 @pytest.mark.parametrize(

@@ -235,12 +235,6 @@ def open_recording(
             f"{unknown[0]}: a camera that the rig does not have ({', '.join(rig.names)})"
         )
     footage = tuple(open_footage(sources[name]) for name in rig.names)
-    folders = [one for one in footage if one.names]
-    for one in folders[1:]:
-        if one.length != folders[0].length:
-            raise ValueError(
-                f"{one.path}: {one.length} images, {folders[0].path} has {folders[0].length}"
-            )
     fps = as_number(fps, "fps", low=0.0, high=1e6, open_low=True)
     times = None if timestamps is None else read_timestamps(timestamps)
     if times is not None and Path(timestamps or "").parent.name.endswith(PARTIAL):
@@ -249,7 +243,12 @@ def open_recording(
             one._replace(names=one.names[: len(times)], length=min(one.length, len(times)))
             for one in footage
         )
-        folders = [one for one in footage if one.names]
+    folders = [one for one in footage if one.names]
+    for one in folders[1:]:
+        if one.length != folders[0].length:
+            raise ValueError(
+                f"{one.path}: {one.length} images, {folders[0].path} has {folders[0].length}"
+            )
     count = folders[0].length if folders else max(one.length for one in footage)
     if times is not None and folders and len(times) < count:
         raise ValueError(f"{timestamps}: no time for frame {len(times)} of {count}")
