@@ -53,7 +53,7 @@ sheet: .venv/package.done  ## the data sheet of the standard rig in _build/sheet
 	@$(BIN)/trinolab accept --rig raised_40deg --handle coded --chart data/accept/history.csv --out _build/sheet
 	@cp _build/sheet/sheet.json data/accept/raised_40deg.json
 
-bench: .venv/package.done  ## the time that a measurement, an instant of a track, a frame, a sweep, a tick of the arm take
+bench: .venv/package.done  ## the time that a measurement, an instant of a track, a frame, a sweep, a tick of the arm, a live frame take
 	@$(BIN)/python tests/benchmarks/bench_measure.py
 	@$(BIN)/python tests/benchmarks/bench_markers.py
 	@$(BIN)/python tests/benchmarks/bench_background.py
@@ -61,6 +61,7 @@ bench: .venv/package.done  ## the time that a measurement, an instant of a track
 	@$(BIN)/python tests/benchmarks/bench_scene.py
 	@$(BIN)/python tests/benchmarks/bench_sweep.py
 	@$(BIN)/python tests/benchmarks/bench_slave.py
+	@$(BIN)/python tests/benchmarks/bench_live.py
 
 clean:  ## remove what was built, but not .venv
 	rm -rf _build .pytest_cache .mypy_cache .ruff_cache .hypothesis

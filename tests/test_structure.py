@@ -51,6 +51,7 @@ WALLS = {
     "sweep": GEOMETRY | {"files", "datasets", "plotting"},
     "following": WHOLE_CHAIN | {"files", "calibration"},
     "slave": WHOLE_CHAIN | {"following", "bench", "files", "datasets"},
+    "live": WHOLE_CHAIN | {"following", "slave", "bench", "files", "datasets"},
     "paper": WHOLE_CHAIN - {"identity", "estimators", "measurement", "tracker"}
     | {"files", "datasets", "workspace"},
 }

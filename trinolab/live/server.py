@@ -297,14 +297,17 @@ async def serve(
     loop.on_new = on_new
     name = f"[{host}]" if ":" in host else host
     on_open(f"http://{name}:{sockets[0].getsockname()[1]}/{token}/")
-    await stop.wait()
-    loop.clutch(False)
-    if desk.tab is not None:
-        desk.tab.say({"bye": "trinolab has ended; the arm holds"})
-        desk.tab.close()
-        await asyncio.sleep(0)
-    server.stop()
-    await server.close_all_connections()
+    try:
+        await stop.wait()
+    finally:
+        loop.on_new = lambda: None
+        loop.clutch(False)
+        if desk.tab is not None:
+            desk.tab.say({"bye": "trinolab has ended; the arm holds"})
+            desk.tab.close()
+            await asyncio.sleep(0)
+        server.stop()
+        await server.close_all_connections()
 
 
 def _on_interruption(running: asyncio.AbstractEventLoop, stop: asyncio.Event) -> None:

@@ -1,0 +1,193 @@
+"""The way of a frame of `trinolab live` from camera to screen, in headless Chromium, with videos in the
+place of three cameras.
+
+The time of its arrival, ms, is drawn into each frame's pixels as a row of black and white blocks, and read
+back from the page's canvas when the page has drawn it. Wanted: a median of 150 ms and 95 % within 250 ms
+at 30 frames a second of 640 x 480 and 15 of 1280 x 1024. Then the reader is stopped, and the first frame
+after that must be of the present; with --long the memory over ten minutes:
+
+    python tests/benchmarks/bench_live.py [--long] [--seconds 20]
+"""
+
+import os
+
+os.environ["OMP_NUM_THREADS"] = os.environ["OPENBLAS_NUM_THREADS"] = "1"  # before numpy is loaded
+
+import argparse
+import multiprocessing
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+from browser import Browser
+
+from trinolab.bench.motion import motion_at
+from trinolab.bench.optics import Bench
+from trinolab.bench.scene import render_rig, scaled
+from trinolab.camera import Camera, Rig
+from trinolab.datasets import load_handle, load_rig
+from trinolab.files.recording import open_recording
+from trinolab.live.command import live
+from trinolab.live.sources import Source, of_recording
+
+WANTED_MS = {"median": 150.0, "95 %": 250.0}
+BITS, SEED, INSTANTS = 24, 5, 60
+HANDLE = load_handle("coded")
+# The page reads each frame when it is drawn: a block's middle is dark or bright.
+READ = """
+window.late = [];
+document.addEventListener('drawn', () => {
+    const canvas = document.getElementById('camera-0'), pen = canvas.getContext('2d');
+    const side = canvas.width / %d, row = pen.getImageData(0, canvas.height - Math.ceil(side / 2), canvas.width, 1).data;
+    let number = 0;
+    for (let k = 0; k < %d; k++) number = 2 * number + (row[4 * Math.floor((k + 0.5) * side)] > 128);
+    window.late.push((Date.now() %% (1 << %d) - number + (1 << %d)) %% (1 << %d));
+});
+""" % (BITS, BITS, BITS, BITS, BITS)
+
+
+def small_rig() -> Rig:
+    """The standard rig with images of 640 x 480: the middle of its images at half the size."""
+    cameras = []
+    for camera in load_rig("raised_40deg").cameras:
+        half = scaled(camera, 0.5)
+        matrix = half.matrix.copy()
+        matrix[1, 2] -= 16
+        cameras.append(Camera(half.name, (640, 480), matrix, half.distortions, half.T_cam_world))
+    return Rig(tuple(cameras))
+
+
+def videos(rig: Rig, folder: Path, fps: float) -> dict[str, Path]:
+    """A video a camera of a moving handle, there and back."""
+    paths = {name: folder / f"{name}.avi" for name in rig.names}
+    code = cv2.VideoWriter.fourcc(*"MJPG")
+    writers = [
+        cv2.VideoWriter(str(paths[c.name]), code, fps, c.size, isColor=False) for c in rig.cameras
+    ]
+    rng = np.random.default_rng(SEED)
+    poses = motion_at(rng, np.arange(INSTANTS // 2) / fps, speed_mm_s=100.0, turn_deg_s=10.0)
+    quick = Bench(supersampling=4, marker_supersampling=8)
+    frames = [render_rig(rig, HANDLE, T, quick, rng) for T in poses]
+    for images in [*frames, *frames[::-1]]:
+        for writer, image in zip(writers, images, strict=True):
+            writer.write(image)
+    for writer in writers:
+        writer.release()
+    return paths
+
+
+def stamped(source: Source) -> Source:
+    """The source with the time of arrival in the pixels of its first camera."""
+    (feed,) = source._feeds
+    frames = feed._frames
+
+    def with_time(stopped):
+        for t_s, images in frames(stopped):
+            number = int(1e3 * time.time()) % (1 << BITS)
+            high, wide = images[0].shape
+            bits = [255 * (number >> k & 1) for k in reversed(range(BITS))]
+            edges = np.linspace(0, wide, BITS + 1).round().astype(int)
+            strip = np.repeat(np.array(bits, np.uint8), np.diff(edges))
+            images[0] = images[0].copy()
+            images[0][high - wide // BITS :] = strip
+            yield t_s, images
+
+    feed._frames = with_time
+    return source
+
+
+def serving(paths, rig, fps, folder, address) -> None:
+    """The process that is measured."""
+    source = stamped(of_recording(open_recording(paths, rig, fps), HANDLE))
+    live(source, folder, on_open=address.send)
+
+
+def memory_mb(pid: int) -> float:
+    """Resident memory of a process, MB."""
+    pages = int(Path(f"/proc/{pid}/statm").read_text().split()[1])
+    return pages * os.sysconf("SC_PAGE_SIZE") / 1e6
+
+
+def one(rig: Rig, fps: float, seconds: float, long: bool) -> bool:
+    """Print what is measured of one size and rate; whether it is as wanted."""
+    with tempfile.TemporaryDirectory() as folder:
+        paths = videos(rig, Path(folder), fps)
+        ours, its = multiprocessing.Pipe()
+        process = multiprocessing.get_context("spawn").Process(
+            target=serving, args=(paths, rig, fps, folder, its)
+        )
+        process.start()
+        browser = Browser(Path(folder))
+        try:
+            browser.open(ours.recv())
+            while not browser.evaluate("Boolean(last && last.status === 'measured')"):
+                time.sleep(0.1)
+            browser.evaluate("send({clutch: true})")
+            browser.evaluate(READ)
+            time.sleep(2.0)
+            browser.evaluate("late.length = 0")
+            time.sleep(seconds)
+            late = np.array(browser.evaluate("late"))
+            way = browser.evaluate("last.way")
+            found = {"median": np.median(late), "95 %": np.quantile(late, 0.95)}
+            width, height = rig.cameras[0].size
+            print(
+                f"three cameras of {width} x {height}, {fps:g} a second: {len(late) / seconds:.1f} frames a "
+                f"second on the screen, n = {len(late)}, from frame to screen "
+                + ", ".join(
+                    f"{name} {ms:.0f} ms (wanted {WANTED_MS[name]:.0f})"
+                    for name, ms in found.items()
+                )
+            )
+            print(
+                "    the last one: "
+                + ", ".join(f"{name} {ms:.1f}" for name, ms in way.items())
+                + " ms"
+            )
+            stop = 60 if long else 5
+            browser.evaluate(
+                f"{{late.length = 0; const end = Date.now() + {1000 * stop}; while (Date.now() < end);}}"
+            )
+            time.sleep(2.0)
+            back = browser.evaluate("late")
+            # the one that was under way when the reader stopped is as old as the stop
+            print(
+                f"    after {stop} s without a reader: the first frames are {back[0]:.0f}, {back[1]:.0f} "
+                f"and {back[2]:.0f} ms old"
+            )
+            before = memory_mb(process.pid)
+            time.sleep(600 if long else seconds)
+            after = memory_mb(process.pid)
+            print(
+                f"    memory {before:.0f} MB, after {600 if long else seconds:g} s {after:.0f} MB",
+                flush=True,
+            )
+            return all(found[name] <= ms for name, ms in WANTED_MS.items())
+        finally:
+            browser.close()
+            os.kill(process.pid, 2)
+            process.join()
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--long", action="store_true")
+    parser.add_argument("--seconds", type=float, default=20.0)
+    a = parser.parse_args()
+    print(f"load of this computer: {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores")
+    kept = [
+        one(rig, fps, a.seconds, a.long)
+        for rig, fps in ((small_rig(), 30.0), (load_rig("raised_40deg"), 15.0))
+    ]
+    print(f"wanted: {'kept' if all(kept) else 'BROKEN'}; load {os.getloadavg()[0]:.1f}")
+    return int(not all(kept))
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
