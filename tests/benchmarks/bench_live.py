@@ -44,12 +44,14 @@ READ = """
 window.late = [];
 document.addEventListener('drawn', () => {
     const canvas = document.getElementById('camera-0'), pen = canvas.getContext('2d');
-    const side = canvas.width / %d, row = pen.getImageData(0, canvas.height - Math.ceil(side / 2), canvas.width, 1).data;
+    const side = canvas.width / BITS, all = 2 ** BITS;
+    const row = pen.getImageData(0, canvas.height - Math.ceil(side / 2), canvas.width, 1).data;
     let number = 0;
-    for (let k = 0; k < %d; k++) number = 2 * number + (row[4 * Math.floor((k + 0.5) * side)] > 128);
-    window.late.push((Date.now() %% (1 << %d) - number + (1 << %d)) %% (1 << %d));
+    for (let k = 0; k < BITS; k++)
+        number = 2 * number + (row[4 * Math.floor((k + 0.5) * side)] > 128);
+    window.late.push((Date.now() % all - number + all) % all);
 });
-""" % (BITS, BITS, BITS, BITS, BITS)
+""".replace("BITS", str(BITS))
 
 
 def small_rig() -> Rig:
