@@ -110,6 +110,20 @@ def serving(paths, rig, fps, folder, address) -> None:
     live(source, folder, on_open=address.send)
 
 
+def cpu_s(pid: int) -> float:
+    """Processor time of a process so far, s."""
+    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+
+def slowed_by() -> float:
+    """How many times as long as its processor time a computation takes on this computer now."""
+    begin, used = time.perf_counter(), time.process_time()
+    while time.process_time() - used < 0.5:
+        pass
+    return (time.perf_counter() - begin) / (time.process_time() - used)
+
+
 def memory_mb(pid: int) -> float:
     """Resident memory of a process, MB."""
     pages = int(Path(f"/proc/{pid}/statm").read_text().split()[1])
@@ -134,8 +148,10 @@ def one(rig: Rig, fps: float, seconds: float, long: bool) -> bool:
             browser.evaluate(READ)
             time.sleep(2.0)
             browser.evaluate("late.length = 0")
+            used = cpu_s(process.pid)
             time.sleep(seconds)
             late = np.array(browser.evaluate("late"))
+            used = (cpu_s(process.pid) - used) / max(len(late), 1)
             way = browser.evaluate("last.way")
             found = {"median": np.median(late), "95 %": np.quantile(late, 0.95)}
             width, height = rig.cameras[0].size
@@ -151,6 +167,10 @@ def one(rig: Rig, fps: float, seconds: float, long: bool) -> bool:
                 "    the last one: "
                 + ", ".join(f"{name} {ms:.1f}" for name, ms in way.items())
                 + " ms"
+            )
+            print(
+                f"    {1e3 * used:.0f} ms of processor time for a frame on the screen; others on this "
+                f"computer slow a computation by {slowed_by():.1f}"
             )
             stop = 60 if long else 5
             browser.evaluate(

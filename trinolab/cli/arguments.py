@@ -424,7 +424,8 @@ def _add_live(commands: argparse._SubParsersAction) -> None:
         "live",
         "follow the handle live and let the simulated arm go along, on a page in the browser",
         "trinolab live --simulation\n"
-        "  trinolab live --camera ccd1=0 ccd2=2 ccd3=4 --rig rig.toml --handle handle.toml",
+        "  trinolab live --camera ccd1=0 ccd2=2 ccd3=4 \\\n"
+        "      --rig rig.toml --handle handle.toml",
     )
     source = p.add_mutually_exclusive_group(required=True)
     source.add_argument(

@@ -32,6 +32,7 @@ from ..handle import Handle
 
 FROZEN_S = 0.5  # without a new image, or with the same one, a camera is said to have stopped
 RETRY_S = 1.0
+ENDS_S = 5.0  # a camera that delivers nothing may keep its thread longer
 SIMULATED_FPS = 30.0
 # of the simulated hand: the way that it goes by itself, and how it follows the mouse
 PATH_S, PATH_STEP_S, PATH_MM_S, PATH_DEG_S = 60.0, 0.02, 60.0, 8.0
@@ -149,12 +150,18 @@ class Source:
         self._used = [0] * len(feeds)
 
     def __enter__(self) -> Source:
-        for feed in self._feeds:
-            Thread(target=feed.run, args=(self._changed, self._stopped), daemon=True).start()
+        self._threads = [
+            Thread(target=feed.run, args=(self._changed, self._stopped), daemon=True)
+            for feed in self._feeds
+        ]
+        for thread in self._threads:
+            thread.start()
         return self
 
     def __exit__(self, *_: object) -> None:
         self._stopped.set()
+        for thread in self._threads:
+            thread.join(ENDS_S)
 
     def next(self, wait_s: float) -> Latest | None:
         """The latest frames, as soon as each feed has a new one; None if one has none by then."""
