@@ -21,7 +21,7 @@ from ..following import posetracker
 from ..following.parameters import FollowParameters
 from ..following.posetracker import Tracked
 from ..slave.mapping import Sample
-from ..slave.session import Moment, Session, changes
+from ..slave.session import TOUCHED_N, Moment, Now, Session, changes
 from . import settings
 from .recording import Recorder
 from .settings import PAPER, POSE, Values
@@ -126,7 +126,7 @@ class Loop:
         self._state = posetracker.start(time.monotonic())
         self._paper: tracker.TrackerState | None = None
         self._delayed = deque[Sample]()
-        self._before: tuple[bool, str, tuple[str, ...]] = (False, "", ())
+        self._before = Now()
         self._notes = deque[str](maxlen=NOTES)
         self._frames: Latest | None = None
         self._tracked: Tracked | None = None
@@ -258,8 +258,8 @@ class Loop:
 
     def _move(self, latest: Latest | None, troubles: list[str], clutch: bool) -> Moment:
         """The session's step with the sample that is due."""
-        now = time.monotonic() if latest is None else latest.t_s
-        self._t_s = max(now, np.nextafter(self._t_s, np.inf))
+        t_s = time.monotonic() if latest is None else latest.t_s
+        self._t_s = max(t_s, np.nextafter(self._t_s, np.inf))
         pose = None if self._tracked is None else self._tracked.measurement.pose
         gone = self._frames is None or time.monotonic() - self._frames.arrived_s > NO_FRAME_S
         if troubles or pose is None or (latest is None and gone):
@@ -268,10 +268,11 @@ class Loop:
         else:
             sample = Sample(self._t_s, pose.T_world_handle, pose.status, clutch)
         moment = self._session.step(self._due(sample))
-        state = (clutch, moment.state.held, moment.limits)
-        for event in changes(self._t_s, self._before, state):
+        touching = bool(np.linalg.norm(moment.reading.force) > TOUCHED_N)
+        now = Now(clutch, moment.state.held, moment.limits, touching, self._values["scale"])
+        for event in changes(self._t_s, self._before, now):
             self.note(f"{event.event}: {event.detail}" if event.detail else event.event)
-        self._before = state
+        self._before = now
         return moment
 
     def _due(self, sample: Sample) -> Sample:
