@@ -141,3 +141,4 @@ class Tab:
 
     def close(self):
         self._socket.close()
+        self._socket.shutdown()  # also one that the other side has broken off

@@ -432,8 +432,8 @@ def _add_live(commands: argparse._SubParsersAction) -> None:
         "--camera",
         nargs="+",
         action="extend",
-        metavar="NAME=INDEX",
-        help="a camera by its index at this computer; NAME=VIDEO for all plays videos in their place",
+        metavar="NAME=N",
+        help="a camera by its index N at this computer; NAME=VIDEO for all plays videos in their place",
     )
     source.add_argument("--recording", metavar="DIR", help="plays a recording folder")
     source.add_argument(
