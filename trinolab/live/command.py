@@ -29,6 +29,7 @@ from .sources import Source
 
 TICK_S = 0.008  # from one command to the arm to the next: 125 a second, as a UR5 takes them
 LONGEST_S = 0.25  # that the arm catches up, or a busy computer would fall behind ever more
+SIMULATED_STALE_S = 1.0  # a busy computer draws few images a second, and no hand is in danger
 SWITCH_S = 0.0005  # threads change places so often: the arm's steps give theirs away each time
 
 
@@ -84,7 +85,9 @@ def live(
     as_number(silence_s, "silence_s", 0.0, open_low=True)
     estimator = estimator_of(method)
     view = read_camera(data_path("robots", "ur5_view.toml"))
-    mapping = MappingParameters(alignment=alignment(view), stale_s=NO_FRAME_S)
+    mapping = MappingParameters(
+        alignment=alignment(view), stale_s=NO_FRAME_S if source.hand is None else SIMULATED_STALE_S
+    )
     session = Session(load_robot(robot), mapping, tick_s=TICK_S, longest_s=LONGEST_S)
     recorder = Recorder(Path(out), source.rig, source.handle)
     loop = Loop(source, session, recorder, estimator, silence_s)
