@@ -297,6 +297,7 @@ def _bag(a: argparse.Namespace) -> int:
 
     counts = write_bag(a.folder, a.out, a.poses, a.joints)
     _say("\n".join([*(f"{n:7d}  {topic}" for topic, n in counts.items()), f"written to {a.out}"]))
+    return 0
 
 
 def _live(a: argparse.Namespace) -> int:
