@@ -37,8 +37,8 @@ def parser() -> argparse.ArgumentParser:
     _add_calibrate(commands)
     _add_refine(commands)
     _add_teleop(commands)
-    _add_bag(commands)
     _add_live(commands)
+    _add_bag(commands)
     _add_sweep(commands)
     _add_accept(commands)
     board = _add(
