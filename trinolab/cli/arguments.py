@@ -360,12 +360,7 @@ def _add_teleop(commands: argparse._SubParsersAction) -> None:
         "touched, a camera covered, a pose lost",
     )
     _add_rig_and_handle(p, required=False)
-    p.add_argument(
-        "--robot",
-        default="ur5",
-        metavar="ARM.xml",
-        help="a shipped arm, or a file (default: %(default)s)",
-    )
+    _add_robot(p)
     p.add_argument(
         "--start",
         nargs="+",
@@ -418,6 +413,24 @@ def _add_teleop(commands: argparse._SubParsersAction) -> None:
     _add_method(p, "best")
 
 
+def _add_robot(p: argparse.ArgumentParser) -> None:
+    p.add_argument(
+        "--robot",
+        default="ur5",
+        metavar="ARM.xml",
+        help="a shipped arm, or a file (default: %(default)s)",
+    )
+
+
+def _add_device_rate(p: argparse.ArgumentParser) -> None:
+    p.add_argument(
+        "--fps",
+        type=float,
+        metavar="F",
+        help="frames a second to ask of cameras, or to play videos with",
+    )
+
+
 def _add_live(commands: argparse._SubParsersAction) -> None:
     p = _add(
         commands,
@@ -442,24 +455,14 @@ def _add_live(commands: argparse._SubParsersAction) -> None:
         help="the simulated bench; a hand moves the rod by itself, or the mouse does",
     )
     _add_rig_and_handle(p, required=False)
-    p.add_argument(
-        "--fps",
-        type=float,
-        metavar="F",
-        help="frames a second to ask of cameras, or to play videos with",
-    )
+    _add_device_rate(p)
     p.add_argument(
         "--out",
         default=".",
         metavar="DIR",
         help="folder in which recordings get theirs (default: this one)",
     )
-    p.add_argument(
-        "--robot",
-        default="ur5",
-        metavar="ARM.xml",
-        help="a shipped arm, or a file (default: %(default)s)",
-    )
+    _add_robot(p)
     p.add_argument(
         "--host",
         default="127.0.0.1",
@@ -639,12 +642,7 @@ def _add_capture(commands: argparse._SubParsersAction) -> None:
     p.add_argument(
         "--seconds", type=float, metavar="S", help="to record for (default: until Ctrl-C)"
     )
-    p.add_argument(
-        "--fps",
-        type=float,
-        metavar="F",
-        help="frames a second to ask of cameras, or to play videos with",
-    )
+    _add_device_rate(p)
     p.add_argument(
         "--preview",
         action="store_true",
