@@ -308,10 +308,11 @@ def test_a_damaged_bag_is_one_line(tmp_path):
     assert not list(tmp_path.glob("*.partial"))
 
 
-def test_a_bag_is_told_from_a_folder(bag, folder):
+def test_a_bag_is_told_from_a_folder(bag, folder, tmp_path):
     assert is_bag(bag)
     assert is_bag(next(bag.glob("*.mcap")))
     assert not is_bag(folder)
+    assert not is_bag(tmp_path / "missing.mcap")
 
 
 def test_without_the_extra_a_line_names_it(folder, tmp_path, monkeypatch):

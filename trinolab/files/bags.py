@@ -122,7 +122,7 @@ def write_bag(
 def is_bag(path: str | Path) -> bool:
     """Whether something is a bag: an MCAP file, or a folder with ``metadata.yaml``."""
     path = Path(path)
-    return path.suffix == ".mcap" or (path / "metadata.yaml").is_file()
+    return (path.suffix == ".mcap" and path.is_file()) or (path / "metadata.yaml").is_file()
 
 
 def unpack_bag(
