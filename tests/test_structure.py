@@ -58,7 +58,8 @@ WALLS = {
 FACE = {"__init__", "__main__"}  # what a user meets first; nobody imports it
 WALLS["studies"] = WHOLE_CHAIN | set(WALLS)
 WALLS["accept"] = WALLS["studies"] | {"studies"}
-WALLS["cli"] = WALLS["accept"] | {"accept"}
+WALLS["course"] = WALLS["studies"] | {"studies"}
+WALLS["cli"] = WALLS["accept"] | {"accept", "course"}
 
 
 def imports(path):

@@ -324,6 +324,24 @@ def _accept(a: argparse.Namespace) -> int:
     return 0
 
 
+def _check(a: argparse.Namespace) -> int:
+    from ..course.submissions import as_text, check_class, check_file, file_of
+
+    if (a.chapter is None) == (a.folder is None):
+        raise ValueError("expected a chapter, as in 04, or --all with the folder of a class")
+    if a.folder is not None:
+        out = Path(a.folder) / "points.csv" if a.out is None else Path(a.out)
+        table = check_class(Path(a.folder), out)
+        _say(f"{table.drop(columns='said').to_string(index=False)}\nwritten to {out}")
+        return 0
+    if a.out is not None:
+        raise ValueError("--out: is of use with --all alone")
+    file = file_of(a.chapter, Path()) if a.file is None else Path(a.file)
+    verdicts = check_file(a.chapter, file)
+    _say(as_text(verdicts))
+    return 0 if all(one.right for one in verdicts) else 1
+
+
 def _sweep(a: argparse.Namespace) -> int:
     from ..checks import as_number, as_whole
     from ..sweep.engines import cluster, kernels
@@ -465,6 +483,7 @@ _RUN = {
     "teleop": _teleop,
     "live": _live,
     "accept": _accept,
+    "check": _check,
     "bag": _bag,
     "sweep": _sweep,
     "clear": _clear,

@@ -41,6 +41,7 @@ def parser() -> argparse.ArgumentParser:
     _add_bag(commands)
     _add_sweep(commands)
     _add_accept(commands)
+    _add_check(commands)
     board = _add(
         commands,
         "scoreboard",
@@ -477,6 +478,41 @@ def _add_live(commands: argparse._SubParsersAction) -> None:
         "--no-browser", action="store_true", help="print the page's address, and open nothing"
     )
     _add_method(p, "best")
+
+
+def _add_check(commands: argparse._SubParsersAction) -> None:
+    p = _add(
+        commands,
+        "check",
+        "check the answers to a chapter's exercises, or those of a whole class",
+        "trinolab check 04\n  trinolab check --all submissions --out points.csv",
+    )
+    p.add_argument(
+        "chapter",
+        nargs="?",
+        metavar="CHAPTER",
+        help="the chapter's number with two digits, as in 04",
+    )
+    p.add_argument(
+        "file",
+        nargs="?",
+        metavar="FILE",
+        help="a notebook or a Python file with the answers (default: the one file here whose name "
+        "begins with the chapter's number)",
+    )
+    p.add_argument(
+        "--all",
+        metavar="DIR",
+        dest="folder",
+        help="the folder of a class: in it a folder a student, and in that a file a chapter, as in "
+        "04_kalman.ipynb; what is checked already is not checked again",
+    )
+    p.add_argument(
+        "--out",
+        metavar="FILE",
+        help="the table to write: with --all, points and what is said, a row a student (default: "
+        "points.csv in the class's folder)",
+    )
 
 
 def _add_accept(commands: argparse._SubParsersAction) -> None:

@@ -1,0 +1,136 @@
+"""What an exercise is: what is asked, its solution, and the usual mistakes with what they give.
+
+There are two forms. In one a student writes a function, in the other a student answers with
+values: numbers, or words to choose from. Pencil work, predictions and projects are of the second
+form. A mistake is known by what it gives, so that it is recognised in code of any style.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+KINDS = ("pencil", "write", "predict", "project")
+
+
+@dataclass(frozen=True)
+class Mistake:
+    """A usual mistake.
+
+    Parameters
+    ----------
+    says
+        Which mistake it is, as a whole sentence to the student.
+    read
+        Where to read: the chapter's number and heading, as in ``4, Predict``.
+    gives
+        What who makes it hands in: a function with the arguments of the solution, or some of the
+        values asked for, by name.
+    """
+
+    says: str
+    read: str
+    gives: Callable[..., Any] | Mapping[str, float | str]
+
+
+@dataclass(frozen=True)
+class Asked:
+    """A value that is asked for.
+
+    Parameters
+    ----------
+    value
+        The right one: a number, or one of the `choices`.
+    unit
+        Of a number.
+    within
+        How far an answer may be from a number that is right.
+    choices
+        The words to choose from; empty for a number.
+    """
+
+    value: float | str
+    unit: str = ""
+    within: float = 0.0
+    choices: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Exercise:
+    """What both forms have.
+
+    Parameters
+    ----------
+    number
+        Chapter and place in it, as in ``04.2``.
+    kind
+        One of `KINDS`.
+    title, label
+        As in the chapter: ``{exercise} title`` and its ``:label:``.
+    points
+        What a right answer is worth.
+    mistakes
+        Those that are recognised.
+    """
+
+    number: str
+    kind: str
+    title: str
+    label: str
+    points: int
+    mistakes: tuple[Mistake, ...]
+
+
+@dataclass(frozen=True)
+class FunctionExercise(Exercise):
+    """A function is to be written.
+
+    Parameters
+    ----------
+    solution
+        A right one. Its name, arguments and docstring are what a student gets.
+    cases
+        Makes the lists of arguments on which the function is tried.
+    within
+        How far a number may be from that of the solution, as a share of the largest of the result.
+    """
+
+    solution: Callable[..., Any]
+    cases: Callable[[np.random.Generator], Sequence[tuple]]
+    within: float = 1e-9
+
+    @property
+    def name(self) -> str:
+        """The function's name."""
+        return self.solution.__name__
+
+    @property
+    def answer(self) -> Callable[..., Any]:
+        """What a student hands in who has it right."""
+        return self.solution
+
+
+@dataclass(frozen=True)
+class ValueExercise(Exercise):
+    """Values are asked for.
+
+    Parameters
+    ----------
+    asked
+        By name.
+    """
+
+    asked: Mapping[str, Asked] = field(default_factory=dict)
+
+    @property
+    def name(self) -> str:
+        """The name of the variable that holds a student's answer."""
+        return f"answer_{self.number.replace('.', '_')}"
+
+    @property
+    def answer(self) -> dict[str, float | str]:
+        """What a student hands in who has it right."""
+        return {name: one.value for name, one in self.asked.items()}

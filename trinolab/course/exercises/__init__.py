@@ -1,0 +1,35 @@
+"""The exercises of the chapters, four and more a chapter, a module each.
+
+A module has its exercises as the tuple `EXERCISES`, with their solutions and the usual mistakes.
+Their texts and hints stand in the chapters.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from importlib import import_module
+
+from ..exercise import Exercise
+
+# of each chapter the module, by the chapter's number
+CHAPTERS = {
+    "04": "kalman",
+}
+
+
+def exercise(number: str) -> Exercise:
+    """Return the exercise of a number like ``04.2``; ValueError if there is none."""
+    chapter = str(number).partition(".")[0]
+    if chapter not in CHAPTERS:
+        raise ValueError(f"number: there is no chapter {chapter!r}; they are {', '.join(CHAPTERS)}")
+    for one in of_chapter(chapter):
+        if one.number == number:
+            return one
+    numbers = ", ".join(one.number for one in of_chapter(chapter))
+    raise ValueError(f"number: there is no exercise {number!r}; chapter {chapter} has {numbers}")
+
+
+@cache
+def of_chapter(chapter: str) -> tuple[Exercise, ...]:
+    """Return the exercises of a chapter, in their order."""
+    return import_module(f".{CHAPTERS[chapter]}", __name__).EXERCISES

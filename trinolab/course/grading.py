@@ -1,0 +1,210 @@
+"""Judge an answer: right, which of the usual mistakes, or what else is wrong with it."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from .child import BEING_CHECKED, Call, outcome, plain_value
+from .exercise import Asked, Exercise, FunctionExercise, Mistake, ValueExercise
+from .exercises import exercise
+from .plain import described, equal, is_array, plain, shown
+from .running import run_given
+
+SEED = 0  # of the cases
+
+
+class Verdict(NamedTuple):
+    """What is said of an answer."""
+
+    number: str
+    right: bool
+    points: int
+    of: int
+    says: str
+
+    def __str__(self) -> str:
+        return f"{self.number} {'right' if self.right else 'not yet'}: {self.says}"
+
+    def __repr__(self) -> str:
+        return str(self)
+
+
+def check(number: str, answer: Any) -> Verdict:
+    """Check an answer to an exercise, offline.
+
+    The function runs in a process of its own. One that hangs, raises, prints or changes its
+    arguments gets a line that says so.
+
+    Parameters
+    ----------
+    number
+        Of the exercise, as in ``"04.2"``.
+    answer
+        Your function, or a mapping from the names that the exercise gives to your values.
+
+    Returns
+    -------
+    Verdict
+        Whether it is right, or else which mistake it is and where to read. A notebook shows it.
+    """
+    asked = exercise(number)
+    if BEING_CHECKED in os.environ:
+        return _not_yet(asked, "the whole file is being checked.")
+    if isinstance(asked, ValueExercise):
+        return judge_values(asked, plain_value(answer))
+    assert isinstance(asked, FunctionExercise)
+    if not callable(answer):
+        return _not_yet(asked, f"{asked.name} is to be a function, not {described(plain(answer))}.")
+    found = run_given({asked.name: answer}, [call_of(asked)])
+    if found.stuck:
+        return _not_yet(asked, f"{found.stuck}.")
+    return judge_outcomes(asked, found.outcomes[asked.name])
+
+
+def call_of(asked: FunctionExercise) -> Call:
+    """The function of an exercise and the cases on which it is tried."""
+    return Call(asked.name, asked.cases(np.random.default_rng(SEED)))
+
+
+def judge_outcomes(asked: FunctionExercise, outcomes: Sequence[Mapping[str, Any]]) -> Verdict:
+    """Judge what a function did in its cases.
+
+    Parameters
+    ----------
+    asked
+        The exercise.
+    outcomes
+        As `running.Found` has them.
+    """
+    cases = call_of(asked).cases
+    expected = [outcome(asked.solution, case) for case in cases]
+    if stuck := next((one["stuck"] for one in outcomes if "stuck" in one), None):
+        return _not_yet(asked, f"{asked.name} {stuck}.")
+    wrong = [k for k, one in enumerate(outcomes) if not _same(one, expected[k], asked.within)]
+    if not wrong:
+        return _right(asked, outcomes)
+    if mistake := _recognised(asked, outcomes, cases):
+        return _not_yet(asked, f"{mistake.says} Read chapter {mistake.read}.")
+    first = wrong[0]
+    return _not_yet(asked, _difference(asked, cases[first], outcomes[first], expected[first]))
+
+
+def _right(asked: FunctionExercise, outcomes: Sequence[Mapping[str, Any]]) -> Verdict:
+    changed = next((one["changed"] for one in outcomes if one["changed"]), None)
+    if changed:
+        name = _argument(asked, changed[0])
+        says = f"the result is right, but {asked.name} changes its argument {name}: work on a copy."
+        return _not_yet(asked, says)
+    says = f"{asked.name} agrees with the solution in {len(outcomes)} of {len(outcomes)} cases."
+    if any(one["printed"] for one in outcomes):
+        says += " It prints something, too; to return the result is enough."
+    return Verdict(asked.number, True, asked.points, asked.points, says)
+
+
+def _same(one: Mapping[str, Any], other: Mapping[str, Any], within: float) -> bool:
+    if "raised" in one or "raised" in other:
+        kinds = [str(it.get("raised", "")).partition(":")[0] for it in (one, other)]
+        return kinds[0] == kinds[1]
+    return equal(one["returned"], other["returned"], within)
+
+
+def _recognised(
+    asked: FunctionExercise, outcomes: Sequence[Mapping[str, Any]], cases: Sequence[tuple]
+) -> Mistake | None:
+    """The mistake that gives the same in all cases."""
+    for mistake in asked.mistakes:
+        assert callable(mistake.gives)
+        given = (outcome(mistake.gives, case) for case in cases)
+        if all(_same(*pair, asked.within) for pair in zip(outcomes, given, strict=True)):
+            return mistake
+    return None
+
+
+def _difference(
+    asked: FunctionExercise, case: tuple, got: Mapping[str, Any], wanted: Mapping[str, Any]
+) -> str:
+    """What is wrong in a case, in one line."""
+    call = f"{asked.name}({', '.join(shown(plain(argument)) for argument in case)})"
+    if len(call) > 160:
+        call = f"{call[:156]} ...)"
+    if "raised" in got:
+        if got["raised"].startswith("NotImplementedError"):
+            return f"{asked.name} is still to be written."
+        return f"{call} raises {got['raised']}."
+    if "raised" in wanted:
+        return f"{call} is to raise {wanted['raised'].partition(':')[0]}."
+    a, b = got["returned"], wanted["returned"]
+    if a is None:
+        return f"{asked.name} returns None: does it end in `return`?"
+    if described(a) != described(b):
+        return f"{call} returns {described(a)}; {described(b)} is asked for."
+    return f"{call} returns {shown(a)}; {shown(b)} is right."
+
+
+def _argument(asked: FunctionExercise, place: int) -> str:
+    code = asked.solution.__code__
+    return code.co_varnames[place]
+
+
+def judge_values(asked: ValueExercise, answer: Any) -> Verdict:
+    """Judge a mapping of values, as plain data."""
+    names = ", ".join(asked.asked)
+    if not (isinstance(answer, dict) and "mapping" in answer):
+        return _not_yet(asked, f"a mapping with the names {names} is asked for.")
+    given = answer["mapping"]
+    empty = [name for name in asked.asked if given.get(name) is None or _is_dots(given[name])]
+    if empty:
+        return _not_yet(asked, f"{', '.join(empty)} is still to be filled in.")
+    wrong = [name for name, one in asked.asked.items() if not _fits(given[name], one)]
+    if not wrong:
+        says = f"{names} {'is' if len(asked.asked) == 1 else 'are'} right."
+        return Verdict(asked.number, True, asked.points, asked.points, says)
+    for mistake in asked.mistakes:
+        assert isinstance(mistake.gives, Mapping)
+        made = {
+            name: _fits(given[name], _as_asked(value, asked.asked[name]))
+            for name, value in mistake.gives.items()
+        }
+        if all(made.values()) and set(made) & set(wrong):
+            return _not_yet(asked, f"{mistake.says} Read chapter {mistake.read}.")
+    return _not_yet(asked, _wrong_value(wrong[0], given[wrong[0]], asked.asked[wrong[0]]))
+
+
+def _is_dots(value: Any) -> bool:
+    return isinstance(value, str) and value in ("", "...", "a value of the type ellipsis")
+
+
+def _as_asked(value: float | str, right: Asked) -> Asked:
+    """A wrong value, with the tolerance of the right one as a share of its size."""
+    if isinstance(value, str) or isinstance(right.value, str):
+        return Asked(value, choices=right.choices)
+    share = right.within / abs(right.value) if right.value else 0.0
+    return Asked(value, right.unit, max(share * abs(value), 1e-12))
+
+
+def _fits(value: Any, asked: Asked) -> bool:
+    if isinstance(asked.value, str):
+        return isinstance(value, str) and value.strip().lower() == asked.value.lower()
+    if not is_array(value) or value["shape"]:
+        return False
+    return abs(value["numbers"][0] - asked.value) <= asked.within
+
+
+def _wrong_value(name: str, value: Any, asked: Asked) -> str:
+    """What is wrong with a value, without the right one."""
+    if asked.choices:
+        if not isinstance(value, str) or value.strip().lower() not in map(str.lower, asked.choices):
+            return f"{name} is to be one of {', '.join(map(repr, asked.choices))}."
+        return f"{name} is not {value!r}: run it, and compare with what you expected."
+    if not is_array(value) or value["shape"]:
+        return f"{name} is to be a number, not {described(value)}."
+    unit = f" {asked.unit}" if asked.unit else ""
+    return f"{name} is not {value['numbers'][0]:.6g}{unit}."
+
+
+def _not_yet(asked: Exercise, says: str) -> Verdict:
+    return Verdict(asked.number, False, 0, asked.points, says)
