@@ -13,7 +13,18 @@ from ..exercise import Exercise
 
 # of each chapter the module, by the chapter's number
 CHAPTERS = {
+    "01": "structure",
+    "02": "workspace",
+    "03": "background",
     "04": "kalman",
+    "05": "markers",
+    "06": "matching",
+    "07": "calibration",
+    "08": "pose",
+    "09": "table1",
+    "10": "estimators",
+    "11": "slave",
+    "12": "feedback",
 }
 
 

@@ -1,0 +1,5 @@
+"""Exercises of chapter 12: force feedback."""
+
+from __future__ import annotations
+
+EXERCISES = ()

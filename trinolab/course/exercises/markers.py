@@ -1,0 +1,5 @@
+"""Exercises of chapter 5: the markers."""
+
+from __future__ import annotations
+
+EXERCISES = ()
