@@ -178,6 +178,7 @@ def hard():
     return empty(job, 2), [take(job, k, 2) for k in range(SEEN.start, SEEN.stop)], covers
 
 
+@pytest.mark.heavy
 def test_the_step_of_light_is_survived_within_a_second(hard):
     # The criterion: from 1 s after the step on, no more of the background is false than at worst in
     # the second before it, or 0.1 %; no more of the moving is missed, or 1 %; the window is that of
@@ -198,6 +199,7 @@ def test_the_step_of_light_is_survived_within_a_second(hard):
             assert window.v + window.height == pytest.approx(true.v + true.height, abs=3.2)
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize(
     ("without", "worst"),
     [
@@ -217,6 +219,7 @@ def test_each_cure_is_needed_for_the_step(hard, without, worst):
     assert seen.false[FIRST_AFTER:].max() > worst
 
 
+@pytest.mark.heavy
 def test_a_handle_that_rests_for_five_seconds(hard):
     # Swallowed as printed, kept by the mask; one frame with fresh noise, 150 times.
     start, frames, covers = hard

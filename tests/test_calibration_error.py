@@ -296,6 +296,7 @@ def quick(changed, level, handle, rig, draw):
     return {f"{name}_{e}": value for e in study.SETTINGS for name, value in results.items()}
 
 
+@pytest.mark.heavy
 def test_the_command_writes_the_table(small):
     folder, arguments = small
     assert main(arguments) == 0
