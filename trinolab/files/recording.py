@@ -115,13 +115,10 @@ def _video_frames(path: Path, size: tuple[int, int] | None, first: int) -> Itera
             if not there:
                 return
             check_size(image, size, path)
-            if (
-                image.ndim == 3
-                and np.array_equal(image[..., 0], image[..., 1])
-                and np.array_equal(image[..., 0], image[..., 2])
-            ):
-                # a grey video comes with three equal channels
-                image = np.ascontiguousarray(image[..., 0])
+            if image.ndim == 3:
+                blue, green, red = cv2.split(image)  # compared one after the other they are quick
+                if np.array_equal(blue, green) and np.array_equal(blue, red):
+                    image = blue  # a grey video comes with three equal channels
             yield as_grey(image)
     finally:
         capture.release()

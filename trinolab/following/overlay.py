@@ -118,8 +118,7 @@ def camera_view(
     """
     scale = width / image.shape[1]
     size = (width, max(round(image.shape[0] * scale), 1))
-    small = cv2.resize(image.astype(np.uint8), size, interpolation=cv2.INTER_AREA)
-    view = cv2.cvtColor(small, cv2.COLOR_GRAY2BGR)
+    view = cv2.cvtColor(_reduced(image.astype(np.uint8), size), cv2.COLOR_GRAY2BGR)
     if tracked is not None:
         frame = _Frame((0.0, 0.0), scale)
         _draw_window(view, tracked.windows[c], frame)
@@ -130,6 +129,17 @@ def camera_view(
         view, camera.name, (10, 22), cv2.FONT_HERSHEY_SIMPLEX, 0.6, (230, 230, 230), 1, cv2.LINE_AA
     )
     return view
+
+
+def _reduced(image: np.ndarray, size: tuple[int, int]) -> np.ndarray:
+    """An image made smaller: halved by means of four pixels while it is twice as large, which takes
+    a thirtieth of the time of the means over parts of pixels, then between pixels.
+    """
+    high, wide = image.shape
+    while wide >= 2 * size[0] and wide % 2 == high % 2 == 0:
+        wide, high = wide // 2, high // 2
+        image = cv2.resize(image, (wide, high), interpolation=cv2.INTER_AREA)
+    return cv2.resize(image, size, interpolation=cv2.INTER_LINEAR)
 
 
 def inset(image: np.ndarray, tracked: Tracked, c: int, width: int = WIDTH) -> np.ndarray | None:

@@ -189,7 +189,7 @@ def step(
     best: tuple[Followed, Motion] | None = None
     cameras = 0
     tried: list[Followed] = []
-    for guess in _guesses(images, predicted, state.seen, rig, handle, p):
+    for guess in _guesses(images, predicted, state.seen, rig, handle, p, tried):
         followed = follow(images, guess, rig, handle, p, state.rig)
         tried.append(followed)
         pose = followed.pose
@@ -215,17 +215,22 @@ def _guesses(
     rig: Rig,
     handle: Handle,
     p: FollowParameters,
+    tried: Sequence[Followed],
 ) -> Iterator[Guess]:
     """Where the handle may be: as predicted; shifted from there, or from where it was; anywhere in
     the images.
 
     The handle as one that moves while the shutter is open takes longer, and comes after the guesses
-    that are quick. With an unknown velocity two cameras have to show it: one image alone is
-    explained by some motion blur.
+    that are quick; but where `tried`, what the guesses so far have led to, has its markers as
+    predicted, there is nowhere else to look first. With an unknown velocity two cameras have to
+    show it: one image alone is explained by some motion blur.
     """
     first = Guess(predicted, expect(rig, handle, predicted, p))
     yield first
     near = [first]
+    if may_be_blurred(first.expected, p) and _is_there(tried[0]):
+        yield first._replace(blurred=True)
+        near = []
     for motion in _displaced(images, first, seen, rig, handle, p):
         near.append(Guess(motion, expect(rig, handle, motion, p)))
         yield near[-1]
@@ -241,6 +246,13 @@ def _guesses(
         there = Guess(motion, expect(rig, handle, motion, p))
         yield there
         yield there._replace(blurred=True)
+
+
+def _is_there(followed: Followed) -> bool:
+    """Whether most of the markers that a guess led to agree on one pose, in two cameras or more."""
+    agreed = [np.count_nonzero(labels >= 0) for labels in followed.labels]
+    found = [np.isfinite(sight.found[:, 0]).sum() for sight in followed.sights]
+    return np.count_nonzero(agreed) >= 2 and 2 * sum(agreed) > sum(found)
 
 
 def _in_any_direction(
