@@ -17,6 +17,7 @@ from trinolab.camera import Rig
 from trinolab.datasets import data_path, load_handle, load_rig
 from trinolab.files.rigs import read_camera
 from trinolab.live.loop import Loop
+from trinolab.live.pointing import Pointing
 from trinolab.live.recording import Recorder
 from trinolab.live.server import serve
 from trinolab.live.sources import _HOME, _QUICK, Feed, Source
@@ -25,6 +26,7 @@ from trinolab.slave.mapping import MappingParameters, alignment
 from trinolab.slave.session import Session
 
 TOKEN = "a-token-of-the-tests"
+TARGETS_MM = [[40.0, 20.0]]  # distance and width
 LONG_S = 600.0  # a page of a test is never silent for so long
 RIG = load_rig("raised_40deg")
 RIG = Rig(tuple(scaled(camera, 0.5) for camera in RIG.cameras))
@@ -61,7 +63,9 @@ def a_loop(source, folder, silence_s=LONG_S):
     # a busy computer may take long for a frame: that is no matter here
     mapping = MappingParameters(alignment=alignment(view), stale_s=5.0)
     session = Session(load_robot(), mapping, tick_s=0.02, longest_s=0.1)
-    return Loop(source, session, Recorder(folder, source.rig, source.handle), "patches", silence_s)
+    recorder = Recorder(folder, source.rig, source.handle)
+    pointing = Pointing(folder / "pointing.csv", mapping.alignment, TARGETS_MM)
+    return Loop(source, session, recorder, pointing, "patches", silence_s)
 
 
 class Live:

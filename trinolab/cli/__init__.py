@@ -311,7 +311,7 @@ def _live(a: argparse.Namespace) -> int:
         if not a.no_browser:
             show(address)
 
-    said = live(source, a.out, a.robot, a.method, a.host, a.port, on_open=on_open)
+    said = live(source, a.out, a.robot, a.method, a.host, a.port, log=a.log, on_open=on_open)
     _say(said or "ended; nothing was recorded")
     return 0
 

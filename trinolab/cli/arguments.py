@@ -463,6 +463,11 @@ def _add_live(commands: argparse._SubParsersAction) -> None:
         metavar="DIR",
         help="folder in which recordings get theirs (default: this one)",
     )
+    p.add_argument(
+        "--log",
+        metavar="FILE",
+        help="log of the pointing task, which grows by each trial (default: pointing.csv in that folder)",
+    )
     _add_robot(p)
     p.add_argument(
         "--host",

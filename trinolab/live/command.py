@@ -24,12 +24,14 @@ from ..slave.mapping import MappingParameters, alignment
 from ..slave.session import Session
 from . import sources
 from .loop import NO_FRAME_S, SILENCE_S, Loop
+from .pointing import Pointing
 from .recording import Recorder
 from .sources import Source
 
 TICK_S = 0.008  # from one command to the arm to the next: 125 a second, as a UR5 takes them
 LONGEST_S = 0.25  # that the arm catches up, or a busy computer would fall behind ever more
 SIMULATED_STALE_S = 1.0  # a busy computer draws few images a second, and no hand is in danger
+LOG = "pointing.csv"
 SWITCH_S = 0.0005  # threads change places so often: the arm's steps give theirs away each time
 
 
@@ -41,6 +43,7 @@ def live(
     host: str = "127.0.0.1",
     port: int = 0,
     silence_s: float = SILENCE_S,
+    log: str | Path | None = None,
     on_open: Callable[[str], None] = print,
 ) -> str:
     """Run the live system with its page until Ctrl-C.
@@ -62,6 +65,9 @@ def live(
         0 for any that is free.
     silence_s : float
         So long may the page be silent while the clutch is closed.
+    log : path, optional
+        Of the pointing task; `LOG` in the folder `out` without it. Rows are added to those that
+        are there.
     on_open : callable
         Gets the page's address.
 
@@ -90,7 +96,8 @@ def live(
     )
     session = Session(load_robot(robot), mapping, tick_s=TICK_S, longest_s=LONGEST_S)
     recorder = Recorder(Path(out), source.rig, source.handle)
-    loop = Loop(source, session, recorder, estimator, silence_s)
+    pointing = Pointing(Path(out) / LOG if log is None else Path(log), mapping.alignment)
+    loop = Loop(source, session, recorder, pointing, estimator, silence_s)
     sys.setswitchinterval(SWITCH_S)
     cv2.setNumThreads(1)  # the threads are those of the feeds
     with source:

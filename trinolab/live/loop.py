@@ -16,6 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from .. import tracker
+from ..checks import Array
 from ..files.devices import Taken
 from ..following import posetracker
 from ..following.parameters import FollowParameters
@@ -23,6 +24,7 @@ from ..following.posetracker import Tracked
 from ..slave.mapping import Sample
 from ..slave.session import TOUCHED_N, Moment, Now, Session, changes
 from . import settings
+from .pointing import Doing, Pointing
 from .recording import Recorder
 from .settings import PAPER, POSE, Values
 from .sources import Latest, Source
@@ -67,6 +69,10 @@ class Shown(NamedTuple):
         `settings.POSE` or `settings.PAPER`.
     values : dict
         Of the sliders.
+    task : Doing or None
+        What the pointing task asks for; None if none goes on.
+    task_said : str
+        How it went, in words.
     """
 
     number: int
@@ -83,6 +89,8 @@ class Shown(NamedTuple):
     stages: Stages
     tracker: str
     values: Values
+    task: Doing | None
+    task_said: str
 
 
 class Loop:
@@ -93,6 +101,7 @@ class Loop:
     source : Source
     session : Session
     recorder : Recorder
+    pointing : Pointing
     estimator : str
         Of the tracker that follows the pose.
     silence_s : float
@@ -104,6 +113,7 @@ class Loop:
         source: Source,
         session: Session,
         recorder: Recorder,
+        pointing: Pointing,
         estimator: str = "patches",
         silence_s: float = SILENCE_S,
     ) -> None:
@@ -113,6 +123,7 @@ class Loop:
         self.on_new: Callable[[], None] = lambda: None
         self._session = session
         self._recorder = recorder
+        self._pointing = pointing
         self._estimator = estimator
         self._silence_s = silence_s
         self._lock = Lock()  # of what the page sets
@@ -121,6 +132,7 @@ class Loop:
         self._clutch = False
         self._record = False
         self._heard_s = time.monotonic()
+        self._asked = deque[Callable[[], None]]()  # of the pointing task, for the next round
         self._parameters = FollowParameters()
         self._settle(self._values, POSE)
         self._state = posetracker.start(time.monotonic())
@@ -173,10 +185,31 @@ class Loop:
         with self._lock:
             self._record = bool(on)
 
-    def heard(self) -> None:
-        """The page has answered."""
+    def heard(self, number: int) -> None:
+        """The page has drawn a round."""
+        now = time.monotonic()
         with self._lock:
-            self._heard_s = time.monotonic()
+            self._heard_s = now
+        self._asked.append(lambda: self._pointing.drawn(number, now))
+
+    def begin_task(self, operator: object, repeats: object) -> None:
+        """Begin the pointing task, with the clutch open and the simulated hand in the middle; the
+        page is told if that cannot be.
+        """
+        now = time.monotonic()
+        self._asked.append(lambda: self._pointing.begin(operator, repeats, now))
+        self.clutch(False)
+        if self.source.hand is not None:
+            self.source.hand.go_home()
+
+    def end_task(self) -> None:
+        """End the pointing task."""
+        self._asked.append(self._pointing.end)
+
+    def press(self) -> None:
+        """The person says that the tool is on the target."""
+        now = time.monotonic()
+        self._asked.append(lambda: self._pointing.press(self._tool(), self._values, now))
 
     def note(self, words: str) -> None:
         """Show words among what has happened."""
@@ -198,6 +231,8 @@ class Loop:
             silent = self._clutch and begin - self._heard_s > self._silence_s
             self._clutch = self._clutch and not silent
             clutch = self._clutch
+        while self._asked:
+            self._asked.popleft()()
         if silent:
             self.note(f"the page did not answer for {self._silence_s:g} s: clutch opened")
         self._settle(values, follower)
@@ -214,8 +249,11 @@ class Loop:
         stages = Stages(
             1e3 * (begin - arrived), 1e3 * (tracked_s - begin), 1e3 * (moved_s - tracked_s)
         )
+        number = (self.newest.number if self.newest else 0) + 1
+        coupled = moment.state.origin is not None
+        task = self._pointing.step(self._tool(), coupled, values, number, moved_s)
         self.newest = Shown(
-            (self.newest.number if self.newest else 0) + 1,
+            number,
             self._frames,
             latest is not None,
             self._tracked,
@@ -229,6 +267,8 @@ class Loop:
             stages,
             follower,
             values,
+            task,
+            self._pointing.said,
         )
         self.on_new()
 
@@ -301,6 +341,10 @@ class Loop:
             if record and not self._recorder.running:  # it has failed
                 with self._lock:
                     self._record = False
+
+    def _tool(self) -> Array:
+        """Where the arm's tool is, mm, base frame."""
+        return self._session.slave.read().tool.translation
 
     def _rate(self, now: float) -> float:
         """Frames a second, over the last ones."""

@@ -17,6 +17,7 @@ from ..files.poses import POSE_COLUMNS, pose_row
 from ..following.overlay import camera_view
 from ..handle import Handle, on_cylinder
 from .loop import Shown
+from .pointing import Doing
 from .settings import SLIDERS
 
 WIDTH, QUALITY = 480, 80  # of a camera's picture, px, and of its JPEG
@@ -100,6 +101,16 @@ def _numbers(shown: Shown) -> dict[str, Any]:
         "spread": 0.0 if shown.frames is None else round(1e3 * shown.frames.spread_s, 1),
         "tracker": shown.tracker,
         "values": shown.values,
+        "task": None if shown.task is None else _listed(shown.task),
+        "points": shown.task_said,
+    }
+
+
+def _listed(task: Doing) -> dict[str, Any]:
+    """What there is to do, for JSON."""
+    return {
+        name: np.round(value, 2).tolist() if isinstance(value, np.ndarray | tuple) else value
+        for name, value in task._asdict().items()
     }
 
 

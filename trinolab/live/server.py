@@ -97,7 +97,7 @@ class Desk:
             whole = 1e3 * (now - arrived_s)
             self._way = {**stages, "page": 1e3 * (now - sent_s), "whole": whole}
         self._ready = True
-        self.loop.heard()
+        self.loop.heard(sent)
         self.wake()
 
     def wake(self) -> None:
@@ -221,6 +221,9 @@ def obey(words: dict[str, Any], desk: Desk) -> None:
         "set": lambda pair: loop.set(pair[0], pair[1]),
         "tracker": loop.follow_by,
         "hand": lambda how: _move_hand(loop, how),
+        "task": lambda how: loop.begin_task(how["operator"], how["times"]),
+        "end": lambda _: loop.end_task(),
+        "there": lambda _: loop.press(),
     }
     for name, value in words.items():
         if name not in known:

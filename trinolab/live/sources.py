@@ -37,7 +37,7 @@ SIMULATED_FPS = 30.0
 # of the simulated hand: the way that it goes by itself, and how it follows the mouse
 PATH_S, PATH_STEP_S, PATH_MM_S, PATH_DEG_S = 60.0, 0.02, 60.0, 8.0
 FOLLOWS_S = 0.1
-RANGES_MM = np.array([[-80.0, 80.0], [-50.0, 50.0], [530.0, 610.0]])
+RANGES_MM = np.array([[-95.0, 95.0], [-50.0, 50.0], [530.0, 610.0]])
 _HOME = RigidTransform.from_components([0.0, 0.0, 570.0], orientation(-np.pi / 2, np.pi / 2, 0.0))
 _QUICK = Bench(supersampling=4, marker_supersampling=8)
 

@@ -32,7 +32,7 @@ function listen(words) {
   if (words.refused) console.warn(words.refused);
   $('busy').hidden = !words.busy;
   $('busy-words').textContent = words.busy || '';
-  for (const one of document.querySelectorAll('.panel button, .panel input')) one.disabled = !!words.busy;
+  for (const one of document.querySelectorAll('main button, main input')) one.disabled = !!words.busy;
   if (words.busy) { last = null; show('banner', ''); }
 }
 
@@ -162,6 +162,14 @@ function write(now, first) {
       if (Number(input.value) !== value) { input.value = value; input.previousElementSibling.value = value; }
     }
   }
+  if ($('pointing').hidden && now.task) {
+    $('pointing').hidden = false;
+    $('front').focus();
+  }
+  $('pointing').hidden = !now.task;
+  $('begin').disabled = !!now.task;
+  show('points', now.points);
+  if (now.task) $('doing').textContent = doing(now.task);
   $('simulation').hidden = $('hand-help').hidden = !now.simulated;
   for (const canvas of $('cameras').children) canvas.classList.toggle('movable', now.simulated);
   const notes = now.notes.slice().reverse();
@@ -177,6 +185,16 @@ function write(now, first) {
     });
   }
   tell();
+}
+
+function doing(task) {
+  const where = task.aim < task.at[0] ? 'left' : 'right';
+  const words = {
+    'close the clutch': 'close the clutch (c)',
+    'go to the mark': `bring the tool to the mark on the ${where}, and rest`,
+    'go to the target': `to the target on the ${where}, then t`,
+  };
+  return `${task.done + 1} of ${task.of}: ${words[task.what]}`;
 }
 
 // ---- 3-D: lines seen by a camera that turns about a middle
@@ -253,7 +271,60 @@ function paint() {
   const [x, y, z] = last.target;
   for (const [a, b, c] of [[40, 0, 0], [0, 40, 0], [0, 0, 40]])
     arm.line([[x - a, y - b, z - c], [x + a, y + b, z + c]], 'rod', 2);
+  if (last.task) {
+    point(last.task, arm);
+    front(last.task);
+  }
 }
+
+// The mark, or the target, as an upright plate that is as thick as it is wide.
+function point(task, arm) {
+  const along = way => [0, 1, 2].map(k => task.middle[k] + way * task.right[k]);
+  const plate = way => [-40, 40].map(high => along(way).map((x, k) => x + high * task.up[k]));
+  const ink = task.what === 'go to the target' ? 'good' : 'warn';
+  const sides = [-1, 1].map(side => plate(task.aim + side * task.width_mm / 2));
+  arm.line([...sides[0], ...sides[1].slice().reverse()], ink, 3, true);
+  arm.line([along(-task.reach_mm), along(task.reach_mm)], 'line', 1);
+}
+
+// From the front: the line across, the tool, and where it shall go.
+function front(task) {
+  const canvas = $('front'), ratio = devicePixelRatio || 1;
+  const width = Math.round(canvas.clientWidth * ratio), height = Math.round(canvas.clientHeight * ratio);
+  if (canvas.width !== width || canvas.height !== height) [canvas.width, canvas.height] = [width, height];
+  const pen = canvas.getContext('2d'), scale = width / frontWide(task);
+  const u = along => width / 2 + scale * along, v = up => height / 2 - scale * up;
+  pen.clearRect(0, 0, width, height);
+  pen.strokeStyle = colour('line');
+  pen.lineWidth = ratio;
+  pen.beginPath();
+  pen.moveTo(0, v(0));
+  pen.lineTo(width, v(0));
+  pen.stroke();
+  const target = task.what === 'go to the target';
+  const left = u(task.aim - task.width_mm / 2), wide = scale * task.width_mm;
+  if (task.what !== 'close the clutch') {
+    if (target) {
+      pen.fillStyle = colour('good');
+      pen.fillRect(left, 0, wide, height);
+    } else {
+      pen.strokeStyle = colour('warn');
+      pen.lineWidth = 3 * ratio;
+      pen.strokeRect(left, 2 * ratio, wide, height - 4 * ratio);
+    }
+  }
+  pen.strokeStyle = colour(last.held ? 'bad' : 'ink');
+  pen.lineWidth = 2 * ratio;
+  const [x, y, r] = [u(task.at[0]), Math.min(Math.max(v(task.at[1]), 0), height), 12 * ratio];
+  pen.beginPath();
+  pen.moveTo(x, 0);
+  pen.lineTo(x, height);
+  pen.moveTo(x - r, y);
+  pen.lineTo(x + r, y);
+  pen.stroke();
+}
+
+const frontWide = task => 2 * task.reach_mm + 80;  // mm
 
 for (const id of ['world', 'arm']) {
   const canvas = $(id), view = views[id];
@@ -298,6 +369,24 @@ function handled(canvas, c) {
   };
 }
 
+// In the front view a pixel is as far for the tool; a key that is held down goes further.
+$('front').onpointerdown = event => event.target.setPointerCapture(event.pointerId);
+$('front').onpointermove = event => {
+  if (!event.buttons || !last || !last.task) return;
+  const mm = frontWide(last.task) / event.target.clientWidth / last.values.scale;
+  push(event.movementX * mm, event.movementY * mm);
+};
+$('front').onkeydown = event => {
+  const mm = (event.repeat ? 6 : 2) / (last ? last.values.scale : 1);
+  const way = {ArrowLeft: [-mm, 0], ArrowRight: [mm, 0], ArrowUp: [0, -mm], ArrowDown: [0, mm]}[event.key];
+  if (way && last && last.simulated) { push(...way); event.preventDefault(); }
+};
+function push(right, down) {
+  if (!last.simulated) return;
+  $('alone').checked = false;
+  send({hand: {camera: 0, mm: [right, down, 0], rad: [0, 0, 0]}});
+}
+
 // ---- buttons and keys
 
 const clutch = on => send({clutch: on});
@@ -308,6 +397,13 @@ $('background').onclick = () => send({tracker: 'paper'});
 $('home').onclick = () => { $('alone').checked = false; send({hand: {home: true}}); };
 $('alone').onchange = event => send({hand: {alone: event.target.checked}});
 $('drawn').onchange = event => send({hand: {drawn: event.target.checked}});
+$('ask').onsubmit = event => {
+  event.preventDefault();
+  $('alone').checked = false;
+  send({task: {operator: $('operator').value, times: Number($('times').value)}});
+};
+$('there').onclick = () => send({there: true});
+$('end').onclick = () => send({end: true});
 for (const radio of document.getElementsByName('tracker')) radio.onchange = () => send({tracker: radio.value});
 $('pedal').onclick = () => { asking = true; $('pedal').textContent = 'press it'; };
 
@@ -319,12 +415,13 @@ addEventListener('keydown', event => {
     event.preventDefault();
     return;
   }
-  if (event.ctrlKey || event.metaKey || event.altKey) return;
+  if (event.ctrlKey || event.metaKey || event.altKey || event.target.id === 'operator') return;
   if (event.key === pedal) {
     event.preventDefault();
     if (!event.repeat && !held) { held = true; clutch(true); }
   } else if (!event.repeat && event.key === 'c') $('clutch').click();
   else if (!event.repeat && event.key === 'r') $('record').click();
+  else if (!event.repeat && event.key === 't' && last && last.task) $('there').click();
 }, true);
 const release = () => { if (held) { held = false; clutch(false); } };
 addEventListener('keyup', event => { if (event.key === pedal) release(); }, true);
