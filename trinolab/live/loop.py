@@ -304,6 +304,7 @@ class Loop:
         gone = self._frames is None or time.monotonic() - self._frames.arrived_s > NO_FRAME_S
         if troubles or pose is None or (latest is None and gone):
             self._delayed.clear()  # the arm holds now, and not when the delay is over
+        if troubles or pose is None or latest is None:  # an old pose is not measured once more
             sample = Sample(self._t_s, None, "lost", clutch)
         else:
             sample = Sample(self._t_s, pose.T_world_handle, pose.status, clutch)
