@@ -99,9 +99,10 @@ def test_the_targets_come_right_and_left_and_the_log_is_judged_as_the_studys(tmp
         played.press()
     assert sides == [1, -1, 1, -1, 1, -1]
     log = read_log(tmp_path / "log.csv")
-    assert sorted(zip(log["distance_mm"], log["width_mm"], strict=True)) == [(40.0, 10.0)] * 3 + [
-        (80.0, 20.0)
-    ] * 3
+    assert (
+        sorted(zip(log["distance_mm"], log["width_mm"], strict=True))
+        == [(40.0, 10.0)] * 3 + [(80.0, 20.0)] * 3
+    )
     # beyond a target on the right, short of one on the left
     np.testing.assert_allclose(log["error_mm"], [0, -1, 2, 0, 1, -2], atol=1e-9)
     assert f"6 targets: {performance(log).throughput_bit_s:.2f} bit/s" in played.task.said

@@ -252,7 +252,7 @@ def _is_there(followed: Followed) -> bool:
     """Whether most of the markers that a guess led to agree on one pose, in two cameras or more."""
     agreed = [np.count_nonzero(labels >= 0) for labels in followed.labels]
     found = [np.isfinite(sight.found[:, 0]).sum() for sight in followed.sights]
-    return np.count_nonzero(agreed) >= 2 and 2 * sum(agreed) > sum(found)
+    return bool(np.count_nonzero(agreed) >= 2 and 2 * sum(agreed) > sum(found))
 
 
 def _in_any_direction(

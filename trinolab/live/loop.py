@@ -21,7 +21,8 @@ from ..files.devices import Taken
 from ..following import posetracker
 from ..following.parameters import FollowParameters
 from ..following.posetracker import Tracked
-from ..slave.mapping import Sample
+from ..rigid import apart, motion_between, shifted
+from ..slave.mapping import MappingParameters, Sample
 from ..slave.session import TOUCHED_N, Moment, Now, Session, changes
 from . import settings
 from .pointing import Doing, Pointing
@@ -304,11 +305,12 @@ class Loop:
         gone = self._frames is None or time.monotonic() - self._frames.arrived_s > NO_FRAME_S
         if troubles or pose is None or (latest is None and gone):
             self._delayed.clear()  # the arm holds now, and not when the delay is over
-        if troubles or pose is None or latest is None:  # an old pose is not measured once more
-            sample = Sample(self._t_s, None, "lost", clutch)
-        else:
-            sample = Sample(self._t_s, pose.T_world_handle, pose.status, clutch)
-        moment = self._session.step(self._due(sample))
+        sample = Sample(self._t_s, None, "lost", clutch)
+        if latest is not None:  # an old pose is not measured once more
+            if not troubles and pose is not None:
+                sample = Sample(self._t_s, pose.T_world_handle, pose.status, clutch)
+            sample = self._due(sample)
+        moment = self._session.step(sample)
         touching = bool(np.linalg.norm(moment.reading.force) > TOUCHED_N)
         now = Now(clutch, moment.state.held, moment.limits, touching, self._values["scale"])
         for event in changes(self._t_s, self._before, now):
@@ -327,6 +329,8 @@ class Loop:
         while len(self._delayed) > 1 and self._delayed[1].t_s <= due_s:
             self._delayed.popleft()
         due = self._delayed[0]
+        if due.t_s < due_s:  # frames are no clock: the delay ends between two of them
+            due = between(due, self._delayed[1], due_s, self._session.mapping)
         return due._replace(t_s=sample.t_s, clutch=due.clutch and sample.clutch)
 
     def _keep(self, latest: Latest | None, record: bool, clutch: bool) -> None:
@@ -352,6 +356,20 @@ class Loop:
         if len(self._times_s) < 2 or now - self._times_s[-1] > 1.0:
             return 0.0
         return (len(self._times_s) - 1) / max(self._times_s[-1] - self._times_s[0], 1e-9)
+
+
+def between(before: Sample, after: Sample, t_s: float, p: MappingParameters) -> Sample:
+    """The sample at a time between two others; the first one where no hand goes from one to the
+    other, so that the mapping sees the jump.
+    """
+    first, second = before.T_world_handle, after.T_world_handle
+    dt = after.t_s - before.t_s
+    if first is None or second is None:
+        return before
+    if apart(second, first, p.hand_mm_s * dt, p.hand_rad_s * dt):
+        return before
+    share = (t_s - before.t_s) / dt
+    return before._replace(T_world_handle=shifted(first, share * motion_between(second, first)))
 
 
 def arm_points(session: Session) -> list[list[float]]:

@@ -94,9 +94,7 @@ class Pointing:
         How it went, in words for the page.
     """
 
-    def __init__(
-        self, path: Path, alignment: Rotation, targets: ArrayLike | None = None
-    ) -> None:
+    def __init__(self, path: Path, alignment: Rotation, targets: ArrayLike | None = None) -> None:
         self.said = ""
         self._path = path
         self._right = alignment.apply([1.0, 0.0, 0.0])

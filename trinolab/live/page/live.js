@@ -304,13 +304,13 @@ function front(task) {
   const target = task.what === 'go to the target';
   const left = u(task.aim - task.width_mm / 2), wide = scale * task.width_mm;
   if (task.what !== 'close the clutch') {
+    pen.strokeStyle = pen.fillStyle = colour(target ? 'good' : 'warn');
+    pen.lineWidth = 2 * ratio;
+    pen.strokeRect(left, ratio, wide, height - 2 * ratio);
     if (target) {
-      pen.fillStyle = colour('good');
+      pen.globalAlpha = 0.3;  // the tool is seen before it
       pen.fillRect(left, 0, wide, height);
-    } else {
-      pen.strokeStyle = colour('warn');
-      pen.lineWidth = 3 * ratio;
-      pen.strokeRect(left, 2 * ratio, wide, height - 4 * ratio);
+      pen.globalAlpha = 1;
     }
   }
   pen.strokeStyle = colour(last.held ? 'bad' : 'ink');
