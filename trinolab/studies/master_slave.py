@@ -8,30 +8,22 @@ Chapters 11 and 12; extra `slave`.
 from __future__ import annotations
 
 from collections.abc import Callable
-from importlib.util import find_spec
-from itertools import accumulate, islice
-from pathlib import Path
+from itertools import accumulate
 from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from ..bench.motion import human_motion
-from ..bench.recordings import standard_recording
 from ..checks import Array, as_number, as_rng, as_whole, frozen
-from ..files.poses import poses_by_frame, read_poses
-from ..following import posetracker
-from ..rigid import motion_between, shifted
 from ..slave import mapping as slave_mapping
 from ..slave import oneeuro
 from ..slave.arm import TOOL, Reading, Robot, forward, load_robot
 from ..slave.control import MARGIN, TICK_S, ReferenceParameters
 from ..slave.mapping import MappingParameters, Sample, State
 from ..slave.session import Session
-from ..slave.teleoperate import recorded
 
 REST_S = 1.5
-FIRST = 30  # frame of the recording `calm` at which the hand has come
 # the block's side towards the arm's home, in the shipped model
 BLOCK_Y_MM = 160.0
 TOOL_RADIUS_MM = 5.0
@@ -47,28 +39,6 @@ PARTS = ("age and hold", "filter lag", "tracker noise", "reference lag", "kinema
 WORKSPACE_MM = (200.0, 200.0, 150.0)  # of the handle, along x, y, z of its world
 
 
-def slave_at_rest() -> float | None:
-    """How far the tool is from where the true handle's motion leads, at rest: the larger of mm and
-    deg.
-
-    The handle is tracked in the second second of `calm`, and its last pose given for `REST_S` more.
-    None where the extra `slave` is missing.
-    """
-    if find_spec("mujoco") is None or find_spec("mink") is None:
-        return None
-    folder = standard_recording("calm", seconds=2.0, progress=False)
-    session = Session(load_robot())
-    start = session.slave.read().tool
-    samples = _tracked(folder)
-    for sample in samples:
-        moment = session.step(sample)
-    truths = poses_by_frame(read_poses(folder / "truth.csv"))
-    # at scale 1, axes alike
-    led = shifted(start, motion_between(truths[max(truths)], truths[FIRST]))
-    off = motion_between(moment.reading.tool, led)
-    return float(max(np.linalg.norm(off[:3]), np.rad2deg(np.linalg.norm(off[3:]))))
-
-
 def pushed() -> tuple[Session, Reading]:
     """An arm whose tool a hand has led down and, away from the operator, `DEEP_MM` into the block;
     what it measures.
@@ -81,20 +51,6 @@ def pushed() -> tuple[Session, Reading]:
         hand = RigidTransform.from_translation([0, min(150 * t, 90), 560 + 150 * max(t - 0.6, 0)])
         reading = session.step(Sample(t, hand, "measured", True)).reading
     return session, reading
-
-
-def _tracked(folder: Path) -> list[Sample]:
-    """The tracked poses, the clutch closed, and the last one as long as the hand rests."""
-    source = recorded(folder)
-    chosen = islice(source.frames, FIRST, source.length)
-    samples = []
-    for now, tracked in posetracker.track_instants(chosen, source.rig, source.handle):
-        pose = tracked.measurement.pose
-        samples.append(Sample(now.t_s, pose.T_world_handle, pose.status, True))
-    last = samples[-1]
-    return samples + [
-        last._replace(t_s=last.t_s + k / 30) for k in range(1, round(30 * REST_S) + 1)
-    ]
 
 
 class Trial(NamedTuple):
