@@ -65,6 +65,51 @@ def test_clutch_is_clicked_and_a_slider_moved(live, browser):
     assert browser.errors == []
 
 
+# How many pixels of a canvas have a colour, and how many are neither black nor empty.
+PIXELS = """(id => {
+    const canvas = document.getElementById(id);
+    const all = canvas.getContext('2d').getImageData(0, 0, canvas.width, canvas.height).data;
+    let coloured = 0, drawn = 0;
+    for (let k = 0; k < all.length; k += 4) {
+        const [r, g, b, a] = all.slice(k, k + 4);
+        if (a && Math.max(r, g, b) - Math.min(r, g, b) > 60) coloured++;
+        if (a && Math.max(r, g, b) > 20) drawn++;
+    }
+    return [coloured, drawn];
+})"""
+
+
+@needs_browser
+def test_the_page_shows_the_images_the_spaces_the_pose_and_the_times(live, browser):
+    shows(browser, "last.way.whole > 0")
+    for camera in range(3):
+        coloured, drawn = browser.evaluate(f"{PIXELS}('camera-{camera}')")
+        assert coloured > 100  # window, markers and axes are drawn in colour
+        assert drawn > 20_000  # the image
+    assert browser.evaluate(f"{PIXELS}('world')")[0] > 100  # the rod, the cameras
+    assert browser.evaluate(f"{PIXELS}('arm')")[0] > 100
+    number = "Number(document.getElementById('pose-{}').textContent)"
+    pose = live.loop.newest.tracked.measurement.pose
+    for name, value in (("z_mm", pose.T_world_handle.translation[2]), ("sigma_mm", pose.sigma_mm)):
+        assert browser.evaluate(number.format(name)) == pytest.approx(value, abs=0.1)
+    assert browser.evaluate("document.getElementById('status').textContent") == "measured"
+    times = browser.evaluate("[...document.querySelectorAll('#stages b')].map(b => b.textContent)")
+    assert len(times) == 5
+    assert all(time.endswith(" ms") for time in times)
+    assert browser.evaluate("document.getElementById('whole').textContent").endswith(" ms")
+
+
+@needs_browser
+def test_after_kill_9_the_page_says_that_the_connection_is_lost(browser, tmp_path):
+    process = started("live --simulation --no-browser --out .", cwd=tmp_path)
+    browser.open(process.stdout.readline().strip())
+    shows(browser, "last")
+    process.kill()
+    shows(browser, "document.getElementById('banner').textContent.includes('connection is lost')")
+    shows(browser, "document.getElementById('banner').textContent.includes('The arm holds')")
+    process.communicate()
+
+
 @needs_browser
 @pytest.mark.parametrize("width", [1280, 400])
 def test_all_goes_by_keyboard_and_nothing_is_wider_than_the_window(live, browser, width, tmp_path):

@@ -197,6 +197,20 @@ def test_a_hand_that_moves_on_between_slow_frames_is_no_jump(tmp_path, monkeypat
     assert way > 50.0
 
 
+def test_each_slider_reaches_what_it_sets(tmp_path, monkeypatch):
+    driven = Driven(tmp_path, monkeypatch).without_images(monkeypatch)
+    driven.handle = at(0.0)
+    new = {slider.name: slider.high for slider in settings.SLIDERS}
+    for name, value in new.items():
+        driven.loop.set(name, value)
+    assert driven.frame().values == new
+    parameters, mapping = driven.loop._parameters, driven.loop._session.mapping
+    assert parameters.background.update_rate == new["update_rate"]
+    assert parameters.matching.ncc_threshold == new["ncc_threshold"]
+    assert mapping.scale == new["scale"]
+    assert mapping.filtering.cutoff_hz == new["cutoff_hz"]
+
+
 def test_a_camera_in_trouble_stops_the_arm_at_once_whatever_the_delay(tmp_path, monkeypatch):
     driven = Driven(tmp_path, monkeypatch).without_images(monkeypatch)
     driven.loop._session.mapping = MappingParameters(stale_s=0.15)

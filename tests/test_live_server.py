@@ -3,6 +3,7 @@
 import http.client
 import json
 import re
+import socket
 from contextlib import closing
 
 import pytest
@@ -55,6 +56,14 @@ def test_another_page_or_another_name_of_this_computer_does_not_get_in(live):
     assert asked(live, f"/{TOKEN}/", Host="elsewhere.example:80")[0] == 403
     host = live.address.split("/")[2]
     assert asked(live, f"/{TOKEN}/", Origin=f"http://{host}")[0] == 200
+
+
+def test_it_listens_at_one_address_only(live):
+    """All of 127.0.0.0/8 is this computer; who listens everywhere would answer here, too."""
+    port = int(live.address.split(":")[2].split("/")[0])
+    socket.create_connection(("127.0.0.1", port), timeout=60).close()
+    with pytest.raises(OSError, match=r"."):
+        socket.create_connection(("127.0.0.2", port), timeout=60)
 
 
 @pytest.mark.parametrize("origin", ["http://elsewhere.example", "null", "http://127.0.0.1:1"])

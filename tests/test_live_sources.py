@@ -3,6 +3,7 @@
 import threading
 import time
 
+import cv2
 import numpy as np
 import pytest
 from livepage import HELD, RIG, Bench
@@ -115,6 +116,32 @@ def test_a_recording_is_played_again_from_its_start(tmp_path):
 
         wait_until(all_seen)
     wait_until(lambda: threading.active_count() <= threads)
+
+
+def test_three_videos_stand_in_for_cameras(tmp_path):
+    folder = tmp_path / "r"
+    recorder.begin(folder, RIG, chosen().handle)
+    partial = recorder.partial_of(folder)
+    cameras = {}
+    for camera, image in zip(RIG.cameras, HELD, strict=True):
+        path = cameras[camera.name] = str(tmp_path / f"{camera.name}.avi")
+        code = cv2.VideoWriter.fourcc(*"MJPG")
+        writer = cv2.VideoWriter(path, code, 100.0, camera.size, isColor=False)
+        for k in range(3):
+            writer.write(image // np.uint8(k + 1))
+        writer.release()
+    source = chosen(cameras, rig=partial / "rig.toml", handle=partial / "handle.toml", fps=100.0)
+    with source:
+        seen = set()
+
+        def all_seen():
+            latest = source.next(60.0)
+            assert [image.shape for image in latest.images] == [(512, 640)] * 3
+            ratio = latest.images[2].mean() / HELD[2].mean()
+            seen.add(min(range(3), key=lambda k: abs(ratio - 1 / (k + 1))))
+            return seen == {0, 1, 2} and latest.number > 4  # and again from the start
+
+        wait_until(all_seen)
 
 
 def test_the_hand_goes_by_itself_smoothly_or_where_it_is_taken():

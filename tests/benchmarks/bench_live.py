@@ -176,18 +176,23 @@ def one(rig: Rig, fps: float, seconds: float, long: bool) -> bool:
             browser.evaluate(
                 f"{{late.length = 0; const end = Date.now() + {1000 * stop}; while (Date.now() < end);}}"
             )
-            time.sleep(2.0)
-            back = browser.evaluate("late")
+            while len(back := browser.evaluate("late")) < 3:
+                time.sleep(0.1)
             # the one that was under way when the reader stopped is as old as the stop
             print(
                 f"    after {stop} s without a reader: the first frames are {back[0]:.0f}, {back[1]:.0f} "
                 f"and {back[2]:.0f} ms old"
             )
-            before = memory_mb(process.pid)
-            time.sleep(600 if long else seconds)
-            after = memory_mb(process.pid)
+            length = 600 if long else seconds
+            memory = [memory_mb(process.pid)]
+            for _ in range(10):
+                time.sleep(length / 10)
+                memory.append(memory_mb(process.pid))
+            seen = browser.evaluate("late.length")
             print(
-                f"    memory {before:.0f} MB, after {600 if long else seconds:g} s {after:.0f} MB",
+                f"    memory, from tenth to tenth of {length:g} s with {seen} frames: "
+                + ", ".join(f"{mb:.0f}" for mb in memory)
+                + " MB",
                 flush=True,
             )
             return all(found[name] <= ms for name, ms in WANTED_MS.items())
