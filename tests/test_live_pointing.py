@@ -213,7 +213,7 @@ def test_a_scripted_person_plays_a_few_targets_with_the_mouse_and_by_keyboard(tm
             assert browser.evaluate(
                 "document.documentElement.scrollWidth <= document.documentElement.clientWidth"
             )
-            shows(browser, "Math.abs(last.pose.x_mm) < 1")
+            shows(browser, "Math.abs(last.pose.x_mm) < 1 && Math.abs(last.pose.y_mm) < 1")
             browser.press("c")
             # the first target with the mouse, the second by the arrow keys
             for k, move in enumerate((dragged, stepped)):
@@ -246,7 +246,8 @@ def steered(live, browser, what, move):
     shows(browser, f"last.task.what === {what!r}")
     aim = browser.evaluate("last.task.aim")
     move(browser, aim - live.loop.source.hand._goal.translation[0])
-    shows(browser, f"!last.task || Math.abs(last.task.aim - last.task.at[0]) < {NEAR_MM}")
+    near = f"Math.abs(last.task.aim - last.task.at[0]) < {NEAR_MM}"
+    shows(browser, f"!last.task || last.task.what !== {what!r} || {near}")
 
 
 def dragged(browser, mm):

@@ -176,6 +176,7 @@ def follow(
     handle: Handle,
     p: FollowParameters,
     before: Rig | None = None,
+    still: Followed | None = None,
 ) -> Followed:
     """Look for the markers where a guess has them, and measure the pose from those that are there.
 
@@ -185,8 +186,12 @@ def follow(
     that when limb and neighbours are blurred together.
 
     `before` is the rig as the last instant left it. It serves where too few markers are found to
-    say how this one does.
+    say how this one does. `still` is what the same motion has led to without motion blur, where
+    that was tried: the markers are looked for once.
     """
+    if still is not None:
+        pose = _pose(images, guess, still.sights, None, still.labels, still.rig, handle, p)
+        return still._replace(pose=pose)
     sights = look(images, guess.expected, rig, handle, p)
     pixels = tuple(sight.found[:, :2] for sight in sights)
     T, labels = _agreed(pixels, rig, handle, guess.motion.pose, p)

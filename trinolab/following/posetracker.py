@@ -189,8 +189,11 @@ def step(
     best: tuple[Followed, Motion] | None = None
     cameras = 0
     tried: list[Followed] = []
+    first: Guess | None = None
     for guess in _guesses(images, predicted, state.seen, rig, handle, p, tried):
-        followed = follow(images, guess, rig, handle, p, state.rig)
+        first = first or guess
+        still = tried[0] if guess.blurred and guess.motion is first.motion else None
+        followed = follow(images, guess, rig, handle, p, state.rig, still)
         tried.append(followed)
         pose = followed.pose
         if pose.cameras >= max(guess.min_cameras, cameras + 1) and believable(
