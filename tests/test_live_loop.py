@@ -1,5 +1,6 @@
 """The live loop without a browser and without waiting: its clock, frames and poses are a test's."""
 
+import gc
 import time
 from types import SimpleNamespace
 
@@ -15,7 +16,9 @@ from trinolab.following.posetracker import Tracked
 from trinolab.live import loop as live_loop
 from trinolab.live import settings
 from trinolab.live.loop import WAIT_S
+from trinolab.live.picture import message
 from trinolab.live.sources import _HOME, Latest
+from trinolab.markers import Markers
 from trinolab.measurement import Measurement
 from trinolab.pose import Pose
 from trinolab.slave.arm import load_robot
@@ -57,8 +60,9 @@ class Driven:
 
         def follow(latest, follower):
             pose = Pose("measured", self.handle, 1e-4 * np.eye(6), 0.1, 12, 3)
-            nothing = tuple(np.full(0, -1) for _ in RIG.cameras)
-            return Tracked(Measurement(pose, (), nothing), (None,) * len(RIG.cameras))
+            nobody = Markers(*np.split(np.empty((0, 6)), [2, 4, 5], axis=1), ())
+            found = Measurement(pose, (nobody,) * 3, (np.empty(0, int),) * 3)
+            return Tracked(found, (None,) * 3)
 
         monkeypatch.setattr(self.loop, "_follow", follow)
         return self
@@ -209,6 +213,25 @@ def test_each_slider_reaches_what_it_sets(tmp_path, monkeypatch):
     assert parameters.matching.ncc_threshold == new["ncc_threshold"]
     assert mapping.scale == new["scale"]
     assert mapping.filtering.cutoff_hz == new["cutoff_hz"]
+
+
+def test_rounds_leave_nothing_behind(tmp_path, monkeypatch):
+    """What is kept is kept for so many rounds; a page that never answers adds nothing."""
+    driven = Driven(tmp_path, monkeypatch).without_images(monkeypatch)
+    driven.loop.set("delay_ms", 200.0)
+    driven.loop.clutch(True)
+
+    def objects_after(rounds):
+        for k in range(rounds):
+            driven.handle = at(20 * np.sin(k / 5))
+            driven.loop.heard(driven.frame().number)
+            message(driven.loop.newest, RIG, {}, True)
+            driven.ticks.clear()
+        gc.collect()
+        return len(gc.get_objects())
+
+    before = objects_after(30)
+    assert objects_after(60) - before < 60  # less than one a round
 
 
 def test_a_camera_in_trouble_stops_the_arm_at_once_whatever_the_delay(tmp_path, monkeypatch):
