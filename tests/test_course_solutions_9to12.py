@@ -1,0 +1,175 @@
+"""The solutions of chapters 9 to 12: the code that the chapters print, other algorithms, and hand
+numbers.
+"""
+
+import json
+import re
+import textwrap
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from trinolab import datasets, metrics
+from trinolab.course.child import outcome
+from trinolab.course.exercise import FunctionExercise
+from trinolab.course.exercises import exercise, of_chapter
+from trinolab.course.exercises.table1 import askew_differences, mean_angle_errors
+from trinolab.course.grading import call_of, judge_outcomes
+from trinolab.studies import accounts, deviations, error_sources, experiment, pattern
+
+NOTEBOOKS = Path(__file__).parents[1] / "notebooks"
+
+
+def text_of(chapter):
+    (file,) = NOTEBOOKS.glob(f"{chapter}_*.ipynb")
+    cells = json.loads(file.read_text(encoding="utf-8"))["cells"]
+    return "\n".join("".join(cell["source"]) for cell in cells)
+
+
+def printed_code(chapter, label):
+    """The code block of a solution."""
+    found = rf"```{{solution}} {label}\n:class: dropdown\n(.*?)\n```"
+    solution = re.search(found, text_of(chapter), re.S)
+    lines = solution[1].splitlines()
+    code = [line for line in lines if line.startswith("    ") or not line.strip()]
+    return textwrap.dedent("\n".join(code))
+
+
+@pytest.mark.parametrize("chapter", ["09"])
+def test_the_printed_code_is_right(chapter):
+    for asked in of_chapter(chapter):
+        if isinstance(asked, FunctionExercise):
+            namespace = {}
+            exec(printed_code(chapter, asked.label), namespace)
+            function = namespace[asked.name]
+            outcomes = [outcome(function, case) for case in call_of(asked).cases]
+            assert judge_outcomes(asked, outcomes).right, asked.number
+
+
+@pytest.mark.parametrize("chapter", ["09"])
+def test_the_chapter_has_what_is_checked(chapter):
+    """Numbers, kinds, titles, labels and names, and the sections to read."""
+    kinds = {
+        "pencil": "Pencil",
+        "write": "Write it yourself",
+        "predict": "Change and predict",
+        "project": "Project",
+    }
+    text = text_of(chapter)
+    headings = set(re.findall(r"^#{2,3} (.+)$", text, re.M))
+    assert {one.kind for one in of_chapter(chapter)} == set(kinds)
+    for asked in of_chapter(chapter):
+        short = asked.number.lstrip("0")
+        statement = re.search(
+            rf"```{{exercise}} {short} {kinds[asked.kind]}: {re.escape(asked.title)}\n"
+            rf":label: {asked.label}\n:nonumber:\n(.*?)\n```",
+            text,
+            re.S,
+        )
+        assert statement, asked.number
+        assert f'`check("{asked.number}", ' in statement[1], asked.number
+        assert f"```{{hint}} First hint to {short}\n:class: dropdown\n" in text
+        assert f"```{{hint}} Second hint to {short}\n:class: dropdown\n" in text
+        if isinstance(asked, FunctionExercise):
+            assert f'check("{asked.number}", {asked.name})' in statement[1]
+        else:
+            filled = ", ".join(f'"{name}": ...' for name in asked.asked)
+            assert f'check("{asked.number}", {{{filled}}})' in statement[1], asked.number
+        for mistake in asked.mistakes:
+            number, _, heading = mistake.read.partition(", ")
+            assert number == chapter.lstrip("0")
+            assert heading in headings, (asked.number, heading)
+
+
+def value(number, name):
+    return exercise(number).asked[name].value
+
+
+def near(number, name):
+    """The value that is asked for, with its tolerance."""
+    asked = exercise(number).asked[name]
+    return pytest.approx(asked.value, rel=0, abs=asked.within)
+
+
+# Chapter 9
+
+
+def test_angle_errors_are_the_package_s():
+    table1 = datasets.load_table1()
+    measured, truths = table1.measured, table1.set_poses
+    errors = mean_angle_errors(metrics.euler_deg(measured), metrics.euler_deg(truths))
+    np.testing.assert_allclose(errors, metrics.angle_errors_deg(measured, truths), atol=1e-12)
+    lost = np.array([[180.0, 0, 0], [np.nan, 0, 0]])
+    np.testing.assert_allclose(mean_angle_errors(lost, np.full((2, 3), -179.0))[0], 1.0)
+
+
+def test_a_small_turn_goes_through_the_jacobian_of_the_angles():
+    """To first order d(alpha, beta, gamma) is a matrix times the rotation vector."""
+    truths = datasets.load_table1().set_poses
+    turn = np.array([1e-4, -2e-4, 1.5e-4])  # deg
+    angles = metrics.euler_deg(truths)
+    jacobian = deviations.euler_jacobian(truths)
+    world = askew_differences(angles, turn, "world")
+    np.testing.assert_allclose(world, jacobian @ turn, atol=1e-7)
+    handle = askew_differences(angles, turn, "handle")
+    np.testing.assert_allclose(
+        handle, np.einsum("nij,nj->ni", jacobian, truths.rotation.apply(turn)), atol=1e-7
+    )
+
+
+def test_offsets_of_table_1():
+    for name, beta in (("at_80", 80), ("at_0", 0), ("at_minus_80", -80)):
+        ends = Rotation.from_euler("ZYX", [[20, beta, -30], [20.006, beta + 0.006, -29.994]], True)
+        assert 100 * np.rad2deg((ends[1] * ends[0].inv()).magnitude()) == near("09.1", name)
+    table1 = datasets.load_table1()
+    errors = deviations.exact([table1.measured], table1.set_poses)
+    clamp = accounts.clamping(errors, table1.set_poses)
+    assert clamp.repeat_deg.value == pytest.approx(0.28, abs=0.005)
+    assert 2.093 * 0.28 / np.sqrt(20) == near("09.2", "of_twenty")
+    assert 1.96 * 0.28 / np.sqrt(20) == near("09.2", "of_twenty")
+    for poses, factor in ((30.1, 1.96), (33, 2.037)):  # Student's for 32 degrees of freedom
+        assert factor * 0.28 / np.sqrt(poses) == pytest.approx(0.1, abs=0.001)
+        assert poses == near("09.2", "poses")
+
+
+def test_a_stricter_judge():
+    patterns = datasets.load_sweep("patterns")
+    tested = patterns[~patterns.fitted]
+    least = tested.groupby("model").p_holm.min()
+    assert (least >= 0.001).sum() == value("09.5", "left") == len(least)
+    assert (least >= 0.05).sum() == 3
+    growth = patterns.set_index(["model", "statistic"]).model_median["certain", "growth_alpha"]
+
+    def clampings(level):
+        return experiment.fewest(
+            lambda m: experiment.power_of_ratio(2.0, 15 * (m - 1), 15 * m - 6, level), 0.9
+        )
+
+    def poses(level):
+        return experiment.fewest(
+            lambda n: experiment.power_of_ratio(growth**2, n - 1, 19, level), 0.9
+        )
+
+    assert (clampings(0.05), poses(0.05)) == (6, 8)
+    assert (clampings(0.001), poses(0.001)) == (value("09.5", "clampings"), value("09.5", "near"))
+
+
+def test_a_knocked_camera():
+    """CCD2 really turned, where the chapter's solution takes the response to first order."""
+    truths = datasets.load_table1().set_poses
+    rig, handle = datasets.load_rig("paper_pair"), datasets.load_handle("paper")
+    trial = error_sources.make_trial(rig, handle, truths)
+    axes = rig.cameras[1].T_world_cam.rotation.as_matrix()
+    shares = {}
+    for name, axis in zip("xyz", axes.T, strict=True):
+        shift = np.concatenate([np.zeros(11), np.deg2rad(0.05) * axis])
+        errors = error_sources.response(trial, rig=error_sources.shifted_rig(rig, shift))
+        after = deviations.registered(errors, truths, range(20))
+        shares[name] = pattern.smooth_share(truths.translation, errors[:, :3])
+        if name == "y":
+            assert np.linalg.norm(errors[:, :3], axis=1).mean() == near("09.6", "before_mm")
+            assert np.linalg.norm(after[:, :3], axis=1).mean() == near("09.6", "after_mm")
+            assert shares[name] == near("09.6", "smooth_share")
+    assert min(shares, key=shares.get) == value("09.6", "missed")
