@@ -5,18 +5,24 @@ numbers.
 import json
 import re
 import textwrap
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
+from scipy.spatial.transform import RigidTransform, Rotation
 
 from trinolab import datasets, metrics
 from trinolab.course.child import outcome
 from trinolab.course.exercise import FunctionExercise
 from trinolab.course.exercises import exercise, of_chapter
+from trinolab.course.exercises.estimators import step_of_all_views
 from trinolab.course.exercises.table1 import askew_differences, mean_angle_errors
 from trinolab.course.grading import call_of, judge_outcomes
+from trinolab.estimators import centroids, reprojection
+from trinolab.estimators.appearance import Views
+from trinolab.handle import facing_pixels
+from trinolab.parameters import Parameters
 from trinolab.studies import accounts, deviations, error_sources, experiment, pattern
 
 NOTEBOOKS = Path(__file__).parents[1] / "notebooks"
@@ -37,7 +43,7 @@ def printed_code(chapter, label):
     return textwrap.dedent("\n".join(code))
 
 
-@pytest.mark.parametrize("chapter", ["09"])
+@pytest.mark.parametrize("chapter", ["09", "10"])
 def test_the_printed_code_is_right(chapter):
     for asked in of_chapter(chapter):
         if isinstance(asked, FunctionExercise):
@@ -48,7 +54,7 @@ def test_the_printed_code_is_right(chapter):
             assert judge_outcomes(asked, outcomes).right, asked.number
 
 
-@pytest.mark.parametrize("chapter", ["09"])
+@pytest.mark.parametrize("chapter", ["09", "10"])
 def test_the_chapter_has_what_is_checked(chapter):
     """Numbers, kinds, titles, labels and names, and the sections to read."""
     kinds = {
@@ -173,3 +179,100 @@ def test_a_knocked_camera():
             assert np.linalg.norm(after[:, :3], axis=1).mean() == near("09.6", "after_mm")
             assert shares[name] == near("09.6", "smooth_share")
     assert min(shares, key=shares.get) == value("09.6", "missed")
+
+
+# Chapter 10
+
+
+def test_a_step_is_the_package_s_and_that_of_whitened_rows():
+    rng = np.random.default_rng(3)
+    rig, handle = datasets.load_rig("raised_40deg"), datasets.load_handle("paper")
+    T = datasets.load_table1().set_poses[9]
+    seen = np.stack([facing_pixels(handle, camera, T, 62.0) for camera in rig.cameras])
+    views = Views(*np.nonzero(np.isfinite(seen[..., 0])))
+    predicted, J = centroids.predict_centroids(rig, handle, T, views)
+    roots = rng.normal(0, 0.02, (len(J), 2, 2)) + 0.1 * np.eye(2)
+    C = roots @ roots.mT
+    found = predicted + rng.normal(0, 0.05, predicted.shape)
+    step, covariance = step_of_all_views(J, C, found - predicted)
+    fit, package = reprojection.fit_pixels(found, C, rig, handle, views, T, steps=1, huber=np.inf)
+    moved = T * RigidTransform.from_exp_coords(np.concatenate([step[3:], step[:3]]))
+    np.testing.assert_allclose(fit.as_matrix(), moved.as_matrix(), atol=1e-9)
+    assert np.trace(covariance[:3, :3]) == pytest.approx(np.trace(package[:3, :3]), rel=1e-3)
+
+    whiten = np.linalg.inv(roots)
+    rows, off = (whiten @ J).reshape(-1, 6), (whiten @ (found - predicted)[..., None]).ravel()
+    np.testing.assert_allclose(step, np.linalg.lstsq(rows, off)[0], rtol=1e-7)
+    np.testing.assert_allclose(np.linalg.inv(covariance), rows.T @ rows, rtol=1e-6)
+
+    # four times all covariances, and then those of CCD3 alone
+    def fitted(factor):
+        return reprojection.fit_pixels(
+            found, factor * C, rig, handle, views, T, steps=10, huber=np.inf
+        )
+
+    once, fourfold = fitted(1.0), fitted(4.0)
+    assert value("10.4", "pose") == "stays"
+    np.testing.assert_allclose(once[0].as_matrix(), fourfold[0].as_matrix(), atol=1e-7)
+    np.testing.assert_allclose(fourfold[1], value("10.4", "covariance") * once[1], rtol=1e-4)
+    nees = [metrics.nees(*fit, T)[0] for fit in (once, fourfold)]
+    assert nees[1] / nees[0] == near("10.4", "nees")
+    assert value("10.4", "pose_ccd3") == "moves"
+    spoilt = fitted(np.where(views.camera == 2, 4.0, 1.0)[:, None, None])
+    assert np.linalg.norm(spoilt[0].translation - once[0].translation) > 1e-4  # mm
+
+
+def test_a_known_grey_is_worth_its_share():
+    """The upper left of the inverse of the whole normal equations, in place of its complement."""
+    J, K = np.array([2.0, -2.0]), np.array([1.0, 1.0])
+    columns = np.column_stack([J, K])
+    for weights, known, unknown in (([1, 0.25], 5.0, 3.2), ([1, 1], 8.0, 8.0)):
+        normal = columns.T @ np.diag(weights) @ columns
+        assert normal[0, 0] == known
+        assert 1 / np.linalg.inv(normal)[0, 0] == pytest.approx(unknown)
+    assert (value("10.2", "known"), value("10.2", "unknown")) == (5.0, 3.2)
+    assert value("10.2", "lost_even") == 0
+
+
+def test_half_a_marker():
+    """A centroid by the integral, at 40 degrees, with markers of 3 and of 1.5 mm."""
+    rig, T = datasets.load_rig("paper_pair"), datasets.load_table1().set_poses[9]
+    handle = datasets.load_handle("paper")
+    bias = []
+    for factor in (1.0, 0.5):
+        one = replace(handle, marker_diameter_mm=factor * handle.marker_diameter_mm)
+        seen = np.stack([facing_pixels(one, camera, T, 62.0) for camera in rig.cameras])
+        views = Views(*np.nonzero(np.isfinite(seen[..., 0])))
+        uv, _ = centroids.predict_centroids(rig, one, T, views)
+        bias.append(np.linalg.norm(uv - seen[views], axis=1).max())
+    assert bias[1] / bias[0] == pytest.approx(value("10.1", "bias"), rel=0.03)  # the third order
+    assert value("10.1", "scatter") == pytest.approx((0.5) ** -0.5)
+
+
+def test_a_third_camera_anywhere():
+    truths, handle = datasets.load_table1().set_poses, datasets.load_handle("paper")
+
+    def seen(elevation, T):
+        rig = datasets.paper_rig(elevation)
+        slant = Parameters().max_slant_deg
+        return rig, np.stack([facing_pixels(handle, one, T, slant) for one in rig.cameras])
+
+    def worst_um(elevation, hidden=()):
+        sigmas = []
+        for T in truths:
+            rig, uv = seen(elevation, T)
+            uv[list(hidden)] = np.nan
+            views = Views(*np.nonzero(np.isfinite(uv[..., 0])))
+            _, J = centroids.predict_centroids(rig, handle, T, views)
+            _, covariance = step_of_all_views(
+                J, np.tile(0.012**2 * np.eye(2), (len(J), 1, 1)), uv[views]
+            )
+            sigmas.append(1e3 * np.sqrt(np.trace(covariance[:3, :3])))
+        return max(sigmas)
+
+    assert worst_um(None) == near("10.5", "pair_um")
+    assert worst_um(40.0) == near("10.5", "third_um")
+    assert worst_um(40.0, (0,)) == near("10.5", "hidden_um")
+    for elevation, count in ((90.0, value("10.5", "shared_90")), (40.0, 16)):
+        shared = [np.isfinite(seen(elevation, T)[1][1:, :, 0]).all(axis=0).sum() for T in truths]
+        assert sum(number >= 3 for number in shared) == count
