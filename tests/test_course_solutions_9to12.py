@@ -17,12 +17,15 @@ from trinolab.course.child import outcome
 from trinolab.course.exercise import FunctionExercise
 from trinolab.course.exercises import exercise, of_chapter
 from trinolab.course.exercises.estimators import step_of_all_views
+from trinolab.course.exercises.slave import clutched, needed_scale
 from trinolab.course.exercises.table1 import askew_differences, mean_angle_errors
 from trinolab.course.grading import call_of, judge_outcomes
 from trinolab.estimators import centroids, reprojection
 from trinolab.estimators.appearance import Views
 from trinolab.handle import facing_pixels
 from trinolab.parameters import Parameters
+from trinolab.slave import mapping
+from trinolab.slave.oneeuro import OneEuroParameters
 from trinolab.studies import accounts, deviations, error_sources, experiment, pattern
 
 NOTEBOOKS = Path(__file__).parents[1] / "notebooks"
@@ -43,7 +46,7 @@ def printed_code(chapter, label):
     return textwrap.dedent("\n".join(code))
 
 
-@pytest.mark.parametrize("chapter", ["09", "10"])
+@pytest.mark.parametrize("chapter", ["09", "10", "11"])
 def test_the_printed_code_is_right(chapter):
     for asked in of_chapter(chapter):
         if isinstance(asked, FunctionExercise):
@@ -54,7 +57,7 @@ def test_the_printed_code_is_right(chapter):
             assert judge_outcomes(asked, outcomes).right, asked.number
 
 
-@pytest.mark.parametrize("chapter", ["09", "10"])
+@pytest.mark.parametrize("chapter", ["09", "10", "11"])
 def test_the_chapter_has_what_is_checked(chapter):
     """Numbers, kinds, titles, labels and names, and the sections to read."""
     kinds = {
@@ -276,3 +279,70 @@ def test_a_third_camera_anywhere():
     for elevation, count in ((90.0, value("10.5", "shared_90")), (40.0, 16)):
         shared = [np.isfinite(seen(elevation, T)[1][1:, :, 0]).all(axis=0).sum() for T in truths]
         assert sum(number >= 3 for number in shared) == count
+
+
+# Chapter 11
+
+
+def test_the_clutch_is_the_package_s():
+    """With a filter that does nothing, and losses that are longer than the moment of grace."""
+    rng = np.random.default_rng(0)
+    period, count = 1 / 30, 60
+    hand = np.cumsum(rng.normal(0, 2, (count, 3)), axis=0)
+    closed = np.ones(count, bool)
+    closed[[0, 1, 20, 21, 22, 40, 55]] = False
+    hand[[10, 11, 12, 30, 31, 32, 33, 38, 39, 40, 41]] = np.nan
+    start = RigidTransform.from_translation([400.0, 0, 300])
+    parameters = mapping.MappingParameters(
+        scale=1.7, filtering=OneEuroParameters(1e9, 1e9), stale_s=1.5 * period
+    )
+    state, places = mapping.State(0.0, start), []
+    for k, (place, is_closed) in enumerate(zip(hand, closed, strict=True)):
+        pose = None if np.isnan(place[0]) else RigidTransform.from_translation(place)
+        sample = mapping.Sample(
+            (k + 1) * period, pose, "lost" if pose is None else "measured", is_closed
+        )
+        state = mapping.step(state, sample, parameters)
+        places.append(state.target.translation)
+    ours = clutched(hand, closed, start.translation, 1.7)
+    np.testing.assert_allclose(ours, places, atol=1e-5)  # mm; what is left of the filter
+    assert np.ptp(ours[33:40], axis=0).max() == 0
+
+
+def test_scale_and_alignment():
+    assert needed_scale([150, 120, 100], [300, 60, 200]) == 2
+    old = Rotation.from_euler("x", -90, degrees=True)  # down becomes -z, away becomes +y
+    np.testing.assert_allclose(2 * old.apply([30, 10, 6]), [60, 12, -20], atol=1e-9)
+    round_the_table = Rotation.from_euler("z", 180, degrees=True) * old
+    way = 2 * round_the_table.apply([30, 10, 6])
+    np.testing.assert_allclose(way, [value("11.1", name) for name in "xyz"], atol=1e-9)
+
+
+def test_a_peg_in_a_hole():
+    """By the formulas, and the stages added up by hand."""
+    frame, take = 1 / 60, 1 / (1 + 60 / (2 * np.pi * 4))
+    left = 3 * np.sqrt(take / (2 - take))
+    wander = left * np.hypot(0.05, 20 * np.deg2rad(0.3))
+    assert wander == near("11.4", "wander_mm")
+    assert wander < value("11.4", "clearance_mm") == (20.5 - 20) / 2
+    f = OneEuroParameters()
+    filtered = 1 / (2 * np.pi * (4 + f.slope * 20))
+    others = 0.005 + frame + 0.015 + frame / 2 + 0.001 + 0.001
+    # the reference's time constant is 1/60 s; it climbs a little after each pose
+    assert 1e3 * (others + filtered + 1 / 60) == near("11.4", "delay_ms")
+    slower = 1 / (2 * np.pi * (2 + f.slope * 20))
+    assert others + slower + 1 / 60 > 0.1
+    assert 0.005 + 1 / 30 + 0.015 + 1 / 60 + 0.001 + 0.001 + 1 / 20 > 0.1  # without a filter
+
+
+def test_a_loop_of_rotations():
+    """By quaternions: the scalar part of the commutator of two turns by epsilon."""
+
+    def turned(epsilon):
+        s = np.sin(epsilon / 2)
+        return 2 * np.rad2deg(np.arccos(1 - 2 * s**4))
+
+    assert turned(np.deg2rad(20)) == near("11.5", "hand_deg")
+    assert turned(np.deg2rad(10)) == near("11.5", "tool_deg")
+    order = np.log2(turned(np.deg2rad(2)) / turned(np.deg2rad(1)))
+    assert order == near("11.5", "order")
