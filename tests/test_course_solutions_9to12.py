@@ -17,6 +17,7 @@ from trinolab.course.child import outcome
 from trinolab.course.exercise import FunctionExercise
 from trinolab.course.exercises import exercise, of_chapter
 from trinolab.course.exercises.estimators import step_of_all_views
+from trinolab.course.exercises.feedback import position_force
 from trinolab.course.exercises.slave import clutched, needed_scale
 from trinolab.course.exercises.table1 import askew_differences, mean_angle_errors
 from trinolab.course.grading import call_of, judge_outcomes
@@ -24,7 +25,7 @@ from trinolab.estimators import centroids, reprojection
 from trinolab.estimators.appearance import Views
 from trinolab.handle import facing_pixels
 from trinolab.parameters import Parameters
-from trinolab.slave import mapping
+from trinolab.slave import bilateral, mapping, wall
 from trinolab.slave.oneeuro import OneEuroParameters
 from trinolab.studies import accounts, deviations, error_sources, experiment, pattern
 
@@ -46,7 +47,7 @@ def printed_code(chapter, label):
     return textwrap.dedent("\n".join(code))
 
 
-@pytest.mark.parametrize("chapter", ["09", "10", "11"])
+@pytest.mark.parametrize("chapter", ["09", "10", "11", "12"])
 def test_the_printed_code_is_right(chapter):
     for asked in of_chapter(chapter):
         if isinstance(asked, FunctionExercise):
@@ -57,7 +58,7 @@ def test_the_printed_code_is_right(chapter):
             assert judge_outcomes(asked, outcomes).right, asked.number
 
 
-@pytest.mark.parametrize("chapter", ["09", "10", "11"])
+@pytest.mark.parametrize("chapter", ["09", "10", "11", "12"])
 def test_the_chapter_has_what_is_checked(chapter):
     """Numbers, kinds, titles, labels and names, and the sections to read."""
     kinds = {
@@ -346,3 +347,62 @@ def test_a_loop_of_rotations():
     assert turned(np.deg2rad(10)) == near("11.5", "tool_deg")
     order = np.log2(turned(np.deg2rad(2)) / turned(np.deg2rad(1)))
     assert order == near("11.5", "order")
+
+
+# Chapter 12
+
+
+def test_a_force_that_comes_back():
+    """Hand numbers at rest, and the package where no force comes back."""
+    at_rest = position_force(np.full(20_000, 2.0), 0, 0.0, 1000.0)[-1]
+    np.testing.assert_allclose(at_rest, [2 / 200 + 2 / 1000, 2 / 1000], rtol=1e-4)
+    free = position_force(np.ones(12_000), 0, 10.0, 1000.0)[:, 0]
+    assert (free[-1] - free[-2]) / 2e-4 == pytest.approx(1 / 2.0, rel=1e-4)  # push over damping
+    thrown = position_force(np.ones(4000), 250, 0.05, 1000.0)[:, 0]
+    assert thrown.min() == pytest.approx(-0.316, abs=0.002)
+    for late, rests in ((30, True), (40, False)):  # 6 and 8 ms
+        held = position_force(np.ones(25_000), late, 0.05, 1000.0)[-5000:, 0]
+        assert (np.ptp(held) < 1e-6) == rests
+    # led by a hand that does what the coupling's spring would do to the master
+    pair = bilateral.Teleoperator(0.2, 0.2, 2.0, 200.0, 2.0)
+    push = np.linspace(0, 1, 1000)
+    led = bilateral.simulate(pair, "position-position", push, 10.0, 1000.0, 2e-4)
+    ours = position_force(push - led.master_n, 0, 10.0, 1000.0)
+    np.testing.assert_allclose(ours, np.column_stack([led.master_m, led.slave_m]), atol=1e-12)
+
+
+def test_frequencies_and_limits():
+    pair = bilateral.Teleoperator(0.2, 0.2, 2.0, 200.0, 2.0)
+    omega = value("12.1", "omega")
+    s = 1j * omega
+    C = 2.0 + 200.0 / s
+    assert abs(C / (0.2 * s + 2.0 + C)) == pytest.approx(1)
+    assert bilateral.critical_delay(replace(pair, stiffness=30.1)) < np.inf
+    assert bilateral.critical_delay(replace(pair, stiffness=29.9)) == np.inf
+    assert value("12.1", "stiffness") == 30
+    heavy = replace(pair, master_kg=2.0, slave_kg=2.0)
+    assert 1e3 * bilateral.critical_delay(heavy) == near("12.4", "critical_ms")
+
+    camera = wall.Loop(0.2, 2.0, 1 / 30, 0.05)
+    assert 2 / camera.lag_s == near("12.4", "infinite")
+    assert wall.nyquist_limit(replace(camera, mass_kg=2000.0)).stiffness == near("12.4", "infinite")
+    assert wall.simulated_limit(replace(camera, mass_kg=2.0)) == near("12.4", "at_2_kg")
+    assert 800 * camera.lag_s == near("12.2", "damping")
+    soon = wall.Loop(2000.0, 2.0, 1e-4, 1e-3 * value("12.2", "age_ms") - 0.5e-4)
+    assert wall.nyquist_limit(soon).stiffness == pytest.approx(800, rel=1e-3)
+
+
+def test_a_little_delay_that_helps():
+    massless = wall.Loop(1e-5, 20.0, 1 / 30)
+
+    def largest(share):
+        late = replace(massless, delay_s=share / 30)
+        return wall.nyquist_limit(late).stiffness / (20 * 30)
+
+    assert largest(0.0) == near("12.5", "prompt")
+    best = value("12.5", "best_share")
+    assert largest(best) == near("12.5", "best")
+    assert max(largest(best - 0.02), largest(best + 0.02)) < largest(best)
+    light = wall.Loop(0.05, 20.0, 1 / 30)
+    late = replace(light, delay_s=0.25 / 30)
+    assert wall.simulated_limit(late) / wall.simulated_limit(light) == near("12.5", "light_gain")
