@@ -362,7 +362,7 @@ def test_a_force_that_comes_back():
     assert thrown.min() == pytest.approx(-0.316, abs=0.002)
     for late, rests in ((30, True), (40, False)):  # 6 and 8 ms
         held = position_force(np.ones(25_000), late, 0.05, 1000.0)[-5000:, 0]
-        assert (np.ptp(held) < 1e-6) == rests
+        assert (np.ptp(held) < 1e-4) == rests  # m
     # led by a hand that does what the coupling's spring would do to the master
     pair = bilateral.Teleoperator(0.2, 0.2, 2.0, 200.0, 2.0)
     push = np.linspace(0, 1, 1000)

@@ -51,15 +51,15 @@ def position_force(push, late, wall_m, wall_stiffness):
 
 
 def _force_cases(rng):
-    steady = np.full(700, 2.0)
-    there_and_back = np.repeat([2.0, -3.0, 1.0], 300)
+    steady = np.full(500, 2.0)
+    there_and_back = np.repeat([2.0, -3.0, 1.0], 200)
     return [
         (steady, 0, 0.002, 1000.0),
         (steady, 60, 0.002, 1000.0),
         (there_and_back, 25, 0.001, 1000.0),
         (there_and_back, 100, 0.003, 400.0),
         (steady, 40, 1.0, 1000.0),
-        (2 + rng.normal(0, 0.5, 800), 30, 0.004, 2000.0),
+        (2 + rng.normal(0, 0.5, 500), 30, 0.004, 2000.0),
     ]
 
 
