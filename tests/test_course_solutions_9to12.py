@@ -58,41 +58,6 @@ def test_the_printed_code_is_right(chapter):
             assert judge_outcomes(asked, outcomes).right, asked.number
 
 
-@pytest.mark.parametrize("chapter", ["09", "10", "11", "12"])
-def test_the_chapter_has_what_is_checked(chapter):
-    """Numbers, kinds, titles, labels and names, and the sections to read."""
-    kinds = {
-        "pencil": "Pencil",
-        "write": "Write it yourself",
-        "predict": "Change and predict",
-        "project": "Project",
-    }
-    text = text_of(chapter)
-    headings = set(re.findall(r"^#{2,3} (.+)$", text, re.M))
-    assert {one.kind for one in of_chapter(chapter)} == set(kinds)
-    for asked in of_chapter(chapter):
-        short = asked.number.lstrip("0")
-        statement = re.search(
-            rf"```{{exercise}} {short} {kinds[asked.kind]}: {re.escape(asked.title)}\n"
-            rf":label: {asked.label}\n:nonumber:\n(.*?)\n```",
-            text,
-            re.S,
-        )
-        assert statement, asked.number
-        assert f'`check("{asked.number}", ' in statement[1], asked.number
-        assert f"```{{hint}} First hint to {short}\n:class: dropdown\n" in text
-        assert f"```{{hint}} Second hint to {short}\n:class: dropdown\n" in text
-        if isinstance(asked, FunctionExercise):
-            assert f'check("{asked.number}", {asked.name})' in statement[1]
-        else:
-            filled = ", ".join(f'"{name}": ...' for name in asked.asked)
-            assert f'check("{asked.number}", {{{filled}}})' in statement[1], asked.number
-        for mistake in asked.mistakes:
-            number, _, heading = mistake.read.partition(", ")
-            assert number == chapter.lstrip("0")
-            assert heading in headings, (asked.number, heading)
-
-
 def value(number, name):
     return exercise(number).asked[name].value
 
