@@ -454,10 +454,15 @@ EXERCISES = (
                 {"smooth_share": 0.006},
             ),
             Mistake(
-                "This axis is not missed: a turn about y moves depth by millimetres, and one about z "
-                "leaves a smooth share near 1.",
-                SPACE,
+                "A knock about y is not missed: it is vergence, and moves depth by millimetres.",
+                BUDGET,
                 {"missed": "y"},
+            ),
+            Mistake(
+                "A knock about z is not missed by both: its errors are small, but nearly all of what "
+                "is left is smooth.",
+                SPACE,
+                {"missed": "z"},
             ),
         ),
         {
