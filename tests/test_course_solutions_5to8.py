@@ -7,13 +7,16 @@ import re
 import textwrap
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 from scipy import ndimage
+from scipy.spatial.transform import RigidTransform, Rotation
 from scipy.special import j1
 
-from trinolab import datasets, identity, measurement
+from trinolab import datasets, identity, matching, measurement
 from trinolab.bench import optics, scene
+from trinolab.camera import Camera, epipolar_lines, fundamental_matrix
 from trinolab.course.child import outcome
 from trinolab.course.exercise import FunctionExercise
 from trinolab.course.exercises import exercise, of_chapter
@@ -146,3 +149,53 @@ def test_the_better_centres():
     rms = np.sqrt(np.nanmean(uv**2, axis=(0, 1)))
     for value, asked in zip(rms, exercise("05.5").asked.values(), strict=True):
         assert abs(value - asked.value) < asked.within
+
+
+def two_cameras(K_left, K_right, R, T):
+    """The package's cameras, the left one's frame the world."""
+    motions = RigidTransform.identity(), RigidTransform.from_components(T, Rotation.from_matrix(R))
+    pairs = zip(("left", "right"), (K_left, K_right), motions, strict=True)
+    return [Camera(name, (1280, 1024), K, np.zeros(5), motion) for name, K, motion in pairs]
+
+
+def test_epipolar_lines_and_distances_are_the_package_s():
+    line, distance = exercise("06.3").solution, exercise("06.5").solution
+    rng = np.random.default_rng(1)
+    for K_left, K_right, R, T, uv in call_of(exercise("06.3")).cases:
+        left, right = two_cameras(K_left, K_right, R, T)
+        ours, theirs = line(K_left, K_right, R, T, uv), epipolar_lines(left, right, [uv])[0]
+        assert np.allclose(ours, np.sign(ours @ theirs) * theirs, rtol=0, atol=1e-6)  # px
+        other = rng.uniform(0, 1000, 2)
+        there = matching.epipolar_distances(left, right, [uv], [other])
+        back = matching.epipolar_distances(right, left, [other], [uv])
+        ours = distance(fundamental_matrix(left, right), uv, other)
+        assert abs(ours - max(there, back)) < 1e-6
+
+
+def test_the_map_of_the_correlation_is_opencv_s():
+    asked = exercise("06.4")
+    flat = 0
+    for template, image in call_of(asked).cases:
+        ours = asked.solution(template, image)
+        as_floats = np.float32(image), np.float32(template)
+        if np.ptp(template):
+            opencv = cv2.matchTemplate(*as_floats, cv2.TM_CCOEFF_NORMED)
+            assert np.allclose(ours[ours != 0], opencv[ours != 0], rtol=0, atol=1e-4)
+        flat += (ours == 0).sum()
+        n, m = np.shape(template)
+        assert abs(ours[0, 0] - matching.ncc(template, np.array(image)[:n, :m])) < 1e-12
+    assert flat > 1
+
+
+def test_the_values_of_chapter_6():
+    """Spots drawn at random, and nails seen by cameras."""
+    rng = np.random.default_rng(0)
+    beside = np.abs(rng.uniform(0, 320, (100_000, 5)) - 160)
+    wrong = exercise("06.1").asked["wrong"].value
+    assert abs((beside < 2).sum(axis=1).mean() - wrong) < 4 * np.sqrt(wrong / 100_000)
+
+    left, right = two_cameras(np.eye(3), np.eye(3), np.eye(3), [-100, 0, 0])
+    nails = [[50, 0, 550], [50, 0, 570]]
+    steps = [np.diff(camera.project(nails)[:, 0])[0] for camera in (left, right)]
+    right_ones = exercise("06.2").answer
+    assert np.allclose(steps, [right_ones["left_step"], right_ones["right_step"]], atol=1e-12)
