@@ -16,6 +16,7 @@ from scipy.special import j1
 
 from trinolab import datasets, identity, matching, measurement
 from trinolab.bench import optics, scene
+from trinolab.calibration import eq25, start
 from trinolab.camera import Camera, epipolar_lines, fundamental_matrix
 from trinolab.course.child import outcome
 from trinolab.course.exercise import FunctionExercise
@@ -199,3 +200,36 @@ def test_the_values_of_chapter_6():
     steps = [np.diff(camera.project(nails)[:, 0])[0] for camera in (left, right)]
     right_ones = exercise("06.2").answer
     assert np.allclose(steps, [right_ones["left_step"], right_ones["right_step"]], atol=1e-12)
+
+
+def test_the_square_lens_agrees_with_zhang_s():
+    """With three positions and exact corners the lens with two focal lengths is the same."""
+    asked = exercise("07.3")
+    compared = 0
+    for homographies, size in call_of(asked).cases:
+        K = asked.solution(homographies, size)
+        for H in homographies:  # what defines it: the columns become perpendicular, of one length
+            a, b = (np.linalg.inv(K) @ H)[:, :2].T
+            assert abs(a @ b) < 1e-9 * (a @ a)
+            assert abs(a @ a - b @ b) < 1e-9 * (a @ a)
+        if len(homographies) > 2:
+            assert np.allclose(K, start.intrinsics(homographies, size), rtol=1e-6)
+            compared += 1
+    assert compared == 2
+
+
+def test_the_values_of_chapter_7():
+    """The motion by the package, the number of positions by search."""
+    answer = exercise("07.1").answer
+    for degrees, names in ((0, ("T_x",)), (30, ("turned_x", "turned_z"))):
+        left = RigidTransform.identity()  # of the board, which is the left camera's frame
+        rotation = Rotation.from_euler("y", degrees, degrees=True)
+        right = RigidTransform.from_components([100, 0, 0], rotation).inv()
+        T = eq25.relative_pose(right, left).translation[[0, 2]]  # of the left in the right
+        assert np.allclose(T[: len(names)], [answer[name] for name in names], rtol=0, atol=1e-2)
+
+    positions = np.arange(14, 1000)
+    enough = positions[0.165 * np.sqrt(14 / positions) <= 0.031][0]
+    asked = exercise("07.2").asked
+    assert abs(enough - asked["positions"].value) <= 1
+    assert abs(np.sqrt(enough / 14) - asked["noise_factor"].value) < 0.01

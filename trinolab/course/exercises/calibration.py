@@ -270,8 +270,8 @@ EXERCISES = (
                 {"focal_sigma": "the same"},
             ),
             Mistake(
-                "Both what tapers and what is measured grow with the board, but only the taper tells "
-                "the focal length. Half of it is half as good.",
+                "The board's taper goes with its width, and not with its area: half of it is half as "
+                "good.",
                 "7, The smallest calibration",
                 {"focal_sigma": "four times"},
             ),
@@ -297,6 +297,48 @@ EXERCISES = (
             "focal_sigma": Asked("twice", choices=("the same", "twice", "four times")),
             "chi_square": Asked("the same", choices=("the same", "twice", "four times")),
             "cost_mm": Asked(0.280, "mm", within=0.045),
+        },
+    ),
+    ValueExercise(
+        "07.5",
+        "project",
+        "A board that is bent",
+        "ex-calibration-bent",
+        5,
+        (
+            Mistake(
+                "These are the numbers of a flat board. Are the bent points the ones that are "
+                "projected, and does `calibrate` get the flat ones?",
+                "7, Limits, and a broken case",
+                {"noise_px": 0.0495, "chi_square": 7.94, "cost_mm": 0.172},
+            ),
+            Mistake(
+                "This board has a quarter of the bend: x counts from a corner of the board, and not "
+                "from its middle.",
+                "7, Exercises",
+                {"noise_px": 0.0583, "chi_square": 37.2, "cost_mm": 0.974},
+            ),
+            Mistake(
+                "This board is bent by 2 mm, ten times as much: 0.2 mm are asked for.",
+                "7, Exercises",
+                {"noise_px": 1.24, "cost_mm": 43.3},
+            ),
+            Mistake(
+                "This noise is that of a corner in the plane, sqrt 2 times as much as that of a "
+                "coordinate.",
+                "7, The algorithm: one least squares",
+                {"noise_px": 0.1856},
+            ),
+            Mistake(
+                "Chi-square is the mean of the six, not their sum.",
+                "7, May we trust the standard deviations?",
+                {"chi_square": 533.0},
+            ),
+        ),
+        {
+            "noise_px": Asked(0.1334, "px", within=0.012),
+            "chi_square": Asked(88.9, within=38.0),
+            "cost_mm": Asked(4.09, "mm", within=0.65),
         },
     ),
 )
