@@ -14,7 +14,7 @@ from scipy import ndimage
 from scipy.spatial.transform import RigidTransform, Rotation
 from scipy.special import j1
 
-from trinolab import datasets, identity, matching, measurement
+from trinolab import datasets, identity, matching, measurement, metrics, pose, triangulation
 from trinolab.bench import optics, scene
 from trinolab.calibration import eq25, start
 from trinolab.camera import Camera, epipolar_lines, fundamental_matrix
@@ -22,6 +22,7 @@ from trinolab.course.child import outcome
 from trinolab.course.exercise import FunctionExercise
 from trinolab.course.exercises import exercise, of_chapter
 from trinolab.course.grading import call_of, judge_outcomes
+from trinolab.handle import facing_pixels
 
 NOTEBOOKS = Path(__file__).resolve().parents[1] / "notebooks"
 CHAPTERS = ("05", "06", "07", "08")
@@ -233,3 +234,91 @@ def test_the_values_of_chapter_7():
     asked = exercise("07.2").asked
     assert abs(enough - asked["positions"].value) <= 1
     assert abs(np.sqrt(enough / 14) - asked["noise_factor"].value) < 0.01
+
+
+def test_a_point_and_a_fit_are_the_package_s():
+    """Points where there is one, and NaN where there is none; motions with the missing rows."""
+    asked = exercise("08.3")
+    found = []
+    for xy_left, xy_right, R, T in call_of(asked).cases:
+        left, right = two_cameras(np.eye(3), np.eye(3), R, T)
+        theirs = triangulation.triangulate_pair(left, right, [xy_left], [xy_right])[0]
+        ours = asked.solution(xy_left, xy_right, R, T)
+        assert np.allclose(ours, theirs, rtol=0, atol=1e-9, equal_nan=True)  # mm
+        found.append(bool(np.isfinite(ours).all()))
+    assert (sum(found), len(found)) == (4, 6)
+
+    asked = exercise("08.4")
+    for on_rod, measured in call_of(asked).cases:
+        theirs = pose.rigid_fit(on_rod, measured).as_matrix()
+        assert np.allclose(asked.solution(on_rod, measured), theirs, rtol=0, atol=1e-9)
+
+
+def test_the_midpoint_is_nearest_to_both_rays():
+    """The point with the least sum of squared distances from both rays, by their projections."""
+    asked = exercise("08.5")
+    for rays in call_of(asked).cases:
+        normal, right = np.zeros((3, 3)), np.zeros(3)
+        for centre, ray in (rays[:2], rays[2:]):
+            across = np.eye(3) - np.outer(ray, ray) / (ray @ ray)
+            normal, right = normal + across, right + across @ centre
+        nearest = np.linalg.solve(normal, right)
+        assert np.allclose(asked.solution(*rays), nearest, rtol=0, atol=1e-6)  # mm
+
+
+def test_the_values_of_chapter_8():
+    """Scatter drawn at random, the point with the wrong baseline, the mirrored fits."""
+    rng = np.random.default_rng(0)
+    f, baseline, depth = 2950.0, 99.0, 570.0
+    noise = rng.normal(0, 0.1, (2, 200_000))
+    z = f * baseline / (f * baseline / depth + noise[0] - noise[1])
+    x = z * noise[0] / f
+    asked = exercise("08.1").asked
+    assert abs(z.std() - asked["sigma_z"].value) < asked["sigma_z"].within
+    assert abs(x.std() - asked["sigma_x"].value) < asked["sigma_x"].within
+
+    K = np.diag([1000.0, 1000, 1])
+    file = two_cameras(K, K, np.eye(3), [100, 0, 0])  # as it is in the file: at x = -100
+    answer = exercise("08.2").answer
+    point = [answer["x"], 30, answer["z"]]
+    images = [(K @ one.T_cam_world.apply(point)) for one in file]
+    assert np.allclose([uv[:2] / uv[2] for uv in images], [[50, -75], [-200, -75]])
+
+    rod = datasets.load_handle("paper").marker_centres
+    mirrored = {}
+    for count in (4, 12):
+        mirrored[count] = 0
+        for turn in Rotation.random(100, rng=rng):
+            measured = rod[:count] @ turn.as_matrix().T + rng.normal(0, 0.05, (count, 3))
+            of, on = (points - points.mean(axis=0) for points in (measured, rod[:count]))
+            U, S, Vt = np.linalg.svd(of.T @ on)
+            mirrored[count] += np.linalg.det(U @ Vt) < 0
+            assert (S[2] < 1e-9 * S[0]) == (count == 4)
+    asked = exercise("08.6").asked
+    assert abs(mirrored[4] - asked["of_four"].value) < asked["of_four"].within
+    assert mirrored[12] == 0
+    assert asked["of_twelve"].value == "none"
+
+
+def test_weights_help_against_noise_alone():
+    """Exercise 8.7, in fewer draws."""
+    rig, handle = datasets.load_rig("raised_40deg"), datasets.load_handle("paper")
+    truths = datasets.load_table1().set_poses
+    rng = np.random.default_rng(0)
+    fits = [], []
+    for T in truths:
+        uv = np.stack([facing_pixels(handle, camera, T, 70.0) for camera in rig.cameras])
+        for _ in range(3):
+            noisy = uv + rng.normal(0, 0.1, uv.shape)
+            plain = triangulation.triangulate(rig, noisy)
+            weighted, _ = triangulation.triangulate_weighted(rig, noisy, 0.1)
+            for some, points in zip(fits, (plain, weighted), strict=True):
+                some.append(pose.rigid_fit(handle.marker_centres, points))
+    repeated = truths[np.repeat(np.arange(20), 3)]
+    plain, weighted = (
+        metrics.pose_errors(RigidTransform.concatenate(some), repeated).geodesic_mean_deg
+        for some in fits
+    )
+    # 60 fits scatter twice as much as the 200 of the exercise
+    asked = exercise("08.7").asked["noise_ratio"]
+    assert abs(weighted / plain - asked.value) < 2 * asked.within

@@ -30,7 +30,7 @@ def plateau(image):
     image = np.asarray(image)
     counts = []
     for threshold in range(int(image.max())):
-        labels, _ = cv2.connectedComponents(np.uint8(image > threshold))
+        labels, _ = cv2.connectedComponents((image > threshold).astype(np.uint8))
         counts.append(labels - 1)  # the first label is the dark rest
     longest, middle, start = 0, math.nan, 0
     for t in range(1, len(counts) + 1):
@@ -87,7 +87,10 @@ def _counts(image, joined=8, darkest=1):
     """Counts of the contours; `darkest` = 0 lets pixels in that equal the threshold."""
     image = np.asarray(image).astype(int)
     return [
-        cv2.connectedComponents(np.uint8(image >= threshold + darkest), connectivity=joined)[0] - 1
+        cv2.connectedComponents(
+            (image >= threshold + darkest).astype(np.uint8), connectivity=joined
+        )[0]
+        - 1
         for threshold in range(int(image.max()))
     ]
 

@@ -1,5 +1,595 @@
-"""Exercises of chapter 8: the pose."""
+"""Exercises of chapter 8: from points to the pose."""
 
 from __future__ import annotations
 
-EXERCISES = ()
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from ..exercise import Asked, FunctionExercise, Mistake, ValueExercise
+
+
+def point_of_pixels(xy_left, xy_right, R, T):
+    """A marker's place from its pixels in two cameras: both forms of z by least squares (Eq. 20).
+
+    Parameters
+    ----------
+    xy_left, xy_right
+        (2,) each: pixels from the principal point, divided by the focal lengths, X/f and Y/f.
+    R, T
+        (3, 3) and (3,): from the left camera's frame to the right one's, X_right = R X_left + T, mm.
+
+    Returns
+    -------
+    array
+        (3,), mm, in the left camera's frame and on the left ray. NaN in all three if the point is
+        not in front of both cameras.
+    """
+    ray = np.array([*xy_left, 1.0])
+    a, b, c = R @ ray
+    x_right, y_right = xy_right
+    n = np.array([T[0] - x_right * T[2], T[1] - y_right * T[2]])
+    d = np.array([x_right * c - a, y_right * c - b])
+    z = (n @ d) / (d @ d)
+    in_front = z > 0 and z * c + T[2] > 0
+    return z * ray if in_front else np.full(3, np.nan)
+
+
+def _point_cases(rng):
+    """Cameras side by side, one above the other, turned; and points behind the one or the other."""
+    side, above = np.array([-100.0, 0, 0]), np.array([0, 110.0, 20])
+    turned = Rotation.from_rotvec([0.05, 0.2, -0.1]).as_matrix()
+    behind = Rotation.from_euler("y", 100, degrees=True).as_matrix()
+    motions = [
+        (np.eye(3), side),
+        (Rotation.from_rotvec([0.2, 0.02, 0.1]).as_matrix(), above),
+        (turned, np.array([-90.0, 15, 12])),
+        (turned.T, np.array([60.0, -70, 5])),
+        (np.eye(3), -side),
+    ]
+    cases = []
+    for R, T in motions:
+        point = rng.uniform([-60, -60, 500], [60, 60, 620])
+        in_right = R @ point + T
+        noise = rng.normal(0, 2e-4, (2, 2))
+        xy = np.array([point[:2] / point[2], in_right[:2] / in_right[2]]) + noise
+        cases.append((xy[0], xy[1], R, T))
+    cases[-1] = (*cases[-1][:3], side)  # the wrong sign of the baseline: behind both
+    point = np.array([30.0, -20, 560])
+    in_right = behind @ point + side
+    xy_right = in_right[:2] / in_right[2] + [1e-4, -2e-4]
+    cases.append((point[:2] / point[2], xy_right, behind, side))  # behind the right one
+    return cases
+
+
+def _forms(xy_left, xy_right, R, T):
+    ray = np.array([*xy_left, 1.0])
+    turned = R @ ray
+    n = T[:2] - np.asarray(xy_right) * T[2]
+    d = np.asarray(xy_right) * turned[2] - turned[:2]
+    return ray, turned, n, d
+
+
+def _at(z, ray, turned, T):
+    return z * ray if z > 0 and z * turned[2] + T[2] > 0 else np.full(3, np.nan)
+
+
+def _form(which):
+    def point(xy_left, xy_right, R, T):
+        ray, turned, n, d = _forms(xy_left, xy_right, R, T)
+        with np.errstate(all="ignore"):
+            return _at(n[which] / d[which], ray, turned, T)
+
+    return point
+
+
+def _mean_of_forms(xy_left, xy_right, R, T):
+    ray, turned, n, d = _forms(xy_left, xy_right, R, T)
+    with np.errstate(all="ignore"):
+        return _at((n / d).mean(), ray, turned, T)
+
+
+def _as_printed(xy_left, xy_right, R, T):
+    return point_of_pixels(xy_left, xy_right, R.T, -R.T @ T)
+
+
+def _anywhere(xy_left, xy_right, R, T):
+    ray, _, n, d = _forms(xy_left, xy_right, R, T)
+    return (n @ d) / (d @ d) * ray
+
+
+def _before_the_left(xy_left, xy_right, R, T):
+    ray, _, n, d = _forms(xy_left, xy_right, R, T)
+    z = (n @ d) / (d @ d)
+    return z * ray if z > 0 else np.full(3, np.nan)
+
+
+def _ray_and_depth(xy_left, xy_right, R, T):
+    x, y, z = point_of_pixels(xy_left, xy_right, R, T)
+    return np.array([x / z, y / z, z])
+
+
+def rigid_motion(on_rod, measured):
+    """The rigid motion that carries the rod's markers onto measured points (Eq. 23, 24).
+
+    Parameters
+    ----------
+    on_rod
+        (n, 3), the markers' places on the rod, mm.
+    measured
+        (n, 3), row by row the same markers in the world, mm. A row of NaN is a marker that was not
+        measured.
+
+    Returns
+    -------
+    array
+        (4, 4), the matrix F of Eq. 23: a rotation, never a reflection, and a translation, with the
+        least sum of squared distances. Rows with a NaN do not count.
+    """
+    seen = np.isfinite(measured).all(axis=1)
+    p, q = on_rod[seen], measured[seen]
+    p_mean, q_mean = p.mean(axis=0), q.mean(axis=0)
+    U, _, Vt = np.linalg.svd((q - q_mean).T @ (p - p_mean))
+    mirror = np.linalg.det(U) * np.linalg.det(Vt)
+    F = np.eye(4)
+    F[:3, :3] = U @ np.diag([1, 1, mirror]) @ Vt
+    F[:3, 3] = q_mean - F[:3, :3] @ p_mean
+    return F
+
+
+def _fit_cases(rng):
+    """Points all around, with missing ones, and nearly flat sets, of which noise turns some over.
+
+    In a set that is flat but for rounding, rounding would decide what a fit without a guard gives.
+    """
+    rod = rng.normal(0, 10, (8, 3))
+    plate = rod[:5] * [1, 1, 0.02]
+    over = plate * [1, 1, -0.5]
+    cases = []
+    for points, seen in ((rod, rod), (rod, rod), (plate, plate), (plate, over), (plate, over)):
+        turn = Rotation.from_rotvec(rng.normal(0, 1.5, 3))
+        noise = rng.normal(0, 0.02, points.shape)
+        cases.append((points, turn.apply(seen) + rng.normal(0, 300, 3) + noise))
+    cases[1][1][[1, 6]] = np.nan
+    return cases
+
+
+def _fitted(on_rod, measured, rotation, keep_all=False):
+    """A fit with another rotation, of U and the transposed V."""
+    seen = np.isfinite(measured).all(axis=1) | keep_all
+    p, q = on_rod[seen], measured[seen]
+    U, _, Vt = np.linalg.svd((q - q.mean(axis=0)).T @ (p - p.mean(axis=0)))
+    F = np.eye(4)
+    F[:3, :3] = rotation(U, Vt)
+    F[:3, 3] = q.mean(axis=0) - F[:3, :3] @ p.mean(axis=0)
+    return F
+
+
+def _guarded(U, Vt):
+    return U @ np.diag([1, 1, np.linalg.det(U) * np.linalg.det(Vt)]) @ Vt
+
+
+def _without_guard(on_rod, measured):
+    return _fitted(on_rod, measured, lambda U, Vt: U @ Vt)
+
+
+def _negative(on_rod, measured):
+    return _fitted(on_rod, measured, lambda U, Vt: U @ Vt * np.linalg.det(U @ Vt))
+
+
+def _axis_of_the_rotation(on_rod, measured):
+    return _fitted(on_rod, measured, lambda U, Vt: U @ Vt @ np.diag([1, 1, np.linalg.det(U @ Vt)]))
+
+
+def _rotation_back(on_rod, measured):
+    return _fitted(on_rod, measured, lambda U, Vt: _guarded(U, Vt).T)
+
+
+def _difference_of_means(on_rod, measured):
+    F = rigid_motion(on_rod, measured)
+    F[:3, 3] = np.nanmean(measured, axis=0)
+    seen = np.isfinite(measured).all(axis=1)
+    F[:3, 3] -= on_rod[seen].mean(axis=0)
+    return F
+
+
+def _way_back(on_rod, measured):
+    return np.linalg.inv(rigid_motion(on_rod, measured))
+
+
+def _missing_counted(on_rod, measured):
+    return _fitted(on_rod, measured, _guarded, keep_all=True)
+
+
+def _one_mean_over_all(on_rod, measured):
+    """Means with the places of markers that were not measured."""
+    F = rigid_motion(on_rod, measured)
+    F[:3, 3] = np.nanmean(measured, axis=0) - F[:3, :3] @ on_rod.mean(axis=0)
+    return F
+
+
+def midpoint(centre_left, ray_left, centre_right, ray_right):
+    """The middle of the shortest line between two rays.
+
+    Parameters
+    ----------
+    centre_left, centre_right
+        (3,) each: the cameras' places, mm.
+    ray_left, ray_right
+        (3,) each: the rays' directions, of any length, in the same frame. They are not parallel.
+
+    Returns
+    -------
+    array
+        (3,), mm.
+    """
+    sides = np.stack([ray_left, -ray_right], axis=1)
+    (a, b), *_ = np.linalg.lstsq(sides, centre_right - centre_left)
+    return (centre_left + a * ray_left + centre_right + b * ray_right) / 2
+
+
+def _ray_cases(rng):
+    cases = []
+    for scale in (1.0, 1.0, 0.4, 3.0, 1.0, 7.0):
+        left, right = rng.normal(0, 80, (2, 3))
+        point = rng.uniform([-60, -60, 500], [60, 60, 620])
+        rays = [point + rng.normal(0, 2, 3) - centre for centre in (left, right)]
+        rays = [ray / np.linalg.norm(ray) * scale for ray in rays]
+        cases.append((left, rays[0], right, rays[1] / scale**0.5))
+    return cases
+
+
+def _ends(centre_left, ray_left, centre_right, ray_right):
+    """The nearest points of the two rays."""
+    sides = np.stack([ray_left, -ray_right], axis=1)
+    a, b = np.linalg.solve(sides.T @ sides, sides.T @ (centre_right - centre_left))
+    return centre_left + a * ray_left, centre_right + b * ray_right
+
+
+def _left_end(*rays):
+    return _ends(*rays)[0]
+
+
+def _right_end(*rays):
+    return _ends(*rays)[1]
+
+
+def _sum_of_ends(*rays):
+    return np.sum(_ends(*rays), axis=0)
+
+
+def _line_between(*rays):
+    left, right = _ends(*rays)
+    return right - left
+
+
+def _same_sign(centre_left, ray_left, centre_right, ray_right):
+    sides = np.stack([ray_left, ray_right], axis=1)
+    (a, b), *_ = np.linalg.lstsq(sides, centre_right - centre_left)
+    return (centre_left + a * ray_left + centre_right + b * ray_right) / 2
+
+
+def _as_if_of_length_one(centre_left, ray_left, centre_right, ray_right):
+    base, cosine = centre_right - centre_left, ray_left @ ray_right
+    with np.errstate(all="ignore"):
+        a = (base @ ray_left - cosine * (base @ ray_right)) / (1 - cosine**2)
+        b = (cosine * (base @ ray_left) - base @ ray_right) / (1 - cosine**2)
+    return (centre_left + a * ray_left + centre_right + b * ray_right) / 2
+
+
+EXERCISES = (
+    ValueExercise(
+        "08.1",
+        "pencil",
+        "How deep can they see?",
+        "pose-ex-depth",
+        2,
+        (
+            Mistake(
+                "The disparity is the difference of two coordinates. Both are uncertain, and their "
+                "variances add up: sqrt 2 times 0.1 px.",
+                "8, Two pixels, one point",
+                {"sigma_z": 0.1112},
+            ),
+            Mistake(
+                "The standard deviations of the two images have been added. It is the variances that "
+                "add up.",
+                "8, Two pixels, one point",
+                {"sigma_z": 0.2225},
+            ),
+            Mistake(
+                "The factor z / B is missing: the derivative of f B / d by d is f B / d^2, which is "
+                "z^2 / (f B).",
+                "8, Two pixels, one point",
+                {"sigma_z": 0.0273},
+            ),
+            Mistake(
+                "x follows from the left image alone: its standard deviation is 0.1 px there, without "
+                "sqrt 2.",
+                "8, What the paper says",
+                {"sigma_x": 0.0273},
+            ),
+            Mistake(
+                "x follows from the left image alone. The paper takes no mean of both.",
+                "8, What the paper says",
+                {"sigma_x": 0.01366},
+            ),
+        ),
+        {
+            "sigma_z": Asked(0.1573, "mm", within=0.0015),
+            "sigma_x": Asked(0.01932, "mm", within=0.0004),
+        },
+    ),
+    ValueExercise(
+        "08.2",
+        "pencil",
+        "The wrong way round",
+        "pose-ex-inverse",
+        2,
+        (
+            Mistake(
+                "Nothing seems to change here. But the baseline stands in the numerator of z, and "
+                "the denominator knows only the two pixels.",
+                "8, What the paper says",
+                {"x": 20.0, "z": 400.0},
+            ),
+            Mistake(
+                "x is z times X_l / f: where z changes its sign, x does as well.",
+                "8, What the paper says",
+                {"x": 20.0},
+            ),
+            Mistake(
+                "This is what the true right camera would see of the point. Who has the wrong "
+                "baseline projects with the wrong one, too, and sees no error.",
+                "8, Limits, and broken cases",
+                {"reprojection_px": 500.0},
+            ),
+            Mistake(
+                "The reprojection error is zero: a point and its negative have the same image.",
+                "8, The algorithm: from pixels to points",
+                {"shows": "the reprojection error"},
+            ),
+            Mistake(
+                "Distances between the points do not show it: all points are mirrored at the left "
+                "camera's centre, which keeps all distances.",
+                "8, The algorithm: from pixels to points",
+                {"shows": "distances between points"},
+            ),
+        ),
+        {
+            "x": Asked(-20.0, "mm", within=0.01),
+            "z": Asked(-400.0, "mm", within=0.1),
+            "reprojection_px": Asked(0.0, "px", within=1e-6),
+            "shows": Asked(
+                "the sign of z",
+                choices=("the sign of z", "the reprojection error", "distances between points"),
+            ),
+        },
+    ),
+    FunctionExercise(
+        "08.3",
+        "write",
+        "A point by both forms",
+        "pose-ex-point",
+        4,
+        (
+            Mistake(
+                "This is the first form alone. With one camera above the other it is 0/0.",
+                "8, The algorithm: from pixels to points",
+                _form(0),
+            ),
+            Mistake(
+                "This is the second form alone. With cameras side by side it is 0/0.",
+                "8, The algorithm: from pixels to points",
+                _form(1),
+            ),
+            Mistake(
+                "This is the mean of both forms. A form that says nothing spoils it: in the least "
+                "squares solution each form counts with its own d.",
+                "8, The algorithm: from pixels to points",
+                _mean_of_forms,
+            ),
+            Mistake(
+                "R and T have been inverted. Here they lead from left to right already, as Eq. 20 "
+                "needs them; it is Eq. 25 that defines the way back.",
+                "8, What is wrong in print",
+                _as_printed,
+            ),
+            Mistake(
+                "A point behind a camera is returned. Its images fit, and only the sign of the depth "
+                "shows that it cannot be.",
+                "8, The algorithm: from pixels to points",
+                _anywhere,
+            ),
+            Mistake(
+                "The point is in front of the left camera, and nobody has asked the right one: its "
+                "depth there is the third component of R X + T.",
+                "8, The algorithm: from pixels to points",
+                _before_the_left,
+            ),
+            Mistake(
+                "x and y are those of the ray at the depth 1. Multiply them by z.",
+                "8, What the paper says",
+                _ray_and_depth,
+            ),
+        ),
+        point_of_pixels,
+        _point_cases,
+        1e-7,
+    ),
+    FunctionExercise(
+        "08.4",
+        "write",
+        "The rigid fit",
+        "pose-ex-fit",
+        4,
+        (
+            Mistake(
+                "The guard against reflections is missing: with markers in a plane your matrix may "
+                "have the determinant -1.",
+                "8, The algorithm: from points to the pose",
+                _without_guard,
+            ),
+            Mistake(
+                "A reflection has been turned into a rotation by a minus before the whole matrix. That "
+                "is a rotation, but not the best one: only the third direction changes its sign.",
+                "8, The algorithm: from points to the pose",
+                _negative,
+            ),
+            Mistake(
+                "The sign is at the wrong place: it stands between U and the transposed V, and belongs "
+                "to the smallest singular value, not to an axis of the rod.",
+                "8, The algorithm: from points to the pose",
+                _axis_of_the_rotation,
+            ),
+            Mistake(
+                "The rotation is transposed: it turns the world's axes into the rod's.",
+                "8, The algorithm: from points to the pose",
+                _rotation_back,
+            ),
+            Mistake(
+                "This motion leads from the world to the rod. F leads from the rod to the world.",
+                "8, What the paper says",
+                _way_back,
+            ),
+            Mistake(
+                "The shift is the difference of the two means. The rod's mean has to be rotated "
+                "before it is taken off.",
+                "8, The algorithm: from points to the pose",
+                _difference_of_means,
+            ),
+            Mistake(
+                "Markers that were not measured count, so that NaN spreads over everything. Leave "
+                "their rows out of both lists.",
+                "8, The algorithm: from points to the pose",
+                _missing_counted,
+            ),
+            Mistake(
+                "The rod's mean is over all markers, the world's over those that were measured. Both "
+                "means are of the same markers.",
+                "8, The algorithm: from points to the pose",
+                _one_mean_over_all,
+            ),
+        ),
+        rigid_motion,
+        _fit_cases,
+        1e-8,
+    ),
+    FunctionExercise(
+        "08.5",
+        "write",
+        "The midpoint",
+        "pose-ex-midpoint",
+        4,
+        (
+            Mistake(
+                "This point lies on the left ray. Half way to the right ray is asked for.",
+                "8, Exercises",
+                _left_end,
+            ),
+            Mistake(
+                "This point lies on the right ray. Half way to the left ray is asked for.",
+                "8, Exercises",
+                _right_end,
+            ),
+            Mistake(
+                "The two nearest points are added up, and not divided by 2.",
+                "8, Exercises",
+                _sum_of_ends,
+            ),
+            Mistake(
+                "This is the way from the one ray to the other. The place of its middle is asked for.",
+                "8, Exercises",
+                _line_between,
+            ),
+            Mistake(
+                "The right ray has the wrong sign: from c_l + a d_l = c_r + b d_r follows a d_l - b "
+                "d_r = c_r - c_l.",
+                "8, Exercises",
+                _same_sign,
+            ),
+            Mistake(
+                "This formula takes the directions for unit vectors. They may have any length.",
+                "8, Exercises",
+                _as_if_of_length_one,
+            ),
+        ),
+        midpoint,
+        _ray_cases,
+        1e-7,
+    ),
+    ValueExercise(
+        "08.6",
+        "predict",
+        "Four markers, one mirror",
+        "pose-ex-mirror",
+        3,
+        (
+            Mistake(
+                "That is so for four markers in a plane. Twelve around a rod have an extent in all "
+                "three directions, and their smallest singular value is far from zero.",
+                "8, The algorithm: from points to the pose",
+                {"of_twelve": "about half"},
+            ),
+            Mistake(
+                "Twelve markers around a rod have an extent in all directions, and noise this small "
+                "makes no reflection of them at all.",
+                "8, The algorithm: from points to the pose",
+                {"of_twelve": "about a tenth"},
+            ),
+            Mistake(
+                "The residuals do not warn: a flat set and its mirror image through its own plane "
+                "are the same set.",
+                "8, Limits, and broken cases",
+                {"residuals_warn": "yes"},
+            ),
+            Mistake(
+                "With four markers in a plane the third direction has the sign that rounding gives it: "
+                "it is wrong about every second time.",
+                "8, Limits, and broken cases",
+                {"of_four": 0.0},
+            ),
+        ),
+        {
+            "of_four": Asked(50.0, within=24.0),
+            "of_twelve": Asked("none", choices=("none", "about a tenth", "about half", "all")),
+            "residuals_warn": Asked("no", choices=("yes", "no")),
+        },
+    ),
+    ValueExercise(
+        "08.7",
+        "project",
+        "Weights",
+        "pose-ex-weights",
+        5,
+        (
+            Mistake(
+                "These are the ratios the other way round: the error of the weighted mean by that of "
+                "the plain one is asked for.",
+                "8, What does the mean of three pairs bring?",
+                {"noise_ratio": 1.164, "rendered_ratio": 0.789},
+            ),
+            Mistake(
+                "This is the weighted mean of three pairs by CCD1 and CCD2 alone. Compare it with the "
+                "plain mean of the same three pairs.",
+                "8, What does the mean of three pairs bring?",
+                {"noise_ratio": 0.468},
+            ),
+            Mistake(
+                "With noise alone the weights must make a difference. Have the weighted points come "
+                "into the fit?",
+                "8, What does the mean of three pairs bring?",
+                {"noise_ratio": 1.0},
+            ),
+            Mistake(
+                "With rendered images the weights must make a difference, too. `measure` has fitted "
+                "the plain mean: take its labelled pixels, and fit anew.",
+                "8, What does the mean of three pairs bring?",
+                {"rendered_ratio": 1.0},
+            ),
+        ),
+        {
+            "noise_ratio": Asked(0.859, within=0.045),
+            "rendered_ratio": Asked(1.268, within=0.12),
+        },
+    ),
+)
