@@ -128,6 +128,12 @@ def _rows_of_H(homographies, size):
     return np.linalg.inv(N) @ K
 
 
+def _middle_of_the_image(homographies, size):
+    K = square_lens(homographies, size)
+    K[:2, 2] = np.array(size) / 2
+    return K
+
+
 def _focal_alone(homographies, size):
     return square_lens(homographies, size)[0, 0]
 
@@ -245,6 +251,12 @@ EXERCISES = (
                 "You have taken rows of H. Its columns are the images of the board's directions.",
                 "7, The smallest calibration",
                 _rows_of_H,
+            ),
+            Mistake(
+                "The principal point is taken for the image's middle. The boards say where it is, a "
+                "few dozen pixels beside.",
+                "7, From a point to a pixel",
+                _middle_of_the_image,
             ),
             Mistake(
                 "Only the focal length is returned. The whole matrix is asked for.",

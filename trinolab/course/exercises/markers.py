@@ -129,6 +129,15 @@ def _last_run_forgotten(image):
     return _middle(_longest([run for run in _runs(counts) if run[1] + 1 < len(counts)]))
 
 
+def _its_count(image):
+    return float(_longest(_runs(_counts(image)))[2] or math.nan)
+
+
+def _its_length(image):
+    first, last, _ = _longest(_runs(_counts(image)))
+    return last - first + 1
+
+
 def _end_beyond(image):
     first, last, _ = _longest(_runs(_counts(image)))
     return (first + last + 1) / 2
@@ -168,6 +177,12 @@ EXERCISES = (
                 "2 px wider.",
                 "5, The centroid is not the centre",
                 {"scatter_px": 0.0223},
+            ),
+            Mistake(
+                "This scatter is half of the old one. Smaller markers scatter more, because fewer "
+                "pixels carry their light.",
+                "5, The centroid is not the centre",
+                {"scatter_px": 0.0058},
             ),
             Mistake(
                 "This scatter is that of the old marker. R halves, in both places.",
@@ -277,6 +292,17 @@ EXERCISES = (
                 "that has the count, and not the first one that has another.",
                 "5, Exercises",
                 _end_beyond,
+            ),
+            Mistake(
+                "This is how many contours the plateau has. A threshold is asked for, the middle of "
+                "the run.",
+                "5, Exercises",
+                _its_count,
+            ),
+            Mistake(
+                "This is how long the run is. Its middle is asked for.",
+                "5, Exercises",
+                _its_length,
             ),
         ),
         plateau,

@@ -247,6 +247,10 @@ def _mean_distance(F, uv_left, uv_right):
     return _distances(F, uv_left, uv_right, F.T)[0].mean()
 
 
+def _sum_of_distances(F, uv_left, uv_right):
+    return _distances(F, uv_left, uv_right, F.T)[0].sum()
+
+
 def _there_alone(F, uv_left, uv_right):
     return _distances(F, uv_left, uv_right, F.T)[0][0]
 
@@ -428,6 +432,7 @@ EXERCISES = (
         ),
         ncc_map,
         _map_cases,
+        1e-5,  # OpenCV's map is in single precision
     ),
     FunctionExercise(
         "06.5",
@@ -457,6 +462,11 @@ EXERCISES = (
                 "The mean of both distances is returned. The larger one is asked for.",
                 "6, Exercises",
                 _mean_distance,
+            ),
+            Mistake(
+                "Both distances are added up. The larger one is asked for.",
+                "6, Exercises",
+                _sum_of_distances,
             ),
             Mistake(
                 "This is the distance in the right image alone.",
