@@ -1,8 +1,11 @@
 """Exercises and their graders: every solution passes, every stub fails, every mistake is known."""
 
 import json
+import re
 import shutil
+import warnings
 from itertools import combinations
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -17,6 +20,16 @@ from trinolab.course.plain import equal, plain
 from trinolab.course.running import run_given
 
 ALL = [one for chapter in CHAPTERS for one in of_chapter(chapter)]
+NOTEBOOKS = Path(__file__).resolve().parents[1] / "notebooks"
+# how the titles in the chapters name the kinds
+NAMED = ("Pencil", "Write it yourself", "Change and predict", "Project")
+
+
+def text_of(chapter):
+    """The markdown of a chapter."""
+    (path,) = NOTEBOOKS.glob(f"{chapter}_*.ipynb")
+    cells = json.loads(path.read_text(encoding="utf-8"))["cells"]
+    return "\n\n".join("".join(it["source"]) for it in cells if it["cell_type"] == "markdown")
 
 
 def judged(asked, answer):
@@ -83,6 +96,67 @@ def test_exercises_are_whole():
                 assert text.endswith((".", "?")), text
 
 
+def test_the_chapters_tell_the_same_exercises():
+    """Number, kind, title and label; each with two hints and its solution, in this order."""
+    for chapter in CHAPTERS:
+        if not of_chapter(chapter):
+            continue
+        found = re.findall(
+            r"^```\{exercise\} (\d+\.\d) ([\w ]+): (.+)\n:label: (\S+)\n:nonumber:\n",
+            text_of(chapter),
+            re.MULTILINE,
+        )
+        told = [
+            (
+                f"{float(number):04.1f}",
+                KINDS[NAMED.index(kind)],
+                title[0].upper() + title[1:],
+                label,
+            )
+            for number, kind, title, label in found
+        ]
+        ours = of_chapter(chapter)
+        assert told == [(one.number, one.kind, one.title, one.label) for one in ours]
+        assert {one.kind for one in ours} == set(KINDS), chapter
+        blocks = re.findall(
+            r"^```\{(?:exercise|hint|solution)\} (.+)$", text_of(chapter), re.MULTILINE
+        )
+        assert len(blocks) == 4 * len(ours)
+        for k, one in enumerate(ours):
+            shown = one.number.lstrip("0")
+            hints = [f"First hint to {shown}", f"Second hint to {shown}"]
+            assert blocks[4 * k + 1 : 4 * k + 4] == [*hints, one.label], one.number
+
+
+def test_a_mistake_leads_to_a_heading():
+    headings = {
+        chapter: set(re.findall(r"^#+ (.+)$", text_of(chapter), re.MULTILINE))
+        for chapter in CHAPTERS
+    }
+    for one in ALL:
+        for mistake in one.mistakes:
+            number, _, heading = mistake.read.partition(", ")
+            assert heading in headings[number.zfill(2)], (one.number, mistake.read)
+
+
+def test_a_statement_names_what_is_asked_for():
+    """The names of the values and their choices, the function's name and its arguments."""
+    for one in ALL:
+        chapter = text_of(one.number[:2])
+        start = chapter.index(f"\n:label: {one.label}\n")
+        statement = chapter[start : chapter.index("\n```\n", start)]
+        assert f'check("{one.number}", ' in statement, one.number
+        if isinstance(one, FunctionExercise):
+            code = one.solution.__code__
+            arguments = ", ".join(code.co_varnames[: code.co_argcount])
+            assert f"`{one.name}({arguments})`" in statement, one.number
+            continue
+        for name, asked in one.asked.items():
+            assert f'"{name}": ...' in statement, (one.number, name)
+            for choice in asked.choices:
+                assert f'"{choice}"' in statement, (one.number, name, choice)
+
+
 def test_the_function_of_a_notebook_is_checked_in_a_process_of_its_own():
     asked = exercise("04.2")
     assert check("04.2", asked.solution).right
@@ -95,6 +169,41 @@ def test_the_function_of_a_notebook_is_checked_in_a_process_of_its_own():
     assert "to be a function, not a number" in str(check("04.2", 3.0))
     with pytest.raises(ValueError, match=r"there is no exercise '04\.99'"):
         check("04.99", wrong)
+    assert check("4.2", 3.0).number == "04.2"
+    with open(__file__) as file:
+        verdict = check("04.2", lambda *_: file)
+    assert "cannot be tried in a process of its own" in str(verdict)
+
+
+def test_what_is_handed_in_by_other_names_is_said():
+    asked = exercise("04.1")
+    assert "Gain is not asked for; the names are gain, mean, variance" in str(
+        judged(asked, asked.answer | {"Gain": 1})
+    )
+    assert str(judged(asked, 0.4)).endswith('expected {"gain": ..., "mean": ..., "variance": ...}.')
+    assert str(judged(asked, asked.answer | {"gain": 0.1})).endswith(
+        "gain is not 0.1. Right so far: mean, variance."
+    )
+    assert "to be a number, not the text '0.4'" in str(
+        judged(asked, asked.answer | {"gain": "0.4"})
+    )
+
+
+def test_a_small_difference_in_a_large_array_is_told():
+    asked = exercise("04.3")
+
+    def nearly(*arguments):
+        X, P = asked.solution(*arguments)
+        P = P.copy()
+        P[2, 2] += 1e-5
+        return X, P
+
+    assert "which is off by up to 1e-05" in str(judged(asked, nearly))
+
+
+def warns(numbers):
+    warnings.warn("look", stacklevel=1)
+    return len(numbers)
 
 
 def changes(numbers):
@@ -139,12 +248,15 @@ def test_whatever_a_function_does_is_seen_and_the_next_one_is_tried():
     assert outcomes_of(waits, wait_s=8.0)[0]["stuck"].startswith("does not end: it was stopped")
     assert outcomes_of(asks)[0]["raised"].startswith("EOFError")
     assert [one["changed"] for one in outcomes_of(changes)] == [[0], [0]]
+    assert not any(one["printed"] for one in outcomes_of(warns))
 
 
 def test_what_is_returned_is_compared_by_what_it_is():
     assert equal(plain([1, 2]), plain(np.array([1.0, 2.0])), 1e-9)
     assert equal(plain((np.eye(2), None)), plain([[[1, 0], [0, 1]], None]), 1e-9)
     assert equal(plain([np.nan, 1]), plain([np.nan, 1 + 1e-12]), 1e-9)
+    assert equal(plain([]), plain(np.zeros((0, 2))), 1e-9)
+    assert equal(plain([1e-12, 0.0]), plain([0.0, 0.0]), 1e-9)
     assert not equal(plain([1, 2]), plain([[1, 2]]), 1e-9)
     assert not equal(plain(None), plain(0.0), 1e-9)
     assert plain(object()) == "a value of the type object"
@@ -153,6 +265,17 @@ def test_what_is_returned_is_compared_by_what_it_is():
 def notebook(*sources):
     cells = [{"cell_type": "code", "source": source} for source in sources]
     return json.dumps({"cells": cells, "nbformat": 4, "nbformat_minor": 5, "metadata": {}})
+
+
+def test_a_file_that_never_ends_is_stopped_and_one_that_raises_is_named(tmp_path):
+    from trinolab.course.running import run_file
+
+    file = tmp_path / "04.py"
+    file.write_text("answer = 1\n1 / 0\n")
+    assert run_file(file, [], ["answer"]).raised == {"04.py": "ZeroDivisionError: division by zero"}
+    file.write_text("while True:\n    pass\n")
+    found = run_file(file, [], ["answer"], cells_s=1.0)
+    assert found.stuck == "04.py does not end: it was stopped after 1 s of computing"
 
 
 RIGHT = "answer_04_1 = {'gain': 0.444, 'mean': 6.889, 'variance': 0.444}"

@@ -46,8 +46,10 @@ class Work(NamedTuple):
         The names of the values to return.
     answers
         The file that gets the lines.
+    cells_s
+        The time of the processor that the file may take, s; after it the process is ended.
     cpu_s
-        The time of the processor after which the process is ended, s.
+        The time that each function may take in all its cases, s.
     """
 
     given: bytes | None
@@ -55,6 +57,7 @@ class Work(NamedTuple):
     calls: Sequence[Call]
     values: Sequence[str]
     answers: Path
+    cells_s: float
     cpu_s: float
 
 
@@ -63,7 +66,7 @@ def main() -> None:
     work: Work = pickle.load(sys.stdin.buffer)
     sys.stdin = io.StringIO()
     with work.answers.open("a", encoding="utf-8") as answers:
-        _limit(work.cpu_s)
+        _limit(work.cells_s)
         namespace = _namespace(work, answers)
         for name in work.values:
             _say(answers, value=name, there=name in namespace, is_=plain_value(namespace.get(name)))
@@ -71,6 +74,7 @@ def main() -> None:
             function = namespace.get(call.name)
             _say(answers, function=call.name, there=callable(function))
             if callable(function):
+                _limit(work.cpu_s)
                 for k, case in enumerate(call.cases):
                     _say(answers, began=call.name, case=k)
                     _say(answers, function=call.name, case=k, **outcome(function, case))
@@ -78,12 +82,16 @@ def main() -> None:
 
 
 def _limit(cpu_s: float) -> None:
-    """End this process when it has computed for too long; on Windows nothing does."""
+    """End this process when it computes for so much longer; on Windows nothing does."""
     with contextlib.suppress(ImportError):
         import resource
 
         used = sum(os.times()[:2])
-        resource.setrlimit(resource.RLIMIT_CPU, (int(used + cpu_s) + 1, int(used + cpu_s) + 2))
+        _, most = resource.getrlimit(resource.RLIMIT_CPU)
+        limit = int(used + cpu_s) + 1
+        if most != resource.RLIM_INFINITY:
+            limit = min(limit, most)
+        resource.setrlimit(resource.RLIMIT_CPU, (limit, most))
 
 
 def _namespace(work: Work, answers: IO[str]) -> dict[str, Any]:
@@ -101,12 +109,13 @@ def _executed(file: Path, answers: IO[str]) -> dict[str, Any]:
     os.environ[BEING_CHECKED] = "1"
     namespace: dict[str, Any] = {"__name__": "__main__"}
     for number, source in enumerate(_cells(file), start=1):
-        _say(answers, cell=number)
+        place = f"cell {number}" if file.suffix == ".ipynb" else file.name
+        _say(answers, place=place)
         with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
             try:
-                exec(compile(source, f"<cell {number}>", "exec"), namespace)
+                exec(compile(source, f"<{place}>", "exec"), namespace)
             except (Exception, SystemExit, KeyboardInterrupt) as error:
-                _say(answers, cell=number, raised=_named(error))
+                _say(answers, place=place, raised=_named(error))
     return namespace
 
 
@@ -136,8 +145,9 @@ def outcome(function: Callable[..., Any], case: tuple) -> dict[str, Any]:
     """
     arguments = copy.deepcopy(case)
     said = io.StringIO()
+    warned = io.StringIO()  # a warning of NumPy's is nothing that the function prints
     try:
-        with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said):
+        with contextlib.redirect_stdout(said), contextlib.redirect_stderr(warned):
             returned = plain(function(*arguments))
     except (Exception, SystemExit, KeyboardInterrupt) as error:
         return {"raised": _named(error), "printed": bool(said.getvalue()), "changed": []}

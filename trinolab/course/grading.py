@@ -59,7 +59,10 @@ def check(number: str, answer: Any) -> Verdict:
     assert isinstance(asked, FunctionExercise)
     if not callable(answer):
         return _not_yet(asked, f"{asked.name} is to be a function, not {described(plain(answer))}.")
-    found = run_given({asked.name: answer}, [call_of(asked)])
+    try:
+        found = run_given({asked.name: answer}, [call_of(asked)])
+    except ValueError as error:  # it cannot be sent to another process
+        return _not_yet(asked, f"{error}.")
     if found.stuck:
         return _not_yet(asked, f"{found.stuck}.")
     return judge_outcomes(asked, found.outcomes[asked.name])
@@ -142,7 +145,18 @@ def _difference(
         return f"{asked.name} returns None: does it end in `return`?"
     if described(a) != described(b):
         return f"{call} returns {described(a)}; {described(b)} is asked for."
+    if shown(a) == shown(b):
+        return f"{call} returns {shown(a)}, which is off by up to {_largest_difference(a, b):.2g}."
     return f"{call} returns {shown(a)}; {shown(b)} is right."
+
+
+def _largest_difference(one: Any, other: Any) -> float:
+    """Between two plain values that look alike in few characters."""
+    if isinstance(one, list):
+        return max(map(_largest_difference, one, other))
+    if not is_array(one):
+        return 0.0
+    return float(np.nanmax(np.abs(np.subtract(one["numbers"], other["numbers"])), initial=0.0))
 
 
 def _argument(asked: FunctionExercise, place: int) -> str:
@@ -154,8 +168,11 @@ def judge_values(asked: ValueExercise, answer: Any) -> Verdict:
     """Judge a mapping of values, as plain data."""
     names = ", ".join(asked.asked)
     if not (isinstance(answer, dict) and "mapping" in answer):
-        return _not_yet(asked, f"a mapping with the names {names} is asked for.")
+        form = ", ".join(f'"{name}": ...' for name in asked.asked)
+        return _not_yet(asked, f"expected {{{form}}}.")
     given = answer["mapping"]
+    if unknown := [name for name in given if name not in asked.asked]:
+        return _not_yet(asked, f"{unknown[0]} is not asked for; the names are {names}.")
     empty = [name for name in asked.asked if given.get(name) is None or _is_dots(given[name])]
     if empty:
         return _not_yet(asked, f"{', '.join(empty)} is still to be filled in.")
@@ -171,7 +188,10 @@ def judge_values(asked: ValueExercise, answer: Any) -> Verdict:
         }
         if all(made.values()) and set(made) & set(wrong):
             return _not_yet(asked, f"{mistake.says} Read chapter {mistake.read}.")
-    return _not_yet(asked, _wrong_value(wrong[0], given[wrong[0]], asked.asked[wrong[0]]))
+    says = _wrong_value(wrong[0], given[wrong[0]], asked.asked[wrong[0]])
+    if rest := [name for name in asked.asked if name not in wrong]:
+        says += f" Right so far: {', '.join(rest)}."
+    return _not_yet(asked, says)
 
 
 def _is_dots(value: Any) -> bool:
@@ -182,7 +202,9 @@ def _as_asked(value: float | str, right: Asked) -> Asked:
     """A wrong value, with the tolerance of the right one as a share of its size."""
     if isinstance(value, str) or isinstance(right.value, str):
         return Asked(value, choices=right.choices)
-    share = right.within / abs(right.value) if right.value else 0.0
+    if not right.value:
+        return Asked(value, right.unit, right.within)
+    share = right.within / abs(right.value)
     return Asked(value, right.unit, max(share * abs(value), 1e-12))
 
 
@@ -198,8 +220,8 @@ def _wrong_value(name: str, value: Any, asked: Asked) -> str:
     """What is wrong with a value, without the right one."""
     if asked.choices:
         if not isinstance(value, str) or value.strip().lower() not in map(str.lower, asked.choices):
-            return f"{name} is to be one of {', '.join(map(repr, asked.choices))}."
-        return f"{name} is not {value!r}: run it, and compare with what you expected."
+            return f"{name} is one of {', '.join(map(repr, asked.choices))}."
+        return f"{name} is not {value.strip()!r}. Which step leads to your choice?"
     if not is_array(value) or value["shape"]:
         return f"{name} is to be a number, not {described(value)}."
     unit = f" {asked.unit}" if asked.unit else ""

@@ -41,22 +41,23 @@ def _numbers(value: Any) -> np.ndarray | None:
 
 
 def equal(one: Any, other: Any, within: float) -> bool:
-    """Whether two plain values are equal.
+    """Whether two plain values are equal. Nothing is equal to nothing, whatever its shape.
 
     Parameters
     ----------
     one, other
         As `plain` returns them.
     within
-        How far numbers may lie apart, as a share of the largest finite one of `other`.
+        How far numbers may lie apart, as a share of the largest finite one of `other`; as it is
+        where these are all zero.
     """
     if is_array(one) and is_array(other):
         if one["shape"] != other["shape"]:
-            return False
+            return not one["numbers"] and not other["numbers"]
         a, b = np.array(one["numbers"], float), np.array(other["numbers"], float)
         finite = np.abs(b[np.isfinite(b)])
-        scale = finite.max() if finite.size else 1.0
-        return bool(np.allclose(a, b, rtol=0.0, atol=within * max(scale, 1e-300), equal_nan=True))
+        scale = finite.max(initial=0.0) or 1.0
+        return bool(np.allclose(a, b, rtol=0.0, atol=within * scale, equal_nan=True))
     if isinstance(one, list) and isinstance(other, list):
         return len(one) == len(other) and all(
             equal(a, b, within) for a, b in zip(one, other, strict=True)

@@ -15,9 +15,11 @@ from typing import Any
 
 from .child import Call, Work
 
-CPU_S = 10.0
+CPU_S = 10.0  # a function, in all its cases
+CELLS_S = 300.0  # a file: it may be a whole chapter, with the chapter's own cells
 # For code that waits and does not compute. A busy machine needs a multiple of a quiet one's time.
 WAIT_S = 300.0
+FILE_WAIT_S = 1800.0
 
 
 @dataclass
@@ -32,15 +34,15 @@ class Found:
         ``{"stuck": ...}``, of one that ended Python ``{"gone": ...}``.
     values
         The values that are there, as plain data.
-    cells
-        What the cells of a notebook raised, by number.
+    raised
+        What the cells of a notebook raised, or the file, by the place: ``"cell 3"``.
     stuck
         Why nothing of a file could be asked, in words; None if it could.
     """
 
     outcomes: dict[str, list[dict[str, Any]]] = field(default_factory=dict)
     values: dict[str, Any] = field(default_factory=dict)
-    cells: dict[int, str] = field(default_factory=dict)
+    raised: dict[str, str] = field(default_factory=dict)
     stuck: str | None = None
 
 
@@ -63,55 +65,47 @@ def run_given(
             f"{', '.join(given)} cannot be tried in a process of its own: it holds something that "
             f"belongs to this one ({error})"
         ) from None
-    return _run(pickled, None, calls, (), cpu_s, wait_s)
+    return _run(Work(pickled, None, calls, (), Path(), cpu_s, cpu_s), wait_s)
 
 
 def run_file(
     file: Path,
     calls: Sequence[Call],
     values: Sequence[str],
-    cpu_s: float = CPU_S,
-    wait_s: float = WAIT_S,
+    cells_s: float = CELLS_S,
+    wait_s: float = FILE_WAIT_S,
 ) -> Found:
     """Run a notebook or a Python file, then call functions and read values that it has made."""
-    return _run(None, file.resolve(), calls, values, cpu_s, wait_s)
+    return _run(Work(None, file.resolve(), calls, values, Path(), cells_s, CPU_S), wait_s)
 
 
-def _run(
-    given: bytes | None,
-    file: Path | None,
-    calls: Sequence[Call],
-    values: Sequence[str],
-    cpu_s: float,
-    wait_s: float,
-) -> Found:
+def _run(work: Work, wait_s: float) -> Found:
     """Start a process, and another one for what is left where a function took the first one along."""
     found = Found()
-    left = list(calls)
     while True:
         with tempfile.TemporaryDirectory(prefix="trinolab-check-") as folder:
             answers = Path(folder) / "answers.jsonl"
             answers.touch()
-            work = Work(given, file, left, values, answers, cpu_s)
-            how = _ended(work, wait_s)
+            work = work._replace(answers=answers)
+            code = _exit_code(work, wait_s)
             lines = list(_lines(answers))
         stopped_in = _read(lines, found)
         if any(line.get("done") for line in lines):
             return found
         if stopped_in is None:
-            cell = max((line["cell"] for line in lines if "cell" in line), default=None)
-            where = "what was handed in" if cell is None or file is None else f"cell {cell}"
-            found.stuck = f"{where} {how}"
+            places = [line["place"] for line in lines if "place" in line]
+            where = places[-1] if places else "what was handed in"
+            found.stuck = f"{where} {_how(code, work.cells_s, wait_s)}"
             return found
-        found.outcomes[stopped_in].append({"stuck": how})
-        left = left[[call.name for call in left].index(stopped_in) + 1 :]
-        values = ()
-        if not left:
+        found.outcomes[stopped_in].append({"stuck": _how(code, work.cpu_s, wait_s)})
+        names = [call.name for call in work.calls]
+        work = work._replace(calls=work.calls[names.index(stopped_in) + 1 :], values=())
+        if not work.calls:
             return found
 
 
-def _ended(work: Work, wait_s: float) -> str:
-    """Let a process work; how it ended, for the case that it did not finish."""
+def _exit_code(work: Work, wait_s: float) -> int | None:
+    """Let a process work. How it ended; None if it had to be stopped because it waited."""
     command = [sys.executable, "-m", "trinolab.course.child"]
     quiet = subprocess.DEVNULL
     # a function of a module is found there as it is here
@@ -123,13 +117,22 @@ def _ended(work: Work, wait_s: float) -> str:
             process.communicate(pickle.dumps(work), timeout=wait_s)
         except subprocess.TimeoutExpired:
             process.kill()
-            return f"does not end: it was stopped after {wait_s:g} s"
+            return None
         except BaseException:
             process.kill()
             raise
-    if process.returncode in (-24, -9):  # the limit of the processor's time
-        return f"does not end: it was stopped after {work.cpu_s:g} s of computing"
-    return f"ends Python (exit code {process.returncode})"
+    return process.returncode
+
+
+def _how(code: int | None, cpu_s: float, wait_s: float) -> str:
+    """How a process ended, in words, that did not do all of its work."""
+    if code is None:
+        return f"does not end: it was stopped after {wait_s:g} s"
+    if code == -24:  # SIGXCPU: the limit of the processor's time
+        return f"does not end: it was stopped after {cpu_s:g} s of computing"
+    if code == -9:
+        return "was ended by the system: it may have asked for too much memory"
+    return f"ends Python (exit code {code})"
 
 
 def _lines(answers: Path) -> Iterator[dict[str, Any]]:
@@ -147,8 +150,8 @@ def _read(lines: Sequence[dict[str, Any]], found: Found) -> str | None:
     """Take what the lines say; the name of the function that was running at the end, if one was."""
     running = None
     for line in lines:
-        if "raised" in line and "cell" in line:
-            found.cells[line["cell"]] = line["raised"]
+        if "raised" in line and "place" in line:
+            found.raised[line["place"]] = line["raised"]
         elif line.get("there") and "value" in line:
             found.values[line["value"]] = line["is_"]
         elif "began" in line:

@@ -91,9 +91,9 @@ def _verdict(asked: Exercise, found: Found) -> Verdict:
     why = f"{asked.name} is not there"
     if found.stuck:
         why = f"{why}, because {found.stuck}"
-    elif found.cells:
-        cell, error = next(iter(found.cells.items()))
-        why = f"{why}; cell {cell} raises {error}"
+    elif found.raised:
+        place, error = next(iter(found.raised.items()))
+        why = f"{why}; {place} raises {error}"
     return Verdict(asked.number, False, 0, asked.points, f"{why}.")
 
 

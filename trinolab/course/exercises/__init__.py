@@ -30,11 +30,12 @@ CHAPTERS = {
 
 def exercise(number: str) -> Exercise:
     """Return the exercise of a number like ``04.2``; ValueError if there is none."""
-    chapter = str(number).partition(".")[0]
+    chapter, _, place = str(number).partition(".")
+    chapter = chapter.zfill(2)  # 4.2 is 04.2
     if chapter not in CHAPTERS:
         raise ValueError(f"number: there is no chapter {chapter!r}; they are {', '.join(CHAPTERS)}")
     for one in of_chapter(chapter):
-        if one.number == number:
+        if one.number == f"{chapter}.{place}":
             return one
     numbers = ", ".join(one.number for one in of_chapter(chapter))
     raise ValueError(f"number: there is no exercise {number!r}; chapter {chapter} has {numbers}")
