@@ -62,10 +62,13 @@ def test_look_alikes_are_the_symmetries_of_a_handle():
     for angles, rows in call_of(exercise("01.3")).cases:
         # a column for each marker
         rod = Handle("one", 5.0, 60.0, 30.0, 1.0, tuple(angles), tuple((row,) for row in rows))
-        assert count(angles, rows) == len(rod.symmetries)
+        # the package lets a rod be shifted along its axis as well
+        in_place = [T for T in rod.symmetries if np.abs(T.translation).max() < 1e-6]
+        assert count(angles, rows) == len(in_place)
 
 
-def test_the_pyramid_is_what_a_camera_sees(rng):
+def test_the_pyramid_is_what_a_camera_sees():
+    rng = np.random.default_rng(0)
     sees = exercise("02.3").solution
     for camera in datasets.load_rig("paper_trinocular").cameras:
         points = rng.uniform(-900, 900, (200, 3))
@@ -75,7 +78,8 @@ def test_the_pyramid_is_what_a_camera_sees(rng):
         assert 0 < sum(ours) < len(ours)
 
 
-def test_the_background_is_the_packages(rng):
+def test_the_background_is_the_packages():
+    rng = np.random.default_rng(0)
     film = rng.integers(0, 256, (20, 8, 9)).astype(np.uint8)
     first = rng.uniform(30, 60, (8, 9))
     B = first
@@ -88,7 +92,7 @@ def test_the_background_is_the_packages(rng):
     assert np.allclose(ours, theirs, atol=1e-9)
 
 
-def test_a_step_is_the_packages(rng):
+def test_a_step_is_the_packages():
     """Whose Eq. 14 is Joseph's form, and which solves where ours inverts."""
     step = exercise("04.3").solution
     for X, P, Z, dt, Q, R in call_of(exercise("04.3")).cases:
@@ -99,10 +103,10 @@ def test_a_step_is_the_packages(rng):
         assert np.allclose(ours[1], state.covariance, atol=1e-8)
 
 
-def test_a_vague_filter_of_one_number_takes_the_mean(rng):
-    seen = rng.normal(5, 2, 12)
-    means = exercise("04.2").solution(seen, 0.0, 1e12, 0.0, 1.0)
-    assert math.isclose(means[-1], seen.mean(), rel_tol=1e-9)
+def test_a_vague_filter_of_one_number_takes_the_mean():
+    seen = np.random.default_rng(0).normal(5, 2, 12)
+    means = exercise("04.2").solution(seen, 0.0, 1e6, 0.0, 1.0)
+    assert math.isclose(means[-1], seen.mean(), rel_tol=1e-6)  # 1e6 is not infinite
 
 
 def asked(number):
@@ -180,4 +184,5 @@ def test_values_of_chapter_3():
         difference, frames = 45.0, 0
         while difference > 15:
             difference, frames = difference * (1 - alpha), frames + 1
-        assert asked("03.5")[name] == pytest.approx(frames / 30, abs=1 / 30)
+        one = exercise("03.5").asked[name]
+        assert one.value == pytest.approx(frames / 30, abs=one.within)

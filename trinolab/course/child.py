@@ -67,6 +67,7 @@ def main() -> None:
     sys.stdin = io.StringIO()
     with work.answers.open("a", encoding="utf-8") as answers:
         _limit(work.cells_s)
+        _say(answers, here=True)
         namespace = _namespace(work, answers)
         for name in work.values:
             _say(answers, value=name, there=name in namespace, is_=plain_value(namespace.get(name)))

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import pickle
 import subprocess
 import sys
 import tempfile
+import time
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -17,9 +19,9 @@ from .child import Call, Work
 
 CPU_S = 10.0  # a function, in all its cases
 CELLS_S = 300.0  # a file: it may be a whole chapter, with the chapter's own cells
-# For code that waits and does not compute. A busy machine needs a multiple of a quiet one's time.
+# A cell, or a function in a case, that waits and does not compute. A busy machine needs a multiple of
+# a quiet one's time, to start as well.
 WAIT_S = 300.0
-FILE_WAIT_S = 1800.0
 
 
 @dataclass
@@ -73,7 +75,7 @@ def run_file(
     calls: Sequence[Call],
     values: Sequence[str],
     cells_s: float = CELLS_S,
-    wait_s: float = FILE_WAIT_S,
+    wait_s: float = WAIT_S,
 ) -> Found:
     """Run a notebook or a Python file, then call functions and read values that it has made."""
     return _run(Work(None, file.resolve(), calls, values, Path(), cells_s, CPU_S), wait_s)
@@ -113,15 +115,26 @@ def _exit_code(work: Work, wait_s: float) -> int | None:
     with subprocess.Popen(
         command, stdin=subprocess.PIPE, stdout=quiet, stderr=quiet, env=environment
     ) as process:
+        assert process.stdin is not None
         try:
-            process.communicate(pickle.dumps(work), timeout=wait_s)
-        except subprocess.TimeoutExpired:
+            with contextlib.suppress(BrokenPipeError), process.stdin:
+                process.stdin.write(pickle.dumps(work))
+            return _awaited(process, work.answers, wait_s)
+        finally:
             process.kill()
-            return None
-        except BaseException:
-            process.kill()
-            raise
-    return process.returncode
+
+
+def _awaited(process: subprocess.Popen, answers: Path, wait_s: float) -> int | None:
+    """The exit code of a process; None if it says nothing more for so long."""
+    said = 0
+    since = time.monotonic()
+    while time.monotonic() - since <= (wait_s if said else WAIT_S):
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            return process.wait(timeout=0.1)
+        size = answers.stat().st_size
+        if size != said:
+            said, since = size, time.monotonic()
+    return None
 
 
 def _how(code: int | None, cpu_s: float, wait_s: float) -> str:

@@ -240,4 +240,85 @@ EXERCISES = (
         look_alikes,
         _structure_cases,
     ),
+    ValueExercise(
+        "01.4",
+        "predict",
+        "The other rod",
+        "ex-structure-change",
+        3,
+        (
+            Mistake(
+                "The staggered rod has one pose for each image. Between which poses would it be "
+                "ambiguous?",
+                "1, The bench: three cameras and a rod",
+                {"told_nothing": "ambiguous"},
+            ),
+            Mistake(
+                "Two cameras are enough for the pose, and the layout leaves no choice between poses. "
+                "A dark camera does not bring the look-alikes back.",
+                "1, What happens if cameras go dark?",
+                {"one_dark": "ambiguous"},
+            ),
+            Mistake(
+                "Two cameras are enough as long as they see four markers in common. Nothing is lost.",
+                "1, What happens if cameras go dark?",
+                {"one_dark": "lost"},
+            ),
+            Mistake(
+                "A single camera gives no point in space, and the paper's method starts from points. "
+                "Which marker a spot is does not help.",
+                "1, Limits, and a broken case",
+                {"all_but_first": "measured"},
+            ),
+            Mistake(
+                "This is the number for the paper's rod. Change the parameter, and run the chapter "
+                "again from its first cell.",
+                "1, Points, identity, pose",
+                {"points": 14.0},
+            ),
+        ),
+        {
+            "told_nothing": Asked("measured", choices=STATUSES),
+            "one_dark": Asked("measured", choices=STATUSES),
+            "all_but_first": Asked("lost", choices=STATUSES),
+            "points": Asked(15.0, within=0.4),
+        },
+    ),
+    ValueExercise(
+        "01.5",
+        "project",
+        "A film with fewer frames",
+        "ex-structure-film",
+        5,
+        (
+            Mistake(
+                "You have counted all instants. Those that are `predicted` have a pose, too, but it "
+                "comes from the motion and not from the images.",
+                "1, Check: the package does the same",
+                {"measured_4": 15.0, "measured_6": 10.0},
+            ),
+            Mistake(
+                "You have used every frame each time. A step of 4 leaves 15 of 60 instants.",
+                "1, Two seconds of it",
+                {"measured_4": 60.0},
+            ),
+            Mistake(
+                "The position is off by this much in m. Millimetres are asked for.",
+                "1, Two seconds of it",
+                {"mm_4": 4.56e-5},
+            ),
+            Mistake(
+                "This is the largest error. The mean is asked for.",
+                "1, Two seconds of it",
+                {"mm_4": 0.20},
+            ),
+        ),
+        {
+            "measured_1": Asked(60.0, within=0.4),
+            "measured_2": Asked(30.0, within=0.4),
+            "measured_4": Asked(13.0, within=0.4),
+            "measured_6": Asked(9.0, within=0.4),
+            "mm_4": Asked(0.046, "mm", within=0.012),
+        },
+    ),
 )
