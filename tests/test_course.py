@@ -3,6 +3,7 @@
 import json
 import re
 import shutil
+import threading
 import warnings
 from itertools import combinations
 from pathlib import Path
@@ -66,7 +67,8 @@ def test_every_mistake_is_recognised():
                 answer = one.answer | answer
             verdict = judged(one, answer)
             assert not verdict.right, (one.number, mistake.says)
-            assert verdict.says == f"{mistake.says} Read chapter {mistake.read}.", one.number
+            says = f"{mistake.says} Read chapter {mistake.read}."
+            assert verdict.says == says.replace("?.", "?"), one.number
 
 
 def test_no_answer_is_told_apart_by_a_hair():
@@ -128,15 +130,20 @@ def test_the_chapters_tell_the_same_exercises():
             assert blocks[4 * k + 1 : 4 * k + 4] == [*hints, one.label], one.number
 
 
+def plainly(heading):
+    """A heading without the signs of its formulas, as a shell can show it."""
+    return heading.replace("$", "").replace("\\", "")
+
+
 def test_a_mistake_leads_to_a_heading():
-    headings = {
-        chapter: set(re.findall(r"^#+ (.+)$", text_of(chapter), re.MULTILINE))
-        for chapter in CHAPTERS
-    }
+    headings = {}
+    for chapter in CHAPTERS:
+        found = re.findall(r"^#+ (.+)$", text_of(chapter), re.MULTILINE)
+        headings[chapter] = {plainly(heading) for heading in found}
     for one in ALL:
         for mistake in one.mistakes:
             number, _, heading = mistake.read.partition(", ")
-            assert heading in headings[number.zfill(2)], (one.number, mistake.read)
+            assert plainly(heading) in headings[number.zfill(2)], (one.number, mistake.read)
 
 
 def test_a_statement_names_what_is_asked_for():
@@ -144,7 +151,7 @@ def test_a_statement_names_what_is_asked_for():
     for one in ALL:
         chapter = text_of(one.number[:2])
         start = chapter.index(f"\n:label: {one.label}\n")
-        statement = chapter[start : chapter.index("\n```\n", start)]
+        statement = " ".join(chapter[start : chapter.index("\n```\n", start)].split())
         assert f'check("{one.number}", ' in statement, one.number
         if isinstance(one, FunctionExercise):
             code = one.solution.__code__
@@ -170,8 +177,8 @@ def test_the_function_of_a_notebook_is_checked_in_a_process_of_its_own():
     with pytest.raises(ValueError, match=r"there is no exercise '04\.99'"):
         check("04.99", wrong)
     assert check("4.2", 3.0).number == "04.2"
-    with open(__file__) as file:
-        verdict = check("04.2", lambda *_: file)
+    lock = threading.Lock()
+    verdict = check("04.2", lambda *_: lock)
     assert "cannot be tried in a process of its own" in str(verdict)
 
 

@@ -25,7 +25,8 @@ class Mistake:
     says
         Which mistake it is, as a whole sentence to the student.
     read
-        Where to read: the chapter's number and heading, as in ``4, Predict``.
+        Where to read: the chapter's number and heading, as in ``4, Predict``, formulas as in a shell:
+        ``T`` for ``$T$``.
     gives
         What who makes it hands in: a function with the arguments of the solution, or some of the
         values asked for, by name.

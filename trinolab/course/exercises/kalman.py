@@ -313,7 +313,7 @@ EXERCISES = (
         (
             Mistake(
                 "The gain is a share, P- by S, and both get the factor c.",
-                "4, What happens if $q$ and $\\sigma$ are others?",
+                "4, What happens if q and sigma are others?",
                 {"gain": "multiplied by c"},
             ),
             Mistake(
@@ -351,6 +351,51 @@ EXERCISES = (
             "nis": Asked("divided by c", choices=_FACTORS),
             "repair": Asked(4.0, within=0.01),
             "ccd1": Asked(0.62, within=0.03),
+        },
+    ),
+    ValueExercise(
+        "04.5",
+        "project",
+        "The whole recording",
+        "ex-kalman-whole",
+        5,
+        (
+            Mistake(
+                "These are the means of the chapter's single second of motion. Read the recording of "
+                "10 s, and follow all of it.",
+                "4, Honest on other data?",
+                {"ccd1": 3.05, "ccd3": 1.76},
+            ),
+            Mistake(
+                "These are medians. The band is that of the mean: a chi-square is skew, and a few "
+                "violent moments make most of it.",
+                "4, Is a filter honest?",
+                {"ccd1": 0.195, "ccd2": 0.284, "ccd3": 0.353},
+            ),
+            Mistake(
+                "You have divided by the two coordinates once more. NIS is the sum over both, and 2 is "
+                "right.",
+                "4, Is a filter honest?",
+                {"ccd1": 0.783, "ccd2": 1.004, "ccd3": 1.221},
+            ),
+            Mistake(
+                "This is the count for a wider band. With more innovations the band gets narrower: "
+                "nis_band has to be told their number.",
+                "4, Is a filter honest?",
+                {"inside": 3.0},
+            ),
+            Mistake(
+                "One of them does lie in its band. Ask each camera by itself, with the number of its "
+                "own innovations.",
+                "4, Honest on other data?",
+                {"inside": 0.0},
+            ),
+        ),
+        {
+            "ccd1": Asked(1.565, within=0.06),
+            "ccd2": Asked(2.008, within=0.06),
+            "ccd3": Asked(2.442, within=0.06),
+            "inside": Asked(1.0, within=0.1),
         },
     ),
 )
