@@ -14,7 +14,7 @@ endif
 unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
-.PHONY: help book test lab lint verify sweeps sheet bench clean
+.PHONY: help book test lab lint student teacher verify sweeps sheet bench clean
 
 help:  ## show this list
 	@sed -n 's/^\([a-z]*\):.*## /\1\t/p' $(MAKEFILE_LIST)
@@ -34,6 +34,14 @@ lint: .venv/package.done  ## check style and types
 	@$(BIN)/ruff check .
 	@$(BIN)/ruff format --check .
 	@$(BIN)/mypy
+
+student: .venv/package.done  ## the course for students, without solutions: _build/student.zip
+	@mkdir -p _build
+	@$(BIN)/python -m trinolab.course.editions student --out _build/student.zip
+
+teacher: .venv/package.done  ## the course with its solutions: _build/teacher.zip
+	@mkdir -p _build
+	@$(BIN)/python -m trinolab.course.editions teacher --out _build/teacher.zip
 
 verify: .venv/package.done  ## the heavy counts, as a report: an hour; ARGS="--only nees --draws 100" is quick
 	@$(BIN)/python tests/verify.py $(ARGS)

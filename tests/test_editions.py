@@ -1,0 +1,234 @@
+"""The course as a zip: each exercise stands in its chapter, and students get no solution."""
+
+import io
+import zipfile
+from contextlib import redirect_stdout
+
+import nbformat
+import pytest
+
+from trinolab.cli import main as trinolab
+from trinolab.course.child import outcome, plain_value
+from trinolab.course.editions import (
+    chapter_file,
+    exercise_notebook,
+    exercises_of,
+    main,
+    self_contained,
+    write_edition,
+)
+from trinolab.course.exercise import KINDS, FunctionExercise, ValueExercise
+from trinolab.course.exercises import CHAPTERS, of_chapter
+from trinolab.course.grading import call_of, judge_outcomes, judge_values
+from trinolab.course.stubs import solved, stub
+from trinolab.course.texts import read_texts, texts_of, without_solutions
+from trinolab.sweep.notebook import run_notebook
+
+ALL = [one for chapter in CHAPTERS for one in of_chapter(chapter)]
+FORM = """\
+## Exercises
+
+```{exercise} 4.2 Write it yourself: a filter of one number
+:label: ex-kalman-write
+:nonumber:
+Write a function.
+
+Check it with `check("04.2", filter_number)`.
+```
+
+```{hint} First hint to 4.2
+:class: dropdown
+What grows?
+```
+
+```{hint} Second hint to 4.2
+:class: dropdown
+The variance.
+```
+
+```{solution} ex-kalman-write
+:class: dropdown
+    return means
+
+Because.
+```
+
+## Takeaways
+"""
+
+
+def chapter_of(text):
+    return nbformat.v4.new_notebook(cells=[nbformat.v4.new_markdown_cell(text)])
+
+
+def test_an_exercise_is_read_from_its_chapter():
+    (one,) = texts_of(chapter_of(FORM), "04.ipynb")
+    assert one[:4] == ("04.2", "write", "A filter of one number", "ex-kalman-write")
+    assert one.statement.startswith("Write a function.\n\nCheck it")
+    assert one.hints == ("What grows?", "The variance.")
+    assert one.solution == "    return means\n\nBecause."
+    left = without_solutions(FORM, "04.ipynb")
+    assert left.endswith("The variance.\n```\n\n## Takeaways")
+    assert without_solutions(left, "04.ipynb") == left
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "says"),
+    [
+        ("4.2 Write it yourself: a", "Write it: a", "expected a title as in '4.2 Pencil"),
+        (
+            "{hint} First hint to 4.2",
+            "{hint} First hint to 4.3",
+            "exercise 4.2: expected {hint} First",
+        ),
+        ("{solution} ex-kalman-write", "{solution} ex-other", "found .* {solution} ex-other"),
+        ("What grows?\n", "", "exercise 4.2: its hint is empty"),
+        ("Because.\n```", "Because.", "its closing ``` is not there"),
+        ("```{exercise}", "```{note}", "expected an {exercise} before any hint"),
+    ],
+)
+def test_a_broken_form_is_said_in_a_line(old, new, says):
+    assert old in FORM
+    with pytest.raises(ValueError, match=says) as caught:
+        texts_of(chapter_of(FORM.replace(old, new)), "04.ipynb")
+    assert str(caught.value).startswith("04.ipynb: ")
+    assert "\n" not in str(caught.value)
+
+
+def test_nothing_leads_out_of_the_zip():
+    text = "See {ref}`26 <claim-26>`, a {term}`rig`, [Eq. 6](../book/equations.md#equation-6), {glue:text}`n:.0f`."
+    assert self_contained(text) == "See 26, a rig, Eq. 6, {glue:text}`n:.0f`."
+
+
+def judged(asked, code):
+    namespace = {}
+    exec(code, namespace)
+    if isinstance(asked, ValueExercise):
+        return judge_values(asked, plain_value(namespace[asked.name]))
+    function = namespace[asked.name]
+    return judge_outcomes(asked, [outcome(function, case) for case in call_of(asked).cases])
+
+
+def test_code_that_is_handed_out_runs_by_itself():
+    """Whatever a solution needs of its module comes with it, and the stub says what is to be done."""
+    for asked in ALL:
+        assert judged(asked, solved(asked)).right, asked.number
+        assert "still to be" in judged(asked, stub(asked)).says, asked.number
+        lines = [*solved(asked).splitlines(), *stub(asked).splitlines()]
+        assert max(map(len, lines)) <= 100, asked.number
+
+
+# The chapters and the modules of exercises are written side by side: this holds them together.
+def test_every_exercise_stands_in_its_chapter():
+    told = {chapter: read_texts(chapter_file(chapter)) for chapter in CHAPTERS}
+    for chapter, texts in told.items():
+        there = [(one.number, one.kind, one.title, one.label) for one in texts]
+        wanted = [(one.number, one.kind, one.title, one.label) for one in of_chapter(chapter)]
+        assert there == wanted
+        assert {one.kind for one in texts} == set(KINDS), chapter
+    assert sum(map(len, told.values())) >= 48
+
+
+@pytest.fixture(scope="module")
+def editions(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("editions")
+    for edition in ("student", "teacher"):
+        with redirect_stdout(io.StringIO()):
+            assert main([edition, "--out", str(folder / f"{edition}.zip")]) == 0
+        with zipfile.ZipFile(folder / f"{edition}.zip") as whole:
+            whole.extractall(folder / edition)
+    return folder
+
+
+def test_the_same_sources_give_the_same_bytes(editions, tmp_path):
+    write_edition("student", tmp_path / "again.zip")
+    assert (tmp_path / "again.zip").read_bytes() == (editions / "student.zip").read_bytes()
+
+
+def test_an_edition_is_whole(editions):
+    for edition in ("student", "teacher"):
+        folder = editions / edition
+        for path in sorted(folder.glob("*/*.ipynb")):
+            notebook = nbformat.read(path, as_version=4)
+            nbformat.validate(notebook)
+            text = "\n".join(cell.source for cell in notebook.cells if cell.cell_type == "markdown")
+            assert "../book/" not in text, path
+            assert "{ref}" not in text, path
+        assert len(list(folder.glob("chapters/*.ipynb"))) == len(CHAPTERS)
+        assert len(list(folder.glob("exercises/*.ipynb"))) == len(CHAPTERS)
+        for name in ("README.md", "environment.txt", "lab/trinolab-numbers/static/remoteEntry.js"):
+            assert (folder / name).is_file(), name
+
+
+def lines_of(text):
+    """The lines of a text that say enough to be known again."""
+    return {line.strip() for line in text.splitlines() if len(line.strip()) > 25}
+
+
+def handed_out(folder, chapter):
+    """The lines of a chapter's exercises: of their notebook, and of the chapter behind its heading."""
+    (path,) = folder.glob(f"exercises/{chapter}_*.ipynb")
+    sources = [cell.source for cell in nbformat.read(path, as_version=4).cells]
+    (path,) = folder.glob(f"chapters/{chapter}_*.ipynb")
+    cells = nbformat.read(path, as_version=4).cells
+    whole = "\n".join(cell.source for cell in cells)
+    assert whole.count("\n## Exercises") + whole.startswith("## Exercises") == 1
+    sources.append(whole.partition("## Exercises")[2])
+    return lines_of("\n".join(sources))
+
+
+def test_students_get_no_line_of_a_solution(editions):
+    for chapter in CHAPTERS:
+        students = handed_out(editions / "student", chapter)
+        teachers = handed_out(editions / "teacher", chapter)
+        for asked, text in exercises_of(chapter, chapter_file(chapter)):
+            secret = lines_of(text.solution)
+            if isinstance(asked, FunctionExercise):
+                secret |= lines_of(solved(asked)) - lines_of(stub(asked))
+            # a statement may quote a line that a solution repeats
+            secret -= lines_of(text.statement)
+            assert secret & students == set(), asked.number
+            assert secret & lines_of(solved(asked)) <= teachers, asked.number
+
+
+def points(capsys, folder, chapter, monkeypatch):
+    """What `trinolab check` says in a folder of exercises: its lines, and the points of how many."""
+    monkeypatch.chdir(folder / "exercises")
+    trinolab(["check", chapter])
+    *lines, last = capsys.readouterr().out.splitlines()
+    got, of = last.removesuffix(" points").split(" of ")
+    return lines, int(got), int(of)
+
+
+@pytest.mark.parametrize(
+    "chapter", [pytest.param(one, marks=[pytest.mark.heavy] * (one != "04")) for one in CHAPTERS]
+)
+def test_an_untouched_notebook_has_no_point_and_the_teachers_all(
+    editions, chapter, capsys, monkeypatch
+):
+    lines, got, _ = points(capsys, editions / "student", chapter, monkeypatch)
+    assert got == 0
+    assert len(lines) == len(of_chapter(chapter))
+    assert [line for line in lines if "still to be" not in line] == []
+    lines, got, of = points(capsys, editions / "teacher", chapter, monkeypatch)
+    assert got == of, lines
+
+
+@pytest.mark.heavy
+def test_a_chapter_runs_in_a_fresh_folder(editions):
+    run = run_notebook(editions / "student" / "chapters" / "02_workspace.ipynb")
+    assert run.results["E_t_mm"] > 0
+
+
+def test_a_chapter_that_does_not_agree_is_named(tmp_path):
+    (tmp_path / "04_kalman.ipynb").write_text(nbformat.writes(chapter_of(FORM)))
+    with pytest.raises(ValueError, match=r"04_kalman\.ipynb: the chapter and .* do not agree"):
+        exercise_notebook("04", tmp_path / "04_kalman.ipynb", "student")
+
+
+def test_a_mistake_of_the_caller_is_one_line(tmp_path, capsys):
+    with pytest.raises(ValueError, match="edition: expected one of student, teacher"):
+        write_edition("both", tmp_path / "both.zip")
+    with pytest.raises(ValueError, match="an edition is made in a checkout"):
+        write_edition("student", tmp_path / "one.zip", checkout=tmp_path)
+    assert list(tmp_path.iterdir()) == []
