@@ -155,7 +155,7 @@ def exercise_notebook(chapter: str, path: Path, edition: str) -> Any:
     markdown, code = nbformat.v4.new_markdown_cell, nbformat.v4.new_code_cell
     intro = (
         f"# Exercises {int(chapter)}: {heading}\n\n"
-        f"The chapter is [here](../chapters/{path.name}). Run each cell with Shift and Enter. "
+        f"The chapter: [{heading}](../chapters/{path.name}). Run each cell with Shift and Enter. "
         f"`check` says what is right, or which mistake it is and where to read. In a shell "
         f"`trinolab check {chapter}` checks this file as a whole; there are {points} points."
     )
