@@ -374,11 +374,13 @@ def build_pages() -> bool:
 
 
 def write_reference() -> None:
-    """Write the API reference, the commands' help, the picture of the house, the pages of the
-    claims and of the report, all as the package is now, and the start page's film.
+    """Write the API reference, the commands' help, the picture of the house, the parts of the pages
+    of the claims, of the course and of the report, all as the package is now, and the start page's
+    film.
     """
     import claims_pages
     import commandhelp
+    import course_pages
     import house
     import reference
     import report_pages
@@ -387,6 +389,7 @@ def write_reference() -> None:
     commandhelp.write_help()
     house.write_house()
     claims_pages.write_pages(SCOREBOARD, GENERATED / "claims")
+    course_pages.write_pages(GENERATED / "course")
     report_pages.write_pages(SCOREBOARD, SECONDS, GENERATED / "report")
     write_film()
 
