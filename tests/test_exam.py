@@ -170,3 +170,22 @@ def test_tool_and_wall():
     felt = bilateral.felt_impedance(bilateral.hybrid_matrix(pair, omega), 600 / (1j * omega))
     assert_allclose((felt * 1j * omega).real, 200, rtol=1e-6)
     says(8, "(-60, -15, -30)", "56.7", "53", "200", "41.7", "72")
+
+
+def test_the_table_of_the_lesson():
+    """The plans' table of four rates: how long lamp and rod count as moving."""
+    plans = (Path(__file__).resolve().parents[1] / "book" / "teaching" / "plans.md").read_text()
+    rows = re.findall(
+        r"^\| (0\.\d+) \| (\d+) \| (\d+) frames, ([\d.]+) s \| (\d+) frames, ([\d.]+) s \|$",
+        plans,
+        re.M,
+    )
+    assert len(rows) == 4
+    for alpha, memory, *cells in rows:
+        rate = float(alpha)
+        assert float(memory) == 1 / rate
+        for (frames, seconds), jump in zip((cells[:2], cells[2:]), (22.5, 45.0), strict=True):
+            # a jump counts until it has faded to T = 15
+            left = jump * (1 - rate) ** np.arange(1000)
+            assert int(frames) == np.argmax(left <= 15)
+            assert seconds == f"{int(frames) / 30:.1f}"
