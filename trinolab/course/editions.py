@@ -8,6 +8,7 @@ the solutions in both.
 from __future__ import annotations
 
 import argparse
+import copy
 import io
 import json
 import re
@@ -90,8 +91,11 @@ def write_edition(
         files[f"lab/{name}" if name.startswith(LAB) else name] = source.read_text(encoding="utf-8")
     for chapter in chapters:
         path = chapter_file(chapter, checkout)
-        files[f"chapters/{path.name}"] = _text(chapter_notebook(path, edition))
-        files[f"exercises/{path.name}"] = _text(exercise_notebook(chapter, path, edition))
+        source = read_notebook(path)
+        files[f"exercises/{path.name}"] = _text(
+            exercise_notebook(chapter, source, path.name, edition)
+        )
+        files[f"chapters/{path.name}"] = _text(chapter_notebook(source, path.name, edition))
     write_together({out: _zipped(files)})
 
 
@@ -103,15 +107,15 @@ def chapter_file(chapter: str, checkout: Path = CHECKOUT) -> Path:
     return found[0]
 
 
-def exercises_of(chapter: str, path: Path) -> list[tuple[Exercise, ExerciseText]]:
-    """Return a chapter's exercises, each with what the chapter tells of it.
+def exercises_of(chapter: str, notebook: Any, name: str) -> list[tuple[Exercise, ExerciseText]]:
+    """Return a chapter's exercises, each with what its notebook tells of it.
 
     Raises
     ------
     ValueError
         The module of exercises and the chapter do not agree.
     """
-    texts = texts_of(read_notebook(path), path.name)
+    texts = texts_of(notebook, name)
     exercises = of_chapter(chapter)
     there = [(one.number, one.kind, one.title, one.label) for one in texts]
     wanted = [(one.number, one.kind, one.title, one.label) for one in exercises]
@@ -119,20 +123,18 @@ def exercises_of(chapter: str, path: Path) -> list[tuple[Exercise, ExerciseText]
         odd = next((one for one in [*there, *wanted] if one not in there or one not in wanted), "")
         where = "the chapter" if odd in there else "the module of exercises"
         raise ValueError(
-            f"{path.name}: the chapter and trinolab.course.exercises.{CHAPTERS[chapter]} do not "
+            f"{name}: the chapter and trinolab.course.exercises.{CHAPTERS[chapter]} do not "
             f"agree: {odd or 'their order'} is in {where} alone"
         )
     return list(zip(exercises, texts, strict=True))
 
 
-def chapter_notebook(path: Path, edition: str) -> Any:
+def chapter_notebook(source: Any, name: str, edition: str) -> Any:
     """Return a chapter for an edition: nothing in it leads out of the zip."""
-    notebook = read_notebook(path)
+    notebook = copy.deepcopy(source)
     for cell in notebook.cells:
         if cell.cell_type == "markdown":
-            text = (
-                without_solutions(cell.source, path.name) if edition == "student" else cell.source
-            )
+            text = without_solutions(cell.source, name) if edition == "student" else cell.source
             cell.source = self_contained(text)
     return notebook
 
@@ -142,20 +144,19 @@ def self_contained(text: str) -> str:
     return PAGE.sub(r"\1", ROLE.sub(lambda role: role[1] or role[2], text))
 
 
-def exercise_notebook(chapter: str, path: Path, edition: str) -> Any:
+def exercise_notebook(chapter: str, source: Any, name: str, edition: str) -> Any:
     """Return the notebook of a chapter's exercises: statements with hints, stubs, checks; for
     teachers the solutions in place of the stubs, and their texts.
     """
     import nbformat
 
-    source = read_notebook(path)
     heading = source.cells[0].source.splitlines()[0].removeprefix("# ")
-    told = exercises_of(chapter, path)
+    told = exercises_of(chapter, source, name)
     points = sum(asked.points for asked, _ in told)
     markdown, code = nbformat.v4.new_markdown_cell, nbformat.v4.new_code_cell
     intro = (
         f"# Exercises {int(chapter)}: {heading}\n\n"
-        f"The chapter: [{heading}](../chapters/{path.name}). Run each cell with Shift and Enter. "
+        f"The chapter: [{heading}](../chapters/{name}). Run each cell with Shift and Enter. "
         f"`check` says what is right, or which mistake it is and where to read. In a shell "
         f"`trinolab check {chapter}` checks this file as a whole; there are {points} points."
     )

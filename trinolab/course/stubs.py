@@ -7,7 +7,7 @@ import importlib.util
 import inspect
 import textwrap
 from collections.abc import Callable, Iterable
-from types import ModuleType
+from functools import cache
 
 from .exercise import Asked, Exercise, FunctionExercise, ValueExercise
 
@@ -74,18 +74,23 @@ def _head(function: Callable) -> str:
     return "\n".join(source.splitlines()[: whole.body[0].end_lineno])
 
 
-def _module(function: Callable) -> tuple[ModuleType, str]:
+@cache
+def _module(function: Callable) -> tuple[str, ast.Module, str]:
+    """The source of a function's module, what it says, and its package."""
     module = inspect.getmodule(function)
     assert module is not None
-    return module, inspect.getsource(module)
+    source = inspect.getsource(module)
+    return source, ast.parse(source), module.__package__ or ""
 
 
+@cache
 def _parts(function: Callable) -> dict[str, str]:
     """The source of each function and constant of a function's module, by name."""
-    _, source = _module(function)
+    source, whole, _ = _module(function)
+    lines = source.splitlines()
     parts = {}
-    for node in ast.parse(source).body:
-        text = ast.get_source_segment(source, node) or ""
+    for node in whole.body:
+        text = "\n".join(lines[node.lineno - 1 : node.end_lineno])
         if isinstance(node, ast.FunctionDef):
             parts[node.name] = text
         elif isinstance(node, ast.Assign) and isinstance(node.targets[0], ast.Name):
@@ -113,18 +118,22 @@ def _imports(function: Callable, names: Iterable[str]) -> list[str]:
     """The imports of a function's module that these parts of it need, as one text; none if there
     are none.
     """
-    module, source = _module(function)
+    _, whole, package = _module(function)
     parts = _parts(function)
     used = set().union(*(_used(parts[name]) for name in names))
     lines = []
-    for node in ast.parse(source).body:
-        if isinstance(node, ast.Import | ast.ImportFrom):
-            node.names = [alias for alias in node.names if _bound(alias) in used]
-            if isinstance(node, ast.ImportFrom) and node.level:
-                above = "." * node.level + (node.module or "")
-                node.module, node.level = importlib.util.resolve_name(above, module.__package__), 0
-            if node.names:
-                lines.append(ast.unparse(node))
+    for node in whole.body:
+        if not isinstance(node, ast.Import | ast.ImportFrom):
+            continue
+        aliases = [alias for alias in node.names if _bound(alias) in used]
+        if not aliases:
+            continue
+        if isinstance(node, ast.Import):
+            lines.append(ast.unparse(ast.Import(aliases)))
+        else:
+            name = "." * node.level + (node.module or "")
+            name = importlib.util.resolve_name(name, package)
+            lines.append(ast.unparse(ast.ImportFrom(name, aliases, 0)))
     return ["\n".join(lines)] if lines else []
 
 
