@@ -52,6 +52,7 @@ WALLS = {
     "following": WHOLE_CHAIN | {"files", "calibration"},
     "slave": WHOLE_CHAIN | {"following", "bench", "files", "datasets"},
     "live": WHOLE_CHAIN | {"following", "slave", "bench", "files", "datasets"},
+    "classkit": WHOLE_CHAIN | {"following", "files", "datasets", "calibration", "plotting"},
     "paper": WHOLE_CHAIN - {"identity", "estimators", "measurement", "tracker"}
     | {"files", "datasets", "workspace"},
 }

@@ -187,6 +187,24 @@ def _evaluate(a: argparse.Namespace) -> int:
     return 0
 
 
+def _kit(a: argparse.Namespace) -> int:
+    from ..classkit.kit import as_lines, make_kit
+
+    printed = make_kit(a.handle, a.out, a.diameter, a.marker, a.paper, a.thickness)
+    _say("\n".join(as_lines(printed)))
+    return 0
+
+
+def _preflight(a: argparse.Namespace) -> int:
+    from ..classkit.criteria import NOT_USABLE, overall
+    from ..classkit.preflight import as_lines, preflight
+
+    sources = _named(a.video, "--video") if a.video else None
+    table = preflight(a.folder, sources, a.rig, a.handle, a.fps, a.timestamps, a.out)
+    _say("\n".join(as_lines(table)))
+    return int(overall(table) == NOT_USABLE)
+
+
 def _capture(a: argparse.Namespace) -> int:
     from ..files.capture import capture, timing
 
@@ -476,6 +494,8 @@ def digits(value: float | str) -> str:
 _RUN = {
     "calibrate": _calibrate,
     "measure": _measure,
+    "kit": _kit,
+    "preflight": _preflight,
     "track": _track,
     "refine": _refine,
     "evaluate": _evaluate,

@@ -33,8 +33,10 @@ def parser() -> argparse.ArgumentParser:
     _add_track(commands)
     _add_evaluate(commands)
     _add_measure(commands)
+    _add_kit(commands)
     _add_capture(commands)
     _add_calibrate(commands)
+    _add_preflight(commands)
     _add_refine(commands)
     _add_teleop(commands)
     _add_live(commands)
@@ -131,6 +133,56 @@ def _add_calibrate(commands: argparse._SubParsersAction) -> None:
         help="how many of k1, k2, p1, p2, k3 are estimated (default: as many as views that are left "
         "out speak for)",
     )
+
+
+def _add_kit(commands: argparse._SubParsersAction) -> None:
+    p = _add(
+        commands,
+        "kit",
+        "print a class kit at true scale: wraps for a rod, a ChArUco board, bars that check it",
+        "trinolab kit --handle coded --diameter 20 --marker 6 --out kit.pdf",
+    )
+    p.add_argument(
+        "--handle",
+        required=True,
+        metavar="HANDLE.toml",
+        help="the markers to print: a file, or a shipped handle by its name; the paper's layout, or coded "
+        "beside it, is printed as well",
+    )
+    p.add_argument(
+        "--diameter", type=float, metavar="MM", help="of the rod (default: the handle's)"
+    )
+    p.add_argument(
+        "--marker", type=float, metavar="MM", help="diameter of the markers (default: the handle's)"
+    )
+    p.add_argument(
+        "--thickness",
+        type=float,
+        default=0.1,
+        metavar="MM",
+        help="of the paper with its glue: one turn is pi (diameter + thickness) (default: %(default)s, "
+        "a sheet of 80 g/m2)",
+    )
+    p.add_argument("--paper", default="a4", choices=["a4", "letter"], help="(default: %(default)s)")
+    p.add_argument(
+        "--out",
+        required=True,
+        metavar="KIT.pdf",
+        help="the pages; KIT_NAME.toml beside it is the handle file of each wrap",
+    )
+
+
+def _add_preflight(commands: argparse._SubParsersAction) -> None:
+    p = _add(
+        commands,
+        "preflight",
+        "judge a set-up by a recording: light, focus, exposure, time, baseline, calibration",
+        "trinolab preflight recording\n"
+        "  trinolab preflight --video ccd1=1.mkv ccd2=2.mkv --handle handle.toml",
+    )
+    _add_footage(p)
+    _add_times(p)
+    p.add_argument("--out", metavar="TABLE.csv", help="write the table as CSV, too")
 
 
 def _add_measure(commands: argparse._SubParsersAction) -> None:
