@@ -99,6 +99,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     )
     _add_kept(stress, "_build/stress", "finished blocks")
     _add_workers(stress)
+    _add(studies, "webcams", "three webcams and a printed rod, by its size: webcams.csv")
     studies.add_parser(
         "tuning", help="the most likely parameters of the filters of image and pose; prints them"
     )
@@ -184,6 +185,8 @@ def _one_table(a: argparse.Namespace, study: ModuleType) -> pd.DataFrame:
         return study.make_table(a.draws, a.workers, Path(a.kept))
     if a.study == "stress":
         return study.make_table(a.instants, a.workers, Path(a.kept))
+    if a.study == "webcams":
+        return study.make_table()
     if a.study == "fitts":
         return study.make_table(progress=True)
     return study.sweep_elevation(progress=True) if a.study == "elevation" else study.sweep_bounds()
