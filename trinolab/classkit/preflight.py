@@ -42,6 +42,7 @@ from .seen import Seen
 
 MOST_INSTANTS = 300
 FEWEST = 5  # instants with a pose that tell something
+PART_MARKERS = 2  # from which on a camera takes part in a pose
 
 Row = dict[str, str | float]
 
@@ -162,7 +163,7 @@ def _lying_in(root: Path) -> dict[str, Path]:
 def look(clip: Clip, rig: Rig | None, handle: Handle | None, progress: bool = True) -> Seen:
     """See what there is to see."""
     count = min(max(one.length for one in clip.footage) or MOST_INSTANTS, MOST_INSTANTS)
-    seen = Seen(clip.names, handle, count)
+    seen = Seen(clip.names, rig, handle, count)
     frames = _instants(clip, rig)
     with tqdm(total=count, unit="instant", disable=None if progress else True) as bar:
         if rig is None or handle is None:
@@ -225,7 +226,7 @@ def _of_markers(seen: Seen) -> list[Row]:
     if not any(spots):
         return [row(criteria.CONTRAST, 0.0, "nothing like a marker was found")]
     contrast = np.array([_median([s.contrast for s in some]) for some in spots])
-    size = np.array([_median([s.major_px for s in some]) for some in spots])
+    size = np.array([_median([s.size_px for s in some]) for some in spots])
     white = [_mean([s.white for s in some]) for some in spots]
     blur = np.array([_median(seen.blurs_px(c)) for c in range(len(names))])
     rows = [of_cameras(criteria.CONTRAST, names, contrast)]
@@ -234,8 +235,8 @@ def _of_markers(seen: Seen) -> list[Row]:
         rows.append(of_cameras(criteria.NOISE, names, contrast / noise))
     rows += [
         of_cameras(criteria.WHITE, names, 100 * np.array(white)),
+        of_cameras(criteria.WHITE_PIXELS, names, 100 * np.median(seen.whites, axis=0), 1),
         of_cameras(criteria.FOCUS, names, blur, 1),
-        of_cameras(criteria.BLUR_BY_SIZE, names, blur / size, 2),
         of_cameras(criteria.SIZE, names, size, 1),
     ]
     return rows
@@ -262,20 +263,24 @@ def _of_time(seen: Seen, clip: Clip) -> list[Row]:
 
 def _of_motion(seen: Seen, rig: Rig, handle: Handle) -> list[Row]:
     """Exposure and the cameras' clocks: both need a handle that moves."""
-    found = seen.exposure(rig)
+    return [_smear(seen, handle), _apart(seen, rig)]
+
+
+def _smear(seen: Seen, handle: Handle) -> Row:
+    """How far a marker of a hand's motion moves while the shutter is open, by its diameter."""
+    found = seen.exposure()
     if found is None:
-        smear = row(
-            criteria.SMEAR, np.nan, "the handle hardly moved", "move the rod while recording"
-        )
-    else:
-        share = found.time_s * HAND_MM_S / handle.marker_diameter_mm
-        smear = row(
-            criteria.SMEAR,
-            share,
-            f"{share:.2f} of a marker: exposure {1e3 * found.time_s:.0f} ms "
-            f"({1e3 * found.low_s:.0f} to {1e3 * found.high_s:.0f})",
-        )
-    return [smear, _apart(seen, rig)]
+        return row(criteria.SMEAR, np.nan, "the rod hardly moved", "move the rod while recording")
+    by_time = HAND_MM_S / handle.marker_diameter_mm
+    if found.time_s >= found.shortest_s:
+        share = found.time_s * by_time
+        said = f"{share:.2f} of a marker: an exposure of {1e3 * found.time_s:.0f} ms"
+        return row(criteria.SMEAR, share, said)
+    share = found.shortest_s * by_time
+    said = f"less than {share:.2f} of a marker: an exposure below {1e3 * found.shortest_s:.0f} ms"
+    if criteria.SMEAR.verdict(share) == criteria.GOOD:
+        return row(criteria.SMEAR, share, said)
+    return row(criteria.SMEAR, np.nan, said, "move the rod faster: so slowly no more can be said")
 
 
 def _apart(seen: Seen, rig: Rig) -> Row:
@@ -286,7 +291,9 @@ def _apart(seen: Seen, rig: Rig) -> Row:
     known = np.isfinite(found.offset_s)
     if known.sum() < 2:
         reason = next((reason for reason in found.reasons if reason), "")
-        return row(criteria.APART, np.nan, reason, "move the rod while recording")
+        return row(
+            criteria.APART, np.nan, reason, "move the rod while recording, across the images"
+        )
     late = 1e3 * (found.offset_s - np.nanmin(found.offset_s))
     sigma = 1e3 * found.sigma_s
     said = ", ".join(
@@ -294,8 +301,10 @@ def _apart(seen: Seen, rig: Rig) -> Row:
         for name, ms, s in zip(rig.names, late, sigma, strict=True)
     )
     # what is not surely there does not count
-    surely = np.nanmax(np.maximum(late - 2 * np.nan_to_num(sigma), 0.0))
-    return row(criteria.APART, float(surely), f"{said} ms")
+    surely = float(np.nanmax(np.maximum(late - 2 * np.nan_to_num(sigma), 0.0)))
+    if not known.all() and criteria.APART.verdict(surely) == criteria.GOOD:
+        return row(criteria.APART, np.nan, f"{said} ms", "one camera shows nothing of the others")
+    return row(criteria.APART, surely, f"{said} ms")
 
 
 def _of_rig(rig: Rig, place: Array) -> list[Row]:
@@ -361,7 +370,9 @@ def _of_poses(seen: Seen) -> list[Row]:
     between = used[there[0] : there[-1] + 1]
     share = 100 * float((between >= 2).mean())
     residual = float(np.nanmedian(seen.residuals_px))
+    part = 100 * (np.array(seen.took_part) >= PART_MARKERS).mean(axis=0)
     return [
+        of_cameras(criteria.PART, seen.names, part),
         row(criteria.AGREE, residual, f"{residual:.2f} px, rms of a pose's markers"),
         row(criteria.FOUND, share, f"{share:.0f} % of {len(between)} instants"),
     ]

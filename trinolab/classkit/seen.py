@@ -1,9 +1,9 @@
 """What a recording shows of the set-up: light, edges, motion and time, gathered instant by instant.
 
-The blur of an edge is measured by how steep it is. A step of the height C that a Gaussian of the
-standard deviation s has blurred is C / (sqrt(2 pi) s) steep at most; one that moves by L px while the
-shutter is open, C erf(L / (2 sqrt(2) s)) / L. So edges across the motion give s, those along it L, and
-the speed of the image the exposure.
+The blur of an edge is measured by how steep it is: a step of the height C that a Gaussian of the
+standard deviation s has blurred is C / (sqrt(2 pi) s) steep at most. A marker that moves by L px while
+the shutter is open is less steep along its motion than across it, see `steepness`; with the speed of
+the image that gives the exposure, up to one that moves a marker by its own size.
 """
 
 from __future__ import annotations
@@ -14,13 +14,13 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 from scipy.spatial.transform import RigidTransform
-from scipy.special import erf
+from scipy.special import ndtr
 
 from ..camera import Rig
 from ..checks import Array
 from ..files.recording import Frames
 from ..following.posetracker import Tracked
-from ..handle import Handle
+from ..handle import Handle, slants
 from ..identity import labelled_pixels
 from ..markers import MarkerParameters, find_markers
 
@@ -28,13 +28,19 @@ WHITE = 250  # grey from which on a pixel may be cut off
 LOOSE = MarkerParameters(diameter_px=(2.0, 200.0), min_contrast=10.0)
 MOST_UNTRACKED = 20  # instants in which spots are looked for without a pose
 SMALL_PX = 160  # width of the images in which the light is watched
+LIT, LIT_SHARE = 20.0, 0.05  # grey of a pixel that shows the light, and how many are needed
 RAYS = 16
 STEP_PX = 0.25
+EDGE_PX = 1.0  # beyond a marker's contour, to where its edge is steepest
 REACH_PX = 5.0  # beyond a marker's edge, to where it has ended
 # Variance that pixels, and the interpolation between them, add to an edge: px^2.
 PIXELS_PX2 = 0.25
 MOST_EXPOSURE_S = 0.1
-MOST_SLANTED = 0.6  # minor by major axis of a marker whose edges are looked at
+# Cosine of the slant of a marker whose edges are looked at, and of one whose edges along the motion
+# and across it are compared.
+SIDEWAYS, ROUND = 0.6, 0.85
+FEWEST_TOLD = 20  # markers that move, for an exposure
+SHOWN_SIGMAS = 1.5  # an edge must move by that many of its blur's, or its motion does not show
 
 
 class Spot(NamedTuple):
@@ -45,8 +51,10 @@ class Spot(NamedTuple):
     instant, camera, label : int
         Which instant of those looked at, which camera, and which marker, -1 if nobody knows.
     uv : ndarray, shape (2,)
-    major_px, minor_px, contrast : float
-        As `markers.Markers` has them.
+    size_px, facing : float
+        Diameter of the marker, and the cosine of its slant: as the pose has them; without a pose the
+        major axis of the ellipse, and the minor axis by that.
+    contrast : float
     grey, ground : float
         Of its middle, and of what surrounds it.
     white : float
@@ -59,8 +67,8 @@ class Spot(NamedTuple):
     camera: int
     label: int
     uv: Array
-    major_px: float
-    minor_px: float
+    size_px: float
+    facing: float
     contrast: float
     grey: float
     ground: float
@@ -75,14 +83,18 @@ class Seen:
     ----------
     names : sequence of str
         Of the cameras.
+    rig : Rig or None
     handle : Handle or None
         Without it no marker is looked for.
     count : int
         How many instants there will be: those without a pose are looked at here and there.
     """
 
-    def __init__(self, names: Sequence[str], handle: Handle | None, count: int = 1) -> None:
+    def __init__(
+        self, names: Sequence[str], rig: Rig | None, handle: Handle | None, count: int = 1
+    ) -> None:
         self.names = tuple(names)
+        self.rig = rig
         self.handle = handle
         self.loose_every = max(count // MOST_UNTRACKED, 1)
         self.times_s: list[float] = []
@@ -90,6 +102,7 @@ class Seen:
         self.cameras_used: list[int] = []
         self.residuals_px: list[float] = []
         self.uv: list[Array] = []
+        self.took_part: list[list[int]] = []
         self.tracked_spots: list[Spot] = []
         self.loose_spots: list[Spot] = []
         self.repeated = np.zeros(len(names), int)
@@ -131,20 +144,19 @@ class Seen:
         return [
             spot
             for spot in self.spots
-            if spot.camera == camera
-            and not (upright and spot.minor_px < MOST_SLANTED * spot.major_px)
+            if spot.camera == camera and not (upright and spot.facing < SIDEWAYS)
         ]
 
     def gains(self) -> Array:
         """The light of each instant by the usual one, shape (instants, cameras): the median over
-        the pixels, so that what moves does not count.
+        the pixels, so that what moves does not count. NaN where all is dark.
         """
-        found = np.ones((len(self._small), len(self.names)))
+        found = np.full((len(self._small), len(self.names)), np.nan)
         for camera in range(len(self.names)):
             stack = np.stack([images[camera] for images in self._small])
             usual = np.median(stack, axis=0)
-            lit = usual > 8
-            if lit.any():
+            lit = usual > LIT
+            if lit.mean() > LIT_SHARE:
                 found[:, camera] = np.median(stack[:, lit] / usual[lit], axis=1)
         return found
 
@@ -156,41 +168,38 @@ class Seen:
         found = 1 / (np.sqrt(2 * np.pi) * np.maximum(steep, 1e-3))
         return np.sqrt(np.maximum(found**2 - PIXELS_PX2, 0.01))
 
-    def exposure(self, rig: Rig) -> Exposure | None:
-        """How long the shutter is open, by the edges along the motion; None if too little moves."""
-        if self.handle is None:
-            return None
-        velocity = self._velocities(rig)
-        blur = [self.blurs_px(camera) for camera in range(len(self.names))]
-        typical = [float(np.median(one)) if len(one) else np.nan for one in blur]
-        speed, along, sigma = [], [], []
+    def exposure(self) -> Exposure | None:
+        """How long the shutter is open, by the edges along the motion; None if nothing moves."""
+        velocity = self._velocities()
+        told = []
         for spot in self.tracked_spots:
             v = velocity.get((spot.instant, spot.camera))
-            if v is None or spot.minor_px < MOST_SLANTED * spot.major_px:
-                continue
-            size = float(np.linalg.norm(v))
-            if size * MOST_EXPOSURE_S < 2 * typical[spot.camera]:
-                continue
-            speed.append(size)
-            along.append(_along(spot.steep, v))
-            sigma.append(np.hypot(typical[spot.camera], np.sqrt(PIXELS_PX2)))
-        if len(speed) < 20:
+            if v is not None and spot.facing > ROUND:
+                along, across = _steepness_by(spot.steep, v)
+                told.append((spot.camera, float(np.linalg.norm(v)), along, across, spot.size_px))
+        if len(told) < FEWEST_TOLD:
             return None
-        return _fit_exposure(np.array(speed), np.array(along), np.array(sigma))
+        camera, speed, along, across, size = (np.array(x) for x in zip(*told, strict=True))
+        sigma = np.empty(len(told))
+        for c in np.unique(camera):
+            sigma[camera == c] = 1 / (np.sqrt(2 * np.pi) * np.median(across[camera == c]))
+        quick = speed >= np.median(speed)
+        return _fit_exposure(speed[quick], along[quick], sigma[quick], size[quick])
 
-    def _velocities(self, rig: Rig) -> Mapping[tuple[int, int], Array]:
+    def _velocities(self) -> Mapping[tuple[int, int], Array]:
         """How fast the handle's markers move in each image, px/s, by instant and camera; those that
         face the camera in the middle.
         """
-        assert self.handle is not None
+        found = dict[tuple[int, int], Array]()
+        if self.rig is None or self.handle is None:
+            return found
         centres = self.handle.marker_centres
-        found = {}
         for k in range(1, len(self.poses) - 1):
             before, after = self.poses[k - 1], self.poses[k + 1]
             step = self.times_s[k + 1] - self.times_s[k - 1]
             if before is None or after is None or not 0 < step < 0.3:
                 continue
-            for c, camera in enumerate(rig.cameras):
+            for c, camera in enumerate(self.rig.cameras):
                 moved = camera.project(after.apply(centres)) - camera.project(before.apply(centres))
                 if np.isfinite(moved).any():
                     found[k, c] = np.nanmedian(moved, axis=0) / step
@@ -219,19 +228,32 @@ class Seen:
 
     def _add_tracked(self, images: Sequence[np.ndarray], tracked: Tracked) -> None:
         assert self.handle is not None
+        assert self.rig is not None
         measurement = tracked.measurement
+        T = measurement.pose.T_world_handle
+        assert T is not None
         k = len(self.poses)
         self.poses.append(measurement.pose.T_world_handle)
         self.cameras_used.append(measurement.pose.cameras)
         self.residuals_px.append(measurement.pose.residual_px)
         pixels = tuple(found.uv for found in measurement.found)
-        self.uv.append(labelled_pixels(measurement.labels, pixels, len(self.handle.marker_centres)))
+        # also those of a camera that contradicts the others: it may be late
+        labels = measurement.labels if tracked.labels is None else tracked.labels
+        self.uv.append(labelled_pixels(labels, pixels, len(self.handle.marker_centres)))
+        self.took_part.append([int((np.asarray(one) >= 0).sum()) for one in measurement.labels])
         for c, (image, found, labels) in enumerate(
             zip(images, measurement.found, measurement.labels, strict=True)
         ):
+            camera = self.rig.cameras[c]
+            facing = np.cos(slants(self.handle, T, camera.centre))
+            depth = camera.T_cam_world.apply(T.apply(self.handle.marker_centres))[:, 2]
+            size = self.handle.marker_diameter_mm * camera.focal.mean() / depth
             for n in np.flatnonzero(np.asarray(labels) >= 0):
+                m = int(labels[n])
                 spot = spot_at(image, found.uv[n], found.axes_px[n], self.handle.markers)
-                self.tracked_spots.append(spot._replace(instant=k, camera=c, label=int(labels[n])))
+                self.tracked_spots.append(
+                    spot._replace(instant=k, camera=c, label=m, size_px=size[m], facing=facing[m])
+                )
 
     def _add_loose(self, images: Sequence[np.ndarray]) -> None:
         """What looks like a marker: as many as a camera may see, those of the most contrast."""
@@ -246,15 +268,10 @@ class Seen:
 
 
 class Exposure(NamedTuple):
-    """How long the shutter is open, s, and the range that half the spots agree on; how many spots
-    tell it, and how fast they moved at most, px/s.
-    """
+    """How long the shutter is open, s, and the shortest time that this motion can show."""
 
     time_s: float
-    low_s: float
-    high_s: float
-    spots: int
-    fastest_px_s: float
+    shortest_s: float
 
 
 def spot_at(image: np.ndarray, uv: Array, axes_px: Array, kind: str) -> Spot:
@@ -271,7 +288,7 @@ def spot_at(image: np.ndarray, uv: Array, axes_px: Array, kind: str) -> Spot:
     grey, ground = float(np.median(middle)), float(np.median(around))
     bright = patch if kind == "bright" else 255.0 - patch
     return Spot(
-        *(-1, -1, -1, np.array(uv, float), major, minor, abs(grey - ground), grey, ground),
+        *(-1, -1, -1, np.array(uv, float), major, minor / major, abs(grey - ground), grey, ground),
         white=float((middle >= WHITE).mean()),
         steep=_steepness(bright, np.array(uv, float) - [u, v] + reach, major),
     )
@@ -294,33 +311,51 @@ def _steepness(patch: np.ndarray, centre: Array, major_px: float) -> Array:
     )
     # a pixel's distance: what one pixel's noise does along less of it is no edge
     step = round(1 / STEP_PX)
-    fall = (grey[:, :-step] - grey[:, step:]).max(axis=1)
+    near = radii[:-step] < major_px / 2 + EDGE_PX  # farther out are the edges of others
+    fall = (grey[:, :-step] - grey[:, step:])[:, near].max(axis=1)
     height = grey[:, : max(step, 1)].mean(axis=1) - grey.min(axis=1)
     return fall / np.maximum(height, 1.0)
 
 
-def _along(steep: Array, velocity: Array) -> float:
-    """The steepness of an edge along a motion, of both ends of it, 1/px."""
-    angle = np.arctan2(velocity[1], velocity[0]) / (2 * np.pi) * RAYS
-    front = round(angle) % RAYS
-    return float((steep[front] + steep[(front + RAYS // 2) % RAYS]) / 2)
+def _steepness_by(steep: Array, velocity: Array) -> tuple[float, float]:
+    """The steepness of the edges along a motion and across it, each of both ends, 1/px."""
+    quarter = RAYS // 4
+    front = round(np.arctan2(velocity[1], velocity[0]) / (2 * np.pi) * RAYS) % RAYS
+    ends = steep[(front + quarter * np.arange(4)) % RAYS]
+    return float(ends[::2].mean()), float(ends[1::2].mean())
 
 
-def _fit_exposure(speed: Array, along: Array, sigma: Array) -> Exposure:
+def _fit_exposure(speed: Array, along: Array, sigma: Array, size: Array) -> Exposure:
     """The exposure whose steepness is nearest to the edges', in the mean of sizes."""
-    times = np.concatenate([[1e-4], np.arange(0.0005, MOST_EXPOSURE_S, 0.0005)])
-    expected = steepness(times[:, None] * speed, sigma)
-    misfit = np.abs(expected - along)
-    best = times[int(misfit.mean(axis=1).argmin())]
-    single = times[misfit.argmin(axis=0)]
-    low, high = np.quantile(single, [0.25, 0.75])
-    return Exposure(float(best), float(low), float(high), len(speed), float(speed.max()))
+    times = np.arange(0.0005, MOST_EXPOSURE_S, 0.0005)
+    # by how much motion makes them less steep, so that what pixels do to both drops out
+    resting = steepness(np.full_like(speed, 1e-3), sigma, size)
+    expected = steepness(times[:, None] * speed, sigma, size) / resting
+    misfit = np.abs(expected - along * np.sqrt(2 * np.pi) * sigma).mean(axis=1)
+    shortest = float(np.median(SHOWN_SIGMAS * sigma / np.maximum(speed, 1e-9)))
+    return Exposure(float(times[int(misfit.argmin())]), shortest)
 
 
-def steepness(length_px: Array, sigma_px: Array | float) -> Array:
-    """Of an edge of the height 1 that moved by a length while a Gaussian blurs it, 1/px."""
-    length = np.maximum(length_px, 1e-6)
-    return np.asarray(erf(length / (2 * np.sqrt(2) * sigma_px)) / length)
+def steepness(length_px: Array, sigma_px: Array, size_px: Array) -> Array:
+    """Of the edge of a bar that moved by a length while a Gaussian blurred it, by the grey of its
+    middle, 1/px.
+
+    The bar of the width D convolved with the motion L and the Gaussian s has at x the slope (Phi((x +
+    (D + L) / 2) / s) - Phi((x + (D - L) / 2) / s) - Phi((x - (D - L) / 2) / s) + Phi((x - (D + L) / 2) /
+    s)) / L; it is taken at the edge, D / 2. A motion beyond D does not change it any more.
+    """
+    half, reach = size_px / 2, np.maximum(length_px, 1e-6) / 2
+    ends = (half + reach, half - reach, reach - half, -half - reach)
+    signs = (1, -1, -1, 1)
+    slope = sum(k * ndtr((half + x) / sigma_px) for k, x in zip(signs, ends, strict=True))
+    height = sum(k * _ramp(x, sigma_px) for k, x in zip(signs, ends, strict=True))
+    return np.asarray(-slope / np.maximum(height, 1e-9))
+
+
+def _ramp(x: Array, sigma: Array) -> Array:
+    """The integral of Phi(x / sigma)."""
+    density = np.exp(-0.5 * (x / sigma) ** 2) / np.sqrt(2 * np.pi)
+    return x * ndtr(x / sigma) + sigma * density
 
 
 def _noise(change: Array) -> float:
