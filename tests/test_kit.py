@@ -130,17 +130,15 @@ def test_board_of_the_page_is_read_by_calibrate_at_its_true_size(kit):
     assert np.abs(uv - expected).max() < 1.0
 
 
-def test_thickness_makes_the_turn_longer_and_the_radius_larger(tmp_path):
-    thin = make_kit(handle_file("paper"), tmp_path / "thin.pdf", 20.0, 5.0, thickness_mm=0.0)
-    wrap = thin.wraps[tmp_path / "thin_paper.toml"]
-    assert wrap.length_mm == pytest.approx(np.pi * 20)
-    assert read_handle(tmp_path / "thin_paper.toml").radius_mm == 10.0
-    assert wrap.places[4, 0] - wrap.places[0, 0] == pytest.approx(
-        np.pi * 20 * 120 / 360 - np.pi * 20
-    )
-    thick = make_kit(handle_file("paper"), tmp_path / "thick.pdf", 20.0, 5.0, thickness_mm=0.2)
-    assert thick.wraps[tmp_path / "thick_paper.toml"].length_mm == pytest.approx(np.pi * 20.2)
-    assert read_handle(tmp_path / "thick_coded.toml").radius_mm == 10.2
+def test_thickness_makes_the_turn_longer_and_the_radius_larger():
+    for thickness in (0.0, 0.2):
+        wrap = unrolled(wrapped(load_handle("paper"), 20.0, 5.0, thickness), thickness)
+        turn = np.pi * (20 + thickness)
+        assert wrap.length_mm == pytest.approx(turn)
+        assert wrap.handle.radius_mm == pytest.approx(10 + thickness)
+        assert wrap.rod_mm == pytest.approx(20)
+        # from the column at 60 deg, the first one after the seam, to that at 240
+        assert wrap.places[8, 0] - wrap.places[2, 0] == pytest.approx(turn / 2)
 
 
 def test_tabs_lift_no_marker(kit):

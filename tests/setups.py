@@ -1,0 +1,74 @@
+"""Recordings of a printed rod before three webcams in small images: good ones, and ones with a fault."""
+
+from functools import cache
+
+import numpy as np
+from scipy.spatial.transform import RigidTransform, Rotation
+
+from trinolab.bench.layer import cropped
+from trinolab.bench.scenario import Job, Shot, take
+from trinolab.camera import Rig
+from trinolab.classkit.wrap import wrapped
+from trinolab.datasets import load_handle
+from trinolab.files import recorder
+from trinolab.studies.webcams import BENCH, WEBCAMS, webcam_rig
+
+FPS = 60.0
+ROD = wrapped(load_handle("coded"), 20.0, 6.0)
+SMALL = wrapped(load_handle("coded"), 20.0, 3.0)
+SPEED_MM_S, REACH_MM = 250.0, 25.0
+
+
+def small_rig(baseline_mm=200.0, cameras=3):
+    """The study's webcams, of which the middle of the images is kept."""
+    rig = webcam_rig(WEBCAMS[0], baseline_mm)
+    return Rig(tuple(cropped(camera, (120, 90), (400, 300)) for camera in rig.cameras[:cameras]))
+
+
+def pose_at(t_s, speed=SPEED_MM_S, rig=None):
+    """The rod on its way around the place that the cameras look at."""
+    baseline = np.linalg.norm((rig or small_rig()).cameras[1].centre)
+    phase = speed / REACH_MM * t_s
+    way = [np.sin(phase), 0.7 * np.cos(phase), 0.6 * np.sin(0.8 * phase)]
+    turn = [170 + 6 * np.sin(phase), 15.0, 40 + 8 * np.cos(phase)]
+    return RigidTransform.from_components(
+        np.array([0.0, 0.0, np.hypot(500.0, baseline / 2)]) + REACH_MM * np.array(way),
+        Rotation.from_euler("ZYX", turn, degrees=True),
+    )
+
+
+@cache
+def clip(count=24, exposure_s=0.002, handle=ROD, baseline_mm=200.0, cameras=3, speed=SPEED_MM_S):
+    """The frames (instants, cameras) of the moving rod."""
+    rig = small_rig(baseline_mm, cameras)
+    shots = []
+    for k in range(count):
+        before, T, after = (pose_at(k / FPS + dt, speed, rig) for dt in (-5e-4, 0.0, 5e-4))
+        velocity = (after.translation - before.translation) / 1e-3
+        turn = (after.rotation * before.rotation.inv()).as_rotvec() / 1e-3
+        # `take` smears over 10 ms
+        share = exposure_s / 0.010
+        shots.append(Shot(T, None, (1.0,) * cameras, share * velocity, share * turn, False))
+    job = Job(rig, handle, shots, np.arange(count) / FPS, 0, BENCH)
+    return [[take(job, frame, c) for c in range(cameras)] for frame in range(count)]
+
+
+def each(frames, change):
+    """Every image changed by a function of greys, and made 8 bit again."""
+    return [
+        [np.clip(np.rint(change(image.astype(float))), 0, 255).astype(np.uint8) for image in images]
+        for images in frames
+    ]
+
+
+def record(folder, frames, rig=None, handle=ROD, times=None):
+    """A recording folder of frames; without a rig if `rig` is False, without a handle if that is
+    None.
+    """
+    cameras = small_rig() if rig is None else rig
+    known = cameras if rig is not False else small_rig().names
+    partial = recorder.begin(folder, known, handle)
+    for k, images in enumerate(frames):
+        recorder.add(partial, known, k, images)
+    recorder.finish(folder, list(np.arange(len(frames)) / FPS if times is None else times))
+    return folder
