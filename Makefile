@@ -53,6 +53,7 @@ sweeps: .venv/package.done  ## make the tables in data/sweeps and data/sensitivi
 	@$(BIN)/python -m trinolab.studies calibration_error
 	@$(BIN)/python -m trinolab.studies fitts
 	@$(BIN)/python -m trinolab.studies stress
+	@$(BIN)/python -m trinolab.studies webcams
 	@$(BIN)/python -m trinolab.studies bound
 	@$(BIN)/python -m trinolab.studies gallery
 	@$(BIN)/python -m trinolab.studies sensitivity

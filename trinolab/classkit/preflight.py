@@ -42,6 +42,7 @@ from .seen import Seen
 
 MOST_INSTANTS = 300
 FEWEST = 5  # instants with a pose that tell something
+FARTHEST = 10.0  # baselines to the place at which axes meet
 PART_MARKERS = 2  # from which on a camera takes part in a pose
 
 Row = dict[str, str | float]
@@ -307,8 +308,11 @@ def _apart(seen: Seen, rig: Rig) -> Row:
     return row(criteria.APART, surely, f"{said} ms")
 
 
-def _of_rig(rig: Rig, place: Array) -> list[Row]:
+def _of_rig(rig: Rig, place: Array | None) -> list[Row]:
     """What the rig file alone decides, where the handle is."""
+    if place is None:
+        nowhere = ("nobody knows where the rod will be: the axes hardly meet", "record the rod")
+        return [row(one, np.nan, *nowhere) for one in (criteria.ANGLE, criteria.COST)]
     sights = np.stack([place - camera.centre for camera in rig.cameras])
     sights /= np.linalg.norm(sights, axis=1, keepdims=True)
     angles = {
@@ -346,9 +350,9 @@ def _cost_mm(rig: Rig, place: Array) -> float | None:
     return float(np.sqrt(np.trace(gain @ offsets.covariance @ gain.T)))
 
 
-def _place(seen: Seen, rig: Rig) -> Array:
+def _place(seen: Seen, rig: Rig) -> Array | None:
     """Where the handle is in the middle of its poses; without poses the point nearest to all
-    cameras' axes.
+    cameras' axes, if that is near: cameras that look straight ahead say nothing of it.
     """
     held = [T.translation for T in seen.poses if T is not None]
     if held:
@@ -357,7 +361,10 @@ def _place(seen: Seen, rig: Rig) -> Array:
     centres = np.stack([camera.centre for camera in rig.cameras])
     across = np.eye(3) - axes[:, :, None] * axes[:, None]
     right = (across @ centres[..., None]).sum(axis=0)[:, 0]
-    return np.linalg.lstsq(across.sum(axis=0), right, rcond=None)[0]
+    point = np.linalg.lstsq(across.sum(axis=0), right, rcond=None)[0]
+    widest = max(np.linalg.norm(centres[i] - centres[j]) for i, j in rig.pairs)
+    distance = np.linalg.norm(centres - point, axis=1).max()
+    return point if distance < FARTHEST * widest else None
 
 
 def _of_poses(seen: Seen) -> list[Row]:
