@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
+from numpy.typing import ArrayLike
 
 GOOD, USABLE, NOT_USABLE, NOT_MEASURED = "good", "usable", "not usable", "not measured"
 COLUMNS = ("what", "value", "measured", "wanted", "verdict", "do", "why")
@@ -226,10 +227,10 @@ def overall(table: pd.DataFrame) -> str:
 
 
 def of_cameras(
-    criterion: Criterion, names: Sequence[str], values: Sequence[float], digits: int = 0
+    criterion: Criterion, names: Sequence[str], values: ArrayLike, digits: int = 0
 ) -> dict[str, str | float]:
     """A row of a value a camera: the worst one counts; NaN where a camera has none."""
-    numbers = np.array(values, float)
+    numbers = np.asarray(values, float)
     if not np.isfinite(numbers).any():
         return row(criterion, np.nan, "nothing to measure it by")
     worst = np.nanmax(numbers) if criterion.good < criterion.usable else np.nanmin(numbers)

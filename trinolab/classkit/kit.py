@@ -92,8 +92,9 @@ def make_kit(
     names = " and ".join(f"“{wrap.handle.name}”" for wrap in wraps.values())
     what = f"A rod of {rod:g} mm: wraps {names}, a ChArUco board, and what checks the printer."
     pdf = as_pdf([page_of_bars(size, what), *pages, page_of_board(size)])
-    texts = {path: _file_text(wrap.handle) for path, wrap in wraps.items()}
-    write_together({out: pdf, **texts})
+    contents: dict[str | Path, str | bytes] = {out: pdf}
+    contents |= {path: _file_text(wrap.handle) for path, wrap in wraps.items()}
+    write_together(contents)
     return Printed(Path(out), wraps, board_target(size))
 
 

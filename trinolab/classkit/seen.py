@@ -27,7 +27,7 @@ from ..markers import MarkerParameters, find_markers
 WHITE = 250  # grey from which on a pixel may be cut off
 LOOSE = MarkerParameters(diameter_px=(2.0, 200.0), min_contrast=10.0)
 MOST_UNTRACKED = 20  # instants in which spots are looked for without a pose
-SMALL_PX = 160  # width of the images in which the light is watched
+SMALL_PX = 96  # width of the images in which the light is watched
 LIT, LIT_SHARE = 20.0, 0.05  # grey of a pixel that shows the light, and how many are needed
 RAYS = 16
 STEP_PX = 0.25
@@ -171,15 +171,15 @@ class Seen:
     def exposure(self) -> Exposure | None:
         """How long the shutter is open, by the edges along the motion; None if nothing moves."""
         velocity = self._velocities()
-        told = []
+        told: list[tuple[float, ...]] = []
         for spot in self.tracked_spots:
             v = velocity.get((spot.instant, spot.camera))
             if v is not None and spot.facing > ROUND:
-                along, across = _steepness_by(spot.steep, v)
-                told.append((spot.camera, float(np.linalg.norm(v)), along, across, spot.size_px))
+                edges = _steepness_by(spot.steep, v)
+                told.append((spot.camera, float(np.linalg.norm(v)), *edges, spot.size_px))
         if len(told) < FEWEST_TOLD:
             return None
-        camera, speed, along, across, size = (np.array(x) for x in zip(*told, strict=True))
+        camera, speed, along, across, size = np.array(told).T
         sigma = np.empty(len(told))
         for c in np.unique(camera):
             sigma[camera == c] = 1 / (np.sqrt(2 * np.pi) * np.median(across[camera == c]))
@@ -206,13 +206,14 @@ class Seen:
         return found
 
     def _add_light(self, images: Sequence[np.ndarray]) -> None:
-        small, whites, noises, ranges = [], [], [], []
+        small: list[Array] = []
+        whites, noises, ranges = [], [], []
         for c, image in enumerate(images):
             shrink = min(1.0, SMALL_PX / image.shape[1])
             little = cv2.resize(
                 image.astype(np.float32), None, fx=shrink, fy=shrink, interpolation=cv2.INTER_AREA
             )
-            small.append(little)
+            small.append(np.asarray(little, float))
             ranges.append(float(np.subtract(*np.quantile(little, [0.99, 0.01]))))
             whites.append(float((image >= WHITE).mean()))
             if self._last is not None:
@@ -238,8 +239,8 @@ class Seen:
         self.residuals_px.append(measurement.pose.residual_px)
         pixels = tuple(found.uv for found in measurement.found)
         # also those of a camera that contradicts the others: it may be late
-        labels = measurement.labels if tracked.labels is None else tracked.labels
-        self.uv.append(labelled_pixels(labels, pixels, len(self.handle.marker_centres)))
+        near = measurement.labels if tracked.labels is None else tracked.labels
+        self.uv.append(labelled_pixels(near, pixels, len(self.handle.marker_centres)))
         self.took_part.append([int((np.asarray(one) >= 0).sum()) for one in measurement.labels])
         for c, (image, found, labels) in enumerate(
             zip(images, measurement.found, measurement.labels, strict=True)

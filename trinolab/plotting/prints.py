@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import io
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib import rc_context
@@ -98,7 +98,7 @@ def _drawn(page: Page) -> Figure:
 
 
 def _draw(ax: Axes, shape: Shape, order: int) -> None:
-    line = {"color": "0.35", "linewidth": 0.5, "zorder": order}
+    line: dict[str, Any] = {"color": "0.35", "linewidth": 0.5, "zorder": order}
     match shape:
         case Area(boxes, grey):
             ax.add_patch(PathPatch(_path(boxes), facecolor=str(grey), linewidth=0, zorder=order))
