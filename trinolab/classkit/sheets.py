@@ -148,9 +148,11 @@ def _marks(wrap: Wrap, left: float, bottom: float) -> list[Shape]:
     ]
     for x in (left, right):
         shapes += [Line((x, top + 1), (x, top + 6)), Line((x, bottom - 1), (x, bottom - 5))]
+    pitch = wrap.length_mm / len(wrap.handle.columns_deg)
+    points = min(6.0, 0.85 * pitch)  # "300°" is as wide as a pitch then
     for column in wrap.handle.columns_deg:
         x = left + (column - wrap.seam_deg) % 360 / 360 * wrap.length_mm
-        shapes.append(Words((x, top + 5), f"{column:g}°", 6, centred=True))
+        shapes.append(Words((x, top + 5), f"{column:g}°", points, centred=True))
     if wrap.low_mm <= 0 <= wrap.high_mm:
         origin = bottom - wrap.low_mm
         shapes.append(Line((left - 6, origin), (left - 1, origin)))
