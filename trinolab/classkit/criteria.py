@@ -227,16 +227,22 @@ def overall(table: pd.DataFrame) -> str:
 
 
 def of_cameras(
-    criterion: Criterion, names: Sequence[str], values: ArrayLike, digits: int = 0
+    criterion: Criterion,
+    names: Sequence[str],
+    values: ArrayLike,
+    digits: int = 0,
+    notes: Sequence[str] = (),
 ) -> dict[str, str | float]:
-    """A row of a value a camera: the worst one counts; NaN where a camera has none."""
+    """A row of a value a camera: the worst one counts; NaN where a camera has none. A note a camera
+    may stand behind its value.
+    """
     numbers = np.asarray(values, float)
     if not np.isfinite(numbers).any():
         return row(criterion, np.nan, "nothing to measure it by")
     worst = np.nanmax(numbers) if criterion.good < criterion.usable else np.nanmin(numbers)
-    said = (
-        f"{name} {value:.{digits}f}" if np.isfinite(value) else f"{name} -"
-        for name, value in zip(names, numbers, strict=True)
-    )
+    said = [
+        f"{name} {value:.{digits}f}{note}" if np.isfinite(value) else f"{name} -"
+        for name, value, note in zip(names, numbers, notes or [""] * len(names), strict=True)
+    ]
     unit = f" {criterion.unit}" if criterion.unit else ""
     return row(criterion, float(worst), ", ".join(said) + unit)

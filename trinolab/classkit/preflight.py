@@ -230,7 +230,11 @@ def _of_markers(seen: Seen) -> list[Row]:
     size = np.array([_median([s.size_px for s in some]) for some in spots])
     white = [_mean([s.white for s in some]) for some in spots]
     blur = np.array([_median(seen.blurs_px(c)) for c in range(len(names))])
-    rows = [of_cameras(criteria.CONTRAST, names, contrast)]
+    greys = [
+        f" ({_median([s.grey for s in some]):.0f} on {_median([s.ground for s in some]):.0f})"
+        for some in spots
+    ]
+    rows = [of_cameras(criteria.CONTRAST, names, contrast, notes=greys)]
     if seen.noises:
         noise = np.maximum(np.median(seen.noises, axis=0), 0.3)
         rows.append(of_cameras(criteria.NOISE, names, contrast / noise))

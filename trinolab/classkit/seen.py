@@ -184,7 +184,8 @@ class Seen:
         for c in np.unique(camera):
             sigma[camera == c] = 1 / (np.sqrt(2 * np.pi) * np.median(across[camera == c]))
         quick = speed >= np.median(speed)
-        return _fit_exposure(speed[quick], along[quick], sigma[quick], size[quick])
+        found = _fit_exposure(speed[quick], along[quick], sigma[quick], size[quick])
+        return found if found.shortest_s < MOST_EXPOSURE_S else None
 
     def _velocities(self) -> Mapping[tuple[int, int], Array]:
         """How fast the handle's markers move in each image, px/s, by instant and camera; those that
