@@ -14,7 +14,7 @@ import numpy as np
 import pandas as pd
 import pypdfium2
 import pytest
-from healthy import run
+from healthy import run, write_video
 from scipy.spatial.transform import RigidTransform, Rotation
 from setups import pose_at
 
@@ -201,6 +201,10 @@ def test_from_three_webcams_to_a_tracked_handle(tmp_path, monkeypatch, capfd):
     captured("light", rig, frames[:10], times[:10], handle_file="kit_coded.toml")
     captured("rod", rig, frames, times, "rig.toml", "kit_coded.toml")
     shutil.copytree("rod", "slow")
+    # a recording folder may have videos as well
+    shutil.rmtree("rod/images")
+    for name, side in zip(rig.names, zip(*frames, strict=True), strict=True):
+        write_video(Path("rod", f"{name}.mkv"), side)
     before, after = chosen("preflight")
     assert run(before) == 0  # without a rig
     assert run(after) == 0

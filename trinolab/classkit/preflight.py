@@ -35,6 +35,7 @@ from ..following import posetracker
 from ..following.parameters import FollowParameters
 from ..following.sync import estimate_offsets
 from ..handle import Handle
+from ..methods import estimator_of
 from ..systematic import offsets_at
 from . import criteria
 from .criteria import NOT_MEASURED, NOT_USABLE, of_cameras, overall, row
@@ -173,7 +174,7 @@ def look(clip: Clip, rig: Rig | None, handle: Handle | None, progress: bool = Tr
                 bar.update()
         else:
             for now, tracked in posetracker.track_instants(
-                frames, rig, handle, FollowParameters(estimator="patches")
+                frames, rig, handle, FollowParameters(estimator=estimator_of("best"))
             ):
                 seen.add(now, tracked)
                 bar.update()
