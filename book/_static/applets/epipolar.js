@@ -1,0 +1,255 @@
+'use strict';
+// The epipolar line of a spot (Eq. 17), and the correlation of two windows (Eq. 18), in rendered images.
+(() => {
+  const {draw, path, axes, button, page, draggable, times, apply, transposed, element} = trinolabApplets.shared;
+  const REACH_PX = 75;  // of the curve of S along the line, to either side
+
+  function inverse3(m) {
+    const [[a, b, c], [d, e, f], [g, h, i]] = m;
+    const cofactors = [[e * i - f * h, c * h - b * i, b * f - c * e], [f * g - d * i, a * i - c * g, c * d - a * f],
+      [d * h - e * g, b * g - a * h, a * e - b * d]];
+    const det = a * cofactors[0][0] + b * cofactors[1][0] + c * cofactors[2][0];
+    return cofactors.map(row => row.map(value => value / det));
+  }
+
+  // F of two cameras without distortion: A_r^-T [T]x R A_l^-1, with R, T from the left camera's frame to the right one's.
+  function fundamentalMatrix(left, right) {
+    const R = times(right.rotation, transposed(left.rotation));
+    const turned = apply(R, left.translation);
+    const [x, y, z] = right.translation.map((value, k) => value - turned[k]);
+    const cross = [[0, -z, y], [z, 0, -x], [-y, x, 0]];
+    return times(times(transposed(inverse3(right.matrix)), times(cross, R)), inverse3(left.matrix));
+  }
+
+  // The line a u + b v + c = 0 of a left pixel in the right image, with a^2 + b^2 = 1.
+  function epipolarLine(F, [u, v]) {
+    const line = apply(F, [u, v, 1]);
+    const length = Math.hypot(line[0], line[1]);
+    return line.map(value => value / length);
+  }
+
+  // D of Eq. 17, px.
+  const distance = ([a, b, c], [u, v]) => Math.abs(a * u + b * v + c);
+
+  // The window of an odd side around a pixel, row by row, interpolated between pixels; the edge's pixels repeat beyond it.
+  function cut({width, height, grey}, [u, v], side) {
+    const at = (x, y) => grey[Math.min(Math.max(y, 0), height - 1) * width + Math.min(Math.max(x, 0), width - 1)];
+    const first = [u - (side - 1) / 2, v - (side - 1) / 2];
+    const [x0, y0] = first.map(Math.floor);
+    const [p, q] = [first[0] - x0, first[1] - y0];
+    const window = [];
+    for (let y = y0; y < y0 + side; y++) {
+      for (let x = x0; x < x0 + side; x++) {
+        window.push((1 - q) * ((1 - p) * at(x, y) + p * at(x + 1, y)) + q * ((1 - p) * at(x, y + 1) + p * at(x + 1, y + 1)));
+      }
+    }
+    return window;
+  }
+
+  // A window with mean 0 and length 1; zeros if it is flat.
+  function unit(window) {
+    const mean = window.reduce((sum, value) => sum + value, 0) / window.length;
+    const rest = window.map(value => value - mean);
+    const length = Math.hypot(...rest);
+    const flat = 1e-6 * Math.max(...window.map(Math.abs));
+    return length > flat ? rest.map(value => value / length) : rest.map(() => 0);
+  }
+
+  // S of two windows of one size (Eq. 18).
+  function correlation(template, window) {
+    const [t, i] = [unit(template), unit(window)];
+    return t.reduce((sum, value, k) => sum + value * i[k], 0);
+  }
+
+  // A camera of the page's data, its part of the image decoded. Pixels are counted as in the whole image.
+  function decoded(camera) {
+    const [width, height] = camera.size;
+    const grey = Uint8Array.from(atob(camera.grey), letter => letter.charCodeAt(0));
+    return {...camera, image: {width, height, grey}};
+  }
+
+  const inPart = (camera, [u, v]) => [u - camera.corner[0], v - camera.corner[1]];
+
+  // All numbers of the applet for a left and a right pixel: the line, D, both windows and S.
+  function compute({left, right, uvLeft, uvRight, windowPx}) {
+    const line = epipolarLine(fundamentalMatrix(left, right), uvLeft);
+    const windows = [cut(left.image, inPart(left, uvLeft), windowPx), cut(right.image, inPart(right, uvRight), windowPx)];
+    return {line, D: distance(line, uvRight), windows, S: correlation(...windows)};
+  }
+
+  // The foot of a pixel on a line, and the direction of the line, to the right or down.
+  function footOn([a, b, c], [u, v]) {
+    const off = a * u + b * v + c;
+    const sign = Math.abs(b) >= Math.abs(a) ? Math.sign(b) : -Math.sign(a);
+    return {foot: [u - off * a, v - off * b], along: [sign * b, -sign * a]};
+  }
+
+  function picture(camera) {
+    const {width, height, grey} = camera.image;
+    const canvas = element('canvas', {width, height});
+    const context = canvas.getContext('2d');
+    const pixels = context.createImageData(width, height);
+    grey.forEach((value, k) => pixels.data.set([value, value, value, 255], 4 * k));
+    context.putImageData(pixels, 0, 0);
+    return canvas.toDataURL();
+  }
+
+  function windowPicture(window, side) {
+    const canvas = element('canvas', {width: side, height: side});
+    const context = canvas.getContext('2d');
+    const pixels = context.createImageData(side, side);
+    window.forEach((value, k) => pixels.data.set([value, value, value, 255], 4 * k));
+    context.putImageData(pixels, 0, 0);
+    return canvas.toDataURL();
+  }
+
+  function start(box, parameters, data) {
+    const cameras = data.cameras.map(decoded);
+    const side = data.window_px;
+    const pictures = cameras.map(picture);
+    const [left] = cameras;
+    let frames = null;  // where both images are drawn, for the pointer
+    let told = false;  // whether the true partner is shown
+    let marker = 0;  // the left marker that was shown last
+
+    const rightOf = values => cameras[Number(values.right)];
+    const uvOf = ({u, v}) => [left.corner[0] + u, left.corner[1] + v];
+
+    // The middle of the right part, projected onto the line: from there the place along it is counted.
+    function lineOf(values) {
+      const right = rightOf(values);
+      const line = epipolarLine(fundamentalMatrix(left, right), uvOf(values));
+      const middle = [right.corner[0] + right.size[0] / 2, right.corner[1] + right.size[1] / 2];
+      const {foot, along} = footOn(line, middle);
+      return {right, line, at: (s, beside) => foot.map((value, k) => value + s * along[k] + beside * line[k]), foot, along};
+    }
+
+    // Which marker's image a pixel is nearest to, within 8 px; -1 for none.
+    const markerAt = (camera, uv) => camera.markers.findIndex(one => one && Math.hypot(one[0] - uv[0], one[1] - uv[1]) <= 8);
+
+    function drawn(svg, width, values) {
+      const {right, line, at} = lineOf(values);
+      const uvLeft = uvOf(values);
+      const uvRight = at(values.s, values.beside);
+      const found = compute({left, right, uvLeft, uvRight, windowPx: side});
+      const gap = 12;
+      const zoom = Math.min(2, (width - gap) / 2 / left.size[0]);
+      const [w, h] = left.size.map(one => one * zoom);
+      frames = {zoom, rightAt: w + gap, top: 20};
+      const top = frames.top;
+      const imageOf = (camera, k, x, name, uv) => {
+        draw(svg, 'text', {x, y: 14}, name);
+        draw(svg, 'image', {href: pictures[k], x, y: top, width: w, height: h, style: 'image-rendering: pixelated'});
+        const clip = draw(svg, 'svg', {x, y: top, width: w, height: h});
+        const place = pixel => inPart(camera, pixel).map(one => (one + 0.5) * zoom);
+        return {clip, place, mark: (kind, pixel, name2) => {
+          const [a, b] = place(pixel);
+          draw(clip, 'rect', {class: kind, x: a - side * zoom / 2, y: b - side * zoom / 2, width: side * zoom, height: side * zoom});
+          draw(clip, 'path', {class: kind, d: `M${a - 4} ${b}h8M${a} ${b - 4}v8`});
+          draw(clip, 'rect', {'data-drag': name2, fill: 'transparent', x: a - 24, y: b - 24, width: 48, height: 48});
+        }};
+      };
+      const one = imageOf(left, 0, 0, `${left.name}: part of the image`, uvLeft);
+      const two = imageOf(right, Number(values.right), w + gap, right.name, uvRight);
+      one.mark('on-image two-on-image', uvLeft, 'left');
+      const ends = [at(-300, 0), at(300, 0)];
+      for (const gate of [-parameters.epipolar_gate_px, 0, parameters.epipolar_gate_px]) {
+        const [from, to] = [at(-300, gate), at(300, gate)].map(two.place);
+        draw(two.clip, 'path', {class: gate ? 'on-image faint-on-image' : 'on-image one-on-image', d: path([from, to])});
+      }
+      if (told) {
+        const partner = markerAt(left, uvLeft);
+        if (partner >= 0 && right.markers[partner]) {
+          const [a, b] = two.place(right.markers[partner]);
+          draw(two.clip, 'circle', {class: 'on-image three-on-image', cx: a, cy: b, r: 12});
+        }
+      }
+      two.mark('on-image two-on-image', uvRight, 'right');
+
+      // both windows, enlarged, beside the curve of S along the line
+      const below = top + h + 18;
+      const big = Math.min(84, (width - 44) / 4);
+      found.windows.forEach((window, k) => {
+        const x = k * (big + 8);
+        draw(svg, 'text', {x, y: below + 8}, k ? right.name : left.name);
+        draw(svg, 'image', {href: windowPicture(window, side), x, y: below + 16, width: big, height: big, style: 'image-rendering: pixelated'});
+      });
+      draw(svg, 'text', {x: 0, y: below + 16 + big + 18}, `S = ${found.S.toFixed(2)}`.replace('-', '−'));
+      draw(svg, 'text', {x: 0, y: below + 16 + big + 36}, `D = ${found.D.toFixed(1)} px`);
+      const curve = [];
+      const template = unit(found.windows[0]);
+      for (let s = -REACH_PX; s <= REACH_PX; s++) {
+        const window = unit(cut(right.image, inPart(right, at(s, values.beside)), side));
+        curve.push([s, template.reduce((sum, value, k) => sum + value * window[k], 0)]);
+      }
+      const plotAt = {left: 2 * big + 8 + 52, top: below + 16, width: width - 2 * big - 8 - 60, height: 110};
+      const {X, Y, group} = axes(svg, plotAt, {low: -REACH_PX, high: REACH_PX, label: 'along the line / px'}, {low: -0.6, high: 1, label: 'S, no unit'});
+      const threshold = Y(parameters.ncc_threshold);
+      draw(group, 'path', {class: 'thin dashed ink', d: `M${plotAt.left} ${threshold}h${plotAt.width}`});
+      draw(group, 'path', {class: 'line one', d: path(curve.map(([s, S]) => [X(s), Y(S)]))});
+      draw(group, 'circle', {class: 'solid two', cx: X(values.s), cy: Y(found.S), r: 5});
+
+      const passes = found.D < parameters.epipolar_gate_px && found.S > parameters.ncc_threshold;
+      const peaks = curve.filter(([, S], k) => S > parameters.ncc_threshold && S >= (curve[k - 1] || [0, -2])[1] && S > (curve[k + 1] || [0, -2])[1]);
+      const [a, b] = [markerAt(left, uvLeft), markerAt(right, uvRight)];
+      const says = [
+        `D = ${found.D.toFixed(1)} px, S = ${found.S.toFixed(2).replace('-', '−')}: ${passes ? 'a candidate' : 'no candidate'} `
+        + `(D₀ = ${parameters.epipolar_gate_px} px, ε₀ = ${parameters.ncc_threshold}). `
+        + `At this distance S exceeds ε₀ in ${peaks.length} ${peaks.length === 1 ? 'peak' : 'peaks'} along the line.`,
+        ...(told ? [a < 0 ? 'There is no marker under the left window.'
+          : !right.markers[a] ? `The truth: marker ${a} of the left window does not face ${right.name}.`
+            : b < 0 ? `The truth: marker ${a}. The right window is on none.`
+              : a === b ? `The truth: both windows are on marker ${a}. The pair is right.` : `The truth: marker ${a} on the left, ${b} on the right. The pair is wrong.`] : []),
+      ];
+      const spot = uvLeft.map(one2 => one2.toFixed(1)).join(', ');
+      const alt = `Left the image of ${left.name} with a window at (${spot}) px, right that of ${right.name} with the epipolar line and a window. ${says.join(' ')}`;
+      return {height: below + 16 + Math.max(big + 40, 110 + 40), alt, says, ends};
+    }
+
+    const seen = left.markers.map((uv, k) => [uv, k]).filter(([uv]) => uv);
+    const goTo = n => {
+      marker = n;
+      const [[u, v]] = seen[n];
+      view.set({u: Math.round(2 * (u - left.corner[0])) / 2, v: Math.round(2 * (v - left.corner[1])) / 2});
+    };
+    const next = button('Next marker', () => { goTo((marker + 1) % seen.length); });
+    const truth = button('Show the truth', () => {
+      told = !told;
+      truth.setAttribute('aria-pressed', told);
+      view.redraw();
+    });
+    truth.setAttribute('aria-pressed', 'false');
+    const [[u0, v0]] = seen[0].map(one => one);
+    const half = value => Math.round(2 * value) / 2;
+    const view = page(box, {
+      label: 'Applet: epipolar line and two windows',
+      controls: [
+        {kind: 'choice', name: 'right', label: 'right image', value: '2', options: cameras.slice(1).map((one, k) => [String(k + 1), one.name])},
+        {kind: 'slider', name: 'u', label: 'left window, u in the part', low: 0, high: left.size[0] - 1, step: 0.5, value: half(u0 - left.corner[0]), format: String, unit: 'px'},
+        {kind: 'slider', name: 'v', label: 'left window, v in the part', low: 0, high: left.size[1] - 1, step: 0.5, value: half(v0 - left.corner[1]), format: String, unit: 'px'},
+        {kind: 'slider', name: 's', label: 'right window, along the line', low: -REACH_PX, high: REACH_PX, step: 0.5, value: 0, format: one => String(one).replace('-', '−'), unit: 'px'},
+        {kind: 'slider', name: 'beside', label: 'right window, beside the line', low: -20, high: 20, step: 0.5, value: 0, format: one => String(one).replace('-', '−'), unit: 'px'},
+      ],
+      buttons: [next, truth],
+      legend: [['two', 'windows'], ['one', 'epipolar line; S along it'], ['dashed ink', 'ε₀'], ['three', 'the true partner']],
+      drawn,
+    });
+
+    const clamped = (value, low, high) => Math.min(high, Math.max(low, Math.round(2 * value) / 2));
+    draggable(view.svg, 'left', (x, y) => view.set({
+      u: clamped(x / frames.zoom - 0.5, 0, left.size[0] - 1),
+      v: clamped((y - frames.top) / frames.zoom - 0.5, 0, left.size[1] - 1),
+    }));
+    draggable(view.svg, 'right', (x, y) => {
+      const {right, foot, along, line} = lineOf(view.values());
+      const uv = [right.corner[0] + (x - frames.rightAt) / frames.zoom - 0.5, right.corner[1] + (y - frames.top) / frames.zoom - 0.5];
+      const off = uv.map((value, k) => value - foot[k]);
+      view.set({
+        s: clamped(off[0] * along[0] + off[1] * along[1], -REACH_PX, REACH_PX),
+        beside: clamped(off[0] * line[0] + off[1] * line[1], -20, 20),
+      });
+    });
+  }
+
+  trinolabApplets.define('epipolar', {compute, decoded, fundamentalMatrix, epipolarLine, distance, cut, correlation, start});
+})();

@@ -1,0 +1,333 @@
+'use strict';
+// A pointing task through scale, clutch and an added delay, with the log of trinolab.slave.pointing.
+(() => {
+  const {element, draw, path, dots, write, axes, button, page} = trinolabApplets.shared;
+  const MM_PX = 25.4 / 96;  // of the page's pixels, as style sheets count them
+  const DISTANCES_MM = [40, 80, 160];
+  const WIDTHS_MM = [5, 10, 20];
+  const SPREAD = 4.133;  // standard deviations that hold 96 % of a normal distribution
+  const COLUMNS = ['task', 'operator', 'scale', 'delay_s', 'distance_mm', 'width_mm', 'start_s', 'end_s', 'error_mm', 'moves'];
+  const WHOLE = ['task', 'moves'];
+  const TAP_MS = 250;  // a shorter press that goes no further than this says that the tool is there
+  const TAP_PX = 4;
+  const TRACK = {low: -15, high: 185};  // mm, of the picture
+
+  const mean = values => values.reduce((sum, value) => sum + value, 0) / values.length;
+
+  // The tool after another place of the hand, mm: it goes as far as the hand, times the scale, since the clutch was closed.
+  function step({tool, origin}, {hand, closed}, scale) {
+    if (!closed) return {tool, origin: null};
+    const from = origin || {hand, tool};
+    return {tool: from.tool + scale * (hand - from.hand), origin: from};
+  }
+
+  // The tool's places for samples of hand and clutch, from 0 on.
+  function follow({scale, samples}) {
+    let state = {tool: 0, origin: null};
+    return samples.map(sample => {
+      state = step(state, sample, scale);
+      return state.tool;
+    });
+  }
+
+  // What a picture shows that is late: the last of the places [t, tool] that is old enough, or the first of all.
+  function shownAt(history, t, delay) {
+    let shown = history[0][1];
+    for (const [when, tool] of history) if (when <= t - delay) shown = tool;
+    return shown;
+  }
+
+  // Distance and width of each trial, mm: every pair of them, so many times.
+  function conditions(repeats) {
+    const pairs = DISTANCES_MM.flatMap(distance => WIDTHS_MM.map(width => [distance, width]));
+    return pairs.flatMap(pair => Array.from({length: repeats}, () => pair));
+  }
+
+  // Index of difficulty, bit.
+  const difficulty = (distance, width) => Math.log2(distance / width + 1);
+
+  function grouped(log) {
+    const groups = new Map();
+    for (const row of log) {
+      const key = `${row.distance_mm} ${row.width_mm}`;
+      groups.set(key, [...(groups.get(key) || []), row]);
+    }
+    return [...groups.values()];
+  }
+
+  const timeOf = row => row.end_s - row.start_s;
+
+  // Of the trials of one target, bit/s; null if fewer than two have different ends.
+  function throughputOf(trials) {
+    const ends = trials.map(row => row.error_mm);
+    if (new Set(ends).size < 2) return null;
+    const middle = mean(ends);
+    const deviation = Math.sqrt(ends.reduce((sum, end) => sum + (end - middle) ** 2, 0) / (ends.length - 1));
+    const distance = mean(trials.map(row => row.distance_mm + row.error_mm));
+    return difficulty(Math.max(distance, 0), SPREAD * deviation) / mean(trials.map(timeOf));
+  }
+
+  // Throughput, movement time and misses of a log.
+  function performance(log) {
+    const known = grouped(log).map(throughputOf).filter(rate => rate !== null);
+    return {
+      throughput_bit_s: known.length ? mean(known) : null,
+      movement_s: mean(log.map(timeOf)),
+      error_share: mean(log.map(row => Number(Math.abs(row.error_mm) > row.width_mm / 2))),
+      moves: mean(log.map(row => row.moves)),
+      n: log.length,
+    };
+  }
+
+  // The log as trinolab.slave.pointing.write_log writes it.
+  function csv(log) {
+    const quoted = text => (/[",\r\n]/.test(text) ? `"${text.replaceAll('"', '""')}"` : text);
+    const cell = (row, name) => {
+      if (name === 'operator') return quoted(row.operator);
+      return WHOLE.includes(name) ? String(row[name]) : row[name].toFixed(6);
+    };
+    return [COLUMNS, ...log.map(row => COLUMNS.map(name => cell(row, name)))].map(row => `${row.join(',')}\n`).join('');
+  }
+
+  // The log as the file has it: a download, and what is computed from it, has no more digits than six.
+  const rounded = row => Object.fromEntries(COLUMNS.map(name => [name, typeof row[name] === 'number' ? Number(row[name].toFixed(6)) : row[name]]));
+
+  function start(box, parameters) {
+    const runs = [];  // {settings, log, found}
+    let run = null;  // the one that goes on: {settings, trials, log}
+    let trial = null;  // {start, moves}
+    let state = {tool: 0, origin: null};
+    let history = [[0, 0]];
+    let hand = 0;  // mm
+    let press = null;  // of the pointer that is down
+    let frame = null;
+    let last = 0;  // when the tool moved last
+    let marker = null;  // of the tool in the picture
+    let placeOf = Number;
+
+    let current = null;  // what the controls say
+    const settings = () => current;
+    const delay = () => settings().delay;
+    const target = () => (run && run.log.length < run.trials.length ? run.trials[run.log.length] : null);
+
+    // --- the picture
+
+    function drawn(svg, width, values) {
+      current = values;
+      const at = {left: 10, top: 24, width: width - 20, height: 54};
+      const {X, group} = axes(svg, at, {...TRACK, label: 'the picture: tool / mm'}, {low: 0, high: 1, ticks: [], label: ''});
+      const middle = at.top + at.height / 2;
+      placeOf = X;
+      draw(group, 'path', {class: 'thin dashed ink', d: `M${X(0)} ${at.top}v${at.height}`});
+      const goal = target();
+      if (goal && trial) {
+        const [distance, wide] = goal;
+        draw(group, 'rect', {class: 'target', x: X(distance - wide / 2), y: at.top, width: X(wide) - X(0), height: at.height});
+      }
+      marker = draw(group, 'path', {class: 'tool', d: `M0 ${at.top}v${at.height}M-7 ${middle}h14`});
+      moveMarker(shownAt(history, now(), delay()));
+      draw(svg, 'text', {x: at.left, y: 14}, goal && !trial ? 'Press the pad (or Enter): the target appears.'
+        : goal ? `Trial ${run.log.length + 1} of ${run.trials.length}` : 'Practice: press the pad and drag.');
+
+      const plotAt = {left: 40, top: at.top + at.height + 76, width: width - 50, height: 130};
+      const shownRuns = [...runs.slice(-2, -1).map(one => [one, 'five']), ...runs.slice(-1).map(one => [one, 'one'])];
+      const points = ({log}) => grouped(log).map(rows => [difficulty(rows[0].distance_mm, rows[0].width_mm), mean(rows.map(timeOf))]);
+      const longest = Math.max(2, ...shownRuns.flatMap(([one]) => points(one).map(([, time]) => time)));
+      const plot = axes(svg, plotAt, {low: 1, high: 5.5, label: 'index of difficulty log₂(D / W + 1) / bit'}, {low: 0, high: 1.1 * longest, label: 'mean movement time / s'});
+      for (const [one, colour] of shownRuns) {
+        const some = points(one);
+        draw(plot.group, 'path', {class: `dots ${colour}`, style: 'stroke-width: 7', d: dots(some.map(([bits, time]) => [plot.X(bits), plot.Y(time)]))});
+        const [bits, times] = [0, 1].map(k => mean(some.map(point => point[k])));
+        const slope = some.reduce((sum, [b, t]) => sum + (b - bits) * (t - times), 0) / some.reduce((sum, [b]) => sum + (b - bits) ** 2, 0);
+        if (Number.isFinite(slope)) draw(plot.group, 'path', {class: `thin ${colour}`, d: path([1, 5.5].map(b => [plot.X(b), plot.Y(times + slope * (b - bits))]))});
+      }
+      if (!runs.length) draw(plot.group, 'text', {x: plotAt.left + 10, y: plotAt.top + 24}, 'A dot a target, once a run is done.');
+      const says = [words()];
+      const alt = `A track of the tool from 0 to ${TRACK.high} mm at scale ${values.scale}. ${says[0]} Below, movement time over difficulty: ${runs.length} runs are done.`;
+      return {height: plotAt.top + plotAt.height + 44, alt, says};
+    }
+
+    function words() {
+      const goal = target();
+      const shown = shownAt(history, now(), delay()).toFixed(1).replace('-', '−');
+      if (goal && trial) return `Trial ${run.log.length + 1} of ${run.trials.length}: the target is from ${goal[0] - goal[1] / 2} to ${goal[0] + goal[1] / 2} mm, the picture shows the tool at ${shown} mm.`;
+      const before = run && run.log.length ? `It took ${timeOf(run.log.at(-1)).toFixed(2)} s and ended ${Math.abs(run.log.at(-1).error_mm).toFixed(1)} mm beside the middle. ` : '';
+      if (goal) return `${before}Trial ${run.log.length + 1} of ${run.trials.length}: press the pad, or Enter, and the target appears.`;
+      if (!runs.length) return `No run yet. The picture shows the tool at ${shown} mm.`;
+      const {found, settings: set} = runs.at(-1);
+      const rate = found.throughput_bit_s === null ? 'unknown' : `${found.throughput_bit_s.toFixed(2)} bit/s`;
+      return `Run ${runs.length}, scale ${set.scale} and ${Math.round(1000 * set.delay)} ms added: throughput ${rate}, ${found.movement_s.toFixed(2)} s a trial, `
+        + `${(100 * found.error_share).toFixed(0)} % beside the target.`;
+    }
+
+    const moveMarker = tool => marker.setAttribute('transform', `translate(${placeOf(tool).toFixed(1)} 0)`);
+    const now = () => window.performance.now();
+
+    // Frames are drawn only as long as something moves: until the delay has passed since the tool's last move.
+    function animate() {
+      if (frame !== null) return;
+      frame = requestAnimationFrame(() => {
+        frame = null;
+        moveMarker(shownAt(history, now(), delay()));
+        if (press !== null || now() - last < 1000 * delay() + 100) animate();
+        else view.redraw();
+      });
+    }
+
+    // --- the hand
+
+    function sample(t, closed) {
+      state = step(state, {hand, closed}, settings().scale);
+      if (state.tool !== history.at(-1)[1]) {
+        history.push([t, state.tool]);
+        last = t;
+        const old = history.findLastIndex(([when]) => when <= t - 2000);  // no delay is longer
+        if (old > 0) history = history.slice(old);
+      }
+      animate();
+    }
+
+    function appear(t) {
+      trial = {start: t, moves: 0};
+      view.redraw();
+    }
+
+    function there(t, tool) {
+      const [distance, width] = target();
+      const {scale, delay: late, operator} = run.settings;
+      run.log.push(rounded({
+        task: run.log.length, operator, scale, delay_s: late, distance_mm: distance, width_mm: width,
+        start_s: (trial.start - run.begun) / 1000, end_s: (t - run.begun) / 1000, error_mm: tool - distance, moves: trial.moves,
+      }));
+      trial = null;
+      home();
+      if (!target()) finish();
+      view.redraw();
+    }
+
+    function home() {
+      state = {tool: 0, origin: null};
+      history = [[0, 0]];
+    }
+
+    function finish() {
+      const {settings: set, log} = run;
+      run = null;
+      if (log.length) runs.push({settings: set, log, found: performance(log)});
+      began();
+      tell();
+    }
+
+    function began() {
+      for (const one of view.panel.querySelectorAll('input, select')) one.disabled = run !== null;
+      write(go, run ? 'Stop the run' : 'Start a run');
+      here.disabled = run === null;
+    }
+
+    const go = button('Start a run', () => {
+      trial = null;
+      home();
+      if (run) finish();
+      else {
+        const set = settings();
+        run = {settings: {...set, operator: set.operator.trim() || 'person'}, trials: conditions(Number(set.repeats)), log: [], begun: now()};
+        began();
+        pad.focus();
+      }
+      view.redraw();
+    });
+    const confirm = t => {
+      if (trial) there(t, state.tool);
+      else if (target()) appear(t);
+    };
+    const here = button('There (Enter)', event => { confirm(event.timeStamp); });
+
+    const pad = element('div', {
+      class: 'applet-pad', tabindex: 0, role: 'application',
+      'aria-label': 'The hand. Drag to the right or left: the clutch is closed while you press. A short tap says that the tool is there. '
+        + 'Arrow keys move the hand by 1 mm, with Shift by 10 mm; Enter says there.',
+    }, element('span', {}, 'the hand: press and drag; lift to open the clutch; tap for “there”'));
+    pad.addEventListener('pointerdown', event => {
+      if (!event.isPrimary || event.button !== 0) return;
+      pad.setPointerCapture(event.pointerId);
+      const first = target() !== null && trial === null;
+      if (first) appear(event.timeStamp);
+      if (trial) trial.moves += 1;
+      press = {id: event.pointerId, t: event.timeStamp, x: event.clientX, tool: state.tool, hand, most: 0, first};
+      pad.classList.add('held');
+      sample(event.timeStamp, true);
+    });
+    pad.addEventListener('pointermove', event => {
+      if (!press || event.pointerId !== press.id) return;
+      const moved = event.clientX - press.x;
+      press.most = Math.max(press.most, Math.abs(moved));
+      hand = press.hand + MM_PX * moved;
+      sample(event.timeStamp, true);
+    });
+    const lift = (event, tapped) => {
+      if (!press || event.pointerId !== press.id) return;
+      const was = press;
+      press = null;
+      pad.classList.remove('held');
+      sample(event.timeStamp, false);
+      if (!tapped || !trial || was.first || was.most > TAP_PX || event.timeStamp - was.t > TAP_MS) return;
+      trial.moves -= 1;  // a tap is no move
+      there(was.t, was.tool);
+    };
+    pad.addEventListener('pointerup', event => lift(event, true));
+    pad.addEventListener('pointercancel', event => lift(event, false));
+    pad.addEventListener('keydown', event => {
+      const way = {ArrowRight: 1, ArrowLeft: -1}[event.key];
+      if (way && !press) {
+        sample(event.timeStamp, true);
+        hand += way * (event.shiftKey ? 10 : 1);
+        sample(event.timeStamp, true);
+        sample(event.timeStamp, false);
+      } else if (event.key === 'Enter' && !event.repeat) confirm(event.timeStamp);
+      else return;
+      event.preventDefault();
+    });
+
+    // --- what was found
+
+    const results = element('div', {class: 'applet-results'});
+    function table(names, rows, label) {
+      const head = element('tr', {}, ...names.map(name => element('th', {scope: 'col'}, name)));
+      const body = rows.map(row => element('tr', {}, ...row.map(value => element('td', {}, value))));
+      const one = element('table', {}, element('thead', {}, head), element('tbody', {}, ...body));
+      return element('div', {class: 'applet-table', tabindex: 0, role: 'region', 'aria-label': label}, one);
+    }
+
+    function tell() {
+      if (!runs.length) return;
+      const rows = runs.map(({settings: set, found}, k) => [String(k + 1), String(set.scale), String(Math.round(1000 * set.delay)), String(found.n),
+        found.throughput_bit_s === null ? '–' : found.throughput_bit_s.toFixed(2), found.movement_s.toFixed(2), (100 * found.error_share).toFixed(0)]);
+      const {log} = runs.at(-1);
+      const text = csv(log);
+      const file = URL.createObjectURL(new Blob([text], {type: 'text/csv'}));
+      const link = element('a', {class: 'applet-download', href: file, download: `pointing-${runs.length}.csv`}, `Download the log of run ${runs.length} (CSV)`);
+      const cells = log.map(row => COLUMNS.map(name => (typeof row[name] === 'number' && !WHOLE.includes(name) ? row[name].toFixed(3) : String(row[name]))));
+      const details = element('details', {}, element('summary', {}, `The log of run ${runs.length}`), table(COLUMNS, cells, 'The log of the last run'));
+      results.replaceChildren(
+        table(['run', 'scale', 'added delay / ms', 'trials', 'throughput / bit/s', 'time / s', 'beside / %'], rows, 'The runs on this page'), link, details);
+    }
+
+    const view = page(box, {
+      label: 'Applet: a pointing task through scale, clutch and delay',
+      controls: [
+        {kind: 'slider', name: 'scale', label: 'scale, tool : hand', low: 0.5, high: 4, step: 0.5, value: parameters.scale, format: String, unit: ': 1'},
+        {kind: 'slider', name: 'delay', label: 'added delay', low: 0, high: 0.6, step: 0.025, value: 0, format: one => String(Math.round(1000 * one)), unit: 'ms'},
+        {kind: 'choice', name: 'repeats', label: 'trials of each of nine targets', value: '3', options: [['2', '2'], ['3', '3'], ['5', '5'], ['10', '10']]},
+        {kind: 'text', name: 'operator', label: 'operator', value: 'person'},
+      ],
+      buttons: [go, here],
+      legend: [['two', 'tool, as the picture shows it'], ['band three', 'target'], ['dot one', 'last run'], ['dot five', 'the run before']],
+      drawn,
+      below: [pad],
+    });
+    box.append(results);
+    began();
+  }
+
+  trinolabApplets.define('pointing', {follow, shownAt, conditions, difficulty, performance, csv, start});
+})();

@@ -1,0 +1,248 @@
+'use strict';
+// What the applets of the chapters share: where they are registered, their controls, and axes in SVG.
+// An applet is a file of its own: functions of numbers, which the tests call, and a `start` that draws with them.
+window.trinolabApplets = (() => {
+  const applets = {};
+  const SVG = 'http://www.w3.org/2000/svg';
+  let count = 0;
+
+  // --- elements
+
+  function element(tag, attributes = {}, ...children) {
+    const one = document.createElement(tag);
+    for (const [name, value] of Object.entries(attributes)) one.setAttribute(name, value);
+    one.append(...children);
+    return one;
+  }
+
+  function draw(parent, tag, attributes = {}, text = null) {
+    const one = document.createElementNS(SVG, tag);
+    for (const [name, value] of Object.entries(attributes)) one.setAttribute(name, value);
+    if (text !== null) one.textContent = text;
+    parent.append(one);
+    return one;
+  }
+
+  // A place in the drawing needs no more than a tenth of a pixel.
+  const path = points => points.map(([x, y], k) => `${k ? 'L' : 'M'}${x.toFixed(1)} ${y.toFixed(1)}`).join('');
+
+  // Dots of one kind are one path: lines of no length with round ends.
+  const dots = points => points.map(([x, y]) => `M${x.toFixed(1)} ${y.toFixed(1)}h0`).join('');
+
+  function write(node, text) {
+    if (node.textContent !== text) node.textContent = text;  // nothing is read aloud twice
+  }
+
+  // --- axes
+
+  function ticksOf(low, high, most) {
+    const rough = (high - low) / most;
+    const ten = 10 ** Math.floor(Math.log10(rough));
+    const step = [1, 2, 5, 10].map(one => one * ten).find(one => one >= rough * 0.999);
+    const ticks = [];
+    for (let k = Math.ceil(low / step - 1e-9); k * step <= high + 1e-9 * step; k++) ticks.push(Number((k * step).toPrecision(12)));
+    return ticks;
+  }
+
+  const LETTERS = {'-': '⁻', 0: '⁰', 1: '¹', 2: '²', 3: '³', 4: '⁴', 5: '⁵', 6: '⁶', 7: '⁷', 8: '⁸', 9: '⁹'};
+  const power = exponent => `10${[...String(exponent)].map(letter => LETTERS[letter]).join('')}`;
+
+  // Axes of a panel. `at` is its frame in px, `x` and `y` have low, high, label, and log where they are logarithmic.
+  // Gives the functions from values to places, and the group that curves are drawn into, cut off at the frame.
+  function axes(svg, at, x, y) {
+    const along = (axis, from, length) => {
+      const scale = axis.log ? Math.log10 : value => value;
+      const low = scale(axis.low);
+      const high = scale(axis.high);
+      return value => from + length * (scale(value) - low) / (high - low);
+    };
+    const X = along(x, at.left, at.width);
+    const Y = along(y, at.top + at.height, -at.height);
+    const inner = draw(svg, 'g');
+    const ticks = (axis, most) => axis.ticks
+      || (axis.log ? ticksOf(Math.log10(axis.low), Math.log10(axis.high), most).filter(Number.isInteger).map(one => 10 ** one)
+        : ticksOf(axis.low, axis.high, most));
+    const name = (axis, value) => axis.log && (value < 0.01 || value > 1000) ? power(Math.round(Math.log10(value)))
+      : String(value).replace('-', '−');
+    for (const value of ticks(x, Math.max(2, at.width / 55))) {
+      draw(inner, 'path', {class: 'grid', d: path([[X(value), at.top], [X(value), at.top + at.height]])});
+      if (x.label !== '') draw(svg, 'text', {x: X(value), y: at.top + at.height + 16, 'text-anchor': 'middle'}, name(x, value));
+    }
+    for (const value of ticks(y, Math.max(2, at.height / 30))) {
+      draw(inner, 'path', {class: 'grid', d: path([[at.left, Y(value)], [at.left + at.width, Y(value)]])});
+      draw(svg, 'text', {x: at.left - 5, y: Y(value) + 4, 'text-anchor': 'end'}, name(y, value));
+    }
+    const clip = `applet-clip-${count++}`;
+    const frame = {x: at.left, y: at.top, width: at.width, height: at.height};
+    draw(draw(svg, 'clipPath', {id: clip}), 'rect', frame);
+    const group = draw(svg, 'g', {'clip-path': `url(#${clip})`});
+    draw(svg, 'rect', {...frame, class: 'frame'});
+    if (x.label) draw(svg, 'text', {x: at.left + at.width / 2, y: at.top + at.height + 34, 'text-anchor': 'middle'}, x.label);
+    if (y.label) draw(svg, 'text', {x: at.left, y: at.top - 8, 'text-anchor': 'start'}, y.label);
+    return {X, Y, group};
+  }
+
+  // --- controls
+
+  function slider(c, changed) {
+    const id = `applet-${count++}`;
+    const label = element('label', {for: id}, c.label);
+    const output = element('output', {for: id});
+    const input = element('input', {id, type: 'range', name: c.name});
+    const inner = c.log ? Math.log10 : value => value;
+    const outer = c.log ? value => Number((10 ** value).toPrecision(c.precision || 3)) : value => value;
+    const show = () => {
+      const text = c.format(outer(Number(input.value))) + (c.unit ? ` ${c.unit}` : '');
+      write(output, text);
+      input.setAttribute('aria-valuetext', text);
+    };
+    Object.assign(input, {min: inner(c.low), max: inner(c.high), step: c.step});
+    input.addEventListener('input', () => { show(); changed(); });
+    const set = value => { input.value = inner(value); show(); };
+    // What was set by the program is kept exactly, until the reader moves the slider.
+    let exact = null;
+    input.addEventListener('input', () => { exact = null; }, {capture: true});
+    return {
+      node: element('div', {class: 'applet-slider'}, label, output, input),
+      get: () => exact === null ? outer(Number(input.value)) : exact,
+      set: value => { set(value); exact = value; },
+    };
+  }
+
+  function check(c, changed) {
+    const id = `applet-${count++}`;
+    const input = element('input', {id, type: 'checkbox', name: c.name});
+    input.addEventListener('change', changed);
+    return {
+      node: element('div', {class: 'applet-check'}, input, element('label', {for: id}, c.label)),
+      get: () => input.checked,
+      set: value => { input.checked = value; },
+    };
+  }
+
+  function choice(c, changed) {
+    const id = `applet-${count++}`;
+    const input = element('select', {id, name: c.name});
+    for (const [value, text] of c.options) input.append(element('option', {value}, text));
+    input.addEventListener('change', changed);
+    return {
+      node: element('div', {class: 'applet-choice'}, element('label', {for: id}, c.label), input),
+      get: () => input.value,
+      set: value => { input.value = value; },
+    };
+  }
+
+  function text(c, changed) {
+    const id = `applet-${count++}`;
+    const input = element('input', {id, type: 'text', name: c.name, maxlength: 40, autocomplete: 'off'});
+    input.addEventListener('input', changed);
+    return {
+      node: element('div', {class: 'applet-choice'}, element('label', {for: id}, c.label), input),
+      get: () => input.value,
+      set: value => { input.value = value; },
+    };
+  }
+
+  function button(text, pressed) {
+    const one = element('button', {type: 'button'}, text);
+    one.addEventListener('click', pressed);
+    return one;
+  }
+
+  // The frame of an applet: controls with a reset button, a drawing that fits the width, and what it says.
+  // `drawn(svg, width, values)` draws, and gives `height`, `alt` (the drawing in words) and `says` (lines of text). What stands
+  // `below` the drawing is the applet's own.
+  function page(box, {label, controls, drawn, buttons = [], legend = [], below = []}) {
+    const makers = {slider, check, choice, text};
+    const made = {};
+    const panel = element('div', {class: 'applet-controls'});
+    const svg = document.createElementNS(SVG, 'svg');
+    svg.setAttribute('role', 'img');
+    const says = element('div', {class: 'applet-says', 'aria-live': 'polite'});
+    const values = () => Object.fromEntries(Object.entries(made).map(([name, one]) => [name, one.get()]));
+    const redraw = () => {
+      const width = Math.floor(svg.parentNode.clientWidth);
+      if (width === 0) return;  // nobody sees it
+      svg.replaceChildren();
+      const {height, alt, says: lines} = drawn(svg, width, values());
+      svg.setAttribute('width', width);
+      svg.setAttribute('height', height);
+      svg.setAttribute('viewBox', `0 0 ${width} ${height}`);
+      svg.setAttribute('aria-label', alt);
+      while (says.children.length < lines.length) says.append(element('p'));
+      while (says.children.length > lines.length) says.lastChild.remove();
+      lines.forEach((line, k) => write(says.children[k], line));
+    };
+    const set = some => {
+      for (const [name, value] of Object.entries(some)) made[name].set(value);
+      redraw();
+    };
+    for (const c of controls) {
+      made[c.name] = makers[c.kind](c, redraw);
+      panel.append(made[c.name].node);
+    }
+    const defaults = Object.fromEntries(controls.map(c => [c.name, c.value]));
+    const row = element('div', {class: 'applet-buttons'}, ...buttons, button('Reset', () => set(defaults)));
+    panel.append(row);
+    const key = element('ul', {class: 'applet-legend'}, ...legend.map(([kind, text]) => element('li', {}, element('i', {class: kind}), text)));
+    const drawing = element('div', {class: 'applet-drawing'}, svg);
+    box.replaceChildren(panel, drawing, ...below, key, says);
+    box.setAttribute('role', 'group');
+    box.setAttribute('aria-label', label);
+    for (const [name, value] of Object.entries(defaults)) made[name].set(value);
+    new ResizeObserver(redraw).observe(drawing);
+    redraw();
+    return {values, set, redraw, svg, panel, says, defaults};
+  }
+
+  // Drag something of a drawing. The element stays while the drawing is made anew; `moved(x, y)` is in px of the drawing.
+  function draggable(svg, name, moved) {
+    let held = null;
+    svg.addEventListener('pointerdown', event => {
+      if (!event.target.closest(`[data-drag="${name}"]`)) return;
+      held = event.pointerId;
+      svg.setPointerCapture(held);
+      event.preventDefault();
+    });
+    svg.addEventListener('pointermove', event => {
+      if (event.pointerId !== held) return;
+      const frame = svg.getBoundingClientRect();
+      moved(event.clientX - frame.left, event.clientY - frame.top);
+    });
+    const end = event => { if (event.pointerId === held) held = null; };
+    svg.addEventListener('pointerup', end);
+    svg.addEventListener('pointercancel', end);
+  }
+
+  // --- numbers
+
+  // A random number generator that gives the same on each page (mulberry32), and normal numbers by Box and Muller.
+  function normals(seed) {
+    let state = seed >>> 0;
+    const uniform = () => {
+      state = (state + 0x6D2B79F5) >>> 0;
+      let t = state;
+      t = Math.imul(t ^ (t >>> 15), t | 1);
+      t ^= t + Math.imul(t ^ (t >>> 7), t | 61);
+      return ((t ^ (t >>> 14)) >>> 0) / 4294967296;
+    };
+    return () => Math.sqrt(-2 * Math.log(1 - uniform())) * Math.cos(2 * Math.PI * uniform());
+  }
+
+  const times = (a, b) => a.map(row => b[0].map((_, j) => row.reduce((sum, value, k) => sum + value * b[k][j], 0)));
+  const apply = (a, x) => a.map(row => row.reduce((sum, value, k) => sum + value * x[k], 0));
+  const transposed = a => a[0].map((_, j) => a.map(row => row[j]));
+  const dot = (a, b) => a.reduce((sum, value, k) => sum + value * b[k], 0);
+
+  // Register an applet, and start it wherever the page has a place for it.
+  function define(name, applet) {
+    applets[name] = applet;
+    const data = window.trinolabAppletData;
+    for (const box of document.querySelectorAll(`.applet[data-applet="${name}"]`)) applet.start(box, data.parameters, data[name]);
+  }
+
+  return Object.assign(applets, {
+    shared: {element, draw, path, dots, write, axes, button, page, draggable, normals, times, apply, transposed, dot},
+    define,
+  });
+})();
