@@ -5,9 +5,9 @@
   const DEGREE = Math.PI / 180;
   const NAMES = ['CCD1', 'CCD2', 'CCD3'];
   const COLOURS = ['one', 'five', 'three'];
-  const X_AXIS = {low: -0.6, high: 1.6};
-  const Y_AXIS = {low: -1.2, high: 2.1};
-  const Z_AXIS = {low: -0.2, high: 3.8};
+  const X_AXIS = {low: -0.6, high: 1.6, ticks: [0, 1]};
+  const Y_AXIS = {low: -1.2, high: 2.1, ticks: [-1, 0, 1, 2]};
+  const Z_AXIS = {low: -0.2, high: 3.8, ticks: [0, 1, 2, 3]};
 
   // Apexes and axes of the three cameras, and where the axes meet (Eq. 1-3, corrected). Angles in rad.
   function paperCones({B, beta1, beta2, omega}) {

@@ -79,7 +79,7 @@
       });
       if (!found.sigmas_mm) return 1;
       // the ellipse of one deviation, enlarged by a round number so that it can be seen
-      const unit = 10 ** Math.floor(Math.log10(60 / Math.max(...found.sigmas_mm)));
+      const unit = 10 ** Math.floor(Math.log10(300 / Math.max(...found.sigmas_mm)));
       const [[xx, , xz], , [, , zz]] = found.covariance;
       const turned = Array.from({length: 61}, (_, k) => {
         const t = 2 * Math.PI * k / 60;
@@ -116,14 +116,14 @@
       };
       const found = compute(inputs);
       const wide = width > 560;
-      const room = wide ? (width - 110) / 2 : width - 56;
+      const room = wide ? (width - 128) / 2 : width - 64;
       const tall = wide ? 330 : 300;
       const unit = plan(svg, {left: 44, top: 24, width: room, height: tall}, values, found);
       curves(svg, {left: wide ? room + 100 : 44, top: wide ? 24 : tall + 104, width: room, height: wide ? tall : 210}, values, inputs, found);
       const says = [];
       if (found.sigmas_mm) {
         const [sx, sy, sz] = found.sigmas_mm.map(one => one.toPrecision(3));
-        says.push(`σ_z = ${sz} mm in depth, σ_x = ${sx} mm and σ_y = ${sy} mm across: depth is ${(found.sigmas_mm[2] / found.sigmas_mm[0]).toFixed(1)} times as uncertain as x. `
+        says.push(`Standard deviations: ${sz} mm in depth, ${sx} mm along x and ${sy} mm along y. Depth is ${(found.sigmas_mm[2] / found.sigmas_mm[0]).toFixed(1)} times as uncertain as x. `
           + `The rays meet at ${(2 * Math.atan(values.baseline / 2 / values.distance) / DEGREE).toFixed(1)}°.`);
       }
       says.push(found.seen ? `Both images show the point. The ellipse is enlarged ${unit} times.` : 'The point is outside the images: nobody measures it.');

@@ -2,6 +2,7 @@
 // The epipolar line of a spot (Eq. 17), and the correlation of two windows (Eq. 18), in rendered images.
 (() => {
   const {draw, path, axes, button, page, draggable, times, apply, transposed, element} = trinolabApplets.shared;
+  const FIRST = 2;  // of the markers that the left camera sees, in the middle of the handle
   const REACH_PX = 75;  // of the curve of S along the line, to either side
 
   function inverse3(m) {
@@ -84,21 +85,12 @@
     return {foot: [u - off * a, v - off * b], along: [sign * b, -sign * a]};
   }
 
-  function picture(camera) {
-    const {width, height, grey} = camera.image;
+  // Grey levels, row by row, as a picture's address.
+  function pictureOf(greys, width, height) {
     const canvas = element('canvas', {width, height});
     const context = canvas.getContext('2d');
     const pixels = context.createImageData(width, height);
-    grey.forEach((value, k) => pixels.data.set([value, value, value, 255], 4 * k));
-    context.putImageData(pixels, 0, 0);
-    return canvas.toDataURL();
-  }
-
-  function windowPicture(window, side) {
-    const canvas = element('canvas', {width: side, height: side});
-    const context = canvas.getContext('2d');
-    const pixels = context.createImageData(side, side);
-    window.forEach((value, k) => pixels.data.set([value, value, value, 255], 4 * k));
+    greys.forEach((value, k) => pixels.data.set([value, value, value, 255], 4 * k));
     context.putImageData(pixels, 0, 0);
     return canvas.toDataURL();
   }
@@ -106,11 +98,11 @@
   function start(box, parameters, data) {
     const cameras = data.cameras.map(decoded);
     const side = data.window_px;
-    const pictures = cameras.map(picture);
+    const pictures = cameras.map(({image}) => pictureOf(image.grey, image.width, image.height));
     const [left] = cameras;
     let frames = null;  // where both images are drawn, for the pointer
     let told = false;  // whether the true partner is shown
-    let marker = 0;  // the left marker that was shown last
+    let marker = FIRST;  // of those that the left camera sees, the one that was shown last
 
     const rightOf = values => cameras[Number(values.right)];
     const uvOf = ({u, v}) => [left.corner[0] + u, left.corner[1] + v];
@@ -133,7 +125,7 @@
       const uvRight = at(values.s, values.beside);
       const found = compute({left, right, uvLeft, uvRight, windowPx: side});
       const gap = 12;
-      const zoom = Math.min(2, (width - gap) / 2 / left.size[0]);
+      const zoom = Math.min(2.4, (width - gap) / 2 / left.size[0]);
       const [w, h] = left.size.map(one => one * zoom);
       frames = {zoom, rightAt: w + gap, top: 20};
       const top = frames.top;
@@ -152,7 +144,6 @@
       const one = imageOf(left, 0, 0, `${left.name}: part of the image`, uvLeft);
       const two = imageOf(right, Number(values.right), w + gap, right.name, uvRight);
       one.mark('on-image two-on-image', uvLeft, 'left');
-      const ends = [at(-300, 0), at(300, 0)];
       for (const gate of [-parameters.epipolar_gate_px, 0, parameters.epipolar_gate_px]) {
         const [from, to] = [at(-300, gate), at(300, gate)].map(two.place);
         draw(two.clip, 'path', {class: gate ? 'on-image faint-on-image' : 'on-image one-on-image', d: path([from, to])});
@@ -172,30 +163,34 @@
       found.windows.forEach((window, k) => {
         const x = k * (big + 8);
         draw(svg, 'text', {x, y: below + 8}, k ? right.name : left.name);
-        draw(svg, 'image', {href: windowPicture(window, side), x, y: below + 16, width: big, height: big, style: 'image-rendering: pixelated'});
+        draw(svg, 'image', {href: pictureOf(window, side, side), x, y: below + 16, width: big, height: big, style: 'image-rendering: pixelated'});
       });
-      draw(svg, 'text', {x: 0, y: below + 16 + big + 18}, `S = ${found.S.toFixed(2)}`.replace('-', '−'));
-      draw(svg, 'text', {x: 0, y: below + 16 + big + 36}, `D = ${found.D.toFixed(1)} px`);
+      const [words, wordsTop] = wide ? [0, below + big + 34] : [2 * big + 24, below + 28];
+      draw(svg, 'text', {x: words, y: wordsTop}, `S = ${found.S.toFixed(2)}`.replace('-', '−'));
+      draw(svg, 'text', {x: words, y: wordsTop + 18}, `D = ${found.D.toFixed(1)} px`);
       const curve = [];
       const template = unit(found.windows[0]);
       for (let s = -REACH_PX; s <= REACH_PX; s++) {
         const window = unit(cut(right.image, inPart(right, at(s, values.beside)), side));
         curve.push([s, template.reduce((sum, value, k) => sum + value * window[k], 0)]);
       }
-      const plotAt = {left: 2 * big + 8 + 52, top: below + 16, width: width - 2 * big - 8 - 60, height: 110};
-      const {X, Y, group} = axes(svg, plotAt, {low: -REACH_PX, high: REACH_PX, label: 'along the line / px'}, {low: -0.6, high: 1, label: 'S, no unit'});
+      const wide = width > 480;
+      const plotAt = wide ? {left: 2 * big + 60, top: below + 16, width: width - 2 * big - 68, height: 110}
+        : {left: 34, top: below + big + 60, width: width - 42, height: 110};
+      const {X, Y, group} = axes(svg, plotAt, {low: -REACH_PX, high: REACH_PX, label: 'along the line / px'}, {low: -0.6, high: 1, label: 'correlation S'});
       const threshold = Y(parameters.ncc_threshold);
       draw(group, 'path', {class: 'thin dashed ink', d: `M${plotAt.left} ${threshold}h${plotAt.width}`});
       draw(group, 'path', {class: 'line one', d: path(curve.map(([s, S]) => [X(s), Y(S)]))});
       draw(group, 'circle', {class: 'solid two', cx: X(values.s), cy: Y(found.S), r: 5});
 
       const passes = found.D < parameters.epipolar_gate_px && found.S > parameters.ncc_threshold;
-      const peaks = curve.filter(([, S], k) => S > parameters.ncc_threshold && S >= (curve[k - 1] || [0, -2])[1] && S > (curve[k + 1] || [0, -2])[1]);
+      const above = curve.map(([, S]) => S > parameters.ncc_threshold);
+      const stretches = above.filter((one, k) => one && !above[k - 1]).length;
       const [a, b] = [markerAt(left, uvLeft), markerAt(right, uvRight)];
       const says = [
         `D = ${found.D.toFixed(1)} px, S = ${found.S.toFixed(2).replace('-', '−')}: ${passes ? 'a candidate' : 'no candidate'} `
         + `(D₀ = ${parameters.epipolar_gate_px} px, ε₀ = ${parameters.ncc_threshold}). `
-        + `At this distance S exceeds ε₀ in ${peaks.length} ${peaks.length === 1 ? 'peak' : 'peaks'} along the line.`,
+        + `Along the line S exceeds ε₀ in ${stretches} ${stretches === 1 ? 'place' : 'places'}.`,
         ...(told ? [a < 0 ? 'There is no marker under the left window.'
           : !right.markers[a] ? `The truth: marker ${a} of the left window does not face ${right.name}.`
             : b < 0 ? `The truth: marker ${a}. The right window is on none.`
@@ -203,7 +198,7 @@
       ];
       const spot = uvLeft.map(one2 => one2.toFixed(1)).join(', ');
       const alt = `Left the image of ${left.name} with a window at (${spot}) px, right that of ${right.name} with the epipolar line and a window. ${says.join(' ')}`;
-      return {height: below + 16 + Math.max(big + 40, 110 + 40), alt, says, ends};
+      return {height: plotAt.top + Math.max(wide ? big : 0, plotAt.height) + 40, alt, says};
     }
 
     const seen = left.markers.map((uv, k) => [uv, k]).filter(([uv]) => uv);
@@ -219,7 +214,7 @@
       view.redraw();
     });
     truth.setAttribute('aria-pressed', 'false');
-    const [[u0, v0]] = seen[0].map(one => one);
+    const [[u0, v0]] = seen[FIRST];
     const half = value => Math.round(2 * value) / 2;
     const view = page(box, {
       label: 'Applet: epipolar line and two windows',

@@ -144,7 +144,7 @@
 
       const sigmaAt = {...gainAt, top: gainAt.top + gainAt.height + 54, height: 118};
       const deviations = axes(svg, sigmaAt, {...frames, label: 'frame k'},
-        {low: 0.1, high: 1000, log: true, label: 'deviation of the position / px'});
+        {low: 0.1, high: 1000, log: true, ticks: [0.1, 1, 10, 100, 1000], label: 'deviation of the position / px'});
       shade(deviations.group, deviations, sigmaAt);
       const root = P => Math.max(Math.sqrt(P[0][0]), 1e-9);
       const saw = later.flatMap((one, n) => [[n + 1, root(one.predicted.P)], [n + 1, root(one.updated.P)]]);
@@ -160,7 +160,7 @@
       const now = track[k];
       const truth = Array.from({length: FRAMES}, (_, n) => place(n));
       draw(group, 'path', {class: 'thin dashed ink', d: path(truth.map(([a, b]) => [X(a), V(b)]))});
-      const box2 = ([a, b, w, h], name) => draw(group, 'rect', {class: name, x: X(a), y: V(b), width: X(w), height: V(h) - V(0)});
+      const box2 = ([a, b, w, h], name) => draw(group, 'rect', {class: name, x: X(a), y: V(b), width: X(w) - X(0), height: V(h) - V(0)});
       const [a, b] = truth[k];
       box2([a - MARKERS[0] / 2, b - MARKERS[1] / 2, ...MARKERS], 'area ink');
       if (now.window) {

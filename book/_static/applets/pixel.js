@@ -6,9 +6,9 @@
   const FRAMES = 210;
   const BENCH = 45;
   const STORIES = [
-    {name: 'lamp', title: 'Lamp: from 1 s on there is half as much light again', from: 1, to: 99, before: 45, during: 67.5},
-    {name: 'hand', title: 'Hand: it rests here from 1 s to 5 s', from: 1, to: 5, before: 45, during: 90},
-    {name: 'shadow', title: 'Shadow: it falls here from 1 s to 4 s', from: 1, to: 4, before: 67.5, during: 47},
+    {name: 'lamp', title: 'lamp, half as much light again from 1 s on', from: 1, to: 99, before: 45, during: 67.5},
+    {name: 'hand', title: 'hand, rests here from 1 s to 5 s', from: 1, to: 5, before: 45, during: 90},
+    {name: 'shadow', title: 'shadow, from 1 s to 4 s', from: 1, to: 4, before: 67.5, during: 47},
   ];
   const GREYS = {low: 20, high: 120};
 
@@ -72,7 +72,7 @@
         const at = {left: 34, top: 24 + k * (panel + 34), width: width - 42, height: panel};
         const x = {low: 0, high: 7, label: k === 2 ? 'time t / s' : ''};
         const {X, Y, group} = axes(svg, at, {...x, ...(k < 2 ? {label: ''} : {})}, {...GREYS, label: ''});
-        draw(svg, 'text', {x: at.left, y: at.top - 8}, `${story.title}${k ? '' : ' (grey level over time)'}`);
+        draw(svg, 'text', {x: at.left, y: at.top - 8}, `grey level: ${story.title}`);
         const place = (f, n) => [X(n / RATE_HZ), Y(f)];
         const band = [...before.map((B, n) => place(B + T, n)), ...before.map((B, n) => place(B - T, n)).reverse()];
         draw(group, 'path', {class: 'area two', d: `${path(band)}Z`});

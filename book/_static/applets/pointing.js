@@ -129,11 +129,19 @@
       draw(svg, 'text', {x: at.left, y: 14}, goal && !trial ? 'Press the pad (or Enter): the target appears.'
         : goal ? `Trial ${run.log.length + 1} of ${run.trials.length}` : 'Practice: press the pad and drag.');
 
-      const plotAt = {left: 40, top: at.top + at.height + 76, width: width - 50, height: 130};
+      drawTimes(width);
+      const says = [words()];
+      return {height: at.top + at.height + 40, alt: `A track of the tool from 0 to ${TRACK.high} mm at scale ${values.scale}. ${says[0]}`, says};
+    }
+
+    // Movement time over difficulty, of the last two runs.
+    function drawTimes(width) {
+      timesPlot.replaceChildren();
+      const plotAt = {left: 40, top: 24, width: width - 52, height: 130};
       const shownRuns = [...runs.slice(-2, -1).map(one => [one, 'five']), ...runs.slice(-1).map(one => [one, 'one'])];
       const points = ({log}) => grouped(log).map(rows => [difficulty(rows[0].distance_mm, rows[0].width_mm), mean(rows.map(timeOf))]);
       const longest = Math.max(2, ...shownRuns.flatMap(([one]) => points(one).map(([, time]) => time)));
-      const plot = axes(svg, plotAt, {low: 1, high: 5.5, label: 'index of difficulty log₂(D / W + 1) / bit'}, {low: 0, high: 1.1 * longest, label: 'mean movement time / s'});
+      const plot = axes(timesPlot, plotAt, {low: 1, high: 5.5, label: 'index of difficulty log₂(D / W + 1) / bit'}, {low: 0, high: 1.1 * longest, label: 'mean movement time / s'});
       for (const [one, colour] of shownRuns) {
         const some = points(one);
         draw(plot.group, 'path', {class: `dots ${colour}`, style: 'stroke-width: 7', d: dots(some.map(([bits, time]) => [plot.X(bits), plot.Y(time)]))});
@@ -142,9 +150,10 @@
         if (Number.isFinite(slope)) draw(plot.group, 'path', {class: `thin ${colour}`, d: path([1, 5.5].map(b => [plot.X(b), plot.Y(times + slope * (b - bits))]))});
       }
       if (!runs.length) draw(plot.group, 'text', {x: plotAt.left + 10, y: plotAt.top + 24}, 'A dot a target, once a run is done.');
-      const says = [words()];
-      const alt = `A track of the tool from 0 to ${TRACK.high} mm at scale ${values.scale}. ${says[0]} Below, movement time over difficulty: ${runs.length} runs are done.`;
-      return {height: plotAt.top + plotAt.height + 44, alt, says};
+      const height = plotAt.top + plotAt.height + 44;
+      for (const [name, value] of Object.entries({width, height, viewBox: `0 0 ${width} ${height}`})) timesPlot.setAttribute(name, value);
+      const each = shownRuns.map(([one]) => points(one).map(([bits, time]) => `${bits.toFixed(1)} bit in ${time.toFixed(2)} s`).join(', '));
+      timesPlot.setAttribute('aria-label', `Mean movement time over the index of difficulty. ${each.length ? each.join('; ') : 'No run is done yet'}.`);
     }
 
     function words() {
@@ -224,6 +233,8 @@
       here.disabled = run === null;
     }
 
+    const timesPlot = document.createElementNS('http://www.w3.org/2000/svg', 'svg');
+    timesPlot.setAttribute('role', 'img');
     const go = button('Start a run', () => {
       trial = null;
       home();
@@ -242,6 +253,7 @@
     };
     const here = button('There (Enter)', event => { confirm(event.timeStamp); });
 
+    const timesBox = element('div', {class: 'applet-drawing'}, timesPlot);
     const pad = element('div', {
       class: 'applet-pad', tabindex: 0, role: 'application',
       'aria-label': 'The hand. Drag to the right or left: the clutch is closed while you press. A short tap says that the tool is there. '
@@ -323,7 +335,7 @@
       buttons: [go, here],
       legend: [['two', 'tool, as the picture shows it'], ['band three', 'target'], ['dot one', 'last run'], ['dot five', 'the run before']],
       drawn,
-      below: [pad],
+      below: [pad, timesBox],
     });
     box.append(results);
     began();

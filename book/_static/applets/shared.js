@@ -91,22 +91,25 @@ window.trinolabApplets = (() => {
     const input = element('input', {id, type: 'range', name: c.name});
     const inner = c.log ? Math.log10 : value => value;
     const outer = c.log ? value => Number((10 ** value).toPrecision(c.precision || 3)) : value => value;
+    let exact = null;  // what the program has set, as it is, until the reader moves the slider
+    const get = () => (exact === null ? outer(Number(input.value)) : exact);
     const show = () => {
-      const text = c.format(outer(Number(input.value))) + (c.unit ? ` ${c.unit}` : '');
-      write(output, text);
-      input.setAttribute('aria-valuetext', text);
+      const words = c.format(get()) + (c.unit === '°' ? '°' : c.unit ? ` ${c.unit}` : '');
+      write(output, words);
+      input.setAttribute('aria-valuetext', words);
     };
     Object.assign(input, {min: inner(c.low), max: inner(c.high), step: c.step});
-    input.addEventListener('input', () => { show(); changed(); });
-    const set = value => { input.value = inner(value); show(); };
-    // What was set by the program is kept exactly, until the reader moves the slider.
-    let exact = null;
-    input.addEventListener('input', () => { exact = null; }, {capture: true});
-    return {
-      node: element('div', {class: 'applet-slider'}, label, output, input),
-      get: () => exact === null ? outer(Number(input.value)) : exact,
-      set: value => { set(value); exact = value; },
+    input.addEventListener('input', () => {
+      exact = null;
+      show();
+      changed();
+    });
+    const set = value => {
+      exact = value;
+      input.value = inner(value);
+      show();
     };
+    return {node: element('div', {class: 'applet-slider'}, label, output, input), get, set};
   }
 
   function check(c, changed) {
