@@ -117,21 +117,30 @@ class Browser:
 
     def click(self, selector: str) -> None:
         """Click the middle of an element with the mouse, wherever on the page it is."""
-        u, v = self._middle(selector)
+        u, v = self.middle(selector)
         self._mouse("mousePressed", u, v)
         self._mouse("mouseReleased", u, v)
 
     def drag(self, selector: str, right: float, down: float) -> None:
         """Drag from the middle of an element by so many pixels, in ten steps."""
-        u, v = self._middle(selector)
+        u, v = self.middle(selector)
         self._mouse("mousePressed", u, v)
         for k in range(1, 11):
             self._mouse("mouseMoved", u + right * k / 10, v + down * k / 10)
         self._mouse("mouseReleased", u + right, v + down)
 
-    def _middle(self, selector: str) -> tuple[float, float]:
+    def touch(self, kind: str, *place: float, time_s: float | None = None) -> None:
+        """A finger's ``touchStart``, ``touchMove`` or ``touchEnd``, at a place of the window, at a time
+        in s since 1970, or now.
+        """
+        points = [{"x": place[0], "y": place[1]}] if place else []
+        when = {} if time_s is None else {"timestamp": time_s}
+        self._ask("Input.dispatchTouchEvent", {"type": kind, "touchPoints": points, **when})
+
+    def middle(self, selector: str) -> tuple[float, float]:
+        """The middle of an element, which is brought into the window."""
         found = self.evaluate(
-            f"(one => {{ one.scrollIntoView({{block: 'center'}}); const b = one.getBoundingClientRect();"
+            f"(one => {{ one.scrollIntoView({{block: 'center', behavior: 'instant'}}); const b = one.getBoundingClientRect();"
             f" return [b.x + b.width / 2, b.y + b.height / 2]; }})"
             f"(document.querySelector({json.dumps(selector)}))"
         )

@@ -33,22 +33,28 @@
     return dot(x, axis) >= Math.cos(omega) * Math.hypot(...x);
   }
 
-  // The part [low, high] of the line start + s direction inside a solid cone; low > high where it misses the cone.
-  function chord({apex, axis, omega}, start, direction) {
+  // Of a solid cone: the function from a direction to the part [low, high] of the line start + s direction that lies inside;
+  // low > high where the line misses the cone.
+  function chords({apex, axis, omega}, start) {
     const m = start.map((value, k) => value - apex[k]);
     const cos2 = Math.cos(omega) ** 2;
-    const along = dot(direction, axis);
-    const a = along ** 2 - cos2;  // inside both nappes: a s^2 + 2 b s + c >= 0
-    const b = dot(m, axis) * along - cos2 * dot(direction, m);
-    const c = dot(m, axis) ** 2 - cos2 * dot(m, m);
-    const square = b * b - a * c;
-    if (a < 0 && square < 0) return [Infinity, -Infinity];
-    const q = -(b + (b < 0 ? -1 : 1) * Math.sqrt(Math.max(square, 0)));
-    const roots = [q === 0 ? 0 : c / q, q / (a === 0 ? -1e-30 : a)];
-    const [near, far] = [Math.min(...roots), Math.max(...roots)];
-    if (a > 0) return along > 0 ? [far, Infinity] : [-Infinity, near];
-    return dot(m, axis) + roots[0] * along >= 0 ? [near, far] : [Infinity, -Infinity];
+    const depth = dot(m, axis);
+    const c = depth ** 2 - cos2 * dot(m, m);
+    return ([x, y, z]) => {
+      const along = x * axis[0] + y * axis[1] + z * axis[2];
+      const a = along ** 2 - cos2;  // inside both nappes: a s^2 + 2 b s + c >= 0
+      const b = depth * along - cos2 * (x * m[0] + y * m[1] + z * m[2]);
+      const square = b * b - a * c;
+      if (a < 0 && square < 0) return [Infinity, -Infinity];
+      const q = -(b + (b < 0 ? -1 : 1) * Math.sqrt(Math.max(square, 0)));
+      const [first, second] = [q === 0 ? 0 : c / q, q / (a === 0 ? -1e-30 : a)];
+      const [near, far] = first < second ? [first, second] : [second, first];
+      if (a > 0) return along > 0 ? [far, Infinity] : [-Infinity, near];
+      return depth + first * along >= 0 ? [near, far] : [Infinity, -Infinity];  // the nappe that both roots lie on
+    };
   }
+
+  const chord = (cone, start, direction) => chords(cone, start)(direction);
 
   // The part of a line inside all cones.
   function common(cones, start, direction) {
@@ -59,14 +65,17 @@
   // The volume around a point inside all cones: a third of the cubed distance to the surface, over n x 2n directions of
   // equal solid angle. Infinite if a direction has no end.
   function volume(cones, inside, n) {
+    const ways = cones.map(cone => chords(cone, inside));
     let sum = 0;
     for (let i = 0; i < n; i++) {
       const z = (2 * i + 1) / n - 1;
       const across = Math.sqrt(1 - z * z);
       for (let j = 0; j < 2 * n; j++) {
         const turn = Math.PI * (j + 0.5) / n;
-        const [, high] = common(cones, inside, [across * Math.cos(turn), across * Math.sin(turn), z]);
-        sum += high ** 3;
+        const direction = [across * Math.cos(turn), across * Math.sin(turn), z];
+        let end = Infinity;
+        for (const way of ways) end = Math.min(end, way(direction)[1]);
+        sum += end ** 3;
       }
     }
     return sum * 4 * Math.PI / (3 * 2 * n * n);

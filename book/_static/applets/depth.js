@@ -138,7 +138,7 @@
         control('baseline', 'baseline', BASELINES.low, BASELINES.high, 0.1, data.baseline_mm, 'mm', {format: one => one.toFixed(1)}),
         control('vergence', 'vergence, angle between the axes', 0, 60, 0.5, data.vergence_deg, '°'),
         control('distance', 'distance of the point', 300, 900, 1, data.distance_mm, 'mm'),
-        control('sigma', 'σ of a pixel coordinate', 0.01, 2, 0.01, parameters.sigma_px, 'px', {log: true, precision: 2}),
+        control('sigma', 'σ of a pixel coordinate', 0.01, 2, 0.05, parameters.sigma_px, 'px', {log: true, precision: 2}),
       ],
       legend: [['one', 'left camera'], ['five', 'right camera'], ['four', 'depth z; the ellipse'], ['three', 'across, x'], ['dashed ink', 'outside the images']],
       drawn,

@@ -1,7 +1,7 @@
 'use strict';
 // The epipolar line of a spot (Eq. 17), and the correlation of two windows (Eq. 18), in rendered images.
 (() => {
-  const {draw, path, axes, button, page, draggable, times, apply, transposed, element} = trinolabApplets.shared;
+  const {draw, path, axes, button, page, handle, times, apply, transposed, element} = trinolabApplets.shared;
   const FIRST = 2;  // of the markers that the left camera sees, in the middle of the handle
   const REACH_PX = 75;  // of the curve of S along the line, to either side
 
@@ -134,16 +134,16 @@
         draw(svg, 'image', {href: pictures[k], x, y: top, width: w, height: h, style: 'image-rendering: pixelated'});
         const clip = draw(svg, 'svg', {x, y: top, width: w, height: h});
         const place = pixel => inPart(camera, pixel).map(one => (one + 0.5) * zoom);
-        return {clip, place, mark: (kind, pixel, name2) => {
+        return {clip, place, mark: (kind, pixel, held) => {
           const [a, b] = place(pixel);
           draw(clip, 'rect', {class: kind, x: a - side * zoom / 2, y: b - side * zoom / 2, width: side * zoom, height: side * zoom});
           draw(clip, 'path', {class: kind, d: `M${a - 4} ${b}h8M${a} ${b - 4}v8`});
-          draw(clip, 'rect', {'data-drag': name2, fill: 'transparent', x: a - 24, y: b - 24, width: 48, height: 48});
+          held.put(x + Math.min(w, Math.max(0, a)), top + Math.min(h, Math.max(0, b)));
         }};
       };
       const one = imageOf(left, 0, 0, `${left.name}: part of the image`, uvLeft);
       const two = imageOf(right, Number(values.right), w + gap, right.name, uvRight);
-      one.mark('on-image two-on-image', uvLeft, 'left');
+      one.mark('on-image two-on-image', uvLeft, grips.left);
       for (const gate of [-parameters.epipolar_gate_px, 0, parameters.epipolar_gate_px]) {
         const [from, to] = [at(-300, gate), at(300, gate)].map(two.place);
         draw(two.clip, 'path', {class: gate ? 'on-image faint-on-image' : 'on-image one-on-image', d: path([from, to])});
@@ -155,8 +155,9 @@
           draw(two.clip, 'circle', {class: 'on-image three-on-image', cx: a, cy: b, r: 12});
         }
       }
-      two.mark('on-image two-on-image', uvRight, 'right');
+      two.mark('on-image two-on-image', uvRight, grips.right);
 
+      const wide = width > 480;
       // both windows, enlarged, beside the curve of S along the line
       const below = top + h + 18;
       const big = Math.min(84, (width - 44) / 4);
@@ -174,7 +175,6 @@
         const window = unit(cut(right.image, inPart(right, at(s, values.beside)), side));
         curve.push([s, template.reduce((sum, value, k) => sum + value * window[k], 0)]);
       }
-      const wide = width > 480;
       const plotAt = wide ? {left: 2 * big + 60, top: below + 16, width: width - 2 * big - 68, height: 110}
         : {left: 34, top: below + big + 60, width: width - 42, height: 110};
       const {X, Y, group} = axes(svg, plotAt, {low: -REACH_PX, high: REACH_PX, label: 'along the line / px'}, {low: -0.6, high: 1, label: 'correlation S'});
@@ -201,6 +201,23 @@
       return {height: plotAt.top + Math.max(wide ? big : 0, plotAt.height) + 40, alt, says};
     }
 
+    const clamped = (value, low, high) => Math.min(high, Math.max(low, Math.round(2 * value) / 2));
+    const grips = {
+      left: handle('left', (x, y) => view.set({
+        u: clamped(x / frames.zoom - 0.5, 0, left.size[0] - 1),
+        v: clamped((y - frames.top) / frames.zoom - 0.5, 0, left.size[1] - 1),
+      })),
+      right: handle('right', (x, y) => {
+        const {right, foot, along, line} = lineOf(view.values());
+        const uv = [right.corner[0] + (x - frames.rightAt) / frames.zoom - 0.5, right.corner[1] + (y - frames.top) / frames.zoom - 0.5];
+        const off = uv.map((value, k) => value - foot[k]);
+        view.set({
+          s: clamped(off[0] * along[0] + off[1] * along[1], -REACH_PX, REACH_PX),
+          beside: clamped(off[0] * line[0] + off[1] * line[1], -20, 20),
+        });
+      }),
+    };
+
     const seen = left.markers.map((uv, k) => [uv, k]).filter(([uv]) => uv);
     const goTo = n => {
       marker = n;
@@ -226,23 +243,9 @@
         {kind: 'slider', name: 'beside', label: 'right window, beside the line', low: -20, high: 20, step: 0.5, value: 0, format: one => String(one).replace('-', '−'), unit: 'px'},
       ],
       buttons: [next, truth],
+      handles: [grips.left, grips.right],
       legend: [['two', 'windows'], ['one', 'epipolar line; S along it'], ['dashed ink', 'ε₀'], ['three', 'the true partner']],
       drawn,
-    });
-
-    const clamped = (value, low, high) => Math.min(high, Math.max(low, Math.round(2 * value) / 2));
-    draggable(view.svg, 'left', (x, y) => view.set({
-      u: clamped(x / frames.zoom - 0.5, 0, left.size[0] - 1),
-      v: clamped((y - frames.top) / frames.zoom - 0.5, 0, left.size[1] - 1),
-    }));
-    draggable(view.svg, 'right', (x, y) => {
-      const {right, foot, along, line} = lineOf(view.values());
-      const uv = [right.corner[0] + (x - frames.rightAt) / frames.zoom - 0.5, right.corner[1] + (y - frames.top) / frames.zoom - 0.5];
-      const off = uv.map((value, k) => value - foot[k]);
-      view.set({
-        s: clamped(off[0] * along[0] + off[1] * along[1], -REACH_PX, REACH_PX),
-        beside: clamped(off[0] * line[0] + off[1] * line[1], -20, 20),
-      });
     });
   }
 

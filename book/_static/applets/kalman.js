@@ -110,7 +110,7 @@
   }
 
   const exponent = value => {
-    const [digits, power] = value.toExponential(1).split('e');
+    const [digits, power] = value.toExponential(2).split('e');
     const letters = [...power.replace('+', '')].map(letter => '⁰¹²³⁴⁵⁶⁷⁸⁹'[letter]).join('');
     return `${digits}·10${letters}`;
   };
@@ -190,9 +190,9 @@
     page(box, {
       label: 'Applet: gain, covariance and search window of a Kalman filter',
       controls: [
-        {kind: 'slider', name: 'q', label: 'q of Q', low: 1e4, high: 1e13, step: 0.05, log: true, precision: 2,
+        {kind: 'slider', name: 'q', label: 'q of Q', low: 1e4, high: 1e13, step: 0.02, log: true, precision: 3,
           value: parameters.jerk_intensity, format: exponent, unit: 'px²/s⁵'},
-        {kind: 'slider', name: 'sigma', label: 'σ of an observation', low: 0.3, high: 30, step: 0.01, log: true, precision: 2,
+        {kind: 'slider', name: 'sigma', label: 'σ of an observation', low: 0.3, high: 30, step: 0.02, log: true, precision: 3,
           value: parameters.sigma_px, format: String, unit: 'px'},
         {kind: 'slider', name: 'hidden', label: `hidden from frame ${HIDDEN_FROM} on`, low: 0, high: 9, step: 1, value: 0, format: String, unit: 'frames'},
         {kind: 'slider', name: 'k', label: 'frame k of the image', low: 1, high: FRAMES - 1, step: 1, value: 12, format: String, unit: ''},

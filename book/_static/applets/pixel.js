@@ -6,7 +6,7 @@
   const FRAMES = 210;
   const BENCH = 45;
   const STORIES = [
-    {name: 'lamp', title: 'lamp, half as much light again from 1 s on', from: 1, to: 99, before: 45, during: 67.5},
+    {name: 'lamp', title: 'lamp, 1.5 times the light from 1 s on', from: 1, to: 99, before: 45, during: 67.5},
     {name: 'hand', title: 'hand, rests here from 1 s to 5 s', from: 1, to: 5, before: 45, during: 90},
     {name: 'shadow', title: 'shadow, from 1 s to 4 s', from: 1, to: 4, before: 67.5, during: 47},
   ];
@@ -104,7 +104,7 @@
     page(box, {
       label: 'Applet: one pixel and its background',
       controls: [
-        {kind: 'slider', name: 'alpha', label: 'rate α', low: 0.001, high: 0.5, step: 0.01, log: true, precision: 2,
+        {kind: 'slider', name: 'alpha', label: 'rate α', low: 0.001, high: 0.5, step: 0.05, log: true, precision: 2,
           value: parameters.update_rate, format: String, unit: 'a frame'},
         {kind: 'slider', name: 'T', label: 'threshold T', low: 2, high: 44, step: 1,
           value: parameters.difference_threshold, format: String, unit: 'grey levels'},

@@ -155,7 +155,7 @@ window.trinolabApplets = (() => {
   // The frame of an applet: controls with a reset button, a drawing that fits the width, and what it says.
   // `drawn(svg, width, values)` draws, and gives `height`, `alt` (the drawing in words) and `says` (lines of text). What stands
   // `below` the drawing is the applet's own.
-  function page(box, {label, controls, drawn, buttons = [], legend = [], below = []}) {
+  function page(box, {label, controls, drawn, buttons = [], legend = [], below = [], handles = []}) {
     const makers = {slider, check, choice, text};
     const made = {};
     const panel = element('div', {class: 'applet-controls'});
@@ -188,7 +188,7 @@ window.trinolabApplets = (() => {
     const row = element('div', {class: 'applet-buttons'}, ...buttons, button('Reset', () => set(defaults)));
     panel.append(row);
     const key = element('ul', {class: 'applet-legend'}, ...legend.map(([kind, text]) => element('li', {}, element('i', {class: kind}), text)));
-    const drawing = element('div', {class: 'applet-drawing'}, svg);
+    const drawing = element('div', {class: 'applet-drawing'}, svg, ...handles.map(one => one.node));
     box.replaceChildren(panel, drawing, ...below, key, says);
     box.setAttribute('role', 'group');
     box.setAttribute('aria-label', label);
@@ -198,23 +198,26 @@ window.trinolabApplets = (() => {
     return {values, set, redraw, svg, panel, says, defaults};
   }
 
-  // Drag something of a drawing. The element stays while the drawing is made anew; `moved(x, y)` is in px of the drawing.
-  function draggable(svg, name, moved) {
+  // A place of a drawing that can be dragged, for those who point; `moved(x, y)` is in px of the drawing. It lies over the
+  // drawing, which is made anew all the time, and a finger must not lose what it holds.
+  function handle(name, moved) {
+    const node = element('div', {class: 'applet-handle', 'data-drag': name, 'aria-hidden': 'true'});
     let held = null;
-    svg.addEventListener('pointerdown', event => {
-      if (!event.target.closest(`[data-drag="${name}"]`)) return;
+    node.addEventListener('pointerdown', event => {
       held = event.pointerId;
-      svg.setPointerCapture(held);
+      node.setPointerCapture(held);
       event.preventDefault();
     });
-    svg.addEventListener('pointermove', event => {
+    node.addEventListener('pointermove', event => {
       if (event.pointerId !== held) return;
-      const frame = svg.getBoundingClientRect();
+      const frame = node.parentNode.getBoundingClientRect();
       moved(event.clientX - frame.left, event.clientY - frame.top);
     });
-    const end = event => { if (event.pointerId === held) held = null; };
-    svg.addEventListener('pointerup', end);
-    svg.addEventListener('pointercancel', end);
+    const end = () => { held = null; };
+    node.addEventListener('pointerup', end);
+    node.addEventListener('pointercancel', end);
+    const put = (x, y) => { node.style.translate = `${x}px ${y}px`; };
+    return {node, put};
   }
 
   // --- numbers
@@ -245,7 +248,7 @@ window.trinolabApplets = (() => {
   }
 
   return Object.assign(applets, {
-    shared: {element, draw, path, dots, write, axes, button, page, draggable, normals, times, apply, transposed, dot},
+    shared: {element, draw, path, dots, write, axes, button, page, handle, normals, times, apply, transposed, dot},
     define,
   });
 })();
