@@ -140,8 +140,9 @@ class Browser:
     def middle(self, selector: str) -> tuple[float, float]:
         """The middle of an element, which is brought into the window."""
         found = self.evaluate(
-            f"(one => {{ one.scrollIntoView({{block: 'center', behavior: 'instant'}}); const b = one.getBoundingClientRect();"
-            f" return [b.x + b.width / 2, b.y + b.height / 2]; }})"
+            "(one => { one.scrollIntoView({block: 'center', behavior: 'instant'});"
+            " const b = one.getBoundingClientRect();"
+            " return [b.x + b.width / 2, b.y + b.height / 2]; })"
             f"(document.querySelector({json.dumps(selector)}))"
         )
         return float(found[0]), float(found[1])

@@ -116,8 +116,8 @@
       return {right, line, at: (s, beside) => foot.map((value, k) => value + s * along[k] + beside * line[k]), foot, along};
     }
 
-    // Which marker's image a pixel is nearest to, within 8 px; -1 for none.
-    const markerAt = (camera, uv) => camera.markers.findIndex(one => one && Math.hypot(one[0] - uv[0], one[1] - uv[1]) <= 8);
+    // Which marker's image a pixel is nearest to, within 4 px; -1 for none.
+    const markerAt = (camera, uv) => camera.markers.findIndex(one => one && Math.hypot(one[0] - uv[0], one[1] - uv[1]) <= 4);
 
     function drawn(svg, width, values) {
       const {right, line, at} = lineOf(values);
@@ -125,6 +125,7 @@
       const uvRight = at(values.s, values.beside);
       const found = compute({left, right, uvLeft, uvRight, windowPx: side});
       const gap = 12;
+      const wide = width > 480;
       const zoom = Math.min(2.4, (width - gap) / 2 / left.size[0]);
       const [w, h] = left.size.map(one => one * zoom);
       frames = {zoom, rightAt: w + gap, top: 20};
@@ -141,7 +142,7 @@
           held.put(x + Math.min(w, Math.max(0, a)), top + Math.min(h, Math.max(0, b)));
         }};
       };
-      const one = imageOf(left, 0, 0, `${left.name}: part of the image`, uvLeft);
+      const one = imageOf(left, 0, 0, wide ? `${left.name}: a part of the image, ${left.size.join(' × ')} px` : left.name, uvLeft);
       const two = imageOf(right, Number(values.right), w + gap, right.name, uvRight);
       one.mark('on-image two-on-image', uvLeft, grips.left);
       for (const gate of [-parameters.epipolar_gate_px, 0, parameters.epipolar_gate_px]) {
@@ -157,7 +158,6 @@
       }
       two.mark('on-image two-on-image', uvRight, grips.right);
 
-      const wide = width > 480;
       // both windows, enlarged, beside the curve of S along the line
       const below = top + h + 18;
       const big = Math.min(84, (width - 44) / 4);

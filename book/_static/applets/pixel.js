@@ -4,7 +4,6 @@
   const {draw, path, dots, axes, page, normals} = trinolabApplets.shared;
   const RATE_HZ = 30;
   const FRAMES = 210;
-  const BENCH = 45;
   const STORIES = [
     {name: 'lamp', title: 'lamp, 1.5 times the light from 1 s on', from: 1, to: 99, before: 45, during: 67.5},
     {name: 'hand', title: 'hand, rests here from 1 s to 5 s', from: 1, to: 5, before: 45, during: 90},
@@ -39,10 +38,10 @@
     return {before, moving, last: B};
   }
 
-  // How many frames a jump of the grey level counts as moving, by Eq. 5-6 as printed: the first k with d (1 - alpha)^k <= T.
-  function framesSeen({jump, alpha, T}) {
+  // How long a jump of the grey level counts as moving, by Eq. 5-6 as printed: until d (1 - alpha)^k <= T.
+  function secondsSeen({jump, alpha, T}) {
     if (jump <= T) return 0;
-    return alpha === 1 ? 1 : Math.ceil(Math.log(jump / T) / -Math.log(1 - alpha) - 1e-12);
+    return Math.log(jump / T) / -Math.log(1 - alpha) / RATE_HZ;
   }
 
   // The three stories with the camera's noise, of variance 0.05 f + 1.5^2.
@@ -87,14 +86,14 @@
           after: moving.filter((moved, n) => moved && n / RATE_HZ >= story.to).length,
         };
       });
-      const lamp = framesSeen({jump: 22.5, alpha, T});
-      const hand = framesSeen({jump: 45, alpha, T});
+      const lamp = secondsSeen({jump: 22.5, alpha, T});
+      const hand = secondsSeen({jump: 45, alpha, T});
       const {lamp: l, hand: h, shadow: s} = counts;
       const says = [
         `Lamp: ${seconds(l.during)} s of false alarm. Hand: seen for ${seconds(h.during)} s of the 4 s that it rests, and as a ghost `
         + `for ${seconds(h.after)} s after it has gone. Shadow: taken for motion for ${seconds(s.during)} s of 3 s.`,
         masked || shadow ? 'With a cure the formula of Eq. 6 as printed does not apply.'
-          : `By the formula, as printed and without noise: lamp ${seconds(lamp)} s, hand ${seconds(hand)} s`
+          : `By the formula, as printed and without noise: lamp ${lamp.toFixed(1)} s, hand ${hand.toFixed(1)} s`
             + (lamp > 0 ? `, ${(hand / lamp).toFixed(1)} times as long.` : '.'),
       ];
       const alt = `Three graphs of grey level over 7 seconds, for alpha ${alpha} and T ${T}. ${says[0]}`;
@@ -116,5 +115,5 @@
     });
   }
 
-  trinolabApplets.define('pixel', {compute, framesSeen, hasMoved, stories, start});
+  trinolabApplets.define('pixel', {compute, secondsSeen, stories, start});
 })();
