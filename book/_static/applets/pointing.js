@@ -106,7 +106,7 @@
     let placeOf = Number;
 
     let current = null;  // what the controls say
-    const settings = () => current;
+    const settings = () => (run ? run.settings : current);  // a run keeps those that it began with
     const delay = () => settings().delay;
     const target = () => (run && run.log.length < run.trials.length ? run.trials[run.log.length] : null);
 
@@ -228,7 +228,8 @@
     }
 
     function began() {
-      for (const one of view.panel.querySelectorAll('input, select')) one.disabled = run !== null;
+      for (const one of view.panel.querySelectorAll('input, select, button')) one.disabled = run !== null;
+      go.disabled = false;
       write(go, run ? 'Stop the run' : 'Start a run');
       here.disabled = run === null;
     }
@@ -321,7 +322,7 @@
       const cells = log.map(row => COLUMNS.map(name => (typeof row[name] === 'number' && !WHOLE.includes(name) ? row[name].toFixed(3) : String(row[name]))));
       const details = element('details', {}, element('summary', {}, `The log of run ${runs.length}`), table(COLUMNS, cells, 'The log of the last run'));
       results.replaceChildren(
-        table(['run', 'scale', 'added delay / ms', 'trials', 'throughput / bit/s', 'time / s', 'beside / %'], rows, 'The runs on this page'), link, details);
+        table(['run', 'scale', 'added delay / ms', 'trials', 'throughput / bit/s', 'time / s', 'beside the target / %'], rows, 'The runs on this page'), link, details);
     }
 
     const view = page(box, {
