@@ -1,7 +1,7 @@
 'use strict';
 // Three solid cones of view and their common space (Eq. 1-4), in the paper's frame OXYZ. Lengths in units of the baseline B.
 (() => {
-  const {draw, path, axes, page, dot} = trinolabApplets.shared;
+  const {draw, path, axes, page, range, signed, dot} = trinolabApplets.shared;
   const DEGREE = Math.PI / 180;
   const NAMES = ['CCD1', 'CCD2', 'CCD3'];
   const COLOURS = ['one', 'five', 'three'];
@@ -145,28 +145,30 @@
       draw(svg, 'text', {x: second.left, y: 14}, 'from the side');
       view(svg, first, 'Z / B', X_AXIS, 'X', found.cones, point);
       view(svg, second, 'Z / B', Y_AXIS, 'Y', found.cones, point);
+      const beside = found.angles_deg.map((one, k) => `${one.toFixed(1)}° beside the axis of ${NAMES[k]}`);
       const outside = NAMES.filter((_, k) => !found.inside[k]);
       const says = [
-        `The three cones share ${found.volume.toFixed(4)} B³. The axes meet at X = ${found.meeting[0].toFixed(2)}, Z = ${found.meeting[2].toFixed(2)} B.`,
-        `The point lies ${found.angles_deg.map((angle, k) => `${angle.toFixed(1)}° beside the axis of ${NAMES[k]}`).join(', ')}; ω is ${omega}°. `
+        `The three cones share ${found.volume.toFixed(4)} B³. `
+        + `The axes meet at X = ${found.meeting[0].toFixed(2)}, Z = ${found.meeting[2].toFixed(2)} B.`,
+        `The point lies ${beside.join(', ')}; ω is ${omega}°. `
         + (outside.length ? `It is outside of ${outside.join(' and ')}, and so not in the workspace.` : 'It is in the workspace.'),
       ];
-      const alt = `Two cuts through the point (${point.join(', ')}) B: the cones of three cameras, and what they share. ${says.join(' ')}`;
+      const alt = `Two cuts through the point (${point.join(', ')}) B: three cones, and what they share. ${says.join(' ')}`;
       return {height: height + 40 + 44, alt, says};
     }
 
-    const angle = (name, label, value) => ({kind: 'slider', name, label, low: 30, high: 75, step: 1, value, format: String, unit: '°'});
-    const place = (name, low, high, value) => ({kind: 'slider', name, label: `point ${name.toUpperCase()}`, low, high, step: 0.05, value,
-      format: one => one.toFixed(2).replace('-', '−'), unit: 'B'});
+    const place = (name, low, high, value) => range(name, `point ${name.toUpperCase()}`, [low, high, 0.05], value, 'B',
+      {format: one => signed(one.toFixed(2))});
     page(box, {
       label: 'Applet: three cones and their common space',
       controls: [
-        angle('beta1', 'β₁ of CCD1', parameters.beta_deg),
-        angle('beta2', 'β₂ of CCD2', parameters.beta_deg),
-        {kind: 'slider', name: 'omega', label: 'half angle ω', low: 4, high: 30, step: 1, value: parameters.half_angle_deg, format: String, unit: '°'},
+        range('beta1', 'β₁ of CCD1', [30, 75, 1], parameters.beta_deg, '°'),
+        range('beta2', 'β₂ of CCD2', [30, 75, 1], parameters.beta_deg, '°'),
+        range('omega', 'half angle ω', [4, 30, 1], parameters.half_angle_deg, '°'),
         place('x', -0.5, 1.5, 0.5), place('y', -1, 2, 0.1), place('z', 0, 3.6, 0.5),
       ],
-      legend: [...NAMES.map((name, k) => [`band ${COLOURS[k]}`, name]), ['band four', 'in all three cones'], ['ink', 'the point (cross)']],
+      legend: [...NAMES.map((name, k) => [`band ${COLOURS[k]}`, name]),
+        ['band four', 'in all three cones'], ['ink', 'the point (cross)']],
       drawn,
     });
   }

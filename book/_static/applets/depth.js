@@ -1,7 +1,7 @@
 'use strict';
 // What baseline, vergence, distance and pixel noise do to a point of two cameras (Eq. 20, 21).
 (() => {
-  const {draw, path, axes, page, times, transposed, apply} = trinolabApplets.shared;
+  const {draw, path, axes, page, range, times, transposed, apply} = trinolabApplets.shared;
   const DEGREE = Math.PI / 180;
   const STEP_PX = 1e-3;  // of the differences, as in trinolab.triangulation
   const BASELINES = {low: 20, high: 400};
@@ -56,7 +56,8 @@
       });
       slopes.push(moved[0].map((value, i) => (value - moved[1][i]) / (2 * STEP_PX)));
     }
-    const covariance = [0, 1, 2].map(i => [0, 1, 2].map(j => sigma_px ** 2 * slopes.reduce((sum, one) => sum + one[i] * one[j], 0)));
+    const product = (i, j) => slopes.reduce((sum, one) => sum + one[i] * one[j], 0);
+    const covariance = [0, 1, 2].map(i => [0, 1, 2].map(j => sigma_px ** 2 * product(i, j)));
     return {cameras, point, pixels, seen, covariance, sigmas_mm: covariance.map((row, i) => Math.sqrt(row[i]))};
   }
 
@@ -65,7 +66,8 @@
       const {baseline, vergence, distance} = values;
       const deep = 1000;
       const reach = deep * at.width / at.height / 2;
-      const {X, Y, group} = axes(svg, at, {low: -reach, high: reach, label: 'x / mm'}, {low: -60, high: deep - 60, label: 'from above: z / mm'});
+      const across = {low: -reach, high: reach, label: 'x / mm'};
+      const {X, Y, group} = axes(svg, at, across, {low: -60, high: deep - 60, label: 'from above: z / mm'});
       const half = Math.atan(data.width_px / 2 / data.focal_px);
       [['one', -1], ['five', 1]].forEach(([colour, sign]) => {
         const x = sign * baseline / 2;
@@ -94,7 +96,8 @@
 
     function curves(svg, at, values, inputs, found) {
       const x = {low: BASELINES.low, high: BASELINES.high, log: true, label: 'baseline / mm', ticks: [20, 50, 100, 200, 400]};
-      const {X, Y, group} = axes(svg, at, x, {low: 0.001, high: 30, log: true, label: 'standard deviation / mm', ticks: [0.001, 0.01, 0.1, 1, 10]});
+      const y = {low: 0.001, high: 30, log: true, label: 'standard deviation / mm', ticks: [0.001, 0.01, 0.1, 1, 10]};
+      const {X, Y, group} = axes(svg, at, x, y);
       const all = Array.from({length: 61}, (_, k) => BASELINES.low * (BASELINES.high / BASELINES.low) ** (k / 60));
       const rows = all.map(one => [one, compute({...inputs, baseline_mm: one})]).filter(([, row]) => row.sigmas_mm);
       [[2, 'line four'], [0, 'line three']].forEach(([axis, kind]) => {
@@ -111,7 +114,10 @@
 
     function drawn(svg, width, values) {
       const inputs = {
-        baseline_mm: values.baseline, vergence_deg: values.vergence, distance_mm: values.distance, sigma_px: values.sigma,
+        baseline_mm: values.baseline,
+        vergence_deg: values.vergence,
+        distance_mm: values.distance,
+        sigma_px: values.sigma,
         focal_px: data.focal_px, width_px: data.width_px,
       };
       const found = compute(inputs);
@@ -119,28 +125,35 @@
       const room = wide ? (width - 128) / 2 : width - 64;
       const tall = wide ? 330 : 300;
       const unit = plan(svg, {left: 44, top: 24, width: room, height: tall}, values, found);
-      curves(svg, {left: wide ? room + 100 : 44, top: wide ? 24 : tall + 104, width: room, height: wide ? tall : 210}, values, inputs, found);
+      const beside = {left: room + 100, top: 24, width: room, height: tall};
+      const below = {left: 44, top: tall + 104, width: room, height: 210};
+      curves(svg, wide ? beside : below, values, inputs, found);
       const says = [];
       if (found.sigmas_mm) {
         const [sx, sy, sz] = found.sigmas_mm.map(one => one.toPrecision(3));
-        says.push(`Standard deviations: ${sz} mm in depth, ${sx} mm along x and ${sy} mm along y. Depth is ${(found.sigmas_mm[2] / found.sigmas_mm[0]).toFixed(1)} times as uncertain as x. `
+        const ratio = found.sigmas_mm[2] / found.sigmas_mm[0];
+        says.push(`Standard deviations: ${sz} mm in depth, ${sx} mm along x and ${sy} mm along y. `
+          + `Depth is ${ratio.toFixed(1)} times as uncertain as x. `
           + `The rays meet at ${(2 * Math.atan(values.baseline / 2 / values.distance) / DEGREE).toFixed(1)}°.`);
       }
-      says.push(found.seen ? `Both images show the point. The ellipse is enlarged ${unit} times.` : 'The point is outside the images: nobody measures it.');
-      const alt = `A plan of two cameras ${values.baseline} mm apart and their rays to a point at ${values.distance} mm, and the deviations over the baseline. ${says.join(' ')}`;
+      says.push(found.seen ? `Both images show the point. The ellipse is enlarged ${unit} times.`
+        : 'The point is outside the images: nobody measures it.');
+      const alt = `A plan of two cameras ${values.baseline} mm apart and their rays to a point at ${values.distance} mm, `
+        + `and the deviations over the baseline. ${says.join(' ')}`;
       return {height: wide ? tall + 68 : tall + 104 + 210 + 44, alt, says};
     }
 
-    const control = (name, label, low, high, step, value, unit, more = {}) => ({kind: 'slider', name, label, low, high, step, value, unit, format: String, ...more});
     page(box, {
       label: 'Applet: baseline, vergence and the error of depth',
       controls: [
-        control('baseline', 'baseline', BASELINES.low, BASELINES.high, 0.1, data.baseline_mm, 'mm', {format: one => one.toFixed(1)}),
-        control('vergence', 'vergence, angle between the axes', 0, 60, 0.5, data.vergence_deg, '°'),
-        control('distance', 'distance of the point', 300, 900, 1, data.distance_mm, 'mm'),
-        control('sigma', 'σ of a pixel coordinate', 0.01, 2, 0.05, parameters.sigma_px, 'px', {log: true, precision: 2}),
+        range('baseline', 'baseline', [BASELINES.low, BASELINES.high, 0.1], data.baseline_mm, 'mm',
+          {format: one => one.toFixed(1)}),
+        range('vergence', 'vergence, angle between the axes', [0, 60, 0.5], data.vergence_deg, '°'),
+        range('distance', 'distance of the point', [300, 900, 1], data.distance_mm, 'mm'),
+        range('sigma', 'σ of a pixel coordinate', [0.01, 2, 0.05], parameters.sigma_px, 'px', {log: true, precision: 2}),
       ],
-      legend: [['one', 'left camera'], ['five', 'right camera'], ['four', 'depth z; the ellipse'], ['three', 'across, x'], ['dashed ink', 'outside the images']],
+      legend: [['one', 'left camera'], ['five', 'right camera'], ['four', 'depth z; the ellipse'],
+        ['three', 'across, x'], ['dashed ink', 'outside the images']],
       drawn,
     });
   }

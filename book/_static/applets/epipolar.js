@@ -1,7 +1,7 @@
 'use strict';
 // The epipolar line of a spot (Eq. 17), and the correlation of two windows (Eq. 18), in rendered images.
 (() => {
-  const {draw, path, axes, button, page, handle, times, apply, transposed, element} = trinolabApplets.shared;
+  const {draw, path, axes, button, page, range, signed, handle, times, apply, transposed, element} = trinolabApplets.shared;
   const FIRST = 2;  // of the markers that the left camera sees, in the middle of the handle
   const REACH_PX = 75;  // of the curve of S along the line, to either side
 
@@ -41,7 +41,9 @@
     const window = [];
     for (let y = y0; y < y0 + side; y++) {
       for (let x = x0; x < x0 + side; x++) {
-        window.push((1 - q) * ((1 - p) * at(x, y) + p * at(x + 1, y)) + q * ((1 - p) * at(x, y + 1) + p * at(x + 1, y + 1)));
+        const upper = (1 - p) * at(x, y) + p * at(x + 1, y);
+        const lower = (1 - p) * at(x, y + 1) + p * at(x + 1, y + 1);
+        window.push((1 - q) * upper + q * lower);
       }
     }
     return window;
@@ -74,7 +76,7 @@
   // All numbers of the applet for a left and a right pixel: the line, D, both windows and S.
   function compute({left, right, uvLeft, uvRight, windowPx}) {
     const line = epipolarLine(fundamentalMatrix(left, right), uvLeft);
-    const windows = [cut(left.image, inPart(left, uvLeft), windowPx), cut(right.image, inPart(right, uvRight), windowPx)];
+    const windows = [[left, uvLeft], [right, uvRight]].map(([camera, uv]) => cut(camera.image, inPart(camera, uv), windowPx));
     return {line, D: distance(line, uvRight), windows, S: correlation(...windows)};
   }
 
@@ -117,7 +119,16 @@
     }
 
     // Which marker's image a pixel is nearest to, within 4 px; -1 for none.
-    const markerAt = (camera, uv) => camera.markers.findIndex(one => one && Math.hypot(one[0] - uv[0], one[1] - uv[1]) <= 4);
+    const markerAt = (camera, [u, v]) => camera.markers.findIndex(one => one && Math.hypot(one[0] - u, one[1] - v) <= 4);
+
+    // What the truth says of the markers under both windows.
+    function verdict(right, a, b) {
+      if (a < 0) return 'There is no marker under the left window.';
+      if (!right.markers[a]) return `The truth: marker ${a} of the left window does not face ${right.name}.`;
+      if (b < 0) return `The truth: marker ${a}. The right window is on none.`;
+      return a === b ? `The truth: both windows are on marker ${a}. The pair is right.`
+        : `The truth: marker ${a} on the left, ${b} on the right. The pair is wrong.`;
+    }
 
     function drawn(svg, width, values) {
       const {right, line, at} = lineOf(values);
@@ -130,24 +141,26 @@
       const [w, h] = left.size.map(one => one * zoom);
       frames = {zoom, rightAt: w + gap, top: 20};
       const top = frames.top;
-      const imageOf = (camera, k, x, name, uv) => {
+      const imageOf = (camera, k, x, name) => {
         draw(svg, 'text', {x, y: 14}, name);
         draw(svg, 'image', {href: pictures[k], x, y: top, width: w, height: h, style: 'image-rendering: pixelated'});
         const clip = draw(svg, 'svg', {x, y: top, width: w, height: h});
         const place = pixel => inPart(camera, pixel).map(one => (one + 0.5) * zoom);
         return {clip, place, mark: (kind, pixel, held) => {
           const [a, b] = place(pixel);
-          draw(clip, 'rect', {class: kind, x: a - side * zoom / 2, y: b - side * zoom / 2, width: side * zoom, height: side * zoom});
+          const size = side * zoom;
+          draw(clip, 'rect', {class: kind, x: a - size / 2, y: b - size / 2, width: size, height: size});
           draw(clip, 'path', {class: kind, d: `M${a - 4} ${b}h8M${a} ${b - 4}v8`});
           held.put(x + Math.min(w, Math.max(0, a)), top + Math.min(h, Math.max(0, b)));
         }};
       };
-      const one = imageOf(left, 0, 0, wide ? `${left.name}: a part of the image, ${left.size.join(' × ')} px` : left.name, uvLeft);
-      const two = imageOf(right, Number(values.right), w + gap, right.name, uvRight);
+      const title = wide ? `${left.name}: a part of the image, ${left.size.join(' × ')} px` : left.name;
+      const one = imageOf(left, 0, 0, title);
+      const two = imageOf(right, Number(values.right), w + gap, right.name);
       one.mark('on-image two-on-image', uvLeft, grips.left);
       for (const gate of [-parameters.epipolar_gate_px, 0, parameters.epipolar_gate_px]) {
         const [from, to] = [at(-300, gate), at(300, gate)].map(two.place);
-        draw(two.clip, 'path', {class: gate ? 'on-image faint-on-image' : 'on-image one-on-image', d: path([from, to])});
+        draw(two.clip, 'path', {class: `on-image ${gate ? 'faint' : 'one'}-on-image`, d: path([from, to])});
       }
       if (told) {
         const partner = markerAt(left, uvLeft);
@@ -164,10 +177,11 @@
       found.windows.forEach((window, k) => {
         const x = k * (big + 8);
         draw(svg, 'text', {x, y: below + 8}, k ? right.name : left.name);
-        draw(svg, 'image', {href: pictureOf(window, side, side), x, y: below + 16, width: big, height: big, style: 'image-rendering: pixelated'});
+        const square = {x, y: below + 16, width: big, height: big};
+        draw(svg, 'image', {...square, href: pictureOf(window, side, side), style: 'image-rendering: pixelated'});
       });
       const [words, wordsTop] = wide ? [0, below + big + 34] : [2 * big + 24, below + 28];
-      draw(svg, 'text', {x: words, y: wordsTop}, `S = ${found.S.toFixed(2)}`.replace('-', '−'));
+      draw(svg, 'text', {x: words, y: wordsTop}, `S = ${signed(found.S.toFixed(2))}`);
       draw(svg, 'text', {x: words, y: wordsTop + 18}, `D = ${found.D.toFixed(1)} px`);
       const curve = [];
       const template = unit(found.windows[0]);
@@ -177,7 +191,8 @@
       }
       const plotAt = wide ? {left: 2 * big + 60, top: below + 16, width: width - 2 * big - 68, height: 110}
         : {left: 34, top: below + big + 60, width: width - 42, height: 110};
-      const {X, Y, group} = axes(svg, plotAt, {low: -REACH_PX, high: REACH_PX, label: 'along the line / px'}, {low: -0.6, high: 1, label: 'correlation S'});
+      const across = {low: -REACH_PX, high: REACH_PX, label: 'along the line / px'};
+      const {X, Y, group} = axes(svg, plotAt, across, {low: -0.6, high: 1, label: 'correlation S'});
       const threshold = Y(parameters.ncc_threshold);
       draw(group, 'path', {class: 'thin dashed ink', d: `M${plotAt.left} ${threshold}h${plotAt.width}`});
       draw(group, 'path', {class: 'line one', d: path(curve.map(([s, S]) => [X(s), Y(S)]))});
@@ -186,18 +201,15 @@
       const passes = found.D < parameters.epipolar_gate_px && found.S > parameters.ncc_threshold;
       const above = curve.map(([, S]) => S > parameters.ncc_threshold);
       const stretches = above.filter((one, k) => one && !above[k - 1]).length;
-      const [a, b] = [markerAt(left, uvLeft), markerAt(right, uvRight)];
       const says = [
-        `D = ${found.D.toFixed(1)} px, S = ${found.S.toFixed(2).replace('-', '−')}: ${passes ? 'a candidate' : 'no candidate'} `
+        `D = ${found.D.toFixed(1)} px, S = ${signed(found.S.toFixed(2))}: ${passes ? 'a candidate' : 'no candidate'} `
         + `(D₀ = ${parameters.epipolar_gate_px} px, ε₀ = ${parameters.ncc_threshold}). `
         + `Along the line S exceeds ε₀ in ${stretches} ${stretches === 1 ? 'place' : 'places'}.`,
-        ...(told ? [a < 0 ? 'There is no marker under the left window.'
-          : !right.markers[a] ? `The truth: marker ${a} of the left window does not face ${right.name}.`
-            : b < 0 ? `The truth: marker ${a}. The right window is on none.`
-              : a === b ? `The truth: both windows are on marker ${a}. The pair is right.` : `The truth: marker ${a} on the left, ${b} on the right. The pair is wrong.`] : []),
+        ...(told ? [verdict(right, markerAt(left, uvLeft), markerAt(right, uvRight))] : []),
       ];
       const spot = uvLeft.map(one2 => one2.toFixed(1)).join(', ');
-      const alt = `Left the image of ${left.name} with a window at (${spot}) px, right that of ${right.name} with the epipolar line and a window. ${says.join(' ')}`;
+      const alt = `Left the image of ${left.name} with a window at (${spot}) px, right that of ${right.name} with the epipolar `
+        + `line and a window. ${says.join(' ')}`;
       return {height: plotAt.top + Math.max(wide ? big : 0, plotAt.height) + 40, alt, says};
     }
 
@@ -209,8 +221,8 @@
       })),
       right: handle('right', (x, y) => {
         const {right, foot, along, line} = lineOf(view.values());
-        const uv = [right.corner[0] + (x - frames.rightAt) / frames.zoom - 0.5, right.corner[1] + (y - frames.top) / frames.zoom - 0.5];
-        const off = uv.map((value, k) => value - foot[k]);
+        const places = [x - frames.rightAt, y - frames.top];
+        const off = places.map((place, k) => right.corner[k] + place / frames.zoom - 0.5 - foot[k]);
         view.set({
           s: clamped(off[0] * along[0] + off[1] * along[1], -REACH_PX, REACH_PX),
           beside: clamped(off[0] * line[0] + off[1] * line[1], -20, 20),
@@ -236,11 +248,11 @@
     const view = page(box, {
       label: 'Applet: epipolar line and two windows',
       controls: [
-        {kind: 'choice', name: 'right', label: 'right image', value: '2', options: cameras.slice(1).map((one, k) => [String(k + 1), one.name])},
-        {kind: 'slider', name: 'u', label: 'left window, u in the part', low: 0, high: left.size[0] - 1, step: 0.5, value: half(u0 - left.corner[0]), format: String, unit: 'px'},
-        {kind: 'slider', name: 'v', label: 'left window, v in the part', low: 0, high: left.size[1] - 1, step: 0.5, value: half(v0 - left.corner[1]), format: String, unit: 'px'},
-        {kind: 'slider', name: 's', label: 'right window, along the line', low: -REACH_PX, high: REACH_PX, step: 0.5, value: 0, format: one => String(one).replace('-', '−'), unit: 'px'},
-        {kind: 'slider', name: 'beside', label: 'right window, beside the line', low: -20, high: 20, step: 0.5, value: 0, format: one => String(one).replace('-', '−'), unit: 'px'},
+        {kind: 'choice', name: 'right', label: 'right image', value: '2', options: [['1', cameras[1].name], ['2', cameras[2].name]]},
+        range('u', 'left window, u in the part', [0, left.size[0] - 1, 0.5], half(u0 - left.corner[0]), 'px'),
+        range('v', 'left window, v in the part', [0, left.size[1] - 1, 0.5], half(v0 - left.corner[1]), 'px'),
+        range('s', 'right window, along the line', [-REACH_PX, REACH_PX, 0.5], 0, 'px', {format: signed}),
+        range('beside', 'right window, beside the line', [-20, 20, 0.5], 0, 'px', {format: signed}),
       ],
       buttons: [next, truth],
       handles: [grips.left, grips.right],

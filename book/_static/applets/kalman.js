@@ -1,7 +1,7 @@
 'use strict';
 // A point in an image, followed by the paper's filter (Eq. 7-15): gain, covariance and the search window.
 (() => {
-  const {draw, path, dots, axes, page, normals, times, apply, transposed} = trinolabApplets.shared;
+  const {draw, path, dots, axes, page, range, normals, times, apply, transposed} = trinolabApplets.shared;
   const SIZE = [1280, 1024];  // px
   const MARKERS = [110, 150];  // px, width and height of the markers' rectangle
   const DT_S = 1 / 30;
@@ -19,7 +19,11 @@
 
   // Q of a white jerk of density q.
   function processNoise(dt, q) {
-    const one = [[dt ** 5 / 20, dt ** 4 / 8, dt ** 3 / 6], [dt ** 4 / 8, dt ** 3 / 3, dt ** 2 / 2], [dt ** 3 / 6, dt ** 2 / 2, dt]];
+    const one = [
+      [dt ** 5 / 20, dt ** 4 / 8, dt ** 3 / 6],
+      [dt ** 4 / 8, dt ** 3 / 3, dt ** 2 / 2],
+      [dt ** 3 / 6, dt ** 2 / 2, dt],
+    ];
     return kron(one.map(row => row.map(value => q * value)));
   }
 
@@ -74,7 +78,8 @@
   // Follow observations `uv` (a pair, or null for none) at even times. The first one starts the filter, with the speed and
   // acceleration zero and of the given standard deviations. What lies outside the gate is not used, if `gated`.
   // Gives a record an instant: predicted and corrected state, gain, S, NIS, whether it was used, and the search window.
-  function compute({uv, dt, q, sigma, velocitySigma, accelerationSigma, gated, probability = GATE_PROBABILITY, markers = MARKERS, size = SIZE}) {
+  function compute({uv, dt, q, sigma, velocitySigma, accelerationSigma, gated}) {
+    const probability = GATE_PROBABILITY;
     const R = diagonal([sigma ** 2, sigma ** 2]);
     let state = {
       X: [...uv[0], 0, 0, 0, 0],
@@ -88,7 +93,8 @@
       const nis = r && apply(inverse2(S), r).reduce((sum, value, k) => sum + value * r[k], 0);
       const used = r !== null && (!gated || nis <= gateOf(probability));
       state = used ? correct(predicted, Z, K, R) : predicted;
-      track.push({predicted, updated: state, K, S, nis, used, window: searchWindow(predicted.X, S, markers, size, probability)});
+      const window = searchWindow(predicted.X, S, MARKERS, SIZE, probability);
+      track.push({predicted, updated: state, K, S, nis, used, window});
     }
     return track;
   }
@@ -130,7 +136,8 @@
       const later = track.slice(1);
       const shade = (group, {X}, at) => {
         if (hidden) {
-          draw(group, 'rect', {class: 'area ink', x: X(HIDDEN_FROM - 0.5), y: at.top, width: X(hidden) - X(0), height: at.height});
+          const span = {x: X(HIDDEN_FROM - 0.5), y: at.top, width: X(hidden) - X(0), height: at.height};
+          draw(group, 'rect', {class: 'area ink', ...span});
         }
         draw(group, 'path', {class: 'thin dashed ink', d: `M${X(k)} ${at.top}v${at.height}`});
       };
@@ -152,7 +159,8 @@
       draw(deviations.group, 'path', {class: 'dots two', d: dots(way(later, deviations, one => root(one.predicted.P)))});
       draw(deviations.group, 'path', {class: 'dots three', d: dots(way(later, deviations, one => root(one.updated.P)))});
 
-      const imageAt = wide ? {left: left + room + 14, top: 24, width: room - 14} : {left, top: sigmaAt.top + sigmaAt.height + 70, width: room};
+      const imageAt = wide ? {left: left + room + 14, top: 24, width: room - 14}
+        : {left, top: sigmaAt.top + sigmaAt.height + 70, width: room};
       imageAt.height = imageAt.width * SIZE[1] / SIZE[0];
       const u = {low: 0, high: SIZE[0], label: 'u / px'};
       const v = {low: SIZE[1], high: 0, label: `image at frame ${k}: v / px`, ticks: [0, 500, 1000]};  // downwards
@@ -160,12 +168,14 @@
       const now = track[k];
       const truth = Array.from({length: FRAMES}, (_, n) => place(n));
       draw(group, 'path', {class: 'thin dashed ink', d: path(truth.map(([a, b]) => [X(a), V(b)]))});
-      const box2 = ([a, b, w, h], name) => draw(group, 'rect', {class: name, x: X(a), y: V(b), width: X(w) - X(0), height: V(h) - V(0)});
+      const outline = ([a, b, w, h], name) => {
+        draw(group, 'rect', {class: name, x: X(a), y: V(b), width: X(w) - X(0), height: V(h) - V(0)});
+      };
       const [a, b] = truth[k];
-      box2([a - MARKERS[0] / 2, b - MARKERS[1] / 2, ...MARKERS], 'area ink');
+      outline([a - MARKERS[0] / 2, b - MARKERS[1] / 2, ...MARKERS], 'area ink');
       if (now.window) {
-        box2(now.window, 'area two');
-        box2(now.window, 'line two');
+        outline(now.window, 'area two');
+        outline(now.window, 'line two');
       }
       const [pu, pv] = now.predicted.X;
       draw(group, 'path', {class: 'line two', d: `M${X(pu) - 6} ${V(pv)}h12M${X(pu)} ${V(pv) - 6}v12`});
@@ -180,7 +190,8 @@
         `At the last frame K is ${end.K[0][0].toFixed(3)}, and the position's deviation goes from ${root(end.predicted.P).toFixed(2)} px `
         + `(predicted) to ${root(end.updated.P).toFixed(2)} px (corrected). Used: ${used} of ${seen} observations.`,
         `Frame ${k}: K is ${now.K[0][0].toFixed(3)}, the prediction is ${off.toFixed(0)} px off, `
-        + (now.window ? `and the search window has ${now.window[2]} × ${now.window[3]} px, ${area.toFixed(1)} % of the image.` : 'and the target is expected outside the image.'),
+        + (now.window ? `and the search window has ${now.window[2]} × ${now.window[3]} px, ${area.toFixed(1)} % of the image.`
+          : 'and the target is expected outside the image.'),
       ];
       const alt = `Over ${FRAMES} frames the gain and the standard deviation of the position, and the image at frame ${k} with `
         + `the target's way, the predicted place and the search window. ${says.join(' ')}`;
@@ -190,12 +201,10 @@
     page(box, {
       label: 'Applet: gain, covariance and search window of a Kalman filter',
       controls: [
-        {kind: 'slider', name: 'q', label: 'q of Q', low: 1e4, high: 1e13, step: 0.02, log: true, precision: 3,
-          value: parameters.jerk_intensity, format: exponent, unit: 'px²/s⁵'},
-        {kind: 'slider', name: 'sigma', label: 'σ of an observation', low: 0.3, high: 30, step: 0.02, log: true, precision: 3,
-          value: parameters.sigma_px, format: String, unit: 'px'},
-        {kind: 'slider', name: 'hidden', label: `hidden from frame ${HIDDEN_FROM} on`, low: 0, high: 9, step: 1, value: 0, format: String, unit: 'frames'},
-        {kind: 'slider', name: 'k', label: 'frame k of the image', low: 1, high: FRAMES - 1, step: 1, value: 12, format: String, unit: ''},
+        range('q', 'q of Q', [1e4, 1e13, 0.02], parameters.jerk_intensity, 'px²/s⁵', {log: true, format: exponent}),
+        range('sigma', 'σ of an observation', [0.3, 30, 0.02], parameters.sigma_px, 'px', {log: true}),
+        range('hidden', `hidden from frame ${HIDDEN_FROM} on`, [0, 9, 1], 0, 'frames'),
+        range('k', 'frame k of the image', [1, FRAMES - 1, 1], 12),
         {kind: 'check', name: 'zero', label: 'speed and acceleration known to be 0 at the start (the paper)', value: false},
         {kind: 'check', name: 'gated', label: 'refuse what lies outside the gate', value: true},
       ],

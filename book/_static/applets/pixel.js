@@ -1,7 +1,7 @@
 'use strict';
 // One pixel and its background (Eq. 5-6): what the rate alpha, the threshold T and the cures do to three stories.
 (() => {
-  const {draw, path, dots, axes, page, normals} = trinolabApplets.shared;
+  const {draw, path, dots, axes, page, range, normals} = trinolabApplets.shared;
   const RATE_HZ = 30;
   const FRAMES = 210;
   const STORIES = [
@@ -103,10 +103,8 @@
     page(box, {
       label: 'Applet: one pixel and its background',
       controls: [
-        {kind: 'slider', name: 'alpha', label: 'rate α', low: 0.001, high: 0.5, step: 0.05, log: true, precision: 2,
-          value: parameters.update_rate, format: String, unit: 'a frame'},
-        {kind: 'slider', name: 'T', label: 'threshold T', low: 2, high: 44, step: 1,
-          value: parameters.difference_threshold, format: String, unit: 'grey levels'},
+        range('alpha', 'rate α', [0.001, 0.5, 0.05], parameters.update_rate, 'a frame', {log: true, precision: 2}),
+        range('T', 'threshold T', [2, 44, 1], parameters.difference_threshold, 'grey levels'),
         {kind: 'check', name: 'masked', label: 'renew only what does not move', value: false},
         {kind: 'check', name: 'shadow', label: `a shadow may take ${100 * parameters.shadow_share} % of the light`, value: false},
       ],

@@ -1,7 +1,7 @@
 'use strict';
 // A pointing task through scale, clutch and an added delay, with the log of trinolab.slave.pointing.
 (() => {
-  const {element, draw, path, dots, write, axes, button, page} = trinolabApplets.shared;
+  const {element, draw, path, dots, write, axes, button, page, range, signed} = trinolabApplets.shared;
   const MM_PX = 25.4 / 96;  // of the page's pixels, as style sheets count them
   const DISTANCES_MM = [40, 80, 160];
   const WIDTHS_MM = [5, 10, 20];
@@ -79,6 +79,13 @@
     };
   }
 
+  // The straight line through points by least squares, as a function; null where they have one place.
+  function fitted(points) {
+    const [x0, y0] = [0, 1].map(k => mean(points.map(point => point[k])));
+    const slope = mean(points.map(([x, y]) => (x - x0) * (y - y0))) / mean(points.map(([x]) => (x - x0) ** 2));
+    return Number.isFinite(slope) ? x => y0 + slope * (x - x0) : null;
+  }
+
   // The log as trinolab.slave.pointing.write_log writes it.
   function csv(log) {
     const quoted = text => (/[",\r\n]/.test(text) ? `"${text.replaceAll('"', '""')}"` : text);
@@ -90,7 +97,8 @@
   }
 
   // The log as the file has it: a download, and what is computed from it, has no more digits than six.
-  const rounded = row => Object.fromEntries(COLUMNS.map(name => [name, typeof row[name] === 'number' ? Number(row[name].toFixed(6)) : row[name]]));
+  const sixDigits = value => (typeof value === 'number' ? Number(value.toFixed(6)) : value);
+  const rounded = row => Object.fromEntries(COLUMNS.map(name => [name, sixDigits(row[name])]));
 
   function start(box, parameters) {
     const runs = [];  // {settings, log, found}
@@ -131,7 +139,8 @@
 
       drawTimes(width);
       const says = [words()];
-      return {height: at.top + at.height + 40, alt: `A track of the tool from 0 to ${TRACK.high} mm at scale ${values.scale}. ${says[0]}`, says};
+      const alt = `A track of the tool from 0 to ${TRACK.high} mm at scale ${values.scale}. ${says[0]}`;
+      return {height: at.top + at.height + 40, alt, says};
     }
 
     // Movement time over difficulty, of the last two runs.
@@ -139,33 +148,47 @@
       timesPlot.replaceChildren();
       const plotAt = {left: 40, top: 24, width: width - 52, height: 130};
       const shownRuns = [...runs.slice(-2, -1).map(one => [one, 'five']), ...runs.slice(-1).map(one => [one, 'one'])];
-      const points = ({log}) => grouped(log).map(rows => [difficulty(rows[0].distance_mm, rows[0].width_mm), mean(rows.map(timeOf))]);
+      const point = rows => [difficulty(rows[0].distance_mm, rows[0].width_mm), mean(rows.map(timeOf))];
+      const points = ({log}) => grouped(log).map(point);
       const longest = Math.max(2, ...shownRuns.flatMap(([one]) => points(one).map(([, time]) => time)));
-      const plot = axes(timesPlot, plotAt, {low: 1, high: 5.5, label: 'index of difficulty log₂(D / W + 1) / bit'}, {low: 0, high: 1.1 * longest, label: 'mean movement time / s'});
+      const bitAxis = {low: 1, high: 5.5, label: 'index of difficulty log₂(D / W + 1) / bit'};
+      const timeAxis = {low: 0, high: 1.1 * longest, label: 'mean movement time / s'};
+      const {X, Y, group} = axes(timesPlot, plotAt, bitAxis, timeAxis);
       for (const [one, colour] of shownRuns) {
         const some = points(one);
-        draw(plot.group, 'path', {class: `dots ${colour}`, style: 'stroke-width: 7', d: dots(some.map(([bits, time]) => [plot.X(bits), plot.Y(time)]))});
-        const [bits, times] = [0, 1].map(k => mean(some.map(point => point[k])));
-        const slope = some.reduce((sum, [b, t]) => sum + (b - bits) * (t - times), 0) / some.reduce((sum, [b]) => sum + (b - bits) ** 2, 0);
-        if (Number.isFinite(slope)) draw(plot.group, 'path', {class: `thin ${colour}`, d: path([1, 5.5].map(b => [plot.X(b), plot.Y(times + slope * (b - bits))]))});
+        const places = some.map(([bits, time]) => [X(bits), Y(time)]);
+        draw(group, 'path', {class: `dots ${colour}`, style: 'stroke-width: 7', d: dots(places)});
+        const line = fitted(some);
+        if (line) draw(group, 'path', {class: `thin ${colour}`, d: path([1, 5.5].map(bits => [X(bits), Y(line(bits))]))});
       }
-      if (!runs.length) draw(plot.group, 'text', {x: plotAt.left + 10, y: plotAt.top + 24}, 'A dot a target, once a run is done.');
+      if (!runs.length) draw(group, 'text', {x: plotAt.left + 10, y: plotAt.top + 24}, 'A dot a target, once a run is done.');
       const height = plotAt.top + plotAt.height + 44;
-      for (const [name, value] of Object.entries({width, height, viewBox: `0 0 ${width} ${height}`})) timesPlot.setAttribute(name, value);
-      const each = shownRuns.map(([one]) => points(one).map(([bits, time]) => `${bits.toFixed(1)} bit in ${time.toFixed(2)} s`).join(', '));
-      timesPlot.setAttribute('aria-label', `Mean movement time over the index of difficulty. ${each.length ? each.join('; ') : 'No run is done yet'}.`);
+      timesPlot.setAttribute('width', width);
+      timesPlot.setAttribute('height', height);
+      timesPlot.setAttribute('viewBox', `0 0 ${width} ${height}`);
+      const inWords = ([bits, time]) => `${bits.toFixed(1)} bit in ${time.toFixed(2)} s`;
+      const each = shownRuns.map(([one]) => points(one).map(inWords).join(', '));
+      const told = each.length ? each.join('; ') : 'No run is done yet';
+      timesPlot.setAttribute('aria-label', `Mean movement time over the index of difficulty. ${told}.`);
     }
 
     function words() {
       const goal = target();
-      const shown = shownAt(history, now(), delay()).toFixed(1).replace('-', '−');
-      if (goal && trial) return `Trial ${run.log.length + 1} of ${run.trials.length}: the target is from ${goal[0] - goal[1] / 2} to ${goal[0] + goal[1] / 2} mm, the picture shows the tool at ${shown} mm.`;
-      const before = run && run.log.length ? `It took ${timeOf(run.log.at(-1)).toFixed(2)} s and ended ${Math.abs(run.log.at(-1).error_mm).toFixed(1)} mm beside the middle. ` : '';
-      if (goal) return `${before}Trial ${run.log.length + 1} of ${run.trials.length}: press the pad, or Enter, and the target appears.`;
+      const shown = signed(shownAt(history, now(), delay()).toFixed(1));
+      if (goal) {
+        const number = `Trial ${run.log.length + 1} of ${run.trials.length}`;
+        const [low, high] = [goal[0] - goal[1] / 2, goal[0] + goal[1] / 2];
+        if (trial) return `${number}: the target is from ${low} to ${high} mm, the picture shows the tool at ${shown} mm.`;
+        const ended = run.log.at(-1);
+        const off = ended && Math.abs(ended.error_mm).toFixed(1);
+        const before = ended ? `It took ${timeOf(ended).toFixed(2)} s and ended ${off} mm beside the middle. ` : '';
+        return `${before}${number}: press the pad, or Enter, and the target appears.`;
+      }
       if (!runs.length) return `No run yet. The picture shows the tool at ${shown} mm.`;
       const {found, settings: set} = runs.at(-1);
       const rate = found.throughput_bit_s === null ? 'unknown' : `${found.throughput_bit_s.toFixed(2)} bit/s`;
-      return `Run ${runs.length}, scale ${set.scale} and ${Math.round(1000 * set.delay)} ms added: throughput ${rate}, ${found.movement_s.toFixed(2)} s a trial, `
+      return `Run ${runs.length}, scale ${set.scale} and ${Math.round(1000 * set.delay)} ms added: throughput ${rate}, `
+        + `${found.movement_s.toFixed(2)} s a trial, `
         + `${(100 * found.error_share).toFixed(0)} % beside the target.`;
     }
 
@@ -205,8 +228,16 @@
       const [distance, width] = target();
       const {scale, delay: late, operator} = run.settings;
       run.log.push(rounded({
-        task: run.log.length, operator, scale, delay_s: late, distance_mm: distance, width_mm: width,
-        start_s: (trial.start - run.begun) / 1000, end_s: (t - run.begun) / 1000, error_mm: tool - distance, moves: trial.moves,
+        task: run.log.length,
+        operator,
+        scale,
+        delay_s: late,
+        distance_mm: distance,
+        width_mm: width,
+        start_s: (trial.start - run.begun) / 1000,
+        end_s: (t - run.begun) / 1000,
+        error_mm: tool - distance,
+        moves: trial.moves,
       }));
       trial = null;
       home();
@@ -242,7 +273,8 @@
       if (run) finish();
       else {
         const set = settings();
-        run = {settings: {...set, operator: set.operator.trim() || 'person'}, trials: conditions(Number(set.repeats)), log: [], begun: now()};
+        const kept = {...set, operator: set.operator.trim() || 'person'};
+        run = {settings: kept, trials: conditions(Number(set.repeats)), log: [], begun: now()};
         began();
         pad.focus();
       }
@@ -257,8 +289,8 @@
     const timesBox = element('div', {class: 'applet-drawing'}, timesPlot);
     const pad = element('div', {
       class: 'applet-pad', tabindex: 0, role: 'application',
-      'aria-label': 'The hand. Drag to the right or left: the clutch is closed while you press. A short tap says that the tool is there. '
-        + 'Arrow keys move the hand by 1 mm, with Shift by 10 mm; Enter says there.',
+      'aria-label': 'The hand. Drag to the right or left: the clutch is closed while you press. '
+        + 'A short tap says that the tool is there. Arrow keys move the hand by 1 mm, with Shift by 10 mm; Enter says there.',
     }, element('span', {}, 'the hand: press and drag; lift to open the clutch; tap for “there”'));
     pad.addEventListener('pointerdown', event => {
       if (!event.isPrimary || event.button !== 0) return;
@@ -313,24 +345,34 @@
 
     function tell() {
       if (!runs.length) return;
-      const rows = runs.map(({settings: set, found}, k) => [String(k + 1), String(set.scale), String(Math.round(1000 * set.delay)), String(found.n),
-        found.throughput_bit_s === null ? '–' : found.throughput_bit_s.toFixed(2), found.movement_s.toFixed(2), (100 * found.error_share).toFixed(0)]);
+      const rows = runs.map(({settings: set, found}, k) => [
+        k + 1,
+        set.scale,
+        Math.round(1000 * set.delay),
+        found.n,
+        found.throughput_bit_s === null ? '–' : found.throughput_bit_s.toFixed(2),
+        found.movement_s.toFixed(2),
+        (100 * found.error_share).toFixed(0),
+      ]);
       const {log} = runs.at(-1);
       const text = csv(log);
       const file = URL.createObjectURL(new Blob([text], {type: 'text/csv'}));
-      const link = element('a', {class: 'applet-download', href: file, download: `pointing-${runs.length}.csv`}, `Download the log of run ${runs.length} (CSV)`);
-      const cells = log.map(row => COLUMNS.map(name => (typeof row[name] === 'number' && !WHOLE.includes(name) ? row[name].toFixed(3) : String(row[name]))));
-      const details = element('details', {}, element('summary', {}, `The log of run ${runs.length}`), table(COLUMNS, cells, 'The log of the last run'));
-      results.replaceChildren(
-        table(['run', 'scale', 'added delay / ms', 'trials', 'throughput / bit/s', 'time / s', 'beside the target / %'], rows, 'The runs on this page'), link, details);
+      const about = {class: 'applet-download', href: file, download: `pointing-${runs.length}.csv`};
+      const link = element('a', about, `Download the log of run ${runs.length} (CSV)`);
+      const isMeasured = name => name !== 'operator' && !WHOLE.includes(name);
+      const cells = log.map(row => COLUMNS.map(name => (isMeasured(name) ? row[name].toFixed(3) : row[name])));
+      const summary = element('summary', {}, `The log of run ${runs.length}`);
+      const details = element('details', {}, summary, table(COLUMNS, cells, 'The log of the last run'));
+      const heads = ['run', 'scale', 'added delay / ms', 'trials', 'throughput / bit/s', 'time / s', 'beside the target / %'];
+      results.replaceChildren(table(heads, rows, 'The runs on this page'), link, details);
     }
 
     const view = page(box, {
       label: 'Applet: a pointing task through scale, clutch and delay',
       controls: [
-        {kind: 'slider', name: 'scale', label: 'scale, tool : hand', low: 0.5, high: 4, step: 0.5, value: parameters.scale, format: String, unit: ': 1'},
-        {kind: 'slider', name: 'delay', label: 'added delay', low: 0, high: 0.6, step: 0.025, value: 0, format: one => String(Math.round(1000 * one)), unit: 'ms'},
-        {kind: 'choice', name: 'repeats', label: 'trials of each of nine targets', value: '3', options: [['2', '2'], ['3', '3'], ['5', '5'], ['10', '10']]},
+        range('scale', 'scale, tool : hand', [0.5, 4, 0.5], parameters.scale, ': 1'),
+        range('delay', 'added delay', [0, 0.6, 0.025], 0, 'ms', {format: one => String(Math.round(1000 * one))}),
+        {kind: 'choice', name: 'repeats', label: 'trials of each of nine targets', value: '3', options: [2, 3, 5, 10].map(n => [n, n])},
         {kind: 'text', name: 'operator', label: 'operator', value: 'person'},
       ],
       buttons: [go, here],

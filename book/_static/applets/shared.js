@@ -40,14 +40,17 @@ window.trinolabApplets = (() => {
     const ten = 10 ** Math.floor(Math.log10(rough));
     const step = [1, 2, 5, 10].map(one => one * ten).find(one => one >= rough * 0.999);
     const ticks = [];
-    for (let k = Math.ceil(low / step - 1e-9); k * step <= high + 1e-9 * step; k++) ticks.push(Number((k * step).toPrecision(12)));
+    for (let k = Math.ceil(low / step - 1e-9); k * step <= high + 1e-9 * step; k++) {
+      ticks.push(Number((k * step).toPrecision(12)));
+    }
     return ticks;
   }
 
   const LETTERS = {'-': '⁻', 0: '⁰', 1: '¹', 2: '²', 3: '³', 4: '⁴', 5: '⁵', 6: '⁶', 7: '⁷', 8: '⁸', 9: '⁹'};
   const power = exponent => `10${[...String(exponent)].map(letter => LETTERS[letter]).join('')}`;
 
-  // Axes of a panel. `at` is its frame in px, `x` and `y` have low, high, label, and log where they are logarithmic.
+  // Axes of a panel. `at` is its frame in px, `x` and `y` have low, high, label, perhaps ticks; log with ticks where they are
+  // logarithmic.
   // Gives the functions from values to places, and the group that curves are drawn into, cut off at the frame.
   function axes(svg, at, x, y) {
     const along = (axis, from, length) => {
@@ -59,11 +62,8 @@ window.trinolabApplets = (() => {
     const X = along(x, at.left, at.width);
     const Y = along(y, at.top + at.height, -at.height);
     const inner = draw(svg, 'g');
-    const ticks = (axis, most) => axis.ticks
-      || (axis.log ? ticksOf(Math.log10(axis.low), Math.log10(axis.high), most).filter(Number.isInteger).map(one => 10 ** one)
-        : ticksOf(axis.low, axis.high, most));
-    const name = (axis, value) => axis.log && (value < 0.01 || value > 1000) ? power(Math.round(Math.log10(value)))
-      : String(value).replace('-', '−');
+    const ticks = (axis, most) => axis.ticks || ticksOf(axis.low, axis.high, most);
+    const name = (axis, value) => (axis.log && (value < 0.01 || value > 1000) ? power(Math.round(Math.log10(value))) : signed(value));
     for (const value of ticks(x, Math.max(2, at.width / 55))) {
       draw(inner, 'path', {class: 'grid', d: path([[X(value), at.top], [X(value), at.top + at.height]])});
       if (x.label !== '') draw(svg, 'text', {x: X(value), y: at.top + at.height + 16, 'text-anchor': 'middle'}, name(x, value));
@@ -111,6 +111,11 @@ window.trinolabApplets = (() => {
     };
     return {node: element('div', {class: 'applet-slider'}, label, output, input), get, set};
   }
+
+  // What `page` needs to know of a slider; `signed` writes a number with a minus sign.
+  const range = (name, label, [low, high, step], value, unit = '', more = {}) => (
+    {kind: 'slider', name, label, low, high, step, value, unit, format: String, ...more});
+  const signed = text => String(text).replace('-', '−');
 
   function check(c, changed) {
     const id = `applet-${count++}`;
@@ -187,7 +192,8 @@ window.trinolabApplets = (() => {
     const defaults = Object.fromEntries(controls.map(c => [c.name, c.value]));
     const row = element('div', {class: 'applet-buttons'}, ...buttons, button('Reset', () => set(defaults)));
     panel.append(row);
-    const key = element('ul', {class: 'applet-legend'}, ...legend.map(([kind, text]) => element('li', {}, element('i', {class: kind}), text)));
+    const keys = legend.map(([kind, words]) => element('li', {}, element('i', {class: kind}), words));
+    const key = element('ul', {class: 'applet-legend'}, ...keys);
     const drawing = element('div', {class: 'applet-drawing'}, svg, ...handles.map(one => one.node));
     box.replaceChildren(panel, drawing, ...below, key, says);
     box.setAttribute('role', 'group');
@@ -244,11 +250,13 @@ window.trinolabApplets = (() => {
   function define(name, applet) {
     applets[name] = applet;
     const data = window.trinolabAppletData;
-    for (const box of document.querySelectorAll(`.applet[data-applet="${name}"]`)) applet.start(box, data.parameters, data[name]);
+    for (const box of document.querySelectorAll(`.applet[data-applet="${name}"]`)) {
+      applet.start(box, data.parameters, data[name]);
+    }
   }
 
   return Object.assign(applets, {
-    shared: {element, draw, path, dots, write, axes, button, page, handle, normals, times, apply, transposed, dot},
+    shared: {element, draw, path, dots, write, axes, button, page, range, signed, handle, normals, times, apply, transposed, dot},
     define,
   });
 })();
