@@ -375,13 +375,14 @@ def build_pages() -> bool:
 
 def write_reference() -> None:
     """Write the API reference, the commands' help, the picture of the house, the parts of the pages
-    of the claims, of the course and of the report, all as the package is now, and the start page's
-    film.
+    of the claims, of the course and of the report, all as the package is now, the links to where it
+    runs, and the start page's film.
     """
     import claims_pages
     import commandhelp
     import course_pages
     import house
+    import online
     import reference
     import report_pages
 
@@ -391,6 +392,7 @@ def write_reference() -> None:
     claims_pages.write_pages(SCOREBOARD, GENERATED / "claims")
     course_pages.write_pages(GENERATED / "course")
     report_pages.write_pages(SCOREBOARD, SECONDS, GENERATED / "report")
+    online.write_page(GENERATED / "online")
     write_film()
 
 

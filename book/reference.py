@@ -335,6 +335,7 @@ def setup(app: Any) -> dict[str, bool]:
     app.connect("doctree-read", linkable)
     app.connect("missing-reference", _plain)
     app.connect("autodoc-skip-member", _skipped)
+    app.connect("html-page-context", _mended)
     return {"parallel_read_safe": True, "parallel_write_safe": True}
 
 
@@ -394,6 +395,23 @@ def _skipped(app: Any, what: str, name: str, thing: Any, skip: bool, options: An
         if (getattr(thing, "__doc__", None) or "").startswith("Alias for field number")
         else None
     )
+
+
+def _mended(app: Any, page: str, template: str, context: Any, tree: Any) -> None:
+    """Mend two kinds of lists that Sphinx writes in a way that is none to a screen reader: the lines
+    of a long signature, which are definitions without terms, and a list of modules within a list,
+    which belongs into an entry.
+    """
+    body = context.get("body", "")
+    if page == "_modules/index":
+        body = body.replace("</li>\n<ul>", "\n<ul>")
+        body = body.replace("</ul>", "</ul></li>", body.count("</ul>") - 1)
+    context["body"] = re.sub(r"<dl>\n((?:<dd>.*</dd>\n)+)</dl>\n", _as_lines, body)
+
+
+def _as_lines(found: re.Match[str]) -> str:
+    lines = found[1].replace("<dd>", '<span class="sig-line">').replace("</dd>", "</span>")
+    return f'<span class="sig-lines">{lines}</span>'
 
 
 if __name__ == "__main__":

@@ -68,10 +68,13 @@ class Browser:
         self._addresses: dict[str, str] = {}  # of requests, by their number
         self.errors: list[str] = []
 
-    def open(self, address: str, width: int = 1280, height: int = 900) -> None:
+    def open(
+        self, address: str, width: int = 1280, height: int = 900, before: str | None = None
+    ) -> None:
         """Open a page in a tab of its own and of this size, and wait until its formulas are set.
 
-        `errors` then holds what the console called an error, and requests that failed.
+        `errors` then holds what the console called an error, and requests that failed. A script
+        `before` is run in the page, and in each of its frames, before their own.
         """
         self._session = None
         if self._target is not None:
@@ -83,6 +86,8 @@ class Browser:
         for domain in ("Page", "Runtime", "Log", "Network"):
             self._ask(f"{domain}.enable")
         self.resize(width, height)
+        if before is not None:
+            self._ask("Page.addScriptToEvaluateOnNewDocument", {"source": before})
         self._ask("Page.navigate", {"url": address})
         self.evaluate(READY)
 
@@ -187,6 +192,8 @@ class Browser:
         match said.get("method"):
             case "Runtime.exceptionThrown":
                 self._fail(json.dumps(about["exceptionDetails"])[:300])
+            case "Runtime.consoleAPICalled" if about["type"] in ("error", "assert"):
+                self._fail(f"console: {json.dumps(about['args'])[:300]}")
             case "Log.entryAdded" if about["entry"]["level"] == "error":
                 self._fail(f"{about['entry']['text']} {about['entry'].get('url', '')}")
             case "Network.requestWillBeSent":

@@ -1,13 +1,16 @@
 """The built pages as a reader sees them who has no network."""
 
 import re
-from functools import cache
+from functools import cache, partial
 from html import unescape
 from html.parser import HTMLParser
+from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
-from urllib.parse import unquote
+from threading import Thread
+from urllib.parse import unquote, urlsplit
 
 import pytest
+import sitecheck
 import yaml
 from browser import CHROMIUM, Browser
 
@@ -36,7 +39,12 @@ each_kind = pytest.mark.parametrize(
         for page in [*PAGES, *REFERENCE]
     ],
 )
-WIDTHS_PX = (1280, 1920, 400)
+# Every page but those of the sources, which are alike: the first of them, and one more.
+ALL = [
+    *(f"{page}.html" for page in [*PAGES, *REFERENCE]),
+    *("genindex.html", "py-modindex.html", "search.html"),
+    *("_modules/index.html", "_modules/trinolab/pose.html"),
+]
 
 
 def read(page):
@@ -76,22 +84,58 @@ def test_page_loads_only_its_own_files(page):
         assert ((HTML / page).parent / address).exists(), address
 
 
+def test_every_link_leads_somewhere():
+    """Of all pages, the lists of modules and sources included: file and place within the book, and
+    the form of an address outside.
+    """
+    broken = []
+    for file in HTML.glob("**/*.html"):
+        for link in dict.fromkeys(re.findall(r'<a\b[^>]*\shref="([^"]*)"', whole(file))):
+            if fault := fault_of(unescape(link), file):
+                broken.append(f"{file.relative_to(HTML)}: {link}: {fault}")
+    assert not broken, "\n".join(broken)
+
+
+def fault_of(link, file):
+    """What is wrong with a link in a file, or nothing."""
+    parts = urlsplit(link)
+    if parts.scheme == "mailto":
+        return None if re.fullmatch(r"[^@\s]+@[^@\s]+\.\w+", parts.path) else "no address"
+    if parts.scheme or parts.netloc:
+        good = parts.scheme in {"http", "https"} and re.fullmatch(r"([\w-]+\.)+\w+", parts.netloc)
+        return None if good and not re.search(r"\s", link) else "no address"
+    target = (file.parent / unquote(parts.path)).resolve() if parts.path else file
+    if not target.is_file():
+        return "no such file"
+    place = unquote(parts.fragment)
+    return None if not place or place in places(target) else "no such place"
+
+
+@cache
+def whole(file):
+    return file.read_text(encoding="utf-8")
+
+
 @cache
 def places(file):
     """The names in a page that a link may lead to."""
-    return set(re.findall(r'\b(?:id|name)="([^"]+)"', file.read_text(encoding="utf-8")))
+    return set(re.findall(r'\b(?:id|name)="([^"]+)"', whole(file)))
 
 
-@each_page
-def test_every_link_inside_the_book_leads_somewhere(page):
-    article = read(page).split("<article", 1)[1].split("</article>")[0]
-    for link in set(re.findall(r'<a [^>]*href="([^"]+)"', article)):
-        path, _, place = unescape(link).partition("#")
-        if re.match(r"\w+:", path):
-            continue
-        file = ((HTML / page).parent / path).resolve() if path else HTML / f"{page}.html"
-        assert file.exists(), link
-        assert not place or unquote(place) in places(file), link
+@pytest.mark.parametrize(
+    ("link", "fault"),
+    [
+        ("pose.html", None),
+        ("pose.html#trinolab.pose.rigid_fit", None),
+        ("https://creativecommons.org/licenses/by/4.0/", None),
+        ("pose.html#nowhere", "no such place"),
+        ("nowhere.html", "no such file"),
+        ("https:/creativecommons.org", "no address"),
+        ("htp://creativecommons.org", "no address"),
+    ],
+)
+def test_a_broken_link_is_found(link, fault):
+    assert fault_of(link, HTML / "book" / "api" / "pose.html") == fault
 
 
 def test_an_entry_of_the_reference_leads_to_source_equation_and_chapter():
@@ -172,45 +216,99 @@ def browser(tmp_path_factory):
     browser.close()
 
 
-# Of each formula: whether its box cuts it off, or cannot be scrolled to its end.
-CLIPPED = """
-[...document.querySelectorAll('article div.math')].filter(box => {
-    const formula = box.querySelector('mjx-math').getBoundingClientRect();
-    const edges = box.getBoundingClientRect();
-    const scrolls = getComputedStyle(box).overflowX == 'auto';
-    return formula.left < edges.left - 1 || (formula.right > edges.right + 1 && !scrolls);
-}).map(box => box.textContent.slice(0, 60))
-"""
-# The lines of a chapter's code that its box does not show whole.
-WIDE_CODE = """
-[...document.querySelectorAll('article .cell_input div.highlight pre')]
-    .filter(box => box.scrollWidth > box.clientWidth + 1)
-    .map(box => box.textContent.slice(0, 60))
-"""
-# How far the page itself can be scrolled sideways.
-WIDE_PAGE = "document.documentElement.scrollWidth - document.documentElement.clientWidth"
-
-
 @needs_chromium
 @each_kind
 def test_page_works_without_network(browser, page):
     formulas = len(re.findall(r'class="math notranslate nohighlight', read(page)))
-    browser.open((HTML / f"{page}.html").as_uri())
-    assert browser.errors == []
+    assert formulas > 0 or not page.startswith("notebooks/")
+    assert sitecheck.faults(browser, (HTML / f"{page}.html").as_uri(), schemes=()) == []
     assert browser.evaluate("document.querySelectorAll('mjx-container').length") >= formulas
     assert browser.evaluate("document.querySelectorAll('mjx-merror').length") == 0
-    assert formulas > 0 or not page.startswith("notebooks/")
-    for width in WIDTHS_PX:
-        browser.resize(width)
-        assert browser.evaluate(CLIPPED) == [], width
-        assert browser.evaluate(WIDE_PAGE) == 0, width
 
 
 @needs_chromium
-@pytest.mark.parametrize("page", [page for page in PAGES if (ROOT / f"{page}.ipynb").exists()])
-def test_no_line_of_code_is_wider_than_its_box(browser, page):
-    browser.open((HTML / f"{page}.html").as_uri(), width=1280)
-    assert browser.evaluate(WIDE_CODE) == []
+@pytest.mark.parametrize("page", ["book/start.html", "book/api/workspace.html", "search.html"])
+def test_a_page_is_open_to_all_in_light_and_dark(browser, page):
+    assert sitecheck.faults(browser, (HTML / page).as_uri()) == []
+
+
+@needs_chromium
+@pytest.mark.heavy
+@pytest.mark.parametrize("page", ALL)
+def test_every_page_is_open_to_all_in_light_and_dark(browser, page):
+    """What a page must not have, and axe-core's serious faults: some seconds a page."""
+    assert sitecheck.faults(browser, (HTML / page).as_uri()) == []
+
+
+@pytest.fixture(scope="module")
+def site():
+    """The address of a server of the built pages, on this machine alone."""
+    with ThreadingHTTPServer(("127.0.0.1", 0), partial(Quiet, directory=str(HTML))) as server:
+        Thread(target=server.serve_forever, daemon=True).start()
+        yield f"http://127.0.0.1:{server.server_port}"
+        server.shutdown()
+
+
+class Quiet(SimpleHTTPRequestHandler):
+    """A server that says nothing of what it serves."""
+
+    def log_message(self, *_):
+        pass
+
+
+@needs_chromium
+def test_a_chapter_works_from_a_server(browser, site):
+    browser.open(f"{site}/notebooks/01_structure.html")
+    assert browser.evaluate(sitecheck.MISSING) == []
+    assert browser.errors == []
+    assert browser.evaluate("document.querySelector('article') !== null")
+
+
+@needs_chromium
+@pytest.mark.heavy
+def test_every_page_works_from_a_server(browser, site):
+    said = []
+    for page in ALL:
+        browser.open(f"{site}/{page}")
+        said += [f"{page}: {one}" for one in browser.evaluate(sitecheck.MISSING)]
+        said += [f"{page}: {one}" for one in browser.errors]
+    assert said == []
+
+
+@needs_chromium
+def test_each_kind_of_fault_of_a_page_is_found(browser, tmp_path):
+    """A page that has them all."""
+    (tmp_path / "bad.html").write_text(BAD, encoding="utf-8")
+    found = sitecheck.faults(browser, (tmp_path / "bad.html").as_uri())
+    for kind in (
+        "error: console",
+        "error: net::ERR_FILE_NOT_FOUND",
+        "missing: <img",
+        "raw: See {ref}`there`",
+        r"raw: where \alpha is",
+        "axe, light: image-alt",
+        "axe, light: color-contrast",
+        "axe, dark: color-contrast",
+        "wide code: ",
+        "clipped at 1280",
+        "px wider than 400",
+        "over the edge: a_word_",
+    ):
+        assert any(kind in one for one in found), (kind, found)
+
+
+BAD = r"""<!doctype html><html lang="en"><title>bad</title><body><main><article>
+<script>console.error("this is wrong")</script>
+<img src="nowhere.png">
+<p>See {ref}`there`.</p><p>where \alpha is</p>
+<p style="color: #999; background: #fff">faint</p>
+<div class="cell_input"><div class="highlight" style="width: 5rem; overflow: hidden">
+<pre style="overflow: auto">a line that is much too long for its box</pre></div></div>
+<div class="math" style="width: 5rem; overflow: hidden">
+<mjx-math style="display: block; width: 20rem">x</mjx-math></div>
+<p>a_word_that_is_wider_than_any_telephone_and_has_no_place_to_be_broken_at_all</p>
+</article></main></body></html>
+"""
 
 
 @needs_chromium

@@ -19,6 +19,20 @@ from ..files.outputs import check_targets, write_table
 if TYPE_CHECKING:
     import pandas as pd
 
+# A study -> the tables that it makes, but for the gallery's, which are in a folder of their own.
+MAKES = {
+    "bound": ("bound",),
+    "budget": ("budget", "mixes", "patterns", "smooth"),
+    "calibration_error": ("calibration_error",),
+    "claims": ("claims_results", "claims_draws"),
+    "elevation": ("elevation",),
+    "factors": ("distortion", "distance", "marker_size", "speed", "turn"),
+    "fitts": ("fitts",),
+    "second_renderer": ("second_renderer",),
+    "sensitivity": ("sensitivity",),
+    "stress": ("stress",),
+}
+
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run a study and return the exit code: 2 for a mistake in the input, 130 for an
@@ -155,9 +169,7 @@ def _run(a: argparse.Namespace) -> None:
     elif a.study == "claims" and a.hashes:
         study.print_hashes()
     elif a.study == "claims":
-        study.make_tables(
-            *_targets(a.out, ("claims_results", "claims_draws")), Path(a.kept), a.names
-        )
+        study.make_tables(*_targets(a.out, MAKES["claims"]), Path(a.kept), a.names)
     elif a.study == "factors":
         names = a.factor or list(study.FACTORS)
         if unknown := [name for name in names if name not in study.FACTORS]:
@@ -167,11 +179,11 @@ def _run(a: argparse.Namespace) -> None:
         for name, path in zip(names, _targets(a.out, names), strict=True):
             write_table(study.sweep_factor(name, a.seeds), path)  # each as soon as it is whole
     elif a.study == "budget":
-        paths = _targets(a.out, ("budget", "mixes", "patterns", "smooth"))
+        paths = _targets(a.out, MAKES["budget"])
         for table, path in zip(study.make_tables(a.draws), paths, strict=True):
             write_table(table, path)
     else:
-        (path,) = _targets(a.out, (a.study,))
+        (path,) = _targets(a.out, MAKES[a.study])
         write_table(_one_table(a, study), path)
 
 

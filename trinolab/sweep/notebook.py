@@ -121,7 +121,7 @@ def run_notebook(
     Returns
     -------
     NotebookRun
-        The executed copy, what it glued, and the time it took.
+        The executed copy, whose cells say when each was run, what it glued, and the time it took.
 
     Raises
     ------
@@ -142,9 +142,7 @@ def run_notebook(
     if parameters is not None:
         inject(notebook, parameters, path)
     folder = str(Path(path).resolve().parent)
-    client = NotebookClient(
-        notebook, timeout=timeout_s, record_timing=False, resources={"metadata": {"path": folder}}
-    )
+    client = NotebookClient(notebook, timeout=timeout_s, resources={"metadata": {"path": folder}})
     start = time.perf_counter()
     client.execute(env={**os.environ, **ONE_THREAD, UNATTENDED: "1"})
     return NotebookRun(notebook, glued(notebook), time.perf_counter() - start)
