@@ -88,8 +88,12 @@ class Browser:
         self.resize(width, height)
         if before is not None:
             self._ask("Page.addScriptToEvaluateOnNewDocument", {"source": before})
-        self._ask("Page.navigate", {"url": address})
+        self.navigate(address)
         self.evaluate(READY)
+
+    def navigate(self, address: str) -> None:
+        """Begin to load an address in the tab that is open."""
+        self._ask("Page.navigate", {"url": address})
 
     def resize(self, width: int, height: int = 900) -> None:
         """Give the window another size, in pixels of the page."""
