@@ -204,7 +204,7 @@ def _seeds(cell: Any) -> list[str]:
     """The lines of the cell of parameters that set a seed, without their comments."""
     if "parameters" not in cell.metadata.get("tags", []):
         return []
-    return re.findall(r"^seeds? = [^#\n]*\S", cell.source, flags=re.MULTILINE)
+    return re.findall(r"^(seeds? = .*?)\s*(?:#.*)?$", cell.source, flags=re.MULTILINE)
 
 
 def _stored(path: Path) -> dict[str, Any]:

@@ -170,6 +170,15 @@ class Browser:
             raise RuntimeError(json.dumps(answer["exceptionDetails"])[:500])
         return answer["result"].get("value")
 
+    def picture_of(self, clip: dict[str, float]) -> str:
+        """A part of the page as a PNG in base64, wherever on the page it is."""
+        about = {"format": "png", "clip": clip, "captureBeyondViewport": True}
+        return str(self._ask("Page.captureScreenshot", about)["data"])
+
+    def print(self, **settings: Any) -> str:
+        """The page as a PDF in base64, with the settings of `Page.printToPDF`."""
+        return str(self._ask("Page.printToPDF", settings)["data"])
+
     def close(self) -> None:
         """End the process."""
         self._socket.close()

@@ -83,8 +83,8 @@ def test_every_figure_and_film_is_a_file(tmp_path):
     read = pd.read_csv(tmp_path / "index.csv", keep_default_na=False)
     assert (read.alt.str.len() > 20).all(), "each has words for who does not see it"
     chapter = read[read.page == "notebooks/01_structure.html"]
-    assert (chapter.file.str.endswith(".webm")).sum() == 1
-    assert (tmp_path / "01_structure-04.webm").read_bytes()[:4] == bytes.fromhex("1a45dfa3")
+    (film,) = [name for name in chapter.file if name.endswith(".webm")]
+    assert (tmp_path / film).read_bytes()[:4] == bytes.fromhex("1a45dfa3")
     assert (tmp_path / "01_structure-fig-structure-rig.png").read_bytes()[1:4] == b"PNG"
     row = chapter.set_index("file").loc["01_structure-fig-structure-rig.png"]
     assert row.number == "Fig. 1.2"
