@@ -14,7 +14,7 @@ endif
 unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
-.PHONY: help book test lab lint student teacher verify sweeps sheet bench clean
+.PHONY: help book test lab lint student teacher verify sweeps sheet bench figures pdf dist clean
 
 help:  ## show this list
 	@sed -n 's/^\([a-z]*\):.*## /\1\t/p' $(MAKEFILE_LIST)
@@ -71,6 +71,15 @@ bench: .venv/package.done  ## the time that a measurement, an instant of a track
 	@$(BIN)/python tests/benchmarks/bench_sweep.py
 	@$(BIN)/python tests/benchmarks/bench_slave.py
 	@$(BIN)/python tests/benchmarks/bench_live.py
+
+figures: .venv/package.done  ## all figures and films of the built pages as files, with a list, in _build/figures
+	@$(BIN)/python book/figures.py
+
+pdf: .venv/package.done  ## the built pages as _build/trinolab.pdf, each printed page looked at: some minutes
+	@$(BIN)/python book/printing.py
+
+dist: .venv/package.done  ## the built pages as a zip for readers, and a wheel, in _build/dist
+	@$(BIN)/python book/dist.py
 
 clean:  ## remove what was built, but not .venv
 	rm -rf _build .pytest_cache .mypy_cache .ruff_cache .hypothesis

@@ -73,6 +73,11 @@ PREPARE = """
     return document.querySelectorAll('article img:not([src$=".svg"])').length;
 })
 """
+# The heading of the page, without the mark that links to it.
+TITLE = """
+[...document.querySelector('article h1').childNodes]
+    .filter(one => one.className !== 'headerlink').map(one => one.textContent).join('').trim()
+"""
 # The places of the frames, in the page.
 FRAMES = """
 [...document.querySelectorAll('article iframe')].map(one => {
@@ -135,7 +140,7 @@ def _print_page(browser: Browser, html: Path, name: str) -> Printed:
     browser.open((html / f"{name}.html").as_uri(), width=WIDTH_PX)
     shots = [browser.picture_of(place) for place in browser.evaluate(FRAMES)]
     count = browser.evaluate(f"({PREPARE})({shots})")
-    title = browser.evaluate("document.querySelector('article h1').firstChild.textContent")
+    title = browser.evaluate(TITLE)
     pdf = browser.print(
         paperWidth=A4_INCHES[0],
         paperHeight=A4_INCHES[1],
