@@ -274,8 +274,8 @@ def card(
     about += _field("Hashes", ["; ".join(hashes) or "none stored"])
     about += _field("Run", [_run(chapter, cell)])
     heads = (
-        '<details class="made"><summary>How this was made'
-        f'<span class="visually-hidden">: cell {cell.number}</span></summary>'
+        f'<details class="made"><summary aria-label="How this was made: cell {cell.number}">'
+        "How this was made</summary>"
         f'<div id="{place_of(cell.number)}">'
     )
     return [

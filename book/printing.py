@@ -28,7 +28,7 @@ from pypdf import PdfReader, PdfWriter
 from pypdf.generic import ArrayObject, FloatObject, NameObject
 
 sys.path.insert(0, str(ROOT / "tests"))  # the browser that the tests drive
-from browser import CHROMIUM, Browser
+from browser import AT_ONCE, CHROMIUM, Browser
 
 PDF = ROOT / "_build" / "trinolab.pdf"
 A4_INCHES = (8.27, 11.69)
@@ -78,13 +78,7 @@ TITLE = """
 [...document.querySelector('article h1').childNodes]
     .filter(one => one.className !== 'headerlink').map(one => one.textContent).join('').trim()
 """
-# The places of the frames, in the page.
-FRAMES = """
-[...document.querySelectorAll('article iframe')].map(one => {
-    const box = one.getBoundingClientRect();
-    return {x: box.x + scrollX, y: box.y + scrollY, width: box.width, height: box.height, scale: 2};
-})
-"""
+FRAMES = "document.querySelectorAll('article iframe')"
 
 
 class Printed(NamedTuple):
@@ -127,7 +121,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def print_pages(html: Path, names: Sequence[str]) -> Iterator[Printed]:
     """Print pages of the book, each by itself."""
-    with tempfile.TemporaryDirectory() as profile:
+    with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as profile:
         browser = Browser(Path(profile))
         try:
             for name in names:
@@ -138,7 +132,9 @@ def print_pages(html: Path, names: Sequence[str]) -> Iterator[Printed]:
 
 def _print_page(browser: Browser, html: Path, name: str) -> Printed:
     browser.open((html / f"{name}.html").as_uri(), width=WIDTH_PX)
-    shots = [browser.picture_of(place) for place in browser.evaluate(FRAMES)]
+    browser.evaluate(AT_ONCE)
+    frames = range(browser.evaluate(f"{FRAMES}.length"))
+    shots = [browser.picture_of(f"{FRAMES}[{k}]") for k in frames]
     count = browser.evaluate(f"({PREPARE})({shots})")
     title = browser.evaluate(TITLE)
     pdf = browser.print(

@@ -8,8 +8,12 @@ from pathlib import Path
 from typing import Any
 
 import axe_core_python
+from browser import AT_ONCE
 
-AXE = (Path(axe_core_python.__file__).parent / "axe.min.js").read_text(encoding="utf-8")
+# axe-core, for the page and its frames: those of a page that is read from a file have no origin.
+AXE = (Path(axe_core_python.__file__).parent / "axe.min.js").read_text(encoding="utf-8") + (
+    "; axe.configure({allowedOrigins: ['<unsafe_all_origins>']});"
+)
 WIDTHS_PX = (1280, 1920, 400)  # the last is that of a telephone
 
 # Of each formula: whether its box cuts it off, or cannot be scrolled to its end.
@@ -101,11 +105,6 @@ GRAVE = """
 """
 # In the dark the colours are others, and nothing else is.
 RULES = {"light": "null", "dark": "['color-contrast', 'link-in-text-block']"}
-# A change of colours takes the theme a while, which a test has no time for.
-AT_ONCE = """
-document.head.insertAdjacentHTML('beforeend',
-    '<style>*, *::before, *::after { transition: none !important; animation: none !important; }</style>')
-"""
 
 
 def faults(browser: Any, address: str, schemes: tuple[str, ...] = ("light", "dark")) -> list[str]:
