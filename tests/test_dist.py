@@ -75,7 +75,16 @@ def test_the_wheel_finds_its_data_wherever_it_is_installed(tmp_path, monkeypatch
 
 
 @built
-def test_every_figure_and_film_is_a_file(tmp_path):
+@pytest.mark.heavy
+def test_no_two_figures_of_the_book_have_one_name(tmp_path):
+    table = figures.write_figures(dist.HTML, tmp_path)
+    assert len(table) == len({path.name for path in tmp_path.iterdir()} - {"index.csv"}) > 100
+
+
+@built
+def test_every_figure_and_film_is_a_file(tmp_path, monkeypatch):
+    """Of the start page and one chapter."""
+    monkeypatch.setattr(figures, "pages", lambda: ["book/start", "notebooks/01_structure"])
     table = figures.write_figures(dist.HTML, tmp_path)
     files = {path.name for path in tmp_path.iterdir()} - {"index.csv"}
     assert files == set(table.file)
