@@ -11,7 +11,7 @@ import ast
 import json
 import platform
 import re
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from datetime import UTC, datetime
 from html import escape
 from importlib.metadata import version
@@ -119,29 +119,99 @@ def tables_read(sources: list[str]) -> list[list[str]]:
     found = []
     for source in sources:
         try:
-            tree = ast.parse(source)
+            statements = ast.parse(source).body
         except SyntaxError:
-            found.append([])
-            continue
-        names = [node for node in ast.walk(tree) if isinstance(node, ast.Name)]
-        files = set(_files_named(tree))
-        for node in names:
-            if isinstance(node.ctx, ast.Load):
-                files |= of_name.get(node.id, set())
-        for node in names:
-            if isinstance(node.ctx, ast.Store):
-                of_name[node.id] = set(files)
+            statements = []
+        files: set[str] = set()
+        for statement in _one_by_one(statements):
+            names = _Names(statement)
+            own = set(_files_named(statement, source))
+            own = own.union(*(of_name.get(name, set()) for name in names.read))
+            for name in names.made:
+                of_name[name] = set(own)
+            for name in names.changed:
+                of_name[name] = of_name.get(name, set()) | own
+            files |= own
         found.append(sorted(files))
     return found
 
 
-def _files_named(tree: ast.AST) -> Iterator[str]:
-    """The shipped files that calls of ``load_sweep`` and ``data_path`` name; where they are named by
-    a variable, those of the cell's texts that are names of tables.
+def _one_by_one(statements: Iterable[ast.stmt]) -> Iterator[ast.stmt]:
+    """Statements in the order in which they are read, those of blocks one by one after the block's
+    head, as if each were run once.
+    """
+    for statement in statements:
+        match statement:
+            case ast.For(target=target, iter=value):
+                yield ast.Assign([target], value)
+            case ast.If(test=value) | ast.While(test=value):
+                yield ast.Expr(value)
+            case ast.With(items=items):
+                yield from (
+                    ast.Assign(
+                        [item.optional_vars] if item.optional_vars else [], item.context_expr
+                    )
+                    for item in items
+                )
+            case ast.Try():
+                pass
+            case _:
+                yield statement
+                continue
+        for block in ("body", "handlers", "orelse", "finalbody"):
+            for part in getattr(statement, block, []):
+                yield from _one_by_one(part.body if block == "handlers" else [part])
+
+
+class _Names(ast.NodeVisitor):
+    """The names that a statement reads, makes, and changes the things of; what it has for itself, such
+    as the arguments of a function and the variables of a comprehension, is none that it reads.
+    """
+
+    def __init__(self, statement: ast.stmt) -> None:
+        self.read: set[str] = set()
+        self.made: set[str] = set()
+        self.changed: set[str] = set()
+        self._own: set[str] = set()
+        self.visit(statement)
+        self.read -= self._own
+
+    def visit_Name(self, node: ast.Name) -> None:
+        (self.read if isinstance(node.ctx, ast.Load) else self.made).add(node.id)
+
+    def visit_arg(self, node: ast.arg) -> None:
+        self._own.add(node.arg)
+
+    def visit_FunctionDef(self, node: ast.FunctionDef) -> None:
+        self.generic_visit(node)
+        self._own |= self.made
+        self.made = {node.name}
+
+    def visit_comprehension(self, node: ast.comprehension) -> None:
+        self._own |= {one.id for one in ast.walk(node.target) if isinstance(one, ast.Name)}
+        self.visit(node.iter)
+        for test in node.ifs:
+            self.visit(test)
+
+    def visit_Subscript(self, node: ast.Subscript) -> None:
+        if isinstance(node.ctx, ast.Store) and isinstance(node.value, ast.Name):
+            self.changed.add(node.value.id)
+        self.generic_visit(node)
+
+    def visit_Call(self, node: ast.Call) -> None:
+        method = node.func
+        if isinstance(method, ast.Attribute) and method.attr in ("append", "extend", "update"):
+            self.changed |= {method.value.id} if isinstance(method.value, ast.Name) else set()
+        self.generic_visit(node)
+
+
+def _files_named(tree: ast.AST, source: str) -> Iterator[str]:
+    """The shipped files that calls of ``load_sweep`` and ``data_path`` in a statement name; where they
+    are named by a variable, those of its cell's texts that are names of tables.
     """
     texts = [
         node.value
-        for node in ast.walk(tree)
+        for node in ast.walk(ast.parse(source))
         if isinstance(node, ast.Constant) and isinstance(node.value, str)
     ]
     for call in ast.walk(tree):
