@@ -35,6 +35,8 @@ HASHED = {
     "its data": "data of the package",
     "the environment": "environment",
 }
+# the functions that read a table by its name -> the folder that it is in, below `data`
+LOADERS = {"load_sweep": "sweeps", "gallery.load": "sweeps/gallery"}
 
 
 class Cell(NamedTuple):
@@ -116,6 +118,7 @@ def tables_read(sources: list[str]) -> list[list[str]]:
         Paths below the folder ``data``.
     """
     of_name: dict[str, set[str]] = {}
+    loaders = dict(LOADERS)
     found = []
     for source in sources:
         try:
@@ -125,7 +128,7 @@ def tables_read(sources: list[str]) -> list[list[str]]:
         files: set[str] = set()
         for statement in _one_by_one(statements):
             names = _Names(statement)
-            own = set(_files_named(statement, source))
+            own = set(_files_named(statement, source, loaders))
             own = own.union(*(of_name.get(name, set()) for name in names.read))
             for name in names.made:
                 of_name[name] = set(own)
@@ -205,26 +208,29 @@ class _Names(ast.NodeVisitor):
         self.generic_visit(node)
 
 
-def _files_named(tree: ast.AST, source: str) -> Iterator[str]:
-    """The shipped files that calls of ``load_sweep`` and ``data_path`` in a statement name; where they
-    are named by a variable, those of its cell's texts that are names of tables.
+def _files_named(tree: ast.stmt, source: str, loaders: dict[str, str]) -> Iterator[str]:
+    """The shipped files that the calls of a statement name; where a variable names them, those of its
+    cell's texts that are names of tables. A function that is given such a name becomes a loader.
     """
-    texts = [
-        node.value
-        for node in ast.walk(ast.parse(source))
-        if isinstance(node, ast.Constant) and isinstance(node.value, str)
-    ]
+    texts = _texts(ast.walk(ast.parse(source)))
     for call in ast.walk(tree):
         if not isinstance(call, ast.Call):
             continue
-        parts = [arg.value for arg in call.args if isinstance(arg, ast.Constant)]
-        whole = len(parts) == len(call.args)
-        match getattr(call.func, "attr", getattr(call.func, "id", None)):
-            case "load_sweep":
-                names = [f"sweeps/{name}.csv" for name in (parts if whole else texts)]
-                yield from (name for name in names if (ROOT / "data" / name).is_file())
-            case "data_path" if whole:
-                yield "/".join(parts)
+        name = ast.unparse(call.func).removeprefix("datasets.")
+        parts = _texts(call.args)
+        if name == "data_path" and len(parts) == len(call.args):
+            yield "/".join(parts)
+        elif name in loaders:
+            named = [f"{loaders[name]}/{text}.csv" for text in parts[:1] or texts]
+            yield from (path for path in named if (ROOT / "data" / path).is_file())
+            if isinstance(tree, ast.FunctionDef) and not parts:
+                loaders[tree.name] = loaders[name]
+
+
+def _texts(nodes: Iterable[ast.AST]) -> list[str]:
+    """The texts among nodes."""
+    values = [node.value for node in nodes if isinstance(node, ast.Constant)]
+    return [value for value in values if isinstance(value, str)]
 
 
 def command_for(table: str) -> str:

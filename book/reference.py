@@ -398,11 +398,11 @@ def _skipped(app: Any, what: str, name: str, thing: Any, skip: bool, options: An
 
 
 def _mended(app: Any, page: str, template: str, context: Any, tree: Any) -> None:
-    """Mend two kinds of lists that Sphinx writes in a way that is none to a screen reader: the lines
-    of a long signature, which are definitions without terms, and a list of modules within a list,
-    which belongs into an entry.
+    """Mend three kinds of lists that Sphinx writes in a way that is none to a screen reader: the lines
+    of a long signature, which are definitions without terms, a list of modules within a list, which
+    belongs into an entry, and the bibliography, whose entries have a role that is no longer one.
     """
-    body = context.get("body", "")
+    body = context.get("body", "").replace('role="doc-biblioentry"', 'role="listitem"')
     if page == "_modules/index":
         body = body.replace("</li>\n<ul>", "\n<ul>")
         body = body.replace("</ul>", "</ul></li>", body.count("</ul>") - 1)

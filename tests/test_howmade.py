@@ -41,6 +41,8 @@ def test_a_cell_shows_what_it_reads_and_what_the_cells_read_whose_names_it_uses(
         "with open(1) as curves:\n    print(curves)",
         "try:\n    best = other\nexcept ValueError:\n    pass",
         "for row in best:\n    print(row)",
+        "def show(name):\n    draw(gallery.load(name))",
+        'show("blur")',
         "print([best for best in range(3)])",
     ]
     bound, stress = "sweeps/bound.csv", "sweeps/stress.csv"
@@ -62,6 +64,8 @@ def test_a_cell_shows_what_it_reads_and_what_the_cells_read_whose_names_it_uses(
         [],
         [stress],
         [stress],
+        [],
+        ["sweeps/gallery/blur.csv"],
         [],
     ]
 
