@@ -9,6 +9,7 @@ from pathlib import Path
 import howmade
 import nbformat
 import pytest
+import tablesread
 from nbformat.v4 import new_code_cell, new_markdown_cell, new_notebook, new_output
 
 from trinolab.studies import factors
@@ -47,7 +48,7 @@ def test_a_cell_shows_what_it_reads_and_what_the_cells_read_whose_names_it_uses(
     ]
     bound, stress = "sweeps/bound.csv", "sweeps/stress.csv"
     speeds = ["sweeps/speed.csv", "sweeps/turn.csv"]
-    assert howmade.tables_read(sources) == [
+    assert tablesread.tables_read(sources) == [
         [],
         [bound, stress],
         [bound],
@@ -92,7 +93,7 @@ def test_every_shipped_table_has_the_command_that_makes_it():
     ],
 )
 def test_the_command_that_makes_a_file_again(table, command):
-    assert howmade.command_for(table) == command
+    assert tablesread.command_for(table) == command
 
 
 @pytest.fixture
