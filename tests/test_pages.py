@@ -235,8 +235,8 @@ def test_a_page_is_open_to_all_in_light_and_dark(browser, page):
 @needs_chromium
 @pytest.mark.heavy
 def test_every_page_is_open_to_all_in_light_and_dark(browser):
-    """What a page must not have, and axe-core's serious faults: some seconds of the processor a
-    page.
+    """What a page must not have, and axe-core's serious faults: half an hour on two cores that ten
+    others use.
     """
     said = []
     for page in ALL:
