@@ -285,6 +285,9 @@ def run_chapter(path: Path) -> int:
     except (CellExecutionError, ValueError) as error:
         print(re.sub(r"\x1b\[[0-9;]*m", "", str(error)))
         return 1
+    EXECUTED.mkdir(
+        parents=True, exist_ok=True
+    )  # whoever runs one chapter need not have built the book
     write_whole(result_of(path.stem), nbformat.writes(run.notebook))
     return 0
 

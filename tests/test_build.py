@@ -100,6 +100,7 @@ def test_a_job_that_fails_is_named_and_the_others_are_kept(book, capsys):
 
 def test_a_chapter_is_run_and_stored(book, capsys):
     path = chapter(book, "one")
+    build.EXECUTED.rmdir()
     assert build.run_chapter(path) == 0
     stored = build.read_notebook(build.result_of("one"))
     assert any(cell.get("outputs") for cell in stored.cells)
