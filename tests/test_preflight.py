@@ -223,6 +223,9 @@ def test_exit_codes_and_mistakes(tmp_path, monkeypatch, capfd):
     assert run("preflight dark") == 1
     assert "the set-up is not usable: markers' contrast" in capfd.readouterr().out
     (tmp_path / "empty").mkdir()
+    (tmp_path / "mixed" / "a").mkdir(parents=True)
+    for k, size in enumerate([(300, 400), (30, 40), (300, 400)]):
+        cv2.imwrite(str(tmp_path / "mixed" / "a" / f"{k}.png"), np.zeros(size, np.uint8))
     for command, said in {
         "preflight": "expected a recording folder, or else --video for each camera",
         "preflight none": "none: no such folder",
@@ -230,6 +233,7 @@ def test_exit_codes_and_mistakes(tmp_path, monkeypatch, capfd):
         "preflight dark --out no/t.csv": "no/t.csv: no such folder to write into",
         "preflight --video a=dark/images/ccd1 --rig dark/rig.toml": "a video or folder for each camera",
         "preflight dark --handle none.toml": "none.toml",
+        "preflight mixed": "1.png: 40 x 30 pixels",
     }.items():
         assert run(command) == 2
         err = capfd.readouterr().err

@@ -7,10 +7,10 @@ only light, time and cameras.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from itertools import islice
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 import pandas as pd
@@ -47,6 +47,7 @@ FARTHEST = 10.0  # baselines to the place at which axes meet
 PART_MARKERS = 2  # from which on a camera takes part in a pose
 
 Row = dict[str, str | float]
+T = TypeVar("T")
 
 
 class Clip(NamedTuple):
@@ -115,7 +116,9 @@ def preflight(
     return table
 
 
-def _read(given: str | Path | None, root: Path | None, name: str, read):  # type: ignore[no-untyped-def]
+def _read(
+    given: str | Path | None, root: Path | None, name: str, read: Callable[[str | Path], T]
+) -> T | None:
     """A file that is given, or the folder's if it has one; None without."""
     if given is not None:
         return read(given)
@@ -187,7 +190,7 @@ def _instants(clip: Clip, rig: Rig | None) -> Iterator[Frames]:
     """The instants that are looked at, in their order; they end with the shortest footage."""
     length = min(one.length for one in clip.footage)
     first = max(0, (length - MOST_INSTANTS) // 2)
-    sizes = [None] * len(clip.names) if rig is None else [camera.size for camera in rig.cameras]
+    sizes = map(_size_of, clip.footage) if rig is None else [c.size for c in rig.cameras]
     said: set[str] = set()
     streams = [
         frames_of(one, size, first, said) for one, size in zip(clip.footage, sizes, strict=True)
@@ -198,6 +201,12 @@ def _instants(clip: Clip, rig: Rig | None) -> Iterator[Frames]:
             yield Frames(frame, frame / clip.fps, list(images))
         elif frame < len(clip.times_s):
             yield Frames(frame, float(clip.times_s[frame]), list(images))
+
+
+def _size_of(footage: Footage) -> tuple[int, int] | None:
+    """Width and height of a camera's first frame, which all of them must have; None without one."""
+    first = next(frames_of(footage), None)
+    return None if first is None else (first.shape[1], first.shape[0])
 
 
 def rows_of(seen: Seen, clip: Clip, rig: Rig | None, handle: Handle | None) -> list[Row]:
