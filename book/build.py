@@ -65,6 +65,19 @@ SIGN_OF_LIFE_S = 60.0  # in a log
 KILLED = "most often the machine had no memory left: close other programs"
 AGAIN = "`make book`, or `python book/build.py`, goes on from there"
 
+# Jupyter Book's own has no title, no language and no icon, which a browser then asks for in vain.
+INDEX = """<!doctype html>
+<html lang="en">
+<head>
+<meta charset="utf-8">
+<title>trinolab</title>
+<link rel="icon" href="_static/icon.svg" type="image/svg+xml">
+<meta http-equiv="refresh" content="0; url=book/start.html">
+</head>
+<body><main><h1>trinolab</h1><p><a href="book/start.html">The book</a></p></main></body>
+</html>
+"""
+
 
 class Job(NamedTuple):
     """Something that has to run: its name, its command, and a hash of each thing that its result is
@@ -371,6 +384,7 @@ def build_pages() -> bool:
     ]
     if subprocess.run(command, cwd=ROOT, stdin=subprocess.DEVNULL).returncode != 0:
         return False
+    write_whole(HTML / "index.html", INDEX)
     write_crate()
     write_whole(PAGES_MADE_FROM, now)
     return True
