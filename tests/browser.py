@@ -11,6 +11,7 @@ import json
 import os
 import shutil
 import subprocess
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -100,6 +101,16 @@ class Browser:
     def navigate(self, address: str) -> None:
         """Begin to load an address in the tab that is open."""
         self._ask("Page.navigate", {"url": address})
+
+    def arrives(self, end: str) -> None:
+        """Wait until the tab is at an address that ends so: one page may lead to the next by itself."""
+
+        def is_there() -> bool:
+            with suppress(RuntimeError):  # the page has gone while it was asked
+                return str(self.evaluate("location.pathname")).endswith(end)
+            return False
+
+        wait_until(is_there, self._process)
 
     def resize(self, width: int, height: int = 900) -> None:
         """Give the window another size, in pixels of the page."""

@@ -9,7 +9,6 @@ import figures
 import pandas as pd
 import pytest
 from browser import CHROMIUM, Browser
-from processes import wait_until
 
 built = pytest.mark.skipif(
     not (dist.HTML / "index.html").exists(), reason="no built pages: run make book first"
@@ -50,7 +49,8 @@ def test_the_zip_opens_from_its_index_without_network(tmp_path):
         assert browser.errors == []
         leads = (tmp_path / "there" / made.stem / "index.html").as_uri()
         browser.navigate(leads)
-        wait_until(lambda: browser.evaluate("location.pathname").endswith("/book/start.html"))
+        browser.arrives("/book/start.html")
+        assert browser.errors == []
     finally:
         browser.close()
 

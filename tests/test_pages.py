@@ -267,6 +267,9 @@ def test_a_chapter_works_from_a_server(browser, site):
     assert browser.evaluate(sitecheck.MISSING) == []
     assert browser.errors == []
     assert browser.evaluate("document.querySelector('article') !== null")
+    browser.navigate(f"{site}/index.html")
+    browser.arrives("/book/start.html")
+    assert browser.errors == []
 
 
 @needs_chromium
