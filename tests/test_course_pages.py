@@ -1,0 +1,23 @@
+"""The parts of the teacher's guide that come from the chapters and the graders."""
+
+import course_pages
+
+from trinolab.course.exercises import CHAPTERS, of_chapter
+
+
+def test_every_known_mistake_is_listed():
+    for chapter in CHAPTERS:
+        page = course_pages.exercises_list(chapter)
+        for one in of_chapter(chapter):
+            assert f"* - {one.number} {one.kind}" in page
+            listed = page.split(f"* - {one.number} ")[1].split("* - ")[0]
+            assert listed.count("\n    (") + 1 == len(one.mistakes), one.number
+            assert listed.count(course_pages.escaped(one.mistakes[-1].says)) == 1, one.number
+
+
+def test_the_table_adds_up():
+    rows = [row.split("\n  - ") for row in course_pages.chapters_table().split("* - ")[2:]]
+    numbers = [[int(cell.rstrip("`\n")) for cell in row[1:]] for row in rows]
+    assert len(numbers) == len(CHAPTERS) + 1
+    assert numbers[-1] == [sum(column) for column in zip(*numbers[:-1], strict=True)]
+    assert numbers[3][0] == 45, "chapter 4 says 45 minutes"
