@@ -191,6 +191,7 @@ def test_what_is_handed_in_by_other_names_is_said():
     assert str(judged(asked, asked.answer | {"gain": 0.1})).endswith(
         "gain is not 0.1. Right so far: mean, variance."
     )
+    assert str(judged(asked, ...)).endswith("answer_04_1 is still to be filled in.")
     assert "to be a number, not the text '0.4'" in str(
         judged(asked, asked.answer | {"gain": "0.4"})
     )

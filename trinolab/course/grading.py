@@ -185,6 +185,8 @@ def _argument(asked: FunctionExercise, place: int) -> str:
 def judge_values(asked: ValueExercise, answer: Any) -> Verdict:
     """Judge a mapping of values, as plain data."""
     names = ", ".join(asked.asked)
+    if answer is None or _is_dots(answer):
+        return _not_yet(asked, f"{asked.name} is still to be filled in.")
     if not (isinstance(answer, dict) and "mapping" in answer):
         form = ", ".join(f'"{name}": ...' for name in asked.asked)
         return _not_yet(asked, f"expected {{{form}}}.")

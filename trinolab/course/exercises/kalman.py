@@ -75,6 +75,21 @@ def _gain_of_noise(observations, mean, variance, growth, noise):
     return means
 
 
+def _no_brackets(observations, mean, variance, growth, noise):
+    means = []
+    for observed in observations:
+        variance = variance + growth
+        gain = variance / variance + noise
+        mean = mean + gain * (observed - mean)
+        variance = (1 - gain) * variance
+        means.append(mean)
+    return means
+
+
+def _never_grown(observations, mean, variance, growth, noise):
+    return filter_number(observations, mean, variance, 0.0, noise)
+
+
 def _only_last(observations, mean, variance, growth, noise):
     return filter_number(observations, mean, variance, growth, noise)[-1]
 
@@ -238,6 +253,17 @@ EXERCISES = (
                 _gain_of_noise,
             ),
             Mistake(
+                "The gain lacks its brackets: variance / variance + noise is 1 + noise. Divide by the "
+                "sum.",
+                "4, One number first",
+                _no_brackets,
+            ),
+            Mistake(
+                "The variance never grows. Before each observation `growth` is added to it.",
+                "4, One number first",
+                _never_grown,
+            ),
+            Mistake(
                 "Only the last mean is returned. All of them are asked for.",
                 "4, Exercises",
                 _only_last,
@@ -315,6 +341,17 @@ EXERCISES = (
                 "The gain is a share, P- by S, and both get the factor c.",
                 "4, What happens if q and sigma are others?",
                 {"gain": "multiplied by c"},
+            ),
+            Mistake(
+                "S^-1 gets the factor 1 / c, but P- stands before it in K with the factor c.",
+                "4, Why this gain?",
+                {"gain": "divided by c"},
+            ),
+            Mistake(
+                "A prediction is made of the last mean, and a mean of predictions, observations and "
+                "gains. The scale of the covariances occurs in none of them.",
+                "4, The algorithm",
+                {"predictions": "multiplied by c"},
             ),
             Mistake(
                 "The innovations stay, and S, by which they are divided, gets the factor c.",
