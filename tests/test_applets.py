@@ -138,6 +138,8 @@ def shown_on_a_phone(reader):
     wait_until(lambda: reader.browser.evaluate(narrow))
     found = reader.browser.evaluate(SMALLEST)
     reader.browser.resize(1280)
+    wide = "document.querySelector('.applet svg').getBoundingClientRect().width > 500"
+    wait_until(lambda: reader.browser.evaluate(wide))
     assert found["target"] >= 24  # px, WCAG 2.2, 2.5.8
     assert found["type"] >= 12  # px: 9 pt
     assert found["cut"] == []
