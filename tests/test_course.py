@@ -85,7 +85,7 @@ def test_no_answer_is_told_apart_by_a_hair():
 
 
 def test_exercises_are_whole():
-    assert len({one.number for one in ALL}) == len(ALL)
+    assert len({one.number for one in ALL}) == len(ALL) >= 48
     for chapter in CHAPTERS:
         exercises = of_chapter(chapter)
         assert [one.number for one in exercises] == [
@@ -101,8 +101,6 @@ def test_exercises_are_whole():
 def test_the_chapters_tell_the_same_exercises():
     """Number, kind, title and label; each with two hints and its solution, in this order."""
     for chapter in CHAPTERS:
-        if not of_chapter(chapter):
-            continue
         found = re.findall(
             r"^```\{exercise\} (\d+\.\d) ([\w ]+): (.+)\n:label: (\S+)\n:nonumber:\n",
             text_of(chapter),
