@@ -57,6 +57,8 @@ class Reader:
         """The page of an applet."""
         if self._name != name:
             self.browser.open((HTML / "notebooks" / f"{PAGES[name]}.html").as_uri())
+            # The theme scrolls smoothly: what is pressed would still be on its way.
+            self.browser.evaluate("document.documentElement.style.scrollBehavior = 'auto'")
             self._name = name
         return self
 
@@ -117,7 +119,7 @@ def moved_by_a_key(reader, name):
     """A key moves a slider, the drawing's text says it, and Reset takes it back."""
     assert reader.browser.errors == []
     first = reader.one("output"), reader.one("svg[role=img]", "getAttribute('aria-label')")
-    reader.one("input[type=range]", "focus()")
+    reader.one("input[type=range]", "focus({preventScroll: true})")
     reader.browser.press("ArrowRight")
     second = reader.one("output"), reader.one("svg[role=img]", "getAttribute('aria-label')")
     assert second[0] != first[0]
