@@ -72,6 +72,15 @@ class Reader:
             f"document.querySelector('.applet').querySelector({json.dumps(selector)}).{what}"
         )
 
+    def can_be_held(self, selector):
+        """Wait until the middle of an element lies open in the window, and nothing is over it."""
+        at = "document.elementFromPoint({}, {})?.matches({})"
+        wait_until(
+            lambda: self.browser.evaluate(
+                at.format(*self.browser.middle(selector), json.dumps(selector))
+            )
+        )
+
     def says(self):
         return self.one(".applet-says", "innerText")
 
@@ -418,7 +427,9 @@ def test_windows_are_dragged_in_the_images(reader):
     """The left one with the mouse, the right one with a finger."""
     reader.on("epipolar")
     before = [reader.one(f"input[name={name}]", "value") for name in ("u", "v", "s", "beside")]
+    reader.can_be_held("[data-drag=left]")
     reader.browser.drag("[data-drag=left]", 20, -10)
+    reader.can_be_held("[data-drag=right]")
     u, v = reader.browser.middle("[data-drag=right]")
     reader.browser.touch("touchStart", u, v)
     reader.browser.touch("touchMove", u, v + 20)
