@@ -46,8 +46,8 @@ def test_table_is_whole(name):
 @pytest.mark.parametrize(
     "name",
     [
-        "marker_size",
-        *(pytest.param(name, marks=pytest.mark.heavy) for name in ("background", "elevation")),
+        pytest.param(name, marks=pytest.mark.heavy)
+        for name in ("marker_size", "background", "elevation")
     ],
 )
 def test_one_run_is_computed_again(name):

@@ -73,6 +73,7 @@ def test_side_by_side_has_the_own_bench_beside_the_other():
     assert np.isnan(film["mm, own"])
 
 
+@pytest.mark.heavy
 def test_a_row_of_our_bench_is_made_again():
     shooting, (left, right, *_) = recipe.stills("coded"), recipe.four_cameras().cameras
     found = []

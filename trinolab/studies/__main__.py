@@ -31,6 +31,7 @@ MAKES = {
     "second_renderer": ("second_renderer",),
     "sensitivity": ("sensitivity",),
     "stress": ("stress",),
+    "webcams": ("webcams",),
 }
 
 
