@@ -31,6 +31,7 @@ import nbformat
 import pandas as pd
 import yaml
 from jupyter_cache import get_cache
+from jupyter_cache.cache.main import CacheBundleIn
 from nbclient.exceptions import CellExecutionError, DeadKernelError
 
 from trinolab.cli import as_text, not_run
@@ -341,9 +342,17 @@ def keep(job: Job) -> None:
 
 
 def put_into_cache(copy: Path) -> None:
-    """Give an executed notebook to the cache that Jupyter Book reads."""
+    """Give an executed notebook to the cache that Jupyter Book reads.
+
+    The cache knows a cell by its metadata, too: the times that were recorded there do not go along,
+    or Jupyter Book would take the notebook for another one and run it again.
+    """
     original = next(path for path in chapters() if path.name == copy.name)
-    get_cache(CACHE).cache_notebook_file(str(copy), uri=str(original), overwrite=True)
+    notebook = read_notebook(copy)
+    for cell in notebook.cells:
+        cell.metadata.pop("execution", None)
+    bundle = CacheBundleIn(notebook, str(original))
+    get_cache(CACHE).cache_notebook_bundle(bundle, overwrite=True)
 
 
 def is_cached(path: Path) -> bool:

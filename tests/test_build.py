@@ -104,6 +104,10 @@ def test_a_chapter_is_run_and_stored(book, capsys):
     assert build.run_chapter(path) == 0
     stored = build.read_notebook(build.result_of("one"))
     assert any(cell.get("outputs") for cell in stored.cells)
+    # the cells' times stay with it, and yet Jupyter Book knows it for the same notebook
+    assert any("execution" in cell.metadata for cell in stored.cells)
+    build.put_into_cache(build.result_of("one"))
+    assert build.is_cached(path)
     make_notebook(path, "raise ValueError('a broken chapter')", glued(b="a"))
     assert build.run_chapter(path) == 1
     out = capsys.readouterr().out
