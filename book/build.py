@@ -29,7 +29,7 @@ from typing import IO, NamedTuple
 
 import nbformat
 import pandas as pd
-import yaml
+from contents import pages
 from jupyter_cache import get_cache
 from jupyter_cache.cache.main import CacheBundleIn
 from nbclient.exceptions import CellExecutionError, DeadKernelError
@@ -201,9 +201,8 @@ def tool(name: str) -> Path:
 
 def chapters() -> list[Path]:
     """Return the notebooks that the table of contents names, in its order."""
-    toc = yaml.safe_load((ROOT / "_toc.yml").read_text(encoding="utf-8"))
-    entries = [entry["file"] for part in toc["parts"] for entry in part["chapters"]]
-    return [ROOT / f"{entry}.ipynb" for entry in entries if (ROOT / f"{entry}.ipynb").exists()]
+    notebooks = [ROOT / f"{page}.ipynb" for page in pages(ROOT)]
+    return [path for path in notebooks if path.exists()]
 
 
 def run_all(jobs: list[Job]) -> list[str]:

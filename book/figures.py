@@ -16,8 +16,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 import pandas as pd
-import yaml
 from bs4 import BeautifulSoup, Tag
+from contents import pages
 
 from trinolab.files.outputs import write_table
 
@@ -60,7 +60,7 @@ def write_figures(html: Path, folder: Path) -> pd.DataFrame:
     """
     folder.mkdir(parents=True, exist_ok=True)
     rows = []
-    for page in pages():
+    for page in pages(ROOT):
         text = (html / f"{page}.html").read_text(encoding="utf-8")
         for picture in pictures(text, Path(page).name):
             data, ending = _content(picture.address, (html / page).parent)
@@ -71,14 +71,6 @@ def write_figures(html: Path, folder: Path) -> pd.DataFrame:
     table = pd.DataFrame(rows, columns=["file", "page", "number", "caption", "alt", "licence"])
     write_table(table, folder / "index.csv")
     return table
-
-
-def pages() -> list[str]:
-    """The pages that the table of contents names, in its order."""
-    toc = yaml.safe_load((ROOT / "_toc.yml").read_text(encoding="utf-8"))
-    chapters = [chapter for part in toc["parts"] for chapter in part["chapters"]]
-    sections = [one for chapter in chapters for one in [chapter, *chapter.get("sections", [])]]
-    return [toc["root"], *(one["file"] for one in sections)]
 
 
 def pictures(text: str, page: str) -> Iterator[Picture]:

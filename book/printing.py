@@ -23,9 +23,12 @@ from urllib.parse import unquote, urldefrag
 import numpy as np
 import pypdfium2
 import pypdfium2.raw as pdfium
-from figures import HTML, ROOT, pages
+from contents import pages
+from figures import HTML, ROOT
 from pypdf import PdfReader, PdfWriter
 from pypdf.generic import ArrayObject, FloatObject, NameObject
+
+from trinolab.files.outputs import write_together
 
 sys.path.insert(0, str(ROOT / "tests"))  # the browser that the tests drive
 from browser import AT_ONCE, CHROMIUM, Browser
@@ -106,12 +109,12 @@ def main(argv: Sequence[str] | None = None) -> int:
         return 2
     begin = time.monotonic()
     printed = []
-    for one in print_pages(HTML, arguments.pages or pages()):
+    for one in print_pages(HTML, arguments.pages or pages(ROOT)):
         printed.append(one)
         print(f"{one.page}: printed after {time.monotonic() - begin:.0f} s", flush=True)
     joined = join(printed, HTML)
     arguments.out.parent.mkdir(parents=True, exist_ok=True)
-    arguments.out.write_bytes(joined)
+    write_together({arguments.out: joined})
     found = [fault for one in printed for fault in faults(one)]
     print("".join(f"FAULT: {fault}\n" for fault in found), end="")
     count = len(pypdfium2.PdfDocument(joined))

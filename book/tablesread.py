@@ -32,13 +32,14 @@ def tables_read(sources: list[str]) -> list[list[str]]:
     found = []
     for source in sources:
         try:
-            statements = ast.parse(source).body
+            tree = ast.parse(source)
         except SyntaxError:
-            statements = []
+            tree = ast.Module([], [])
+        texts = _texts(ast.walk(tree))
         files: set[str] = set()
-        for statement in _one_by_one(statements):
+        for statement in _one_by_one(tree.body):
             names = _Names(statement)
-            own = set(_files_named(statement, source, loaders))
+            own = set(_files_named(statement, texts, loaders))
             own = own.union(*(of_name.get(name, set()) for name in names.read))
             for name in names.made:
                 of_name[name] = set(own)
@@ -118,11 +119,10 @@ class _Names(ast.NodeVisitor):
         self.generic_visit(node)
 
 
-def _files_named(tree: ast.stmt, source: str, loaders: dict[str, str]) -> Iterator[str]:
+def _files_named(tree: ast.stmt, texts: list[str], loaders: dict[str, str]) -> Iterator[str]:
     """The shipped files that the calls of a statement name; where a variable names them, those of its
     cell's texts that are names of tables. A function that is given such a name becomes a loader.
     """
-    texts = _texts(ast.walk(ast.parse(source)))
     for call in ast.walk(tree):
         if not isinstance(call, ast.Call):
             continue

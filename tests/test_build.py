@@ -36,7 +36,7 @@ def book(tmp_path, monkeypatch):
     build.EXECUTED.mkdir(parents=True)
     (tmp_path / "notebooks").mkdir()
     (tmp_path / "_toc.yml").write_text(
-        "parts: [{chapters: [{file: notebooks/one}, {file: notebooks/two}]}]"
+        "{root: start, parts: [{chapters: [{file: notebooks/one}, {file: notebooks/two}]}]}"
     )
     for name, code in (
         ("one", "from trinolab import window"),

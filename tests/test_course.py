@@ -12,13 +12,14 @@ import numpy as np
 import pytest
 
 from trinolab.cli import main
-from trinolab.course import check
+from trinolab.course import check, submissions
 from trinolab.course.child import outcome, plain_value
 from trinolab.course.exercise import KINDS, FunctionExercise, ValueExercise
 from trinolab.course.exercises import CHAPTERS, exercise, of_chapter
 from trinolab.course.grading import call_of, judge_outcomes, judge_values
 from trinolab.course.plain import equal, plain
 from trinolab.course.running import run_given
+from trinolab.files.provenance import code_hash
 
 ALL = [one for chapter in CHAPTERS for one in of_chapter(chapter)]
 NOTEBOOKS = Path(__file__).resolve().parents[1] / "notebooks"
@@ -341,6 +342,24 @@ def test_a_class_is_checked_once(tmp_path, capsys):
     assert main(["check", "--all", str(tmp_path)]) == 0
     rows = (tmp_path / "points.csv").read_text().splitlines()
     assert [row.split(",")[:2] for row in rows[1:]] == [["ada", "1"], ["bob", "0"], ["eve", "2"]]
+
+
+def test_a_class_is_checked_anew_when_a_chapter_s_exercises_have_changed(tmp_path, monkeypatch):
+    (tmp_path / "ada").mkdir()
+    (tmp_path / "ada" / "04_kalman.ipynb").write_text(notebook(RIGHT))
+    asked = []
+    monkeypatch.setattr(submissions, "check_file", lambda chapter, _: asked.append(chapter) or [])
+    submissions.check_class(tmp_path, tmp_path / "points.csv")
+    submissions.check_class(tmp_path, tmp_path / "points.csv")
+    assert asked == ["04"]
+    monkeypatch.setattr(submissions, "code_hash", _with_another_kalman)
+    submissions.check_class(tmp_path, tmp_path / "points.csv")
+    assert asked == ["04", "04"]
+
+
+def _with_another_kalman(module):
+    """What `code_hash` would give if somebody had changed the exercises of chapter 4."""
+    return "another" if module.endswith(".exercises.kalman") else code_hash(module)
 
 
 def test_no_two_mistakes_of_an_exercise_say_the_same():

@@ -84,7 +84,7 @@ def test_no_two_figures_of_the_book_have_one_name(tmp_path):
 @built
 def test_every_figure_and_film_is_a_file(tmp_path, monkeypatch):
     """Of the start page and one chapter."""
-    monkeypatch.setattr(figures, "pages", lambda: ["book/start", "notebooks/01_structure"])
+    monkeypatch.setattr(figures, "pages", lambda _: ["book/start", "notebooks/01_structure"])
     table = figures.write_figures(dist.HTML, tmp_path)
     files = {path.name for path in tmp_path.iterdir()} - {"index.csv"}
     assert files == set(table.file)

@@ -7,7 +7,8 @@ import numpy as np
 import printing
 import pytest
 from browser import CHROMIUM, Browser
-from figures import HTML, pages
+from contents import pages
+from figures import HTML
 from PIL import Image
 from pypdf import PdfReader
 
@@ -46,7 +47,7 @@ def test_pages_are_joined_and_link_to_each_other():
 @pytest.mark.heavy
 def test_the_whole_book_is_printed_without_a_fault():
     found = []
-    for printed in printing.print_pages(HTML, pages()):
+    for printed in printing.print_pages(HTML, pages(printing.ROOT)):
         found += printing.faults(printed)
     assert found == []
 

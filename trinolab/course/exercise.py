@@ -84,6 +84,16 @@ class Exercise:
     points: int
     mistakes: tuple[Mistake, ...]
 
+    @property
+    def name(self) -> str:
+        """What a student hands in is called so."""
+        raise NotImplementedError
+
+    @property
+    def answer(self) -> Any:
+        """What a student hands in who has it right."""
+        raise NotImplementedError
+
 
 @dataclass(frozen=True)
 class FunctionExercise(Exercise):

@@ -32,8 +32,8 @@ class Found:
     ----------
     outcomes
         Of each function the outcomes of its cases, in their order, as `child.outcome` has them. A
-        function that is not there has none. The last outcome of a function that never returned is
-        ``{"stuck": ...}``, of one that ended Python ``{"gone": ...}``.
+        function that is not there has none. The last outcome of a function that never returned, or
+        that ended Python, is ``{"stuck": ...}``, with the reason in words.
     values
         The values that are there, as plain data.
     raised

@@ -145,7 +145,10 @@ def cell(webcam: Webcam, rod_mm: float, marker_mm: float) -> list[dict[str, floa
 def _error(
     frames: list[np.ndarray], rig: Rig, handle: Handle, estimator: str, truth: RigidTransform
 ) -> tuple[float, float] | None:
-    """How far a measured pose is off, mm and deg; None without one."""
+    """How far a pose is off, mm and deg; None without one.
+
+    Every pose counts, a doubtful one as well, since a class sees both.
+    """
     pose = measure(frames, rig, handle, parameters=Parameters(estimator=estimator)).pose
     if pose.T_world_handle is None:
         return None

@@ -43,5 +43,7 @@ def exercise(number: str) -> Exercise:
 
 @cache
 def of_chapter(chapter: str) -> tuple[Exercise, ...]:
-    """Return the exercises of a chapter, in their order."""
+    """Return the exercises of a chapter, in their order; ValueError if there is no such chapter."""
+    if chapter not in CHAPTERS:
+        raise ValueError(f"chapter: expected one of {', '.join(CHAPTERS)}, got {chapter!r}")
     return import_module(f".{CHAPTERS[chapter]}", __name__).EXERCISES
