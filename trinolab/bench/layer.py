@@ -34,10 +34,11 @@ from .rays import (
     Hits,
     body_corners,
     body_region,
-    cast,
+    cast_rays,
     edge_pixels,
     hull_region,
     sample_offsets,
+    to_rays,
 )
 
 _CHUNK = 16_384  # rays cast at once: their arrays stay in the cache
@@ -73,6 +74,9 @@ class _View(NamedTuple):
     camera: Camera
     handle: Handle
     T_world_handle: RigidTransform
+    T_handle_cam: RigidTransform
+    R_handle_cam: Array  # its rotation, as a matrix
+    light_handle: Array  # towards the light, handle frame
     bench: Bench
     arm: Arm | None
     solids: Capsules | None  # of the arm, camera frame
@@ -143,7 +147,23 @@ def _view(
     size = (columns.stop - columns.start, rows.stop - rows.start)
     window = cropped(camera, corner, size) if min(size) > 0 else camera
     part = rows, columns
-    return _View(window, handle, T_world_handle, bench, arm, solids, body[part], hand[part]), corner
+    T_handle_cam = (window.T_cam_world * T_world_handle).inv()
+    return (
+        _View(
+            window,
+            handle,
+            T_world_handle,
+            T_handle_cam,
+            T_handle_cam.rotation.as_matrix(),
+            T_world_handle.rotation.inv().apply(bench.light),
+            bench,
+            arm,
+            solids,
+            body[part],
+            hand[part],
+        ),
+        corner,
+    )
 
 
 def _bounds(mask: np.ndarray) -> tuple[slice, slice]:
@@ -202,31 +222,30 @@ def _look(view: _View, uv: Array, on_body: bool, on_arm: bool) -> tuple[Array, n
     grey = np.full(len(uv), np.nan)
     labels = np.full(len(uv), EMPTY, np.int16)
     depths = np.full(len(uv), np.inf)
+    xy = view.camera.normalise(uv)
     if on_body:
-        hits = cast(view.camera, view.handle, view.T_world_handle, uv)
-        grey = _surface_grey(view.handle, view.T_world_handle, view.bench, hits)
+        directions = view.R_handle_cam @ to_rays(xy)
+        hits = cast_rays(view.handle, view.T_handle_cam.translation, directions)
+        grey = _surface_grey(view.handle, view.light_handle, view.bench, hits)
         labels = hits.labels
         depths = np.where(labels == EMPTY, np.inf, hits.depths)
     if on_arm and view.arm is not None and view.solids is not None:
-        xy = view.camera.normalise(uv)
-        skin = cast_capsules(view.solids, np.stack([xy[:, 0], xy[:, 1], np.ones(len(xy))]))
+        skin = cast_capsules(view.solids, to_rays(xy))
         nearer = skin.depths < depths
         points = np.column_stack([xy, np.ones(len(xy))])[nearer] * skin.depths[nearer, None]
-        T_handle_cam = (view.camera.T_cam_world * view.T_world_handle).inv()
         normals = skin.normals[nearer] @ view.camera.T_cam_world.rotation.as_matrix()
-        grey[nearer] = skin_grey(view.arm, T_handle_cam.apply(points)) * lambert(
+        grey[nearer] = skin_grey(view.arm, view.T_handle_cam.apply(points)) * lambert(
             view.bench, normals @ view.bench.light
         )
         labels[nearer] = _ARM
     return grey, labels
 
 
-def _surface_grey(
-    handle: Handle, T_world_handle: RigidTransform, bench: Bench, hits: Hits
-) -> Array:
-    """Grey of the surface at each hit, shape (n,); meaningless where a ray missed."""
+def _surface_grey(handle: Handle, light: Array, bench: Bench, hits: Hits) -> Array:
+    """Grey of the surface at each hit, shape (n,); meaningless where a ray missed. `light` points
+    towards the light, handle frame.
+    """
     body, marker = (bench.body_grey, bench.marker_grey)[:: 1 if handle.markers == "bright" else -1]
-    light = T_world_handle.rotation.inv().apply(bench.light)
     x, y, z = hits.points.T
     cap_cosine = np.where(y > (handle.top_mm + handle.bottom_mm) / 2, light[1], -light[1])
     on_side = (hits.labels == SIDE) | (hits.labels >= 0)

@@ -75,12 +75,22 @@ def cast(camera: Camera, handle: Handle, T_world_handle: RigidTransform, uv: Arr
         gives none. A camera inside the body sees nothing of it.
     """
     T_handle_cam = (camera.T_cam_world * as_transform(T_world_handle, "T_world_handle")).inv()
-    origin = T_handle_cam.translation
-    xy = camera.normalise(uv)
-    # (3, n)
-    directions = T_handle_cam.rotation.as_matrix() @ np.stack(
-        [xy[:, 0], xy[:, 1], np.ones(len(xy))]
-    )
+    directions = T_handle_cam.rotation.as_matrix() @ to_rays(camera.normalise(uv))
+    return cast_rays(handle, T_handle_cam.translation, directions)
+
+
+def to_rays(xy: Array) -> Array:
+    """Directions of the rays through normalised coordinates (x/z, y/z), shape (n, 2), camera frame,
+    with z = 1; shape (3, n).
+    """
+    return np.stack([xy[:, 0], xy[:, 1], np.ones(len(xy))])
+
+
+def cast_rays(handle: Handle, origin: Array, directions: Array) -> Hits:
+    """Intersect rays of the handle's frame, from one origin (3,), with the handle; see `cast`.
+
+    Directions are as long as the way to where z has grown by 1 in the camera's frame, shape (3, n).
+    """
     depth, on_cap = _first_meeting(handle, origin, directions)
     points = (origin[:, None] + depth * directions).T
     labels = np.where(np.isnan(depth), EMPTY, np.where(on_cap, CAP, SIDE)).astype(np.int16)
@@ -252,10 +262,11 @@ def _label_markers(
         theta, height = on_body
         if radius != handle.radius_mm:
             theta, height = _on_cylinder(radius, origin, directions[:, chosen])
-        turn = theta - handle.marker_angles[k]
+        level = np.flatnonzero(np.abs(height - axial[k]) <= along)  # a belt around the body
+        turn = theta[level] - handle.marker_angles[k]
         turn -= 2 * np.pi * np.round(turn / (2 * np.pi))
-        inside = (radius * turn) ** 2 + (shrunk * (height - axial[k])) ** 2 <= around**2
-        labels[chosen[inside]] = k
+        inside = (radius * turn) ** 2 + (shrunk * (height[level] - axial[k])) ** 2 <= around**2
+        labels[chosen[level[inside]]] = k
 
 
 def _on_cylinder(radius: float, origin: Array, directions: Array) -> tuple[Array, Array]:
