@@ -7,6 +7,9 @@ computed with it. Loops of many ticks a second use these functions instead.
 
 from __future__ import annotations
 
+from math import atan2, copysign, hypot
+
+import cv2
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import RigidTransform, Rotation
@@ -14,24 +17,61 @@ from scipy.spatial.transform import RigidTransform, Rotation
 from .checks import Array, as_array
 
 
-def placed(position: Array, rotation: Rotation) -> RigidTransform:
-    """The motion with a position (3,) and a rotation; nothing is checked."""
+def placed(position: Array, rotation: Array) -> RigidTransform:
+    """The motion with a position (3,) and a rotation matrix (3, 3).
+
+    The matrix is drawn nearer to a rotation, to the second order, so that rounding does not add up
+    over many ticks.
+    """
     matrix = np.eye(4)
-    matrix[:3, :3] = rotation.as_matrix()
+    matrix[:3, :3] = 1.5 * rotation - 0.5 * rotation @ rotation.T @ rotation
     matrix[:3, 3] = position
     return RigidTransform(matrix, normalize=False, copy=False)
 
 
-def rotation_of(motion: RigidTransform) -> Rotation:
-    """The rotation of one motion."""
-    return Rotation.from_matrix(motion.as_matrix()[:3, :3], assume_valid=True)
+def rotation_of(motion: RigidTransform) -> Array:
+    """The rotation matrix (3, 3) of one motion."""
+    return np.asarray(motion.as_matrix()[:3, :3])
+
+
+def quaternion(rotation: Array) -> tuple[float, float, float, float]:
+    """The unit quaternion (w, x, y, z) of a rotation matrix, w >= 0.
+
+    Its largest component is computed first, so that nothing cancels (Shepperd 1978,
+    doi:10.2514/3.55767b).
+    """
+    (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = rotation.tolist()
+    trace = xx + yy + zz
+    largest = max(trace, xx, yy, zz)
+    if largest == trace:
+        q = 1 + trace, zy - yz, xz - zx, yx - xy
+    elif largest == xx:
+        q = zy - yz, 1 + 2 * xx - trace, xy + yx, xz + zx
+    elif largest == yy:
+        q = xz - zx, xy + yx, 1 + 2 * yy - trace, yz + zy
+    else:
+        q = yx - xy, xz + zx, yz + zy, 1 + 2 * zz - trace
+    length = copysign(hypot(*q), q[0])
+    return q[0] / length, q[1] / length, q[2] / length, q[3] / length
+
+
+def rotation_vector(rotation: Array) -> Array:
+    """The axis of a rotation matrix times its angle, shape (3,), rad; no longer than pi."""
+    w, *xyz = quaternion(rotation)
+    sine = hypot(*xyz)  # of half the angle
+    return (2 * atan2(sine, w) / sine if sine else 2.0) * np.array(xyz)
+
+
+def rotation_matrix(vector: Array) -> Array:
+    """The rotation matrix of a rotation vector (3,), rad, which `rotation_vector` undoes."""
+    return np.asarray(cv2.Rodrigues(np.array(vector, float))[0], float)
 
 
 def motion_between(a: RigidTransform, b: RigidTransform) -> Array:
     """From pose b to pose a, shape (6,): position (mm) and rotation vector (rad), as in a pose's
     covariance.
     """
-    turn = (rotation_of(a) * rotation_of(b).inv()).as_rotvec()
+    turn = rotation_vector(rotation_of(a) @ rotation_of(b).T)
     return np.concatenate([a.translation - b.translation, turn])
 
 
@@ -43,8 +83,7 @@ def apart(a: RigidTransform, b: RigidTransform, most_mm: float, most_rad: float)
 
 def shifted(T: RigidTransform, motion: Array) -> RigidTransform:
     """A pose after a motion (6,), see `motion_between`, which it undoes."""
-    turn = Rotation.from_rotvec(np.array(motion[3:]))  # SciPy wants a writable array
-    return placed(T.translation + motion[:3], turn * rotation_of(T))
+    return placed(T.translation + motion[:3], rotation_matrix(motion[3:]) @ rotation_of(T))
 
 
 def cross_matrices(vectors: Array) -> Array:

@@ -12,14 +12,14 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from scipy.spatial.transform import RigidTransform, Rotation
+from scipy.spatial.transform import RigidTransform
 
 from ..camera import Rig
 from ..checks import Array
 from ..handle import Handle
 from ..parameters import Parameters
 from ..pose import LOST, Pose
-from ..rigid import placed, rotation_of
+from ..rigid import placed, rotation_matrix, rotation_of
 from ..systematic import NOTHING, Response, contradict, is_uncertain, slopes_at
 from .appearance import Views
 from .contradiction import Residuals, honest
@@ -315,10 +315,8 @@ def counted(fit: Fit, answers: Response, left: Residuals, rig: Rig, handle: Hand
 
 def moved(T_world_handle: RigidTransform, step: Array) -> RigidTransform:
     """A pose after a small motion (nu mm, omega rad) in the handle's own frame."""
-    turn = rotation_of(T_world_handle)
-    return placed(
-        T_world_handle.translation + turn.apply(step[:3]), turn * Rotation.from_rotvec(step[3:])
-    )
+    R = rotation_of(T_world_handle)
+    return placed(T_world_handle.translation + R @ step[:3], R @ rotation_matrix(step[3:]))
 
 
 def _own(step: Array, camera: np.ndarray, rig: Rig) -> Array:

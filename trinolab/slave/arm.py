@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.spatial.transform import RigidTransform, Rotation
+from scipy.spatial.transform import RigidTransform
 
 from ..checks import Array, as_array, as_number, as_whole, frozen
 from ..datasets import data_path
@@ -114,9 +114,7 @@ def site_pose(data: Any, site: str = TOOL) -> RigidTransform:
         found = data.site(site)
     except KeyError:
         raise ValueError(f"site: the robot has no site {site!r}") from None
-    return placed(
-        1000 * found.xpos, Rotation.from_matrix(found.xmat.reshape(3, 3), assume_valid=True)
-    )
+    return placed(1000 * found.xpos, found.xmat.reshape(3, 3))
 
 
 def joint_values(robot: Robot, values: Mapping[str, Any], name: str = "joints") -> Array:

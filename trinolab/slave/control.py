@@ -20,7 +20,7 @@ import numpy as np
 from scipy.spatial.transform import RigidTransform
 
 from ..checks import Array, check_numbers, frozen
-from ..rigid import apart, motion_between, rotation_of, shifted
+from ..rigid import apart, motion_between, quaternion, rotation_of, shifted
 from .arm import TOOL, Limits, Robot, site_pose
 
 MARGIN = 0.7  # of the acceleration, that braking is planned with
@@ -228,8 +228,8 @@ class Inverse:
         return Command(frozen(command.q + speed * self.tick_s), frozen(speed))
 
     def _se3(self, pose: RigidTransform) -> Any:
-        w, x, y, z = rotation_of(pose).as_quat(scalar_first=True)
-        return self._mink.SE3(np.array([w, x, y, z, *(pose.translation / 1000)]))
+        turn = quaternion(rotation_of(pose))
+        return self._mink.SE3(np.array([*turn, *(pose.translation / 1000)]))
 
 
 def _bounds_of(n: int) -> Any:

@@ -18,7 +18,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 
 from ..camera import Camera
 from ..checks import Array, as_number, check_numbers, frozen
-from ..rigid import apart, motion_between, placed, rotation_of
+from ..rigid import apart, motion_between, placed, rotation_matrix, rotation_of
 from . import oneeuro
 from .oneeuro import Filtered, OneEuroParameters
 
@@ -231,7 +231,7 @@ def _mapped(before: State, state: State, p: MappingParameters) -> State:
     reached = np.clip(wanted, *np.transpose(p.reach_mm))
     ahead = wanted - reached
     excess = ahead * max(0.0, 1 - p.leash_mm / max(float(np.linalg.norm(ahead)), 1e-12))
-    target = placed(reached, _turned(before, pose, p) * rotation_of(state.target))
+    target = placed(reached, _turned(before, pose, p) @ rotation_of(state.target))
     return state._replace(
         target=target,
         origin=Origin(origin.handle, frozen(origin.tool - excess)),
@@ -239,14 +239,14 @@ def _mapped(before: State, state: State, p: MappingParameters) -> State:
     )
 
 
-def _turned(before: State, pose: RigidTransform, p: MappingParameters) -> Rotation:
-    """What the tool turns by from one instant to the next; scaled step by step, as angles beyond
+def _turned(before: State, pose: RigidTransform, p: MappingParameters) -> Array:
+    """The rotation matrix that the tool turns by from one instant to the next; scaled step by step, as angles beyond
     180 deg are.
     """
     if before.origin is None or before.handle is None:
-        return Rotation.identity()
+        return np.eye(3)
     turn = motion_between(pose, before.handle.pose)[3:]
-    return Rotation.from_rotvec(p.turn_scale * p.alignment.apply(turn))
+    return rotation_matrix(p.turn_scale * p.alignment.apply(turn))
 
 
 def _resting(state: State, why: str) -> State:

@@ -1,0 +1,58 @@
+"""Rigid motions, beside SciPy's, which computes them in another way."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import RigidTransform, Rotation
+
+from trinolab.rigid import (
+    motion_between,
+    placed,
+    quaternion,
+    rotation_matrix,
+    rotation_of,
+    rotation_vector,
+    shifted,
+)
+
+ANGLES = (0.0, 1e-12, 1e-8, 1e-4, 0.1, 1.0, 2.0, 3.0, np.pi - 1e-5, np.pi - 1e-9)
+
+
+@pytest.mark.parametrize("angle", ANGLES)
+def test_rotation_vectors_and_matrices_are_scipy_s(angle):
+    rng = np.random.default_rng(1)
+    for axis in [*np.eye(3), *-np.eye(3), *rng.standard_normal((50, 3))]:
+        vector = angle * axis / np.linalg.norm(axis)
+        theirs = Rotation.from_rotvec(vector)
+        assert np.abs(rotation_matrix(vector) - theirs.as_matrix()).max() < 4e-15
+        assert np.abs(rotation_vector(theirs.as_matrix()) - vector).max() < 4e-15
+        w, *xyz = quaternion(theirs.as_matrix())
+        assert np.abs(theirs.as_quat(canonical=True) - [*xyz, w]).max() < 4e-15
+
+
+def test_half_a_turn_has_one_of_its_two_axes():
+    for axis in np.eye(3):
+        R = Rotation.from_rotvec(np.pi * axis).as_matrix()
+        assert np.abs(np.abs(rotation_vector(R)) - np.pi * axis).max() < 4e-15
+
+
+def test_what_lies_between_two_poses_leads_from_one_to_the_other():
+    rng = np.random.default_rng(1)
+    for _ in range(50):
+        a, b = (
+            RigidTransform.from_components(500 * rng.standard_normal(3), Rotation.random(rng=rng))
+            for _ in range(2)
+        )
+        again = shifted(b, motion_between(a, b))
+        assert np.abs(again.as_matrix() - a.as_matrix()).max() < 1e-12
+        theirs = (a.rotation * b.rotation.inv()).as_rotvec()
+        assert np.abs(motion_between(a, b)[3:] - theirs).max() < 1e-14
+
+
+def test_rounding_does_not_add_up_over_many_ticks():
+    rng = np.random.default_rng(1)
+    T = RigidTransform.identity()
+    for _ in range(20_000):
+        T = shifted(T, 1e-2 * rng.standard_normal(6))
+    R = rotation_of(T)
+    assert np.abs(R @ R.T - np.eye(3)).max() < 1e-15
+    assert rotation_of(placed(np.zeros(3), R + 1e-6)) == pytest.approx(R, abs=3e-6)
