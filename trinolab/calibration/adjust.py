@@ -415,15 +415,16 @@ def _adjusted(layout: Layout, target: Array, uv: Array, x0: Array) -> tuple[Arra
         raise ValueError(
             f"uv: expected more than {len(x0)} measured coordinates, got {valid.sum()}"
         )
-    # MINPACK works with one thread; where a step leaves the lens model's range it is to be refused
+    # MINPACK works with one thread; where a step leaves the lens model's range it is to be refused.
+    # A step of 1e-12 is a ten-millionth of a parameter's sigma: more steps would follow rounding.
     solution = least_squares(
         lambda x: np.nan_to_num(residuals(layout, target, uv, x)[valid], nan=1e6),
         x0,
         jac=lambda x: slopes(layout, target, x)[valid],
         method="lm",
         x_scale="jac",
-        ftol=1e-15,
-        xtol=1e-15,
+        ftol=1e-12,
+        xtol=1e-12,
         gtol=1e-15,
         max_nfev=300,
     )
