@@ -7,9 +7,8 @@ computed with it. Loops of many ticks a second use these functions instead.
 
 from __future__ import annotations
 
-from math import atan2, copysign, hypot
+from math import atan2, copysign, hypot, sin
 
-import cv2
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import RigidTransform, Rotation
@@ -64,7 +63,13 @@ def rotation_vector(rotation: Array) -> Array:
 
 def rotation_matrix(vector: Array) -> Array:
     """The rotation matrix of a rotation vector (3,), rad, which `rotation_vector` undoes."""
-    return np.asarray(cv2.Rodrigues(np.array(vector, float))[0], float)
+    x, y, z = (float(component) for component in vector)
+    W = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    angle = hypot(x, y, z)
+    if angle == 0:
+        return np.eye(3)
+    # Rodrigues' formula; 1 - cos(angle) = 2 sin(angle / 2)^2, without its cancellation
+    return np.eye(3) + sin(angle) / angle * W + 2 * (sin(angle / 2) / angle) ** 2 * W @ W
 
 
 def motion_between(a: RigidTransform, b: RigidTransform) -> Array:
