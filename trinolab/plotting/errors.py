@@ -168,6 +168,11 @@ def plot_elevation(table: pd.DataFrame, estimator: str) -> Figure:
         ylabel=f"poses kept, {estimator}", ylim=(-0.03, 1.03), xlabel="elevation of CCD3 / deg"
     )
     angle.set(ylabel="geodesic angle / deg", xlabel="elevation of CCD3 / deg")
+    for ax in (shared, position):  # their names, above the upper panels
+        for rig, elevation in SHIPPED_DEG.items():
+            side = "right" if elevation == max(SHIPPED_DEG.values()) else "center"
+            place = {"xycoords": ("data", "axes fraction"), "textcoords": "offset points"}
+            ax.annotate(rig, (elevation, 1.0), (0, 3), ha=side, va="bottom", fontsize=9, **place)
     return figure
 
 
@@ -256,19 +261,8 @@ def _curves(ax: Axes, curves: dict) -> None:
     """Named curves (x, y), with the shipped rigs marked."""
     for (name, (x, y)), colour, style in zip(curves.items(), COLOURS, _STYLES, strict=False):
         ax.plot(x, y, style, color=colour, label=name, markersize=4)
-    for rig, elevation in SHIPPED_DEG.items():
+    for elevation in SHIPPED_DEG.values():
         ax.axvline(elevation, color="black", linestyle=":", linewidth=1)
-        ax.annotate(
-            rig,
-            (elevation, 1.0),
-            xycoords=("data", "axes fraction"),
-            xytext=(-3, -3),
-            rotation=90,
-            textcoords="offset points",
-            ha="right",
-            va="top",
-            fontsize=9,
-        )
     ax.set(facecolor="white")
     ax.grid(alpha=0.3)
     ax.legend(fontsize=9)

@@ -50,7 +50,17 @@ def plot_rig(
         for tip in tips:
             draw([start, tip], colour)
         draw([*tips, tips[0]], colour, 2.0)
-        ax.text(start[0], start[2], start[1] - 25, name, color=colour, fontsize=12)
+        # behind the camera, where none of its lines is
+        ax.text(
+            start[0],
+            start[2],
+            start[1],
+            f"{name} ",
+            color=colour,
+            fontsize=12,
+            ha="right",
+            va="center",
+        )
         sight = np.array([start, np.asarray(axes, float)[0]]).T
         ax.plot(sight[0], sight[2], sight[1], color=colour, linewidth=0.8, linestyle=":")
     draw(rod, "0.35", 6.0)
