@@ -47,6 +47,8 @@ FLOOR_PX = 0.003
 MOST_STEPS = 8  # Gauss-Newton steps; two do where two cameras share markers
 # a step that moves all markers by less is the last one: the next would move them by a hundredth
 SETTLED_PX = 0.1
+# A window that lies so far beside a smeared marker cuts it off, and another one is laid.
+BESIDE_PX = 2.0
 LARGEST_STEP = np.repeat([5.0, 0.3], 3)  # mm, rad; the image model holds within a few pixels
 BLUR_FLOOR = 0.001  # and this share of the way that it moves while the shutter is open
 # and a piece of outline: its unknown shade moves with the pose, and hides a sixth of a pixel whole
@@ -131,6 +133,25 @@ def fit_patches(
     Fit or None
         None if too little is in view to fix a pose, or the steps lead away.
     """
+    fit = _fit(images, rig, handle, start, max_slant_deg, outline, motion_blur)
+    if fit is None or motion_blur is None:
+        return fit
+    T = fit.T_world_handle
+    if _apart_px(start, T, rig, handle) < BESIDE_PX:
+        return fit
+    return _fit(images, rig, handle, T, max_slant_deg, outline, motion_blur)
+
+
+def _fit(
+    images: Sequence[np.ndarray],
+    rig: Rig,
+    handle: Handle,
+    start: RigidTransform,
+    max_slant_deg: float,
+    outline: bool,
+    motion_blur: tuple[Array, Array] | None,
+) -> Fit | None:
+    """The fit in windows that lie where `start` has the markers."""
     here = patches(
         images, rig, handle, start, max_slant_deg, None if motion_blur is None else motion_blur[0]
     )
@@ -325,6 +346,16 @@ def _own(step: Array, camera: np.ndarray, rig: Rig) -> Array:
     """
     common, blurs = np.split(step, [-len(rig.cameras)])
     return np.column_stack([np.broadcast_to(common, (len(camera), len(common))), blurs[camera]])
+
+
+def _apart_px(a: RigidTransform, b: RigidTransform, rig: Rig, handle: Handle) -> float:
+    """How far the markers of two poses lie apart at most, in any image, px."""
+    ways = [
+        camera.project(a.apply(handle.marker_centres))
+        - camera.project(b.apply(handle.marker_centres))
+        for camera in rig.cameras
+    ]
+    return float(np.nanmax(np.linalg.norm(ways, axis=2), initial=0.0))
 
 
 def _moved_px(step: Array, here: Patches, handle: Handle) -> float:
