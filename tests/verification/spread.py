@@ -147,11 +147,11 @@ def scoreboard():
 
 
 def chapters():
-    """What each chapter and the gallery glue, quote and print."""
+    """What each chapter, and each other page with code, glues, quotes and prints."""
     from trinolab.sweep.notebook import run_notebook
 
     found = {}
-    for path in [*sorted(ROOT.glob("notebooks/*.ipynb")), ROOT / "book" / "gallery.ipynb"]:
+    for path in sorted([*ROOT.glob("notebooks/*.ipynb"), *ROOT.glob("book/*.ipynb")]):
         try:
             run = run_notebook(path)
         except Exception as error:
