@@ -22,6 +22,8 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import IO, NamedTuple
 
@@ -80,7 +82,7 @@ INDEX = """<!doctype html>
 
 class Job(NamedTuple):
     """Something that has to run: its name, its command, and a hash of each thing that its result is
-    made from; none where it leaves no result here.
+    made from.
     """
 
     name: str
@@ -103,10 +105,9 @@ def main() -> int:
     os.chdir(ROOT)
     EXECUTED.mkdir(parents=True, exist_ok=True)
     try:
-        stale = stale_jobs()
-        # a chapter would render them where nobody sees how far it is
-        failed = run_all(recording_jobs()) if stale else []
-        if failed := failed or run_all(stale):
+        if stale := stale_jobs():
+            render_recordings()
+        if failed := run_all(stale):
             print(f"\nFAILED: {', '.join(failed)}. What they said is above; all else is kept.")
             print(f"Mend it, or try again if the machine was at fault: {AGAIN}.")
             return 1
@@ -149,30 +150,22 @@ def stale_jobs() -> list[Job]:
     return stale
 
 
-def recording_jobs() -> list[Job]:
-    """The recordings that chapters use. They stay in the cache of recordings, and have no result
-    here.
+def render_recordings() -> None:
+    """Render the recordings that chapters use, if they are not there: a chapter would do it where
+    nobody sees how far it is.
     """
-    return [
-        Job(f"recording {name}", [sys.executable, __file__, "--recording", name], {})
-        for name in (*RECORDINGS, "task")
-    ]
-
-
-def render_recording(name: str) -> int:
-    """Render a recording, if it is not there; print what is wrong if it cannot be kept."""
     from trinolab.bench.recordings import standard_recording
     from trinolab.slave import task
 
-    try:
-        if name == "task":  # of chapter 11's film
-            task.recording()
-        else:
-            standard_recording(name, seconds=RECORDED_S)
-    except (ValueError, OSError) as error:
-        print(error)
-        return 1
-    return 0
+    to_make: dict[str, Callable[[], Path]] = {
+        name: partial(standard_recording, name, seconds=RECORDED_S) for name in RECORDINGS
+    }
+    to_make["task"] = task.recording  # of chapter 11's film
+    for name, make in to_make.items():
+        start = time.monotonic()
+        say(f"recording {name}: rendered if it is not there")
+        make()
+        say(f"recording {name}: there, after {time.monotonic() - start:.0f} s")
 
 
 def executed(path: Path) -> Path | None:
@@ -266,7 +259,7 @@ def finish(one: Running, place: str = "") -> bool:
         print(re.sub(r"^\[IPKernelApp\].*\n", "", one.log.read(), flags=re.MULTILINE).rstrip())
         if one.process.returncode < 0:
             print(f"{one.job.name}: ended by signal {-one.process.returncode}; {KILLED}")
-    elif one.job.made_from:
+    else:
         keep(one.job)
         took = json.loads(SECONDS.read_text(encoding="utf-8")) if SECONDS.exists() else {}
         took[one.job.name] = round(time.monotonic() - one.start, 1)
@@ -460,6 +453,4 @@ def pages_made_from() -> str:
 if __name__ == "__main__":
     if sys.argv[1:2] == ["--chapter"]:
         sys.exit(run_chapter(Path(sys.argv[2])))
-    if sys.argv[1:2] == ["--recording"]:
-        sys.exit(render_recording(sys.argv[2]))
     sys.exit(run_ledger() if sys.argv[1:2] == ["--ledger"] else main())
