@@ -252,7 +252,7 @@ def outcomes_of(function, **limits):
 def test_whatever_a_function_does_is_seen_and_the_next_one_is_tried():
     assert outcomes_of(ends) == [{"stuck": "ends Python (exit code 3)"}]
     assert outcomes_of(hangs, cpu_s=0.5)[0]["stuck"].startswith("does not end: it was stopped")
-    assert outcomes_of(waits, wait_s=1.0)[0]["stuck"].startswith("does not end: it was stopped")
+    assert outcomes_of(waits, wait_s=3.0)[0]["stuck"].startswith("does not end: it was stopped")
     assert outcomes_of(asks)[0]["raised"].startswith("EOFError")
     assert [one["changed"] for one in outcomes_of(changes)] == [[0], [0]]
     assert not any(one["printed"] for one in outcomes_of(warns))

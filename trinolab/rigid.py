@@ -64,7 +64,7 @@ def rotation_vector(rotation: Array) -> Array:
 def rotation_matrix(vector: Array) -> Array:
     """The rotation matrix of a rotation vector (3,), rad, which `rotation_vector` undoes."""
     x, y, z = (float(component) for component in vector)
-    W = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    W = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])  # `cross_matrices` is for many
     angle = hypot(x, y, z)
     if angle == 0:
         return np.eye(3)

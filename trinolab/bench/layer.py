@@ -148,22 +148,20 @@ def _view(
     window = cropped(camera, corner, size) if min(size) > 0 else camera
     part = rows, columns
     T_handle_cam = (window.T_cam_world * T_world_handle).inv()
-    return (
-        _View(
-            window,
-            handle,
-            T_world_handle,
-            T_handle_cam,
-            T_handle_cam.rotation.as_matrix(),
-            T_world_handle.rotation.inv().apply(bench.light),
-            bench,
-            arm,
-            solids,
-            body[part],
-            hand[part],
-        ),
-        corner,
+    view = _View(
+        camera=window,
+        handle=handle,
+        T_world_handle=T_world_handle,
+        T_handle_cam=T_handle_cam,
+        R_handle_cam=T_handle_cam.rotation.as_matrix(),
+        light_handle=T_world_handle.rotation.inv().apply(bench.light),
+        bench=bench,
+        arm=arm,
+        solids=solids,
+        body_mask=body[part],
+        arm_mask=hand[part],
     )
+    return view, corner
 
 
 def _bounds(mask: np.ndarray) -> tuple[slice, slice]:
@@ -222,17 +220,16 @@ def _look(view: _View, uv: Array, on_body: bool, on_arm: bool) -> tuple[Array, n
     grey = np.full(len(uv), np.nan)
     labels = np.full(len(uv), EMPTY, np.int16)
     depths = np.full(len(uv), np.inf)
-    xy = view.camera.normalise(uv)
+    rays = to_rays(view.camera.normalise(uv))
     if on_body:
-        directions = view.R_handle_cam @ to_rays(xy)
-        hits = cast_rays(view.handle, view.T_handle_cam.translation, directions)
+        hits = cast_rays(view.handle, view.T_handle_cam.translation, view.R_handle_cam @ rays)
         grey = _surface_grey(view.handle, view.light_handle, view.bench, hits)
         labels = hits.labels
         depths = np.where(labels == EMPTY, np.inf, hits.depths)
     if on_arm and view.arm is not None and view.solids is not None:
-        skin = cast_capsules(view.solids, to_rays(xy))
+        skin = cast_capsules(view.solids, rays)
         nearer = skin.depths < depths
-        points = np.column_stack([xy, np.ones(len(xy))])[nearer] * skin.depths[nearer, None]
+        points = rays.T[nearer] * skin.depths[nearer, None]
         normals = skin.normals[nearer] @ view.camera.T_cam_world.rotation.as_matrix()
         grey[nearer] = skin_grey(view.arm, view.T_handle_cam.apply(points)) * lambert(
             view.bench, normals @ view.bench.light

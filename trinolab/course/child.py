@@ -67,8 +67,8 @@ def main() -> None:
     sys.stdin = io.StringIO()
     with work.answers.open("a", encoding="utf-8") as answers:
         _limit(work.cells_s)
-        _say(answers, here=True)
         namespace = _namespace(work, answers)
+        _say(answers, here=True)  # what it waits for from now on, it waits for itself
         for name in work.values:
             _say(answers, value=name, there=name in namespace, is_=plain_value(namespace.get(name)))
         for call in work.calls:

@@ -168,11 +168,8 @@ def plot_elevation(table: pd.DataFrame, estimator: str) -> Figure:
         ylabel=f"poses kept, {estimator}", ylim=(-0.03, 1.03), xlabel="elevation of CCD3 / deg"
     )
     angle.set(ylabel="geodesic angle / deg", xlabel="elevation of CCD3 / deg")
-    for ax in (shared, position):  # their names, above the upper panels
-        for rig, elevation in SHIPPED_DEG.items():
-            side = "right" if elevation == max(SHIPPED_DEG.values()) else "center"
-            place = {"xycoords": ("data", "axes fraction"), "textcoords": "offset points"}
-            ax.annotate(rig, (elevation, 1.0), (0, 3), ha=side, va="bottom", fontsize=9, **place)
+    _name_rigs(shared)
+    _name_rigs(position)
     return figure
 
 
@@ -255,6 +252,21 @@ def _between(rows: pd.DataFrame) -> tuple[Callable[[Array], Array], Callable[[Ar
     last = rows.iloc[-1]
     ratio = last["turn_deg"] / last["centre_px"]
     return (lambda px: px * ratio, lambda deg: deg / ratio)
+
+
+def _name_rigs(ax: Axes) -> None:
+    """The names of the shipped rigs above a panel, where no curve is."""
+    for rig, elevation in SHIPPED_DEG.items():
+        ax.annotate(
+            rig,
+            (elevation, 1.0),
+            xycoords=("data", "axes fraction"),
+            xytext=(0, 3),
+            textcoords="offset points",
+            ha="right" if elevation == max(SHIPPED_DEG.values()) else "center",
+            va="bottom",
+            fontsize=9,
+        )
 
 
 def _curves(ax: Axes, curves: dict) -> None:

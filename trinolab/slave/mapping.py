@@ -240,8 +240,8 @@ def _mapped(before: State, state: State, p: MappingParameters) -> State:
 
 
 def _turned(before: State, pose: RigidTransform, p: MappingParameters) -> Array:
-    """The rotation matrix that the tool turns by from one instant to the next; scaled step by step, as angles beyond
-    180 deg are.
+    """The rotation matrix that the tool turns by from one instant to the next; scaled step by
+    step, as angles beyond 180 deg are.
     """
     if before.origin is None or before.handle is None:
         return np.eye(3)
