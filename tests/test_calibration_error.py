@@ -18,6 +18,7 @@ from trinolab.rigid import cross_matrices
 from trinolab.studies import calibration_error as study
 from trinolab.studies.__main__ import main
 from trinolab.studies.calibration_error import DIRECTIONS, PLACES, drawn_rig, level_at, pattern
+from trinolab.sweep import runs
 
 PAIR, RAISED = (load_rig(name) for name in study.RIGS)
 HANDLE, TRUTHS = load_handle("paper"), load_table1().set_poses
@@ -280,6 +281,7 @@ def small(monkeypatch, tmp_path):
     monkeypatch.setattr(study, "LEVELS", (2.0,))
     monkeypatch.setattr(study, "RIGS", ("paper_pair",))
     monkeypatch.setattr(study, "one_draw", quick)
+    monkeypatch.setattr(runs, "_figure", lambda found: b"")  # what it shows is tested with sweeps
     kept = ["--kept", str(tmp_path / "kept"), "--workers", "1", "--draws", "3"]
     return tmp_path, ["calibration_error", "--out", str(tmp_path), *kept]
 

@@ -239,23 +239,20 @@ def asks(numbers):
     return input("now? ")
 
 
-def outcomes_of(function, **limits):
+def test_whatever_a_function_does_is_seen_and_the_next_one_is_tried():
     from trinolab.course.child import Call
 
-    given = {"function": function, "after": len}
-    calls = [Call("function", [([1, 2],), ([3],)]), Call("after", [([1, 2],)])]
-    found = run_given(given, calls, **limits)
-    assert found.outcomes["after"][0]["returned"]["numbers"] == [2.0]
-    return found.outcomes["function"]
-
-
-def test_whatever_a_function_does_is_seen_and_the_next_one_is_tried():
-    assert outcomes_of(ends) == [{"stuck": "ends Python (exit code 3)"}]
-    assert outcomes_of(hangs, cpu_s=0.5)[0]["stuck"].startswith("does not end: it was stopped")
-    assert outcomes_of(waits, wait_s=3.0)[0]["stuck"].startswith("does not end: it was stopped")
-    assert outcomes_of(asks)[0]["raised"].startswith("EOFError")
-    assert [one["changed"] for one in outcomes_of(changes)] == [[0], [0]]
-    assert not any(one["printed"] for one in outcomes_of(warns))
+    functions = (ends, hangs, waits, asks, changes, warns, len)
+    given = {function.__name__: function for function in functions}
+    calls = [Call(name, [([1, 2],), ([3],)]) for name in given]
+    found = run_given(given, calls, cpu_s=0.5, wait_s=3.0).outcomes
+    assert found["ends"] == [{"stuck": "ends Python (exit code 3)"}]
+    assert found["hangs"][0]["stuck"].startswith("does not end: it was stopped")
+    assert found["waits"][0]["stuck"].startswith("does not end: it was stopped")
+    assert found["asks"][0]["raised"].startswith("EOFError")
+    assert [one["changed"] for one in found["changes"]] == [[0], [0]]
+    assert not any(one["printed"] for one in found["warns"])
+    assert found["len"][0]["returned"]["numbers"] == [2.0]
 
 
 def test_what_is_returned_is_compared_by_what_it_is():

@@ -170,6 +170,7 @@ def calm():
     return seen
 
 
+@pytest.mark.heavy
 def test_the_calm_recording_s_nis_is_in_its_band(calm):
     """Tuned on other motions, see `training`; N = 3 cameras x 29 instants."""
     values = np.array([[look.nis for look in looks] for looks, _ in calm])

@@ -14,6 +14,7 @@ from trinolab.studies import replication, stress
 from trinolab.studies.__main__ import main
 from trinolab.studies.broken import FAULTS
 from trinolab.studies.replication import Deviation, deviation
+from trinolab.sweep import runs
 
 HELD = [Deviation(0.3, 1.0, 0.1, 1.0), Deviation(2.5, 2.0, 0.5, 1.0)]
 MISSING = Deviation(np.nan, np.nan, np.nan, np.nan)
@@ -148,6 +149,7 @@ DONE = []
 
 def test_more_rounds_add_to_those_that_are_kept(monkeypatch, tmp_path):
     monkeypatch.setattr(stress, "trial", quick)
+    monkeypatch.setattr(runs, "_figure", lambda found: b"")  # what it shows is tested with sweeps
     monkeypatch.setattr(stress, "FAULTS", {name: FAULTS[name] for name in ("none", "JPEG 60")})
     monkeypatch.setattr(stress, "HANDLES", ("coded",))
     command = ["stress", "--out", str(tmp_path), "--kept", str(tmp_path / "kept"), "--workers", "1"]
@@ -205,6 +207,7 @@ def made_again(fault, handle, estimators):
             assert stored[name] == pytest.approx(value, rel=DIGITS, nan_ok=True), name
 
 
+@pytest.mark.heavy
 def test_two_rows_are_made_again(monkeypatch):
     monkeypatch.setattr(stress, "EVERY", {"paper": replication.EVERY["paper"]})
     made_again("half contrast", "coded", ["paper"])

@@ -137,11 +137,19 @@ def imported_files(source: str, folder: Path, package: str = "") -> set[Path]:
         The source, or a file that it imports, is no Python.
     """
     found: set[Path] = set()
+    looked_for: set[tuple[str, Path]] = set()
     waiting = [(source, folder, package)]
     while waiting:
         text, place, within = waiting.pop()
         for module in modules_imported(text, within):
-            for path in _files_of(module, place):
+            ours = module.partition(".")[0] == PACKAGE.name
+            if within and not ours:
+                continue  # the package imports installed ones, and none that lie beside its files
+            start = PACKAGE.parent if ours else place
+            if (module, start) in looked_for:
+                continue
+            looked_for.add((module, start))
+            for path in _files_of(module, start):
                 if path not in found:
                     found.add(path)
                     waiting.append(
@@ -178,14 +186,13 @@ def _names_imported(node: ast.AST, package: str) -> Iterator[str]:
                 yield from _names_imported(child, package)
 
 
-def _files_of(module: str, folder: Path) -> Iterator[Path]:
-    """The files that are loaded for a module: the packages' that it lies in, and its own; or for a
-    name of the face.
+def _files_of(module: str, place: Path) -> Iterator[Path]:
+    """The files below a folder that are loaded for a module: the packages' that it lies in, and its
+    own; or for a name of the face.
     """
     parts = module.split(".")
     if parts[0] == PACKAGE.name and len(parts) > 1:
         parts[1:2] = FACE.get(parts[1], parts[1]).split(".")
-    place = PACKAGE.parent if parts[0] == PACKAGE.name else folder
     for part in parts:
         yield from (
             path for path in (place / f"{part}.py", place / part / "__init__.py") if path.is_file()
