@@ -6,8 +6,10 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from trinolab.camera import Rig
 from trinolab.datasets import load_handle, load_rig, load_sweep, load_table1
 from trinolab.intervals import highest_share
+from trinolab.measurement import measure
 from trinolab.methods import BEST, ESTIMATORS
 from trinolab.pose import LOST, Pose
 from trinolab.studies import replication, stress
@@ -125,6 +127,18 @@ def test_a_block_without_a_fault(monkeypatch):
     assert 0 < found["raised_40deg/patches/largest_mm"] < 0.05
     assert found == stress.trial("none", "coded", 0)
     assert found != stress.trial("none", "coded", 1)
+
+
+@pytest.mark.parametrize(("block", "which", "count"), [(30, 3, 2), (34, 6, 3)])
+def test_a_bent_handle_s_markers_are_not_taken_for_others(block, which, count):
+    """The true pose explains all markers, but lies further from them than a pose may; a pose turned
+    by 120 deg lies near enough to those that it explains.
+    """
+    truths, taken = stress.instants("handle bent by 0.1 mm", "coded", block)
+    one = taken[which]
+    rig = Rig(one.rig.cameras[:count])
+    measured = measure(one.frames[:count], rig, load_handle("coded"), None, replication.EVERY[BEST])
+    assert not deviation(measured.pose, truths[which], load_handle("coded")).wrong
 
 
 def test_later_rounds_are_those_of_two_estimators(monkeypatch):

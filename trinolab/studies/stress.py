@@ -85,6 +85,19 @@ def trial(fault: str, handle: str, block: int) -> dict[str, float]:
     ValueError
         For an unknown fault or handle.
     """
+    truths, taken = instants(fault, handle, block)
+    the_handle = load_handle(handle)
+    methods = EVERY if block < FIRST_ROUNDS else {name: EVERY[name] for name in OFTEN}
+    found = {}
+    for rig, count in RIGS.items():
+        for estimator, deviations in _measured(taken, count, truths, the_handle, methods).items():
+            for name, value in _sums(deviations).items():
+                found[f"{rig}/{estimator}/{name}"] = value
+    return found
+
+
+def instants(fault: str, handle: str, block: int) -> tuple[list[RigidTransform], list[Taken]]:
+    """A block's true poses, and the frames of all cameras; parameters and errors as for `trial`."""
     if fault not in FAULTS:
         raise ValueError(f"fault: expected one of {', '.join(FAULTS)}, got {fault!r}")
     the_handle = load_handle(handle)
@@ -93,13 +106,7 @@ def trial(fault: str, handle: str, block: int) -> dict[str, float]:
     truths = list(islice(shared_poses(load_rig("paper_pair"), the_handle, rng), BLOCK))
     every = load_rig("raised_40deg")
     taken = [FAULTS[fault](Instant(watched(every, T), the_handle, T), rng) for T in truths]
-    methods = EVERY if block < FIRST_ROUNDS else {name: EVERY[name] for name in OFTEN}
-    found = {}
-    for rig, count in RIGS.items():
-        for estimator, deviations in _measured(taken, count, truths, the_handle, methods).items():
-            for name, value in _sums(deviations).items():
-                found[f"{rig}/{estimator}/{name}"] = value
-    return found
+    return truths, taken
 
 
 def watched(rig: Rig, T_world_handle: RigidTransform) -> Rig:
