@@ -90,7 +90,8 @@ def explains_all(e: Explained, p: IdentityParameters) -> np.ndarray:
 
 def rivals(best: int, e: Explained, v: Verdict, misfit: Array, p: IdentityParameters) -> np.ndarray:
     """The possible poses that the images do not clearly refuse beside the best one, itself
-    included, and the strained ones; bool (h,).
+    included, and the strained ones; bool (h,). A strained one with the best one's labels is the best
+    one, not quite fitted.
 
     What a pose leaves over counts against it in full. What it lacks counts only if the best pose
     lacks nothing: otherwise something is hidden, and may hide that too.
@@ -102,7 +103,8 @@ def rivals(best: int, e: Explained, v: Verdict, misfit: Array, p: IdentityParame
     excused = e.lacking[best] > p.missing_share
     excused |= e.lacking < e.lacking[best] + 2 * p.missing_share
     close = against < against[best] + p.decisive_variances * variance
-    return np.asarray((v.possible | v.strained) & close & excused)
+    strained = v.strained & (v.labels != v.labels[best]).any(axis=(1, 2))
+    return np.asarray((v.possible | strained) & close & excused)
 
 
 def shape_misfit(
