@@ -325,7 +325,9 @@ def test_a_pose_that_explains_more_but_does_not_fit_is_a_rival():
     squares = np.where(labels >= 0, each[:, None, None], 0.0)
     left_over = np.array([[1, 1], [0, 0], [1, 1]])
     cost = squares.sum(axis=(1, 2)) + 2 * p.gate_px**2 * left_over.sum(axis=1)
-    explained = Explained(labels, squares, left_over.astype(float), left_over, cost, np.zeros(3, int))
+    explained = Explained(
+        labels, squares, left_over.astype(float), left_over, cost, np.zeros(3, int)
+    )
     verdict = judge(explained, p)
     assert verdict.holds.tolist() == [True, False, False]
     assert verdict.strained.tolist() == [False, True, True]

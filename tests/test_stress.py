@@ -1,5 +1,6 @@
 """The stress table: sums and bounds worked out by hand, a small trial, and the shipped table."""
 
+from dataclasses import replace
 from itertools import product
 
 import numpy as np
@@ -14,7 +15,7 @@ from trinolab.methods import BEST, ESTIMATORS
 from trinolab.pose import LOST, Pose
 from trinolab.studies import replication, stress
 from trinolab.studies.__main__ import main
-from trinolab.studies.broken import FAULTS
+from trinolab.studies.broken import FAULTS, covariance_of_such
 from trinolab.studies.replication import Deviation, deviation
 
 HELD = [Deviation(0.3, 1.0, 0.1, 1.0), Deviation(2.5, 2.0, 0.5, 1.0)]
@@ -100,6 +101,16 @@ def test_windows_hold_the_markers_and_stay_inside_the_images():
             # markers near the edge of an image are as far from that of its window
             inside = whole.sees(centres, 20.0)
             assert window.sees(centres[inside], 20.0).all()
+
+
+def test_the_first_cameras_are_known_as_well_as_all_are():
+    whole = load_rig("raised_40deg")
+    known = covariance_of_such(whole, 0.3, 0.02)
+    pair = stress._first(replace(whole, covariance=known), 2)
+    expected = covariance_of_such(load_rig("paper_pair"), 0.3, 0.02)
+    assert pair.covariance.names == expected.names
+    np.testing.assert_array_equal(pair.covariance.matrix, expected.matrix)
+    assert stress._first(whole, 2).covariance is None
 
 
 def test_nothing_measured_has_no_mean():

@@ -23,7 +23,7 @@ import pandas as pd
 from scipy.spatial.transform import RigidTransform
 
 from ..bench.layer import cropped
-from ..camera import Camera, Rig
+from ..camera import CAMERA_PARAMETERS, Camera, Rig, RigCovariance
 from ..checks import Array
 from ..datasets import load_handle, load_rig
 from ..handle import Handle
@@ -51,6 +51,8 @@ GEOMETRY = (
     "calibration 0.1 px, 0.005 deg",
     "calibration 0.3 px, 0.02 deg",
     "frames 5 ms apart",
+    "calibration 0.1 px, 0.005 deg, stated",
+    "calibration 0.3 px, 0.02 deg, stated",
 )
 BLOCK = 10  # instants
 SEED = 15
@@ -130,12 +132,21 @@ def _measured(
     """The estimators' deviations, with the first cameras; each instant may have a rig of its own."""
     found: dict[str, list[Deviation]] = {name: [] for name in methods}
     for one, T in zip(taken, truths, strict=True):
-        rig = Rig(one.rig.cameras[:count])
+        rig = _first(one.rig, count)
         priors = [T] if len(handle.symmetries) > 1 else None
         measurements = measure_frames([one.frames[:count]], rig, handle, methods, priors)
         for name, (measurement,) in measurements.items():
             found[name].append(deviation(measurement.pose, T, handle))
     return found
+
+
+def _first(rig: Rig, count: int) -> Rig:
+    """A rig of the first cameras, known as well as they are."""
+    if rig.covariance is None:
+        return Rig(rig.cameras[:count])
+    numbers = count * len(CAMERA_PARAMETERS)
+    known = rig.covariance.matrix[:numbers, :numbers]
+    return Rig(rig.cameras[:count], RigCovariance(rig.names[:count], known))
 
 
 SUMS = (
