@@ -8,7 +8,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 
 from trinolab.bench.optics import Bench
 from trinolab.bench.scene import radiance, render, scaled
-from trinolab.camera import Rig
+from trinolab.camera import Rig, difference
 from trinolab.datasets import load_handle, load_rig, load_table1
 from trinolab.markers import find_markers
 from trinolab.studies import broken
@@ -16,6 +16,7 @@ from trinolab.studies.broken import FAULTS, Instant
 from trinolab.studies.stress import WINDOW_PX, watched
 
 PAIR, CODED = load_rig("paper_pair"), load_handle("coded")
+TRIO = load_rig("raised_40deg")
 T = load_table1().set_poses[4]
 NOW = Instant(PAIR, CODED, T)
 
@@ -65,6 +66,20 @@ def test_a_rig_file_is_off_by_as_much_as_it_should():
     assert np.std(turns) == pytest.approx(0.02, rel=0.05)
     (same, _) = broken.miscalibrated(PAIR, 0.0, 0.0, rng).cameras
     assert np.array_equal(same.matrix, PAIR.cameras[0].matrix)
+
+
+def test_a_rig_file_says_how_far_off_it_is():
+    """By many draws; a turn about a camera's centre is one about the world's origin and a shift."""
+    rng = np.random.default_rng(0)
+    drawn = [
+        difference(broken.miscalibrated(TRIO, 0.3, 0.02, rng), TRIO).ravel() for _ in range(2000)
+    ]
+    stated = broken.covariance_of_such(TRIO, 0.3, 0.02).matrix
+    sigma = np.sqrt(np.diag(stated))
+    assert (sigma > 0).sum() == 2 * 8 + 5  # px, rad, mm; the first camera is the world's origin
+    unit = np.outer(*[np.where(sigma > 0, sigma, 1e-9)] * 2)
+    # 2000 draws: of a variance 3 % are a standard deviation, of a correlation less
+    np.testing.assert_allclose(np.cov(np.array(drawn).T) / unit, stated / unit, atol=0.12)
 
 
 def test_displaced_markers_lie_beside_their_places_each_its_own_way():

@@ -12,7 +12,9 @@ from trinolab.camera import Rig
 from trinolab.datasets import load_handle, load_rig
 from trinolab.handle import Handle, slants
 from trinolab.identity import choose, equivalents, identify, labelled_pixels, relabel
+from trinolab.identity.hypotheses import Explained
 from trinolab.identity.parameters import IdentityParameters
+from trinolab.identity.scoring import judge, rivals
 
 RIG, TRIO = load_rig("paper_pair"), load_rig("raised_40deg")
 PAPER, CODED = load_handle("paper"), load_handle("coded")
@@ -308,6 +310,28 @@ def test_choice_by_prior_and_without():
     )
     assert not choose(alike, between)[1]  # 29 deg from one and 31 deg from the next
     assert choose(alike[:1], None) == (0, True)
+
+
+def test_a_pose_that_explains_more_but_does_not_fit_is_a_rival():
+    """Two images of six markers. The first pose fits ten of them to 0.7 px and leaves two over, the
+    second one fits all, but to 0.9 px; the third has the first one's labels.
+    """
+    p = IdentityParameters()
+    first = np.array([[-1, 0, 1, 2, 3, 4], [-1, 0, 1, 2, 3, 4]])
+    second = np.array([[6, 7, 8, 9, 10, 11], [6, 7, 8, 9, 10, 11]])
+    labels = np.stack([first, second, first])
+    freedom = 2 * (labels >= 0).sum(axis=(1, 2)) - 6
+    each = np.array([0.7, 0.9, 0.9]) ** 2 * freedom / (labels >= 0).sum(axis=(1, 2))
+    squares = np.where(labels >= 0, each[:, None, None], 0.0)
+    left_over = np.array([[1, 1], [0, 0], [1, 1]])
+    cost = squares.sum(axis=(1, 2)) + 2 * p.gate_px**2 * left_over.sum(axis=1)
+    explained = Explained(
+        labels, squares, left_over.astype(float), left_over, cost, np.zeros(3, int)
+    )
+    verdict = judge(explained, p)
+    assert verdict.holds.tolist() == [True, False, False]
+    assert verdict.strained.tolist() == [False, True, True]
+    assert rivals(0, explained, verdict, np.zeros(3), p).tolist() == [True, True, False]
 
 
 def test_relabelling_follows_the_equivalent_pose():

@@ -1,18 +1,21 @@
 """The stress table: sums and bounds worked out by hand, a small trial, and the shipped table."""
 
+from dataclasses import replace
 from itertools import product
 
 import numpy as np
 import pandas as pd
 import pytest
 
+from trinolab.camera import Rig
 from trinolab.datasets import load_handle, load_rig, load_sweep, load_table1
 from trinolab.intervals import highest_share
+from trinolab.measurement import measure
 from trinolab.methods import BEST, ESTIMATORS
 from trinolab.pose import LOST, Pose
 from trinolab.studies import replication, stress
 from trinolab.studies.__main__ import main
-from trinolab.studies.broken import FAULTS
+from trinolab.studies.broken import FAULTS, covariance_of_such
 from trinolab.studies.replication import Deviation, deviation
 from trinolab.sweep import runs
 
@@ -101,6 +104,16 @@ def test_windows_hold_the_markers_and_stay_inside_the_images():
             assert window.sees(centres[inside], 20.0).all()
 
 
+def test_the_first_cameras_are_known_as_well_as_all_are():
+    whole = load_rig("raised_40deg")
+    known = covariance_of_such(whole, 0.3, 0.02)
+    pair = stress._first(replace(whole, covariance=known), 2)
+    expected = covariance_of_such(load_rig("paper_pair"), 0.3, 0.02)
+    assert pair.covariance.names == expected.names
+    np.testing.assert_array_equal(pair.covariance.matrix, expected.matrix)
+    assert stress._first(whole, 2).covariance is None
+
+
 def test_nothing_measured_has_no_mean():
     row = stress._judged(
         pd.DataFrame([{f"r/e/{k}": v for k, v in stress._sums([MISSING] * 4).items()}]), "r/e"
@@ -126,6 +139,18 @@ def test_a_block_without_a_fault(monkeypatch):
     assert 0 < found["raised_40deg/patches/largest_mm"] < 0.05
     assert found == stress.trial("none", "coded", 0)
     assert found != stress.trial("none", "coded", 1)
+
+
+@pytest.mark.parametrize(("block", "which", "count"), [(30, 3, 2), (34, 6, 3)])
+def test_a_bent_handle_s_markers_are_not_taken_for_others(block, which, count):
+    """The true pose explains all markers, but lies further from them than a pose may; a pose turned
+    by 120 deg lies near enough to those that it explains.
+    """
+    truths, taken = stress.instants("handle bent by 0.1 mm", "coded", block)
+    one = taken[which]
+    rig = Rig(one.rig.cameras[:count])
+    measured = measure(one.frames[:count], rig, load_handle("coded"), None, replication.EVERY[BEST])
+    assert not deviation(measured.pose, truths[which], load_handle("coded")).wrong
 
 
 def test_later_rounds_are_those_of_two_estimators(monkeypatch):

@@ -352,7 +352,8 @@ def _limits() -> str:
         "off, <em>unforeseen</em> if that is more than five of its own sigmas as well; "
         "<em>wrong, at most</em> is the upper 95 % bound of their share. What shows in an image is "
         "borne or refused. What is wrong with where and when the cameras look is not: it moves depth "
-        "along the epipolar lines, where two cameras agree on the wrong place.</p>" + "".join(parts)
+        "along the epipolar lines, where two cameras agree on the wrong place. <em>Stated</em>: the "
+        "rig file says how far off it may be, as a calibration does.</p>" + "".join(parts)
     )
 
 

@@ -169,7 +169,11 @@ def _alternatives(
     handle: Handle,
     p: IdentityParameters,
 ) -> list[Hypothesis]:
-    """The best of the poses that hold, and its rivals."""
+    """The best of the poses that hold, and its rivals; none if one of these is strained.
+
+    A strained rival may well be the true pose, and its misfit that of a bent handle: a pose that
+    fits only because it leaves out what another one explains is no better than that.
+    """
     v = judge(e, p)
     if not v.holds.any():
         return []
@@ -185,6 +189,8 @@ def _alternatives(
             poses.translations[k], Rotation.from_matrix(poses.rotations[k])
         )
         if all(_differ(T, other.T_world_handle, handle, p) for other in alternatives):
+            if v.strained[k]:
+                return []
             labels = tuple(
                 np.pad(row, (0, max(counts) - len(row)), constant_values=-1)[:n]
                 for row, n in zip(v.labels[k], counts, strict=True)

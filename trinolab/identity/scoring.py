@@ -32,6 +32,9 @@ class Verdict(NamedTuple):
         Logarithm of the chance that markers thrown at random within the gate fit as well.
     possible, holds : ndarray of bool, shape (h,)
         Whether a pose fits, and whether that is more than a coincidence.
+    strained : ndarray of bool, shape (h,)
+        Whether what a pose explains is more than a coincidence, but does not fit: the markers are
+        not where the handle's file says, or the cameras not where the rig's says.
     """
 
     labels: np.ndarray
@@ -41,6 +44,7 @@ class Verdict(NamedTuple):
     evidence: Array
     possible: np.ndarray
     holds: np.ndarray
+    strained: np.ndarray
 
 
 def judge(e: Explained, p: IdentityParameters) -> Verdict:
@@ -69,11 +73,14 @@ def judge(e: Explained, p: IdentityParameters) -> Verdict:
     evidence = freedom * np.log(np.maximum(residual, 1e-3) / p.gate_px)
     complete = explains_all(e, p) & (residual <= 1.5 * p.sigma_px)
     cameras = supports.sum(axis=1)
-    possible = (residual <= p.max_residual_px) & (_different(labels) >= p.min_markers)
-    possible &= 2 * e.lacking <= count
-    possible &= (cameras >= 2) | ((cameras == 1) & ~against.any(axis=1))
-    holds = possible & ((evidence <= np.log(p.chance)) | complete)
-    return Verdict(labels, supports, against, residual, evidence, possible, holds)
+    fits = residual <= p.max_residual_px
+    enough = (_different(labels) >= p.min_markers) & (2 * e.lacking <= count)
+    enough &= (cameras >= 2) | ((cameras == 1) & ~against.any(axis=1))
+    possible = fits & enough
+    no_chance = evidence <= np.log(p.chance)
+    holds = possible & (no_chance | complete)
+    strained = ~fits & enough & no_chance
+    return Verdict(labels, supports, against, residual, evidence, possible, holds, strained)
 
 
 def explains_all(e: Explained, p: IdentityParameters) -> np.ndarray:
@@ -83,7 +90,8 @@ def explains_all(e: Explained, p: IdentityParameters) -> np.ndarray:
 
 def rivals(best: int, e: Explained, v: Verdict, misfit: Array, p: IdentityParameters) -> np.ndarray:
     """The possible poses that the images do not clearly refuse beside the best one, itself
-    included; bool (h,).
+    included, and the strained ones; bool (h,). A strained one with the best one's labels is the best
+    one, not quite fitted.
 
     What a pose leaves over counts against it in full. What it lacks counts only if the best pose
     lacks nothing: otherwise something is hidden, and may hide that too.
@@ -94,9 +102,9 @@ def rivals(best: int, e: Explained, v: Verdict, misfit: Array, p: IdentityParame
     )
     excused = e.lacking[best] > p.missing_share
     excused |= e.lacking < e.lacking[best] + 2 * p.missing_share
-    return np.asarray(
-        v.possible & (against < against[best] + p.decisive_variances * variance) & excused
-    )
+    close = against < against[best] + p.decisive_variances * variance
+    strained = v.strained & (v.labels != v.labels[best]).any(axis=(1, 2))
+    return np.asarray((v.possible | strained) & close & excused)
 
 
 def shape_misfit(

@@ -10,15 +10,17 @@ from typing import NamedTuple
 
 import cv2
 import numpy as np
+from scipy.linalg import block_diag
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from ..bench.layer import cropped, foreground, over
 from ..bench.optics import Bench, background, blurred, digitise
 from ..bench.rays import SIDE, OvalHandle, body_corners, cast
 from ..bench.scene import radiance, render, render_rig
-from ..camera import Camera, Rig
+from ..camera import CAMERA_PARAMETERS, Camera, Rig, RigCovariance
 from ..checks import Array
 from ..handle import Handle
+from ..rigid import cross_matrices
 
 # A hand's, in the median (`motion.human_motion`): what moves while the shutter rolls or waits.
 SPEED_MM_S, TURN_DEG_S = 330.0, 15.5
@@ -77,12 +79,16 @@ def _made(change: Callable[[Handle, np.random.Generator], Handle]) -> Fault:
     return take
 
 
-def _believed(sigma_px: float, sigma_deg: float) -> Fault:
-    """Right frames, and a rig file whose principal points and directions are off."""
+def _believed(sigma_px: float, sigma_deg: float, stated: bool = False) -> Fault:
+    """Right frames, and a rig file whose principal points and directions are off; `stated` if it
+    says by how much, as a calibration does.
+    """
 
     def take(now: Instant, rng: np.random.Generator) -> Taken:
         frames = render_rig(*now, BENCH, rng)
-        return Taken(frames, miscalibrated(now.rig, sigma_px, sigma_deg, rng))
+        rig = miscalibrated(now.rig, sigma_px, sigma_deg, rng)
+        known = covariance_of_such(rig, sigma_px, sigma_deg) if stated else None
+        return Taken(frames, replace(rig, covariance=known))
 
     return take
 
@@ -97,6 +103,19 @@ def miscalibrated(rig: Rig, sigma_px: float, sigma_deg: float, rng: np.random.Ge
         T_cam_world = RigidTransform.from_rotation(turn) * camera.T_cam_world
         cameras.append(replace(camera, matrix=matrix, T_cam_world=T_cam_world))
     return Rig(tuple(cameras))
+
+
+def covariance_of_such(rig: Rig, sigma_px: float, sigma_deg: float) -> RigCovariance:
+    """The covariance of what `miscalibrated` changes."""
+    blocks = []
+    for camera in rig.cameras:
+        # a turn about the camera's centre takes the world's origin along
+        by_turn = np.concatenate([np.eye(3), -cross_matrices(camera.T_cam_world.translation)])
+        block = np.zeros((len(CAMERA_PARAMETERS), len(CAMERA_PARAMETERS)))
+        block[2:4, 2:4] = sigma_px**2 * np.eye(2)
+        block[-6:, -6:] = np.deg2rad(sigma_deg) ** 2 * by_turn @ by_turn.T
+        blocks.append(block)
+    return RigCovariance(rig.names, block_diag(*blocks))
 
 
 def gamma(frame: np.ndarray, exponent: float = 0.6) -> np.ndarray:
@@ -266,4 +285,6 @@ FAULTS: Mapping[str, Fault] = {
     "calibration 0.1 px, 0.005 deg": _believed(0.1, 0.005),
     "calibration 0.3 px, 0.02 deg": _believed(0.3, 0.02),
     "frames 5 ms apart": apart,
+    "calibration 0.1 px, 0.005 deg, stated": _believed(0.1, 0.005, stated=True),
+    "calibration 0.3 px, 0.02 deg, stated": _believed(0.3, 0.02, stated=True),
 }

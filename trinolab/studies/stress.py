@@ -23,7 +23,7 @@ import pandas as pd
 from scipy.spatial.transform import RigidTransform
 
 from ..bench.layer import cropped
-from ..camera import Camera, Rig
+from ..camera import CAMERA_PARAMETERS, Camera, Rig, RigCovariance
 from ..checks import Array
 from ..datasets import load_handle, load_rig
 from ..handle import Handle
@@ -51,6 +51,8 @@ GEOMETRY = (
     "calibration 0.1 px, 0.005 deg",
     "calibration 0.3 px, 0.02 deg",
     "frames 5 ms apart",
+    "calibration 0.1 px, 0.005 deg, stated",
+    "calibration 0.3 px, 0.02 deg, stated",
 )
 BLOCK = 10  # instants
 SEED = 15
@@ -85,6 +87,19 @@ def trial(fault: str, handle: str, block: int) -> dict[str, float]:
     ValueError
         For an unknown fault or handle.
     """
+    truths, taken = instants(fault, handle, block)
+    the_handle = load_handle(handle)
+    methods = EVERY if block < FIRST_ROUNDS else {name: EVERY[name] for name in OFTEN}
+    found = {}
+    for rig, count in RIGS.items():
+        for estimator, deviations in _measured(taken, count, truths, the_handle, methods).items():
+            for name, value in _sums(deviations).items():
+                found[f"{rig}/{estimator}/{name}"] = value
+    return found
+
+
+def instants(fault: str, handle: str, block: int) -> tuple[list[RigidTransform], list[Taken]]:
+    """A block's true poses, and the frames of all cameras; parameters and errors as for `trial`."""
     if fault not in FAULTS:
         raise ValueError(f"fault: expected one of {', '.join(FAULTS)}, got {fault!r}")
     the_handle = load_handle(handle)
@@ -93,13 +108,7 @@ def trial(fault: str, handle: str, block: int) -> dict[str, float]:
     truths = list(islice(shared_poses(load_rig("paper_pair"), the_handle, rng), BLOCK))
     every = load_rig("raised_40deg")
     taken = [FAULTS[fault](Instant(watched(every, T), the_handle, T), rng) for T in truths]
-    methods = EVERY if block < FIRST_ROUNDS else {name: EVERY[name] for name in OFTEN}
-    found = {}
-    for rig, count in RIGS.items():
-        for estimator, deviations in _measured(taken, count, truths, the_handle, methods).items():
-            for name, value in _sums(deviations).items():
-                found[f"{rig}/{estimator}/{name}"] = value
-    return found
+    return truths, taken
 
 
 def watched(rig: Rig, T_world_handle: RigidTransform) -> Rig:
@@ -123,12 +132,21 @@ def _measured(
     """The estimators' deviations, with the first cameras; each instant may have a rig of its own."""
     found: dict[str, list[Deviation]] = {name: [] for name in methods}
     for one, T in zip(taken, truths, strict=True):
-        rig = Rig(one.rig.cameras[:count])
+        rig = _first(one.rig, count)
         priors = [T] if len(handle.symmetries) > 1 else None
         measurements = measure_frames([one.frames[:count]], rig, handle, methods, priors)
         for name, (measurement,) in measurements.items():
             found[name].append(deviation(measurement.pose, T, handle))
     return found
+
+
+def _first(rig: Rig, count: int) -> Rig:
+    """A rig of the first cameras, known as well as they are."""
+    if rig.covariance is None:
+        return Rig(rig.cameras[:count])
+    numbers = count * len(CAMERA_PARAMETERS)
+    known = rig.covariance.matrix[:numbers, :numbers]
+    return Rig(rig.cameras[:count], RigCovariance(rig.names[:count], known))
 
 
 SUMS = (
