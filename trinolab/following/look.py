@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import cv2
 import numpy as np
-from scipy.spatial.transform import RigidTransform, Rotation
+from scipy.spatial.transform import RigidTransform
 
 from ..blobs import RING_PX
 from ..camera import Camera, Rig
@@ -29,7 +29,7 @@ from ..identity.reconcile import reconciled
 from ..markers import Markers, markers_at
 from ..methods import BEST
 from ..pose import LOST, Pose, fit_pose
-from ..rigid import apart, motion_between, shifted
+from ..rigid import apart, motion_between, placed, shifted
 from ..systematic import NOTHING, offsets_at
 from ..window import Window
 from .parameters import FollowParameters
@@ -330,8 +330,7 @@ def _agreed(
         or not np.isfinite(poses.rotations).all()
     ):
         return None, tuple(labels[0])
-    turn = Rotation.from_matrix(poses.rotations[0])
-    return RigidTransform.from_components(poses.translations[0], turn), tuple(labels[0])
+    return placed(poses.translations[0], poses.rotations[0]), tuple(labels[0])
 
 
 def _estimated(instant: Identified, rig: Rig, handle: Handle, p: FollowParameters) -> Pose:
