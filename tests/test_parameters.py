@@ -74,7 +74,7 @@ FOLLOW = {
     "rate_noise_rad_s": (0.0, "blurred", {}),
     "blurred_px": (1e3, "blurred, as if still", {}),
     "blurred_length": (0.1, "still", {}),
-    "still_misfit": (1e-3, "one", {}),
+    "still_misfit": (1e-3, "one", {"blurred_px": 0.0}),
     "max_fit_residual_px": (1e-3, "one", {}),
     "max_sigma_mm": (1e-4, "still", {}),
     "max_sigma_deg": (1e-4, "still", {}),

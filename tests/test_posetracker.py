@@ -5,6 +5,7 @@ smeared.
 from dataclasses import replace
 from functools import cache
 
+import cv2
 import numpy as np
 import pytest
 from scipy.spatial.transform import RigidTransform, Rotation
@@ -17,6 +18,7 @@ from trinolab.bench.scene import exposed, render_rig
 from trinolab.datasets import load_handle, load_rig
 from trinolab.estimators.pixels import fit_patches
 from trinolab.files.recording import Frames
+from trinolab.following import look as look_module
 from trinolab.following import posefilter, posetracker
 from trinolab.following.look import expect, look
 from trinolab.following.parameters import FollowParameters
@@ -223,6 +225,55 @@ def test_a_smear_is_fitted_with_the_pose():
     assert away @ np.linalg.solve(moving.covariance, away) < 25.0  # chi-square of six, 99.97 %
     assert np.median(moving.misfit) < 1.5
     assert still is None or np.median(still.misfit) > 3.0
+
+
+def test_a_smear_is_measured_in_the_images_of_a_fit_without_motion():
+    """The longest one, in the camera that sees most of the motion; none where the handle is still,
+    also in images that JPEG has made worse.
+    """
+    rng = np.random.default_rng(2)
+    for speed_mm_s in (100.0, 200.0):
+        velocity = speed_mm_s * np.array([0.8, -0.6, 0.0, 0.0, 0.0, 0.0])
+        smeared = smeared_images(CODED, FIRST, velocity, rng)
+        ends = [
+            shifted(FIRST, share * 0.01 * velocity).apply(CODED.marker_centres)
+            for share in (0.5, -0.5)
+        ]
+        wanted = max(
+            np.nanmax(np.linalg.norm(camera.project(ends[0]) - camera.project(ends[1]), axis=1))
+            for camera in RIG.cameras
+        )
+        fit = fit_patches(smeared, RIG, CODED, FIRST, with_smear=True)
+        assert fit.smear_px == pytest.approx(wanted, rel=0.25)
+    for images in (as_jpeg(still := clip(CODED, 1)[0]), still):
+        fit = fit_patches(images, RIG, CODED, FIRST, with_smear=True)
+        assert fit.smear_px < BEST.blurred_px
+
+
+def as_jpeg(images):
+    return [
+        cv2.imdecode(cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, 75])[1], 0)
+        for image in images
+    ]
+
+
+def test_what_shows_no_smear_is_not_fitted_as_smeared(monkeypatch):
+    """JPEG leaves more than noise, and the velocity would smear by pixels if the shutter were open
+    as long as it may be.
+    """
+    smeared = []
+
+    def counted(*arguments, motion_blur=None, **options):
+        smeared.append(motion_blur is not None)
+        return fit_patches(*arguments, motion_blur=motion_blur, **options)
+
+    monkeypatch.setattr(look_module, "fit_patches", counted)
+    p = replace(BEST, still_misfit=1e-3)  # of any image, so to speak
+    found = tracked([as_jpeg(images) for images in clip(CODED, 5)], CODED, None, p)
+    for k, one in enumerate(found):
+        assert one.measurement.pose.status == "measured"
+        assert not apart(one.measurement.pose.T_world_handle, path(k), 0.05, np.deg2rad(0.5))
+    assert smeared == [False] * 4  # the first instant is sought in the whole images
 
 
 @pytest.mark.parametrize(

@@ -115,6 +115,21 @@ def half_laplacian(grey: Array, side: int) -> Array:
     return result.reshape(grey.shape)
 
 
+def longer_than_wide(grey: Array, side: int) -> Array:
+    """Derivatives (k, 2, p) of blurred windows (k, p), by variance that the blur gains along u and
+    loses along v, and that it gains along the falling diagonal and loses along the rising one.
+    """
+    window = grey.reshape(-1, side, side)
+    result = np.zeros((len(grey), 2, side, side))
+    across = window[:, 1:-1, 2:] + window[:, 1:-1, :-2]
+    down = window[:, 2:, 1:-1] + window[:, :-2, 1:-1]
+    falling = window[:, 2:, 2:] + window[:, :-2, :-2]
+    rising = window[:, 2:, :-2] + window[:, :-2, 2:]
+    result[:, 0, 1:-1, 1:-1] = (across - down) / 2
+    result[:, 1, 1:-1, 1:-1] = (falling - rising) / 4
+    return result.reshape(len(grey), 2, -1)
+
+
 class MotionBlur(NamedTuple):
     """The handle's motion while the shutter is open, (6,) mm and rad, world frame, and what was
     expected of it before: a motion (6,) and the information on it, (6, 6), an inverse

@@ -35,6 +35,7 @@ from .imagemodel import (
     inverse,
     limited,
     linearise,
+    longer_than_wide,
     marker_is_shown,
     misfit,
     noise_of,
@@ -76,6 +77,9 @@ class Fit(NamedTuple):
         Whether its views contradict each other too much, see `contradiction`.
     answers : Response or None
         Where errors of rig and layout, or contradictions, are counted.
+    smear_px : float
+        How long the markers are smeared in the camera where that is most, if it was asked for, else
+        NaN.
     """
 
     T_world_handle: RigidTransform
@@ -87,6 +91,7 @@ class Fit(NamedTuple):
     systematic: Array = NOTHING
     refused: bool = False
     answers: Response | None = None
+    smear_px: float = np.nan
 
 
 class _Step(NamedTuple):
@@ -109,6 +114,7 @@ def fit_patches(
     max_slant_deg: float = 72.0,
     outline: bool = False,
     motion_blur: tuple[Array, Array] | None = None,
+    with_smear: bool = False,
 ) -> Fit | None:
     """Improve a pose by the pixels about all markers that it shows.
 
@@ -127,19 +133,21 @@ def fit_patches(
     motion_blur : (ndarray, ndarray), shapes (6,) and (6, 6), optional
         What is expected of the handle's motion while the shutter is open (mm, rad; world frame),
         and its covariance; without it the handle is still.
+    with_smear : bool
+        Measure `Fit.smear_px`.
 
     Returns
     -------
     Fit or None
         None if too little is in view to fix a pose, or the steps lead away.
     """
-    fit = _fit(images, rig, handle, start, max_slant_deg, outline, motion_blur)
+    fit = _fit(images, rig, handle, start, max_slant_deg, outline, motion_blur, with_smear)
     if fit is None or motion_blur is None:
         return fit
     T = fit.T_world_handle
     if _apart_px(start, T, rig, handle) < BESIDE_PX:
         return fit
-    return _fit(images, rig, handle, T, max_slant_deg, outline, motion_blur)
+    return _fit(images, rig, handle, T, max_slant_deg, outline, motion_blur, with_smear)
 
 
 def _fit(
@@ -150,6 +158,7 @@ def _fit(
     max_slant_deg: float,
     outline: bool,
     motion_blur: tuple[Array, Array] | None,
+    with_smear: bool,
 ) -> Fit | None:
     """The fit in windows that lie where `start` has the markers."""
     here = patches(
@@ -178,12 +187,38 @@ def _fit(
     spread = float(np.median(misfit(last.after)[shown])) if shown.any() else 1.0
     covariance = in_world(spread * inverse(last.information)[:6, :6], T)
     fit = judged_fit(T, covariance, here.views, last.after, shown, left)
+    if with_smear:
+        fit = fit._replace(smear_px=_smear_px(last, here, rig))
     freedom = 2 * int(shown.sum()) - 6
     if is_uncertain(rig, handle) or contradict(chi_square[shown].sum() / spread, freedom):
         answers = _response(last, groups, rig, T)
         residuals = _residuals(last, groups, rig, T, shown / spread)
         return counted(fit, answers, residuals, rig, handle)
     return fit
+
+
+def _smear_px(last: _Step, here: Patches, rig: Rig) -> float:
+    """How long the markers are smeared in the camera where that is most, px, whatever motion does
+    it.
+
+    To second order a smear of length w along a direction adds w^2/12 to the blur's variance there.
+    By how much a camera's blur is longer than wide, upright and along the diagonals, are two more
+    unknowns of the last step.
+    """
+    camera = here.views.camera
+    longer = longer_than_wide(last.after.predicted, here.at.side)
+    pose, blur = last.after.by_pose[:, :6], last.after.by_pose[:, -1:]
+    normal = reduce(np.concatenate([pose, longer, blur], axis=1), last.after)
+    information = 1e-12 * np.eye(6 + 3 * len(rig.cameras))
+    gradient = np.zeros(len(information))
+    weight = last.weights[0]
+    for c in range(len(rig.cameras)):
+        mine = camera == c
+        own = np.r_[:6, 6 + 3 * c : 9 + 3 * c]  # the pose, and what is this camera's
+        information[np.ix_(own, own)] += np.tensordot(weight[mine], normal.information[mine], 1)
+        gradient[own] += weight[mine] @ normal.gradient[mine]
+    upright, diagonal, _ = (inverse(information) @ gradient)[6:].reshape(-1, 3).T
+    return float(np.sqrt(24 * np.hypot(upright, diagonal)).max())
 
 
 def _response(last: _Step, groups: list[Patches], rig: Rig, T: RigidTransform) -> Response:

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import cv2
 import numpy as np
-from scipy.spatial.transform import RigidTransform, Rotation
+from scipy.spatial.transform import RigidTransform
 
 from ..blobs import RING_PX
 from ..camera import Camera, Rig
@@ -29,7 +29,7 @@ from ..identity.reconcile import reconciled
 from ..markers import Markers, markers_at
 from ..methods import BEST
 from ..pose import LOST, Pose, fit_pose
-from ..rigid import apart, motion_between, shifted
+from ..rigid import apart, motion_between, placed, shifted
 from ..systematic import NOTHING, offsets_at
 from ..window import Window
 from .parameters import FollowParameters
@@ -237,7 +237,8 @@ def _pose(
             pose.T_world_handle, T, p.agreed_mm, agreed_rad
         ):
             return pose
-    fit = fit_patches(images, rig, handle, motion.pose if T is None else T, p.max_slant_deg)
+    start = motion.pose if T is None else T
+    fit = fit_patches(images, rig, handle, start, p.max_slant_deg, with_smear=blurred)
     if blurred and not _still(fit, p):
         return LOST
     return _judged(fit, rig, p)
@@ -263,10 +264,13 @@ def _stretched(expected: Sequence[Expected], sights: Sequence[Sight], p: FollowP
 
 
 def _still(fit: Fit | None, p: FollowParameters) -> bool:
-    """Whether the image model of a handle that is still leaves nothing but noise."""
-    return fit is not None and bool(
-        fit.shown.sum() >= 4 and np.median(fit.misfit[fit.shown]) < p.still_misfit
-    )
+    """Whether the image model of a handle that is still leaves nothing but noise, or at least no
+    motion blur: JPEG, or a marker that is not quite as the model has it, leave more than noise.
+    """
+    if fit is None or fit.shown.sum() < 4:
+        return False
+    noise = np.median(fit.misfit[fit.shown]) < p.still_misfit
+    return bool(noise or fit.smear_px < p.blurred_px)
 
 
 def _judged(fit: Fit | None, rig: Rig, p: FollowParameters) -> Pose:
@@ -326,8 +330,7 @@ def _agreed(
         or not np.isfinite(poses.rotations).all()
     ):
         return None, tuple(labels[0])
-    turn = Rotation.from_matrix(poses.rotations[0])
-    return RigidTransform.from_components(poses.translations[0], turn), tuple(labels[0])
+    return placed(poses.translations[0], poses.rotations[0]), tuple(labels[0])
 
 
 def _estimated(instant: Identified, rig: Rig, handle: Handle, p: FollowParameters) -> Pose:

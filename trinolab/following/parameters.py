@@ -55,11 +55,13 @@ class FollowParameters(Parameters):
         Process noise of the motion within the exposure: added to the standard deviations of the
         predicted rates.
     blurred_px : float
-        Motion within the exposure from which on a marker may show motion blur.
+        Motion within the exposure from which on a marker may show motion blur, and length of what
+        it shows from which on it is some.
     blurred_length : float
         Length of a marker's image, by its size without motion, from which on it shows motion blur.
     still_misfit : float
-        Misfit (1 is noise) up to which the image model without motion blur explains the images.
+        Misfit (1 is noise) up to which the image model without motion blur explains the images;
+        beyond it they are asked how long the markers are smeared.
     max_fit_residual_px : float
         Largest rms residual of the windows of a good fit.
     max_sigma_mm, max_sigma_deg : float

@@ -1,7 +1,8 @@
 """The page's server: one page, on this computer, that knows the token; nobody and nothing else.
 
-A frame is sent when the page has drawn the last one. It is then drawn from what is newest: nothing
-queues up, and a page that was stopped goes on with the present.
+A frame is sent when the page has drawn all but one of those before: it draws one while the next is on
+its way. It is then drawn from what is newest: nothing else queues up, and a page that was stopped goes
+on with the present.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ import time
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from tornado.httpserver import HTTPServer
@@ -22,7 +23,7 @@ from tornado.netutil import bind_sockets
 from tornado.web import Application, HTTPError, RequestHandler
 from tornado.websocket import WebSocketClosedError, WebSocketHandler
 
-from .loop import Loop
+from .loop import Loop, Shown
 from .picture import message, scene
 
 PAGE = Path(__file__).parent / "page"
@@ -32,6 +33,7 @@ FILES = {
     "live.css": ("live.css", "text/css"),
 }
 LOOPBACK = ("127.0.0.1", "localhost", "::1")
+UNDER_WAY = 2  # frames that the page has not drawn yet: with one it would wait for each
 LONGEST = 4096  # bytes of what a page may say
 MOST_MM, MOST_RAD = 50.0, 0.5  # that one word moves the simulated hand
 HEADERS = {
@@ -41,6 +43,17 @@ HEADERS = {
     "Referrer-Policy": "no-referrer",
     "X-Content-Type-Options": "nosniff",
 }
+
+
+class _Sent(NamedTuple):
+    """A frame under way: its number, the stages so far (ms), when its images were here (0 for old
+    ones) and when it was sent, s.
+    """
+
+    number: int
+    stages: dict[str, float]
+    arrived_s: float
+    t_s: float
 
 
 class Desk:
@@ -54,9 +67,10 @@ class Desk:
     def __init__(self, loop: Loop) -> None:
         self.loop = loop
         self.tab: Socket | None = None
-        self._ready = False  # the tab waits for a frame
         self._sent = 0
-        self._out: tuple[int, dict[str, float], float, float] = (0, {}, 0.0, 0.0)
+        self._sending = False
+        # of the frames that the tab has not drawn yet, by their numbers
+        self._under_way: dict[object, _Sent] = {}
         self._way: dict[str, float] = {}
         self._task: asyncio.Task[None] | None = None
 
@@ -66,8 +80,9 @@ class Desk:
             tab.say({"busy": "this page is open in another tab, which is in charge"})
             return
         self.tab = tab
-        self._ready = True
+        self._under_way = {}
         self._sent = 0
+        self._sending = False  # to this one
         tab.say({"scene": scene(self.loop.source.rig, self.loop.source.handle)})
         self.wake()
 
@@ -88,45 +103,51 @@ class Desk:
             self.loop.note("the page is gone: clutch opened")
 
     def drawn(self, number: object) -> None:
-        """The tab has drawn a frame: its way is known, and the next one may be sent."""
-        sent, stages, arrived_s, sent_s = self._out
-        if self._ready or number != sent:
+        """The tab has drawn a frame: its way is known, and another one may be sent."""
+        sent = self._under_way.pop(number, None)
+        if sent is None:
             return
         now = time.monotonic()
-        if arrived_s:
-            whole = 1e3 * (now - arrived_s)
-            self._way = {**stages, "page": 1e3 * (now - sent_s), "whole": whole}
-        self._ready = True
-        self.loop.heard(sent)
+        if sent.arrived_s:
+            whole = 1e3 * (now - sent.arrived_s)
+            self._way = {**sent.stages, "page": 1e3 * (now - sent.t_s), "whole": whole}
+        self.loop.heard(sent.number)
         self.wake()
 
     def wake(self) -> None:
-        """Send what is newest, if the tab waits for it."""
+        """Send what is newest, if there is room for it on the way to the tab."""
         newest = self.loop.newest
-        if self.tab is None or not self._ready or newest is None or newest.number == self._sent:
+        if (
+            self.tab is None
+            or self._sending
+            or len(self._under_way) >= UNDER_WAY
+            or newest is None
+            or newest.number == self._sent
+        ):
             return
-        self._ready = False
-        self._sent = newest.number
-        self._task = asyncio.create_task(self._send(self.tab))
+        self._sending = True
+        self._task = asyncio.create_task(self._send(self.tab, newest))
 
-    async def _send(self, tab: Socket) -> None:
+    async def _send(self, tab: Socket, shown: Shown) -> None:
         """Draw a frame in another thread, and send it."""
-        shown = self.loop.newest
-        assert shown is not None
         self._sent = shown.number
         begin = time.monotonic()
         source = self.loop.source
-        data = await asyncio.to_thread(
-            message, shown, source.rig, self._way, source.hand is not None
-        )
-        if tab is not self.tab:
-            return
-        done = time.monotonic()
-        arrived_s = shown.frames.arrived_s if shown.new and shown.frames is not None else 0.0
-        stages = {**shown.stages._asdict(), "draw": 1e3 * (done - begin)}
-        self._out = shown.number, stages, arrived_s, done
-        with suppress(WebSocketClosedError):
-            await tab.write_message(data, binary=True)
+        try:
+            data = await asyncio.to_thread(
+                message, shown, source.rig, self._way, source.hand is not None
+            )
+            if tab is self.tab:
+                done = time.monotonic()
+                stages = {**shown.stages._asdict(), "draw": 1e3 * (done - begin)}
+                arrived_s = shown.frames.arrived_s if shown.new and shown.frames else 0.0
+                self._under_way[shown.number] = _Sent(shown.number, stages, arrived_s, done)
+                with suppress(WebSocketClosedError):
+                    await tab.write_message(data, binary=True)
+        finally:
+            if tab is self.tab:
+                self._sending = False
+        self.wake()
 
 
 class _Guarded(RequestHandler):

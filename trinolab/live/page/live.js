@@ -8,6 +8,7 @@ const NUMBERS = [['x_mm', 'x', 'mm'], ['y_mm', 'y', 'mm'], ['z_mm', 'z', 'mm'], 
   ['cameras', 'cameras', '']];
 const SILENT_MS = 2000;  // without a word the page says so
 let socket, scene, last, heard = performance.now(), ended = false, pedal = 'b', asking = false, held = false;
+let drawing = Promise.resolve();  // of the frames in their order
 const views = {world: {turn: 0.6, tilt: 0.45, zoom: 1}, arm: {turn: 2.5, tilt: 0.35, zoom: 1}};
 
 function send(words) {
@@ -17,7 +18,11 @@ function send(words) {
 function connect() {
   socket = new WebSocket(new URL('socket', location.href).href.replace(/^http/, 'ws'));
   socket.binaryType = 'arraybuffer';
-  socket.onmessage = event => typeof event.data === 'string' ? listen(JSON.parse(event.data)) : draw(event.data);
+  socket.onmessage = event => {
+    if (typeof event.data === 'string') { listen(JSON.parse(event.data)); return; }
+    const frame = opened(event.data);  // while the one before is drawn
+    drawing = drawing.then(() => frame).then(draw).catch(console.error);
+  };
   socket.onclose = () => {
     heard = -Infinity;
     tell();
@@ -102,7 +107,7 @@ function slider(s) {
 }
 
 // A frame: the length of the text in four bytes, the text, and a JPEG a camera.
-async function draw(data) {
+async function opened(data) {
   const length = new DataView(data).getUint32(0);
   const now = JSON.parse(new TextDecoder().decode(new Uint8Array(data, 4, length)));
   let at = 4 + length;
@@ -111,6 +116,10 @@ async function draw(data) {
     at += size;
     return picture;
   }));
+  return {now, pictures};
+}
+
+async function draw({now, pictures}) {
   await new Promise(requestAnimationFrame);  // a page that nobody sees draws nothing, and asks for nothing
   heard = performance.now();
   if (!$('busy').hidden) return;
