@@ -3,8 +3,8 @@ place of three cameras.
 
 The time of its arrival, ms, is drawn into each frame's pixels as a row of black and white blocks, and read
 back from the page's canvas when the page has drawn it. Wanted: a median of 150 ms and 95 % within 250 ms
-at 30 frames a second of 640 x 480 and 15 of 1280 x 1024. Then the reader is stopped, and the first frame
-after that must be of the present; with --long the memory over ten minutes:
+at 30 frames a second of 640 x 480 and 15 of 1280 x 1024. Then the reader is stopped: after the two
+frames that were under way the next must be of the present; with --long the memory over ten minutes:
 
     python tests/benchmarks/bench_live.py [--long] [--seconds 20]
 """
@@ -178,7 +178,7 @@ def one(rig: Rig, fps: float, seconds: float, long: bool) -> bool:
             )
             while len(back := browser.evaluate("late")) < 3:
                 time.sleep(0.1)
-            # the one that was under way when the reader stopped is as old as the stop
+            # the two that were under way when the reader stopped are as old as the stop
             print(
                 f"    after {stop} s without a reader: the first frames are {back[0]:.0f}, {back[1]:.0f} "
                 f"and {back[2]:.0f} ms old"
