@@ -201,9 +201,10 @@ def _smear_px(last: _Step, here: Patches, rig: Rig) -> float:
     """How long the markers are smeared in the camera where that is most, px, whatever motion does
     it.
 
-    To second order a smear of length w along a direction adds w^2/12 to the blur's variance there.
-    By how much a camera's blur is longer than wide, upright and along the diagonals, are two more
-    unknowns of the last step.
+    To second order a smear of length w along a direction adds w^2/12 to the blur's variance there:
+    a round blur of w^2/24, and w^2/24 by which it is longer than wide. The latter, upright and along
+    the diagonals, is two more unknowns a camera in the last step; the former is in the blur that
+    each fit determines.
     """
     camera = here.views.camera
     longer = longer_than_wide(last.after.predicted, here.at.side)
