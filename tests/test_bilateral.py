@@ -41,7 +41,11 @@ def test_equal_sides_cross_where_the_formula_says():
     assert critical_delay(replace(PAIR, stiffness=10.0)) == np.inf
 
 
-@pytest.mark.parametrize("one", [PAIR, UNEQUAL], ids=["equal", "unequal"])
+@pytest.mark.parametrize(
+    "one",
+    [pytest.param(PAIR, marks=pytest.mark.heavy), UNEQUAL],
+    ids=["equal", "unequal"],
+)
 def test_simulation_and_theory_agree(one):
     # bisection 0.2 %; steps of 0.2 ms
     assert simulated_critical_delay(one) == pytest.approx(critical_delay(one), rel=0.01)

@@ -88,6 +88,7 @@ def edge_information(camera, handle, bench, tiny=1e-4):
     return F
 
 
+@pytest.mark.heavy
 def test_information_is_that_of_the_markers_edges():
     """The whole matrix: no mixture of parameters is worth more or less than it should be.
 
@@ -153,11 +154,9 @@ def coarse(monkeypatch):
     monkeypatch.setattr(bound, "SAMPLES", (8, 4))
 
 
+@pytest.mark.heavy
 @pytest.mark.usefixtures("coarse")
-@pytest.mark.parametrize(
-    "pixels",
-    ["markers", *(pytest.param(name, marks=pytest.mark.heavy) for name in ("around", "handle"))],
-)
+@pytest.mark.parametrize("pixels", ["markers", "around", "handle"])
 def test_unknown_greys_take_information_away(pixels):
     known, unknown = (
         information(FRONT, WIDE, T, Bench(), pixels, known_greys=k) for k in (True, False)

@@ -72,14 +72,14 @@ def test_a_rig_file_says_how_far_off_it_is():
     """By many draws; a turn about a camera's centre is one about the world's origin and a shift."""
     rng = np.random.default_rng(0)
     drawn = [
-        difference(broken.miscalibrated(TRIO, 0.3, 0.02, rng), TRIO).ravel() for _ in range(2000)
+        difference(broken.miscalibrated(TRIO, 0.3, 0.02, rng), TRIO).ravel() for _ in range(500)
     ]
     stated = broken.covariance_of_such(TRIO, 0.3, 0.02).matrix
     sigma = np.sqrt(np.diag(stated))
     assert (sigma > 0).sum() == 2 * 8 + 5  # px, rad, mm; the first camera is the world's origin
     unit = np.outer(*[np.where(sigma > 0, sigma, 1e-9)] * 2)
-    # 2000 draws: of a variance 3 % are a standard deviation, of a correlation less
-    np.testing.assert_allclose(np.cov(np.array(drawn).T) / unit, stated / unit, atol=0.12)
+    # 500 draws: of a variance 6 % are a standard deviation, of a correlation less
+    np.testing.assert_allclose(np.cov(np.array(drawn).T) / unit, stated / unit, atol=0.25)
 
 
 def test_displaced_markers_lie_beside_their_places_each_its_own_way():

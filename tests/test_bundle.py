@@ -180,6 +180,7 @@ def test_a_recording_mends_rig_and_handle(rig, name):
     assert (np.array(before) > [2 * MOST_MM, 5 * MOST_DEG]).all()
 
 
+@pytest.mark.heavy
 def test_the_covariance_is_honest():
     # 24 draws of 20 instants. Errors of the rig's few weak directions dominate: a mean square of 24
     # independent ones lies in 0.52 to 1.64 in 95 of 100 cases, its root in 0.72 to 1.28.

@@ -219,10 +219,11 @@ def test_light_on_dark_is_found_as_well():
 @pytest.mark.parametrize(
     ("asked", "there", "said"),
     [
-        (
+        pytest.param(
             Target("charuco", 6, 5, 20.0, dictionary="5X5_100"),
             CHARUCO,
             "with --dictionary 4X4_50 it is found in 2 of 2 tried",
+            marks=pytest.mark.heavy,
         ),
         (
             Target("charuco", 5, 6, 20.0),
@@ -601,6 +602,7 @@ def test_a_real_stereo_pair(tmp_path, monkeypatch, capfd):
     np.testing.assert_allclose(found, ANIPOSE_PIXELS, rtol=0, atol=1e-3)
 
 
+@pytest.mark.heavy
 def test_real_corners_of_a_board_that_is_seen_in_part():
     tracks = load_caliscope()
     if tracks is None:

@@ -132,6 +132,7 @@ def test_relative_pose_refuses_other_lengths():
         mean_relative_pose(motion([0, 0, 1]), motion([0, 0, 1]))
 
 
+@pytest.mark.heavy
 def test_mean_and_its_uncertainty_by_monte_carlo():
     rng, truth, n = np.random.default_rng(0), motion([100, -3, 8], [0.01, 0.2, -0.02]), 14
     right, draws = positions(n), []
@@ -430,6 +431,7 @@ def test_the_covariance_as_that_of_a_rig():
         assert min(same, opposite) < 1e-4 * np.abs(step).max(), k
 
 
+@pytest.mark.heavy
 def test_covariance_by_monte_carlo():
     rig, rng, sigma = (
         Rig(make_rig(np.where(np.arange(5) < 1, LENS, 0.0)).cameras[:2]),

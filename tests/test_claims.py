@@ -94,6 +94,7 @@ def test_rms_is_the_root_of_a_ratio():
     assert (interval.low**2, interval.high**2) == pytest.approx((around.low, around.high))
 
 
+@pytest.mark.heavy
 def test_intervals_of_ratios_hold_what_they_say():
     """Of 300 samples whose true ratio is 0.5 about 95 % have it in their interval."""
     rng = np.random.default_rng(4)

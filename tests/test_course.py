@@ -4,12 +4,12 @@ import json
 import re
 import shutil
 import threading
-import warnings
 from itertools import combinations
 from pathlib import Path
 
 import numpy as np
 import pytest
+from wayward import asks, changes, ends, hangs, waits, warns
 
 from trinolab.cli import main
 from trinolab.course import check, submissions
@@ -206,37 +206,6 @@ def test_a_small_difference_in_a_large_array_is_told():
         return X, P
 
     assert "which is off by up to 1e-05" in str(judged(asked, nearly))
-
-
-def warns(numbers):
-    warnings.warn("look", stacklevel=1)
-    return len(numbers)
-
-
-def changes(numbers):
-    numbers[0] = 7
-    return 7
-
-
-def ends(numbers):
-    import os
-
-    os._exit(3)
-
-
-def hangs(numbers):
-    while True:
-        pass
-
-
-def waits(numbers):
-    import time
-
-    time.sleep(1e6)
-
-
-def asks(numbers):
-    return input("now? ")
 
 
 def test_whatever_a_function_does_is_seen_and_the_next_one_is_tried():

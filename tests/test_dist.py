@@ -21,6 +21,7 @@ print(Path(trinolab.__file__).parent, len(rig.cameras), len(trinolab.datasets.lo
 """
 
 
+@pytest.mark.heavy
 @built
 @pytest.mark.skipif(CHROMIUM is None, reason="Chromium is missing (Debian package: chromium)")
 def test_the_zip_opens_from_its_index_without_network(tmp_path):
@@ -55,7 +56,9 @@ def test_the_zip_opens_from_its_index_without_network(tmp_path):
         browser.close()
 
 
-@pytest.mark.parametrize("pip", [True, False], ids=["pip", "without pip"])
+@pytest.mark.parametrize(
+    "pip", [True, pytest.param(False, marks=pytest.mark.heavy)], ids=["pip", "without pip"]
+)
 def test_the_wheel_finds_its_data_wherever_it_is_installed(tmp_path, monkeypatch, pip):
     if pip:
         pytest.importorskip("pip")

@@ -79,6 +79,7 @@ def test_no_module_is_called_like_a_name_of_the_face():
     assert not {path.stem for path in PACKAGE.glob("sweep/*.py")} & {"sweep", "read_sweep"}
 
 
+@pytest.mark.heavy
 def test_a_module_that_is_loaded_hides_no_name_of_the_face():
     """In either order: the homes first, and the names first."""
     homes = sorted({f"trinolab.{where.rpartition('.')[0] or where}" for where in FACE.values()})

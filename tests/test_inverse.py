@@ -95,6 +95,7 @@ def test_through_its_singular_pose_the_error_is_bounded_and_joints_do_not_chatte
     assert flips.mean() < 0.005
 
 
+@pytest.mark.heavy
 def test_at_the_end_of_its_reach_the_arm_stays_and_comes_back():
     out = [at([-700 * min(1, t / 3), 0, 0]) for t in np.arange(150) / 30]
     held = []

@@ -111,7 +111,7 @@ def test_after_kill_9_the_page_says_that_the_connection_is_lost(browser, tmp_pat
 
 
 @needs_browser
-@pytest.mark.parametrize("width", [1280, 400])
+@pytest.mark.parametrize("width", [pytest.param(1280, marks=pytest.mark.heavy), 400])
 def test_all_goes_by_keyboard_and_nothing_is_wider_than_the_window(live, browser, width, tmp_path):
     browser.resize(width)
     assert browser.evaluate(WIDE_PAGE) == 0
@@ -173,7 +173,7 @@ def test_the_arm_holds_on_a_lost_pose_and_says_so(live, bench, browser):
 
 
 @needs_browser
-@pytest.mark.parametrize("how", ["pulled out", "frozen"])
+@pytest.mark.parametrize("how", ["pulled out", pytest.param("frozen", marks=pytest.mark.heavy)])
 def test_a_camera_that_fails_is_said_and_the_arm_holds(live, bench, browser, how):
     browser.click("#clutch")
     shows(browser, "last.clutch && !last.held")

@@ -200,6 +200,7 @@ def test_all_targets_of_the_study_come_and_the_order_differs():
     assert not orders[0].equals(orders[1])
 
 
+@pytest.mark.heavy
 @pytest.mark.skipif(CHROMIUM is None, reason="Chromium is missing")
 def test_a_scripted_person_plays_a_few_targets_with_the_mouse_and_by_keyboard(tmp_path):
     browser = Browser(tmp_path / "profile")

@@ -252,6 +252,7 @@ def test_more_delay_takes_longer_and_the_interval_says_so():
     assert found.c.low > 0
 
 
+@pytest.mark.heavy
 def test_the_page_runs_with_other_parameters():
     changed = {"scale": 2.0, "delay_s": 0.3, "seeds": 3, "repeats": 2}
     results = run_notebook(PAGE, changed).results

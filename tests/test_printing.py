@@ -22,6 +22,7 @@ def texts(reader):
     return [page.extract_text() for page in reader.pages]
 
 
+@pytest.mark.heavy
 def test_pages_are_joined_and_link_to_each_other():
     printed = list(printing.print_pages(HTML, ["book/start", "book/notation"]))
     assert [fault for one in printed for fault in printing.faults(one)] == []

@@ -139,7 +139,7 @@ def test_it_writes_a_better_rig_and_a_better_handle(done):
     assert rig.covariance is not None
     assert 0 < handle.placement_sigma_mm < 0.05
     before, after = (
-        errors_of_new_instants(*files, truth(), np.random.default_rng(1), new=30)
+        errors_of_new_instants(*files, truth(), np.random.default_rng(1), new=10)
         for files in ((RIG, CODED), (rig, handle))
     )
     # some instants in one place: less than half, of either

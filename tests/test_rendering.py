@@ -204,12 +204,9 @@ def test_interrupted_and_run_again_it_goes_on_to_identical_files(folder, monkeyp
     assert contents(folder / "out") == contents(folder / "whole")
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize(
-    ("number", "code"),
-    [
-        pytest.param(signal.SIGKILL, -signal.SIGKILL, marks=pytest.mark.heavy),
-        (signal.SIGINT, 130),
-    ],
+    ("number", "code"), [(signal.SIGKILL, -signal.SIGKILL), (signal.SIGINT, 130)]
 )
 def test_stopped_from_outside_and_run_again_it_goes_on_to_identical_files(folder, number, code):
     line = RENDER.replace("0.2", "0.4")  # twelve instants: enough for two processes

@@ -296,6 +296,7 @@ def test_a_track_on_a_full_disk_keeps_its_rows(folder, limit):
     assert_like_uninterrupted(len(kept))
 
 
+@pytest.mark.heavy
 def test_a_sweep_on_a_full_disk_keeps_its_runs(folder):
     import matplotlib.font_manager  # noqa: F401  # its cache is not to be written by the command
 
@@ -330,7 +331,7 @@ def test_an_overlay_that_the_disk_cuts_off_does_not_appear(tmp_path, monkeypatch
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full on this system")
-@pytest.mark.parametrize("line", [EVALUATE, MEASURE])
+@pytest.mark.parametrize("line", [EVALUATE, pytest.param(MEASURE, marks=pytest.mark.heavy)])
 def test_an_answer_that_nobody_takes_costs_one_line(folder, line):
     with Path("/dev/full").open("w") as full, started(line, stdout=full) as process:
         assert ended(process) == (

@@ -172,7 +172,8 @@ def nap(log):
         time.sleep(1)
 
 
-@pytest.mark.parametrize("workers", [pytest.param(1, marks=pytest.mark.heavy), 2])
+@pytest.mark.heavy
+@pytest.mark.parametrize("workers", [1, 2])
 def test_an_interruption_is_answered_at_once(tmp_path, workers):
     logs = [str(tmp_path / name) for name in "abc"]
     code = f"from trinolab.sweep import sweep; from test_sweep import nap; sweep(nap, log={logs}, workers={workers})"

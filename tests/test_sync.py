@@ -64,6 +64,7 @@ def test_known_offsets_are_found():
     assert list(significant(found)) == [False, True, True]
 
 
+@pytest.mark.heavy
 def test_standard_deviations_are_honest():
     z = []
     for seed in range(8):

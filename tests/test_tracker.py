@@ -247,6 +247,7 @@ def follow(clip, pose=None, keep=slice(None)):
     return state, found
 
 
+@pytest.mark.heavy
 def test_a_known_start_carries_the_equivalent_through_the_clip(clip):
     state, found = follow(clip, pose=clip[1][0])
     assert {m.pose.status for m, _ in found} == {"measured"}

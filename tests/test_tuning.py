@@ -196,11 +196,8 @@ def chapter():
     )
 
 
-@pytest.mark.parametrize(
-    "seeds",
-    [range(1, 9), pytest.param(range(21, 29), marks=pytest.mark.heavy)],
-    ids=["the chapter's", "others"],
-)
+@pytest.mark.heavy
+@pytest.mark.parametrize("seeds", [range(1, 9), range(21, 29)], ids=["the chapter's", "others"])
 def test_the_chapter_s_parameters_are_the_most_likely_ones(seeds):
     p, tracks = chapter(), tuning.drawn_tracks(RIG, CODED, seeds, np.random.default_rng(0))
     found = tune_image([tracks])

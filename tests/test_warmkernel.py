@@ -145,6 +145,7 @@ if kind == "threads": threading.Thread(target=time.sleep, args=(60,), daemon=Tru
 """
 
 
+@pytest.mark.heavy
 def test_what_goes_wrong_in_a_kernel(tmp_path):
     path = make_notebook(
         tmp_path / "n.ipynb", KINDS, glued(process="os.getpid()"), parameters="kind = 'fine'"
