@@ -130,8 +130,8 @@ def test_a_checked_pose_of_a_stated_rig_is_honest():
     clean = [blurred(radiance(camera, CODED, POSE, bench), bench) for camera in PAIR.cameras]
     nees = []
     for _ in range(24):
-        drawn = miscalibrated(PAIR, 0.1, 0.005, rng)
-        rig = replace(drawn, covariance=covariance_of_such(drawn, 0.1, 0.005))
+        drawn = miscalibrated(PAIR, 0.3, 0.02, rng)
+        rig = replace(drawn, covariance=covariance_of_such(drawn, 0.3, 0.02))
         images = [digitise(image, bench, rng) for image in clean]
         pose = measure(images, rig, CODED, POSE, Parameters(estimator="paper_checked")).pose
         e = motion_between(pose.T_world_handle, POSE)
