@@ -5,7 +5,6 @@ smeared.
 from dataclasses import replace
 from functools import cache
 
-import cv2
 import numpy as np
 import pytest
 from scipy.spatial.transform import RigidTransform, Rotation
@@ -24,6 +23,7 @@ from trinolab.following.look import expect, look
 from trinolab.following.parameters import FollowParameters
 from trinolab.following.posefilter import PoseFilterParameters
 from trinolab.rigid import apart, motion_between, shifted
+from trinolab.studies.broken import jpeg
 
 RIG, CODED, PAPER = load_rig("raised_40deg"), load_handle("coded"), load_handle("paper")
 FPS, BEST = 30.0, FollowParameters(estimator="patches")
@@ -245,16 +245,10 @@ def test_a_smear_is_measured_in_the_images_of_a_fit_without_motion():
         )
         fit = fit_patches(smeared, RIG, CODED, FIRST, with_smear=True)
         assert fit.smear_px == pytest.approx(wanted, rel=0.25)
-    for images in (as_jpeg(still := clip(CODED, 1)[0]), still):
+    still = clip(CODED, 1)[0]
+    for images in ([jpeg(image, 75) for image in still], still):
         fit = fit_patches(images, RIG, CODED, FIRST, with_smear=True)
         assert fit.smear_px < BEST.blurred_px
-
-
-def as_jpeg(images):
-    return [
-        cv2.imdecode(cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, 75])[1], 0)
-        for image in images
-    ]
 
 
 def test_what_shows_no_smear_is_not_fitted_as_smeared(monkeypatch):
@@ -269,7 +263,8 @@ def test_what_shows_no_smear_is_not_fitted_as_smeared(monkeypatch):
 
     monkeypatch.setattr(look_module, "fit_patches", counted)
     p = replace(BEST, still_misfit=1e-3)  # of any image, so to speak
-    found = tracked([as_jpeg(images) for images in clip(CODED, 5)], CODED, None, p)
+    coded = [[jpeg(image, 75) for image in images] for images in clip(CODED, 5)]
+    found = tracked(coded, CODED, None, p)
     for k, one in enumerate(found):
         assert one.measurement.pose.status == "measured"
         assert not apart(one.measurement.pose.T_world_handle, path(k), 0.05, np.deg2rad(0.5))

@@ -10,6 +10,7 @@ import shutil
 import signal
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 from healthy import BOARDS, EVALUATE, MEASURE, RENDER, SWEEP, TRACK, contents, make_healthy, run
@@ -240,11 +241,18 @@ def test_the_second_of_two_tracks_is_refused_and_the_first_one_is_whole(folder, 
 
 @pytest.mark.usefixtures("folder")
 def test_the_second_of_two_tracks_with_one_overlay_is_refused(capfd):
-    with Film("o.webm", 25.0):  # as the first track holds it
+    picture = np.zeros((64, 128, 3), np.uint8)
+    with Film("o.webm", 25.0) as first:  # as the first track holds it
+        first.add(picture)
         before = files()
         assert run(f"{TRACK} --overlay o.webm") == 2
         assert files() == before
+        first.add(picture)
     assert capfd.readouterr().err == "trinolab track: o.webm: another process works on it\n"
+    video, count = cv2.VideoCapture("o.webm"), 0
+    while video.read()[0]:
+        count += 1
+    assert count == 2  # the first one's is whole
 
 
 # --- full disks

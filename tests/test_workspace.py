@@ -341,7 +341,13 @@ def test_the_mesh_converges_to_the_volume():
 
 
 @pytest.mark.parametrize(
-    "cones", [partial(paper, 20), *drawn(1, seed=5)], indirect=True, ids=range(2)
+    "cones",
+    [
+        partial(paper, 20),
+        *(pytest.param(one, marks=pytest.mark.heavy) for one in drawn(3, seed=5)),
+    ],
+    indirect=True,
+    ids=range(4),
 )
 def test_the_bounding_box_against_another_optimiser(cones):
     found = intersect(cones)
