@@ -77,10 +77,14 @@ def as_covariance(value: ArrayLike, name: str, n: int) -> Array:
 def covariance_root(value: ArrayLike, name: str, n: int) -> Array:
     """A square root A of a covariance, A A^T = C, shape (n, n). Raises ValueError as
     `as_covariance`.
+
+    A is the standard deviations times the symmetric root of the correlations, which is unique. The
+    eigenvectors alone would give a root, too. But their signs hang on how a processor rounds, and
+    so would every draw.
     """
     scale, correlation = _correlations(as_covariance(value, name, n))
     values, vectors = np.linalg.eigh(correlation)
-    return scale[:, None] * vectors * np.sqrt(np.maximum(values, 0))
+    return scale[:, None] * ((vectors * np.sqrt(np.maximum(values, 0))) @ vectors.T)
 
 
 def _correlations(C: Array) -> tuple[Array, Array]:

@@ -23,6 +23,9 @@ ROOT = Path(__file__).resolve().parents[2]
 # quoted so small.
 ZERO = 1e-6
 SHOWN = 10  # lines of text that differ, at most
+MEASURES_TIME = re.compile(
+    r"\.seconds\b|perf_counter"
+)  # what such a cell prints, no rounding changes
 
 
 def instruction_sets():
@@ -173,11 +176,18 @@ def _texts(run):
                 if isinstance(value := run.results.get(name), (int, float)):
                     yield f"{name}:{form}", format(value, form)
     for place, cell in enumerate(run.notebook.cells):
-        for output in cell.get("outputs", []):
-            if "scrapbook" not in output.get("metadata", {}):
-                text = output.get("text") or output.get("data", {}).get("text/plain", "")
-                for k, line in enumerate(re.sub(r"0x[0-9a-f]+", "", text).splitlines()):
-                    yield f"cell {place} line {k}", line
+        if MEASURES_TIME.search(cell.source):
+            continue
+        text = "".join(map(_plain, cell.get("outputs", [])))  # printed at once or in several parts
+        for k, line in enumerate(re.sub(r"0x[0-9a-f]+", "", text).splitlines()):
+            yield f"cell {place} line {k}", line
+
+
+def _plain(output):
+    """What an output of a cell shows as text; nothing for what it only glues."""
+    if "scrapbook" in output.get("metadata", {}):
+        return ""
+    return output.get("text") or output.get("data", {}).get("text/plain", "") + "\n"
 
 
 GROUPS = {"tables": tables, "errata": errata, "scoreboard": scoreboard, "chapters": chapters}

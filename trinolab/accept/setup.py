@@ -119,8 +119,14 @@ class Field(NamedTuple):
 
     @property
     def axes(self) -> Array:
-        """Its principal directions as rows, the longest first, shape (3, 3)."""
-        return np.linalg.svd(self.points - self.centre, full_matrices=False)[2]
+        """Its principal directions as rows, the longest first, shape (3, 3).
+
+        The largest component of each is positive, since the signs of singular vectors hang on how a
+        processor rounds.
+        """
+        directions = np.linalg.svd(self.points - self.centre, full_matrices=False)[2]
+        largest = np.abs(directions).argmax(axis=1)
+        return directions * np.sign(directions[range(3), largest])[:, None]
 
 
 def field_of(rig: Rig, handle: Handle, seed: int = 0) -> Field:
