@@ -148,9 +148,11 @@ class Handle:
         ``T_world_handle * T`` for each of them shows the same markers: 12 for the paper's layout, 1
         for a coded one. The markers' own offsets are too small to tell such poses apart.
         """
-        identity = RigidTransform.identity()
-        found = [T for T in _candidate_symmetries(self) if _keeps_markers(self, T)]
-        return (identity, *(T for T in found if _moved(T) > 1e-6))
+        found = [RigidTransform.identity()]
+        for T in _candidate_symmetries(self):
+            if _keeps_markers(self, T) and _apart(T, found).min() > 1e-6:
+                found.append(T)
+        return tuple(found)
 
 
 def slants(handle: Handle, T_world_handle: RigidTransform, viewpoint: Array) -> Array:
@@ -251,7 +253,9 @@ def _check_layout(handle: Handle) -> None:
 
 
 def _candidate_symmetries(handle: Handle) -> list[RigidTransform]:
-    """Turns about the axis, and half turns across it, that carry marker 0 to some marker."""
+    """Turns about the axis, and half turns across it, that carry marker 0 to some marker; some of
+    them may be there twice.
+    """
     turns = handle.stated_angles - handle.stated_angles[0]
     motions = [
         RigidTransform.from_rotation(Rotation.from_rotvec([0.0, turn, 0.0])) for turn in turns
@@ -261,11 +265,7 @@ def _candidate_symmetries(handle: Handle) -> list[RigidTransform]:
         half_turn = Rotation.from_rotvec(np.pi * np.array([np.sin(azimuth), 0.0, np.cos(azimuth)]))
         shift = [0.0, s + handle.stated_centres[0, 1], 0.0]
         motions.append(RigidTransform.from_components(shift, half_turn))
-    unique: list[RigidTransform] = []
-    for T in motions:
-        if all(_moved(T.inv() * other) > 1e-6 for other in unique):
-            unique.append(T)
-    return unique
+    return motions
 
 
 def _keeps_markers(handle: Handle, T: RigidTransform, atol_mm: float = 1e-6) -> bool:
@@ -274,6 +274,7 @@ def _keeps_markers(handle: Handle, T: RigidTransform, atol_mm: float = 1e-6) -> 
     return bool((distance.min(axis=1) < atol_mm).all())
 
 
-def _moved(T: RigidTransform) -> float:
-    """How far a motion is from the identity, rad + mm."""
-    return float(T.rotation.magnitude() + np.linalg.norm(T.translation))
+def _apart(T: RigidTransform, others: Sequence[RigidTransform]) -> Array:
+    """How far a motion is from each of others, rad + mm, shape (n,)."""
+    between = RigidTransform.concatenate(others).inv() * T
+    return between.rotation.magnitude() + np.linalg.norm(between.translation, axis=1)
