@@ -12,7 +12,10 @@ from trinolab.studies import claims
 from trinolab.studies.claim_draws import TRIALS
 from trinolab.studies.protocol import Trial, load_claims, load_trials
 
-QUICK = ("concealed", "forecast", "calibration", "random_pose")
+QUICK = (
+    *("concealed", "forecast", "calibration", "random_pose"),
+    *("table1_pose", "recorded_instant", "hidden_camera"),
+)
 ROWS = load_trials()
 DRAWS = pd.read_csv(data_path("claims_draws.csv"))
 RESULTS = pd.read_csv(data_path("claims_results.csv"))
