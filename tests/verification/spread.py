@@ -184,8 +184,8 @@ def _texts(run):
 
 
 def _plain(output):
-    """What an output of a cell shows as text; nothing for what it only glues."""
-    if "scrapbook" in output.get("metadata", {}):
+    """What an output of a cell shows as text; nothing for what it only glues, and for warnings."""
+    if "scrapbook" in output.get("metadata", {}) or output.get("name") == "stderr":
         return ""
     return output.get("text") or output.get("data", {}).get("text/plain", "") + "\n"
 
