@@ -109,6 +109,22 @@ def test_cameras_that_share_nothing_are_refused():
         field_of(Rig((a, turned)), load_handle("coded"))
 
 
+def test_a_field_has_the_same_axes_whatever_signs_singular_vectors_have(monkeypatch):
+    field = field_of(load_rig("raised_40deg"), load_handle("coded"))
+    axes = field.axes
+    local = (field.points - field.centre) @ axes.T
+    assert (np.diff(local.std(axis=0)) < 0).all()
+    np.testing.assert_allclose(axes @ axes.T, np.eye(3), atol=1e-12)
+    svd = np.linalg.svd
+
+    def others(*arguments, **options):
+        U, S, Vt = svd(*arguments, **options)
+        return U, S, Vt * [[-1], [1], [-1]]
+
+    monkeypatch.setattr(np.linalg, "svd", others)
+    np.testing.assert_array_equal(field.axes, axes)
+
+
 def test_sobol_poses_are_even():
     """Of 512 poses: half of the turns and azimuths lie on either side, the tilts fill their band,
     and the first ones are those of a smaller sheet.

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
-from scipy.linalg import block_diag, expm
+from scipy.linalg import block_diag, expm, sqrtm
 from scipy.stats import chi2
 
 from trinolab.image_track import Track, draw, nees, run, search_window, search_windows, track
@@ -372,6 +372,24 @@ F1, Q1 = constant_acceleration(DT), white_jerk(DT, 1.0)
 def test_bad_input_is_a_value_error(call):
     with pytest.raises(ValueError, match="expected"):
         call()
+
+
+def test_a_root_of_a_covariance_is_the_same_whatever_signs_eigenvectors_have(monkeypatch):
+    """px beside px/s^2; of rank two."""
+    scale = np.array([0.1, 30.0, 4e4])
+    correlation = np.array([[1.0, 0.6, 0.6], [0.6, 1.0, 1.0], [0.6, 1.0, 1.0]])
+    C = scale[:, None] * correlation * scale
+    root = covariance_root(C, "C", 3)
+    np.testing.assert_allclose(root, scale[:, None] * sqrtm(correlation).real, rtol=1e-6)
+    np.testing.assert_allclose(root @ root.T, C, rtol=1e-9)
+    eigh = np.linalg.eigh
+
+    def others(matrix):
+        values, vectors = eigh(matrix)
+        return values, vectors * [-1, 1, -1]
+
+    monkeypatch.setattr(np.linalg, "eigh", others)
+    np.testing.assert_allclose(covariance_root(C, "C", 3), root, rtol=1e-9)
 
 
 numbers = st.floats(-1e6, 1e6)
