@@ -169,7 +169,11 @@ def test_the_region_holds_all_that_meets_the_arm():
 # ---------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("turn_deg", [0, 180], ids=["fingers in front", "fingers behind"])
+@pytest.mark.parametrize(
+    "turn_deg",
+    [0, pytest.param(180, marks=pytest.mark.heavy)],
+    ids=["fingers in front", "fingers behind"],
+)
 def test_what_is_nearer_hides_what_is_behind(turn_deg):
     """Pixels in the hand, at random: marching against all solids at once says which is first."""
     T, arm = upright(turn_deg=turn_deg), plain()
@@ -187,7 +191,8 @@ def test_what_is_nearer_hides_what_is_behind(turn_deg):
     assert all((expected[whole] == grey).sum() >= 5 for grey in (0.0, 90.0, SKIN))
 
 
-@pytest.mark.parametrize("turn_deg", [130, pytest.param(0, marks=pytest.mark.heavy)])
+@pytest.mark.heavy
+@pytest.mark.parametrize("turn_deg", [130, 0])
 def test_edges_of_the_hand_are_means_over_the_pixel(turn_deg):
     """A few large pixels, all of them marched with 4 x 4 samples."""
     T, arm = upright(turn_deg=turn_deg), plain()

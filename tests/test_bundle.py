@@ -160,14 +160,10 @@ def test_poses_alone():
     assert np.linalg.norm(np.array(away)[:, :3], axis=1).max() < 0.1  # mm
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize(
     ("rig", "name"),
-    [
-        (PAIR, "coded"),
-        pytest.param(PAIR, "paper", marks=pytest.mark.heavy),
-        pytest.param(TRIO, "coded", marks=pytest.mark.heavy),
-        pytest.param(TRIO, "paper", marks=pytest.mark.heavy),
-    ],
+    [(PAIR, "coded"), (PAIR, "paper"), (TRIO, "coded"), (TRIO, "paper")],
 )
 def test_a_recording_mends_rig_and_handle(rig, name):
     # a draw of what `make verify` counts on twenty

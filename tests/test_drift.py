@@ -92,7 +92,9 @@ def test_a_pair_does_not_say_which_of_its_cameras_has_turned():
     assert abs(found.instant - WHEN) <= 5
 
 
-@pytest.mark.parametrize("name", ["paper_pair", "raised_40deg"])
+@pytest.mark.parametrize(
+    "name", [pytest.param("paper_pair", marks=pytest.mark.heavy), "raised_40deg"]
+)
 def test_a_rig_that_stays_does_not_drift(name):
     rig = load_rig(name)
     assert [find_drift(series(rig, None, seed), rig) for seed in range(2)] == [None] * 2

@@ -324,14 +324,14 @@ def test_data_of_another_model_and_a_closed_view_are_refused():
         view.render(settled(model))
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize(
     ("broken", "said"),
     [
         ({}, "(480, 640, 3)"),
-        pytest.param(
+        (
             {"VTK_DEFAULT_OPENGL_WINDOW": "vtkOSOpenGLRenderWindow"},
             "cannot render without a display",
-            marks=pytest.mark.heavy,
         ),
     ],
 )

@@ -74,6 +74,7 @@ def test_where_nobody_can_move_a_slider_there_is_the_figure_at_its_start(monkeyp
     assert plt.get_fignums() == []
 
 
+@pytest.mark.heavy
 def test_a_page_needs_no_kernel(tmp_path):
     code = """
 from trinolab.sweep.sliders import explore

@@ -162,9 +162,8 @@ def test_patches_covariance_is_honest_on_rendered_noise():
     assert abs(np.mean(nees) - 6) < 4 * np.sqrt(12 / len(nees))
 
 
-@pytest.mark.parametrize(
-    "estimator", ["paper_checked", pytest.param("weighted", marks=pytest.mark.heavy)]
-)
+@pytest.mark.parametrize("estimator", ["paper_checked", "weighted"])
+@pytest.mark.heavy
 def test_covariance_of_pairs_is_honest_on_rendered_noise(estimator):
     """As above for the pairs' estimators, 24 draws: their biased or moved centroids are in the
     covariance.

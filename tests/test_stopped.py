@@ -136,7 +136,11 @@ def assert_like_uninterrupted(stopped_at):
 
 
 @pytest.mark.parametrize(
-    ("number", "code"), [(signal.SIGINT, 130), (signal.SIGKILL, -signal.SIGKILL)]
+    ("number", "code"),
+    [
+        (signal.SIGINT, 130),
+        pytest.param(signal.SIGKILL, -signal.SIGKILL, marks=pytest.mark.heavy),
+    ],
 )
 def test_a_track_that_is_stopped_keeps_its_rows_and_goes_on(folder, number, code):
     before = files()
@@ -155,7 +159,11 @@ def test_a_track_that_is_stopped_keeps_its_rows_and_goes_on(folder, number, code
 
 
 @pytest.mark.parametrize(
-    ("moment", "there"), [(0, {"poses.csv.partial"}), (1, {"poses.csv.partial", "poses.csv"})]
+    ("moment", "there"),
+    [
+        pytest.param(0, {"poses.csv.partial"}, marks=pytest.mark.heavy),
+        (1, {"poses.csv.partial", "poses.csv"}),
+    ],
 )
 def test_a_track_that_is_killed_while_it_names_its_files(folder, moment, there):
     before = files()
@@ -172,7 +180,11 @@ def test_a_track_that_is_killed_while_it_names_its_files(folder, moment, there):
 
 
 @pytest.mark.parametrize(
-    ("number", "code"), [(signal.SIGINT, 130), (signal.SIGKILL, -signal.SIGKILL)]
+    ("number", "code"),
+    [
+        (signal.SIGINT, 130),
+        pytest.param(signal.SIGKILL, -signal.SIGKILL, marks=pytest.mark.heavy),
+    ],
 )
 def test_a_calibration_that_is_stopped_leaves_nothing(folder, number, code):
     Path("b/04.png").unlink()
@@ -190,6 +202,7 @@ def test_a_calibration_that_is_stopped_leaves_nothing(folder, number, code):
     assert files() == before
 
 
+@pytest.mark.heavy
 def test_a_calibration_that_is_killed_while_it_names_its_files(folder):
     before = files()
     with started(f"0 {BOARDS}", DIES) as process:  # all three files are written, none has its name
@@ -265,12 +278,14 @@ FULL = "cannot be written (File too large)"
     ("line", "limit", "message"),
     [
         (MEASURE, 900, f"poses.csv: {FULL}"),
-        (BOARDS, 40_000, f"new_residuals.png: {FULL}"),
+        pytest.param(BOARDS, 40_000, f"new_residuals.png: {FULL}", marks=pytest.mark.heavy),
         pytest.param(BOARDS, 10_000, f"new.covariance.toml: {FULL}", marks=pytest.mark.heavy),
         pytest.param(BOARDS, 100, f"new.toml: {FULL}", marks=pytest.mark.heavy),
         (TRACK, 100, f"poses.csv.partial: {FULL}"),
         pytest.param(RENDER, 100, f"made_from.json: {FULL}", marks=pytest.mark.heavy),
-        (RENDER, 2000, f"out.partial/background/ccd1.png: {FULL}"),
+        pytest.param(
+            RENDER, 2000, f"out.partial/background/ccd1.png: {FULL}", marks=pytest.mark.heavy
+        ),
     ],
 )
 def test_a_full_disk_costs_one_line_and_leaves_nothing_unfinished(folder, line, limit, message):
@@ -327,7 +342,7 @@ def test_a_sweep_on_a_full_disk_keeps_its_runs(folder):
     }
 
 
-@pytest.mark.parametrize("limit", [100, 30_000])
+@pytest.mark.parametrize("limit", [100, pytest.param(30_000, marks=pytest.mark.heavy)])
 def test_an_overlay_that_the_disk_cuts_off_does_not_appear(tmp_path, monkeypatch, limit):
     monkeypatch.chdir(tmp_path)
     with started_on_a_full_disk("", limit, FILM) as process:

@@ -106,6 +106,7 @@ def test_the_command_makes_table_figure_and_manifest(capfd):
     assert {path.name for path in Path().iterdir()} == {"n.ipynb", "new", "trace"}
 
 
+@pytest.mark.heavy
 @pytest.mark.usefixtures("notebook")
 def test_what_is_finished_is_not_run_again_unless_it_is_stale(caplog):
     line = LINE.replace("0:9:10", "0,1").replace("--workers 2", "--workers 1")

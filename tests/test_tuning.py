@@ -232,6 +232,7 @@ def test_nees_of_the_model_is_four_and_from_a_start_that_is_taken_for_known_is_n
     assert zero[-1] == pytest.approx(right[-1], abs=0.5)  # Q has made it forget
 
 
+@pytest.mark.heavy
 def test_on_persons_motion_the_filter_is_right_in_the_mean_and_not_in_single_seconds():
     p, rng = chapter(), np.random.default_rng(10)
     # 4.0 to 4.5

@@ -173,6 +173,7 @@ def test_what_goes_wrong_in_a_kernel(tmp_path):
     ]
 
 
+@pytest.mark.heavy
 def test_a_kernel_uses_one_thread(tmp_path):
     code = """
 import os
