@@ -25,6 +25,7 @@ FLAGS = [
     "--headless",
     "--no-sandbox",
     "--disable-gpu",
+    # one page is open at a time: fewer processes draw it in less time
     "--in-process-gpu",
     "--renderer-process-limit=1",
     "--disable-site-isolation-trials",

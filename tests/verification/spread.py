@@ -23,9 +23,8 @@ ROOT = Path(__file__).resolve().parents[2]
 # quoted so small.
 ZERO = 1e-6
 SHOWN = 10  # lines of text that differ, at most
-MEASURES_TIME = re.compile(
-    r"\.seconds\b|perf_counter"
-)  # what such a cell prints, no rounding changes
+# A cell that reads a clock prints something else in each run; that is no matter of rounding.
+MEASURES_TIME = re.compile(r"\.seconds\b|perf_counter")
 
 
 def instruction_sets():
