@@ -19,6 +19,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 
 from .camera import Camera
 from .checks import Array, as_array, as_number, as_transform, check_numbers, frozen
+from .rigid import apart
 
 _LARGEST = 1e6  # mm or deg
 
@@ -150,7 +151,7 @@ class Handle:
         """
         found = [RigidTransform.identity()]
         for T in _candidate_symmetries(self):
-            if _keeps_markers(self, T) and _apart(T, found).min() > 1e-6:
+            if _keeps_markers(self, T) and all(apart(T, other, 1e-6, 1e-6) for other in found):
                 found.append(T)
         return tuple(found)
 
@@ -272,9 +273,3 @@ def _keeps_markers(handle: Handle, T: RigidTransform, atol_mm: float = 1e-6) -> 
     moved = T.apply(handle.stated_centres)
     distance = np.linalg.norm(moved[:, None] - handle.stated_centres, axis=2)
     return bool((distance.min(axis=1) < atol_mm).all())
-
-
-def _apart(T: RigidTransform, others: Sequence[RigidTransform]) -> Array:
-    """How far a motion is from each of others, rad + mm, shape (n,)."""
-    between = RigidTransform.concatenate(others).inv() * T
-    return between.rotation.magnitude() + np.linalg.norm(between.translation, axis=1)
