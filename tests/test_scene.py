@@ -3,6 +3,7 @@ ray caster's.
 """
 
 import inspect
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -17,13 +18,15 @@ from trinolab.bench.rays import (
     SIDE,
     body_region,
     cast,
+    cast_rays,
     edge_pixels,
+    facing,
     marker_outline,
     sample_offsets,
 )
 from trinolab.bench.scene import radiance, render, render_clip, render_rig, scaled
 from trinolab.camera import Camera, Rig
-from trinolab.handle import Handle, slants
+from trinolab.handle import Handle, on_cylinder, slants
 
 IDENTITY = RigidTransform.identity()
 MATRIX = [[2956.2, 0, 628], [0, 2940.1, 515], [0, 0, 1]]
@@ -110,6 +113,32 @@ def test_hits_agree_with_sphere_tracing():
         np.testing.assert_allclose(hits.points[sure], marched[sure], atol=1e-3)
         labels.extend(hits.labels)
     assert min(labels.count(part) for part in (EMPTY, SIDE, CAP)) > 20
+
+
+def test_a_marker_is_met_as_soon_as_its_edge_comes_round_the_side():
+    """The camera turns about the handle; what a ray meets is judged by the distances on the
+    unrolled surface from all markers, seen or not.
+    """
+    wide = replace(PAPER, marker_diameter_mm=4.5)
+    half = wide.marker_diameter_mm / 2
+    beyond = 0
+    for turn in np.deg2rad(np.arange(0, 60, 2)):
+        viewpoint = np.array([200 * np.sin(turn), 0.0, 200 * np.cos(turn)])
+        phi, height = (
+            part.ravel() for part in np.meshgrid(turn + np.linspace(-1.54, 1.54, 99), [9, 10, 11.5])
+        )
+        aims = on_cylinder(wide.radius_mm, phi, height)
+        hits = cast_rays(wide, viewpoint, (aims - viewpoint).T)
+        x, y, z = hits.points.T
+        around = np.arctan2(x, z)[:, None] - wide.marker_angles
+        around = (around + np.pi) % (2 * np.pi) - np.pi
+        distance = np.hypot(wide.radius_mm * around, y[:, None] - wide.marker_centres[:, 1])
+        nearest = distance.argmin(axis=1)
+        expected = np.where(distance.min(axis=1) <= half, nearest, SIDE)
+        np.testing.assert_array_equal(hits.labels, expected)
+        centres = wide.marker_centres[hits.labels[hits.labels >= 0]]
+        beyond += np.count_nonzero(~facing(wide, centres, viewpoint))
+    assert beyond > 50  # seen, though the marker's centre is on the far side
 
 
 def sphere_traced(handle, T_world_handle, rays):

@@ -140,9 +140,15 @@ class Camera:
 
         NaN for missing points and where no ideal point maps to the pixel.
         """
-        return undistort(
-            (as_points(uv, "uv", 2) - self.principal_point) / self.focal, self.distortions
+        u, v = as_points(uv, "uv", 2).T
+        # column by column: NumPy is slow along an axis of two
+        xy = np.column_stack(
+            [
+                (u - self.principal_point[0]) / self.focal[0],
+                (v - self.principal_point[1]) / self.focal[1],
+            ]
         )
+        return undistort(xy, self.distortions)
 
     def ideal_pixels(self, uv: ArrayLike) -> Array:
         """Pixels with the lens distortion removed, shape (n, 2); epipolar lines are straight only

@@ -70,7 +70,7 @@ def _as_floats(value: ArrayLike) -> np.ndarray:
     array = np.asarray(value)
     if array.dtype.kind in "bSU":
         raise TypeError
-    return array.astype(float)
+    return array.astype(float, copy=False)
 
 
 def as_points(value: ArrayLike, name: str, dim: int, finite: bool = False) -> Array:

@@ -204,7 +204,10 @@ def _sample(
         chosen = np.flatnonzero((body == on_body) & (arm == on_arm))
         for start in range(0, len(chosen), step):
             v, u = (index[chosen[start : start + step]] for index in (rows, columns))
-            uv = (np.column_stack([u, v])[:, None] + offsets).reshape(-1, 2)
+            # column by column: NumPy is slow along an axis of two
+            uv = np.column_stack(
+                [np.add.outer(u, offsets[:, 0]).ravel(), np.add.outer(v, offsets[:, 1]).ravel()]
+            )
             grey, found = _look(view, uv, on_body, on_arm)
             hit = found != EMPTY
             light[v, u] = np.where(hit, grey, 0).reshape(len(v), -1).mean(axis=1)

@@ -258,7 +258,8 @@ def _label_markers(
     chosen = np.flatnonzero(near & (labels == SIDE))
     x, y, z = points[chosen].T
     on_body = np.arctan2(x, z), y
-    for k, radius in enumerate(handle.marker_radii):
+    for k in _within_view(handle, origin):
+        radius = handle.marker_radii[k]
         theta, height = on_body
         if radius != handle.radius_mm:
             theta, height = _on_cylinder(radius, origin, directions[:, chosen])
@@ -267,6 +268,23 @@ def _label_markers(
         turn -= 2 * np.pi * np.round(turn / (2 * np.pi))
         inside = (radius * turn) ** 2 + (shrunk * (height[level] - axial[k])) ** 2 <= around**2
         labels[chosen[level[inside]]] = k
+
+
+def _within_view(handle: Handle, origin: Array) -> np.ndarray:
+    """Numbers of the markers that a ray from the origin, handle frame, may meet, shape (k,).
+
+    From outside an endless cylinder a ray enters it on the side that faces the origin. A marker is
+    left out if all of it lies on the far side; rounding has a milliradian to spare.
+    """
+    radii = handle.marker_radii
+    distance = np.hypot(origin[0], origin[2])
+    if distance <= radii.max():  # an origin within a cylinder
+        return np.arange(len(radii))
+    visible = np.arccos(radii / distance)
+    half_marker = _half_axes(handle)[0] / radii
+    turn = handle.marker_angles - np.arctan2(origin[0], origin[2])
+    turn -= 2 * np.pi * np.round(turn / (2 * np.pi))
+    return np.flatnonzero(np.abs(turn) <= visible + half_marker + 1e-3)
 
 
 def _on_cylinder(radius: float, origin: Array, directions: Array) -> tuple[Array, Array]:
