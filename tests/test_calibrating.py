@@ -481,6 +481,7 @@ def test_images_and_videos_together(folder, frames):
         calibrate_rig({"a": "a", "b": "b.mkv"}, CHESSBOARD, "rig.toml")
 
 
+@pytest.mark.heavy
 def test_views_that_say_too_little_name_the_cameras(folder):
     only_view((0, 1, 2, 3), (0, 1, 2, 3))
     for name in "ab":

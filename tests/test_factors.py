@@ -212,13 +212,35 @@ def test_the_command_writes_whole_tables_and_only_those_asked_for(tmp_path, monk
 
 
 @pytest.mark.parametrize(
-    ("folder", "factor", "said"),
-    [("none", "speed", "no such folder"), (".", "colour", "factor: expected one of")],
+    ("folder", "factor", "seeds", "said"),
+    [
+        ("none", "speed", 1, "no such folder"),
+        (".", "colour", 1, "factor: expected one of"),
+        (".", "speed", 0, "--seeds: expected a number in [1, inf], got 0"),
+    ],
 )
 def test_the_command_refuses_in_a_line_before_it_computes(
-    tmp_path, monkeypatch, capsys, folder, factor, said
+    tmp_path, monkeypatch, capsys, folder, factor, seeds, said
 ):
     monkeypatch.setattr(factors, "cell", None)
-    assert main(["factors", "--out", str(tmp_path / folder), "--factor", factor]) == 2
+    line = ["factors", "--out", str(tmp_path / folder), "--factor", factor, "--seeds", str(seeds)]
+    assert main(line) == 2
     (line,) = capsys.readouterr().err.splitlines()
     assert said in line
+
+
+@pytest.mark.parametrize(
+    ("study", "option"),
+    [
+        ("budget", "--draws"),
+        ("calibration_error", "--workers"),
+        ("gallery", "--workers"),
+        ("sensitivity", "--draws"),
+        ("stress", "--instants"),
+    ],
+)
+def test_a_study_of_less_than_one_is_refused(tmp_path, capsys, study, option):
+    assert main([study, "--out", str(tmp_path), option, "-2"]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.endswith(f"{option}: expected a number in [1, inf], got -2")
+    assert not list(tmp_path.iterdir())

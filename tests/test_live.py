@@ -251,6 +251,7 @@ def test_ctrl_c_ends_the_command_and_keeps_the_recording(tmp_path):
     assert not folder.name.endswith(".partial")
 
 
+@pytest.mark.heavy
 def test_a_port_that_is_taken_is_said(tmp_path):
     with Live(Bench().source, tmp_path) as live:
         port = live.address.split(":")[2].split("/")[0]

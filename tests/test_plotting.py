@@ -83,6 +83,7 @@ def test_scene_is_self_contained_and_needs_no_display(cones_and_mesh):
     assert 5e5 < len(html) < 3e6
 
 
+@pytest.mark.heavy
 def test_scene_without_a_display_is_silent_and_opens_no_connection():
     code = (
         "import socket; socket.socket.connect = None\n"

@@ -227,6 +227,7 @@ def test_a_smear_is_fitted_with_the_pose():
     assert still is None or np.median(still.misfit) > 3.0
 
 
+@pytest.mark.heavy
 def test_a_smear_is_measured_in_the_images_of_a_fit_without_motion():
     """The longest one, in the camera that sees most of the motion; none where the handle is still,
     also in images that JPEG has made worse.

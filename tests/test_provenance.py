@@ -152,7 +152,12 @@ def test_a_function_without_a_file_is_made_from_the_whole_package(package):
 
 
 @pytest.mark.parametrize(
-    "chapter", ["11_master_slave", pytest.param("gallery", marks=pytest.mark.heavy)]
+    "chapter",
+    [
+        "08_pose",
+        pytest.param("11_master_slave", marks=pytest.mark.heavy),
+        pytest.param("gallery", marks=pytest.mark.heavy),
+    ],
 )
 def test_all_that_a_chapter_loads_is_among_its_imports(chapter):
     """Python itself says which modules are loaded; it knows nothing of the walk along the

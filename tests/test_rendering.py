@@ -189,6 +189,7 @@ def interrupt_after(monkeypatch, count):
     return calls
 
 
+@pytest.mark.heavy
 def test_interrupted_and_run_again_it_goes_on_to_identical_files(folder, monkeypatch, capfd):
     rendered("whole")
     interrupt_after(monkeypatch, 8)

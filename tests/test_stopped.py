@@ -277,7 +277,7 @@ FULL = "cannot be written (File too large)"
 @pytest.mark.parametrize(
     ("line", "limit", "message"),
     [
-        (MEASURE, 900, f"poses.csv: {FULL}"),
+        pytest.param(MEASURE, 900, f"poses.csv: {FULL}", marks=pytest.mark.heavy),
         pytest.param(BOARDS, 40_000, f"new_residuals.png: {FULL}", marks=pytest.mark.heavy),
         pytest.param(BOARDS, 10_000, f"new.covariance.toml: {FULL}", marks=pytest.mark.heavy),
         pytest.param(BOARDS, 100, f"new.toml: {FULL}", marks=pytest.mark.heavy),

@@ -43,7 +43,7 @@ def check_limits(joints):
 
 def test_a_recording_moves_the_arm_as_the_hand_moved(recording, tmp_path):
     done = teleoperate(
-        part(recording, 28, 60), tmp_path / "out", scale=0.5, video=False, progress=False
+        part(recording, 28, 48), tmp_path / "out", scale=0.5, video=False, progress=False
     )
     joints, events, poses = (
         pd.read_csv(tmp_path / "out" / f"{name}.csv") for name in ("joints", "events", "poses")
@@ -56,7 +56,7 @@ def test_a_recording_moves_the_arm_as_the_hand_moved(recording, tmp_path):
     np.testing.assert_allclose(joints, done.joints, rtol=1e-6, atol=1e-9)
     check_limits(joints)
     assert events["event"].tolist() == ["clutch closed"]
-    assert (poses["status"] == "measured").sum() >= 29
+    assert (poses["status"] == "measured").sum() >= 17
     # how far the hand went since the clutch was closed, and the tool, half as far; the filters are
     # a little behind
     known = poses[poses["status"] == "measured"][["x_mm", "y_mm", "z_mm"]].to_numpy()

@@ -14,6 +14,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING
 
+from ..checks import as_whole
 from ..files.outputs import check_targets, write_table
 
 if TYPE_CHECKING:
@@ -120,6 +121,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     )
     arguments = parser.parse_args(argv)
     try:
+        _check_counts(arguments)
         _run(arguments)
     except ValueError as error:
         print(f"{parser.prog} {arguments.study}: {error}", file=sys.stderr)
@@ -158,6 +160,13 @@ def _add_workers(parser: argparse.ArgumentParser) -> None:
         metavar="N",
         help="processes (one a core)",
     )
+
+
+def _check_counts(a: argparse.Namespace) -> None:
+    """ValueError for a count that was given as less than one."""
+    for count in ("draws", "seeds", "instants", "workers"):
+        if count in a:
+            as_whole(getattr(a, count), f"--{count}", low=1)
 
 
 def _run(a: argparse.Namespace) -> None:

@@ -1,7 +1,7 @@
 """The four factors that Sect. 6.5 names, each swept on Table 1's poses: rendered, measured,
 compared.
 
-    python -m trinolab.studies.factors --out data/sweeps [--factor speed ...] [--seeds 1]
+    python -m trinolab.studies factors --out data/sweeps [--factor speed ...] [--seeds 1]
 
 makes the tables of ``data/sweeps`` again. Everything but the one factor is that of the standard
 scene. A cell is drawn from its own generator, so that it can be computed alone, and every method

@@ -406,7 +406,8 @@ def judge(data: Sequence[tuple[Array, RigidTransform]], models: tuple[Model, Mod
     """
     p = PoseFilterParameters()
     lines = []
-    paths = [(times, pose_paths(poses, p, np.random.default_rng(1))) for times, poses in data]
+    rng = np.random.default_rng(1)  # one source: each motion has noise of its own
+    paths = [(times, pose_paths(poses, p, rng)) for times, poses in data]
     for kind, (name, model) in enumerate(zip(("position", "rotation"), models, strict=True)):
         found = [innovations(times, both[kind], model) for times, both in paths]
         axes = np.concatenate([one.squared for one in found]).mean(axis=0)
