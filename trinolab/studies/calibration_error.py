@@ -179,7 +179,9 @@ def make_table(draws: int, workers: int, kept: Path) -> pd.DataFrame:
         print(name, file=sys.stderr)
         found = sweep(one_draw, grid, out=kept / name, workers=workers)
         if len(bad := found[found["status"] != OK]):
-            raise ValueError(f"{len(bad)} of {len(found)} draws failed; the first: {bad['error'].iloc[0]}")
+            raise ValueError(
+                f"{len(bad)} of {len(found)} draws failed; the first: {bad['error'].iloc[0]}"
+            )
         rows += summaries(found)
     return pd.DataFrame(rows)
 
