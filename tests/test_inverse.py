@@ -161,6 +161,18 @@ def test_to_slow_down_is_always_allowed(end):
     assert (low <= high + 1e-12).all()
 
 
+@pytest.mark.parametrize("way", [-1, 1])
+def test_a_joint_at_its_highest_speed_becomes_no_faster_either_way(way):
+    """Far from both ends of its range only the highest speed stands in its way."""
+    limits, dt = ROBOT.limits, INVERSE.tick_s
+    middle = (limits.low + limits.high) / 2
+    fastest = way * limits.speed
+    low, high = control.speed_bounds(middle, fastest, limits, dt)
+    slower = fastest - way * limits.acceleration * dt
+    np.testing.assert_allclose(low if way < 0 else high, fastest, rtol=1e-12)
+    np.testing.assert_allclose(high if way < 0 else low, slower, rtol=1e-12)
+
+
 # --- the reference
 
 
