@@ -14,7 +14,7 @@ from trinolab.files.bags import is_bag, unpack_bag, write_bag
 from trinolab.files.images import read_greys
 from trinolab.files.poses import pose_table, write_poses
 from trinolab.files.recording import open_folder
-from trinolab.files.rigs import read_rig
+from trinolab.files.rigs import handle_text, read_rig
 from trinolab.following import posetracker
 from trinolab.pose import LOST, Pose
 
@@ -271,6 +271,171 @@ def test_what_cannot_be_written_or_read_is_said_in_one_line(bag, folder, tmp_pat
         assert what in said, said
         assert "\n" not in said
     assert sorted(tmp_path.iterdir()) == before
+
+
+def stamped(ros, time_ns, frame):
+    stamp = ros.types["builtin_interfaces/msg/Time"](time_ns // 10**9, time_ns % 10**9)
+    return ros.types["std_msgs/msg/Header"](stamp, frame)
+
+
+def lens_of(ros, frame, model="plumb_bob"):
+    none = ros.types["sensor_msgs/msg/RegionOfInterest"](0, 0, 0, 0, False)
+    K = np.array([9.0, 0, 3, 0, 9, 2, 0, 0, 1])
+    P = np.array([9.0, 0, 3, 0, 0, 9, 2, 0, 0, 0, 1, 0])
+    header = stamped(ros, 0, frame)
+    kind = ros.types["sensor_msgs/msg/CameraInfo"]
+    return kind(header, 4, 6, model, np.zeros(5), K, np.eye(3).ravel(), P, 0, 0, none)
+
+
+def places_of(ros, worlds):
+    """Each camera 1 m further along x, in the frame that is named."""
+    types = ros.types
+    turn = types["geometry_msgs/msg/Quaternion"](0.0, 0.0, 0.0, 1.0)
+    each = []
+    for k, (camera, world) in enumerate(worlds.items()):
+        moved = types["geometry_msgs/msg/Vector3"](float(k), 0.0, 0.0)
+        whole = types["geometry_msgs/msg/Transform"](moved, turn)
+        header = stamped(ros, 0, world)
+        each.append(types["geometry_msgs/msg/TransformStamped"](header, camera, whole))
+    return types["tf2_msgs/msg/TFMessage"](each)
+
+
+def grey_of(ros, time_ns, encoding="mono8", size=(6, 4), padding=0):
+    """An image of one grey level, whose rows end with other bytes."""
+    width, height = size
+    data = np.full((height, width + padding), 70, np.uint8)
+    data[:, width:] = 255
+    header = stamped(ros, time_ns, "")
+    kind = ros.types["sensor_msgs/msg/Image"]
+    return kind(header, height, width, encoding, 0, width + padding, data.ravel())
+
+
+def bag_of_two(path, **other):
+    """A bag with cameras a and b, two images each, and a handle; messages of topics in `other`'s
+    place.
+    """
+    from rosbags.rosbag2 import StoragePlugin, Writer
+    from rosbags.typesys import Stores, get_typestore
+
+    ros = get_typestore(Stores.ROS2_JAZZY)
+    text = ros.types["std_msgs/msg/String"]
+    contents = {
+        "/a/camera_info": lambda ros: [lens_of(ros, "a")],
+        "/b/camera_info": lambda ros: [lens_of(ros, "b")],
+        "/tf_static": lambda ros: [places_of(ros, {"a": "world", "b": "world"})],
+        "/handle_description": lambda ros: [text(handle_text(CODED))],
+        "/a/image": lambda ros: [grey_of(ros, 10**9), grey_of(ros, 2 * 10**9)],
+        "/b/image": lambda ros: [grey_of(ros, 10**9), grey_of(ros, 2 * 10**9)],
+    } | {f"/{name.replace('__', '/')}": made for name, made in other.items()}
+    kinds = {
+        "camera_info": "sensor_msgs/msg/CameraInfo",
+        "tf_static": "tf2_msgs/msg/TFMessage",
+        "handle_description": "std_msgs/msg/String",
+    }
+    with Writer(path, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        for topic, made in contents.items():
+            kind = kinds.get(topic.rpartition("/")[2], "sensor_msgs/msg/Image")
+            connection = writer.add_connection(topic, kind, typestore=ros)
+            for content in made(ros):
+                writer.write(connection, 5, ros.serialize_cdr(content, kind))
+    return path
+
+
+def test_the_bytes_at_the_end_of_a_row_belong_to_no_image(tmp_path):
+    padded = bag_of_two(
+        tmp_path / "b",
+        a__image=lambda ros: [grey_of(ros, k * 10**9, padding=3) for k in (1, 2)],
+    )
+    unpack_bag(padded, tmp_path / "r")
+    for name in ("a", "b"):
+        for image in read_greys(sorted((tmp_path / "r" / "images" / name).iterdir())):
+            np.testing.assert_array_equal(image, np.full((4, 6), 70))
+    recording, handle = open_folder(tmp_path / "r")
+    np.testing.assert_allclose(recording.times_s, [1.0, 2.0], rtol=1e-12)
+    places = [camera.T_world_cam.translation for camera in recording.rig.cameras]
+    np.testing.assert_allclose(places, [[0, 0, 0], [1000, 0, 0]], atol=1e-9)
+    assert handle == CODED
+
+
+def nothing(ros):
+    return []
+
+
+@pytest.mark.parametrize(
+    ("topic", "made", "says"),
+    [
+        ("a__camera_info", nothing, "/a/camera_info: no message in it"),
+        (
+            "b__camera_info",
+            lambda ros: [lens_of(ros, "tripod")],
+            "/b/camera_info: /tf_static does not say where 'tripod' stands; give a rig file",
+        ),
+        (
+            "a__camera_info",
+            lambda ros: [lens_of(ros, "a", "equidistant")],
+            "/a/camera_info: expected the lens model plumb_bob, got 'equidistant'",
+        ),
+        (
+            "tf_static",
+            lambda ros: [places_of(ros, {"a": "world", "b": "map"})],
+            "/tf_static: expected all cameras in one frame, got map, world; give a rig file",
+        ),
+        (
+            "a__second__image",
+            lambda ros: [grey_of(ros, 1)],
+            "expected one topic of images of camera a, got /a/image and /a/second/image",
+        ),
+        ("handle_description", nothing, "no handle in it (/handle_description)"),
+        (
+            "handle_description",
+            lambda ros: [ros.types["std_msgs/msg/String"]("name = ")],
+            "/handle_description: no valid TOML",
+        ),
+        (
+            "a__image",
+            lambda ros: [grey_of(ros, 10**9)],
+            "expected as many images of each camera, and one at least: a 1, b 2",
+        ),
+        (
+            "a__image",
+            lambda ros: [grey_of(ros, 10**9), grey_of(ros, 2 * 10**9 + 8 * 10**8)],
+            "instant 1: the cameras' images are 0.8 s apart, more than half a frame",
+        ),
+        (
+            "b__image",
+            lambda ros: [grey_of(ros, 10**9, size=(4, 6))] * 2,
+            "/b/image: image 0: expected 6 x 4 pixels of grey or colour, 8 bit",
+        ),
+        (
+            "b__image",
+            lambda ros: [grey_of(ros, 10**9), grey_of(ros, 10**9, "bayer_rggb8")],
+            "/b/image: image 1: expected 6 x 4 pixels of grey or colour, 8 bit",
+        ),
+    ],
+)
+def test_what_makes_no_recording_is_said_with_its_topic(tmp_path, topic, made, says):
+    bad = bag_of_two(tmp_path / "b", **{topic: made})
+    said = refusal(bad, tmp_path / "r")
+    assert said.startswith(f"{bad}: {says}")
+    assert [path.name for path in tmp_path.iterdir()] == ["b"]  # nothing is left of what was begun
+
+
+def test_poses_without_times_and_joints_without_numbers_are_refused(folder, tmp_path):
+    table = pd.read_csv(folder.parent / "poses.csv", dtype=str)
+    table["t_s"] = ""
+    table.to_csv(tmp_path / "poses.csv", index=False)
+    with pytest.raises(ValueError, match=r"poses\.csv: column 't_s' is empty"):
+        write_bag(folder, tmp_path / "bag", poses=tmp_path / "poses.csv")
+    wrong = {
+        "expected columns like shoulder_measured_rad, got none": JOINTS[["t_s"]],
+        "expected numbers in all columns": JOINTS.assign(wrist_rad=["0.1", "bent"]),
+        "expected finite numbers in all columns": JOINTS.assign(wrist_rad=[0.1, np.nan]),
+    }
+    for says, joints in wrong.items():
+        joints.to_csv(tmp_path / "joints.csv", index=False)
+        with pytest.raises(ValueError, match=rf"joints\.csv: {says}"):
+            write_bag(folder, tmp_path / "bag", joints=tmp_path / "joints.csv")
+    assert not (tmp_path / "bag").exists()
 
 
 def refusal(bag, folder):
