@@ -1,5 +1,7 @@
 """A recording as a ROS 2 bag, read back by another reader (mcap), and tracked from it."""
 
+from functools import cache
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -310,14 +312,20 @@ def grey_of(ros, time_ns, encoding="mono8", size=(6, 4), padding=0):
     return kind(header, height, width, encoding, 0, width + padding, data.ravel())
 
 
+@cache
+def messages():
+    from rosbags.typesys import Stores, get_typestore
+
+    return get_typestore(Stores.ROS2_JAZZY)
+
+
 def bag_of_two(path, **other):
     """A bag with cameras a and b, two images each, and a handle; messages of topics in `other`'s
     place.
     """
     from rosbags.rosbag2 import StoragePlugin, Writer
-    from rosbags.typesys import Stores, get_typestore
 
-    ros = get_typestore(Stores.ROS2_JAZZY)
+    ros = messages()
     text = ros.types["std_msgs/msg/String"]
     contents = {
         "/a/camera_info": lambda ros: [lens_of(ros, "a")],
