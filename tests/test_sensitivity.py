@@ -1,13 +1,23 @@
 """The study of what each assumption is worth: its changes, its comparison, its shipped table."""
 
 import json
+from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
 import pytest
+from scipy.spatial.transform import RigidTransform, Rotation
 
+from trinolab.camera import Rig
 from trinolab.datasets import data_path
+from trinolab.handle import facing_pixels
+from trinolab.markers import Markers
+from trinolab.measurement import Measurement
+from trinolab.pose import Pose
 from trinolab.studies import sensitivity
+from trinolab.studies.deviations import deviations
+from trinolab.studies.error_sources import make_trial, printed_matrix
 from trinolab.studies.sensitivity import CASES, COLUMNS, NUMBERS, Case, compared, standard
 
 TABLE = pd.read_csv(data_path("sensitivity.csv"))
@@ -68,6 +78,103 @@ def test_the_printed_matrix_costs_what_the_errata_say():
     assert rows["changed"].item() == pytest.approx(0.64, abs=0.03)  # mm, beside 0.06 of the images
 
 
+# --- one instant, without an image
+
+
+def turned_about_the_rod(T, angle_deg):
+    """A pose of the paper's handle after a turn about its y axis: by 60 deg it looks the same."""
+    return T * RigidTransform.from_rotation(Rotation.from_euler("y", angle_deg, degrees=True))
+
+
+def exact_measurement(world, k):
+    """What exact pixels of the first two cameras' markers would give, the pose being the true one;
+    also of markers that are too steep, and of a spot that is no marker.
+    """
+    setup = world.setup
+    pair = Rig(setup.rig.cameras[:2])
+    T = setup.poses[k]
+    seen = [facing_pixels(setup.handle, camera, T, 80.0) for camera in pair.cameras]
+    labels = [np.flatnonzero(np.isfinite(view).all(axis=1)) for view in seen]
+    found = [
+        Markers(np.vstack([view[known], [9.0, 9.0]]), *[np.zeros(0)] * 3, ())
+        for view, known in zip(seen, labels, strict=True)
+    ]
+    pose = Pose("measured", T, np.eye(6), 0.0, 8, 2)
+    return pair, Measurement(pose, tuple(found), tuple(np.append(known, -1) for known in labels))
+
+
+def test_a_look_alike_counts_as_the_pose_if_somebody_tells_and_only_then():
+    world = standard()
+    alike = turned_about_the_rod(world.setup.poses[4], 60.0)
+    assert sensitivity._errors(world, alike, 4) == pytest.approx([0.0] * 5, abs=1e-6)
+    alone = case("A16").change(world)
+    distance, *_, angle = sensitivity._errors(alone, alike, 4)
+    assert distance == pytest.approx(0.0, abs=1e-9)
+    assert angle == pytest.approx(60.0, abs=1e-6)
+
+
+def test_a_pose_is_itself_within_five_degrees():
+    world = standard()
+    near, far = (turned_about_the_rod(world.setup.poses[4], angle) for angle in (4.9, 5.1))
+    assert sensitivity._is_itself(world, near, 4)
+    assert not sensitivity._is_itself(world, far, 4)
+
+
+def test_a_lost_pose_has_no_errors_and_is_not_told_apart():
+    world = standard()
+    assert np.isnan(sensitivity._errors(world, None, 0)).all()
+    assert not sensitivity._is_itself(world, None, 0)
+
+
+def test_the_printed_matrix_takes_the_same_centroids_elsewhere():
+    """From exact pixels by what the budget has for it."""
+    world = standard()
+    pair, measured = exact_measurement(world, 2)
+    T = sensitivity._by_printed_matrix(measured, pair, world.setup.handle)
+    expected = printed_matrix(make_trial(pair, world.setup.handle, world.setup.poses)).fixed[2]
+    found = deviations(RigidTransform.concatenate([T]), world.setup.poses[2:3])[0]
+    np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-9)
+    assert np.linalg.norm(found[:3]) > 0.1
+
+
+def test_the_printed_matrix_is_the_pair_s_alone(monkeypatch):
+    """Not that of the best estimator, which has a third camera."""
+    worlds = standard(), case("A4").change(standard())
+    _, measured = exact_measurement(worlds[0], 2)
+    monkeypatch.setattr(sensitivity, "_images", lambda *_: [])
+    monkeypatch.setattr(sensitivity, "measure", lambda *_, **__: measured)
+    assumed, printed = (sensitivity.numbers_of(world, 2, 0) for world in worlds)
+    assert assumed["E_t"] == assumed["E_t best"] == printed["E_t best"] == 0.0
+    assert printed["E_t"] > 0.1
+    assert [both["told apart"] for both in (assumed, printed)] == [1.0, 1.0]
+
+
+def test_what_is_lost_has_no_pose_by_the_printed_matrix():
+    world = standard()
+    pair, measured = exact_measurement(world, 2)
+    lost = replace(measured, pose=replace(measured.pose, T_world_handle=None))
+    assert sensitivity._by_printed_matrix(lost, pair, world.setup.handle) is None
+
+
+def test_a_late_camera_alone_shows_the_handle_where_it_is_later(monkeypatch):
+    """The frames are the translations that they show."""
+
+    def shown(setup, k, rng):
+        return [setup.poses[k].translation + rng.integers(100)] * 3
+
+    monkeypatch.setattr(sensitivity.factors, "frames", shown)
+    late = case("A31").change(standard())
+    first, second, third = sensitivity._images(late, 7, 0)
+    np.testing.assert_array_equal(first, third)
+    np.testing.assert_allclose(
+        second - first, 0.001 * late.setup.velocity[7], atol=1e-9
+    )  # the same draw of the noise, too
+    assert np.linalg.norm(second - first) == pytest.approx(0.05)  # mm, of 1 ms at 50 mm/s
+
+
+# --- the table
+
+
 def test_finished_instants_are_taken_up(tmp_path, monkeypatch):
     asked = []
 
@@ -114,3 +221,71 @@ def test_what_needs_no_image_is_that_of_the_shipped_table(rows):
             & (TABLE["number"] == row[2])
         ]
         assert shown["changed"].item() == pytest.approx(row[6], rel=1e-4)
+
+
+def test_a_line_that_was_cut_off_is_computed_again(tmp_path, monkeypatch):
+    monkeypatch.setattr(sensitivity, "numbers_of", lambda world, k, draw: {"E_t": float(k)})
+    path = tmp_path / "case.jsonl"
+    whole = sensitivity.run_case(UNCHANGED, path, 1)
+    *lines, last = path.read_text().splitlines()
+    path.write_text("\n".join([*lines, last[:-1]]) + "\n")
+    assert sensitivity.run_case(UNCHANGED, path, 1) == whole
+    assert path.read_text().splitlines() == [*lines, last]
+
+
+def test_a_number_of_a_pose_is_the_mean_of_the_draws_that_have_it():
+    nan = float("nan")
+    drawn = [{"E_t": value} for value in (1.0, 2.0, nan, 3.0, nan, nan)]  # two draws of three poses
+    np.testing.assert_array_equal(sensitivity._by_pose(drawn, "E_t", 3), [2.0, 2.0, np.nan])
+
+
+def test_the_table_compares_each_case_with_none_by_rising_number(tmp_path, monkeypatch):
+    """One case and the base, their numbers by hand."""
+    one = case("A22")
+    monkeypatch.setattr(sensitivity, "CASES", (one,))
+    monkeypatch.setattr(
+        sensitivity, "NUMBERS", {name: NUMBERS[name] for name in ("E_t", "measured")}
+    )
+    monkeypatch.setattr(
+        sensitivity,
+        "numbers_of",
+        lambda world, k, draw: dict.fromkeys(NUMBERS, 1.0 + 0.5 * world.setup.velocity.any()),
+    )
+    row = ("x", "number", "mm", "", 1.0, 2.0, 1.0, 1.0, 1.0, 1, 1, 0, "computed")
+    for name, assumption in (("of_table1", "A30"), ("of_sweeps", "A3"), ("of_workspace", "A4")):
+        monkeypatch.setattr(sensitivity, name, lambda assumption=assumption: [(assumption, *row)])
+    monkeypatch.setattr(sensitivity, "of_calibration", list)
+    table = sensitivity.make_table(tmp_path / "new" / "kept", 1)
+    assert tuple(table.columns) == COLUMNS
+    assert table["assumption"].tolist() == ["A3", "A4", "A22", "A22", "A30"]
+    drawn = table[table["assumption"] == "A22"]
+    assert drawn["number"].tolist() == ["E_t", "measured"]
+    assert drawn["claim"].tolist() == ["5", "11"]
+    assert set(drawn["instead"]) == {one.instead}
+    numbers = ["as_assumed", "changed", "difference", "low", "high", "n"]
+    assert (drawn[numbers] == [1.0, 1.5, 0.5, 0.5, 0.5, 20]).all(axis=None)
+    assert sorted(path.name for path in (tmp_path / "new" / "kept").iterdir()) == [
+        "00-A22.jsonl",
+        "A0.jsonl",
+    ]
+
+
+def test_the_boards_are_compared_on_the_same_draws(monkeypatch):
+    """A calibration's cost is its board's square and the draw: only the first is a difference."""
+    costs = []
+
+    def calibrated(rig, board, positions, rng):
+        costs.append(board.square_mm + rng.random())
+        return SimpleNamespace(rig=costs[-1])
+
+    monkeypatch.setattr(sensitivity, "CALIBRATIONS", 3)
+    monkeypatch.setattr(sensitivity, "simulated_calibration", calibrated)
+    monkeypatch.setattr(
+        sensitivity, "calibration_errors", lambda rig, *_: SimpleNamespace(E_t_mm=rig)
+    )
+    (row,) = sensitivity.of_calibration()
+    found = dict(zip(COLUMNS, row, strict=True))
+    step = costs[3] - costs[0]
+    assert (found["assumption"], found["n"], found["draws"]) == ("A25", 3, 3)
+    assert [found[name] for name in ("difference", "low", "high")] == pytest.approx([step] * 3)
+    assert found["as_assumed"] == pytest.approx(np.mean(costs[:3]))
