@@ -27,7 +27,7 @@ from verification.refined import (
 
 from trinolab.calibration.bundle import adjust, fit_poses
 from trinolab.calibration.misfits import adjust_robustly
-from trinolab.calibration.prior import Length, prior_of
+from trinolab.calibration.prior import Length, basis, prior_of
 from trinolab.camera import RigCovariance, difference, displaced
 from trinolab.datasets import load_handle, load_rig
 from trinolab.rigid import motion_between, shifted
@@ -51,6 +51,21 @@ def small(rig, count=12, seed=0):
 
 def distance(rig, a=0, b=1):
     return float(np.linalg.norm(rig.cameras[a].centre - rig.cameras[b].centre))
+
+
+def test_the_first_cameras_pose_is_held_and_the_rest_is_known_as_before():
+    """Errors of a rig have much in common; what is held has no part in those of the others."""
+    mixed = rng(3).normal(size=(30, 30))
+    known = replace(PAIR, covariance=RigCovariance(PAIR.names, 1e-4 * mixed @ mixed.T))
+    held = np.arange(9, 15)
+    prior = prior_of(known, CODED)
+    assert not prior.rig[held].any()
+    assert not prior.rig[:, held].any()
+    free = np.setdiff1d(np.arange(30), held)
+    expected = known.covariance.matrix[np.ix_(free, free)]
+    np.testing.assert_array_equal(prior.rig[np.ix_(free, free)], expected)
+    B = basis(CODED, prior)[:30]
+    np.testing.assert_allclose(B @ B.T, prior.rig, atol=1e-9 * expected.max())
 
 
 def test_it_agrees_with_a_plain_least_squares_over_everything():

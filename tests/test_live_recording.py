@@ -92,6 +92,10 @@ def full_after(count, monkeypatch, what):
     def until_full(*arguments):
         left[0] -= 1
         if left[0] < 0:
+            if what == "line":
+                file, text = arguments
+                with file.path.open("a") as cut_off:
+                    cut_off.write(text[:-1])
             raise ValueError("x: cannot be written (No space left on device)")
         write(*arguments)
 
@@ -116,6 +120,9 @@ def test_a_full_disk_ends_it_with_words_and_what_is_there_is_whole(
     assert f"{folder}" in recorder.said
     found, _ = open_folder(folder)
     assert found.length == whole == len(list(instants(found)))
+    texts = [(folder / name).read_text() for name in (recording.TIMES, recording.CLUTCH)]
+    assert len(texts[0].splitlines()) == 1 + whole  # a line that was cut off is no instant
+    assert all(text.endswith("\n") for text in texts)
 
 
 RECORD = """
