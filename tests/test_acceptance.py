@@ -1,5 +1,6 @@
 """The tests of the data sheet: what they draw, and what they make of poses that are known."""
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -7,6 +8,7 @@ import pytest
 from scipy.optimize import least_squares
 from scipy.spatial.transform import RigidTransform, Rotation
 
+from trinolab import intervals
 from trinolab.accept import arm, availability, latency, moving, pointer, rest, static, tracks
 from trinolab.accept.setup import Setup, drawn_at, field_of, sobol_poses
 from trinolab.accept.tracks import FPS, as_track, row_of, track_of_table
@@ -109,6 +111,15 @@ def test_cameras_that_share_nothing_are_refused():
         field_of(Rig((a, turned)), load_handle("coded"))
 
 
+def test_a_field_too_small_for_the_handle_is_refused():
+    one = setup()
+    rows = tuple(tuple(8 * row for row in column) for column in one.handle.rows_mm)
+    top, length = 8 * one.handle.top_mm, 8 * one.handle.length_mm
+    long = replace(one.handle, rows_mm=rows, top_mm=top, length_mm=length)
+    with pytest.raises(ValueError, match="in common is too small for the handle"):
+        field_of(one.rig, long)
+
+
 def test_a_field_has_the_same_axes_whatever_signs_singular_vectors_have(monkeypatch):
     field = field_of(load_rig("raised_40deg"), load_handle("coded"))
     axes = field.axes
@@ -204,6 +215,23 @@ def test_a_recording_is_at_rest_or_not():
     assert not rest.at_rest(as_track(rows_of([T] * 50, still, lost=range(50))))
 
 
+def test_places_that_were_hardly_measured_give_a_note_in_place_of_numbers():
+    T = rest.places(setup())[0]
+    answer = rest.judge(setup(), [rows_of([T] * 12, lost=range(2, 12))])
+    assert answer.numbers == []
+    assert answer.pictures == []
+    assert answer.notes == ["No place was measured in eight instants."]
+
+
+def test_only_what_was_timed_says_how_long_a_measurement_takes():
+    """Poses that were read from a file bring no processor time along."""
+    timed = as_track(rows_of([rest.places(setup())[0]] * 40))
+    read = timed._replace(cpu_s=np.full(40, np.nan))
+    (number,) = rest._time([timed, read])
+    assert (number.what, number.value, number.n) == ("time of a measurement", 10.0, 38)
+    assert rest._time([read]) == []
+
+
 # --- A2: static accuracy
 
 
@@ -237,6 +265,14 @@ def test_static_errors_before_and_after_registration():
     assert value(answer, "angle error, registered", "largest").value < 1e-6
     far = "called measured, off by more than 2 mm or 5 deg"
     assert value(answer, far, "count").value == 0
+
+
+def test_a_field_where_nothing_is_measured_has_its_share_and_no_errors():
+    one = setup(poses=8)
+    answer = static.judge(one, static_rows(one, None, lost=range(8)))
+    (number,) = answer.numbers
+    assert (number.what, number.value, number.n) == ("poses measured", 0.0, 8)
+    assert answer.pictures == []
 
 
 def test_static_numbers_of_known_errors():
@@ -365,6 +401,16 @@ def test_an_instant_counts_where_both_ends_are_measured():
     assert measured == pytest.approx(sum(n.n for n in counts) - missing)
 
 
+def test_a_bar_that_is_never_measured_has_its_shares_and_no_errors():
+    one = setup()
+    answer = moving.judge(one, moving_rows(one, lost=lambda k: range(1000)))
+    assert {number.what for number in answer.numbers} == {
+        f"both ends measured at {speed} m/s" for speed in ("0.1", "0.2", "0.5", "1")
+    }
+    assert {number.value for number in answer.numbers} == {0.0}
+    assert answer.pictures == []
+
+
 # --- A4: the pointer
 
 
@@ -447,6 +493,32 @@ def test_a_recorded_pivot_is_known_as_one():
     assert pointer.judge_recording(elsewhere, "recording b").numbers == []
 
 
+def test_too_few_touches_for_the_tip_are_a_note():
+    one = setup()
+    drawn = pointer.touches(one)
+    rows = rows_of(drawn.poses, lost=range(2, drawn.pivoted))
+    answer = pointer.judge(one, [rows])
+    assert answer.notes[-1] == "Too few poses were measured for the tip."
+    assert not any("tip" in number.what for number in answer.numbers)
+
+
+def test_seven_poses_of_a_recording_are_no_pivot():
+    drawn = pointer.touches(setup())
+    eight = as_track(rows_of(drawn.poses[:8]))
+    seven = as_track(rows_of(drawn.poses[:8], lost=(3,)))
+    assert pointer.judge_recording(eight, "recording a").numbers != []
+    assert pointer.judge_recording(seven, "recording a").numbers == []
+
+
+def test_a_field_without_room_to_pivot_is_refused():
+    """The point to touch lies further from the field than the tip reaches."""
+    one = setup()
+    away = one.field.centre + [0.0, 0.0, 1e5]
+    down = one.rig.cameras[0].T_world_cam.rotation.as_matrix()[:, 1]
+    with pytest.raises(ValueError, match="no room to pivot the handle"):
+        pointer._touching(one, away, down, np.random.default_rng(0), tries=5)
+
+
 # --- A5: latency
 
 
@@ -488,6 +560,21 @@ def test_latency_of_exact_poses():
         assert own.value == pytest.approx(0, abs=1e-6)
     # rows_of says 10 ms a measurement; half of the exposure is 5 ms
     assert value(answer, "age of a pose when it is there", "median").value == pytest.approx(15)
+
+
+def test_a_sine_that_is_hardly_measured_has_its_share_and_no_delay():
+    one = setup(poses=8)
+    rows = []
+    for k in range(latency.parts(one)):
+        times, poses, _ = latency.sine(one, k)
+        lost = range(7, len(times)) if k == 1 else ()
+        rows.append(rows_of(poses, lost=lost, times=times))
+    answer = latency.judge(one, rows)
+    slow, fast = (f"{latency.RATES_HZ[k]:g} Hz" for k in (0, 1))
+    assert value(answer, f"sine of {fast}, measured", "share").value < 100
+    delays = [number.what for number in answer.numbers if number.statistic == "delay"]
+    assert any(slow in what for what in delays)
+    assert not any(fast in what for what in delays)
 
 
 # --- A6: availability
@@ -553,22 +640,26 @@ def test_repeatability_has_three_deviations():
 @pytest.mark.parametrize("shape", arm.SHAPES)
 def test_a_path_that_lags_is_exact(shape):
     """A tool on the commanded path, 0.1 s late: nothing is off, wherever it is looked at."""
-    assert largest_off(shape, np.zeros(3)) < 0.01
+    assert largest_off(shape, 0.0) < 0.01
 
 
 @pytest.mark.parametrize("shape", arm.SHAPES)
 def test_a_path_that_is_shifted_is_off(shape):
     """By 0.3 mm across its plane: as much at each station, and each round the same."""
-    assert largest_off(shape, np.array([0, 0, 0.3])) == pytest.approx(0.3, abs=0.01)
+    assert largest_off(shape, 0.3) == pytest.approx(0.3, abs=0.01)
 
 
-def largest_off(shape, shift):
+def trial_of(shape, above_mm):
+    """A tool so far above the commanded path, 0.1 s late."""
     times = np.arange(0, arm.LEAD_S + 12 * arm.length_of(shape) / arm.SPEED_MM_S, 0.01)
     times = times + arm.STILL_S
     hand = arm.along(shape, times).translation
-    tool = arm.along(shape, times - 0.1).translation + shift
-    trial = {"t_s": times.tolist(), "hand": hand.tolist(), "tool": tool.tolist()}
-    points, off = arm._off_path(shape, trial)
+    tool = arm.along(shape, times - 0.1).translation + [0, 0, above_mm]
+    return {"t_s": times.tolist(), "hand": hand.tolist(), "tool": tool.tolist()}
+
+
+def largest_off(shape, above_mm):
+    points, off = arm._off_path(shape, trial_of(shape, above_mm))
     assert len(points) == len(arm.stations(shape))
     assert off.shape == (len(points), arm.ROUNDS, 3)
     assert np.abs(off - off.mean(axis=1, keepdims=True)).max() < 0.02
@@ -580,6 +671,74 @@ def test_a_square_is_looked_at_away_from_its_corners():
     corners = arm.SIDE_MM * np.arange(5)
     assert np.abs(way[:, None] - corners).min() >= arm.AWAY_MM
     assert len(arm.stations("circle")) == arm.STATIONS
+
+
+def group(shift, turn_deg):
+    """Cycles of the five poses, in which the tool is off the hand by a shift and a turn about z."""
+    hand = np.tile(arm.CORNERS_MM, (arm.TOGETHER, 1)) + [0.0, 0.0, 570.0]
+    level = Rotation.identity(len(hand))
+    turned = Rotation.from_rotvec([0.0, 0.0, np.deg2rad(turn_deg)]) * level
+    places = {"hand": (hand, level), "tool": (hand + shift, turned)}
+    return {
+        stage: {"positions": at.tolist(), "quaternions": turn.as_quat().tolist()}
+        for stage, (at, turn) in places.items()
+    }
+
+
+def test_numbers_of_five_poses_by_hand(monkeypatch):
+    """Half of the cycles are off by 0.1 mm and half by 0.3 mm along x: by 0.2 mm in the mean, and
+    each by 0.1 mm from that.
+    """
+    monkeypatch.setattr(intervals, "RESAMPLES", 20)
+    groups = [group([0.1, 0, 0], 0.4), group([0.3, 0, 0], 0.6)]
+    found = arm._poses(setup(poses=8), groups)
+    assert [(one.what, one.statistic, one.n) for one in found] == [
+        ("five poses, accuracy", "worst pose", 50),
+        ("five poses, repeatability", "worst pose", 50),
+        ("five poses, angle error", "mean", 50),
+    ]
+    assert [one.value for one in found] == pytest.approx([0.2, 0.1, 0.5], rel=1e-9)
+    assert all(one.low <= one.value for one in found)
+
+
+def test_numbers_and_picture_of_a_path(monkeypatch):
+    """A tool that is 0.3 mm above a circle: it is drawn so many times as far from it that one sees
+    it.
+    """
+    monkeypatch.setattr(intervals, "RESAMPLES", 3)
+    (accuracy, repeatability), picture = arm._path(setup(), "circle", trial_of("circle", 0.3))
+    assert accuracy.value == pytest.approx(0.3, abs=1e-3)
+    assert repeatability.value < 0.01
+    assert accuracy.n == arm.STATIONS * arm.ROUNDS
+    assert "drawn 10 times as large" in picture.alt
+    assert picture.png.startswith(b"\x89PNG")
+
+
+def test_a_station_that_the_tool_does_not_come_by_in_a_round_is_left_out():
+    trial = trial_of("circle", 0.0)
+    every, _ = arm._off_path("circle", trial)
+    rounds = arm.length_of("circle") / arm.SPEED_MM_S
+    times = np.array(trial["t_s"])
+    begin = arm.STILL_S + arm.LEAD_S + 3 * rounds + 0.1
+    tool = np.array(trial["tool"])
+    tool[(times >= begin) & (times < begin + rounds / 2)] = [0.0, 0.0, 0.0]  # half of a round
+    points, off = arm._off_path("circle", trial | {"tool": tool.tolist()})
+    assert len(points) == len(off)
+    assert len(every) == arm.STATIONS
+    assert len(points) == pytest.approx(arm.STATIONS / 2, abs=10)
+
+
+def test_a_small_sheet_has_fewer_cycles_and_all_paths():
+    assert arm.cycles(setup(poses=63)) == arm.FEWEST
+    assert arm.cycles(setup(poses=64)) == arm.CYCLES
+    assert arm.parts(setup(poses=64)) == arm.CYCLES / arm.TOGETHER + len(arm.SHAPES)
+
+
+def test_the_arm_says_what_it_lacks(monkeypatch):
+    monkeypatch.setattr(arm, "find_spec", lambda name: None if name == "mink" else "there")
+    assert arm.why_not() == "needs the package mink (extra 'slave')"
+    monkeypatch.setattr(arm, "find_spec", lambda name: "there")
+    assert arm.why_not() == ""
 
 
 def test_hand_rests_at_its_five_poses():
