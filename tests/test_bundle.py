@@ -250,3 +250,29 @@ def test_poses_that_are_a_degree_off_lead_to_the_same_end():
         difference(near.rig, far.rig), near.handle.marker_centres - far.handle.marker_centres
     )
     assert (np.abs(change) <= 0.01 * sigma).all()
+
+
+def test_an_instant_without_a_centre_leaves_its_pose_free():
+    rig, _, seen, poses = small(PAIR, 4)
+    without = seen.take(seen.instant != 2)
+    with pytest.raises(ValueError, match=r"^centres: .*four or more of each instant; a pose is"):
+        fit_poses(rig, CODED, poses, without)
+
+
+def test_poses_behind_the_cameras_are_refused():
+    rig, _, seen, poses = small(PAIR, 4)
+    behind = RigidTransform.from_components(poses.translation * [1, 1, -1], poses.rotation)
+    with pytest.raises(ValueError, match=r"^centres: .*got some that no rig explains"):
+        fit_poses(rig, CODED, behind, seen)
+
+
+def test_three_centres_in_one_image_say_nothing_of_the_noise():
+    """They have six coordinates, as many as a pose: what is left is none, whatever the noise."""
+    rig, _, seen, poses = small(PAIR, 8)
+    first = np.flatnonzero(seen.camera == 0)
+    k = int(np.bincount(seen.instant[first]).argmax())
+    three = seen.take(first[seen.instant[first] == k][:3])
+    three = three._replace(instant=np.zeros(3, int))
+    found = fit_poses(rig, CODED, poses[k : k + 1], three)
+    assert np.abs(found.residuals_px).max() < 1e-3
+    assert found.sigma_factor == 1

@@ -18,8 +18,8 @@ from scipy.spatial.transform import RigidTransform, Rotation
 from trinolab.calibration import calibrate, views
 from trinolab.calibration.calibrate import as_lines, calibrate_rig
 from trinolab.calibration.hints import hint
-from trinolab.calibration.outliers import calibrate_robustly
-from trinolab.calibration.target import Target, find_target
+from trinolab.calibration.outliers import _too_few, calibrate_robustly
+from trinolab.calibration.target import Target, _upright, find_target
 from trinolab.camera import Camera
 from trinolab.datasets import load_real_sets, real_set
 from trinolab.files import outputs
@@ -394,6 +394,38 @@ def test_a_target_that_can_be_counted_in_two_ways_is_counted_upright():
         )
 
 
+def test_points_that_are_counted_as_in_a_mirror_are_turned_over():
+    target = Target("circles", 4, 3, 10.0)
+    upright = np.array(target.points[:, :2]) + 50.0
+    mirrored = upright.reshape(3, 4, 2)[:, ::-1].reshape(-1, 2)
+    for counted in (upright, upright[::-1], mirrored, mirrored[::-1]):
+        np.testing.assert_array_equal(_upright(counted, target), upright)
+
+
+def test_an_image_of_a_few_pixels_shows_no_target():
+    for target in (CHESSBOARD, CIRCLES, CHARUCO):
+        found = find_target(np.zeros((6, 6), np.uint8), target)
+        assert np.isnan(found).all()
+        assert found.shape == (len(target.points), 2)
+
+
+def test_points_on_one_line_or_too_few_are_no_view():
+    points = np.array(CHESSBOARD.points)
+    uv = np.full((1, 4, len(points), 2), np.nan)
+    on_one_line = points[:, 1] == 0
+    uv[0, 1, on_one_line] = points[on_one_line, :2]
+    uv[0, 2, :3] = points[:3, :2]
+    uv[0, 3] = points[:, :2]
+    assert _too_few(points, uv).tolist() == [
+        [
+            "no target found",
+            "the 7 points found lie on one line",
+            "too few points: 3 of 42, expected 6 or more",
+            "",
+        ]
+    ]
+
+
 def test_a_square_chessboard_is_counted_upright_as_well():
     y, x = np.mgrid[:180, :180] // 30
     image = cv2.GaussianBlur(np.where((x + y) % 2 == 0, 30, 220).astype(np.uint8), (5, 5), 1)
@@ -479,6 +511,33 @@ def test_images_and_videos_together(folder, frames):
         ValueError, match="images: expected images or videos of all cameras, got both"
     ):
         calibrate_rig({"a": "a", "b": "b.mkv"}, CHESSBOARD, "rig.toml")
+
+
+@pytest.mark.parametrize(
+    ("sources", "out", "says"),
+    [
+        ({"a": "a"}, "rig.toml", "images: expected two or more cameras, got a"),
+        ({}, "rig.toml", "images: expected two or more cameras, got none"),
+        ({"a": "a", "metadata": "b"}, "rig.toml", "a camera cannot be called metadata"),
+        ({"a": "a", "b": "b"}, "rig.txt", "rig.txt: expected a name that ends in .toml"),
+        ({"a": "a", "b": "there/b*.png"}, "rig.toml", "no such folder there"),
+        ({"a": "a", "b": "b/left*.png"}, "rig.toml", "b/left*.png: no image of that name"),
+    ],
+)
+def test_sources_that_are_refused_before_an_image_is_looked_at(folder, sources, out, says):
+    for image in folder.glob("[ab]/*.png"):
+        image.write_bytes(b"never read")
+    with pytest.raises(ValueError, match=re.escape(says)):
+        calibrate_rig(sources, CHESSBOARD, out)
+
+
+def test_images_of_two_sizes_are_refused_with_both(folder):
+    cv2.imwrite("b/01.png", GREY[:-8])
+    with pytest.raises(
+        ValueError,
+        match=r"01\.png: 480 x 352 pixels, the camera's other images have 480 x 360",
+    ):
+        calibrate_rig({"b": "b", "a": "a"}, CHESSBOARD, "rig.toml")
 
 
 @pytest.mark.heavy

@@ -535,6 +535,32 @@ def test_views_that_say_too_little():
     refuse("uv: expected views that determine all parameters", uv=without_lens, distortion_terms=0)
 
 
+def test_frontal_views_and_few_corners_name_the_camera_or_the_numbers():
+    frontal = [motion([-60 + x, -50, 400 + x]) for x in (0, 9, 20)]
+    uv = project(Rig(make_rig(np.zeros((3, 5))).cameras[:2]), frontal)
+    refuse("uv: camera 0: .*expected positions of different tilt", uv=uv)
+    corners = [0, 6, 35, 41]
+    few = project(Rig(make_rig().cameras[:1]), positions(3))[:, :, corners]
+    refuse(  # a lens has nine numbers, a pose six
+        "uv: expected more than 27 measured coordinates, got 24",
+        uv=few,
+        target=BOARD.points[corners],
+        sizes=[SIZE],
+        distortion_terms=5,
+    )
+
+
+def test_the_first_camera_s_place_is_exact_and_others_have_their_covariance():
+    cameras = make_rig().cameras[:2]
+    covariance = np.diag(np.arange(1.0, 15.0))
+    found = Calibrated(cameras, (), covariance, 0, np.zeros((2, 0, 0, 2)), 0.1)
+    np.testing.assert_array_equal(found.relative_covariance(0), np.zeros((6, 6)))
+    np.testing.assert_array_equal(found.relative_covariance(1), np.diag(np.arange(9.0, 15.0)))
+    for camera in (-1, 2):
+        with pytest.raises(ValueError, match=f"camera: expected 0 to 1, got {camera}"):
+            found.relative_covariance(camera)
+
+
 @settings(max_examples=25, deadline=None)
 @given(arrays(float, (2, 3, 4, 2), elements=st.floats(-1e4, 1e4) | st.just(np.nan)))
 def test_nonsense_is_refused_or_finite(uv):

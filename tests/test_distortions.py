@@ -1,12 +1,16 @@
 """The number of distortion coefficients: by lenses that are known, by hand, and on real pairs."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from boards import SIZE, make_rig, positions
+from scipy.spatial.transform import RigidTransform
 
-from trinolab.calibration.adjust import calibrate
+from trinolab.calibration.adjust import Calibrated, calibrate
 from trinolab.calibration.distortions import (
     Choice,
+    _way,
     as_lines,
     calibrate_by_choice,
     chosen,
@@ -90,6 +94,31 @@ def test_too_few_views_to_leave_some_out():
     found, _, choice = calibrate_by_choice(TARGET.points, uv, [SIZE] * 2, NAMES)
     assert choice == Choice(found.distortion_terms, {}, ())
     assert "too few views" in as_lines(choice)[0]
+
+
+def test_views_that_determine_nothing_are_refused_whatever_the_number():
+    with pytest.raises(ValueError, match="uv: expected three or more views by camera 0, got 2"):
+        calibrate_by_choice(TARGET.points, taken((0.0,) * 5, 2), [SIZE] * 2, NAMES)
+
+
+def test_a_choice_among_nothing_is_none():
+    assert chosen({}) == Choice(0, {}, ())
+
+
+def test_the_way_to_another_calibration_by_hand():
+    """In the order of the covariance: lens by lens as many numbers as are fitted, then places."""
+    cameras = make_rig(np.zeros(5)).cameras
+    matrix = cameras[0].matrix + [[1.0, 0, 3], [0, 2, 4], [0, 0, 0]]
+    lens = np.array([0.05, 0.06, 0.07, 0.08, 0.09])
+    first = replace(cameras[0], matrix=matrix, distortions=lens)
+    further = RigidTransform.from_translation([0.1, 0.2, 0.3]) * cameras[1].T_world_cam
+    second = replace(cameras[1], T_cam_world=further.inv())
+    best, other = (
+        Calibrated(both, (), np.zeros((18, 18)), 2, np.zeros((2, 0, 0, 2)), 0.1)
+        for both in (cameras, (first, second))
+    )
+    way = [1, 2, 3, 4, 0.05, 0.06, *[0] * 6, 0.1, 0.2, 0.3, 0, 0, 0]
+    np.testing.assert_allclose(_way(other, best), np.outer(way, way), atol=1e-9)
 
 
 @pytest.mark.heavy
