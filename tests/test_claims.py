@@ -1,6 +1,7 @@
 """The run of the protocol: its stored draws come out again, and its results follow from them."""
 
 import json
+import tomllib
 
 import numpy as np
 import pandas as pd
@@ -10,7 +11,7 @@ from scipy import stats
 from trinolab.datasets import data_path
 from trinolab.studies import claims
 from trinolab.studies.claim_draws import TRIALS
-from trinolab.studies.protocol import Trial, load_claims, load_trials
+from trinolab.studies.protocol import Trial, load_claims, load_trials, logged_hashes
 
 QUICK = (
     *("concealed", "forecast", "calibration", "random_pose"),
@@ -173,3 +174,37 @@ def test_an_unknown_trial_is_one_line(tmp_path, counted):
 def test_a_check_without_a_draw_is_nan():
     value, interval = claims.estimated(np.empty((0, 2)), "ratio")
     assert np.isnan([value, interval.low, interval.high]).all()
+
+
+def test_a_draw_that_was_cut_off_is_drawn_again(tmp_path, counted):
+    path = tmp_path / "concealed.jsonl"
+    whole = claims.drawn("concealed", Trial(3, 1, ""), path)
+    path.write_text(path.read_text()[:-2] + "\n")  # the last brace is lost
+    assert claims.drawn("concealed", Trial(3, 1, ""), path) == whole
+    assert counted == [0, 1, 2, 2]
+
+
+def test_more_draws_than_asked_for_are_kept_and_left_out(tmp_path, counted):
+    path = tmp_path / "concealed.jsonl"
+    three = claims.drawn("concealed", Trial(3, 1, ""), path)
+    assert claims.drawn("concealed", Trial(2, 1, ""), path) == three[:2]
+    assert claims.drawn("concealed", Trial(3, 1, ""), path) == three
+    assert counted == [0, 1, 2]
+
+
+def test_draws_that_say_nothing_of_a_check_do_not_count():
+    of_nothing = {str(c.check): (0.0, 0.0) for c in claims.checks_of("concealed")}
+    one = {**dict.fromkeys(of_nothing, (1.0, 1.0)), "plain_mean": (3.0, 4.0)}
+    found = claims.results_of("concealed", Trial(3, 7, ""), [of_nothing, one, of_nothing])
+    row = found.set_index("check").loc["plain_mean"]
+    assert row["value"] == pytest.approx(np.sqrt(3 / 4))  # an rms
+    assert (row["n"], row["draws"], row["seed"]) == (1, 3, 7)
+
+
+def test_the_printed_hashes_are_those_of_the_log(monkeypatch, capsys):
+    """As lines of TOML, to be put there."""
+    some = [claim for claim in load_claims() if claim.no in ("1", "11a")]
+    monkeypatch.setattr(claims, "load_claims", lambda: some)
+    claims.print_hashes()
+    expected = {number: logged_hashes()[number] for number in ("1", "11a")}
+    assert tomllib.loads(capsys.readouterr().out) == expected

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import pytest
 
+from trinolab.studies import protocol
 from trinolab.studies.claim_draws import TRIALS
 from trinolab.studies.protocol import (
     KINDS,
@@ -108,3 +109,74 @@ def test_what_a_sample_can_show():
     # Wilson: n / (n + 1.96^2) for n of n
     assert can_show(claim("11"), ROWS) == "120 of 120 would show 0.97 or more"
     assert can_show(claim("15"), ROWS) == ""
+
+
+# --- the ledger
+
+
+ROW = {
+    "no": "1",
+    "claim": "It is so.",
+    "section": "6.5",
+    "paper": 0.5,
+    "unit": "mm",
+    "criterion": "As printed.",
+    "verdict": "cannot be tested",
+    "reason": "No frames.",
+}
+
+
+@pytest.fixture
+def ledger(tmp_path, monkeypatch):
+    """Makes the ledger a file of one row, the given one."""
+
+    def of(row):
+        path = tmp_path / "claims.toml"
+        path.write_text("[[claim]]\n" + "".join(f"{k} = {v!r}\n" for k, v in row.items()))
+        monkeypatch.setattr(protocol, "data_path", lambda name: tmp_path / name)
+
+    return of
+
+
+def test_a_row_of_the_ledger_is_read_as_it_stands(ledger):
+    ledger({**ROW, "match_within": 0.1})
+    (row,) = load_claims()
+    assert {name: getattr(row, name) for name in ROW} == ROW
+    assert (row.match_within, row.at_most, row.trial) == (0.1, None, None)
+
+
+def test_an_unknown_field_is_named_with_its_row(ledger):
+    ledger({**ROW, "no": "7c", "at_lest": 0.5})
+    with pytest.raises(ValueError, match="claim 7c: 'at_lest' is not a field of a claim"):
+        load_claims()
+
+
+@pytest.mark.parametrize("name", ["claim", "paper", "reason"])
+def test_a_missing_field_is_named_with_its_row(ledger, name):
+    ledger({key: value for key, value in ROW.items() if key != name})
+    with pytest.raises(ValueError, match=f"claims.toml: claim 1: '{name}' is missing"):
+        load_claims()
+
+
+def test_without_a_number_the_declared_verdict_stands(ledger):
+    ledger(ROW)
+    (row,) = load_claims()
+    assert row.computed_verdict(0.5) == row.computed_verdict(9.0, 8.0, 10.0) == "cannot be tested"
+
+
+@pytest.mark.parametrize(
+    ("limits", "value", "verdict"),
+    [
+        ({"match_within": 0.1}, 0.6, "match"),
+        ({"match_within": 0.1}, 0.61, "differs"),
+        ({"at_least": 0.4}, 0.39, "differs"),
+        ({"at_least": 0.4}, 100.0, "match"),
+        ({"at_most": 0.4, "paper": ""}, 0.4, "met"),
+        ({"at_most": 0.4, "paper": ""}, 0.41, "missed"),
+    ],
+)
+def test_a_value_alone_decides_without_an_interval(ledger, limits, value, verdict):
+    ledger({**ROW, **limits})
+    (row,) = load_claims()
+    assert row.computed_verdict(value) == verdict
+    assert row.computed_verdict(value, float("nan"), float("nan")) == verdict

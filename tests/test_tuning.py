@@ -10,6 +10,7 @@ from scipy.linalg import expm
 from scipy.stats import multivariate_normal
 
 from trinolab import image_track, rigid
+from trinolab.camera import Rig
 from trinolab.datasets import load_handle, load_real_sets, load_rig, real_set
 from trinolab.files.fetch import why_not
 from trinolab.following import posefilter
@@ -42,6 +43,9 @@ DRAWN = KalmanParameters(
     jerk_intensity=9e8, sigma_px=2.0, velocity_sigma=1200.0, acceleration_sigma=6000.0
 )
 MODEL = image_model(DRAWN)
+P = PoseFilterParameters()
+PAIR = Rig(RIG.cameras[:2])
+SETS = ("drawn", "handheld")
 
 
 def drawn(p, times, count, rng):
@@ -342,3 +346,80 @@ def test_a_handheld_recording_is_of_the_same_kind():
 def test_bad_input_is_a_value_error(call):
     with pytest.raises(ValueError, match="expected"):
         call()
+
+
+# --- motions of persons, and what is printed of them
+
+
+def test_single_seconds_are_judged_one_by_one(monkeypatch):
+    """One of them by a filter of its own; the tracks are nobody's motion."""
+    times, z = np.arange(30) / 30, np.random.default_rng(1).normal(0, 30, (30, 2 * 2 * 10 * 2))
+    monkeypatch.setattr(tuning, "drawn_tracks", lambda *_, **__: (times, z))
+    means = tuning.seconds_nis(PAIR, CODED, DRAWN, [3, 4], np.random.default_rng(1))
+    assert means.shape == (20, 2)
+    seed, camera, second = 1, 0, 6
+    start = 2 * (20 * seed + 10 * camera + second)  # of the track's two columns
+    nis = image_track.track(times, z[:, start : start + 2], DRAWN, gated=False).nis
+    assert means[10 * seed + second, camera] == pytest.approx(np.mean(nis[1:]), rel=1e-9)
+
+
+def test_a_filter_that_believes_in_no_jerk_is_sure_of_what_is_wrong():
+    def of(jerk):
+        p = KalmanParameters(jerk_intensity=jerk, sigma_px=1.5)
+        return tuning.person_nees(PAIR.cameras[0], p, [31], np.random.default_rng(2), seconds=2.0)
+
+    assert 1 < of(9.5e8) < 12  # of four; one second of one motion
+    assert of(1e3) > 1000
+
+
+def test_the_judgement_in_words_has_the_numbers_of_the_filter():
+    data, models = [tuning.drawn_poses(seed, 0.5) for seed in (1, 2)], pose_models(P)
+    lines = tuning.judge(data, models)
+    assert [line.partition(":")[0] for line in lines] == ["position", "rotation"]
+    for line, kind, model in zip(lines, (0, 1), models, strict=True):
+        found = [
+            innovations(times, pose_paths(poses, P, np.random.default_rng(1))[kind], model)
+            for times, poses in data
+        ]
+        likely = sum(one.log_likelihood for one in found) / (2 * 14 * 3)
+        whole = np.mean([one.squared.sum(axis=1) for one in found])
+        assert f"log-likelihood {likely:6.3f}, NIS {whole:5.2f} of 3" in line
+        assert f"jerk {model.jerk_intensity:9.3g}, fading {FADING_S:5.3g} s" in line
+
+
+@pytest.fixture
+def printed(monkeypatch, capsys):
+    """Prints what is most likely, without fitting anything, with or without a recorded motion."""
+    times, poses = tuning.drawn_poses(1, 0.3)
+
+    def fitted(data, rng, free=("jerk_intensity", "fading_s")):
+        return tuple(model._replace(jerk_intensity=float(len(free))) for model in pose_models(P))
+
+    monkeypatch.setattr(tuning, "drawn_tracks", lambda *_: (times, np.zeros((len(times), 2))))
+    monkeypatch.setattr(tuning, "tune_image", lambda data: DRAWN)
+    monkeypatch.setattr(tuning, "tune_pose", fitted)
+    monkeypatch.setattr(tuning, "drawn_poses", lambda seed, seconds: (times, poses))
+
+    def of(handheld):
+        monkeypatch.setattr(tuning, "handheld_poses", lambda: handheld and (times, poses))
+        tuning.print_most_likely()
+        return capsys.readouterr().out.splitlines()
+
+    return of
+
+
+def test_every_model_is_judged_on_every_motion(printed):
+    lines = printed(True)
+    fits = [f"fitted to {name}{kept}" for name in SETS for kept in ("", ", fading kept")]
+    assert lines[0] == f"image: {DRAWN}"
+    assert [line for line in lines if line.startswith("pose")] == [
+        f"pose, {name} motion, {which}:" for name in SETS for which in ("as it is", *fits)
+    ]
+    assert sum("position: jerk         1," in line for line in lines) == 4  # the fading is kept
+    assert sum("position: jerk         2," in line for line in lines) == 4
+
+
+def test_a_recording_that_is_not_here_is_said_to_be_missing(printed):
+    lines = printed(None)
+    assert lines[-1].startswith("handheld motion: not here, ")
+    assert not any("motion, fitted to handheld" in line for line in lines)
