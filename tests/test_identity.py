@@ -12,10 +12,12 @@ from trinolab.camera import Rig
 from trinolab.datasets import load_handle, load_rig
 from trinolab.handle import Handle, slants
 from trinolab.identity import choose, equivalents, identify, labelled_pixels, relabel
-from trinolab.identity.hypotheses import Explained
+from trinolab.identity.hypotheses import Explained, Observed, Poses
+from trinolab.identity.layout import layout_of, views_of
 from trinolab.identity.parameters import IdentityParameters
-from trinolab.identity.scoring import judge, rivals
+from trinolab.identity.scoring import judge, rivals, shape_misfit
 
+P = IdentityParameters()
 RIG, TRIO = load_rig("paper_pair"), load_rig("raised_40deg")
 PAPER, CODED = load_handle("paper"), load_handle("coded")
 NEARLY = Handle(
@@ -78,6 +80,32 @@ def views(T, handle, rng, rig=RIG, **options):
     return tuple(
         zip(*(seen_by(camera, T, handle, rng, **options) for camera in rig.cameras), strict=True)
     )
+
+
+def test_the_shapes_of_markers_fit_their_pose_and_no_other():
+    """Axes of the visible patches, against those that poses predict: in variances, a marker at most
+    nine for its size and nine for its roundness.
+    """
+    T = random_pose(np.random.default_rng(2))
+    camera = RIG.cameras[0]
+    uv, axes, index = seen_by(camera, T, CODED, np.random.default_rng(0), limit_deg=70.0)
+    alone = views_of(RIG).only(0)
+    poses = Poses(T.rotation.as_matrix()[None], T.translation[None])
+
+    def misfit(axes):
+        observed = Observed(alone, layout_of(CODED, P), uv.T[None], axes[None])
+        return shape_misfit(poses, index[None, None], observed, P)[0]
+
+    count = len(index)
+    assert misfit(axes) < 0.1 * count
+    larger = 1.3 * axes
+    assert misfit(larger) == pytest.approx(count * (np.log(1.3) / P.size_sigma) ** 2, rel=0.4)
+    slant = slants(CODED, T, camera.centre)[index]
+    round_ones = axes[:, [0, 0]]
+    too_round = np.minimum(((1 - np.cos(slant)) / P.roundness_sigma) ** 2, 9.0).sum()
+    assert too_round > 3
+    assert misfit(round_ones) == pytest.approx(too_round, rel=0.2)
+    assert misfit(100 * round_ones * [1.0, 100.0]) == pytest.approx(18 * count)
 
 
 def without(arrays, *cameras):
