@@ -1,13 +1,18 @@
 """CCD3's elevation: what is counted, and that the shipped table is what the code makes."""
 
+from itertools import product
+
 import numpy as np
 import pandas as pd
 import pytest
+from scipy.spatial.transform import RigidTransform
 
 from trinolab.bench.hand import Arm, true_visibility
 from trinolab.datasets import load_handle, load_rig, load_sweep, load_table1, paper_rig
+from trinolab.measurement import Measurement
 from trinolab.methods import BEST
 from trinolab.plotting import plot_elevation
+from trinolab.pose import LOST, Pose
 from trinolab.studies import elevation
 from trinolab.studies.elevation import ELEVATIONS_DEG, SETTINGS, accuracy, kept, shared_markers
 
@@ -117,3 +122,101 @@ def test_figure_shows_the_table():
     figure.canvas.draw()
     with pytest.raises(ValueError, match="estimator: expected one of paper"):
         plot_elevation(pd.DataFrame(TABLE), "magic")
+
+
+# --- a cell, without an image
+
+
+def as_it_is(T):
+    return Measurement(Pose("measured", T, np.eye(6), 0.1, 4, 2), (), ())
+
+
+@pytest.fixture
+def measured(monkeypatch):
+    """Two poses; a first estimator measures all of them a millimetre high, a second one none while
+    a hand is there, and the poses' look-alikes else.
+    """
+    poses = {
+        which: list(load_table1().set_poses[:n]) for which, n in (("table1", 20), ("random", 2))
+    }
+    up = RigidTransform.from_translation([0.0, -0.9, 0.0])
+
+    def of(rig, which, hidden, settings):
+        alike = [as_it_is(T * PAPER.symmetries[1]) for T in poses[which]]
+        lost = [Measurement(LOST, (), ())] * len(alike)
+        return {
+            "high": [as_it_is(up * T) for T in poses[which]],
+            "shy": alike if hidden is None else lost,
+        }
+
+    monkeypatch.setattr(elevation, "_measured", of)
+    monkeypatch.setattr(elevation, "_poses", poses.__getitem__)
+    monkeypatch.setattr(elevation, "_random_poses", lambda: poses["random"])
+
+
+@pytest.mark.usefixtures("measured")
+def test_a_cell_is_a_row_an_estimator():
+    cell = elevation.cell(40.0)
+    assert list(cell.columns) == list(TABLE.columns)
+    high, shy = cell.to_dict("records")
+    assert (high["estimator"], high["elevation_deg"], high["n"]) == ("high", 40.0, 20)
+    assert high["E_t_mm"] == pytest.approx(0.9)
+    assert (shy["n"], shy["E_t_mm"]) == (20, pytest.approx(0.0, abs=1e-9))
+    assert shy["geodesic_mean_deg"] == pytest.approx(0.0, abs=1e-5)  # look-alikes count
+    assert [high[f"kept_ccd{k}"] for k in (1, 2, 3)] == [1.0, 1.0, 1.0]
+    assert [shy[f"kept_ccd{k}"] for k in (1, 2, 3)] == [0.0, 0.0, 0.0]
+    poses = list(load_table1().set_poses[:2])
+    assert high["shared_13"] == shared_markers(paper_rig(40.0), PAPER, poses)["shared_13"]
+
+
+def test_the_sweep_is_the_cells_one_after_the_other(monkeypatch):
+    rows = pd.DataFrame({"estimator": ["a", "b"]})
+    monkeypatch.setattr(elevation, "cell", lambda degrees: rows.assign(elevation_deg=degrees))
+    table = elevation.sweep_elevation((30.0, 10.0))
+    assert list(table.index) == [0, 1, 2, 3]
+    found = zip(table["elevation_deg"], table["estimator"], strict=True)
+    assert list(found) == list(product((30.0, 10.0), ("a", "b")))
+
+
+@pytest.fixture
+def who_renders(monkeypatch):
+    """Frames say which camera of which rig took them, and whose view was hidden."""
+
+    def frame(rig, c, which, k, hidden):
+        return rig.cameras[-1].centre[1], c, which, k, hidden
+
+    monkeypatch.setattr(elevation, "_frame", frame)
+    elevation._pair_frames.cache_clear()
+    yield
+    elevation._pair_frames.cache_clear()
+
+
+@pytest.mark.usefixtures("who_renders")
+@pytest.mark.parametrize("hidden", [None, 0, 1])
+def test_the_pair_s_frames_are_the_same_at_every_elevation(hidden):
+    low, high = (elevation._frames(paper_rig(e), "table1", 3, hidden) for e in (10.0, 90.0))
+    assert low[:2] == high[:2]
+    assert low[2][1:] == high[2][1:] == (2, "table1", 3, hidden)
+    assert low[2] != high[2]
+
+
+@pytest.mark.usefixtures("who_renders")
+def test_a_hand_that_hides_the_third_camera_is_elsewhere_at_another_elevation():
+    """And the pair sees it there."""
+    low, high = (elevation._frames(paper_rig(e), "table1", 3, 2) for e in (10.0, 90.0))
+    assert all(a != b for a, b in zip(low, high, strict=True))
+    assert elevation._pair_frames.cache_info().currsize == 0
+
+
+@pytest.mark.usefixtures("who_renders")
+def test_all_poses_are_measured_by_every_estimator_of_the_settings(monkeypatch):
+    asked = []
+
+    def measure_frames(frames, rig, handle, settings):
+        asked.append(([images[2] for images in frames], rig, handle.name, settings))
+
+    monkeypatch.setattr(elevation, "measure_frames", measure_frames)
+    rig = paper_rig(20.0)
+    elevation._measured(rig, "table1", 1, SETTINGS)
+    seen = [(rig.cameras[2].centre[1], 2, "table1", k, 1) for k in range(20)]
+    assert asked == [(seen, rig, elevation.HANDLE, SETTINGS)]

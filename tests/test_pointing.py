@@ -1,11 +1,13 @@
 """The pointing task, its log, the models of an operator, and the shipped table."""
 
 import math
+from itertools import product
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
+from scipy import stats
 from scipy.spatial.transform import RigidTransform
 
 from trinolab.datasets import load_sweep
@@ -21,6 +23,7 @@ from trinolab.slave.pointing import (
     read_log,
     write_log,
 )
+from trinolab.studies import fitts
 from trinolab.studies.fitts import DELAYS_S, SCALES, _cell, _fit, lag_models, one_operator
 from trinolab.sweep import sweep
 from trinolab.sweep.notebook import run_notebook
@@ -275,3 +278,31 @@ def test_the_figure_has_a_curve_a_strategy_and_scale():
     assert [len(ax.lines) for ax in figure.axes] == [8, 8, 8]
     assert "ms" in figure.axes[0].get_xlabel()
     plt.close(figure)
+
+
+def test_a_cell_s_means_are_over_the_operators_and_its_errors_over_all_trials(monkeypatch):
+    """Four operators by hand: Student's interval of 1, 2, 3, 4 by the table, t = 3.18245."""
+
+    def one(strategy, scale, delay_s, seed):
+        return {
+            "throughput_bit_s": 1.0 + seed,
+            "movement_s": 2.0,
+            "moves": 3.0,
+            "error_share": 0.1 * seed,
+        }
+
+    monkeypatch.setattr(fitts, "one_operator", one)
+    table = fitts.make_table(4)
+    settings = zip(table["strategy"], table["scale"], table["delay_s"], strict=True)
+    assert list(settings) == list(product(operators.STRATEGIES, SCALES, DELAYS_S))
+    row = table.iloc[7]
+    reach = 3.18245 * np.sqrt(5 / 3) / 2
+    assert (row["seeds"], row["trials"]) == (4, 4 * 10 * 9)
+    assert row["throughput_bit_s"] == 2.5
+    assert row["throughput_bit_s_low"] == pytest.approx(2.5 - reach, rel=1e-5)
+    assert row["throughput_bit_s_high"] == pytest.approx(2.5 + reach, rel=1e-5)
+    wilson = stats.binomtest(54, 360).proportion_ci(method="wilson")
+    assert row["error_share"] == pytest.approx(0.15)
+    assert (row["error_share_low"], row["error_share_high"]) == pytest.approx(
+        (wilson.low, wilson.high)
+    )
