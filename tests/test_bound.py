@@ -215,3 +215,81 @@ def test_means_of_gaussian_lengths():
 def test_wrong_arguments_are_named(change, message):
     with pytest.raises(ValueError, match=message):
         information(**{"camera": FRONT, "handle": WIDE, "T_world_handle": T, **change})
+
+
+# --- the parts, quickly: on a few pixels, or without an image
+
+
+def test_steps_move_the_far_end_as_far_as_the_origin():
+    steps = bound._steps(0.02, 50.0)
+    np.testing.assert_array_equal(steps[:3, :3], 0.02 * np.eye(3))
+    far = moved(T, steps[5]).apply([[50.0, 0, 0]]) - T.apply([[50.0, 0, 0]])
+    assert not steps[:3, 3:].any()
+    assert np.linalg.norm(far) <= 0.02
+    across = moved(RigidTransform.identity(), steps[5]).apply([[50.0, 0, 0]])
+    assert across[0, 1] == pytest.approx(0.02, rel=1e-6)
+
+
+def test_a_pose_moves_by_the_step_s_vector_and_turns_about_its_origin():
+    step = np.array([1.0, -2.0, 3.0, 0.01, 0.02, -0.03])
+    np.testing.assert_allclose(
+        bound._moved(T, step).as_matrix(), moved(T, step).as_matrix(), atol=1e-12
+    )
+
+
+def test_derivatives_of_a_linear_image_are_its_matrix(monkeypatch):
+    """Whatever the steps."""
+    rng = np.random.default_rng(0)
+    A = rng.normal(size=(4, 5, 6))
+
+    def linear(camera, handle, pose, bench):
+        turn = (pose.rotation * T.rotation.inv()).as_rotvec()
+        return A @ np.concatenate([pose.translation - T.translation, turn])
+
+    monkeypatch.setattr(bound, "_expected", linear)
+    chosen = rng.random((4, 5)) < 0.5
+    for step_mm in (1e-3, 0.1):
+        J = bound._derivatives(FRONT, WIDE, T, FLAT, chosen, bound._steps(step_mm, 20.0))
+        np.testing.assert_allclose(J, A[chosen], rtol=1e-6, atol=1e-9)
+
+
+def test_an_image_s_derivatives_by_the_greys_are_their_shares(monkeypatch):
+    marker, body = np.random.default_rng(1).random((2, 4, 5))
+    monkeypatch.setattr(
+        bound, "_expected", lambda *a: a[3].marker_grey * marker + a[3].body_grey * body + 7.0
+    )
+    found = bound._grey_derivatives(FRONT, WIDE, T, FLAT, np.ones((4, 5), bool))
+    np.testing.assert_allclose(found, np.column_stack([marker.ravel(), body.ravel()]), atol=1e-12)
+
+
+def test_what_is_left_to_know_of_a_pose_is_the_inverse_s_corner():
+    """The covariance of the first six, whatever the others are."""
+    J = np.random.default_rng(2).normal(size=(30, 8))
+    F = J.T @ J
+    np.testing.assert_allclose(
+        np.linalg.inv(bound._marginal(F)), np.linalg.inv(F)[:6, :6], rtol=1e-9
+    )
+    np.testing.assert_array_equal(bound._marginal(F[:6, :6]), F[:6, :6])
+
+
+@pytest.fixture
+def small(monkeypatch):
+    """A window around one marker, a sample a pixel."""
+    monkeypatch.setattr(bound, "SAMPLES", (2, 1))
+    (uv,) = FRONT.project(T.apply(WIDE.marker_centres[:1]))
+    u, v = np.round(uv) - 12
+    return replace(FRONT, size=(25, 25), matrix=FRONT.matrix - [[0, 0, u], [0, 0, v], [0, 0, 0]])
+
+
+@pytest.mark.parametrize("pixels", ["markers", "handle"])
+def test_information_of_a_few_pixels_is_a_covariance_s_inverse(small, pixels):
+    """And less where the greys are not known."""
+    bench = replace(FLAT, supersampling=1, marker_supersampling=2)
+    known, unknown = (
+        information(small, WIDE, T, bench, pixels, known_greys=known) for known in (True, False)
+    )
+    scale = np.sqrt(known.diagonal())
+    for F in (known, known - unknown):
+        np.testing.assert_allclose(F, F.T, atol=1e-9 * np.abs(F).max())
+        assert np.linalg.eigvalsh(F / np.outer(scale, scale)).min() > -1e-9
+    assert np.trace(unknown / np.outer(scale, scale)) < 6 - 1e-4

@@ -2,12 +2,21 @@
 makes sense.
 """
 
+from itertools import product
+
 import numpy as np
 import pytest
 
 from trinolab.datasets import load_handle, load_rig, load_sweep, load_table1
 from trinolab.studies import bound
-from trinolab.studies.bound import COLUMNS, RIGS, SHIPPED_PIXELS, pose_bound, table1_bounds
+from trinolab.studies.bound import (
+    COLUMNS,
+    RIGS,
+    SHIPPED_PIXELS,
+    Bound,
+    pose_bound,
+    table1_bounds,
+)
 
 TABLE = load_sweep("bound").set_index(["rig", "pixels", "row"])
 # Tables have six digits. Between instruction sets their numbers differ by at most 1.3e-11 of
@@ -57,3 +66,20 @@ def test_cameras_of_the_pair_are_asked_once_for_all_rigs(monkeypatch):
     bound._information.cache_clear()
     assert [asked.count(name) for name in ("ccd1", "ccd2", "ccd3")] == [20, 20, 40]
     assert [found[7].covariance[0, 0] for found in bounds] == pytest.approx([1 / 2, 1 / 3, 1 / 3])
+
+
+def test_the_table_has_each_rig_s_bounds_row_by_row(monkeypatch):
+    """Bounds that grow from pose to pose, and say which rig and pixels they are of."""
+    size = {(rig, pixels): k for k, (rig, pixels) in enumerate(product(RIGS, SHIPPED_PIXELS), 1)}
+
+    def bounds(rig, pixels):
+        return [Bound((size[rig, pixels] * row) ** 2 * np.eye(6)) for row in range(1, 21)]
+
+    monkeypatch.setattr(bound, "table1_bounds", bounds)
+    table = bound.sweep_bounds().set_index(["rig", "pixels", "row"])
+    assert table.index.equals(TABLE.index)
+    assert tuple(table.columns) == COLUMNS
+    one = table.loc["paper_trinocular", "around", 7]
+    sigma = 4 * 7
+    assert one["rms_mm"] == pytest.approx(sigma * np.sqrt(3))
+    assert one["mean_deg"] == pytest.approx(np.rad2deg(sigma * np.sqrt(8 / np.pi)), rel=1e-6)
