@@ -1,15 +1,27 @@
 """The trials: what counts as close, as a wrong match, as saved; the trials themselves run small."""
 
+from itertools import pairwise
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from trinolab.datasets import load_handle, load_rig
+from trinolab import image_track
+from trinolab.datasets import load_handle, load_rig, load_table1
 from trinolab.handle import slants
+from trinolab.kalman import (
+    KalmanParameters,
+    State,
+    constant_acceleration,
+    initial_state,
+    white_jerk,
+)
 from trinolab.measurement import Measurement
 from trinolab.pose import LOST, Pose
-from trinolab.studies import claim_draws, claim_trials
+from trinolab.studies import claim_draws, claim_trials, factors, master_slave
 from trinolab.studies.replication import shared_poses
+from trinolab.tracker import CameraState, TrackerState
 from trinolab.window import Window
 
 PAPER = load_handle("paper")
@@ -88,3 +100,258 @@ def test_the_hidden_pair_alone_measures_nothing():
     drawn = next(shared_poses(load_rig("raised_40deg"), PAPER, rng, arm))
     frames = render_rig(rig, PAPER, drawn, Bench(), rng, arm)
     assert measure(frames, rig, PAPER).pose.status == "lost"
+
+
+# --- the draws' own arithmetic, without an image
+
+
+PAIR = load_rig("paper_pair")
+BLACK = np.zeros((1024, 1280), np.uint8)
+
+
+def test_a_lost_pose_says_nothing_and_a_measured_one_its_error():
+    truth = load_table1().set_poses[3]
+    off = RigidTransform.from_translation([0.0, 0.3, 0.4]) * truth * PAPER.symmetries[1]
+    found = claim_draws._errors(measured(off), truth, PAPER)
+    value, weight = claim_draws._value(found, "E_t_mm")
+    assert (value, weight) == (pytest.approx(0.5), 1.0)
+    lost = claim_draws._errors(measured(None), truth, PAPER)
+    assert claim_draws._value(lost, "E_t_mm") == claim_draws.NOTHING
+
+
+@pytest.fixture
+def position_errors(monkeypatch):
+    """Gives each pose of a setup an error by what was changed, or none; which poses were asked."""
+    asked = []
+
+    def error(base, worse):
+        def of(setup, k, seed):
+            asked.append(setup.poses[k].rotation)
+            changed = (
+                setup.true_rig is not setup.rig
+                or setup.velocity.any()
+                or setup.handle.marker_diameter_mm != 3.0
+                or not np.array_equal(setup.poses.translation, load_table1().set_poses.translation)
+            )
+            return worse if changed else base
+
+        monkeypatch.setattr(claim_draws, "_position_error", of)
+        return asked
+
+    return error
+
+
+@pytest.fixture(scope="module")
+def kept():
+    """The poses that stay in the images at every distance."""
+    return np.flatnonzero(factors.in_view_everywhere(factors.table1_setup(PAIR, PAPER))).tolist()
+
+
+def test_factors_are_compared_at_the_same_pose(position_errors, kept):
+    """At a distance, too, where some poses are left out before it."""
+    pose = max(k for k in kept if k % 2 == 0)
+    asked = position_errors(2.0, 5.0)
+    drawn = claim_draws.factor(pose // 2, 7)
+    assert drawn == {f"factor_{name}": (3.0, 2.0) for name in claim_draws.FACTORS}
+    same = load_table1().set_poses[pose].rotation
+    assert len(asked) == 1 + len(claim_draws.FACTORS)
+    assert max((rotation.inv() * same).magnitude() for rotation in asked) < 1e-9
+
+
+def test_a_pose_that_leaves_the_images_says_nothing_of_the_distance(position_errors, kept):
+    gone = next(k for k in range(0, 20, 2) if k not in kept)
+    position_errors(2.0, 5.0)
+    drawn = claim_draws.factor(gone // 2, 7)
+    assert drawn.pop("factor_distance") == claim_draws.NOTHING
+    assert set(drawn.values()) == {(3.0, 2.0)}
+
+
+@pytest.mark.parametrize(("base", "worse"), [(None, 5.0), (2.0, None)])
+def test_a_pose_that_is_lost_on_either_side_says_nothing(monkeypatch, position_errors, base, worse):
+    monkeypatch.setattr(claim_draws, "FACTORS", {"speed": 200.0})
+    position_errors(base, worse)
+    assert claim_draws.factor(0, 7) == {"factor_speed": claim_draws.NOTHING}
+
+
+def test_the_error_of_a_pose_is_that_of_its_own_frames_and_noise(monkeypatch):
+    """The frames are the pose, and the noise shifts it along y."""
+    setup = factors.table1_setup(PAIR, PAPER)
+
+    def measure(frames, rig, handle):
+        return measured(RigidTransform.from_translation([0.0, frames[1], 0.0]) * frames[0])
+
+    monkeypatch.setattr(factors, "frames", lambda setup, k, rng: (setup.poses[k], rng.random()))
+    monkeypatch.setattr(claim_draws, "measure", measure)
+    expected = np.random.default_rng([7, 4]).random()
+    assert claim_draws._position_error(setup, 4, 7) == pytest.approx(expected)
+    monkeypatch.setattr(claim_draws, "measure", lambda *_: measured(None))
+    assert claim_draws._position_error(setup, 4, 7) is None
+
+
+def test_a_pose_without_a_marker_that_all_see_is_drawn_again(monkeypatch):
+    """Of the first one each camera sees a marker of its own."""
+    rig = load_rig("raised_40deg")
+    away = RigidTransform.from_translation([0.0, 0.0, 700.0])
+    drawn = iter([away, T])
+    monkeypatch.setattr(claim_draws, "shared_poses", lambda *_: drawn)
+    monkeypatch.setattr(
+        claim_draws,
+        "true_visibility",
+        lambda camera, handle, pose: (
+            np.arange(12) == (3 if pose is T else rig.names.index(camera.name))
+        ),
+    )
+    found = claim_draws.concealed(0, 5)
+    assert next(drawn, None) is None
+    assert found["share_concealed"] == (1.0, 1.0)
+
+
+# --- clips
+
+
+def camera_state(window, velocity=(60.0, 30.0)):
+    """Of a camera that knows where and how fast the handle's window moves."""
+    mean, covariance = initial_state(window.centre)
+    return CameraState(BLACK, State(np.append(mean[:2], [*velocity, 0.0, 0.0]), covariance), window)
+
+
+def moving_windows(count):
+    """Windows around the markers of T in CCD1, each 2 px right of and 1 px below the last."""
+    uv = PAIR.cameras[0].project(T.apply(PAPER.marker_centres))
+    u, v = uv.min(axis=0).astype(int) - 60
+    return [Window(u + 2 * k, v + k, 300, 300) for k in range(count)]
+
+
+@pytest.fixture
+def followed(monkeypatch):
+    """A clip of which the tracker finds the given poses, CCD1 the windows; CCD2 never knows."""
+
+    def of(poses):
+        windows = moving_windows(len(poses) + 1)
+        states = [
+            TrackerState(k / 30, (camera_state(w), CameraState(BLACK, None, None)), 0.0, None)
+            for k, w in enumerate(windows)
+        ]
+        after = iter(states[1:])
+        monkeypatch.setattr(claim_draws, "step", lambda state, images, *_: (next(after), *images))
+        frames = [[measured(pose)] for pose in poses]
+        way = claim_draws._follow(
+            states[0], [None, None], frames, [T] * len(poses), 0, PAIR, PAPER, claim_draws.PRINTED
+        )
+        return windows, way
+
+    return of
+
+
+def test_an_instant_is_right_if_its_pose_is_close(followed):
+    _, way = followed([T, None, shifted(5.0, 0.0), T])
+    assert way.right == [True, False, False, True]
+    assert way.state.t_s == 4 / 30
+
+
+def test_only_a_camera_that_knows_a_window_searches_in_one(followed):
+    windows, way = followed([T, T, T])
+    assert len(way.shares_ours) == len(way.shares_printed) == 3
+    size = np.prod(PAIR.cameras[0].size)
+    assert all(90_000 / size < share < 1 for share in way.shares_ours)
+    # from where the last window was, by its velocity
+    assert way.window.centre == pytest.approx(
+        np.array(windows[2].centre) + [60 / 30, 30 / 30], abs=1.0
+    )
+
+
+def test_the_printed_filter_starts_at_rest_and_sees_sums_of_coordinates(followed):
+    """By the filter of whole tracks."""
+    windows, way = followed([T, T, T])
+    sums = np.array([[sum(window.centre)] for window in windows[1:]])
+    F, Q = constant_acceleration(1 / 30), white_jerk(1 / 30, KalmanParameters().jerk_intensity)
+    R = np.array([[2 * KalmanParameters().sigma_px ** 2]])
+    known = claim_draws._certain(windows[0])
+    whole = image_track.run(known, sums, F, Q, claim_draws.PRINTED_H, R).updated
+    np.testing.assert_allclose(way.printed[0].mean, whole.mean[-1], rtol=1e-9)
+    np.testing.assert_allclose(
+        way.printed[0].covariance, whole.covariance[-1], rtol=1e-9, atol=1e-9
+    )
+    assert way.printed[1] is None
+
+
+@pytest.fixture
+def clip(monkeypatch):
+    """A clip of four instants: the printed background loses the last of all in doubled light, ours
+    the first.
+    """
+    monkeypatch.setattr(claim_draws, "render_rig", lambda *_: [BLACK, BLACK])
+
+    def render_clip(rig, handle, truths, bench, rng, arm, gains=(1.0, 1.0)):
+        return [[gain, gain] for _, gain in zip(truths, gains, strict=True)]
+
+    def follow(state, printed, frames, truths, begin, rig, handle, parameters):
+        right = [True] * len(frames)
+        if frames[0][0] == 2.0:
+            right[-1 if parameters is claim_draws.PRINTED else 0] = False
+        shares = [0.25] * len(frames)
+        return claim_draws._Way(state, printed, right, shares, [0.5] * len(frames), None)
+
+    monkeypatch.setattr(claim_draws, "render_clip", render_clip)
+    monkeypatch.setattr(claim_draws, "_follow", follow)
+    return claim_draws.clip(0, 5, 4)
+
+
+def test_a_clip_counts_instants_in_steady_light_and_after_it_doubles(clip):
+    for name in ("printed", "ours"):
+        assert clip[f"share_tracked_{name}"] == (1.0, 1.0)
+        assert clip[f"share_kept_under_light_{name}"] == (1.0, 2.0)
+    assert clip["share_searched_ours"] == (4 * 0.25, 4.0)
+    assert clip["share_searched_printed"] == (4 * 0.5, 4.0)
+    assert clip["time_searched"] == claim_draws.NOTHING  # the last window is none
+
+
+def test_the_time_of_a_search_is_that_in_the_window_and_in_all_of_the_image(monkeypatch):
+    def searched(images, windows, camera, handle, truths):
+        assert len(images) == len(windows) == len(truths)
+        return SimpleNamespace(seconds=float(windows[0].area))
+
+    monkeypatch.setattr(claim_draws, "searched", searched)
+    found = claim_draws._time(BLACK, Window(3, 4, 20, 10), PAIR.cameras[0], PAPER, T)
+    assert found == (200.0, 1280.0 * 1024.0)
+
+
+def test_a_long_clip_is_a_clip_of_a_second_by_other_names(monkeypatch):
+    monkeypatch.setattr(claim_draws, "clip", lambda k, seed, length: {"x": (k + seed, length)})
+    assert claim_draws.long_clip(1, 5) == {"long_x": (6, 30)}
+
+
+# --- the slave's arm
+
+
+def test_the_hand_that_rests_is_the_one_that_moves_until_it_stops(monkeypatch):
+    """The session is by hand: the tool is 3 mm and 2 deg beside where the hand is."""
+    beside = RigidTransform.from_components(
+        [0.0, 3.0, 0.0], Rotation.from_euler("x", 2.0, degrees=True)
+    )
+    runs = []
+
+    def run(robot, hand, duration_s, rng, **settings):
+        runs.append((hand, duration_s, rng.random(), settings))
+        poses = hand(np.arange(5) / 4 * duration_s)
+        return SimpleNamespace(stages={"hand": poses, "tool": poses * beside})
+
+    monkeypatch.setattr(claim_draws, "_robot", lambda: None)
+    monkeypatch.setattr(master_slave, "run", run)
+    monkeypatch.setattr(master_slave, "parts", lambda trial: {"total": (1.5, 2.5)})
+    monkeypatch.setattr(master_slave, "lag_s", lambda trial: 0.2)
+    assert claim_draws.slave(1, 5) == {
+        "slave_delay_ms": (200.0, 1.0),
+        "slave_moving_mm": (1.5, 1.0),
+        "slave_moving_deg": (2.5, 1.0),
+        "slave_rest_mm": (pytest.approx(3.0), 1.0),
+        "slave_rest_deg": (pytest.approx(2.0), 1.0),
+    }
+    (moving, moving_s, *_), (resting, resting_s, *_) = runs
+    assert (moving_s, resting_s) == (3.0, 1.0 + master_slave.REST_S)
+    times = np.array([0.3, 1.9, 2.0, 2.1, 5.0])
+    here, there = (hand(times).translation for hand in (moving, resting))
+    np.testing.assert_allclose(there[:3], here[:3], atol=1e-9)
+    np.testing.assert_allclose(there[3:], np.broadcast_to(here[2], (2, 3)), atol=1e-9)
+    assert runs[0][2] != runs[1][2]  # the noise is another one
+    assert all(one[3] == other[3] for one, other in pairwise(runs))
