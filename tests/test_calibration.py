@@ -540,7 +540,7 @@ def test_frontal_views_and_few_corners_name_the_camera_or_the_numbers():
     uv = project(Rig(make_rig(np.zeros((3, 5))).cameras[:2]), frontal)
     refuse("uv: camera 0: .*expected positions of different tilt", uv=uv)
     corners = [0, 6, 35, 41]
-    few = project(Rig(make_rig().cameras[:1]), positions(3))[:, :, corners]
+    few = project(Rig(make_rig().cameras[:2]), positions(3))[:1, :, corners]
     refuse(  # a lens has nine numbers, a pose six
         "uv: expected more than 27 measured coordinates, got 24",
         uv=few,
