@@ -11,13 +11,16 @@ from trinolab.bench.optics import Bench, blurred, digitise
 from trinolab.bench.scene import radiance, render_rig
 from trinolab.camera import Rig
 from trinolab.datasets import load_handle, load_rig, load_table1
+from trinolab.estimators import Identified, estimate
 from trinolab.estimators.appearance import Views
 from trinolab.estimators.centroids import centre_pixels, predict_centroids
+from trinolab.estimators.patches import outline_patches
 from trinolab.estimators.pixels import fit_patches
 from trinolab.estimators.reprojection import fit_centroids, fit_pixels
-from trinolab.handle import slants
+from trinolab.handle import facing_pixels, slants
 from trinolab.measurement import measure
 from trinolab.parameters import Parameters
+from trinolab.pose import LOST
 
 PAIR, TRIO, ABOVE = (load_rig(name) for name in ("paper_pair", "raised_40deg", "paper_trinocular"))
 HANDLE = load_handle("paper")
@@ -204,3 +207,42 @@ def test_saturated_pixels_do_not_pull():
         [camera.project(POSES[4].apply(HANDLE.marker_centres)) for camera in PAIR.cameras]
     )
     assert np.nanmax(np.abs(found.uv - truth)) < 0.1  # px
+
+
+def seen_exactly(rig, T):
+    return np.stack([facing_pixels(HANDLE, camera, T, 70.0) for camera in rig.cameras])
+
+
+def without_light(rig):
+    return [np.full(camera.size[::-1], 40.0) for camera in rig.cameras]
+
+
+@pytest.mark.parametrize("estimator", ["weighted", "reprojection", "patches", "outline"])
+def test_where_the_pixels_show_no_marker_there_is_no_pose(estimator):
+    """Whatever the markers' places say that somebody found."""
+    instant = Identified(without_light(PAIR), seen_exactly(PAIR, POSES[5]), POSES[5])
+    assert estimate(instant, PAIR, HANDLE, Parameters(estimator=estimator)) is LOST
+
+
+def test_where_the_pixels_show_no_marker_the_check_leaves_the_papers_pose():
+    instant = Identified(without_light(PAIR), seen_exactly(PAIR, POSES[5]), start_near(POSES[5]))
+    checked, papers = (
+        estimate(instant, PAIR, HANDLE, Parameters(estimator=name))
+        for name in ("paper_checked", "paper")
+    )
+    np.testing.assert_array_equal(
+        checked.T_world_handle.as_matrix(), papers.T_world_handle.as_matrix()
+    )
+    np.testing.assert_array_equal(checked.covariance, papers.covariance)
+    assert np.linalg.norm(error(papers, POSES[5])) < 1e-9  # the pixels are exact
+
+
+def test_a_camera_in_line_with_the_handle_sees_no_outline():
+    camera = PAIR.cameras[0]
+    along, _ = Rotation.align_vectors(camera.axis[None], [[0.0, 1.0, 0.0]])
+    T = RigidTransform.from_components(camera.centre + 560.0 * camera.axis, along)
+    found = outline_patches(without_light(PAIR), PAIR, HANDLE, T)
+    assert set(found.views.camera) == {1}
+    aside = T * RigidTransform.from_translation([2.0 * HANDLE.radius_mm, 0.0, 0.0])
+    found = outline_patches(without_light(PAIR), PAIR, HANDLE, aside)
+    assert set(found.views.camera) == {0, 1}
