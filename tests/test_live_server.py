@@ -4,17 +4,24 @@ import http.client
 import json
 import re
 import socket
-from contextlib import closing
+import sys
+from contextlib import closing, nullcontext
+from threading import Event
+from types import SimpleNamespace
 
+import cv2
+import numpy as np
 import pytest
 
 pytest.importorskip("mink", reason="the extra 'slave' is missing")
 pytest.importorskip("tornado", reason="the extra 'live' is missing")
 
 import websocket
-from livepage import TOKEN, Bench, Live, Tab
+from livepage import HANDLE, RIG, TOKEN, Bench, Live, Tab
 
-from trinolab.live.server import FILES, PAGE
+from trinolab.live import command
+from trinolab.live.server import FILES, MOST_MM, PAGE, _move_hand
+from trinolab.live.sources import _HOME, SimulatedHand
 
 
 @pytest.fixture(scope="module")
@@ -177,3 +184,94 @@ def test_too_long_a_word_ends_the_connection_and_not_the_loop(live):
     tab.close()
     number = live.loop.newest.number
     live.seen(lambda now: now.number > number)
+
+
+# --- the words of a page, without a page
+
+
+class AtHome(SimulatedHand):
+    """A hand that has come home."""
+
+    def __init__(self):
+        super().__init__()
+        self.go_home()
+        self.settled()
+
+    def settled(self):
+        for _ in range(25):
+            now = self.pose(self._t + 0.2)
+        return now
+
+
+def told(hand, **how):
+    """Where a hand goes that is told so."""
+    loop = SimpleNamespace(source=SimpleNamespace(hand=hand, rig=RIG))
+    _move_hand(loop, how)
+    return hand.settled()
+
+
+@pytest.mark.parametrize("camera", range(3))
+def test_the_hand_goes_as_the_camera_of_the_picture_sees_it(camera):
+    """10 mm to the right, 5 mm down, and turned about the sight."""
+    now = told(AtHome(), camera=camera, mm=[10, 5, 0], rad=[0, 0, 0.1])
+    T = RIG.cameras[camera].T_cam_world
+    way = T.apply(now.translation) - T.apply(_HOME.translation)
+    np.testing.assert_allclose(way, [10, 5, 0], atol=1e-3)
+    turn = T.rotation * (now.rotation * _HOME.rotation.inv()) * T.rotation.inv()
+    np.testing.assert_allclose(turn.as_rotvec(), [0, 0, 0.1], atol=1e-4)
+
+
+def test_one_word_moves_the_hand_by_so_much_at_most():
+    T = RIG.cameras[0].T_cam_world
+    way = T.apply(told(AtHome(), mm=[-900, 0, 0]).translation) - T.apply(_HOME.translation)
+    np.testing.assert_allclose(way, [-MOST_MM, 0, 0], atol=1e-3)
+
+
+def test_the_hand_goes_by_itself_or_home_and_is_drawn_as_it_is_told():
+    hand = AtHome()
+    away = told(hand, alone=True)
+    assert hand.by_itself
+    assert np.linalg.norm(away.translation - _HOME.translation) > 1
+    told(hand, drawn=True)
+    assert hand.drawn
+    told(hand, drawn="yes")  # not true in JSON
+    assert not hand.drawn
+    home = told(hand, home=True)
+    assert not hand.by_itself
+    np.testing.assert_allclose(home.as_matrix(), _HOME.as_matrix(), atol=1e-3)
+
+
+@pytest.mark.parametrize(
+    "how", [{"mm": [1, 2]}, {"rad": [0, 0, float("inf")]}, {"mm": [[0, 0, 0]]}]
+)
+def test_the_hand_goes_nowhere_by_other_than_three_numbers(how):
+    with pytest.raises(ValueError, match="hand: expected three numbers"):
+        told(AtHome(), **how)
+
+
+def test_a_loop_that_fails_ends_the_command_with_its_words(tmp_path):
+    opened = Event()
+
+    def fails(wait_s):
+        opened.wait(60)
+        raise ValueError("the bench is gone")
+
+    class Gone(nullcontext):
+        rig, handle, hand = RIG, HANDLE, None
+        next = staticmethod(fails)
+
+    threads, switch_s = cv2.getNumThreads(), sys.getswitchinterval()
+    addresses = []
+
+    def on_open(address):
+        addresses.append(address)
+        opened.set()
+
+    try:
+        with pytest.raises(ValueError, match=r"^the bench is gone$"):
+            command.live(Gone(), tmp_path, on_open=on_open)
+    finally:
+        cv2.setNumThreads(threads)
+        sys.setswitchinterval(switch_s)
+    assert re.fullmatch(r"http://127\.0\.0\.1:\d+/[\w-]{22}/", addresses[0])
+    assert list(tmp_path.iterdir()) == []

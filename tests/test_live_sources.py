@@ -2,6 +2,8 @@
 
 import threading
 import time
+from dataclasses import replace
+from itertools import islice
 
 import cv2
 import numpy as np
@@ -9,8 +11,9 @@ import pytest
 from livepage import HELD, RIG, Bench
 from processes import wait_until
 
+from trinolab.camera import Rig
 from trinolab.files import recorder
-from trinolab.live import sources
+from trinolab.live import command, sources
 from trinolab.live.command import chosen
 from trinolab.live.sources import Feed, SimulatedHand, Source, as_bytes
 
@@ -210,3 +213,41 @@ def test_cameras_that_are_not_the_rigs_are_refused(cameras, message):
 def test_grey_levels_become_bytes():
     assert as_bytes(IMAGE) is IMAGE
     np.testing.assert_array_equal(as_bytes(np.array([[-3.0, 4.6, 300.0]])), [[0, 5, 255]])
+
+
+def test_a_camera_that_ends_is_said_and_opened_anew(tmp_path):
+    """A video in its place, three frames long."""
+    size = (16, 12)
+    images = np.random.default_rng(0).integers(0, 256, (3, *size[::-1]), dtype=np.uint8)
+    code = cv2.VideoWriter.fourcc(*"FFV1")
+    writer = cv2.VideoWriter(str(tmp_path / "a.mkv"), code, 30.0, size, isColor=False)
+    for image in images:
+        writer.write(image)
+    writer.release()
+    rig = Rig(
+        tuple(
+            replace(one, name=name, size=size) for one, name in zip(RIG.cameras, "ab", strict=False)
+        )
+    )
+    paths = dict.fromkeys("ab", str(tmp_path / "a.mkv"))
+    source = sources.of_cameras(paths, rig, chosen().handle)
+    for _ in range(2):
+        frames = source._feeds[0]._frames(threading.Event())
+        seen = [image for _, (image,) in islice(frames, 3)]
+        np.testing.assert_array_equal(seen, images)
+        with pytest.raises(ValueError, match="a: delivers no image after 3 instants"):
+            next(frames)
+
+
+@pytest.mark.parametrize(
+    ("system", "display", "opened"),
+    [("linux", "", []), ("linux", ":0", ["http://here/"]), ("darwin", "", ["http://here/"])],
+)
+def test_a_browser_is_opened_where_there_is_one(monkeypatch, system, display, opened):
+    found = []
+    monkeypatch.setattr(command.webbrowser, "open", found.append)
+    monkeypatch.setattr(command.sys, "platform", system)
+    monkeypatch.setenv("DISPLAY", display)
+    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
+    command.show("http://here/")
+    assert found == opened
