@@ -361,3 +361,50 @@ def test_figure_shows_the_table():
     with pytest.raises(ValueError, match="handle: expected one of paper, coded, got 'rod'"):
         plot_calibration_error(TABLE, "rod", 0.31)
     plt.close(figure)
+
+
+# --- a draw, and one that fails
+
+
+def test_a_draw_measures_the_frames_of_the_true_rig_with_the_drawn_one(monkeypatch):
+    """Frames that say which pose and true rig they show, and whose noise."""
+    asked = []
+
+    def render_rig(rig, handle, T, bench, rng):
+        return rig.names, tuple(T.translation), rng.random()
+
+    def measure_frames(frames, rig, handle, settings):
+        asked.append((frames, rig))
+        best = measured([0.3, 0, 0.4], lost=0)
+        return {"paper": [Measurement(LOST, (), ())] * 20, BEST: best}
+
+    study._shown.cache_clear()
+    monkeypatch.setattr(study, "render_rig", render_rig)
+    monkeypatch.setattr(study, "measure_frames", measure_frames)
+    found = study.one_draw(DIRECTIONS, 2.0, "raised_40deg", "paper", 3)
+    study.one_draw(PLACES, 1.0, "raised_40deg", "paper", 4)
+    study._shown.cache_clear()
+    rng = np.random.default_rng(study.NOISE_SEED)
+    expected = [(RAISED.names, tuple(T.translation), rng.random()) for T in TRUTHS]
+    assert asked[0][0] == expected
+    assert asked[1][0] is asked[0][0]  # rendered once
+    believed = [drawn_rig(RAISED, DIRECTIONS, 2.0, 3), drawn_rig(RAISED, PLACES, 1.0, 4)]
+    for (_, rig), drawn in zip(asked, believed, strict=True):
+        np.testing.assert_array_equal(shifts(drawn, rig), 0.0)
+    assert set(found) == {f"{name}_{e}" for name, e in product(study.RESULTS, study.SETTINGS)}
+    assert (found["measured_paper"], found[f"measured_{BEST}"]) == (0.0, 1.0)
+    assert found[f"E_t_mm_{BEST}"] == pytest.approx(0.5)
+
+
+def test_a_draw_that_fails_is_said_and_no_table_is_written(small, monkeypatch, capsys):
+    def failing(changed, level, handle, rig, draw):
+        if draw == 1:
+            raise ValueError("level: too much")
+        return quick(changed, level, handle, rig, draw)
+
+    folder, arguments = small
+    monkeypatch.setattr(study, "one_draw", failing)
+    assert main(arguments) == 2
+    *_, line = capsys.readouterr().err.splitlines()
+    assert line.endswith("1 draws failed; the first: ValueError: level: too much")
+    assert not (folder / "calibration_error.csv").exists()

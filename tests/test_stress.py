@@ -248,3 +248,20 @@ def test_all_estimators_of_a_fault_are_made_again(fault, handle):
 def test_an_unknown_fault_is_refused():
     with pytest.raises(ValueError, match=r"fault: expected one of none, lens blur 2 px, .*'rain'"):
         stress.trial("rain", "coded", 0)
+
+
+def test_a_block_that_fails_is_said_and_no_table_is_written(monkeypatch, tmp_path, capsys):
+    def failing(fault, handle, block):
+        if fault == "JPEG 60":
+            raise ValueError("handle: bent")
+        return quick(fault, handle, block)
+
+    monkeypatch.setattr(f"{__name__}.DONE", [])
+    monkeypatch.setattr(stress, "trial", failing)
+    monkeypatch.setattr(runs, "_figure", lambda found: b"")
+    monkeypatch.setattr(stress, "FAULTS", {name: FAULTS[name] for name in ("none", "JPEG 60")})
+    command = ["stress", "--out", str(tmp_path), "--kept", str(tmp_path / "kept"), "--workers", "1"]
+    assert main([*command, "--instants", "10"]) == 2
+    *_, line = capsys.readouterr().err.splitlines()
+    assert line.endswith("stress: 2 blocks failed; the first: ValueError: handle: bent")
+    assert not (tmp_path / "stress.csv").exists()
