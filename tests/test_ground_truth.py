@@ -25,6 +25,7 @@ from trinolab.studies.ground_truth import (
     moving_windows,
     read_recording,
 )
+from trinolab.window import Window
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -191,3 +192,14 @@ def test_a_covered_camera_sees_nothing(hard, monkeypatch):
     seen = ground_truth._instant(dark, 0, ()).seen
     assert not seen[0].any()
     assert np.array_equal(seen[1:], hard.instants[0].seen[1:])
+
+
+def test_a_window_is_asked_to_hold_markers_only_where_there_are_some(hard):
+    calm = read_recording("calm", seconds=0.1)
+    assert ground_truth.held([None] * 3, calm, 0).tolist() == [True] * 3
+    uv = exactly(hard, hard.instants[0], 0)
+    tight = Window.around(uv)
+    count = len(hard.instants)
+    assert ground_truth.held([tight.grown(1.0)] * count, hard, 0)[0]
+    assert not ground_truth.held([Window(0, 0, 2, 2)] * count, hard, 0)[0]
+    assert not ground_truth.held([None] * count, hard, 0)[0]

@@ -424,6 +424,13 @@ def test_projection_matrices_have_no_scale(scale):
     np.testing.assert_allclose(found[2], t, rtol=0, atol=1e-12)
 
 
+def test_a_file_that_is_no_image_is_named(tmp_path):
+    path = tmp_path / "left01.jpg"
+    path.write_text("not found")
+    with pytest.raises(ValueError, match=r"left01\.jpg: no image"):
+        real_recordings._grey(path)
+
+
 @needs("pymvg_mcsc")
 def test_led_reprojection():
     errors = real_recordings.led_errors_px()

@@ -275,3 +275,19 @@ def test_there_is_no_progress_bar_without_a_terminal(capfd):
     scoreboard()
     scoreboard(progress=True)
     assert capfd.readouterr().err == ""
+
+
+def test_a_trial_that_is_not_there_is_named_before_anything_is_computed(monkeypatch):
+    wrong = (claim("1"), replace(claim("11"), trial="random_poses"))
+    monkeypatch.setattr(module, "load_claims", lambda: wrong)
+    monkeypatch.setattr(module, "score", None)
+    with pytest.raises(ValueError, match=r"claim 11: trial: expected one of .*'random_poses'"):
+        scoreboard()
+
+
+def test_where_the_protocol_was_not_run_nothing_is_drawn(monkeypatch):
+    def missing(name):
+        raise ValueError(f"{name}: not found")
+
+    monkeypatch.setattr(module, "data_path", missing)
+    assert module.drawn_results() == {}
