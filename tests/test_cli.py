@@ -2,6 +2,7 @@
 and no file.
 """
 
+import io
 import json
 import os
 import re
@@ -11,17 +12,19 @@ import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import cv2
 import numpy as np
+import pandas as pd
 import pytest
 from healthy import contents, run
 from processes import ended, started
 from scipy.spatial.transform import RigidTransform
 
-from trinolab import __version__
+from trinolab import __version__, cli
 from trinolab.camera import Rig
-from trinolab.cli import arguments, evaluate
+from trinolab.cli import arguments, evaluate, refine
 from trinolab.cli import measure as measure_command
 from trinolab.cli.evaluate import TrackQuality, _lasted
 from trinolab.datasets import data_path, load_handle, load_rig, load_table1
@@ -341,3 +344,140 @@ def test_shipped_files_are_fit_for_the_command(folder, capfd, files):
     assert run(line) == 2
     assert "32 x 24 pixels, the rig says 1280 x 1024" in capfd.readouterr().err
     assert not (folder / "poses.csv").exists()
+
+
+# --- what a command asks for, and what it prints of what it gets
+
+
+class Full(io.StringIO):
+    """A standard output, with a descriptor of its own, that takes nothing."""
+
+    def __init__(self, path, error):
+        super().__init__()
+        self.file = path.open("w")
+        self.error = error
+
+    def write(self, text):
+        raise self.error
+
+    def fileno(self):
+        return self.file.fileno()
+
+
+@pytest.fixture
+def full(tmp_path, monkeypatch):
+    opened = []
+
+    def of(error):
+        stdout = Full(tmp_path / "stdout", error)
+        opened.append(stdout)
+        monkeypatch.setattr(sys, "stdout", stdout)
+        return stdout
+
+    yield of
+    for one in opened:
+        one.file.close()
+
+
+def goes_nowhere(stdout):
+    return os.path.samestat(os.fstat(stdout.fileno()), os.stat(os.devnull))
+
+
+def test_an_answer_that_cannot_be_written_is_a_refusal(full):
+    stdout = full(OSError(28, "No space left on device"))
+    with pytest.raises(
+        ValueError, match=r"standard output: cannot be written \(No space left on device\)"
+    ):
+        cli._say("42")
+    assert goes_nowhere(stdout)  # what Python writes at its end
+
+
+def test_an_answer_that_nobody_reads_any_more_is_none(full):
+    stdout = full(BrokenPipeError(32, "Broken pipe"))
+    cli._say("42")
+    assert goes_nowhere(stdout)
+
+
+@pytest.mark.parametrize(("option", "shown"), [("", True), (" --no-browser", False)])
+@pytest.mark.parametrize(
+    ("said", "last"), [("recorded to x", "recorded to x"), ("", "ended; nothing was recorded")]
+)
+def test_live_says_where_its_page_is_before_it_begins(
+    monkeypatch, capfd, option, shown, said, last
+):
+    from trinolab.live import command
+
+    pages = []
+
+    def live(source, out, *_, on_open, **__):
+        on_open("http://localhost:1")
+        return said
+
+    monkeypatch.setattr(command, "chosen", lambda cameras, *_: cameras)
+    monkeypatch.setattr(command, "live", live)
+    monkeypatch.setattr(command, "show", pages.append)
+    assert run(f"live --simulation{option}") == 0
+    lines = capfd.readouterr().out.splitlines()
+    assert lines == ["http://localhost:1", "is the page; Ctrl-C ends it", last]
+    assert pages == (["http://localhost:1"] if shown else [])
+
+
+@pytest.mark.parametrize(
+    ("line", "said"),
+    [
+        ("check 04 --out points.csv", "--out: is of use with --all alone"),
+        ("check", "expected a chapter, as in 04, or --all with the folder of a class"),
+        ("check 04 --all answers", "expected a chapter, as in 04, or --all with"),
+    ],
+)
+def test_a_check_is_of_a_chapter_or_of_a_class(folder, capfd, line, said):
+    assert run(line) == 2
+    (refusal,) = capfd.readouterr().err.splitlines()
+    assert refusal.startswith(f"trinolab check: {said}")
+
+
+@pytest.mark.parametrize(("uncertain", "logged"), [(False, 1), (True, 0)])
+def test_poses_that_contradict_the_rig_are_said_unless_the_rig_is_known_as_uncertain(
+    folder, monkeypatch, caplog, uncertain, logged
+):
+    monkeypatch.setattr(measure_command, "is_uncertain", lambda *_: uncertain)
+    monkeypatch.setattr(
+        measure_command, "contradictions", lambda table, rig: [f"{len(table)} poses, {rig}"]
+    )
+    with caplog.at_level("INFO", "trinolab"):
+        table = measure_command.measure_folder(
+            "rig.toml", "handle.toml", "images", "poses.csv", progress=False
+        )
+    assert len(table) == 2
+    assert caplog.messages == ["2 poses, rig.toml"] * logged
+
+
+def test_the_scale_is_held_by_a_length_or_by_what_is_known():
+    rig = load_rig("paper_pair")
+
+    def scale(length):
+        return refine._scale(SimpleNamespace(prior=SimpleNamespace(length=length), start_rig=rig))
+
+    assert scale(None) == "by the covariances of rig and markers; no length was given"
+    of_cameras = SimpleNamespace(of="cameras", first=0, second=1, mm=99.19)
+    of_markers = SimpleNamespace(of="markers", first=0, second=7, mm=20.5)
+    assert scale(of_cameras) == "cameras ccd1 and ccd2 are 99.1900 mm apart"
+    assert scale(of_markers) == "markers 0 and 7 are 20.5000 mm apart"
+
+
+@pytest.mark.parametrize(
+    ("count", "named", "last"), [(0, 0, "none"), (10, 10, "9"), (13, 10, "3 more")]
+)
+def test_ten_of_the_views_that_were_left_out_are_named(count, named, last):
+    views = pd.DataFrame(
+        {
+            "frame": range(count + 1),
+            "camera": "ccd1",
+            "status": [*["left out"] * count, "used"],
+            "reason": "too far off",
+        }
+    )
+    first, *others = refine._view_lines(SimpleNamespace(views=views))
+    assert first == f"views left out: {count or 'none'}"
+    assert sum("ccd1, frame" in line and line.endswith(": too far off") for line in others) == named
+    assert last in [first, *others][-1]

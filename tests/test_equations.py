@@ -377,3 +377,20 @@ def test_pages_are_written_for_the_book_to_include(tmp_path):
         assert f"_build/generated/{name}.md" in (ROOT / "book" / f"{name}.md").read_text(
             encoding="utf-8"
         )
+
+
+@pytest.mark.parametrize(
+    ("limits", "said"),
+    [
+        ({"at_least": 1.5}, "at least 1.5"),
+        ({"at_most": 0.02}, "at most 0.02"),
+        ({"at_most": 1e-12}, "0"),
+        ({"at_least": 0.5, "at_most": 2.0}, "0.5 to 2"),
+        ({"at_least": 1.0, "at_most": 1.0}, "1"),
+    ],
+)
+def test_what_an_effect_must_be_in_words(limits, said):
+    effect = ledger.Effect("20", "Distance.", "mm", 12.7, 0.05, **limits)
+    assert ledger._effect_item(effect) == (
+        f"- Distance.: **12.7** mm as printed, 0.05 mm as corrected; it must be {said}."
+    )

@@ -439,3 +439,14 @@ def test_a_folder_that_is_no_recording_is_refused(recording, tmp_path):
             progress=False,
         )
     assert not (tmp_path / "out").exists()
+
+
+def test_an_acceptance_is_said_with_the_time_that_it_took(monkeypatch, capsys):
+    monkeypatch.setattr(command, "accept", lambda *given: SimpleNamespace(cpu_s=12.6))
+    monkeypatch.setattr(command, "as_lines", lambda done: ["passed", "3 of 3"])
+    assert run("accept --rig paper_pair --handle paper --out sheet.html") == 0
+    assert capsys.readouterr().out.splitlines() == [
+        "passed",
+        "3 of 3",
+        "13 s of processor time; written to sheet.html",
+    ]
