@@ -3,20 +3,28 @@
 import os
 import re
 import signal
+import sys
 import threading
 import time
+from concurrent.futures import BrokenExecutor, CancelledError, Future
 from dataclasses import dataclass
 from pathlib import Path
+from types import SimpleNamespace
 from typing import NamedTuple
 
+import nbformat
 import numpy as np
 import pandas as pd
 import pytest
+from nbformat.v4 import new_code_cell, new_markdown_cell, new_notebook
 from processes import ended, started, wait_until
 
-from trinolab.sweep import sweep
+from trinolab.sweep import engines, runs, sweep
 from trinolab.sweep.engines import Inline
+from trinolab.sweep.folder import NOTEBOOKS, Identity, SweepFolder, read_sweep
 from trinolab.sweep.grid import Interval
+from trinolab.sweep.notebook import imported, inject
+from trinolab.sweep.outcome import Outcome
 
 
 class Pair(NamedTuple):
@@ -188,3 +196,178 @@ def test_inline_keeps_to_its_thread():
     future = Inline().submit(threading.get_ident)
     assert future.done()
     assert future.result() == threading.get_ident()
+
+
+# --- engines, without a process or a cluster
+
+
+def test_inline_a_failure_is_the_run_s_own_and_an_interruption_everyone_s():
+    def stopped():
+        raise KeyboardInterrupt
+
+    engine = Inline()
+    assert engine.submit(max, 3, 5).result() == 5
+    assert isinstance(engine.submit(lambda: 1 / 0).exception(), ZeroDivisionError)
+    with pytest.raises(KeyboardInterrupt):
+        engine.submit(stopped)
+
+
+def test_without_dask_there_is_no_cluster(monkeypatch):
+    monkeypatch.setitem(sys.modules, "dask.distributed", None)
+    with (
+        pytest.raises(
+            ValueError, match=r"needs the package dask\[distributed\] \(extra 'cluster'\)"
+        ),
+        engines.cluster("tcp://localhost:1", "sweep"),
+    ):
+        raise AssertionError
+
+
+def stops_waiting(count, timeout):
+    raise TimeoutError
+
+
+def has_no_package(function):
+    raise ModuleNotFoundError("No module named 'trinolab'")
+
+
+@pytest.mark.parametrize(
+    ("client", "said"),
+    [
+        ({"wait_for_workers": stops_waiting}, "tcp://here: the cluster has no workers"),
+        (
+            {"run": has_no_package},
+            r"tcp://here: its workers cannot load trinolab \(No module named 'trinolab'\)",
+        ),
+        (
+            {"run": lambda function: {"w1": engines.package_hash(), "w2": "other"}},
+            "tcp://here: w2 has another version of trinolab, or of its data",
+        ),
+    ],
+)
+def test_a_cluster_that_cannot_be_used_is_refused(client, said):
+    usual = {"wait_for_workers": lambda count, timeout: None, "run": lambda function: {}}
+    with pytest.raises(ValueError, match=said):
+        engines._settle(SimpleNamespace(**{**usual, **client}), "tcp://here")
+
+
+@pytest.mark.parametrize(
+    ("error", "said"),
+    [
+        (BrokenExecutor(), "a worker process has ended abruptly, and with it the sweep"),
+        (CancelledError(), "the cluster has given up runs, and with them the sweep"),
+    ],
+)
+def test_an_engine_that_is_gone_ends_the_sweep(error, said):
+    future = Future()
+    future.set_exception(error)
+    with pytest.raises(ValueError, match=said):
+        runs._received(future, 3)
+
+
+def test_runs_that_an_engine_could_not_compute_have_failed():
+    future = Future()
+    future.set_exception(AttributeError("no such thing"))
+    outcomes = runs._received(future, 3)
+    assert [outcome[:1] + outcome[2:4] for outcome in outcomes] == [
+        ({}, "failed", "AttributeError: no such thing")
+    ] * 3
+
+
+def test_a_function_that_tells_nothing_of_its_arguments_is_tried(monkeypatch):
+    def silent(function):
+        raise ValueError("no signature found")
+
+    monkeypatch.setattr(runs.inspect, "signature", silent)
+    found = sweep(pair, a=[4], b=[2])
+    assert found[["total", "ratio"]].values.tolist() == [[6.0, 2.0]]
+
+
+# --- the folder
+
+
+IDENTITY = Identity("pair", ["a"], "hash", 3)
+DONE = Outcome({"x": 1.0}, 0.5, "ok", "", "")
+
+
+def test_a_notebook_that_cannot_be_kept_is_a_refusal_and_its_run_is_not_done(tmp_path):
+    with SweepFolder(tmp_path / "s", IDENTITY, {}, {}) as folder:
+        folder.add(0, DONE)
+        (tmp_path / "s" / NOTEBOOKS).write_text("a file in the folder's place")
+        with pytest.raises(ValueError, match=f"{NOTEBOOKS}: cannot be written"):
+            folder.add(1, DONE._replace(notebook="{}"))
+        assert folder.done == {0: DONE}
+        assert folder.kept() == 1
+
+
+def test_a_sweep_that_is_not_finished_has_no_table(tmp_path):
+    with SweepFolder(tmp_path / "s", IDENTITY, {}, {}) as folder:
+        folder.add(0, DONE)
+    with pytest.raises(ValueError, match="s: the sweep is not finished; the command that began it"):
+        read_sweep(tmp_path / "s")
+
+
+@pytest.mark.parametrize("text", ["[]", "3", "{", ""])
+def test_a_manifest_that_is_none_is_named(tmp_path, text):
+    (tmp_path / "manifest.json").write_text(text)
+    with pytest.raises(ValueError, match=r"manifest\.json: expected the manifest of a sweep"):
+        read_sweep(tmp_path)
+
+
+def test_a_disk_that_is_full_says_what_is_kept(tmp_path, monkeypatch):
+    """The third of four runs cannot be written."""
+    add = SweepFolder.add
+
+    def full(self, number, outcome):
+        if number == 2:
+            raise ValueError("runs.jsonl: cannot be written (No space left on device)")
+        add(self, number, outcome)
+
+    monkeypatch.setattr(SweepFolder, "add", full)
+    with pytest.raises(ValueError, match=r"No space left on device\); .*2 of 4 runs are kept"):
+        sweep(pair, a=[1, 2, 3, 4], b=[1], out=tmp_path / "s")
+
+
+# --- a notebook's parameters
+
+
+def chapter(minor=5):
+    cell = new_code_cell("a = 1\nb = 'x'", metadata={"tags": ["parameters"]})
+    found = new_notebook(cells=[cell, new_code_cell("a")])
+    found.nbformat_minor = minor
+    for one in found.cells if minor < 5 else []:
+        del one["id"]
+    return found
+
+
+@pytest.mark.parametrize("minor", [4, 5])
+def test_parameters_are_put_behind_the_defaults_once(minor):
+    """An older notebook's cells have no identity, and get none."""
+    notebook = chapter(minor)
+    inject(notebook, {"a": 2}, "n.ipynb")
+    inject(notebook, {"a": 3, "b": "y"}, "n.ipynb")
+    sources = [cell.source for cell in notebook.cells]
+    assert sources == ["a = 1\nb = 'x'", "a = 3\nb = 'y'", "a"]
+    assert all(("id" in cell) == (minor == 5) for cell in notebook.cells)
+    nbformat.validate(notebook)
+
+
+def test_without_a_parameter_nothing_is_put_there():
+    notebook = chapter()
+    inject(notebook, {}, "n.ipynb")
+    assert [cell.source for cell in notebook.cells] == ["a = 1\nb = 'x'", "a"]
+
+
+def test_a_cell_in_ipythons_own_syntax_has_no_imports():
+    cells = [
+        "import os, numpy.linalg as la",
+        "%matplotlib inline\nimport hidden",
+        "from a.b import c",
+    ]
+    notebook = new_notebook(
+        cells=[new_markdown_cell("import text"), *(new_code_cell(cell) for cell in cells)]
+    )
+    names = imported(notebook).split()
+    assert "hidden" not in names
+    assert "text" not in names
+    assert {"os", "numpy.linalg", "a.b"} <= set(names)
