@@ -8,6 +8,7 @@ import pytest
 from scipy.spatial.transform import RigidTransform
 
 from trinolab.bench.hand import Arm, true_visibility
+from trinolab.bench.motion import random_pose
 from trinolab.datasets import load_handle, load_rig, load_sweep, load_table1, paper_rig
 from trinolab.measurement import Measurement
 from trinolab.methods import BEST
@@ -220,3 +221,11 @@ def test_all_poses_are_measured_by_every_estimator_of_the_settings(monkeypatch):
     elevation._measured(rig, "table1", 1, SETTINGS)
     seen = [(rig.cameras[2].centre[1], 2, "table1", k, 1) for k in range(20)]
     assert asked == [(seen, rig, elevation.HANDLE, SETTINGS)]
+
+
+def test_random_poses_are_those_of_their_seed_one_after_the_other():
+    found = elevation._random_poses()
+    rng = np.random.default_rng(elevation.SEED)
+    assert len(found) == elevation.POSES
+    for T in found[:3]:
+        np.testing.assert_array_equal(T.as_matrix(), random_pose(rng).as_matrix())

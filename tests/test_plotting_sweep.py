@@ -126,3 +126,25 @@ def test_the_file_is_a_picture_and_the_figure_is_closed(tmp_path):
     (tmp_path / "f.png").write_bytes(as_png(plot_sweep(sweep(measured, a=[0.1, 0.2]))))
     assert matplotlib.image.imread(tmp_path / "f.png").shape[:2] == (320, 800)
     assert plt.get_fignums() == []
+
+
+def test_a_place_that_no_result_needs_is_empty():
+    """Five results have two rows of three."""
+    found = sweep(lambda a: {f"r{k}": a * k for k in range(1, 6)}, a=[0.0, 1.0])
+    figure = plot_sweep(found)
+    assert len(figure.axes) == len(labels(figure)) == 5
+    assert figure.axes[0].get_gridspec().get_geometry() == (2, 3)
+
+
+def test_words_of_a_sample_are_named_at_the_axis():
+    found = sweep(measured, a=Interval(0.0, 0.5), name=["long", "longer"], sample=8)
+    figure = plot_sweep(found, ["E_t_mm"])
+    numbers, words = figure.axes
+    assert [tick.get_text() for tick in words.get_xticklabels()] == list(
+        dict.fromkeys(found["name"])
+    )
+    x, y = words.lines[0].get_xydata().T
+    order = list(dict.fromkeys(found["name"]))
+    np.testing.assert_array_equal(x, [order.index(name) for name in found["name"]])
+    np.testing.assert_array_equal(y, found["E_t_mm"])
+    assert [ax.get_xlabel() for ax in (numbers, words)] == ["a", "name"]

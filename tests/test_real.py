@@ -528,6 +528,24 @@ def test_steep_pairs():
     np.testing.assert_allclose(real_recordings.triangulate_steep(rig, only, 0.5), points, atol=1e-6)
 
 
+def test_an_instant_with_too_few_corners_has_no_board(monkeypatch):
+    """Of the three, the second shows two corners; the third's board is 1 % too large."""
+    rig = load_rig("paper_trinocular")
+    corners = np.array([[x, y, 0.0] for y in (0.0, 10.0) for x in (0.0, 10.0, 20.0)])
+    T = RigidTransform.from_translation([-10.0, -5.0, 560.0])
+    places = [T.apply(corners), T.apply(corners), T.apply(1.01 * corners)]
+    uv = np.stack([camera.project(np.concatenate(places)) for camera in rig.cameras])
+    uv[:, 6:10] = np.nan
+    tracks = real_recordings.Tracks(rig, uv, corners)
+    monkeypatch.setattr(real_recordings, "load_caliscope", lambda: tracks)
+    exact, few, large = real_recordings.board_errors_mm(5.0)
+    np.testing.assert_allclose(exact, 0.0, atol=1e-6)
+    assert np.isnan(few).all()
+    # a rigid fit lays the middles on each other
+    away = np.linalg.norm(corners - corners.mean(axis=0), axis=1)
+    np.testing.assert_allclose(large, 0.01 * away, atol=1e-6)
+
+
 def test_steep_pairs_refuse():
     rig = load_rig("paper_pair")
     with pytest.raises(ValueError, match="min_angle_deg: "):

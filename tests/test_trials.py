@@ -224,14 +224,17 @@ def moving_windows(count):
 
 @pytest.fixture
 def followed(monkeypatch):
-    """A clip of which the tracker finds the given poses, CCD1 the windows; CCD2 never knows."""
+    """A clip of which the tracker finds the given poses; one camera knows the windows, the other
+    never does.
+    """
 
-    def of(poses):
+    def of(poses, knows=0):
         windows = moving_windows(len(poses) + 1)
-        states = [
-            TrackerState(k / 30, (camera_state(w), CameraState(BLACK, None, None)), 0.0, None)
-            for k, w in enumerate(windows)
-        ]
+        nothing = CameraState(BLACK, None, None)
+        states = []
+        for k, window in enumerate(windows):
+            cameras = (camera_state(window), nothing)
+            states.append(TrackerState(k / 30, cameras[:: -1 if knows else 1], 0.0, None))
         after = iter(states[1:])
         monkeypatch.setattr(claim_draws, "step", lambda state, images, *_: (next(after), *images))
         frames = [[measured(pose)] for pose in poses]
@@ -258,6 +261,15 @@ def test_only_a_camera_that_knows_a_window_searches_in_one(followed):
     assert way.window.centre == pytest.approx(
         np.array(windows[2].centre) + [60 / 30, 30 / 30], abs=1.0
     )
+
+
+def test_the_window_whose_search_is_timed_is_ccd1_s(followed):
+    """Of which there is none if only CCD2 knows."""
+    _, way = followed([T, T], knows=1)
+    assert way.window is None
+    assert len(way.shares_ours) == 2
+    assert way.printed[0] is None
+    assert way.printed[1] is not None
 
 
 def test_the_printed_filter_starts_at_rest_and_sees_sums_of_coordinates(followed):
