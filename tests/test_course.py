@@ -1,5 +1,6 @@
 """Exercises and their graders: every solution passes, every stub fails, every mistake is known."""
 
+import io
 import json
 import re
 import shutil
@@ -9,16 +10,18 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import RigidTransform, Rotation
 from wayward import asks, changes, ends, hangs, waits, warns
 
 from trinolab.cli import main
 from trinolab.course import check, submissions
-from trinolab.course.child import outcome, plain_value
+from trinolab.course.child import BEING_CHECKED, _cells, _executed, outcome, plain_value
 from trinolab.course.exercise import KINDS, FunctionExercise, ValueExercise
 from trinolab.course.exercises import CHAPTERS, exercise, of_chapter
 from trinolab.course.grading import call_of, judge_outcomes, judge_values
-from trinolab.course.plain import equal, plain
-from trinolab.course.running import run_given
+from trinolab.course.plain import MOST_NUMBERS, described, equal, plain
+from trinolab.course.running import Found, _how, _lines, run_given
+from trinolab.course.stubs import _head
 from trinolab.files.provenance import code_hash
 
 ALL = [one for chapter in CHAPTERS for one in of_chapter(chapter)]
@@ -235,6 +238,110 @@ def test_what_is_returned_is_compared_by_what_it_is():
     assert plain(object()) == "a value of the type object"
 
 
+def test_motions_are_compared_as_their_matrices():
+    turn = Rotation.from_rotvec([0.1, 0.2, 0.3])
+    T = RigidTransform.from_components([1.0, 2.0, 3.0], turn)
+    assert equal(plain(turn), plain(turn.as_matrix()), 1e-9)
+    assert equal(plain(T), plain(T.as_matrix()), 1e-9)
+    assert not equal(plain(T), plain(T.inv()), 1e-9)
+
+
+def test_too_many_numbers_are_counted_and_not_sent():
+    assert plain(np.zeros(MOST_NUMBERS))["shape"] == [MOST_NUMBERS]
+    assert plain(np.zeros(MOST_NUMBERS + 1)) == "an array of 1000001 numbers"
+
+
+@pytest.mark.parametrize(
+    ("value", "words"),
+    [
+        (None, "None"),
+        (True, "a number"),
+        ([[1, 2], [3, 4]], "an array of the shape (2, 2)"),
+        ((1.0, None), "2 things: a number, None"),
+        ({1}, "a value of the type set"),
+        ("left", "the text 'left'"),
+    ],
+)
+def test_what_is_returned_is_named_by_its_kind(value, words):
+    assert described(plain(value)) == words
+
+
+@pytest.mark.parametrize(
+    ("code", "words"),
+    [
+        (None, "does not end: it was stopped after 7 s"),
+        (-24, "does not end: it was stopped after 5 s of computing"),
+        (-9, "was ended by the system: it may have asked for too much memory"),
+        (3, "ends Python (exit code 3)"),
+    ],
+)
+def test_how_a_process_ended_is_said_in_words(code, words):
+    assert _how(code, cpu_s=5.0, wait_s=7.0) == words
+
+
+def test_answers_that_were_cut_off_or_are_none_are_passed_over(tmp_path):
+    answers = tmp_path / "answers.jsonl"
+    answers.write_bytes(b'{"here": true}\n3\n[1]\n\xff\n{"done": tr')
+    assert list(_lines(answers)) == [{"here": True}]
+
+
+def test_what_is_not_there_is_said_with_the_reason():
+    asked = exercise("04.2")
+    reasons = {
+        "filter_number is not there.": Found(),
+        "filter_number is not there, because cell 2 hangs.": Found(stuck="cell 2 hangs"),
+        "filter_number is not there; cell 1 raises NameError: x.": Found(
+            raised={"cell 1": "NameError: x"}
+        ),
+    }
+    for says, found in reasons.items():
+        verdict = submissions._verdict(asked, found)
+        assert (verdict.says, verdict.points, verdict.of) == (says, 0, asked.points)
+
+
+def test_a_chapter_that_is_none_is_refused_with_those_that_are():
+    with pytest.raises(ValueError, match=r"there is no chapter '13'; they are 01, 02, .*, 12$"):
+        exercise("13.1")
+
+
+def test_an_exercise_without_a_docstring_cannot_be_handed_out():
+    def add(a, b):
+        """The sum."""
+        return a + b
+
+    def bare(a, b):
+        return a + b
+
+    assert _head(add).splitlines() == ["def add(a, b):", '    """The sum."""']
+    with pytest.raises(ValueError, match="bare: expected a docstring, which students get"):
+        _head(bare)
+
+
+def test_cells_run_one_after_the_other_without_their_magic(tmp_path, monkeypatch):
+    """As in the process in which a student's file runs; a cell that raises is passed over."""
+    monkeypatch.setenv(BEING_CHECKED, "")
+    file = tmp_path / "04_kalman.ipynb"
+    file.write_text(
+        notebook(
+            "%matplotlib inline\na = 1\n!ls",
+            ["print('heard by nobody')\n", "b = a + 1\n"],
+            "raise SystemExit",
+            "c = a + b",
+        )
+    )
+    assert _cells(file)[0] == "\na = 1\n"
+    answers = io.StringIO()
+    namespace = _executed(file, answers)
+    assert (namespace["b"], namespace["c"]) == (2, 3)
+    lines = [json.loads(line) for line in answers.getvalue().splitlines()]
+    assert [line["place"] for line in lines if "raised" not in line] == [
+        f"cell {k}" for k in (1, 2, 3, 4)
+    ]
+    assert [line for line in lines if "raised" in line] == [
+        {"place": "cell 3", "raised": "SystemExit"}
+    ]
+
+
 def notebook(*sources):
     cells = [{"cell_type": "code", "source": source} for source in sources]
     return json.dumps({"cells": cells, "nbformat": 4, "nbformat_minor": 5, "metadata": {}})
@@ -289,6 +396,26 @@ def test_a_mistake_of_the_caller_is_one_line(tmp_path, monkeypatch, capsys, argu
     said = capsys.readouterr().err
     assert said.count("\n") == 1
     assert says in said
+
+
+def test_a_folder_without_a_file_of_a_student_is_refused(tmp_path, capsys):
+    (tmp_path / "class" / "ada").mkdir(parents=True)
+    (tmp_path / "class" / "ada" / "notes.txt").touch()
+    assert main(["check", "--all", str(tmp_path / "class")]) == 2
+    assert "class: no folder in it has a file like 04_kalman.ipynb" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("line", "is_one"),
+    [
+        ('{"student": "a", "chapter": "04", "hash": "x", "verdicts": []}', True),
+        ('{"student": "a", "chapter": "04", "hash": "x"}', False),
+        ('{"student": "a", "chap', False),
+        ("4", False),
+    ],
+)
+def test_a_kept_line_that_is_damaged_is_none(line, is_one):
+    assert submissions._is_line(0, line) is is_one
 
 
 def test_a_class_is_checked_once(tmp_path, capsys):
