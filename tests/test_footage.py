@@ -233,3 +233,15 @@ def test_too_few_timestamps_are_named(tmp_path, folder, rig, images):
 def test_a_recording_is_not_written_over(folder, rig):
     with pytest.raises(ValueError, match="exists already"):
         recorder.begin(folder, rig)
+
+
+def test_a_recording_that_was_not_begun_gets_no_name(tmp_path):
+    with pytest.raises(ValueError, match=r"r: cannot be written \(No such file"):
+        recorder.give_name(tmp_path / "r")
+
+
+def test_an_image_that_cannot_be_written_leaves_none_half_written(tmp_path):
+    (tmp_path / "a.png").mkdir()
+    with pytest.raises(ValueError, match=r"a\.png: cannot be written"):
+        recorder.write_image(np.zeros((3, 4), np.uint8), tmp_path / "a.png")
+    assert [path.name for path in tmp_path.iterdir()] == ["a.png"]

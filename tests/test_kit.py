@@ -212,3 +212,9 @@ def test_another_layout_that_does_not_fit_is_left_out_and_said(tmp_path, monkeyp
         assert run("kit --handle few.toml --diameter 4 --out k.pdf") == 0
     assert "the other layout is left out: paper on a rod of 4 mm" in caplog.text
     assert len(rendered("k.pdf")) == 3
+
+
+def test_a_paper_that_nobody_has_is_refused(tmp_path):
+    with pytest.raises(ValueError, match="paper: expected one of a4, letter, got 'a3'"):
+        make_kit(handle_file("coded"), tmp_path / "kit.pdf", paper="a3")
+    assert list(tmp_path.iterdir()) == []

@@ -3,10 +3,11 @@
 import os
 import stat
 
+import pandas as pd
 import pytest
 
 from trinolab.files import outputs
-from trinolab.files.outputs import check_target, write_together, write_whole
+from trinolab.files.outputs import check_target, write_table, write_together, write_whole
 
 
 def only(folder):
@@ -99,3 +100,10 @@ def test_files_that_belong_together_appear_together(tmp_path):
         b"bytes",
     )
     assert stat.S_IMODE((tmp_path / "c.png").stat().st_mode) == 0o644
+
+
+def test_a_table_has_six_digits_and_lines_that_end_alike_everywhere(tmp_path):
+    table = pd.DataFrame({"name": ["a", "b"], "mm": [1 / 3, 2e-7], "n": [1, 1234567]})
+    write_table(table, tmp_path / "t.csv")
+    text = b"name,mm,n\na,0.333333,1\nb,2e-07,1234567\n"
+    assert (tmp_path / "t.csv").read_bytes() == text

@@ -90,6 +90,15 @@ def test_the_caption_has_the_pose_and_the_axes_have_letters(written):
     assert [words.count(letter) for letter in "xyz"] == [2, 2, 2]
 
 
+def test_axes_behind_all_cameras_have_no_letters(written):
+    T = RigidTransform.from_translation([0.0, 0.0, -560.0])
+    pose = Pose("predicted", T, np.eye(6), 0.1, 6, 2)
+    picture([np.zeros((1024, 1280), np.uint8)] * 2, found(pose), RIG, 7, 0.25)
+    words = [text for text, _ in written]
+    assert words[-1] == "frame 7  0.250 s  predicted"
+    assert not set("xyz") & set(words)
+
+
 def noise(count):
     rng = np.random.default_rng(0)
     return [rng.integers(0, 256, (128, 256, 3), np.uint8) for _ in range(count)]

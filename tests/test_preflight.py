@@ -21,7 +21,7 @@ from trinolab.classkit.criteria import (
     Criterion,
     overall,
 )
-from trinolab.classkit.preflight import _cost_mm, preflight
+from trinolab.classkit.preflight import _cost_mm, _of_rig, preflight
 from trinolab.classkit.seen import steepness
 from trinolab.triangulation import triangulate
 
@@ -239,3 +239,11 @@ def test_exit_codes_and_mistakes(tmp_path, monkeypatch, capfd):
         err = capfd.readouterr().err
         assert said in err
         assert err.count("\n") == 1
+
+
+def test_a_rig_whose_axes_do_not_meet_says_that_nobody_knows_where_the_rod_will_be():
+    rows = _of_rig(small_rig(), None)
+    assert [row["what"] for row in rows] == [criteria.ANGLE.what, criteria.COST.what]
+    for row in rows:
+        assert row["verdict"] == NOT_MEASURED
+        assert row["measured"] == "nobody knows where the rod will be: the axes hardly meet"

@@ -74,6 +74,10 @@ def names(root, source, folder="mine"):
             "import pack as p\np.work(1)",
             {"pack/__init__.py", "pack/lazy.py", "pack/base.py", "pack/wing/__init__.py"},
         ),
+        (  # what only a type checker reads is not loaded, what stands in its place is
+            "if TYPE_CHECKING:\n    import pack.typed\nelse:\n    import pack.base",
+            {"pack/__init__.py", "pack/base.py"},
+        ),
         (
             "def f():\n    from pack import user",
             {
@@ -192,3 +196,20 @@ def test_a_recording_is_not_made_from_the_measurement():
         made_from_module(f"trinolab.{name}")["the package"] for name in ("bench.recordings", "cli")
     )
     assert rendered != commands
+
+
+def test_where_there_is_no_git_there_is_no_commit(monkeypatch, tmp_path):
+    monkeypatch.setenv("PATH", str(tmp_path))
+    assert provenance.commit() == ""
+
+
+def test_the_commit_is_that_of_the_checkout_with_a_plus_if_files_have_changed(monkeypatch):
+    said = {"rev-parse": "abc\n", "status": ""}
+
+    def git(command, **_):
+        return subprocess.CompletedProcess(command, 0, said[command[1]])
+
+    monkeypatch.setattr(provenance.subprocess, "run", git)
+    assert provenance.commit() == "abc"
+    said["status"] = " M trinolab/pose.py\n"
+    assert provenance.commit() == "abc+"

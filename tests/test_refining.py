@@ -267,6 +267,11 @@ def test_a_fast_motion_counts_as_no_rest():
     assert len(still(fast, RIG, 0.01)) == 0
 
 
+def test_a_single_pose_has_no_motion_to_be_judged_by():
+    table = truth_table(path()).assign(t_s=np.arange(COUNT) / FPS)[:1]
+    assert still(table, RIG, 1e6) is table
+
+
 def test_poses_are_chosen_that_spread():
     # by hand: on a line the ends first, then the middle
     x = np.array([0.0, 1.0, 2.0, 49.0, 50.0, 100.0])

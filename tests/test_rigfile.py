@@ -11,7 +11,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 
 from trinolab.camera import Camera, Rig, RigCovariance
 from trinolab.datasets import data_path, load_rig
-from trinolab.files.rigs import covariance_text, read_rig, write_rig
+from trinolab.files.rigs import covariance_text, read_camera, read_rig, write_rig
 
 
 def table(name="a", **changes):
@@ -260,3 +260,12 @@ def test_a_wrong_covariance_file_is_one_line(tmp_path, case):
         read_rig(tmp_path / "rig.toml")
     assert str(error.value).startswith(str(beside))
     assert "\n" not in str(error.value)
+
+
+def test_a_file_of_one_camera_has_one(tmp_path):
+    one = write(tmp_path / "one.toml", table())
+    camera = read_camera(one)
+    assert (camera.name, camera.size) == ("a", (640, 480))
+    two_of_them = write(tmp_path / "two.toml", table(), table("b"))
+    with pytest.raises(ValueError, match=r"two\.toml: expected one camera, got 2"):
+        read_camera(two_of_them)

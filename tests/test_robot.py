@@ -119,6 +119,11 @@ def test_files_that_are_no_arm(tmp_path, old, new, named):
     assert "\n" not in str(caught.value)
 
 
+def test_a_site_that_the_arm_does_not_have_is_named(robot):
+    with pytest.raises(ValueError, match="site: the robot has no site 'hand'"):
+        forward(robot, robot.home, "hand")
+
+
 @pytest.mark.parametrize(
     ("arguments", "named"),
     [

@@ -180,6 +180,24 @@ def test_what_is_no_sheet_is_refused(tmp_path, text):
         read_sheet(path)
 
 
+def test_a_sheet_that_is_not_there_is_named(tmp_path):
+    with pytest.raises(ValueError, match=r"sheet\.json: cannot be read \(No such file"):
+        read_sheet(tmp_path / "sheet.json")
+
+
+def test_a_test_without_numbers_has_its_notes_and_no_table():
+    note = "No place was measured in eight instants."
+    number = share("A2", "poses measured", 8, 8, 0)
+    assert sheet._numbers([]) == ""
+    titles = {"A1": "Rest", "A2": "Static"}
+    answers = {"A1": Answer(notes=[note]), "A2": Answer([number])}
+    about = {"rig": "r", "handle": "h", "summary": ""}
+    text = Read(contents(Sheet(about, answers, titles))[sheet.PAGE]).text
+    of_rest, behind = text.split(note)
+    assert "poses measured" in behind
+    assert "poses measured" not in of_rest.split("A1")[-1]
+
+
 # --- the other renderer
 
 
@@ -291,6 +309,18 @@ def test_a_line_that_was_cut_off_is_done_again(tmp_path):
         assert list(kept.found()) == ["a"]
 
 
+def test_whole_lines_that_are_no_part_are_dropped_with_all_behind_them(tmp_path):
+    path = tmp_path / "kept.jsonl"
+    for damaged in ('["b", [2]]', "{", "3", '["b", [2], "long"]'):
+        with Kept(path, "this") as kept:
+            kept.add("a", Found([1], 0.1))
+            kept.add_line(damaged)
+            kept.add("c", Found([3], 0.1))
+        with Kept(path, "this") as kept:
+            assert list(kept.found()) == ["a"]
+        path.unlink()
+
+
 def test_parts_of_the_arm_belong_to_their_noise():
     noise = command.DEFAULT_NOISE
     assert Part("A7", 1, noise).key != Part("A7", 1, noise._replace(mm=0.1)).key
@@ -378,6 +408,29 @@ def test_wrong_input_is_one_line(options, message, tmp_path, capfd, monkeypatch)
     err = capfd.readouterr().err
     assert err.count("\n") == 1
     assert message in err
+    assert not (tmp_path / "out" / "index.html").exists()
+
+
+def test_a_file_in_the_folder_s_place_is_refused_and_left_as_it_is(tmp_path):
+    out = tmp_path / "out"
+    out.write_text("mine")
+    with pytest.raises(ValueError, match="out: cannot be written"):
+        accept(RIG, HANDLE, out, poses=8, progress=False)
+    assert out.read_text() == "mine"
+
+
+def test_an_interruption_says_how_many_parts_are_kept(quick, tmp_path, monkeypatch):
+    """The second part of A2 is interrupted; A1 has one part, and A2's first is kept."""
+    found = work.TESTS["A2"].run
+
+    def run(setup, k):
+        if k:
+            raise KeyboardInterrupt
+        return found(setup, k)
+
+    monkeypatch.setattr(work.TESTS["A2"], "run", run)
+    with pytest.raises(KeyboardInterrupt, match=r"^2 parts are kept in .*; the same command goes"):
+        accept(RIG, HANDLE, tmp_path / "out", poses=8, workers=1, progress=False)
     assert not (tmp_path / "out" / "index.html").exists()
 
 

@@ -153,3 +153,22 @@ def test_the_command_brings_its_own_clutch(tmp_path, capsys):
     arguments = ["teleop", "--task", "--clutch", "c.csv", "--out", str(tmp_path / "out")]
     assert main(arguments) == 2
     assert "--task: brings its own clutch" in capsys.readouterr().err
+
+
+def test_the_clutchs_table_closes_and_opens_it_as_the_legs_are_and_keeps_the_scale_when_open():
+    rows = [line.split(",") for line in task.script().split()]
+    assert rows[0] == ["t_s", "closed", "scale"]
+    times = [float(t) for t, _, _ in rows[1:]]
+    assert times == sorted(times)
+    begin = 0.0
+    for leg in task.LEGS:
+        middle = (begin + leg.until_s) / 2
+        begin = leg.until_s
+        now = [row for row, t in zip(rows[1:], times, strict=True) if t <= middle]
+        closed = bool(now) and now[-1][1] == "1"
+        assert closed == (leg.scale is not None)
+        if closed:
+            assert float(now[-1][2]) == leg.scale
+    scales = [float(scale) for _, _, scale in rows[1:]]
+    opened = [k for k, (_, closed, _) in enumerate(rows[1:]) if closed == "0"]
+    assert [scales[k] for k in opened] == [scales[k - 1] for k in opened]
