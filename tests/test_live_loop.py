@@ -17,6 +17,7 @@ from trinolab.live import loop as live_loop
 from trinolab.live import settings
 from trinolab.live.loop import WAIT_S
 from trinolab.live.picture import message
+from trinolab.live.pointing import GO, MARK
 from trinolab.live.sources import _HOME, Latest
 from trinolab.markers import Markers
 from trinolab.measurement import Measurement
@@ -280,3 +281,58 @@ def is_home(now):
     pose = now.tracked.measurement.pose
     assert pose.status == "measured"
     assert np.linalg.norm(pose.T_world_handle.translation - _HOME.translation) < 0.5  # mm
+
+
+def test_the_task_begins_with_an_open_clutch_and_the_hand_at_home_and_ends_when_it_is_told(
+    tmp_path, monkeypatch
+):
+    driven = Driven(tmp_path, monkeypatch).without_images(monkeypatch)
+    driven.handle = at(0.0)
+    came_home = []
+    driven.loop.source.hand = SimpleNamespace(go_home=lambda: came_home.append(True))
+    driven.loop.clutch(True)
+    before = driven.frame()
+    assert before.clutch
+    assert before.task is None
+    driven.loop.begin_task("Ann", 1)
+    now = driven.frame()
+    assert came_home == [True]
+    assert not now.clutch
+    assert now.task.what in (GO, MARK)
+    assert now.task.done == 0
+    assert f'"what": "{now.task.what}"'.encode() in message(now, RIG, {}, True)
+    driven.loop.press()  # nothing is asked for yet
+    assert driven.frame().task.done == 0
+    driven.loop.end_task()
+    assert driven.frame().task is None
+    assert list(tmp_path.iterdir()) == []  # no trial, no log
+
+
+def test_a_recording_that_cannot_begin_is_said_and_not_tried_again_by_itself(tmp_path, monkeypatch):
+    folder = tmp_path / "gone"
+    driven = Driven(folder, monkeypatch).without_images(monkeypatch)
+    driven.handle = at(0.0)
+    driven.loop.record(True)
+    running, said = driven.frame().recording
+    assert not running
+    assert said.startswith("not recording: ")
+    assert "gone" in said
+    folder.mkdir()
+    assert not driven.frame().recording[0]
+    driven.loop.record(True)
+    assert driven.frame().recording[0]
+    driven.loop.record(False)
+    driven.frame()
+    driven.loop._recorder.close()  # waits until it is written
+    assert "recorded 1 instants" in driven.loop._recorder.said
+
+
+def test_the_rate_is_that_of_the_frames_and_none_when_they_stop(tmp_path, monkeypatch):
+    driven = Driven(tmp_path, monkeypatch).without_images(monkeypatch)
+    driven.handle = at(0.0)
+    assert driven.frame(dt=1 / 20).rate_hz == 0
+    for _ in range(2):
+        now = driven.frame(dt=1 / 20)
+    assert now.rate_hz == pytest.approx(20, rel=1e-6)
+    driven.now += 1.1
+    assert driven.nothing().rate_hz == 0
