@@ -375,12 +375,11 @@ def test_a_filter_that_believes_in_no_jerk_is_sure_of_what_is_wrong():
 def test_the_judgement_in_words_has_the_numbers_of_the_filter():
     data, models = [tuning.drawn_poses(seed, 0.5) for seed in (1, 2)], pose_models(P)
     lines = tuning.judge(data, models)
+    rng = np.random.default_rng(1)
+    paths = [(times, pose_paths(poses, P, rng)) for times, poses in data]
     assert [line.partition(":")[0] for line in lines] == ["position", "rotation"]
     for line, kind, model in zip(lines, (0, 1), models, strict=True):
-        found = [
-            innovations(times, pose_paths(poses, P, np.random.default_rng(1))[kind], model)
-            for times, poses in data
-        ]
+        found = [innovations(times, both[kind], model) for times, both in paths]
         likely = sum(one.log_likelihood for one in found) / (2 * 14 * 3)
         whole = np.mean([one.squared.sum(axis=1) for one in found])
         assert f"log-likelihood {likely:6.3f}, NIS {whole:5.2f} of 3" in line
