@@ -5,6 +5,7 @@ holds; the figures of the slave draw what they are given.
 import os
 import subprocess
 import sys
+from types import SimpleNamespace
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -16,6 +17,7 @@ from trinolab.camera import Camera
 
 mujoco = pytest.importorskip("mujoco")
 
+from trinolab.slave import view  # noqa: E402
 from trinolab.slave.view import ForceArrow, SlaveView, geom_scene  # noqa: E402
 
 NONE, BARREL, MIXED = (0.0,) * 5, (-0.3, 0.1, 0.0, 0.0, 0.0), (0.12, -0.05, 0.004, -0.003, 0.01)
@@ -417,3 +419,31 @@ def test_impedances_are_drawn_as_they_are():
 def _close():
     yield
     plt.close("all")
+
+
+@pytest.mark.parametrize(
+    ("window", "there", "can"),
+    [
+        ("vtkEGLRenderWindow", (), True),
+        ("vtkOSOpenGLRenderWindow", ("libOSMesa.so.6",), True),
+        ("vtkOSOpenGLRenderWindow", (), False),
+        (None, (), True),
+    ],
+)
+def test_a_machine_that_cannot_render_is_told_what_to_install(monkeypatch, window, there, can):
+    """VTK would end the process."""
+
+    def load(name):
+        if name not in there:
+            raise OSError(f"{name}: cannot open shared object file")
+
+    closed = []
+    monkeypatch.setattr(view.ctypes, "CDLL", load)
+    shown = window and SimpleNamespace(GetClassName=lambda: window)
+    plotter = SimpleNamespace(render_window=shown, close=lambda: closed.append(True))
+    if can:
+        view._can_render(plotter)
+    else:
+        with pytest.raises(ValueError, match=r"without a display \(Debian packages: libegl1"):
+            view._can_render(plotter)
+    assert bool(closed) is not can

@@ -1,6 +1,7 @@
 """The estimators that fit all views, on rendered frames and on draws from their own models."""
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -8,7 +9,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 from scipy.stats import chi2
 
 from trinolab.bench.optics import Bench, blurred, digitise
-from trinolab.bench.scene import radiance, render_rig
+from trinolab.bench.scene import radiance, render_rig, scaled
 from trinolab.camera import Rig
 from trinolab.datasets import load_handle, load_rig, load_table1
 from trinolab.estimators import Identified, estimate
@@ -211,6 +212,29 @@ def test_saturated_pixels_do_not_pull():
 
 def seen_exactly(rig, T):
     return np.stack([facing_pixels(HANDLE, camera, T, 70.0) for camera in rig.cameras])
+
+
+@cache
+def small_pair():
+    """The pair at half its size, and what it sees of a handle."""
+    rig = Rig(tuple(scaled(camera, 0.5) for camera in PAIR.cameras))
+    bench = Bench(supersampling=4, marker_supersampling=8)
+    return rig, render_rig(rig, HANDLE, POSES[5], bench, np.random.default_rng(1))
+
+
+@pytest.mark.parametrize(
+    "estimator", ["paper_checked", "weighted", "reprojection", "patches", "outline"]
+)
+def test_images_that_contradict_each_other_have_no_pose(estimator):
+    """One image lies a pixel higher, across the epipolar lines: no pose explains both."""
+    rig, (left, right) = small_pair()
+    status = []
+    for up in (0, 1):
+        uv = seen_exactly(rig, POSES[5]) - [[[0, 0]], [[0, up]]]
+        images = [left, np.roll(right, -up, axis=0)]
+        instant = Identified(images, uv, POSES[5])
+        status.append(estimate(instant, rig, HANDLE, Parameters(estimator=estimator)).status)
+    assert status == ["measured", "lost"]
 
 
 def without_light(rig):
