@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from functools import cache
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from trinolab.accept import arm, availability, latency, moving, pointer, rest, s
 from trinolab.accept.setup import Setup, drawn_at, field_of, sobol_poses
 from trinolab.accept.tracks import FPS, as_track, row_of, track_of_table
 from trinolab.bench.scenario import seen_markers
+from trinolab.bench.scene import scaled
 from trinolab.camera import Camera, Rig
 from trinolab.datasets import load_handle, load_rig
 from trinolab.files.poses import pose_table
@@ -794,6 +796,46 @@ def test_errors_are_up_to_the_handle_s_symmetry():
     assert np.abs(each).max() < 1e-9
     together, _ = tracks.errors(track, drawn.poses, one)
     assert np.rad2deg(np.abs(together[:, 3:]).max()) > 50
+
+
+def quarter():
+    """What frames are made for: the pair at a quarter of its size, and a handle before it."""
+    small = Rig(tuple(scaled(camera, 0.25) for camera in load_rig("paper_pair").cameras))
+    return SimpleNamespace(rig=small, handle=load_handle("coded"))
+
+
+NEAR = RigidTransform.from_components(
+    [0.0, 0.0, 560.0], Rotation.from_euler("ZYX", [-30, 10, 20], degrees=True)
+)
+
+
+def difference(one, other):
+    """Root mean square of the difference of two instants, grey levels."""
+    pairs = zip(one.images, other.images, strict=True)
+    return np.mean([np.std(a.astype(float) - b) for a, b in pairs])
+
+
+def test_frames_of_a_handle_at_rest_differ_by_their_noise_alone():
+    one, other, third = tracks.resting(quarter(), NEAR, 3, 0)
+    (again,) = tracks.resting(quarter(), NEAR, 1, 0)
+    np.testing.assert_array_equal(again.images, one.images)
+    assert [frame.t_s for frame in (one, other, third)] == pytest.approx(np.arange(3) / FPS)
+    assert difference(one, other) == pytest.approx(difference(one, third), rel=0.05)
+    assert difference(one, other) > 1  # each has its own
+    assert difference(one, other) < 0.5 * np.std(one.images[0])  # the scene is gone
+
+
+def test_a_handle_that_moves_is_blurred_along_its_way():
+    """At 1 m/s it moves by 10 mm while the shutter is open; its middle stays."""
+    two = RigidTransform.concatenate([NEAR, NEAR])
+    velocities = np.array([[0.0, 0, 0], [1000.0, 0, 0]])
+    times = np.array([0.1, 0.2])
+    still, fast = tracks.moving(quarter(), times, two, velocities, 0)
+    rest, other = tracks.resting(quarter(), NEAR, 2, 1)
+    assert (still.t_s, fast.t_s) == (0.1, 0.2)
+    noise = difference(rest, other)
+    assert difference(still, rest) == pytest.approx(noise, rel=0.05)
+    assert difference(fast, rest) > 1.15 * noise
 
 
 # --- a part of each test, rendered and measured
