@@ -1,5 +1,6 @@
 """Settings for all tests."""
 
+import gc
 import os
 from pathlib import Path
 
@@ -20,3 +21,13 @@ if "TRINOLAB_DATA" not in os.environ and _BESIDE.is_dir():
 # luck.
 settings.register_profile("repeatable", derandomize=True, deadline=None)
 settings.load_profile("repeatable")
+
+# What is imported while tests are collected stays to the end: the garbage collector is not to look
+# through it, then or later.
+gc.disable()
+
+
+def pytest_collection_finish() -> None:
+    """Collect garbage again, of what the tests make."""
+    gc.freeze()
+    gc.enable()
