@@ -291,3 +291,14 @@ def test_where_the_protocol_was_not_run_nothing_is_drawn(monkeypatch):
 
     monkeypatch.setattr(module, "data_path", missing)
     assert module.drawn_results() == {}
+
+
+@pytest.mark.usefixtures("cheap")
+def test_what_was_not_run_is_said_below_the_board(monkeypatch, capsys):
+    monkeypatch.setitem(module.CHECKS, "real_leds", lambda: None)
+    assert main(["scoreboard"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    said = not_run(scoreboard())
+    assert said
+    assert lines[-len(said.splitlines()) :] == said.splitlines()
+    assert len(lines) == len(CLAIMS) + 1 + len(said.splitlines())

@@ -19,6 +19,7 @@ from trinolab.slave import task
 from trinolab.slave.arm import load_robot
 from trinolab.slave.mapping import MappingParameters, Sample, alignment
 from trinolab.slave.session import Log, Session
+from trinolab.slave.teleoperate import Done
 
 IN_ORDER = [
     ("clutch closed", ""),
@@ -172,3 +173,20 @@ def test_the_clutchs_table_closes_and_opens_it_as_the_legs_are_and_keeps_the_sca
     scales = [float(scale) for _, _, scale in rows[1:]]
     opened = [k for k, (_, closed, _) in enumerate(rows[1:]) if closed == "0"]
     assert [scales[k] for k in opened] == [scales[k - 1] for k in opened]
+
+
+def test_the_command_performs_the_task_and_says_what_it_came_to(monkeypatch, capsys):
+    def performed(out, seed, method, video):
+        assert (out, seed, video) == ("new", 3, False)
+        return Done(
+            pd.DataFrame({"status": ["measured", "lost", "measured"]}),
+            pd.DataFrame({"t_s": range(50)}),
+            pd.DataFrame({"event": ["clutch", "hold", "hold"], "detail": ["", "reach", "speed"]}),
+        )
+
+    monkeypatch.setattr(task, "perform", performed)
+    assert main(["teleop", "--task", "--seed", "3", "--no-video", "--out", "new"]) == 0
+    assert capsys.readouterr().out == (
+        "3 instants: 2 measured, 1 lost; 50 ticks of the arm, 2 holds (the first: reach); "
+        "written to new\n"
+    )
