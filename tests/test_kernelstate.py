@@ -98,8 +98,8 @@ def test_a_thread_that_still_runs_is_said():
     check()
 
 
-def test_only_what_lies_beside_a_notebook_or_in_the_package_is_loaded_anew(monkeypatch):
-    beside = SimpleNamespace(__file__="/home/somebody/notebooks/helper.py")
+def test_only_what_lies_beside_a_notebook_or_in_the_package_is_loaded_anew(monkeypatch, tmp_path):
+    beside = SimpleNamespace(__file__=str(tmp_path / "helper.py"))
     monkeypatch.setitem(sys.modules, "helper_of_a_notebook", beside)
     installed = {
         name: kernelstate._is_installed(name)
