@@ -204,6 +204,17 @@ def test_drift_is_found():
     assert drift.value == pytest.approx(0.1, rel=0.1)
 
 
+def test_a_rest_with_gaps_has_its_jitter_and_no_allan_deviation():
+    T = rest.places(setup())[0]
+    off = np.random.default_rng(0).normal(size=(60, 6)) * 1e-3
+    answer = rest.judge_tracks([as_track(rows_of([T] * 60, off, lost=[30]))], None, "x")
+    jitter = value(answer, "jitter, position", "rms")
+    assert jitter.value == pytest.approx(1e-3 * np.sqrt(3), rel=0.3)
+    assert not [one for one in answer.numbers if "Allan" in one.what]
+    assert not answer.pictures
+    assert "No Allan deviation: instants are missing at every place." in answer.notes
+
+
 def test_a_recording_is_at_rest_or_not():
     T = rest.places(setup())[0]
     still = np.zeros((50, 6))

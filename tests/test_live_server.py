@@ -1,5 +1,6 @@
 """The live page's server, without a browser: who gets in, who is in charge, and what is sent when."""
 
+import asyncio
 import http.client
 import json
 import re
@@ -19,7 +20,8 @@ pytest.importorskip("tornado", reason="the extra 'live' is missing")
 import websocket
 from livepage import HANDLE, RIG, TOKEN, Bench, Live, Tab
 
-from trinolab.live import command
+from trinolab.live import command, server
+from trinolab.live.loop import Loop
 from trinolab.live.server import FILES, MOST_MM, PAGE, _move_hand
 from trinolab.live.sources import _HOME, SimulatedHand
 
@@ -249,29 +251,62 @@ def test_the_hand_goes_nowhere_by_other_than_three_numbers(how):
         told(AtHome(), **how)
 
 
-def test_a_loop_that_fails_ends_the_command_with_its_words(tmp_path):
-    opened = Event()
+class Gone(nullcontext):
+    """A bench whose images cannot be had, once an event has happened."""
 
-    def fails(wait_s):
-        opened.wait(60)
+    rig, handle, hand = RIG, HANDLE, None
+
+    def __init__(self, begin):
+        super().__init__()
+        self._begin = begin
+
+    def next(self, wait_s):
+        self._begin.wait(60)
         raise ValueError("the bench is gone")
 
-    class Gone(nullcontext):
-        rig, handle, hand = RIG, HANDLE, None
-        next = staticmethod(fails)
 
+@pytest.fixture
+def threads_as_before():
     threads, switch_s = cv2.getNumThreads(), sys.getswitchinterval()
+    yield
+    cv2.setNumThreads(threads)
+    sys.setswitchinterval(switch_s)
+
+
+@pytest.mark.usefixtures("threads_as_before")
+def test_a_loop_that_fails_ends_the_command_with_its_words(tmp_path):
+    opened = Event()
     addresses = []
 
     def on_open(address):
         addresses.append(address)
         opened.set()
 
-    try:
-        with pytest.raises(ValueError, match=r"^the bench is gone$"):
-            command.live(Gone(), tmp_path, on_open=on_open)
-    finally:
-        cv2.setNumThreads(threads)
-        sys.setswitchinterval(switch_s)
+    with pytest.raises(ValueError, match=r"^the bench is gone$"):
+        command.live(Gone(opened), tmp_path, on_open=on_open)
     assert re.fullmatch(r"http://127\.0\.0\.1:\d+/[\w-]{22}/", addresses[0])
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.usefixtures("threads_as_before")
+def test_a_loop_that_has_failed_before_the_page_is_open_ends_the_command_too(tmp_path, monkeypatch):
+    at_once, ended = Event(), Event()
+    at_once.set()
+    run, bind_sockets = Loop._run, server.bind_sockets
+
+    def run_and_say(loop):
+        run(loop)
+        ended.set()
+
+    def bind_late(*address):
+        ended.wait(60)
+        return bind_sockets(*address)
+
+    monkeypatch.setattr(Loop, "_run", run_and_say)
+    monkeypatch.setattr(server, "bind_sockets", bind_late)
+
+    def give_up(_):
+        asyncio.get_running_loop().call_later(60, asyncio.current_task().cancel)
+
+    with pytest.raises(ValueError, match=r"^the bench is gone$"):
+        command.live(Gone(at_once), tmp_path, on_open=give_up)

@@ -121,7 +121,10 @@ def judge_tracks(found: list[Track], seed: int | None, source: str) -> Answer:
         answer.numbers += [*_allan(rests, kind, part, unit, seed, source)]
     answer.numbers += [*_drift(rests, seed, source)]
     answer.numbers += _time(found)
-    answer.pictures.append(_picture(rests))
+    if whole := [rest for rest in rests if not rest.gaps]:
+        answer.pictures.append(_picture(whole))
+    else:
+        answer.notes.append("No Allan deviation: instants are missing at every place.")
     answer.notes.append(
         f"{len(rests)} places of {len(found)}, {sum(len(rest.t_s) for rest in rests)} instants. "
         "The jitter is the root mean square of the deviations from each place's mean, all three "
@@ -248,11 +251,9 @@ def _time(found: list[Track]) -> list[Number]:
 
 
 def _picture(rests: list[Rest]) -> Picture:
-    """The Allan deviation of every place over the time that is averaged over."""
+    """The Allan deviation of every place, none with gaps, over the time that is averaged over."""
     curves = []
     for rest in rests:
-        if rest.gaps:
-            continue
         lengths = intervals.octaves(len(rest.t_s))
         step = float(np.median(np.diff(rest.t_s)))
         deviation = [intervals.allan_deviation(rest.off[:, _MM], m) for m in lengths]

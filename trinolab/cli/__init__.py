@@ -65,7 +65,8 @@ def _say(text: str) -> None:
         print(text, flush=True)
     except OSError as error:
         # or Python, at its end, would complain as well
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        with open(os.devnull, "w") as nowhere:
+            os.dup2(nowhere.fileno(), sys.stdout.fileno())
         if not isinstance(error, BrokenPipeError):
             raise ValueError(f"standard output: cannot be written ({error.strerror})") from None
 

@@ -319,6 +319,8 @@ async def serve(
             running.call_soon_threadsafe(stop.set if loop.failed else desk.wake)
 
     loop.on_new = on_new
+    if loop.failed:  # before anybody listened
+        stop.set()
     name = f"[{host}]" if ":" in host else host
     on_open(f"http://{name}:{sockets[0].getsockname()[1]}/{token}/")
     try:

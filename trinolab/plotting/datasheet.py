@@ -39,23 +39,23 @@ def as_png(figure: Figure) -> bytes:
 
 
 def plot_allan(curves: Sequence[tuple[ArrayLike, ArrayLike]], ylabel: str) -> Figure:
-    """Allan deviations over the averaging time, one curve (taus, deviations) a place, and their
-    root mean square over the times that all of them have, with a line that falls as white noise.
+    """Allan deviations over the averaging time, one curve (taus, deviations) a place, one or more,
+    and their root mean square over the times that all of them have, with a line that falls as white
+    noise.
     """
     figure, ax = _subplots()
     pairs = [(np.asarray(tau), np.maximum(deviation, _LEAST)) for tau, deviation in curves]
-    if pairs:
-        every = np.concatenate([deviation for _, deviation in pairs])
-        ax.set(xscale="log", yscale="log", ylim=(every.min() / 1.5, 1.5 * every.max()))
-        shortest = min(len(tau) for tau, _ in pairs)
-        tau = pairs[0][0][:shortest]
-        together = np.sqrt(np.mean([deviation[:shortest] ** 2 for _, deviation in pairs], axis=0))
-        for k, (times, deviation) in enumerate(pairs):
-            ax.plot(times, deviation, color="0.65", lw=1, label="a place" if k == 0 else None)
-        ax.plot(tau, together, "o-", color=COLOURS[0], markersize=4, label="all places")
-        white = together[0] * np.sqrt(tau[0] / tau)
-        ax.plot(tau, white, "--", color="black", label="white noise")
-        ax.legend()
+    every = np.concatenate([deviation for _, deviation in pairs])
+    ax.set(xscale="log", yscale="log", ylim=(every.min() / 1.5, 1.5 * every.max()))
+    shortest = min(len(tau) for tau, _ in pairs)
+    tau = pairs[0][0][:shortest]
+    together = np.sqrt(np.mean([deviation[:shortest] ** 2 for _, deviation in pairs], axis=0))
+    for k, (times, deviation) in enumerate(pairs):
+        ax.plot(times, deviation, color="0.65", lw=1, label="a place" if k == 0 else None)
+    ax.plot(tau, together, "o-", color=COLOURS[0], markersize=4, label="all places")
+    white = together[0] * np.sqrt(tau[0] / tau)
+    ax.plot(tau, white, "--", color="black", label="white noise")
+    ax.legend()
     ax.set(xlabel="averaged over / s", ylabel=ylabel, facecolor="white")
     ax.grid(alpha=0.3, which="both")
     _plain(ax)

@@ -127,8 +127,9 @@ def estimated(pairs: Array, statistic: str) -> tuple[float, Interval]:
 
 def print_hashes() -> None:
     """Print the hash of each row of the protocol, as ``data/deviations.toml`` has them."""
+    trials = load_trials()
     for claim in load_claims():
-        print(f'"{claim.no}" = "{frozen_hash(claim, load_trials())}"')
+        print(f'"{claim.no}" = "{frozen_hash(claim, trials)}"')
 
 
 def _ratio(pairs: Array) -> float:
