@@ -406,5 +406,5 @@ def test_a_draw_that_fails_is_said_and_no_table_is_written(small, monkeypatch, c
     monkeypatch.setattr(study, "one_draw", failing)
     assert main(arguments) == 2
     *_, line = capsys.readouterr().err.splitlines()
-    assert line.endswith("1 draws failed; the first: ValueError: level: too much")
+    assert line.endswith("1 of 3 draws failed; the first: ValueError: level: too much")
     assert not (folder / "calibration_error.csv").exists()
