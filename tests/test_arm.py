@@ -291,7 +291,7 @@ def test_the_forearm_leaves_towards_the_operator_and_from_the_free_end():
             assert leaving[2] > 0  # away from CCD1
 
 
-@pytest.mark.parametrize("name", ["paper", "coded"])
+@pytest.mark.parametrize("name", ["paper", pytest.param("coded", marks=pytest.mark.heavy)])
 def test_no_marker_is_covered_by_default(name):
     handle = load_handle(name)
     rng = np.random.default_rng(8)

@@ -135,8 +135,17 @@ def assert_identified(options, T, index, turn_deg=5.0):
         assert (label >= 0).sum() >= len(k) - 1  # one at the limb may be left out
 
 
-@pytest.mark.parametrize("rig", [RIG, TRIO], ids=["two", "three"])
-@pytest.mark.parametrize("handle", [CODED, ODD, MANY], ids=lambda handle: handle.name)
+@pytest.mark.parametrize(
+    ("handle", "rig"),
+    [
+        pytest.param(CODED, RIG, id="coded-two"),
+        pytest.param(CODED, TRIO, id="coded-three"),
+        pytest.param(ODD, RIG, id="odd-two", marks=pytest.mark.heavy),
+        pytest.param(ODD, TRIO, id="odd-three"),
+        pytest.param(MANY, RIG, id="many-two"),
+        pytest.param(MANY, TRIO, id="many-three", marks=pytest.mark.heavy),
+    ],
+)
 def test_a_layout_without_symmetry_is_identified_from_one_instant(handle, rig):
     for T, rng in good_poses(handle, 12, 0, rig):
         found, axes, index = views(T, handle, rng, rig)
@@ -292,7 +301,7 @@ def test_a_camera_that_sees_another_handle_refutes_a_single_one():
     assert identify(RIG, CODED, (found[0], others[1]), axes_px=(axes[0], other_axes[1])) == []
 
 
-@pytest.mark.parametrize("count", [0, 3, 8, 18, 500])
+@pytest.mark.parametrize("count", [0, 3, 8, pytest.param(18, marks=pytest.mark.heavy), 500])
 def test_blobs_alone_are_nothing(count):
     rng = np.random.default_rng(count)
     for _ in range(4):

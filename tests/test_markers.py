@@ -237,12 +237,14 @@ def rendered(bench, seed, markers="bright", zoom=1.0, count=2):
     ("what", "options", "bench"),
     [
         ("standard scene", {}, {}),
-        ("dark", {"markers": "dark"}, {}),
+        pytest.param(*("dark", {"markers": "dark"}, {}), marks=pytest.mark.heavy),
         ("low contrast", {}, {"marker_grey": 130}),
-        ("brighter than the body", {}, {"background_grey": 110}),
+        pytest.param(
+            *("brighter than the body", {}, {"background_grey": 110}), marks=pytest.mark.heavy
+        ),
         ("as bright as markers", {}, {"background_grey": 150}),
         ("noise", {}, {"read_noise": 8}),
-        ("blurred", {}, {"blur_px": 2}),
+        pytest.param(*("blurred", {}, {"blur_px": 2}), marks=pytest.mark.heavy),
         ("6 px", {"zoom": 0.4}, {}),
         ("35 px", {"zoom": 2.2}, {}),
     ],

@@ -51,7 +51,7 @@ def error(fit, T):
     "rig",
     [
         pytest.param(PAIR, id="pair"),
-        pytest.param(ABOVE, id="above"),
+        pytest.param(ABOVE, id="above", marks=pytest.mark.heavy),
         pytest.param(TRIO, id="raised", marks=pytest.mark.heavy),
     ],
 )

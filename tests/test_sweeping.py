@@ -198,9 +198,9 @@ def test_a_sweep_that_is_stopped_keeps_its_runs_and_goes_on(capfd, number, code,
     "end",
     [
         '{"run": 3, "results": {"squ',
-        '{"run": 3}\n',
+        pytest.param('{"run": 3}\n', marks=pytest.mark.heavy),
         "\x00\x00\n",
-        "[1]\n",
+        pytest.param("[1]\n", marks=pytest.mark.heavy),
         '{"run": 99, "results": {}, "seconds": 1, "status": "ok", "error": ""}\n',
     ],
 )

@@ -293,6 +293,7 @@ def test_axes_one_by_one_say_what_the_pose_filter_says():
     np.testing.assert_allclose(axes, whole, atol=0.2)
 
 
+@pytest.mark.heavy
 def test_a_pose_s_model_is_fitted_to_persons_motion():
     data = [tuning.drawn_poses(seed, 5.0) for seed in range(1, 4)]
     position, rotation = tune_pose(data, np.random.default_rng(0))

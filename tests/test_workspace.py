@@ -246,10 +246,11 @@ def by_generators(cones, centre, n=2**19):
 @pytest.mark.parametrize(
     "cones",
     [
-        *drawn(4, seed=2),
+        *drawn(4, seed=2)[:2],
+        *(pytest.param(cones, marks=pytest.mark.heavy) for cones in drawn(4, seed=2)[2:]),
         partial(paper, 20),
-        partial(paper, 44),
-        lambda: cones_of_rig(load_rig("paper_trinocular")),
+        pytest.param(partial(paper, 44), marks=pytest.mark.heavy),
+        pytest.param(lambda: cones_of_rig(load_rig("paper_trinocular")), marks=pytest.mark.heavy),
         lambda: cones_of_rig(load_rig("raised_40deg")),
     ],
     indirect=True,
