@@ -15,7 +15,7 @@ from trinolab.studies.protocol import Trial, load_claims, load_trials, logged_ha
 
 QUICK = (
     *("concealed", "forecast", "calibration", "random_pose"),
-    *("table1_pose", "recorded_instant", "hidden_camera"),
+    *("table1_pose", "recorded_instant"),
 )
 ROWS = load_trials()
 DRAWS = pd.read_csv(data_path("claims_draws.csv"))

@@ -100,6 +100,7 @@ def test_the_page_shows_the_images_the_spaces_the_pose_and_the_times(live, brows
 
 
 @needs_browser
+@pytest.mark.heavy
 def test_after_kill_9_the_page_says_that_the_connection_is_lost(browser, tmp_path):
     process = started("live --simulation --no-browser --out .", cwd=tmp_path)
     browser.open(process.stdout.readline().strip())
@@ -190,6 +191,7 @@ def test_a_camera_that_fails_is_said_and_the_arm_holds(live, bench, browser, how
 
 
 @needs_browser
+@pytest.mark.heavy
 def test_a_second_tab_takes_over_and_the_first_says_so(live, browser):
     other = Tab(live.address)
     assert "another tab" in other.hear()["busy"]

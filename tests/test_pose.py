@@ -248,7 +248,9 @@ def test_covariance_of_a_square_by_hand():
     assert shifted[2, 3] == pytest.approx(-d * sigma**2 / 4 / b**2, abs=1e-15)
 
 
-@pytest.mark.parametrize("name", ["four coplanar", "three random"])
+@pytest.mark.parametrize(
+    "name", ["four coplanar", pytest.param("three random", marks=pytest.mark.heavy)]
+)
 def test_covariance_against_monte_carlo(name):
     rng = np.random.default_rng(7)
     points, draws = SETS[name] + [0.0, 15.0, 0.0], 700

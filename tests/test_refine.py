@@ -67,7 +67,14 @@ def test_pose_is_found_to_hundredths(fit, rig):
         assert found.residual_px < 0.1
 
 
-@each_fit
+@pytest.mark.parametrize(
+    "fit",
+    [
+        pytest.param(FITS[0], id="centroids"),
+        pytest.param(FITS[1], id="patches"),
+        pytest.param(FITS[2], id="outline", marks=pytest.mark.heavy),
+    ],
+)
 def test_lens_distortion_dark_markers_blur_and_another_light(fit):
     rig = Rig(
         tuple(replace(c, distortions=np.array([-0.2, 0.1, 1e-3, -1e-3, 0.0])) for c in TRIO.cameras)

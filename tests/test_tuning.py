@@ -144,6 +144,7 @@ def test_the_band_by_hand():
     assert (low, high) == pytest.approx((2 - 1.96 * 0.02, 2 + 1.96 * 0.02), abs=5e-4)
 
 
+@pytest.mark.heavy
 def test_the_band_holds_95_percent_of_means_drawn_from_the_model():
     rng, times = np.random.default_rng(4), np.arange(30) / 30
     squared = innovations(times, drawn(DRAWN, times, 300, rng), MODEL).squared

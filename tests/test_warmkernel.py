@@ -193,6 +193,7 @@ cv2.GaussianBlur(np.zeros((4000, 4000), np.uint8), (31, 31), 5)
     assert run_job(notebook_job(path, 60), {}).results == {"more": 0, "cv2": 1}
 
 
+@pytest.mark.heavy
 def test_fresh_kernels_are_not_used_again(tmp_path):
     path = make_notebook(tmp_path / "n.ipynb", "import os", glued(process="os.getpid()"))
     job = notebook_job(path, 60, fresh=True)
