@@ -342,6 +342,15 @@ def test_cells_run_one_after_the_other_without_their_magic(tmp_path, monkeypatch
     ]
 
 
+def test_a_line_of_python_that_begins_as_magic_does_is_none(tmp_path, monkeypatch):
+    monkeypatch.setenv(BEING_CHECKED, "")
+    file = tmp_path / "04_kalman.ipynb"
+    file.write_text(notebook("share = (7\n% 4)", 'text = """\n%d of all\n!"""'))
+    namespace = _executed(file, io.StringIO())
+    assert namespace["share"] == 3
+    assert namespace["text"] == "\n%d of all\n!"
+
+
 def notebook(*sources):
     cells = [{"cell_type": "code", "source": source} for source in sources]
     return json.dumps({"cells": cells, "nbformat": 4, "nbformat_minor": 5, "metadata": {}})

@@ -7,6 +7,7 @@ started it sees that from outside. What comes back is plain data and never a pic
 
 from __future__ import annotations
 
+import ast
 import contextlib
 import copy
 import io
@@ -125,12 +126,20 @@ def _cells(file: Path) -> list[str]:
         return [file.read_text(encoding="utf-8")]
     cells = json.loads(file.read_text(encoding="utf-8"))["cells"]
     sources = ["".join(cell["source"]) for cell in cells if cell["cell_type"] == "code"]
-    return ["\n".join(_without_magic(source)) for source in sources]
+    return [_without_magic(source) for source in sources]
 
 
-def _without_magic(source: str) -> list[str]:
-    lines = source.splitlines()
-    return ["" if line.lstrip().startswith(("%", "!", "?")) else line for line in lines]
+def _without_magic(source: str) -> str:
+    """A cell without IPython's commands. What Python can read has none: a line of it that begins
+    with % is part of a text, or of an expression.
+    """
+    try:
+        ast.parse(source)
+    except (SyntaxError, ValueError):
+        lines = source.splitlines()
+        kept = ["" if line.lstrip().startswith(("%", "!", "?")) else line for line in lines]
+        return "\n".join(kept)
+    return source
 
 
 def plain_value(value: Any) -> Any:
