@@ -31,10 +31,9 @@ def test_a_mapping_gets_back_what_it_had_and_keeps_what_is_the_same():
     assert table["a"] is kept
 
 
-def test_settings_of_python_are_taken_back(tmp_path, monkeypatch):
-    monkeypatch.setattr(sys, "settrace", lambda _: None)  # or who measures coverage sees no more
-    monkeypatch.setattr(random, "seed", lambda: None)
-    before = (
+def settings():
+    """Those of Python that a notebook may change."""
+    return (
         os.getcwd(),
         dict(os.environ),
         list(sys.path),
@@ -43,26 +42,24 @@ def test_settings_of_python_are_taken_back(tmp_path, monkeypatch):
         list(warnings.filters),
         sys.displayhook,
     )
+
+
+def test_settings_of_python_are_taken_back(tmp_path, monkeypatch):
+    monkeypatch.setattr(sys, "settrace", lambda _: None)  # or who measures coverage sees no more
+    monkeypatch.setattr(random, "seed", lambda: None)
+    before = settings()
     monkeypatch.setattr(sys, "path", sys.path)
     undo = kernelstate._python()
     os.chdir(tmp_path)
     os.environ["TRINOLAB_OF_A_NOTEBOOK"] = "1"
     sys.path.insert(0, str(tmp_path))
     sys.argv.append("--more")
-    sys.setrecursionlimit(before[4] + 100)
+    sys.setrecursionlimit(sys.getrecursionlimit() + 100)
     warnings.simplefilter("ignore")
     sys.displayhook = print
     builtins.of_a_notebook = 1
     undo()
-    assert before == (
-        os.getcwd(),
-        dict(os.environ),
-        list(sys.path),
-        list(sys.argv),
-        sys.getrecursionlimit(),
-        list(warnings.filters),
-        sys.displayhook,
-    )
+    assert settings() == before
     assert not hasattr(builtins, "of_a_notebook")
 
 
@@ -83,7 +80,8 @@ def test_loggers_are_as_before_and_new_ones_as_if_nobody_had_touched_them():
         assert (logger.handlers, logger.propagate, logger.disabled) == ([], True, False)
 
 
-def test_a_thread_that_still_runs_is_said():
+def test_a_thread_that_still_runs_keeps_a_kernel_from_being_used_again(monkeypatch):
+    monkeypatch.setattr(kernelstate.multiprocessing, "active_children", list)  # another test's
     check = kernelstate._threads()
     check()
     done = threading.Event()
@@ -165,3 +163,14 @@ def test_callbacks_and_printers_of_the_shell_are_taken_back():
     assert shell.events.callbacks == {"post_execute": [print]}
     assert printers == {int: repr}
     assert shell.ast_node_interactivity == "last_expr"
+
+
+def test_a_reset_undoes_all_in_turn_and_spares_the_collector_once(monkeypatch):
+    """What a notebook's run left is gone by then, and the rest need not be looked through."""
+    done = []
+    monkeypatch.setattr(kernelstate, "_undo", [lambda k=k: done.append(k) for k in range(3)])
+    monkeypatch.setattr(kernelstate.gc, "get_freeze_count", lambda: done.count("freeze"))
+    monkeypatch.setattr(kernelstate.gc, "freeze", lambda: done.append("freeze"))
+    kernelstate.reset()
+    kernelstate.reset()
+    assert done == [0, 1, 2, "freeze", 0, 1, 2]

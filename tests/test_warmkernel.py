@@ -1,7 +1,6 @@
 """Kernels that stay: what they forget, and what becomes of runs that go wrong in them."""
 
 import json
-import threading
 from pathlib import Path
 
 import nbformat
@@ -9,7 +8,6 @@ import pytest
 from makenotebook import glued, make_notebook
 from nbformat.v4 import new_code_cell, new_notebook
 
-from trinolab.sweep import kernelstate
 from trinolab.sweep.warmkernel import Kernel, Key, close_kernels, notebook_job, run_job
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -206,30 +204,3 @@ def test_a_kernel_that_is_not_installed_is_a_failed_run(tmp_path):
     outcome = run_job(notebook_job(path, 60), {})
     assert outcome.status == "failed"
     assert "no-such-kernel" in outcome.error
-
-
-def test_a_reset_undoes_all_in_turn_and_spares_the_collector_once(monkeypatch):
-    """What a notebook's run left is gone by then, and the rest need not be looked through."""
-    done = []
-    monkeypatch.setattr(kernelstate, "_undo", [lambda k=k: done.append(k) for k in range(3)])
-    monkeypatch.setattr(kernelstate.gc, "get_freeze_count", lambda: done.count("freeze"))
-    monkeypatch.setattr(kernelstate.gc, "freeze", lambda: done.append("freeze"))
-    kernelstate.reset()
-    kernelstate.reset()
-    assert done == [0, 1, 2, "freeze", 0, 1, 2]
-
-
-def test_a_thread_that_still_runs_keeps_a_kernel_from_being_used_again(monkeypatch):
-    monkeypatch.setattr(kernelstate.multiprocessing, "active_children", list)  # another test's
-    check = kernelstate._threads()
-    check()
-    end = threading.Event()
-    late = threading.Thread(target=end.wait)
-    late.start()
-    try:
-        with pytest.raises(RuntimeError, match="threads or processes of the notebook still run"):
-            check()
-    finally:
-        end.set()
-        late.join()
-    check()

@@ -116,12 +116,13 @@ def judge_tracks(found: list[Track], seed: int | None, source: str) -> Answer:
     if not rests:
         answer.notes.append("No place was measured in eight instants.")
         return answer
+    whole = [rest for rest in rests if rest.gaps == 0]
     for kind, part, unit in _KINDS:
         answer.numbers += [*_jitter(rests, kind, part, unit, seed, source)]
-        answer.numbers += [*_allan(rests, kind, part, unit, seed, source)]
+        answer.numbers += [*_allan(whole, kind, part, unit, seed, source)]
     answer.numbers += [*_drift(rests, seed, source)]
     answer.numbers += _time(found)
-    if whole := [rest for rest in rests if not rest.gaps]:
+    if whole:
         answer.pictures.append(_picture(whole))
     else:
         answer.notes.append("No Allan deviation: instants are missing at every place.")
@@ -180,28 +181,29 @@ def _over_places(each: Array) -> Interval:
 def _allan(
     rests: list[Rest], kind: str, part: slice, unit: str, seed: int | None, source: str
 ) -> list[Number]:
-    """The Allan deviation of one instant and of the longest time that all places hold four times."""
-    whole = [rest for rest in rests if rest.gaps == 0]
-    if not whole:
+    """The Allan deviation of one instant and of the longest time that all places, none with gaps,
+    hold four times.
+    """
+    if not rests:
         return []
-    n = min(len(rest.t_s) for rest in whole)
-    step = float(np.median(np.diff(whole[0].t_s)))
+    n = min(len(rest.t_s) for rest in rests)
+    step = float(np.median(np.diff(rests[0].t_s)))
     lengths = intervals.octaves(n)
     numbers = []
     for length in (1, lengths[-1]):
-        each = [intervals.allan_deviation(rest.off[:n, part], length) for rest in whole]
+        each = [intervals.allan_deviation(rest.off[:n, part], length) for rest in rests]
         one = Number(
             NAME,
             f"Allan deviation, {kind}",
             f"over {length * step:.3g} s",
             rms(np.array(each)),
             unit,
-            n * len(whole),
+            n * len(rests),
             seed,
             source,
         )
         # three columns that may be correlated and unequally large: counted as one, on the safe side
-        numbers.append(one.within(intervals.of_allan(one.value, n, length, len(whole))))
+        numbers.append(one.within(intervals.of_allan(one.value, n, length, len(rests))))
     return numbers
 
 

@@ -319,8 +319,7 @@ async def serve(
             running.call_soon_threadsafe(stop.set if loop.failed else desk.wake)
 
     loop.on_new = on_new
-    if loop.failed:  # before anybody listened
-        stop.set()
+    on_new()  # of what was before anybody listened: the loop may have failed
     name = f"[{host}]" if ":" in host else host
     on_open(f"http://{name}:{sockets[0].getsockname()[1]}/{token}/")
     try:
