@@ -37,26 +37,26 @@ lint: .venv/package.done  ## check style and types
 
 student: .venv/package.done  ## the course for students, without solutions: _build/student.zip
 	@mkdir -p _build
-	@$(BIN)/python -m trinolab.course.editions student --out _build/student.zip
+	@$(BIN)/python -m workbench.course.editions student --out _build/student.zip
 
 teacher: .venv/package.done  ## the course with its solutions: _build/teacher.zip
 	@mkdir -p _build
-	@$(BIN)/python -m trinolab.course.editions teacher --out _build/teacher.zip
+	@$(BIN)/python -m workbench.course.editions teacher --out _build/teacher.zip
 
 verify: .venv/package.done  ## the heavy counts, as a report: an hour; ARGS="--only nees --draws 100" is quick
 	@$(BIN)/python tests/verify.py $(ARGS)
 
 sweeps: .venv/package.done  ## make the tables in data/sweeps and data/sensitivity.csv again, but the one that needs another renderer: two and a half hours
-	@$(BIN)/python -m trinolab.studies factors
-	@$(BIN)/python -m trinolab.studies budget
-	@$(BIN)/python -m trinolab.studies elevation
-	@$(BIN)/python -m trinolab.studies calibration_error
-	@$(BIN)/python -m trinolab.studies fitts
-	@$(BIN)/python -m trinolab.studies stress
-	@$(BIN)/python -m trinolab.studies webcams
-	@$(BIN)/python -m trinolab.studies bound
-	@$(BIN)/python -m trinolab.studies gallery
-	@$(BIN)/python -m trinolab.studies sensitivity
+	@$(BIN)/python -m workbench.studies factors
+	@$(BIN)/python -m workbench.studies budget
+	@$(BIN)/python -m workbench.studies elevation
+	@$(BIN)/python -m workbench.studies calibration_error
+	@$(BIN)/python -m workbench.studies fitts
+	@$(BIN)/python -m workbench.studies stress
+	@$(BIN)/python -m workbench.studies webcams
+	@$(BIN)/python -m workbench.studies bound
+	@$(BIN)/python -m workbench.studies gallery
+	@$(BIN)/python -m workbench.studies sensitivity
 
 sheet: .venv/package.done  ## the data sheet of the standard rig in _build/sheet, its numbers and its row of the control chart in data/accept: 15 minutes
 	@$(BIN)/trinolab accept --rig raised_40deg --handle coded --chart data/accept/history.csv --out _build/sheet
@@ -73,13 +73,13 @@ bench: .venv/package.done  ## the time that a measurement, an instant of a track
 	@$(BIN)/python tests/benchmarks/bench_live.py
 
 figures: .venv/package.done  ## all figures and films of the built pages as files, with a list, in _build/figures
-	@$(BIN)/python book/figures.py
+	@$(BIN)/python -m workbench.pages.figures
 
 pdf: .venv/package.done  ## the built pages as _build/trinolab.pdf, each printed page looked at: some minutes
-	@$(BIN)/python book/printing.py
+	@$(BIN)/python -m workbench.pages.printing
 
 dist: .venv/package.done  ## the built pages as a zip for readers, and a wheel, in _build/dist
-	@$(BIN)/python book/dist.py
+	@$(BIN)/python -m workbench.pages.dist
 
 clean:  ## remove what was built, but not .venv
 	rm -rf _build .pytest_cache .mypy_cache .ruff_cache .hypothesis

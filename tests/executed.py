@@ -2,12 +2,12 @@
 here.
 """
 
-import build
 import pandas as pd
 
-from trinolab.files.provenance import made_from_module
-from trinolab.studies.scoreboard import scoreboard
-from trinolab.sweep.notebook import NotebookRun, glued, read_notebook, run_notebook
+from workbench.pages import build
+from workbench.provenance import made_from_module
+from workbench.studies.scoreboard import scoreboard
+from workbench.sweep.notebook import NotebookRun, glued, read_notebook, run_notebook
 
 
 def as_it_stands(path):
@@ -21,7 +21,7 @@ def as_it_stands(path):
 
 def whole_scoreboard():
     """The scoreboard with all its verdicts."""
-    if build.is_finished("scoreboard", made_from_module("trinolab.studies.scoreboard")):
+    if build.is_finished("scoreboard", made_from_module("workbench.studies.scoreboard")):
         return pd.read_csv(
             build.SCOREBOARD, dtype={"no": str}, keep_default_na=False, na_values={"ours": [""]}
         )

@@ -10,7 +10,6 @@ from boards import CALIBRATE, board_frames, write_views
 from makenotebook import make_notebook
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from trinolab import cli
 from trinolab.bench.optics import Bench
 from trinolab.bench.scene import render_rig, scaled
 from trinolab.camera import Rig
@@ -19,6 +18,7 @@ from trinolab.files import recorder
 from trinolab.files.poses import truth_table, write_poses
 from trinolab.files.rigs import write_handle, write_rig
 from trinolab.rigid import shifted
+from workbench import cli
 
 RIG, CODED = (
     Rig(tuple(scaled(camera, 0.25) for camera in load_rig("paper_pair").cameras)),

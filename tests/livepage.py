@@ -16,14 +16,14 @@ from trinolab.bench.scene import render_rig, scaled
 from trinolab.camera import Rig
 from trinolab.datasets import data_path, load_handle, load_rig
 from trinolab.files.rigs import read_camera
-from trinolab.live.loop import Loop
-from trinolab.live.pointing import Pointing
-from trinolab.live.recording import Recorder
-from trinolab.live.server import serve
-from trinolab.live.sources import _HOME, _QUICK, Feed, Source
 from trinolab.slave.arm import load_robot
 from trinolab.slave.mapping import MappingParameters, alignment
 from trinolab.slave.session import Session
+from workbench.live.loop import Loop
+from workbench.live.pointing import Pointing
+from workbench.live.recording import Recorder
+from workbench.live.server import serve
+from workbench.live.sources import _HOME, _QUICK, Feed, Source
 
 TOKEN = "a-token-of-the-tests"
 TARGETS_MM = [[40.0, 20.0]]  # distance and width

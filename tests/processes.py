@@ -13,7 +13,7 @@ from pathlib import Path
 
 # no command of a test takes so long, however busy the machine is: one that does hangs
 HANGS_S = 900.0
-CLI = "import sys; from trinolab.cli import main; sys.exit(main(sys.argv[1:]))"
+CLI = "import sys; from workbench.cli import main; sys.exit(main(sys.argv[1:]))"
 GATE = "go"  # the file, in the working folder, that a process waits for
 
 

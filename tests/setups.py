@@ -8,10 +8,10 @@ from scipy.spatial.transform import RigidTransform, Rotation
 from trinolab.bench.layer import cropped
 from trinolab.bench.scenario import Job, Shot, take
 from trinolab.camera import Rig
-from trinolab.classkit.wrap import wrapped
 from trinolab.datasets import load_handle
 from trinolab.files import recorder
-from trinolab.studies.webcams import BENCH, WEBCAMS, webcam_rig
+from workbench.classkit.wrap import wrapped
+from workbench.studies.webcams import BENCH, WEBCAMS, webcam_rig
 
 FPS = 60.0
 ROD = wrapped(load_handle("coded"), 20.0, 6.0)

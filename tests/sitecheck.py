@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import Any
 
 import axe_core_python
-from browser import AT_ONCE
+
+from workbench.pages.browser import AT_ONCE
 
 # axe-core, for the page and its frames: those of a page that is read from a file have no origin.
 AXE = (Path(axe_core_python.__file__).parent / "axe.min.js").read_text(encoding="utf-8") + (

@@ -9,10 +9,6 @@ import pytest
 from scipy.optimize import least_squares
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from trinolab import intervals
-from trinolab.accept import arm, availability, latency, moving, pointer, rest, static, tracks
-from trinolab.accept.setup import Setup, drawn_at, field_of, sobol_poses
-from trinolab.accept.tracks import FPS, as_track, row_of, track_of_table
 from trinolab.bench.scenario import seen_markers
 from trinolab.bench.scene import scaled
 from trinolab.camera import Camera, Rig
@@ -21,6 +17,10 @@ from trinolab.files.poses import pose_table
 from trinolab.pose import LOST, Pose
 from trinolab.rigid import shifted
 from trinolab.workspace import view_volume
+from workbench import intervals
+from workbench.accept import arm, availability, latency, moving, pointer, rest, static, tracks
+from workbench.accept.setup import Setup, drawn_at, field_of, sobol_poses
+from workbench.accept.tracks import FPS, as_track, row_of, track_of_table
 
 RIGS = ("paper_pair", "paper_trinocular", "raised_40deg")
 

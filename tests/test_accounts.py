@@ -9,7 +9,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 
 from trinolab.datasets import load_table1
 from trinolab.metrics import euler_deg, pose_from_euler_deg
-from trinolab.studies.accounts import (
+from workbench.studies.accounts import (
     clamped_anew,
     clamping,
     columns,
@@ -18,7 +18,7 @@ from trinolab.studies.accounts import (
     misaligned,
     sigma_interval,
 )
-from trinolab.studies.deviations import drawn, exact, first_order, means
+from workbench.studies.deviations import drawn, exact, first_order, means
 
 TABLE = load_table1()
 TRUTHS = TABLE.set_poses

@@ -13,7 +13,6 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from browser import CHROMIUM, Browser
 from processes import wait_until
 from scipy.spatial.transform import RigidTransform, Rotation
 
@@ -21,10 +20,12 @@ from trinolab import background, image_track, matching, triangulation, workspace
 from trinolab.camera import Camera, Rig, epipolar_lines, fundamental_matrix
 from trinolab.datasets import load_rig
 from trinolab.kalman import KalmanParameters
-from trinolab.slave import mapping, pointing
+from trinolab.slave import mapping
 from trinolab.slave.oneeuro import OneEuroParameters
 from trinolab.window import Window
 from trinolab.workspace import cones
+from workbench.pages.browser import CHROMIUM, Browser
+from workbench.teleop import pointing
 
 HTML = Path(__file__).resolve().parents[1] / "_build" / "html"
 PAGES = {

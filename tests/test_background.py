@@ -12,8 +12,8 @@ from trinolab.bench.recordings import scripted
 from trinolab.bench.scenario import LIGHT_STEP_S, empty, take
 from trinolab.camera import Rig
 from trinolab.datasets import load_handle, load_rig
-from trinolab.studies.ground_truth import cover, regions, watch
 from trinolab.window import Window
+from workbench.studies.ground_truth import cover, regions, watch
 
 SIZE = (31, 23)  # width, height: not square
 RNG = np.random.default_rng(0)

@@ -9,16 +9,16 @@ from scipy.spatial.transform import RigidTransform, Rotation
 
 from trinolab.bench.optics import Bench
 from trinolab.bench.scene import render_rig
-from trinolab.cli import main
 from trinolab.datasets import load_handle, paper_rig
 from trinolab.files import recorder
-from trinolab.files.bags import is_bag, unpack_bag, write_bag
 from trinolab.files.images import read_greys
 from trinolab.files.poses import pose_table, write_poses
 from trinolab.files.recording import open_folder
 from trinolab.files.rigs import handle_text, read_rig
 from trinolab.following import posetracker
 from trinolab.pose import LOST, Pose
+from workbench.bags import is_bag, unpack_bag, write_bag
+from workbench.cli import main
 
 rosbags = pytest.importorskip("rosbags.rosbag2", reason="extra ros is not installed")
 

@@ -11,11 +11,12 @@ import tomllib
 from pathlib import Path
 
 import nbformat
-import online
 import pytest
 from nbclient import NotebookClient
 from packaging.requirements import Requirement
 from packaging.specifiers import SpecifierSet
+
+from workbench.pages import online
 
 ROOT = Path(__file__).resolve().parents[1]
 BINDER = ROOT / "binder"

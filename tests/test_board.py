@@ -23,7 +23,7 @@ from trinolab.calibration.eq25 import mean_relative_pose, relative_pose
 from trinolab.calibration.target import Board, find_corners
 from trinolab.camera import Camera, Rig
 from trinolab.datasets import load_handle, load_rig, load_table1
-from trinolab.studies.simulated_calibration import (
+from workbench.studies.simulated_calibration import (
     calibration_cost_mm,
     calibration_errors,
     corners_of,

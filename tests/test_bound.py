@@ -18,8 +18,8 @@ from trinolab.bench.scene import radiance
 from trinolab.camera import Camera, Rig
 from trinolab.datasets import load_handle, load_rig, load_table1
 from trinolab.handle import Handle
-from trinolab.studies import bound
-from trinolab.studies.bound import Bound, bound_of, information, mean_length, pose_bound
+from workbench.studies import bound
+from workbench.studies.bound import Bound, bound_of, information, mean_length, pose_bound
 
 # four markers in the middle of a thick body, far from its outline
 WIDE = Handle("wide", 15.0, 200.0, 25.0, 3.0, (-20.0, 20.0), ((10.0, -10.0), (6.0, -14.0)))

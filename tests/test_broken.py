@@ -11,9 +11,9 @@ from trinolab.bench.scene import radiance, render, scaled
 from trinolab.camera import Rig, difference
 from trinolab.datasets import load_handle, load_rig, load_table1
 from trinolab.markers import find_markers
-from trinolab.studies import broken
-from trinolab.studies.broken import FAULTS, Instant
-from trinolab.studies.stress import WINDOW_PX, watched
+from workbench.studies import broken
+from workbench.studies.broken import FAULTS, Instant
+from workbench.studies.stress import WINDOW_PX, watched
 
 PAIR, CODED = load_rig("paper_pair"), load_handle("coded")
 TRIO = load_rig("raised_40deg")

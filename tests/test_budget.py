@@ -10,12 +10,12 @@ import pytest
 
 from trinolab.datasets import load_handle, load_rig, load_sweep, load_table1
 from trinolab.metrics import pose_errors
-from trinolab.studies import budget as module
-from trinolab.studies import error_sources as sources
-from trinolab.studies import replication
-from trinolab.studies.__main__ import main
-from trinolab.studies.accounts import clamped_anew, misaligned
-from trinolab.studies.budget import (
+from workbench.studies import budget as module
+from workbench.studies import error_sources as sources
+from workbench.studies import replication
+from workbench.studies.__main__ import main
+from workbench.studies.accounts import clamped_anew, misaligned
+from workbench.studies.budget import (
     PRINTED,
     REGISTRATIONS,
     Images,
@@ -27,7 +27,7 @@ from trinolab.studies.budget import (
     rendered,
     smooth_table,
 )
-from trinolab.studies.deviations import (
+from workbench.studies.deviations import (
     MEANS,
     Source,
     drawn,
@@ -37,8 +37,8 @@ from trinolab.studies.deviations import (
     registered,
     together,
 )
-from trinolab.studies.error_sources import make_trial
-from trinolab.studies.pattern import (
+from workbench.studies.error_sources import make_trial
+from workbench.studies.pattern import (
     STATISTICS,
     holm,
     pattern_table,

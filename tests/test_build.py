@@ -7,13 +7,13 @@ import subprocess
 import sys
 from pathlib import Path
 
-import build
 import nbformat
 import pytest
 from makenotebook import glued, make_notebook
 
 from trinolab.bench import recordings
-from trinolab.studies.ground_truth import read_recording
+from workbench.pages import build
+from workbench.studies.ground_truth import read_recording
 
 ROOT = Path(__file__).resolve().parents[1]
 KILLS_ITSELF = "import os, signal; os.kill(os.getpid(), signal.SIGKILL)"

@@ -12,13 +12,13 @@ from trinolab.datasets import load_handle, load_rig, load_sweep, load_table1
 from trinolab.handle import slants
 from trinolab.measurement import Measurement
 from trinolab.methods import BEST
-from trinolab.plotting import plot_calibration_error
 from trinolab.pose import LOST, Pose
 from trinolab.rigid import cross_matrices
-from trinolab.studies import calibration_error as study
-from trinolab.studies.__main__ import main
-from trinolab.studies.calibration_error import DIRECTIONS, PLACES, drawn_rig, level_at, pattern
-from trinolab.sweep import runs
+from workbench.plotting import plot_calibration_error
+from workbench.studies import calibration_error as study
+from workbench.studies.__main__ import main
+from workbench.studies.calibration_error import DIRECTIONS, PLACES, drawn_rig, level_at, pattern
+from workbench.sweep import runs
 
 PAIR, RAISED = (load_rig(name) for name in study.RIGS)
 HANDLE, TRUTHS = load_handle("paper"), load_table1().set_poses

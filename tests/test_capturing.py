@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 from processes import CLI, ended, started, wait_until
 
-from trinolab import cli
 from trinolab.camera import Rig
 from trinolab.datasets import data_path, load_rig
 from trinolab.files import capture as files_capture
@@ -21,6 +20,7 @@ from trinolab.files.capture import Captured, capture, side_by_side, timing
 from trinolab.files.devices import drain, instants_of, open_source
 from trinolab.files.recording import instants, open_folder, read_timestamps
 from trinolab.files.rigs import write_rig
+from workbench import cli
 
 SIZE = (32, 24)
 FPS = 200

@@ -11,7 +11,7 @@ from trinolab.bench.optics import Bench, blurred
 from trinolab.bench.scene import radiance
 from trinolab.camera import Camera, Rig
 from trinolab.datasets import load_handle
-from trinolab.studies.centroid_bias import (
+from workbench.studies.centroid_bias import (
     METHODS,
     centres,
     centroid_errors,

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from trinolab.sweep.notebook import read_notebook, run_notebook
+from workbench.sweep.notebook import read_notebook, run_notebook
 
 NOTEBOOKS = Path(__file__).resolve().parents[1] / "notebooks"
 

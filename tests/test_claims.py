@@ -9,9 +9,9 @@ import pytest
 from scipy import stats
 
 from trinolab.datasets import data_path
-from trinolab.studies import claims
-from trinolab.studies.claim_draws import TRIALS
-from trinolab.studies.protocol import Trial, load_claims, load_trials, logged_hashes
+from workbench.studies import claims
+from workbench.studies.claim_draws import TRIALS
+from workbench.studies.protocol import Trial, load_claims, load_trials, logged_hashes
 
 QUICK = (
     *("concealed", "forecast", "calibration", "random_pose"),

@@ -2,12 +2,12 @@
 
 import re
 
-import claims_pages
 import pytest
 
-from trinolab.cli import main
-from trinolab.studies import scoreboard
-from trinolab.studies.protocol import load_claims, load_deviations, load_trials
+from workbench.cli import main
+from workbench.pages import claims_pages
+from workbench.studies import scoreboard
+from workbench.studies.protocol import load_claims, load_deviations, load_trials
 
 CLAIMS = load_claims()
 

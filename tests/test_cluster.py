@@ -13,9 +13,9 @@ from healthy import run
 from makenotebook import glued, make_notebook
 from processes import HANGS_S, open_gate, started, wait_until
 
-from trinolab.sweep import engines, sweep
-from trinolab.sweep.engines import cluster
-from trinolab.sweep.folder import read_sweep
+from workbench.sweep import engines, sweep
+from workbench.sweep.engines import cluster
+from workbench.sweep.folder import read_sweep
 
 pytest.importorskip("distributed", reason="the extra `cluster` is not installed")
 # Says where it is, and lives until its standard input is closed.

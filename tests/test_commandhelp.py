@@ -3,10 +3,10 @@
 import re
 from pathlib import Path
 
-import commandhelp
 import pytest
 
-from trinolab.cli import main
+from workbench.cli import main
+from workbench.pages import commandhelp
 
 PAGE = (Path(__file__).resolve().parents[1] / "book" / "commands.md").read_text(encoding="utf-8")
 

@@ -15,7 +15,7 @@ from trinolab.estimators.centroids import predict_centroids
 from trinolab.estimators.contradiction import Residuals, honest
 from trinolab.estimators.reprojection import fit_pixels, response_of_pixels
 from trinolab.handle import slants
-from trinolab.systematic import NOTHING, contradict, variance_of_few
+from trinolab.uncertainty.systematic import NOTHING, contradict, variance_of_few
 
 PAIR, THREE = load_rig("paper_pair"), load_rig("raised_40deg")
 CODED = load_handle("coded")

@@ -13,16 +13,16 @@ import pytest
 from scipy.spatial.transform import RigidTransform, Rotation
 from wayward import asks, changes, ends, hangs, waits, warns
 
-from trinolab.cli import main
-from trinolab.course import check, submissions
-from trinolab.course.child import BEING_CHECKED, _cells, _executed, outcome, plain_value
-from trinolab.course.exercise import KINDS, FunctionExercise, ValueExercise
-from trinolab.course.exercises import CHAPTERS, exercise, of_chapter
-from trinolab.course.grading import call_of, judge_outcomes, judge_values
-from trinolab.course.plain import MOST_NUMBERS, described, equal, plain
-from trinolab.course.running import Found, _how, _lines, run_given
-from trinolab.course.stubs import _head
-from trinolab.files.provenance import code_hash
+from workbench.cli import main
+from workbench.course import check, submissions
+from workbench.course.child import BEING_CHECKED, _cells, _executed, outcome, plain_value
+from workbench.course.exercise import KINDS, FunctionExercise, ValueExercise
+from workbench.course.exercises import CHAPTERS, exercise, of_chapter
+from workbench.course.grading import call_of, judge_outcomes, judge_values
+from workbench.course.plain import MOST_NUMBERS, described, equal, plain
+from workbench.course.running import Found, _how, _lines, run_given
+from workbench.course.stubs import _head
+from workbench.provenance import code_hash
 
 ALL = [one for chapter in CHAPTERS for one in of_chapter(chapter)]
 NOTEBOOKS = Path(__file__).resolve().parents[1] / "notebooks"
@@ -212,7 +212,7 @@ def test_a_small_difference_in_a_large_array_is_told():
 
 
 def test_whatever_a_function_does_is_seen_and_the_next_one_is_tried():
-    from trinolab.course.child import Call
+    from workbench.course.child import Call
 
     functions = (ends, hangs, waits, asks, changes, warns, len)
     given = {function.__name__: function for function in functions}
@@ -357,7 +357,7 @@ def notebook(*sources):
 
 
 def test_a_file_that_never_ends_is_stopped_and_one_that_raises_is_named(tmp_path):
-    from trinolab.course.running import run_file
+    from workbench.course.running import run_file
 
     file = tmp_path / "04.py"
     file.write_text("answer = 1\n1 / 0\n")

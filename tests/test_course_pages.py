@@ -1,8 +1,7 @@
 """The parts of the teacher's guide that come from the chapters and the graders."""
 
-import course_pages
-
-from trinolab.course.exercises import CHAPTERS, of_chapter
+from workbench.course.exercises import CHAPTERS, of_chapter
+from workbench.pages import course_pages
 
 
 def test_every_known_mistake_is_listed():

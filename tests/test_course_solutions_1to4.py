@@ -13,12 +13,12 @@ import pytest
 from scipy.stats import norm
 
 from trinolab import background, datasets, kalman, workspace
-from trinolab.course.child import outcome
-from trinolab.course.exercise import FunctionExercise
-from trinolab.course.exercises import exercise, of_chapter
-from trinolab.course.grading import call_of, judge_outcomes
 from trinolab.handle import Handle, facing_pixels
 from trinolab.workspace import cones
+from workbench.course.child import outcome
+from workbench.course.exercise import FunctionExercise
+from workbench.course.exercises import exercise, of_chapter
+from workbench.course.grading import call_of, judge_outcomes
 
 NOTEBOOKS = Path(__file__).resolve().parents[1] / "notebooks"
 WRITTEN = [

@@ -18,11 +18,11 @@ from trinolab import datasets, identity, matching, measurement, metrics, pose, t
 from trinolab.bench import optics, scene
 from trinolab.calibration import eq25, start
 from trinolab.camera import Camera, epipolar_lines, fundamental_matrix
-from trinolab.course.child import outcome
-from trinolab.course.exercise import FunctionExercise
-from trinolab.course.exercises import exercise, of_chapter
-from trinolab.course.grading import call_of, judge_outcomes
 from trinolab.handle import facing_pixels
+from workbench.course.child import outcome
+from workbench.course.exercise import FunctionExercise
+from workbench.course.exercises import exercise, of_chapter
+from workbench.course.grading import call_of, judge_outcomes
 
 NOTEBOOKS = Path(__file__).resolve().parents[1] / "notebooks"
 

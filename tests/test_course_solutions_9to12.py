@@ -14,21 +14,21 @@ from scipy.spatial.transform import RigidTransform, Rotation
 from scipy.stats import norm
 
 from trinolab import datasets, metrics
-from trinolab.course.child import outcome
-from trinolab.course.exercise import FunctionExercise
-from trinolab.course.exercises import exercise, of_chapter
-from trinolab.course.exercises.estimators import step_of_all_views
-from trinolab.course.exercises.feedback import position_force
-from trinolab.course.exercises.slave import clutched, needed_scale
-from trinolab.course.exercises.table1 import askew_differences, mean_angle_errors
-from trinolab.course.grading import call_of, judge_outcomes
 from trinolab.estimators import centroids, reprojection
 from trinolab.estimators.appearance import Views
 from trinolab.handle import facing_pixels
 from trinolab.parameters import Parameters
 from trinolab.slave import bilateral, mapping, wall
 from trinolab.slave.oneeuro import OneEuroParameters
-from trinolab.studies import accounts, deviations, error_sources, experiment, pattern
+from workbench.course.child import outcome
+from workbench.course.exercise import FunctionExercise
+from workbench.course.exercises import exercise, of_chapter
+from workbench.course.exercises.estimators import step_of_all_views
+from workbench.course.exercises.feedback import position_force
+from workbench.course.exercises.slave import clutched, needed_scale
+from workbench.course.exercises.table1 import askew_differences, mean_angle_errors
+from workbench.course.grading import call_of, judge_outcomes
+from workbench.studies import accounts, deviations, error_sources, experiment, pattern
 
 NOTEBOOKS = Path(__file__).parents[1] / "notebooks"
 

@@ -7,9 +7,10 @@ import tomllib
 from datetime import datetime
 from pathlib import Path
 
-import crate
 import pytest
 import yaml
+
+from workbench.pages import crate
 
 ROOT = Path(__file__).resolve().parents[1]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]

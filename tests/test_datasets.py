@@ -20,7 +20,7 @@ from trinolab.datasets import (
     paper_rig,
 )
 from trinolab.rigid import nearest_rotation
-from trinolab.studies.scoreboard import Claim, load_claims
+from workbench.studies.scoreboard import Claim, load_claims
 
 SECOND = Path(__file__).parent / "second_transcription"
 RIGS = {"paper_pair": None, "paper_trinocular": 90.0, "raised_40deg": 40.0}

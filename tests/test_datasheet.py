@@ -6,8 +6,8 @@ import pytest
 from matplotlib.colors import to_rgba
 from matplotlib.patches import Rectangle
 
-from trinolab.plotting.basics import COLOURS
-from trinolab.plotting.datasheet import (
+from workbench.plotting.basics import COLOURS
+from workbench.plotting.datasheet import (
     as_png,
     plot_against,
     plot_allan,

@@ -9,7 +9,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 from trinolab.datasets import load_table1
 from trinolab.metrics import angle_differences_deg, pose_errors
 from trinolab.pose import rigid_fit
-from trinolab.studies.deviations import (
+from workbench.studies.deviations import (
     Source,
     deviations,
     drawn,

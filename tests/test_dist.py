@@ -4,11 +4,11 @@ import subprocess
 import sys
 import zipfile
 
-import dist
-import figures
 import pandas as pd
 import pytest
-from browser import CHROMIUM, Browser
+
+from workbench.pages import dist, figures
+from workbench.pages.browser import CHROMIUM, Browser
 
 built = pytest.mark.skipif(
     not (dist.HTML / "index.html").exists(), reason="no built pages: run make book first"

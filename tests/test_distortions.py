@@ -19,8 +19,8 @@ from trinolab.calibration.distortions import (
 from trinolab.calibration.target import Target
 from trinolab.datasets import real_set
 from trinolab.files.fetch import why_not
-from trinolab.studies.real_recordings import load_opencv_stereo
-from trinolab.studies.simulated_calibration import corners_of
+from workbench.studies.real_recordings import load_opencv_stereo
+from workbench.studies.simulated_calibration import corners_of
 
 TARGET = Target("chessboard", 7, 5, 15.0)
 NAMES = ("a", "b")

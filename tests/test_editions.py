@@ -8,9 +8,9 @@ from contextlib import redirect_stdout
 import nbformat
 import pytest
 
-from trinolab.cli import main as trinolab
-from trinolab.course.child import outcome, plain_value
-from trinolab.course.editions import (
+from workbench.cli import main as trinolab
+from workbench.course.child import outcome, plain_value
+from workbench.course.editions import (
     chapter_file,
     exercise_notebook,
     exercises_of,
@@ -18,12 +18,12 @@ from trinolab.course.editions import (
     self_contained,
     write_edition,
 )
-from trinolab.course.exercise import KINDS, FunctionExercise, ValueExercise
-from trinolab.course.exercises import CHAPTERS, of_chapter
-from trinolab.course.grading import call_of, judge_outcomes, judge_values
-from trinolab.course.stubs import solved, stub
-from trinolab.course.texts import read_texts, texts_of, without_solutions
-from trinolab.sweep.notebook import read_notebook, run_notebook
+from workbench.course.exercise import KINDS, FunctionExercise, ValueExercise
+from workbench.course.exercises import CHAPTERS, of_chapter
+from workbench.course.grading import call_of, judge_outcomes, judge_values
+from workbench.course.stubs import solved, stub
+from workbench.course.texts import read_texts, texts_of, without_solutions
+from workbench.sweep.notebook import read_notebook, run_notebook
 
 ALL = [one for chapter in CHAPTERS for one in of_chapter(chapter)]
 FORM = """\

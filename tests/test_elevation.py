@@ -12,10 +12,10 @@ from trinolab.bench.motion import random_pose
 from trinolab.datasets import load_handle, load_rig, load_sweep, load_table1, paper_rig
 from trinolab.measurement import Measurement
 from trinolab.methods import BEST
-from trinolab.plotting import plot_elevation
 from trinolab.pose import LOST, Pose
-from trinolab.studies import elevation
-from trinolab.studies.elevation import ELEVATIONS_DEG, SETTINGS, accuracy, kept, shared_markers
+from workbench.plotting import plot_elevation
+from workbench.studies import elevation
+from workbench.studies.elevation import ELEVATIONS_DEG, SETTINGS, accuracy, kept, shared_markers
 
 PAPER = load_handle("paper")
 TABLE = load_sweep("elevation")

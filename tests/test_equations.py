@@ -13,9 +13,9 @@ from pathlib import Path
 import nbformat
 import pytest
 
-from trinolab.paper import ledger
-from trinolab.paper.errata import ERRATA
-from trinolab.paper.ledger import (
+from workbench.paper import ledger
+from workbench.paper.errata import ERRATA
+from workbench.paper.ledger import (
     Effect,
     Entry,
     equations_named,

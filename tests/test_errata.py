@@ -7,14 +7,14 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from trinolab.datasets import load_calibration, load_rig, load_table1
-from trinolab.paper.errata import ERRATA, effects
-from trinolab.paper.errata.markers import printed_bisection
-from trinolab.paper.errata.pose import printed_points, printed_rotation_error
-from trinolab.paper.errata.workspace import printed_cones, printed_workspace_volume
-from trinolab.paper.ledger import Effect
 from trinolab.rigid import nearest_rotation
 from trinolab.workspace import intersect
 from trinolab.workspace.cones import Cone, cone_surface, inside
+from workbench.paper.errata import ERRATA, effects
+from workbench.paper.errata.markers import printed_bisection
+from workbench.paper.errata.pose import printed_points, printed_rotation_error
+from workbench.paper.errata.workspace import printed_cones, printed_workspace_volume
+from workbench.paper.ledger import Effect
 
 # What each effect must be by the printed and by the corrected form, and a tolerance, from numbers
 # that the package has no part in: by hand, or found by two other programs. None where only the

@@ -11,13 +11,13 @@ from trinolab.calibration.target import Board
 from trinolab.camera import Camera, Rig
 from trinolab.datasets import load_handle, load_rig, load_table1
 from trinolab.metrics import angle_differences_deg
-from trinolab.paper.errata.pose import one_focal_length, use_of_no_rotation
 from trinolab.pose import rigid_fit
-from trinolab.studies import error_sources as sources
-from trinolab.studies.deviations import drawn, exact, first_order, means
-from trinolab.studies.error_sources import make_trial, response, shifted_rig
-from trinolab.studies.simulated_calibration import calibration_errors, simulated_calibration
 from trinolab.triangulation import triangulate
+from workbench.paper.errata.pose import one_focal_length, use_of_no_rotation
+from workbench.studies import error_sources as sources
+from workbench.studies.deviations import drawn, exact, first_order, means
+from workbench.studies.error_sources import make_trial, response, shifted_rig
+from workbench.studies.simulated_calibration import calibration_errors, simulated_calibration
 
 RIG, HANDLE, TRUTHS = load_rig("paper_pair"), load_handle("paper"), load_table1().set_poses
 

@@ -5,8 +5,8 @@ import pandas as pd
 import pytest
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from trinolab.cli.evaluate import evaluate
 from trinolab.datasets import data_path, load_handle
+from trinolab.evaluation import evaluate
 from trinolab.files.poses import pose_table, truth_table, write_poses
 from trinolab.pose import LOST
 

@@ -5,7 +5,7 @@ import pytest
 from scipy import stats
 
 from trinolab.datasets import load_table1
-from trinolab.studies.experiment import fewest, power_of_ratio, told_apart
+from workbench.studies.experiment import fewest, power_of_ratio, told_apart
 
 TRUTHS = load_table1().set_poses
 

@@ -11,10 +11,10 @@ from trinolab.bench.optics import Bench
 from trinolab.bench.scene import render_rig
 from trinolab.datasets import load_handle, load_rig, load_sweep, load_table1
 from trinolab.parameters import Parameters
-from trinolab.studies import factors, replication
-from trinolab.studies.__main__ import main
-from trinolab.studies.factors import DISTANCES_MM, ERRORS, FACTORS, at_distance, cell, table1_setup
-from trinolab.studies.replication import replicate_table1
+from workbench.studies import factors, replication
+from workbench.studies.__main__ import main
+from workbench.studies.factors import DISTANCES_MM, ERRORS, FACTORS, at_distance, cell, table1_setup
+from workbench.studies.replication import replicate_table1
 
 CELLS = {"distortion": -0.05, "distance": 750.0, "marker_size": 2.0, "speed": 25.0, "turn": 100.0}
 FIELDS = ["E_t_mm", "E_alpha_deg", "E_beta_deg", "E_gamma_deg", "geodesic_mean_deg"]

@@ -37,12 +37,12 @@ from healthy import (
 )
 
 from trinolab.camera import Rig
-from trinolab.cli.evaluate import FAR_DEG, FAR_MM
+from trinolab.evaluation import FAR_DEG, FAR_MM
 from trinolab.files.poses import poses_by_frame, read_poses
 from trinolab.files.rigs import write_rig
 from trinolab.metrics import geodesic_deg
-from trinolab.studies import scoreboard
-from trinolab.sweep import engines
+from workbench.studies import scoreboard
+from workbench.sweep import engines
 
 COUNT = 6  # instants of the recording
 

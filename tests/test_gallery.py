@@ -12,14 +12,14 @@ import numpy as np
 import pytest
 from executed import as_it_stands
 
-from trinolab.cli.arguments import parser
 from trinolab.datasets import load_sweep
-from trinolab.studies import gallery
-from trinolab.studies.__main__ import main
-from trinolab.studies.gallery import GALLERY, Exhibit, command, load, settings
-from trinolab.sweep.grid import parse, runs
-from trinolab.sweep.notebook import read_parameters
 from trinolab.window import Window
+from workbench.cli.arguments import parser
+from workbench.studies import gallery
+from workbench.studies.__main__ import main
+from workbench.studies.gallery import GALLERY, Exhibit, command, load, settings
+from workbench.sweep.grid import parse, runs
+from workbench.sweep.notebook import read_parameters
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGE = ROOT / "book" / "gallery.ipynb"

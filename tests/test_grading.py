@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from trinolab.course import check
-from trinolab.course.child import BEING_CHECKED, outcome, plain_value
-from trinolab.course.exercises import exercise
-from trinolab.course.grading import call_of, judge_outcomes, judge_values
+from workbench.course import check
+from workbench.course.child import BEING_CHECKED, outcome, plain_value
+from workbench.course.exercises import exercise
+from workbench.course.grading import call_of, judge_outcomes, judge_values
 
 FILTER = exercise("04.2")
 

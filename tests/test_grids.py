@@ -5,7 +5,7 @@ import re
 import numpy as np
 import pytest
 
-from trinolab.sweep.grid import MANY, Axis, Between, Interval, axes_of, parse, runs
+from workbench.sweep.grid import MANY, Axis, Between, Interval, axes_of, parse, runs
 
 
 def values(text):

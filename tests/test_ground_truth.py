@@ -17,15 +17,15 @@ from trinolab.camera import Rig
 from trinolab.datasets import load_rig
 from trinolab.files.poses import poses_by_frame, read_poses
 from trinolab.handle import Handle
-from trinolab.studies import ground_truth
-from trinolab.studies.ground_truth import (
+from trinolab.window import Window
+from workbench.studies import ground_truth
+from workbench.studies.ground_truth import (
     in_the_gate,
     judge_search,
     judge_spots,
     moving_windows,
     read_recording,
 )
-from trinolab.window import Window
 
 
 @pytest.fixture(scope="module", autouse=True)

@@ -6,14 +6,13 @@ import json
 import re
 from pathlib import Path
 
-import howmade
 import nbformat
 import pytest
-import tablesread
 from nbformat.v4 import new_code_cell, new_markdown_cell, new_notebook, new_output
 
-from trinolab.studies import factors
-from trinolab.studies.__main__ import MAKES
+from workbench.pages import howmade, tablesread
+from workbench.studies import factors
+from workbench.studies.__main__ import MAKES
 
 ROOT = Path(__file__).resolve().parents[1]
 HTML = ROOT / "_build" / "html"
@@ -83,10 +82,10 @@ def test_every_shipped_table_has_the_command_that_makes_it():
 @pytest.mark.parametrize(
     ("table", "command"),
     [
-        ("sweeps/patterns.csv", "python -m trinolab.studies budget"),
-        ("sweeps/turn.csv", "python -m trinolab.studies factors --factor turn"),
-        ("sweeps/gallery/blur.csv", "python -m trinolab.studies gallery blur"),
-        ("claims_draws.csv", "python -m trinolab.studies claims"),
+        ("sweeps/patterns.csv", "python -m workbench.studies budget"),
+        ("sweeps/turn.csv", "python -m workbench.studies factors --factor turn"),
+        ("sweeps/gallery/blur.csv", "python -m workbench.studies gallery blur"),
+        ("claims_draws.csv", "python -m workbench.studies claims"),
         ("accept/raised_40deg.json", "make sheet"),
         ("table1.csv", ""),
         ("rigs/paper_pair.toml", ""),

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from trinolab import intervals
-from trinolab.intervals import (
+from workbench import intervals
+from workbench.intervals import (
     allan_deviation,
     allan_freedom,
     by_bootstrap,

@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 from scipy.spatial.transform import RigidTransform
 
-from trinolab.cli.joining import DELAY, best_offset, join
+from trinolab.files.joining import DELAY, best_offset, join
 from trinolab.files.poses import truth_table
 
 N = 60  # frames of the truth: two seconds

@@ -15,7 +15,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from trinolab.sweep import kernelstate
+from workbench.sweep import kernelstate
 
 
 def test_a_mapping_gets_back_what_it_had_and_keeps_what_is_the_same():

@@ -11,10 +11,10 @@ from scipy.spatial.transform import RigidTransform, Rotation
 
 from trinolab.calibration.target import find_target
 from trinolab.camera import Camera
-from trinolab.classkit.kit import make_kit
-from trinolab.classkit.wrap import unrolled, wrapped
 from trinolab.datasets import handle_file, load_handle
 from trinolab.files.rigs import read_handle, write_handle
+from workbench.classkit.kit import make_kit
+from workbench.classkit.wrap import unrolled, wrapped
 
 DPI = 300.0
 PX_MM = DPI / 25.4

@@ -12,8 +12,9 @@ from urllib.request import urlopen
 
 import nbformat
 import pytest
-from browser import CHROMIUM, Browser
 from processes import wait_until
+
+from workbench.pages.browser import CHROMIUM, Browser
 
 ROOT = Path(__file__).resolve().parents[1]
 EXTENSIONS = ROOT / "book" / "lab"

@@ -19,19 +19,19 @@ from scipy.spatial.transform import RigidTransform, Rotation
 from setups import pose_at
 
 from trinolab.bench.scenario import Job, Shot, take
-from trinolab.classkit import criteria
-from trinolab.classkit.criteria import GOOD, NOT_MEASURED, USABLE, Criterion
-from trinolab.classkit.preflight import _of_rig, _place
-from trinolab.classkit.seen import Seen
-from trinolab.classkit.sheets import EDGE_MM, PAPERS, board_target
 from trinolab.datasets import load_real_sets, load_sweep, real_set
 from trinolab.files import recorder
 from trinolab.files.fetch import why_not
 from trinolab.files.poses import read_poses, transforms, truth_table, write_poses
 from trinolab.files.rigs import read_handle, read_rig
 from trinolab.metrics import position_errors
-from trinolab.studies.real_recordings import load_caliscope
-from trinolab.studies.webcams import BENCH, WEBCAMS, webcam_rig
+from workbench.classkit import criteria
+from workbench.classkit.criteria import GOOD, NOT_MEASURED, USABLE, Criterion
+from workbench.classkit.preflight import _of_rig, _place
+from workbench.classkit.seen import Seen
+from workbench.classkit.sheets import EDGE_MM, PAPERS, board_target
+from workbench.studies.real_recordings import load_caliscope
+from workbench.studies.webcams import BENCH, WEBCAMS, webcam_rig
 
 PAGE = Path(__file__).resolve().parents[1] / "book" / "lab_sheet.md"
 SIZE = PAPERS["a4"]
@@ -98,7 +98,7 @@ def test_the_limits_of_the_page_are_those_of_the_command():
 
 
 def test_every_command_of_the_page_is_one_that_the_program_takes():
-    from trinolab.cli.arguments import parser
+    from workbench.cli.arguments import parser
 
     found = [parser().parse_args(shlex.split(line)).command for line in commands()]
     assert {"kit", "capture", "calibrate", "preflight", "track", "refine", "live"} <= set(found)

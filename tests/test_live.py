@@ -3,15 +3,16 @@
 import signal
 
 import pytest
-from browser import CHROMIUM, Browser
 from processes import ended, started, wait_until
+
+from workbench.pages.browser import CHROMIUM, Browser
 
 pytest.importorskip("mink", reason="the extra 'slave' is missing")
 pytest.importorskip("tornado", reason="the extra 'live' is missing")
 
 from livepage import NOBODY, Bench, Live, Tab
 
-from trinolab.live.command import chosen
+from workbench.live.command import chosen
 
 needs_browser = pytest.mark.skipif(CHROMIUM is None, reason="Chromium is missing")
 WIDE_PAGE = "document.documentElement.scrollWidth - document.documentElement.clientWidth"
@@ -274,7 +275,7 @@ def test_a_port_that_is_taken_is_said(tmp_path):
     ],
 )
 def test_wrong_arguments_get_one_line(line, message, capsys):
-    from trinolab.cli import main
+    from workbench.cli import main
 
     try:
         code = main(line.split())

@@ -13,18 +13,18 @@ pytest.importorskip("mink", reason="the extra 'slave' is missing")
 from livepage import HANDLE, HELD, NOBODY, RIG, a_loop
 
 from trinolab.following.posetracker import Tracked
-from trinolab.live import loop as live_loop
-from trinolab.live import settings
-from trinolab.live.loop import WAIT_S
-from trinolab.live.picture import message
-from trinolab.live.pointing import GO, MARK
-from trinolab.live.sources import _HOME, Latest
 from trinolab.markers import Markers
 from trinolab.measurement import Measurement
 from trinolab.pose import Pose
 from trinolab.slave.arm import load_robot
 from trinolab.slave.mapping import JUMP, MappingParameters
 from trinolab.slave.session import Session
+from workbench.live import loop as live_loop
+from workbench.live import settings
+from workbench.live.loop import WAIT_S
+from workbench.live.picture import message
+from workbench.live.pointing import GO, MARK
+from workbench.live.sources import _HOME, Latest
 
 FRAME_S = 1 / 30
 TICK_S = 0.008

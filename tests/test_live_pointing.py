@@ -3,20 +3,21 @@
 import numpy as np
 import pandas as pd
 import pytest
-from browser import CHROMIUM, Browser
 from processes import wait_until
 from scipy.spatial.transform import Rotation
+
+from workbench.pages.browser import CHROMIUM, Browser
 
 pytest.importorskip("mink", reason="the extra 'slave' is missing")
 pytest.importorskip("tornado", reason="the extra 'live' is missing")
 
 from livepage import Live
 
-from trinolab.live import pointing, settings
-from trinolab.live.command import chosen
-from trinolab.live.pointing import GO, MARK, RESTS_S, TARGET, Pointing
-from trinolab.slave.operators import point
-from trinolab.slave.pointing import performance, read_log, write_log
+from workbench.live import pointing, settings
+from workbench.live.command import chosen
+from workbench.live.pointing import GO, MARK, RESTS_S, TARGET, Pointing
+from workbench.teleop.operators import point
+from workbench.teleop.pointing import performance, read_log, write_log
 
 VALUES = settings.defaults()
 NEAR_MM = 4.0  # so near the script brings the tool

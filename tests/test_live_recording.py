@@ -16,9 +16,9 @@ from trinolab.files import recorder as files
 from trinolab.files.capture import Writer
 from trinolab.files.devices import Taken
 from trinolab.files.recording import instants, open_folder
-from trinolab.live import recording
-from trinolab.live.recording import Recorder
-from trinolab.slave.teleoperate import recorded
+from workbench.live import recording
+from workbench.live.recording import Recorder
+from workbench.teleop.teleoperate import recorded
 
 TIMES = [5.0, 5.03, 5.07, 5.1]
 
@@ -131,7 +131,7 @@ sys.path[:0] = {path!r}
 from pathlib import Path
 from livepage import HANDLE, HELD, RIG
 from trinolab.files.devices import Taken
-from trinolab.live.recording import Recorder
+from workbench.live.recording import Recorder
 recorder = Recorder(Path("."), RIG, HANDLE)
 recorder.start()
 k = 0

@@ -20,10 +20,10 @@ pytest.importorskip("tornado", reason="the extra 'live' is missing")
 import websocket
 from livepage import HANDLE, RIG, TOKEN, Bench, Live, Tab
 
-from trinolab.live import command, server
-from trinolab.live.loop import Loop
-from trinolab.live.server import FILES, MOST_MM, PAGE, _move_hand
-from trinolab.live.sources import _HOME, SimulatedHand
+from workbench.live import command, server
+from workbench.live.loop import Loop
+from workbench.live.server import FILES, MOST_MM, PAGE, _move_hand
+from workbench.live.sources import _HOME, SimulatedHand
 
 
 @pytest.fixture(scope="module")

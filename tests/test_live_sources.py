@@ -13,9 +13,9 @@ from processes import wait_until
 
 from trinolab.camera import Rig
 from trinolab.files import recorder
-from trinolab.live import command, sources
-from trinolab.live.command import chosen
-from trinolab.live.sources import Feed, SimulatedHand, Source, as_bytes
+from workbench.live import command, sources
+from workbench.live.command import chosen
+from workbench.live.sources import Feed, SimulatedHand, Source, as_bytes
 
 IMAGE = np.arange(12, dtype=np.uint8).reshape(3, 4)
 

@@ -8,8 +8,8 @@ from scipy.spatial.transform import Rotation
 
 from trinolab.bench.optics import Bench
 from trinolab.markers import find_markers
-from trinolab.paper.errata.markers import last_threshold_alone
-from trinolab.studies.centroid_bias import hostile_stills, inward, still, still_view
+from workbench.paper.errata.markers import last_threshold_alone
+from workbench.studies.centroid_bias import hostile_stills, inward, still, still_view
 
 QUIET = Bench(shading=0, shot_variance=0, read_noise=0)
 

@@ -13,12 +13,12 @@ from scipy.spatial.transform import RigidTransform
 from trinolab.datasets import load_handle, load_rig
 from trinolab.kalman import KalmanParameters
 from trinolab.parameters import Parameters
-from trinolab.plotting import plot_following
-from trinolab.studies.claim_trials import searched, true_labels
-from trinolab.studies.ground_truth import read_recording
-from trinolab.studies.markertrack import follow, moving_regions, step
-from trinolab.studies.tuning import nis_band
 from trinolab.window import Window
+from workbench.plotting import plot_following
+from workbench.studies.claim_trials import searched, true_labels
+from workbench.studies.ground_truth import read_recording
+from workbench.studies.markertrack import follow, moving_regions, step
+from workbench.studies.tuning import nis_band
 
 CODED, PARAMETERS = (
     load_handle("coded"),

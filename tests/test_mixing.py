@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from trinolab.datasets import load_handle, load_rig, load_table1
-from trinolab.studies.budget import mix, mixes
-from trinolab.studies.deviations import Source, drawn, first_order, means, together
-from trinolab.studies.error_sources import (
+from workbench.studies.budget import mix, mixes
+from workbench.studies.deviations import Source, drawn, first_order, means, together
+from workbench.studies.error_sources import (
     askew,
     make_trial,
     pixel_noise,
@@ -15,7 +15,7 @@ from trinolab.studies.error_sources import (
     set_angles,
     turned_reference,
 )
-from trinolab.studies.pattern import scaled
+from workbench.studies.pattern import scaled
 
 TRUTHS = load_table1().set_poses
 

@@ -14,8 +14,8 @@ from trinolab.following.overlay import camera_view
 from trinolab.following.posetracker import Tracked
 from trinolab.measurement import Measurement
 from trinolab.pose import LOST, Pose
-from trinolab.slave.monitor import Readings, blue_first, monitor_picture, slave_size
 from trinolab.window import Window
+from workbench.teleop.monitor import Readings, blue_first, monitor_picture, slave_size
 
 CAMERAS = load_rig("raised_40deg").cameras
 IMAGES = [np.full((1024, 1280), grey, np.uint8) for grey in (60, 90, 255)]

@@ -9,7 +9,7 @@ from scipy.spatial.transform import RigidTransform, Rotation, Slerp
 from trinolab.bench.motion import human_motion, motion_at, random_pose, smooth_motion
 from trinolab.datasets import load_real_sets, real_set
 from trinolab.files.fetch import why_not
-from trinolab.studies.real_recordings import load_trajectories
+from workbench.studies.real_recordings import load_trajectories
 
 LIMITS = np.array([[-90, 90], [-60, 60], [520, 620]])
 

@@ -11,7 +11,8 @@ from trinolab.bench.recordings import scripted
 from trinolab.bench.scenario import take
 from trinolab.camera import Rig
 from trinolab.datasets import load_handle, load_rig
-from trinolab.studies.ground_truth import (
+from trinolab.window import Window
+from workbench.studies.ground_truth import (
     Regions,
     cover,
     held,
@@ -21,7 +22,6 @@ from trinolab.studies.ground_truth import (
     watch,
     wrong,
 )
-from trinolab.window import Window
 
 RIG = Rig(tuple(scene.scaled(camera, 0.125) for camera in load_rig("raised_40deg").cameras))
 JOB = scripted("calm", RIG, load_handle("coded"), 0, 1.5)

@@ -10,7 +10,7 @@ import pytest
 from nbclient.exceptions import CellExecutionError, CellTimeoutError
 from nbformat.v4 import new_code_cell, new_markdown_cell, new_notebook
 
-from trinolab.sweep.notebook import LETTERS, glued, read_parameters, run_notebook
+from workbench.sweep.notebook import LETTERS, glued, read_parameters, run_notebook
 
 PARAMETERS = "sigma_px = 0.5  # noise\nn = 3\nname = 'paper'\nwide = False\nlimits = [-1.0, 2]\nnothing = None"
 

@@ -12,7 +12,7 @@ from executed import as_it_stands
 from films import frames_in
 from nbformat.v4 import new_code_cell
 
-from trinolab.sweep.notebook import (
+from workbench.sweep.notebook import (
     glued,
     imported,
     inject,
@@ -20,7 +20,7 @@ from trinolab.sweep.notebook import (
     read_parameters,
     run_notebook,
 )
-from trinolab.sweep.warmkernel import Kernel, Key
+from workbench.sweep.warmkernel import Kernel, Key
 
 NOTEBOOKS = sorted(Path(__file__).resolve().parents[1].glob("notebooks/*.ipynb"))
 

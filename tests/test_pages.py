@@ -12,7 +12,8 @@ from urllib.parse import unquote, urlsplit
 import pytest
 import sitecheck
 import yaml
-from browser import CHROMIUM, Browser
+
+from workbench.pages.browser import CHROMIUM, Browser
 
 ROOT = Path(__file__).resolve().parents[1]
 HTML = ROOT / "_build" / "html"

@@ -8,16 +8,16 @@ from scipy import stats
 
 from trinolab.datasets import load_handle, load_rig, load_table1
 from trinolab.pose import rigid_fit
-from trinolab.studies.calibration_error import pattern as shares
-from trinolab.studies.deviations import Errors, Source, drawn, exact, first_order
-from trinolab.studies.error_sources import (
+from workbench.studies.calibration_error import pattern as shares
+from workbench.studies.deviations import Errors, Source, drawn, exact, first_order
+from workbench.studies.error_sources import (
     make_trial,
     one_focal_length,
     pixel_noise,
     platform,
     turned_camera,
 )
-from trinolab.studies.pattern import (
+from workbench.studies.pattern import (
     STATISTICS,
     compare,
     filled_up,

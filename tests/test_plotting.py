@@ -10,7 +10,10 @@ import pandas as pd
 import pytest
 
 from trinolab.datasets import load_rig
-from trinolab.plotting import (
+from trinolab.window import Window
+from trinolab.workspace import intersect, surface_mesh
+from trinolab.workspace.cones import paper_cones
+from workbench.plotting import (
     mark_window,
     plot_by_slant,
     plot_epipolar_plane,
@@ -27,10 +30,7 @@ from trinolab.plotting import (
     workspace_plotter,
     workspace_scene,
 )
-from trinolab.plotting.structure import MASTER, SYSTEM
-from trinolab.window import Window
-from trinolab.workspace import intersect, surface_mesh
-from trinolab.workspace.cones import paper_cones
+from workbench.plotting.structure import MASTER, SYSTEM
 
 
 @pytest.fixture(autouse=True)

@@ -4,7 +4,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
-from trinolab.plotting import plot_pixel_histories, plot_shares, plot_verdicts, show_table
+from workbench.plotting import plot_pixel_histories, plot_shares, plot_verdicts, show_table
 
 
 @pytest.fixture(autouse=True)

@@ -7,7 +7,7 @@ from scipy.spatial.transform import RigidTransform
 
 from trinolab.calibration.target import Board
 from trinolab.datasets import load_rig
-from trinolab.plotting import (
+from workbench.plotting import (
     plot_boards,
     plot_chi_square,
     plot_grids,

@@ -4,8 +4,8 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
-from trinolab.plotting import plot_beliefs, plot_chain, plot_nis, plot_normals, plot_prediction
 from trinolab.window import Window
+from workbench.plotting import plot_beliefs, plot_chain, plot_nis, plot_normals, plot_prediction
 
 
 @pytest.fixture(autouse=True)

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from trinolab.datasets import load_rig, load_table1
-from trinolab.plotting import plot_chain, plot_frames, plot_two_rays
+from workbench.plotting import plot_chain, plot_frames, plot_two_rays
 
 
 @pytest.fixture(autouse=True)

@@ -4,7 +4,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
-from trinolab.plotting import plot_layouts, plot_rig
+from workbench.plotting import plot_layouts, plot_rig
 
 
 @pytest.fixture(autouse=True)

@@ -12,13 +12,13 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from trinolab import plotting
 from trinolab.camera import Camera
+from workbench import plotting
 
 mujoco = pytest.importorskip("mujoco")
 
-from trinolab.slave import view  # noqa: E402
-from trinolab.slave.view import ForceArrow, SlaveView, geom_scene  # noqa: E402
+from workbench.teleop import view  # noqa: E402
+from workbench.teleop.view import ForceArrow, SlaveView, geom_scene  # noqa: E402
 
 NONE, BARREL, MIXED = (0.0,) * 5, (-0.3, 0.1, 0.0, 0.0, 0.0), (0.12, -0.05, 0.004, -0.003, 0.01)
 
@@ -340,7 +340,7 @@ def test_data_of_another_model_and_a_closed_view_are_refused():
 def test_a_machine_without_a_display_renders_silently_or_says_why_not(broken, said):
     code = (
         "import mujoco, numpy as np\nfrom trinolab.camera import Camera\n"
-        "from scipy.spatial.transform import RigidTransform\nfrom trinolab.slave.view import SlaveView\n"
+        "from scipy.spatial.transform import RigidTransform\nfrom workbench.teleop.view import SlaveView\n"
         "model = mujoco.MjModel.from_xml_string('<mujoco/>')\n"
         "camera = Camera('s', (640, 480), np.diag([700, 700, 1]), [0] * 5, RigidTransform.identity())\n"
         "try:\n    print(SlaveView(model, camera).render(mujoco.MjData(model)).shape)\n"

@@ -6,10 +6,10 @@ import pytest
 from makenotebook import make_notebook
 from matplotlib.figure import Figure
 
-from trinolab.sweep import sweep
-from trinolab.sweep.grid import Interval
-from trinolab.sweep.notebook import UNATTENDED, run_notebook
-from trinolab.sweep.sliders import explore, slide
+from workbench.sweep import sweep
+from workbench.sweep.grid import Interval
+from workbench.sweep.notebook import UNATTENDED, run_notebook
+from workbench.sweep.sliders import explore, slide
 
 
 @pytest.fixture(autouse=True)
@@ -77,8 +77,8 @@ def test_where_nobody_can_move_a_slider_there_is_the_figure_at_its_start(monkeyp
 @pytest.mark.heavy
 def test_a_page_needs_no_kernel(tmp_path):
     code = """
-from trinolab.sweep.sliders import explore
-from trinolab.sweep.runs import sweep
+from workbench.sweep.sliders import explore
+from workbench.sweep.runs import sweep
 explore(sweep(lambda a, b: a * b, a=[1, 2], b=[3, 4]))
 """
     run = run_notebook(make_notebook(tmp_path / "n.ipynb", "%matplotlib inline", code))

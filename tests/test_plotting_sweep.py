@@ -5,9 +5,9 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
-from trinolab.sweep import sweep
-from trinolab.sweep.figures import as_png, plot_sweep
-from trinolab.sweep.grid import Interval
+from workbench.sweep import sweep
+from workbench.sweep.figures import as_png, plot_sweep
+from workbench.sweep.grid import Interval
 
 
 @pytest.fixture(autouse=True)

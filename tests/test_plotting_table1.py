@@ -5,7 +5,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from trinolab.plotting import (
+from workbench.plotting import (
     COLOURS,
     plot_budget,
     plot_errors_in_space,

@@ -4,8 +4,8 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
-from trinolab.plotting import show_cones_from_above
 from trinolab.workspace.cones import inside, paper_cones
+from workbench.plotting import show_cones_from_above
 
 NAMES = ("CCD1", "CCD2", "CCD3")
 

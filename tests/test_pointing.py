@@ -11,11 +11,16 @@ from scipy import stats
 from scipy.spatial.transform import RigidTransform
 
 from trinolab.datasets import load_sweep
-from trinolab.plotting.pointing import plot_pointing
-from trinolab.slave import control, mapping, operators
+from trinolab.slave import control, mapping
 from trinolab.slave.mapping import MappingParameters, Sample, State
-from trinolab.slave.operators import Machine, Person, machine_lag_s, point
-from trinolab.slave.pointing import (
+from workbench.plotting.pointing import plot_pointing
+from workbench.studies import fitts
+from workbench.studies.fitts import DELAYS_S, SCALES, _cell, _fit, lag_models, one_operator
+from workbench.sweep import sweep
+from workbench.sweep.notebook import run_notebook
+from workbench.teleop import operators
+from workbench.teleop.operators import Machine, Person, machine_lag_s, point
+from workbench.teleop.pointing import (
     COLUMNS,
     conditions,
     difficulty,
@@ -23,10 +28,6 @@ from trinolab.slave.pointing import (
     read_log,
     write_log,
 )
-from trinolab.studies import fitts
-from trinolab.studies.fitts import DELAYS_S, SCALES, _cell, _fit, lag_models, one_operator
-from trinolab.sweep import sweep
-from trinolab.sweep.notebook import run_notebook
 
 PAGE = Path(__file__).resolve().parents[1] / "book" / "operator.ipynb"
 SURE = Person(observation_noise=0.0, motor_noise=0.0, acuity_mm=0.0, miss=0.0)

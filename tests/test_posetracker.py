@@ -23,7 +23,7 @@ from trinolab.following.look import expect, look
 from trinolab.following.parameters import FollowParameters
 from trinolab.following.posefilter import PoseFilterParameters
 from trinolab.rigid import apart, motion_between, shifted
-from trinolab.studies.broken import jpeg
+from workbench.studies.broken import jpeg
 
 RIG, CODED, PAPER = load_rig("raised_40deg"), load_handle("coded"), load_handle("paper")
 FPS, BEST = 30.0, FollowParameters(estimator="patches")

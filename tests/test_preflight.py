@@ -11,8 +11,9 @@ from scipy.ndimage import gaussian_filter1d
 from setups import FPS, SMALL, clip, each, pose_at, record, small_rig
 
 from trinolab.camera import Rig, RigCovariance, displaced
-from trinolab.classkit import criteria
-from trinolab.classkit.criteria import (
+from trinolab.triangulation import triangulate
+from workbench.classkit import criteria
+from workbench.classkit.criteria import (
     COLUMNS,
     GOOD,
     NOT_MEASURED,
@@ -21,9 +22,8 @@ from trinolab.classkit.criteria import (
     Criterion,
     overall,
 )
-from trinolab.classkit.preflight import _cost_mm, _of_rig, preflight
-from trinolab.classkit.seen import steepness
-from trinolab.triangulation import triangulate
+from workbench.classkit.preflight import _cost_mm, _of_rig, preflight
+from workbench.classkit.seen import steepness
 
 FEW = 8  # instants, where nothing has to move
 

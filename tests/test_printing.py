@@ -4,13 +4,14 @@ import base64
 import io
 
 import numpy as np
-import printing
 import pytest
-from browser import CHROMIUM, Browser
-from contents import pages
-from figures import HTML
 from PIL import Image
 from pypdf import PdfReader
+
+from workbench.pages import printing
+from workbench.pages.browser import CHROMIUM, Browser
+from workbench.pages.contents import pages
+from workbench.pages.figures import HTML
 
 pytestmark = [
     pytest.mark.skipif(not (HTML / "index.html").exists(), reason="no built pages"),

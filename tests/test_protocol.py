@@ -5,9 +5,9 @@ from dataclasses import replace
 
 import pytest
 
-from trinolab.studies import protocol
-from trinolab.studies.claim_draws import TRIALS
-from trinolab.studies.protocol import (
+from workbench.studies import protocol
+from workbench.studies.claim_draws import TRIALS
+from workbench.studies.protocol import (
     KINDS,
     can_show,
     frozen_hash,
@@ -27,7 +27,7 @@ def claim(no):
 
 @pytest.mark.parametrize("claim", CLAIMS, ids=lambda claim: claim.no)
 def test_criterion_is_the_frozen_one(claim):
-    """Else data/deviations.toml needs an entry: `python -m trinolab.studies claims --hashes`."""
+    """Else data/deviations.toml needs an entry: `python -m workbench.studies claims --hashes`."""
     assert logged_hashes().get(claim.no) == frozen_hash(claim, ROWS)
 
 

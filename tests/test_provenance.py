@@ -9,10 +9,9 @@ from pathlib import Path
 import nbformat
 import pytest
 
-from trinolab.files import provenance
-from trinolab.files.provenance import (
-    PACKAGE,
-    imported_files,
+from workbench import imports, provenance
+from workbench.imports import files_of_module, imported_files
+from workbench.provenance import (
     made_from_function,
     made_from_module,
     made_from_notebook,
@@ -41,8 +40,10 @@ def package(tmp_path, monkeypatch):
         path = tmp_path / name
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(text)
-    monkeypatch.setattr(provenance, "PACKAGE", tmp_path / "pack")
-    monkeypatch.setattr(provenance, "FACE", {"work": "lazy.work", "wing": "wing"})
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setattr(imports, "PACKAGES", {"pack": tmp_path / "pack"})
+    monkeypatch.setattr(imports, "FACED", "pack")
+    monkeypatch.setattr(imports, "FACE", {"work": "pack.lazy:work", "wing": "pack.wing"})
     return tmp_path
 
 
@@ -174,7 +175,8 @@ def test_all_that_a_chapter_loads_is_among_its_imports(chapter):
         for line in source.splitlines()
         if line.startswith(("import ", "from ")) and "(" not in line
     ]
-    tell = "import sys; print(*(m.__file__ for name, m in sys.modules.items() if name.startswith('trinolab')))"
+    ours = "name.startswith(('trinolab', 'workbench')) and m.__file__"
+    tell = f"import sys; print(*(m.__file__ for name, m in sys.modules.items() if {ours}))"
     code = "\n".join([*lines, tell])
     done = subprocess.run(
         [sys.executable, "-c", code], cwd=path.parent, capture_output=True, text=True, check=True
@@ -183,19 +185,18 @@ def test_all_that_a_chapter_loads_is_among_its_imports(chapter):
     found = imported_files(source, path.parent)
     assert len(loaded) > 20
     assert loaded <= found
-    assert len(found) < len(list(PACKAGE.glob("**/*.py"))) * 0.7  # others do not make it stale
+    assert len(found) < len(imports.our_files()) * 0.7  # others do not make it stale
 
 
-def test_a_recording_is_not_made_from_the_measurement():
-    files = {
-        path.stem for path in imported_files("import trinolab.bench.recordings", PACKAGE.parent)
-    }
-    assert {"scene", "rays", "checks", "handle"} <= files
-    assert not files & {"identify", "tracker", "matching", "runs"}
-    rendered, commands = (
-        made_from_module(f"trinolab.{name}")["the package"] for name in ("bench.recordings", "cli")
+def test_a_board_is_made_from_what_it_computes_and_not_from_the_commands():
+    files = {path.stem for path in files_of_module("workbench.studies.scoreboard")}
+    assert {"triangulation", "checks", "ledger"} <= files
+    assert not files & {"kit", "server", "submissions"}
+    board, commands = (
+        made_from_module(f"workbench.{name}")["the package"]
+        for name in ("studies.scoreboard", "cli")
     )
-    assert rendered != commands
+    assert board != commands
 
 
 def test_where_there_is_no_git_there_is_no_commit(monkeypatch, tmp_path):

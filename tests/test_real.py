@@ -23,8 +23,8 @@ from trinolab.datasets import load_real_sets, load_rig, real_set
 from trinolab.files import fetch
 from trinolab.files.fetch import RealFile, RealSet, find, why_not
 from trinolab.pose import rigid_fit
-from trinolab.studies import real_recordings
 from trinolab.triangulation import triangulate
+from workbench.studies import real_recordings
 
 SETS = load_real_sets()
 READERS = {

@@ -16,7 +16,7 @@ from trinolab.handle import slants
 from trinolab.identity.hypotheses import Poses
 from trinolab.identity.parameters import IdentityParameters
 from trinolab.identity.reconcile import fit_with_offsets, reconciled
-from trinolab.systematic import contradicting, offsets_at
+from trinolab.uncertainty.systematic import contradicting, offsets_at
 
 P = IdentityParameters()
 CODED = load_handle("coded")

@@ -5,14 +5,13 @@ import re
 from itertools import pairwise
 from pathlib import Path
 
-import house
 import matplotlib.pyplot as plt
 import pytest
-import reference
 import test_structure
 import yaml
 
-from trinolab.paper.ledger import load_ledger
+from workbench.pages import house, reference
+from workbench.paper.ledger import load_ledger
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = reference.pages()
@@ -118,19 +117,19 @@ def test_what_a_chapter_uses_is_found_where_it_is_defined():
     code = """import trinolab
 from trinolab import identity as who, pose
 from trinolab.matching import ncc
-who.identify(trinolab.measure, pose.fit_pose(pose.LOST), ncc, trinolab.sweep.sweep)
+who.identify(trinolab.measure, pose.fit_pose(pose.LOST), ncc, workbench.sweep.sweep)
 other.measure(np.zeros(3))"""
     found = {
         name for name in reference._names_used(ast.parse(code)) if name in reference._known_names()
     }
     assert found - {
-        name for name in found if name in {"trinolab.pose", "trinolab.identity", "trinolab.sweep"}
+        name for name in found if name in {"trinolab.pose", "trinolab.identity", "workbench.sweep"}
     } == {
         "trinolab.identity.identify.identify",
         "trinolab.measurement.measure",
         "trinolab.pose.fit_pose",
         "trinolab.matching.ncc",
-        "trinolab.sweep.runs.sweep",
+        "workbench.sweep.runs.sweep",
     }
 
 

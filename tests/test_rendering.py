@@ -25,7 +25,7 @@ from trinolab.files.fetch import why_not
 from trinolab.files.poses import read_poses, transforms, truth_table, write_poses
 from trinolab.files.recording import instants, open_folder, read_timestamps
 from trinolab.files.rigs import write_handle, write_rig
-from trinolab.studies.real_recordings import load_trajectories
+from workbench.studies.real_recordings import load_trajectories
 
 CODED = load_handle("coded")
 SMALL = Rig(tuple(scaled(camera, 0.125) for camera in load_rig("raised_40deg").cameras))

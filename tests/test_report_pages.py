@@ -3,13 +3,12 @@
 import re
 from pathlib import Path
 
-import claims_pages
 import pandas as pd
 import pytest
-import report_pages
 
-from trinolab.studies import scoreboard
-from trinolab.studies.protocol import load_claims, load_deviations
+from workbench.pages import claims_pages, report_pages
+from workbench.studies import scoreboard
+from workbench.studies.protocol import load_claims, load_deviations
 
 ROOT = Path(__file__).resolve().parents[1]
 ASSUMPTIONS = (ROOT / "book" / "assumptions.md").read_text(encoding="utf-8")

@@ -9,17 +9,11 @@ import numpy as np
 import pytest
 from executed import whole_scoreboard
 
-from trinolab.cli import as_text, main, not_run
 from trinolab.datasets import load_calibration, real_set
-from trinolab.studies import scoreboard as module
-from trinolab.studies.protocol import load_trials
-from trinolab.studies.scoreboard import (
-    CHECKS,
-    COLUMNS,
-    disagreements,
-    load_claims,
-    scoreboard,
-)
+from workbench.cli import as_text, main, not_run
+from workbench.studies import scoreboard as module
+from workbench.studies.protocol import load_trials
+from workbench.studies.scoreboard import CHECKS, COLUMNS, disagreements, load_claims, scoreboard
 
 VERDICTS = {
     "match",
@@ -169,7 +163,7 @@ def test_without_the_run_a_drawn_row_is_not_run(monkeypatch):
     monkeypatch.setattr(module, "drawn_results", dict)
     row = dict(zip(COLUMNS, score(claim("11")), strict=True))
     assert row["verdict"] == "not run"
-    assert "python -m trinolab.studies claims" in row["reason"]
+    assert "python -m workbench.studies claims" in row["reason"]
     assert np.isnan(row["ours"])
 
 
@@ -210,7 +204,7 @@ def test_a_check_that_is_not_there_is_one_line_before_anything_is_computed(monke
     assert err.startswith(
         "trinolab scoreboard: claims.toml: claim 21: check: expected one of table1_"
     )
-    assert err.endswith("(CHECKS in trinolab/studies/scoreboard.py), got 'table_1_alpha'\n")
+    assert err.endswith("(CHECKS in book/workbench/studies/scoreboard.py), got 'table_1_alpha'\n")
     assert (out, err.count("\n")) == ("", 1)
 
 

@@ -15,9 +15,9 @@ from trinolab.bench.scene import scaled
 from trinolab.camera import Rig
 from trinolab.datasets import load_handle, load_rig, load_table1
 from trinolab.files.recording import open_folder
-from trinolab.second import frames, pathtracing, recipe, shapes
-from trinolab.second.pathtracing import Window, traced
-from trinolab.second.room import Room, Texture, glove, handle_pieces
+from workbench.second import frames, pathtracing, recipe, shapes
+from workbench.second.pathtracing import Window, traced
+from workbench.second.room import Room, Texture, glove, handle_pieces
 
 needs_mitsuba = pytest.mark.skipif(
     find_spec("mitsuba") is None, reason="mitsuba is not here: pip install trinolab[accept]"

@@ -14,10 +14,10 @@ from trinolab.camera import Rig
 from trinolab.datasets import load_handle, load_sweep
 from trinolab.methods import BEST, ESTIMATORS
 from trinolab.pose import LOST, Pose
-from trinolab.second import recipe
-from trinolab.studies import second_renderer as study
-from trinolab.studies.replication import Deviation, deviation, measure_frames
-from trinolab.studies.second_renderer import OURS, SECOND
+from workbench.second import recipe
+from workbench.studies import second_renderer as study
+from workbench.studies.replication import Deviation, deviation, measure_frames
+from workbench.studies.second_renderer import OURS, SECOND
 
 TABLE = load_sweep("second_renderer")
 DIGITS = 1e-5  # of the shipped table

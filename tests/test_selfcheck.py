@@ -5,7 +5,8 @@ from pathlib import Path
 
 import nbformat
 import pytest
-from browser import CHROMIUM, Browser
+
+from workbench.pages.browser import CHROMIUM, Browser
 
 ROOT = Path(__file__).resolve().parents[1]
 HTML = ROOT / "_build" / "html"

@@ -15,10 +15,10 @@ from trinolab.handle import facing_pixels
 from trinolab.markers import Markers
 from trinolab.measurement import Measurement
 from trinolab.pose import Pose
-from trinolab.studies import sensitivity
-from trinolab.studies.deviations import deviations
-from trinolab.studies.error_sources import make_trial, printed_matrix
-from trinolab.studies.sensitivity import CASES, COLUMNS, NUMBERS, Case, compared, standard
+from workbench.studies import sensitivity
+from workbench.studies.deviations import deviations
+from workbench.studies.error_sources import make_trial, printed_matrix
+from workbench.studies.sensitivity import CASES, COLUMNS, NUMBERS, Case, compared, standard
 
 TABLE = pd.read_csv(data_path("sensitivity.csv"))
 UNCHANGED = Case("", "", lambda world: world)

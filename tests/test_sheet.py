@@ -14,17 +14,17 @@ import pytest
 from healthy import make_healthy, run
 from test_acceptance import pointer_rows, rows_of, setup, static_rows
 
-from trinolab.accept import command, history, pointer, rest, sheet, static, work
-from trinolab.accept.command import accept, as_lines
-from trinolab.accept.numbers import CLOCK, OWN, Answer, Number, far_count, share
-from trinolab.accept.sheet import Sheet, contents, digits, read_sheet
-from trinolab.accept.work import Found, Kept, Part, Source
 from trinolab.datasets import data_path, load_sweep
 from trinolab.files.poses import read_poses
 from trinolab.methods import BEST
-from trinolab.studies.broken import FAULTS
-from trinolab.studies.second_renderer import side_by_side
-from trinolab.studies.stress import by_fault
+from workbench.accept import command, history, pointer, rest, sheet, static, work
+from workbench.accept.command import accept, as_lines
+from workbench.accept.numbers import CLOCK, OWN, Answer, Number, far_count, share
+from workbench.accept.sheet import Sheet, contents, digits, read_sheet
+from workbench.accept.work import Found, Kept, Part, Source
+from workbench.studies.broken import FAULTS
+from workbench.studies.second_renderer import side_by_side
+from workbench.studies.stress import by_fault
 
 ROOT = Path(__file__).resolve().parents[1]
 RIG, HANDLE = data_path("rigs", "raised_40deg.toml"), data_path("handles", "coded.toml")

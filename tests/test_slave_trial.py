@@ -6,7 +6,7 @@ from scipy.spatial.transform import RigidTransform
 
 pytest.importorskip("mink", reason="the extra 'slave' is missing")
 
-from trinolab.studies import master_slave
+from workbench.studies import master_slave
 
 
 def test_the_block_pushes_back_where_it_is_touched():

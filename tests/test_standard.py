@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from processes import HANGS_S
 
-from trinolab import cli
 from trinolab.bench import recordings
 from trinolab.bench.recordings import (
     clear_recordings,
@@ -21,6 +20,7 @@ from trinolab.camera import Rig
 from trinolab.datasets import load_rig
 from trinolab.files.kept import locked
 from trinolab.files.poses import read_poses
+from workbench import cli
 
 
 @pytest.fixture(autouse=True)

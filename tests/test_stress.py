@@ -9,15 +9,15 @@ import pytest
 
 from trinolab.camera import Rig
 from trinolab.datasets import load_handle, load_rig, load_sweep, load_table1
-from trinolab.intervals import highest_share
 from trinolab.measurement import measure
 from trinolab.methods import BEST, ESTIMATORS
 from trinolab.pose import LOST, Pose
-from trinolab.studies import replication, stress
-from trinolab.studies.__main__ import main
-from trinolab.studies.broken import FAULTS, covariance_of_such
-from trinolab.studies.replication import Deviation, deviation
-from trinolab.sweep import runs
+from workbench.intervals import highest_share
+from workbench.studies import replication, stress
+from workbench.studies.__main__ import main
+from workbench.studies.broken import FAULTS, covariance_of_such
+from workbench.studies.replication import Deviation, deviation
+from workbench.sweep import runs
 
 HELD = [Deviation(0.3, 1.0, 0.1, 1.0), Deviation(2.5, 2.0, 0.5, 1.0)]
 MISSING = Deviation(np.nan, np.nan, np.nan, np.nan)

@@ -9,7 +9,7 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from trinolab.studies.__main__ import MAKES, main
+from workbench.studies.__main__ import MAKES, main
 
 FOUND = pd.DataFrame({"x": [1, 2], "name": ["a", "b"]})
 
@@ -24,7 +24,7 @@ def asked(monkeypatch):
             arguments.append((given, named))
             return answer
 
-        monkeypatch.setattr(import_module(f"trinolab.studies.{study}"), function, found)
+        monkeypatch.setattr(import_module(f"workbench.studies.{study}"), function, found)
         return arguments
 
     return stand_in
@@ -108,7 +108,7 @@ def test_a_folder_that_is_missing_is_refused_before_the_study_begins(tmp_path, c
     """Each of these would take minutes."""
     assert main([study, "--out", str(tmp_path / "none")]) == 2
     (line,) = capsys.readouterr().err.splitlines()
-    assert line.startswith(f"python -m trinolab.studies {study}: ")
+    assert line.startswith(f"python -m workbench.studies {study}: ")
     assert line.endswith("no such folder to write into")
 
 
@@ -116,7 +116,7 @@ def test_a_study_that_was_stopped_says_so_in_a_line(tmp_path, monkeypatch, capsy
     def stopped(**_):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("trinolab.studies.fitts.make_table", stopped)
+    monkeypatch.setattr("workbench.studies.fitts.make_table", stopped)
     assert main(["fitts", "--out", str(tmp_path)]) == 130
     assert capsys.readouterr().err.endswith("fitts: stopped, nothing was written\n")
     assert not list(tmp_path.iterdir())

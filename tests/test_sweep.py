@@ -19,12 +19,12 @@ import pytest
 from nbformat.v4 import new_code_cell, new_markdown_cell, new_notebook
 from processes import ended, started, wait_until
 
-from trinolab.sweep import engines, runs, sweep
-from trinolab.sweep.engines import Inline
-from trinolab.sweep.folder import NOTEBOOKS, Identity, SweepFolder, read_sweep
-from trinolab.sweep.grid import Interval
-from trinolab.sweep.notebook import imported, inject
-from trinolab.sweep.outcome import Outcome
+from workbench.sweep import engines, runs, sweep
+from workbench.sweep.engines import Inline
+from workbench.sweep.folder import NOTEBOOKS, Identity, SweepFolder, read_sweep
+from workbench.sweep.grid import Interval
+from workbench.sweep.notebook import imported, inject
+from workbench.sweep.outcome import Outcome
 
 
 class Pair(NamedTuple):
@@ -184,7 +184,7 @@ def nap(log):
 @pytest.mark.parametrize("workers", [1, 2])
 def test_an_interruption_is_answered_at_once(tmp_path, workers):
     logs = [str(tmp_path / name) for name in "abc"]
-    code = f"from trinolab.sweep import sweep; from test_sweep import nap; sweep(nap, log={logs}, workers={workers})"
+    code = f"from workbench.sweep import sweep; from test_sweep import nap; sweep(nap, log={logs}, workers={workers})"
     with started("", code, env={**os.environ, "PYTHONPATH": str(Path(__file__).parent)}) as process:
         wait_until(lambda: sum(Path(log).exists() for log in logs) >= workers, process)
         process.send_signal(signal.SIGINT)

@@ -8,16 +8,16 @@ import numpy as np
 import pytest
 
 from trinolab.datasets import load_sweep, load_table1, paper_rig
-from trinolab.studies import gallery
-from trinolab.studies.gallery import (
+from trinolab.window import Window
+from workbench.studies import gallery
+from workbench.studies.gallery import (
     accuracy,
     background_pixels,
     search_window,
     with_baseline,
     with_vergence,
 )
-from trinolab.studies.ground_truth import Regions, read_recording
-from trinolab.window import Window
+from workbench.studies.ground_truth import Regions, read_recording
 
 PAIR = paper_rig()
 BASELINE_MM = float(np.linalg.norm(PAIR.cameras[1].centre - PAIR.cameras[0].centre))

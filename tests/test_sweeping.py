@@ -15,10 +15,10 @@ from healthy import contents, run
 from makenotebook import glued, make_notebook
 from processes import GATE, ended, open_gate, started, wait_until
 
-from trinolab.files import provenance
 from trinolab.files.kept import KeptLines
-from trinolab.sweep import runs, sweep
-from trinolab.sweep.folder import read_sweep
+from workbench import provenance
+from workbench.sweep import runs, sweep
+from workbench.sweep.folder import read_sweep
 
 # Each run leaves a line in `trace`: its parameter and its process. From `waits_from` on a run waits
 # for the gate.

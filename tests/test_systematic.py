@@ -20,8 +20,8 @@ from trinolab.measurement import measure
 from trinolab.parameters import Parameters
 from trinolab.pose import Pose, fit_pose, fit_response
 from trinolab.rigid import motion_between
-from trinolab.studies.broken import covariance_of_such, miscalibrated
-from trinolab.systematic import NOTHING, pixel_slopes, response, systematic_covariance
+from trinolab.uncertainty.systematic import NOTHING, pixel_slopes, response, systematic_covariance
+from workbench.studies.broken import covariance_of_such, miscalibrated
 
 BENT = np.array([-0.2, 0.1, 0.001, -0.002, 0.05])
 RIG = Rig(tuple(replace(camera, distortions=BENT) for camera in load_rig("raised_40deg").cameras))

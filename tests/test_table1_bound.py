@@ -8,15 +8,8 @@ import numpy as np
 import pytest
 
 from trinolab.datasets import load_handle, load_rig, load_sweep, load_table1
-from trinolab.studies import bound
-from trinolab.studies.bound import (
-    COLUMNS,
-    RIGS,
-    SHIPPED_PIXELS,
-    Bound,
-    pose_bound,
-    table1_bounds,
-)
+from workbench.studies import bound
+from workbench.studies.bound import COLUMNS, RIGS, SHIPPED_PIXELS, Bound, pose_bound, table1_bounds
 
 TABLE = load_sweep("bound").set_index(["rig", "pixels", "row"])
 # Tables have six digits. Between instruction sets their numbers differ by at most 1.3e-11 of

@@ -11,15 +11,15 @@ import pytest
 pytest.importorskip("mink", reason="the extra 'slave' is missing")
 
 from trinolab.bench.hand import true_visibility
-from trinolab.cli import main
 from trinolab.datasets import data_path
 from trinolab.files.poses import read_poses
 from trinolab.files.rigs import read_camera
-from trinolab.slave import task
 from trinolab.slave.arm import load_robot
 from trinolab.slave.mapping import MappingParameters, Sample, alignment
 from trinolab.slave.session import Log, Session
-from trinolab.slave.teleoperate import Done
+from workbench.cli import main
+from workbench.teleop import task
+from workbench.teleop.teleoperate import Done
 
 IN_ORDER = [
     ("clutch closed", ""),

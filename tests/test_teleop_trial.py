@@ -13,8 +13,8 @@ from trinolab.slave.arm import Slave, forward, load_robot
 from trinolab.slave.control import Command, Inverse, ReferenceParameters
 from trinolab.slave.mapping import MappingParameters, Sample, State
 from trinolab.slave.oneeuro import OneEuroParameters
-from trinolab.studies import master_slave
-from trinolab.studies.master_slave import (
+from workbench.studies import master_slave
+from workbench.studies.master_slave import (
     PARTS,
     STAGES,
     STILL_S,

@@ -11,13 +11,13 @@ import pytest
 pytest.importorskip("mink", reason="the extra 'slave' is missing")
 
 from trinolab.bench.recordings import standard_recording
-from trinolab.cli import main
 from trinolab.datasets import data_path
 from trinolab.files.kept import locked
 from trinolab.files.poses import read_poses
 from trinolab.slave.arm import load_robot
 from trinolab.slave.control import TICK_S
-from trinolab.slave.teleoperate import recorded, simulated, teleoperate
+from workbench.cli import main
+from workbench.teleop.teleoperate import recorded, simulated, teleoperate
 
 ROBOT = load_robot()
 

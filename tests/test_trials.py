@@ -19,10 +19,10 @@ from trinolab.kalman import (
 )
 from trinolab.measurement import Measurement
 from trinolab.pose import LOST, Pose
-from trinolab.studies import claim_draws, claim_trials, factors, master_slave
-from trinolab.studies.replication import shared_poses
 from trinolab.tracker import CameraState, TrackerState
 from trinolab.window import Window
+from workbench.studies import claim_draws, claim_trials, factors, master_slave
+from workbench.studies.replication import shared_poses
 
 PAPER = load_handle("paper")
 T = RigidTransform.from_components([0.0, 0.0, 560.0], Rotation.from_euler("z", 85, degrees=True))

@@ -23,8 +23,8 @@ from trinolab.kalman import (
     white_jerk,
 )
 from trinolab.rigid import motion_between
-from trinolab.studies import tuning
-from trinolab.studies.tuning import (
+from workbench.studies import tuning
+from workbench.studies.tuning import (
     image_model,
     innovations,
     most_likely,
@@ -34,7 +34,7 @@ from trinolab.studies.tuning import (
     tune_image,
     tune_pose,
 )
-from trinolab.sweep.notebook import read_parameters
+from workbench.sweep.notebook import read_parameters
 
 CHAPTER = Path(__file__).resolve().parents[1] / "notebooks" / "04_kalman.ipynb"
 RIG, CODED = load_rig("raised_40deg"), load_handle("coded")

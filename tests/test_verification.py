@@ -15,7 +15,7 @@ from trinolab.datasets import load_handle, load_rig, load_table1
 from trinolab.measurement import Measurement
 from trinolab.parameters import Parameters
 from trinolab.pose import LOST, Pose
-from trinolab.studies.bound import Bound
+from workbench.studies.bound import Bound
 
 PAPER, CODED = load_handle("paper"), load_handle("coded")
 TRUTHS = load_table1().set_poses

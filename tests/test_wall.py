@@ -10,7 +10,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from trinolab.plotting import plot_limits, plot_nyquist, plot_session
 from trinolab.slave.wall import (
     Loop,
     delayed_response,
@@ -21,6 +20,7 @@ from trinolab.slave.wall import (
     simulate,
     simulated_limit,
 )
+from workbench.plotting import plot_limits, plot_nyquist, plot_session
 
 # mass kg, damping N s/m, rate Hz, delay s, wall damping N s/m; whether the hold may be taken as a
 # delay

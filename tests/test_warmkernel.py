@@ -8,7 +8,7 @@ import pytest
 from makenotebook import glued, make_notebook
 from nbformat.v4 import new_code_cell, new_notebook
 
-from trinolab.sweep.warmkernel import Kernel, Key, close_kernels, notebook_job, run_job
+from workbench.sweep.warmkernel import Kernel, Key, close_kernels, notebook_job, run_job
 
 ROOT = Path(__file__).resolve().parents[1]
 

@@ -7,8 +7,8 @@ from scipy.spatial.transform import RigidTransform
 from trinolab.datasets import load_sweep
 from trinolab.measurement import Measurement
 from trinolab.pose import LOST, Pose
-from trinolab.studies import webcams
-from trinolab.studies.webcams import RODS_MM, WEBCAMS, rod_poses, webcam_rig
+from workbench.studies import webcams
+from workbench.studies.webcams import RODS_MM, WEBCAMS, rod_poses, webcam_rig
 
 RIG = webcam_rig(WEBCAMS[1])
 PLACE = RIG.cameras[0].T_world_cam.apply([[0.0, 0.0, np.hypot(500.0, 100.0)]])[0]

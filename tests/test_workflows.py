@@ -9,14 +9,14 @@ from scipy.spatial.transform import RigidTransform
 
 from trinolab.bench.optics import Bench
 from trinolab.bench.scene import render_rig
-from trinolab.cli import measure as measure_command
-from trinolab.cli.measure import measure_folder
 from trinolab.datasets import data_path, load_handle, load_rig, load_table1
 from trinolab.files.poses import POSE_COLUMNS, read_poses, transforms, truth_table, write_poses
 from trinolab.measurement import Measurement
 from trinolab.metrics import geodesic_deg, nearest_equivalent, position_errors
 from trinolab.pose import LOST
-from trinolab.studies.replication import replicate, replicate_table1, replication_errors
+from workbench.cli import measure as measure_command
+from workbench.cli.measure import measure_folder
+from workbench.studies.replication import replicate, replicate_table1, replication_errors
 
 RIG, HANDLE = data_path("rigs", "paper_pair.toml"), data_path("handles", "paper.toml")
 CODED = data_path("handles", "coded.toml")

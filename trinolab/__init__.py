@@ -1,12 +1,45 @@
-"""trinolab: a master handle watched by three cameras, from the frames to the slave arm.
+"""A master handle watched by three cameras, from the frames to the slave arm.
+
+Read `measurement` first and then `tracker`: these two files are the paper. What follows has a name in
+`trinolab` itself, in the order of the data; behind each stands the paper's equation.
+
+====================  ===========  =============================================================
+name                  equations    what it is
+====================  ===========  =============================================================
+`Camera`              Eq. 19       a pinhole camera with its lens and its place
+`Rig`                              the cameras that watch together
+`Handle`                           the rod and its markers
+`load_rig`                         a shipped rig by its name
+`load_handle`                      a shipped handle by its name
+`read_rig`                         a rig file
+`read_handle`                      a handle file
+`intersect`           Eq. 1-4      the cameras' common field of view
+`calibrate`           Eq. 25       images of a target to a rig file
+`render`                           a recording with its truth, from the simulated bench
+`read_recording`                   a recording folder: its footage and its handle
+`Parameters`                       the parameters of a measurement, stage by stage
+`background`          Eq. 5-6      what moves: `difference` (5) and `update` (6)
+`kalman`              Eq. 7-15     where it moves to: `predict` (9, 10), `update` (13-15), `gate`
+`find_markers`        Eq. 16       the markers in an image
+`match`               Eq. 17-18    the same marker in two images
+`triangulate`         Eq. 19-22    matches to points
+`rigid_fit`           Eq. 23-24    points to a pose
+`measure`             Eq. 16-24    the frames of one instant to a pose
+`tracker`             Eq. 5-24     instant after instant: `start` and `step`
+`track`                            a recording folder to a file of poses
+`mapping`             Sect. 3.1    the hand's motion to the tool's: `step`
+`pose_errors`         Eq. 26-27    poses and their truth to errors
+`read_poses`                       a file of poses
+`evaluate`            Eq. 26-27    files of poses and of their truth to errors
+`sweep`                            a notebook or a function at many settings: `sweep.sweep`
+====================  ===========  =============================================================
+
+``trinolab eq 18`` says for an equation which function it is, in which file and line, which test holds
+it and which chapter derives it.
 
 Lengths are millimetres, times seconds, angles radians; names that end in ``_deg`` are degrees.
 Rigid motions are named ``T_target_source``, so that neighbours cancel: ``T_world_handle =
 T_world_cam * T_cam_handle``.
-
-What most users need has a name here: `measure` (frames to a pose), `track` (a recording to poses),
-`evaluate` (poses and their truth to errors), `sweep.sweep` (a notebook or a function to a table),
-and the readers of their files.
 
 A mistake of the caller's is a ``ValueError`` in one line that names the argument, what was expected
 and what came: a wrong shape or type, lengths that differ, NaN where nothing may be missing, a
@@ -16,48 +49,84 @@ what is raised beside that.
 
 from __future__ import annotations
 
+import sys
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+from .moved import MovedFinder
+
 if TYPE_CHECKING:
-    from . import sweep as sweep
-    from .cli.evaluate import evaluate as evaluate
+    from . import background as background
+    from . import kalman as kalman
+    from . import tracker as tracker
+    from .bench.recordings import render as render
+    from .calibration.calibrate import calibrate_rig as calibrate  # noqa: F401
+    from .camera import Camera as Camera
+    from .camera import Rig as Rig
     from .datasets import load_handle as load_handle
     from .datasets import load_rig as load_rig
+    from .evaluation import evaluate as evaluate
     from .files.poses import read_poses as read_poses
+    from .files.recording import open_folder as read_recording  # noqa: F401
     from .files.rigs import read_handle as read_handle
     from .files.rigs import read_rig as read_rig
     from .following.track import track_folder as track  # noqa: F401
+    from .handle import Handle as Handle
+    from .markers import find_markers as find_markers
+    from .matching import match as match
     from .measurement import measure as measure
+    from .metrics import pose_errors as pose_errors
     from .parameters import Parameters as Parameters
+    from .pose import rigid_fit as rigid_fit
+    from .slave import mapping as mapping
+    from .triangulation import triangulate as triangulate
+    from .workspace.intersection import intersect as intersect
 
 __version__ = "0.1.0"
 
-# Where each name of the face is defined: it is loaded when it is asked for. No module may be called
-# like one of them, because Python would put the module in the name's place as soon as anything
-# loads it; `sweep` is the folder itself.
+# Where each name of the face is defined, as module:attribute: it is loaded when it is asked for. No
+# module may be called like the function of another one, because Python would put the module in the
+# function's place as soon as anything loads it.
 FACE = {
-    "Parameters": "parameters.Parameters",
-    "evaluate": "cli.evaluate.evaluate",
-    "load_handle": "datasets.load_handle",
-    "load_rig": "datasets.load_rig",
-    "measure": "measurement.measure",
-    "read_handle": "files.rigs.read_handle",
-    "read_poses": "files.poses.read_poses",
-    "read_rig": "files.rigs.read_rig",
-    "sweep": "sweep",
-    "track": "following.track.track_folder",
+    "Camera": "trinolab.camera:Camera",
+    "Rig": "trinolab.camera:Rig",
+    "Handle": "trinolab.handle:Handle",
+    "load_rig": "trinolab.datasets:load_rig",
+    "load_handle": "trinolab.datasets:load_handle",
+    "read_rig": "trinolab.files.rigs:read_rig",
+    "read_handle": "trinolab.files.rigs:read_handle",
+    "intersect": "trinolab.workspace.intersection:intersect",
+    "calibrate": "trinolab.calibration.calibrate:calibrate_rig",
+    "render": "trinolab.bench.recordings:render",
+    "read_recording": "trinolab.files.recording:open_folder",
+    "Parameters": "trinolab.parameters:Parameters",
+    "background": "trinolab.background",
+    "kalman": "trinolab.kalman",
+    "find_markers": "trinolab.markers:find_markers",
+    "match": "trinolab.matching:match",
+    "triangulate": "trinolab.triangulation:triangulate",
+    "rigid_fit": "trinolab.pose:rigid_fit",
+    "measure": "trinolab.measurement:measure",
+    "tracker": "trinolab.tracker",
+    "track": "trinolab.following.track:track_folder",
+    "mapping": "trinolab.slave.mapping",
+    "pose_errors": "trinolab.metrics:pose_errors",
+    "read_poses": "trinolab.files.poses:read_poses",
+    "evaluate": "trinolab.evaluation:evaluate",
+    "sweep": "workbench.sweep",
 }
 __all__ = list(FACE)
+
+if not any(isinstance(finder, MovedFinder) for finder in sys.meta_path):
+    sys.meta_path.insert(0, MovedFinder())
 
 
 def __getattr__(name: str) -> Any:
     if name not in FACE:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    module, _, attribute = FACE[name].rpartition(".")
-    if not module:
-        return import_module(f"{__name__}.{name}")
-    return getattr(import_module(f"{__name__}.{module}"), attribute)
+    module, _, attribute = FACE[name].partition(":")
+    loaded = import_module(module)
+    return getattr(loaded, attribute) if attribute else loaded
 
 
 def __dir__() -> list[str]:

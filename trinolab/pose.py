@@ -15,8 +15,8 @@ from .camera import Rig
 from .checks import Array, as_array, as_points, as_transform
 from .handle import Handle, slants
 from .rigid import cross_matrices
-from .systematic import NOTHING, Response, is_uncertain, response, systematic_covariance
 from .triangulation import triangulate, triangulate_with_covariance, triangulation_slopes
+from .uncertainty.systematic import NOTHING, Response, is_uncertain, response, systematic_covariance
 
 SMALLEST_MM = 1e-9  # points that are nearer to a line than that lie on it
 

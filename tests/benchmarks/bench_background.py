@@ -20,7 +20,7 @@ import cv2
 import numpy as np
 
 from trinolab import background
-from trinolab.studies.ground_truth import read_recording
+from workbench.studies.ground_truth import read_recording
 
 LIMIT_MS = 4.0
 CAMERA, EVERY = 2, 2  # CCD3, and of its frames every second one

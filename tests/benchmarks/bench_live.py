@@ -25,16 +25,15 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from browser import Browser
-
 from trinolab.bench.motion import motion_at
 from trinolab.bench.optics import Bench
 from trinolab.bench.scene import render_rig, scaled
 from trinolab.camera import Camera, Rig
 from trinolab.datasets import load_handle, load_rig
 from trinolab.files.recording import open_recording
-from trinolab.live.command import live
-from trinolab.live.sources import Source, of_recording
+from workbench.live.command import live
+from workbench.live.sources import Source, of_recording
+from workbench.pages.browser import Browser
 
 WANTED_MS = {"median": 150.0, "95 %": 250.0}
 BITS, SEED, INSTANTS = 24, 5, 60

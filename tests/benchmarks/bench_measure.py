@@ -31,7 +31,7 @@ from trinolab.methods import BEST, ESTIMATORS
 from trinolab.metrics import pose_errors
 from trinolab.parameters import Parameters
 from trinolab.pose import rigid_fit
-from trinolab.studies.claim_trials import true_labels
+from workbench.studies.claim_trials import true_labels
 
 LIMIT_MS = 15.0
 STAGES = {

@@ -25,12 +25,12 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from makenotebook import glued, make_notebook
 
 from trinolab.files.images import unheard
-from trinolab.sweep.engines import kernels, processes
-from trinolab.sweep.figures import as_png, plot_sweep
-from trinolab.sweep.folder import read_sweep
-from trinolab.sweep.grid import axes_of
-from trinolab.sweep.notebook import ONE_THREAD
-from trinolab.sweep.runs import compute, find_notebook, of_function, of_notebook
+from workbench.sweep.engines import kernels, processes
+from workbench.sweep.figures import as_png, plot_sweep
+from workbench.sweep.folder import read_sweep
+from workbench.sweep.grid import axes_of
+from workbench.sweep.notebook import ONE_THREAD
+from workbench.sweep.runs import compute, find_notebook, of_function, of_notebook
 
 OVERHEAD_S, SCALING, PAPERMILL, FUNCTION_MS, OPEN_S = 0.2, 1.7, 3.0, 1.0, 2.0
 SHORT = """

@@ -6,7 +6,7 @@ import numpy as np
 
 from trinolab.datasets import load_handle, load_rig
 from trinolab.metrics import geodesic_deg, pose_errors, position_errors
-from trinolab.studies.bound import RIGS, Bound, table1_bounds
+from workbench.studies.bound import RIGS, Bound, table1_bounds
 
 from .draws import Draw, held, table1_draws
 

@@ -6,8 +6,8 @@ import numpy as np
 
 from trinolab.bench.optics import Bench
 from trinolab.datasets import load_handle, load_rig, load_table1
-from trinolab.studies import bound
-from trinolab.studies.bound import PIXELS, RIGS, Bound, bound_of, information, table1_bounds
+from workbench.studies import bound
+from workbench.studies.bound import PIXELS, RIGS, Bound, bound_of, information, table1_bounds
 
 STEPS_PX = (0.02, 0.05, 0.1, 0.2, 0.3, 0.5, 0.8)
 SAMPLES = (8, 16, 32, 64)

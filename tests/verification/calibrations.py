@@ -36,8 +36,8 @@ from trinolab.metrics import nearest_equivalent
 from trinolab.parameters import Parameters
 from trinolab.pose import LOST, Pose, fit_pose, weighted_fit
 from trinolab.rigid import motion_between
-from trinolab.systematic import pixel_slopes
 from trinolab.triangulation import triangulate_weighted
+from trinolab.uncertainty.systematic import pixel_slopes
 
 # principal points (px) and directions (deg) of all cameras, places of the markers (mm)
 KINDS = {"good": (0.1, 0.005, 0.0), "poor": (0.3, 0.02, 0.0), "layout": (0.0, 0.0, 0.05)}

@@ -7,7 +7,7 @@ from tqdm import tqdm
 from trinolab.bench.motion import random_pose
 from trinolab.bench.optics import Bench, digitise
 from trinolab.datasets import load_handle, load_rig
-from trinolab.studies.centroid_bias import METHODS, Method, centroid_report, instant_errors
+from workbench.studies.centroid_bias import METHODS, Method, centroid_report, instant_errors
 
 from .draws import expected_frames
 

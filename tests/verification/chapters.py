@@ -7,7 +7,7 @@ from pathlib import Path
 
 from test_notebooks import OTHER_PARAMETERS, check_results
 
-from trinolab.sweep.notebook import run_notebook
+from workbench.sweep.notebook import run_notebook
 
 ROOT = Path(__file__).resolve().parents[2]
 

@@ -17,7 +17,7 @@ from trinolab.handle import Handle
 from trinolab.methods import ESTIMATORS
 from trinolab.parameters import Parameters
 from trinolab.pose import Pose
-from trinolab.studies.replication import estimates_and_truths, measure_frames
+from workbench.studies.replication import estimates_and_truths, measure_frames
 
 SETTINGS = {name: Parameters(estimator=name) for name in ESTIMATORS}
 

@@ -18,9 +18,9 @@ from trinolab.datasets import load_handle, load_rig
 from trinolab.handle import Handle
 from trinolab.measurement import Measurement
 from trinolab.metrics import geodesic_deg, pose_errors
-from trinolab.studies.bound import RIGS
-from trinolab.studies.claim_trials import true_labels
-from trinolab.studies.replication import estimates_and_truths, measure_frames
+from workbench.studies.bound import RIGS
+from workbench.studies.claim_trials import true_labels
+from workbench.studies.replication import estimates_and_truths, measure_frames
 
 from .draws import SETTINGS
 

@@ -14,7 +14,7 @@ from trinolab import metrics
 from trinolab.datasets import load_handle, load_rig
 from trinolab.handle import Handle
 from trinolab.pose import Pose
-from trinolab.studies.bound import RIGS
+from workbench.studies.bound import RIGS
 
 from .draws import Draw, table1_draws
 

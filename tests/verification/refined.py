@@ -33,11 +33,11 @@ from trinolab.files.rigs import read_handle, read_rig
 from trinolab.following.centres import MAX_SLANT_DEG
 from trinolab.following.refine import refine_folder
 from trinolab.handle import Handle, slants
-from trinolab.intervals import by_bootstrap
 from trinolab.measurement import measure
 from trinolab.parameters import Parameters
 from trinolab.rigid import cross_matrices, motion_between
-from trinolab.systematic import systematic_covariance
+from trinolab.uncertainty.systematic import systematic_covariance
+from workbench.intervals import by_bootstrap
 
 RIGS, HANDLES = ("paper_pair", "raised_40deg"), ("coded", "paper")
 SLANTS_DEG, SIGMAS_PX = (10.0, 30.0, 47.5, 60.0, 68.5), (0.0091, 0.0094, 0.0111, 0.0131, 0.0159)

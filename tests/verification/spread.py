@@ -66,8 +66,8 @@ def tables():
 
     from trinolab.datasets import load_handle, load_rig, load_sweep, load_table1, paper_rig
     from trinolab.methods import BEST
-    from trinolab.studies import elevation, factors, gallery
-    from trinolab.studies.bound import COLUMNS, SHIPPED_PIXELS, pose_bound
+    from workbench.studies import elevation, factors, gallery
+    from workbench.studies.bound import COLUMNS, SHIPPED_PIXELS, pose_bound
 
     found, shipped = {}, {}
 
@@ -120,8 +120,8 @@ def errata():
     """Each effect of a misprint, by the printed and the corrected form, and the page's text of
     it.
     """
-    from trinolab.paper.errata import effects
-    from trinolab.paper.ledger import number_text
+    from workbench.paper.errata import effects
+    from workbench.paper.ledger import number_text
 
     found = {}
     for number, several in effects().items():
@@ -136,8 +136,8 @@ def errata():
 
 def scoreboard():
     """Each claim's number, its digits on the board, and its verdict."""
-    from trinolab.cli import digits
-    from trinolab.studies.scoreboard import scoreboard as whole
+    from workbench.cli import digits
+    from workbench.studies.scoreboard import scoreboard as whole
 
     found = {}
     for row in whole().itertuples():
@@ -150,7 +150,7 @@ def scoreboard():
 
 def chapters():
     """What each chapter, and each other page with code, glues, quotes and prints."""
-    from trinolab.sweep.notebook import run_notebook
+    from workbench.sweep.notebook import run_notebook
 
     found = {}
     for path in sorted([*ROOT.glob("notebooks/*.ipynb"), *ROOT.glob("book/*.ipynb")]):

@@ -9,11 +9,11 @@ import numpy as np
 from scipy.spatial.transform import RigidTransform, Rotation, Slerp
 
 from trinolab.bench.recordings import render, standard_recording
-from trinolab.cli.evaluate import evaluate
 from trinolab.datasets import data_path
+from trinolab.evaluation import evaluate
 from trinolab.files.poses import read_poses, truth_table, write_poses
 from trinolab.following.track import track_folder
-from trinolab.studies.real_recordings import load_trajectories
+from workbench.studies.real_recordings import load_trajectories
 
 HANDLES, METHODS = ("coded", "paper"), ("paper", "best")
 SECONDS = 10.0

@@ -20,6 +20,7 @@ from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import closing, suppress
 from dataclasses import asdict
+from functools import lru_cache
 from pathlib import Path
 from stat import S_ISREG
 from typing import Any, NamedTuple
@@ -36,7 +37,6 @@ from ..files.fetch import cache_folder
 from ..files.kept import locked
 from ..files.outputs import write_whole
 from ..files.poses import pose_table, poses_by_frame, read_poses
-from ..files.provenance import code_hash
 from ..files.recorder import (
     PARTIAL,
     add,
@@ -58,6 +58,9 @@ SECONDS = 10.0  # of a standard recording
 LOCK = ".lock"
 REMOVED = ".removed"
 WORKERS = 2  # processes, where the machine has as many
+# The code that decides what a recording shows: with another one it is another recording. A test holds
+# that these are all that `scenario` imports.
+DRAWN_WITH = ("bench/*.py", "camera.py", "checks.py", "handle.py", "lens.py", "rigid.py")
 _worker: dict[str, Any] = {}  # of a process of the pool: its job
 
 
@@ -139,13 +142,24 @@ def made_from(job: Job, motion: str) -> dict[str, Any]:
         "bench": asdict(job.bench),
         "times": list(job.times_s),
         "instants": [_shot_numbers(shot) for shot in job.shots],
-        "code": code_hash(__name__),
+        "code": _drawing_code(),
     }
     short = {
         name: hashlib.sha256(json.dumps(part).encode()).hexdigest()[:16]
         for name, part in parts.items()
     }
     return {"motion": Path(motion).name, "seed": job.seed, "frames": len(job.shots), **short}
+
+
+@lru_cache
+def _drawing_code() -> str:
+    """A hash of the code that draws a recording, as it is when a process asks first."""
+    package = Path(__file__).resolve().parents[1]
+    state = hashlib.sha256()
+    for name in DRAWN_WITH:
+        for path in sorted(package.glob(name)):
+            state.update(path.relative_to(package).as_posix().encode() + path.read_bytes())
+    return state.hexdigest()
 
 
 def write_recording(

@@ -4,9 +4,8 @@
 
 from __future__ import annotations
 
-import io
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -66,12 +65,13 @@ def calibrate_rig(
     most_views: int = 50,
     distortion_terms: int | None = None,
     progress: bool = True,
+    picture: Callable[[TargetViews, Calibrated], bytes] | None = None,
 ) -> RigCalibration:
     """Calibrate two or more cameras from images or videos of a target, and write the rig.
 
     The world frame is the first camera's. Beside ``RIG.toml`` appear ``RIG.covariance.toml`` (see
-    `files.rigs.read_covariance`), ``RIG_views.csv`` (the table `views`) and ``RIG_residuals.png``;
-    all of them, or none.
+    `files.rigs.read_covariance`), ``RIG_views.csv`` (the table `views`) and, with `picture`,
+    ``RIG_residuals.png``; all of them, or none.
 
     Parameters
     ----------
@@ -90,6 +90,8 @@ def calibrate_rig(
         many as the views can tell, see `distortions`.
     progress : bool
         Show a progress bar on standard error, if that is a terminal.
+    picture : callable, optional
+        Draws the residuals of the views, and returns a PNG's bytes.
 
     Raises
     ------
@@ -98,33 +100,31 @@ def calibrate_rig(
         written, a camera with fewer than three views of the target or none in common with the
         others, views that contradict each other, and what `adjust.calibrate` refuses.
     """
-    files = _outputs(out)
+    files = _outputs(out, picture is not None)
     seen = read_views(sources, target, most_views, progress)
     _check_seen(seen, sources, target)
     found, reasons, choice = _calibrated(seen, target, distortion_terms)
     views = _view_table(seen, found, reasons)
     parameters = _parameter_table(found)
-    contents = (
+    contents: list[str | bytes] = [
         rig_text(found.rig),
         covariance_text(found.rig_covariance),
         views.to_csv(index=False, float_format="%.6g"),
-        _picture(seen, found),
-    )
+    ]
+    if picture is not None:
+        contents.append(picture(seen, found))
     write_together(dict(zip(files, contents, strict=True)))
     return RigCalibration(found, parameters, views, seen.passed_over, choice, files)
 
 
-def _outputs(out: str | Path) -> tuple[Path, ...]:
+def _outputs(out: str | Path, pictured: bool) -> tuple[Path, ...]:
     """The files to write, each found to be writable."""
     rig = Path(out)
     if rig.suffix.lower() != ".toml":
         raise ValueError(f"{out}: expected a name that ends in .toml")
-    files = (
-        rig,
-        covariance_path(rig),
-        rig.with_name(f"{rig.stem}_views.csv"),
-        rig.with_name(f"{rig.stem}_residuals.png"),
-    )
+    files = (rig, covariance_path(rig), rig.with_name(f"{rig.stem}_views.csv"))
+    if pictured:
+        files = (*files, rig.with_name(f"{rig.stem}_residuals.png"))
     for path in files:
         check_target(path)
     return files
@@ -223,15 +223,6 @@ def _place(found: Calibrated, camera: int) -> tuple[Array, Array]:
     sigmas = np.sqrt(np.concatenate([np.diag(covariance)[:3], np.diag(turned)]))
     units = np.repeat([1.0, 180 / np.pi], 3)
     return np.concatenate([T.translation, rotvec]) * units, sigmas * units
-
-
-def _picture(seen: TargetViews, found: Calibrated) -> bytes:
-    from ..plotting import plot_residuals
-
-    figure = plot_residuals(seen.uv, found.residuals_px, seen.sizes, seen.cameras, seen.views)
-    file = io.BytesIO()
-    figure.savefig(file, format="png", dpi=120)
-    return file.getvalue()
 
 
 def as_lines(result: RigCalibration) -> list[str]:

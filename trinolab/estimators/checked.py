@@ -14,7 +14,7 @@ from ..handle import Handle
 from ..parameters import Parameters
 from ..pose import LOST, Pose, fit_pose, fit_response
 from ..rigid import apart, motion_between
-from ..systematic import Response, is_uncertain, known_errors
+from ..uncertainty.systematic import Response, is_uncertain, known_errors
 from .identified import Identified
 from .pixels import fit_patches, judged
 

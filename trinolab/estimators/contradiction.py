@@ -27,7 +27,7 @@ from ..camera import Rig
 from ..checks import Array
 from ..handle import Handle
 from ..rigid import cross_matrices
-from ..systematic import (
+from ..uncertainty.systematic import (
     CHANCE,
     NOTHING,
     Response,

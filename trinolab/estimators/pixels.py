@@ -20,7 +20,7 @@ from ..handle import Handle
 from ..parameters import Parameters
 from ..pose import LOST, Pose
 from ..rigid import placed, rotation_matrix, rotation_of
-from ..systematic import NOTHING, Response, contradict, is_uncertain, slopes_at
+from ..uncertainty.systematic import NOTHING, Response, contradict, is_uncertain, slopes_at
 from .appearance import Views
 from .contradiction import Residuals, honest
 from .identified import Identified

@@ -14,7 +14,7 @@ from ..checks import Array
 from ..handle import Handle
 from ..parameters import Parameters
 from ..pose import Pose
-from ..systematic import Response, contradict, is_uncertain, response
+from ..uncertainty.systematic import Response, contradict, is_uncertain, response
 from .appearance import Views
 from .centroids import predict_centroids, register
 from .contradiction import Residuals

@@ -22,8 +22,8 @@ from ..pose import (
     weighted_fit_gain,
 )
 from ..rigid import motion_between, shifted
-from ..systematic import NOTHING, contradict, is_uncertain
 from ..triangulation import triangulate, triangulate_weighted, weighted_slopes
+from ..uncertainty.systematic import NOTHING, contradict, is_uncertain
 from .appearance import Views
 from .centroids import CentrePixels, centre_pixels, predict_centroids
 from .contradiction import Honest, Residuals, honest

@@ -30,7 +30,7 @@ from ..markers import Markers, markers_at
 from ..methods import BEST
 from ..pose import LOST, Pose, fit_pose
 from ..rigid import apart, motion_between, placed, shifted
-from ..systematic import NOTHING, offsets_at
+from ..uncertainty.systematic import NOTHING, offsets_at
 from ..window import Window
 from .parameters import FollowParameters
 from .posefilter import Motion, is_new

@@ -34,7 +34,7 @@ class PoseFilterParameters:
     jerk_mm, jerk_rad : float
         Intensity of the white jerk, mm^2/s^5 and rad^2/s^5. The first is the most likely one under
         motions drawn like a person's, the second under a recording of a real hand (`python -m
-        trinolab.studies.tuning`), rounded.
+        workbench.studies.tuning`), rounded.
     speed_mm_s, turn_rad_s : float
         Standard deviations of the rates at the start.
     floor_mm, floor_rad : float

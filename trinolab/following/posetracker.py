@@ -24,7 +24,7 @@ from ..identity import choose, equivalents, relabel
 from ..measurement import Measurement, as_images, measure
 from ..pose import LOST, Pose
 from ..rigid import apart
-from ..systematic import NOTHING
+from ..uncertainty.systematic import NOTHING
 from ..window import Window
 from . import posefilter
 from .look import (

@@ -8,7 +8,6 @@ import hashlib
 import io
 import json
 import logging
-import shutil
 from collections.abc import Mapping, Sequence
 from contextlib import nullcontext
 from pathlib import Path
@@ -22,7 +21,6 @@ from tqdm.contrib.logging import logging_redirect_tqdm
 
 from ..camera import Rig
 from ..checks import Array
-from ..files.bags import is_bag, unpack_bag
 from ..files.kept import KeptLines
 from ..files.outputs import check_targets, write_together
 from ..files.poses import (
@@ -43,7 +41,7 @@ from ..handle import Handle
 from ..identity import labelled_pixels
 from ..methods import estimator_of
 from ..pose import Pose, fit_pose
-from ..systematic import is_uncertain
+from ..uncertainty.systematic import is_uncertain
 from . import drift, posetracker
 from .overlay import picture
 from .parameters import FollowParameters
@@ -53,7 +51,6 @@ from .sync import estimate_offsets, significant
 log = logging.getLogger("trinolab")
 
 PARTIAL = ".partial"  # behind the name of a pose file that is not finished
-UNPACKED = ".unpacked"  # behind that of a bag's recording folder, until the poses are written
 MOST_INSTANTS = 3000  # kept for the cameras' offsets in time, and for their drift
 
 
@@ -153,25 +150,16 @@ def track_folder(
     timestamps: str | Path | None = None,
     **options: Any,
 ) -> pd.DataFrame:
-    """Follow the handle through a recording folder, see `recording`, or a ROS 2 bag, see `bags`.
+    """Follow the handle through a recording folder, see `recording`.
 
     Parameters
     ----------
     folder : path
-        A bag is unpacked beside `out` until the poses are written.
     out : path
         As for `track_files`, which also has the other options and the errors.
     rig, handle, timestamps : path, optional
         Other files than the folder's; a rig may have some of the cameras.
     """
-    if is_bag(folder):
-        which = hashlib.sha256(json.dumps(_stamp(Path(folder))).encode()).hexdigest()[:8]
-        inside = Path(f"{out}.{which}{UNPACKED}")
-        if not inside.exists():
-            unpack_bag(folder, inside, None if rig is None else read_rig(rig), handle)
-        table = track_folder(inside, out, rig, handle, timestamps, **options)
-        shutil.rmtree(inside)
-        return table
     parts = parts_of_folder(folder, rig, handle, timestamps)
     return track_files(
         parts.rig, parts.handle, parts.sources, out, timestamps=parts.timestamps, **options
@@ -206,15 +194,13 @@ def fingerprint(
     its options.
     """
     contents = [hashlib.sha256(Path(path).read_bytes()).hexdigest() for path in files]
-    where = {
-        name: [str(Path(path).resolve()), _stamp(Path(path))] for name, path in sources.items()
-    }
+    where = {name: [str(Path(path).resolve()), stamp(Path(path))] for name, path in sources.items()}
     return hashlib.sha256(
         json.dumps([contents, where, [str(o) for o in options]]).encode()
     ).hexdigest()[:16]
 
 
-def _stamp(path: Path) -> list[tuple[str, int, int]]:
+def stamp(path: Path) -> list[tuple[str, int, int]]:
     """Names, sizes and times of a video, or of a folder's images."""
     files = sorted(path.iterdir()) if path.is_dir() else [path]
     return [(file.name, (about := file.stat()).st_size, about.st_mtime_ns) for file in files]

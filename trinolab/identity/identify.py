@@ -17,7 +17,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 from ..camera import Rig
 from ..checks import Array, as_array, as_transform
 from ..handle import Handle
-from ..systematic import offsets_of
+from ..uncertainty.systematic import offsets_of
 from .hypotheses import Explained, Observed, Poses, ideal_pixels
 from .layout import layout_of, views_of
 from .parameters import IdentityParameters

@@ -21,7 +21,13 @@ from scipy.spatial.transform import RigidTransform, Rotation
 from ..camera import CAMERA_PARAMETERS, Rig, RigCovariance, displaced
 from ..checks import Array
 from ..handle import Handle
-from ..systematic import contradict, contradicting, offsets_at, pixel_slopes, variance_of_few
+from ..uncertainty.systematic import (
+    contradict,
+    contradicting,
+    offsets_at,
+    pixel_slopes,
+    variance_of_few,
+)
 from .hypotheses import FAR, Poses, ideal_pixels, predict, slopes, weights
 from .layout import layout_of, views_of
 from .parameters import IdentityParameters

@@ -1,5 +1,5 @@
 'use strict';
-// A pointing task through scale, clutch and an added delay, with the log of trinolab.slave.pointing.
+// A pointing task through scale, clutch and an added delay, with the log of workbench.teleop.pointing.
 (() => {
   const {element, draw, path, dots, write, axes, button, page, range, signed} = trinolabApplets.shared;
   const MM_PX = 25.4 / 96;  // of the page's pixels, as style sheets count them
@@ -86,7 +86,7 @@
     return Number.isFinite(slope) ? x => y0 + slope * (x - x0) : null;
   }
 
-  // The log as trinolab.slave.pointing.write_log writes it.
+  // The log as workbench.teleop.pointing.write_log writes it.
   function csv(log) {
     const quoted = text => (/[",\r\n]/.test(text) ? `"${text.replaceAll('"', '""')}"` : text);
     const cell = (row, name) => {

@@ -1,0 +1,539 @@
+"""Recordings, poses and joints as a ROS 2 bag (MCAP), for the tools that read one, and such a bag as
+a recording. Extra `ros`.
+
+ROS counts lengths in metres and angles in radians (REP 103). Its optical frames have x right, y
+down, z forward, as ours; a pixel's centre is where ours is. A bag that is written has
+
+========================  =========================================  ==============================
+topic                     message                                    what
+========================  =========================================  ==============================
+``/CAMERA/image``         ``sensor_msgs/msg/CompressedImage``        the frame, PNG, 8 bit grey
+``/CAMERA/camera_info``   ``sensor_msgs/msg/CameraInfo``             matrix and ``plumb_bob`` lens
+``/tf_static``            ``tf2_msgs/msg/TFMessage``                 ``world`` to each camera
+``/handle_description``   ``std_msgs/msg/String``                    the handle file
+``/handle_pose``          ``geometry_msgs/msg/``                     T_world_handle, without lost
+                          ``PoseWithCovarianceStamped``              instants
+``/tf``                   ``tf2_msgs/msg/TFMessage``                 ``world`` to ``handle``
+``/joint_states``         ``sensor_msgs/msg/JointState``             the arm as it was measured
+``/joint_commands``       ``sensor_msgs/msg/JointState``             as it was commanded
+========================  =========================================  ==============================
+
+A stamp is the recording's time, from its own zero. A pose file has the traces of the covariances of
+position and orientation: a third of them stands at each axis.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import logging
+import shutil
+import tempfile
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from heapq import merge
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import cv2
+import numpy as np
+import pandas as pd
+from scipy.spatial.transform import RigidTransform, Rotation
+from tqdm import tqdm
+
+from trinolab.camera import Camera, Rig
+from trinolab.files import recorder
+from trinolab.files.images import as_grey, decoded
+from trinolab.files.inputs import read_csv
+from trinolab.files.outputs import check_target, resolved, write_whole
+from trinolab.files.poses import read_poses, transforms
+from trinolab.files.recording import Recording, instants, open_folder
+from trinolab.files.rigs import handle_text, read_handle, read_rig
+from trinolab.following.track import stamp, track_folder
+from trinolab.handle import Handle
+
+log = logging.getLogger("trinolab")
+
+WORLD, HANDLE = "world", "handle"
+MM = 1e-3  # of a metre
+LATEST_S = 2**31  # what a stamp can say
+IMAGES = ("sensor_msgs/msg/CompressedImage", "sensor_msgs/msg/Image")
+UNPACKED = ".unpacked"  # behind the name of a bag's recording folder, until the poses are written
+LATCHED = ("/tf_static", "/handle_description")  # a reader that comes late gets them as well
+MEASURED, COMMANDED, SPEED = "_measured_rad", "_rad", "_rad_s"
+
+
+class Message(NamedTuple):
+    """A message before it is written: time, ns, topic, and what it says."""
+
+    time_ns: int
+    topic: str
+    content: Any
+
+
+def write_bag(
+    folder: str | Path,
+    out: str | Path,
+    poses: str | Path | None = None,
+    joints: str | Path | None = None,
+) -> dict[str, int]:
+    """Write a recording folder, and what was measured and done with it, as a ROS 2 bag.
+
+    Parameters
+    ----------
+    folder : path
+        A recording folder with its rig and handle.
+    out : path
+        A folder that is not there yet: ``metadata.yaml`` and an MCAP file.
+    poses : path, optional
+        A pose file (CSV).
+    joints : path, optional
+        The arm's motion, as ``trinolab teleop`` writes it: a column ``t_s``, and for each joint
+        its name with ``_rad``, ``_rad_s`` and ``_measured_rad``.
+
+    Returns
+    -------
+    dict of str to int
+        How many messages each topic has.
+
+    Raises
+    ------
+    ValueError
+        If the extra `ros` is missing, a file is missing or does not fit, a time is below zero, or
+        `out` is there already.
+    """
+    ros = _ros()
+    target = resolved(out)
+    check_target(target / ".." / f"{target.name}.probe")
+    if target.exists():
+        raise ValueError(f"{out}: exists already; name another folder, or remove it")
+    recording, handle = open_folder(folder)
+    streams = [_described(recording.rig, handle, ros), _footage(recording, ros)]
+    if poses is not None:
+        streams.append(_poses(Path(poses), ros))
+    if joints is not None:
+        streams += _joints(Path(joints), ros)
+    with tempfile.TemporaryDirectory(dir=target.parent, prefix=f".{target.name}.") as beside:
+        counts = _write(
+            merge(*streams, key=lambda one: one.time_ns), Path(beside, target.name), ros
+        )
+        try:
+            Path(beside, target.name).rename(target)
+        except OSError as error:
+            raise ValueError(f"{out}: cannot be written ({error.strerror})") from None
+    return counts
+
+
+def is_bag(path: str | Path) -> bool:
+    """Whether something is a bag: an MCAP file, or a folder with ``metadata.yaml``."""
+    path = Path(path)
+    return (path.suffix == ".mcap" and path.is_file()) or (path / "metadata.yaml").is_file()
+
+
+def track_recording(
+    folder: str | Path,
+    out: str | Path,
+    rig: str | Path | None = None,
+    handle: str | Path | None = None,
+    timestamps: str | Path | None = None,
+    **options: Any,
+) -> pd.DataFrame:
+    """Follow the handle through a recording folder or a bag, see `track_folder`.
+
+    A bag is unpacked beside `out` until the poses are written.
+    """
+    if not is_bag(folder):
+        return track_folder(folder, out, rig, handle, timestamps, **options)
+    which = hashlib.sha256(json.dumps(stamp(Path(folder))).encode()).hexdigest()[:8]
+    inside = Path(f"{out}.{which}{UNPACKED}")
+    if not inside.exists():
+        unpack_bag(folder, inside, None if rig is None else read_rig(rig), handle)
+    poses = track_folder(inside, out, rig, handle, timestamps, **options)
+    shutil.rmtree(inside)
+    return poses
+
+
+def unpack_bag(
+    bag: str | Path,
+    folder: str | Path,
+    rig: Rig | None = None,
+    handle: str | Path | None = None,
+) -> None:
+    """Write the images of a bag as a recording folder, which appears whole or not at all.
+
+    A topic ``CAMERA/camera_info`` is a camera, with the one topic of images beneath ``CAMERA/``;
+    where it stands says ``/tf_static``. The k-th images of all cameras are one instant; its time is
+    the mean of theirs.
+
+    Parameters
+    ----------
+    bag : path
+        A folder with ``metadata.yaml``, or an MCAP file.
+    folder : path
+        A folder that is not there yet.
+    rig : Rig, optional
+        In the place of the bag's.
+    handle : path, optional
+        A handle file, in the place of the bag's ``/handle_description``.
+
+    Raises
+    ------
+    ValueError
+        Names the bag: not readable, no camera, no handle, a camera without images or without a
+        place, images that no instant has in common, or that have no encoding that is known.
+    """
+    ros = _ros()
+    given = None if handle is None else read_handle(handle)
+    partial = recorder.partial_of(folder)
+    shutil.rmtree(partial, ignore_errors=True)
+    try:
+        with _opened(bag) as reader:
+            the_rig = rig or _rig_of(reader, bag, ros)
+            topics = {name: _images_of(reader, name, bag) for name in the_rig.names}
+            the_handle = given or _handle_of(reader, bag, ros)
+            recorder.begin(folder, the_rig, the_handle)
+            times = [
+                _unpack(reader, topic, partial, camera, bag, ros)
+                for camera, topic in zip(the_rig.cameras, topics.values(), strict=True)
+            ]
+        recorder.finish(folder, _common_times(times, the_rig, bag).tolist())
+    finally:
+        shutil.rmtree(partial, ignore_errors=True)
+
+
+# Out
+
+
+def _described(rig: Rig, handle: Handle, ros: Any) -> list[Message]:
+    """What is said once: lenses, places, the handle."""
+    static = [_transform(0, c.name, c.T_world_cam, ros) for c in rig.cameras]
+    text = ros.types["std_msgs/msg/String"](handle_text(handle))
+    return [
+        *(Message(0, f"/{c.name}/camera_info", _camera_info(c, ros)) for c in rig.cameras),
+        Message(0, "/tf_static", ros.types["tf2_msgs/msg/TFMessage"](static)),
+        Message(0, "/handle_description", text),
+    ]
+
+
+def _footage(recording: Recording, ros: Any) -> Iterator[Message]:
+    image_of = ros.types[IMAGES[0]]
+    shown = tqdm(instants(recording), total=recording.length, unit="instant", disable=None)
+    for instant in shown:
+        time_ns = _nanoseconds(instant.t_s, "timestamps")
+        for name, image in zip(recording.rig.names, instant.images, strict=True):
+            grey = np.clip(np.round(image), 0, 255).astype(np.uint8)
+            data = cv2.imencode(".png", grey, recorder.PNG)[1].ravel()
+            content = image_of(_header(time_ns, name, ros), "mono8; png compressed mono8", data)
+            yield Message(time_ns, f"/{name}/image", content)
+
+
+def _poses(path: Path, ros: Any) -> Iterator[Message]:
+    types = ros.types
+    table = read_poses(path)
+    table = table[table["status"] != "lost"]
+    if table["t_s"].isna().any():
+        raise ValueError(f"{path}: column 't_s' is empty; a bag needs the times of its poses")
+    for row, T in zip(table.itertuples(), transforms(table), strict=True):
+        time_ns = _nanoseconds(row.t_s, str(path))
+        header = _header(time_ns, WORLD, ros)
+        each = [(row.sigma_mm * MM) ** 2 / 3] * 3 + [np.radians(row.sigma_deg) ** 2 / 3] * 3
+        pose = types["geometry_msgs/msg/Pose"](
+            types["geometry_msgs/msg/Point"](*(T.translation * MM)), _quaternion(T, ros)
+        )
+        spread = np.nan_to_num(np.diag(each)).ravel()
+        whole = types["geometry_msgs/msg/PoseWithCovariance"](pose, spread)
+        stamped = types["geometry_msgs/msg/PoseWithCovarianceStamped"](header, whole)
+        yield Message(time_ns, "/handle_pose", stamped)
+        moved = types["tf2_msgs/msg/TFMessage"]([_transform(time_ns, HANDLE, T, ros)])
+        yield Message(time_ns, "/tf", moved)
+
+
+def _joints(path: Path, ros: Any) -> list[list[Message]]:
+    """The two topics of the arm's motion."""
+    table = read_csv(path)
+    names = [str(c).removesuffix(MEASURED) for c in table.columns if str(c).endswith(MEASURED)]
+    wanted = ["t_s", *(f"{name}{end}" for name in names for end in (COMMANDED, SPEED, MEASURED))]
+    if missing := [name for name in wanted if name not in table.columns]:
+        raise ValueError(f"{path}: column '{missing[0]}' is missing")
+    if not names:
+        raise ValueError(f"{path}: expected columns like shoulder{MEASURED}, got none")
+    try:
+        values = table[wanted].to_numpy(float)
+    except ValueError:
+        raise ValueError(f"{path}: expected numbers in all columns") from None
+    if not np.isfinite(values).all():
+        raise ValueError(f"{path}: expected finite numbers in all columns")
+    state = ros.types["sensor_msgs/msg/JointState"]
+    none = np.zeros(0)
+    measured, commanded = [], []
+    for t_s, *numbers in values:
+        time_ns = _nanoseconds(t_s, str(path))
+        header = _header(time_ns, "", ros)
+        position, speed, now = np.array(numbers).reshape(-1, 3).T.copy()
+        measured.append(Message(time_ns, "/joint_states", state(header, names, now, none, none)))
+        commanded.append(
+            Message(time_ns, "/joint_commands", state(header, names, position, speed, none))
+        )
+    return [measured, commanded]
+
+
+def _write(messages: Iterator[Message], place: Path, ros: Any) -> dict[str, int]:
+    """Write a bag, and say how many messages each topic has."""
+    from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability
+    from rosbags.interfaces import QosTime as Time
+    from rosbags.rosbag2 import StoragePlugin, Writer
+
+    ever = Time(0, 0)
+    latched = Qos(
+        QosHistory.KEEP_LAST,
+        1,
+        QosReliability.RELIABLE,
+        QosDurability.TRANSIENT_LOCAL,
+        ever,
+        ever,
+        QosLiveliness.SYSTEM_DEFAULT,
+        ever,
+        False,
+    )
+    connections: dict[str, Any] = {}
+    counts: dict[str, int] = {}
+    with Writer(place, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        for time_ns, topic, content in messages:
+            kind = content.__msgtype__
+            if topic not in connections:
+                lasting = topic in LATCHED or topic.endswith("/camera_info")
+                connections[topic] = writer.add_connection(
+                    topic, kind, typestore=ros, offered_qos_profiles=[latched] if lasting else []
+                )
+                counts[topic] = 0
+            writer.write(connections[topic], time_ns, ros.serialize_cdr(content, kind))
+            counts[topic] += 1
+    return counts
+
+
+def _camera_info(camera: Camera, ros: Any) -> Any:
+    none = ros.types["sensor_msgs/msg/RegionOfInterest"](0, 0, 0, 0, False)
+    width, height = camera.size
+    K = np.asarray(camera.matrix, float)
+    P = np.hstack([K, np.zeros((3, 1))])
+    return ros.types["sensor_msgs/msg/CameraInfo"](
+        header=_header(0, camera.name, ros),
+        height=height,
+        width=width,
+        distortion_model="plumb_bob",
+        d=np.array(camera.distortions),
+        k=K.ravel(),
+        r=np.eye(3).ravel(),
+        p=P.ravel(),
+        binning_x=0,
+        binning_y=0,
+        roi=none,
+    )
+
+
+def _transform(time_ns: int, child: str, T: RigidTransform, ros: Any) -> Any:
+    """T_world_child as a message."""
+    types = ros.types
+    moved = types["geometry_msgs/msg/Vector3"](*(T.translation * MM))
+    turned = types["geometry_msgs/msg/Transform"](moved, _quaternion(T, ros))
+    header = _header(time_ns, WORLD, ros)
+    return types["geometry_msgs/msg/TransformStamped"](header, child, turned)
+
+
+def _quaternion(T: RigidTransform, ros: Any) -> Any:
+    return ros.types["geometry_msgs/msg/Quaternion"](*T.rotation.as_quat())
+
+
+def _header(time_ns: int, frame: str, ros: Any) -> Any:
+    stamp = ros.types["builtin_interfaces/msg/Time"](time_ns // 10**9, time_ns % 10**9)
+    return ros.types["std_msgs/msg/Header"](stamp, frame)
+
+
+def _nanoseconds(t_s: float, where: str) -> int:
+    if not 0 <= t_s < LATEST_S:
+        raise ValueError(f"{where}: expected times from 0 to 2^31 s for a bag, got {t_s:g}")
+    return round(t_s * 1e9)
+
+
+# In
+
+
+@contextmanager
+def _opened(bag: str | Path) -> Iterator[Any]:
+    """A reader of a bag; what is wrong with the file becomes a ValueError that names it."""
+    from rosbags.rosbag2 import Reader, ReaderError
+    from rosbags.serde import SerdeError
+
+    # what its parsers let through where bytes are damaged
+    damaged = (KeyError, IndexError, TypeError, AttributeError, OverflowError, MemoryError)
+    if not Path(bag).exists():
+        raise ValueError(f"{bag}: no such file or folder")
+    try:
+        with Reader(Path(bag)) as reader:
+            yield reader
+    except (ReaderError, SerdeError, *damaged) as error:
+        what = " ".join(str(error).split()) or type(error).__name__
+        raise ValueError(f"{bag}: cannot be read as a ROS 2 bag ({what})") from None
+    except ValueError as error:
+        what = " ".join(str(error).split())
+        raise ValueError(what if what.startswith(str(bag)) else f"{bag}: {what}") from None
+
+
+def _messages(reader: Any, topic: str, ros: Any) -> Iterator[tuple[int, Any]]:
+    """Time, ns, and content of the messages of a topic; the time is the stamp's if it has one."""
+    for one in [c for c in reader.connections if c.topic == topic]:
+        for connection, at_ns, data in reader.messages(connections=[one]):
+            content = ros.deserialize_cdr(data, connection.msgtype)
+            stamp = getattr(getattr(content, "header", None), "stamp", None)
+            own_ns = 0 if stamp is None else stamp.sec * 10**9 + stamp.nanosec
+            yield own_ns or at_ns, content
+
+
+def _rig_of(reader: Any, bag: str | Path, ros: Any) -> Rig:
+    """The rig that lenses and places of a bag make."""
+    topics = sorted(
+        c.topic for c in reader.connections if c.msgtype == "sensor_msgs/msg/CameraInfo"
+    )
+    if not topics:
+        raise ValueError(f"{bag}: no camera in it (no topic of sensor_msgs/msg/CameraInfo)")
+    places = {
+        one.child_frame_id: one
+        for _, content in _messages(reader, "/tf_static", ros)
+        for one in content.transforms
+    }
+    cameras = []
+    for topic in topics:
+        info = next((content for _, content in _messages(reader, topic, ros)), None)
+        if info is None:
+            raise ValueError(f"{bag}: {topic}: no message in it")
+        if info.header.frame_id not in places:
+            raise ValueError(
+                f"{bag}: {topic}: /tf_static does not say where {info.header.frame_id!r} stands; "
+                "give a rig file"
+            )
+        if info.distortion_model not in ("plumb_bob", ""):
+            raise ValueError(
+                f"{bag}: {topic}: expected the lens model plumb_bob, got {info.distortion_model!r}"
+            )
+        lens = np.zeros(5)
+        lens[: len(info.d)] = info.d[:5]
+        place = places[info.header.frame_id]
+        cameras.append(
+            Camera(
+                topic.rpartition("/")[0].strip("/").replace("/", "_"),
+                (info.width, info.height),
+                np.reshape(info.k, (3, 3)),
+                lens,
+                _rigid(place.transform).inv(),
+            )
+        )
+    worlds = {places[name].header.frame_id for name in places}
+    if len(worlds) > 1:
+        raise ValueError(
+            f"{bag}: /tf_static: expected all cameras in one frame, got {', '.join(sorted(worlds))}; "
+            "give a rig file"
+        )
+    return Rig(tuple(cameras))
+
+
+def _rigid(transform: Any) -> RigidTransform:
+    moved, turned = transform.translation, transform.rotation
+    return RigidTransform.from_components(
+        np.array([moved.x, moved.y, moved.z]) / MM,
+        Rotation.from_quat([turned.x, turned.y, turned.z, turned.w]),
+    )
+
+
+def _images_of(reader: Any, camera: str, bag: str | Path) -> str:
+    """The topic of a camera's images."""
+    found = {
+        c.topic
+        for c in reader.connections
+        if c.msgtype in IMAGES and c.topic.strip("/").replace("/", "_").startswith(f"{camera}_")
+    }
+    if len(found) != 1:
+        what = " and ".join(sorted(found)) or "none"
+        raise ValueError(f"{bag}: expected one topic of images of camera {camera}, got {what}")
+    return found.pop()
+
+
+def _handle_of(reader: Any, bag: str | Path, ros: Any) -> Handle:
+    """The handle that a bag describes."""
+    text = next((content.data for _, content in _messages(reader, "/handle_description", ros)), "")
+    if not text:
+        raise ValueError(f"{bag}: no handle in it (/handle_description); give a handle file")
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder, "handle.toml")
+        write_whole(file, text)
+        try:
+            return read_handle(file)
+        except ValueError as error:
+            what = str(error).removeprefix(f"{file}: ")
+            raise ValueError(f"{bag}: /handle_description: {what}") from None
+
+
+def _unpack(
+    reader: Any, topic: str, partial: Path, camera: Camera, bag: str | Path, ros: Any
+) -> np.ndarray:
+    """Write a camera's images, and return their times, s."""
+    times: list[float] = []
+    for time_ns, content in tqdm(_messages(reader, topic, ros), unit="image", disable=None):
+        image, complaint = _decoded(content)
+        if complaint:
+            log.info("%s: %s: image %d: may be damaged (%s)", bag, topic, len(times), complaint)
+        if image is None or image.shape[:2] != (camera.size[1], camera.size[0]):
+            raise ValueError(
+                f"{bag}: {topic}: image {len(times)}: expected {camera.size[0]} x {camera.size[1]} "
+                "pixels of grey or colour, 8 bit"
+            )
+        grey = as_grey(image).image
+        recorder.write_image(
+            grey.astype(np.uint8), partial / "images" / camera.name / f"{len(times):06d}.png"
+        )
+        times.append(time_ns * 1e-9)
+    return np.array(times)
+
+
+def _decoded(content: Any) -> tuple[np.ndarray | None, str]:
+    """The image that a message holds, None if it cannot be decoded, and what its decoder has to
+    say.
+    """
+    if content.__msgtype__ == IMAGES[0]:
+        image, complaint = decoded(bytes(content.data))
+        return (image if image is not None and image.dtype == np.uint8 else None), complaint
+    channels = {"mono8": 1, "8UC1": 1, "bgr8": 3, "rgb8": 3}.get(content.encoding)
+    wide = content.width * (channels or 0)
+    if not 0 < wide <= content.step or len(content.data) < content.height * content.step:
+        return None, ""
+    rows = np.reshape(content.data[: content.height * content.step], (content.height, -1))
+    image = rows[:, :wide].reshape(content.height, content.width, -1)
+    if content.encoding == "rgb8":
+        image = image[..., ::-1]
+    return np.ascontiguousarray(image[..., 0] if channels == 1 else image), ""
+
+
+def _common_times(times: Sequence[np.ndarray], rig: Rig, bag: str | Path) -> np.ndarray:
+    """Times of the instants, s; ValueError where the cameras' images make none."""
+    counts = [len(one) for one in times]
+    if min(counts) == 0 or len(set(counts)) > 1:
+        what = ", ".join(f"{name} {n}" for name, n in zip(rig.names, counts, strict=True))
+        raise ValueError(f"{bag}: expected as many images of each camera, and one at least: {what}")
+    every = np.array(times)
+    middle = every.mean(axis=0)
+    step = np.median(np.diff(middle)) if len(middle) > 1 else np.inf
+    apart = np.ptp(every, axis=0)
+    if (apart > step / 2).any():
+        raise ValueError(
+            f"{bag}: instant {int((apart > step / 2).argmax())}: the cameras' images are "
+            f"{apart.max():.3g} s apart, more than half a frame"
+        )
+    return middle
+
+
+def _ros() -> Any:
+    """The messages of ROS 2; ValueError without the extra."""
+    try:
+        from rosbags.typesys import Stores, get_typestore
+    except ImportError:
+        raise ValueError("a ROS 2 bag needs rosbags: pip install 'trinolab[ros]'") from None
+    return get_typestore(Stores.ROS2_JAZZY)

@@ -1,0 +1,549 @@
+"""The command ``trinolab``: thin, each command calls one workflow.
+
+Exit code 0 is success, 1 a result that is not as declared, 2 a mistake in the input, 130 an
+interruption.
+"""
+
+from __future__ import annotations
+
+import argparse
+import logging
+import os
+import shlex
+import sys
+from collections.abc import Callable, Mapping, Sequence
+from datetime import datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from .arguments import parser
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from trinolab.bench.recordings import Kept
+
+    from ..teleop.teleoperate import Done
+
+
+# The extra of this distribution that brings what a command imports.
+EXTRAS = {
+    "IPython": "book",
+    "cloudpickle": "course",
+    "dask": "cluster",
+    "distributed": "cluster",
+    "matplotlib": "workbench",
+    "mink": "slave",
+    "mitsuba": "accept",
+    "mujoco": "slave",
+    "nbclient": "book",
+    "nbformat": "course",
+    "pooch": "workbench",
+    "pyvista": "slave",
+    "rosbags": "ros",
+    "tornado": "live",
+}
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run a command and return the exit code."""
+    arguments = parser().parse_args(argv)
+    arguments.line = shlex.join(["trinolab", *(sys.argv[1:] if argv is None else argv)])
+    logging.basicConfig(format="%(message)s", stream=sys.stderr, level=logging.INFO)
+    try:
+        _find_shipped(arguments)
+        return _RUN[arguments.command](arguments)
+    except ModuleNotFoundError as error:
+        what = (error.name or "").partition(".")[0]
+        if what not in EXTRAS:
+            raise
+        needed = f"needs {what}: pip install 'trinolab[{EXTRAS[what]}]'"
+        print(f"trinolab {arguments.command}: {needed}", file=sys.stderr)
+        return 2
+    except (ValueError, OSError, MemoryError) as error:
+        what = f"not enough memory ({error})" if isinstance(error, MemoryError) else str(error)
+        print(f"trinolab {arguments.command}: {' '.join(what.splitlines())}", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt as stop:
+        print(
+            f"trinolab {arguments.command}: interrupted, {str(stop) or 'nothing was written'}",
+            file=sys.stderr,
+        )
+        return 130
+
+
+def _find_shipped(a: argparse.Namespace) -> None:
+    """Put the files in the place of the names of shipped rigs and handles."""
+    rig, handle = getattr(a, "rig", None), getattr(a, "handle", None)
+    if rig is None and handle is None:
+        return
+    from trinolab.datasets import handle_file, rig_file
+
+    a.rig = None if rig is None else rig_file(rig)
+    a.handle = None if handle is None else handle_file(handle)
+
+
+def _say(text: str) -> None:
+    """Print an answer. Raises ValueError where it cannot be written: on a full disk.
+
+    Whoever reads it through a pipe may have seen enough, as `head` has: that is no mistake.
+    """
+    try:
+        print(text, flush=True)
+    except OSError as error:
+        # or Python, at its end, would complain as well
+        with open(os.devnull, "w") as nowhere:
+            os.dup2(nowhere.fileno(), sys.stdout.fileno())
+        if not isinstance(error, BrokenPipeError):
+            raise ValueError(f"standard output: cannot be written ({error.strerror})") from None
+
+
+def _measure(a: argparse.Namespace) -> int:
+    from .measure import measure_folder
+
+    table = measure_folder(a.rig, a.handle, a.images, a.out, a.method, a.prior)
+    frames = table["frame"].tolist()
+    named = frames != list(range(len(frames)))
+    span = f"; frames {frames[0]} to {frames[-1]}, as the images are called" if named else ""
+    _say(f"{_counted(table)}{span}; written to {a.out}")
+    return 0
+
+
+def _joints(items: Sequence[str]) -> dict[str, float]:
+    """JOINT=RAD arguments as a mapping; ValueError for another form."""
+    found: dict[str, float] = {}
+    for item in items:
+        joint, _, value = item.partition("=")
+        try:
+            found[joint] = float(value)
+        except ValueError:
+            raise ValueError(f"--start: expected JOINT=RAD, got {item!r}") from None
+    return found
+
+
+def _calibrate(a: argparse.Namespace) -> int:
+    from trinolab.calibration.calibrate import as_lines, calibrate_rig
+    from trinolab.calibration.target import Target
+
+    from ..plotting import picture_of_residuals
+
+    sources = _named(a.images, "--images")
+    target = Target(a.board, a.columns, a.rows, a.square, a.marker, a.dictionary)
+    result = calibrate_rig(
+        sources, target, a.out, a.views, a.distortions, picture=picture_of_residuals
+    )
+    _say(
+        "\n".join(
+            [*as_lines(result), "", f"written: {', '.join(str(path) for path in result.files)}"]
+        )
+    )
+    return 0
+
+
+def _named(items: Sequence[str], option: str, form: str = "NAME=PATH") -> dict[str, str]:
+    """Arguments like NAME=PATH as a mapping; ValueError for another form, or a name or a path that
+    comes twice.
+    """
+    found: dict[str, str] = {}
+    for item in items:
+        name, equals, path = item.partition("=")
+        if not (name.strip() and equals and path):
+            raise ValueError(f"{option}: expected {form}, got {item!r}")
+        if name in found:
+            raise ValueError(f"{option}: camera {name} is named twice")
+        if Path(path) in map(Path, found.values()):
+            raise ValueError(f"{option}: {path} is given for more than one camera")
+        found[name] = path
+    return found
+
+
+def _track(a: argparse.Namespace) -> int:
+    from trinolab.following.track import track_files
+
+    from ..bags import track_recording
+
+    options = {"start": a.start, "overlay": a.overlay, "method": a.method}
+    table = _on_footage(a, track_recording, track_files, options)
+    _say(f"{_counted(table)}; written to {a.out}")
+    return 0
+
+
+def _refine(a: argparse.Namespace) -> int:
+    from trinolab.following.refine import refine_files, refine_folder
+
+    from .refine import as_lines
+
+    length = None if a.length is None else (a.length[0], a.length[1], _number(a.length[2]))
+    options = {"start": a.start, "instants": a.instants, "length": length}
+    refined = _on_footage(a, refine_folder, refine_files, options)
+    _say("\n".join([*as_lines(refined), "", f"written to {a.out}"]))
+    return 0
+
+
+def _on_footage(
+    a: argparse.Namespace,
+    of_folder: Callable[..., Any],
+    of_files: Callable[..., Any],
+    options: Mapping[str, Any],
+) -> Any:
+    """Call what takes a recording folder, or else what takes rig, handle and videos."""
+    options = {**options, "fps": a.fps, "timestamps": a.timestamps}
+    if a.folder is not None:
+        if a.video:
+            raise ValueError(
+                f"--video: not beside a recording folder ({a.folder}), which has its own"
+            )
+        return of_folder(a.folder, a.out, a.rig, a.handle, **options)
+    if not (a.rig and a.handle and a.video):
+        raise ValueError("expected a recording folder, or else all of --rig, --handle and --video")
+    return of_files(a.rig, a.handle, _named(a.video, "--video"), a.out, **options)
+
+
+def _number(text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        raise ValueError(f"--length: expected a number of mm, got {text!r}") from None
+
+
+def _counted(table: pd.DataFrame) -> str:
+    """How many instants, and how many of each status."""
+    return f"{len(table)} instants: {_statuses(table)}"
+
+
+def _statuses(table: pd.DataFrame) -> str:
+    return ", ".join(f"{n} {status}" for status, n in table["status"].value_counts().items())
+
+
+def _evaluate(a: argparse.Namespace) -> int:
+    from trinolab.evaluation import as_lines, evaluate
+
+    _say("\n".join(as_lines(evaluate(a.poses, a.truth, a.handle))))
+    return 0
+
+
+def _kit(a: argparse.Namespace) -> int:
+    from ..classkit.kit import as_lines, make_kit
+
+    printed = make_kit(a.handle, a.out, a.diameter, a.marker, a.paper, a.thickness)
+    _say("\n".join(as_lines(printed)))
+    return 0
+
+
+def _preflight(a: argparse.Namespace) -> int:
+    from ..classkit.criteria import NOT_USABLE, overall
+    from ..classkit.preflight import as_lines, preflight
+
+    sources = _named(a.video, "--video") if a.video else None
+    table = preflight(a.folder, sources, a.rig, a.handle, a.fps, a.timestamps, a.out)
+    _say("\n".join(as_lines(table)))
+    return int(overall(table) == NOT_USABLE)
+
+
+def _capture(a: argparse.Namespace) -> int:
+    from trinolab.files.capture import capture, timing
+
+    if a.list:
+        return _list_cameras()
+    if missing := [name for name in ("camera", "out") if getattr(a, name) is None]:
+        raise ValueError(
+            f"the following arguments are required: {', '.join(f'--{m}' for m in missing)}"
+        )
+    done = capture(
+        _named(a.camera, "--camera", "NAME=INDEX, as ccd1=0, or NAME=VIDEO"),
+        a.out,
+        a.rig,
+        a.handle,
+        a.seconds,
+        a.fps,
+        a.size,
+        a.preview,
+    )
+    n = len(done.times_s)
+    last = done.times_s[-1]
+    rate = f" in {last:.2f} s ({(n - 1) / last:.1f} a second)" if n > 1 else ""
+    spread = sorted(1e3 * done.spread_s)
+    within = (
+        f"cameras within {spread[n // 2]:.1f} ms (median), {spread[-1]:.1f} ms (longest)"
+        if done.live
+        else "the times are the videos'"
+    )
+    _say(f"{n} instants{rate}, {done.dropped} dropped; {within}; written to {a.out}")
+    if verdict := timing(done):
+        _say(verdict)
+    return 0
+
+
+def _list_cameras() -> int:
+    from trinolab.files.devices import list_cameras
+
+    found = list_cameras()
+    for one in found:
+        what = "{} x {} px, {:g} frames a second".format(*(one.size or (0, 0)), one.fps)
+        _say(f"{one.number:3d}  {one.name or 'camera'}: {one.problem or what}")
+    if not found:
+        _say("no camera; a container or a virtual machine has those that are handed through to it")
+    return 0
+
+
+def _render(a: argparse.Namespace) -> int:
+    from trinolab.bench.recordings import render
+
+    try:
+        truth = render(a.rig, a.handle, a.motion, a.out, a.seed, a.seconds, a.fps)
+    except KeyboardInterrupt:
+        raise KeyboardInterrupt("run it again in the same way to go on") from None
+    _say(
+        f"{len(truth)} instants, the handle is there in {(truth['status'] != 'lost').sum()}; written to {a.out}"
+    )
+    return 0
+
+
+def _teleop(a: argparse.Namespace) -> int:
+    from ..teleop.teleoperate import recorded, simulated, teleoperate
+
+    if a.live_simulation and not (a.rig and a.handle):
+        raise ValueError("--live-simulation: needs --rig and --handle")
+    if a.task:
+        return _task(a)
+    source = (
+        simulated(a.rig, a.handle, a.seconds, a.seed)
+        if a.live_simulation
+        else recorded(a.recording, a.rig, a.handle)
+    )
+    done = teleoperate(
+        source,
+        a.out,
+        a.robot,
+        a.scale,
+        a.turn_scale,
+        a.clutch,
+        a.view,
+        a.method,
+        _joints(a.start),
+        not a.no_video,
+    )
+    return _say_session(done, a.out)
+
+
+def _task(a: argparse.Namespace) -> int:
+    from ..teleop.task import perform
+
+    for name in ("rig", "handle", "clutch", "view", "start"):
+        if getattr(a, name):
+            raise ValueError(f"--task: brings its own {name}")
+    return _say_session(perform(a.out, a.seed, a.method, not a.no_video), a.out)
+
+
+def _say_session(done: Done, out: str) -> int:
+    """What a session came to, in one line."""
+    holds = done.events.loc[done.events["event"] == "hold", "detail"]
+    _say(
+        f"{_counted(done.poses)}; {len(done.joints)} ticks of the arm, {len(holds)} holds"
+        f"{f' (the first: {holds.iloc[0]})' if len(holds) else ''}; written to {out}"
+    )
+    return 0
+
+
+def _bag(a: argparse.Namespace) -> int:
+    from ..bags import write_bag
+
+    counts = write_bag(a.folder, a.out, a.poses, a.joints)
+    _say("\n".join([*(f"{n:7d}  {topic}" for topic, n in counts.items()), f"written to {a.out}"]))
+    return 0
+
+
+def _live(a: argparse.Namespace) -> int:
+    from ..live.command import chosen, live, show
+
+    cameras = _named(a.camera or [], "--camera", "NAME=INDEX, as ccd1=0, or NAME=VIDEO")
+    source = chosen(cameras, a.recording, a.rig, a.handle, a.fps)
+
+    def on_open(address: str) -> None:
+        _say(f"{address}\nis the page; Ctrl-C ends it")
+        if not a.no_browser:
+            show(address)
+
+    said = live(source, a.out, a.robot, a.method, a.host, a.port, log=a.log, on_open=on_open)
+    _say(said or "ended; nothing was recorded")
+    return 0
+
+
+def _accept(a: argparse.Namespace) -> int:
+    from ..accept.command import accept, as_lines
+
+    done = accept(a.rig, a.handle, a.out, a.recording, a.poses, a.seed, a.chart)
+    _say("\n".join([*as_lines(done), f"{done.cpu_s:.0f} s of processor time; written to {a.out}"]))
+    return 0
+
+
+def _check(a: argparse.Namespace) -> int:
+    from ..course.submissions import as_text, check_class, check_file, file_of
+
+    if (a.chapter is None) == (a.folder is None):
+        raise ValueError("expected a chapter, as in 04, or --all with the folder of a class")
+    if a.folder is not None:
+        out = Path(a.folder) / "points.csv" if a.out is None else Path(a.out)
+        table = check_class(Path(a.folder), out)
+        _say(f"{table.drop(columns='said').to_string(index=False)}\nwritten to {out}")
+        return 0
+    if a.out is not None:
+        raise ValueError("--out: is of use with --all alone")
+    file = file_of(a.chapter, Path()) if a.file is None else Path(a.file)
+    verdicts = check_file(a.chapter, file)
+    _say(as_text(verdicts))
+    return 0 if all(one.right for one in verdicts) else 1
+
+
+def _sweep(a: argparse.Namespace) -> int:
+    from trinolab.checks import as_number, as_whole
+
+    from ..sweep.engines import cluster, kernels
+    from ..sweep.grid import parse
+    from ..sweep.runs import compute, of_notebook
+
+    if a.timeout is not None:
+        as_number(a.timeout, "--timeout", low=1.0)
+    job = of_notebook(
+        a.notebook,
+        parse(a.parameter),
+        a.sample,
+        a.sample_seed,
+        a.yes,
+        a.timeout,
+        a.fresh_kernels,
+        a.keep,
+    )
+    workers = as_whole(
+        (os.cpu_count() or 1) if a.workers is None else a.workers, "--workers", low=1
+    )
+    local = kernels(min(workers, len(job.settings)), job.kernels)
+    engine = local if a.scheduler is None else cluster(a.scheduler, job.kernels)
+    found = compute(job, engine, a.out, {"command": a.line, "workers": a.scheduler or workers})
+    _say(f"{len(found)} runs: {_statuses(found)}; written to {a.out}")
+    for status, rows in found[found["status"] != "ok"].groupby("status"):
+        _say(f"the first {status}: {rows['error'].iloc[0]}")
+    return 0
+
+
+def _clear(a: argparse.Namespace) -> int:
+    from trinolab.bench.recordings import clear_recordings, kept_recordings, recordings_folder
+
+    folder = recordings_folder()
+    kept = kept_recordings()
+    if not kept:
+        _say(f"no standard recording is kept in {folder}")
+        return 0
+    if not a.yes:
+        if not sys.stdin.isatty():
+            raise ValueError(
+                f"no terminal to ask on; --yes removes {len(kept)} standard recordings, "
+                f"{_megabytes(kept)}, from {folder}"
+            )
+        _say(
+            "\n".join(
+                [f"in {folder}, for all copies of trinolab on this account:", *map(_line, kept)]
+            )
+        )
+        if not _confirmed(f"remove {_megabytes(kept)}?"):
+            _say("nothing was removed")
+            return 0
+    gone = clear_recordings(kept)
+    for one in kept:
+        if one not in gone:
+            _say(f"{one.name}: left, it is being rendered")
+    _say(f"{_megabytes(gone)} of standard recordings removed from {folder}")
+    return 0
+
+
+def _megabytes(kept: Sequence[Kept]) -> str:
+    return f"{sum(one.size for one in kept) / 1e6:.0f} MB"
+
+
+def _line(kept: Kept) -> str:
+    when = datetime.fromtimestamp(kept.written_s).strftime("%Y-%m-%d %H:%M")
+    return f"  {_megabytes([kept]):>7}  {when}  {kept.name}"
+
+
+def _confirmed(question: str) -> bool:
+    """Whether a person at the terminal says yes; no answer is none."""
+    try:
+        return input(f"{question} [y/N] ").strip().lower() in ("y", "yes")
+    except EOFError:
+        print()
+        return False
+
+
+def _scoreboard(a: argparse.Namespace) -> int:
+    from trinolab.files.outputs import check_target, write_whole
+
+    from ..studies.scoreboard import disagreements, scoreboard
+
+    if a.csv:
+        check_target(a.csv)
+    board = scoreboard(progress=True)
+    if a.csv:
+        shown = {name: board[name].map(digits) for name in ("ours", "low", "high")}
+        shown |= {name: board[name].map(_whole) for name in ("n", "seed")}
+        write_whole(a.csv, board.assign(**shown).to_csv(index=False))
+    _say(as_text(board))
+    if note := not_run(board):
+        _say(note)
+    if wrong := disagreements(board):
+        print(f"not as declared in the ledger: claim {', '.join(wrong)}", file=sys.stderr)
+        return 1
+    return 0
+
+
+def as_text(board: pd.DataFrame, width: int = 76) -> str:
+    """The scoreboard as plain text of under 120 columns; long claims are cut."""
+    short = board["claim"].where(
+        board["claim"].str.len() <= width, board["claim"].str.slice(stop=width - 3) + "..."
+    )
+    table = board.assign(
+        claim=short, paper=board["paper"].map(digits), ours=board["ours"].map(digits)
+    )
+    table = table[["no", "claim", "paper", "ours", "unit", "verdict"]]
+    left = {"claim": f"{{:<{width}s}}".format, "verdict": "{:<16s}".format}
+    return table.to_string(index=False, justify="left", formatters=left)
+
+
+def not_run(board: pd.DataFrame) -> str:
+    """What a reader of a scoreboard as text should know of the rows that were not run; nothing if all
+    were.
+    """
+    rows = board[board["verdict"] == "not run"]
+    numbers = ", ".join(map(str, rows["no"]))
+    return f"claim {numbers}: {rows['reason'].iloc[0]}" if len(rows) else ""
+
+
+def _whole(value: float | str) -> str:
+    return "" if value == "" or value != value else f"{float(value):.0f}"
+
+
+def digits(value: float | str) -> str:
+    """A number with the digits that a board shows; "" for NaN."""
+    if isinstance(value, str):
+        return value
+    return "" if value != value else f"{value:.3g}"
+
+
+_RUN = {
+    "calibrate": _calibrate,
+    "measure": _measure,
+    "kit": _kit,
+    "preflight": _preflight,
+    "track": _track,
+    "refine": _refine,
+    "evaluate": _evaluate,
+    "render": _render,
+    "teleop": _teleop,
+    "live": _live,
+    "accept": _accept,
+    "check": _check,
+    "bag": _bag,
+    "sweep": _sweep,
+    "clear": _clear,
+    "capture": _capture,
+    "scoreboard": _scoreboard,
+}

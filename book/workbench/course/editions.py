@@ -1,0 +1,277 @@
+"""The course as a zip, for students and for teachers: ``python -m workbench.course.editions``.
+
+Both are made from the chapters and the modules of exercises. The students' has no solution: the
+chapters without theirs, and for each chapter a notebook of exercises with stubs. The teachers' has
+the solutions in both.
+"""
+
+from __future__ import annotations
+
+import argparse
+import copy
+import io
+import json
+import re
+import sys
+import zipfile
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from trinolab.files.outputs import write_together
+
+from ..sweep.notebook import read_notebook
+from .exercise import Exercise
+from .exercises import CHAPTERS, of_chapter
+from .stubs import checked, solved, stub
+from .texts import ExerciseText, texts_of, without_solutions
+
+EDITIONS = ("student", "teacher")
+CHECKOUT = Path(__file__).resolve().parents[2]
+LAB = "trinolab-numbers"  # the extension of JupyterLab that shows the numbers in the text
+THE_SAME_DATE = (1980, 1, 1, 0, 0, 0)  # of each file in a zip, so that its bytes stay the same
+# What leads out of a notebook: a role of the book, and a link to one of its pages.
+ROLE = re.compile(
+    r"\{(?:ref|doc|term|numref|cite|cite:t|cite:p)\}`(?:([^`<]*?)\s*<[^`>]*>|([^`]*))`"
+)
+PAGE = re.compile(r"\[([^\]]*)\]\(\.\./book/[^)\s]*\)")
+GLUED = re.compile(r"\{glue:text\}`[^`]*`")
+CHAPTER_LINK = re.compile(r"\]\((\d\d_\w+\.ipynb)")
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Write an edition and return the exit code: 2 for a mistake in the input."""
+    parser = argparse.ArgumentParser(
+        prog="python -m workbench.course.editions", description=(__doc__ or "").partition("\n\n")[0]
+    )
+    parser.add_argument("edition", choices=EDITIONS)
+    parser.add_argument("--out", type=Path, required=True, metavar="FILE.zip")
+    arguments = parser.parse_args(argv)
+    try:
+        write_edition(arguments.edition, arguments.out)
+    except ValueError as error:
+        print(f"{parser.prog} {arguments.edition}: {error}", file=sys.stderr)
+        return 2
+    print(f"written: {arguments.out}")
+    return 0
+
+
+def write_edition(
+    edition: str,
+    out: str | Path,
+    chapters: Sequence[str] = tuple(CHAPTERS),
+    checkout: Path = CHECKOUT,
+) -> None:
+    """Write the course as a zip. The same sources give the same bytes.
+
+    Parameters
+    ----------
+    edition
+        One of `EDITIONS`.
+    out
+        The zip.
+    chapters
+        The numbers of the chapters that it gets.
+    checkout
+        The folder with the notebooks of the chapters, ``book/lab`` and ``environment.txt``.
+
+    Raises
+    ------
+    ValueError
+        An exercise does not stand in its chapter as it should, or a file is missing.
+    """
+    if edition not in EDITIONS:
+        raise ValueError(f"edition: expected one of {', '.join(EDITIONS)}, got {edition!r}")
+    files = {"README.md": _readme(edition)}
+    for name in ("environment.txt", f"{LAB}/package.json", f"{LAB}/static/remoteEntry.js"):
+        source = checkout / ("book/lab" if name.startswith(LAB) else "") / name
+        if not source.is_file():
+            raise ValueError(
+                f"{source}: is not there; an edition is made in a checkout of trinolab"
+            )
+        files[f"lab/{name}" if name.startswith(LAB) else name] = source.read_text(encoding="utf-8")
+    for chapter in chapters:
+        path = chapter_file(chapter, checkout)
+        source = read_notebook(path)
+        files[f"exercises/{path.name}"] = _text(
+            exercise_notebook(chapter, source, path.name, edition)
+        )
+        files[f"chapters/{path.name}"] = _text(chapter_notebook(source, path.name, edition))
+    write_together({out: _zipped(files)})
+
+
+def chapter_file(chapter: str, checkout: Path = CHECKOUT) -> Path:
+    """Return the notebook of a chapter, by its number; ValueError if there is none."""
+    found = sorted((checkout / "notebooks").glob(f"{chapter}_*.ipynb"))
+    if len(found) != 1:
+        raise ValueError(f"{checkout / 'notebooks'}: expected one notebook {chapter}_*.ipynb")
+    return found[0]
+
+
+def exercises_of(chapter: str, notebook: Any, name: str) -> list[tuple[Exercise, ExerciseText]]:
+    """Return a chapter's exercises, each with what its notebook tells of it.
+
+    Raises
+    ------
+    ValueError
+        The module of exercises and the chapter do not agree.
+    """
+    texts = texts_of(notebook, name)
+    exercises = of_chapter(chapter)
+    there = [(one.number, one.kind, one.title, one.label) for one in texts]
+    wanted = [(one.number, one.kind, one.title, one.label) for one in exercises]
+    if there != wanted:
+        odd = next((one for one in [*there, *wanted] if one not in there or one not in wanted), "")
+        where = "the chapter" if odd in there else "the module of exercises"
+        raise ValueError(
+            f"{name}: the chapter and workbench.course.exercises.{CHAPTERS[chapter]} do not "
+            f"agree: {odd or 'their order'} is in {where} alone"
+        )
+    return list(zip(exercises, texts, strict=True))
+
+
+def chapter_notebook(source: Any, name: str, edition: str) -> Any:
+    """Return a chapter for an edition: nothing in it leads out of the zip."""
+    notebook = copy.deepcopy(source)
+    for cell in notebook.cells:
+        if cell.cell_type == "markdown":
+            text = without_solutions(cell.source, name) if edition == "student" else cell.source
+            cell.source = self_contained(text)
+    return notebook
+
+
+def self_contained(text: str) -> str:
+    """Return markdown whose links to other pages of the book are plain words."""
+    return PAGE.sub(r"\1", ROLE.sub(lambda role: role[1] or role[2], text))
+
+
+def exercise_notebook(chapter: str, source: Any, name: str, edition: str) -> Any:
+    """Return the notebook of a chapter's exercises: statements with hints, stubs, checks; for
+    teachers the solutions in place of the stubs, and their texts.
+    """
+    import nbformat
+
+    heading = source.cells[0].source.splitlines()[0].removeprefix("# ")
+    told = exercises_of(chapter, source, name)
+    points = sum(asked.points for asked, _ in told)
+    markdown, code = nbformat.v4.new_markdown_cell, nbformat.v4.new_code_cell
+    intro = (
+        f"# Exercises {int(chapter)}: {heading}\n\n"
+        f"The chapter: [{heading}](../chapters/{name}). Run each cell with Shift and Enter. "
+        f"`check` says what is right, or which mistake it is and where to read. In a shell "
+        f"`trinolab check {chapter}` checks this file as a whole; there are {points} points."
+    )
+    cells = [
+        markdown(intro, id=f"exercises-{chapter}"),
+        code("from workbench.course import check", id=f"import-{chapter}"),
+    ]
+    for asked, text in told:
+        place = asked.number.replace(".", "-")
+        teacher = edition == "teacher"
+        cells.append(markdown(_asked(asked, text), id=f"exercise-{place}"))
+        cells.append(code(solved(asked) if teacher else stub(asked), id=f"answer-{place}"))
+        cells.append(code(checked(asked), id=f"check-{place}"))
+        if teacher:
+            solution = f"**Solution to {_shown(asked)}**\n\n{_as_text(text.solution)}"
+            cells.append(markdown(solution, id=f"solution-{place}"))
+    return nbformat.v4.new_notebook(cells=cells, metadata=source.metadata)
+
+
+def _shown(asked: Exercise) -> str:
+    return asked.number.removeprefix("0")
+
+
+def _asked(asked: Exercise, text: ExerciseText) -> str:
+    """The statement, and the two hints, folded."""
+    kinds = {"write": "Write it yourself", "predict": "Change and predict"}
+    kind = kinds.get(asked.kind, asked.kind.capitalize())
+    parts = [f"## {_shown(asked)} {kind}: {asked.title} ({asked.points} points)", text.statement]
+    for name, hint in zip(("First", "Second"), text.hints, strict=True):
+        parts.append(f"````{{hint}} {name} hint\n:class: dropdown\n{hint}\n````")
+    return _as_text("\n\n".join(parts))
+
+
+def _as_text(text: str) -> str:
+    """Markdown that stands beside the chapters, and quotes no number of their outputs."""
+    text = GLUED.sub("(a number of the chapter)", self_contained(text))
+    return CHAPTER_LINK.sub(r"](../chapters/\1", text)
+
+
+def _text(notebook: Any) -> str:
+    return json.dumps(notebook, indent=1, ensure_ascii=False, sort_keys=True) + "\n"
+
+
+def _zipped(files: dict[str, str]) -> bytes:
+    """A zip of texts, in the order of their names."""
+    store = io.BytesIO()
+    with zipfile.ZipFile(store, "w") as whole:
+        for name in sorted(files):
+            entry = zipfile.ZipInfo(name, THE_SAME_DATE)
+            entry.compress_type = zipfile.ZIP_DEFLATED
+            entry.external_attr = 0o644 << 16
+            whole.writestr(entry, files[name].encode())
+    return store.getvalue()
+
+
+def _readme(edition: str) -> str:
+    return README + (FOR_TEACHERS if edition == "teacher" else FOR_STUDENTS)
+
+
+README = """\
+# Three cameras, a rod, and a robot that follows
+
+Twelve chapters that run (`chapters/`), and the exercises of each (`exercises/`).
+
+## Install
+
+You need Python 3.11 or later and a copy of trinolab: your teacher says where it is. In this folder:
+
+    python3 -m venv .venv
+    . .venv/bin/activate
+    python -m pip install --require-hashes -r environment.txt
+    python -m pip install --no-deps --no-build-isolation PATH/TO/trinolab
+
+On Windows the second line is `.venv\\Scripts\\activate`. Whoever has a checkout in which `make lab` runs
+needs none of this: `. PATH/TO/trinolab/.venv/bin/activate` is enough.
+
+## Open
+
+    jupyter lab --LabApp.extra_labextensions_path=lab
+
+opens JupyterLab in a browser. A chapter shows its numbers once it has run (menu Run, Run All Cells): some take a
+minute, and longer where a recording has to be rendered the first time.
+
+## Check
+
+In a notebook of `exercises/` run the first cell. A hint opens when you click it. Write your function, or put your
+values where the three dots stand, and run the cell below: it says what is right, or which mistake it is and where to
+read. For a whole chapter, in a shell:
+
+    cd exercises
+    trinolab check 04
+
+Nothing leaves your computer. To look up the solutions in the package is possible, and teaches nothing.
+"""
+
+FOR_STUDENTS = """
+## Hand in
+
+The notebook of the chapter, under its own name, in a folder with yours: `submissions/ada/04_kalman.ipynb`. Save it
+first (Ctrl and S). The points count that `trinolab check` gives to what you hand in.
+"""
+
+FOR_TEACHERS = """
+## For teachers
+
+In this edition the notebooks have the solutions. Do not hand it out; `make student` makes the one for students.
+Students hand in `submissions/<name>/04_kalman.ipynb`, and
+
+    trinolab check --all submissions
+
+makes a table with a row a student: the points of each exercise, and what the grader says to each that is not right.
+Each file runs as a program with your rights: read `trinolab check --help` first. The book's part *The course* has plans
+for lessons, misconceptions, projects and an exam.
+"""
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,133 @@
+"""What the page shows: the scene as lines once, then for each frame numbers and small pictures in one
+message.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import cv2
+import numpy as np
+
+from trinolab.camera import Camera, Rig
+from trinolab.files.poses import POSE_COLUMNS, pose_row
+from trinolab.following.overlay import camera_view
+from trinolab.handle import Handle, on_cylinder
+
+from .loop import Shown
+from .pointing import Doing
+from .settings import SLIDERS
+
+WIDTH, QUALITY = 480, 80  # of a camera's picture, px, and of its JPEG
+FIELD_MM = 620.0  # to which a camera's field of view is drawn
+NUMBERS = (*POSE_COLUMNS[2:5], *POSE_COLUMNS[9:17])  # of a pose, for the page
+
+
+def scene(rig: Rig, handle: Handle) -> dict[str, Any]:
+    """What does not change: the cameras' fields of view (world frame), the handle (its frame), mm,
+    and the sliders.
+    """
+    turns = 2 * np.pi * np.arange(25) / 24
+    rings = [
+        on_cylinder(handle.radius_mm, turns, end).tolist()
+        for end in (handle.bottom_mm, handle.top_mm)
+    ]
+    return {
+        "cameras": [
+            {"name": camera.name, "size": camera.size, "field": _field(camera)}
+            for camera in rig.cameras
+        ],
+        "handle": {"rings": rings, "markers": handle.marker_centres.tolist()},
+        "sliders": [slider._asdict() for slider in SLIDERS],
+    }
+
+
+def message(shown: Shown, rig: Rig, way: Mapping[str, float], simulated: bool) -> bytes:
+    """A frame for the page: the length of a JSON text in four bytes, the text, and a JPEG a camera.
+
+    Parameters
+    ----------
+    shown : Shown
+    rig : Rig
+    way : mapping of str to float
+        Times of the last frame that the page has drawn, ms.
+    simulated : bool
+        Whether a hand can be moved.
+    """
+    pictures = (
+        []
+        if shown.frames is None
+        else [
+            _jpeg(camera_view(image, camera, shown.tracked, c, min(WIDTH, camera.size[0])))
+            for c, (camera, image) in enumerate(zip(rig.cameras, shown.frames.images, strict=True))
+        ]
+    )
+    text = json.dumps(
+        {
+            **_numbers(shown),
+            "way": way,
+            "simulated": simulated,
+            "pictures": list(map(len, pictures)),
+        },
+        allow_nan=False,
+    ).encode()
+    return b"".join([len(text).to_bytes(4), text, *pictures])
+
+
+def _numbers(shown: Shown) -> dict[str, Any]:
+    """All that the page writes or draws by itself."""
+    moment = shown.moment
+    pose = None if shown.tracked is None else shown.tracked.measurement.pose
+    T = None if pose is None else pose.T_world_handle
+    row = {} if pose is None else dict(zip(POSE_COLUMNS, pose_row(0, 0.0, pose), strict=True))
+    return {
+        "number": shown.number,
+        "status": "lost" if pose is None else pose.status,
+        "pose": {name: _finite(row.get(name)) for name in NUMBERS},
+        "T": None if T is None else T.as_matrix()[:3].ravel().tolist(),
+        "arm": shown.arm,
+        "target": moment.state.target.translation.tolist(),
+        "force": _finite(np.linalg.norm(moment.reading.force)),
+        "held": moment.state.held,
+        "limits": list(moment.limits),
+        "clutch": shown.clutch,
+        "troubles": shown.troubles,
+        "notes": shown.notes,
+        "recording": shown.recording[0],
+        "said": shown.recording[1],
+        "rate": round(shown.rate_hz, 1),
+        "spread": 0.0 if shown.frames is None else round(1e3 * shown.frames.spread_s, 1),
+        "tracker": shown.tracker,
+        "values": shown.values,
+        "task": None if shown.task is None else _listed(shown.task),
+        "points": shown.task_said,
+    }
+
+
+def _listed(task: Doing) -> dict[str, Any]:
+    """What there is to do, for JSON."""
+    return {
+        name: np.round(value, 2).tolist() if isinstance(value, np.ndarray | tuple) else value
+        for name, value in task._asdict().items()
+    }
+
+
+def _field(camera: Camera) -> list[list[float]]:
+    """A camera's centre and the corners of what it sees at a depth, world frame, (5, 3), mm."""
+    width, height = camera.size
+    corners = np.array([[0, 0], [width, 0], [width, height], [0, height]]) - 0.5
+    xy = (corners - camera.principal_point) / camera.focal
+    far = FIELD_MM * np.column_stack([xy, np.ones(4)])
+    return camera.T_world_cam.apply(np.vstack([np.zeros(3), far])).tolist()
+
+
+def _jpeg(view: np.ndarray) -> bytes:
+    return cv2.imencode(".jpg", view, [cv2.IMWRITE_JPEG_QUALITY, QUALITY])[1].tobytes()
+
+
+def _finite(value: Any) -> float | None:
+    """A number for JSON, which knows no NaN."""
+    return None if value is None or not math.isfinite(value) else round(float(value), 4)

@@ -1,0 +1,171 @@
+"""Parts of the scoreboard's page and of the protocol's page: the two boards, the trials, the criteria, the
+log of deviations.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from trinolab.files.outputs import write_whole
+
+from ..cli import digits
+from ..studies.protocol import Claim, can_show, load_claims, load_deviations, load_trials
+
+VERDICTS = ("match", "differs", "undecided", "cannot be tested")
+IS_OF_THE_PAPER = ("re-computation", "replication as printed", "replication as corrected")
+
+
+def write_pages(scoreboard: Path, folder: Path) -> None:
+    """Write all parts, from the board as `make book` has stored it and from the ledger."""
+    folder.mkdir(parents=True, exist_ok=True)
+    board = read_board(scoreboard)
+    of_paper = board["kind"].isin(IS_OF_THE_PAPER)
+    parts = {
+        "answer": answer(board[of_paper]),
+        "paper": board_table(board[of_paper]),
+        "own": board_table(board[~of_paper]),
+        "trials": trials_table(),
+        "criteria": criteria_table(),
+        "deviations": deviations_list(),
+    }
+    for name, text in parts.items():
+        write_whole(folder / f"{name}.md", text + "\n")
+
+
+def read_board(path: Path) -> pd.DataFrame:
+    """The stored board, its numbers as numbers."""
+    numbers = ("ours", "low", "high", "n")
+    return pd.read_csv(
+        path, dtype={"no": str}, keep_default_na=False, na_values={name: [""] for name in numbers}
+    )
+
+
+def answer(board: pd.DataFrame) -> str:
+    """How many of the paper's claims fare how, by kind, as a sentence."""
+    counts = board["verdict"].value_counts()
+    said = [f"{counts[verdict]} {word(verdict)}" for verdict in VERDICTS if verdict in counts]
+    left = int((~board["verdict"].isin(VERDICTS)).sum())
+    rest = f"; {left} were not run here" if left else ""
+    report = "The {doc}`replication report </book/report>` has all of it on a page."
+    return f"Of {len(board)} rows {', '.join(said)}{rest}. {report}"
+
+
+def word(verdict: str) -> str:
+    """A verdict as the verb of a sentence whose subject is a number of rows."""
+    verbs = {"differs": "differ", "undecided": "are undecided"}
+    return verbs.get(verdict, verdict)
+
+
+def board_table(board: pd.DataFrame) -> str:
+    """A board as a table of three columns, which a narrow screen has room for: the row; claim,
+    verdict and reason; both numbers and the criterion.
+    """
+    rows = [
+        (
+            str(row.no),
+            f"{row.claim} <br> **{row.verdict}**: {row.reason} {row.sensitivity}".rstrip(),
+            f"{numbers_of(row)} <br> *{row.kind}*: {row.criterion}",
+        )
+        for row in board.itertuples()
+    ]
+    head = ("No", "Claim, and how it fares", "Paper, ours, and what decides")
+    return list_table(head, rows, "6 47 47", "scoreboard", anchor="claim")
+
+
+def numbers_of(row: Any) -> str:
+    """The paper's number and ours, with interval, n and seed."""
+    lines = [] if row.paper in ("", "yes") else [f"paper {row.paper} {row.unit}"]
+    if row.ours == row.ours:
+        lines.append(f"ours **{digits(row.ours)}** {row.unit}".rstrip())
+    if row.low == row.low and row.high == row.high:
+        lines[-1] += f" ({digits(row.low)} to {digits(row.high)})"
+    if row.n == row.n:
+        lines.append(f"n {row.n:.0f}" + (f", seed {row.seed}" if row.seed else ""))
+    return " <br> ".join(lines) or "no number"
+
+
+def trials_table() -> str:
+    """What each trial draws at random."""
+    rows = [
+        (f"{name} <br> {t.draws} draws, seed {t.seed}", f"{t.drawn}.")
+        for name, t in load_trials().items()
+    ]
+    return list_table(("Trial", "What is drawn"), rows, "35 65", "trials")
+
+
+def criteria_table() -> str:
+    """Each row's words of the paper and kind; its criterion and sample."""
+    rows = [
+        (claim.no, in_words(claim), f"{claim.criterion} <br> *{sample_of(claim)}*")
+        for claim in load_claims()
+    ]
+    head = ("No", "Claim, and the paper's words", "Criterion, and sample")
+    return list_table(head, rows, "6 47 47", "criteria", anchor="criterion")
+
+
+def in_words(claim: Claim) -> str:
+    """A claim with the paper's words, or as a requirement of ours."""
+    said = f"“{claim.quote}” (Sect. {claim.section})" if claim.quote else "Ours."
+    return f"{claim.claim} <br> {said} <br> *{claim.kind}*"
+
+
+def sample_of(claim: Claim) -> str:
+    """Trial and statistic of a claim, and what they can show."""
+    if claim.trial is None:
+        return "nothing drawn"
+    shown = can_show(claim, load_trials())
+    return f"{claim.trial}, {claim.statistic}" + (f"; {shown}" if shown else "")
+
+
+def deviations_list() -> str:
+    """The log, an item each."""
+    return "\n".join(
+        f"- **{entry.date}**, claim {', '.join(map(claim_link, entry.claims))}. *Was:* {entry.was} *Now:* {entry.now} "
+        f"{entry.why}"
+        for entry in load_deviations()
+    )
+
+
+def claim_link(no: str) -> str:
+    """A claim's number as a link to its row of the scoreboard."""
+    return f"{{ref}}`{no} <claim-{no}>`"
+
+
+def list_table(
+    head: tuple[str, ...],
+    rows: list[tuple[str, ...]],
+    widths: str,
+    kind: str,
+    anchor: str = "",
+    raw: bool = False,
+) -> str:
+    """A table whose cells may be long, in MyST.
+
+    Parameters
+    ----------
+    anchor : str
+        The first cell of a row is a number, to which links may lead: "claim" makes "claim-17a".
+    raw : bool
+        Whether cells are markup already.
+    """
+    lines = ["````{list-table}", ":header-rows: 1", f":widths: {widths}", f":class: {kind}", ""]
+    for row in [head, *rows]:
+        cells = list(row) if raw else [escaped(cell) for cell in row]
+        if anchor and row is not head:
+            cells[0] = placed(anchor, row[0])
+        lines += [f"{'* -' if k == 0 else '  -'} {cell}" for k, cell in enumerate(cells)]
+    return "\n".join([*lines, "````"])
+
+
+def placed(anchor: str, no: str) -> str:
+    """A row's number as a place to link to, and a link to the other page that has the row."""
+    other = {"claim": "criterion", "criterion": "claim"}[anchor]
+    return f"[{{ref}}`{no} <{other}-{no}>`]{{#{anchor}-{no}}}"
+
+
+def escaped(text: str) -> str:
+    """Text in which no character is markup that a sentence can have by chance."""
+    return text.replace("_", "\\_").replace("^", "\\^").replace("[", "\\[").replace("]", "\\]")

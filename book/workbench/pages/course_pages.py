@@ -1,0 +1,78 @@
+"""Parts of the teacher's guide: the table of the chapters, and for each its exercises with the wrong
+answers that the grader knows.
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+from trinolab.files.outputs import write_whole
+
+from ..course.editions import chapter_file
+from ..course.exercise import Exercise
+from ..course.exercises import CHAPTERS, of_chapter
+from ..sweep.notebook import read_notebook
+from .claims_pages import escaped, list_table
+
+
+def write_pages(folder: Path) -> None:
+    """Write all parts, from the chapters and from the modules of exercises."""
+    folder.mkdir(parents=True, exist_ok=True)
+    write_whole(folder / "chapters.md", chapters_table() + "\n")
+    for chapter in CHAPTERS:
+        write_whole(folder / f"{chapter}.md", exercises_list(chapter) + "\n")
+
+
+def chapters_table() -> str:
+    """A row a chapter: what it is called, how long one reads, how many exercises, their points."""
+    rows = []
+    minutes, number, points = 0, 0, 0
+    for chapter in CHAPTERS:
+        path = chapter_file(chapter)
+        exercises = of_chapter(chapter)
+        rows.append(
+            (
+                f"{{doc}}`/notebooks/{path.stem}`",
+                str(reading_minutes(path)),
+                str(len(exercises)),
+                str(sum(one.points for one in exercises)),
+            )
+        )
+        minutes += reading_minutes(path)
+        number += len(exercises)
+        points += sum(one.points for one in exercises)
+    rows.append(("together", str(minutes), str(number), str(points)))
+    head = ("chapter", "minutes to read", "exercises", "points")
+    return list_table(head, rows, "55 15 15 15", "chapters", raw=True)
+
+
+def reading_minutes(path: Path) -> int:
+    """How long a chapter takes to read, by its own card."""
+    text = "\n".join(cell.source for cell in read_notebook(path).cells)
+    found = re.search(r"\*\*Time:\*\* (\d+) minutes", text)
+    if found is None:
+        raise ValueError(f"{path}: its card says no time: expected **Time:** 35 minutes")
+    return int(found[1])
+
+
+def exercises_list(chapter: str) -> str:
+    """A row an exercise: its points, and what the grader says to each wrong answer that it knows."""
+    rows = [
+        (f"{one.number} {one.kind}: {escaped(one.title)}", str(one.points), mistakes(one))
+        for one in of_chapter(chapter)
+    ]
+    return list_table(
+        ("exercise", "points", "wrong answers that are recognised, and what is said to them"),
+        rows,
+        "27 8 65",
+        "exercises",
+        raw=True,
+    )
+
+
+def mistakes(one: Exercise) -> str:
+    """What is said to the usual mistakes, each in a line of its own within a table's cell."""
+    return "\n\n    ".join(
+        f"({k}) {escaped(it.says)}" for k, it in enumerate(one.mistakes, start=1)
+    )

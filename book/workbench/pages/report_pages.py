@@ -1,0 +1,304 @@
+"""Parts of the replication report: the answer in a sentence, the rows by kind, what each assumption is
+worth, and what the book was built with.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import platform
+import re
+import subprocess
+from importlib.metadata import version
+from pathlib import Path
+
+import pandas as pd
+
+from trinolab.files.outputs import write_whole
+
+from ..cli import digits
+from .claims_pages import IS_OF_THE_PAPER, VERDICTS, claim_link, list_table, read_board
+
+ROOT = Path(__file__).resolve().parents[3]
+
+# The sentence that answers: what each part needs of the board, and the part. A board that says
+# something else stops the build, because the sentence would be wrong.
+ANSWER = (
+    (
+        {"1": "match", "2": "differs", "3": "match", "4": "match"},
+        "three of the four printed means follow from the printed table, but alpha's is "
+        "{2} and not 0.67 deg",
+    ),
+    (
+        {"5": "differs", "11": "match", "12c": "match"},
+        "the method, once its misprints are corrected and its gaps filled by our rules, measures and "
+        "tracks a simulated handle, whose images make {5} of the 0.31 mm",
+    ),
+    (
+        {"12b": "differs", "14c": "differs"},
+        "as printed, its background keeps the handle in a share of {12b} of the clips of a second, and its "
+        "filter searches a share of {14c} of the image",
+    ),
+    (
+        {"11a": "differs"},
+        "in a single instant the markers leave twelve poses that look alike, of which it finds the true "
+        "one in a share of {11a}",
+    ),
+    (
+        {"17": "differs", "28": "differs"},
+        "and the third camera sees past a hand before the first in a share of {17} of the poses where "
+        "Fig. 5 places it, while the mean over the pairs has {28} times the error of a weighted one",
+    ),
+)
+
+# Assumptions that no row of data/sensitivity.csv varies, and why.
+NOT_VARIED = {
+    "A26": "the markers of all thresholds on the way are kept, so that they hardly depend on where the "
+    "search begins and ends; {doc}`chapter 5 </notebooks/05_markers>` shows what the last threshold "
+    "alone would give",
+    "A30": "what a track begins with decides the pose among twelve, as the row of A16 shows for an instant",
+    "A32": "a choice of directions and scale: no number of the paper depends on it",
+    "A33": "the delay and the trembling that it exchanges are in {doc}`chapter 11 </notebooks/11_master_slave>`",
+    "A34": "the delay of claim 20 changes by as much as the age",
+    "A35": "{doc}`chapter 12 </notebooks/12_force_feedback>` sweeps it; nothing of the paper depends on it",
+}
+NAMES = {
+    "E_t": "$E_t$",
+    "E_alpha": "$E_\\alpha$",
+    "E_beta": "$E_\\beta$",
+    "E_gamma": "$E_\\gamma$",
+    "angle": "angle $\\vartheta$",
+    "E_t best": "best $E_t$",
+    "angle best": "best $\\vartheta$",
+    "told apart": "poses that are the true one",
+    "measured": "measured poses",
+    "E_t printed": "$E_t$ of the printed table",
+    "angle printed": "$\\vartheta$ of the printed table",
+    "E_t of a calibration": "$E_t$ of a calibration",
+    "workspace": "workspace",
+    "false_percent_cured": "bench taken for moving",
+    "window_percent_calm": "image searched",
+}
+PAPER_MM = 0.31  # E_t as the paper has it
+POSES, CALIBRATIONS = 20, 30  # of a number that nothing was left out of
+PACKAGES = ("numpy", "scipy", "opencv-contrib-python-headless", "pandas", "jupyter-book")
+FILES = (
+    "data/claims.toml",
+    "data/claims_results.csv",
+    "data/sensitivity.csv",
+    "environment.txt",
+)
+
+
+def write_pages(scoreboard: Path, seconds: Path, folder: Path) -> None:
+    """Write all parts, from the stored board and the stored run times."""
+    folder.mkdir(parents=True, exist_ok=True)
+    board = read_board(scoreboard)
+    table = pd.read_csv(ROOT / "data" / "sensitivity.csv", keep_default_na=False, na_values=[""])
+    parts = {
+        "answer": answer(board),
+        "kinds": kinds(board),
+        "untestable": untestable(board),
+        "headline": headline(table),
+        "sensitivity": sensitivity(table),
+        "environment": environment(seconds),
+    }
+    for name, text in parts.items():
+        write_whole(folder / f"{name}.md", text + "\n")
+
+
+def answer(board: pd.DataFrame) -> str:
+    """Whether it replicates, in a sentence whose numbers are the board's.
+
+    Raises
+    ------
+    ValueError
+        If a row has another verdict than the sentence says.
+    """
+    rows = {str(row.no): row for row in board.itertuples()}
+    said = []
+    for needed, text in ANSWER:
+        for no, verdict in needed.items():
+            if rows[no].verdict != verdict:
+                raise ValueError(
+                    f"report: claim {no}: the answer says {verdict!r}, the board {rows[no].verdict!r}; "
+                    "write ANSWER in book/report_pages.py anew"
+                )
+        said.append(re.sub(r"\{(\w+)\}", lambda found: number(rows[found[1]]), text))
+    return "**In part:** " + "; ".join(said) + "."
+
+
+def number(row: object) -> str:
+    """A row's value with unit, interval and a link to the row."""
+    unit = "" if row.unit in ("share", "ratio") else f" {row.unit}"
+    interval = f"{digits(row.low)} to {digits(row.high)}, " if row.low == row.low else ""
+    return f"{digits(row.ours)}{unit} ({interval}claim {claim_link(row.no)})"
+
+
+def kinds(board: pd.DataFrame) -> str:
+    """For each kind of row how many fare how, and which."""
+    rows = []
+    for kind in (*IS_OF_THE_PAPER, "ours beyond"):
+        some = board[board["kind"] == kind]
+        fares = []
+        for verdict in dict.fromkeys([*VERDICTS, "met", "missed", *some["verdict"]]):
+            chosen = some[some["verdict"] == verdict]
+            if len(chosen):
+                links = ", ".join(claim_link(no) for no in chosen["no"])
+                fares.append(f"{len(chosen)} {verdict}: {links}")
+        rows.append((f"{kind} <br> {len(some)} rows", " <br> ".join(fares)))
+    return list_table(("Kind", "How its rows fare"), rows, "28 72", "kinds", raw=True)
+
+
+def untestable(board: pd.DataFrame) -> str:
+    """What cannot be tested, and why."""
+    some = board[board["verdict"] == "cannot be tested"]
+    return "\n".join(
+        f"- {claim_link(row.no)}: {row.claim} {row.reason}" for row in some.itertuples()
+    )
+
+
+def headline(table: pd.DataFrame) -> str:
+    """The headline numbers as assumed, and how far the position error moves."""
+    drawn = table[table["source"] == "rendered"]
+    first = drawn.drop_duplicates("number")
+    base = ", ".join(
+        f"{NAMES[row.number]} {quantity(row.as_assumed, row.unit)} ({claim_link(row.claim)})"
+        for row in first.itertuples()
+    )
+    seed, draws = (int(first[name].iloc[0]) for name in ("seed", "draws"))
+    return (
+        f"As assumed ({POSES} poses, {draws} draws of the noise each, seed {seed}): {base}.\n\n"
+        f"{conclusion(drawn)}"
+    )
+
+
+def sensitivity(table: pd.DataFrame) -> str:
+    """What each change of an assumption does to the headline numbers: those with a difference that is
+    not chance's, and which changes show none.
+    """
+    rows, none = [], list[str]()
+    for (assumption, instead), some in table.groupby(["assumption", "instead"], sort=False):
+        changed = [row for row in some.itertuples() if is_shown(row)]
+        name = f"[{assumption}](assumptions.md#{assumption.lower()})"
+        if changed:
+            rows.append((f"{name} {instead}", "; ".join(map(change_text, changed))))
+        else:
+            none.append(f"{name} ({instead})")
+    head = ("Assumption, and what holds instead", "What changes, with its interval")
+    not_varied = "\n".join(
+        f"- [{no}](assumptions.md#{no.lower()}): {why}." for no, why in NOT_VARIED.items()
+    )
+    return "\n".join(
+        [
+            list_table(head, rows, "34 66", "sensitivity", raw=True),
+            "",
+            f"No change shows for {', '.join(none)}." if none else "",
+            "",
+            "Not varied here:",
+            "",
+            not_varied,
+        ]
+    )
+
+
+def conclusion(drawn: pd.DataFrame) -> str:
+    """How far the position error of the replication moves, and which changes bring it to the paper's."""
+    some = drawn[drawn["number"] == "E_t"].dropna(subset="changed")
+    reach = some[some["changed"] >= PAPER_MM]
+    links = ", ".join(f"[{no}](assumptions.md#{no.lower()})" for no in reach["assumption"])
+    found = "None takes it"
+    if len(reach):
+        found = f"Only {links} take{'s' if len(reach) == 1 else ''} it"
+    return (
+        f"Over all changes {NAMES['E_t']} lies between {digits(some['changed'].min())} and "
+        f"{digits(some['changed'].max())} mm. {found} to the paper's {PAPER_MM} mm."
+    )
+
+
+def is_shown(row: object) -> bool:
+    """Whether a difference is one: more than a hundredth, and its interval leaves out zero where
+    anything was drawn.
+    """
+    if not abs(row.difference) > 1e-2 * abs(row.as_assumed):
+        return False
+    return row.low != row.low or row.low > 0 or row.high < 0
+
+
+def change_text(row: object) -> str:
+    """Before and after, and the interval of the difference."""
+    scale = 100 if row.unit == "share" else 1
+    after = quantity(row.changed, row.unit)
+    text = f"{NAMES[row.number]} {digits(scale * row.as_assumed)} → **{after}**"
+    if row.low == row.low:
+        fewer = "" if row.n in (POSES, CALIBRATIONS) else f", n {row.n}"
+        text += f" ({signed(scale * row.low)} to {signed(scale * row.high)}{fewer})"
+    return text
+
+
+def quantity(value: float, unit: str) -> str:
+    """A number with its unit; a share in percent."""
+    return f"{100 * value:.0f} %" if unit == "share" else f"{digits(value)} {unit}"
+
+
+def signed(value: float) -> str:
+    """Two digits, or whole numbers, with a sign."""
+    text = f"{value:+.0f}" if abs(value) >= 10 else f"{value:+.2g}"
+    return text.replace("-", "−")
+
+
+def environment(seconds: Path) -> str:
+    """Versions, machine, times and hashes of this build."""
+    took = json.loads(seconds.read_text(encoding="utf-8")) if seconds.exists() else {}
+    packages = ", ".join(f"{name} {version(name)}" for name in PACKAGES)
+    rows = [
+        (
+            "Software",
+            f"trinolab {version('trinolab')}, commit {commit()}; Python "
+            f"{platform.python_version()}; {packages}; the rest in `environment.txt`, with hashes",
+        ),
+        (
+            "Machine",
+            f"{processor()}, {os.cpu_count()} cores, {platform.system()}; no graphics card is used",
+        ),
+        (
+            "Run time",
+            f"chapters, scoreboard and ledger {sum(took.values()) / 60:.1f} min of two jobs at a "
+            "time, one thread each"
+            if took
+            else "not measured: nothing was stale",
+        ),
+        *((f"`{name}`", f"SHA-256 {sha256(ROOT / name)[:16]}…") for name in FILES),
+    ]
+    return list_table(("What", "In this build"), rows, "28 72", "environment", raw=True)
+
+
+def commit() -> str:
+    """The short hash of the checkout, and whether files differ from it."""
+    try:
+        done = subprocess.run(
+            ["git", "describe", "--always", "--dirty"],
+            cwd=ROOT,
+            capture_output=True,
+            text=True,
+            check=True,
+        )
+    except (OSError, subprocess.CalledProcessError):
+        return "unknown, since this is no clone"
+    return done.stdout.strip()
+
+
+def processor() -> str:
+    """The processor's name, where the system tells it."""
+    try:
+        text = Path("/proc/cpuinfo").read_text(encoding="utf-8")
+    except OSError:
+        text = ""
+    found = re.search(r"model name\s*:\s*(.+)", text)
+    return found[1] if found else platform.machine()
+
+
+def sha256(path: Path) -> str:
+    """The hash of a file."""
+    return hashlib.sha256(path.read_bytes()).hexdigest()

@@ -1,0 +1,143 @@
+"""Pictures of what moves: a pixel's history, shares of false and missed pixels over time, where
+they are.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colors import ListedColormap
+from matplotlib.figure import Figure
+from matplotlib.patches import Patch
+from numpy.typing import ArrayLike
+
+from trinolab.checks import as_array
+
+from .basics import COLOURS, row_of_panels
+
+VERDICTS = {"background": "white", "found": "silver", "false": "#D55E00", "missed": "#0072B2"}
+
+
+def plot_pixel_histories(
+    t_s: ArrayLike, pixels: Mapping[str, tuple[ArrayLike, ArrayLike]], threshold: float
+) -> Figure:
+    """What single pixels show over time, beside what their backgrounds expect: one below the other.
+
+    Parameters
+    ----------
+    t_s : array_like, shape (n,)
+        Times of the frames, s.
+    pixels : mapping of str to (array_like, array_like), shape (n,) both
+        Title -> grey levels of the frames f_k, and of the backgrounds that they are compared with.
+    threshold : float
+        T of Eq. 5, grey levels. Frames farther than that from their background count as moving.
+    """
+    times = as_array(t_s, "t_s", (None,))
+    figure, axes = plt.subplots(
+        len(pixels),
+        1,
+        figsize=(6.9, 1.7 * len(pixels) + 0.5),
+        sharex=True,
+        squeeze=False,
+        layout="constrained",
+        facecolor="white",
+    )
+    for ax, (title, (levels, backgrounds)) in zip(axes[:, 0], pixels.items(), strict=True):
+        f = as_array(levels, "levels", times.shape)
+        B = as_array(backgrounds, "backgrounds", times.shape)
+        moving = np.abs(f - B) > threshold
+        ax.fill_between(
+            times, B - threshold, B + threshold, color=COLOURS[1], alpha=0.3, label="within $T$"
+        )
+        ax.plot(times, B, color=COLOURS[1], linewidth=2, label="background $B$")
+        ax.plot(times[~moving], f[~moving], ".", color="black", markersize=3, label="frame $f_k$")
+        ax.plot(
+            times[moving], f[moving], "x", color=COLOURS[0], markersize=4, label="counts as moving"
+        )
+        ax.set(ylabel="grey level", facecolor="white")
+        ax.set_title(title, fontsize=10, loc="left")
+    axes[-1, 0].set_xlabel("$t$ / s")
+    figure.legend(
+        *axes[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=4, fontsize=9
+    )
+    return figure
+
+
+def plot_shares(
+    t_s: ArrayLike, panels: Mapping[str, Mapping[str, ArrayLike]], log: bool = False
+) -> Figure:
+    """Shares from 0 to 1 over time, as per cent: panels side by side by their titles, curves (n,)
+    by their names.
+
+    `log` spreads what is small: the axis is logarithmic from 1 % on and linear below.
+    """
+    figure, axes = row_of_panels(len(panels), (6.9, 3.2), sharey=True)
+    styles = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)))
+    for ax, (title, curves) in zip(axes, panels.items(), strict=True):
+        for (name, share), colour, style in zip(curves.items(), COLOURS, styles, strict=False):
+            ax.plot(t_s, 100 * np.asarray(share), linestyle=style, color=colour, label=name)
+        ax.set(
+            title=title,
+            xlabel="$t$ / s",
+            yscale="symlog" if log else "linear",
+            ylim=(-0.2 if log else -2, 105),
+        )
+        ax.yaxis.set(major_formatter="{x:g}")
+        ax.grid(axis="y", alpha=0.3)
+    axes[0].set_ylabel("share / %, linear below 1 %" if log else "share / %")
+    figure.legend(
+        *axes[0].get_legend_handles_labels(), loc="outside upper center", ncols=len(COLOURS)
+    )
+    return figure
+
+
+def plot_verdicts(masks: Mapping[str, ArrayLike], inside: ArrayLike, outside: ArrayLike) -> Figure:
+    """Show which pixels count as moving, and which of them rightly, in panels side by side.
+
+    Parameters
+    ----------
+    masks : mapping of str to array_like of bool, shape (height, width)
+        Detections by their titles.
+    inside, outside : array_like of bool, shape (height, width)
+        Pixels that truly moved, and that truly did not. What is neither is never false or missed.
+    """
+    moved, still = (np.asarray(part, dtype=bool) for part in (inside, outside))
+    figure, axes = row_of_panels(len(masks), (6.9, 2.6), sharey=True)
+    colours = ListedColormap(list(VERDICTS.values()))
+    for ax, (title, mask) in zip(axes, masks.items(), strict=True):
+        found = np.asarray(mask, dtype=bool)
+        kind = 1 * found + 1 * (found & still) + 3 * (~found & moved)
+        ax.imshow(kind, cmap=colours, vmin=0, vmax=3, interpolation="nearest")
+        ax.set(title=title, xlabel="$u$ / px")
+    axes[0].set_ylabel("$v$ / px")
+    patches = [
+        Patch(facecolor=colour, edgecolor="black", label=name) for name, colour in VERDICTS.items()
+    ]
+    figure.legend(handles=patches, ncols=len(patches), loc="outside lower center")
+    return figure
+
+
+def show_table(
+    values: ArrayLike,
+    rows: Sequence[float],
+    columns: Sequence[float],
+    names: tuple[str, str],
+    title: str,
+    ax: Axes,
+) -> None:
+    """Show numbers from 0 to 100, one for each of `rows` and `columns`, the darker the larger.
+
+    `names` are those of the rows and of the columns.
+    """
+    table = as_array(values, "values", (len(rows), len(columns)))
+    ax.imshow(table, cmap="Blues", vmin=0, vmax=100, aspect="auto")
+    for (i, j), value in np.ndenumerate(table):
+        ax.text(
+            j, i, f"{value:.2f}", ha="center", va="center", color="white" if value > 55 else "black"
+        )
+    ax.set(title=title, xlabel=names[1], ylabel=names[0])
+    ax.set_xticks(range(len(columns)), [f"{column:g}" for column in columns])
+    ax.set_yticks(range(len(rows)), [f"{row:g}" for row in rows])

@@ -1,0 +1,205 @@
+"""Pictures of Table 1: its errors in space, the error budget, and the pattern."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
+
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import ArrayLike
+
+from trinolab.checks import as_points
+
+from .basics import COLOURS, row_of_panels
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+COLUMN_IN = 6.9  # width of a page's column
+_REFUSED, _KEPT, _FITTED = COLOURS[1], "white", "0.85"
+_VIEWS = ((0, 1, "from the cameras"), (0, 2, "from above"))
+
+
+def plot_errors_in_space(positions: ArrayLike, errors: ArrayLike, magnified: float) -> Figure:
+    """Position errors as arrows at their positions, seen from the cameras and from above.
+
+    Parameters
+    ----------
+    positions, errors : array_like, shape (n, 3)
+        World frame, mm.
+    magnified : float
+        How many times longer the arrows are than the errors.
+    """
+    x = as_points(positions, "positions", 3)
+    e = magnified * as_points(errors, "errors", 3)
+    figure, panels = plt.subplots(
+        2, 1, figsize=(COLUMN_IN, 6.6), layout="constrained", facecolor="white"
+    )
+    for ax, (i, j, name) in zip(panels, _VIEWS, strict=True):
+        ax.quiver(
+            x[:, i],
+            x[:, j],
+            e[:, i],
+            e[:, j],
+            angles="xy",
+            scale_units="xy",
+            scale=1.0,
+            color=COLOURS[0],
+            width=0.005,
+        )
+        ax.plot(x[:, i], x[:, j], "o", color="black", markersize=3)
+        ends = np.concatenate([x, x + e])
+        ax.set(
+            title=name,
+            xlabel=f"${'xyz'[i]}$ / mm",
+            ylabel=f"${'xyz'[j]}$ / mm",
+            xlim=(ends[:, i].min() - 12, ends[:, i].max() + 12),
+            ylim=(ends[:, j].min() - 12, ends[:, j].max() + 12),
+            aspect="equal",
+        )
+    panels[0].invert_yaxis()  # y points down
+    return figure
+
+
+def plot_factors(curves: Mapping[str, tuple[ArrayLike, ArrayLike, float]], ylabel: str) -> Figure:
+    """Four curves over four parameters, in two rows with one logarithmic y axis.
+
+    Parameters
+    ----------
+    curves : mapping of str to (x (n,), y (n,), paper)
+        By the name of the x axis; a dotted line marks the paper's working point.
+    ylabel : str
+    """
+    figure, grid = plt.subplots(
+        2, 2, figsize=(COLUMN_IN, 5.0), sharey=True, layout="constrained", facecolor="white"
+    )
+    for ax, (xlabel, (x, y, paper)) in zip(grid.flat, curves.items(), strict=True):
+        ax.semilogy(x, y, "o-", color=COLOURS[0])
+        ax.axvline(paper, color="black", linestyle=":", label="the paper")
+        ax.set(xlabel=xlabel, facecolor="white")
+        ax.yaxis.set(major_formatter="{x:g}", minor_formatter="")
+        ax.set_yticks([0.05, 0.1, 0.2, 0.3])
+        ax.locator_params(axis="x", nbins=5)
+        ax.grid(axis="y", alpha=0.3)
+    for ax in grid[:, 0]:
+        ax.set_ylabel(ylabel)
+    grid[0, 0].legend()
+    return figure
+
+
+def plot_budget(table: pd.DataFrame, columns: Mapping[str, str]) -> Figure:
+    """The error budget as bars, one row a source, one panel a quantity.
+
+    Parameters
+    ----------
+    table : pandas.DataFrame
+        A row a bar, from top to bottom; the index names it, `group` is what it belongs to.
+    columns : mapping
+        From the name of a column to that of its x axis. NaN has no bar.
+    """
+    groups = list(dict.fromkeys(table["group"]))
+    colours = dict(zip(groups, COLOURS, strict=False))
+    height = 0.29 * len(table) + 1.2
+    figure, panels = row_of_panels(len(columns), (COLUMN_IN, height), sharey=True)
+    places = np.arange(len(table))
+    for ax, (column, xlabel) in zip(panels, columns.items(), strict=True):
+        for group in groups:
+            rows = np.flatnonzero(table["group"] == group)
+            ax.barh(rows, table[column].iloc[rows], color=colours[group], label=group)
+        for place, value in zip(places, table[column], strict=True):
+            if np.isfinite(value):
+                ax.annotate(
+                    f"{value:.2g}", (value, place), (3, 0), textcoords="offset points",
+                    va="center", fontsize=9,
+                )  # fmt: skip
+        ax.set(xlabel=xlabel, xlim=(0, 1.25 * np.nanmax(table[column])), facecolor="white")
+    panels[0].set_yticks(places, table.index)
+    panels[0].invert_yaxis()
+    figure.legend(
+        *panels[0].get_legend_handles_labels(), loc="outside upper center", ncols=3, fontsize=9
+    )
+    return figure
+
+
+def plot_refused(table: pd.DataFrame, names: Mapping[str, str], level: float) -> Axes:
+    """Corrected p values, a row a model and a column a statistic; refused ones are coloured.
+
+    Parameters
+    ----------
+    table : pandas.DataFrame
+        Columns model, statistic, p_holm and fitted; see `studies.pattern.pattern_table`.
+    names : mapping
+        What is written for a statistic, in the order of the columns.
+    level : float
+        A p value below is refused.
+    """
+    models = list(dict.fromkeys(table["model"]))
+    by_place = table.set_index(["model", "statistic"])
+    _, ax = plt.subplots(
+        figsize=(COLUMN_IN, 0.27 * len(models) + 0.9), layout="constrained", facecolor="white"
+    )
+    for row, model in enumerate(models):
+        for column, statistic in enumerate(names):
+            cell = by_place.loc[(model, statistic)]
+            refused = not cell["fitted"] and cell["p_holm"] < level
+            colour = _FITTED if cell["fitted"] else _REFUSED if refused else _KEPT
+            text = "fitted" if cell["fitted"] else _short(float(cell["p_holm"]))
+            ax.add_patch(
+                plt.Rectangle((column - 0.5, row - 0.5), 1, 1, facecolor=colour, edgecolor="0.6")
+            )
+            ax.text(column, row, text, ha="center", va="center", fontsize=9)
+    ax.set(xlim=(-0.5, len(names) - 0.5), ylim=(len(models) - 0.5, -0.5))
+    ax.set_xticks(range(len(names)), list(names.values()), fontsize=9)
+    ax.set_yticks(range(len(models)), models, fontsize=9)
+    ax.xaxis.tick_top()
+    ax.tick_params(length=0)
+    return ax
+
+
+def plot_over_beta(
+    beta_deg: ArrayLike, panels: Mapping[str, Mapping[str, ArrayLike]], styles: Sequence[str]
+) -> Figure:
+    """Angle errors over the distance from the gimbal lock, on logarithmic axes that all panels
+    share.
+
+    Parameters
+    ----------
+    beta_deg : array_like, shape (n,)
+    panels : mapping
+        From a panel's title to its series (n,) > 0, a mapping from their names.
+    styles : sequence of str
+        Of the series, matplotlib's.
+    """
+    figure, row = row_of_panels(len(panels), (COLUMN_IN, 3.1), sharey=True)
+    for ax, (title, series) in zip(row, panels.items(), strict=True):
+        for (name, y), colour, style in zip(series.items(), COLOURS, styles, strict=False):
+            ax.semilogy(beta_deg, y, style, color=colour, label=name, markersize=6, mew=1.5)
+        ax.set(title=title, xlabel=r"$|\beta|$ / deg", facecolor="white")
+        ax.grid(axis="y", alpha=0.3)
+    row[0].set_ylabel("error / deg")
+    row[0].yaxis.set(major_formatter="{x:g}", minor_formatter="")
+    figure.legend(*row[0].get_legend_handles_labels(), loc="outside upper center", ncols=3)
+    return figure
+
+
+def plot_null(
+    draws: Mapping[str, ArrayLike], observed: float, xlabel: str, limits: tuple[float, float]
+) -> Axes:
+    """Histograms of a statistic as several models draw it, and a line where it was observed."""
+    _, ax = plt.subplots(figsize=(COLUMN_IN, 3.2), layout="constrained", facecolor="white")
+    edges = np.linspace(*limits, 41).tolist()
+    for (name, values), colour in zip(draws.items(), COLOURS, strict=False):
+        clipped = np.clip(np.asarray(values, dtype=float), *limits)
+        share = np.full(clipped.shape, 1.0 / clipped.size)
+        ax.hist(clipped, edges, weights=share, color=colour, alpha=0.6, label=name)
+    ax.axvline(observed, color="black", linestyle="--", label="Table 1")
+    ax.set(xlabel=xlabel, ylabel="share of the tables", facecolor="white")
+    ax.legend()
+    return ax
+
+
+def _short(p: float) -> str:
+    return "< 0.001" if p < 0.001 else f"{p:.1g}" if p < 0.01 else f"{p:.2f}"

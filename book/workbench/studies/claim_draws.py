@@ -1,0 +1,499 @@
+"""One draw of each trial of the protocol: what chance decides once, and what every check makes of it.
+
+A draw gives each of its checks two numbers (a, b). Over all draws the value of the check is sum a /
+sum b, see `claims.estimated`: for a share a is 1 or 0, and b is 1. A draw that says nothing about a
+check has b = 0. Draw k of a trial has a generator of its own, of (seed, k), so that it can be made
+alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cache, partial
+from typing import NamedTuple
+
+import numpy as np
+from scipy.spatial.transform import RigidTransform
+
+from trinolab.background import BackgroundParameters
+from trinolab.bench.hand import Arm, true_visibility
+from trinolab.bench.motion import smooth_motion
+from trinolab.bench.optics import Bench
+from trinolab.bench.recordings import scripted
+from trinolab.bench.scenario import take
+from trinolab.bench.scene import render, render_clip, render_rig
+from trinolab.camera import Camera, Rig
+from trinolab.checks import Array
+from trinolab.datasets import load_handle, load_rig, load_table1
+from trinolab.handle import Handle, facing_pixels
+from trinolab.image_track import run, search_window, track
+from trinolab.kalman import (
+    KalmanParameters,
+    State,
+    constant_acceleration,
+    predict_motion,
+    update,
+    white_jerk,
+)
+from trinolab.matching import match
+from trinolab.measurement import Measurement, measure
+from trinolab.methods import BEST
+from trinolab.metrics import PoseErrors
+from trinolab.parameters import Parameters
+from trinolab.slave.arm import Robot, load_robot
+from trinolab.tracker import TrackerState, start, step
+from trinolab.triangulation import triangulate, triangulate_weighted
+from trinolab.window import Window
+
+from . import factors, master_slave
+from .claim_trials import (
+    FPS,
+    SAME_PX,
+    nearest,
+    searched,
+    share_close,
+    share_of_image,
+    true_labels,
+)
+from .replication import replication_errors, shared_poses
+from .simulated_calibration import Board, calibration_errors, simulated_calibration
+
+Draw = dict[str, tuple[float, float]]
+
+NOTHING = (0.0, 0.0)
+# Eq. 5 and 6 as printed: one threshold, every pixel renewed at one rate, no factor for the light.
+# The paper gives no rate: ours.
+PRINTED = Parameters(
+    background=BackgroundParameters(
+        update_rate=0.05, shadow_share=0.0, masked_rate=None, compensate_light=False
+    )
+)
+PRINTED_H = np.array([[1.0, 1.0, 0.0, 0.0, 0.0, 0.0]])  # Eq. 12: x + y is observed
+CLIP, LONG_CLIP = 6, 30  # instants; the light changes in the middle
+FACTORS = {"distortion": -0.1, "distance": 900.0, "marker_size": 4.0, "speed": 200.0}
+CONCEALED_MM = 1.0  # a marker's place is calculated if it is as near as this
+MARKER_PX = 0.1  # noise of a marker's pixel where no image is rendered
+PATH_PX = 2.0  # noise of an observed path in the image
+SCRIPT_S = 5.0  # of a standard recording's script, of which one instant is drawn
+
+
+def table1_pose(k: int, seed: int) -> Draw:
+    """Pose k of Table 1, rendered and measured: by the paper's method with two cameras, by our best
+    with every rig.
+    """
+    handle = load_handle("paper")
+    truth = load_table1().set_poses[k % len(load_table1().set_poses)]
+    rng = np.random.default_rng([seed, k])
+    pair = render_rig(load_rig("paper_pair"), handle, truth, Bench(), rng)
+    found: Draw = {}
+    errors = _errors(measure(pair, load_rig("paper_pair"), handle), truth, handle)
+    for check, field in (
+        ("replication_position", "E_t_mm"),
+        ("replication_alpha", "E_alpha_deg"),
+        ("replication_beta", "E_beta_deg"),
+        ("replication_gamma", "E_gamma_deg"),
+        ("replication_geodesic", "geodesic_mean_deg"),
+    ):
+        found[check] = _value(errors, field)
+    for name in ("paper_pair", "paper_trinocular", "raised_40deg"):
+        rig = load_rig(name)
+        third = [render(camera, handle, truth, Bench(), rng) for camera in rig.cameras[2:]]
+        best = measure([*pair, *third], rig, handle, parameters=Parameters(estimator=BEST))
+        errors = _errors(best, truth, handle)
+        found[f"best_position_{name}"] = _value(errors, "E_t_mm")
+        found[f"best_geodesic_{name}"] = _value(errors, "geodesic_mean_deg")
+    return found
+
+
+def random_pose(k: int, seed: int) -> Draw:
+    """A random pose at which CCD1 and CCD2 truly see the same four markers, rendered: measured?
+    matched rightly? how far are the centroids off?
+    """
+    rig = load_rig("paper_pair")
+    handle = load_handle("paper")
+    rng = np.random.default_rng([seed, k])
+    truth = next(shared_poses(rig, handle, rng))
+    images = render_rig(rig, handle, truth, Bench(), rng)
+    m = measure(images, rig, handle)
+    left, right, pairs, same = _matched(images, m, truth, rig, handle)
+    both = np.logical_and(*(true_visibility(camera, handle, truth) for camera in rig.cameras))
+    matched = np.isin(np.flatnonzero(both), left[pairs[same, 0]])
+    off = np.concatenate(
+        [
+            nearest(found.uv, facing_pixels(handle, camera, truth, 65.0))[1]
+            for camera, found in zip(rig.cameras, m.found, strict=True)
+        ]
+    )
+    off = off[off < SAME_PX]
+    return {
+        "share_measured": (share_close([m], [truth], handle, equivalents=True), 1.0),
+        "share_measured_itself": (share_close([m], [truth], handle, equivalents=False), 1.0),
+        "share_of_wrong_matches": (float((~same).sum()), float(len(pairs))),
+        "share_of_wrong_identities": _wrong_identities(m, left, right),
+        "share_of_markers_matched": (float(matched.sum()), float(both.sum())),
+        "centroid_error_px": (float((off**2).sum()), float(len(off))),
+    }
+
+
+def recorded_instant(k: int, seed: int) -> Draw:
+    """One instant of a new draw of a standard recording, ``calm`` and ``hard`` in turn: wrong matches
+    of CCD1 and CCD2 while both are lit.
+    """
+    rig = load_rig("paper_pair")
+    handle = load_handle("paper")
+    job = scripted(("calm", "hard")[k % 2], rig, handle, seed + k, SCRIPT_S)
+    rng = np.random.default_rng([seed, k])
+    there = [
+        frame
+        for frame, shot in enumerate(job.shots)
+        if shot.T_world_handle is not None and min(shot.gains) > 0
+    ]
+    frame = int(rng.choice(there))
+    truth = job.shots[frame].T_world_handle
+    assert truth is not None  # chosen so
+    images = [take(job, frame, index) for index in range(len(rig.cameras))]
+    m = measure(images, rig, handle)
+    left, right, pairs, same = _matched(images, m, truth, rig, handle)
+    return {
+        "recorded_wrong_matches": (float((~same).sum()), float(len(pairs))),
+        "recorded_wrong_identities": _wrong_identities(m, left, right),
+    }
+
+
+def hidden_camera(k: int, seed: int) -> Draw:
+    """A random pose at which CCD1 and CCD2 share four markers; then a hand hides CCD1: do three
+    cameras still measure it, CCD3 at Fig. 5's place or at 40 deg?
+    """
+    handle = load_handle("paper")
+    rng = np.random.default_rng([seed, k])
+    truth = next(shared_poses(load_rig("paper_pair"), handle, rng))
+    found: Draw = {}
+    for name in ("paper_trinocular", "raised_40deg"):
+        rig = load_rig(name)
+        x, y, z = rig.cameras[0].centre
+        arm = Arm(hides_from=(float(x), float(y), float(z)))
+        m = measure(render_rig(rig, handle, truth, Bench(), rng, arm), rig, handle)
+        found[f"share_saved_{name}"] = (share_close([m], [truth], handle, equivalents=True), 1.0)
+    return found
+
+
+def clip(k: int, seed: int, length: int = CLIP) -> Draw:
+    """A short clip of a moving, held handle, tracked from a known start by the printed background
+    and by ours, in steady light and in light that doubles half-way.
+    """
+    rig = load_rig("paper_pair")
+    handle = load_handle("paper")
+    rng = np.random.default_rng([seed, k])
+    truths = list(smooth_motion(rng, length / FPS, FPS))
+    half = length // 2
+    empty = render_rig(rig, handle, None, Bench(), rng)
+    first = list(render_clip(rig, handle, truths[:half], Bench(), rng, Arm()))
+    second = {
+        gain: list(
+            render_clip(
+                rig, handle, truths[half:], Bench(), rng, Arm(), np.full(length - half, gain)
+            )
+        )
+        for gain in (1.0, 2.0)
+    }
+    found: Draw = {}
+    begun = start(empty, rig, -1 / FPS, truths[0])
+    unknown: list[State | None] = [None] * len(rig.cameras)
+    for name, parameters in (("printed", PRINTED), ("ours", Parameters())):
+        follow = partial(_follow, rig=rig, handle=handle, parameters=parameters)
+        before = follow(begun, unknown, first, truths[:half], 0)
+        steady, doubled = (
+            follow(before.state, before.printed, second[gain], truths[half:], half)
+            for gain in (1.0, 2.0)
+        )
+        found[f"share_tracked_{name}"] = (float(all(before.right + steady.right)), 1.0)
+        found[f"share_kept_under_light_{name}"] = (
+            float(sum(doubled.right)),
+            float(sum(steady.right)),
+        )
+        if name == "ours":
+            for whose in ("ours", "printed"):
+                shares = [*getattr(before, f"shares_{whose}"), *getattr(steady, f"shares_{whose}")]
+                found[f"share_searched_{whose}"] = (float(sum(shares)), float(len(shares)))
+            found["time_searched"] = _time(
+                second[1.0][-1][0], steady.window, rig.cameras[0], handle, truths[-1]
+            )
+    return found
+
+
+def long_clip(k: int, seed: int) -> Draw:
+    """`clip` for a second, its checks named ``long_``."""
+    return {f"long_{check}": pair for check, pair in clip(k, seed, LONG_CLIP).items()}
+
+
+def calibration(k: int, seed: int) -> Draw:
+    """A calibration from 14 positions of a target: its mean cost at Table 1's poses, mm."""
+    rig = load_rig("paper_pair")
+    rng = np.random.default_rng([seed, k])
+    found = simulated_calibration(rig, Board(), 14, rng).rig
+    errors = calibration_errors(found, rig, load_handle("paper"), load_table1().set_poses)
+    return {"calibration_cost": (errors.E_t_mm, 1.0)}
+
+
+def factor(k: int, seed: int) -> Draw:
+    """Pose 2k of Table 1 with one factor changed, against the same noise without: growth of the
+    position error.
+    """
+    handle = load_handle("paper")
+    setup = factors.table1_setup(load_rig("paper_pair"), handle)
+    base = _position_error(setup, 2 * k, seed)
+    found: Draw = {}
+    for name, value in FACTORS.items():
+        changed = factors.FACTORS[name].change(setup, value)
+        kept = np.arange(len(setup.poses))
+        if name == "distance":  # some poses would leave the images
+            kept = np.flatnonzero(factors.in_view_everywhere(setup))
+        place = np.flatnonzero(kept == 2 * k)
+        worse = _position_error(changed, int(place[0]), seed) if len(place) else None
+        found[f"factor_{name}"] = NOTHING if base is None or worse is None else (worse - base, base)
+    return found
+
+
+def concealed(k: int, seed: int) -> Draw:
+    """A random pose of which three cameras see a marker, concealed from one of them: is its place
+    calculated all the same?
+    """
+    handle = load_handle("paper")
+    rig = load_rig("raised_40deg")
+    rng = np.random.default_rng([seed, k])
+    while True:
+        truth = next(shared_poses(rig, handle, rng))
+        visible = np.stack([true_visibility(camera, handle, truth) for camera in rig.cameras])
+        if len(seen := np.flatnonzero(visible.all(axis=0))):
+            break
+    marker = int(rng.choice(seen))
+    point = truth.apply(handle.marker_centres[[marker]])
+    uv = np.stack([camera.project(point) for camera in rig.cameras])
+    uv += rng.normal(0.0, MARKER_PX, uv.shape)
+    whole = triangulate(rig, uv)
+    weighted = triangulate_weighted(rig, uv, MARKER_PX)[0]
+    uv[int(rng.integers(len(rig.cameras)))] = np.nan
+    rest = triangulate(rig, uv)
+    return {
+        "share_concealed": (float(np.linalg.norm(rest - point) <= CONCEALED_MM), 1.0),
+        # rms of Eq. 22's mean over the rms of the mean weighted by covariances
+        "plain_mean": (
+            float(((whole - point) ** 2).sum()),
+            float(((weighted - point) ** 2).sum()),
+        ),
+    }
+
+
+def forecast(k: int, seed: int) -> Draw:
+    """A motion seen by CCD1: errors of position, speed and acceleration forecasted one frame ahead,
+    against having no forecast.
+    """
+    fine = 10  # steps a frame, for the true speed
+    rng = np.random.default_rng([seed, k])
+    camera = load_rig("paper_pair").cameras[0]
+    poses = smooth_motion(rng, 3.0, fine * FPS)
+    path = camera.project(poses.translation)
+    speed = np.gradient(path, 1 / (fine * FPS), axis=0)
+    acceleration = np.gradient(speed, 1 / (fine * FPS), axis=0)
+    true = np.hstack([path, speed, acceleration])[::fine]
+    z = true[:, :2] + rng.normal(0.0, PATH_PX, (len(true), 2))
+    p = KalmanParameters(sigma_px=PATH_PX)
+    times = np.arange(len(z)) / FPS
+    ours = track(times, z, p, gated=False).predicted.mean
+    known = State(np.append(z[0], np.zeros(4)), np.zeros((6, 6)))
+    F, Q = constant_acceleration(1 / FPS), white_jerk(1 / FPS, p.jerk_intensity)
+    sums = z[1:].sum(axis=1, keepdims=True)
+    R = np.array([[2 * PATH_PX**2]])
+    printed = run(known, sums, F, Q, PRINTED_H, R).predicted.mean
+    settled = slice(15, None)
+    moved = np.diff(true[:, :2], axis=0, prepend=np.nan)
+
+    def compare(predicted: Array, quantity: Array, columns: slice) -> tuple[float, float]:
+        off = (predicted - true)[settled, columns]
+        return float((off**2).sum()), float((quantity[settled] ** 2).sum())
+
+    position, velocity, third = slice(0, 2), slice(2, 4), slice(4, 6)
+    return {
+        "forecast_printed": compare(np.vstack([np.full(6, np.nan), printed]), moved, position),
+        "forecast_position": compare(ours, moved, position),
+        "forecast_speed": compare(ours, true[:, velocity], velocity),
+        "forecast_acceleration": compare(ours, true[:, third], third),
+    }
+
+
+def slave(k: int, seed: int) -> Draw:
+    """A hand at a third of a person's pace for three seconds, and a hand that then rests, through
+    tracker noise, filter and arm: errors at the tool, delay.
+    """
+    robot = _robot()
+    number = seed + k
+    hand = master_slave.human_hand(number, 0.3)
+    led = partial(
+        master_slave.run, robot, noise_mm=0.05, noise_deg=0.3, age_s=0.005 + 1 / 30 + 0.0105
+    )
+    moving = led(hand, duration_s=3.0, rng=np.random.default_rng([seed, k, 0]))
+    stop_s = master_slave.STILL_S + 1.0
+
+    def resting(times: Array) -> RigidTransform:
+        return hand(np.minimum(times, stop_s))
+
+    rest = led(
+        resting, duration_s=1.0 + master_slave.REST_S, rng=np.random.default_rng([seed, k, 1])
+    )
+    mm, deg = master_slave.parts(moving)["total"]
+    last = [rest.stages[name][-1:] for name in ("hand", "tool")]
+    rest_mm, rest_deg = master_slave.between(*last)
+    return {
+        "slave_delay_ms": (1e3 * master_slave.lag_s(moving), 1.0),
+        "slave_moving_mm": (mm, 1.0),
+        "slave_moving_deg": (deg, 1.0),
+        "slave_rest_mm": (rest_mm, 1.0),
+        "slave_rest_deg": (rest_deg, 1.0),
+    }
+
+
+TRIALS: dict[str, Callable[[int, int], Draw]] = {
+    "concealed": concealed,
+    "forecast": forecast,
+    "calibration": calibration,
+    "slave": slave,
+    "table1_pose": table1_pose,
+    "random_pose": random_pose,
+    "factor": factor,
+    "recorded_instant": recorded_instant,
+    "hidden_camera": hidden_camera,
+    "clip": clip,
+    "long_clip": long_clip,
+}
+
+
+class _Way(NamedTuple):
+    """What came of a part of a clip: the tracker's state, the printed filter of each camera, whether
+    each instant is right, the shares of the images that both filters would have searched, and the
+    last window of the first camera.
+    """
+
+    state: TrackerState
+    printed: list[State | None]
+    right: list[bool]
+    shares_ours: list[float]
+    shares_printed: list[float]
+    window: Window | None
+
+
+def _follow(
+    state: TrackerState,
+    printed: list[State | None],
+    frames: list[list[np.ndarray]],
+    truths: list[RigidTransform],
+    begin: int,
+    rig: Rig,
+    handle: Handle,
+    parameters: Parameters,
+) -> _Way:
+    """Go on with a clip by the tracker, and beside it with the printed filter of the same windows'
+    centres (Eq. 7-15).
+    """
+    way = _Way(state, list(printed), [], [], [], None)
+    for k, (images, truth) in enumerate(zip(frames, truths, strict=True), start=begin):
+        for c, (camera, known) in enumerate(zip(rig.cameras, way.state.cameras, strict=True)):
+            if known.motion is None or known.window is None:
+                continue
+            motion = predict_motion(known.motion, 1 / FPS)
+            window = search_window(motion, known.window, camera.size)
+            way.shares_ours.append(share_of_image(window, camera, handle, truth))
+            last = way.printed[c] or _certain(known.window)
+            way.printed[c] = guess = predict_motion(last, 1 / FPS)
+            other = search_window(guess, known.window, camera.size)
+            way.shares_printed.append(share_of_image(other, camera, handle, truth))
+            if c == 0:
+                way = way._replace(window=window)
+        now, measurement = step(way.state, images, k / FPS, rig, handle, parameters)
+        for c, known in enumerate(now.cameras):
+            guess_c = way.printed[c]
+            if guess_c is not None and known.window is not None:
+                way.printed[c] = _printed_update(guess_c, known.window)
+        way.right.append(share_close([measurement], [truth], handle, equivalents=False) == 1.0)
+        way = way._replace(state=now)
+    return way
+
+
+def _certain(window: Window) -> State:
+    """The paper's start: all is known, and nothing moves (Sect. 4.2)."""
+    return State(np.append(np.array(window.centre), np.zeros(4)), np.zeros((6, 6)))
+
+
+def _printed_update(state: State, window: Window) -> State:
+    """Eq. 13-15 with the printed H: only the sum of the coordinates is observed."""
+    R = np.array([[2 * KalmanParameters().sigma_px ** 2]])
+    return update(state, np.array([sum(window.centre)]), PRINTED_H, R)
+
+
+def _time(
+    image: np.ndarray,
+    window: Window | None,
+    camera: Camera,
+    handle: Handle,
+    truth: RigidTransform,
+) -> tuple[float, float]:
+    """Processor time of a search in a window of an image, and in all of it, s."""
+    if window is None:
+        return NOTHING
+    inside, whole = (
+        searched([image] * 2, [where] * 2, camera, handle, [truth] * 2).seconds
+        for where in (window, Window(0, 0, *camera.size))
+    )
+    return inside, whole
+
+
+def _matched(
+    images: list[np.ndarray], m: Measurement, truth: RigidTransform, rig: Rig, handle: Handle
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """The true markers of what both cameras found, the pairs that Sect. 5.2 makes of it, and which of
+    these are right.
+    """
+    left, right = (
+        true_labels(camera, handle, truth, found.uv)
+        for camera, found in zip(rig.cameras, m.found, strict=True)
+    )
+    uv = [found.uv for found in m.found]
+    pairs = match(rig.cameras[0], rig.cameras[1], images[0], images[1], uv[0], uv[1]).index
+    same = (left[pairs[:, 0]] == right[pairs[:, 1]]) & (left[pairs[:, 0]] >= 0)
+    return left, right, pairs, same
+
+
+def _wrong_identities(m: Measurement, left: np.ndarray, right: np.ndarray) -> tuple[float, float]:
+    """Pairs of pixels that the whole chain takes for one marker of the handle, and that are not; of
+    all its pairs.
+    """
+    ours = [np.asarray(labels) for labels in m.labels]
+    wrong = pairs = 0
+    for i, label in enumerate(ours[0]):
+        for j in np.flatnonzero((ours[1] == label) & (label >= 0)):
+            pairs += 1
+            wrong += int(left[i] != right[j] or left[i] < 0)
+    return float(wrong), float(pairs)
+
+
+def _position_error(setup: factors.Setup, k: int, seed: int) -> float | None:
+    """Of one pose of a setup, mm; None if it is lost."""
+    frames = factors.frames(setup, k, np.random.default_rng([seed, k]))
+    m = measure(frames, setup.rig, setup.handle)
+    errors = _errors(m, setup.poses[k], setup.handle)
+    return None if errors is None else errors.E_t_mm
+
+
+def _errors(m: Measurement, truth: RigidTransform, handle: Handle) -> PoseErrors | None:
+    """Errors of one measurement, up to the handle's symmetry; None if it is lost."""
+    if m.pose.T_world_handle is None:
+        return None
+    return replication_errors([m], RigidTransform.concatenate([truth]), handle)
+
+
+def _value(errors: PoseErrors | None, field: str) -> tuple[float, float]:
+    return NOTHING if errors is None else (float(getattr(errors, field)), 1.0)
+
+
+@cache
+def _robot() -> Robot:
+    return load_robot()

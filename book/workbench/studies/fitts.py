@@ -1,0 +1,155 @@
+"""A pointing task under delay: how fast and how accurate two models of an operator are, by scale and
+delay.
+
+    python -m workbench.studies fitts
+
+makes ``fitts.csv`` again: nine targets (40, 80, 160 mm away, 5, 10, 20 mm wide, at the tool), ten
+times each, by twenty operators, which are twenty seeds. `one_operator` is a run of it, for
+`workbench.sweep`.
+"""
+
+from __future__ import annotations
+
+from itertools import product
+from typing import NamedTuple
+
+import numpy as np
+import pandas as pd
+from tqdm import tqdm
+
+from ..intervals import Interval, of_share, of_student
+from ..teleop.operators import STRATEGIES, Person, point
+from ..teleop.pointing import DISTANCES_MM, WIDTHS_MM, conditions, difficulty, performance
+
+SCALES = (1.0, 2.0, 3.0, 4.0)
+DELAYS_S = (0.0, 0.075, 0.15, 0.225, 0.3)
+SEEDS = 20
+REPEATS = 10
+
+
+class LagModels(NamedTuple):
+    """Movement time over difficulty and delay, by least squares over the means of the conditions.
+
+    Attributes
+    ----------
+    r2_product, r2_sum : float
+        Share of the variance that a + (b + c delay) difficulty explains, and a + b difficulty +
+        c delay.
+    a_s, b_s_bit, c_bit : float
+        Of the product: s, s/bit, and s a bit and s of delay.
+    c : Interval
+        Of `c_bit`, over the operators.
+    """
+
+    r2_product: float
+    r2_sum: float
+    a_s: float
+    b_s_bit: float
+    c_bit: float
+    c: Interval
+
+
+def one_operator(
+    strategy: str = STRATEGIES[0],
+    scale: float = 1.0,
+    delay_s: float = 0.0,
+    seed: int = 0,
+    repeats: int = REPEATS,
+    own_delay_s: float = Person.delay_s,
+    miss: float = Person.miss,
+    crossover: float = Person.crossover,
+) -> dict[str, float]:
+    """What one operator reaches: ``throughput_bit_s``, ``movement_s``, ``error_share``, ``moves``.
+
+    Parameters
+    ----------
+    strategy : str
+        One of `slave.operators.STRATEGIES`.
+    scale, delay_s : float
+        Tool : handle, and what is added between the tool and its picture, s.
+    seed : int
+        The operator.
+    repeats : int
+        Trials of each of the nine targets.
+    own_delay_s, miss, crossover : float
+        Of `slave.operators.Person`.
+    """
+    person = Person(delay_s=own_delay_s, miss=miss, crossover=crossover)
+    found = performance(_log(strategy, scale, delay_s, seed, repeats, person))
+    return {name: value for name, value in found._asdict().items() if name != "n"}
+
+
+def make_table(seeds: int = SEEDS, progress: bool = False) -> pd.DataFrame:
+    """A row a strategy, scale and delay, with the means over so many operators.
+
+    Columns: `strategy`, `scale`, `delay_s`, `seeds`, `trials`; `throughput_bit_s`, `movement_s`
+    and `moves` with `_low` and `_high` of their 95 % interval (Student's t over the operators);
+    `error_share` with its own (Wilson, over all trials).
+    """
+    cells = tqdm(list(product(STRATEGIES, SCALES, DELAYS_S)), unit="cell", disable=not progress)
+    return pd.DataFrame([_cell(name, scale, delay_s, seeds) for name, scale, delay_s in cells])
+
+
+def _cell(strategy: str, scale: float, delay_s: float, seeds: int) -> dict[str, float | str]:
+    runs = pd.DataFrame([one_operator(strategy, scale, delay_s, seed) for seed in range(seeds)])
+    trials = seeds * REPEATS * len(DISTANCES_MM) * len(WIDTHS_MM)
+    row: dict[str, float | str] = {
+        "strategy": strategy,
+        "scale": scale,
+        "delay_s": delay_s,
+        "seeds": seeds,
+        "trials": trials,
+    }
+    for name in ("throughput_bit_s", "movement_s", "moves"):
+        sure = of_student(runs[name])
+        row |= {name: float(runs[name].mean()), f"{name}_low": sure.low, f"{name}_high": sure.high}
+    share = float(runs["error_share"].mean())
+    sure = of_share(round(share * trials), trials)
+    return row | {"error_share": share, "error_share_low": sure.low, "error_share_high": sure.high}
+
+
+def lag_models(
+    strategy: str = STRATEGIES[0], scale: float = 1.0, seeds: int = SEEDS, repeats: int = REPEATS
+) -> LagModels:
+    """Whether a delay multiplies the difficulty, as MacKenzie and Ware found (1993, DOI
+    10.1145/169059.169431), or is added to the movement time.
+    """
+    logs = [
+        _log(strategy, scale, delay_s, seed, repeats).assign(seed=seed)
+        for delay_s, seed in product(DELAYS_S, range(seeds))
+    ]
+    log = pd.concat(logs)
+    keys = ["seed", "distance_mm", "width_mm", "delay_s"]
+    means = (
+        log.assign(time=log["end_s"] - log["start_s"]).groupby(keys)["time"].mean().reset_index()
+    )
+    whole = means.groupby(keys[1:])["time"].mean().reset_index()
+    (a, b, c), r2_product = _fit(whole, product_form=True)
+    _, r2_sum = _fit(whole, product_form=False)
+    each = [_fit(one, product_form=True)[0][2] for _, one in means.groupby("seed")]
+    return LagModels(r2_product, r2_sum, a, b, c, of_student(each))
+
+
+def _fit(means: pd.DataFrame, product_form: bool) -> tuple[tuple[float, float, float], float]:
+    """Coefficients, and the share of the variance that they explain."""
+    bits = difficulty(means["distance_mm"].to_numpy(), means["width_mm"].to_numpy())
+    delay = means["delay_s"].to_numpy()
+    time = means["time"].to_numpy()
+    third = delay * bits if product_form else delay
+    columns = np.column_stack([np.ones_like(bits), bits, third])
+    found = np.linalg.lstsq(columns, time, rcond=None)[0]
+    left = time - columns @ found
+    a, b, c = (float(value) for value in found)
+    return (a, b, c), float(1 - left.var() / time.var())
+
+
+def _log(
+    strategy: str,
+    scale: float,
+    delay_s: float,
+    seed: int,
+    repeats: int,
+    person: Person | None = None,
+) -> pd.DataFrame:
+    rng = np.random.default_rng(seed)
+    return point(conditions(repeats=repeats), strategy, scale, delay_s, rng, person)

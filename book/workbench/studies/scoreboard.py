@@ -1,0 +1,277 @@
+"""The paper's claims against what is computed here: one row a claim of ``data/claims.toml``.
+
+What is drawn comes from ``data/claims_results.csv``, which `claims` makes; the rest is computed at
+once.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+from functools import cache, partial
+from typing import NamedTuple
+
+import numpy as np
+import pandas as pd
+from tqdm import tqdm
+
+from trinolab.bench.optics import Bench
+from trinolab.bench.scene import render_rig
+from trinolab.datasets import data_path, load_handle, load_rig, load_sweep, load_table1
+from trinolab.files.fetch import why_not
+from trinolab.measurement import measure
+from trinolab.methods import BEST
+from trinolab.metrics import PoseErrors, pose_errors
+
+from ..intervals import of_quantile
+from ..paper.errata.pose import printed_rotation_error
+from ..paper.errata.workspace import printed_workspace_volume
+from . import real_recordings, second_renderer
+from .protocol import Claim, Trial, can_show, load_claims, load_trials
+
+__all__ = ["CHECKS", "COLUMNS", "Claim", "disagreements", "load_claims", "score", "scoreboard"]
+
+COLUMNS = (
+    "no",
+    "claim",
+    "paper",
+    "ours",
+    "unit",
+    "verdict",
+    "reason",
+    "low",
+    "high",
+    "n",
+    "seed",
+    "kind",
+    "criterion",
+    "can_show",
+    "sensitivity",
+)
+RIGS = ("paper_pair", "paper_trinocular", "raised_40deg")
+NOT_RUN = "not run"
+WHENCE = "data/real.toml says which recordings it should have, and where they come from"
+NOT_DRAWN = (
+    "not run: data/claims_results.csv has no row; `python -m workbench.studies claims` makes it"
+)
+MARKER_SIZES_MM = (2.0, 4.0)  # between which the assumed size of 3 mm may well lie
+
+
+class Result(NamedTuple):
+    """What a check gives: a value, its interval, how many draws, and their seed; NaN and "" where
+    nothing is drawn.
+    """
+
+    value: float
+    low: float = np.nan
+    high: float = np.nan
+    n: float = np.nan
+    seed: float | str = ""
+
+
+def scoreboard(progress: bool = False) -> pd.DataFrame:
+    """Compute every claim that can be computed, and its verdict by the criterion of the ledger.
+
+    Parameters
+    ----------
+    progress : bool
+        Show a progress bar on standard error, if that is a terminal.
+
+    Returns
+    -------
+    pandas.DataFrame
+        Columns `COLUMNS`, one row a claim; `ours` is NaN where nothing is computed. The verdict is
+        then the declared one ("cannot be tested", "not tested yet"), or "not run" where it takes a
+        recording that is not here.
+
+    Raises
+    ------
+    ValueError
+        Before anything is computed: a claim names a check that is not in `CHECKS`.
+    """
+    ledger = load_claims()
+    trials = load_trials()
+    for claim in ledger:
+        if claim.check is not None and claim.trial is None and claim.check not in CHECKS:
+            raise ValueError(
+                f"claims.toml: claim {claim.no}: check: expected one of {', '.join(CHECKS)} "
+                f"(CHECKS in book/workbench/studies/scoreboard.py), got {claim.check!r}"
+            )
+        if claim.trial is not None and claim.trial not in trials:
+            raise ValueError(
+                f"claims.toml: claim {claim.no}: trial: expected one of {', '.join(trials)}, "
+                f"got {claim.trial!r}"
+            )
+    with tqdm(ledger, unit="claim", disable=None if progress else True) as claims:
+        results = drawn_results()
+        rows = [score(claim, results, trials) for claim in claims]
+    return pd.DataFrame(rows, columns=list(COLUMNS))
+
+
+def drawn_results() -> dict[str, Result]:
+    """What the run of the protocol has given, by check; nothing where it was not run."""
+    try:
+        path = data_path("claims_results.csv")
+    except ValueError:
+        return {}
+    return {
+        row.check: Result(row.value, row.low, row.high, row.n, row.seed)
+        for row in pd.read_csv(path).itertuples()
+    }
+
+
+def score(claim: Claim, results: Mapping[str, Result], trials: dict[str, Trial]) -> tuple:
+    """One row of the scoreboard, with what was drawn and what it was drawn by."""
+    result = None
+    why = f"{NOT_RUN}: {why_not()}; {WHENCE}"
+    if claim.trial is not None:
+        result = results.get(str(claim.check))
+        why = NOT_DRAWN
+    elif claim.check is not None:
+        found = CHECKS[claim.check]()
+        result = Result(found) if isinstance(found, int | float) else found
+    if claim.check is None:
+        verdict, reason, result = claim.verdict, claim.reason, Result(np.nan)
+    elif result is None or np.isnan(result.value):
+        verdict, reason, result = NOT_RUN, why, Result(np.nan)
+    else:
+        verdict = claim.computed_verdict(result.value, result.low, result.high)
+        same = verdict == claim.verdict
+        reason = claim.reason if same else f"The ledger declares '{claim.verdict}'."
+    return (
+        claim.no,
+        claim.claim,
+        claim.paper,
+        result.value,
+        claim.unit,
+        verdict,
+        reason,
+        *result[1:],
+        claim.kind,
+        claim.criterion,
+        can_show(claim, trials),
+        sensitivity(claim),
+    )
+
+
+def sensitivity(claim: Claim) -> str:
+    """What the assumed size of the markers does to a claim's number, in words; "" for most."""
+    if claim.sensitivity is None:
+        return ""
+    table = pd.read_csv(data_path("sweeps", "marker_size.csv"))
+    there = table["marker_diameter_mm"].between(*MARKER_SIZES_MM) & (table["method"] == "paper")
+    values = table[there][claim.sensitivity]
+    return (
+        f"Markers of {MARKER_SIZES_MM[0]:g} to {MARKER_SIZES_MM[1]:g} mm, of which the paper says "
+        f"nothing, make it {values.min():.2f} to {values.max():.2f} {claim.unit}."
+    )
+
+
+def disagreements(board: pd.DataFrame) -> list[str]:
+    """The numbers of the claims whose computed verdict is not the declared one; what was not run
+    says nothing.
+    """
+    declared = {claim.no: claim.verdict for claim in load_claims()}
+    return [
+        no
+        for no, verdict in zip(board["no"], board["verdict"], strict=True)
+        if verdict not in (declared[no], NOT_RUN)
+    ]
+
+
+@cache
+def _table1() -> PoseErrors:
+    table = load_table1()
+    return pose_errors(table.measured, table.set_poses)
+
+
+def _mean_of_table1(name: str) -> Result:
+    """A mean of the printed table. It has no interval: its rounding is in the criterion's
+    tolerance.
+    """
+    return Result(float(getattr(_table1(), name)), n=_table1().n)
+
+
+def seconds_an_instant(count: int = 7) -> Result:
+    """Median time of the paper's measurement of two rendered images on this machine now, s, with
+    its interval; whole images, one process.
+    """
+    rig = load_rig("paper_pair")
+    handle = load_handle("paper")
+    frames = render_rig(
+        rig, handle, load_table1().set_poses[0], Bench(), np.random.default_rng(1716)
+    )
+    seconds = []
+    for _ in range(count + 1):
+        begin = time.perf_counter()
+        measure(frames, rig, handle)
+        seconds.append(time.perf_counter() - begin)
+    later = np.array(seconds[1:])  # the first one warms up
+    interval = of_quantile(later, 0.5)
+    return Result(float(np.median(later)), interval.low, interval.high, count)
+
+
+def _on_second(rig: str, unit: str) -> Result:
+    """The best estimator's mean error on the second renderer's images, mm or deg, of the worse of
+    the handles.
+    """
+    table = load_sweep("second_renderer")
+    rows = table[_rows_of(table, BEST) & (table["rig"] == rig)]
+    worse = rows.loc[rows[f"mean_{unit}"].idxmax()]
+    return Result(
+        worse[f"mean_{unit}"],
+        worse[f"low_{unit}"],
+        worse[f"high_{unit}"],
+        worse["n"],
+        worse["seed"],
+    )
+
+
+def _honesty_on_second(estimator: str) -> Result:
+    """The largest factor, either way, between the rms error and the sigma of a rig, a handle and a
+    unit, on the second renderer's images.
+    """
+    table = load_sweep("second_renderer")
+    found = []
+    for _, row in table[_rows_of(table, estimator)].iterrows():
+        for unit in ("mm", "deg"):
+            names = ("error_by_sigma", "error_by_sigma_low", "error_by_sigma_high")
+            value, low, high = (row[f"{name}_{unit}"] for name in names)
+            if value < 1:  # the sigma is too large
+                value, low, high = 1 / value, 1 / high, 1 / low
+            found.append(Result(value, low, high, row["n"], row["seed"]))
+    return max(found, key=lambda result: result.value)
+
+
+def _rows_of(table: pd.DataFrame, estimator: str) -> pd.Series:
+    return (table["renderer"] == second_renderer.SECOND) & (table["estimator"] == estimator)
+
+
+def _false_when_broken() -> float:
+    """Wrong poses of the best estimator in the table of faults."""
+    table = load_sweep("stress")
+    return float(table[(table["estimator"] == BEST) & (table["fault"] != "none")]["wrong"].sum())
+
+
+def _on_table1(name: str) -> Callable[[], Result]:
+    return lambda: _mean_of_table1(name)
+
+
+CHECKS: dict[str, Callable[[], Result | float | None]] = {  # None: not run
+    "table1_position": _on_table1("E_t_mm"),
+    "table1_alpha": _on_table1("E_alpha_deg"),
+    "table1_beta": _on_table1("E_beta_deg"),
+    "table1_gamma": _on_table1("E_gamma_deg"),
+    "printed_rotation": lambda: printed_rotation_error()[0],
+    "printed_workspace": lambda: printed_workspace_volume(np.deg2rad(20.0)),
+    "seconds_an_instant": seconds_an_instant,
+    **{f"second_position_{rig}": partial(_on_second, rig, "mm") for rig in RIGS},
+    **{f"second_geodesic_{rig}": partial(_on_second, rig, "deg") for rig in RIGS},
+    "second_honesty_best": partial(_honesty_on_second, BEST),
+    "second_honesty_checked": partial(_honesty_on_second, "paper_checked"),
+    "broken_false_poses": _false_when_broken,
+    "real_photographs": real_recordings.baseline_difference_mm,
+    "real_leds": real_recordings.led_median_px,
+    "real_board": real_recordings.board_fit_mm,
+    "real_particles": real_recordings.particle_median_px,
+}

@@ -1,0 +1,319 @@
+"""The simulated bench broken on purpose, one thing at a time: what the estimators give then, and
+what they say of it.
+
+    python -m workbench.studies stress
+
+makes ``stress.csv`` again. Random poses at which CCD1 and CCD2 share four markers are rendered with
+one fault of `broken`, and measured with two cameras and with CCD3 at 40 deg. Only a window of each
+image around the handle is rendered and searched, as a tracker does it: a tenth of the work. A round
+has `BLOCK` instants of each fault and handle, drawn from generators of their own; rounds are kept,
+and more of them later add to those that there are.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Mapping, Sequence
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from scipy.spatial.transform import RigidTransform
+
+from trinolab.bench.layer import cropped
+from trinolab.camera import CAMERA_PARAMETERS, Camera, Rig, RigCovariance
+from trinolab.checks import Array
+from trinolab.datasets import load_handle, load_rig
+from trinolab.handle import Handle
+from trinolab.methods import BEST, ESTIMATORS
+from trinolab.parameters import Parameters
+
+from ..intervals import highest_share
+from ..sweep import sweep
+from ..sweep.outcome import OK
+from .broken import FAULTS, Instant, Taken
+from .replication import (
+    EVERY,
+    WRONG_DEG,
+    WRONG_MM,
+    Deviation,
+    deviation,
+    measure_frames,
+    shared_poses,
+)
+
+RIGS = {"paper_pair": 2, "raised_40deg": 3}  # how many of the cameras that take the frames
+HANDLES = ("coded", "paper")
+# Faults of where and when the cameras look: an image by itself does not show them.
+GEOMETRY = (
+    "rolling shutter 10 ms",
+    "calibration 0.1 px, 0.005 deg",
+    "calibration 0.3 px, 0.02 deg",
+    "frames 5 ms apart",
+    "calibration 0.1 px, 0.005 deg, stated",
+    "calibration 0.3 px, 0.02 deg, stated",
+)
+BLOCK = 10  # instants
+SEED = 15
+# All estimators measure the first rounds, two the others: what `trinolab measure` takes unless it is
+# told otherwise, and the best one.
+FIRST_ROUNDS = 2
+OFTEN = ("paper_checked", BEST)
+WINDOW_PX = 320  # a side; the markers and half a marker's distance beside them
+SIGMAS = 5.0  # off by more of them is beyond what a pose says of itself
+RESAMPLINGS = 2000
+
+
+def trial(fault: str, handle: str, block: int) -> dict[str, float]:
+    """One block of instants with a fault, as sums that add up.
+
+    Parameters
+    ----------
+    fault : str
+        Of `FAULTS`.
+    handle : str
+        A shipped one. Where it has look-alikes the true pose chooses among them, and nothing else.
+    block : int
+        The round that it belongs to.
+
+    Returns
+    -------
+    dict
+        For each rig, estimator and quantity of `SUMS` a number, named ``rig/estimator/quantity``.
+
+    Raises
+    ------
+    ValueError
+        For an unknown fault or handle.
+    """
+    truths, taken = instants(fault, handle, block)
+    the_handle = load_handle(handle)
+    methods = EVERY if block < FIRST_ROUNDS else {name: EVERY[name] for name in OFTEN}
+    found = {}
+    for rig, count in RIGS.items():
+        for estimator, deviations in _measured(taken, count, truths, the_handle, methods).items():
+            for name, value in _sums(deviations).items():
+                found[f"{rig}/{estimator}/{name}"] = value
+    return found
+
+
+def instants(fault: str, handle: str, block: int) -> tuple[list[RigidTransform], list[Taken]]:
+    """A block's true poses, and the frames of all cameras; parameters and errors as for `trial`."""
+    if fault not in FAULTS:
+        raise ValueError(f"fault: expected one of {', '.join(FAULTS)}, got {fault!r}")
+    the_handle = load_handle(handle)
+    places = list(FAULTS).index(fault), HANDLES.index(handle)
+    rng = np.random.default_rng([SEED, *places, block])
+    truths = list(islice(shared_poses(load_rig("paper_pair"), the_handle, rng), BLOCK))
+    every = load_rig("raised_40deg")
+    taken = [FAULTS[fault](Instant(watched(every, T), the_handle, T), rng) for T in truths]
+    return truths, taken
+
+
+def watched(rig: Rig, T_world_handle: RigidTransform) -> Rig:
+    """The rig's cameras as windows around the handle's origin, inside their images."""
+    return Rig(tuple(_window(camera, T_world_handle) for camera in rig.cameras))
+
+
+def _window(camera: Camera, T_world_handle: RigidTransform) -> Camera:
+    (uv,) = np.rint(camera.project(T_world_handle.translation[None])).astype(int)
+    u, v = np.clip(uv - WINDOW_PX // 2, 0, np.array(camera.size) - WINDOW_PX)
+    return cropped(camera, (int(u), int(v)), (WINDOW_PX, WINDOW_PX))
+
+
+def _measured(
+    taken: Sequence[Taken],
+    count: int,
+    truths: Sequence[RigidTransform],
+    handle: Handle,
+    methods: Mapping[str, Parameters],
+) -> dict[str, list[Deviation]]:
+    """The estimators' deviations, with the first cameras; each instant may have a rig of its own."""
+    found: dict[str, list[Deviation]] = {name: [] for name in methods}
+    for one, T in zip(taken, truths, strict=True):
+        rig = _first(one.rig, count)
+        priors = [T] if len(handle.symmetries) > 1 else None
+        measurements = measure_frames([one.frames[:count]], rig, handle, methods, priors)
+        for name, (measurement,) in measurements.items():
+            found[name].append(deviation(measurement.pose, T, handle))
+    return found
+
+
+def _first(rig: Rig, count: int) -> Rig:
+    """A rig of the first cameras, known as well as they are."""
+    if rig.covariance is None:
+        return Rig(rig.cameras[:count])
+    numbers = count * len(CAMERA_PARAMETERS)
+    known = rig.covariance.matrix[:numbers, :numbers]
+    return Rig(rig.cameras[:count], RigCovariance(rig.names[:count], known))
+
+
+SUMS = (
+    "n",
+    "measured",
+    "wrong",
+    "unforeseen",
+    *(
+        f"{what}_{unit}"
+        for unit in ("mm", "deg")
+        for what in ("sum", "squares", "ratios", "largest")
+    ),
+)
+
+
+def _sums(deviations: Sequence[Deviation]) -> dict[str, float]:
+    """The quantities of `SUMS`; ``ratios`` are squares of error by sigma."""
+    held = [one for one in deviations if one.measured]
+    found = {
+        "n": float(len(deviations)),
+        "measured": float(len(held)),
+        "wrong": float(sum(one.wrong for one in held)),
+        "unforeseen": float(sum(_unforeseen(one) for one in held)),
+    }
+    for unit in ("mm", "deg"):
+        errors = np.array([getattr(one, unit) for one in held])
+        sigmas = np.array([getattr(one, f"sigma_{unit}") for one in held])
+        found[f"sum_{unit}"] = float(errors.sum())
+        found[f"squares_{unit}"] = float((errors**2).sum())
+        found[f"ratios_{unit}"] = float(((errors / sigmas) ** 2).sum())
+        found[f"largest_{unit}"] = float(errors.max(initial=0.0))
+    return found
+
+
+def _unforeseen(one: Deviation) -> bool:
+    """Whether a pose is a false one, and more than five of its own sigmas off where it is."""
+    return (one.mm > max(WRONG_MM, SIGMAS * one.sigma_mm)) or (
+        one.deg > max(WRONG_DEG, SIGMAS * one.sigma_deg)
+    )
+
+
+def make_table(instants: int, workers: int, kept: Path | None) -> pd.DataFrame:
+    """All faults and both handles, a row for each of them, each rig and each estimator.
+
+    Parameters
+    ----------
+    instants : int
+        Of a fault and handle; whole rounds are computed.
+    workers : int
+        Processes.
+    kept : path, optional
+        Folder that keeps finished rounds, see `sweep.runs.sweep`.
+
+    Returns
+    -------
+    pandas.DataFrame
+        Columns: `fault`, `rig`, `handle`, `estimator`; instants `n`, of them `measured`, and of
+        these `wrong`, off by more than 2 mm or 5 deg, with `wrong_share_below`, the upper 95 % bound
+        of the share of all instants; for mm and deg the mean of the error with its 95 % interval,
+        the largest one, and the rms of error by reported sigma; `seed`; `unforeseen`, those of the
+        wrong ones that are off by more than five of their own sigmas as well; the 95 % interval of
+        the rms of error by sigma, by the bootstrap over blocks.
+
+    Raises
+    ------
+    ValueError
+        If a block fails.
+    """
+    rounds = [
+        _round(k, workers, None if kept is None else kept / f"round_{k}")
+        for k in range(-(-instants // BLOCK))
+    ]
+    rows = [
+        {"fault": fault, "rig": rig, "handle": handle, "estimator": estimator}
+        | _judged(part, f"{rig}/{estimator}")
+        for (fault, handle), part in pd.concat(rounds).groupby(["fault", "handle"], sort=False)
+        for rig in RIGS
+        for estimator in ESTIMATORS
+    ]
+    return pd.DataFrame(rows)
+
+
+def _round(number: int, workers: int, kept: Path | None) -> pd.DataFrame:
+    """A block of each fault and handle."""
+    print(f"round {number}", file=sys.stderr)
+    grid = {"fault": list(FAULTS), "handle": list(HANDLES), "block": [number]}
+    blocks = sweep(trial, grid, out=kept, workers=workers, yes=True)
+    if len(bad := blocks[blocks["status"] != OK]):
+        raise ValueError(f"stress: {len(bad)} blocks failed; the first: {bad['error'].iloc[0]}")
+    return blocks
+
+
+def _judged(blocks: pd.DataFrame, name: str) -> dict[str, float]:
+    """The row of some blocks; those that an estimator has not measured do not count."""
+    mine = blocks[blocks[f"{name}/n"].notna()]
+    total = {what: float(mine[f"{name}/{what}"].sum()) for what in SUMS}
+    n, held, wrong = (int(total[what]) for what in ("n", "measured", "wrong"))
+    row: dict[str, float] = {
+        "n": n,
+        "measured": held,
+        "wrong": wrong,
+        "wrong_share_below": highest_share(wrong, n),
+    }
+    for unit in ("mm", "deg"):
+        mean = total[f"sum_{unit}"] / held if held else np.nan
+        spread = np.sqrt(max(total[f"squares_{unit}"] / max(held, 1) - mean**2, 0.0) / max(held, 1))
+        row[f"mean_{unit}"] = mean
+        row[f"low_{unit}"], row[f"high_{unit}"] = mean - 1.96 * spread, mean + 1.96 * spread
+        row[f"largest_{unit}"] = float(mine[f"{name}/largest_{unit}"].max())
+        row[f"error_by_sigma_{unit}"] = np.sqrt(total[f"ratios_{unit}"] / held) if held else np.nan
+    row["seed"] = SEED
+    row["unforeseen"] = int(total["unforeseen"])
+    for unit in ("mm", "deg"):
+        low, high = _ratio_interval(
+            mine[f"{name}/ratios_{unit}"].to_numpy(), mine[f"{name}/measured"].to_numpy()
+        )
+        row[f"error_by_sigma_low_{unit}"], row[f"error_by_sigma_high_{unit}"] = low, high
+    return row
+
+
+def by_fault(table: pd.DataFrame, rig: str, estimator: str) -> pd.DataFrame:
+    """The shipped table for a reader: a row a fault, both handles together.
+
+    Parameters
+    ----------
+    table : pandas.DataFrame
+        Of `make_table`.
+    rig, estimator : str
+        Whose rows are shown.
+
+    Returns
+    -------
+    pandas.DataFrame
+        The fault; instants `n`; the share `measured`; how many were `wrong`, the upper 95 % bound of
+        their share, and how many of them were `unforeseen`, see `make_table`; mean error and rms of
+        error by reported sigma for mm and deg.
+    """
+    rows = []
+    mine = table[(table["rig"] == rig) & (table["estimator"] == estimator)]
+    for fault, both in mine.groupby("fault", sort=False):
+        n, held, wrong = (int(both[name].sum()) for name in ("n", "measured", "wrong"))
+        share = both["measured"] / max(held, 1)
+        row: dict[str, Any] = {
+            "fault": fault,
+            "n": n,
+            "measured": held / n,
+            "wrong": wrong,
+            "wrong, at most": highest_share(wrong, n),
+            "unforeseen": int(both["unforeseen"].sum()),
+        }
+        for unit in ("mm", "deg"):
+            squares = both[f"error_by_sigma_{unit}"] ** 2
+            row[unit] = float((both[f"mean_{unit}"] * share).sum()) if held else np.nan
+            row[f"by sigma, {unit}"] = float(np.sqrt((squares * share).sum())) if held else np.nan
+        rows.append(row)
+    return pd.DataFrame(rows)
+
+
+def _ratio_interval(squares: Array, counts: Array) -> tuple[float, float]:
+    """The 95 % interval of an rms that blocks add up to, by drawing blocks again; NaN for fewer than
+    two, and for nothing measured.
+    """
+    if len(counts) < 2 or not counts.any():
+        return np.nan, np.nan
+    drawn = np.random.default_rng(SEED).integers(len(counts), size=(RESAMPLINGS, len(counts)))
+    held = counts[drawn].sum(axis=1)
+    found = np.sqrt(squares[drawn].sum(axis=1)[held > 0] / held[held > 0])
+    low, high = np.percentile(found, [2.5, 97.5])
+    return float(low), float(high)

@@ -1,0 +1,325 @@
+"""Figures of a sweep's table: curves, heat maps, small multiples."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import matplotlib.pyplot as plt
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from trinolab.checks import Array
+
+from ..plotting import COLOURS
+
+REPEATS = ("seed",)  # parameters that repeat a run rather than change it
+MOST_PANELS = 12
+MOST_COLUMNS = 4
+MOST_ROWS = 3
+NOT_RESULTS = ("seconds", "status", "error")
+
+
+class Levels(NamedTuple):
+    """The different values of a parameter, in order, and for each row of the table which of them it
+    has.
+    """
+
+    name: str
+    values: list[Any]
+    which: np.ndarray
+
+    @property
+    def numbers(self) -> Array | None:
+        """The values as numbers; None if they are something else."""
+        numeric = all(
+            isinstance(value, (int, float)) and not isinstance(value, bool) for value in self.values
+        )
+        return np.array(self.values, float) if numeric else None
+
+    @property
+    def labels(self) -> list[str]:
+        """The values as short texts."""
+        return [
+            f"{value:.4g}" if isinstance(value, float) else str(value)[:20] for value in self.values
+        ]
+
+
+def plot_sweep(
+    found: pd.DataFrame,
+    results: Sequence[str] | None = None,
+    parameters: Sequence[str] | None = None,
+) -> Figure:
+    """Show what a sweep gave: curves over one parameter, heat maps over two, one for each further
+    setting.
+
+    A parameter named ``seed`` repeats a run: shown are the mean over its values and, about a curve,
+    the range. Runs that are no full grid, such as a sample, are shown as points. Failed runs are
+    gaps.
+
+    Parameters
+    ----------
+    found : pandas.DataFrame
+        As `runs.sweep` or `sweep.read_sweep` gives it.
+    results : sequence of str, optional
+        The columns to show; without it the errors of Eq. 26 and 27, and what changes with more than
+        the seed, as many as there is room.
+    parameters : sequence of str, optional
+        The columns that were swept, where ``found.attrs`` does not say it.
+
+    Raises
+    ------
+    ValueError
+        For a column that is not there, or is no number.
+    """
+    names = list(parameters if parameters is not None else found.attrs.get("parameters", []))
+    every = results_of(found, names, results)
+    levels = varied(found, names)
+    several = len(levels) > 2 or (len(levels) == 2 and not is_grid(levels))
+    shown = every[: MOST_ROWS if several else MOST_PANELS if results is None else None]
+    if not shown:
+        return _said("no result is a number", found)
+    if len(levels) <= 1:
+        figure, axes = _panels(len(shown))
+        for ax, name in zip(axes, shown, strict=True):
+            draw_curve(ax, found[name].to_numpy(float), levels[0] if levels else _runs(found), name)
+    elif not is_grid(levels):
+        figure = _scattered(found, shown, levels)
+    elif len(levels) == 2:
+        figure, axes = _panels(len(shown))
+        for ax, name in zip(axes, shown, strict=True):
+            _heat_map(ax, found[name].to_numpy(float), levels, name)
+    else:
+        figure = _multiples(found, shown, levels)
+    _name_what_is_missing(figure, found, len(every) - len(shown))
+    return figure
+
+
+def as_png(figure: Figure) -> bytes:
+    """The figure as a PNG file; it is closed."""
+    file = io.BytesIO()
+    figure.savefig(file, format="png", dpi=100)
+    plt.close(figure)
+    return file.getvalue()
+
+
+def results_of(
+    found: pd.DataFrame, parameters: Sequence[str], wanted: Sequence[str] | None = None
+) -> list[str]:
+    """The columns to show, in their order; errors as for `plot_sweep`."""
+    if missing := [name for name in (*parameters, *(wanted or ())) if name not in found]:
+        raise ValueError(f"{missing[0]}: no such column; there are {', '.join(found.columns)}")
+    others = [name for name in found if name not in (*parameters, *NOT_RESULTS)]
+    numeric = [
+        name
+        for name in others
+        if pd.api.types.is_numeric_dtype(found[name]) and found[name].notna().any()
+    ]
+    if wanted is not None:
+        if wrong := [name for name in wanted if name not in numeric]:
+            raise ValueError(
+                f"{wrong[0]}: no result that is a number; there are {', '.join(numeric) or 'none'}"
+            )
+        return list(wanted)
+    levels = varied(found, parameters)
+    means = (
+        found[numeric].groupby(_flat(levels)).mean()
+        if levels and is_grid(levels)
+        else found[numeric]
+    )
+    changing = [
+        name for name in numeric if (found if name.startswith("E_") else means)[name].nunique() > 1
+    ] or numeric
+    return sorted(changing, key=lambda name: not name.startswith("E_"))
+
+
+def varied(found: pd.DataFrame, parameters: Sequence[str]) -> list[Levels]:
+    """The parameters that change; those that repeat a run only if there are no others."""
+    levels = [level for name in parameters if len((level := _levels(found[name])).values) > 1]
+    return [level for level in levels if level.name not in REPEATS] or levels
+
+
+def _levels(column: pd.Series) -> Levels:
+    if pd.api.types.is_numeric_dtype(column) and not pd.api.types.is_bool_dtype(column):
+        values, index = np.unique(column.to_numpy(), return_inverse=True)
+        return Levels(str(column.name), values.tolist(), index)
+    index, names = pd.factorize(column.map(str))
+    return Levels(str(column.name), list(names), index)
+
+
+def _runs(found: pd.DataFrame) -> Levels:
+    return Levels("run", list(range(len(found))), np.arange(len(found)))
+
+
+def is_grid(levels: Sequence[Levels]) -> bool:
+    """Whether there is a row for each combination."""
+    shape = [len(level.values) for level in levels]
+    rows = len(levels[0].which)
+    return np.prod(shape, dtype=float) <= rows and len(set(_flat(levels).tolist())) == np.prod(
+        shape
+    )
+
+
+def _flat(levels: Sequence[Levels]) -> np.ndarray:
+    """The combination of each row, as one number."""
+    return np.ravel_multi_index(
+        [level.which for level in levels], [len(level.values) for level in levels]
+    )
+
+
+def _statistics(y: Array, levels: Sequence[Levels]) -> pd.DataFrame:
+    """Mean, least and greatest value of each combination; NaN where there is none."""
+    grouped = pd.Series(y).groupby(_flat(levels)).agg(["mean", "min", "max"])
+    return grouped.reindex(range(int(np.prod([len(level.values) for level in levels]))))
+
+
+def _panels(count: int) -> tuple[Figure, list[Axes]]:
+    columns = 2 if count == 4 else min(count, 3)
+    rows = -(-count // columns)
+    figure, axes = plt.subplots(
+        rows,
+        columns,
+        figsize=(max(4.0 * columns, 5.0), 2.8 * rows + 0.4),
+        squeeze=False,
+        layout="constrained",
+        facecolor="white",
+    )
+    for ax in axes.flat[count:]:
+        ax.remove()
+    return figure, list(axes.flat[:count])
+
+
+def draw_curve(ax: Axes, y: Array, level: Levels, name: str) -> None:
+    """A result over one parameter: its mean, and its range where a value comes more than once."""
+    statistics = _statistics(y, [level])
+    x = level.numbers
+    at = np.arange(len(level.values)) if x is None else x
+    ax.plot(at, statistics["mean"], "o-" if len(at) <= 50 else "-", color=COLOURS[0], markersize=4)
+    if len(y) > len(at):
+        ax.fill_between(
+            at, statistics["min"], statistics["max"], color=COLOURS[0], alpha=0.2, linewidth=0
+        )
+    if x is None:
+        ax.set_xticks(at, level.labels, rotation=30 if max(map(len, level.labels)) > 8 else 0)
+    elif _is_geometric(x):
+        ax.set_xscale("log")
+    ax.set(xlabel=level.name, ylabel=name, facecolor="white")
+    ax.grid(alpha=0.3)
+
+
+def _heat_map(
+    ax: Axes,
+    y: Array,
+    levels: Sequence[Levels],
+    name: str,
+    limits: tuple[float | None, float | None] = (None, None),
+) -> None:
+    """The means over two parameters, the first one to the right; grey where there is none."""
+    across, up = levels
+    means = _statistics(y, levels)["mean"].to_numpy().reshape(len(across.values), len(up.values)).T
+    image = ax.imshow(
+        means,
+        origin="lower",
+        aspect="auto",
+        interpolation="nearest",
+        vmin=limits[0],
+        vmax=limits[1],
+    )
+    ax.figure.colorbar(image, ax=ax, label=name)
+    for axis, level in ((ax.xaxis, across), (ax.yaxis, up)):
+        some = np.unique(np.linspace(0, len(level.values) - 1, 6).round().astype(int))
+        axis.set_ticks(some, [level.labels[k] for k in some])
+    ax.set(xlabel=across.name, ylabel=up.name, facecolor="lightgrey")
+
+
+def _multiples(found: pd.DataFrame, shown: Sequence[str], levels: Sequence[Levels]) -> Figure:
+    """Heat maps over the first two parameters: a row a result, a column a setting of the others
+    (some, if many).
+    """
+    first, others = levels[:2], levels[2:]
+    flat = _flat(others)
+    some = np.unique(np.linspace(0, flat.max(), MOST_COLUMNS).round().astype(int))
+    figure, axes = plt.subplots(
+        len(shown),
+        len(some),
+        figsize=(3.6 * len(some), 2.8 * len(shown) + 0.4),
+        squeeze=False,
+        layout="constrained",
+        facecolor="white",
+    )
+    for ax, (name, combination) in zip(
+        axes.flat, ((name, k) for name in shown for k in some), strict=True
+    ):
+        y = found[name].to_numpy(float)
+        here = flat == combination
+        part = [level._replace(which=level.which[here]) for level in first]
+        _heat_map(ax, y[here], part, name, (np.nanmin(y), np.nanmax(y)))
+        setting = np.unravel_index(combination, [len(level.values) for level in others])
+        ax.set_title(
+            ", ".join(
+                f"{level.name} {level.labels[k]}" for level, k in zip(others, setting, strict=True)
+            ),
+            fontsize=9,
+        )
+    return figure
+
+
+def _scattered(found: pd.DataFrame, shown: Sequence[str], levels: Sequence[Levels]) -> Figure:
+    """Each result over each parameter, as points."""
+    columns = levels[:MOST_COLUMNS]
+    figure, axes = plt.subplots(
+        len(shown),
+        len(columns),
+        figsize=(3.6 * len(columns), 2.8 * len(shown) + 0.4),
+        sharey="row",
+        squeeze=False,
+        layout="constrained",
+        facecolor="white",
+    )
+    for ax, (name, level) in zip(
+        axes.flat, ((name, level) for name in shown for level in columns), strict=True
+    ):
+        x = level.numbers
+        at = np.arange(len(level.values)) if x is None else x
+        ax.plot(
+            at[level.which],
+            found[name],
+            ".",
+            color=COLOURS[0],
+            markersize=5 if len(found) < 500 else 2,
+        )
+        if x is None:
+            ax.set_xticks(at, level.labels)
+        ax.set(xlabel=level.name, ylabel=name, facecolor="white")
+    return figure
+
+
+def _is_geometric(x: Array) -> bool:
+    """Whether each value is the same multiple of the one before, and they do not lie close
+    together.
+    """
+    return (
+        len(x) > 2
+        and x[0] > 0
+        and x[-1] >= 10 * x[0]
+        and bool(np.allclose(np.diff(np.log(x), 2), 0, atol=1e-6))
+    )
+
+
+def _name_what_is_missing(figure: Figure, found: pd.DataFrame, left_out: int = 0) -> None:
+    """Say in the figure which runs failed, and how many results have no room in it."""
+    failed = int((found["status"] == "failed").sum()) if "status" in found else 0
+    said = [f"{failed} of {len(found)} runs failed"] * bool(failed)
+    said += [f"{left_out} more results are in the table"] * bool(left_out)
+    if said:
+        figure.suptitle("; ".join(said), fontsize=10)
+
+
+def _said(text: str, found: pd.DataFrame) -> Figure:
+    figure = plt.figure(figsize=(5, 2), facecolor="white")
+    figure.text(0.5, 0.5, text, ha="center")
+    _name_what_is_missing(figure, found)
+    return figure

@@ -1,0 +1,223 @@
+"""What ``trinolab evaluate`` does: poses compared with their truth, from files.
+
+Beside the mean errors stands what they do not show: flips between equivalent poses, poses far off,
+and time lost.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from scipy.spatial.transform import RigidTransform
+
+from .files.inputs import read_csv
+from .files.joining import join
+from .files.poses import STATUSES, read_poses, transforms
+from .files.rigs import read_handle
+from .handle import Handle
+from .metrics import (
+    FAR_DEG,
+    FAR_MM,
+    PoseErrors,
+    can_be_measured,
+    far_off,
+    flips,
+    nearest_equivalent,
+    pose_errors,
+    track_equivalent,
+    waits,
+)
+
+# beside the truth: for each frame how many markers each camera truly sees
+COUNTS = "truth_markers.csv"
+
+
+@dataclass(frozen=True)
+class TrackQuality:
+    """How well a track follows its truth.
+
+    Attributes
+    ----------
+    flips : int
+        How often the nearest equivalent changes from one measured pose to the next: each is an
+        error.
+    far_off : int
+        Measured poses that are off by more than 2 mm or 5 deg, by one equivalent for the whole
+        track.
+    waits : tuple of int
+        For each loss that ended, the instants without a measured pose until the next one, see
+        `waits`.
+    unended : int or None
+        The same for a loss that did not end; None if the last instant was measured, or none was.
+    """
+
+    flips: int
+    far_off: int
+    waits: tuple[int, ...]
+    unended: int | None
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """How a table of poses compares with its truth.
+
+    Attributes
+    ----------
+    instants : int
+        Of the truth.
+    measured, ambiguous, predicted, lost : int
+        Instants by status; an instant of the truth that has no row counts as lost.
+    errors : PoseErrors or None
+        Over the rows that hold a pose, `predicted` ones left out; None if there is none.
+    visible, visible_measured : int
+        Instants at which one camera truly sees four markers, or two see three each, and how many of
+        them are measured; 0 if the truth does not say how many markers are seen. What two cameras
+        see stands in a file beside it, ``truth_markers.csv``, as `bench.recordings` writes it.
+    track : TrackQuality
+        Of the `measured` rows: flips, poses far off, losses. A loss counts the visible instants, if
+        they are known.
+    """
+
+    instants: int
+    measured: int
+    ambiguous: int
+    predicted: int
+    lost: int
+    errors: PoseErrors | None
+    visible: int
+    visible_measured: int
+    track: TrackQuality
+
+
+def evaluate(poses: str | Path, truth: str | Path, handle: str | Path) -> Evaluation:
+    """Compare a pose file with the truth, up to the handle's symmetry (Eq. 26-27).
+
+    The `measured` rows are compared as one track, by one equivalent for all; an `ambiguous` row
+    says of itself that it is one of several, so each is compared by its nearest equivalent.
+
+    Raises
+    ------
+    ValueError
+        If a file is missing or malformed, or the two do not belong together, see `joining.join`.
+    """
+    found = read_poses(poses)
+    true = read_poses(truth)
+    the_handle = read_handle(handle)
+    both = join(found, true, poses, truth)
+    true = true[true["status"] != "lost"].sort_values("frame")
+    counts = both["status"].value_counts()
+    measured, ambiguous, predicted = (
+        int(counts.get(s, 0)) for s in ("measured", "ambiguous", "predicted")
+    )
+    lost = len(true) - measured - ambiguous - predicted
+    rows = both[both["status"] == "measured"].sort_values("frame")
+    here = true["frame"].isin(rows["frame"]).to_numpy()
+    visible = _visible(true, Path(truth).with_name(COUNTS))
+    lasted = waits(here, visible if visible.any() else None)
+    return Evaluation(
+        len(true),
+        measured,
+        ambiguous,
+        predicted,
+        lost,
+        _errors(both, true, the_handle),
+        int(visible.sum()),
+        int((visible & here).sum()),
+        _quality(rows, true, the_handle, *lasted),
+    )
+
+
+def as_lines(result: Evaluation) -> list[str]:
+    """What a person reads of an evaluation."""
+    lines = [f"instants   {result.instants:8d}"]
+    for status in STATUSES:
+        count = getattr(result, status)
+        lines.append(f"{status:10s} {count:8d}   {100 * count / result.instants:5.1f} %")
+    if result.visible:
+        share = 100 * result.visible_measured / result.visible
+        lines.append(f"visible    {result.visible:8d}   {share:5.1f} % measured")
+    if result.errors is None:
+        return [*lines, "no pose to compare"]
+    return [*lines, *_error_lines(result.errors), *_track_lines(result.track)]
+
+
+def _error_lines(e: PoseErrors) -> list[str]:
+    lines = [
+        f"errors of {e.n} poses, up to the handle's symmetry:",
+        "              mean   median      max",
+        f"E_t       {e.E_t_mm:8.3f} {e.position_median_mm:8.3f} {e.position_max_mm:8.3f} mm    (Eq. 26)",
+    ]
+    for name in ("alpha", "beta", "gamma"):
+        mean = getattr(e, f"E_{name}_deg")
+        median = getattr(e, f"{name}_median_deg")
+        lines.append(f"{'E_' + name:9s} {mean:8.3f} {median:8.3f}          deg   (Eq. 27)")
+    geodesic = (e.geodesic_mean_deg, e.geodesic_median_deg, e.geodesic_max_deg)
+    return [*lines, "geodesic  " + " ".join(f"{value:8.3f}" for value in geodesic) + " deg"]
+
+
+def _track_lines(track: TrackQuality) -> list[str]:
+    losses = len(track.waits) + (track.unended is not None)
+    return [
+        "the measured poses as one track:",
+        f"flips      {track.flips:8d}",
+        f"far off    {track.far_off:8d}   by more than {FAR_MM:g} mm or {FAR_DEG:g} deg",
+        f"losses     {losses:8d}{_lasted(track)}",
+    ]
+
+
+def _lasted(track: TrackQuality) -> str:
+    many = len(track.waits) > 8
+    ended = f"at most {max(track.waits)}" if many else ", ".join(map(str, track.waits))
+    said = [f"back after {ended} instants"] * bool(ended)
+    said += [] if track.unended is None else [f"not back in the last {track.unended} instants"]
+    return f"   {', '.join(said)}" if said else ""
+
+
+def _visible(true: pd.DataFrame, counts: Path) -> np.ndarray:
+    """Whether enough is truly seen to fix the pose, a bool for each row of a truth; never if
+    nothing says so.
+    """
+    markers = true["markers"] if "markers" in true else pd.Series(0, true.index)
+    by_one = can_be_measured(markers.to_numpy(dtype=float)[:, None])
+    if not counts.exists():
+        return by_one
+    seen = read_csv(counts)
+    if "frame" not in seen or not all(map(pd.api.types.is_numeric_dtype, seen.dtypes)):
+        raise ValueError(f"{counts}: expected numbers in the column frame and one a camera")
+    enough = can_be_measured(seen.drop(columns="frame").to_numpy())
+    return by_one | true["frame"].isin(seen["frame"][enough]).to_numpy()
+
+
+def _quality(
+    rows: pd.DataFrame,
+    true: pd.DataFrame,
+    handle: Handle,
+    ended: tuple[int, ...],
+    unended: int | None,
+) -> TrackQuality:
+    """Quality of the measured rows, in the order of time."""
+    if rows.empty:
+        return TrackQuality(0, 0, ended, unended)
+    pairs = transforms(rows), transforms(true.set_index("frame").loc[rows["frame"]])
+    return TrackQuality(
+        flips(*pairs, handle.symmetries), far_off(*pairs, handle.symmetries), ended, unended
+    )
+
+
+def _errors(both: pd.DataFrame, true: pd.DataFrame, handle: Handle) -> PoseErrors | None:
+    """Errors over the measured and the ambiguous rows of the joined table; None if there are
+    none.
+    """
+    estimates, truths = [], []
+    for status, equivalent in (("measured", track_equivalent), ("ambiguous", nearest_equivalent)):
+        rows = both[both["status"] == status]
+        if len(rows):
+            true_poses = transforms(true.set_index("frame").loc[rows["frame"]])
+            estimates.append(equivalent(transforms(rows), true_poses, handle.symmetries))
+            truths.append(true_poses)
+    if not estimates:
+        return None
+    return pose_errors(RigidTransform.concatenate(estimates), RigidTransform.concatenate(truths))

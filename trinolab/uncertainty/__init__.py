@@ -1,0 +1,3 @@
+"""What a pose owes to what it is made of: `systematic`, how the errors of a rig and of a handle's
+layout reach the pixels and the pose.
+"""

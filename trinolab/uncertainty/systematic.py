@@ -1,0 +1,194 @@
+"""What the errors of the calibration and of the marker layout do to pixels, and so to a pose.
+
+An error d of the rig's parameters, or of the markers' places, moves the image of a marker from
+where the rig says that it is. To whoever measures with that rig it is an error of the pixel, which
+is the same in every instant. So one way leads from it to the pose for all estimators: the
+derivative of the pose by the pixels, times the derivative of the pixels by d (error propagation to
+first order; Hartley and Zisserman 2004, ch. 5).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from scipy.linalg import block_diag
+from scipy.spatial.transform import RigidTransform
+from scipy.special import chdtri, stdtrit
+
+from ..camera import CAMERA_PARAMETERS, Camera, Rig, pixels_with_slopes
+from ..checks import Array, frozen
+from ..handle import Handle
+
+CHANCE = 0.01  # of a contradiction where there is none
+ONE_SIGMA = 0.841345  # share of a normal distribution below one standard deviation
+NOTHING = frozen(np.zeros((6, 6)))  # the systematic covariance of a pose where nothing is known
+
+
+class Response(NamedTuple):
+    """How a pose answers to the pixels that it was measured from.
+
+    Attributes
+    ----------
+    gain : ndarray, shape (6, k, 2)
+        By how much position (mm) and rotation vector (rad; both in the world frame) change if what
+        was seen in one place moves by a pixel.
+    camera : ndarray of int, shape (k,)
+        Which image it was seen in.
+    points : ndarray, shape (k, 3)
+        Where it is, world frame, mm.
+    marker : ndarray of int, shape (k,)
+        Which marker it is; -1 for what is no marker and moves with none.
+    """
+
+    gain: Array
+    camera: np.ndarray
+    points: Array
+    marker: np.ndarray
+
+
+def is_uncertain(rig: Rig, handle: Handle) -> bool:
+    """Whether anything is known of the errors of rig and layout."""
+    return rig.covariance is not None or handle.placement_sigma_mm > 0
+
+
+def response(
+    gain: Array, camera: np.ndarray, marker: np.ndarray, handle: Handle, T: RigidTransform
+) -> Response:
+    """The response of a pose that was measured from markers alone."""
+    points = T.apply(handle.marker_centres)[marker]
+    return Response(gain, camera, points, marker)
+
+
+def contradict(chi_square: float, freedom: int) -> bool:
+    """Whether a chi-square is more than what noise alone makes of it."""
+    return freedom > 0 and bool(chi_square > chdtri(freedom, CHANCE))
+
+
+def variance_of_few(chi_square: float, count: int) -> float:
+    """A variance that is estimated from the squares of few numbers, and so is itself uncertain: by
+    Student's factor, so that one standard deviation means what it always does.
+    """
+    return float(chi_square / count * stdtrit(count, ONE_SIGMA) ** 2)
+
+
+def systematic_covariance(found: Response, rig: Rig, handle: Handle) -> Array:
+    """Covariance of a pose by the errors of the rig and of the markers' places, which every instant
+    has in common.
+
+    Parameters
+    ----------
+    found : Response
+    rig : Rig
+        Of its covariance nothing counts where it has none.
+    handle : Handle
+        Of its `placement_sigma_mm`.
+
+    Returns
+    -------
+    ndarray, shape (6, 6)
+        Of position (mm) and rotation vector (rad), world frame.
+    """
+    if not is_uncertain(rig, handle):
+        return NOTHING
+    gain = found.gain.reshape(6, -1)
+    return gain @ known_errors(found, rig, handle) @ gain.T
+
+
+def known_errors(found: Response, rig: Rig, handle: Handle) -> Array:
+    """Covariance of the pixels of a response by the errors of the rig and of the markers' places,
+    (2 k, 2 k), px^2; u and v of the first place come first.
+    """
+    k = len(found.points)
+    by_parameters, by_points = slopes_at(rig, found.camera, found.points)
+    moved = by_points.reshape(2 * k, 3)
+    same = (found.marker[:, None] == found.marker) & (found.marker >= 0)
+    total = handle.placement_sigma_mm**2 * (moved @ moved.T) * same.repeat(2, 0).repeat(2, 1)
+    if rig.covariance is not None:
+        by_rig = np.zeros((k, 2, len(rig.cameras), len(CAMERA_PARAMETERS)))
+        by_rig[np.arange(k), :, found.camera] = by_parameters
+        flat = by_rig.reshape(2 * k, -1)
+        total += flat @ rig.covariance.matrix @ flat.T
+    return total
+
+
+def slopes_at(rig: Rig, camera: np.ndarray, points: Array) -> tuple[Array, Array]:
+    """`pixel_slopes` of points (k, 3), each in a camera (k,) of its own."""
+    by_parameters = np.empty((len(points), 2, len(CAMERA_PARAMETERS)))
+    by_points = np.empty((len(points), 2, 3))
+    for c, one in enumerate(rig.cameras):
+        by_parameters[camera == c], by_points[camera == c] = pixel_slopes(one, points[camera == c])
+    return by_parameters, by_points
+
+
+class ImageOffsets(NamedTuple):
+    """By how much the cameras' images may be shifted against each other where a handle is.
+
+    A handle is small against its distance: an error of the rig shifts each image of it as a whole.
+
+    Attributes
+    ----------
+    covariance : ndarray, shape (2 C, 2 C)
+        Of the shifts, by the rig's covariance, px^2; u and v of the first camera come first.
+    by_parameters : ndarray, shape (2 C, 15 C)
+        The shifts by the rig's parameters.
+    by_position : ndarray, shape (2 C, 3)
+        The shifts that a motion of the handle makes, world frame, px/mm.
+    """
+
+    covariance: Array
+    by_parameters: Array
+    by_position: Array
+
+    def apart_px(self, i: int, j: int) -> float:
+        """Standard deviation of the distance of a pixel from its epipolar line, between two
+        cameras.
+        """
+        rows = np.r_[2 * i : 2 * i + 2, 2 * j : 2 * j + 2]
+        across = contradicting(self.by_position[rows])[:, 0]
+        return float(np.sqrt(2 * across @ self.covariance[np.ix_(rows, rows)] @ across))
+
+
+def contradicting(by_position: Array) -> Array:
+    """The offsets that no motion of the handle makes: an orthonormal basis (..., 2 C, 2 C - 3) across
+    `ImageOffsets.by_position` (..., 2 C, 3).
+    """
+    return np.linalg.svd(by_position)[0][..., 3:]
+
+
+def offsets_at(rig: Rig, point: Array) -> ImageOffsets | None:
+    """The offsets of a rig's images at a point (3,), world frame; None where the rig's errors are
+    not known, or a camera does not look there.
+    """
+    if rig.covariance is None:
+        return None
+    slopes = [pixel_slopes(camera, point[None]) for camera in rig.cameras]
+    by_parameters = block_diag(*(part[0][0] for part in slopes))
+    by_position = np.concatenate([part[1][0] for part in slopes])
+    if not (np.isfinite(by_parameters).all() and np.isfinite(by_position).all()):
+        return None
+    covariance = by_parameters @ rig.covariance.matrix @ by_parameters.T
+    return ImageOffsets(covariance, by_parameters, by_position)
+
+
+def offsets_of(rig: Rig, found: Sequence[Array]) -> ImageOffsets | None:
+    """The offsets where the middles of found pixels, (n, 2) a camera, meet best; None also where
+    fewer than two cameras have found any.
+    """
+    seen = [k for k, uv in enumerate(found) if len(uv)]
+    if rig.covariance is None or len(seen) < 2:
+        return None
+    middles = [np.median(found[k], axis=0)[None] for k in seen]
+    cameras = [rig.cameras[k] for k in seen]
+    rays = np.concatenate([camera.rays(uv) for camera, uv in zip(cameras, middles, strict=True)])
+    centres = np.stack([camera.centre for camera in cameras])
+    across = np.eye(3) - rays[:, :, None] * rays[:, None]
+    # the point nearest to all rays
+    right = (across @ centres[..., None]).sum(axis=0)[:, 0]
+    return offsets_at(rig, np.linalg.lstsq(across.sum(axis=0), right, rcond=None)[0])
+
+
+def pixel_slopes(camera: Camera, points: Array) -> tuple[Array, Array]:
+    """`camera.pixels_with_slopes` without the pixels."""
+    return pixels_with_slopes(camera, points)[1:]
