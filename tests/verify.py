@@ -13,7 +13,7 @@ import sys
 import time
 from pathlib import Path
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "book"))  # as pytest does
+sys.path.insert(0, str(Path(__file__).resolve().parent / "helpers"))  # as pytest does
 
 from verification import (
     accuracy,

@@ -5,7 +5,7 @@ size.
 import time
 from pathlib import Path
 
-from test_notebooks import OTHER_PARAMETERS, check_results
+from chapterruns import OTHER_PARAMETERS, check_results
 
 from workbench.sweep.notebook import run_notebook
 

@@ -27,7 +27,7 @@ from .stubs import checked, solved, stub
 from .texts import ExerciseText, texts_of, without_solutions
 
 EDITIONS = ("student", "teacher")
-CHECKOUT = Path(__file__).resolve().parents[2]
+CHECKOUT = Path(__file__).resolve().parents[3]
 LAB = "trinolab-numbers"  # the extension of JupyterLab that shows the numbers in the text
 THE_SAME_DATE = (1980, 1, 1, 0, 0, 0)  # of each file in a zip, so that its bytes stay the same
 # What leads out of a notebook: a role of the book, and a link to one of its pages.

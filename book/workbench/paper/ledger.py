@@ -53,7 +53,7 @@ class Entry:
     what : str
         A sentence: what is wrong, and how it shows.
     functions, tests : tuple of str
-        "trinolab.workspace.cones.paper_cones", "tests/test_workspace.py::test_inside_by_hand".
+        "trinolab.workspace.cones.paper_cones", "tests/trinolab/workspace/test_intersection.py::test_inside_by_hand".
     chapter : str
         Of the book, "02_workspace".
 

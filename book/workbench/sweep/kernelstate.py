@@ -27,7 +27,7 @@ from pathlib import Path
 from typing import Any
 
 SERVICES = {"ipykernel", "tqdm", "zmq"}  # their threads stay, whatever a notebook does
-OWN = __name__.partition(".")[0]
+OWN = ("trinolab", "workbench")
 
 _undo: list[Callable[[], Any]] = []
 
@@ -143,7 +143,7 @@ def _restore_loggers(kept: dict[str, tuple[Any, ...]]) -> None:
 
 
 def _modules() -> Callable[[], None]:
-    kept = {name for name in sys.modules if name.partition(".")[0] != OWN or name == __name__}
+    kept = {name for name in sys.modules if name.partition(".")[0] not in OWN or name == __name__}
 
     def undo() -> None:
         for name in set(sys.modules) - kept:
@@ -158,7 +158,7 @@ def _is_installed(name: str) -> bool:
     notebook's folder.
     """
     place = getattr(sys.modules[name], "__file__", None)
-    if name.partition(".")[0] == OWN:
+    if name.partition(".")[0] in OWN:
         return False
     # site-, dist-
     return place is None or place.startswith(os.path.dirname(os.__file__)) or "-packages" in place

@@ -41,7 +41,7 @@ from .notebook import assignments, read_notebook, read_parameters
 from .outcome import FAILED, LAST_COLUMNS, Outcome, as_plain_number, call, each, failed, table
 from .warmkernel import check_kernel, notebook_job, run_job
 
-NOTEBOOKS = Path(__file__).resolve().parents[2] / "notebooks"  # of a checkout
+NOTEBOOKS = Path(__file__).resolve().parents[3] / "notebooks"  # of a checkout
 AHEAD = 64  # runs submitted ahead to an executor given by the caller
 
 

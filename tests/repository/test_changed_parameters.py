@@ -1,0 +1,92 @@
+"""A changed parameter shows: in the chapter's verdict, its figure and its closing errors."""
+
+import re
+from functools import cache
+from pathlib import Path
+
+import pytest
+
+from workbench.sweep.notebook import read_notebook, run_notebook
+
+NOTEBOOKS = Path(__file__).resolve().parents[2] / "notebooks"
+
+
+@cache
+def run(chapter, **parameters):
+    with pytest.MonkeyPatch.context() as patch:
+        patch.delenv("MPLBACKEND", raising=False)  # figures are shown, as in a build
+        return run_notebook(NOTEBOOKS / f"{chapter}.ipynb", parameters)
+
+
+def picture(found, cell):
+    """The figure of a cell, as a PNG file in base64."""
+    (image,) = (
+        output.data["image/png"]
+        for one in found.notebook.cells
+        if one.id == cell
+        for output in one.outputs
+        if "image/png" in output.get("data", {})
+    )
+    return image
+
+
+def printed(found, cell):
+    """What a cell prints."""
+    (one,) = (one for one in found.notebook.cells if one.id == cell)
+    return "".join(output.text for output in one.outputs if output.output_type == "stream")
+
+
+@pytest.mark.parametrize(
+    ("chapter", "cell", "names"),
+    [
+        ("03_background", "background-30", {"step_verdict"}),
+        ("03_background", "background-40", {"printed_poses", "cured_poses"}),
+        ("06_matching", "matching-35-text", {"verdict", "wrong_percent"}),
+        ("06_matching", "matching-36", {"E_t_mm", "layout_E_t_mm"}),
+    ],
+)
+def test_a_sentence_quotes_its_verdict(chapter, cell, names):
+    notebook = read_notebook(NOTEBOOKS / f"{chapter}.ipynb")
+    (text,) = (one.source for one in notebook.cells if one.id == cell)
+    assert names <= set(re.findall(r"\{glue:text\}`(\w+)", text))
+
+
+@pytest.mark.heavy
+def test_alpha_moves_verdict_figure_and_closing_errors():
+    small = {"spacing": 8, "cameras": 1, "row_step": 7}
+    slow, ours, quick = (
+        run("03_background", update_rate=alpha, **small) for alpha in (0.002, 0.01, 0.2)
+    )
+    # a slow background does not follow the lamp, a quick one learns the hand
+    assert (
+        slow.results["printed_after"]
+        > ours.results["printed_after"]
+        > quick.results["printed_after"]
+    )
+    assert slow.results["step_verdict"] == ours.results["step_verdict"] == "every camera passes"
+    assert quick.results["step_verdict"] == "NOT every camera passes"
+    # the handle of the last experiment rests for half a second
+    assert ours.results["printed_poses"] == ours.results["poses"] > 0
+    assert quick.results["printed_poses"] == 0
+    for cell in ("background-09", "background-37-slider"):
+        assert len({picture(one, cell) for one in (slow, ours, quick)}) == 3
+    # the table of errors, which has a column for the printed background and one for the cured
+    assert len({printed(one, "background-39") for one in (slow, ours, quick)}) == 3
+
+
+@pytest.mark.heavy
+def test_the_ncc_threshold_moves_verdict_figure_and_closing_errors():
+    none, ours, higher, high = (
+        run("06_matching", ncc_threshold=threshold, row_step=20)
+        for threshold in (-1.0, 0.5, 0.65, 0.9)
+    )
+    found = [one.results for one in (none, ours, higher, high)]
+    assert [one["left_wrong"] for one in found] == sorted(
+        {one["left_wrong"] for one in found}, reverse=True
+    )
+    assert [one["lost_right"] for one in found] == sorted({one["lost_right"] for one in found})
+    assert len({picture(one, "matching-27") for one in (none, ours, higher, high)}) == 4
+    assert found[0]["verdict"] == found[1]["verdict"] == "fails: too many are wrong"
+    assert found[3]["verdict"] == "fails: too many are missing"
+    assert found[0]["wrong_percent"] > found[1]["wrong_percent"] > found[3]["wrong_percent"]
+    assert found[0]["E_t_mm"] > found[1]["E_t_mm"] > found[3]["E_t_mm"]

@@ -1,0 +1,100 @@
+"""Every chapter runs as it stands and with other parameters, and glues what a sweep asks for.
+
+`make book` runs the chapters as they stand: what it has stored is looked at here, or they run here
+if that is stale. With other parameters they run in a small size, which `make verify` repeats in
+full.
+"""
+
+from pathlib import Path
+
+import pytest
+from chapterruns import OTHER_PARAMETERS, check_results
+from executed import as_it_stands
+from films import frames_in
+from nbformat.v4 import new_code_cell
+
+from workbench.sweep.notebook import (
+    glued,
+    imported,
+    inject,
+    read_notebook,
+    read_parameters,
+    run_notebook,
+)
+from workbench.sweep.warmkernel import Kernel, Key
+
+NOTEBOOKS = sorted(Path(__file__).resolve().parents[2].glob("notebooks/*.ipynb"))
+
+SMALL = {
+    "01_structure": {"frames": 6, "row_step": 20},
+    "02_workspace": {"step_deg": 26.0, "row_step": 20},
+    "03_background": {"spacing": 32, "cameras": 1, "row_step": 20},
+    "04_kalman": {"moving": 6, "motions": 1},
+    "05_markers": {"frame_step": 29, "draws": 4, "row_step": 20},
+    "06_matching": {"instants": 6, "row_step": 20},
+    "07_calibration": {"positions": 4, "draws": 1, "row_step": 20},
+    "08_pose": {"draws": 10, "row_step": 20},
+    "09_table1": {"row_step": 20, "tables": 100},
+    "10_estimators": {"row_step": 20, "turns": 2},
+    "11_master_slave": {"share": 0.42, "row_step": 20},
+    "12_force_feedback": {"share": 0.1, "row_step": 20},
+}
+FILM_FRAMES = {"01_structure": 30, "11_master_slave": 225}  # of the films that chapters show
+# figures are made, and not drawn: that takes a quarter of the time
+UNDRAWN = "%config InlineBackend.figure_formats = set()"
+
+each_notebook = pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+
+
+def pages_with_films(run):
+    """What the cells show that holds a film."""
+    shown = [
+        output.get("data", {}).get("text/html", "")
+        for cell in run.notebook.cells
+        for output in cell.get("outputs", [])
+    ]
+    return [page for page in shown if "<video" in page]
+
+
+@pytest.mark.parametrize("entries", [OTHER_PARAMETERS, SMALL], ids=["OTHER_PARAMETERS", "SMALL"])
+def test_every_chapter_has_an_entry(entries):
+    missing = {path.stem for path in NOTEBOOKS} - set(entries)
+    assert not missing, "a chapter needs an entry in OTHER_PARAMETERS and in SMALL, see above"
+
+
+@each_notebook
+def test_runs_at_its_defaults(path, tmp_path):
+    run = as_it_stands(path)
+    check_results(run.results)
+    frames = [frames_in(page, tmp_path) for page in pages_with_films(run)]
+    assert frames == ([FILM_FRAMES[path.stem]] if path.stem in FILM_FRAMES else [])
+
+
+@pytest.fixture(scope="module")
+def kernel():
+    """A kernel for all chapters: each begins in it as in a new one, but for the imports."""
+    imports = "\n".join(dict.fromkeys(imported(read_notebook(path)) for path in NOTEBOOKS))
+    kernel = Kernel(Key("chapters", "python3", str(NOTEBOOKS[0].parent), imports), warm=True)
+    yield kernel
+    kernel.close()
+
+
+@each_notebook
+def test_runs_at_other_parameters(path, kernel):
+    other, small = (entries.get(path.stem, {}) for entries in (OTHER_PARAMETERS, SMALL))
+    defaults = read_parameters(path)
+    assert any(value != defaults.get(name) for name, value in other.items()), (
+        "no parameter differs from its default"
+    )
+    notebook = read_notebook(path)
+    inject(notebook, {**other, **small}, path)
+    notebook.cells.insert(0, new_code_cell(UNDRAWN))
+    assert kernel.reset()
+    kernel.run(notebook, None)
+    check_results(glued(notebook))
+
+
+@each_notebook
+def test_refuses_an_unknown_parameter(path):
+    with pytest.raises(ValueError, match="unknown parameter no_such_parameter; it has "):
+        run_notebook(path, {"no_such_parameter": 1})

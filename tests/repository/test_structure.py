@@ -1,0 +1,147 @@
+"""The rules of book/design.md that a reader cannot check by eye: imports, notebooks, addresses."""
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import nbformat
+import pytest
+
+from trinolab.bench.recordings import DRAWN_WITH
+from workbench.imports import PACKAGES, files_of_module, module_of_file, our_files
+from workbench.pages import house
+
+ROOT = Path(__file__).resolve().parents[2]
+NOTEBOOKS = sorted(ROOT.glob("notebooks/*.ipynb"))
+
+
+def cells(path, kind="code"):
+    return [cell for cell in nbformat.read(path, as_version=4).cells if cell.cell_type == kind]
+
+
+def test_the_walls_hold():
+    """The contracts stand in pyproject.toml; what breaks them is in the text."""
+    done = subprocess.run(
+        [Path(sys.executable).with_name("lint-imports"), "--no-cache", "--no-logo"],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 0, done.stdout
+    assert "The workbench imports the algorithms, never back KEPT" in done.stdout
+
+
+def test_each_folder_has_a_floor():
+    """No circle among the folders and the modules at the top, and none without its place."""
+    floor = house.floors(house.rooms())
+    assert floor["trinolab.checks"] == 0
+    assert max(floor, key=floor.get) == "workbench.cli"
+
+
+def test_a_circle_is_seen():
+    with pytest.raises(ValueError, match=r"got one among a\.b, a\.c"):
+        house.floors({"a.b": {"a.c"}, "a.c": {"a.b"}, "a.d": set()})
+
+
+def test_a_recording_is_stale_when_what_draws_it_has_changed():
+    """`DRAWN_WITH` names all that decides what a frame shows, and nothing that measures."""
+    package = PACKAGES["trinolab"]
+    named = {path for pattern in DRAWN_WITH for path in package.glob(pattern)}
+    drawing = files_of_module("trinolab.bench.scenario") - {package / "__init__.py"}
+    assert {path for path in drawing if path.name != "moved.py"} <= named
+
+
+def test_only_figures_draw():
+    drawing = {
+        module_of_file(path)
+        for path in our_files()
+        if re.search(r"^\s*(import|from) (matplotlib|pyvista)", path.read_text(), re.MULTILINE)
+    }
+    others = {name for name in drawing if not name.startswith("workbench.plotting.")}
+    # kernelstate takes matplotlib back to where it was, and draws nothing
+    assert others == {
+        "workbench.pages.house",
+        "workbench.sweep.figures",
+        "workbench.sweep.kernelstate",
+        "workbench.sweep.sliders",
+        "workbench.teleop.view",
+    }
+
+
+def loaded_by(code):
+    """The modules that some code loads in a new process."""
+    code = f"import sys\n{code}\nprint(*sys.modules)"
+    return set(
+        subprocess.run(
+            [sys.executable, "-c", code], capture_output=True, text=True, check=True
+        ).stdout.split()
+    )
+
+
+def test_calibrating_loads_its_figure_only_when_needed():
+    assert "matplotlib" not in loaded_by("import trinolab.calibration.calibrate")
+
+
+def test_the_papers_chain_runs_by_itself():
+    loaded = loaded_by("""
+import numpy as np
+from trinolab import datasets
+from trinolab.measurement import measure
+rig = datasets.load_rig("paper_pair")
+measure([np.zeros(camera.size[::-1]) for camera in rig.cameras], rig, datasets.load_handle("paper"))""")
+    assert "trinolab.pose" in loaded
+    assert {name for name in loaded if name.startswith("trinolab.estimators.")} == {
+        "trinolab.estimators.identified"
+    }
+
+
+@pytest.mark.parametrize("module", ["trinolab", "workbench", "workbench.sweep"])
+def test_import_is_light(module):
+    assert not {"matplotlib", "pyvista", "vtk", "mujoco", "cv2"} & loaded_by(f"import {module}")
+
+
+def test_there_are_notebooks_and_the_table_of_contents_names_them_all():
+    toc = (ROOT / "_toc.yml").read_text(encoding="utf-8")
+    named = set(re.findall(r"notebooks/(\w+)", toc))
+    assert named == {path.stem for path in NOTEBOOKS} != set()
+
+
+def test_notebooks_are_stored_without_outputs():
+    run = [
+        path.stem
+        for path in NOTEBOOKS
+        for cell in cells(path)
+        if cell.outputs or cell.execution_count is not None
+    ]
+    assert run == []
+
+
+def test_a_notebook_has_one_cell_of_parameters():
+    counts = {
+        path.stem: sum("parameters" in cell.metadata.get("tags", []) for cell in cells(path))
+        for path in NOTEBOOKS
+    }
+    assert set(counts.values()) == {1}, counts
+
+
+def repository_files():
+    """Every file that git would store."""
+    command = ["git", "ls-files", "--cached", "--others", "--exclude-standard", "-z"]
+    try:
+        names = subprocess.run(
+            command, cwd=ROOT, capture_output=True, text=True, check=True
+        ).stdout.split("\0")
+    except (OSError, subprocess.CalledProcessError):
+        pytest.skip("not a git repository, or git (Debian package: git) is missing")
+    return [ROOT / name for name in names if name and (ROOT / name).is_file()]
+
+
+def test_no_file_names_a_machine():
+    # Put together here, so that this file does not name one itself.
+    paths = "|".join(f"/{folder}/" for folder in ("work", "root", "home", "Users", "tmp/[a-z]"))
+    hosts = r"pypi\.\w+|files\.python" r"hosted|regis" r"try\.npmjs|\bin" r"dex-url"
+    for path in repository_files():
+        text = path.read_bytes().decode("utf-8", errors="replace")
+        found = re.search(rf"(?<![\w.]){'(?:' + paths + ')'}|{hosts}", text)
+        assert found is None, f"{path.relative_to(ROOT)}: {found.group()}"

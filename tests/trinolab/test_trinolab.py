@@ -1,0 +1,211 @@
+"""The names that `trinolab` itself has: each one works, none is hidden by a module, and the
+README's examples run.
+"""
+
+import inspect
+import re
+import subprocess
+import sys
+from importlib import import_module
+from pathlib import Path
+
+import numpy as np
+import pytest
+from makenotebook import glued, make_notebook
+
+import trinolab
+from trinolab import FACE
+from trinolab.bench.optics import Bench
+from trinolab.bench.scene import render_rig
+from trinolab.datasets import load_handle, load_rig, load_table1
+from trinolab.files import recorder
+from trinolab.files.poses import truth_table
+from trinolab.rigid import shifted
+from workbench.paper import ledger
+from workbench.sweep import runs
+
+ROOT = Path(__file__).resolve().parents[2]
+PACKAGE = ROOT / "trinolab"
+
+
+def home_of(name):
+    """The object that a name of the face stands for, got without the face."""
+    module, _, attribute = FACE[name].partition(":")
+    loaded = import_module(module)
+    return getattr(loaded, attribute) if attribute else loaded
+
+
+def run(code):
+    """What some code prints in a new process."""
+    return subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True
+    ).stdout
+
+
+@pytest.mark.parametrize("name", FACE)
+def test_a_name_of_the_face_is_the_thing_itself(name):
+    assert getattr(trinolab, name) is home_of(name)
+    assert name in dir(trinolab)
+
+
+def test_the_face_is_what_a_star_import_brings():
+    given = {}
+    exec("from trinolab import *", given)
+    assert set(given) - {"__builtins__"} == set(FACE) == set(trinolab.__all__)
+
+
+def test_type_checkers_see_the_same_face():
+    """They read the imports that Python skips; each must lead to the place where the name is taken
+    from.
+    """
+    source = (PACKAGE / "__init__.py").read_text(encoding="utf-8")
+    lines = re.findall(r"^    from \.([\w.]*) import (\w+) as (\w+)", source, re.MULTILINE)
+    typed = {
+        name: f"trinolab.{module}:{what}" if module else f"trinolab.{what}"
+        for module, what, name in lines
+    }
+    typed["mapping"] = typed["mapping"].replace(":", ".")
+    # what the algorithms do not import, not even for a type checker
+    assert typed | {"sweep": "workbench.sweep"} == FACE
+
+
+def test_the_map_has_each_name_in_the_order_of_the_data_with_its_equations():
+    """The docstring, which `help` shows first, and the names; the equations are those of the things'
+    own docstrings.
+    """
+    rows = re.findall(r"^`(\w+)`  +(Eq\. [\d-]+)?", trinolab.__doc__, re.MULTILINE)
+    assert [name for name, _ in rows] == list(FACE)
+    for name, equations in rows:
+        first = (inspect.getdoc(getattr(trinolab, name)) or "").partition("\n\n")[0]
+        named = ledger.equations_named(first)
+        if equations and named and not inspect.ismodule(getattr(trinolab, name)):
+            start, _, end = equations.removeprefix("Eq. ").partition("-")
+            assert set(map(int, named)) <= set(range(int(start), int(end or start) + 1)), name
+
+
+def test_an_unknown_name_is_an_attribute_error():
+    with pytest.raises(AttributeError, match="'trinolab' has no attribute 'mesure'"):
+        getattr(trinolab, "mesure")  # noqa: B009  what Python does for the name with a dot
+    with pytest.raises(ImportError):
+        from trinolab import mesure  # noqa: F401
+
+
+def test_no_module_is_called_like_another_things_name():
+    modules, folders = PACKAGE.glob("*.py"), PACKAGE.glob("*/__init__.py")
+    names = {path.stem for path in modules} | {path.parent.name for path in folders}
+    homes = {name: f"trinolab.{name}" for name in names & set(FACE)}
+    assert homes.items() <= FACE.items(), "a module that is loaded takes the name's place"
+
+
+@pytest.mark.heavy
+def test_a_module_that_is_loaded_hides_no_name_of_the_face():
+    """In either order: the homes first, and the names first."""
+    homes = sorted({where.partition(":")[0] for where in FACE.values()})
+    show = f"print({', '.join(f'trinolab.{name}' for name in FACE)})"
+    first, second = (
+        run(f"import trinolab\n{show}"),
+        run(f"import {', '.join(homes)}\nimport trinolab\n{show}"),
+    )
+    names = [re.sub(r" at 0x\w+", "", text) for text in (first, second)]
+    assert names[0] == names[1]
+    assert "function measure" in names[0]
+    assert names[0].count("<module") == sum(":" not in where for where in FACE.values())
+
+
+def test_sweep_is_the_folder_and_has_the_function():
+    assert (
+        run("import trinolab; print(trinolab.sweep.sweep.__module__)") == "workbench.sweep.runs\n"
+    )
+    assert (
+        run(
+            "import trinolab\nfrom workbench.sweep import sweep\nimport workbench.sweep.runs\n"
+            "print(trinolab.sweep.sweep is sweep)"
+        )
+        == "True\n"
+    )
+    assert trinolab.sweep.sweep is runs.sweep
+
+
+# --- the examples of the README
+
+
+def examples():
+    """The blocks of Python under the README's heading "From Python"."""
+    section = (
+        (ROOT / "README.md")
+        .read_text(encoding="utf-8")
+        .split("## From Python\n")[1]
+        .split("\n## ")[0]
+    )
+    blocks = re.findall(r"(?:^    .*\n|^\n(?=    ))+", section, flags=re.MULTILINE)
+    return [
+        re.sub("^    ", "", block, flags=re.MULTILINE)
+        for block in blocks
+        if "import trinolab" in block
+    ]
+
+
+@pytest.fixture(scope="module")
+def place(tmp_path_factory):
+    """A folder with a short recording and with a small notebook that is called like a chapter."""
+    root, rng = tmp_path_factory.mktemp("readme"), np.random.default_rng(0)
+    rig, handle = load_rig("paper_pair"), load_handle("coded")
+    path = [
+        shifted(load_table1().set_poses[4], np.array([1.0, 0.5, 0.0, 0.0, 0.01, 0.0]) * k)
+        for k in range(3)
+    ]
+    partial = recorder.begin(root / "recording", rig, handle)
+    for k, T in enumerate(path):
+        recorder.add(partial, rig, k, render_rig(rig, handle, T, Bench(), rng))
+    poses = path[0].concatenate(path)
+    recorder.finish(root / "recording", np.arange(3) / 30, truth_table(poses))
+    (root / "notebooks").mkdir()
+    make_notebook(
+        root / "notebooks" / "06_matching.ipynb",
+        glued(found="ncc_threshold + seed"),
+        parameters="ncc_threshold = 0.7\nseed = 0",
+    )
+    return root, poses
+
+
+def test_there_are_three_examples():
+    assert len(examples()) == 3
+    assert all(
+        len([line for line in example.splitlines() if line and "import" not in line]) <= 3
+        for example in examples()
+    ), "three lines each"
+
+
+@pytest.fixture
+def after(place, monkeypatch):
+    """What an example leaves behind, run in that folder."""
+
+    def run_example(number):
+        monkeypatch.chdir(place[0])
+        names = {}
+        exec(examples()[number], names)
+        return names
+
+    return run_example
+
+
+def test_readme_measures_an_instant(after, place):
+    pose = after(0)["pose"]
+    assert pose.status == "measured"
+    assert np.linalg.norm(pose.T_world_handle.translation - place[1][0].translation) < 0.3  # mm
+
+
+def test_readme_tracks_a_recording(after, capsys):
+    left = after(1)
+    assert left["poses"]["status"].tolist() == ["measured"] * 3
+    assert left["result"].measured == 3
+    assert left["result"].errors.E_t_mm < 0.1
+    assert capsys.readouterr().out.startswith("3 PoseErrors(")
+
+
+def test_readme_sweeps_a_chapter(after):
+    table = after(2)["table"]
+    assert table["status"].tolist() == ["ok"] * 9
+    assert table["found"].tolist() == pytest.approx(
+        (table["ncc_threshold"] + table["seed"]).tolist()
+    )

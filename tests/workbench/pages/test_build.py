@@ -1,0 +1,203 @@
+"""What `make book` runs again: jobs that are stale or failed, and nothing else."""
+
+import inspect
+import json
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import nbformat
+import pytest
+from makenotebook import glued, make_notebook
+
+from trinolab.bench import recordings
+from workbench.pages import build
+from workbench.studies.ground_truth import read_recording
+
+ROOT = Path(__file__).resolve().parents[3]
+KILLS_ITSELF = "import os, signal; os.kill(os.getpid(), signal.SIGKILL)"
+
+
+@pytest.fixture
+def book(tmp_path, monkeypatch):
+    """A book of two chapters, in a folder of its own."""
+    for name, path in {
+        "ROOT": "",
+        "EXECUTED": "_build/executed",
+        "MADE_FROM": "_build/made_from.json",
+        "CACHE": "_build/.jupyter_cache",
+        "SCOREBOARD": "_build/scoreboard.csv",
+        "NEW_SCOREBOARD": "_build/scoreboard.new.csv",
+        "GENERATED": "_build/generated",
+        "SECONDS": "_build/seconds.json",
+    }.items():
+        monkeypatch.setattr(build, name, tmp_path / path)
+    build.EXECUTED.mkdir(parents=True)
+    (tmp_path / "notebooks").mkdir()
+    (tmp_path / "_toc.yml").write_text(
+        "{root: start, parts: [{chapters: [{file: notebooks/one}, {file: notebooks/two}]}]}"
+    )
+    for name, code in (
+        ("one", "from trinolab import window"),
+        ("two", "from trinolab import lens"),
+    ):
+        make_notebook(tmp_path / "notebooks" / f"{name}.ipynb", code, glued(b="a"))
+    return tmp_path
+
+
+def job(name, command="pass"):
+    return build.Job(name, [sys.executable, "-c", command], {"the package": name})
+
+
+def chapter(book, name):
+    return book / "notebooks" / f"{name}.ipynb"
+
+
+def pretend_to_run(book, name):
+    """Leave what an execution leaves."""
+    notebook = build.read_notebook(chapter(book, name))
+    for count, cell in enumerate(notebook.cells, 1):
+        cell.execution_count = count
+    nbformat.write(notebook, build.result_of(name))
+
+
+def test_what_is_finished_is_not_run_again_until_something_has_changed(book, monkeypatch, capsys):
+    stale = build.stale_jobs()
+    assert [one.name for one in stale] == ["scoreboard", "ledger", "one", "two"]
+    for one in stale[2:]:
+        pretend_to_run(book, one.name)
+        build.keep(one)
+    assert [one.name for one in build.stale_jobs()] == ["scoreboard", "ledger"]
+    assert "one: unchanged\ntwo: unchanged\n" in capsys.readouterr().out
+    assert build.executed(chapter(book, "one")) == build.result_of("one")
+    assert build.is_cached(chapter(book, "one"))
+    text = chapter(book, "one").read_text()
+    chapter(book, "one").write_text(text.replace("window", "rigid"))
+    assert [one.name for one in build.stale_jobs()] == ["scoreboard", "ledger", "one"]
+    assert build.executed(chapter(book, "one")) is None
+    chapter(book, "one").write_text(text)
+    monkeypatch.setenv("TRINOLAB_DATA", "elsewhere")
+    assert len(build.stale_jobs()) == 4
+
+
+def test_a_job_that_fails_is_named_and_the_others_are_kept(book, capsys):
+    jobs = [
+        job(
+            "scoreboard",
+            f"from pathlib import Path; Path({str(build.NEW_SCOREBOARD)!r}).write_text('no\\n')",
+        ),
+        job("one", "raise SystemExit('what was wrong')"),
+    ]
+    assert build.run_all(jobs) == ["one"]
+    out = capsys.readouterr().out
+    assert re.search(r"^one: FAILED after \d+ s \([12] of 2\)$", out, re.MULTILINE)
+    assert "what was wrong" in out
+    assert build.SCOREBOARD.read_text() == "no\n"
+    assert json.loads(build.MADE_FROM.read_text()) == {"scoreboard": {"the package": "scoreboard"}}
+    assert json.loads(build.SECONDS.read_text()).keys() == {"scoreboard"}
+
+
+def test_a_chapter_is_run_and_stored(book, capsys):
+    path = chapter(book, "one")
+    build.EXECUTED.rmdir()
+    assert build.run_chapter(path) == 0
+    stored = build.read_notebook(build.result_of("one"))
+    assert any(cell.get("outputs") for cell in stored.cells)
+    # the cells' times stay with it, and yet Jupyter Book knows it for the same notebook
+    assert any("execution" in cell.metadata for cell in stored.cells)
+    build.put_into_cache(build.result_of("one"))
+    assert build.is_cached(path)
+    make_notebook(path, "raise ValueError('a broken chapter')", glued(b="a"))
+    assert build.run_chapter(path) == 1
+    out = capsys.readouterr().out
+    assert "raise ValueError('a broken chapter')" in out
+    assert out.rstrip().endswith("ValueError: a broken chapter")
+
+
+def test_a_chapter_whose_kernel_dies_says_so_in_a_line(book):
+    path = make_notebook(chapter(book, "one"), "import os; os._exit(1)")
+    done = subprocess.run(
+        [*build.BUILD_COMMAND, "--chapter", str(path)],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 1
+    assert done.stdout == (
+        "one.ipynb: its kernel died; most often the machine had no memory left: close other programs\n"
+    )
+
+
+def test_the_last_lines_say_what_failed_and_what_to_type(book, monkeypatch, capsys):
+    monkeypatch.chdir(book)
+    monkeypatch.setattr(build, "render_recordings", lambda: None)
+    why = "print('[IPKernelApp] WARNING | no matter'); raise SystemExit('why')"
+    jobs = [job("ledger"), job("one", why), job("two", KILLS_ITSELF)]
+    monkeypatch.setattr(build, "stale_jobs", lambda: jobs)
+    assert build.main() == 1
+    lines = capsys.readouterr().out.splitlines()
+    assert "why" in lines
+    assert not any("no matter" in line for line in lines)
+    assert (
+        "two: ended by signal 9; most often the machine had no memory left: close other programs"
+        in lines
+    )
+    assert re.fullmatch(
+        "FAILED: (one, two|two, one). What they said is above; all else is kept.", lines[-2]
+    )
+    assert lines[-1] == (
+        "Mend it, or try again if the machine was at fault: `make book`, or `python book/build.py`, "
+        "goes on from there."
+    )
+
+
+def test_a_cache_that_cannot_be_written_is_said_before_anything_runs(book, monkeypatch, capsys):
+    monkeypatch.chdir(book)
+
+    def refused(*_, **__):
+        raise ValueError("recordings: cannot be written")
+
+    monkeypatch.setattr(recordings, "standard_recording", refused)
+    assert build.main() == 1
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[-2] == "FAILED: recordings: cannot be written"
+    assert not [line for line in lines if line.endswith("started")]
+
+
+def test_a_label_makes_the_ledger_stale_and_other_text_does_not(book):
+    path = chapter(book, "one")
+    notebook = build.read_notebook(path)
+    before = build.stale_jobs()[1].made_from
+    assert before["labels"] == ""
+    notebook.cells.append(nbformat.v4.new_markdown_cell("Text.\n\n(eq-20)=\n$$ x \\tag{20} $$"))
+    nbformat.write(notebook, path)
+    assert build.labels() == ["eq-20"]
+    assert build.stale_jobs()[1].made_from == {**before, "labels": "eq-20"}
+
+
+def test_a_log_gets_a_sign_of_life_now_and_then(monkeypatch, capsys):
+    now = iter([100.0, 159.0, 160.0])
+    monkeypatch.setattr(build.time, "monotonic", lambda: next(now))
+    running = [build.Running(job("one"), None, None, 40.0)]
+    said = 100.0
+    for _ in range(3):
+        said = build.show_progress(running, said)
+    assert capsys.readouterr().out == "running: one 120 s\n"
+    assert said == 160.0
+
+
+def test_the_recordings_are_those_that_the_chapters_read():
+    text = "".join(path.read_text("utf-8") for path in ROOT.glob("notebooks/*.ipynb"))
+    named = set(re.findall(r'read_recording\(\\"(\w+)\\"', text))
+    assert named == set(build.RECORDINGS)
+    assert inspect.signature(read_recording).parameters["seconds"].default == build.RECORDED_S
+
+
+def test_the_pages_are_stale_when_a_docstring_has_changed(book):
+    (book / "trinolab").mkdir()
+    (book / "trinolab" / "pose.py").write_text('"""A pose."""')
+    before = build.pages_made_from()
+    assert build.pages_made_from() == before
+    (book / "trinolab" / "pose.py").write_text('"""The pose."""')
+    assert build.pages_made_from() != before

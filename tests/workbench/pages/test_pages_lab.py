@@ -1,0 +1,192 @@
+"""The chapters in JupyterLab, as `make lab` opens them, in a real browser."""
+
+import json
+import os
+import re
+import shutil
+import socket
+import subprocess
+import sys
+from pathlib import Path
+from urllib.request import urlopen
+
+import nbformat
+import pytest
+from processes import wait_until
+
+from workbench.pages.browser import CHROMIUM, Browser
+
+ROOT = Path(__file__).resolve().parents[3]
+EXTENSIONS = ROOT / "book" / "lab"
+SCRIPT = EXTENSIONS / "trinolab-numbers" / "static" / "remoteEntry.js"
+CHAPTERS = sorted((ROOT / "notebooks").glob("*.ipynb"))
+pytestmark = pytest.mark.skipif(
+    CHROMIUM is None, reason="Chromium is missing (Debian package: chromium)"
+)
+
+
+@pytest.fixture(scope="module")
+def browser(tmp_path_factory):
+    browser = Browser(tmp_path_factory.mktemp("profile"))
+    yield browser
+    browser.close()
+
+
+def text_of(path):
+    notebook = nbformat.read(path, as_version=4)
+    return "\n".join(cell.source for cell in notebook.cells if cell.cell_type == "markdown")
+
+
+def test_numbers_have_the_formats_of_the_pages(browser):
+    """Every format that a chapter uses, by Python and by the extension."""
+    quoted = [re.findall(r"\{glue:text\}`[^`:]*:?([^`]*)`", text_of(path)) for path in CHAPTERS]
+    formats = sorted(set().union(*quoted))
+    assert {".1f", ".0%", "g", ""} <= set(formats)
+    values = [0.0, 0.016, 0.4449, 1.0, 9.5e8, 12.3456789, 950.2, 123456.7]
+    browser.open("about:blank")
+    browser.evaluate(SCRIPT.read_text(encoding="utf-8") + "; null")
+    for form in formats:
+        shown = [
+            browser.evaluate(f"formatted({json.dumps(str(value))}, {json.dumps(form)})")
+            for value in values
+        ]
+        expected = [format(value, form) if form else str(value) for value in values]
+        assert shown == expected
+    assert browser.evaluate("""formatted("'survives'", "")""") == "survives"
+
+
+@pytest.fixture
+def lab(tmp_path):
+    """The address of a JupyterLab on a copy of the chapters: what Lab saves is not ours."""
+    shutil.copytree(ROOT / "notebooks", tmp_path / "notebooks")
+    with socket.socket() as one:
+        one.bind(("127.0.0.1", 0))
+        port = one.getsockname()[1]
+    options = {
+        "ServerApp.root_dir": tmp_path,
+        "ServerApp.port": port,
+        "ServerApp.allow_root": True,
+        "ServerApp.open_browser": False,
+        "IdentityProvider.token": "",
+        "LabApp.extra_labextensions_path": EXTENSIONS,
+        "LabApp.expose_app_in_browser": True,
+    }
+    folders = {name: str(tmp_path / name) for name in ("JUPYTER_CONFIG_DIR", "JUPYTER_RUNTIME_DIR")}
+    environment = {name: value for name, value in os.environ.items() if name != "MPLBACKEND"}
+    process = subprocess.Popen(
+        [
+            sys.executable,
+            "-m",
+            "jupyterlab",
+            *(f"--{key}={value}" for key, value in options.items()),
+        ],
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+        env={**environment, **folders},
+    )
+    address = f"http://127.0.0.1:{port}"
+
+    def answers():
+        try:
+            return urlopen(f"{address}/api").status == 200
+        except OSError:
+            return False
+
+    wait_until(answers, process)
+    yield address
+    process.terminate()
+    process.wait()
+
+
+class Reader:
+    """A chapter that is open in JupyterLab."""
+
+    def __init__(self, browser, address, chapter):
+        self._browser = browser
+        browser.open(f"{address}/lab/tree/notebooks/{chapter}.ipynb?reset")
+        panel = "globalThis.jupyterapp?.shell.currentWidget"
+        self.sees(f"{panel}?.content?.model?.cells.length > 20 && {panel}.sessionContext.isReady")
+        browser.evaluate(f"""
+            globalThis.cellOf = (id) => {panel}.content.widgets.find((one) => one.model.id == id);
+            globalThis.goTo = (id) => {panel}.content.scrollToCell(cellOf(id));
+        """)
+
+    def sees(self, expression):
+        """Wait until an expression of JavaScript gives something true, and return that."""
+        return wait_until(lambda: self._browser.evaluate(expression))
+
+    def runs_all(self, cell, changed):
+        """Change the cell of parameters, and run all cells."""
+        self._browser.evaluate(f"""
+            cellOf('{cell}').model.sharedModel.setSource(
+                cellOf('{cell}').model.sharedModel.source + {json.dumps(chr(10) + changed)});
+            jupyterapp.commands.execute('notebook:run-all-cells').then(
+                (good) => (globalThis.ran = good ? 'well' : 'with an error'));
+        """)
+        assert self.sees("globalThis.ran") == "well"
+
+    def reads(self, cell, word):
+        """What a cell's text says, once it has a word."""
+        self._browser.evaluate(f"goTo('{cell}')")
+        return self.sees(f"""
+            (() => {{
+                const text = cellOf('{cell}').node.querySelector('.myst')?.innerText;
+                return text?.includes('{word}') && text;
+            }})()
+        """)
+
+    def moves_the_slider_of(self, cell):
+        """One stop to the right: what the output says before and after, when its picture has
+        changed.
+        """
+        self._browser.evaluate(f"goTo('{cell}')")
+        shown = f"""
+            (() => {{
+                const node = cellOf('{cell}').node;
+                const image = node.querySelector('.jp-OutputArea img');
+                return image && [node.querySelector('.jp-OutputArea pre').innerText, image.src];
+            }})()
+        """
+        before = self.sees(shown)
+        self._browser.evaluate(f"""
+            cellOf('{cell}').node.querySelector('.noUi-handle').dispatchEvent(
+                new KeyboardEvent('keydown', {{key: 'ArrowRight', bubbles: true}}));
+            globalThis.moved = performance.now();
+        """)
+        after = wait_until(
+            lambda: (now := self._browser.evaluate(shown)) and now[1] != before[1] and now
+        )
+        passed_ms = self._browser.evaluate("performance.now() - moved")
+        print(f"{cell}: the picture changed after {passed_ms:.0f} ms")
+        return before[0], after[0]
+
+
+@pytest.mark.heavy
+def test_a_reader_changes_alpha_and_moves_its_slider(browser, lab):
+    reader = Reader(browser, lab, "03_background")
+    # admonitions are boxes, and not text between colons
+    assert "This chapter" in reader.sees("document.querySelector('.myst aside')?.innerText")
+    reader.runs_all("background-03", "update_rate, spacing, cameras, row_step = 0.05, 8, 1, 10")
+    said = reader.reads("background-12", "0.05")
+    assert re.search(r"false alarm for 0\.3 s, and the resting hand is seen for 0\.7 s", said)
+    before, after = reader.moves_the_slider_of("background-37-slider")
+    assert "alpha = 0.05" in before
+    assert "alpha = 0.1" in after
+
+
+@pytest.mark.heavy
+@pytest.mark.parametrize(
+    ("chapter", "changed", "cell", "before", "after"),
+    [
+        ("04_kalman", "moving, motions = 6, 1", "kalman-39-slider", "q = 9.5e+08", "q = 1e+09"),
+        ("06_matching", "instants, row_step = 6, 20", "matching-27", "hold 0.5:", "hold 0.65:"),
+        ("08_pose", "draws, row_step = 10, 20", "pose-08", "baseline 99 mm", "baseline 150 mm"),
+    ],
+)
+def test_the_other_sliders_redraw(browser, lab, chapter, changed, cell, before, after):
+    reader = Reader(browser, lab, chapter)
+    reader.runs_all(f"{chapter[3:]}-03", changed)
+    said = reader.moves_the_slider_of(cell)
+    assert before in said[0]
+    assert after in said[1]

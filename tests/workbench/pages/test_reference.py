@@ -1,0 +1,221 @@
+"""The API reference and the picture of the house: complete, linked, and true to the imports."""
+
+import ast
+import re
+from pathlib import Path
+
+import matplotlib.pyplot as plt
+import pytest
+import yaml
+
+import trinolab
+import workbench
+from workbench.imports import PACKAGES, module_of_file, our_files
+from workbench.pages import house, reference
+from workbench.paper.ledger import load_ledger
+
+ROOT = Path(__file__).resolve().parents[3]
+PAGES = reference.pages()
+ENTRY = re.compile(r"^\.\. auto(?:function|class):: (\S+)", re.MULTILINE)
+NOT_IN_FULL = {*reference.BY_MODULE, *reference.NOT_SHOWN}
+LEDGER = [entry for entry in load_ledger() if entry.no.isdigit()]
+
+
+@pytest.fixture(scope="module")
+def texts():
+    return {
+        page: reference.page_text(title, modules, page in reference.BY_MODULE)
+        for page, (title, modules) in PAGES.items()
+    }
+
+
+def written(path):
+    """The full names of the public functions and classes of a file that have a docstring, by its
+    source.
+    """
+    module = module_of_file(path)
+    return {
+        f"{module}.{node.name}"
+        for node in ast.parse(path.read_text(encoding="utf-8")).body
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef)
+        and not node.name.startswith("_")
+        and ast.get_docstring(node)
+    }
+
+
+def test_every_public_function_and_class_has_one_entry(texts):
+    found = [name for text in texts.values() for name in ENTRY.findall(text)]
+    wanted = set().union(
+        *(
+            written(path)
+            for path in our_files()
+            if not NOT_IN_FULL & set(module_of_file(path).split(".")[1:2])
+        )
+    )
+    assert len(found) == len(set(found))
+    assert set(found) == wanted
+    assert len(found) > 500
+
+
+def test_every_name_is_in_the_table_of_its_page_first(texts):
+    for page in set(PAGES) - set(reference.BY_MODULE):
+        head, *_ = texts[page].split("\n## ")
+        entries = ENTRY.findall(texts[page])
+        assert re.findall(r"^\| \{py:obj\}`\w+ <([\w.]+)>`", head, re.M) == entries
+        assert all(
+            row.count("|") - row.count(r"\|") == 5
+            for row in head.split("\n")
+            if row.startswith("| ")
+        )
+
+
+@pytest.mark.parametrize("entry", LEDGER, ids=lambda entry: entry.name)
+def test_what_implements_an_equation_links_to_it_and_to_its_chapter(entry, texts):
+    for name in entry.functions:
+        (text,) = [text for text in texts.values() if f".. autofunction:: {name}\n" in text]
+        block = text.split(f".. autofunction:: {name}\n")[1].split("```")[0]
+        spans = re.findall(r"`Eq\. (\d+)(?:-(\d+))? <equation-\1>`", block)
+        assert any(int(first) <= int(entry.no) <= int(last or first) for first, last in spans)
+        assert f":doc:`chapter {int(entry.chapter[:2])} </notebooks/{entry.chapter}>`" in block
+
+
+def test_every_page_is_in_the_book():
+    toc = yaml.safe_load((ROOT / "_toc.yml").read_text(encoding="utf-8"))
+    chapters = [chapter for part in toc["parts"] for chapter in part["chapters"]]
+    (section,) = [
+        chapter["sections"] for chapter in chapters if chapter["file"] == "book/api/index"
+    ]
+    assert sorted(one["file"] for one in section) == sorted(f"book/api/{page}" for page in PAGES)
+    for page in PAGES:
+        assert f"generated/api/{page}.md" in (ROOT / "book" / "api" / f"{page}.md").read_text(
+            encoding="utf-8"
+        )
+
+
+def test_pages_are_written_for_the_book_to_include(tmp_path, texts):
+    reference.write_pages(tmp_path / "new" / "folder")
+    assert {path.stem for path in (tmp_path / "new" / "folder").iterdir()} == {
+        *PAGES,
+        "face",
+        "contents",
+    }
+    assert (tmp_path / "new" / "folder" / "pose.md").read_text(encoding="utf-8") == texts["pose"]
+    face = (tmp_path / "new" / "folder" / "face.md").read_text(encoding="utf-8")
+    assert (
+        "{py:obj}`trinolab.measure <trinolab.measurement.measure>` | Measure the handle's pose"
+        in face
+    )
+
+
+def test_a_module_at_the_top_that_is_on_no_page_is_an_error(monkeypatch):
+    monkeypatch.delitem(reference.TOP, "pose")
+    with pytest.raises(
+        ValueError, match=r"expected each module at the top of the package once, got a .*'tracker'"
+    ):
+        reference.pages()
+
+
+def test_what_a_chapter_uses_is_found_where_it_is_defined():
+    code = """import trinolab
+from trinolab import identity as who, pose
+from trinolab.matching import ncc
+who.identify(trinolab.measure, pose.fit_pose(pose.LOST), ncc, workbench.sweep.sweep)
+other.measure(np.zeros(3))"""
+    found = {
+        name for name in reference._names_used(ast.parse(code)) if name in reference._known_names()
+    }
+    assert found - {
+        name
+        for name in found
+        if name in {"trinolab.pose", "trinolab.identity", "workbench", "workbench.sweep"}
+    } == {
+        "trinolab.identity.identify.identify",
+        "trinolab.measurement.measure",
+        "trinolab.pose.fit_pose",
+        "trinolab.matching.ncc",
+        "workbench.sweep.runs.sweep",
+    }
+
+
+@pytest.mark.parametrize(
+    ("numbers", "spans"),
+    [
+        ([], []),
+        ([20], [(20, "20")]),
+        ([5, 6, 16], [(5, "5-6"), (16, "16")]),
+        ([1, 3, 4, 5], [(1, "1"), (3, "3-5")]),
+    ],
+)
+def test_numbers_as_spans(numbers, spans):
+    assert reference._spans(numbers) == spans
+
+
+@pytest.mark.parametrize(
+    ("name", "module", "full"),
+    [
+        ("Camera", "trinolab.matching", "trinolab.camera.Camera"),  # imported there
+        ("Camera.project", "trinolab.matching", "trinolab.camera.Camera.project"),
+        # estimators have another one
+        ("Views", "trinolab.identity.search", "trinolab.identity.layout.Views"),
+        # not imported, but there is only one
+        ("pose.fit_pose", "trinolab.files.rigs", "trinolab.pose.fit_pose"),
+        ("trinolab.pose.fit_pose", None, "trinolab.pose.fit_pose"),
+        ("T_world_handle", "trinolab.pose", "T_world_handle"),  # an argument
+        ("RigidTransform", "trinolab.pose", "RigidTransform"),  # another package's
+        ("fit_pose", "trinolab.files.rigs", "fit_pose"),  # a word without a dot says too little
+    ],
+)
+def test_a_name_in_a_docstring_means_what_it_means_in_the_module(name, module, full):
+    assert reference._full_name(name, module) == full
+
+
+# --- the picture
+
+
+def test_the_picture_knows_the_imports():
+    """As the lines of the sources say it, read by another way than the graph's."""
+    rooms = house.rooms()
+    for room in ("trinolab.tracker", "trinolab.following", "workbench.live"):
+        package, name = room.split(".")
+        place = PACKAGES[package] / name
+        files = sorted(place.glob("**/*.py")) or [place.with_suffix(".py")]
+        assert rooms[room] == set().union(*map(rooms_named, files)) & set(rooms) - {room}
+
+
+def rooms_named(path):
+    """The rooms that the import lines of a file name."""
+    package = module_of_file(path).split(".")
+    package = package if path.name == "__init__.py" else package[:-1]
+    named = set()
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.ImportFrom):
+            above = package[: len(package) - node.level + 1] if node.level else []
+            base = [*above, *(node.module or "").split(".")] if node.module else above
+            named |= {".".join([*base, alias.name][:2]) for alias in node.names}
+    return named
+
+
+def test_every_room_is_drawn_above_what_it_imports_and_nothing_overlaps():
+    graph, fig = house.rooms(), house.draw_house()
+    fig.canvas.draw()
+    at = {text.get_text().split(", ")[0]: text for text in fig.axes[0].texts}
+    drawn = {room: room.partition(".")[2] for room in graph if room not in house.TOGETHER}
+    assert set(at) == set(drawn.values())
+    for room, others in graph.items():
+        room = house.TOGETHER.get(room, room)
+        for other in {house.TOGETHER.get(other, other) for other in others} - {room}:
+            assert at[drawn[room]].get_position()[1] > at[drawn[other]].get_position()[1]
+    boxes = [text.get_window_extent() for text in at.values()]
+    assert not any(a.overlaps(b) for k, a in enumerate(boxes) for b in boxes[:k])
+    plt.close(fig)
+
+
+def test_picture_and_table_are_written_and_the_same_again(tmp_path):
+    house.write_house(tmp_path / "a")
+    house.write_house(tmp_path / "b")
+    assert (tmp_path / "a" / "house.svg").read_bytes() == (
+        tmp_path / "b" / "house.svg"
+    ).read_bytes()
+    table = (tmp_path / "a" / "house.md").read_text(encoding="utf-8")
+    assert table.count("\n") == 2 + sum(map(len, map(reference.folders, (trinolab, workbench))))
+    assert "| {doc}`sweep </book/api/sweep>` | " in table

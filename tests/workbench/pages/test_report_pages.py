@@ -1,0 +1,136 @@
+"""The replication report: its sentence follows from the board, its table from the study's numbers."""
+
+import re
+from pathlib import Path
+
+import pandas as pd
+import pytest
+
+from workbench.pages import claims_pages, report_pages
+from workbench.studies import scoreboard
+from workbench.studies.protocol import load_claims, load_deviations
+
+ROOT = Path(__file__).resolve().parents[3]
+ASSUMPTIONS = (ROOT / "book" / "assumptions.md").read_text(encoding="utf-8")
+TABLE = pd.read_csv(ROOT / "data" / "sensitivity.csv", keep_default_na=False, na_values=[""])
+
+
+@pytest.fixture(scope="module")
+def board(tmp_path_factory):
+    """A board whose verdicts are those that the ledger declares, with the drawn numbers."""
+    path = tmp_path_factory.mktemp("board") / "board.csv"
+    with pytest.MonkeyPatch.context() as patch:
+        # nothing is rendered, no recording is read
+        patch.setattr(scoreboard, "CHECKS", dict.fromkeys(scoreboard.CHECKS, lambda: 0.31))
+        scoreboard.scoreboard().to_csv(path, index=False)
+    found = claims_pages.read_board(path)
+    declared = {claim.no: claim.verdict for claim in load_claims()}
+    return found.assign(verdict=found["no"].map(declared))
+
+
+def test_the_answer_is_one_sentence_with_the_boards_numbers(board):
+    text = report_pages.answer(board)
+    plain = re.sub(r"\d\.\d|Fig\.", "", text)
+    assert plain.count(".") == 1, "one sentence"
+    results = pd.read_csv(ROOT / "data" / "claims_results.csv").set_index("check")
+    for check in ("replication_position", "share_saved_paper_trinocular", "plain_mean"):
+        assert f"{results.loc[check, 'value']:.3g}" in text
+
+
+def test_an_answer_that_the_board_contradicts_stops_the_build(board):
+    changed = board.assign(verdict=board["verdict"].mask(board["no"] == "17", "match"))
+    with pytest.raises(ValueError, match=r"claim 17: the answer says 'differs', the board 'match'"):
+        report_pages.answer(changed)
+
+
+def test_every_claim_stands_in_the_table_of_kinds(board):
+    links = re.findall(r"<claim-(\w+)>", report_pages.kinds(board))
+    assert sorted(links) == sorted(board["no"])
+
+
+def test_every_assumption_is_varied_or_it_is_said_why_not():
+    there = set(re.findall(r"\{#a(\d+)\}", ASSUMPTIONS))
+    varied = {no.removeprefix("A") for no in TABLE["assumption"]}
+    spared = {no.removeprefix("A") for no in report_pages.NOT_VARIED}
+    assert varied | spared == there
+    assert not varied & spared
+
+
+def test_assumptions_stand_in_their_order():
+    found = re.findall(r"^\* - \[A(\d+)\]\{#a(\d+)\}$", ASSUMPTIONS, flags=re.MULTILINE)
+    assert found == [(str(k), str(k)) for k in range(1, len(found) + 1)]
+
+
+def test_the_page_counts_rightly():
+    page = (ROOT / "book" / "report.md").read_text(encoding="utf-8")
+    assert f"[{ASSUMPTIONS.count('{#a')} choices](assumptions.md)" in page
+    log = load_deviations()
+    assert sum(entry.date == "2026-11-20" for entry in log) == 7, "seven changes before the freeze"
+    assert sum(bool(entry.hashes) for entry in log) == 2, "two additions after it"
+
+
+def row(**changes):
+    base = {
+        "assumption": "A2",
+        "instead": "other",
+        "number": "E_t",
+        "unit": "mm",
+        "claim": "5",
+        "as_assumed": 0.1,
+        "changed": 0.2,
+        "difference": 0.1,
+        "low": 0.05,
+        "high": 0.15,
+        "n": 20,
+        "draws": 3,
+        "seed": 1,
+        "source": "rendered",
+    }
+    return {**base, **changes}
+
+
+@pytest.mark.parametrize(
+    ("changes", "shown"),
+    [
+        ({}, True),
+        ({"low": -0.05}, False),
+        ({"low": -0.2, "high": -0.1}, True),
+        ({"difference": 1e-5, "low": 1e-6, "high": 2e-5}, False),
+        ({"low": 0.0, "high": 0.0, "difference": 0.0}, False),
+        ({"low": float("nan"), "high": float("nan")}, True),
+        ({"low": float("nan"), "high": float("nan"), "difference": 1e-6}, False),
+        ({"difference": float("nan")}, False),
+    ],
+)
+def test_a_change_is_shown_where_it_is_no_chance(changes, shown):
+    table = pd.DataFrame([row(), row(**changes)])
+    assert report_pages.is_shown(next(table.tail(1).itertuples())) == shown
+
+
+def test_the_table_has_each_change_once():
+    text = report_pages.sensitivity(TABLE)
+    for instead in TABLE["instead"].unique():
+        assert text.count(f" {instead}\n") + text.count(f" ({instead})") == 1, instead
+
+
+def test_the_conclusion_names_what_reaches_the_papers_number():
+    table = pd.DataFrame([row(changed=0.2), row(assumption="A4", changed=0.6)])
+    text = report_pages.conclusion(table)
+    assert "between 0.2 and 0.6 mm" in text
+    assert "Only [A4](assumptions.md#a4) takes it to the paper's 0.31 mm." in text
+    assert "None takes it to" in report_pages.conclusion(table[:1])
+
+
+def test_environment_has_versions_machine_and_hashes(tmp_path):
+    seconds = tmp_path / "seconds.json"
+    seconds.write_text('{"one": 60.0, "two": 30.0}')
+    text = report_pages.environment(seconds)
+    for shown in (
+        "numpy 2",
+        "Python 3.",
+        "1.5 min",
+        report_pages.sha256(ROOT / "environment.txt")[:16],
+    ):
+        assert shown in text
+    assert "not measured" in report_pages.environment(tmp_path / "none.json")
+    assert str(ROOT) not in text
