@@ -222,6 +222,13 @@ def _evaluate(a: argparse.Namespace) -> int:
     return 0
 
 
+def _eq(a: argparse.Namespace) -> int:
+    from ..paper.places import equation, list_lines, place_lines
+
+    _say("\n".join(list_lines() if a.number is None else place_lines(equation(a.number))))
+    return 0
+
+
 def _kit(a: argparse.Namespace) -> int:
     from ..classkit.kit import as_lines, make_kit
 
@@ -546,4 +553,5 @@ _RUN = {
     "clear": _clear,
     "capture": _capture,
     "scoreboard": _scoreboard,
+    "eq": _eq,
 }

@@ -51,6 +51,13 @@ def parser() -> argparse.ArgumentParser:
         "trinolab scoreboard --csv scoreboard.csv",
     )
     board.add_argument("--csv", metavar="FILE", help="write the table as CSV, too")
+    eq = _add(
+        commands,
+        "eq",
+        "say where an equation of the paper is: function, file and line, test, chapter",
+        "trinolab eq 18",
+    )
+    eq.add_argument("number", nargs="?", type=int, help="1 to 27; without one, all of them")
     clear = _add(
         commands,
         "clear",

@@ -1,0 +1,52 @@
+"""Where an equation is: its functions with file and line, its tests, its chapter. What `trinolab eq`
+prints.
+"""
+
+from __future__ import annotations
+
+import inspect
+from importlib import import_module
+from pathlib import Path
+
+import trinolab
+
+from .ledger import Entry, load_ledger
+
+__all__ = ["equation", "list_lines", "place_lines"]
+
+
+def equation(number: int) -> Entry:
+    """The ledger's entry of an equation. ValueError if the paper has none of that number."""
+    for entry in load_ledger():
+        if entry.no == str(number):
+            return entry
+    raise ValueError(f"the paper has the equations 1 to 27, got {number}")
+
+
+def list_lines() -> list[str]:
+    """A line for each equation: its number, and the functions that compute it."""
+    return [
+        f"{entry.no:>2s}  {', '.join(_short(name) for name in entry.functions)}"
+        for entry in load_ledger()
+        if entry.no.isdigit()
+    ]
+
+
+def place_lines(entry: Entry) -> list[str]:
+    """What is to be known of one equation, as lines for a terminal."""
+    lines = [f"{entry.name}, Sect. {entry.section}: {entry.status}"]
+    lines += [f"function  {_short(name)}  {_file_and_line(name)}" for name in entry.functions]
+    lines += [f"test      {test}" for test in entry.tests]
+    return [*lines, f"chapter   notebooks/{entry.chapter}.ipynb"]
+
+
+def _short(name: str) -> str:
+    return name.removeprefix("trinolab.")
+
+
+def _file_and_line(name: str) -> str:
+    module, _, attribute = name.rpartition(".")
+    thing = getattr(import_module(module), attribute)
+    root = Path(trinolab.__file__).resolve().parents[1]
+    path = Path(inspect.getfile(thing)).resolve().relative_to(root)
+    return f"{path.as_posix()}:{inspect.getsourcelines(thing)[1]}"
