@@ -142,7 +142,7 @@ def made_from(job: Job, motion: str) -> dict[str, Any]:
         "bench": asdict(job.bench),
         "times": list(job.times_s),
         "instants": [_shot_numbers(shot) for shot in job.shots],
-        "code": _drawing_code(),
+        "code": _hash_of_code(DRAWN_WITH),
     }
     short = {
         name: hashlib.sha256(json.dumps(part).encode()).hexdigest()[:16]
@@ -152,12 +152,12 @@ def made_from(job: Job, motion: str) -> dict[str, Any]:
 
 
 @lru_cache
-def _drawing_code() -> str:
-    """A hash of the code that draws a recording, as it is when a process asks first."""
+def _hash_of_code(patterns: tuple[str, ...]) -> str:
+    """A hash of some of the package's files, as they are when a process asks first."""
     package = Path(__file__).resolve().parents[1]
     state = hashlib.sha256()
-    for name in DRAWN_WITH:
-        for path in sorted(package.glob(name)):
+    for pattern in patterns:
+        for path in sorted(package.glob(pattern)):
             state.update(path.relative_to(package).as_posix().encode() + path.read_bytes())
     return state.hexdigest()
 

@@ -122,12 +122,12 @@ def _outputs(out: str | Path, pictured: bool) -> tuple[Path, ...]:
     rig = Path(out)
     if rig.suffix.lower() != ".toml":
         raise ValueError(f"{out}: expected a name that ends in .toml")
-    files = (rig, covariance_path(rig), rig.with_name(f"{rig.stem}_views.csv"))
+    files = [rig, covariance_path(rig), rig.with_name(f"{rig.stem}_views.csv")]
     if pictured:
-        files = (*files, rig.with_name(f"{rig.stem}_residuals.png"))
+        files.append(rig.with_name(f"{rig.stem}_residuals.png"))
     for path in files:
         check_target(path)
-    return files
+    return tuple(files)
 
 
 def _check_seen(seen: TargetViews, sources: Mapping[str, str | Path], target: Target) -> None:
