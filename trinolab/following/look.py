@@ -56,6 +56,7 @@ class Followed(NamedTuple):
 
     Attributes
     ----------
+    guess : Guess
     pose : Pose
         ``measured``; `LOST` if too little fits.
     labels : tuple of ndarray of int, one a camera, shape (markers,)
@@ -67,6 +68,7 @@ class Followed(NamedTuple):
         `identity.reconcile`.
     """
 
+    guess: Guess
     pose: Pose
     labels: tuple[np.ndarray, ...]
     sights: tuple[Sight, ...]
@@ -176,7 +178,7 @@ def follow(
     handle: Handle,
     p: FollowParameters,
     before: Rig | None = None,
-    still: Followed | None = None,
+    unblurred: Followed | None = None,
 ) -> Followed:
     """Look for the markers where a guess has them, and measure the pose from those that are there.
 
@@ -186,60 +188,95 @@ def follow(
     that when limb and neighbours are blurred together.
 
     `before` is the rig as the last instant left it. It serves where too few markers are found to
-    say how this one does. `still` is what the same motion has led to without motion blur, where
-    that was tried: the markers are looked for once.
+    say how this one does. `unblurred` is what the same motion has led to without motion blur,
+    where that was tried: the markers are looked for once.
     """
-    if still is not None:
-        pose = _pose(images, guess, still.sights, None, still.labels, still.rig, handle, p)
-        return still._replace(pose=pose)
+    if unblurred is not None:
+        enough = _enough_markers(unblurred.sights, p)
+        pose = _moving_pose(images, guess, unblurred.rig, handle, p) if enough else LOST
+        return unblurred._replace(guess=guess, pose=pose)
     sights = look(images, guess.expected, rig, handle, p)
     pixels = tuple(sight.found[:, :2] for sight in sights)
     T, labels = _agreed(pixels, rig, handle, guess.motion.pose, p)
-    here = before or rig
-    if T is not None:
+    if T is None:
+        rig = before or rig
+        instant = None
+    else:
         uv = labelled_pixels(labels, pixels, len(handle.marker_centres))
-        here, T = reconciled(rig, handle, uv, T, p.sigma_px, p.identity)
-    pose = _pose(images, guess, sights, T, labels, here, handle, p)
-    return Followed(pose, labels, sights, here)
+        rig, T = reconciled(rig, handle, uv, T, p.sigma_px, p.identity)
+        instant = Identified(images, uv, T, _expected_blur(guess.motion, p))
+    pose = _pose(images, guess, sights, instant, rig, handle, p)
+    return Followed(guess, pose, labels, sights, rig)
 
 
 def _pose(
     images: Sequence[np.ndarray],
     guess: Guess,
     sights: tuple[Sight, ...],
-    T: RigidTransform | None,
-    labels: tuple[np.ndarray, ...],
+    instant: Identified | None,
     rig: Rig,
     handle: Handle,
     p: FollowParameters,
 ) -> Pose:
-    """The pose from the markers' pose, if they agree on one, or from the pixels."""
-    found = sum(np.isfinite(sight.found[:, 0]).sum() for sight in sights)
-    if T is None and found < p.min_found:
+    """The pose where a guess has the handle, case by case; `instant` is what the markers agree on."""
+    if instant is None and not _enough_markers(sights, p):
         return LOST  # it is elsewhere
-    motion = guess.motion
-    expected_blur = _expected_blur(motion, p)
     if guess.blurred:
-        fit = fit_patches(
-            images, rig, handle, motion.pose, p.max_slant_deg, motion_blur=expected_blur
-        )
-        return _judged(fit, rig, p)
-    blurred = may_be_blurred(guess.expected, p) or is_new(motion, p.motion)
-    if blurred and _stretched(guess.expected, sights, p):
+        return _moving_pose(images, guess, rig, handle, p)
+    may_move = may_be_blurred(guess.expected, p) or is_new(guess.motion, p.motion)
+    if may_move and _stretched(guess.expected, sights, p):
+        return LOST  # a guess with motion blur comes later
+    pose = LOST if instant is None else _agreeing_pose(instant, rig, handle, p)
+    if pose is not LOST:
+        return pose
+    start = guess.motion.pose if instant is None else instant.T_world_handle
+    return _still_pose(images, start, may_move, rig, handle, p)
+
+
+def _enough_markers(sights: Sequence[Sight], p: FollowParameters) -> bool:
+    """Whether enough markers are where they are expected to begin a fit of the pixels there."""
+    return bool(sum(np.isfinite(sight.found[:, 0]).sum() for sight in sights) >= p.min_found)
+
+
+def _moving_pose(
+    images: Sequence[np.ndarray], guess: Guess, rig: Rig, handle: Handle, p: FollowParameters
+) -> Pose:
+    """The pose by the image model of a handle that moves while the shutter is open."""
+    fit = fit_patches(
+        images,
+        rig,
+        handle,
+        guess.motion.pose,
+        p.max_slant_deg,
+        motion_blur=_expected_blur(guess.motion, p),
+    )
+    return _judged(fit, rig, p)
+
+
+def _agreeing_pose(instant: Identified, rig: Rig, handle: Handle, p: FollowParameters) -> Pose:
+    """The pose by the estimator; `LOST` if it is another one than the markers agree on, or if the
+    estimator is the image model itself, which needs no markers.
+    """
+    if p.estimator == BEST:
         return LOST
-    if T is not None and p.estimator != BEST:
-        uv = labelled_pixels(
-            labels, tuple(sight.found[:, :2] for sight in sights), len(handle.marker_centres)
-        )
-        pose = _estimated(Identified(images, uv, T, expected_blur), rig, handle, p)
-        agreed_rad = np.deg2rad(p.agreed_deg)
-        if pose.T_world_handle is not None and not apart(
-            pose.T_world_handle, T, p.agreed_mm, agreed_rad
-        ):
-            return pose
-    start = motion.pose if T is None else T
-    fit = fit_patches(images, rig, handle, start, p.max_slant_deg, with_smear=blurred)
-    if blurred and not _still(fit, p):
+    pose = _estimated(instant, rig, handle, p)
+    T = pose.T_world_handle
+    if T is None or apart(T, instant.T_world_handle, p.agreed_mm, np.deg2rad(p.agreed_deg)):
+        return LOST
+    return pose
+
+
+def _still_pose(
+    images: Sequence[np.ndarray],
+    start: RigidTransform,
+    may_move: bool,
+    rig: Rig,
+    handle: Handle,
+    p: FollowParameters,
+) -> Pose:
+    """The pose by the image model of a handle at rest; `LOST` if it moves, where it may."""
+    fit = fit_patches(images, rig, handle, start, p.max_slant_deg, with_smear=may_move)
+    if may_move and not _still(fit, p):
         return LOST
     return _judged(fit, rig, p)
 

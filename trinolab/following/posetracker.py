@@ -186,76 +186,102 @@ def step(
     if state.motion is None or state.seen is None:
         return _sought(images, t, rig, handle, p)
     predicted = posefilter.predict(state.motion, t, p.motion)
-    best: tuple[Followed, Motion] | None = None
-    cameras = 0
-    tried: list[Followed] = []
-    first: Guess | None = None
-    for guess in _guesses(images, predicted, state.seen, rig, handle, p, tried):
-        first = first or guess
-        still = tried[0] if guess.blurred and guess.motion is first.motion else None
-        followed = follow(images, guess, rig, handle, p, state.rig, still)
-        tried.append(followed)
-        pose = followed.pose
-        if pose.cameras >= max(guess.min_cameras, cameras + 1) and believable(
-            pose, guess.motion, rig, handle, p
-        ):
-            best = followed, guess.motion
-            cameras = pose.cameras
-            if 2 * cameras >= len(rig.cameras):
-                break  # a single one of three may be frozen: what do the others say?
+    as_predicted = follow(images, _guess(predicted, rig, handle, p), rig, handle, p, state.rig)
+    best = _better(None, as_predicted, rig, handle, p)
+    guesses = _further_guesses(images, as_predicted, state.seen, rig, handle, p)
+    while not _enough_cameras(best, rig) and (guess := next(guesses, None)) is not None:
+        unblurred = as_predicted if guess.blurred and guess.motion is predicted else None
+        followed = follow(images, guess, rig, handle, p, state.rig, unblurred)
+        best = _better(best, followed, rig, handle, p)
     if best is not None:
-        return _measured(*best, state.sure, handle, p)
+        return _measured(best, state.sure, handle, p)
     if t - state.seen.t_s > p.memory_s + 1e-9:  # times are rounded
         return _sought(images, t, rig, handle, p)
-    # The first guess is the prediction itself: its windows belong to the pose that is reported.
-    return state._replace(t_s=t, motion=predicted), _missed(tried[0], predicted, state, handle)
+    # The windows of the prediction belong to the pose that is reported.
+    return state._replace(t_s=t, motion=predicted), _missed(as_predicted, state, handle)
 
 
-def _guesses(
+def _better(
+    best: Followed | None, followed: Followed, rig: Rig, handle: Handle, p: FollowParameters
+) -> Followed | None:
+    """What a guess has led to, if more cameras show it than the best one so far, and it may be the
+    continuation of the motion; else the best one so far.
+    """
+    cameras = 0 if best is None else best.pose.cameras
+    wanted = max(followed.guess.min_cameras, cameras + 1)
+    if followed.pose.cameras < wanted:
+        return best
+    continues = believable(followed.pose, followed.guess.motion, rig, handle, p)
+    return followed if continues else best
+
+
+def _enough_cameras(best: Followed | None, rig: Rig) -> bool:
+    """Whether half of the cameras show the pose: a single one of three may be frozen, and the others
+    say something else.
+    """
+    return best is not None and 2 * best.pose.cameras >= len(rig.cameras)
+
+
+def _guess(motion: Motion, rig: Rig, handle: Handle, p: FollowParameters) -> Guess:
+    """The guess that the handle moves so."""
+    return Guess(motion, expect(rig, handle, motion, p))
+
+
+def _further_guesses(
     images: list[np.ndarray],
-    predicted: Motion,
+    as_predicted: Followed,
     seen: Motion,
     rig: Rig,
     handle: Handle,
     p: FollowParameters,
-    tried: Sequence[Followed],
 ) -> Iterator[Guess]:
-    """Where the handle may be: as predicted; shifted from there, or from where it was; anywhere in
-    the images.
+    """Where the handle may be if not as predicted, the quick guesses first.
 
-    The handle as one that moves while the shutter is open takes longer, and comes after the guesses
-    that are quick; but where `tried`, what the guesses so far have led to, has its markers as
-    predicted, there is nowhere else to look first. With an unknown velocity two cameras have to
-    show it: one image alone is explained by some motion blur.
+    1. As predicted, with motion blur, where most of its markers are in their places.
+    2. Shifted to where the images have it, from the prediction and from where it was seen last.
+    3. The same places with motion blur, which takes longer.
+    4. Anywhere near, moving in any direction, if its velocity is unknown.
+    5. Where a search of the whole images finds it.
     """
-    first = Guess(predicted, expect(rig, handle, predicted, p))
-    yield first
-    near = [first]
-    if may_be_blurred(first.expected, p) and _is_there(tried[0]):
-        yield first._replace(blurred=True)
-        near = []
-    for motion in _displaced(images, first, seen, rig, handle, p):
-        near.append(Guess(motion, expect(rig, handle, motion, p)))
-        yield near[-1]
-    yield from (guess._replace(blurred=True) for guess in near if may_be_blurred(guess.expected, p))
-    if posefilter.is_new(predicted, p.motion):
-        for motion in _in_any_direction(predicted, rig, p):
-            yield Guess(motion, expect(rig, handle, motion, p), blurred=True, min_cameras=2)
-    # Measured in the whole images; the prediction only chooses among poses that look alike.
+    predicted = as_predicted.guess
+    in_place = may_be_blurred(predicted.expected, p) and _is_there(as_predicted)
+    if in_place:
+        yield predicted._replace(blurred=True)
+    places = [] if in_place else [predicted]
+    for motion in _displaced(images, predicted, seen, rig, handle, p):
+        places.append(_guess(motion, rig, handle, p))
+        yield places[-1]
+    for guess in places:
+        if may_be_blurred(guess.expected, p):
+            yield guess._replace(blurred=True)
+    if posefilter.is_new(predicted.motion, p.motion):
+        for motion in _in_any_direction(predicted.motion, rig, p):
+            # one image alone is explained by some motion blur
+            yield _guess(motion, rig, handle, p)._replace(blurred=True, min_cameras=2)
+    yield from _in_whole_images(images, predicted.motion, rig, handle, p)
+
+
+def _in_whole_images(
+    images: list[np.ndarray], predicted: Motion, rig: Rig, handle: Handle, p: FollowParameters
+) -> Iterator[Guess]:
+    """Where a measurement in the whole images has the handle; the prediction only chooses among poses
+    that look alike.
+    """
     pose = measure(images, rig, handle, predicted.pose, p).pose
-    if believable(pose, predicted, rig, handle, p) and pose.T_world_handle is not None:
-        spread = np.diag(np.repeat([1.0, 0.1], 3) ** 2)
-        motion = posefilter.update(predicted, pose.T_world_handle, spread, p.motion)
-        there = Guess(motion, expect(rig, handle, motion, p))
-        yield there
-        yield there._replace(blurred=True)
+    if pose.T_world_handle is None or not believable(pose, predicted, rig, handle, p):
+        return
+    spread = np.diag(np.repeat([1.0, 0.1], 3) ** 2)
+    motion = posefilter.update(predicted, pose.T_world_handle, spread, p.motion)
+    guess = _guess(motion, rig, handle, p)
+    yield guess
+    yield guess._replace(blurred=True)
 
 
 def _is_there(followed: Followed) -> bool:
     """Whether most of the markers that a guess led to agree on one pose, in two cameras or more."""
-    agreed = [np.count_nonzero(labels >= 0) for labels in followed.labels]
-    found = [np.isfinite(sight.found[:, 0]).sum() for sight in followed.sights]
-    return bool(np.count_nonzero(agreed) >= 2 and 2 * sum(agreed) > sum(found))
+    agreeing = [np.count_nonzero(labels >= 0) for labels in followed.labels]
+    seen = [np.isfinite(sight.found[:, 0]).sum() for sight in followed.sights]
+    return bool(np.count_nonzero(agreeing) >= 2 and 2 * sum(agreeing) > sum(seen))
 
 
 def _in_any_direction(
@@ -306,10 +332,11 @@ def _tracked(followed: Followed, pose: Pose, labels: tuple[np.ndarray, ...]) -> 
     return Tracked(Measurement(pose, found, labels), windows, followed.labels)
 
 
-def _missed(followed: Followed, motion: Motion, state: TrackState, handle: Handle) -> Tracked:
+def _missed(followed: Followed, state: TrackState, handle: Handle) -> Tracked:
     """An instant without a measurement: the predicted pose, with what is seen where it has the
     handle.
     """
+    motion = followed.guess.motion
     spread = motion.pose_covariance
     pose = Pose("predicted", motion.pose, spread, np.nan, 0, 0, state.systematic)
     nothing = tuple(np.full(len(labels), -1) for labels in followed.labels)
@@ -317,9 +344,10 @@ def _missed(followed: Followed, motion: Motion, state: TrackState, handle: Handl
 
 
 def _measured(
-    followed: Followed, motion: Motion, sure: bool, handle: Handle, p: FollowParameters
+    followed: Followed, sure: bool, handle: Handle, p: FollowParameters
 ) -> tuple[TrackState, Tracked]:
     """The state after a pose that continues the motion."""
+    motion = followed.guess.motion
     pose = followed.pose
     assert pose.T_world_handle is not None
     after = posefilter.update(motion, pose.T_world_handle, pose.covariance, p.motion)
