@@ -23,6 +23,8 @@ _MOST = float(np.log(4.0))  # a change of light; beyond it the lens is covered
 _BIN = 0.01  # width of a bin of the histogram, in ln ratio
 _BLUR = 12  # bins on either side over which the histogram is smoothed
 _NEAR = 0.15  # distance from the peak, in ln ratio, within which a pixel agrees with it
+_CELLS = 4096  # of the numbers whose median is asked for
+_MANY = 2000  # runs in every eighth row, beyond which labelling is quicker
 _LEAST = 0.1  # share of the pixels that have to agree
 STRIP = 64  # rows of an image that are worked on at a time
 
@@ -215,10 +217,13 @@ def _largest_region(mask: np.ndarray) -> tuple[int, int, int, int]:
 
     Regions are filled by falling size of their rectangles, until no rectangle that is left could
     hold more pixels than the largest region so far. To label and count all of them takes ten times
-    as long.
+    as long, but where there are thousands.
     """
-    left = mask.astype(np.uint8)
-    outlines = cv2.findContours(left, cv2.RETR_LIST, cv2.CHAIN_APPROX_SIMPLE)[0]
+    unfilled = mask.astype(np.uint8)
+    some_rows = unfilled[::8]
+    if np.count_nonzero(some_rows[:, 1:] > some_rows[:, :-1]) > _MANY:
+        return _largest_label(unfilled)
+    outlines = cv2.findContours(unfilled, cv2.RETR_LIST, cv2.CHAIN_APPROX_SIMPLE)[0]
     rectangles = [cv2.boundingRect(outline) for outline in outlines]
     sizes = np.array([width * height for *_, width, height in rectangles])
     largest = (0, 0, 0, 0)
@@ -227,12 +232,24 @@ def _largest_region(mask: np.ndarray) -> tuple[int, int, int, int]:
         if sizes[k] <= most:
             break
         u, v = outlines[k].reshape(-1, 2)[0].tolist()
-        if left[v, u] == 1:
-            count, *_, (u, v, width, height) = cv2.floodFill(left, None, (u, v), 2, flags=8)
+        if unfilled[v, u] == 1:
+            count, *_, (u, v, width, height) = cv2.floodFill(unfilled, None, (u, v), 2, flags=8)
             if count > most:
                 most = count
                 largest = (u, v, width, height)
     return largest
+
+
+def _largest_label(mask: np.ndarray) -> tuple[int, int, int, int]:
+    """The same rectangle by labels: quicker for thousands of regions, as a lamp that is switched on
+    makes them.
+    """
+    _, _, statistics, _ = cv2.connectedComponentsWithStats(mask, connectivity=8)
+    count = statistics[1:, cv2.CC_STAT_AREA]
+    size = statistics[1:, cv2.CC_STAT_WIDTH] * statistics[1:, cv2.CC_STAT_HEIGHT]
+    # of several with the most pixels the one with the largest rectangle, as above
+    u, v, width, height, _ = statistics[1 + np.lexsort((-size, -count))[0]].tolist()
+    return u, v, width, height
 
 
 def step(
@@ -266,18 +283,20 @@ def step(
     for top in range(0, len(frame), STRIP):
         rows = slice(top, top + STRIP)
         grey = frame[rows].astype(old.dtype)
-        lit = np.multiply(old[rows], gain, out=new[rows])
-        shown = cv2.threshold(lit, WHITE, 0, cv2.THRESH_TRUNC)[1]
+        expected = np.multiply(old[rows], gain, out=new[rows])
+        # Eq. 5, f_k against what a camera can show of f_b
+        shown = cv2.threshold(expected, WHITE, 0, cv2.THRESH_TRUNC)[1]
         moved = has_moved(grey, shown, p.difference_threshold, p.shadow_share)
-        np.multiply(frame[rows], moved.view(np.uint8), out=image[rows])
         mask[rows] = moved
-        _renew(lit, grey, moved | (frame[rows] >= WHITE), p)
+        np.multiply(frame[rows], moved.view(np.uint8), out=image[rows])
+        # Eq. 6, but for what moves or is saturated
+        _renew(expected, grey, moved | (frame[rows] >= WHITE), p)
     window = moving_window(mask, p.min_pixels)
     return _read_only(new), Detection(_read_only(image), _read_only(mask), window)
 
 
 def _renew(background: Array, grey: Array, kept: np.ndarray, p: BackgroundParameters) -> None:
-    """Renew a background in place, at the masked rate where it is kept."""
+    """Renew a background in place, at the masked rate where it is kept (Eq. 6)."""
     slow = p.update_rate if p.masked_rate is None else p.masked_rate
     fresh = renewed(background, grey, p.update_rate)
     if slow > 0:
@@ -327,11 +346,23 @@ def commonest_ratio(frame: np.ndarray, background: np.ndarray, step: int = 4) ->
 
 
 def _median(values: Array) -> np.floating:
-    """As `numpy.median`, in half the time, of numbers that are none of them NaN."""
-    half = values.size // 2
-    ordered = np.partition(values, half)  # those before this one are smaller
-    before = ordered[half] if values.size % 2 else ordered[:half].max()
-    return np.mean([before, ordered[half]], dtype=values.dtype)
+    """As `numpy.median`, in half the time, of numbers that are none of them NaN.
+
+    Only those about the middle are ordered: a partition takes ten times as long where many numbers
+    are equal, as the ratios of whole grey levels are.
+    """
+    lowest = values.min()
+    spread = values.max() - lowest
+    if spread == 0:
+        return lowest
+    cell = ((values - lowest) * (_CELLS / spread)).astype(np.intp)  # rises with the number
+    up_to = np.cumsum(np.bincount(cell))  # how many numbers lie in a cell or below it
+    after = values.size // 2
+    before = after if values.size % 2 else after - 1
+    first, last = np.searchsorted(up_to, [before, after], side="right")
+    middle = np.sort(values[(cell >= first) & (cell <= last)])
+    smaller = up_to[first - 1] if first else 0
+    return np.mean([middle[before - smaller], middle[after - smaller]], dtype=values.dtype)
 
 
 def _frame_and_background(frame: ArrayLike, background: ArrayLike) -> tuple[np.ndarray, np.ndarray]:

@@ -44,8 +44,11 @@ class Places(NamedTuple):
 
 
 class Candidate(NamedTuple):
-    """A place that is worth measuring, and the thresholds to do it at, the likelier one first."""
+    """A place that is worth measuring, which of the `Places` it is, and the thresholds to do it at,
+    the likelier one first.
+    """
 
+    place: int
     uv: tuple[float, float]
     reach: float
     thresholds: tuple[float, float]
@@ -163,6 +166,7 @@ def candidates(image: np.ndarray, where: Places, min_contrast: float) -> list[Ca
     order = np.argsort(level - top, kind="stable")
     order = order[(clear & (top - level >= 0.8 * min_contrast))[order]]
     columns = (
+        order.tolist(),
         where.uv[order].tolist(),
         where.reach[order].tolist(),
         np.stack([halfway, other], axis=1)[order].tolist(),
@@ -233,6 +237,11 @@ def centroid(image: ArrayLike, mask: ArrayLike, background: float) -> Array:
     mask = np.asarray(mask, dtype=bool)
     if mask.shape != image.shape:
         raise ValueError(f"mask: expected shape {image.shape}, got {mask.shape}")
+    return centre_of_light(image, mask, background)
+
+
+def centre_of_light(image: np.ndarray, mask: np.ndarray, background: float) -> Array:
+    """`centroid` of an image and a mask that need no check."""
     weight = np.where(mask, np.maximum(image.astype(float) - background, 0.0), 0.0)
     m = cv2.moments(weight)
     if m["m00"] == 0:

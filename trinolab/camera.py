@@ -120,9 +120,7 @@ class Camera:
             the distortion model folds back. Points outside the image are returned all the same, see
             `sees`.
         """
-        local = self.T_cam_world.apply(as_points(points, "points", 3))
-        z = np.where(local[:, 2:] > NEAREST_MM, local[:, 2:], np.nan)
-        return self.to_pixels(whole_rows(local[:, :2] / z))
+        return image_of(self, as_points(points, "points", 3))
 
     def to_pixels(self, xy: ArrayLike) -> Array:
         """Normalised ideal coordinates (x/z, y/z), shape (n, 2), to pixels of the distorted image,
@@ -130,9 +128,7 @@ class Camera:
 
         NaN for missing points and where `project` gives none.
         """
-        return whole_rows(
-            distort(as_points(xy, "xy", 2), self.distortions)[0] * self.focal + self.principal_point
-        )
+        return distorted_pixels(self, as_points(xy, "xy", 2))
 
     def normalise(self, uv: ArrayLike) -> Array:
         """Pixels of the distorted image, shape (n, 2), to normalised ideal coordinates (x/z, y/z),
@@ -140,15 +136,7 @@ class Camera:
 
         NaN for missing points and where no ideal point maps to the pixel.
         """
-        u, v = as_points(uv, "uv", 2).T
-        # column by column: NumPy is slow along an axis of two
-        xy = np.column_stack(
-            [
-                (u - self.principal_point[0]) / self.focal[0],
-                (v - self.principal_point[1]) / self.focal[1],
-            ]
-        )
-        return undistort(xy, self.distortions)
+        return ideal_coordinates(self, as_points(uv, "uv", 2))
 
     def ideal_pixels(self, uv: ArrayLike) -> Array:
         """Pixels with the lens distortion removed, shape (n, 2); epipolar lines are straight only
@@ -179,6 +167,34 @@ class Camera:
         uv = self.project(points)
         high = np.array(self.size) - 0.5 - margin_px
         return np.asarray(((uv >= margin_px - 0.5) & (uv <= high)).all(axis=1))
+
+
+# What the camera's methods call after their checks, and the package where the arrays are its own.
+
+
+def image_of(camera: Camera, points: Array) -> Array:
+    """`Camera.project` of points (n, 3) that need no check."""
+    local = camera.T_cam_world.apply(points)
+    z = np.where(local[:, 2:] > NEAREST_MM, local[:, 2:], np.nan)
+    return distorted_pixels(camera, whole_rows(local[:, :2] / z))
+
+
+def distorted_pixels(camera: Camera, xy: Array) -> Array:
+    """`Camera.to_pixels` of coordinates (n, 2) that need no check."""
+    return whole_rows(distort(xy, camera.distortions)[0] * camera.focal + camera.principal_point)
+
+
+def ideal_coordinates(camera: Camera, uv: Array) -> Array:
+    """`Camera.normalise` of pixels (n, 2) that need no check."""
+    u, v = uv.T
+    # column by column: NumPy is slow along an axis of two
+    xy = np.column_stack(
+        [
+            (u - camera.principal_point[0]) / camera.focal[0],
+            (v - camera.principal_point[1]) / camera.focal[1],
+        ]
+    )
+    return undistort(xy, camera.distortions)
 
 
 @dataclass(frozen=True, eq=False)

@@ -162,18 +162,6 @@ def as_unit(value: ArrayLike, name: str) -> Array:
     return frozen(vector / length)
 
 
-def as_rotation_matrix(value: ArrayLike, name: str, atol: float = 1e-6) -> Array:
-    """Check a proper rotation matrix, shape (3, 3), to `atol` an entry of R^T R."""
-    matrix = as_array(value, name, (3, 3))
-    error = float(np.abs(matrix.T @ matrix - np.eye(3)).max())
-    if error > atol or np.linalg.det(matrix) < 0:
-        raise ValueError(
-            f"{name}: expected a rotation, got a matrix with R^T R off by {error:.2g}, "
-            f"det {np.linalg.det(matrix):.4f}"
-        )
-    return matrix
-
-
 def as_transform(value: Any, name: str) -> RigidTransform:
     """Check a single rigid motion whose numbers are finite."""
     if not isinstance(value, RigidTransform) or not value.single:

@@ -168,7 +168,8 @@ def slants(handle: Handle, T_world_handle: RigidTransform, viewpoint: Array) -> 
     """
     as_transform(T_world_handle, "T_world_handle")
     normals = handle.marker_normals @ T_world_handle.as_matrix()[:3, :3].T
-    return slant_angles(T_world_handle.apply(handle.marker_centres), normals, viewpoint)
+    viewpoint = as_array(viewpoint, "viewpoint", (3,))
+    return angles_to(T_world_handle.apply(handle.marker_centres), normals, viewpoint)
 
 
 def facing_pixels(
@@ -201,7 +202,12 @@ def slant_angles(centres: Array, normals: Array, viewpoint: Array) -> Array:
     """
     centres = as_array(centres, "centres", (*np.shape(centres)[:-1], 3), finite=False)
     normals = as_array(normals, "normals", centres.shape, finite=False)
-    to_camera = as_array(viewpoint, "viewpoint", (3,)) - centres
+    return angles_to(centres, normals, as_array(viewpoint, "viewpoint", (3,)))
+
+
+def angles_to(centres: Array, normals: Array, viewpoint: Array) -> Array:
+    """`slant_angles` of arrays that need no check."""
+    to_camera = viewpoint - centres
     distance = np.linalg.norm(to_camera, axis=-1)
     cosine = (normals * to_camera).sum(axis=-1) / np.where(distance > 0, distance, np.nan)
     return np.arccos(np.clip(cosine, -1.0, 1.0))

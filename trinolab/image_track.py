@@ -169,28 +169,6 @@ def search_window(
     return moved.grown(min(margin, 2.0**29)).clipped(size)
 
 
-def search_windows(
-    way: Track,
-    windows: Sequence[Window],
-    size: tuple[int, int],
-    parameters: KalmanParameters | None = None,
-) -> tuple[Window, ...]:
-    """The search window of each instant but the first, from the prediction and the window before;
-    see `search_window`.
-
-    It is all of the image where the target is expected outside: then nothing is known.
-    """
-    if len(windows) != len(way.used):
-        raise ValueError(
-            f"windows: expected one for each of {len(way.used)} instants, got {len(windows)}"
-        )
-    predicted = zip(way.predicted.mean[1:], way.predicted.covariance[1:], strict=True)
-    return tuple(
-        search_window(State(*state), window, size, parameters) or Window(0, 0, *size)
-        for state, window in zip(predicted, windows, strict=False)
-    )
-
-
 def nees(states: State, truth: ArrayLike) -> Array:
     """Normalised error squared e^T P^-1 e of k states of n numbers: of mean n if the filter is
     consistent; shape (k,).

@@ -3,7 +3,8 @@ image (Sect. 4.2).
 
 Eq. 9-15 stand in three functions, `propagate`, `compare` and `correct`, that check nothing: plain
 arrays in and out, in the paper's letters. `predict`, `innovation` and `update` check what they are
-given, call them, and return the next state as a value.
+given, call them, and return the next state as a value. `image_track` takes them along a sequence,
+and `following.posefilter` runs them over 18 numbers of a pose in place of the six of an image point.
 """
 
 from __future__ import annotations

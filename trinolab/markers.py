@@ -94,6 +94,44 @@ class Blob(NamedTuple):
     level: float
 
 
+def iterative_threshold(
+    image: ArrayLike, contours: int, count: Callable[[float], int] | None = None
+) -> tuple[ThresholdStep, ...]:
+    """Bisect the threshold until the binary image has a wanted number of contours (Eq. 16).
+
+    Too many contours raise the threshold, too few lower it. The count is not monotone and may never
+    be the wanted one, so the bisection also ends when the interval is under one grey level. In the
+    noise of a large image it counts no further than is needed to know that there are too many.
+
+    Parameters
+    ----------
+    image : array_like, shape (height, width)
+    contours : int
+        N, the number of (bright) contours to reach.
+    count : callable, optional
+        Counts the contours at a threshold; those of `image` by default.
+
+    Returns
+    -------
+    tuple of ThresholdStep
+        Every threshold tried, in order; the last one is the paper's choice.
+    """
+    image = blobs.searchable(as_image(image, "image"))
+    as_number(contours, "contours", low=1)
+    count = count or (lambda threshold: blobs.count_contours(image, threshold, contours))
+    t_min = float(image.min())
+    t_max = float(image.max())
+    steps = []
+    while t_max - t_min >= 1.0:
+        threshold = (t_max + t_min) / 2
+        n = count(threshold)
+        steps.append(ThresholdStep(threshold, n))
+        if n == contours:
+            break
+        t_min, t_max = (threshold, t_max) if n > contours else (t_min, threshold)
+    return tuple(steps)
+
+
 def find_markers(
     image: ArrayLike,
     expected: int,
@@ -131,44 +169,6 @@ def find_markers(
     return Markers(
         frozen(table[:, :2]), frozen(table[:, 2:4]), frozen(table[:, 4]), frozen(table[:, 5]), steps
     )
-
-
-def iterative_threshold(
-    image: ArrayLike, contours: int, count: Callable[[float], int] | None = None
-) -> tuple[ThresholdStep, ...]:
-    """Bisect the threshold until the binary image has a wanted number of contours (Eq. 16).
-
-    Too many contours raise the threshold, too few lower it. The count is not monotone and may never
-    be the wanted one, so the bisection also ends when the interval is under one grey level. In the
-    noise of a large image it counts no further than is needed to know that there are too many.
-
-    Parameters
-    ----------
-    image : array_like, shape (height, width)
-    contours : int
-        N, the number of (bright) contours to reach.
-    count : callable, optional
-        Counts the contours at a threshold; those of `image` by default.
-
-    Returns
-    -------
-    tuple of ThresholdStep
-        Every threshold tried, in order; the last one is the paper's choice.
-    """
-    image = blobs.searchable(as_image(image, "image"))
-    as_number(contours, "contours", low=1)
-    count = count or (lambda threshold: blobs.count_contours(image, threshold, contours))
-    t_min = float(image.min())
-    t_max = float(image.max())
-    steps = []
-    while t_max - t_min >= 1.0:
-        threshold = (t_max + t_min) / 2
-        n = count(threshold)
-        steps.append(ThresholdStep(threshold, n))
-        if n == contours:
-            break
-        t_min, t_max = (threshold, t_max) if n > contours else (t_min, threshold)
-    return tuple(steps)
 
 
 def _search(
@@ -214,11 +214,7 @@ def _once_each(
         if tried[y, x] > 1:
             continue
         tried[max(y - 1, 0) : y + 2, max(x - 1, 0) : x + 2] += 1
-        found = (
-            blob_at(image, candidate.uv, candidate.reach, threshold, p)
-            for threshold in candidate.thresholds
-        )
-        blob = next((blob for blob in found if blob is not None), None)
+        blob = _first_blob(image, candidate, p)
         if blob is None or tried[round(blob.v / 2), round(blob.u / 2)] >= _FOUND:
             continue
         kept.append(halfway(image, blob, p))
@@ -258,23 +254,27 @@ def markers_at(
     """
     p = parameters or MarkerParameters()
     places = as_points(uv, "uv", 2)
+    reach_px = as_number(reach_px, "reach_px", low=1.0)
     bright = brightened(image, markers)
-    found = np.full((len(places), 6), np.nan)
-    rows = np.flatnonzero(
-        ((places > -0.5) & (places < np.array(bright.shape[::-1]) - 0.5)).all(axis=1)
-    )
-    reach = np.full(len(rows), as_number(reach_px, "reach_px", low=1.0))
-    index = {tuple(places[k]): k for k in rows.tolist()}
-    for candidate in blobs.candidates(
-        bright, blobs.Places(places[rows], reach, 0 * reach + np.inf), p.min_contrast
-    ):
-        tried = (
-            blob_at(bright, candidate.uv, candidate.reach, threshold, p)
-            for threshold in candidate.thresholds
-        )
-        if (blob := next((blob for blob in tried if blob is not None), None)) is not None:
-            found[index[tuple(candidate.uv)]] = halfway(bright, blob, p)[:6]
-    return found
+    inside = ((places > -0.5) & (places < np.array(bright.shape[::-1]) - 0.5)).all(axis=1)
+    rows = np.flatnonzero(inside)
+    no_threshold = np.full(len(rows), np.inf)
+    where = blobs.Places(places[rows], np.full(len(rows), reach_px), no_threshold)
+    table = np.full((len(places), 6), np.nan)
+    for candidate in blobs.candidates(bright, where, p.min_contrast):
+        blob = _first_blob(bright, candidate, p)
+        if blob is not None:
+            table[rows[candidate.place]] = halfway(bright, blob, p)[:6]
+    return table
+
+
+def _first_blob(image: np.ndarray, candidate: blobs.Candidate, p: MarkerParameters) -> Blob | None:
+    """What is like a marker at a place, at the first of its thresholds that shows it."""
+    for threshold in candidate.thresholds:
+        blob = blob_at(image, candidate.uv, candidate.reach, threshold, p)
+        if blob is not None:
+            return blob
+    return None
 
 
 def blob_at(
@@ -299,7 +299,7 @@ def blob_at(
     contrast = cv2.mean(cut.grey, cut.inside)[0] - level
     if contrast < p.min_contrast:
         return None
-    u, v = blobs.centroid(cut.grey, near.view(bool) & ~cut.others, level) + cut.corner
+    u, v = blobs.centre_of_light(cut.grey, near.view(bool) & ~cut.others, level) + cut.corner
     return Blob(float(u), float(v), major, minor, contrast, threshold, level)
 
 

@@ -96,7 +96,11 @@ def epipolar_distances(
         If both cameras stand in one place.
     """
     lines = epipolar_lines(left, right, uv_left)
-    points = right.ideal_pixels(uv_right)
+    return distances_from_lines(lines, right.ideal_pixels(uv_right))
+
+
+def distances_from_lines(lines: Array, points: Array) -> Array:
+    """Distance of each point (m, 2) from each line (n, 3), shape (n, m) (Eq. 17)."""
     return np.abs(lines[:, :2] @ points.T + lines[:, 2:])
 
 
@@ -112,7 +116,28 @@ def ncc(template: ArrayLike, window: ArrayLike) -> float:
     w = as_image(window, "window")
     if t.shape != w.shape:
         raise ValueError(f"window: expected shape {t.shape} like the template, got {w.shape}")
-    return float((_units(t[None]) @ _units(w[None]).T)[0, 0])
+    return float(correlations(standardised(t[None]), standardised(w[None]))[0, 0])
+
+
+def correlations(left: Array, right: Array) -> Array:
+    """Normalised cross-correlation of each left window (n, k) with each right one (m, k), shape
+    (n, m) (Eq. 18).
+
+    The windows are `standardised`: what Eq. 18 subtracts and divides by is done once a window, and
+    the sum over the pixels that is left is a product of matrices.
+    """
+    return left @ right.T
+
+
+def standardised(windows: np.ndarray) -> Array:
+    """Windows (n, height, width) as rows with mean 0 and sum of squares 1, for `correlations`; zeros
+    if flat.
+    """
+    rows = windows.reshape(len(windows), windows.shape[1] * windows.shape[2]).astype(float)
+    flat = FLAT * np.abs(rows).max(axis=1, keepdims=True)
+    rows -= rows.mean(axis=1, keepdims=True)
+    norm = np.linalg.norm(rows, axis=1, keepdims=True)
+    return np.divide(rows, norm, out=np.zeros_like(rows), where=norm > flat)
 
 
 def ncc_matrix(
@@ -133,7 +158,7 @@ def ncc_matrix(
     right = _windows(
         as_image(image_right, "image_right"), as_points(uv_right, "uv_right", 2), window_px
     )
-    return left @ right.T
+    return correlations(left, right)
 
 
 def candidates(
@@ -182,12 +207,11 @@ def rig_candidates(
         _windows(as_image(image, "images"), as_points(points, "uv", 2), p.window_px)
         for image, points in zip(images, uv, strict=True)
     ]
-    return [
-        _passing(
-            epipolar_distances(cameras[i], cameras[j], uv[i], uv[j]), rows[i] @ rows[j].T, gate
-        )
-        for (i, j), gate in zip(rig.pairs, gates, strict=True)
-    ]
+    matches = []
+    for (i, j), gate in zip(rig.pairs, gates, strict=True):
+        distance = epipolar_distances(cameras[i], cameras[j], uv[i], uv[j])
+        matches.append(_passing(distance, correlations(rows[i], rows[j]), gate))
+    return matches
 
 
 def _epipolar_gates(rig: Rig, uv: Sequence[ArrayLike], p: MatchParameters) -> list[MatchParameters]:
@@ -288,16 +312,7 @@ def _windows(image: np.ndarray, uv: Array, window_px: int) -> Array:
         cuts[k] = cv2.getRectSubPix(
             image, (window_px, window_px), tuple(centre), patchType=cv2.CV_32F
         )
-    return _units(cuts)
-
-
-def _units(windows: np.ndarray) -> Array:
-    """Windows (n, height, width) as rows with mean 0 and sum of squares 1; zeros if flat."""
-    rows = windows.reshape(len(windows), windows.shape[1] * windows.shape[2]).astype(float)
-    flat = FLAT * np.abs(rows).max(axis=1, keepdims=True)
-    rows -= rows.mean(axis=1, keepdims=True)
-    norm = np.linalg.norm(rows, axis=1, keepdims=True)
-    return np.divide(rows, norm, out=np.zeros_like(rows), where=norm > flat)
+    return standardised(cuts)
 
 
 def _as_window(value: int) -> int:

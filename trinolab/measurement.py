@@ -81,47 +81,51 @@ def measure(
     p = parameters or Parameters()
     images = as_images(frames, rig)
     regions = [Window(0, 0, *camera.size) for camera in rig.cameras] if windows is None else windows
+    # Eq. 16
     found = tuple(
         markers_in(image, region, handle, p) for image, region in zip(images, regions, strict=True)
     )
     pixels = tuple(markers.uv for markers in found)
+    # Eq. 17, 18; the other estimators name the markers without them
     matches = None
     if p.estimator == "paper":
         matches = [pairs.index for pairs in rig_candidates(rig, images, pixels, p.matching)]
-    hypotheses = identify(
-        rig, handle, pixels, p.identity, [markers.axes_px for markers in found], matches
-    )
+    axes_px = [markers.axes_px for markers in found]
+    hypotheses = identify(rig, handle, pixels, p.identity, axes_px, matches)
     if not hypotheses:
         return Measurement(LOST, found, tuple(np.full(len(uv), -1) for uv in pixels))
-    return _conclude(hypotheses, images, rig, handle, found, prior, p)
+    T, labels, sure = chosen(hypotheses, images, rig, handle, prior, p)
+    uv = labelled_pixels(labels, pixels, len(handle.marker_centres))
+    rig, T = reconciled(rig, handle, uv, T, p.sigma_px, p.identity)
+    # Eq. 19-24, or another estimator
+    pose = estimate(Identified(images, uv, T), rig, handle, p)
+    if not sure and pose is not LOST:
+        pose = replace(pose, status="ambiguous")
+    return Measurement(pose, found, labels)
 
 
-def _conclude(
+def chosen(
     hypotheses: list[Hypothesis],
     images: list[np.ndarray],
     rig: Rig,
     handle: Handle,
-    found: tuple[Markers, ...],
     prior: RigidTransform | None,
     p: Parameters,
-) -> Measurement:
-    """Choose among the hypotheses and their equivalents, relabel, and estimate."""
+) -> tuple[RigidTransform, tuple[np.ndarray, ...], bool]:
+    """One of the hypotheses and their equivalents: its pose, T_world_handle, its labels, and whether
+    it is sure that no other one holds.
+    """
     options = [
-        (hypothesis, S, hypothesis.T_world_handle * S)
+        (hypothesis, symmetry, hypothesis.T_world_handle * symmetry)
         for hypothesis in hypotheses
-        for S in handle.symmetries
+        for symmetry in handle.symmetries
     ]
-    kept = keep_by_body(images, rig, handle, [T for *_, T in options], p.identity)
-    options = [option for option, keep in zip(options, kept, strict=True) if keep]
+    has_body = keep_by_body(images, rig, handle, [T for *_, T in options], p.identity)
+    options = [option for option, keep in zip(options, has_body, strict=True) if keep]
     index, sure = choose([T for *_, T in options], prior)
-    hypothesis, S, T = options[index]
-    labels = tuple(relabel(label, handle, S) for label in hypothesis.labels)
-    uv = labelled_pixels(labels, tuple(markers.uv for markers in found), len(handle.marker_centres))
-    rig, T = reconciled(rig, handle, uv, T, p.sigma_px, p.identity)
-    pose = estimate(Identified(images, uv, T), rig, handle, p)
-    return Measurement(
-        pose if sure or pose is LOST else replace(pose, status="ambiguous"), found, labels
-    )
+    hypothesis, symmetry, T = options[index]
+    labels = tuple(relabel(label, handle, symmetry) for label in hypothesis.labels)
+    return T, labels, sure
 
 
 def markers_in(image: np.ndarray, region: Window | None, handle: Handle, p: Parameters) -> Markers:
@@ -133,6 +137,7 @@ def markers_in(image: np.ndarray, region: Window | None, handle: Handle, p: Para
 
 
 def as_images(frames: Sequence[ArrayLike], rig: Rig) -> list[np.ndarray]:
+    """The frames of one instant, checked: grey images of the rig's sizes."""
     if len(frames) != len(rig.cameras):
         raise ValueError(
             f"frames: expected one for each of {len(rig.cameras)} cameras, got {len(frames)}"

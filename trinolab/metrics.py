@@ -63,8 +63,8 @@ def pose_errors(estimates: RigidTransform, truths: RigidTransform) -> PoseErrors
     angles = np.abs(angle_differences_deg(estimates, truths))
     geodesic = geodesic_deg(estimates, truths)
     values = [
-        position.mean(),
-        *angles.mean(axis=0),
+        position_error(estimates, truths),
+        *angle_errors_deg(estimates, truths),
         geodesic.mean(),
         np.median(position),
         position.max(),

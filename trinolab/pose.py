@@ -11,11 +11,16 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from .camera import Rig
+from .camera import Rig, image_of
 from .checks import Array, as_array, as_points, as_transform
 from .handle import Handle, slants
 from .rigid import cross_matrices
-from .triangulation import triangulate, triangulate_with_covariance, triangulation_slopes
+from .triangulation import (
+    mean_of_pairs,
+    mean_with_covariance,
+    pairs_with_slopes,
+    triangulation_slopes,
+)
 from .uncertainty.systematic import NOTHING, Response, is_uncertain, response, systematic_covariance
 
 SMALLEST_MM = 1e-9  # points that are nearer to a line than that lie on it
@@ -105,6 +110,11 @@ def rigid_fit(points_source: ArrayLike, points_target: ArrayLike) -> RigidTransf
     """
     source = as_points(points_source, "points_source", 3)
     target = as_array(points_target, "points_target", source.shape, finite=False)
+    return rigid_motion(source, target)
+
+
+def rigid_motion(source: Array, target: Array) -> RigidTransform | None:
+    """`rigid_fit` of points (n, 3) that need no check (Eq. 23, 24)."""
     valid = np.isfinite(source).all(axis=1) & np.isfinite(target).all(axis=1)
     source, target = source[valid], target[valid]
     if _on_one_line(source) or _on_one_line(target):
@@ -342,16 +352,20 @@ def _fitted(
     sigma_px: float,
     known: RigidTransform | None,
 ) -> _Fitted | None:
-    T = rigid_fit(handle.marker_centres, triangulate(rig, uv)) if known is None else known
+    points, slopes = pairs_with_slopes(rig, uv, sigma_px)
+    T = rigid_motion(handle.marker_centres, mean_of_pairs(points)) if known is None else known
     if T is None:
         return None
-    for some in (_facing(uv, rig, handle, T, max_slant_deg), uv):
-        points, covariances = triangulate_with_covariance(rig, some, sigma_px)
-        used = np.asarray(np.isfinite(points).all(axis=1))
-        if used.sum() >= 4:
-            break
-    T = rigid_fit(handle.marker_centres, points)
-    return None if T is None else _Fitted(T, some, used, covariances)
+    facing = _facing(rig, handle, T, max_slant_deg)
+    both_face = np.array([facing[i] & facing[j] for i, j in rig.pairs])
+    of_facing = np.where(both_face[..., None], points, np.nan)
+    if np.isfinite(mean_of_pairs(of_facing)).all(axis=1).sum() >= 4:
+        points = of_facing
+        uv = np.where(facing[..., None], uv, np.nan)
+    means, covariances = mean_with_covariance(points, slopes)
+    T = rigid_motion(handle.marker_centres, means)
+    used = np.asarray(np.isfinite(means).all(axis=1))
+    return None if T is None else _Fitted(T, uv, used, covariances)
 
 
 def _response(fitted: _Fitted, rig: Rig, handle: Handle) -> Response:
@@ -385,11 +399,11 @@ def response_of_points(
 
 
 def _facing(
-    uv: Array, rig: Rig, handle: Handle, T_world_handle: RigidTransform, max_slant_deg: float
-) -> Array:
-    """The pixels without those of markers that are turned away."""
-    turned = np.stack([slants(handle, T_world_handle, camera.centre) for camera in rig.cameras])
-    return np.where((turned > np.deg2rad(max_slant_deg))[..., None], np.nan, uv)
+    rig: Rig, handle: Handle, T_world_handle: RigidTransform, max_slant_deg: float
+) -> np.ndarray:
+    """Whether each marker is turned to each camera, bool (cameras, markers)."""
+    slant = np.stack([slants(handle, T_world_handle, camera.centre) for camera in rig.cameras])
+    return ~(slant > np.deg2rad(max_slant_deg))
 
 
 def measured_pose(
@@ -405,7 +419,7 @@ def measured_pose(
     triangulated.
     """
     centres = T.apply(handle.marker_centres)
-    error = np.stack([camera.project(centres) for camera in rig.cameras]) - uv
+    error = np.stack([image_of(camera, centres) for camera in rig.cameras]) - uv
     seen = np.asarray(np.isfinite(error).all(axis=2)) & used
     residual = float(np.sqrt((error[seen] ** 2).sum(axis=1).mean()))
     cameras = int(seen.any(axis=1).sum())

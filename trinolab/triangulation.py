@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import RigidTransform
 
-from .camera import Camera, Rig, T_between
+from .camera import Camera, Rig, T_between, ideal_coordinates
 from .checks import Array, as_array, as_number, as_points, as_transform, whole_rows
 
 
@@ -37,8 +37,12 @@ def depth_forms(
     """
     left = as_points(xy_left, "xy_left", 2)
     right = as_array(xy_right, "xy_right", left.shape, finite=False)
-    T = as_transform(T_right_left, "T_right_left")
-    R, t = np.split(T.as_matrix()[:3], [3], axis=1)
+    return two_forms(left, right, as_transform(T_right_left, "T_right_left"))
+
+
+def two_forms(left: Array, right: Array, T_right_left: RigidTransform) -> tuple[Array, Array]:
+    """`depth_forms` of coordinates (n, 2) that need no check (Eq. 20)."""
+    R, t = np.split(T_right_left.as_matrix()[:3], [3], axis=1)
     t, turned = t[:, 0], left @ R[:, :2].T + R[:, 2]
     return t[:2] - right * t[2], right * turned[:, 2:] - turned[:, :2]
 
@@ -69,19 +73,30 @@ def triangulate_pair(left: Camera, right: Camera, uv_left: ArrayLike, uv_right: 
     """
     uv_left = as_points(uv_left, "uv_left", 2)
     uv_right = as_array(uv_right, "uv_right", uv_left.shape, finite=False)
+    return points_of_pair(left, right, uv_left, uv_right)
+
+
+def points_of_pair(left: Camera, right: Camera, uv_left: Array, uv_right: Array) -> Array:
+    """`triangulate_pair` of pixels (n, 2) that need no check (Eq. 20, 21)."""
     T_right_left = T_between(right, left)
     if np.linalg.norm(T_right_left.translation) < 1e-9:
         raise ValueError(
             f"cameras {left.name} and {right.name}: expected two places, got one (no baseline)"
         )
-    xy_left = left.normalise(uv_left)
-    numerator, denominator = depth_forms(xy_left, right.normalise(uv_right), T_right_left)
+    xy_left = ideal_coordinates(left, uv_left)
+    xy_right = ideal_coordinates(right, uv_right)
+    numerator, denominator = two_forms(xy_left, xy_right, T_right_left)
     square = (denominator**2).sum(axis=1)
     z = (numerator * denominator).sum(axis=1) / np.where(square > 1e-18, square, np.nan)
     local = np.column_stack([xy_left, np.ones(len(z))]) * z[:, None]
     behind = ~((z > 0) & (T_right_left.apply(local)[:, 2] > 0))
     local[behind] = np.nan
-    return whole_rows(left.T_world_cam.apply(local))
+    return from_left_camera(left, local)
+
+
+def from_left_camera(left: Camera, points: Array) -> Array:
+    """Points (n, 3) of the left camera's frame in the world's (Eq. 21)."""
+    return whole_rows(left.T_world_cam.apply(points))
 
 
 def triangulate(rig: Rig, uv: ArrayLike) -> Array:
@@ -104,7 +119,7 @@ def triangulate(rig: Rig, uv: ArrayLike) -> Array:
     ValueError
         If two of its cameras stand in one place.
     """
-    return mean_point(points_of_pairs(rig, uv))
+    return mean_of_pairs(points_of_pairs(rig, uv))
 
 
 def points_of_pairs(rig: Rig, uv: ArrayLike) -> Array:
@@ -113,10 +128,13 @@ def points_of_pairs(rig: Rig, uv: ArrayLike) -> Array:
 
     Parameters and errors as for `triangulate`; NaN where a pair has no point (`triangulate_pair`).
     """
-    uv = as_array(uv, "uv", (len(rig.cameras), None, 2), finite=False)
-    return np.stack(
-        [triangulate_pair(rig.cameras[i], rig.cameras[j], uv[i], uv[j]) for i, j in rig.pairs]
-    )
+    return by_pairs(rig, as_array(uv, "uv", (len(rig.cameras), None, 2), finite=False))
+
+
+def by_pairs(rig: Rig, uv: Array) -> Array:
+    """`points_of_pairs` of pixels (cameras, n, 2) that need no check (Eq. 20, 21)."""
+    cameras = rig.cameras
+    return np.stack([points_of_pair(cameras[i], cameras[j], uv[i], uv[j]) for i, j in rig.pairs])
 
 
 def mean_point(points: ArrayLike) -> Array:
@@ -137,7 +155,11 @@ def mean_point(points: ArrayLike) -> Array:
     ndarray, shape (n, 3)
         NaN where all are missing.
     """
-    points = as_array(points, "points", (None, None, 3), finite=False)
+    return mean_of_pairs(as_array(points, "points", (None, None, 3), finite=False))
+
+
+def mean_of_pairs(points: Array) -> Array:
+    """`mean_point` of points (pairs, n, 3) that need no check (Eq. 22)."""
     valid = np.asarray(np.isfinite(points).all(axis=2))
     return np.where(valid[..., None], points, 0.0).sum(axis=0) / _counts(valid)[:, None]
 
@@ -180,16 +202,22 @@ def triangulate_with_covariance(
     rig: Rig, uv: ArrayLike, sigma_px: float, step_px: float = 1e-3
 ) -> tuple[Array, Array]:
     """What `triangulate` and `triangulation_covariance` give, in half the time of both."""
-    points, slopes = _slopes(rig, uv, sigma_px, step_px)
+    return mean_with_covariance(*pairs_with_slopes(rig, uv, sigma_px, step_px))
+
+
+def mean_with_covariance(points: Array, slopes: Array) -> tuple[Array, Array]:
+    """The mean over the pairs that have a point, (n, 3), and its covariance, (n, 3, 3), from what
+    `pairs_with_slopes` gives.
+    """
     mean = _mean_slopes(points, slopes)
-    return mean_point(points), mean @ mean.transpose(0, 2, 1)
+    return mean_of_pairs(points), mean @ mean.transpose(0, 2, 1)
 
 
 def triangulation_slopes(rig: Rig, uv: ArrayLike) -> Array:
     """Derivatives of `triangulate`'s points by the pixels, shape (n, 3, 2 C), mm/px; u and v of the
     first camera come first. NaN where there is no point.
     """
-    return _mean_slopes(*_slopes(rig, uv, 1.0))
+    return _mean_slopes(*pairs_with_slopes(rig, uv, 1.0))
 
 
 def _mean_slopes(points: Array, slopes: Array) -> Array:
@@ -230,7 +258,7 @@ def _weighted(rig: Rig, uv: ArrayLike, sigma_px: ArrayLike) -> tuple[Array, Arra
     """Weighted points (n, 3), and how far they move for a standard deviation of each coordinate,
     (n, 3, 2 C); NaN where no pair has a point.
     """
-    points, slopes = _slopes(rig, uv, sigma_px)
+    points, slopes = pairs_with_slopes(rig, uv, sigma_px)
     valid = np.asarray(np.isfinite(points).all(axis=2) & np.isfinite(slopes).all(axis=(2, 3)))
     points = np.where(valid[..., None], points, 0.0)
     slopes = np.where(valid[..., None, None], slopes, 0.0)
@@ -245,11 +273,18 @@ def _weighted(rig: Rig, uv: ArrayLike, sigma_px: ArrayLike) -> tuple[Array, Arra
     return np.where(seen[:, None], point, np.nan), np.where(seen[:, None, None], combined, np.nan)
 
 
-def _slopes(
+def pairs_with_slopes(
     rig: Rig, uv: ArrayLike, sigma_px: ArrayLike, step_px: float = 1e-3
 ) -> tuple[Array, Array]:
-    """Points (pairs, n, 3), and how far they move for a standard deviation of each coordinate,
-    (pairs, n, 3, 2 C).
+    """Points of each pair, and how they move with the pixels; parameters as for
+    `triangulate_weighted` and `triangulation_covariance`.
+
+    Returns
+    -------
+    points : ndarray, shape (pairs, n, 3)
+        World frame, mm; NaN where a pair has none.
+    slopes : ndarray, shape (pairs, n, 3, 2 cameras)
+        How far they move for a standard deviation of each coordinate, mm.
     """
     uv = as_array(uv, "uv", (len(rig.cameras), None, 2), finite=False)
     C, n = uv.shape[:2]
@@ -263,7 +298,7 @@ def _slopes(
     steps = step_px * np.eye(2 * C).reshape(2 * C, C, 1, 2)
     # (1 + 4 C, C, n, 2): one call for all is quick
     every = np.concatenate([uv[None], uv + steps, uv - steps])
-    points = points_of_pairs(rig, every.swapaxes(0, 1).reshape(C, -1, 2)).reshape(
+    points = by_pairs(rig, every.swapaxes(0, 1).reshape(C, -1, 2)).reshape(
         len(rig.pairs), 1 + 4 * C, n, 3
     )
     ahead = points[:, 1 : 1 + 2 * C]

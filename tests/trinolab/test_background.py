@@ -5,8 +5,16 @@ extremes.
 import cv2
 import numpy as np
 import pytest
+from scipy import ndimage
 
-from trinolab.background import BackgroundParameters, difference, moving_window, step, update
+from trinolab.background import (
+    BackgroundParameters,
+    difference,
+    light_gain,
+    moving_window,
+    step,
+    update,
+)
 from trinolab.bench import optics, scene
 from trinolab.bench.recordings import scripted
 from trinolab.bench.scenario import LIGHT_STEP_S, empty, take
@@ -347,3 +355,30 @@ def test_noise_that_is_left_in_the_background():
         background = update(background, rng.normal(45, 2, (60, 80)), alpha)
     # alpha / (2 - alpha) of the variance; that of a variance's estimate from 4800 pixels is 2 %
     assert background.var() / 4 == pytest.approx(alpha / (2 - alpha), rel=0.08)
+
+
+@pytest.mark.parametrize("share", [0.1, 0.3, 0.5])
+def test_the_largest_of_thousands_of_regions_is_the_same_by_labels(share):
+    """A mask of speckle, against a fill from each of its pixels."""
+    rng = np.random.default_rng(0)
+    mask = rng.random((1024, 1280)) < share * (np.arange(1280) < 1000)
+    mask[300:340, 1100:1160] = share < 0.4  # one region beside it; a half's speckle hangs together
+    labels, count = ndimage.label(mask, np.ones((3, 3)))
+    largest = np.bincount(labels.ravel())[1:].argmax() + 1
+    rows, columns = np.nonzero(labels == largest)
+    wanted = Window(columns.min(), rows.min(), np.ptp(columns) + 1, np.ptp(rows) + 1)
+    assert count > 2000
+    assert moving_window(mask) == wanted
+
+
+@pytest.mark.parametrize("whole", [False, True])
+def test_the_light_of_whole_grey_levels_is_that_of_others(whole):
+    """Many ratios of whole levels are equal; their median is NumPy's."""
+    rng = np.random.default_rng(0)
+    old = rng.normal(60, 12, (200, 300)).clip(20, 120)
+    old = np.round(old) if whole else old
+    frame = np.round(1.3 * old + rng.normal(0, 1, old.shape)).astype(np.uint8)
+    every = np.log(frame[::4, ::4] / old[::4, ::4])
+    near = every[np.abs(every - np.log(1.3)) < 0.15]
+    # the peak of the ratios lies within a hundredth of the light's
+    assert light_gain(frame, old) == pytest.approx(np.exp(np.median(near)), rel=2e-3)

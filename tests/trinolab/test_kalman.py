@@ -11,7 +11,7 @@ from hypothesis.extra.numpy import arrays
 from scipy.linalg import block_diag, expm, sqrtm
 from scipy.stats import chi2
 
-from trinolab.image_track import Track, draw, nees, run, search_window, search_windows, track
+from trinolab.image_track import Track, draw, nees, run, search_window, track
 from trinolab.kalman import (
     KalmanParameters,
     State,
@@ -284,17 +284,6 @@ def test_search_window_by_hand():
     assert search_window(state, Window(0, 0, 21, 11), (80, 800), p) is None
 
 
-def test_search_windows_pair_a_prediction_with_the_window_before():
-    windows = [Window(500 + 10 * k, 5, 20 + k, 9) for k in range(4)]
-    way = track(np.arange(4) * DT, [w.centre for w in windows], PX)
-    found = search_windows(way, windows, (900, 200), PX)
-    assert len(found) == 3
-    third = State(way.predicted.mean[2], way.predicted.covariance[2])
-    assert found[1] == search_window(third, windows[1], (900, 200), PX)
-    # expected outside: everywhere
-    assert search_windows(way, windows, (300, 200), PX) == (Window(0, 0, 300, 200),) * 3
-
-
 def test_drawn_motion_has_the_models_moments():
     rng, F, Q = np.random.default_rng(7), constant_acceleration(0.5), white_jerk(0.5, 100.0)
     start = initial_state(
@@ -354,7 +343,6 @@ F1, Q1 = constant_acceleration(DT), white_jerk(DT, 1.0)
         lambda: track([], np.empty((0, 2)), PX),
         lambda: track([0, 1], [[0, 0], [np.inf, 0]], PX),
         lambda: track([0, np.nan], [[0, 0]] * 2, PX),
-        lambda: search_windows(track([0.0], [[0, 0]], PX), [], (9, 9), PX),
         lambda: nees(State(np.zeros((2, 3)), np.eye(3)), np.zeros((2, 3))),
         lambda: nees(State(np.zeros((1, 2)), np.zeros((1, 2, 2))), np.zeros((1, 2))),
         lambda: draw(GOOD, 0, F1, Q1, H, R, np.random.default_rng(0)),

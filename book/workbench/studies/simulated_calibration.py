@@ -15,7 +15,6 @@ from trinolab.calibration.adjust import Calibrated, calibrate
 from trinolab.calibration.target import Board, find_corners
 from trinolab.camera import Rig
 from trinolab.checks import Array, as_number, as_rng, frozen
-from trinolab.datasets import load_handle, load_rig, load_table1
 from trinolab.handle import Handle, facing_pixels
 from trinolab.metrics import PoseErrors, pose_errors
 from trinolab.pose import rigid_fit
@@ -111,22 +110,3 @@ def simulated_calibration(
     return calibrate(
         board.points, exact + noise, [c.size for c in rig.cameras], rig.names, distortion_terms=0
     )
-
-
-def calibration_cost_mm(draws: int = 6, positions: int = 14) -> float:
-    """Mean position error at Table 1's poses that calibrations from 14 positions of a board cause
-    alone (Sect. 6.2).
-    """
-    rig = load_rig("paper_pair")
-    handle = load_handle("paper")
-    rng = np.random.default_rng(0)
-    costs = [
-        calibration_errors(
-            simulated_calibration(rig, Board(), positions, rng).rig,
-            rig,
-            handle,
-            load_table1().set_poses,
-        ).E_t_mm
-        for _ in range(draws)
-    ]
-    return float(np.mean(costs))

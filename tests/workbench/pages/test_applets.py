@@ -317,11 +317,12 @@ def test_the_filter_is_that_of_the_package(reader):
         used = [one["used"] and not np.isnan(uv[n, 0]) for n, one in enumerate(found)]
         assert used == way.used.tolist()
         refused += sum(~way.used & ~np.isnan(uv[:, 0]))
-        boxes = [Window(0, 0, 110, 150)] * len(uv)  # the size alone counts
-        windows = image_track.search_windows(way, boxes, (1280, 1024), p)
-        for one, window in zip(found[1:], windows, strict=True):
-            here = one["window"] or [0, 0, 1280, 1024]
-            assert here == [window.u, window.v, window.width, window.height]
+        box = Window(0, 0, 110, 150)  # the size alone counts
+        predicted = zip(way.predicted.mean[1:], way.predicted.covariance[1:], strict=True)
+        for one, state in zip(found[1:], predicted, strict=True):
+            window = image_track.search_window(kalman.State(*state), box, (1280, 1024), p)
+            wanted = window and [window.u, window.v, window.width, window.height]
+            assert (one["window"] or None) == wanted
     assert refused > 0
 
 
