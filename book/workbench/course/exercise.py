@@ -9,10 +9,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
+Function = TypeVar("Function", bound=Callable[..., Any])
 KINDS = ("pencil", "write", "predict", "project")
 
 
@@ -122,6 +123,57 @@ class FunctionExercise(Exercise):
     def answer(self) -> Callable[..., Any]:
         """What a student hands in who has it right."""
         return self.solution
+
+
+class FunctionExerciseMaker:
+    """Puts a `FunctionExercise` together from functions that it decorates: the solution, the cases, and
+    wrong functions, each with the sentence that is said of it as its docstring.
+
+    Parameters
+    ----------
+    number, title, label, points, within
+        As in `FunctionExercise`.
+    """
+
+    def __init__(
+        self, number: str, title: str, label: str, points: int, within: float = 1e-9
+    ) -> None:
+        self._about = (number, "write", title, label, points)
+        self._within = within
+        self._solution: Callable[..., Any] | None = None
+        self._cases: Callable[[np.random.Generator], Sequence[tuple]] | None = None
+        self._mistakes: list[Mistake] = []
+
+    def solution(self, function: Function) -> Function:
+        """This function is right."""
+        self._solution = function
+        return function
+
+    def cases(self, function: Function) -> Function:
+        """This function makes the cases."""
+        self._cases = function
+        return function
+
+    def mistake(self, read: str) -> Callable[[Function], Function]:
+        """This function is a usual mistake; the first paragraph of its docstring says which."""
+
+        def keep(function: Function) -> Function:
+            sentence = (function.__doc__ or "").partition("\n\n")[0]
+            self.known_mistake(" ".join(sentence.split()), read, function)
+            return function
+
+        return keep
+
+    def known_mistake(self, says: str, read: str, gives: Callable[..., Any]) -> None:
+        """A usual mistake whose function comes from elsewhere."""
+        self._mistakes.append(Mistake(says, read, gives))
+
+    def made(self) -> FunctionExercise:
+        """The exercise."""
+        if self._solution is None or self._cases is None:
+            raise ValueError(f"{self._about[0]}: expected a solution and cases")
+        mistakes = tuple(self._mistakes)
+        return FunctionExercise(*self._about, mistakes, self._solution, self._cases, self._within)
 
 
 @dataclass(frozen=True)

@@ -70,7 +70,7 @@ def _head(function: Callable) -> str:
     assert isinstance(whole, ast.FunctionDef)
     if ast.get_docstring(whole) is None:
         raise ValueError(f"{function.__name__}: expected a docstring, which students get")
-    return "\n".join(source.splitlines()[: whole.body[0].end_lineno])
+    return "\n".join(source.splitlines()[whole.lineno - 1 : whole.body[0].end_lineno])
 
 
 @cache

@@ -16,7 +16,7 @@ import pytest
 from processes import wait_until
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from trinolab import background, image_track, matching, triangulation, workspace
+from trinolab import background, image_track, kalman, matching, triangulation, workspace
 from trinolab.camera import Camera, Rig, epipolar_lines, fundamental_matrix
 from trinolab.datasets import load_rig
 from trinolab.kalman import KalmanParameters

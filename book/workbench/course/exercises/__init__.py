@@ -1,7 +1,9 @@
-"""The exercises of the chapters, four and more a chapter, a module each.
+"""The exercises of the chapters, four and more a chapter.
 
-A module has its exercises as the tuple `EXERCISES`, with their solutions and the usual mistakes.
-Their texts and hints stand in the chapters.
+Those that are answered with values are in ``data/exercises``, a file a chapter. Those for which a
+function is written have a module a chapter: the solution, the cases on which an answer is tried, and
+the usual mistakes as wrong functions, with the tuple `EXERCISES` at its end. Texts and hints stand in
+the chapters.
 """
 
 from __future__ import annotations
@@ -9,7 +11,10 @@ from __future__ import annotations
 from functools import cache
 from importlib import import_module
 
+from trinolab.datasets import data_path
+
 from ..exercise import Exercise
+from ..values import read_values
 
 # of each chapter the module, by the chapter's number
 CHAPTERS = {
@@ -46,4 +51,6 @@ def of_chapter(chapter: str) -> tuple[Exercise, ...]:
     """Return the exercises of a chapter, in their order; ValueError if there is no such chapter."""
     if chapter not in CHAPTERS:
         raise ValueError(f"chapter: expected one of {', '.join(CHAPTERS)}, got {chapter!r}")
-    return import_module(f".{CHAPTERS[chapter]}", __name__).EXERCISES
+    values = read_values(data_path("exercises", f"{chapter}.toml"))
+    functions = import_module(f".{CHAPTERS[chapter]}", __name__).EXERCISES
+    return tuple(sorted((*values, *functions), key=lambda one: one.number))

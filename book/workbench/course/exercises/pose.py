@@ -5,9 +5,58 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from ..exercise import Asked, FunctionExercise, Mistake, ValueExercise
+from ..exercise import FunctionExerciseMaker
 
 
+def _forms(xy_left, xy_right, R, T):
+    ray = np.array([*xy_left, 1.0])
+    turned = R @ ray
+    n = T[:2] - np.asarray(xy_right) * T[2]
+    d = np.asarray(xy_right) * turned[2] - turned[:2]
+    return ray, turned, n, d
+
+
+def _at(z, ray, turned, T):
+    return z * ray if z > 0 and z * turned[2] + T[2] > 0 else np.full(3, np.nan)
+
+
+def _form(which):
+    def point(xy_left, xy_right, R, T):
+        ray, turned, n, d = _forms(xy_left, xy_right, R, T)
+        with np.errstate(all="ignore"):
+            return _at(n[which] / d[which], ray, turned, T)
+
+    return point
+
+
+def _fitted(on_rod, measured, rotation, keep_all=False):
+    """A fit with another rotation, of U and the transposed V."""
+    seen = np.isfinite(measured).all(axis=1) | keep_all
+    p, q = on_rod[seen], measured[seen]
+    U, _, Vt = np.linalg.svd((q - q.mean(axis=0)).T @ (p - p.mean(axis=0)))
+    F = np.eye(4)
+    F[:3, :3] = rotation(U, Vt)
+    F[:3, 3] = q.mean(axis=0) - F[:3, :3] @ p.mean(axis=0)
+    return F
+
+
+def _guarded(U, Vt):
+    return U @ np.diag([1, 1, np.linalg.det(U) * np.linalg.det(Vt)]) @ Vt
+
+
+def _ends(centre_left, ray_left, centre_right, ray_right):
+    """The nearest points of the two rays."""
+    sides = np.stack([ray_left, -ray_right], axis=1)
+    a, b = np.linalg.solve(sides.T @ sides, sides.T @ (centre_right - centre_left))
+    return centre_left + a * ray_left, centre_right + b * ray_right
+
+
+point_of_pixels_exercise = FunctionExerciseMaker(
+    "08.3", "A point by both forms", "pose-ex-point", points=4, within=1e-07
+)
+
+
+@point_of_pixels_exercise.solution
 def point_of_pixels(xy_left, xy_right, R, T):
     """A marker's place from its pixels in two cameras: both forms of z by least squares (Eq. 20).
 
@@ -34,6 +83,7 @@ def point_of_pixels(xy_left, xy_right, R, T):
     return z * ray if in_front else np.full(3, np.nan)
 
 
+@point_of_pixels_exercise.cases
 def _point_cases(rng):
     """Cameras side by side, one above the other, turned; and points behind the one or the other."""
     side, above = np.array([-100.0, 0, 0]), np.array([0, 110.0, 20])
@@ -61,59 +111,80 @@ def _point_cases(rng):
     return cases
 
 
-def _forms(xy_left, xy_right, R, T):
-    ray = np.array([*xy_left, 1.0])
-    turned = R @ ray
-    n = T[:2] - np.asarray(xy_right) * T[2]
-    d = np.asarray(xy_right) * turned[2] - turned[:2]
-    return ray, turned, n, d
+point_of_pixels_exercise.known_mistake(
+    "This is the first form alone. With one camera above the other it is 0/0.",
+    "8, The algorithm: from pixels to points",
+    _form(0),
+)
 
 
-def _at(z, ray, turned, T):
-    return z * ray if z > 0 and z * turned[2] + T[2] > 0 else np.full(3, np.nan)
-
-
-def _form(which):
-    def point(xy_left, xy_right, R, T):
-        ray, turned, n, d = _forms(xy_left, xy_right, R, T)
-        with np.errstate(all="ignore"):
-            return _at(n[which] / d[which], ray, turned, T)
-
-    return point
-
-
+@point_of_pixels_exercise.mistake("8, The algorithm: from pixels to points")
 def _first_anywhere(xy_left, xy_right, R, T):
+    """This is the first form alone, which is 0/0 with one camera above the other; and points
+    behind a camera are returned, too.
+    """
     ray, _, n, d = _forms(xy_left, xy_right, R, T)
     with np.errstate(all="ignore"):
         return n[0] / d[0] * ray
 
 
+point_of_pixels_exercise.known_mistake(
+    "This is the second form alone. With cameras side by side it is 0/0.",
+    "8, The algorithm: from pixels to points",
+    _form(1),
+)
+
+
+@point_of_pixels_exercise.mistake("8, The algorithm: from pixels to points")
 def _mean_of_forms(xy_left, xy_right, R, T):
+    """This is the mean of both forms. A form that says nothing spoils it: in the least squares
+    solution each form counts with its own d.
+    """
     ray, turned, n, d = _forms(xy_left, xy_right, R, T)
     with np.errstate(all="ignore"):
         return _at((n / d).mean(), ray, turned, T)
 
 
+@point_of_pixels_exercise.mistake("8, What is wrong in print")
 def _as_printed(xy_left, xy_right, R, T):
+    """R and T have been inverted. Here they lead from left to right already, as Eq. 20 needs them;
+    it is Eq. 25 that defines the way back.
+    """
     return point_of_pixels(xy_left, xy_right, R.T, -R.T @ T)
 
 
+@point_of_pixels_exercise.mistake("8, The algorithm: from pixels to points")
 def _anywhere(xy_left, xy_right, R, T):
+    """A point behind a camera is returned. Its images fit, and only the sign of the depth shows
+    that it cannot be.
+    """
     ray, _, n, d = _forms(xy_left, xy_right, R, T)
     return (n @ d) / (d @ d) * ray
 
 
+@point_of_pixels_exercise.mistake("8, The algorithm: from pixels to points")
 def _before_the_left(xy_left, xy_right, R, T):
+    """The point is in front of the left camera, and nobody has asked the right one: its depth
+    there is the third component of R X + T.
+    """
     ray, _, n, d = _forms(xy_left, xy_right, R, T)
     z = (n @ d) / (d @ d)
     return z * ray if z > 0 else np.full(3, np.nan)
 
 
+@point_of_pixels_exercise.mistake("8, What the paper says")
 def _ray_and_depth(xy_left, xy_right, R, T):
+    """x and y are those of the ray at the depth 1. Multiply them by z."""
     x, y, z = point_of_pixels(xy_left, xy_right, R, T)
     return np.array([x / z, y / z, z])
 
 
+rigid_motion_exercise = FunctionExerciseMaker(
+    "08.4", "The rigid fit", "pose-ex-fit", points=4, within=1e-08
+)
+
+
+@rigid_motion_exercise.solution
 def rigid_motion(on_rod, measured):
     """The rigid motion that carries the rod's markers onto measured points (Eq. 23, 24).
 
@@ -142,6 +213,7 @@ def rigid_motion(on_rod, measured):
     return F
 
 
+@rigid_motion_exercise.cases
 def _fit_cases(rng):
     """Points all around, with missing ones, and nearly flat sets, of which noise turns some over.
 
@@ -159,50 +231,35 @@ def _fit_cases(rng):
     return cases
 
 
-def _fitted(on_rod, measured, rotation, keep_all=False):
-    """A fit with another rotation, of U and the transposed V."""
-    seen = np.isfinite(measured).all(axis=1) | keep_all
-    p, q = on_rod[seen], measured[seen]
-    U, _, Vt = np.linalg.svd((q - q.mean(axis=0)).T @ (p - p.mean(axis=0)))
-    F = np.eye(4)
-    F[:3, :3] = rotation(U, Vt)
-    F[:3, 3] = q.mean(axis=0) - F[:3, :3] @ p.mean(axis=0)
-    return F
-
-
-def _guarded(U, Vt):
-    return U @ np.diag([1, 1, np.linalg.det(U) * np.linalg.det(Vt)]) @ Vt
-
-
+@rigid_motion_exercise.mistake("8, The algorithm: from points to the pose")
 def _without_guard(on_rod, measured):
+    """The guard against reflections is missing: with markers in a plane your matrix may have the
+    determinant -1.
+    """
     return _fitted(on_rod, measured, lambda U, Vt: U @ Vt)
 
 
+@rigid_motion_exercise.mistake("8, The algorithm: from points to the pose")
 def _negative(on_rod, measured):
+    """A reflection has been turned into a rotation by a minus before the whole matrix. That is a
+    rotation, but not the best one: only the third direction changes its sign.
+    """
     return _fitted(on_rod, measured, lambda U, Vt: U @ Vt * np.linalg.det(U @ Vt))
 
 
+@rigid_motion_exercise.mistake("8, The algorithm: from points to the pose")
 def _axis_of_the_rotation(on_rod, measured):
+    """The sign is at the wrong place: it stands between U and the transposed V, and belongs to the
+    smallest singular value, not to an axis of the rod.
+    """
     return _fitted(on_rod, measured, lambda U, Vt: U @ Vt @ np.diag([1, 1, np.linalg.det(U @ Vt)]))
 
 
-def _rotation_back(on_rod, measured):
-    return _fitted(on_rod, measured, lambda U, Vt: _guarded(U, Vt).T)
-
-
-def _difference_of_means(on_rod, measured):
-    F = rigid_motion(on_rod, measured)
-    F[:3, 3] = np.nanmean(measured, axis=0)
-    seen = np.isfinite(measured).all(axis=1)
-    F[:3, 3] -= on_rod[seen].mean(axis=0)
-    return F
-
-
-def _way_back(on_rod, measured):
-    return np.linalg.inv(rigid_motion(on_rod, measured))
-
-
+@rigid_motion_exercise.mistake("8, What is wrong in print")
 def _any_matrix(on_rod, measured):
+    """This is the best matrix of all, which stretches and shears the rod. Only a rotation and a
+    translation can be a pose.
+    """
     seen = np.isfinite(measured).all(axis=1)
     with_ones = np.column_stack([on_rod[seen], np.ones(seen.sum())])
     F = np.eye(4)
@@ -210,17 +267,56 @@ def _any_matrix(on_rod, measured):
     return F
 
 
+@rigid_motion_exercise.mistake("8, The algorithm: from points to the pose")
+def _rotation_back(on_rod, measured):
+    """The rotation is transposed: it turns the world's axes into the rod's."""
+    return _fitted(on_rod, measured, lambda U, Vt: _guarded(U, Vt).T)
+
+
+@rigid_motion_exercise.mistake("8, What the paper says")
+def _way_back(on_rod, measured):
+    """This motion leads from the world to the rod. F leads from the rod to the world."""
+    return np.linalg.inv(rigid_motion(on_rod, measured))
+
+
+@rigid_motion_exercise.mistake("8, The algorithm: from points to the pose")
+def _difference_of_means(on_rod, measured):
+    """The shift is the difference of the two means. The rod's mean has to be rotated before it is
+    taken off.
+    """
+    F = rigid_motion(on_rod, measured)
+    F[:3, 3] = np.nanmean(measured, axis=0)
+    seen = np.isfinite(measured).all(axis=1)
+    F[:3, 3] -= on_rod[seen].mean(axis=0)
+    return F
+
+
+@rigid_motion_exercise.mistake("8, The algorithm: from points to the pose")
 def _missing_counted(on_rod, measured):
+    """Markers that were not measured count, so that NaN spreads over everything. Leave their rows
+    out of both lists.
+    """
     return _fitted(on_rod, measured, _guarded, keep_all=True)
 
 
+@rigid_motion_exercise.mistake("8, The algorithm: from points to the pose")
 def _one_mean_over_all(on_rod, measured):
-    """Means with the places of markers that were not measured."""
+    """The rod's mean is over all markers, the world's over those that were measured. Both means
+    are of the same markers.
+
+    Means with the places of markers that were not measured.
+    """
     F = rigid_motion(on_rod, measured)
     F[:3, 3] = np.nanmean(measured, axis=0) - F[:3, :3] @ on_rod.mean(axis=0)
     return F
 
 
+midpoint_exercise = FunctionExerciseMaker(
+    "08.5", "The midpoint", "pose-ex-midpoint", points=4, within=1e-07
+)
+
+
+@midpoint_exercise.solution
 def midpoint(centre_left, ray_left, centre_right, ray_right):
     """The middle of the shortest line between two rays.
 
@@ -241,6 +337,7 @@ def midpoint(centre_left, ray_left, centre_right, ray_right):
     return (centre_left + a * ray_left + centre_right + b * ray_right) / 2
 
 
+@midpoint_exercise.cases
 def _ray_cases(rng):
     cases = []
     for scale in (1.0, 1.0, 0.4, 3.0, 1.0, 7.0):
@@ -252,37 +349,44 @@ def _ray_cases(rng):
     return cases
 
 
-def _ends(centre_left, ray_left, centre_right, ray_right):
-    """The nearest points of the two rays."""
-    sides = np.stack([ray_left, -ray_right], axis=1)
-    a, b = np.linalg.solve(sides.T @ sides, sides.T @ (centre_right - centre_left))
-    return centre_left + a * ray_left, centre_right + b * ray_right
-
-
+@midpoint_exercise.mistake("8, Exercises")
 def _left_end(*rays):
+    """This point lies on the left ray. Half way to the right ray is asked for."""
     return _ends(*rays)[0]
 
 
+@midpoint_exercise.mistake("8, Exercises")
 def _right_end(*rays):
+    """This point lies on the right ray. Half way to the left ray is asked for."""
     return _ends(*rays)[1]
 
 
+@midpoint_exercise.mistake("8, Exercises")
 def _sum_of_ends(*rays):
+    """The two nearest points are added up, and not divided by 2."""
     return np.sum(_ends(*rays), axis=0)
 
 
+@midpoint_exercise.mistake("8, Exercises")
 def _line_between(*rays):
+    """This is the way from the one ray to the other. The place of its middle is asked for."""
     left, right = _ends(*rays)
     return right - left
 
 
+@midpoint_exercise.mistake("8, Exercises")
 def _same_sign(centre_left, ray_left, centre_right, ray_right):
+    """The right ray has the wrong sign: from c_l + a d_l = c_r + b d_r follows a d_l - b d_r = c_r
+    - c_l.
+    """
     sides = np.stack([ray_left, ray_right], axis=1)
     (a, b), *_ = np.linalg.lstsq(sides, centre_right - centre_left)
     return (centre_left + a * ray_left + centre_right + b * ray_right) / 2
 
 
+@midpoint_exercise.mistake("8, Exercises")
 def _as_if_of_length_one(centre_left, ray_left, centre_right, ray_right):
+    """This formula takes the directions for unit vectors. They may have any length."""
     base, cosine = centre_right - centre_left, ray_left @ ray_right
     with np.errstate(all="ignore"):
         a = (base @ ray_left - cosine * (base @ ray_right)) / (1 - cosine**2)
@@ -291,331 +395,7 @@ def _as_if_of_length_one(centre_left, ray_left, centre_right, ray_right):
 
 
 EXERCISES = (
-    ValueExercise(
-        "08.1",
-        "pencil",
-        "How deep can they see?",
-        "pose-ex-depth",
-        2,
-        (
-            Mistake(
-                "The disparity is the difference of two coordinates. Both are uncertain, and their "
-                "variances add up: sqrt 2 times 0.1 px.",
-                "8, Two pixels, one point",
-                {"sigma_z": 0.1112},
-            ),
-            Mistake(
-                "The standard deviations of the two images have been added. It is the variances that "
-                "add up.",
-                "8, Two pixels, one point",
-                {"sigma_z": 0.2225},
-            ),
-            Mistake(
-                "The factor z / B is missing: the derivative of f B / d by d is f B / d^2, which is "
-                "z^2 / (f B).",
-                "8, Two pixels, one point",
-                {"sigma_z": 0.0273},
-            ),
-            Mistake(
-                "x follows from the left image alone: its standard deviation is 0.1 px there, without "
-                "sqrt 2.",
-                "8, What the paper says",
-                {"sigma_x": 0.0273},
-            ),
-            Mistake(
-                "x follows from the left image alone. The paper takes no mean of both.",
-                "8, What the paper says",
-                {"sigma_x": 0.01366},
-            ),
-        ),
-        {
-            "sigma_z": Asked(0.1573, "mm", within=0.003),
-            "sigma_x": Asked(0.01932, "mm", within=0.0004),
-        },
-    ),
-    ValueExercise(
-        "08.2",
-        "pencil",
-        "The wrong way round",
-        "pose-ex-inverse",
-        2,
-        (
-            Mistake(
-                "Nothing seems to change here. But the baseline stands in the numerator of z, and "
-                "the denominator knows only the two pixels.",
-                "8, What the paper says",
-                {"x": 20.0, "z": 400.0},
-            ),
-            Mistake(
-                "x is z times X_l / f: where z changes its sign, x does as well.",
-                "8, What the paper says",
-                {"x": 20.0},
-            ),
-            Mistake(
-                "This is what the true right camera would see of the point. Who has the wrong "
-                "baseline projects with the wrong one, too, and sees no error.",
-                "8, Limits, and broken cases",
-                {"reprojection_px": 500.0},
-            ),
-            Mistake(
-                "The reprojection error is zero: a point and its negative have the same image.",
-                "8, The algorithm: from pixels to points",
-                {"shows": "the reprojection error"},
-            ),
-            Mistake(
-                "Distances between the points do not show it: all points are mirrored at the left "
-                "camera's centre, which keeps all distances.",
-                "8, The algorithm: from pixels to points",
-                {"shows": "distances between points"},
-            ),
-        ),
-        {
-            "x": Asked(-20.0, "mm", within=0.01),
-            "z": Asked(-400.0, "mm", within=0.1),
-            "reprojection_px": Asked(0.0, "px", within=1e-6),
-            "shows": Asked(
-                "the sign of z",
-                choices=("the sign of z", "the reprojection error", "distances between points"),
-            ),
-        },
-    ),
-    FunctionExercise(
-        "08.3",
-        "write",
-        "A point by both forms",
-        "pose-ex-point",
-        4,
-        (
-            Mistake(
-                "This is the first form alone. With one camera above the other it is 0/0.",
-                "8, The algorithm: from pixels to points",
-                _form(0),
-            ),
-            Mistake(
-                "This is the first form alone, which is 0/0 with one camera above the other; and points "
-                "behind a camera are returned, too.",
-                "8, The algorithm: from pixels to points",
-                _first_anywhere,
-            ),
-            Mistake(
-                "This is the second form alone. With cameras side by side it is 0/0.",
-                "8, The algorithm: from pixels to points",
-                _form(1),
-            ),
-            Mistake(
-                "This is the mean of both forms. A form that says nothing spoils it: in the least "
-                "squares solution each form counts with its own d.",
-                "8, The algorithm: from pixels to points",
-                _mean_of_forms,
-            ),
-            Mistake(
-                "R and T have been inverted. Here they lead from left to right already, as Eq. 20 "
-                "needs them; it is Eq. 25 that defines the way back.",
-                "8, What is wrong in print",
-                _as_printed,
-            ),
-            Mistake(
-                "A point behind a camera is returned. Its images fit, and only the sign of the depth "
-                "shows that it cannot be.",
-                "8, The algorithm: from pixels to points",
-                _anywhere,
-            ),
-            Mistake(
-                "The point is in front of the left camera, and nobody has asked the right one: its "
-                "depth there is the third component of R X + T.",
-                "8, The algorithm: from pixels to points",
-                _before_the_left,
-            ),
-            Mistake(
-                "x and y are those of the ray at the depth 1. Multiply them by z.",
-                "8, What the paper says",
-                _ray_and_depth,
-            ),
-        ),
-        point_of_pixels,
-        _point_cases,
-        1e-7,
-    ),
-    FunctionExercise(
-        "08.4",
-        "write",
-        "The rigid fit",
-        "pose-ex-fit",
-        4,
-        (
-            Mistake(
-                "The guard against reflections is missing: with markers in a plane your matrix may "
-                "have the determinant -1.",
-                "8, The algorithm: from points to the pose",
-                _without_guard,
-            ),
-            Mistake(
-                "A reflection has been turned into a rotation by a minus before the whole matrix. That "
-                "is a rotation, but not the best one: only the third direction changes its sign.",
-                "8, The algorithm: from points to the pose",
-                _negative,
-            ),
-            Mistake(
-                "The sign is at the wrong place: it stands between U and the transposed V, and belongs "
-                "to the smallest singular value, not to an axis of the rod.",
-                "8, The algorithm: from points to the pose",
-                _axis_of_the_rotation,
-            ),
-            Mistake(
-                "This is the best matrix of all, which stretches and shears the rod. Only a rotation "
-                "and a translation can be a pose.",
-                "8, What is wrong in print",
-                _any_matrix,
-            ),
-            Mistake(
-                "The rotation is transposed: it turns the world's axes into the rod's.",
-                "8, The algorithm: from points to the pose",
-                _rotation_back,
-            ),
-            Mistake(
-                "This motion leads from the world to the rod. F leads from the rod to the world.",
-                "8, What the paper says",
-                _way_back,
-            ),
-            Mistake(
-                "The shift is the difference of the two means. The rod's mean has to be rotated "
-                "before it is taken off.",
-                "8, The algorithm: from points to the pose",
-                _difference_of_means,
-            ),
-            Mistake(
-                "Markers that were not measured count, so that NaN spreads over everything. Leave "
-                "their rows out of both lists.",
-                "8, The algorithm: from points to the pose",
-                _missing_counted,
-            ),
-            Mistake(
-                "The rod's mean is over all markers, the world's over those that were measured. Both "
-                "means are of the same markers.",
-                "8, The algorithm: from points to the pose",
-                _one_mean_over_all,
-            ),
-        ),
-        rigid_motion,
-        _fit_cases,
-        1e-8,
-    ),
-    FunctionExercise(
-        "08.5",
-        "write",
-        "The midpoint",
-        "pose-ex-midpoint",
-        4,
-        (
-            Mistake(
-                "This point lies on the left ray. Half way to the right ray is asked for.",
-                "8, Exercises",
-                _left_end,
-            ),
-            Mistake(
-                "This point lies on the right ray. Half way to the left ray is asked for.",
-                "8, Exercises",
-                _right_end,
-            ),
-            Mistake(
-                "The two nearest points are added up, and not divided by 2.",
-                "8, Exercises",
-                _sum_of_ends,
-            ),
-            Mistake(
-                "This is the way from the one ray to the other. The place of its middle is asked for.",
-                "8, Exercises",
-                _line_between,
-            ),
-            Mistake(
-                "The right ray has the wrong sign: from c_l + a d_l = c_r + b d_r follows a d_l - b "
-                "d_r = c_r - c_l.",
-                "8, Exercises",
-                _same_sign,
-            ),
-            Mistake(
-                "This formula takes the directions for unit vectors. They may have any length.",
-                "8, Exercises",
-                _as_if_of_length_one,
-            ),
-        ),
-        midpoint,
-        _ray_cases,
-        1e-7,
-    ),
-    ValueExercise(
-        "08.6",
-        "predict",
-        "Four markers, one mirror",
-        "pose-ex-mirror",
-        3,
-        (
-            Mistake(
-                "That is so for four markers in a plane. Twelve around a rod have an extent in all "
-                "three directions, and their smallest singular value is far from zero.",
-                "8, The algorithm: from points to the pose",
-                {"of_twelve": "about half"},
-            ),
-            Mistake(
-                "Twelve markers around a rod have an extent in all directions, and noise this small "
-                "makes no reflection of them at all.",
-                "8, The algorithm: from points to the pose",
-                {"of_twelve": "about a tenth"},
-            ),
-            Mistake(
-                "The residuals do not warn: a flat set and its mirror image through its own plane "
-                "are the same set.",
-                "8, Limits, and broken cases",
-                {"residuals_warn": "yes"},
-            ),
-            Mistake(
-                "With four markers in a plane the third direction has the sign that rounding gives it: "
-                "it is wrong about every second time.",
-                "8, Limits, and broken cases",
-                {"of_four": 0.0},
-            ),
-        ),
-        {
-            "of_four": Asked(50.0, within=24.0),
-            "of_twelve": Asked("none", choices=("none", "about a tenth", "about half", "all")),
-            "residuals_warn": Asked("no", choices=("yes", "no")),
-        },
-    ),
-    ValueExercise(
-        "08.7",
-        "project",
-        "Weights",
-        "pose-ex-weights",
-        5,
-        (
-            Mistake(
-                "These are the ratios the other way round: the error of the weighted mean by that of "
-                "the plain one is asked for.",
-                "8, What does the mean of three pairs bring?",
-                {"noise_ratio": 1.164, "rendered_ratio": 0.789},
-            ),
-            Mistake(
-                "This is the weighted mean of three pairs by CCD1 and CCD2 alone. Compare it with the "
-                "plain mean of the same three pairs.",
-                "8, What does the mean of three pairs bring?",
-                {"noise_ratio": 0.468},
-            ),
-            Mistake(
-                "With noise alone the weights must make a difference. Have the weighted points come "
-                "into the fit?",
-                "8, What does the mean of three pairs bring?",
-                {"noise_ratio": 1.0},
-            ),
-            Mistake(
-                "With rendered images the weights must make a difference, too. `measure` has fitted "
-                "the plain mean: take its labelled pixels, and fit anew.",
-                "8, What does the mean of three pairs bring?",
-                {"rendered_ratio": 1.0},
-            ),
-        ),
-        {
-            "noise_ratio": Asked(0.859, within=0.045),
-            "rendered_ratio": Asked(1.268, within=0.12),
-        },
-    ),
+    point_of_pixels_exercise.made(),
+    rigid_motion_exercise.made(),
+    midpoint_exercise.made(),
 )

@@ -4,9 +4,38 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..exercise import Asked, FunctionExercise, Mistake, ValueExercise
+from ..exercise import FunctionExerciseMaker
 
 
+def _even(columns, half_mm):
+    """As many columns at equal angles, each with a marker at + and - half_mm."""
+    angles = np.repeat(np.arange(columns) * 360.0 / columns, 2)
+    return angles, np.tile([half_mm, -half_mm], columns)
+
+
+def _counted(angles_deg, rows_mm, senses=(1, -1), angle_sense=None, period=360.0, both=True):
+    """`look_alikes` with a line or two that may be wrong."""
+    angles_deg, rows_mm = np.asarray(angles_deg, float), np.asarray(rows_mm, float)
+    count = 0
+    for sense in senses:
+        way = sense if angle_sense is None else angle_sense
+        for turn in {round((angle - way * angles_deg[0]) % 360, 6) % 360 for angle in angles_deg}:
+            apart = angles_deg[:, None] - (way * angles_deg + turn)
+            if period:
+                apart = (apart + 180) % period - 180
+            near = np.abs(apart) < 1e-6
+            level = np.abs(rows_mm[:, None] - sense * rows_mm) < 1e-6
+            fits = (near & level).any(axis=0) if both else near.any(axis=0) & level.any(axis=0)
+            count = count + int(fits.all())
+    return count
+
+
+look_alikes_exercise = FunctionExerciseMaker(
+    "01.3", "How many look alike", "ex-structure-write", points=4
+)
+
+
+@look_alikes_exercise.solution
 def look_alikes(angles_deg, rows_mm):
     """Count the poses of a rod that give the same image.
 
@@ -46,12 +75,7 @@ def look_alikes(angles_deg, rows_mm):
     return count
 
 
-def _even(columns, half_mm):
-    """As many columns at equal angles, each with a marker at + and - half_mm."""
-    angles = np.repeat(np.arange(columns) * 360.0 / columns, 2)
-    return angles, np.tile([half_mm, -half_mm], columns)
-
-
+@look_alikes_exercise.cases
 def _structure_cases(rng):
     six, five = _even(6, 10.0), _even(5, 8.0)
     by = float(rng.uniform(5, 40))
@@ -69,256 +93,40 @@ def _structure_cases(rng):
     ]
 
 
-def _counted(angles_deg, rows_mm, senses=(1, -1), angle_sense=None, period=360.0, both=True):
-    """`look_alikes` with a line or two that may be wrong."""
-    angles_deg, rows_mm = np.asarray(angles_deg, float), np.asarray(rows_mm, float)
-    count = 0
-    for sense in senses:
-        way = sense if angle_sense is None else angle_sense
-        for turn in {round((angle - way * angles_deg[0]) % 360, 6) % 360 for angle in angles_deg}:
-            apart = angles_deg[:, None] - (way * angles_deg + turn)
-            if period:
-                apart = (apart + 180) % period - 180
-            near = np.abs(apart) < 1e-6
-            level = np.abs(rows_mm[:, None] - sense * rows_mm) < 1e-6
-            fits = (near & level).any(axis=0) if both else near.any(axis=0) & level.any(axis=0)
-            count = count + int(fits.all())
-    return count
-
-
+@look_alikes_exercise.mistake("1, The bench: three cameras and a rod")
 def _turns_only(angles_deg, rows_mm):
+    """You count the turns alone. A rod may be upside down as well."""
     return _counted(angles_deg, rows_mm, senses=(1,))
 
 
+@look_alikes_exercise.mistake("1, The bench: three cameras and a rod")
 def _mirrored(angles_deg, rows_mm):
+    """Upside down is a rotation: it takes the row s to -s and the angle a to -a. With the angles
+    as they were it is a mirror image, and no rod can be held like that.
+    """
     return _counted(angles_deg, rows_mm, angle_sense=1)
 
 
+@look_alikes_exercise.mistake("1, The bench: three cameras and a rod")
 def _no_wrap(angles_deg, rows_mm):
+    """Angles are compared without their wrap: 350 deg and -10 deg are one place."""
     return _counted(angles_deg, rows_mm, period=None)
 
 
+@look_alikes_exercise.mistake("1, The bench: three cameras and a rod")
 def _each_by_itself(angles_deg, rows_mm):
+    """Angles and rows are compared each by itself. A marker has to lie where another one was, with
+    its angle and with its row at once.
+    """
     return _counted(angles_deg, rows_mm, both=False)
 
 
+@look_alikes_exercise.mistake("1, The bench: three cameras and a rod")
 def _columns_alone(angles_deg, rows_mm):
+    """Two poses for each column are right where all columns are alike. A marker that is missing or
+    lies elsewhere forbids most of them: try each pose.
+    """
     return 2 * len(np.unique(np.round(angles_deg, 6)))
 
 
-STAGES = ("background", "markers", "matches", "points", "identity", "pose")
-NEEDS = ("neither", "the rig", "the layout", "both")
-STATUSES = ("measured", "ambiguous", "predicted", "lost")
-HIDDEN = ("all before the robot's pose", "the computation alone", "the video's alone", "all four")
-
-EXERCISES = (
-    ValueExercise(
-        "01.1",
-        "pencil",
-        "The loop's delay",
-        "ex-structure-delay",
-        2,
-        (
-            Mistake(
-                "You have left out the time for which a frame waits until it is read. The robot is "
-                "behind by all that happens after the light has come in.",
-                "1, What the paper says",
-                {"robot_mm": 20.0, "picture_mm": 40.0},
-            ),
-            Mistake(
-                "This is the video's own delay alone. The picture shows the robot, and the robot is "
-                "behind already: the delays add up along the loop.",
-                "1, What the paper says",
-                {"picture_mm": 20.0},
-            ),
-            Mistake(
-                "The delays are in ms, the speed in mm/s: divide by 1000.",
-                "1, With pencil and paper",
-                {"robot_mm": 23400.0, "picture_mm": 43400.0},
-            ),
-            Mistake(
-                "A prediction of the handle is sent to the robot. Nobody predicts for the "
-                "operator's eyes, so that the video's delay stays.",
-                "1, What the paper says",
-                {"hidden": "all four"},
-            ),
-            Mistake(
-                "A filter may predict as far ahead as you ask it to: over the computation, and over "
-                "the frame's wait and the robot's delay as well.",
-                "1, With pencil and paper",
-                {"hidden": "the computation alone"},
-            ),
-        ),
-        {
-            "robot_mm": Asked(23.4, "mm", within=0.5),
-            "picture_mm": Asked(43.4, "mm", within=0.5),
-            "hidden": Asked("all before the robot's pose", choices=HIDDEN),
-        },
-    ),
-    ValueExercise(
-        "01.2",
-        "pencil",
-        "Who needs what",
-        "ex-structure-needs",
-        2,
-        (
-            Mistake(
-                "The look of the surroundings (Eq. 18) needs no rig, but the epipolar line "
-                "(Eq. 17) on which a partner is looked for does.",
-                "1, Matches",
-                {"matches": "neither"},
-            ),
-            Mistake(
-                "A point is where two rays meet. Which marker it is, nobody has asked so far: the "
-                "layout is not needed.",
-                "1, Matches",
-                {"points": "both"},
-            ),
-            Mistake(
-                "The identity does try poses of the layout. But it judges them by the spots that "
-                "they explain in all images, and for that it has to know the cameras.",
-                "1, Points, identity, pose",
-                {"identity": "the layout"},
-            ),
-            Mistake(
-                "More is left than that: markers are looked for in each image by itself, and that "
-                "needs no camera's place.",
-                "1, Markers",
-                {"last_right": "background"},
-            ),
-            Mistake(
-                "After the knock the epipolar lines are those of a rig that is no longer there, and "
-                "they miss the partners.",
-                "1, Matches",
-                {"last_right": "matches"},
-            ),
-        ),
-        {
-            "background": Asked("neither", choices=NEEDS),
-            "matches": Asked("the rig", choices=NEEDS),
-            "points": Asked("the rig", choices=NEEDS),
-            "identity": Asked("both", choices=NEEDS),
-            "last_right": Asked("markers", choices=STAGES),
-        },
-    ),
-    FunctionExercise(
-        "01.3",
-        "write",
-        "How many look alike",
-        "ex-structure-write",
-        4,
-        (
-            Mistake(
-                "You count the turns alone. A rod may be upside down as well.",
-                "1, The bench: three cameras and a rod",
-                _turns_only,
-            ),
-            Mistake(
-                "Upside down is a rotation: it takes the row s to -s and the angle a to -a. With "
-                "the angles as they were it is a mirror image, and no rod can be held like that.",
-                "1, The bench: three cameras and a rod",
-                _mirrored,
-            ),
-            Mistake(
-                "Angles are compared without their wrap: 350 deg and -10 deg are one place.",
-                "1, The bench: three cameras and a rod",
-                _no_wrap,
-            ),
-            Mistake(
-                "Angles and rows are compared each by itself. A marker has to lie where another one "
-                "was, with its angle and with its row at once.",
-                "1, The bench: three cameras and a rod",
-                _each_by_itself,
-            ),
-            Mistake(
-                "Two poses for each column are right where all columns are alike. A marker that is "
-                "missing or lies elsewhere forbids most of them: try each pose.",
-                "1, The bench: three cameras and a rod",
-                _columns_alone,
-            ),
-        ),
-        look_alikes,
-        _structure_cases,
-    ),
-    ValueExercise(
-        "01.4",
-        "predict",
-        "The other rod",
-        "ex-structure-change",
-        3,
-        (
-            Mistake(
-                "The staggered rod has one pose for each image. Between which poses would it be "
-                "ambiguous?",
-                "1, The bench: three cameras and a rod",
-                {"told_nothing": "ambiguous"},
-            ),
-            Mistake(
-                "Two cameras are enough for the pose, and the layout leaves no choice between poses. "
-                "A dark camera does not bring the look-alikes back.",
-                "1, What happens if cameras go dark?",
-                {"one_dark": "ambiguous"},
-            ),
-            Mistake(
-                "Two cameras are enough as long as they see four markers in common. Nothing is lost.",
-                "1, What happens if cameras go dark?",
-                {"one_dark": "lost"},
-            ),
-            Mistake(
-                "A single camera gives no point in space, and the paper's method starts from points. "
-                "Which marker a spot is does not help.",
-                "1, Limits, and a broken case",
-                {"all_but_first": "measured"},
-            ),
-            Mistake(
-                "This is the number for the paper's rod. Change the parameter, and run the chapter "
-                "again from its first cell.",
-                "1, Points, identity, pose",
-                {"points": 14.0},
-            ),
-        ),
-        {
-            "told_nothing": Asked("measured", choices=STATUSES),
-            "one_dark": Asked("measured", choices=STATUSES),
-            "all_but_first": Asked("lost", choices=STATUSES),
-            "points": Asked(15.0, within=0.4),
-        },
-    ),
-    ValueExercise(
-        "01.5",
-        "project",
-        "A film with fewer frames",
-        "ex-structure-film",
-        5,
-        (
-            Mistake(
-                "You have counted all instants. Those that are `predicted` have a pose, too, but it "
-                "comes from the motion and not from the images.",
-                "1, Check: the package does the same",
-                {"measured_4": 15.0, "measured_6": 10.0},
-            ),
-            Mistake(
-                "You have used every frame each time. A step of 4 leaves 15 of 60 instants.",
-                "1, Two seconds of it",
-                {"measured_4": 60.0},
-            ),
-            Mistake(
-                "The position is off by this much in m. Millimetres are asked for.",
-                "1, Two seconds of it",
-                {"mm_4": 4.56e-5},
-            ),
-            Mistake(
-                "This is the largest error. The mean is asked for.",
-                "1, Two seconds of it",
-                {"mm_4": 0.20},
-            ),
-        ),
-        {
-            "measured_1": Asked(60.0, within=0.4),
-            "measured_2": Asked(30.0, within=0.4),
-            "measured_4": Asked(13.0, within=0.4),
-            "measured_6": Asked(9.0, within=0.4),
-            "mm_4": Asked(0.046, "mm", within=0.012),
-        },
-    ),
-)
+EXERCISES = (look_alikes_exercise.made(),)
