@@ -8,121 +8,144 @@ from __future__ import annotations
 import argparse
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from importlib import import_module
 from pathlib import Path
-from types import ModuleType
-from typing import TYPE_CHECKING
+from typing import Any
 
 from trinolab.checks import as_whole
 from trinolab.files.outputs import check_targets, write_table
 
-if TYPE_CHECKING:
-    import pandas as pd
 
-# A study -> the tables that it makes, but for the gallery's, which are in a folder of their own.
-MAKES = {
-    "bound": ("bound",),
-    "budget": ("budget", "mixes", "patterns", "smooth"),
-    "calibration_error": ("calibration_error",),
-    "claims": ("claims_results", "claims_draws"),
-    "elevation": ("elevation",),
-    "factors": ("distortion", "distance", "marker_size", "speed", "turn"),
-    "fitts": ("fitts",),
-    "second_renderer": ("second_renderer",),
-    "sensitivity": ("sensitivity",),
-    "stress": ("stress",),
-    "webcams": ("webcams",),
+@dataclass(frozen=True)
+class Study:
+    """A study as a command.
+
+    Attributes
+    ----------
+    what : str
+        What it makes, for who asks for help.
+    make : str
+        The function of its module that makes the tables, called with the options by their names; it
+        returns one table, or one for each of `tables` in their order.
+    tables : tuple of str
+        The names of their files.
+    counts : mapping of str to (int, str)
+        Options that are whole numbers: default, and what they count.
+    names : tuple of str
+        An option that takes some of the study's parts: its name on the command line, its metavar.
+    kept : tuple of str
+        The folder in which finished work is kept, and what that is.
+    workers : bool
+        Whether processes share the work.
+    out : str
+        The folder of the tables.
+    writes : bool
+        Whether `make` is given `out`, and writes each table itself as soon as it is whole.
+    """
+
+    what: str
+    make: str = "make_table"
+    tables: tuple[str, ...] = ()
+    counts: Mapping[str, tuple[int, str]] = field(default_factory=dict)
+    names: tuple[str, str] | None = None
+    kept: tuple[str, str] | None = None
+    workers: bool = False
+    out: str = "data/sweeps"
+    writes: bool = False
+
+
+STUDIES = {
+    "bound": Study(
+        "the Cramer-Rao bound at Table 1's poses, for every shipped rig: bound.csv",
+        "sweep_bounds",
+        ("bound",),
+    ),
+    "budget": Study(
+        "the error budget of Table 1: budget.csv, mixes.csv, patterns.csv, smooth.csv",
+        "make_tables",
+        ("budget", "mixes", "patterns", "smooth"),
+        counts={"draws": (5, "tables of rendered frames")},
+    ),
+    "claims": Study(
+        "the trials of the protocol: claims_results.csv, claims_draws.csv",
+        "make_tables_in",
+        ("claims_results", "claims_draws"),
+        names=("names", "TRIAL"),
+        kept=("_build/claims", "finished draws"),
+        out="data",
+        writes=True,
+    ),
+    "elevation": Study(
+        "CCD3's elevation from 10 to 90 deg: elevation.csv", "sweep_elevation", ("elevation",)
+    ),
+    "calibration_error": Study(
+        "what a rig file that is off costs a pose: calibration_error.csv",
+        tables=("calibration_error",),
+        counts={"draws": (40, "rigs drawn a level")},
+        kept=("_build/calibration_error", "finished draws"),
+        workers=True,
+    ),
+    "factors": Study(
+        "the four factors of Sect. 6.5, a table each",
+        "make_tables",
+        ("distortion", "distance", "marker_size", "speed", "turn"),
+        counts={"seeds": (1, "draws of the noise")},
+        names=("--factor", "FACTOR"),
+        writes=True,
+    ),
+    "fitts": Study(
+        "a pointing task by simulated operators, by scale and delay: fitts.csv", tables=("fitts",)
+    ),
+    "gallery": Study(
+        "the sweep gallery, a table each",
+        "make_tables",
+        names=("names", "SWEEP"),
+        kept=("_build/sweeps", "finished runs"),
+        workers=True,
+        out="data/sweeps/gallery",
+        writes=True,
+    ),
+    "second_renderer": Study(
+        "the estimators on path-traced frames: second_renderer.csv",
+        tables=("second_renderer",),
+        kept=("_build/second", "the recordings"),
+    ),
+    "sensitivity": Study(
+        "the headline numbers with other assumptions: sensitivity.csv",
+        tables=("sensitivity",),
+        counts={"draws": (2, "of the noise, a pose")},
+        kept=("_build/sensitivity", "finished instants"),
+        out="data",
+    ),
+    "stress": Study(
+        "the bench broken, one thing at a time: stress.csv",
+        tables=("stress",),
+        counts={"instants": (390, "of each fault and handle")},
+        kept=("_build/stress", "finished blocks"),
+        workers=True,
+    ),
+    "webcams": Study(
+        "three webcams and a printed rod, by its size: webcams.csv", tables=("webcams",)
+    ),
+    "tuning": Study(
+        "the most likely parameters of the filters of image and pose; prints them",
+        "print_most_likely",
+    ),
 }
+# A study -> the tables that it makes, but for the gallery's, which are in a folder of their own.
+MAKES = {name: study.tables for name, study in STUDIES.items() if study.tables}
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run a study and return the exit code: 2 for a mistake in the input, 130 for an
     interruption.
     """
-    parser = argparse.ArgumentParser(
-        prog="python -m workbench.studies", description=(__doc__ or "").partition("\n\n")[0]
-    )
-    studies = parser.add_subparsers(dest="study", required=True, metavar="NAME")
-    _add(
-        studies,
-        "bound",
-        "the Cramer-Rao bound at Table 1's poses, for every shipped rig: bound.csv",
-    )
-    budget = _add(
-        studies,
-        "budget",
-        "the error budget of Table 1: budget.csv, mixes.csv, patterns.csv, smooth.csv",
-    )
-    budget.add_argument(
-        "--draws", type=int, default=5, metavar="N", help="tables of rendered frames (%(default)s)"
-    )
-    claims = _add(
-        studies,
-        "claims",
-        "the trials of the protocol: claims_results.csv, claims_draws.csv",
-        out="data",
-    )
-    claims.add_argument("names", nargs="*", metavar="TRIAL", help="some of them; all without it")
-    claims.add_argument(
-        "--hashes", action="store_true", help="print the hash of each row of the protocol instead"
-    )
-    _add_kept(claims, "_build/claims", "finished draws")
-    _add(studies, "elevation", "CCD3's elevation from 10 to 90 deg: elevation.csv")
-    calibration = _add(
-        studies,
-        "calibration_error",
-        "what a rig file that is off costs a pose: calibration_error.csv",
-    )
-    calibration.add_argument(
-        "--draws", type=int, default=40, metavar="N", help="rigs drawn a level (%(default)s)"
-    )
-    _add_kept(calibration, "_build/calibration_error", "finished draws")
-    _add_workers(calibration)
-    factors = _add(studies, "factors", "the four factors of Sect. 6.5, a table each")
-    factors.add_argument(
-        "--factor", nargs="+", metavar="FACTOR", help="some of them; all without it"
-    )
-    factors.add_argument(
-        "--seeds", type=int, default=1, metavar="N", help="draws of the noise (%(default)s)"
-    )
-    _add(studies, "fitts", "a pointing task by simulated operators, by scale and delay: fitts.csv")
-    gallery = _add(studies, "gallery", "the sweep gallery, a table each", out="data/sweeps/gallery")
-    gallery.add_argument("names", nargs="*", metavar="SWEEP", help="some of them; all without it")
-    _add_kept(gallery, "_build/sweeps", "finished runs")
-    _add_workers(gallery)
-    second = _add(
-        studies, "second_renderer", "the estimators on path-traced frames: second_renderer.csv"
-    )
-    _add_kept(second, "_build/second", "the recordings")
-    sensitivity = _add(
-        studies,
-        "sensitivity",
-        "the headline numbers with other assumptions: sensitivity.csv",
-        out="data",
-    )
-    sensitivity.add_argument(
-        "--draws", type=int, default=2, metavar="N", help="of the noise, a pose (%(default)s)"
-    )
-    _add_kept(sensitivity, "_build/sensitivity", "finished instants")
-    stress = _add(studies, "stress", "the bench broken, one thing at a time: stress.csv")
-    stress.add_argument(
-        "--instants",
-        type=int,
-        default=390,
-        metavar="N",
-        help="of each fault and handle (%(default)s)",
-    )
-    _add_kept(stress, "_build/stress", "finished blocks")
-    _add_workers(stress)
-    _add(studies, "webcams", "three webcams and a printed rod, by its size: webcams.csv")
-    studies.add_parser(
-        "tuning", help="the most likely parameters of the filters of image and pose; prints them"
-    )
+    parser = _parser()
     arguments = parser.parse_args(argv)
     try:
-        _check_counts(arguments)
-        _run(arguments)
+        run(arguments)
     except ValueError as error:
         print(f"{parser.prog} {arguments.study}: {error}", file=sys.stderr)
         return 2
@@ -135,90 +158,58 @@ def main(argv: Sequence[str] | None = None) -> int:
     return 0
 
 
-def _add(
-    studies: argparse._SubParsersAction, name: str, what: str, out: str = "data/sweeps"
-) -> argparse.ArgumentParser:
-    parser = studies.add_parser(name, help=what, description=what)
-    parser.add_argument("--out", default=out, metavar="FOLDER", help="of the tables (%(default)s)")
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="python -m workbench.studies", description=(__doc__ or "").partition("\n\n")[0]
+    )
+    commands = parser.add_subparsers(dest="study", required=True, metavar="NAME")
+    for name, study in STUDIES.items():
+        command = commands.add_parser(name, help=study.what, description=study.what)
+        if study.tables or study.writes:
+            about = "of the tables (%(default)s)"
+            command.add_argument("--out", default=study.out, metavar="FOLDER", help=about)
+        for count, (default, what) in study.counts.items():
+            about = f"{what} (%(default)s)"
+            command.add_argument(f"--{count}", type=int, default=default, metavar="N", help=about)
+        if study.names is not None:
+            option, metavar = study.names
+            many = "+" if option.startswith("-") else "*"
+            about = "some of them; all without it"
+            command.add_argument(option, nargs=many, metavar=metavar, default=[], help=about)
+        if study.kept is not None:
+            folder, what = study.kept
+            about = f"for {what}; a command that was stopped goes on with them (%(default)s)"
+            command.add_argument("--kept", type=Path, default=folder, metavar="FOLDER", help=about)
+        if study.workers:
+            cores = os.cpu_count() or 1
+            about = "processes (one a core)"
+            command.add_argument("--workers", type=int, default=cores, metavar="N", help=about)
+        if name == "claims":
+            about = "print the hash of each row of the protocol instead"
+            command.add_argument("--hashes", action="store_true", help=about)
     return parser
 
 
-def _add_kept(parser: argparse.ArgumentParser, folder: str, what: str) -> None:
-    parser.add_argument(
-        "--kept",
-        default=folder,
-        metavar="FOLDER",
-        help=f"for {what}; a command that was stopped goes on with them (%(default)s)",
-    )
-
-
-def _add_workers(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "--workers",
-        type=int,
-        default=os.cpu_count() or 1,
-        metavar="N",
-        help="processes (one a core)",
-    )
-
-
-def _check_counts(a: argparse.Namespace) -> None:
-    """ValueError for a count that was given as less than one."""
-    for count in ("draws", "seeds", "instants", "workers"):
-        if count in a:
-            as_whole(getattr(a, count), f"--{count}", low=1)
-
-
-def _run(a: argparse.Namespace) -> None:
-    """Compute what was asked for; a study's module is loaded when it is run."""
-    study = import_module(f".{a.study}", __package__)
-    if a.study == "tuning":
-        study.print_most_likely()
-    elif a.study == "gallery":
-        study.make_tables(a.names, a.workers, Path(a.out), Path(a.kept))
-    elif a.study == "claims" and a.hashes:
-        study.print_hashes()
-    elif a.study == "claims":
-        study.make_tables(*_targets(a.out, MAKES["claims"]), Path(a.kept), a.names)
-    elif a.study == "factors":
-        names = a.factor or list(study.FACTORS)
-        if unknown := [name for name in names if name not in study.FACTORS]:
-            raise ValueError(
-                f"factor: expected one of {', '.join(study.FACTORS)}, got {unknown[0]!r}"
-            )
-        for name, path in zip(names, _targets(a.out, names), strict=True):
-            write_table(study.sweep_factor(name, a.seeds), path)  # each as soon as it is whole
-    elif a.study == "budget":
-        paths = _targets(a.out, MAKES["budget"])
-        for table, path in zip(study.make_tables(a.draws), paths, strict=True):
-            write_table(table, path)
-    else:
-        (path,) = _targets(a.out, MAKES[a.study])
-        write_table(_one_table(a, study), path)
-
-
-def _one_table(a: argparse.Namespace, study: ModuleType) -> pd.DataFrame:
-    """The table of a study that has one, of the study's own name."""
-    if a.study == "second_renderer":
-        return study.make_table(Path(a.kept))
-    if a.study == "sensitivity":
-        return study.make_table(Path(a.kept), a.draws)
-    if a.study == "calibration_error":
-        return study.make_table(a.draws, a.workers, Path(a.kept))
-    if a.study == "stress":
-        return study.make_table(a.instants, a.workers, Path(a.kept))
-    if a.study == "webcams":
-        return study.make_table()
-    if a.study == "fitts":
-        return study.make_table(progress=True)
-    return study.sweep_elevation(progress=True) if a.study == "elevation" else study.sweep_bounds()
-
-
-def _targets(out: str, names: Sequence[str]) -> list[Path]:
-    """The files of tables; ValueError before anything is computed if they cannot be written."""
-    paths = [Path(out) / f"{name}.csv" for name in names]
+def run(arguments: argparse.Namespace) -> None:
+    """Compute what was asked for, and write it; a study's module is loaded when it is run."""
+    study = STUDIES[arguments.study]
+    options = {name: value for name, value in vars(arguments).items() if name != "study"}
+    for count in {*study.counts, "workers"} & set(options):
+        as_whole(options[count], f"--{count}", low=1)
+    module = import_module(f".{arguments.study}", __package__)
+    if options.pop("hashes", False):
+        module.print_hashes()
+        return
+    make = getattr(module, study.make)
+    if study.writes:
+        make(**options | {"out": Path(options["out"])})
+        return
+    folder = Path(options.pop("out", ""))
+    paths = [folder / f"{name}.csv" for name in study.tables]
     check_targets(paths)
-    return paths
+    tables: Any = make(**options)
+    for table, path in zip([tables] if len(paths) == 1 else tables or (), paths, strict=True):
+        write_table(table, path)
 
 
 if __name__ == "__main__":

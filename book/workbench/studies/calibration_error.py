@@ -20,7 +20,6 @@ import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import RigidTransform
-from scipy.stats import bootstrap
 
 from trinolab.bench.optics import Bench
 from trinolab.bench.scene import render_rig
@@ -34,9 +33,9 @@ from trinolab.metrics import geodesic_deg, position_errors
 from trinolab.parameters import Parameters
 from trinolab.pose import rigid_fit
 
-from ..sweep import sweep
-from ..sweep.outcome import OK
+from ..intervals import of_mean
 from .broken import miscalibrated
+from .carrier import all_runs, columns_of_mean
 from .replication import WRONG_DEG, WRONG_MM, estimates_and_truths, measure_frames
 
 RIGS = ("paper_pair", "raised_40deg")
@@ -49,6 +48,7 @@ PLACE_MM = 0.02  # each coordinate of the place of each camera but the first
 DIRECTIONS = "directions"  # principal points and directions of all cameras are off
 PLACES = "places"  # the places are, at level 1 alone
 DRAWS = 40
+RESAMPLES = 9999  # of the bootstrap
 SEED = 15  # of the draws
 NOISE_SEED = 0  # of the frames
 ENOUGH = 10  # poses of the twenty; a rig that measures fewer is no rig to judge by its errors
@@ -178,12 +178,7 @@ def make_table(draws: int, workers: int, kept: Path) -> pd.DataFrame:
     rows = []
     for name, grid in _grids(draws).items():
         print(name, file=sys.stderr)
-        found = sweep(one_draw, grid, out=kept / name, workers=workers)
-        if len(bad := found[found["status"] != OK]):
-            raise ValueError(
-                f"{len(bad)} of {len(found)} draws failed; the first: {bad['error'].iloc[0]}"
-            )
-        rows += summaries(found)
+        rows += summaries(all_runs(name, one_draw, grid, kept / name, workers))
     return pd.DataFrame(rows)
 
 
@@ -225,21 +220,9 @@ def summaries(found: pd.DataFrame) -> list[dict[str, float | int | str]]:
             }
             for name in RESULTS:
                 values = draws[f"{name}_{estimator}"].dropna().to_numpy()
-                row |= dict(
-                    zip((name, f"{name}_low", f"{name}_high"), interval(values), strict=True)
-                )
+                row |= columns_of_mean(name, values, of_mean(values, SEED, RESAMPLES))
             rows.append(row)
     return rows
-
-
-def interval(values: Array) -> tuple[float, float, float]:
-    """Mean of draws and its interval of 95 %, by the bootstrap; NaN for what is not known."""
-    if len(values) < 2:
-        return (float(values[0]) if len(values) else np.nan, np.nan, np.nan)
-    between = bootstrap(
-        (values,), np.mean, method="percentile", rng=np.random.default_rng(SEED)
-    ).confidence_interval
-    return float(np.mean(values)), float(between.low), float(between.high)
 
 
 def curve(table: pd.DataFrame, rig: str, estimator: str) -> pd.DataFrame:

@@ -9,19 +9,17 @@ each trial.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from tqdm import tqdm
 
 from trinolab.checks import Array
-from trinolab.files.kept import KeptLines
-from trinolab.files.outputs import write_table
+from trinolab.files.outputs import check_targets, write_table
 
-from ..intervals import NONE, Interval, by_bootstrap, of_share, of_student
+from ..intervals import NONE, Interval, of_ratio, of_share, of_student, ratio
+from .carrier import kept_draws
 from .claim_draws import TRIALS, Draw
 from .protocol import Claim, Trial, frozen_hash, load_claims, load_trials
 
@@ -48,6 +46,13 @@ def make_tables(results: Path, every: Path, kept: Path, names: Sequence[str] = (
         _put(results_of(name, trial, draws), results, name)
 
 
+def make_tables_in(out: Path, kept: Path, names: Sequence[str]) -> None:
+    """`make_tables` into the files of a folder, each found to be writable first."""
+    results, every = out / "claims_results.csv", out / "claims_draws.csv"
+    check_targets([results, every])
+    make_tables(results, every, kept, names)
+
+
 def table_of_draws(name: str, draws: Sequence[Draw]) -> pd.DataFrame:
     """The numbers a and b of each draw; columns `DRAWS`."""
     rows = [(name, k, check, *pair) for k, draw in enumerate(draws) for check, pair in draw.items()]
@@ -72,15 +77,8 @@ def _put(rows: pd.DataFrame, path: Path, name: str) -> None:
 
 def drawn(name: str, trial: Trial, path: Path) -> list[Draw]:
     """All draws of a trial, those in the file taken up."""
-    head = json.dumps({"trial": name, "seed": trial.seed}) + "\n"
-    with KeptLines(path, head, _is_draw) as kept:
-        lines = kept.lines()[: trial.draws]
-        begin = len(lines)
-        for k in tqdm(
-            range(begin, trial.draws), name, trial.draws, initial=begin, unit="draw", disable=None
-        ):
-            kept.add_line(json.dumps(TRIALS[name](k, trial.seed)))
-        return [json.loads(line) for line in kept.lines()[: trial.draws]]
+    about = {"trial": name, "seed": trial.seed}
+    return kept_draws(path, about, trial.draws, lambda k: TRIALS[name](k, trial.seed), name)
 
 
 def results_of(name: str, trial: Trial, draws: Sequence[Draw]) -> pd.DataFrame:
@@ -116,8 +114,8 @@ def estimated(pairs: Array, statistic: str) -> tuple[float, Interval]:
         return float(pairs[:, 0].mean()), of_student(pairs[:, 0])
     if statistic == "share":
         return float(pairs[:, 0].mean()), of_share(int(pairs[:, 0].sum()), len(pairs))
-    value = _ratio(pairs)
-    interval = by_bootstrap(pairs, _ratio)
+    value = ratio(pairs)
+    interval = of_ratio(*pairs.T)
     if value in (0.0, 1.0) and interval.low == interval.high:
         interval = of_share(round(value * len(pairs)), len(pairs))
     if statistic == "ratio":
@@ -131,15 +129,3 @@ def print_hashes() -> None:
     trials = load_trials()
     for claim in load_claims():
         print(f'"{claim.no}" = "{frozen_hash(claim, trials)}"')
-
-
-def _ratio(pairs: Array) -> float:
-    a, b = pairs.sum(axis=0)
-    return float(a / b)
-
-
-def _is_draw(_: int, line: str) -> bool:
-    try:
-        return isinstance(json.loads(line), dict)
-    except ValueError:
-        return False

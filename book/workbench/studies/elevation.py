@@ -112,11 +112,11 @@ def shared_markers(rig: Rig, handle: Handle, poses: Sequence[RigidTransform]) ->
 
 
 def sweep_elevation(
-    elevations_deg: Sequence[float] = ELEVATIONS_DEG, progress: bool = False
+    elevations_deg: Sequence[float] = ELEVATIONS_DEG,
 ) -> pd.DataFrame:
     """The table of all elevations; see `cell`."""
     return pd.concat(
-        [cell(e) for e in tqdm(elevations_deg, unit="elevation", disable=not progress)],
+        [cell(e) for e in tqdm(elevations_deg, unit="elevation", disable=None)],
         ignore_index=True,
     )
 

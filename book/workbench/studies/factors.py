@@ -10,8 +10,9 @@ measures the same frames.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -24,6 +25,7 @@ from trinolab.bench.scene import exposed
 from trinolab.camera import Rig
 from trinolab.checks import Array, as_number, as_whole
 from trinolab.datasets import load_handle, load_rig, load_table1
+from trinolab.files.outputs import check_targets, write_table
 from trinolab.handle import Handle
 from trinolab.measurement import Measurement
 from trinolab.parameters import Parameters
@@ -217,6 +219,23 @@ def sweep_factor(
             for row in cell(name, value, seed, rig, handle, methods)
         ]
     )
+
+
+def make_tables(out: Path, factor: Sequence[str], seeds: int) -> None:
+    """Write the tables of some factors, or of all, each as soon as it is whole.
+
+    Raises
+    ------
+    ValueError
+        For an unknown factor, or a file that cannot be written.
+    """
+    names = factor or list(FACTORS)
+    if unknown := [name for name in names if name not in FACTORS]:
+        raise ValueError(f"factor: expected one of {', '.join(FACTORS)}, got {unknown[0]!r}")
+    paths = [out / f"{name}.csv" for name in names]
+    check_targets(paths)
+    for name, path in zip(names, paths, strict=True):
+        write_table(sweep_factor(name, seeds), path)
 
 
 def frames(setup: Setup, k: int, rng: np.random.Generator) -> list[np.ndarray]:

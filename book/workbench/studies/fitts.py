@@ -20,6 +20,7 @@ from tqdm import tqdm
 from ..intervals import Interval, of_share, of_student
 from ..teleop.operators import STRATEGIES, Person, point
 from ..teleop.pointing import DISTANCES_MM, WIDTHS_MM, conditions, difficulty, performance
+from .carrier import columns_of_mean
 
 SCALES = (1.0, 2.0, 3.0, 4.0)
 DELAYS_S = (0.0, 0.075, 0.15, 0.225, 0.3)
@@ -79,14 +80,14 @@ def one_operator(
     return {name: value for name, value in found._asdict().items() if name != "n"}
 
 
-def make_table(seeds: int = SEEDS, progress: bool = False) -> pd.DataFrame:
+def make_table(seeds: int = SEEDS) -> pd.DataFrame:
     """A row a strategy, scale and delay, with the means over so many operators.
 
     Columns: `strategy`, `scale`, `delay_s`, `seeds`, `trials`; `throughput_bit_s`, `movement_s`
     and `moves` with `_low` and `_high` of their 95 % interval (Student's t over the operators);
     `error_share` with its own (Wilson, over all trials).
     """
-    cells = tqdm(list(product(STRATEGIES, SCALES, DELAYS_S)), unit="cell", disable=not progress)
+    cells = tqdm(list(product(STRATEGIES, SCALES, DELAYS_S)), unit="cell", disable=None)
     return pd.DataFrame([_cell(name, scale, delay_s, seeds) for name, scale, delay_s in cells])
 
 
@@ -101,8 +102,7 @@ def _cell(strategy: str, scale: float, delay_s: float, seeds: int) -> dict[str, 
         "trials": trials,
     }
     for name in ("throughput_bit_s", "movement_s", "moves"):
-        sure = of_student(runs[name])
-        row |= {name: float(runs[name].mean()), f"{name}_low": sure.low, f"{name}_high": sure.high}
+        row |= columns_of_mean(name, runs[name], of_student(runs[name]))
     share = float(runs["error_share"].mean())
     sure = of_share(round(share * trials), trials)
     return row | {"error_share": share, "error_share_low": sure.low, "error_share_high": sure.high}

@@ -29,10 +29,10 @@ from trinolab.kalman import KalmanParameters
 from trinolab.parameters import Parameters
 from trinolab.window import Window
 
-from ..sweep import sweep
 from ..sweep.grid import parse, runs
-from ..sweep.outcome import LAST_COLUMNS, OK
+from ..sweep.outcome import LAST_COLUMNS
 from . import markertrack
+from .carrier import all_runs
 from .factors import Setup, at_distance, errors_of, measured, table1_setup, with_markers
 from .ground_truth import Recorded, Regions, held, moving, read_recording, watch
 
@@ -358,11 +358,7 @@ def make(name: str, workers: int = 1, kept: Path | None = None) -> pd.DataFrame:
     exhibit = _exhibit(name)
     rows = settings(name)
     grid = {key: list(dict.fromkeys(row[key] for row in rows)) for key in rows[0]}
-    found = sweep(exhibit.what, grid, out=kept, workers=workers)
-    if len(bad := found[found["status"] != OK]):
-        raise ValueError(
-            f"{name}: {len(bad)} of {len(found)} runs failed; the first: {bad['error'].iloc[0]}"
-        )
+    found = all_runs(name, exhibit.what, grid, kept, workers)
     results = exhibit.results or [
         column for column in found if column not in (*grid, *LAST_COLUMNS)
     ]

@@ -16,7 +16,6 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 from scipy.spatial.transform import RigidTransform
-from scipy.stats import bootstrap
 
 from trinolab.bench.optics import Bench
 from trinolab.bench.scene import render
@@ -27,6 +26,7 @@ from trinolab.following.posetracker import track_instants
 from trinolab.handle import Handle
 from trinolab.methods import BEST, ESTIMATORS
 
+from ..intervals import of_mean
 from ..second import recipe
 from .replication import EVERY, Deviation, deviation, measure_frames
 
@@ -147,23 +147,13 @@ def judged(deviations: Sequence[Deviation]) -> dict[str, float]:
         sigmas = np.array([getattr(one, f"sigma_{unit}") for one in held])
         ratios[unit] = (errors / sigmas) ** 2
         row[f"mean_{unit}"] = float(errors.mean()) if held else np.nan
-        row[f"low_{unit}"], row[f"high_{unit}"] = interval(errors)
+        row[f"low_{unit}"], row[f"high_{unit}"], _ = of_mean(errors)
         row[f"error_by_sigma_{unit}"] = float(np.sqrt(ratios[unit].mean())) if held else np.nan
     row["seed"] = recipe.SEED
     for unit, squares in ratios.items():
-        low, high = np.sqrt(interval(squares))
+        low, high = np.sqrt(of_mean(squares)[:2])
         row[f"error_by_sigma_low_{unit}"], row[f"error_by_sigma_high_{unit}"] = low, high
     return row
-
-
-def interval(values: np.ndarray) -> tuple[float, float]:
-    """The 95 % interval of a mean, by 2,000 resamplings; NaN for fewer than two values."""
-    if len(values) < 2:
-        return np.nan, np.nan
-    found = bootstrap(
-        (values,), np.mean, n_resamples=2000, method="percentile", rng=np.random.default_rng(0)
-    )
-    return float(found.confidence_interval.low), float(found.confidence_interval.high)
 
 
 def _read(folder: Path) -> Iterator[list[np.ndarray]]:

@@ -10,7 +10,6 @@ finished.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -26,7 +25,6 @@ from trinolab.calibration.target import Board
 from trinolab.camera import Camera, Rig, T_world_oxyz
 from trinolab.checks import Array
 from trinolab.datasets import load_calibration, load_handle, load_rig, load_sweep, load_table1
-from trinolab.files.kept import KeptLines
 from trinolab.handle import Handle, facing_pixels
 from trinolab.markers import MarkerParameters
 from trinolab.matching import MatchParameters
@@ -44,8 +42,9 @@ from trinolab.rigid import nearest_rotation
 from trinolab.workspace import intersect
 from trinolab.workspace.cones import cones_of_rig
 
-from ..intervals import by_bootstrap
+from ..intervals import of_mean
 from . import factors
+from .carrier import kept_draws
 from .error_sources import Trial, by_matrix, with_one_focal
 from .simulated_calibration import calibration_errors, simulated_calibration
 
@@ -352,15 +351,14 @@ def run_case(case: Case, path: Path, draws: int) -> list[dict[str, float]]:
     """The numbers of every pose under every draw, draw by draw."""
     world = case.change(standard())
     poses = len(world.setup.poses)
-    head = json.dumps({"case": case.instead, "seed": SEED}) + "\n"
-    with KeptLines(path, head, _is_numbers) as lines:
-        begin = len(lines.lines())
-        title = f"{case.assumption} {case.instead}".strip() or "as assumed"
-        for i in tqdm(
-            range(begin, draws * poses), title, draws * poses, initial=begin, disable=None
-        ):
-            lines.add_line(json.dumps(numbers_of(world, i % poses, i // poses)))
-        return [json.loads(line) for line in lines.lines()[: draws * poses]]
+    title = f"{case.assumption} {case.instead}".strip() or "as assumed"
+    return kept_draws(
+        path,
+        {"case": case.instead, "seed": SEED},
+        draws * poses,
+        lambda i: numbers_of(world, i % poses, i // poses),
+        title,
+    )
 
 
 def _rows_of(case: Case, base: list[dict[str, float]], kept: Path, draws: int) -> list[tuple]:
@@ -391,7 +389,7 @@ def compared(before: Array, after: Array) -> tuple[float, float, float, float, f
     if not both.any():
         return (np.nan,) * 5 + (0,)
     change = after[both] - before[both]
-    interval = by_bootstrap(change, lambda rows: float(rows.mean()))
+    interval = of_mean(change)
     means = float(before[both].mean()), float(after[both].mean()), float(change.mean())
     return (*means, interval.low, interval.high, int(both.sum()))
 
@@ -511,10 +509,3 @@ def of_sweeps() -> list[tuple]:
                 + (f"data/sweeps/gallery/{name}.csv",)
             )
     return rows
-
-
-def _is_numbers(_: int, line: str) -> bool:
-    try:
-        return isinstance(json.loads(line), dict)
-    except ValueError:
-        return False

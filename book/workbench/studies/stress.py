@@ -24,16 +24,14 @@ from scipy.spatial.transform import RigidTransform
 
 from trinolab.bench.layer import cropped
 from trinolab.camera import CAMERA_PARAMETERS, Camera, Rig, RigCovariance
-from trinolab.checks import Array
 from trinolab.datasets import load_handle, load_rig
 from trinolab.handle import Handle
 from trinolab.methods import BEST, ESTIMATORS
 from trinolab.parameters import Parameters
 
-from ..intervals import highest_share
-from ..sweep import sweep
-from ..sweep.outcome import OK
+from ..intervals import highest_share, of_ratio, of_sums
 from .broken import FAULTS, Instant, Taken
+from .carrier import all_runs
 from .replication import (
     EVERY,
     WRONG_DEG,
@@ -63,7 +61,6 @@ FIRST_ROUNDS = 2
 OFTEN = ("paper_checked", BEST)
 WINDOW_PX = 320  # a side; the markers and half a marker's distance beside them
 SIGMAS = 5.0  # off by more of them is beyond what a pose says of itself
-RESAMPLINGS = 2000
 
 
 def trial(fault: str, handle: str, block: int) -> dict[str, float]:
@@ -233,11 +230,8 @@ def make_table(instants: int, workers: int, kept: Path | None) -> pd.DataFrame:
 def _round(number: int, workers: int, kept: Path | None) -> pd.DataFrame:
     """A block of each fault and handle."""
     print(f"round {number}", file=sys.stderr)
-    grid = {"fault": list(FAULTS), "handle": list(HANDLES), "block": [number]}
-    blocks = sweep(trial, grid, out=kept, workers=workers, yes=True)
-    if len(bad := blocks[blocks["status"] != OK]):
-        raise ValueError(f"stress: {len(bad)} blocks failed; the first: {bad['error'].iloc[0]}")
-    return blocks
+    grid: dict[str, list] = {"fault": list(FAULTS), "handle": list(HANDLES), "block": [number]}
+    return all_runs("stress", trial, grid, kept, workers, yes=True)
 
 
 def _judged(blocks: pd.DataFrame, name: str) -> dict[str, float]:
@@ -251,19 +245,17 @@ def _judged(blocks: pd.DataFrame, name: str) -> dict[str, float]:
         "wrong": wrong,
         "wrong_share_below": highest_share(wrong, n),
     }
+    counts = mine[f"{name}/measured"]
     for unit in ("mm", "deg"):
-        mean = total[f"sum_{unit}"] / held if held else np.nan
-        spread = np.sqrt(max(total[f"squares_{unit}"] / max(held, 1) - mean**2, 0.0) / max(held, 1))
-        row[f"mean_{unit}"] = mean
-        row[f"low_{unit}"], row[f"high_{unit}"] = mean - 1.96 * spread, mean + 1.96 * spread
+        row[f"mean_{unit}"] = total[f"sum_{unit}"] / held if held else np.nan
+        low, high, _ = of_sums(total[f"sum_{unit}"], total[f"squares_{unit}"], held)
+        row[f"low_{unit}"], row[f"high_{unit}"] = low, high
         row[f"largest_{unit}"] = float(mine[f"{name}/largest_{unit}"].max())
         row[f"error_by_sigma_{unit}"] = np.sqrt(total[f"ratios_{unit}"] / held) if held else np.nan
     row["seed"] = SEED
     row["unforeseen"] = int(total["unforeseen"])
     for unit in ("mm", "deg"):
-        low, high = _ratio_interval(
-            mine[f"{name}/ratios_{unit}"].to_numpy(), mine[f"{name}/measured"].to_numpy()
-        )
+        low, high = np.sqrt(of_ratio(mine[f"{name}/ratios_{unit}"], counts, SEED)[:2])
         row[f"error_by_sigma_low_{unit}"], row[f"error_by_sigma_high_{unit}"] = low, high
     return row
 
@@ -304,16 +296,3 @@ def by_fault(table: pd.DataFrame, rig: str, estimator: str) -> pd.DataFrame:
             row[f"by sigma, {unit}"] = float(np.sqrt((squares * share).sum())) if held else np.nan
         rows.append(row)
     return pd.DataFrame(rows)
-
-
-def _ratio_interval(squares: Array, counts: Array) -> tuple[float, float]:
-    """The 95 % interval of an rms that blocks add up to, by drawing blocks again; NaN for fewer than
-    two, and for nothing measured.
-    """
-    if len(counts) < 2 or not counts.any():
-        return np.nan, np.nan
-    drawn = np.random.default_rng(SEED).integers(len(counts), size=(RESAMPLINGS, len(counts)))
-    held = counts[drawn].sum(axis=1)
-    found = np.sqrt(squares[drawn].sum(axis=1)[held > 0] / held[held > 0])
-    low, high = np.percentile(found, [2.5, 97.5])
-    return float(low), float(high)

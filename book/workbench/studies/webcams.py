@@ -28,7 +28,8 @@ from trinolab.metrics import geodesic_deg, position_errors
 from trinolab.parameters import Parameters
 
 from ..classkit.wrap import wrapped
-from ..intervals import by_bootstrap, of_share
+from ..intervals import of_mean, of_share
+from .carrier import columns_of_mean
 
 DISTANCE_MM, BASELINE_MM, ELEVATION_DEG = 500.0, 200.0, 40.0
 SEED = 27
@@ -136,9 +137,7 @@ def cell(webcam: Webcam, rod_mm: float, marker_mm: float) -> list[dict[str, floa
             "wrong": len(held) - len(right),
         }
         for name, values in zip(("E_t_mm", "geodesic_deg"), right.T, strict=True):
-            low, high, _ = by_bootstrap(values, lambda x: float(x.mean()))
-            mean = float(values.mean()) if len(values) else np.nan
-            row |= {name: mean, f"{name}_low": low, f"{name}_high": high}
+            row |= columns_of_mean(name, values, of_mean(values))
         rows.append(row)
     return rows
 

@@ -55,6 +55,6 @@ def test_an_exercise_is_read_with_all_its_fields(tmp_path):
 def test_what_is_wrong_is_named_with_file_and_field(tmp_path, change, says):
     path = tmp_path / "04.toml"
     path.write_text(GOOD.replace(*change))
-    with pytest.raises(ValueError, match="04.toml: ") as refusal:
+    with pytest.raises(ValueError, match=r"04\.toml: ") as refusal:
         read_values(path)
     assert says in str(refusal.value)

@@ -14,10 +14,12 @@ from trinolab.measurement import Measurement
 from trinolab.methods import BEST
 from trinolab.pose import LOST, Pose
 from trinolab.rigid import cross_matrices
+from workbench.intervals import of_mean
 from workbench.plotting import plot_calibration_error
 from workbench.studies import calibration_error as study
 from workbench.studies.__main__ import main
 from workbench.studies.calibration_error import DIRECTIONS, PLACES, drawn_rig, level_at, pattern
+from workbench.studies.carrier import columns_of_mean
 from workbench.sweep import runs
 
 PAIR, RAISED = (load_rig(name) for name in study.RIGS)
@@ -148,10 +150,11 @@ def test_a_rig_that_measures_little_has_shares_and_no_errors():
 def test_intervals_hold_the_mean_as_often_as_they_say():
     rng = np.random.default_rng(1)
     drawn = np.abs(rng.standard_normal((200, 40)))  # errors of a level scatter like this
-    held = [low <= np.sqrt(2 / np.pi) <= high for _, low, high in map(study.interval, drawn)]
+    intervals = [of_mean(values, study.SEED, study.RESAMPLES) for values in drawn]
+    held = [one.low <= np.sqrt(2 / np.pi) <= one.high for one in intervals]
     assert 0.88 < np.mean(held) < 0.98  # 200 trials: 1.5 %
-    assert study.interval(np.array([0.2]))[0] == 0.2
-    assert np.isnan(study.interval(np.array([]))).all()
+    assert columns_of_mean("x", [0.2], of_mean([0.2]))["x"] == 0.2
+    assert np.isnan(list(columns_of_mean("x", [], of_mean([])).values())).all()
 
 
 def test_the_level_at_a_limit_lies_on_the_power_law_between():
@@ -406,5 +409,5 @@ def test_a_draw_that_fails_is_said_and_no_table_is_written(small, monkeypatch, c
     monkeypatch.setattr(study, "one_draw", failing)
     assert main(arguments) == 2
     *_, line = capsys.readouterr().err.splitlines()
-    assert line.endswith("1 of 3 draws failed; the first: ValueError: level: too much")
+    assert line.endswith("1 of 3 runs failed; the first: ValueError: level: too much")
     assert not (folder / "calibration_error.csv").exists()

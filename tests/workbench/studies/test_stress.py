@@ -265,5 +265,5 @@ def test_a_block_that_fails_is_said_and_no_table_is_written(monkeypatch, tmp_pat
     command = ["stress", "--out", str(tmp_path), "--kept", str(tmp_path / "kept"), "--workers", "1"]
     assert main([*command, "--instants", "10"]) == 2
     *_, line = capsys.readouterr().err.splitlines()
-    assert line.endswith("stress: 2 blocks failed; the first: ValueError: handle: bent")
+    assert line.endswith("stress: 2 of 4 runs failed; the first: ValueError: handle: bent")
     assert not (tmp_path / "stress.csv").exists()

@@ -31,38 +31,41 @@ def asked(monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("study", "options", "function", "given", "named"),
+    ("study", "options", "function", "named"),
     [
-        ("bound", [], "sweep_bounds", (), {}),
-        ("elevation", [], "sweep_elevation", (), {"progress": True}),
-        ("fitts", [], "make_table", (), {"progress": True}),
-        ("webcams", [], "make_table", (), {}),
-        ("second_renderer", ["--kept", "k"], "make_table", (Path("k"),), {}),
-        ("second_renderer", [], "make_table", (Path("_build/second"),), {}),
-        ("sensitivity", ["--kept", "k", "--draws", "3"], "make_table", (Path("k"), 3), {}),
-        ("sensitivity", [], "make_table", (Path("_build/sensitivity"), 2), {}),
+        ("bound", [], "sweep_bounds", {}),
+        ("elevation", [], "sweep_elevation", {}),
+        ("fitts", [], "make_table", {}),
+        ("webcams", [], "make_table", {}),
+        ("second_renderer", ["--kept", "k"], "make_table", {"kept": Path("k")}),
+        ("second_renderer", [], "make_table", {"kept": Path("_build/second")}),
+        (
+            "sensitivity",
+            ["--kept", "k", "--draws", "3"],
+            "make_table",
+            {"kept": Path("k"), "draws": 3},
+        ),
+        ("sensitivity", [], "make_table", {"kept": Path("_build/sensitivity"), "draws": 2}),
         (
             "calibration_error",
             ["--kept", "k", "--draws", "3", "--workers", "5"],
             "make_table",
-            (3, 5, Path("k")),
-            {},
+            {"draws": 3, "workers": 5, "kept": Path("k")},
         ),
         (
             "stress",
             ["--kept", "k", "--instants", "20", "--workers", "5"],
             "make_table",
-            (20, 5, Path("k")),
-            {},
+            {"instants": 20, "workers": 5, "kept": Path("k")},
         ),
     ],
 )
 def test_a_study_of_one_table_writes_it_under_its_own_name(
-    tmp_path, asked, study, options, function, given, named
+    tmp_path, asked, study, options, function, named
 ):
     arguments = asked(study, function)
     assert main([study, "--out", str(tmp_path), *options]) == 0
-    assert arguments == [(given, named)]
+    assert arguments == [((), named)]
     assert [path.name for path in tmp_path.iterdir()] == [f"{study}.csv"]
     pd.testing.assert_frame_equal(pd.read_csv(tmp_path / f"{study}.csv"), FOUND)
 
