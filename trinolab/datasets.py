@@ -20,6 +20,23 @@ from .handle import Handle
 from .metrics import pose_from_euler_deg
 from .rigid import nearest_rotation
 
+__all__ = [
+    "IMAGE_SIZE",
+    "Calibration",
+    "Table1",
+    "data_path",
+    "handle_file",
+    "load_calibration",
+    "load_handle",
+    "load_real_sets",
+    "load_rig",
+    "load_sweep",
+    "load_table1",
+    "paper_rig",
+    "real_set",
+    "rig_file",
+]
+
 IMAGE_SIZE = (1280, 1024)  # assumed from the principal points; the paper prints no image size
 
 STANDOFF_MM = 549.0  # of CCD3, as far from the work as CCD1

@@ -31,6 +31,8 @@ from .metrics import (
     waits,
 )
 
+__all__ = ["Evaluation", "TrackQuality", "as_lines", "evaluate"]
+
 # beside the truth: for each frame how many markers each camera truly sees
 COUNTS = "truth_markers.csv"
 

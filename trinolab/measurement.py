@@ -23,6 +23,8 @@ from .parameters import Parameters
 from .pose import LOST, Pose
 from .window import Window
 
+__all__ = ["Measurement", "as_images", "chosen", "markers_in", "measure"]
+
 
 @dataclass(frozen=True, eq=False)
 class Measurement:

@@ -2,6 +2,8 @@
 it computes.
 """
 
+__all__ = ["BEST", "ESTIMATORS", "METHODS", "estimator_of"]
+
 ESTIMATORS = ("paper", "paper_checked", "weighted", "reprojection", "patches", "outline")
 BEST = "patches"  # the most accurate that keeps up with 30 frames a second
 # what --method may name -> the estimator

@@ -12,6 +12,8 @@ from .markers import MarkerParameters
 from .matching import MatchParameters
 from .methods import ESTIMATORS
 
+__all__ = ["Parameters"]
+
 
 @dataclass(frozen=True)
 class Parameters:

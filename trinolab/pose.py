@@ -23,6 +23,21 @@ from .triangulation import (
 )
 from .uncertainty.systematic import NOTHING, Response, is_uncertain, response, systematic_covariance
 
+__all__ = [
+    "LOST",
+    "Pose",
+    "fit_pose",
+    "fit_response",
+    "measured_pose",
+    "response_of_points",
+    "rigid_fit",
+    "rigid_fit_covariance",
+    "rigid_fit_gain",
+    "rigid_motion",
+    "weighted_fit",
+    "weighted_fit_gain",
+]
+
 SMALLEST_MM = 1e-9  # points that are nearer to a line than that lie on it
 
 

@@ -15,6 +15,19 @@ from scipy.spatial.transform import RigidTransform, Rotation
 
 from .checks import Array, as_array
 
+__all__ = [
+    "apart",
+    "cross_matrices",
+    "motion_between",
+    "nearest_rotation",
+    "placed",
+    "quaternion",
+    "rotation_matrix",
+    "rotation_of",
+    "rotation_vector",
+    "shifted",
+]
+
 
 def placed(position: Array, rotation: Array) -> RigidTransform:
     """The motion with a position (3,) and a rotation matrix (3, 3).

@@ -9,6 +9,8 @@ from numpy.typing import ArrayLike
 
 from .checks import as_image, as_number, as_points, as_whole
 
+__all__ = ["Window"]
+
 
 @dataclass(frozen=True)
 class Window:

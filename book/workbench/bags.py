@@ -52,6 +52,8 @@ from trinolab.files.rigs import handle_text, read_handle, read_rig
 from trinolab.following.track import stamp, track_folder
 from trinolab.handle import Handle
 
+__all__ = ["Message", "is_bag", "track_recording", "unpack_bag", "write_bag"]
+
 log = logging.getLogger("trinolab")
 
 WORLD, HANDLE = "world", "handle"

@@ -1,5 +1,6 @@
 """The rules of book/design.md that a reader cannot check by eye: imports, notebooks, addresses."""
 
+import ast
 import re
 import subprocess
 import sys
@@ -50,6 +51,26 @@ def test_a_recording_is_stale_when_what_draws_it_has_changed():
     named = {path for pattern in DRAWN_WITH for path in package.glob(pattern)}
     drawing = files_of_module("trinolab.bench.scenario") - {package / "__init__.py"}
     assert {path for path in drawing if path.name != "moved.py"} <= named
+
+
+def test_each_module_says_what_is_public():
+    """Its `__all__` has every function and class of its own without an underscore, once."""
+    for path in our_files():
+        tree = ast.parse(path.read_text(encoding="utf-8"))
+        own = {
+            node.name
+            for node in tree.body
+            if isinstance(node, ast.FunctionDef | ast.ClassDef) and not node.name.startswith("_")
+        }
+        if not own or path.parts[-2:] == ("trinolab", "__init__.py"):
+            continue
+        (names,) = (
+            ast.literal_eval(node.value)
+            for node in tree.body
+            if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "__all__"
+        )
+        assert own <= set(names), path
+        assert len(names) == len(set(names)), path
 
 
 def test_only_figures_draw():

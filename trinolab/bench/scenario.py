@@ -25,6 +25,25 @@ from .motion import human_motion
 from .optics import Bench, background, blurred, digitise
 from .scene import EXPOSURE_S, smeared
 
+__all__ = [
+    "ABSENT_S",
+    "AWAY_S",
+    "BACK_S",
+    "COVERED",
+    "EMPTY_S",
+    "HIDDEN",
+    "HOLDING",
+    "LIGHT_STEP_S",
+    "Job",
+    "Shot",
+    "calm",
+    "empty",
+    "following",
+    "hard",
+    "seen_markers",
+    "take",
+]
+
 # The hard script's times, s. A camera is its place in the rig; a rig of two takes them in turn.
 HIDDEN = ((0.6, 1.4, 2), (4.4, 5.2, 0), (9.0, 9.8, 1))  # a second hand is before this camera
 LIGHT_STEP_S = 1.5

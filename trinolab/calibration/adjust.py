@@ -25,6 +25,19 @@ from ..rigid import cross_matrices
 from .eq25 import relative_pose
 from .start import homography, intrinsics, target_pose
 
+__all__ = [
+    "TERMS",
+    "Calibrated",
+    "Layout",
+    "Poses",
+    "calibrate",
+    "left_jacobian",
+    "pack",
+    "residuals",
+    "slopes",
+    "unpack",
+]
+
 Poses = list[RigidTransform | None]
 TERMS = (0, 1, 2, 4, 5)  # numbers of distortion coefficients that make sense: k1, k2, (p1, p2), k3
 

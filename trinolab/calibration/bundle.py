@@ -51,6 +51,8 @@ from ..rigid import cross_matrices
 from .adjust import left_jacobian
 from .prior import Prior, basis
 
+__all__ = ["Bundle", "Centres", "Q", "adjust", "fit_poses"]
+
 Q = len(CAMERA_PARAMETERS)  # of a camera
 HUBER = 3.0  # standard deviations beyond which a centre counts for less
 MOST_ROUNDS, MOST_STEPS = 10, 100

@@ -23,6 +23,8 @@ from .outliers import FEWEST_POINTS, UNSEEN, calibrate_robustly
 from .target import Target
 from .views import TargetViews, check_connected, read_views, some
 
+__all__ = ["RigCalibration", "as_lines", "calibrate_rig"]
+
 # cameras that are not triggered together come to 0.8; a camera that is frozen to 10 and more
 WORST_RMS_PX = 3.0
 _LENS = ("fx / px", "fy / px", "cx / px", "cy / px", "k1", "k2", "p1", "p2", "k3")

@@ -24,6 +24,8 @@ from ..rigid import motion_between
 from .adjust import TERMS, Calibrated, Layout, calibrate, pack, residuals, slopes
 from .outliers import calibrate_robustly
 
+__all__ = ["Choice", "as_lines", "calibrate_by_choice", "chosen", "left_out_squares"]
+
 FOLDS = 5  # parts of the views, each of which is left out once
 MOST_VIEWS = 25  # that are asked: a calibration of many takes long
 

@@ -13,6 +13,8 @@ import numpy as np
 
 from .target import Target, dictionary_of, find_target
 
+__all__ = ["hint"]
+
 # of each family of markers its dictionaries, the smallest first
 FAMILIES = (
     *([f"{n}X{n}_{size}" for size in (50, 100, 250, 1000)] for n in (4, 5, 6, 7)),

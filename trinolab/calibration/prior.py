@@ -23,6 +23,8 @@ from ..checks import Array, frozen
 from ..handle import Handle
 from ..rigid import cross_matrices
 
+__all__ = ["Length", "Prior", "basis", "prior_of"]
+
 POSE = slice(9, 15)  # of a camera's parameters those of its place and direction
 # What is assumed of a rig that says nothing: sigmas of fx and fy (a share of them), cx and cy (px),
 # the direction (rad) and the place (mm). The lens's distortions are kept.

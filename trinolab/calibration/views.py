@@ -17,6 +17,8 @@ from ..files.images import is_image, read_greys
 from ..files.recording import Footage, frames_of, open_footage
 from .target import Target, find_target
 
+__all__ = ["TargetViews", "check_connected", "read_views", "some"]
+
 MOST_KEPT = 5  # of a camera's images without the target
 
 

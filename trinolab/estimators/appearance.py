@@ -21,6 +21,8 @@ from ..camera import Camera, Rig
 from ..checks import Array
 from ..handle import Handle
 
+__all__ = ["Layers", "Views", "Windows", "by_motion", "layers", "shading_basis", "windows"]
+
 # cosine of ray and normal: a surface that is turned away further counts as this oblique
 GRAZING = 0.05
 

@@ -40,6 +40,8 @@ from .imagemodel import (
 )
 from .patches import Patches, patches
 
+__all__ = ["CentrePixels", "Registered", "centre_pixels", "predict_centroids", "register"]
+
 # of the sum; twice as many of both change a centroid by less than 0.001 px up to 70 deg
 RINGS, SPOKES = 8, 24
 

@@ -40,6 +40,8 @@ from ..uncertainty.systematic import (
     variance_of_few,
 )
 
+__all__ = ["Honest", "Residuals", "honest"]
+
 FREE = 1e-3  # share of an offset below which it does not show beside a pose
 # A pose whose images contradict each other is refused if this many standard deviations are more.
 REFUSED_SIGMAS = 2.0

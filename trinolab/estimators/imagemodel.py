@@ -27,6 +27,29 @@ from ..rigid import shifted
 from .appearance import by_motion, layers, shading_basis
 from .patches import Patches
 
+__all__ = [
+    "Linear",
+    "MotionBlur",
+    "Noise",
+    "Reduced",
+    "State",
+    "advanced",
+    "blur_matrices",
+    "blurred",
+    "estimate_noise",
+    "first_state",
+    "half_laplacian",
+    "has_contrast",
+    "inverse",
+    "limited",
+    "linearise",
+    "longer_than_wide",
+    "marker_is_shown",
+    "misfit",
+    "noise_of",
+    "reduce",
+]
+
 ENOUGH = 30  # pixels for a variance
 BORDER_PX = 2  # of a window, where the blur lacks neighbours
 CLEAR_PX = 2.5  # pixels nearer than this to another marker or to the body's end have no weight

@@ -17,6 +17,8 @@ from ..checks import Array
 from ..handle import Handle, slant_angles
 from .appearance import Views, Windows, windows
 
+__all__ = ["Patches", "cut", "outline_patches", "patches"]
+
 LARGEST_PX = 120.0  # a marker's image beyond which its window no longer grows
 MARGIN_PX = 4.0  # of a window around its marker: the blur's reach, and the filter's border
 SATURATED = 250.0  # grey levels; a brighter pixel has no weight

@@ -43,6 +43,20 @@ from .imagemodel import (
 )
 from .patches import Patches, outline_patches, patches
 
+__all__ = [
+    "FLOOR_PX",
+    "Fit",
+    "both_in_world",
+    "counted",
+    "fit_patches",
+    "in_world",
+    "judged",
+    "judged_fit",
+    "moved",
+    "outline_pose",
+    "patches_pose",
+]
+
 # by so much the image model misplaces a marker of the simulated bench, shading and all
 FLOOR_PX = 0.003
 MOST_STEPS = 8  # Gauss-Newton steps; two do where two cameras share markers

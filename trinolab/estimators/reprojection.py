@@ -23,6 +23,8 @@ from .imagemodel import first_state, inverse, marker_is_shown, misfit
 from .patches import patches
 from .pixels import FLOOR_PX, Fit, both_in_world, counted, in_world, judged, judged_fit, moved
 
+__all__ = ["fit_centroids", "fit_pixels", "reprojection_pose", "response_of_pixels"]
+
 
 def fit_centroids(
     images: Sequence[np.ndarray],

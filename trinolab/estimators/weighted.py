@@ -30,6 +30,8 @@ from .contradiction import Honest, Residuals, honest
 from .identified import Identified
 from .pixels import FLOOR_PX
 
+__all__ = ["fit_weighted", "honest_fit", "weighted_pose"]
+
 STEPS = np.repeat([0.1, 0.003], 3)  # mm, rad; a tenth of a pixel or two
 
 

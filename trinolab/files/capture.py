@@ -27,6 +27,8 @@ from . import recorder
 from .devices import Source, Taken, drain, instants_of, open_source
 from .rigs import read_handle, read_rig
 
+__all__ = ["HAND_MM_S", "Captured", "Writer", "begin_new", "capture", "side_by_side", "timing"]
+
 QUEUE = 32  # instants that wait to be written: a second, 130 MB of three cameras of 1280 x 1024
 # What a handle may move between the images of an instant, and how fast hands are: a person's in
 # the median, see `bench.motion.human_motion`, and one that is led with care.

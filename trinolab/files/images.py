@@ -15,6 +15,19 @@ from typing import IO, NamedTuple
 import cv2
 import numpy as np
 
+__all__ = [
+    "IMAGE_SUFFIXES",
+    "Grey",
+    "as_grey",
+    "check_size",
+    "decoded",
+    "is_image",
+    "read_grey",
+    "read_greys",
+    "said_once",
+    "unheard",
+]
+
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".pgm")
 log = logging.getLogger("trinolab")
 

@@ -10,6 +10,8 @@ from typing import Any
 
 import pandas as pd
 
+__all__ = ["get", "read_csv", "read_json", "read_toml"]
+
 
 def read_csv(path: str | Path, **options: Any) -> pd.DataFrame:
     """Read a CSV file of this computer; `options` are those of `pandas.read_csv`.

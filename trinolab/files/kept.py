@@ -13,6 +13,8 @@ from typing import Self
 
 from .outputs import check_target
 
+__all__ = ["KeptLines", "locked"]
+
 try:
     import fcntl
 except ImportError:  # a system without such locks

@@ -9,6 +9,15 @@ from pathlib import Path
 
 import pandas as pd
 
+__all__ = [
+    "check_target",
+    "check_targets",
+    "resolved",
+    "write_table",
+    "write_together",
+    "write_whole",
+]
+
 
 def check_target(path: str | Path) -> None:
     """Refuse, with a ValueError, a place where `write_whole` could not write: asked before a long

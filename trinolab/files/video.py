@@ -13,6 +13,8 @@ import numpy as np
 from .images import unheard
 from .kept import locked
 
+__all__ = ["Film", "PageVideo"]
+
 CUT_OFF = "cannot be written as a whole (is the disk full?)"
 
 

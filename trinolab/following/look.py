@@ -35,6 +35,19 @@ from ..window import Window
 from .parameters import FollowParameters
 from .posefilter import Motion, is_new
 
+__all__ = [
+    "Expected",
+    "Followed",
+    "Guess",
+    "Sight",
+    "displacement",
+    "expect",
+    "follow",
+    "found_markers",
+    "look",
+    "may_be_blurred",
+]
+
 
 class Sight(NamedTuple):
     """What one camera shows where the handle is expected.

@@ -8,6 +8,8 @@ from ..checks import as_number, as_whole
 from ..parameters import Parameters
 from .posefilter import PoseFilterParameters
 
+__all__ = ["FollowParameters"]
+
 # What the checks of `FollowParameters` share, by the range that a field lies in.
 _POSITIVE = (
     "still_misfit",

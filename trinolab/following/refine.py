@@ -35,6 +35,8 @@ from .centres import measured_centres, spread_out, still
 from .parameters import FollowParameters
 from .track import Job, Rows, fingerprint, known_poses, track_on
 
+__all__ = ["Refined", "refine_files", "refine_folder"]
+
 FEWEST = 10  # instants; with fewer nearly all would come from what was known before
 # Times that the centres are measured: where they lie in a marker's image depends on pose and layout.
 PASSES = 2

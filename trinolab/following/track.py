@@ -48,6 +48,19 @@ from .parameters import FollowParameters
 from .posetracker import TrackState
 from .sync import estimate_offsets, significant
 
+__all__ = [
+    "Job",
+    "Rows",
+    "Seen",
+    "Watched",
+    "fingerprint",
+    "known_poses",
+    "stamp",
+    "track_files",
+    "track_folder",
+    "track_on",
+]
+
 log = logging.getLogger("trinolab")
 
 PARTIAL = ".partial"  # behind the name of a pose file that is not finished

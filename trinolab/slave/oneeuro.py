@@ -16,6 +16,8 @@ from scipy.spatial.transform import RigidTransform
 from ..checks import Array, as_number, check_numbers, frozen
 from ..rigid import motion_between, shifted
 
+__all__ = ["Filtered", "OneEuroParameters", "begin", "lag_s", "step"]
+
 
 @dataclass(frozen=True)
 class OneEuroParameters:

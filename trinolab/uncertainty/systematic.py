@@ -21,6 +21,24 @@ from ..camera import CAMERA_PARAMETERS, Camera, Rig, pixels_with_slopes
 from ..checks import Array, frozen
 from ..handle import Handle
 
+__all__ = [
+    "CHANCE",
+    "NOTHING",
+    "ImageOffsets",
+    "Response",
+    "contradict",
+    "contradicting",
+    "is_uncertain",
+    "known_errors",
+    "offsets_at",
+    "offsets_of",
+    "pixel_slopes",
+    "response",
+    "slopes_at",
+    "systematic_covariance",
+    "variance_of_few",
+]
+
 CHANCE = 0.01  # of a contradiction where there is none
 ONE_SIGMA = 0.841345  # share of a normal distribution below one standard deviation
 NOTHING = frozen(np.zeros((6, 6)))  # the systematic covariance of a pose where nothing is known

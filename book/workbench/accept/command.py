@@ -27,6 +27,8 @@ from .sheet import GLANCE, NUMBERS, PAGE, TABLE, Sheet, contents, interval_text,
 from .tracks import Track, as_track, track_of_table
 from .work import RENDERED, TESTS, Found, Kept, Part, Source, do, setup_of
 
+__all__ = ["DEFAULT_NOISE", "KEPT", "Done", "accept", "as_lines"]
+
 KEPT = "measured.jsonl"
 WORKERS = 2
 # A7 without a measurement at rest: of the standard rig

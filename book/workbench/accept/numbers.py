@@ -13,6 +13,20 @@ from trinolab.checks import Array
 
 from ..intervals import NONE, Interval, by_bootstrap, highest_share, of_quantile, of_share, rms
 
+__all__ = [
+    "CLOCK",
+    "LARGEST",
+    "OWN",
+    "SIMULATED",
+    "Answer",
+    "Number",
+    "Picture",
+    "as_table",
+    "distribution",
+    "far_count",
+    "share",
+]
+
 OWN = "own bench"  # images drawn by the model that is fitted
 SIMULATED = "simulated arm"
 CLOCK = "this computer's clock"

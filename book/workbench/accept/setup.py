@@ -21,6 +21,18 @@ from trinolab.markers import MarkerParameters
 from trinolab.methods import estimator_of
 from trinolab.workspace import view_volume
 
+__all__ = [
+    "CENTRE_MM",
+    "FREEDOMS",
+    "POSES",
+    "Drawn",
+    "Field",
+    "Setup",
+    "drawn_at",
+    "field_of",
+    "sobol_poses",
+]
+
 POSES = 512
 FEWEST_POSES = 8
 # a marker is at least so many times as large as the least that is found, where the field ends

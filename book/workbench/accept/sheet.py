@@ -22,6 +22,25 @@ from ..studies.second_renderer import side_by_side
 from ..studies.stress import by_fault
 from .numbers import OWN, Answer, Number, Picture, as_table
 
+__all__ = [
+    "AFTER",
+    "CRIME",
+    "GLANCE",
+    "NUMBERS",
+    "PAGE",
+    "TABLE",
+    "Sheet",
+    "as_json",
+    "as_page",
+    "contents",
+    "digits",
+    "figure_html",
+    "interval_text",
+    "read_sheet",
+    "readable",
+    "value_text",
+]
+
 FORMAT = 1
 PAGE, TABLE, NUMBERS = "index.html", "numbers.csv", "sheet.json"
 AFTER = (

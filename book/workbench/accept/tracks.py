@@ -25,6 +25,22 @@ from trinolab.rigid import motion_between
 
 from .setup import Setup
 
+__all__ = [
+    "FPS",
+    "Row",
+    "Track",
+    "as_track",
+    "errors",
+    "follow",
+    "instants",
+    "lengths",
+    "moving",
+    "resting",
+    "row_of",
+    "taken",
+    "track_of_table",
+]
+
 FPS = 30.0
 FOUND = ("measured", "ambiguous")
 Row = list[Any]  # of a kept file: time, status, sigmas, seconds, position, quaternion

@@ -25,6 +25,8 @@ if TYPE_CHECKING:
 
     from ..teleop.teleoperate import Done
 
+__all__ = ["as_text", "digits", "main", "not_run"]
+
 
 # The extra of this distribution that brings what a command imports.
 EXTRAS = {

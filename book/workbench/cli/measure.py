@@ -20,6 +20,8 @@ from trinolab.methods import estimator_of
 from trinolab.parameters import Parameters
 from trinolab.uncertainty.systematic import is_uncertain
 
+__all__ = ["measure_folder"]
+
 log = logging.getLogger("trinolab")
 
 

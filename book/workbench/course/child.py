@@ -21,6 +21,8 @@ from typing import IO, Any, NamedTuple
 
 from .plain import plain
 
+__all__ = ["BEING_CHECKED", "Call", "Work", "main", "outcome", "plain_value"]
+
 # Set while a file is checked as a whole: the checks in it need not be made then.
 BEING_CHECKED = "TRINOLAB_BEING_CHECKED"
 

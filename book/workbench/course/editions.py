@@ -26,6 +26,16 @@ from .exercises import CHAPTERS, of_chapter
 from .stubs import checked, solved, stub
 from .texts import ExerciseText, texts_of, without_solutions
 
+__all__ = [
+    "chapter_file",
+    "chapter_notebook",
+    "exercise_notebook",
+    "exercises_of",
+    "main",
+    "self_contained",
+    "write_edition",
+]
+
 EDITIONS = ("student", "teacher")
 CHECKOUT = Path(__file__).resolve().parents[3]
 LAB = "trinolab-numbers"  # the extension of JupyterLab that shows the numbers in the text

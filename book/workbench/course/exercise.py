@@ -13,6 +13,16 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+__all__ = [
+    "KINDS",
+    "Asked",
+    "Exercise",
+    "FunctionExercise",
+    "FunctionExerciseMaker",
+    "Mistake",
+    "ValueExercise",
+]
+
 Function = TypeVar("Function", bound=Callable[..., Any])
 KINDS = ("pencil", "write", "predict", "project")
 

@@ -14,6 +14,8 @@ from .exercises import exercise
 from .plain import described, equal, is_array, plain, shown
 from .running import run_given
 
+__all__ = ["Verdict", "call_of", "check", "judge_outcomes", "judge_values"]
+
 SEED = 0  # of the cases
 
 

@@ -7,6 +7,8 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import RigidTransform, Rotation
 
+__all__ = ["MOST_NUMBERS", "described", "equal", "is_array", "plain", "shown"]
+
 MOST_NUMBERS = 1_000_000
 
 

@@ -17,6 +17,8 @@ from typing import Any
 
 from .child import Call, Work
 
+__all__ = ["Found", "run_file", "run_given"]
+
 CPU_S = 10.0  # a function, in all its cases
 CELLS_S = 300.0  # a file: it may be a whole chapter, with the chapter's own cells
 # A cell, or a function in a case, that waits and does not compute. A busy machine needs a multiple of

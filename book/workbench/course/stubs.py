@@ -11,6 +11,8 @@ from functools import cache
 
 from .exercise import Asked, Exercise, FunctionExercise, ValueExercise
 
+__all__ = ["checked", "solved", "stub"]
+
 WIDTH = 88  # of the code in a notebook
 
 

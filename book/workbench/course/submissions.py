@@ -19,6 +19,8 @@ from .exercises import CHAPTERS, of_chapter
 from .grading import Verdict, call_of, judge_outcomes, judge_values
 from .running import Found, run_file
 
+__all__ = ["as_text", "check_class", "check_file", "file_of"]
+
 KEPT = ".checked.jsonl"  # in the class's folder: what is already checked
 
 

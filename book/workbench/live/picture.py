@@ -21,6 +21,8 @@ from .loop import Shown
 from .pointing import Doing
 from .settings import SLIDERS
 
+__all__ = ["message", "scene"]
+
 WIDTH, QUALITY = 480, 80  # of a camera's picture, px, and of its JPEG
 FIELD_MM = 620.0  # to which a camera's field of view is drawn
 NUMBERS = (*POSE_COLUMNS[2:5], *POSE_COLUMNS[9:17])  # of a pose, for the page

@@ -19,6 +19,8 @@ from typing import Any
 import numpy as np
 from docutils import nodes
 
+__all__ = ["data_of", "depth", "epipolar", "setup"]
+
 PLACE = re.compile(r'data-applet="(\w+)"')
 # nearly upright: an epipolar line of CCD3 passes through both markers of a column, one of CCD2 through a row
 UPRIGHT = ((0.0, 0.0, 560.0), (-1.0, 6.0, -8.0))  # mm; alpha, beta, gamma, deg

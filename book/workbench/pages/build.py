@@ -40,6 +40,46 @@ from ..provenance import hash_files, hash_text, made_from_module, made_from_note
 from ..sweep.notebook import ONE_THREAD, read_notebook, run_notebook
 from .contents import pages
 
+__all__ = [
+    "BUILD_COMMAND",
+    "EXECUTED",
+    "MADE_FROM",
+    "NEW_SCOREBOARD",
+    "RECORDED_S",
+    "RECORDINGS",
+    "SCOREBOARD",
+    "SECONDS",
+    "Job",
+    "Running",
+    "build_pages",
+    "chapters",
+    "command",
+    "executed",
+    "finish",
+    "is_cached",
+    "is_finished",
+    "keep",
+    "labels",
+    "made_from",
+    "main",
+    "pages_made_from",
+    "put_into_cache",
+    "read_finished",
+    "render_recordings",
+    "result_of",
+    "run_all",
+    "run_chapter",
+    "run_ledger",
+    "say",
+    "show_progress",
+    "stale_jobs",
+    "start",
+    "tool",
+    "write_crate",
+    "write_film",
+    "write_reference",
+]
+
 ROOT = Path(__file__).resolve().parents[3]
 BUILD = ROOT / "_build"
 CACHE = BUILD / ".jupyter_cache"  # the same folder as `execute: cache` in _config.yml

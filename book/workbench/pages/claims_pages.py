@@ -14,6 +14,26 @@ from trinolab.files.outputs import write_whole
 from ..cli import digits
 from ..studies.protocol import Claim, can_show, load_claims, load_deviations, load_trials
 
+__all__ = [
+    "IS_OF_THE_PAPER",
+    "VERDICTS",
+    "answer",
+    "board_table",
+    "claim_link",
+    "criteria_table",
+    "deviations_list",
+    "escaped",
+    "in_words",
+    "list_table",
+    "numbers_of",
+    "placed",
+    "read_board",
+    "sample_of",
+    "trials_table",
+    "word",
+    "write_pages",
+]
+
 VERDICTS = ("match", "differs", "undecided", "cannot be tested")
 IS_OF_THE_PAPER = ("re-computation", "replication as printed", "replication as corrected")
 

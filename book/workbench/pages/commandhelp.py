@@ -15,6 +15,8 @@ from unittest.mock import patch
 
 from ..cli import main
 
+__all__ = ["COLUMNS", "help_text", "names", "write_help"]
+
 GENERATED = Path(__file__).resolve().parents[3] / "_build" / "generated" / "commands"
 COLUMNS = "84"  # the help is as wide as a box of code on the page
 

@@ -15,6 +15,8 @@ from ..course.exercises import CHAPTERS, of_chapter
 from ..sweep.notebook import read_notebook
 from .claims_pages import escaped, list_table
 
+__all__ = ["chapters_table", "exercises_list", "mistakes", "reading_minutes", "write_pages"]
+
 
 def write_pages(folder: Path) -> None:
     """Write all parts, from the chapters and from the modules of exercises."""

@@ -22,6 +22,8 @@ from trinolab.files.outputs import write_table
 
 from .contents import pages
 
+__all__ = ["HTML", "ROOT", "Picture", "main", "pictures", "write_figures"]
+
 ROOT = Path(__file__).resolve().parents[3]
 HTML = ROOT / "_build" / "html"
 FIGURES = ROOT / "_build" / "figures"

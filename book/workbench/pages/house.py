@@ -20,6 +20,8 @@ from ..imports import PACKAGES, import_graph
 from ..plotting import COLOURS
 from .reference import first_line
 
+__all__ = ["TOGETHER", "draw_house", "floors", "is_folder", "rooms", "table_text", "write_house"]
+
 ROOT = Path(__file__).resolve().parents[3]
 GENERATED = ROOT / "_build" / "generated" / "api"
 TOGETHER = {"trinolab.datasets": "trinolab.files"}  # they import each other's modules, in no circle

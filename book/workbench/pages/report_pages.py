@@ -20,6 +20,27 @@ from trinolab.files.outputs import write_whole
 from ..cli import digits
 from .claims_pages import IS_OF_THE_PAPER, VERDICTS, claim_link, list_table, read_board
 
+__all__ = [
+    "NOT_VARIED",
+    "ROOT",
+    "answer",
+    "change_text",
+    "commit",
+    "conclusion",
+    "environment",
+    "headline",
+    "is_shown",
+    "kinds",
+    "number",
+    "processor",
+    "quantity",
+    "sensitivity",
+    "sha256",
+    "signed",
+    "untestable",
+    "write_pages",
+]
+
 ROOT = Path(__file__).resolve().parents[3]
 
 # The sentence that answers: what each part needs of the board, and the part. A board that says

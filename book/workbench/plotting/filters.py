@@ -19,6 +19,8 @@ from trinolab.window import Window
 from .basics import COLOURS, show_image
 from .markers import outline
 
+__all__ = ["plot_beliefs", "plot_nis", "plot_normals", "plot_prediction"]
+
 MARGIN_PX = 40  # of the image around the search window
 
 

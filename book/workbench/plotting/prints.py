@@ -20,6 +20,8 @@ from matplotlib.path import Path as Outline
 
 from trinolab.checks import Array
 
+__all__ = ["Area", "Disc", "Frame", "Line", "Page", "Shape", "Words", "as_pdf"]
+
 MM_PER_INCH = 25.4
 
 

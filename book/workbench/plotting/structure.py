@@ -12,6 +12,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
+__all__ = ["MASTER", "SYSTEM", "plot_chain", "plot_structure"]
+
 SYSTEM = {
     "operator": (0, 1),
     "operating\nhandle": (1, 2),

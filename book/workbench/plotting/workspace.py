@@ -23,6 +23,14 @@ from .basics import COLOURS, _names
 if TYPE_CHECKING:
     import pyvista
 
+__all__ = [
+    "Mesh",
+    "plot_workspace",
+    "show_cones_from_above",
+    "workspace_plotter",
+    "workspace_scene",
+]
+
 WORKSPACE_COLOUR = "#CC79A7"
 VIEWS = (("from above", 0, 2), ("along the line of sight", 0, 1), ("from the side", 2, 1))
 Mesh = tuple[Array, np.ndarray]  # vertices (n, 3), triangles (m, 3)

@@ -58,6 +58,27 @@ from .claim_trials import (
 from .replication import replication_errors, shared_poses
 from .simulated_calibration import Board, calibration_errors, simulated_calibration
 
+__all__ = [
+    "CLIP",
+    "FACTORS",
+    "NOTHING",
+    "PRINTED",
+    "PRINTED_H",
+    "TRIALS",
+    "Draw",
+    "calibration",
+    "clip",
+    "concealed",
+    "factor",
+    "forecast",
+    "hidden_camera",
+    "long_clip",
+    "random_pose",
+    "recorded_instant",
+    "slave",
+    "table1_pose",
+]
+
 Draw = dict[str, tuple[float, float]]
 
 NOTHING = (0.0, 0.0)

@@ -34,6 +34,20 @@ from trinolab.parameters import Parameters
 from .claim_trials import share_close
 from .replication import measure_frames, replication_errors, shared_poses
 
+__all__ = [
+    "ELEVATIONS_DEG",
+    "HANDLE",
+    "HIDDEN_POSES",
+    "POSES",
+    "SEED",
+    "SETTINGS",
+    "accuracy",
+    "cell",
+    "kept",
+    "shared_markers",
+    "sweep_elevation",
+]
+
 ELEVATIONS_DEG = (10.0, 20.0, 30.0, 40.0, 50.0, 60.0, 70.0, 80.0, 90.0)
 # paper_checked gives the paper's poses here, to all digits; only its covariance is another one.
 SETTINGS: Mapping[str, Parameters] = {

@@ -31,6 +31,21 @@ from trinolab.metrics import (
 from trinolab.parameters import Parameters
 from trinolab.pose import Pose
 
+__all__ = [
+    "EVERY",
+    "PAPER",
+    "WRONG_DEG",
+    "WRONG_MM",
+    "Deviation",
+    "deviation",
+    "estimates_and_truths",
+    "measure_frames",
+    "replicate",
+    "replicate_table1",
+    "replication_errors",
+    "shared_poses",
+]
+
 PAPER: Mapping[str, Parameters] = {"paper": Parameters()}  # the paper's estimator alone
 EVERY: Mapping[str, Parameters] = {name: Parameters(estimator=name) for name in ESTIMATORS}
 WRONG_MM, WRONG_DEG = 2.0, 5.0  # a pose called measured that is further off is a false one

@@ -30,6 +30,8 @@ from ..intervals import of_mean
 from ..second import recipe
 from .replication import EVERY, Deviation, deviation, measure_frames
 
+__all__ = ["FILM", "OURS", "SECOND", "followed", "judged", "make_table", "recorded", "side_by_side"]
+
 SECOND, OURS = "second", "bench"  # the renderers
 FILM = "film"  # stands in the column of estimators for the best one that follows
 

@@ -31,6 +31,18 @@ from ..classkit.wrap import wrapped
 from ..intervals import of_mean, of_share
 from .carrier import columns_of_mean
 
+__all__ = [
+    "BENCH",
+    "POSES",
+    "RODS_MM",
+    "WEBCAMS",
+    "Webcam",
+    "cell",
+    "make_table",
+    "rod_poses",
+    "webcam_rig",
+]
+
 DISTANCE_MM, BASELINE_MM, ELEVATION_DEG = 500.0, 200.0, 40.0
 SEED = 27
 POSES = 60

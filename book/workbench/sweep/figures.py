@@ -16,6 +16,8 @@ from trinolab.checks import Array
 
 from ..plotting import COLOURS
 
+__all__ = ["Levels", "as_png", "draw_curve", "is_grid", "plot_sweep", "results_of", "varied"]
+
 REPEATS = ("seed",)  # parameters that repeat a run rather than change it
 MOST_PANELS = 12
 MOST_COLUMNS = 4

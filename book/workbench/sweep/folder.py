@@ -23,6 +23,8 @@ from trinolab.files.outputs import write_together, write_whole
 
 from .outcome import Outcome
 
+__all__ = ["NOTEBOOKS", "Identity", "SweepFolder", "read_sweep"]
+
 MANIFEST = "manifest.json"
 RUNS = "runs.jsonl"
 TABLE = "table.csv"

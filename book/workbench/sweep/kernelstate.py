@@ -26,6 +26,8 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
+__all__ = ["remember", "reset"]
+
 SERVICES = {"ipykernel", "tqdm", "zmq"}  # their threads stay, whatever a notebook does
 OWN = ("trinolab", "workbench")
 

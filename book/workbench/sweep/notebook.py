@@ -20,6 +20,20 @@ from typing import Any
 
 import numpy as np
 
+__all__ = [
+    "LETTERS",
+    "ONE_THREAD",
+    "UNATTENDED",
+    "NotebookRun",
+    "assignments",
+    "glued",
+    "imported",
+    "inject",
+    "read_notebook",
+    "read_parameters",
+    "run_notebook",
+]
+
 # nbclient and nbformat belong to the extra "book": they are imported where they are used, so that
 # the package imports without them.
 

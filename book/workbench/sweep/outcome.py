@@ -12,6 +12,19 @@ import numpy as np
 if TYPE_CHECKING:
     import pandas as pd
 
+__all__ = [
+    "FAILED",
+    "LAST_COLUMNS",
+    "OK",
+    "Outcome",
+    "as_plain_number",
+    "call",
+    "each",
+    "failed",
+    "finished",
+    "table",
+]
+
 OK = "ok"
 FAILED = "failed"
 NO_NUMBER = "no number"

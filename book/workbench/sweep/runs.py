@@ -41,6 +41,8 @@ from .notebook import assignments, read_notebook, read_parameters
 from .outcome import FAILED, LAST_COLUMNS, Outcome, as_plain_number, call, each, failed, table
 from .warmkernel import check_kernel, notebook_job, run_job
 
+__all__ = ["Sweep", "compute", "find_notebook", "of_function", "of_notebook", "shown", "sweep"]
+
 NOTEBOOKS = Path(__file__).resolve().parents[3] / "notebooks"  # of a checkout
 AHEAD = 64  # runs submitted ahead to an executor given by the caller
 

@@ -13,6 +13,8 @@ from matplotlib.figure import Figure
 from .figures import Levels, draw_curve, is_grid, plot_sweep, results_of, varied
 from .notebook import UNATTENDED
 
+__all__ = ["explore", "plot_slice", "slide"]
+
 RESULT = "which result"  # no parameter has a name with a space
 WHOLE = {"description_width": "initial"}  # a name is not cut off
 

@@ -20,6 +20,16 @@ from uuid import uuid4
 from .notebook import ONE_THREAD, UNATTENDED, glued, imported, inject, read_notebook
 from .outcome import Outcome, failed, finished
 
+__all__ = [
+    "Kernel",
+    "Key",
+    "NotebookJob",
+    "check_kernel",
+    "close_kernels",
+    "notebook_job",
+    "run_job",
+]
+
 # nbclient, nbformat and jupyter_client belong to the extra "book": imported where they are used.
 
 STATE = "__import__('workbench.sweep.kernelstate', fromlist=['reset'])"

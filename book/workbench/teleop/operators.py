@@ -35,6 +35,8 @@ from trinolab.slave.mapping import MappingParameters
 
 from .pointing import COLUMNS
 
+__all__ = ["FRAME_TICKS", "STRATEGIES", "TICK_S", "Machine", "Person", "machine_lag_s", "point"]
+
 STRATEGIES = ("continuous", "move-and-wait")
 TICK_S = 1 / 120
 FRAME_TICKS = 4  # 30 frames/s

@@ -16,6 +16,8 @@ from trinolab.datasets import data_path
 from ..exercise import Exercise
 from ..values import read_values
 
+__all__ = ["CHAPTERS", "exercise", "of_chapter"]
+
 # of each chapter the module, by the chapter's number
 CHAPTERS = {
     "01": "structure",

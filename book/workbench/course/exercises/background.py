@@ -6,6 +6,8 @@ import numpy as np
 
 from ..exercise import FunctionExerciseMaker
 
+__all__ = ["background_after", "renewed_twice"]
+
 background_after_exercise = FunctionExerciseMaker(
     "03.3", "Eq. 6 over a film", "ex-background-film", points=4
 )

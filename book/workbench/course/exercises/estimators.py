@@ -6,6 +6,8 @@ import numpy as np
 
 from ..exercise import FunctionExerciseMaker
 
+__all__ = ["step_of_all_views"]
+
 
 def _views(rng, count, unseen=()):
     J = rng.normal(0, 1, (count, 2, 6)) * [5.0, 5.0, 5.0, 80.0, 80.0, 80.0]

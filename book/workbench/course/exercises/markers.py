@@ -9,6 +9,8 @@ import numpy as np
 
 from ..exercise import FunctionExerciseMaker
 
+__all__ = ["plateau"]
+
 
 def _discs(greys, ground, radius, bridge=None):
     """An image of discs in two rows; a bridge joins the first row's."""

@@ -9,6 +9,8 @@ from scipy.spatial.transform import Rotation
 
 from ..exercise import FunctionExerciseMaker
 
+__all__ = ["epipolar_line", "ncc_map", "symmetric_distance"]
+
 
 def _intrinsics(rng):
     fx, fy = rng.uniform(2800, 3000, 2)

@@ -6,6 +6,8 @@ import numpy as np
 
 from ..exercise import FunctionExerciseMaker
 
+__all__ = ["clutched", "needed_scale"]
+
 
 def _goes_on(hand, closed, tool, scale, keep_origin):
     """After a loss the tool goes on without the clutch."""
