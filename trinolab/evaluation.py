@@ -31,7 +31,7 @@ from .metrics import (
     waits,
 )
 
-__all__ = ["Evaluation", "TrackQuality", "as_lines", "evaluate"]
+__all__ = ["Evaluation", "TrackQuality", "as_lines", "evaluate", "how_long"]
 
 # beside the truth: for each frame how many markers each camera truly sees
 COUNTS = "truth_markers.csv"
@@ -166,11 +166,11 @@ def _track_lines(track: TrackQuality) -> list[str]:
         "the measured poses as one track:",
         f"flips      {track.flips:8d}",
         f"far off    {track.far_off:8d}   by more than {FAR_MM:g} mm or {FAR_DEG:g} deg",
-        f"losses     {losses:8d}{_lasted(track)}",
+        f"losses     {losses:8d}{how_long(track)}",
     ]
 
 
-def _lasted(track: TrackQuality) -> str:
+def how_long(track: TrackQuality) -> str:
     many = len(track.waits) > 8
     ended = f"at most {max(track.waits)}" if many else ", ".join(map(str, track.waits))
     said = [f"back after {ended} instants"] * bool(ended)

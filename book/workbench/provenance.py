@@ -37,6 +37,7 @@ __all__ = [
     "made_from_function",
     "made_from_module",
     "made_from_notebook",
+    "source_of",
     "surroundings",
     "versions",
 ]
@@ -88,7 +89,7 @@ def made_from_notebook(notebook: Any, folder: Path) -> dict[str, str]:
     folder : Path
         Where the notebook lies: modules beside it count as its own code.
     """
-    files = imported_files(_source(notebook), folder)
+    files = imported_files(source_of(notebook), folder)
     beside = [path for path in files if not is_ours(path)]
     own = (
         hash_text(hash_cells(notebook) + hash_files(beside, folder))
@@ -129,7 +130,7 @@ def code_hash(name: str) -> str:
     return hash_code(files_of_module(name))
 
 
-def _source(notebook: Any) -> str:
+def source_of(notebook: Any) -> str:
     """The code of a notebook as Python, without IPython's own syntax."""
     from IPython.core.inputtransformer2 import TransformerManager
 

@@ -85,8 +85,8 @@ def videos(rig: Rig, folder: Path, fps: float) -> dict[str, Path]:
 
 def stamped(source: Source) -> Source:
     """The source with the time of arrival in the pixels of its first camera."""
-    (feed,) = source._feeds
-    frames = feed._frames
+    (feed,) = source.feeds
+    frames = feed.latest_frames
 
     def with_time(stopped):
         for t_s, images in frames(stopped):
@@ -99,7 +99,7 @@ def stamped(source: Source) -> Source:
             images[0][high - wide // BITS :] = strip
             yield t_s, images
 
-    feed._frames = with_time
+    feed.latest_frames = with_time
     return source
 
 

@@ -23,7 +23,7 @@ from workbench.live.loop import Loop
 from workbench.live.pointing import Pointing
 from workbench.live.recording import Recorder
 from workbench.live.server import serve
-from workbench.live.sources import _HOME, _QUICK, Feed, Source
+from workbench.live.sources import HOME, QUICK, Feed, Source
 
 TOKEN = "a-token-of-the-tests"
 TARGETS_MM = [[40.0, 20.0]]  # distance and width
@@ -31,8 +31,8 @@ LONG_S = 600.0  # a page of a test is never silent for so long
 RIG = load_rig("raised_40deg")
 RIG = Rig(tuple(scaled(camera, 0.5) for camera in RIG.cameras))
 HANDLE = load_handle("coded")
-HELD = render_rig(RIG, HANDLE, _HOME, _QUICK, np.random.default_rng(0))
-NOBODY = render_rig(RIG, HANDLE, None, _QUICK, np.random.default_rng(1))
+HELD = render_rig(RIG, HANDLE, HOME, QUICK, np.random.default_rng(0))
+NOBODY = render_rig(RIG, HANDLE, None, QUICK, np.random.default_rng(1))
 
 
 class Bench:
@@ -42,10 +42,10 @@ class Bench:
         self.images = images
         self.broken = ""
         self.paused = False
-        feeds = [Feed(name, self._frames(c), live) for c, name in enumerate(RIG.names)]
+        feeds = [Feed(name, self.latest_frames(c), live) for c, name in enumerate(RIG.names)]
         self.source = Source(RIG, HANDLE, feeds)
 
-    def _frames(self, c):
+    def latest_frames(self, c):
         def frames(stopped):
             while not stopped.is_set():
                 if self.broken and c == 1:
@@ -86,7 +86,7 @@ class Live:
         return self
 
     def __exit__(self, *_):
-        self._asyncio.call_soon_threadsafe(self._task.cancel)
+        self._asyncio.call_soon_threadsafe(self.pointing_task.cancel)
         self._server.join()
         self.loop.source.__exit__()
         self.loop.close()
@@ -94,7 +94,7 @@ class Live:
     def _serve(self):
         async def run():
             self._asyncio = asyncio.get_running_loop()
-            self._task = asyncio.current_task()
+            self.pointing_task = asyncio.current_task()
             await serve(self.loop, TOKEN, "127.0.0.1", 0, self._open)
 
         with suppress(asyncio.CancelledError):

@@ -169,7 +169,7 @@ def test_all_that_a_chapter_loads_is_among_its_imports(chapter):
     imports.
     """
     path = next(ROOT.glob(f"*/{chapter}.ipynb"))
-    source = provenance._source(nbformat.read(path, as_version=4))
+    source = provenance.source_of(nbformat.read(path, as_version=4))
     lines = [
         line
         for line in source.splitlines()

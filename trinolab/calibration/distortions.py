@@ -24,7 +24,14 @@ from ..rigid import motion_between
 from .adjust import TERMS, Calibrated, Layout, calibrate, pack, residuals, slopes
 from .outliers import calibrate_robustly
 
-__all__ = ["Choice", "as_lines", "calibrate_by_choice", "chosen", "left_out_squares"]
+__all__ = [
+    "Choice",
+    "as_lines",
+    "calibrate_by_choice",
+    "chosen",
+    "left_out_squares",
+    "spread_of_cameras",
+]
 
 FOLDS = 5  # parts of the views, each of which is left out once
 MOST_VIEWS = 25  # that are asked: a calibration of many takes long
@@ -86,7 +93,7 @@ def calibrate_by_choice(
     if not choice.left_out_px:
         return found, reasons, choice._replace(terms=found.distortion_terms)
     best = every[choice.terms]
-    spread = np.mean([_way(every[terms], best) for terms in choice.undecided], axis=0)
+    spread = np.mean([spread_of_cameras(every[terms], best) for terms in choice.undecided], axis=0)
     return replace(best, covariance=frozen(best.covariance + spread)), reasons, choice
 
 
@@ -189,7 +196,7 @@ def chosen(squares: dict[int, Array]) -> Choice:
     return Choice(min(undecided), rms, tuple(sorted(undecided)))
 
 
-def _way(other: Calibrated, best: Calibrated) -> Array:
+def spread_of_cameras(other: Calibrated, best: Calibrated) -> Array:
     """The outer product (q, q) of how far another calibration's cameras lie from the best one's, in
     the order of `Calibrated.covariance`.
     """

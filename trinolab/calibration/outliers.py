@@ -20,7 +20,7 @@ from .adjust import Calibrated, Poses, calibrate
 from .eq25 import relative_pose
 from .start import homography
 
-__all__ = ["FEWEST_POINTS", "UNSEEN", "calibrate_robustly", "far_above"]
+__all__ = ["FEWEST_POINTS", "UNSEEN", "calibrate_robustly", "far_above", "too_few"]
 
 FEWEST_POINTS = 6  # of a view: two more than a homography needs, so that a wrong one shows
 UNSEEN = "no target found"
@@ -59,7 +59,7 @@ def calibrate_robustly(
     """
     uv = np.array(as_array(uv, "uv", (None, None, len(target), 2), finite=False))
     reasons = np.full(uv.shape[:2], "", object)
-    _leave_out(uv, reasons, _too_few(target, uv))
+    _leave_out(uv, reasons, too_few(target, uv))
     alone = []
     for k in range(len(uv)):
         try:
@@ -84,7 +84,7 @@ def _leave_out(uv: Array, reasons: np.ndarray, why: np.ndarray) -> None:
     reasons[new], uv[new] = why[new], np.nan
 
 
-def _too_few(target: Array, uv: Array) -> np.ndarray:
+def too_few(target: Array, uv: Array) -> np.ndarray:
     """Reasons (cameras, views) that lie in the number and the place of the points."""
     counts = np.isfinite(uv).all(axis=3).sum(axis=2)
     why = np.full(counts.shape, "", object)

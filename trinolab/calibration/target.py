@@ -24,6 +24,7 @@ __all__ = [
     "find_target",
     "half_window",
     "sharpened",
+    "upright_corners",
 ]
 
 _FLAGS = cv2.CALIB_CB_ADAPTIVE_THRESH + cv2.CALIB_CB_NORMALIZE_IMAGE
@@ -263,7 +264,7 @@ def find_target(image: ArrayLike, target: Target) -> Array:
         uv = search(grey, target)
         if not np.isfinite(uv).any():
             uv = search(255 - grey, target)  # some makers print in light on dark
-    return frozen(_upright(uv, target) if target.two_ways else uv)
+    return frozen(upright_corners(uv, target) if target.two_ways else uv)
 
 
 def _circles(grey: np.ndarray, target: Target) -> Array:
@@ -305,7 +306,7 @@ def _free_share(target: Target) -> float:
     return (1 - target.side_of_marker / target.square_mm) / 2
 
 
-def _upright(uv: Array, target: Target) -> Array:
+def upright_corners(uv: Array, target: Target) -> Array:
     """The points (n, 2) in the one of the possible orders whose rows run most to the right."""
     grid = uv.reshape(target.rows, target.columns, 2)
     along = grid[:, -1].mean(axis=0) - grid[:, 0].mean(axis=0)

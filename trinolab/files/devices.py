@@ -27,6 +27,7 @@ __all__ = [
     "fetched",
     "instants_of",
     "list_cameras",
+    "open_index",
     "open_source",
 ]
 
@@ -80,7 +81,7 @@ def open_source(
         Names the camera that cannot be opened.
     """
     if what.isdecimal() and len(what) < 5:
-        device = _open_index(int(what))
+        device = open_index(int(what))
         if not device.isOpened():
             raise ValueError(
                 f"{name}: camera {what} cannot be opened ({_why_not(int(what))}); {_those_there()}"
@@ -109,7 +110,7 @@ def list_cameras() -> list[Attached]:
 
 
 def _tried(index: int) -> Attached:
-    device = _open_index(index)
+    device = open_index(index)
     try:
         if not device.isOpened():
             return Attached(index, _name_of(index), None, 0.0, _why_not(index))
@@ -211,7 +212,7 @@ def _grab_until_new(device: cv2.VideoCapture) -> None:
             return
 
 
-def _open_index(index: int) -> cv2.VideoCapture:
+def open_index(index: int) -> cv2.VideoCapture:
     """Open a camera, while OpenCV keeps what is wrong to itself."""
     logging = cv2.utils.logging
     before = logging.setLogLevel(logging.LOG_LEVEL_SILENT)

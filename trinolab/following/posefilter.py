@@ -27,6 +27,7 @@ __all__ = [
     "PoseFilterParameters",
     "begin",
     "is_new",
+    "model",
     "nis",
     "predict",
     "restarted",
@@ -109,7 +110,7 @@ def predict(motion: Motion, t_s: float, p: PoseFilterParameters) -> Motion:
     """Carry a motion on to a later time (Eq. 9, 10, of 18 numbers). Raises ValueError if the time
     does not increase.
     """
-    F, Q = _model(
+    F, Q = model(
         as_number(t_s - motion.t_s, "t_s", low=kalman.MIN_DT_S, high=1e6), p.jerk_mm, p.jerk_rad
     )
     x, P = kalman.propagate(_state(motion), motion.covariance, F, Q)
@@ -172,7 +173,7 @@ def transition(dt: float, fading_s: float = np.inf) -> Array:
 
 
 @lru_cache(maxsize=64)
-def _model(dt: float, jerk_mm: float, jerk_rad: float) -> tuple[Array, Array]:
+def model(dt: float, jerk_mm: float, jerk_rad: float) -> tuple[Array, Array]:
     """Phi and Q of the 18 numbers, (18, 18) each (Eq. 10, 11); a hand's acceleration does not last
     (Singer 1970).
     """

@@ -45,8 +45,11 @@ __all__ = [
     "five_poses",
     "judge",
     "length_of",
+    "off_path",
     "parts",
+    "path_numbers",
     "place_on",
+    "pose_numbers",
     "run",
     "stations",
     "why_not",
@@ -226,9 +229,9 @@ def crossings(path: Array, times: Array, point: Array, forward: Array, due: Arra
 def judge(setup: Setup, found: list[dict[str, Any]], noise: Noise) -> Answer:
     """Accuracy and repeatability of the five poses, and of the two paths."""
     groups = cycles(setup) // TOGETHER
-    answer = Answer(_poses(setup, found[:groups]))
+    answer = Answer(pose_numbers(setup, found[:groups]))
     for shape, trial in zip(SHAPES, found[groups:], strict=True):
-        numbers, picture = _path(setup, shape, trial)
+        numbers, picture = path_numbers(setup, shape, trial)
         answer.numbers += numbers
         answer.pictures.append(picture)
     answer.notes.append(
@@ -246,7 +249,7 @@ def judge(setup: Setup, found: list[dict[str, Any]], noise: Noise) -> Answer:
     return answer
 
 
-def _poses(setup: Setup, groups: list[dict[str, Any]]) -> list[Number]:
+def pose_numbers(setup: Setup, groups: list[dict[str, Any]]) -> list[Number]:
     def stacked(stage: str, what: str) -> Array:
         return np.concatenate([np.array(group[stage][what]) for group in groups])
 
@@ -286,9 +289,9 @@ def _poses(setup: Setup, groups: list[dict[str, Any]]) -> list[Number]:
     ]
 
 
-def _path(setup: Setup, shape: str, trial: dict[str, Any]) -> tuple[list[Number], Picture]:
+def path_numbers(setup: Setup, shape: str, trial: dict[str, Any]) -> tuple[list[Number], Picture]:
     """Accuracy and repeatability of a path, and its picture."""
-    points, off = _off_path(shape, trial)
+    points, off = off_path(shape, trial)
     rounds = np.moveaxis(off, 0, 1)  # the rounds are what is independent
 
     def largest(kind: str, chosen: Array) -> float:
@@ -321,7 +324,7 @@ def _path(setup: Setup, shape: str, trial: dict[str, Any]) -> tuple[list[Number]
     return numbers, picture
 
 
-def _off_path(shape: str, trial: dict[str, Any]) -> tuple[Array, Array]:
+def off_path(shape: str, trial: dict[str, Any]) -> tuple[Array, Array]:
     """The stations of a commanded path (k, 3) and how far the tool is from each in each round,
     (k, rounds, 3), mm; those at which it does not come by in some round are left out.
     """

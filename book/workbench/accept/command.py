@@ -27,7 +27,7 @@ from .sheet import GLANCE, NUMBERS, PAGE, TABLE, Sheet, contents, interval_text,
 from .tracks import Track, as_track, track_of_table
 from .work import RENDERED, TESTS, Found, Kept, Part, Source, do, setup_of
 
-__all__ = ["DEFAULT_NOISE", "KEPT", "Done", "accept", "as_lines"]
+__all__ = ["DEFAULT_NOISE", "KEPT", "Done", "accept", "as_lines", "made_from", "sheet_folder"]
 
 KEPT = "measured.jsonl"
 WORKERS = 2
@@ -96,12 +96,12 @@ def accept(
     if not recordings:
         field_of(setup.rig, setup.handle)  # a rig without one is refused before the folder is made
     workers = min(as_whole(workers, "workers", 1), os.cpu_count() or 1)
-    folder = _folder(out, [rig, handle, *([chart] if chart else [])])
+    folder = sheet_folder(out, [rig, handle, *([chart] if chart else [])])
     if chart is not None:
         check_targets([chart])
         if Path(chart).exists():
             history.read_history(chart)  # a wrong one is refused before anything is computed
-    with Kept(folder / KEPT, _made_from(source)) as kept:
+    with Kept(folder / KEPT, made_from(source)) as kept:
         try:
             if recordings:
                 answers, left_out = _recorded(source, recordings, folder, kept, workers, progress)
@@ -122,7 +122,7 @@ def accept(
     return Done(sheet, folder / PAGE, cpu_s)
 
 
-def _folder(out: str | Path, inputs: Sequence[str | Path]) -> Path:
+def sheet_folder(out: str | Path, inputs: Sequence[str | Path]) -> Path:
     """The folder of the sheet, made if need be. ValueError if it cannot be written."""
     folder = Path(out)
     try:
@@ -133,7 +133,7 @@ def _folder(out: str | Path, inputs: Sequence[str | Path]) -> Path:
     return folder
 
 
-def _made_from(source: Source) -> str:
+def made_from(source: Source) -> str:
     """What tells the parts of one sheet from another's: the files' contents, size, seed, code."""
     files = [Path(path).read_bytes() for path in (source.rig, source.handle)]
     contents = [hashlib.sha256(text).hexdigest() for text in files]

@@ -33,6 +33,7 @@ __all__ = [
     "parts",
     "run",
     "touches",
+    "touching",
 ]
 
 NAME = "A4"
@@ -72,11 +73,11 @@ def touches(setup: Setup) -> Touches:
     drawn = inside[rng.integers(len(inside), size=2 * pairs)]
     below = reach * np.cos(np.deg2rad(CONE_DEG / 2)) * down
     points = np.vstack([np.repeat(setup.field.centre[None], pivoted, axis=0), drawn]) + below
-    poses = [_touching(setup, point, down, rng) for point in points]
+    poses = [touching(setup, point, down, rng) for point in points]
     return Touches(RigidTransform.concatenate(poses), points, pivoted)
 
 
-def _touching(
+def touching(
     setup: Setup, point: Array, down: Array, rng: np.random.Generator, tries: int = 1000
 ) -> RigidTransform:
     """A pose whose tip is at a point, its axis even in the cone, any turn, its origin in the field."""

@@ -33,6 +33,7 @@ __all__ = [
     "places",
     "rest_of",
     "run",
+    "time",
 ]
 
 NAME = "A1"
@@ -140,7 +141,7 @@ def judge_tracks(found: list[Track], seed: int | None, source: str) -> Answer:
         answer.numbers += [*_jitter(rests, kind, part, unit, seed, source)]
         answer.numbers += [*_allan(whole, kind, part, unit, seed, source)]
     answer.numbers += [*_drift(rests, seed, source)]
-    answer.numbers += _time(found)
+    answer.numbers += time(found)
     if whole:
         answer.pictures.append(_picture(whole))
     else:
@@ -252,7 +253,7 @@ def _drift(rests: list[Rest], seed: int | None, source: str) -> list[Number]:
     return numbers
 
 
-def _time(found: list[Track]) -> list[Number]:
+def time(found: list[Track]) -> list[Number]:
     """The processor time of a measurement at rest, the first of each place left out: a search."""
     times = 1e3 * np.concatenate([track.cpu_s[2:] for track in found])
     times = times[np.isfinite(times)]

@@ -36,6 +36,7 @@ __all__ = [
     "digits",
     "figure_html",
     "interval_text",
+    "numbers_table",
     "read_sheet",
     "readable",
     "value_text",
@@ -276,7 +277,7 @@ def _test(sheet: Sheet, name: str) -> str:
     answer = sheet.answers[name]
     notes = "".join(f"<p>{escape(note)}</p>" for note in answer.notes)
     figures = "".join(figure_html(picture) for picture in answer.pictures)
-    return f'{head}{notes}<div class="figures">{figures}</div>{_numbers(answer.numbers)}'
+    return f'{head}{notes}<div class="figures">{figures}</div>{numbers_table(answer.numbers)}'
 
 
 def figure_html(picture: Picture) -> str:
@@ -288,7 +289,7 @@ def figure_html(picture: Picture) -> str:
     )
 
 
-def _numbers(numbers: Sequence[Number]) -> str:
+def numbers_table(numbers: Sequence[Number]) -> str:
     """A table of four columns: what, statistic, value with its interval, n; notes below a row."""
     rows = []
     for (what, source), group in groupby(numbers, key=lambda one: (one.what, one.source)):

@@ -42,7 +42,16 @@ from . import criteria
 from .criteria import NOT_MEASURED, NOT_USABLE, of_cameras, overall, row
 from .seen import Seen
 
-__all__ = ["Clip", "as_lines", "look", "preflight", "rows_of"]
+__all__ = [
+    "Clip",
+    "as_lines",
+    "cost_mm",
+    "look",
+    "of_rig",
+    "place_of_handle",
+    "preflight",
+    "rows_of",
+]
 
 MOST_INSTANTS = 300
 FEWEST = 5  # instants with a pose that tell something
@@ -219,7 +228,7 @@ def rows_of(seen: Seen, clip: Clip, rig: Rig | None, handle: Handle | None) -> l
     if rig is not None and handle is not None:
         rows += _of_motion(seen, rig, handle)
     if rig is not None:
-        rows += _of_rig(rig, _place(seen, rig))
+        rows += of_rig(rig, place_of_handle(seen, rig))
     if rig is not None and handle is not None:
         rows += _of_poses(seen)
     return rows
@@ -325,7 +334,7 @@ def _apart(seen: Seen, rig: Rig) -> Row:
     return row(criteria.APART, surely, f"{said} ms")
 
 
-def _of_rig(rig: Rig, place: Array | None) -> list[Row]:
+def of_rig(rig: Rig, place: Array | None) -> list[Row]:
     """What the rig file alone decides, where the handle is."""
     if place is None:
         nowhere = ("nobody knows where the rod will be: the axes hardly meet", "record the rod")
@@ -341,7 +350,7 @@ def _of_rig(rig: Rig, place: Array | None) -> list[Row]:
     )
     widest = max(min(angle, 180 - angle) for angle in angles.values())
     rows = [row(criteria.ANGLE, widest, f"{said} deg")]
-    cost = _cost_mm(rig, place)
+    cost = cost_mm(rig, place)
     if cost is None:
         rows.append(
             row(
@@ -356,7 +365,7 @@ def _of_rig(rig: Rig, place: Array | None) -> list[Row]:
     return rows
 
 
-def _cost_mm(rig: Rig, place: Array) -> float | None:
+def cost_mm(rig: Rig, place: Array) -> float | None:
     """Standard deviation of a position there by the errors of the calibration, mm; None where nobody
     knows them.
     """
@@ -367,7 +376,7 @@ def _cost_mm(rig: Rig, place: Array) -> float | None:
     return float(np.sqrt(np.trace(gain @ offsets.covariance @ gain.T)))
 
 
-def _place(seen: Seen, rig: Rig) -> Array | None:
+def place_of_handle(seen: Seen, rig: Rig) -> Array | None:
     """Where the handle is in the middle of its poses; without poses the point nearest to all
     cameras' axes, if that is near: cameras that look straight ahead say nothing of it.
     """

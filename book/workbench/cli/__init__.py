@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
     from ..teleop.teleoperate import Done
 
-__all__ = ["as_text", "digits", "main", "not_run"]
+__all__ = ["as_text", "digits", "main", "not_run", "say"]
 
 
 # The extra of this distribution that brings what a command imports.
@@ -85,7 +85,7 @@ def _find_shipped(a: argparse.Namespace) -> None:
     a.handle = None if handle is None else handle_file(handle)
 
 
-def _say(text: str) -> None:
+def say(text: str) -> None:
     """Print an answer. Raises ValueError where it cannot be written: on a full disk.
 
     Whoever reads it through a pipe may have seen enough, as `head` has: that is no mistake.
@@ -107,7 +107,7 @@ def _measure(a: argparse.Namespace) -> int:
     frames = table["frame"].tolist()
     named = frames != list(range(len(frames)))
     span = f"; frames {frames[0]} to {frames[-1]}, as the images are called" if named else ""
-    _say(f"{_counted(table)}{span}; written to {a.out}")
+    say(f"{_counted(table)}{span}; written to {a.out}")
     return 0
 
 
@@ -134,7 +134,7 @@ def _calibrate(a: argparse.Namespace) -> int:
     result = calibrate_rig(
         sources, target, a.out, a.views, a.distortions, picture=picture_of_residuals
     )
-    _say(
+    say(
         "\n".join(
             [*as_lines(result), "", f"written: {', '.join(str(path) for path in result.files)}"]
         )
@@ -166,7 +166,7 @@ def _track(a: argparse.Namespace) -> int:
 
     options = {"start": a.start, "overlay": a.overlay, "method": a.method}
     table = _on_footage(a, track_recording, track_files, options)
-    _say(f"{_counted(table)}; written to {a.out}")
+    say(f"{_counted(table)}; written to {a.out}")
     return 0
 
 
@@ -178,7 +178,7 @@ def _refine(a: argparse.Namespace) -> int:
     length = None if a.length is None else (a.length[0], a.length[1], _number(a.length[2]))
     options = {"start": a.start, "instants": a.instants, "length": length}
     refined = _on_footage(a, refine_folder, refine_files, options)
-    _say("\n".join([*as_lines(refined), "", f"written to {a.out}"]))
+    say("\n".join([*as_lines(refined), "", f"written to {a.out}"]))
     return 0
 
 
@@ -220,14 +220,14 @@ def _statuses(table: pd.DataFrame) -> str:
 def _evaluate(a: argparse.Namespace) -> int:
     from trinolab.evaluation import as_lines, evaluate
 
-    _say("\n".join(as_lines(evaluate(a.poses, a.truth, a.handle))))
+    say("\n".join(as_lines(evaluate(a.poses, a.truth, a.handle))))
     return 0
 
 
 def _eq(a: argparse.Namespace) -> int:
     from ..paper.places import equation, list_lines, place_lines
 
-    _say("\n".join(list_lines() if a.number is None else place_lines(equation(a.number))))
+    say("\n".join(list_lines() if a.number is None else place_lines(equation(a.number))))
     return 0
 
 
@@ -235,7 +235,7 @@ def _kit(a: argparse.Namespace) -> int:
     from ..classkit.kit import as_lines, make_kit
 
     printed = make_kit(a.handle, a.out, a.diameter, a.marker, a.paper, a.thickness)
-    _say("\n".join(as_lines(printed)))
+    say("\n".join(as_lines(printed)))
     return 0
 
 
@@ -245,7 +245,7 @@ def _preflight(a: argparse.Namespace) -> int:
 
     sources = _named(a.video, "--video") if a.video else None
     table = preflight(a.folder, sources, a.rig, a.handle, a.fps, a.timestamps, a.out)
-    _say("\n".join(as_lines(table)))
+    say("\n".join(as_lines(table)))
     return int(overall(table) == NOT_USABLE)
 
 
@@ -277,9 +277,9 @@ def _capture(a: argparse.Namespace) -> int:
         if done.live
         else "the times are the videos'"
     )
-    _say(f"{n} instants{rate}, {done.dropped} dropped; {within}; written to {a.out}")
+    say(f"{n} instants{rate}, {done.dropped} dropped; {within}; written to {a.out}")
     if verdict := timing(done):
-        _say(verdict)
+        say(verdict)
     return 0
 
 
@@ -289,9 +289,9 @@ def _list_cameras() -> int:
     found = list_cameras()
     for one in found:
         what = "{} x {} px, {:g} frames a second".format(*(one.size or (0, 0)), one.fps)
-        _say(f"{one.number:3d}  {one.name or 'camera'}: {one.problem or what}")
+        say(f"{one.number:3d}  {one.name or 'camera'}: {one.problem or what}")
     if not found:
-        _say("no camera; a container or a virtual machine has those that are handed through to it")
+        say("no camera; a container or a virtual machine has those that are handed through to it")
     return 0
 
 
@@ -302,7 +302,7 @@ def _render(a: argparse.Namespace) -> int:
         truth = render(a.rig, a.handle, a.motion, a.out, a.seed, a.seconds, a.fps)
     except KeyboardInterrupt:
         raise KeyboardInterrupt("run it again in the same way to go on") from None
-    _say(
+    say(
         f"{len(truth)} instants, the handle is there in {(truth['status'] != 'lost').sum()}; written to {a.out}"
     )
     return 0
@@ -347,7 +347,7 @@ def _task(a: argparse.Namespace) -> int:
 def _say_session(done: Done, out: str) -> int:
     """What a session came to, in one line."""
     holds = done.events.loc[done.events["event"] == "hold", "detail"]
-    _say(
+    say(
         f"{_counted(done.poses)}; {len(done.joints)} ticks of the arm, {len(holds)} holds"
         f"{f' (the first: {holds.iloc[0]})' if len(holds) else ''}; written to {out}"
     )
@@ -358,7 +358,7 @@ def _bag(a: argparse.Namespace) -> int:
     from ..bags import write_bag
 
     counts = write_bag(a.folder, a.out, a.poses, a.joints)
-    _say("\n".join([*(f"{n:7d}  {topic}" for topic, n in counts.items()), f"written to {a.out}"]))
+    say("\n".join([*(f"{n:7d}  {topic}" for topic, n in counts.items()), f"written to {a.out}"]))
     return 0
 
 
@@ -369,12 +369,12 @@ def _live(a: argparse.Namespace) -> int:
     source = chosen(cameras, a.recording, a.rig, a.handle, a.fps)
 
     def on_open(address: str) -> None:
-        _say(f"{address}\nis the page; Ctrl-C ends it")
+        say(f"{address}\nis the page; Ctrl-C ends it")
         if not a.no_browser:
             show(address)
 
     said = live(source, a.out, a.robot, a.method, a.host, a.port, log=a.log, on_open=on_open)
-    _say(said or "ended; nothing was recorded")
+    say(said or "ended; nothing was recorded")
     return 0
 
 
@@ -382,7 +382,7 @@ def _accept(a: argparse.Namespace) -> int:
     from ..accept.command import accept, as_lines
 
     done = accept(a.rig, a.handle, a.out, a.recording, a.poses, a.seed, a.chart)
-    _say("\n".join([*as_lines(done), f"{done.cpu_s:.0f} s of processor time; written to {a.out}"]))
+    say("\n".join([*as_lines(done), f"{done.cpu_s:.0f} s of processor time; written to {a.out}"]))
     return 0
 
 
@@ -394,13 +394,13 @@ def _check(a: argparse.Namespace) -> int:
     if a.folder is not None:
         out = Path(a.folder) / "points.csv" if a.out is None else Path(a.out)
         table = check_class(Path(a.folder), out)
-        _say(f"{table.drop(columns='said').to_string(index=False)}\nwritten to {out}")
+        say(f"{table.drop(columns='said').to_string(index=False)}\nwritten to {out}")
         return 0
     if a.out is not None:
         raise ValueError("--out: is of use with --all alone")
     file = file_of(a.chapter, Path()) if a.file is None else Path(a.file)
     verdicts = check_file(a.chapter, file)
-    _say(as_text(verdicts))
+    say(as_text(verdicts))
     return 0 if all(one.right for one in verdicts) else 1
 
 
@@ -429,9 +429,9 @@ def _sweep(a: argparse.Namespace) -> int:
     local = kernels(min(workers, len(job.settings)), job.kernels)
     engine = local if a.scheduler is None else cluster(a.scheduler, job.kernels)
     found = compute(job, engine, a.out, {"command": a.line, "workers": a.scheduler or workers})
-    _say(f"{len(found)} runs: {_statuses(found)}; written to {a.out}")
+    say(f"{len(found)} runs: {_statuses(found)}; written to {a.out}")
     for status, rows in found[found["status"] != "ok"].groupby("status"):
-        _say(f"the first {status}: {rows['error'].iloc[0]}")
+        say(f"the first {status}: {rows['error'].iloc[0]}")
     return 0
 
 
@@ -441,7 +441,7 @@ def _clear(a: argparse.Namespace) -> int:
     folder = recordings_folder()
     kept = kept_recordings()
     if not kept:
-        _say(f"no standard recording is kept in {folder}")
+        say(f"no standard recording is kept in {folder}")
         return 0
     if not a.yes:
         if not sys.stdin.isatty():
@@ -449,19 +449,19 @@ def _clear(a: argparse.Namespace) -> int:
                 f"no terminal to ask on; --yes removes {len(kept)} standard recordings, "
                 f"{_megabytes(kept)}, from {folder}"
             )
-        _say(
+        say(
             "\n".join(
                 [f"in {folder}, for all copies of trinolab on this account:", *map(_line, kept)]
             )
         )
         if not _confirmed(f"remove {_megabytes(kept)}?"):
-            _say("nothing was removed")
+            say("nothing was removed")
             return 0
     gone = clear_recordings(kept)
     for one in kept:
         if one not in gone:
-            _say(f"{one.name}: left, it is being rendered")
-    _say(f"{_megabytes(gone)} of standard recordings removed from {folder}")
+            say(f"{one.name}: left, it is being rendered")
+    say(f"{_megabytes(gone)} of standard recordings removed from {folder}")
     return 0
 
 
@@ -495,9 +495,9 @@ def _scoreboard(a: argparse.Namespace) -> int:
         shown = {name: board[name].map(digits) for name in ("ours", "low", "high")}
         shown |= {name: board[name].map(_whole) for name in ("n", "seed")}
         write_whole(a.csv, board.assign(**shown).to_csv(index=False))
-    _say(as_text(board))
+    say(as_text(board))
     if note := not_run(board):
-        _say(note)
+        say(note)
     if wrong := disagreements(board):
         print(f"not as declared in the ledger: claim {', '.join(wrong)}", file=sys.stderr)
         return 1

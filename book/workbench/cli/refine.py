@@ -10,7 +10,7 @@ from trinolab.calibration.bundle import Q
 from trinolab.camera import CAMERA_PARAMETERS, difference
 from trinolab.following.refine import Refined
 
-__all__ = ["as_lines"]
+__all__ = ["as_lines", "scale", "view_lines"]
 
 _MOST_VIEWS = 10  # that are printed; all of them are in the table
 
@@ -24,7 +24,7 @@ def as_lines(refined: Refined) -> list[str]:
         f"{refined.length} show the handle still enough",
         f"residual / px  {refined.before_px:.3f} before, {refined.after_px:.3f} after, "
         f"{bundle.sigma_factor:.2f} times what the centres' covariances say",
-        f"scale          {_scale(refined)}",
+        f"scale          {scale(refined)}",
     ]
     lines += _camera_lines(refined)
     moved = bundle.handle.marker_centres - refined.start_handle.marker_centres
@@ -35,10 +35,10 @@ def as_lines(refined: Refined) -> list[str]:
         f"{away.max():.4f} mm; each coordinate is known to {bundle.handle.placement_sigma_mm:.4f} mm",
         "",
     ]
-    return lines + _view_lines(refined)
+    return lines + view_lines(refined)
 
 
-def _scale(refined: Refined) -> str:
+def scale(refined: Refined) -> str:
     """What holds the scale."""
     length = refined.prior.length
     if length is None:
@@ -65,7 +65,7 @@ def _camera_lines(refined: Refined) -> list[str]:
     return lines
 
 
-def _view_lines(refined: Refined) -> list[str]:
+def view_lines(refined: Refined) -> list[str]:
     """How many views were left out, and the first of them with their reasons."""
     out = refined.views[refined.views["status"] == "left out"]
     lines = [f"views left out: {len(out) or 'none'}"]

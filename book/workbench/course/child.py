@@ -21,7 +21,16 @@ from typing import IO, Any, NamedTuple
 
 from .plain import plain
 
-__all__ = ["BEING_CHECKED", "Call", "Work", "main", "outcome", "plain_value"]
+__all__ = [
+    "BEING_CHECKED",
+    "Call",
+    "Work",
+    "cells_of",
+    "executed",
+    "main",
+    "outcome",
+    "plain_value",
+]
 
 # Set while a file is checked as a whole: the checks in it need not be made then.
 BEING_CHECKED = "TRINOLAB_BEING_CHECKED"
@@ -105,14 +114,14 @@ def _namespace(work: Work, answers: IO[str]) -> dict[str, Any]:
     os.environ["MPLBACKEND"] = "Agg"  # nobody sees the figures
     os.chdir(work.file.parent)
     sys.path.insert(0, str(work.file.parent))
-    return _executed(work.file, answers)
+    return executed(work.file, answers)
 
 
-def _executed(file: Path, answers: IO[str]) -> dict[str, Any]:
+def executed(file: Path, answers: IO[str]) -> dict[str, Any]:
     """Run a notebook's cells, or a file; go on after a cell that raises."""
     os.environ[BEING_CHECKED] = "1"
     namespace: dict[str, Any] = {"__name__": "__main__"}
-    for number, source in enumerate(_cells(file), start=1):
+    for number, source in enumerate(cells_of(file), start=1):
         place = f"cell {number}" if file.suffix == ".ipynb" else file.name
         _say(answers, place=place)
         with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
@@ -123,7 +132,7 @@ def _executed(file: Path, answers: IO[str]) -> dict[str, Any]:
     return namespace
 
 
-def _cells(file: Path) -> list[str]:
+def cells_of(file: Path) -> list[str]:
     if file.suffix != ".ipynb":
         return [file.read_text(encoding="utf-8")]
     cells = json.loads(file.read_text(encoding="utf-8"))["cells"]

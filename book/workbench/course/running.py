@@ -17,7 +17,7 @@ from typing import Any
 
 from .child import Call, Work
 
-__all__ = ["Found", "run_file", "run_given"]
+__all__ = ["Found", "how", "run_file", "run_given", "whole_lines"]
 
 CPU_S = 10.0  # a function, in all its cases
 CELLS_S = 300.0  # a file: it may be a whole chapter, with the chapter's own cells
@@ -92,16 +92,16 @@ def _run(work: Work, wait_s: float) -> Found:
             answers.touch()
             work = work._replace(answers=answers)
             code = _exit_code(work, wait_s)
-            lines = list(_lines(answers))
+            lines = list(whole_lines(answers))
         stopped_in = _read(lines, found)
         if any(line.get("done") for line in lines):
             return found
         if stopped_in is None:
             places = [line["place"] for line in lines if "place" in line]
             where = places[-1] if places else "what was handed in"
-            found.stuck = f"{where} {_how(code, work.cells_s, wait_s)}"
+            found.stuck = f"{where} {how(code, work.cells_s, wait_s)}"
             return found
-        found.outcomes[stopped_in].append({"stuck": _how(code, work.cpu_s, wait_s)})
+        found.outcomes[stopped_in].append({"stuck": how(code, work.cpu_s, wait_s)})
         names = [call.name for call in work.calls]
         work = work._replace(calls=work.calls[names.index(stopped_in) + 1 :], values=())
         if not work.calls:
@@ -139,7 +139,7 @@ def _awaited(process: subprocess.Popen, answers: Path, wait_s: float) -> int | N
     return None
 
 
-def _how(code: int | None, cpu_s: float, wait_s: float) -> str:
+def how(code: int | None, cpu_s: float, wait_s: float) -> str:
     """How a process ended, in words, that did not do all of its work."""
     if code is None:
         return f"does not end: it was stopped after {wait_s:g} s"
@@ -150,7 +150,7 @@ def _how(code: int | None, cpu_s: float, wait_s: float) -> str:
     return f"ends Python (exit code {code})"
 
 
-def _lines(answers: Path) -> Iterator[dict[str, Any]]:
+def whole_lines(answers: Path) -> Iterator[dict[str, Any]]:
     """The lines that are whole and can be read."""
     for line in answers.read_text(encoding="utf-8", errors="replace").splitlines():
         try:

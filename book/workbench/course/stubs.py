@@ -11,7 +11,7 @@ from functools import cache
 
 from .exercise import Asked, Exercise, FunctionExercise, ValueExercise
 
-__all__ = ["checked", "solved", "stub"]
+__all__ = ["checked", "head_of", "solved", "stub"]
 
 WIDTH = 88  # of the code in a notebook
 
@@ -21,7 +21,7 @@ def stub(asked: Exercise) -> str:
     if isinstance(asked, ValueExercise):
         return _values(asked, dict.fromkeys(asked.asked, "..."))
     assert isinstance(asked, FunctionExercise)
-    head = _head(asked.solution)
+    head = head_of(asked.solution)
     return _joined(
         [*_imports(asked.solution, [asked.name]), f"{head}\n    raise NotImplementedError"]
     )
@@ -65,7 +65,7 @@ def _written(one: Asked) -> str:
     return next(enough, repr(one.value))
 
 
-def _head(function: Callable) -> str:
+def head_of(function: Callable) -> str:
     """A function's line and its docstring."""
     source = textwrap.dedent(inspect.getsource(function))
     (whole,) = ast.parse(source).body

@@ -19,7 +19,7 @@ from .exercises import CHAPTERS, of_chapter
 from .grading import Verdict, call_of, judge_outcomes, judge_values
 from .running import Found, run_file
 
-__all__ = ["as_text", "check_class", "check_file", "file_of"]
+__all__ = ["as_text", "check_class", "check_file", "file_of", "is_line", "verdict_of"]
 
 KEPT = ".checked.jsonl"  # in the class's folder: what is already checked
 
@@ -73,7 +73,7 @@ def check_file(chapter: str, file: Path) -> list[Verdict]:
     if file.suffix == ".ipynb":
         _check_notebook(file)
     found = run_file(file, [call_of(one) for one in functions], values)
-    return [_verdict(one, found) for one in asked]
+    return [verdict_of(one, found) for one in asked]
 
 
 def _check_notebook(file: Path) -> None:
@@ -83,7 +83,7 @@ def _check_notebook(file: Path) -> None:
         raise ValueError(f"{file}: is no notebook that can be read") from None
 
 
-def _verdict(asked: Exercise, found: Found) -> Verdict:
+def verdict_of(asked: Exercise, found: Found) -> Verdict:
     if isinstance(asked, ValueExercise) and asked.name in found.values:
         return judge_values(asked, found.values[asked.name])
     if isinstance(asked, FunctionExercise) and asked.name in found.outcomes:
@@ -142,7 +142,7 @@ def check_class(folder: Path, out: Path) -> pd.DataFrame:
         raise ValueError(f"{folder}: no folder in it has a file like 04_kalman.ipynb")
     head = json.dumps({"code": [code_hash(name) for name in _judges()]}) + "\n"
     now = []
-    with KeptLines(folder / KEPT, head, _is_line) as kept:
+    with KeptLines(folder / KEPT, head, is_line) as kept:
         done = {(line["student"], line["chapter"], line["hash"]): line for line in _read(kept)}
         for student, chapter, file in tqdm(tasks, unit="file", disable=None):
             key = (student, chapter, hash_files([file], file.parent))
@@ -168,7 +168,7 @@ def _judges() -> list[str]:
     return [__name__, *(f"{exercises.__name__}.{name}" for name in CHAPTERS.values())]
 
 
-def _is_line(_: int, text: str) -> bool:
+def is_line(_: int, text: str) -> bool:
     try:
         return {"student", "chapter", "hash", "verdicts"} <= set(json.loads(text))
     except (ValueError, TypeError):

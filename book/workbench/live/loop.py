@@ -125,10 +125,10 @@ class Loop:
         self.newest: Shown | None = None
         self.failed: Exception | None = None
         self.on_new: Callable[[], None] = lambda: None
-        self._session = session
-        self._recorder = recorder
+        self.arm_session = session
+        self.record_writer = recorder
         self._pointing = pointing
-        self._estimator = estimator
+        self.estimator_now = estimator
         self._silence_s = silence_s
         self._lock = Lock()  # of what the page sets
         self._values = settings.defaults()
@@ -137,19 +137,19 @@ class Loop:
         self._record = False
         self._heard_s = time.monotonic()
         self._asked = deque[Callable[[], None]]()  # of the pointing task, for the next round
-        self._parameters = FollowParameters()
+        self.parameters_now = FollowParameters()
         self._settle(self._values, POSE)
         self._state = posetracker.start(time.monotonic())
         self._paper: tracker.TrackerState | None = None
         self._delayed = deque[Sample]()
         self._before = Now()
         self._notes = deque[str](maxlen=NOTES)
-        self._frames: Latest | None = None
+        self.latest_frames: Latest | None = None
         self._tracked: Tracked | None = None
         self._times_s = deque[float](maxlen=30)
         self._t_s = time.monotonic()
         self._stopped = Event()
-        self._thread = Thread(target=self._run, daemon=True)
+        self._thread = Thread(target=self.run_loop, daemon=True)
 
     def start(self) -> None:
         """Begin."""
@@ -159,7 +159,7 @@ class Loop:
         """Stop: the arm holds, and a recording is written to its end."""
         self._stopped.set()
         self._thread.join()
-        self._recorder.close()
+        self.record_writer.close()
 
     def set(self, name: object, value: object) -> None:
         """Set a slider. Raises ValueError, see `settings.checked`."""
@@ -219,15 +219,15 @@ class Loop:
         """Show words among what has happened."""
         self._notes.append(f"{time.strftime('%H:%M:%S')} {words}")
 
-    def _run(self) -> None:
+    def run_loop(self) -> None:
         try:
             while not self._stopped.is_set():
-                self._round()
+                self.go_round()
         except Exception as error:  # whatever it is, the page says it, and the command ends
             self.failed = error
         self.on_new()
 
-    def _round(self) -> None:
+    def go_round(self) -> None:
         latest = self.source.next(WAIT_S)
         begin = time.monotonic()
         with self._lock:
@@ -241,14 +241,14 @@ class Loop:
             self.note(f"the page did not answer for {self._silence_s:g} s: clutch opened")
         self._settle(values, follower)
         if latest is not None:
-            self._frames = latest
-            self._tracked = self._follow(latest, follower)
+            self.latest_frames = latest
+            self._tracked = self.follow(latest, follower)
             self._times_s.append(latest.arrived_s)
         tracked_s = time.monotonic()
         troubles = self.source.troubles()
         moment = self._move(latest, troubles, clutch)
         moved_s = time.monotonic()
-        self._keep(latest, record, clutch)
+        self.keep(latest, record, clutch)
         arrived = begin if latest is None else latest.arrived_s
         stages = Stages(
             1e3 * (begin - arrived), 1e3 * (tracked_s - begin), 1e3 * (moved_s - tracked_s)
@@ -258,15 +258,15 @@ class Loop:
         task = self._pointing.step(self._tool(), coupled, values, number, moved_s)
         self.newest = Shown(
             number,
-            self._frames,
+            self.latest_frames,
             latest is not None,
             self._tracked,
             moment,
-            arm_points(self._session),
+            arm_points(self.arm_session),
             clutch,
             troubles,
             list(self._notes),
-            (self._recorder.running, self._recorder.said),
+            (self.record_writer.running, self.record_writer.said),
             self._rate(begin),
             stages,
             follower,
@@ -278,17 +278,17 @@ class Loop:
 
     def _settle(self, values: Values, follower: str) -> None:
         """Give the sliders' values to tracker and mapping."""
-        estimator = "paper" if follower == PAPER else self._estimator
-        self._parameters = settings.follow_parameters(values, self.source.rig, estimator)
-        before = self._session.mapping
-        self._session.mapping = settings.mapping_parameters(values, before)
-        if self._session.mapping.scale != before.scale and self._session.state is not None:
+        estimator = "paper" if follower == PAPER else self.estimator_now
+        self.parameters_now = settings.follow_parameters(values, self.source.rig, estimator)
+        before = self.arm_session.mapping
+        self.arm_session.mapping = settings.mapping_parameters(values, before)
+        if self.arm_session.mapping.scale != before.scale and self.arm_session.state is not None:
             # the tool goes on from where it is, and does not jump to where it would have been
-            self._session.state = self._session.state._replace(origin=None)
+            self.arm_session.state = self.arm_session.state._replace(origin=None)
 
-    def _follow(self, latest: Latest, follower: str) -> Tracked:
+    def follow(self, latest: Latest, follower: str) -> Tracked:
         """The tracker's step."""
-        rig, handle, p = self.source.rig, self.source.handle, self._parameters
+        rig, handle, p = self.source.rig, self.source.handle, self.parameters_now
         if follower == POSE:
             t_s = max(latest.t_s, np.nextafter(self._state.t_s, np.inf))
             self._state, tracked = posetracker.step(self._state, latest.images, t_s, rig, handle, p)
@@ -305,7 +305,10 @@ class Loop:
         t_s = time.monotonic() if latest is None else latest.t_s
         self._t_s = max(t_s, np.nextafter(self._t_s, np.inf))
         pose = None if self._tracked is None else self._tracked.measurement.pose
-        gone = self._frames is None or time.monotonic() - self._frames.arrived_s > NO_FRAME_S
+        gone = (
+            self.latest_frames is None
+            or time.monotonic() - self.latest_frames.arrived_s > NO_FRAME_S
+        )
         if troubles or pose is None or (latest is None and gone):
             self._delayed.clear()  # the arm holds now, and not when the delay is over
         sample = Sample(self._t_s, None, "lost", clutch)
@@ -313,7 +316,7 @@ class Loop:
             if not troubles and pose is not None:
                 sample = Sample(self._t_s, pose.T_world_handle, pose.status, clutch)
             sample = self._due(sample)
-        moment = self._session.step(sample)
+        moment = self.arm_session.step(sample)
         touching = bool(np.linalg.norm(moment.reading.force) > TOUCHED_N)
         now = Now(clutch, moment.state.held, moment.limits, touching, self._values["scale"])
         for event in changes(self._t_s, self._before, now):
@@ -333,26 +336,26 @@ class Loop:
             self._delayed.popleft()
         due = self._delayed[0]
         if due.t_s < due_s:  # frames are no clock: the delay ends between two of them
-            due = between(due, self._delayed[1], due_s, self._session.mapping)
+            due = between(due, self._delayed[1], due_s, self.arm_session.mapping)
         return due._replace(t_s=sample.t_s, clutch=due.clutch and sample.clutch)
 
-    def _keep(self, latest: Latest | None, record: bool, clutch: bool) -> None:
+    def keep(self, latest: Latest | None, record: bool, clutch: bool) -> None:
         """Record the frames, if they are wanted."""
-        if record and not self._recorder.running:
-            self._recorder.start()
+        if record and not self.record_writer.running:
+            self.record_writer.start()
             with self._lock:
-                self._record = self._recorder.running
+                self._record = self.record_writer.running
         elif not record:
-            self._recorder.stop()
+            self.record_writer.stop()
         if latest is not None:
-            self._recorder.add(Taken(latest.t_s, latest.spread_s, latest.images), clutch)
-            if record and not self._recorder.running:  # it has failed
+            self.record_writer.add(Taken(latest.t_s, latest.spread_s, latest.images), clutch)
+            if record and not self.record_writer.running:  # it has failed
                 with self._lock:
                     self._record = False
 
     def _tool(self) -> Array:
         """Where the arm's tool is, mm, base frame."""
-        return self._session.slave.read().tool.translation
+        return self.arm_session.slave.read().tool.translation
 
     def _rate(self, now: float) -> float:
         """Frames a second, over the last ones."""

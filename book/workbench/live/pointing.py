@@ -120,14 +120,14 @@ class Pointing:
             self.said = f"not begun: {error}"
             return
         order = np.random.default_rng(self._runs).permutation(times * len(self._targets))
-        self._trials = np.tile(self._targets, (times, 1))[order]
+        self.trials = np.tile(self._targets, (times, 1))[order]
         self._rows: list[dict[str, Any]] = []
         self._begin_s = t_s
         self._middle: Array | None = None
         self._side = -1.0  # of the mark
         self._since_s: float | None = None  # the tool is at the mark
         self._target: _Target | None = None
-        self._seen_s: float | None = None
+        self.seen_s: float | None = None
         self._runs += 1
         self._on = True
         self.said = ""
@@ -140,12 +140,12 @@ class Pointing:
 
     def drawn(self, number: int, t_s: float) -> None:
         """The page has drawn a round at a time, s; a target that it shows is seen from then on."""
-        if self._on and self._target and self._seen_s is None and number >= self._target.round:
-            self._seen_s = t_s
+        if self._on and self._target and self.seen_s is None and number >= self._target.round:
+            self.seen_s = t_s
 
     def press(self, tool: Array, values: Values, t_s: float) -> None:
         """The person says that the tool, (3,), mm, base frame, is on the target."""
-        if not self._on or self._target is None or self._seen_s is None or self._middle is None:
+        if not self._on or self._target is None or self.seen_s is None or self._middle is None:
             return
         target = self._target
         self._target = None
@@ -153,7 +153,7 @@ class Pointing:
         if (target.scale, target.delay_s) != _setting(values):
             self.said = "scale or delay was changed: once more"
             return
-        distance, width = self._trials[len(self._rows)]
+        distance, width = self.trials[len(self._rows)]
         way = -self._side * (float((tool - self._middle) @ self._right) - target.from_mm)
         number = len(self._rows) + (0 if self._before is None else len(self._before))
         row = (
@@ -163,15 +163,15 @@ class Pointing:
             target.delay_s,
             distance,
             width,
-            self._seen_s - self._begin_s,
-            max(t_s, self._seen_s) - self._begin_s,
+            self.seen_s - self._begin_s,
+            max(t_s, self.seen_s) - self._begin_s,
             way - distance,
             0,
         )
         self._rows.append(dict(zip(COLUMNS, row, strict=True)))
         self._side = -self._side
-        self._keep()
-        if len(self._rows) == len(self._trials):
+        self.keep()
+        if len(self._rows) == len(self.trials):
             self.end()
 
     def step(
@@ -188,7 +188,7 @@ class Pointing:
         middle = tool if self._middle is None else self._middle
         off = tool - middle
         along = float(off @ self._right)
-        distance, width = self._trials[len(self._rows)]
+        distance, width = self.trials[len(self._rows)]
         aim = self._side * distance / 2
         if self._target is None and self._middle is not None:
             self._wait_at(along, aim, values, number, t_s)
@@ -197,7 +197,7 @@ class Pointing:
         return Doing(
             GO if self._middle is None else MARK if self._target is None else TARGET,
             len(self._rows),
-            len(self._trials),
+            len(self.trials),
             (along, float(off @ self._up)),
             aim,
             2 * MARK_MM if self._target is None else float(width),
@@ -215,9 +215,9 @@ class Pointing:
             self._since_s = t_s
         elif t_s - self._since_s >= RESTS_S:
             self._target = _Target(number, along, *_setting(values))
-            self._seen_s = None
+            self.seen_s = None
 
-    def _keep(self) -> None:
+    def keep(self) -> None:
         """Write the log; a disk that is full is said, and the task goes on."""
         log = pd.DataFrame(self._rows, columns=list(COLUMNS))
         self.said = in_words(performance(log))

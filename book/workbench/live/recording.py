@@ -46,21 +46,21 @@ class Recorder:
         self._folder = folder
         self._rig = rig
         self._handle = handle
-        self._now: _Running | None = None
+        self.clock_now: _Running | None = None
         self._last: Thread | None = None
 
     @property
     def running(self) -> bool:
         """Whether a recording grows."""
-        return self._now is not None
+        return self.clock_now is not None
 
     def start(self) -> None:
         """Begin a recording, if none grows; `said` says where, or why not."""
-        if self._now is not None:
+        if self.clock_now is not None:
             return
         out = self._folder / f"live-{datetime.now():%Y%m%d-%H%M%S}"
         try:
-            self._now = _Running(out, self._rig, self._handle)
+            self.clock_now = _Running(out, self._rig, self._handle)
         except ValueError as error:
             self.said = f"not recording: {error}"
         else:
@@ -68,17 +68,17 @@ class Recorder:
 
     def add(self, taken: Taken, clutch: bool) -> None:
         """Hand one more instant over, if a recording grows; an error ends the recording."""
-        if self._now is None:
+        if self.clock_now is None:
             return
-        self._now.add(taken, clutch)
-        if self._now.writer.error is not None:
+        self.clock_now.add(taken, clutch)
+        if self.clock_now.writer.error is not None:
             self.stop()
 
     def stop(self) -> None:
         """End the recording; what waits to be written is written meanwhile."""
-        if self._now is None:
+        if self.clock_now is None:
             return
-        running, self._now = self._now, None
+        running, self.clock_now = self.clock_now, None
         self.said = f"writing the end of {running.out}"
         self._last = Thread(target=self._conclude, args=(running,))
         self._last.start()

@@ -26,7 +26,7 @@ from tornado.websocket import WebSocketClosedError, WebSocketHandler
 from .loop import Loop, Shown
 from .picture import message, scene
 
-__all__ = ["FILES", "MOST_MM", "PAGE", "Desk", "Socket", "obey", "serve"]
+__all__ = ["FILES", "MOST_MM", "PAGE", "Desk", "Socket", "move_hand", "obey", "serve"]
 
 PAGE = Path(__file__).parent / "page"
 FILES = {
@@ -74,7 +74,7 @@ class Desk:
         # of the frames that the tab has not drawn yet, by their numbers
         self._under_way: dict[object, _Sent] = {}
         self._way: dict[str, float] = {}
-        self._task: asyncio.Task[None] | None = None
+        self.pointing_task: asyncio.Task[None] | None = None
 
     def enter(self, tab: Socket) -> None:
         """A tab comes: it is in charge if none is, else it is told so."""
@@ -128,7 +128,7 @@ class Desk:
         ):
             return
         self._sending = True
-        self._task = asyncio.create_task(self._send(self.tab, newest))
+        self.pointing_task = asyncio.create_task(self._send(self.tab, newest))
 
     async def _send(self, tab: Socket, shown: Shown) -> None:
         """Draw a frame in another thread, and send it."""
@@ -243,7 +243,7 @@ def obey(words: dict[str, Any], desk: Desk) -> None:
         "record": lambda on: loop.record(on is True),
         "set": lambda pair: loop.set(pair[0], pair[1]),
         "tracker": loop.follow_by,
-        "hand": lambda how: _move_hand(loop, how),
+        "hand": lambda how: move_hand(loop, how),
         "task": lambda how: loop.begin_task(how["operator"], how["times"]),
         "end": lambda _: loop.end_task(),
         "there": lambda _: loop.press(),
@@ -254,7 +254,7 @@ def obey(words: dict[str, Any], desk: Desk) -> None:
         known[name](value)
 
 
-def _move_hand(loop: Loop, how: dict[str, Any]) -> None:
+def move_hand(loop: Loop, how: dict[str, Any]) -> None:
     """Move the simulated hand as a camera sees it: to its right, down and away, mm, and turned about
     these axes, rad; or let it go by itself, or home.
     """

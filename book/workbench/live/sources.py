@@ -31,6 +31,8 @@ from trinolab.files.recording import Recording, instants
 from trinolab.handle import Handle
 
 __all__ = [
+    "HOME",
+    "QUICK",
     "RANGES_MM",
     "Feed",
     "Latest",
@@ -50,8 +52,8 @@ SIMULATED_FPS = 30.0
 PATH_S, PATH_STEP_S, PATH_MM_S, PATH_DEG_S = 60.0, 0.02, 60.0, 8.0
 FOLLOWS_S = 0.1
 RANGES_MM = np.array([[-95.0, 95.0], [-50.0, 50.0], [530.0, 610.0]])
-_HOME = RigidTransform.from_components([0.0, 0.0, 570.0], orientation(-np.pi / 2, np.pi / 2, 0.0))
-_QUICK = Bench(supersampling=4, marker_supersampling=8)
+HOME = RigidTransform.from_components([0.0, 0.0, 570.0], orientation(-np.pi / 2, np.pi / 2, 0.0))
+QUICK = Bench(supersampling=4, marker_supersampling=8)
 
 Shown = tuple[float, list[np.ndarray]]  # time of exposure, s, and images
 
@@ -96,16 +98,16 @@ class Feed:
         self.t_s = self.arrived_s = self.changed_s = time.monotonic()
         self.images: list[np.ndarray] = []
         self.problem = ""
-        self._frames = frames
+        self.latest_frames = frames
         self._live = live
 
     def run(self, changed: Condition, stopped: Event) -> None:
         """Fetch frames until the event is set."""
         while not stopped.is_set():
             try:
-                for t_s, images in self._frames(stopped):
+                for t_s, images in self.latest_frames(stopped):
                     with changed:
-                        self._keep(t_s, images)
+                        self.keep(t_s, images)
                         changed.notify_all()
                     if stopped.is_set():
                         return
@@ -127,7 +129,7 @@ class Feed:
             return f"{self.name}: the image stands still (frozen?)"
         return ""
 
-    def _keep(self, t_s: float, images: list[np.ndarray]) -> None:
+    def keep(self, t_s: float, images: list[np.ndarray]) -> None:
         now = time.monotonic()
         if not (self._live and self.images and np.array_equal(images[0], self.images[0])):
             self.changed_s = now
@@ -155,7 +157,7 @@ class Source:
         self.rig = rig
         self.handle = handle
         self.hand = hand
-        self._feeds = feeds
+        self.feeds = feeds
         self._changed = Condition()
         self._stopped = Event()
         self._given = 0
@@ -164,7 +166,7 @@ class Source:
     def __enter__(self) -> Source:
         self._threads = [
             Thread(target=feed.run, args=(self._changed, self._stopped), daemon=True)
-            for feed in self._feeds
+            for feed in self.feeds
         ]
         for thread in self._threads:
             thread.start()
@@ -180,25 +182,25 @@ class Source:
         with self._changed:
             if not self._changed.wait_for(self._all_new, wait_s):
                 return None
-            self._used = [feed.number for feed in self._feeds]
-            times = [feed.t_s for feed in self._feeds]
+            self._used = [feed.number for feed in self.feeds]
+            times = [feed.t_s for feed in self.feeds]
             self._given += 1
             return Latest(
                 self._given,
                 (min(times) + max(times)) / 2,
                 max(times) - min(times),
-                max(feed.arrived_s for feed in self._feeds),
-                [image for feed in self._feeds for image in feed.images],
+                max(feed.arrived_s for feed in self.feeds),
+                [image for feed in self.feeds for image in feed.images],
             )
 
     def troubles(self) -> list[str]:
         """What is wrong with the feeds, in words."""
         with self._changed:
             now = time.monotonic()
-            return list(filter(None, (feed.trouble(now) for feed in self._feeds)))
+            return list(filter(None, (feed.trouble(now) for feed in self.feeds)))
 
     def _all_new(self) -> bool:
-        return all(feed.number > used for feed, used in zip(self._feeds, self._used, strict=True))
+        return all(feed.number > used for feed, used in zip(self.feeds, self._used, strict=True))
 
 
 def of_cameras(
@@ -273,7 +275,7 @@ def _draw(asked: Connection, rig: Rig, handle: Handle, seed: int) -> None:
     with suppress(EOFError, OSError):
         while True:
             T, drawn = asked.recv()
-            asked.send(render_rig(rig, handle, T, _QUICK, rng, HOLDING if drawn else None))
+            asked.send(render_rig(rig, handle, T, QUICK, rng, HOLDING if drawn else None))
 
 
 class SimulatedHand:
@@ -296,43 +298,43 @@ class SimulatedHand:
         rng = np.random.default_rng([seed, 0])
         self._path = motion_at(rng, times, speed_mm_s=PATH_MM_S, turn_deg_s=PATH_DEG_S)
         self._lock = Lock()
-        self._now = self._goal = self._path[0]
-        self._t = self._walked_s = 0.0
+        self.clock_now = self.goal = self._path[0]
+        self.time_s = self._walked_s = 0.0
         self.by_itself = True
         self.drawn = False
 
     def pose(self, t_s: float) -> RigidTransform:
         """T_world_handle at a time, mm; times increase."""
         with self._lock:
-            dt = min(max(t_s - self._t, 0.0), 0.2)  # a pause is no jump
-            self._t = t_s
+            dt = min(max(t_s - self.time_s, 0.0), 0.2)  # a pause is no jump
+            self.time_s = t_s
             if self.by_itself:
                 self._walked_s += dt
                 there = self._walked_s / PATH_STEP_S % (2 * len(self._path) - 2)
-                self._goal = self._path[round(min(there, 2 * len(self._path) - 2 - there))]
+                self.goal = self._path[round(min(there, 2 * len(self._path) - 2 - there))]
             share = 1 - np.exp(-dt / FOLLOWS_S)
-            way = self._goal.translation - self._now.translation
-            turn = (self._goal.rotation * self._now.rotation.inv()).as_rotvec()
-            self._now = RigidTransform.from_components(
-                self._now.translation + share * way,
-                Rotation.from_rotvec(share * turn) * self._now.rotation,
+            way = self.goal.translation - self.clock_now.translation
+            turn = (self.goal.rotation * self.clock_now.rotation.inv()).as_rotvec()
+            self.clock_now = RigidTransform.from_components(
+                self.clock_now.translation + share * way,
+                Rotation.from_rotvec(share * turn) * self.clock_now.rotation,
             )
-            return self._now
+            return self.clock_now
 
     def move(self, by_mm: ArrayLike, turn_rad: ArrayLike) -> None:
         """Take the handle somewhere else, world frame, within the cameras' common field of view."""
         with self._lock:
             self.by_itself = False
-            self._goal = RigidTransform.from_components(
-                np.clip(self._goal.translation + np.asarray(by_mm, float), *RANGES_MM.T),
-                Rotation.from_rotvec(turn_rad) * self._goal.rotation,
+            self.goal = RigidTransform.from_components(
+                np.clip(self.goal.translation + np.asarray(by_mm, float), *RANGES_MM.T),
+                Rotation.from_rotvec(turn_rad) * self.goal.rotation,
             )
 
     def go_home(self) -> None:
         """Take the handle to the middle, upright."""
         with self._lock:
             self.by_itself = False
-            self._goal = _HOME
+            self.goal = HOME
 
 
 def as_bytes(image: np.ndarray) -> np.ndarray:

@@ -40,10 +40,14 @@ __all__ = [
     "face_text",
     "first_line",
     "folders",
+    "full_name",
+    "known_names",
     "modules_of",
+    "names_used",
     "page_text",
     "pages",
     "setup",
+    "spans",
     "write_pages",
 ]
 
@@ -194,12 +198,12 @@ def _uses() -> dict[str, set[int]]:
                 if cell.cell_type == "code"
             )
         )
-        for name in _names_used(tree):
+        for name in names_used(tree):
             found.setdefault(name, set()).add(int(path.stem[:2]))
     return found
 
 
-def _names_used(tree: ast.AST) -> Iterator[str]:
+def names_used(tree: ast.AST) -> Iterator[str]:
     """The full names of what a source takes from the package: functions by their modules, or
     imported by themselves.
     """
@@ -265,7 +269,7 @@ def page_text(title: str, modules: list[ModuleType], by_module: bool = False) ->
 def _row(entry: Entry) -> str:
     short = entry.name.rpartition(".")[2]
     equations = ", ".join(
-        f"{{ref}}`{text} <equation-{first}>`" for first, text in _spans(entry.equations)
+        f"{{ref}}`{text} <equation-{first}>`" for first, text in spans(entry.equations)
     )
     chapters = ", ".join(f"{{doc}}`{no} <{_notebook(no)}>`" for no in entry.chapters)
     return f"| {{py:obj}}`{short} <{entry.name}>` | {entry.summary} | {equations} | {chapters} |"
@@ -273,7 +277,7 @@ def _row(entry: Entry) -> str:
 
 def _directive(entry: Entry) -> str:
     """The docstring, and behind it a line of links."""
-    equations = [f":ref:`Eq. {text} <equation-{first}>`" for first, text in _spans(entry.equations)]
+    equations = [f":ref:`Eq. {text} <equation-{first}>`" for first, text in spans(entry.equations)]
     chapters = [f":doc:`chapter {no} <{_notebook(no)}>`" for no in entry.chapters]
     options = "\n   :members:\n" if inspect.isclass(entry.thing) else ""
     kind = "autoclass" if inspect.isclass(entry.thing) else "autofunction"
@@ -285,7 +289,7 @@ def _directive(entry: Entry) -> str:
     return f".. {kind}:: {entry.name}{options}{links}"
 
 
-def _spans(numbers: list[int]) -> list[tuple[int, str]]:
+def spans(numbers: list[int]) -> list[tuple[int, str]]:
     """Rising numbers as spans, each with its first one: (5, "5-6") and (16, "16") of 5, 6, 16."""
     starts = [no for no in numbers if no - 1 not in numbers]
     ends = [no for no in numbers if no + 1 not in numbers]
@@ -350,7 +354,7 @@ def setup(app: Any) -> dict[str, bool]:
     def name_in_full(app: Any, document: Any) -> None:
         for node in document.findall(pending_xref):
             if node.get("refdomain") == "py":
-                node["reftarget"] = _full_name(node["reftarget"], node.get("py:module"))
+                node["reftarget"] = full_name(node["reftarget"], node.get("py:module"))
                 node.attributes.pop("refspecific", None)  # or Sphinx takes any name that ends so
 
     def linkable(app: Any, document: Any) -> None:
@@ -370,11 +374,11 @@ def setup(app: Any) -> dict[str, bool]:
     return {"parallel_read_safe": True, "parallel_write_safe": True}
 
 
-def _full_name(name: str, module: str | None) -> str:
+def full_name(name: str, module: str | None) -> str:
     """What a name in a docstring means: what it means in the module's code, or the one thing of
     ours that ends so.
     """
-    if name in _known_names():
+    if name in known_names():
         return name
     first, *rest = name.split(".")
     thing = vars(import_module(module)).get(first) if module else None
@@ -382,12 +386,12 @@ def _full_name(name: str, module: str | None) -> str:
         thing.__name__ if inspect.ismodule(thing) else f"{getattr(thing, '__module__', '')}.{first}"
     )
     here = ".".join([home, *rest])
-    ends = [known for known in _known_names() if known.endswith(f".{name}")] if rest else []
-    return here if here in _known_names() else ends[0] if len(ends) == 1 else name
+    ends = [known for known in known_names() if known.endswith(f".{name}")] if rest else []
+    return here if here in known_names() else ends[0] if len(ends) == 1 else name
 
 
 @cache
-def _known_names() -> frozenset[str]:
+def known_names() -> frozenset[str]:
     """The full names of all that the pages show, of modules and methods as well."""
     shown = [
         module

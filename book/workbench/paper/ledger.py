@@ -19,6 +19,7 @@ __all__ = [
     "PARTS",
     "Effect",
     "Entry",
+    "effect_item",
     "equations_named",
     "errata_page",
     "index_page",
@@ -295,14 +296,14 @@ def _erratum(entry: Entry, effects: Sequence[Effect], labelled: Collection[str])
         if tex:
             lines += [title, "", *_formula(tex, entry.no)]
     if effects:
-        lines += ["What it does:", "", *map(_effect_item, effects)]
+        lines += ["What it does:", "", *map(effect_item, effects)]
     links = _chapter_link(entry, labelled)
     if entry.no.isdigit():
         links += f"; {{ref}}`functions and tests <equation-{entry.no}>`"
     return "\n".join([*lines, "", f"In the book: {links}.", ""])
 
 
-def _effect_item(effect: Effect) -> str:
+def effect_item(effect: Effect) -> str:
     """An effect as an item of a list, which a narrow screen has room for."""
     unit = f" {effect.unit}" if effect.unit else ""
     printed, corrected = number_text(effect.printed), number_text(effect.corrected)

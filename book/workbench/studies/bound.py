@@ -38,9 +38,17 @@ __all__ = [
     "SHIPPED_PIXELS",
     "Bound",
     "bound_of",
+    "chosen_pixels",
+    "derivatives",
+    "expected",
+    "grey_derivatives",
     "information",
+    "kept_information",
+    "marginal",
     "mean_length",
+    "moved",
     "pose_bound",
+    "small_steps",
     "sweep_bounds",
     "table1_bounds",
 ]
@@ -164,22 +172,22 @@ def information(
     T = as_transform(T_world_handle, "T_world_handle")
     step = as_number(step_px, "step_px", 0.0, open_low=True)
     bench = _finer(bench or Bench(), pixels)
-    near, chosen = _chosen(camera, handle, T, pixels)
+    near, chosen = chosen_pixels(camera, handle, T, pixels)
     if not chosen.any():
         return np.zeros((6, 6))
-    grey = _expected(camera, handle, T, bench)[chosen]
+    grey = expected(camera, handle, T, bench)[chosen]
     step_mm = step * float(np.linalg.norm(T.translation - camera.centre) / camera.focal.max())
-    J = _derivatives(
-        camera, handle, T, bench, chosen, _steps(step_mm, np.abs(handle.marker_centres).max())
+    J = derivatives(
+        camera, handle, T, bench, chosen, small_steps(step_mm, np.abs(handle.marker_centres).max())
     )
     if pixels == "handle":  # its far end turns further
-        far = _steps(FAR * step_mm, max(abs(handle.top_mm), abs(handle.bottom_mm)))[3:]
+        far = small_steps(FAR * step_mm, max(abs(handle.top_mm), abs(handle.bottom_mm)))[3:]
         J[:, 3:] = np.where(
-            near[chosen][:, None], J[:, 3:], _derivatives(camera, handle, T, bench, chosen, far)
+            near[chosen][:, None], J[:, 3:], derivatives(camera, handle, T, bench, chosen, far)
         )
     if not known_greys:
-        J = np.column_stack([J, _grey_derivatives(camera, handle, T, bench, chosen)])
-    return _marginal(
+        J = np.column_stack([J, grey_derivatives(camera, handle, T, bench, chosen)])
+    return marginal(
         J.T @ (J / (bench.shot_variance * grey + bench.read_noise**2 + 1 / 12)[:, None])
     )
 
@@ -211,11 +219,11 @@ def _finer(bench: Bench, pixels: str) -> Bench:
     )
 
 
-def _expected(camera: Camera, handle: Handle, T: RigidTransform, bench: Bench) -> Array:
+def expected(camera: Camera, handle: Handle, T: RigidTransform, bench: Bench) -> Array:
     return blurred(radiance(camera, handle, T, bench), bench)
 
 
-def _chosen(
+def chosen_pixels(
     camera: Camera, handle: Handle, T: RigidTransform, pixels: str
 ) -> tuple[np.ndarray, np.ndarray]:
     """Pixels near a marker, and those that count, bool (height, width)."""
@@ -236,14 +244,14 @@ def _grown(mask: np.ndarray) -> np.ndarray:
     return cv2.dilate(mask.astype(np.uint8), disc).astype(bool)
 
 
-def _steps(step_mm: float, lever_mm: float) -> Array:
+def small_steps(step_mm: float, lever_mm: float) -> Array:
     """Steps of the six parameters that move the handle's origin, or what is so far from it, by a
     distance, (6, 6).
     """
     return np.diag(np.repeat([step_mm, step_mm / lever_mm], 3))
 
 
-def _derivatives(
+def derivatives(
     camera: Camera,
     handle: Handle,
     T: RigidTransform,
@@ -257,19 +265,19 @@ def _derivatives(
     columns = []
     for step in steps:
         ahead, behind = (
-            _expected(camera, handle, _moved(T, s), bench)[chosen] for s in (step, -step)
+            expected(camera, handle, moved(T, s), bench)[chosen] for s in (step, -step)
         )
         columns.append((ahead - behind) / (2 * step.sum()))
     return np.column_stack(columns)
 
 
-def _moved(T: RigidTransform, step: Array) -> RigidTransform:
+def moved(T: RigidTransform, step: Array) -> RigidTransform:
     return RigidTransform.from_components(
         T.translation + step[:3], Rotation.from_rotvec(step[3:]) * T.rotation
     )
 
 
-def _grey_derivatives(
+def grey_derivatives(
     camera: Camera, handle: Handle, T: RigidTransform, bench: Bench, chosen: np.ndarray
 ) -> Array:
     """Derivatives of the chosen pixels' grey by the two nominal greys, of which it is a linear
@@ -277,13 +285,13 @@ def _grey_derivatives(
     """
     black = replace(bench, marker_grey=0.0, body_grey=0.0)
     dark, marker, body = (
-        _expected(camera, handle, T, change)[chosen]
+        expected(camera, handle, T, change)[chosen]
         for change in (black, replace(black, marker_grey=100.0), replace(black, body_grey=100.0))
     )
     return np.column_stack([marker - dark, body - dark]) / 100.0
 
 
-def _marginal(F: Array) -> Array:
+def marginal(F: Array) -> Array:
     """Information on the first six parameters where the others are unknown (Schur complement),
     shape (6, 6).
     """
@@ -301,7 +309,7 @@ def table1_bounds(rig: str, pixels: str = "markers", known_greys: bool = True) -
     return [
         bound_of(
             sum(
-                (_information(*camera, row, pixels, known_greys) for camera in cameras),
+                (kept_information(*camera, row, pixels, known_greys) for camera in cameras),
                 np.zeros((6, 6)),
             )
         )
@@ -331,7 +339,7 @@ def sweep_bounds() -> pd.DataFrame:
 
 
 @cache
-def _information(rig: str, camera: int, row: int, pixels: str, known_greys: bool) -> Array:
+def kept_information(rig: str, camera: int, row: int, pixels: str, known_greys: bool) -> Array:
     return information(
         load_rig(rig).cameras[camera],
         load_handle("paper"),

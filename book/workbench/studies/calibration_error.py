@@ -54,10 +54,13 @@ __all__ = [
     "Pattern",
     "curve",
     "drawn_rig",
+    "grids",
     "level_at",
     "make_table",
     "one_draw",
     "pattern",
+    "rendered",
+    "results",
     "summaries",
 ]
 
@@ -132,13 +135,13 @@ def one_draw(changed: str, level: float, rig: str, handle: str, draw: int) -> di
         was measured and is more than 2 mm or 5 deg off. The first five are NaN if fewer than ten
         were measured.
     """
-    shown = _shown(rig, handle)
+    shown = rendered(rig, handle)
     believed = drawn_rig(shown.rig, changed, level, draw)
     found = measure_frames(shown.frames, believed, shown.handle, SETTINGS)
     return {
         f"{name}_{estimator}": value
         for estimator, measurements in found.items()
-        for name, value in _results(measurements, shown.handle).items()
+        for name, value in results(measurements, shown.handle).items()
     }
 
 
@@ -199,13 +202,13 @@ def make_table(draws: int, workers: int, kept: Path) -> pd.DataFrame:
         as ``..._low`` and ``..._high``, its interval of 95 %.
     """
     rows = []
-    for name, grid in _grids(draws).items():
+    for name, grid in grids(draws).items():
         print(name, file=sys.stderr)
         rows += summaries(all_runs(name, one_draw, grid, kept / name, workers))
     return pd.DataFrame(rows)
 
 
-def _grids(draws: int) -> dict[str, dict[str, Sequence]]:
+def grids(draws: int) -> dict[str, dict[str, Sequence]]:
     """The sweeps of `one_draw` by name; a rig's runs follow one another, since they share its
     frames.
     """
@@ -292,7 +295,7 @@ def _first_crossing(x: Array, y: Array, limit: float) -> float:
     )
 
 
-def _results(measurements: list[Measurement], handle: Handle) -> dict[str, float]:
+def results(measurements: list[Measurement], handle: Handle) -> dict[str, float]:
     poses = load_table1().set_poses
     estimates = [m.pose.T_world_handle for m in measurements]
     n = sum(T is not None for T in estimates)
@@ -324,7 +327,7 @@ class _Shown(NamedTuple):
 
 
 @lru_cache(maxsize=1)
-def _shown(rig: str, handle: str) -> _Shown:
+def rendered(rig: str, handle: str) -> _Shown:
     """What is rendered; that of one rig and handle is kept, 80 MB."""
     rng = np.random.default_rng(NOISE_SEED)
     true, rod = load_rig(rig), load_handle(handle)

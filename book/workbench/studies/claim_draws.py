@@ -66,17 +66,25 @@ __all__ = [
     "PRINTED_H",
     "TRIALS",
     "Draw",
+    "Way",
     "calibration",
+    "certain",
     "clip",
     "concealed",
+    "errors_of",
     "factor",
+    "follow_clip",
     "forecast",
     "hidden_camera",
+    "kept_robot",
     "long_clip",
+    "position_error",
     "random_pose",
     "recorded_instant",
     "slave",
     "table1_pose",
+    "time",
+    "value_of",
 ]
 
 Draw = dict[str, tuple[float, float]]
@@ -107,7 +115,7 @@ def table1_pose(k: int, seed: int) -> Draw:
     rng = np.random.default_rng([seed, k])
     pair = render_rig(load_rig("paper_pair"), handle, truth, Bench(), rng)
     found: Draw = {}
-    errors = _errors(measure(pair, load_rig("paper_pair"), handle), truth, handle)
+    errors = errors_of(measure(pair, load_rig("paper_pair"), handle), truth, handle)
     for check, field in (
         ("replication_position", "E_t_mm"),
         ("replication_alpha", "E_alpha_deg"),
@@ -115,14 +123,14 @@ def table1_pose(k: int, seed: int) -> Draw:
         ("replication_gamma", "E_gamma_deg"),
         ("replication_geodesic", "geodesic_mean_deg"),
     ):
-        found[check] = _value(errors, field)
+        found[check] = value_of(errors, field)
     for name in ("paper_pair", "paper_trinocular", "raised_40deg"):
         rig = load_rig(name)
         third = [render(camera, handle, truth, Bench(), rng) for camera in rig.cameras[2:]]
         best = measure([*pair, *third], rig, handle, parameters=Parameters(estimator=BEST))
-        errors = _errors(best, truth, handle)
-        found[f"best_position_{name}"] = _value(errors, "E_t_mm")
-        found[f"best_geodesic_{name}"] = _value(errors, "geodesic_mean_deg")
+        errors = errors_of(best, truth, handle)
+        found[f"best_position_{name}"] = value_of(errors, "E_t_mm")
+        found[f"best_geodesic_{name}"] = value_of(errors, "geodesic_mean_deg")
     return found
 
 
@@ -221,7 +229,7 @@ def clip(k: int, seed: int, length: int = CLIP) -> Draw:
     begun = start(empty, rig, -1 / FPS, truths[0])
     unknown: list[State | None] = [None] * len(rig.cameras)
     for name, parameters in (("printed", PRINTED), ("ours", Parameters())):
-        follow = partial(_follow, rig=rig, handle=handle, parameters=parameters)
+        follow = partial(follow_clip, rig=rig, handle=handle, parameters=parameters)
         before = follow(begun, unknown, first, truths[:half], 0)
         steady, doubled = (
             follow(before.state, before.printed, second[gain], truths[half:], half)
@@ -236,7 +244,7 @@ def clip(k: int, seed: int, length: int = CLIP) -> Draw:
             for whose in ("ours", "printed"):
                 shares = [*getattr(before, f"shares_{whose}"), *getattr(steady, f"shares_{whose}")]
                 found[f"share_searched_{whose}"] = (float(sum(shares)), float(len(shares)))
-            found["time_searched"] = _time(
+            found["time_searched"] = time(
                 second[1.0][-1][0], steady.window, rig.cameras[0], handle, truths[-1]
             )
     return found
@@ -262,7 +270,7 @@ def factor(k: int, seed: int) -> Draw:
     """
     handle = load_handle("paper")
     setup = factors.table1_setup(load_rig("paper_pair"), handle)
-    base = _position_error(setup, 2 * k, seed)
+    base = position_error(setup, 2 * k, seed)
     found: Draw = {}
     for name, value in FACTORS.items():
         changed = factors.FACTORS[name].change(setup, value)
@@ -270,7 +278,7 @@ def factor(k: int, seed: int) -> Draw:
         if name == "distance":  # some poses would leave the images
             kept = np.flatnonzero(factors.in_view_everywhere(setup))
         place = np.flatnonzero(kept == 2 * k)
-        worse = _position_error(changed, int(place[0]), seed) if len(place) else None
+        worse = position_error(changed, int(place[0]), seed) if len(place) else None
         found[f"factor_{name}"] = NOTHING if base is None or worse is None else (worse - base, base)
     return found
 
@@ -346,7 +354,7 @@ def slave(k: int, seed: int) -> Draw:
     """A hand at a third of a person's pace for three seconds, and a hand that then rests, through
     tracker noise, filter and arm: errors at the tool, delay.
     """
-    robot = _robot()
+    robot = kept_robot()
     number = seed + k
     hand = master_slave.human_hand(number, 0.3)
     led = partial(
@@ -388,7 +396,7 @@ TRIALS: dict[str, Callable[[int, int], Draw]] = {
 }
 
 
-class _Way(NamedTuple):
+class Way(NamedTuple):
     """What came of a part of a clip: the tracker's state, the printed filter of each camera, whether
     each instant is right, the shares of the images that both filters would have searched, and the
     last window of the first camera.
@@ -402,7 +410,7 @@ class _Way(NamedTuple):
     window: Window | None
 
 
-def _follow(
+def follow_clip(
     state: TrackerState,
     printed: list[State | None],
     frames: list[list[np.ndarray]],
@@ -411,11 +419,11 @@ def _follow(
     rig: Rig,
     handle: Handle,
     parameters: Parameters,
-) -> _Way:
+) -> Way:
     """Go on with a clip by the tracker, and beside it with the printed filter of the same windows'
     centres (Eq. 7-15).
     """
-    way = _Way(state, list(printed), [], [], [], None)
+    way = Way(state, list(printed), [], [], [], None)
     for k, (images, truth) in enumerate(zip(frames, truths, strict=True), start=begin):
         for c, (camera, known) in enumerate(zip(rig.cameras, way.state.cameras, strict=True)):
             if known.motion is None or known.window is None:
@@ -423,7 +431,7 @@ def _follow(
             motion = predict_motion(known.motion, 1 / FPS)
             window = search_window(motion, known.window, camera.size)
             way.shares_ours.append(share_of_image(window, camera, handle, truth))
-            last = way.printed[c] or _certain(known.window)
+            last = way.printed[c] or certain(known.window)
             way.printed[c] = guess = predict_motion(last, 1 / FPS)
             other = search_window(guess, known.window, camera.size)
             way.shares_printed.append(share_of_image(other, camera, handle, truth))
@@ -439,7 +447,7 @@ def _follow(
     return way
 
 
-def _certain(window: Window) -> State:
+def certain(window: Window) -> State:
     """The paper's start: all is known, and nothing moves (Sect. 4.2)."""
     return State(np.append(np.array(window.centre), np.zeros(4)), np.zeros((6, 6)))
 
@@ -450,7 +458,7 @@ def _printed_update(state: State, window: Window) -> State:
     return update(state, np.array([sum(window.centre)]), PRINTED_H, R)
 
 
-def _time(
+def time(
     image: np.ndarray,
     window: Window | None,
     camera: Camera,
@@ -496,25 +504,25 @@ def _wrong_identities(m: Measurement, left: np.ndarray, right: np.ndarray) -> tu
     return float(wrong), float(pairs)
 
 
-def _position_error(setup: factors.Setup, k: int, seed: int) -> float | None:
+def position_error(setup: factors.Setup, k: int, seed: int) -> float | None:
     """Of one pose of a setup, mm; None if it is lost."""
     frames = factors.frames(setup, k, np.random.default_rng([seed, k]))
     m = measure(frames, setup.rig, setup.handle)
-    errors = _errors(m, setup.poses[k], setup.handle)
+    errors = errors_of(m, setup.poses[k], setup.handle)
     return None if errors is None else errors.E_t_mm
 
 
-def _errors(m: Measurement, truth: RigidTransform, handle: Handle) -> PoseErrors | None:
+def errors_of(m: Measurement, truth: RigidTransform, handle: Handle) -> PoseErrors | None:
     """Errors of one measurement, up to the handle's symmetry; None if it is lost."""
     if m.pose.T_world_handle is None:
         return None
     return replication_errors([m], RigidTransform.concatenate([truth]), handle)
 
 
-def _value(errors: PoseErrors | None, field: str) -> tuple[float, float]:
+def value_of(errors: PoseErrors | None, field: str) -> tuple[float, float]:
     return NOTHING if errors is None else (float(getattr(errors, field)), 1.0)
 
 
 @cache
-def _robot() -> Robot:
+def kept_robot() -> Robot:
     return load_robot()

@@ -43,7 +43,13 @@ __all__ = [
     "SETTINGS",
     "accuracy",
     "cell",
+    "frame",
+    "frames",
     "kept",
+    "measured",
+    "pair_frames",
+    "poses_of",
+    "random_poses",
     "shared_markers",
     "sweep_elevation",
 ]
@@ -67,7 +73,7 @@ def cell(elevation_deg: float, settings: Mapping[str, Parameters] = SETTINGS) ->
     `kept_ccd1`, `kept_ccd2`, `kept_ccd3` of `kept`.
     """
     rig = paper_rig(elevation_deg)
-    shared = shared_markers(rig, load_handle(HANDLE), _random_poses())
+    shared = shared_markers(rig, load_handle(HANDLE), random_poses())
     errors = accuracy(rig, settings)
     shares = [kept(rig, hidden, settings) for hidden in range(len(rig.cameras))]
     return pd.DataFrame(
@@ -93,7 +99,7 @@ def accuracy(rig: Rig, settings: Mapping[str, Parameters] = SETTINGS) -> dict[st
     """Errors of every estimator on rendered frames of Table 1's poses, up to the handle's
     symmetry.
     """
-    found = _measured(rig, "table1", None, settings)
+    found = measured(rig, "table1", None, settings)
     return {
         name: replication_errors(measurements, load_table1().set_poses, load_handle(HANDLE))
         for name, measurements in found.items()
@@ -107,9 +113,9 @@ def kept(rig: Rig, hidden: int, settings: Mapping[str, Parameters] = SETTINGS) -
     Of random poses at which CCD1 and CCD2 share four markers, as long as nobody hides them;
     measured is within 1 mm and 5 deg, up to the handle's symmetry.
     """
-    found = _measured(rig, "random", hidden, settings)
+    found = measured(rig, "random", hidden, settings)
     return {
-        name: share_close(measurements, _poses("random"), load_handle(HANDLE), equivalents=True)
+        name: share_close(measurements, poses_of("random"), load_handle(HANDLE), equivalents=True)
         for name, measurements in found.items()
     }
 
@@ -136,13 +142,13 @@ def sweep_elevation(
 
 
 @cache
-def _random_poses() -> list[RigidTransform]:
+def random_poses() -> list[RigidTransform]:
     rng = np.random.default_rng(SEED)
     return [random_pose(rng) for _ in range(POSES)]
 
 
 @cache
-def _poses(which: str) -> list[RigidTransform]:
+def poses_of(which: str) -> list[RigidTransform]:
     """Table 1's poses, or random ones at which CCD1 and CCD2 truly see the same four markers."""
     if which == "table1":
         return list(load_table1().set_poses)
@@ -154,35 +160,35 @@ def _poses(which: str) -> list[RigidTransform]:
     )
 
 
-def _measured(
+def measured(
     rig: Rig, which: str, hidden: int | None, settings: Mapping[str, Parameters]
 ) -> dict[str, list[Measurement]]:
     """Measurements of the poses by every estimator, a hand hiding one camera's view."""
-    shown = tqdm(range(len(_poses(which))), unit="instant", leave=False, disable=None)
+    shown = tqdm(range(len(poses_of(which))), unit="instant", leave=False, disable=None)
     return measure_frames(
-        (_frames(rig, which, k, hidden) for k in shown), rig, load_handle(HANDLE), settings
+        (frames(rig, which, k, hidden) for k in shown), rig, load_handle(HANDLE), settings
     )
 
 
-def _frames(rig: Rig, which: str, k: int, hidden: int | None) -> list[np.ndarray]:
+def frames(rig: Rig, which: str, k: int, hidden: int | None) -> list[np.ndarray]:
     """Frames of an instant; those of CCD1 and CCD2 are rendered once for all elevations."""
     if hidden == 2:
-        return [_frame(rig, c, which, k, hidden) for c in range(3)]
-    return [*_pair_frames(which, k, hidden), _frame(rig, 2, which, k, hidden)]
+        return [frame(rig, c, which, k, hidden) for c in range(3)]
+    return [*pair_frames(which, k, hidden), frame(rig, 2, which, k, hidden)]
 
 
 @cache
-def _pair_frames(which: str, k: int, hidden: int | None) -> tuple[np.ndarray, ...]:
-    return tuple(_frame(paper_rig(), c, which, k, hidden) for c in range(2))
+def pair_frames(which: str, k: int, hidden: int | None) -> tuple[np.ndarray, ...]:
+    return tuple(frame(paper_rig(), c, which, k, hidden) for c in range(2))
 
 
-def _frame(rig: Rig, c: int, which: str, k: int, hidden: int | None) -> np.ndarray:
+def frame(rig: Rig, c: int, which: str, k: int, hidden: int | None) -> np.ndarray:
     x, y, z = rig.cameras[hidden or 0].centre
     arm = None if hidden is None else Arm(hides_from=(float(x), float(y), float(z)))
     return render(
         rig.cameras[c],
         load_handle(HANDLE),
-        _poses(which)[k],
+        poses_of(which)[k],
         Bench(),
         np.random.default_rng([k, c]),
         arm,

@@ -22,7 +22,16 @@ from ..teleop.operators import STRATEGIES, Person, point
 from ..teleop.pointing import DISTANCES_MM, WIDTHS_MM, conditions, difficulty, performance
 from .carrier import columns_of_mean
 
-__all__ = ["DELAYS_S", "SCALES", "LagModels", "lag_models", "make_table", "one_operator"]
+__all__ = [
+    "DELAYS_S",
+    "SCALES",
+    "LagModels",
+    "cell",
+    "fit",
+    "lag_models",
+    "make_table",
+    "one_operator",
+]
 
 SCALES = (1.0, 2.0, 3.0, 4.0)
 DELAYS_S = (0.0, 0.075, 0.15, 0.225, 0.3)
@@ -90,10 +99,10 @@ def make_table(seeds: int = SEEDS) -> pd.DataFrame:
     `error_share` with its own (Wilson, over all trials).
     """
     cells = tqdm(list(product(STRATEGIES, SCALES, DELAYS_S)), unit="cell", disable=None)
-    return pd.DataFrame([_cell(name, scale, delay_s, seeds) for name, scale, delay_s in cells])
+    return pd.DataFrame([cell(name, scale, delay_s, seeds) for name, scale, delay_s in cells])
 
 
-def _cell(strategy: str, scale: float, delay_s: float, seeds: int) -> dict[str, float | str]:
+def cell(strategy: str, scale: float, delay_s: float, seeds: int) -> dict[str, float | str]:
     runs = pd.DataFrame([one_operator(strategy, scale, delay_s, seed) for seed in range(seeds)])
     trials = seeds * REPEATS * len(DISTANCES_MM) * len(WIDTHS_MM)
     row: dict[str, float | str] = {
@@ -126,13 +135,13 @@ def lag_models(
         log.assign(time=log["end_s"] - log["start_s"]).groupby(keys)["time"].mean().reset_index()
     )
     whole = means.groupby(keys[1:])["time"].mean().reset_index()
-    (a, b, c), r2_product = _fit(whole, product_form=True)
-    _, r2_sum = _fit(whole, product_form=False)
-    each = [_fit(one, product_form=True)[0][2] for _, one in means.groupby("seed")]
+    (a, b, c), r2_product = fit(whole, product_form=True)
+    _, r2_sum = fit(whole, product_form=False)
+    each = [fit(one, product_form=True)[0][2] for _, one in means.groupby("seed")]
     return LagModels(r2_product, r2_sum, a, b, c, of_student(each))
 
 
-def _fit(means: pd.DataFrame, product_form: bool) -> tuple[tuple[float, float, float], float]:
+def fit(means: pd.DataFrame, product_form: bool) -> tuple[tuple[float, float, float], float]:
     """Coefficients, and the share of the variance that they explain."""
     bits = difficulty(means["distance_mm"].to_numpy(), means["width_mm"].to_numpy())
     delay = means["delay_s"].to_numpy()

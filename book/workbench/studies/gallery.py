@@ -42,9 +42,13 @@ __all__ = [
     "accuracy",
     "background_pixels",
     "command",
+    "followed",
+    "hard_light",
+    "kept_recording",
     "load",
     "make",
     "make_tables",
+    "regions",
     "search_window",
     "settings",
     "with_baseline",
@@ -78,7 +82,7 @@ def background_pixels(
     """
     cured = BackgroundParameters(update_rate, difference_threshold)
     printed = replace(cured, shadow_share=0.0, masked_rate=None, compensate_light=False)
-    (frames, empty, truths) = _hard_light()
+    (frames, empty, truths) = hard_light()
     found = dict[str, float]()
     for name, way in {"printed": printed, "cured": cured}.items():
         seen = watch(frames, empty, truths, way)
@@ -111,7 +115,7 @@ def search_window(jerk_intensity: float = 9.5e8, sigma_px: float = 1.5) -> dict[
     images: dict[str, float] = {}
     for name in ("calm", "hard"):
         seen = [
-            one for camera in range(3) for one in _followed(name, camera, Parameters(kalman=kalman))
+            one for camera in range(3) for one in followed(name, camera, Parameters(kalman=kalman))
         ]
         found |= {
             f"window_percent_{name}": 100 * float(np.mean([share for share, _ in seen])),
@@ -235,17 +239,17 @@ def _errors(setup: Setup, seed: int) -> dict[str, float]:
     return found
 
 
-def _followed(name: str, index: int, parameters: Parameters) -> list[tuple[float, bool]]:
+def followed(name: str, index: int, parameters: Parameters) -> list[tuple[float, bool]]:
     """For each image in which a camera truly sees markers, the window's share of it, and whether
     they were lost.
     """
-    recording = _recording(name)
+    recording = kept_recording(name)
     width, height = recording.rig.cameras[index].size
     looks = markertrack.follow(
         recording.images_of(index),
         recording.times_s,
         recording.handle,
-        _regions(name)[index],
+        regions(name)[index],
         parameters,
     )
     holds = held([look.window for look in looks], recording, index)
@@ -258,16 +262,16 @@ def _followed(name: str, index: int, parameters: Parameters) -> list[tuple[float
 
 
 @cache
-def _recording(name: str) -> Recorded:
+def kept_recording(name: str) -> Recorded:
     return read_recording(name)
 
 
 @cache
-def _regions(name: str) -> list[list[Window | None]]:
+def regions(name: str) -> list[list[Window | None]]:
     """What moves, for each camera at each instant: there the markers are looked for as long as
     nothing is known.
     """
-    recording = _recording(name)
+    recording = kept_recording(name)
     return [
         markertrack.moving_regions(recording.images_of(k), empty)
         for k, empty in enumerate(recording.empty)
@@ -275,7 +279,7 @@ def _regions(name: str) -> list[list[Window | None]]:
 
 
 @cache
-def _hard_light() -> tuple[list[np.ndarray], np.ndarray, list[Regions]]:
+def hard_light() -> tuple[list[np.ndarray], np.ndarray, list[Regions]]:
     """CCD3's images of `hard`, a fourth of the rows and columns; that of the empty bench; and what
     truly moves.
     """

@@ -42,6 +42,7 @@ __all__ = [
     "cover",
     "held",
     "in_the_gate",
+    "instant_of",
     "judge_search",
     "judge_spots",
     "moving",
@@ -155,12 +156,12 @@ def read_recording(
         rig,
         handle,
         tuple(image[thin].copy() for image in empty),
-        [_instant(job, k, tuple(image[thin].copy() for image in images)) for k, images in taken],
+        [instant_of(job, k, tuple(image[thin].copy() for image in images)) for k, images in taken],
         job,
     )
 
 
-def _instant(job: Job, frame: int, images: tuple[np.ndarray, ...]) -> Instant:
+def instant_of(job: Job, frame: int, images: tuple[np.ndarray, ...]) -> Instant:
     """An instant with its truth, from the script."""
     shot = job.shots[frame]
     seen = np.zeros((len(job.rig.cameras), len(job.handle.marker_centres)), bool)

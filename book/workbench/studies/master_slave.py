@@ -39,6 +39,7 @@ __all__ = [
     "climbing_s",
     "coverage",
     "human_hand",
+    "is_reached",
     "lag_s",
     "latency_budget",
     "mapped",
@@ -311,7 +312,7 @@ def coverage(
     ]
     grid = scale * alignment.apply(np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 3))
     home = forward(robot, robot.home)
-    reached = np.array([_is_reached(robot, home, way) for way in grid])
+    reached = np.array([is_reached(robot, home, way) for way in grid])
     return float(reached.mean()), float((reached & (home.translation[2] + grid[:, 2] > 0)).mean())
 
 
@@ -340,7 +341,7 @@ def _correlation(a: Array, b: Array) -> float:
     return float((a * b).sum()) / size if size > 1e-3 else np.nan
 
 
-def _is_reached(
+def is_reached(
     robot: Robot, home: RigidTransform, way: Array, stations: int = 12, steps: int = 4
 ) -> bool:
     """Whether the tool gets from home along `way`, mm, straight and without turning."""

@@ -38,6 +38,8 @@ __all__ = [
     "baseline_difference_mm",
     "board_errors_mm",
     "board_fit_mm",
+    "decomposed",
+    "grey",
     "led_errors_px",
     "led_median_px",
     "load_caliscope",
@@ -100,7 +102,7 @@ def load_opencv_stereo(fetch: bool = False) -> StereoPhotographs | None:
     if folder is None:
         return None
     left, right = (
-        tuple(_grey(path) for path in sorted(folder.glob(f"{side}??.jpg")))
+        tuple(grey(path) for path in sorted(folder.glob(f"{side}??.jpg")))
         for side in ("left", "right")
     )
     return StereoPhotographs(left, right, Board(9, 6, 25.0))
@@ -159,7 +161,7 @@ def load_trackpy_particles(fetch: bool = False) -> Particles | None:
         return None
     with np.load(folder / "reproducibility_v0.4.npz", allow_pickle=False) as stored:
         uv = as_array(stored["arr_3"], "arr_3", (None, 2))[:, ::-1]
-    return Particles(_grey(folder / "T76S3F00001.png"), frozen(uv))
+    return Particles(grey(folder / "T76S3F00001.png"), frozen(uv))
 
 
 def load_trajectories(fetch: bool = False) -> Trajectory | None:
@@ -178,7 +180,7 @@ def load_trajectories(fetch: bool = False) -> Trajectory | None:
     return Trajectory(frozen(rows[:, 0] - rows[0, 0]), poses)
 
 
-def _grey(path: Path) -> np.ndarray:
+def grey(path: Path) -> np.ndarray:
     image = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
     if image is None:
         raise ValueError(f"{path}: no image")
@@ -194,7 +196,7 @@ def _mcsc_camera(folder: Path, number: int, size: list[int], uv: Array) -> tuple
     matrix = np.array([[rad["K11"], 0, rad["K13"]], [0, rad["K22"], rad["K23"]], [0, 0, 1]])
     distortions = np.array([*(rad[f"kc{k}"] for k in range(1, 5)), 0.0])
     lens = Camera(name, (size[0], size[1]), matrix, distortions, identity)
-    K, R, t = _decomposed(np.loadtxt(folder / f"camera{number}.Pmat.cal"))
+    K, R, t = decomposed(np.loadtxt(folder / f"camera{number}.Pmat.cal"))
     upright = K.copy()
     upright[0, 1] = 0.0  # the skew stays with the pixels' correction
     camera = Camera(
@@ -205,7 +207,7 @@ def _mcsc_camera(folder: Path, number: int, size: list[int], uv: Array) -> tuple
     return camera, camera.to_pixels(xy[:, :2])
 
 
-def _decomposed(P: Array) -> tuple[Array, Rotation, Array]:
+def decomposed(P: Array) -> tuple[Array, Rotation, Array]:
     """K (with a diagonal that is positive), R and t of a projection matrix P ~ K [R | t]."""
     K, R = rq(P[:, :3])
     signs = np.diag(np.sign(np.diag(K)))

@@ -29,7 +29,19 @@ from ..paper.errata.workspace import printed_workspace_volume
 from . import real_recordings, second_renderer
 from .protocol import Claim, Trial, can_show, load_claims, load_trials
 
-__all__ = ["CHECKS", "COLUMNS", "Claim", "disagreements", "load_claims", "score", "scoreboard"]
+__all__ = [
+    "CHECKS",
+    "COLUMNS",
+    "Claim",
+    "Result",
+    "disagreements",
+    "drawn_results",
+    "load_claims",
+    "score",
+    "scoreboard",
+    "seconds_an_instant",
+    "sensitivity",
+]
 
 COLUMNS = (
     "no",

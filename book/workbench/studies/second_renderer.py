@@ -30,7 +30,19 @@ from ..intervals import of_mean
 from ..second import recipe
 from .replication import EVERY, Deviation, deviation, measure_frames
 
-__all__ = ["FILM", "OURS", "SECOND", "followed", "judged", "make_table", "recorded", "side_by_side"]
+__all__ = [
+    "FILM",
+    "OURS",
+    "SECOND",
+    "followed",
+    "judged",
+    "make_table",
+    "measured",
+    "ours",
+    "read",
+    "recorded",
+    "side_by_side",
+]
 
 SECOND, OURS = "second", "bench"  # the renderers
 FILM = "film"  # stands in the column of estimators for the best one that follows
@@ -63,8 +75,8 @@ def make_table(kept: Path) -> pd.DataFrame:
         folder = folders[f"stills-{handle_name}"]
         _, handle = open_folder(folder)
         truths = list(poses_by_frame(read_poses(folder / "truth.csv")).values())
-        for renderer, frames in ((SECOND, _read(folder)), (OURS, _ours(truths, handle))):
-            found = _measured(frames, truths, handle)
+        for renderer, frames in ((SECOND, read(folder)), (OURS, ours(truths, handle))):
+            found = measured(frames, truths, handle)
             rows += [
                 {"renderer": renderer, "rig": rig, "handle": handle_name, "estimator": estimator}
                 | judged(found[rig, estimator])
@@ -158,12 +170,12 @@ def judged(deviations: Sequence[Deviation]) -> dict[str, float]:
     return row
 
 
-def _read(folder: Path) -> Iterator[list[np.ndarray]]:
+def read(folder: Path) -> Iterator[list[np.ndarray]]:
     recording, _ = open_folder(folder)
     return (now.images for now in instants(recording))
 
 
-def _ours(truths: Sequence[RigidTransform], handle: Handle) -> Iterator[list[np.ndarray]]:
+def ours(truths: Sequence[RigidTransform], handle: Handle) -> Iterator[list[np.ndarray]]:
     """Frames of the standard scene, one for each of the recipe's cameras; each has its own noise."""
     cameras = recipe.four_cameras().cameras
     for k, T in enumerate(truths):
@@ -173,7 +185,7 @@ def _ours(truths: Sequence[RigidTransform], handle: Handle) -> Iterator[list[np.
         ]
 
 
-def _measured(
+def measured(
     frames: Iterator[list[np.ndarray]], truths: Sequence[RigidTransform], handle: Handle
 ) -> dict[tuple[str, str], list[Deviation]]:
     """Deviations by rig and estimator; a handle's look-alikes are told apart by the truth."""

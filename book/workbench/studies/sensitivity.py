@@ -56,7 +56,12 @@ __all__ = [
     "SEED",
     "Case",
     "World",
+    "by_pose",
+    "by_printed_matrix",
     "compared",
+    "errors",
+    "images_of",
+    "is_itself",
     "make_table",
     "numbers_of",
     "of_calibration",
@@ -276,18 +281,18 @@ CASES = (
 
 def numbers_of(world: World, k: int, draw: int) -> dict[str, float]:
     """The headline numbers of pose `k` under one draw of the noise; NaN for what is not measured."""
-    images = _images(world, k, draw)
+    images = images_of(world, k, draw)
     rig = world.setup.rig
     pair = Rig(rig.cameras[:2])
     m = measure(images[:2], pair, world.setup.handle, parameters=world.parameters)
     estimate = m.pose.T_world_handle
     if world.as_printed:
-        estimate = _by_printed_matrix(m, pair, world.setup.handle)
+        estimate = by_printed_matrix(m, pair, world.setup.handle)
     best = measure(
         images, rig, world.setup.handle, parameters=replace(world.parameters, estimator=BEST)
     ).pose.T_world_handle
-    E_t, E_alpha, E_beta, E_gamma, angle = _errors(world, estimate, k)
-    best_mm, *_, best_deg = _errors(world, best, k)
+    E_t, E_alpha, E_beta, E_gamma, angle = errors(world, estimate, k)
+    best_mm, *_, best_deg = errors(world, best, k)
     return {
         "E_t": E_t,
         "E_alpha": E_alpha,
@@ -296,12 +301,12 @@ def numbers_of(world: World, k: int, draw: int) -> dict[str, float]:
         "angle": angle,
         "E_t best": best_mm,
         "angle best": best_deg,
-        "told apart": float(_is_itself(world, estimate, k)),
+        "told apart": float(is_itself(world, estimate, k)),
         "measured": float(estimate is not None),
     }
 
 
-def _images(world: World, k: int, draw: int) -> list[np.ndarray]:
+def images_of(world: World, k: int, draw: int) -> list[np.ndarray]:
     """The frames of a pose; CCD2's of a later instant if it is late."""
     images = factors.frames(world.setup, k, np.random.default_rng([SEED, draw, k]))
     if world.late_s:
@@ -312,7 +317,7 @@ def _images(world: World, k: int, draw: int) -> list[np.ndarray]:
     return images
 
 
-def _by_printed_matrix(m: Measurement, pair: Rig, handle: Handle) -> RigidTransform | None:
+def by_printed_matrix(m: Measurement, pair: Rig, handle: Handle) -> RigidTransform | None:
     """The pose by the first form of Eq. 20 with R_rl as printed, from the same labelled centroids."""
     T = m.pose.T_world_handle
     if T is None:
@@ -328,7 +333,7 @@ def _by_printed_matrix(m: Measurement, pair: Rig, handle: Handle) -> RigidTransf
     return by_matrix(trial, uv, pair, printed - nearest_rotation(printed).as_matrix())[0]
 
 
-def _errors(world: World, estimate: RigidTransform | None, k: int) -> list[float]:
+def errors(world: World, estimate: RigidTransform | None, k: int) -> list[float]:
     """Distance, three angles, geodesic angle, of the paper's handle; NaN without an estimate."""
     if estimate is None:
         return [np.nan] * 5
@@ -342,7 +347,7 @@ def _errors(world: World, estimate: RigidTransform | None, k: int) -> list[float
     return [float(distance), *map(float, angles), float(geodesic_deg(found, truth)[0])]
 
 
-def _is_itself(world: World, estimate: RigidTransform | None, k: int) -> bool:
+def is_itself(world: World, estimate: RigidTransform | None, k: int) -> bool:
     """Whether a pose is the true one and not one that looks like it."""
     if estimate is None:
         return False
@@ -391,7 +396,7 @@ def _rows_of(case: Case, base: list[dict[str, float]], kept: Path, draws: int) -
             name,
             unit,
             claim,
-            *compared(_by_pose(base, name, poses), _by_pose(found, name, poses)),
+            *compared(by_pose(base, name, poses), by_pose(found, name, poses)),
             draws,
             SEED,
             "rendered",
@@ -413,7 +418,7 @@ def compared(before: Array, after: Array) -> tuple[float, float, float, float, f
     return (*means, interval.low, interval.high, int(both.sum()))
 
 
-def _by_pose(found: Sequence[dict[str, float]], name: str, poses: int) -> Array:
+def by_pose(found: Sequence[dict[str, float]], name: str, poses: int) -> Array:
     """A number's mean over the draws that have it, for each pose; NaN where none has."""
     values = np.array([row[name] for row in found], float).reshape(-1, poses)
     good = np.isfinite(values)

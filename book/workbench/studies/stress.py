@@ -53,9 +53,13 @@ __all__ = [
     "SUMS",
     "WINDOW_PX",
     "by_fault",
+    "first",
     "instants",
+    "judged",
     "make_table",
+    "sums",
     "trial",
+    "unforeseen",
     "watched",
 ]
 
@@ -108,7 +112,7 @@ def trial(fault: str, handle: str, block: int) -> dict[str, float]:
     found = {}
     for rig, count in RIGS.items():
         for estimator, deviations in _measured(taken, count, truths, the_handle, methods).items():
-            for name, value in _sums(deviations).items():
+            for name, value in sums(deviations).items():
                 found[f"{rig}/{estimator}/{name}"] = value
     return found
 
@@ -147,7 +151,7 @@ def _measured(
     """The estimators' deviations, with the first cameras; each instant may have a rig of its own."""
     found: dict[str, list[Deviation]] = {name: [] for name in methods}
     for one, T in zip(taken, truths, strict=True):
-        rig = _first(one.rig, count)
+        rig = first(one.rig, count)
         priors = [T] if len(handle.symmetries) > 1 else None
         measurements = measure_frames([one.frames[:count]], rig, handle, methods, priors)
         for name, (measurement,) in measurements.items():
@@ -155,7 +159,7 @@ def _measured(
     return found
 
 
-def _first(rig: Rig, count: int) -> Rig:
+def first(rig: Rig, count: int) -> Rig:
     """A rig of the first cameras, known as well as they are."""
     if rig.covariance is None:
         return Rig(rig.cameras[:count])
@@ -177,14 +181,14 @@ SUMS = (
 )
 
 
-def _sums(deviations: Sequence[Deviation]) -> dict[str, float]:
+def sums(deviations: Sequence[Deviation]) -> dict[str, float]:
     """The quantities of `SUMS`; ``ratios`` are squares of error by sigma."""
     held = [one for one in deviations if one.measured]
     found = {
         "n": float(len(deviations)),
         "measured": float(len(held)),
         "wrong": float(sum(one.wrong for one in held)),
-        "unforeseen": float(sum(_unforeseen(one) for one in held)),
+        "unforeseen": float(sum(unforeseen(one) for one in held)),
     }
     for unit in ("mm", "deg"):
         errors = np.array([getattr(one, unit) for one in held])
@@ -196,7 +200,7 @@ def _sums(deviations: Sequence[Deviation]) -> dict[str, float]:
     return found
 
 
-def _unforeseen(one: Deviation) -> bool:
+def unforeseen(one: Deviation) -> bool:
     """Whether a pose is a false one, and more than five of its own sigmas off where it is."""
     return (one.mm > max(WRONG_MM, SIGMAS * one.sigma_mm)) or (
         one.deg > max(WRONG_DEG, SIGMAS * one.sigma_deg)
@@ -236,7 +240,7 @@ def make_table(instants: int, workers: int, kept: Path | None) -> pd.DataFrame:
     ]
     rows = [
         {"fault": fault, "rig": rig, "handle": handle, "estimator": estimator}
-        | _judged(part, f"{rig}/{estimator}")
+        | judged(part, f"{rig}/{estimator}")
         for (fault, handle), part in pd.concat(rounds).groupby(["fault", "handle"], sort=False)
         for rig in RIGS
         for estimator in ESTIMATORS
@@ -251,7 +255,7 @@ def _round(number: int, workers: int, kept: Path | None) -> pd.DataFrame:
     return all_runs("stress", trial, grid, kept, workers, yes=True)
 
 
-def _judged(blocks: pd.DataFrame, name: str) -> dict[str, float]:
+def judged(blocks: pd.DataFrame, name: str) -> dict[str, float]:
     """The row of some blocks; those that an estimator has not measured do not count."""
     mine = blocks[blocks[f"{name}/n"].notna()]
     total = {what: float(mine[f"{name}/{what}"].sum()) for what in SUMS}

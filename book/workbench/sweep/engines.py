@@ -37,6 +37,7 @@ __all__ = [
     "one_thread_each",
     "package_hash",
     "processes",
+    "settle",
     "settled",
 ]
 
@@ -136,7 +137,7 @@ def cluster(address: str, sweep: str = "") -> Iterator[Engine]:
     except (OSError, ValueError) as error:
         raise ValueError(f"{address}: no Dask scheduler answers ({error})") from None
     with client:
-        _settle(client, address)
+        settle(client, address)
         try:
             yield Engine(
                 client.get_executor(pure=False), 4 * sum(client.nthreads().values()), BATCH_S
@@ -206,7 +207,7 @@ async def _close_on_worker(sweep: str) -> None:
     await asyncio.to_thread(close_kernels, sweep)
 
 
-def _settle(client: Any, address: str) -> None:
+def settle(client: Any, address: str) -> None:
     """Give each worker one thread for linear algebra and OpenCV; ValueError if its code is not that
     of this process.
     """

@@ -26,12 +26,27 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-__all__ = ["remember", "reset"]
+__all__ = [
+    "is_installed",
+    "logger_states",
+    "other_threads",
+    "put_back",
+    "remember",
+    "reset",
+    "restore_loggers",
+    "to_undo",
+    "undo_ipython",
+    "undo_matplotlib",
+    "undo_numpy",
+    "undo_opencv",
+    "undo_pandas",
+    "undo_python",
+]
 
 SERVICES = {"ipykernel", "tqdm", "zmq"}  # their threads stay, whatever a notebook does
 OWN = ("trinolab", "workbench")
 
-_undo: list[Callable[[], Any]] = []
+to_undo: list[Callable[[], Any]] = []
 
 
 def remember(shell: Any, imports: str = "") -> None:
@@ -48,16 +63,16 @@ def remember(shell: Any, imports: str = "") -> None:
     for name in ("cv2", "matplotlib.pyplot", "pandas", *imports.split()):
         with suppress(Exception):  # the notebook will see it
             importlib.import_module(name)
-    _undo[:] = [
-        _threads(),
+    to_undo[:] = [
+        other_threads(),
         lambda: shell.reset(new_session=True),
-        _python(),
+        undo_python(),
         forget,
-        _matplotlib(),
-        _ipython(shell),
-        _numpy(),
-        _pandas(),
-        _opencv(),
+        undo_matplotlib(),
+        undo_ipython(shell),
+        undo_numpy(),
+        undo_pandas(),
+        undo_opencv(),
         gc.collect,
     ]
     forget()
@@ -71,13 +86,13 @@ def reset() -> None:
     RuntimeError
         If that cannot be done: threads or processes that the notebook started still run.
     """
-    for undo in _undo:
+    for undo in to_undo:
         undo()
     if not gc.get_freeze_count():  # what is here now need not be looked through after each run
         gc.freeze()
 
 
-def _threads() -> Callable[[], None]:
+def other_threads() -> Callable[[], None]:
     kept = set(threading.enumerate())
 
     def check() -> None:
@@ -92,7 +107,7 @@ def _threads() -> Callable[[], None]:
     return check
 
 
-def _python() -> Callable[[], None]:
+def undo_python() -> Callable[[], None]:
     folder = Path.cwd()
     environ = dict(os.environ)
     names = dict(vars(builtins))
@@ -104,12 +119,12 @@ def _python() -> Callable[[], None]:
     }
     limit = sys.getrecursionlimit()
     filters = list(warnings.filters)
-    loggers = _loggers()
+    loggers = logger_states()
 
     def undo() -> None:
         os.chdir(folder)
-        _put_back(os.environ, environ)
-        _put_back(vars(builtins), names)
+        put_back(os.environ, environ)
+        put_back(vars(builtins), names)
         sys.path = list(path)
         sys.argv = list(arguments)
         for name, value in streams.items():
@@ -119,13 +134,13 @@ def _python() -> Callable[[], None]:
         warnings.filters[:] = filters  # type: ignore[index]
         with warnings.catch_warnings():  # leaving it makes Python look at the filters anew
             pass
-        _restore_loggers(loggers)
+        restore_loggers(loggers)
         random.seed()
 
     return undo
 
 
-def _loggers() -> dict[str, tuple[Any, ...]]:
+def logger_states() -> dict[str, tuple[Any, ...]]:
     """Level, handlers and switches of every logger."""
     found = {"": logging.getLogger(), **logging.Logger.manager.loggerDict}
     return {
@@ -135,8 +150,8 @@ def _loggers() -> dict[str, tuple[Any, ...]]:
     }
 
 
-def _restore_loggers(kept: dict[str, tuple[Any, ...]]) -> None:
-    for name in _loggers():
+def restore_loggers(kept: dict[str, tuple[Any, ...]]) -> None:
+    for name in logger_states():
         logger = logging.getLogger(name)
         level, logger.handlers[:], logger.propagate, logger.disabled = kept.get(
             name, (logging.NOTSET, [], True, False)
@@ -149,13 +164,13 @@ def _modules() -> Callable[[], None]:
 
     def undo() -> None:
         for name in set(sys.modules) - kept:
-            if not _is_installed(name):
+            if not is_installed(name):
                 del sys.modules[name]
 
     return undo
 
 
-def _is_installed(name: str) -> bool:
+def is_installed(name: str) -> bool:
     """Whether a module comes with Python or from its packages, and neither from here nor from a
     notebook's folder.
     """
@@ -166,7 +181,7 @@ def _is_installed(name: str) -> bool:
     return place is None or place.startswith(os.path.dirname(os.__file__)) or "-packages" in place
 
 
-def _matplotlib() -> Callable[[], None]:
+def undo_matplotlib() -> Callable[[], None]:
     import matplotlib
     import matplotlib.pyplot as plt
     from matplotlib_inline.config import InlineBackend
@@ -190,7 +205,7 @@ def _matplotlib() -> Callable[[], None]:
     return undo
 
 
-def _ipython(shell: Any) -> Callable[[], None]:
+def undo_ipython(shell: Any) -> Callable[[], None]:
     callbacks = {name: list(functions) for name, functions in shell.events.callbacks.items()}
     tables = [
         getattr(formatter, name)
@@ -205,13 +220,13 @@ def _ipython(shell: Any) -> Callable[[], None]:
         for name, functions in callbacks.items():
             shell.events.callbacks[name][:] = functions
         for table, content in printers:
-            _put_back(table, content)
+            put_back(table, content)
         shell.ast_node_interactivity = node
 
     return undo
 
 
-def _numpy() -> Callable[[], None]:
+def undo_numpy() -> Callable[[], None]:
     import numpy as np
 
     shown: dict[str, Any] = {
@@ -227,7 +242,7 @@ def _numpy() -> Callable[[], None]:
     return undo
 
 
-def _pandas() -> Callable[[], None]:
+def undo_pandas() -> Callable[[], None]:
     import pandas as pd
 
     def options(level: dict[str, Any], above: str = "") -> dict[str, Any]:
@@ -253,7 +268,7 @@ def _pandas() -> Callable[[], None]:
     return undo
 
 
-def _opencv() -> Callable[[], None]:
+def undo_opencv() -> Callable[[], None]:
     import cv2
 
     count = cv2.getNumThreads()
@@ -265,7 +280,7 @@ def _opencv() -> Callable[[], None]:
     return undo
 
 
-def _put_back(table: Any, content: dict[Any, Any]) -> None:
+def put_back(table: Any, content: dict[Any, Any]) -> None:
     """Give a mapping its former content, touching only what differs."""
     for name in [name for name in table if name not in content]:
         del table[name]

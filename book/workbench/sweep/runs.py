@@ -41,7 +41,17 @@ from .notebook import assignments, read_notebook, read_parameters
 from .outcome import FAILED, LAST_COLUMNS, Outcome, as_plain_number, call, each, failed, table
 from .warmkernel import check_kernel, notebook_job, run_job
 
-__all__ = ["Sweep", "compute", "find_notebook", "of_function", "of_notebook", "shown", "sweep"]
+__all__ = [
+    "Sweep",
+    "compute",
+    "figure",
+    "find_notebook",
+    "of_function",
+    "of_notebook",
+    "received",
+    "shown",
+    "sweep",
+]
 
 NOTEBOOKS = Path(__file__).resolve().parents[3] / "notebooks"  # of a checkout
 AHEAD = 64  # runs submitted ahead to an executor given by the caller
@@ -175,7 +185,7 @@ def compute(
                 for number, outcome in _outcomes(job, where, dict(folder.done), progress):
                     folder.add(number, outcome)
                 found = table(job.names, job.settings, folder.done)
-                folder.finish(found, _figure(found))
+                folder.finish(found, figure(found))
             except KeyboardInterrupt:
                 raise KeyboardInterrupt(_kept(folder, len(job.settings))) from None
             except ValueError as error:
@@ -221,13 +231,13 @@ def _computed(job: Sweep, engine: Engine, todo: Iterator[int]) -> Iterator[tuple
             yield numbers, each, job.run, [job.settings[number] for number in numbers]
 
     for numbers, future in as_finished(engine, batches()):
-        found = _received(future, len(numbers))
+        found = received(future, len(numbers))
         yield from zip(numbers, found, strict=True)
         spent = max(sum(outcome.seconds for outcome in found) / len(found), 1e-4)
         size = max(1, int(engine.batch_s / spent))
 
 
-def _received(future: Future[Any], count: int) -> list[Outcome]:
+def received(future: Future[Any], count: int) -> list[Outcome]:
     """What a future holds; runs that their engine could not compute have failed."""
     try:
         return future.result()
@@ -239,7 +249,7 @@ def _received(future: Future[Any], count: int) -> list[Outcome]:
         return [failed(error, 0.0)] * count
 
 
-def _figure(found: pd.DataFrame) -> bytes:
+def figure(found: pd.DataFrame) -> bytes:
     from .figures import as_png, plot_sweep  # loads matplotlib
 
     return as_png(plot_sweep(found))

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     import mujoco
     import pyvista
 
-__all__ = ["ForceArrow", "GeomScene", "SlaveView", "geom_scene", "place"]
+__all__ = ["ForceArrow", "GeomScene", "SlaveView", "can_render", "geom_scene", "place"]
 
 # MuJoCo's habit: geoms of this group and above are for collisions, or not for the eye
 HIDDEN_GROUP = 3
@@ -67,7 +67,7 @@ def geom_scene(model: mujoco.MjModel, background: str = "white") -> GeomScene:
     fill = _as_colour(background)
     with pyvista.vtk_verbosity("off"):  # a machine without a display is no matter
         plotter = pyvista.Plotter(off_screen=True, lighting="none")
-    _can_render(plotter)
+    can_render(plotter)
     plotter.background_color = fill
     plotter.add_light(pyvista.Light(light_type="headlight", intensity=0.55))
     plotter.add_light(
@@ -157,7 +157,7 @@ def _as_colour(background: str) -> pyvista.Color:
         raise ValueError(f"background: expected a colour, got {background!r}") from None
 
 
-def _can_render(plotter: pyvista.Plotter) -> None:
+def can_render(plotter: pyvista.Plotter) -> None:
     """VTK ends the process where it has neither a display nor EGL, and falls back on a library that
     is not there.
     """

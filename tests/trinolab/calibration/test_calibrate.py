@@ -17,8 +17,8 @@ from scipy.spatial.transform import RigidTransform, Rotation
 from trinolab.calibration import calibrate, views
 from trinolab.calibration.calibrate import as_lines, calibrate_rig
 from trinolab.calibration.hints import hint
-from trinolab.calibration.outliers import _too_few, calibrate_robustly
-from trinolab.calibration.target import Target, _upright, find_target
+from trinolab.calibration.outliers import calibrate_robustly, too_few
+from trinolab.calibration.target import Target, find_target, upright_corners
 from trinolab.camera import Camera
 from trinolab.datasets import load_real_sets, real_set
 from trinolab.files import outputs
@@ -396,7 +396,7 @@ def test_points_that_are_counted_as_in_a_mirror_are_turned_over():
     upright = np.array(target.points[:, :2]) + 50.0
     mirrored = upright.reshape(3, 4, 2)[:, ::-1].reshape(-1, 2)
     for counted in (upright, upright[::-1], mirrored, mirrored[::-1]):
-        np.testing.assert_array_equal(_upright(counted, target), upright)
+        np.testing.assert_array_equal(upright_corners(counted, target), upright)
 
 
 def test_an_image_of_a_few_pixels_shows_no_target():
@@ -413,7 +413,7 @@ def test_points_on_one_line_or_too_few_are_no_view():
     uv[0, 1, on_one_line] = points[on_one_line, :2]
     uv[0, 2, :3] = points[:3, :2]
     uv[0, 3] = points[:, :2]
-    assert _too_few(points, uv).tolist() == [
+    assert too_few(points, uv).tolist() == [
         [
             "no target found",
             "the 7 points found lie on one line",

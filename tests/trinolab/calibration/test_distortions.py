@@ -10,11 +10,11 @@ from scipy.spatial.transform import RigidTransform
 from trinolab.calibration.adjust import Calibrated, calibrate
 from trinolab.calibration.distortions import (
     Choice,
-    _way,
     as_lines,
     calibrate_by_choice,
     chosen,
     left_out_squares,
+    spread_of_cameras,
 )
 from trinolab.calibration.target import Target
 from trinolab.datasets import real_set
@@ -118,7 +118,7 @@ def test_the_way_to_another_calibration_by_hand():
         for both in (cameras, (first, second))
     )
     way = [1, 2, 3, 4, 0.05, 0.06, *[0] * 6, 0.1, 0.2, 0.3, 0, 0, 0]
-    np.testing.assert_allclose(_way(other, best), np.outer(way, way), atol=1e-9)
+    np.testing.assert_allclose(spread_of_cameras(other, best), np.outer(way, way), atol=1e-9)
 
 
 @pytest.mark.heavy

@@ -132,7 +132,7 @@ class Device:
 def cameras(monkeypatch):
     """Two devices, and what names them."""
     made = {0: Device(), 1: Device()}
-    monkeypatch.setattr(devices, "_open_index", made.__getitem__)
+    monkeypatch.setattr(devices, "open_index", made.__getitem__)
     return made
 
 
@@ -534,12 +534,12 @@ def test_the_cameras_are_listed(cameras, tmp_path, monkeypatch, capfd):
 
 def test_another_system_has_no_list_and_its_cameras_are_tried(cameras, tmp_path, monkeypatch):
     monkeypatch.setattr(devices, "ABOUT", tmp_path / "none")
-    monkeypatch.setattr(devices, "_open_index", lambda k: cameras.get(k, Closed()))
+    monkeypatch.setattr(devices, "open_index", lambda k: cameras.get(k, Closed()))
     assert [(one.number, one.size) for one in devices.list_cameras()] == [(0, SIZE), (1, SIZE)]
 
 
 def test_a_camera_that_cannot_be_opened_is_answered_by_those_that_are_there(tmp_path, monkeypatch):
-    monkeypatch.setattr(devices, "_open_index", lambda _: Closed())
+    monkeypatch.setattr(devices, "open_index", lambda _: Closed())
     monkeypatch.setattr(devices, "DEVICES", tmp_path / "dev")
     monkeypatch.setattr(devices, "ABOUT", tmp_path / "none")
     with pytest.raises(ValueError, match=r"a: camera 7 cannot be opened .*--list tries all$"):

@@ -222,9 +222,9 @@ def test_only_what_was_timed_says_how_long_a_measurement_takes():
     """Poses that were read from a file bring no processor time along."""
     timed = as_track(rows_of([rest.places(setup())[0]] * 40))
     read = timed._replace(cpu_s=np.full(40, np.nan))
-    (number,) = rest._time([timed, read])
+    (number,) = rest.time([timed, read])
     assert (number.what, number.value, number.n) == ("time of a measurement", 10.0, 38)
-    assert rest._time([read]) == []
+    assert rest.time([read]) == []
 
 
 # --- A2: static accuracy
@@ -500,7 +500,7 @@ def test_a_field_without_room_to_pivot_is_refused():
     away = one.field.centre + [0.0, 0.0, 1e5]
     down = one.rig.cameras[0].T_world_cam.rotation.as_matrix()[:, 1]
     with pytest.raises(ValueError, match="no room to pivot the handle"):
-        pointer._touching(one, away, down, np.random.default_rng(0), tries=5)
+        pointer.touching(one, away, down, np.random.default_rng(0), tries=5)
 
 
 # --- A5: latency
@@ -643,7 +643,7 @@ def trial_of(shape, above_mm):
 
 
 def largest_off(shape, above_mm):
-    points, off = arm._off_path(shape, trial_of(shape, above_mm))
+    points, off = arm.off_path(shape, trial_of(shape, above_mm))
     assert len(points) == len(arm.stations(shape))
     assert off.shape == (len(points), arm.ROUNDS, 3)
     assert np.abs(off - off.mean(axis=1, keepdims=True)).max() < 0.02
@@ -675,7 +675,7 @@ def test_numbers_of_five_poses_by_hand(monkeypatch):
     """
     monkeypatch.setattr(intervals, "RESAMPLES", 20)
     groups = [group([0.1, 0, 0], 0.4), group([0.3, 0, 0], 0.6)]
-    found = arm._poses(setup(poses=8), groups)
+    found = arm.pose_numbers(setup(poses=8), groups)
     assert [(one.what, one.statistic, one.n) for one in found] == [
         ("five poses, accuracy", "worst pose", 50),
         ("five poses, repeatability", "worst pose", 50),
@@ -690,7 +690,9 @@ def test_numbers_and_picture_of_a_path(monkeypatch):
     it.
     """
     monkeypatch.setattr(intervals, "RESAMPLES", 3)
-    (accuracy, repeatability), picture = arm._path(setup(), "circle", trial_of("circle", 0.3))
+    (accuracy, repeatability), picture = arm.path_numbers(
+        setup(), "circle", trial_of("circle", 0.3)
+    )
     assert accuracy.value == pytest.approx(0.3, abs=1e-3)
     assert repeatability.value < 0.01
     assert accuracy.n == arm.STATIONS * arm.ROUNDS
@@ -700,13 +702,13 @@ def test_numbers_and_picture_of_a_path(monkeypatch):
 
 def test_a_station_that_the_tool_does_not_come_by_in_a_round_is_left_out():
     trial = trial_of("circle", 0.0)
-    every, _ = arm._off_path("circle", trial)
+    every, _ = arm.off_path("circle", trial)
     rounds = arm.length_of("circle") / arm.SPEED_MM_S
     times = np.array(trial["t_s"])
     begin = arm.STILL_S + arm.LEAD_S + 3 * rounds + 0.1
     tool = np.array(trial["tool"])
     tool[(times >= begin) & (times < begin + rounds / 2)] = [0.0, 0.0, 0.0]  # half of a round
-    points, off = arm._off_path("circle", trial | {"tool": tool.tolist()})
+    points, off = arm.off_path("circle", trial | {"tool": tool.tolist()})
     assert len(points) == len(off)
     assert len(every) == arm.STATIONS
     assert len(points) == pytest.approx(arm.STATIONS / 2, abs=10)

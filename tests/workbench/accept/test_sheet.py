@@ -188,7 +188,7 @@ def test_a_sheet_that_is_not_there_is_named(tmp_path):
 def test_a_test_without_numbers_has_its_notes_and_no_table():
     note = "No place was measured in eight instants."
     number = share("A2", "poses measured", 8, 8, 0)
-    assert sheet._numbers([]) == ""
+    assert sheet.numbers_table([]) == ""
     titles = {"A1": "Rest", "A2": "Static"}
     answers = {"A1": Answer(notes=[note]), "A2": Answer([number])}
     about = {"rig": "r", "handle": "h", "summary": ""}
@@ -328,10 +328,10 @@ def test_parts_of_the_arm_belong_to_their_noise():
 
 def test_a_size_tells_sheets_apart(tmp_path):
     keys = {
-        command._made_from(SOURCE),
-        command._made_from(SOURCE._replace(poses=9)),
-        command._made_from(SOURCE._replace(seed=1)),
-        command._made_from(SOURCE._replace(handle=str(data_path("handles", "paper.toml")))),
+        command.made_from(SOURCE),
+        command.made_from(SOURCE._replace(poses=9)),
+        command.made_from(SOURCE._replace(seed=1)),
+        command.made_from(SOURCE._replace(handle=str(data_path("handles", "paper.toml")))),
     }
     assert len(keys) == 4
 
@@ -435,7 +435,7 @@ def test_an_interruption_says_how_many_parts_are_kept(quick, tmp_path, monkeypat
 
 
 def test_two_commands_with_one_folder(quick, tmp_path):
-    kept = command._folder(tmp_path / "out", []) / command.KEPT
+    kept = command.sheet_folder(tmp_path / "out", []) / command.KEPT
     with Kept(kept, "x"), pytest.raises(ValueError, match="another process works on it"):
         accept(RIG, HANDLE, tmp_path / "out", poses=8, workers=1, progress=False)
 

@@ -27,7 +27,7 @@ from trinolab.files.rigs import read_handle, read_rig
 from trinolab.metrics import position_errors
 from workbench.classkit import criteria
 from workbench.classkit.criteria import GOOD, NOT_MEASURED, USABLE, Criterion
-from workbench.classkit.preflight import _of_rig, _place
+from workbench.classkit.preflight import of_rig, place_of_handle
 from workbench.classkit.seen import Seen
 from workbench.classkit.sheets import EDGE_MM, PAPERS, board_target
 from workbench.studies.real_recordings import load_caliscope
@@ -263,5 +263,5 @@ def test_the_same_on_photographs_of_a_board(tmp_path, monkeypatch, capfd):
 def test_the_cameras_of_a_published_session_stand_well():
     """Four webcams around a board, of which two face each other."""
     rig = load_caliscope().rig
-    rows = _of_rig(rig, _place(Seen(rig.names, rig, None), rig))
+    rows = of_rig(rig, place_of_handle(Seen(rig.names, rig, None), rig))
     assert [one["verdict"] for one in rows] == [GOOD, NOT_MEASURED]

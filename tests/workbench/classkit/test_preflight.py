@@ -22,7 +22,7 @@ from workbench.classkit.criteria import (
     Criterion,
     overall,
 )
-from workbench.classkit.preflight import _cost_mm, _of_rig, preflight
+from workbench.classkit.preflight import cost_mm, of_rig, preflight
 from workbench.classkit.seen import steepness
 
 FEW = 8  # instants, where nothing has to move
@@ -183,8 +183,8 @@ def test_what_the_calibration_costs_is_what_drawn_calibrations_cost():
         ]
     )
     # 4 % of 300 draws, beside what Eq. 20-21, which take the left ray as exact, differ from least squares
-    assert _cost_mm(known, place) == pytest.approx(np.sqrt((drawn**2).sum(axis=1).mean()), rel=0.15)
-    assert _cost_mm(rig, place) is None
+    assert cost_mm(known, place) == pytest.approx(np.sqrt((drawn**2).sum(axis=1).mean()), rel=0.15)
+    assert cost_mm(rig, place) is None
 
 
 @pytest.mark.parametrize("length_px", [0.5, 3.0, 6.0, 15.0])
@@ -242,7 +242,7 @@ def test_exit_codes_and_mistakes(tmp_path, monkeypatch, capfd):
 
 
 def test_a_rig_whose_axes_do_not_meet_says_that_nobody_knows_where_the_rod_will_be():
-    rows = _of_rig(small_rig(), None)
+    rows = of_rig(small_rig(), None)
     assert [row["what"] for row in rows] == [criteria.ANGLE.what, criteria.COST.what]
     for row in rows:
         assert row["verdict"] == NOT_MEASURED

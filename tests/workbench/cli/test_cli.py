@@ -26,7 +26,7 @@ from trinolab import __version__
 from trinolab import evaluation as evaluate
 from trinolab.camera import Rig
 from trinolab.datasets import data_path, load_handle, load_rig, load_table1
-from trinolab.evaluation import TrackQuality, _lasted
+from trinolab.evaluation import TrackQuality, how_long
 from trinolab.files.poses import read_poses, truth_table, write_poses
 from trinolab.files.rigs import write_handle, write_rig
 from workbench import cli
@@ -152,11 +152,11 @@ def test_evaluate_tells_how_a_track_was_lost(folder, capfd):
 
 def test_many_losses_are_summed_up():
     assert (
-        _lasted(TrackQuality(0, 0, (1,) * 8, None))
+        how_long(TrackQuality(0, 0, (1,) * 8, None))
         == "   back after 1, 1, 1, 1, 1, 1, 1, 1 instants"
     )
-    assert _lasted(TrackQuality(0, 0, (1,) * 9 + (7,), None)) == "   back after at most 7 instants"
-    assert _lasted(TrackQuality(0, 0, (), 4)) == "   not back in the last 4 instants"
+    assert how_long(TrackQuality(0, 0, (1,) * 9 + (7,), None)) == "   back after at most 7 instants"
+    assert how_long(TrackQuality(0, 0, (), 4)) == "   not back in the last 4 instants"
 
 
 def test_evaluate_without_a_pose_says_so(folder, capfd):
@@ -396,13 +396,13 @@ def test_an_answer_that_cannot_be_written_is_a_refusal(full):
     with pytest.raises(
         ValueError, match=r"standard output: cannot be written \(No space left on device\)"
     ):
-        cli._say("42")
+        cli.say("42")
     assert goes_nowhere(stdout)  # what Python writes at its end
 
 
 def test_an_answer_that_nobody_reads_any_more_is_none(full):
     stdout = full(BrokenPipeError(32, "Broken pipe"))
-    cli._say("42")
+    cli.say("42")
     assert goes_nowhere(stdout)
 
 
@@ -464,7 +464,7 @@ def test_the_scale_is_held_by_a_length_or_by_what_is_known():
     rig = load_rig("paper_pair")
 
     def scale(length):
-        return refine._scale(SimpleNamespace(prior=SimpleNamespace(length=length), start_rig=rig))
+        return refine.scale(SimpleNamespace(prior=SimpleNamespace(length=length), start_rig=rig))
 
     assert scale(None) == "by the covariances of rig and markers; no length was given"
     of_cameras = SimpleNamespace(of="cameras", first=0, second=1, mm=99.19)
@@ -485,7 +485,7 @@ def test_ten_of_the_views_that_were_left_out_are_named(count, named, last):
             "reason": "too far off",
         }
     )
-    first, *others = refine._view_lines(SimpleNamespace(views=views))
+    first, *others = refine.view_lines(SimpleNamespace(views=views))
     assert first == f"views left out: {count or 'none'}"
     assert sum("ccd1, frame" in line and line.endswith(": too far off") for line in others) == named
     assert last in [first, *others][-1]

@@ -15,13 +15,13 @@ from wayward import asks, changes, ends, hangs, waits, warns
 
 from workbench.cli import main
 from workbench.course import check, submissions
-from workbench.course.child import BEING_CHECKED, _cells, _executed, outcome, plain_value
+from workbench.course.child import BEING_CHECKED, cells_of, executed, outcome, plain_value
 from workbench.course.exercise import KINDS, FunctionExercise, ValueExercise
 from workbench.course.exercises import CHAPTERS, exercise, of_chapter
 from workbench.course.grading import call_of, judge_outcomes, judge_values
 from workbench.course.plain import MOST_NUMBERS, described, equal, plain
-from workbench.course.running import Found, _how, _lines, run_given
-from workbench.course.stubs import _head
+from workbench.course.running import Found, how, run_given, whole_lines
+from workbench.course.stubs import head_of
 from workbench.provenance import code_hash
 
 ALL = [one for chapter in CHAPTERS for one in of_chapter(chapter)]
@@ -276,13 +276,13 @@ def test_what_is_returned_is_named_by_its_kind(value, words):
     ],
 )
 def test_how_a_process_ended_is_said_in_words(code, words):
-    assert _how(code, cpu_s=5.0, wait_s=7.0) == words
+    assert how(code, cpu_s=5.0, wait_s=7.0) == words
 
 
 def test_answers_that_were_cut_off_or_are_none_are_passed_over(tmp_path):
     answers = tmp_path / "answers.jsonl"
     answers.write_bytes(b'{"here": true}\n3\n[1]\n\xff\n{"done": tr')
-    assert list(_lines(answers)) == [{"here": True}]
+    assert list(whole_lines(answers)) == [{"here": True}]
 
 
 def test_what_is_not_there_is_said_with_the_reason():
@@ -295,7 +295,7 @@ def test_what_is_not_there_is_said_with_the_reason():
         ),
     }
     for says, found in reasons.items():
-        verdict = submissions._verdict(asked, found)
+        verdict = submissions.verdict_of(asked, found)
         assert (verdict.says, verdict.points, verdict.of) == (says, 0, asked.points)
 
 
@@ -312,9 +312,9 @@ def test_an_exercise_without_a_docstring_cannot_be_handed_out():
     def bare(a, b):
         return a + b
 
-    assert _head(add).splitlines() == ["def add(a, b):", '    """The sum."""']
+    assert head_of(add).splitlines() == ["def add(a, b):", '    """The sum."""']
     with pytest.raises(ValueError, match="bare: expected a docstring, which students get"):
-        _head(bare)
+        head_of(bare)
 
 
 def test_cells_run_one_after_the_other_without_their_magic(tmp_path, monkeypatch):
@@ -329,9 +329,9 @@ def test_cells_run_one_after_the_other_without_their_magic(tmp_path, monkeypatch
             "c = a + b",
         )
     )
-    assert _cells(file)[0] == "\na = 1\n"
+    assert cells_of(file)[0] == "\na = 1\n"
     answers = io.StringIO()
-    namespace = _executed(file, answers)
+    namespace = executed(file, answers)
     assert (namespace["b"], namespace["c"]) == (2, 3)
     lines = [json.loads(line) for line in answers.getvalue().splitlines()]
     assert [line["place"] for line in lines if "raised" not in line] == [
@@ -346,7 +346,7 @@ def test_a_line_of_python_that_begins_as_magic_does_is_none(tmp_path, monkeypatc
     monkeypatch.setenv(BEING_CHECKED, "")
     file = tmp_path / "04_kalman.ipynb"
     file.write_text(notebook("share = (7\n% 4)", 'text = """\n%d of all\n!"""'))
-    namespace = _executed(file, io.StringIO())
+    namespace = executed(file, io.StringIO())
     assert namespace["share"] == 3
     assert namespace["text"] == "\n%d of all\n!"
 
@@ -424,7 +424,7 @@ def test_a_folder_without_a_file_of_a_student_is_refused(tmp_path, capsys):
     ],
 )
 def test_a_kept_line_that_is_damaged_is_none(line, is_one):
-    assert submissions._is_line(0, line) is is_one
+    assert submissions.is_line(0, line) is is_one
 
 
 def test_a_class_is_checked_once(tmp_path, capsys):

@@ -24,7 +24,7 @@ from workbench.live import settings
 from workbench.live.loop import WAIT_S
 from workbench.live.picture import message
 from workbench.live.pointing import GO, MARK
-from workbench.live.sources import _HOME, Latest
+from workbench.live.sources import HOME, Latest
 
 FRAME_S = 1 / 30
 TICK_S = 0.008
@@ -50,8 +50,8 @@ class Driven:
             troubles=lambda: self.troubles,
         )
         self.loop = a_loop(source, folder)
-        self.loop._estimator = estimator
-        self.loop._session = Session(
+        self.loop.estimator_now = estimator
+        self.loop.arm_session = Session(
             load_robot(), MappingParameters(), tick_s=TICK_S, longest_s=3.0
         )
         self.ticks = []
@@ -65,7 +65,7 @@ class Driven:
             found = Measurement(pose, (nobody,) * 3, (np.empty(0, int),) * 3)
             return Tracked(found, (None,) * 3)
 
-        monkeypatch.setattr(self.loop, "_follow", follow)
+        monkeypatch.setattr(self.loop, "follow", follow)
         return self
 
     def frame(self, dt=FRAME_S, age_s=0.0):
@@ -74,16 +74,16 @@ class Driven:
         self._number += 1
         t_s = self.now - age_s
         self._next = Latest(self._number, t_s, 0.0, self.now, self.images)
-        return self._round()
+        return self.go_round()
 
     def nothing(self):
         """A round in which no frame came."""
         self.now += WAIT_S
         self._next = None
-        return self._round()
+        return self.go_round()
 
-    def _round(self):
-        self.loop._round()
+    def go_round(self):
+        self.loop.go_round()
         self.ticks.append(self.loop.newest.moment.ticks)
         return self.loop.newest
 
@@ -209,7 +209,7 @@ def test_each_slider_reaches_what_it_sets(tmp_path, monkeypatch):
     for name, value in new.items():
         driven.loop.set(name, value)
     assert driven.frame().values == new
-    parameters, mapping = driven.loop._parameters, driven.loop._session.mapping
+    parameters, mapping = driven.loop.parameters_now, driven.loop.arm_session.mapping
     assert parameters.background.update_rate == new["update_rate"]
     assert parameters.matching.ncc_threshold == new["ncc_threshold"]
     assert mapping.scale == new["scale"]
@@ -237,7 +237,7 @@ def test_rounds_leave_nothing_behind(tmp_path, monkeypatch):
 
 def test_a_camera_in_trouble_stops_the_arm_at_once_whatever_the_delay(tmp_path, monkeypatch):
     driven = Driven(tmp_path, monkeypatch).without_images(monkeypatch)
-    driven.loop._session.mapping = MappingParameters(stale_s=0.15)
+    driven.loop.arm_session.mapping = MappingParameters(stale_s=0.15)
     driven.loop.set("delay_ms", 500.0)
     driven.handle = at(0.0)
     driven.loop.clutch(True)
@@ -280,7 +280,7 @@ def test_the_papers_tracker_and_the_papers_estimator_are_in_the_loop(tmp_path, m
 def is_home(now):
     pose = now.tracked.measurement.pose
     assert pose.status == "measured"
-    assert np.linalg.norm(pose.T_world_handle.translation - _HOME.translation) < 0.5  # mm
+    assert np.linalg.norm(pose.T_world_handle.translation - HOME.translation) < 0.5  # mm
 
 
 def test_the_task_begins_with_an_open_clutch_and_the_hand_at_home_and_ends_when_it_is_told(
@@ -323,8 +323,8 @@ def test_a_recording_that_cannot_begin_is_said_and_not_tried_again_by_itself(tmp
     assert driven.frame().recording[0]
     driven.loop.record(False)
     driven.frame()
-    driven.loop._recorder.close()  # waits until it is written
-    assert "recorded 1 instants" in driven.loop._recorder.said
+    driven.loop.record_writer.close()  # waits until it is written
+    assert "recorded 1 instants" in driven.loop.record_writer.said
 
 
 def test_the_rate_is_that_of_the_frames_and_none_when_they_stop(tmp_path, monkeypatch):

@@ -117,7 +117,7 @@ def test_what_is_not_on_the_target_or_not_seen_yet_does_not_count(tmp_path):
     played.to_target()
     tool = MIDDLE + [20.0, 0.0, 0.0]
     # a target that the page has not drawn
-    played.task._seen_s = None
+    played.task.seen_s = None
     played.task.press(tool, VALUES, played.t_s)
     assert played.round().what == TARGET
     # another scale in the middle of a trial
@@ -195,7 +195,7 @@ def test_all_targets_of_the_study_come_and_the_order_differs():
         task = Pointing(pointing.Path("none.csv"), Rotation.identity())
         for _ in range(len(orders) + 1):
             task.begin("Ann", 2, 0.0)
-        orders.append(pd.DataFrame(task._trials))
+        orders.append(pd.DataFrame(task.trials))
     assert (orders[0].value_counts() == 2).all()
     assert len(orders[0].value_counts()) == 9
     assert not orders[0].equals(orders[1])
@@ -247,7 +247,7 @@ def steered(live, browser, what, move):
     """Move the hand once, by as much as its place is off, and wait until the tool has followed."""
     shows(browser, f"last.task.what === {what!r}")
     aim = browser.evaluate("last.task.aim")
-    move(browser, aim - live.loop.source.hand._goal.translation[0])
+    move(browser, aim - live.loop.source.hand.goal.translation[0])
     near = f"Math.abs(last.task.aim - last.task.at[0]) < {NEAR_MM}"
     shows(browser, f"!last.task || last.task.what !== {what!r} || {near}")
 

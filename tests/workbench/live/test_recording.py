@@ -113,7 +113,7 @@ def test_a_full_disk_ends_it_with_words_and_what_is_there_is_whole(
         if not recorder.running:
             break
         recorder.add(Taken(k / 30, 0.0, HELD), bool(k))
-        wait_until(lambda: recorder._now is None or recorder._now.writer._queue.empty())
+        wait_until(lambda: recorder.clock_now is None or recorder.clock_now.writer._queue.empty())
     recorder.close()
     folder = the_only(tmp_path)
     assert "No space left" in recorder.said
@@ -180,7 +180,7 @@ def test_what_the_disk_cannot_take_is_dropped_and_the_rest_is_in_order(tmp_path,
     monkeypatch.setattr(Writer, "_write", _slow(Writer._write, gate := []))
     recorder = Recorder(tmp_path, RIG, HANDLE)
     recorder.start()
-    writer = recorder._now.writer
+    writer = recorder.clock_now.writer
     for k in range(50):
         recorder.add(Taken(k / 30, 0.0, HELD), False)
     assert writer.dropped > 40

@@ -22,8 +22,8 @@ from livepage import HANDLE, RIG, TOKEN, Bench, Live, Tab
 
 from workbench.live import command, server
 from workbench.live.loop import Loop
-from workbench.live.server import FILES, MOST_MM, PAGE, _move_hand
-from workbench.live.sources import _HOME, SimulatedHand
+from workbench.live.server import FILES, MOST_MM, PAGE, move_hand
+from workbench.live.sources import HOME, SimulatedHand
 
 
 @pytest.fixture(scope="module")
@@ -201,14 +201,14 @@ class AtHome(SimulatedHand):
 
     def settled(self):
         for _ in range(25):
-            now = self.pose(self._t + 0.2)
+            now = self.pose(self.time_s + 0.2)
         return now
 
 
 def told(hand, **how):
     """Where a hand goes that is told so."""
     loop = SimpleNamespace(source=SimpleNamespace(hand=hand, rig=RIG))
-    _move_hand(loop, how)
+    move_hand(loop, how)
     return hand.settled()
 
 
@@ -217,15 +217,15 @@ def test_the_hand_goes_as_the_camera_of_the_picture_sees_it(camera):
     """10 mm to the right, 5 mm down, and turned about the sight."""
     now = told(AtHome(), camera=camera, mm=[10, 5, 0], rad=[0, 0, 0.1])
     T = RIG.cameras[camera].T_cam_world
-    way = T.apply(now.translation) - T.apply(_HOME.translation)
+    way = T.apply(now.translation) - T.apply(HOME.translation)
     np.testing.assert_allclose(way, [10, 5, 0], atol=1e-3)
-    turn = T.rotation * (now.rotation * _HOME.rotation.inv()) * T.rotation.inv()
+    turn = T.rotation * (now.rotation * HOME.rotation.inv()) * T.rotation.inv()
     np.testing.assert_allclose(turn.as_rotvec(), [0, 0, 0.1], atol=1e-4)
 
 
 def test_one_word_moves_the_hand_by_so_much_at_most():
     T = RIG.cameras[0].T_cam_world
-    way = T.apply(told(AtHome(), mm=[-900, 0, 0]).translation) - T.apply(_HOME.translation)
+    way = T.apply(told(AtHome(), mm=[-900, 0, 0]).translation) - T.apply(HOME.translation)
     np.testing.assert_allclose(way, [-MOST_MM, 0, 0], atol=1e-3)
 
 
@@ -233,14 +233,14 @@ def test_the_hand_goes_by_itself_or_home_and_is_drawn_as_it_is_told():
     hand = AtHome()
     away = told(hand, alone=True)
     assert hand.by_itself
-    assert np.linalg.norm(away.translation - _HOME.translation) > 1
+    assert np.linalg.norm(away.translation - HOME.translation) > 1
     told(hand, drawn=True)
     assert hand.drawn
     told(hand, drawn="yes")  # not true in JSON
     assert not hand.drawn
     home = told(hand, home=True)
     assert not hand.by_itself
-    np.testing.assert_allclose(home.as_matrix(), _HOME.as_matrix(), atol=1e-3)
+    np.testing.assert_allclose(home.as_matrix(), HOME.as_matrix(), atol=1e-3)
 
 
 @pytest.mark.parametrize(
@@ -292,7 +292,7 @@ def test_a_loop_that_fails_ends_the_command_with_its_words(tmp_path):
 def test_a_loop_that_has_failed_before_the_page_is_open_ends_the_command_too(tmp_path, monkeypatch):
     at_once, ended = Event(), Event()
     at_once.set()
-    run, bind_sockets = Loop._run, server.bind_sockets
+    run, bind_sockets = Loop.run_loop, server.bind_sockets
 
     def run_and_say(loop):
         run(loop)
@@ -302,7 +302,7 @@ def test_a_loop_that_has_failed_before_the_page_is_open_ends_the_command_too(tmp
         ended.wait(60)
         return bind_sockets(*address)
 
-    monkeypatch.setattr(Loop, "_run", run_and_say)
+    monkeypatch.setattr(Loop, "run_loop", run_and_say)
     monkeypatch.setattr(server, "bind_sockets", bind_late)
 
     def give_up(_):

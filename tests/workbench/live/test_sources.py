@@ -29,18 +29,18 @@ def fed(count=2, live=False):
 def test_only_the_latest_frame_is_there_and_once():
     source, (first, second) = fed()
     for k in range(5):
-        first._keep(float(k), [IMAGE + k])
+        first.keep(float(k), [IMAGE + k])
     assert source.next(0.0) is None  # the second has none yet
-    second._keep(3.9, [IMAGE])
+    second.keep(3.9, [IMAGE])
     latest = source.next(0.0)
     assert latest.number == 1
     assert latest.t_s == pytest.approx(3.95)
     assert latest.spread_s == pytest.approx(0.1)
     np.testing.assert_array_equal(latest.images[0], IMAGE + 4)
     assert source.next(0.0) is None
-    first._keep(6.0, [IMAGE])
+    first.keep(6.0, [IMAGE])
     assert source.next(0.0) is None  # one of them is not new
-    second._keep(6.0, [IMAGE])
+    second.keep(6.0, [IMAGE])
     assert source.next(0.0).number == 2
 
 
@@ -76,7 +76,7 @@ def test_what_fails_is_said_and_opened_again():
 
 def test_a_camera_without_a_new_image_is_named():
     _, (feed, _) = fed()
-    feed._keep(0.0, [IMAGE])
+    feed.keep(0.0, [IMAGE])
     assert feed.trouble(feed.arrived_s + 0.4) == ""
     assert feed.trouble(feed.arrived_s + 3.0) == "c0: no new image for 3 s"
 
@@ -86,17 +86,17 @@ def test_a_camera_with_the_same_image_again_and_again_is_named(monkeypatch):
     now = [100.0]
     monkeypatch.setattr(sources.time, "monotonic", lambda: now[0])
     for _ in range(8):
-        feed._keep(now[0], [IMAGE.copy()])
+        feed.keep(now[0], [IMAGE.copy()])
         now[0] += 0.1
     assert feed.trouble(now[0]) == "c0: the image stands still (frozen?)"
-    feed._keep(now[0], [IMAGE + 1])
+    feed.keep(now[0], [IMAGE + 1])
     assert feed.trouble(now[0]) == ""
 
 
 def test_a_video_may_stand_still():
     _, (feed, _) = fed(live=False)
     for _ in range(3):
-        feed._keep(0.0, [IMAGE])
+        feed.keep(0.0, [IMAGE])
     assert feed.changed_s == feed.arrived_s
 
 
@@ -232,7 +232,7 @@ def test_a_camera_that_ends_is_said_and_opened_anew(tmp_path):
     paths = dict.fromkeys("ab", str(tmp_path / "a.mkv"))
     source = sources.of_cameras(paths, rig, chosen().handle)
     for _ in range(2):
-        frames = source._feeds[0]._frames(threading.Event())
+        frames = source.feeds[0].latest_frames(threading.Event())
         seen = [image for _, (image,) in islice(frames, 3)]
         np.testing.assert_array_equal(seen, images)
         with pytest.raises(ValueError, match="a: delivers no image after 3 instants"):

@@ -122,7 +122,7 @@ from trinolab.matching import ncc
 who.identify(trinolab.measure, pose.fit_pose(pose.LOST), ncc, workbench.sweep.sweep)
 other.measure(np.zeros(3))"""
     found = {
-        name for name in reference._names_used(ast.parse(code)) if name in reference._known_names()
+        name for name in reference.names_used(ast.parse(code)) if name in reference.known_names()
     }
     assert found - {
         name
@@ -147,7 +147,7 @@ other.measure(np.zeros(3))"""
     ],
 )
 def test_numbers_as_spans(numbers, spans):
-    assert reference._spans(numbers) == spans
+    assert reference.spans(numbers) == spans
 
 
 @pytest.mark.parametrize(
@@ -166,7 +166,7 @@ def test_numbers_as_spans(numbers, spans):
     ],
 )
 def test_a_name_in_a_docstring_means_what_it_means_in_the_module(name, module, full):
-    assert reference._full_name(name, module) == full
+    assert reference.full_name(name, module) == full
 
 
 # --- the picture

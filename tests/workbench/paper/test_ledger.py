@@ -391,6 +391,6 @@ def test_pages_are_written_for_the_book_to_include(tmp_path):
 )
 def test_what_an_effect_must_be_in_words(limits, said):
     effect = ledger.Effect("20", "Distance.", "mm", 12.7, 0.05, **limits)
-    assert ledger._effect_item(effect) == (
+    assert ledger.effect_item(effect) == (
         f"- Distance.: **12.7** mm as printed, 0.05 mm as corrected; it must be {said}."
     )

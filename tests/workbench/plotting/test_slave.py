@@ -442,8 +442,8 @@ def test_a_machine_that_cannot_render_is_told_what_to_install(monkeypatch, windo
     shown = window and SimpleNamespace(GetClassName=lambda: window)
     plotter = SimpleNamespace(render_window=shown, close=lambda: closed.append(True))
     if can:
-        view._can_render(plotter)
+        view.can_render(plotter)
     else:
         with pytest.raises(ValueError, match=r"without a display \(Debian packages: libegl1"):
-            view._can_render(plotter)
+            view.can_render(plotter)
     assert bool(closed) is not can

@@ -108,10 +108,10 @@ def test_information_is_that_of_the_markers_edges():
 def test_frames_scatter_as_the_information_says():
     """Scores J^T W (frame - expected) of drawn frames have the information for their covariance."""
     n, rng, fine = 1500, np.random.default_rng(0), replace(FLAT, marker_supersampling=32)
-    _, chosen = bound._chosen(FRONT, WIDE, T, "markers")
+    _, chosen = bound.chosen_pixels(FRONT, WIDE, T, "markers")
     step_mm = 0.2 * np.linalg.norm(T.translation) / FRONT.focal.max()
-    J = bound._derivatives(
-        FRONT, WIDE, T, fine, chosen, bound._steps(step_mm, np.abs(WIDE.marker_centres).max())
+    J = bound.derivatives(
+        FRONT, WIDE, T, fine, chosen, bound.small_steps(step_mm, np.abs(WIDE.marker_centres).max())
     )
     expected = blurred(radiance(FRONT, WIDE, T, fine), fine)
     weighted = J / (0.05 * expected[chosen] + 1.5**2 + 1 / 12)[:, None]
@@ -221,7 +221,7 @@ def test_wrong_arguments_are_named(change, message):
 
 
 def test_steps_move_the_far_end_as_far_as_the_origin():
-    steps = bound._steps(0.02, 50.0)
+    steps = bound.small_steps(0.02, 50.0)
     np.testing.assert_array_equal(steps[:3, :3], 0.02 * np.eye(3))
     far = moved(T, steps[5]).apply([[50.0, 0, 0]]) - T.apply([[50.0, 0, 0]])
     assert not steps[:3, 3:].any()
@@ -233,7 +233,7 @@ def test_steps_move_the_far_end_as_far_as_the_origin():
 def test_a_pose_moves_by_the_step_s_vector_and_turns_about_its_origin():
     step = np.array([1.0, -2.0, 3.0, 0.01, 0.02, -0.03])
     np.testing.assert_allclose(
-        bound._moved(T, step).as_matrix(), moved(T, step).as_matrix(), atol=1e-12
+        bound.moved(T, step).as_matrix(), moved(T, step).as_matrix(), atol=1e-12
     )
 
 
@@ -246,19 +246,19 @@ def test_derivatives_of_a_linear_image_are_its_matrix(monkeypatch):
         turn = (pose.rotation * T.rotation.inv()).as_rotvec()
         return A @ np.concatenate([pose.translation - T.translation, turn])
 
-    monkeypatch.setattr(bound, "_expected", linear)
+    monkeypatch.setattr(bound, "expected", linear)
     chosen = rng.random((4, 5)) < 0.5
     for step_mm in (1e-3, 0.1):
-        J = bound._derivatives(FRONT, WIDE, T, FLAT, chosen, bound._steps(step_mm, 20.0))
+        J = bound.derivatives(FRONT, WIDE, T, FLAT, chosen, bound.small_steps(step_mm, 20.0))
         np.testing.assert_allclose(J, A[chosen], rtol=1e-6, atol=1e-9)
 
 
 def test_an_image_s_derivatives_by_the_greys_are_their_shares(monkeypatch):
     marker, body = np.random.default_rng(1).random((2, 4, 5))
     monkeypatch.setattr(
-        bound, "_expected", lambda *a: a[3].marker_grey * marker + a[3].body_grey * body + 7.0
+        bound, "expected", lambda *a: a[3].marker_grey * marker + a[3].body_grey * body + 7.0
     )
-    found = bound._grey_derivatives(FRONT, WIDE, T, FLAT, np.ones((4, 5), bool))
+    found = bound.grey_derivatives(FRONT, WIDE, T, FLAT, np.ones((4, 5), bool))
     np.testing.assert_allclose(found, np.column_stack([marker.ravel(), body.ravel()]), atol=1e-12)
 
 
@@ -267,9 +267,9 @@ def test_what_is_left_to_know_of_a_pose_is_the_inverse_s_corner():
     J = np.random.default_rng(2).normal(size=(30, 8))
     F = J.T @ J
     np.testing.assert_allclose(
-        np.linalg.inv(bound._marginal(F)), np.linalg.inv(F)[:6, :6], rtol=1e-9
+        np.linalg.inv(bound.marginal(F)), np.linalg.inv(F)[:6, :6], rtol=1e-9
     )
-    np.testing.assert_array_equal(bound._marginal(F[:6, :6]), F[:6, :6])
+    np.testing.assert_array_equal(bound.marginal(F[:6, :6]), F[:6, :6])
 
 
 @pytest.fixture

@@ -54,9 +54,9 @@ def test_cameras_of_the_pair_are_asked_once_for_all_rigs(monkeypatch):
         return np.eye(6)
 
     monkeypatch.setattr(bound, "information", one)
-    bound._information.cache_clear()
+    bound.kept_information.cache_clear()
     bounds = [table1_bounds(rig) for rig in RIGS]
-    bound._information.cache_clear()
+    bound.kept_information.cache_clear()
     assert [asked.count(name) for name in ("ccd1", "ccd2", "ccd3")] == [20, 20, 40]
     assert [found[7].covariance[0, 0] for found in bounds] == pytest.approx([1 / 2, 1 / 3, 1 / 3])
 

@@ -130,7 +130,7 @@ def measured(shift_mm, lost=0, wrong=0):
 
 
 def test_results_of_poses_that_are_all_shifted():
-    found = study._results(measured([0, 0, 0.5], lost=4), HANDLE)
+    found = study.results(measured([0, 0, 0.5], lost=4), HANDLE)
     assert found["E_t_mm"] == pytest.approx(0.5)
     assert found["registered_mm"] == pytest.approx(0.0, abs=1e-9)
     assert found["geodesic_deg"] == pytest.approx(0.0, abs=1e-5)
@@ -139,10 +139,10 @@ def test_results_of_poses_that_are_all_shifted():
 
 
 def test_a_rig_that_measures_little_has_shares_and_no_errors():
-    found = study._results(measured([0, 0, 0.5], lost=11, wrong=2), HANDLE)
+    found = study.results(measured([0, 0, 0.5], lost=11, wrong=2), HANDLE)
     assert (found["measured"], found["off"]) == (0.45, 0.1)
     assert np.isnan([found[name] for name in study.ERRORS]).all()
-    nothing = study._results(measured([0, 0, 0.5], lost=20), HANDLE)
+    nothing = study.results(measured([0, 0, 0.5], lost=20), HANDLE)
     assert (nothing["measured"], nothing["off"]) == (0.0, 0.0)
     assert nothing.keys() == found.keys()
 
@@ -175,7 +175,7 @@ def test_table_is_whole():
     names = ["changed", "handle", "rig", "level"]
     runs = [
         setting[:4]
-        for grid in study._grids(study.DRAWS).values()
+        for grid in study.grids(study.DRAWS).values()
         for setting in product(*grid.values())
     ]
     found = TABLE[[*names, "estimator"]].itertuples(index=False, name=None)
@@ -284,7 +284,7 @@ def small(monkeypatch, tmp_path):
     monkeypatch.setattr(study, "LEVELS", (2.0,))
     monkeypatch.setattr(study, "RIGS", ("paper_pair",))
     monkeypatch.setattr(study, "one_draw", quick)
-    monkeypatch.setattr(runs, "_figure", lambda found: b"")  # what it shows is tested with sweeps
+    monkeypatch.setattr(runs, "figure", lambda found: b"")  # what it shows is tested with sweeps
     kept = ["--kept", str(tmp_path / "kept"), "--workers", "1", "--draws", "3"]
     return tmp_path, ["calibration_error", "--out", str(tmp_path), *kept]
 
@@ -381,12 +381,12 @@ def test_a_draw_measures_the_frames_of_the_true_rig_with_the_drawn_one(monkeypat
         best = measured([0.3, 0, 0.4], lost=0)
         return {"paper": [Measurement(LOST, (), ())] * 20, BEST: best}
 
-    study._shown.cache_clear()
+    study.rendered.cache_clear()
     monkeypatch.setattr(study, "render_rig", render_rig)
     monkeypatch.setattr(study, "measure_frames", measure_frames)
     found = study.one_draw(DIRECTIONS, 2.0, "raised_40deg", "paper", 3)
     study.one_draw(PLACES, 1.0, "raised_40deg", "paper", 4)
-    study._shown.cache_clear()
+    study.rendered.cache_clear()
     rng = np.random.default_rng(study.NOISE_SEED)
     expected = [(RAISED.names, tuple(T.translation), rng.random()) for T in TRUTHS]
     assert asked[0][0] == expected

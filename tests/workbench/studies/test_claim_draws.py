@@ -112,11 +112,11 @@ BLACK = np.zeros((1024, 1280), np.uint8)
 def test_a_lost_pose_says_nothing_and_a_measured_one_its_error():
     truth = load_table1().set_poses[3]
     off = RigidTransform.from_translation([0.0, 0.3, 0.4]) * truth * PAPER.symmetries[1]
-    found = claim_draws._errors(measured(off), truth, PAPER)
-    value, weight = claim_draws._value(found, "E_t_mm")
+    found = claim_draws.errors_of(measured(off), truth, PAPER)
+    value, weight = claim_draws.value_of(found, "E_t_mm")
     assert (value, weight) == (pytest.approx(0.5), 1.0)
-    lost = claim_draws._errors(measured(None), truth, PAPER)
-    assert claim_draws._value(lost, "E_t_mm") == claim_draws.NOTHING
+    lost = claim_draws.errors_of(measured(None), truth, PAPER)
+    assert claim_draws.value_of(lost, "E_t_mm") == claim_draws.NOTHING
 
 
 @pytest.fixture
@@ -135,7 +135,7 @@ def position_errors(monkeypatch):
             )
             return worse if changed else base
 
-        monkeypatch.setattr(claim_draws, "_position_error", of)
+        monkeypatch.setattr(claim_draws, "position_error", of)
         return asked
 
     return error
@@ -183,9 +183,9 @@ def test_the_error_of_a_pose_is_that_of_its_own_frames_and_noise(monkeypatch):
     monkeypatch.setattr(factors, "frames", lambda setup, k, rng: (setup.poses[k], rng.random()))
     monkeypatch.setattr(claim_draws, "measure", measure)
     expected = np.random.default_rng([7, 4]).random()
-    assert claim_draws._position_error(setup, 4, 7) == pytest.approx(expected)
+    assert claim_draws.position_error(setup, 4, 7) == pytest.approx(expected)
     monkeypatch.setattr(claim_draws, "measure", lambda *_: measured(None))
-    assert claim_draws._position_error(setup, 4, 7) is None
+    assert claim_draws.position_error(setup, 4, 7) is None
 
 
 def test_a_pose_without_a_marker_that_all_see_is_drawn_again(monkeypatch):
@@ -238,7 +238,7 @@ def followed(monkeypatch):
         after = iter(states[1:])
         monkeypatch.setattr(claim_draws, "step", lambda state, images, *_: (next(after), *images))
         frames = [[measured(pose)] for pose in poses]
-        way = claim_draws._follow(
+        way = claim_draws.follow_clip(
             states[0], [None, None], frames, [T] * len(poses), 0, PAIR, PAPER, claim_draws.PRINTED
         )
         return windows, way
@@ -278,7 +278,7 @@ def test_the_printed_filter_starts_at_rest_and_sees_sums_of_coordinates(followed
     sums = np.array([[sum(window.centre)] for window in windows[1:]])
     F, Q = constant_acceleration(1 / 30), white_jerk(1 / 30, KalmanParameters().jerk_intensity)
     R = np.array([[2 * KalmanParameters().sigma_px ** 2]])
-    known = claim_draws._certain(windows[0])
+    known = claim_draws.certain(windows[0])
     whole = image_track.run(known, sums, F, Q, claim_draws.PRINTED_H, R).updated
     np.testing.assert_allclose(way.printed[0].mean, whole.mean[-1], rtol=1e-9)
     np.testing.assert_allclose(
@@ -302,10 +302,10 @@ def clip(monkeypatch):
         if frames[0][0] == 2.0:
             right[-1 if parameters is claim_draws.PRINTED else 0] = False
         shares = [0.25] * len(frames)
-        return claim_draws._Way(state, printed, right, shares, [0.5] * len(frames), None)
+        return claim_draws.Way(state, printed, right, shares, [0.5] * len(frames), None)
 
     monkeypatch.setattr(claim_draws, "render_clip", render_clip)
-    monkeypatch.setattr(claim_draws, "_follow", follow)
+    monkeypatch.setattr(claim_draws, "follow_clip", follow)
     return claim_draws.clip(0, 5, 4)
 
 
@@ -324,7 +324,7 @@ def test_the_time_of_a_search_is_that_in_the_window_and_in_all_of_the_image(monk
         return SimpleNamespace(seconds=float(windows[0].area))
 
     monkeypatch.setattr(claim_draws, "searched", searched)
-    found = claim_draws._time(BLACK, Window(3, 4, 20, 10), PAIR.cameras[0], PAPER, T)
+    found = claim_draws.time(BLACK, Window(3, 4, 20, 10), PAIR.cameras[0], PAPER, T)
     assert found == (200.0, 1280.0 * 1024.0)
 
 
@@ -348,7 +348,7 @@ def test_the_hand_that_rests_is_the_one_that_moves_until_it_stops(monkeypatch):
         poses = hand(np.arange(5) / 4 * duration_s)
         return SimpleNamespace(stages={"hand": poses, "tool": poses * beside})
 
-    monkeypatch.setattr(claim_draws, "_robot", lambda: None)
+    monkeypatch.setattr(claim_draws, "kept_robot", lambda: None)
     monkeypatch.setattr(master_slave, "run", run)
     monkeypatch.setattr(master_slave, "parts", lambda trial: {"total": (1.5, 2.5)})
     monkeypatch.setattr(master_slave, "lag_s", lambda trial: 0.2)

@@ -77,7 +77,7 @@ def test_one_cell_is_made_again():
         (row["n"], row["E_t_mm"], row["geodesic_mean_deg"]), rel=DIGITS
     )
     assert kept(rig, 0, one)[BEST] == pytest.approx(row["kept_ccd1"], abs=1e-5)
-    shared = shared_markers(rig, PAPER, elevation._random_poses())
+    shared = shared_markers(rig, PAPER, elevation.random_poses())
     assert [shared[name] for name in shared] == pytest.approx(
         [row[name] for name in shared], abs=1e-5
     )
@@ -91,7 +91,7 @@ def test_the_hand_hides_that_camera_only():
         seen = np.array(
             [
                 [true_visibility(camera, PAPER, T, arm).sum() for camera in rig.cameras]
-                for T in elevation._poses("random")
+                for T in elevation.poses_of("random")
             ]
         )
         assert seen[:, hidden].max() == 0
@@ -101,9 +101,9 @@ def test_the_hand_hides_that_camera_only():
 
 def test_frames_are_the_same_whichever_cell_is_first():
     rig = paper_rig(30.0)
-    once = elevation._frames(rig, "table1", 3, None)
-    elevation._pair_frames.cache_clear()
-    again = [elevation._frame(rig, c, "table1", 3, None) for c in range(3)]
+    once = elevation.frames(rig, "table1", 3, None)
+    elevation.pair_frames.cache_clear()
+    again = [elevation.frame(rig, c, "table1", 3, None) for c in range(3)]
     assert all(np.array_equal(a, b) for a, b in zip(once, again, strict=True))
 
 
@@ -150,9 +150,9 @@ def measured(monkeypatch):
             "shy": alike if hidden is None else lost,
         }
 
-    monkeypatch.setattr(elevation, "_measured", of)
-    monkeypatch.setattr(elevation, "_poses", poses.__getitem__)
-    monkeypatch.setattr(elevation, "_random_poses", lambda: poses["random"])
+    monkeypatch.setattr(elevation, "measured", of)
+    monkeypatch.setattr(elevation, "poses_of", poses.__getitem__)
+    monkeypatch.setattr(elevation, "random_poses", lambda: poses["random"])
 
 
 @pytest.mark.usefixtures("measured")
@@ -186,16 +186,16 @@ def who_renders(monkeypatch):
     def frame(rig, c, which, k, hidden):
         return rig.cameras[-1].centre[1], c, which, k, hidden
 
-    monkeypatch.setattr(elevation, "_frame", frame)
-    elevation._pair_frames.cache_clear()
+    monkeypatch.setattr(elevation, "frame", frame)
+    elevation.pair_frames.cache_clear()
     yield
-    elevation._pair_frames.cache_clear()
+    elevation.pair_frames.cache_clear()
 
 
 @pytest.mark.usefixtures("who_renders")
 @pytest.mark.parametrize("hidden", [None, 0, 1])
 def test_the_pair_s_frames_are_the_same_at_every_elevation(hidden):
-    low, high = (elevation._frames(paper_rig(e), "table1", 3, hidden) for e in (10.0, 90.0))
+    low, high = (elevation.frames(paper_rig(e), "table1", 3, hidden) for e in (10.0, 90.0))
     assert low[:2] == high[:2]
     assert low[2][1:] == high[2][1:] == (2, "table1", 3, hidden)
     assert low[2] != high[2]
@@ -204,9 +204,9 @@ def test_the_pair_s_frames_are_the_same_at_every_elevation(hidden):
 @pytest.mark.usefixtures("who_renders")
 def test_a_hand_that_hides_the_third_camera_is_elsewhere_at_another_elevation():
     """And the pair sees it there."""
-    low, high = (elevation._frames(paper_rig(e), "table1", 3, 2) for e in (10.0, 90.0))
+    low, high = (elevation.frames(paper_rig(e), "table1", 3, 2) for e in (10.0, 90.0))
     assert all(a != b for a, b in zip(low, high, strict=True))
-    assert elevation._pair_frames.cache_info().currsize == 0
+    assert elevation.pair_frames.cache_info().currsize == 0
 
 
 @pytest.mark.usefixtures("who_renders")
@@ -218,13 +218,13 @@ def test_all_poses_are_measured_by_every_estimator_of_the_settings(monkeypatch):
 
     monkeypatch.setattr(elevation, "measure_frames", measure_frames)
     rig = paper_rig(20.0)
-    elevation._measured(rig, "table1", 1, SETTINGS)
+    elevation.measured(rig, "table1", 1, SETTINGS)
     seen = [(rig.cameras[2].centre[1], 2, "table1", k, 1) for k in range(20)]
     assert asked == [(seen, rig, elevation.HANDLE, SETTINGS)]
 
 
 def test_random_poses_are_those_of_their_seed_one_after_the_other():
-    found = elevation._random_poses()
+    found = elevation.random_poses()
     rng = np.random.default_rng(elevation.SEED)
     assert len(found) == elevation.POSES
     for T in found[:3]:

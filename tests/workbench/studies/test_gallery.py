@@ -201,7 +201,7 @@ def read(monkeypatch):
         empty = [f"{name} empty {k}" for k in (1, 2, 3)]
         return SimpleNamespace(images_of=lambda k: f"{name} ccd{k + 1}", empty=empty)
 
-    caches = gallery._recording, gallery._regions, gallery._hard_light
+    caches = gallery.kept_recording, gallery.regions, gallery.hard_light
     for cached in caches:
         cached.cache_clear()
     monkeypatch.setattr(gallery, "read_recording", recording)
@@ -212,16 +212,16 @@ def read(monkeypatch):
 
 def test_what_moves_is_asked_once_of_each_camera_with_its_own_empty_bench(read, monkeypatch):
     monkeypatch.setattr(gallery.markertrack, "moving_regions", lambda *given: given)
-    first = gallery._regions("calm")
+    first = gallery.regions("calm")
     assert first == [(f"calm ccd{k}", f"calm empty {k}") for k in (1, 2, 3)]
-    assert gallery._regions("calm") is first
-    assert gallery._regions("hard") != first
+    assert gallery.regions("calm") is first
+    assert gallery.regions("hard") != first
     assert read == [("calm", {}), ("hard", {})]
 
 
 def test_pixels_are_counted_in_a_fourth_of_ccd3_s_rows_and_columns(read, monkeypatch):
     monkeypatch.setattr(gallery, "moving", lambda recording, camera, seam_px: (camera, seam_px))
-    assert gallery._hard_light() == ("hard ccd3", "hard empty 3", (2, 2))
+    assert gallery.hard_light() == ("hard ccd3", "hard empty 3", (2, 2))
     assert read == [("hard", {"every": 4})]
 
 
@@ -242,11 +242,11 @@ def test_an_image_is_lost_if_a_marker_is_outside_or_nothing_is_used(monkeypatch)
         times_s=[],
         handle=None,
     )
-    monkeypatch.setattr(gallery, "_recording", lambda name: recording)
-    monkeypatch.setattr(gallery, "_regions", lambda name: [None])
+    monkeypatch.setattr(gallery, "kept_recording", lambda name: recording)
+    monkeypatch.setattr(gallery, "regions", lambda name: [None])
     monkeypatch.setattr(gallery.markertrack, "follow", lambda *_: looks)
     monkeypatch.setattr(gallery, "held", lambda *_: np.array([True, False, True, True, False]))
-    assert gallery._followed("calm", 0, None) == [
+    assert gallery.followed("calm", 0, None) == [
         (0.04, False),
         (0.04, True),
         (0.04, True),

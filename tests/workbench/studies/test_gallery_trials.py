@@ -181,7 +181,7 @@ def test_a_step_of_the_light_is_false_as_printed_and_cured(monkeypatch):
     frames, inside = np.full((4, 40, 60), 50), clip([np.zeros((40, 60))])[1]
     frames[2:] += 30  # all of it is brighter from the third frame on
     frames[:, inside] += 100
-    monkeypatch.setattr(gallery, "_hard_light", lambda: clip(frames)[0])
+    monkeypatch.setattr(gallery, "hard_light", lambda: clip(frames)[0])
     found = background_pixels(update_rate=0.01, difference_threshold=15.0)
     assert found["false_percent_printed"] == pytest.approx(50.0)
     assert found["false_percent_cured"] == pytest.approx(0.0)
@@ -198,8 +198,8 @@ def still(monkeypatch):
     """Eight instants of the calm recording in place of both."""
     recording = read_recording("calm", range(40, 48))
     regions = [[None] * 8 for _ in recording.rig.cameras]
-    monkeypatch.setattr(gallery, "_recording", lambda name: recording)
-    monkeypatch.setattr(gallery, "_regions", lambda name: regions)
+    monkeypatch.setattr(gallery, "kept_recording", lambda name: recording)
+    monkeypatch.setattr(gallery, "regions", lambda name: regions)
     return recording, regions
 
 
@@ -211,7 +211,7 @@ def test_without_a_window_every_image_is_lost(still):
 
 def test_a_window_that_cuts_markers_off_has_lost_them(still, monkeypatch):
     recording = still[0]._replace(instants=still[0].instants[:1])
-    monkeypatch.setattr(gallery, "_recording", lambda name: recording)
+    monkeypatch.setattr(gallery, "kept_recording", lambda name: recording)
     (now,) = recording.instants
     for camera, seen, row in zip(recording.rig.cameras, now.seen, still[1], strict=True):
         assert seen.sum() > 1

@@ -189,7 +189,7 @@ def test_the_gate_by_hand():
 def test_a_covered_camera_sees_nothing(hard, monkeypatch):
     job = recordings.scripted("hard", hard.rig, hard.handle, 0, 0.2)
     dark = job._replace(shots=[shot._replace(gains=(0.0, 1.0, 1.0)) for shot in job.shots])
-    seen = ground_truth._instant(dark, 0, ()).seen
+    seen = ground_truth.instant_of(dark, 0, ()).seen
     assert not seen[0].any()
     assert np.array_equal(seen[1:], hard.instants[0].seen[1:])
 

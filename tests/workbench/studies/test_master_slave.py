@@ -277,7 +277,7 @@ def test_a_point_that_newton_reaches_the_arm_reaches_tick_by_tick(way):
         command = inverse.step(command, ref.pose, after.pose)
         ref = control.leashed(after, inverse.tool(command.q))
     mm = np.linalg.norm(inverse.tool(command.q).translation - goal.translation)
-    assert (mm < 1) == master_slave._is_reached(ROBOT, TOOL, np.array(way))
+    assert (mm < 1) == master_slave.is_reached(ROBOT, TOOL, np.array(way))
 
 
 def test_what_the_papers_errors_are_at_the_tool():

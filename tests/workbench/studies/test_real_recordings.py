@@ -418,7 +418,7 @@ def test_projection_matrices_have_no_scale(scale):
         Rotation.from_rotvec([0.3, -2.0, 0.4]),
         [1, 2, 3.0],
     )
-    found = real_recordings._decomposed(scale * K @ np.column_stack([R.as_matrix(), t]))
+    found = real_recordings.decomposed(scale * K @ np.column_stack([R.as_matrix(), t]))
     np.testing.assert_allclose(found[0], K, rtol=0, atol=1e-9)
     np.testing.assert_allclose(found[1].as_matrix(), R.as_matrix(), rtol=0, atol=1e-12)
     np.testing.assert_allclose(found[2], t, rtol=0, atol=1e-12)
@@ -428,7 +428,7 @@ def test_a_file_that_is_no_image_is_named(tmp_path):
     path = tmp_path / "left01.jpg"
     path.write_text("not found")
     with pytest.raises(ValueError, match=r"left01\.jpg: no image"):
-        real_recordings._grey(path)
+        real_recordings.grey(path)
 
 
 @needs("pymvg_mcsc")

@@ -97,7 +97,7 @@ def test_a_row_of_our_bench_is_made_again():
 def test_all_rows_of_our_bench_are_made_again(handle_name):
     shooting = recipe.stills(handle_name)
     truths = list(shooting.truth)
-    found = study._measured(study._ours(truths, shooting.handle), truths, shooting.handle)
+    found = study.measured(study.ours(truths, shooting.handle), truths, shooting.handle)
     assert len(found) == len(recipe.RIGS) * len(ESTIMATORS)
     for (rig, estimator), deviations in found.items():
         assert_is_shipped(deviations, OURS, rig, handle_name, estimator)
@@ -157,7 +157,7 @@ def test_our_frames_are_each_camera_s_of_each_pose_with_noise_of_their_own(monke
         return camera.name, handle.name, T.translation[2], rng.random()
 
     monkeypatch.setattr(study, "render", taken)
-    frames = list(study._ours(TRUTHS, load_handle("coded")))
+    frames = list(study.ours(TRUTHS, load_handle("coded")))
     names = recipe.four_cameras().names
     assert [[one[:3] for one in images] for images in frames] == [
         [(name, "coded", z) for name in names] for z in (500.0, 600.0)
@@ -179,7 +179,7 @@ def test_every_rig_takes_its_own_of_the_four_images(monkeypatch, handle_name, to
     monkeypatch.setattr(study, "measure_frames", measure_frames)
     monkeypatch.setattr(study, "deviation", lambda pose, T, handle: (pose, T.translation[2]))
     images = [["a", "b", "above", "raised"]] * 2
-    found = study._measured(iter(images), TRUTHS, load_handle(handle_name))
+    found = study.measured(iter(images), TRUTHS, load_handle(handle_name))
     assert [frames for frames, *_ in asked[:3]] == [
         [images[0][:2]],
         [images[0][:3]],
@@ -210,9 +210,9 @@ def test_the_table_is_of_both_renderers_and_ends_with_the_film(kept, monkeypatch
     monkeypatch.setattr(study, "ESTIMATORS", [BEST])
     monkeypatch.setattr(study, "read_poses", lambda path: path)
     monkeypatch.setattr(study, "poses_by_frame", lambda path: dict(enumerate(TRUTHS)))
-    monkeypatch.setattr(study, "_read", lambda path: [1.0, 1.0])
-    monkeypatch.setattr(study, "_ours", lambda truths, handle: [2.0] * len(truths))
-    monkeypatch.setattr(study, "_measured", measured)
+    monkeypatch.setattr(study, "read", lambda path: [1.0, 1.0])
+    monkeypatch.setattr(study, "ours", lambda truths, handle: [2.0] * len(truths))
+    monkeypatch.setattr(study, "measured", measured)
     monkeypatch.setattr(study, "followed", lambda path: [Deviation(3.0, 1.0, 1.0, 1.0)] * 2)
     table = study.make_table(folder)
     assert rendered == [0, 1, 2]

@@ -106,9 +106,9 @@ def exact_measurement(world, k):
 def test_a_look_alike_counts_as_the_pose_if_somebody_tells_and_only_then():
     world = standard()
     alike = turned_about_the_rod(world.setup.poses[4], 60.0)
-    assert sensitivity._errors(world, alike, 4) == pytest.approx([0.0] * 5, abs=1e-6)
+    assert sensitivity.errors(world, alike, 4) == pytest.approx([0.0] * 5, abs=1e-6)
     alone = case("A16").change(world)
-    distance, *_, angle = sensitivity._errors(alone, alike, 4)
+    distance, *_, angle = sensitivity.errors(alone, alike, 4)
     assert distance == pytest.approx(0.0, abs=1e-9)
     assert angle == pytest.approx(60.0, abs=1e-6)
 
@@ -116,21 +116,21 @@ def test_a_look_alike_counts_as_the_pose_if_somebody_tells_and_only_then():
 def test_a_pose_is_itself_within_five_degrees():
     world = standard()
     near, far = (turned_about_the_rod(world.setup.poses[4], angle) for angle in (4.9, 5.1))
-    assert sensitivity._is_itself(world, near, 4)
-    assert not sensitivity._is_itself(world, far, 4)
+    assert sensitivity.is_itself(world, near, 4)
+    assert not sensitivity.is_itself(world, far, 4)
 
 
 def test_a_lost_pose_has_no_errors_and_is_not_told_apart():
     world = standard()
-    assert np.isnan(sensitivity._errors(world, None, 0)).all()
-    assert not sensitivity._is_itself(world, None, 0)
+    assert np.isnan(sensitivity.errors(world, None, 0)).all()
+    assert not sensitivity.is_itself(world, None, 0)
 
 
 def test_the_printed_matrix_takes_the_same_centroids_elsewhere():
     """From exact pixels by what the budget has for it."""
     world = standard()
     pair, measured = exact_measurement(world, 2)
-    T = sensitivity._by_printed_matrix(measured, pair, world.setup.handle)
+    T = sensitivity.by_printed_matrix(measured, pair, world.setup.handle)
     expected = printed_matrix(make_trial(pair, world.setup.handle, world.setup.poses)).fixed[2]
     found = deviations(RigidTransform.concatenate([T]), world.setup.poses[2:3])[0]
     np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-9)
@@ -141,7 +141,7 @@ def test_the_printed_matrix_is_the_pair_s_alone(monkeypatch):
     """Not that of the best estimator, which has a third camera."""
     worlds = standard(), case("A4").change(standard())
     _, measured = exact_measurement(worlds[0], 2)
-    monkeypatch.setattr(sensitivity, "_images", lambda *_: [])
+    monkeypatch.setattr(sensitivity, "images_of", lambda *_: [])
     monkeypatch.setattr(sensitivity, "measure", lambda *_, **__: measured)
     assumed, printed = (sensitivity.numbers_of(world, 2, 0) for world in worlds)
     assert assumed["E_t"] == assumed["E_t best"] == printed["E_t best"] == 0.0
@@ -153,7 +153,7 @@ def test_what_is_lost_has_no_pose_by_the_printed_matrix():
     world = standard()
     pair, measured = exact_measurement(world, 2)
     lost = replace(measured, pose=replace(measured.pose, T_world_handle=None))
-    assert sensitivity._by_printed_matrix(lost, pair, world.setup.handle) is None
+    assert sensitivity.by_printed_matrix(lost, pair, world.setup.handle) is None
 
 
 def test_a_late_camera_alone_shows_the_handle_where_it_is_later(monkeypatch):
@@ -164,7 +164,7 @@ def test_a_late_camera_alone_shows_the_handle_where_it_is_later(monkeypatch):
 
     monkeypatch.setattr(sensitivity.factors, "frames", shown)
     late = case("A31").change(standard())
-    first, second, third = sensitivity._images(late, 7, 0)
+    first, second, third = sensitivity.images_of(late, 7, 0)
     np.testing.assert_array_equal(first, third)
     np.testing.assert_allclose(
         second - first, 0.001 * late.setup.velocity[7], atol=1e-9
@@ -236,7 +236,7 @@ def test_a_line_that_was_cut_off_is_computed_again(tmp_path, monkeypatch):
 def test_a_number_of_a_pose_is_the_mean_of_the_draws_that_have_it():
     nan = float("nan")
     drawn = [{"E_t": value} for value in (1.0, 2.0, nan, 3.0, nan, nan)]  # two draws of three poses
-    np.testing.assert_array_equal(sensitivity._by_pose(drawn, "E_t", 3), [2.0, 2.0, np.nan])
+    np.testing.assert_array_equal(sensitivity.by_pose(drawn, "E_t", 3), [2.0, 2.0, np.nan])
 
 
 def test_the_table_compares_each_case_with_none_by_rising_number(tmp_path, monkeypatch):

@@ -46,11 +46,11 @@ def test_wrong_is_beyond_two_millimetres_or_five_degrees():
 
 def test_blocks_add_up_to_a_row():
     """Of three instants two were measured, one of them wrongly: means 1.4 mm and 1.5 deg."""
-    first, second = (stress._sums(part) for part in ([HELD[0], MISSING], [HELD[1]]))
+    first, second = (stress.sums(part) for part in ([HELD[0], MISSING], [HELD[1]]))
     blocks = pd.DataFrame(
         [{f"r/e/{name}": value for name, value in part.items()} for part in (first, second)]
     )
-    row = stress._judged(blocks, "r/e")
+    row = stress.judged(blocks, "r/e")
     assert (row["n"], row["measured"], row["wrong"]) == (3, 2, 1)
     assert (row["mean_mm"], row["mean_deg"]) == pytest.approx((1.4, 1.5))
     assert (row["largest_mm"], row["largest_deg"]) == (2.5, 2.0)
@@ -64,13 +64,13 @@ def test_blocks_add_up_to_a_row():
 
 def test_unforeseen_is_what_five_sigmas_do_not_cover():
     poses = [(2.5, 0.6, 1.0), (2.5, 0.4, 1.0), (1.9, 0.1, 1.0), (0.1, 0.1, 6.0)]  # mm, sigma, deg
-    found = [stress._unforeseen(Deviation(mm, deg, sigma, 1.0)) for mm, sigma, deg in poses]
+    found = [stress.unforeseen(Deviation(mm, deg, sigma, 1.0)) for mm, sigma, deg in poses]
     assert found == [False, True, False, True]
 
 
 def test_blocks_that_an_estimator_has_not_measured_do_not_count():
-    blocks = pd.DataFrame([{f"r/e/{k}": v for k, v in stress._sums(HELD).items()}, {}])
-    assert stress._judged(blocks, "r/e")["n"] == 2
+    blocks = pd.DataFrame([{f"r/e/{k}": v for k, v in stress.sums(HELD).items()}, {}])
+    assert stress.judged(blocks, "r/e")["n"] == 2
 
 
 def test_a_fault_is_both_handles_together():
@@ -107,16 +107,16 @@ def test_windows_hold_the_markers_and_stay_inside_the_images():
 def test_the_first_cameras_are_known_as_well_as_all_are():
     whole = load_rig("raised_40deg")
     known = covariance_of_such(whole, 0.3, 0.02)
-    pair = stress._first(replace(whole, covariance=known), 2)
+    pair = stress.first(replace(whole, covariance=known), 2)
     expected = covariance_of_such(load_rig("paper_pair"), 0.3, 0.02)
     assert pair.covariance.names == expected.names
     np.testing.assert_array_equal(pair.covariance.matrix, expected.matrix)
-    assert stress._first(whole, 2).covariance is None
+    assert stress.first(whole, 2).covariance is None
 
 
 def test_nothing_measured_has_no_mean():
-    row = stress._judged(
-        pd.DataFrame([{f"r/e/{k}": v for k, v in stress._sums([MISSING] * 4).items()}]), "r/e"
+    row = stress.judged(
+        pd.DataFrame([{f"r/e/{k}": v for k, v in stress.sums([MISSING] * 4).items()}]), "r/e"
     )
     assert row["measured"] == 0
     assert np.isnan([row["mean_mm"], row["error_by_sigma_deg"]]).all()
@@ -176,7 +176,7 @@ DONE = []
 
 def test_more_rounds_add_to_those_that_are_kept(monkeypatch, tmp_path):
     monkeypatch.setattr(stress, "trial", quick)
-    monkeypatch.setattr(runs, "_figure", lambda found: b"")  # what it shows is tested with sweeps
+    monkeypatch.setattr(runs, "figure", lambda found: b"")  # what it shows is tested with sweeps
     monkeypatch.setattr(stress, "FAULTS", {name: FAULTS[name] for name in ("none", "JPEG 60")})
     monkeypatch.setattr(stress, "HANDLES", ("coded",))
     command = ["stress", "--out", str(tmp_path), "--kept", str(tmp_path / "kept"), "--workers", "1"]
@@ -230,7 +230,7 @@ def made_again(fault, handle, estimators):
     table = load_sweep("stress").set_index(["fault", "handle", "rig", "estimator"])
     for rig, estimator in product(stress.RIGS, estimators):
         stored = table.loc[(fault, handle, rig, estimator)]
-        for name, value in stress._judged(pd.DataFrame(blocks), f"{rig}/{estimator}").items():
+        for name, value in stress.judged(pd.DataFrame(blocks), f"{rig}/{estimator}").items():
             assert stored[name] == pytest.approx(value, rel=DIGITS, nan_ok=True), name
 
 
@@ -260,7 +260,7 @@ def test_a_block_that_fails_is_said_and_no_table_is_written(monkeypatch, tmp_pat
 
     monkeypatch.setattr(f"{__name__}.DONE", [])
     monkeypatch.setattr(stress, "trial", failing)
-    monkeypatch.setattr(runs, "_figure", lambda found: b"")
+    monkeypatch.setattr(runs, "figure", lambda found: b"")
     monkeypatch.setattr(stress, "FAULTS", {name: FAULTS[name] for name in ("none", "JPEG 60")})
     command = ["stress", "--out", str(tmp_path), "--kept", str(tmp_path / "kept"), "--workers", "1"]
     assert main([*command, "--instants", "10"]) == 2

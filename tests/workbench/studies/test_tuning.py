@@ -256,7 +256,7 @@ def test_on_persons_motion_the_filter_is_right_in_the_mean_and_not_in_single_sec
 
 def test_the_pose_s_model_is_that_of_the_pose_filter():
     dt, p = 0.04, PoseFilterParameters()
-    F, Q = posefilter._model(dt, p.jerk_mm, p.jerk_rad)
+    F, Q = posefilter.model(dt, p.jerk_mm, p.jerk_rad)
     np.testing.assert_allclose(transition(dt, FADING_S), F[::6, ::6], atol=1e-15)
     for model, axis in zip(pose_models(p), (0, 3), strict=True):
         one = white_jerk(dt, model.jerk_intensity)[::2, ::2]

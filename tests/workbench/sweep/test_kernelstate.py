@@ -26,7 +26,7 @@ def test_a_mapping_gets_back_what_it_had_and_keeps_what_is_the_same():
     table["b"] = 5
     del table["c"]
     table["d"] = 4
-    kernelstate._put_back(table, before)
+    kernelstate.put_back(table, before)
     assert table == before
     assert table["a"] is kept
 
@@ -49,7 +49,7 @@ def test_settings_of_python_are_taken_back(tmp_path, monkeypatch):
     monkeypatch.setattr(random, "seed", lambda: None)
     before = settings()
     monkeypatch.setattr(sys, "path", sys.path)
-    undo = kernelstate._python()
+    undo = kernelstate.undo_python()
     os.chdir(tmp_path)
     os.environ["TRINOLAB_OF_A_NOTEBOOK"] = "1"
     sys.path.insert(0, str(tmp_path))
@@ -66,14 +66,14 @@ def test_settings_of_python_are_taken_back(tmp_path, monkeypatch):
 def test_loggers_are_as_before_and_new_ones_as_if_nobody_had_touched_them():
     old = logging.getLogger("trinolab.of_the_tests.old")
     old.setLevel(logging.WARNING)
-    kept = kernelstate._loggers()
+    kept = kernelstate.logger_states()
     new = logging.getLogger("trinolab.of_the_tests.new")
     for logger in (old, new):
         logger.setLevel(logging.DEBUG)
         logger.addHandler(logging.NullHandler())
         logger.propagate = False
         logger.disabled = True
-    kernelstate._restore_loggers(kept)
+    kernelstate.restore_loggers(kept)
     assert old.level == logging.WARNING
     assert new.level == logging.NOTSET
     for logger in (old, new):
@@ -82,7 +82,7 @@ def test_loggers_are_as_before_and_new_ones_as_if_nobody_had_touched_them():
 
 def test_a_thread_that_still_runs_keeps_a_kernel_from_being_used_again(monkeypatch):
     monkeypatch.setattr(kernelstate.multiprocessing, "active_children", list)  # another test's
-    check = kernelstate._threads()
+    check = kernelstate.other_threads()
     check()
     done = threading.Event()
     thread = threading.Thread(target=done.wait)
@@ -100,7 +100,7 @@ def test_only_what_lies_beside_a_notebook_or_in_the_package_is_loaded_anew(monke
     beside = SimpleNamespace(__file__=str(tmp_path / "helper.py"))
     monkeypatch.setitem(sys.modules, "helper_of_a_notebook", beside)
     installed = {
-        name: kernelstate._is_installed(name)
+        name: kernelstate.is_installed(name)
         for name in ("json", "sys", "numpy", kernelstate.__name__, "helper_of_a_notebook")
     }
     assert installed == {
@@ -115,7 +115,7 @@ def test_only_what_lies_beside_a_notebook_or_in_the_package_is_loaded_anew(monke
 def test_options_of_numpy_pandas_and_opencv_are_taken_back():
     before = np.get_printoptions(), np.geterr(), pd.get_option("display.max_rows")
     threads = cv2.getNumThreads()
-    undo = [kernelstate._numpy(), kernelstate._pandas(), kernelstate._opencv()]
+    undo = [kernelstate.undo_numpy(), kernelstate.undo_pandas(), kernelstate.undo_opencv()]
     np.set_printoptions(precision=2)
     np.seterr(all="ignore")
     pd.set_option("display.max_rows", 7)
@@ -127,7 +127,7 @@ def test_options_of_numpy_pandas_and_opencv_are_taken_back():
 
 
 def test_random_numbers_of_opencv_begin_as_in_a_new_process():
-    undo = kernelstate._opencv()
+    undo = kernelstate.undo_opencv()
     cv2.setRNGSeed(0)
     first = cv2.randu(np.zeros(4), 0.0, 1.0)
     cv2.setRNGSeed(5)
@@ -137,7 +137,7 @@ def test_random_numbers_of_opencv_begin_as_in_a_new_process():
 
 def test_figures_are_closed_and_their_parameters_taken_back():
     pytest.importorskip("matplotlib_inline", reason="a kernel's backend is not installed")
-    undo = kernelstate._matplotlib()
+    undo = kernelstate.undo_matplotlib()
     size = plt.rcParams["font.size"]
     plt.rcParams["font.size"] = size + 3
     plt.figure()
@@ -154,7 +154,7 @@ def test_callbacks_and_printers_of_the_shell_are_taken_back():
         display_formatter=SimpleNamespace(formatters={"text/plain": formatter}),
         ast_node_interactivity="last_expr",
     )
-    undo = kernelstate._ipython(shell)
+    undo = kernelstate.undo_ipython(shell)
     shell.events.callbacks["post_execute"].append(len)
     printers[int] = str
     printers[float] = str
@@ -168,7 +168,7 @@ def test_callbacks_and_printers_of_the_shell_are_taken_back():
 def test_a_reset_undoes_all_in_turn_and_spares_the_collector_once(monkeypatch):
     """What a notebook's run left is gone by then, and the rest need not be looked through."""
     done = []
-    monkeypatch.setattr(kernelstate, "_undo", [lambda k=k: done.append(k) for k in range(3)])
+    monkeypatch.setattr(kernelstate, "to_undo", [lambda k=k: done.append(k) for k in range(3)])
     monkeypatch.setattr(kernelstate.gc, "get_freeze_count", lambda: done.count("freeze"))
     monkeypatch.setattr(kernelstate.gc, "freeze", lambda: done.append("freeze"))
     kernelstate.reset()

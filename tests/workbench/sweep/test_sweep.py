@@ -248,7 +248,7 @@ def has_no_package(function):
 def test_a_cluster_that_cannot_be_used_is_refused(client, said):
     usual = {"wait_for_workers": lambda count, timeout: None, "run": lambda function: {}}
     with pytest.raises(ValueError, match=said):
-        engines._settle(SimpleNamespace(**{**usual, **client}), "tcp://here")
+        engines.settle(SimpleNamespace(**{**usual, **client}), "tcp://here")
 
 
 @pytest.mark.parametrize(
@@ -262,13 +262,13 @@ def test_an_engine_that_is_gone_ends_the_sweep(error, said):
     future = Future()
     future.set_exception(error)
     with pytest.raises(ValueError, match=said):
-        runs._received(future, 3)
+        runs.received(future, 3)
 
 
 def test_runs_that_an_engine_could_not_compute_have_failed():
     future = Future()
     future.set_exception(AttributeError("no such thing"))
-    outcomes = runs._received(future, 3)
+    outcomes = runs.received(future, 3)
     assert [outcome[:1] + outcome[2:4] for outcome in outcomes] == [
         ({}, "failed", "AttributeError: no such thing")
     ] * 3

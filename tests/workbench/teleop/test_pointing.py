@@ -15,7 +15,7 @@ from trinolab.slave import control, mapping
 from trinolab.slave.mapping import MappingParameters, Sample, State
 from workbench.plotting.pointing import plot_pointing
 from workbench.studies import fitts
-from workbench.studies.fitts import DELAYS_S, SCALES, _cell, _fit, lag_models, one_operator
+from workbench.studies.fitts import DELAYS_S, SCALES, cell, fit, lag_models, one_operator
 from workbench.sweep import sweep
 from workbench.sweep.notebook import run_notebook
 from workbench.teleop import operators
@@ -230,7 +230,7 @@ def test_the_shipped_table_is_what_the_study_gives():
     table = load_sweep("fitts")
     assert len(table) == len(operators.STRATEGIES) * len(SCALES) * len(DELAYS_S)
     row = table[(table["scale"] == 2) & (table["delay_s"] == 0.15)].iloc[1]
-    found = _cell(row["strategy"], 2.0, 0.15, 20)
+    found = cell(row["strategy"], 2.0, 0.15, 20)
     for name in ("throughput_bit_s", "movement_s", "moves"):
         # another rounding may move a trial's end by a tick
         assert found[name] == pytest.approx(row[name], rel=2e-3)
@@ -244,10 +244,10 @@ def test_the_models_of_lag_find_what_they_are_given(product_form, other):
     bits = difficulty(means["distance_mm"].to_numpy(), means["width_mm"].to_numpy())
     factor = bits if product_form else 1.0
     means["time"] = 0.2 + 0.1 * bits + 1.5 * means["delay_s"] * factor
-    found, r2 = _fit(means, product_form)
+    found, r2 = fit(means, product_form)
     np.testing.assert_allclose(found, [0.2, 0.1, 1.5], atol=1e-9)
     assert r2 == pytest.approx(1.0)
-    assert _fit(means, other)[1] < 0.999
+    assert fit(means, other)[1] < 0.999
 
 
 def test_more_delay_takes_longer_and_the_interval_says_so():
