@@ -14,7 +14,7 @@ endif
 unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
-.PHONY: help book test lab lint student teacher verify sweeps sheet bench figures pdf dist clean
+.PHONY: help book test core lab lint student teacher verify sweeps sheet bench figures pdf dist clean
 
 help:  ## show this list
 	@sed -n 's/^\([a-z]*\):.*## /\1\t/p' $(MAKEFILE_LIST)
@@ -26,6 +26,10 @@ book: .venv/package.done  ## run the chapters, build the pages, print the scoreb
 test: .venv/package.done  ## run the tests, quicker after make book; ARGS="-k pose" chooses some
 	@$(BIN)/python -m pytest -n $$($(BIN)/python -c 'import os; print(os.cpu_count() + 1)') --dist worksteal $(ARGS)
 
+core: .venv-core/package.done  ## the algorithms and their tests alone, in half a minute; needs no other target
+	@.venv-core/bin/python -m pytest tests/trinolab -q -n 2 -m "not heavy and not slow" --durations=0 \
+	    --durations-min=1 $(ARGS)
+
 lab: .venv/package.done  ## open the chapters in JupyterLab
 	@$(BIN)/jupyter-lab --ServerApp.root_dir=. --LabApp.default_url=/lab/tree/notebooks \
 	    --LabApp.extra_labextensions_path="$(CURDIR)/book/lab" $(if $(filter 0,$(shell id -u)),--allow-root)
@@ -34,6 +38,7 @@ lint: .venv/package.done  ## check style and types
 	@$(BIN)/ruff check .
 	@$(BIN)/ruff format --check .
 	@$(BIN)/mypy
+	@$(BIN)/lint-imports --no-logo
 
 student: .venv/package.done  ## the course for students, without solutions: _build/student.zip
 	@mkdir -p _build
@@ -106,6 +111,13 @@ SHORT := { n=0; while read -r word what; do case "$$word $$what" in \
 	    --disable-pip-version-check --progress-bar off --require-hashes -r environment.txt || \
 	    echo FAILED; } | $(SHORT); } || \
 	{ echo 'FAILED: the environment; what pip said is above. When that is mended, type the same again.' >&2; exit 1; }
+	@touch $@
+
+# Only what the algorithms and their tests need; a tenth of the other environment.
+.venv-core/package.done: pyproject.toml
+	@rm -rf .venv-core
+	$(PYTHON) -m venv .venv-core
+	.venv-core/bin/python -m pip install --disable-pip-version-check --quiet -e '.[test-core]'
 	@touch $@
 
 .venv/package.done: .venv/environment.done pyproject.toml

@@ -82,7 +82,7 @@ if TYPE_CHECKING:
     from .triangulation import triangulate as triangulate
     from .workspace.intersection import intersect as intersect
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 
 # Where each name of the face is defined, as module:attribute: it is loaded when it is asked for. No
 # module may be called like the function of another one, because Python would put the module in the

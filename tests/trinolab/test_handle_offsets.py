@@ -104,6 +104,7 @@ def test_the_bench_draws_a_marker_where_it_lies():
     assert (labels[1] != seen).all()
 
 
+@pytest.mark.slow
 def test_centres_are_measured_where_the_bench_draws_them():
     handle = beside(0.2)
     frames = render_rig(RIG, handle, POSE, Bench(read_noise=0.0, shot_variance=0.0), rng())

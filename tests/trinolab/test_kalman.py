@@ -181,6 +181,7 @@ def mean_nees(start, draws, frames, seed, covariance=None):
     return total / draws
 
 
+@pytest.mark.slow
 def test_errors_are_as_large_as_the_covariance_says():
     draws = 60
     values = mean_nees(initial_state([0, 0], PX), draws, 12, seed=3)
@@ -284,6 +285,7 @@ def test_search_window_by_hand():
     assert search_window(state, Window(0, 0, 21, 11), (80, 800), p) is None
 
 
+@pytest.mark.slow
 def test_drawn_motion_has_the_models_moments():
     rng, F, Q = np.random.default_rng(7), constant_acceleration(0.5), white_jerk(0.5, 100.0)
     start = initial_state(

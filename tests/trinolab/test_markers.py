@@ -67,6 +67,7 @@ def test_bisection_moves_by_the_papers_rule():
     assert many[1].threshold > many[0].threshold  # too many: T_min = T_0
 
 
+@pytest.mark.slow
 def test_bisection_ends_although_the_count_is_never_reached():
     """Eight discs joined by a dimmer bridge: the counts go 8, then fewer, and never 5."""
     image = disc_image([(20 + 40 * k, 30 + 40 * j) for k in range(4) for j in range(2)])
@@ -76,6 +77,7 @@ def test_bisection_ends_although_the_count_is_never_reached():
     assert len(steps) <= 8  # 220 - 90 grey levels, halved until under one
 
 
+@pytest.mark.slow
 def test_discs_are_kept_although_the_search_leaves_them():
     """Wanted are 18: the bisection counts 8, then 4 (the bridges), and ends where no contour is a
     disc.
@@ -233,6 +235,7 @@ def rendered(bench, seed, markers="bright", zoom=1.0, count=2):
             )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("what", "options", "bench"),
     [

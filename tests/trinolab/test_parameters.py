@@ -217,6 +217,7 @@ def followed(images, scene, p):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", FOLLOW)
 def test_each_number_of_the_follower_decides_something(name, images):
     value, scene, given = FOLLOW[name]

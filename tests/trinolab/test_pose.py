@@ -248,6 +248,7 @@ def test_covariance_of_a_square_by_hand():
     assert shifted[2, 3] == pytest.approx(-d * sigma**2 / 4 / b**2, abs=1e-15)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "name", ["four coplanar", pytest.param("three random", marks=pytest.mark.heavy)]
 )

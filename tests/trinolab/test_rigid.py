@@ -48,6 +48,7 @@ def test_what_lies_between_two_poses_leads_from_one_to_the_other():
         assert np.abs(motion_between(a, b)[3:] - theirs).max() < 1e-14
 
 
+@pytest.mark.slow
 def test_rounding_does_not_add_up_over_many_ticks():
     rng = np.random.default_rng(1)
     T = RigidTransform.identity()

@@ -197,6 +197,7 @@ def test_one_covered_camera_leaves_the_pair(frames):
     assert (pose.status, pose.cameras) == ("measured", 2)
 
 
+@pytest.mark.slow
 def test_covariance_is_of_the_errors_size():
     """Over eight noise seeds the scatter about the mean stays within what 0.1 px of centroid error
     predicts.

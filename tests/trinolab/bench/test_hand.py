@@ -105,6 +105,7 @@ def cropped(camera, centre_uv, size, factor):
 # -------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_rays_meet_capsules_where_marching_does():
     rng = np.random.default_rng(1)
     starts = rng.uniform([-80, -80, 300], [80, 80, 500], (6, 3))
@@ -169,6 +170,7 @@ def test_the_region_holds_all_that_meets_the_arm():
 # ---------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "turn_deg",
     [0, pytest.param(180, marks=pytest.mark.heavy)],
@@ -291,6 +293,7 @@ def test_the_forearm_leaves_towards_the_operator_and_from_the_free_end():
             assert leaving[2] > 0  # away from CCD1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["paper", pytest.param("coded", marks=pytest.mark.heavy)])
 def test_no_marker_is_covered_by_default(name):
     handle = load_handle(name)
@@ -313,6 +316,7 @@ def test_a_second_hand_hides_the_markers_from_one_camera():
     assert not true_visibility(CCD1, PAPER, upright((0.0, 0, 300)), Arm(hides_from=(0, 0, 0))).any()
 
 
+@pytest.mark.slow
 def test_a_hidden_marker_is_not_in_the_image():
     T, bench = upright(), Bench(shading=0)
     markers = [
@@ -322,6 +326,7 @@ def test_a_hidden_marker_is_not_in_the_image():
     assert markers == [False, True]
 
 
+@pytest.mark.slow
 def test_true_visibility_counts_the_share_that_an_arm_hides():
     """A grip that slides over the lower row: the share that is shown, by marching rays to random
     points of a marker.

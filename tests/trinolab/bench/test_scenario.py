@@ -128,6 +128,7 @@ def test_a_hand_follows_given_poses():
     assert shots[1].gains == (1.0, 1.0)
 
 
+@pytest.mark.slow
 def test_while_one_camera_is_hidden_another_sees_enough():
     for begin, end, _ in HIDDEN:
         for shot in hard(RIG, np.arange(begin, end, 0.07), 0):

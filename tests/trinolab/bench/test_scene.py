@@ -92,6 +92,7 @@ def test_a_marker_centre_is_drawn_where_pencil_and_paper_put_it():
     assert image[628, 570] == pytest.approx(background(PLAIN, UNLIT)[628, 570])
 
 
+@pytest.mark.slow
 def test_hits_agree_with_sphere_tracing():
     """The first meeting, found by marching along the ray by the distance to the body, from all
     sides and end-on.
@@ -180,6 +181,7 @@ AWKWARD = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("camera", "where"),
     [
@@ -301,6 +303,7 @@ def disc_errors(count):
     return np.linalg.norm(errors, axis=1)
 
 
+@pytest.mark.slow
 def test_the_centroid_of_a_flat_disc_is_within_a_hundredth_of_a_pixel():
     errors = disc_errors(Bench().marker_supersampling)
     assert errors.max() < 0.01  # px; over 600 cases: 0.004 frontal, 0.008 at 70 deg
@@ -639,6 +642,7 @@ def test_a_marker_that_reaches_round_the_body_is_hidden_in_part():
         assert (share > 0.8) == expected == true_visibility(PLAIN, wide, T)[0]
 
 
+@pytest.mark.slow
 def test_random_poses_fill_the_standard_scene():
     rng = np.random.default_rng(7)
     poses = [random_pose(rng) for _ in range(2000)]

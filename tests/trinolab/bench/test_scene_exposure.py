@@ -103,6 +103,7 @@ def drawn(camera, handle, T, bench, *motion, arm=None):
     return over(smeared(camera, handle, T, bench, *motion, arm), background(camera, bench))
 
 
+@pytest.mark.slow
 def test_smeared_is_exposed():
     camera, handle, T = (
         load_rig("paper_pair").cameras[1],
@@ -129,6 +130,7 @@ def facing_the(camera, handle, T):
     return slants(handle, T, camera.centre) < np.deg2rad(50)
 
 
+@pytest.mark.slow
 def test_arm_and_handle_are_smeared_alike():
     rig, handle, T = load_rig("paper_pair"), load_handle("paper"), load_table1().set_poses[4]
     camera, bench = scaled(rig.cameras[0], 0.25), Bench()

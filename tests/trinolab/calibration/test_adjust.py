@@ -95,6 +95,7 @@ FINITE = st.floats(-1e3, 1e3)
 VECTORS = arrays(float, 3, elements=FINITE)
 
 
+@pytest.mark.slow
 @given(VECTORS, VECTORS, VECTORS, VECTORS, VECTORS)
 def test_eq_25_carries_right_to_left(t_l, w_l, t_r, w_r, point):
     T_l, T_r = motion(t_l, w_l / 300), motion(t_r, w_r / 300)
@@ -307,6 +308,7 @@ def test_exact_corners_give_the_cameras_back():
     assert found.rig.names == ("c0", "c1", "c2")
 
 
+@pytest.mark.slow
 def test_missing_views_and_corners():
     rig, poses = make_rig(), positions(14)
     uv = project(rig, poses)

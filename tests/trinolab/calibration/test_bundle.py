@@ -68,6 +68,7 @@ def test_the_first_cameras_pose_is_held_and_the_rest_is_known_as_before():
     np.testing.assert_allclose(B @ B.T, prior.rig, atol=1e-9 * expected.max())
 
 
+@pytest.mark.slow
 def test_it_agrees_with_a_plain_least_squares_over_everything():
     # Another algorithm: no Schur complement, no basis, no gauge, differences for slopes. The prior
     # of the markers' coordinates, each by itself, holds the handle's frame in the same place.

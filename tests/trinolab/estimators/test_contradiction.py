@@ -65,6 +65,7 @@ def test_a_variance_of_few_by_the_table_of_students_t():
     assert variance_of_few(3.0, 3) == pytest.approx(1.197**2, rel=1e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rig", [PAIR, THREE], ids=["pair", "three"])
 def test_noise_is_no_contradiction(rig):
     n = 20

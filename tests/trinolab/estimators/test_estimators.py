@@ -46,6 +46,7 @@ def error(fit, T):
     return np.r_[fit.T_world_handle.translation - T.translation, turn]
 
 
+@pytest.mark.slow
 @each_fit
 @pytest.mark.parametrize(
     "rig",
@@ -67,6 +68,7 @@ def test_pose_is_found_to_hundredths(fit, rig):
         assert found.residual_px < 0.1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "fit",
     [
@@ -192,6 +194,7 @@ def test_covariance_of_pairs_is_honest_on_rendered_noise(estimator):
     assert abs(np.mean(nees) - 6) < 4 * np.sqrt(12 / len(nees))
 
 
+@pytest.mark.slow
 def test_registered_centroids_have_no_bias_along_the_slant():
     """A sample of `make verify`: frames without noise, markers up to 65 deg."""
     worst = 0.0

@@ -73,6 +73,7 @@ def series(rig, c, seed, deg=TURN_DEG):
     return image_offsets(rig, CODED, poses, uv, P)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "c", [pytest.param(0, marks=pytest.mark.heavy), pytest.param(1, marks=pytest.mark.heavy), 2]
 )
@@ -87,6 +88,7 @@ def test_the_camera_of_three_that_turns_is_named_with_its_time(c):
     assert found.shift_px == pytest.approx(np.deg2rad(found.turned_deg) * focal)
 
 
+@pytest.mark.slow
 def test_a_pair_does_not_say_which_of_its_cameras_has_turned():
     rig = load_rig("paper_pair")
     found = find_drift(series(rig, 0, 0), rig)
@@ -94,6 +96,7 @@ def test_a_pair_does_not_say_which_of_its_cameras_has_turned():
     assert abs(found.instant - WHEN) <= 5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "name", [pytest.param("paper_pair", marks=pytest.mark.heavy), "raised_40deg"]
 )
@@ -102,6 +105,7 @@ def test_a_rig_that_stays_does_not_drift(name):
     assert [find_drift(series(rig, None, seed), rig) for seed in range(2)] == [None] * 2
 
 
+@pytest.mark.slow
 def test_offsets_that_stay_are_no_drift():
     """A rig file that is wrong from the first instant on."""
     rig = load_rig("raised_40deg")
@@ -113,6 +117,7 @@ def test_offsets_that_stay_are_no_drift():
     assert find_drift(offsets, rig) is None
 
 
+@pytest.mark.slow
 def test_instants_that_one_camera_sees_do_not_count():
     rig = load_rig("raised_40deg")
     rng = np.random.default_rng(0)
@@ -136,6 +141,7 @@ def test_too_few_instants_say_nothing():
     assert find_drift(nothing, rig) is None
 
 
+@pytest.mark.slow
 def test_a_track_says_which_camera_and_when():
     rig = load_rig("raised_40deg")
     rng = np.random.default_rng(1)

@@ -51,6 +51,7 @@ def stopped_after(monkeypatch, count, error=KeyboardInterrupt):
     monkeypatch.setattr(following.posetracker, "step", step)
 
 
+@pytest.mark.slow
 def test_it_writes_poses_and_tum_and_a_video(folder, tmp_path):
     table = track_folder(
         folder, tmp_path / "p.csv", start=folder / "truth.csv", overlay=tmp_path / "o.webm"
@@ -66,6 +67,7 @@ def test_it_writes_poses_and_tum_and_a_video(folder, tmp_path):
     assert sorted(path.name for path in tmp_path.iterdir()) == ["o.webm", "p.csv", "p.tum"]
 
 
+@pytest.mark.slow
 def test_a_recording_may_be_tracked_with_another_rig_and_handle(folder, tmp_path):
     shutil.copytree(folder, tmp_path / "r")
     for name in ("rig.toml", "handle.toml"):
@@ -85,6 +87,7 @@ def test_without_a_start_the_paper_s_handle_is_ambiguous(folder, tmp_path):
     assert set(track_folder(folder, tmp_path / "p.csv")["status"]) == {"ambiguous"}
 
 
+@pytest.mark.slow
 def test_an_interrupted_track_goes_on(folder, tmp_path, monkeypatch):
     options = {"start": folder / "truth.csv", "method": "paper"}
     with monkeypatch.context() as patch:
@@ -101,6 +104,7 @@ def test_an_interrupted_track_goes_on(folder, tmp_path, monkeypatch):
     assert not (tmp_path / "p.csv.partial").exists()
 
 
+@pytest.mark.slow
 def test_another_track_begins_anew(folder, tmp_path, monkeypatch):
     with monkeypatch.context() as patch:
         stopped_after(patch, 4)

@@ -25,6 +25,7 @@ def right_way(poses):
     return [bool((T.inv() * pose).rotation.as_matrix()[1, 1] > 0) for pose in poses]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("bench", "arm", "markers"),
     [
@@ -57,6 +58,7 @@ def test_a_body_that_does_not_stand_out_decides_nothing(bench):
     assert keep_by_body(frames, RIG, PAPER, equivalents(T, PAPER)).all()
 
 
+@pytest.mark.slow
 def test_what_is_hidden_or_outside_or_the_same_either_way_decides_nothing():
     rng = np.random.default_rng(0)
     held = render_rig(RIG, PAPER, T, Bench(), rng, Arm(grip_mm=(-100.0, -20.0)))

@@ -87,6 +87,7 @@ def assert_identified(options, T, index, turn_deg=5.0):
         assert (label >= 0).sum() >= len(k) - 1  # one at the limb may be left out
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("handle", "rig"),
     [
@@ -168,6 +169,7 @@ def test_cameras_that_see_different_markers_go_together():
         assert options[0].cameras == (0, 1)
 
 
+@pytest.mark.slow
 def test_mirror_images_of_one_view_are_told_apart_only_where_the_pixels_allow_it():
     """Four markers in one plane have two poses, some degrees to tens of degrees apart."""
     told = {0.02: [], 0.3: []}
@@ -253,6 +255,7 @@ def test_a_camera_that_sees_another_handle_refutes_a_single_one():
     assert identify(RIG, CODED, (found[0], others[1]), axes_px=(axes[0], other_axes[1])) == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("count", [0, 3, 8, pytest.param(18, marks=pytest.mark.heavy), 500])
 def test_blobs_alone_are_nothing(count):
     rng = np.random.default_rng(count)

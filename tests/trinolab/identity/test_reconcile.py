@@ -94,6 +94,7 @@ def test_one_camera_contradicts_nobody():
     assert reconciled(rig, CODED, uv, POSE, SIGMA_PX, P)[0] is rig
 
 
+@pytest.mark.slow
 def test_what_is_left_is_as_uncertain_as_it_says():
     """Offsets of the images where the handle is, of 60 drawn rigs: normalised squares."""
     rig = known("raised_40deg")

@@ -41,6 +41,7 @@ def test_equal_sides_cross_where_the_formula_says():
     assert critical_delay(replace(PAIR, stiffness=10.0)) == np.inf
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "one",
     [pytest.param(PAIR, marks=pytest.mark.heavy), UNEQUAL],

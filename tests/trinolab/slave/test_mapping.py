@@ -214,6 +214,7 @@ SAMPLES = st.tuples(
 )
 
 
+@pytest.mark.slow
 @settings(max_examples=200, deadline=None)
 @given(st.lists(SAMPLES, max_size=40))
 def test_whatever_comes_the_target_moves_only_as_a_hand_can_and_stays_within_reach(stream):
@@ -253,6 +254,7 @@ def test_parameters_that_are_refused(field, value):
 # --- the filter
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("speed", [10.0, pytest.param(100.0, marks=pytest.mark.heavy), 500.0])
 def test_the_filter_is_as_far_behind_as_it_says(speed):
     p, state = OneEuroParameters(), oneeuro.begin(0.0, HANDLE)

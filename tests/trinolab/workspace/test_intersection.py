@@ -169,6 +169,7 @@ def by_slices(w, n=2000):
     return np.where((y2 > 0) & (top > -y), top + y, 0.0).sum() * 1.3 / n**2
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("degrees", "volume"),
     [
@@ -249,6 +250,7 @@ def by_generators(cones, centre, n=2**19):
     return volume, centre + first / volume
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "cones",
     [
@@ -295,6 +297,7 @@ def test_a_small_part_of_a_wide_cone():
     assert volume(1e-4) == pytest.approx(1.1 * volume(1e-3) - 0.1 * volume(1e-2), rel=ACCURACY)
 
 
+@pytest.mark.slow
 def test_a_splinter_between_two_apexes():
     # 106 mm by 0.1 mm
     cones = [Cone([0, 0, 0], UP, DEG20), Cone([100 * np.tan(DEG20) - 0.1, 0, 100], DOWN, DEG20)]
@@ -376,6 +379,7 @@ def test_the_bounding_box_against_another_optimiser(cones):
         assert best.x[k] == pytest.approx(found.bounding_box[int(sign > 0), k], abs=1e-4 * size)
 
 
+@pytest.mark.slow
 def test_the_inscribed_ball_touches_and_fits():
     for cones in [paper(20), *bounded(3, 6)]:
         found = intersect(cones)
