@@ -18,6 +18,7 @@ from matplotlib.patches import FancyBboxPatch
 
 from ..imports import PACKAGES, import_graph
 from ..plotting import COLOURS
+from ..plotting.basics import subplots
 from .reference import first_line
 
 __all__ = ["TOGETHER", "draw_house", "floors", "is_folder", "rooms", "table_text", "write_house"]
@@ -80,7 +81,7 @@ def draw_house() -> Figure:
     for level in range(max(floor.values()) + 1):
         names = sorted(room for room in floor if floor[room] == level)
         rows += [names[k : k + WIDEST] for k in range(0, len(names), WIDEST)]
-    fig, ax = plt.subplots(figsize=(9, 0.42 * len(rows)), facecolor="white", layout="constrained")
+    fig, ax = subplots(figsize=(9, 0.42 * len(rows)))
     ax.set(xlim=(0, WIDEST), ylim=(-0.5, len(rows) - 0.5))
     ax.axis("off")
     for height, names in enumerate(rows):

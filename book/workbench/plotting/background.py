@@ -6,7 +6,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import ListedColormap
@@ -16,7 +15,7 @@ from numpy.typing import ArrayLike
 
 from trinolab.checks import as_array
 
-from .basics import COLOURS, row_of_panels
+from .basics import COLOURS, row_of_panels, subplots
 
 __all__ = ["plot_pixel_histories", "plot_shares", "plot_verdicts", "show_table"]
 
@@ -38,14 +37,12 @@ def plot_pixel_histories(
         T of Eq. 5, grey levels. Frames farther than that from their background count as moving.
     """
     times = as_array(t_s, "t_s", (None,))
-    figure, axes = plt.subplots(
+    figure, axes = subplots(
         len(pixels),
         1,
         figsize=(6.9, 1.7 * len(pixels) + 0.5),
         sharex=True,
         squeeze=False,
-        layout="constrained",
-        facecolor="white",
     )
     for ax, (title, (levels, backgrounds)) in zip(axes[:, 0], pixels.items(), strict=True):
         f = as_array(levels, "levels", times.shape)
@@ -59,7 +56,7 @@ def plot_pixel_histories(
         ax.plot(
             times[moving], f[moving], "x", color=COLOURS[0], markersize=4, label="counts as moving"
         )
-        ax.set(ylabel="grey level", facecolor="white")
+        ax.set(ylabel="grey level")
         ax.set_title(title, fontsize=10, loc="left")
     axes[-1, 0].set_xlabel("$t$ / s")
     figure.legend(

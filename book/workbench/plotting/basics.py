@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import matplotlib.pyplot as plt
@@ -21,24 +22,30 @@ __all__ = [
     "row_of_panels",
     "show_frames",
     "show_image",
+    "subplots",
 ]
 
+STYLE = Path(__file__).with_name("trinolab.mplstyle")
 # one a camera, or one a spot
 COLOURS = ("#0072B2", "#E69F00", "#009E73", "#56B4E9", "#D55E00", "#F0E442", "#CC79A7")
+
+
+def subplots(*arguments: Any, **options: Any) -> tuple[Figure, Any]:
+    """As `matplotlib.pyplot.subplots`, in the style of the book."""
+    with plt.style.context(STYLE):
+        return plt.subplots(*arguments, **options)
 
 
 def row_of_panels(
     count: int, size_in: tuple[float, float], sharey: bool = False
 ) -> tuple[Figure, list[Axes]]:
     """A figure of width and height `size_in`, inches, with axes side by side."""
-    figure, axes = plt.subplots(
+    figure, axes = subplots(
         1,
         count,
         figsize=size_in,
         sharey=sharey,
         squeeze=False,
-        layout="constrained",
-        facecolor="white",
     )
     return figure, list(axes[0])
 
@@ -56,9 +63,7 @@ def plot_pose_errors(
     panels = np.column_stack(
         [as_points(np.reshape(position_mm, (-1, 1)), "position_mm", 1), angles]
     )
-    figure, axes = plt.subplots(
-        4, 1, figsize=(6.9, 6.4), sharex=True, layout="constrained", facecolor="white"
-    )
+    figure, axes = subplots(4, 1, figsize=(6.9, 6.4), sharex=True)
     titles = ("position / mm", r"$\alpha$ / deg", r"$\beta$ / deg", r"$\gamma$ / deg")
     ticks = np.arange(1, len(panels) + 1)
     for ax, values, title, colour in zip(axes, panels.T, titles, COLOURS, strict=False):
@@ -66,7 +71,7 @@ def plot_pose_errors(
         ax.axhline(0.0, color="black", linewidth=0.8)
         ax.axhline(np.mean(np.abs(values)), color="black", linestyle="--", label="mean absolute")
         ax.axhline(np.mean(values), color="black", linestyle=":", label="signed mean")
-        ax.set(ylabel=title, facecolor="white")
+        ax.set(ylabel=title)
     axes[0].legend(ncols=2, fontsize=9)
     axes[-1].set_xticks(ticks, [str(label) for label in (ticks if labels is None else labels)])
     axes[-1].set_xlabel("pose")
@@ -94,9 +99,7 @@ def show_image(
     """
     grey = as_image(np.asarray(image), "image")
     if ax is None:
-        _, ax = plt.subplots(
-            figsize=(7, 7 * grey.shape[0] / grey.shape[1]), layout="constrained", facecolor="white"
-        )
+        _, ax = subplots(figsize=(7, 7 * grey.shape[0] / grey.shape[1]))
     ax.imshow(grey, cmap="gray", interpolation="nearest")
     ax.set(
         title=title,
@@ -147,11 +150,11 @@ def plot_curves(
 
     `log` names the logarithmic axes ("x", "y", "xy"); `styles` are matplotlib's, taken in turn.
     """
-    _, ax = plt.subplots(figsize=(6.5, 3.6), layout="constrained", facecolor="white")
+    _, ax = subplots(figsize=(6.5, 3.6))
     ax.set(xscale="log" if "x" in log else "linear", yscale="log" if "y" in log else "linear")
     for k, ((name, y), colour) in enumerate(zip(curves.items(), COLOURS, strict=False)):
         ax.plot(x, y, styles[k % len(styles)], color=colour, label=name)
-    ax.set(xlabel=xlabel, ylabel=ylabel, facecolor="white")
+    ax.set(xlabel=xlabel, ylabel=ylabel)
     ax.set_xticks(np.asarray(x), [f"{tick:g}" for tick in np.asarray(x)])
     ax.minorticks_off()
     ax.grid(axis="y", alpha=0.3)

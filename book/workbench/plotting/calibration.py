@@ -6,7 +6,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -18,7 +17,7 @@ from scipy.stats import chi2
 from trinolab.camera import Rig
 from trinolab.checks import as_array, as_points
 
-from .basics import COLOURS, row_of_panels
+from .basics import COLOURS, row_of_panels, subplots
 from .pose import FRAME_COLOURS, draw_frame, oblique
 
 __all__ = [
@@ -42,7 +41,7 @@ def plot_boards(rig: Rig, outline: ArrayLike, T_world_board: RigidTransform) -> 
     T_world_board : RigidTransform of length m
     """
     corners = as_points(outline, "outline", 3)
-    figure, ax = plt.subplots(figsize=(6.9, 3.6), layout="constrained", facecolor="white")
+    figure, ax = subplots(figsize=(6.9, 3.6))
     for T in T_world_board:
         ring = oblique(T.apply(np.vstack([corners, corners[:1]])))
         ax.fill(*ring.T, facecolor=COLOURS[3], alpha=0.15)
@@ -85,7 +84,7 @@ def plot_grids(panels: Mapping[str, Mapping[str, ArrayLike]]) -> Figure:
                 ax.plot([], [], color=COLOURS[0], label=name)
             else:
                 ax.plot(*grid.reshape(-1, 2).T, "o", color=COLOURS[4], markersize=3, label=name)
-        ax.set(title=title, xlabel="u / px", aspect="equal", facecolor="white")
+        ax.set(title=title, xlabel="u / px", aspect="equal")
         ax.invert_yaxis()
     axes[0].set(ylabel="v / px")
     figure.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=2)
@@ -115,7 +114,7 @@ def plot_relative_errors(
                 at, *values, fmt="os^"[n], color=COLOURS[(0, 4, 2)[n]], capsize=4, label=name
             )
         ax.axhline(0.0, color="black", linewidth=0.8)
-        ax.set(title=f"${'xyz'[k]}$", xlabel="position of the board", facecolor="white")
+        ax.set(title=f"${'xyz'[k]}$", xlabel="position of the board")
         ax.set_xticks(np.arange(0, len(single), 5))
     axes[0].set(ylabel="error of $T_{rl}$ / mm")
     figure.legend(*axes[0].get_legend_handles_labels(), loc="outside upper center", ncols=3)
@@ -134,7 +133,7 @@ def plot_chi_square(values: ArrayLike, degrees: int, xlabel: str) -> Axes:
     found = as_array(values, "values", (None,))
     reach = max(float(chi2.ppf(0.9999, degrees)), 1.05 * float(found.max()))
     x = np.linspace(0, reach, 300)
-    _, ax = plt.subplots(figsize=(6.9, 2.8), layout="constrained", facecolor="white")
+    _, ax = subplots(figsize=(6.9, 2.8))
     edges = np.linspace(0, reach, 16).tolist()
     ax.hist(found, bins=edges, density=True, color=COLOURS[3], label="drawn")
     expected = f"chi-square, {degrees} degrees of freedom"
@@ -142,7 +141,7 @@ def plot_chi_square(values: ArrayLike, degrees: int, xlabel: str) -> Axes:
     low, high = chi2.ppf([0.025, 0.975], degrees)
     for edge, label in ((low, "95 % lie between"), (high, None)):
         ax.axvline(edge, color=COLOURS[4], linestyle="--", label=label)
-    ax.set(xlabel=xlabel, ylabel="probability density", facecolor="white")
+    ax.set(xlabel=xlabel, ylabel="probability density")
     ax.legend(fontsize=9)
     return ax
 
@@ -166,7 +165,7 @@ def plot_with_intervals(
     level : (float, str), optional
         A horizontal dotted line and its name.
     """
-    _, ax = plt.subplots(figsize=(6.9, 3.2), layout="constrained", facecolor="white")
+    _, ax = subplots(figsize=(6.9, 3.2))
     ticks = set[float]()
     for (name, (x, y)), colour, style in zip(
         curves.items(), COLOURS[:3] + COLOURS[4:5], ("o-", "s--", "^-.", "D:"), strict=False
@@ -177,7 +176,7 @@ def plot_with_intervals(
         ticks |= {float(one) for one in x}
     if level is not None:
         ax.axhline(level[0], color="black", linestyle=":", label=level[1])
-    ax.set(xlabel=xlabel, ylabel=ylabel, facecolor="white")
+    ax.set(xlabel=xlabel, ylabel=ylabel)
     ax.set(xscale="log" if "x" in log else "linear", yscale="log" if "y" in log else "linear")
     ax.set_xticks(sorted(ticks), [f"{tick:g}" for tick in sorted(ticks)])
     ax.minorticks_off()

@@ -68,7 +68,7 @@ def plot_allan(curves: Sequence[tuple[ArrayLike, ArrayLike]], ylabel: str) -> Fi
     white = together[0] * np.sqrt(tau[0] / tau)
     ax.plot(tau, white, "--", color="black", label="white noise")
     ax.legend()
-    ax.set(xlabel="averaged over / s", ylabel=ylabel, facecolor="white")
+    ax.set(xlabel="averaged over / s", ylabel=ylabel)
     ax.grid(alpha=0.3, which="both")
     _plain(ax)
     return figure
@@ -90,7 +90,7 @@ def plot_error_map(
     bar = figure.colorbar(dots, ax=ax, label=colour_label, extend="both")
     bar.ax.yaxis.set(major_formatter="{x:.2g}", minor_formatter="{x:.2g}")
     bar.ax.tick_params(which="both", labelsize=8)
-    ax.set(xlabel=labels[0], ylabel=labels[1], aspect="equal", facecolor="white")
+    ax.set(xlabel=labels[0], ylabel=labels[1], aspect="equal")
     ax.grid(alpha=0.3)
     return figure
 
@@ -110,7 +110,7 @@ def plot_against(
         parts = np.array_split(np.argsort(column), ranges)
         middle = [(np.median(column[part]), np.median(y[part])) for part in parts if len(part)]
         ax.plot(*np.transpose(middle), "o-", color=COLOURS[4], markersize=3)
-        ax.set(xlabel=name, facecolor="white")
+        ax.set(xlabel=name)
         ax.grid(alpha=0.3)
     figure.supylabel(ylabel, fontsize=9)
     return figure
@@ -157,7 +157,7 @@ def plot_over_speed(
             level = np.sqrt(np.mean(y[here] ** 2))
             name = "rms of a range" if k == 0 else None
             ax.plot([low, min(high, x.max())], [level] * 2, color=COLOURS[4], lw=2.5, label=name)
-    ax.set(xlabel="speed / (m/s)", ylabel=ylabel, facecolor="white")
+    ax.set(xlabel="speed / (m/s)", ylabel=ylabel)
     ax.grid(alpha=0.3, which="both")
     ax.legend(loc="upper left")
     _plain(ax)
@@ -175,7 +175,7 @@ def plot_path(points: ArrayLike, off: ArrayLike, factor: float) -> Figure:
     ends = path + factor * away
     name = f"mean of the tool, off {factor:g} times"
     ax.plot(*ends.T, "-", color=COLOURS[4], linewidth=1.2, label=name)
-    ax.set(xlabel="mm", ylabel="mm", aspect="equal", facecolor="white")
+    ax.set(xlabel="mm", ylabel="mm", aspect="equal")
     ax.grid(alpha=0.3)
     figure.legend(loc="outside upper center", ncols=1)
     return figure
@@ -195,7 +195,7 @@ def plot_control_chart(
     ax.errorbar(x, y, np.abs(limits.T - y), fmt="o", color=COLOURS[0], capsize=3, markersize=4)
     step = -(-len(names) // 10)
     ax.set_xticks(x[::step], list(names)[::step], rotation=45, ha="right")
-    ax.set(ylabel=ylabel, facecolor="white", xlim=(-0.5, max(len(names) - 0.5, 0.5)))
+    ax.set(ylabel=ylabel, xlim=(-0.5, max(len(names) - 0.5, 0.5)))
     ax.set_ylim(0, 1.25 * float(limits.max()))
     ax.grid(axis="y", alpha=0.3)
     ax.legend()

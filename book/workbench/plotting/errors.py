@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike
 
 from trinolab.checks import Array, as_array, as_points
 
-from .basics import COLOURS, row_of_panels
+from .basics import COLOURS, row_of_panels, subplots
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -86,7 +86,7 @@ def plot_factor(
             for k, (name, values) in enumerate(curves.items())
         ]
         ax.axvline(paper, color="black", linestyle=":", linewidth=1.2, label=mark)
-        ax.set(xlabel=xlabel, ylabel=ylabel, xscale=xscale, facecolor="white")
+        ax.set(xlabel=xlabel, ylabel=ylabel, xscale=xscale)
         if ylabel in counts:
             ax.set_ylim(0, 1.08 * max(*highest, 0.01))
         else:
@@ -162,9 +162,7 @@ def plot_elevation(table: pd.DataFrame, estimator: str) -> Figure:
         raise ValueError(
             f"estimator: expected one of {', '.join(table['estimator'].unique())}, got {estimator!r}"
         )
-    figure, axes = plt.subplots(
-        2, 2, figsize=(COLUMN_IN, 6.2), sharex=True, layout="constrained", facecolor="white"
-    )
+    figure, axes = subplots(2, 2, figsize=(COLUMN_IN, 6.2), sharex=True)
     x = one["elevation_deg"]
     (shared, position, kept, angle) = axes.ravel()
     _curves(
@@ -215,14 +213,12 @@ def plot_calibration_error(table: pd.DataFrame, handle: str, limit_mm: float) ->
         )
     exact = rows.loc[rows["centre_px"] > 0, "centre_px"].min() / _EXACT
     with plt.rc_context({"font.size": 9}):
-        figure, axes = plt.subplots(
+        figure, axes = subplots(
             2,
             2,
             figsize=(COLUMN_IN, 5.2),
             sharex=True,
             height_ratios=(2.2, 1),
-            layout="constrained",
-            facecolor="white",
         )
         for ax, (column, ylabel) in zip(axes.flat, _CALIBRATION_PANELS.items(), strict=True):
             for (rig, estimator), curve in rows.groupby(["rig", "estimator"], sort=False):
@@ -240,7 +236,7 @@ def plot_calibration_error(table: pd.DataFrame, handle: str, limit_mm: float) ->
                     alpha=0.2,
                     lw=0,
                 )
-            ax.set(xscale="log", ylabel=ylabel, facecolor="white")
+            ax.set(xscale="log", ylabel=ylabel)
             ax.grid(alpha=0.3)
         for ax in axes[0]:
             ax.set(yscale="log")
@@ -326,7 +322,6 @@ def plot_by_slant(errors: Mapping[str, pd.DataFrame], limit_px: float) -> Figure
             xlabel="slant / deg",
             ylabel=f"error {axis} the slant / px",
             ylim=(-1.03 * limit_px, 1.03 * limit_px),
-            facecolor="white",
         )
         ax.legend(fontsize=9)
     return figure
@@ -351,14 +346,12 @@ def plot_estimators(
     ends : mapping, optional
         From the name of a y axis to the low and the high ends of intervals, tables like the errors'.
     """
-    figure, axes = plt.subplots(
+    figure, axes = subplots(
         len(errors),
         1,
         figsize=(COLUMN_IN, 0.8 + 2.5 * len(errors)),
         sharex=True,
         squeeze=False,
-        layout="constrained",
-        facecolor="white",
     )
     for ax, (ylabel, table) in zip(axes[:, 0], errors.items(), strict=True):
         x = np.arange(len(table))
@@ -370,7 +363,7 @@ def plot_estimators(
                 ax.vlines(at, low, high, color=colour, linewidth=1)
         for (name, values), style in zip(lines.items(), _LINES, strict=False):
             ax.hlines(values.loc[table.index, ylabel], x - 0.4, x + 0.4, "black", style, label=name)
-        ax.set(ylabel=ylabel, yscale="log", facecolor="white")
+        ax.set(ylabel=ylabel, yscale="log")
         ax.set_xticks(x, table.index)
         ax.yaxis.set(
             major_locator=LogLocator(subs=(1, 2, 5)), major_formatter="{x:g}", minor_formatter=""
@@ -494,7 +487,6 @@ def _arrows(ax: Axes, uv: Array, off: Array, size: tuple[int, int], name: str, c
         aspect="equal",
         xlabel="u / px",
         ylabel="v / px",
-        facecolor="white",
     )
 
 
@@ -516,5 +508,5 @@ def _bars(ax: Axes, distances: Array, names: Sequence[str], views: Sequence[str]
     ax.set_xticks(
         at[::step], [str(view) for view in views[::step]], rotation=60, ha="right", fontsize=7
     )
-    ax.set(ylabel="rms / px", xlabel="view (no bar: not used)", facecolor="white")
+    ax.set(ylabel="rms / px", xlabel="view (no bar: not used)")
     ax.legend(fontsize=8)

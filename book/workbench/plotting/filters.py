@@ -6,7 +6,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.patches import Ellipse
@@ -16,7 +15,7 @@ from scipy.special import chdtri
 from trinolab.checks import as_array, as_points
 from trinolab.window import Window
 
-from .basics import COLOURS, show_image
+from .basics import COLOURS, show_image, subplots
 from .markers import outline
 
 __all__ = ["plot_beliefs", "plot_nis", "plot_normals", "plot_prediction"]
@@ -36,13 +35,13 @@ def plot_normals(normals: Mapping[str, tuple[float, float]], xlabel: str) -> Axe
     means, variances = np.array(list(normals.values())).T
     reach = 3.5 * np.sqrt(variances)
     x = np.linspace((means - reach).min(), (means + reach).max(), 400)
-    _, ax = plt.subplots(figsize=(6.5, 3.0), layout="constrained", facecolor="white")
+    _, ax = subplots(figsize=(6.5, 3.0))
     styles = zip(normals.items(), COLOURS, ("-", "--", "-."), strict=False)
     for (name, (mean, variance)), colour, style in styles:
         density = np.exp(-((x - mean) ** 2) / (2 * variance)) / np.sqrt(2 * np.pi * variance)
         ax.plot(x, density, style, color=colour, linewidth=2, label=name)
         ax.axvline(mean, color=colour, linewidth=0.8)
-    ax.set(xlabel=xlabel, ylabel="probability density", facecolor="white", ylim=(0, None))
+    ax.set(xlabel=xlabel, ylabel="probability density", ylim=(0, None))
     ax.legend()
     return ax
 
@@ -61,7 +60,7 @@ def plot_beliefs(
     """
     turn = np.linspace(0, 2 * np.pi, 181)
     circle = np.array([np.cos(turn), np.sin(turn)])
-    _, ax = plt.subplots(figsize=(6.5, 3.4), layout="constrained", facecolor="white")
+    _, ax = subplots(figsize=(6.5, 3.4))
     styles = zip(beliefs.items(), COLOURS, ("-", "--", "-."), strict=False)
     for (name, (mean, covariance)), colour, style in styles:
         x, y = as_array(mean, "mean", (2,))
@@ -69,7 +68,7 @@ def plot_beliefs(
         around = root @ circle
         ax.plot(x + around[0], y + around[1], style, color=colour, linewidth=2, label=name)
         ax.plot(x, y, "+", color=colour)
-    ax.set(xlabel=xlabel, ylabel=ylabel, facecolor="white")
+    ax.set(xlabel=xlabel, ylabel=ylabel)
     ax.legend(loc="upper left", bbox_to_anchor=(1.02, 1.0))
     return ax
 
@@ -145,7 +144,7 @@ def plot_nis(values: ArrayLike, gate_probability: float) -> Axes:
     nis = as_array(values, "values", (None,))
     gate = float(chdtri(2, 1 - gate_probability))
     x = np.linspace(0, 1.2 * gate, 200)
-    _, ax = plt.subplots(figsize=(6.5, 3.2), layout="constrained", facecolor="white")
+    _, ax = subplots(figsize=(6.5, 3.2))
     ax.hist(
         nis,
         bins=np.arange(0, 1.2 * gate, 0.5).tolist(),
@@ -155,7 +154,7 @@ def plot_nis(values: ArrayLike, gate_probability: float) -> Axes:
     )
     ax.plot(x, np.exp(-x / 2) / 2, color="black", label="chi-square, 2 degrees of freedom")
     ax.axvline(gate, color=COLOURS[4], linestyle="--", label=f"gate, {100 * gate_probability:g} %")
-    ax.set(xlabel="NIS", ylabel="probability density", facecolor="white", yscale="log")
+    ax.set(xlabel="NIS", ylabel="probability density", yscale="log")
     ax.set_ylim(1e-4, 1)
     ax.legend()
     return ax

@@ -6,7 +6,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -16,7 +15,7 @@ from numpy.typing import ArrayLike
 from trinolab.checks import Array
 from trinolab.window import Window
 
-from .basics import COLOURS, show_image
+from .basics import COLOURS, show_image, subplots
 
 __all__ = [
     "mark_window",
@@ -52,9 +51,7 @@ def plot_thresholds(
     wanted : float
         The number that it looks for.
     """
-    figure, axes = plt.subplots(
-        2, len(images), figsize=(6.9, 4.0), sharey="row", layout="constrained", facecolor="white"
-    )
+    figure, axes = subplots(2, len(images), figsize=(6.9, 4.0), sharey="row")
     for (name, image), spots, count, way, (top, bottom) in zip(
         images.items(), uv, counts, steps, axes.T, strict=True
     ):
@@ -88,7 +85,7 @@ def plot_rod_section(
     half = marker_diameter_mm / 2 / radius_mm  # rad
     theta = np.deg2rad(slant_deg)
     below = -0.5 * radius_mm  # where the image is drawn
-    figure, ax = plt.subplots(figsize=(6.9, 3.4), layout="constrained", facecolor="white")
+    figure, ax = subplots(figsize=(6.9, 3.4))
     around = np.linspace(-np.pi / 2, np.pi / 2, 91)
     ax.fill(radius_mm * np.sin(around), radius_mm * np.cos(around), color="silver", label="rod")
     wrapped = theta + np.linspace(-half, half, 31)
@@ -139,7 +136,7 @@ def plot_over_slant(
     """Distances of centroids from their centres (px, logarithmic) over the slant (deg): dots by
     name, and one line.
     """
-    _, ax = plt.subplots(figsize=(6.9, 3.6), layout="constrained", facecolor="white")
+    _, ax = subplots(figsize=(6.9, 3.6))
     for (name, (slant, error)), symbol, colour in zip(dots.items(), "ox", COLOURS, strict=False):
         ax.semilogy(slant, error, symbol, color=colour, markersize=3, label=name)
     ax.plot(*line, color=COLOURS[2], label=named)
@@ -189,7 +186,7 @@ def plot_following(
         )
     centres = np.array([box.centre for box in known])
     view = searched.grown(MARGIN_PX).clipped(np.shape(image)[::-1]) or searched
-    figure, axes = plt.subplots(1, 2, figsize=(8.5, 5.2), layout="constrained", facecolor="white")
+    figure, axes = subplots(1, 2, figsize=(8.5, 5.2))
     for ax, title, shown, points in zip(
         axes,
         ("(c) predicted", "(d) found and corrected"),

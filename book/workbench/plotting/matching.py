@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from trinolab.camera import Camera
 from trinolab.checks import Array, as_array, as_points
 
-from .basics import COLOURS
+from .basics import COLOURS, subplots
 
 __all__ = ["plot_epipolar_plane", "plot_windows"]
 
@@ -63,13 +63,11 @@ def plot_windows(windows: Sequence[Sequence[ArrayLike]], titles: Sequence[Sequen
         Grey levels; one scale of greys for all.
     titles : sequence of pairs of str
     """
-    figure, axes = plt.subplots(
+    figure, axes = subplots(
         len(windows),
         2,
         figsize=(4.2, 2.2 * len(windows)),
         squeeze=False,
-        layout="constrained",
-        facecolor="white",
     )
     highest = max(np.max(window) for pair in windows for window in pair)
     for row, pair, names in zip(axes, windows, titles, strict=True):

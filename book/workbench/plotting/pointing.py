@@ -45,7 +45,7 @@ def plot_pointing(table: pd.DataFrame) -> Figure:
                 linewidth=0,
             )
     for ax, label in zip(axes, PANELS.values(), strict=True):
-        ax.set(xlabel="added delay / ms", ylabel=label, facecolor="white")
+        ax.set(xlabel="added delay / ms", ylabel=label)
         ax.set_ylim(bottom=0)
         ax.grid(alpha=0.3)
     figure.legend(

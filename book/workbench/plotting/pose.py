@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -12,7 +11,7 @@ from scipy.spatial.transform import RigidTransform
 from trinolab.camera import Camera, Rig
 from trinolab.checks import Array, as_array
 
-from .basics import COLOURS
+from .basics import COLOURS, subplots
 
 __all__ = ["FRAME_COLOURS", "draw_frame", "oblique", "plot_frames", "plot_two_rays"]
 
@@ -35,7 +34,7 @@ def plot_two_rays(
         Around each ray the wedge of the pixels that lie up to so far beside it along u is shaded.
         The marker lies where both wedges overlap.
     """
-    _, ax = plt.subplots(figsize=(6.9, 2.9), layout="constrained", facecolor="white")
+    _, ax = subplots(figsize=(6.9, 2.9))
     pixels = [as_array(uv, "uv", (2,)) for uv in (uv_left, uv_right)]
     starts = [_from_above(left, camera.centre[None])[0] for camera in (left, right)]
     middles = []
@@ -54,7 +53,7 @@ def plot_two_rays(
     ax.plot(*marker, "o", color="black", label="the marker", zorder=3)
     ax.plot(*np.array(starts).T, "--", color=COLOURS[2], label="baseline")
     xs = [starts[0][1], starts[1][1], marker[1]]
-    ax.set(xlabel="$z$ / mm", ylabel="$x$ / mm", facecolor="white", aspect="equal")
+    ax.set(xlabel="$z$ / mm", ylabel="$x$ / mm", aspect="equal")
     ax.set_xlim(-110, BEYOND * marker[0])
     ax.set_ylim(min(xs) - 45, max(xs) + 45)
     ax.legend(loc="upper center", bbox_to_anchor=(0.5, 1.45), ncols=4, fontsize=9)
@@ -71,7 +70,7 @@ def plot_frames(rig: Rig, T_world_handle: RigidTransform) -> Figure:
     T_world_handle : RigidTransform
         mm.
     """
-    figure, ax = plt.subplots(figsize=(6.9, 3.8), layout="constrained", facecolor="white")
+    figure, ax = subplots(figsize=(6.9, 3.8))
     frames = {camera.name: camera.T_world_cam for camera in rig.cameras}
     frames["handle"] = T_world_handle
     for (name, T), colour in zip(frames.items(), FRAME_COLOURS, strict=False):

@@ -16,7 +16,7 @@ from scipy.spatial.transform import RigidTransform
 
 from trinolab.checks import Array
 
-from .basics import COLOURS
+from .basics import COLOURS, subplots
 
 __all__ = ["plot_arm", "plot_delays", "plot_session", "plot_two_port"]
 
@@ -43,7 +43,7 @@ def plot_arm(frames: RigidTransform, names: Sequence[str]) -> Figure:
     """
     if len(names) != len(frames):
         raise ValueError(f"names: expected {len(frames)}, one a frame, got {len(names)}")
-    figure, ax = plt.subplots(figsize=(6.9, 4.6), layout="constrained", facecolor="white")
+    figure, ax = subplots(figsize=(6.9, 4.6))
     origins = _from_aside(frames.translation)
     ax.plot(*origins.T, "-", color="#B0B4BA", linewidth=7, solid_capstyle="round", zorder=1)
     length = AXIS_SHARE * float(np.ptp(frames.translation, axis=0).max())
@@ -80,14 +80,12 @@ def plot_session(
     spans : mapping of str to sequence of (begin, end), optional
         s, by what they are called; one hatching each.
     """
-    figure, rows = plt.subplots(
+    figure, rows = subplots(
         len(panels),
         1,
         figsize=(6.9, FIRST_ROW_IN + (ROW_IN + 0.35) * len(panels)),
         sharex=True,
         squeeze=False,
-        layout="constrained",
-        facecolor="white",
     )
     first_names = list(next(iter(panels.values())))
     for ax, (label, curves) in zip(rows[:, 0], panels.items(), strict=True):
@@ -97,7 +95,7 @@ def plot_session(
             for k, (begin, end) in enumerate(stretches):
                 first = k == 0 and ax is rows[0, 0]
                 ax.axvspan(begin, end, label=name if first else None, **look)
-        ax.set(ylabel=label, facecolor="white")
+        ax.set(ylabel=label)
         ax.grid(alpha=0.3)
         if len(curves) > 1 and list(curves) != first_names:
             ax.legend(fontsize=9, loc="upper right")
@@ -118,16 +116,14 @@ def plot_delays(budget_ms: Mapping[str, float], measured_ms: Mapping[str, float]
     """
     if list(budget_ms) != list(measured_ms):
         raise ValueError("measured_ms: expected the names of budget_ms")
-    _, ax = plt.subplots(
-        figsize=(6.9, 0.75 + 0.36 * len(budget_ms)), layout="constrained", facecolor="white"
-    )
+    _, ax = subplots(figsize=(6.9, 0.75 + 0.36 * len(budget_ms)))
     place = np.arange(len(budget_ms))
     rows = ({"budget": budget_ms, "measured": measured_ms}).items()
     for (name, values), shift, colour in zip(rows, (-0.2, 0.2), COLOURS, strict=False):
         ax.barh(place + shift, list(values.values()), 0.38, color=colour, label=name)
     ax.set_yticks(place, list(budget_ms))
     ax.invert_yaxis()
-    ax.set(xlabel="ms", facecolor="white")
+    ax.set(xlabel="ms")
     ax.grid(axis="x", alpha=0.3)
     ax.legend(fontsize=9)
     return ax

@@ -12,6 +12,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
+from .basics import subplots
+
 __all__ = ["MASTER", "SYSTEM", "plot_chain", "plot_structure"]
 
 SYSTEM = {
@@ -43,9 +45,7 @@ HANDED_ON = ("grey", "mask", "px", "centroids", "pairs", "mm", "mm, rad", "next 
 
 def plot_structure() -> Figure:
     """Fig. 1, the system, and Fig. 2, the master: what hands what to whom (Sect. 2, 3.1)."""
-    figure, (above, below) = plt.subplots(
-        2, 1, figsize=(6.9, 6.4), layout="constrained", facecolor="white"
-    )
+    figure, (above, below) = subplots(2, 1, figsize=(6.9, 6.4))
     _loop(above, "the paper's Fig. 1: the system", SYSTEM, BETWEEN)
     above.add_patch(Rectangle((0.5, 0.65), 3, 1.75, fill=False, linestyle="--", label="master"))
     above.add_patch(Rectangle((0.5, -0.4), 3, 0.8, fill=False, linestyle=":", label="slave"))

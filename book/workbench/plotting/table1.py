@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from trinolab.checks import as_points
 
-from .basics import COLOURS, row_of_panels
+from .basics import COLOURS, row_of_panels, subplots
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -44,9 +44,7 @@ def plot_errors_in_space(positions: ArrayLike, errors: ArrayLike, magnified: flo
     """
     x = as_points(positions, "positions", 3)
     e = magnified * as_points(errors, "errors", 3)
-    figure, panels = plt.subplots(
-        2, 1, figsize=(COLUMN_IN, 6.6), layout="constrained", facecolor="white"
-    )
+    figure, panels = subplots(2, 1, figsize=(COLUMN_IN, 6.6))
     for ax, (i, j, name) in zip(panels, _VIEWS, strict=True):
         ax.quiver(
             x[:, i],
@@ -82,13 +80,11 @@ def plot_factors(curves: Mapping[str, tuple[ArrayLike, ArrayLike, float]], ylabe
         By the name of the x axis; a dotted line marks the paper's working point.
     ylabel : str
     """
-    figure, grid = plt.subplots(
-        2, 2, figsize=(COLUMN_IN, 5.0), sharey=True, layout="constrained", facecolor="white"
-    )
+    figure, grid = subplots(2, 2, figsize=(COLUMN_IN, 5.0), sharey=True)
     for ax, (xlabel, (x, y, paper)) in zip(grid.flat, curves.items(), strict=True):
         ax.semilogy(x, y, "o-", color=COLOURS[0])
         ax.axvline(paper, color="black", linestyle=":", label="the paper")
-        ax.set(xlabel=xlabel, facecolor="white")
+        ax.set(xlabel=xlabel)
         ax.yaxis.set(major_formatter="{x:g}", minor_formatter="")
         ax.set_yticks([0.05, 0.1, 0.2, 0.3])
         ax.locator_params(axis="x", nbins=5)
@@ -124,7 +120,7 @@ def plot_budget(table: pd.DataFrame, columns: Mapping[str, str]) -> Figure:
                     f"{value:.2g}", (value, place), (3, 0), textcoords="offset points",
                     va="center", fontsize=9,
                 )  # fmt: skip
-        ax.set(xlabel=xlabel, xlim=(0, 1.25 * np.nanmax(table[column])), facecolor="white")
+        ax.set(xlabel=xlabel, xlim=(0, 1.25 * np.nanmax(table[column])))
     panels[0].set_yticks(places, table.index)
     panels[0].invert_yaxis()
     figure.legend(
@@ -147,9 +143,7 @@ def plot_refused(table: pd.DataFrame, names: Mapping[str, str], level: float) ->
     """
     models = list(dict.fromkeys(table["model"]))
     by_place = table.set_index(["model", "statistic"])
-    _, ax = plt.subplots(
-        figsize=(COLUMN_IN, 0.27 * len(models) + 0.9), layout="constrained", facecolor="white"
-    )
+    _, ax = subplots(figsize=(COLUMN_IN, 0.27 * len(models) + 0.9))
     for row, model in enumerate(models):
         for column, statistic in enumerate(names):
             cell = by_place.loc[(model, statistic)]
@@ -186,7 +180,7 @@ def plot_over_beta(
     for ax, (title, series) in zip(row, panels.items(), strict=True):
         for (name, y), colour, style in zip(series.items(), COLOURS, styles, strict=False):
             ax.semilogy(beta_deg, y, style, color=colour, label=name, markersize=6, mew=1.5)
-        ax.set(title=title, xlabel=r"$|\beta|$ / deg", facecolor="white")
+        ax.set(title=title, xlabel=r"$|\beta|$ / deg")
         ax.grid(axis="y", alpha=0.3)
     row[0].set_ylabel("error / deg")
     row[0].yaxis.set(major_formatter="{x:g}", minor_formatter="")
@@ -198,14 +192,14 @@ def plot_null(
     draws: Mapping[str, ArrayLike], observed: float, xlabel: str, limits: tuple[float, float]
 ) -> Axes:
     """Histograms of a statistic as several models draw it, and a line where it was observed."""
-    _, ax = plt.subplots(figsize=(COLUMN_IN, 3.2), layout="constrained", facecolor="white")
+    _, ax = subplots(figsize=(COLUMN_IN, 3.2))
     edges = np.linspace(*limits, 41).tolist()
     for (name, values), colour in zip(draws.items(), COLOURS, strict=False):
         clipped = np.clip(np.asarray(values, dtype=float), *limits)
         share = np.full(clipped.shape, 1.0 / clipped.size)
         ax.hist(clipped, edges, weights=share, color=colour, alpha=0.6, label=name)
     ax.axvline(observed, color="black", linestyle="--", label="Table 1")
-    ax.set(xlabel=xlabel, ylabel="share of the tables", facecolor="white")
+    ax.set(xlabel=xlabel, ylabel="share of the tables")
     ax.legend()
     return ax
 

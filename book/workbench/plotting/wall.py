@@ -6,12 +6,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import ArrayLike
 
-from .basics import COLOURS
+from .basics import COLOURS, subplots
 
 __all__ = ["plot_impedances", "plot_limits", "plot_nyquist"]
 
@@ -28,7 +27,7 @@ def plot_nyquist(curves: Mapping[str, tuple[ArrayLike, ArrayLike]], widest: floa
     widest : float
         Half the width of the axes.
     """
-    figure, ax = plt.subplots(figsize=(6.5, 5), layout="constrained", facecolor="white")
+    figure, ax = subplots(figsize=(6.5, 5))
     ax.plot(
         np.cos(angle := np.linspace(0, 2 * np.pi, 200)), np.sin(angle), color="silver", linewidth=1
     )
@@ -40,7 +39,6 @@ def plot_nyquist(curves: Mapping[str, tuple[ArrayLike, ArrayLike]], widest: floa
         xlabel="real part of the loop / 1",
         ylabel="imaginary part of the loop / 1",
         aspect="equal",
-        facecolor="white",
         xlim=(-widest, 0.4 * widest),
         ylim=(-widest, 0.6 * widest),
     )
@@ -59,11 +57,11 @@ def plot_impedances(omega: ArrayLike, sizes: Mapping[str, ArrayLike]) -> Figure:
     sizes : mapping of str to array_like, shape (n,)
         N s/m, by the name of the curve.
     """
-    figure, ax = plt.subplots(figsize=(6.9, 3.6), layout="constrained", facecolor="white")
+    figure, ax = subplots(figsize=(6.9, 3.6))
     looks = ("-", "-", "--", ":")
     for (name, values), colour, look in zip(sizes.items(), COLOURS, looks, strict=False):
         ax.loglog(omega, values, look, color=colour, label=name)
-    ax.set(xlabel=r"$\omega$ / (rad/s)", ylabel="impedance / (N s/m)", facecolor="white")
+    ax.set(xlabel=r"$\omega$ / (rad/s)", ylabel="impedance / (N s/m)")
     ax.grid(alpha=0.3)
     ax.legend(fontsize=9)
     return figure
@@ -85,7 +83,7 @@ def plot_limits(
     marks : mapping of str to array_like, shape (n,), optional
         The same by another algorithm, drawn as circles; NaN where there is none.
     """
-    figure, ax = plt.subplots(figsize=(6.9, 4.2), layout="constrained", facecolor="white")
+    figure, ax = subplots(figsize=(6.9, 4.2))
     for (name, limit), colour in zip(limits.items(), COLOURS, strict=False):
         ax.plot(1e3 * np.asarray(delays_s), limit, color=colour, label=name)
     for name, limit in (marks or {}).items():
@@ -94,7 +92,6 @@ def plot_limits(
         xlabel="delay / ms",
         ylabel="largest stable stiffness / (N/m)",
         yscale="log",
-        facecolor="white",
     )
     ax.yaxis.set(major_formatter="{x:g}")
     ax.grid(alpha=0.3, which="both")

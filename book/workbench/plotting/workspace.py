@@ -9,7 +9,6 @@ import zipfile
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
-import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -18,7 +17,7 @@ from scipy.spatial import ConvexHull
 from trinolab.checks import Array, as_points
 from trinolab.workspace.cones import Cone, cone_surface
 
-from .basics import COLOURS, _names
+from .basics import COLOURS, _names, subplots
 
 if TYPE_CHECKING:
     import pyvista
@@ -48,7 +47,7 @@ def plot_workspace(cones: Sequence[Cone], mesh: Mesh, names: Sequence[str] | Non
         One a cone.
     """
     vertices = as_points(mesh[0], "mesh", 3)
-    figure, axes = plt.subplots(1, 3, figsize=(6.9, 3.3), layout="constrained", facecolor="white")
+    figure, axes = subplots(1, 3, figsize=(6.9, 3.3))
     for ax, (title, i, j) in zip(axes, VIEWS, strict=True):
         for k, (cone, name) in enumerate(zip(cones, _names(cones, names), strict=True)):
             _fill(ax, _outline(cone, vertices)[:, [i, j]], COLOURS[k % len(COLOURS)], 0.12, name)
@@ -58,7 +57,6 @@ def plot_workspace(cones: Sequence[Cone], mesh: Mesh, names: Sequence[str] | Non
             xlabel=f"{'xyz'[i]} / mm",
             ylabel=f"{'xyz'[j]} / mm",
             aspect="equal",
-            facecolor="white",
         )
         ax.set_title(title, fontsize=10)
         if j == 1:
@@ -117,7 +115,6 @@ def show_cones_from_above(
         xlabel="$X / B$",
         ylabel="$Z / B$",
         aspect="equal",
-        facecolor="white",
         xlim=(middle_x - wide, middle_x + wide),
         ylim=(-0.3 * reach, 1.05 * reach),
     )

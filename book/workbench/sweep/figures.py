@@ -15,6 +15,7 @@ from matplotlib.figure import Figure
 from trinolab.checks import Array
 
 from ..plotting import COLOURS
+from ..plotting.basics import subplots
 
 __all__ = ["Levels", "as_png", "draw_curve", "is_grid", "plot_sweep", "results_of", "varied"]
 
@@ -181,13 +182,11 @@ def _statistics(y: Array, levels: Sequence[Levels]) -> pd.DataFrame:
 def _panels(count: int) -> tuple[Figure, list[Axes]]:
     columns = 2 if count == 4 else min(count, 3)
     rows = -(-count // columns)
-    figure, axes = plt.subplots(
+    figure, axes = subplots(
         rows,
         columns,
         figsize=(max(4.0 * columns, 5.0), 2.8 * rows + 0.4),
         squeeze=False,
-        layout="constrained",
-        facecolor="white",
     )
     for ax in axes.flat[count:]:
         ax.remove()
@@ -208,7 +207,7 @@ def draw_curve(ax: Axes, y: Array, level: Levels, name: str) -> None:
         ax.set_xticks(at, level.labels, rotation=30 if max(map(len, level.labels)) > 8 else 0)
     elif _is_geometric(x):
         ax.set_xscale("log")
-    ax.set(xlabel=level.name, ylabel=name, facecolor="white")
+    ax.set(xlabel=level.name, ylabel=name)
     ax.grid(alpha=0.3)
 
 
@@ -244,13 +243,11 @@ def _multiples(found: pd.DataFrame, shown: Sequence[str], levels: Sequence[Level
     first, others = levels[:2], levels[2:]
     flat = _flat(others)
     some = np.unique(np.linspace(0, flat.max(), MOST_COLUMNS).round().astype(int))
-    figure, axes = plt.subplots(
+    figure, axes = subplots(
         len(shown),
         len(some),
         figsize=(3.6 * len(some), 2.8 * len(shown) + 0.4),
         squeeze=False,
-        layout="constrained",
-        facecolor="white",
     )
     for ax, (name, combination) in zip(
         axes.flat, ((name, k) for name in shown for k in some), strict=True
@@ -272,14 +269,12 @@ def _multiples(found: pd.DataFrame, shown: Sequence[str], levels: Sequence[Level
 def _scattered(found: pd.DataFrame, shown: Sequence[str], levels: Sequence[Levels]) -> Figure:
     """Each result over each parameter, as points."""
     columns = levels[:MOST_COLUMNS]
-    figure, axes = plt.subplots(
+    figure, axes = subplots(
         len(shown),
         len(columns),
         figsize=(3.6 * len(columns), 2.8 * len(shown) + 0.4),
         sharey="row",
         squeeze=False,
-        layout="constrained",
-        facecolor="white",
     )
     for ax, (name, level) in zip(
         axes.flat, ((name, level) for name in shown for level in columns), strict=True
@@ -295,7 +290,7 @@ def _scattered(found: pd.DataFrame, shown: Sequence[str], levels: Sequence[Level
         )
         if x is None:
             ax.set_xticks(at, level.labels)
-        ax.set(xlabel=level.name, ylabel=name, facecolor="white")
+        ax.set(xlabel=level.name, ylabel=name)
     return figure
 
 

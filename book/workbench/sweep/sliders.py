@@ -10,6 +10,7 @@ import matplotlib.pyplot as plt
 import pandas as pd
 from matplotlib.figure import Figure
 
+from ..plotting.basics import subplots
 from .figures import Levels, draw_curve, is_grid, plot_sweep, results_of, varied
 from .notebook import UNATTENDED
 
@@ -114,7 +115,7 @@ def plot_slice(
     here = pd.Series(True, index=range(len(found))).to_numpy()
     for level in levels[1:]:
         here = here & (level.which == at[level.name])
-    figure, ax = plt.subplots(figsize=(6.5, 3.6), layout="constrained", facecolor="white")
+    figure, ax = subplots(figsize=(6.5, 3.6))
     draw_curve(
         ax,
         found[result].to_numpy(float)[here],
