@@ -1,6 +1,7 @@
 """What a good set-up shows, why the limits are where they are, and what to do where it is not met.
 
-Each limit comes from something that the book has measured; `Criterion.why` says from what.
+Each limit comes from something that the book has measured; `Criterion.why` says from what. They stand in
+``data/criteria.toml``.
 """
 
 from __future__ import annotations
@@ -11,6 +12,9 @@ from typing import NamedTuple
 import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike
+
+from trinolab.datasets import data_path
+from trinolab.files.inputs import get, read_toml
 
 __all__ = [
     "AGREE",
@@ -84,142 +88,32 @@ class Criterion(NamedTuple):
         return USABLE if sign * value <= sign * self.usable else NOT_USABLE
 
 
-RANGE = Criterion(
-    "range of greys",
-    "grey levels",
-    80,
-    40,
-    "more light, or a longer exposure; a lens cap, a wrong camera?",
-    "a board's corners need the contrast that markers need (chapter 5)",
-)
-CONTRAST = Criterion(
-    "markers' contrast",
-    "grey levels",
-    60,
-    30,
-    "more light on the rod (a lamp beside each camera), gain up, then exposure up; a darker ground",
-    "65 levels cost a factor of 1.5 (chapter 10's table of faults, half contrast); the finder stops at 20 "
-    "(chapter 5)",
-)
-NOISE = Criterion(
-    "contrast by noise",
-    "",
-    16,
-    8,
-    "more light, and less gain",
-    "the gallery's sweep of the noise: at 16 the error is three times the usual one, at 8 six times, below "
-    "poses are missing",
-)
-WHITE = Criterion(
-    "markers cut off at white",
-    "% of their middles",
-    5,
-    100,
-    "shorten the exposure until the markers are at 200 to 240; turn a lamp that shines in them",
-    "a centre that is cut off says nothing of the shading; stripes of highlights lose every seventh pose "
-    "(chapter 10's table of faults)",
-)
-WHITE_PIXELS = Criterion(
-    "pixels cut off at white",
-    "% of the image",
-    1,
-    10,
-    "shorten the exposure; keep lamps and windows out of the image",
-    "a target's white squares must not be cut off, or their corners move (chapter 7)",
-)
-FLICKER = Criterion(
-    "light over time",
-    "% up and down",
-    3,
-    10,
-    "fix exposure, gain and white balance by hand; exposure a multiple of 10 ms (50 Hz) or 8.3 ms (60 Hz)",
-    "15 grey levels, the threshold T of chapter 3, are 10 % of a background of 150",
-)
-FOCUS = Criterion(
-    "blur of the edges",
-    "px",
-    1.3,
-    2.5,
-    "focus by hand on the rod, autofocus off, clean the lens; more light allows a smaller aperture",
-    "the gallery's sweep of the blur: 1.5 px double the error, 3 px make it nine times as large; on markers of "
-    "7 px a blur of 3 px leaves no pose, and this measure shows four fifths of the blur",
-)
-SMEAR = Criterion(
-    "smear at 300 mm/s",
-    "of a marker",
-    0.33,
-    0.67,
-    "shorten the exposure, and make up for it by light; or move slowly",
-    "the sweep of the speed (chapter 9): a third of a marker costs a seventh more, two thirds lose every fifth "
-    "pose of the paper's method, four thirds two of three",
-)
-SIZE = Criterion(
-    "markers' size",
-    "px",
-    6.0,
-    4.5,
-    "larger markers (trinolab kit --marker), nearer, or more pixels",
-    "the finder stops at 4 px (chapter 5); the table of webcams on the lab sheet",
-)
-STEPS = Criterion(
-    "frames missing or repeated",
-    "%",
-    1.0,
-    10.0,
-    "fewer pixels or frames a second, each camera at a USB port of its own, no other program",
-    "the pose is predicted for 0.3 s (chapter 4): ten frames",
-)
-APART = Criterion(
-    "cameras apart in time",
-    "ms",
-    0.33,
-    15.0,
-    "a common trigger, or more frames a second; without one move slowly, or measure a rod at rest",
-    "a hand at 300 mm/s moves 0.1 mm in 0.33 ms, one at 20 mm/s 0.3 mm in 15 ms; 5 ms at 330 mm/s cost 2.5 mm "
-    "(chapter 10's table of faults)",
-)
-ANGLE = Criterion(
-    "angle between two cameras",
-    "deg",
-    10.0,
-    5.0,
-    "move the cameras apart: a third of the distance to the rod is good",
-    "the gallery's sweep of the baseline: 10 deg are the paper's 99 mm, at 5 deg the error is 1.8 times, at "
-    "2.6 deg 3 times as large",
-)
-COST = Criterion(
-    "what the calibration costs",
-    "mm",
-    0.31,
-    1.0,
-    "more views, tilted more, all over the image and at the rod's place; then trinolab refine",
-    "0.31 mm is the paper's whole error (chapter 7: how good must a calibration be?)",
-)
-AGREE = Criterion(
-    "cameras contradict each other",
-    "px",
-    0.5,
-    2.0,
-    "calibrate again: a camera was moved; or the markers do not lie where the handle file says",
-    "0.1 px and 0.005 deg of error in the rig, 0.5 px here, cost 0.1 mm; three times that 0.6 mm, and every "
-    "third pose (chapter 10's table of faults)",
-)
-PART = Criterion(
-    "each camera takes part",
-    "% of the poses",
-    80.0,
-    40.0,
-    "this camera was moved, is late, or does not see the rod: look at its image, calibrate again",
-    "a rig that is off by 0.3 px and 0.02 deg loses every third pose (chapter 10's table of faults)",
-)
-FOUND = Criterion(
-    "found by two or more cameras",
-    "% of the instants",
-    95.0,
-    75.0,
-    "the rows above say why; else: is the rod in all images, is it the right handle file?",
-    "the data sheet has 99 % of the instants at which it is possible",
-)
+def _read() -> dict[str, Criterion]:
+    """The criteria of ``data/criteria.toml``, by their names there."""
+    path = data_path("criteria.toml")
+    return {
+        name: Criterion(*(get(table, field, f"{path}: {name}") for field in Criterion._fields))
+        for name, table in read_toml(path).items()
+    }
+
+
+_CRITERIA = _read()
+RANGE = _CRITERIA["range"]
+CONTRAST = _CRITERIA["contrast"]
+NOISE = _CRITERIA["noise"]
+WHITE = _CRITERIA["white"]
+WHITE_PIXELS = _CRITERIA["white_pixels"]
+FLICKER = _CRITERIA["flicker"]
+FOCUS = _CRITERIA["focus"]
+SMEAR = _CRITERIA["smear"]
+SIZE = _CRITERIA["size"]
+STEPS = _CRITERIA["steps"]
+APART = _CRITERIA["apart"]
+ANGLE = _CRITERIA["angle"]
+COST = _CRITERIA["cost"]
+AGREE = _CRITERIA["agree"]
+PART = _CRITERIA["part"]
+FOUND = _CRITERIA["found"]
 
 
 def row(
