@@ -32,6 +32,8 @@ __all__ = ["as_text", "digits", "main", "not_run", "say"]
 EXTRAS = {
     "IPython": "book",
     "cloudpickle": "course",
+    "grimp": "workbench",
+    "jinja2": "workbench",
     "dask": "cluster",
     "distributed": "cluster",
     "matplotlib": "workbench",

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 
@@ -23,7 +23,6 @@ __all__ = [
     "ValueExercise",
 ]
 
-Function = TypeVar("Function", bound=Callable[..., Any])
 KINDS = ("pencil", "write", "predict", "project")
 
 
@@ -154,20 +153,20 @@ class FunctionExerciseMaker:
         self._cases: Callable[[np.random.Generator], Sequence[tuple]] | None = None
         self._mistakes: list[Mistake] = []
 
-    def solution(self, function: Function) -> Function:
+    def solution(self, function: Callable[..., Any]) -> Callable[..., Any]:
         """This function is right."""
         self._solution = function
         return function
 
-    def cases(self, function: Function) -> Function:
+    def cases(self, function: Callable[..., Any]) -> Callable[..., Any]:
         """This function makes the cases."""
         self._cases = function
         return function
 
-    def mistake(self, read: str) -> Callable[[Function], Function]:
+    def mistake(self, read: str) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
         """This function is a usual mistake; the first paragraph of its docstring says which."""
 
-        def keep(function: Function) -> Function:
+        def keep(function: Callable[..., Any]) -> Callable[..., Any]:
             sentence = (function.__doc__ or "").partition("\n\n")[0]
             self.known_mistake(" ".join(sentence.split()), read, function)
             return function
