@@ -299,8 +299,8 @@ def step(
         grey = frame[rows].astype(old.dtype)
         expected = np.multiply(old[rows], gain, out=new[rows])
         # Eq. 5, f_k against what a camera can show of f_b
-        shown = cv2.threshold(expected, WHITE, 0, cv2.THRESH_TRUNC)[1]
-        moved = has_moved(grey, shown, p.difference_threshold, p.shadow_share)
+        visible = cv2.threshold(expected, WHITE, 0, cv2.THRESH_TRUNC)[1]
+        moved = has_moved(grey, visible, p.difference_threshold, p.shadow_share)
         mask[rows] = moved
         np.multiply(frame[rows], moved.view(np.uint8), out=image[rows])
         # Eq. 6, but for what moves or is saturated

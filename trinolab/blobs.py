@@ -114,12 +114,16 @@ def contours(
     rows = np.flatnonzero(brightest > threshold)
     top, bottom = (int(rows[0]), int(rows[-1]) + 1) if len(rows) else (0, 1)
     binary = _above(image[top:bottom], threshold)
-    some = binary[6::13]
-    if 13 * np.count_nonzero(some[:, 1:] > some[:, :-1]) > max(_RUNS[0], _RUNS[1] * wanted):
+    sampled_rows = binary[6::13]
+    if 13 * np.count_nonzero(sampled_rows[:, 1:] > sampled_rows[:, :-1]) > max(
+        _RUNS[0], _RUNS[1] * wanted
+    ):
         return None
-    found, tree = cv2.findContours(binary, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_SIMPLE, offset=(0, top))
+    outlines, tree = cv2.findContours(
+        binary, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_SIMPLE, offset=(0, top)
+    )
     # not those of holes
-    return [] if tree is None else [found[k] for k in np.flatnonzero(tree[0, :, 3] < 0).tolist()]
+    return [] if tree is None else [outlines[k] for k in np.flatnonzero(tree[0, :, 3] < 0).tolist()]
 
 
 def count_contours(image: np.ndarray, threshold: float, enough: int) -> int:
@@ -151,9 +155,9 @@ def places(
     A pixel of `image` is `scale` pixels of the whole one a side, for which the diameters are given.
     """
     lines = {
-        t: some
-        for t, some in found.items()
-        if some and len(some) <= max(_CONTOURS[0], _CONTOURS[1] * wanted)
+        t: outlines
+        for t, outlines in found.items()
+        if outlines and len(outlines) <= max(_CONTOURS[0], _CONTOURS[1] * wanted)
     }
     parts = (
         _of_contours(lines, scale, diameter_px),
@@ -179,7 +183,7 @@ def candidates(image: np.ndarray, where: Places, min_contrast: float) -> list[Ca
     saddle = valley[:, -1]
     peak = np.maximum(top, inside[:, -3])  # a bright pixel or two may be noise
     halfway = np.maximum((level + peak) / 2, 0.75 * saddle + 0.25 * peak)
-    other = np.where(np.isinf(where.threshold), 0.4 * saddle + 0.6 * peak, where.threshold)
+    second = np.where(np.isinf(where.threshold), 0.4 * saddle + 0.6 * peak, where.threshold)
     clear = (peak - saddle >= min_contrast / 2) | (peak - where.threshold >= min_contrast / 4)
     order = np.argsort(level - top, kind="stable")
     order = order[(clear & (top - level >= 0.8 * min_contrast))[order]]
@@ -187,7 +191,7 @@ def candidates(image: np.ndarray, where: Places, min_contrast: float) -> list[Ca
         order.tolist(),
         where.uv[order].tolist(),
         where.reach[order].tolist(),
-        np.stack([halfway, other], axis=1)[order].tolist(),
+        np.stack([halfway, second], axis=1)[order].tolist(),
     )
     return [Candidate(*row) for row in zip(*columns, strict=True)]
 
@@ -287,8 +291,8 @@ def _of_contours(
     low, high = diameter_px
     lines = [
         (t, line)
-        for t, some in found.items()
-        for line in some
+        for t, outlines in found.items()
+        for line in outlines
         if len(line) <= 8 * (high / scale + 1)
     ]
     if not lines:
@@ -310,14 +314,14 @@ def _of_spots(image: np.ndarray, scale: int, largest: float, least: float) -> Pl
     """What stands out by `least` grey levels in the image at a quarter of its size, an eighth,
     ...
     """
-    found = [np.zeros((4, 0))]
+    spots = [np.zeros((4, 0))]
     while min(image.shape) > 8 and scale <= max(largest / 4, 4):
         if scale >= 4:
             rise = _rise(image)
             peak = cv2.compare(rise, cv2.dilate(rise, SQUARE), cv2.CMP_EQ) & _above(rise, least)
             at = np.flatnonzero(peak.view(bool))
             v, u = np.divmod(at, image.shape[1])
-            found.append(
+            spots.append(
                 np.stack(
                     [
                         scale * (u + 0.5) - 0.5,
@@ -329,7 +333,7 @@ def _of_spots(image: np.ndarray, scale: int, largest: float, least: float) -> Pl
             )
         image = _halved(image)
         scale = 2 * scale
-    u, v, reach, rise = np.hstack(found)
+    u, v, reach, rise = np.hstack(spots)
     best = np.argsort(-rise)[:_SPOTS]
     return Places(np.column_stack([u, v])[best], reach[best], np.full(len(best), np.inf))
 

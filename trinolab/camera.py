@@ -347,16 +347,16 @@ def difference(rig: Rig, start: Rig) -> Array:
     vector that `displaced` takes.
     """
     rows = []
-    for camera, other in zip(rig.cameras, start.cameras, strict=True):
-        turn = camera.T_cam_world.rotation * other.T_cam_world.rotation.inv()
+    for camera, reference in zip(rig.cameras, start.cameras, strict=True):
+        turn = camera.T_cam_world.rotation * reference.T_cam_world.rotation.inv()
         rows.append(
             np.concatenate(
                 [
-                    camera.focal - other.focal,
-                    camera.principal_point - other.principal_point,
-                    camera.distortions - other.distortions,
+                    camera.focal - reference.focal,
+                    camera.principal_point - reference.principal_point,
+                    camera.distortions - reference.distortions,
                     turn.as_rotvec(),
-                    camera.T_cam_world.translation - other.T_cam_world.translation,
+                    camera.T_cam_world.translation - reference.T_cam_world.translation,
                 ]
             )
         )

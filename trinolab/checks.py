@@ -193,9 +193,9 @@ def whole_rows(points: np.ndarray) -> np.ndarray:
     """Make each row (n, k) that is not finite, or beyond `LARGEST`, a missing point, NaN
     throughout; in place.
     """
-    there = np.abs(points) <= LARGEST
-    if not there.all():  # row by row is slow, and seldom needed
-        points[~there.all(axis=1)] = np.nan
+    finite = np.abs(points) <= LARGEST
+    if not finite.all():  # row by row is slow, and seldom needed
+        points[~finite.all(axis=1)] = np.nan
     return points
 
 

@@ -105,10 +105,10 @@ def evaluate(poses: str | Path, truth: str | Path, handle: str | Path) -> Evalua
     ValueError
         If a file is missing or malformed, or the two do not belong together, see `joining.join`.
     """
-    found = read_poses(poses)
+    estimates = read_poses(poses)
     true = read_poses(truth)
     the_handle = read_handle(handle)
-    both = join(found, true, poses, truth)
+    both = join(estimates, true, poses, truth)
     true = true[true["status"] != "lost"].sort_values("frame")
     counts = both["status"].value_counts()
     measured, ambiguous, predicted = (
@@ -116,9 +116,9 @@ def evaluate(poses: str | Path, truth: str | Path, handle: str | Path) -> Evalua
     )
     lost = len(true) - measured - ambiguous - predicted
     rows = both[both["status"] == "measured"].sort_values("frame")
-    here = true["frame"].isin(rows["frame"]).to_numpy()
+    measured_rows = true["frame"].isin(rows["frame"]).to_numpy()
     visible = _visible(true, Path(truth).with_name(COUNTS))
-    lasted = waits(here, visible if visible.any() else None)
+    lasted = waits(measured_rows, visible if visible.any() else None)
     return Evaluation(
         len(true),
         measured,
@@ -127,7 +127,7 @@ def evaluate(poses: str | Path, truth: str | Path, handle: str | Path) -> Evalua
         lost,
         _errors(both, true, the_handle),
         int(visible.sum()),
-        int((visible & here).sum()),
+        int((visible & measured_rows).sum()),
         _quality(rows, true, the_handle, *lasted),
     )
 
@@ -173,9 +173,9 @@ def _track_lines(track: TrackQuality) -> list[str]:
 def how_long(track: TrackQuality) -> str:
     many = len(track.waits) > 8
     ended = f"at most {max(track.waits)}" if many else ", ".join(map(str, track.waits))
-    said = [f"back after {ended} instants"] * bool(ended)
-    said += [] if track.unended is None else [f"not back in the last {track.unended} instants"]
-    return f"   {', '.join(said)}" if said else ""
+    phrases = [f"back after {ended} instants"] * bool(ended)
+    phrases += [] if track.unended is None else [f"not back in the last {track.unended} instants"]
+    return f"   {', '.join(phrases)}" if phrases else ""
 
 
 def _visible(true: pd.DataFrame, counts: Path) -> np.ndarray:

@@ -151,11 +151,11 @@ class Handle:
         ``T_world_handle * T`` for each of them shows the same markers: 12 for the paper's layout, 1
         for a coded one. The markers' own offsets are too small to tell such poses apart.
         """
-        found = [RigidTransform.identity()]
+        motions = [RigidTransform.identity()]
         for T in _candidate_symmetries(self):
-            if _keeps_markers(self, T) and all(apart(T, other, 1e-6, 1e-6) for other in found):
-                found.append(T)
-        return tuple(found)
+            if _keeps_markers(self, T) and all(apart(T, other, 1e-6, 1e-6) for other in motions):
+                motions.append(T)
+        return tuple(motions)
 
 
 def slants(handle: Handle, T_world_handle: RigidTransform, viewpoint: Array) -> Array:

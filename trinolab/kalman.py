@@ -296,8 +296,12 @@ def white_jerk(dt: float, intensity: float) -> Array:
     """
     t = _as_dt(dt)
     q = as_number(intensity, "intensity", 0.0)
-    one = [[t**5 / 20, t**4 / 8, t**3 / 6], [t**4 / 8, t**3 / 3, t**2 / 2], [t**3 / 6, t**2 / 2, t]]
-    return frozen(q * np.kron(one, np.eye(2)))
+    per_axis = [
+        [t**5 / 20, t**4 / 8, t**3 / 6],
+        [t**4 / 8, t**3 / 3, t**2 / 2],
+        [t**3 / 6, t**2 / 2, t],
+    ]
+    return frozen(q * np.kron(per_axis, np.eye(2)))
 
 
 def predict_motion(state: State, dt: float, parameters: KalmanParameters | None = None) -> State:

@@ -133,16 +133,16 @@ def project_with_slopes(lens: Array, local: Array) -> tuple[Array, Array, Array]
         for a in distort(xy.reshape(-1, 2), np.pad(lens[4:], (0, 9 - len(lens))))
     )
     focal = lens[:2]
-    one = np.broadcast_to(np.eye(2), (*xy.shape[:-1], 2, 2))
+    identity = np.broadcast_to(np.eye(2), (*xy.shape[:-1], 2, 2))
     by_lens = np.concatenate(
         [
-            one * distorted[..., None],
-            one,
+            identity * distorted[..., None],
+            identity,
             _by_distortions(xy)[..., : len(lens) - 4] * focal[:, None],
         ],
         axis=-1,
     )
-    by_local = np.concatenate([one, -xy[..., None]], axis=-1) / depth[..., None]
+    by_local = np.concatenate([identity, -xy[..., None]], axis=-1) / depth[..., None]
     return distorted * focal + lens[2:4], by_lens, (focal[:, None] * by_xy) @ by_local
 
 

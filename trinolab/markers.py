@@ -192,14 +192,14 @@ def _search(
     """
     small, scale = blobs.reduced(image)
     brightest = small.max(axis=1)
-    found: dict[float, list[np.ndarray] | None] = {}
+    outlines: dict[float, list[np.ndarray] | None] = {}
 
     def look(threshold: float) -> list[np.ndarray] | None:
         # the same pixels exceed it
         level = float(math.floor(threshold)) if small.dtype.kind == "u" else threshold
-        if level not in found:
-            found[level] = blobs.contours(small, brightest, level, wanted)
-        return found[level]
+        if level not in outlines:
+            outlines[level] = blobs.contours(small, brightest, level, wanted)
+        return outlines[level]
 
     def count(threshold: float) -> int:
         lines = look(threshold)
@@ -209,9 +209,9 @@ def _search(
     low = float(small.min())
     high = float(brightest.max())
     for threshold in np.linspace(low, high, LADDER + 2)[1:-1].tolist() if steps else ():
-        if all(abs(threshold - level) > (high - low) / 30 for level in found):
+        if all(abs(threshold - level) > (high - low) / 30 for level in outlines):
             look(threshold)
-    return steps, blobs.places(small, scale, found, wanted, p.diameter_px, p.min_contrast)
+    return steps, blobs.places(small, scale, outlines, wanted, p.diameter_px, p.min_contrast)
 
 
 def _once_each(
@@ -220,7 +220,7 @@ def _once_each(
     """What is like a marker, each once, by falling contrast as it seems from afar."""
     # how often, of every second pixel
     tried = np.zeros((image.shape[0] // 2 + 2, image.shape[1] // 2 + 2), np.uint8)
-    kept: list[Blob] = []
+    blobs_found: list[Blob] = []
     for candidate in blobs.candidates(image, where, p.min_contrast)[: _TRIES * most]:
         x = round(candidate.uv[0] / 2)
         y = round(candidate.uv[1] / 2)
@@ -230,13 +230,17 @@ def _once_each(
         blob = _first_blob(image, candidate, p)
         if blob is None or tried[round(blob.v / 2), round(blob.u / 2)] >= _FOUND:
             continue
-        kept.append(halfway(image, blob, p))
-        if len(kept) == most:
+        blobs_found.append(halfway(image, blob, p))
+        if len(blobs_found) == most:
             break
         cv2.circle(
-            tried, (round(blob.u / 2), round(blob.v / 2)), round(kept[-1].major / 4), _FOUND, -1
+            tried,
+            (round(blob.u / 2), round(blob.v / 2)),
+            round(blobs_found[-1].major / 4),
+            _FOUND,
+            -1,
         )
-    return kept
+    return blobs_found
 
 
 def markers_at(

@@ -256,8 +256,8 @@ def match(
     Parameters and errors as in `candidates`.
     """
     p = parameters or MatchParameters()
-    found = candidates(left, right, image_left, image_right, uv_left, uv_right, p)
-    return in_order(mutual(found), left, right, uv_left, uv_right, p.epipolar_gate_px)
+    candidate_pairs = candidates(left, right, image_left, image_right, uv_left, uv_right, p)
+    return in_order(mutual(candidate_pairs), left, right, uv_left, uv_right, p.epipolar_gate_px)
 
 
 def mutual(matches: Matches) -> Matches:

@@ -84,18 +84,18 @@ def measure(
     images = as_images(frames, rig)
     regions = [Window(0, 0, *camera.size) for camera in rig.cameras] if windows is None else windows
     # Eq. 16
-    found = tuple(
+    markers_by_camera = tuple(
         markers_in(image, region, handle, p) for image, region in zip(images, regions, strict=True)
     )
-    pixels = tuple(markers.uv for markers in found)
+    pixels = tuple(markers.uv for markers in markers_by_camera)
     # Eq. 17, 18; the other estimators name the markers without them
     matches = None
     if p.estimator == "paper":
         matches = [pairs.index for pairs in rig_candidates(rig, images, pixels, p.matching)]
-    axes_px = [markers.axes_px for markers in found]
+    axes_px = [markers.axes_px for markers in markers_by_camera]
     hypotheses = identify(rig, handle, pixels, p.identity, axes_px, matches)
     if not hypotheses:
-        return Measurement(LOST, found, tuple(np.full(len(uv), -1) for uv in pixels))
+        return Measurement(LOST, markers_by_camera, tuple(np.full(len(uv), -1) for uv in pixels))
     T, labels, sure = chosen(hypotheses, images, rig, handle, prior, p)
     uv = labelled_pixels(labels, pixels, len(handle.marker_centres))
     rig, T = reconciled(rig, handle, uv, T, p.sigma_px, p.identity)
@@ -103,7 +103,7 @@ def measure(
     pose = estimate(Identified(images, uv, T), rig, handle, p)
     if not sure and pose is not LOST:
         pose = replace(pose, status="ambiguous")
-    return Measurement(pose, found, labels)
+    return Measurement(pose, markers_by_camera, labels)
 
 
 def chosen(
@@ -134,8 +134,10 @@ def markers_in(image: np.ndarray, region: Window | None, handle: Handle, p: Para
     """The markers inside a window, in pixels of the whole image."""
     if region is None:
         return find_markers(np.zeros((1, 1)), len(handle.marker_centres), handle.markers, p.markers)
-    found = find_markers(region.crop(image), len(handle.marker_centres), handle.markers, p.markers)
-    return replace(found, uv=frozen(found.uv + [region.u, region.v]))
+    markers = find_markers(
+        region.crop(image), len(handle.marker_centres), handle.markers, p.markers
+    )
+    return replace(markers, uv=frozen(markers.uv + [region.u, region.v]))
 
 
 def as_images(frames: Sequence[ArrayLike], rig: Rig) -> list[np.ndarray]:

@@ -326,12 +326,12 @@ def fit_pose(
     fitted = _fitted(uv, rig, handle, max_slant_deg, sigma_px, known)
     if fitted is None:
         return LOST
-    T, some, used, covariances = fitted
+    T, uv_used, used, covariances = fitted
     covariance = rigid_fit_covariance(handle.marker_centres[used], T, covariances[used])
     systematic = NOTHING
     if is_uncertain(rig, handle):
         systematic = systematic_covariance(_response(fitted, rig, handle), rig, handle)
-    return measured_pose(T, covariance, some, used, rig, handle, systematic)
+    return measured_pose(T, covariance, uv_used, used, rig, handle, systematic)
 
 
 def fit_response(uv: Array, rig: Rig, handle: Handle, max_slant_deg: float = 70.0) -> Response:
@@ -384,10 +384,10 @@ def _fitted(
 
 
 def _response(fitted: _Fitted, rig: Rig, handle: Handle) -> Response:
-    T, some, used, _ = fitted
+    T, uv_used, used, _ = fitted
     by_point = np.zeros((len(used), 6, 3))
     by_point[used] = rigid_fit_gain(handle.marker_centres[used], T)
-    return response_of_points(T, by_point, triangulation_slopes(rig, some), handle)
+    return response_of_points(T, by_point, triangulation_slopes(rig, uv_used), handle)
 
 
 def response_of_points(

@@ -99,17 +99,17 @@ def board_positions(
     low, high = sorted(as_number(t, "tilt_deg", low=0.0, high=80.0) for t in tilt_deg)
     distance = as_number(distance_mm, "distance_mm", low=0.0, open_low=True)
     wanted = int(as_number(count, "count", low=1))
-    found = list[RigidTransform]()
+    positions = list[RigidTransform]()
     for _ in range(100 * wanted):
         T = rig.cameras[0].T_world_cam * _drawn(board, distance, (low, high), as_rng(rng))
         if all(
             camera.sees(T.apply(np.array(board.outline)), margin_px).all() for camera in rig.cameras
         ):
-            found.append(T)
-        if len(found) == wanted:
-            return RigidTransform.concatenate(found)
+            positions.append(T)
+        if len(positions) == wanted:
+            return RigidTransform.concatenate(positions)
     raise ValueError(
-        f"board: at most {len(found)} of {100 * wanted} positions drawn at {distance:g} mm fit into the "
+        f"board: at most {len(positions)} of {100 * wanted} positions drawn at {distance:g} mm fit into the "
         "images of all cameras"
     )
 

@@ -298,21 +298,21 @@ def _shown_share(
     The body is convex: what looks towards a viewpoint outside it is not hidden by it.
     """
     points = marker_area(handle, index)
-    shown = facing(handle, points, T_world_handle.inv().apply(camera.centre))
+    facing_points = facing(handle, points, T_world_handle.inv().apply(camera.centre))
     local = camera.T_cam_world.apply(T_world_handle.apply(points))
     if solids is not None and (local[:, 2] > 0).all():
-        shown &= cast_capsules(solids, local.T).depths >= 1
-    return float(shown.mean())
+        facing_points &= cast_capsules(solids, local.T).depths >= 1
+    return float(facing_points.mean())
 
 
 def _fingers(arm: Arm, handle: Handle, radius: float) -> list[tuple[Array, Array, float]]:
     """Two capsules a finger, bent round the body, handle frame."""
     angles = np.deg2rad(arm.palm_deg + np.array(_FINGER_DEG))
-    found = []
+    fingers = []
     for axial in np.linspace(arm.grip_mm[1] - radius, arm.grip_mm[0] + radius, 4):
         joints = on_cylinder(handle.radius_mm + radius, angles, axial)
-        found += [(joints[0], joints[1], radius), (joints[1], joints[2], radius)]
-    return found
+        fingers += [(joints[0], joints[1], radius), (joints[1], joints[2], radius)]
+    return fingers
 
 
 def _palm_and_thumb(arm: Arm, handle: Handle, radius: float) -> list[tuple[Array, Array, float]]:
@@ -357,8 +357,8 @@ def _hiding_hand(arm: Arm, T_world_handle: RigidTransform) -> tuple[Array, Array
     """
     origin = T_world_handle.translation
     towards = np.array(arm.forearm)
-    way = np.array(arm.hides_from) - origin
-    sight = as_unit(way, "hides_from, seen from the handle")
-    begin = origin + min(_HIDING_MM, 0.5 * float(np.linalg.norm(way))) * sight
+    direction = np.array(arm.hides_from) - origin
+    sight = as_unit(direction, "hides_from, seen from the handle")
+    begin = origin + min(_HIDING_MM, 0.5 * float(np.linalg.norm(direction))) * sight
     across = as_unit(towards - (towards @ sight) * sight, "forearm, across the line of sight")
     return begin, begin + arm.forearm_length_mm * across, _HIDING_RADIUS_MM

@@ -121,8 +121,8 @@ def over(layer: Layer, behind: Array) -> Array:
     )
     part = image[rows, columns]
     top = max(-v, 0)
-    left = max(-u, 0)
-    own = slice(top, top + part.shape[0]), slice(left, left + part.shape[1])
+    margin_left = max(-u, 0)
+    own = slice(top, top + part.shape[0]), slice(margin_left, margin_left + part.shape[1])
     part *= 1 - layer.cover[own]
     part += layer.light[own]
     return image
@@ -170,12 +170,12 @@ def _bounds(mask: np.ndarray) -> tuple[slice, slice]:
     """The rows and columns that hold all of a mask, and one more on each side where there is
     one.
     """
-    found = []
+    bounds = []
     for axis in (1, 0):
-        held = np.flatnonzero(mask.any(axis=axis))
-        low, high = (held[0], held[-1] + 1) if len(held) else (0, -1)
-        found.append(slice(int(max(low - 1, 0)), int(min(high + 1, mask.shape[1 - axis]))))
-    return found[0], found[1]
+        occupied = np.flatnonzero(mask.any(axis=axis))
+        low, high = (occupied[0], occupied[-1] + 1) if len(occupied) else (0, -1)
+        bounds.append(slice(int(max(low - 1, 0)), int(min(high + 1, mask.shape[1 - axis]))))
+    return bounds[0], bounds[1]
 
 
 def _edges(view: _View, labels: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -210,12 +210,12 @@ def _sample(
             uv = np.column_stack(
                 [np.add.outer(u, offsets[:, 0]).ravel(), np.add.outer(v, offsets[:, 1]).ravel()]
             )
-            grey, found = _look(view, uv, on_body, on_arm)
-            hit = found != EMPTY
+            grey, materials = _look(view, uv, on_body, on_arm)
+            hit = materials != EMPTY
             light[v, u] = np.where(hit, grey, 0).reshape(len(v), -1).mean(axis=1)
             cover[v, u] = hit.reshape(len(v), -1).mean(axis=1)
             if labels is not None:
-                labels[v, u] = found
+                labels[v, u] = materials
 
 
 def _look(view: _View, uv: Array, on_body: bool, on_arm: bool) -> tuple[Array, np.ndarray]:
@@ -282,5 +282,5 @@ def _on_wall(points: Array, light: tuple[float, float, float]) -> Array:
     """Where the shadows of points fall, world frame, shape (n, 3), mm; of those behind the wall,
     where they are.
     """
-    way = np.maximum(WALL_MM - points[:, 2], 0) / -light[2]
-    return points - way[:, None] * np.array(light)
+    distance = np.maximum(WALL_MM - points[:, 2], 0) / -light[2]
+    return points - distance[:, None] * np.array(light)

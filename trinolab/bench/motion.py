@@ -185,9 +185,9 @@ def _even_pace(seed: int, times: Array, step_s: float = 0.01) -> Array:
 
 def _ranges(*ranges: tuple[float, float]) -> Array:
     """Ranges of x, y, z (mm) and of the tilt (rad) in increasing order, shape (4, 2)."""
-    found = np.sort(as_array(ranges, "x_mm, y_mm, z_mm, tilt_deg", (4, 2)), axis=1)
-    found[3] = np.deg2rad(found[3])
-    return found
+    sorted_ranges = np.sort(as_array(ranges, "x_mm, y_mm, z_mm, tilt_deg", (4, 2)), axis=1)
+    sorted_ranges[3] = np.deg2rad(sorted_ranges[3])
+    return sorted_ranges
 
 
 def _coordinates(start: RigidTransform | None, ranges: Array) -> tuple[Array, float, float]:

@@ -204,12 +204,14 @@ def write_recording(
         )
         seen = np.zeros((len(job.shots), len(job.rig.cameras)), int)
         with (
-            tqdm(total=len(job.shots), unit="instant", disable=None if progress else True) as shown,
+            tqdm(
+                total=len(job.shots), unit="instant", disable=None if progress else True
+            ) as progress_bar,
             closing(_all_frames(job, partial, min(workers, os.cpu_count() or 1))) as frames,
         ):
             for frame, counts in frames:
                 seen[frame] = counts
-                shown.update()
+                progress_bar.update()
         table = pd.DataFrame(seen, columns=list(job.rig.names)).rename_axis("frame").reset_index()
         write_whole(partial / "truth_markers.csv", table.to_csv(index=False))
         truth = truth_of(job, seen)
@@ -426,12 +428,12 @@ class Kept(NamedTuple):
 
 def kept_recordings() -> list[Kept]:
     """The standard recordings that are kept, the last written one first."""
-    found = []
+    recordings = []
     for name, paths in _paths_by_name().items():
         about = [one for root in paths for path in [root, *root.rglob("*")] for one in _stat(path)]
         size = sum(one.st_size for one in about if S_ISREG(one.st_mode))
-        found.append(Kept(name, size, max((one.st_mtime for one in about), default=0.0)))
-    return sorted(found, key=lambda kept: -kept.written_s)
+        recordings.append(Kept(name, size, max((one.st_mtime for one in about), default=0.0)))
+    return sorted(recordings, key=lambda kept: -kept.written_s)
 
 
 def clear_recordings(chosen: Sequence[Kept] | None = None) -> list[Kept]:
@@ -441,11 +443,11 @@ def clear_recordings(chosen: Sequence[Kept] | None = None) -> list[Kept]:
     for a whole one.
     """
     gone = []
-    for kept in kept_recordings() if chosen is None else chosen:
-        with suppress(ValueError), locked(recordings_folder() / f"{kept.name}{LOCK}"):
-            for path in _paths_by_name().get(kept.name, []):
+    for recording in kept_recordings() if chosen is None else chosen:
+        with suppress(ValueError), locked(recordings_folder() / f"{recording.name}{LOCK}"):
+            for path in _paths_by_name().get(recording.name, []):
                 _remove(path)
-            gone.append(kept)
+            gone.append(recording)
     with suppress(OSError):  # it is not there, or something is left
         recordings_folder().rmdir()
     return gone
@@ -473,8 +475,8 @@ def _remove(path: Path) -> None:
 
 def _paths_by_name() -> dict[str, list[Path]]:
     """What belongs to each standard recording: the folder, the unfinished one, the lock."""
-    found: dict[str, list[Path]] = {}
+    paths: dict[str, list[Path]] = {}
     for path in sorted(recordings_folder().glob("*")):
         name = path.stem if path.suffix in (PARTIAL, LOCK, REMOVED) else path.name
-        found.setdefault(name, []).append(path)
-    return found
+        paths.setdefault(name, []).append(path)
+    return paths

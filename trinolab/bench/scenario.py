@@ -121,11 +121,11 @@ def hard(rig: Rig, times_s: ArrayLike, seed: int) -> list[Shot]:
     turns = (end.rotation * begin.rotation.inv()).as_rotvec() / EXPOSURE_S
     shots = []
     for t, T, velocity, turn in zip(times, middle, velocities, turns, strict=True):
-        there = not ABSENT_S[0] <= t < ABSENT_S[1]
+        present = not ABSENT_S[0] <= t < ABSENT_S[1]
         shots.append(
             Shot(
-                T if there else None,
-                replace(HOLDING, hides_from=_hidden_from(rig, t)) if there else None,
+                T if present else None,
+                replace(HOLDING, hides_from=_hidden_from(rig, t)) if present else None,
                 _gains(rig, t),
                 velocity,
                 turn,

@@ -242,9 +242,9 @@ def smeared(
     begin, end = (
         camera.project(_moved(T_world_handle, v, w, t).apply(points)) for t in (-half, half)
     )
-    shown = np.isfinite(begin + end).all(axis=1)
-    longest = np.linalg.norm(end - begin, axis=1)[shown].max(initial=0.0)
-    if shown.sum() < 4 or not _LEAST_PX < longest < _MOST_PX:
+    finite = np.isfinite(begin + end).all(axis=1)
+    longest = np.linalg.norm(end - begin, axis=1)[finite].max(initial=0.0)
+    if finite.sum() < 4 or not _LEAST_PX < longest < _MOST_PX:
         return foreground(camera, handle, T_world_handle, bench, arm)
     margin = int(np.ceil(longest / 2)) + 2
     width, height = camera.size
@@ -252,7 +252,7 @@ def smeared(
     fine = replace(bench, supersampling=4, marker_supersampling=6)
     layer = foreground(wide, handle, T_world_handle, fine, arm)
     corner = layer.corner[0] - margin, layer.corner[1] - margin
-    flow = _affine((begin + end)[shown] / 2 - corner, (end - begin)[shown])
+    flow = _affine((begin + end)[finite] / 2 - corner, (end - begin)[finite])
     return _mean_of_moved(
         layer._replace(corner=corner), flow, margin, int(np.ceil(longest / SMEAR_STEP_PX))
     )

@@ -367,9 +367,9 @@ def _start(target: Array, views: Array, size: tuple[int, int], k: int) -> tuple[
     none.
     """
     H = [homography(target[:, :2], uv) for uv in views]
-    found = [h for h in H if h is not None]
-    if len(found) < 3:
-        raise ValueError(f"uv: expected three or more views by camera {k}, got {len(found)}")
+    homographies = [h for h in H if h is not None]
+    if len(homographies) < 3:
+        raise ValueError(f"uv: expected three or more views by camera {k}, got {len(homographies)}")
     try:
         K = intrinsics(np.stack(_well_seen(H, views)), size)
     except ValueError as error:

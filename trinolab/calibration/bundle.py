@@ -229,15 +229,15 @@ def _settled(problem: _Problem, state: _State, factor: float) -> tuple[_State, _
     damping = FIRST_DAMPING
     for _ in range(MOST_STEPS):
         step = _stepped(problem, state, _reduced(problem, state, at, factor, damping))
-        there = _linearised(problem, step)
-        lower = _cost(problem, step, there, factor)
+        linearised = _linearised(problem, step)
+        lower = _cost(problem, step, linearised, factor)
         if not lower < cost:  # not a number, either
             damping *= 10
             if damping > MOST_DAMPING:
                 break
             continue
         fallen = (cost - lower) / cost
-        state, at, cost = step, there, lower
+        state, at, cost = step, linearised, lower
         if fallen < SETTLED:
             break
         damping /= 10
@@ -335,15 +335,15 @@ def _length(problem: _Problem, state: _State) -> tuple[Array, float, float] | No
     slope = np.zeros(len(problem.B))
     if length.of == "cameras":
         first, second = (state.rig.cameras[k] for k in (length.first, length.second))
-        way = first.centre - second.centre
+        baseline = first.centre - second.centre
         for k, camera, sign in ((length.first, first, 1.0), (length.second, second, -1.0)):
-            slope[Q * k + 9 : Q * (k + 1)] = sign * (way @ _centre_slopes(camera))
+            slope[Q * k + 9 : Q * (k + 1)] = sign * (baseline @ _centre_slopes(camera))
     else:
-        way = state.centres[length.first] - state.centres[length.second]
+        baseline = state.centres[length.first] - state.centres[length.second]
         at = Q * len(problem.rig.cameras)
-        slope[at + 3 * length.first :][:3] = way
-        slope[at + 3 * length.second :][:3] = -way
-    now = float(np.linalg.norm(way))
+        slope[at + 3 * length.first :][:3] = baseline
+        slope[at + 3 * length.second :][:3] = -baseline
+    now = float(np.linalg.norm(baseline))
     return slope / now, length.mm - now, LENGTH_SHARE * length.mm
 
 

@@ -105,18 +105,18 @@ def calibrate_rig(
     files = _outputs(out, picture is not None)
     seen = read_views(sources, target, most_views, progress)
     _check_seen(seen, sources, target)
-    found, reasons, choice = _calibrated(seen, target, distortion_terms)
-    views = _view_table(seen, found, reasons)
-    parameters = _parameter_table(found)
+    calibrated, reasons, choice = _calibrated(seen, target, distortion_terms)
+    views = _view_table(seen, calibrated, reasons)
+    parameters = _parameter_table(calibrated)
     contents: list[str | bytes] = [
-        rig_text(found.rig),
-        covariance_text(found.rig_covariance),
+        rig_text(calibrated.rig),
+        covariance_text(calibrated.rig_covariance),
         views.to_csv(index=False, float_format="%.6g"),
     ]
     if picture is not None:
-        contents.append(picture(seen, found))
+        contents.append(picture(seen, calibrated))
     write_together(dict(zip(files, contents, strict=True)))
-    return RigCalibration(found, parameters, views, seen.passed_over, choice, files)
+    return RigCalibration(calibrated, parameters, views, seen.passed_over, choice, files)
 
 
 def _outputs(out: str | Path, pictured: bool) -> tuple[Path, ...]:
@@ -139,10 +139,10 @@ def _check_seen(seen: TargetViews, sources: Mapping[str, str | Path], target: Ta
         seen.cameras, enough.sum(axis=1), seen.present.sum(axis=1), seen.without, strict=True
     ):
         if has < 3:
-            other = hint(without, target)
+            advice = hint(without, target)
             raise ValueError(
                 f"{sources[name]}: camera {name}: target ({target}) found in {has} of {images} images, "
-                f"expected three or more{other and f'; {other}'}"
+                f"expected three or more{advice and f'; {advice}'}"
             )
     check_connected(seen.cameras, enough, "no view in which it sees the target together")
 
@@ -157,9 +157,9 @@ def _calibrated(
     choice = None
     try:
         if terms is None:
-            found, reasons, choice = calibrate_by_choice(*given)
+            calibrated, reasons, choice = calibrate_by_choice(*given)
         else:
-            found, reasons = calibrate_robustly(*given, terms)
+            calibrated, reasons = calibrate_robustly(*given, terms)
     except ValueError as error:
         if not str(error).startswith("uv: "):
             raise
@@ -169,12 +169,12 @@ def _calibrated(
             str(error)[4:],
         )
         raise ValueError(f"images of {', '.join(seen.cameras)}: {text}") from None
-    if found.rms_px > WORST_RMS_PX:
+    if calibrated.rms_px > WORST_RMS_PX:
         raise ValueError(
-            f"images of {', '.join(seen.cameras)}: a residual of {found.rms_px:.1f} px, expected at most "
+            f"images of {', '.join(seen.cameras)}: a residual of {calibrated.rms_px:.1f} px, expected at most "
             f"{WORST_RMS_PX:g}: views of one name do not show one position of the target"
         )
-    return found, reasons, choice
+    return calibrated, reasons, choice
 
 
 def _view_table(seen: TargetViews, found: Calibrated, reasons: np.ndarray) -> pd.DataFrame:
@@ -231,22 +231,22 @@ def as_lines(result: RigCalibration) -> list[str]:
     """A calibration as lines of text: errors, parameters with their standard deviations, what was
     dropped and why.
     """
-    found, views = result.found, result.views
+    calibrated, views = result.found, result.views
     lines = [f"{'camera':12s} {'views':>6s} {'points':>7s} {'rms / px':>9s}"]
     for name, rows in views[views["status"] == "used"].groupby("camera", sort=False):
         rms = np.sqrt((rows["rms_px"] ** 2 * rows["points"]).sum() / rows["points"].sum())
         lines.append(f"{name:12s} {len(rows):6d} {rows['points'].sum():7d} {rms:9.3f}")
     lines.append(
-        f"{'all':12s} {sum(T is not None for T in found.T_world_target):6d} "
-        f"{views.loc[views['status'] == 'used', 'points'].sum():7d} {found.rms_px:9.3f}    "
-        f"(noise of a coordinate {found.sigma_px:.3f} px)"
+        f"{'all':12s} {sum(T is not None for T in calibrated.T_world_target):6d} "
+        f"{views.loc[views['status'] == 'used', 'points'].sum():7d} {calibrated.rms_px:9.3f}    "
+        f"(noise of a coordinate {calibrated.sigma_px:.3f} px)"
     )
     for name, rows in result.parameters.groupby("camera", sort=False):
-        shown = rows[: len(_LENS)] if name == found.cameras[0].name else rows
+        visible_rows = rows[: len(_LENS)] if name == calibrated.cameras[0].name else rows
         lines += [
             "",
-            name + (", the world frame" if len(shown) < len(rows) else ""),
-            *map(_line, shown.itertuples()),
+            name + (", the world frame" if len(visible_rows) < len(rows) else ""),
+            *map(_line, visible_rows.itertuples()),
         ]
     lines += ["", *distortions.as_lines(result.choice)] if result.choice else []
     dropped = views[views["status"] == "dropped"]

@@ -82,16 +82,16 @@ def calibrate_by_choice(
     ValueError
         As `outliers.calibrate_robustly`.
     """
-    found, reasons = _of_most_terms(target, uv, sizes, names)
+    calibrated, reasons = _of_most_terms(target, uv, sizes, names)
     pixels = np.array(as_array(uv, "uv", (None, None, len(target), 2), finite=False))
     pixels[reasons != ""] = np.nan
-    every = {found.distortion_terms: found}
-    for terms in TERMS[: TERMS.index(found.distortion_terms)]:
+    every = {calibrated.distortion_terms: calibrated}
+    for terms in TERMS[: TERMS.index(calibrated.distortion_terms)]:
         every[terms] = calibrate(target, pixels, sizes, names, terms)
     squares = {terms: left_out_squares(target, pixels, one) for terms, one in sorted(every.items())}
     choice = chosen({terms: one for terms, one in squares.items() if one is not None})
     if not choice.left_out_px:
-        return found, reasons, choice._replace(terms=found.distortion_terms)
+        return calibrated, reasons, choice._replace(terms=calibrated.distortion_terms)
     best = every[choice.terms]
     spread = np.mean([spread_of_cameras(every[terms], best) for terms in choice.undecided], axis=0)
     return replace(best, covariance=frozen(best.covariance + spread)), reasons, choice
@@ -155,31 +155,31 @@ def _left(target: Array, uv: Array, cameras: Calibrated, found: Calibrated, view
     """
     layout = Layout(len(uv), 1, cameras.distortion_terms)
     start = found.T_world_target[view]
-    held = pack(
+    fixed = pack(
         layout,
         [camera.matrix for camera in cameras.cameras],
         [camera.T_world_cam for camera in cameras.cameras],
         [start] if start is not None else [],
     )
-    layout.split(held)[0][:, 4:] = [
+    layout.split(fixed)[0][:, 4:] = [
         camera.distortions[: cameras.distortion_terms] for camera in cameras.cameras
     ]
     measured = uv[:, None]
     valid = np.isfinite(measured)
 
     def moved(pose: Array) -> Array:
-        return np.concatenate([held[:-6], pose])
+        return np.concatenate([fixed[:-6], pose])
 
-    left = least_squares(
+    fit = least_squares(
         lambda pose: np.nan_to_num(
             residuals(layout, target, measured, moved(pose))[valid], nan=1e6
         ),
-        held[-6:],
+        fixed[-6:],
         jac=lambda pose: slopes(layout, target, moved(pose))[valid][:, -6:],
         x_scale="jac",
         method="lm",
     )
-    return float(2 * left.cost / (valid.sum() / 2))
+    return float(2 * fit.cost / (valid.sum() / 2))
 
 
 def chosen(squares: dict[int, Array]) -> Choice:
@@ -215,8 +215,8 @@ def spread_of_cameras(other: Calibrated, best: Calibrated) -> Array:
         motion_between(a.T_world_cam, b.T_world_cam)
         for a, b in zip(other.cameras[1:], best.cameras[1:], strict=True)
     ]
-    way = np.concatenate([*lenses, *places])
-    return np.outer(way, way)
+    change = np.concatenate([*lenses, *places])
+    return np.outer(change, change)
 
 
 def as_lines(choice: Choice) -> list[str]:

@@ -83,8 +83,8 @@ def _dictionary(images: Sequence[np.ndarray], target: Target) -> str | None:
         detector = cv2.aruco.ArucoDetector(dictionary_of(names[-1]))
         for image in images:
             for grey in (image, 255 - image):
-                found = detector.detectMarkers(grey)[0]
-                seen[k] += len(found) if len(found) >= FEWEST_MARKERS else 0
+                corners = detector.detectMarkers(grey)[0]
+                seen[k] += len(corners) if len(corners) >= FEWEST_MARKERS else 0
     (family, count) = seen.most_common(1)[0]
     large = [name for name in FAMILIES[family] if len(dictionary_of(name).bytesList) >= needed]
     return large[0] if count and large else None
@@ -96,8 +96,8 @@ def _chessboards(images: Sequence[np.ndarray]) -> list[tuple[int, int]]:
     """
     shapes = Counter[tuple[int, int]]()
     for image in images:
-        found, _, meta = cv2.findChessboardCornersSBWithMeta(image, (3, 3), cv2.CALIB_CB_LARGER)
-        if found:
+        detected, _, meta = cv2.findChessboardCornersSBWithMeta(image, (3, 3), cv2.CALIB_CB_LARGER)
+        if detected:
             rows, columns = sorted(meta.shape[:2])
             shapes[columns, rows] += 1
     return [shape for shape, _ in shapes.most_common()]

@@ -70,12 +70,12 @@ def adjust_robustly(
         if not enough.any():
             raise ValueError("centres: expected instants of four or more, got none that fit")
         instants = np.flatnonzero(enough)
-        left = seen.take(used & enough[seen.instant])
-        left = left._replace(instant=np.searchsorted(instants, left.instant))
-        bundle = adjust(rig, handle, poses[instants], left, prior)
-        why = far_above(view_rms(left, bundle, reasons[instants].shape).T).T
+        remaining = seen.take(used & enough[seen.instant])
+        remaining = remaining._replace(instant=np.searchsorted(instants, remaining.instant))
+        bundle = adjust(rig, handle, poses[instants], remaining, prior)
+        why = far_above(view_rms(remaining, bundle, reasons[instants].shape).T).T
         if not (why != "").any():
-            return Cleaned(bundle, instants, left, reasons)
+            return Cleaned(bundle, instants, remaining, reasons)
         new = np.nonzero(why != "")
         reasons[instants[new[0]], new[1]] = why[new]
 

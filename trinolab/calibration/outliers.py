@@ -63,7 +63,7 @@ def calibrate_robustly(
     alone = []
     for k in range(len(uv)):
         try:
-            found = _fitted(
+            calibrated = _fitted(
                 target,
                 uv[k : k + 1],
                 reasons[k : k + 1],
@@ -71,7 +71,7 @@ def calibrate_robustly(
                 names[k : k + 1],
                 distortion_terms,
             )
-            alone.append(list(found.T_world_target))
+            alone.append(list(calibrated.T_world_target))
         except ValueError:  # too little for a camera alone may be enough for all together
             alone.append([None] * uv.shape[1])
     _leave_out(uv, reasons, _disagreeing(alone, names))
@@ -112,10 +112,10 @@ def _fitted(
     place.
     """
     while True:
-        found = calibrate(target, uv, sizes, names, terms)
-        why = far_above(found.view_rms_px)
+        calibrated = calibrate(target, uv, sizes, names, terms)
+        why = far_above(calibrated.view_rms_px)
         if not (why != "").any():
-            return found
+            return calibrated
         _leave_out(uv, reasons, why)
 
 

@@ -107,8 +107,8 @@ def find_corners(image: ArrayLike, board: Board, half_window_px: int | None = 7)
     if grey.dtype != np.uint8:
         raise ValueError(f"image: expected 8 bit, got {grey.dtype}")
     half = None if half_window_px is None else as_whole(half_window_px, "half_window_px", low=1)
-    found, corners = cv2.findChessboardCorners(grey, (board.columns, board.rows), flags=_FLAGS)
-    if not found:
+    detected, corners = cv2.findChessboardCorners(grey, (board.columns, board.rows), flags=_FLAGS)
+    if not detected:
         return frozen(np.full((board.rows * board.columns, 2), np.nan))
     half = half or half_window(corners.reshape(board.rows, board.columns, 2))
     return frozen(sharpened(grey, corners, half))
@@ -190,10 +190,10 @@ class Target:
             raise ValueError(
                 f"dictionary: expected a name such as {_DICTIONARY} or 5X5_250, got {name!r}"
             )
-        there = len(dictionary_of(name).bytesList)
+        available = len(dictionary_of(name).bytesList)
         needed = self.columns * self.rows // 2
-        if needed > there:
-            raise ValueError(f"dictionary: {name} has {there} markers, the board has {needed}")
+        if needed > available:
+            raise ValueError(f"dictionary: {name} has {available} markers, the board has {needed}")
 
     @property
     def side_of_marker(self) -> float:
@@ -275,8 +275,8 @@ def _circles(grey: np.ndarray, target: Target) -> Array:
         cv2.CALIB_CB_SYMMETRIC_GRID,
         cv2.CALIB_CB_SYMMETRIC_GRID + cv2.CALIB_CB_CLUSTERING,
     ):
-        found, centres = cv2.findCirclesGrid(grey, (target.columns, target.rows), flags=flags)
-        if found:
+        detected, centres = cv2.findCirclesGrid(grey, (target.columns, target.rows), flags=flags)
+        if detected:
             return np.asarray(centres, float).reshape(-1, 2)
     return np.full((len(target.points), 2), np.nan)
 
@@ -289,10 +289,10 @@ def _charuco(grey: np.ndarray, target: Target) -> Array:
         corners, ids, *_ = _detector(target, old).detectBoard(grey)
         if ids is not None and len(ids):
             uv[np.ravel(ids)] = np.reshape(corners, (-1, 2))
-            found = np.isfinite(uv).all(axis=1)
-            uv[found] = sharpened(
+            detected = np.isfinite(uv).all(axis=1)
+            uv[detected] = sharpened(
                 grey,
-                uv[found],
+                uv[detected],
                 half_window(uv.reshape(target.rows - 1, -1, 2), _free_share(target)),
             )
             break

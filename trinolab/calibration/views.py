@@ -101,9 +101,9 @@ def read_views(
     if any(one.files for one in opened.values()):
         every = sorted({label for one in opened.values() for label in one.labels})
     chosen = every[:: -(-len(every) // most)]
-    there = np.array([[label in set(one.labels) for label in chosen] for one in opened.values()])
+    has_view = np.array([[label in set(one.labels) for label in chosen] for one in opened.values()])
     check_connected(
-        tuple(opened), there, "no view in common", f", whose views are called {some(every)}"
+        tuple(opened), has_view, "no view in common", f", whose views are called {some(every)}"
     )
     uv, present, sizes, without = _found(opened, chosen, target, progress)
     return TargetViews(
@@ -172,7 +172,7 @@ def _found(
     present = np.zeros(uv.shape[:2], bool)
     sizes = list[tuple[int, int]]()
     without: list[list[np.ndarray]] = [[] for _ in opened]
-    said: set[str] = set()
+    reported: set[str] = set()
     count = sum(len(set(source.labels) & set(chosen)) for source in opened.values())
     with (
         logging_redirect_tqdm(),
@@ -180,7 +180,7 @@ def _found(
     ):
         for k, (name, source) in enumerate(opened.items()):
             size = None
-            for label, image, path in _images(source, chosen, said):
+            for label, image, path in _images(source, chosen, reported):
                 size = _same_size(image, size, path)
                 v = chosen.index(label)
                 grey = _eight_bit(image)

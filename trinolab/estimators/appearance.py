@@ -134,10 +134,10 @@ def _through_lens(camera: Camera, pixels: Array, uv: Array) -> tuple[Array, Arra
     """
     steps = 0.5 * np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
     every = np.concatenate([pixels.transpose(1, 2, 0), uv[:, None] + steps], axis=1)
-    found = camera.normalise(every.reshape(-1, 2)).reshape(len(uv), -1, 2)
+    ideal = camera.normalise(every.reshape(-1, 2)).reshape(len(uv), -1, 2)
     # central differences over a pixel: exact but for the lens's curvature
-    by_px = np.stack([found[:, -4] - found[:, -3], found[:, -2] - found[:, -1]], axis=2)
-    return found[:, :-4].transpose(2, 0, 1), by_px
+    by_px = np.stack([ideal[:, -4] - ideal[:, -3], ideal[:, -2] - ideal[:, -1]], axis=2)
+    return ideal[:, :-4].transpose(2, 0, 1), by_px
 
 
 def layers(
@@ -286,10 +286,10 @@ def _edge(inside: Array, depth: Array, gradient: Array, rays: _Rays) -> tuple[Ar
     # zero in the very middle
     long, short = (np.maximum(part(by_u, by_v), 1e-6) for part in (np.maximum, np.minimum))
     away = np.abs(inside)
-    left = np.maximum((long + short) / 2 - away, 0.0)  # to where the edge leaves the pixel
-    corner = left < short  # it cuts off no more than a corner
-    outer = np.where(corner, left**2 / (2 * long * short), 0.5 - away / long)
-    rate = np.where(corner, left / short, 1.0) / long
+    remainder = np.maximum((long + short) / 2 - away, 0.0)  # to where the edge leaves the pixel
+    corner = remainder < short  # it cuts off no more than a corner
+    outer = np.where(corner, remainder**2 / (2 * long * short), 0.5 - away / long)
+    rate = np.where(corner, remainder / short, 1.0) / long
     return np.where(inside > 0, 1 - outer, outer), gradient * -rate, _length(long, short)
 
 

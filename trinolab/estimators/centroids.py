@@ -235,22 +235,24 @@ def centre_pixels(
     Parameters as for `reprojection.fit_centroids`; windows that show no marker are left out. None
     if all do not.
     """
-    here = patches(images, rig, handle, T_world_handle, max_slant_deg)
+    windows = patches(images, rig, handle, T_world_handle, max_slant_deg)
     state = first_state(T_world_handle, rig)
-    for _ in range(rounds if len(here.grey) else 0):
-        state, found = register(state, here, rig, handle)
-    shown = marker_is_shown(found.at, handle) if len(here.grey) else np.zeros(0, bool)
-    if not shown.any():
+    for _ in range(rounds if len(windows.grey) else 0):
+        state, registered = register(state, windows, rig, handle)
+    visible = marker_is_shown(registered.at, handle) if len(windows.grey) else np.zeros(0, bool)
+    if not visible.any():
         return None
-    views = Views(here.views.camera[shown], here.views.marker[shown])
+    views = Views(windows.views.camera[visible], windows.views.marker[visible])
     uv = np.full((len(rig.cameras), len(handle.marker_centres), 2), np.nan)
     centres = T_world_handle.apply(handle.marker_centres)
     uv[views] = (
-        np.stack([camera.project(centres) for camera in rig.cameras])[views] + found.shift[shown]
+        np.stack([camera.project(centres) for camera in rig.cameras])[views]
+        + registered.shift[visible]
     )
     covariance = np.full((*uv.shape, 2), np.nan)
     covariance[views] = (
-        found.covariance[shown] * np.maximum(misfit(found.at)[shown], 1.0)[:, None, None]
+        registered.covariance[visible]
+        * np.maximum(misfit(registered.at)[visible], 1.0)[:, None, None]
     )
     sigma = np.sqrt(np.trace(covariance, axis1=2, axis2=3) / 2)
     return CentrePixels(uv, sigma, covariance)

@@ -49,8 +49,8 @@ def checked_pose(instant: Identified, rig: Rig, handle: Handle, p: Parameters) -
     away = motion_between(pose.T_world_handle, better.T_world_handle)
     systematic = better.systematic
     if check.answers is not None and is_uncertain(rig, handle):
-        found = fit_response(uv, rig, handle, p.max_slant_deg)
-        away, learnt = _told(away, found, check.answers, pose, better, rig, handle)
+        response = fit_response(uv, rig, handle, p.max_slant_deg)
+        away, learnt = _told(away, response, check.answers, pose, better, rig, handle)
         systematic = systematic - learnt
     return replace(
         pose,

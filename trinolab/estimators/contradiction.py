@@ -132,16 +132,16 @@ def _contradictions(
     explained = np.linalg.qr(white[:, :6])[0]
     rest = white[:, 6:] - explained @ (explained.T @ white[:, 6:])
     U, sizes, Vt = np.linalg.svd(rest[:, :-1], full_matrices=False)
-    shown = sizes > FREE * np.linalg.norm(white[:, 6:-1])
-    along = U[:, shown].T @ rest[:, -1]
+    observable = sizes > FREE * np.linalg.norm(white[:, 6:-1])
+    along = U[:, observable].T @ rest[:, -1]
     between = float((along**2).sum())
     within = float((rest[:, -1] ** 2).sum()) - between
-    count = int(shown.sum())
+    count = int(observable.sum())
     freedom = 2 * int(used.sum()) - 6 - count
     scale = within / freedom if contradict(within, freedom) else 1.0
     if freedom <= 0 or not count or between <= count * scale * fdtri(count, freedom, 1 - CHANCE):
         return scale, 0.0
-    px = Vt[shown].T @ (along / sizes[shown])
+    px = Vt[observable].T @ (along / sizes[observable])
     return scale, variance_of_few(float(px @ px), count)
 
 

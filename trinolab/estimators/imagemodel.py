@@ -247,11 +247,11 @@ def linearise(state: State, here: Patches, rig: Rig, handle: Handle) -> Linear:
         layers(rig, handle, _at(state, share), here.views, here.at, moving) for share in shares_open
     ]
     B = blur_matrices(here.at.side, state.blur_px2)[here.views.camera]
-    bases = [shading_basis(shown.turn).transpose(1, 0, 2) for shown in during]  # (k, basis, p) each
+    bases = [shading_basis(views.turn).transpose(1, 0, 2) for views in during]  # (k, basis, p) each
     shares = _mean(
         [
-            np.stack([shown.marker, shown.body], axis=1)[:, :, None] * basis[:, None]
-            for shown, basis in zip(during, bases, strict=True)
+            np.stack([views.marker, views.body], axis=1)[:, :, None] * basis[:, None]
+            for views, basis in zip(during, bases, strict=True)
         ]
     )  # (k, 2, basis, p)
     k, _, n, p = shares.shape
@@ -259,7 +259,7 @@ def linearise(state: State, here: Patches, rig: Rig, handle: Handle) -> Linear:
         blurred(B, shares.reshape(k, 2 * n, p)).reshape(k, 2, n, p).transpose(1, 0, 2, 3)
     )
     m, b = marker_light[:, 0], body_light[:, 0]
-    clear_px = np.minimum.reduce([shown.clear_px for shown in during])
+    clear_px = np.minimum.reduce([views.clear_px for views in during])
     usable = here.valid & (clear_px > CLEAR_PX) & _inner(here.at.side)
     greys = state.greys
     if greys is None:
@@ -279,8 +279,8 @@ def linearise(state: State, here: Patches, rig: Rig, handle: Handle) -> Linear:
     )
     shadings = [(shade @ basis)[:, 0] for basis in bases]
     moves = [
-        by_motion(shown, marker * shading, body * shading - background)
-        for shown, shading in zip(during, shadings, strict=True)
+        by_motion(views, marker * shading, body * shading - background)
+        for views, shading in zip(during, shadings, strict=True)
     ]
     parts = [blurred(B, _mean(moves))]
     if state.motion_blur is not None:

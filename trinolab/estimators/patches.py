@@ -86,8 +86,12 @@ def patches(
     side = 2 * int(np.ceil(min(largest + moved, LARGEST_PX) / 2 + MARGIN_PX)) + 1
     views = Views(*np.nonzero(facing))
     points = handle.marker_centres[views.marker]
-    here = cut(images, rig, handle, T_world_handle, views, points, uv[views], side)
-    return here if motion_blur is None else here._replace(alone=_alone(here, images))
+    windows_here = cut(images, rig, handle, T_world_handle, views, points, uv[views], side)
+    return (
+        windows_here
+        if motion_blur is None
+        else windows_here._replace(alone=_alone(windows_here, images))
+    )
 
 
 def cut(
@@ -137,9 +141,9 @@ def outline_patches(
     images: Sequence[np.ndarray], rig: Rig, handle: Handle, T_world_handle: RigidTransform
 ) -> Patches:
     """Windows on both sides of the body's outline in every image, away from markers and ends."""
-    found = [_outline(camera, handle, T_world_handle) for camera in rig.cameras]
-    camera = np.repeat(np.arange(len(found)), [len(angle) for angle, _, _ in found])
-    angle, points, uv = (np.concatenate(part) for part in zip(*found, strict=True))
+    outlines = [_outline(camera, handle, T_world_handle) for camera in rig.cameras]
+    camera = np.repeat(np.arange(len(outlines)), [len(angle) for angle, _, _ in outlines])
+    angle, points, uv = (np.concatenate(part) for part in zip(*outlines, strict=True))
     turn = angle[:, None] - handle.marker_angles
     nearest = np.abs(turn - 2 * np.pi * np.round(turn / (2 * np.pi))).argmin(axis=1)
     views = Views(camera, nearest)

@@ -214,19 +214,19 @@ def _fit(
 def _fit_of(last: _Step, T: RigidTransform, rig: Rig, handle: Handle, with_smear: bool) -> Fit:
     """What the last step says: the pose with its covariance, and which views show a marker."""
     markers = last.markers
-    shown = marker_is_shown(markers.model, handle)
+    visible = marker_is_shown(markers.model, handle)
     still_asked, chi_square = _still_asked(last, rig)
     # the weights are older than the step
-    spread = float(np.median(misfit(markers.model)[shown])) if shown.any() else 1.0
+    spread = float(np.median(misfit(markers.model)[visible])) if visible.any() else 1.0
     covariance = in_world(spread * inverse(last.information)[:6, :6], T)
     residuals_px = still_asked * markers.patches.px_per_mm
-    fit = judged_fit(T, covariance, markers.patches.views, markers.model, shown, residuals_px)
+    fit = judged_fit(T, covariance, markers.patches.views, markers.model, visible, residuals_px)
     if with_smear:
         fit = fit._replace(smear_px=_smear_px(last, rig))
-    freedom = 2 * int(shown.sum()) - 6
-    if is_uncertain(rig, handle) or contradict(chi_square[shown].sum() / spread, freedom):
+    freedom = 2 * int(visible.sum()) - 6
+    if is_uncertain(rig, handle) or contradict(chi_square[visible].sum() / spread, freedom):
         answers = _response(last, rig, T)
-        return counted(fit, answers, _residuals(last, rig, T, shown / spread), rig, handle)
+        return counted(fit, answers, _residuals(last, rig, T, visible / spread), rig, handle)
     return fit
 
 

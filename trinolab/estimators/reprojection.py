@@ -40,31 +40,35 @@ def fit_centroids(
     Parameters and result as for `pixels.fit_patches`; `steps` is the number of times that the
     centroids are measured, each time by what the pose found before predicts.
     """
-    here = patches(images, rig, handle, start, max_slant_deg)
-    if len(np.unique(here.views.marker)) < 3:
+    windows = patches(images, rig, handle, start, max_slant_deg)
+    if len(np.unique(windows.views.marker)) < 3:
         return None
     state = first_state(start, rig)
     for _ in range(steps):
-        state, found = register(state, here, rig, handle)
-        spread_px = found.covariance * np.maximum(misfit(found.at), 1.0)[
+        state, registered = register(state, windows, rig, handle)
+        spread_px = registered.covariance * np.maximum(misfit(registered.at), 1.0)[
             :, None, None
         ] + FLOOR_PX**2 * np.eye(2)
-        shading = found.at.greys[:, 2:5]
+        shading = registered.at.greys[:, 2:5]
         T, covariance = fit_pixels(
-            found.uv, spread_px, rig, handle, here.views, state.T_world_handle, shading
+            registered.uv, spread_px, rig, handle, windows.views, state.T_world_handle, shading
         )
         if not np.isfinite(covariance).all():
             return None
         state = state._replace(T_world_handle=T)
-    left = found.uv - predict_centroids(rig, handle, T, here.views, shading)[0]
-    shown = marker_is_shown(found.at, handle)
-    fit = judged_fit(T, covariance, here.views, found.at, shown, np.linalg.norm(left, axis=1))
+    residual = registered.uv - predict_centroids(rig, handle, T, windows.views, shading)[0]
+    visible = marker_is_shown(registered.at, handle)
+    fit = judged_fit(
+        T, covariance, windows.views, registered.at, visible, np.linalg.norm(residual, axis=1)
+    )
     W = inverse(spread_px)
-    counts = np.asarray(shown & np.isfinite(left).all(axis=1))
-    chi_square = float(np.einsum("ki,kij,kj->", left[counts], W[counts], left[counts]))
+    counts = np.asarray(visible & np.isfinite(residual).all(axis=1))
+    chi_square = float(np.einsum("ki,kij,kj->", residual[counts], W[counts], residual[counts]))
     if is_uncertain(rig, handle) or contradict(chi_square, 2 * int(counts.sum()) - 6):
-        answers = response_of_pixels(found.uv, spread_px, rig, handle, here.views, T, shading)
-        residuals = Residuals(np.nan_to_num(left), W * counts[:, None, None])
+        answers = response_of_pixels(
+            registered.uv, spread_px, rig, handle, windows.views, T, shading
+        )
+        residuals = Residuals(np.nan_to_num(residual), W * counts[:, None, None])
         return counted(fit, answers, residuals, rig, handle)
     return fit
 

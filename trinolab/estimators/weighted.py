@@ -92,18 +92,18 @@ def honest_fit(
     """The covariances of the fit to centres, all of whose errors are `grown` (6, 6)."""
     sigma_px = np.hypot(centres.sigma_px, FLOOR_PX)
     expected = T.apply(handle.marker_centres)
-    left = centres.uv - np.stack([camera.project(expected) for camera in rig.cameras])
-    seen = np.isfinite(left).all(axis=2)
-    chi_square = float(((left[seen] / sigma_px[seen, None]) ** 2).sum())
+    residuals = centres.uv - np.stack([camera.project(expected) for camera in rig.cameras])
+    seen = np.isfinite(residuals).all(axis=2)
+    chi_square = float(((residuals[seen] / sigma_px[seen, None]) ** 2).sum())
     if not (is_uncertain(rig, handle) or contradict(chi_square, 2 * int(seen.sum()) - 6)):
         return Honest(covariance, NOTHING, False)
     _, covariances = triangulate_weighted(rig, centres.uv, sigma_px)
     by_point = grown @ weighted_fit_gain(handle.marker_centres, T, covariances)
     by_pixel = weighted_slopes(rig, centres.uv, sigma_px)
-    found = response_of_points(T, by_point, by_pixel, handle)
-    at = found.camera, found.marker
+    response = response_of_points(T, by_point, by_pixel, handle)
+    at = response.camera, response.marker
     information = np.eye(2) / sigma_px[at][:, None, None] ** 2
-    return honest(covariance, found, Residuals(left[at], information), T, rig, handle)
+    return honest(covariance, response, Residuals(residuals[at], information), T, rig, handle)
 
 
 def _grown(
@@ -117,17 +117,18 @@ def _grown(
     grow as much.
     """
     views = Views(*np.nonzero(np.isfinite(centres.uv[..., 0])))
-    here = _to_centre(rig, handle, before, views)
+    moved_centres = _to_centre(rig, handle, before, views)
     columns = []
     for k in range(6):
         uv = centres.uv.copy()
         uv[views] += (
-            _to_centre(rig, handle, shifted(before, STEPS * (np.arange(6) == k)), views) - here
+            _to_centre(rig, handle, shifted(before, STEPS * (np.arange(6) == k)), views)
+            - moved_centres
         )
-        other = _fit(centres._replace(uv=uv), rig, handle)
-        if other is None:
+        refit = _fit(centres._replace(uv=uv), rig, handle)
+        if refit is None:
             return None
-        columns.append(motion_between(other[0], T) / STEPS[k])
+        columns.append(motion_between(refit[0], T) / STEPS[k])
     return np.linalg.inv(np.eye(6) - np.column_stack(columns))
 
 
@@ -147,8 +148,8 @@ def weighted_pose(instant: Identified, rig: Rig, handle: Handle, p: Parameters) 
     fit = fit_weighted(instant.images, rig, handle, instant.T_world_handle, p.max_slant_deg)
     if fit is None:
         return LOST
-    T, found, uv = fit
-    if found.refused:
+    T, centres, uv = fit
+    if centres.refused:
         return LOST
     used = np.asarray(np.isfinite(triangulate(rig, uv)).all(axis=1))
-    return measured_pose(T, found.covariance, uv, used, rig, handle, found.systematic)
+    return measured_pose(T, centres.covariance, uv, used, rig, handle, centres.systematic)

@@ -105,8 +105,8 @@ def open_source(
 def list_cameras() -> list[Attached]:
     """The cameras of this computer, each opened for a moment; also those that cannot be opened."""
     on_linux = ABOUT.is_dir()
-    found = [_tried(index) for index in (_indices() if on_linux else range(TRIED))]
-    return [one for one in found if on_linux or not one.problem]
+    cameras = [_tried(index) for index in (_indices() if on_linux else range(TRIED))]
+    return [one for one in cameras if on_linux or not one.problem]
 
 
 def _tried(index: int) -> Attached:
@@ -114,11 +114,11 @@ def _tried(index: int) -> Attached:
     try:
         if not device.isOpened():
             return Attached(index, _name_of(index), None, 0.0, _why_not(index))
-        there, image = device.read()
+        delivered, image = device.read()
         fps = float(device.get(cv2.CAP_PROP_FPS))
     finally:
         device.release()
-    if not there or image is None:
+    if not delivered or image is None:
         return Attached(index, _name_of(index), None, 0.0, "delivers no image")
     return Attached(index, _name_of(index), (image.shape[1], image.shape[0]), fps, "")
 
@@ -226,8 +226,8 @@ def fetched(
     source: Source, grabbed: bool, k: int, known: dict[str, tuple[int, int] | None]
 ) -> np.ndarray:
     """The grey image of a source that has grabbed; `known` holds the sizes, and learns one."""
-    there, image = source.device.retrieve() if grabbed else (False, None)
-    if not there or image is None:
+    delivered, image = source.device.retrieve() if grabbed else (False, None)
+    if not delivered or image is None:
         raise ValueError(f"{source.name}: delivers no image after {k} instants")
     size = (image.shape[1], image.shape[0])
     wanted = known.get(source.name)

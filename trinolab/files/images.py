@@ -38,13 +38,13 @@ def unheard() -> Iterator[IO[bytes]]:
     this gives.
     """
     with tempfile.TemporaryFile() as file:
-        kept = os.dup(2)
+        stderr_copy = os.dup(2)
         os.dup2(file.fileno(), 2)
         try:
             yield file
         finally:
-            os.dup2(kept, 2)
-            os.close(kept)
+            os.dup2(stderr_copy, 2)
+            os.close(stderr_copy)
 
 
 def is_image(path: Path) -> bool:
@@ -127,15 +127,15 @@ def decoded(data: bytes) -> tuple[np.ndarray | None, str]:
     """The image, None if there is none, and the first line of what its decoder has to say about
     it.
     """
-    with unheard() as said:
+    with unheard() as complaints:
         try:
             image = (
                 cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED) if data else None
             )
         except cv2.error:  # more pixels than OpenCV takes
             image = None
-        said.seek(0)
-        return image, said.read(200).decode(errors="replace").partition("\n")[0]
+        complaints.seek(0)
+        return image, complaints.read(200).decode(errors="replace").partition("\n")[0]
 
 
 def check_size(image: np.ndarray, size: tuple[int, int] | None, path: Path) -> None:

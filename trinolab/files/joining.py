@@ -57,17 +57,17 @@ def join(
         Names both files: no frame in common, times that disagree by half a frame or more, poses
         that fit the truth of frames far away.
     """
-    there = true[true["status"] != "lost"]
-    both = found.merge(there, on="frame", suffixes=("", "_true"))
+    true_poses = true[true["status"] != "lost"]
+    both = found.merge(true_poses, on="frame", suffixes=("", "_true"))
     if both.empty:
         raise ValueError(f"{poses}, {truth}: no frame in common")
     _check_times(both, f"{poses}, {truth}")
-    _check_offset(best_offset(found, there), poses, truth)
+    _check_offset(best_offset(found, true_poses), poses, truth)
     if alone := int((~found["frame"].isin(true["frame"])).sum()):
         log.warning("%s: %d of %d frames have no truth in %s", poses, alone, len(found), truth)
-    if alone := int((~there["frame"].isin(found["frame"])).sum()):
-        said = "%s: %d of %d instants have no row in %s, and count as lost"
-        log.warning(said, truth, alone, len(there), poses)
+    if alone := int((~true_poses["frame"].isin(found["frame"])).sum()):
+        message = "%s: %d of %d instants have no row in %s, and count as lost"
+        log.warning(message, truth, alone, len(true_poses), poses)
     if _has_sigma(true) and not _has_sigma(found):
         log.warning(
             "%s has uncertainties, %s has none: is the truth given before the poses?", truth, poses
@@ -84,21 +84,23 @@ def best_offset(found: pd.DataFrame, true: pd.DataFrame) -> Offset | None:
     found, true : pandas.DataFrame
         Of `read_poses`; each row of `true` has a pose.
     """
-    held = found[found["status"].isin(["measured", "ambiguous"])]
-    if len(held) < FEWEST:
+    with_pose = found[found["status"].isin(["measured", "ambiguous"])]
+    if len(with_pose) < FEWEST:
         return None
-    held = held.iloc[np.unique(np.linspace(0, len(held) - 1, MOST).round().astype(int))]
+    with_pose = with_pose.iloc[
+        np.unique(np.linspace(0, len(with_pose) - 1, MOST).round().astype(int))
+    ]
     true = true.sort_values("frame")
-    here = _distances(held, true, 0)
-    if len(here) < FEWEST or np.median(here) <= FITS_MM:
+    unshifted = _distances(with_pose, true, 0)
+    if len(unshifted) < FEWEST or np.median(unshifted) <= FITS_MM:
         return None
     # whatever the offset is, the middle one of the poses has a partner
-    middle = int(held["frame"].iloc[len(held) // 2])
-    best = Offset(0, float(np.median(here)), float(np.median(here)))
+    middle = int(with_pose["frame"].iloc[len(with_pose) // 2])
+    best = Offset(0, float(np.median(unshifted)), float(np.median(unshifted)))
     for offset in (true["frame"] - middle).tolist():
-        there = _distances(held, true, offset)
-        if len(there) >= max(FEWEST, 0.8 * len(here)) and np.median(there) < best.there_mm:
-            best = best._replace(frames=offset, there_mm=float(np.median(there)))
+        shifted = _distances(with_pose, true, offset)
+        if len(shifted) >= max(FEWEST, 0.8 * len(unshifted)) and np.median(shifted) < best.there_mm:
+            best = best._replace(frames=offset, there_mm=float(np.median(shifted)))
     fits = best.there_mm <= FITS_MM and best.there_mm <= BETTER * best.here_mm
     return best if fits else None
 
@@ -136,13 +138,13 @@ def _check_offset(offset: Offset | None, poses: str | Path, truth: str | Path) -
     if offset is None:
         return
     when = f"{abs(offset.frames)} frames {'later' if offset.frames > 0 else 'earlier'}"
-    said = (
+    message = (
         f"the poses fit the truth {when} far better (median {offset.there_mm:.3g} mm instead of "
         f"{offset.here_mm:.3g})"
     )
     if abs(offset.frames) > DELAY:
-        raise ValueError(f"{poses}, {truth}: {said}; their frames do not belong together")
-    log.warning("%s: %s: they are delayed, or numbered otherwise than %s", poses, said, truth)
+        raise ValueError(f"{poses}, {truth}: {message}; their frames do not belong together")
+    log.warning("%s: %s: they are delayed, or numbered otherwise than %s", poses, message, truth)
 
 
 def _has_sigma(table: pd.DataFrame) -> bool:

@@ -45,10 +45,10 @@ def locked(path: Path, wait: bool = False) -> Iterator[None]:
         return
     with ExitStack() as opened:
         while True:
-            held = _opened(path)
-            opened.callback(_free, held)
-            _lock(held, path, wait)
-            if _is_still(path, held):
+            lock = _opened(path)
+            opened.callback(_free, lock)
+            _lock(lock, path, wait)
+            if _is_still(path, lock):
                 break
         yield
 
@@ -131,8 +131,10 @@ class KeptLines:
     def _take_up(self) -> None:
         """Drop what does not belong to this work."""
         if self._text().startswith(self._head):
-            kept = "".join(f"{line}\n" for line in self.lines())
-            self._file.truncate(len(self._head) + len(kept.encode("utf-8", "surrogateescape")))
+            whole_lines = "".join(f"{line}\n" for line in self.lines())
+            self._file.truncate(
+                len(self._head) + len(whole_lines.encode("utf-8", "surrogateescape"))
+            )
             return
         self._file.truncate(0)
         try:

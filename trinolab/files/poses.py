@@ -91,12 +91,12 @@ def contradictions(table: pd.DataFrame, rig: str | Path) -> list[str]:
     """A line if the images contradict each other in more poses of a table than noise makes of it;
     for a rig file and a handle of whose errors nothing is known, so that nothing else is systematic.
     """
-    held = table[table["status"].isin(["measured", "ambiguous"])]
-    count = int((held["systematic_mm"] > 0).sum())
-    if count <= max(OFTEN * len(held), SEVERAL):
+    with_pose = table[table["status"].isin(["measured", "ambiguous"])]
+    count = int((with_pose["systematic_mm"] > 0).sum())
+    if count <= max(OFTEN * len(with_pose), SEVERAL):
         return []
     return [
-        f"{rig}: the cameras contradict each other in {count} of {len(held)} poses, which counts "
+        f"{rig}: the cameras contradict each other in {count} of {len(with_pose)} poses, which counts "
         f"in sigma as far as it shows; {covariance_path(rig).name} would say how well they are "
         "known"
     ]
@@ -111,8 +111,10 @@ def transforms(table: pd.DataFrame) -> RigidTransform:
 
 def poses_by_frame(table: pd.DataFrame) -> dict[int, RigidTransform]:
     """The poses of those rows that hold one."""
-    held = table[table["status"] != "lost"]
-    return dict(zip(held["frame"], transforms(held), strict=True)) if len(held) else {}
+    with_pose = table[table["status"] != "lost"]
+    return (
+        dict(zip(with_pose["frame"], transforms(with_pose), strict=True)) if len(with_pose) else {}
+    )
 
 
 def write_poses(table: pd.DataFrame, path: str | Path) -> None:
@@ -155,14 +157,18 @@ def write_tum(table: pd.DataFrame, path: str | Path) -> None:
 
 def tum_text(table: pd.DataFrame) -> str:
     """What the TUM file of a pose table says; ValueError if a measured row has no time."""
-    held = table[table["status"] == "measured"]
-    times = held["t_s"].to_numpy(dtype=float) if "t_s" in held else np.full(len(held), np.nan)
+    measured = table[table["status"] == "measured"]
+    times = (
+        measured["t_s"].to_numpy(dtype=float)
+        if "t_s" in measured
+        else np.full(len(measured), np.nan)
+    )
     if not np.isfinite(times).all():
         raise ValueError(
             f"t_s: expected the time of every measured row, got none for frame "
-            f"{int(held['frame'].iloc[int(np.isfinite(times).argmin())])}"
+            f"{int(measured['frame'].iloc[int(np.isfinite(times).argmin())])}"
         )
-    numbers = held[["x_mm", "y_mm", "z_mm", "qx", "qy", "qz", "qw"]].to_numpy(dtype=float) / (
+    numbers = measured[["x_mm", "y_mm", "z_mm", "qx", "qy", "qz", "qw"]].to_numpy(dtype=float) / (
         [1e3] * 3 + [1.0] * 4
     )
     rows = np.column_stack([times, numbers])
@@ -231,13 +237,13 @@ def _check_poses(table: pd.DataFrame, path: str | Path) -> None:
         raise ValueError(f"{path}: column 'frame' has a number twice")
     if len(wrong := table["status"][~table["status"].isin(STATUSES)]):
         raise ValueError(f"{path}: status {str(wrong.iloc[0])!r} is none of {', '.join(STATUSES)}")
-    held = table[table["status"] != "lost"]
-    pose = held[list(POSE_COLUMNS[2:9])].to_numpy(dtype=float)
+    with_pose = table[table["status"] != "lost"]
+    pose = with_pose[list(POSE_COLUMNS[2:9])].to_numpy(dtype=float)
     with np.errstate(over="ignore"):  # an overflow shows in the length
         length = np.linalg.norm(pose[:, 3:], axis=1)
     wrong_rows = ~(np.abs(pose) <= FARTHEST_MM).all(axis=1) | ~(np.abs(length - 1) < 1e-3)
     if wrong_rows.any():
         raise ValueError(
-            f"{path}: frame {int(held['frame'].iloc[int(wrong_rows.argmax())])}: no pose "
+            f"{path}: frame {int(with_pose['frame'].iloc[int(wrong_rows.argmax())])}: no pose "
             f"(numbers missing or beyond {FARTHEST_MM:g}, or a quaternion that has not length 1)"
         )

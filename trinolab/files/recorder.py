@@ -112,9 +112,9 @@ def claim(partial: Path, manifest: Mapping[str, Any]) -> None:
     path = partial / MANIFEST
     if partial.is_dir() and any(partial.iterdir()):
         begun = read_manifest(path)
-        if other := [name for name in manifest if begun.get(name) != manifest[name]]:
+        if differing := [name for name in manifest if begun.get(name) != manifest[name]]:
             raise ValueError(
-                f"{partial}: an unfinished recording with another {other[0]}; remove it, or name another "
+                f"{partial}: an unfinished recording with another {differing[0]}; remove it, or name another "
                 "folder"
             )
         return
@@ -124,10 +124,10 @@ def claim(partial: Path, manifest: Mapping[str, Any]) -> None:
 def read_manifest(path: Path) -> dict[str, Any]:
     """What a recording was made from; nothing where the file says nothing that can be read."""
     try:
-        found = json.loads(path.read_text(encoding="utf-8"))
+        manifest = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError, RecursionError):
         return {}
-    return found if isinstance(found, dict) else {}
+    return manifest if isinstance(manifest, dict) else {}
 
 
 def image_paths(partial: Path, rig: Rig | Sequence[str], frame: int) -> list[Path]:

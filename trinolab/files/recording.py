@@ -133,8 +133,8 @@ def _video_frames(path: Path, size: tuple[int, int] | None, first: int) -> Itera
         for _ in range(first):
             capture.grab()
         while True:
-            there, image = capture.read()
-            if not there:
+            delivered, image = capture.read()
+            if not delivered:
                 return
             check_size(image, size, path)
             if image.ndim == 3:
@@ -324,8 +324,8 @@ def parts_of_folder(
     as for `open_folder`.
     """
     recording, _ = open_folder(folder, rig, handle)
-    kept = None if recording.times_s is None else recording.times_from
-    times = timestamps or kept
+    times_file = None if recording.times_s is None else recording.times_from
+    times = timestamps or times_file
     return Parts(
         Path(rig or Path(folder, "rig.toml")),
         Path(handle or Path(folder, "handle.toml")),
@@ -353,19 +353,19 @@ def find_footage(folder: str | Path, rig: Rig) -> dict[str, Path]:
         If a camera has none, or more than one.
     """
     root = _existing(folder)
-    found = {}
+    footage = {}
     for name in rig.names:
         places = [root / "images" / name, *(root / f"{name}{suffix}" for suffix in VIDEO_SUFFIXES)]
-        there = [place for place in places if place.exists()]
-        if len(there) != 1:
+        existing = [place for place in places if place.exists()]
+        if len(existing) != 1:
             what = (
-                f"{there[0].name} and {there[1].name}"
-                if there
+                f"{existing[0].name} and {existing[1].name}"
+                if existing
                 else f"neither images/{name} nor {name}.mkv"
             )
             raise ValueError(f"{root}: expected one folder or video of camera {name}, got {what}")
-        found[name] = there[0]
-    return found
+        footage[name] = existing[0]
+    return footage
 
 
 def instants(recording: Recording, first: int = 0) -> Iterator[Frames]:
@@ -376,9 +376,9 @@ def instants(recording: Recording, first: int = 0) -> Iterator[Frames]:
     ValueError
         Names the file that cannot be read, holds no frame, or ends while another one goes on.
     """
-    said: set[str] = set()
+    reported: set[str] = set()
     streams = [
-        frames_of(one, camera.size, first, said)
+        frames_of(one, camera.size, first, reported)
         for one, camera in zip(recording.footage, recording.rig.cameras, strict=True)
     ]
     frame = first
@@ -504,9 +504,9 @@ def read_instants(listed: Sequence[Instant], rig: Rig) -> Iterator[list[np.ndarr
     ValueError
         Names the file that cannot be read as an image or has another size than its camera.
     """
-    said: set[str] = set()
+    reported: set[str] = set()
     streams = [
-        read_greys([instant.paths[k] for instant in listed], camera.size, said)
+        read_greys([instant.paths[k] for instant in listed], camera.size, reported)
         for k, camera in enumerate(rig.cameras)
     ]
     return map(list, zip(*streams, strict=True))

@@ -90,8 +90,8 @@ def read_covariance(path: str | Path, rig: Rig) -> RigCovariance:
             "units": units,
         }
         for key, value in expected.items():
-            if (found := get(table, key, str(path))) != value:
-                raise ValueError(f"{key}: expected {_said(value)}, got {_said(found)}")
+            if (value_in_file := get(table, key, str(path))) != value:
+                raise ValueError(f"{key}: expected {_said(value)}, got {_said(value_in_file)}")
         return RigCovariance(rig.names, get(table, "matrix", str(path)))
 
 

@@ -56,10 +56,10 @@ class Film:
                 )
             if not self._writer.isOpened():
                 raise ValueError(f"{self.path}: cannot be written as a VP8 video")
-        with unheard() as said:
+        with unheard() as complaints:
             self._writer.write(image)
-            said.seek(0)
-            if b"Failed to write" in said.read():
+            complaints.seek(0)
+            if b"Failed to write" in complaints.read():
                 raise ValueError(f"{self.path}: {CUT_OFF}")
 
     def __exit__(self, kind: object, *_: object) -> None:

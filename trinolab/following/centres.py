@@ -109,9 +109,9 @@ def measured_centres(
     """
     with KeptLines(
         kept_in, f"{made_from}\n", lambda number, line: _is_row(frames, number, line)
-    ) as kept:
-        done = len(kept.lines())
-        left = some_instants(recording, frames[done:].tolist())
+    ) as lines:
+        done = len(lines.lines())
+        remaining = some_instants(recording, frames[done:].tolist())
         with (
             logging_redirect_tqdm(),
             tqdm(
@@ -122,24 +122,24 @@ def measured_centres(
                 disable=None if progress else True,
             ) as bar,
         ):
-            for number, now in enumerate(left, start=done):
+            for number, now in enumerate(remaining, start=done):
                 rows = _centres_of(now.images, recording.rig, handle, poses[number])
-                kept.add_line(json.dumps([now.frame, rows]))
+                lines.add_line(json.dumps([now.frame, rows]))
                 bar.update()
-        return _as_centres([json.loads(line)[1] for line in kept.lines()])
+        return _as_centres([json.loads(line)[1] for line in lines.lines()])
 
 
 def _centres_of(
     images: Sequence[np.ndarray], rig: Rig, handle: Handle, pose: RigidTransform
 ) -> list[list[float]]:
     """A row for each centre: camera, marker, u, v, and its covariance row by row."""
-    found = centre_pixels(images, rig, handle, pose, MAX_SLANT_DEG)
-    if found is None:
+    centres = centre_pixels(images, rig, handle, pose, MAX_SLANT_DEG)
+    if centres is None:
         return []
-    covariance = found.covariance + FLOOR_PX**2 * np.eye(2)
+    covariance = centres.covariance + FLOOR_PX**2 * np.eye(2)
     return [
-        [int(c), int(m), *found.uv[c, m].tolist(), *covariance[c, m].ravel().tolist()]
-        for c, m in zip(*np.nonzero(np.isfinite(found.uv[..., 0])), strict=True)
+        [int(c), int(m), *centres.uv[c, m].tolist(), *covariance[c, m].ravel().tolist()]
+        for c, m in zip(*np.nonzero(np.isfinite(centres.uv[..., 0])), strict=True)
     ]
 
 

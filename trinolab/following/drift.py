@@ -102,8 +102,8 @@ def image_offsets(
         if len(cameras) < 2:
             continue
         instant = np.flatnonzero((seeing == pattern).all(axis=1))
-        some = Rig(tuple(rig.cameras[c] for c in cameras))
-        shift, shows = _shifts(some, handle, poses[instant], uv[instant][:, cameras], p)
+        partial_rig = Rig(tuple(rig.cameras[c] for c in cameras))
+        shift, shows = _shifts(partial_rig, handle, poses[instant], uv[instant][:, cameras], p)
         rows = (2 * cameras[:, None] + [0, 1]).ravel()
         all_shift = np.zeros((len(instant), 2 * C))
         all_shift[:, rows] = shift
@@ -126,8 +126,8 @@ def _shifts(
     m = basis.shape[2]
     start = Poses(poses.rotation.as_matrix(), place)
     nothing = np.zeros((m, m))
-    found = fit_with_offsets(rig, handle, start, uv, basis, nothing, SIGMA_PX, p)
-    return (basis @ found.size[..., None])[..., 0], basis @ basis.mT
+    fit = fit_with_offsets(rig, handle, start, uv, basis, nothing, SIGMA_PX, p)
+    return (basis @ fit.size[..., None])[..., 0], basis @ basis.mT
 
 
 def find_drift(series: Series, rig: Rig) -> Drift | None:
@@ -161,11 +161,11 @@ def _blocks(series: Series) -> Series:
     """The median of every few instants, by each offset for itself; the first one's number."""
     n = len(series.instant) // BLOCK
     width = series.shift.shape[1]
-    kept = slice(n * BLOCK)
+    whole = slice(n * BLOCK)
     return Series(
-        series.instant[kept].reshape(n, BLOCK)[:, 0],
-        np.median(series.shift[kept].reshape(n, BLOCK, width), axis=1),
-        series.shows[kept].reshape(n, BLOCK, width, width).mean(axis=1),
+        series.instant[whole].reshape(n, BLOCK)[:, 0],
+        np.median(series.shift[whole].reshape(n, BLOCK, width), axis=1),
+        series.shows[whole].reshape(n, BLOCK, width, width).mean(axis=1),
     )
 
 
@@ -192,12 +192,12 @@ def _noise(blocks: Series, camera: int, moment: int, shift: Array) -> float:
     change = np.zeros(blocks.shift.shape[1])
     change[2 * camera : 2 * camera + 2] = shift
     later = np.arange(len(blocks.instant)) >= moment
-    left = blocks.shift - later[:, None] * (blocks.shows @ change)
+    residuals = blocks.shift - later[:, None] * (blocks.shows @ change)
     free = np.linalg.pinv(blocks.shows.sum(axis=0), rcond=1e-6, hermitian=True)
-    left = left - (blocks.shows @ (free @ left.sum(axis=0)))
-    squares = float((left * left).sum())
-    rho = float((left[1:] * left[:-1]).sum()) / max(squares, 1e-300)
-    rho = min(max(rho + 1 / len(left), 0.0), 0.95)  # what was fitted makes it look smaller
-    shown = np.trace(blocks.shows, axis1=1, axis2=2).sum()
-    freedom = max(shown - len(change) + 1, 1.0)
+    residuals = residuals - (blocks.shows @ (free @ residuals.sum(axis=0)))
+    squares = float((residuals * residuals).sum())
+    rho = float((residuals[1:] * residuals[:-1]).sum()) / max(squares, 1e-300)
+    rho = min(max(rho + 1 / len(residuals), 0.0), 0.95)  # what was fitted makes it look smaller
+    information = np.trace(blocks.shows, axis1=1, axis2=2).sum()
+    freedom = max(information - len(change) + 1, 1.0)
     return max(squares / freedom, 1e-8) * (1 + rho) / (1 - rho)

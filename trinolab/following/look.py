@@ -175,8 +175,8 @@ def _look(
     if window is None:
         return Sight(None, np.full((len(uv), 6), np.nan))
     corner = np.array([window.u, window.v, 0, 0, 0, 0])
-    found = markers_at(window.crop(image), uv - corner[:2], reach_px, handle.markers, p.markers)
-    return Sight(window, found + corner)
+    markers = markers_at(window.crop(image), uv - corner[:2], reach_px, handle.markers, p.markers)
+    return Sight(window, markers + corner)
 
 
 def _batch(T: RigidTransform) -> Poses:
@@ -430,10 +430,10 @@ def displacement(
         J = np.concatenate([_by_position(rig, c, centre) for c in seen])
         wanted = np.concatenate([shifts[c] for c in seen])
         motion = np.linalg.lstsq(J, wanted, rcond=None)[0]
-        left = np.linalg.norm((J @ motion - wanted).reshape(-1, 2), axis=1)
-        if left.max() <= p.shift_agreement_px:
+        residuals_px = np.linalg.norm((J @ motion - wanted).reshape(-1, 2), axis=1)
+        if residuals_px.max() <= p.shift_agreement_px:
             return motion, p.shift_sigma_px**2 * np.linalg.pinv(J.T @ J)
-        seen.pop(int(left.argmax()))
+        seen.pop(int(residuals_px.argmax()))
     return None
 
 

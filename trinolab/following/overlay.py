@@ -198,10 +198,10 @@ def _draw_markers(
     view: np.ndarray, tracked: Tracked, c: int, frame: _Frame, numbers: float | None
 ) -> None:
     """The markers with their numbers, into a picture."""
-    found = tracked.measurement.found[c]
-    known = np.isfinite(found.uv).all(axis=1)
-    middle = found.uv[known].mean(axis=0) if known.any() else np.zeros(2)
-    for uv, label in zip(found.uv[known], tracked.measurement.labels[c][known], strict=True):
+    markers = tracked.measurement.found[c]
+    known = np.isfinite(markers.uv).all(axis=1)
+    middle = markers.uv[known].mean(axis=0) if known.any() else np.zeros(2)
+    for uv, label in zip(markers.uv[known], tracked.measurement.labels[c][known], strict=True):
         at = frame.pixel(uv)
         cv2.circle(view, at, 6, _OUTLIER if label < 0 else _MARKER, 1, cv2.LINE_AA)
         if label >= 0 and numbers is not None:
@@ -221,9 +221,11 @@ def _write_beside(
     """Words around a pixel so many pixels from another one in some direction."""
     away = distance * direction / max(float(np.linalg.norm(direction)), 1e-9)
     (wide, high), _ = cv2.getTextSize(words, cv2.FONT_HERSHEY_SIMPLEX, size, 1)
-    left = round(at[0] + away[0] - wide / 2)
+    left_edge = round(at[0] + away[0] - wide / 2)
     bottom = round(at[1] + away[1] + high / 2)
-    cv2.putText(view, words, (left, bottom), cv2.FONT_HERSHEY_SIMPLEX, size, colour, 1, cv2.LINE_AA)
+    cv2.putText(
+        view, words, (left_edge, bottom), cv2.FONT_HERSHEY_SIMPLEX, size, colour, 1, cv2.LINE_AA
+    )
 
 
 def _draw_axes(

@@ -138,15 +138,15 @@ def restarted(
     Its velocity is the way since it was seen. The orientation and what is known of it stay as
     predicted.
     """
-    there = RigidTransform.from_components(position, motion.pose.rotation)
-    begun = begin(motion.t_s, there, block_diag(covariance, np.zeros((3, 3))), p)
+    pose = RigidTransform.from_components(position, motion.pose.rotation)
+    begun = begin(motion.t_s, pose, block_diag(covariance, np.zeros((3, 3))), p)
     rates = motion.rates.copy()
     spread = begun.covariance.copy()
     rates[:3] = (position - seen.pose.translation) / (motion.t_s - seen.t_s)
     rates[6:9] = 0.0
     turning = np.r_[3:6, 9:12, 15:18]
     spread[np.ix_(turning, turning)] = motion.covariance[np.ix_(turning, turning)]
-    return Motion(motion.t_s, there, rates, spread)
+    return Motion(motion.t_s, pose, rates, spread)
 
 
 def nis(motion: Motion, pose: RigidTransform, covariance: Array, p: PoseFilterParameters) -> float:
@@ -167,9 +167,13 @@ def transition(dt: float, fading_s: float = np.inf) -> Array:
     if np.isinf(fading_s):
         return frozen(np.array([[1, dt, dt**2 / 2], [0, 1, dt], [0, 0, 1]]))
     share = dt / fading_s
-    left = np.exp(-share)
-    held = fading_s**2 * (share - 1 + left)
-    return frozen(np.array([[1, dt, held], [0, 1, -fading_s * np.expm1(-share)], [0, 0, left]]))
+    remainder = np.exp(-share)
+    from_acceleration = fading_s**2 * (share - 1 + remainder)
+    return frozen(
+        np.array(
+            [[1, dt, from_acceleration], [0, 1, -fading_s * np.expm1(-share)], [0, 0, remainder]]
+        )
+    )
 
 
 @lru_cache(maxsize=64)

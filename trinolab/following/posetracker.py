@@ -329,9 +329,9 @@ def _displaced(
 
 def _tracked(followed: Followed, pose: Pose, labels: tuple[np.ndarray, ...]) -> Tracked:
     """What was found where a guess has the handle, with the pose that is reported."""
-    found = tuple(map(found_markers, followed.sights))
+    markers = tuple(map(found_markers, followed.sights))
     windows = tuple(sight.window for sight in followed.sights)
-    return Tracked(Measurement(pose, found, labels), windows, followed.labels)
+    return Tracked(Measurement(pose, markers, labels), windows, followed.labels)
 
 
 def _missed(followed: Followed, state: TrackState, handle: Handle) -> Tracked:

@@ -231,12 +231,12 @@ def _refined(asked: _Asked) -> Refined:
             _head(asked, rig_text(rig), handle_text(handle), poses.as_matrix().tolist()),
             asked.progress,
         )
-        found = adjust_robustly(asked.recording.rig, asked.handle, poses, seen, asked.prior)
-        rig = found.bundle.rig
-        handle = found.bundle.handle
-        poses = _replaced(poses, found)
+        adjusted = adjust_robustly(asked.recording.rig, asked.handle, poses, seen, asked.prior)
+        rig = adjusted.bundle.rig
+        handle = adjusted.bundle.handle
+        poses = _replaced(poses, adjusted)
     counts = (len(good), len(table))
-    return _as_refined(asked, found, frames, counts, seen)
+    return _as_refined(asked, adjusted, frames, counts, seen)
 
 
 def _followed(asked: _Asked) -> pd.DataFrame:

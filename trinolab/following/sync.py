@@ -147,12 +147,12 @@ def tracks_of(times: Array, uv: Array, gap_s: float = GAP_S) -> list[Track]:
     """Splines of a camera's markers, uv (n, markers, 2), one for each stretch of four or more
     without a long gap.
     """
-    found = []
+    tracks = []
     for marker in range(uv.shape[1]):
         at = np.flatnonzero(np.isfinite(uv[:, marker]).all(axis=1))
         for run in np.split(at, 1 + np.flatnonzero(np.diff(times[at]) > gap_s)):
             if len(run) >= 4:
-                found.append(
+                tracks.append(
                     Track(
                         marker,
                         times[run[0]],
@@ -160,7 +160,7 @@ def tracks_of(times: Array, uv: Array, gap_s: float = GAP_S) -> list[Track]:
                         CubicSpline(times[run], uv[run, marker]),
                     )
                 )
-    return found
+    return tracks
 
 
 def pair_delta(times: Array, uv_a: Array, tracks_b: list[Track], F: Array) -> Delta:
@@ -255,8 +255,8 @@ def join(deltas: dict[tuple[int, int], Delta], cameras: int) -> Offsets:
 def _reason(camera: int, deltas: dict[tuple[int, int], Delta], reached: set[int]) -> str | None:
     if camera in reached:
         return None
-    said = [found.reason for pair, found in deltas.items() if camera in pair]
-    return next((reason for reason in (BEYOND, RESTING) if reason in said), UNSEEN)
+    reasons = [found.reason for pair, found in deltas.items() if camera in pair]
+    return next((reason for reason in (BEYOND, RESTING) if reason in reasons), UNSEEN)
 
 
 def _ideal(camera: Camera, uv: Array) -> Array:

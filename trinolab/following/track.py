@@ -298,13 +298,13 @@ class Seen(NamedTuple):
         """
         if len(self.times_s) < 2:
             return []
-        found = estimate_offsets(np.array(self.times_s), np.stack(self.uv, axis=1), rig)
-        late_ms = 1e3 * found.offset_s
-        sigma_ms = 1e3 * found.sigma_s
+        offsets = estimate_offsets(np.array(self.times_s), np.stack(self.uv, axis=1), rig)
+        late_ms = 1e3 * offsets.offset_s
+        sigma_ms = 1e3 * offsets.sigma_s
         return [
             f"{rig.names[c]}: {abs(late_ms[c]):.1f} ms (+- {sigma_ms[c]:.1f}) "
             f"{'later' if late_ms[c] > 0 else 'earlier'} than {rig.names[0]}; the cameras are not synchronised"
-            for c in np.flatnonzero(significant(found))
+            for c in np.flatnonzero(significant(offsets))
         ]
 
 
@@ -347,13 +347,13 @@ class Watched:
         batch = RigidTransform.concatenate(list(poses))
         p = self.parameters.identity
         series = drift.image_offsets(self.rig, self.handle, batch, np.stack(uv), p)
-        found = drift.find_drift(series, self.rig)
-        if found is None:
+        drifted = drift.find_drift(series, self.rig)
+        if drifted is None:
             return []
-        names = " or ".join(self.rig.names[c] for c in found.cameras)
+        names = " or ".join(self.rig.names[c] for c in drifted.cameras)
         return [
-            f"{names}: turned by {found.turned_deg:.3f} deg ({found.shift_px:.1f} px, as far as that "
-            f"shows) at {times[found.instant]:.2f} s (frame {frames[found.instant]}); from there on "
+            f"{names}: turned by {drifted.turned_deg:.3f} deg ({drifted.shift_px:.1f} px, as far as that "
+            f"shows) at {times[drifted.instant]:.2f} s (frame {frames[drifted.instant]}); from there on "
             "the rig file does not hold"
         ]
 
@@ -362,11 +362,11 @@ def _state_after(done: pd.DataFrame) -> TrackState | None:
     """The tracker's state after the rows of an interrupted track: from its last pose, at unknown
     speed.
     """
-    held = done[done["status"].isin(["measured", "ambiguous"])]
-    if not len(held):
+    with_pose = done[done["status"].isin(["measured", "ambiguous"])]
+    if not len(with_pose):
         return None
-    last = held.iloc[-1]
-    state = posetracker.start(float(last["t_s"]), transforms(held.iloc[-1:])[0])
+    last = with_pose.iloc[-1]
+    state = posetracker.start(float(last["t_s"]), transforms(with_pose.iloc[-1:])[0])
     return state._replace(sure=last["status"] == "measured")
 
 

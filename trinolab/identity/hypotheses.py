@@ -188,8 +188,8 @@ def explain(poses: Poses, observed: Observed, gate_px: float, p: IdentityParamet
     """
     views, layout, uv = observed[:3]
     predicted = predict(poses, views, layout)
-    shown = np.where(predicted.facing[:, :, None] > layout.limb, predicted.uv, -FAR)
-    labels, squares = _mutual_nearest(shown, uv, gate_px)
+    visible = np.where(predicted.facing[:, :, None] > layout.limb, predicted.uv, -FAR)
+    labels, squares = _mutual_nearest(visible, uv, gate_px)
     spared = np.zeros(len(labels), int)
     if observed.offsets is not None:
         squares, spared = _without_offsets(predicted.uv, labels, uv, observed.offsets, p)
@@ -212,8 +212,8 @@ def _without_offsets(
     """
     h, C, _ = labels.shape
     labelled = labels >= 0
-    there = np.take_along_axis(predicted, np.maximum(labels, 0)[:, :, None], axis=3)
-    away = np.where(labelled[:, :, None], uv - there, 0.0)  # (h, C, 2, N)
+    expected = np.take_along_axis(predicted, np.maximum(labels, 0)[:, :, None], axis=3)
+    away = np.where(labelled[:, :, None], uv - expected, 0.0)  # (h, C, 2, N)
     count = labelled.sum(axis=2)
     mean = away.sum(axis=3) / np.maximum(count, 1)[..., None]
     noise = np.where(count > 0, p.sigma_px**2 / np.maximum(count, 1), FAR)
@@ -226,9 +226,9 @@ def _without_offsets(
     flat = mean.reshape(h, 2 * C)
     chi_square = np.einsum("hi,hij,hj->h", flat, P, flat)
     share = np.sqrt(np.minimum(GRANTED / np.maximum(chi_square, 1e-12), 1.0))
-    left = np.where(labelled[:, :, None], away - (share[:, None, None] * mean)[..., None], 0.0)
+    residuals = np.where(labelled[:, :, None], away - (share[:, None, None] * mean)[..., None], 0.0)
     spared = np.maximum(2 * (count > 0).sum(axis=1) - 3, 0)
-    return (left * left).sum(axis=2), spared
+    return (residuals * residuals).sum(axis=2), spared
 
 
 def _unseen(

@@ -99,8 +99,8 @@ class Views(NamedTuple):
     def _distorted(self, uv: Array, c: int) -> Array:
         """Ideal pixels (h, 2, n) of one camera as its image shows them."""
         xy = (uv.transpose(0, 2, 1).reshape(-1, 2) - self.principal[c]) / self.focal[c]
-        shown = distort(xy, self.distortions[c])[0] * self.focal[c] + self.principal[c]
-        return shown.reshape(len(uv), -1, 2).transpose(0, 2, 1)
+        distorted = distort(xy, self.distortions[c])[0] * self.focal[c] + self.principal[c]
+        return distorted.reshape(len(uv), -1, 2).transpose(0, 2, 1)
 
 
 @lru_cache(maxsize=32)
@@ -164,6 +164,6 @@ def _shifts(radius_mm: float, half: float, slants: Array, samples: int = 400) ->
     cosine of its own slant; what is turned away shows nothing.
     """
     phi = half * (2 * np.arange(samples) + 1 - samples) / samples
-    shown = np.sqrt(half**2 - phi**2) * np.maximum(np.cos(phi - slants[:, None]), 0.0)
-    way = np.stack([shown @ (np.cos(phi) - 1.0), shown @ np.sin(phi)])
-    return radius_mm * way / shown.sum(axis=1)
+    visible_share = np.sqrt(half**2 - phi**2) * np.maximum(np.cos(phi - slants[:, None]), 0.0)
+    shift = np.stack([visible_share @ (np.cos(phi) - 1.0), visible_share @ np.sin(phi)])
+    return radius_mm * shift / visible_share.sum(axis=1)

@@ -45,8 +45,8 @@ def three_point_depths(rays: ArrayLike, sides: ArrayLike, steps: int = 5) -> Arr
     for _ in range(steps):
         depths = depths - _newton_step(depths, wanted, cosine)
     after = np.roll(depths, -1, axis=1)
-    found = np.sqrt(depths**2 + after**2 - 2 * depths * after * cosine)
-    solved = (np.abs(found - wanted) < 1e-6 * wanted).all(axis=1)
+    lengths = np.sqrt(depths**2 + after**2 - 2 * depths * after * cosine)
+    solved = (np.abs(lengths - wanted) < 1e-6 * wanted).all(axis=1)
     solved &= (depths > 0).all(axis=1)
     return np.where(solved[:, None], depths, np.nan)
 

@@ -101,20 +101,20 @@ def reconciled(
     m = basis.shape[1]
     before = basis.T @ offsets.covariance @ basis + EXACT_PX2 * np.eye(m)
     prior = np.linalg.inv(before)
-    found = fit_with_offsets(rig, handle, poses, uv[None], basis[None], prior, sigma_px, p)
-    surprise = float(found.size[0] @ prior @ found.size[0])
+    fit = fit_with_offsets(rig, handle, poses, uv[None], basis[None], prior, sigma_px, p)
+    surprise = float(fit.size[0] @ prior @ fit.size[0])
     scale = max(variance_of_few(surprise, m), 1.0) if contradict(surprise, m) else 1.0
     if scale > 1:
         prior = prior / scale
-        found = fit_with_offsets(rig, handle, poses, uv[None], basis[None], prior, sigma_px, p)
+        fit = fit_with_offsets(rig, handle, poses, uv[None], basis[None], prior, sigma_px, p)
     known = scale * rig.covariance.matrix
     gain = known @ offsets.by_parameters.T @ basis @ prior
-    learnt = gain @ (scale * before - found.covariance[0]) @ gain.T
-    left = RigCovariance(rig.names, known - (learnt + learnt.T) / 2)
+    learnt = gain @ (scale * before - fit.covariance[0]) @ gain.T
+    remaining = RigCovariance(rig.names, known - (learnt + learnt.T) / 2)
     T = RigidTransform.from_components(
-        found.poses.translations[0], Rotation.from_matrix(found.poses.rotations[0])
+        fit.poses.translations[0], Rotation.from_matrix(fit.poses.rotations[0])
     )
-    return replace(displaced(rig, gain @ found.size[0]), covariance=left), T
+    return replace(displaced(rig, gain @ fit.size[0]), covariance=remaining), T
 
 
 def _exceeds_biases(
@@ -125,8 +125,8 @@ def _exceeds_biases(
     """
     views = views_of(rig)
     predicted = predict(poses, views, layout_of(handle, p))
-    left = ideal_pixels(rig, list(uv)) - predicted.uv[0]
-    squares = np.where(np.abs(left[:, 0]) < FAR / 2, (left**2).sum(axis=1), 0.0)
+    residuals = ideal_pixels(rig, list(uv)) - predicted.uv[0]
+    squares = np.where(np.abs(residuals[:, 0]) < FAR / 2, (residuals**2).sum(axis=1), 0.0)
     chi_square = float((weights(predicted.facing[0], p) * squares).sum()) / p.sigma_px**2
     return contradict(chi_square, 2 * len(uv) - 3)
 
@@ -143,12 +143,12 @@ def _doubted(rig: Rig, handle: Handle, uv: Array, poses: Poses, p: IdentityParam
     basis = contradicting(by_position)
     m = basis.shape[1]
     free = np.zeros((m, m))
-    some = Rig(cameras)
-    found = fit_with_offsets(
-        some, handle, poses, uv[None, seeing], basis[None], free, p.sigma_px, p
+    partial_rig = Rig(cameras)
+    fit = fit_with_offsets(
+        partial_rig, handle, poses, uv[None, seeing], basis[None], free, p.sigma_px, p
     )
-    size = found.size[0]
-    if not contradict(float(size @ np.linalg.solve(found.covariance[0], size)), m):
+    size = fit.size[0]
+    if not contradict(float(size @ np.linalg.solve(fit.covariance[0], size)), m):
         return rig
     variances = np.zeros((len(rig.cameras), len(CAMERA_PARAMETERS)))
     variances[:, PRINCIPAL_POINT] = variance_of_few(float(size @ size), m)
@@ -189,25 +189,25 @@ def fit_with_offsets(
     n, C, markers, _ = uv.shape
     m = basis.shape[2]
     seen = np.stack([ideal_pixels(rig, list(one)) for one in uv])  # (n, C, 2, markers)
-    there = seen[:, :, 0] < FAR
+    visible = seen[:, :, 0] < FAR
     by_offset = np.broadcast_to(basis.reshape(n, C, 1, 2, m), (n, C, markers, 2, m))
     size = np.zeros((n, m))
     for _ in range(STEPS):
         predicted = predict(poses, views, layout)
-        left = (seen - predicted.uv).transpose(0, 1, 3, 2)
-        left = left - (by_offset @ size[:, None, None, :, None])[..., 0]
-        left = np.where(there[..., None], left, 0.0)
+        residuals = (seen - predicted.uv).transpose(0, 1, 3, 2)
+        residuals = residuals - (by_offset @ size[:, None, None, :, None])[..., 0]
+        residuals = np.where(visible[..., None], residuals, 0.0)
         scale = views.focal[:, :1] / predicted.points[:, :, 2]  # px/mm
         variance = sigma_px**2 + (handle.placement_sigma_mm * scale) ** 2
-        weight = there * weights(predicted.facing, p) / variance
-        distance = np.linalg.norm(left, axis=3) * np.sqrt(weight)
+        weight = visible * weights(predicted.facing, p) / variance
+        distance = np.linalg.norm(residuals, axis=3) * np.sqrt(weight)
         weight = weight * HUBER / np.maximum(distance, HUBER)
         J = np.concatenate([slopes(poses, predicted.points, views), by_offset], axis=4)
-        J = np.where(there[..., None, None], J, 0.0).reshape(n, -1, 6 + m)
+        J = np.where(visible[..., None, None], J, 0.0).reshape(n, -1, 6 + m)
         JW = J.mT * weight.reshape(n, 1, -1).repeat(2, axis=2)
         information = JW @ J
         information[:, 6:, 6:] += prior
-        right = JW @ left.reshape(n, -1, 1)
+        right = JW @ residuals.reshape(n, -1, 1)
         right[:, 6:] -= prior @ size[..., None]
         spread = np.linalg.pinv(information, hermitian=True)
         step = (spread @ right)[..., 0]

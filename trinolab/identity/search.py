@@ -140,8 +140,8 @@ def single_seeds(
     """
     views, layout, uv = observed[:3]
     axes = observed.axes_of(camera)
-    found = np.flatnonzero(uv[camera, 0] < FAR)[: p.max_single]
-    names = np.array(list(combinations(found, 3)), dtype=int).reshape(-1, 3)
+    markers = np.flatnonzero(uv[camera, 0] < FAR)[: p.max_single]
+    names = np.array(list(combinations(markers, 3)), dtype=int).reshape(-1, 3)
     if axes is not None:
         # No further apart than markers of the handle can be, by their size.
         ends = uv[camera][:, names]
@@ -169,9 +169,9 @@ def _side_range(c: Candidates, p: IdentityParameters) -> tuple[Array, Array]:
     """Shortest and longest distance that each two candidates may have, shapes (m, m): the depths
     are uncertain.
     """
-    way = c.points[:, None] - c.points
-    ahead = np.abs((way * c.rays).sum(axis=2))
-    across = np.sqrt(np.maximum((way * way).sum(axis=2) - ahead**2, 0.0))
+    edges = c.points[:, None] - c.points
+    ahead = np.abs((edges * c.rays).sum(axis=2))
+    across = np.sqrt(np.maximum((edges * edges).sum(axis=2) - ahead**2, 0.0))
     slack = p.side_sigmas * np.hypot(c.ahead[:, None], c.ahead)
     aside = p.side_sigmas * np.hypot(c.aside[:, None], c.aside)
     shortest = np.hypot(np.maximum(across - aside, 0.0), np.maximum(ahead - slack, 0.0))

@@ -123,10 +123,10 @@ def site_pose(data: Any, site: str = TOOL) -> RigidTransform:
     no such site.
     """
     try:
-        found = data.site(site)
+        site_data = data.site(site)
     except KeyError:
         raise ValueError(f"site: the robot has no site {site!r}") from None
-    return placed(1000 * found.xpos, found.xmat.reshape(3, 3))
+    return placed(1000 * site_data.xpos, site_data.xmat.reshape(3, 3))
 
 
 def joint_values(robot: Robot, values: Mapping[str, Any], name: str = "joints") -> Array:

@@ -136,11 +136,11 @@ def critical_delay(teleoperator: Teleoperator) -> float:
     fastest = np.sqrt(p.stiffness / min(p.master_kg, p.slave_kg))
     grid = fastest * np.geomspace(1e-3, 1e2, GRID)
     values = np.array([size(omega) for omega in grid])
-    found = [np.inf]
+    delays = [np.inf]
     for k in np.flatnonzero(values[:-1] * values[1:] < 0):
         omega = brentq(size, grid[k], grid[k + 1], xtol=1e-12 * grid[k])
-        found.append(float(np.angle(loop(omega)) % (2 * np.pi) / (2 * omega)))
-    return min(found)
+        delays.append(float(np.angle(loop(omega)) % (2 * np.pi) / (2 * omega)))
+    return min(delays)
 
 
 def simulate(
@@ -269,8 +269,8 @@ def grows(teleoperator: Teleoperator, step_s: float = STEP_S) -> bool:
     p = teleoperator
     omega = np.sqrt(p.stiffness * (1 / p.master_kg + 1 / p.slave_kg))
     count = round(SWINGS * 2 * np.pi / omega / step_s)
-    found = simulate(p, "position-position", np.zeros(count), step_s=step_s, start_m_s=1.0)
-    speed = np.diff(found.master_m) ** 2 + np.diff(found.slave_m) ** 2
+    run = simulate(p, "position-position", np.zeros(count), step_s=step_s, start_m_s=1.0)
+    speed = np.diff(run.master_m) ** 2 + np.diff(run.slave_m) ** 2
     middle, last = np.array_split(speed, 3)[1:]
     return bool(last.mean() > middle.mean())
 

@@ -236,10 +236,10 @@ class Inverse:
         low, high = speed_bounds(command.q, command.speed, self.robot.limits, self.tick_s)
         self._limit.low = low * self.tick_s
         self._limit.high = high * self.tick_s
-        found = self._mink.solve_ik(
+        velocity = self._mink.solve_ik(
             self._configuration, [self._task], self.tick_s, "daqp", DAMPING, limits=[self._limit]
         )
-        speed = np.clip(found, low, high)  # the solver keeps its bounds to a tolerance
+        speed = np.clip(velocity, low, high)  # the solver keeps its bounds to a tolerance
         return Command(frozen(command.q + speed * self.tick_s), frozen(speed))
 
     def _se3(self, pose: RigidTransform) -> Any:

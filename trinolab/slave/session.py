@@ -240,16 +240,16 @@ class Now(NamedTuple):
 
 def changes(t: float, before: Now, now: Now) -> list[Event]:
     """What has changed from one instant to the next."""
-    found = []
+    changed = []
     if now.scale != before.scale and None not in (now.scale, before.scale):
-        found.append(Event(t, "scale", f"{now.scale:g}"))
+        changed.append(Event(t, "scale", f"{now.scale:g}"))
     if now.clutch != before.clutch:
-        found.append(Event(t, "clutch closed" if now.clutch else "clutch open"))
+        changed.append(Event(t, "clutch closed" if now.clutch else "clutch open"))
     if now.held != before.held:
-        found.append(Event(t, "hold", now.held) if now.held else Event(t, "hold ended"))
+        changed.append(Event(t, "hold", now.held) if now.held else Event(t, "hold ended"))
     if now.touching != before.touching:
-        found.append(Event(t, "contact" if now.touching else "contact left"))
-    found += [Event(t, "limit", name) for name in now.limits if name not in before.limits]
-    return found + [
+        changed.append(Event(t, "contact" if now.touching else "contact left"))
+    changed += [Event(t, "limit", name) for name in now.limits if name not in before.limits]
+    return changed + [
         Event(t, "limit left", name) for name in before.limits if name not in now.limits
     ]

@@ -251,8 +251,8 @@ def _cut(
     cones: Sequence[Cone], angles: Sequence[Array], points: Array, least: float
 ) -> tuple[list[Array], bool]:
     """Add the planes that points are beyond by more than `least`; also whether there were any."""
-    found = [_beyond(cone, points) for cone in cones]
-    more = [t[distance > least] for distance, t in found]
+    beyond = [_beyond(cone, points) for cone in cones]
+    more = [t[distance > least] for distance, t in beyond]
     return [np.append(old, new) for old, new in zip(angles, more, strict=True)], any(map(len, more))
 
 
