@@ -138,6 +138,26 @@ def test_one_that_waits_has_it_when_the_other_lets_go(path):
     assert order == ["first", "second"]
 
 
+def test_of_two_that_wait_one_has_it(path):
+    """Who has waited holds it alone, as who has not."""
+    path.touch()
+    with locked(path, wait=True), pytest.raises(ValueError, match="another process works on it"):
+        with locked(path):
+            pass
+    entered = threading.Event()
+
+    def second():
+        with locked(path, wait=True):
+            entered.set()
+
+    with locked(path, wait=True):
+        waiter = threading.Thread(target=second)
+        waiter.start()
+        assert not entered.wait(0.2)  # it has no way in, however long that takes
+    waiter.join()
+    assert entered.is_set()
+
+
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGKILL])
 def test_a_process_that_is_stopped_lets_go(path, number):
     with started("", HOLDS) as process:
