@@ -219,8 +219,8 @@ def _described(rig: Rig, handle: Handle, ros: Any) -> list[Message]:
 
 def _footage(recording: Recording, ros: Any) -> Iterator[Message]:
     image_of = ros.types[IMAGES[0]]
-    shown = tqdm(instants(recording), total=recording.length, unit="instant", disable=None)
-    for instant in shown:
+    progress_bar = tqdm(instants(recording), total=recording.length, unit="instant", disable=None)
+    for instant in progress_bar:
         time_ns = _nanoseconds(instant.t_s, "timestamps")
         for name, image in zip(recording.rig.names, instant.images, strict=True):
             grey = np.clip(np.round(image), 0, 255).astype(np.uint8)
@@ -448,15 +448,15 @@ def _rigid(transform: Any) -> RigidTransform:
 
 def _images_of(reader: Any, camera: str, bag: str | Path) -> str:
     """The topic of a camera's images."""
-    found = {
+    topics = {
         c.topic
         for c in reader.connections
         if c.msgtype in IMAGES and c.topic.strip("/").replace("/", "_").startswith(f"{camera}_")
     }
-    if len(found) != 1:
-        what = " and ".join(sorted(found)) or "none"
+    if len(topics) != 1:
+        what = " and ".join(sorted(topics)) or "none"
         raise ValueError(f"{bag}: expected one topic of images of camera {camera}, got {what}")
-    return found.pop()
+    return topics.pop()
 
 
 def _handle_of(reader: Any, bag: str | Path, ros: Any) -> Handle:

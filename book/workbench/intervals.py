@@ -130,8 +130,8 @@ def of_quantile(values: ArrayLike, share: float) -> Interval:
     rows = as_array(values, "values", (None,))
     p = as_number(share, "share", 0.0, 1.0)
     test = stats.quantile_test(rows, q=float(np.quantile(rows, p)), p=p)
-    found = test.confidence_interval(confidence_level=LEVEL)
-    return Interval(float(found.low), float(found.high), "order statistics")
+    interval = test.confidence_interval(confidence_level=LEVEL)
+    return Interval(float(interval.low), float(interval.high), "order statistics")
 
 
 def of_student(values: ArrayLike) -> Interval:
@@ -145,8 +145,8 @@ def of_student(values: ArrayLike) -> Interval:
 
 def of_share(count: int, n: int) -> Interval:
     """Of a share of independent trials (Wilson 1927, DOI 10.1080/01621459.1927.10502953)."""
-    found = stats.binomtest(int(count), int(n)).proportion_ci(LEVEL, method="wilson")
-    return Interval(float(found.low), float(found.high), "Wilson")
+    interval = stats.binomtest(int(count), int(n)).proportion_ci(LEVEL, method="wilson")
+    return Interval(float(interval.low), float(interval.high), "Wilson")
 
 
 def highest_share(count: int, n: int) -> float:
@@ -155,10 +155,10 @@ def highest_share(count: int, n: int) -> float:
     """
     if n == 0:
         return 1.0
-    found = stats.binomtest(int(count), int(n), alternative="less").proportion_ci(
+    interval = stats.binomtest(int(count), int(n), alternative="less").proportion_ci(
         LEVEL, method="exact"
     )
-    return float(found.high)
+    return float(interval.high)
 
 
 def of_slope(times: ArrayLike, values: ArrayLike) -> tuple[float, Interval]:

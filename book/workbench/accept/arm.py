@@ -154,8 +154,8 @@ def along(shape: str, times: Array) -> RigidTransform:
     """A hand that goes along a circle or a square in the plane across the sight, at one speed, once
     it has rested.
     """
-    way = SPEED_MM_S * np.maximum(times - STILL_S - LEAD_S, 0.0)
-    place = place_on(shape, way)
+    distance = SPEED_MM_S * np.maximum(times - STILL_S - LEAD_S, 0.0)
+    place = place_on(shape, distance)
     turn = Rotation.identity(len(place))
     return RigidTransform.from_components(place + [0.0, 0.0, 570.0], turn)
 
@@ -215,15 +215,15 @@ def crossings(path: Array, times: Array, point: Array, forward: Array, due: Arra
         NaN where it does not come.
     """
     ahead = (path - point) @ forward
-    found = np.full((len(due), 3), np.nan)
+    places = np.full((len(due), 3), np.nan)
     for i, t in enumerate(due):
-        here = np.flatnonzero((times >= t - 0.02) & (times <= t + 0.5))
-        crossed = [j for j in here[:-1] if ahead[j] <= 0 < ahead[j + 1]]
+        near = np.flatnonzero((times >= t - 0.02) & (times <= t + 0.5))
+        crossed = [j for j in near[:-1] if ahead[j] <= 0 < ahead[j + 1]]
         if crossed:
             j = crossed[0]
             share = -ahead[j] / (ahead[j + 1] - ahead[j])
-            found[i] = path[j] + share * (path[j + 1] - path[j])
-    return found
+            places[i] = path[j] + share * (path[j + 1] - path[j])
+    return places
 
 
 def judge(setup: Setup, found: list[dict[str, Any]], noise: Noise) -> Answer:
@@ -345,11 +345,11 @@ def off_path(shape: str, trial: dict[str, Any]) -> tuple[Array, Array]:
 
 def stations(shape: str) -> Array:
     """Ways along one round at which rounds are compared, mm; none near a corner."""
-    way = (np.arange(STATIONS) + 0.5) / STATIONS * length_of(shape)
+    distance = (np.arange(STATIONS) + 0.5) / STATIONS * length_of(shape)
     if shape == "circle":
-        return way
-    from_corner = np.abs((way + SIDE_MM / 2) % SIDE_MM - SIDE_MM / 2)
-    return way[from_corner >= AWAY_MM]
+        return distance
+    from_corner = np.abs((distance + SIDE_MM / 2) % SIDE_MM - SIDE_MM / 2)
+    return distance[from_corner >= AWAY_MM]
 
 
 def _interpolated(times: Array, values: Array, t: float) -> Array:

@@ -73,14 +73,14 @@ def judge(setup: Setup, rows: list[list[Row]]) -> Answer:
     track = tracks.as_track(rows[0])
     visible = can_be_measured([seen_markers(job, k) for k in range(len(job.shots))])
     answer = _availability(track, visible, setup.seed, OWN)
-    there = np.array([shot.T_world_handle is not None for shot in job.shots])
-    found = track.found & there
-    if found.any():
+    present = np.array([shot.T_world_handle is not None for shot in job.shots])
+    measured = track.found & present
+    if measured.any():
         truths = [shot.T_world_handle for shot in job.shots if shot.T_world_handle is not None]
-        off = tracks.errors(track.only(there), RigidTransform.concatenate(truths), setup)[0]
-        distances, angles = tracks.lengths(off[found[there]])
+        off = tracks.errors(track.only(present), RigidTransform.concatenate(truths), setup)[0]
+        distances, angles = tracks.lengths(off[measured[present]])
         # an instant without a handle has no true pose: whatever is measured there is wrong
-        far = ((distances > FAR_MM) | (angles > FAR_DEG)).sum() + (track.found & ~there).sum()
+        far = ((distances > FAR_MM) | (angles > FAR_DEG)).sum() + (track.found & ~present).sum()
         answer.numbers += [
             *distribution(NAME, "position error meanwhile", distances, "mm", setup.seed),
             far_count(NAME, int(far), int(track.found.sum()), setup.seed),
@@ -107,14 +107,14 @@ def judge_recording(track: Track, source: str) -> Answer:
 def _availability(
     track: Track, visible: np.ndarray | None, seed: int | None, source: str
 ) -> Answer:
-    found = track.found
-    n = len(found)
-    numbers = [share(NAME, "measured, of all instants", int(found.sum()), n, seed, source)]
+    measured = track.found
+    n = len(measured)
+    numbers = [share(NAME, "measured, of all instants", int(measured.sum()), n, seed, source)]
     if visible is not None and visible.any():
-        count, of = int((found & visible).sum()), int(visible.sum())
+        count, of = int((measured & visible).sum()), int(visible.sum())
         numbers.append(share(NAME, "measured, of the possible instants", count, of, seed, source))
     step = float(np.median(np.diff(track.t_s))) if n > 1 else np.nan
-    ended, unended = waits(found, visible)
+    ended, unended = waits(measured, visible)
     lasted = step * np.array(ended, float)
     numbers.append(
         Number(

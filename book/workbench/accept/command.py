@@ -101,18 +101,20 @@ def accept(
         check_targets([chart])
         if Path(chart).exists():
             history.read_history(chart)  # a wrong one is refused before anything is computed
-    with Kept(folder / KEPT, made_from(source)) as kept:
+    with Kept(folder / KEPT, made_from(source)) as kept_work:
         try:
             if recordings:
-                answers, left_out = _recorded(source, recordings, folder, kept, workers, progress)
+                answers, left_out = _recorded(
+                    source, recordings, folder, kept_work, workers, progress
+                )
             else:
-                answers, left_out = _rendered(source, kept, workers, progress)
+                answers, left_out = _rendered(source, kept_work, workers, progress)
         except KeyboardInterrupt:
-            count = len(kept.lines())
+            count = len(kept_work.lines())
             raise KeyboardInterrupt(
-                f"{count} parts are kept in {kept.path}; the same command goes on"
+                f"{count} parts are kept in {kept_work.path}; the same command goes on"
             ) from None
-        cpu_s = sum(found.cpu_s for found in kept.found().values())
+        cpu_s = sum(found.cpu_s for found in kept_work.found().values())
         about = _about(source, recordings, cpu_s, len(setup.rig.cameras))
         titles = {name: test.TITLE for name, test in TESTS.items()}
         sheet = Sheet(about, answers, titles, left_out)
@@ -255,7 +257,7 @@ def _about(
     """What a reader needs to make the sheet again."""
     setup = setup_of(source)
     sizes = sorted({f"{c.size[0]} x {c.size[1]}" for c in setup.rig.cameras})
-    here = machine()
+    computer = machine()
     of = (
         f"images of {len(recordings)} recordings"
         if recordings
@@ -275,7 +277,7 @@ def _about(
         "made": datetime.now(UTC).isoformat(timespec="minutes"),
         "commit": commit() or "no checkout",
         "versions": ", ".join(f"{name} {version}" for name, version in versions().items()),
-        "computer": f"{here['system']}, {here['cores']} cores",
+        "computer": f"{computer['system']}, {computer['cores']} cores",
         "processor time": f"{cpu_s:.0f} s",
         "command": _command(source, recordings),
     }

@@ -50,13 +50,13 @@ def sine(setup: Setup, k: int) -> tuple[Array, RigidTransform, Array]:
     the field.
     """
     field = setup.field
-    way = _way(setup)
+    path = _way(setup)
     half = min(AMPLITUDE_MM, float(bar_of_setup(setup).half_mm[0]))
     rng = setup.rng(NAME, k)
     times = tracks.instants(setup.part(SHARE, FEWEST), rng)
     omega = 2 * np.pi * RATES_HZ[k]
-    positions = field.centre + half * np.outer(np.sin(omega * times), way)
-    velocities = half * omega * np.outer(np.cos(omega * times), way)
+    positions = field.centre + half * np.outer(np.sin(omega * times), path)
+    velocities = half * omega * np.outer(np.cos(omega * times), path)
     turn = drawn_at(field, rng.uniform(size=(1, 6))).poses.rotation[0]
     poses = [RigidTransform.from_components(p, turn) for p in positions]
     return times, RigidTransform.concatenate(poses), velocities
@@ -97,10 +97,10 @@ def fit_sine(times: Array, values: Array, rate_hz: float) -> Sine:
 
 def delay_of(times: Array, values: Array, rate_hz: float) -> tuple[float, Interval]:
     """By how much values are behind ``sin(2 pi rate t)``, s, with an interval by Student's t."""
-    found = fit_sine(times, values, rate_hz)
+    fit = fit_sine(times, values, rate_hz)
     omega = 2 * np.pi * rate_hz
-    reach = float(stats.t.ppf((1 + LEVEL) / 2, found.freedom)) * found.sigma / omega
-    delay = -found.phase / omega
+    reach = float(stats.t.ppf((1 + LEVEL) / 2, fit.freedom)) * fit.sigma / omega
+    delay = -fit.phase / omega
     return delay, Interval(delay - reach, delay + reach, "Student's t")
 
 
@@ -136,25 +136,27 @@ def judge(setup: Setup, rows: list[list[Row]]) -> Answer:
     times = np.concatenate([track.cpu_s[2:] for track in found_tracks])  # the first is a search
     ready, ready_interval = float(np.median(times)), of_quantile(times, 0.5)
     for k, track in enumerate(found_tracks):
-        found = track.found
+        measured = track.found
         rate = RATES_HZ[k]
         name = f"sine of {rate:g} Hz"
-        answer.numbers.append(share(NAME, f"{name}, measured", int(found.sum()), len(found), seed))
-        if found.sum() < 8:
-            continue
-        along = (track.positions[found] - setup.field.centre) @ _way(setup)
-        delay, interval = delay_of(track.t_s[found], along, rate)
         answer.numbers.append(
-            _ms(f"pose against its own time, {name}", delay, interval, found, seed)
+            share(NAME, f"{name}, measured", int(measured.sum()), len(measured), seed)
         )
-        available = track.t_s[found] + EXPOSURE_S / 2 + ready
+        if measured.sum() < 8:
+            continue
+        along = (track.positions[measured] - setup.field.centre) @ _way(setup)
+        delay, interval = delay_of(track.t_s[measured], along, rate)
+        answer.numbers.append(
+            _ms(f"pose against its own time, {name}", delay, interval, measured, seed)
+        )
+        available = track.t_s[measured] + EXPOSURE_S / 2 + ready
         seen = held(available, along)
         behind = delay_of(*seen, rate)[0]
         # what the phase leaves open, and the time of a measurement
         low = behind + (interval.low - delay) + (ready_interval.low - ready)
         high = behind + (interval.high - delay) + (ready_interval.high - ready)
         between = Interval(low, high, BOTH)
-        number = _ms(f"newest pose at any time, {name}", behind, between, found, seed)
+        number = _ms(f"newest pose at any time, {name}", behind, between, measured, seed)
         answer.numbers.append(replace(number, source=CLOCK))
     answer.numbers += _times(times)
     answer.notes.append(

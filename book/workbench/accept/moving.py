@@ -195,12 +195,12 @@ def judge(setup: Setup, rows: list[list[Row]]) -> Answer:
         _relative(setup, raster, rows[raster * ENDS : (raster + 1) * ENDS])
         for raster in range(2 * len(SPEEDS_MM_S))
     ]
-    speed, error, length = (np.concatenate(found) for found in zip(*rasters, strict=True))
+    speed, error, length = (np.concatenate(parts) for parts in zip(*rasters, strict=True))
     both = np.isfinite(error).all(axis=1)
     answer = Answer()
     for nominal, (low, high) in zip(SPEEDS_MM_S, ranges(), strict=True):
-        here = (speed >= low) & (speed < high)
-        answer.numbers += _at_speed(setup, nominal, (low, high), error[here], length[here])
+        in_range = (speed >= low) & (speed < high)
+        answer.numbers += _at_speed(setup, nominal, (low, high), error[in_range], length[in_range])
     answer.numbers += _far_off(setup, rows)
     if both.any():
         answer.pictures.append(_picture(speed[both] / 1000, np.abs(length[both])))

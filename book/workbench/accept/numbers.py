@@ -145,9 +145,9 @@ def share(
     test: str, what: str, count: int, n: int, seed: int | None, source: str = OWN, note: str = ""
 ) -> Number:
     """A share in per cent with Wilson's interval."""
-    found = of_share(count, n)
+    interval = of_share(count, n)
     number = Number(test, what, "share", 100 * count / n, "%", n, seed, source, note=note)
-    return number.within(Interval(100 * found.low, 100 * found.high, found.how))
+    return number.within(Interval(100 * interval.low, 100 * interval.high, interval.how))
 
 
 def far_count(test: str, count: int, n: int, seed: int | None, source: str = OWN) -> Number:

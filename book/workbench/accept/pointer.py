@@ -109,14 +109,14 @@ def run(setup: Setup, k: int) -> list[Row]:
     poses = touches(setup).poses
     rows = []
     for i in range(k * TOGETHER, min((k + 1) * TOGETHER, len(poses))):
-        (found,) = replicate(
+        (measurements,) = replicate(
             [poses[i]],
             setup.rig,
             setup.handle,
             setup.number(NAME, i),
             parameters=setup.parameters,
         )
-        rows.append(tracks.row_of(float(i), found.pose))
+        rows.append(tracks.row_of(float(i), measurements.pose))
     return rows
 
 
@@ -160,8 +160,8 @@ def _pivot(matrices: Array) -> tuple[Pivot, bool]:
     """The shortest solution, and whether it is the only one."""
     R, t = matrices[:, :3, :3], matrices[:, :3, 3]
     A = np.concatenate([R, np.broadcast_to(-np.eye(3), R.shape)], axis=2).reshape(-1, 6)
-    found, _, rank, singular = np.linalg.lstsq(A, -t.ravel(), rcond=None)
-    tip, point = found[:3], found[3:]
+    solution, _, rank, singular = np.linalg.lstsq(A, -t.ravel(), rcond=None)
+    tip, point = solution[:3], solution[3:]
     determined = rank == 6 and singular[-1] > 1e-3 * singular[0]
     return Pivot(tip, point, R @ tip + t - point), bool(determined)
 
@@ -170,19 +170,19 @@ def judge(setup: Setup, rows: list[list[Row]]) -> Answer:
     """The tip from the pivoted poses, and with it the distances between the touched points."""
     drawn = touches(setup)
     track = tracks.as_track([row for part in rows for row in part])
-    off, found = tracks.errors(track, drawn.poses, setup, one_track=False)
+    off, measured = tracks.errors(track, drawn.poses, setup, one_track=False)
     seed = setup.seed
-    answer = Answer([share(NAME, "poses measured", int(found.sum()), len(found), seed)])
+    answer = Answer([share(NAME, "poses measured", int(measured.sum()), len(measured), seed)])
     answer.notes.append(
         f"The tip is {np.linalg.norm(TIP_MM):g} mm from the handle's origin, on its axis beyond "
         f"the free end. {drawn.pivoted} poses hold it at one point, the axis even in a cone of "
-        f"{CONE_DEG:g} deg; {(len(found) - drawn.pivoted) // 2} pairs of points anywhere in the "
+        f"{CONE_DEG:g} deg; {(len(measured) - drawn.pivoted) // 2} pairs of points anywhere in the "
         "field are touched once each, and their distance is compared with the true one. The tip "
         "is taken from the pivoting, as one would."
     )
-    estimates = _estimates(drawn.poses, off, found)
-    pivoted = [T for T, one in zip(estimates, found, strict=True) if one][
-        : int(found[: drawn.pivoted].sum())
+    estimates = _estimates(drawn.poses, off, measured)
+    pivoted = [T for T, one in zip(estimates, measured, strict=True) if one][
+        : int(measured[: drawn.pivoted].sum())
     ]
     pivot = calibrate_pivot(RigidTransform.concatenate(pivoted)) if len(pivoted) >= 3 else None
     if pivot is None:
@@ -196,7 +196,7 @@ def judge(setup: Setup, rows: list[list[Row]]) -> Answer:
     answer.numbers += distribution(
         NAME,
         "distance between two points, error",
-        _distances(drawn, estimates, found, pivot.tip),
+        _distances(drawn, estimates, measured, pivot.tip),
         "mm",
         seed,
     )

@@ -101,14 +101,14 @@ class Rest(NamedTuple):
 
 def rest_of(track: Track) -> Rest | None:
     """What a track of a handle at rest shows; None if fewer than eight instants were measured."""
-    found = track.found
-    if found.sum() < 8:
+    measured = track.found
+    if measured.sum() < 8:
         return None
-    turns = Rotation.from_quat(track.quaternions[found])
+    turns = Rotation.from_quat(track.quaternions[measured])
     turned = np.rad2deg((turns * turns.mean().inv()).as_rotvec())
-    position = track.positions[found]
+    position = track.positions[measured]
     off = np.column_stack([position - position.mean(axis=0), turned - turned.mean(axis=0)])
-    return Rest(track.t_s[found], off, int((~found).sum()))
+    return Rest(track.t_s[measured], off, int((~measured).sum()))
 
 
 def at_rest(track: Track) -> bool:
@@ -194,8 +194,8 @@ def _jitter(
 
 
 def _over_places(each: Array) -> Interval:
-    found = by_bootstrap(each, rms)
-    return found._replace(how=f"{found.how} of the places") if found.how else found
+    interval = by_bootstrap(each, rms)
+    return interval._replace(how=f"{interval.how} of the places") if interval.how else interval
 
 
 def _allan(

@@ -162,14 +162,14 @@ def field_of(rig: Rig, handle: Handle, seed: int = 0) -> Field:
     if view.status != "bounded":
         raise ValueError(f"rig: the cameras have no field of view in common (it is {view.status})")
     box = np.array([view.vertices.min(axis=0), view.vertices.max(axis=0)])
-    found = Field(rig, reach, farthest, box, np.empty((0, 3)), view.volume)
+    field = Field(rig, reach, farthest, box, np.empty((0, 3)), view.volume)
     drawn = _spread(box, qmc.Sobol(3, rng=np.random.default_rng(seed)).random_base2(DRAWN))
-    inside = drawn[found.holds(drawn)]
+    inside = drawn[field.holds(drawn)]
     if len(inside) < 32:
         raise ValueError(
             "rig: the field of view that the cameras have in common is too small for the handle"
         )
-    return found._replace(points=inside)
+    return field._replace(points=inside)
 
 
 def _without_distortion(camera: Camera) -> Camera:

@@ -118,7 +118,7 @@ def contents(sheet: Sheet) -> dict[str, str]:
 
 def as_json(sheet: Sheet) -> str:
     """The numbers and notes; what is no number is null."""
-    found = {
+    content = {
         "format": FORMAT,
         "about": sheet.about,
         "after": AFTER,
@@ -127,18 +127,18 @@ def as_json(sheet: Sheet) -> str:
         "left_out": sheet.left_out,
         "numbers": [_plain(asdict(number)) for number in sheet.numbers],
     }
-    return json.dumps(found, indent=1, ensure_ascii=False) + "\n"
+    return json.dumps(content, indent=1, ensure_ascii=False) + "\n"
 
 
 def _plain(row: Mapping[str, Any]) -> dict[str, Any]:
     """A number's fields for JSON, which has no NaN; empty ones are left out."""
-    kept = {}
+    fields = {}
     for name, value in row.items():
         if isinstance(value, float):
             value = float(f"{value:.6g}") if np.isfinite(value) else None
         if value is not None and (value != "" or name == "unit"):
-            kept[name] = value
-    return kept
+            fields[name] = value
+    return fields
 
 
 def read_sheet(path: str | Path) -> tuple[dict[str, Any], list[Number]]:
@@ -149,11 +149,11 @@ def read_sheet(path: str | Path) -> tuple[dict[str, Any], list[Number]]:
     ValueError
         Names the file that cannot be read, or that is no sheet.
     """
-    found = read_json(path)
-    if not isinstance(found, dict) or found.get("format") != FORMAT:
+    content = read_json(path)
+    if not isinstance(content, dict) or content.get("format") != FORMAT:
         raise ValueError(f"{path}: expected a sheet of format {FORMAT}")
     try:
-        return found["about"], [Number(**row) for row in found["numbers"]]
+        return content["about"], [Number(**row) for row in content["numbers"]]
     except (KeyError, TypeError) as error:
         raise ValueError(f"{path}: expected the numbers of a sheet ({error})") from None
 

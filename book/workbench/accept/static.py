@@ -39,14 +39,14 @@ def run(setup: Setup, k: int) -> list[Row]:
     poses = sobol_poses(setup.field, setup.poses, setup.seed).poses
     rows = []
     for i in range(k * TOGETHER, min((k + 1) * TOGETHER, setup.poses)):
-        (found,) = replicate(
+        (measurements,) = replicate(
             [poses[i]],
             setup.rig,
             setup.handle,
             setup.number(NAME, i),
             parameters=setup.parameters,
         )
-        rows.append(tracks.row_of(float(i), found.pose))
+        rows.append(tracks.row_of(float(i), measurements.pose))
     return rows
 
 
@@ -54,28 +54,28 @@ def judge(setup: Setup, rows: list[list[Row]]) -> Answer:
     """Errors before and after a rigid registration, where they are large, and what they go with."""
     drawn = sobol_poses(setup.field, setup.poses, setup.seed)
     track = tracks.as_track([row for part in rows for row in part])
-    off, found = tracks.errors(track, drawn.poses, setup, one_track=False)
+    off, measured = tracks.errors(track, drawn.poses, setup, one_track=False)
     seed = setup.seed
-    answer = Answer([share(NAME, "poses measured", int(found.sum()), len(found), seed)])
+    answer = Answer([share(NAME, "poses measured", int(measured.sum()), len(measured), seed)])
     answer.notes.append(
         f"{setup.poses} poses of a Sobol sequence: origins even in the volume, the handle's axis "
         "60 to 120 deg from the first camera's, any turn. Nobody holds the handle. The field is "
         f"{setup.field.volume_mm3 / 1e6:.1f} litres; the origins keep "
         f"{setup.field.reach_mm:.0f} mm from its edges, so that all markers stay in all images."
     )
-    if not found.any():
+    if not measured.any():
         return answer
-    distances, angles = tracks.lengths(off[found])
+    distances, angles = tracks.lengths(off[measured])
     answer.numbers += [
         *distribution(NAME, "position error", distances, "mm", seed),
         *distribution(NAME, "angle error", angles, "deg", seed),
-        *_registered(drawn, off, found, seed),
+        *_registered(drawn, off, measured, seed),
         far_count(
             NAME, int(((distances > FAR_MM) | (angles > FAR_DEG)).sum()), len(distances), seed
         ),
-        *_honesty(distances, angles, track.sigmas[found], seed),
+        *_honesty(distances, angles, track.sigmas[measured], seed),
     ]
-    answer.pictures += _pictures(setup, drawn, off, found)
+    answer.pictures += _pictures(setup, drawn, off, measured)
     return answer
 
 
@@ -139,9 +139,9 @@ def explained(freedoms: Array, values: Array) -> tuple[Array, Array]:
         if np.ptp(ordered) == 0:  # all of one rank
             part[d, e], chance[d, e] = 0.0, 1.0
             continue
-        found = stats.kruskal(*np.array_split(ordered, BINS))
-        part[d, e] = found.statistic / (len(values) - 1)
-        chance[d, e] = found.pvalue
+        test = stats.kruskal(*np.array_split(ordered, BINS))
+        part[d, e] = test.statistic / (len(values) - 1)
+        chance[d, e] = test.pvalue
     return part, chance
 
 

@@ -109,11 +109,11 @@ def as_track(rows: Sequence[Row]) -> Track:
 def track_of_table(table: pd.DataFrame) -> Track:
     """The track of a table of poses, as `trinolab track` writes it."""
     status = table["status"].to_numpy(str)
-    found = np.isin(status, FOUND)
+    measured = np.isin(status, FOUND)
     places = np.full((len(table), 7), np.nan)
-    if found.any():
-        T = transforms(table[found])
-        places[found] = np.column_stack([T.translation, T.rotation.as_quat(canonical=True)])
+    if measured.any():
+        T = transforms(table[measured])
+        places[measured] = np.column_stack([T.translation, T.rotation.as_quat(canonical=True)])
     sigmas = table[["sigma_mm", "sigma_deg"]].to_numpy(float)
     t_s = table["t_s"].to_numpy(float)
     return Track(t_s, status, places[:, :3], places[:, 3:], sigmas, np.full(len(table), np.nan))
@@ -200,14 +200,14 @@ def errors(
         Position (mm) and rotation vector (rad), measured minus true; NaN where there is no pose.
     found : ndarray of bool, shape (n,)
     """
-    found = track.found
-    off = np.full((len(found), 6), np.nan)
-    if found.any():
+    measured = track.found
+    off = np.full((len(measured), 6), np.nan)
+    if measured.any():
         compare = track_equivalent if one_track else nearest_equivalent
-        true = truths[found]
+        true = truths[measured]
         turned = compare(track.poses(), true, setup.handle.symmetries)
-        off[found] = [motion_between(a, b) for a, b in zip(turned, true, strict=True)]
-    return off, found
+        off[measured] = [motion_between(a, b) for a, b in zip(turned, true, strict=True)]
+    return off, measured
 
 
 def lengths(errors: Array) -> tuple[Array, Array]:

@@ -105,8 +105,8 @@ def do(
     source: Source, parts: Sequence[Part], kept: Kept, workers: int, progress: bool, what: str
 ) -> Mapping[str, Found]:
     """Do what is not kept yet, and return what all parts gave, by their keys."""
-    found = kept.found()
-    todo = [part for part in parts if part.key not in found]
+    answers = kept.found()
+    todo = [part for part in parts if part.key not in answers]
     with tqdm(
         total=len(parts),
         initial=len(parts) - len(todo),
@@ -116,9 +116,9 @@ def do(
     ) as bar:
         for part, one in _computed(source, todo, min(workers, max(len(todo), 1))):
             kept.add(part.key, one)
-            found[part.key] = one
+            answers[part.key] = one
             bar.update()
-    return found
+    return answers
 
 
 def _computed(source: Source, todo: Sequence[Part], workers: int) -> Iterator[tuple[Part, Found]]:

@@ -144,8 +144,8 @@ def row(
 
 def overall(table: pd.DataFrame) -> str:
     """The worst verdict; what was not measured does not count."""
-    found = set(table["verdict"])
-    return next((one for one in (NOT_USABLE, USABLE) if one in found), GOOD)
+    verdicts = set(table["verdict"])
+    return next((one for one in (NOT_USABLE, USABLE) if one in verdicts), GOOD)
 
 
 def of_cameras(
@@ -162,9 +162,9 @@ def of_cameras(
     if not np.isfinite(numbers).any():
         return row(criterion, np.nan, "nothing to measure it by")
     worst = np.nanmax(numbers) if criterion.good < criterion.usable else np.nanmin(numbers)
-    said = [
+    texts = [
         f"{name} {value:.{digits}f}{note}" if np.isfinite(value) else f"{name} -"
         for name, value, note in zip(names, numbers, notes or [""] * len(names), strict=True)
     ]
     unit = f" {criterion.unit}" if criterion.unit else ""
-    return row(criterion, float(worst), ", ".join(said) + unit)
+    return row(criterion, float(worst), ", ".join(texts) + unit)

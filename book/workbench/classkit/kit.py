@@ -77,7 +77,7 @@ def make_kit(
         raise ValueError(f"{out}: expected a name that ends in .pdf")
     size = PAPERS[paper]
     given = read_handle(handle)
-    other = load_handle("coded" if given.name == "paper" else "paper")
+    alternative = load_handle("coded" if given.name == "paper" else "paper")
     wraps = {
         _toml(out, given): unrolled(
             wrapped(given, diameter_mm, marker_mm, thickness_mm), thickness_mm
@@ -86,9 +86,9 @@ def make_kit(
     pages = [page_of_wrap(size, wrap, path.name) for path, wrap in wraps.items()]
     rod = wraps[_toml(out, given)].rod_mm
     try:
-        beside = unrolled(wrapped(other, rod, marker_mm, thickness_mm), thickness_mm)
-        pages.append(page_of_wrap(size, beside, _toml(out, other).name))
-        wraps[_toml(out, other)] = beside
+        beside = unrolled(wrapped(alternative, rod, marker_mm, thickness_mm), thickness_mm)
+        pages.append(page_of_wrap(size, beside, _toml(out, alternative).name))
+        wraps[_toml(out, alternative)] = beside
     except ValueError as error:
         log.info("the other layout is left out: %s", error)
     check_targets([out, *wraps], [handle])

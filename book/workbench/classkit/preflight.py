@@ -166,15 +166,15 @@ def _lying_in(root: Path) -> dict[str, Path]:
     if not root.is_dir():
         raise ValueError(f"{root}: no such folder")
     inside = root / "images" if (root / "images").is_dir() else root
-    found = {
+    files = {
         path.name: path
         for path in sorted(inside.iterdir())
         if path.is_dir() and any(map(is_image, path.iterdir()))
     }
     videos = {p.stem: p for p in sorted(root.iterdir()) if p.suffix.lower() in VIDEO_SUFFIXES}
-    if not (found or videos):
+    if not (files or videos):
         raise ValueError(f"{root}: neither folders of images nor videos in it")
-    return found or videos
+    return files or videos
 
 
 def look(clip: Clip, rig: Rig | None, handle: Handle | None, progress: bool = True) -> Seen:
@@ -203,9 +203,9 @@ def _instants(clip: Clip, rig: Rig | None) -> Iterator[Frames]:
     length = min(one.length for one in clip.footage)
     first = max(0, (length - MOST_INSTANTS) // 2)
     sizes = map(_size_of, clip.footage) if rig is None else [c.size for c in rig.cameras]
-    said: set[str] = set()
+    reported: set[str] = set()
     streams = [
-        frames_of(one, size, first, said) for one, size in zip(clip.footage, sizes, strict=True)
+        frames_of(one, size, first, reported) for one, size in zip(clip.footage, sizes, strict=True)
     ]
     together = zip(*streams, strict=False)
     for frame, images in enumerate(islice(together, MOST_INSTANTS), first):
@@ -283,8 +283,8 @@ def _of_time(seen: Seen, clip: Clip) -> list[Row]:
     )
     rows = [of_cameras(criteria.FLICKER, seen.names, swing, 1)]
     worst = max(missed, float(repeated.max()))
-    said = f"{missed:.1f} % missing" if clip.times_s is not None else "no times"
-    rows.append(row(criteria.STEPS, worst, f"{said}; repeated: {repeated.max():.1f} %"))
+    text = f"{missed:.1f} % missing" if clip.times_s is not None else "no times"
+    rows.append(row(criteria.STEPS, worst, f"{text}; repeated: {repeated.max():.1f} %"))
     return rows
 
 
@@ -295,43 +295,45 @@ def _of_motion(seen: Seen, rig: Rig, handle: Handle) -> list[Row]:
 
 def _smear(seen: Seen, handle: Handle) -> Row:
     """How far a marker of a hand's motion moves while the shutter is open, by its diameter."""
-    found = seen.exposure()
-    if found is None:
+    exposure = seen.exposure()
+    if exposure is None:
         return row(criteria.SMEAR, np.nan, "the rod hardly moved", "move the rod while recording")
     by_time = HAND_MM_S / handle.marker_diameter_mm
-    if found.time_s >= found.shortest_s:
-        share = found.time_s * by_time
-        said = f"{share:.2f} of a marker: an exposure of {1e3 * found.time_s:.0f} ms"
-        return row(criteria.SMEAR, share, said)
-    share = found.shortest_s * by_time
-    said = f"less than {share:.2f} of a marker: an exposure below {1e3 * found.shortest_s:.0f} ms"
+    if exposure.time_s >= exposure.shortest_s:
+        share = exposure.time_s * by_time
+        text = f"{share:.2f} of a marker: an exposure of {1e3 * exposure.time_s:.0f} ms"
+        return row(criteria.SMEAR, share, text)
+    share = exposure.shortest_s * by_time
+    text = (
+        f"less than {share:.2f} of a marker: an exposure below {1e3 * exposure.shortest_s:.0f} ms"
+    )
     if criteria.SMEAR.verdict(share) == criteria.GOOD:
-        return row(criteria.SMEAR, share, said)
-    return row(criteria.SMEAR, np.nan, said, "move the rod faster: so slowly no more can be said")
+        return row(criteria.SMEAR, share, text)
+    return row(criteria.SMEAR, np.nan, text, "move the rod faster: so slowly no more can be said")
 
 
 def _apart(seen: Seen, rig: Rig) -> Row:
     """How far apart in time the cameras are."""
     if sum(T is not None for T in seen.poses) < FEWEST:
         return row(criteria.APART, np.nan, "too few poses", "the rows above and below say why")
-    found = estimate_offsets(np.array(seen.times_s), np.stack(seen.uv, axis=1), rig)
-    known = np.isfinite(found.offset_s)
+    offsets = estimate_offsets(np.array(seen.times_s), np.stack(seen.uv, axis=1), rig)
+    known = np.isfinite(offsets.offset_s)
     if known.sum() < 2:
-        reason = next((reason for reason in found.reasons if reason), "")
+        reason = next((reason for reason in offsets.reasons if reason), "")
         return row(
             criteria.APART, np.nan, reason, "move the rod while recording, across the images"
         )
-    late = 1e3 * (found.offset_s - np.nanmin(found.offset_s))
-    sigma = 1e3 * found.sigma_s
-    said = ", ".join(
+    late = 1e3 * (offsets.offset_s - np.nanmin(offsets.offset_s))
+    sigma = 1e3 * offsets.sigma_s
+    text = ", ".join(
         f"{name} +{ms:.1f} (+- {s:.1f})" if np.isfinite(ms) else f"{name} -"
         for name, ms, s in zip(rig.names, late, sigma, strict=True)
     )
     # what is not surely there does not count
     surely = float(np.nanmax(np.maximum(late - 2 * np.nan_to_num(sigma), 0.0)))
     if not known.all() and criteria.APART.verdict(surely) == criteria.GOOD:
-        return row(criteria.APART, np.nan, f"{said} ms", "one camera shows nothing of the others")
-    return row(criteria.APART, surely, f"{said} ms")
+        return row(criteria.APART, np.nan, f"{text} ms", "one camera shows nothing of the others")
+    return row(criteria.APART, surely, f"{text} ms")
 
 
 def of_rig(rig: Rig, place: Array | None) -> list[Row]:
@@ -345,11 +347,11 @@ def of_rig(rig: Rig, place: Array | None) -> list[Row]:
         (i, j): float(np.rad2deg(np.arccos(np.clip(sights[i] @ sights[j], -1, 1))))
         for i, j in rig.pairs
     }
-    said = ", ".join(
+    text = ", ".join(
         f"{rig.names[i]}-{rig.names[j]} {angle:.0f}" for (i, j), angle in angles.items()
     )
     widest = max(min(angle, 180 - angle) for angle in angles.values())
-    rows = [row(criteria.ANGLE, widest, f"{said} deg")]
+    rows = [row(criteria.ANGLE, widest, f"{text} deg")]
     cost = cost_mm(rig, place)
     if cost is None:
         rows.append(
@@ -380,9 +382,9 @@ def place_of_handle(seen: Seen, rig: Rig) -> Array | None:
     """Where the handle is in the middle of its poses; without poses the point nearest to all
     cameras' axes, if that is near: cameras that look straight ahead say nothing of it.
     """
-    held = [T.translation for T in seen.poses if T is not None]
-    if held:
-        return np.median(held, axis=0)
+    places = [T.translation for T in seen.poses if T is not None]
+    if places:
+        return np.median(places, axis=0)
     axes = np.stack([camera.axis for camera in rig.cameras])
     centres = np.stack([camera.centre for camera in rig.cameras])
     across = np.eye(3) - axes[:, :, None] * axes[:, None]
@@ -396,11 +398,11 @@ def place_of_handle(seen: Seen, rig: Rig) -> Array | None:
 def _of_poses(seen: Seen) -> list[Row]:
     """What came of it."""
     used = np.array(seen.cameras_used)
-    there = np.flatnonzero(used > 0)
-    if len(there) < FEWEST:
-        return [row(criteria.FOUND, 0.0, f"a pose in {len(there)} of {len(used)} instants")]
+    with_pose = np.flatnonzero(used > 0)
+    if len(with_pose) < FEWEST:
+        return [row(criteria.FOUND, 0.0, f"a pose in {len(with_pose)} of {len(used)} instants")]
     # before the rod comes and after it is gone there is nothing to be found
-    between = used[there[0] : there[-1] + 1]
+    between = used[with_pose[0] : with_pose[-1] + 1]
     share = 100 * float((between >= 2).mean())
     residual = float(np.nanmedian(seen.residuals_px))
     part = 100 * (np.array(seen.took_part) >= PART_MARKERS).mean(axis=0)

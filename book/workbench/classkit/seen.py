@@ -153,22 +153,22 @@ class Seen:
         """The light of each instant by the usual one, shape (instants, cameras): the median over
         the pixels, so that what moves does not count. NaN where all is dark.
         """
-        found = np.full((len(self._small), len(self.names)), np.nan)
+        gains = np.full((len(self._small), len(self.names)), np.nan)
         for camera in range(len(self.names)):
             stack = np.stack([images[camera] for images in self._small])
             usual = np.median(stack, axis=0)
             lit = usual > LIT
             if lit.mean() > LIT_SHARE:
-                found[:, camera] = np.median(stack[:, lit] / usual[lit], axis=1)
-        return found
+                gains[:, camera] = np.median(stack[:, lit] / usual[lit], axis=1)
+        return gains
 
     def blurs_px(self, camera: int) -> Array:
         """Standard deviation of the blur of each spot's sharpest edges, px: those across its
         motion, if it moves.
         """
         steep = [np.quantile(spot.steep, 0.75) for spot in self.of_camera(camera, upright=True)]
-        found = 1 / (np.sqrt(2 * np.pi) * np.maximum(steep, 1e-3))
-        return np.sqrt(np.maximum(found**2 - PIXELS_PX2, 0.01))
+        blurs = 1 / (np.sqrt(2 * np.pi) * np.maximum(steep, 1e-3))
+        return np.sqrt(np.maximum(blurs**2 - PIXELS_PX2, 0.01))
 
     def exposure(self) -> Exposure | None:
         """How long the shutter is open, by the edges along the motion; None if nothing moves."""
@@ -186,16 +186,16 @@ class Seen:
         for c in np.unique(camera):
             sigma[camera == c] = 1 / (np.sqrt(2 * np.pi) * np.median(across[camera == c]))
         quick = speed >= np.median(speed)
-        found = _fit_exposure(speed[quick], along[quick], sigma[quick], size[quick])
-        return found if found.shortest_s < MOST_EXPOSURE_S else None
+        fit = _fit_exposure(speed[quick], along[quick], sigma[quick], size[quick])
+        return fit if fit.shortest_s < MOST_EXPOSURE_S else None
 
     def _velocities(self) -> Mapping[tuple[int, int], Array]:
         """How fast the handle's markers move in each image, px/s, by instant and camera; those that
         face the camera in the middle.
         """
-        found = dict[tuple[int, int], Array]()
+        velocities = dict[tuple[int, int], Array]()
         if self.rig is None or self.handle is None:
-            return found
+            return velocities
         centres = self.handle.marker_centres
         for k in range(1, len(self.poses) - 1):
             before, after = self.poses[k - 1], self.poses[k + 1]
@@ -205,8 +205,8 @@ class Seen:
             for c, camera in enumerate(self.rig.cameras):
                 moved = camera.project(after.apply(centres)) - camera.project(before.apply(centres))
                 if np.isfinite(moved).any():
-                    found[k, c] = np.nanmedian(moved, axis=0) / step
-        return found
+                    velocities[k, c] = np.nanmedian(moved, axis=0) / step
+        return velocities
 
     def _add_light(self, images: Sequence[np.ndarray]) -> None:
         small: list[Array] = []
@@ -240,12 +240,12 @@ class Seen:
         self.poses.append(measurement.pose.T_world_handle)
         self.cameras_used.append(measurement.pose.cameras)
         self.residuals_px.append(measurement.pose.residual_px)
-        pixels = tuple(found.uv for found in measurement.found)
+        pixels = tuple(markers.uv for markers in measurement.found)
         # also those of a camera that contradicts the others: it may be late
         near = measurement.labels if tracked.labels is None else tracked.labels
         self.uv.append(labelled_pixels(near, pixels, len(self.handle.marker_centres)))
         self.took_part.append([int((np.asarray(one) >= 0).sum()) for one in measurement.labels])
-        for c, (image, found, labels) in enumerate(
+        for c, (image, markers, labels) in enumerate(
             zip(images, measurement.found, measurement.labels, strict=True)
         ):
             camera = self.rig.cameras[c]
@@ -254,7 +254,7 @@ class Seen:
             size = self.handle.marker_diameter_mm * camera.focal.mean() / depth
             for n in np.flatnonzero(np.asarray(labels) >= 0):
                 m = int(labels[n])
-                spot = spot_at(image, found.uv[n], found.axes_px[n], self.handle.markers)
+                spot = spot_at(image, markers.uv[n], markers.axes_px[n], self.handle.markers)
                 self.tracked_spots.append(
                     spot._replace(instant=k, camera=c, label=m, size_px=size[m], facing=facing[m])
                 )
@@ -264,10 +264,10 @@ class Seen:
         assert self.handle is not None
         count = len(self.handle.marker_centres)
         for c, image in enumerate(images):
-            found = find_markers(image, count, self.handle.markers, LOOSE)
-            best = np.argsort(-found.contrast)[: max(count // 3, 1)]
+            markers = find_markers(image, count, self.handle.markers, LOOSE)
+            best = np.argsort(-markers.contrast)[: max(count // 3, 1)]
             for n in best:
-                spot = spot_at(image, found.uv[n], found.axes_px[n], self.handle.markers)
+                spot = spot_at(image, markers.uv[n], markers.axes_px[n], self.handle.markers)
                 self.loose_spots.append(spot._replace(instant=len(self.poses) - 1, camera=c))
 
 

@@ -39,21 +39,21 @@ _CUT = "Cut along the edge of the dark area; where it is white, along the thin l
 
 def page_of_bars(size: tuple[float, float], what: str) -> Page:
     """The first page: a bar each way, and what to do with the kit."""
-    left, top = EDGE_MM + 8, size[1] - EDGE_MM
-    across = (left + 12, top - 52)
+    left_edge, top = EDGE_MM + 8, size[1] - EDGE_MM
+    across = (left_edge + 12, top - 52)
     shapes: list[Shape] = [
-        Words((left, top), "Class kit", 18),
-        Words((left, top - 10), what, 10),
-        Words((left, top - 22), "1  Check the printer", 12),
+        Words((left_edge, top), "Class kit", 18),
+        Words((left_edge, top - 10), what, 10),
+        Words((left_edge, top - 22), "1  Check the printer", 12),
         Words(
-            (left, top - 29),
+            (left_edge, top - 29),
             "Print at 100 % (“actual size”), not “fit to page”. Then measure both bars with a steel ruler.\n"
             "They are 100 mm from end to end.",
         ),
         *bar(across, upright=False),
-        *bar((left + 3, across[1] - 16 - BAR_MM), upright=True),
+        *bar((left_edge + 3, across[1] - 16 - BAR_MM), upright=True),
     ]
-    beside = left + 24
+    beside = left_edge + 24
     shapes += [
         Words((beside, across[1] - 14), "across:  ________ mm        along:  ________ mm", 11),
         Words(
@@ -67,17 +67,17 @@ def page_of_bars(size: tuple[float, float], what: str) -> Page:
             "Across and along differ by more than 0.3 mm: the paper slips. Use another\n"
             "printer: a board that is stretched one way cannot be repaired by a number.",
         ),
-        Words((left, across[1] - 128), "2  Make the rod", 12),
+        Words((left_edge, across[1] - 128), "2  Make the rod", 12),
         Words(
-            (left, across[1] - 135),
+            (left_edge, across[1] - 135),
             "Cut the wrap out and glue it on all of its back, or print it on label paper. Lay its upper edge flush\n"
             "with the free end of the rod and turn the rod along the paper. The two edges of the seam meet and\n"
             "do not overlap; the tabs go beneath. Matt paper, matt ink: a shining stripe hides markers.\n"
             "Edges that miss each other by 0.3 mm or less are good; else measure the rod again.",
         ),
-        Words((left, across[1] - 160), "3  Mount the board", 12),
+        Words((left_edge, across[1] - 160), "3  Mount the board", 12),
         Words(
-            (left, across[1] - 167),
+            (left_edge, across[1] - 167),
             "Glue the board's page on glass, acrylic or thick foam board: it must be flat to 0.2 mm. A sheet that\n"
             "bends is worse than a small board.",
         ),
@@ -116,7 +116,7 @@ def page_of_wrap(size: tuple[float, float], wrap: Wrap, toml: str) -> Page:
             f"{handle.name}: a wrap of {wide:.0f} x {tall:.0f} mm for a rod of {wrap.rod_mm:g} mm does not "
             f"fit on the paper, which has room for {free[0]:.0f} x {free[1]:.0f} mm"
         )
-    left = EDGE_MM + 10 + (free[0] - wide) / 2
+    left_edge = EDGE_MM + 10 + (free[0] - wide) / 2
     bottom = size[1] - EDGE_MM - HEAD_MM - 12 - tall
     dark = handle.markers == "bright"
     ground, marker = (0.0, 1.0) if dark else (1.0, 0.0)
@@ -132,18 +132,20 @@ def page_of_wrap(size: tuple[float, float], wrap: Wrap, toml: str) -> Page:
     ]
     for low, high in wrap.tabs:
         shapes.append(
-            Frame((left + wrap.length_mm, bottom + low - wrap.low_mm, TAB_MM, high - low), True)
+            Frame(
+                (left_edge + wrap.length_mm, bottom + low - wrap.low_mm, TAB_MM, high - low), True
+            )
         )
     if not wrap.tabs:
         shapes.append(
-            Words((left, bottom - 14), "No room for tabs: glue the whole back, edge to edge.")
+            Words((left_edge, bottom - 14), "No room for tabs: glue the whole back, edge to edge.")
         )
-    shapes.append(Area(np.array([[left, bottom, wrap.length_mm, tall]]), ground))
-    shapes.append(Frame((left, bottom, wrap.length_mm, tall)))
+    shapes.append(Area(np.array([[left_edge, bottom, wrap.length_mm, tall]]), ground))
+    shapes.append(Frame((left_edge, bottom, wrap.length_mm, tall)))
     for around, axial in wrap.places:
-        at = (left + around, bottom + axial - wrap.low_mm)
+        at = (left_edge + around, bottom + axial - wrap.low_mm)
         shapes.append(Disc(at, handle.marker_diameter_mm, marker))
-    shapes += _marks(wrap, left, bottom)
+    shapes += _marks(wrap, left_edge, bottom)
     shapes += foot(size)
     return Page(size, shapes)
 
@@ -184,9 +186,11 @@ def page_of_board(size: tuple[float, float]) -> Page:
     """The page of the board that `trinolab calibrate` reads."""
     target = board_target(size)
     square = target.square_mm
-    left = (size[0] - target.columns * square) / 2
+    left_edge = (size[0] - target.columns * square) / 2
     top = size[1] - EDGE_MM
-    return Page(size, [Area(_board_boxes(target, left, top)), *foot(size), *_command(size, target)])
+    return Page(
+        size, [Area(_board_boxes(target, left_edge, top)), *foot(size), *_command(size, target)]
+    )
 
 
 def _board_boxes(target: Target, left: float, top: float) -> Array:

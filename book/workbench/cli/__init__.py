@@ -115,14 +115,14 @@ def _measure(a: argparse.Namespace) -> int:
 
 def _joints(items: Sequence[str]) -> dict[str, float]:
     """JOINT=RAD arguments as a mapping; ValueError for another form."""
-    found: dict[str, float] = {}
+    joints: dict[str, float] = {}
     for item in items:
         joint, _, value = item.partition("=")
         try:
-            found[joint] = float(value)
+            joints[joint] = float(value)
         except ValueError:
             raise ValueError(f"--start: expected JOINT=RAD, got {item!r}") from None
-    return found
+    return joints
 
 
 def _calibrate(a: argparse.Namespace) -> int:
@@ -148,17 +148,17 @@ def _named(items: Sequence[str], option: str, form: str = "NAME=PATH") -> dict[s
     """Arguments like NAME=PATH as a mapping; ValueError for another form, or a name or a path that
     comes twice.
     """
-    found: dict[str, str] = {}
+    paths: dict[str, str] = {}
     for item in items:
         name, equals, path = item.partition("=")
         if not (name.strip() and equals and path):
             raise ValueError(f"{option}: expected {form}, got {item!r}")
-        if name in found:
+        if name in paths:
             raise ValueError(f"{option}: camera {name} is named twice")
-        if Path(path) in map(Path, found.values()):
+        if Path(path) in map(Path, paths.values()):
             raise ValueError(f"{option}: {path} is given for more than one camera")
-        found[name] = path
-    return found
+        paths[name] = path
+    return paths
 
 
 def _track(a: argparse.Namespace) -> int:
@@ -288,11 +288,11 @@ def _capture(a: argparse.Namespace) -> int:
 def _list_cameras() -> int:
     from trinolab.files.devices import list_cameras
 
-    found = list_cameras()
-    for one in found:
+    cameras = list_cameras()
+    for one in cameras:
         what = "{} x {} px, {:g} frames a second".format(*(one.size or (0, 0)), one.fps)
         say(f"{one.number:3d}  {one.name or 'camera'}: {one.problem or what}")
-    if not found:
+    if not cameras:
         say("no camera; a container or a virtual machine has those that are handed through to it")
     return 0
 
@@ -375,8 +375,8 @@ def _live(a: argparse.Namespace) -> int:
         if not a.no_browser:
             show(address)
 
-    said = live(source, a.out, a.robot, a.method, a.host, a.port, log=a.log, on_open=on_open)
-    say(said or "ended; nothing was recorded")
+    summary = live(source, a.out, a.robot, a.method, a.host, a.port, log=a.log, on_open=on_open)
+    say(summary or "ended; nothing was recorded")
     return 0
 
 
@@ -430,9 +430,9 @@ def _sweep(a: argparse.Namespace) -> int:
     )
     local = kernels(min(workers, len(job.settings)), job.kernels)
     engine = local if a.scheduler is None else cluster(a.scheduler, job.kernels)
-    found = compute(job, engine, a.out, {"command": a.line, "workers": a.scheduler or workers})
-    say(f"{len(found)} runs: {_statuses(found)}; written to {a.out}")
-    for status, rows in found[found["status"] != "ok"].groupby("status"):
+    runs = compute(job, engine, a.out, {"command": a.line, "workers": a.scheduler or workers})
+    say(f"{len(runs)} runs: {_statuses(runs)}; written to {a.out}")
+    for status, rows in runs[runs["status"] != "ok"].groupby("status"):
         say(f"the first {status}: {rows['error'].iloc[0]}")
     return 0
 
@@ -441,26 +441,29 @@ def _clear(a: argparse.Namespace) -> int:
     from trinolab.bench.recordings import clear_recordings, kept_recordings, recordings_folder
 
     folder = recordings_folder()
-    kept = kept_recordings()
-    if not kept:
+    recordings = kept_recordings()
+    if not recordings:
         say(f"no standard recording is kept in {folder}")
         return 0
     if not a.yes:
         if not sys.stdin.isatty():
             raise ValueError(
-                f"no terminal to ask on; --yes removes {len(kept)} standard recordings, "
-                f"{_megabytes(kept)}, from {folder}"
+                f"no terminal to ask on; --yes removes {len(recordings)} standard recordings, "
+                f"{_megabytes(recordings)}, from {folder}"
             )
         say(
             "\n".join(
-                [f"in {folder}, for all copies of trinolab on this account:", *map(_line, kept)]
+                [
+                    f"in {folder}, for all copies of trinolab on this account:",
+                    *map(_line, recordings),
+                ]
             )
         )
-        if not _confirmed(f"remove {_megabytes(kept)}?"):
+        if not _confirmed(f"remove {_megabytes(recordings)}?"):
             say("nothing was removed")
             return 0
-    gone = clear_recordings(kept)
-    for one in kept:
+    gone = clear_recordings(recordings)
+    for one in recordings:
         if one not in gone:
             say(f"{one.name}: left, it is being rendered")
     say(f"{_megabytes(gone)} of standard recordings removed from {folder}")
@@ -494,9 +497,9 @@ def _scoreboard(a: argparse.Namespace) -> int:
         check_target(a.csv)
     board = scoreboard(progress=True)
     if a.csv:
-        shown = {name: board[name].map(digits) for name in ("ours", "low", "high")}
-        shown |= {name: board[name].map(_whole) for name in ("n", "seed")}
-        write_whole(a.csv, board.assign(**shown).to_csv(index=False))
+        texts = {name: board[name].map(digits) for name in ("ours", "low", "high")}
+        texts |= {name: board[name].map(_whole) for name in ("n", "seed")}
+        write_whole(a.csv, board.assign(**texts).to_csv(index=False))
     say(as_text(board))
     if note := not_run(board):
         say(note)
@@ -515,8 +518,8 @@ def as_text(board: pd.DataFrame, width: int = 76) -> str:
         claim=short, paper=board["paper"].map(digits), ours=board["ours"].map(digits)
     )
     table = table[["no", "claim", "paper", "ours", "unit", "verdict"]]
-    left = {"claim": f"{{:<{width}s}}".format, "verdict": "{:<16s}".format}
-    return table.to_string(index=False, justify="left", formatters=left)
+    formatters = {"claim": f"{{:<{width}s}}".format, "verdict": "{:<16s}".format}
+    return table.to_string(index=False, justify="left", formatters=formatters)
 
 
 def not_run(board: pd.DataFrame) -> str:

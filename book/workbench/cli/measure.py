@@ -72,11 +72,11 @@ def measure_folder(
     check_targets([out], [rig, handle, *([prior] if prior else [])])
     with (
         logging_redirect_tqdm(),
-        tqdm(instants, unit="instant", disable=None if progress else True) as shown,
+        tqdm(instants, unit="instant", disable=None if progress else True) as progress_bar,
     ):
         poses = [
             measure(images, the_rig, the_handle, expected.get(instant.frame), parameters).pose
-            for instant, images in zip(shown, read_instants(instants, the_rig), strict=True)
+            for instant, images in zip(progress_bar, read_instants(instants, the_rig), strict=True)
         ]
     table = pose_table(poses, frames=frames)
     write_poses(table, out)

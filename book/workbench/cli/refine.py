@@ -60,8 +60,10 @@ def _camera_lines(refined: Refined) -> list[str]:
         for (name, unit), by, spread in zip(CAMERA_PARAMETERS, change, sigma, strict=True):
             if spread > 0:
                 factor = 180 / np.pi if unit == "rad" else 1.0
-                said = {"rad": " / deg", "1": ""}.get(unit, f" / {unit}")
-                lines.append(f"  {name + said:22s} by {factor * by:10.5f} +- {factor * spread:.5f}")
+                unit_text = {"rad": " / deg", "1": ""}.get(unit, f" / {unit}")
+                lines.append(
+                    f"  {name + unit_text:22s} by {factor * by:10.5f} +- {factor * spread:.5f}"
+                )
     return lines
 
 

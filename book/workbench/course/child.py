@@ -165,15 +165,15 @@ def outcome(function: Callable[..., Any], case: tuple) -> dict[str, Any]:
     which arguments it changes, counted from 0.
     """
     arguments = copy.deepcopy(case)
-    said = io.StringIO()
+    printed = io.StringIO()
     warned = io.StringIO()  # a warning of NumPy's is nothing that the function prints
     try:
-        with contextlib.redirect_stdout(said), contextlib.redirect_stderr(warned):
+        with contextlib.redirect_stdout(printed), contextlib.redirect_stderr(warned):
             returned = plain(function(*arguments))
     except (Exception, SystemExit, KeyboardInterrupt) as error:
-        return {"raised": _named(error), "printed": bool(said.getvalue()), "changed": []}
+        return {"raised": _named(error), "printed": bool(printed.getvalue()), "changed": []}
     changed = [k for k, pair in enumerate(zip(case, arguments, strict=True)) if _differ(*pair)]
-    return {"returned": returned, "printed": bool(said.getvalue()), "changed": changed}
+    return {"returned": returned, "printed": bool(printed.getvalue()), "changed": changed}
 
 
 def _differ(before: Any, after: Any) -> bool:
@@ -182,8 +182,8 @@ def _differ(before: Any, after: Any) -> bool:
 
 def _named(error: BaseException) -> str:
     """An error's type and the first line of what it says."""
-    said = str(error).strip()
-    first = said.splitlines()[0] if said else ""
+    message = str(error).strip()
+    first = message.splitlines()[0] if message else ""
     return f"{type(error).__name__}: {first}" if first else type(error).__name__
 
 

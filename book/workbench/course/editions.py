@@ -112,10 +112,10 @@ def write_edition(
 
 def chapter_file(chapter: str, checkout: Path = CHECKOUT) -> Path:
     """Return the notebook of a chapter, by its number; ValueError if there is none."""
-    found = sorted((checkout / "notebooks").glob(f"{chapter}_*.ipynb"))
-    if len(found) != 1:
+    paths = sorted((checkout / "notebooks").glob(f"{chapter}_*.ipynb"))
+    if len(paths) != 1:
         raise ValueError(f"{checkout / 'notebooks'}: expected one notebook {chapter}_*.ipynb")
-    return found[0]
+    return paths[0]
 
 
 def exercises_of(chapter: str, notebook: Any, name: str) -> list[tuple[Exercise, ExerciseText]]:
@@ -128,11 +128,14 @@ def exercises_of(chapter: str, notebook: Any, name: str) -> list[tuple[Exercise,
     """
     texts = texts_of(notebook, name)
     exercises = of_chapter(chapter)
-    there = [(one.number, one.kind, one.title, one.label) for one in texts]
+    in_chapter = [(one.number, one.kind, one.title, one.label) for one in texts]
     wanted = [(one.number, one.kind, one.title, one.label) for one in exercises]
-    if there != wanted:
-        odd = next((one for one in [*there, *wanted] if one not in there or one not in wanted), "")
-        where = "the chapter" if odd in there else "the module of exercises"
+    if in_chapter != wanted:
+        odd = next(
+            (one for one in [*in_chapter, *wanted] if one not in in_chapter or one not in wanted),
+            "",
+        )
+        where = "the chapter" if odd in in_chapter else "the module of exercises"
         raise ValueError(
             f"{name}: the chapter and workbench.course.exercises.{CHAPTERS[chapter]} do not "
             f"agree: {odd or 'their order'} is in {where} alone"

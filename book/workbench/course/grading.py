@@ -62,12 +62,12 @@ def check(number: str, answer: Any) -> Verdict:
     if not callable(answer):
         return _not_yet(asked, f"{asked.name} is to be a function, not {described(plain(answer))}.")
     try:
-        found = run_given({asked.name: answer}, [call_of(asked)])
+        outcome_of_run = run_given({asked.name: answer}, [call_of(asked)])
     except ValueError as error:  # it cannot be sent to another process
         return _not_yet(asked, f"{error}.")
-    if found.stuck:
-        return _not_yet(asked, f"{found.stuck}.")
-    return judge_outcomes(asked, found.outcomes[asked.name])
+    if outcome_of_run.stuck:
+        return _not_yet(asked, f"{outcome_of_run.stuck}.")
+    return judge_outcomes(asked, outcome_of_run.outcomes[asked.name])
 
 
 def call_of(asked: FunctionExercise) -> Call:

@@ -85,7 +85,7 @@ def run_file(
 
 def _run(work: Work, wait_s: float) -> Found:
     """Start a process, and another one for what is left where a function took the first one along."""
-    found = Found()
+    outcomes = Found()
     while True:
         with tempfile.TemporaryDirectory(prefix="trinolab-check-") as folder:
             answers = Path(folder) / "answers.jsonl"
@@ -93,19 +93,19 @@ def _run(work: Work, wait_s: float) -> Found:
             work = work._replace(answers=answers)
             code = _exit_code(work, wait_s)
             lines = list(whole_lines(answers))
-        stopped_in = _read(lines, found)
+        stopped_in = _read(lines, outcomes)
         if any(line.get("done") for line in lines):
-            return found
+            return outcomes
         if stopped_in is None:
             places = [line["place"] for line in lines if "place" in line]
             where = places[-1] if places else "what was handed in"
-            found.stuck = f"{where} {how(code, work.cells_s, wait_s)}"
-            return found
-        found.outcomes[stopped_in].append({"stuck": how(code, work.cpu_s, wait_s)})
+            outcomes.stuck = f"{where} {how(code, work.cells_s, wait_s)}"
+            return outcomes
+        outcomes.outcomes[stopped_in].append({"stuck": how(code, work.cpu_s, wait_s)})
         names = [call.name for call in work.calls]
         work = work._replace(calls=work.calls[names.index(stopped_in) + 1 :], values=())
         if not work.calls:
-            return found
+            return outcomes
 
 
 def _exit_code(work: Work, wait_s: float) -> int | None:
@@ -128,14 +128,14 @@ def _exit_code(work: Work, wait_s: float) -> int | None:
 
 def _awaited(process: subprocess.Popen, answers: Path, wait_s: float) -> int | None:
     """The exit code of a process; None if it says nothing more for so long."""
-    said = 0
+    answered = 0
     since = time.monotonic()
-    while time.monotonic() - since <= (wait_s if said else WAIT_S):
+    while time.monotonic() - since <= (wait_s if answered else WAIT_S):
         with contextlib.suppress(subprocess.TimeoutExpired):
             return process.wait(timeout=0.1)
         size = answers.stat().st_size
-        if size != said:
-            said, since = size, time.monotonic()
+        if size != answered:
+            answered, since = size, time.monotonic()
     return None
 
 
@@ -154,11 +154,11 @@ def whole_lines(answers: Path) -> Iterator[dict[str, Any]]:
     """The lines that are whole and can be read."""
     for line in answers.read_text(encoding="utf-8", errors="replace").splitlines():
         try:
-            found = json.loads(line)
+            content = json.loads(line)
         except ValueError:
             continue
-        if isinstance(found, dict):
-            yield found
+        if isinstance(content, dict):
+            yield content
 
 
 def _read(lines: Sequence[dict[str, Any]], found: Found) -> str | None:

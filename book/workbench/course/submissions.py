@@ -30,13 +30,13 @@ def file_of(chapter: str, folder: Path) -> Path:
     Raises ValueError if there is none or more than one.
     """
     of_chapter(chapter)  # there is one
-    found = _files(chapter, folder)
-    if len(found) != 1:
-        names = ", ".join(path.name for path in found) or "none"
+    files = _files(chapter, folder)
+    if len(files) != 1:
+        names = ", ".join(path.name for path in files) or "none"
         raise ValueError(
             f"{folder}: expected one file {chapter}*.ipynb or {chapter}*.py, found {names}"
         )
-    return found[0]
+    return files[0]
 
 
 def _files(chapter: str, folder: Path) -> list[Path]:
@@ -72,8 +72,8 @@ def check_file(chapter: str, file: Path) -> list[Verdict]:
     values = [one.name for one in asked if isinstance(one, ValueExercise)]
     if file.suffix == ".ipynb":
         _check_notebook(file)
-    found = run_file(file, [call_of(one) for one in functions], values)
-    return [verdict_of(one, found) for one in asked]
+    outcome_of_run = run_file(file, [call_of(one) for one in functions], values)
+    return [verdict_of(one, outcome_of_run) for one in asked]
 
 
 def _check_notebook(file: Path) -> None:
@@ -142,8 +142,8 @@ def check_class(folder: Path, out: Path) -> pd.DataFrame:
         raise ValueError(f"{folder}: no folder in it has a file like 04_kalman.ipynb")
     head = json.dumps({"code": [code_hash(name) for name in _judges()]}) + "\n"
     now = []
-    with KeptLines(folder / KEPT, head, is_line) as kept:
-        done = {(line["student"], line["chapter"], line["hash"]): line for line in _read(kept)}
+    with KeptLines(folder / KEPT, head, is_line) as lines:
+        done = {(line["student"], line["chapter"], line["hash"]): line for line in _read(lines)}
         for student, chapter, file in tqdm(tasks, unit="file", disable=None):
             key = (student, chapter, hash_files([file], file.parent))
             if key not in done:
@@ -154,7 +154,7 @@ def check_class(folder: Path, out: Path) -> pd.DataFrame:
                     "hash": key[2],
                     "verdicts": verdicts,
                 }
-                kept.add_line(json.dumps(done[key]))
+                lines.add_line(json.dumps(done[key]))
             now.append(done[key])
     table = _table(now)
     write_whole(out, table.to_csv(index=False, lineterminator="\n"))

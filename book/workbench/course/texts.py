@@ -101,13 +101,13 @@ def read_texts(path: str | Path) -> tuple[ExerciseText, ...]:
 def texts_of(notebook: Any, name: str) -> tuple[ExerciseText, ...]:
     """Return the exercises of a notebook that is open; see `read_texts`."""
     cells = [cell.source for cell in notebook.cells if cell.cell_type == "markdown"]
-    found = [block for cell in cells for block in blocks(cell, name)]
-    starts = [k for k, block in enumerate(found) if block.kind == "exercise"]
+    all_blocks = [block for cell in cells for block in blocks(cell, name)]
+    starts = [k for k, block in enumerate(all_blocks) if block.kind == "exercise"]
     if not starts or starts[0] > 0:
         raise ValueError(
             f"{name}: expected an {{exercise}} before any hint or solution, found none"
         )
-    groups = [found[a:b] for a, b in zip(starts, [*starts[1:], len(found)], strict=True)]
+    groups = [all_blocks[a:b] for a, b in zip(starts, [*starts[1:], len(all_blocks)], strict=True)]
     return tuple(_exercise(group, name) for group in groups)
 
 
@@ -120,7 +120,7 @@ def blocks(text: str, name: str) -> list[Block]:
         One of them has no end.
     """
     lines = text.splitlines()
-    found: list[Block] = []
+    blocks_found: list[Block] = []
     k = 0
     while k < len(lines):
         opening = OPENING.match(lines[k])
@@ -129,10 +129,10 @@ def blocks(text: str, name: str) -> list[Block]:
             last = next((m for m in range(k + 1, len(lines)) if lines[m].strip() == fence), None)
             if last is None:
                 raise ValueError(f"{name}: {{{kind}}} {argument}: its closing {fence} is not there")
-            found.append(_block(kind, argument, lines, k, last))
+            blocks_found.append(_block(kind, argument, lines, k, last))
             k = last
         k += 1
-    return found
+    return blocks_found
 
 
 def _block(kind: str, argument: str, lines: Sequence[str], first: int, last: int) -> Block:
@@ -154,20 +154,24 @@ def _exercise(group: Sequence[Block], name: str) -> ExerciseText:
             f"{name}: {head.argument!r}: expected a title as in '4.2 Pencil: a second observation', "
             f"with one of {', '.join(KIND_OF)}"
         )
-    shown = f"{title[1]}.{title[2]}"
+    number_in_title = f"{title[1]}.{title[2]}"
     label = head.options.get("label", "")
     expected = [
         ("exercise", head.argument),
-        ("hint", f"First hint to {shown}"),
-        ("hint", f"Second hint to {shown}"),
+        ("hint", f"First hint to {number_in_title}"),
+        ("hint", f"Second hint to {number_in_title}"),
         ("solution", label),
     ]
     if [(block.kind, block.argument) for block in group] != expected:
-        there = ", ".join(f"{{{block.kind}}} {block.argument}" for block in group[1:]) or "nothing"
+        present = (
+            ", ".join(f"{{{block.kind}}} {block.argument}" for block in group[1:]) or "nothing"
+        )
         wanted = ", ".join(f"{{{kind}}} {argument}" for kind, argument in expected[1:])
-        raise ValueError(f"{name}: exercise {shown}: expected {wanted} after it, found {there}")
+        raise ValueError(
+            f"{name}: exercise {number_in_title}: expected {wanted} after it, found {present}"
+        )
     if empty := next((block.kind for block in group if not block.body.strip()), None):
-        raise ValueError(f"{name}: exercise {shown}: its {empty} is empty")
+        raise ValueError(f"{name}: exercise {number_in_title}: its {empty} is empty")
     return ExerciseText(
         number=f"{int(title[1]):02d}.{title[2]}",
         kind=KIND_OF[title[3]],

@@ -310,13 +310,13 @@ class SimulatedHand:
             self.time_s = t_s
             if self.by_itself:
                 self._walked_s += dt
-                there = self._walked_s / PATH_STEP_S % (2 * len(self._path) - 2)
-                self.goal = self._path[round(min(there, 2 * len(self._path) - 2 - there))]
+                phase = self._walked_s / PATH_STEP_S % (2 * len(self._path) - 2)
+                self.goal = self._path[round(min(phase, 2 * len(self._path) - 2 - phase))]
             share = 1 - np.exp(-dt / FOLLOWS_S)
-            way = self.goal.translation - self.clock_now.translation
+            distance = self.goal.translation - self.clock_now.translation
             turn = (self.goal.rotation * self.clock_now.rotation.inv()).as_rotvec()
             self.clock_now = RigidTransform.from_components(
-                self.clock_now.translation + share * way,
+                self.clock_now.translation + share * distance,
                 Rotation.from_rotvec(share * turn) * self.clock_now.rotation,
             )
             return self.clock_now

@@ -160,10 +160,10 @@ def equations_named(text: str) -> set[str]:
     The summary is all that stands before the first empty line.
     """
     summary = " ".join(text.partition("\n\n")[0].split())
-    found = re.search(r"\(Eq\. ([\d, -]+)\)", summary)
-    if found is None:
+    match = re.search(r"\(Eq\. ([\d, -]+)\)", summary)
+    if match is None:
         return set()
-    spans = [part.partition("-") for part in found.group(1).replace(" ", "").split(",")]
+    spans = [part.partition("-") for part in match.group(1).replace(" ", "").split(",")]
     return {str(no) for first, _, last in spans for no in range(int(first), int(last or first) + 1)}
 
 
@@ -199,15 +199,15 @@ def errata_page(
     """
     lines = list[str]()
     for status, (title, meaning) in PARTS.items():
-        found = [
+        of_status = [
             entry
             for entry in entries
             if entry.status == status and (status != "as printed" or effects.get(entry.no))
         ]
-        if found:
-            jumps = ", ".join(f"{{ref}}`{entry.name} <{entry.label}>`" for entry in found)
+        if of_status:
+            jumps = ", ".join(f"{{ref}}`{entry.name} <{entry.label}>`" for entry in of_status)
             lines += [f"## {title}", "", f"{meaning} {jumps}.", ""]
-            lines += [_erratum(entry, effects.get(entry.no, ()), labelled) for entry in found]
+            lines += [_erratum(entry, effects.get(entry.no, ()), labelled) for entry in of_status]
     return "\n".join(lines)
 
 
@@ -249,7 +249,7 @@ def _check(good: bool, value: Any, where: str, wanted: str) -> None:
 
 def _index_section(entry: Entry, has_effect: bool, labelled: Collection[str]) -> str:
     status = f"{{ref}}`{entry.status} <{entry.label}>`" if has_effect else entry.status
-    shown = "; here corrected" if entry.corrected else ""
+    remark = "; here corrected" if entry.corrected else ""
     functions = ", ".join(
         f"{{py:obj}}`{'.'.join(name.split('.')[-2:])} <{name}>`" for name in entry.functions
     )
@@ -258,7 +258,7 @@ def _index_section(entry: Entry, has_effect: bool, labelled: Collection[str]) ->
             f"(equation-{entry.no})=",
             f"## {entry.name}",
             "",
-            f"Sect. {entry.section}, {status}{shown}; derived in {_chapter_link(entry, labelled)}.",
+            f"Sect. {entry.section}, {status}{remark}; derived in {_chapter_link(entry, labelled)}.",
             "",
             *_formula(entry.corrected or entry.printed, entry.no),
             f"Computed by {functions}. Tested by",

@@ -129,8 +129,8 @@ def show_frames(
     figure, axes = row_of_panels(len(frames), (6.9, 6.9 / len(frames) + 0.3))
     for ax, frame, uv, label, name in zip(axes, frames, pixels, labels, names, strict=True):
         show_image(frame, uv, ["?" if text == -1 else text for text in label], name, ax)
-        if len(found := np.asarray(uv)) > 0:
-            u, v = (found.min(axis=0) + found.max(axis=0)) / 2
+        if len(points := np.asarray(uv)) > 0:
+            u, v = (points.min(axis=0) + points.max(axis=0)) / 2
             ax.set(
                 xlim=(u - half_width_px, u + half_width_px),
                 ylim=(v + half_width_px, v - half_width_px),

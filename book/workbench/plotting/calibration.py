@@ -130,12 +130,12 @@ def plot_chi_square(values: ArrayLike, degrees: int, xlabel: str) -> Axes:
     degrees : int
     xlabel : str
     """
-    found = as_array(values, "values", (None,))
-    reach = max(float(chi2.ppf(0.9999, degrees)), 1.05 * float(found.max()))
+    statistics = as_array(values, "values", (None,))
+    reach = max(float(chi2.ppf(0.9999, degrees)), 1.05 * float(statistics.max()))
     x = np.linspace(0, reach, 300)
     _, ax = subplots(figsize=(6.9, 2.8))
     edges = np.linspace(0, reach, 16).tolist()
-    ax.hist(found, bins=edges, density=True, color=COLOURS[3], label="drawn")
+    ax.hist(statistics, bins=edges, density=True, color=COLOURS[3], label="drawn")
     expected = f"chi-square, {degrees} degrees of freedom"
     ax.plot(x, chi2.pdf(x, degrees), color="black", label=expected)
     low, high = chi2.ppf([0.025, 0.975], degrees)

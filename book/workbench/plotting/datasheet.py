@@ -152,9 +152,9 @@ def plot_over_speed(
     ax.set(xscale="log", yscale="log", ylim=(np.quantile(y, 0.02) / 2, 2 * y.max()))
     ax.plot(x, y, ".", color=COLOURS[3], markersize=3, label="an instant")
     for k, (low, high) in enumerate(pairwise(limits)):
-        here = (x >= low) & (x < high)
-        if here.any():
-            level = np.sqrt(np.mean(y[here] ** 2))
+        in_range = (x >= low) & (x < high)
+        if in_range.any():
+            level = np.sqrt(np.mean(y[in_range] ** 2))
             name = "rms of a range" if k == 0 else None
             ax.plot([low, min(high, x.max())], [level] * 2, color=COLOURS[4], lw=2.5, label=name)
     ax.set(xlabel="speed / (m/s)", ylabel=ylabel)

@@ -98,8 +98,8 @@ def plot_factor(
                 minor_formatter="",
             )
         if xscale == "log":
-            some = np.asarray(x)[:: -(-np.size(x) // (12 // len(panels)))]
-            ax.set_xticks(some, [f"{tick:g}" for tick in some])
+            ticks = np.asarray(x)[:: -(-np.size(x) // (12 // len(panels)))]
+            ax.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
             ax.minorticks_off()
         ax.grid(axis="y", alpha=0.3)
     named: dict[str, Any] = {}

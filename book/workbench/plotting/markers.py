@@ -52,7 +52,7 @@ def plot_thresholds(
         The number that it looks for.
     """
     figure, axes = subplots(2, len(images), figsize=(6.9, 4.0), sharey="row")
-    for (name, image), spots, count, way, (top, bottom) in zip(
+    for (name, image), spots, count, path, (top, bottom) in zip(
         images.items(), uv, counts, steps, axes.T, strict=True
     ):
         show_image(image, spots, ax=top)
@@ -60,7 +60,7 @@ def plot_thresholds(
         top.set(xlabel="", ylabel="", xticks=[], yticks=[])
         bottom.semilogy(np.maximum(count, 0.5), color="grey")
         bottom.axhline(wanted, color=COLOURS[4], linestyle="--")
-        bottom.plot(*np.transpose(way), "o-", linewidth=0.5, markersize=4, color=COLOURS[0])
+        bottom.plot(*np.transpose(path), "o-", linewidth=0.5, markersize=4, color=COLOURS[0])
         bottom.set(xlabel="threshold", xticks=[0, 100, 200])
     axes[1, 0].set_ylabel("contours")
     return figure
@@ -187,14 +187,14 @@ def plot_following(
     centres = np.array([box.centre for box in known])
     view = searched.grown(MARGIN_PX).clipped(np.shape(image)[::-1]) or searched
     figure, axes = subplots(1, 2, figsize=(8.5, 5.2))
-    for ax, title, shown, points in zip(
+    for ax, title, title_image, points in zip(
         axes,
         ("(c) predicted", "(d) found and corrected"),
         (None, found),
         (centres[:-1], centres),
         strict=True,
     ):
-        show_image(image, shown, title=title, ax=ax)
+        show_image(image, title_image, title=title, ax=ax)
         outline(ax, searched, COLOURS[1], "search window")
         ax.plot(points[:, 0], points[:, 1], ".-", color=COLOURS[2], label="centres so far")
         ax.set(xlim=(view.u, view.u + view.width), ylim=(view.v + view.height, view.v))

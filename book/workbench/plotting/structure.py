@@ -74,13 +74,13 @@ def plot_chain(*stages: str) -> Figure:
     ax.set_position((0, 0, 1, 1))
     ax.set(xlim=(0, width), ylim=(-0.35, 0.35))
     ax.axis("off")
-    left = gap / 2
+    left_edge = gap / 2
     for k, (name, size, chosen) in enumerate(zip(names, sizes, lit, strict=True)):
         box = {"boxstyle": "round", "facecolor": "#E69F00" if chosen else "#DDEEFF"}
-        ax.text(left + size / 2, 0, name, ha="center", va="center", fontsize=9, bbox=box)
+        ax.text(left_edge + size / 2, 0, name, ha="center", va="center", fontsize=9, bbox=box)
         if k > 0:
-            ax.annotate("", (left, 0), (left - gap, 0), arrowprops={"arrowstyle": "-|>"})
-        left = left + size + gap
+            ax.annotate("", (left_edge, 0), (left_edge - gap, 0), arrowprops={"arrowstyle": "-|>"})
+        left_edge = left_edge + size + gap
     return figure
 
 

@@ -89,8 +89,8 @@ def light(
             **(glove(T) if held else {}),
         }
         seed = int(as_rng(rng).integers(2**32))
-        for part, found in zip(total, traced(camera, pieces, room, windows, seed), strict=True):
-            part += found / len(poses)
+        for part, samples in zip(total, traced(camera, pieces, room, windows, seed), strict=True):
+            part += samples / len(poses)
     for window, part in zip(windows, total, strict=True):
         rows, columns = (
             slice(window.v, window.v + window.height),

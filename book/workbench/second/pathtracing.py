@@ -86,11 +86,11 @@ def traced(
     paths = {"type": "path", "max_depth": room.bounces + 1, "rr_depth": 100}
     scene = mi.load_dict({"type": "scene", "integrator": paths, **contents})
     seeds = np.random.SeedSequence(seed).generate_state(1000)
-    found = []
+    images = []
     for window, own in zip(windows, seeds, strict=False):
         lens = mi.load_dict(_lens(camera, room, window))
-        found.append(np.array(mi.render(scene, sensor=lens, seed=int(own)), float)[..., 0])
-    return found
+        images.append(np.array(mi.render(scene, sensor=lens, seed=int(own)), float)[..., 0])
+    return images
 
 
 def _lens(camera: Camera, room: Room, window: Window) -> dict[str, Any]:

@@ -175,21 +175,21 @@ def sigma_interval(square: float, free: int) -> Interval:
 
 def clamped_anew(errors: Errors, truths: RigidTransform) -> Source:
     """The account of the clamp as a source: its fitted numbers, and how well they are known."""
-    found = clamping(errors, truths)
+    clamped = clamping(errors, truths)
     n = len(truths)
     design = columns(truths, ["angles"])
-    index = np.array([one.value for one in found.index_deg])
+    index = np.array([one.value for one in clamped.index_deg])
     fixed = np.zeros((n, 6))
     fixed[:, 3:] = design @ index
     unsure = np.zeros((n, 6, 3))
-    unsure[:, 3:] = design * found.repeat_deg.value / np.sqrt(n)
+    unsure[:, 3:] = design * clamped.repeat_deg.value / np.sqrt(n)
     return Source(
         "clamped anew",
         1.0,
         "as fitted",
         fixed,
         np.concatenate(
-            [unsure, _own(design * found.repeat_deg.value, found.place_mm.value)], axis=2
+            [unsure, _own(design * clamped.repeat_deg.value, clamped.place_mm.value)], axis=2
         ),
     )
 

@@ -332,8 +332,8 @@ def sweep_bounds() -> pd.DataFrame:
                 "row": row,
                 **{name: getattr(b, name) for name in COLUMNS},
             }
-            for (rig, pixels), found in bounds.items()
-            for row, b in enumerate(found, start=1)
+            for (rig, pixels), bounds_of_rows in bounds.items()
+            for row, b in enumerate(bounds_of_rows, start=1)
         ]
     )
 

@@ -217,9 +217,9 @@ def highlight(camera: Camera, handle: Handle, T_world_handle: RigidTransform) ->
     seen = np.flatnonzero((hits.labels == SIDE) | (hits.labels >= 0))
     points = hits.points[seen][:, [0, 2]]
     T_handle_world = T_world_handle.inv()
-    way = T_handle_world.apply(camera.centre)[[0, 2]] - points
+    towards = T_handle_world.apply(camera.centre)[[0, 2]] - points
     lamp = T_handle_world.rotation.apply(BENCH.light)[[0, 2]]
-    half = way / np.linalg.norm(way, axis=1, keepdims=True) + lamp / np.linalg.norm(lamp)
+    half = towards / np.linalg.norm(towards, axis=1, keepdims=True) + lamp / np.linalg.norm(lamp)
     cosine = (points * half).sum(axis=1) / handle.radius_mm / np.linalg.norm(half, axis=1)
     image[v.ravel()[seen], u.ravel()[seen]] = _GLOSS * np.maximum(cosine, 0) ** _SHARPNESS
     return image
@@ -234,7 +234,9 @@ class Motion(NamedTuple):
 
 def hand_motion(rng: np.random.Generator) -> Motion:
     """A hand's speed, in a random direction."""
-    velocity, turn = (way / np.linalg.norm(way) for way in rng.standard_normal((2, 3)))
+    velocity, turn = (
+        direction / np.linalg.norm(direction) for direction in rng.standard_normal((2, 3))
+    )
     return Motion(SPEED_MM_S * velocity, np.deg2rad(TURN_DEG_S) * turn)
 
 

@@ -183,16 +183,16 @@ def mixes(
     """`mix` for each of the free sources, and for every two and three that fit better than any part
     of them, the best first.
     """
-    found: dict[tuple[int, ...], Mix] = {}
+    mixes_by_sources: dict[tuple[int, ...], Mix] = {}
     for count in (1, 2, 3):
         for chosen in combinations(range(len(free)), count):
-            found[chosen] = mix([free[k] for k in chosen], given, truths, targets, rows)
-    kept = [
+            mixes_by_sources[chosen] = mix([free[k] for k in chosen], given, truths, targets, rows)
+    best_mixes = [
         one
-        for chosen, one in found.items()
-        if all(one.misfit < 0.99 * found[part].misfit for part in _parts_of(chosen))
+        for chosen, one in mixes_by_sources.items()
+        if all(one.misfit < 0.99 * mixes_by_sources[part].misfit for part in _parts_of(chosen))
     ]
-    return sorted(kept, key=lambda one: one.misfit)
+    return sorted(best_mixes, key=lambda one: one.misfit)
 
 
 def _parts_of(chosen: tuple[int, ...]) -> list[tuple[int, ...]]:
@@ -490,10 +490,10 @@ def make_tables(draws: int) -> tuple[pd.DataFrame, ...]:
         name: exact_tables(trial, images, covariance, 4 * draws, name == "as printed")
         for name in ("certain", "as printed")
     }
-    found = found_mixes(trial, of)
+    mixes_found = found_mixes(trial, of)
     return (
         budget(trial, images, of, at_once),
-        mixes_table(found),
+        mixes_table(mixes_found),
         patterns_table(trial, of),
         smooth_table(trial, of),
     )
@@ -512,16 +512,17 @@ def _scatter_mm(errors: Errors, trial: Trial) -> float:
 
 def _measured(trial: Trial, bench: Bench, seed: int) -> tuple[RigidTransform, Array]:
     """The poses of rendered frames, and the centroids of the markers of the trial."""
-    found = replicate(
+    measurements = replicate(
         trial.truths, trial.rig, trial.handle, seed, bench, trial.parameters, with_prior=True
     )
-    poses = [m.pose.T_world_handle for m in found if m.pose.T_world_handle is not None]
-    if len(poses) < len(found):
+    poses = [m.pose.T_world_handle for m in measurements if m.pose.T_world_handle is not None]
+    if len(poses) < len(measurements):
         raise ValueError(
-            f"trial: expected poses that can be measured, got {len(found) - len(poses)} lost"
+            f"trial: expected poses that can be measured, got {len(measurements) - len(poses)} lost"
         )
     pixels = [
-        labelled_pixels(m.labels, tuple(c.uv for c in m.found), trial.uv.shape[2]) for m in found
+        labelled_pixels(m.labels, tuple(c.uv for c in m.found), trial.uv.shape[2])
+        for m in measurements
     ]
     return RigidTransform.concatenate(poses), np.array(pixels) + 0 * trial.uv
 

@@ -135,13 +135,13 @@ def one_draw(changed: str, level: float, rig: str, handle: str, draw: int) -> di
         was measured and is more than 2 mm or 5 deg off. The first five are NaN if fewer than ten
         were measured.
     """
-    shown = rendered(rig, handle)
-    believed = drawn_rig(shown.rig, changed, level, draw)
-    found = measure_frames(shown.frames, believed, shown.handle, SETTINGS)
+    scene = rendered(rig, handle)
+    believed = drawn_rig(scene.rig, changed, level, draw)
+    found = measure_frames(scene.frames, believed, scene.handle, SETTINGS)
     return {
         f"{name}_{estimator}": value
         for estimator, measurements in found.items()
-        for name, value in results(measurements, shown.handle).items()
+        for name, value in results(measurements, scene.handle).items()
     }
 
 
@@ -175,8 +175,8 @@ def pattern(positions: ArrayLike, errors: ArrayLike) -> Pattern:
     e = as_points(errors, "errors", 3)
     about_mean = e - e.mean(axis=0)
     field = np.column_stack([np.ones(len(x)), x])
-    left = e - field @ np.linalg.lstsq(field, e)[0]
-    squares, scatter, rest = ((part**2).sum() for part in (e, about_mean, left))
+    residuals = e - field @ np.linalg.lstsq(field, e)[0]
+    squares, scatter, rest = ((part**2).sum() for part in (e, about_mean, residuals))
     smooth = float(1.0 - rest / scatter) if scatter > 0 else np.nan
     return Pattern(float(1.0 - scatter / squares), smooth)
 
@@ -229,14 +229,14 @@ def summaries(found: pd.DataFrame) -> list[dict[str, float | int | str]]:
     for (changed, handle, rig, level), draws in found.groupby(
         ["changed", "handle", "rig", "level"], sort=False
     ):
-        here = changed == DIRECTIONS
+        turned = changed == DIRECTIONS
         for estimator in SETTINGS:
             row = {
                 "changed": changed,
                 "level": level,
-                "centre_px": CENTRE_PX * level if here else 0.0,
-                "turn_deg": TURN_DEG * level if here else 0.0,
-                "place_mm": 0.0 if here else PLACE_MM * level,
+                "centre_px": CENTRE_PX * level if turned else 0.0,
+                "turn_deg": TURN_DEG * level if turned else 0.0,
+                "place_mm": 0.0 if turned else PLACE_MM * level,
                 "rig": rig,
                 "handle": handle,
                 "estimator": estimator,
@@ -301,9 +301,11 @@ def results(measurements: list[Measurement], handle: Handle) -> dict[str, float]
     n = sum(T is not None for T in estimates)
     if n == 0:
         return dict.fromkeys(ERRORS, np.nan) | {"measured": 0.0, "off": 0.0}
-    found, truths = estimates_and_truths(estimates, poses, handle)
-    off = (position_errors(found, truths) > WRONG_MM) | (geodesic_deg(found, truths) > WRONG_DEG)
-    errors = _errors(found, truths) if n >= ENOUGH else dict.fromkeys(ERRORS, np.nan)
+    estimated, truths = estimates_and_truths(estimates, poses, handle)
+    off = (position_errors(estimated, truths) > WRONG_MM) | (
+        geodesic_deg(estimated, truths) > WRONG_DEG
+    )
+    errors = _errors(estimated, truths) if n >= ENOUGH else dict.fromkeys(ERRORS, np.nan)
     return errors | {"measured": n / len(poses), "off": float(off.sum() / len(poses))}
 
 

@@ -63,11 +63,11 @@ def kept_draws(
     title : str
         Of the progress bar.
     """
-    with KeptLines(path, f"{json.dumps(about)}\n", _is_mapping) as kept:
-        begin = len(kept.lines()[:count])
+    with KeptLines(path, f"{json.dumps(about)}\n", _is_mapping) as lines:
+        begin = len(lines.lines()[:count])
         for k in tqdm(range(begin, count), title, count, initial=begin, unit="draw", disable=None):
-            kept.add_line(json.dumps(draw(k)))
-        return [json.loads(line) for line in kept.lines()[:count]]
+            lines.add_line(json.dumps(draw(k)))
+        return [json.loads(line) for line in lines.lines()[:count]]
 
 
 def columns_of_mean(name: str, values: Sequence[float], interval: Interval) -> dict[str, float]:

@@ -146,9 +146,11 @@ def _lit(rotation: Rotation, bench: Bench) -> Still:
     handle = load_handle("paper")
     T = RigidTransform.from_components([0.0, 0.0, DISTANCE_MM], rotation)
     slant = np.rad2deg(slants(handle, T, view.centre))
-    shown = np.argsort(slant)[: np.count_nonzero(slant < SHOWN_DEG)]
-    uv = view.project(T.apply(handle.marker_centres[shown]))
-    return Still(blurred(radiance(view, handle, T, bench), bench), frozen(uv), frozen(slant[shown]))
+    visible = np.argsort(slant)[: np.count_nonzero(slant < SHOWN_DEG)]
+    uv = view.project(T.apply(handle.marker_centres[visible]))
+    return Still(
+        blurred(radiance(view, handle, T, bench), bench), frozen(uv), frozen(slant[visible])
+    )
 
 
 def _shifts(taken: Still) -> Array:
@@ -206,17 +208,17 @@ def registered(
         [0.03, -0.03, 0.03], Rotation.from_rotvec(np.deg2rad([0.3, -0.3, 0.3]))
     )
     start = T * off
-    here = patches(images, rig, handle, start, BINS_DEG[-1] + 1.0)
+    windows = patches(images, rig, handle, start, BINS_DEG[-1] + 1.0)
     state = first_state(start, rig)
     for _ in range(3):
-        state, found = register(state, here, rig, handle)
-        shading = found.at.greys[:, 2:5]
+        state, fit = register(state, windows, rig, handle)
+        shading = fit.at.greys[:, 2:5]
         pose, _ = fit_pixels(
-            found.uv, found.covariance, rig, handle, here.views, state.T_world_handle, shading
+            fit.uv, fit.covariance, rig, handle, windows.views, state.T_world_handle, shading
         )
         state = state._replace(T_world_handle=pose)
-    uv = [found.uv[here.views.camera == c] for c in range(len(rig.cameras))]
-    return uv, _predicted(rig, handle, T, here.views, shading)
+    uv = [fit.uv[windows.views.camera == c] for c in range(len(rig.cameras))]
+    return uv, _predicted(rig, handle, T, windows.views, shading)
 
 
 METHODS: dict[str, Method] = {"plain": plain, "modelled": modelled, "registered": registered}
@@ -236,18 +238,18 @@ def turned_marker(
         of rendered light, where only the marker shines, evenly; and as the detector finds it on the
         bench without noise, NaN where it finds none.
     """
-    one = replace(handle, columns_deg=(0.0,), rows_mm=((0.0,),))
+    single = replace(handle, columns_deg=(0.0,), rows_mm=((0.0,),))
     camera = rig.cameras[0]
     turn = Rotation.from_euler("y", 180.0 + turn_deg, degrees=True)
     T = camera.T_world_cam * RigidTransform.from_components([0.0, 0.0, DISC_DISTANCE_MM], turn)
     bare = replace(bench, background_grey=0.0, body_grey=0.0, shading=0.0, marker_supersampling=32)
-    light, frame = (blurred(radiance(camera, one, T, b), b) for b in (bare, bench))
-    predicted, _ = predict_centroids(rig, one, T, Views(np.array([0]), np.array([0])))
+    light, frame = (blurred(radiance(camera, single, T, b), b) for b in (bare, bench))
+    predicted, _ = predict_centroids(rig, single, T, Views(np.array([0]), np.array([0])))
     drawn = light.sum(axis=0) @ np.arange(light.shape[1]) / light.sum()
-    found = np.append(detected([frame], one)[0][:, 0], np.nan)[0]
-    u = centres(camera, one, T)[0, 0]
-    slant = np.rad2deg(slants(one, T, camera.centre)[0])
-    return float(slant), float(predicted[0, 0] - u), float(drawn - u), float(found - u)
+    slants_seen = np.append(detected([frame], single)[0][:, 0], np.nan)[0]
+    u = centres(camera, single, T)[0, 0]
+    slant = np.rad2deg(slants(single, T, camera.centre)[0])
+    return float(slant), float(predicted[0, 0] - u), float(drawn - u), float(slants_seen - u)
 
 
 def centroid_errors(
@@ -283,10 +285,10 @@ def instant_errors(
     """
     return pd.concat(
         [
-            centroid_errors(camera, handle, T, found, predicted).assign(
+            centroid_errors(camera, handle, T, markers, predicted).assign(
                 view=f"{name} {camera.name}"
             )
-            for camera, found, predicted in zip(
+            for camera, markers, predicted in zip(
                 rig.cameras, *method(images, rig, handle, T), strict=True
             )
         ],

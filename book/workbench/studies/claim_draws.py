@@ -114,7 +114,7 @@ def table1_pose(k: int, seed: int) -> Draw:
     truth = load_table1().set_poses[k % len(load_table1().set_poses)]
     rng = np.random.default_rng([seed, k])
     pair = render_rig(load_rig("paper_pair"), handle, truth, Bench(), rng)
-    found: Draw = {}
+    draw: Draw = {}
     errors = errors_of(measure(pair, load_rig("paper_pair"), handle), truth, handle)
     for check, field in (
         ("replication_position", "E_t_mm"),
@@ -123,15 +123,15 @@ def table1_pose(k: int, seed: int) -> Draw:
         ("replication_gamma", "E_gamma_deg"),
         ("replication_geodesic", "geodesic_mean_deg"),
     ):
-        found[check] = value_of(errors, field)
+        draw[check] = value_of(errors, field)
     for name in ("paper_pair", "paper_trinocular", "raised_40deg"):
         rig = load_rig(name)
         third = [render(camera, handle, truth, Bench(), rng) for camera in rig.cameras[2:]]
         best = measure([*pair, *third], rig, handle, parameters=Parameters(estimator=BEST))
         errors = errors_of(best, truth, handle)
-        found[f"best_position_{name}"] = value_of(errors, "E_t_mm")
-        found[f"best_geodesic_{name}"] = value_of(errors, "geodesic_mean_deg")
-    return found
+        draw[f"best_position_{name}"] = value_of(errors, "E_t_mm")
+        draw[f"best_geodesic_{name}"] = value_of(errors, "geodesic_mean_deg")
+    return draw
 
 
 def random_pose(k: int, seed: int) -> Draw:
@@ -149,8 +149,8 @@ def random_pose(k: int, seed: int) -> Draw:
     matched = np.isin(np.flatnonzero(both), left[pairs[same, 0]])
     off = np.concatenate(
         [
-            nearest(found.uv, facing_pixels(handle, camera, truth, 65.0))[1]
-            for camera, found in zip(rig.cameras, m.found, strict=True)
+            nearest(markers.uv, facing_pixels(handle, camera, truth, 65.0))[1]
+            for camera, markers in zip(rig.cameras, m.found, strict=True)
         ]
     )
     off = off[off < SAME_PX]
@@ -172,12 +172,12 @@ def recorded_instant(k: int, seed: int) -> Draw:
     handle = load_handle("paper")
     job = scripted(("calm", "hard")[k % 2], rig, handle, seed + k, SCRIPT_S)
     rng = np.random.default_rng([seed, k])
-    there = [
+    visible = [
         frame
         for frame, shot in enumerate(job.shots)
         if shot.T_world_handle is not None and min(shot.gains) > 0
     ]
-    frame = int(rng.choice(there))
+    frame = int(rng.choice(visible))
     truth = job.shots[frame].T_world_handle
     assert truth is not None  # chosen so
     images = [take(job, frame, index) for index in range(len(rig.cameras))]
@@ -196,14 +196,14 @@ def hidden_camera(k: int, seed: int) -> Draw:
     handle = load_handle("paper")
     rng = np.random.default_rng([seed, k])
     truth = next(shared_poses(load_rig("paper_pair"), handle, rng))
-    found: Draw = {}
+    draw: Draw = {}
     for name in ("paper_trinocular", "raised_40deg"):
         rig = load_rig(name)
         x, y, z = rig.cameras[0].centre
         arm = Arm(hides_from=(float(x), float(y), float(z)))
         m = measure(render_rig(rig, handle, truth, Bench(), rng, arm), rig, handle)
-        found[f"share_saved_{name}"] = (share_close([m], [truth], handle, equivalents=True), 1.0)
-    return found
+        draw[f"share_saved_{name}"] = (share_close([m], [truth], handle, equivalents=True), 1.0)
+    return draw
 
 
 def clip(k: int, seed: int, length: int = CLIP) -> Draw:
@@ -225,7 +225,7 @@ def clip(k: int, seed: int, length: int = CLIP) -> Draw:
         )
         for gain in (1.0, 2.0)
     }
-    found: Draw = {}
+    draw: Draw = {}
     begun = start(empty, rig, -1 / FPS, truths[0])
     unknown: list[State | None] = [None] * len(rig.cameras)
     for name, parameters in (("printed", PRINTED), ("ours", Parameters())):
@@ -235,19 +235,19 @@ def clip(k: int, seed: int, length: int = CLIP) -> Draw:
             follow(before.state, before.printed, second[gain], truths[half:], half)
             for gain in (1.0, 2.0)
         )
-        found[f"share_tracked_{name}"] = (float(all(before.right + steady.right)), 1.0)
-        found[f"share_kept_under_light_{name}"] = (
+        draw[f"share_tracked_{name}"] = (float(all(before.right + steady.right)), 1.0)
+        draw[f"share_kept_under_light_{name}"] = (
             float(sum(doubled.right)),
             float(sum(steady.right)),
         )
         if name == "ours":
             for whose in ("ours", "printed"):
                 shares = [*getattr(before, f"shares_{whose}"), *getattr(steady, f"shares_{whose}")]
-                found[f"share_searched_{whose}"] = (float(sum(shares)), float(len(shares)))
-            found["time_searched"] = time(
+                draw[f"share_searched_{whose}"] = (float(sum(shares)), float(len(shares)))
+            draw["time_searched"] = time(
                 second[1.0][-1][0], steady.window, rig.cameras[0], handle, truths[-1]
             )
-    return found
+    return draw
 
 
 def long_clip(k: int, seed: int) -> Draw:
@@ -259,8 +259,8 @@ def calibration(k: int, seed: int) -> Draw:
     """A calibration from 14 positions of a target: its mean cost at Table 1's poses, mm."""
     rig = load_rig("paper_pair")
     rng = np.random.default_rng([seed, k])
-    found = simulated_calibration(rig, Board(), 14, rng).rig
-    errors = calibration_errors(found, rig, load_handle("paper"), load_table1().set_poses)
+    calibrated = simulated_calibration(rig, Board(), 14, rng).rig
+    errors = calibration_errors(calibrated, rig, load_handle("paper"), load_table1().set_poses)
     return {"calibration_cost": (errors.E_t_mm, 1.0)}
 
 
@@ -271,16 +271,16 @@ def factor(k: int, seed: int) -> Draw:
     handle = load_handle("paper")
     setup = factors.table1_setup(load_rig("paper_pair"), handle)
     base = position_error(setup, 2 * k, seed)
-    found: Draw = {}
+    draw: Draw = {}
     for name, value in FACTORS.items():
         changed = factors.FACTORS[name].change(setup, value)
-        kept = np.arange(len(setup.poses))
+        poses_in_view = np.arange(len(setup.poses))
         if name == "distance":  # some poses would leave the images
-            kept = np.flatnonzero(factors.in_view_everywhere(setup))
-        place = np.flatnonzero(kept == 2 * k)
+            poses_in_view = np.flatnonzero(factors.in_view_everywhere(setup))
+        place = np.flatnonzero(poses_in_view == 2 * k)
         worse = position_error(changed, int(place[0]), seed) if len(place) else None
-        found[f"factor_{name}"] = NOTHING if base is None or worse is None else (worse - base, base)
-    return found
+        draw[f"factor_{name}"] = NOTHING if base is None or worse is None else (worse - base, base)
+    return draw
 
 
 def concealed(k: int, seed: int) -> Draw:
@@ -423,28 +423,28 @@ def follow_clip(
     """Go on with a clip by the tracker, and beside it with the printed filter of the same windows'
     centres (Eq. 7-15).
     """
-    way = Way(state, list(printed), [], [], [], None)
+    progress = Way(state, list(printed), [], [], [], None)
     for k, (images, truth) in enumerate(zip(frames, truths, strict=True), start=begin):
-        for c, (camera, known) in enumerate(zip(rig.cameras, way.state.cameras, strict=True)):
+        for c, (camera, known) in enumerate(zip(rig.cameras, progress.state.cameras, strict=True)):
             if known.motion is None or known.window is None:
                 continue
             motion = predict_motion(known.motion, 1 / FPS)
             window = search_window(motion, known.window, camera.size)
-            way.shares_ours.append(share_of_image(window, camera, handle, truth))
-            last = way.printed[c] or certain(known.window)
-            way.printed[c] = guess = predict_motion(last, 1 / FPS)
-            other = search_window(guess, known.window, camera.size)
-            way.shares_printed.append(share_of_image(other, camera, handle, truth))
+            progress.shares_ours.append(share_of_image(window, camera, handle, truth))
+            last = progress.printed[c] or certain(known.window)
+            progress.printed[c] = guess = predict_motion(last, 1 / FPS)
+            window_of_guess = search_window(guess, known.window, camera.size)
+            progress.shares_printed.append(share_of_image(window_of_guess, camera, handle, truth))
             if c == 0:
-                way = way._replace(window=window)
-        now, measurement = step(way.state, images, k / FPS, rig, handle, parameters)
+                progress = progress._replace(window=window)
+        now, measurement = step(progress.state, images, k / FPS, rig, handle, parameters)
         for c, known in enumerate(now.cameras):
-            guess_c = way.printed[c]
+            guess_c = progress.printed[c]
             if guess_c is not None and known.window is not None:
-                way.printed[c] = _printed_update(guess_c, known.window)
-        way.right.append(share_close([measurement], [truth], handle, equivalents=False) == 1.0)
-        way = way._replace(state=now)
-    return way
+                progress.printed[c] = _printed_update(guess_c, known.window)
+        progress.right.append(share_close([measurement], [truth], handle, equivalents=False) == 1.0)
+        progress = progress._replace(state=now)
+    return progress
 
 
 def certain(window: Window) -> State:
@@ -482,10 +482,10 @@ def _matched(
     these are right.
     """
     left, right = (
-        true_labels(camera, handle, truth, found.uv)
-        for camera, found in zip(rig.cameras, m.found, strict=True)
+        true_labels(camera, handle, truth, markers.uv)
+        for camera, markers in zip(rig.cameras, m.found, strict=True)
     )
-    uv = [found.uv for found in m.found]
+    uv = [markers.uv for markers in m.found]
     pairs = match(rig.cameras[0], rig.cameras[1], images[0], images[1], uv[0], uv[1]).index
     same = (left[pairs[:, 0]] == right[pairs[:, 1]]) & (left[pairs[:, 0]] >= 0)
     return left, right, pairs, same

@@ -68,8 +68,8 @@ def true_labels(
 
     Raises ValueError if `uv` is not of shape (n, 2).
     """
-    shown = facing_pixels(handle, camera, T_world_handle, LIMB_DEG)
-    label, distance = nearest(as_points(uv, "uv", 2), shown)
+    visible = facing_pixels(handle, camera, T_world_handle, LIMB_DEG)
+    label, distance = nearest(as_points(uv, "uv", 2), visible)
     return np.where(distance < SAME_PX, label, -1)
 
 
@@ -105,7 +105,7 @@ def searched(
     if not there:
         raise ValueError("windows, truths: expected an instant that has both, got none")
     begin = time.process_time()
-    found = [
+    windows_found = [
         find_markers(window.crop(image), len(handle.marker_centres), handle.markers).uv
         + [window.u, window.v]
         for image, window, _ in there
@@ -113,10 +113,10 @@ def searched(
     seconds = (time.process_time() - begin) / len(there)
     false = [
         int((true_labels(camera, handle, T, uv) < 0).sum())
-        for (*_, T), uv in zip(there, found, strict=True)
+        for (*_, T), uv in zip(there, windows_found, strict=True)
     ]
     area = float(np.mean([window.area for _, window, _ in there]) / np.prod(camera.size))
-    return Searched(area, seconds, sum(map(len, found)), sum(false))
+    return Searched(area, seconds, sum(map(len, windows_found)), sum(false))
 
 
 def share_of_image(
@@ -127,8 +127,8 @@ def share_of_image(
     """
     seen = true_visibility(camera, handle, truth, Arm())
     uv = camera.project(truth.apply(handle.marker_centres[seen]))
-    held = window is not None and window.contains(uv).all()
-    return float(window.area / np.prod(camera.size)) if window and held else 1.0
+    contained = window is not None and window.contains(uv).all()
+    return float(window.area / np.prod(camera.size)) if window and contained else 1.0
 
 
 def nearest(uv: Array, predicted: Array) -> tuple[np.ndarray, Array]:

@@ -73,10 +73,10 @@ def table_of_draws(name: str, draws: Sequence[Draw]) -> pd.DataFrame:
 
 def draws_of(table: pd.DataFrame, name: str) -> list[Draw]:
     """The draws of a trial from a table as `table_of_draws` gives it."""
-    found: dict[int, Draw] = {}
+    draws: dict[int, Draw] = {}
     for row in table[table["trial"] == name].itertuples():
-        found.setdefault(int(row.k), {})[str(row.check)] = (float(row.a), float(row.b))
-    return [found[k] for k in sorted(found)]
+        draws.setdefault(int(row.k), {})[str(row.check)] = (float(row.a), float(row.b))
+    return [draws[k] for k in sorted(draws)]
 
 
 def _put(rows: pd.DataFrame, path: Path, name: str) -> None:

@@ -92,8 +92,10 @@ def euler_jacobian(poses: RigidTransform) -> Array:
     """
     alpha, beta, _ = poses.rotation.as_euler("ZYX").T
     zero = np.zeros_like(beta)
-    one = np.ones_like(beta)
-    rates = np.stack([[np.tan(beta), zero, one], [zero, one, zero], [1 / np.cos(beta), zero, zero]])
+    ones = np.ones_like(beta)
+    rates = np.stack(
+        [[np.tan(beta), zero, ones], [zero, ones, zero], [1 / np.cos(beta), zero, zero]]
+    )
     back = Rotation.from_euler("Z", -alpha[:, None]).as_matrix()
     return np.einsum("ijn,njk->nik", rates, back)
 

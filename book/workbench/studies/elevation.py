@@ -99,10 +99,10 @@ def accuracy(rig: Rig, settings: Mapping[str, Parameters] = SETTINGS) -> dict[st
     """Errors of every estimator on rendered frames of Table 1's poses, up to the handle's
     symmetry.
     """
-    found = measured(rig, "table1", None, settings)
+    measurements_of = measured(rig, "table1", None, settings)
     return {
         name: replication_errors(measurements, load_table1().set_poses, load_handle(HANDLE))
-        for name, measurements in found.items()
+        for name, measurements in measurements_of.items()
     }
 
 
@@ -113,10 +113,10 @@ def kept(rig: Rig, hidden: int, settings: Mapping[str, Parameters] = SETTINGS) -
     Of random poses at which CCD1 and CCD2 share four markers, as long as nobody hides them;
     measured is within 1 mm and 5 deg, up to the handle's symmetry.
     """
-    found = measured(rig, "random", hidden, settings)
+    measurements_of = measured(rig, "random", hidden, settings)
     return {
         name: share_close(measurements, poses_of("random"), load_handle(HANDLE), equivalents=True)
-        for name, measurements in found.items()
+        for name, measurements in measurements_of.items()
     }
 
 
@@ -164,9 +164,9 @@ def measured(
     rig: Rig, which: str, hidden: int | None, settings: Mapping[str, Parameters]
 ) -> dict[str, list[Measurement]]:
     """Measurements of the poses by every estimator, a hand hiding one camera's view."""
-    shown = tqdm(range(len(poses_of(which))), unit="instant", leave=False, disable=None)
+    progress_bar = tqdm(range(len(poses_of(which))), unit="instant", leave=False, disable=None)
     return measure_frames(
-        (frames(rig, which, k, hidden) for k in shown), rig, load_handle(HANDLE), settings
+        (frames(rig, which, k, hidden) for k in progress_bar), rig, load_handle(HANDLE), settings
     )
 
 

@@ -96,16 +96,16 @@ def response(trial: Trial, uv: ArrayLike | None = None, rig: Rig | None = None) 
     ValueError
         If the pixels have another shape, or leave a pose without an estimate.
     """
-    found = [
+    responses = [
         pose.T_world_handle
         for pose in _estimates(trial, uv, rig)
         if pose.T_world_handle is not None
     ]
-    if len(found) < len(trial.truths):
+    if len(responses) < len(trial.truths):
         raise ValueError(
-            f"uv: expected markers enough for {len(trial.truths)} poses, got enough for {len(found)}"
+            f"uv: expected markers enough for {len(trial.truths)} poses, got enough for {len(responses)}"
         )
-    return deviations(RigidTransform.concatenate(found), trial.truths)
+    return deviations(RigidTransform.concatenate(responses), trial.truths)
 
 
 def pixel_noise(trial: Trial, sigma_px: float) -> Source:

@@ -207,8 +207,8 @@ def cell(
     setup = factor.change(table1_setup(rig, handle), as_number(value, factor.column))
     start = {factor.column: value, "seed": seed}
     return [
-        {**start, "method": method, **errors_of(found, setup)}
-        for method, found in measured(setup, methods, rng).items()
+        {**start, "method": method, **errors_of(measurements, setup)}
+        for method, measurements in measured(setup, methods, rng).items()
     ]
 
 

@@ -87,8 +87,8 @@ def one_operator(
         Of `slave.operators.Person`.
     """
     person = Person(delay_s=own_delay_s, miss=miss, crossover=crossover)
-    found = performance(_log(strategy, scale, delay_s, seed, repeats, person))
-    return {name: value for name, value in found._asdict().items() if name != "n"}
+    results = performance(_log(strategy, scale, delay_s, seed, repeats, person))
+    return {name: value for name, value in results._asdict().items() if name != "n"}
 
 
 def make_table(seeds: int = SEEDS) -> pd.DataFrame:
@@ -148,10 +148,10 @@ def fit(means: pd.DataFrame, product_form: bool) -> tuple[tuple[float, float, fl
     time = means["time"].to_numpy()
     third = delay * bits if product_form else delay
     columns = np.column_stack([np.ones_like(bits), bits, third])
-    found = np.linalg.lstsq(columns, time, rcond=None)[0]
-    left = time - columns @ found
-    a, b, c = (float(value) for value in found)
-    return (a, b, c), float(1 - left.var() / time.var())
+    coefficients = np.linalg.lstsq(columns, time, rcond=None)[0]
+    residuals = time - columns @ coefficients
+    a, b, c = (float(value) for value in coefficients)
+    return (a, b, c), float(1 - residuals.var() / time.var())
 
 
 def _log(

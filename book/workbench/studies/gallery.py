@@ -83,12 +83,12 @@ def background_pixels(
     cured = BackgroundParameters(update_rate, difference_threshold)
     printed = replace(cured, shadow_share=0.0, masked_rate=None, compensate_light=False)
     (frames, empty, truths) = hard_light()
-    found = dict[str, float]()
-    for name, way in {"printed": printed, "cured": cured}.items():
-        seen = watch(frames, empty, truths, way)
-        found[f"false_percent_{name}"] = 100 * float(np.nanmean(seen.false))
-        found[f"missed_percent_{name}"] = 100 * float(np.nanmean(seen.missed))
-    return found
+    counts = dict[str, float]()
+    for name, step in {"printed": printed, "cured": cured}.items():
+        seen = watch(frames, empty, truths, step)
+        counts[f"false_percent_{name}"] = 100 * float(np.nanmean(seen.false))
+        counts[f"missed_percent_{name}"] = 100 * float(np.nanmean(seen.missed))
+    return counts
 
 
 def search_window(jerk_intensity: float = 9.5e8, sigma_px: float = 1.5) -> dict[str, float]:
@@ -111,18 +111,18 @@ def search_window(jerk_intensity: float = 9.5e8, sigma_px: float = 1.5) -> dict[
         `images_*`, how many there are.
     """
     kalman = replace(KalmanParameters(), jerk_intensity=jerk_intensity, sigma_px=sigma_px)
-    found: dict[str, float] = {}
+    results: dict[str, float] = {}
     images: dict[str, float] = {}
     for name in ("calm", "hard"):
         seen = [
             one for camera in range(3) for one in followed(name, camera, Parameters(kalman=kalman))
         ]
-        found |= {
+        results |= {
             f"window_percent_{name}": 100 * float(np.mean([share for share, _ in seen])),
             f"lost_{name}": float(sum(lost for _, lost in seen)),
         }
         images[f"images_{name}"] = float(len(seen))
-    return found | images
+    return results | images
 
 
 def accuracy(
@@ -228,15 +228,15 @@ def _turning(before: Array, after: Array) -> Rotation:
 
 
 def _errors(setup: Setup, seed: int) -> dict[str, float]:
-    found: dict[str, float] = {}
+    results: dict[str, float] = {}
     for name, measurements in measured(setup, METHODS, np.random.default_rng(seed)).items():
         errors = errors_of(measurements, setup)
-        found |= {
+        results |= {
             f"E_t_mm_{name}": errors["E_t_mm"],
             f"geodesic_deg_{name}": errors["geodesic_mean_deg"],
             f"n_{name}": errors["n"],
         }
-    return found
+    return results
 
 
 def followed(name: str, index: int, parameters: Parameters) -> list[tuple[float, bool]]:
@@ -253,12 +253,12 @@ def followed(name: str, index: int, parameters: Parameters) -> list[tuple[float,
         parameters,
     )
     holds = held([look.window for look in looks], recording, index)
-    found = []
+    windows = []
     for now, look, whole in zip(recording.instants, looks, holds, strict=True):
         if now.seen[index].any():
             area = 0 if look.window is None else look.window.area
-            found.append((area / (width * height), not (whole and look.used)))
-    return found
+            windows.append((area / (width * height), not (whole and look.used)))
+    return windows
 
 
 @cache
@@ -352,9 +352,9 @@ def load(name: str) -> pd.DataFrame:
     name.
     """
     names = list(settings(name)[0])
-    found = load_sweep(f"gallery/{name}")
-    found.attrs["parameters"] = names
-    return found
+    table = load_sweep(f"gallery/{name}")
+    table.attrs["parameters"] = names
+    return table
 
 
 def make(name: str, workers: int = 1, kept: Path | None = None) -> pd.DataFrame:
@@ -377,11 +377,11 @@ def make(name: str, workers: int = 1, kept: Path | None = None) -> pd.DataFrame:
     exhibit = _exhibit(name)
     rows = settings(name)
     grid = {key: list(dict.fromkeys(row[key] for row in rows)) for key in rows[0]}
-    found = all_runs(name, exhibit.what, grid, kept, workers)
+    table = all_runs(name, exhibit.what, grid, kept, workers)
     results = exhibit.results or [
-        column for column in found if column not in (*grid, *LAST_COLUMNS)
+        column for column in table if column not in (*grid, *LAST_COLUMNS)
     ]
-    return found[[*grid, *results]]
+    return table[[*grid, *results]]
 
 
 def _exhibit(name: str) -> Exhibit:

@@ -237,10 +237,10 @@ def regions(covered: ArrayLike, seam_px: int = 3) -> Regions:
 
 def wrong(detection: Detection, truth: Regions) -> Wrong:
     """Hold a detection against the truth."""
-    found, inside, outside = detection.mask, *truth
+    moved, inside, outside = detection.mask, *truth
     return Wrong(
-        float(found[outside].mean()) if outside.any() else np.nan,
-        float(1 - found[inside].mean()) if inside.any() else np.nan,
+        float(moved[outside].mean()) if outside.any() else np.nan,
+        float(1 - moved[inside].mean()) if inside.any() else np.nan,
     )
 
 
@@ -290,11 +290,11 @@ def held(windows: Sequence[Window | None], recording: Recorded, camera: int) -> 
     """Whether the window of each instant holds all markers that the camera truly sees, bool
     (n,).
     """
-    found = []
+    judged = []
     for window, now in zip(windows, recording.instants, strict=True):
         uv = _seen_pixels(recording, now, camera)
-        found.append(len(uv) == 0 or (window is not None and bool(window.contains(uv).all())))
-    return np.array(found)
+        judged.append(len(uv) == 0 or (window is not None and bool(window.contains(uv).all())))
+    return np.array(judged)
 
 
 class Spots(NamedTuple):
@@ -394,20 +394,20 @@ def moving_windows(
 ) -> list[list[Window | None]]:
     """The window around what moves, W_ROI, for each instant that of each camera (Sect. 4.1)."""
     p = parameters or Parameters()
-    found = []
+    windows = []
     known: list[np.ndarray] = list(recording.empty)
     for instant in recording.instants:
         stepped = [
             background.step(*pair, p.background) for pair in zip(known, instant.images, strict=True)
         ]
         known = [renewed for renewed, _ in stepped]
-        found.append(
+        windows.append(
             [
                 moved.window and moved.window.grown(p.markers.diameter_px[0]).clipped(camera.size)
                 for (_, moved), camera in zip(stepped, recording.rig.cameras, strict=True)
             ]
         )
-    return found
+    return windows
 
 
 def in_the_gate(

@@ -113,18 +113,18 @@ def step(
     grey = as_image(image, "image", highest=255)
     t = as_number(t_s, "t_s", -np.inf if state is None else state.t_s, open_low=True)
     if state is None:
-        found = markers_in(grey, elsewhere, handle, p)
-        box = _around(found)
+        markers = markers_in(grey, elsewhere, handle, p)
+        box = _around(markers)
         begun = (
             None if box is None else Followed(t, kalman.initial_state(box.centre, p.kalman), box, t)
         )
-        return begun, Look(elsewhere, found, box, np.nan, box is not None)
+        return begun, Look(elsewhere, markers, box, np.nan, box is not None)
     predicted = kalman.predict_motion(state.motion, t - state.t_s, p.kalman)
     window = (
         search_window(predicted, state.box, (grey.shape[1], grey.shape[0]), p.kalman) or elsewhere
     )
-    found = markers_in(grey, window, handle, p)
-    box = _around(found)
+    markers = markers_in(grey, window, handle, p)
+    box = _around(markers)
     observed = kalman.innovation(
         predicted,
         None if box is None else box.centre,
@@ -132,11 +132,11 @@ def step(
         p.kalman.sigma_px**2 * np.eye(2),
     )
     look = Look(
-        window, found, box, kalman.nis(observed), kalman.gate(observed, p.kalman.gate_probability)
+        window, markers, box, kalman.nis(observed), kalman.gate(observed, p.kalman.gate_probability)
     )
     if box is not None:
-        kept = _shrunk(state.box, box, np.exp(-(t - state.seen_s) / p.memory_s))
-        return Followed(t, corrected(predicted, box.centre, p.kalman), kept, t), look
+        shrunk = _shrunk(state.box, box, np.exp(-(t - state.seen_s) / p.memory_s))
+        return Followed(t, corrected(predicted, box.centre, p.kalman), shrunk, t), look
     return (
         state._replace(t_s=t, motion=predicted) if t - state.seen_s <= p.memory_s else None
     ), look

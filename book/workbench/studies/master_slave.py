@@ -123,13 +123,13 @@ def mapped(
     """T_base_tool, mm, for n poses of a handle whose clutch is closed at the first: no filter, no
     end of the reach.
     """
-    way = mapping.alignment.apply(poses.translation - poses.translation[0])
+    displacement = mapping.alignment.apply(poses.translation - poses.translation[0])
     turns = mapping.alignment.apply((poses.rotation[1:] * poses.rotation[:-1].inv()).as_rotvec())
     rotations = [tool.rotation]
     for turn in Rotation.from_rotvec(mapping.turn_scale * turns):
         rotations.append(turn * rotations[-1])
     return RigidTransform.from_components(
-        tool.translation + mapping.scale * way, Rotation.concatenate(rotations)
+        tool.translation + mapping.scale * displacement, Rotation.concatenate(rotations)
     )
 
 
@@ -160,9 +160,9 @@ def run(
     clean, noised = (
         [
             Sample(t, T, "measured", t >= STILL_S - 1e-9)
-            for t, T in zip(times.tolist(), found, strict=True)
+            for t, T in zip(times.tolist(), measured, strict=True)
         ]
-        for found in (poses, noisy(poses, noise_mm, noise_deg, rng or np.random.default_rng(0)))
+        for measured in (poses, noisy(poses, noise_mm, noise_deg, rng or np.random.default_rng(0)))
     )
     session = Session(robot, p, following)
     first = [sample.clutch for sample in clean].index(True)
@@ -201,8 +201,8 @@ def parts(trial: Trial) -> dict[str, tuple[float, float]]:
     the ``total``.
     """
     stages = [trial.stages[name] for name in STAGES]
-    found = {name: between(stages[k], stages[k + 1]) for k, name in enumerate(PARTS)}
-    return {**found, "total": between(stages[0], stages[-1])}
+    distances = {name: between(stages[k], stages[k + 1]) for k, name in enumerate(PARTS)}
+    return {**distances, "total": between(stages[0], stages[-1])}
 
 
 def between(a: RigidTransform, b: RigidTransform) -> tuple[float, float]:
@@ -275,7 +275,7 @@ def lag_s(trial: Trial, stage: str = "tool", longest_s: float = 0.4) -> float:
     Raises ValueError for a trial not three times as long as the longest lag.
     """
     hand = trial.stages["hand"].translation
-    other = trial.stages[stage].translation
+    positions = trial.stages[stage].translation
     tick = float(np.ptp(trial.t_s)) / (len(trial.t_s) - 1)
     shifts = np.arange(-2, round(longest_s / tick))
     if len(hand) < 3 * len(shifts):
@@ -283,7 +283,7 @@ def lag_s(trial: Trial, stage: str = "tool", longest_s: float = 0.4) -> float:
             f"trial: expected {3 * longest_s:g} s or more, got {np.ptp(trial.t_s):g} s"
         )
     middle = np.arange(shifts[-1], len(hand) - 2)
-    values = np.array([_correlation(hand[middle - shift], other[middle]) for shift in shifts])
+    values = np.array([_correlation(hand[middle - shift], positions[middle]) for shift in shifts])
     if not np.isfinite(values).all():
         return np.nan
     k = int(np.clip(np.argmax(values), 1, len(values) - 2))

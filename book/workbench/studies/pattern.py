@@ -225,8 +225,8 @@ def largest_size(
 
     def refused(factor: float) -> bool:
         model = filled_up(scaled(source, factor), places, truths, rms)
-        some = drawn(model, tables, np.random.default_rng(seed))[..., :3]
-        return float((smooth_share(truths.translation, some) <= at).mean()) < wanted
+        errors = drawn(model, tables, np.random.default_rng(seed))[..., :3]
+        return float((smooth_share(truths.translation, errors) <= at).mean()) < wanted
 
     whole = _rms_after(source, field)
     low, high = 0.0, rms / whole  # in units of its size; all of the scatter is its own there
@@ -263,8 +263,8 @@ def pattern_table(
     """
     lines = []
     for model, made_by in models:
-        some = first_order(drawn(model, tables, np.random.default_rng(seed)), truths)
-        line = compare(some, truths, observed)
+        errors = first_order(drawn(model, tables, np.random.default_rng(seed)), truths)
+        line = compare(errors, truths, observed)
         line.insert(0, "model", model.name)
         line["fitted"] = line["statistic"].isin(made_by)
         lines.append(line)

@@ -296,8 +296,8 @@ def particle_errors_px(window_px: int = 9) -> Array | None:
         return None
     bright = 255.0 - particles.image
     difference = bright - cv2.blur(bright, (window_px, window_px))
-    found = find_markers(difference, len(particles.uv), "bright", PARTICLES)
-    return cKDTree(found.uv).query(particles.uv)[0]
+    markers = find_markers(difference, len(particles.uv), "bright", PARTICLES)
+    return cKDTree(markers.uv).query(particles.uv)[0]
 
 
 def triangulate_steep(rig: Rig, uv: ArrayLike, min_angle_deg: float) -> Array:

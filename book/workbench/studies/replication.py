@@ -116,12 +116,12 @@ def measure_frames(
     dict
         For each method a measurement an instant.
     """
-    found: dict[str, list[Measurement]] = {name: [] for name in methods}
+    measurements: dict[str, list[Measurement]] = {name: [] for name in methods}
     for k, images in enumerate(frames):
         prior = None if priors is None else priors[k]
         for name, parameters in methods.items():
-            found[name].append(measure(images, rig, handle, prior, parameters))
-    return found
+            measurements[name].append(measure(images, rig, handle, prior, parameters))
+    return measurements
 
 
 def replicate(
@@ -211,15 +211,15 @@ def estimates_and_truths(
 
     Raises ValueError if there are none.
     """
-    held = [
+    pairs = [
         (estimate, truth)
         for estimate, truth in zip(estimates, truths, strict=True)
         if estimate is not None
     ]
-    if not held:
+    if not pairs:
         raise ValueError(f"measurements: all {len(truths)} are lost")
-    found, true = (RigidTransform.concatenate(side) for side in zip(*held, strict=True))
-    return nearest_equivalent(found, true, handle.symmetries), true
+    estimated, true = (RigidTransform.concatenate(side) for side in zip(*pairs, strict=True))
+    return nearest_equivalent(estimated, true, handle.symmetries), true
 
 
 def deviation(pose: Pose, truth: RigidTransform, handle: Handle) -> Deviation:

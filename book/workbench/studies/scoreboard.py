@@ -140,8 +140,8 @@ def score(claim: Claim, results: Mapping[str, Result], trials: dict[str, Trial])
         result = results.get(str(claim.check))
         why = NOT_DRAWN
     elif claim.check is not None:
-        found = CHECKS[claim.check]()
-        result = Result(found) if isinstance(found, int | float) else found
+        value = CHECKS[claim.check]()
+        result = Result(value) if isinstance(value, int | float) else value
     if claim.check is None:
         verdict, reason, result = claim.verdict, claim.reason, Result(np.nan)
     elif result is None or np.isnan(result.value):
@@ -171,8 +171,8 @@ def sensitivity(claim: Claim) -> str:
     if claim.sensitivity is None:
         return ""
     table = pd.read_csv(data_path("sweeps", "marker_size.csv"))
-    there = table["marker_diameter_mm"].between(*MARKER_SIZES_MM) & (table["method"] == "paper")
-    values = table[there][claim.sensitivity]
+    in_range = table["marker_diameter_mm"].between(*MARKER_SIZES_MM) & (table["method"] == "paper")
+    values = table[in_range][claim.sensitivity]
     return (
         f"Markers of {MARKER_SIZES_MM[0]:g} to {MARKER_SIZES_MM[1]:g} mm, of which the paper says "
         f"nothing, make it {values.min():.2f} to {values.max():.2f} {claim.unit}."
@@ -244,15 +244,15 @@ def _honesty_on_second(estimator: str) -> Result:
     unit, on the second renderer's images.
     """
     table = load_sweep("second_renderer")
-    found = []
+    ratios = []
     for _, row in table[_rows_of(table, estimator)].iterrows():
         for unit in ("mm", "deg"):
             names = ("error_by_sigma", "error_by_sigma_low", "error_by_sigma_high")
             value, low, high = (row[f"{name}_{unit}"] for name in names)
             if value < 1:  # the sigma is too large
                 value, low, high = 1 / value, 1 / high, 1 / low
-            found.append(Result(value, low, high, row["n"], row["seed"]))
-    return max(found, key=lambda result: result.value)
+            ratios.append(Result(value, low, high, row["n"], row["seed"]))
+    return max(ratios, key=lambda result: result.value)
 
 
 def _rows_of(table: pd.DataFrame, estimator: str) -> pd.Series:

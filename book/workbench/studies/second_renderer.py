@@ -76,10 +76,10 @@ def make_table(kept: Path) -> pd.DataFrame:
         _, handle = open_folder(folder)
         truths = list(poses_by_frame(read_poses(folder / "truth.csv")).values())
         for renderer, frames in ((SECOND, read(folder)), (OURS, ours(truths, handle))):
-            found = measured(frames, truths, handle)
+            deviations = measured(frames, truths, handle)
             rows += [
                 {"renderer": renderer, "rig": rig, "handle": handle_name, "estimator": estimator}
-                | judged(found[rig, estimator])
+                | judged(deviations[rig, estimator])
                 for rig in recipe.RIGS
                 for estimator in ESTIMATORS
             ]
@@ -108,21 +108,21 @@ def side_by_side(
         of error by reported sigma.
     """
     keys = ["rig", "handle", "estimator"]
-    shown = {
+    columns = {
         "mm": "mean_mm",
         "by sigma, mm": "error_by_sigma_mm",
         "deg": "mean_deg",
         "by sigma, deg": "error_by_sigma_deg",
     }
-    other, own = (
+    second, own = (
         table[table["renderer"] == renderer].set_index(keys) for renderer in (SECOND, OURS)
     )
-    rows = other[["n", "measured"]].copy()
-    for name, column in shown.items():
-        rows[name] = other[column]
+    rows = second[["n", "measured"]].copy()
+    for name, column in columns.items():
+        rows[name] = second[column]
         rows[f"{name}, own"] = own[column]
-    kept = rows.index.get_level_values("estimator").isin([*estimators, FILM])
-    return rows[kept].reset_index()
+    chosen = rows.index.get_level_values("estimator").isin([*estimators, FILM])
+    return rows[chosen].reset_index()
 
 
 def recorded(name: str, kept: Path) -> Path:
@@ -149,20 +149,22 @@ def followed(folder: Path) -> list[Deviation]:
 
 def judged(deviations: Sequence[Deviation]) -> dict[str, float]:
     """What many deviations say: see `make_table`."""
-    held = [one for one in deviations if one.measured]
+    measured_ones = [one for one in deviations if one.measured]
     row: dict[str, float] = {
         "n": len(deviations),
-        "measured": len(held),
-        "wrong": sum(one.wrong for one in held),
+        "measured": len(measured_ones),
+        "wrong": sum(one.wrong for one in measured_ones),
     }
     ratios = {}
     for unit in ("mm", "deg"):
-        errors = np.array([getattr(one, unit) for one in held])
-        sigmas = np.array([getattr(one, f"sigma_{unit}") for one in held])
+        errors = np.array([getattr(one, unit) for one in measured_ones])
+        sigmas = np.array([getattr(one, f"sigma_{unit}") for one in measured_ones])
         ratios[unit] = (errors / sigmas) ** 2
-        row[f"mean_{unit}"] = float(errors.mean()) if held else np.nan
+        row[f"mean_{unit}"] = float(errors.mean()) if measured_ones else np.nan
         row[f"low_{unit}"], row[f"high_{unit}"], _ = of_mean(errors)
-        row[f"error_by_sigma_{unit}"] = float(np.sqrt(ratios[unit].mean())) if held else np.nan
+        row[f"error_by_sigma_{unit}"] = (
+            float(np.sqrt(ratios[unit].mean())) if measured_ones else np.nan
+        )
     row["seed"] = recipe.SEED
     for unit, squares in ratios.items():
         low, high = np.sqrt(of_mean(squares)[:2])
@@ -190,11 +192,11 @@ def measured(
 ) -> dict[tuple[str, str], list[Deviation]]:
     """Deviations by rig and estimator; a handle's look-alikes are told apart by the truth."""
     rigs = recipe.rigs()
-    found: dict[tuple[str, str], list[Deviation]] = {}
+    deviations: dict[tuple[str, str], list[Deviation]] = {}
     for images, T in zip(frames, truths, strict=True):
         priors = [T] if len(handle.symmetries) > 1 else None
         for name, rig in rigs.items():
             seen = recipe.by_rig(images, name)
             for estimator, (m,) in measure_frames([seen], rig, handle, EVERY, priors).items():
-                found.setdefault((name, estimator), []).append(deviation(m.pose, T, handle))
-    return found
+                deviations.setdefault((name, estimator), []).append(deviation(m.pose, T, handle))
+    return deviations

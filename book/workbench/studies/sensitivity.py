@@ -218,8 +218,8 @@ def _angles_in_turn(world: World) -> World:
     """Table 1's angles about X, Y, Z in that order."""
     poses = world.setup.poses
     angles = poses.rotation.as_euler("ZYX")
-    other = Rotation.from_euler("XYZ", angles[:, ::-1])
-    return _with(poses=RigidTransform.from_components(poses.translation, other))(world)
+    rotation = Rotation.from_euler("XYZ", angles[:, ::-1])
+    return _with(poses=RigidTransform.from_components(poses.translation, rotation))(world)
 
 
 def _moving(speed_mm_s: float) -> Callable[[World], World]:
@@ -323,9 +323,9 @@ def by_printed_matrix(m: Measurement, pair: Rig, handle: Handle) -> RigidTransfo
     if T is None:
         return None
     uv = np.full((1, 2, len(handle.marker_centres), 2), np.nan)
-    for view, camera, found, labels in zip(uv[0], pair.cameras, m.found, m.labels, strict=True):
+    for view, camera, markers, labels in zip(uv[0], pair.cameras, m.found, m.labels, strict=True):
         known = labels >= 0
-        view[labels[known]] = found.uv[known]
+        view[labels[known]] = markers.uv[known]
         steep = np.isnan(facing_pixels(handle, camera, T, Parameters().max_slant_deg)).any(axis=1)
         view[steep] = np.nan
     printed = load_calibration().R_rl
@@ -338,13 +338,13 @@ def errors(world: World, estimate: RigidTransform | None, k: int) -> list[float]
     if estimate is None:
         return [np.nan] * 5
     truth = world.setup.poses[k : k + 1]
-    found = RigidTransform.concatenate([estimate])
+    estimated = RigidTransform.concatenate([estimate])
     if world.told:
-        found = nearest_equivalent(found, truth, world.setup.handle.symmetries)
+        estimated = nearest_equivalent(estimated, truth, world.setup.handle.symmetries)
     back = world.T_handle_rod.inv()
-    angles = np.abs(angle_differences_deg(found * back, truth * back))[0]
-    distance = position_errors(found, truth)[0]
-    return [float(distance), *map(float, angles), float(geodesic_deg(found, truth)[0])]
+    angles = np.abs(angle_differences_deg(estimated * back, truth * back))[0]
+    distance = position_errors(estimated, truth)[0]
+    return [float(distance), *map(float, angles), float(geodesic_deg(estimated, truth)[0])]
 
 
 def is_itself(world: World, estimate: RigidTransform | None, k: int) -> bool:
@@ -387,8 +387,8 @@ def run_case(case: Case, path: Path, draws: int) -> list[dict[str, float]]:
 
 def _rows_of(case: Case, base: list[dict[str, float]], kept: Path, draws: int) -> list[tuple]:
     number = CASES.index(case)
-    found = run_case(case, kept / f"{number:02d}-{case.assumption}.jsonl", draws)
-    poses = len(found) // draws
+    numbers = run_case(case, kept / f"{number:02d}-{case.assumption}.jsonl", draws)
+    poses = len(numbers) // draws
     return [
         (
             case.assumption,
@@ -396,7 +396,7 @@ def _rows_of(case: Case, base: list[dict[str, float]], kept: Path, draws: int) -
             name,
             unit,
             claim,
-            *compared(by_pose(base, name, poses), by_pose(found, name, poses)),
+            *compared(by_pose(base, name, poses), by_pose(numbers, name, poses)),
             draws,
             SEED,
             "rendered",
@@ -451,12 +451,12 @@ def of_table1() -> list[tuple]:
     }
     rows = []
     for (assumption, instead), poses in readings.items():
-        found = pose_errors(*poses)
+        errors = pose_errors(*poses)
         for name, number, unit, claim in (
             ("E_t_mm", "E_t printed", "mm", "1"),
             ("geodesic_mean_deg", "angle printed", "deg", ""),
         ):
-            before, after = getattr(base, name), getattr(found, name)
+            before, after = getattr(base, name), getattr(errors, name)
             rows.append(
                 (assumption, instead, number, unit, claim, before, after, after - before)
                 + (np.nan, np.nan, len(true), 0, "", "computed")
@@ -477,7 +477,7 @@ def of_workspace() -> list[tuple]:
     camera = load_rig("paper_trinocular").cameras[0]
     side = float(np.arctan(camera.size[0] / 2 / camera.focal[0]))
     narrow = tuple(replace(cone, half_angle=side) for cone in cones)
-    volumes = [1e-6 * intersect(some).volume for some in (cones, narrow)]
+    volumes = [1e-6 * intersect(cones_of).volume for cones_of in (cones, narrow)]
     instead = f"omega of {np.rad2deg(side):.1f} deg, to the side of the image"
     return [
         ("A8", instead, "workspace", "dm³", "10", *volumes, volumes[1] - volumes[0])

@@ -109,12 +109,12 @@ def trial(fault: str, handle: str, block: int) -> dict[str, float]:
     truths, taken = instants(fault, handle, block)
     the_handle = load_handle(handle)
     methods = EVERY if block < FIRST_ROUNDS else {name: EVERY[name] for name in OFTEN}
-    found = {}
+    results = {}
     for rig, count in RIGS.items():
         for estimator, deviations in _measured(taken, count, truths, the_handle, methods).items():
             for name, value in sums(deviations).items():
-                found[f"{rig}/{estimator}/{name}"] = value
-    return found
+                results[f"{rig}/{estimator}/{name}"] = value
+    return results
 
 
 def instants(fault: str, handle: str, block: int) -> tuple[list[RigidTransform], list[Taken]]:
@@ -149,14 +149,14 @@ def _measured(
     methods: Mapping[str, Parameters],
 ) -> dict[str, list[Deviation]]:
     """The estimators' deviations, with the first cameras; each instant may have a rig of its own."""
-    found: dict[str, list[Deviation]] = {name: [] for name in methods}
+    deviations: dict[str, list[Deviation]] = {name: [] for name in methods}
     for one, T in zip(taken, truths, strict=True):
         rig = first(one.rig, count)
         priors = [T] if len(handle.symmetries) > 1 else None
         measurements = measure_frames([one.frames[:count]], rig, handle, methods, priors)
         for name, (measurement,) in measurements.items():
-            found[name].append(deviation(measurement.pose, T, handle))
-    return found
+            deviations[name].append(deviation(measurement.pose, T, handle))
+    return deviations
 
 
 def first(rig: Rig, count: int) -> Rig:
@@ -183,21 +183,21 @@ SUMS = (
 
 def sums(deviations: Sequence[Deviation]) -> dict[str, float]:
     """The quantities of `SUMS`; ``ratios`` are squares of error by sigma."""
-    held = [one for one in deviations if one.measured]
-    found = {
+    measured = [one for one in deviations if one.measured]
+    totals = {
         "n": float(len(deviations)),
-        "measured": float(len(held)),
-        "wrong": float(sum(one.wrong for one in held)),
-        "unforeseen": float(sum(unforeseen(one) for one in held)),
+        "measured": float(len(measured)),
+        "wrong": float(sum(one.wrong for one in measured)),
+        "unforeseen": float(sum(unforeseen(one) for one in measured)),
     }
     for unit in ("mm", "deg"):
-        errors = np.array([getattr(one, unit) for one in held])
-        sigmas = np.array([getattr(one, f"sigma_{unit}") for one in held])
-        found[f"sum_{unit}"] = float(errors.sum())
-        found[f"squares_{unit}"] = float((errors**2).sum())
-        found[f"ratios_{unit}"] = float(((errors / sigmas) ** 2).sum())
-        found[f"largest_{unit}"] = float(errors.max(initial=0.0))
-    return found
+        errors = np.array([getattr(one, unit) for one in measured])
+        sigmas = np.array([getattr(one, f"sigma_{unit}") for one in measured])
+        totals[f"sum_{unit}"] = float(errors.sum())
+        totals[f"squares_{unit}"] = float((errors**2).sum())
+        totals[f"ratios_{unit}"] = float(((errors / sigmas) ** 2).sum())
+        totals[f"largest_{unit}"] = float(errors.max(initial=0.0))
+    return totals
 
 
 def unforeseen(one: Deviation) -> bool:
@@ -259,20 +259,22 @@ def judged(blocks: pd.DataFrame, name: str) -> dict[str, float]:
     """The row of some blocks; those that an estimator has not measured do not count."""
     mine = blocks[blocks[f"{name}/n"].notna()]
     total = {what: float(mine[f"{name}/{what}"].sum()) for what in SUMS}
-    n, held, wrong = (int(total[what]) for what in ("n", "measured", "wrong"))
+    n, measured, wrong = (int(total[what]) for what in ("n", "measured", "wrong"))
     row: dict[str, float] = {
         "n": n,
-        "measured": held,
+        "measured": measured,
         "wrong": wrong,
         "wrong_share_below": highest_share(wrong, n),
     }
     counts = mine[f"{name}/measured"]
     for unit in ("mm", "deg"):
-        row[f"mean_{unit}"] = total[f"sum_{unit}"] / held if held else np.nan
-        low, high, _ = of_sums(total[f"sum_{unit}"], total[f"squares_{unit}"], held)
+        row[f"mean_{unit}"] = total[f"sum_{unit}"] / measured if measured else np.nan
+        low, high, _ = of_sums(total[f"sum_{unit}"], total[f"squares_{unit}"], measured)
         row[f"low_{unit}"], row[f"high_{unit}"] = low, high
         row[f"largest_{unit}"] = float(mine[f"{name}/largest_{unit}"].max())
-        row[f"error_by_sigma_{unit}"] = np.sqrt(total[f"ratios_{unit}"] / held) if held else np.nan
+        row[f"error_by_sigma_{unit}"] = (
+            np.sqrt(total[f"ratios_{unit}"] / measured) if measured else np.nan
+        )
     row["seed"] = SEED
     row["unforeseen"] = int(total["unforeseen"])
     for unit in ("mm", "deg"):
@@ -301,19 +303,21 @@ def by_fault(table: pd.DataFrame, rig: str, estimator: str) -> pd.DataFrame:
     rows = []
     mine = table[(table["rig"] == rig) & (table["estimator"] == estimator)]
     for fault, both in mine.groupby("fault", sort=False):
-        n, held, wrong = (int(both[name].sum()) for name in ("n", "measured", "wrong"))
-        share = both["measured"] / max(held, 1)
+        n, measured, wrong = (int(both[name].sum()) for name in ("n", "measured", "wrong"))
+        share = both["measured"] / max(measured, 1)
         row: dict[str, Any] = {
             "fault": fault,
             "n": n,
-            "measured": held / n,
+            "measured": measured / n,
             "wrong": wrong,
             "wrong, at most": highest_share(wrong, n),
             "unforeseen": int(both["unforeseen"].sum()),
         }
         for unit in ("mm", "deg"):
             squares = both[f"error_by_sigma_{unit}"] ** 2
-            row[unit] = float((both[f"mean_{unit}"] * share).sum()) if held else np.nan
-            row[f"by sigma, {unit}"] = float(np.sqrt((squares * share).sum())) if held else np.nan
+            row[unit] = float((both[f"mean_{unit}"] * share).sum()) if measured else np.nan
+            row[f"by sigma, {unit}"] = (
+                float(np.sqrt((squares * share).sum())) if measured else np.nan
+            )
         rows.append(row)
     return pd.DataFrame(rows)

@@ -178,8 +178,8 @@ def most_likely(
         model = start._replace(**dict(zip(free, np.exp(logs).tolist(), strict=True)))
         return -sum(innovations(times, z, model).log_likelihood for times, z in data)
 
-    found = minimize(cost, first, method="Nelder-Mead", options={"xatol": 1e-3, "fatol": 1e-2}).x
-    return start._replace(**dict(zip(free, np.exp(found).tolist(), strict=True)))
+    optimum = minimize(cost, first, method="Nelder-Mead", options={"xatol": 1e-3, "fatol": 1e-2}).x
+    return start._replace(**dict(zip(free, np.exp(optimum).tolist(), strict=True)))
 
 
 def image_model(p: KalmanParameters) -> Model:
@@ -206,8 +206,8 @@ def tune_image(
         As `most_likely`.
     """
     p = start or KalmanParameters()
-    found = most_likely(data, image_model(p), Model._fields[:4])
-    return KalmanParameters(*found[:4], gate_probability=p.gate_probability)
+    likeliest = most_likely(data, image_model(p), Model._fields[:4])
+    return KalmanParameters(*likeliest[:4], gate_probability=p.gate_probability)
 
 
 def nis_band(count: int, dof: int = 2, share: float = 0.95) -> tuple[float, float]:
@@ -432,9 +432,9 @@ def judge(data: Sequence[tuple[Array, RigidTransform]], models: tuple[Model, Mod
     rng = np.random.default_rng(1)  # one source: each motion has noise of its own
     paths = [(times, pose_paths(poses, p, rng)) for times, poses in data]
     for kind, (name, model) in enumerate(zip(("position", "rotation"), models, strict=True)):
-        found = [innovations(times, both[kind], model) for times, both in paths]
-        axes = np.concatenate([one.squared for one in found]).mean(axis=0)
-        likely = sum(one.log_likelihood for one in found) / sum(one.residuals.size for one in found)
+        runs = [innovations(times, both[kind], model) for times, both in paths]
+        axes = np.concatenate([one.squared for one in runs]).mean(axis=0)
+        likely = sum(one.log_likelihood for one in runs) / sum(one.residuals.size for one in runs)
         lines.append(
             f"{name}: jerk {model.jerk_intensity:9.3g}, fading {model.fading_s:5.3g} s; log-likelihood "
             f"{likely:6.3f}, NIS {axes.sum():5.2f} of 3, by axes {np.round(axes, 2)}"

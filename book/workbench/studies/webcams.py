@@ -130,10 +130,12 @@ def cell(webcam: Webcam, rod_mm: float, marker_mm: float) -> list[dict[str, floa
     taken = [render_rig(rig, handle, poses[k], BENCH, rng) for k in range(len(poses))]
     rows = []
     for estimator in ESTIMATORS:
-        found = [_error(frames, rig, handle, estimator, poses[k]) for k, frames in enumerate(taken)]
-        held = np.array([one for one in found if one is not None]).reshape(-1, 2)
-        right = held[held[:, 0] < WRONG_MM]
-        share = of_share(len(held), len(poses))
+        errors = [
+            _error(frames, rig, handle, estimator, poses[k]) for k, frames in enumerate(taken)
+        ]
+        measured = np.array([one for one in errors if one is not None]).reshape(-1, 2)
+        right = measured[measured[:, 0] < WRONG_MM]
+        share = of_share(len(measured), len(poses))
         row: dict[str, float | str] = {
             "width_px": webcam.size[0],
             "focal_px": webcam.focal_px,
@@ -143,10 +145,10 @@ def cell(webcam: Webcam, rod_mm: float, marker_mm: float) -> list[dict[str, floa
             "estimator": estimator,
             "n": len(poses),
             "seed": SEED,
-            "measured": len(held) / len(poses),
+            "measured": len(measured) / len(poses),
             "measured_low": share.low,
             "measured_high": share.high,
-            "wrong": len(held) - len(right),
+            "wrong": len(measured) - len(right),
         }
         for name, values in zip(("E_t_mm", "geodesic_deg"), right.T, strict=True):
             row |= columns_of_mean(name, values, of_mean(values))
@@ -164,8 +166,8 @@ def _error(
     pose = measure(frames, rig, handle, parameters=Parameters(estimator=estimator)).pose
     if pose.T_world_handle is None:
         return None
-    one, other = (RigidTransform.concatenate([T]) for T in (pose.T_world_handle, truth))
-    return float(position_errors(one, other)[0]), float(geodesic_deg(one, other)[0])
+    estimated, true = (RigidTransform.concatenate([T]) for T in (pose.T_world_handle, truth))
+    return float(position_errors(estimated, true)[0]), float(geodesic_deg(estimated, true)[0])
 
 
 def make_table() -> pd.DataFrame:

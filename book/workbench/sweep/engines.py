@@ -213,14 +213,14 @@ def settle(client: Any, address: str) -> None:
     """
     try:
         client.wait_for_workers(1, timeout=CONNECT_S)
-        found = client.run(settled)
+        hashes = client.run(settled)
     except TimeoutError:
         raise ValueError(f"{address}: the cluster has no workers") from None
     except Exception as error:  # what a worker without this package raises
         raise ValueError(f"{address}: its workers cannot load trinolab ({error})") from None
-    here = package_hash()
-    for worker, there in found.items():
-        if there != here:
+    own_hash = package_hash()
+    for worker, their_hash in hashes.items():
+        if their_hash != own_hash:
             raise ValueError(f"{address}: {worker} has another version of trinolab, or of its data")
 
 

@@ -82,22 +82,22 @@ def plot_sweep(
     every = results_of(found, names, results)
     levels = varied(found, names)
     several = len(levels) > 2 or (len(levels) == 2 and not is_grid(levels))
-    shown = every[: MOST_ROWS if several else MOST_PANELS if results is None else None]
-    if not shown:
+    rows_shown = every[: MOST_ROWS if several else MOST_PANELS if results is None else None]
+    if not rows_shown:
         return _said("no result is a number", found)
     if len(levels) <= 1:
-        figure, axes = _panels(len(shown))
-        for ax, name in zip(axes, shown, strict=True):
+        figure, axes = _panels(len(rows_shown))
+        for ax, name in zip(axes, rows_shown, strict=True):
             draw_curve(ax, found[name].to_numpy(float), levels[0] if levels else _runs(found), name)
     elif not is_grid(levels):
-        figure = _scattered(found, shown, levels)
+        figure = _scattered(found, rows_shown, levels)
     elif len(levels) == 2:
-        figure, axes = _panels(len(shown))
-        for ax, name in zip(axes, shown, strict=True):
+        figure, axes = _panels(len(rows_shown))
+        for ax, name in zip(axes, rows_shown, strict=True):
             _heat_map(ax, found[name].to_numpy(float), levels, name)
     else:
-        figure = _multiples(found, shown, levels)
-    _name_what_is_missing(figure, found, len(every) - len(shown))
+        figure = _multiples(found, rows_shown, levels)
+    _name_what_is_missing(figure, found, len(every) - len(rows_shown))
     return figure
 
 
@@ -231,8 +231,8 @@ def _heat_map(
     )
     ax.figure.colorbar(image, ax=ax, label=name)
     for axis, level in ((ax.xaxis, across), (ax.yaxis, up)):
-        some = np.unique(np.linspace(0, len(level.values) - 1, 6).round().astype(int))
-        axis.set_ticks(some, [level.labels[k] for k in some])
+        ticks = np.unique(np.linspace(0, len(level.values) - 1, 6).round().astype(int))
+        axis.set_ticks(ticks, [level.labels[k] for k in ticks])
     ax.set(xlabel=across.name, ylabel=up.name, facecolor="lightgrey")
 
 
@@ -242,20 +242,20 @@ def _multiples(found: pd.DataFrame, shown: Sequence[str], levels: Sequence[Level
     """
     first, others = levels[:2], levels[2:]
     flat = _flat(others)
-    some = np.unique(np.linspace(0, flat.max(), MOST_COLUMNS).round().astype(int))
+    columns = np.unique(np.linspace(0, flat.max(), MOST_COLUMNS).round().astype(int))
     figure, axes = subplots(
         len(shown),
-        len(some),
-        figsize=(3.6 * len(some), 2.8 * len(shown) + 0.4),
+        len(columns),
+        figsize=(3.6 * len(columns), 2.8 * len(shown) + 0.4),
         squeeze=False,
     )
     for ax, (name, combination) in zip(
-        axes.flat, ((name, k) for name in shown for k in some), strict=True
+        axes.flat, ((name, k) for name in shown for k in columns), strict=True
     ):
         y = found[name].to_numpy(float)
-        here = flat == combination
-        part = [level._replace(which=level.which[here]) for level in first]
-        _heat_map(ax, y[here], part, name, (np.nanmin(y), np.nanmax(y)))
+        matching = flat == combination
+        part = [level._replace(which=level.which[matching]) for level in first]
+        _heat_map(ax, y[matching], part, name, (np.nanmin(y), np.nanmax(y)))
         setting = np.unravel_index(combination, [len(level.values) for level in others])
         ax.set_title(
             ", ".join(

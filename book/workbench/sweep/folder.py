@@ -183,11 +183,11 @@ def read_sweep(folder: str | Path) -> pd.DataFrame:
         raise ValueError(
             f"{folder}: the sweep is not finished; the command that began it goes on with it"
         )
-    found = read_csv(path)
+    table = read_csv(path)
     # without a failure it is read as numbers
-    found["error"] = found["error"].astype(object).fillna("").astype(str)
-    found.attrs["parameters"] = names
-    return found
+    table["error"] = table["error"].astype(object).fillna("").astype(str)
+    table.attrs["parameters"] = names
+    return table
 
 
 def _check_place(path: Path) -> None:
@@ -205,12 +205,12 @@ def _check_place(path: Path) -> None:
 def _manifest(folder: Path) -> dict[str, Any]:
     path = folder / MANIFEST
     try:
-        found = json.loads(path.read_text(encoding="utf-8"))
+        content = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError, RecursionError):
         raise ValueError(f"{path}: expected the manifest of a sweep") from None
-    if not isinstance(found, dict):
+    if not isinstance(content, dict):
         raise ValueError(f"{path}: expected the manifest of a sweep")
-    return found
+    return content
 
 
 def _read_line(line: str, runs: int) -> tuple[int, Outcome] | None:

@@ -185,8 +185,8 @@ def _from_text(text: str) -> Axis | Between:
     name, equals, values = (part.strip() for part in text.partition("="))
     if not (equals and name.isidentifier()):
         raise ValueError(f"-p {text}: expected NAME=VALUES or @file.csv")
-    if (found := _RANGE.fullmatch(values)) and not re.search(r"[\"'\[,]", values):
-        return _range(name, found, f"-p {text}")
+    if (range_match := _RANGE.fullmatch(values)) and not re.search(r"[\"'\[,]", values):
+        return _range(name, range_match, f"-p {text}")
     return Axis((name,), [(value,) for value in _values(values, f"-p {text}")])
 
 
@@ -230,8 +230,8 @@ def _from_file(path: str) -> Axis:
 
 def _values(text: str, where: str) -> list[Any]:
     """The values of a list without its brackets."""
-    found = _toml_list(text)  # None for a text without quotes, or what is no literal at all
-    values = [_one(part, where) for part in text.split(",")] if found is None else found
+    listed = _toml_list(text)  # None for a text without quotes, or what is no literal at all
+    values = [_one(part, where) for part in text.split(",")] if listed is None else listed
     if not (values and all(map(_is_plain, values))):
         raise ValueError(f"{where}: {FORMS}")
     return values

@@ -93,12 +93,12 @@ def reset() -> None:
 
 
 def other_threads() -> Callable[[], None]:
-    kept = set(threading.enumerate())
+    threads_before = set(threading.enumerate())
 
     def check() -> None:
         late = {
             thread
-            for thread in set(threading.enumerate()) - kept
+            for thread in set(threading.enumerate()) - threads_before
             if type(thread).__module__.partition(".")[0] not in SERVICES
         }
         if late or multiprocessing.active_children():
@@ -142,10 +142,10 @@ def undo_python() -> Callable[[], None]:
 
 def logger_states() -> dict[str, tuple[Any, ...]]:
     """Level, handlers and switches of every logger."""
-    found = {"": logging.getLogger(), **logging.Logger.manager.loggerDict}
+    loggers = {"": logging.getLogger(), **logging.Logger.manager.loggerDict}
     return {
         name: (logger.level, list(logger.handlers), logger.propagate, logger.disabled)
-        for name, logger in found.items()
+        for name, logger in loggers.items()
         if isinstance(logger, logging.Logger)
     }
 
@@ -160,10 +160,12 @@ def restore_loggers(kept: dict[str, tuple[Any, ...]]) -> None:
 
 
 def _modules() -> Callable[[], None]:
-    kept = {name for name in sys.modules if name.partition(".")[0] not in OWN or name == __name__}
+    modules_before = {
+        name for name in sys.modules if name.partition(".")[0] not in OWN or name == __name__
+    }
 
     def undo() -> None:
-        for name in set(sys.modules) - kept:
+        for name in set(sys.modules) - modules_before:
             if not is_installed(name):
                 del sys.modules[name]
 
@@ -229,14 +231,14 @@ def undo_ipython(shell: Any) -> Callable[[], None]:
 def undo_numpy() -> Callable[[], None]:
     import numpy as np
 
-    shown: dict[str, Any] = {
+    print_options: dict[str, Any] = {
         name: value for name, value in np.get_printoptions().items() if name != "override_repr"
     }
     errors = np.geterr()
 
     def undo() -> None:
         np.random.seed(None)
-        np.set_printoptions(**shown)
+        np.set_printoptions(**print_options)
         np.seterr(**errors)
 
     return undo
@@ -256,14 +258,16 @@ def undo_pandas() -> Callable[[], None]:
             ).items()
         }
 
-    kept = options(pd.options.d)
+    options_before = options(pd.options.d)
 
     def undo() -> None:
         now = options(pd.options.d)
         for name in [
-            name for name, value in kept.items() if now[name] is not value and now[name] != value
+            name
+            for name, value in options_before.items()
+            if now[name] is not value and now[name] != value
         ]:
-            pd.set_option(name, kept[name])
+            pd.set_option(name, options_before[name])
 
     return undo
 

@@ -201,12 +201,12 @@ def imported(notebook: Any) -> str:
     """The modules that a notebook imports outside of any block, spaces between; some may be but a
     name in one.
     """
-    found: list[str] = []
+    modules: list[str] = []
     for cell in notebook.cells:
         with suppress(SyntaxError):  # IPython's own syntax
             if cell.cell_type == "code":
-                found += [name for part in ast.parse(cell.source).body for name in _modules(part)]
-    return " ".join(dict.fromkeys(found))
+                modules += [name for part in ast.parse(cell.source).body for name in _modules(part)]
+    return " ".join(dict.fromkeys(modules))
 
 
 def _modules(statement: ast.stmt) -> list[str]:

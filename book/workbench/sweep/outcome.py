@@ -111,9 +111,9 @@ def table(
         columns[column] = [outcome.results.get(name, np.nan) for _, outcome in rows]
     for name in LAST_COLUMNS:
         columns[name] = [getattr(outcome, name) for _, outcome in rows]
-    found = pd.DataFrame(columns)
-    found.attrs["parameters"] = list(names)
-    return found
+    frame = pd.DataFrame(columns)
+    frame.attrs["parameters"] = list(names)
+    return frame
 
 
 def as_plain_number(value: Any) -> float | None:

@@ -184,13 +184,13 @@ def compute(
             try:
                 for number, outcome in _outcomes(job, where, dict(folder.done), progress):
                     folder.add(number, outcome)
-                found = table(job.names, job.settings, folder.done)
-                folder.finish(found, figure(found))
+                rows = table(job.names, job.settings, folder.done)
+                folder.finish(rows, figure(rows))
             except KeyboardInterrupt:
                 raise KeyboardInterrupt(_kept(folder, len(job.settings))) from None
             except ValueError as error:
                 raise ValueError(f"{error}; {_kept(folder, len(job.settings))}") from None
-    return found
+    return rows
 
 
 def shown(
@@ -231,9 +231,9 @@ def _computed(job: Sweep, engine: Engine, todo: Iterator[int]) -> Iterator[tuple
             yield numbers, each, job.run, [job.settings[number] for number in numbers]
 
     for numbers, future in as_finished(engine, batches()):
-        found = received(future, len(numbers))
-        yield from zip(numbers, found, strict=True)
-        spent = max(sum(outcome.seconds for outcome in found) / len(found), 1e-4)
+        results = received(future, len(numbers))
+        yield from zip(numbers, results, strict=True)
+        spent = max(sum(outcome.seconds for outcome in results) / len(results), 1e-4)
         size = max(1, int(engine.batch_s / spent))
 
 

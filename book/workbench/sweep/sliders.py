@@ -84,13 +84,13 @@ def explore(found: pd.DataFrame, results: Sequence[str] | None = None) -> Any:
         For a column that is not there, or is no number.
     """
     names = found.attrs.get("parameters", [])
-    shown = results_of(found, names, results)
+    columns = results_of(found, names, results)
     levels = varied(found, names)
-    if UNATTENDED in os.environ or len(levels) < 2 or not shown or not is_grid(levels):
+    if UNATTENDED in os.environ or len(levels) < 2 or not columns or not is_grid(levels):
         return _closed(plot_sweep(found, results))
     import ipywidgets
 
-    controls = {RESULT: ipywidgets.Dropdown(options=shown, description="result")}
+    controls = {RESULT: ipywidgets.Dropdown(options=columns, description="result")}
     for level in levels[1:]:
         options = [(label, k) for k, label in enumerate(level.labels)]
         controls[level.name] = ipywidgets.SelectionSlider(
@@ -112,14 +112,14 @@ def plot_slice(
 
     The vertical axis is that of the whole sweep, so that curves can be compared.
     """
-    here = pd.Series(True, index=range(len(found))).to_numpy()
+    matching = pd.Series(True, index=range(len(found))).to_numpy()
     for level in levels[1:]:
-        here = here & (level.which == at[level.name])
+        matching = matching & (level.which == at[level.name])
     figure, ax = subplots(figsize=(6.5, 3.6))
     draw_curve(
         ax,
-        found[result].to_numpy(float)[here],
-        levels[0]._replace(which=levels[0].which[here]),
+        found[result].to_numpy(float)[matching],
+        levels[0]._replace(which=levels[0].which[matching]),
         result,
     )
     low = found[result].min()

@@ -109,15 +109,17 @@ def draw_strip(panel: np.ndarray, readings: Readings) -> None:
     """
     px = max(TEXT_PX, round(0.05 * panel.shape[0]))
     rows = np.linspace(0.03, 0.77, 6) * panel.shape[0]
-    left = 16
-    middle = left + 6 * px
+    left_edge = 16
+    middle = left_edge + 6 * px
     for top, (name, words, colour) in zip(rows.astype(int), _lines(readings), strict=True):
-        write(panel, name, (left, top + px // 2), px, _NAME, middle - px)
+        write(panel, name, (left_edge, top + px // 2), px, _NAME, middle - px)
         if colour is not None:
             tag(panel, words, (middle, top), px, colour)
         else:
             write(panel, words, (middle, top + px // 2), px, PLAIN, panel.shape[1] - px)
-    _bar(panel[int(rows[-1]) + 2 * px + 6 :, left:-left], readings.force_n, readings.full_n)
+    _bar(
+        panel[int(rows[-1]) + 2 * px + 6 :, left_edge:-left_edge], readings.force_n, readings.full_n
+    )
 
 
 def write(
@@ -247,7 +249,7 @@ def monitor_picture(
         If there is not one image, and one tracked view, for each camera, an image or the slave's is
         none of that kind, or the size is too small or odd.
     """
-    shown = _as_images(images, cameras, tracked)
+    pictures = _as_images(images, cameras, tracked)
     if not isinstance(readings, Readings):
         raise ValueError(f"readings: expected Readings, got {type(readings).__name__}")
     (width, height) = _as_monitor(size)
@@ -257,7 +259,7 @@ def monitor_picture(
     edges = np.linspace(0, width, len(cameras) + 1).round().astype(int)
     for c, camera in enumerate(cameras):
         cell = canvas[:top, edges[c] : edges[c + 1]]
-        _put(cell, _camera(shown[c], camera, tracked, c, (cell.shape[1] - 4, top - 4)))
+        _put(cell, _camera(pictures[c], camera, tracked, c, (cell.shape[1] - 4, top - 4)))
     _put(canvas[top:, :slave_width], _slave(slave, slave_size(size)))
     draw_strip(canvas[top:, slave_width:], readings)
     return np.ascontiguousarray(canvas[..., ::-1])
@@ -320,8 +322,8 @@ def _absent(words: str, size: tuple[int, int]) -> np.ndarray:
 def _put(cell: np.ndarray, view: np.ndarray) -> None:
     """A picture into the middle of a cell that is as large or larger."""
     top = (cell.shape[0] - view.shape[0]) // 2
-    left = (cell.shape[1] - view.shape[1]) // 2
-    cell[top : top + view.shape[0], left : left + view.shape[1]] = view
+    margin = (cell.shape[1] - view.shape[1]) // 2
+    cell[top : top + view.shape[0], margin : margin + view.shape[1]] = view
 
 
 def _as_monitor(size: Any) -> tuple[int, int]:

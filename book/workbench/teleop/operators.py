@@ -211,8 +211,8 @@ class _MoveAndWait:
     def step(self, seen: Array, speed: Array) -> Array:
         """As that of `_Continuous`."""
         now = self._act == self._tick
-        there = now & (np.abs(seen) <= self._half)
-        self._set_out(now & ~there & (self.moves < MOST_MOVES), seen)
+        arrived = now & (np.abs(seen) <= self._half)
+        self._set_out(now & ~arrived & (self.moves < MOST_MOVES), seen)
         at_rest = (speed < REST_MM_S) & (self._tick >= self._start + self._shown)
         self._act = np.where(
             at_rest & (self._act < self._tick), self._tick + self._reaction, self._act
@@ -220,7 +220,7 @@ class _MoveAndWait:
         self._tick += 1
         part = np.clip((self._tick - self._start) / self._duration, 0.0, 1.0)
         self.position = self._from + self._length * part**3 * (10 - 15 * part + 6 * part**2)
-        return there
+        return arrived
 
     def _set_out(self, which: Array, seen: Array) -> None:
         """Begin the moves of these trials, each as long as the distance that is seen, and off."""
@@ -277,16 +277,16 @@ def point(
         _Continuous if strategy == "continuous" else _MoveAndWait
     )
     hand = kind(who, targets, machine, delay, rng)
-    shown = deque([machine.tool] * (delay + 2), maxlen=delay + 2)  # the tool, the oldest first
+    delayed = deque([machine.tool] * (delay + 2), maxlen=delay + 2)  # the tool, the oldest first
     end = np.full(len(targets), np.nan)
     error = np.zeros(len(targets))
     for k in range(int(LONGEST_S / TICK_S)):
-        pressed = hand.step(targets[:, 0] - shown[1], np.abs(shown[1] - shown[0]) / TICK_S)
+        pressed = hand.step(targets[:, 0] - delayed[1], np.abs(delayed[1] - delayed[0]) / TICK_S)
         if k % FRAME_TICKS == 0:
             measured = hand.position + noise * rng.standard_normal(len(targets))
             machine.see(measured, FRAME_TICKS * TICK_S)
         machine.move(TICK_S)
-        shown.append(machine.tool)
+        delayed.append(machine.tool)
         new = pressed & np.isnan(end)
         end[new] = (k + 1) * TICK_S
         error[new] = (machine.tool - targets[:, 0])[new]

@@ -117,7 +117,7 @@ def hand(seed: int = 0) -> tuple[Array, RigidTransform]:
     to_base = alignment(_surveillance())
     tool = forward(robot, robot.home).translation
     place = np.array(_START_MM)
-    way = np.empty((len(times), 3))
+    positions = np.empty((len(times), 3))
     begin = 0.0
     for leg in LEGS:
         goal = place
@@ -128,7 +128,7 @@ def hand(seed: int = 0) -> tuple[Array, RigidTransform]:
             goal = np.array(leg.hand)
         now = (times >= begin - 1e-9) & (times < leg.until_s - 1e-9)
         share = (times[now] - begin) / (leg.until_s - begin)
-        way[now] = place + _least_jerk(share)[:, None] * (goal - place)
+        positions[now] = place + _least_jerk(share)[:, None] * (goal - place)
         begin = leg.until_s
         place = goal
     trembling = motion_at(
@@ -141,7 +141,9 @@ def hand(seed: int = 0) -> tuple[Array, RigidTransform]:
         z_mm=(-_TREMBLES_MM, _TREMBLES_MM),
         tilt_deg=(90 - _TURNS_DEG, 90 + _TURNS_DEG),
     )
-    return times, RigidTransform.from_components(way + trembling.translation, trembling.rotation)
+    return times, RigidTransform.from_components(
+        positions + trembling.translation, trembling.rotation
+    )
 
 
 def rig() -> Rig:

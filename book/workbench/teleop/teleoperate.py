@@ -82,8 +82,8 @@ def recorded(
     folder: str | Path, rig: str | Path | None = None, handle: str | Path | None = None
 ) -> Source:
     """The instants of a recording folder, see `recording.open_folder`, also for the arguments."""
-    found, the_handle = open_folder(folder, rig, handle)
-    return Source(found.rig, the_handle, found.length, found.rate, instants(found))
+    recording, the_handle = open_folder(folder, rig, handle)
+    return Source(recording.rig, the_handle, recording.length, recording.rate, instants(recording))
 
 
 def simulated(rig: str | Path, handle: str | Path, seconds: float = 10.0, seed: int = 0) -> Source:

@@ -58,12 +58,12 @@ def geom_scene(model: mujoco.MjModel, background: str = "white") -> GeomScene:
 
     if not isinstance(model, mujoco.MjModel):
         raise ValueError(f"model: expected a mujoco.MjModel, got {type(model).__name__}")
-    shown = [
+    geoms = [
         k
         for k in range(model.ngeom)
         if model.geom_group[k] < HIDDEN_GROUP and _colour(model, k)[3] > 0
     ]
-    shapes = {k: _shape(model, k) for k in shown}
+    shapes = {k: _shape(model, k) for k in geoms}
     fill = _as_colour(background)
     with pyvista.vtk_verbosity("off"):  # a machine without a display is no matter
         plotter = pyvista.Plotter(off_screen=True, lighting="none")
@@ -75,7 +75,7 @@ def geom_scene(model: mujoco.MjModel, background: str = "white") -> GeomScene:
     )
     actors = {
         k: plotter.add_mesh(shapes[k], reset_camera=False, render=False, **_look(model, k))
-        for k in shown
+        for k in geoms
     }
     return GeomScene(plotter, actors)
 
@@ -394,14 +394,14 @@ def _arrow(force: ForceArrow) -> pyvista.PolyData | None:
     """An arrow from the force's origin to its tip, mm; None if there is none to draw."""
     import pyvista
 
-    way = force.tip_mm - force.origin_mm
-    length = float(np.linalg.norm(way))
+    direction = force.tip_mm - force.origin_mm
+    length = float(np.linalg.norm(direction))
     if not 1e-6 < length < 1e6:
         return None
     radius = min(force.radius_mm / length, 0.08)  # all by the arrow's length
     return pyvista.Arrow(
         start=force.origin_mm,
-        direction=frozen(way),
+        direction=frozen(direction),
         scale=length,
         shaft_radius=radius,
         tip_radius=2.5 * radius,

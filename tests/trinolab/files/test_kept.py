@@ -141,7 +141,11 @@ def test_one_that_waits_has_it_when_the_other_lets_go(path):
 def test_of_two_that_wait_one_has_it(path):
     """Who has waited holds it alone, as who has not."""
     path.touch()
-    with locked(path, wait=True), pytest.raises(ValueError, match="another process works on it"), locked(path):
+    with (
+        locked(path, wait=True),
+        pytest.raises(ValueError, match="another process works on it"),
+        locked(path),
+    ):
         pass
     entered = threading.Event()
 

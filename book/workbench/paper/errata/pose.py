@@ -250,8 +250,8 @@ def _form(rig: str, right_index: int, form: int, how: str) -> Effect:
         left.normalise(uv[0]), right.normalise(uv[1]), T.rotation.as_matrix(), T.translation, form
     )
     errors = [
-        np.linalg.norm(found - points, axis=1)
-        for found in (left.T_world_cam.apply(printed), triangulate_pair(left, right, *uv))
+        np.linalg.norm(points_of_form - points, axis=1)
+        for points_of_form in (left.T_world_cam.apply(printed), triangulate_pair(left, right, *uv))
     ]
     return Effect(
         "20",
