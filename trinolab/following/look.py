@@ -49,6 +49,44 @@ __all__ = [
 ]
 
 
+class Expected(NamedTuple):
+    """Where a motion predicts the markers in a camera.
+
+    Attributes
+    ----------
+    uv : ndarray, shape (markers, 2)
+        NaN for those turned away.
+    size_px : float
+        Diameter of a marker's image.
+    blur_px : float
+        Motion blur: how far a marker moves while the shutter is open.
+    """
+
+    uv: Array
+    size_px: float
+    blur_px: float
+
+
+class Guess(NamedTuple):
+    """Where the handle may be, and how it is looked for there.
+
+    Attributes
+    ----------
+    motion : Motion
+    expected : list of Expected
+        Where that has the markers, one a camera.
+    blurred : bool
+        Whether the handle is fitted as one that moves while the shutter is open.
+    min_cameras : int
+        How many cameras must show it.
+    """
+
+    motion: Motion
+    expected: list[Expected]
+    blurred: bool = False
+    min_cameras: int = 1
+
+
 class Sight(NamedTuple):
     """What one camera shows where the handle is expected.
 
@@ -86,44 +124,6 @@ class Followed(NamedTuple):
     labels: tuple[np.ndarray, ...]
     sights: tuple[Sight, ...]
     rig: Rig
-
-
-class Expected(NamedTuple):
-    """Where a motion predicts the markers in a camera.
-
-    Attributes
-    ----------
-    uv : ndarray, shape (markers, 2)
-        NaN for those turned away.
-    size_px : float
-        Diameter of a marker's image.
-    blur_px : float
-        Motion blur: how far a marker moves while the shutter is open.
-    """
-
-    uv: Array
-    size_px: float
-    blur_px: float
-
-
-class Guess(NamedTuple):
-    """Where the handle may be, and how it is looked for there.
-
-    Attributes
-    ----------
-    motion : Motion
-    expected : list of Expected
-        Where that has the markers, one a camera.
-    blurred : bool
-        Whether the handle is fitted as one that moves while the shutter is open.
-    min_cameras : int
-        How many cameras must show it.
-    """
-
-    motion: Motion
-    expected: list[Expected]
-    blurred: bool = False
-    min_cameras: int = 1
 
 
 def expect(rig: Rig, handle: Handle, motion: Motion, p: FollowParameters) -> list[Expected]:

@@ -19,7 +19,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from healthy import contents, run
-from processes import ended, started
+from processes import CLI, ended, started
 from scipy.spatial.transform import RigidTransform
 
 from trinolab import __version__
@@ -489,3 +489,25 @@ def test_ten_of_the_views_that_were_left_out_are_named(count, named, last):
     assert first == f"views left out: {count or 'none'}"
     assert sum("ccd1, frame" in line and line.endswith(": too far off") for line in others) == named
     assert last in [first, *others][-1]
+
+
+@pytest.mark.parametrize(
+    ("package", "line", "extra"),
+    [
+        (
+            "matplotlib",
+            "calibrate --images a=x b=y --board chessboard --columns 4 --rows 3 --square 9 --out r.toml",
+            "workbench",
+        ),
+        ("grimp", "sweep notebook.ipynb -p a=1 --out o", "workbench"),
+    ],
+)
+def test_a_missing_extra_is_named_in_one_line(package, line, extra):
+    """In a process in which the package cannot be imported."""
+    code = f"import sys; sys.modules[{package!r}] = None\n{CLI}"
+    done = subprocess.run(
+        [sys.executable, "-c", code, *line.split()], capture_output=True, text=True
+    )
+    command = line.split()[0]
+    needed = f"trinolab {command}: needs {package}: pip install 'trinolab[{extra}]'\n"
+    assert (done.returncode, done.stdout, done.stderr) == (2, "", needed)
