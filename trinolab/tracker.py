@@ -81,6 +81,7 @@ def start(
         T_world_handle where it is known, for layouts that look alike.
     """
     images = as_images(backgrounds, rig)
+    background.prepare(images[0])
     cameras = tuple(CameraState(frozen(image.astype(np.float32)), None, None) for image in images)
     t = as_number(t_s, "t_s")
     return TrackerState(t, cameras, t, pose)
@@ -141,7 +142,7 @@ def _step_camera(
     is predicted.
     """
     size = (image.shape[1], image.shape[0])
-    renewed, detection = background.step(camera.background, image, p.background)
+    renewed, detection = background.stepped(image, camera.background, p.background)
     motion = camera.motion and kalman.predict_motion(camera.motion, dt, p.kalman)
     if detection.window is None:
         predicted = (

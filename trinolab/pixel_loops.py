@@ -1,0 +1,114 @@
+"""Loops over the pixels of an image, written out as loops, and compiled where Numba is installed
+(extra `fast`).
+
+NumPy goes over an image once for each operation; a compiled loop goes over it once. Each loop has a
+form in NumPy beside it, which gives the same result bit for bit and runs where there is no Numba.
+What is compiled is kept beside the package, or in the user's folder of caches, so that a machine
+compiles it once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cache
+
+import numpy as np
+
+__all__ = ["compare_and_renew", "compiled"]
+
+
+def compare_and_renew(
+    frame: np.ndarray,
+    background: np.ndarray,
+    gain: float,
+    difference_threshold: float,
+    shadow_share: float,
+    update_rate: float,
+    masked_rate: float,
+    white: int,
+    renewed: np.ndarray,
+    image: np.ndarray,
+    mask: np.ndarray,
+) -> None:
+    """Compare a frame with the background and renew that, pixel by pixel (Eq. 5, 6).
+
+    Parameters
+    ----------
+    frame : ndarray of uint8, shape (height, width)
+        f_k.
+    background : ndarray of float32, shape (height, width)
+        B_(k-1).
+    gain : float
+        By which the light has become brighter.
+    difference_threshold, shadow_share : float
+        Of Eq. 5, see `background.has_moved`.
+    update_rate, masked_rate : float
+        alpha of Eq. 6, and the one where something moves or is saturated.
+    white : int
+        Grey level at which a pixel is saturated.
+    renewed : ndarray of float32, shape (height, width)
+        B_k is written into it.
+    image : ndarray of uint8, shape (height, width)
+        D_k is written into it.
+    mask : ndarray of bool, shape (height, width)
+        Where something moves is written into it.
+    """
+    light = np.float32(gain)
+    brightest = np.float32(white)
+    threshold = np.float32(difference_threshold)
+    shadow = np.float32(-shadow_share)
+    keep = np.float32(1 - update_rate)
+    take = np.float32(update_rate)
+    keep_masked = np.float32(1 - masked_rate)
+    take_masked = np.float32(masked_rate)
+    for v in range(frame.shape[0]):
+        for u in range(frame.shape[1]):
+            grey = np.float32(frame[v, u])
+            expected = background[v, u] * light
+            visible = min(expected, brightest)
+            change = grey - visible
+            moved = change > threshold or change < visible * shadow - threshold
+            mask[v, u] = moved
+            image[v, u] = frame[v, u] if moved else 0
+            if moved or frame[v, u] >= white:
+                renewed[v, u] = expected * keep_masked + grey * take_masked
+            else:
+                renewed[v, u] = expected * keep + grey * take
+
+
+@cache
+def compiled() -> Callable[..., None] | None:
+    """`compare_and_renew` as machine code, or None: without Numba, or where it cannot keep what it
+    compiles.
+
+    The first call loads Numba (0.5 s of processor time), and on a new machine compiles (1 s).
+    """
+    try:
+        import numba  # only here: `import trinolab` stays light
+    except ImportError:  # also of a Numba that does not know the NumPy that is installed
+        return None
+    if numba.config.DISABLE_JIT:
+        return None
+    from numba import types
+
+    def read(number: types.Type) -> types.Type:
+        return types.Array(number, 2, "C", readonly=True)
+
+    def written(number: types.Type) -> types.Type:
+        return types.Array(number, 2, "C")
+
+    signature = types.void(
+        read(types.uint8),
+        read(types.float32),
+        *[types.float64] * 5,
+        types.int64,
+        written(types.float32),
+        written(types.uint8),
+        written(types.boolean),
+    )
+    try:
+        return numba.njit(signature, cache=True, error_model="numpy", fastmath=False)(
+            compare_and_renew
+        )
+    except RuntimeError:  # no folder to keep it in, and to compile it for each process takes long
+        return None
