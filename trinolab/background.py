@@ -42,7 +42,7 @@ _MOST = float(np.log(4.0))  # a change of light; beyond it the lens is covered
 _BINS = 277  # of the histogram, 0.01 in ln ratio wide
 _CELLS = 8  # a bin, for the median
 _BLUR = 12  # bins on either side over which the histogram is smoothed
-_NEAR = 15  # bins on either side of the peak within which a pixel agrees with it
+_NEAR = 0.15  # distance from the peak, in ln ratio, within which a pixel agrees with it
 _MANY = 20_000  # runs of moving pixels, beyond which labels of all pixels are quicker
 _LEAST = 0.1  # share of the pixels that have to agree
 STRIP = 64  # rows of an image that are worked on at a time
@@ -237,12 +237,13 @@ def moving_window(mask: ArrayLike, min_pixels: int = 0) -> Window | None:
 
 def _window(moved: np.ndarray, min_pixels: float) -> Window | None:
     """`moving_window` of a mask that needs no check."""
-    if np.count_nonzero(moved) <= min_pixels:
-        return None
     runs = _runs(moved)
+    pixels = runs.end - runs.begin
+    if pixels.sum() <= min_pixels:
+        return None
     region = _region_of_runs(runs) if len(runs.row) <= _MANY else _label_of_runs(runs, moved)
     # regions are numbered from the top: of several with the most pixels it takes the first
-    largest = region == np.bincount(region, runs.end - runs.begin).argmax()
+    largest = region == np.bincount(region, pixels).argmax()
     row, begin, end = runs.row[largest], runs.begin[largest], runs.end[largest]
     return Window(begin.min(), row[0], end.max() - begin.min(), row[-1] - row[0] + 1)
 
@@ -350,7 +351,11 @@ def _by_loop(
     """The next background, D_k and the mask by one compiled loop over the pixels."""
     loop = pixel_loops.compiled()
     assert loop is not None
-    results = np.empty(old.shape, np.float32), np.empty(frame.shape, np.uint8), np.empty(frame.shape, bool)
+    results = (
+        np.empty(old.shape, np.float32),
+        np.empty(frame.shape, np.uint8),
+        np.empty(frame.shape, bool),
+    )
     loop(
         np.ascontiguousarray(frame),
         np.ascontiguousarray(old),
@@ -431,24 +436,24 @@ def commonest_ratio(frame: np.ndarray, background: np.ndarray, step: int = 4) ->
     cell = np.clip((logs / _MOST + 1) * (cells / 2) + 1, 0, cells + 1).astype(np.intp)
     counts = np.bincount(cell, minlength=cells + 2)
     histogram = counts[1:-1].reshape(_BINS, _CELLS).sum(axis=1)
-    peak = int(np.convolve(histogram, np.hanning(2 * _BLUR + 1), "same").argmax())
-    near = slice(1 + max(peak - _NEAR, 0) * _CELLS, 1 + min(peak + _NEAR, _BINS) * _CELLS)
-    if counts[near].sum() <= _LEAST * np.count_nonzero(base > DARK):
+    smooth = np.convolve(histogram, np.hanning(2 * _BLUR + 1), "same")
+    away = logs - float(np.linspace(-_MOST, _MOST, _BINS + 1)[smooth.argmax()])
+    near = np.count_nonzero(np.abs(away) < _NEAR)
+    if near <= _LEAST * np.count_nonzero(base > DARK):
         return 1.0
-    return float(np.exp(_median(logs, cell, counts, near)))
+    # the median of those that are near: they follow each other in order
+    middle = np.count_nonzero(away <= -_NEAR) + np.array([(near - 1) // 2, near // 2])
+    return float(np.exp(_in_order(logs, cell, counts, middle).mean(dtype=logs.dtype)))
 
 
-def _median(values: Array, cell: np.ndarray, counts: np.ndarray, near: slice) -> np.floating:
-    """The median of those of the values that lie in some cells, which rise with the value: only
-    those of the cells about the middle are ordered.
+def _in_order(values: Array, cell: np.ndarray, counts: np.ndarray, ranks: np.ndarray) -> Array:
+    """The values of two ranks, the lower first, by cells that rise with the value: only those of
+    the cells about them are ordered. A partition takes ten times as long where many are equal.
     """
     up_to = np.cumsum(counts)  # how many values lie in a cell or below it
-    below = up_to[near.start - 1]
-    size = up_to[near.stop - 1] - below
-    ranks = below + np.array([(size - 1) // 2, size // 2])
     first, last = np.searchsorted(up_to, ranks, side="right")
-    middle = np.sort(values[(cell >= first) & (cell <= last)])
-    return middle[ranks - up_to[first - 1]].mean(dtype=values.dtype)
+    ordered = np.sort(values[(cell >= first) & (cell <= last)])
+    return ordered[ranks - (up_to[first] - counts[first])]
 
 
 def _frame_and_background(frame: ArrayLike, background: ArrayLike) -> tuple[np.ndarray, np.ndarray]:

@@ -67,13 +67,14 @@ def compare_and_renew(
             expected = background[v, u] * light
             visible = min(expected, brightest)
             change = grey - visible
-            moved = change > threshold or change < visible * shadow - threshold
+            moved = (change > threshold) | (change < visible * shadow - threshold)
+            kept = moved | (grey >= brightest)
+            as_fresh = expected * keep + grey * take
+            as_masked = expected * keep_masked + grey * take_masked
+            # no branch: a processor then does several pixels at a time
             mask[v, u] = moved
-            image[v, u] = frame[v, u] if moved else 0
-            if moved or frame[v, u] >= white:
-                renewed[v, u] = expected * keep_masked + grey * take_masked
-            else:
-                renewed[v, u] = expected * keep + grey * take
+            image[v, u] = frame[v, u] if moved else np.uint8(0)
+            renewed[v, u] = as_masked if kept else as_fresh
 
 
 @cache
