@@ -241,14 +241,14 @@ def _window(moved: np.ndarray, min_pixels: float) -> Window | None:
     pixels = runs.end - runs.begin
     if pixels.sum() <= min_pixels:
         return None
-    region = _region_of_runs(runs) if len(runs.row) <= _MANY else _label_of_runs(runs, moved)
+    region = _regions(runs, moved)
     # regions are numbered from the top: of several with the most pixels it takes the first
     largest = region == np.bincount(region, pixels).argmax()
     row, begin, end = runs.row[largest], runs.begin[largest], runs.end[largest]
     return Window(begin.min(), row[0], end.max() - begin.min(), row[-1] - row[0] + 1)
 
 
-class _Runs(NamedTuple):
+class Runs(NamedTuple):
     """The pixels of a mask that follow each other in a row, n runs from the top: the row, the first
     column and the one after the last, (n,) each.
     """
@@ -258,25 +258,35 @@ class _Runs(NamedTuple):
     end: np.ndarray
 
 
-def _runs(mask: np.ndarray) -> _Runs:
+def _runs(mask: np.ndarray) -> Runs:
     """The runs of a mask."""
     # a pixel that does not move before each row and after the last one ends all runs
     padded = cv2.copyMakeBorder(mask.view(np.uint8), 0, 1, 1, 0, cv2.BORDER_CONSTANT, value=0)
     flat = padded.ravel()
-    changes = np.flatnonzero(flat[1:] != flat[:-1])
-    width = padded.shape[1]
+    changes = np.flatnonzero(flat[1:] != flat[:-1]).astype(np.int32)
+    width = np.int32(padded.shape[1])
     row = changes[::2] // width
-    return _Runs(row, changes[::2] - row * width, changes[1::2] - row * width)
+    return Runs(row, changes[::2] - row * width, changes[1::2] - row * width)
 
 
-def _region_of_runs(runs: _Runs) -> np.ndarray:
-    """The number of the 8-connected region of each run: runs of adjacent rows belong together where
+def _regions(runs: Runs, mask: np.ndarray) -> np.ndarray:
+    """The number of the 8-connected region of each run of a mask, those from the top first."""
+    loops = pixel_loops.compiled() if mask.size >= LARGE else None
+    if loops is not None:
+        region = np.empty(len(runs.row), np.int32)
+        loops.regions_of_runs(*runs, region)
+        return region
+    return _region_of_runs(runs) if len(runs.row) <= _MANY else _label_of_runs(runs, mask)
+
+
+def _region_of_runs(runs: Runs) -> np.ndarray:
+    """The same by a graph: runs of adjacent rows belong together where
     they overlap or touch at a corner.
     """
     # Rows follow each other on one axis, with a gap that no run bridges.
-    stride = runs.end.max() + 2
-    begin = runs.row * stride + runs.begin
-    end = runs.row * stride + runs.end
+    stride = int(runs.end.max()) + 2
+    begin = runs.row * np.int64(stride) + runs.begin
+    end = begin + (runs.end - runs.begin)
     first = np.searchsorted(end, begin + stride, side="left")
     after = np.searchsorted(begin, end + stride, side="right")
     rows = np.concatenate([[0], np.cumsum(after - first)])
@@ -286,7 +296,7 @@ def _region_of_runs(runs: _Runs) -> np.ndarray:
     return connected_components(touching, directed=False)[1]
 
 
-def _label_of_runs(runs: _Runs, mask: np.ndarray) -> np.ndarray:
+def _label_of_runs(runs: Runs, mask: np.ndarray) -> np.ndarray:
     """The same by labels of all pixels: quicker for thousands of runs, as a lamp that is switched on
     makes them.
     """
@@ -349,14 +359,14 @@ def _by_loop(
     frame: np.ndarray, old: np.ndarray, gain: float, p: BackgroundParameters
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """The next background, D_k and the mask by one compiled loop over the pixels."""
-    loop = pixel_loops.compiled()
-    assert loop is not None
+    loops = pixel_loops.compiled()
+    assert loops is not None
     results = (
         np.empty(old.shape, np.float32),
         np.empty(frame.shape, np.uint8),
         np.empty(frame.shape, bool),
     )
-    loop(
+    loops.compare_and_renew(
         np.ascontiguousarray(frame),
         np.ascontiguousarray(old),
         gain,

@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
+from scipy import ndimage
 
 from trinolab import background, pixel_loops
 from trinolab.background import BackgroundParameters, step
@@ -17,8 +18,8 @@ needs_numba = pytest.mark.skipif(find_spec("numba") is None, reason="Numba is no
 
 
 @pytest.fixture(scope="module")
-def loop():
-    """The loop as Numba compiles it; not loaded before a test needs it."""
+def loops():
+    """The loops as Numba compiles them; not loaded before a test needs them."""
     compiled = pixel_loops.compiled()
     if compiled is None:
         pytest.skip("Numba has no folder to keep what it compiles, or is told not to compile")
@@ -72,8 +73,43 @@ def test_the_loop_in_python_is_the_form_in_numpy(instant):
 @needs_numba
 @settings(max_examples=300)
 @given(instants())
-def test_the_compiled_loop_is_the_form_in_numpy(loop, instant):
-    assert_same(loop, *instant)
+def test_the_compiled_loop_is_the_form_in_numpy(loops, instant):
+    assert_same(loops.compare_and_renew, *instant)
+
+
+def assert_regions(loop, mask):
+    """The regions of a mask by a loop over its runs, against a fill from each pixel."""
+    runs = background._runs(mask)
+    region = np.empty(len(runs.row), np.int32)
+    loop(*runs, region)
+    labels = ndimage.label(mask, np.ones((3, 3)))[0][runs.row, runs.begin]
+    first = [np.flatnonzero(labels == label)[0] for label in labels]
+    np.testing.assert_array_equal(region, first)
+
+
+MASKS = arrays(bool, st.tuples(st.integers(1, 12), st.integers(1, 15)))
+
+
+@given(MASKS)
+def test_regions_of_runs_in_python(mask):
+    assert_regions(pixel_loops.regions_of_runs, mask)
+
+
+@needs_numba
+@settings(max_examples=300)
+@given(MASKS)
+def test_regions_of_runs_compiled(loops, mask):
+    assert_regions(loops.regions_of_runs, mask)
+
+
+@needs_numba
+@pytest.mark.usefixtures("loops")
+@pytest.mark.parametrize("share", [0.01, 0.15, 0.5])
+def test_the_window_of_speckle_is_the_same_with_and_without_numba(share, monkeypatch):
+    mask = np.random.default_rng(0).random((400, 500)) < share
+    window = background.moving_window(mask)
+    monkeypatch.setattr(pixel_loops, "compiled", lambda: None)
+    assert background.moving_window(mask) == window
 
 
 def large(kind):
@@ -94,7 +130,7 @@ def large(kind):
 
 
 @needs_numba
-@pytest.mark.usefixtures("loop")
+@pytest.mark.usefixtures("loops")
 @pytest.mark.parametrize("kind", ["usual", "black", "saturated", "strided"])
 def test_a_step_is_the_same_with_and_without_numba(kind, monkeypatch):
     frame, known = large(kind)
