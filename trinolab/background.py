@@ -24,6 +24,7 @@ __all__ = [
     "BackgroundParameters",
     "Detection",
     "Difference",
+    "Runs",
     "commonest_ratio",
     "difference",
     "has_moved",
