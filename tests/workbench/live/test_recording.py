@@ -3,6 +3,7 @@
 import os
 import signal
 import sys
+from functools import partial
 
 import numpy as np
 import pytest
@@ -13,7 +14,6 @@ from livepage import HANDLE, HELD, RIG
 from processes import ended, started, wait_until
 
 from trinolab.files import recorder as files
-from trinolab.files.capture import Writer
 from trinolab.files.devices import Taken
 from trinolab.files.recording import instants, open_folder
 from workbench.live import recording
@@ -112,8 +112,9 @@ def test_a_full_disk_ends_it_with_words_and_what_is_there_is_whole(
     for k in range(1000):
         if not recorder.running:
             break
+        writer = recorder.clock_now.writer
         recorder.add(Taken(k / 30, 0.0, HELD), bool(k))
-        wait_until(lambda: recorder.clock_now is None or recorder.clock_now.writer._queue.empty())
+        wait_until(partial(_has_ended, writer, k + 1))
     recorder.close()
     folder = the_only(tmp_path)
     assert "No space left" in recorder.said
@@ -123,6 +124,11 @@ def test_a_full_disk_ends_it_with_words_and_what_is_there_is_whole(
     texts = [(folder / name).read_text() for name in (recording.TIMES, recording.CLUTCH)]
     assert len(texts[0].splitlines()) == 1 + whole  # a line that was cut off is no instant
     assert all(text.endswith("\n") for text in texts)
+
+
+def _has_ended(writer, count):
+    """Whether so many instants are written, or no more will be."""
+    return len(writer.written) >= count or writer.error is not None
 
 
 RECORD = """
@@ -177,7 +183,7 @@ def test_an_image_without_its_time_is_no_instant(tmp_path):
 
 def test_what_the_disk_cannot_take_is_dropped_and_the_rest_is_in_order(tmp_path, monkeypatch):
     monkeypatch.setattr("trinolab.files.capture.QUEUE", 2)
-    monkeypatch.setattr(Writer, "_write", _slow(Writer._write, gate := []))
+    monkeypatch.setattr(files, "write_image", _slow(files.write_image, gate := []))
     recorder = Recorder(tmp_path, RIG, HANDLE)
     recorder.start()
     writer = recorder.clock_now.writer
@@ -192,8 +198,8 @@ def test_what_the_disk_cannot_take_is_dropped_and_the_rest_is_in_order(tmp_path,
 
 
 def _slow(write, gate):
-    def waiting(self, *arguments):
+    def waiting(*arguments):
         wait_until(lambda: gate)
-        write(self, *arguments)
+        write(*arguments)
 
     return waiting
