@@ -138,16 +138,16 @@ def answer(board: pd.DataFrame) -> str:
         If a row has another verdict than the sentence says.
     """
     rows = {str(row.no): row for row in board.itertuples()}
-    said = []
+    sentences = []
     for needed, text in ANSWER:
         for no, verdict in needed.items():
             if rows[no].verdict != verdict:
                 raise ValueError(
                     f"report: claim {no}: the answer says {verdict!r}, the board {rows[no].verdict!r}; "
-                    "write ANSWER in book/report_pages.py anew"
+                    "write ANSWER in book/workbench/pages/report_pages.py anew"
                 )
-        said.append(re.sub(r"\{(\w+)\}", lambda found: number(rows[found[1]]), text))
-    return "**In part:** " + "; ".join(said) + "."
+        sentences.append(re.sub(r"\{(\w+)\}", lambda match: number(rows[match[1]]), text))
+    return "**In part:** " + "; ".join(sentences) + "."
 
 
 def number(row: object) -> str:
@@ -229,12 +229,12 @@ def conclusion(drawn: pd.DataFrame) -> str:
     some = drawn[drawn["number"] == "E_t"].dropna(subset="changed")
     reach = some[some["changed"] >= PAPER_MM]
     links = ", ".join(f"[{no}](assumptions.md#{no.lower()})" for no in reach["assumption"])
-    found = "None takes it"
+    which = "None takes it"
     if len(reach):
-        found = f"Only {links} take{'s' if len(reach) == 1 else ''} it"
+        which = f"Only {links} take{'s' if len(reach) == 1 else ''} it"
     return (
         f"Over all changes {NAMES['E_t']} lies between {digits(some['changed'].min())} and "
-        f"{digits(some['changed'].max())} mm. {found} to the paper's {PAPER_MM} mm."
+        f"{digits(some['changed'].max())} mm. {which} to the paper's {PAPER_MM} mm."
     )
 
 
@@ -316,8 +316,8 @@ def processor() -> str:
         text = Path("/proc/cpuinfo").read_text(encoding="utf-8")
     except OSError:
         text = ""
-    found = re.search(r"model name\s*:\s*(.+)", text)
-    return found[1] if found else platform.machine()
+    match = re.search(r"model name\s*:\s*(.+)", text)
+    return match[1] if match else platform.machine()
 
 
 def sha256(path: Path) -> str:

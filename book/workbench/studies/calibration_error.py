@@ -137,10 +137,10 @@ def one_draw(changed: str, level: float, rig: str, handle: str, draw: int) -> di
     """
     scene = rendered(rig, handle)
     believed = drawn_rig(scene.rig, changed, level, draw)
-    found = measure_frames(scene.frames, believed, scene.handle, SETTINGS)
+    by_estimator = measure_frames(scene.frames, believed, scene.handle, SETTINGS)
     return {
         f"{name}_{estimator}": value
-        for estimator, measurements in found.items()
+        for estimator, measurements in by_estimator.items()
         for name, value in results(measurements, scene.handle).items()
     }
 
