@@ -9,7 +9,6 @@ import json
 import os
 import platform
 import re
-import subprocess
 from importlib.metadata import version
 from pathlib import Path
 
@@ -19,13 +18,13 @@ from trinolab.files.outputs import write_whole
 
 from ..cli import digits
 from .claims_pages import IS_OF_THE_PAPER, VERDICTS, claim_link, list_table, read_board
+from .howmade import commit_said
 
 __all__ = [
     "NOT_VARIED",
     "ROOT",
     "answer",
     "change_text",
-    "commit",
     "conclusion",
     "environment",
     "headline",
@@ -276,7 +275,7 @@ def environment(seconds: Path) -> str:
     rows = [
         (
             "Software",
-            f"trinolab {version('trinolab')}, commit {commit()}; Python "
+            f"trinolab {version('trinolab')}, commit {commit_said()}; Python "
             f"{platform.python_version()}; {packages}; the rest in `environment.txt`, with hashes",
         ),
         (
@@ -293,21 +292,6 @@ def environment(seconds: Path) -> str:
         *((f"`{name}`", f"SHA-256 {sha256(ROOT / name)[:16]}…") for name in FILES),
     ]
     return list_table(("What", "In this build"), rows, "28 72", "environment", raw=True)
-
-
-def commit() -> str:
-    """The short hash of the checkout, and whether files differ from it."""
-    try:
-        done = subprocess.run(
-            ["git", "describe", "--always", "--dirty"],
-            cwd=ROOT,
-            capture_output=True,
-            text=True,
-            check=True,
-        )
-    except (OSError, subprocess.CalledProcessError):
-        return "unknown, since this is no clone"
-    return done.stdout.strip()
 
 
 def processor() -> str:
