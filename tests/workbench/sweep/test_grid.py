@@ -192,4 +192,5 @@ def test_many_runs_must_be_meant():
     with pytest.raises(ValueError, match="must be confirmed"):
         runs(axes, sample=MANY + 1)
     assert len(runs(parse(["a=0:1:1000", "b=0:1:101"]), yes=True)) == 101_000
+    assert len(runs(parse(["a=0:1:1000", "b=0:1:100"]))) == MANY  # so many are not more
     assert len(runs(axes, sample=5)) == 5
