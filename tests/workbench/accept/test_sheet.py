@@ -186,7 +186,7 @@ def test_a_sheet_that_is_not_there_is_named(tmp_path):
 
 
 def test_a_test_without_numbers_has_its_notes_and_no_table():
-    note = "No place was measured in eight instants."
+    note = "Nothing came to rest."
     number = share("A2", "poses measured", 8, 8, 0)
     assert sheet.numbers_table([]) == ""
     titles = {"A1": "Rest", "A2": "Static"}
