@@ -245,7 +245,14 @@ def test_chart_grows_by_a_sheet(made, tmp_path):
     assert again["commit"].tolist() == ["bbbbbbb"] * 4 + ["aaaaaaa"] * 4
     assert (again["value"][4:] == 7).all()
     assert len(history.charts(again, "raised_40deg", "coded", 64, 0)) == 4
-    assert history.charts(again, "raised_40deg", "paper", 64, 0) == []
+    # what was measured otherwise is another process
+    for other in (
+        ("paper_pair", "coded", 64, 0),
+        ("raised_40deg", "paper", 64, 0),
+        ("raised_40deg", "coded", 32, 0),
+        ("raised_40deg", "coded", 64, 1),
+    ):
+        assert history.charts(again, *other) == []
 
 
 @pytest.mark.parametrize(
