@@ -27,7 +27,7 @@ test: .venv/package.done  ## run the tests, quicker after make book; ARGS="-k po
 	@$(BIN)/python -m pytest -n $$($(BIN)/python -c 'import os; print(os.cpu_count() + 1)') --dist worksteal $(ARGS)
 
 core: .venv-core/package.done  ## the algorithms and their tests alone, in half a minute; needs no other target
-	@.venv-core/bin/python -m pytest tests/trinolab -q -n 2 -m "not heavy and not slow" --durations=0 \
+	@.venv-core/bin/python -m pytest tests/trinolab -q -n 2 --dist loadfile -m "not heavy and not slow" --durations=0 \
 	    --durations-min=1 $(ARGS)
 
 lab: .venv/package.done  ## open the chapters in JupyterLab

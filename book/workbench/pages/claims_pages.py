@@ -66,11 +66,11 @@ def read_board(path: Path) -> pd.DataFrame:
 def answer(board: pd.DataFrame) -> str:
     """How many of the paper's claims fare how, by kind, as a sentence."""
     counts = board["verdict"].value_counts()
-    said = [f"{counts[verdict]} {word(verdict)}" for verdict in VERDICTS if verdict in counts]
+    counted = [f"{counts[verdict]} {word(verdict)}" for verdict in VERDICTS if verdict in counts]
     left = int((~board["verdict"].isin(VERDICTS)).sum())
     rest = f"; {left} were not run here" if left else ""
     report = "The {doc}`replication report </book/report>` has all of it on a page."
-    return f"Of {len(board)} rows {', '.join(said)}{rest}. {report}"
+    return f"Of {len(board)} rows {', '.join(counted)}{rest}. {report}"
 
 
 def word(verdict: str) -> str:
@@ -128,16 +128,16 @@ def criteria_table() -> str:
 
 def in_words(claim: Claim) -> str:
     """A claim with the paper's words, or as a requirement of ours."""
-    said = f"“{claim.quote}” (Sect. {claim.section})" if claim.quote else "Ours."
-    return f"{claim.claim} <br> {said} <br> *{claim.kind}*"
+    source = f"“{claim.quote}” (Sect. {claim.section})" if claim.quote else "Ours."
+    return f"{claim.claim} <br> {source} <br> *{claim.kind}*"
 
 
 def sample_of(claim: Claim) -> str:
     """Trial and statistic of a claim, and what they can show."""
     if claim.trial is None:
         return "nothing drawn"
-    shown = can_show(claim, load_trials())
-    return f"{claim.trial}, {claim.statistic}" + (f"; {shown}" if shown else "")
+    most = can_show(claim, load_trials())
+    return f"{claim.trial}, {claim.statistic}" + (f"; {most}" if most else "")
 
 
 def deviations_list() -> str:
