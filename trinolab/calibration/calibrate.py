@@ -15,8 +15,9 @@ import pandas as pd
 from ..checks import Array
 from ..files.outputs import check_target, write_together
 from ..files.rigs import covariance_path, covariance_text, rig_text
+from ..rigid import left_jacobian
 from . import distortions
-from .adjust import Calibrated, left_jacobian
+from .adjust import Calibrated
 from .distortions import Choice, calibrate_by_choice
 from .hints import hint
 from .outliers import FEWEST_POINTS, UNSEEN, calibrate_robustly

@@ -17,11 +17,10 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.optimize import least_squares
 
 from ..checks import Array, as_array, frozen
 from ..rigid import motion_between
-from .adjust import TERMS, Calibrated, Layout, calibrate, pack, residuals, slopes
+from .adjust import TERMS, Calibrated, calibrate, posed
 from .outliers import calibrate_robustly
 
 __all__ = [
@@ -87,7 +86,7 @@ def calibrate_by_choice(
     pixels[reasons != ""] = np.nan
     every = {calibrated.distortion_terms: calibrated}
     for terms in TERMS[: TERMS.index(calibrated.distortion_terms)]:
-        every[terms] = calibrate(target, pixels, sizes, names, terms)
+        every[terms] = calibrate(target, pixels, sizes, names, terms, start=calibrated)
     squares = {terms: left_out_squares(target, pixels, one) for terms, one in sorted(every.items())}
     choice = chosen({terms: one for terms, one in squares.items() if one is not None})
     if not choice.left_out_px:
@@ -126,60 +125,29 @@ def left_out_squares(target: Array, uv: Array, found: Calibrated) -> Array | Non
     ndarray, shape (views asked,)
         None if what is left does not determine the cameras.
     """
-    used = np.array([v for v, T in enumerate(found.T_world_target) if T is not None])
+    poses = {v: T for v, T in enumerate(found.T_world_target) if T is not None}
+    used = np.array(list(poses))
     asked = used[:: -(-len(used) // MOST_VIEWS)]
     folds = min(FOLDS, len(asked))
     squares = np.empty(len(asked))
     for fold in range(folds):
-        without = uv[:, asked].copy()
         out = np.arange(fold, len(asked), folds)
-        without[:, out] = np.nan
         try:
-            others = calibrate(
-                target,
-                without,
-                [camera.size for camera in found.cameras],
-                [camera.name for camera in found.cameras],
-                found.distortion_terms,
-            )
+            others = _without(target, uv, found, np.delete(asked, out))
+            left = posed(others, target, uv[:, asked[out]], [poses[v] for v in asked[out]])
         except ValueError:
             return None
-        for k in out:
-            squares[k] = _left(target, uv[:, asked[k]], others, found, asked[k])
+        squares[out] = np.nanmean((left**2).sum(axis=3), axis=(0, 2))
     return squares
 
 
-def _left(target: Array, uv: Array, cameras: Calibrated, found: Calibrated, view: int) -> float:
-    """Mean squared distance (px^2) that is left in one view, (cameras, n, 2), by the best pose of
-    the target with the cameras held.
-    """
-    layout = Layout(len(uv), 1, cameras.distortion_terms)
-    start = found.T_world_target[view]
-    fixed = pack(
-        layout,
-        [camera.matrix for camera in cameras.cameras],
-        [camera.T_world_cam for camera in cameras.cameras],
-        [start] if start is not None else [],
-    )
-    layout.split(fixed)[0][:, 4:] = [
-        camera.distortions[: cameras.distortion_terms] for camera in cameras.cameras
-    ]
-    measured = uv[:, None]
-    valid = np.isfinite(measured)
-
-    def moved(pose: Array) -> Array:
-        return np.concatenate([fixed[:-6], pose])
-
-    fit = least_squares(
-        lambda pose: np.nan_to_num(
-            residuals(layout, target, measured, moved(pose))[valid], nan=1e6
-        ),
-        fixed[-6:],
-        jac=lambda pose: slopes(layout, target, moved(pose))[valid][:, -6:],
-        x_scale="jac",
-        method="lm",
-    )
-    return float(2 * fit.cost / (valid.sum() / 2))
+def _without(target: Array, uv: Array, found: Calibrated, views: np.ndarray) -> Calibrated:
+    """The calibration from some of the views alone."""
+    pixels = np.full_like(uv, np.nan)
+    pixels[:, views] = uv[:, views]
+    sizes = [camera.size for camera in found.cameras]
+    names = [camera.name for camera in found.cameras]
+    return calibrate(target, pixels, sizes, names, found.distortion_terms, start=found)
 
 
 def chosen(squares: dict[int, Array]) -> Choice:
