@@ -11,7 +11,7 @@ and Friedman 2009, The Elements of Statistical Learning, sect. 7.10).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike
 from ..checks import Array, as_array, frozen
 from ..rigid import motion_between
 from .adjust import TERMS, Calibrated, calibrate, posed
-from .outliers import calibrate_robustly
+from .outliers import calibrate_robustly, silent
 
 __all__ = [
     "Choice",
@@ -57,7 +57,11 @@ class Choice(NamedTuple):
 
 
 def calibrate_by_choice(
-    target: Array, uv: ArrayLike, sizes: Sequence[tuple[int, int]], names: Sequence[str]
+    target: Array,
+    uv: ArrayLike,
+    sizes: Sequence[tuple[int, int]],
+    names: Sequence[str],
+    report: Callable[[str], object] = silent,
 ) -> tuple[Calibrated, np.ndarray, Choice]:
     """Calibrate with as many distortion coefficients as the views can tell.
 
@@ -66,7 +70,7 @@ def calibrate_by_choice(
 
     Parameters
     ----------
-    target, uv, sizes, names
+    target, uv, sizes, names, report
         As `outliers.calibrate_robustly` takes them.
 
     Returns
@@ -81,14 +85,22 @@ def calibrate_by_choice(
     ValueError
         As `outliers.calibrate_robustly`.
     """
-    calibrated, reasons = _of_most_terms(target, uv, sizes, names)
+    calibrated, reasons = _of_most_terms(target, uv, sizes, names, report)
     pixels = np.array(as_array(uv, "uv", (None, None, len(target), 2), finite=False))
     pixels[reasons != ""] = np.nan
-    every = {calibrated.distortion_terms: calibrated}
-    for terms in TERMS[: TERMS.index(calibrated.distortion_terms)]:
-        every[terms] = calibrate(target, pixels, sizes, names, terms, start=calibrated)
-    squares = {terms: left_out_squares(target, pixels, one) for terms, one in sorted(every.items())}
-    choice = chosen({terms: one for terms, one in squares.items() if one is not None})
+    every, squares = dict[int, Calibrated](), dict[int, Array]()
+    most = calibrated.distortion_terms
+    for terms in TERMS[: TERMS.index(most) + 1]:
+        report(f"distortions: {terms}")
+        every[terms] = (
+            calibrated
+            if terms == most
+            else calibrate(target, pixels, sizes, names, terms, start=calibrated)
+        )
+        left_out = left_out_squares(target, pixels, every[terms])
+        if left_out is not None:
+            squares[terms] = left_out
+    choice = chosen(squares)
     if not choice.left_out_px:
         return calibrated, reasons, choice._replace(terms=calibrated.distortion_terms)
     best = every[choice.terms]
@@ -97,15 +109,19 @@ def calibrate_by_choice(
 
 
 def _of_most_terms(
-    target: Array, uv: ArrayLike, sizes: Sequence[tuple[int, int]], names: Sequence[str]
+    target: Array,
+    uv: ArrayLike,
+    sizes: Sequence[tuple[int, int]],
+    names: Sequence[str],
+    report: Callable[[str], object],
 ) -> tuple[Calibrated, np.ndarray]:
     """The calibration with as many coefficients as the views determine at all."""
     for terms in TERMS[:0:-1]:
         try:
-            return calibrate_robustly(target, uv, sizes, names, terms)
+            return calibrate_robustly(target, uv, sizes, names, terms, report)
         except ValueError:  # the views leave some of them free
             continue
-    return calibrate_robustly(target, uv, sizes, names, TERMS[0])
+    return calibrate_robustly(target, uv, sizes, names, TERMS[0], report)
 
 
 def left_out_squares(target: Array, uv: Array, found: Calibrated) -> Array | None:
