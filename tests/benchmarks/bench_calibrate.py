@@ -33,6 +33,7 @@ from workbench.plotting import picture_of_residuals
 from workbench.studies.webcams import WEBCAMS, webcam_rig
 
 PAIRS_S, INSTANTS_S = 3.0, 20.0
+REPEATS = 3
 INSTANTS, DISTANCE_MM, SEED = 48, 500.0, 0
 LENS = np.array([-0.12, 0.05, 5e-4, -4e-4, 0.0])
 BOARD = Target("chessboard", 9, 6, 20.0)
@@ -107,8 +108,8 @@ def compare(
 ) -> bool:
     """Print a line; whether ours keeps its limit."""
     with tempfile.TemporaryDirectory() as out:
-        ours_px, ours_s = timed(lambda: ours(sources, target, Path(out)), 5)
-    opencv_px, opencv_s = timed(lambda: opencv(files, target), 5)
+        ours_px, ours_s = timed(lambda: ours(sources, target, Path(out)), REPEATS)
+    opencv_px, opencv_s = timed(lambda: opencv(files, target), REPEATS)
     print(
         f"{label:30}{ours_s:8.2f}{opencv_s:10.2f}{ours_s / opencv_s:8.1f}{limit_s:8.0f}"
         f"{ours_px:10.3f}{opencv_px:12.3f}",
@@ -120,7 +121,7 @@ def compare(
 def main() -> int:
     cv2.setNumThreads(1)
     print(
-        f"{'s of CPU time, median of 5':30}{'ours':>8}{'OpenCV':>10}{'ratio':>8}{'limit':>8}"
+        f"{f's of CPU time, median of {REPEATS}':30}{'ours':>8}{'OpenCV':>10}{'ratio':>8}{'limit':>8}"
         f"{'rms / px':>10}{'OpenCV px':>12}"
     )
     kept = []
