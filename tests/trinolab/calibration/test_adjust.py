@@ -1,4 +1,4 @@
-"""The calibration against exact corners, finite differences and OpenCV."""
+"""The calibration against exact corners, OpenCV, and SciPy's least squares over everything."""
 
 import cv2
 import numpy as np
@@ -6,11 +6,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
-from scipy.optimize._numdiff import approx_derivative
+from scipy.optimize import least_squares
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from trinolab.calibration import adjust
-from trinolab.calibration.adjust import Calibrated, calibrate
+from trinolab.calibration.adjust import Calibrated, calibrate, posed
 from trinolab.calibration.start import homography, intrinsics, target_pose
 from trinolab.calibration.target import Board
 from trinolab.camera import Camera, Rig, displaced
@@ -145,57 +144,6 @@ def test_target_pose_refuses_singular_matrices(name):
         target_pose(**matrices)
 
 
-# --- the adjustment's model
-
-
-@pytest.mark.parametrize("terms", [0, 2, 5])
-def test_slopes_are_the_derivatives(terms):
-    rig, poses = make_rig(), positions(2)
-    layout = adjust.Layout(3, 2, terms)
-    x = adjust.pack(
-        layout, [c.matrix for c in rig.cameras], [c.T_world_cam for c in rig.cameras], list(poses)
-    )
-    x[: layout.split(x)[0].size].reshape(3, -1)[:, 4:] = LENS[:, :terms]
-    zero = np.zeros((3, 2, len(BOARD.points), 2))
-    J = adjust.slopes(layout, BOARD.points, x).reshape(-1, len(x))
-    numeric = approx_derivative(
-        lambda y: adjust.residuals(layout, BOARD.points, zero, y).ravel(), x, method="3-point"
-    )
-    scale = np.abs(numeric).max(axis=0)
-    np.testing.assert_allclose(J / scale, numeric / scale, rtol=0, atol=1e-6)  # of the differences
-
-
-def test_model_projects_as_the_cameras_do():
-    rig, poses = make_rig(), positions(2)
-    layout = adjust.Layout(3, 2, 5)
-    x = adjust.pack(
-        layout, [c.matrix for c in rig.cameras], [c.T_world_cam for c in rig.cameras], list(poses)
-    )
-    x[:27].reshape(3, 9)[:, 4:] = LENS
-    uv = project(rig, poses)
-    np.testing.assert_allclose(adjust.residuals(layout, BOARD.points, uv, x), 0, atol=1e-9)
-    behind = x.copy()
-    behind[39 + 2] = -400.0  # z of the first view
-    errors = adjust.residuals(layout, BOARD.points, uv, behind)
-    assert np.isnan(errors[:2, 0]).all()
-    assert np.isfinite(errors[:, 1]).all()
-    matrices, distortions, cameras, targets = adjust.unpack(layout, x)
-    np.testing.assert_array_equal(matrices[1], K_RIGHT)
-    np.testing.assert_array_equal(distortions, LENS)
-    np.testing.assert_allclose(
-        cameras[2].as_matrix(), rig.cameras[2].T_world_cam.as_matrix(), atol=1e-12
-    )
-    np.testing.assert_allclose(targets[1].as_matrix(), poses[1].as_matrix(), atol=1e-12)
-
-
-@given(arrays(float, 3, elements=st.floats(-3, 3)), arrays(float, 3, elements=st.floats(-1, 1)))
-def test_left_jacobian(rotvec, change):
-    J, step = adjust.left_jacobian(rotvec), 1e-6 * change
-    turned = Rotation.from_rotvec(rotvec + step) * Rotation.from_rotvec(rotvec).inv()
-    # second order of 2e-6
-    np.testing.assert_allclose(turned.as_rotvec(), J @ step, rtol=0, atol=2e-11)
-
-
 # --- exact corners
 
 
@@ -296,6 +244,136 @@ def test_two_cameras_as_opencv(noisy):
     np.testing.assert_allclose(
         found.cameras[1].T_cam_world.rotation.as_matrix(), R, rtol=0, atol=1e-5
     )
+
+
+# --- against a plain least squares over everything
+
+
+def as_vector(cameras, poses, terms):
+    """Lenses, then T_world_cam of all but the first camera and the target's poses, as translations
+    and rotation vectors.
+    """
+    motions = [c.T_world_cam for c in cameras[1:]] + list(poses)
+    lenses = [[*c.focal, *c.principal_point, *c.distortions[:terms]] for c in cameras]
+    places = [[*T.translation, *T.rotation.as_rotvec()] for T in motions]
+    return np.concatenate([np.ravel(lenses), np.ravel(places)])
+
+
+def projected(x, names, terms):
+    """What cameras see by such a vector, (cameras, views, n, 2)."""
+    lenses, places = np.split(x, [len(names) * (4 + terms)])
+    motions = [motion(p[:3], p[3:]) for p in places.reshape(-1, 6)]
+    seats = [motion([0, 0, 0]), *motions[: len(names) - 1]]
+    views = motions[len(names) - 1 :]
+    points = np.concatenate([T.apply(np.array(BOARD.points)) for T in views])
+    uv = []
+    for lens, T in zip(lenses.reshape(len(names), -1), seats, strict=True):
+        K = np.array([[lens[0], 0, lens[2]], [0, lens[1], lens[3]], [0, 0, 1]])
+        uv.append(Camera("c", SIZE, K, np.pad(lens[4:], (0, 5 - terms)), T.inv()).project(points))
+    return np.reshape(uv, (len(names), len(views), -1, 2))
+
+
+@pytest.mark.slow
+def test_it_agrees_with_a_plain_least_squares_over_everything():
+    # Another algorithm: no start, nothing eliminated, rotation vectors, differences for slopes.
+    terms, names = 2, ("c0", "c1")
+    rig = Rig(make_rig(np.where(np.arange(5) < terms, LENS, 0.0)).cameras[:2])
+    poses = positions(4)
+    uv = project(rig, poses) + np.random.default_rng(7).normal(0, 0.2, (2, 4, 42, 2))
+    uv[0, 1, ::3] = np.nan
+    uv[1, 2] = np.nan
+    valid = np.isfinite(uv)
+    found = calibrate(BOARD.points, uv, [SIZE] * 2, names, terms)
+    plain = least_squares(
+        lambda x: (projected(x, names, terms) - uv)[valid],
+        as_vector(rig.cameras, poses, terms),
+        method="lm",
+        jac="3-point",
+        x_scale="jac",
+        ftol=1e-12,
+        xtol=1e-12,
+    )
+    variance = 2 * plain.cost / (valid.sum() - len(plain.x))
+    assert found.sigma_px == pytest.approx(np.sqrt(variance), rel=1e-9)
+    whole = np.linalg.inv(plain.jac.T @ plain.jac) * variance
+    sigma = np.sqrt(np.diag(whole))
+    off = as_vector(found.cameras, found.T_world_target, terms) - plain.x
+    assert np.abs(off / sigma).max() < 1e-4
+    # the covariance: of lenses and place itself; small turns are not changes of the vector
+    own = found.covariance[:15, :15] / np.outer(sigma[:15], sigma[:15])
+    expected = whole[:15, :15] / np.outer(sigma[:15], sigma[:15])
+    np.testing.assert_allclose(own, expected, rtol=0, atol=1e-5)
+
+
+def test_poses_with_the_cameras_held_are_those_of_a_plain_least_squares():
+    rig, poses = make_rig(), positions(3)
+    uv = project(rig, poses) + np.random.default_rng(8).normal(0, 0.3, (3, 3, 42, 2))
+    uv[1, 0, 10:] = np.nan
+    uv[2, 1] = np.nan
+    calibrated = Calibrated(rig.cameras, (), np.zeros((39, 39)), 5, np.zeros((3, 0, 0, 2)), 0.1)
+    near = [motion([0.5, -1, 2], [0.01, -0.005, 0.01]) * T for T in poses]
+    left = posed(calibrated, BOARD.points, uv, near)
+    for k, T in enumerate(poses):
+        valid = np.isfinite(uv[:, k])
+
+        def misfit(x, k=k, T=T, valid=valid):
+            return (project(rig, [motion(x[:3], x[3:]) * T])[:, 0] - uv[:, k])[valid]
+
+        plain = least_squares(
+            misfit, np.zeros(6), method="lm", x_scale="jac", ftol=1e-13, xtol=1e-13
+        )
+        # ours stops where the sum falls by 1e-12 of it, at some 1e-5 of a pose's sigma of 0.1 px
+        np.testing.assert_allclose(left[:, k][valid], plain.fun, rtol=0, atol=1e-5)
+    assert np.array_equal(np.isfinite(left), np.isfinite(uv))
+
+
+def test_poses_beyond_the_lens_model_are_refused():
+    rig = make_rig(np.array([[-2.0, 0, 0, 0, 0]] * 3))  # it folds at 0.41 from the axis
+    calibrated = Calibrated(rig.cameras, (), np.zeros((39, 39)), 5, np.zeros((3, 0, 0, 2)), 0.1)
+    aside = [motion([250, 0, 400])]
+    with pytest.raises(ValueError, match="no cameras were found that explain them"):
+        posed(calibrated, BOARD.points, np.full((3, 1, 42, 2), 300.0), aside)
+
+
+# --- started from another calibration
+
+
+@pytest.mark.parametrize("terms", [0, 2, 5])
+def test_the_start_does_not_decide_the_end(terms):
+    uv = project(make_rig(), positions()) + np.random.default_rng(9).normal(0, 0.1, (3, 8, 42, 2))
+    uv[2, 5] = np.nan
+    before = calibrate(BOARD.points, uv, [SIZE] * 3, distortion_terms=4)
+    fewer = uv.copy()
+    fewer[:, 3] = np.nan
+    again = calibrate(BOARD.points, fewer, [SIZE] * 3, None, terms, start=before)
+    afresh = calibrate(BOARD.points, fewer, [SIZE] * 3, None, terms)
+    # where a sum of squares stops falling by 1e-12 of it: parts of 1e5 of a standard deviation
+    for k in range(3):
+        sigma = afresh.intrinsic_sigma[k] + 1e-12
+        for name in ("focal", "principal_point"):
+            a, b = (getattr(one.cameras[k], name) for one in (again, afresh))
+            assert (np.abs(a - b) < 1e-4 * sigma[:4].max()).all()
+        off = again.cameras[k].distortions - afresh.cameras[k].distortions
+        assert (np.abs(off) <= 1e-4 * sigma[4:]).all()
+    np.testing.assert_allclose(again.residuals_px, afresh.residuals_px, rtol=0, atol=1e-5)
+    scale = np.sqrt(np.diag(afresh.covariance))
+    off = (again.covariance - afresh.covariance) / np.outer(scale, scale)
+    np.testing.assert_allclose(off, 0, rtol=0, atol=1e-5)
+    assert [T is None for T in again.T_world_target] == [k == 3 for k in range(8)]
+
+
+def test_a_start_that_has_too_little_in_common_is_refused():
+    uv = project(make_rig(), positions())
+    before = calibrate(BOARD.points, uv, [SIZE] * 3)
+    few = uv.copy()
+    few[1, 2:] = np.nan
+    refuse(
+        "uv: expected three or more views by camera 1, got 2", few, sizes=[SIZE] * 3, start=before
+    )
+    apart = uv.copy()
+    apart[0, :4] = apart[1:, 4:] = np.nan
+    refuse("uv: expected views that determine all", apart, sizes=[SIZE] * 3, start=before)
+    refuse("start: expected one of pixels of shape", uv[:2], start=before)
 
 
 # --- uncertainty
