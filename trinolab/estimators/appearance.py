@@ -149,8 +149,8 @@ def windows(
 
 
 def _through_lens(camera: Camera, pixels: Array, uv: Array) -> tuple[Array, Array]:
-    """Ideal coordinates, and their derivatives by pixels, of windows with pixels (2, k, p) and middles uv (k, 2), for a lens with
-    distortion.
+    """Ideal coordinates (2, k, p), and their derivatives by pixels (k, 2, 2), of windows with pixels
+    (2, k, p) and middles uv (k, 2), for a lens with distortion.
     """
     steps = 0.5 * np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
     every = np.concatenate([pixels.transpose(1, 2, 0), uv[:, None] + steps], axis=1)

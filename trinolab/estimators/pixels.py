@@ -76,8 +76,8 @@ OUTLINE_FLOOR_PX = 0.4
 class Round(NamedTuple):
     """A round of steps in the same windows: most cells of all windows, and most steps."""
 
-    most_cells: int
-    most_steps: int
+    cells: int
+    steps: int
 
 
 # of a handle that moves: from a start that is some pixels off, and to the end
@@ -231,16 +231,35 @@ def _moving_fit(
     expected, covariance = motion_blur
     blur = MotionBlur(expected, expected, inverse(covariance))
     state = first_state(start, rig, blur)
-    for most_cells, most_steps in rounds:
-        T = state.T_world_handle
-        windows = moving_patches(images, rig, handle, T, max_slant_deg, blur.motion, most_cells)
-        taken = _stepped([state], [windows], rig, handle, most_steps)
-        if taken is None:
+    *first, last = rounds
+    for most in first:
+        stepped = _moving_round(images, state, max_slant_deg, rig, handle, most)
+        if stepped is None:
             return None
-        (after,) = taken.after
-        blur = after.motion_blur or blur
-        state = after._replace(greys=None)  # they are those of other windows
-    return _fit_of(_concluded(taken, [windows], rig), after, rig, handle, False)
+        # greys are those of other windows
+        state = stepped[0].after[0]._replace(greys=None)
+    stepped = _moving_round(images, state, max_slant_deg, rig, handle, last)
+    if stepped is None:
+        return None
+    taken, windows = stepped
+    return _fit_of(_concluded(taken, [windows], rig), taken.after[0], rig, handle, False)
+
+
+def _moving_round(
+    images: Sequence[np.ndarray],
+    state: State,
+    max_slant_deg: float,
+    rig: Rig,
+    handle: Handle,
+    most: Round,
+) -> tuple[_Taken, Patches] | None:
+    """The last step of a round, and its windows, which lie where the state has the markers."""
+    assert state.motion_blur is not None
+    T = state.T_world_handle
+    motion = state.motion_blur.motion
+    windows = moving_patches(images, rig, handle, T, max_slant_deg, motion, most.cells)
+    taken = _stepped([state], [windows], rig, handle, most.steps)
+    return None if taken is None else (taken, windows)
 
 
 def _stepped(

@@ -12,7 +12,6 @@ from trinolab.estimators.appearance import layers, shading_basis
 from trinolab.estimators.imagemodel import (
     MotionBlur,
     blur_matrices,
-    blurred,
     first_state,
     unblurred,
 )
