@@ -26,7 +26,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
-__all__ = ["ANY", "OUTSIDE", "RANDOM", "RESULTS", "Effects", "Flow", "Thing"]
+__all__ = ["ANY", "OUTSIDE", "RANDOM", "RESULTS", "Effects", "Flow", "Thing", "Value"]
 
 
 class Thing(NamedTuple):
