@@ -5,6 +5,7 @@ made them.
 import itertools
 import re
 from pathlib import Path
+from string import ascii_lowercase
 
 import numpy as np
 import pytest
@@ -68,7 +69,9 @@ def test_claims_equal_the_second_transcription():
         for claim in load_claims()
         if isinstance(claim.paper, float)
     }
-    assert first == second
+    assert {no: first[no] for no in first if no.isdigit()} == second
+    # a letter marks another form of the claim before it, whose number is the same
+    assert all(first[no] == second[no.rstrip(ascii_lowercase)] for no in first)
 
 
 def test_table1_poses_carry_the_printed_numbers():

@@ -5,6 +5,7 @@ log of deviations.
 from __future__ import annotations
 
 from pathlib import Path
+from string import ascii_lowercase
 from typing import Any
 
 import pandas as pd
@@ -64,19 +65,35 @@ def read_board(path: Path) -> pd.DataFrame:
 
 
 def answer(board: pd.DataFrame) -> str:
-    """How many of the paper's claims fare how, by kind, as a sentence."""
-    counts = board["verdict"].value_counts()
-    counted = [f"{counts[verdict]} {word(verdict)}" for verdict in VERDICTS if verdict in counts]
+    """How the paper's claims fare: a claim is all rows with its number, since a letter marks another
+    form of it.
+    """
     left = int((~board["verdict"].isin(VERDICTS)).sum())
-    rest = f"; {left} were not run here" if left else ""
-    report = "The {doc}`replication report </book/report>` has all of it on a page."
-    return f"Of {len(board)} rows {', '.join(counted)}{rest}. {report}"
+    judged = board[board["verdict"].isin(VERDICTS)]
+    number = judged["no"].str.rstrip(ascii_lowercase)
+    fares = judged.groupby(number)["verdict"].agg(frozenset)
+    counts = {verdict: int((fares == {verdict}).sum()) for verdict in VERDICTS}
+    counted = [f"{count} {word(verdict, count)}" for verdict, count in counts.items() if count]
+    if mixed := len(fares) - sum(counts.values()):
+        counted.append(
+            f"{mixed} {'fares' if mixed == 1 else 'fare'} otherwise in one form than in another"
+        )
+    rest = f" {left} of the {len(board)} rows were not run here." if left else ""
+    return (
+        f"Of the paper's {len(fares)} claims {', '.join(counted)}. (A claim with a letter is another form "
+        "of the one before it, and counts with it; the rows are of different weight, so that the "
+        f"counts say little.){rest} The {{doc}}`replication report </book/report>` has all of it on a page."
+    )
 
 
-def word(verdict: str) -> str:
-    """A verdict as the verb of a sentence whose subject is a number of rows."""
-    verbs = {"differs": "differ", "undecided": "are undecided"}
-    return verbs.get(verdict, verdict)
+def word(verdict: str, count: int = 2) -> str:
+    """A verdict as the verb of a sentence whose subject is a number of claims."""
+    verbs = {
+        "match": ("matches", "match"),
+        "differs": ("differs", "differ"),
+        "undecided": ("is undecided", "are undecided"),
+    }
+    return verbs.get(verdict, (verdict, verdict))[count != 1]
 
 
 def board_table(board: pd.DataFrame) -> str:

@@ -42,6 +42,7 @@ from .table1 import (
     plot_factors,
     plot_null,
     plot_over_beta,
+    plot_power,
     plot_refused,
 )
 from .wall import plot_impedances, plot_limits, plot_nyquist
@@ -88,6 +89,7 @@ __all__ = [
     "plot_over_slant",
     "plot_pixel_histories",
     "plot_pose_errors",
+    "plot_power",
     "plot_prediction",
     "plot_refused",
     "plot_relative_errors",

@@ -24,6 +24,7 @@ __all__ = [
     "plot_factors",
     "plot_null",
     "plot_over_beta",
+    "plot_power",
     "plot_refused",
 ]
 
@@ -202,6 +203,39 @@ def plot_null(
     ax.set(xlabel=xlabel, ylabel="share of the tables")
     ax.legend()
     return ax
+
+
+def plot_power(
+    distances_mm: ArrayLike,
+    moved_mm: ArrayLike,
+    observed_mm: float,
+    power: Mapping[str, ArrayLike],
+) -> Figure:
+    """What a clamp at several distances would do, and how surely a test would find it.
+
+    Parameters
+    ----------
+    distances_mm : array_like, shape (n,)
+        Of the clamp from the origin.
+    moved_mm : array_like, shape (n,)
+        Mean position errors that it makes.
+    observed_mm : float
+        The mean position error of Table 1, a line.
+    power : mapping of str to array_like, shape (n,)
+        From the name of a test to the share of tables in which it finds the clamp.
+    """
+    figure, (left, right) = row_of_panels(2, (COLUMN_IN, 3.0))
+    left.plot(distances_mm, moved_mm, color=COLOURS[0], label="the clamp alone")
+    left.axhline(observed_mm, color="black", linestyle="--", label="Table 1")
+    left.set(ylabel="mean position error / mm", ylim=(0, None))
+    for (name, shares), colour, style in zip(power.items(), COLOURS, ("o-", "^-"), strict=False):
+        right.plot(distances_mm, shares, style, color=colour, label=name, markersize=4)
+    right.set(ylabel="share of tables that show it", ylim=(0, 1.03))
+    for ax in (left, right):
+        ax.set(xlabel="clamp's distance from the origin / mm", xlim=(0, None))
+        ax.grid(alpha=0.3)
+        ax.legend()
+    return figure
 
 
 def _short(p: float) -> str:

@@ -85,20 +85,30 @@ class Claim:
         ----------
         value : float
         low, high : float, optional
-            Its interval; without it, and in a re-computation, the value alone decides.
+            Its interval. A re-computation, and what is not drawn, is decided by the value alone.
 
         Returns
         -------
         str
             "match", "differs" or "undecided" where the paper says something; "met", "missed" or
             "undecided" where it does not; the declared verdict where the criterion has no number.
+
+        Raises
+        ------
+        ValueError
+            For a row that is drawn, without its interval: one value of many decides nothing.
         """
         number = as_number(value, "value")
-        alone = low is None or high is None or np.isnan(low + high) or self.kind == KINDS[0]
-        ends = (number, number) if alone else (float(low or 0.0), float(high or 0.0))
         least, most = self._limits()
         if least == -np.inf and most == np.inf:
             return self.verdict
+        alone = low is None or high is None or np.isnan(low + high)
+        if alone and self.trial is not None:
+            raise ValueError(
+                f"claim {self.no}: expected the interval of a value that is drawn, got none"
+            )
+        by_value = alone or self.kind == KINDS[0]
+        ends = (number, number) if by_value else (float(low or 0.0), float(high or 0.0))
         yes, no = ("met", "missed") if self.is_ours else ("match", "differs")
         if least <= ends[0] and ends[1] <= most:
             return yes

@@ -37,6 +37,7 @@ __all__ = [
     "disagreements",
     "drawn_results",
     "load_claims",
+    "quoted",
     "score",
     "scoreboard",
     "seconds_an_instant",
@@ -130,6 +131,23 @@ def drawn_results() -> dict[str, Result]:
         row.check: Result(row.value, row.low, row.high, row.n, row.seed)
         for row in pd.read_csv(path).itertuples()
     }
+
+
+def quoted(no: str) -> str:
+    """The value of a claim that is drawn, as every page quotes it: with its unit, interval and number
+    of draws.
+
+    Raises
+    ------
+    ValueError
+        If there is no such claim, or nothing was drawn for it.
+    """
+    rows = {claim.no: claim for claim in load_claims()}
+    result = drawn_results().get(str(rows[no].check)) if no in rows else None
+    if result is None:
+        raise ValueError(f"no: expected a claim that is drawn, got {no!r}")
+    value, low, high = (f"{number:.3g}" for number in result[:3])
+    return f"{value} {rows[no].unit} ({low} to {high}, {result.n:.0f} draws)"
 
 
 def score(claim: Claim, results: Mapping[str, Result], trials: dict[str, Trial]) -> tuple:

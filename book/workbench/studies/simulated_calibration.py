@@ -21,6 +21,7 @@ from trinolab.pose import rigid_fit
 from trinolab.triangulation import triangulate
 
 __all__ = [
+    "bent",
     "calibration_errors",
     "corners_of",
     "photograph",
@@ -51,11 +52,20 @@ def corners_of(
     )
 
 
-def true_corners(rig: Rig, board: Board, poses: RigidTransform) -> Array:
-    """Where the corners truly are, shape (cameras, views, n, 2), px."""
-    return np.stack(
-        [[camera.project(T.apply(np.array(board.points))) for T in poses] for camera in rig.cameras]
-    )
+def bent(board: Board, bend_mm: float) -> Array:
+    """The corners (n, 3) of a board that is bent along its rows to a parabola: the middle stands out
+    of the plane of both ends by `bend_mm`, board frame.
+    """
+    points = np.array(board.points)
+    x = points[:, 0] - points[:, 0].mean()
+    points[:, 2] = as_number(bend_mm, "bend_mm") * (1 - (x / x.max()) ** 2)
+    return points
+
+
+def true_corners(rig: Rig, board: Board, poses: RigidTransform, bend_mm: float = 0.0) -> Array:
+    """Where the corners truly are, shape (cameras, views, n, 2), px; the board may be `bent`."""
+    points = bent(board, bend_mm)
+    return np.stack([[camera.project(T.apply(points)) for T in poses] for camera in rig.cameras])
 
 
 def calibration_errors(
@@ -103,9 +113,17 @@ def simulated_calibration(
     positions: int,
     rng: np.random.Generator,
     noise_px: float = CORNER_NOISE_PX,
+    bend_mm: float = 0.0,
 ) -> Calibrated:
     """Calibrate from exact corners with Gaussian noise: a rendered calibration without the
     rendering.
+
+    Parameters
+    ----------
+    rig, board, positions, rng, noise_px
+    bend_mm : float
+        By which the true board's middle stands out of the plane of its ends, see `bent`; the
+        calibration takes it for flat.
 
     Raises
     ------
@@ -113,7 +131,7 @@ def simulated_calibration(
         As `board_positions` and `calibrate` do, or for a negative noise.
     """
     poses = board_positions(rig, board, positions, as_rng(rng))
-    exact = true_corners(rig, board, poses)
+    exact = true_corners(rig, board, poses, bend_mm)
     noise = as_number(noise_px, "noise_px", low=0.0) * rng.standard_normal(exact.shape)
     return calibrate(
         board.points, exact + noise, [c.size for c in rig.cameras], rig.names, distortion_terms=0

@@ -33,7 +33,10 @@ def test_the_answer_is_one_sentence_with_the_boards_numbers(board):
     plain = re.sub(r"\d\.\d|Fig\.", "", text)
     assert plain.count(".") == 1, "one sentence"
     results = pd.read_csv(ROOT / "data" / "claims_results.csv").set_index("check")
-    for check in ("replication_position", "share_saved_paper_trinocular", "plain_mean"):
+    for check in (
+        *("replication_position", "calibrated_position", "share_saved_paper_trinocular"),
+        *("plain_mean", "plain_mean_rendered"),
+    ):
         assert f"{results.loc[check, 'value']:.3g}" in text
 
 
@@ -66,7 +69,8 @@ def test_the_page_counts_rightly():
     assert f"[{ASSUMPTIONS.count('{#a')} choices](assumptions.md)" in page
     log = load_deviations()
     assert sum(entry.date == "2026-11-20" for entry in log) == 7, "seven changes before the freeze"
-    assert sum(bool(entry.hashes) for entry in log) == 2, "two additions after it"
+    added = [entry for entry in log if entry.hashes and entry.date < "2026-11-25"]
+    assert len(added) == 2, "two additions before 25 November"
 
 
 def row(**changes):
@@ -117,8 +121,62 @@ def test_the_conclusion_names_what_reaches_the_papers_number():
     table = pd.DataFrame([row(changed=0.2), row(assumption="A4", changed=0.6)])
     text = report_pages.conclusion(table)
     assert "between 0.2 and 0.6 mm" in text
-    assert "Only [A4](assumptions.md#a4) takes it to the paper's 0.31 mm." in text
+    assert (
+        "Only [A4](assumptions.md#a4) (0.6 mm) takes it to the paper's 0.31 mm or beyond." in text
+    )
+    # data/sweeps/budget.csv, R_rl as printed after a registration by 20 poses
+    assert "of A4 a registration by Table 1's poses leaves 0.079 mm" in text
     assert "None takes it to" in report_pages.conclusion(table[:1])
+
+
+def test_what_is_beyond_chance_is_marked():
+    """Of three intervals one is far out; the bare 5 % of two others do not stay."""
+    table = pd.DataFrame(
+        [
+            row(difference=0.1, low=0.09, high=0.11),  # 20 standard deviations
+            row(difference=0.1, low=0.001, high=0.199),  # 1.98
+            row(difference=-0.1, low=-0.199, high=-0.001),
+            row(difference=0.0, low=0.0, high=0.0),  # nothing changed
+            row(difference=0.1, low=float("nan"), high=float("nan")),  # nothing drawn
+        ]
+    )
+    assert report_pages.tested(table).tolist() == [True, True, True, False, False]
+    assert report_pages.after_holm(table).tolist() == [True, False, False, True, True]
+    text = report_pages.by_chance(table)
+    assert "In all 4 intervals were looked at. Of these 3 have a width" in text
+    assert "3 are shown" in text
+    assert "Holm's correction 1 stay" in text
+    assert report_pages.sensitivity(table).count(" ?") == 2
+
+
+def test_the_shipped_table_names_how_many_may_be_chance():
+    """The intervals and those shown, counted by the columns alone."""
+    drawn = TABLE[TABLE["low"].notna()]
+    out = drawn[(drawn["low"] > 0) | (drawn["high"] < 0)]
+    out = out[out["low"] < out["high"]]
+    out = out[out["difference"].abs() > 0.01 * out["as_assumed"].abs()]
+    text = report_pages.by_chance(TABLE)
+    assert f"In all {len(drawn)} intervals" in text
+    assert f"and {len(out)} are shown" in text
+
+
+def test_what_does_not_replicate_has_the_boards_numbers(board):
+    text = report_pages.short(board)
+    results = pd.read_csv(ROOT / "data" / "claims_results.csv").set_index("check")["value"]
+    lost = 12 - round(12 * results["long_share_tracked_printed"])
+    assert f"in {lost} of 12 clips of a second (95 %: 32% to 81%)" in text
+    assert f"the images make {results['replication_position'] / 0.31:.0%} of the printed" in text
+    assert f"on a flat board {results['calibrated_position'] / 0.31:.0%}" in text
+
+
+@pytest.mark.parametrize("page", ["report", "scoreboard", "start"])
+def test_the_answer_stands_first(page):
+    """Before any other part that the build writes, and before the verdicts."""
+    text = (ROOT / "book" / f"{page}.md").read_text(encoding="utf-8")
+    first = text.index("generated/report/cause.md")
+    for other in ("report/answer.md", "claims/answer.md", "report/short.md", "film.html"):
+        assert other not in text or first < text.index(other)
+    assert "most clips" not in text
 
 
 def test_environment_has_versions_machine_and_hashes(tmp_path):

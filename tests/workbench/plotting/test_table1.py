@@ -12,6 +12,7 @@ from workbench.plotting import (
     plot_factors,
     plot_null,
     plot_over_beta,
+    plot_power,
     plot_refused,
 )
 
@@ -89,3 +90,17 @@ def test_curves_of_factors_beta_and_null():
     assert sum(bar.get_height() for bar in ax.patches) == pytest.approx(1.0)
     assert ax.lines[0].get_xdata()[0] == 0.08
     assert legible(ax.figure)
+
+
+def test_power_is_drawn_over_the_distance_beside_what_the_clamp_moves():
+    distances = [0.0, 10.0, 20.0]
+    figure = plot_power(
+        distances, [0.0, 0.1, 0.2], 0.31, {"three": [0.05, 0.7, 1], "one": [0.05, 0.9, 1]}
+    )
+    left, right = figure.axes
+    line, table1 = left.lines
+    np.testing.assert_allclose(line.get_xydata(), np.column_stack([distances, [0, 0.1, 0.2]]))
+    assert set(table1.get_ydata()) == {0.31}
+    assert [one.get_label() for one in right.lines] == ["three", "one"]
+    np.testing.assert_allclose(right.lines[1].get_ydata(), [0.05, 0.9, 1])
+    assert legible(figure)

@@ -435,7 +435,7 @@ def one_crossed(trial, cheap, monkeypatch):
 
 
 def test_every_model_but_the_two_accounts_has_the_digits(trial, cheap, one_crossed):
-    found = module.models(trial, cheap)
+    found = module.models(trial, cheap, cheap.images)
     assert [model.name for model, _ in found] == [
         "certain",
         "certain, as printed",
@@ -443,7 +443,7 @@ def test_every_model_but_the_two_accounts_has_the_digits(trial, cheap, one_cross
         "lens + zeros",
         "misaligned on both sides",
         "clamped anew + images",
-        "clamped anew + images / 3",
+        "clamped anew + images, 2 mm markers",
         "clamped anew",
     ]
     fitted = [list(some) for _, some in found]
@@ -457,9 +457,29 @@ def test_every_model_but_the_two_accounts_has_the_digits(trial, cheap, one_cross
     )
 
 
+def test_small_markers_are_rendered_and_err_less(trial, monkeypatch):
+    """What is rendered is a trial of the same poses whose handle has markers of 2 mm."""
+    asked = []
+
+    def rendered(small, draws):
+        asked.append((small, draws))
+        return Images(small.uv, 0.01, [])
+
+    monkeypatch.setattr(module, "rendered", rendered)
+    noise, bias = module.small_markers(trial, 3)
+    ((small, draws),) = asked
+    assert (small.handle.marker_diameter_mm, draws) == (2.0, 3)
+    assert (small.truths, small.rig) == (trial.truths, trial.rig)
+    assert (noise.name, noise.size) == ("pixel noise", 0.01)
+    assert bias.name == "centroid bias"
+    assert bias.size == 0.0  # the centres' own images
+
+
 def test_what_is_filled_up_scatters_as_table_1_does(trial, cheap, one_crossed):
     """But for the digits, which are added to it."""
-    model = next(m for m, _ in module.models(trial, cheap) if m.name.endswith("filled up"))
+    model = next(
+        m for m, _ in module.models(trial, cheap, cheap.images) if m.name.endswith("filled up")
+    )
     tables = drawn(model, 300, np.random.default_rng(0))[..., :3]
     field = rigid_field(trial.truths.translation)
     rms = np.sqrt(np.mean([(without_field(e, field) ** 2).sum() / 20 for e in tables]))
@@ -471,8 +491,8 @@ def test_what_is_filled_up_scatters_as_table_1_does(trial, cheap, one_crossed):
 
 def test_the_patterns_are_those_of_the_models(trial, cheap, one_crossed, monkeypatch):
     monkeypatch.setattr(module, "PATTERN_TABLES", 39)
-    table = module.patterns_table(trial, cheap)
-    models = module.models(trial, cheap)
+    table = module.patterns_table(trial, cheap, cheap.images)
+    models = module.models(trial, cheap, cheap.images)
     assert list(dict.fromkeys(table["model"])) == [model.name for model, _ in models]
     fitted = table[table["fitted"]]
     assert set(fitted["model"]) == {"clamped anew"}
@@ -496,6 +516,7 @@ def test_the_four_tables_share_what_was_rendered(monkeypatch):
         "found_mixes": "found",
         "mixes_table": "mixes",
         "patterns_table": "patterns",
+        "small_markers": "small",
         "smooth_table": "smooth",
     }.items():
         monkeypatch.setattr(
@@ -505,6 +526,8 @@ def test_the_four_tables_share_what_was_rendered(monkeypatch):
     given = {name: arguments[1:] for name, arguments in asked if name != "exact_tables"}
     assert given["rendered"] == (3,)
     assert given["parts"] == ("images", "C")
+    assert given["small_markers"] == (3,)
+    assert given["patterns_table"] == ("parts", "small")
     assert given["budget"] == ("images", "parts", {"certain": "exact", "as printed": "exact"})
     assert [a[1:] for name, a in asked if name == "exact_tables"] == [
         ("images", "C", 12, False),

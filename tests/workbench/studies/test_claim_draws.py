@@ -8,8 +8,9 @@ import pytest
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from trinolab import image_track
+from trinolab.calibration.target import Board
 from trinolab.datasets import load_handle, load_rig, load_table1
-from trinolab.handle import slants
+from trinolab.handle import facing_pixels, slants
 from trinolab.kalman import (
     KalmanParameters,
     State,
@@ -18,11 +19,14 @@ from trinolab.kalman import (
     white_jerk,
 )
 from trinolab.measurement import Measurement
+from trinolab.parameters import Parameters
 from trinolab.pose import LOST, Pose
 from trinolab.tracker import CameraState, TrackerState
+from trinolab.triangulation import triangulate
 from trinolab.window import Window
 from workbench.studies import claim_draws, claim_trials, factors, master_slave
 from workbench.studies.replication import shared_poses
+from workbench.studies.simulated_calibration import bent
 
 PAPER = load_handle("paper")
 T = RigidTransform.from_components([0.0, 0.0, 560.0], Rotation.from_euler("z", 85, degrees=True))
@@ -109,36 +113,41 @@ PAIR = load_rig("paper_pair")
 BLACK = np.zeros((1024, 1280), np.uint8)
 
 
-def test_a_lost_pose_says_nothing_and_a_measured_one_its_error():
+def test_a_lost_pose_has_no_error_and_a_measured_one_its_own():
     truth = load_table1().set_poses[3]
     off = RigidTransform.from_translation([0.0, 0.3, 0.4]) * truth * PAPER.symmetries[1]
     found = claim_draws.errors_of(measured(off), truth, PAPER)
-    value, weight = claim_draws.value_of(found, "E_t_mm")
-    assert (value, weight) == (pytest.approx(0.5), 1.0)
-    lost = claim_draws.errors_of(measured(None), truth, PAPER)
-    assert claim_draws.value_of(lost, "E_t_mm") == claim_draws.NOTHING
+    assert (found.E_t_mm, found.n) == (pytest.approx(0.5), 1)
+    assert claim_draws.errors_of(measured(None), truth, PAPER) is None
 
 
 @pytest.fixture
 def position_errors(monkeypatch):
-    """Gives each pose of a setup an error by what was changed, or none; which poses were asked."""
+    """Gives each pose of a setup an error by what was changed, or none; which poses were asked, and
+    the first number of their noise.
+    """
     asked = []
 
     def error(base, worse):
-        def of(setup, k, seed):
-            asked.append(setup.poses[k].rotation)
+        def of(setup, k, rng):
+            asked.append((setup.poses[k].rotation, rng.random()))
             changed = (
                 setup.true_rig is not setup.rig
                 or setup.velocity.any()
                 or setup.handle.marker_diameter_mm != 3.0
                 or not np.array_equal(setup.poses.translation, load_table1().set_poses.translation)
             )
-            return worse if changed else base
+            return (worse if changed else base)(setup.poses[k].rotation)
 
         monkeypatch.setattr(claim_draws, "position_error", of)
         return asked
 
     return error
+
+
+def row_of(rotation):
+    """The row of Table 1 that has an orientation."""
+    return int((load_table1().set_poses.rotation.inv() * rotation).magnitude().argmin())
 
 
 @pytest.fixture(scope="module")
@@ -147,30 +156,43 @@ def kept():
     return np.flatnonzero(factors.in_view_everywhere(factors.table1_setup(PAIR, PAPER))).tolist()
 
 
-def test_factors_are_compared_at_the_same_pose(position_errors, kept):
+def test_factors_are_compared_at_the_same_poses_and_noise(position_errors, kept):
     """At a distance, too, where some poses are left out before it."""
-    pose = max(k for k in kept if k % 2 == 0)
-    asked = position_errors(2.0, 5.0)
-    drawn = claim_draws.factor(pose // 2, 7)
-    assert drawn == {f"factor_{name}": (3.0, 2.0) for name in claim_draws.FACTORS}
-    same = load_table1().set_poses[pose].rotation
-    assert len(asked) == 1 + len(claim_draws.FACTORS)
-    assert max((rotation.inv() * same).magnitude() for rotation in asked) < 1e-9
+    asked = position_errors(lambda _: 2.0, lambda _: 5.0)
+    drawn = claim_draws.factor(1, 7)
+    assert len(kept) < 20
+    poses = {name: 20 for name in claim_draws.FACTORS} | {"distance": len(kept)}
+    for name, n in poses.items():
+        assert drawn[f"factor_{name}"] == (3.0 * n, 2.0 * n)
+        assert drawn[f"factor_{name}_without_the_most"] == (3.0 * (n - 1), 2.0 * (n - 1))
+    assert len(asked) == 20 + sum(poses.values())
+    noise = {row_of(rotation): first for rotation, first in asked[:20]}
+    assert len(set(noise.values())) == 20
+    for rotation, first in asked[20:]:
+        assert first == noise[row_of(rotation)]
+    assert claim_draws.factor(2, 7) == drawn
+    assert not {first for _, first in asked[-20:]} & set(noise.values())  # another draw's
 
 
-def test_a_pose_that_leaves_the_images_says_nothing_of_the_distance(position_errors, kept):
-    gone = next(k for k in range(0, 20, 2) if k not in kept)
-    position_errors(2.0, 5.0)
-    drawn = claim_draws.factor(gone // 2, 7)
-    assert drawn.pop("factor_distance") == claim_draws.NOTHING
-    assert set(drawn.values()) == {(3.0, 2.0)}
+def test_the_pose_whose_error_grows_most_is_left_out(position_errors):
+    position_errors(lambda _: 2.0, lambda rotation: 12.0 if row_of(rotation) == 3 else 5.0)
+    drawn = claim_draws.factor(0, 7)
+    assert drawn["factor_speed"] == (10.0 + 19 * 3.0, 20 * 2.0)
+    assert drawn["factor_speed_without_the_most"] == (19 * 3.0, 19 * 2.0)
 
 
-@pytest.mark.parametrize(("base", "worse"), [(None, 5.0), (2.0, None)])
-def test_a_pose_that_is_lost_on_either_side_says_nothing(monkeypatch, position_errors, base, worse):
+@pytest.mark.parametrize("before", [True, False])
+def test_a_pose_that_is_lost_on_either_side_does_not_count(monkeypatch, position_errors, before):
     monkeypatch.setattr(claim_draws, "FACTORS", {"speed": 200.0})
-    position_errors(base, worse)
-    assert claim_draws.factor(0, 7) == {"factor_speed": claim_draws.NOTHING}
+
+    def lost_at_3(error):
+        return lambda rotation: None if row_of(rotation) == 3 else error
+
+    def always(error):
+        return lambda _: error
+
+    position_errors((lost_at_3 if before else always)(2.0), (always if before else lost_at_3)(5.0))
+    assert claim_draws.factor(0, 7)["factor_speed"] == (19 * 3.0, 19 * 2.0)
 
 
 def test_the_error_of_a_pose_is_that_of_its_own_frames_and_noise(monkeypatch):
@@ -182,10 +204,81 @@ def test_the_error_of_a_pose_is_that_of_its_own_frames_and_noise(monkeypatch):
 
     monkeypatch.setattr(factors, "frames", lambda setup, k, rng: (setup.poses[k], rng.random()))
     monkeypatch.setattr(claim_draws, "measure", measure)
-    expected = np.random.default_rng([7, 4]).random()
-    assert claim_draws.position_error(setup, 4, 7) == pytest.approx(expected)
+    expected = np.random.default_rng(7).random()
+    found = claim_draws.position_error(setup, 4, np.random.default_rng(7))
+    assert found == pytest.approx(expected)
     monkeypatch.setattr(claim_draws, "measure", lambda *_: measured(None))
-    assert claim_draws.position_error(setup, 4, 7) is None
+    assert claim_draws.position_error(setup, 4, np.random.default_rng(7)) is None
+
+
+# --- calibrations
+
+
+def test_a_bent_board_is_the_same_calibration_but_for_the_bend(monkeypatch):
+    """Costs by hand: what the generator gives first, and a hundred times the bend."""
+    monkeypatch.setattr(
+        claim_draws,
+        "simulated_calibration",
+        lambda rig, board, positions, rng, bend_mm: SimpleNamespace(
+            rig=0.3 * rng.random() + 10 * bend_mm
+        ),
+    )
+    monkeypatch.setattr(
+        claim_draws, "calibration_errors", lambda found, *_: SimpleNamespace(E_t_mm=found)
+    )
+    first = 0.3 * np.random.default_rng([5, 2]).random()
+    drawn = claim_draws.one_calibration(2, 5)
+    assert drawn["calibration_cost_flat"] == (pytest.approx(first), 1.0)
+    assert drawn["calibration_cost_bent_50um"] == (pytest.approx(first + 0.5), 1.0)
+    assert drawn["calibration_enough_flat"] == (1.0, 1.0)
+    assert drawn["calibration_enough_bent_50um"] == (0.0, 1.0)
+    assert claim_draws.calibration(2, 5) == {"calibration_cost": (pytest.approx(first), 1.0)}
+
+
+def test_a_bend_is_a_parabola_along_the_rows():
+    board = Board()
+    points = bent(board, 0.02)
+    height = points[:, 2].reshape(board.rows, board.columns)
+    np.testing.assert_allclose(height[:, [0, -1]], 0.0, atol=1e-15)
+    np.testing.assert_allclose(height[:, 4], 0.02)  # the middle one of nine columns
+    np.testing.assert_allclose(height[:, 2], 0.02 * 0.75)  # half-way: 1 - 1/4
+    np.testing.assert_array_equal(points[:, :2], np.array(board.points)[:, :2])
+    np.testing.assert_array_equal(bent(board, 0.0), board.points)
+
+
+# --- the mean over the pairs
+
+
+def test_the_mean_over_pairs_counts_markers_that_all_three_have(monkeypatch):
+    """Exact pixels of the true markers: both means are right, but where a camera misses one."""
+    rig = load_rig("raised_40deg")
+    truth = next(shared_poses(rig, PAPER, np.random.default_rng([5, 0])))
+    uv = [camera.project(truth.apply(PAPER.marker_centres)) for camera in rig.cameras]
+    uv[0] = uv[0] + [0.0, 1.0]  # CCD1 is a pixel off
+
+    def measure(images, rig, handle, prior):
+        assert (prior.translation == truth.translation).all()
+        labels = tuple(np.arange(12) for _ in uv)
+        found = tuple(SimpleNamespace(uv=pixels) for pixels in uv)
+        return SimpleNamespace(labels=labels, found=found)
+
+    monkeypatch.setattr(claim_draws, "render_rig", lambda *_: None)
+    monkeypatch.setattr(claim_draws, "measure", measure)
+    plain, weighted = claim_draws.rendered_mean(0, 5)["plain_mean_rendered"]
+    steepest = [
+        facing_pixels(PAPER, camera, truth, Parameters().max_slant_deg) for camera in rig.cameras
+    ]
+    rows = np.flatnonzero(np.isfinite(steepest).all(axis=(0, 2)))
+    assert 0 < len(rows) < 12
+    expected = [
+        np.linalg.norm(
+            triangulate(rig, np.array(uv)[:, [row]]) - truth.apply(PAPER.marker_centres[[row]])
+        )
+        for row in rows
+    ]
+    assert plain == pytest.approx(np.square(expected).sum())
+    assert weighted > 0.0
+    assert weighted != plain
 
 
 def test_a_pose_without_a_marker_that_all_see_is_drawn_again(monkeypatch):
@@ -313,6 +406,7 @@ def test_a_clip_counts_instants_in_steady_light_and_after_it_doubles(clip):
     for name in ("printed", "ours"):
         assert clip[f"share_tracked_{name}"] == (1.0, 1.0)
         assert clip[f"share_kept_under_light_{name}"] == (1.0, 2.0)
+        assert clip[f"share_measured_in_light_{name}"] == (1.0, 2.0)
     assert clip["share_searched_ours"] == (4 * 0.25, 4.0)
     assert clip["share_searched_printed"] == (4 * 0.5, 4.0)
     assert clip["time_searched"] == claim_draws.NOTHING  # the last window is none

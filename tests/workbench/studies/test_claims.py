@@ -14,8 +14,8 @@ from workbench.studies.claim_draws import TRIALS
 from workbench.studies.protocol import Trial, load_claims, load_trials, logged_hashes
 
 QUICK = (
-    *("concealed", "forecast", "calibration", "random_pose"),
-    *("table1_pose", "recorded_instant"),
+    *("concealed", "forecast", "calibration", "one_calibration", "random_pose"),
+    *("rendered_mean", "recorded_instant"),
 )
 ROWS = load_trials()
 DRAWS = pd.read_csv(data_path("claims_draws.csv"))

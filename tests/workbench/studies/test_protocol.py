@@ -180,3 +180,9 @@ def test_a_value_alone_decides_without_an_interval(ledger, limits, value, verdic
     (row,) = load_claims()
     assert row.computed_verdict(value) == verdict
     assert row.computed_verdict(value, float("nan"), float("nan")) == verdict
+
+
+@pytest.mark.parametrize("interval", [(), (None, None), (float("nan"), float("nan"))])
+def test_one_value_of_a_row_that_is_drawn_decides_nothing(interval):
+    with pytest.raises(ValueError, match="claim 6: expected the interval of a value that is drawn"):
+        claim("6").computed_verdict(0.67, *interval)

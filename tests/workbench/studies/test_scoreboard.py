@@ -6,10 +6,11 @@ from dataclasses import replace
 from functools import partial
 
 import numpy as np
+import pandas as pd
 import pytest
 from executed import whole_scoreboard
 
-from trinolab.datasets import load_calibration, real_set
+from trinolab.datasets import data_path, load_calibration, real_set
 from workbench.cli import as_text, main, not_run
 from workbench.studies import scoreboard as module
 from workbench.studies.protocol import load_trials
@@ -159,6 +160,16 @@ def test_a_drawn_row_has_its_interval_n_and_seed():
     assert row["criterion"] == claim("11").criterion
 
 
+def test_a_value_is_quoted_with_its_unit_interval_and_draws():
+    stored = pd.read_csv(data_path("claims_results.csv")).set_index("check")
+    row = stored.loc["replication_position"]
+    text = module.quoted("5j")
+    assert text == f"{row.value:.3g} mm ({row.low:.3g} to {row.high:.3g}, {row.draws} draws)"
+    for no in ("1", "99"):
+        with pytest.raises(ValueError, match=f"no: expected a claim that is drawn, got '{no}'"):
+            module.quoted(no)
+
+
 def test_without_the_run_a_drawn_row_is_not_run(monkeypatch):
     monkeypatch.setattr(module, "drawn_results", dict)
     row = dict(zip(COLUMNS, score(claim("11")), strict=True))
@@ -168,11 +179,12 @@ def test_without_the_run_a_drawn_row_is_not_run(monkeypatch):
 
 
 def test_no_lost_pose_flatters_a_mean():
-    """Every pose of Table 1 was measured: a lost one would be left out of the means."""
-    lost = {
-        c.no for c in DRAWN if c.trial == "table1_pose" and module.drawn_results()[c.check].n < 20
-    }
-    assert lost == set()
+    """Every pose of Table 1 was measured in every draw: a lost one would be left out of the means."""
+    draws = pd.read_csv(data_path("claims_draws.csv"))
+    counted = draws[(draws["trial"] == "table1") & draws["check"].str.contains("measured")]
+    assert len(counted) == 5 * load_trials()["table1"].draws
+    assert (counted["a"] == 20).all()
+    assert (counted["b"] == 20).all()
 
 
 def test_the_time_is_a_report_that_no_verdict_depends_on(monkeypatch):

@@ -1,0 +1,82 @@
+"""The answer in a sentence: each of its numbers computed in another way, and a sentence that the
+tables do not carry stops the build.
+"""
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy import stats
+
+from trinolab.datasets import data_path, load_sweep
+from workbench.studies import answer
+
+FACTS = answer.facts()
+
+
+def test_the_printed_table_gives_the_printed_mean():
+    assert FACTS.E_t_mm == pytest.approx(6.2418 / 20, abs=5e-6)  # added up by hand
+
+
+def test_known_errors_make_a_twenty_fifth():
+    """Of the mean square after registration by all poses; the sum of squares of the five sources."""
+    table = pd.read_csv(data_path("sweeps", "budget.csv"))
+    rows = table[table.registration == "20 poses"].set_index("source").rms_E_t_mm
+    known = rows[["pixel noise", "centroid bias", "calibration", "platform", "printed digits"]]
+    assert FACTS.known_share == pytest.approx((known**2).sum() / rows["Table 1"] ** 2, rel=0.05)
+    assert f"{FACTS.known_share:.0%}" == "4%"
+
+
+def test_the_smooth_share_is_chances():
+    # independent, normal, equal errors have the beta distribution with 3 and 24
+    observed = 0.0814818  # data/sweeps/patterns.csv
+    expected = stats.beta(3, 24).cdf(observed)
+    assert FACTS.smooth_p == pytest.approx(expected, abs=4 * np.sqrt(expected / 4000))
+
+
+def test_constants_make_most_of_the_angles_by_hand():
+    # means 0.71, 0.52, 0.64 deg and standard deviations 0.25, 0.29, 0.29 of twenty
+    constant = np.square([0.71, 0.52, 0.64]).sum()
+    scatter = 19 / 20 * np.square([0.25, 0.29, 0.29]).sum()
+    assert FACTS.constant_share == pytest.approx(constant / (constant + scatter), abs=0.01)
+
+
+def test_models_that_err_by_cameras_alone_are_all_refused():
+    patterns = load_sweep("patterns")
+    assert set(FACTS.by_cameras) == {
+        "certain",
+        "certain, as printed",
+        "certain, one f, filled up",
+        "lens distortion + centroid bias",
+        "turned camera + centroid bias",
+    }
+    assert set(FACTS.by_cameras) <= set(patterns.model)
+    assert max(FACTS.by_cameras.values()) < 0.05
+
+
+def test_what_is_left_sets_positions_and_angles_wrongly():
+    assert FACTS.models == 19
+    assert FACTS.left == ("set positions + zeros of the set angles", "clamped anew")
+
+
+def test_the_sentence_has_the_numbers():
+    text = answer.sentence()
+    assert text.count(".") == 2  # one of 0.31, and the end: one sentence
+    for number in ("0.31 mm", "4%", "84%"):
+        assert number in text
+
+
+@pytest.mark.parametrize(
+    ("change", "part"),
+    [
+        ({"E_t_mm": 0.4}, "follows from the printed table"),
+        ({"known_share": 0.6}, "does not show what the cameras do"),
+        ({"smooth_p": 0.999}, "cannot be told from errors that are new in each pose"),
+        ({"constant_share": 0.3}, "mostly constants"),
+        ({"by_cameras": {"certain": 0.2}}, "no camera error that we modelled makes"),
+        ({"by_cameras": {}}, "no camera error that we modelled makes"),
+        ({"left": ("clamped anew",)}, "cannot be told from twenty rows"),
+    ],
+)
+def test_a_part_that_does_not_hold_stops_the_build(change, part):
+    with pytest.raises(ValueError, match=f"answer: '{part}' does not hold"):
+        answer.sentence(FACTS._replace(**change))
