@@ -1104,7 +1104,7 @@ FAULTS = {
     "board: frozen": (
         lambda: [shutil.copy("a/00.png", f"a/{k:02d}.png") for k in range(1, 5)],
         BOARDS,
-        "images of a, b: a residual of ",
+        "a: camera a: the target is in the same place in all 5 views: expected it moved and turned",
     ),
     "board: never found": (
         nothing,

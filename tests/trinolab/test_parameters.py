@@ -102,7 +102,8 @@ def test_the_tables_name_every_field():
     own = {field.name for field in fields(FollowParameters)} - {
         field.name for field in fields(Parameters)
     }
-    assert set(FOLLOW) == own - {"motion"}
+    # how often an instant may be fitted decides in `posetracker.step`: see test_posetracker
+    assert set(FOLLOW) == own - {"motion", "most_fits"}
 
 
 @pytest.fixture(scope="module")

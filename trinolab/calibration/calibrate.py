@@ -29,6 +29,7 @@ from .views import TargetViews, check_connected, read_views, some
 __all__ = ["RigCalibration", "as_lines", "calibrate_rig"]
 
 # cameras that are not triggered together come to 0.8; a camera that is frozen to 10 and more
+LEAST_MOVED_PX = 1.0  # by a point of the target, from view to view
 WORST_RMS_PX = 3.0
 _LENS = ("fx / px", "fy / px", "cx / px", "cy / px", "k1", "k2", "p1", "p2", "k3")
 _PLACE = ("x / mm", "y / mm", "z / mm", "rotation x / deg", "rotation y / deg", "rotation z / deg")
@@ -168,6 +169,13 @@ def _check_seen(
                 f"expected three or more{advice and f'; {advice}'}"
             )
     check_connected(seen.cameras, enough, "no view in which it sees the target together")
+    for name, has, uv in zip(seen.cameras, enough, seen.uv, strict=True):
+        moved_px = np.ptp(uv[has], axis=0).max(axis=1)
+        if np.nanmedian(moved_px) < LEAST_MOVED_PX:
+            raise ValueError(
+                f"{sources[name]}: camera {name}: the target is in the same place in all {has.sum()} views: "
+                "expected it moved and turned (do the images differ?)"
+            )
 
 
 def _calibrated(

@@ -27,6 +27,7 @@ from .appearance import Layers, Windows, by_motion, layers, shading_basis
 from .patches import BORDER_PX, Patches
 
 __all__ = [
+    "Lights",
     "Linear",
     "MotionBlur",
     "Noise",
@@ -35,7 +36,9 @@ __all__ = [
     "advanced",
     "blur_matrices",
     "blurred",
+    "by_grey_motion",
     "estimate_noise",
+    "explained",
     "first_state",
     "half_laplacian",
     "has_contrast",
@@ -47,6 +50,7 @@ __all__ = [
     "misfit",
     "noise_of",
     "reduce",
+    "unblurred",
 ]
 
 ENOUGH = 30  # pixels for a variance

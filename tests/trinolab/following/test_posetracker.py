@@ -22,6 +22,7 @@ from trinolab.following import posefilter, posetracker
 from trinolab.following.look import expect, look
 from trinolab.following.parameters import FollowParameters
 from trinolab.following.posefilter import PoseFilterParameters
+from trinolab.pose import LOST
 from trinolab.rigid import apart, motion_between, shifted
 from workbench.studies.broken import jpeg
 
@@ -307,6 +308,25 @@ def test_markers_that_are_smeared_into_one_another_are_told_apart(turn_deg, star
         assert np.linalg.norm(away[:3]) < 0.05
         assert np.linalg.norm(away[3:]) < np.deg2rad(0.5)
         assert away @ np.linalg.solve(fit.covariance, away) < 25.0  # chi-square of six, 99.97 %
+
+
+@pytest.mark.parametrize("most", [1, 2, 5])
+def test_an_instant_is_fitted_so_often_and_no_more(most, monkeypatch):
+    """Whatever a fit says; the handle has jumped, so that further guesses are tried."""
+    state, _ = posetracker.step(posetracker.start(-1.0), clip(CODED, 1)[0], 0.0, RIG, CODED, BEST)
+    jumped = render_rig(RIG, CODED, path(6), Bench(), np.random.default_rng(0))
+    fits = []
+
+    def in_vain(*arguments):
+        fits.append(look_module.follow(*arguments)._replace(pose=LOST, fits=1))
+        return fits[-1]
+
+    monkeypatch.setattr(posetracker, "follow", in_vain)
+    p = replace(BEST, most_fits=most)
+    _, tracked = posetracker.step(state, jumped, 1 / FPS, RIG, CODED, p)
+    assert tracked.measurement.pose.status == "predicted"
+    assert len(fits) == min(most, len(fits))
+    assert len(fits) >= min(most, 2)
 
 
 @pytest.fixture(scope="module")
