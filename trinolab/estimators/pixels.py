@@ -47,6 +47,7 @@ from .patches import Patches, moving_patches, outline_patches, patches
 __all__ = [
     "FLOOR_PX",
     "Fit",
+    "Round",
     "both_in_world",
     "counted",
     "fit_patches",
