@@ -107,6 +107,11 @@ STUDIES = {
         out="data/sweeps/gallery",
         writes=True,
     ),
+    "instant_times": Study(
+        "what an instant of a track takes, by SimpleBlobDetector's time: instant_times.csv",
+        tables=("instant_times",),
+        workers=True,
+    ),
     "second_renderer": Study(
         "the estimators on path-traced frames: second_renderer.csv",
         tables=("second_renderer",),
