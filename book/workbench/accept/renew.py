@@ -26,7 +26,7 @@ from .numbers import Answer
 from .sheet import plain_row
 from .work import RENDERED, TESTS, Kept, Part, Source, do, setup_of
 
-__all__ = ["measured_again", "renewed"]
+__all__ = ["main", "measured_again", "renewed"]
 
 KEPT = Path("_build/renewed.jsonl")
 
