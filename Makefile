@@ -63,6 +63,7 @@ sweeps: .venv/package.done  ## make the tables in data/sweeps and data/sensitivi
 	@$(BIN)/python -m workbench.studies bound
 	@$(BIN)/python -m workbench.studies gallery
 	@$(BIN)/python -m workbench.studies sensitivity
+	@$(BIN)/python -m workbench.studies instant_times
 
 sheet: .venv/package.done  ## the data sheet of the standard rig in _build/sheet, its numbers and its row of the control chart in data/accept: 15 minutes
 	@$(BIN)/trinolab accept --rig raised_40deg --handle coded --chart data/accept/history.csv --out _build/sheet

@@ -32,6 +32,7 @@ from trinolab.metrics import pose_errors
 from trinolab.parameters import Parameters
 from trinolab.pose import rigid_fit
 from workbench.studies.claim_trials import true_labels
+from workbench.studies.instant_times import blob_detector
 
 LIMIT_MS = 15.0
 STAGES = {
@@ -86,27 +87,12 @@ def ours(
     return pose.T_world_handle, {"total": total, **spent}
 
 
-def blob_detector(lowest: float | None, distance_mm: float = 570.0) -> cv2.SimpleBlobDetector:
-    """Bright round blobs of a quarter to twice the area of a marker that faces a camera.
-
-    OpenCV's own thresholds are 50, 60, ... 210; `lowest` leaves out those below it.
-    """
-    p = cv2.SimpleBlobDetector_Params()
-    area = np.pi * (HANDLE.marker_diameter_mm / 2 * RIG.cameras[0].focal[0] / distance_mm) ** 2
-    p.minThreshold = p.minThreshold if lowest is None else lowest
-    p.filterByColor, p.blobColor = True, 255
-    p.filterByArea, p.minArea, p.maxArea = True, area / 4, 2 * area
-    p.filterByInertia, p.minInertiaRatio, p.minDistBetweenBlobs = True, 0.1, 5
-    p.filterByConvexity, p.minConvexity = True, 0.8
-    return cv2.SimpleBlobDetector_create(p)
-
-
 def opencv_chain(
     frames: list[np.ndarray], truth: RigidTransform, lowest: float | None = None
 ) -> tuple[RigidTransform | None, dict[str, float]]:
     """Pose and times, ms; the shipped rigs have no distortion that had to be removed."""
     start = time.process_time()
-    detector = blob_detector(lowest)
+    detector = blob_detector(RIG, HANDLE, lowest)
     found = [
         np.array([blob.pt for blob in detector.detect(frame)]).reshape(-1, 2) for frame in frames
     ]

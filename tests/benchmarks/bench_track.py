@@ -4,23 +4,25 @@ in the same run.
 A hand holds the handle and moves at a person's pace; two and three cameras of 1280 x 1024, before a
 textured and a flat background. The floor is the time to read all pixels once. Beside it the paper's
 chain (Eq. 5-24) with two and three cameras, which needs no more than 33 ms at 30 frames a second:
-median, 99 % and worst instant. With --long the memory over 10,000 instants:
+median, 99 % and worst instant. Then `bench_instants`: how the times of all instants of the standard
+motions spread. With --long the memory over 10,000 instants instead:
 
-    python tests/benchmarks/bench_track.py [--long]
+    python tests/benchmarks/bench_track.py [--instants 10000] [--long]
 """
 
 import os
 
 os.environ["OMP_NUM_THREADS"] = os.environ["OPENBLAS_NUM_THREADS"] = "1"  # before numpy is loaded
 
+import argparse
 import resource
-import sys
 import time
 from dataclasses import replace
 
+import bench_instants
 import cv2
 import numpy as np
-from bench_measure import HANDLE, RIG, blob_detector, clocked, opencv_chain
+from bench_measure import HANDLE, RIG, clocked, opencv_chain
 from scipy.spatial.transform import RigidTransform
 
 from trinolab import tracker
@@ -32,6 +34,7 @@ from trinolab.camera import Rig
 from trinolab.following import look, posetracker
 from trinolab.following.parameters import FollowParameters
 from trinolab.metrics import pose_errors
+from workbench.studies.instant_times import INSTANTS, blob_detector
 
 WANTED = {"paper": 200.0, "patches": 125.0}  # instants a second, three cameras
 CHAIN_MS = 15.0  # an instant of the paper's chain, three cameras
@@ -90,7 +93,7 @@ def paper_chain(rig: Rig, frames: list, truths: list, bench: Bench) -> float:
     the machine does slows both.
     """
     empty = render_rig(rig, HANDLE, None, bench, np.random.default_rng(1))
-    detector = blob_detector(None)
+    detector = blob_detector(rig, HANDLE)
     state, poses, seconds, alone = tracker.start(empty, rig, -1 / FPS), [], [], []
     with clocked(tracker, CHAIN) as spent:
         for k, images in enumerate(frames):
@@ -115,7 +118,8 @@ def paper_chain(rig: Rig, frames: list, truths: list, bench: Bench) -> float:
     return float(median)
 
 
-def main() -> int:
+def rates() -> int:
+    """Print instants a second, stage by stage; return whether less than wanted."""
     cv2.setNumThreads(1)
     truths, broken = list(human_motion(np.random.default_rng(3), np.arange(COUNT) / FPS)), []
     for cameras, background, contrast in (
@@ -129,16 +133,18 @@ def main() -> int:
         print(
             f"{cameras} cameras, {background} background; reading the pixels once: {floor(frames):.0f} a second"
         )
-        rates = {}
+        by_estimator = {}
         for estimator, wanted in WANTED.items():
             tracked(frames[:5], rig, estimator)  # what is made once
             poses, seconds, spent = tracked(frames, rig, estimator)
             stages = ", ".join(f"{stage} {ms:.2f}" for stage, ms in spent.items())
-            rates[estimator] = line(
+            by_estimator[estimator] = line(
                 estimator, [p.T_world_handle for p in poses], truths, seconds, f"ms: {stages}"
             )
-            if cameras == 3 and rates[estimator] < wanted:
-                broken.append(f"{estimator}, {background}: {rates[estimator]:.0f} of {wanted:.0f}")
+            if cameras == 3 and by_estimator[estimator] < wanted:
+                broken.append(
+                    f"{estimator}, {background}: {by_estimator[estimator]:.0f} of {wanted:.0f}"
+                )
         if cameras == 3:
             plain = [opencv_chain(images, T) for images, T in zip(frames, truths, strict=True)]
             rate = line(
@@ -149,12 +155,14 @@ def main() -> int:
             )
             print(
                 "    ours by this one: "
-                + ", ".join(f"{name} {ours / rate:.1f}" for name, ours in rates.items())
+                + ", ".join(f"{name} {ours / rate:.1f}" for name, ours in by_estimator.items())
             )
             alone = float(np.median([ms["markers"] for _, ms in plain]))
             print(
                 f"    SimpleBlobDetector alone {alone:.2f} ms; times of ours by this one: "
-                + ", ".join(f"{name} {1e3 / ours / alone:.2f}" for name, ours in rates.items())
+                + ", ".join(
+                    f"{name} {1e3 / ours / alone:.2f}" for name, ours in by_estimator.items()
+                )
             )
         chain_ms = paper_chain(rig, frames, truths, bench)
         if cameras == 3 and chain_ms > CHAIN_MS:
@@ -188,5 +196,17 @@ def memory(count: int = 10_000) -> int:
     return int(sizes[-1] > 1.02 * sizes[1])
 
 
+def main() -> int:
+    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n\n")[0])
+    parser.add_argument("--instants", type=int, default=INSTANTS, help="of the standard motions")
+    parser.add_argument("--long", action="store_true", help="the memory over 10,000 instants")
+    arguments = parser.parse_args()
+    if arguments.long:
+        return memory()
+    is_slow = rates()
+    bench_instants.report(arguments.instants, os.cpu_count() or 1)
+    return is_slow
+
+
 if __name__ == "__main__":
-    raise SystemExit(memory() if "--long" in sys.argv else main())
+    raise SystemExit(main())

@@ -23,7 +23,7 @@ from . import arm, availability, history, pointer, rest
 from .arm import Noise
 from .numbers import Answer
 from .setup import POSES, Field, field_of
-from .sheet import GLANCE, NUMBERS, PAGE, TABLE, Sheet, contents, interval_text, value_text
+from .sheet import NUMBERS, PAGE, TABLE, Sheet, contents, glance, interval_text, value_text
 from .tracks import Track, as_track, track_of_table
 from .work import RENDERED, TESTS, Found, Kept, Part, Source, do, setup_of
 
@@ -308,14 +308,9 @@ def _add_to_chart(sheet: Sheet, chart: str | Path, source: Source) -> None:
 def as_lines(done: Done) -> list[str]:
     """What a person reads when a sheet is made."""
     lines = []
-    for test, what, statistic, _ in GLANCE:
-        for number in done.sheet.numbers:
-            if (number.test, number.what, number.statistic) == (test, what, statistic):
-                within = f"  ({interval_text(number)})" if interval_text(number) else ""
-                lines.append(
-                    f"{test}  {what}, {statistic}: {value_text(number)}{within}, n {number.n}"
-                )
-                break
+    for test, _, quantity, number in glance(done.sheet.numbers):
+        within = f"  ({interval_text(number)})" if interval_text(number) else ""
+        lines.append(f"{test}  {quantity}: {value_text(number)}{within}, n {number.n}")
     for name, why in sorted(done.sheet.left_out.items()):
         lines.append(f"{name}  not run: {why}")
     return lines

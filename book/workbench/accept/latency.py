@@ -17,7 +17,7 @@ from trinolab.checks import Array
 from ..intervals import LEVEL, Interval, of_quantile
 from . import tracks
 from .moving import bar_of_setup
-from .numbers import CLOCK, Answer, Number, share
+from .numbers import CLOCK, LARGEST, Answer, Number, distribution, share
 from .setup import Setup, drawn_at
 from .tracks import FPS, Row
 
@@ -177,19 +177,13 @@ def _ms(what: str, delay: float, interval: Interval, found: np.ndarray, seed: in
 
 
 def _times(cpu_s: Array) -> list[Number]:
-    """Times of a measurement, and the age of a pose when it is there."""
+    """Times of a measurement, and the age of a pose when it is there: what is usual, and how bad it
+    gets, since whoever is led by the poses feels the worst.
+    """
     times = 1e3 * cpu_s
-    n = len(times)
-    exposed = 1e3 * EXPOSURE_S / 2
-    median, end = of_quantile(times, 0.5), of_quantile(times, 0.95)
-    age = Interval(exposed + median.low, exposed + median.high, median.how)
-
-    def line(what: str, statistic: str, value: float, interval: Interval) -> Number:
-        return Number(NAME, what, statistic, value, "ms", n, None, CLOCK).within(interval)
-
-    middle = float(np.median(times))
+    ages = 1e3 * EXPOSURE_S / 2 + times
+    spread = ("median", "95 %", "99 %", LARGEST)
     return [
-        line("time of a measurement in motion", "median", middle, median),
-        line("time of a measurement in motion", "95 %", float(np.quantile(times, 0.95)), end),
-        line("age of a pose when it is there", "median", exposed + middle, age),
+        *distribution(NAME, "age of a pose when it is there", ages, "ms", None, CLOCK, spread),
+        *distribution(NAME, "time of a measurement in motion", times, "ms", None, CLOCK, spread),
     ]

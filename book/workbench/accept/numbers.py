@@ -117,8 +117,8 @@ def distribution(
     source: str = OWN,
     statistics: Sequence[str] = STATISTICS,
 ) -> list[Number]:
-    """Mean, rms, median, 95 % and the largest of errors (n,), or some of these, each with its
-    interval; none for no value.
+    """Mean, rms, median, 95 %, 99 % and the largest of values (n,), or some of these, each with
+    its interval; none for no value.
     """
     n = len(values)
     if n == 0:
@@ -136,6 +136,7 @@ def distribution(
         "rms": lambda: line("rms", rms(values), by_bootstrap(values, rms)),
         "median": lambda: line("median", np.median(values), of_quantile(values, 0.5)),
         "95 %": lambda: line("95 %", np.quantile(values, 0.95), of_quantile(values, 0.95)),
+        "99 %": lambda: line("99 %", np.quantile(values, 0.99), of_quantile(values, 0.99)),
         LARGEST: lambda: line(LARGEST, values.max(), NONE, largest),
     }
     return [computed[name]() for name in statistics]

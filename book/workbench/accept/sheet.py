@@ -21,7 +21,7 @@ from trinolab.methods import BEST
 
 from ..studies.second_renderer import side_by_side
 from ..studies.stress import by_fault
-from .numbers import OWN, Answer, Number, Picture, as_table
+from .numbers import LARGEST, OWN, Answer, Number, Picture, as_table
 
 __all__ = [
     "AFTER",
@@ -36,8 +36,10 @@ __all__ = [
     "contents",
     "digits",
     "figure_html",
+    "glance",
     "interval_text",
     "numbers_table",
+    "plain_row",
     "read_sheet",
     "readable",
     "value_text",
@@ -59,8 +61,12 @@ CRIME = (
     "show, and no promise of what it will show: there the errors of the calibration, of the "
     "markers' places and of the lens come on top, and usually decide."
 )
-# What is shown at the top: test, quantity, statistic, and what a reader would call it.
+# What is shown at the top: test, quantity, statistic, and what a reader would call it. Who moves a
+# robot feels the worst instant first.
 GLANCE = (
+    ("A5", "age of a pose when it is there", "median", "Latency"),
+    ("A5", "age of a pose when it is there", "99 %", ""),
+    ("A5", "age of a pose when it is there", LARGEST, ""),
     ("A1", "jitter, position", "rms", "Jitter at rest"),
     ("A1", "jitter, rotation", "rms", ""),
     ("A2", "position error", "rms", "Static error"),
@@ -69,7 +75,6 @@ GLANCE = (
     ("A2", "poses measured", "share", ""),
     ("A3", "bar's length at 0.5 m/s", "rms", "In motion"),
     ("A4", "tip held at one point, scatter", "rms", "Pointer"),
-    ("A5", "age of a pose when it is there", "median", "Latency"),
     ("A6", "measured, of the possible instants", "share", "Availability"),
     ("A6", "measured, of all instants", "share", ""),
     ("A7", "five poses, repeatability", "worst pose", "Arm"),
@@ -125,12 +130,12 @@ def as_json(sheet: Sheet) -> str:
         "limits": CRIME,
         "notes": {name: answer.notes for name, answer in sorted(sheet.answers.items())},
         "left_out": sheet.left_out,
-        "numbers": [_plain(asdict(number)) for number in sheet.numbers],
+        "numbers": [plain_row(asdict(number)) for number in sheet.numbers],
     }
     return json.dumps(content, indent=1, ensure_ascii=False) + "\n"
 
 
-def _plain(row: Mapping[str, Any]) -> dict[str, Any]:
+def plain_row(row: Mapping[str, Any]) -> dict[str, Any]:
     """A number's fields for JSON, which has no NaN; empty ones are left out."""
     fields = {}
     for name, value in row.items():
@@ -187,7 +192,7 @@ def as_page(sheet: Sheet) -> str:
             sheet=sheet,
             title=f"Data sheet: {sheet.about['rig']}, {sheet.about['handle']}",
             links=[*sorted(sheet.titles), "A8", "other renderer", "limits"],
-            glance=list(_glance(sheet.numbers)),
+            glance=list(glance(sheet.numbers)),
             crime=CRIME,
             after=AFTER,
             second=side_by_side(load_sweep("second_renderer")),
@@ -231,7 +236,7 @@ def _by_quantity(numbers: Sequence[Number]) -> list[tuple[tuple[str, str], list[
     return [(quantity, list(group)) for quantity, group in groups]
 
 
-def _glance(numbers: Sequence[Number]) -> Iterator[tuple[str, str, str, Number]]:
+def glance(numbers: Sequence[Number]) -> Iterator[tuple[str, str, str, Number]]:
     """The few numbers that most readers look for: test, what a reader calls it, quantity, number."""
     by_name: dict[tuple[str, str, str], Number] = {}
     for number in numbers:  # of a rig's own recordings there may be several: the first

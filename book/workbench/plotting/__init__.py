@@ -34,7 +34,7 @@ from .markers import (
 from .matching import plot_epipolar_plane, plot_windows
 from .pose import plot_frames, plot_two_rays
 from .rig import plot_layouts, plot_rig
-from .slave import plot_arm, plot_delays, plot_session, plot_two_port
+from .slave import plot_arm, plot_delays, plot_exceedance, plot_session, plot_two_port
 from .structure import plot_chain, plot_structure
 from .table1 import (
     plot_budget,
@@ -73,6 +73,7 @@ __all__ = [
     "plot_epipolar_plane",
     "plot_errors_in_space",
     "plot_estimators",
+    "plot_exceedance",
     "plot_factor",
     "plot_factors",
     "plot_following",

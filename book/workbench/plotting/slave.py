@@ -18,7 +18,7 @@ from trinolab.checks import Array
 
 from .basics import COLOURS, subplots
 
-__all__ = ["plot_arm", "plot_delays", "plot_session", "plot_two_port"]
+__all__ = ["plot_arm", "plot_delays", "plot_exceedance", "plot_session", "plot_two_port"]
 
 TEXT_COLOURS = (COLOURS[0], "#A06A00", COLOURS[2], "black")  # legible as text
 AXIS_SHARE = 0.14  # of the arm's height and width: the length of a drawn axis
@@ -126,6 +126,37 @@ def plot_delays(budget_ms: Mapping[str, float], measured_ms: Mapping[str, float]
     ax.set(xlabel="ms")
     ax.grid(axis="x", alpha=0.3)
     ax.legend(fontsize=9)
+    return ax
+
+
+def plot_exceedance(
+    values: Mapping[str, ArrayLike], label: str, limits: Mapping[str, float]
+) -> Axes:
+    """Which share of values lies at or above each value, both axes logarithmic, so that the rare
+    large ones show.
+
+    Parameters
+    ----------
+    values : mapping of str to array_like, shape (n,)
+        Positive, by their name.
+    label : str
+        Of the horizontal axis.
+    limits : mapping of str to float
+        Upright lines, by what is written beside them.
+    """
+    _, ax = subplots(figsize=(6.9, 3.3))
+    for (name, some), colour, line in zip(values.items(), COLOURS, ("--", "-"), strict=False):
+        ordered = np.sort(np.asarray(some, float))
+        share = (len(ordered) - np.arange(len(ordered))) / len(ordered)
+        ax.step(ordered, share, line, where="pre", color=colour, label=name, linewidth=1.6)
+    ax.set(xscale="log", yscale="log", xlabel=label, ylabel="share that is as slow, or slower")
+    for text, value in limits.items():
+        ax.axvline(value, color="black", linestyle=":", linewidth=1)
+        ax.annotate(
+            text, (value, 0.02), (4, 0), ("data", "axes fraction"), "offset points", fontsize=9
+        )
+    ax.grid(which="both", alpha=0.3)
+    ax.legend(fontsize=9, loc="lower left")
     return ax
 
 

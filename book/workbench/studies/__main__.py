@@ -113,6 +113,11 @@ STUDIES = {
         counts={"draws": (12, "pairs of recordings")},
         kept=("_build/match_rivals", "finished draws"),
     ),
+    "instant_times": Study(
+        "what an instant of a track takes, by SimpleBlobDetector's time: instant_times.csv",
+        tables=("instant_times",),
+        workers=True,
+    ),
     "second_renderer": Study(
         "the estimators on path-traced frames: second_renderer.csv",
         tables=("second_renderer",),

@@ -18,6 +18,7 @@ from trinolab.pose import LOST, Pose
 from trinolab.workspace import view_volume
 from workbench import intervals
 from workbench.accept import arm, availability, latency, moving, pointer, rest, static, tracks
+from workbench.accept.numbers import LARGEST
 from workbench.accept.setup import Setup, drawn_at, field_of, sobol_poses
 from workbench.accept.tracks import FPS, as_track, track_of_table
 
@@ -544,6 +545,31 @@ def test_latency_of_exact_poses():
         assert own.value == pytest.approx(0, abs=1e-6)
     # rows_of says 10 ms a measurement; half of the exposure is 5 ms
     assert value(answer, "age of a pose when it is there", "median").value == pytest.approx(15)
+
+
+def test_latency_says_how_bad_it_gets():
+    """Of three sines the first two instants, a search, do not count."""
+    one = setup()
+    rows = []
+    counted = []
+    for k in range(latency.parts(one)):
+        times, poses, _ = latency.sine(one, k)
+        of_sine = rows_of(poses, times=times)
+        cpu_ms = np.arange(len(times)) + 100.0 * k
+        rows.append(
+            [[*row[:4], ms / 1e3, *row[5:]] for row, ms in zip(of_sine, cpu_ms, strict=True)]
+        )
+        counted.append(cpu_ms[2:])
+    ages = np.sort(np.concatenate(counted)) + 5.0
+    answer = latency.judge(one, rows)
+    worst = value(answer, "age of a pose when it is there", LARGEST)
+    assert worst.value == pytest.approx(ages[-1])
+    assert "95 % sure" in worst.note
+    late = value(answer, "age of a pose when it is there", "99 %")
+    assert ages[-3] <= late.value <= ages[-1]
+    assert late.n == worst.n == len(ages)
+    taken = value(answer, "time of a measurement in motion", LARGEST)
+    assert taken.value == pytest.approx(ages[-1] - 5.0)
 
 
 def test_a_sine_that_is_hardly_measured_has_its_share_and_no_delay():

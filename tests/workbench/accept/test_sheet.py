@@ -17,9 +17,9 @@ from sheetrows import pointer_rows, rows_of, setup, static_rows
 from trinolab.datasets import data_path, load_sweep
 from trinolab.files.poses import read_poses
 from trinolab.methods import BEST
-from workbench.accept import command, history, pointer, rest, sheet, static, work
+from workbench.accept import command, history, pointer, renew, rest, sheet, static, work
 from workbench.accept.command import accept, as_lines
-from workbench.accept.numbers import CLOCK, OWN, Answer, Number, far_count, share
+from workbench.accept.numbers import CLOCK, LARGEST, OWN, Answer, Number, far_count, share
 from workbench.accept.sheet import Sheet, contents, digits, read_sheet
 from workbench.accept.work import Found, Kept, Part, Source
 from workbench.studies.broken import FAULTS
@@ -213,6 +213,15 @@ def test_page_shows_the_other_renderer_and_the_limits(made):
         .to_dict("records")
     )
     assert digits(row["mm"]) in text
+
+
+def test_a_sheet_begins_with_the_latency_and_its_worst():
+    _, numbers = read_sheet(data_path("accept", "raised_40deg.json"))
+    first = [(called, quantity) for _, called, quantity, _ in sheet.glance(numbers)][:3]
+    age = "age of a pose when it is there"
+    assert first == [
+        ("Latency", f"{age}, {statistic}") for statistic in ("median", "99 %", LARGEST)
+    ]
 
 
 def test_readme_shows_the_shipped_sheet():
@@ -510,3 +519,37 @@ def test_an_acceptance_is_said_with_the_time_that_it_took(monkeypatch, capsys):
         "3 of 3",
         "13 s of processor time; written to sheet.html",
     ]
+
+
+# --- one test measured again
+
+
+def test_a_renewed_test_has_its_new_numbers_and_says_when(made, tmp_path):
+    content = json.loads(made[1][sheet.NUMBERS])
+    number = share("A2", "poses measured", 7, 8, 0)
+    again = renew.renewed(content, "A2", Answer([number], notes=["Seven."]), "today, by hand")
+    path = tmp_path / "sheet.json"
+    path.write_text(json.dumps(again), encoding="utf-8")
+    _, numbers = read_sheet(path)
+    others = [one for one in made[0].numbers if one.test != "A2"]
+    assert [one.what for one in numbers if one.test == "A2"] == ["poses measured"]
+    assert [one.what for one in numbers if one.test != "A2"] == [one.what for one in others]
+    assert [one.test for one in numbers] == sorted(one.test for one in numbers)
+    assert again["notes"]["A2"] == ["Seven.", "This test was measured again today, by hand."]
+    assert again["notes"]["A1"] == content["notes"]["A1"]
+    assert content["notes"]["A2"] != again["notes"]["A2"]
+
+
+def test_a_test_is_measured_again_from_its_parts_which_are_kept(monkeypatch, tmp_path):
+    done = []
+    fake = SimpleNamespace(
+        parts=lambda setup: 2,
+        run=lambda setup, k: done.append(k) or [k],
+        judge=lambda setup, rows: Answer(notes=[str(rows)]),
+    )
+    monkeypatch.setitem(work.TESTS, "A5", fake)
+    source = Source(str(RIG), str(HANDLE), 8, 0)
+    for _ in range(2):
+        answer = renew.measured_again(source, "A5", tmp_path / "new" / "kept.jsonl", 1)
+        assert answer.notes == ["[[0], [1]]"]
+    assert done == [0, 1]

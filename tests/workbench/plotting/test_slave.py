@@ -403,6 +403,17 @@ def test_a_delay_has_two_bars_a_stage():
         plotting.plot_delays({"filter": 30.0}, {"servo": 1.0})
 
 
+def test_an_exceedance_falls_from_all_values_to_the_largest():
+    ax = plotting.plot_exceedance({"slow": [8.0, 2.0, 4.0, 4.0]}, "ms", {"a frame": 3.0})
+    curve, limit = ax.lines
+    np.testing.assert_allclose(curve.get_xdata(), [2.0, 4.0, 4.0, 8.0])
+    np.testing.assert_allclose(curve.get_ydata(), [1.0, 0.75, 0.5, 0.25])
+    assert curve.get_drawstyle() == "steps-pre"  # 0.75 of them are 3 or more
+    assert limit.get_xdata() == [3.0, 3.0]
+    assert (ax.get_xscale(), ax.get_yscale()) == ("log", "log")
+    assert "a frame" in texts(ax)
+
+
 def test_a_two_port_has_two_speeds_and_two_forces():
     said = texts(plotting.plot_two_port().axes[0])
     assert {"$V_m$", "$F_h$", "$V_s$", "$F_e$", "the two-port $H$"} <= set(said)

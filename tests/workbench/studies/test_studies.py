@@ -37,6 +37,7 @@ def asked(monkeypatch):
         ("elevation", [], "sweep_elevation", {}),
         ("fitts", [], "make_table", {}),
         ("webcams", [], "make_table", {}),
+        ("instant_times", ["--workers", "5"], "make_table", {"workers": 5}),
         ("second_renderer", ["--kept", "k"], "make_table", {"kept": Path("k")}),
         ("second_renderer", [], "make_table", {"kept": Path("_build/second")}),
         (
