@@ -63,11 +63,9 @@ def main() -> None:
     path = data_path("accept", "raised_40deg.json")
     content = read_json(path)
     about = content["about"]
-    files = (
-        data_path("rigs", f"{about['rig']}.toml"),
-        data_path("handles", f"{about['handle']}.toml"),
-    )
-    source = Source(*map(str, files), about["poses"], about["seed"])
+    rig = data_path("rigs", f"{about['rig']}.toml")
+    handle = data_path("handles", f"{about['handle']}.toml")
+    source = Source(str(rig), str(handle), about["poses"], about["seed"])
     answer = measured_again(source, arguments.test, KEPT, arguments.workers)
     by = f"on {datetime.now(UTC).date()}, with the code of commit {(commit() or 'unknown')[:7]}"
     text = json.dumps(renewed(content, arguments.test, answer, by), indent=1, ensure_ascii=False)
