@@ -27,7 +27,7 @@ test: .venv/package.done  ## run the tests, quicker after make book; ARGS="-k po
 	@$(BIN)/python -m pytest -n $$($(BIN)/python -c 'import os; print(os.cpu_count() + 1)') --dist worksteal $(ARGS)
 
 core: .venv-core/package.done  ## the algorithms and their tests alone, in half a minute; needs no other target
-	@.venv-core/bin/python -m pytest tests/trinolab -q -n 2 -m "not heavy and not slow" --durations=0 \
+	@.venv-core/bin/python -m pytest tests/trinolab -q -n 2 --dist loadfile -m "not heavy and not slow" --durations=0 \
 	    --durations-min=1 $(ARGS)
 
 lab: .venv/package.done  ## open the chapters in JupyterLab
@@ -67,7 +67,7 @@ sheet: .venv/package.done  ## the data sheet of the standard rig in _build/sheet
 	@$(BIN)/trinolab accept --rig raised_40deg --handle coded --chart data/accept/history.csv --out _build/sheet
 	@cp _build/sheet/sheet.json data/accept/raised_40deg.json
 
-bench: .venv/package.done  ## the time that a measurement, an instant of a track, a frame, a sweep, a tick of the arm, a live frame take
+bench: .venv/package.done  ## the time that a measurement, an instant of a track, a frame, a sweep, a tick of the arm, a live frame, a calibration take
 	@$(BIN)/python tests/benchmarks/bench_measure.py
 	@$(BIN)/python tests/benchmarks/bench_markers.py
 	@$(BIN)/python tests/benchmarks/bench_background.py
@@ -76,6 +76,7 @@ bench: .venv/package.done  ## the time that a measurement, an instant of a track
 	@$(BIN)/python tests/benchmarks/bench_sweep.py
 	@$(BIN)/python tests/benchmarks/bench_slave.py
 	@$(BIN)/python tests/benchmarks/bench_live.py
+	@$(BIN)/python tests/benchmarks/bench_calibrate.py
 
 figures: .venv/package.done  ## all figures and films of the built pages as files, with a list, in _build/figures
 	@$(BIN)/python -m workbench.pages.figures

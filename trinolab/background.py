@@ -13,7 +13,10 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import connected_components
 
+from . import pixel_loops
 from .checks import Array, as_image, as_number, as_whole
 from .window import Window
 
@@ -21,26 +24,30 @@ __all__ = [
     "BackgroundParameters",
     "Detection",
     "Difference",
+    "Runs",
     "commonest_ratio",
     "difference",
     "has_moved",
     "light_gain",
     "moving_window",
+    "prepare",
     "renewed",
     "step",
+    "stepped",
     "update",
 ]
 
 WHITE = 255  # grey level at which a pixel is saturated: its light is this, or more
 DARK = 10.0  # grey level from which a ratio of greys says something
 _MOST = float(np.log(4.0))  # a change of light; beyond it the lens is covered
-_BIN = 0.01  # width of a bin of the histogram, in ln ratio
+_BINS = 277  # of the histogram, 0.01 in ln ratio wide
+_CELLS = 8  # a bin, for the median
 _BLUR = 12  # bins on either side over which the histogram is smoothed
 _NEAR = 0.15  # distance from the peak, in ln ratio, within which a pixel agrees with it
-_CELLS = 4096  # of the numbers whose median is asked for
-_MANY = 2000  # runs in every eighth row, beyond which labelling is quicker
+_MANY = 20_000  # runs of moving pixels, beyond which labels of all pixels are quicker
 _LEAST = 0.1  # share of the pixels that have to agree
 STRIP = 64  # rows of an image that are worked on at a time
+LARGE = 2**16  # px, from which a compiled loop is worth the loading of the compiler
 
 
 @dataclass(frozen=True)
@@ -90,6 +97,11 @@ class BackgroundParameters:
             raise ValueError(
                 f"compensate_light: expected True or False, got {self.compensate_light!r}"
             )
+
+    @property
+    def slow_rate(self) -> float:
+        """alpha of what moves or is saturated."""
+        return self.update_rate if self.masked_rate is None else self.masked_rate
 
 
 class Difference(NamedTuple):
@@ -206,7 +218,8 @@ def renewed(background: Array, grey: Array, update_rate: float) -> Array:
 def moving_window(mask: ArrayLike, min_pixels: int = 0) -> Window | None:
     """The minimum upright bounding rectangle of the largest moving region, W_ROI (Sect. 4.2).
 
-    (The paper says "maximum".) Pixels that touch at a corner belong together.
+    (The paper says "maximum".) Pixels that touch at a corner belong together. Of several regions
+    with the most pixels it is the first from the top.
 
     Parameters
     ----------
@@ -220,50 +233,76 @@ def moving_window(mask: ArrayLike, min_pixels: int = 0) -> Window | None:
     Window or None
         None if nothing moves.
     """
-    moved = _as_mask(mask)
-    if np.count_nonzero(moved) <= as_number(min_pixels, "min_pixels", 0.0):
+    return _window(_as_mask(mask), as_number(min_pixels, "min_pixels", 0.0))
+
+
+def _window(moved: np.ndarray, min_pixels: float) -> Window | None:
+    """`moving_window` of a mask that needs no check."""
+    runs = _runs(moved)
+    pixels = runs.end - runs.begin
+    if pixels.sum() <= min_pixels:
         return None
-    return Window(*_largest_region(moved))
+    region = _regions(runs, moved)
+    # regions are numbered from the top: of several with the most pixels it takes the first
+    largest = region == np.bincount(region, pixels).argmax()
+    row, begin, end = runs.row[largest], runs.begin[largest], runs.end[largest]
+    return Window(begin.min(), row[0], end.max() - begin.min(), row[-1] - row[0] + 1)
 
 
-def _largest_region(mask: np.ndarray) -> tuple[int, int, int, int]:
-    """Bounding rectangle of the largest 8-connected region of a mask that is not empty.
-
-    Regions are filled by falling size of their rectangles, until no rectangle that is left could
-    hold more pixels than the largest region so far. To label and count all of them takes ten times
-    as long, but where there are thousands.
+class Runs(NamedTuple):
+    """The pixels of a mask that follow each other in a row, n runs from the top: the row, the first
+    column and the one after the last, (n,) each.
     """
-    unfilled = mask.astype(np.uint8)
-    some_rows = unfilled[::8]
-    if np.count_nonzero(some_rows[:, 1:] > some_rows[:, :-1]) > _MANY:
-        return _largest_label(unfilled)
-    outlines = cv2.findContours(unfilled, cv2.RETR_LIST, cv2.CHAIN_APPROX_SIMPLE)[0]
-    rectangles = [cv2.boundingRect(outline) for outline in outlines]
-    sizes = np.array([width * height for *_, width, height in rectangles])
-    largest = (0, 0, 0, 0)
-    most = 0
-    for k in np.argsort(-sizes, kind="stable").tolist():
-        if sizes[k] <= most:
-            break
-        u, v = outlines[k].reshape(-1, 2)[0].tolist()
-        if unfilled[v, u] == 1:
-            count, *_, (u, v, width, height) = cv2.floodFill(unfilled, None, (u, v), 2, flags=8)
-            if count > most:
-                most = count
-                largest = (u, v, width, height)
-    return largest
+
+    row: np.ndarray
+    begin: np.ndarray
+    end: np.ndarray
 
 
-def _largest_label(mask: np.ndarray) -> tuple[int, int, int, int]:
-    """The same rectangle by labels: quicker for thousands of regions, as a lamp that is switched on
+def _runs(mask: np.ndarray) -> Runs:
+    """The runs of a mask."""
+    # a pixel that does not move before each row and after the last one ends all runs
+    padded = cv2.copyMakeBorder(mask.view(np.uint8), 0, 1, 1, 0, cv2.BORDER_CONSTANT, value=0)
+    flat = padded.ravel()
+    changes = np.flatnonzero(flat[1:] != flat[:-1]).astype(np.int32)
+    width = np.int32(padded.shape[1])
+    row = changes[::2] // width
+    return Runs(row, changes[::2] - row * width, changes[1::2] - row * width)
+
+
+def _regions(runs: Runs, mask: np.ndarray) -> np.ndarray:
+    """The number of the 8-connected region of each run of a mask, those from the top first."""
+    loops = pixel_loops.compiled() if mask.size >= LARGE else None
+    if loops is not None:
+        region = np.empty(len(runs.row), np.int32)
+        loops.regions_of_runs(*runs, region)
+        return region
+    return _region_of_runs(runs) if len(runs.row) <= _MANY else _label_of_runs(runs, mask)
+
+
+def _region_of_runs(runs: Runs) -> np.ndarray:
+    """The same by a graph: runs of adjacent rows belong together where
+    they overlap or touch at a corner.
+    """
+    # Rows follow each other on one axis, with a gap that no run bridges.
+    stride = int(runs.end.max()) + 2
+    begin = runs.row * np.int64(stride) + runs.begin
+    end = begin + (runs.end - runs.begin)
+    first = np.searchsorted(end, begin + stride, side="left")
+    after = np.searchsorted(begin, end + stride, side="right")
+    rows = np.concatenate([[0], np.cumsum(after - first)])
+    below = np.arange(rows[-1]) + np.repeat(first - rows[:-1], after - first)
+    n = len(begin)
+    touching = csr_array((np.ones(len(below), np.int8), below, rows), shape=(n, n))
+    return connected_components(touching, directed=False)[1]
+
+
+def _label_of_runs(runs: Runs, mask: np.ndarray) -> np.ndarray:
+    """The same by labels of all pixels: quicker for thousands of runs, as a lamp that is switched on
     makes them.
     """
-    _, _, statistics, _ = cv2.connectedComponentsWithStats(mask, connectivity=8)
-    count = statistics[1:, cv2.CC_STAT_AREA]
-    size = statistics[1:, cv2.CC_STAT_WIDTH] * statistics[1:, cv2.CC_STAT_HEIGHT]
-    # of several with the most pixels the one with the largest rectangle, as above
-    u, v, width, height, _ = statistics[1 + np.lexsort((-size, -count))[0]].tolist()
-    return u, v, width, height
+    labels = cv2.connectedComponentsWithAlgorithm(mask.view(np.uint8), 8, cv2.CV_32S, cv2.CCL_WU)[1]
+    return labels.ravel().take(runs.row * mask.shape[1] + runs.begin)
 
 
 def step(
@@ -287,9 +326,65 @@ def step(
         For the next instant.
     detection : Detection
     """
-    p = parameters or BackgroundParameters()
-    frame, old = _frame_and_background(frame, background)
-    gain = old.dtype.type(commonest_ratio(frame, old) if p.compensate_light else 1.0)
+    return stepped(*_frame_and_background(frame, background), parameters or BackgroundParameters())
+
+
+def stepped(
+    frame: np.ndarray, background: np.ndarray, p: BackgroundParameters
+) -> tuple[np.ndarray, Detection]:
+    """`step` for images that need no check, the background of floats (Eq. 5, 6)."""
+    gain = commonest_ratio(frame, background) if p.compensate_light else 1.0
+    compare = _by_loop if _suits_loop(frame, background) else _by_strips
+    new, image, mask = compare(frame, background, gain, p)
+    window = _window(mask, p.min_pixels)
+    return _read_only(new), Detection(_read_only(image), _read_only(mask), window)
+
+
+def prepare(image: np.ndarray) -> None:
+    """Compile what `step` needs for frames like this one, so that the first one does not wait."""
+    if image.dtype == np.uint8 and image.size >= LARGE:
+        pixel_loops.compiled()
+
+
+def _suits_loop(frame: np.ndarray, background: np.ndarray) -> bool:
+    """Whether the compiled loop takes these images, and is there."""
+    return (
+        frame.size >= LARGE
+        and frame.dtype == np.uint8
+        and background.dtype == np.float32
+        and pixel_loops.compiled() is not None
+    )
+
+
+def _by_loop(
+    frame: np.ndarray, old: np.ndarray, gain: float, p: BackgroundParameters
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The next background, D_k and the mask by one compiled loop over the pixels."""
+    loops = pixel_loops.compiled()
+    assert loops is not None
+    results = (
+        np.empty(old.shape, np.float32),
+        np.empty(frame.shape, np.uint8),
+        np.empty(frame.shape, bool),
+    )
+    loops.compare_and_renew(
+        np.ascontiguousarray(frame),
+        np.ascontiguousarray(old),
+        gain,
+        p.difference_threshold,
+        p.shadow_share,
+        p.update_rate,
+        p.slow_rate,
+        WHITE,
+        *results,
+    )
+    return results
+
+
+def _by_strips(
+    frame: np.ndarray, old: np.ndarray, gain: float, p: BackgroundParameters
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The same by NumPy and OpenCV."""
     new = np.empty_like(old)
     image = np.empty_like(frame)
     mask = np.empty(frame.shape, bool)
@@ -297,7 +392,7 @@ def step(
     for top in range(0, len(frame), STRIP):
         rows = slice(top, top + STRIP)
         grey = frame[rows].astype(old.dtype)
-        expected = np.multiply(old[rows], gain, out=new[rows])
+        expected = np.multiply(old[rows], old.dtype.type(gain), out=new[rows])
         # Eq. 5, f_k against what a camera can show of f_b
         visible = cv2.threshold(expected, WHITE, 0, cv2.THRESH_TRUNC)[1]
         moved = has_moved(grey, visible, p.difference_threshold, p.shadow_share)
@@ -305,16 +400,14 @@ def step(
         np.multiply(frame[rows], moved.view(np.uint8), out=image[rows])
         # Eq. 6, but for what moves or is saturated
         _renew(expected, grey, moved | (frame[rows] >= WHITE), p)
-    window = moving_window(mask, p.min_pixels)
-    return _read_only(new), Detection(_read_only(image), _read_only(mask), window)
+    return new, image, mask
 
 
 def _renew(background: Array, grey: Array, kept: np.ndarray, p: BackgroundParameters) -> None:
     """Renew a background in place, at the masked rate where it is kept (Eq. 6)."""
-    slow = p.update_rate if p.masked_rate is None else p.masked_rate
     fresh = renewed(background, grey, p.update_rate)
-    if slow > 0:
-        background[:] = renewed(background, grey, slow)
+    if p.slow_rate > 0:
+        background[:] = renewed(background, grey, p.slow_rate)
     cv2.copyTo(fresh, (~kept).view(np.uint8), background)
 
 
@@ -349,34 +442,29 @@ def commonest_ratio(frame: np.ndarray, background: np.ndarray, step: int = 4) ->
     if not told.any():
         return 1.0
     logs = np.log(few[told] / base[told])
-    bins = round(2 * _MOST / _BIN)
-    edges = np.linspace(-_MOST, _MOST, bins + 1)
-    counts = cv2.calcHist([logs.astype(np.float32, copy=False)], [0], None, [bins], [-_MOST, _MOST])
-    blurred = np.convolve(counts.ravel(), np.hanning(2 * _BLUR + 1), "same")
-    near: Array = logs[np.abs(logs - float(edges[blurred.argmax()])) < _NEAR]
-    if near.size <= _LEAST * np.count_nonzero(base > DARK):
+    # The cells rise with the ratio; the first and the last one take all that is beyond.
+    cells = _BINS * _CELLS
+    cell = np.clip((logs / _MOST + 1) * (cells / 2) + 1, 0, cells + 1).astype(np.intp)
+    counts = np.bincount(cell, minlength=cells + 2)
+    histogram = counts[1:-1].reshape(_BINS, _CELLS).sum(axis=1)
+    smooth = np.convolve(histogram, np.hanning(2 * _BLUR + 1), "same")
+    away = logs - float(np.linspace(-_MOST, _MOST, _BINS + 1)[smooth.argmax()])
+    near = np.count_nonzero(np.abs(away) < _NEAR)
+    if near <= _LEAST * np.count_nonzero(base > DARK):
         return 1.0
-    return float(np.exp(_median(near)))
+    # the median of those that are near: they follow each other in order
+    middle = np.count_nonzero(away <= -_NEAR) + np.array([(near - 1) // 2, near // 2])
+    return float(np.exp(_in_order(logs, cell, counts, middle).mean(dtype=logs.dtype)))
 
 
-def _median(values: Array) -> np.floating:
-    """As `numpy.median`, in half the time, of numbers that are none of them NaN.
-
-    Only those about the middle are ordered: a partition takes ten times as long where many numbers
-    are equal, as the ratios of whole grey levels are.
+def _in_order(values: Array, cell: np.ndarray, counts: np.ndarray, ranks: np.ndarray) -> Array:
+    """The values of two ranks, the lower first, by cells that rise with the value: only those of
+    the cells about them are ordered. A partition takes ten times as long where many are equal.
     """
-    lowest = values.min()
-    spread = values.max() - lowest
-    if spread == 0:
-        return lowest
-    cell = ((values - lowest) * (_CELLS / spread)).astype(np.intp)  # rises with the number
-    up_to = np.cumsum(np.bincount(cell))  # how many numbers lie in a cell or below it
-    after = values.size // 2
-    before = after if values.size % 2 else after - 1
-    first, last = np.searchsorted(up_to, [before, after], side="right")
-    middle = np.sort(values[(cell >= first) & (cell <= last)])
-    smaller = up_to[first - 1] if first else 0
-    return np.mean([middle[before - smaller], middle[after - smaller]], dtype=values.dtype)
+    up_to = np.cumsum(counts)  # how many values lie in a cell or below it
+    first, last = np.searchsorted(up_to, ranks, side="right")
+    ordered = np.sort(values[(cell >= first) & (cell <= last)])
+    return ordered[ranks - (up_to[first] - counts[first])]
 
 
 def _frame_and_background(frame: ArrayLike, background: ArrayLike) -> tuple[np.ndarray, np.ndarray]:

@@ -113,12 +113,13 @@ def contours(
     """
     rows = np.flatnonzero(brightest > threshold)
     top, bottom = (int(rows[0]), int(rows[-1]) + 1) if len(rows) else (0, 1)
-    binary = _above(image[top:bottom], threshold)
-    sampled_rows = binary[6::13]
+    every_13th = image[top + 6 : bottom : 13]
+    sampled_rows = _above(every_13th, threshold) if len(every_13th) else every_13th
     if 13 * np.count_nonzero(sampled_rows[:, 1:] > sampled_rows[:, :-1]) > max(
         _RUNS[0], _RUNS[1] * wanted
     ):
         return None
+    binary = _above(image[top:bottom], threshold)
     outlines, tree = cv2.findContours(
         binary, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_SIMPLE, offset=(0, top)
     )

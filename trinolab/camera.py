@@ -31,7 +31,9 @@ __all__ = [
     "epipolar_lines",
     "fundamental_matrix",
     "ideal_coordinates",
+    "ideal_pixels_of",
     "image_of",
+    "lines_of",
     "pixels_with_slopes",
 ]
 
@@ -161,7 +163,7 @@ class Camera:
 
         NaN where `normalise` gives none.
         """
-        return whole_rows(self.normalise(uv) * self.focal + self.principal_point)
+        return ideal_pixels_of(self, as_points(uv, "uv", 2))
 
     def rays(self, uv: ArrayLike) -> Array:
         """Directions of the viewing rays through pixels, world frame, shape (n, 3), length 1; they
@@ -212,6 +214,11 @@ def ideal_coordinates(camera: Camera, uv: Array) -> Array:
         ]
     )
     return undistort(xy, camera.distortions)
+
+
+def ideal_pixels_of(camera: Camera, uv: Array) -> Array:
+    """`Camera.ideal_pixels` of pixels (n, 2) that need no check."""
+    return whole_rows(ideal_coordinates(camera, uv) * camera.focal + camera.principal_point)
 
 
 @dataclass(frozen=True, eq=False)
@@ -398,6 +405,7 @@ def T_between(target: Camera, source: Camera) -> RigidTransform:
     return target.T_cam_world * source.T_world_cam
 
 
+@lru_cache(maxsize=256)
 def fundamental_matrix(left: Camera, right: Camera) -> Array:
     """The matrix F with ``right_uv1 @ F @ left_uv1 = 0`` for ideal pixels (Hartley and Zisserman
     2004, ch. 9).
@@ -420,7 +428,7 @@ def fundamental_matrix(left: Camera, right: Camera) -> Array:
         )
     essential = np.cross(t, T_right_left.rotation.as_matrix(), axisb=0, axisc=0)
     F = np.linalg.inv(right.matrix).T @ essential @ np.linalg.inv(left.matrix)
-    return F / np.linalg.norm(F)
+    return frozen(F / np.linalg.norm(F))
 
 
 def epipolar_lines(left: Camera, right: Camera, uv: ArrayLike) -> Array:
@@ -438,9 +446,13 @@ def epipolar_lines(left: Camera, right: Camera, uv: ArrayLike) -> Array:
         missing pixels, and for the image of the right camera's centre, which has no line. Raises
         ValueError if both cameras stand in one place.
     """
-    uv = left.ideal_pixels(uv)
+    return lines_of(left, right, left.ideal_pixels(uv))
+
+
+def lines_of(left: Camera, right: Camera, ideal: Array) -> Array:
+    """`epipolar_lines` of ideal pixels (n, 2) that need no check."""
     F = fundamental_matrix(left, right)
-    points = np.column_stack([uv, np.ones(len(uv))])
+    points = np.column_stack([ideal, np.ones(len(ideal))])
     lines = points @ F.T
     length = np.linalg.norm(lines[:, :2], axis=1, keepdims=True)
     rounding = 1e-12 * np.linalg.norm(F[:2]) * np.abs(points).max(axis=1, keepdims=True)

@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .camera import Camera, Rig, epipolar_lines
+from .camera import Camera, Rig, epipolar_lines, ideal_pixels_of, lines_of
 from .checks import Array, as_array, as_image, as_number, as_points, check_numbers, frozen
 from .uncertainty.systematic import offsets_of
 
@@ -217,24 +217,25 @@ def rig_candidates(
     Where the rig's errors are known, the epipolar gate is as much wider.
     """
     p = parameters or MatchParameters()
-    gates = _epipolar_gates(rig, uv, p)
+    points = [as_points(pixels, "uv", 2) for pixels in uv]
     cameras = rig.cameras
-    rows = [
-        _windows(as_image(image, "images"), as_points(points, "uv", 2), p.window_px)
-        for image, points in zip(images, uv, strict=True)
+    windows = [
+        _windows(as_image(image, "images"), pixels, p.window_px)
+        for image, pixels in zip(images, points, strict=True)
     ]
+    ideal = [ideal_pixels_of(*each) for each in zip(cameras, points, strict=True)]
     matches = []
-    for (i, j), gate in zip(rig.pairs, gates, strict=True):
-        distance = epipolar_distances(cameras[i], cameras[j], uv[i], uv[j])
-        matches.append(_passing(distance, correlations(rows[i], rows[j]), gate))
+    for (i, j), gate in zip(rig.pairs, _epipolar_gates(rig, points, p), strict=True):
+        distance = distances_from_lines(lines_of(cameras[i], cameras[j], ideal[i]), ideal[j])
+        matches.append(_passing(distance, correlations(windows[i], windows[j]), gate))
     return matches
 
 
-def _epipolar_gates(rig: Rig, uv: Sequence[ArrayLike], p: MatchParameters) -> list[MatchParameters]:
+def _epipolar_gates(rig: Rig, uv: Sequence[Array], p: MatchParameters) -> list[MatchParameters]:
     """The parameters for each pair of cameras."""
     if rig.covariance is None:
         return [p] * len(rig.pairs)
-    offsets = offsets_of(rig, [np.asarray(points) for points in uv])
+    offsets = offsets_of(rig, list(uv))
     if offsets is None:
         return [p] * len(rig.pairs)
     wider = (RIG_SIGMAS * offsets.apart_px(i, j) for i, j in rig.pairs)

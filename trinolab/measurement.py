@@ -122,8 +122,9 @@ def chosen(
         for hypothesis in hypotheses
         for symmetry in handle.symmetries
     ]
-    has_body = keep_by_body(images, rig, handle, [T for *_, T in options], p.identity)
-    options = [option for option, keep in zip(options, has_body, strict=True) if keep]
+    if len(options) > 1:
+        has_body = keep_by_body(images, rig, handle, [T for *_, T in options], p.identity)
+        options = [option for option, keep in zip(options, has_body, strict=True) if keep]
     index, sure = choose([T for *_, T in options], prior)
     hypothesis, symmetry, T = options[index]
     labels = tuple(relabel(label, handle, symmetry) for label in hypothesis.labels)

@@ -14,7 +14,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 from .camera import Rig, image_of
 from .checks import Array, as_array, as_points, as_transform
 from .handle import Handle, slants
-from .rigid import cross_matrices
+from .rigid import cross_matrices, placed, rotation_of
 from .triangulation import (
     mean_of_pairs,
     mean_with_covariance,
@@ -138,8 +138,8 @@ def rigid_motion(source: Array, target: Array) -> RigidTransform | None:
     target_mean = target.mean(axis=0)
     U, _, Vt = np.linalg.svd((target - target_mean).T @ (source - source_mean))
     guard = np.diag([1.0, 1.0, np.linalg.det(U) * np.linalg.det(Vt)])
-    rotation = Rotation.from_matrix(U @ guard @ Vt)
-    return RigidTransform.from_components(target_mean - rotation.apply(source_mean), rotation)
+    rotation = U @ guard @ Vt
+    return placed(target_mean - rotation @ source_mean, rotation)
 
 
 def rigid_fit_covariance(
@@ -168,8 +168,15 @@ def rigid_fit_covariance(
     """
     source = as_points(points_source, "points_source", 3, finite=True)
     C = _as_covariances(covariances, len(source))
-    gain = rigid_fit_gain(source, T_target_source)
-    return np.einsum("nik,nkl,njl->ij", gain, C, gain)
+    if _on_one_line(source):
+        raise ValueError("points_source: expected three or more points that are not on one line")
+    return _fit_covariance(source, as_transform(T_target_source, "T_target_source"), C)
+
+
+def _fit_covariance(source: Array, T_target_source: RigidTransform, covariances: Array) -> Array:
+    """`rigid_fit_covariance` of points that need no check."""
+    gain = _fit_gain(source, T_target_source)
+    return (gain @ covariances @ gain.transpose(0, 2, 1)).sum(axis=0)
 
 
 def rigid_fit_gain(points_source: ArrayLike, T_target_source: RigidTransform) -> Array:
@@ -186,7 +193,12 @@ def rigid_fit_gain(points_source: ArrayLike, T_target_source: RigidTransform) ->
     T_target_source = as_transform(T_target_source, "T_target_source")
     if _on_one_line(source):
         raise ValueError("points_source: expected three or more points that are not on one line")
-    arms = T_target_source.rotation.apply(np.array(source))  # SciPy wants a writable array
+    return _fit_gain(source, T_target_source)
+
+
+def _fit_gain(source: Array, T_target_source: RigidTransform) -> Array:
+    """`rigid_fit_gain` of points (n, 3) that need no check."""
+    arms = source @ rotation_of(T_target_source).T
     # (n, 3, 6)
     J = np.concatenate(
         [np.broadcast_to(np.eye(3), (len(arms), 3, 3)), -cross_matrices(arms)], axis=2
@@ -194,9 +206,8 @@ def rigid_fit_gain(points_source: ArrayLike, T_target_source: RigidTransform) ->
     scale = np.repeat([1.0, np.abs(arms).max()], 3)  # mm and rad on one footing
     J_scaled = J / scale
     # (n, 6, 3)
-    gain = np.linalg.solve(
-        np.einsum("nki,nkj->ij", J_scaled, J_scaled), J_scaled.transpose(0, 2, 1)
-    )
+    flat = J_scaled.reshape(-1, 6)
+    gain = np.linalg.solve(flat.T @ flat, J_scaled.transpose(0, 2, 1))
     return gain / scale[:, None]
 
 
@@ -327,7 +338,7 @@ def fit_pose(
     if fitted is None:
         return LOST
     T, uv_used, used, covariances = fitted
-    covariance = rigid_fit_covariance(handle.marker_centres[used], T, covariances[used])
+    covariance = _fit_covariance(handle.marker_centres[used], T, covariances[used])
     systematic = NOTHING
     if is_uncertain(rig, handle):
         systematic = systematic_covariance(_response(fitted, rig, handle), rig, handle)

@@ -18,6 +18,7 @@ from .checks import Array, as_array
 __all__ = [
     "apart",
     "cross_matrices",
+    "left_jacobian",
     "motion_between",
     "nearest_rotation",
     "placed",
@@ -109,6 +110,17 @@ def cross_matrices(vectors: Array) -> Array:
     x, y, z = np.moveaxis(vectors, -1, 0)
     zero = np.zeros_like(x)
     return np.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=-1).reshape(*vectors.shape, 3)
+
+
+def left_jacobian(rotvec: Array) -> Array:
+    """J with R(w + dw) = R(J dw) R(w) to first order, shape (3, 3), of a rotation vector (3,), rad."""
+    angle = np.linalg.norm(rotvec)
+    W = cross_matrices(rotvec)
+    if angle < 1e-4:  # two terms of the series: the next is below rounding
+        return np.eye(3) + W / 2 + W @ W / 6
+    return (
+        np.eye(3) + W * (1 - np.cos(angle)) / angle**2 + W @ W * (angle - np.sin(angle)) / angle**3
+    )
 
 
 def nearest_rotation(matrix: ArrayLike) -> Rotation:

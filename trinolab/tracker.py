@@ -8,15 +8,17 @@ which follows the pose.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import RigidTransform
+from scipy.special import chdtri
 
 from . import background, kalman
 from .camera import Rig
-from .checks import as_number, frozen
+from .checks import Array, as_array, as_number, frozen
 from .handle import Handle
 from .image_track import search_window
 from .measurement import Measurement, as_images, measure
@@ -81,6 +83,7 @@ def start(
         T_world_handle where it is known, for layouts that look alike.
     """
     images = as_images(backgrounds, rig)
+    background.prepare(images[0])
     cameras = tuple(CameraState(frozen(image.astype(np.float32)), None, None) for image in images)
     t = as_number(t_s, "t_s")
     return TrackerState(t, cameras, t, pose)
@@ -141,8 +144,8 @@ def _step_camera(
     is predicted.
     """
     size = (image.shape[1], image.shape[0])
-    renewed, detection = background.step(camera.background, image, p.background)
-    motion = camera.motion and kalman.predict_motion(camera.motion, dt, p.kalman)
+    renewed, detection = background.stepped(image, camera.background, p.background)
+    motion = camera.motion and _predicted(camera.motion, dt, p.kalman)
     if detection.window is None:
         predicted = (
             search_window(motion, camera.window, size, p.kalman)
@@ -155,16 +158,31 @@ def _step_camera(
     return state, detection.window.grown(p.markers.diameter_px[0]).clipped(size)
 
 
+def _predicted(motion: kalman.State, dt: float, p: kalman.KalmanParameters) -> kalman.State:
+    """`kalman.predict_motion` of a state that the tracker itself has made (Eq. 9, 10)."""
+    x, P = kalman.propagate(*motion, *_motion_model(dt, p.jerk_intensity))
+    return kalman.State(frozen(x), frozen((P + P.T) / 2))
+
+
+@lru_cache(maxsize=64)
+def _motion_model(dt: float, jerk_intensity: float) -> tuple[Array, Array]:
+    """Phi and Q of a time step; most steps of a sequence are equally long."""
+    return kalman.constant_acceleration(dt), kalman.white_jerk(dt, jerk_intensity)
+
+
 def corrected(
     motion: kalman.State | None, centre: ArrayLike, p: kalman.KalmanParameters
 ) -> kalman.State:
     """Update a predicted motion by the observed centre; start anew where there is none, or the gate
-    refuses it.
+    refuses it (Eq. 13-15).
     """
-    H = kalman.observation_matrix()
+    z = as_array(centre, "centre", (2,))
+    if motion is None:
+        return kalman.initial_state(z, p)
+    H = np.eye(2, 6)
     R = p.sigma_px**2 * np.eye(2)
-    if motion is None or not kalman.gate(
-        kalman.innovation(motion, centre, H, R), p.gate_probability
-    ):
-        return kalman.initial_state(centre, p)
-    return kalman.update(motion, centre, H, R)
+    r, S = kalman.compare(*motion, z, H, R)
+    if r @ np.linalg.solve(S, r) > chdtri(2, 1 - p.gate_probability):
+        return kalman.initial_state(z, p)
+    x, P = kalman.correct(*motion, r, S, H, R)
+    return kalman.State(frozen(x), frozen((P + P.T) / 2))

@@ -3,8 +3,8 @@ in the same run.
 
 A hand holds the handle and moves at a person's pace; two and three cameras of 1280 x 1024, before a
 textured and a flat background. The floor is the time to read all pixels once. Beside it the paper's
-chain (Eq. 5-24) with three cameras, which needs no more than 33 ms at 30 frames a second. With
---long the memory over 10,000 instants:
+chain (Eq. 5-24) with two and three cameras, which needs no more than 33 ms at 30 frames a second:
+median, 99 % and worst instant. With --long the memory over 10,000 instants:
 
     python tests/benchmarks/bench_track.py [--long]
 """
@@ -20,7 +20,7 @@ from dataclasses import replace
 
 import cv2
 import numpy as np
-from bench_measure import HANDLE, RIG, clocked, opencv_chain
+from bench_measure import HANDLE, RIG, blob_detector, clocked, opencv_chain
 from scipy.spatial.transform import RigidTransform
 
 from trinolab import tracker
@@ -34,6 +34,7 @@ from trinolab.following.parameters import FollowParameters
 from trinolab.metrics import pose_errors
 
 WANTED = {"paper": 200.0, "patches": 125.0}  # instants a second, three cameras
+CHAIN_MS = 15.0  # an instant of the paper's chain, three cameras
 FRAME_MS = 1e3 / 30
 FPS, COUNT = 30.0, 60
 CHAIN = {"_step_camera": "background and window", "measure": "the rest"}
@@ -81,23 +82,37 @@ def floor(frames: list[list[np.ndarray]]) -> float:
     return len(frames) / (time.process_time() - begin)
 
 
-def paper_chain(rig: Rig, frames: list, truths: list, bench: Bench, alone_ms: float) -> None:
-    """Print what the paper's chain takes: background, window, markers, matches, points, pose."""
+def paper_chain(rig: Rig, frames: list, truths: list, bench: Bench) -> float:
+    """Print what the paper's chain takes: background, window, markers, matches, points, pose; return
+    the median instant, ms.
+
+    Beside it SimpleBlobDetector on the same images, right after each instant, so that whatever else
+    the machine does slows both.
+    """
     empty = render_rig(rig, HANDLE, None, bench, np.random.default_rng(1))
-    state, poses, seconds = tracker.start(empty, rig, -1 / FPS), [], []
+    detector = blob_detector(None)
+    state, poses, seconds, alone = tracker.start(empty, rig, -1 / FPS), [], [], []
     with clocked(tracker, CHAIN) as spent:
         for k, images in enumerate(frames):
             begin = time.process_time()
             state, one = tracker.step(state, images, k / FPS, rig, HANDLE)
-            seconds.append(time.process_time() - begin)
+            measured = time.process_time()
+            for image in images:
+                detector.detect(image)
+            seconds.append(measured - begin)
+            alone.append(time.process_time() - measured)
             poses.append(one.pose.T_world_handle)
     stages = ", ".join(f"{stage} {ms / len(frames):.2f}" for stage, ms in spent.items())
-    ms = 1e3 * float(np.median(seconds))
-    line("the paper's chain", poses, truths, seconds, f"ms: {stages}")
+    cameras = len(rig.cameras)
+    line(f"the paper's chain, {cameras}", poses, truths, seconds, f"ms: {stages}")
+    median, late, worst = 1e3 * np.quantile(seconds, [0.5, 0.99, 1.0])
     print(
-        f"    {ms:.1f} ms of {FRAME_MS:.1f}: {'in' if ms <= FRAME_MS else 'NOT IN'} real time; "
-        f"by SimpleBlobDetector alone {ms / alone_ms:.2f}"
+        f"    {cameras} cameras: median {median:.1f} ms, 99 % {late:.1f}, worst {worst:.1f} of "
+        f"{FRAME_MS:.1f}: {'in' if worst <= FRAME_MS else 'NOT IN'} real time to the last instant; "
+        f"by SimpleBlobDetector alone ({1e3 * np.median(alone):.1f} ms) "
+        f"{np.median(seconds) / np.median(alone):.2f}"
     )
+    return float(median)
 
 
 def main() -> int:
@@ -141,9 +156,12 @@ def main() -> int:
                 f"    SimpleBlobDetector alone {alone:.2f} ms; times of ours by this one: "
                 + ", ".join(f"{name} {1e3 / ours / alone:.2f}" for name, ours in rates.items())
             )
-            paper_chain(rig, frames, truths, bench, alone)
+        chain_ms = paper_chain(rig, frames, truths, bench)
+        if cameras == 3 and chain_ms > CHAIN_MS:
+            broken.append(f"the paper's chain, {background}: {chain_ms:.1f} of {CHAIN_MS:.0f} ms")
     print(
-        f"wanted of three cameras: {WANTED}: {'BROKEN: ' + '; '.join(broken) if broken else 'kept'}"
+        f"wanted of three cameras: {WANTED} a second, the paper's chain at most {CHAIN_MS:.0f} ms: "
+        f"{'BROKEN: ' + '; '.join(broken) if broken else 'kept'}"
     )
     return int(bool(broken))
 

@@ -5,8 +5,12 @@ extremes.
 import cv2
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
 from scipy import ndimage
 
+from trinolab import background
 from trinolab.background import (
     BackgroundParameters,
     difference,
@@ -369,6 +373,39 @@ def test_the_largest_of_thousands_of_regions_is_the_same_by_labels(share):
     wanted = Window(columns.min(), rows.min(), np.ptp(columns) + 1, np.ptp(rows) + 1)
     assert count > 2000
     assert moving_window(mask) == wanted
+
+
+@given(arrays(bool, st.tuples(st.integers(1, 12), st.integers(1, 15))))
+def test_the_window_is_that_of_the_first_of_the_largest_regions(mask):
+    """Both ways to tell regions apart, against a fill from each pixel."""
+    labels, count = ndimage.label(mask, np.ones((3, 3)))  # numbered from the top
+    wanted = None
+    if count:
+        rows, columns = np.nonzero(labels == np.bincount(labels.ravel())[1:].argmax() + 1)
+        wanted = Window(columns.min(), rows.min(), np.ptp(columns) + 1, np.ptp(rows) + 1)
+    assert moving_window(mask) == wanted
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(background, "_MANY", 0)  # by labels of all pixels
+        assert moving_window(mask) == wanted
+
+
+def median_near_peak(frame, old):
+    """The commonest ratio by NumPy's histogram and median."""
+    logs = np.log(frame / old)
+    counts, edges = np.histogram(logs, bins=277, range=(-np.log(4), np.log(4)))
+    peak = edges[np.convolve(counts, np.hanning(25), "same").argmax()]
+    return np.exp(np.median(logs[np.abs(logs - peak) < 0.15]))
+
+
+@pytest.mark.parametrize("even", [False, True])
+@pytest.mark.parametrize("whole", [False, True])
+def test_the_commonest_ratio_is_numpys_median_to_the_last_digit(whole, even):
+    rng = np.random.default_rng(1)
+    old = rng.normal(60, 12, (100, 120 + even)).clip(20, 120)
+    old = np.round(old) if whole else old
+    frame = np.round(0.8 * old + rng.normal(0, 1, old.shape)).astype(np.uint8)
+    frame[:30] = 200  # a hand before the bench
+    assert light_gain(frame, old, 1) == median_near_peak(frame, old)
 
 
 @pytest.mark.parametrize("whole", [False, True])

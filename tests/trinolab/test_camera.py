@@ -216,6 +216,16 @@ def test_oxyz_of_a_pair_by_hand():
     np.testing.assert_allclose(T.translation, [5, 0, 0], atol=1e-12)
 
 
+def test_oxyz_looks_midway_between_axes_that_are_not_parallel():
+    """The second camera looks 20 deg higher than the first one: Z is 10 deg high."""
+    a = plain(name="a")
+    up = Rotation.from_euler("X", 20, degrees=True)  # y points down
+    b = plain(RigidTransform.from_components([80.0, 0, 0], up).inv(), "b")
+    tenth = np.deg2rad(10)
+    z = T_world_oxyz(Rig((a, b))).rotation.as_matrix()[:, 2]
+    np.testing.assert_allclose(z, [0, -np.sin(tenth), np.cos(tenth)], atol=1e-15)
+
+
 @pytest.mark.parametrize("name", ["paper_pair", "paper_trinocular", "raised_40deg"])
 def test_oxyz_of_the_shipped_rigs(name):
     rig = load_rig(name)

@@ -174,16 +174,16 @@ WRONG = {
     "markers that overlap": ("overlap", fields(rows_mm=[[10.0, 8.0], [10.0]])),
     "columns that overlap": ("overlap", fields(columns_deg=[0.0, 359.0])),
     "one column": (
-        "rows_mm: expected markers that fix",
+        "rows_mm: expected markers",
         fields(columns_deg=[0.0], rows_mm=[[10.0, 0.0, -10.0]]),
     ),
-    "two markers": ("rows_mm: expected markers that fix a pose", fields(rows_mm=[[10.0], [-10.0]])),
+    "two markers": ("rows_mm: expected markers", fields(rows_mm=[[10.0], [-10.0]])),
     "one marker": (
-        "rows_mm: expected markers that fix a pose",
+        "rows_mm: expected markers",
         fields(columns_deg=[0.0], rows_mm=[[10.0]]),
     ),
     "columns that nearly coincide": (
-        "rows_mm: expected markers that fix a pose",
+        "rows_mm: expected markers",
         fields(columns_deg=[0.0, 0.01], rows_mm=[[10.0, 0.0], [-10.0]]),
     ),
     "a radius of a light year": ("radius_mm", fields(radius_mm=1e19)),

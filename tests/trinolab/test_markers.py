@@ -15,7 +15,13 @@ from trinolab.bench.scene import render
 from trinolab.blobs import centroid
 from trinolab.datasets import load_handle, load_rig
 from trinolab.handle import slants
-from trinolab.markers import MarkerParameters, find_markers, iterative_threshold
+from trinolab.markers import (
+    MarkerParameters,
+    blob_at,
+    find_markers,
+    halfway,
+    iterative_threshold,
+)
 
 
 def disc_image(centres, radius=8.0, size=(160, 120), body=90.0, marker=220.0, samples=16):
@@ -95,6 +101,24 @@ def test_discs_are_kept_although_the_search_leaves_them():
     # px: two rows of the bridge, 5 px wide and 75 grey levels bright, 9 px off, weigh 0.19 against
     # the disc
     assert np.linalg.norm(found.uv[:, None] - centres, axis=2).min(axis=0).max() < 0.25
+
+
+@pytest.mark.parametrize(
+    ("threshold", "within"),
+    [
+        (55.0, 34.0),  # its mean has the flank in it; what is nearer than a fifth of 170 is left
+        (190.0, 5.0),
+    ],
+)
+def test_a_contour_is_taken_again_halfway_up_the_flank(threshold, within):
+    """A disc of 210 on 40, found near its foot or its top: half of its height is at 125."""
+    image = disc_image([(60, 50)], body=40.0, marker=210.0)
+    p = MarkerParameters()
+    before = blob_at(image, (60, 50), 17.0, threshold, p)
+    after = halfway(image, before, p)
+    assert abs(before.threshold - 125) > 60
+    assert after.threshold == pytest.approx(125, abs=within)
+    assert (after.u, after.v) == pytest.approx((60, 50), abs=0.01)
 
 
 def wrapped_centroid_mm(theta, radius, disc):

@@ -2,9 +2,13 @@
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from trinolab.rigid import (
+    left_jacobian,
     motion_between,
     placed,
     quaternion,
@@ -57,3 +61,11 @@ def test_rounding_does_not_add_up_over_many_ticks():
     R = rotation_of(T)
     assert np.abs(R @ R.T - np.eye(3)).max() < 1e-15
     assert rotation_of(placed(np.zeros(3), R + 1e-6)) == pytest.approx(R, abs=3e-6)
+
+
+@given(arrays(float, 3, elements=st.floats(-3, 3)), arrays(float, 3, elements=st.floats(-1, 1)))
+def test_left_jacobian(rotvec, change):
+    J, step = left_jacobian(rotvec), 1e-6 * change
+    turned = Rotation.from_rotvec(rotvec + step) * Rotation.from_rotvec(rotvec).inv()
+    # second order of 2e-6
+    np.testing.assert_allclose(turned.as_rotvec(), J @ step, rtol=0, atol=2e-11)

@@ -214,3 +214,20 @@ def test_the_commit_is_that_of_the_checkout_with_a_plus_if_files_have_changed(mo
     assert provenance.commit() == "abc"
     said["status"] = " M trinolab/pose.py\n"
     assert provenance.commit() == "abc+"
+
+
+def test_names_and_borders_of_files_count(tmp_path):
+    """The same bytes, one after the other, in files of other names or cut elsewhere."""
+    hashes = set()
+    for files in (
+        {"a.csv": b"12", "b.csv": b"3"},
+        {"a.csv": b"1", "b.csv": b"23"},
+        {"a.csv": b"12", "c.csv": b"3"},
+        {"a.csv": b"123"},
+    ):
+        folder = tmp_path / str(len(hashes))
+        folder.mkdir()
+        for name, content in files.items():
+            (folder / name).write_bytes(content)
+        hashes.add(provenance.hash_files(folder.iterdir(), folder))
+    assert len(hashes) == 4

@@ -1,178 +1,39 @@
 """Cameras from views of a flat target: a start in closed form, Eq. 25, and the joint adjustment
 (Sect. 6.2).
 
-A target point P is at W = R_v P + t_v in the world, which is the first camera's frame, at L = R_c^T
-(W - T_c) in camera c's, and from there goes through the lens. R_c, T_c are T_world_cam, the
-direction of Eq. 25.
+`model` says where the cameras see the target; `normal` eliminates its poses from the equations of a
+step.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.linalg import block_diag
-from scipy.optimize import least_squares
-from scipy.spatial.transform import RigidTransform, Rotation
+from scipy.spatial.transform import RigidTransform
 
 from ..camera import CAMERA_PARAMETERS, Camera, Rig, RigCovariance
 from ..checks import Array, as_array, as_number, as_points, frozen
-from ..lens import project_with_slopes
 from ..rigid import cross_matrices
 from .eq25 import relative_pose
+from .model import State, images, normal_equations, stepped, stepped_views
+from .normal import Normal, damped, descended, eliminated
 from .start import homography, intrinsics, target_pose
 
-__all__ = [
-    "TERMS",
-    "Calibrated",
-    "Layout",
-    "Poses",
-    "calibrate",
-    "left_jacobian",
-    "pack",
-    "residuals",
-    "slopes",
-    "unpack",
-]
+__all__ = ["TERMS", "Calibrated", "Poses", "calibrate", "posed"]
 
 Poses = list[RigidTransform | None]
 TERMS = (0, 1, 2, 4, 5)  # numbers of distortion coefficients that make sense: k1, k2, (p1, p2), k3
-
-
-class Layout(NamedTuple):
-    """How the parameters stand in one vector: for each camera fx, fy, cx, cy and distortions; for
-    each camera but the first T_c and the rotation vector of R_c; for each view t_v and the rotation
-    vector of R_v.
-    """
-
-    cameras: int
-    views: int
-    terms: int
-
-    def split(self, x: Array) -> tuple[Array, Array, Array]:
-        """Lenses (cameras, 4 + terms), T_world_cam (cameras, 6) with zeros for the first,
-        T_world_target (views, 6).
-        """
-        lenses = self.cameras * (4 + self.terms)
-        others = 6 * (self.cameras - 1)
-        poses = np.concatenate([np.zeros(6), x[lenses:]]).reshape(-1, 6)
-        return (
-            x[:lenses].reshape(self.cameras, -1),
-            poses[: 1 + others // 6],
-            poses[1 + others // 6 :],
-        )
-
-    def turns(self, x: Array, jacobian: Callable[[Array], Array]) -> Array:
-        """Matrix (q, q) that takes changes of the cameras' rotation vectors in x to small rotations
-        in the world.
-        """
-        lenses, poses, _ = self.split(x)
-        return block_diag(
-            np.eye(lenses.size), *(block_diag(np.eye(3), jacobian(pose[3:])) for pose in poses[1:])
-        )
-
-
-def pack(
-    layout: Layout,
-    matrices: Sequence[Array],
-    T_world_cam: Sequence[RigidTransform],
-    T_world_target: Sequence[RigidTransform],
-) -> Array:
-    """The parameters as a vector, with distortions of zero."""
-    lenses = [[K[0, 0], K[1, 1], K[0, 2], K[1, 2]] + [0.0] * layout.terms for K in matrices]
-    poses = [
-        np.concatenate([T.translation, T.rotation.as_rotvec()])
-        for T in [*T_world_cam[1:], *T_world_target]
-    ]
-    return np.concatenate([np.ravel(lenses), *poses])
-
-
-def unpack(
-    layout: Layout, x: Array
-) -> tuple[list[Array], Array, list[RigidTransform], list[RigidTransform]]:
-    """Intrinsic matrices, distortions (cameras, 5), T_world_cam and T_world_target from the
-    vector.
-    """
-    lenses, cameras, views = layout.split(x)
-    matrices = [np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]]) for fx, fy, cx, cy in lenses[:, :4]]
-    distortions = np.pad(lenses[:, 4:], ((0, 0), (0, 5 - layout.terms)))
-    cams, targets = (
-        [RigidTransform.from_components(p[:3], Rotation.from_rotvec(p[3:])) for p in poses]
-        for poses in (cameras, views)
-    )
-    return matrices, distortions, cams, targets
-
-
-def residuals(layout: Layout, target: Array, uv: Array, x: Array) -> Array:
-    """Projected minus measured, shape (cameras, views, n, 2); NaN where nothing was measured."""
-    lenses, cameras, views = layout.split(x)
-    world = _moved(target, views)
-    return (
-        np.stack(
-            [
-                project_with_slopes(lens, _local(world, pose))[0]
-                for lens, pose in zip(lenses, cameras, strict=True)
-            ]
-        )
-        - uv
-    )
-
-
-def slopes(layout: Layout, target: Array, x: Array) -> Array:
-    """Derivatives of the projected points by the parameters, shape (cameras, views, n, 2,
-    parameters).
-    """
-    lenses, cameras, views = layout.split(x)
-    world = _moved(target, views)
-    arms = _moved(target, views) - views[:, None, :3]
-    J = np.zeros((layout.cameras, layout.views, len(target), 2, len(x)))
-    width = lenses.shape[1]
-    first_view = lenses.size + 6 * (layout.cameras - 1)
-    # d W / d rotvec
-    turned = -cross_matrices(arms) @ np.stack([left_jacobian(pose[3:]) for pose in views])[:, None]
-    for c, (lens, pose) in enumerate(zip(lenses, cameras, strict=True)):
-        R_cam_world = Rotation.from_rotvec(pose[3:]).as_matrix().T
-        _, by_lens, by_local = project_with_slopes(lens, _local(world, pose))
-        J[c, ..., c * width : (c + 1) * width] = by_lens
-        by_world = by_local @ R_cam_world  # (views, n, 2, 3)
-        if c:
-            at = lenses.size + 6 * (c - 1)
-            J[c, ..., at : at + 3] = -by_world
-            J[c, ..., at + 3 : at + 6] = (
-                by_world @ cross_matrices(world - pose[:3]) @ left_jacobian(pose[3:])
-            )
-        for v in range(layout.views):
-            at = first_view + 6 * v
-            J[c, v, ..., at : at + 3] = by_world[v]
-            J[c, v, ..., at + 3 : at + 6] = by_world[v] @ turned[v]
-    return J
-
-
-def left_jacobian(rotvec: Array) -> Array:
-    """J with R(w + dw) = R(J dw) R(w) to first order, shape (3, 3)."""
-    angle = np.linalg.norm(rotvec)
-    W = cross_matrices(rotvec)
-    if angle < 1e-4:  # two terms of the series: the next is below rounding
-        return np.eye(3) + W / 2 + W @ W / 6
-    return (
-        np.eye(3) + W * (1 - np.cos(angle)) / angle**2 + W @ W * (angle - np.sin(angle)) / angle**3
-    )
-
-
-def _moved(points: Array, poses: Array) -> Array:
-    """Points (n, 3) under motions (m, 6), shape (m, n, 3)."""
-    return (
-        points @ Rotation.from_rotvec(poses[:, 3:]).as_matrix().transpose(0, 2, 1)
-        + poses[:, None, :3]
-    )
-
-
-def _local(world: Array, pose: Array) -> Array:
-    """World points (..., 3) in the frame of a camera at the pose T_world_cam, (6,)."""
-    return (world - pose[:3]) @ Rotation.from_rotvec(pose[3:]).as_matrix()
+FEWEST_VIEWS = 3
+# Share of the sum of squares by which the last step lowers it: what is left to go is a millionth of
+# a parameter's sigma.
+REST = 1e-12
+SMALLEST_SHARE = 1e-13  # of the largest eigenvalue: below, rounding decides
+FREE = "uv: expected views that determine all parameters; these leave some of them free"
+UNEXPLAINED = "uv: expected views of the target; no cameras were found that explain them"
 
 
 @dataclass(frozen=True, eq=False)
@@ -284,6 +145,7 @@ def calibrate(
     sizes: Sequence[tuple[int, int]],
     names: Sequence[str] | None = None,
     distortion_terms: int = 5,
+    start: Calibrated | None = None,
 ) -> Calibrated:
     """Cameras from views of a flat target: Zhang's start, then one least squares over everything
     (Sect. 6.2, Eq. 25).
@@ -306,6 +168,9 @@ def calibrate(
     distortion_terms : int
         How many of k1, k2, p1, p2, k3 are fitted, in this order: 0, 1, 2, 4 or 5. The others are
         zero.
+    start : Calibrated, optional
+        What is started from instead of Zhang's start: a calibration of the same views, or more of
+        them, perhaps with other distortions. What it did not use is left out.
 
     Returns
     -------
@@ -320,29 +185,23 @@ def calibrate(
         explain.
     """
     target, uv = _checked(target, uv, sizes, distortion_terms)
-    starts = [
-        _start(target, views, size, k)
-        for k, (views, size) in enumerate(zip(uv, sizes, strict=True))
-    ]
-    used = np.array([[pose is not None for pose in poses] for _, poses in starts])
+    if start is None:
+        state, used = _in_closed_form(target, uv, sizes, distortion_terms)
+    else:
+        state, used = _as_before(start, uv, distortion_terms)
     measured = np.where(used[:, :, None, None], uv, np.nan)
-    seen = used.any(axis=0)
-    layout = Layout(len(uv), int(seen.sum()), distortion_terms)
-    T_world_cam, T_world_target = _chained([poses for _, poses in starts])
-    x0 = pack(
-        layout, [K for K, _ in starts], T_world_cam, [T for T in T_world_target if T is not None]
-    )
-    x, covariance, sigma_px = _adjusted(layout, target, measured[:, seen], x0)
+    seen = np.array(used.any(axis=0))
+    state, covariance, sigma_px = _adjusted(target, measured[:, seen], state)
     errors = np.full(uv.shape, np.nan)
-    errors[:, seen] = residuals(layout, target, measured[:, seen], x)
+    errors[:, seen] = images(state, target).uv - measured[:, seen]
     names = names or [f"ccd{k + 1}" for k in range(len(uv))]
-    K, distortions, T_world_cam, found = unpack(layout, x)
+    T_world_cam = RigidTransform.from_matrix(state.T_world_cam)
     cameras = tuple(
-        Camera(name, size, matrix, k, T.inv())
-        for name, size, matrix, k, T in zip(names, sizes, K, distortions, T_world_cam, strict=True)
+        _camera(name, size, lens, T)
+        for name, size, lens, T in zip(names, sizes, state.lenses, T_world_cam, strict=True)
     )
-    poses = iter(found)
-    in_order = tuple(next(poses) if T is not None else None for T in T_world_target)
+    poses = iter(RigidTransform.from_matrix(state.T_world_target))
+    in_order = tuple(next(poses) if of_view else None for of_view in seen)
     return Calibrated(
         cameras, in_order, frozen(covariance), distortion_terms, frozen(errors), sigma_px
     )
@@ -362,14 +221,66 @@ def _checked(
     return points, pixels
 
 
+def _camera(name: str, size: tuple[int, int], lens: Array, T_world_cam: RigidTransform) -> Camera:
+    fx, fy, cx, cy = lens[:4]
+    matrix = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]])
+    return Camera(name, size, matrix, np.pad(lens[4:], (0, 9 - len(lens))), T_world_cam.inv())
+
+
+def _in_closed_form(
+    target: Array, uv: Array, sizes: Sequence[tuple[int, int]], terms: int
+) -> tuple[State, np.ndarray]:
+    """Zhang's start without distortions, and which views it uses, bool (cameras, views)."""
+    starts = [
+        _start(target, views, size, k)
+        for k, (views, size) in enumerate(zip(uv, sizes, strict=True))
+    ]
+    used = np.array([[pose is not None for pose in poses] for _, poses in starts])
+    T_world_cam, T_world_target = _chained([poses for _, poses in starts])
+    lenses = np.zeros((len(uv), 4 + terms))
+    lenses[:, :4] = [[K[0, 0], K[1, 1], K[0, 2], K[1, 2]] for K, _ in starts]
+    return State(lenses, _matrices(T_world_cam), _matrices(T_world_target)), used
+
+
+def _as_before(start: Calibrated, uv: Array, terms: int) -> tuple[State, np.ndarray]:
+    """The start from another calibration, and which views it uses, bool (cameras, views)."""
+    if start.residuals_px.shape != uv.shape:
+        raise ValueError(f"start: expected one of pixels of shape {uv.shape}")
+    used = np.isfinite(start.view_rms_px) & np.isfinite(uv).any(axis=(2, 3))
+    for k, count in enumerate(used.sum(axis=1)):
+        _check_count(k, count)
+    seen = np.array(used.any(axis=0))
+    views = _matrices(T for T, of_view in zip(start.T_world_target, seen, strict=True) if of_view)
+    cameras = _matrices(camera.T_world_cam for camera in start.cameras)
+    return State(_lenses(start.cameras, terms), cameras, views), used
+
+
+def _check_count(k: int, views: int) -> None:
+    if views < FEWEST_VIEWS:
+        raise ValueError(f"uv: expected three or more views by camera {k}, got {views}")
+
+
+def _lenses(cameras: Sequence[Camera], terms: int) -> Array:
+    """fx, fy, cx, cy and distortions as `model.State` has them."""
+    return np.array(
+        [
+            [*camera.focal, *camera.principal_point, *camera.distortions[:terms]]
+            for camera in cameras
+        ]
+    )
+
+
+def _matrices(poses: Iterable[RigidTransform | None]) -> Array:
+    """Those of the poses that there are, (m, 4, 4)."""
+    return np.stack([T.as_matrix() for T in poses if T is not None])
+
+
 def _start(target: Array, views: Array, size: tuple[int, int], k: int) -> tuple[Array, Poses]:
     """A camera's intrinsic matrix and the target's pose in each of its views, None where there is
     none.
     """
     H = [homography(target[:, :2], uv) for uv in views]
-    homographies = [h for h in H if h is not None]
-    if len(homographies) < 3:
-        raise ValueError(f"uv: expected three or more views by camera {k}, got {len(homographies)}")
+    _check_count(k, sum(h is not None for h in H))
     try:
         K = intrinsics(np.stack(_well_seen(H, views)), size)
     except ValueError as error:
@@ -421,42 +332,92 @@ def _chained(T_cam_target: list[Poses]) -> tuple[list[RigidTransform], Poses]:
     return [T_world_cam[c] for c in range(len(T_cam_target))], world
 
 
-def _adjusted(layout: Layout, target: Array, uv: Array, x0: Array) -> tuple[Array, Array, float]:
-    """The parameters of least squares, the covariance of the cameras' ones, and the pixel noise."""
-    valid = np.isfinite(uv)
-    if valid.sum() <= len(x0):
-        raise ValueError(
-            f"uv: expected more than {len(x0)} measured coordinates, got {valid.sum()}"
-        )
-    # MINPACK works with one thread; where a step leaves the lens model's range it is to be refused.
-    # A step of 1e-12 is a ten-millionth of a parameter's sigma: more steps would follow rounding.
-    solution = least_squares(
-        lambda x: np.nan_to_num(residuals(layout, target, uv, x)[valid], nan=1e6),
-        x0,
-        jac=lambda x: slopes(layout, target, x)[valid],
-        method="lm",
-        x_scale="jac",
-        ftol=1e-12,
-        xtol=1e-12,
-        gtol=1e-15,
-        max_nfev=300,
-    )
-    lost = not np.isfinite(residuals(layout, target, uv, solution.x)[valid]).all()
-    if lost or solution.status == 0 or (layout.split(solution.x)[0][:, :2] <= 0).any():
-        raise ValueError(
-            "uv: expected views of the target; no cameras were found that explain them"
-        )
-    scale = np.linalg.norm(solution.jac, axis=0)
-    J = solution.jac / np.where(scale > 0, scale, 1.0)
-    values, vectors = np.linalg.eigh(J.T @ J)
-    if values[0] < 1e-13 * values[-1]:
-        raise ValueError(
-            "uv: expected views that determine all parameters; these leave some of them free"
-        )
-    variance = 2 * solution.cost / (len(solution.fun) - len(x0))
-    whole = (vectors / values) @ vectors.T / np.outer(scale, scale) * variance
-    turn = layout.turns(solution.x, left_jacobian)
-    return solution.x, turn @ whole[: len(turn), : len(turn)] @ turn.T, float(np.sqrt(variance))
+def _adjusted(target: Array, uv: Array, start: State) -> tuple[State, Array, float]:
+    """The state of least squares, the covariance of its common unknowns, and the pixel noise."""
+    measured = int(np.isfinite(uv).sum())
+    unknowns = start.common + 6 * len(start.T_world_target)
+    if measured <= unknowns:
+        raise ValueError(f"uv: expected more than {unknowns} measured coordinates, got {measured}")
+
+    def linearised(state: State) -> tuple[Normal, float]:
+        at = images(state, target)
+        return normal_equations(at, uv), _cost(at.uv, uv)
+
+    def further(state: State, normal: Normal, damping: float) -> State:
+        longer = normal._replace(A=damped(normal.A, damping), D=damped(normal.D, damping))
+        reduced = eliminated(longer)
+        common = np.asarray(np.linalg.solve(reduced.S, reduced.s), dtype=float)
+        return stepped(state, common, reduced.pose_steps(common))
+
+    try:
+        with np.errstate(all="ignore"):  # a step may lead anywhere; that shows in its cost
+            found = descended(start, linearised, further, REST)
+        inverse = _inverse(eliminated(found.linear).S, np.diag(found.linear.A))
+    except np.linalg.LinAlgError:
+        raise ValueError(FREE) from None
+    if not (found.at_rest and np.isfinite(found.cost) and (found.state.lenses[:, :2] > 0).all()):
+        raise ValueError(UNEXPLAINED)
+    variance = 2 * found.cost / (measured - unknowns)
+    return found.state, inverse * variance, float(np.sqrt(variance))
+
+
+def _inverse(S: Array, squares: Array) -> Array:
+    """The inverse of the Schur complement; `squares` are those of the slopes by each unknown, which
+    bring all to one scale.
+    """
+    scale = np.sqrt(np.where(squares > 0, squares, 1.0))
+    values, vectors = np.linalg.eigh(S / np.outer(scale, scale))
+    if not values[0] > SMALLEST_SHARE * values[-1]:
+        raise ValueError(FREE)
+    inverse: Array = (vectors / values) @ vectors.T / np.outer(scale, scale)
+    return inverse
+
+
+def posed(
+    calibrated: Calibrated, target: Array, uv: Array, T_world_target: Sequence[RigidTransform]
+) -> Array:
+    """What the best poses of a target leave over, projected minus measured, with the cameras as they
+    are.
+
+    Parameters
+    ----------
+    calibrated : Calibrated
+    target : ndarray, shape (n, 3)
+    uv : ndarray, shape (cameras, views, n, 2)
+        px; NaN for what was not found. At least four points a view.
+    T_world_target : sequence of RigidTransform
+        Of each view, right to about a degree.
+
+    Returns
+    -------
+    ndarray, shape (cameras, views, n, 2)
+
+    Raises
+    ------
+    ValueError
+        If cameras cannot see what was measured: beyond the range of their lens models.
+    """
+    lenses = _lenses(calibrated.cameras, calibrated.distortion_terms)
+    cameras = _matrices(camera.T_world_cam for camera in calibrated.cameras)
+
+    def linearised(state: State) -> tuple[Normal, float]:
+        at = images(state, target)
+        return normal_equations(at, uv), _cost(at.uv, uv)
+
+    def further(state: State, normal: Normal, damping: float) -> State:
+        steps = np.linalg.solve(damped(normal.D, damping), normal.b[..., None])
+        return stepped_views(state, np.asarray(steps[..., 0], dtype=float))
+
+    start = State(lenses, cameras, _matrices(T_world_target))
+    found = descended(start, linearised, further, REST)
+    if not np.isfinite(found.cost):
+        raise ValueError(UNEXPLAINED)
+    return images(found.state, target).uv - uv
+
+
+def _cost(uv: Array, measured: Array) -> float:
+    """Half the sum of squares; not a number where cameras do not see what was measured."""
+    return float(((uv - measured)[np.isfinite(measured)] ** 2).sum()) / 2
 
 
 def _rms(residuals: Array, axis: int | tuple[int, ...]) -> Any:

@@ -21,16 +21,8 @@ where the prior has it, with the prior's uncertainty. The sum is the negative lo
 posterior density, up to a factor, and the inverse of its second derivatives the posterior
 covariance.
 
-**Normal equations.** A Gauss-Newton step solves
-
-    [ A    E  ] [ dg ]   [ a ]
-    [ E^T  D  ] [ dp ] = [ b ]
-
-for the step dg of the common unknowns and dp of the poses. D consists of a block of 6 x 6 for each
-instant, since an image knows one pose alone. The poses are eliminated (Schur complement): (A - E
-D^-1 E^T) dg = a - E D^-1 b, then dp = D^-1 (b - E^T dg). So the size of what is solved does not grow
-with the recording. The inverse of the Schur complement is the covariance of the common unknowns
-with the poses unknown.
+**Normal equations.** Common unknowns are those of rig and markers; the poses are eliminated, see
+`normal`.
 
 `prior` says what B in g = B u is, by which all common unknowns have the prior of unit variance,
 and how the gauge is held.
@@ -47,17 +39,16 @@ from scipy.spatial.transform import RigidTransform, Rotation
 from ..camera import CAMERA_PARAMETERS, Camera, Rig, RigCovariance, displaced, pixels_with_slopes
 from ..checks import Array, frozen
 from ..handle import Handle
-from ..rigid import cross_matrices
-from .adjust import left_jacobian
+from ..rigid import cross_matrices, left_jacobian
+from .normal import Normal, Reduced, damped, descended, eliminated, rows
 from .prior import Prior, basis
 
 __all__ = ["Bundle", "Centres", "Q", "adjust", "fit_poses"]
 
 Q = len(CAMERA_PARAMETERS)  # of a camera
 HUBER = 3.0  # standard deviations beyond which a centre counts for less
-MOST_ROUNDS, MOST_STEPS = 10, 100
+MOST_ROUNDS = 10
 SETTLED = 1e-6  # share of the cost by which the last step lowers it
-FIRST_DAMPING, MOST_DAMPING = 1e-6, 1e6
 LENGTH_SHARE = 1e-6  # of a stated length: its sigma, small enough to count as exact
 
 
@@ -154,16 +145,6 @@ class _Linear(NamedTuple):
     by_pose: Array
 
 
-class _Reduced(NamedTuple):
-    """Normal equations of u with the poses eliminated, and what gives these back."""
-
-    information: Array
-    gradient: Array
-    poses_covariance: Array
-    E: Array
-    b: Array
-
-
 def adjust(rig: Rig, handle: Handle, poses: RigidTransform, seen: Centres, prior: Prior) -> Bundle:
     """Adjust rig, markers and poses together to the images of the markers' centres.
 
@@ -221,29 +202,21 @@ def _placed(problem: _Problem, u: Array, rotations: Array, translations: Array) 
 
 
 def _settled(problem: _Problem, state: _State, factor: float) -> tuple[_State, _Linear]:
-    """Damped Gauss-Newton steps until the cost falls no more (Levenberg and Marquardt; Triggs et
-    al. 2000, sect. 4.2).
+    """The state of the lowest cost, for a noise that is larger by a factor, and its
+    linearisation.
     """
-    at = _linearised(problem, state)
-    cost = _cost(problem, state, at, factor)
-    damping = FIRST_DAMPING
-    for _ in range(MOST_STEPS):
-        step = _stepped(problem, state, _reduced(problem, state, at, factor, damping))
-        linearised = _linearised(problem, step)
-        lower = _cost(problem, step, linearised, factor)
-        if not lower < cost:  # not a number, either
-            damping *= 10
-            if damping > MOST_DAMPING:
-                break
-            continue
-        fallen = (cost - lower) / cost
-        state, at, cost = step, linearised, lower
-        if fallen < SETTLED:
-            break
-        damping /= 10
-    if not np.isfinite(cost):
+
+    def linearised(state: _State) -> tuple[_Linear, float]:
+        at = _linearised(problem, state)
+        return at, _cost(problem, state, at, factor)
+
+    def stepped(state: _State, at: _Linear, damping: float) -> _State:
+        return _stepped(problem, state, _reduced(problem, state, at, factor, damping))
+
+    found = descended(state, linearised, stepped, SETTLED)
+    if not np.isfinite(found.cost):
         raise ValueError("centres: expected images of one handle, got some that no rig explains")
-    return state, at
+    return found.state, found.linear
 
 
 def _cost(problem: _Problem, state: _State, at: _Linear, factor: float) -> float:
@@ -279,7 +252,7 @@ def _linearised(problem: _Problem, state: _State) -> _Linear:
 
 def _reduced(
     problem: _Problem, state: _State, at: _Linear, factor: float, damping: float = 0.0
-) -> _Reduced:
+) -> Reduced:
     """The normal equations, the poses eliminated, the common unknowns brought to unit variance."""
     seen = problem.seen
     weight, distance = _weights(seen, at, factor)
@@ -287,8 +260,8 @@ def _reduced(
     common = at.by_common
     weighted = weight @ common
     poses = at.by_pose.transpose(0, 2, 1)
-    A = _rows(common).T @ _rows(weighted)
-    a = _rows(weighted).T @ at.residual.ravel()
+    A = rows(common).T @ rows(weighted)
+    a = rows(weighted).T @ at.residual.ravel()
     n = problem.instants
     D, E, b = np.zeros((n, 6, 6)), np.zeros((n, 6, common.shape[2])), np.zeros((n, 6))
     np.add.at(D, seen.instant, poses @ weight @ at.by_pose)
@@ -299,23 +272,13 @@ def _reduced(
         slope, missing, sigma = length
         A += np.outer(slope, slope) / sigma**2
         a += slope * missing / sigma**2
-    D[:, range(6), range(6)] *= 1 + damping
     try:
-        poses_covariance = np.asarray(np.linalg.inv(D), dtype=float)
+        reduced = eliminated(Normal(A, a, E, damped(D, damping), b))
     except np.linalg.LinAlgError:
         raise ValueError("centres: expected four or more of each instant; a pose is free") from None
-    solved = poses_covariance @ E  # D^-1 E
-    S = A - _rows(E).T @ _rows(solved)
-    s = a - _rows(solved).T @ b.ravel()
     B = problem.B
-    information = B.T @ S @ B + np.eye(B.shape[1])
-    information[np.diag_indices_from(information)] *= 1 + damping
-    return _Reduced(information, B.T @ s - state.u, poses_covariance, E, b)
-
-
-def _rows(blocks: Array) -> Array:
-    """Blocks (k, m, q) below each other, (k m, q)."""
-    return blocks.reshape(-1, blocks.shape[-1])
+    information = damped(B.T @ reduced.S @ B + np.eye(B.shape[1]), damping)
+    return reduced._replace(S=information, s=B.T @ reduced.s - state.u)
 
 
 def _weights(seen: Centres, at: _Linear, factor: float) -> tuple[Array, Array]:
@@ -355,33 +318,32 @@ def _centre_slopes(camera: Camera) -> Array:
     return np.concatenate([-R.T @ cross_matrices(camera.T_cam_world.translation), -R.T], axis=1)
 
 
-def _stepped(problem: _Problem, state: _State, reduced: _Reduced) -> _State:
+def _stepped(problem: _Problem, state: _State, reduced: Reduced) -> _State:
     """The state after a Gauss-Newton step."""
-    step = np.linalg.solve(reduced.information, reduced.gradient)
-    common = problem.B @ step
-    moves = (reduced.poses_covariance @ (reduced.b - reduced.E @ common)[..., None])[..., 0]
+    step = np.linalg.solve(reduced.S, reduced.s)
+    moves = reduced.pose_steps(problem.B @ step)
     turns = Rotation.from_rotvec(moves[:, 3:]).as_matrix()
     return _placed(
         problem, state.u + step, turns @ state.rotations, state.translations + moves[:, :3]
     )
 
 
-def _noise(problem: _Problem, at: _Linear, reduced: _Reduced, factor: float) -> float:
+def _noise(problem: _Problem, at: _Linear, reduced: Reduced, factor: float) -> float:
     """How much larger the residuals are than expected, counting the unknowns that they decide."""
     _, distance = _weights(problem.seen, at, factor)
     # of a common unknown the images decide the share that the prior does not
-    decided = len(problem.B.T) - np.trace(np.linalg.inv(reduced.information))
+    decided = len(problem.B.T) - np.trace(np.linalg.inv(reduced.S))
     free = 2 * len(distance) - 6 * problem.instants - decided
     if free < 1:
         return 1.0
     return float(np.sqrt((np.minimum(distance, HUBER) * distance).sum() / free))
 
 
-def _placement(problem: _Problem, reduced: _Reduced) -> float:
+def _placement(problem: _Problem, reduced: Reduced) -> float:
     """See `Bundle.handle`."""
     split = Q * len(problem.rig.cameras)
     of_markers = np.flatnonzero(problem.B[split:].any(axis=0))
-    alone = np.linalg.inv(reduced.information[np.ix_(of_markers, of_markers)])
+    alone = np.linalg.inv(reduced.S[np.ix_(of_markers, of_markers)])
     B = problem.B[split:, of_markers]
     return float(np.sqrt(np.einsum("ij,jk,ik->i", B, alone, B).mean()))
 
@@ -391,11 +353,11 @@ def _as_bundle(
     handle: Handle,
     state: _State,
     at: _Linear,
-    reduced: _Reduced,
+    reduced: Reduced,
     factor: float,
 ) -> Bundle:
     B = problem.B
-    covariance = B @ np.linalg.inv(reduced.information) @ B.T
+    covariance = B @ np.linalg.inv(reduced.S) @ B.T
     covariance = (covariance + covariance.T) / 2
     split = Q * len(problem.rig.cameras)
     rig = replace(state.rig, covariance=RigCovariance(state.rig.names, covariance[:split, :split]))

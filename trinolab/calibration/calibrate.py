@@ -5,18 +5,21 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
+from tqdm import tqdm
 
 from ..checks import Array
 from ..files.outputs import check_target, write_together
 from ..files.rigs import covariance_path, covariance_text, rig_text
+from ..rigid import left_jacobian
 from . import distortions
-from .adjust import Calibrated, left_jacobian
+from .adjust import TERMS, Calibrated
 from .distortions import Choice, calibrate_by_choice
 from .hints import hint
 from .outliers import FEWEST_POINTS, UNSEEN, calibrate_robustly
@@ -91,7 +94,7 @@ def calibrate_rig(
         How many of k1, k2, p1, p2, k3 are estimated, in this order: 0, 1, 2, 4 or 5. Without it as
         many as the views can tell, see `distortions`.
     progress : bool
-        Show a progress bar on standard error, if that is a terminal.
+        Show progress bars on standard error, if that is a terminal.
     picture : callable, optional
         Draws the residuals of the views, and returns a PNG's bytes.
 
@@ -104,17 +107,19 @@ def calibrate_rig(
     """
     files = _outputs(out, picture is not None)
     seen = read_views(sources, target, most_views, progress)
-    _check_seen(seen, sources, target)
-    calibrated, reasons, choice = _calibrated(seen, target, distortion_terms)
-    views = _view_table(seen, calibrated, reasons)
-    parameters = _parameter_table(calibrated)
-    contents: list[str | bytes] = [
-        rig_text(calibrated.rig),
-        covariance_text(calibrated.rig_covariance),
-        views.to_csv(index=False, float_format="%.6g"),
-    ]
-    if picture is not None:
-        contents.append(picture(seen, calibrated))
+    _check_seen(seen, sources, target, progress)
+    with _reporting(len(seen.cameras), distortion_terms, progress) as report:
+        calibrated, reasons, choice = _calibrated(seen, target, distortion_terms, report)
+        views = _view_table(seen, calibrated, reasons)
+        parameters = _parameter_table(calibrated)
+        contents: list[str | bytes] = [
+            rig_text(calibrated.rig),
+            covariance_text(calibrated.rig_covariance),
+            views.to_csv(index=False, float_format="%.6g"),
+        ]
+        report("figure and files")
+        if picture is not None:
+            contents.append(picture(seen, calibrated))
     write_together(dict(zip(files, contents, strict=True)))
     return RigCalibration(calibrated, parameters, views, seen.passed_over, choice, files)
 
@@ -132,14 +137,32 @@ def _outputs(out: str | Path, pictured: bool) -> tuple[Path, ...]:
     return tuple(files)
 
 
-def _check_seen(seen: TargetViews, sources: Mapping[str, str | Path], target: Target) -> None:
+@contextmanager
+def _reporting(
+    cameras: int, terms: int | None, progress: bool
+) -> Iterator[Callable[[str], object]]:
+    """Yields what shows a step's name in a progress bar."""
+    # each camera, all of them, each number of coefficients, the files
+    steps = cameras + 2 + (len(TERMS) if terms is None else 0)
+    with tqdm(total=steps, unit="step", leave=False, disable=None if progress else True) as bar:
+
+        def report(step: str) -> None:
+            bar.update()
+            bar.set_description(step)
+
+        yield report
+
+
+def _check_seen(
+    seen: TargetViews, sources: Mapping[str, str | Path], target: Target, progress: bool
+) -> None:
     """Refuse cameras that saw too little of the target."""
     enough = np.isfinite(seen.uv).all(axis=3).sum(axis=2) >= FEWEST_POINTS
     for name, has, images, without in zip(
         seen.cameras, enough.sum(axis=1), seen.present.sum(axis=1), seen.without, strict=True
     ):
         if has < 3:
-            advice = hint(without, target)
+            advice = hint(without, target, progress)
             raise ValueError(
                 f"{sources[name]}: camera {name}: target ({target}) found in {has} of {images} images, "
                 f"expected three or more{advice and f'; {advice}'}"
@@ -148,7 +171,7 @@ def _check_seen(seen: TargetViews, sources: Mapping[str, str | Path], target: Ta
 
 
 def _calibrated(
-    seen: TargetViews, target: Target, terms: int | None
+    seen: TargetViews, target: Target, terms: int | None, report: Callable[[str], object]
 ) -> tuple[Calibrated, np.ndarray, Choice | None]:
     """The calibration, why views were dropped, and how the distortions were chosen; an error speaks
     of cameras by their names.
@@ -157,9 +180,9 @@ def _calibrated(
     choice = None
     try:
         if terms is None:
-            calibrated, reasons, choice = calibrate_by_choice(*given)
+            calibrated, reasons, choice = calibrate_by_choice(*given, report)
         else:
-            calibrated, reasons = calibrate_robustly(*given, terms)
+            calibrated, reasons = calibrate_robustly(*given, terms, report)
     except ValueError as error:
         if not str(error).startswith("uv: "):
             raise

@@ -11,18 +11,17 @@ and Friedman 2009, The Elements of Statistical Learning, sect. 7.10).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.optimize import least_squares
 
 from ..checks import Array, as_array, frozen
 from ..rigid import motion_between
-from .adjust import TERMS, Calibrated, Layout, calibrate, pack, residuals, slopes
-from .outliers import calibrate_robustly
+from .adjust import TERMS, Calibrated, calibrate, posed
+from .outliers import calibrate_robustly, silent
 
 __all__ = [
     "Choice",
@@ -58,7 +57,11 @@ class Choice(NamedTuple):
 
 
 def calibrate_by_choice(
-    target: Array, uv: ArrayLike, sizes: Sequence[tuple[int, int]], names: Sequence[str]
+    target: Array,
+    uv: ArrayLike,
+    sizes: Sequence[tuple[int, int]],
+    names: Sequence[str],
+    report: Callable[[str], object] = silent,
 ) -> tuple[Calibrated, np.ndarray, Choice]:
     """Calibrate with as many distortion coefficients as the views can tell.
 
@@ -67,7 +70,7 @@ def calibrate_by_choice(
 
     Parameters
     ----------
-    target, uv, sizes, names
+    target, uv, sizes, names, report
         As `outliers.calibrate_robustly` takes them.
 
     Returns
@@ -82,14 +85,22 @@ def calibrate_by_choice(
     ValueError
         As `outliers.calibrate_robustly`.
     """
-    calibrated, reasons = _of_most_terms(target, uv, sizes, names)
+    calibrated, reasons = _of_most_terms(target, uv, sizes, names, report)
     pixels = np.array(as_array(uv, "uv", (None, None, len(target), 2), finite=False))
     pixels[reasons != ""] = np.nan
-    every = {calibrated.distortion_terms: calibrated}
-    for terms in TERMS[: TERMS.index(calibrated.distortion_terms)]:
-        every[terms] = calibrate(target, pixels, sizes, names, terms)
-    squares = {terms: left_out_squares(target, pixels, one) for terms, one in sorted(every.items())}
-    choice = chosen({terms: one for terms, one in squares.items() if one is not None})
+    every, squares = dict[int, Calibrated](), dict[int, Array]()
+    most = calibrated.distortion_terms
+    for terms in TERMS[: TERMS.index(most) + 1]:
+        report(f"distortions: {terms}")
+        every[terms] = (
+            calibrated
+            if terms == most
+            else calibrate(target, pixels, sizes, names, terms, start=calibrated)
+        )
+        left_out = left_out_squares(target, pixels, every[terms])
+        if left_out is not None:
+            squares[terms] = left_out
+    choice = chosen(squares)
     if not choice.left_out_px:
         return calibrated, reasons, choice._replace(terms=calibrated.distortion_terms)
     best = every[choice.terms]
@@ -98,15 +109,19 @@ def calibrate_by_choice(
 
 
 def _of_most_terms(
-    target: Array, uv: ArrayLike, sizes: Sequence[tuple[int, int]], names: Sequence[str]
+    target: Array,
+    uv: ArrayLike,
+    sizes: Sequence[tuple[int, int]],
+    names: Sequence[str],
+    report: Callable[[str], object],
 ) -> tuple[Calibrated, np.ndarray]:
     """The calibration with as many coefficients as the views determine at all."""
     for terms in TERMS[:0:-1]:
         try:
-            return calibrate_robustly(target, uv, sizes, names, terms)
+            return calibrate_robustly(target, uv, sizes, names, terms, report)
         except ValueError:  # the views leave some of them free
             continue
-    return calibrate_robustly(target, uv, sizes, names, TERMS[0])
+    return calibrate_robustly(target, uv, sizes, names, TERMS[0], report)
 
 
 def left_out_squares(target: Array, uv: Array, found: Calibrated) -> Array | None:
@@ -126,60 +141,29 @@ def left_out_squares(target: Array, uv: Array, found: Calibrated) -> Array | Non
     ndarray, shape (views asked,)
         None if what is left does not determine the cameras.
     """
-    used = np.array([v for v, T in enumerate(found.T_world_target) if T is not None])
+    poses = {v: T for v, T in enumerate(found.T_world_target) if T is not None}
+    used = np.array(list(poses))
     asked = used[:: -(-len(used) // MOST_VIEWS)]
     folds = min(FOLDS, len(asked))
     squares = np.empty(len(asked))
     for fold in range(folds):
-        without = uv[:, asked].copy()
         out = np.arange(fold, len(asked), folds)
-        without[:, out] = np.nan
         try:
-            others = calibrate(
-                target,
-                without,
-                [camera.size for camera in found.cameras],
-                [camera.name for camera in found.cameras],
-                found.distortion_terms,
-            )
+            others = _without(target, uv, found, np.delete(asked, out))
+            left = posed(others, target, uv[:, asked[out]], [poses[v] for v in asked[out]])
         except ValueError:
             return None
-        for k in out:
-            squares[k] = _left(target, uv[:, asked[k]], others, found, asked[k])
+        squares[out] = np.nanmean((left**2).sum(axis=3), axis=(0, 2))
     return squares
 
 
-def _left(target: Array, uv: Array, cameras: Calibrated, found: Calibrated, view: int) -> float:
-    """Mean squared distance (px^2) that is left in one view, (cameras, n, 2), by the best pose of
-    the target with the cameras held.
-    """
-    layout = Layout(len(uv), 1, cameras.distortion_terms)
-    start = found.T_world_target[view]
-    fixed = pack(
-        layout,
-        [camera.matrix for camera in cameras.cameras],
-        [camera.T_world_cam for camera in cameras.cameras],
-        [start] if start is not None else [],
-    )
-    layout.split(fixed)[0][:, 4:] = [
-        camera.distortions[: cameras.distortion_terms] for camera in cameras.cameras
-    ]
-    measured = uv[:, None]
-    valid = np.isfinite(measured)
-
-    def moved(pose: Array) -> Array:
-        return np.concatenate([fixed[:-6], pose])
-
-    fit = least_squares(
-        lambda pose: np.nan_to_num(
-            residuals(layout, target, measured, moved(pose))[valid], nan=1e6
-        ),
-        fixed[-6:],
-        jac=lambda pose: slopes(layout, target, moved(pose))[valid][:, -6:],
-        x_scale="jac",
-        method="lm",
-    )
-    return float(2 * fit.cost / (valid.sum() / 2))
+def _without(target: Array, uv: Array, found: Calibrated, views: np.ndarray) -> Calibrated:
+    """The calibration from some of the views alone."""
+    pixels = np.full_like(uv, np.nan)
+    pixels[:, views] = uv[:, views]
+    sizes = [camera.size for camera in found.cameras]
+    names = [camera.name for camera in found.cameras]
+    return calibrate(target, pixels, sizes, names, found.distortion_terms, start=found)
 
 
 def chosen(squares: dict[int, Array]) -> Choice:

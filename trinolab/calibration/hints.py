@@ -10,6 +10,7 @@ from dataclasses import replace
 
 import cv2
 import numpy as np
+from tqdm import tqdm
 
 from .target import Target, dictionary_of, find_target
 
@@ -25,7 +26,7 @@ FEWEST_MARKERS = 3  # in an image: one or two may be seen in any pattern
 NEARBY = 2  # rows and columns that a grid of circles may have been miscounted by
 
 
-def hint(images: Sequence[np.ndarray], target: Target) -> str:
+def hint(images: Sequence[np.ndarray], target: Target, progress: bool = False) -> str:
     """With which arguments a target would be found in most of the images, for a person to read.
 
     Parameters
@@ -33,13 +34,17 @@ def hint(images: Sequence[np.ndarray], target: Target) -> str:
     images : sequence of ndarray of uint8, shape (height, width)
         In which the target is not found.
     target : Target
+    progress : bool
+        Show a progress bar on standard error, if that is a terminal.
 
     Returns
     -------
     str
         Empty where nothing fits.
     """
-    for other in _others(images, target) if images else ():
+    others = _others(images, target) if images else iter(())
+    shown = None if progress else True
+    for other in tqdm(others, "trying other boards", unit="board", disable=shown, leave=False):
         count = sum(bool(np.isfinite(find_target(image, other)).any()) for image in images)
         if 2 * count > len(images):
             return (

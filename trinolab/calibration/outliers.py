@@ -9,7 +9,7 @@ adjustment has the last word.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -20,7 +20,7 @@ from .adjust import Calibrated, Poses, calibrate
 from .eq25 import relative_pose
 from .start import homography
 
-__all__ = ["FEWEST_POINTS", "UNSEEN", "calibrate_robustly", "far_above", "too_few"]
+__all__ = ["FEWEST_POINTS", "UNSEEN", "calibrate_robustly", "far_above", "silent", "too_few"]
 
 FEWEST_POINTS = 6  # of a view: two more than a homography needs, so that a wrong one shows
 UNSEEN = "no target found"
@@ -31,12 +31,17 @@ _TURN_DEG, _SHIFT = 5.0, 0.05
 _ROUNDING_PX = 1e-3  # residuals that are no reason to leave out a view
 
 
+def silent(step: str) -> None:
+    """Tells nobody what is done next."""
+
+
 def calibrate_robustly(
     target: Array,
     uv: ArrayLike,
     sizes: Sequence[tuple[int, int]],
     names: Sequence[str],
     distortion_terms: int = 5,
+    report: Callable[[str], object] = silent,
 ) -> tuple[Calibrated, np.ndarray]:
     """Calibrate without the views that do not fit the others.
 
@@ -44,6 +49,8 @@ def calibrate_robustly(
     ----------
     target, uv, sizes, names, distortion_terms
         As `adjust.calibrate` takes them.
+    report : callable, optional
+        Is told what is done next, to show it to a person who waits.
 
     Returns
     -------
@@ -62,6 +69,7 @@ def calibrate_robustly(
     _leave_out(uv, reasons, too_few(target, uv))
     alone = []
     for k in range(len(uv)):
+        report(f"camera {names[k]} alone")
         try:
             calibrated = _fitted(
                 target,
@@ -75,6 +83,7 @@ def calibrate_robustly(
         except ValueError:  # too little for a camera alone may be enough for all together
             alone.append([None] * uv.shape[1])
     _leave_out(uv, reasons, _disagreeing(alone, names))
+    report("all cameras together")
     return _fitted(target, uv, reasons, sizes, names, distortion_terms), reasons
 
 

@@ -43,7 +43,8 @@ def homography(xy: ArrayLike, uv: ArrayLike) -> Array | None:
     (q, M) = _normalised(uv[valid])
     zero = np.zeros_like(p)
     A = np.concatenate([np.hstack([p, zero, -q[:, :1] * p]), np.hstack([zero, p, -q[:, 1:2] * p])])
-    values, Vt = np.linalg.svd(A)[1:]
+    # four points give eight rows, of which the ninth vector is the null space
+    values, Vt = np.linalg.svd(A, full_matrices=len(A) < 9)[1:]
     if values[7] < 1e-9 * values[0]:
         return None
     H: Array = np.linalg.inv(M) @ Vt[8].reshape(3, 3) @ N

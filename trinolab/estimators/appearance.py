@@ -35,55 +35,71 @@ class Views(NamedTuple):
 
 
 class Windows(NamedTuple):
-    """Square windows of pixels, one a view, all of one side.
+    """Windows of cells, one a view, all of one shape. A cell is a pixel, or a block of pixels whose
+    mean is looked at.
 
     Attributes
     ----------
     corner : ndarray of int, shape (k, 2)
         Column and row of the first pixel.
-    side : int
+    shape : (int, int)
+        Rows and columns of cells.
+    cell : (int, int)
+        Pixels of a cell along u and along v.
     xy : ndarray, shape (2, k, p)
-        Normalised ideal coordinates of the ``p = side ** 2`` pixels' centres, row by row.
-    xy_per_px : ndarray, shape (k, 2, 2)
-        Their derivatives by u and v in the middle of the window.
+        Normalised ideal coordinates of the cells' centres, row by row.
+    xy_per_cell : ndarray, shape (k, 2, 2)
+        Their derivatives by the cells along u and v in the middle of the window.
     """
 
     corner: np.ndarray
-    side: int
+    shape: tuple[int, int]
+    cell: tuple[int, int]
     xy: np.ndarray
-    xy_per_px: np.ndarray
+    xy_per_cell: np.ndarray
+
+    @property
+    def pixels(self) -> int:
+        """How many a cell has."""
+        return self.cell[0] * self.cell[1]
+
+    @property
+    def size_px(self) -> np.ndarray:
+        """Width and height of a window, px, shape (2,)."""
+        return np.array(self.shape[::-1]) * self.cell
 
 
 class Layers(NamedTuple):
-    """What the pixels of windows show, before the blur.
+    """What the cells of windows show, before the blur.
 
     Attributes
     ----------
     marker, body : ndarray, shape (k, p)
-        Share of the pixel's area that the view's marker covers (or any marker), and that all of the
+        Share of the cell's area that the view's marker covers (or any marker), and that all of the
         body does.
-    covered : ndarray, shape (k, p)
-        What share of the pixel the marker would cover if the body did not end there.
+    marker_by_body : ndarray, shape (k, p)
+        How fast the marker's share grows with the body's.
     marker_point, body_point : ndarray, shape (3, k, p)
         Where the ray meets the body, and where it is nearest to the axis; handle frame, mm.
     marker_push, body_push : ndarray, shape (3, k, p)
-        How fast the shares grow as the handle moves there, 1/mm.
+        How fast the shares grow as the handle moves there, 1/mm: the marker's by its own edge, the
+        body's.
     turn : ndarray, shape (k, p)
         Angle about the axis from the marker's column, rad.
-    clear_px : ndarray, shape (k, p)
-        Distance from whatever else is there, the body's end or another marker's edge; negative
-        inside it.
+    clear : ndarray, shape (k, p)
+        Distance from whatever else is there, the body's end or another marker's edge, in cells;
+        negative inside it.
     """
 
     marker: Array
     body: Array
-    covered: Array
+    marker_by_body: Array
     marker_point: Array
     body_point: Array
     marker_push: Array
     body_push: Array
     turn: Array
-    clear_px: Array
+    clear: Array
 
 
 class _Rays(NamedTuple):
@@ -107,13 +123,17 @@ class _Place(NamedTuple):
     distance: Array
 
 
-def windows(rig: Rig, views: Views, uv: Array, side: int) -> Windows:
-    """Windows with pixels uv, shape (k, 2), in their middle; `side` is odd. They may reach beyond
-    the image.
-    """
-    corner = np.round(uv).astype(int) - side // 2
-    grid = np.stack(np.divmod(np.arange(side * side), side)[::-1])  # (2, p): column, row
-    xy = np.empty((2, len(uv), side * side))
+def windows(
+    rig: Rig, views: Views, uv: Array, shape: tuple[int, int], cell: tuple[int, int] = (1, 1)
+) -> Windows:
+    """Windows with pixels uv, shape (k, 2), in their middle. They may reach beyond the image."""
+    rows, columns = shape
+    size = np.array([columns, rows]) * cell
+    corner = np.round(uv).astype(int) - size // 2
+    grid = np.stack(np.divmod(np.arange(rows * columns), columns)[::-1])  # (2, p): column, row
+    scale = np.array(cell)[:, None]
+    grid = scale * grid + (scale - 1) / 2
+    xy = np.empty((2, len(uv), rows * columns))
     xy_per_px = np.empty((len(uv), 2, 2))
     for c, camera in enumerate(rig.cameras):
         mine = np.flatnonzero(views.camera == c)
@@ -125,12 +145,12 @@ def windows(rig: Rig, views: Views, uv: Array, side: int) -> Windows:
                 :, None, None
             ]
             xy_per_px[mine] = np.diag(1 / camera.focal)
-    return Windows(corner, side, xy, xy_per_px)
+    return Windows(corner, shape, cell, xy, xy_per_px * cell)
 
 
 def _through_lens(camera: Camera, pixels: Array, uv: Array) -> tuple[Array, Array]:
-    """`xy` and `xy_per_px` of windows with pixels (2, k, p) and middles uv (k, 2), for a lens with
-    distortion.
+    """Ideal coordinates (2, k, p), and their derivatives by pixels (k, 2, 2), of windows with pixels
+    (2, k, p) and middles uv (k, 2), for a lens with distortion.
     """
     steps = 0.5 * np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
     every = np.concatenate([pixels.transpose(1, 2, 0), uv[:, None] + steps], axis=1)
@@ -148,14 +168,14 @@ def layers(
     at: Windows,
     any_marker: bool = False,
 ) -> Layers:
-    """What each pixel of windows shows of the handle at a pose (see `Layers`).
+    """What each cell of windows shows of the handle at a pose (see `Layers`).
 
     With `any_marker` the neighbours of a view's marker count as it does, and are nothing else that
     is in the way.
     """
     rays = _rays(rig, T_world_handle, views, at)
     depth, P, outward, distance = _nearest_to_axis(rays)
-    body, body_push, _ = _edge(handle.radius_mm - distance, depth, -outward, rays)
+    body, body_rate, _ = _edge(handle.radius_mm - distance, depth, outward, rays)
     radius = handle.marker_radii[views.marker, None]
     depth, X, normal = _surface(radius, rays, depth, P, distance)
     clear = np.minimum(handle.top_mm - X[1], X[1] - handle.bottom_mm)
@@ -171,11 +191,13 @@ def layers(
             )
         else:
             clear = np.minimum(clear, beside.distance - edge)
-    gradient = _inwards(handle, nearest, X)
+    gradient = _inwards(nearest, X)
     facing = np.minimum(_dot(normal, rays.direction), -GRAZING)
     # as the ray's point slides along the surface
     gradient -= normal * (_dot(gradient, rays.direction) / facing)
-    covered, marker_push, width = _edge(edge - nearest.distance, depth, gradient, rays)
+    covered, marker_rate, width = _edge(edge - nearest.distance, depth, gradient, rays)
+    marker_push = gradient * -(body * marker_rate)
+    body_push = outward * body_rate
     return Layers(
         covered * body, body, covered, X, P, marker_push, body_push, own.turn, clear / width
     )
@@ -187,8 +209,8 @@ def by_motion(shown: Layers, marker: Array, body: Array) -> Array:
 
     `marker` and `body` are weights of shape (k, p).
     """
-    F = (marker * shown.body) * shown.marker_push
-    G = (marker * shown.covered + body) * shown.body_push
+    F = marker * shown.marker_push
+    G = (marker * shown.marker_by_body + body) * shown.body_push
     result = np.empty((len(marker), 6, marker.shape[1]), marker.dtype)
     X, P = shown.marker_point, shown.body_point
     for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
@@ -218,7 +240,7 @@ def _rays(rig: Rig, T_world_handle: RigidTransform, views: Views, at: Windows) -
     R = np.stack(turns)[views.camera].transpose(2, 1, 0)[..., None]
     start = np.stack(starts)[views.camera].T[..., None]
     by_u, by_v = (
-        R[0] * at.xy_per_px[:, 0, k, None] + R[1] * at.xy_per_px[:, 1, k, None] for k in (0, 1)
+        R[0] * at.xy_per_cell[:, 0, k, None] + R[1] * at.xy_per_cell[:, 1, k, None] for k in (0, 1)
     )
     return _Rays(start, R[0] * at.xy[0] + R[1] * at.xy[1] + R[2], by_u, by_v)
 
@@ -260,7 +282,7 @@ def _place(handle: Handle, markers: np.ndarray, angle: Array, axial: Array) -> _
     return _Place(turn, along, np.maximum(_length(across, along), 1e-9))
 
 
-def _inwards(handle: Handle, place: _Place, X: Array) -> Array:
+def _inwards(place: _Place, X: Array) -> Array:
     """Gradient (3, k, p) of the distance into the marker, at points X of the body."""
     across = place.turn * X[2], -place.turn * X[0]
     return -np.stack([across[0], place.along, across[1]]) / place.distance
@@ -276,21 +298,21 @@ def _neighbours(handle: Handle, nearest: int = 2) -> np.ndarray:
 
 
 def _edge(inside: Array, depth: Array, gradient: Array, rays: _Rays) -> tuple[Array, Array, Array]:
-    """Share (k, p) of a pixel's area on the inner side of an edge, how it is pushed (3, k, p), and
-    mm to a pixel.
+    """Share (k, p) of a cell's area on the inner side of an edge, how fast it grows with `inside`,
+    1/mm, and mm to a cell.
 
-    The edge is straight within a pixel: `inside` mm away, with a gradient (3, k, p) at the ray's
+    The edge is straight within a cell: `inside` mm away, with a gradient (3, k, p) at the ray's
     point, `depth` along the ray. The share is then the integral of a trapezoid.
     """
     by_u, by_v = (np.abs(depth * _dot(gradient, step)) for step in (rays.by_u, rays.by_v))
     # zero in the very middle
     long, short = (np.maximum(part(by_u, by_v), 1e-6) for part in (np.maximum, np.minimum))
     away = np.abs(inside)
-    remainder = np.maximum((long + short) / 2 - away, 0.0)  # to where the edge leaves the pixel
+    remainder = np.maximum((long + short) / 2 - away, 0.0)  # to where the edge leaves the cell
     corner = remainder < short  # it cuts off no more than a corner
     outer = np.where(corner, remainder**2 / (2 * long * short), 0.5 - away / long)
     rate = np.where(corner, remainder / short, 1.0) / long
-    return np.where(inside > 0, 1 - outer, outer), gradient * -rate, _length(long, short)
+    return np.where(inside > 0, 1 - outer, outer), rate, _length(long, short)
 
 
 def _length(a: Array, b: Array) -> Array:

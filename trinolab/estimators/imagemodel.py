@@ -23,9 +23,8 @@ from scipy.spatial.transform import RigidTransform
 from ..camera import Rig
 from ..checks import Array
 from ..handle import Handle
-from ..rigid import shifted
-from .appearance import by_motion, layers, shading_basis
-from .patches import Patches
+from .appearance import Layers, Windows, by_motion, layers, shading_basis
+from .patches import BORDER_PX, Patches
 
 __all__ = [
     "Linear",
@@ -51,11 +50,8 @@ __all__ = [
 ]
 
 ENOUGH = 30  # pixels for a variance
-BORDER_PX = 2  # of a window, where the blur lacks neighbours
 CLEAR_PX = 2.5  # pixels nearer than this to another marker or to the body's end have no weight
 BLUR_PX = 0.8  # where the search for a camera's blur begins
-# from pose to pose while the shutter is open; how many poses there are at most
-BLUR_STEP_PX, MOST_STEPS = 1.5, 20
 
 
 class Noise(NamedTuple):
@@ -124,26 +120,24 @@ def blurred(B: Array, stack: Array) -> Array:
     return np.matmul(B[:, None], rows).reshape(k, m, p)
 
 
-def half_laplacian(grey: Array, side: int) -> Array:
-    """Derivative of blurred windows (k, p) by the blur's variance: the heat equation."""
-    window = grey.reshape(-1, side, side)
+def half_laplacian(grey: Array, at: Windows) -> Array:
+    """Derivative of blurred windows (k, p) by the blur's variance, px^2: the heat equation."""
+    window = grey.reshape(-1, *at.shape)
+    middle = 2 * window[:, 1:-1, 1:-1]
+    across = window[:, 1:-1, 2:] + window[:, 1:-1, :-2] - middle
+    down = window[:, 2:, 1:-1] + window[:, :-2, 1:-1] - middle
     result = np.zeros_like(window)
-    result[:, 1:-1, 1:-1] = (
-        window[:, 2:, 1:-1]
-        + window[:, :-2, 1:-1]
-        + window[:, 1:-1, 2:]
-        + window[:, 1:-1, :-2]
-        - 4 * window[:, 1:-1, 1:-1]
-    ) / 2
+    result[:, 1:-1, 1:-1] = (across / at.cell[0] ** 2 + down / at.cell[1] ** 2) / 2
     return result.reshape(grey.shape)
 
 
-def longer_than_wide(grey: Array, side: int) -> Array:
-    """Derivatives (k, 2, p) of blurred windows (k, p), by variance that the blur gains along u and
-    loses along v, and that it gains along the falling diagonal and loses along the rising one.
+def longer_than_wide(grey: Array, at: Windows) -> Array:
+    """Derivatives (k, 2, p) of blurred windows of pixels (k, p), by variance that the blur gains
+    along u and loses along v, and that it gains along the falling diagonal and loses along the
+    rising one.
     """
-    window = grey.reshape(-1, side, side)
-    result = np.zeros((len(grey), 2, side, side))
+    window = grey.reshape(-1, *at.shape)
+    result = np.zeros((len(grey), 2, *at.shape))
     across = window[:, 1:-1, 2:] + window[:, 1:-1, :-2]
     down = window[:, 2:, 1:-1] + window[:, :-2, 1:-1]
     falling = window[:, 2:, 2:] + window[:, :-2, :-2]
@@ -240,90 +234,80 @@ def first_state(
 
 
 def linearise(state: State, here: Patches, rig: Rig, handle: Handle) -> Linear:
-    """The model and its derivatives at a state."""
-    shares_open = _shares_open(state, here, handle)
-    moving = state.motion_blur is not None  # neighbours are blurred together
-    during = [
-        layers(rig, handle, _at(state, share), here.views, here.at, moving) for share in shares_open
-    ]
-    B = blur_matrices(here.at.side, state.blur_px2)[here.views.camera]
-    bases = [shading_basis(views.turn).transpose(1, 0, 2) for views in during]  # (k, basis, p) each
-    shares = _mean(
-        [
-            np.stack([views.marker, views.body], axis=1)[:, :, None] * basis[:, None]
-            for views, basis in zip(during, bases, strict=True)
-        ]
-    )  # (k, 2, basis, p)
-    k, _, n, p = shares.shape
-    marker_light, body_light = (
-        blurred(B, shares.reshape(k, 2 * n, p)).reshape(k, 2, n, p).transpose(1, 0, 2, 3)
+    """The model and its derivatives at a state, of a handle that is still."""
+    shown = layers(rig, handle, state.T_world_handle, here.views, here.at)
+    B = blur_matrices(here.at.shape[0], state.blur_px2)[here.views.camera]
+    usable = here.valid & (shown.clear > CLEAR_PX) & _inner(here.at.shape[0])
+    basis = shading_basis(shown.turn).transpose(1, 0, 2)
+    lights = Lights(
+        blurred(B, shown.marker[:, None] * basis), blurred(B, shown.body[:, None] * basis)
     )
-    m, b = marker_light[:, 0], body_light[:, 0]
-    clear_px = np.minimum.reduce([views.clear_px for views in during])
-    usable = here.valid & (clear_px > CLEAR_PX) & _inner(here.at.side)
+    at = explained(state, here, usable, lights)
+    moves = blurred(B, by_grey_motion(shown, basis, at.greys))
+    by_blur = half_laplacian(at.predicted, here.at)[:, None]
+    return at._replace(by_pose=np.concatenate([moves, by_blur], axis=1))
+
+
+class Lights(NamedTuple):
+    """What markers and body send to each cell, at grey level 1 and for each function of
+    `shading_basis`, shapes (k, 4, p).
+    """
+
+    marker: Array
+    body: Array
+
+
+def explained(state: State, here: Patches, usable: np.ndarray, lights: Lights) -> Linear:
+    """What blurred lights make of the windows with the greys of a state, or the best ones where it
+    has none; `by_pose` is left empty.
+    """
+    b = lights.body[:, 0]
     greys = state.greys
     if greys is None:
-        greys = _first_greys(
-            np.concatenate([m[:, None], body_light, 1 - b[:, None]], axis=1), usable, here.grey
-        )
-    marker = greys[:, :1]
-    body = greys[:, 1:2]
-    background = greys[:, -1:]
-    shade = np.concatenate([np.ones((k, 1)), greys[:, 2:-1]], axis=1)[:, None]  # (k, 1, basis)
-    m_shaded = (shade @ marker_light)[:, 0]
-    b_shaded = (shade @ body_light)[:, 0]
+        columns = [lights.marker[:, :1], lights.body, 1 - b[:, None]]
+        greys = _first_greys(np.concatenate(columns, axis=1), usable, here.grey)
+    marker, body, background = greys[:, :1], greys[:, 1:2], greys[:, -1:]
+    shade = _shade(greys)
+    m_shaded = (shade @ lights.marker)[:, 0]
+    b_shaded = (shade @ lights.body)[:, 0]
     predicted = marker * m_shaded + body * b_shaded + background * (1 - b)
-    by_shade = marker[..., None] * marker_light[:, 1:] + body[..., None] * body_light[:, 1:]
+    by_shade = marker[..., None] * lights.marker[:, 1:] + body[..., None] * lights.body[:, 1:]
     by_greys = np.concatenate(
         [m_shaded[:, None], b_shaded[:, None], by_shade, 1 - b[:, None]], axis=1
     )
-    shadings = [(shade @ basis)[:, 0] for basis in bases]
-    moves = [
-        by_motion(views, marker * shading, body * shading - background)
-        for views, shading in zip(during, shadings, strict=True)
-    ]
-    parts = [blurred(B, _mean(moves))]
-    if state.motion_blur is not None:
-        parts.append(
-            blurred(
-                B, _mean([share * move for share, move in zip(shares_open, moves, strict=True)])
-            )
-        )
-    by_pose = np.concatenate([*parts, half_laplacian(predicted, here.at.side)[:, None]], axis=1)
-    variance = (
-        state.noise.base
-        + state.noise.slope * np.maximum(predicted, 0)
-        + state.noise.texture * (1 - b) ** 2
-    )
+    noise = state.noise
+    variance = noise.base + noise.slope * np.maximum(predicted, 0) + noise.texture * (1 - b) ** 2
     return Linear(
-        greys, predicted, here.grey - predicted, usable / variance, by_pose, by_greys, m, b
+        greys,
+        predicted,
+        here.grey - predicted,
+        usable * (here.at.pixels / variance),
+        np.empty((len(greys), 0, b.shape[1])),
+        by_greys,
+        lights.marker[:, 0],
+        b,
     )
 
 
-def _shares_open(state: State, here: Patches, handle: Handle) -> Array:
-    """Where in the exposure the handle is looked at, -0.5 to 0.5: often enough for a smooth motion
-    blur.
+def unblurred(shown: Layers, basis: Array, greys: Array) -> Array:
+    """The grey levels before any blur, shape (k, p); `basis` (k, 4, p) is `shading_basis` there."""
+    shading = (_shade(greys) @ basis)[:, 0]
+    marker, body, background = greys[:, :1], greys[:, 1:2], greys[:, -1:]
+    lit = marker * shown.marker + body * shown.body
+    return lit * shading + background * (1 - shown.body)
+
+
+def by_grey_motion(shown: Layers, basis: Array, greys: Array) -> Array:
+    """Derivative of the unblurred grey levels by a motion of the handle, shape (k, 6, p); `basis`
+    (k, 4, p) is `shading_basis` there.
     """
-    if state.motion_blur is None:
-        return np.zeros(1)
-    arm = np.linalg.norm(handle.marker_centres, axis=1).max()
-    way_mm = np.linalg.norm(state.motion_blur.motion[:3]) + arm * np.linalg.norm(
-        state.motion_blur.motion[3:]
-    )
-    count = int(
-        np.clip(np.ceil(way_mm * here.px_per_mm.max(initial=0.0) / BLUR_STEP_PX), 2, MOST_STEPS)
-    )
-    return (np.arange(count) + 0.5) / count - 0.5
+    shading = (_shade(greys) @ basis)[:, 0]
+    return by_motion(shown, greys[:, :1] * shading, greys[:, 1:2] * shading - greys[:, -1:])
 
 
-def _at(state: State, share: float) -> RigidTransform:
-    """The pose at a time of the exposure."""
-    T = state.T_world_handle
-    return T if state.motion_blur is None else shifted(T, share * state.motion_blur.motion)
-
-
-def _mean(parts: list[Array]) -> Array:
-    return parts[0] if len(parts) == 1 else np.add.reduce(parts) / len(parts)
+def _shade(greys: Array) -> Array:
+    """The factors of `shading_basis`, shape (k, 1, 4)."""
+    return np.concatenate([np.ones((len(greys), 1)), greys[:, 2:-1]], axis=1)[:, None]
 
 
 def reduce(by_other: Array, at: Linear) -> Reduced:
@@ -354,9 +338,10 @@ def advanced(at: Linear, by_other: Array, normal: Reduced, step: Array) -> Linea
     )
 
 
-def noise_of(at: Linear) -> Noise:
-    """The noise that a fit leaves in its windows."""
-    return estimate_noise(at.residual, at.predicted, at.weight > 0, at.marker, at.body)
+def noise_of(at: Linear, pixels: int) -> Noise:
+    """The noise of a pixel that a fit leaves in its windows, whose cells are means of so many."""
+    residual = np.sqrt(pixels) * at.residual
+    return estimate_noise(residual, at.predicted, at.weight > 0, at.marker, at.body)
 
 
 def misfit(at: Linear) -> Array:

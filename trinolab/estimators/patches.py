@@ -10,21 +10,44 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+from scipy.fft import next_fast_len
 from scipy.spatial.transform import RigidTransform
 
 from ..camera import Camera, Rig
 from ..checks import Array
 from ..handle import Handle, slant_angles
+from ..rigid import cross_matrices, shifted
+from ..uncertainty.systematic import slopes_at
 from .appearance import Views, Windows, windows
 
-__all__ = ["Patches", "cut", "outline_patches", "patches"]
+__all__ = ["Grid", "Patches", "cut", "moving_patches", "outline_patches", "patches"]
 
 LARGEST_PX = 120.0  # a marker's image beyond which its window no longer grows
+LONGEST_PX = 100.0  # motion blur beyond which it no longer grows
 MARGIN_PX = 4.0  # of a window around its marker: the blur's reach, and the filter's border
+BORDER_PX = 2.0  # of a window that the lens's blur does not reach from beyond
 SATURATED = 250.0  # grey levels; a brighter pixel has no weight
 SIDE_PX = 13
 PLACES = 10  # along the body, on either side
 CLEAR_MM = 2.0  # from a marker or an end
+
+
+class Grid(NamedTuple):
+    """How windows are divided.
+
+    Attributes
+    ----------
+    shape : (int, int)
+        Rows and columns of cells.
+    cell : (int, int)
+        Pixels of a cell along u and v.
+    border : (int, int)
+        Cells along u and v by which the handle is drawn beyond a window on each side.
+    """
+
+    shape: tuple[int, int]
+    cell: tuple[int, int] = (1, 1)
+    border: tuple[int, int] = (0, 0)
 
 
 class Patches(NamedTuple):
@@ -44,6 +67,12 @@ class Patches(NamedTuple):
     alone : ndarray, shape (k,)
         What share of it a window counts: less where it has its pixels in common with others that
         show the same.
+    drawn : Windows
+        Where the handle is drawn to say what the windows show: the same windows, or larger ones with
+        the same middle, from which something is smeared into them.
+    by_motion : ndarray, shape (k, 2, 6)
+        Derivative of the pixel of what lies in the middle by a motion of the handle, mm and rad,
+        world frame; zero where the handle is still.
     """
 
     views: Views
@@ -53,6 +82,14 @@ class Patches(NamedTuple):
     valid: np.ndarray
     points: Array
     alone: Array
+    drawn: Windows
+    by_motion: Array
+
+    def ways_px(self, motion: Array) -> Array:
+        """By how much what lies in the middle moves in the image, shape (k, 2), px, as the handle
+        makes a motion (6,), mm and rad, world frame.
+        """
+        return self.by_motion @ motion
 
 
 def patches(
@@ -61,13 +98,66 @@ def patches(
     handle: Handle,
     T_world_handle: RigidTransform,
     max_slant_deg: float,
-    motion_blur: Array | None = None,
 ) -> Patches:
     """Windows about all markers that a pose turns to a camera by at most a slant, as far as they
     lie in its image.
+    """
+    views, uv, largest = _facing(rig, handle, T_world_handle, max_slant_deg)
+    side = 2 * int(np.ceil(min(largest, LARGEST_PX) / 2 + MARGIN_PX)) + 1
+    points = handle.marker_centres[views.marker]
+    return cut(images, rig, handle, T_world_handle, views, points, uv, Grid((side, side)))
 
-    `motion_blur` (6,) is the handle's motion while the shutter is open (mm, rad): they are as much
-    larger.
+
+def moving_patches(
+    images: Sequence[np.ndarray],
+    rig: Rig,
+    handle: Handle,
+    T_world_handle: RigidTransform,
+    max_slant_deg: float,
+    motion: Array,
+    most_cells: int,
+) -> Patches:
+    """Windows about all markers of a handle that moves while the shutter is open, by `motion` (6,),
+    mm and rad, world frame.
+
+    They have room for the smeared marker. The handle is drawn in larger ones, with at most
+    `most_cells` cells in all: the longer the way, the coarser they are.
+    """
+    views, uv, largest = _facing(rig, handle, T_world_handle, max_slant_deg)
+    points = handle.marker_centres[views.marker]
+    after = shifted(T_world_handle, motion).apply(handle.marker_centres)
+    ways = np.stack([camera.project(after) for camera in rig.cameras])[views] - uv
+    way = np.minimum(np.abs(ways).max(axis=0, initial=0.0), LONGEST_PX)
+    size = min(largest, LARGEST_PX) + 2 * MARGIN_PX + way
+    cell = np.ones(2, dtype=int)
+    while len(uv) * np.prod(np.ceil((size + way) / cell)) > most_cells:
+        cell[np.argmax((way + 1) / cell)] += 1
+    border = np.ceil((way / 2 + BORDER_PX) / cell).astype(int)
+    drawn = np.array([next_fast_len(int(n)) for n in np.ceil(size / cell) + 2 * border])
+    columns, rows = (drawn - 2 * border).tolist()
+    grid = Grid((rows, columns), tuple(cell.tolist()), tuple(border.tolist()))
+    here = cut(images, rig, handle, T_world_handle, views, points, uv, grid)
+    by_motion = _pixels_by_motion(rig, here.views, T_world_handle, here.points)
+    return here._replace(alone=_alone(here), by_motion=by_motion)
+
+
+def _pixels_by_motion(
+    rig: Rig, views: Views, T_world_handle: RigidTransform, points: Array
+) -> Array:
+    """Derivative of the pixels of points (k, 3) of the handle by a motion of it, mm and rad, world
+    frame, shape (k, 2, 6).
+    """
+    places = T_world_handle.apply(points)
+    by_points = slopes_at(rig, views.camera, places)[1]
+    arms = cross_matrices(places - T_world_handle.translation)
+    return np.concatenate([by_points, -by_points @ arms], axis=2)
+
+
+def _facing(
+    rig: Rig, handle: Handle, T_world_handle: RigidTransform, max_slant_deg: float
+) -> tuple[Views, Array, float]:
+    """The markers that a pose turns to a camera by at most a slant, their pixels (k, 2), and the
+    diameter of the largest one, px.
     """
     centres = T_world_handle.apply(handle.marker_centres)
     normals = handle.marker_normals @ T_world_handle.as_matrix()[:3, :3].T
@@ -77,21 +167,9 @@ def patches(
     scale = np.stack(
         [camera.focal.mean() / camera.T_cam_world.apply(centres)[:, 2] for camera in rig.cameras]
     )
-    largest = handle.marker_diameter_mm * scale[facing].max(initial=0.0)
-    moved = (
-        0.0
-        if motion_blur is None
-        else np.linalg.norm(motion_blur[:3]) * scale[facing].max(initial=0.0)
-    )
-    side = 2 * int(np.ceil(min(largest + moved, LARGEST_PX) / 2 + MARGIN_PX)) + 1
     views = Views(*np.nonzero(facing))
-    points = handle.marker_centres[views.marker]
-    windows_here = cut(images, rig, handle, T_world_handle, views, points, uv[views], side)
-    return (
-        windows_here
-        if motion_blur is None
-        else windows_here._replace(alone=_alone(windows_here, images))
-    )
+    largest = handle.marker_diameter_mm * scale[facing].max(initial=0.0)
+    return views, uv[views], largest
 
 
 def cut(
@@ -102,39 +180,50 @@ def cut(
     views: Views,
     points: Array,
     uv: Array,
-    side: int,
+    grid: Grid,
 ) -> Patches:
-    """Windows of an odd side about points (k, 3) of the handle, which pixels uv (k, 2) show; views
-    whose window is not all inside the image are left out.
+    """Windows about points (k, 3) of the handle, which pixels uv (k, 2) show; views whose window is
+    not all inside the image are left out.
     """
-    room = np.array([camera.size for camera in rig.cameras])[views.camera] - side / 2 - 1
-    inside = np.asarray(((uv > side / 2) & (uv < room)).all(axis=1))
+    rows, columns = grid.shape
+    half = np.array([columns, rows]) * grid.cell / 2
+    sizes = np.array([camera.size for camera in rig.cameras])[views.camera]
+    inside = np.asarray(((uv > half) & (uv < sizes - half - 1)).all(axis=1))
     views = Views(views.camera[inside], views.marker[inside])
     uv = uv[inside]
     points = points[inside]
-    at = windows(rig, views, uv, side)
-    grey = np.array(
-        [
-            images[c][v : v + side, u : u + side]
-            for c, (u, v) in zip(views.camera, at.corner, strict=True)
-        ],
-        dtype=float,
-    ).reshape(len(at.corner), side * side)
+    at = windows(rig, views, uv, grid.shape, grid.cell)
+    width, height = grid.cell
+    blocks = _pixels(images, views, at).reshape(len(uv), rows, height, columns, width)
+    grey = blocks.mean(axis=(2, 4)).reshape(len(uv), rows * columns)
+    valid = (blocks.max(axis=(2, 4), initial=0.0) < SATURATED).reshape(grey.shape)
     centres = T_world_handle.apply(handle.marker_centres)
     scale = np.stack(
         [camera.focal.mean() / camera.T_cam_world.apply(centres)[:, 2] for camera in rig.cameras]
     )
-    return Patches(views, at, scale[views], grey, grey < SATURATED, points, np.ones(len(uv)))
+    beside_u, beside_v = grid.border
+    larger = (rows + 2 * beside_v, columns + 2 * beside_u)
+    drawn = windows(rig, views, uv, larger, grid.cell) if any(grid.border) else at
+    still = np.zeros((len(uv), 2, 6))
+    return Patches(views, at, scale[views], grey, valid, points, np.ones(len(uv)), drawn, still)
 
 
-def _alone(here: Patches, images: Sequence[np.ndarray]) -> Array:
+def _pixels(images: Sequence[np.ndarray], views: Views, at: Windows) -> Array:
+    """Grey levels of windows, shape (k, height, width)."""
+    width, height = at.size_px.tolist()
+    pixels = np.empty((len(at.corner), height, width))
+    for window, c, (u, v) in zip(pixels, views.camera, at.corner.tolist(), strict=True):
+        window[:] = images[c][v : v + height, u : u + width]
+    return pixels
+
+
+def _alone(here: Patches) -> Array:
     """One by the mean number of windows that a window's pixels lie in, shape (k,)."""
-    side = here.at.side
-    counts = [np.zeros(image.shape, np.uint8) for image in images]
-    places = list(zip(here.views.camera, here.at.corner, strict=True))
-    for c, (u, v) in places:
-        counts[c][v : v + side, u : u + side] += 1
-    return np.array([1 / counts[c][v : v + side, u : u + side].mean() for c, (u, v) in places])
+    size = here.at.size_px
+    same_camera = here.views.camera[:, None] == here.views.camera
+    beside = np.abs(here.at.corner[:, None] - here.at.corner)
+    shared = np.prod(np.maximum(1 - beside / size, 0.0), axis=2)
+    return 1 / (shared * same_camera).sum(axis=1)
 
 
 def outline_patches(
@@ -147,7 +236,8 @@ def outline_patches(
     turn = angle[:, None] - handle.marker_angles
     nearest = np.abs(turn - 2 * np.pi * np.round(turn / (2 * np.pi))).argmin(axis=1)
     views = Views(camera, nearest)
-    return cut(images, rig, handle, T_world_handle, views, points, uv, SIDE_PX)
+    grid = Grid((SIDE_PX, SIDE_PX))
+    return cut(images, rig, handle, T_world_handle, views, points, uv, grid)
 
 
 def _outline(

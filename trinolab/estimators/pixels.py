@@ -41,7 +41,8 @@ from .imagemodel import (
     noise_of,
     reduce,
 )
-from .patches import Patches, outline_patches, patches
+from .movingmodel import linearise_moving
+from .patches import Patches, moving_patches, outline_patches, patches
 
 __all__ = [
     "FLOOR_PX",
@@ -62,12 +63,26 @@ FLOOR_PX = 0.003
 MOST_STEPS = 8  # Gauss-Newton steps; two do where two cameras share markers
 # a step that moves all markers by less is the last one: the next would move them by a hundredth
 SETTLED_PX = 0.1
-# A window that lies so far beside a smeared marker cuts it off, and another one is laid.
-BESIDE_PX = 2.0
+# The same of a handle that moves: smeared markers are seen less exactly, and not in each direction.
+SETTLED_MOVING_PX = 0.3
+SETTLED_SIGMAS = 1.0
+
 LARGEST_STEP = np.repeat([5.0, 0.3], 3)  # mm, rad; the image model holds within a few pixels
 BLUR_FLOOR = 0.001  # and this share of the way that it moves while the shutter is open
 # and a piece of outline: its unknown shade moves with the pose, and hides a sixth of a pixel whole
 OUTLINE_FLOOR_PX = 0.4
+
+
+class Round(NamedTuple):
+    """A round of steps in the same windows: most cells of all windows, and most steps."""
+
+    cells: int
+    steps: int
+
+
+# of a handle that moves: from a start that is some pixels off, and to the end
+COARSE = Round(5_000, 3)
+FINE = Round(18_000, 6)
 
 
 class Fit(NamedTuple):
@@ -92,8 +107,8 @@ class Fit(NamedTuple):
     answers : Response or None
         Where errors of rig and layout, or contradictions, are counted.
     smear_px : float
-        How long the markers are smeared in the camera where that is most, if it was asked for, else
-        NaN.
+        How long the markers are smeared in the camera where that is most: of a handle that moves by
+        its motion, of one that is still where it was asked for; else NaN.
     """
 
     T_world_handle: RigidTransform
@@ -119,9 +134,24 @@ class _Part(NamedTuple):
     weight: Array
 
 
+class _Taken(NamedTuple):
+    """A Gauss-Newton step of pose and blurs as it was taken: the states before and after it, the
+    models after it, to first order, one entry a kind of windows, and which markers' windows have
+    contrast. `sigmas` is its length by its own standard deviation.
+    """
+
+    step: Array
+    sigmas: float
+    before: State
+    after: list[State]
+    models: list[Linear]
+    normals: list[Reduced]
+    contrast: np.ndarray
+
+
 class _Step(NamedTuple):
-    """A Gauss-Newton step: of pose and blurs, its information, and its parts with their models after
-    it.
+    """The last Gauss-Newton step: of pose and blurs, its information, and its parts with their
+    models after it.
     """
 
     step: Array
@@ -143,6 +173,7 @@ def fit_patches(
     outline: bool = False,
     motion_blur: tuple[Array, Array] | None = None,
     with_smear: bool = False,
+    is_far: bool = False,
 ) -> Fit | None:
     """Improve a pose by the pixels about all markers that it shows.
 
@@ -163,56 +194,109 @@ def fit_patches(
         and its covariance; without it the handle is still.
     with_smear : bool
         Measure `Fit.smear_px`.
+    is_far : bool
+        Whether the start of a handle that moves may be several pixels off: coarse cells come first.
 
     Returns
     -------
     Fit or None
         None if too little is in view to fix a pose, or the steps lead away.
     """
-    fit = _fit(images, rig, handle, start, max_slant_deg, outline, motion_blur, with_smear)
-    if fit is None or motion_blur is None:
-        return fit
-    T = fit.T_world_handle
-    if _apart_px(start, T, rig, handle) < BESIDE_PX:
-        return fit
-    return _fit(images, rig, handle, T, max_slant_deg, outline, motion_blur, with_smear)
+    if motion_blur is not None:
+        rounds = (COARSE, FINE) if is_far else (FINE,)
+        return _moving_fit(images, rig, handle, start, max_slant_deg, motion_blur, rounds)
+    about_markers = patches(images, rig, handle, start, max_slant_deg)
+    kinds = [about_markers]
+    if outline:
+        kinds.append(outline_patches(images, rig, handle, start))
+    states = [first_state(start, rig)] * len(kinds)
+    taken = _stepped(states, kinds, rig, handle, MOST_STEPS)
+    if taken is None:
+        return None
+    return _fit_of(_concluded(taken, kinds, rig), taken.after[0], rig, handle, with_smear)
 
 
-def _fit(
+def _moving_fit(
     images: Sequence[np.ndarray],
     rig: Rig,
     handle: Handle,
     start: RigidTransform,
     max_slant_deg: float,
-    outline: bool,
-    motion_blur: tuple[Array, Array] | None,
-    with_smear: bool,
+    motion_blur: tuple[Array, Array],
+    rounds: Sequence[Round],
 ) -> Fit | None:
-    """The fit in windows that lie where `start` has the markers."""
-    expected_motion = None if motion_blur is None else motion_blur[0]
-    about_markers = patches(images, rig, handle, start, max_slant_deg, expected_motion)
-    if len(np.unique(about_markers.views.marker)) < 3:
-        return None
-    kinds = [about_markers]
-    if outline:
-        kinds.append(outline_patches(images, rig, handle, start))
-    moving = (
-        None
-        if motion_blur is None
-        else MotionBlur(motion_blur[0], motion_blur[0], inverse(motion_blur[1]))
-    )
-    states = [first_state(start, rig, moving)] * len(kinds)
-    for k in range(MOST_STEPS):
-        states, last = _improved(states, kinds, rig, handle)
-        if not np.abs(last.step[:6] / LARGEST_STEP).max() < 1:  # not a number, either
+    """The fit of a handle that moves while the shutter is open, in rounds: the windows of each lie
+    where the one before has the markers.
+    """
+    expected, covariance = motion_blur
+    blur = MotionBlur(expected, expected, inverse(covariance))
+    state = first_state(start, rig, blur)
+    *first, last = rounds
+    for most in first:
+        stepped = _moving_round(images, state, max_slant_deg, rig, handle, most)
+        if stepped is None:
             return None
-        if k > 0 and _moved_px(last.step, about_markers, handle) < SETTLED_PX:
+        # greys are those of other windows
+        state = stepped[0].after[0]._replace(greys=None)
+    stepped = _moving_round(images, state, max_slant_deg, rig, handle, last)
+    if stepped is None:
+        return None
+    taken, windows = stepped
+    return _fit_of(_concluded(taken, [windows], rig), taken.after[0], rig, handle, False)
+
+
+def _moving_round(
+    images: Sequence[np.ndarray],
+    state: State,
+    max_slant_deg: float,
+    rig: Rig,
+    handle: Handle,
+    most: Round,
+) -> tuple[_Taken, Patches] | None:
+    """The last step of a round, and its windows, which lie where the state has the markers."""
+    assert state.motion_blur is not None
+    T = state.T_world_handle
+    motion = state.motion_blur.motion
+    windows = moving_patches(images, rig, handle, T, max_slant_deg, motion, most.cells)
+    taken = _stepped([state], [windows], rig, handle, most.steps)
+    return None if taken is None else (taken, windows)
+
+
+def _stepped(
+    states: list[State], kinds: list[Patches], rig: Rig, handle: Handle, most_steps: int
+) -> _Taken | None:
+    """The last of so many steps, or of as many as are worth it; None if too little is in view, or
+    the steps lead away.
+    """
+    if len(np.unique(kinds[0].views.marker)) < 3:
+        return None
+    taken = _improved(states, kinds, rig, handle)
+    for _ in range(most_steps - 1):
+        if _leads_away(taken):
+            return None
+        taken = _improved(taken.after, kinds, rig, handle)
+        if _has_settled(taken, kinds[0], handle):
             break
-    return _fit_of(last, states[0].T_world_handle, rig, handle, with_smear)
+    return None if _leads_away(taken) else taken
 
 
-def _fit_of(last: _Step, T: RigidTransform, rig: Rig, handle: Handle, with_smear: bool) -> Fit:
+def _leads_away(taken: _Taken) -> bool:
+    """Whether a step is too long, or not a number."""
+    return not np.abs(taken.step[:6] / LARGEST_STEP).max() < 1
+
+
+def _has_settled(taken: _Taken, about_markers: Patches, handle: Handle) -> bool:
+    """Whether the next step would hardly move the pose."""
+    moved_px = _moved_px(taken.step, about_markers, handle)
+    if taken.before.motion_blur is None:
+        return moved_px < SETTLED_PX
+    return moved_px < SETTLED_MOVING_PX and taken.sigmas < SETTLED_SIGMAS
+
+
+def _fit_of(last: _Step, after: State, rig: Rig, handle: Handle, with_smear: bool) -> Fit:
     """What the last step says: the pose with its covariance, and which views show a marker."""
+    T = after.T_world_handle
+    motion = None if after.motion_blur is None else after.motion_blur.motion
     markers = last.markers
     visible = marker_is_shown(markers.model, handle)
     still_asked, chi_square = _still_asked(last, rig)
@@ -221,7 +305,10 @@ def _fit_of(last: _Step, T: RigidTransform, rig: Rig, handle: Handle, with_smear
     covariance = in_world(spread * inverse(last.information)[:6, :6], T)
     residuals_px = still_asked * markers.patches.px_per_mm
     fit = judged_fit(T, covariance, markers.patches.views, markers.model, visible, residuals_px)
-    if with_smear:
+    if motion is not None:
+        ways = np.linalg.norm(markers.patches.ways_px(motion), axis=1)
+        fit = fit._replace(smear_px=float(ways.max()))
+    elif with_smear:
         fit = fit._replace(smear_px=_smear_px(last, rig))
     freedom = 2 * int(visible.sum()) - 6
     if is_uncertain(rig, handle) or contradict(chi_square[visible].sum() / spread, freedom):
@@ -241,7 +328,7 @@ def _smear_px(last: _Step, rig: Rig) -> float:
     """
     windows, model, _, weight = last.markers
     camera = windows.views.camera
-    longer = longer_than_wide(model.predicted, windows.at.side)
+    longer = longer_than_wide(model.predicted, windows.at)
     pose, blur = model.by_pose[:, :6], model.by_pose[:, -1:]
     normal = reduce(np.concatenate([pose, longer, blur], axis=1), model)
     information = 1e-12 * np.eye(6 + 3 * len(rig.cameras))
@@ -303,40 +390,45 @@ def _motions(windows: Patches, rig: Rig, T: RigidTransform) -> Array:
     return np.linalg.pinv(by_points @ T.as_matrix()[:3, :3])
 
 
-def _improved(
-    states: list[State], kinds: list[Patches], rig: Rig, handle: Handle
-) -> tuple[list[State], _Step]:
+def _improved(states: list[State], kinds: list[Patches], rig: Rig, handle: Handle) -> _Taken:
     """One step: the kinds of windows share pose, blurs and noise, each has its own greys."""
     state = states[0]
     T = state.T_world_handle
-    models = [
-        linearise(own, windows, rig, handle) for own, windows in zip(states, kinds, strict=True)
-    ]
+    model = linearise if state.motion_blur is None else linearise_moving
+    models = [model(own, windows, rig, handle) for own, windows in zip(states, kinds, strict=True)]
     normals = [reduce(model.by_pose, model) for model in models]
     # windows that show no marker would only fit their noise
     contrast = has_contrast(models[0], handle)
     parts = _weighed(kinds, models, normals, state, contrast)
     information, gradient = _normal_equations(parts, state, rig)
     step = inverse(information) @ gradient
+    sigmas = float(np.sqrt(np.maximum(step @ gradient, 0.0)))
     models = [
         advanced(
             part.model, part.model.by_pose, part.normal, _own(step, part.patches.views.camera, rig)
         )
         for part in parts
     ]
-    # misfits may be gone
-    parts = _weighed(kinds, models, normals, state, contrast)
-    information, _ = _normal_equations(parts, state, rig)
     motion_blur = state.motion_blur
     if motion_blur is not None:
         motion = motion_blur.motion + both_in_world(T) @ np.nan_to_num(step[6:12])
         motion_blur = motion_blur._replace(motion=motion)
     T = moved(T, np.nan_to_num(step[:6]))
     markers = models[0]
-    noise = noise_of(markers._replace(weight=markers.weight * contrast[:, None]))
+    clear = markers._replace(weight=markers.weight * contrast[:, None])
+    noise = noise_of(clear, kinds[0].at.pixels)
     blur = limited(state.blur_px2, step[-len(rig.cameras) :])
     renewed = [State(T, model.greys, blur, noise, motion_blur) for model in models]
-    return renewed, _Step(step, information, parts)
+    return _Taken(step, sigmas, state, renewed, models, normals, contrast)
+
+
+def _concluded(taken: _Taken, kinds: list[Patches], rig: Rig) -> _Step:
+    """The last step with what it says of the pose: its windows are weighed again, since misfits may
+    be gone.
+    """
+    parts = _weighed(kinds, taken.models, taken.normals, taken.before, taken.contrast)
+    information, _ = _normal_equations(parts, taken.before, rig)
+    return _Step(taken.step, information, parts)
 
 
 def _weighed(
@@ -419,16 +511,6 @@ def _own(step: Array, camera: np.ndarray, rig: Rig) -> Array:
     """
     common, blurs = np.split(step, [-len(rig.cameras)])
     return np.column_stack([np.broadcast_to(common, (len(camera), len(common))), blurs[camera]])
-
-
-def _apart_px(a: RigidTransform, b: RigidTransform, rig: Rig, handle: Handle) -> float:
-    """How far the markers of two poses lie apart at most, in any image, px."""
-    ways = [
-        camera.project(a.apply(handle.marker_centres))
-        - camera.project(b.apply(handle.marker_centres))
-        for camera in rig.cameras
-    ]
-    return float(np.nanmax(np.linalg.norm(ways, axis=2), initial=0.0))
 
 
 def _moved_px(step: Array, here: Patches, handle: Handle) -> float:

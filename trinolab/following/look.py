@@ -33,7 +33,7 @@ from ..rigid import apart, motion_between, placed, shifted
 from ..uncertainty.systematic import NOTHING, offsets_at
 from ..window import Window
 from .parameters import FollowParameters
-from .posefilter import Motion, is_new
+from .posefilter import Motion, is_new, update
 
 __all__ = [
     "Expected",
@@ -47,6 +47,10 @@ __all__ = [
     "look",
     "may_be_blurred",
 ]
+
+
+# of a pose that smeared markers agree on, mm and rad: seen by two cameras they tell little of the turn
+AGREED_COVARIANCE = np.diag(np.repeat([0.5, 0.1], 3) ** 2)
 
 
 class Expected(NamedTuple):
@@ -117,6 +121,10 @@ class Followed(NamedTuple):
     rig : Rig
         With which it was measured: what the markers contradict each other has corrected it, see
         `identity.reconcile`.
+    fits : int
+        How often the image model was fitted: what takes the time.
+    smear_px : float
+        How long the markers are smeared by the handle's motion; NaN where it was not asked.
     """
 
     guess: Guess
@@ -124,6 +132,8 @@ class Followed(NamedTuple):
     labels: tuple[np.ndarray, ...]
     sights: tuple[Sight, ...]
     rig: Rig
+    fits: int
+    smear_px: float
 
 
 def expect(rig: Rig, handle: Handle, motion: Motion, p: FollowParameters) -> list[Expected]:
@@ -191,59 +201,84 @@ def follow(
     handle: Handle,
     p: FollowParameters,
     before: Rig | None = None,
-    unblurred: Followed | None = None,
 ) -> Followed:
     """Look for the markers where a guess has them, and measure the pose from those that are there.
 
     Where the estimator gives no pose, or another one than the markers agree on, the image model
-    does: a single camera is enough for it. With `guess.blurred` it is the image model of a handle
-    that moves while the shutter is open, from the predicted pose: centroids are worth less than
-    that when limb and neighbours are blurred together.
+    does: a single camera is enough for it. With `guess.blurred`, or where a fit without motion blur
+    shows some, it is the image model of a handle that moves while the shutter is open: centroids
+    are worth less than that when limb and neighbours are blurred together.
 
     `before` is the rig as the last instant left it. It serves where too few markers are found to
-    say how this one does. `unblurred` is what the same motion has led to without motion blur,
-    where that was tried: the markers are looked for once.
+    say how this one does.
     """
-    if unblurred is not None:
-        enough = _enough_markers(unblurred.sights, p)
-        pose = _moving_pose(images, guess, unblurred.rig, handle, p) if enough else LOST
-        return unblurred._replace(guess=guess, pose=pose)
     sights = look(images, guess.expected, rig, handle, p)
     pixels = tuple(sight.found[:, :2] for sight in sights)
     T, labels = _agreed(pixels, rig, handle, guess.motion.pose, p)
     if T is None:
-        rig = before or rig
+        followed = Followed(guess, LOST, labels, sights, before or rig, 0, np.nan)
+        if not _enough_markers(sights, p):
+            return followed  # it is elsewhere
         instant = None
     else:
         uv = labelled_pixels(labels, pixels, len(handle.marker_centres))
-        rig, T = reconciled(rig, handle, uv, T, p.sigma_px, p.identity)
         instant = Identified(images, uv, T, _expected_blur(guess.motion, p))
-    pose = _pose(images, guess, sights, instant, rig, handle, p)
-    return Followed(guess, pose, labels, sights, rig)
+        followed = Followed(guess, LOST, labels, sights, rig, 0, np.nan)
+    moves = guess.blurred or (
+        _may_move(guess, p) and _stretched(guess.expected, followed.sights, p)
+    )
+    if instant is not None and (not moves or rig.covariance is not None):
+        # smeared centroids are no reason to doubt a rig of which nothing is known
+        rig, T = reconciled(rig, handle, instant.uv, instant.T_world_handle, p.sigma_px, p.identity)
+        instant = instant._replace(T_world_handle=T)
+        followed = followed._replace(rig=rig)
+    if not moves:
+        followed = _fitted_still(followed, images, instant, handle, p)
+        moves = followed.smear_px > p.blurred_px
+    return _fitted_moving(followed, images, instant, handle, p) if moves else followed
 
 
-def _pose(
+def _may_move(guess: Guess, p: FollowParameters) -> bool:
+    """Whether motion blur may be what an image shows."""
+    return may_be_blurred(guess.expected, p) or is_new(guess.motion, p.motion)
+
+
+def _fitted_still(
+    followed: Followed,
     images: Sequence[np.ndarray],
-    guess: Guess,
-    sights: tuple[Sight, ...],
     instant: Identified | None,
-    rig: Rig,
     handle: Handle,
     p: FollowParameters,
-) -> Pose:
-    """The pose where a guess has the handle, case by case; `instant` is what the markers agree on."""
-    if instant is None and not _enough_markers(sights, p):
-        return LOST  # it is elsewhere
-    if guess.blurred:
-        return _moving_pose(images, guess, rig, handle, p)
-    may_move = may_be_blurred(guess.expected, p) or is_new(guess.motion, p.motion)
-    if may_move and _stretched(guess.expected, sights, p):
-        return LOST  # a guess with motion blur comes later
+) -> Followed:
+    """What was followed with the pose of a handle that is still, if it is; `instant` is what the
+    markers agree on.
+    """
+    rig = followed.rig
     pose = LOST if instant is None else _agreeing_pose(instant, rig, handle, p)
     if pose is not LOST:
-        return pose
+        return followed._replace(pose=pose)
+    guess = followed.guess
+    may_move = _may_move(guess, p)
     start = guess.motion.pose if instant is None else instant.T_world_handle
-    return _still_pose(images, start, may_move, rig, handle, p)
+    fit = fit_patches(images, rig, handle, start, p.max_slant_deg, with_smear=may_move)
+    if may_move and not _still(fit, p):
+        smear_px = np.inf if fit is None else fit.smear_px
+        return followed._replace(fits=1, smear_px=smear_px)
+    return followed._replace(pose=_judged(fit, rig, p), fits=1)
+
+
+def _fitted_moving(
+    followed: Followed,
+    images: Sequence[np.ndarray],
+    instant: Identified | None,
+    handle: Handle,
+    p: FollowParameters,
+) -> Followed:
+    """What was followed with the pose of a handle that moves while the shutter is open."""
+    fit = _moving_fit(images, followed.guess, instant, followed.rig, handle, p)
+    smear_px = np.nan if fit is None else fit.smear_px
+    pose = _judged(fit, followed.rig, p)
+    return followed._replace(pose=pose, fits=followed.fits + 1, smear_px=smear_px)
 
 
 def _enough_markers(sights: Sequence[Sight], p: FollowParameters) -> bool:
@@ -251,19 +286,49 @@ def _enough_markers(sights: Sequence[Sight], p: FollowParameters) -> bool:
     return bool(sum(np.isfinite(sight.found[:, 0]).sum() for sight in sights) >= p.min_found)
 
 
-def _moving_pose(
-    images: Sequence[np.ndarray], guess: Guess, rig: Rig, handle: Handle, p: FollowParameters
-) -> Pose:
-    """The pose by the image model of a handle that moves while the shutter is open."""
-    fit = fit_patches(
+def _moving_fit(
+    images: Sequence[np.ndarray],
+    guess: Guess,
+    instant: Identified | None,
+    rig: Rig,
+    handle: Handle,
+    p: FollowParameters,
+) -> Fit | None:
+    """The image model of a handle that moves while the shutter is open, fitted from the pose that
+    the markers agree on, which tells of the velocity as well; else from where the images have the
+    handle, or as predicted.
+    """
+    motion = guess.motion
+    if instant is not None:
+        motion = update(motion, instant.T_world_handle, AGREED_COVARIANCE, p.motion)
+        start = motion.pose
+    else:
+        start = _displaced_start(images, guess, rig, handle, p)
+    return fit_patches(
         images,
         rig,
         handle,
-        guess.motion.pose,
+        start,
         p.max_slant_deg,
-        motion_blur=_expected_blur(guess.motion, p),
+        motion_blur=_expected_blur(motion, p),
+        is_far=instant is None,
     )
-    return _judged(fit, rig, p)
+
+
+def _displaced_start(
+    images: Sequence[np.ndarray], guess: Guess, rig: Rig, handle: Handle, p: FollowParameters
+) -> RigidTransform:
+    """The predicted pose, shifted to where the images have the handle as far as they tell: two
+    cameras side by side say little of the depth.
+    """
+    pose = guess.motion.pose
+    shown = displacement(images, guess.expected, pose.translation, rig, handle, p)
+    if shown is None:
+        return pose
+    shift, covariance = shown
+    predicted = guess.motion.pose_covariance[:3, :3]
+    gain = predicted @ np.linalg.inv(predicted + covariance)
+    return RigidTransform.from_components(pose.translation + gain @ shift, pose.rotation)
 
 
 def _agreeing_pose(instant: Identified, rig: Rig, handle: Handle, p: FollowParameters) -> Pose:
@@ -277,21 +342,6 @@ def _agreeing_pose(instant: Identified, rig: Rig, handle: Handle, p: FollowParam
     if T is None or apart(T, instant.T_world_handle, p.agreed_mm, np.deg2rad(p.agreed_deg)):
         return LOST
     return pose
-
-
-def _still_pose(
-    images: Sequence[np.ndarray],
-    start: RigidTransform,
-    may_move: bool,
-    rig: Rig,
-    handle: Handle,
-    p: FollowParameters,
-) -> Pose:
-    """The pose by the image model of a handle at rest; `LOST` if it moves, where it may."""
-    fit = fit_patches(images, rig, handle, start, p.max_slant_deg, with_smear=may_move)
-    if may_move and not _still(fit, p):
-        return LOST
-    return _judged(fit, rig, p)
 
 
 def _expected_blur(motion: Motion, p: FollowParameters) -> tuple[Array, Array]:

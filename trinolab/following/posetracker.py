@@ -60,6 +60,8 @@ class TrackState(NamedTuple):
         As the last measurement left it, see `look.Followed`; None where there is none.
     systematic : ndarray, shape (6, 6)
         Of the last measured pose, see `pose.Pose`.
+    blurred : bool
+        Whether the last measured markers were smeared by the handle's motion.
     """
 
     t_s: float
@@ -68,6 +70,7 @@ class TrackState(NamedTuple):
     sure: bool
     rig: Rig | None = None
     systematic: Array = NOTHING
+    blurred: bool = False
 
 
 class Tracked(NamedTuple):
@@ -188,13 +191,18 @@ def step(
     if state.motion is None or state.seen is None:
         return _sought(images, t, rig, handle, p)
     predicted = posefilter.predict(state.motion, t, p.motion)
-    as_predicted = follow(images, _guess(predicted, rig, handle, p), rig, handle, p, state.rig)
+    first = _guess(predicted, state.blurred, rig, handle, p)
+    as_predicted = follow(images, first, rig, handle, p, state.rig)
     best = _better(None, as_predicted, rig, handle, p)
-    guesses = _further_guesses(images, as_predicted, state.seen, rig, handle, p)
-    while not _enough_cameras(best, rig) and (guess := next(guesses, None)) is not None:
-        unblurred = as_predicted if guess.blurred and guess.motion is predicted else None
-        followed = follow(images, guess, rig, handle, p, state.rig, unblurred)
+    fits = as_predicted.fits
+    guesses = _further_guesses(images, as_predicted, state, rig, handle, p)
+    while fits < p.most_fits and not _enough_cameras(best, rig):
+        guess = next(guesses, None)
+        if guess is None:
+            break
+        followed = follow(images, guess, rig, handle, p, state.rig)
         best = _better(best, followed, rig, handle, p)
+        fits += followed.fits
     if best is not None:
         return _measured(best, state.sure, handle, p)
     if t - state.seen.t_s > p.memory_s + 1e-9:  # times are rounded
@@ -224,47 +232,46 @@ def _enough_cameras(best: Followed | None, rig: Rig) -> bool:
     return best is not None and 2 * best.pose.cameras >= len(rig.cameras)
 
 
-def _guess(motion: Motion, rig: Rig, handle: Handle, p: FollowParameters) -> Guess:
-    """The guess that the handle moves so."""
-    return Guess(motion, expect(rig, handle, motion, p))
+def _guess(motion: Motion, blurred: bool, rig: Rig, handle: Handle, p: FollowParameters) -> Guess:
+    """The guess that the handle moves so, and shows motion blur if that is what it did before and it
+    is fast enough.
+    """
+    expected = expect(rig, handle, motion, p)
+    return Guess(motion, expected, blurred and may_be_blurred(expected, p))
 
 
 def _further_guesses(
     images: list[np.ndarray],
     as_predicted: Followed,
-    seen: Motion,
+    state: TrackState,
     rig: Rig,
     handle: Handle,
     p: FollowParameters,
 ) -> Iterator[Guess]:
-    """Where the handle may be if not as predicted, the quick guesses first.
+    """Where the handle may be if not as predicted, the likeliest first.
 
-    1. As predicted, with motion blur, where most of its markers are in their places.
-    2. Shifted to where the images have it, from the prediction and from where it was seen last.
-    3. The same places with motion blur, which takes longer.
-    4. Anywhere near, moving in any direction, if its velocity is unknown.
-    5. Where a search of the whole images finds it.
+    1. Shifted to where the images have it, from the prediction and from where it was seen last.
+    2. Moving in any direction, if its velocity is unknown.
+    3. Where a search of the whole images finds it.
     """
     predicted = as_predicted.guess
-    in_place = may_be_blurred(predicted.expected, p) and _is_there(as_predicted)
-    if in_place:
-        yield predicted._replace(blurred=True)
-    places = [] if in_place else [predicted]
-    for motion in _displaced(images, predicted, seen, rig, handle, p):
-        places.append(_guess(motion, rig, handle, p))
-        yield places[-1]
-    for guess in places:
-        if may_be_blurred(guess.expected, p):
-            yield guess._replace(blurred=True)
+    assert state.seen is not None
+    for motion in _displaced(images, predicted, state.seen, rig, handle, p):
+        yield _guess(motion, state.blurred, rig, handle, p)
     if posefilter.is_new(predicted.motion, p.motion):
         for motion in _in_any_direction(predicted.motion, rig, p):
             # one image alone is explained by some motion blur
-            yield _guess(motion, rig, handle, p)._replace(blurred=True, min_cameras=2)
-    yield from _in_whole_images(images, predicted.motion, rig, handle, p)
+            yield _guess(motion, True, rig, handle, p)._replace(min_cameras=2)
+    yield from _in_whole_images(images, predicted.motion, state.blurred, rig, handle, p)
 
 
 def _in_whole_images(
-    images: list[np.ndarray], predicted: Motion, rig: Rig, handle: Handle, p: FollowParameters
+    images: list[np.ndarray],
+    predicted: Motion,
+    blurred: bool,
+    rig: Rig,
+    handle: Handle,
+    p: FollowParameters,
 ) -> Iterator[Guess]:
     """Where a measurement in the whole images has the handle; the prediction only chooses among poses
     that look alike.
@@ -274,16 +281,7 @@ def _in_whole_images(
         return
     spread = np.diag(np.repeat([1.0, 0.1], 3) ** 2)
     motion = posefilter.update(predicted, pose.T_world_handle, spread, p.motion)
-    guess = _guess(motion, rig, handle, p)
-    yield guess
-    yield guess._replace(blurred=True)
-
-
-def _is_there(followed: Followed) -> bool:
-    """Whether most of the markers that a guess led to agree on one pose, in two cameras or more."""
-    agreeing = [np.count_nonzero(labels >= 0) for labels in followed.labels]
-    seen = [np.isfinite(sight.found[:, 0]).sum() for sight in followed.sights]
-    return bool(np.count_nonzero(agreeing) >= 2 and 2 * sum(agreeing) > sum(seen))
+    yield _guess(motion, blurred, rig, handle, p)
 
 
 def _in_any_direction(
@@ -354,7 +352,9 @@ def _measured(
     assert pose.T_world_handle is not None
     after = posefilter.update(motion, pose.T_world_handle, pose.covariance, p.motion)
     tracked = _reported(_tracked(followed, pose, followed.labels), sure, handle)
-    return TrackState(motion.t_s, after, after, sure, followed.rig, pose.systematic), tracked
+    blurred = followed.smear_px > p.blurred_px
+    state = TrackState(motion.t_s, after, after, sure, followed.rig, pose.systematic, blurred)
+    return state, tracked
 
 
 def _sought(

@@ -12,11 +12,12 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.spatial.transform import RigidTransform, Rotation
+from scipy.spatial.transform import RigidTransform
 
 from ..camera import Rig
 from ..checks import Array, as_array, as_transform
 from ..handle import Handle
+from ..rigid import placed
 from ..uncertainty.systematic import offsets_of
 from .hypotheses import Explained, Observed, Poses, ideal_pixels
 from .layout import layout_of, views_of
@@ -139,10 +140,10 @@ def choose(alternatives: list[RigidTransform], prior: RigidTransform | None) -> 
     sure : bool
     """
     reference = RigidTransform.identity() if prior is None else as_transform(prior, "prior")
+    if len(alternatives) == 1:
+        return 0, True
     turns = np.array([(reference.inv() * T).rotation.magnitude() for T in alternatives])
     order = np.argsort(turns)
-    if len(order) == 1:
-        return 0, True
     return int(order[0]), bool(prior is not None and turns[order[1]] >= 2 * turns[order[0]])
 
 
@@ -187,9 +188,7 @@ def _alternatives(
     others = others[turns < 1 + 2 * np.cos(np.deg2rad(p.same_pose_deg))]
     alternatives: list[Hypothesis] = []
     for k in (best, *others[np.argsort(cost[others], kind="stable")]):
-        T = RigidTransform.from_components(
-            poses.translations[k], Rotation.from_matrix(poses.rotations[k])
-        )
+        T = placed(poses.translations[k], poses.rotations[k])
         if all(_differ(T, other.T_world_handle, handle, p) for other in alternatives):
             if v.strained[k]:
                 return []

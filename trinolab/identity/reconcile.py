@@ -21,6 +21,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 from ..camera import CAMERA_PARAMETERS, Rig, RigCovariance, displaced
 from ..checks import Array
 from ..handle import Handle
+from ..rigid import placed
 from ..uncertainty.systematic import (
     contradict,
     contradicting,
@@ -111,9 +112,7 @@ def reconciled(
     gain = known @ offsets.by_parameters.T @ basis @ prior
     learnt = gain @ (scale * before - fit.covariance[0]) @ gain.T
     remaining = RigCovariance(rig.names, known - (learnt + learnt.T) / 2)
-    T = RigidTransform.from_components(
-        fit.poses.translations[0], Rotation.from_matrix(fit.poses.rotations[0])
-    )
+    T = placed(fit.poses.translations[0], fit.poses.rotations[0])
     return replace(displaced(rig, gain @ fit.size[0]), covariance=remaining), T
 
 

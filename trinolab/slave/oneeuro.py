@@ -8,7 +8,7 @@ apart; a speed is the length of a vector.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import RigidTransform
@@ -16,7 +16,7 @@ from scipy.spatial.transform import RigidTransform
 from ..checks import Array, as_number, check_numbers, frozen
 from ..rigid import motion_between, shifted
 
-__all__ = ["Filtered", "OneEuroParameters", "begin", "lag_s", "step"]
+__all__ = ["Filtered", "OneEuroParameters", "begin", "lag_s", "low_pass_share", "step"]
 
 
 @dataclass(frozen=True)
@@ -71,11 +71,13 @@ def step(
     dt = as_number(t_s, "t_s", state.t_s, open_low=True) - state.t_s
     off = motion_between(pose, state.pose)
     moved = motion_between(pose, state.last)
-    share = _share(p.speed_cutoff_hz, dt)
+    share = low_pass_share(p.speed_cutoff_hz, dt)
     velocity = state.velocity + share * (moved[:3] / dt - state.velocity)
     turn_rate = state.turn_rate + share * (moved[3:] / dt - state.turn_rate)
-    off[:3] *= _share(p.cutoff_hz + p.slope * float(np.linalg.norm(velocity)), dt)
-    off[3:] *= _share(p.turn_cutoff_hz + p.turn_slope * float(np.linalg.norm(turn_rate)), dt)
+    off[:3] *= low_pass_share(p.cutoff_hz + p.slope * float(np.linalg.norm(velocity)), dt)
+    off[3:] *= low_pass_share(
+        p.turn_cutoff_hz + p.turn_slope * float(np.linalg.norm(turn_rate)), dt
+    )
     return Filtered(t_s, shifted(state.pose, off), pose, frozen(velocity), frozen(turn_rate))
 
 
@@ -86,6 +88,8 @@ def lag_s(speed: float, cutoff_hz: float, slope: float) -> float:
     return 1 / (2 * np.pi * (cutoff_hz + slope * speed))
 
 
-def _share(cutoff_hz: float, dt: float) -> float:
-    """The share of a step that a first-order low-pass takes in `dt`."""
+def low_pass_share(cutoff_hz: Any, dt: float) -> Any:
+    """The share of a step that a first-order low-pass takes in `dt` s; of an array of cutoffs, Hz,
+    an array.
+    """
     return 1 / (1 + 1 / (2 * np.pi * cutoff_hz * dt))

@@ -156,12 +156,12 @@ def _rendered(
         except ValueError as error:  # the field of view has no room for it
             left_out[name] = str(error)
     parts = [Part(name, k) for name in RENDERED if name in counts for k in range(counts[name])]
-    found = do(source, parts, kept, workers, progress, "tests")
+    done = do(source, parts, kept, workers, progress, "tests")
     answers = {
-        name: TESTS[name].judge(setup, [found[Part(name, k).key].rows for k in range(count)])
+        name: TESTS[name].judge(setup, [done[Part(name, k).key].rows for k in range(count)])
         for name, count in counts.items()
     }
-    at_rest = [as_track(found[Part("A1", k).key].rows) for k in range(counts.get("A1", 0))]
+    at_rest = [as_track(done[Part("A1", k).key].rows) for k in range(counts.get("A1", 0))]
     noise = _noise(rest.jitter_of(at_rest), "it has in test A1")
     _lead_arm(source, noise, kept, workers, progress, answers, left_out)
     return answers, left_out
@@ -189,8 +189,8 @@ def _lead_arm(
         return
     setup = setup_of(source)
     parts = [Part(arm.NAME, k, noise) for k in range(arm.parts(setup))]
-    found = do(source, parts, kept, workers, progress, "arm")
-    answers[arm.NAME] = arm.judge(setup, [found[part.key].rows for part in parts], noise)
+    done = do(source, parts, kept, workers, progress, "arm")
+    answers[arm.NAME] = arm.judge(setup, [done[part.key].rows for part in parts], noise)
 
 
 def _recorded(

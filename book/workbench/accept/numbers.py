@@ -125,8 +125,8 @@ def distribution(
         return []
 
     def line(statistic: str, value: float, interval: Interval, note: str = "") -> Number:
-        one = Number(test, what, statistic, float(value), unit, n, seed, source, note=note)
-        return one.within(interval)
+        number = Number(test, what, statistic, float(value), unit, n, seed, source, note=note)
+        return number.within(interval)
 
     # of n values drawn alike, so much of all others lies below the largest, 95 % sure
     below = 100 * 0.05 ** (1 / n)

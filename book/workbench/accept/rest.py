@@ -212,7 +212,7 @@ def _allan(
     numbers = []
     for length in (1, lengths[-1]):
         each = [intervals.allan_deviation(rest.off[:n, part], length) for rest in rests]
-        one = Number(
+        number = Number(
             NAME,
             f"Allan deviation, {kind}",
             f"over {length * step:.3g} s",
@@ -223,7 +223,7 @@ def _allan(
             source,
         )
         # three columns that may be correlated and unequally large: counted as one, on the safe side
-        numbers.append(one.within(intervals.of_allan(one.value, n, length, len(rests))))
+        numbers.append(number.within(intervals.of_allan(number.value, n, length, len(rests))))
     return numbers
 
 

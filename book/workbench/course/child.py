@@ -148,8 +148,8 @@ def _without_magic(source: str) -> str:
         ast.parse(source)
     except (SyntaxError, ValueError):
         lines = source.splitlines()
-        kept = ["" if line.lstrip().startswith(("%", "!", "?")) else line for line in lines]
-        return "\n".join(kept)
+        plain_lines = ["" if line.lstrip().startswith(("%", "!", "?")) else line for line in lines]
+        return "\n".join(plain_lines)
     return source
 
 

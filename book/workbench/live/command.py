@@ -110,8 +110,8 @@ def live(
         finally:
             loop.close()
     if loop.failed is not None:
-        raise ValueError(f"{loop.failed}; {recorder.said}".removesuffix("; "))
-    return recorder.said
+        raise ValueError(f"{loop.failed}; {recorder.status}".removesuffix("; "))
+    return recorder.status
 
 
 def chosen(

@@ -75,7 +75,7 @@ class Shown(NamedTuple):
         Of the sliders.
     task : Doing or None
         What the pointing task asks for; None if none goes on.
-    task_said : str
+    task_status : str
         How it went, in words.
     """
 
@@ -94,7 +94,7 @@ class Shown(NamedTuple):
     tracker: str
     values: Values
     task: Doing | None
-    task_said: str
+    task_status: str
 
 
 class Loop:
@@ -266,13 +266,13 @@ class Loop:
             clutch,
             troubles,
             list(self._notes),
-            (self.record_writer.running, self.record_writer.said),
+            (self.record_writer.running, self.record_writer.status),
             self._rate(begin),
             stages,
             follower,
             values,
             task,
-            self._pointing.said,
+            self._pointing.status,
         )
         self.on_new()
 

@@ -105,7 +105,7 @@ def _numbers(shown: Shown) -> dict[str, Any]:
         "tracker": shown.tracker,
         "values": shown.values,
         "task": None if shown.task is None else _listed(shown.task),
-        "points": shown.task_said,
+        "points": shown.task_status,
     }
 
 

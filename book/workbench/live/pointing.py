@@ -86,12 +86,12 @@ class Pointing:
 
     Attributes
     ----------
-    said : str
+    status : str
         How it went, in words for the page.
     """
 
     def __init__(self, path: Path, alignment: Rotation, targets: ArrayLike | None = None) -> None:
-        self.said = ""
+        self.status = ""
         self._path = path
         self._right = alignment.apply([1.0, 0.0, 0.0])
         self._up = alignment.apply([0.0, -1.0, 0.0])
@@ -109,7 +109,7 @@ class Pointing:
     def begin(self, operator: object, repeats: object, t_s: float) -> None:
         """Begin with all targets, `repeats` times, in an order that differs from run to run.
 
-        It does not begin, and `said` says why, for a name that cannot be one, another number of
+        It does not begin, and `status` says why, for a name that cannot be one, another number of
         times than 1 to 10, or a file that is no log.
         """
         try:
@@ -117,7 +117,7 @@ class Pointing:
             times = as_whole(repeats, "times", 1, MOST_REPEATS)
             self._before = read_log(self._path) if self._path.exists() else None
         except ValueError as error:
-            self.said = f"not begun: {error}"
+            self.status = f"not begun: {error}"
             return
         order = np.random.default_rng(self._runs).permutation(times * len(self._targets))
         self.trials = np.tile(self._targets, (times, 1))[order]
@@ -130,13 +130,13 @@ class Pointing:
         self.seen_s: float | None = None
         self._runs += 1
         self._on = True
-        self.said = ""
+        self.status = ""
 
     def end(self) -> None:
         """End it; what was done is in the log."""
         if self._on:
             self._on = False
-            self.said = self.said or "no target was reached"
+            self.status = self.status or "no target was reached"
 
     def drawn(self, number: int, t_s: float) -> None:
         """The page has drawn a round at a time, s; a target that it shows is seen from then on."""
@@ -151,7 +151,7 @@ class Pointing:
         self._target = None
         self._since_s = None
         if (target.scale, target.delay_s) != _setting(values):
-            self.said = "scale or delay was changed: once more"
+            self.status = "scale or delay was changed: once more"
             return
         distance, width = self.trials[len(self._rows)]
         way = -self._side * (float((tool - self._middle) @ self._right) - target.from_mm)
@@ -220,14 +220,14 @@ class Pointing:
     def keep(self) -> None:
         """Write the log; a disk that is full is said, and the task goes on."""
         log = pd.DataFrame(self._rows, columns=list(COLUMNS))
-        self.said = in_words(performance(log))
+        self.status = in_words(performance(log))
         try:
             whole = log if self._before is None else pd.concat([self._before, log])
             write_log(whole, self._path)
         except ValueError as error:
-            self.said += f"; not kept: {error}"
+            self.status += f"; not kept: {error}"
         else:
-            self.said += f"; in {self._path}"
+            self.status += f"; in {self._path}"
 
 
 def in_words(found: Performance) -> str:

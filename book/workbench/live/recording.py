@@ -37,12 +37,12 @@ class Recorder:
 
     Attributes
     ----------
-    said : str
+    status : str
         How the recording stands, in words for the page.
     """
 
     def __init__(self, folder: Path, rig: Rig, handle: Handle) -> None:
-        self.said = ""
+        self.status = ""
         self._folder = folder
         self._rig = rig
         self._handle = handle
@@ -55,16 +55,16 @@ class Recorder:
         return self.clock_now is not None
 
     def start(self) -> None:
-        """Begin a recording, if none grows; `said` says where, or why not."""
+        """Begin a recording, if none grows; `status` says where, or why not."""
         if self.clock_now is not None:
             return
         out = self._folder / f"live-{datetime.now():%Y%m%d-%H%M%S}"
         try:
             self.clock_now = _Running(out, self._rig, self._handle)
         except ValueError as error:
-            self.said = f"not recording: {error}"
+            self.status = f"not recording: {error}"
         else:
-            self.said = f"recording to {out}"
+            self.status = f"recording to {out}"
 
     def add(self, taken: Taken, clutch: bool) -> None:
         """Hand one more instant over, if a recording grows; an error ends the recording."""
@@ -79,7 +79,7 @@ class Recorder:
         if self.clock_now is None:
             return
         running, self.clock_now = self.clock_now, None
-        self.said = f"writing the end of {running.out}"
+        self.status = f"writing the end of {running.out}"
         self._last = Thread(target=self._conclude, args=(running,))
         self._last.start()
 
@@ -90,7 +90,7 @@ class Recorder:
             self._last.join()
 
     def _conclude(self, running: _Running) -> None:
-        self.said = running.conclude()
+        self.status = running.conclude()
 
 
 class _Running:

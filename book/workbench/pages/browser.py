@@ -190,13 +190,13 @@ class Browser:
 
     def middle(self, selector: str) -> tuple[float, float]:
         """The middle of an element, which is brought into the window."""
-        found = self.evaluate(
+        place = self.evaluate(
             "(one => { one.scrollIntoView({block: 'center', behavior: 'instant'});"
             " const b = one.getBoundingClientRect();"
             " return [b.x + b.width / 2, b.y + b.height / 2]; })"
             f"(document.querySelector({json.dumps(selector)}))"
         )
-        return float(found[0]), float(found[1])
+        return float(place[0]), float(place[1])
 
     def _mouse(self, kind: str, u: float, v: float) -> None:
         about = {"x": u, "y": v, "button": "left", "buttons": 1, "clickCount": 1}
@@ -241,17 +241,17 @@ class Browser:
             message["sessionId"] = self._session
         self._socket.send(json.dumps(message))
         while True:
-            said = json.loads(self._socket.recv())
-            if said.get("id") == number:
-                if "error" in said:
-                    raise RuntimeError(f"{method}: {said['error']}")
-                return dict(said["result"])
-            self._note(said)
+            answer = json.loads(self._socket.recv())
+            if answer.get("id") == number:
+                if "error" in answer:
+                    raise RuntimeError(f"{method}: {answer['error']}")
+                return dict(answer["result"])
+            self._note(answer)
 
-    def _note(self, said: dict[str, Any]) -> None:
+    def _note(self, event: dict[str, Any]) -> None:
         """Keep what is an error among the events that come by themselves."""
-        about = said.get("params", {})
-        match said.get("method"):
+        about = event.get("params", {})
+        match event.get("method"):
             case "Runtime.exceptionThrown":
                 self._fail(json.dumps(about["exceptionDetails"])[:300])
             case "Runtime.consoleAPICalled" if about["type"] in ("error", "assert"):

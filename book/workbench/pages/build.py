@@ -462,8 +462,10 @@ def write_crate() -> None:
 def write_film() -> None:
     """Write chapter 1's film, which the start page shows as well."""
     chapter = nbformat.read(result_of("01_structure"), as_version=4)
-    shown = (output.get("data", {}) for cell in chapter.cells for output in cell.get("outputs", []))
-    (film,) = [data["text/html"] for data in shown if "<video" in data.get("text/html", "")]
+    outputs = (
+        output.get("data", {}) for cell in chapter.cells for output in cell.get("outputs", [])
+    )
+    (film,) = [data["text/html"] for data in outputs if "<video" in data.get("text/html", "")]
     (GENERATED / "start").mkdir(parents=True, exist_ok=True)
     write_whole(GENERATED / "start" / "film.html", film)
 

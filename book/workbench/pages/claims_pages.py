@@ -65,6 +65,7 @@ def read_board(path: Path) -> pd.DataFrame:
 
 
 def answer(board: pd.DataFrame) -> str:
+<<<<<<< HEAD
     """How the paper's claims fare: a claim is all rows with its number, since a letter marks another
     form of it.
     """
@@ -84,6 +85,15 @@ def answer(board: pd.DataFrame) -> str:
         "of the one before it, and counts with it; the rows are of different weight, so that the "
         f"counts say little.){rest} The {{doc}}`replication report </book/report>` has all of it on a page."
     )
+=======
+    """How many of the paper's claims fare how, by kind, as a sentence."""
+    counts = board["verdict"].value_counts()
+    counted = [f"{counts[verdict]} {word(verdict)}" for verdict in VERDICTS if verdict in counts]
+    left = int((~board["verdict"].isin(VERDICTS)).sum())
+    rest = f"; {left} were not run here" if left else ""
+    report = "The {doc}`replication report </book/report>` has all of it on a page."
+    return f"Of {len(board)} rows {', '.join(counted)}{rest}. {report}"
+>>>>>>> main
 
 
 def word(verdict: str, count: int = 2) -> str:
@@ -145,16 +155,16 @@ def criteria_table() -> str:
 
 def in_words(claim: Claim) -> str:
     """A claim with the paper's words, or as a requirement of ours."""
-    said = f"“{claim.quote}” (Sect. {claim.section})" if claim.quote else "Ours."
-    return f"{claim.claim} <br> {said} <br> *{claim.kind}*"
+    source = f"“{claim.quote}” (Sect. {claim.section})" if claim.quote else "Ours."
+    return f"{claim.claim} <br> {source} <br> *{claim.kind}*"
 
 
 def sample_of(claim: Claim) -> str:
     """Trial and statistic of a claim, and what they can show."""
     if claim.trial is None:
         return "nothing drawn"
-    shown = can_show(claim, load_trials())
-    return f"{claim.trial}, {claim.statistic}" + (f"; {shown}" if shown else "")
+    most = can_show(claim, load_trials())
+    return f"{claim.trial}, {claim.statistic}" + (f"; {most}" if most else "")
 
 
 def deviations_list() -> str:

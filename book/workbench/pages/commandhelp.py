@@ -23,10 +23,10 @@ COLUMNS = "84"  # the help is as wide as a box of code on the page
 
 def help_text(*command: str) -> str:
     """What a command says to ``--help``; without a command what the program says."""
-    said = io.StringIO()
-    with patch.dict(os.environ, COLUMNS=COLUMNS), redirect_stdout(said), suppress(SystemExit):
+    output = io.StringIO()
+    with patch.dict(os.environ, COLUMNS=COLUMNS), redirect_stdout(output), suppress(SystemExit):
         main([*command, "--help"])
-    return said.getvalue()
+    return output.getvalue()
 
 
 def names() -> list[str]:

@@ -52,10 +52,10 @@ def chapters_table() -> str:
 def reading_minutes(path: Path) -> int:
     """How long a chapter takes to read, by its own card."""
     text = "\n".join(cell.source for cell in read_notebook(path).cells)
-    found = re.search(r"\*\*Time:\*\* (\d+) minutes", text)
-    if found is None:
+    match = re.search(r"\*\*Time:\*\* (\d+) minutes", text)
+    if match is None:
         raise ValueError(f"{path}: its card says no time: expected **Time:** 35 minutes")
-    return int(found[1])
+    return int(match[1])
 
 
 def exercises_list(chapter: str) -> str:

@@ -16,7 +16,8 @@ from typing import Any
 
 from trinolab.files.outputs import write_whole
 
-from .report_pages import ROOT, commit, sha256
+from ..provenance import commit
+from .report_pages import ROOT, sha256
 
 __all__ = ["PAGES", "PAPER", "metadata", "write_crate"]
 
@@ -120,7 +121,7 @@ def _software() -> dict[str, Any]:
         "name": project["name"],
         "description": project["description"],
         "version": version("trinolab"),
-        "identifier": commit(),
+        "identifier": commit() or "unknown",
         "programmingLanguage": "Python",
         "license": {"@id": BSD},
         "author": {"@id": "#authors"},

@@ -69,8 +69,8 @@ def write_figures(html: Path, folder: Path) -> pd.DataFrame:
             data, ending = _content(picture.address, (html / page).parent)
             file = folder / f"{picture.name}{ending}"
             file.write_bytes(data)
-            said = (picture.number, picture.caption, picture.alt, LICENCE)
-            rows.append((file.name, f"{page}.html", *said))
+            description = (picture.number, picture.caption, picture.alt, LICENCE)
+            rows.append((file.name, f"{page}.html", *description))
     table = pd.DataFrame(rows, columns=["file", "page", "number", "caption", "alt", "licence"])
     write_table(table, folder / "index.csv")
     return table
@@ -82,8 +82,8 @@ def pictures(text: str, page: str) -> Iterator[Picture]:
     A figure's name is that of its place in the page, where it has one, else its number.
     """
     article = BeautifulSoup(text, "html.parser").find("article")
-    shown = article.find_all(["img", "video"]) if isinstance(article, Tag) else []
-    for count, one in enumerate(shown, 1):
+    media = article.find_all(["img", "video"]) if isinstance(article, Tag) else []
+    for count, one in enumerate(media, 1):
         figure = one.find_parent("figure")
         caption = figure.find("figcaption") if figure else None
         number, words = _caption(caption)

@@ -159,7 +159,7 @@ def put_cards(app: Any, document: nodes.document) -> None:
         return
     quoted = list(document.findall(lambda node: "glued" in getattr(node, "attributes", {})))
     sources = {chapter.glued[node["glued"]] for node in quoted if node["glued"] in chapter.glued}
-    said = commit_said()
+    commit_text = commit_said()
     for container in list(document.findall(nodes.container)):
         cell = chapter.cells.get(container.get("cell_index", -1))
         if container.get("nb_element") != "cell_code" or cell is None:
@@ -167,7 +167,7 @@ def put_cards(app: Any, document: nodes.document) -> None:
         shows = any(part.get("nb_element") == "cell_code_output" for part in container.children)
         if shows or container["cell_index"] in sources:
             section = _section(container)
-            made = card(chapter, cell, section, said)
+            made = card(chapter, cell, section, commit_text)
             place = container.parent.index(container) + 1
             container.parent[place:place] = made
     for node in quoted:
@@ -233,8 +233,8 @@ def _run(chapter: Chapter, cell: Cell) -> str:
     if cell.seconds is None or cell.start is None:
         return whole or "not recorded"
     took = f"{cell.seconds:.0f}" if cell.seconds > 9.5 else f"{cell.seconds:.2g}"
-    one = f"{took} s on {cell.start.astimezone(UTC):%Y-%m-%d}"
-    return f"{one}; {whole}" if whole else one
+    run = f"{took} s on {cell.start.astimezone(UTC):%Y-%m-%d}"
+    return f"{run}; {whole}" if whole else run
 
 
 def _field(name: str, body: list[nodes.Node | str]) -> nodes.field:

@@ -116,11 +116,11 @@ def main(argv: Sequence[str] | None = None) -> int:
     joined = join(printed, HTML)
     arguments.out.parent.mkdir(parents=True, exist_ok=True)
     write_together({arguments.out: joined})
-    found = [fault for one in printed for fault in faults(one)]
-    print("".join(f"FAULT: {fault}\n" for fault in found), end="")
+    all_faults = [fault for one in printed for fault in faults(one)]
+    print("".join(f"FAULT: {fault}\n" for fault in all_faults), end="")
     count = len(pypdfium2.PdfDocument(joined))
     print(f"{arguments.out}: {count} pages, {time.monotonic() - begin:.0f} s")
-    return 1 if found else 0
+    return 1 if all_faults else 0
 
 
 def print_pages(html: Path, names: Sequence[str]) -> Iterator[Printed]:
@@ -211,36 +211,36 @@ def faults(printed: Printed) -> list[str]:
     beyond the edge.
     """
     document = pypdfium2.PdfDocument(printed.pdf)
-    found, pictures = [], 0
+    texts, pictures = [], 0
     for number, page in enumerate(document, 1):
         width, height = page.get_size()
         grey = np.asarray(page.render(scale=LOOKED_AT, grayscale=True).to_pil().convert("L"))
         foot = round(FOOT_INCHES * 72 * LOOKED_AT)
-        said = []
+        of_page = []
         if np.mean(grey[:-foot] < 250) < INK:
-            said.append("blank")
+            of_page.append("blank")
         for picture in page.get_objects(filter=[pdfium.FPDF_PAGEOBJ_IMAGE]):
             left, bottom, right, top = picture.get_bounds()
             if min(right - left, top - bottom) < 8:
                 continue  # an icon
             pictures += 1
             if left < -1 or bottom < -1 or right > width + 1 or top > height + 1:
-                said.append("a picture is cut")
+                of_page.append("a picture is cut")
                 continue
             u, v = (np.array([left, right, height - top, height - bottom]) * LOOKED_AT).reshape(
                 2, 2
             )
-            shown = grey[round(v[0]) : round(v[1]), round(u[0]) : round(u[1])]
-            if shown.size and np.ptp(shown) < 8:
-                said.append("a picture is blank")
+            pixels = grey[round(v[0]) : round(v[1]), round(u[0]) : round(u[1])]
+            if pixels.size and np.ptp(pixels) < 8:
+                of_page.append("a picture is blank")
         text = page.get_textpage()
         edges = [text.get_charbox(k) for k in range(text.count_chars())]
         if any(box[0] < -1 or box[2] > width - MARGIN_INCHES * 36 for box in edges):
-            said.append("letters beyond the edge")
-        found += [f"{printed.page}, page {number}: {what}" for what in dict.fromkeys(said)]
+            of_page.append("letters beyond the edge")
+        texts += [f"{printed.page}, page {number}: {what}" for what in dict.fromkeys(of_page)]
     if pictures < printed.pictures:
-        found.append(f"{printed.page}: {pictures} pictures of {printed.pictures}")
-    return found
+        texts.append(f"{printed.page}: {pictures} pictures of {printed.pictures}")
+    return texts
 
 
 if __name__ == "__main__":

@@ -129,12 +129,12 @@ def pages() -> dict[str, tuple[str, list[ModuleType]]]:
         If a module at the top is on none of the pages.
     """
     placed = [name for _, names in TOP.values() for name in names]
-    there = [
+    at_top = [
         module.name
         for module in pkgutil.iter_modules(trinolab.__path__)
         if not module.ispkg and module.name not in NOT_SHOWN
     ]
-    if missing := sorted(set(there) ^ set(placed)):
+    if missing := sorted(set(at_top) ^ set(placed)):
         raise ValueError(
             f"TOP: expected each module at the top of the package once, got a difference in {missing}"
         )
@@ -172,10 +172,13 @@ def entries_of(module: ModuleType) -> list[Entry]:
 
 def _entry(name: str, thing: Any) -> Entry:
     named = ledger.equations_named(inspect.getdoc(thing) or "")
-    shown = [entry for entry in _equations() if name in entry.functions or entry.no in named]
-    derived = {int(entry.chapter[:2]) for entry in shown}
+    entries = [entry for entry in _equations() if name in entry.functions or entry.no in named]
+    derived = {int(entry.chapter[:2]) for entry in entries}
     return Entry(
-        name, thing, [int(entry.no) for entry in shown], sorted(derived | _uses().get(name, set()))
+        name,
+        thing,
+        [int(entry.no) for entry in entries],
+        sorted(derived | _uses().get(name, set())),
     )
 
 
@@ -385,21 +388,21 @@ def full_name(name: str, module: str | None) -> str:
     home = (
         thing.__name__ if inspect.ismodule(thing) else f"{getattr(thing, '__module__', '')}.{first}"
     )
-    here = ".".join([home, *rest])
+    at_home = ".".join([home, *rest])
     ends = [known for known in known_names() if known.endswith(f".{name}")] if rest else []
-    return here if here in known_names() else ends[0] if len(ends) == 1 else name
+    return at_home if at_home in known_names() else ends[0] if len(ends) == 1 else name
 
 
 @cache
 def known_names() -> frozenset[str]:
     """The full names of all that the pages show, of modules and methods as well."""
-    shown = [
+    modules_shown = [
         module
         for page, (_, modules) in pages().items()
         if page not in BY_MODULE
         for module in modules
     ]
-    entries = [entry for module in shown for entry in entries_of(module)]
+    entries = [entry for module in modules_shown for entry in entries_of(module)]
     kinds = FunctionType | property | cached_property
     methods = [
         f"{entry.name}.{name}"
@@ -409,7 +412,11 @@ def known_names() -> frozenset[str]:
         if isinstance(thing, kinds)
     ]
     return frozenset(
-        [*(module.__name__ for module in shown), *(entry.name for entry in entries), *methods]
+        [
+            *(module.__name__ for module in modules_shown),
+            *(entry.name for entry in entries),
+            *methods,
+        ]
     )
 
 

@@ -9,7 +9,6 @@ import json
 import os
 import platform
 import re
-import subprocess
 from importlib.metadata import version
 from pathlib import Path
 
@@ -25,6 +24,7 @@ from ..studies import answer as cause
 from ..studies.pattern import holm
 from ..studies.protocol import load_trials
 from .claims_pages import IS_OF_THE_PAPER, VERDICTS, claim_link, list_table, read_board
+from .howmade import commit_said
 
 __all__ = [
     "NOT_VARIED",
@@ -33,7 +33,6 @@ __all__ = [
     "answer",
     "by_chance",
     "change_text",
-    "commit",
     "conclusion",
     "environment",
     "headline",
@@ -152,16 +151,16 @@ def answer(board: pd.DataFrame) -> str:
         If a row has another verdict than the sentence says.
     """
     rows = {str(row.no): row for row in board.itertuples()}
-    said = []
+    sentences = []
     for needed, text in ANSWER:
         for no, verdict in needed.items():
             if rows[no].verdict != verdict:
                 raise ValueError(
                     f"report: claim {no}: the answer says {verdict!r}, the board {rows[no].verdict!r}; "
-                    "write ANSWER in book/report_pages.py anew"
+                    "write ANSWER in book/workbench/pages/report_pages.py anew"
                 )
-        said.append(re.sub(r"\{(\w+)\}", lambda found: number(rows[found[1]]), text))
-    return "**In part:** " + "; ".join(said) + "."
+        sentences.append(re.sub(r"\{(\w+)\}", lambda match: number(rows[match[1]]), text))
+    return "**In part:** " + "; ".join(sentences) + "."
 
 
 def short(board: pd.DataFrame) -> str:
@@ -301,9 +300,9 @@ def conclusion(drawn: pd.DataFrame) -> str:
         f"[{row.assumption}](assumptions.md#{row.assumption.lower()}) ({digits(row.changed)} mm)"
         for row in reach.itertuples()
     )
-    found = "None takes it"
+    which = "None takes it"
     if len(reach):
-        found = f"Only {links} take{'s' if len(reach) == 1 else ''} it"
+        which = f"Only {links} take{'s' if len(reach) == 1 else ''} it"
     registered = ""
     if "A4" in set(reach["assumption"]):
         rows = load_sweep("budget").set_index(["registration", "source"]).E_t_mm
@@ -314,7 +313,7 @@ def conclusion(drawn: pd.DataFrame) -> str:
         )
     return (
         f"Over all changes {NAMES['E_t']} lies between {digits(some['changed'].min())} and "
-        f"{digits(some['changed'].max())} mm. {found} to the paper's {PAPER_MM} mm or beyond."
+        f"{digits(some['changed'].max())} mm. {which} to the paper's {PAPER_MM} mm or beyond."
         f"{registered}"
     )
 
@@ -357,7 +356,7 @@ def environment(seconds: Path) -> str:
     rows = [
         (
             "Software",
-            f"trinolab {version('trinolab')}, commit {commit()}; Python "
+            f"trinolab {version('trinolab')}, commit {commit_said()}; Python "
             f"{platform.python_version()}; {packages}; the rest in `environment.txt`, with hashes",
         ),
         (
@@ -376,29 +375,14 @@ def environment(seconds: Path) -> str:
     return list_table(("What", "In this build"), rows, "28 72", "environment", raw=True)
 
 
-def commit() -> str:
-    """The short hash of the checkout, and whether files differ from it."""
-    try:
-        done = subprocess.run(
-            ["git", "describe", "--always", "--dirty"],
-            cwd=ROOT,
-            capture_output=True,
-            text=True,
-            check=True,
-        )
-    except (OSError, subprocess.CalledProcessError):
-        return "unknown, since this is no clone"
-    return done.stdout.strip()
-
-
 def processor() -> str:
     """The processor's name, where the system tells it."""
     try:
         text = Path("/proc/cpuinfo").read_text(encoding="utf-8")
     except OSError:
         text = ""
-    found = re.search(r"model name\s*:\s*(.+)", text)
-    return found[1] if found else platform.machine()
+    match = re.search(r"model name\s*:\s*(.+)", text)
+    return match[1] if match else platform.machine()
 
 
 def sha256(path: Path) -> str:

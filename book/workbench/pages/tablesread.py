@@ -31,7 +31,7 @@ def tables_read(sources: list[str]) -> list[list[str]]:
     """
     of_name: dict[str, set[str]] = {}
     loaders = dict(LOADERS)
-    found = []
+    of_cells = []
     for source in sources:
         try:
             tree = ast.parse(source)
@@ -48,8 +48,8 @@ def tables_read(sources: list[str]) -> list[list[str]]:
             for name in names.changed:
                 of_name[name] = of_name.get(name, set()) | own
             files |= own
-        found.append(sorted(files))
-    return found
+        of_cells.append(sorted(files))
+    return of_cells
 
 
 def _one_by_one(statements: Iterable[ast.stmt]) -> Iterator[ast.stmt]:
@@ -160,6 +160,6 @@ def command_for(table: str) -> str:
         return f"python -m workbench.studies gallery {place.stem}"
     for study, tables in MAKES.items():
         if place.suffix == ".csv" and place.stem in tables:
-            one = f" --factor {place.stem}" if study == "factors" else ""
-            return f"python -m workbench.studies {study}{one}"
+            option = f" --factor {place.stem}" if study == "factors" else ""
+            return f"python -m workbench.studies {study}{option}"
     return ""

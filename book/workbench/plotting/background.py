@@ -107,8 +107,8 @@ def plot_verdicts(masks: Mapping[str, ArrayLike], inside: ArrayLike, outside: Ar
     figure, axes = row_of_panels(len(masks), (6.9, 2.6), sharey=True)
     colours = ListedColormap(list(VERDICTS.values()))
     for ax, (title, mask) in zip(axes, masks.items(), strict=True):
-        found = np.asarray(mask, dtype=bool)
-        kind = 1 * found + 1 * (found & still) + 3 * (~found & moved)
+        moving = np.asarray(mask, dtype=bool)
+        kind = 1 * moving + 1 * (moving & still) + 3 * (~moving & moved)
         ax.imshow(kind, cmap=colours, vmin=0, vmax=3, interpolation="nearest")
         ax.set(title=title, xlabel="$u$ / px")
     axes[0].set_ylabel("$v$ / px")

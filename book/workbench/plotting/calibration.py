@@ -12,7 +12,6 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import RigidTransform
-from scipy.stats import chi2
 
 from trinolab.camera import Rig
 from trinolab.checks import as_array, as_points
@@ -130,6 +129,8 @@ def plot_chi_square(values: ArrayLike, degrees: int, xlabel: str) -> Axes:
     degrees : int
     xlabel : str
     """
+    from scipy.stats import chi2  # 0.4 s, which other figures need not wait for
+
     statistics = as_array(values, "values", (None,))
     reach = max(float(chi2.ppf(0.9999, degrees)), 1.05 * float(statistics.max()))
     x = np.linspace(0, reach, 300)

@@ -157,18 +157,18 @@ def plot_elevation(table: pd.DataFrame, estimator: str) -> Figure:
     ValueError
         If the table has no row of that estimator.
     """
-    one = table[table["estimator"] == estimator]
-    if one.empty:
+    chosen = table[table["estimator"] == estimator]
+    if chosen.empty:
         raise ValueError(
             f"estimator: expected one of {', '.join(table['estimator'].unique())}, got {estimator!r}"
         )
     figure, axes = subplots(2, 2, figsize=(COLUMN_IN, 6.2), sharex=True)
-    x = one["elevation_deg"]
+    x = chosen["elevation_deg"]
     (shared, position, kept, angle) = axes.ravel()
     _curves(
-        shared, {f"CCD{p[0]} and CCD{p[1]}": (x, one[f"shared_{p}"]) for p in ("12", "13", "23")}
+        shared, {f"CCD{p[0]} and CCD{p[1]}": (x, chosen[f"shared_{p}"]) for p in ("12", "13", "23")}
     )
-    _curves(kept, {f"CCD{k} hidden": (x, one[f"kept_ccd{k}"]) for k in (1, 2, 3)})
+    _curves(kept, {f"CCD{k} hidden": (x, chosen[f"kept_ccd{k}"]) for k in (1, 2, 3)})
     for ax, column in ((position, "E_t_mm"), (angle, "geodesic_mean_deg")):
         by_name = table.groupby("estimator", sort=False)
         _curves(ax, {name: (rows["elevation_deg"], rows[column]) for name, rows in by_name})

@@ -36,6 +36,7 @@ from trinolab.pose import rigid_fit
 from ..intervals import of_mean
 from .broken import miscalibrated
 from .carrier import all_runs, columns_of_mean
+from .pattern import affine_field, without_field
 from .replication import WRONG_DEG, WRONG_MM, estimates_and_truths, measure_frames
 
 __all__ = [
@@ -137,10 +138,10 @@ def one_draw(changed: str, level: float, rig: str, handle: str, draw: int) -> di
     """
     scene = rendered(rig, handle)
     believed = drawn_rig(scene.rig, changed, level, draw)
-    found = measure_frames(scene.frames, believed, scene.handle, SETTINGS)
+    by_estimator = measure_frames(scene.frames, believed, scene.handle, SETTINGS)
     return {
         f"{name}_{estimator}": value
-        for estimator, measurements in found.items()
+        for estimator, measurements in by_estimator.items()
         for name, value in results(measurements, scene.handle).items()
     }
 
@@ -174,8 +175,7 @@ def pattern(positions: ArrayLike, errors: ArrayLike) -> Pattern:
     x = as_points(positions, "positions", 3)
     e = as_points(errors, "errors", 3)
     about_mean = e - e.mean(axis=0)
-    field = np.column_stack([np.ones(len(x)), x])
-    residuals = e - field @ np.linalg.lstsq(field, e)[0]
+    residuals = without_field(e, affine_field(x))
     squares, scatter, rest = ((part**2).sum() for part in (e, about_mean, residuals))
     smooth = float(1.0 - rest / scatter) if scatter > 0 else np.nan
     return Pattern(float(1.0 - scatter / squares), smooth)

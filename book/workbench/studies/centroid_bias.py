@@ -306,18 +306,18 @@ def centroid_report(errors: pd.DataFrame) -> pd.DataFrame:
     errors = errors.assign(bin=pd.cut(errors["slant_deg"], BINS_DEG, include_lowest=True))
     rows = []
     for name, group in errors.groupby("bin", observed=True):
-        found = group.dropna()
-        within = found.groupby(["view", "marker"])[["along", "across"]].var(ddof=1)
+        detected_ones = group.dropna()
+        within = detected_ones.groupby(["view", "marker"])[["along", "across"]].var(ddof=1)
         row = {
             "slant_deg": f"{max(name.left, 0):.0f}-{name.right:.0f}",
             "n": len(group),
-            "missed": len(group) - len(found),
+            "missed": len(group) - len(detected_ones),
         }
         for axis in ("along", "across"):
-            views = found.groupby("view")[axis].mean()  # draws of one view share their bias
-            row[f"bias_{axis}"] = found[axis].mean()
+            views = detected_ones.groupby("view")[axis].mean()  # draws of one view share their bias
+            row[f"bias_{axis}"] = detected_ones[axis].mean()
             row[f"se_{axis}"] = views.std(ddof=1) / np.sqrt(max(len(views), 1))
-            row[f"scatter_{axis}"] = found[axis].std(ddof=1)
+            row[f"scatter_{axis}"] = detected_ones[axis].std(ddof=1)
             row[f"noise_{axis}"] = np.sqrt(within[axis].mean())
         rows.append(row)
     return pd.DataFrame(rows)

@@ -97,25 +97,25 @@ def searched(
     An instant without a window or without a handle is left out. Raises ValueError if no other is
     left.
     """
-    there = [
+    complete = [
         (image, window, T)
         for image, window, T in zip(images, windows, truths, strict=True)
         if window is not None and T is not None
     ]
-    if not there:
+    if not complete:
         raise ValueError("windows, truths: expected an instant that has both, got none")
     begin = time.process_time()
     windows_found = [
         find_markers(window.crop(image), len(handle.marker_centres), handle.markers).uv
         + [window.u, window.v]
-        for image, window, _ in there
+        for image, window, _ in complete
     ]
-    seconds = (time.process_time() - begin) / len(there)
+    seconds = (time.process_time() - begin) / len(complete)
     false = [
         int((true_labels(camera, handle, T, uv) < 0).sum())
-        for (*_, T), uv in zip(there, windows_found, strict=True)
+        for (*_, T), uv in zip(complete, windows_found, strict=True)
     ]
-    area = float(np.mean([window.area for _, window, _ in there]) / np.prod(camera.size))
+    area = float(np.mean([window.area for _, window, _ in complete]) / np.prod(camera.size))
     return Searched(area, seconds, sum(map(len, windows_found)), sum(false))
 
 

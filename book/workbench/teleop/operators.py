@@ -113,9 +113,11 @@ class Machine:
         """A measured position of the handle, `dt` s after the last one: the One-Euro filter."""
         p = self.mapping.filtering
         moved = (hand - self._last) / dt
-        self._hand_speed += oneeuro._share(p.speed_cutoff_hz, dt) * (moved - self._hand_speed)
+        self._hand_speed += oneeuro.low_pass_share(p.speed_cutoff_hz, dt) * (
+            moved - self._hand_speed
+        )
         cutoff = p.cutoff_hz + p.slope * np.abs(self._hand_speed)
-        self._filtered += (hand - self._filtered) / (1 + 1 / (2 * np.pi * cutoff * dt))
+        self._filtered += oneeuro.low_pass_share(cutoff, dt) * (hand - self._filtered)
         self._last = hand
 
     def move(self, dt: float) -> None:

@@ -1,6 +1,4 @@
-"""Eq. 25 by hand and by Monte Carlo; the calibration against exact corners, finite differences and
-OpenCV.
-"""
+"""The calibration against exact corners, OpenCV, and SciPy's least squares over everything."""
 
 import cv2
 import numpy as np
@@ -8,12 +6,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
-from scipy.optimize._numdiff import approx_derivative
+from scipy.optimize import least_squares
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from trinolab.calibration import adjust
-from trinolab.calibration.adjust import Calibrated, calibrate
-from trinolab.calibration.eq25 import mean_relative_pose, relative_pose, rotation_sigma
+from trinolab.calibration.adjust import Calibrated, calibrate, posed
 from trinolab.calibration.start import homography, intrinsics, target_pose
 from trinolab.calibration.target import Board
 from trinolab.camera import Camera, Rig, displaced
@@ -72,100 +68,6 @@ def check_same(found, true, atol_px, atol_mm, atol_rad, atol_lens):
         np.testing.assert_allclose(a.distortions, b.distortions, rtol=0, atol=atol_lens)
         np.testing.assert_allclose(a.centre, b.centre, rtol=0, atol=atol_mm)
         assert (a.T_cam_world.rotation * b.T_cam_world.rotation.inv()).magnitude() < atol_rad
-
-
-# --- Eq. 25
-
-
-def test_relative_pose():
-    # the board 500 mm in front of the left camera; the right camera 100 mm to the right sees it 100
-    # mm to the left
-    T = relative_pose(motion([0, 0, 500]), motion([-100, 0, 500]))
-    np.testing.assert_allclose(T.translation, [100, 0, 0], atol=1e-12)
-    # the right camera sees the board 200 mm ahead, turned by -90 deg about y: R_rl = Ry(90), and
-    # Ry(90) (0, 0, 200) is (200, 0, 0), so T_rl = (0, 0, 500) - (200, 0, 0)
-    T = relative_pose(motion([0, 0, 500]), motion([0, 0, 200], [0, -np.pi / 2, 0]))
-    np.testing.assert_allclose(T.translation, [-200, 0, 500], atol=1e-12)
-    np.testing.assert_allclose(
-        T.rotation.as_matrix(), [[0, 0, 1], [0, 1, 0], [-1, 0, 0]], atol=1e-12
-    )
-
-
-FINITE = st.floats(-1e3, 1e3)
-VECTORS = arrays(float, 3, elements=FINITE)
-
-
-@pytest.mark.slow
-@given(VECTORS, VECTORS, VECTORS, VECTORS, VECTORS)
-def test_eq_25_carries_right_to_left(t_l, w_l, t_r, w_r, point):
-    T_l, T_r = motion(t_l, w_l / 300), motion(t_r, w_r / 300)
-    T = relative_pose(T_l, T_r)
-    # what both cameras see of one point of the target; lengths up to 5e3 mm leave rounding of 1e-12
-    # mm
-    np.testing.assert_allclose(T.apply(T_r.apply(point)), T_l.apply(point), rtol=0, atol=1e-9)
-    back = relative_pose(T_r, T_l)
-    np.testing.assert_allclose((T * back).as_matrix(), np.eye(4), rtol=0, atol=1e-9)
-
-
-def test_relative_pose_of_many_is_each():
-    left, right = positions(5), positions(5, seed=8)
-    each = relative_pose(left, right)
-    assert len(each) == 5
-    np.testing.assert_allclose(
-        each[3].as_matrix(), relative_pose(left[3], right[3]).as_matrix(), atol=1e-12
-    )
-
-
-@pytest.mark.parametrize("bad", [None, np.eye(4), Rotation.identity()])
-def test_relative_pose_refuses_what_is_no_motion(bad):
-    with pytest.raises(ValueError, match="T_right_target: expected a RigidTransform"):
-        relative_pose(RigidTransform.identity(), bad)
-    with pytest.raises(ValueError, match="T_left_target: expected a RigidTransform"):
-        relative_pose(bad, RigidTransform.identity())
-
-
-def test_relative_pose_refuses_other_lengths():
-    with pytest.raises(ValueError, match=r"T_right_target: expected shape \(4,\), got \(5,\)"):
-        relative_pose(positions(4), positions(5))
-    with pytest.raises(ValueError, match="two or more positions, got 1"):
-        mean_relative_pose(positions(1), positions(1))
-    with pytest.raises(ValueError, match="two or more positions, got 1"):
-        mean_relative_pose(motion([0, 0, 1]), motion([0, 0, 1]))
-
-
-@pytest.mark.heavy
-def test_mean_and_its_uncertainty_by_monte_carlo():
-    rng, truth, n = np.random.default_rng(0), motion([100, -3, 8], [0.01, 0.2, -0.02]), 14
-    right, draws = positions(n), []
-    for _ in range(300):
-        noisy = [motion(rng.normal(0, 0.5, 3), rng.normal(0, 2e-3, 3)) * truth * T for T in right]
-        draws.append(mean_relative_pose(RigidTransform.concatenate(noisy), right))
-    assert draws[0].positions == n
-    off = np.array(
-        [
-            np.concatenate(
-                [
-                    d.T_left_right.translation - truth.translation,
-                    (d.T_left_right.rotation * truth.rotation.inv()).as_rotvec(),
-                ]
-            )
-            for d in draws
-        ]
-    )
-    said = np.sqrt(np.mean([np.diag(d.covariance) for d in draws], axis=0))
-    # a standard deviation from 300 draws is known to 4 %
-    np.testing.assert_allclose(off.std(axis=0), said, rtol=0.16)
-    assert (np.abs(off.mean(axis=0)) < 4 * said / np.sqrt(300)).all()
-
-
-def test_rotation_sigma_by_monte_carlo():
-    rng, rotation = np.random.default_rng(1), Rotation.from_rotvec([0.3, -0.8, 0.2])
-    root = np.array([[2e-3, 0, 0], [5e-4, 1e-3, 0], [-3e-4, 2e-4, 3e-3]])
-    draws = (Rotation.from_rotvec(rng.normal(size=(4000, 3)) @ root.T) * rotation).as_matrix()
-    # 4,000 draws: 1.1 %, and terms of second order 1e-5
-    np.testing.assert_allclose(
-        rotation_sigma(rotation, root @ root.T), draws.std(axis=0), rtol=0.06, atol=2e-5
-    )
 
 
 # --- Zhang's start
@@ -240,57 +142,6 @@ def test_target_pose_refuses_singular_matrices(name):
     matrices = {"H": np.eye(3), "K": np.eye(3), name: np.ones((3, 3))}
     with pytest.raises(ValueError, match="H, K: expected invertible"):
         target_pose(**matrices)
-
-
-# --- the adjustment's model
-
-
-@pytest.mark.parametrize("terms", [0, 2, 5])
-def test_slopes_are_the_derivatives(terms):
-    rig, poses = make_rig(), positions(2)
-    layout = adjust.Layout(3, 2, terms)
-    x = adjust.pack(
-        layout, [c.matrix for c in rig.cameras], [c.T_world_cam for c in rig.cameras], list(poses)
-    )
-    x[: layout.split(x)[0].size].reshape(3, -1)[:, 4:] = LENS[:, :terms]
-    zero = np.zeros((3, 2, len(BOARD.points), 2))
-    J = adjust.slopes(layout, BOARD.points, x).reshape(-1, len(x))
-    numeric = approx_derivative(
-        lambda y: adjust.residuals(layout, BOARD.points, zero, y).ravel(), x, method="3-point"
-    )
-    scale = np.abs(numeric).max(axis=0)
-    np.testing.assert_allclose(J / scale, numeric / scale, rtol=0, atol=1e-6)  # of the differences
-
-
-def test_model_projects_as_the_cameras_do():
-    rig, poses = make_rig(), positions(2)
-    layout = adjust.Layout(3, 2, 5)
-    x = adjust.pack(
-        layout, [c.matrix for c in rig.cameras], [c.T_world_cam for c in rig.cameras], list(poses)
-    )
-    x[:27].reshape(3, 9)[:, 4:] = LENS
-    uv = project(rig, poses)
-    np.testing.assert_allclose(adjust.residuals(layout, BOARD.points, uv, x), 0, atol=1e-9)
-    behind = x.copy()
-    behind[39 + 2] = -400.0  # z of the first view
-    errors = adjust.residuals(layout, BOARD.points, uv, behind)
-    assert np.isnan(errors[:2, 0]).all()
-    assert np.isfinite(errors[:, 1]).all()
-    matrices, distortions, cameras, targets = adjust.unpack(layout, x)
-    np.testing.assert_array_equal(matrices[1], K_RIGHT)
-    np.testing.assert_array_equal(distortions, LENS)
-    np.testing.assert_allclose(
-        cameras[2].as_matrix(), rig.cameras[2].T_world_cam.as_matrix(), atol=1e-12
-    )
-    np.testing.assert_allclose(targets[1].as_matrix(), poses[1].as_matrix(), atol=1e-12)
-
-
-@given(arrays(float, 3, elements=st.floats(-3, 3)), arrays(float, 3, elements=st.floats(-1, 1)))
-def test_left_jacobian(rotvec, change):
-    J, step = adjust.left_jacobian(rotvec), 1e-6 * change
-    turned = Rotation.from_rotvec(rotvec + step) * Rotation.from_rotvec(rotvec).inv()
-    # second order of 2e-6
-    np.testing.assert_allclose(turned.as_rotvec(), J @ step, rtol=0, atol=2e-11)
 
 
 # --- exact corners
@@ -393,6 +244,136 @@ def test_two_cameras_as_opencv(noisy):
     np.testing.assert_allclose(
         found.cameras[1].T_cam_world.rotation.as_matrix(), R, rtol=0, atol=1e-5
     )
+
+
+# --- against a plain least squares over everything
+
+
+def as_vector(cameras, poses, terms):
+    """Lenses, then T_world_cam of all but the first camera and the target's poses, as translations
+    and rotation vectors.
+    """
+    motions = [c.T_world_cam for c in cameras[1:]] + list(poses)
+    lenses = [[*c.focal, *c.principal_point, *c.distortions[:terms]] for c in cameras]
+    places = [[*T.translation, *T.rotation.as_rotvec()] for T in motions]
+    return np.concatenate([np.ravel(lenses), np.ravel(places)])
+
+
+def projected(x, names, terms):
+    """What cameras see by such a vector, (cameras, views, n, 2)."""
+    lenses, places = np.split(x, [len(names) * (4 + terms)])
+    motions = [motion(p[:3], p[3:]) for p in places.reshape(-1, 6)]
+    seats = [motion([0, 0, 0]), *motions[: len(names) - 1]]
+    views = motions[len(names) - 1 :]
+    points = np.concatenate([T.apply(np.array(BOARD.points)) for T in views])
+    uv = []
+    for lens, T in zip(lenses.reshape(len(names), -1), seats, strict=True):
+        K = np.array([[lens[0], 0, lens[2]], [0, lens[1], lens[3]], [0, 0, 1]])
+        uv.append(Camera("c", SIZE, K, np.pad(lens[4:], (0, 5 - terms)), T.inv()).project(points))
+    return np.reshape(uv, (len(names), len(views), -1, 2))
+
+
+@pytest.mark.slow
+def test_it_agrees_with_a_plain_least_squares_over_everything():
+    # Another algorithm: no start, nothing eliminated, rotation vectors, differences for slopes.
+    terms, names = 2, ("c0", "c1")
+    rig = Rig(make_rig(np.where(np.arange(5) < terms, LENS, 0.0)).cameras[:2])
+    poses = positions(4)
+    uv = project(rig, poses) + np.random.default_rng(7).normal(0, 0.2, (2, 4, 42, 2))
+    uv[0, 1, ::3] = np.nan
+    uv[1, 2] = np.nan
+    valid = np.isfinite(uv)
+    found = calibrate(BOARD.points, uv, [SIZE] * 2, names, terms)
+    plain = least_squares(
+        lambda x: (projected(x, names, terms) - uv)[valid],
+        as_vector(rig.cameras, poses, terms),
+        method="lm",
+        jac="3-point",
+        x_scale="jac",
+        ftol=1e-12,
+        xtol=1e-12,
+    )
+    variance = 2 * plain.cost / (valid.sum() - len(plain.x))
+    assert found.sigma_px == pytest.approx(np.sqrt(variance), rel=1e-9)
+    whole = np.linalg.inv(plain.jac.T @ plain.jac) * variance
+    sigma = np.sqrt(np.diag(whole))
+    off = as_vector(found.cameras, found.T_world_target, terms) - plain.x
+    assert np.abs(off / sigma).max() < 1e-4
+    # the covariance: of lenses and place itself; small turns are not changes of the vector
+    own = found.covariance[:15, :15] / np.outer(sigma[:15], sigma[:15])
+    expected = whole[:15, :15] / np.outer(sigma[:15], sigma[:15])
+    np.testing.assert_allclose(own, expected, rtol=0, atol=1e-5)
+
+
+def test_poses_with_the_cameras_held_are_those_of_a_plain_least_squares():
+    rig, poses = make_rig(), positions(3)
+    uv = project(rig, poses) + np.random.default_rng(8).normal(0, 0.3, (3, 3, 42, 2))
+    uv[1, 0, 10:] = np.nan
+    uv[2, 1] = np.nan
+    calibrated = Calibrated(rig.cameras, (), np.zeros((39, 39)), 5, np.zeros((3, 0, 0, 2)), 0.1)
+    near = [motion([0.5, -1, 2], [0.01, -0.005, 0.01]) * T for T in poses]
+    left = posed(calibrated, BOARD.points, uv, near)
+    for k, T in enumerate(poses):
+        valid = np.isfinite(uv[:, k])
+
+        def misfit(x, k=k, T=T, valid=valid):
+            return (project(rig, [motion(x[:3], x[3:]) * T])[:, 0] - uv[:, k])[valid]
+
+        plain = least_squares(
+            misfit, np.zeros(6), method="lm", x_scale="jac", ftol=1e-13, xtol=1e-13
+        )
+        # ours stops where the sum falls by 1e-12 of it, at some 1e-5 of a pose's sigma of 0.1 px
+        np.testing.assert_allclose(left[:, k][valid], plain.fun, rtol=0, atol=1e-5)
+    assert np.array_equal(np.isfinite(left), np.isfinite(uv))
+
+
+def test_poses_beyond_the_lens_model_are_refused():
+    rig = make_rig(np.array([[-2.0, 0, 0, 0, 0]] * 3))  # it folds at 0.41 from the axis
+    calibrated = Calibrated(rig.cameras, (), np.zeros((39, 39)), 5, np.zeros((3, 0, 0, 2)), 0.1)
+    aside = [motion([250, 0, 400])]
+    with pytest.raises(ValueError, match="no cameras were found that explain them"):
+        posed(calibrated, BOARD.points, np.full((3, 1, 42, 2), 300.0), aside)
+
+
+# --- started from another calibration
+
+
+@pytest.mark.parametrize("terms", [0, 2, 5])
+def test_the_start_does_not_decide_the_end(terms):
+    uv = project(make_rig(), positions()) + np.random.default_rng(9).normal(0, 0.1, (3, 8, 42, 2))
+    uv[2, 5] = np.nan
+    before = calibrate(BOARD.points, uv, [SIZE] * 3, distortion_terms=4)
+    fewer = uv.copy()
+    fewer[:, 3] = np.nan
+    again = calibrate(BOARD.points, fewer, [SIZE] * 3, None, terms, start=before)
+    afresh = calibrate(BOARD.points, fewer, [SIZE] * 3, None, terms)
+    # where a sum of squares stops falling by 1e-12 of it: parts of 1e5 of a standard deviation
+    for k in range(3):
+        sigma = afresh.intrinsic_sigma[k] + 1e-12
+        for name in ("focal", "principal_point"):
+            a, b = (getattr(one.cameras[k], name) for one in (again, afresh))
+            assert (np.abs(a - b) < 1e-4 * sigma[:4].max()).all()
+        off = again.cameras[k].distortions - afresh.cameras[k].distortions
+        assert (np.abs(off) <= 1e-4 * sigma[4:]).all()
+    np.testing.assert_allclose(again.residuals_px, afresh.residuals_px, rtol=0, atol=1e-5)
+    scale = np.sqrt(np.diag(afresh.covariance))
+    off = (again.covariance - afresh.covariance) / np.outer(scale, scale)
+    np.testing.assert_allclose(off, 0, rtol=0, atol=1e-5)
+    assert [T is None for T in again.T_world_target] == [k == 3 for k in range(8)]
+
+
+def test_a_start_that_has_too_little_in_common_is_refused():
+    uv = project(make_rig(), positions())
+    before = calibrate(BOARD.points, uv, [SIZE] * 3)
+    few = uv.copy()
+    few[1, 2:] = np.nan
+    refuse(
+        "uv: expected three or more views by camera 1, got 2", few, sizes=[SIZE] * 3, start=before
+    )
+    apart = uv.copy()
+    apart[0, :4] = apart[1:, 4:] = np.nan
+    refuse("uv: expected views that determine all", apart, sizes=[SIZE] * 3, start=before)
+    refuse("start: expected one of pixels of shape", uv[:2], start=before)
 
 
 # --- uncertainty

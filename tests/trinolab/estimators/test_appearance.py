@@ -28,7 +28,7 @@ def views_of(rig, T_world_handle, steepest_deg=68.0):
     uv = np.stack(
         [camera.project(T_world_handle.apply(HANDLE.marker_centres)) for camera in rig.cameras]
     )[views]
-    return views, windows(rig, views, uv, SIDE), np.rad2deg(slant[views])
+    return views, windows(rig, views, uv, (SIDE, SIDE)), np.rad2deg(slant[views])
 
 
 def moved(step):
@@ -45,7 +45,7 @@ def test_shares_are_those_of_densely_sampled_rays(rig, any_marker):
         pixels = at.corner[k] + np.column_stack([u, v])
         rays = (pixels[:, None] + sample_offsets(12)).reshape(-1, 2)
         labels = cast(rig.cameras[views.camera[k]], HANDLE, T, rays).labels.reshape(SIDE**2, -1)
-        clear = shown.clear_px[k] > 1
+        clear = shown.clear[k] > 1
         marker = (labels >= 0) if any_marker else labels == views.marker[k]
         for share, truth in ((shown.marker[k], marker), (shown.body[k], labels != EMPTY)):
             error = (share - truth.mean(axis=1))[clear]
@@ -87,8 +87,25 @@ def test_pixels_of_neighbours_and_beyond_the_end_are_known():
             PLAIN.cameras[views.camera[k]], HANDLE, T, at.corner[k] + np.column_stack([u, v])
         ).labels
         other = (labels >= 0) & (labels != views.marker[k])
-        assert (shown.clear_px[k][other] < 0.3).all()
-        assert (shown.clear_px[k][labels == views.marker[k]] > 0).all()
+        assert (shown.clear[k][other] < 0.3).all()
+        assert (shown.clear[k][labels == views.marker[k]] > 0).all()
+
+
+def test_a_cell_of_several_pixels_shows_their_mean():
+    views, at, slant = views_of(PLAIN, T, 50.0)
+    uv = at.corner + SIDE // 2
+    coarse = windows(PLAIN, views, uv, (SIDE, 12), (2, 1))
+    fine = windows(PLAIN, views, uv, (SIDE, 24))
+    assert (coarse.corner == fine.corner).all()
+    assert coarse.size_px.tolist() == fine.size_px.tolist() == [24, SIDE]
+    of_cells = layers(PLAIN, HANDLE, T, views, coarse)
+    of_pixels = layers(PLAIN, HANDLE, T, views, fine)
+    for name in ("marker", "body"):
+        pixels = getattr(of_pixels, name).reshape(-1, SIDE, 12, 2).mean(axis=3)
+        error = getattr(of_cells, name) - pixels.reshape(len(slant), -1)
+        # an edge is taken as straight within a cell, and a cell is twice as wide
+        assert np.abs(error).max() < 0.06
+        assert np.abs(error.sum(axis=1)).max() < 0.3
 
 
 def test_turn_is_the_angle_from_the_column_and_the_basis_spans_a_distant_light():

@@ -68,6 +68,16 @@ def test_a_delay_is_said_and_evaluated(delay, caplog):
     assert "they are delayed, or numbered otherwise than t.csv" in caplog.messages[0]
 
 
+def test_poses_that_another_frame_fits_a_little_better_are_no_wrong_join():
+    """A slow hand, 1 mm a frame; poses 2.5 mm off, (2, 1.5), of which two frames later 1.5 are
+    left: within 2 mm, but more than a quarter.
+    """
+    places = np.column_stack([np.arange(N), np.zeros(N), np.full(N, 600.0)])
+    true = truth_table(RigidTransform.from_translation(places))
+    poses = truth_table(RigidTransform.from_translation(places + [2.0, 1.5, 0.0]))
+    assert best_offset(poses, true) is None
+
+
 @pytest.mark.parametrize(
     "found",
     [

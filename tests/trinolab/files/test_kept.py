@@ -19,7 +19,8 @@ from pathlib import Path
 from trinolab.files.kept import KeptLines
 lines = KeptLines(Path("lines"), "head\\n", lambda number, line: True)
 lines.add_line("a")
-lines._write(b"b")
+with lines.path.open("ab") as unfinished:
+    unfinished.write(b"b")
 Path("ready").touch()
 while True:
     time.sleep(0.01)

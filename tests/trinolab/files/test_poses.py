@@ -174,7 +174,7 @@ def test_tum_needs_times_only_of_what_it_writes(tmp_path):
 HEAD = "frame,x_mm,y_mm,z_mm,qw,qx,qy,qz,status\n"
 BAD_TABLES = {
     "empty file": ("", "no valid CSV"),
-    "binary": ("\x89PNG\r\n\x1a\n\x00\x00", "column 'frame' is missing"),
+    "binary": ("\x89PNG\r\n\x1a\n\x00\x00", "'frame' is missing"),
     "ragged": (HEAD + "0,0,0,0,1,0,0,0,measured\n1,0,0,0,1,0,0,0,measured,1,2\n", "no valid CSV"),
     "a field too many": (
         HEAD + "0,0,0,0,1,0,0,0,measured,\n",
@@ -182,7 +182,7 @@ BAD_TABLES = {
     ),
     "no frame": (
         HEAD.replace("frame", "fram") + "0,0,0,0,1,0,0,0,measured\n",
-        "column 'frame' is missing",
+        "'frame' is missing",
     ),
     "no qy": (HEAD.replace("qy", "q_y") + "0,0,0,0,1,0,0,0,measured\n", "column 'qy' is missing"),
     "word for a number": (
@@ -192,25 +192,25 @@ BAD_TABLES = {
     "word for a frame": (HEAD + "first,0,0,0,1,0,0,0,measured\n", "column 'frame' holds something"),
     "empty frame": (
         HEAD + "0,0,0,0,1,0,0,0,measured\n,0,0,0,1,0,0,0,measured\n",
-        "column 'frame' expects whole",
+        "'frame' expects",
     ),
     "negative": (
         HEAD + "-1,0,0,0,1,0,0,0,measured\n",
-        "column 'frame' expects whole numbers from 0",
+        "'frame' expects",
     ),
     "fraction": (
         HEAD + "0.5,0,0,0,1,0,0,0,measured\n",
-        "column 'frame' expects whole numbers from 0",
+        "'frame' expects",
     ),
     "infinite": (
         HEAD + "inf,0,0,0,1,0,0,0,measured\n",
-        "column 'frame' expects whole numbers from 0",
+        "'frame' expects",
     ),
     "beyond": (
         HEAD + "1e30,0,0,0,1,0,0,0,measured\n",
-        "column 'frame' expects whole numbers from 0",
+        "'frame' expects",
     ),
-    "doubled": (HEAD + 2 * "3,0,0,0,1,0,0,0,measured\n", "column 'frame' has a number twice"),
+    "doubled": (HEAD + 2 * "3,0,0,0,1,0,0,0,measured\n", "'frame' has a number"),
     "status": (
         HEAD + "0,0,0,0,1,0,0,0,seen\n",
         "status 'seen' is none of measured, ambiguous, predicted, lost",

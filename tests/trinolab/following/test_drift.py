@@ -19,7 +19,7 @@ from trinolab.estimators.centroids import predict_centroids
 from trinolab.files import recorder
 from trinolab.files.poses import transforms, truth_table
 from trinolab.following import track
-from trinolab.following.drift import find_drift, image_offsets
+from trinolab.following.drift import Series, find_drift, image_offsets
 from trinolab.following.parameters import FollowParameters
 from trinolab.following.posetracker import Tracked
 from trinolab.following.track import Watched, track_folder
@@ -130,6 +130,22 @@ def test_instants_that_one_camera_sees_do_not_count():
     ranks = np.linalg.matrix_rank(found.shows)
     assert (ranks[np.isin(found.instant, np.arange(30, 40))] == 1).all()
     assert (ranks[np.isin(found.instant, np.arange(50, 60))] == 3).all()
+
+
+def wandering(seed, n=400, rho=0.97, sigma_px=0.5):
+    """Offsets that go up and down slowly, as the bias of centroids does with the pose."""
+    rng = np.random.default_rng(seed)
+    shift = np.empty((n, 6))
+    shift[0] = rng.standard_normal(6)
+    for k in range(1, n):
+        shift[k] = rho * shift[k - 1] + np.sqrt(1 - rho**2) * rng.standard_normal(6)
+    return Series(np.arange(n), sigma_px * shift, np.tile(np.eye(6), (n, 1, 1)))
+
+
+def test_offsets_that_wander_are_no_drift():
+    """Taken for independent, a quarter of such recordings would have one."""
+    rig = load_rig("raised_40deg")
+    assert [find_drift(wandering(seed), rig) for seed in range(40)] == [None] * 40
 
 
 def test_too_few_instants_say_nothing():

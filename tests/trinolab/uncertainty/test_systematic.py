@@ -73,6 +73,8 @@ def test_what_cameras_and_views_have_in_common_adds_up():
         pixel_slopes(RIG.cameras[0], POSE.apply(CODED.marker_centres))[1][0, 0]
     )
     assert spread([0, 0], [0, 0], RIG, placed) == pytest.approx(2 * moves)
+    # both together: independent of each other
+    assert spread([0, 0], [0, 0], rig, placed) == pytest.approx(np.hypot(0.6, 2 * moves))
     assert spread([0, 0], [0, 1], RIG, placed) == pytest.approx(np.sqrt(2) * moves, rel=0.02)
     assert spread([0, 0], [-1, -1], RIG, placed) == 0.0
 

@@ -186,7 +186,7 @@ def test_a_sheet_that_is_not_there_is_named(tmp_path):
 
 
 def test_a_test_without_numbers_has_its_notes_and_no_table():
-    note = "No place was measured in eight instants."
+    note = "Nothing came to rest."
     number = share("A2", "poses measured", 8, 8, 0)
     assert sheet.numbers_table([]) == ""
     titles = {"A1": "Rest", "A2": "Static"}
@@ -245,7 +245,14 @@ def test_chart_grows_by_a_sheet(made, tmp_path):
     assert again["commit"].tolist() == ["bbbbbbb"] * 4 + ["aaaaaaa"] * 4
     assert (again["value"][4:] == 7).all()
     assert len(history.charts(again, "raised_40deg", "coded", 64, 0)) == 4
-    assert history.charts(again, "raised_40deg", "paper", 64, 0) == []
+    # what was measured otherwise is another process
+    for other in (
+        ("paper_pair", "coded", 64, 0),
+        ("raised_40deg", "paper", 64, 0),
+        ("raised_40deg", "coded", 32, 0),
+        ("raised_40deg", "coded", 64, 1),
+    ):
+        assert history.charts(again, *other) == []
 
 
 @pytest.mark.parametrize(

@@ -435,7 +435,7 @@ def test_live_says_where_its_page_is_before_it_begins(
     [
         ("check 04 --out points.csv", "--out: is of use with --all alone"),
         ("check", "expected a chapter, as in 04, or --all with the folder of a class"),
-        ("check 04 --all answers", "expected a chapter, as in 04, or --all with"),
+        ("check 04 --all answers", "expected a chapter"),
     ],
 )
 def test_a_check_is_of_a_chapter_or_of_a_class(folder, capfd, line, said):

@@ -98,7 +98,8 @@ def test_better_methods_measure_to_hundredths_of_a_millimetre(coded, tmp_path, m
 
 def test_prior_is_joined_on_frame_and_chooses_the_equivalent(recording, tmp_path):
     turned = load_table1().set_poses[ROWS[2]] * load_handle("paper").symmetries[3]
-    prior = truth_table(RigidTransform.concatenate([turned])).assign(frame=2)
+    # a longer file has poses of other frames, too
+    prior = truth_table(RigidTransform.concatenate([turned] * 2)).assign(frame=[2, 99])
     write_poses(prior, tmp_path / "prior.csv")
     table = measure_folder(
         RIG,

@@ -394,7 +394,7 @@ def test_a_notebook_is_checked(tmp_path, monkeypatch, capsys):
         (["99"], "expected one of"),
         (["04", "nowhere.ipynb"], "nowhere.ipynb: there is no such file"),
         (["04", "broken.ipynb"], "broken.ipynb: is no notebook that can be read"),
-        ([], "expected a chapter, as in 04, or --all"),
+        ([], "expected a chapter"),
         (["--all", "nowhere"], "nowhere: expected a folder"),
     ],
 )

@@ -324,7 +324,7 @@ def test_a_recording_that_cannot_begin_is_said_and_not_tried_again_by_itself(tmp
     driven.loop.record(False)
     driven.frame()
     driven.loop.record_writer.close()  # waits until it is written
-    assert "recorded 1 instants" in driven.loop.record_writer.said
+    assert "recorded 1 instants" in driven.loop.record_writer.status
 
 
 def test_the_rate_is_that_of_the_frames_and_none_when_they_stop(tmp_path, monkeypatch):

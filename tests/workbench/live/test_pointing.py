@@ -84,7 +84,7 @@ def test_a_trial_by_hand(tmp_path):
         "error_mm": pytest.approx(5.5),
         "moves": 0,
     }
-    assert "100 % beside the target" in played.task.said
+    assert "100 % beside the target" in played.task.status
 
 
 def test_the_targets_come_right_and_left_and_the_log_is_judged_as_the_studys(tmp_path):
@@ -106,7 +106,7 @@ def test_the_targets_come_right_and_left_and_the_log_is_judged_as_the_studys(tmp
     )
     # beyond a target on the right, short of one on the left
     np.testing.assert_allclose(log["error_mm"], [0, -1, 2, 0, 1, -2], atol=1e-9)
-    assert f"6 targets: {performance(log).throughput_bit_s:.2f} bit/s" in played.task.said
+    assert f"6 targets: {performance(log).throughput_bit_s:.2f} bit/s" in played.task.status
     assert not played.task.on
 
 
@@ -122,7 +122,7 @@ def test_what_is_not_on_the_target_or_not_seen_yet_does_not_count(tmp_path):
     assert played.round().what == TARGET
     # another scale in the middle of a trial
     played.task.press(tool, {**VALUES, "scale": 2.0}, played.t_s)
-    assert "once more" in played.task.said
+    assert "once more" in played.task.status
     assert played.round().what == MARK
     assert not (tmp_path / "log.csv").exists()
     # leaving the mark begins the rest anew
@@ -149,9 +149,9 @@ def test_a_second_run_adds_to_the_log_of_a_model_and_each_trial_is_kept_at_once(
     log = read_log(path)
     assert list(log["operator"]) == ["continuous", "Ann"]
     assert list(log["task"]) == [0, 1]
-    assert "1 target:" in played.task.said  # its own
+    assert "1 target:" in played.task.status  # its own
     played.task.end()
-    assert "1 target:" in played.task.said
+    assert "1 target:" in played.task.status
 
 
 def test_what_cannot_be_is_said_and_a_file_that_is_no_log_is_left_alone(tmp_path, monkeypatch):
@@ -167,11 +167,11 @@ def test_what_cannot_be_is_said_and_a_file_that_is_no_log_is_left_alone(tmp_path
     ]:
         task.begin(operator, times, 0.0)
         assert not task.on
-        assert task.said.startswith(words)
+        assert task.status.startswith(words)
     path.write_text("a,b\n1,2\n")
     task.begin("Ann", 1, 0.0)
     assert not task.on
-    assert "column 'task' is missing" in task.said
+    assert "column 'task' is missing" in task.status
     assert path.read_text() == "a,b\n1,2\n"
     path.unlink()
 
@@ -182,7 +182,7 @@ def test_what_cannot_be_is_said_and_a_file_that_is_no_log_is_left_alone(tmp_path
     played.along = played.to_target().aim
     monkeypatch.setattr(pointing, "write_log", full)
     played.press()
-    assert "not kept: log.csv: cannot be written (No space left" in played.task.said
+    assert "not kept: log.csv: cannot be written (No space left" in played.task.status
     monkeypatch.undo()
     played.along = played.to_target().aim
     played.press()  # there is room again: both are kept

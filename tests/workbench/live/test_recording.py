@@ -3,6 +3,7 @@
 import os
 import signal
 import sys
+from functools import partial
 
 import numpy as np
 import pytest
@@ -13,7 +14,6 @@ from livepage import HANDLE, HELD, RIG
 from processes import ended, started, wait_until
 
 from trinolab.files import recorder as files
-from trinolab.files.capture import Writer
 from trinolab.files.devices import Taken
 from trinolab.files.recording import instants, open_folder
 from workbench.live import recording
@@ -41,7 +41,7 @@ def test_a_recording_is_what_track_and_teleop_read(tmp_path):
     assert recorder.running
     recorder.close()
     folder = the_only(tmp_path)
-    assert recorder.said == f"recorded 4 instants: {folder}"
+    assert recorder.status == f"recorded 4 instants: {folder}"
     found, handle = open_folder(folder)
     assert handle == HANDLE
     np.testing.assert_allclose(found.times_s, np.subtract(TIMES, 5.0), atol=1e-9)
@@ -56,7 +56,7 @@ def test_nothing_taken_leaves_nothing(tmp_path):
     recorder = Recorder(tmp_path, RIG, HANDLE)
     recorder.start()
     recorder.close()
-    assert recorder.said == "recording stopped: nothing was taken"
+    assert recorder.status == "recording stopped: nothing was taken"
     assert list(tmp_path.iterdir()) == []
 
 
@@ -64,8 +64,8 @@ def test_a_folder_that_cannot_be_written_is_said(tmp_path):
     recorder = Recorder(tmp_path / "nowhere", RIG, HANDLE)
     recorder.start()
     assert not recorder.running
-    assert "not recording" in recorder.said
-    assert "nowhere" in recorder.said
+    assert "not recording" in recorder.status
+    assert "nowhere" in recorder.status
 
 
 def test_another_recording_of_the_same_second_is_left_alone(tmp_path, monkeypatch):
@@ -78,9 +78,9 @@ def test_another_recording_of_the_same_second_is_left_alone(tmp_path, monkeypatc
     first = recorded_by(tmp_path)
     second = Recorder(tmp_path, RIG, HANDLE)
     second.start()
-    assert "not recording" in second.said
+    assert "not recording" in second.status
     first.close()
-    assert "recorded 4 instants" in first.said
+    assert "recorded 4 instants" in first.status
 
 
 def full_after(count, monkeypatch, what):
@@ -112,17 +112,23 @@ def test_a_full_disk_ends_it_with_words_and_what_is_there_is_whole(
     for k in range(1000):
         if not recorder.running:
             break
+        writer = recorder.clock_now.writer
         recorder.add(Taken(k / 30, 0.0, HELD), bool(k))
-        wait_until(lambda: recorder.clock_now is None or recorder.clock_now.writer._queue.empty())
+        wait_until(partial(_has_ended, writer, k + 1))
     recorder.close()
     folder = the_only(tmp_path)
-    assert "No space left" in recorder.said
-    assert f"{folder}" in recorder.said
+    assert "No space left" in recorder.status
+    assert f"{folder}" in recorder.status
     found, _ = open_folder(folder)
     assert found.length == whole == len(list(instants(found)))
     texts = [(folder / name).read_text() for name in (recording.TIMES, recording.CLUTCH)]
     assert len(texts[0].splitlines()) == 1 + whole  # a line that was cut off is no instant
     assert all(text.endswith("\n") for text in texts)
+
+
+def _has_ended(writer, count):
+    """Whether so many instants are written, or no more will be."""
+    return len(writer.written) >= count or writer.error is not None
 
 
 RECORD = """
@@ -177,7 +183,7 @@ def test_an_image_without_its_time_is_no_instant(tmp_path):
 
 def test_what_the_disk_cannot_take_is_dropped_and_the_rest_is_in_order(tmp_path, monkeypatch):
     monkeypatch.setattr("trinolab.files.capture.QUEUE", 2)
-    monkeypatch.setattr(Writer, "_write", _slow(Writer._write, gate := []))
+    monkeypatch.setattr(files, "write_image", _slow(files.write_image, gate := []))
     recorder = Recorder(tmp_path, RIG, HANDLE)
     recorder.start()
     writer = recorder.clock_now.writer
@@ -186,14 +192,14 @@ def test_what_the_disk_cannot_take_is_dropped_and_the_rest_is_in_order(tmp_path,
     assert writer.dropped > 40
     gate.append(True)
     recorder.close()
-    assert f"{writer.dropped} dropped" in recorder.said
+    assert f"{writer.dropped} dropped" in recorder.status
     found, _ = open_folder(the_only(tmp_path))
     assert found.length == 50 - writer.dropped
 
 
 def _slow(write, gate):
-    def waiting(self, *arguments):
+    def waiting(*arguments):
         wait_until(lambda: gate)
-        write(self, *arguments)
+        write(*arguments)
 
     return waiting

@@ -66,6 +66,9 @@ def test_unforeseen_is_what_five_sigmas_do_not_cover():
     poses = [(2.5, 0.6, 1.0), (2.5, 0.4, 1.0), (1.9, 0.1, 1.0), (0.1, 0.1, 6.0)]  # mm, sigma, deg
     found = [stress.unforeseen(Deviation(mm, deg, sigma, 1.0)) for mm, sigma, deg in poses]
     assert found == [False, True, False, True]
+    # each by its own sigma: 6 deg are covered by 1.3 deg, whatever the position is said to be
+    assert not stress.unforeseen(Deviation(0.1, 6.0, 0.01, 1.3))
+    assert stress.unforeseen(Deviation(0.1, 6.0, 100.0, 1.1))
 
 
 def test_blocks_that_an_estimator_has_not_measured_do_not_count():

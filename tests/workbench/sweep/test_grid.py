@@ -58,11 +58,11 @@ def test_what_can_be_typed(text, expected):
         ("a=0:1:2:3", "is no value"),
         ("a=::3", "'' is no value"),
         ("a=0:true:3", "'true' is no number"),
-        ("a=0:1:1", "expected 2 to 1,000,000 points, got 1"),
-        ("a=0:1:0", "expected 2 to 1,000,000 points, got 0"),
-        ("a=0:1:2.5", "expected 2 to 1,000,000 points, got 2.5"),
-        ("a=0:1:1000000000", "expected 2 to 1,000,000 points"),
-        ("a=log:0:1:3", "log needs numbers above 0"),
+        ("a=0:1:1", "points, got 1"),
+        ("a=0:1:0", "points, got 0"),
+        ("a=0:1:2.5", "points, got 2.5"),
+        ("a=0:1:1000000000", "expected 2 to"),
+        ("a=log:0:1:3", "log needs"),
         ("a=1:0", "expected an interval that goes up"),
         ("a=0:inf:3", "no number, text, true, false"),
     ],
@@ -97,7 +97,7 @@ def test_a_file_has_a_row_a_setting(tmp_path):
     ("content", "said"),
     [
         ("", "no valid CSV"),
-        ("a\n", "expected a row a run, got none"),
+        ("a\n", "got none"),
         ("a b\n1\n", "got 'a b'"),
         ("a,a\n1,2\n", "got 'a.1'"),
         ("a,b\n1,\n", "row 1, b: '' is no value"),
@@ -177,19 +177,18 @@ def test_a_sample_is_a_latin_hypercube():
 
 
 def test_an_interval_needs_a_sample():
-    with pytest.raises(ValueError, match="a: an interval needs a number of points"):
+    with pytest.raises(ValueError, match="a: an interval"):
         runs(parse(["a=0:1"]))
-    with pytest.raises(ValueError, match="sample: expected at least 1 run, got 0"):
+    with pytest.raises(ValueError, match="sample: expected"):
         runs(parse(["a=0:1"]), sample=0)
 
 
 def test_many_runs_must_be_meant():
     axes = parse(["a=0:1:1000", "b=0:1:1000"])
-    with pytest.raises(
-        ValueError, match=r"the grid has 1,000,000 runs; more than 100,000 must be confirmed"
-    ):
+    with pytest.raises(ValueError, match="1,000,000 runs"):
         runs(axes)
     with pytest.raises(ValueError, match="must be confirmed"):
         runs(axes, sample=MANY + 1)
     assert len(runs(parse(["a=0:1:1000", "b=0:1:101"]), yes=True)) == 101_000
+    assert len(runs(parse(["a=0:1:1000", "b=0:1:100"]))) == MANY  # so many are not more
     assert len(runs(axes, sample=5)) == 5

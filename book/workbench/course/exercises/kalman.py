@@ -14,7 +14,7 @@ def _step(
 ):
     """`kalman_step` with a line that may be wrong."""
     Phi = np.kron([[1, dt, half * dt**2], [0, 1, dt], [0, 0, 1]], np.eye(2))
-    H, one = np.eye(2, 6), np.eye(6)
+    H, identity = np.eye(2, 6), np.eye(6)
     before = P
     predicted = Phi @ X
     P = Phi @ P @ (Phi.T if transposed else Phi) + (0 if late else Q)
@@ -23,7 +23,7 @@ def _step(
     S = H @ P @ H.T + (R if noisy else 0)
     K = P @ H.T @ np.linalg.inv(S)
     corrected = predicted + sign * K @ (Z - H @ predicted)
-    return corrected, (one - K @ H) @ (before if old else P) + (Q if late else 0)
+    return corrected, (identity - K @ H) @ (before if old else P) + (Q if late else 0)
 
 
 filter_number_exercise = FunctionExerciseMaker(

@@ -63,8 +63,8 @@ def look_alikes(angles_deg, rows_mm):
     def covers(angles, rows):
         for angle, row in zip(angles, rows, strict=True):
             apart = (angles_deg - angle + 180) % 360 - 180
-            there = (np.abs(apart) < 1e-6) & (np.abs(rows_mm - row) < 1e-6)
-            if not there.any():
+            matches = (np.abs(apart) < 1e-6) & (np.abs(rows_mm - row) < 1e-6)
+            if not matches.any():
                 return False
         return True
 

@@ -1,0 +1,135 @@
+"""The image of a moving handle against the mean of many still ones, and its derivatives against
+differences.
+"""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import RigidTransform
+
+from trinolab.bench.motion import random_pose
+from trinolab.datasets import load_handle, load_rig
+from trinolab.estimators.appearance import layers, shading_basis
+from trinolab.estimators.imagemodel import (
+    MotionBlur,
+    blur_matrices,
+    first_state,
+    unblurred,
+)
+from trinolab.estimators.movingmodel import (
+    frequencies,
+    linearise_moving,
+    smear,
+    smear_by,
+    spectra_of,
+    windows_of,
+)
+from trinolab.estimators.patches import moving_patches
+from trinolab.estimators.pixels import both_in_world, moved
+from trinolab.rigid import shifted
+
+HANDLE = load_handle("coded")
+RIG = load_rig("raised_40deg")
+T = random_pose(np.random.default_rng(1))
+MOTION = np.array([2.4, -1.2, 0.8, 0.004, -0.003, 0.002])  # 14 px
+ALL_CELLS = 10**6  # so that each is a pixel
+EMPTY_IMAGES = [np.zeros(camera.size[::-1], np.uint8) for camera in RIG.cameras]
+
+
+def moving(most_cells=ALL_CELLS):
+    """Windows of a handle that moves, and a state with greys."""
+    here = moving_patches(EMPTY_IMAGES, RIG, HANDLE, T, 55.0, MOTION, most_cells)
+    blur = MotionBlur(MOTION, MOTION, np.eye(6))
+    greys = np.tile([130.0, 90.0, 0.1, -0.2, 0.05, 45.0], (len(here.points), 1))
+    return here, first_state(T, RIG, blur)._replace(greys=greys)
+
+
+def test_the_smear_of_a_frequency_is_the_mean_over_the_exposure():
+    along = np.linspace(-4, 4, 33)
+    times = (np.arange(4000) + 0.5) / 4000 - 0.5
+    np.testing.assert_allclose(
+        smear(along), np.cos(2 * np.pi * np.outer(along, times)).mean(axis=1), atol=1e-6
+    )
+    step = 1e-5
+    difference = (smear(along + step) - smear(along - step)) / (2 * step)
+    np.testing.assert_allclose(smear_by(along), difference, atol=1e-8)
+
+
+def test_a_kernel_that_does_nothing_leaves_the_middle():
+    here, _ = moving()
+    k = len(here.points)
+    drawn = np.random.default_rng(0).normal(size=(k, 4, *here.drawn.shape))
+    back = windows_of(spectra_of(drawn.reshape(k, 4, -1), here), here)
+    top, left = (np.array(here.drawn.shape) - here.at.shape) // 2
+    rows, columns = here.at.shape
+    middle = drawn[:, :, top : top + rows, left : left + columns]
+    np.testing.assert_allclose(back, middle.reshape(k, 4, -1), atol=1e-12)
+
+
+def test_a_shift_by_spectra_goes_the_way_of_u_and_v():
+    """By two columns and one row."""
+    here, _ = moving()
+    f_u, f_v = frequencies(here.drawn)
+    drawn = np.random.default_rng(0).normal(size=(len(here.points), 2, *here.drawn.shape))
+    shift = np.exp(-2j * np.pi * (2 * f_u + f_v))
+    after = windows_of(spectra_of(drawn.reshape(*drawn.shape[:2], -1), here) * shift, here)
+    expected = np.roll(drawn, (1, 2), axis=(2, 3)).reshape(*drawn.shape[:2], -1)
+    unshifted = windows_of(spectra_of(expected, here), here)
+    np.testing.assert_allclose(after, unshifted, atol=1e-12)
+
+
+def test_a_moving_handle_looks_like_the_mean_of_many_still_ones():
+    here, state = moving()
+    told = linearise_moving(state, here, RIG, HANDLE)
+    usable = told.weight > 0
+    B = blur_matrices(max(here.drawn.shape), state.blur_px2)[here.views.camera]
+    exposures = []
+    for time in (np.arange(60) + 0.5) / 60 - 0.5:
+        shown = layers(RIG, HANDLE, shifted(T, time * MOTION), here.views, here.at, any_marker=True)
+        basis = shading_basis(shown.turn).transpose(1, 0, 2)
+        exposures.append(unblurred(shown, basis, state.greys))
+    sharp = np.mean(exposures, axis=0).reshape(-1, *here.at.shape)
+    rows, columns = here.at.shape
+    expected = B[:, :rows, :rows] @ sharp @ B[:, :columns, :columns].mT
+    lens_px = 5  # beyond which the mean, which is of the window alone, lacks nothing
+    inner = np.zeros(here.at.shape, bool)
+    inner[lens_px:-lens_px, lens_px:-lens_px] = True
+    usable &= inner.ravel()
+    assert usable.mean() > 0.3
+    error = (told.predicted - expected.reshape(told.predicted.shape))[usable]
+    # of a contrast of 130: what turns, and comes nearer, is not smeared all along one way
+    assert np.sqrt(np.mean(error**2)) < 1.0
+    assert np.abs(error).max() < 10.0
+
+
+@pytest.mark.parametrize("most_cells", [ALL_CELLS, 5_000])
+def test_the_derivatives_are_those_of_the_model(most_cells):
+    here, state = moving(most_cells)
+    assert (here.at.pixels > 1) == (most_cells < ALL_CELLS)
+    told = linearise_moving(state, here, RIG, HANDLE)
+    usable = told.weight > 0
+    turn = both_in_world(T)
+
+    def predicted(pose: RigidTransform, motion: np.ndarray) -> np.ndarray:
+        blur = state.motion_blur._replace(motion=motion)
+        changed = state._replace(T_world_handle=pose, motion_blur=blur)
+        return linearise_moving(changed, here, RIG, HANDLE).predicted
+
+    step = 1e-3
+    for k in range(6):
+        d = np.zeros(6)
+        d[k] = step
+        by_motion = (predicted(T, MOTION + turn @ d) - predicted(T, MOTION - turn @ d)) / (2 * step)
+        size = np.linalg.norm(by_motion[usable])
+        # in coarse cells 0.017: of the highest frequency they do not show which way it goes
+        assert np.linalg.norm((told.by_pose[:, 6 + k] - by_motion)[usable]) < 0.03 * size
+    # along the axis, where the shading stays
+    d = np.array([0, step, 0, 0, 0, 0])
+    by_pose = (predicted(moved(T, d), MOTION) - predicted(moved(T, -d), MOTION)) / (2 * step)
+    size = np.linalg.norm(by_pose[usable])
+    assert np.linalg.norm((told.by_pose[:, 1] - by_pose)[usable]) < 0.03 * size
+
+
+@pytest.mark.parametrize("way_mm", [0.5, 3.0, 10.0, 40.0])
+def test_the_work_is_bounded_however_long_the_way(way_mm):
+    here = moving_patches(EMPTY_IMAGES, RIG, HANDLE, T, 72.0, way_mm * MOTION, 18_000)
+    assert len(here.points) * np.prod(here.drawn.shape) < 1.35 * 18_000  # rounded to quick sizes
