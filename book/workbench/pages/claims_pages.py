@@ -65,7 +65,6 @@ def read_board(path: Path) -> pd.DataFrame:
 
 
 def answer(board: pd.DataFrame) -> str:
-<<<<<<< HEAD
     """How the paper's claims fare: a claim is all rows with its number, since a letter marks another
     form of it.
     """
@@ -85,15 +84,6 @@ def answer(board: pd.DataFrame) -> str:
         "of the one before it, and counts with it; the rows are of different weight, so that the "
         f"counts say little.){rest} The {{doc}}`replication report </book/report>` has all of it on a page."
     )
-=======
-    """How many of the paper's claims fare how, by kind, as a sentence."""
-    counts = board["verdict"].value_counts()
-    counted = [f"{counts[verdict]} {word(verdict)}" for verdict in VERDICTS if verdict in counts]
-    left = int((~board["verdict"].isin(VERDICTS)).sum())
-    rest = f"; {left} were not run here" if left else ""
-    report = "The {doc}`replication report </book/report>` has all of it on a page."
-    return f"Of {len(board)} rows {', '.join(counted)}{rest}. {report}"
->>>>>>> main
 
 
 def word(verdict: str, count: int = 2) -> str:
