@@ -35,7 +35,7 @@ from nbclient.exceptions import CellExecutionError, DeadKernelError
 
 from trinolab.files.outputs import write_whole
 
-from ..cli import as_text, not_run
+from ..cli import QUESTION_WIDTH, as_text, essential, not_run
 from ..provenance import hash_files, hash_text, made_from_module, made_from_notebook, surroundings
 from ..sweep.notebook import ONE_THREAD, read_notebook, run_notebook
 from .contents import pages
@@ -157,7 +157,9 @@ def main() -> int:
         print(f"\nFAILED: {error}\nWhat is finished is kept. Mend it: {AGAIN}.")
         return 1
     board = pd.read_csv(SCOREBOARD, dtype=str, keep_default_na=False)
-    print("\n".join(filter(None, ["", as_text(board), not_run(board)])))
+    shown = as_text(essential(board), QUESTION_WIDTH)
+    print("\n".join(filter(None, ["", shown, not_run(board)])))
+    print(f"All {len(board)} rows: `trinolab scoreboard`, and the page scoreboard.")
     print(f"\nThe book: {HTML / 'index.html'}, after {time.monotonic() - begin:.0f} s")
     return 0
 
