@@ -439,10 +439,19 @@ def build_pages() -> bool:
 
 def write_reference() -> None:
     """Write the API reference, the commands' help, the picture of the house, the parts of the pages
-    of the claims, of the course and of the report, all as the package is now, the links to where it
+    of the claims, of the course and of the report, the article, all as the package is now, the links to where it
     runs, and the start page's film.
     """
-    from . import claims_pages, commandhelp, course_pages, house, online, reference, report_pages
+    from . import (
+        article,
+        claims_pages,
+        commandhelp,
+        course_pages,
+        house,
+        online,
+        reference,
+        report_pages,
+    )
 
     reference.write_pages()
     commandhelp.write_help()
@@ -450,6 +459,7 @@ def write_reference() -> None:
     claims_pages.write_pages(SCOREBOARD, GENERATED / "claims")
     course_pages.write_pages(GENERATED / "course")
     report_pages.write_pages(SCOREBOARD, SECONDS, GENERATED / "report")
+    article.write_pages(SCOREBOARD, GENERATED / "article")
     online.write_page(GENERATED / "online")
     write_film()
 
