@@ -158,8 +158,8 @@ def _of_the_board(board: pd.DataFrame) -> dict[str, Any]:
         "missed": int((board["verdict"] == "missed").sum()),
         "questions": len(by_question),
         "counts": (
-            f"{alike['match']} are answered as the paper says in every row, {alike['differs']} "
-            f"otherwise in every row, and {mixed} differ between the forms of a claim or are undecided"
+            f"{alike['match']} are answered as the paper answers them, {alike['differs']} are answered "
+            f"otherwise, and {mixed} are answered differently for two forms of a claim or are undecided"
         ),
         "claims_table": claims_table(board),
         "untestable": untestable(board),
@@ -197,7 +197,7 @@ def _of_table1() -> dict[str, Any]:
     return {
         "cause": cause.sentence(facts),
         "poses": len(table.set_poses),
-        "known_share": f"{facts.known_share:.0%}",
+        "known_share": f"{100 * facts.known_share:.0f} %",
         "known_mm": f"{budget.loc['certain', 'mm']:.2g}",
         "table_mm": f"{budget.loc['Table 1', 'mm']:.2g}",
         "smooth_p": f"{facts.smooth_p:.2f}",
@@ -205,7 +205,7 @@ def _of_table1() -> dict[str, Any]:
         "magnified": f"{MAGNIFIED:g}",
         "offsets": _listed([f"{value:+.2f}°" for value in angles.mean(axis=0)]),
         "scatters": _listed([f"{value:.2f}°" for value in angles.std(axis=0, ddof=1)]),
-        "constant_share": f"{facts.constant_share:.0%}",
+        "constant_share": f"{100 * facts.constant_share:.0f} %",
         "models": facts.models,
         "by_cameras": len(facts.by_cameras),
         "cameras_p": f"{max(facts.by_cameras.values()):.2g}",
@@ -238,11 +238,15 @@ def _of_the_lever() -> dict[str, Any]:
         TABLES,
         np.random.default_rng(SEED),
     )
+    fitted = lever.part_tests(parts, off_mm)["lever"]
+    if np.any(np.abs(fitted.values) > fitted.sigmas):
+        raise ValueError(f"article: the text says that the lever is zero, it is {fitted.values}")
     return {
-        "lever_p": f"{lever.part_tests(parts, off_mm)['lever'].p:.2f}",
+        "lever_p": f"{fitted.p:.3f}",
+        "lever_sigma_mm": f"{np.ceil(fitted.sigmas.max()):.0f}",
         "end_mm": f"{end_mm:g}",
         "end_moved_mm": f"{np.linalg.norm(end_mm * swing[:, :, 1], axis=1).mean():.2f}",
-        "end_power": f"{power:.0%}",
+        "end_power": f"{100 * power:.0f} %",
     }
 
 
@@ -282,9 +286,9 @@ def claims_table(board: pd.DataFrame) -> str:
 
 def _number(row: Any) -> str:
     """A row's value with unit and interval."""
-    unit = "" if row.unit in ("share", "ratio") else f" {row.unit}"
+    unit = "" if row.unit in ("", "share", "ratio") else f" {row.unit}"
     interval = f" ({digits(row.low)} to {digits(row.high)})" if row.low == row.low else ""
-    return escaped(f"{digits(row.ours)}{unit}{interval}".replace("  ", " "))
+    return escaped(f"{digits(row.ours)}{unit}{interval}")
 
 
 def _percent(row: Any) -> str:
