@@ -24,7 +24,6 @@ from trinolab.files.inputs import read_toml
 from trinolab.files.outputs import write_whole
 
 from .. import plotting, provenance
-from ..cli import digits
 from ..imports import our_files
 from ..studies import accounts, claim_draws, deviations, lever, pattern
 from ..studies import answer as cause
@@ -37,6 +36,7 @@ from .claims_pages import (
     escaped,
     list_table,
     read_board,
+    value_of,
     word,
 )
 from .report_pages import untestable
@@ -148,7 +148,7 @@ def _of_the_board(board: pd.DataFrame) -> dict[str, Any]:
     alike = {verdict: by_question.count({verdict}) for verdict in ("match", "differs")}
     mixed = len(by_question) - sum(alike.values())
     return {
-        "ours": lambda no: _number(rows[no]),
+        "ours": lambda no: escaped(value_of(rows[no])),
         "percent": lambda no: _percent(rows[no]),
         "paper": lambda no: f"{rows[no].paper} {rows[no].unit}",
         "claim": lambda no: f"claim {claim_link(no)}",
@@ -277,18 +277,12 @@ def claims_table(board: pd.DataFrame) -> str:
         paper = list(dict.fromkeys(f"{row.paper} {row.unit}".strip() for row in some.itertuples()))
         said = ["yes"] if set(some["paper"]) == {"yes"} else paper
         ours = [
-            f"{claim_link(row.no)}: {_number(row)}, **{row.verdict}**" for row in some.itertuples()
+            f"{claim_link(row.no)}: {escaped(value_of(row))}, **{row.verdict}**"
+            for row in some.itertuples()
         ]
         lines.append((escaped(question), " <br> ".join(said), " <br> ".join(ours)))
     head = ("Question", "Paper", "Claim: ours (interval of 95 %), verdict")
     return list_table(head, lines, "34 14 52", "claims", raw=True)
-
-
-def _number(row: Any) -> str:
-    """A row's value with unit and interval."""
-    unit = "" if row.unit in ("", "share", "ratio") else f" {row.unit}"
-    interval = f" ({digits(row.low)} to {digits(row.high)})" if row.low == row.low else ""
-    return escaped(f"{digits(row.ours)}{unit}{interval}")
 
 
 def _percent(row: Any) -> str:

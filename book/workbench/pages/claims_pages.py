@@ -32,7 +32,9 @@ __all__ = [
     "placed",
     "read_board",
     "sample_of",
+    "sampled",
     "trials_table",
+    "value_of",
     "word",
     "write_pages",
 ]
@@ -122,13 +124,14 @@ def essential_table(board: pd.DataFrame) -> str:
     """
     rows = []
     for question, some in essential_rows(board).items():
-        verdicts, numbers, reasons = [], [], []
+        numbers, reasons = [], []
         for row in some.itertuples():
-            verdicts.append(f"{row.no} **{row.verdict}**")
-            numbers.append(f"{row.no}: {numbers_of(row).replace(' <br> ', ', ')}")
+            paper = "" if row.paper == "yes" else f"paper {row.paper}, ours "
+            numbers.append(f"{row.no} **{row.verdict}**: {paper}{value_of(row)}")
+            reason = escaped(f"{row.reason} {row.sensitivity}".rstrip())
             reasons.append(
                 f"{row.no}. {escaped(row.claim)} *{row.kind}*: {escaped(row.criterion)} "
-                f"**{row.verdict}**: {escaped(f'{row.reason} {row.sensitivity}'.rstrip())}"
+                f"**{row.verdict}** ({sampled(row)}): {reason}"
             )
         folded = "\n\n".join(
             ["<details><summary>Criterion and reason</summary>", *reasons, "</details>"]
@@ -136,12 +139,26 @@ def essential_table(board: pd.DataFrame) -> str:
         rows.append(
             (
                 " ".join(placed("claim", no) for no in some["no"]),
-                f"{escaped(question)} <br> {', '.join(verdicts)}\n\n{folded}",
+                f"{escaped(question)}\n\n{folded}",
                 escaped(" <br> ".join(numbers)),
             )
         )
-    head = ("No", "Question, and verdict", "Paper, and ours with its interval of 95 %")
-    return list_table(head, rows, "8 46 46", "scoreboard", raw=True)
+    head = ("No", "Question", "Verdict, and ours (interval of 95 %)")
+    return list_table(head, rows, "8 40 52", "essential", raw=True)
+
+
+def value_of(row: Any) -> str:
+    """A row's value with its unit, which a share and a ratio have none of, and its interval."""
+    unit = "" if row.unit in ("", "share", "ratio") else f" {row.unit}"
+    interval = f" ({digits(row.low)} to {digits(row.high)})" if row.low == row.low else ""
+    return f"{digits(row.ours)}{unit}{interval}" if row.ours == row.ours else "no number"
+
+
+def sampled(row: Any) -> str:
+    """How many draws a row has, and from which seed."""
+    if row.n != row.n:
+        return "nothing drawn"
+    return f"n {row.n:.0f}" + (f", seed {row.seed}" if row.seed else "")
 
 
 def numbers_of(row: Any) -> str:
@@ -152,7 +169,7 @@ def numbers_of(row: Any) -> str:
     if row.low == row.low and row.high == row.high:
         lines[-1] += f" ({digits(row.low)} to {digits(row.high)})"
     if row.n == row.n:
-        lines.append(f"n {row.n:.0f}" + (f", seed {row.seed}" if row.seed else ""))
+        lines.append(sampled(row))
     return " <br> ".join(lines) or "no number"
 
 
