@@ -2,9 +2,11 @@
 papermill loop in the same run; a function; a table of 10,000 rows that is opened and drawn.
 
 The time of the cells is what the kernel says of each. Everything else is ours: starting and
-resetting kernels, messages, rows, table and figure.
+resetting kernels, messages, rows, table and figure. And what is gained by running only those cells
+on which the results depend: chapter 3 over alpha and chapter 6 over the NCC threshold, in a kernel
+that has had a run before.
 
-    python tests/benchmarks/bench_sweep.py [--runs 40] [--instants 4]
+    python tests/benchmarks/bench_sweep.py [--runs 40] [--instants 4] [--slices]
 """
 
 import argparse
@@ -13,12 +15,13 @@ import os
 import sys
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from datetime import datetime
 from pathlib import Path
 
 import nbformat
 import numpy as np
+import psutil
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "helpers"))
 
@@ -29,9 +32,22 @@ from workbench.sweep.engines import kernels, processes
 from workbench.sweep.figures import as_png, plot_sweep
 from workbench.sweep.folder import read_sweep
 from workbench.sweep.grid import axes_of
-from workbench.sweep.notebook import ONE_THREAD
+from workbench.sweep.notebook import ONE_THREAD, read_notebook
 from workbench.sweep.runs import compute, find_notebook, of_function, of_notebook
+from workbench.sweep.slicing import slice_notebook
+from workbench.sweep.warmkernel import (
+    NotebookJob,
+    close_kernels,
+    notebook_job,
+    open_kernels,
+    run_job,
+)
 
+SLICED_S = 3.0
+SLICED = [
+    ("03_background", "update_rate", [0.005, 0.02, 0.05, 0.1]),
+    ("06_matching", "ncc_threshold", [0.4, 0.6, 0.7, 0.8]),
+]
 OVERHEAD_S, SCALING, PAPERMILL, FUNCTION_MS, OPEN_S = 0.2, 1.7, 3.0, 1.0, 2.0
 SHORT = """
 import numpy as np
@@ -156,6 +172,37 @@ def measure_notebooks(root: Path, runs: int, instants: int) -> None:
     )
 
 
+def processor_s() -> float:
+    """Processor time of all kernels so far, s."""
+    return sum(sum(psutil.Process(kernel.process_id).cpu_times()[:2]) for kernel in open_kernels())
+
+
+def warm_runs(job: NotebookJob, name: str, values: Sequence[float]) -> tuple[float, float]:
+    """Median wall time and processor time of a run, s; the first one only warms the kernel."""
+    spent = []
+    for value in values:
+        before = processor_s()
+        wall = seconds(lambda value=value: run_job(job, {name: value}))
+        spent.append((wall, processor_s() - before))
+    close_kernels(job.sweep)
+    wall, processor = np.median(spent[1:], axis=0)
+    return float(wall), float(processor)
+
+
+def measure_slices() -> None:
+    for chapter, name, values in SLICED:
+        path = find_notebook(chapter)
+        part = slice_notebook(read_notebook(path), [name])
+        wall, processor = warm_runs(notebook_job(path, None, part=part), name, values)
+        whole_wall, whole_processor = warm_runs(notebook_job(path, None), name, values)
+        where = f"{chapter} over {name}"
+        line(f"{where}, what the results need: wall time", wall, "s a run", SLICED_S)
+        line(f"{where}, what the results need: processor", processor, "s a run")
+        line(f"{where}, whole: wall time", whole_wall, "s a run")
+        line(f"{where}, whole: processor", whole_processor, "s a run")
+        line(f"{where}, whole by what is needed: processor", whole_processor / processor, "times")
+
+
 def busy(a: float, b: float) -> dict[str, float]:
     """A short run: some tenths of a millisecond."""
     values = np.sin(a * np.arange(2000.0))
@@ -191,11 +238,15 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n\n")[0])
     parser.add_argument("--runs", type=int, default=40, help="of each notebook (%(default)s)")
     parser.add_argument("--instants", type=int, default=4, help="of chapter 6 (%(default)s)")
+    parser.add_argument("--slices", action="store_true", help="only what is gained by parts")
     arguments = parser.parse_args()
     os.environ.update(ONE_THREAD)  # papermill's kernels as well
     print(
         f"{arguments.runs} runs of a notebook; {os.cpu_count()} cores, load {os.getloadavg()[0]:.1f} at the start"
     )
+    measure_slices()
+    if arguments.slices:
+        return int(bool(broken))
     with tempfile.TemporaryDirectory() as folder:
         measure_function(Path(folder))
         measure_notebooks(Path(folder), arguments.runs, arguments.instants)

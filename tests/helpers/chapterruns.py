@@ -1,7 +1,7 @@
 """The chapters with other parameters than their own, and what each of them must glue."""
 
 ERRORS = {"E_t_mm", "E_alpha_deg", "E_beta_deg", "E_gamma_deg"}
-# A new chapter needs an entry here, and in `SMALL` of the chapters' test what makes it small.
+# A new chapter needs an entry here, and in `SMALL` what makes it small.
 OTHER_PARAMETERS = {
     "01_structure": {"rig_name": "paper_pair", "handle_name": "coded", "row": 12, "seed": 1},
     "02_workspace": {"rig_name": "raised_40deg", "half_angle_deg": 15.0},
@@ -43,6 +43,21 @@ OTHER_PARAMETERS = {
         "rate_hz": 60.0,
         "seed": 1,
     },
+}
+
+SMALL = {
+    "01_structure": {"frames": 6, "row_step": 20},
+    "02_workspace": {"step_deg": 26.0, "row_step": 20},
+    "03_background": {"spacing": 32, "cameras": 1, "row_step": 20},
+    "04_kalman": {"moving": 6, "motions": 1},
+    "05_markers": {"frame_step": 29, "draws": 4, "row_step": 20},
+    "06_matching": {"instants": 6, "row_step": 20},
+    "07_calibration": {"positions": 4, "draws": 1, "row_step": 20},
+    "08_pose": {"draws": 10, "row_step": 20},
+    "09_table1": {"row_step": 20, "tables": 100},
+    "10_estimators": {"row_step": 20, "turns": 2},
+    "11_master_slave": {"share": 0.42, "row_step": 20},
+    "12_force_feedback": {"share": 0.1, "row_step": 20},
 }
 
 

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from workbench.course.exercises import exercise
 from workbench.sweep.notebook import read_notebook, run_notebook
 
 NOTEBOOKS = Path(__file__).resolve().parents[2] / "notebooks"
@@ -86,7 +87,24 @@ def test_the_ncc_threshold_moves_verdict_figure_and_closing_errors():
     )
     assert [one["lost_right"] for one in found] == sorted({one["lost_right"] for one in found})
     assert len({picture(one, "matching-27") for one in (none, ours, higher, high)}) == 4
-    assert found[0]["verdict"] == found[1]["verdict"] == "fails: too many are wrong"
+    # of some 300 pairs four wrong ones are no proof against a limit of 1 %
+    assert found[0]["verdict"] == found[1]["verdict"] == "is undecided"
     assert found[3]["verdict"] == "fails: too many are missing"
     assert found[0]["wrong_percent"] > found[1]["wrong_percent"] > found[3]["wrong_percent"]
     assert found[0]["E_t_mm"] > found[1]["E_t_mm"] > found[3]["E_t_mm"]
+
+
+@pytest.mark.heavy
+def test_a_wider_gate_sees_other_markers():
+    """Exercise 4.4: with c = 4 the mean NIS is not a quarter, since the window is another one."""
+    ours = run("04_kalman").results
+    wider = run(
+        "04_kalman",
+        jerk_intensity=4 * 9.5e8,
+        sigma_px=2 * 1.5,
+        velocity_sigma=2 * 1200.0,
+        acceleration_sigma=2 * 6000.0,
+    ).results
+    asked = exercise("04.4").asked["ccd1"]
+    assert abs(wider["nis_ccd1"] - asked.value) <= asked.within
+    assert abs(ours["nis_ccd1"] / 4 - asked.value) > asked.within

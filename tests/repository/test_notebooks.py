@@ -8,7 +8,7 @@ full.
 from pathlib import Path
 
 import pytest
-from chapterruns import OTHER_PARAMETERS, check_results
+from chapterruns import OTHER_PARAMETERS, SMALL, check_results
 from executed import as_it_stands
 from films import frames_in
 from nbformat.v4 import new_code_cell
@@ -25,20 +25,6 @@ from workbench.sweep.warmkernel import Kernel, Key
 
 NOTEBOOKS = sorted(Path(__file__).resolve().parents[2].glob("notebooks/*.ipynb"))
 
-SMALL = {
-    "01_structure": {"frames": 6, "row_step": 20},
-    "02_workspace": {"step_deg": 26.0, "row_step": 20},
-    "03_background": {"spacing": 32, "cameras": 1, "row_step": 20},
-    "04_kalman": {"moving": 6, "motions": 1},
-    "05_markers": {"frame_step": 29, "draws": 4, "row_step": 20},
-    "06_matching": {"instants": 6, "row_step": 20},
-    "07_calibration": {"positions": 4, "draws": 1, "row_step": 20},
-    "08_pose": {"draws": 10, "row_step": 20},
-    "09_table1": {"row_step": 20, "tables": 100},
-    "10_estimators": {"row_step": 20, "turns": 2},
-    "11_master_slave": {"share": 0.42, "row_step": 20},
-    "12_force_feedback": {"share": 0.1, "row_step": 20},
-}
 FILM_FRAMES = {"01_structure": 30, "11_master_slave": 225}  # of the films that chapters show
 # figures are made, and not drawn: that takes a quarter of the time
 UNDRAWN = "%config InlineBackend.figure_formats = set()"

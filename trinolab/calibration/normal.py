@@ -17,7 +17,7 @@ with the poses unknown (Triggs, McLauchlan, Hartley and Fitzgibbon 2000, *Bundle
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Generic, NamedTuple, TypeVar
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -27,9 +27,6 @@ __all__ = ["Descent", "Normal", "Reduced", "damped", "descended", "eliminated", 
 
 MOST_STEPS = 300
 FIRST_DAMPING, MOST_DAMPING = 1e-6, 1e6
-
-State = TypeVar("State")
-Linear = TypeVar("Linear")
 
 
 class Normal(NamedTuple):
@@ -78,13 +75,13 @@ class Reduced(NamedTuple):
         return steps[..., 0]
 
 
-class Descent(NamedTuple, Generic[State, Linear]):
+class Descent(NamedTuple):
     """Where damped steps have led: the state, its linearisation and its cost, and whether they came
     to rest.
     """
 
-    state: State
-    linear: Linear
+    state: Any
+    linear: Any
     cost: float
     at_rest: bool
 
@@ -113,11 +110,11 @@ def rows(blocks: Array) -> Array:
 
 
 def descended(
-    state: State,
-    linearised: Callable[[State], tuple[Linear, float]],
-    stepped: Callable[[State, Linear, float], State],
+    state: Any,
+    linearised: Callable[[Any], tuple[Any, float]],
+    stepped: Callable[[Any, Any, float], Any],
     rest: float,
-) -> Descent[State, Linear]:
+) -> Descent:
     """Damped Gauss-Newton steps until the cost falls no more (Levenberg and Marquardt; Triggs et
     al. 2000, sect. 4.2).
 

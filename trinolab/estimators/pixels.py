@@ -172,7 +172,7 @@ def fit_patches(
     max_slant_deg: float = 72.0,
     outline: bool = False,
     motion_blur: tuple[Array, Array] | None = None,
-    with_smear: bool = False,
+    smear_above: float = np.inf,
     is_far: bool = False,
 ) -> Fit | None:
     """Improve a pose by the pixels about all markers that it shows.
@@ -192,8 +192,9 @@ def fit_patches(
     motion_blur : (ndarray, ndarray), shapes (6,) and (6, 6), optional
         What is expected of the handle's motion while the shutter is open (mm, rad; world frame),
         and its covariance; without it the handle is still.
-    with_smear : bool
-        Measure `Fit.smear_px`.
+    smear_above : float
+        Median misfit from which on `Fit.smear_px` is measured where the handle is still: noise has
+        none.
     is_far : bool
         Whether the start of a handle that moves may be several pixels off: coarse cells come first.
 
@@ -213,7 +214,7 @@ def fit_patches(
     taken = _stepped(states, kinds, rig, handle, MOST_STEPS)
     if taken is None:
         return None
-    return _fit_of(_concluded(taken, kinds, rig), taken.after[0], rig, handle, with_smear)
+    return _fit_of(_concluded(taken, kinds, rig), taken.after[0], rig, handle, smear_above)
 
 
 def _moving_fit(
@@ -242,7 +243,7 @@ def _moving_fit(
     if stepped is None:
         return None
     taken, windows = stepped
-    return _fit_of(_concluded(taken, [windows], rig), taken.after[0], rig, handle, False)
+    return _fit_of(_concluded(taken, [windows], rig), taken.after[0], rig, handle)
 
 
 def _moving_round(
@@ -293,7 +294,9 @@ def _has_settled(taken: _Taken, about_markers: Patches, handle: Handle) -> bool:
     return moved_px < SETTLED_MOVING_PX and taken.sigmas < SETTLED_SIGMAS
 
 
-def _fit_of(last: _Step, after: State, rig: Rig, handle: Handle, with_smear: bool) -> Fit:
+def _fit_of(
+    last: _Step, after: State, rig: Rig, handle: Handle, smear_above: float = np.inf
+) -> Fit:
     """What the last step says: the pose with its covariance, and which views show a marker."""
     T = after.T_world_handle
     motion = None if after.motion_blur is None else after.motion_blur.motion
@@ -308,7 +311,7 @@ def _fit_of(last: _Step, after: State, rig: Rig, handle: Handle, with_smear: boo
     if motion is not None:
         ways = np.linalg.norm(markers.patches.ways_px(motion), axis=1)
         fit = fit._replace(smear_px=float(ways.max()))
-    elif with_smear:
+    elif visible.any() and np.median(fit.misfit[visible]) >= smear_above:
         fit = fit._replace(smear_px=_smear_px(last, rig))
     freedom = 2 * int(visible.sum()) - 6
     if is_uncertain(rig, handle) or contradict(chi_square[visible].sum() / spread, freedom):

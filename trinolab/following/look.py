@@ -260,7 +260,8 @@ def _fitted_still(
     guess = followed.guess
     may_move = _may_move(guess, p)
     start = guess.motion.pose if instant is None else instant.T_world_handle
-    fit = fit_patches(images, rig, handle, start, p.max_slant_deg, with_smear=may_move)
+    smear_above = p.still_misfit if may_move else np.inf
+    fit = fit_patches(images, rig, handle, start, p.max_slant_deg, smear_above=smear_above)
     if may_move and not _still(fit, p):
         smear_px = np.inf if fit is None else fit.smear_px
         return followed._replace(fits=1, smear_px=smear_px)

@@ -425,7 +425,13 @@ def _sweep(a: argparse.Namespace) -> int:
         a.timeout,
         a.fresh_kernels,
         a.keep,
+        a.whole,
     )
+    if a.explain:
+        say(job.cells or "all cells run each time")
+        return 0
+    if a.out is None:
+        raise ValueError("--out: expected a folder for the runs")
     workers = as_whole(
         (os.cpu_count() or 1) if a.workers is None else a.workers, "--workers", low=1
     )

@@ -650,7 +650,6 @@ def _add_sweep(commands: argparse._SubParsersAction) -> None:
     )
     p.add_argument(
         "--out",
-        required=True,
         metavar="DIR",
         help="folder for table.csv, figure.png, manifest.json and "
         "runs.jsonl, the finished runs: the same command goes on where it was stopped",
@@ -689,7 +688,20 @@ def _add_sweep(commands: argparse._SubParsersAction) -> None:
         help="the longest time that a cell may take (default: as long as it takes; a first run may "
         "render a recording)",
     )
-    p.add_argument("--keep", action="store_true", help="keep the executed notebooks, too")
+    p.add_argument(
+        "--whole",
+        action="store_true",
+        help="run all cells; otherwise those are left out on which no result depends, such as figures "
+        "and checks, and what no swept parameter reaches is run once",
+    )
+    p.add_argument(
+        "--explain",
+        action="store_true",
+        help="say which cells would run, and why, and run nothing; needs no --out",
+    )
+    p.add_argument(
+        "--keep", action="store_true", help="keep the executed notebooks, too; they are run whole"
+    )
     p.add_argument("--yes", action="store_true", help="more than 100,000 runs are meant")
 
 

@@ -79,14 +79,14 @@ def answer(board: pd.DataFrame) -> str:
     number = judged["no"].str.rstrip(ascii_lowercase)
     fares = judged.groupby(number)["verdict"].agg(frozenset)
     counts = {verdict: int((fares == {verdict}).sum()) for verdict in VERDICTS}
-    said = [f"{count} {word(verdict, count)}" for verdict, count in counts.items() if count]
+    counted = [f"{count} {word(verdict, count)}" for verdict, count in counts.items() if count]
     if mixed := len(fares) - sum(counts.values()):
-        said.append(
+        counted.append(
             f"{mixed} {'fares' if mixed == 1 else 'fare'} otherwise in one form than in another"
         )
     rest = f" {left} of the {len(board)} rows were not run here." if left else ""
     return (
-        f"Of the paper's {len(fares)} claims {', '.join(said)}. (A claim with a letter is another form "
+        f"Of the paper's {len(fares)} claims {', '.join(counted)}. (A claim with a letter is another form "
         "of the one before it, and counts with it; the rows are of different weight, so that the "
         f"counts say little.){rest} The {{doc}}`replication report </book/report>` has all of it on a page."
     )

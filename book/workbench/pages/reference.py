@@ -72,7 +72,7 @@ TOP = {
     ),
     "images": (
         "From frames to matches",
-        ["background", "kalman", "image_track", "blobs", "markers", "matching"],
+        ["background", "pixel_loops", "kalman", "image_track", "blobs", "markers", "matching"],
     ),
     "pose": (
         "From points to the pose",

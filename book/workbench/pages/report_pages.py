@@ -171,8 +171,9 @@ def short(board: pd.DataFrame) -> str:
     images, calibrated = (rows[no].ours / PAPER_MM for no in ("5j", "5"))
     return "\n".join(
         [
-            f"- as printed, its background loses the handle in {lost} of {clips} clips of a second "
-            f"(95 %: {1 - rows['12b'].high:.0%} to {1 - rows['12b'].low:.0%}), and its filter searches "
+            f"- as printed, and with the rate alpha = 0.05 that we chose, its background loses the handle in "
+            f"{lost} of {clips} clips of a second (95 %: {1 - rows['12b'].high:.0%} to "
+            f"{1 - rows['12b'].low:.0%}), and its filter searches "
             f"{rows['14c'].ours:.0%} of the image,",
             "- one of the four printed means does not follow from the printed table,",
             f"- the images make {images:.0%} of the printed error of {PAPER_MM} mm, and with a "

@@ -107,6 +107,12 @@ STUDIES = {
         out="data/sweeps/gallery",
         writes=True,
     ),
+    "match_rivals": Study(
+        "rules that pair spots, with calibrations that are right and off: match_rivals.csv",
+        tables=("match_rivals",),
+        counts={"draws": (12, "pairs of recordings")},
+        kept=("_build/match_rivals", "finished draws"),
+    ),
     "second_renderer": Study(
         "the estimators on path-traced frames: second_renderer.csv",
         tables=("second_renderer",),

@@ -1,4 +1,9 @@
-"""Figures of a sweep's table: curves, heat maps, small multiples."""
+"""Figures of a sweep's table: curves, heat maps, small multiples.
+
+What changed most comes first: the range of a result's means, less the mean range of its repeats,
+over the largest of the means, without signs. A result that repeats the parameter's value comes
+last.
+"""
 
 from __future__ import annotations
 
@@ -11,18 +16,30 @@ import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.image import AxesImage
 
 from trinolab.checks import Array
 
 from ..plotting import COLOURS
 from ..plotting.basics import subplots
+from .quantities import PAPER, count_of, labelled
 
-__all__ = ["Levels", "as_png", "draw_curve", "is_grid", "plot_sweep", "results_of", "varied"]
+__all__ = [
+    "Counted",
+    "Levels",
+    "as_png",
+    "draw_curve",
+    "is_grid",
+    "plot_sweep",
+    "results_of",
+    "varied",
+]
 
 REPEATS = ("seed",)  # parameters that repeat a run rather than change it
 MOST_PANELS = 12
 MOST_COLUMNS = 4
 MOST_ROWS = 3
+MOST_CELLS = (8, 12)  # of a map that has room for its values: across, up
 NOT_RESULTS = ("seconds", "status", "error")
 
 
@@ -61,7 +78,8 @@ def plot_sweep(
 
     A parameter named ``seed`` repeats a run: shown are the mean over its values and, about a curve,
     the range. Runs that are no full grid, such as a sample, are shown as points. Failed runs are
-    gaps.
+    gaps. The dashed line is the paper's value. A hollow marker is a mean over fewer poses than there
+    were: what was not measured is not in it, and it may be small for that reason.
 
     Parameters
     ----------
@@ -69,7 +87,7 @@ def plot_sweep(
         As `runs.sweep` or `sweep.read_sweep` gives it.
     results : sequence of str, optional
         The columns to show; without it the errors of Eq. 26 and 27, and what changes with more than
-        the seed, as many as there is room.
+        the seed, what changed most first, as many as there is room.
     parameters : sequence of str, optional
         The columns that were swept, where ``found.attrs`` does not say it.
 
@@ -88,7 +106,8 @@ def plot_sweep(
     if len(levels) <= 1:
         figure, axes = _panels(len(rows_shown))
         for ax, name in zip(axes, rows_shown, strict=True):
-            draw_curve(ax, found[name].to_numpy(float), levels[0] if levels else _runs(found), name)
+            level = levels[0] if levels else _runs(found)
+            draw_curve(ax, found[name].to_numpy(float), level, name, _counts(found, name, level))
     elif not is_grid(levels):
         figure = _scattered(found, rows_shown, levels)
     elif len(levels) == 2:
@@ -133,10 +152,23 @@ def results_of(
         if levels and is_grid(levels)
         else found[numeric]
     )
+    swept = [found[name].tolist() for name in parameters]
     changing = [
         name for name in numeric if (found if name.startswith("E_") else means)[name].nunique() > 1
     ] or numeric
-    return sorted(changing, key=lambda name: not name.startswith("E_"))
+    repeats = (
+        found[changing].groupby(_flat(levels)).agg(np.ptp).mean()
+        if levels and is_grid(levels)
+        else pd.Series(0.0, changing)
+    )
+    change = {name: _change(means[name], float(repeats[name])) for name in changing}
+    return sorted(changing, key=lambda name: (found[name].tolist() in swept, -change[name]))
+
+
+def _change(means: pd.Series, repeats: float) -> float:
+    """How much a result changes, less what its repeats do, as a share of its largest value."""
+    largest = float(means.abs().max())
+    return (float(means.max() - means.min()) - repeats) / largest if largest else 0.0
 
 
 def varied(found: pd.DataFrame, parameters: Sequence[str]) -> list[Levels]:
@@ -193,22 +225,83 @@ def _panels(count: int) -> tuple[Figure, list[Axes]]:
     return figure, list(axes.flat[:count])
 
 
-def draw_curve(ax: Axes, y: Array, level: Levels, name: str) -> None:
-    """A result over one parameter: its mean, and its range where a value comes more than once."""
+class Counted(NamedTuple):
+    """The least number of poses behind each mean, and how many there were."""
+
+    measured: Array
+    all: Array
+
+
+def _counts(found: pd.DataFrame, name: str, level: Levels) -> Counted | None:
+    """The numbers of poses behind a result at each value; None if the table has none."""
+    if (columns := count_of(name, found.columns)) is None:
+        return None
+    measured = _statistics(found[columns.measured].to_numpy(float), [level])
+    every = columns.all if columns.all in found else columns.measured
+    there = _statistics(found[every].to_numpy(float), [level])["max"].to_numpy()
+    if every == columns.measured:
+        there = np.full(len(there), np.nanmax(there))
+    return Counted(measured["min"].to_numpy(), there)
+
+
+def draw_curve(
+    ax: Axes, y: Array, level: Levels, name: str, counted: Counted | None = None
+) -> None:
+    """A result over one parameter: its mean, and its range where a value comes more than once; the
+    paper's value, and the means that are over fewer poses than there were.
+    """
     statistics = _statistics(y, [level])
     x = level.numbers
-    at = np.arange(len(level.values)) if x is None else x
+    at = np.arange(len(level.values), dtype=float) if x is None else x
     ax.plot(at, statistics["mean"], "o-" if len(at) <= 50 else "-", color=COLOURS[0], markersize=4)
     if len(y) > len(at):
         ax.fill_between(
             at, statistics["min"], statistics["max"], color=COLOURS[0], alpha=0.2, linewidth=0
         )
+    if name in PAPER:
+        ax.axhline(PAPER[name], color=COLOURS[4], linestyle="--", linewidth=1)
+        ax.annotate(
+            f"paper {PAPER[name]:g}",
+            (1.0, PAPER[name]),
+            (-2, 2),
+            xycoords=("axes fraction", "data"),
+            textcoords="offset points",
+            ha="right",
+            color=COLOURS[4],
+            fontsize=9,
+        )
+    if counted is not None:
+        _mark_dropped(ax, at, statistics["mean"].to_numpy(), counted)
     if x is None:
         ax.set_xticks(at, level.labels, rotation=30 if max(map(len, level.labels)) > 8 else 0)
     elif _is_geometric(x):
         ax.set_xscale("log")
-    ax.set(xlabel=level.name, ylabel=name)
+    ax.set(xlabel=labelled(level.name), ylabel=labelled(name))
     ax.grid(alpha=0.3)
+
+
+def _mark_dropped(ax: Axes, at: Array, means: Array, counted: Counted) -> None:
+    """Say how many poses are behind the means: of those over fewer than there were by hollow
+    markers, each with its number if there is room.
+    """
+    few = (counted.measured < counted.all) & np.isfinite(means)
+    there = np.nanmax(counted.all)
+    ax.set_title(f"n = {there:g}" + (", hollow: fewer" if few.any() else ""), fontsize=9)
+    ax.plot(
+        at[few], means[few], "o", color=COLOURS[0], markerfacecolor="white", markersize=6, zorder=3
+    )
+    if len(at) > MOST_CELLS[1]:
+        return
+    ax.margins(x=0.1, y=0.12)
+    for k in np.flatnonzero(few):
+        ax.annotate(
+            f"{counted.measured[k]:g} of {counted.all[k]:g}",
+            (at[k], means[k]),
+            (0, 6),
+            textcoords="offset points",
+            ha="center",
+            fontsize=9,
+        )
 
 
 def _heat_map(
@@ -229,11 +322,24 @@ def _heat_map(
         vmin=limits[0],
         vmax=limits[1],
     )
-    ax.figure.colorbar(image, ax=ax, label=name)
+    ax.figure.colorbar(image, ax=ax, label=labelled(name))
+    if len(across.values) <= MOST_CELLS[0] and len(up.values) <= MOST_CELLS[1]:
+        _write_values(ax, means, image)
     for axis, level in ((ax.xaxis, across), (ax.yaxis, up)):
         ticks = np.unique(np.linspace(0, len(level.values) - 1, 6).round().astype(int))
         axis.set_ticks(ticks, [level.labels[k] for k in ticks])
-    ax.set(xlabel=across.name, ylabel=up.name, facecolor="lightgrey")
+    ax.set(xlabel=labelled(across.name), ylabel=labelled(up.name), facecolor="lightgrey")
+
+
+def _write_values(ax: Axes, means: Array, image: AxesImage) -> None:
+    """The values of a map in its cells, light on dark and dark on light."""
+    for (row, column), value in np.ndenumerate(means):
+        if np.isfinite(value):
+            # of the colours that go from dark to light
+            dark = np.asarray(image.norm(np.array([value])))[0] < 0.6
+            text = f"{value:.3g}"
+            colour = "white" if dark else "black"
+            ax.text(column, row, text, ha="center", va="center", color=colour, fontsize=9)
 
 
 def _multiples(found: pd.DataFrame, shown: Sequence[str], levels: Sequence[Levels]) -> Figure:
@@ -290,20 +396,22 @@ def _scattered(found: pd.DataFrame, shown: Sequence[str], levels: Sequence[Level
         )
         if x is None:
             ax.set_xticks(at, level.labels)
-        ax.set(xlabel=level.name, ylabel=name)
+        elif _is_geometric(x):
+            ax.set_xscale("log")
+        ax.set(xlabel=labelled(level.name), ylabel=labelled(name))
     return figure
 
 
 def _is_geometric(x: Array) -> bool:
-    """Whether each value is the same multiple of the one before, and they do not lie close
-    together.
+    """Whether values in order that do not lie close together have their middle where equal ratios
+    would have it, rather than equal steps.
     """
-    return (
-        len(x) > 2
-        and x[0] > 0
-        and x[-1] >= 10 * x[0]
-        and bool(np.allclose(np.diff(np.log(x), 2), 0, atol=1e-6))
-    )
+    if len(x) < 3 or x[0] <= 0 or x[-1] < 10 * x[0]:
+        return False
+    middle = float(np.median(x))
+    by_ratios = np.log(middle / x[0]) / np.log(x[-1] / x[0])
+    by_steps = (middle - x[0]) / (x[-1] - x[0])
+    return bool(abs(by_ratios - 0.5) < abs(by_steps - 0.5))
 
 
 def _name_what_is_missing(figure: Figure, found: pd.DataFrame, left_out: int = 0) -> None:

@@ -7,6 +7,9 @@ that lie beside the notebook, which are loaded anew; working folder, environment
 the inline backend of matplotlib; what IPython shows, and its callbacks; options of NumPy and
 pandas; the global random numbers of Python, NumPy and OpenCV, which are those of a new process:
 seeded by chance, OpenCV's always alike. Not reset is what a notebook changes inside other modules.
+
+A part of a notebook that is the same each time may run once: `hold` makes what it has left the
+state that is gone back to. Its variables are copied for each run.
 """
 
 from __future__ import annotations
@@ -14,19 +17,26 @@ from __future__ import annotations
 import builtins
 import gc
 import importlib
+import io
 import logging
 import multiprocessing
 import os
+import pickle
 import random
 import sys
 import threading
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from contextlib import suppress
 from pathlib import Path
+from types import FunctionType, ModuleType
 from typing import Any
 
+from scipy.spatial.transform import RigidTransform, Rotation
+
 __all__ = [
+    "Kept",
+    "hold",
     "is_installed",
     "logger_states",
     "other_threads",
@@ -49,7 +59,7 @@ OWN = ("trinolab", "workbench")
 to_undo: list[Callable[[], Any]] = []
 
 
-def remember(shell: Any, imports: str = "") -> None:
+def remember(shell: Any, imports: str = "", drawn: bool = True) -> None:
     """Remember the state of this process, once, before anything runs.
 
     Parameters
@@ -58,13 +68,24 @@ def remember(shell: Any, imports: str = "") -> None:
     imports : str
         The names of the modules that the notebook imports, with spaces between. They are loaded
         first: libraries set up things of their own, which are not the notebook's.
+    drawn : bool
+        Otherwise figures are made, and no pictures of them.
     """
     forget = _modules()
     for name in ("cv2", "matplotlib.pyplot", "pandas", *imports.split()):
         with suppress(Exception):  # the notebook will see it
             importlib.import_module(name)
-    to_undo[:] = [
-        other_threads(),
+    if not drawn:
+        from matplotlib_inline.config import InlineBackend
+
+        InlineBackend.instance().figure_formats = set()
+    to_undo[:] = [other_threads(), *_undos(shell, forget), gc.collect]
+    forget()
+
+
+def _undos(shell: Any, forget: Callable[[], None]) -> list[Callable[[], Any]]:
+    """What leads back to the state of now."""
+    return [
         lambda: shell.reset(new_session=True),
         undo_python(),
         forget,
@@ -73,9 +94,68 @@ def remember(shell: Any, imports: str = "") -> None:
         undo_numpy(),
         undo_pandas(),
         undo_opencv(),
-        gc.collect,
     ]
-    forget()
+
+
+def hold(shell: Any, names: Iterable[str]) -> None:
+    """Let each run begin where this one has ended, with copies of these variables; modules stay
+    loaded.
+
+    Raises
+    ------
+    Exception
+        If that cannot be done: threads or processes still run, a variable cannot be copied, or a
+        module that lies beside the notebook was loaded, which a run may change.
+    """
+    check = to_undo[0]
+    check()
+    if beside := [
+        name
+        for name in sys.modules
+        if name.partition(".")[0] not in OWN and not is_installed(name) and name != "__main__"
+    ]:
+        raise RuntimeError(f"{beside[0]}: lies beside the notebook")
+    kept = Kept({name: shell.user_ns[name] for name in names if name in shell.user_ns})
+    to_undo[:] = [
+        check,
+        *_undos(shell, _modules(set(sys.modules))),
+        gc.collect,
+        lambda: shell.user_ns.update(kept.copies()),
+    ]
+    reset()
+
+
+class Kept:
+    """Variables of which copies can be had: these share what the variables share.
+
+    Modules, functions and classes are no copies. Nor are SciPy's rotations and rigid motions: a
+    copy of one is normalised anew, and differs in the last digit.
+    """
+
+    def __init__(self, variables: dict[str, Any]) -> None:
+        same: list[Any] = []
+        alike = (ModuleType, FunctionType, type, Rotation, RigidTransform)
+
+        class Pickler(pickle.Pickler):
+            def persistent_id(self, obj: Any) -> int | None:
+                if not isinstance(obj, alike):
+                    return None
+                same.append(obj)
+                return len(same) - 1
+
+        class Unpickler(pickle.Unpickler):
+            def persistent_load(self, pid: int) -> Any:
+                return same[pid]
+
+        file = io.BytesIO()
+        Pickler(file, pickle.HIGHEST_PROTOCOL).dump(variables)
+        self._content = file.getvalue()
+        self._unpickler = Unpickler
+
+    def copies(self) -> dict[str, Any]:
+        """Copies of the variables."""
+        copies: dict[str, Any] = self._unpickler(io.BytesIO(self._content)).load()
+        return copies
 
 
 def reset() -> None:
@@ -159,8 +239,9 @@ def restore_loggers(kept: dict[str, tuple[Any, ...]]) -> None:
         logger.setLevel(level)
 
 
-def _modules() -> Callable[[], None]:
-    modules_before = {
+def _modules(kept: set[str] | None = None) -> Callable[[], None]:
+    """Forget the modules of this package and those beside the notebook; but not these."""
+    modules_before = kept or {
         name for name in sys.modules if name.partition(".")[0] not in OWN or name == __name__
     }
 

@@ -39,6 +39,7 @@ from .folder import Identity, SweepFolder
 from .grid import Axis, Between, axes_of, runs
 from .notebook import assignments, read_notebook, read_parameters
 from .outcome import FAILED, LAST_COLUMNS, Outcome, as_plain_number, call, each, failed, table
+from .slicing import explained, slice_notebook
 from .warmkernel import check_kernel, notebook_job, run_job
 
 __all__ = [
@@ -76,6 +77,8 @@ class Sweep(NamedTuple):
         How the settings were chosen, for the manifest.
     kernels : str
         By this name `warmkernel` knows the kernels of a notebook's sweep.
+    cells : str
+        Which cells of a notebook run, and why; empty if it is run whole.
     """
 
     name: str
@@ -85,6 +88,7 @@ class Sweep(NamedTuple):
     made_from: Mapping[str, str]
     grid: Mapping[str, Any]
     kernels: str = ""
+    cells: str = ""
 
 
 def of_function(
@@ -120,9 +124,10 @@ def of_notebook(
     timeout_s: float | None = None,
     fresh: bool = False,
     keep: bool = False,
+    whole: bool = False,
 ) -> Sweep:
     """The sweep of a notebook; ValueError for a parameter that it lacks or of another type, a
-    result that is a text.
+    result that is a text. Notebooks that are kept are run whole.
     """
     path = find_notebook(what)
     names = _names(axes)
@@ -139,10 +144,22 @@ def of_notebook(
             assignments(defaults, {name: value}, path)
     check_kernel(path)
     _check_results(notebook := read_notebook(path), path)
-    job = notebook_job(path, timeout_s, fresh, keep)
+    part = None if whole or keep else slice_notebook(notebook, names)
+    job = notebook_job(path, timeout_s, fresh, keep, part)
     made_from = made_from_notebook(notebook, path.resolve().parent)
+    if whole:
+        made_from["the choice of cells"] = "all"
     grid = _described(axes, sample, sample_seed)
-    return Sweep(path.name, partial(run_job, job), names, settings, made_from, grid, job.sweep)
+    return Sweep(
+        path.name,
+        partial(run_job, job),
+        names,
+        settings,
+        made_from,
+        grid,
+        job.sweep,
+        "" if part is None else explained(notebook, part),
+    )
 
 
 def find_notebook(what: str | Path) -> Path:
@@ -349,6 +366,7 @@ def sweep(
     fresh_kernels: bool = False,
     progress: bool | None = None,
     yes: bool = False,
+    whole: bool = False,
     **values: Any,
 ) -> pd.DataFrame:
     """Run a notebook or a function at every setting of a grid, and return a row for each run.
@@ -381,6 +399,10 @@ def sweep(
         Show a bar on standard error; without it, if that is a terminal.
     yes : bool
         A grid of more than `grid.MANY` runs is meant.
+    whole : bool
+        Run every cell of a notebook. Otherwise only the statements on which its results depend, and
+        those that no swept parameter reaches once in each kernel (`slicing`): the numbers are the
+        same, but figures are not drawn, and what a cell asserts is not checked.
     **values
         Name -> an iterable of values, or one value. Every parameter with every other; the last one
         changes fastest.
@@ -406,7 +428,7 @@ def sweep(
             check_portable(what)
         job = of_function(what, axes, sample, sample_seed, yes, out is not None)
     else:
-        job = of_notebook(what, axes, sample, sample_seed, yes, fresh=fresh_kernels)
+        job = of_notebook(what, axes, sample, sample_seed, yes, fresh=fresh_kernels, whole=whole)
     several = min(workers, len(job.settings))
     local = processes(several) if callable(what) else kernels(several, job.kernels)
     engine = local if executor is None else nullcontext(Engine(executor, AHEAD, BATCH_S))

@@ -12,13 +12,15 @@ import os
 import subprocess
 import threading
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, NamedTuple
 from uuid import uuid4
 
 from .notebook import ONE_THREAD, UNATTENDED, glued, imported, inject, read_notebook
 from .outcome import Outcome, failed, finished
+from .slicing import Slice
 
 __all__ = [
     "Kernel",
@@ -27,6 +29,7 @@ __all__ = [
     "check_kernel",
     "close_kernels",
     "notebook_job",
+    "open_kernels",
     "run_job",
 ]
 
@@ -66,7 +69,9 @@ class NotebookJob(NamedTuple):
 
     `sweep` is a name that no other sweep has: kernels are not shared, and are closed together.
     `timeout_s` is the longest time of one cell, None without a limit; `fresh` starts a kernel for each run; `keep`
-    returns what was executed.
+    returns what was executed. Of a notebook that is run in part (`slicing`) `text` is what the results need, `once` and
+    `each` are its parts, and `held` the names that go from one to the other; they are empty for one that cannot be
+    parted.
     """
 
     sweep: str
@@ -76,15 +81,38 @@ class NotebookJob(NamedTuple):
     timeout_s: float | None
     fresh: bool = False
     keep: bool = False
+    once: str = ""
+    each: str = ""
+    held: tuple[str, ...] = ()
+    drawn: bool = True
 
 
 def notebook_job(
-    path: str | Path, timeout_s: float | None, fresh: bool = False, keep: bool = False
+    path: str | Path,
+    timeout_s: float | None,
+    fresh: bool = False,
+    keep: bool = False,
+    part: Slice | None = None,
 ) -> NotebookJob:
-    """The job of a notebook file. ValueError if it is none."""
-    text = json.dumps(read_notebook(path))
-    return NotebookJob(
-        uuid4().hex, Path(path).name, text, str(Path(path).resolve().parent), timeout_s, fresh, keep
+    """The job of a notebook file, or of the `part` of it that is needed. ValueError if it is
+    none.
+    """
+    job = NotebookJob(
+        uuid4().hex,
+        Path(path).name,
+        json.dumps(read_notebook(path)),
+        str(Path(path).resolve().parent),
+        timeout_s,
+        fresh,
+        keep,
+    )
+    if part is None:
+        return job
+    job = job._replace(text=json.dumps(part.needed), drawn=False)
+    if part.once is None:
+        return job
+    return job._replace(
+        once=json.dumps(part.once), each=json.dumps(part.each), held=tuple(part.held)
     )
 
 
@@ -105,14 +133,19 @@ def run_job(job: NotebookJob, parameters: Mapping[str, Any]) -> Outcome:
     """
     import nbformat
 
-    notebook = nbformat.from_dict(json.loads(job.text))
+    notebook = _read(job.text)
     kernel = None
     start = time.perf_counter()
     inject(notebook, parameters, job.name)
     try:
         kernel = _take(job, notebook)
+        if kernel.before is not None:
+            notebook = _read(job.each)
+            inject(notebook, parameters, job.name)
         start = time.perf_counter()
         kernel.run(notebook, job.timeout_s)
+        if kernel.before is not None:
+            _put_before(notebook, kernel.before)
         # what it says in words is for its readers
         results = {
             name: value for name, value in glued(notebook).items() if not isinstance(value, str)
@@ -123,6 +156,24 @@ def run_job(job: NotebookJob, parameters: Mapping[str, Any]) -> Outcome:
     if kernel is not None:
         _give_back(kernel, job.fresh)
     return outcome._replace(notebook=nbformat.writes(notebook)) if job.keep else outcome
+
+
+def _read(text: str) -> Any:
+    import nbformat
+
+    return nbformat.from_dict(json.loads(text))
+
+
+def _put_before(notebook: Any, before: Any) -> None:
+    """Put what the cells gave that ran once before what they gave now."""
+    cells = [cell for cell in notebook.cells if not _is_injected(cell)]
+    for cell, earlier in zip(cells, before.cells, strict=True):
+        if cell.cell_type == "code":
+            cell.outputs = [*earlier.outputs, *cell.outputs]
+
+
+def _is_injected(cell: Any) -> bool:
+    return "injected-parameters" in cell.metadata.get("tags", [])
 
 
 def close_kernels(sweep: str | None = None) -> None:
@@ -139,15 +190,23 @@ def close_kernels(sweep: str | None = None) -> None:
         kernel.close()
 
 
+def open_kernels() -> list[Kernel]:
+    """The kernels of this process that have not ended."""
+    with _lock:
+        return list(_all)
+
+
 class Kernel:
     """A kernel, and an event loop of its own: whichever thread has the kernel runs the loop.
 
-    `sound` is whether another notebook may run in it.
+    `sound` is whether another notebook may run in it; `before` what ran in it once, executed, if
+    each run begins where that has ended.
     """
 
-    def __init__(self, key: Key, warm: bool) -> None:
+    def __init__(self, key: Key, warm: bool, drawn: bool = True) -> None:
         self.key = key
         self.sound = True
+        self.before: Any = None
         self._used = False
         self._loop = asyncio.SelectorEventLoop()
         self._manager: Any = None
@@ -156,7 +215,9 @@ class Kernel:
             _all.add(self)
         try:
             self._loop.run_until_complete(self._start())
-            self.sound = warm and self._did(f"{STATE}.remember(get_ipython(), {key.imports!r})")
+            self.sound = warm and self._did(
+                f"{STATE}.remember(get_ipython(), {key.imports!r}, {drawn})"
+            )
         except BaseException:
             self.close()
             raise
@@ -176,14 +237,39 @@ class Kernel:
             self.sound = False
             raise
 
+    def prepare(self, once: Any, held: Sequence[str], timeout_s: float | None) -> None:
+        """Run a part of a notebook in place, and let each run begin with these variables of it.
+
+        Where that raises, or leaves something that cannot be copied, it is forgotten: then each run
+        has to do it itself. RuntimeError if it cannot be forgotten.
+        """
+        from nbclient.exceptions import CellExecutionError
+
+        with suppress(CellExecutionError):
+            self.run(once, timeout_s)
+            if self._did(f"{STATE}.hold(get_ipython(), {list(held)!r})"):
+                self.before, self._used = once, False
+                return
+        if not self.reset():
+            raise RuntimeError("what the notebook has left cannot be taken back")
+
     def reset(self) -> bool:
         """Forget the run before; whether that could be done."""
         used, self._used = self._used, False
         return not used or self._did(f"{STATE}.reset()")
 
+    @property
+    def process_id(self) -> int | None:
+        """The process's number; None before it has started."""
+        process = self._process()
+        return None if process is None else process.pid
+
+    def _process(self) -> Any:
+        return getattr(getattr(self._manager, "provisioner", None), "process", None)
+
     def kill(self) -> None:
         """End the process at once, from any thread; who waits for it is told that it has died."""
-        process = getattr(getattr(self._manager, "provisioner", None), "process", None)
+        process = self._process()
         if process is not None:  # else it is about to start, and sees that it should not
             process.kill()
 
@@ -257,7 +343,14 @@ def _take(job: NotebookJob, notebook: Any) -> Kernel:
         if kernel.reset():
             return kernel
         kernel.close()
-    return Kernel(key, warm=not job.fresh)
+    kernel = Kernel(key, warm=not job.fresh, drawn=job.drawn)
+    if job.once and kernel.sound:
+        try:
+            kernel.prepare(_read(job.once), job.held, job.timeout_s)
+        except BaseException:
+            kernel.close()
+            raise
+    return kernel
 
 
 def _give_back(kernel: Kernel, fresh: bool) -> None:
@@ -280,11 +373,7 @@ def _reason(error: Exception, notebook: Any) -> str:
     evalue = getattr(error, "evalue", "")
     if ename is None:
         return f"{type(error).__name__}: {error}"
-    cells = [
-        cell
-        for cell in notebook.cells
-        if cell.cell_type == "code" and "injected-parameters" not in cell.metadata.get("tags", [])
-    ]
+    cells = [cell for cell in notebook.cells if cell.cell_type == "code" and not _is_injected(cell)]
     number = next(
         (
             k

@@ -244,11 +244,11 @@ def test_a_smear_is_measured_in_the_images_of_a_fit_without_motion():
             np.nanmax(np.linalg.norm(camera.project(ends[0]) - camera.project(ends[1]), axis=1))
             for camera in RIG.cameras
         )
-        fit = fit_patches(smeared, RIG, CODED, FIRST, with_smear=True)
+        fit = fit_patches(smeared, RIG, CODED, FIRST, smear_above=0.0)
         assert fit.smear_px == pytest.approx(wanted, rel=0.25)
     still = clip(CODED, 1)[0]
     for images in ([jpeg(image, 75) for image in still], still):
-        fit = fit_patches(images, RIG, CODED, FIRST, with_smear=True)
+        fit = fit_patches(images, RIG, CODED, FIRST, smear_above=0.0)
         assert fit.smear_px < BEST.blurred_px
 
 

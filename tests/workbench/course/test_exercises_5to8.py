@@ -5,6 +5,7 @@ numbers that the graders know, by another way.
 import json
 import re
 import textwrap
+from itertools import groupby
 from pathlib import Path
 
 import cv2
@@ -23,6 +24,7 @@ from workbench.course.child import outcome
 from workbench.course.exercise import FunctionExercise
 from workbench.course.exercises import exercise, of_chapter
 from workbench.course.grading import call_of, judge_outcomes
+from workbench.studies import centroid_bias
 
 NOTEBOOKS = Path(__file__).resolve().parents[3] / "notebooks"
 
@@ -68,6 +70,19 @@ def test_the_longest_plateau_by_another_labelling():
     asked = exercise("05.3")
     for (image,) in call_of(asked).cases:
         assert np.array_equal(asked.solution(image), by_scipy(image), equal_nan=True)
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_before_a_bright_background_no_plateau_is_long(seed):
+    """The solution says so: three thresholds at most, where the standard scene has dozens."""
+
+    def longest(image):
+        counts = [ndimage.label(image > t, np.ones((3, 3)))[1] for t in range(image.max())]
+        return max(len(list(run)) for count, run in groupby(counts) if count >= 4)
+
+    cases = centroid_bias.hostile_stills(optics.Bench(read_noise=1.5), np.random.default_rng(seed))
+    assert longest(cases["bright background"].image) <= 3
+    assert longest(cases["standard scene"].image) > 24
 
 
 def test_the_values_of_chapter_5():

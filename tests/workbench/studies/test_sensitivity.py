@@ -260,7 +260,7 @@ def test_the_table_compares_each_case_with_none_by_rising_number(tmp_path, monke
     assert table["assumption"].tolist() == ["A3", "A4", "A22", "A22", "A30"]
     drawn = table[table["assumption"] == "A22"]
     assert drawn["number"].tolist() == ["E_t", "measured"]
-    assert drawn["claim"].tolist() == ["5", "11"]
+    assert drawn["claim"].tolist() == ["5j", "11"]
     assert set(drawn["instead"]) == {one.instead}
     numbers = ["as_assumed", "changed", "difference", "low", "high", "n"]
     assert (drawn[numbers] == [1.0, 1.5, 0.5, 0.5, 0.5, 20]).all(axis=None)
@@ -271,11 +271,13 @@ def test_the_table_compares_each_case_with_none_by_rising_number(tmp_path, monke
 
 
 def test_the_boards_are_compared_on_the_same_draws(monkeypatch):
-    """A calibration's cost is its board's square and the draw: only the first is a difference."""
+    """A calibration's cost is its board's square and bend, and the draw: only the first two are a
+    difference.
+    """
     costs = []
 
-    def calibrated(rig, board, positions, rng):
-        costs.append(board.square_mm + rng.random())
+    def calibrated(rig, board, positions, rng, bend_mm):
+        costs.append(board.square_mm + 100 * bend_mm + rng.random())
         return SimpleNamespace(rig=costs[-1])
 
     monkeypatch.setattr(sensitivity, "CALIBRATIONS", 3)
@@ -283,9 +285,14 @@ def test_the_boards_are_compared_on_the_same_draws(monkeypatch):
     monkeypatch.setattr(
         sensitivity, "calibration_errors", lambda rig, *_: SimpleNamespace(E_t_mm=rig)
     )
-    (row,) = sensitivity.of_calibration()
-    found = dict(zip(COLUMNS, row, strict=True))
-    step = costs[3] - costs[0]
-    assert (found["assumption"], found["n"], found["draws"]) == ("A25", 3, 3)
-    assert [found[name] for name in ("difference", "low", "high")] == pytest.approx([step] * 3)
-    assert found["as_assumed"] == pytest.approx(np.mean(costs[:3]))
+    rows = [dict(zip(COLUMNS, row, strict=True)) for row in sensitivity.of_calibration()]
+    assert [row["instead"] for row in rows] == [
+        "squares of 10 mm",
+        "a board that is bent by 0.02 mm",
+        "a board that is bent by 0.05 mm",
+    ]
+    for found, step in zip(rows, (-5.0, 2.0, 5.0), strict=True):
+        assert (found["assumption"], found["n"], found["draws"]) == ("A25", 3, 3)
+        numbers = [found[name] for name in ("difference", "low", "high")]
+        assert numbers == pytest.approx([step] * 3)
+        assert found["as_assumed"] == pytest.approx(np.mean(costs[:3]))

@@ -47,6 +47,12 @@ def asked(monkeypatch):
         ),
         ("sensitivity", [], "make_table", {"kept": Path("_build/sensitivity"), "draws": 2}),
         (
+            "match_rivals",
+            ["--kept", "k", "--draws", "3"],
+            "make_table",
+            {"kept": Path("k"), "draws": 3},
+        ),
+        (
             "calibration_error",
             ["--kept", "k", "--draws", "3", "--workers", "5"],
             "make_table",

@@ -5,9 +5,11 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
+from workbench.studies.protocol import load_claims
 from workbench.sweep import sweep
 from workbench.sweep.figures import as_png, plot_sweep
 from workbench.sweep.grid import Interval
+from workbench.sweep.quantities import PAPER
 
 
 @pytest.fixture(autouse=True)
@@ -30,7 +32,7 @@ def test_one_parameter_gives_curves_with_the_range_over_the_seeds():
     found = sweep(measured, a=[0.0, 0.5, 1.0], b=0.5, seed=[0, 2])
     figure = plot_sweep(found)
     # a result that stays the same is left out
-    assert labels(figure) == [("a", "E_t_mm"), ("a", "gain")]
+    assert labels(figure) == [("a", "E_t_mm / mm"), ("a", "gain")]
     gain = figure.axes[1]
     np.testing.assert_allclose(gain.lines[0].get_xydata(), [[0.0, 1.0], [0.5, 1.25], [1.0, 1.5]])
     band = gain.collections[0].get_paths()[0].vertices
@@ -43,8 +45,8 @@ def test_a_result_that_only_the_seed_changes_is_left_out_unless_it_is_an_error()
         return {"E_t_mm": float(seed), "moved": a + seed, "drawn": float(seed)}
 
     assert labels(plot_sweep(sweep(noisy, a=[0.0, 1.0], seed=[0, 3]))) == [
-        ("a", "E_t_mm"),
         ("a", "moved"),
+        ("a", "E_t_mm / mm"),
     ]
 
 
@@ -101,8 +103,8 @@ def test_a_sample_gives_points():
 
 def test_one_run_and_none_that_gives_a_number():
     assert labels(plot_sweep(sweep(measured, a=0.1))) == [
-        ("run", "E_t_mm"),
         ("run", "flat"),
+        ("run", "E_t_mm / mm"),
         ("run", "gain"),
     ]
     figure = plot_sweep(sweep(measured, a=[1.0, 2.0]))
@@ -148,3 +150,62 @@ def test_words_of_a_sample_are_named_at_the_axis():
     np.testing.assert_array_equal(x, [order.index(name) for name in found["name"]])
     np.testing.assert_array_equal(y, found["E_t_mm"])
     assert [ax.get_xlabel() for ax in (numbers, words)] == ["a", "name"]
+
+
+def test_what_changed_most_for_its_size_comes_first_and_the_parameter_itself_last():
+    def some(a, seed=0):
+        noisy = 10.0 * seed
+        return {"copy": a, "little": 100 + a, "much": 1 + a, "by_chance": noisy + 0.1 * a}
+
+    figure = plot_sweep(sweep(some, a=[0.0, 1.0, 2.0], seed=[0, 1]))
+    assert [name for _, name in labels(figure)] == ["much", "little", "by_chance", "copy"]
+
+
+@pytest.mark.parametrize(
+    ("values", "scale"),
+    [
+        ([0.25, 0.5, 1.0, 2.0, 4.0], "log"),
+        ([0.002, 0.01, 0.05, 0.2], "log"),
+        ([1, 2, 5, 10, 20, 50], "log"),
+        ([0.1, 0.3, 0.5, 0.7, 1.0], "linear"),
+        ([1.0, 2.0, 4.0], "linear"),
+        ([0.0, 1.0, 10.0], "linear"),
+    ],
+)
+def test_which_values_get_a_logarithmic_axis(values, scale):
+    assert plot_sweep(sweep(measured, a=values, b=0.1)).axes[0].get_xscale() == scale
+
+
+def chapter(a):
+    """An error whose mean falls because poses are dropped."""
+    return {"E_t_mm": 0.5 - 0.1 * a, "fitted_instants": 20 - 3 * int(a), "instants": 20}
+
+
+def test_an_error_has_its_unit_the_papers_value_and_the_number_of_its_poses():
+    ax = plot_sweep(sweep(chapter, a=[0.0, 1.0, 2.0]), ["E_t_mm"]).axes[0]
+    assert ax.get_ylabel() == "E_t_mm / mm"
+    assert ax.lines[1].get_ydata()[0] == 0.31
+    hollow = ax.lines[2]
+    assert hollow.get_markerfacecolor() == "white"
+    np.testing.assert_allclose(hollow.get_xydata(), [[1.0, 0.4], [2.0, 0.3]])
+    assert [text.get_text() for text in ax.texts] == ["paper 0.31", "17 of 20", "14 of 20"]
+    assert ax.get_title() == "n = 20, hollow: fewer"
+
+
+def test_where_no_pose_was_dropped_no_marker_is_hollow():
+    ax = plot_sweep(sweep(chapter, a=[0.0, 0.1]), ["E_t_mm"]).axes[0]
+    assert (ax.get_title(), len(ax.lines[2].get_xdata())) == ("n = 20", 0)
+
+
+def test_the_papers_values_are_those_of_its_claims():
+    claims = load_claims()
+    stated = {float(claim.paper) for claim in claims if claim.paper not in ("", "yes")}
+    assert set(PAPER.values()) <= stated
+
+
+def test_a_map_has_its_values_in_its_cells_where_there_is_room():
+    found = sweep(measured, a=[0.0, 0.5, 1.0], b=[0.5, 1.0])
+    ax = plot_sweep(found, ["gain"]).axes[0]
+    assert sorted(text.get_text() for text in ax.texts) == ["0", "0", "0.25", "0.5", "0.5"]
+    many = sweep(measured, a=np.linspace(0, 0.5, 9), b=[0.5, 1.0])
+    assert not plot_sweep(many, ["gain"]).axes[0].texts

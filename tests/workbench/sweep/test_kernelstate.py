@@ -14,6 +14,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
 import pytest
+from scipy.spatial.transform import Rotation
 
 from workbench.sweep import kernelstate
 
@@ -174,3 +175,21 @@ def test_a_reset_undoes_all_in_turn_and_spares_the_collector_once(monkeypatch):
     kernelstate.reset()
     kernelstate.reset()
     assert done == [0, 1, 2, "freeze", 0, 1, 2]
+
+
+def test_kept_variables_are_copied_anew_and_rotations_stay_to_the_last_digit():
+    shared = [1.0]
+    turns = Rotation.random(50, rng=0)
+    kept = kernelstate.Kept({"a": shared, "b": {"of": shared}, "turns": turns, "np": np, "f": len})
+    first = kept.copies()
+    first["a"].append(2.0)
+    assert first["b"]["of"] is first["a"]  # what was shared is shared
+    second = kept.copies()
+    assert second["a"] == shared == [1.0]
+    assert second["np"] is np
+    np.testing.assert_array_equal(second["turns"].as_quat(), turns.as_quat())
+
+
+def test_what_cannot_be_copied_is_refused():
+    with pytest.raises(TypeError, match="generator"):
+        kernelstate.Kept({"numbers": (k for k in range(3))})

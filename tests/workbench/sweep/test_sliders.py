@@ -33,6 +33,8 @@ def test_a_slider_chooses_what_is_drawn():
     box = explore(sweep(product, a=[1.0, 2.0], b=[1.0, 3.0], c=[1, 5]))
     which, b, c, _ = box.children
     assert [child.description for child in (which, b, c)] == ["result", "b", "c"]
+    assert which.value == "c_by_a"  # what changed most
+    which.value = "ab"
     assert last_curve()[:2] == ("ab", [[1.0, 1.0], [2.0, 2.0]])
     before = last_curve()[2]
     b.value = 1
