@@ -13,11 +13,9 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
-from matplotlib.figure import Figure
 
 from trinolab.datasets import load_handle, load_rig, load_sweep, load_table1
 from trinolab.files.inputs import read_toml
@@ -96,10 +94,7 @@ def write_pages(scoreboard: Path, folder: Path) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     write_whole(folder / "text.md", article(read_board(scoreboard)) + "\n")
     for name, draw in FIGURES.items():
-        with plt.rc_context({"svg.hashsalt": "trinolab", "svg.fonttype": "path"}):
-            figure = draw()
-            figure.savefig(folder / f"{name}.svg", metadata={"Date": None}, bbox_inches="tight")
-        plt.close(figure)
+        plotting.write_drawing(draw(), folder / f"{name}.svg")
 
 
 def article(board: pd.DataFrame) -> str:
@@ -298,7 +293,7 @@ def _listed(texts: list[str]) -> str:
     return " and ".join(filter(None, [", ".join(texts[:-1]), *texts[-1:]]))
 
 
-def _draw_rig() -> Figure:
+def _draw_rig() -> Any:
     rig, rod = load_rig(RIG), load_handle(HANDLE)
     pose = load_table1().set_poses[ROW - 1]
     views = {}
@@ -311,7 +306,7 @@ def _draw_rig() -> Figure:
     return plotting.plot_rig(views, ends, pose.apply(rod.marker_centres), axes)
 
 
-def _draw_space() -> Figure:
+def _draw_space() -> Any:
     table = load_table1()
     positions = table.set_poses.translation
     errors = table.measured.translation - positions
@@ -330,26 +325,24 @@ def _budget() -> pd.DataFrame:
     return pd.DataFrame(rows, columns=["source", "group", "mm", "deg"]).set_index("source")
 
 
-def _draw_budget() -> Figure:
+def _draw_budget() -> Any:
     axes = {"mm": "rms position / mm", "deg": "rms rotation / deg"}
     return plotting.plot_budget(_budget(), axes)
 
 
-def _draw_refused() -> Figure:
+def _draw_refused() -> Any:
     table = load_sweep("patterns")
     short = table["model"].str.replace("of the set angles", "of angles")
     short = short.str.replace("reference turned + handle set askew", "misalignments", regex=False)
-    figure = plotting.plot_refused(table.assign(model=short), STATISTICS, cause.LEVEL).figure
-    assert isinstance(figure, Figure)
-    return figure
+    return plotting.plot_refused(table.assign(model=short), STATISTICS, cause.LEVEL).figure
 
 
-def _draw_calibration() -> Figure:
+def _draw_calibration() -> Any:
     limit_mm = next(float(claim.paper) for claim in load_claims() if claim.no == "1")
     return plotting.plot_calibration_error(load_sweep("calibration_error"), HANDLE, limit_mm)
 
 
-FIGURES: dict[str, Callable[[], Figure]] = {
+FIGURES: dict[str, Callable[[], Any]] = {
     "rig": _draw_rig,
     "calibration": _draw_calibration,
     "budget": _draw_budget,
