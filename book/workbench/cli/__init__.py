@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 __all__ = ["QUESTION_WIDTH", "as_text", "digits", "essential", "main", "not_run", "say"]
 
 
-QUESTION_WIDTH = 44  # columns of a question in the board as text
+QUESTION_WIDTH = 41  # columns of a question in the board as text
 # The extra of this distribution that brings what a command imports.
 EXTRAS = {
     "IPython": "book",
