@@ -154,7 +154,7 @@ def _of_the_board(board: pd.DataFrame) -> dict[str, Any]:
         "questions": len(by_question),
         "counts": (
             f"{alike['match']} are answered as the paper answers them, {alike['differs']} are answered "
-            f"otherwise, and {mixed} are answered differently for two forms of a claim or are undecided"
+            f"otherwise, and for {mixed} the rows disagree or are undecided"
         ),
         "claims_table": claims_table(board),
         "untestable": untestable(board),
