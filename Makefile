@@ -14,7 +14,7 @@ endif
 unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
-.PHONY: help book test core lab lint student teacher verify sweeps sheet bench figures pdf dist clean
+.PHONY: help book test core lab lint student teacher verify sweeps sheet bench figures pdf article dist clean
 
 help:  ## show this list
 	@sed -n 's/^\([a-z]*\):.*## /\1\t/p' $(MAKEFILE_LIST)
@@ -85,6 +85,9 @@ figures: .venv/package.done  ## all figures and films of the built pages as file
 
 pdf: .venv/package.done  ## the built pages as _build/trinolab.pdf, each printed page looked at: some minutes
 	@$(BIN)/python -m workbench.pages.printing
+
+article: .venv/package.done  ## the built page of the article as _build/article.pdf, each printed page looked at
+	@$(BIN)/python -m workbench.pages.printing book/article --out _build/article.pdf
 
 dist: .venv/package.done  ## the built pages as a zip for readers, and a wheel, in _build/dist
 	@$(BIN)/python -m workbench.pages.dist

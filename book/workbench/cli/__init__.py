@@ -25,9 +25,10 @@ if TYPE_CHECKING:
 
     from ..teleop.teleoperate import Done
 
-__all__ = ["as_text", "digits", "main", "not_run", "say"]
+__all__ = ["QUESTION_WIDTH", "as_text", "digits", "essential", "main", "not_run", "say"]
 
 
+QUESTION_WIDTH = 41  # columns of a question in the board as text
 # The extra of this distribution that brings what a command imports.
 EXTRAS = {
     "IPython": "book",
@@ -506,7 +507,7 @@ def _scoreboard(a: argparse.Namespace) -> int:
         texts = {name: board[name].map(digits) for name in ("ours", "low", "high")}
         texts |= {name: board[name].map(_whole) for name in ("n", "seed")}
         write_whole(a.csv, board.assign(**texts).to_csv(index=False))
-    say(as_text(board))
+    say(as_text(essential(board), QUESTION_WIDTH) if a.essential else as_text(board))
     if note := not_run(board):
         say(note)
     if wrong := disagreements(board):
@@ -526,6 +527,34 @@ def as_text(board: pd.DataFrame, width: int = 76) -> str:
     table = table[["no", "claim", "paper", "ours", "unit", "verdict"]]
     formatters = {"claim": f"{{:<{width}s}}".format, "verdict": "{:<16s}".format}
     return table.to_string(index=False, justify="left", formatters=formatters)
+
+
+def essential(board: pd.DataFrame) -> pd.DataFrame:
+    """The board that a reader sees first: one line a question, for which its rows stand together.
+
+    Returns
+    -------
+    pandas.DataFrame
+        Columns no, claim (the question), paper, ours, unit and verdict, as text. What all rows of a
+        line have in common stands there once.
+    """
+    import pandas as pd
+
+    from ..studies.scoreboard import essential_rows
+
+    lines = list[dict[str, str]]()
+    for question, rows in essential_rows(board).items():
+        texts = {
+            name: [digits(value) for value in rows[name]]
+            for name in ("paper", "ours", "unit", "verdict")
+        }
+        joined = {name: ", ".join(_once(values)) for name, values in texts.items()}
+        lines.append({"no": ", ".join(rows["no"]), "claim": question, **joined})
+    return pd.DataFrame(lines)
+
+
+def _once(texts: list[str]) -> list[str]:
+    return texts[:1] if len(set(texts)) == 1 else texts
 
 
 def not_run(board: pd.DataFrame) -> str:

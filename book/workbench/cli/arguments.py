@@ -53,6 +53,9 @@ def parser() -> argparse.ArgumentParser:
         "trinolab scoreboard --csv scoreboard.csv",
     )
     board.add_argument("--csv", metavar="FILE", help="write the table as CSV, too")
+    board.add_argument(
+        "--essential", action="store_true", help="print the fifteen lines of essential claims alone"
+    )
     eq = _add(
         commands,
         "eq",

@@ -35,7 +35,7 @@ from nbclient.exceptions import CellExecutionError, DeadKernelError
 
 from trinolab.files.outputs import write_whole
 
-from ..cli import as_text, not_run
+from ..cli import QUESTION_WIDTH, as_text, essential, not_run
 from ..provenance import hash_files, hash_text, made_from_module, made_from_notebook, surroundings
 from ..sweep.notebook import ONE_THREAD, read_notebook, run_notebook
 from .contents import pages
@@ -157,7 +157,9 @@ def main() -> int:
         print(f"\nFAILED: {error}\nWhat is finished is kept. Mend it: {AGAIN}.")
         return 1
     board = pd.read_csv(SCOREBOARD, dtype=str, keep_default_na=False)
-    print("\n".join(filter(None, ["", as_text(board), not_run(board)])))
+    shown = as_text(essential(board), QUESTION_WIDTH)
+    print("\n".join(filter(None, ["", shown, not_run(board)])))
+    print(f"All {len(board)} rows: `trinolab scoreboard`, and the page scoreboard.")
     print(f"\nThe book: {HTML / 'index.html'}, after {time.monotonic() - begin:.0f} s")
     return 0
 
@@ -437,10 +439,19 @@ def build_pages() -> bool:
 
 def write_reference() -> None:
     """Write the API reference, the commands' help, the picture of the house, the parts of the pages
-    of the claims, of the course and of the report, all as the package is now, the links to where it
+    of the claims, of the course and of the report, the article, all as the package is now, the links to where it
     runs, and the start page's film.
     """
-    from . import claims_pages, commandhelp, course_pages, house, online, reference, report_pages
+    from . import (
+        article,
+        claims_pages,
+        commandhelp,
+        course_pages,
+        house,
+        online,
+        reference,
+        report_pages,
+    )
 
     reference.write_pages()
     commandhelp.write_help()
@@ -448,6 +459,7 @@ def write_reference() -> None:
     claims_pages.write_pages(SCOREBOARD, GENERATED / "claims")
     course_pages.write_pages(GENERATED / "course")
     report_pages.write_pages(SCOREBOARD, SECONDS, GENERATED / "report")
+    article.write_pages(SCOREBOARD, GENERATED / "article")
     online.write_page(GENERATED / "online")
     write_film()
 

@@ -14,6 +14,7 @@ from trinolab.files.outputs import write_whole
 
 from ..cli import digits
 from ..studies.protocol import Claim, can_show, load_claims, load_deviations, load_trials
+from ..studies.scoreboard import essential_rows
 
 __all__ = [
     "IS_OF_THE_PAPER",
@@ -24,13 +25,16 @@ __all__ = [
     "criteria_table",
     "deviations_list",
     "escaped",
+    "essential_table",
     "in_words",
     "list_table",
     "numbers_of",
     "placed",
     "read_board",
     "sample_of",
+    "sampled",
     "trials_table",
+    "value_of",
     "word",
     "write_pages",
 ]
@@ -44,10 +48,12 @@ def write_pages(scoreboard: Path, folder: Path) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     board = read_board(scoreboard)
     of_paper = board["kind"].isin(IS_OF_THE_PAPER)
+    first = board["no"].isin([no for rows in essential_rows(board).values() for no in rows["no"]])
     parts = {
         "answer": answer(board[of_paper]),
-        "paper": board_table(board[of_paper]),
-        "own": board_table(board[~of_paper]),
+        "essential": essential_table(board),
+        "paper": board_table(board[of_paper & ~first]),
+        "own": board_table(board[~of_paper & ~first]),
         "trials": trials_table(),
         "criteria": criteria_table(),
         "deviations": deviations_list(),
@@ -112,6 +118,49 @@ def board_table(board: pd.DataFrame) -> str:
     return list_table(head, rows, "6 47 47", "scoreboard", anchor="claim")
 
 
+def essential_table(board: pd.DataFrame) -> str:
+    """The board that a reader sees first: a line a question, its rows' criteria and reasons folded
+    away below it.
+    """
+    rows = []
+    for question, some in essential_rows(board).items():
+        numbers, reasons = [], []
+        for row in some.itertuples():
+            paper = "" if row.paper == "yes" else f"paper {row.paper}, ours "
+            numbers.append(f"{row.no} **{row.verdict}**: {paper}{value_of(row)}")
+            reason = escaped(f"{row.reason} {row.sensitivity}".rstrip())
+            reasons.append(
+                f"{row.no}. {escaped(row.claim)} *{row.kind}*: {escaped(row.criterion)} "
+                f"**{row.verdict}** ({sampled(row)}): {reason}"
+            )
+        folded = "\n\n".join(
+            ["<details><summary>Criterion and reason</summary>", *reasons, "</details>"]
+        )
+        rows.append(
+            (
+                " ".join(placed("claim", no) for no in some["no"]),
+                f"{escaped(question)}\n\n{folded}",
+                escaped(" <br> ".join(numbers)),
+            )
+        )
+    head = ("No", "Question", "Verdict, and ours (interval of 95 %)")
+    return list_table(head, rows, "8 40 52", "essential", raw=True)
+
+
+def value_of(row: Any) -> str:
+    """A row's value with its unit, which a share and a ratio have none of, and its interval."""
+    unit = "" if row.unit in ("", "share", "ratio") else f" {row.unit}"
+    interval = f" ({digits(row.low)} to {digits(row.high)})" if row.low == row.low else ""
+    return f"{digits(row.ours)}{unit}{interval}" if row.ours == row.ours else "no number"
+
+
+def sampled(row: Any) -> str:
+    """How many draws a row has, and from which seed."""
+    if row.n != row.n:
+        return "nothing drawn"
+    return f"n {row.n:.0f}" + (f", seed {row.seed}" if row.seed else "")
+
+
 def numbers_of(row: Any) -> str:
     """The paper's number and ours, with interval, n and seed."""
     lines = [] if row.paper in ("", "yes") else [f"paper {row.paper} {row.unit}"]
@@ -120,7 +169,7 @@ def numbers_of(row: Any) -> str:
     if row.low == row.low and row.high == row.high:
         lines[-1] += f" ({digits(row.low)} to {digits(row.high)})"
     if row.n == row.n:
-        lines.append(f"n {row.n:.0f}" + (f", seed {row.seed}" if row.seed else ""))
+        lines.append(sampled(row))
     return " <br> ".join(lines) or "no number"
 
 
@@ -134,13 +183,12 @@ def trials_table() -> str:
 
 
 def criteria_table() -> str:
-    """Each row's words of the paper and kind; its criterion and sample."""
-    rows = [
-        (claim.no, in_words(claim), f"{claim.criterion} <br> *{sample_of(claim)}*")
-        for claim in load_claims()
-    ]
-    head = ("No", "Claim, and the paper's words", "Criterion, and sample")
-    return list_table(head, rows, "6 47 47", "criteria", anchor="criterion")
+    """Each row's words of the paper, kind and sample; its number leads to its criterion, which is
+    printed beside the result.
+    """
+    rows = [(claim.no, in_words(claim), f"{sample_of(claim)}.") for claim in load_claims()]
+    head = ("No", "Claim, and the paper's words", "Sample")
+    return list_table(head, rows, "6 60 34", "criteria", anchor="criterion")
 
 
 def in_words(claim: Claim) -> str:
@@ -193,6 +241,7 @@ def list_table(
         cells = list(row) if raw else [escaped(cell) for cell in row]
         if anchor and row is not head:
             cells[0] = placed(anchor, row[0])
+        cells = [cell.replace("\n", "\n    ").replace("\n    \n", "\n\n") for cell in cells]
         lines += [f"{'* -' if k == 0 else '  -'} {cell}" for k, cell in enumerate(cells)]
     return "\n".join([*lines, "````"])
 

@@ -2,6 +2,8 @@
 
     .venv/bin/python -m workbench.pages.printing [--out FILE] [PAGE ...]
 
+`make article` prints the article alone.
+
 What is folded is opened, but for the cards of how a result was made, which are left out. A film and an
 interactive scene are their pictures. Links within the book lead to the printed page. Then every printed
 page is looked at: what is blank, cut off or split is an error.
@@ -40,6 +42,7 @@ MARGIN_INCHES = 0.7
 WIDTH_PX = 680  # of A4 without its margins, at 96 px an inch: the page is laid out so
 LOOKED_AT = 0.5  # of 72 dpi: how finely a printed page is looked at
 INK = 1e-4  # the share of a page that is not white, at least
+TITLE_OF_THE_BOOK = "trinolab: a three-camera master handle, reproduced"
 FOOT_INCHES = 0.55  # the number of the page stands there
 NUMBER = (
     '<div style="font: 7pt sans-serif; width: 100%; text-align: center">'
@@ -175,7 +178,8 @@ def join(printed: Sequence[Printed], html: Path) -> bytes:
         for number in range(start, start + len(PdfReader(io.BytesIO(one.pdf)).pages)):
             for annotation in writer.pages[number].get("/Annots", []):
                 _lead(annotation.get_object(), f"{one.page}.html", places, html, writer)
-    writer.add_metadata({"/Title": "trinolab: a three-camera master handle, reproduced"})
+    title = printed[0].title if len(printed) == 1 else TITLE_OF_THE_BOOK
+    writer.add_metadata({"/Title": title})
     joined = io.BytesIO()
     writer.write(joined)
     return joined.getvalue()

@@ -5,7 +5,14 @@ the page's theme.
 """
 
 from .background import plot_pixel_histories, plot_shares, plot_verdicts, show_table
-from .basics import COLOURS, plot_curves, plot_pose_errors, show_frames, show_image
+from .basics import (
+    COLOURS,
+    plot_curves,
+    plot_pose_errors,
+    show_frames,
+    show_image,
+    write_drawing,
+)
 from .calibration import (
     plot_boards,
     plot_chi_square,
@@ -114,4 +121,5 @@ __all__ = [
     "show_table",
     "workspace_plotter",
     "workspace_scene",
+    "write_drawing",
 ]

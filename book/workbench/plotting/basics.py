@@ -23,6 +23,7 @@ __all__ = [
     "show_frames",
     "show_image",
     "subplots",
+    "write_drawing",
 ]
 
 STYLE = Path(__file__).with_name("trinolab.mplstyle")
@@ -34,6 +35,13 @@ def subplots(*arguments: Any, **options: Any) -> tuple[Figure, Any]:
     """As `matplotlib.pyplot.subplots`, in the style of the book."""
     with plt.style.context(STYLE):
         return plt.subplots(*arguments, **options)
+
+
+def write_drawing(figure: Figure, path: Path) -> None:
+    """Write a figure as an SVG whose bytes are the figure's alone, and close it."""
+    with plt.rc_context({"svg.hashsalt": "trinolab", "svg.fonttype": "path"}):
+        figure.savefig(path, format="svg", metadata={"Date": None}, bbox_inches="tight")
+    plt.close(figure)
 
 
 def row_of_panels(

@@ -36,7 +36,7 @@ KINDS = (
     "replication as corrected",
     "ours beyond",
 )
-NOT_FROZEN = ("verdict", "reason")
+NOT_FROZEN = ("question", "verdict", "reason")
 
 
 class Trial(NamedTuple):
@@ -70,6 +70,7 @@ class Claim:
     trial: str | None = None
     statistic: str | None = None
     sensitivity: str | None = None
+    question: str | None = None
 
     @property
     def is_ours(self) -> bool:

@@ -36,6 +36,7 @@ __all__ = [
     "Result",
     "disagreements",
     "drawn_results",
+    "essential_rows",
     "load_claims",
     "quoted",
     "score",
@@ -119,6 +120,13 @@ def scoreboard(progress: bool = False) -> pd.DataFrame:
         results = drawn_results()
         rows = [score(claim, results, trials) for claim in claims]
     return pd.DataFrame(rows, columns=list(COLUMNS))
+
+
+def essential_rows(board: pd.DataFrame) -> dict[str, pd.DataFrame]:
+    """The rows of a board that answer a question of the ledger, by question, in its order."""
+    questions = {claim.no: claim.question for claim in load_claims()}
+    asked = board.assign(question=board["no"].map(questions)).dropna(subset="question")
+    return {str(name): rows for name, rows in asked.groupby("question", sort=False)}
 
 
 def drawn_results() -> dict[str, Result]:

@@ -179,6 +179,11 @@ def test_scoreboard_prints_and_writes(folder, capfd, monkeypatch):
         "no,claim,paper,ours,unit,verdict,reason,low,high,n,seed,kind,criterion,can_show,sensitivity"
     )
     assert len(written) == len(lines)
+    run("scoreboard --essential")
+    short = capfd.readouterr().out.splitlines()
+    assert short[0].split() == lines[0].split()
+    assert len(short) == 16
+    assert max(map(len, short)) <= 120
 
 
 @pytest.mark.parametrize(("value", "code"), [(0.312, 0), (0.5, 1)])

@@ -8,12 +8,14 @@ import sys
 from pathlib import Path
 
 import nbformat
+import pandas as pd
 import pytest
 from makenotebook import glued, make_notebook
 
 from trinolab.bench import recordings
 from workbench.pages import build
 from workbench.studies.ground_truth import read_recording
+from workbench.studies.protocol import load_claims
 
 ROOT = Path(__file__).resolve().parents[3]
 KILLS_ITSELF = "import os, signal; os.kill(os.getpid(), signal.SIGKILL)"
@@ -201,3 +203,27 @@ def test_the_pages_are_stale_when_a_docstring_has_changed(book):
     assert build.pages_made_from() == before
     (book / "trinolab" / "pose.py").write_text('"""The pose."""')
     assert build.pages_made_from() != before
+
+
+def test_the_build_ends_with_the_essential_board(book, monkeypatch, capsys):
+    monkeypatch.chdir(book)
+    monkeypatch.setattr(build, "stale_jobs", list)
+    monkeypatch.setattr(build, "build_pages", lambda: True)
+    rows = [claim for claim in load_claims() if claim.no in ("17", "17a", "21")]
+    board = {
+        "no": [claim.no for claim in rows],
+        "claim": [claim.claim for claim in rows],
+        "paper": "yes",
+        "ours": ["0.125", "1", ""],
+        "unit": "share",
+        "verdict": ["differs", "match", "cannot be tested"],
+        "reason": "",
+    }
+    pd.DataFrame(board).to_csv(build.SCOREBOARD, index=False)
+    assert build.main() == 0
+    lines = capsys.readouterr().out.splitlines()
+    head = next(k for k, line in enumerate(lines) if line.split()[:2] == ["no", "claim"])
+    assert lines[head].split() == ["no", "claim", "paper", "ours", "unit", "verdict"]
+    assert lines[head + 1].split()[:2] == ["17,", "17a"]
+    assert lines[head + 1].rstrip().endswith("0.125, 1 share differs, match")
+    assert lines[head + 2].startswith("All 3 rows")

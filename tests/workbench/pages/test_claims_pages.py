@@ -5,7 +5,7 @@ import re
 import pandas as pd
 import pytest
 
-from workbench.cli import main
+from workbench.cli import QUESTION_WIDTH, main
 from workbench.pages import claims_pages
 from workbench.studies import scoreboard
 from workbench.studies.protocol import load_claims, load_deviations, load_trials
@@ -33,17 +33,37 @@ def numbers_of(table, anchor):
     return re.findall(rf"^\* - .*\{{#{anchor}-(\w+)\}}$", table, flags=re.MULTILINE)
 
 
-def test_each_claim_stands_on_one_of_two_boards(pages):
-    assert numbers_of(pages["paper"], "claim") == [c.no for c in CLAIMS if not c.is_ours]
-    assert numbers_of(pages["own"], "claim") == [c.no for c in CLAIMS if c.is_ours]
+def test_each_claim_stands_on_one_of_three_boards(pages):
+    rest = [c for c in CLAIMS if c.question is None]
+    assert numbers_of(pages["paper"], "claim") == [c.no for c in rest if not c.is_ours]
+    assert numbers_of(pages["own"], "claim") == [c.no for c in rest if c.is_ours]
+    first = re.findall(r"\{#claim-(\w+)\}", pages["essential"])
+    assert first == [c.no for c in CLAIMS if c.question is not None]
     assert numbers_of(pages["criteria"], "criterion") == [c.no for c in CLAIMS]
 
 
 def test_a_row_shows_verdict_interval_sample_and_criterion(pages):
-    row = pages["paper"].split("{#claim-11}\n")[1].split("\n* - ")[0]
-    for shown in ("**match**", "ours **1** share (0.969 to 1)", "n 120, seed 1706"):
-        assert shown in row
-    assert "in at least 0.95 of the cases" in row
+    row = pages["paper"].split("{#claim-12}\n")[1].split("\n* - ")[0]
+    line = pages["essential"].split("{#claim-11} ")[1].split("\n* - ")[0]
+    for shown in ("11 **match**: 1 (0.969 to 1)", "**match** (n 120, seed 1706)"):
+        assert shown in line
+    assert "in at least 0.95 of the cases" in line
+    assert "**match**" in row
+    assert "every instant is tracked" in row
+
+
+def test_fifteen_questions_have_a_line_each(pages):
+    questions = {c.question for c in CLAIMS if c.question is not None}
+    assert len(questions) == 15
+    assert len(rows_of(pages["essential"])) == 15
+    assert all(len(question) <= QUESTION_WIDTH for question in questions)
+
+
+def test_a_criterion_is_printed_once(pages):
+    text = "".join(pages.values())
+    for criterion in {c.criterion for c in CLAIMS if len(c.criterion) > 60}:
+        rows = [c for c in CLAIMS if criterion in c.criterion]
+        assert text.count(claims_pages.escaped(criterion)) == len(rows), criterion
 
 
 def board_of(**verdicts):
@@ -80,5 +100,6 @@ def test_protocol_has_trials_quotes_and_log(pages):
 
 
 def test_no_cell_has_markup_by_chance(pages):
-    assert "P\\_0 = 0" in pages["criteria"]
-    assert "\\[1 1 0 0 0 0\\]" in pages["criteria"]
+    text = "".join(pages.values())
+    assert "P\\_0 = 0" in text
+    assert "\\[1 1 0 0 0 0\\]" in text

@@ -11,7 +11,7 @@ import pytest
 from executed import whole_scoreboard
 
 from trinolab.datasets import data_path, load_calibration, real_set
-from workbench.cli import as_text, main, not_run
+from workbench.cli import QUESTION_WIDTH, as_text, essential, main, not_run
 from workbench.studies import scoreboard as module
 from workbench.studies.protocol import load_trials
 from workbench.studies.scoreboard import CHECKS, COLUMNS, disagreements, load_claims, scoreboard
@@ -265,6 +265,18 @@ def test_text_fits_a_terminal():
     for c, line in zip(CLAIMS, lines[1:], strict=True):
         assert line.split()[0] == c.no
         assert c.claim[:60] in line  # a longer one ends in dots
+
+
+@pytest.mark.usefixtures("cheap")
+def test_the_essential_board_has_a_line_a_question_with_all_its_rows():
+    board = scoreboard()
+    lines = as_text(essential(board), QUESTION_WIDTH).splitlines()
+    assert lines[0].split() == ["no", "claim", "paper", "ours", "unit", "verdict"]
+    assert len(lines) == 16
+    (line,) = [one for one in lines if one.strip().startswith("17, 17a")]
+    rows = board.set_index("no").loc[["17", "17a"]]
+    assert f"{rows['ours'].iloc[0]:.3g}, {rows['ours'].iloc[1]:.3g}" in line
+    assert line.rstrip().endswith(", ".join(rows["verdict"]))
 
 
 @pytest.mark.usefixtures("cheap")

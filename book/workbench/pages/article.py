@@ -1,0 +1,351 @@
+"""The article: the replication in ten pages, whose numbers come from the board, the sweeps and Table 1.
+
+The text is ``article.md.j2``; what it quotes is `values`. `make article` prints the built page.
+"""
+
+from __future__ import annotations
+
+import json
+import platform
+import re
+from collections.abc import Callable
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from jinja2 import Environment, FileSystemLoader, StrictUndefined
+
+from trinolab.datasets import load_handle, load_rig, load_sweep, load_table1
+from trinolab.files.inputs import read_toml
+from trinolab.files.outputs import write_whole
+
+from .. import plotting, provenance
+from ..imports import our_files
+from ..studies import accounts, claim_draws, deviations, lever, pattern
+from ..studies import answer as cause
+from ..studies.protocol import load_claims, load_deviations, load_trials
+from ..studies.scoreboard import essential_rows
+from .claims_pages import (
+    IS_OF_THE_PAPER,
+    VERDICTS,
+    claim_link,
+    escaped,
+    list_table,
+    read_board,
+    value_of,
+    word,
+)
+from .report_pages import untestable
+
+__all__ = [
+    "FIGURES",
+    "NEEDED",
+    "ROOT",
+    "TEMPLATE",
+    "article",
+    "checked",
+    "claims_table",
+    "values",
+    "write_pages",
+]
+
+ROOT = Path(__file__).resolve().parents[3]
+TEMPLATE = "article.md.j2"
+RIG, HANDLE, ROW = "raised_40deg", "paper", 5  # of the picture of the rig; a row of Table 1
+AXIS_MM = 60.0  # how long the handle's axes are drawn
+MAGNIFIED = 50.0
+TABLES = 4000  # drawn, for a probability
+SEED = 0
+# What the text says in words of single rows.
+NEEDED = {
+    **dict.fromkeys(("1", "3", "4", "7", "11", "12c", "13d", "13e"), "match"),
+    **dict.fromkeys(("15", "17a", "22a", "28a"), "match"),
+    **dict.fromkeys(("2", "5", "5j", "6", "8", "9", "10", "11a"), "differs"),
+    **dict.fromkeys(("12b", "14c", "17", "18c", "22", "22c", "28"), "differs"),
+    **dict.fromkeys(("8i", "11b"), "missed"),
+}
+BUDGET = {
+    "certainly there": (
+        "pixel noise",
+        "centroid bias",
+        "calibration",
+        "platform",
+        "printed digits",
+    ),
+    "drawn at once": ("certain: drawn together",),
+    "if the program is as printed": ("R_rl as printed", "one focal length"),
+    "Table 1": ("Table 1",),
+}
+STATISTICS = {
+    "growth_alpha": "growth\n" + r"of $\alpha$",
+    "growth_gamma": "growth\n" + r"of $\gamma$",
+    "offset_alpha": "offset\n" + r"of $\alpha$",
+    "offset_beta": "offset\n" + r"of $\beta$",
+    "offset_gamma": "offset\n" + r"of $\gamma$",
+    "depth": "z by\nx, y",
+    "smooth": "smooth\nshare",
+}
+
+
+def write_pages(scoreboard: Path, folder: Path) -> None:
+    """Write the text and its figures, from the stored board."""
+    folder.mkdir(parents=True, exist_ok=True)
+    write_whole(folder / "text.md", article(read_board(scoreboard)) + "\n")
+    for name, draw in FIGURES.items():
+        plotting.write_drawing(draw(), folder / f"{name}.svg")
+
+
+def article(board: pd.DataFrame) -> str:
+    """The text, in MyST."""
+    environment = Environment(
+        loader=FileSystemLoader(Path(__file__).parent), undefined=StrictUndefined
+    )
+    return environment.get_template(TEMPLATE).render(values(checked(board)))
+
+
+def checked(board: pd.DataFrame) -> pd.DataFrame:
+    """The board, if its verdicts are those that the text speaks of.
+
+    Raises
+    ------
+    ValueError
+        Names the claim that has another verdict.
+    """
+    verdicts = dict(zip(board["no"], board["verdict"], strict=True))
+    for no, verdict in NEEDED.items():
+        if verdicts.get(no) != verdict:
+            raise ValueError(
+                f"article: claim {no}: the text says {verdict!r}, the board {verdicts.get(no)!r}; "
+                f"write book/workbench/pages/{TEMPLATE} anew"
+            )
+    return board
+
+
+def values(board: pd.DataFrame) -> dict[str, Any]:
+    """All that the text quotes, by the name that it has there."""
+    return {
+        **_of_the_board(board),
+        **_of_the_protocol(board),
+        **_of_table1(),
+        **_of_the_lever(),
+        "figure": lambda name: f"{{numref}}`article-{name}`",
+        **_software(),
+    }
+
+
+def _of_the_board(board: pd.DataFrame) -> dict[str, Any]:
+    rows = {str(row.no): row for row in board.itertuples()}
+    of_paper = board[board["kind"].isin(IS_OF_THE_PAPER)]
+    fares = of_paper["verdict"].value_counts()
+    by_question = [set(some["verdict"]) for some in essential_rows(board).values()]
+    alike = {verdict: by_question.count({verdict}) for verdict in ("match", "differs")}
+    mixed = len(by_question) - sum(alike.values())
+    return {
+        "ours": lambda no: escaped(value_of(rows[no])),
+        "percent": lambda no: _percent(rows[no]),
+        "paper": lambda no: f"{rows[no].paper} {rows[no].unit}",
+        "claim": lambda no: f"claim {claim_link(no)}",
+        "rows": len(board),
+        "rows_of_paper": len(of_paper),
+        "fares": _listed([f"{fares[v]} {word(v)}" for v in VERDICTS if v in fares]),
+        "missed": int((board["verdict"] == "missed").sum()),
+        "questions": len(by_question),
+        "counts": (
+            f"{alike['match']} are answered as the paper answers them, {alike['differs']} are answered "
+            f"otherwise, and for {mixed} the rows disagree or are undecided"
+        ),
+        "claims_table": claims_table(board),
+        "untestable": untestable(board),
+    }
+
+
+def _of_the_protocol(board: pd.DataFrame) -> dict[str, Any]:
+    clips = load_trials()["long_clip"].draws
+    tracked = float(board.set_index("no")["ours"]["12b"])
+    log = load_deviations()
+    frozen = str(read_toml(ROOT / "data" / "deviations.toml")["frozen"]["date"])
+    equations = read_toml(ROOT / "data" / "equations.toml")["equation"]
+    assumptions = (ROOT / "book" / "assumptions.md").read_text(encoding="utf-8")
+    return {
+        "clips": clips,
+        "lost_clips": clips - round(tracked * clips),
+        "frozen": frozen,
+        "changes": sum(bool(entry.hashes) for entry in log),
+        "last_change": max(entry.date for entry in log),
+        "equations": len(equations),
+        "assumptions": len(set(re.findall(r"\{#a(\d+)\}", assumptions))),
+        "board_positions": claim_draws.POSITIONS,
+        "bend_mm": min(bend for bend in claim_draws.BENDS_MM.values() if bend > 0),
+        "marker_mm": f"{load_handle(HANDLE).marker_diameter_mm:g}",
+        "elevation": f"{RIG.split('_')[1].removesuffix('deg')}°",
+    }
+
+
+def _of_table1() -> dict[str, Any]:
+    facts = cause.facts(TABLES, SEED)
+    table = load_table1()
+    angles = deviations.exact([table.measured], table.set_poses).angles_deg[0]
+    budget = _budget()
+    patterns = load_sweep("patterns")
+    return {
+        "cause": cause.sentence(facts),
+        "poses": len(table.set_poses),
+        "known_share": f"{100 * facts.known_share:.0f} %",
+        "known_mm": f"{budget.loc['certain', 'mm']:.2g}",
+        "table_mm": f"{budget.loc['Table 1', 'mm']:.2g}",
+        "smooth_p": f"{facts.smooth_p:.2f}",
+        "chance_tables": f"{TABLES:,}",
+        "magnified": f"{MAGNIFIED:g}",
+        "offsets": _listed([f"{value:+.2f}°" for value in angles.mean(axis=0)]),
+        "scatters": _listed([f"{value:.2f}°" for value in angles.std(axis=0, ddof=1)]),
+        "constant_share": f"{100 * facts.constant_share:.0f} %",
+        "models": facts.models,
+        "by_cameras": len(facts.by_cameras),
+        "cameras_p": f"{max(facts.by_cameras.values()):.2g}",
+        "tests": int((~patterns["fitted"]).sum()),
+        "level": cause.LEVEL,
+        "left": _listed([f"*{name}*" for name in facts.left]) or "none",
+    }
+
+
+def _of_the_lever() -> dict[str, Any]:
+    """What a clamp at the rod's nearest end would do, and whether the table has a lever."""
+    table = load_table1()
+    truths, measured = table.set_poses, table.measured
+    errors = deviations.exact([measured], truths)
+    turns = (measured.rotation * truths.rotation.inv()).as_rotvec(degrees=True)
+    swing = lever.lever_field(turns, truths.rotation)
+    field = pattern.rigid_field(truths.translation)
+    n = 3 * len(truths)
+    parts = {"registration": field.reshape(n, -1), "lever": swing.reshape(n, -1)}
+    off_mm = (measured.translation - truths.translation).reshape(n)
+    rod = load_handle(HANDLE)
+    end_mm = min(abs(rod.top_mm), abs(rod.bottom_mm))
+    scatter_mm = accounts.clamping(errors, truths).place_mm.value
+    power = lever.power(
+        swing,
+        field,
+        [0.0, end_mm, 0.0],
+        scatter_mm,
+        cause.LEVEL,
+        TABLES,
+        np.random.default_rng(SEED),
+    )
+    fitted = lever.part_tests(parts, off_mm)["lever"]
+    if np.any(np.abs(fitted.values) > fitted.sigmas):
+        raise ValueError(f"article: the text says that the lever is zero, it is {fitted.values}")
+    return {
+        "lever_p": f"{fitted.p:.3f}",
+        "lever_sigma_mm": f"{np.ceil(fitted.sigmas.max()):.0f}",
+        "end_mm": f"{end_mm:g}",
+        "end_moved_mm": f"{np.linalg.norm(end_mm * swing[:, :, 1], axis=1).mean():.2f}",
+        "end_power": f"{100 * power:.0f} %",
+    }
+
+
+def _software() -> dict[str, str]:
+    """Authors and version, and a table of licence, commit and hashes."""
+    meta = json.loads((ROOT / "codemeta.json").read_text(encoding="utf-8"))
+    packages = ("numpy", "scipy", "opencv-contrib-python-headless", "pandas")
+    with_packages = ", ".join(f"{name} {version(name)}" for name in packages)
+    rows = [
+        ("Software", f"{meta['name']} {meta['version']}, {meta['license'].rsplit('/')[-1]}"),
+        ("Commit", f"`{provenance.commit() or 'unknown: no clone'}`"),
+        ("SHA-256 of the code", f"`{provenance.hash_code(our_files())}`"),
+        ("SHA-256 of the data", f"`{provenance.surroundings([])['its data']}`"),
+        ("Computed with", f"Python {platform.python_version()}, {with_packages}"),
+        ("DOI", "none"),
+    ]
+    return {
+        "authors": meta["author"][0]["name"],
+        "version": f"{meta['name']} {meta['version']}",
+        "software": list_table(("What", "In this article"), rows, "25 75", "environment", raw=True),
+    }
+
+
+def claims_table(board: pd.DataFrame) -> str:
+    """The essential rows, a line a question."""
+    lines = []
+    for question, some in essential_rows(board).items():
+        paper = list(dict.fromkeys(f"{row.paper} {row.unit}".strip() for row in some.itertuples()))
+        said = ["yes"] if set(some["paper"]) == {"yes"} else paper
+        ours = [
+            f"{claim_link(row.no)}: {escaped(value_of(row))}, **{row.verdict}**"
+            for row in some.itertuples()
+        ]
+        lines.append((escaped(question), " <br> ".join(said), " <br> ".join(ours)))
+    head = ("Question", "Paper", "Claim: ours (interval of 95 %), verdict")
+    return list_table(head, lines, "34 14 52", "claims", raw=True)
+
+
+def _percent(row: Any) -> str:
+    """A share with its interval, in percent."""
+    value, low, high = (
+        f"{100 * share:.0f}" if share >= 0.01 or share == 0 else f"{100 * share:.2g}"
+        for share in (row.ours, row.low, row.high)
+    )
+    return f"{value} % ({low} to {high} %)"
+
+
+def _listed(texts: list[str]) -> str:
+    return " and ".join(filter(None, [", ".join(texts[:-1]), *texts[-1:]]))
+
+
+def _draw_rig() -> Any:
+    rig, rod = load_rig(RIG), load_handle(HANDLE)
+    pose = load_table1().set_poses[ROW - 1]
+    views = {}
+    for camera in rig.cameras:
+        width, height = camera.size
+        corners = camera.rays([[0, 0], [width, 0], [width, height], [0, height]])
+        views[camera.name] = (camera.centre, camera.centre + corners)
+    ends = pose.apply([[0, rod.bottom_mm, 0], [0, rod.top_mm, 0]])
+    axes = pose.apply(np.vstack([np.zeros(3), AXIS_MM * np.eye(3)]))
+    return plotting.plot_rig(views, ends, pose.apply(rod.marker_centres), axes)
+
+
+def _draw_space() -> Any:
+    table = load_table1()
+    positions = table.set_poses.translation
+    errors = table.measured.translation - positions
+    return plotting.plot_errors_in_space(positions, errors, MAGNIFIED)
+
+
+def _budget() -> pd.DataFrame:
+    """The lines of the budget that the figure shows, rms in mm and deg, by source."""
+    stored = load_sweep("budget")
+    lines = stored[stored["registration"] == "20 poses"].set_index("source")
+    rows = [
+        (name.split(":")[0], group, lines.rms_E_t_mm[name], lines.rms_geodesic_deg[name])
+        for group, names in BUDGET.items()
+        for name in names
+    ]
+    return pd.DataFrame(rows, columns=["source", "group", "mm", "deg"]).set_index("source")
+
+
+def _draw_budget() -> Any:
+    axes = {"mm": "rms position / mm", "deg": "rms rotation / deg"}
+    return plotting.plot_budget(_budget(), axes)
+
+
+def _draw_refused() -> Any:
+    table = load_sweep("patterns")
+    short = table["model"].str.replace("of the set angles", "of angles")
+    short = short.str.replace("reference turned + handle set askew", "misalignments", regex=False)
+    return plotting.plot_refused(table.assign(model=short), STATISTICS, cause.LEVEL).figure
+
+
+def _draw_calibration() -> Any:
+    limit_mm = next(float(claim.paper) for claim in load_claims() if claim.no == "1")
+    return plotting.plot_calibration_error(load_sweep("calibration_error"), HANDLE, limit_mm)
+
+
+FIGURES: dict[str, Callable[[], Any]] = {
+    "rig": _draw_rig,
+    "calibration": _draw_calibration,
+    "budget": _draw_budget,
+    "space": _draw_space,
+    "refused": _draw_refused,
+}
