@@ -75,6 +75,5 @@ def exercises_list(chapter: str) -> str:
 
 def mistakes(one: Exercise) -> str:
     """What is said to the usual mistakes, each in a line of its own within a table's cell."""
-    return "\n\n    ".join(
-        f"({k}) {escaped(it.says)}" for k, it in enumerate(one.mistakes, start=1)
-    )
+    said = [f"({k}) {escaped(it.says)}" for k, it in enumerate(one.mistakes, start=1)]
+    return "\n\n".join(said)
