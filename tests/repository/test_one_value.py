@@ -14,6 +14,7 @@ ROOT = Path(__file__).resolve().parents[2]
 # Chapter -> the names of its own draw, as its text quotes them or a table shows them, and the rows
 # that it has to quote beside them.
 OWN_DRAWS = {
+    "01_structure": (("pair_deg",), ("8b",)),
     "07_calibration": (("true_E_t_mm", "E_t_mm", "true_E_beta_deg"), ("5", "5j", "7", "7b")),
     "08_pose": (("ratio_E_t_mm", "ratio_E_alpha_deg"), ("5j", "6b", "7b", "8k")),
     "09_table1": (("ratio_E_t_mm", "ratio_E_alpha_deg"), ("5j", "6b", "7b", "8k")),
@@ -22,7 +23,6 @@ OWN_DRAWS = {
 }
 # These measure Table 1's poses by the paper's method as well, and it is another quantity.
 OTHER_QUANTITY = {
-    "01_structure": "all stages, few rows, three draws",
     "02_workspace": "poses of another workspace",
     "03_background": "through this chapter's background",
     "04_kalman": "through this chapter's windows",
