@@ -263,7 +263,8 @@ def _fitted_still(
     smear_above = p.still_misfit if may_move else np.inf
     fit = fit_patches(images, rig, handle, start, p.max_slant_deg, smear_above=smear_above)
     if may_move and not _still(fit, p):
-        smear_px = np.inf if fit is None else fit.smear_px
+        # where hardly a marker fits its smear is not known, and may be long
+        smear_px = np.inf if fit is None or fit.shown.sum() < 4 else fit.smear_px
         return followed._replace(fits=1, smear_px=smear_px)
     return followed._replace(pose=_judged(fit, rig, p), fits=1)
 

@@ -4,16 +4,18 @@ import re
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import RigidTransform
 from scipy.special import j1
 from solutions import says, solution
 
-from trinolab import datasets, identity, measurement, pose, triangulation, workspace
+from trinolab import datasets, identity, measurement, metrics, pose, triangulation, workspace
 from trinolab.bench import optics, scene
 from trinolab.bench.board import Board, board_positions
 from trinolab.calibration import adjust
 from trinolab.camera import Rig
 from trinolab.estimators import centroids
 from trinolab.estimators.appearance import Views
+from trinolab.following import posetracker
 from trinolab.handle import facing_pixels
 from trinolab.parameters import Parameters
 from trinolab.slave import bilateral
@@ -22,6 +24,7 @@ from workbench import intervals
 from workbench.course.exercises.feedback import position_force
 from workbench.course.exercises.pose import midpoint
 from workbench.studies import (
+    ground_truth,
     replication,
     simulated_calibration,
 )
@@ -306,3 +309,28 @@ def test_a_force_that_comes_late():
     push = np.ones(12_000)
     led = bilateral.simulate(pair, "position-position", push, 10.0, 1000.0, 2e-4).master_m
     says("12.3", f"at {(led[-1] - led[-2]) / 2e-4:.2f} m/s by position-position")
+
+
+@pytest.mark.heavy
+def test_the_film_with_fewer_frames():
+    off_mm, others = {}, {}
+    for step in (1, 4, 6, 10):
+        clip = ground_truth.read_recording("hard", range(0, 60, step))
+        kept, others[step] = [], []
+        for now, seen in posetracker.track_instants(clip.instants, clip.rig, clip.handle):
+            found = seen.measurement.pose
+            if found.status == "measured":
+                kept.append((found.T_world_handle, now.T_world_handle))
+            else:
+                others[step].append((now.frame, found.status))
+        errors = metrics.pose_errors(*map(RigidTransform.concatenate, zip(*kept, strict=True)))
+        off_mm[step] = len(kept), f"{errors.E_t_mm:.3f} mm"
+    for step, count in ((1, 60), (4, 15), (6, 10)):
+        number, mean = off_mm[step]
+        predicted = f"{len(others[step])} predicted" if others[step] else ""
+        cell = f"| {step} | {count} | {number} | {predicted} | {mean} |"
+        says("01.5", cell.replace("|  |", "| |"))
+    says("01.5", f"at step 10, with {off_mm[10][0]} of 6 measured, it is {off_mm[10][1]}")
+    assert others[4] == [(52, "predicted"), (56, "predicted")]
+    assert others[6] == [(54, "predicted")]
+    says("01.5", "frames 52 and 56 at step 4 and frame 54 at step 6 are only predicted")
