@@ -8,10 +8,10 @@ import pypdfium2
 import pytest
 
 from trinolab.datasets import load_table1
-from workbench.pages import article, claims_pages, printing
+from workbench.pages import article, printing
 from workbench.pages.browser import CHROMIUM
 from workbench.pages.figures import HTML
-from workbench.studies import answer, scoreboard
+from workbench.studies import answer
 from workbench.studies.protocol import load_claims
 
 TEXT = (Path(article.__file__).parent / article.TEMPLATE).read_text(encoding="utf-8")
@@ -26,19 +26,6 @@ NAMES = (
     r"`[^`\n]*`",
     r"^:width: \d+%$",
 )
-
-
-@pytest.fixture(scope="module")
-def board(tmp_path_factory):
-    """A board whose verdicts are those that the ledger declares, with the drawn numbers."""
-    path = tmp_path_factory.mktemp("board") / "board.csv"
-    with pytest.MonkeyPatch.context() as patch:
-        # nothing is rendered, no recording is read
-        patch.setattr(scoreboard, "CHECKS", dict.fromkeys(scoreboard.CHECKS, lambda: 0.31))
-        scoreboard.scoreboard().to_csv(path, index=False)
-    found = claims_pages.read_board(path)
-    declared = {claim.no: claim.verdict for claim in load_claims()}
-    return found.assign(verdict=found["no"].map(declared))
 
 
 @pytest.fixture(scope="module")

@@ -6,26 +6,12 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from workbench.pages import claims_pages, report_pages
-from workbench.studies import scoreboard
-from workbench.studies.protocol import load_claims, load_deviations
+from workbench.pages import report_pages
+from workbench.studies.protocol import load_deviations
 
 ROOT = Path(__file__).resolve().parents[3]
 ASSUMPTIONS = (ROOT / "book" / "assumptions.md").read_text(encoding="utf-8")
 TABLE = pd.read_csv(ROOT / "data" / "sensitivity.csv", keep_default_na=False, na_values=[""])
-
-
-@pytest.fixture(scope="module")
-def board(tmp_path_factory):
-    """A board whose verdicts are those that the ledger declares, with the drawn numbers."""
-    path = tmp_path_factory.mktemp("board") / "board.csv"
-    with pytest.MonkeyPatch.context() as patch:
-        # nothing is rendered, no recording is read
-        patch.setattr(scoreboard, "CHECKS", dict.fromkeys(scoreboard.CHECKS, lambda: 0.31))
-        scoreboard.scoreboard().to_csv(path, index=False)
-    found = claims_pages.read_board(path)
-    declared = {claim.no: claim.verdict for claim in load_claims()}
-    return found.assign(verdict=found["no"].map(declared))
 
 
 def test_the_answer_is_one_sentence_with_the_boards_numbers(board):
