@@ -21,19 +21,20 @@ def test_a_film_that_somebody_else_writes_is_refused_by_its_own_name(tmp_path):
         Film(path, 30.0).__enter__()
 
 
-def test_a_film_that_cannot_be_opened_is_refused(tmp_path):
-    with (
-        pytest.raises(ValueError, match="cannot be written as a VP8 video"),
-        Film(tmp_path / "film.webm", 30.0) as film,
-    ):
-        film.fps = -1.0  # no codec takes it
+def filmed(path, fps):
+    with Film(path, fps) as film:
         film.add(PICTURE)
-    assert not (tmp_path / "film.webm").exists()
+
+
+def test_a_film_that_cannot_be_opened_is_refused(tmp_path):
+    """No codec takes such a rate."""
+    with pytest.raises(ValueError, match="cannot be written as a VP8 video"):
+        filmed(tmp_path / "film.webm", -1.0)
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_a_film_that_is_cut_off_does_not_appear(tmp_path, monkeypatch):
     monkeypatch.setattr(video, "_is_whole", lambda path: False)
-    path = tmp_path / "film.webm"
-    with pytest.raises(ValueError, match="is the disk full"), Film(path, 30.0) as film:
-        film.add(PICTURE)
+    with pytest.raises(ValueError, match="is the disk full"):
+        filmed(tmp_path / "film.webm", 30.0)
     assert list(tmp_path.iterdir()) == []
