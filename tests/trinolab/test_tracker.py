@@ -10,7 +10,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 from trinolab.bench.hand import Arm
 from trinolab.bench.motion import smooth_motion
 from trinolab.bench.optics import Bench
-from trinolab.bench.scene import render_clip, render_rig
+from trinolab.bench.scene import render_rig
 from trinolab.camera import Rig
 from trinolab.datasets import load_handle, load_rig, load_table1
 from trinolab.identity import labelled_pixels
@@ -227,6 +227,19 @@ def test_bad_input_is_a_value_error(frames, call, word):
         call(frames["paper", 2])
 
 
+class Rendered(dict):
+    """The frames of a clip by their numbers, each rendered when it is asked for."""
+
+    def __init__(self, poses):
+        self.poses = poses
+
+    def __missing__(self, k):
+        rng = np.random.default_rng([0, k])
+        light = 1.5 if k >= 6 else 1.0
+        self[k] = render_rig(RIG, PAPER, self.poses[k], Bench(), rng, Arm(), light)
+        return self[k]
+
+
 @pytest.fixture(scope="module")
 def clip():
     """Twelve instants of a moving handle in a hand, the light half as bright again from the seventh
@@ -234,9 +247,7 @@ def clip():
     """
     rng = np.random.default_rng(0)
     poses = smooth_motion(rng, 0.4, 30.0)
-    lights = np.where(np.arange(len(poses)) >= 6, 1.5, 1.0)
-    empty = render_rig(RIG, PAPER, None, Bench(), rng)
-    return empty, poses, list(render_clip(RIG, PAPER, poses, Bench(), rng, Arm(), lights))
+    return render_rig(RIG, PAPER, None, Bench(), rng), poses, Rendered(poses)
 
 
 def follow(clip, pose=None, keep=slice(None)):
