@@ -283,18 +283,30 @@ def test_a_smaller_board():
         f"{small_mm:.3f} mm (95 %: {low:.3f} to {high:.3f}) in place of "
         f"{usual_mm:.3f} mm ({low_usual:.3f} to {high_usual:.3f}; n = 30 each, seed 1703)",
     )
+    focal_px = [np.mean([one.intrinsic_sigma[:, :2] for one in found]) for found in (usual, small)]
+    says("07.4", f"double, from {focal_px[0]:.2f} to {focal_px[1]:.2f} px in the mean over both")
+    depth_mm = [
+        np.mean([np.sqrt(one.relative_covariance(1)[2, 2]) for one in found])
+        for found in (small, usual)
+    ]
+    says("07.4", f"is known {depth_mm[0] / depth_mm[1]:.1f} times worse, to {depth_mm[0]:.3f} in")
+    says("07.4", f"in place of {depth_mm[1]:.3f} mm.")
     chi = [with_interval([chi_square(one) for one in found], 1) for found in (small, usual)]
     says("07.4", f"stays near 6: {chi[0]} in place of {chi[1]}")
+    says("07.2", f"From {usual_mm:.3f} mm at 14 to 0.031 mm is a factor of {usual_mm / 0.031:.1f}")
 
 
 @pytest.mark.heavy
 def test_a_bent_board():
+    noises = []
     for bend_mm, chi_digits, digits in ((0, 1, 2), (0.02, 0, 2), (0.05, 0, 2), (0.2, 0, 1)):
         found = calibrations(1703, 6, bend_mm=bend_mm)
         noise = np.mean([one.sigma_px for one in found])
+        noises.append(noise)
         chi = np.mean([chi_square(one) for one in found])
         cost = with_interval([cost_mm(one) for one in found], digits)
         says("07.5", f"| {bend_mm} | {noise:.3f} | {chi:.{chi_digits}f} | {cost} |")
+    says("07.5", f"the residual has grown by {100 * (noises[1] / noises[0] - 1):.0f} %")
     others = [
         np.mean([cost_mm(one) for one in calibrations(seed, 6, bend_mm=0.2)]) for seed in (0, 1)
     ]
