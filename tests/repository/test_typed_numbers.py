@@ -15,11 +15,13 @@ from verification import refined
 
 from trinolab import background, datasets, metrics, triangulation, workspace
 from trinolab.background import BackgroundParameters
+from trinolab.bench.optics import Bench
 from trinolab.handle import facing_pixels
+from trinolab.rigid import nearest_rotation
 from trinolab.slave import wall
 from trinolab.workspace import cones
 from workbench import intervals
-from workbench.studies import ground_truth, stress
+from workbench.studies import centroid_bias, ground_truth, stress
 
 ROOT = Path(__file__).resolve().parents[2]
 RIG, ROD = datasets.load_rig("paper_pair"), datasets.load_handle("paper")
@@ -49,9 +51,23 @@ def test_what_is_assumed_of_the_cameras():
         f"Table 1's positions are ({depths.min():.0f} to {depths.max():.0f} mm)",
     )
 
+    printed = datasets.load_calibration().R_rl
+    nearest = nearest_rotation(printed).as_matrix()
+    off = np.abs(printed - nearest).max()
+    page_says_assumed(f"entries are off by up to {off:.4f}, {WORDS[round(off / 5e-5)]} times")
+    uv = [one.project(POSES.translation) for one in RIG.cameras]
+    rays = [one.rays(pixels) for one, pixels in zip(RIG.cameras, uv, strict=True)]
+    # Eq. 20's first form, the printed matrix's transpose for its inverse
+    into_right = rays[0] / rays[0][:, 2:] @ printed
+    shift = -printed.T @ datasets.load_calibration().T_rl
+    x_right = (second.ideal_pixels(uv[1])[:, 0] - second.matrix[0, 2]) / second.focal[0]
+    depth = (x_right * shift[2] - shift[0]) / (into_right[:, 0] - x_right * into_right[:, 2])
+    moved = depth[:, None] * rays[0] / rays[0][:, 2:] - POSES.translation
+    page_says_assumed(f"points move by {np.linalg.norm(moved, axis=1).mean():.2f} mm on average")
+    assert np.abs(moved[:, 2]).mean() > 0.95 * np.linalg.norm(moved, axis=1).mean()
+
     apart = [100 * (one.focal[0] / one.focal[1] - 1) for one in RIG.cameras]
     page_says_assumed(f"which differ by {apart[0]:.2f} and {apart[1]:.2f} %")
-    uv = [one.project(POSES.translation) for one in RIG.cameras]
     moved = []
     for chosen in (0, 1):  # one of the two for both axes
         square = []
@@ -85,6 +101,12 @@ def test_what_is_assumed_of_the_handle():
     assert (leaving(20.0), leaving(30.0)) == (False, True)
     page_says_assumed("With 30 mm the markers of Table 1's first pose leave CCD1's image")
     page_says_assumed(f"are {3 * camera.focal[0] / 570:.1f} px wide at 570 mm")
+
+
+def test_what_is_assumed_of_steep_markers():
+    *_, beside_px = centroid_bias.turned_marker(70.0, RIG, ROD, Bench())
+    assert abs(beside_px) > 1
+    page_says_assumed("Beyond 70 deg a wrapped marker's centroid lies more than 1 px beside")
 
 
 def test_what_a_bent_board_and_a_late_pose_are_assumed_to_cost():
@@ -247,6 +269,53 @@ def test_what_refining_brings():
     )
 
 
+def test_the_step_that_stands_for_the_assumed_rate():
+    rates = gallery("update_rate", "false_percent_printed").index.to_numpy()
+    nearest = rates[np.abs(rates - BackgroundParameters().update_rate).argmin()]
+    page_says(
+        "book/report.md",
+        f"no step at the assumed 0.01, so that its nearest step, {nearest:g}, stands for it",
+    )
+
+
+# Chapter 9
+
+
+def test_what_chapter_9_has_typed():
+    chapter = "notebooks/09_table1.ipynb"
+    table1 = datasets.load_table1()
+    errors = metrics.euler_deg(table1.measured) - metrics.euler_deg(table1.set_poses)
+    errors = (errors + 180) % 360 - 180
+    places = table1.measured.translation - table1.set_poses.translation
+    assert {f"{one:.1f}" for one in places.std(axis=0, ddof=1)} == {"0.2"}
+    page_says(chapter, "no offset, and 0.2 mm of scatter in each direction")
+    assert {f"{one:.1f}" for one in np.abs(errors - errors.mean(axis=0)).mean(axis=0)} == {"0.2"}
+    page_says(chapter, "one number an angle, and 0.2° are left")
+
+    of_mean = 0.1 * np.sqrt(2 / 12) / np.sqrt(20)
+    alpha = np.abs(errors[:, 0]).mean()
+    page_says(chapter, f"a mean of twenty by {of_mean:.3f}°")
+    page_says(
+        chapter,
+        f"the difference is {(alpha - 0.67) / of_mean:.1f} of these",
+        f"a rounded 0.675, it is {(alpha - 0.675) / of_mean:.1f}",
+    )
+
+    edges = []
+    for one in RIG.cameras:
+        x = (0 - one.matrix[0, 2]) / one.focal[0]
+        edges.append(one.focal[0] * 0.2 * abs(x) ** 3)
+    page_says(chapter, f"{edges[0]:.0f} to {edges[1]:.0f} px at the left edge of the images")
+    smear = 100 * 0.01 * RIG.cameras[0].focal[0] / 570  # 10 ms at 100 mm/s
+    page_says(chapter, f"a smear of {smear:.0f} px, because the blur is symmetric")
+
+    # both sides of a misalignment, from set to measured orientation in the world
+    turns = (table1.measured.rotation * table1.set_poses.rotation.inv()).as_rotvec(degrees=True)
+    both = np.concatenate([np.tile(np.eye(3), (20, 1, 1)), POSES.rotation.as_matrix()], axis=2)
+    constants, *_ = np.linalg.lstsq(both.reshape(60, 6), turns.ravel())
+    page_says(chapter, f"by the {constants[2]:.2f}° that the fit wants about z")
+
+
 # Teaching
 
 
@@ -300,11 +369,13 @@ def test_the_slider_of_the_lesson():
 
 
 @pytest.mark.heavy
-def test_what_the_guide_quotes_from_chapters_11_and_12():
-    slave, force = (
+def test_what_the_guide_quotes_from_chapters_9_11_and_12():
+    table1, slave, force = (
         as_it_stands(ROOT / "notebooks" / f"{name}.ipynb").results
-        for name in ("11_master_slave", "12_force_feedback")
+        for name in ("09_table1", "11_master_slave", "12_force_feedback")
     )
+    clampings = f"the {table1['all_clampings']:.0f} clampings measured"
+    page_says("book/teaching/projects.md", clampings)
     guide = "book/teaching/chapters.md"
     page_says(guide, f"In motion nearly all of {slave['total_mm']:.0f} mm is delay")
     assert slave["noise_mm"] < 0.01 * slave["total_mm"]

@@ -203,3 +203,6 @@ def test_the_film_with_fewer_frames_of_chapter_1(step):
     if step == 4:
         errors = metrics.pose_errors(*map(RigidTransform.concatenate, zip(*kept, strict=True)))
         agrees("01.5", "mm_4", errors.E_t_mm)
+        off = [np.linalg.norm(T.translation - truth.translation) for T, truth in kept]
+        mistakes = [one.gives.get("mm_4") for one in exercise("01.5").mistakes]
+        assert any(one == pytest.approx(max(off), abs=0.0005) for one in mistakes if one)

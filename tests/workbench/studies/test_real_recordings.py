@@ -351,6 +351,14 @@ def test_a_window_that_reaches_the_next_corner_costs(photographed):
         "notebooks/07_calibration.ipynb",
         f"the rms of the second pair grows from {second[0]:.1f} to {second[1]:.1f} px",
     )
+    photographs = real_recordings.load_opencv_stereo()
+    sides = []
+    for image in (*photographs.left, *photographs.right):
+        corners = target.find_corners(image, photographs.board, 7).reshape(6, 9, 2)
+        steps = (np.linalg.norm(np.diff(corners, axis=axis), axis=2) for axis in (0, 1))
+        sides.extend(step.min() for step in steps)
+    assert min(sides) == pytest.approx(20, abs=1)
+    page_says("notebooks/07_calibration.ipynb", "the photographs are some 20 px across")
     others = np.delete(wide.view_rms_px - photographed.view_rms_px, 1, axis=1)
     assert np.median(others) < 0.05  # px
     assert np.linalg.norm(wide.cameras[1].centre) == pytest.approx(
