@@ -278,6 +278,22 @@ def test_the_step_that_stands_for_the_assumed_rate():
     )
 
 
+def test_rules_of_thumb_of_the_gallery():
+    cured = gallery("update_rate", "false_percent_cured")
+    cured = cured + gallery("update_rate", "missed_percent_cured")
+    as_good = cured[cured < 1.1 * cured.min()].index
+    assert list(as_good) == list(cured.index[: len(as_good)])
+    page_says("book/gallery.ipynb", f"any $\\alpha$ up to {as_good.max():g}, a memory of")
+
+    wrong = gallery("ncc_threshold", "wrong_matches")
+    assert wrong[:0.65].nunique() == 1
+    page_says("book/gallery.ipynb", "Up to 0.65 the threshold removes no wrong pair")
+
+    sigma = np.sqrt(0.05 * 45 + 1.5**2)  # of the standard scene's background
+    page_says("book/gallery.ipynb", f"a standard deviation of {sigma:.1f} grey levels")
+    assert round(15 / sigma) == 7
+
+
 # Chapter 9
 
 

@@ -1,6 +1,7 @@
 """Numbers of ours that a solution has typed: each is computed anew and stands there to the digit."""
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -268,6 +269,32 @@ def test_the_place_of_a_third_camera():
         rows["poses with three shared markers"].append(str(shared))
     for row, figures in rows.items():
         says("10.5", f"| {row} | {' | '.join(figures)} |")
+
+
+def test_the_motion_the_wrong_way_round():
+    """Exercise 7.1: R_rl and T_rl of Eq. 25 put into Eq. 20 as they are."""
+    left, right = RIG.cameras
+    back = right.T_world_cam  # from right to left, where Eq. 20 wants left to right
+    mixed_up = replace(right, T_cam_world=back * left.T_world_cam.inv())
+    uv = [camera.project(PLACES.translation) for camera in (left, right)]
+    rays = [camera.rays(pixels) for camera, pixels in zip((left, right), uv, strict=True)]
+    R, T = mixed_up.T_cam_world.rotation.as_matrix(), mixed_up.T_cam_world.translation
+    xy_left = rays[0] / rays[0][:, 2:]
+    x_right = right.T_cam_world.rotation.apply(rays[1])
+    x_right = x_right[:, 0] / x_right[:, 2]
+    a, _, c = (xy_left @ R.T).T
+    z = (x_right * T[2] - T[0]) / (a - x_right * c)  # the first form, and no depth is refused
+    missed = np.linalg.norm(z[:, None] * xy_left - PLACES.translation, axis=1).mean()
+    says("07.1", f"a mix-up costs {missed:.0f} mm on average")
+
+
+def test_scatters_by_the_formulas_of_chapter_5():
+    def scatter(R, sigma):
+        return sigma * (R + 2) ** 2 / (2 * np.sqrt(np.pi) * R**2 * 120)
+
+    says("05.1", f"= {scatter(3.9, 3.1):.4f}$ px")
+    read_noises = [scatter(7.8, np.sqrt(0.05 * 150 + read**2)) for read in (1.5, 6.0)]
+    says("05.4", f"from {read_noises[0]:.4f} to {read_noises[1]:.4f} px.")
 
 
 @pytest.mark.heavy

@@ -41,6 +41,8 @@ def test_what_a_stricter_level_needs():
     says("09.5", f"with 19,999 tables a $p$ is at least {least:.4f}")
     says("09.5", f"by the number of tests, {len(tested)}, so that nothing falls below")
     says("09.5", f"nothing falls below {len(tested) * least:.3f}")
+    asked = {name: one.value for name, one in exercise("09.5").asked.items()}
+    says("09.5", f"{asked['clampings']} clampings in place of 6, and {asked['near']} poses beyond")
     usual = (tested.groupby("model").p_holm.min() >= 0.05).sum()
     (told,) = (one.gives["left"] for one in exercise("09.5").mistakes if one.gives.get("left"))
     assert told == usual
@@ -157,6 +159,15 @@ def test_plain_centroids_of_all_views():
         f"are {words[round(by_registered[pair])]} times those of registered centroids with the "
         f"pair, and {words[round(by_registered[three])]} times with CCD3 above",
     )
+
+
+def test_what_the_third_camera_s_place_is_worth():
+    asked = {name: one.value for name, one in exercise("10.5").asked.items()}
+    says(
+        "10.5",
+        f"is known to {asked['pair_um']:.1f} µm, with CCD3 at 40° to {asked['third_um']:.1f}",
+    )
+    says("10.5", f"with CCD1 hidden then to {asked['hidden_um']:.1f} µm")
 
 
 # Chapter 11
