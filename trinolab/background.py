@@ -277,7 +277,9 @@ def _regions(runs: Runs, mask: np.ndarray) -> np.ndarray:
         region = np.empty(len(runs.row), np.int32)
         loops.regions_of_runs(*runs, region)
         return region
-    return _region_of_runs(runs) if len(runs.row) <= _MANY else _label_of_runs(runs, mask)
+    if mask.size < LARGE or len(runs.row) > _MANY:
+        return _label_of_runs(runs, mask)
+    return _region_of_runs(runs)
 
 
 def _region_of_runs(runs: Runs) -> np.ndarray:

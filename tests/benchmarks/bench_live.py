@@ -2,8 +2,8 @@
 place of three cameras.
 
 The time of its arrival, ms, is drawn into each frame's pixels as a row of black and white blocks, and read
-back from the page's canvas when the page has drawn it. Wanted: a median of 150 ms and 95 % within 250 ms
-at 30 frames a second of 640 x 480 and 15 of 1280 x 1024. Then the reader is stopped: after the two
+back from the page's canvas when the page has drawn it. Wanted: 95 % within 100 ms and none later than 250 ms, at 30
+frames a second of 640 x 480 and of 1280 x 1024. Then the reader is stopped: after the two
 frames that were under way the next must be of the present; with --long the memory over ten minutes:
 
     python tests/benchmarks/bench_live.py [--long] [--seconds 20]
@@ -35,7 +35,7 @@ from workbench.live.command import live
 from workbench.live.sources import Source, of_recording
 from workbench.pages.browser import Browser
 
-WANTED_MS = {"median": 150.0, "95 %": 250.0}
+WANTED_MS = {"95 %": 100.0, "latest": 250.0}
 BITS, SEED, INSTANTS = 24, 5, 60
 HANDLE = load_handle("coded")
 # The page reads each frame when it is drawn: a block's middle is dark or bright.
@@ -153,11 +153,12 @@ def one(rig: Rig, fps: float, seconds: float, long: bool) -> bool:
             late = np.array(browser.evaluate("late"))
             used = (cpu_s(process.pid) - used) / max(len(late), 1)
             way = browser.evaluate("last.way")
-            found = {"median": np.median(late), "95 %": np.quantile(late, 0.95)}
+            found = {"95 %": np.quantile(late, 0.95), "latest": late.max()}
             width, height = rig.cameras[0].size
             print(
                 f"three cameras of {width} x {height}, {fps:g} a second: {len(late) / seconds:.1f} frames a "
                 f"second on the screen, n = {len(late)}, from frame to screen "
+                f"median {np.median(late):.0f} ms, "
                 + ", ".join(
                     f"{name} {ms:.0f} ms (wanted {WANTED_MS[name]:.0f})"
                     for name, ms in found.items()
@@ -210,7 +211,7 @@ def main() -> int:
     print(f"load of this computer: {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores")
     kept = [
         one(rig, fps, a.seconds, a.long)
-        for rig, fps in ((small_rig(), 30.0), (load_rig("raised_40deg"), 15.0))
+        for rig, fps in ((small_rig(), 30.0), (load_rig("raised_40deg"), 30.0))
     ]
     print(f"wanted: {'kept' if all(kept) else 'BROKEN'}; load {os.getloadavg()[0]:.1f}")
     return int(not all(kept))

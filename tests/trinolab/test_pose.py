@@ -6,7 +6,14 @@ from scipy.optimize import least_squares
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from trinolab.datasets import load_handle
-from trinolab.pose import LOST, Pose, rigid_fit, rigid_fit_covariance
+from trinolab.pose import (
+    LOST,
+    Pose,
+    rigid_fit,
+    rigid_fit_covariance,
+    rigid_fit_gain,
+    weighted_fit,
+)
 
 # mm and rad; the numbers up to 600 at 1e-16, in a few sums: the worst exact fit is 1e-13 off
 EXACT = 1e-9
@@ -349,6 +356,10 @@ C4 = np.broadcast_to(np.eye(3), (4, 3, 3))
             "points_source: expected three or more points that are not on",
         ),
         (
+            lambda: rigid_fit_gain(LINE, T_TRUE),
+            "points_source: expected three or more points that are not on",
+        ),
+        (
             lambda: rigid_fit_covariance(MARKERS[:2], T_TRUE, C4[:2]),
             "points_source: expected three or more points",
         ),
@@ -357,3 +368,7 @@ C4 = np.broadcast_to(np.eye(3), (4, 3, 3))
 def test_mistakes_are_named(call, message):
     with pytest.raises(ValueError, match=message):
         call()
+
+
+def test_a_weighted_fit_of_points_on_one_line_is_none():
+    assert weighted_fit(LINE, T_TRUE.apply(LINE), np.tile(np.eye(3), (len(LINE), 1, 1))) is None

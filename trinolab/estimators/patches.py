@@ -7,6 +7,7 @@ over all of the body's length. A hand may hide parts of it: each window is judge
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import reduce
 from typing import NamedTuple
 
 import numpy as np
@@ -193,10 +194,9 @@ def cut(
     uv = uv[inside]
     points = points[inside]
     at = windows(rig, views, uv, grid.shape, grid.cell)
-    width, height = grid.cell
-    blocks = _pixels(images, views, at).reshape(len(uv), rows, height, columns, width)
-    grey = blocks.mean(axis=(2, 4)).reshape(len(uv), rows * columns)
-    valid = (blocks.max(axis=(2, 4), initial=0.0) < SATURATED).reshape(grey.shape)
+    pixels = _pixels(images, views, at)
+    grey = _of_cells(np.add, pixels, grid.cell) / at.pixels
+    valid = _of_cells(np.maximum, pixels, grid.cell) < SATURATED
     centres = T_world_handle.apply(handle.marker_centres)
     scale = np.stack(
         [camera.focal.mean() / camera.T_cam_world.apply(centres)[:, 2] for camera in rig.cameras]
@@ -215,6 +215,15 @@ def _pixels(images: Sequence[np.ndarray], views: Views, at: Windows) -> Array:
     for window, c, (u, v) in zip(pixels, views.camera, at.corner.tolist(), strict=True):
         window[:] = images[c][v : v + height, u : u + width]
     return pixels
+
+
+def _of_cells(combine: np.ufunc, pixels: Array, cell: tuple[int, int]) -> Array:
+    """What each cell's pixels make together, shape (k, p), of windows (k, height, width)."""
+    width, height = cell
+    # a slice for each pixel of a cell: NumPy is slow along axes of two or three
+    parts = [pixels[:, v::height, u::width] for v in range(height) for u in range(width)]
+    together = reduce(combine, parts)
+    return together.reshape(len(pixels), np.prod(together.shape[1:], dtype=int))
 
 
 def _alone(here: Patches) -> Array:

@@ -138,7 +138,8 @@ class _Part(NamedTuple):
 class _Taken(NamedTuple):
     """A Gauss-Newton step of pose and blurs as it was taken: the states before and after it, the
     models after it, to first order, one entry a kind of windows, and which markers' windows have
-    contrast. `sigmas` is its length by its own standard deviation.
+    contrast. `sigmas` is how far the pose moved, by its own standard deviation; `settled` whether
+    the next step would hardly move it.
     """
 
     step: Array
@@ -148,16 +149,20 @@ class _Taken(NamedTuple):
     models: list[Linear]
     normals: list[Reduced]
     contrast: np.ndarray
+    settled: bool = True
 
 
 class _Step(NamedTuple):
-    """The last Gauss-Newton step: of pose and blurs, its information, and its parts with their
-    models after it.
+    """The last Gauss-Newton step: of pose and blurs, its information, its parts with their models
+    after it, how far it moved the pose, by its standard deviation, and whether the next one would
+    hardly move it.
     """
 
     step: Array
     information: Array
     parts: list[_Part]
+    sigmas: float
+    settled: bool
 
     @property
     def markers(self) -> _Part:
@@ -273,13 +278,15 @@ def _stepped(
     if len(np.unique(kinds[0].views.marker)) < 3:
         return None
     taken = _improved(states, kinds, rig, handle)
+    settled = False
     for _ in range(most_steps - 1):
         if _leads_away(taken):
             return None
         taken = _improved(taken.after, kinds, rig, handle)
-        if _has_settled(taken, kinds[0], handle):
+        settled = _has_settled(taken, kinds[0], handle)
+        if settled:
             break
-    return None if _leads_away(taken) else taken
+    return None if _leads_away(taken) else taken._replace(settled=settled)
 
 
 def _leads_away(taken: _Taken) -> bool:
@@ -306,7 +313,9 @@ def _fit_of(
     still_asked, chi_square = _still_asked(last, rig)
     # the weights are older than the step
     spread = float(np.median(misfit(markers.model)[visible])) if visible.any() else 1.0
-    covariance = in_world(spread * inverse(last.information)[:6, :6], T)
+    # where the steps ran out, the pose is still off by as many sigmas as the last one was long
+    still_off = 0.0 if last.settled else last.sigmas
+    covariance = in_world((1 + still_off**2) * spread * inverse(last.information)[:6, :6], T)
     residuals_px = still_asked * markers.patches.px_per_mm
     fit = judged_fit(T, covariance, markers.patches.views, markers.model, visible, residuals_px)
     if motion is not None:
@@ -405,8 +414,9 @@ def _improved(states: list[State], kinds: list[Patches], rig: Rig, handle: Handl
     contrast = has_contrast(models[0], handle)
     parts = _weighed(kinds, models, normals, state, contrast)
     information, gradient = _normal_equations(parts, state, rig)
-    step = inverse(information) @ gradient
-    sigmas = float(np.sqrt(np.maximum(step @ gradient, 0.0)))
+    spread = inverse(information)
+    step = spread @ gradient
+    sigmas = float(np.sqrt(np.maximum(step[:6] @ inverse(spread[:6, :6]) @ step[:6], 0.0)))
     models = [
         advanced(
             part.model, part.model.by_pose, part.normal, _own(step, part.patches.views.camera, rig)
@@ -432,7 +442,7 @@ def _concluded(taken: _Taken, kinds: list[Patches], rig: Rig) -> _Step:
     """
     parts = _weighed(kinds, taken.models, taken.normals, taken.before, taken.contrast)
     information, _ = _normal_equations(parts, taken.before, rig)
-    return _Step(taken.step, information, parts)
+    return _Step(taken.step, information, parts, taken.sigmas, taken.settled)
 
 
 def _weighed(

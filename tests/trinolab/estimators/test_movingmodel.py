@@ -8,7 +8,7 @@ from scipy.spatial.transform import RigidTransform
 
 from trinolab.bench.motion import random_pose
 from trinolab.datasets import load_handle, load_rig
-from trinolab.estimators.appearance import layers, shading_basis
+from trinolab.estimators.appearance import Views, layers, shading_basis
 from trinolab.estimators.imagemodel import (
     MotionBlur,
     blur_matrices,
@@ -23,7 +23,7 @@ from trinolab.estimators.movingmodel import (
     spectra_of,
     windows_of,
 )
-from trinolab.estimators.patches import moving_patches
+from trinolab.estimators.patches import Grid, cut, moving_patches
 from trinolab.estimators.pixels import both_in_world, moved
 from trinolab.rigid import shifted
 
@@ -133,3 +133,22 @@ def test_the_derivatives_are_those_of_the_model(most_cells):
 def test_the_work_is_bounded_however_long_the_way(way_mm):
     here = moving_patches(EMPTY_IMAGES, RIG, HANDLE, T, 72.0, way_mm * MOTION, 18_000)
     assert len(here.points) * np.prod(here.drawn.shape) < 1.35 * 18_000  # rounded to quick sizes
+
+
+@pytest.mark.parametrize("cell", [(1, 1), (2, 3)])
+def test_a_cell_is_the_mean_of_its_pixels_and_valid_if_none_is_saturated(cell):
+    """By loops over the pixels."""
+    width, height = cell
+    rows, columns = 4, 5
+    rng = np.random.default_rng(0)
+    images = [rng.integers(0, 256, camera.size[::-1], dtype=np.uint8) for camera in RIG.cameras]
+    views, points = Views(np.array([0]), np.array([3])), HANDLE.marker_centres[[3]]
+    uv = np.array([[400.0, 300.0]])
+    here = cut(images, RIG, HANDLE, T, views, points, uv, Grid((rows, columns), cell))
+    left, top = here.at.corner[0]
+    for v in range(rows):
+        for u in range(columns):
+            block = images[0][top + v * height :, left + u * width :][:height, :width].tolist()
+            greys = [grey for row in block for grey in row]
+            assert here.grey[0, v * columns + u] == pytest.approx(sum(greys) / len(greys))
+            assert here.valid[0, v * columns + u] == (max(greys) < 250)

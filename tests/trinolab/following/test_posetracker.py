@@ -15,6 +15,7 @@ from trinolab.bench.optics import Bench, blurred, digitise
 from trinolab.bench.scenario import Job, Shot, take
 from trinolab.bench.scene import exposed, render_rig
 from trinolab.datasets import load_handle, load_rig
+from trinolab.estimators import pixels
 from trinolab.estimators.pixels import fit_patches
 from trinolab.files.recording import Frames
 from trinolab.following import look as look_module
@@ -226,6 +227,19 @@ def test_a_smear_is_fitted_with_the_pose():
     assert away @ np.linalg.solve(moving.covariance, away) < 25.0  # chi-square of six, 99.97 %
     assert np.median(moving.misfit) < 1.5
     assert still is None or np.median(still.misfit) > 3.0
+
+
+def test_a_fit_that_runs_out_of_steps_says_that_it_is_not_at_its_end(monkeypatch):
+    velocity, rng = np.array([350.0, -120.0, 60.0, 0.3, 0.2, -0.4]), np.random.default_rng(2)
+    frames = smeared_images(CODED, FIRST, velocity, rng)
+    start = shifted(FIRST, np.array([0.6, -0.9, 0.9, 0.03, -0.03, 0.03]))
+    expected = 0.012 * velocity, np.diag(np.repeat([1.0, 0.01], 3) ** 2)
+    settled = fit_patches(frames, RIG, CODED, start, motion_blur=expected)
+    monkeypatch.setattr(pixels, "FINE", pixels.FINE._replace(steps=2))
+    stopped = fit_patches(frames, RIG, CODED, start, motion_blur=expected)
+    away = motion_between(stopped.T_world_handle, FIRST)
+    assert away @ np.linalg.solve(settled.covariance, away) > 100.0
+    assert away @ np.linalg.solve(stopped.covariance, away) < 25.0  # chi-square of six, 99.97 %
 
 
 @pytest.mark.heavy

@@ -15,6 +15,7 @@ from healthy import make_healthy, run
 from sheetrows import pointer_rows, rows_of, setup, static_rows
 
 from trinolab.datasets import data_path, load_sweep
+from trinolab.files.inputs import read_json
 from trinolab.files.poses import read_poses
 from trinolab.methods import BEST
 from workbench.accept import command, history, pointer, renew, rest, sheet, static, work
@@ -553,3 +554,26 @@ def test_a_test_is_measured_again_from_its_parts_which_are_kept(monkeypatch, tmp
         answer = renew.measured_again(source, "A5", tmp_path / "new" / "kept.jsonl", 1)
         assert answer.notes == ["[[0], [1]]"]
     assert done == [0, 1]
+
+
+def test_the_command_renews_the_shipped_sheet(monkeypatch, tmp_path):
+    content = read_json(data_path("accept", "raised_40deg.json"))
+    copy = tmp_path / "raised_40deg.json"
+    copy.write_text(json.dumps(content), encoding="utf-8")
+    asked = []
+    number = share("A6", "measured, of all instants", 3, 4, 0)
+
+    def again(source, name, kept, workers):
+        asked.append((source.poses, source.seed, name, workers))
+        return Answer([number])
+
+    monkeypatch.setattr(renew, "measured_again", again)
+    monkeypatch.setattr(
+        renew, "data_path", lambda *parts: copy if parts[0] == "accept" else data_path(*parts)
+    )
+    monkeypatch.setattr("sys.argv", ["renew", "A6", "--workers", "1"])
+    renew.main()
+    assert asked == [(content["about"]["poses"], content["about"]["seed"], "A6", 1)]
+    written = read_json(copy)
+    assert [row["value"] for row in written["numbers"] if row["test"] == "A6"] == [75.0]
+    assert "with the code of commit" in written["notes"]["A6"][-1]

@@ -85,6 +85,11 @@ def test_a_loop_that_may_be_left_early_stays_whole(tmp_path):
         "if a:\n    x.append(a)",
         "while len(x) < 3:\n    x.append(a)",
         "try:\n    x.append(a)\nexcept ValueError:\n    pass",
+        "(y := x).append(a)",
+        "import cv2\ncv2.accumulate(np.ones(1) * a, x)",
+        "def kept():\n    yield x\nfor y in kept():\n    y.append(a)",
+        "def kept():\n    import math\n    return x\nkept().append(math.floor(a))",
+        "y: list = x\ny.append(a)",
     ],
 )
 def test_a_change_of_an_object_is_kept_and_what_reads_it_later_varies(tmp_path, change):
@@ -112,6 +117,26 @@ def test_what_cannot_be_known_is_kept_with_all_before_it(tmp_path, strange):
     assert once is None  # nothing is taken for the same each time
     assert part.needed.cells[2].source == "y = 1"
     assert part.needed.cells[3].source == strange
+
+
+def test_draws_from_the_global_generator_keep_their_order(tmp_path):
+    """What is thrown away has moved it on."""
+    draws = ["np.random.seed(0)", "y = np.random.normal()", "x = a * np.random.normal()"]
+    once, each, _ = parts(tmp_path, *draws, glued(x="x"))
+    assert [first or then for first, then in zip(once[:3], each[:3], strict=True)] == draws
+
+
+def test_a_cell_that_may_raise_is_kept(tmp_path):
+    refuse = "if a > 3:\n    raise ValueError(a)"
+    _, each, _ = parts(tmp_path, refuse, "y = 1", glued(x="a"))
+    assert each[:2] == [refuse, ""]
+
+
+def test_a_statement_of_a_kind_that_is_not_known_is_kept_with_all_before_it(tmp_path):
+    match = "match a:\n    case 1:\n        x = 2"
+    _, _, part = parts(tmp_path, "y = 1", match, glued(x="x"))
+    assert part.needed.cells[2].source == "y = 1"
+    assert part.needed.cells[3].source == match
 
 
 def test_a_call_whose_value_nobody_takes_is_kept_and_ends_what_runs_once(tmp_path):
