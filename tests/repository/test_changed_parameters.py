@@ -5,6 +5,7 @@ from functools import cache
 from pathlib import Path
 
 import pytest
+from solutions import says
 
 from workbench.course.exercises import exercise
 from workbench.sweep.notebook import read_notebook, run_notebook
@@ -108,3 +109,35 @@ def test_a_wider_gate_sees_other_markers():
     asked = exercise("04.4").asked["ccd1"]
     assert abs(wider["nis_ccd1"] - asked.value) <= asked.within
     assert abs(ours["nis_ccd1"] / 4 - asked.value) > asked.within
+    says("04.4", f"to {wider['nis_ccd1']:.2f} (n = ")
+
+
+@pytest.mark.heavy
+def test_the_other_rod_has_other_points_and_one_pose():
+    """Exercise 1.4: the points from pairs, and the statuses with dark cameras."""
+    ours, other = (run("01_structure", handle_name=name) for name in ("paper", "coded"))
+    points = [
+        int(re.match(r"(\d+) points from pairs", printed(found, "structure-32"))[1])
+        for found in (ours, other)
+    ]
+    says("01.4", f"There are {points[1]} points from pairs in place of {points[0]}.")
+    asked = {name: one.value for name, one in exercise("01.4").asked.items()}
+    assert asked["points"] == points[1]
+    (table,) = (
+        output.data["text/plain"]
+        for one in other.notebook.cells
+        if one.id == "structure-37"
+        for output in one.outputs
+        if "text/plain" in output.get("data", {})
+    )
+    statuses = re.findall(r"measured|ambiguous|predicted|lost", table)
+    assert set(statuses[:-1]) == {asked["one_dark"]} == {asked["told_nothing"]}
+    assert statuses[-1] == asked["all_but_first"]
+
+
+@pytest.mark.heavy
+def test_more_parallel_cameras_share_more_markers():
+    """Exercise 2.4: the poses of 20 in which two of the textbook's cameras share four markers."""
+    ours, parallel = (run("02_workspace", beta_deg=beta).results for beta in (45.0, 75.0))
+    says("02.4", f"all {parallel['enough']:.0f} poses have four, in place of {ours['enough']:.0f}.")
+    assert exercise("02.4").asked["poses"].value == parallel["enough"]

@@ -15,6 +15,7 @@ import pandas as pd
 import pypdfium2
 import pytest
 from healthy import run, write_video
+from pages import page_says
 from scipy.spatial.transform import RigidTransform, Rotation
 from setups import pose_at
 
@@ -218,6 +219,8 @@ def test_from_three_webcams_to_a_tracked_handle(tmp_path, monkeypatch, capfd):
     assert set(poses["status"]) == {"measured"}
     error = position_errors(transforms(poses), truth).mean()
     # The calibration's errors are common to all poses; their own sigma knows them.
+    page_says("book/lab_sheet.md", f"{INSTANTS} instants are {error:.2f} mm off")
+    page_says("book/lab_sheet.md", f"`sigma_mm` ({poses['sigma_mm'].median():.2f} mm) knows")
     assert error < 3 * poses["systematic_mm"].median()
     assert poses["systematic_mm"].median() < 0.31  # mm: what the sheet asks of a calibration
     write_poses(truth_table(truth), "truth.csv")

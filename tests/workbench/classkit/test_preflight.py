@@ -7,9 +7,11 @@ import numpy as np
 import pandas as pd
 import pytest
 from healthy import run
+from pages import page_says
 from scipy.ndimage import gaussian_filter1d
 from setups import FPS, SMALL, clip, each, pose_at, record, small_rig
 
+from trinolab.bench.recordings import standard_recording
 from trinolab.camera import Rig, RigCovariance, displaced
 from trinolab.triangulation import triangulate
 from workbench.classkit import criteria
@@ -87,6 +89,20 @@ def test_a_fault_of_the_image_has_its_row(tmp_path, name):
         assert table.loc[criterion.what, "do"] == criterion.do
 
 
+def test_how_much_of_a_blur_shows(tmp_path):
+    """Four fifths of 2 px, as `commands` says; what is drawn has 0.7 px already."""
+    shown = {}
+    for sigma in (2.0, 3.0):
+        (tmp_path / f"{sigma}").mkdir()
+        table = judged(tmp_path / f"{sigma}", each(clip()[:FEW], blurred(sigma)))
+        shown[sigma] = table["value"]
+    fifths = 5 * shown[2.0][criteria.FOCUS.what] / np.hypot(0.7, 2.0)
+    assert round(fifths) == 4
+    page_says("book/commands.md", "Of a blur of 2 px on markers of 7 px it shows four fifths.")
+    assert shown[3.0][criteria.FOUND.what] == 0
+    assert "on markers of 7 px a blur of 3 px leaves no pose" in criteria.FOCUS.why
+
+
 def test_small_markers(tmp_path):
     table = judged(tmp_path, clip(FEW, handle=SMALL), handle=SMALL)
     assert verdict(table, criteria.SIZE) == NOT_USABLE
@@ -140,6 +156,17 @@ def test_a_late_camera(tmp_path):
 def test_a_long_exposure(tmp_path, exposure_s, expected):
     table = judged(tmp_path, clip(exposure_s=exposure_s))
     assert verdict(table, criteria.SMEAR) == expected
+    if exposure_s in (0.010, 0.020):
+        shown = table.loc[criteria.SMEAR.what, "measured"].split("an exposure of ")[1]
+        page_says("book/commands.md", f"{shown} for {1e3 * exposure_s:.0f} ms")
+
+
+@pytest.mark.heavy
+def test_the_exposure_of_the_recording_hard():
+    folder = standard_recording("hard", seconds=2.0, progress=False)
+    table = preflight(folder, progress=False).set_index("what")
+    shown = table.loc[criteria.SMEAR.what, "measured"].split("an exposure of ")[1]
+    page_says("book/commands.md", f"{shown} for 10 ms on the recording {{ref}}`hard")
 
 
 @pytest.mark.heavy

@@ -8,9 +8,12 @@ from solutions import says
 
 from trinolab import background, matching, metrics
 from trinolab.following import posetracker
+from trinolab.kalman import KalmanParameters
 from trinolab.markers import find_markers
+from trinolab.parameters import Parameters
+from workbench import intervals
 from workbench.course.exercises import exercise
-from workbench.studies import ground_truth, match_rivals
+from workbench.studies import ground_truth, markertrack, match_rivals, tuning
 
 T, SHADOW = 15.0, 0.3
 
@@ -123,6 +126,36 @@ def test_the_second_lamp_of_chapter_3():
     says("03.6", f"At 70 % it is still {little[1]:.0f} % missed")
 
 
+@pytest.mark.heavy
+def test_the_whole_recording_of_chapter_4():
+    """Exercise 4.5; the recording is rendered first, which takes some minutes."""
+    recording = ground_truth.read_recording("calm", range(20, 300), seconds=10.0)
+    p = Parameters(kalman=KalmanParameters(9.5e8, 1.5, 1200.0, 6000.0))  # the chapter's
+    medians, seconds, inside = [], [], 0
+    for index, name in enumerate(recording.rig.names):
+        images = recording.images_of(index)
+        regions = markertrack.moving_regions(images, recording.empty[index])
+        looks = markertrack.follow(images, recording.times_s, recording.handle, regions, p)[11:]
+        of_looks = np.array([look.nis for look in looks])
+        nis = of_looks[np.isfinite(of_looks)]
+        low, high = tuning.nis_band(len(nis))
+        inside += low < nis.mean() < high
+        at_least, at_most, _ = intervals.of_mean(nis)
+        refused = sum(np.isfinite(look.nis) and not look.used for look in looks)
+        says(
+            "04.5",
+            f"| {name.upper()} | {nis.mean():.2f} | {len(nis)} | {low:.2f} to {high:.2f} "
+            f"| {at_least:.2f} to {at_most:.2f} | {refused} |",
+        )
+        agrees("04.5", name, nis.mean())
+        medians.append(np.median(nis))
+        whole = len(of_looks) // 30 * 30
+        seconds.extend(np.nanmean(of_looks[:whole].reshape(-1, 30), axis=1))
+    agrees("04.5", "inside", inside)
+    says("04.5", f"single seconds, which run from {min(seconds):.1f} to {max(seconds):.1f}.")
+    says("04.5", f"The medians are {min(medians):.1f} to {max(medians):.2f},")
+
+
 def test_the_pairs_of_chapter_6():
     """The set with the largest sum of S, and the constraints without the correlation."""
     drawn = np.sort(np.random.default_rng(0).choice(90, 24, replace=False))
@@ -170,3 +203,6 @@ def test_the_film_with_fewer_frames_of_chapter_1(step):
     if step == 4:
         errors = metrics.pose_errors(*map(RigidTransform.concatenate, zip(*kept, strict=True)))
         agrees("01.5", "mm_4", errors.E_t_mm)
+        off = [np.linalg.norm(T.translation - truth.translation) for T, truth in kept]
+        mistakes = [one.gives.get("mm_4") for one in exercise("01.5").mistakes]
+        assert any(one == pytest.approx(max(off), abs=0.0005) for one in mistakes if one)

@@ -1,6 +1,7 @@
 """Numbers of ours that a solution has typed: each is computed anew and stands there to the digit."""
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -270,6 +271,32 @@ def test_the_place_of_a_third_camera():
         says("10.5", f"| {row} | {' | '.join(figures)} |")
 
 
+def test_the_motion_the_wrong_way_round():
+    """Exercise 7.1: R_rl and T_rl of Eq. 25 put into Eq. 20 as they are."""
+    left, right = RIG.cameras
+    back = right.T_world_cam  # from right to left, where Eq. 20 wants left to right
+    mixed_up = replace(right, T_cam_world=back * left.T_world_cam.inv())
+    uv = [camera.project(PLACES.translation) for camera in (left, right)]
+    rays = [camera.rays(pixels) for camera, pixels in zip((left, right), uv, strict=True)]
+    R, T = mixed_up.T_cam_world.rotation.as_matrix(), mixed_up.T_cam_world.translation
+    xy_left = rays[0] / rays[0][:, 2:]
+    x_right = right.T_cam_world.rotation.apply(rays[1])
+    x_right = x_right[:, 0] / x_right[:, 2]
+    a, _, c = (xy_left @ R.T).T
+    z = (x_right * T[2] - T[0]) / (a - x_right * c)  # the first form, and no depth is refused
+    missed = np.linalg.norm(z[:, None] * xy_left - PLACES.translation, axis=1).mean()
+    says("07.1", f"a mix-up costs {missed:.0f} mm on average")
+
+
+def test_scatters_by_the_formulas_of_chapter_5():
+    def scatter(R, sigma):
+        return sigma * (R + 2) ** 2 / (2 * np.sqrt(np.pi) * R**2 * 120)
+
+    says("05.1", f"= {scatter(3.9, 3.1):.4f}$ px")
+    read_noises = [scatter(7.8, np.sqrt(0.05 * 150 + read**2)) for read in (1.5, 6.0)]
+    says("05.4", f"from {read_noises[0]:.4f} to {read_noises[1]:.4f} px.")
+
+
 @pytest.mark.heavy
 def test_a_smaller_board():
     small, usual = calibrations(1703, 30, 7.5), calibrations(1703, 30)
@@ -283,18 +310,30 @@ def test_a_smaller_board():
         f"{small_mm:.3f} mm (95 %: {low:.3f} to {high:.3f}) in place of "
         f"{usual_mm:.3f} mm ({low_usual:.3f} to {high_usual:.3f}; n = 30 each, seed 1703)",
     )
+    focal_px = [np.mean([one.intrinsic_sigma[:, :2] for one in found]) for found in (usual, small)]
+    says("07.4", f"double, from {focal_px[0]:.2f} to {focal_px[1]:.2f} px in the mean over both")
+    depth_mm = [
+        np.mean([np.sqrt(one.relative_covariance(1)[2, 2]) for one in found])
+        for found in (small, usual)
+    ]
+    says("07.4", f"is known {depth_mm[0] / depth_mm[1]:.1f} times worse, to {depth_mm[0]:.3f} in")
+    says("07.4", f"in place of {depth_mm[1]:.3f} mm.")
     chi = [with_interval([chi_square(one) for one in found], 1) for found in (small, usual)]
     says("07.4", f"stays near 6: {chi[0]} in place of {chi[1]}")
+    says("07.2", f"From {usual_mm:.3f} mm at 14 to 0.031 mm is a factor of {usual_mm / 0.031:.1f}")
 
 
 @pytest.mark.heavy
 def test_a_bent_board():
+    noises = []
     for bend_mm, chi_digits, digits in ((0, 1, 2), (0.02, 0, 2), (0.05, 0, 2), (0.2, 0, 1)):
         found = calibrations(1703, 6, bend_mm=bend_mm)
         noise = np.mean([one.sigma_px for one in found])
+        noises.append(noise)
         chi = np.mean([chi_square(one) for one in found])
         cost = with_interval([cost_mm(one) for one in found], digits)
         says("07.5", f"| {bend_mm} | {noise:.3f} | {chi:.{chi_digits}f} | {cost} |")
+    says("07.5", f"the residual has grown by {100 * (noises[1] / noises[0] - 1):.0f} %")
     others = [
         np.mean([cost_mm(one) for one in calibrations(seed, 6, bend_mm=0.2)]) for seed in (0, 1)
     ]

@@ -1,0 +1,23 @@
+"""What pages and chapters say, for tests that compute their numbers anew."""
+
+import json
+from functools import cache
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+@cache
+def text_of(path: str) -> str:
+    """The text of a page, or of a chapter's text cells, with single spaces."""
+    text = (ROOT / path).read_text(encoding="utf-8")
+    if path.endswith(".ipynb"):
+        cells = json.loads(text)["cells"]
+        text = "\n\n".join("".join(c["source"]) for c in cells if c["cell_type"] == "markdown")
+    return " ".join(text.split())
+
+
+def page_says(path: str, *sentences: str) -> None:
+    """The page or chapter has each of these, to the digit."""
+    for sentence in sentences:
+        assert sentence in text_of(path), sentence
