@@ -51,7 +51,7 @@ class Pose:
         ``measured``, ``ambiguous`` (one of several equivalent poses), ``predicted`` or ``lost`` (no
         pose).
     T_world_handle : RigidTransform or None
-    covariance : ndarray, shape (6, 6)
+    covariance_random : ndarray, shape (6, 6)
         Of position (mm) and rotation vector (rad), both in the world frame, by what is new in each
         instant; NaN without a pose.
     residual_px : float
@@ -60,31 +60,53 @@ class Pose:
         How many were used.
     systematic : ndarray, shape (6, 6)
         The same by what all instants have in common, the errors of rig and marker layout; zeros
-        where nothing is known of them.
+        where both are exact.
+
+    Notes
+    -----
+    `covariance` is the whole, for a pose by itself: how far it may be from the truth. Two poses
+    that are near to each other share the systematic part. Of their difference it is no error, and a
+    filter over instants that took it for noise would average away what never averages out: both
+    want `covariance_random`. Say x is known to 0.01 mm anew in each instant and to 0.10 mm by the
+    rig. One position is known to 0.1005 mm, the mean of a hundred instants of a handle at rest to
+    0.1000 mm and not to 0.0100 mm; a step between two of them is known to 0.0141 mm and not to
+    0.142 mm.
     """
 
     status: str
     T_world_handle: RigidTransform | None
-    covariance: Array
+    covariance_random: Array
     residual_px: float
     markers: int
     cameras: int
     systematic: Array = field(default_factory=lambda: NOTHING)
 
     @property
+    def covariance(self) -> Array:
+        """Of position (mm) and rotation vector (rad), world frame, by all that is known, shape (6,
+        6): `covariance_random` and `systematic`.
+        """
+        return self.covariance_random + self.systematic
+
+    @property
+    def covariance_systematic(self) -> Array:
+        """`systematic`."""
+        return self.systematic
+
+    @property
     def whole_covariance(self) -> Array:
-        """The covariance by all that is known, shape (6, 6): `covariance` and `systematic`."""
-        return self.covariance + self.systematic
+        """`covariance`, by its former name."""
+        return self.covariance
 
     @property
     def sigma_mm(self) -> float:
         """Square root of the trace of the position's whole covariance."""
-        return _spread(self.whole_covariance)[0]
+        return _spread(self.covariance)[0]
 
     @property
     def sigma_deg(self) -> float:
         """Square root of the trace of the rotation vector's whole covariance."""
-        return _spread(self.whole_covariance)[1]
+        return _spread(self.covariance)[1]
 
     @property
     def systematic_mm(self) -> float:

@@ -12,7 +12,7 @@ from trinolab.camera import RigCovariance
 from trinolab.datasets import load_handle, load_rig
 from trinolab.estimators.appearance import Views
 from trinolab.estimators.centroids import predict_centroids
-from trinolab.estimators.contradiction import Residuals, honest
+from trinolab.estimators.contradiction import Residuals, _likely_size, honest
 from trinolab.estimators.reprojection import fit_pixels, response_of_pixels
 from trinolab.handle import slants
 from trinolab.uncertainty.systematic import NOTHING, contradict, variance_of_few
@@ -110,6 +110,49 @@ def test_a_rig_that_is_known_no_better_does_not_contradict():
     expected = found(rig, CODED, noise, 0 * offsets, sigma_px=0.5)[2]
     np.testing.assert_allclose(told.systematic, expected.systematic, rtol=0.1)
     assert expected.systematic.any()
+
+
+def silent(rig):
+    return replace(rig, covariance=None)
+
+
+@pytest.mark.parametrize(("rig", "low"), [(PAIR, 0.5), (THREE, 0.7)], ids=["pair", "three"])
+def test_a_rig_that_says_nothing_is_as_uncertain_as_what_is_seen_makes_it(rig, low):
+    """Images that are shifted by a fifth of what is usual, by as much, and five times as much."""
+    rng = np.random.default_rng(0)
+    ratios = []
+    for px in (0.07, 0.35, 1.75):
+        squares = []
+        for seed in range(30):
+            offsets = px * rng.standard_normal((len(rig.cameras), 2))
+            T, _, told = found(silent(rig), CODED, drawn(rig, seed), offsets)
+            away = T.translation - POSE.translation
+            squares.append(away @ away / np.trace((told.covariance + told.systematic)[:3, :3]))
+        ratios.append(np.sqrt(np.mean(squares)))
+    assert ratios[0] < 1.0  # a pair has one degree of freedom of its own beside what was assumed
+    assert low < ratios[1] < 1.2
+    assert low < ratios[2] < 1.6
+
+
+def test_the_size_of_a_covariance_is_the_most_likely_one():
+    """With very many numbers to tell it, it is what they say, whatever was assumed; with none it is
+    what was assumed, by Student's factor.
+    """
+    rng = np.random.default_rng(0)
+    spread = np.diag(rng.uniform(1.0, 5.0, 4000))
+    rest = np.sqrt(1 + 7.0 * np.diag(spread)) * rng.standard_normal(4000)
+    assert _likely_size(spread, rest, 1.0) == pytest.approx(7.0, rel=0.05)
+    for freedom, factor in ((3.0, 1.197), (5.0, 1.111)):  # by the table of Student's t
+        size = _likely_size(np.zeros((2, 2)), np.zeros(2), freedom)
+        assert size == pytest.approx(factor**2, rel=0.02)
+
+
+def test_a_rig_that_states_its_covariance_is_settled():
+    rig = known_to(PAIR, 0.3)
+    _, _, told = found(rig, CODED, drawn(PAIR, 0))
+    assert told.rig is rig
+    _, _, told = found(silent(PAIR), CODED, drawn(PAIR, 0))
+    assert told.rig.covariance.freedom == np.inf
 
 
 def test_a_pose_that_large_contradictions_leave_open_is_refused():
