@@ -21,6 +21,7 @@ from .triangulation import (
     pairs_with_slopes,
     triangulation_slopes,
 )
+from .uncertainty.size import Residuals, settled
 from .uncertainty.systematic import NOTHING, Response, is_uncertain, response, systematic_covariance
 
 __all__ = [
@@ -363,8 +364,21 @@ def fit_pose(
     covariance = _fit_covariance(handle.marker_centres[used], T, covariances[used])
     systematic = NOTHING
     if is_uncertain(rig, handle):
-        systematic = systematic_covariance(_response(fitted, rig, handle), rig, handle)
+        answers = _response(fitted, rig, handle)
+        rig_as_seen = settled(answers, _left(fitted, answers, rig, sigma_px), T, rig, handle)
+        systematic = systematic_covariance(answers, rig_as_seen, handle)
     return measured_pose(T, covariance, uv_used, used, rig, handle, systematic)
+
+
+def _left(fitted: _Fitted, answers: Response, rig: Rig, sigma_px: float) -> Residuals:
+    """What is left of the centroids that a pose answers to."""
+    at = answers.camera, answers.marker
+    predicted = np.empty_like(answers.points[:, :2])
+    for c, camera in enumerate(rig.cameras):
+        mine = answers.camera == c
+        predicted[mine] = image_of(camera, answers.points[mine])
+    information = np.broadcast_to(np.eye(2) / sigma_px**2, (len(predicted), 2, 2))
+    return Residuals(fitted.uv[at] - predicted, information)
 
 
 def fit_response(uv: Array, rig: Rig, handle: Handle, max_slant_deg: float = 70.0) -> Response:

@@ -29,7 +29,6 @@ from ..uncertainty.systematic import (
     contradicting,
     offsets_at,
     pixel_slopes,
-    variance_of_few,
 )
 from ..uncertainty.usual import known_covariance, known_placement_mm
 from .hypotheses import FAR, Poses, ideal_pixels, predict, slopes, weights
@@ -96,8 +95,10 @@ def reconciled(
     """
     matrix = T_world_handle.as_matrix()[None]
     poses = Poses(matrix[:, :3, :3], matrix[:, :3, 3])
+    sized = False
     if known_covariance(rig).is_exact and _exceeds_biases(rig, handle, uv, poses, p):
         rig = _doubted(rig, handle, uv, poses, p)
+        sized = True
     offsets = offsets_at(rig, T_world_handle.translation)
     if offsets is None:
         return rig, T_world_handle
@@ -109,14 +110,13 @@ def reconciled(
     prior = np.linalg.inv(before)
     fit = fit_with_offsets(rig, handle, poses, uv[None], basis[None], prior, sigma_px, p)
     surprise = float(fit.size[0] @ prior @ fit.size[0])
-    if np.isfinite(stated.freedom):
-        # of an offset that no camera shows nothing is learnt
-        shown = m - float(np.trace(prior @ fit.covariance[0]))
-        freedom = stated.freedom + shown
-        scale = (stated.freedom + surprise) / freedom
-    else:
-        freedom = stated.freedom
-        scale = max(variance_of_few(surprise, m), 1.0) if contradict(surprise, m) else 1.0
+    # of an offset that no camera shows nothing is learnt
+    shown = m - float(np.trace(prior @ fit.covariance[0]))
+    scale, freedom = 1.0, stated.freedom
+    if np.isfinite(freedom) and not sized:
+        scale, freedom = (freedom + surprise) / (freedom + shown), freedom + shown
+    elif contradict(surprise, m):
+        scale, freedom = max(surprise / shown, 1.0), shown
     if scale != 1:
         prior = prior / scale
         fit = fit_with_offsets(rig, handle, poses, uv[None], basis[None], prior, sigma_px, p)
@@ -162,8 +162,8 @@ def _doubted(rig: Rig, handle: Handle, uv: Array, poses: Poses, p: IdentityParam
     if not contradict(float(size @ np.linalg.solve(fit.covariance[0], size)), m):
         return rig
     variances = np.zeros((len(rig.cameras), len(CAMERA_PARAMETERS)))
-    variances[:, PRINCIPAL_POINT] = variance_of_few(float(size @ size), m)
-    return replace(rig, covariance=RigCovariance(rig.names, np.diag(variances.ravel())))
+    variances[:, PRINCIPAL_POINT] = float(size @ size) / m
+    return replace(rig, covariance=RigCovariance(rig.names, np.diag(variances.ravel()), m))
 
 
 def fit_with_offsets(

@@ -40,7 +40,7 @@ __all__ = [
     "usual_covariance",
 ]
 
-IMAGE_PX = 0.35  # by which the image of the work volume is shifted, each way
+IMAGE_PX = 0.45  # by which the image of the work volume is shifted, each way
 FREEDOM = 1.0  # how well that is known
 PLACEMENT_MM = 0.05  # of each coordinate of each marker
 CORNER_PX = 0.1  # by which each of the four points is off besides

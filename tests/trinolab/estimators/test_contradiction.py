@@ -12,10 +12,11 @@ from trinolab.camera import RigCovariance
 from trinolab.datasets import load_handle, load_rig
 from trinolab.estimators.appearance import Views
 from trinolab.estimators.centroids import predict_centroids
-from trinolab.estimators.contradiction import Residuals, _likely_size, honest
+from trinolab.estimators.contradiction import honest
 from trinolab.estimators.reprojection import fit_pixels, response_of_pixels
 from trinolab.handle import slants
-from trinolab.uncertainty.systematic import NOTHING, contradict, variance_of_few
+from trinolab.uncertainty.size import Residuals, _likely_size
+from trinolab.uncertainty.systematic import NOTHING, contradict, students_factor
 
 PAIR, THREE = load_rig("paper_pair"), load_rig("raised_40deg")
 CODED = load_handle("coded")
@@ -59,10 +60,11 @@ def test_a_chi_square_by_the_table():
     assert not contradict(1e9, 0)
 
 
-def test_a_variance_of_few_by_the_table_of_students_t():
+def test_students_factor_by_the_table():
     # t of one degree of freedom is 1.837 where the normal distribution is 1, of three 1.197
-    assert variance_of_few(4.0, 1) == pytest.approx(4 * 1.837**2, rel=1e-3)
-    assert variance_of_few(3.0, 3) == pytest.approx(1.197**2, rel=1e-3)
+    assert students_factor(1) == pytest.approx(1.837**2, rel=1e-3)
+    assert students_factor(3) == pytest.approx(1.197**2, rel=1e-3)
+    assert students_factor(np.inf) == 1.0
 
 
 @pytest.mark.slow

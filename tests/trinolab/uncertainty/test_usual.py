@@ -94,7 +94,7 @@ def test_what_was_assumed_is_said_in_a_line():
     assert assumed(RAISED, CODED, "r.toml", "h.toml") == []
     (line,) = assumed(SILENT, CODED, "r.toml", "h.toml")
     assert line.startswith("r.toml: does not say how well the cameras are known; a usual")
-    assert "0.35 px" in line
+    assert "0.45 px" in line
     (line,) = assumed(replace(SILENT, reprojection_px=0.21), CODED, "r.toml", "h.toml")
     assert "0.21 px" in line
     (line,) = assumed(RAISED, unplaced, "r.toml", "h.toml")
