@@ -69,9 +69,8 @@ class Pose:
     that are near to each other share the systematic part. Of their difference it is no error, and a
     filter over instants that took it for noise would average away what never averages out: both
     want `covariance_random`. Say x is known to 0.01 mm anew in each instant and to 0.10 mm by the
-    rig. One position is known to 0.1005 mm, the mean of a hundred instants of a handle at rest to
-    0.1000 mm and not to 0.0100 mm; a step between two of them is known to 0.0141 mm and not to
-    0.142 mm.
+    rig. One position is known to 0.1005 mm; the mean of a hundred instants of a handle at rest to
+    0.1000 mm, and not to 0.0101 mm; a step between two instants to 0.0141 mm, and not to 0.142 mm.
     """
 
     status: str

@@ -23,7 +23,6 @@ from ..camera import CAMERA_PARAMETERS, Rig
 from ..checks import Array, frozen
 from ..handle import Handle
 from ..rigid import cross_matrices
-from ..uncertainty.systematic import is_uncertain
 from ..uncertainty.usual import known_covariance, known_placement_mm
 
 __all__ = ["Length", "Prior", "basis", "prior_of"]
@@ -66,11 +65,12 @@ def prior_of(rig: Rig, handle: Handle, length: Length | None = None) -> Prior:
     (`uncertainty.usual`).
 
     A rig that states nothing has the scale held by the distance of its first two cameras, if no
-    other length is given. Where both state that they are exact, nothing would be left to adjust: who
-    adjusts them all the same doubts it, and what is usual stands for both.
+    other length is given. So does one that is stated to be exact, as the bench's is: who adjusts it
+    doubts that. The same holds for a handle.
     """
-    if not is_uncertain(rig, handle):
+    if known_covariance(rig).is_exact:
         rig = replace(rig, covariance=None)
+    if handle.placement_sigma_mm == 0:
         handle = replace(handle, placement_sigma_mm=None)
     if rig.covariance is None:
         length = length or Length("cameras", 0, 1, _distance(rig, 0, 1))

@@ -10,12 +10,13 @@ on the images of four points there: each camera's image of them is shifted as a 
 How large these errors are is itself hardly known. The covariance says so by its degrees of freedom
 (`camera.RigCovariance.freedom`), and what is seen decides.
 
-**Where the numbers are from.** Simulated calibrations with 14 views of the board, corners found to
-0.05 px: the images of the work volume are off by 0.3 to 0.5 px, nearly all of it a motion of the
-first camera's frame; of 0.3 px: by 1.9 to 2.4 px. OpenCV's stereo photographs, calibrated from
-halves of them: by 1.4 px an image, of which 0.05 px is no motion of that frame. Rigs that others
-calibrated fit their own points to 0.3 to 0.5 px. So it is a third of a pixel, within a factor of
-three or so, which is one degree of freedom.
+**Where the numbers are from.** Simulated calibrations with 14 views of a board, corners found to
+0.05 px, have the images of the work volume off by 0.3 to 0.5 px, nearly all of it a motion of the
+first camera's frame; with corners to 0.3 px by 2 to 3 px. OpenCV's stereo photographs,
+calibrated from halves of them, give 2 px an image, of which 0.06 px is no motion of that frame. Rigs
+that others calibrated fit their own points to 0.3 to 0.5 px. So it is half a pixel within a factor
+of four or so, which is one degree of freedom. `tests/workbench/studies/test_usual_evidence.py`
+computes these again.
 """
 
 from __future__ import annotations
