@@ -7,6 +7,7 @@ k2, p1, p2, k3).
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 
@@ -234,20 +235,39 @@ class RigCovariance:
         camera's R_cam_world becomes exp(d) R_cam_world) and the translation of T_cam_world (3,
         mm), see `displaced`. What is known exactly, as the first camera's place where that is the
         world frame, has zeros.
+    freedom : float
+        How well the size of the matrix itself is known: the degrees of freedom of the variances
+        (GUM, annex G.3), infinity where they are certain. A factor common to all of them then has
+        a scaled inverse chi-square distribution.
 
     Raises
     ------
     ValueError
-        If the matrix has another shape, is not finite, not symmetric, or has a negative eigenvalue.
+        If the matrix has another shape, is not finite, not symmetric, or has a negative eigenvalue;
+        for a freedom that is not positive.
     """
 
     names: tuple[str, ...]
     matrix: Array
+    freedom: float = np.inf
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "names", tuple(self.names))
         n = len(CAMERA_PARAMETERS) * len(self.names)
         object.__setattr__(self, "matrix", _as_covariance(self.matrix, n))
+        if not self.freedom > 0:
+            raise ValueError(f"freedom: expected a positive number, got {self.freedom!r}")
+
+    @classmethod
+    def exact(cls, names: Sequence[str]) -> RigCovariance:
+        """Of cameras that are known exactly, as those of simulated images are: zeros."""
+        n = len(CAMERA_PARAMETERS) * len(names)
+        return cls(tuple(names), np.zeros((n, n)))
+
+    @cached_property
+    def is_exact(self) -> bool:
+        """Whether nothing is uncertain."""
+        return not self.matrix.any()
 
 
 def _as_covariance(value: ArrayLike, n: int) -> Array:
@@ -279,16 +299,22 @@ class Rig:
     ----------
     cameras : tuple of Camera
     covariance : RigCovariance or None
-        How well they are known; None where nobody has said it.
+        How well they are known; None where nobody has said it, which stands for a calibration of
+        usual quality (`uncertainty.usual`). `RigCovariance.exact` says that they are known exactly.
+    reprojection_px : float or None
+        What the calibration left between its own points and their images, where the rig's file
+        says it: how good it was, if there is no covariance.
 
     Raises
     ------
     ValueError
-        For fewer than two cameras, two of one name, or a covariance of other cameras.
+        For fewer than two cameras, two of one name, a covariance of other cameras, or a
+        reprojection error that is not positive.
     """
 
     cameras: tuple[Camera, ...]
     covariance: RigCovariance | None = None
+    reprojection_px: float | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "cameras", tuple(self.cameras))
@@ -301,6 +327,8 @@ class Rig:
                 f"covariance: expected one of the cameras {', '.join(self.names)}, "
                 f"got {', '.join(self.covariance.names)}"
             )
+        if self.reprojection_px is not None:
+            as_number(self.reprojection_px, "reprojection_px", low=0.0, open_low=True)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -313,6 +341,20 @@ class Rig:
         """
         n = len(self.cameras)
         return tuple((i, j) for i in range(n) for j in range(i + 1, n))
+
+    def part(self, chosen: Sequence[int]) -> Rig:
+        """Some of the cameras, by their indices, known as well as they are."""
+        cameras = tuple(self.cameras[k] for k in chosen)
+        if self.covariance is None:
+            return replace(self, cameras=cameras)
+        n = len(CAMERA_PARAMETERS)
+        rows = (n * np.array(chosen)[:, None] + np.arange(n)).ravel()
+        known = replace(
+            self.covariance,
+            names=tuple(camera.name for camera in cameras),
+            matrix=self.covariance.matrix[np.ix_(rows, rows)],
+        )
+        return replace(self, cameras=cameras, covariance=known)
 
 
 def displaced(rig: Rig, delta: ArrayLike) -> Rig:
@@ -332,7 +374,7 @@ def displaced(rig: Rig, delta: ArrayLike) -> Rig:
     n = len(CAMERA_PARAMETERS)
     rows = as_array(delta, "delta", (n * len(rig.cameras),)).reshape(-1, n)
     cameras = [_displaced(*one) for one in zip(rig.cameras, rows, strict=True)]
-    return Rig(tuple(cameras), rig.covariance)
+    return replace(rig, cameras=tuple(cameras))
 
 
 def _displaced(camera: Camera, delta: Array) -> Camera:

@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from .camera import Camera, Rig
+from .camera import Camera, Rig, RigCovariance
 from .checks import Array, as_array, as_number
 from .files.fetch import RealSet, find, read_real_sets
 from .files.inputs import get, read_toml
@@ -187,7 +187,8 @@ def paper_rig(elevation_deg: float | None = None) -> Rig:
     cameras = [_camera("ccd1", A_l, RigidTransform.identity()), _camera("ccd2", A_r, T_ccd1_ccd2)]
     if elevation_deg is not None:
         cameras.append(_camera("ccd3", A_l, _ccd3_pose(elevation_deg)))
-    return Rig(tuple(cameras))
+    # it makes the images as well: nothing of it is off
+    return Rig(tuple(cameras), RigCovariance.exact([camera.name for camera in cameras]))
 
 
 def _ccd3_pose(elevation_deg: float) -> RigidTransform:

@@ -23,6 +23,7 @@ from .metrics import (
     FAR_MM,
     PoseErrors,
     can_be_measured,
+    euler_deg,
     far_off,
     flips,
     nearest_equivalent,
@@ -35,6 +36,7 @@ __all__ = ["Evaluation", "TrackQuality", "as_lines", "evaluate", "how_long"]
 
 # beside the truth: for each frame how many markers each camera truly sees
 COUNTS = "truth_markers.csv"
+STEEP_DEG = 60.0  # of beta: alpha's and gamma's errors grow by 1 / cos(beta), twice here
 
 
 @dataclass(frozen=True)
@@ -81,6 +83,11 @@ class Evaluation:
     track : TrackQuality
         Of the `measured` rows: flips, poses far off, losses. A loss counts the visible instants, if
         they are known.
+    steep : int
+        Compared poses near gimbal lock, whose true beta is larger than `STEEP_DEG`: there errors of
+        alpha and gamma may be more than twice as large as that of the rotation.
+    steepest_deg : float
+        The largest true beta, without its sign, of the compared poses; NaN without any.
     """
 
     instants: int
@@ -92,6 +99,8 @@ class Evaluation:
     visible: int
     visible_measured: int
     track: TrackQuality
+    steep: int = 0
+    steepest_deg: float = np.nan
 
 
 def evaluate(poses: str | Path, truth: str | Path, handle: str | Path) -> Evaluation:
@@ -119,16 +128,20 @@ def evaluate(poses: str | Path, truth: str | Path, handle: str | Path) -> Evalua
     measured_rows = true["frame"].isin(rows["frame"]).to_numpy()
     visible = _visible(true, Path(truth).with_name(COUNTS))
     lasted = waits(measured_rows, visible if visible.any() else None)
+    compared = _compared(both, true, the_handle)
+    beta = np.abs(euler_deg(compared[1])[:, 1]) if compared else np.empty(0)
     return Evaluation(
         len(true),
         measured,
         ambiguous,
         predicted,
         lost,
-        _errors(both, true, the_handle),
+        pose_errors(*compared) if compared else None,
         int(visible.sum()),
         int((visible & measured_rows).sum()),
         _quality(rows, true, the_handle, *lasted),
+        int((beta > STEEP_DEG).sum()),
+        float(beta.max()) if len(beta) else np.nan,
     )
 
 
@@ -143,7 +156,14 @@ def as_lines(result: Evaluation) -> list[str]:
         lines.append(f"visible    {result.visible:8d}   {share:5.1f} % measured")
     if result.errors is None:
         return [*lines, "no pose to compare"]
-    return [*lines, *_error_lines(result.errors), *_track_lines(result.track)]
+    lines += _error_lines(result.errors)
+    if result.steep:
+        lines.append(
+            f"near gimbal lock: |beta| > {STEEP_DEG:g} deg in {result.steep} of {result.errors.n}, up to "
+            f"{result.steepest_deg:.1f} deg; there alpha and gamma err by far more than the rotation "
+            "(geodesic)"
+        )
+    return [*lines, *_track_lines(result.track)]
 
 
 def _error_lines(e: PoseErrors) -> list[str]:
@@ -209,9 +229,11 @@ def _quality(
     )
 
 
-def _errors(both: pd.DataFrame, true: pd.DataFrame, handle: Handle) -> PoseErrors | None:
-    """Errors over the measured and the ambiguous rows of the joined table; None if there are
-    none.
+def _compared(
+    both: pd.DataFrame, true: pd.DataFrame, handle: Handle
+) -> tuple[RigidTransform, RigidTransform] | None:
+    """Estimates and truths of the measured and the ambiguous rows of the joined table; None if there
+    are none.
     """
     estimates, truths = [], []
     for status, equivalent in (("measured", track_equivalent), ("ambiguous", nearest_equivalent)):
@@ -222,4 +244,4 @@ def _errors(both: pd.DataFrame, true: pd.DataFrame, handle: Handle) -> PoseError
             truths.append(true_poses)
     if not estimates:
         return None
-    return pose_errors(RigidTransform.concatenate(estimates), RigidTransform.concatenate(truths))
+    return RigidTransform.concatenate(estimates), RigidTransform.concatenate(truths)

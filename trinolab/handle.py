@@ -45,9 +45,10 @@ class Handle:
         Axial coordinates of the markers, one tuple a column.
     markers : {"bright", "dark"}
         Against the body.
-    placement_sigma_mm : float
+    placement_sigma_mm : float or None
         How well the markers are placed: standard deviation of each coordinate of each centre, mm;
-        0 where nobody has said it.
+        0 where they lie exactly where the layout says, None where nobody has said it, which stands
+        for a handle of usual quality (`uncertainty.usual`).
     offsets_mm : tuple of (float, float, float)
         From the place that column and row state to each marker's own centre, handle frame, one a
         marker; empty where all lie where they should. A marker is wrapped on a cylinder about the
@@ -68,7 +69,7 @@ class Handle:
     columns_deg: tuple[float, ...]
     rows_mm: tuple[tuple[float, ...], ...]
     markers: str = "bright"
-    placement_sigma_mm: float = 0.0
+    placement_sigma_mm: float | None = None
     offsets_mm: tuple[tuple[float, float, float], ...] = ()
 
     def __post_init__(self) -> None:
@@ -83,7 +84,8 @@ class Handle:
             high=_LARGEST,
             open_low=True,
         )
-        check_numbers(self, "placement_sigma_mm", low=0.0, high=_LARGEST)
+        if self.placement_sigma_mm is not None:
+            check_numbers(self, "placement_sigma_mm", low=0.0, high=_LARGEST)
         check_numbers(self, "top_mm", low=-_LARGEST, high=_LARGEST)
         object.__setattr__(self, "columns_deg", _as_numbers(self.columns_deg, "columns_deg"))
         if not isinstance(self.rows_mm, Sequence) or len(self.rows_mm) != len(self.columns_deg):

@@ -214,7 +214,7 @@ def rig_candidates(
 ) -> list[Matches]:
     """`candidates` for each pair of a rig's cameras, in the order of `Rig.pairs` (Eq. 17-18).
 
-    Where the rig's errors are known, the epipolar gate is as much wider.
+    Where the rig may be off, the epipolar gate is as much wider.
     """
     p = parameters or MatchParameters()
     points = [as_points(pixels, "uv", 2) for pixels in uv]
@@ -233,8 +233,6 @@ def rig_candidates(
 
 def _epipolar_gates(rig: Rig, uv: Sequence[Array], p: MatchParameters) -> list[MatchParameters]:
     """The parameters for each pair of cameras."""
-    if rig.covariance is None:
-        return [p] * len(rig.pairs)
     offsets = offsets_of(rig, list(uv))
     if offsets is None:
         return [p] * len(rig.pairs)

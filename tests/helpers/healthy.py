@@ -3,6 +3,7 @@ nothing is wrong.
 """
 
 import shlex
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -12,7 +13,6 @@ from scipy.spatial.transform import RigidTransform, Rotation
 
 from trinolab.bench.optics import Bench
 from trinolab.bench.scene import render_rig, scaled
-from trinolab.camera import Rig
 from trinolab.datasets import load_handle, load_rig
 from trinolab.files import recorder
 from trinolab.files.poses import truth_table, write_poses
@@ -21,7 +21,10 @@ from trinolab.rigid import shifted
 from workbench import cli
 
 RIG, CODED = (
-    Rig(tuple(scaled(camera, 0.25) for camera in load_rig("paper_pair").cameras)),
+    replace(
+        load_rig("paper_pair"),
+        cameras=tuple(scaled(camera, 0.25) for camera in load_rig("paper_pair").cameras),
+    ),
     load_handle("coded"),
 )
 FIRST = RigidTransform.from_components(

@@ -6,6 +6,7 @@ import asyncio
 import json
 import time
 from contextlib import suppress
+from dataclasses import replace
 from threading import Event, Thread
 
 import numpy as np
@@ -13,7 +14,6 @@ import websocket
 from processes import wait_until
 
 from trinolab.bench.scene import render_rig, scaled
-from trinolab.camera import Rig
 from trinolab.datasets import data_path, load_handle, load_rig
 from trinolab.files.rigs import read_camera
 from trinolab.slave.arm import load_robot
@@ -29,7 +29,7 @@ TOKEN = "a-token-of-the-tests"
 TARGETS_MM = [[40.0, 20.0]]  # distance and width
 LONG_S = 600.0  # a page of a test is never silent for so long
 RIG = load_rig("raised_40deg")
-RIG = Rig(tuple(scaled(camera, 0.5) for camera in RIG.cameras))
+RIG = replace(RIG, cameras=tuple(scaled(camera, 0.5) for camera in RIG.cameras))
 HANDLE = load_handle("coded")
 HELD = render_rig(RIG, HANDLE, HOME, QUICK, np.random.default_rng(0))
 NOBODY = render_rig(RIG, HANDLE, None, QUICK, np.random.default_rng(1))

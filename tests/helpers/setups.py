@@ -1,5 +1,6 @@
 """Recordings of a printed rod before three webcams in small images: good ones, and ones with a fault."""
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -7,7 +8,6 @@ from scipy.spatial.transform import RigidTransform, Rotation
 
 from trinolab.bench.layer import cropped
 from trinolab.bench.scenario import Job, Shot, take
-from trinolab.camera import Rig
 from trinolab.datasets import load_handle
 from trinolab.files import recorder
 from workbench.classkit.wrap import wrapped
@@ -22,7 +22,10 @@ SPEED_MM_S, REACH_MM = 250.0, 25.0
 def small_rig(baseline_mm=200.0, cameras=3):
     """The study's webcams, of which the middle of the images is kept."""
     rig = webcam_rig(WEBCAMS[0], baseline_mm)
-    return Rig(tuple(cropped(camera, (120, 90), (400, 300)) for camera in rig.cameras[:cameras]))
+    return replace(
+        rig.part(range(cameras)),
+        cameras=tuple(cropped(camera, (120, 90), (400, 300)) for camera in rig.cameras[:cameras]),
+    )
 
 
 def pose_at(t_s, speed=SPEED_MM_S, rig=None):

@@ -6,7 +6,7 @@ import pytest
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from trinolab.datasets import data_path, load_handle
-from trinolab.evaluation import evaluate
+from trinolab.evaluation import as_lines, evaluate
 from trinolab.files.poses import pose_table, truth_table, write_poses
 from trinolab.pose import LOST
 
@@ -62,6 +62,26 @@ def test_errors_by_hand(tmp_path):
     assert e.E_gamma_deg == pytest.approx(4.0 / 4, abs=1e-6)
     assert e.geodesic_mean_deg == pytest.approx((2.0 + 4.0) / 4, abs=1e-6)
     assert e.geodesic_max_deg == pytest.approx(4.0, abs=1e-6)
+
+
+def test_near_gimbal_lock_it_says_that_angles_err_by_more_than_the_rotation(tmp_path):
+    """At a beta of 80 deg a turn of 0.1 deg about X moves alpha by 0.1 tan(80 deg) = 0.57 deg."""
+    angles = [[0.0, 20.0, 0.0], [0.0, 59.0, 0.0], [0.0, -61.0, 0.0], [0.0, 80.0, 0.0]]
+    turns = Rotation.from_euler("ZYX", angles, degrees=True)
+    T = RigidTransform.from_components([[10.0 * k, 0.0, 600.0] for k in range(4)], turns)
+    turned = RigidTransform.from_components(T.translation, turn_deg("X", 0.1).rotation * turns)
+    result = compared(tmp_path, turned, "measured", handle=CODED, truth=truth_table(T))
+    assert result.errors.geodesic_max_deg == pytest.approx(0.1, abs=1e-6)
+    assert result.errors.E_gamma_deg > 0.1
+    assert (result.steep, result.steepest_deg) == (2, pytest.approx(80.0, abs=1e-6))
+    (line,) = (line for line in as_lines(result) if "gimbal" in line)
+    assert line.startswith("near gimbal lock: |beta| > 60 deg in 2 of 4, up to 80.0 deg")
+
+
+def test_far_from_gimbal_lock_nothing_is_said_of_it(tmp_path):
+    result = compared(tmp_path, truths(), "measured")
+    assert (result.steep, result.steepest_deg) == (0, pytest.approx(20.0, abs=1e-6))
+    assert not any("gimbal" in line for line in as_lines(result))
 
 
 @pytest.mark.parametrize("k", range(1, 12))

@@ -134,9 +134,10 @@ def test_markers_are_bright_unless_said(tmp_path):
 def test_how_well_the_markers_are_placed(tmp_path):
     path = tmp_path / "h.toml"
     path.write_text(tomli_w.dumps(fields()), encoding="utf-8")
-    assert read_handle(path).placement_sigma_mm == 0.0
-    write_handle(handle(placement_sigma_mm=0.05), path)
-    assert read_handle(path) == handle(placement_sigma_mm=0.05)
+    assert read_handle(path).placement_sigma_mm is None
+    for sigma_mm in (None, 0.0, 0.05):
+        write_handle(handle(placement_sigma_mm=sigma_mm), path)
+        assert read_handle(path) == handle(placement_sigma_mm=sigma_mm)
 
 
 NAN = float("nan")

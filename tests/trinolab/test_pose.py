@@ -305,6 +305,26 @@ def test_a_poses_sigmas_are_roots_of_traces():
     assert pose.sigma_deg == pytest.approx(np.degrees(0.03), abs=1e-12)  # sqrt(9e-4) rad
 
 
+def test_the_covariance_is_the_whole_and_its_parts_have_names():
+    new, common = np.diag([1e-4, 0, 0, 0, 0, 1e-6]), np.diag([1e-2, 0, 0, 0, 0, 1e-6])
+    pose = Pose("measured", T_TRUE, new, 0.1, 4, 2, common)
+    np.testing.assert_array_equal(pose.covariance, new + common)
+    np.testing.assert_array_equal(pose.whole_covariance, new + common)
+    np.testing.assert_array_equal(pose.covariance_random, new)
+    np.testing.assert_array_equal(pose.systematic, common)
+    np.testing.assert_array_equal(pose.covariance_systematic, common)
+
+
+def test_what_two_instants_share_is_no_error_of_their_difference():
+    """The example of `Pose`, drawn: 0.01 mm anew in each instant, 0.10 mm by the rig."""
+    rng = np.random.default_rng(0)
+    x = 0.10 * rng.standard_normal((20_000, 1)) + 0.01 * rng.standard_normal((20_000, 100))
+    # 20,000 draws know a standard deviation to 0.5 %
+    assert x[:, 0].std() == pytest.approx(0.1005, rel=0.02)
+    assert x.mean(axis=1).std() == pytest.approx(0.1000, rel=0.02)
+    assert (x[:, 1] - x[:, 0]).std() == pytest.approx(0.0141, rel=0.02)
+
+
 def test_a_lost_pose_has_no_numbers():
     assert (LOST.status, LOST.T_world_handle, LOST.markers, LOST.cameras) == ("lost", None, 0, 0)
     assert np.isnan([LOST.sigma_mm, LOST.sigma_deg, LOST.residual_px]).all()

@@ -81,7 +81,9 @@ def test_world_frame_is_the_rigs(frames):
     image model has its part in it, which counts in single precision.
     """
     M = RigidTransform.from_components([300.0, -200, 900], Rotation.from_rotvec([0.4, 1.2, -0.3]))
-    moved = Rig(tuple(replace(c, T_cam_world=c.T_cam_world * M.inv()) for c in TRIO.cameras))
+    moved = replace(
+        TRIO, cameras=tuple(replace(c, T_cam_world=c.T_cam_world * M.inv()) for c in TRIO.cameras)
+    )
     found = [measure(frames["coded", 3], rig, CODED) for rig in (TRIO, moved)]
     here, there = (m.pose for m in found)
     assert (

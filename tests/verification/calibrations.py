@@ -93,22 +93,21 @@ def setup(rig_name: str, handle_name: str, kind: str) -> Setup:
     sigma = np.zeros((len(rig.cameras), 15))
     sigma[:, 2:4] = px
     sigma[:, 9:12] = np.deg2rad(deg)
-    covariance = RigCovariance(rig.names, np.diag(sigma.ravel() ** 2)) if px else None
+    covariance = RigCovariance(rig.names, np.diag(sigma.ravel() ** 2))
     handle = replace(load_handle(handle_name), placement_sigma_mm=mm)
     return Setup(replace(rig, covariance=covariance), handle)
 
 
 def silent(known: Setup) -> Setup:
     """The same as files have it that do not say how well rig and layout are known."""
-    return Setup(Rig(known.rig.cameras), replace(known.handle, placement_sigma_mm=0.0))
+    return Setup(Rig(known.rig.cameras), replace(known.handle, placement_sigma_mm=None))
 
 
 def drawn(known: Setup, rng: np.random.Generator) -> Truth:
     """What there may be where this is known."""
     rig = known.rig
-    if rig.covariance is not None:
-        sigma = np.sqrt(np.diag(rig.covariance.matrix))
-        rig = displaced(rig, sigma * rng.standard_normal(len(sigma)))
+    sigma = np.sqrt(np.diag(rig.covariance.matrix))
+    rig = displaced(rig, sigma * rng.standard_normal(len(sigma)))
     shape = known.handle.marker_centres.shape
     return Truth(rig, known.handle.placement_sigma_mm * rng.standard_normal(shape))
 

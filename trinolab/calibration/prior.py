@@ -13,23 +13,21 @@ stated, else by the prior.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import block_diag, null_space
 
-from ..camera import Camera, Rig
+from ..camera import CAMERA_PARAMETERS, Rig
 from ..checks import Array, frozen
 from ..handle import Handle
 from ..rigid import cross_matrices
+from ..uncertainty.usual import known_covariance, known_placement_mm
 
 __all__ = ["Length", "Prior", "basis", "prior_of"]
 
 POSE = slice(9, 15)  # of a camera's parameters those of its place and direction
-# What is assumed of a rig that says nothing: sigmas of fx and fy (a share of them), cx and cy (px),
-# the direction (rad) and the place (mm). The lens's distortions are kept.
-FOCAL_SHARE, CENTRE_PX, TURN_RAD, SHIFT_MM = 1e-3, 1.0, np.deg2rad(0.05), 0.2
-PLACEMENT_MM = 0.05  # and of a handle that says nothing: of each coordinate of each marker
 _ROUNDING = 1e-12
 
 
@@ -63,33 +61,38 @@ class Prior(NamedTuple):
 
 
 def prior_of(rig: Rig, handle: Handle, length: Length | None = None) -> Prior:
-    """What is known of a rig and a handle before: what they state, else usual values.
+    """What is known of a rig and a handle before: what they state, else what is usual
+    (`uncertainty.usual`).
 
     A rig that states nothing has the scale held by the distance of its first two cameras, if no
-    other length is given.
+    other length is given. So does one that is stated to be exact, as the bench's is: who adjusts it
+    doubts that. The same holds for a handle.
     """
+    if known_covariance(rig).is_exact:
+        rig = replace(rig, covariance=None)
+    if handle.placement_sigma_mm == 0:
+        handle = replace(handle, placement_sigma_mm=None)
     if rig.covariance is None:
-        sigmas = np.concatenate([_usual_sigmas(camera) for camera in rig.cameras])
-        covariance = np.diag(sigmas**2)
         length = length or Length("cameras", 0, 1, _distance(rig, 0, 1))
-    else:
-        covariance = np.array(rig.covariance.matrix)
-    covariance[POSE] = 0.0
-    covariance[:, POSE] = 0.0
-    return Prior(frozen(covariance), handle.placement_sigma_mm or PLACEMENT_MM, length)
+    covariance = _held_by_first(rig, known_covariance(rig).matrix)
+    return Prior(frozen(covariance), known_placement_mm(handle), length)
 
 
-def _usual_sigmas(camera: Camera) -> Array:
-    fixed = np.zeros(5)
-    return np.concatenate(
-        [
-            FOCAL_SHARE * camera.focal,
-            np.full(2, CENTRE_PX),
-            fixed,
-            np.full(3, TURN_RAD),
-            np.full(3, SHIFT_MM),
-        ]
-    )
+def _held_by_first(rig: Rig, covariance: Array) -> Array:
+    """The covariance of a rig in the world that its first camera holds: what that camera's place and
+    direction are off by is a motion of the world, which the other cameras are off by instead.
+    """
+    n = len(CAMERA_PARAMETERS)
+    change = np.eye(len(covariance))
+    first = rig.cameras[0].T_cam_world.rotation
+    for c, camera in enumerate(rig.cameras):
+        turn = (camera.T_cam_world.rotation * first.inv()).as_matrix()
+        pose = slice(n * c + POSE.start, n * c + POSE.stop)
+        change[pose, POSE] -= block_diag(turn, turn)
+    held = change @ covariance @ change.T
+    held[POSE] = 0.0
+    held[:, POSE] = 0.0
+    return (held + held.T) / 2
 
 
 def _distance(rig: Rig, a: int, b: int) -> float:

@@ -48,13 +48,13 @@ def checked_pose(instant: Identified, rig: Rig, handle: Handle, p: Parameters) -
         return LOST
     away = motion_between(pose.T_world_handle, better.T_world_handle)
     systematic = better.systematic
-    if check.answers is not None and is_uncertain(rig, handle):
+    if check.answers is not None and check.rig is not None and is_uncertain(rig, handle):
         response = fit_response(uv, rig, handle, p.max_slant_deg)
-        away, learnt = _told(away, response, check.answers, pose, better, rig, handle)
+        away, learnt = _told(away, response, check.answers, pose, better, check.rig, handle)
         systematic = systematic - learnt
     return replace(
         pose,
-        covariance=better.covariance + np.outer(away, away),
+        covariance_random=better.covariance_random + np.outer(away, away),
         systematic=systematic,
     )
 
@@ -81,6 +81,6 @@ def _told(
     of_better = np.hstack([np.zeros((6, len(V) - ours.shape[1])), ours])
     of_way = np.hstack([found.gain.reshape(6, -1), -ours])
     common = of_better @ V @ of_way.T
-    total = pose.covariance + better.covariance + of_way @ V @ of_way.T
+    total = pose.covariance_random + better.covariance_random + of_way @ V @ of_way.T
     gain = np.linalg.solve(total, common.T).T
     return away + gain @ away, gain @ common.T

@@ -12,6 +12,9 @@ Images contradict each other as a whole: the rig is not what its file says. Some
 offsets show, others make the same shifts as a motion of the handle, and do not. All are taken to be
 of one size, which is estimated from those that show, one for two cameras, three for three, so that
 the size is itself uncertain: it is enlarged by Student's factor for as few.
+
+Before that the size of the rig's covariance is settled where it is hardly known to begin with
+(`uncertainty.size`).
 """
 
 from __future__ import annotations
@@ -26,7 +29,7 @@ from scipy.special import fdtri
 from ..camera import Rig
 from ..checks import Array
 from ..handle import Handle
-from ..rigid import cross_matrices
+from ..uncertainty.size import Residuals, doubted, pixels_by_pose, settled
 from ..uncertainty.systematic import (
     CHANCE,
     NOTHING,
@@ -35,9 +38,7 @@ from ..uncertainty.systematic import (
     contradicting,
     known_errors,
     pixel_slopes,
-    slopes_at,
     systematic_covariance,
-    variance_of_few,
 )
 
 __all__ = ["Honest", "Residuals", "honest"]
@@ -46,21 +47,6 @@ FREE = 1e-3  # share of an offset below which it does not show beside a pose
 # A pose whose images contradict each other is refused if this many standard deviations are more.
 REFUSED_SIGMAS = 2.0
 MOST_MM, MOST_RAD = 2.0, np.deg2rad(5.0)
-
-
-class Residuals(NamedTuple):
-    """What is left of the places in which markers were seen.
-
-    Attributes
-    ----------
-    px : ndarray, shape (k, 2)
-        Seen minus predicted.
-    information : ndarray, shape (k, 2, 2)
-        Inverse covariance of where they were seen, px^-2; zeros for what does not count.
-    """
-
-    px: Array
-    information: Array
 
 
 class Honest(NamedTuple):
@@ -72,11 +58,14 @@ class Honest(NamedTuple):
         See `pose.Pose`.
     refused : bool
         Whether the contradictions are so large that the pose is not to be relied on.
+    rig : Rig
+        With a covariance whose size is settled, see `settled`.
     """
 
     covariance: Array
     systematic: Array
     refused: bool
+    rig: Rig
 
 
 def honest(
@@ -100,30 +89,34 @@ def honest(
     rig, handle
         What their errors explain is no contradiction.
     """
-    scale, offset_px2 = _contradictions(found, left, T_world_handle, rig, handle)
+    rig = settled(found, left, T_world_handle, rig, handle)
+    scale, between = _contradictions(found, left, T_world_handle, rig, handle)
+    systematic = systematic_covariance(found, rig, handle)
+    contradicted = scale > 1 or between
+    unexplained = NOTHING
+    if contradicted:
+        rig = doubted(found, left, T_world_handle, rig, handle)
+        unexplained = systematic_covariance(found, rig, handle) - systematic
+        scale, _ = _contradictions(found, left, T_world_handle, rig, handle)
     own = covariance if scale == 1 else scale * covariance
-    unexplained = offset_px2 * _by_offsets(found, rig) if offset_px2 else NOTHING
-    total = own + unexplained
+    total = own + unexplained if between else own
     sigmas = np.sqrt([np.trace(total[:3, :3]), np.trace(total[3:, 3:])])
     too_much = (REFUSED_SIGMAS * sigmas > [MOST_MM, MOST_RAD]).any()
-    refused = bool((scale > 1 or offset_px2 > 0) and too_much)
-    return Honest(own, systematic_covariance(found, rig, handle) + unexplained, refused)
+    return Honest(own, systematic + unexplained, bool(contradicted and too_much), rig)
 
 
 def _contradictions(
     found: Response, left: Residuals, T_world_handle: RigidTransform, rig: Rig, handle: Handle
-) -> tuple[float, float]:
-    """The scale of the covariance, 1 without a contradiction within the images, and the variance of
-    the images' offsets, px^2, 0 without one between them.
+) -> tuple[float, bool]:
+    """The scale of the covariance, 1 without a contradiction within the images, and whether there is
+    one between them.
     """
     used = left.information.any(axis=(1, 2))
     if not used.any():
-        return 1.0, 0.0
+        return 1.0, False
     seen = Response(found.gain[:, used], *(part[used] for part in found[1:]))
     V = block_diag(*np.linalg.inv(left.information[used])) + known_errors(seen, rig, handle)
-    _, by_points = slopes_at(rig, seen.camera, seen.points)
-    arms = seen.points - T_world_handle.translation
-    by_pose = np.concatenate([by_points, -by_points @ cross_matrices(arms)], axis=2)
+    by_pose = pixels_by_pose(seen, T_world_handle, rig).reshape(-1, 2, 6)
     offsets = _offsets_that_show(T_world_handle, rig)[seen.camera]
     # whitened, and what a pose explains taken off
     root = np.linalg.cholesky(V)
@@ -131,7 +124,7 @@ def _contradictions(
     white = np.linalg.solve(root, rows.reshape(len(root), -1))
     explained = np.linalg.qr(white[:, :6])[0]
     rest = white[:, 6:] - explained @ (explained.T @ white[:, 6:])
-    U, sizes, Vt = np.linalg.svd(rest[:, :-1], full_matrices=False)
+    U, sizes, _ = np.linalg.svd(rest[:, :-1], full_matrices=False)
     observable = sizes > FREE * np.linalg.norm(white[:, 6:-1])
     along = U[:, observable].T @ rest[:, -1]
     between = float((along**2).sum())
@@ -139,10 +132,8 @@ def _contradictions(
     count = int(observable.sum())
     freedom = 2 * int(used.sum()) - 6 - count
     scale = within / freedom if contradict(within, freedom) else 1.0
-    if freedom <= 0 or not count or between <= count * scale * fdtri(count, freedom, 1 - CHANCE):
-        return scale, 0.0
-    px = Vt[observable].T @ (along / sizes[observable])
-    return scale, variance_of_few(float(px @ px), count)
+    shows = freedom > 0 and count > 0
+    return scale, bool(shows and between > count * scale * fdtri(count, freedom, 1 - CHANCE))
 
 
 def _offsets_that_show(T_world_handle: RigidTransform, rig: Rig) -> Array:
@@ -150,11 +141,3 @@ def _offsets_that_show(T_world_handle: RigidTransform, rig: Rig) -> Array:
     place = T_world_handle.translation[None]
     by_position = np.concatenate([pixel_slopes(camera, place)[1][0] for camera in rig.cameras])
     return contradicting(by_position).reshape(len(rig.cameras), 2, -1)
-
-
-def _by_offsets(found: Response, rig: Rig) -> Array:
-    """Covariance (6, 6) of the pose by offsets of all images of 1 px each way."""
-    moved = np.stack(
-        [found.gain[:, found.camera == c].sum(axis=1) for c in range(len(rig.cameras))]
-    )
-    return np.einsum("cad,cbd->ab", moved, moved)

@@ -107,6 +107,8 @@ class Fit(NamedTuple):
         Whether its views contradict each other too much, see `contradiction`.
     answers : Response or None
         Where errors of rig and layout, or contradictions, are counted.
+    rig : Rig or None
+        Likewise: with a covariance whose size is settled, see `contradiction.settled`.
     smear_px : float
         How long the markers are smeared in the camera where that is most: of a handle that moves by
         its motion, of one that is still where it was asked for; else NaN.
@@ -121,6 +123,7 @@ class Fit(NamedTuple):
     systematic: Array = NOTHING
     refused: bool = False
     answers: Response | None = None
+    rig: Rig | None = None
     smear_px: float = np.nan
 
 
@@ -510,6 +513,7 @@ def counted(fit: Fit, answers: Response, residuals: Residuals, rig: Rig, handle:
         systematic=whole.systematic,
         refused=whole.refused,
         answers=answers,
+        rig=whole.rig,
     )
 
 

@@ -96,7 +96,7 @@ def honest_fit(
     seen = np.isfinite(residuals).all(axis=2)
     chi_square = float(((residuals[seen] / sigma_px[seen, None]) ** 2).sum())
     if not (is_uncertain(rig, handle) or contradict(chi_square, 2 * int(seen.sum()) - 6)):
-        return Honest(covariance, NOTHING, False)
+        return Honest(covariance, NOTHING, False, rig)
     _, covariances = triangulate_weighted(rig, centres.uv, sigma_px)
     by_point = grown @ weighted_fit_gain(handle.marker_centres, T, covariances)
     by_pixel = weighted_slopes(rig, centres.uv, sigma_px)

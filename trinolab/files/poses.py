@@ -89,7 +89,7 @@ def truth_table(poses: RigidTransform) -> pd.DataFrame:
 
 def contradictions(table: pd.DataFrame, rig: str | Path) -> list[str]:
     """A line if the images contradict each other in more poses of a table than noise makes of it;
-    for a rig file and a handle of whose errors nothing is known, so that nothing else is systematic.
+    for a rig and a handle that are stated to be exact, so that nothing else is systematic.
     """
     with_pose = table[table["status"].isin(["measured", "ambiguous"])]
     count = int((with_pose["systematic_mm"] > 0).sum())
@@ -97,8 +97,8 @@ def contradictions(table: pd.DataFrame, rig: str | Path) -> list[str]:
         return []
     return [
         f"{rig}: the cameras contradict each other in {count} of {len(with_pose)} poses, which counts "
-        f"in sigma as far as it shows; {covariance_path(rig).name} would say how well they are "
-        "known"
+        f"in sigma as far as it shows; they are stated to be exact, {covariance_path(rig).name} "
+        "would say how well they are known"
     ]
 
 

@@ -2,7 +2,9 @@
 table a camera.
 
 How well the cameras are known stands in a file of its own beside the rig, so that others' readers
-still read that: ``rig.covariance.toml`` beside ``rig.toml``.
+still read that: ``rig.covariance.toml`` beside ``rig.toml``. Cameras that are known exactly, as
+those of simulated images, have ``exact = true`` in the table ``metadata`` instead. A rig that says
+nothing stands for a calibration of usual quality.
 """
 
 from __future__ import annotations
@@ -45,19 +47,39 @@ def read_rig(path: str | Path) -> Rig:
 
     Every table but ``metadata`` is a camera with `name`, `size`, `matrix`, `distortions` (4 or 5),
     `rotation` (Rodrigues vector) and `translation` (mm), both world to camera. A covariance file
-    beside it (`covariance_path`) is read as well.
+    beside it (`covariance_path`) is read as well. Of ``metadata`` two numbers count: ``exact =
+    true`` for cameras that are known exactly, and ``error``, the reprojection error of the
+    calibration, px, as Anipose writes it.
 
     Raises
     ------
     ValueError
         Names the file and the field: unreadable, missing, of another shape, not finite, a fisheye
-        camera, two cameras in one place; what `Camera`, `Rig` and `read_covariance` refuse.
+        camera, two cameras in one place, exact ones with a covariance; what `Camera`, `Rig` and
+        `read_covariance` refuse.
     """
-    with _named(path):
-        rig = Rig(tuple(_cameras(path)))
-        _check_places(rig)
     beside = covariance_path(path)
+    with _named(path):
+        tables = read_toml(path)
+        metadata = tables.get("metadata", {})
+        rig = Rig(tuple(_cameras(tables, path)), reprojection_px=_reprojection_px(metadata))
+        _check_places(rig)
+        exact = isinstance(metadata, dict) and metadata.get("exact", False)
+        if exact not in (True, False):
+            raise ValueError(f"[metadata]: exact: expected true or false, got {exact!r}")
+        if exact and beside.exists():
+            raise ValueError(f"[metadata]: exact cameras have no covariance, but {beside} is there")
+    if exact:
+        return replace(rig, covariance=RigCovariance.exact(rig.names))
     return replace(rig, covariance=read_covariance(beside, rig)) if beside.exists() else rig
+
+
+def _reprojection_px(metadata: Any) -> float | None:
+    """The reprojection error that a calibration has written, if it is one."""
+    error = metadata.get("error") if isinstance(metadata, dict) else None
+    if isinstance(error, bool) or not isinstance(error, int | float):
+        return None
+    return float(error) if np.isfinite(error) and error > 0 else None
 
 
 def covariance_path(rig: str | Path) -> Path:
@@ -72,7 +94,7 @@ def read_covariance(path: str | Path, rig: Rig) -> RigCovariance:
 
     It has `format` (``trinolab rig covariance 1``), `cameras` (their names in the order of the
     rig), `parameters` and `units` of a camera (those of `camera.CAMERA_PARAMETERS`), and `matrix`,
-    as `camera.RigCovariance` explains it.
+    as `camera.RigCovariance` explains it; `freedom` only where that is finite.
 
     Raises
     ------
@@ -92,7 +114,9 @@ def read_covariance(path: str | Path, rig: Rig) -> RigCovariance:
         for key, value in expected.items():
             if (value_in_file := get(table, key, str(path))) != value:
                 raise ValueError(f"{key}: expected {_said(value)}, got {_said(value_in_file)}")
-        return RigCovariance(rig.names, get(table, "matrix", str(path)))
+        matrix = get(table, "matrix", str(path))
+        freedom = as_number(table["freedom"], "freedom") if "freedom" in table else np.inf
+        return RigCovariance(rig.names, matrix, freedom)
 
 
 def _said(value: Any) -> str:
@@ -104,7 +128,7 @@ def read_camera(path: str | Path) -> Camera:
     for `read_rig`.
     """
     with _named(path):
-        cameras = _cameras(path)
+        cameras = _cameras(read_toml(path), path)
         if len(cameras) != 1:
             raise ValueError(f"expected one camera, got {len(cameras)}")
     return cameras[0]
@@ -121,17 +145,17 @@ def _named(path: str | Path) -> Iterator[None]:
         ) from None
 
 
-def _cameras(path: str | Path) -> list[Camera]:
-    tables = {key: value for key, value in read_toml(path).items() if key != "metadata"}
+def _cameras(tables: dict[str, Any], path: str | Path) -> list[Camera]:
     return [
         _camera_from(table, f"{path}: [{key if key.isprintable() else repr(key)}]")
         for key, table in tables.items()
+        if key != "metadata"
     ]
 
 
 def write_rig(rig: Rig, path: str | Path) -> None:
-    """Write a rig file that `read_rig` reads back, and its covariance beside it if it has one;
-    whole or not at all.
+    """Write a rig file that `read_rig` reads back, and its covariance beside it if it has one that
+    is not zero; whole or not at all.
 
     Raises
     ------
@@ -139,7 +163,7 @@ def write_rig(rig: Rig, path: str | Path) -> None:
         If they cannot be written, or a rig without a covariance would take another rig's.
     """
     beside = covariance_path(path)
-    if rig.covariance is not None:
+    if rig.covariance is not None and not rig.covariance.is_exact:
         write_together({path: rig_text(rig), beside: covariance_text(rig.covariance)})
         return
     if beside.exists():
@@ -149,21 +173,30 @@ def write_rig(rig: Rig, path: str | Path) -> None:
 
 def rig_text(rig: Rig) -> str:
     """What a rig file says."""
-    return tomli_w.dumps({camera.name: _table_of(camera) for camera in rig.cameras})
+    tables: dict[str, Any] = {camera.name: _table_of(camera) for camera in rig.cameras}
+    metadata: dict[str, Any] = {}
+    if rig.covariance is not None and rig.covariance.is_exact:
+        metadata["exact"] = True
+    if rig.reprojection_px is not None:
+        metadata["error"] = rig.reprojection_px
+    if metadata:
+        tables["metadata"] = metadata
+    return tomli_w.dumps(tables)
 
 
 def covariance_text(covariance: RigCovariance) -> str:
     """What the covariance file of a rig says."""
     names, units = (list(part) for part in zip(*CAMERA_PARAMETERS, strict=True))
-    return tomli_w.dumps(
-        {
-            "format": COVARIANCE_FORMAT,
-            "cameras": list(covariance.names),
-            "parameters": names,
-            "units": units,
-            "matrix": covariance.matrix.tolist(),
-        }
-    )
+    table: dict[str, Any] = {
+        "format": COVARIANCE_FORMAT,
+        "cameras": list(covariance.names),
+        "parameters": names,
+        "units": units,
+        "matrix": covariance.matrix.tolist(),
+    }
+    if np.isfinite(covariance.freedom):
+        table["freedom"] = covariance.freedom
+    return tomli_w.dumps(table)
 
 
 def _check_places(rig: Rig) -> None:
@@ -242,6 +275,8 @@ def handle_text(handle: Handle) -> str:
     table: dict[str, Any] = {name: getattr(handle, name) for name in Handle.__dataclass_fields__}
     if not handle.offsets_mm:
         del table["offsets_mm"]
+    if handle.placement_sigma_mm is None:
+        del table["placement_sigma_mm"]
     return tomli_w.dumps(table)
 
 

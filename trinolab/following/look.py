@@ -31,6 +31,7 @@ from ..methods import BEST
 from ..pose import LOST, Pose, fit_pose
 from ..rigid import apart, motion_between, placed, shifted
 from ..uncertainty.systematic import NOTHING, offsets_at
+from ..uncertainty.usual import known_covariance
 from ..window import Window
 from .parameters import FollowParameters
 from .posefilter import Motion, is_new, update
@@ -227,8 +228,8 @@ def follow(
     moves = guess.blurred or (
         _may_move(guess, p) and _stretched(guess.expected, followed.sights, p)
     )
-    if instant is not None and (not moves or rig.covariance is not None):
-        # smeared centroids are no reason to doubt a rig of which nothing is known
+    if instant is not None and not (moves and known_covariance(rig).is_exact):
+        # smeared centroids are no reason to doubt a rig that is said to be exact
         rig, T = reconciled(rig, handle, instant.uv, instant.T_world_handle, p.sigma_px, p.identity)
         instant = instant._replace(T_world_handle=T)
         followed = followed._replace(rig=rig)
@@ -448,7 +449,7 @@ def _estimated(instant: Identified, rig: Rig, handle: Handle, p: FollowParameter
     if pose.T_world_handle is None or not _sure(pose, p):
         return LOST
     away = motion_between(pose.T_world_handle, instant.T_world_handle)
-    return replace(pose, covariance=pose.covariance + np.outer(away, away))
+    return replace(pose, covariance_random=pose.covariance_random + np.outer(away, away))
 
 
 def displacement(

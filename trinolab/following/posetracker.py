@@ -350,7 +350,7 @@ def _measured(
     motion = followed.guess.motion
     pose = followed.pose
     assert pose.T_world_handle is not None
-    after = posefilter.update(motion, pose.T_world_handle, pose.covariance, p.motion)
+    after = posefilter.update(motion, pose.T_world_handle, pose.covariance_random, p.motion)
     tracked = _reported(_tracked(followed, pose, followed.labels), sure, handle)
     blurred = followed.smear_px > p.blurred_px
     state = TrackState(motion.t_s, after, after, sure, followed.rig, pose.systematic, blurred)
@@ -367,7 +367,7 @@ def _sought(
     sure = pose.status == "measured"
     if pose.T_world_handle is None or not (sure or len(handle.symmetries) > 1):
         return TrackState(t, None, None, False), tracked
-    begun = posefilter.begin(t, pose.T_world_handle, pose.covariance, p.motion)
+    begun = posefilter.begin(t, pose.T_world_handle, pose.covariance_random, p.motion)
     return TrackState(t, begun, begun, sure, None, pose.systematic), tracked
 
 

@@ -9,6 +9,7 @@ rig that is to be expected.
 
 from __future__ import annotations
 
+import logging
 import shutil
 from collections.abc import Mapping
 from dataclasses import replace
@@ -31,11 +32,14 @@ from ..files.recorder import partial_of
 from ..files.recording import Recording, open_recording, parts_of_folder
 from ..files.rigs import covariance_text, handle_text, read_handle, read_rig, rig_text
 from ..handle import Handle
+from ..uncertainty.usual import assumed
 from .centres import measured_centres, spread_out, still
 from .parameters import FollowParameters
 from .track import Job, Rows, fingerprint, known_poses, track_on
 
 __all__ = ["Refined", "refine_files", "refine_folder"]
+
+log = logging.getLogger("trinolab")
 
 FEWEST = 10  # instants; with fewer nearly all would come from what was known before
 # Times that the centres are measured: where they lie in a marker's image depends on pose and layout.
@@ -157,6 +161,7 @@ def refine_files(
     recording = recording._replace(
         rig=replace(the_rig, covariance=RigCovariance(the_rig.names, prior.rig))
     )
+    lines = assumed(the_rig, the_handle, rig, handle)
     the_handle = replace(the_handle, placement_sigma_mm=prior.placement_sigma_mm)
     files = [Path(path) for path in (rig, handle, start, timestamps) if path is not None]
     made_from = fingerprint(files, sources, start is None, fps, most, length, prior.rig.tolist())
@@ -171,6 +176,8 @@ def refine_files(
             raise KeyboardInterrupt(
                 f"what is finished is kept in {partial}; the same command goes on"
             ) from None
+    for line in lines:
+        log.info(line)
     return refined
 
 

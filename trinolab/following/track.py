@@ -42,6 +42,7 @@ from ..identity import labelled_pixels
 from ..methods import estimator_of
 from ..pose import Pose, fit_pose
 from ..uncertainty.systematic import is_uncertain
+from ..uncertainty.usual import assumed
 from . import drift, posetracker
 from .overlay import picture
 from .parameters import FollowParameters
@@ -150,7 +151,10 @@ def track_files(
         except (ValueError, OSError) as error:
             raise ValueError(f"{error}; {_kept(rows)}".removesuffix("; ")) from None
         rows.remove()
-    for line in [] if is_uncertain(the_rig, job.handle) else contradictions(table, rig):
+    lines = assumed(the_rig, job.handle, rig, handle)
+    if not is_uncertain(the_rig, job.handle):
+        lines = contradictions(table, rig)
+    for line in lines:
         log.info(line)
     return table
 

@@ -5,9 +5,11 @@ the others allow. What shows is no longer an error, it is measured, and the rig 
 as far as its covariance lets that be (the update of a Kalman filter, whose state is the rig). What
 a motion of the handle explains as well does not show, and stays in the covariance. Where more shows
 than the covariance makes likely, the rig is worse known than its file says, also in what does not
-show: its covariance is scaled by that (Birge 1932, DOI 10.1103/PhysRev.40.207). A rig of which
-nothing is known gets a covariance only where it is contradicted: offsets of all images that are as
-large as those that show.
+show: its covariance is scaled by that (Birge 1932, DOI 10.1103/PhysRev.40.207). Where the size of
+the covariance is itself hardly known, as for a rig whose file says nothing, what shows is counted
+together with what was assumed, each with its degrees of freedom. A rig that is said to be exact gets
+a covariance only where it is contradicted: offsets of all images that are as large as those that
+show.
 """
 
 from __future__ import annotations
@@ -27,8 +29,8 @@ from ..uncertainty.systematic import (
     contradicting,
     offsets_at,
     pixel_slopes,
-    variance_of_few,
 )
+from ..uncertainty.usual import known_covariance, known_placement_mm
 from .hypotheses import FAR, Poses, ideal_pixels, predict, slopes, weights
 from .layout import layout_of, views_of
 from .parameters import IdentityParameters
@@ -72,10 +74,10 @@ def reconciled(
     Parameters
     ----------
     rig : Rig
-        Without a covariance nothing is corrected, unless the images contradict each other by more
-        than centroids may be off, all biases included (`p.sigma_px`).
+        If it is exact nothing is corrected, unless the images contradict each other by more than
+        centroids may be off, all biases included (`p.sigma_px`).
     handle : Handle
-        What its `placement_sigma_mm` makes of a pixel counts as noise.
+        What its markers' places make of a pixel counts as noise.
     uv : ndarray, shape (cameras, markers, 2)
         Centroids of identified markers, px; NaN where there is none.
     T_world_handle : RigidTransform
@@ -93,25 +95,35 @@ def reconciled(
     """
     matrix = T_world_handle.as_matrix()[None]
     poses = Poses(matrix[:, :3, :3], matrix[:, :3, 3])
-    if rig.covariance is None and _exceeds_biases(rig, handle, uv, poses, p):
+    sized = False
+    if known_covariance(rig).is_exact and _exceeds_biases(rig, handle, uv, poses, p):
         rig = _doubted(rig, handle, uv, poses, p)
+        sized = True
     offsets = offsets_at(rig, T_world_handle.translation)
-    if rig.covariance is None or offsets is None:
+    if offsets is None:
         return rig, T_world_handle
+    stated = known_covariance(rig)
     basis = contradicting(offsets.by_position)
     m = basis.shape[1]
-    before = basis.T @ offsets.covariance @ basis + EXACT_PX2 * np.eye(m)
+    shifts = basis.T @ offsets.by_parameters
+    before = shifts @ stated.matrix @ shifts.T + EXACT_PX2 * np.eye(m)
     prior = np.linalg.inv(before)
     fit = fit_with_offsets(rig, handle, poses, uv[None], basis[None], prior, sigma_px, p)
     surprise = float(fit.size[0] @ prior @ fit.size[0])
-    scale = max(variance_of_few(surprise, m), 1.0) if contradict(surprise, m) else 1.0
-    if scale > 1:
+    # of an offset that no camera shows nothing is learnt
+    shown = m - float(np.trace(prior @ fit.covariance[0]))
+    scale, freedom = 1.0, stated.freedom
+    if np.isfinite(freedom) and not sized:
+        scale, freedom = (freedom + surprise) / (freedom + shown), freedom + shown
+    elif contradict(surprise, m):
+        scale, freedom = max(surprise / shown, 1.0), shown
+    if scale != 1:
         prior = prior / scale
         fit = fit_with_offsets(rig, handle, poses, uv[None], basis[None], prior, sigma_px, p)
-    known = scale * rig.covariance.matrix
-    gain = known @ offsets.by_parameters.T @ basis @ prior
+    known = scale * stated.matrix
+    gain = known @ shifts.T @ prior
     learnt = gain @ (scale * before - fit.covariance[0]) @ gain.T
-    remaining = RigCovariance(rig.names, known - (learnt + learnt.T) / 2)
+    remaining = RigCovariance(rig.names, known - (learnt + learnt.T) / 2, freedom)
     T = placed(fit.poses.translations[0], fit.poses.rotations[0])
     return replace(displaced(rig, gain @ fit.size[0]), covariance=remaining), T
 
@@ -131,8 +143,8 @@ def _exceeds_biases(
 
 
 def _doubted(rig: Rig, handle: Handle, uv: Array, poses: Poses, p: IdentityParameters) -> Rig:
-    """A rig of which nothing is known with the covariance that its contradictions say, if two
-    cameras or more show enough markers to contradict each other.
+    """An exact rig with the covariance that its contradictions say, if two cameras or more show
+    enough markers to contradict each other.
     """
     seeing = np.flatnonzero(np.isfinite(uv).all(axis=2).sum(axis=1) >= FEWEST_MARKERS)
     if len(seeing) < 2:
@@ -150,8 +162,8 @@ def _doubted(rig: Rig, handle: Handle, uv: Array, poses: Poses, p: IdentityParam
     if not contradict(float(size @ np.linalg.solve(fit.covariance[0], size)), m):
         return rig
     variances = np.zeros((len(rig.cameras), len(CAMERA_PARAMETERS)))
-    variances[:, PRINCIPAL_POINT] = variance_of_few(float(size @ size), m)
-    return replace(rig, covariance=RigCovariance(rig.names, np.diag(variances.ravel())))
+    variances[:, PRINCIPAL_POINT] = float(size @ size) / m
+    return replace(rig, covariance=RigCovariance(rig.names, np.diag(variances.ravel()), m))
 
 
 def fit_with_offsets(
@@ -170,7 +182,7 @@ def fit_with_offsets(
     Parameters
     ----------
     rig, handle
-        What the handle's `placement_sigma_mm` makes of a pixel counts as noise.
+        What the markers' places make of a pixel counts as noise.
     poses : Poses
         Of n instants, right to some pixels.
     uv : ndarray, shape (n, C, markers, 2)
@@ -197,7 +209,7 @@ def fit_with_offsets(
         residuals = residuals - (by_offset @ size[:, None, None, :, None])[..., 0]
         residuals = np.where(visible[..., None], residuals, 0.0)
         scale = views.focal[:, :1] / predicted.points[:, :, 2]  # px/mm
-        variance = sigma_px**2 + (handle.placement_sigma_mm * scale) ** 2
+        variance = sigma_px**2 + (known_placement_mm(handle) * scale) ** 2
         weight = visible * weights(predicted.facing, p) / variance
         distance = np.linalg.norm(residuals, axis=3) * np.sqrt(weight)
         weight = weight * HUBER / np.maximum(distance, HUBER)

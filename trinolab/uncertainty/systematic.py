@@ -20,6 +20,7 @@ from scipy.special import chdtri, stdtrit
 from ..camera import CAMERA_PARAMETERS, Camera, Rig, pixels_with_slopes
 from ..checks import Array, frozen
 from ..handle import Handle
+from .usual import known_covariance, known_placement_mm
 
 __all__ = [
     "CHANCE",
@@ -28,6 +29,7 @@ __all__ = [
     "Response",
     "contradict",
     "contradicting",
+    "errors_by_rig",
     "is_uncertain",
     "known_errors",
     "offsets_at",
@@ -35,13 +37,13 @@ __all__ = [
     "pixel_slopes",
     "response",
     "slopes_at",
+    "students_factor",
     "systematic_covariance",
-    "variance_of_few",
 ]
 
 CHANCE = 0.01  # of a contradiction where there is none
 ONE_SIGMA = 0.841345  # share of a normal distribution below one standard deviation
-NOTHING = frozen(np.zeros((6, 6)))  # the systematic covariance of a pose where nothing is known
+NOTHING = frozen(np.zeros((6, 6)))  # the systematic covariance of a pose where all is exact
 
 
 class Response(NamedTuple):
@@ -67,8 +69,8 @@ class Response(NamedTuple):
 
 
 def is_uncertain(rig: Rig, handle: Handle) -> bool:
-    """Whether anything is known of the errors of rig and layout."""
-    return rig.covariance is not None or handle.placement_sigma_mm > 0
+    """Whether rig or layout may be off: unless both are stated to be exact."""
+    return not known_covariance(rig).is_exact or known_placement_mm(handle) > 0
 
 
 def response(
@@ -84,11 +86,11 @@ def contradict(chi_square: float, freedom: int) -> bool:
     return freedom > 0 and bool(chi_square > chdtri(freedom, CHANCE))
 
 
-def variance_of_few(chi_square: float, count: int) -> float:
-    """A variance that is estimated from the squares of few numbers, and so is itself uncertain: by
-    Student's factor, so that one standard deviation means what it always does.
+def students_factor(freedom: float) -> float:
+    """By how much a variance of some degrees of freedom is enlarged, so that one standard deviation
+    holds as large a share as it always does.
     """
-    return float(chi_square / count * stdtrit(count, ONE_SIGMA) ** 2)
+    return float(stdtrit(freedom, ONE_SIGMA) ** 2) if np.isfinite(freedom) else 1.0
 
 
 def systematic_covariance(found: Response, rig: Rig, handle: Handle) -> Array:
@@ -98,10 +100,8 @@ def systematic_covariance(found: Response, rig: Rig, handle: Handle) -> Array:
     Parameters
     ----------
     found : Response
-    rig : Rig
-        Of its covariance nothing counts where it has none.
-    handle : Handle
-        Of its `placement_sigma_mm`.
+    rig, handle
+        What they state of themselves, else what is usual, see `usual`.
 
     Returns
     -------
@@ -122,13 +122,26 @@ def known_errors(found: Response, rig: Rig, handle: Handle) -> Array:
     by_parameters, by_points = slopes_at(rig, found.camera, found.points)
     moved = by_points.reshape(2 * k, 3)
     same = (found.marker[:, None] == found.marker) & (found.marker >= 0)
-    total = handle.placement_sigma_mm**2 * (moved @ moved.T) * same.repeat(2, 0).repeat(2, 1)
-    if rig.covariance is not None:
-        by_rig = np.zeros((k, 2, len(rig.cameras), len(CAMERA_PARAMETERS)))
-        by_rig[np.arange(k), :, found.camera] = by_parameters
-        flat = by_rig.reshape(2 * k, -1)
-        total += flat @ rig.covariance.matrix @ flat.T
+    by_layout = known_placement_mm(handle) ** 2 * (moved @ moved.T)
+    total = by_layout * same.repeat(2, 0).repeat(2, 1)
+    if not known_covariance(rig).is_exact:
+        total += _by_rig(found, by_parameters, rig)
     return total
+
+
+def errors_by_rig(found: Response, rig: Rig) -> Array:
+    """The part of `known_errors` that the rig makes."""
+    return _by_rig(found, slopes_at(rig, found.camera, found.points)[0], rig)
+
+
+def _by_rig(found: Response, by_parameters: Array, rig: Rig) -> Array:
+    """`errors_by_rig`, by the derivatives (k, 2, 15) of the places by their cameras' parameters."""
+    k = len(found.points)
+    known = known_covariance(rig)
+    by_rig = np.zeros((k, 2, len(rig.cameras), len(CAMERA_PARAMETERS)))
+    by_rig[np.arange(k), :, found.camera] = by_parameters
+    flat = by_rig.reshape(2 * k, -1)
+    return np.asarray(students_factor(known.freedom) * (flat @ known.matrix @ flat.T))
 
 
 def slopes_at(rig: Rig, camera: np.ndarray, points: Array) -> tuple[Array, Array]:
@@ -176,17 +189,18 @@ def contradicting(by_position: Array) -> Array:
 
 
 def offsets_at(rig: Rig, point: Array) -> ImageOffsets | None:
-    """The offsets of a rig's images at a point (3,), world frame; None where the rig's errors are
-    not known, or a camera does not look there.
+    """The offsets of a rig's images at a point (3,), world frame; None where the rig is exact, or a
+    camera does not look there.
     """
-    if rig.covariance is None:
+    known = known_covariance(rig)
+    if known.is_exact:
         return None
     slopes = [pixel_slopes(camera, point[None]) for camera in rig.cameras]
     by_parameters = block_diag(*(part[0][0] for part in slopes))
     by_position = np.concatenate([part[1][0] for part in slopes])
     if not (np.isfinite(by_parameters).all() and np.isfinite(by_position).all()):
         return None
-    covariance = by_parameters @ rig.covariance.matrix @ by_parameters.T
+    covariance = by_parameters @ known.matrix @ by_parameters.T * students_factor(known.freedom)
     return ImageOffsets(covariance, by_parameters, by_position)
 
 
@@ -195,7 +209,7 @@ def offsets_of(rig: Rig, found: Sequence[Array]) -> ImageOffsets | None:
     fewer than two cameras have found any.
     """
     seen = [k for k, uv in enumerate(found) if len(uv)]
-    if rig.covariance is None or len(seen) < 2:
+    if known_covariance(rig).is_exact or len(seen) < 2:
         return None
     middles = [np.median(found[k], axis=0)[None] for k in seen]
     cameras = [rig.cameras[k] for k in seen]

@@ -4,12 +4,14 @@ in the way, and the time until the handle is found again.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from scipy.spatial.transform import RigidTransform
 
 from trinolab.bench.recordings import scripted
 from trinolab.bench.scenario import Job, seen_markers
-from trinolab.camera import Camera, Rig
+from trinolab.camera import Rig
 from trinolab.checks import Array
 from trinolab.metrics import FAR_DEG, FAR_MM, can_be_measured, waits
 
@@ -57,12 +59,8 @@ def before(setup: Setup) -> Rig:
     first = setup.rig.cameras[0].T_cam_world
     middle = first.apply(setup.field.centre)
     T = RigidTransform.from_translation(CENTRE_MM - middle) * first  # T_scene_world
-    return Rig(
-        tuple(
-            Camera(c.name, c.size, c.matrix, c.distortions, c.T_cam_world * T.inv())
-            for c in setup.rig.cameras
-        )
-    )
+    cameras = (replace(c, T_cam_world=c.T_cam_world * T.inv()) for c in setup.rig.cameras)
+    return replace(setup.rig, cameras=tuple(cameras))
 
 
 def judge(setup: Setup, rows: list[list[Row]]) -> Answer:

@@ -19,6 +19,7 @@ from trinolab.measurement import measure
 from trinolab.methods import estimator_of
 from trinolab.parameters import Parameters
 from trinolab.uncertainty.systematic import is_uncertain
+from trinolab.uncertainty.usual import assumed
 
 __all__ = ["measure_folder"]
 
@@ -80,7 +81,10 @@ def measure_folder(
         ]
     table = pose_table(poses, frames=frames)
     write_poses(table, out)
-    for line in [] if is_uncertain(the_rig, the_handle) else contradictions(table, rig):
+    lines = assumed(the_rig, the_handle, rig, handle)
+    if not is_uncertain(the_rig, the_handle):
+        lines = contradictions(table, rig)
+    for line in lines:
         log.info(line)
     return table
 

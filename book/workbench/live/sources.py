@@ -12,6 +12,7 @@ import signal
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing, suppress
+from dataclasses import replace
 from multiprocessing.connection import Connection
 from threading import Condition, Event, Lock, Thread
 from typing import Any, NamedTuple
@@ -241,7 +242,7 @@ def of_bench(rig: Rig, handle: Handle, seed: int = 0) -> Source:
 
     It draws in a process of its own, so that the loop has its thread for itself.
     """
-    small = Rig(tuple(scaled(camera, 0.5) for camera in rig.cameras), rig.covariance)
+    small = replace(rig, cameras=tuple(scaled(camera, 0.5) for camera in rig.cameras))
     hand = SimulatedHand(seed)
 
     def frames(stopped: Event) -> Iterator[Shown]:

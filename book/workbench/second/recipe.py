@@ -18,7 +18,7 @@ import numpy as np
 from scipy.spatial.transform import RigidTransform, Rotation
 from tqdm import tqdm
 
-from trinolab.camera import Camera, Rig
+from trinolab.camera import Camera, Rig, RigCovariance
 from trinolab.checks import Array
 from trinolab.datasets import load_handle, load_rig, load_table1
 from trinolab.files.kept import locked
@@ -105,7 +105,8 @@ def four_cameras() -> Rig:
     """CCD1, CCD2, and CCD3 in both of its places: ``above`` and ``raised``."""
     left, right, above = load_rig("paper_trinocular").cameras
     raised = load_rig("raised_40deg").cameras[2]
-    return Rig((left, right, replace(above, name="above"), replace(raised, name="raised")))
+    cameras = (left, right, replace(above, name="above"), replace(raised, name="raised"))
+    return Rig(cameras, RigCovariance.exact([camera.name for camera in cameras]))
 
 
 def stills(handle_name: str) -> Shooting:
@@ -268,8 +269,8 @@ def recordings() -> dict[str, Shooting]:
 
 def rigs() -> dict[str, Rig]:
     """The shipped rigs of `RIGS`, as parts of the four cameras."""
-    cameras = four_cameras().cameras
-    return {name: Rig(tuple(cameras[k] for k in chosen)) for name, chosen in RIGS.items()}
+    every = four_cameras()
+    return {name: every.part(chosen) for name, chosen in RIGS.items()}
 
 
 def by_rig(images: Sequence[np.ndarray], rig_name: str) -> list[np.ndarray]:

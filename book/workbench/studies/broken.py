@@ -105,7 +105,7 @@ def _made(change: Callable[[Handle, np.random.Generator], Handle]) -> Fault:
 
 def _believed(sigma_px: float, sigma_deg: float, stated: bool = False) -> Fault:
     """Right frames, and a rig file whose principal points and directions are off; `stated` if it
-    says by how much, as a calibration does.
+    says by how much, as a calibration does, else it says nothing.
     """
 
     def take(now: Instant, rng: np.random.Generator) -> Taken:
@@ -118,7 +118,9 @@ def _believed(sigma_px: float, sigma_deg: float, stated: bool = False) -> Fault:
 
 
 def miscalibrated(rig: Rig, sigma_px: float, sigma_deg: float, rng: np.random.Generator) -> Rig:
-    """A rig whose principal points (px) and directions (deg) are off by this an axis."""
+    """A rig whose principal points (px) and directions (deg) are off by this an axis, and which does
+    not say so.
+    """
     cameras = []
     for camera in rig.cameras:
         matrix = camera.matrix.copy()

@@ -113,7 +113,7 @@ def pixel_noise(trial: Trial, sigma_px: float) -> Source:
     p = replace(trial.parameters, sigma_px=sigma_px)
     scale = np.repeat([1.0, np.rad2deg(1.0)], 3)
     blocks = [
-        scale[:, None] * covariance_root(pose.covariance, "covariance", 6)
+        scale[:, None] * covariance_root(pose.covariance_random, "covariance", 6)
         for pose in _estimates(trial._replace(parameters=p))
     ]
     return Source("pixel noise", sigma_px, "px", _nothing(trial), _each_its_own(np.array(blocks)))
@@ -160,7 +160,7 @@ def shifted_rig(rig: Rig, x: ArrayLike) -> Rig:
     inner = x[: 4 * m].reshape(m, 4)
     outer = np.vstack([np.zeros(6), x[4 * m :].reshape(m - 1, 6)])
     cameras = [_shifted(*each) for each in zip(rig.cameras, inner, outer, strict=True)]
-    return Rig(tuple(cameras))
+    return replace(rig, cameras=tuple(cameras))
 
 
 def printed_matrix(trial: Trial) -> Source:
@@ -220,7 +220,7 @@ def with_one_focal(rig: Rig) -> Rig:
         matrix = camera.matrix.copy()
         matrix[[0, 1], [0, 1]] = camera.focal.mean()
         cameras.append(replace(camera, matrix=matrix))
-    return Rig(tuple(cameras))
+    return replace(rig, cameras=tuple(cameras))
 
 
 def platform(trial: Trial, accuracy_mm: float = 0.02) -> Source:

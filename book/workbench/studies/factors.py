@@ -124,7 +124,7 @@ def table1_setup(rig: Rig, handle: Handle) -> Setup:
 def with_distortion(setup: Setup, k1: float) -> Setup:
     """Lenses with a radial distortion k1 of which the measurement knows nothing."""
     cameras = [replace(camera, distortions=k1 * np.eye(5)[0]) for camera in setup.true_rig.cameras]
-    return setup._replace(true_rig=Rig(tuple(cameras)))
+    return setup._replace(true_rig=replace(setup.true_rig, cameras=tuple(cameras)))
 
 
 def at_distance(setup: Setup, distance_mm: float) -> Setup:

@@ -192,9 +192,8 @@ def with_baseline(rig: Rig, baseline_mm: float) -> Rig:
     line = second.centre - first.centre
     centre = first.centre + length * line / np.linalg.norm(line)
     middle = load_table1().set_poses.translation.mean(axis=0)
-    return Rig(
-        (first, _placed(second, centre, _turning(middle - second.centre, middle - centre)), *others)
-    )
+    moved = _placed(second, centre, _turning(middle - second.centre, middle - centre))
+    return replace(rig, cameras=(first, moved, *others))
 
 
 def with_vergence(rig: Rig, vergence_deg: float) -> Rig:
@@ -209,9 +208,8 @@ def with_vergence(rig: Rig, vergence_deg: float) -> Rig:
     normal = np.cross(*axes)
     now = np.arctan2(np.linalg.norm(normal), axes[0] @ axes[1])
     half = Rotation.from_rotvec((angle - now) / 2 * normal / np.linalg.norm(normal))
-    return Rig(
-        (_placed(first, first.centre, half.inv()), _placed(second, second.centre, half), *others)
-    )
+    turned = _placed(first, first.centre, half.inv()), _placed(second, second.centre, half)
+    return replace(rig, cameras=(*turned, *others))
 
 
 def _placed(camera: Camera, centre: Array, turn: Rotation) -> Camera:

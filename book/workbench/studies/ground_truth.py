@@ -7,6 +7,7 @@ A shadow is not what moves; it lies on the background. Chapters 1 and 3 to 6.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import cv2
@@ -140,7 +141,8 @@ def read_recording(
     folder = standard_recording(name, seconds=seconds, progress=False)
     recording, handle = open_folder(folder)
     thin = (slice(None, None, as_whole(every, "every", 1, 64)),) * 2
-    rig = Rig(tuple(scaled(camera, 1 / every) for camera in recording.rig.cameras))
+    cameras = tuple(scaled(camera, 1 / every) for camera in recording.rig.cameras)
+    rig = replace(recording.rig, cameras=cameras)
     chosen = range(recording.length) if frames is None else [int(k) for k in frames]
     if outside := [k for k in chosen if not 0 <= k < recording.length]:
         raise ValueError(f"frames: expected frames 0 to {recording.length - 1}, got {outside[0]}")

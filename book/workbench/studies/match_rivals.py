@@ -22,7 +22,7 @@ from scipy.optimize import linear_sum_assignment
 from trinolab import matching
 from trinolab.bench.recordings import scripted
 from trinolab.bench.scenario import take
-from trinolab.camera import Rig
+from trinolab.camera import Rig, RigCovariance
 from trinolab.checks import Array
 from trinolab.datasets import load_handle, load_rig
 from trinolab.handle import slants
@@ -248,6 +248,7 @@ def _one_draw(k: int) -> dict[str, Any]:
     for level_px in LEVELS_PX:
         # one direction of error, which the level scales
         believed = miscalibrated(rig, level_px, 0.0, np.random.default_rng([SEED, seed]))
+        believed = replace(believed, covariance=RigCovariance.exact(rig.names))
         told = replace(believed, covariance=covariance_of_such(believed, level_px, 0.0))
         for gate_px in GATES_PX:
             settings = MatchParameters(epipolar_gate_px=gate_px)

@@ -173,7 +173,7 @@ def _measured_by(**changes: Any) -> Callable[[World], World]:
 
 
 def _cameras(rig: Rig, change: Callable[[Camera], Camera]) -> Rig:
-    return Rig(tuple(change(camera) for camera in rig.cameras))
+    return replace(rig, cameras=tuple(change(camera) for camera in rig.cameras))
 
 
 def _whole_sensor(world: World) -> World:
@@ -283,7 +283,7 @@ def numbers_of(world: World, k: int, draw: int) -> dict[str, float]:
     """The headline numbers of pose `k` under one draw of the noise; NaN for what is not measured."""
     images = images_of(world, k, draw)
     rig = world.setup.rig
-    pair = Rig(rig.cameras[:2])
+    pair = rig.part(range(2))
     m = measure(images[:2], pair, world.setup.handle, parameters=world.parameters)
     estimate = m.pose.T_world_handle
     if world.as_printed:

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -23,7 +24,7 @@ import pandas as pd
 from scipy.spatial.transform import RigidTransform
 
 from trinolab.bench.layer import cropped
-from trinolab.camera import CAMERA_PARAMETERS, Camera, Rig, RigCovariance
+from trinolab.camera import Camera, Rig
 from trinolab.datasets import load_handle, load_rig
 from trinolab.handle import Handle
 from trinolab.methods import BEST, ESTIMATORS
@@ -53,7 +54,6 @@ __all__ = [
     "SUMS",
     "WINDOW_PX",
     "by_fault",
-    "first",
     "instants",
     "judged",
     "make_table",
@@ -132,7 +132,7 @@ def instants(fault: str, handle: str, block: int) -> tuple[list[RigidTransform],
 
 def watched(rig: Rig, T_world_handle: RigidTransform) -> Rig:
     """The rig's cameras as windows around the handle's origin, inside their images."""
-    return Rig(tuple(_window(camera, T_world_handle) for camera in rig.cameras))
+    return replace(rig, cameras=tuple(_window(camera, T_world_handle) for camera in rig.cameras))
 
 
 def _window(camera: Camera, T_world_handle: RigidTransform) -> Camera:
@@ -151,21 +151,12 @@ def _measured(
     """The estimators' deviations, with the first cameras; each instant may have a rig of its own."""
     deviations: dict[str, list[Deviation]] = {name: [] for name in methods}
     for one, T in zip(taken, truths, strict=True):
-        rig = first(one.rig, count)
+        rig = one.rig.part(range(count))
         priors = [T] if len(handle.symmetries) > 1 else None
         measurements = measure_frames([one.frames[:count]], rig, handle, methods, priors)
         for name, (measurement,) in measurements.items():
             deviations[name].append(deviation(measurement.pose, T, handle))
     return deviations
-
-
-def first(rig: Rig, count: int) -> Rig:
-    """A rig of the first cameras, known as well as they are."""
-    if rig.covariance is None:
-        return Rig(rig.cameras[:count])
-    numbers = count * len(CAMERA_PARAMETERS)
-    known = rig.covariance.matrix[:numbers, :numbers]
-    return Rig(rig.cameras[:count], RigCovariance(rig.names[:count], known))
 
 
 SUMS = (

@@ -19,7 +19,7 @@ from tqdm import tqdm
 from trinolab.bench.motion import random_pose
 from trinolab.bench.optics import Bench
 from trinolab.bench.scene import render_rig
-from trinolab.camera import Camera, Rig
+from trinolab.camera import Camera, Rig, RigCovariance
 from trinolab.checks import Array
 from trinolab.datasets import load_handle
 from trinolab.handle import Handle
@@ -84,12 +84,11 @@ def webcam_rig(webcam: Webcam, baseline_mm: float = BASELINE_MM) -> Rig:
             [0.0, 0.0, 1.0],
         ]
     )
-    return Rig(
-        tuple(
-            Camera(name, webcam.size, matrix, np.zeros(5), (first.inv() * T).inv())
-            for name, T in placed.items()
-        )
+    cameras = tuple(
+        Camera(name, webcam.size, matrix, np.zeros(5), (first.inv() * T).inv())
+        for name, T in placed.items()
     )
+    return Rig(cameras, RigCovariance.exact(list(placed)))
 
 
 def _looking(centre: Array) -> RigidTransform:

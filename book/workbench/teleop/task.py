@@ -10,6 +10,7 @@ that the arm does follows from the images.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import NamedTuple
@@ -148,7 +149,8 @@ def hand(seed: int = 0) -> tuple[Array, RigidTransform]:
 
 def rig() -> Rig:
     """The rig `raised_40deg`, two by two pixels read out as one: a quarter of the pixels to render."""
-    return Rig(tuple(_binned(camera) for camera in load_rig("raised_40deg").cameras))
+    whole = load_rig("raised_40deg")
+    return replace(whole, cameras=tuple(_binned(camera) for camera in whole.cameras))
 
 
 def job(seed: int = 0) -> Job:

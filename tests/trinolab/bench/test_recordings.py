@@ -19,7 +19,6 @@ from trinolab.bench.hand import true_visibility
 from trinolab.bench.recordings import made_from, render, scripted, write_recording
 from trinolab.bench.scenario import COVERED, seen_markers, take
 from trinolab.bench.scene import scaled
-from trinolab.camera import Rig
 from trinolab.datasets import load_handle, load_real_sets, load_rig, real_set
 from trinolab.files.fetch import why_not
 from trinolab.files.poses import read_poses, transforms, truth_table, write_poses
@@ -28,7 +27,10 @@ from trinolab.files.rigs import write_handle, write_rig
 from workbench.studies.real_recordings import load_trajectories
 
 CODED = load_handle("coded")
-SMALL = Rig(tuple(scaled(camera, 0.125) for camera in load_rig("raised_40deg").cameras))
+SMALL = replace(
+    load_rig("raised_40deg"),
+    cameras=tuple(scaled(camera, 0.125) for camera in load_rig("raised_40deg").cameras),
+)
 # Renders six instants, then waits for the gate before each image; an interruption, which waits for
 # what is being rendered, opens it.
 WAITS = (
@@ -283,7 +285,7 @@ def test_an_unfinished_recording_with_other_arguments_is_left_alone(
 ):
     interrupt_after(monkeypatch, 4)
     assert run(RENDER) == 130
-    write_rig(Rig(SMALL.cameras[:2]), "other.toml")
+    write_rig(SMALL.part(range(2)), "other.toml")
     before = contents(folder)
     capfd.readouterr()
     assert run(RENDER.replace(*option.split("|"))) == 2

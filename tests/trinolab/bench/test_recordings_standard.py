@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -16,7 +17,6 @@ from trinolab.bench.recordings import (
     standard_recording,
 )
 from trinolab.bench.scene import scaled
-from trinolab.camera import Rig
 from trinolab.datasets import load_rig
 from trinolab.files.kept import locked
 from trinolab.files.poses import read_poses
@@ -30,7 +30,9 @@ def cache(tmp_path, monkeypatch):
     monkeypatch.setattr(
         recordings,
         "load_rig",
-        lambda name: Rig(tuple(scaled(c, 0.125) for c in load_rig(name).cameras)),
+        lambda name: replace(
+            load_rig(name), cameras=tuple(scaled(c, 0.125) for c in load_rig(name).cameras)
+        ),
     )
     return tmp_path / "cache"
 
@@ -100,8 +102,9 @@ def test_two_at_once_render_it_once(cache):
     code = (
         "import sys, pathlib; from trinolab.bench import recordings; "
         "recordings.cache_folder = lambda: pathlib.Path(sys.argv[1]); load = recordings.load_rig; "
-        "from trinolab.camera import Rig; from trinolab.bench.scene import scaled; "
-        "recordings.load_rig = lambda n: Rig(tuple(scaled(c, 0.125) for c in load(n).cameras)); "
+        "from dataclasses import replace; from trinolab.bench.scene import scaled; "
+        "small = lambda rig: replace(rig, cameras=tuple(scaled(c, 0.125) for c in rig.cameras)); "
+        "recordings.load_rig = lambda name: small(load(name)); "
         "print(recordings.standard_recording('hard', seconds=0.1, progress=False))"
     )
     both = [

@@ -12,10 +12,11 @@ from trinolab.camera import RigCovariance
 from trinolab.datasets import load_handle, load_rig
 from trinolab.estimators.appearance import Views
 from trinolab.estimators.centroids import predict_centroids
-from trinolab.estimators.contradiction import Residuals, honest
+from trinolab.estimators.contradiction import honest
 from trinolab.estimators.reprojection import fit_pixels, response_of_pixels
 from trinolab.handle import slants
-from trinolab.uncertainty.systematic import NOTHING, contradict, variance_of_few
+from trinolab.uncertainty.size import Residuals, _likely_size
+from trinolab.uncertainty.systematic import NOTHING, contradict, students_factor
 
 PAIR, THREE = load_rig("paper_pair"), load_rig("raised_40deg")
 CODED = load_handle("coded")
@@ -59,10 +60,11 @@ def test_a_chi_square_by_the_table():
     assert not contradict(1e9, 0)
 
 
-def test_a_variance_of_few_by_the_table_of_students_t():
+def test_students_factor_by_the_table():
     # t of one degree of freedom is 1.837 where the normal distribution is 1, of three 1.197
-    assert variance_of_few(4.0, 1) == pytest.approx(4 * 1.837**2, rel=1e-3)
-    assert variance_of_few(3.0, 3) == pytest.approx(1.197**2, rel=1e-3)
+    assert students_factor(1) == pytest.approx(1.837**2, rel=1e-3)
+    assert students_factor(3) == pytest.approx(1.197**2, rel=1e-3)
+    assert students_factor(np.inf) == 1.0
 
 
 @pytest.mark.slow
@@ -99,7 +101,8 @@ def test_images_that_contradict_each_other_are_a_systematic_error():
         np.testing.assert_array_equal(told.covariance, covariance)
     error, systematic, noise = np.sqrt(np.mean(rows, axis=0))
     assert error > 3 * noise
-    assert 0.6 < error / systematic < 1.1  # below 1: three that show are few, Student's factor
+    # 15 draws of three ways know a ratio to 1 in sqrt(2 x 45), 0.105: three of that
+    assert 0.68 < error / systematic < 1.32
 
 
 def test_a_rig_that_is_known_no_better_does_not_contradict():
@@ -110,6 +113,52 @@ def test_a_rig_that_is_known_no_better_does_not_contradict():
     expected = found(rig, CODED, noise, 0 * offsets, sigma_px=0.5)[2]
     np.testing.assert_allclose(told.systematic, expected.systematic, rtol=0.1)
     assert expected.systematic.any()
+
+
+def silent(rig):
+    return replace(rig, covariance=None)
+
+
+@pytest.mark.parametrize(("rig", "low"), [(PAIR, 0.5), (THREE, 0.7)], ids=["pair", "three"])
+def test_a_rig_that_says_nothing_is_as_uncertain_as_what_is_seen_makes_it(rig, low):
+    """Images that are shifted by a fifth of what is usual, by as much, and five times as much."""
+    rng = np.random.default_rng(0)
+    ratios = []
+    for px in (0.07, 0.35, 1.75):
+        squares = []
+        for seed in range(30):
+            offsets = px * rng.standard_normal((len(rig.cameras), 2))
+            T, _, told = found(silent(rig), CODED, drawn(rig, seed), offsets)
+            away = T.translation - POSE.translation
+            squares.append(away @ away / np.trace((told.covariance + told.systematic)[:3, :3]))
+        ratios.append(np.sqrt(np.mean(squares)))
+    assert ratios[0] < 1.0  # a pair has one degree of freedom of its own beside what was assumed
+    assert low < ratios[1] < 1.2
+    assert low < ratios[2] < 1.6
+
+
+def test_the_size_of_a_covariance_is_the_most_likely_one():
+    """With very many numbers to tell it, it is what they say, whatever was assumed; with none it is
+    what was assumed, by Student's factor.
+    """
+    rng = np.random.default_rng(0)
+    # half of them show the noise alone, which may be larger than it is said to be
+    values = np.r_[rng.uniform(1.0, 5.0, 300), np.zeros(300)]
+    rest = rng.standard_normal(600)
+    for noise in (1.0, 30.0):
+        seen = np.sqrt(noise + 7.0 * values) * rest
+        assert _likely_size(np.diag(values), seen, 1.0) == pytest.approx(7.0, rel=0.3)
+    for freedom, factor in ((3.0, 1.197), (5.0, 1.111)):  # by the table of Student's t
+        size = _likely_size(np.zeros((2, 2)), np.zeros(2), freedom)
+        assert size == pytest.approx(factor**2, rel=0.02)
+
+
+def test_a_rig_that_states_its_covariance_is_settled():
+    rig = known_to(PAIR, 0.3)
+    _, _, told = found(rig, CODED, drawn(PAIR, 0))
+    assert told.rig is rig
+    _, _, told = found(silent(PAIR), CODED, drawn(PAIR, 0))
+    assert told.rig.covariance.freedom == np.inf
 
 
 def test_a_pose_that_large_contradictions_leave_open_is_refused():

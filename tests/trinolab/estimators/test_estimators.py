@@ -227,7 +227,7 @@ def seen_exactly(rig, T):
 @cache
 def small_pair():
     """The pair at half its size, and what it sees of a handle."""
-    rig = Rig(tuple(scaled(camera, 0.5) for camera in PAIR.cameras))
+    rig = replace(PAIR, cameras=tuple(scaled(camera, 0.5) for camera in PAIR.cameras))
     bench = Bench(supersampling=4, marker_supersampling=8)
     return rig, render_rig(rig, HANDLE, POSES[5], bench, np.random.default_rng(1))
 

@@ -9,7 +9,6 @@ import cv2
 import numpy as np
 import pytest
 
-from trinolab.camera import Rig
 from trinolab.datasets import load_rig
 from trinolab.files.recording import frames_named, list_instants, read_instants
 
@@ -19,7 +18,10 @@ SIZE = (32, 24)
 @pytest.fixture(scope="module")
 def rig():
     """CCD1 and CCD2 with tiny images."""
-    return Rig(tuple(replace(camera, size=SIZE) for camera in load_rig("paper_pair").cameras))
+    return replace(
+        load_rig("paper_pair"),
+        cameras=tuple(replace(camera, size=SIZE) for camera in load_rig("paper_pair").cameras),
+    )
 
 
 def read_instant(instant, rig):

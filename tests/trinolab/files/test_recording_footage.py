@@ -29,7 +29,10 @@ SIZE = (32, 24)
 
 @pytest.fixture(scope="module")
 def rig():
-    return Rig(tuple(replace(camera, size=SIZE) for camera in load_rig("paper_pair").cameras))
+    return replace(
+        load_rig("paper_pair"),
+        cameras=tuple(replace(camera, size=SIZE) for camera in load_rig("paper_pair").cameras),
+    )
 
 
 @pytest.fixture(scope="module")

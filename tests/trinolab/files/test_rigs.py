@@ -11,7 +11,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 
 from trinolab.camera import Camera, Rig, RigCovariance
 from trinolab.datasets import data_path, load_rig
-from trinolab.files.rigs import covariance_text, read_camera, read_rig, write_rig
+from trinolab.files.rigs import covariance_text, read_camera, read_rig, rig_text, write_rig
 
 
 def table(name="a", **changes):
@@ -218,6 +218,53 @@ def test_a_rig_without_a_covariance_takes_no_other_ones(tmp_path):
         write_rig(two(), tmp_path / "rig.toml")
 
 
+def test_a_rig_that_is_known_exactly_says_so_in_its_own_file(tmp_path):
+    path = tmp_path / "rig.toml"
+    write_rig(two(RigCovariance.exact("ab")), path)
+    assert [path.name for path in tmp_path.iterdir()] == ["rig.toml"]
+    assert tomllib.loads(path.read_text(encoding="utf-8"))["metadata"] == {"exact": True}
+    assert read_rig(path).covariance.is_exact
+
+
+@pytest.mark.parametrize(
+    ("metadata", "reprojection_px"),
+    [
+        ({"adjusted": False, "error": 0.31}, 0.31),  # as Anipose writes it
+        ({"error": 0.0}, None),
+        ({"error": float("nan")}, None),
+        ({"error": "small"}, None),
+        ({"error": True}, None),
+        ({}, None),
+    ],
+)
+def test_the_reprojection_error_of_a_calibration_is_read(tmp_path, metadata, reprojection_px):
+    path = tmp_path / "rig.toml"
+    path.write_text(rig_text(two()) + tomli_w.dumps({"metadata": metadata}), encoding="utf-8")
+    rig = read_rig(path)
+    assert rig.covariance is None
+    assert rig.reprojection_px == reprojection_px
+    write_rig(rig, path)
+    assert read_rig(path).reprojection_px == reprojection_px
+
+
+def test_a_size_that_is_hardly_known_comes_back(tmp_path):
+    write_rig(two(replace(known(), freedom=2.5)), tmp_path / "rig.toml")
+    assert read_rig(tmp_path / "rig.toml").covariance.freedom == 2.5
+
+
+def test_exact_is_yes_or_no_and_goes_with_no_covariance(tmp_path):
+    path = tmp_path / "rig.toml"
+    path.write_text(rig_text(two()) + '[metadata]\nexact = "very"\n', encoding="utf-8")
+    with pytest.raises(
+        ValueError, match=r"\[metadata\]: exact: expected true or false, got 'very'"
+    ):
+        read_rig(path)
+    write_rig(two(known()), path)
+    path.write_text(rig_text(two()) + "[metadata]\nexact = true\n", encoding="utf-8")
+    with pytest.raises(ValueError, match="exact cameras have no covariance, but"):
+        read_rig(path)
+
+
 def spoiled(**changes):
     table = tomllib.loads(covariance_text(known()))
     table.update(changes)
@@ -246,6 +293,7 @@ WRONG_COVARIANCE = {
         "without a variance",
         spoiled(matrix=(known().matrix + np.eye(30, k=10) + np.eye(30, k=-10)).tolist()),
     ),
+    "no freedom": ("freedom: expected a positive number, got 0", spoiled(freedom=0.0)),
     "indefinite": ("negative", spoiled(matrix=INDEFINITE.tolist())),
 }
 

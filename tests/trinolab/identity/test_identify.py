@@ -242,7 +242,7 @@ def test_a_turned_camera_is_outvoted_by_two_and_not_believed_alone(seed):
     assert len(options) == 1
     assert (options[0].labels[1] == -1).all()
     assert apart_deg(options[0].T_world_handle, T) < 5.0
-    pair = Rig(TRIO.cameras[:2])
+    pair = TRIO.part(range(2))
     for option in identify(pair, CODED, found[:2], axes_px=axes[:2]):
         assert np.linalg.norm(option.T_world_handle.translation - T.translation) < 2.0  # mm
 

@@ -17,6 +17,7 @@ from trinolab.identity.hypotheses import Poses
 from trinolab.identity.parameters import IdentityParameters
 from trinolab.identity.reconcile import fit_with_offsets, reconciled
 from trinolab.uncertainty.systematic import contradicting, offsets_at
+from trinolab.uncertainty.usual import FREEDOM, known_covariance
 
 P = IdentityParameters()
 CODED = load_handle("coded")
@@ -60,14 +61,14 @@ def test_offsets_that_no_motion_makes_are_found(name):
     np.testing.assert_allclose(found.poses.translations[0], POSE.translation, atol=0.02)
 
 
-def test_a_rig_of_which_nothing_is_known_stays_as_it_is():
+def test_an_exact_rig_stays_as_it_is():
     rig = load_rig("raised_40deg")
     noise = 0.1 * np.random.default_rng(0).standard_normal((3, len(CODED.marker_centres), 2))
     assert reconciled(rig, CODED, centroids(rig, noise), POSE, SIGMA_PX, P) == (rig, POSE)
 
 
 @pytest.mark.parametrize("name", ["paper_pair", "raised_40deg"])
-def test_a_rig_of_which_nothing_is_known_is_doubted_where_it_is_contradicted(name):
+def test_an_exact_rig_is_doubted_where_it_is_contradicted(name):
     rig = load_rig(name)
     basis = contradicting(offsets_at(known(name), POSE.translation).by_position)
     shift = 2.0 * basis[:, 0]  # px, over all images
@@ -84,6 +85,41 @@ def test_a_rig_of_which_nothing_is_known_is_doubted_where_it_is_contradicted(nam
     m = basis.shape[1]
     expected = np.sqrt(3 * 2.0**2 / m) * {1: 1.837, 3: 1.197}[m]
     assert np.sqrt(np.trace(at.covariance)) == pytest.approx(expected, rel=0.05)
+
+
+@pytest.mark.parametrize(("name", "shown"), [("paper_pair", 1), ("raised_40deg", 3)])
+def test_a_rig_that_says_nothing_learns_how_well_it_is_known(name, shown):
+    """What the offsets show is counted with what was assumed, degree of freedom by degree."""
+    rig = replace(load_rig(name), covariance=None)
+    usual = known_covariance(rig)
+    at = offsets_at(rig, POSE.translation)
+    basis = contradicting(at.by_position)
+    V = at.by_parameters @ usual.matrix @ at.by_parameters.T
+    sigma = np.sqrt(basis[:, 0] @ V @ basis[:, 0])
+    for sigmas in (0.0, 6.0):
+        shift = (sigmas * sigma * basis[:, 0]).reshape(-1, 1, 2)
+        here, _ = reconciled(rig, CODED, centroids(rig) + shift, POSE, SIGMA_PX, P)
+        assert here.covariance.freedom == pytest.approx(FREEDOM + shown, abs=0.05)
+        surprise = (sigmas * sigma) ** 2 * np.linalg.inv(basis.T @ V @ basis)[0, 0]
+        # a direction that no offset shows is scaled and not learnt
+        ahead = at.by_position[:, 2]
+        ahead /= np.linalg.norm(ahead)
+        cross = basis.T @ V @ ahead
+        hidden = ahead @ V @ ahead - cross @ np.linalg.solve(basis.T @ V @ basis, cross)
+        left = at.by_parameters.T @ ahead
+        expected = (FREEDOM + surprise) / (FREEDOM + shown) * hidden
+        assert left @ here.covariance.matrix @ left == pytest.approx(expected, rel=0.1)
+
+
+def test_one_camera_tells_nothing_of_a_rig_that_says_nothing():
+    rig = replace(load_rig("paper_pair"), covariance=None)
+    uv = centroids(rig)
+    uv[1] = np.nan
+    here, _ = reconciled(rig, CODED, uv, POSE, SIGMA_PX, P)
+    assert here.covariance.freedom == pytest.approx(FREEDOM, abs=1e-3)
+    np.testing.assert_allclose(
+        here.covariance.matrix, known_covariance(rig).matrix, atol=1e-3 * 0.35**2
+    )
 
 
 def test_one_camera_contradicts_nobody():

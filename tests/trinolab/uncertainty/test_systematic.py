@@ -11,7 +11,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 
 from trinolab.bench.optics import Bench, blurred, digitise
 from trinolab.bench.scene import radiance, render_rig
-from trinolab.camera import Rig, RigCovariance, displaced
+from trinolab.camera import RigCovariance, displaced
 from trinolab.datasets import load_handle, load_rig
 from trinolab.estimators.pixels import fit_patches
 from trinolab.files.poses import contradictions, pose_table
@@ -21,10 +21,12 @@ from trinolab.parameters import Parameters
 from trinolab.pose import Pose, fit_pose, fit_response
 from trinolab.rigid import motion_between
 from trinolab.uncertainty.systematic import NOTHING, pixel_slopes, response, systematic_covariance
+from trinolab.uncertainty.usual import PLACEMENT_MM, usual_covariance
 from workbench.studies.broken import covariance_of_such, miscalibrated
 
 BENT = np.array([-0.2, 0.1, 0.001, -0.002, 0.05])
-RIG = Rig(tuple(replace(camera, distortions=BENT) for camera in load_rig("raised_40deg").cameras))
+RAISED = load_rig("raised_40deg")
+RIG = replace(RAISED, cameras=tuple(replace(c, distortions=BENT) for c in RAISED.cameras))
 PAIR, CODED = load_rig("paper_pair"), load_handle("coded")
 POSE = RigidTransform.from_components([20.0, -10.0, 560.0], Rotation.from_rotvec([0.2, 0.3, 0.4]))
 # a step of each parameter, about a tenth of a pixel
@@ -48,9 +50,29 @@ def test_pixels_move_with_the_rig_as_the_slopes_say(c):
         np.testing.assert_allclose(by_points[..., k], (ahead - behind) / 0.02, rtol=1e-6, atol=1e-8)
 
 
-def test_nothing_is_known_of_most_rigs():
+def test_nothing_is_systematic_where_all_is_exact_and_what_is_usual_where_nothing_is_said():
     found = response(np.ones((6, 1, 2)), np.array([0]), np.array([0]), CODED, POSE)
     assert systematic_covariance(found, RIG, CODED) is NOTHING
+    usual = replace(RIG, covariance=usual_covariance(RIG))
+    silent = systematic_covariance(found, replace(RIG, covariance=None), CODED)
+    np.testing.assert_array_equal(silent, systematic_covariance(found, usual, CODED))
+    assert silent.any()
+    placed = replace(CODED, placement_sigma_mm=PLACEMENT_MM)
+    unplaced = replace(CODED, placement_sigma_mm=None)
+    np.testing.assert_array_equal(
+        systematic_covariance(found, RIG, unplaced), systematic_covariance(found, RIG, placed)
+    )
+
+
+def test_a_size_of_few_degrees_of_freedom_counts_by_students_factor():
+    found = response(np.ones((6, 1, 2)), np.array([0]), np.array([0]), CODED, POSE)
+    certain = replace(RIG, covariance=RigCovariance(RIG.names, 1e-6 * np.eye(45)))
+    unsure = replace(certain, covariance=replace(certain.covariance, freedom=3.0))
+    # t of three degrees of freedom is 1.197 where the normal distribution is 1
+    ratio = systematic_covariance(found, unsure, CODED) / systematic_covariance(
+        found, certain, CODED
+    )
+    np.testing.assert_allclose(ratio, 1.197**2, rtol=1e-3)
 
 
 def test_what_cameras_and_views_have_in_common_adds_up():
@@ -137,7 +159,7 @@ def test_a_checked_pose_of_a_stated_rig_is_honest():
         images = [digitise(image, bench, rng) for image in clean]
         pose = measure(images, rig, CODED, POSE, Parameters(estimator="paper_checked")).pose
         e = motion_between(pose.T_world_handle, POSE)
-        nees.append(e @ np.linalg.solve(pose.covariance + pose.systematic, e))
+        nees.append(e @ np.linalg.solve(pose.covariance, e))
     assert abs(np.mean(nees) - 6) < 4 * np.sqrt(12 / len(nees))
 
 

@@ -810,7 +810,10 @@ def test_errors_are_up_to_the_handle_s_symmetry():
 
 def quarter():
     """What frames are made for: the pair at a quarter of its size, and a handle before it."""
-    small = Rig(tuple(scaled(camera, 0.25) for camera in load_rig("paper_pair").cameras))
+    small = replace(
+        load_rig("paper_pair"),
+        cameras=tuple(scaled(camera, 0.25) for camera in load_rig("paper_pair").cameras),
+    )
     return SimpleNamespace(rig=small, handle=load_handle("coded"))
 
 

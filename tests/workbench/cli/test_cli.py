@@ -24,7 +24,6 @@ from scipy.spatial.transform import RigidTransform
 
 from trinolab import __version__
 from trinolab import evaluation as evaluate
-from trinolab.camera import Rig
 from trinolab.datasets import data_path, load_handle, load_rig, load_table1
 from trinolab.evaluation import TrackQuality, how_long
 from trinolab.files.poses import read_poses, truth_table, write_poses
@@ -58,7 +57,10 @@ EVALUATE = "evaluate found.csv truth.csv --handle handle.toml"
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
     """The working folder: a recording of two dark instants in tiny images, and two pose files."""
-    rig = Rig(tuple(replace(camera, size=SIZE) for camera in load_rig("paper_pair").cameras))
+    rig = replace(
+        load_rig("paper_pair"),
+        cameras=tuple(replace(camera, size=SIZE) for camera in load_rig("paper_pair").cameras),
+    )
     write_rig(rig, tmp_path / "rig.toml")
     write_handle(load_handle("paper"), tmp_path / "handle.toml")
     for camera in rig.names:
@@ -463,6 +465,22 @@ def test_poses_that_contradict_the_rig_are_said_unless_the_rig_is_known_as_uncer
         )
     assert len(table) == 2
     assert caplog.messages == ["2 poses, rig.toml"] * logged
+
+
+def test_what_was_assumed_of_files_that_state_nothing_is_said(folder, caplog):
+    for name in ("rig.toml", "handle.toml"):
+        stated = Path(name).read_text(encoding="utf-8")
+        silent = stated.replace("[metadata]\nexact = true", "").replace(
+            "placement_sigma_mm = 0.0", ""
+        )
+        Path(name).write_text(silent, encoding="utf-8")
+    with caplog.at_level("INFO", "trinolab"):
+        measure_command.measure_folder(
+            "rig.toml", "handle.toml", "images", "poses.csv", progress=False
+        )
+    of_rig, of_handle = caplog.messages
+    assert of_rig.startswith("rig.toml: does not say how well the cameras are known")
+    assert of_handle.startswith("handle.toml: does not say how well the markers are placed")
 
 
 def test_the_scale_is_held_by_a_length_or_by_what_is_known():

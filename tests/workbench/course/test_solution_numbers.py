@@ -13,7 +13,6 @@ from trinolab import datasets, identity, measurement, metrics, pose, triangulati
 from trinolab.bench import optics, scene
 from trinolab.bench.board import Board, board_positions
 from trinolab.calibration import adjust
-from trinolab.camera import Rig
 from trinolab.estimators import centroids
 from trinolab.estimators.appearance import Views
 from trinolab.following import posetracker
@@ -192,7 +191,7 @@ def test_the_midpoint_and_the_point_of_a_pair():
 def test_weights_for_noise_and_for_images():
     """Exercise 8.7: ten seeds of 200 fits, eight of five rendered poses."""
     rig, rod = datasets.load_rig("raised_40deg"), datasets.load_handle("paper")
-    pair = Rig(rig.cameras[:2])
+    pair = rig.part(range(2))
 
     def angle_deg(points, truth):
         T = pose.rigid_fit(rod.marker_centres, points)

@@ -2,13 +2,15 @@
 or against the frames of the whole bench.
 """
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from trinolab.bench.optics import Bench
 from trinolab.bench.scene import radiance, render, scaled
-from trinolab.camera import Rig, difference
+from trinolab.camera import difference
 from trinolab.datasets import load_handle, load_rig, load_table1
 from trinolab.markers import find_markers
 from workbench.studies import broken
@@ -191,7 +193,7 @@ def test_the_highlight_lies_where_lamp_and_camera_have_their_half():
 
 @pytest.mark.parametrize("name", FAULTS)
 def test_every_fault_gives_frames_of_its_own(name):
-    small = Rig(tuple(scaled(camera, 0.25) for camera in PAIR.cameras))
+    small = replace(PAIR, cameras=tuple(scaled(camera, 0.25) for camera in PAIR.cameras))
     one = Instant(small, CODED, T)
     taken = FAULTS[name](one, np.random.default_rng(2))
     assert [frame.shape for frame in taken.frames] == [(256, 320)] * 2

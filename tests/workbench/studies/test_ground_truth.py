@@ -3,6 +3,7 @@ own.
 """
 
 import dataclasses
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -36,7 +37,9 @@ def cache(tmp_path_factory):
         patch.setattr(
             recordings,
             "load_rig",
-            lambda name: Rig(tuple(scaled(c, 0.25) for c in load_rig(name).cameras)),
+            lambda name: replace(
+                load_rig(name), cameras=tuple(scaled(c, 0.25) for c in load_rig(name).cameras)
+            ),
         )
         yield root
 

@@ -2,6 +2,8 @@
 hand.
 """
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -9,7 +11,6 @@ from trinolab.background import BackgroundParameters, Detection, step
 from trinolab.bench import optics, recordings, scene
 from trinolab.bench.recordings import scripted
 from trinolab.bench.scenario import take
-from trinolab.camera import Rig
 from trinolab.datasets import load_handle, load_rig
 from trinolab.window import Window
 from workbench.studies.ground_truth import (
@@ -23,7 +24,10 @@ from workbench.studies.ground_truth import (
     wrong,
 )
 
-RIG = Rig(tuple(scene.scaled(camera, 0.125) for camera in load_rig("raised_40deg").cameras))
+RIG = replace(
+    load_rig("raised_40deg"),
+    cameras=tuple(scene.scaled(camera, 0.125) for camera in load_rig("raised_40deg").cameras),
+)
 JOB = scripted("calm", RIG, load_handle("coded"), 0, 1.5)
 
 

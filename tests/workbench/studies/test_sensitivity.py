@@ -9,7 +9,6 @@ import pandas as pd
 import pytest
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from trinolab.camera import Rig
 from trinolab.datasets import data_path
 from trinolab.handle import facing_pixels
 from trinolab.markers import Markers
@@ -91,7 +90,7 @@ def exact_measurement(world, k):
     also of markers that are too steep, and of a spot that is no marker.
     """
     setup = world.setup
-    pair = Rig(setup.rig.cameras[:2])
+    pair = setup.rig.part(range(2))
     T = setup.poses[k]
     seen = [facing_pixels(setup.handle, camera, T, 80.0) for camera in pair.cameras]
     labels = [np.flatnonzero(np.isfinite(view).all(axis=1)) for view in seen]

@@ -10,7 +10,6 @@ from scipy.linalg import expm
 from scipy.stats import multivariate_normal
 
 from trinolab import image_track, rigid
-from trinolab.camera import Rig
 from trinolab.datasets import load_handle, load_real_sets, load_rig, real_set
 from trinolab.files.fetch import why_not
 from trinolab.following import posefilter
@@ -44,7 +43,7 @@ DRAWN = KalmanParameters(
 )
 MODEL = image_model(DRAWN)
 P = PoseFilterParameters()
-PAIR = Rig(RIG.cameras[:2])
+PAIR = RIG.part(range(2))
 SETS = ("drawn", "handheld")
 
 

@@ -1,0 +1,147 @@
+"""How large the errors of a rig are, where that is hardly known to begin with.
+
+A rig whose file says nothing has a covariance of usual size (`usual`), and what is seen tells by how
+much it is to be larger or smaller. A pose has six numbers, and all that is left over tells: where the
+images lie, and how large they are, since a wrong distance shows in the handle's size. How likely each
+size is follows from the likelihood of what is left over (restricted maximum likelihood: Patterson and
+Thompson 1971, DOI 10.1093/biomet/58.3.545) and from the degrees of freedom with which it was assumed.
+
+A rig that states its errors, or that it has none, is taken at its word until it is contradicted. Then
+its errors are those of any rig, and their size is what is seen alone.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+from scipy.linalg import block_diag
+from scipy.spatial.transform import RigidTransform
+from scipy.special import ndtr
+
+from ..camera import Rig, RigCovariance
+from ..checks import Array, frozen
+from ..handle import Handle
+from ..rigid import cross_matrices
+from .systematic import (
+    ONE_SIGMA,
+    Response,
+    errors_by_rig,
+    known_errors,
+    slopes_at,
+    students_factor,
+)
+from .usual import known_covariance, usual_covariance
+
+__all__ = ["Residuals", "doubted", "pixels_by_pose", "settled"]
+
+# Sizes of a rig's covariance that are asked for their likelihood, by what is assumed.
+SIZES = frozen(np.geomspace(1e-5, 1e5, 101))
+NOISES = frozen(np.geomspace(1.0, 1e3, 25))  # and by how much the noise's variance is larger
+
+
+class Residuals(NamedTuple):
+    """What is left of the places in which markers were seen.
+
+    Attributes
+    ----------
+    px : ndarray, shape (k, 2)
+        Seen minus predicted.
+    information : ndarray, shape (k, 2, 2)
+        Inverse covariance of where they were seen, px^-2; zeros for what does not count.
+    """
+
+    px: Array
+    information: Array
+
+
+def settled(
+    found: Response, left: Residuals, T_world_handle: RigidTransform, rig: Rig, handle: Handle
+) -> Rig:
+    """A rig the size of whose covariance is as likely as what is seen makes it; one that states its
+    covariance stays as it is.
+
+    Parameters
+    ----------
+    found : Response
+    left : Residuals
+        In the same order.
+    T_world_handle : RigidTransform
+    rig, handle
+
+    Returns
+    -------
+    Rig
+        With a covariance of certain size: such that one standard deviation holds as large a share
+        of the errors, over all sizes that may be, as it always does.
+    """
+    known = known_covariance(rig)
+    if not np.isfinite(known.freedom):
+        return rig
+    exact = replace(rig, covariance=RigCovariance.exact(rig.names))
+    return _with_errors(known.matrix, known.freedom, found, left, T_world_handle, exact, handle)
+
+
+def doubted(
+    found: Response, left: Residuals, T_world_handle: RigidTransform, rig: Rig, handle: Handle
+) -> Rig:
+    """A rig that is contradicted: to what it says of itself come the errors of any rig, of whose size
+    nothing is assumed. Parameters and result as for `settled`.
+    """
+    usual = usual_covariance(rig).matrix
+    return _with_errors(usual, 0.0, found, left, T_world_handle, rig, handle)
+
+
+def _with_errors(
+    matrix: Array,
+    freedom: float,
+    found: Response,
+    left: Residuals,
+    T_world_handle: RigidTransform,
+    rig: Rig,
+    handle: Handle,
+) -> Rig:
+    """The rig with more errors, of the covariance `matrix` as large as it is likely to be, if that
+    was assumed to be right with some degrees of freedom.
+    """
+    used = left.information.any(axis=(1, 2))
+    size = students_factor(freedom) if freedom > 0 else 1.0
+    if used.any():
+        seen = Response(found.gain[:, used], *(part[used] for part in found[1:]))
+        by_rig = errors_by_rig(seen, replace(rig, covariance=RigCovariance(rig.names, matrix)))
+        others = block_diag(*np.linalg.inv(left.information[used]))
+        others += known_errors(seen, rig, handle)
+        root = np.linalg.cholesky(others)
+        by_pose = np.linalg.solve(root, pixels_by_pose(seen, T_world_handle, rig))
+        free = np.linalg.svd(by_pose)[0][:, 6:].T
+        rest = np.linalg.solve(root, left.px[used].ravel())
+        spread = np.linalg.solve(root, np.linalg.solve(root, by_rig).T)
+        size = _likely_size(free @ spread @ free.T, free @ rest, freedom)
+    total = known_covariance(rig).matrix + size * matrix
+    return replace(rig, covariance=RigCovariance(rig.names, total))
+
+
+def _likely_size(spread: Array, rest: Array, freedom: float) -> float:
+    """The size s of a covariance: numbers `rest` (n,) have the covariance k + s `spread` (n, n), and
+    s was assumed to be 1 with some degrees of freedom (scaled inverse chi-square). The noise's k is
+    1 or more, of `NOISES`: what is seen may be described badly, and that is no error of the rig.
+    """
+    values, vectors = np.linalg.eigh(spread)
+    squares = (vectors.T @ rest) ** 2
+    # (sizes, noises, n)
+    variances = SIZES[:, None, None] * np.maximum(values, 0.0) + NOISES[:, None]
+    likelihood = -(np.log(variances) + squares / variances).sum(axis=2) / 2
+    likelihood -= freedom / 2 * (np.log(SIZES) + 1 / SIZES)[:, None]
+    weights = np.exp(likelihood - likelihood.max()).sum(axis=1)
+    sigmas = np.sqrt(SIZES)
+    below = ndtr(sigmas[:, None] / sigmas) @ weights / weights.sum()
+    return float(np.interp(ONE_SIGMA, below, sigmas) ** 2)
+
+
+def pixels_by_pose(found: Response, T_world_handle: RigidTransform, rig: Rig) -> Array:
+    """How the places (2 k, 6) move with a motion of the handle, world frame."""
+    _, by_points = slopes_at(rig, found.camera, found.points)
+    arms = found.points - T_world_handle.translation
+    by_pose = np.concatenate([by_points, -by_points @ cross_matrices(arms)], axis=2)
+    return by_pose.reshape(-1, 6)

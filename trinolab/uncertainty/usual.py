@@ -1,0 +1,141 @@
+"""What is taken for a rig and a handle whose files do not say how well they are known.
+
+Other programs write rig files without a word on it, and no calibration is exact. A rig that states
+nothing stands for a calibration of usual quality. Its parameters by themselves may be far off: a
+principal point by a pixel, if the direction makes up for it. What a calibration gets right is the
+images of the place where it was made. So parameters with wide standard deviations are conditioned
+on the images of four points there: each camera's image of them is shifted as a whole by
+`IMAGE_PX`, and beyond that off by `CORNER_PX` at each point.
+
+How large these errors are is itself hardly known. The covariance says so by its degrees of freedom
+(`camera.RigCovariance.freedom`), and what is seen decides.
+
+**Where the numbers are from.** Simulated calibrations with 14 views of a board, corners found to
+0.05 px, have the images of the work volume off by 0.3 to 0.5 px, nearly all of it a motion of the
+first camera's frame; with corners to 0.3 px by 2 to 3 px. OpenCV's stereo photographs,
+calibrated from halves of them, give 2 px an image, of which 0.06 px is no motion of that frame. Rigs
+that others calibrated fit their own points to 0.3 to 0.5 px. So it is half a pixel within a factor
+of four or so, which is one degree of freedom. `tests/workbench/studies/test_usual_evidence.py`
+computes these again.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+from scipy.linalg import block_diag
+
+from ..camera import Camera, Rig, RigCovariance, pixels_with_slopes
+from ..checks import Array
+from ..handle import Handle
+from ..rigid import cross_matrices
+
+__all__ = [
+    "FREEDOM",
+    "IMAGE_PX",
+    "PLACEMENT_MM",
+    "assumed",
+    "known_covariance",
+    "known_placement_mm",
+    "usual_covariance",
+]
+
+IMAGE_PX = 0.45  # by which the image of the work volume is shifted, each way
+FREEDOM = 1.0  # how well that is known
+PLACEMENT_MM = 0.05  # of each coordinate of each marker
+CORNER_PX = 0.1  # by which each of the four points is off besides
+# Wide standard deviations: of fx and fy (a share of them), cx and cy (px), the direction (rad) and
+# the place (mm). The lens's distortions are kept.
+FOCAL_SHARE, CENTRE_PX, TURN_RAD, SHIFT_MM = 1e-3, 1.0, np.deg2rad(0.05), 0.2
+# The four points lie around the middle of the work, a tenth of its distance to either side.
+_CORNERS, _ASIDE = np.array([[-1, -1], [1, -1], [-1, 1], [1, 1]]), 0.1
+# Where the optical axes do not meet, the work is taken to be this many baselines away.
+_BASELINES_AWAY, _PULL = 5.0, 1e-3
+
+
+def known_covariance(rig: Rig) -> RigCovariance:
+    """How well a rig is known: what it states, else `usual_covariance`, with the reprojection error
+    of its file where there is one.
+    """
+    return _usual(rig) if rig.covariance is None else rig.covariance
+
+
+def known_placement_mm(handle: Handle) -> float:
+    """How well a handle's markers are placed: what it states, else `PLACEMENT_MM`."""
+    stated = handle.placement_sigma_mm
+    return PLACEMENT_MM if stated is None else stated
+
+
+def assumed(rig: Rig, handle: Handle, rig_file: object, handle_file: object) -> list[str]:
+    """What was assumed of a rig and a handle whose files state nothing: a line for each."""
+    lines = []
+    if rig.covariance is None:
+        lines.append(
+            f"{rig_file}: does not say how well the cameras are known; a usual calibration is assumed, "
+            f"{_image_px(rig):.2g} px an image, more or less by what the images contradict"
+        )
+    if handle.placement_sigma_mm is None:
+        lines.append(
+            f"{handle_file}: does not say how well the markers are placed; placement_sigma_mm = "
+            f"{PLACEMENT_MM:g} is assumed"
+        )
+    return lines
+
+
+@lru_cache(maxsize=64)
+def _usual(rig: Rig) -> RigCovariance:
+    return usual_covariance(rig, _image_px(rig))
+
+
+def _image_px(rig: Rig) -> float:
+    return IMAGE_PX if rig.reprojection_px is None else rig.reprojection_px
+
+
+def usual_covariance(rig: Rig, image_px: float = IMAGE_PX) -> RigCovariance:
+    """The covariance of a calibration of usual quality.
+
+    Parameters
+    ----------
+    rig : Rig
+    image_px : float
+        By which each camera's image of the work volume may be shifted, each way.
+    """
+    middle = _middle(rig)
+    blocks = [_of_camera(camera, middle, image_px) for camera in rig.cameras]
+    return RigCovariance(rig.names, block_diag(*blocks), FREEDOM)
+
+
+def _of_camera(camera: Camera, middle: Array, image_px: float) -> Array:
+    """The wide covariance (15, 15) of a camera, conditioned on the images of four points at the
+    distance of the work.
+    """
+    wide = np.zeros((15, 15))
+    wide[:4, :4] = np.diag(np.r_[FOCAL_SHARE * camera.focal, CENTRE_PX, CENTRE_PX] ** 2)
+    # a turn about the camera's centre takes the world's origin along
+    by_turn = np.concatenate([np.eye(3), -cross_matrices(camera.T_cam_world.translation)])
+    wide[9:, 9:] = TURN_RAD**2 * by_turn @ by_turn.T
+    wide[12:, 12:] += SHIFT_MM**2 * np.eye(3)
+    right_and_down = camera.T_world_cam.rotation.as_matrix()[:, :2]
+    beside = _ASIDE * np.linalg.norm(middle - camera.centre) * right_and_down
+    points = middle + _CORNERS @ beside.T
+    slopes = pixels_with_slopes(camera, points)[1]
+    J = slopes[np.isfinite(slopes).all(axis=(1, 2))].reshape(-1, 15)
+    together = np.tile(np.eye(2), (len(J) // 2, 1))
+    noise = image_px**2 * together @ together.T + CORNER_PX**2 * np.eye(len(J))
+    gain = np.linalg.solve(J @ wide @ J.T + noise, J @ wide).T
+    left = wide - gain @ J @ wide
+    return (left + left.T) / 2
+
+
+def _middle(rig: Rig) -> Array:
+    """The point nearest to all optical axes, world frame, (3,), mm; of axes that hardly meet some
+    baselines ahead.
+    """
+    axes = np.stack([camera.axis for camera in rig.cameras])
+    centres = np.stack([camera.centre for camera in rig.cameras])
+    across = np.eye(3) - axes[:, :, None] * axes[:, None]
+    baseline = max(np.linalg.norm(centres[i] - centres[j]) for i, j in rig.pairs)
+    ahead = centres.mean(axis=0) + _BASELINES_AWAY * baseline * axes.mean(axis=0)
+    right = (across @ centres[..., None]).sum(axis=0)[:, 0] + _PULL * ahead
+    return np.linalg.solve(across.sum(axis=0) + _PULL * np.eye(3), right)
