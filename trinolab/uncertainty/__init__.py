@@ -1,3 +1,4 @@
 """What a pose owes to what it is made of: `systematic`, how the errors of a rig and of a handle's
-layout reach the pixels and the pose.
+layout reach the pixels and the pose; `centroids`, the bias that the centroids of wrapped markers have
+in common.
 """
