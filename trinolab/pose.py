@@ -21,6 +21,7 @@ from .triangulation import (
     pairs_with_slopes,
     triangulation_slopes,
 )
+from .uncertainty.centroids import centroid_covariance
 from .uncertainty.size import Residuals, settled
 from .uncertainty.systematic import NOTHING, Response, is_uncertain, response, systematic_covariance
 
@@ -30,6 +31,7 @@ __all__ = [
     "fit_pose",
     "fit_response",
     "measured_pose",
+    "pose_of_centroids",
     "response_of_points",
     "rigid_fit",
     "rigid_fit_covariance",
@@ -39,6 +41,7 @@ __all__ = [
     "weighted_fit_gain",
 ]
 
+CENTROID_PX = 0.1  # by which a centroid of a usual marker is off, its bias included
 SMALLEST_MM = 1e-9  # points that are nearer to a line than that lie on it
 
 
@@ -346,7 +349,8 @@ def fit_pose(
     max_slant_deg : float
         Markers turned further away are left out if four others remain.
     sigma_px : float
-        Standard deviation of a centroid, for the covariance.
+        Standard deviation of a pixel coordinate, for the covariance: of pixels that have noise and no
+        bias. What centroids have is counted by `pose_of_centroids`.
     known : RigidTransform, optional
         T_world_handle that says how far they are turned; by default a fit to all of them.
 
@@ -366,6 +370,26 @@ def fit_pose(
         answers = _response(fitted, rig, handle)
         rig_as_seen = settled(answers, _left(fitted, answers, rig, sigma_px), T, rig, handle)
         systematic = systematic_covariance(answers, rig_as_seen, handle)
+    return measured_pose(T, covariance, uv_used, used, rig, handle, systematic)
+
+
+def pose_of_centroids(uv: Array, rig: Rig, handle: Handle, max_slant_deg: float = 70.0) -> Pose:
+    """The paper's estimate with the covariance that centroids of wrapped markers give it (Eq. 20-24).
+
+    The pose is that of `fit_pose`. Its centroids have a bias, which the paper's method leaves in; the
+    covariance says how large it may be (`uncertainty.centroids`). Parameters as for `fit_pose`.
+    """
+    fitted = _fitted(uv, rig, handle, max_slant_deg, 1.0, None)
+    if fitted is None:
+        return LOST
+    T, uv_used, used, _ = fitted
+    answers = _response(fitted, rig, handle)
+    left = _left(fitted, answers, rig, CENTROID_PX)
+    systematic = NOTHING
+    if is_uncertain(rig, handle):
+        rig = settled(answers, left, T, rig, handle)
+        systematic = systematic_covariance(answers, rig, handle)
+    covariance = centroid_covariance(answers, left.px, T, rig, handle)
     return measured_pose(T, covariance, uv_used, used, rig, handle, systematic)
 
 
