@@ -21,10 +21,8 @@ from processes import started, wait_until
 from trinolab.bench import recordings
 from trinolab.bench.board import board_positions, render_board
 from trinolab.bench.optics import Bench
-from trinolab.bench.scene import scaled
 from trinolab.calibration.target import Board
-from trinolab.camera import Rig
-from trinolab.datasets import load_rig
+from trinolab.camera import Camera, Rig
 from trinolab.files.poses import read_poses
 from trinolab.files.recording import open_folder
 from workbench.cli import arguments
@@ -167,12 +165,17 @@ def test_capture(ran, page):
 
 @pytest.mark.slow
 def test_calibrate(ran, page):
-    """Five views of the board stand in for photographs."""
+    """Six views of the board stand in for photographs."""
     asked = arguments.parser().parse_args(shlex.split(example("calibrate")))
     board = Board(asked.columns, asked.rows, asked.square)
-    rig = Rig(tuple(scaled(camera, 0.4) for camera in load_rig("raised_40deg").cameras[:2]))
+    rig = Rig(
+        [
+            Camera.look_at(name, (640, 480), 900.0, [x, 0, 0], [0, 0, 700])
+            for name, x in (("ccd1", 0.0), ("ccd2", 150.0))
+        ]
+    )
     rng = np.random.default_rng(0)
-    places = board_positions(rig, board, 5, rng, 800.0)
+    places = board_positions(rig, board, 6, rng, 700.0)
     for camera in rig.cameras:
         (page[0] / "photos" / camera.name).mkdir(parents=True)
         for k, T in enumerate(places):
@@ -238,7 +241,6 @@ def test_sweep(ran, page):
         glued(found="2 * ncc_threshold"),
         parameters="ncc_threshold = 0.7",
     )
-    (page[0] / "sweeps").mkdir()
     assert ran("sweep") == "5 runs: 5 ok; written to sweeps/ncc\n"
 
 
