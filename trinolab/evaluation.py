@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from scipy.spatial.transform import RigidTransform
+from scipy.spatial.transform import RigidTransform, Rotation
 
 from .datasets import handle_of
 from .files.inputs import read_csv
@@ -35,6 +35,8 @@ __all__ = ["Evaluation", "TrackQuality", "as_lines", "evaluate", "how_long"]
 
 # beside the truth: for each frame how many markers each camera truly sees
 COUNTS = "truth_markers.csv"
+# times that a turn counts in alpha and gamma, 1 / cos(beta), from which on it is said
+MAGNIFIED = 5.0
 
 
 @dataclass(frozen=True)
@@ -81,6 +83,9 @@ class Evaluation:
     track : TrackQuality
         Of the `measured` rows: flips, poses far off, losses. A loss counts the visible instants, if
         they are known.
+    steep : int
+        Poses compared whose true beta is so near to +-90 deg (gimbal lock) that a turn counts
+        `MAGNIFIED` times and more in E_alpha or E_gamma.
     """
 
     instants: int
@@ -92,6 +97,7 @@ class Evaluation:
     visible: int
     visible_measured: int
     track: TrackQuality
+    steep: int = 0
 
 
 def evaluate(
@@ -143,6 +149,7 @@ def evaluate(
         int(visible.sum()),
         int((visible & measured_rows).sum()),
         _quality(rows, true, the_handle, *lasted),
+        _steep(both),
     )
 
 
@@ -157,7 +164,22 @@ def as_lines(result: Evaluation) -> list[str]:
         lines.append(f"visible    {result.visible:8d}   {share:5.1f} % measured")
     if result.errors is None:
         return [*lines, "no pose to compare"]
-    return [*lines, *_error_lines(result.errors), *_track_lines(result.track)]
+    return [
+        *lines,
+        *_error_lines(result.errors),
+        *_steep_lines(result.steep, result.errors.n),
+        *_track_lines(result.track),
+    ]
+
+
+def _steep_lines(steep: int, count: int) -> list[str]:
+    if not steep:
+        return []
+    limit = np.degrees(np.arccos(1 / MAGNIFIED))
+    return [
+        f"beta is beyond {limit:.0f} deg in {steep} of {count} poses (gimbal lock at 90): there E_alpha "
+        f"and E_gamma count a turn {MAGNIFIED:g} times and more, the geodesic angle once"
+    ]
 
 
 def _error_lines(e: PoseErrors) -> list[str]:
@@ -214,6 +236,16 @@ def _visible(true: pd.DataFrame, counts: Path | None) -> np.ndarray:
         raise ValueError(f"{counts}: expected numbers in the column frame and one a camera")
     enough = can_be_measured(seen.drop(columns="frame").to_numpy())
     return by_one | true["frame"].isin(seen["frame"][enough]).to_numpy()
+
+
+def _steep(both: pd.DataFrame) -> int:
+    """How many of the compared poses are near gimbal lock, by their truth."""
+    compared = both[both["status"].isin(["measured", "ambiguous"])]
+    quaternions = compared[["qx_true", "qy_true", "qz_true", "qw_true"]].to_numpy(dtype=float)
+    if not len(quaternions):
+        return 0
+    beta = Rotation.from_quat(quaternions).as_euler("ZYX")[:, 1]
+    return int((np.cos(beta) < 1 / MAGNIFIED).sum())
 
 
 def _quality(

@@ -6,7 +6,7 @@ import pytest
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from trinolab.datasets import data_path, load_handle
-from trinolab.evaluation import evaluate
+from trinolab.evaluation import as_lines, evaluate
 from trinolab.files.poses import pose_table, read_poses, truth_table, write_poses
 from trinolab.pose import LOST
 
@@ -250,3 +250,16 @@ def test_a_table_that_is_none_of_poses_is_refused_by_its_argument(changed, said)
     given = {"poses": table, "truth": table, "handle": "paper"}
     with pytest.raises(ValueError, match=said):
         evaluate(**{**given, **changed(table)})
+
+
+@pytest.mark.parametrize(("beta_deg", "steep"), [(0.0, 0), (78.0, 0), (79.0, 4), (-85.0, 4)])
+def test_near_gimbal_lock_it_is_said_what_the_euler_angles_do(beta_deg, steep):
+    """1 / cos(beta) is 4.8 at 78 deg and 5.2 at 79."""
+    turns = Rotation.from_euler("ZYX", [[10.0 * k, beta_deg, 5.0] for k in range(4)], degrees=True)
+    T = RigidTransform.from_components([[10.0 * k, 0.0, 600.0] for k in range(4)], turns)
+    result = evaluate(truth_table(T), truth_table(T), "coded")
+    assert result.steep == steep
+    said = [line for line in as_lines(result) if "gimbal" in line]
+    assert [line.split(" poses")[0] for line in said] == (
+        ["beta is beyond 78 deg in 4 of 4"] if steep else []
+    )
