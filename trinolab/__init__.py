@@ -13,7 +13,10 @@ name                  equations    what it is
 `load_handle`                      a shipped handle by its name
 `read_rig`                         a rig file
 `read_handle`                      a handle file
+`write_rig`                        a rig to a file that the commands read
+`write_handle`                     the same of a handle
 `intersect`           Eq. 1-4      the cameras' common field of view
+`Target`                           what the cameras are calibrated with
 `calibrate`           Eq. 25       images of a target to a rig file
 `render`                           a recording with its truth, from the simulated bench
 `read_recording`                   a recording folder: its footage and its handle
@@ -30,9 +33,14 @@ name                  equations    what it is
 `mapping`             Sect. 3.1    the hand's motion to the tool's: `step`
 `pose_errors`         Eq. 26-27    poses and their truth to errors
 `read_poses`                       a file of poses
-`evaluate`            Eq. 26-27    files of poses and of their truth to errors
-`sweep`                            a notebook or a function at many settings: `sweep.sweep`
+`evaluate`            Eq. 26-27    poses and their truth, files or tables, to errors
+`sweep`                            a notebook or a function at many settings
 ====================  ===========  =============================================================
+
+Where a rig or a handle is asked for, its file or the name of a shipped one will do:
+``trinolab.measure(frames, "raised_40deg", "coded")``. `measure`, `track` and the commands take the
+estimator ``best`` unless they are told otherwise, as by ``Parameters(estimator="paper")``; the
+functions of the chain, behind `tracker` and in `measurement`, are the paper's.
 
 ``trinolab eq 18`` says for an equation which function it is, in which file and line, which test holds
 it and which chapter derives it.
@@ -61,6 +69,7 @@ if TYPE_CHECKING:
     from . import tracker as tracker
     from .bench.recordings import render as render
     from .calibration.calibrate import calibrate_rig as calibrate  # noqa: F401
+    from .calibration.target import Target as Target
     from .camera import Camera as Camera
     from .camera import Rig as Rig
     from .datasets import load_handle as load_handle
@@ -70,14 +79,16 @@ if TYPE_CHECKING:
     from .files.recording import open_folder as read_recording  # noqa: F401
     from .files.rigs import read_handle as read_handle
     from .files.rigs import read_rig as read_rig
+    from .files.rigs import write_handle as write_handle
+    from .files.rigs import write_rig as write_rig
     from .following.track import track_folder as track  # noqa: F401
     from .handle import Handle as Handle
     from .markers import find_markers as find_markers
     from .matching import match as match
-    from .measurement import measure as measure
     from .metrics import pose_errors as pose_errors
     from .parameters import Parameters as Parameters
     from .pose import rigid_fit as rigid_fit
+    from .single import measure_instant as measure  # noqa: F401
     from .slave import mapping as mapping
     from .triangulation import triangulate as triangulate
     from .workspace.intersection import intersect as intersect
@@ -95,7 +106,10 @@ FACE = {
     "load_handle": "trinolab.datasets:load_handle",
     "read_rig": "trinolab.files.rigs:read_rig",
     "read_handle": "trinolab.files.rigs:read_handle",
+    "write_rig": "trinolab.files.rigs:write_rig",
+    "write_handle": "trinolab.files.rigs:write_handle",
     "intersect": "trinolab.workspace.intersection:intersect",
+    "Target": "trinolab.calibration.target:Target",
     "calibrate": "trinolab.calibration.calibrate:calibrate_rig",
     "render": "trinolab.bench.recordings:render",
     "read_recording": "trinolab.files.recording:open_folder",
@@ -106,7 +120,7 @@ FACE = {
     "match": "trinolab.matching:match",
     "triangulate": "trinolab.triangulation:triangulate",
     "rigid_fit": "trinolab.pose:rigid_fit",
-    "measure": "trinolab.measurement:measure",
+    "measure": "trinolab.single:measure_instant",
     "tracker": "trinolab.tracker",
     "track": "trinolab.following.track:track_folder",
     "mapping": "trinolab.slave.mapping",

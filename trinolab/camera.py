@@ -26,6 +26,7 @@ __all__ = [
     "RigCovariance",
     "T_between",
     "T_world_oxyz",
+    "as_rig",
     "difference",
     "displaced",
     "distorted_pixels",
@@ -57,6 +58,8 @@ CAMERA_PARAMETERS = (
     ("translation_y", "mm"),
     ("translation_z", "mm"),
 )
+PARALLEL = 1e-6  # sine of the angle below which a camera looks along its `up`
+NO_ROTATION = 1e-3  # of R R^T: what three digits of a printed matrix leave
 _ROUNDING = 1e-6  # of a covariance whose variances are 1: what rounded digits may leave
 
 
@@ -99,6 +102,106 @@ class Camera:
         object.__setattr__(self, "distortions", as_array(self.distortions, "distortions", (5,)))
         as_number(np.abs(self.distortions).max(), "distortions: the largest", high=1e6)
         as_transform(self.T_cam_world, "T_cam_world")
+
+    @classmethod
+    def look_at(
+        cls,
+        name: str,
+        size: tuple[int, int],
+        focal_px: float,
+        centre: ArrayLike,
+        target: ArrayLike,
+        up: ArrayLike = (0.0, -1.0, 0.0),
+        distortions: ArrayLike | None = None,
+    ) -> Camera:
+        """A camera that stands at one point and looks at another, its principal point in the middle
+        of the image.
+
+        Parameters
+        ----------
+        name : str
+        size : (int, int)
+            Width and height in pixels.
+        focal_px : float
+            Focal length, px: the width in pixels times the lens's focal length over the width of
+            the sensor.
+        centre, target : array_like, shape (3,)
+            Where it stands, and what lies on its optical axis; world frame, mm.
+        up : array_like, shape (3,)
+            The direction of the world that points upwards in the image. The default is that of a
+            world whose y axis points down, as in the shipped rigs; with z upwards it is (0, 0, 1).
+        distortions : array_like, shape (5,), optional
+            k1, k2, p1, p2, k3; without them none.
+
+        Raises
+        ------
+        ValueError
+            If centre and target are one point, if it looks along `up`, and as `Camera`.
+        """
+        width, height = as_size(size)
+        f = as_number(focal_px, "focal_px", low=0.0, open_low=True)
+        start = as_array(centre, "centre", (3,))
+        z = as_unit(as_array(target, "target", (3,)) - start, "target - centre")
+        upwards = as_unit(up, "up")
+        right = np.cross(z, upwards)
+        if np.linalg.norm(right) < PARALLEL:
+            raise ValueError(
+                "up: expected a direction across that from centre to target, got one along it"
+            )
+        x = as_unit(right, "up")
+        rotation = Rotation.from_matrix(np.column_stack([x, np.cross(z, x), z]))
+        matrix = [[f, 0, (width - 1) / 2], [0, f, (height - 1) / 2], [0, 0, 1]]
+        T_world_cam = RigidTransform.from_components(start, rotation)
+        lens = np.zeros(5) if distortions is None else distortions
+        return cls(name, size, matrix, lens, T_world_cam.inv())  # type: ignore[arg-type]
+
+    @classmethod
+    def from_opencv(
+        cls,
+        name: str,
+        size: tuple[int, int],
+        K: ArrayLike,
+        R: ArrayLike,
+        t: ArrayLike,
+        distortions: ArrayLike | None = None,
+    ) -> Camera:
+        """A camera from what OpenCV's calibration, or its solvePnP, gives.
+
+        Parameters
+        ----------
+        name : str
+        size : (int, int)
+            Width and height in pixels.
+        K : array_like, shape (3, 3)
+            Intrinsic matrix, px; no skew.
+        R : array_like, shape (3, 3), or of 3 numbers
+            World to camera: a rotation matrix, or a Rodrigues vector, rad.
+        t : array_like of 3 numbers
+            World to camera, **mm**: a point X of the world is at R X + t before the camera.
+        distortions : array_like of 4, 5 or more numbers, optional
+            k1, k2, p1, p2, k3 in OpenCV's order; without them none. Further ones (rational,
+            thin-prism, tilted models) must be zero.
+
+        Raises
+        ------
+        ValueError
+            For an R that is no rotation, distortions that are not supported, and as `Camera`.
+        """
+        shift = as_array(np.ravel(t), "t", (3,))
+        lens = as_array(
+            np.ravel(() if distortions is None else distortions), "distortions", (None,)
+        )
+        if len(lens) not in (0, 4, 5, 8, 12, 14):
+            raise ValueError(f"distortions: expected 0, 4, 5, 8, 12 or 14, got {len(lens)}")
+        if lens[5:].any():
+            raise ValueError(
+                "distortions: expected k1, k2, p1, p2, k3, got others that are not zero; calibrate "
+                "without the rational, the thin-prism and the tilted model"
+            )
+        five = np.zeros(5)
+        five[: min(len(lens), 5)] = lens[:5]
+        T_cam_world = RigidTransform.from_components(shift, _opencv_rotation(R))
+        return cls(name, size, K, five, T_cam_world)  # type: ignore[arg-type]
 
     @cached_property
     def T_world_cam(self) -> RigidTransform:
@@ -187,6 +290,20 @@ class Camera:
         uv = self.project(points)
         high = np.array(self.size) - 0.5 - margin_px
         return np.asarray(((uv >= margin_px - 0.5) & (uv <= high)).all(axis=1))
+
+
+def _opencv_rotation(R: ArrayLike) -> Rotation:
+    """A rotation from a matrix, which must be one, or from a Rodrigues vector, rad."""
+    if np.size(R) == 3:
+        return Rotation.from_rotvec(np.array(as_array(np.ravel(R), "R", (3,))))
+    matrix = as_array(R, "R", (3, 3))
+    off = np.abs(matrix @ matrix.T - np.eye(3)).max()
+    if off > NO_ROTATION or np.linalg.det(matrix) < 0:
+        raise ValueError(
+            f"R: expected a rotation matrix or a Rodrigues vector, got a matrix whose R R^T is off "
+            f"by {off:.2g} and whose determinant is {np.linalg.det(matrix):.4g}"
+        )
+    return Rotation.from_matrix(matrix)
 
 
 # What the camera's methods call after their checks, and the package where the arrays are its own.
@@ -355,6 +472,13 @@ class Rig:
             matrix=self.covariance.matrix[np.ix_(rows, rows)],
         )
         return replace(self, cameras=cameras, covariance=known)
+
+
+def as_rig(value: object, name: str = "rig") -> Rig:
+    """Check that something is a rig; ValueError says how one is had by its name."""
+    if not isinstance(value, Rig):
+        raise ValueError(f"{name}: expected a Rig, as trinolab.load_rig gives, got {value!r:.60}")
+    return value
 
 
 def displaced(rig: Rig, delta: ArrayLike) -> Rig:

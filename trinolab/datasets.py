@@ -26,6 +26,7 @@ __all__ = [
     "Table1",
     "data_path",
     "handle_file",
+    "handle_of",
     "load_calibration",
     "load_handle",
     "load_real_sets",
@@ -35,6 +36,7 @@ __all__ = [
     "paper_rig",
     "real_set",
     "rig_file",
+    "rig_of",
 ]
 
 IMAGE_SIZE = (1280, 1024)  # assumed from the principal points; the paper prints no image size
@@ -218,7 +220,24 @@ def handle_file(what: str | Path) -> Path:
     return _file_meant("handles", "handle", what)
 
 
+def rig_of(what: Rig | str | Path) -> Rig:
+    """The rig that a caller means: a `Rig` itself, a file, or the name of a shipped one, see
+    `rig_file`. ValueError for anything else.
+    """
+    return what if isinstance(what, Rig) else read_rig(rig_file(what))
+
+
+def handle_of(what: Handle | str | Path) -> Handle:
+    """The handle that a caller means, as `rig_of`."""
+    return what if isinstance(what, Handle) else read_handle(handle_file(what))
+
+
 def _file_meant(folder: str, kind: str, what: str | Path) -> Path:
+    if not isinstance(what, (str, Path)) or not str(what):
+        raise ValueError(
+            f"{kind}: expected a file or the name of a shipped one ({', '.join(_shipped(folder))}), "
+            f"got {what!r:.60}"
+        )
     path = Path(what)
     if path.exists() or path.is_symlink() or path.suffix or len(path.parts) != 1:
         return path

@@ -1,4 +1,4 @@
-"""What ``trinolab evaluate`` does: poses compared with their truth, from files.
+"""What ``trinolab evaluate`` does: poses compared with their truth, from files or tables.
 
 Beside the mean errors stands what they do not show: flips between equivalent poses, poses far off,
 and time lost.
@@ -13,10 +13,10 @@ import numpy as np
 import pandas as pd
 from scipy.spatial.transform import RigidTransform
 
+from .datasets import handle_of
 from .files.inputs import read_csv
 from .files.joining import join
-from .files.poses import STATUSES, read_poses, transforms
-from .files.rigs import read_handle
+from .files.poses import STATUSES, as_poses, read_poses, transforms
 from .handle import Handle
 from .metrics import (
     FAR_DEG,
@@ -103,21 +103,33 @@ class Evaluation:
     steepest_deg: float = np.nan
 
 
-def evaluate(poses: str | Path, truth: str | Path, handle: str | Path) -> Evaluation:
-    """Compare a pose file with the truth, up to the handle's symmetry (Eq. 26-27).
+def evaluate(
+    poses: str | Path | pd.DataFrame,
+    truth: str | Path | pd.DataFrame,
+    handle: Handle | str | Path,
+) -> Evaluation:
+    """Compare poses with their truth, up to the handle's symmetry (Eq. 26-27).
 
     The `measured` rows are compared as one track, by one equivalent for all; an `ambiguous` row
     says of itself that it is one of several, so each is compared by its nearest equivalent.
 
+    Parameters
+    ----------
+    poses, truth : path or pandas.DataFrame
+        A file of poses, or a table as `read_poses` and `trinolab.track` give it; joined on `frame`.
+    handle : Handle or path or str
+        A `Handle`, its file, or the name of a shipped one.
+
     Raises
     ------
     ValueError
-        If a file is missing or malformed, or the two do not belong together, see `joining.join`.
+        If a file or a table is missing or malformed, or the two do not belong together, see
+        `joining.join`.
     """
-    estimates = read_poses(poses)
-    true = read_poses(truth)
-    the_handle = read_handle(handle)
-    both = join(estimates, true, poses, truth)
+    estimates, poses_name = _table_of(poses, "poses")
+    true, truth_name = _table_of(truth, "truth")
+    the_handle = handle_of(handle)
+    both = join(estimates, true, poses_name, truth_name)
     true = true[true["status"] != "lost"].sort_values("frame")
     counts = both["status"].value_counts()
     measured, ambiguous, predicted = (
@@ -126,7 +138,9 @@ def evaluate(poses: str | Path, truth: str | Path, handle: str | Path) -> Evalua
     lost = len(true) - measured - ambiguous - predicted
     rows = both[both["status"] == "measured"].sort_values("frame")
     measured_rows = true["frame"].isin(rows["frame"]).to_numpy()
-    visible = _visible(true, Path(truth).with_name(COUNTS))
+    visible = _visible(
+        true, None if isinstance(truth, pd.DataFrame) else Path(truth).with_name(COUNTS)
+    )
     lasted = waits(measured_rows, visible if visible.any() else None)
     compared = _compared(both, true, the_handle)
     beta = np.abs(euler_deg(compared[1])[:, 1]) if compared else np.empty(0)
@@ -198,13 +212,22 @@ def how_long(track: TrackQuality) -> str:
     return f"   {', '.join(phrases)}" if phrases else ""
 
 
-def _visible(true: pd.DataFrame, counts: Path) -> np.ndarray:
+def _table_of(poses: str | Path | pd.DataFrame, name: str) -> tuple[pd.DataFrame, str | Path]:
+    """A table of poses, and what it is called where something is wrong with it."""
+    if isinstance(poses, pd.DataFrame):
+        return as_poses(poses, name), name
+    if not isinstance(poses, (str, Path)):
+        raise ValueError(f"{name}: expected a file or a table of poses, got {type(poses).__name__}")
+    return read_poses(poses), poses
+
+
+def _visible(true: pd.DataFrame, counts: Path | None) -> np.ndarray:
     """Whether enough is truly seen to fix the pose, a bool for each row of a truth; never if
     nothing says so.
     """
     markers = true["markers"] if "markers" in true else pd.Series(0, true.index)
     by_one = can_be_measured(markers.to_numpy(dtype=float)[:, None])
-    if not counts.exists():
+    if counts is None or not counts.exists():
         return by_one
     seen = read_csv(counts)
     if "frame" not in seen or not all(map(pd.api.types.is_numeric_dtype, seen.dtypes)):

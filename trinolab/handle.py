@@ -21,7 +21,15 @@ from .camera import Camera
 from .checks import Array, as_array, as_number, as_transform, check_numbers, frozen
 from .rigid import apart
 
-__all__ = ["Handle", "angles_to", "facing_pixels", "on_cylinder", "slant_angles", "slants"]
+__all__ = [
+    "Handle",
+    "angles_to",
+    "as_handle",
+    "facing_pixels",
+    "on_cylinder",
+    "slant_angles",
+    "slants",
+]
 
 _LARGEST = 1e6  # mm or deg
 
@@ -158,6 +166,15 @@ class Handle:
             if _keeps_markers(self, T) and all(apart(T, other, 1e-6, 1e-6) for other in motions):
                 motions.append(T)
         return tuple(motions)
+
+
+def as_handle(value: object, name: str = "handle") -> Handle:
+    """Check that something is a handle; ValueError says how one is had by its name."""
+    if not isinstance(value, Handle):
+        raise ValueError(
+            f"{name}: expected a Handle, as trinolab.load_handle gives, got {value!r:.60}"
+        )
+    return value
 
 
 def slants(handle: Handle, T_world_handle: RigidTransform, viewpoint: Array) -> Array:

@@ -9,16 +9,17 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import RigidTransform
 
-from .camera import Rig
+from .camera import Rig, as_rig
 from .checks import as_image, frozen
 from .estimators import estimate
 from .estimators.identified import Identified
-from .handle import Handle
+from .handle import Handle, as_handle
 from .identity import Hypothesis, choose, identify, labelled_pixels, relabel
 from .identity.ends import keep_by_body
 from .identity.reconcile import reconciled
 from .markers import Markers, find_markers
 from .matching import rig_candidates
+from .methods import PAPER
 from .parameters import Parameters
 from .pose import LOST, Pose
 from .window import Window
@@ -54,6 +55,9 @@ def measure(
 ) -> Measurement:
     """Measure the handle's pose from the frames of one instant by the paper's method (Eq. 16-24).
 
+    This is the chain as printed. `single.measure_instant`, which is `trinolab.measure`, does the
+    same and takes the best estimator where none is named, and rig and handle by their names.
+
     Parameters
     ----------
     frames : sequence of array_like, shape (height, width)
@@ -78,10 +82,11 @@ def measure(
     ------
     ValueError
         If the frames do not fit the rig in number or size, or are no grey images with levels from 0
-        to 255.
+        to 255, as images of 0 to 1; if rig or handle are something else.
     """
-    p = parameters or Parameters()
+    p = (parameters or Parameters()).with_default(PAPER)
     images = as_images(frames, rig)
+    as_handle(handle)
     regions = [Window(0, 0, *camera.size) for camera in rig.cameras] if windows is None else windows
     # Eq. 16
     markers_by_camera = tuple(
@@ -90,7 +95,7 @@ def measure(
     pixels = tuple(markers.uv for markers in markers_by_camera)
     # Eq. 17, 18; the other estimators name the markers without them
     matches = None
-    if p.estimator == "paper":
+    if p.estimator == PAPER:
         matches = [pairs.index for pairs in rig_candidates(rig, images, pixels, p.matching)]
     axes_px = [markers.axes_px for markers in markers_by_camera]
     hypotheses = identify(rig, handle, pixels, p.identity, axes_px, matches)
@@ -143,11 +148,26 @@ def markers_in(image: np.ndarray, region: Window | None, handle: Handle, p: Para
 
 def as_images(frames: Sequence[ArrayLike], rig: Rig) -> list[np.ndarray]:
     """The frames of one instant, checked: grey images of the rig's sizes."""
+    as_rig(rig)
     if len(frames) != len(rig.cameras):
         raise ValueError(
             f"frames: expected one for each of {len(rig.cameras)} cameras, got {len(frames)}"
         )
-    return [
+    images = [
         as_image(frame, f"frames: {camera.name}", camera.size, highest=255)
         for frame, camera in zip(frames, rig.cameras, strict=True)
     ]
+    _check_scale(images)
+    return images
+
+
+def _check_scale(images: Sequence[np.ndarray]) -> None:
+    """Refuse images of 0 to 1, in which every marker is darker than the noise. A black image is
+    none: that a camera sees nothing is the world's doing.
+    """
+    brightest = max(image.max() for image in images)
+    if all(image.dtype.kind == "f" for image in images) and 0 < brightest <= 1:
+        raise ValueError(
+            f"frames: expected grey levels from 0 to 255, got floats from 0 to {brightest:g}; "
+            "images of 0 to 1 are to be multiplied by 255"
+        )

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from typing import Self
 
 from .background import BackgroundParameters
 from .checks import as_number
@@ -10,7 +11,7 @@ from .identity.parameters import IdentityParameters
 from .kalman import KalmanParameters
 from .markers import MarkerParameters
 from .matching import MatchParameters
-from .methods import ESTIMATORS
+from .methods import estimator_of
 
 __all__ = ["Parameters"]
 
@@ -27,8 +28,11 @@ class Parameters:
     markers : MarkerParameters
     matching : MatchParameters
     identity : IdentityParameters
-    estimator : {"paper", "paper_checked", "weighted", "reprojection", "patches", "outline"}
-        How the pose follows from the markers, see `estimators.estimate`.
+    estimator : {"paper", "paper_checked", "weighted", "reprojection", "patches", "outline", "best"}
+        How the pose follows from the markers, see `estimators.estimate`; ``best`` is stored as
+        ``patches``. None leaves it to whom the parameters are given: the functions of the chain
+        (`measurement`, `tracker`) take the paper's, `trinolab.measure` and the commands
+        `methods.DEFAULT`.
     max_slant_deg : float
         Markers turned further away are identified but not measured, as long as four are left:
         beyond 70 deg the centroid of a wrapped marker lies more than 1 px beside the image of its
@@ -46,16 +50,18 @@ class Parameters:
     markers: MarkerParameters = field(default_factory=MarkerParameters)
     matching: MatchParameters = field(default_factory=MatchParameters)
     identity: IdentityParameters = field(default_factory=IdentityParameters)
-    estimator: str = "paper"
+    estimator: str | None = None
     max_slant_deg: float = 70.0
     sigma_px: float = 0.1
     memory_s: float = 0.3
 
     def __post_init__(self) -> None:
-        if self.estimator not in ESTIMATORS:
-            raise ValueError(
-                f"estimator: expected one of {', '.join(ESTIMATORS)}, got {self.estimator!r}"
-            )
+        if self.estimator is not None:
+            object.__setattr__(self, "estimator", estimator_of(self.estimator, "estimator"))
         as_number(self.max_slant_deg, "max_slant_deg", low=0.0, high=90.0)
         as_number(self.sigma_px, "sigma_px", low=0.0, open_low=True)
         as_number(self.memory_s, "memory_s", low=0.0)
+
+    def with_default(self, method: str) -> Self:
+        """These parameters; with the estimator of that name where they name none."""
+        return replace(self, estimator=method) if self.estimator is None else self

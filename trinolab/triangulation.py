@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import RigidTransform
 
-from .camera import Camera, Rig, T_between, ideal_coordinates
+from .camera import Camera, Rig, T_between, as_rig, ideal_coordinates
 from .checks import Array, as_array, as_number, as_points, as_transform, whole_rows
 
 __all__ = [
@@ -137,9 +137,9 @@ def triangulate(rig: Rig, uv: ArrayLike) -> Array:
     Raises
     ------
     ValueError
-        If two of its cameras stand in one place.
+        If `rig` is none, or two of its cameras stand in one place.
     """
-    return mean_of_pairs(points_of_pairs(rig, uv))
+    return mean_of_pairs(points_of_pairs(as_rig(rig), uv))
 
 
 def points_of_pairs(rig: Rig, uv: ArrayLike) -> Array:

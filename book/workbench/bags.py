@@ -107,7 +107,7 @@ def write_bag(
     ros = _ros()
     target = resolved(out)
     check_target(target / ".." / f"{target.name}.probe")
-    if target.exists():
+    if target.exists() and not (target.is_dir() and not any(target.iterdir())):
         raise ValueError(f"{out}: exists already; name another folder, or remove it")
     recording, handle = open_folder(folder)
     streams = [_described(recording.rig, handle, ros), _footage(recording, ros)]

@@ -813,7 +813,7 @@ FAULTS = {
     "motion: unknown": (
         nothing,
         RENDER.replace("hard", "wild"),
-        "motion: expected calm, hard or a CSV of poses, got",
+        "motion: expected calm, hard, slow or a CSV of poses, got",
     ),
     "seed: negative": (nothing, RENDER.replace("--seed 3", "--seed -1"), "seed: expected"),
     "seed: text": (

@@ -353,3 +353,82 @@ def test_the_difference_of_two_rigs_leads_from_one_to_the_other():
     # rotation vectors there and back
     np.testing.assert_allclose(difference(moved, rig).ravel(), delta, atol=1e-12)
     assert not difference(rig, rig).any()
+
+
+# --- a camera by where it looks, and from what OpenCV gives
+
+
+def test_a_camera_that_looks_at_a_point_has_it_in_its_middle_and_up_is_up():
+    camera = Camera.look_at("c", (640, 480), 700.0, [300, -200, 100], [10, 20, 600])
+    assert camera.project([[10, 20, 600]]) == pytest.approx(np.array([[319.5, 239.5]]), abs=1e-9)
+    assert camera.centre == pytest.approx(np.array([300, -200, 100]), abs=1e-9)
+    # y of this world points down: what lies higher has a smaller v, and the horizon is level
+    (above,) = camera.project([[10, -30, 600]])
+    assert above[1] < 239.5
+    assert above[0] == pytest.approx(319.5, abs=1e-9)
+
+
+def test_a_world_whose_z_points_upwards():
+    """By hand: from (0, -1000, 0) along +y with z up, x of the image is x of the world."""
+    camera = Camera.look_at("c", (641, 481), 500.0, [0, -1000, 0], [0, 0, 0], up=(0, 0, 1))
+    uv = camera.project([[100, 0, 0], [0, 0, 100]])
+    assert uv == pytest.approx(np.array([[370, 240], [320, 190]]), abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("changed", "said"),
+    [
+        ({"target": [0, 0, 0]}, "target - centre: expected a direction, got the zero vector"),
+        ({"target": [0, 500, 0]}, "up: expected a direction across that from centre to target"),
+        ({"centre": [0, 0, np.nan]}, "centre: expected finite numbers"),
+        ({"focal_px": 0.0}, "focal_px"),
+        ({"size": (640, 0)}, "size"),
+    ],
+)
+def test_a_camera_that_looks_nowhere_is_refused(changed, said):
+    given = {"size": (640, 480), "focal_px": 500.0, "centre": [0, 0, 0], "target": [0, 0, 500]}
+    with pytest.raises(ValueError, match=said):
+        Camera.look_at("c", **{**given, **changed})
+
+
+K = np.array([[810.0, 0, 333], [0, 805, 251], [0, 0, 1]])
+RODRIGUES, SHIFT = np.array([[0.2], [-0.4], [0.1]]), np.array([[30.0], [-12], [500]])
+
+
+@pytest.mark.parametrize("as_matrix", [False, True])
+@pytest.mark.parametrize(
+    "lens", [None, [[-0.2, 0.05, 1e-3, -2e-3]], [-0.2, 0.05, 1e-3, -2e-3, 0.01]]
+)
+def test_opencv_s_numbers_give_opencv_s_pixels(as_matrix, lens):
+    points = np.random.default_rng(0).uniform(-80, 80, (20, 3))
+    R = cv2.Rodrigues(RODRIGUES)[0] if as_matrix else RODRIGUES
+    camera = Camera.from_opencv("c", (640, 480), K, R, SHIFT, lens)
+    theirs, _ = cv2.projectPoints(
+        points, RODRIGUES, SHIFT, K, np.zeros(5) if lens is None else np.ravel(lens)
+    )
+    assert np.abs(camera.project(points) - theirs.reshape(-1, 2)).max() < 1e-9  # px
+
+
+@pytest.mark.parametrize(
+    ("changed", "said"),
+    [
+        ({"R": 2 * np.eye(3)}, r"R: expected a rotation matrix .* R R\^T is off by 3 "),
+        ({"R": np.diag([1.0, 1, -1])}, "whose determinant is -1"),
+        ({"R": np.eye(4)}, r"R: expected shape \(3, 3\), got \(4, 4\)"),
+        ({"t": [1, 2]}, "t: expected shape"),
+        ({"t": [1, 2, np.nan]}, "t: expected finite numbers"),
+        ({"distortions": [0.1, 0, 0]}, "distortions: expected 0, 4, 5, 8, 12 or 14, got 3"),
+        ({"distortions": [0, 0, 0, 0, 0, 0.1, 0, 0]}, "distortions: expected k1, k2, p1, p2, k3"),
+        ({"K": np.eye(2)}, "matrix"),
+    ],
+)
+def test_what_opencv_does_not_give_is_refused(changed, said):
+    given = {"K": K, "R": RODRIGUES, "t": SHIFT}
+    with pytest.raises(ValueError, match=said):
+        Camera.from_opencv("c", (640, 480), **{**given, **changed})
+
+
+def test_a_lens_of_eight_numbers_whose_last_are_zero_is_one_of_five():
+    lens = [-0.2, 0.05, 1e-3, -2e-3, 0.01, 0, 0, 0]
+    camera = Camera.from_opencv("c", (640, 480), K, RODRIGUES, SHIFT, lens)
+    assert camera.distortions.tolist() == lens[:5]

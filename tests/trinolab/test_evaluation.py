@@ -7,7 +7,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 
 from trinolab.datasets import data_path, load_handle
 from trinolab.evaluation import as_lines, evaluate
-from trinolab.files.poses import pose_table, truth_table, write_poses
+from trinolab.files.poses import pose_table, read_poses, truth_table, write_poses
 from trinolab.pose import LOST
 
 HANDLE, CODED = data_path("handles", "paper.toml"), data_path("handles", "coded.toml")
@@ -231,3 +231,42 @@ def test_two_cameras_that_see_three_each_are_enough(tmp_path):
     counts.assign(b="many").to_csv(tmp_path / "truth_markers.csv", index=False)
     with pytest.raises(ValueError, match=r"truth_markers\.csv: expected numbers"):
         compared(tmp_path, T, statuses, truth=seen)
+
+
+# --- tables instead of files, and a handle by its name
+
+
+def test_tables_files_and_names_give_the_same(tmp_path):
+    T = truths()
+    found = truth_table(RigidTransform.from_translation([0.3, 0.0, 0.4]) * T)
+    write_poses(found, tmp_path / "p.csv")
+    write_poses(truth_table(T), tmp_path / "truth.csv")
+    by_file = evaluate(tmp_path / "p.csv", str(tmp_path / "truth.csv"), HANDLE)
+    assert by_file.errors.E_t_mm == pytest.approx(0.5, abs=1e-6)
+    for poses, truth, handle in (
+        (found, truth_table(T), load_handle("paper")),
+        (read_poses(tmp_path / "p.csv"), pd.read_csv(tmp_path / "truth.csv"), "paper"),
+        (found, tmp_path / "truth.csv", HANDLE),
+    ):
+        result = evaluate(poses, truth, handle)
+        assert result.measured == by_file.measured == 4
+        assert result.errors.E_t_mm == pytest.approx(by_file.errors.E_t_mm, abs=1e-6)
+        assert result.track == by_file.track
+
+
+@pytest.mark.parametrize(
+    ("changed", "said"),
+    [
+        (lambda t: {"poses": t.drop(columns="qw")}, "^poses: column 'qw' is missing$"),
+        (lambda t: {"truth": t.assign(x_mm=np.nan)}, "^truth: frame 0: no pose"),
+        (lambda t: {"poses": t.assign(frame=t["frame"] + 50)}, "^poses, truth: no frame in common"),
+        (lambda t: {"poses": t.to_numpy()}, "^poses: expected a file or a table.*got ndarray$"),
+        (lambda _: {"truth": None}, "^truth: expected a file or a table of poses, got NoneType$"),
+        (lambda _: {"handle": "papers"}, "^papers: no such file, and no shipped handle"),
+    ],
+)
+def test_a_table_that_is_none_of_poses_is_refused_by_its_argument(changed, said):
+    table = truth_table(truths())
+    given = {"poses": table, "truth": table, "handle": "paper"}
+    with pytest.raises(ValueError, match=said):
+        evaluate(**{**given, **changed(table)})

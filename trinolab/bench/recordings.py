@@ -32,7 +32,7 @@ from tqdm import tqdm
 
 from ..camera import Camera, Rig
 from ..checks import as_number, as_whole
-from ..datasets import load_handle, load_rig
+from ..datasets import handle_of, load_handle, load_rig, rig_of
 from ..files.fetch import cache_folder
 from ..files.kept import locked
 from ..files.outputs import write_whole
@@ -47,10 +47,9 @@ from ..files.recorder import (
     image_paths,
     partial_of,
 )
-from ..files.rigs import read_handle, read_rig
 from ..handle import Handle
 from ..pose import LOST, Pose
-from .scenario import Job, Shot, calm, empty, following, hard, seen_markers, take
+from .scenario import Job, Shot, calm, empty, following, hard, seen_markers, slow, take
 
 __all__ = [
     "DRAWN_WITH",
@@ -68,7 +67,7 @@ __all__ = [
     "write_recording",
 ]
 
-SCRIPTS = {"calm": calm, "hard": hard}
+SCRIPTS = {"calm": calm, "hard": hard, "slow": slow}
 SECONDS = 10.0  # of a standard recording
 # behind the name of a standard recording: whoever renders it has this file; it is being removed
 LOCK = ".lock"
@@ -81,9 +80,9 @@ _worker: dict[str, Any] = {}  # of a process of the pool: its job
 
 
 def render(
-    rig: str | Path,
-    handle: str | Path,
-    motion: str,
+    rig: Rig | str | Path,
+    handle: Handle | str | Path,
+    motion: str | Path,
     out: str | Path,
     seed: int = 0,
     seconds: float | None = None,
@@ -95,10 +94,11 @@ def render(
 
     Parameters
     ----------
-    rig, handle : path
-        Rig and handle file.
-    motion : str
-        ``calm`` or ``hard``, the scenarios of `scenario`; or a CSV of poses, a hand holds the
+    rig, handle
+        A `Rig` and a `Handle`, or files, or names of shipped ones, as ``raised_40deg`` and
+        ``coded``.
+    motion : str or path
+        ``calm``, ``hard`` or ``slow``, the scenarios of `scenario`; or a CSV of poses, a hand holds the
         handle along them.
     out : path
         The folder to write. Until it is whole, all is in the folder ``<out>.partial`` beside it.
@@ -123,8 +123,9 @@ def render(
         exists already, cannot be written, was begun with other arguments, or that another process
         works on.
     """
-    the_rig = read_rig(rig)
-    the_handle = read_handle(handle)
+    the_rig = rig_of(rig)
+    the_handle = handle_of(handle)
+    motion = str(motion)
     seed = as_whole(seed, "seed", 0, 2**63 - 1)
     if motion in SCRIPTS:
         job = scripted(

@@ -1,9 +1,9 @@
 """The scenario of a recording: who moves, how bright it is, what is in the way, and the frames that
 come of it.
 
-Two scenarios are the standard recordings, `calm` and `hard`; `following` holds the handle along
-given poses. A scenario does not depend on how long it is played: the first seconds of a longer one
-are the same.
+Two scenarios are the standard recordings, `calm` and `hard`. In `slow` the handle moves as slowly
+as `trinolab refine` asks for; `following` holds it along given poses. A scenario does not depend on
+how long it is played: the first seconds of a longer one are the same.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from ..checks import Array, as_array
 from ..handle import Handle
 from .hand import Arm, true_visibility
 from .layer import over, shadow
-from .motion import human_motion
+from .motion import human_motion, motion_at
 from .optics import Bench, background, blurred, digitise
 from .scene import EXPOSURE_S, smeared
 
@@ -41,6 +41,7 @@ __all__ = [
     "following",
     "hard",
     "seen_markers",
+    "slow",
     "take",
 ]
 
@@ -63,6 +64,7 @@ _APPROACH_S, _APPROACH_MM = 0.2, 450.0
 _MIDDLE = np.array([0.0, 0.0, 570.0])  # of the standard scene
 _FROM = np.array([0.2, 0.75, 0.63])  # direction from which the second hand enters
 _DRIFT, _DRIFT_S = 0.08, 8.0  # the light's slow drift: its share, its period
+_SLOW_MM_S, _SLOW_DEG_S = 30.0, 10.0  # of the slow script: typical speed and turn rate, /s
 _LEAD_S = 0.1  # the motion has begun before the first instant
 # the elbow is outside the images
 HOLDING = Arm(forearm=(0.78, 0.58, 0.24), forearm_length_mm=500.0)
@@ -97,6 +99,15 @@ def calm(rig: Rig, times_s: ArrayLike, seed: int) -> list[Shot]:
     times = as_array(times_s, "times_s", (None,))
     poses = human_motion(np.random.default_rng([seed, 0]), times + _LEAD_S)
     return following(rig, [None if t < EMPTY_S else T for t, T in zip(times, poses, strict=True)])
+
+
+def slow(rig: Rig, times_s: ArrayLike, seed: int) -> list[Shot]:
+    """A handle that moves slowly through the volume and turns; steady light, no motion blur."""
+    times = as_array(times_s, "times_s", (None,))
+    rng = np.random.default_rng([seed, 2])
+    return following(
+        rig, list(motion_at(rng, times + _LEAD_S, speed_mm_s=_SLOW_MM_S, turn_deg_s=_SLOW_DEG_S))
+    )
 
 
 def following(rig: Rig, poses: Sequence[RigidTransform | None]) -> list[Shot]:

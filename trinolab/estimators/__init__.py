@@ -10,7 +10,7 @@ from collections.abc import Callable
 
 from ..camera import Rig
 from ..handle import Handle
-from ..methods import ESTIMATORS
+from ..methods import ESTIMATORS, PAPER
 from ..parameters import Parameters
 from ..pose import Pose, pose_of_centroids
 from .identified import Identified
@@ -19,7 +19,7 @@ __all__ = ["Identified", "estimate"]
 
 
 def estimate(instant: Identified, rig: Rig, handle: Handle, parameters: Parameters) -> Pose:
-    """The pose by the estimator that the parameters name.
+    """The pose by the estimator that the parameters name, or else by the paper's.
 
     ``paper``: pairs, mean, rigid fit (Eq. 20-24). ``paper_checked``: the same, checked against the
     pixels. ``weighted``: centroids registered and moved to the centres, pairs and points weighted
@@ -33,9 +33,10 @@ def estimate(instant: Identified, rig: Rig, handle: Handle, parameters: Paramete
         pose predicts.
     """
     p = parameters
-    if p.estimator == "paper":
+    name = p.estimator or PAPER
+    if name == PAPER:
         return pose_of_centroids(instant.uv, rig, handle, p.max_slant_deg)
-    return _better(p.estimator)(instant, rig, handle, p)
+    return _better(name)(instant, rig, handle, p)
 
 
 def _better(name: str) -> Callable[[Identified, Rig, Handle, Parameters], Pose]:

@@ -25,6 +25,7 @@ from .rigs import covariance_path
 __all__ = [
     "POSE_COLUMNS",
     "STATUSES",
+    "as_poses",
     "contradictions",
     "pose_row",
     "pose_table",
@@ -186,7 +187,11 @@ def read_poses(path: str | Path) -> pd.DataFrame:
         negative or repeated, an unknown status, a pose that is incomplete or whose quaternion has
         not length 1.
     """
-    table = read_csv(path)
+    return as_poses(read_csv(path), path)
+
+
+def as_poses(table: pd.DataFrame, path: str | Path) -> pd.DataFrame:
+    """A pose table with the columns of `read_poses`, checked; the errors name it by `path`."""
     for column in ("frame", *POSE_COLUMNS[2:9]):
         if column not in table:
             raise ValueError(f"{path}: column '{column}' is missing")

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 
 from ..checks import as_number, as_whole
+from ..methods import PAPER
 from ..parameters import Parameters
 from .posefilter import PoseFilterParameters
 
@@ -143,6 +144,7 @@ class FollowParameters(Parameters):
     @property
     def checked(self) -> FollowParameters:
         """With the paper's poses checked against the pixels: a track must not begin at a wrong
-        one.
+        one. The paper's estimator is also that of parameters which name none.
         """
-        return replace(self, estimator="paper_checked") if self.estimator == "paper" else self
+        p = self.with_default(PAPER)
+        return replace(p, estimator="paper_checked") if p.estimator == PAPER else p

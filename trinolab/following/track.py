@@ -21,6 +21,7 @@ from tqdm.contrib.logging import logging_redirect_tqdm
 
 from ..camera import Rig
 from ..checks import Array
+from ..datasets import handle_file, rig_file
 from ..files.kept import KeptLines
 from ..files.outputs import check_targets, write_together
 from ..files.poses import (
@@ -39,7 +40,7 @@ from ..files.rigs import read_handle, read_rig
 from ..files.video import Film
 from ..handle import Handle
 from ..identity import labelled_pixels
-from ..methods import estimator_of
+from ..methods import DEFAULT, estimator_of
 from ..pose import Pose, fit_pose
 from ..uncertainty.systematic import is_uncertain
 from ..uncertainty.usual import assumed
@@ -86,7 +87,7 @@ def track_files(
     overlay: str | Path | None = None,
     fps: float = 30.0,
     timestamps: str | Path | None = None,
-    method: str = "best",
+    method: str = DEFAULT,
     progress: bool = True,
 ) -> pd.DataFrame:
     """Follow the handle through videos or image folders, and write its poses.
@@ -96,8 +97,8 @@ def track_files(
 
     Parameters
     ----------
-    rig, handle : path
-        Rig and handle file.
+    rig, handle : path or str
+        Rig and handle file, or names of shipped ones, as ``raised_40deg`` and ``coded``.
     sources : mapping of str to path
         For each camera's name its video, or its folder of images (in the order of their names).
     out : path
@@ -112,7 +113,8 @@ def track_files(
     timestamps : path, optional
         CSV with the columns ``frame`` and ``t_s``.
     method : str
-        The estimator, see `methods.METHODS`.
+        The estimator, see `methods.METHODS`; ``best`` is that of all commands and of
+        `trinolab.measure`.
     progress : bool
         Show a progress bar on standard error, if that is a terminal.
 
@@ -129,6 +131,8 @@ def track_files(
     KeyboardInterrupt
         Says how many rows are kept.
     """
+    rig = rig_file(rig)
+    handle = handle_file(handle)
     the_rig = read_rig(rig)
     recording = open_recording(sources, the_rig, fps, timestamps)
     parameters = FollowParameters(estimator=estimator_of(method))
@@ -175,8 +179,11 @@ def track_folder(
     out : path
         As for `track_files`, which also has the other options and the errors.
     rig, handle, timestamps : path, optional
-        Other files than the folder's; a rig may have some of the cameras.
+        Other files than the folder's, or names as for `track_files`; a rig may have some of the
+        cameras.
     """
+    rig = None if rig is None else rig_file(rig)
+    handle = None if handle is None else handle_file(handle)
     parts = parts_of_folder(folder, rig, handle, timestamps)
     return track_files(
         parts.rig, parts.handle, parts.sources, out, timestamps=parts.timestamps, **options

@@ -270,7 +270,7 @@ def _about(
         "handle": setup.handle.name,
         "images": "recordings" if recordings else "the own bench",
         "recordings": ", ".join(Path(path).name for path in recordings),
-        "estimator": setup.parameters.estimator,
+        "estimator": str(setup.parameters.estimator),
         "poses": source.poses,
         "seed": source.seed,
         "field of view": "" if recordings else _field_text(setup.field),
@@ -292,9 +292,8 @@ def _field_text(field: Field) -> str:
 def _command(source: Source, recordings: Sequence[str | Path]) -> str:
     """What makes the sheet again; files by their names alone."""
     names = [os.path.basename(path) for path in (source.rig, source.handle)]
-    line = f"trinolab accept --rig {names[0]} --handle {names[1]}"
-    if recordings:
-        line += " --recording " + " ".join(Path(path).name for path in recordings)
+    of = "".join(f" {Path(path).name}" for path in recordings)
+    line = f"trinolab accept{of} --rig {names[0]} --handle {names[1]}"
     return f"{line} --poses {source.poses} --seed {source.seed} --out sheet"
 
 

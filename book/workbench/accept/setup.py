@@ -18,7 +18,7 @@ from trinolab.checks import Array, as_array, as_points, as_whole
 from trinolab.following.parameters import FollowParameters
 from trinolab.handle import Handle
 from trinolab.markers import MarkerParameters
-from trinolab.methods import estimator_of
+from trinolab.methods import DEFAULT, estimator_of
 from trinolab.workspace import view_volume
 
 __all__ = [
@@ -66,7 +66,7 @@ class Setup:
         self.handle = handle
         self.poses = as_whole(poses, "poses", FEWEST_POSES, 2**13)
         self.seed = as_whole(seed, "seed", 0, 2**31 - 1)
-        self.parameters = FollowParameters(estimator=estimator_of("best"))
+        self.parameters = FollowParameters(estimator=estimator_of(DEFAULT))
 
     @cached_property
     def field(self) -> Field:

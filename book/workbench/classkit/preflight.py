@@ -35,7 +35,7 @@ from trinolab.following import posetracker
 from trinolab.following.parameters import FollowParameters
 from trinolab.following.sync import estimate_offsets
 from trinolab.handle import Handle
-from trinolab.methods import estimator_of
+from trinolab.methods import DEFAULT, estimator_of
 from trinolab.uncertainty.systematic import offsets_at
 
 from . import criteria
@@ -189,7 +189,7 @@ def look(clip: Clip, rig: Rig | None, handle: Handle | None, progress: bool = Tr
                 bar.update()
         else:
             for now, tracked in posetracker.track_instants(
-                frames, rig, handle, FollowParameters(estimator=estimator_of("best"))
+                frames, rig, handle, FollowParameters(estimator=estimator_of(DEFAULT))
             ):
                 seen.add(now, tracked)
                 bar.update()

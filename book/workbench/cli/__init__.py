@@ -16,6 +16,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from .alive import Quiet, hush, watched
 from .arguments import parser
 
 if TYPE_CHECKING:
@@ -50,14 +51,21 @@ EXTRAS = {
 }
 
 
+# They answer at once, ask a question, or run until they are stopped.
+UNWATCHED = ("eq", "clear", "live")
+
+
 def main(argv: Sequence[str] | None = None) -> int:
     """Run a command and return the exit code."""
     arguments = parser().parse_args(argv)
     arguments.line = shlex.join(["trinolab", *(sys.argv[1:] if argv is None else argv)])
-    logging.basicConfig(format="%(message)s", stream=sys.stderr, level=logging.INFO)
+    logging.basicConfig(format="%(message)s", level=logging.INFO, handlers=[Quiet(sys.stderr)])
     try:
         _find_shipped(arguments)
-        return _RUN[arguments.command](arguments)
+        if arguments.command in UNWATCHED:
+            return _RUN[arguments.command](arguments)
+        with watched():
+            return _RUN[arguments.command](arguments)
     except ModuleNotFoundError as error:
         what = (error.name or "").partition(".")[0]
         if what not in EXTRAS:
@@ -93,6 +101,7 @@ def say(text: str) -> None:
 
     Whoever reads it through a pipe may have seen enough, as `head` has: that is no mistake.
     """
+    hush()
     try:
         print(text, flush=True)
     except OSError as error:
@@ -104,9 +113,18 @@ def say(text: str) -> None:
 
 
 def _measure(a: argparse.Namespace) -> int:
-    from .measure import measure_folder
+    from .measure import measure_folder, measure_recording
 
-    table = measure_folder(a.rig, a.handle, a.images, a.out, a.method, a.prior)
+    if a.folder is not None:
+        if a.images:
+            raise ValueError(
+                f"--images: not beside a recording folder ({a.folder}), which has its own"
+            )
+        table = measure_recording(a.folder, a.out, a.rig, a.handle, a.method, a.prior)
+    elif a.rig and a.handle and a.images:
+        table = measure_folder(a.rig, a.handle, a.images, a.out, a.method, a.prior)
+    else:
+        raise ValueError("expected a recording folder, or else all of --rig, --handle and --images")
     frames = table["frame"].tolist()
     named = frames != list(range(len(frames)))
     span = f"; frames {frames[0]} to {frames[-1]}, as the images are called" if named else ""
@@ -321,7 +339,7 @@ def _teleop(a: argparse.Namespace) -> int:
     source = (
         simulated(a.rig, a.handle, a.seconds, a.seed)
         if a.live_simulation
-        else recorded(a.recording, a.rig, a.handle)
+        else recorded(a.folder or a.older, a.rig, a.handle)
     )
     done = teleoperate(
         source,
@@ -369,7 +387,7 @@ def _live(a: argparse.Namespace) -> int:
     from ..live.command import chosen, live, show
 
     cameras = _named(a.camera or [], "--camera", "NAME=INDEX, as ccd1=0, or NAME=VIDEO")
-    source = chosen(cameras, a.recording, a.rig, a.handle, a.fps)
+    source = chosen(cameras, a.folder or a.older, a.rig, a.handle, a.fps)
 
     def on_open(address: str) -> None:
         say(f"{address}\nis the page; Ctrl-C ends it")
@@ -384,7 +402,7 @@ def _live(a: argparse.Namespace) -> int:
 def _accept(a: argparse.Namespace) -> int:
     from ..accept.command import accept, as_lines
 
-    done = accept(a.rig, a.handle, a.out, a.recording, a.poses, a.seed, a.chart)
+    done = accept(a.rig, a.handle, a.out, [*a.folders, *a.older], a.poses, a.seed, a.chart)
     say("\n".join([*as_lines(done), f"{done.cpu_s:.0f} s of processor time; written to {a.out}"]))
     return 0
 

@@ -1,4 +1,9 @@
-"""The arguments of the command ``trinolab``: what each command takes, with an example."""
+"""The arguments of the command ``trinolab``: what each command takes, with an example.
+
+One grammar holds for all: what a command reads first, most often a recording, stands without an
+option's name, everything else has one. Forms that older versions took still work, and are not shown.
+Each command has one example, which a test runs.
+"""
 
 from __future__ import annotations
 
@@ -6,7 +11,7 @@ import argparse
 from typing import Any, NoReturn
 
 from trinolab import __version__
-from trinolab.methods import METHODS
+from trinolab.methods import DEFAULT, METHODS
 
 __all__ = ["parser"]
 
@@ -189,8 +194,7 @@ def _add_preflight(commands: argparse._SubParsersAction) -> None:
         commands,
         "preflight",
         "judge a set-up by a recording: light, focus, exposure, time, baseline, calibration",
-        "trinolab preflight recording\n"
-        "  trinolab preflight --video ccd1=1.mkv ccd2=2.mkv --handle handle.toml",
+        "trinolab preflight recording",
     )
     _add_footage(p)
     _add_times(p)
@@ -201,19 +205,19 @@ def _add_measure(commands: argparse._SubParsersAction) -> None:
     p = _add(
         commands,
         "measure",
-        "measure the handle's pose in every instant of a folder of images",
-        "trinolab measure --rig rig.toml --handle handle.toml --images images --out poses.csv",
+        "measure the handle's pose in every instant of a recording, each by itself",
+        "trinolab measure recording --out instants.csv",
     )
-    _add_rig_and_handle(p, required=True)
+    _add_recording(p, "--images")
+    _add_rig_and_handle(p, required=False)
     p.add_argument(
         "--images",
-        required=True,
         metavar="DIR",
         help="holds a folder a camera, named as in the rig, the same file names in each; a pose's frame is "
         "the number in the name, where the names differ in their numbers alone, else they count from 0",
     )
     p.add_argument("--out", required=True, metavar="POSES.csv", help="the poses to write")
-    _add_method(p, "paper_checked")
+    _add_method(p)
     p.add_argument(
         "--prior",
         metavar="POSES.csv",
@@ -226,9 +230,7 @@ def _add_track(commands: argparse._SubParsersAction) -> None:
         commands,
         "track",
         "follow the handle through a recording",
-        "trinolab track recording --out poses.csv --overlay seen.webm\n"
-        "  trinolab track --rig rig.toml --handle handle.toml --video ccd1=1.mkv ccd2=2.mkv \\\n"
-        "      --out poses.csv",
+        "trinolab track recording --out poses.csv --overlay seen.webm",
     )
     _add_footage(p)
     p.add_argument(
@@ -247,7 +249,7 @@ def _add_track(commands: argparse._SubParsersAction) -> None:
         "--overlay", metavar="OUT.webm", help="write a video of windows, markers and pose"
     )
     _add_times(p)
-    _add_method(p, "best")
+    _add_method(p)
 
 
 def _add_refine(commands: argparse._SubParsersAction) -> None:
@@ -255,8 +257,7 @@ def _add_refine(commands: argparse._SubParsersAction) -> None:
         commands,
         "refine",
         "improve a rig and a handle file by a recording of the moving handle",
-        "trinolab refine recording --out refined\n"
-        "  trinolab refine recording --length ccd1 ccd2 99.19 --out refined",
+        "trinolab refine slow --out refined",
     )
     _add_footage(p)
     p.add_argument(
@@ -289,13 +290,7 @@ def _add_refine(commands: argparse._SubParsersAction) -> None:
 
 
 def _add_footage(p: argparse.ArgumentParser) -> None:
-    p.add_argument(
-        "folder",
-        nargs="?",
-        metavar="DIR",
-        help="a recording folder, instead of --video; --rig and --handle then replace its own files. "
-        "track reads a ROS 2 bag as well",
-    )
+    _add_recording(p, "--video", also="track reads a ROS 2 bag as well")
     _add_rig_and_handle(p, required=False)
     p.add_argument(
         "--video",
@@ -303,6 +298,16 @@ def _add_footage(p: argparse.ArgumentParser) -> None:
         action="extend",
         metavar="NAME=PATH",
         help="for each camera a video, or a folder of images (in the order of their names)",
+    )
+
+
+def _add_recording(p: argparse.ArgumentParser, instead: str, also: str = "") -> None:
+    p.add_argument(
+        "folder",
+        nargs="?",
+        metavar="RECORDING",
+        help=f"a recording folder; --rig and --handle replace its own files. Without one all of --rig, "
+        f"--handle and {instead} are needed{also and '. '}{also}",
     )
 
 
@@ -315,7 +320,7 @@ def _add_times(p: argparse.ArgumentParser) -> None:
         metavar="F",
         help="frames a second (default: %(default)s)",
     )
-    times.add_argument("--timestamps", metavar="CSV", help="columns 'frame' and 't_s'")
+    times.add_argument("--timestamps", metavar="CSV", help="columns 'frame' and 't_s' (s)")
 
 
 def _add_rig_and_handle(p: argparse.ArgumentParser, required: bool) -> None:
@@ -333,10 +338,10 @@ def _add_rig_and_handle(p: argparse.ArgumentParser, required: bool) -> None:
     )
 
 
-def _add_method(p: argparse.ArgumentParser, default: str) -> None:
+def _add_method(p: argparse.ArgumentParser) -> None:
     p.add_argument(
         "--method",
-        default=default,
+        default=DEFAULT,
         choices=METHODS,
         metavar="METHOD",
         help=f"the estimator: {', '.join(METHODS)} (default: %(default)s). paper is the paper's, "
@@ -349,9 +354,9 @@ def _add_evaluate(commands: argparse._SubParsersAction) -> None:
         commands,
         "evaluate",
         "compare poses with their truth (Eq. 26, 27, flips, losses)",
-        "trinolab evaluate poses.csv truth.csv --handle handle.toml",
+        "trinolab evaluate poses.csv recording/truth.csv --handle coded",
     )
-    p.add_argument("poses", metavar="POSES.csv", help="what 'trinolab measure' has written")
+    p.add_argument("poses", metavar="POSES.csv", help="what track or measure has written")
     p.add_argument(
         "truth",
         metavar="TRUTH.csv",
@@ -370,14 +375,15 @@ def _add_render(commands: argparse._SubParsersAction) -> None:
         commands,
         "render",
         "render a recording with its truth from the simulated bench",
-        "trinolab render --rig rig.toml --handle handle.toml --motion calm --out recording",
+        "trinolab render --rig raised_40deg --handle coded --motion calm --seconds 2 \\\n"
+        "      --out recording",
     )
     _add_rig_and_handle(p, required=True)
     p.add_argument(
         "--motion",
         required=True,
-        metavar="calm|hard|POSES.csv",
-        help="a standard recording's script, or poses along which a hand holds the handle",
+        metavar="calm|hard|slow|POSES.csv",
+        help="a script (slow is for refine), or poses along which a hand holds the handle",
     )
     p.add_argument(
         "--out",
@@ -400,7 +406,7 @@ def _add_render(commands: argparse._SubParsersAction) -> None:
         type=float,
         default=30.0,
         metavar="F",
-        help="frames a second, if POSES.csv has no times",
+        help="frames a second; the times of POSES.csv go before it (default: %(default)g)",
     )
 
 
@@ -409,10 +415,11 @@ def _add_teleop(commands: argparse._SubParsersAction) -> None:
         commands,
         "teleop",
         "let the simulated slave arm follow the handle",
-        "trinolab teleop --recording recording --out session",
+        "trinolab teleop recording --out session",
     )
     source = p.add_mutually_exclusive_group(required=True)
-    source.add_argument("--recording", metavar="DIR", help="a recording folder")
+    source.add_argument("folder", nargs="?", metavar="RECORDING", help="a recording folder")
+    source.add_argument("--recording", dest="older", help=argparse.SUPPRESS)
     source.add_argument(
         "--live-simulation",
         action="store_true",
@@ -431,7 +438,7 @@ def _add_teleop(commands: argparse._SubParsersAction) -> None:
         nargs="+",
         default=[],
         metavar="JOINT=RAD",
-        help="where the arm starts, by its joints' names; those that are not named as at home",
+        help="where the arm starts, by its joints' names, rad; those that are not named as at home",
     )
     p.add_argument(
         "--view",
@@ -448,20 +455,20 @@ def _add_teleop(commands: argparse._SubParsersAction) -> None:
         "--scale",
         type=float,
         default=1.0,
-        metavar="S",
+        metavar="RATIO",
         help="tool : handle, distances (default: 1)",
     )
     p.add_argument(
         "--turn-scale",
         type=float,
         default=1.0,
-        metavar="S",
+        metavar="RATIO",
         help="tool : handle, angles (default: 1)",
     )
     p.add_argument(
         "--clutch",
         metavar="CSV",
-        help="columns t_s and closed (0 or 1), which holds from then on, and if wanted scale; "
+        help="columns t_s (s) and closed (0 or 1), which holds from then on, and if wanted scale; "
         "without it the clutch is closed while the handle is measured",
     )
     p.add_argument(
@@ -475,7 +482,7 @@ def _add_teleop(commands: argparse._SubParsersAction) -> None:
         "--seed", type=int, default=0, metavar="N", help="of the simulation (default: %(default)s)"
     )
     p.add_argument("--no-video", action="store_true", help="leave the monitor's video out")
-    _add_method(p, "best")
+    _add_method(p)
 
 
 def _add_robot(p: argparse.ArgumentParser) -> None:
@@ -501,19 +508,18 @@ def _add_live(commands: argparse._SubParsersAction) -> None:
         commands,
         "live",
         "follow the handle live and let the simulated arm go along, on a page in the browser",
-        "trinolab live --simulation\n"
-        "  trinolab live --camera ccd1=0 ccd2=2 ccd3=4 \\\n"
-        "      --rig rig.toml --handle handle.toml",
+        "trinolab live --simulation",
     )
     source = p.add_mutually_exclusive_group(required=True)
+    source.add_argument("folder", nargs="?", metavar="RECORDING", help="plays a recording folder")
+    source.add_argument("--recording", dest="older", help=argparse.SUPPRESS)
     source.add_argument(
         "--camera",
         nargs="+",
         action="extend",
-        metavar="NAME=N",
-        help="a camera by its index N at this computer; NAME=VIDEO for all plays videos in their place",
+        metavar="NAME=INDEX",
+        help="a camera by its index at this computer; NAME=VIDEO for all plays videos in their place",
     )
-    source.add_argument("--recording", metavar="DIR", help="plays a recording folder")
     source.add_argument(
         "--simulation",
         action="store_true",
@@ -546,7 +552,7 @@ def _add_live(commands: argparse._SubParsersAction) -> None:
     p.add_argument(
         "--no-browser", action="store_true", help="print the page's address, and open nothing"
     )
-    _add_method(p, "best")
+    _add_method(p)
 
 
 def _add_check(commands: argparse._SubParsersAction) -> None:
@@ -554,7 +560,7 @@ def _add_check(commands: argparse._SubParsersAction) -> None:
         commands,
         "check",
         "check the answers to a chapter's exercises, or those of a whole class",
-        "trinolab check 04\n  trinolab check --all submissions --out points.csv",
+        "trinolab check 04",
     )
     p.add_argument(
         "chapter",
@@ -590,18 +596,19 @@ def _add_accept(commands: argparse._SubParsersAction) -> None:
         commands,
         "accept",
         "measure a rig and its handle by a series of tests, and write a data sheet",
-        "trinolab accept --rig rig.toml --handle handle.toml --out sheet",
+        "trinolab accept recording --rig raised_40deg --handle coded --out sheet",
     )
-    _add_rig_and_handle(p, required=True)
     p.add_argument(
-        "--recording",
-        nargs="+",
-        action="extend",
-        default=[],
-        metavar="DIR",
+        "folders",
+        nargs="*",
+        metavar="RECORDING",
         help="recording folders in the place of rendered images; then the tests are run that need no "
         "truth: jitter if the handle rests, a pointer if it turns about one point, availability",
     )
+    p.add_argument(
+        "--recording", nargs="+", action="extend", default=[], dest="older", help=argparse.SUPPRESS
+    )
+    _add_rig_and_handle(p, required=True)
     p.add_argument(
         "--out",
         required=True,
@@ -631,8 +638,8 @@ def _add_sweep(commands: argparse._SubParsersAction) -> None:
         commands,
         "sweep",
         "run a notebook with many settings of its parameters",
-        "trinolab sweep notebooks/06_matching.ipynb -p ncc_threshold=0.5:0.95:10 \\\n"
-        "      -p seed=0,1,2 --workers 2 --out sweeps/ncc",
+        "trinolab sweep notebooks/06_matching.ipynb -p ncc_threshold=0.5:0.9:5 \\\n"
+        "      --workers 2 --out sweeps/ncc",
     )
     p.add_argument(
         "notebook",
@@ -712,9 +719,13 @@ def _add_bag(commands: argparse._SubParsersAction) -> None:
         "write a recording, its poses and the arm's motion as a ROS 2 bag (MCAP)",
         "trinolab bag recording --poses poses.csv --joints session/joints.csv --out bag",
     )
-    p.add_argument("folder", metavar="DIR", help="a recording folder with its rig and its handle")
+    p.add_argument(
+        "folder", metavar="RECORDING", help="a recording folder with its rig and its handle"
+    )
     p.add_argument("--poses", metavar="POSES.csv", help="the handle's poses, as track writes them")
-    p.add_argument("--joints", metavar="JOINTS.csv", help="the arm's motion, as teleop writes it")
+    p.add_argument(
+        "--joints", metavar="JOINTS.csv", help="the arm's motion, as teleop writes it (rad)"
+    )
     p.add_argument(
         "--out",
         required=True,
@@ -728,7 +739,7 @@ def _add_capture(commands: argparse._SubParsersAction) -> None:
         commands,
         "capture",
         "record a folder of images from cameras; Ctrl-C ends it",
-        "trinolab capture --camera ccd1=0 ccd2=2 --rig rig.toml --preview --out recording",
+        "trinolab capture --camera ccd1=0 ccd2=2 ccd3=4 --rig raised_40deg --out filmed",
     )
     p.add_argument(
         "--list",
@@ -754,7 +765,7 @@ def _add_capture(commands: argparse._SubParsersAction) -> None:
         nargs=2,
         type=int,
         metavar=("WIDTH", "HEIGHT"),
-        help="to ask of cameras without a rig",
+        help="px, to ask of cameras without a rig",
     )
     p.add_argument("--handle", metavar="HANDLE.toml", help="goes into the recording")
     p.add_argument(

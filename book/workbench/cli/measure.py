@@ -1,27 +1,31 @@
-"""What ``trinolab measure`` does: from images of several cameras to a file of poses."""
+"""What ``trinolab measure`` does: from a recording, or a folder of images, to a file of poses."""
 
 from __future__ import annotations
 
 import logging
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
 from scipy.spatial.transform import RigidTransform
 from tqdm import tqdm
 from tqdm.contrib.logging import logging_redirect_tqdm
 
+from trinolab.camera import Rig
 from trinolab.files.outputs import check_targets
 from trinolab.files.poses import contradictions, pose_table, poses_by_frame, read_poses, write_poses
-from trinolab.files.recording import list_instants, read_instants
+from trinolab.files.recording import instants, list_instants, open_folder, read_instants
 from trinolab.files.rigs import read_handle, read_rig
+from trinolab.handle import Handle
 from trinolab.measurement import measure
-from trinolab.methods import estimator_of
+from trinolab.methods import DEFAULT, estimator_of
 from trinolab.parameters import Parameters
+from trinolab.pose import Pose
 from trinolab.uncertainty.systematic import is_uncertain
 from trinolab.uncertainty.usual import assumed
 
-__all__ = ["measure_folder"]
+__all__ = ["measure_folder", "measure_recording"]
 
 log = logging.getLogger("trinolab")
 
@@ -31,7 +35,7 @@ def measure_folder(
     handle: str | Path,
     images: str | Path,
     out: str | Path,
-    method: str = "paper_checked",
+    method: str = DEFAULT,
     prior: str | Path | None = None,
     progress: bool = True,
 ) -> pd.DataFrame:
@@ -64,29 +68,101 @@ def measure_folder(
     ValueError
         Names the file that is missing, unreadable or does not fit.
     """
-    parameters = Parameters(estimator=estimator_of(method))
     the_rig = read_rig(rig)
     the_handle = read_handle(handle)
-    instants = list_instants(images, the_rig)
-    frames = [instant.frame for instant in instants]
+    listed = list_instants(images, the_rig)
+    frames = [instant.frame for instant in listed]
     expected = {} if prior is None else _expected(prior, frames)
     check_targets([out], [rig, handle, *([prior] if prior else [])])
+    pictures = read_instants(listed, the_rig)
+    poses = _measured(
+        zip(frames, pictures, strict=True),
+        len(listed),
+        (the_rig, the_handle),
+        expected,
+        method,
+        progress,
+    )
+    table = pose_table(poses, frames=frames)
+    _conclude(table, out, the_rig, the_handle, rig, handle)
+    return table
+
+
+def measure_recording(
+    folder: str | Path,
+    out: str | Path,
+    rig: str | Path | None = None,
+    handle: str | Path | None = None,
+    method: str = DEFAULT,
+    prior: str | Path | None = None,
+    progress: bool = True,
+) -> pd.DataFrame:
+    """Measure every instant of a recording folder on its own, and write the poses with their times.
+
+    Parameters
+    ----------
+    folder : path
+        See `files.recording`.
+    out : path
+        CSV of poses to write; it appears when all instants are done.
+    rig, handle : path, optional
+        Other files than the folder's; a rig may have some of the cameras.
+    method, prior, progress
+        As for `measure_folder`, also the errors.
+    """
+    recording, the_handle = open_folder(folder, rig, handle)
+    # of a video the header says how many frames it has, which need not be so
+    expected = {} if prior is None else _expected(prior, range(max(recording.length, 1)))
+    check_targets([out], [file for file in (rig, handle, prior) if file])
+    times: list[float] = []
+    frames: list[int] = []
+
+    def pictures() -> Iterator[tuple[int, list[np.ndarray]]]:
+        for now in instants(recording):
+            frames.append(now.frame)
+            times.append(now.t_s)
+            yield now.frame, now.images
+
+    of = (recording.rig, the_handle)
+    poses = _measured(pictures(), recording.length, of, expected, method, progress)
+    table = pose_table(poses, times, frames)
+    names = rig or Path(folder, "rig.toml"), handle or Path(folder, "handle.toml")
+    _conclude(table, out, *of, *names)
+    return table
+
+
+def _measured(
+    pictures: Iterable[tuple[int, list[np.ndarray]]],
+    count: int,
+    of: tuple[Rig, Handle],
+    expected: Mapping[int, RigidTransform],
+    method: str,
+    progress: bool,
+) -> list[Pose]:
+    """The pose of each instant: of its frame's number, and its images."""
+    parameters = Parameters(estimator=estimator_of(method))
     with (
         logging_redirect_tqdm(),
-        tqdm(instants, unit="instant", disable=None if progress else True) as progress_bar,
+        tqdm(pictures, total=count, unit="instant", disable=None if progress else True) as bar,
     ):
-        poses = [
-            measure(images, the_rig, the_handle, expected.get(instant.frame), parameters).pose
-            for instant, images in zip(progress_bar, read_instants(instants, the_rig), strict=True)
-        ]
-    table = pose_table(poses, frames=frames)
+        return [measure(images, *of, expected.get(frame), parameters).pose for frame, images in bar]
+
+
+def _conclude(
+    table: pd.DataFrame,
+    out: str | Path,
+    rig: Rig,
+    handle: Handle,
+    rig_name: str | Path,
+    handle_name: str | Path,
+) -> None:
+    """Write the poses, and say what was assumed, or what the cameras contradict each other in."""
     write_poses(table, out)
-    lines = assumed(the_rig, the_handle, rig, handle)
-    if not is_uncertain(the_rig, the_handle):
-        lines = contradictions(table, rig)
+    lines = assumed(rig, handle, rig_name, handle_name)
+    if not is_uncertain(rig, handle):
+        lines = contradictions(table, rig_name)
     for line in lines:
         log.info(line)
-    return table
 
 
 def _expected(path: str | Path, frames: Sequence[int]) -> dict[int, RigidTransform]:

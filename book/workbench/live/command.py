@@ -18,7 +18,7 @@ from trinolab.datasets import data_path, handle_file, rig_file
 from trinolab.files.recording import VIDEO_SUFFIXES, open_folder, open_recording
 from trinolab.files.rigs import read_camera, read_handle, read_rig
 from trinolab.handle import Handle
-from trinolab.methods import estimator_of
+from trinolab.methods import DEFAULT, estimator_of
 from trinolab.slave.arm import load_robot
 from trinolab.slave.mapping import MappingParameters, alignment
 from trinolab.slave.session import Session
@@ -42,7 +42,7 @@ def live(
     source: Source,
     out: str | Path = ".",
     robot: str | Path = "ur5",
-    method: str = "best",
+    method: str = DEFAULT,
     host: str = "127.0.0.1",
     port: int = 0,
     silence_s: float = SILENCE_S,

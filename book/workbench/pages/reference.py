@@ -76,7 +76,7 @@ TOP = {
     ),
     "pose": (
         "From points to the pose",
-        ["triangulation", "pose", "parameters", "methods", "measurement", "tracker"],
+        ["triangulation", "pose", "parameters", "methods", "measurement", "tracker", "single"],
     ),
 }
 NOT_SHOWN = ("__main__", "data", "moved", "pages")

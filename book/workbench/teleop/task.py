@@ -25,6 +25,7 @@ from trinolab.camera import Camera, Rig
 from trinolab.checks import Array, as_whole
 from trinolab.datasets import data_path, load_handle, load_rig
 from trinolab.files.rigs import read_camera
+from trinolab.methods import DEFAULT
 from trinolab.slave.arm import forward, load_robot
 from trinolab.slave.mapping import alignment
 
@@ -184,7 +185,7 @@ def recording(seed: int = 0, progress: bool = True) -> Path:
 def perform(
     out: str | Path,
     seed: int = 0,
-    method: str = "best",
+    method: str = DEFAULT,
     video: bool = True,
     progress: bool = True,
 ) -> Done:

@@ -31,7 +31,7 @@ from trinolab.files.video import Film
 from trinolab.following import posetracker
 from trinolab.following.parameters import FollowParameters
 from trinolab.handle import Handle
-from trinolab.methods import estimator_of
+from trinolab.methods import DEFAULT, estimator_of
 from trinolab.pose import Pose
 from trinolab.slave.arm import joint_values, load_robot
 from trinolab.slave.mapping import MappingParameters, Sample, alignment
@@ -104,7 +104,7 @@ def teleoperate(
     turn_scale: float = 1.0,
     clutch: str | Path | None = None,
     view: str | Path | None = None,
-    method: str = "best",
+    method: str = DEFAULT,
     start: Mapping[str, float] | None = None,
     video: bool = True,
     size: tuple[int, int] = SIZE,
@@ -285,7 +285,7 @@ def _moments(
 def _new_folder(out: str | Path) -> Path:
     root = Path(out)
     if root.exists() and not (root.is_dir() and not any(root.iterdir())):
-        raise ValueError(f"{out}: expected a new or empty folder")
+        raise ValueError(f"{out}: exists already; name another folder, or remove it")
     if not root.parent.is_dir():
         raise ValueError(f"{out}: no such folder to write into")
     return root

@@ -190,7 +190,7 @@ def test_a_damaged_image_costs_what_comes_after_it(recording, tmp_path):
         ),
         (["--clutch", "zero.csv"], "zero.csv: column 'scale' expects numbers above 0"),
         (["--view", "none.toml"], "none.toml: "),
-        (["--out", "full"], "full: expected a new or empty folder"),
+        (["--out", "full"], "full: exists already; name another folder, or remove it"),
         (["--out", "none/new"], "none/new: no such folder to write into"),
         (["--handle", "none.toml"], "none.toml: "),
         (["--start", "knee=1"], "start: unknown joint 'knee'; there are shoulder_pan"),

@@ -1,0 +1,317 @@
+"""Each command's ``--help`` has one example, and each example runs: on the recording that the page of
+the commands makes, in one folder, in the order of the page. What they write a second time follows one
+rule: a file is replaced, a folder is not.
+
+What needs cameras, a board or a class gets a stand-in, and the commands that take minutes get little
+to do; the lines are those of the help.
+"""
+
+import re
+import shlex
+import signal
+
+import cv2
+import numpy as np
+import pytest
+from firsthour import INSTANTS, ROOT, write_recording
+from healthy import run, write_video
+from makenotebook import glued, make_notebook
+from processes import started, wait_until
+
+from trinolab.bench import recordings
+from trinolab.bench.board import board_positions, render_board
+from trinolab.bench.optics import Bench
+from trinolab.calibration.target import Board
+from trinolab.camera import Camera, Rig
+from trinolab.files.poses import read_poses
+from trinolab.files.recording import open_folder
+from workbench.cli import arguments
+from workbench.pages import commandhelp
+from workbench.studies import scoreboard
+
+PAGE = (ROOT / "book" / "commands.md").read_text(encoding="utf-8")
+# what another command of the page has to make first
+AFTER = {
+    "evaluate": ("track",),
+    "bag": ("track", "teleop"),
+}
+# the folders and the files that `--out` names; the others grow (accept, sweep), or write nothing
+FOLDERS = ("render", "capture", "refine", "teleop", "bag")
+FILES = ("track", "measure", "kit", "calibrate", "scoreboard")
+
+
+def example(command):
+    """The example of a command's help, on one line."""
+    text = commandhelp.help_text(command)
+    (lines,) = re.findall(r"^examples?:\n((?:  .*\n)+)", text, flags=re.MULTILINE)
+    assert lines.count("trinolab ") == 1, "one example"
+    return " ".join(lines.replace("\\\n", " ").split()).removeprefix("trinolab ")
+
+
+@pytest.fixture(scope="module")
+def page(tmp_path_factory):
+    """A folder with the page's recording, and the commands that have run in it."""
+    folder = tmp_path_factory.mktemp("page")
+    write_recording(folder / "recording")
+    return folder, set()
+
+
+@pytest.fixture
+def ran(page, monkeypatch, capfd):
+    """Runs the example of a command, and before it those that it needs; gives what it printed."""
+    folder, done = page
+    monkeypatch.chdir(folder)
+
+    def of(command, line=None, code=0):
+        for before in AFTER.get(command, ()):
+            if before not in done:
+                of(before)
+        capfd.readouterr()
+        assert run(line or example(command)) == code, capfd.readouterr().err
+        done.add(command)
+        return capfd.readouterr().out
+
+    return of
+
+
+# --- what the help says
+
+
+@pytest.mark.parametrize("command", commandhelp.names())
+def test_the_one_example_of_a_help_parses_and_is_tested_here(command):
+    assert arguments.parser().parse_args(shlex.split(example(command))).command == command
+    assert f"test_{command}" in globals()
+
+
+@pytest.mark.parametrize("command", commandhelp.names())
+def test_what_is_read_first_is_positional_and_all_numbers_have_a_unit(command):
+    parser = arguments.parser()
+    (commands,) = (a for a in parser._actions if hasattr(a, "choices") and a.choices)
+    shown = [a for a in commands.choices[command]._actions if a.help != "==SUPPRESS=="]
+    assert not any("--recording" in action.option_strings for action in shown)
+    for action in shown:
+        if action.type is float:
+            said = f"{action.metavar} {action.help}"
+            unit = r"\bMM\b|\bmm\b|\bS\b|a second|RATIO"
+            assert re.search(unit, said), f"{command} {action.option_strings}"
+
+
+def test_the_page_states_the_rules():
+    for words in ("## One grammar", "replaces", "radians", "at work"):
+        assert words in PAGE
+
+
+# --- the page's commands, one after the other
+
+
+def test_render(page, ran):
+    """Its first instants are those of the recording that the other examples get."""
+    line = example("render").replace("--seconds 2", "--seconds 0.1")
+    assert line != example("render")
+    out = ran("render", line.replace("--out recording", "--out short"))
+    assert out == "3 instants, the handle is there in 0; written to short\n"
+    folder = page[0]
+    for name in ("ccd1", "ccd2", "ccd3"):
+        images = [folder / root / "images" / name / "000002.png" for root in ("short", "recording")]
+        assert images[0].read_bytes() == images[1].read_bytes()
+
+
+@pytest.mark.slow
+def test_track(ran, page):
+    out = ran("track")
+    assert out.startswith(f"{INSTANTS} instants: 30 lost, {INSTANTS - 30} measured")
+    assert (page[0] / "seen.webm").stat().st_size > 1000
+
+
+@pytest.mark.slow
+def test_evaluate(ran):
+    out = ran("evaluate")
+    (mean,) = re.findall(r"E_t +([\d.]+) ", out)
+    assert float(mean) < 0.01  # mm
+
+
+@pytest.mark.slow
+def test_measure(ran, page):
+    """Each instant by itself, with its time, by the same estimator as `track`."""
+    assert ran("measure").startswith(f"{INSTANTS} instants: ")
+    table = read_poses(page[0] / "instants.csv")
+    truth = read_poses(page[0] / "recording" / "truth.csv")
+    assert table["t_s"].tolist() == pytest.approx(truth["t_s"].tolist(), abs=1e-6)
+    both = table[table["status"] == "measured"]
+    assert len(both) == INSTANTS - 30
+    there = truth.set_index("frame").loc[both["frame"]]
+    away = both[["x_mm", "y_mm", "z_mm"]].to_numpy() - there[["x_mm", "y_mm", "z_mm"]].to_numpy()
+    assert np.linalg.norm(away, axis=1).max() < 0.02  # mm
+
+
+def test_kit(ran):
+    assert "kit.pdf: print it at 100 %" in ran("kit")
+
+
+def test_capture(ran, page):
+    """Videos of the recording stand in for the cameras."""
+    line = example("capture")
+    for name in ("ccd1", "ccd2", "ccd3"):
+        files = sorted((page[0] / "recording" / "images" / name).iterdir())[:4]
+        frames = [cv2.imread(str(file), cv2.IMREAD_GRAYSCALE) for file in files]
+        write_video(page[0] / f"{name}.mkv", frames)
+        line, count = re.subn(rf"\b{name}=\d", f"{name}={name}.mkv", line)
+        assert count == 1
+    assert ran("capture", line).startswith("4 instants")
+    assert (
+        open_folder(page[0] / "filmed", handle=page[0] / "recording" / "handle.toml")[0].length == 4
+    )
+
+
+@pytest.mark.slow
+def test_calibrate(ran, page):
+    """Six views of the board stand in for photographs."""
+    asked = arguments.parser().parse_args(shlex.split(example("calibrate")))
+    board = Board(asked.columns, asked.rows, asked.square)
+    rig = Rig(
+        [
+            Camera.look_at(name, (640, 480), 900.0, [x, 0, 0], [0, 0, 700])
+            for name, x in (("ccd1", 0.0), ("ccd2", 150.0))
+        ]
+    )
+    rng = np.random.default_rng(0)
+    places = board_positions(rig, board, 6, rng, 700.0)
+    for camera in rig.cameras:
+        (page[0] / "photos" / camera.name).mkdir(parents=True)
+        for k, T in enumerate(places):
+            image = render_board(camera, board, T, Bench(supersampling=4), rng)
+            cv2.imwrite(str(page[0] / "photos" / camera.name / f"{k}.png"), image)
+    assert "written: rig.toml" in ran("calibrate")
+
+
+@pytest.mark.slow
+def test_preflight(ran):
+    assert "ccd1" in ran("preflight")
+
+
+@pytest.mark.slow
+def test_refine(ran):
+    """The page renders a slow recording for it; here a shorter one."""
+    (line,) = re.findall(r"^trinolab (render .*--motion slow .*)$", PAGE, re.MULTILINE)
+    short, count = re.subn(r"--seconds \d+", "--seconds 4", line)
+    assert count == 1
+    ran("render slow", short)
+    out = ran("refine")
+    assert "12 show the handle still enough" in " ".join(out.split())
+    before, after = map(float, re.findall(r"([\d.]+) (?:before|after)", out))
+    assert after <= before
+
+
+@pytest.mark.slow
+def test_teleop(ran, page):
+    pytest.importorskip("mink", reason="the extra 'slave' is missing")
+    assert f"{INSTANTS} instants: " in ran("teleop")
+    assert (page[0] / "session" / "joints.csv").exists()
+
+
+@pytest.mark.slow
+def test_live(page):
+    pytest.importorskip("mink", reason="the extra 'slave' is missing")
+    process = started(f"{example('live')} --no-browser", cwd=page[0])
+    try:
+        address = wait_until(process.stdout.readline, process)
+        assert address.startswith("http://127.0.0.1:")
+        process.send_signal(signal.SIGINT)
+        assert process.communicate()[0].endswith("ended; nothing was recorded\n")
+        assert process.returncode == 0
+    finally:
+        process.kill()
+
+
+@pytest.mark.slow
+def test_bag(ran):
+    pytest.importorskip("rosbags", reason="the extra 'ros' is missing")
+    pytest.importorskip("mink", reason="the extra 'slave' is missing")
+    out = ran("bag")
+    assert f"{INSTANTS}  /ccd1/image" in out
+    assert "/joint_states" in out
+
+
+@pytest.mark.slow
+def test_sweep(ran, page):
+    """A small notebook stands in for the chapter."""
+    (page[0] / "notebooks").mkdir()
+    make_notebook(
+        page[0] / "notebooks" / "06_matching.ipynb",
+        glued(found="2 * ncc_threshold"),
+        parameters="ncc_threshold = 0.7",
+    )
+    assert ran("sweep") == "5 runs: 5 ok; written to sweeps/ncc\n"
+
+
+@pytest.mark.slow
+def test_accept(ran, page):
+    assert "written to sheet" in ran("accept")
+    assert (page[0] / "sheet" / "index.html").exists()
+
+
+@pytest.mark.slow
+def test_check(ran, page):
+    """A file without answers stands in for a student's."""
+    (page[0] / "04_kalman.py").write_text("pass\n")
+    assert re.search(r"^0 of \d+ points$", ran("check", code=1), re.MULTILINE)
+
+
+def test_scoreboard(ran, monkeypatch):
+    first = scoreboard.load_claims()[0]
+    monkeypatch.setattr(scoreboard, "load_claims", lambda: (first,))
+    monkeypatch.setitem(scoreboard.CHECKS, "table1_position", lambda: 0.312)
+    assert "match" in ran("scoreboard")
+
+
+def test_eq(ran):
+    assert "trinolab/matching.py" in ran("eq")
+
+
+def test_clear(ran, monkeypatch, tmp_path):
+    monkeypatch.setattr(recordings, "cache_folder", lambda: tmp_path)
+    assert "no standard recording is kept" in ran("clear")
+
+
+# --- what is there already
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("command", FOLDERS)
+def test_a_folder_that_is_there_is_refused(ran, page, command, capfd):
+    """Whatever made it; nothing in it changes."""
+    (out,) = re.findall(r"--out (\S+)", example(command))
+    (page[0] / out).mkdir(exist_ok=True)
+    (page[0] / out / "mine.txt").write_text("kept")
+    line = example(command)
+    if command in ("refine", "bag"):
+        line = re.sub(r" --(poses|joints) \S+", "", line).replace("slow", "recording")
+    assert run(line) == 2
+    refused = capfd.readouterr().err
+    assert refused == (
+        f"trinolab {command}: {out}: exists already; name another folder, or remove it\n"
+    )
+    assert (page[0] / out / "mine.txt").read_text() == "kept"
+
+
+@pytest.mark.slow
+def test_a_file_that_is_there_is_replaced(ran, page):
+    (page[0] / "kit.pdf").write_text("another")
+    ran("kit")
+    assert (page[0] / "kit.pdf").read_bytes().startswith(b"%PDF")
+    for name in ("board.csv", "poses.csv", "instants.csv"):
+        (page[0] / name).write_text("another")
+    for line in (
+        "track short --out poses.csv",
+        "measure short --out instants.csv",
+    ):
+        if not (page[0] / "short").exists():
+            write_recording(page[0] / "short", 3)
+        ran("again", line)
+        assert len(read_poses(page[0] / line.split()[-1])) == 3
+
+
+def test_a_file_that_is_read_is_not_replaced(ran, page, capfd):
+    before = (page[0] / "recording" / "rig.toml").read_bytes()
+    ran("again", "measure recording --rig recording/rig.toml --out recording/rig.toml", code=2)
+    assert (page[0] / "recording" / "rig.toml").read_bytes() == before
