@@ -180,16 +180,14 @@ def _freedom(components: list[Number], set_up: np.ndarray) -> float:
     set_ups = len(np.unique(set_up))
     freedoms = (len(set_up) - 1, max(set_ups - 1, 1), max(set_ups - 1, 1))
     u = np.array([number.value for number in components])
-    return float((u**2).sum() ** 2 / (u**4 / freedoms).sum())
+    return float((u**2).sum() ** 2 / (u**4 / np.array(freedoms)).sum())
 
 
-def _over_set_ups(
-    what: str, squares: Array, unit: str, set_up: np.ndarray, seed: int
-) -> Number:
+def _over_set_ups(what: str, squares: Array, unit: str, set_up: np.ndarray, seed: int) -> Number:
     """The root of a mean square, with an interval over set-ups: within one all poses share its
     calibration.
     """
-    means = np.array([squares[set_up == k].mean() for k in np.unique(set_up)])
+    means = np.array([float(squares[set_up == k].mean()) for k in np.unique(set_up)])
     interval = by_bootstrap(means, _root_of_mean)
     value = _root_of_mean(means)
     number = Number(NAME, what, "rms", value, unit, len(squares), seed)
@@ -198,7 +196,7 @@ def _over_set_ups(
 
 def _root_of_mean(squares: Array) -> float:
     """Zero where noise makes a difference of squares negative."""
-    return float(np.sqrt(max(np.mean(squares), 0.0)))
+    return float(max(squares.mean(), 0.0)) ** 0.5
 
 
 def _of_the_set_ups(interval: Interval) -> Interval:

@@ -255,7 +255,9 @@ def test_a_size_that_is_hardly_known_comes_back(tmp_path):
 def test_exact_is_yes_or_no_and_goes_with_no_covariance(tmp_path):
     path = tmp_path / "rig.toml"
     path.write_text(rig_text(two()) + '[metadata]\nexact = "very"\n', encoding="utf-8")
-    with pytest.raises(ValueError, match=r"\[metadata\]: exact: expected true or false, got 'very'"):
+    with pytest.raises(
+        ValueError, match=r"\[metadata\]: exact: expected true or false, got 'very'"
+    ):
         read_rig(path)
     write_rig(two(known()), path)
     path.write_text(rig_text(two()) + "[metadata]\nexact = true\n", encoding="utf-8")
