@@ -64,7 +64,9 @@ def over_field(rig: Rig, handle: Handle) -> FieldMap:
         along = axis @ C @ axis
         depth[row, column] = np.sqrt(along)
         across[row, column] = np.sqrt((np.trace(C) - along) / 2)
-    return FieldMap(x, z, depth, across)
+    rows, columns = (np.isfinite(depth).any(axis=k) for k in (1, 0))
+    inside = np.ix_(rows, columns)
+    return FieldMap(x[columns], z[rows], depth[inside], across[inside])
 
 
 def _at(place: Array, turn_deg: float, rig: Rig, handle: Handle) -> Array:
