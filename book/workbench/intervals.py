@@ -33,6 +33,7 @@ __all__ = [
     "of_mean",
     "of_quantile",
     "of_ratio",
+    "of_series",
     "of_share",
     "of_slope",
     "of_student",
@@ -85,6 +86,39 @@ def by_bootstrap(
     statistics = [statistic(rows[resample]) for resample in chosen]
     low, high = np.nanquantile(statistics, [(1 - LEVEL) / 2, (1 + LEVEL) / 2])
     return Interval(float(low), float(high), f"bootstrap, {resamples} resamples")
+
+
+def of_series(
+    values: ArrayLike,
+    statistic: Callable[[Array], float],
+    length: int,
+    seed: int = 0,
+    resamples: int = RESAMPLES,
+) -> Interval:
+    """Of a statistic of instants that follow one another, by drawing blocks of them again: within a
+    block they may depend on each other (moving blocks: Kuensch 1989, DOI 10.1214/aos/1176347265).
+
+    Parameters
+    ----------
+    values : array_like, shape (n, ...)
+        In the order of time.
+    statistic : callable
+        From rows to a number.
+    length : int
+        Of a block; NaN for fewer than two blocks.
+    seed, resamples
+        See `by_bootstrap`.
+    """
+    rows = np.asarray(values, float)
+    m = as_whole(length, "length", 1)
+    if len(rows) < 2 * m:
+        return NONE
+    blocks = -(-len(rows) // m)
+    begin = np.random.default_rng(seed).integers(len(rows) - m + 1, size=(resamples, blocks))
+    chosen = (begin[..., None] + np.arange(m)).reshape(resamples, -1)[:, : len(rows)]
+    statistics = [statistic(rows[resample]) for resample in chosen]
+    low, high = np.nanquantile(statistics, [(1 - LEVEL) / 2, (1 + LEVEL) / 2])
+    return Interval(float(low), float(high), f"bootstrap, {resamples} resamples of blocks of {m}")
 
 
 def of_mean(values: ArrayLike, seed: int = 0, resamples: int = RESAMPLES) -> Interval:
@@ -143,10 +177,15 @@ def of_student(values: ArrayLike) -> Interval:
     return Interval(float(x.mean()) - reach, float(x.mean()) + reach, "Student's t")
 
 
-def of_share(count: int, n: int) -> Interval:
-    """Of a share of independent trials (Wilson 1927, DOI 10.1080/01621459.1927.10502953)."""
-    interval = stats.binomtest(int(count), int(n)).proportion_ci(LEVEL, method="wilson")
-    return Interval(float(interval.low), float(interval.high), "Wilson")
+def of_share(count: int, n: int, together: int = 1) -> Interval:
+    """Of a share of trials (Wilson 1927, DOI 10.1080/01621459.1927.10502953), of which so many that
+    follow one another count as one.
+    """
+    independent = max(int(n) // together, 1)
+    like_count = round(count * independent / n)
+    interval = stats.binomtest(like_count, independent).proportion_ci(LEVEL, method="wilson")
+    how = "Wilson" if together == 1 else f"Wilson, {together} instants as one"
+    return Interval(float(interval.low), float(interval.high), how)
 
 
 def highest_share(count: int, n: int) -> float:

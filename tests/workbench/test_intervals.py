@@ -13,6 +13,7 @@ from workbench.intervals import (
     octaves,
     of_allan,
     of_quantile,
+    of_series,
     of_share,
     of_slope,
     rms,
@@ -159,3 +160,35 @@ def test_slope_against_another_solution():
 
 def test_rms():
     assert rms(np.array([3.0, 4.0])) == pytest.approx(np.sqrt(12.5))
+
+
+def test_a_mean_of_a_series_is_held_as_often_as_is_said():
+    """Of an autoregression of the first order, whose neighbours agree to 0.8: single instants drawn
+    again say an interval of a third of the width.
+    """
+    rng = np.random.default_rng(5)
+    held = alone = 0
+    for _ in range(200):
+        noise = rng.normal(size=400)
+        series = np.zeros(400)
+        for k in range(1, 400):
+            series[k] = 0.8 * series[k - 1] + noise[k]
+        low, high, how = of_series(series, np.mean, 25, resamples=400)
+        held += low <= 0 <= high
+        low, high, _ = by_bootstrap(series, np.mean, resamples=400)
+        alone += low <= 0 <= high
+    assert how.endswith("blocks of 25")
+    assert held >= 168  # blocks cut a little off: 84 % and more
+    assert alone <= 140
+
+
+def test_a_series_of_less_than_two_blocks_says_nothing():
+    assert np.isnan(of_series(np.arange(19.0), np.mean, 10).low)
+
+
+def test_instants_that_count_as_one_widen_a_share():
+    each, together = of_share(90, 300), of_share(90, 300, 15)
+    exact = stats.binomtest(6, 20).proportion_ci(0.95, method="wilson")
+    assert (together.low, together.high) == pytest.approx((exact.low, exact.high))
+    assert together.low < each.low < each.high < together.high
+    assert together.how == "Wilson, 15 instants as one"

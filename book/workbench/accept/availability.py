@@ -18,7 +18,7 @@ from trinolab.metrics import FAR_DEG, FAR_MM, can_be_measured, waits
 from . import tracks
 from .numbers import LARGEST, OWN, Answer, Number, distribution, far_count, share
 from .setup import CENTRE_MM, Setup
-from .tracks import FPS, Row, Track
+from .tracks import FPS, TOGETHER, Row, Track
 
 __all__ = ["NAME", "before", "job_of", "judge", "judge_recording", "parts", "run"]
 
@@ -80,7 +80,9 @@ def judge(setup: Setup, rows: list[list[Row]]) -> Answer:
         # an instant without a handle has no true pose: whatever is measured there is wrong
         far = ((distances > FAR_MM) | (angles > FAR_DEG)).sum() + (track.found & ~present).sum()
         answer.numbers += [
-            *distribution(NAME, "position error meanwhile", distances, "mm", setup.seed),
+            *distribution(
+                NAME, "position error meanwhile", distances, "mm", setup.seed, together=TOGETHER
+            ),
             far_count(NAME, int(far), int(track.found.sum()), setup.seed),
         ]
     answer.notes.append(
@@ -88,7 +90,7 @@ def judge(setup: Setup, rows: list[list[Row]]) -> Answer:
         "motion, hand and forearm, a second hand that hides the handle from one camera after the "
         "other, a step of the light by 1.5, a covered camera, a handle that leaves the images. "
         "Possible is an instant at which one camera truly sees four markers, or two see three "
-        "each. Instants that follow one another are not independent: the intervals are too narrow."
+        "each. What happens lasts: half a second of instants counts as one in the intervals."
     )
     return answer
 
@@ -107,10 +109,12 @@ def _availability(
 ) -> Answer:
     measured = track.found
     n = len(measured)
-    numbers = [share(NAME, "measured, of all instants", int(measured.sum()), n, seed, source)]
+    count = int(measured.sum())
+    numbers = [share(NAME, "measured, of all instants", count, n, seed, source, together=TOGETHER)]
     if visible is not None and visible.any():
         count, of = int((measured & visible).sum()), int(visible.sum())
-        numbers.append(share(NAME, "measured, of the possible instants", count, of, seed, source))
+        what = "measured, of the possible instants"
+        numbers.append(share(NAME, what, count, of, seed, source, together=TOGETHER))
     step = float(np.median(np.diff(track.t_s))) if n > 1 else np.nan
     ended, unended = waits(measured, visible)
     lasted = step * np.array(ended, float)

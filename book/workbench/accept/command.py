@@ -213,7 +213,8 @@ def _recorded(
             resting.append(track)
             _add(answers, rest.NAME, rest.judge_tracks([track], None, name))
     left_out = {
-        name: "it needs the true poses, which a recording does not have" for name in ("A2", "A3")
+        name: "it needs the true poses, which a recording does not have"
+        for name in ("A0", "A2", "A3")
     }
     left_out["A5"] = "it needs the time of a known motion, which a recording does not have"
     if not resting:

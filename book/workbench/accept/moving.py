@@ -22,7 +22,7 @@ from ..plotting import datasheet
 from . import tracks
 from .numbers import LARGEST, Answer, Number, Picture, distribution, far_count, share
 from .setup import Field, Setup, drawn_at
-from .tracks import FPS, Row
+from .tracks import FPS, TOGETHER, Row
 
 __all__ = [
     "ENDS",
@@ -228,9 +228,19 @@ def _at_speed(
     note = f"instants of {limits[0] / 1000:.2g} to {limits[1] / 1000:.2g} m/s"
     distances, angles = tracks.lengths(error[both])
     seed = setup.seed
-    errors = partial(distribution, NAME, seed=seed, statistics=("rms", "95 %", LARGEST))
+    errors = partial(
+        distribution, NAME, seed=seed, statistics=("rms", "95 %", LARGEST), together=TOGETHER
+    )
     return [
-        share(NAME, f"both ends measured {at}", int(both.sum()), len(both), seed, note=note),
+        share(
+            NAME,
+            f"both ends measured {at}",
+            int(both.sum()),
+            len(both),
+            seed,
+            note=note,
+            together=TOGETHER,
+        ),
         *errors(f"bar's length {at}", np.abs(length[both]), "mm"),
         *errors(f"relative position {at}", distances, "mm"),
         *errors(f"relative angle {at}", angles, "deg"),

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -11,7 +11,16 @@ import pandas as pd
 
 from trinolab.checks import Array
 
-from ..intervals import NONE, Interval, by_bootstrap, highest_share, of_quantile, of_share, rms
+from ..intervals import (
+    NONE,
+    Interval,
+    by_bootstrap,
+    highest_share,
+    of_quantile,
+    of_series,
+    of_share,
+    rms,
+)
 
 __all__ = [
     "CLOCK",
@@ -116,11 +125,16 @@ def distribution(
     seed: int | None,
     source: str = OWN,
     statistics: Sequence[str] = STATISTICS,
+    together: int = 1,
 ) -> list[Number]:
     """Mean, rms, median, 95 %, 99 % and the largest of values (n,), or some of these, each with
     its interval; none for no value.
+
+    Of instants that follow one another, `together` of them depend on each other.
     """
     n = len(values)
+    if together > 1:
+        return _of_instants(test, what, values, unit, seed, source, statistics, together)
     if n == 0:
         return []
 
@@ -142,11 +156,48 @@ def distribution(
     return [computed[name]() for name in statistics]
 
 
+def _of_instants(
+    test: str,
+    what: str,
+    values: Array,
+    unit: str,
+    seed: int | None,
+    source: str,
+    statistics: Sequence[str],
+    together: int,
+) -> list[Number]:
+    """`distribution` of instants that depend on each other."""
+    computed: dict[str, Callable[[Array], float]] = {
+        "mean": lambda rows: float(np.mean(rows)),
+        "rms": rms,
+        "median": lambda rows: float(np.median(rows)),
+        "95 %": lambda rows: float(np.quantile(rows, 0.95)),
+        "99 %": lambda rows: float(np.quantile(rows, 0.99)),
+    }
+    numbers = []
+    for name in statistics if len(values) else ():
+        number = Number(test, what, name, float(values.max()), unit, len(values), seed, source)
+        if name in computed:
+            number = replace(number, value=computed[name](values))
+            number = number.within(of_series(values, computed[name], together))
+        numbers.append(number)
+    return numbers
+
+
 def share(
-    test: str, what: str, count: int, n: int, seed: int | None, source: str = OWN, note: str = ""
+    test: str,
+    what: str,
+    count: int,
+    n: int,
+    seed: int | None,
+    source: str = OWN,
+    note: str = "",
+    together: int = 1,
 ) -> Number:
-    """A share in per cent with Wilson's interval."""
-    interval = of_share(count, n)
+    """A share in per cent with Wilson's interval; of instants that follow one another, `together`
+    count as one.
+    """
+    interval = of_share(count, n, together)
     number = Number(test, what, "share", 100 * count / n, "%", n, seed, source, note=note)
     return number.within(Interval(100 * interval.low, 100 * interval.high, interval.how))
 

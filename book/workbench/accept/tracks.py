@@ -27,6 +27,7 @@ from .setup import Setup
 
 __all__ = [
     "FPS",
+    "TOGETHER",
     "Row",
     "Track",
     "as_track",
@@ -42,6 +43,7 @@ __all__ = [
 ]
 
 FPS = 30.0
+TOGETHER = 15  # instants that follow one another, half a second: their errors depend on each other
 FOUND = ("measured", "ambiguous")
 Row = list[Any]  # of a kept file: time, status, sigmas, seconds, position, quaternion
 

@@ -17,15 +17,18 @@ from trinolab.files.kept import KeptLines
 from trinolab.files.rigs import read_handle, read_rig
 
 from ..sweep.engines import as_finished, processes
-from . import arm, availability, latency, moving, pointer, rest, static
+from . import arm, availability, combined, latency, moving, pointer, rest, static
 from .arm import Noise
 from .setup import Setup
 
 __all__ = ["RENDERED", "TESTS", "Found", "Kept", "Part", "Source", "do", "measured", "setup_of"]
 
-TESTS = {test.NAME: test for test in (rest, static, moving, pointer, latency, availability, arm)}
+TESTS = {
+    test.NAME: test
+    for test in (combined, rest, static, moving, pointer, latency, availability, arm)
+}
 # The longest parts first, so that both processes end at the same time.
-RENDERED = ("A6", "A5", "A3", "A1", "A4", "A2")
+RENDERED = ("A6", "A5", "A3", "A1", "A4", "A0", "A2")
 
 
 class Part(NamedTuple):

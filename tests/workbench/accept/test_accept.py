@@ -11,13 +11,26 @@ from sheetrows import pointer_rows, rows_of, setup, static_rows
 
 from trinolab.bench.scenario import seen_markers
 from trinolab.bench.scene import scaled
-from trinolab.camera import Camera, Rig
+from trinolab.camera import Camera, Rig, RigCovariance
 from trinolab.datasets import load_handle, load_rig
 from trinolab.files.poses import pose_table
+from trinolab.handle import slant_angles
 from trinolab.pose import LOST, Pose
+from trinolab.rigid import shifted
 from trinolab.workspace import view_volume
 from workbench import intervals
-from workbench.accept import arm, availability, latency, moving, pointer, rest, static, tracks
+from workbench.accept import (
+    arm,
+    availability,
+    combined,
+    field_map,
+    latency,
+    moving,
+    pointer,
+    rest,
+    static,
+    tracks,
+)
 from workbench.accept.numbers import LARGEST
 from workbench.accept.setup import Setup, drawn_at, field_of, sobol_poses
 from workbench.accept.tracks import FPS, as_track, track_of_table
@@ -906,3 +919,152 @@ def test_the_arm_comes_to_its_poses():
     found = arm.run(one, 0, arm.Noise(0.003, 0.03, "a test has"))
     off = np.array(found["tool"]["positions"]) - np.array(found["hand"]["positions"])
     assert np.linalg.norm(off, axis=1).max() < 0.5
+
+
+# --- A0: the combined uncertainty
+
+
+def set_ups(one, sigmas, seed=0):
+    """Rows of all set-ups with errors drawn by hand: of depth, across it (an axis, mm) and about each
+    axis (deg), by what is wrong; what is common to a set-up is drawn once for it.
+    """
+    rng = np.random.default_rng(seed)
+    count, together = combined.parts(one), combined.TOGETHER
+    poses = sobol_poses(one.field, count * together, one.seed).poses
+    names = ("noise", "calibration", "markers")
+    rows = []
+    for k in range(count):
+        own = {name: np.zeros((together, 6)) for name in names}
+        for name in names:
+            depth, across, turn = sigmas[name]
+            size = np.array([across, across, depth, *[np.deg2rad(turn)] * 3])
+            drawn = together if name == "noise" else 1
+            own[name] = np.repeat(size * rng.normal(size=(drawn, 6)), together // drawn, axis=0)
+        errors = {
+            "noise": own["noise"],
+            "calibration": own["noise"] + own["calibration"],
+            "markers": own["noise"] + own["markers"],
+            "all": sum(own.values()),
+        }
+        rows.append({})
+        for name, off in errors.items():
+            rows[-1][name] = []
+            for i, error in enumerate(off):
+                T = poses[k * together + i]
+                wrong = RigidTransform.from_components(
+                    T.translation + error[:3], Rotation.from_rotvec(error[3:]) * T.rotation
+                )
+                sigma = np.diag([s**2 for s in _whole(sigmas)])
+                rows[-1][name].append(
+                    tracks.row_of(float(i), Pose("measured", wrong, sigma, 0.1, 6, 3))
+                )
+    return rows
+
+
+def _whole(sigmas):
+    depth, across, turn = (np.sqrt(sum(s[i] ** 2 for s in sigmas.values())) for i in range(3))
+    return [across, across, depth, *[np.deg2rad(turn)] * 3]
+
+
+SIGMAS = {
+    "noise": (0.003, 0.002, 0.04),
+    "calibration": (0.2, 0.05, 0.03),
+    "markers": (0.01, 0.01, 0.25),
+}
+
+
+def test_a_budget_has_what_was_drawn():
+    one = setup(poses=512)
+    rows = set_ups(one, SIGMAS)
+    answer = combined.judge(one, rows)
+    n = combined.parts(one)
+    assert n == 24
+    for index, kind in enumerate(("depth", "across", "rotation")):
+        factor = np.sqrt(3) if kind == "rotation" else 1.0  # the angle is that of all three axes
+        for name, line in (
+            ("noise", "images' noise (type A)"),
+            ("calibration", "calibration (type B)"),
+            ("markers", "markers' places (type B)"),
+        ):
+            found = value(answer, f"{kind}: {line}", "rms")
+            share = SIGMAS[name][index] / np.sqrt(sum(s[index] ** 2 for s in SIGMAS.values()))
+            if share > 0.3:  # what is small beside the rest drowns in it
+                assert found.value == pytest.approx(factor * SIGMAS[name][index], rel=0.4)
+        whole = value(answer, f"{kind}: combined, u", "rms")
+        expanded = value(answer, f"{kind}: expanded, U = 2 u", "rms")
+        assert expanded.value == pytest.approx(2 * whole.value)
+        assert whole.low < whole.value < whole.high
+        freedom = float(expanded.note.split()[0])
+        assert n - 2 < freedom < 4 * n  # nearly all of it is drawn once a set-up
+    held = float(value(answer, "depth: expanded, U = 2 u", "rms").note.split("; ")[1].split()[0])
+    assert held > 88
+    assert value(answer, "true / reported position error", "rms").value == pytest.approx(1, abs=0.3)
+    assert value(answer, "poses measured", "share").value == 100.0
+
+
+def test_what_the_files_state_is_what_is_drawn():
+    one = setup(poses=8)
+    names = one.rig.names
+    matrix = np.zeros((15 * len(names),) * 2)
+    matrix[2, 2] = 0.7**2  # the first camera's principal point, along u
+    stated = replace(one.rig, covariance=RigCovariance(names, matrix))
+    wide = Setup(stated, replace(one.handle, placement_sigma_mm=0.1), 8, 0)
+    drawn = [combined.believed(wide, np.random.default_rng(k)) for k in range(60)]
+    off = np.array(
+        [rig.cameras[0].matrix[0, 2] - one.rig.cameras[0].matrix[0, 2] for rig, _ in drawn]
+    )
+    assert off.std() == pytest.approx(0.7, rel=0.3)
+    assert {rig.cameras[1].matrix[0, 2] for rig, _ in drawn} == {one.rig.cameras[1].matrix[0, 2]}
+    beside = np.array([handle.marker_centres - one.handle.marker_centres for _, handle in drawn])
+    assert beside.std() == pytest.approx(0.1, rel=0.1)
+    assert {handle.placement_sigma_mm for _, handle in drawn} == {0.1}
+
+
+@pytest.mark.heavy
+def test_a_set_up_is_measured_in_four_ways():
+    one = setup(poses=8)
+    rows = combined.run(one, 0)
+    assert set(rows) == {"all", "noise", "calibration", "markers"}
+    track = tracks.as_track(rows["noise"])
+    poses = sobol_poses(one.field, combined.parts(one) * combined.TOGETHER, 0).poses
+    off, found = tracks.errors(track, poses[: combined.TOGETHER], one, one_track=False)
+    assert found.sum() >= 7
+    assert np.linalg.norm(off[found, :3], axis=1).max() < 0.05
+
+
+def test_the_map_is_known_worse_further_away_and_in_depth():
+    known = field_map.over_field(load_rig("raised_40deg"), load_handle("coded"))
+    inside = np.isfinite(known.depth_mm)
+    assert 0.2 < inside.mean() < 1.0
+    assert (np.isfinite(known.across_mm) == inside).all()
+    assert (known.depth_mm[inside] > known.across_mm[inside]).mean() > 0.95
+    of_rows = [np.nanmean(row) for row in known.depth_mm if np.isfinite(row).any()]
+    assert of_rows[-1] > 1.5 * of_rows[0]
+
+
+def test_the_covariance_of_a_pose_is_what_many_adjustments_scatter_by():
+    """The marker's places and the rig are exact, so that the pixels' noise is all."""
+    rig, handle = load_rig("raised_40deg"), load_handle("coded")
+    T = RigidTransform.from_components(
+        [10.0, 5.0, 560.0], Rotation.from_euler("ZYX", [5, 190, 8], True)
+    )
+    expected = field_map.pose_covariance(T, rig, handle)
+    rng = np.random.default_rng(0)
+    centres = T.apply(handle.marker_centres)
+    normals = handle.marker_normals @ T.as_matrix()[:3, :3].T
+    slants = [slant_angles(centres, normals, camera.centre) for camera in rig.cameras]
+    seen = [slant < np.deg2rad(field_map.MAX_SLANT_DEG) for slant in slants]
+    noise = [field_map.CENTRE_PX * rng.normal(size=(150, *centres.shape[:1], 2)) for _ in seen]
+
+    def left(step, k):
+        at = shifted(T, step).apply(handle.marker_centres)
+        return np.concatenate(
+            [
+                (camera.project(at) - camera.project(centres) - one[k])[mask].ravel()
+                for camera, mask, one in zip(rig.cameras, seen, noise, strict=True)
+            ]
+        )
+
+    steps = np.array([least_squares(left, np.zeros(6), args=(k,)).x for k in range(150)])
+    found = np.sqrt(np.diag(np.cov(steps.T)))
+    np.testing.assert_allclose(found, np.sqrt(np.diag(expected)), rtol=0.25)  # of 150: 6 % each

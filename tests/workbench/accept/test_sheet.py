@@ -491,7 +491,7 @@ def test_a_recording_in_the_renderer_s_place(recording, tmp_path, monkeypatch):
     (number,) = [n for n in done.sheet.numbers if n.what == "measured, of all instants"]
     assert number.value == pytest.approx(100 * (table["status"] == "measured").mean())
     assert (number.source, number.seed, number.n) == ("recording rec", None, 10)
-    assert set(done.sheet.left_out) == {"A1", "A2", "A3", "A4", "A5", "A7"}
+    assert set(done.sheet.left_out) == {"A0", "A1", "A2", "A3", "A4", "A5", "A7"}
     assert "in no recording does the handle rest" in done.sheet.left_out["A1"]
     monkeypatch.setattr(command, "track_folder", None)
     again = accept(*files, out, [recording / "rec"], workers=1, progress=False)
