@@ -210,8 +210,8 @@ def follow(
     shows some, it is the image model of a handle that moves while the shutter is open: centroids
     are worth less than that when limb and neighbours are blurred together.
 
-    `before` is the rig as the last instant left it. It serves where too few markers are found to
-    say how this one does.
+    `before` is the rig as the last instant left it. It serves where too few markers are found, or
+    they are smeared too much, to say how this one does.
     """
     sights = look(images, guess.expected, rig, handle, p)
     pixels = tuple(sight.found[:, :2] for sight in sights)
@@ -228,8 +228,10 @@ def follow(
     moves = guess.blurred or (
         _may_move(guess, p) and _stretched(guess.expected, followed.sights, p)
     )
-    if instant is not None and not (moves and known_covariance(rig).is_exact):
-        # smeared centroids are no reason to doubt a rig that is said to be exact
+    if instant is not None and moves and not _states_errors(rig):
+        # smeared centroids say nothing of such a rig; what sharper ones have said of it stays
+        followed = followed._replace(rig=before or rig)
+    elif instant is not None:
         rig, T = reconciled(rig, handle, instant.uv, instant.T_world_handle, p.sigma_px, p.identity)
         instant = instant._replace(T_world_handle=T)
         followed = followed._replace(rig=rig)
@@ -237,6 +239,12 @@ def follow(
         followed = _fitted_still(followed, images, instant, handle, p)
         moves = followed.smear_px > p.blurred_px
     return _fitted_moving(followed, images, instant, handle, p) if moves else followed
+
+
+def _states_errors(rig: Rig) -> bool:
+    """Whether a rig says how far it is off: one that is exact, or says nothing, does not."""
+    known = known_covariance(rig)
+    return not known.is_exact and bool(np.isinf(known.freedom))
 
 
 def _may_move(guess: Guess, p: FollowParameters) -> bool:

@@ -20,11 +20,12 @@ from trinolab.estimators.pixels import fit_patches
 from trinolab.files.recording import Frames
 from trinolab.following import look as look_module
 from trinolab.following import posefilter, posetracker
-from trinolab.following.look import expect, look
+from trinolab.following.look import Guess, expect, follow, look
 from trinolab.following.parameters import FollowParameters
 from trinolab.following.posefilter import PoseFilterParameters
 from trinolab.pose import LOST
 from trinolab.rigid import apart, motion_between, shifted
+from trinolab.uncertainty.usual import usual_covariance
 from workbench.studies.broken import jpeg
 
 RIG, CODED, PAPER = load_rig("raised_40deg"), load_handle("coded"), load_handle("paper")
@@ -240,6 +241,22 @@ def test_a_fit_that_runs_out_of_steps_says_that_it_is_not_at_its_end(monkeypatch
     away = motion_between(stopped.T_world_handle, FIRST)
     assert away @ np.linalg.solve(settled.covariance, away) > 100.0
     assert away @ np.linalg.solve(stopped.covariance, away) < 25.0  # chi-square of six, 99.97 %
+
+
+@pytest.mark.parametrize("smeared", [True, False])
+def test_smeared_markers_leave_a_rig_as_sharp_ones_have_seen_it(smeared):
+    """A rig that does not say how far it is off."""
+    velocity = np.array([350.0, -120.0, 60.0, 0.3, 0.2, -0.4]) * smeared
+    frames = smeared_images(CODED, FIRST, velocity, np.random.default_rng(2))
+    silent = replace(RIG, covariance=None)
+    known = replace(silent, covariance=usual_covariance(silent, 0.1))
+    motion = posefilter.begin(0.0, FIRST, np.diag([0.1] * 3 + [1e-4] * 3), BEST.motion)
+    rates = np.concatenate([velocity, np.zeros(6)])
+    guess = Guess(motion._replace(rates=rates), expect(silent, CODED, motion, BEST), smeared)
+    followed = follow(frames, guess, silent, CODED, BEST, known)
+    assert followed.pose.status == "measured"
+    assert (followed.rig is known) == smeared
+    assert not apart(followed.pose.T_world_handle, FIRST, 0.5, np.deg2rad(0.5))
 
 
 @pytest.mark.heavy
