@@ -35,10 +35,10 @@ from .systematic import Response, is_uncertain, known_errors, slopes_at, varianc
 
 __all__ = ["Bias", "centroid_bias", "centroid_covariance"]
 
-NOISE_PX = 0.02  # of a centroid, in each direction, where nothing says that it is more
+NOISE_PX = 0.015  # of a centroid, in each direction, where nothing says that it is more
 # The pull of the light by that of an angle of 45 deg: less than 1, since not all light has one
-# direction. On the simulated bench it is 0.2 to 0.4, in a path-traced room with two lamps 0.5.
-LIGHT = 0.4
+# direction. On images of the simulated bench 0.4 would do, on path-traced ones 0.7.
+LIGHT = 0.5
 
 
 class Bias(NamedTuple):
