@@ -34,7 +34,8 @@ class Parameters:
         beyond 70 deg the centroid of a wrapped marker lies more than 1 px beside the image of its
         centre.
     sigma_px : float
-        Standard deviation of a centroid for the pose's covariance.
+        How far a centroid may be off, its bias included, where a rig is held against it
+        (`identity.reconcile`). What the pose owes to it is in `uncertainty.centroids`.
     memory_s : float
         For how long the last measured pose chooses among poses that look alike, and is predicted
         from, s.

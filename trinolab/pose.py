@@ -21,6 +21,7 @@ from .triangulation import (
     pairs_with_slopes,
     triangulation_slopes,
 )
+from .uncertainty.centroids import NOISE_PX, centroid_covariance, common_bias
 from .uncertainty.size import Residuals, settled
 from .uncertainty.systematic import NOTHING, Response, is_uncertain, response, systematic_covariance
 
@@ -30,6 +31,7 @@ __all__ = [
     "fit_pose",
     "fit_response",
     "measured_pose",
+    "pose_of_centroids",
     "response_of_points",
     "rigid_fit",
     "rigid_fit_covariance",
@@ -346,7 +348,8 @@ def fit_pose(
     max_slant_deg : float
         Markers turned further away are left out if four others remain.
     sigma_px : float
-        Standard deviation of a centroid, for the covariance.
+        Standard deviation of a pixel coordinate, for the covariance: of pixels that have noise and no
+        bias. What centroids have is counted by `pose_of_centroids`.
     known : RigidTransform, optional
         T_world_handle that says how far they are turned; by default a fit to all of them.
 
@@ -369,15 +372,36 @@ def fit_pose(
     return measured_pose(T, covariance, uv_used, used, rig, handle, systematic)
 
 
+def pose_of_centroids(uv: Array, rig: Rig, handle: Handle, max_slant_deg: float = 70.0) -> Pose:
+    """The paper's estimate with the covariance that centroids of wrapped markers give it (Eq. 20-24).
+
+    The pose is that of `fit_pose`. Its centroids have a bias, which the paper's method leaves in; the
+    covariance says how large it may be (`uncertainty.centroids`). Parameters as for `fit_pose`.
+    """
+    fitted = _fitted(uv, rig, handle, max_slant_deg, 1.0, None)
+    if fitted is None:
+        return LOST
+    T, uv_used, used, _ = fitted
+    answers = _response(fitted, rig, handle)
+    left = _left(fitted, answers, rig, NOISE_PX)
+    if is_uncertain(rig, handle):
+        left = left._replace(common=common_bias(answers, T, rig, handle))
+        rig_as_seen = settled(answers, left, T, rig, handle)
+    else:
+        rig_as_seen = rig
+    covariance = centroid_covariance(answers, left.px, T, rig_as_seen, handle)
+    systematic = systematic_covariance(answers, rig_as_seen, handle)
+    return measured_pose(T, covariance, uv_used, used, rig, handle, systematic)
+
+
 def _left(fitted: _Fitted, answers: Response, rig: Rig, sigma_px: float) -> Residuals:
     """What is left of the centroids that a pose answers to."""
-    at = answers.camera, answers.marker
     predicted = np.empty_like(answers.points[:, :2])
     for c, camera in enumerate(rig.cameras):
         mine = answers.camera == c
         predicted[mine] = image_of(camera, answers.points[mine])
     information = np.broadcast_to(np.eye(2) / sigma_px**2, (len(predicted), 2, 2))
-    return Residuals(fitted.uv[at] - predicted, information)
+    return Residuals(fitted.uv[answers.camera, answers.marker] - predicted, information)
 
 
 def fit_response(uv: Array, rig: Rig, handle: Handle, max_slant_deg: float = 70.0) -> Response:

@@ -12,7 +12,6 @@ from scipy.spatial.transform import RigidTransform, Rotation
 from trinolab.bench.optics import Bench
 from trinolab.bench.scenario import Job, Shot, take
 from trinolab.bench.scene import render_rig
-from trinolab.camera import Rig
 from trinolab.following import posefilter, posetracker
 from trinolab.following.look import Guess, displacement, expect, follow
 from trinolab.following.parameters import FollowParameters
@@ -135,7 +134,8 @@ def found():
     behind = RigidTransform.from_components(
         [0.0, 0.0, 1140.0], Rotation.from_euler("y", 180, degrees=True)
     )
-    two_sides = Rig((RIG.cameras[0], replace(RIG.cameras[1], T_cam_world=behind.inv())))
+    facing = replace(RIG.cameras[1], T_cam_world=behind.inv())
+    two_sides = replace(RIG.part(range(2)), cameras=(RIG.cameras[0], facing))
     T = RigidTransform.from_components(
         [5.0, 8.0, 570.0], Rotation.from_euler("ZYX", [80, 20, 8], degrees=True)
     )

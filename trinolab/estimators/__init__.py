@@ -1,6 +1,6 @@
 """Better poses from the same images (beyond the paper): the estimators by name.
 
-``paper`` is the paper's own (Eq. 20-24, `pose.fit_pose`); each other one stands in a module of this
+``paper`` is the paper's own (Eq. 20-24, `pose.pose_of_centroids`); each other one stands in a module of this
 folder, which is loaded when it is asked for.
 """
 
@@ -12,7 +12,7 @@ from ..camera import Rig
 from ..handle import Handle
 from ..methods import ESTIMATORS
 from ..parameters import Parameters
-from ..pose import Pose, fit_pose
+from ..pose import Pose, pose_of_centroids
 from .identified import Identified
 
 __all__ = ["Identified", "estimate"]
@@ -34,7 +34,7 @@ def estimate(instant: Identified, rig: Rig, handle: Handle, parameters: Paramete
     """
     p = parameters
     if p.estimator == "paper":
-        return fit_pose(instant.uv, rig, handle, p.max_slant_deg, p.sigma_px)
+        return pose_of_centroids(instant.uv, rig, handle, p.max_slant_deg)
     return _better(p.estimator)(instant, rig, handle, p)
 
 

@@ -12,7 +12,7 @@ from ..camera import Rig
 from ..checks import Array
 from ..handle import Handle
 from ..parameters import Parameters
-from ..pose import LOST, Pose, fit_pose, fit_response
+from ..pose import LOST, Pose, fit_response, pose_of_centroids
 from ..rigid import apart, motion_between
 from ..uncertainty.systematic import Response, is_uncertain, known_errors
 from .identified import Identified
@@ -29,18 +29,18 @@ def checked_pose(instant: Identified, rig: Rig, handle: Handle, p: Parameters) -
     shows that, see `Fit`.
 
     The paper has no test of a pose. Here it is lost if the image model, where it applies, leads far
-    away from it. Its covariance, of pixel noise alone, does not know of the centroids' bias: where
-    the image model applies, the mean square of the error is that of the better pose, and the square
-    of the way from there.
+    away from it. How large its centroids' bias may be is in its covariance; where the image model
+    applies, the bias itself is known: the mean square of the error is that of the better pose, and the
+    square of the way from there.
     """
     check = fit_patches(instant.images, rig, handle, instant.T_world_handle, p.max_slant_deg)
     if check is not None and check.refused:
         return LOST
     if check is None or not check.shown.any():
-        return fit_pose(instant.uv, rig, handle, p.max_slant_deg, p.sigma_px)
+        return pose_of_centroids(instant.uv, rig, handle, p.max_slant_deg)
     uv = instant.uv.copy()
     uv[check.views.camera[~check.shown], check.views.marker[~check.shown]] = np.nan
-    pose = fit_pose(uv, rig, handle, p.max_slant_deg, p.sigma_px)
+    pose = pose_of_centroids(uv, rig, handle, p.max_slant_deg)
     better = judged(check)
     if pose.T_world_handle is None or better.T_world_handle is None:
         return pose
