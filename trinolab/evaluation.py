@@ -160,8 +160,8 @@ def as_lines(result: Evaluation) -> list[str]:
     if result.steep:
         lines.append(
             f"near gimbal lock: |beta| > {STEEP_DEG:g} deg in {result.steep} of {result.errors.n}, up to "
-            f"{result.steepest_deg:.1f} deg; there alpha and gamma err by far more than the rotation "
-            "(geodesic)"
+            f"{result.steepest_deg:.1f} deg; there alpha and gamma may err by far more than the "
+            "rotation (geodesic)"
         )
     return [*lines, *_track_lines(result.track)]
 

@@ -130,6 +130,8 @@ E_alpha      0.000    0.000          deg   (Eq. 27)
 E_beta       0.000    0.000          deg   (Eq. 27)
 E_gamma      0.000    0.000          deg   (Eq. 27)
 geodesic     0.000    0.000    0.000 deg
+near gimbal lock: |beta| > 60 deg in 3 of 3, up to 76.8 deg; there alpha and gamma may err by far \
+more than the rotation (geodesic)
 the measured poses as one track:
 flips             0
 far off           0   by more than 2 mm or 5 deg
