@@ -21,7 +21,7 @@ from .triangulation import (
     pairs_with_slopes,
     triangulation_slopes,
 )
-from .uncertainty.centroids import centroid_covariance
+from .uncertainty.centroids import NOISE_PX, centroid_covariance, common_bias
 from .uncertainty.size import Residuals, settled
 from .uncertainty.systematic import NOTHING, Response, is_uncertain, response, systematic_covariance
 
@@ -41,7 +41,6 @@ __all__ = [
     "weighted_fit_gain",
 ]
 
-CENTROID_PX = 0.1  # by which a centroid of a usual marker is off, its bias included
 SMALLEST_MM = 1e-9  # points that are nearer to a line than that lie on it
 
 
@@ -384,9 +383,10 @@ def pose_of_centroids(uv: Array, rig: Rig, handle: Handle, max_slant_deg: float 
         return LOST
     T, uv_used, used, _ = fitted
     answers = _response(fitted, rig, handle)
-    left = _left(fitted, answers, rig, CENTROID_PX)
+    left = _left(fitted, answers, rig, NOISE_PX)
     systematic = NOTHING
     if is_uncertain(rig, handle):
+        left = left._replace(common=common_bias(answers, T, rig, handle))
         rig = settled(answers, left, T, rig, handle)
         systematic = systematic_covariance(answers, rig, handle)
     covariance = centroid_covariance(answers, left.px, T, rig, handle)
@@ -395,13 +395,12 @@ def pose_of_centroids(uv: Array, rig: Rig, handle: Handle, max_slant_deg: float 
 
 def _left(fitted: _Fitted, answers: Response, rig: Rig, sigma_px: float) -> Residuals:
     """What is left of the centroids that a pose answers to."""
-    at = answers.camera, answers.marker
     predicted = np.empty_like(answers.points[:, :2])
     for c, camera in enumerate(rig.cameras):
         mine = answers.camera == c
         predicted[mine] = image_of(camera, answers.points[mine])
     information = np.broadcast_to(np.eye(2) / sigma_px**2, (len(predicted), 2, 2))
-    return Residuals(fitted.uv[at] - predicted, information)
+    return Residuals(fitted.uv[answers.camera, answers.marker] - predicted, information)
 
 
 def fit_response(uv: Array, rig: Rig, handle: Handle, max_slant_deg: float = 70.0) -> Response:

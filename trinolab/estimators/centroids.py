@@ -30,13 +30,17 @@ from .imagemodel import (
     State,
     advanced,
     first_state,
+    has_contrast,
     inverse,
     limited,
     linearise,
     marker_is_shown,
+    marker_shading,
     misfit,
     noise_of,
     reduce,
+    shows_gloss,
+    with_gloss,
 )
 from .patches import Patches, patches
 
@@ -44,6 +48,7 @@ __all__ = ["CentrePixels", "Registered", "centre_pixels", "predict_centroids", "
 
 # of the sum; twice as many of both change a centroid by less than 0.001 px up to 70 deg
 RINGS, SPOKES = 8, 24
+NEAR_PX = 0.1  # a shift below which what the model leaves is not that it was elsewhere
 
 
 def predict_centroids(
@@ -196,12 +201,13 @@ def register(state: State, here: Patches, rig: Rig, handle: Handle) -> tuple[Sta
     Returns
     -------
     state : State
-        With greys, blur and noise renewed; the pose stays.
+        With greys, blur and noise renewed, and gloss among the greys once the windows show some; the
+        pose stays.
     registered : Registered
     """
     at = linearise(state, here, rig, handle)
     uv, by_motion = predict_centroids(
-        rig, handle, state.T_world_handle, here.views, at.greys[:, 2:5]
+        rig, handle, state.T_world_handle, here.views, marker_shading(at.greys)
     )
     # (k, 2, 3): the motion that moves it by a pixel
     shift = np.linalg.pinv(by_motion[:, :, :3]).transpose(0, 2, 1)
@@ -218,6 +224,10 @@ def register(state: State, here: Patches, rig: Rig, handle: Handle) -> tuple[Sta
     renewed = State(
         state.T_world_handle, after.greys, limited(state.blur_px2, np.array(blur)), noise
     )
+    # what is left of a long step is no gloss
+    is_near = np.median(np.linalg.norm(step[:, :2], axis=1)) < NEAR_PX
+    if is_near and shows_gloss(after, has_contrast(after, handle)):
+        renewed = with_gloss(renewed)
     return renewed, Registered(uv + step[:, :2], step[:, :2], covariance[:, :2, :2], after)
 
 

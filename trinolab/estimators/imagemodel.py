@@ -2,12 +2,13 @@
 
 In each window the grey is
 
-    marker * shading * m  +  body * shading * b  +  background * (1 - b),
+    marker * shading * m  +  (body * shading + gloss) * b  +  background * (1 - b),
 
 m and b being the shares of `appearance.layers` after a Gaussian blur, and the shading a sum of
-`shading_basis`. These greys of a window are eliminated (Schur complement; Triggs et al. 2000, DOI
-10.1007/3-540-44480-7_21), so that none has to be known. The noise of the pixels is estimated from
-what a fit leaves.
+`shading_basis`. The gloss is what varnish sends back of marker and body alike, whatever their paint,
+a sum of the same functions; it is in the model where the windows show it. These greys of a window are
+eliminated (Schur complement; Triggs et al. 2000, DOI 10.1007/3-540-44480-7_21), so that none has to
+be known. The noise of the pixels is estimated from what a fit leaves.
 
 All is computed in double precision: in single precision a fit would end a thousandth of its error
 elsewhere on another processor, which rounds in another order.
@@ -42,20 +43,27 @@ __all__ = [
     "first_state",
     "half_laplacian",
     "has_contrast",
+    "has_gloss",
     "inverse",
     "limited",
     "linearise",
     "longer_than_wide",
     "marker_is_shown",
+    "marker_shading",
     "misfit",
     "noise_of",
     "reduce",
+    "shows_gloss",
     "unblurred",
+    "with_gloss",
 ]
 
 ENOUGH = 30  # pixels for a variance
 CLEAR_PX = 2.5  # pixels nearer than this to another marker or to the body's end have no weight
 BLUR_PX = 0.8  # where the search for a camera's blur begins
+# Of an unknown of gloss: on images of the simulated bench it is 2.1 at most (300 instants), on those
+# of varnish 2.5 to 72 (60 instants).
+LEAST_GAIN = 2.3
 
 
 class Noise(NamedTuple):
@@ -168,9 +176,9 @@ class State(NamedTuple):
     Attributes
     ----------
     T_world_handle : RigidTransform
-    greys : ndarray, shape (k, 6), or None
-        Marker (above the body), body, three of shading, background; None as long as they are
-        unknown.
+    greys : ndarray, shape (k, 6 or 9), or None
+        Marker (above the body), body, three of shading, where there is gloss three of that,
+        background; None as long as they are unknown.
     blur_px2 : ndarray, shape (cameras,)
         Variance of each camera's blur.
     noise : Noise
@@ -190,13 +198,15 @@ class Linear(NamedTuple):
 
     Attributes
     ----------
-    greys : ndarray, shape (k, 6)
+    greys : ndarray, shape (k, 6 or 9)
         Of the state, or found where it had none.
     predicted, residual, weight : ndarray, shape (k, p)
     by_pose : ndarray, shape (k, 7 or 13, p)
         Derivatives by a small motion of the handle (nu mm, omega rad; handle frame), where there is
         motion blur by that (handle frame), and by the blur's variance.
-    by_greys : ndarray, shape (k, 6, p)
+    by_greys : ndarray, shape (k, 6 or 9, p)
+    by_gloss : ndarray, shape (k, 3, p)
+        Derivatives by the gloss, whether it is among the greys or not.
     marker, body : ndarray, shape (k, p)
         Shares after the blur.
     """
@@ -207,6 +217,7 @@ class Linear(NamedTuple):
     weight: Array
     by_pose: Array
     by_greys: Array
+    by_gloss: Array
     marker: Array
     body: Array
 
@@ -218,9 +229,9 @@ class Reduced(NamedTuple):
     ----------
     information : ndarray, shape (k, m, m)
     gradient : ndarray, shape (k, m)
-    greys : ndarray, shape (k, 6)
+    greys : ndarray, shape (k, 6 or 9)
         Step of the greys if the other unknowns stay.
-    greys_by_other : ndarray, shape (k, 6, m)
+    greys_by_other : ndarray, shape (k, 6 or 9, m)
         What a step of the others takes from it.
     """
 
@@ -276,8 +287,19 @@ def explained(state: State, here: Patches, usable: np.ndarray, lights: Lights) -
     b_shaded = (shade @ lights.body)[:, 0]
     predicted = marker * m_shaded + body * b_shaded + background * (1 - b)
     by_shade = marker[..., None] * lights.marker[:, 1:] + body[..., None] * lights.body[:, 1:]
+    by_gloss = lights.body[:, 1:]
+    gloss = _gloss(greys)
+    if gloss.size:
+        predicted = predicted + (gloss @ by_gloss)[:, 0]
     by_greys = np.concatenate(
-        [m_shaded[:, None], b_shaded[:, None], by_shade, 1 - b[:, None]], axis=1
+        [
+            m_shaded[:, None],
+            b_shaded[:, None],
+            by_shade,
+            by_gloss[:, : gloss.shape[2]],
+            1 - b[:, None],
+        ],
+        axis=1,
     )
     noise = state.noise
     variance = noise.base + noise.slope * np.maximum(predicted, 0) + noise.texture * (1 - b) ** 2
@@ -288,6 +310,7 @@ def explained(state: State, here: Patches, usable: np.ndarray, lights: Lights) -
         usable * (here.at.pixels / variance),
         np.empty((len(greys), 0, b.shape[1])),
         by_greys,
+        by_gloss,
         lights.marker[:, 0],
         b,
     )
@@ -298,7 +321,8 @@ def unblurred(shown: Layers, basis: Array, greys: Array) -> Array:
     shading = (_shade(greys) @ basis)[:, 0]
     marker, body, background = greys[:, :1], greys[:, 1:2], greys[:, -1:]
     lit = marker * shown.marker + body * shown.body
-    return lit * shading + background * (1 - shown.body)
+    sent_back = _sent_back(basis, greys) * shown.body
+    return lit * shading + sent_back + background * (1 - shown.body)
 
 
 def by_grey_motion(shown: Layers, basis: Array, greys: Array) -> Array:
@@ -306,12 +330,66 @@ def by_grey_motion(shown: Layers, basis: Array, greys: Array) -> Array:
     (k, 4, p) is `shading_basis` there.
     """
     shading = (_shade(greys) @ basis)[:, 0]
-    return by_motion(shown, greys[:, :1] * shading, greys[:, 1:2] * shading - greys[:, -1:])
+    of_body = greys[:, 1:2] * shading + _sent_back(basis, greys)
+    return by_motion(shown, greys[:, :1] * shading, of_body - greys[:, -1:])
 
 
 def _shade(greys: Array) -> Array:
     """The factors of `shading_basis`, shape (k, 1, 4)."""
-    return np.concatenate([np.ones((len(greys), 1)), greys[:, 2:-1]], axis=1)[:, None]
+    return np.concatenate([np.ones((len(greys), 1)), greys[:, 2:5]], axis=1)[:, None]
+
+
+def _gloss(greys: Array) -> Array:
+    """The factors of `shading_basis` but the first, in grey levels, shape (k, 1, 3); (k, 1, 0) where
+    there is no gloss.
+    """
+    return greys[:, None, 5:-1]
+
+
+def _sent_back(basis: Array, greys: Array) -> Array:
+    """The grey levels that gloss adds to marker and body, shape (k, p), or (k, 1)."""
+    gloss = _gloss(greys)
+    return (gloss @ basis[:, 1:])[:, 0] if gloss.size else np.zeros((len(greys), 1))
+
+
+def has_gloss(state: State) -> bool:
+    """Whether the gloss is among the greys of a state."""
+    return state.greys is not None and _gloss(state.greys).size > 0
+
+
+def marker_shading(greys: Array) -> Array | None:
+    """The shading of each window's marker, shape (k, 3), for `centroids.predict_centroids`; None
+    where there is gloss, beside which that of a marker alone is hardly known.
+    """
+    return None if _gloss(greys).size else greys[:, 2:5]
+
+
+def with_gloss(state: State) -> State:
+    """The same state with the gloss among its greys."""
+    if state.greys is None or has_gloss(state):
+        return state
+    none_yet = np.zeros((len(state.greys), 3))
+    greys = np.concatenate([state.greys[:, :5], none_yet, state.greys[:, 5:]], axis=1)
+    return state._replace(greys=greys)
+
+
+def shows_gloss(at: Linear, counts: np.ndarray) -> bool:
+    """Whether windows (k,) that count show gloss, of which the greys have none as yet.
+
+    What each window's chi-square gains by gloss (score test, Rao 1948, DOI
+    10.1017/S0305004100023987) is 1 an unknown by noise alone, where the median misfit is the noise.
+    Three unknowns more a window make a pose worse by a tenth, so that a little gloss is left out.
+    """
+    if _gloss(at.greys).size or not counts.any():
+        return False
+    normal = reduce(at.by_gloss, at)
+    information = normal.information[counts]
+    scale = np.trace(information, axis1=1, axis2=2)[:, None, None]
+    information = information + (1e-9 * scale + 1e-12) * np.eye(3)
+    gradient = normal.gradient[counts]
+    gain = (gradient * np.linalg.solve(information, gradient[..., None])[..., 0]).sum()
+    usual = max(float(np.median(misfit(at)[counts])), 1.0)
+    return float(gain) > LEAST_GAIN * usual * gradient.size
 
 
 def reduce(by_other: Array, at: Linear) -> Reduced:

@@ -40,6 +40,8 @@ from .imagemodel import (
     misfit,
     noise_of,
     reduce,
+    shows_gloss,
+    with_gloss,
 )
 from .movingmodel import linearise_moving
 from .patches import Patches, moving_patches, outline_patches, patches
@@ -221,6 +223,8 @@ def fit_patches(
         kinds.append(outline_patches(images, rig, handle, start))
     states = [first_state(start, rig)] * len(kinds)
     taken = _stepped(states, kinds, rig, handle, MOST_STEPS)
+    if taken is not None and shows_gloss(taken.models[0], taken.contrast):
+        taken = _stepped(_glossy(taken), kinds, rig, handle, MOST_STEPS)
     if taken is None:
         return None
     return _fit_of(_concluded(taken, kinds, rig), taken.after[0], rig, handle, smear_above)
@@ -290,6 +294,12 @@ def _stepped(
         if settled:
             break
     return None if _leads_away(taken) else taken._replace(settled=settled)
+
+
+def _glossy(taken: _Taken) -> list[State]:
+    """The states after a step, with the gloss of the windows about the markers."""
+    about_markers, *others = taken.after
+    return [with_gloss(about_markers), *others]
 
 
 def _leads_away(taken: _Taken) -> bool:

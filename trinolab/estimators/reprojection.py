@@ -19,7 +19,7 @@ from .appearance import Views
 from .centroids import predict_centroids, register
 from .contradiction import Residuals
 from .identified import Identified
-from .imagemodel import first_state, inverse, marker_is_shown, misfit
+from .imagemodel import first_state, has_gloss, inverse, marker_is_shown, marker_shading, misfit
 from .patches import patches
 from .pixels import FLOOR_PX, Fit, both_in_world, counted, in_world, judged, judged_fit, moved
 
@@ -44,12 +44,17 @@ def fit_centroids(
     if len(np.unique(windows.views.marker)) < 3:
         return None
     state = first_state(start, rig)
-    for _ in range(steps):
+    left = steps
+    while left > 0:
+        left -= 1
+        without_gloss = not has_gloss(state)
         state, registered = register(state, windows, rig, handle)
+        if without_gloss and has_gloss(state):
+            left = max(left, 2)  # it moves the centroids
         spread_px = registered.covariance * np.maximum(misfit(registered.at), 1.0)[
             :, None, None
         ] + FLOOR_PX**2 * np.eye(2)
-        shading = registered.at.greys[:, 2:5]
+        shading = marker_shading(registered.at.greys)
         T, covariance = fit_pixels(
             registered.uv, spread_px, rig, handle, windows.views, state.T_world_handle, shading
         )

@@ -33,12 +33,12 @@ from ..handle import Handle
 from ..rigid import cross_matrices
 from .systematic import Response, is_uncertain, known_errors, slopes_at, students_factor
 
-__all__ = ["Bias", "centroid_bias", "centroid_covariance"]
+__all__ = ["NOISE_PX", "Bias", "centroid_bias", "centroid_covariance", "common_bias"]
 
-NOISE_PX = 0.02  # of a centroid, in each direction, where nothing says that it is more
+NOISE_PX = 0.015  # of a centroid, in each direction, where nothing says that it is more
 # The pull of the light by that of an angle of 45 deg: less than 1, since not all light has one
-# direction. On the simulated bench it is 0.2 to 0.4, in a path-traced room with two lamps 0.5.
-LIGHT = 0.4
+# direction. On images of the simulated bench 0.4 would do, on path-traced ones 0.7.
+LIGHT = 0.5
 
 
 class Bias(NamedTuple):
@@ -105,8 +105,7 @@ def centroid_covariance(
     ndarray, shape (6, 6)
         Of position (mm) and rotation vector (rad), world frame.
     """
-    bias = centroid_bias(found.camera, found.marker, T_world_handle, rig, handle)
-    columns = np.column_stack([bias.foreshortening.ravel(), bias.light.reshape(-1, 2)])
+    columns = _columns(found, T_world_handle, rig, handle)
     common = columns @ columns.T
     noise_px2 = NOISE_PX**2
     freedom = residuals_px.size - 6
@@ -119,6 +118,18 @@ def centroid_covariance(
     gain = found.gain.reshape(6, -1)
     by_bias = gain @ columns
     return noise_px2 * (gain @ gain.T) + by_bias @ by_bias.T
+
+
+def common_bias(found: Response, T_world_handle: RigidTransform, rig: Rig, handle: Handle) -> Array:
+    """Covariance of the places (2 k, 2 k) by the bias that they have in common, px^2."""
+    columns = _columns(found, T_world_handle, rig, handle)
+    return columns @ columns.T
+
+
+def _columns(found: Response, T_world_handle: RigidTransform, rig: Rig, handle: Handle) -> Array:
+    """The standard deviations of the common bias (2 k, 3), px: by the slant and by two lights."""
+    bias = centroid_bias(found.camera, found.marker, T_world_handle, rig, handle)
+    return np.column_stack([bias.foreshortening.ravel(), bias.light.reshape(-1, 2)])
 
 
 def _left_over(

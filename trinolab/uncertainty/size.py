@@ -50,10 +50,13 @@ class Residuals(NamedTuple):
         Seen minus predicted.
     information : ndarray, shape (k, 2, 2)
         Inverse covariance of where they were seen, px^-2; zeros for what does not count.
+    common : ndarray, shape (2 k, 2 k), or None
+        Covariance of what they have in common besides, px^2.
     """
 
     px: Array
     information: Array
+    common: Array | None = None
 
 
 def settled(
@@ -112,6 +115,9 @@ def _with_errors(
         by_rig = errors_by_rig(seen, replace(rig, covariance=RigCovariance(rig.names, matrix)))
         others = block_diag(*np.linalg.inv(left.information[used]))
         others += known_errors(seen, rig, handle)
+        if left.common is not None:
+            rows = used.repeat(2)
+            others += left.common[np.ix_(rows, rows)]
         root = np.linalg.cholesky(others)
         by_pose = np.linalg.solve(root, pixels_by_pose(seen, T_world_handle, rig))
         free = np.linalg.svd(by_pose)[0][:, 6:].T

@@ -39,6 +39,7 @@ __all__ = [
     "slopes_at",
     "students_factor",
     "systematic_covariance",
+    "variance_of_few",
 ]
 
 CHANCE = 0.01  # of a contradiction where there is none
@@ -84,6 +85,11 @@ def response(
 def contradict(chi_square: float, freedom: int) -> bool:
     """Whether a chi-square is more than what noise alone makes of it."""
     return freedom > 0 and bool(chi_square > chdtri(freedom, CHANCE))
+
+
+def variance_of_few(chi_square: float, count: int) -> float:
+    """A variance that is estimated from the squares of few numbers, and so is itself uncertain."""
+    return chi_square / count * students_factor(count)
 
 
 def students_factor(freedom: float) -> float:

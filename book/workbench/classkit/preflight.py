@@ -368,11 +368,11 @@ def of_rig(rig: Rig, place: Array | None) -> list[Row]:
 
 
 def cost_mm(rig: Rig, place: Array) -> float | None:
-    """Standard deviation of a position there by the errors of the calibration, mm; None where nobody
-    knows them.
+    """Standard deviation of a position there by the errors of the calibration, mm; None where no
+    calibration has stated them.
     """
     offsets = offsets_at(rig, place)
-    if offsets is None:
+    if rig.covariance is None or offsets is None:
         return None
     gain = np.linalg.pinv(offsets.by_position)
     return float(np.sqrt(np.trace(gain @ offsets.covariance @ gain.T)))

@@ -24,7 +24,7 @@ from trinolab.checks import Array, frozen
 from trinolab.datasets import load_handle, load_rig, load_table1
 from trinolab.estimators.appearance import Views
 from trinolab.estimators.centroids import predict_centroids, register
-from trinolab.estimators.imagemodel import first_state
+from trinolab.estimators.imagemodel import first_state, marker_shading
 from trinolab.estimators.patches import patches
 from trinolab.estimators.reprojection import fit_pixels
 from trinolab.handle import Handle, slants
@@ -212,7 +212,7 @@ def registered(
     state = first_state(start, rig)
     for _ in range(3):
         state, fit = register(state, windows, rig, handle)
-        shading = fit.at.greys[:, 2:5]
+        shading = marker_shading(fit.at.greys)
         pose, _ = fit_pixels(
             fit.uv, fit.covariance, rig, handle, windows.views, state.T_world_handle, shading
         )
