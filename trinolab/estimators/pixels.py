@@ -48,6 +48,7 @@ from .patches import Patches, moving_patches, outline_patches, patches
 
 __all__ = [
     "FLOOR_PX",
+    "MOST_STEPS",
     "Fit",
     "Round",
     "both_in_world",
