@@ -30,7 +30,6 @@ from .imagemodel import (
     State,
     advanced,
     first_state,
-    has_contrast,
     inverse,
     limited,
     linearise,
@@ -231,7 +230,7 @@ def register(state: State, here: Patches, rig: Rig, handle: Handle) -> tuple[Sta
     )
     registered = Registered(uv + step[:, :2], step[:, :2], covariance[:, :2, :2], after)
     # what is left of a long step is no gloss
-    if registered.is_near and shows_gloss(after, has_contrast(after, handle)):
+    if registered.is_near and shows_gloss(after, handle):
         renewed = with_gloss(renewed)
     return renewed, registered
 
