@@ -47,7 +47,7 @@ __all__ = ["CentrePixels", "Registered", "centre_pixels", "predict_centroids", "
 
 # of the sum; twice as many of both change a centroid by less than 0.001 px up to 70 deg
 RINGS, SPOKES = 8, 24
-NEAR_PX = 0.05  # a shift below which what the model leaves is not that markers are elsewhere
+NEAR_PX = 0.1  # a shift below which what the model leaves is not that markers are elsewhere
 
 
 def predict_centroids(
@@ -180,9 +180,9 @@ class Registered(NamedTuple):
     at: Linear
 
     @property
-    def is_near(self) -> bool:
-        """Whether most markers were hardly shifted."""
-        return bool(np.median(np.linalg.norm(self.shift, axis=1)) < NEAR_PX)
+    def usual_shift_px(self) -> float:
+        """The median length of the shifts, px."""
+        return float(np.median(np.linalg.norm(self.shift, axis=1)))
 
 
 class CentrePixels(NamedTuple):
@@ -230,7 +230,7 @@ def register(state: State, here: Patches, rig: Rig, handle: Handle) -> tuple[Sta
     )
     registered = Registered(uv + step[:, :2], step[:, :2], covariance[:, :2, :2], after)
     # what is left of a long step is no gloss
-    if registered.is_near and shows_gloss(after, handle):
+    if registered.usual_shift_px < NEAR_PX and shows_gloss(after, handle):
         renewed = with_gloss(renewed)
     return renewed, registered
 

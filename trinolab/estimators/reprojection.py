@@ -35,6 +35,8 @@ from .pixels import (
 
 __all__ = ["fit_centroids", "fit_pixels", "reprojection_pose", "response_of_pixels"]
 
+SETTLED_PX = 0.05  # a shift after which the next one is a fifth of it
+
 
 def fit_centroids(
     images: Sequence[np.ndarray],
@@ -71,7 +73,7 @@ def fit_centroids(
         if not np.isfinite(covariance).all():
             return None
         state = state._replace(T_world_handle=T)
-        if k + 1 >= least and registered.is_near:
+        if k + 1 >= least and registered.usual_shift_px < SETTLED_PX:
             break
     residual = registered.uv - predict_centroids(rig, handle, T, windows.views, shading)[0]
     visible = marker_is_shown(registered.at, handle)
