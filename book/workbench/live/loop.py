@@ -149,7 +149,8 @@ class Loop:
         self._record = False
         self._heard_s = time.monotonic()
         self._drawn_s = -np.inf  # when the page has drawn a round
-        self._player: Demonstration | None = None
+        self._demonstrates = False
+        self._player: Demonstration | None = None  # from the first round of a demonstration on
         self._asked = deque[Callable[[], None]]()  # of the pointing task, for the next round
         self.parameters_now = FollowParameters()
         self._settle(self._values, POSE)
@@ -231,13 +232,14 @@ class Loop:
 
     def demonstrate(self) -> None:
         """Let the simulated hand play the pointing task, at scale 1 and without a delay, until
-        `touch`. Raises ValueError if there is none.
+        `touch`; a person's task ends. Raises ValueError if there is no such hand.
         """
         if self.source.hand is None:
             raise ValueError("demonstration: there is no simulated hand")
         fresh = settings.defaults()
         with self._lock:
-            self._player = Demonstration()
+            self._demonstrates = True
+            self._player = None
             self._values = {**self._values, **{k: fresh[k] for k in ("scale", "delay_ms")}}
 
     def touch(self) -> None:
@@ -245,8 +247,9 @@ class Loop:
         itself.
         """
         with self._lock:
-            if self._player is None:
+            if not self._demonstrates:
                 return
+            self._demonstrates = False
             self._player = None
             self._clutch = False
         if self.source.hand is not None:
@@ -324,8 +327,12 @@ class Loop:
         """
         hand = self.source.hand
         with self._lock:
-            if self._player is None or hand is None:
+            if not self._demonstrates or hand is None:
                 return False
+            if self._player is None:  # a task that goes on is somebody else's
+                self._pointing.end()
+                self._player = Demonstration()
+                return True
             if t_s - self._drawn_s > self._silence_s:
                 return True
             at_mm = float(hand.goal.translation[0])

@@ -185,6 +185,24 @@ def test_a_page_that_is_gone_stops_it_for_as_long(tmp_path, monkeypatch):
     assert "1 target" in shown.rounds(1.5).task_status
 
 
+def test_it_does_nothing_in_the_task_of_a_person(tmp_path, monkeypatch):
+    shown = Shown(tmp_path, monkeypatch)
+    shown.loop.begin_task("Ann", 5)
+    shown.rounds(1.0)
+    shown.loop.clutch(True)
+    shown.rounds(0.5)
+    for _ in range(30):  # to the mark, until the target is there
+        task = shown.loop.newest.task
+        shown.hand.move([task.aim - task.at[0], 0.0, 0.0], [0.0, 0.0, 0.0])
+        if shown.rounds(0.3).task.what == TARGET:
+            break
+    assert shown.loop.newest.task.what == TARGET
+    shown.loop.demonstrate()
+    shown.rounds(6.0)
+    assert "not logged" in shown.loop.newest.task_status
+    assert list(tmp_path.iterdir()) == []  # the hand has pressed on its own targets alone
+
+
 def test_without_a_simulated_hand_there_is_none(tmp_path, monkeypatch):
     shown = Shown(tmp_path, monkeypatch)
     shown.source.hand = None

@@ -332,7 +332,7 @@ function sheet({pen, ratio, sight}) {
     const [u, v] = placeOf(sight, point);
     pen.fillStyle = colour('quiet');
     pen.font = `${12 * ratio}px system-ui, sans-serif`;
-    pen.fillText(text, u + 6 * ratio, v - 6 * ratio);
+    pen.fillText(text, u + 12 * ratio, v - 10 * ratio);
   });
   const finish = solids => {
     const {width, height} = sight;
@@ -369,7 +369,7 @@ function paint() {
 const putBy = (T, p) => [0, 1, 2].map(r => T[4 * r] * p[0] + T[4 * r + 1] * p[1] + T[4 * r + 2] * p[2] + T[4 * r + 3]);
 
 function paintWorld(now, past) {
-  const view = opened2d('world', [0, -150, 330], 760, 'y'), world = sheet(view), shaded = Solids.ready();
+  const view = opened2d('world', [0, -130, 320], 660, 'y'), world = sheet(view), shaded = Solids.ready();
   const solids = [];
   for (const {name, field: [centre, ...corners]} of scene.cameras) {
     for (const corner of corners) world.line([centre, corner], 'line');
