@@ -18,8 +18,9 @@ topic                     message                                    what
 ``/joint_commands``       ``sensor_msgs/msg/JointState``             as it was commanded
 ========================  =========================================  ==============================
 
-A stamp is the recording's time, from its own zero. A pose file has the traces of the covariances of
-position and orientation: a third of them stands at each axis.
+The images' format is ``png``, the plain name that Foxglove wants; ROS's own decoder tells grey images by
+their channels then. A stamp is the recording's time, from its own zero. A pose file has the traces of
+the covariances of position and orientation: a third of them stands at each axis.
 """
 
 from __future__ import annotations
@@ -225,7 +226,7 @@ def _footage(recording: Recording, ros: Any) -> Iterator[Message]:
         for name, image in zip(recording.rig.names, instant.images, strict=True):
             grey = np.clip(np.round(image), 0, 255).astype(np.uint8)
             data = cv2.imencode(".png", grey, recorder.PNG)[1].ravel()
-            content = image_of(_header(time_ns, name, ros), "mono8; png compressed mono8", data)
+            content = image_of(_header(time_ns, name, ros), "png", data)
             yield Message(time_ns, f"/{name}/image", content)
 
 

@@ -107,6 +107,7 @@ def test_another_reader_finds_the_images_and_their_times(contents, folder):
         ):
             found = cv2.imdecode(np.frombuffer(content.data, np.uint8), cv2.IMREAD_UNCHANGED)
             np.testing.assert_array_equal(found, image)
+            assert content.format == "png"  # the one name that ROS and Foxglove both know
             stamp = content.header.stamp
             assert time_ns == stamp.sec * 10**9 + stamp.nanosec == round(k / FPS * 1e9)
 

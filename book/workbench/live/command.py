@@ -101,6 +101,8 @@ def live(
     recorder = Recorder(Path(out), source.rig, source.handle)
     pointing = Pointing(Path(out) / LOG if log is None else Path(log), mapping.alignment)
     loop = Loop(source, session, recorder, pointing, estimator, silence_s)
+    if source.hand is not None:
+        loop.demonstrate()
     sys.setswitchinterval(SWITCH_S)
     cv2.setNumThreads(1)  # the threads are those of the feeds
     with source:

@@ -10,6 +10,7 @@ from __future__ import annotations
 import time
 from collections import deque
 from collections.abc import Callable
+from pathlib import Path
 from threading import Event, Lock, Thread
 from typing import NamedTuple
 
@@ -26,12 +27,14 @@ from trinolab.slave.mapping import MappingParameters, Sample
 from trinolab.slave.session import TOUCHED_N, Moment, Now, Session, changes
 
 from . import settings
+from .demonstration import NAME, Demonstration, Seen
 from .pointing import Doing, Pointing
 from .recording import Recorder
 from .settings import PAPER, POSE, Values
+from .solids import arm_points, body_poses
 from .sources import Latest, Source
 
-__all__ = ["NO_FRAME_S", "SILENCE_S", "WAIT_S", "Loop", "Shown", "Stages", "arm_points", "between"]
+__all__ = ["NO_FRAME_S", "SILENCE_S", "WAIT_S", "Loop", "Shown", "Stages", "between"]
 
 WAIT_S = 0.1  # for a new frame; then the page is told all the same
 NO_FRAME_S = 0.3  # without one the arm holds; the mapping takes a pose that is older for stale
@@ -62,10 +65,14 @@ class Shown(NamedTuple):
     moment : Moment
     arm : list of list of float
         Points of the arm from its base to its tool, mm, base frame.
+    bodies : list of float
+        Poses of the arm's bodies, see `solids.body_poses`.
     clutch : bool
     troubles, notes : list of str
     recording : (bool, str)
         Whether one grows, and what is to be said of it.
+    finished : Path or None
+        The last recording that was written to its end.
     rate_hz : float
         Frames a second.
     stages : Stages
@@ -77,6 +84,8 @@ class Shown(NamedTuple):
         What the pointing task asks for; None if none goes on.
     task_status : str
         How it went, in words.
+    demonstration : bool
+        Whether the simulated hand plays the task by itself.
     """
 
     number: int
@@ -85,16 +94,19 @@ class Shown(NamedTuple):
     tracked: Tracked | None
     moment: Moment
     arm: list[list[float]]
+    bodies: list[float]
     clutch: bool
     troubles: list[str]
     notes: list[str]
     recording: tuple[bool, str]
+    finished: Path | None
     rate_hz: float
     stages: Stages
     tracker: str
     values: Values
     task: Doing | None
     task_status: str
+    demonstration: bool
 
 
 class Loop:
@@ -136,6 +148,9 @@ class Loop:
         self._clutch = False
         self._record = False
         self._heard_s = time.monotonic()
+        self._drawn_s = -np.inf  # when the page has drawn a round
+        self._demonstrates = False
+        self._player: Demonstration | None = None  # from the first round of a demonstration on
         self._asked = deque[Callable[[], None]]()  # of the pointing task, for the next round
         self.parameters_now = FollowParameters()
         self._settle(self._values, POSE)
@@ -193,7 +208,7 @@ class Loop:
         """The page has drawn a round."""
         now = time.monotonic()
         with self._lock:
-            self._heard_s = now
+            self._heard_s = self._drawn_s = now
         self._asked.append(lambda: self._pointing.drawn(number, now))
 
     def begin_task(self, operator: object, repeats: object) -> None:
@@ -214,6 +229,32 @@ class Loop:
         """The person says that the tool is on the target."""
         now = time.monotonic()
         self._asked.append(lambda: self._pointing.press(self._tool(), self._values, now))
+
+    def demonstrate(self) -> None:
+        """Let the simulated hand play the pointing task, at scale 1 and without a delay, until
+        `touch`; a person's task ends. Raises ValueError if there is no such hand.
+        """
+        if self.source.hand is None:
+            raise ValueError("demonstration: there is no simulated hand")
+        fresh = settings.defaults()
+        with self._lock:
+            self._demonstrates = True
+            self._player = None
+            self._values = {**self._values, **{k: fresh[k] for k in ("scale", "delay_ms")}}
+
+    def touch(self) -> None:
+        """A person does something: a demonstration ends, and the simulated hand goes on by
+        itself.
+        """
+        with self._lock:
+            if not self._demonstrates:
+                return
+            self._demonstrates = False
+            self._player = None
+            self._clutch = False
+        if self.source.hand is not None:
+            self.source.hand.by_itself = True
+        self.end_task()
 
     def note(self, words: str) -> None:
         """Show words among what has happened."""
@@ -256,6 +297,7 @@ class Loop:
         number = (self.newest.number if self.newest else 0) + 1
         coupled = moment.state.origin is not None
         task = self._pointing.step(self._tool(), coupled, values, number, moved_s)
+        playing = self._play(task, moment.state.held, values["scale"], moved_s)
         self.newest = Shown(
             number,
             self.latest_frames,
@@ -263,18 +305,47 @@ class Loop:
             self._tracked,
             moment,
             arm_points(self.arm_session),
+            body_poses(self.arm_session),
             clutch,
             troubles,
             list(self._notes),
             (self.record_writer.running, self.record_writer.status),
+            self.record_writer.finished,
             self._rate(begin),
             stages,
             follower,
             values,
             task,
             self._pointing.status,
+            playing,
         )
         self.on_new()
+
+    def _play(self, task: Doing | None, held: str, scale: float, t_s: float) -> bool:
+        """A round of the demonstration, if there is one and a page that shows it; whether there is
+        one.
+        """
+        hand = self.source.hand
+        with self._lock:
+            if not self._demonstrates or hand is None:
+                return False
+            if self._player is None:  # a task that goes on is somebody else's
+                self._pointing.end()
+                self._player = Demonstration()
+                return True
+            if t_s - self._drawn_s > self._silence_s:
+                return True
+            at_mm = float(hand.goal.translation[0])
+            act = self._player.step(Seen(t_s, task, bool(held), scale, at_mm))
+            self._clutch = act.clutch
+            if task is not None:
+                hand.move([act.hand_mm - at_mm, 0.0, 0.0], [0.0, 0.0, 0.0])
+        if act.begin:
+            self._pointing.begin(NAME, 1, t_s, logged=False)
+            hand.go_home()
+        if act.press:
+            self._pointing.press(self._tool(), self._values, t_s)
+        return True
 
     def _settle(self, values: Values, follower: str) -> None:
         """Give the sliders' values to tracker and mapping."""
@@ -376,14 +447,3 @@ def between(before: Sample, after: Sample, t_s: float, p: MappingParameters) -> 
         return before
     share = (t_s - before.t_s) / dt
     return before._replace(T_world_handle=shifted(first, share * motion_between(second, first)))
-
-
-def arm_points(session: Session) -> list[list[float]]:
-    """Where the arm's bodies are, from its base to its tool, mm, base frame."""
-    model, data = session.robot.model, session.slave.data
-    body = int(model.site("tool").bodyid.item())
-    points = [1000 * data.site("tool").xpos]
-    while body:
-        points.append(1000 * data.xpos[body])
-        body = int(model.body_parentid[body])
-    return [[round(float(x), 1) for x in point] for point in reversed(points)]

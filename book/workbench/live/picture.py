@@ -1,6 +1,4 @@
-"""What the page shows: the scene as lines once, then for each frame numbers and small pictures in one
-message.
-"""
+"""What the page shows: the scene once, then for each frame numbers and small pictures in one message."""
 
 from __future__ import annotations
 
@@ -11,26 +9,31 @@ from typing import Any
 
 import cv2
 import numpy as np
+from scipy.special import chdtri
 
 from trinolab.camera import Camera, Rig
 from trinolab.files.poses import POSE_COLUMNS, pose_row
 from trinolab.following.overlay import camera_view
 from trinolab.handle import Handle, on_cylinder
+from trinolab.pose import Pose
+from trinolab.slave.arm import Robot
 
 from .loop import Shown
 from .pointing import Doing
 from .settings import SLIDERS
+from .solids import shapes
 
-__all__ = ["message", "scene"]
+__all__ = ["ellipsoid", "message", "scene"]
 
 WIDTH, QUALITY = 480, 80  # of a camera's picture, px, and of its JPEG
 FIELD_MM = 620.0  # to which a camera's field of view is drawn
+ELLIPSOID = math.sqrt(chdtri(3, 0.05))  # standard deviations that hold 95 % of three normal numbers
 NUMBERS = (*POSE_COLUMNS[2:5], *POSE_COLUMNS[9:17])  # of a pose, for the page
 
 
-def scene(rig: Rig, handle: Handle) -> dict[str, Any]:
-    """What does not change: the cameras' fields of view (world frame), the handle (its frame), mm,
-    and the sliders.
+def scene(rig: Rig, handle: Handle, robot: Robot) -> dict[str, Any]:
+    """What does not change: the cameras' fields of view (world frame), the handle (its frame), the
+    arm's shapes (those of their bodies), mm, and the sliders.
     """
     turns = 2 * np.pi * np.arange(25) / 24
     rings = [
@@ -42,7 +45,15 @@ def scene(rig: Rig, handle: Handle) -> dict[str, Any]:
             {"name": camera.name, "size": camera.size, "field": _field(camera)}
             for camera in rig.cameras
         ],
-        "handle": {"rings": rings, "markers": handle.marker_centres.tolist()},
+        "handle": {
+            "rings": rings,
+            "markers": handle.marker_centres.tolist(),
+            "radius": handle.radius_mm,
+            "ends": [handle.bottom_mm, handle.top_mm],
+            "disc": handle.marker_diameter_mm / 2,
+            "bright": handle.markers == "bright",
+        },
+        "shapes": shapes(robot),
         "sliders": [slider._asdict() for slider in SLIDERS],
     }
 
@@ -89,9 +100,11 @@ def _numbers(shown: Shown) -> dict[str, Any]:
         "number": shown.number,
         "status": "lost" if pose is None else pose.status,
         "pose": {name: _finite(row.get(name)) for name in NUMBERS},
-        "T": None if T is None else T.as_matrix()[:3].ravel().tolist(),
+        "T": None if T is None else np.round(T.as_matrix()[:3].ravel(), 5).tolist(),
+        "ellipsoid": None if pose is None else ellipsoid(pose),
         "arm": shown.arm,
-        "target": moment.state.target.translation.tolist(),
+        "bodies": shown.bodies,
+        "target": np.round(moment.state.target.translation, 2).tolist(),
         "force": _finite(np.linalg.norm(moment.reading.force)),
         "held": moment.state.held,
         "limits": list(moment.limits),
@@ -100,13 +113,27 @@ def _numbers(shown: Shown) -> dict[str, Any]:
         "notes": shown.notes,
         "recording": shown.recording[0],
         "said": shown.recording[1],
+        "folder": str(shown.finished or ""),
         "rate": round(shown.rate_hz, 1),
         "spread": 0.0 if shown.frames is None else round(1e3 * shown.frames.spread_s, 1),
         "tracker": shown.tracker,
         "values": shown.values,
         "task": None if shown.task is None else _listed(shown.task),
         "points": shown.task_status,
+        "demonstration": shown.demonstration,
     }
+
+
+def ellipsoid(pose: Pose) -> list[float] | None:
+    """The matrix (3, 3), row by row, mm, by which the unit sphere becomes the ellipsoid about the
+    position that holds 95 %; None where no covariance is known.
+    """
+    covariance = pose.whole_covariance[:3, :3]
+    if not np.isfinite(covariance).all():
+        return None
+    variances, axes = np.linalg.eigh(covariance)
+    root = axes * np.sqrt(np.maximum(variances, 0.0)) @ axes.T
+    return np.round(ELLIPSOID * root.ravel(), 5).tolist()
 
 
 def _listed(task: Doing) -> dict[str, Any]:

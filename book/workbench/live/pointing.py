@@ -106,8 +106,9 @@ class Pointing:
         """Whether it goes on."""
         return self._on
 
-    def begin(self, operator: object, repeats: object, t_s: float) -> None:
-        """Begin with all targets, `repeats` times, in an order that differs from run to run.
+    def begin(self, operator: object, repeats: object, t_s: float, logged: bool = True) -> None:
+        """Begin with all targets, `repeats` times, in an order that differs from run to run; a
+        demonstration is not logged.
 
         It does not begin, and `status` says why, for a name that cannot be one, another number of
         times than 1 to 10, or a file that is no log.
@@ -115,7 +116,7 @@ class Pointing:
         try:
             self._operator = _as_name(operator)
             times = as_whole(repeats, "times", 1, MOST_REPEATS)
-            self._before = read_log(self._path) if self._path.exists() else None
+            self._before = read_log(self._path) if logged and self._path.exists() else None
         except ValueError as error:
             self.status = f"not begun: {error}"
             return
@@ -129,6 +130,7 @@ class Pointing:
         self._target: _Target | None = None
         self.seen_s: float | None = None
         self._runs += 1
+        self._logged = logged
         self._on = True
         self.status = ""
 
@@ -136,7 +138,7 @@ class Pointing:
         """End it; what was done is in the log."""
         if self._on:
             self._on = False
-            self.status = self.status or "no target was reached"
+            self.status = self.status or ("no target was reached" if self._logged else "")
 
     def drawn(self, number: int, t_s: float) -> None:
         """The page has drawn a round at a time, s; a target that it shows is seen from then on."""
@@ -221,6 +223,9 @@ class Pointing:
         """Write the log; a disk that is full is said, and the task goes on."""
         log = pd.DataFrame(self._rows, columns=list(COLUMNS))
         self.status = in_words(performance(log))
+        if not self._logged:
+            self.status += "; a demonstration, not logged"
+            return
         try:
             whole = log if self._before is None else pd.concat([self._before, log])
             write_log(whole, self._path)

@@ -39,10 +39,13 @@ class Recorder:
     ----------
     status : str
         How the recording stands, in words for the page.
+    finished : Path or None
+        The last recording that was written to its end.
     """
 
     def __init__(self, folder: Path, rig: Rig, handle: Handle) -> None:
         self.status = ""
+        self.finished: Path | None = None
         self._folder = folder
         self._rig = rig
         self._handle = handle
@@ -91,6 +94,8 @@ class Recorder:
 
     def _conclude(self, running: _Running) -> None:
         self.status = running.conclude()
+        if running.out.is_dir():
+            self.finished = running.out
 
 
 class _Running:

@@ -32,6 +32,8 @@ PAGE = Path(__file__).parent / "page"
 FILES = {
     "": ("index.html", "text/html"),
     "live.js": ("live.js", "text/javascript"),
+    "solids.js": ("solids.js", "text/javascript"),
+    "replay.js": ("replay.js", "text/javascript"),
     "live.css": ("live.css", "text/css"),
 }
 LOOPBACK = ("127.0.0.1", "localhost", "::1")
@@ -85,7 +87,8 @@ class Desk:
         self._under_way = {}
         self._sent = 0
         self._sending = False  # to this one
-        tab.say({"scene": scene(self.loop.source.rig, self.loop.source.handle)})
+        source = self.loop.source
+        tab.say({"scene": scene(source.rig, source.handle, self.loop.arm_session.robot)})
         self.wake()
 
     def take_over(self, tab: Socket) -> None:
@@ -247,7 +250,10 @@ def obey(words: dict[str, Any], desk: Desk) -> None:
         "task": lambda how: loop.begin_task(how["operator"], how["times"]),
         "end": lambda _: loop.end_task(),
         "there": lambda _: loop.press(),
+        "show": lambda _: loop.demonstrate(),
     }
+    if set(words) - {"drawn"}:
+        loop.touch()
     for name, value in words.items():
         if name not in known:
             raise ValueError(f"expected one of {', '.join(known)}, got {name[:20]!r}")

@@ -35,7 +35,16 @@ from trinolab.slave.mapping import MappingParameters
 
 from .pointing import COLUMNS
 
-__all__ = ["FRAME_TICKS", "STRATEGIES", "TICK_S", "Machine", "Person", "machine_lag_s", "point"]
+__all__ = [
+    "FRAME_TICKS",
+    "STRATEGIES",
+    "TICK_S",
+    "Machine",
+    "Person",
+    "least_jerk",
+    "machine_lag_s",
+    "point",
+]
 
 STRATEGIES = ("continuous", "move-and-wait")
 TICK_S = 1 / 120
@@ -140,6 +149,13 @@ def machine_lag_s(mapping: MappingParameters, following: ReferenceParameters) ->
     return FRAME_TICKS * TICK_S / 2 + filtering + 1 / following.rate
 
 
+def least_jerk(share: Array) -> Array:
+    """From 0 at 0 to 1 at 1, at rest and without acceleration at both: how a hand goes to a place
+    (Flash and Hogan 1985).
+    """
+    return share**3 * (10 - 15 * share + 6 * share**2)
+
+
 class _Continuous:
     """The crossover model: the hand's speed follows what was seen a moment ago."""
 
@@ -221,7 +237,7 @@ class _MoveAndWait:
         )
         self._tick += 1
         part = np.clip((self._tick - self._start) / self._duration, 0.0, 1.0)
-        self.position = self._from + self._length * part**3 * (10 - 15 * part + 6 * part**2)
+        self.position = self._from + self._length * least_jerk(part)
         return arrived
 
     def _set_out(self, which: Array, seen: Array) -> None:

@@ -31,6 +31,7 @@ from trinolab.slave.mapping import alignment
 
 from ..provenance import code_hash
 from .monitor import SMALLEST
+from .operators import least_jerk
 from .teleoperate import Done, recorded, teleoperate
 
 __all__ = [
@@ -130,7 +131,7 @@ def hand(seed: int = 0) -> tuple[Array, RigidTransform]:
             goal = np.array(leg.hand)
         now = (times >= begin - 1e-9) & (times < leg.until_s - 1e-9)
         share = (times[now] - begin) / (leg.until_s - begin)
-        positions[now] = place + _least_jerk(share)[:, None] * (goal - place)
+        positions[now] = place + least_jerk(share)[:, None] * (goal - place)
         begin = leg.until_s
         place = goal
     trembling = motion_at(
@@ -246,8 +247,3 @@ def _binned(camera: Camera) -> Camera:
     return Camera(
         camera.name, (width // 2, height // 2), matrix, camera.distortions, camera.T_cam_world
     )
-
-
-def _least_jerk(share: Array) -> Array:
-    """From 0 at 0 to 1 at 1, at rest and without acceleration at both: how a hand goes to a place."""
-    return share**3 * (10 - 15 * share + 6 * share**2)

@@ -20,7 +20,16 @@ if TYPE_CHECKING:
     import mujoco
     import pyvista
 
-__all__ = ["ForceArrow", "GeomScene", "SlaveView", "can_render", "geom_scene", "place"]
+__all__ = [
+    "ForceArrow",
+    "GeomScene",
+    "SlaveView",
+    "can_render",
+    "geom_colour",
+    "geom_scene",
+    "place",
+    "visible_geoms",
+]
 
 # MuJoCo's habit: geoms of this group and above are for collisions, or not for the eye
 HIDDEN_GROUP = 3
@@ -58,11 +67,7 @@ def geom_scene(model: mujoco.MjModel, background: str = "white") -> GeomScene:
 
     if not isinstance(model, mujoco.MjModel):
         raise ValueError(f"model: expected a mujoco.MjModel, got {type(model).__name__}")
-    geoms = [
-        k
-        for k in range(model.ngeom)
-        if model.geom_group[k] < HIDDEN_GROUP and _colour(model, k)[3] > 0
-    ]
+    geoms = visible_geoms(model)
     shapes = {k: _shape(model, k) for k in geoms}
     fill = _as_colour(background)
     with pyvista.vtk_verbosity("off"):  # a machine without a display is no matter
@@ -117,7 +122,16 @@ def _shape(model: mujoco.MjModel, k: int) -> pyvista.PolyData:
     )
 
 
-def _colour(model: mujoco.MjModel, k: int) -> tuple[float, ...]:
+def visible_geoms(model: mujoco.MjModel) -> list[int]:
+    """Numbers of the geoms that are there for the eye."""
+    return [
+        k
+        for k in range(model.ngeom)
+        if model.geom_group[k] < HIDDEN_GROUP and geom_colour(model, k)[3] > 0
+    ]
+
+
+def geom_colour(model: mujoco.MjModel, k: int) -> tuple[float, ...]:
     """Red, green, blue, opacity of a geom, 0 to 1: its own, or where nothing is said its
     material's.
     """
@@ -133,7 +147,7 @@ def _look(model: mujoco.MjModel, k: int) -> dict[str, Any]:
     import mujoco
 
     material = int(model.geom_matid[k])
-    (*colour, opacity) = _colour(model, k)
+    (*colour, opacity) = geom_colour(model, k)
     ambient = 0.25 + 0.75 * float(
         np.clip(model.mat_emission[material], 0, 1) if material >= 0 else 0
     )

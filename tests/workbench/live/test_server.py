@@ -97,7 +97,7 @@ def test_the_page_loads_nothing_from_elsewhere():
 
 def test_two_frames_are_under_way_at_most_and_what_is_sent_is_the_present(live):
     tab = Tab(live.address)
-    assert set(tab.hear()["scene"]) == {"cameras", "handle", "sliders"}
+    assert set(tab.hear()["scene"]) == {"cameras", "handle", "shapes", "sliders"}
     first, second = tab.hear(), tab.hear()
     assert second["number"] > first["number"]
     # the reader stops; rounds go by, and none of them waits for it

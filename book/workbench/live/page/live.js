@@ -9,7 +9,13 @@ const NUMBERS = [['x_mm', 'x', 'mm'], ['y_mm', 'y', 'mm'], ['z_mm', 'z', 'mm'], 
 const SILENT_MS = 2000;  // without a word the page says so
 let socket, scene, last, heard = performance.now(), ended = false, pedal = 'b', asking = false, held = false;
 let drawing = Promise.resolve();  // of the frames in their order
-const views = {world: {turn: 0.6, tilt: 0.45, zoom: 1}, arm: {turn: 2.5, tilt: 0.35, zoom: 1}};
+const FIRST_VIEWS = {world: {turn: 0.6, tilt: 0.45, zoom: 1}, arm: {turn: 2.5, tilt: 0.35, zoom: 1}};
+const views = {world: {...FIRST_VIEWS.world}, arm: {...FIRST_VIEWS.arm}};
+const TRAIL_MS = 8000;
+const trail = [];  // the frames that were drawn in the last seconds, with their times
+const BUSY = 2;  // after the spaces were drawn for a while, they rest for so many times as long
+let opens = false;  // the clutch, since a replay has begun
+let restsUntil = 0, larger = 1;  // the ellipsoid, than it is
 
 function send(words) {
   if (socket && socket.readyState === WebSocket.OPEN) socket.send(JSON.stringify(words));
@@ -37,8 +43,8 @@ function listen(words) {
   if (words.refused) console.warn(words.refused);
   $('busy').hidden = !words.busy;
   $('busy-words').textContent = words.busy || '';
-  for (const one of document.querySelectorAll('main button, main input')) one.disabled = !!words.busy;
   if (words.busy) { last = null; show('banner', ''); }
+  tell();
 }
 
 function show(id, words) {
@@ -48,12 +54,42 @@ function show(id, words) {
 
 // What is wrong, in one line above all else.
 function tell() {
+  const why = ended ? 'trinolab has ended' : !$('busy').hidden ? $('busy-words').textContent
+    : performance.now() - heard > SILENT_MS ? 'the connection is lost' : last ? '' : 'no frame has come yet';
+  greyAll(why);
   if (ended || !$('busy').hidden) return;
   const words = performance.now() - heard > SILENT_MS
     ? 'No word from trinolab: the connection is lost. The arm holds, and the clutch is open. Trying again.'
     : last ? [...last.troubles.map(one => `${one}; the arm holds`),
       ...(last.held ? [`The arm holds (${last.held}). Open the clutch and close it again.`] : [])].join('. ') : '';
   show('banner', words);
+}
+
+// ---- what is grey says why: in its title, and in words below it
+
+const reasons = new Map();  // of each control by itself
+let reasonOfAll = '';
+
+function grey(control, why) {
+  reasons.set(control, why);
+  explain(control, reasonOfAll || why);
+  control.dataset.why ||= `why-${control.id}`;
+  if (!$(control.dataset.why))
+    control.after(Object.assign(document.createElement('p'), {id: control.dataset.why, className: 'why'}));
+  control.setAttribute('aria-describedby', control.dataset.why);
+  show(control.dataset.why, why);
+}
+
+// All is grey for the reason that stands in the line at the bottom.
+function greyAll(why) {
+  if (why === reasonOfAll) return;
+  reasonOfAll = why;
+  for (const control of document.querySelectorAll('main :is(button, input):not(#replay *)')) explain(control, why || reasons.get(control) || '');
+}
+
+function explain(control, why) {
+  if (control.disabled !== !!why) control.disabled = !!why;
+  if (control.title !== why) control.title = why;
 }
 
 function begin(what) {
@@ -68,7 +104,9 @@ function begin(what) {
     handled(canvas, c);
     return canvas;
   }));
-  $('sliders').replaceChildren(...scene.sliders.map(slider));
+  for (const shape of scene.shapes) shape.parts = Solids.partsOf(shape);
+  for (const paper of [false, true])
+    $(paper ? 'paper-sliders' : 'sliders').replaceChildren(...scene.sliders.filter(one => one.paper === paper).map(slider));
   $('pose').tBodies[0].replaceChildren(...NUMBERS.map(([name, label, unit]) => {
     const row = document.createElement('tr');
     row.innerHTML = '<th scope="row"></th><td></td>';
@@ -100,8 +138,9 @@ function slider(s) {
     output.value = `${Number(input.value)}${s.unit && ' ' + s.unit}`;
     input.setAttribute('aria-valuetext', output.value);
   };
+  input.write = write;
+  if (s.paper) input.dataset.why = 'why-paper';
   input.oninput = () => { write(); send({set: [s.name, Number(input.value)]}); };
-  box.dataset.paper = s.paper;
   write();
   return box;
 }
@@ -111,31 +150,50 @@ async function opened(data) {
   const length = new DataView(data).getUint32(0);
   const now = JSON.parse(new TextDecoder().decode(new Uint8Array(data, 4, length)));
   let at = 4 + length;
-  const pictures = await Promise.all(now.pictures.map(size => {
-    const picture = createImageBitmap(new Blob([new Uint8Array(data, at, size)], {type: 'image/jpeg'}));
+  const jpegs = now.pictures.map(size => {
+    const jpeg = new Blob([new Uint8Array(data, at, size)], {type: 'image/jpeg'});
     at += size;
-    return picture;
-  }));
-  return {now, pictures};
+    return jpeg;
+  });
+  return {now, jpegs, pictures: await Promise.all(jpegs.map(one => createImageBitmap(one)))};
 }
 
-async function draw({now, pictures}) {
+async function draw({now, jpegs, pictures}) {
   await new Promise(requestAnimationFrame);  // a page that nobody sees draws nothing, and asks for nothing
   heard = performance.now();
   if (!$('busy').hidden) return;
-  pictures.forEach((picture, c) => {
-    const canvas = $(`camera-${c}`);
-    if (canvas.width !== picture.width || canvas.height !== picture.height)
-      [canvas.width, canvas.height] = [picture.width, picture.height];
-    canvas.getContext('2d').drawImage(picture, 0, 0);
-    picture.close();
-  });
   const first = !last;
   last = now;
+  trail.push({ms: heard, now});
+  while (heard - trail[0].ms > TRAIL_MS) trail.shift();
+  Replay.keep(now, jpegs);
+  if (Replay.on()) pictures.forEach(one => one.close());
+  else picture(pictures);
   write(now, first);
-  paint();
+  const begin = performance.now();
+  if (!Replay.on() && begin > restsUntil) {
+    paint();
+    restsUntil = performance.now() + BUSY * (performance.now() - begin);
+  }
+  if (now.task) front(now.task);
   document.dispatchEvent(new CustomEvent('drawn', {detail: now}));
   send({drawn: now.number});
+}
+
+function picture(pictures) {
+  pictures.forEach((one, c) => {
+    const canvas = $(`camera-${c}`);
+    if (canvas.width !== one.width || canvas.height !== one.height) [canvas.width, canvas.height] = [one.width, one.height];
+    canvas.getContext('2d').drawImage(one, 0, 0);
+    one.close();
+  });
+}
+
+function writePose(pose) {
+  for (const [name, , unit] of NUMBERS) {
+    const value = pose[name];
+    $(`pose-${name}`).textContent = value === null ? '–' : unit ? value.toFixed(name.startsWith('sigma') ? 3 : 1) : value;
+  }
 }
 
 function write(now, first) {
@@ -147,38 +205,36 @@ function write(now, first) {
   $('rate').textContent = `${now.rate.toFixed(0)} frames/s` + (now.spread ? `, cameras ${now.spread} ms apart` : '') +
     (now.limits.length ? `, at the limit: ${now.limits.join(', ')}` : '') +
     (now.force ? `, force ${now.force.toFixed(1)} N` : '');
-  for (const [name, , unit] of NUMBERS) {
-    const value = now.pose[name];
-    $(`pose-${name}`).textContent = value === null ? '–' : unit ? value.toFixed(name.startsWith('sigma') ? 3 : 1) : value;
-  }
+  if (!Replay.on()) writePose(now.pose);
+  else if (!now.clutch) opens = false;
+  else if (!opens) Replay.leave();  // who moves the arm sees it
   $('clutch').setAttribute('aria-pressed', now.clutch);
   $('clutch').textContent = now.clutch ? 'Open clutch' : 'Close clutch';
   $('record').setAttribute('aria-pressed', now.recording);
   $('record').textContent = now.recording ? 'Stop recording' : 'Record';
   show('said', now.said);
   const paper = now.tracker === 'paper';
-  for (const box of $('sliders').children) {
-    const idle = box.dataset.paper === 'true' && !paper;
-    box.classList.toggle('idle', idle);
-    box.lastElementChild.disabled = idle;
-    box.title = idle ? "of the paper's tracker; choose it below" : '';
-  }
+  for (const one of scene.sliders.filter(one => one.paper))
+    grey($(`set-${one.name}`), paper ? '' : 'Grey: only the paper’s windows ask for these two. Choose them under Tracker.');
   $('paper-help').hidden = !paper;
-  if (first) {  // what another tab has set
+  if (first || now.demonstration) {  // what another tab has set, or the demonstration
     for (const radio of document.getElementsByName('tracker')) radio.checked = radio.value === now.tracker;
     for (const [name, value] of Object.entries(now.values)) {
       const input = $(`set-${name}`);
-      if (Number(input.value) !== value) { input.value = value; input.previousElementSibling.value = value; }
+      if (Number(input.value) !== value) { input.value = value; input.write(); }
     }
   }
   if ($('pointing').hidden && now.task) {
     $('pointing').hidden = false;
-    $('front').focus();
+    if (!now.demonstration) $('front').focus();
   }
   $('pointing').hidden = !now.task;
-  $('begin').disabled = !!now.task;
+  grey($('begin'), now.task && !now.demonstration ? 'Grey: a task goes on. “End task” ends it.' : '');
+  $('demonstration').hidden = !now.demonstration;
+  $('task-buttons').hidden = now.demonstration;
   show('points', now.points);
   if (now.task) $('doing').textContent = doing(now.task);
+  logWords(now.folder);
   $('simulation').hidden = $('hand-help').hidden = !now.simulated;
   for (const canvas of $('cameras').children) canvas.classList.toggle('movable', now.simulated);
   const notes = now.notes.slice().reverse();
@@ -203,70 +259,203 @@ function doing(task) {
     'go to the mark': `bring the tool to the mark on the ${where}, and rest`,
     'go to the target': `to the target on the ${where}, then t`,
   };
+  if (last.demonstration) words['close the clutch'] = 'the hand goes to the middle, and the clutch is closed';
   return `${task.done + 1} of ${task.of}: ${words[task.what]}`;
 }
 
-// ---- 3-D: lines seen by a camera that turns about a middle
+// How the last recording becomes a log that other programs open.
+function logWords(folder) {
+  const name = folder || 'RECORDING';
+  if ($('log').dataset.folder === name) return;
+  $('log').dataset.folder = name;
+  const quoted = end => /[^\w./\\:-]/.test(name) ? `"${name}${end}"` : name + end;
+  const bag = name.split(/[\\/]/).pop() + '-bag.mcap';
+  $('log-commands').textContent = `trinolab track ${quoted('')} --out ${quoted('.csv')}\n`
+    + `trinolab bag ${quoted('')} --poses ${quoted('.csv')} --out ${quoted('-bag')}`;
+  $('log-file').textContent = bag;
+  $('log-rerun').textContent = `rerun ${quoted('-bag/' + bag)}`;
+}
 
-function colour(name) { return getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim(); }
+// ---- 3-D: seen by a camera that turns about a middle
 
-function canvasOf(id, middle, size, up) {
+const inks = new Map();  // of the style sheet, until the scheme changes
+function colour(name) {
+  if (!inks.has(name)) inks.set(name, getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim());
+  return inks.get(name);
+}
+
+const dot = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+
+// How a space is seen, in a canvas of so many pixels: the viewer's axes in the space, and what goes with them.
+function sightOf(view, width, height, middle, size, up) {
+  const upright = ([x, y, z]) => up === 'z' ? [x, y, z] : [x, -z, y];  // the world's y points down
+  const [cs, sn, ct, st] = [Math.cos(view.turn), Math.sin(view.turn), Math.cos(view.tilt), Math.sin(view.tilt)];
+  return {
+    across: upright([cs, sn, 0]), up: upright([-st * sn, st * cs, ct]), towards: upright([ct * sn, -ct * cs, st]),
+    scale: view.zoom * Math.min(width, height) / size, distance: 4 * size, deep: 2 * size, middle, upright, width, height,
+  };
+}
+
+function placeOf(sight, point) {
+  const off = point.map((x, k) => x - sight.middle[k]);
+  const near = sight.scale / (1 - dot(sight.towards, off) / sight.distance);
+  return [sight.width / 2 + near * dot(sight.across, off), sight.height / 2 - near * dot(sight.up, off)];
+}
+
+// A canvas that is cleared, and how its space is seen.
+function opened2d(id, middle, size, up) {
   const canvas = $(id), ratio = devicePixelRatio || 1;
   const width = Math.round(canvas.clientWidth * ratio), height = Math.round(canvas.clientHeight * ratio);
   if (canvas.width !== width || canvas.height !== height) [canvas.width, canvas.height] = [width, height];
-  const pen = canvas.getContext('2d'), view = views[id];
+  const pen = canvas.getContext('2d');
   pen.clearRect(0, 0, width, height);
-  const scale = view.zoom * Math.min(width, height) / size;
-  const [cs, sn, ct, st] = [Math.cos(view.turn), Math.sin(view.turn), Math.cos(view.tilt), Math.sin(view.tilt)];
-  const place = point => {
-    const [a, b, c] = point.map((x, k) => x - middle[k]);
-    const [x, y, z] = up === 'z' ? [a, b, c] : [a, c, -b];  // the world's y points down
-    const across = cs * x + sn * y, away = -sn * x + cs * y;
-    return [width / 2 + scale * across, height / 2 - scale * (ct * z + st * away)];
-  };
-  const line = (points, ink, wide = 1, closed = false) => {
-    pen.beginPath();
-    for (const point of points) pen.lineTo(...place(point));
-    if (closed) pen.closePath();
-    pen.strokeStyle = colour(ink);
-    pen.lineWidth = wide * ratio;
-    pen.lineJoin = pen.lineCap = 'round';
-    pen.stroke();
-  };
-  const dot = (point, ink, radius) => {
-    const [u, v] = place(point);
-    pen.beginPath();
-    pen.arc(u, v, radius * ratio, 0, 7);
-    pen.fillStyle = colour(ink);
-    pen.fill();
-  };
-  const words = (point, text) => {
-    const [u, v] = place(point);
-    pen.fillStyle = colour('quiet');
-    pen.font = `${12 * ratio}px system-ui, sans-serif`;
-    pen.fillText(text, u + 5 * ratio, v - 4 * ratio);
-  };
-  return {line, dot, words};
+  return {pen, ratio, sight: sightOf(views[id], width, height, middle, size, up)};
 }
 
+// Ribbons, points and words of a space, which come behind what is shaded, or stand alone.
+function sheet({pen, ratio, sight}) {
+  const ribbons = [], afterwards = [];
+  const line = (points, ink, wide = 1, closed = false) => {
+    ribbons.push({points: closed ? [...points, points[0]] : points, tints: [[...Solids.colourOf(colour(ink)), 1]], px: wide * ratio});
+  };
+  const trace = (points, ink, wide) => {  // older ends fade
+    const rgb = Solids.colourOf(colour(ink));
+    ribbons.push({points, tints: points.map((_, k) => [...rgb, (k + 1) / points.length]), px: wide * ratio});
+  };
+  const spot = (point, ink, radius) => afterwards.push(() => {
+    pen.beginPath();
+    pen.arc(...placeOf(sight, point), radius * ratio, 0, 7);
+    pen.fillStyle = colour(ink);
+    pen.fill();
+  });
+  const words = (point, text) => afterwards.push(() => {
+    const [u, v] = placeOf(sight, point);
+    pen.fillStyle = colour('quiet');
+    pen.font = `${12 * ratio}px system-ui, sans-serif`;
+    pen.fillText(text, u + 12 * ratio, v - 10 * ratio);
+  });
+  const finish = solids => {
+    const {width, height} = sight;
+    if (solids) {
+      const {canvas, top} = Solids.draw(width, height, sight, solids, ribbons.map(one => ({...one, wide: one.px / sight.scale})));
+      pen.drawImage(canvas, 0, top, width, height, 0, 0, width, height);
+    } else {
+      pen.lineJoin = pen.lineCap = 'round';
+      for (const {points, tints, px} of ribbons)
+        for (let k = 0; k + 1 < points.length; k++) {
+          const [r, g, b, a] = tints[k] || tints[0];
+          pen.strokeStyle = `rgba(${255 * r}, ${255 * g}, ${255 * b}, ${a})`;
+          pen.lineWidth = px;
+          pen.beginPath();
+          pen.moveTo(...placeOf(sight, points[k]));
+          pen.lineTo(...placeOf(sight, points[k + 1]));
+          pen.stroke();
+        }
+    }
+    for (const one of afterwards) one();
+  };
+  return {line, trace, spot, words, finish};
+}
+
+// Both spaces, of the frame that is shown: the present one, or one of the replay.
 function paint() {
-  if (!scene || !last) return;
-  const world = canvasOf('world', [0, -110, 370], 620, 'y');
+  const now = Replay.on() ? Replay.frame() : last;
+  if (!scene || !now) return;
+  const frames = Replay.on() ? Replay.past(TRAIL_MS) : trail;
+  paintWorld(now, frames.map(one => one.now).filter(one => one.T));
+  paintArm(now, frames.map(one => one.now));
+}
+
+const putBy = (T, p) => [0, 1, 2].map(r => T[4 * r] * p[0] + T[4 * r + 1] * p[1] + T[4 * r + 2] * p[2] + T[4 * r + 3]);
+
+function paintWorld(now, past) {
+  const view = opened2d('world', [0, -130, 320], 660, 'y'), world = sheet(view), shaded = Solids.ready();
+  const solids = [];
   for (const {name, field: [centre, ...corners]} of scene.cameras) {
     for (const corner of corners) world.line([centre, corner], 'line');
     world.line(corners, 'line', 1, true);
-    world.dot(centre, 'accent', 4);
     world.words(centre, name);
+    if (shaded) solids.push(...cameraSolids(centre, corners));
+    else world.spot(centre, 'accent', 4);
   }
-  if (last.T) {
-    const T = last.T, put = p => [0, 1, 2].map(r => T[4 * r] * p[0] + T[4 * r + 1] * p[1] + T[4 * r + 2] * p[2] + T[4 * r + 3]);
-    const [low, high] = scene.handle.rings.map(ring => ring.map(put));
-    for (const k of [0, 6, 12, 18]) world.line([low[k], high[k]], 'rod', 2);
-    world.line(low, 'rod', 2);
-    world.line(high, 'rod', 2);
-    for (const marker of scene.handle.markers) world.dot(put(marker), 'ink', 2);
+  const {ends: [low, high]} = scene.handle;
+  world.trace(past.map(one => putBy(one.T, [0, high, 0])), 'accent', 2.5);
+  if (now.T) {
+    if (shaded) solids.push(...rodSolids(now));
+    else rodLines(now.T, world);
+    if (now.ellipsoid) ellipsoid(now, world, shaded ? solids : null);
   }
-  const arm = canvasOf('arm', [-400, 0, 180], 1050, 'z');
+  world.finish(shaded ? solids : null);
+  const words = `ellipsoid: the position is in it with 95 %, drawn ${larger.toLocaleString('en')} times as large`;
+  if ($('larger').textContent !== words) $('larger').textContent = words;
+}
+
+function rodLines(T, world) {
+  const [low, high] = scene.handle.rings.map(ring => ring.map(p => putBy(T, p)));
+  for (const k of [0, 6, 12, 18]) world.line([low[k], high[k]], 'rod', 2);
+  world.line(low, 'rod', 2);
+  world.line(high, 'rod', 2);
+  for (const marker of scene.handle.markers) world.spot(putBy(T, marker), 'ink', 2);
+}
+
+function rodSolids(now) {
+  const {radius, ends: [low, high], markers, disc, bright} = scene.handle;
+  const body = Solids.ofRows(now.T), inks = [[0.93, 0.93, 0.9, 1], [0.16, 0.17, 0.19, 1]];
+  const rod = Solids.affine([radius, 0, 0], [0, 0, -radius], [0, (high - low) / 2, 0], [0, (low + high) / 2, 0]);
+  const tint = bright ? [...Solids.colourOf(colour('rod')), 1] : inks[0];
+  const discs = markers.map(marker => {
+    const out = [marker[0], 0, marker[2]].map(x => x / Math.hypot(marker[0], marker[2]));
+    const along = [0, disc, 0];
+    return Solids.affine(along, Solids.cross(out, along), out.map(x => 0.5 * x), marker);
+  });
+  return [{mesh: 'drum', M: Solids.times(body, rod), tint},
+    ...discs.map(M => ({mesh: 'drum', M: Solids.times(body, M), tint: inks[bright ? 0 : 1]}))];
+}
+
+function cameraSolids(centre, [first, right, , down]) {
+  const less = (a, b) => a.map((x, k) => x - b[k]);
+  const forward = less(right.map((x, k) => (x + down[k]) / 2), centre);
+  const far = Math.hypot(...forward), unit = v => v.map(x => x / Math.hypot(...v));
+  const [x, y, z] = [less(right, first), less(down, first), forward];
+  const by = (v, mm) => v.map(one => one * mm);
+  const tint = [...Solids.colourOf(colour('accent')), 1], hood = 42 / far;
+  return [
+    {mesh: 'hood', M: Solids.affine(by(x, hood / 2), by(y, hood / 2), by(z, hood), centre), tint},
+    {mesh: 'box', M: Solids.affine(by(unit(x), 15), by(unit(y), 13), by(unit(z), 20), less(centre, by(unit(z), 20))), tint},
+  ];
+}
+
+// The ellipsoid of the position, as many times as large as makes it seen.
+function ellipsoid(now, world, solids) {
+  const S = now.ellipsoid, size = Math.hypot(...S), at = [now.T[3], now.T[7], now.T[11]];
+  if (size * larger > 80 || size * larger < 14) {
+    const decade = 10 ** Math.floor(Math.log10(60 / size));
+    larger = Math.max(1, decade * [5, 2, 1].find(k => k * decade * size <= 60));
+  }
+  const columns = [0, 1, 2].map(c => [S[c], S[3 + c], S[6 + c]].map(x => x * larger));
+  if (solids) {
+    solids.push({mesh: 'ball', M: Solids.affine(...columns, at), tint: [...Solids.colourOf(colour('good')), 1], glass: true});
+    return;
+  }
+  for (const [a, b] of [[0, 1], [1, 2], [2, 0]])
+    world.line(Array.from({length: 24}, (_, k) => {
+      const [p, q] = [Math.cos(k * Math.PI / 12), Math.sin(k * Math.PI / 12)];
+      return at.map((x, i) => x + p * columns[a][i] + q * columns[b][i]);
+    }), 'good', 1, true);
+}
+
+function paintArm(now, past) {
+  const view = opened2d('arm', [-420, 0, 170], 1080, 'z'), arm = sheet(view), shaded = Solids.ready();
+  if (!shaded) armLines(now, arm);
+  arm.trace(past.map(one => one.arm[one.arm.length - 1]), now.held ? 'bad' : 'accent', 2.5);
+  const [x, y, z] = now.target;
+  for (const [a, b, c] of [[40, 0, 0], [0, 40, 0], [0, 0, 40]])
+    arm.line([[x - a, y - b, z - c], [x + a, y + b, z + c]], 'rod', 2);
+  if (now.task) point(now.task, arm);
+  arm.finish(shaded ? armSolids(now) : null);
+}
+
+function armLines(now, arm) {
   const box = (x, y, z, a, b, c, ink) => {
     const ring = h => [[-a, -b], [a, -b], [a, b], [-a, b]].map(([p, q]) => [x + p, y + q, h]);
     arm.line(ring(z - c), ink, 1, true);
@@ -275,15 +464,20 @@ function paint() {
   };
   box(-450, 0, -20, 600, 600, 20, 'line');
   box(-500, 200, 30, 60, 40, 30, 'rod');
-  arm.line(last.arm, last.held ? 'bad' : 'accent', 6);
-  for (const point of last.arm) arm.dot(point, 'ink', 3);
-  const [x, y, z] = last.target;
-  for (const [a, b, c] of [[40, 0, 0], [0, 40, 0], [0, 0, 40]])
-    arm.line([[x - a, y - b, z - c], [x + a, y + b, z + c]], 'rod', 2);
-  if (last.task) {
-    point(last.task, arm);
-    front(last.task);
-  }
+  arm.line(now.arm, now.held ? 'bad' : 'accent', 6);
+  for (const joint of now.arm) arm.spot(joint, 'ink', 3);
+}
+
+// The arm that holds is red.
+function armSolids(now) {
+  const bodies = Array.from({length: now.bodies.length / 7}, (_, k) => Solids.ofPose(now.bodies.slice(7 * k, 7 * k + 7)));
+  const red = Solids.colourOf(colour('bad'));
+  return scene.shapes.flatMap(({parts, colour: [r, g, b, a], body, T}) => {
+    const still = body < 0;
+    const rgb = [r, g, b].map((x, k) => now.held && !still ? 0.45 * x + 0.55 * red[k] : x);
+    return parts.map(({mesh, M}) => ({mesh, M: still ? M : Solids.times(bodies[body], M), tint: [...rgb, a],
+      ground: still, casting: !still || T[11] > 0}));
+  });
 }
 
 // The mark, or the target, as an upright plate that is as thick as it is wide.
@@ -306,10 +500,17 @@ function front(task) {
   pen.clearRect(0, 0, width, height);
   pen.strokeStyle = colour('line');
   pen.lineWidth = ratio;
+  pen.font = `${12 * ratio}px system-ui, sans-serif`;
+  pen.textAlign = 'center';
   pen.beginPath();
   pen.moveTo(0, v(0));
   pen.lineTo(width, v(0));
+  for (let mm = -Math.floor(frontWide(task) / 40) * 20; mm <= frontWide(task) / 2; mm += 20) {
+    pen.moveTo(u(mm), v(0) - 4 * ratio);
+    pen.lineTo(u(mm), v(0) + 4 * ratio);
+  }
   pen.stroke();
+  const label = (at, text, y) => pen.fillText(text, Math.min(Math.max(at, 40 * ratio), width - 40 * ratio), y);
   const target = task.what === 'go to the target';
   const left = u(task.aim - task.width_mm / 2), wide = scale * task.width_mm;
   if (task.what !== 'close the clutch') {
@@ -321,6 +522,7 @@ function front(task) {
       pen.fillRect(left, 0, wide, height);
       pen.globalAlpha = 1;
     }
+    label(left + wide / 2 + (task.at[0] < task.aim ? 1 : -1) * (wide / 2 + 24 * ratio), target ? 'target' : 'mark', 16 * ratio);
   }
   pen.strokeStyle = colour(last.held ? 'bad' : 'ink');
   pen.lineWidth = 2 * ratio;
@@ -331,6 +533,8 @@ function front(task) {
   pen.moveTo(x - r, y);
   pen.lineTo(x + r, y);
   pen.stroke();
+  pen.fillStyle = colour('quiet');
+  label(x + (task.at[0] < task.aim ? -1 : 1) * 22 * ratio, 'tool', height - 8 * ratio);
 }
 
 const frontWide = task => 2 * task.reach_mm + 80;  // mm
@@ -342,11 +546,19 @@ for (const id of ['world', 'arm']) {
   canvas.onpointermove = event => { if (event.buttons) turn(event.movementX / 100, event.movementY / 100); };
   canvas.onkeydown = event => {
     const way = {ArrowLeft: [-0.1, 0], ArrowRight: [0.1, 0], ArrowUp: [0, -0.1], ArrowDown: [0, 0.1]}[event.key];
-    if (way) { turn(...way); event.preventDefault(); }
+    const nearer = {'+': 1.2, '=': 1.2, '-': 1 / 1.2}[event.key];
+    if (way) turn(...way);
+    else if (nearer) zoom(nearer);
+    else if (event.key === '0') { Object.assign(view, FIRST_VIEWS[id]); paint(); }
+    else return;
+    event.preventDefault();
+  };
+  const zoom = factor => {
+    view.zoom = Math.max(0.3, Math.min(8, view.zoom * factor));
+    paint();
   };
   canvas.addEventListener('wheel', event => {
-    view.zoom = Math.max(0.3, Math.min(8, view.zoom * Math.exp(-event.deltaY / 500)));
-    paint();
+    zoom(Math.exp(-event.deltaY / 500));
     event.preventDefault();
   }, {passive: false});
 }
@@ -396,9 +608,25 @@ function push(right, down) {
   send({hand: {camera: 0, mm: [right, down, 0], rad: [0, 0, 0]}});
 }
 
+// ---- replay
+
+document.addEventListener('replay', () => {
+  opens = !!last && (last.clutch || last.demonstration);
+  if (opens) clutch(false);
+});
+document.addEventListener('replayed', ({detail: {now, pictures}}) => {
+  picture(pictures);
+  writePose(now.pose);
+  paint();
+});
+document.addEventListener('live', () => { if (last) { writePose(last.pose); paint(); } });
+
 // ---- buttons and keys
 
-const clutch = on => send({clutch: on});
+const clutch = on => {
+  if (on) Replay.leave();
+  send({clutch: on});
+};
 $('clutch').onclick = () => last && clutch(!last.clutch);
 $('record').onclick = () => last && send({record: !last.recording});
 $('take').onclick = () => { last = null; send({take: true}); };
@@ -413,6 +641,8 @@ $('ask').onsubmit = event => {
 };
 $('there').onclick = () => send({there: true});
 $('end').onclick = () => send({end: true});
+$('mine').onclick = () => send({end: true});
+$('see').onclick = () => { $('alone').checked = true; send({hand: {alone: true}, show: true}); };
 for (const radio of document.getElementsByName('tracker')) radio.onchange = () => send({tracker: radio.value});
 $('pedal').onclick = () => { asking = true; $('pedal').textContent = 'press it'; };
 
@@ -430,12 +660,14 @@ addEventListener('keydown', event => {
     if (!event.repeat && !held) { held = true; clutch(true); }
   } else if (!event.repeat && event.key === 'c') $('clutch').click();
   else if (!event.repeat && event.key === 'r') $('record').click();
+  else if (!event.repeat && event.key === 'p') $('play').click();
   else if (!event.repeat && event.key === 't' && last && last.task) $('there').click();
 }, true);
 const release = () => { if (held) { held = false; clutch(false); } };
 addEventListener('keyup', event => { if (event.key === pedal) release(); }, true);
 addEventListener('blur', release);
-addEventListener('resize', paint);
-matchMedia('(prefers-color-scheme: dark)').addEventListener('change', paint);
+const afresh = () => { inks.clear(); paint(); Replay.band(); };
+addEventListener('resize', afresh);
+matchMedia('(prefers-color-scheme: dark)').addEventListener('change', afresh);
 setInterval(tell, 500);
-connect();
+addEventListener('DOMContentLoaded', () => { Replay.tell(); logWords(''); connect(); });  // all scripts are there
