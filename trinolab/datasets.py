@@ -35,6 +35,7 @@ __all__ = [
     "paper_rig",
     "real_set",
     "rig_file",
+    "shipped_handles",
 ]
 
 IMAGE_SIZE = (1280, 1024)  # assumed from the principal points; the paper prints no image size
@@ -97,6 +98,11 @@ def load_rig(name: str) -> Rig:
 def load_handle(name: str) -> Handle:
     """Load a shipped handle: `paper`, `coded`. ValueError for an unknown name."""
     return read_handle(_named("handles", name))
+
+
+def shipped_handles() -> list[str]:
+    """The names of the shipped handles."""
+    return _shipped("handles")
 
 
 def load_table1() -> Table1:

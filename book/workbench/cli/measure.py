@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
 from scipy.spatial.transform import RigidTransform
 from tqdm import tqdm
@@ -15,6 +16,7 @@ from trinolab.files.outputs import check_targets
 from trinolab.files.poses import contradictions, pose_table, poses_by_frame, read_poses, write_poses
 from trinolab.files.recording import list_instants, read_instants
 from trinolab.files.rigs import read_handle, read_rig
+from trinolab.following.losses import lost_lines
 from trinolab.measurement import measure
 from trinolab.methods import estimator_of
 from trinolab.parameters import Parameters
@@ -81,6 +83,12 @@ def measure_folder(
     table = pose_table(poses, frames=frames)
     write_poses(table, out)
     for line in [] if is_uncertain(the_rig, the_handle) else contradictions(table, rig):
+        log.info(line)
+
+    def images_of(numbers: list[int]) -> Iterator[Sequence[np.ndarray]]:
+        return read_instants([instants[k] for k in numbers], the_rig)
+
+    for line in lost_lines(table, the_rig, the_handle, images_of):
         log.info(line)
     return table
 
