@@ -152,15 +152,16 @@ def _symmetry_lines(
     several = len(handle.symmetries)
     sides = "symmetry" if several == 1 else "symmetries"
     beside = Path(truth).with_name("handle.toml")
-    if beside.exists() and Path(file).resolve() != beside.resolve():
+    theirs = None
+    if beside.exists():
         with suppress(ValueError):
             theirs = read_handle(beside)
-            if len(theirs.symmetries) != several:
-                return [
-                    f"{file}: the errors count up to the {several} {sides} of {handle.name}, but "
-                    f"{beside}, beside the truth, is {theirs.name} with {len(theirs.symmetries)}: likely "
-                    f"--handle {beside} is meant"
-                ]
+    if theirs is not None and len(theirs.symmetries) != several:
+        return [
+            f"{file}: the errors count up to the {several} {sides} of {handle.name}, but "
+            f"{beside}, beside the truth, is {theirs.name} with {len(theirs.symmetries)}: likely "
+            f"--handle {beside} is meant"
+        ]
     rows = both[both["status"] == "measured"].sort_values("frame")
     if len(rows) < FEWEST:
         return []
@@ -173,8 +174,12 @@ def _symmetry_lines(
                     f"{file}: under the symmetries of the shipped handle {name} the poses fit the truth far "
                     f"better (median {fits:.3g} deg instead of {angle:.3g}): likely --handle {name} is meant"
                 ]
-    elif several > 1 and not (
-        (both["status"] == "ambiguous").any() or nearest_index(*pair, handle.symmetries).any()
+    elif (
+        several > 1
+        and theirs is None
+        and not (
+            (both["status"] == "ambiguous").any() or nearest_index(*pair, handle.symmetries).any()
+        )
     ):
         return [
             f"{file}: no pose needs the {several} symmetries of {handle.name}, the errors are the same "

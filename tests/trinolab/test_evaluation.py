@@ -251,4 +251,7 @@ def test_poses_that_need_no_symmetry_are_likely_of_another_handle(tmp_path, capl
     caplog.clear()
     compared(tmp_path, truths(), ["measured"] * 3 + ["ambiguous"], handle=HANDLE)
     compared(tmp_path, truths() * load_handle("paper").symmetries[1], "measured", handle=HANDLE)
+    # the handle beside the truth says that it is the one
+    shutil.copy(HANDLE, tmp_path / "handle.toml")
+    compared(tmp_path, truths(), "measured", handle=HANDLE)
     assert hints(caplog) == []

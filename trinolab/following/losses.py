@@ -7,7 +7,9 @@ is none. What is said here is computed from the images, and is a likely cause, n
 from __future__ import annotations
 
 import itertools
+import logging
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 
 import numpy as np
@@ -20,6 +22,8 @@ from ..measurement import Measurement, measure
 from ..parameters import Parameters
 
 __all__ = ["likely_cause", "lost_lines"]
+
+log = logging.getLogger("trinolab")
 
 Images = Sequence[np.ndarray]
 
@@ -53,8 +57,21 @@ def lost_lines(
     if len(without) <= OFTEN * len(table):
         return []
     evenly = np.unique(np.linspace(0, len(without) - 1, LOOKED_AT).round().astype(int))
-    cause = likely_cause(list(images_of(without[evenly].tolist())), rig, handle)
+    with _unheard():
+        instants = list(images_of(without[evenly].tolist()))
+    cause = likely_cause(instants, rig, handle)
     return [f"{len(without)} of {len(table)} instants have no measured pose; {cause}"]
+
+
+@contextmanager
+def _unheard() -> Iterator[None]:
+    """The images were read before, and what there is to say of them was said."""
+    before = log.disabled
+    log.disabled = True
+    try:
+        yield
+    finally:
+        log.disabled = before
 
 
 def likely_cause(instants: Sequence[Images], rig: Rig, handle: Handle) -> str:
@@ -96,8 +113,8 @@ def _nothing(instants: Sequence[Images], rig: Rig, handle: Handle) -> str:
     brightest = [np.percentile(image, 99.9) for images in instants for image in images]
     if np.median(brightest) < DARK:
         return (
-            f"the images are dark (99.9 % of the pixels below {np.median(brightest):.0f} of 255): likely "
-            "too little light, or too short an exposure"
+            f"the images are dark (99.9 % of the pixels are at most {np.median(brightest):.0f} of 255): "
+            "likely too little light, or too short an exposure"
         )
     return "no camera shows markers: likely the handle is out of the picture, or hidden"
 
