@@ -37,6 +37,7 @@ __all__ = [
     "real_set",
     "rig_file",
     "rig_of",
+    "shipped_handles",
 ]
 
 IMAGE_SIZE = (1280, 1024)  # assumed from the principal points; the paper prints no image size
@@ -99,6 +100,11 @@ def load_rig(name: str) -> Rig:
 def load_handle(name: str) -> Handle:
     """Load a shipped handle: `paper`, `coded`. ValueError for an unknown name."""
     return read_handle(_named("handles", name))
+
+
+def shipped_handles() -> list[str]:
+    """The names of the shipped handles."""
+    return _shipped("handles")
 
 
 def load_table1() -> Table1:

@@ -6,6 +6,8 @@ and time lost.
 
 from __future__ import annotations
 
+import logging
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -13,10 +15,11 @@ import numpy as np
 import pandas as pd
 from scipy.spatial.transform import RigidTransform
 
-from .datasets import handle_of
+from .datasets import handle_of, load_handle, shipped_handles
 from .files.inputs import read_csv
 from .files.joining import join
 from .files.poses import STATUSES, as_poses, read_poses, transforms
+from .files.rigs import read_handle
 from .handle import Handle
 from .metrics import (
     FAR_DEG,
@@ -26,7 +29,9 @@ from .metrics import (
     euler_deg,
     far_off,
     flips,
+    geodesic_deg,
     nearest_equivalent,
+    nearest_index,
     pose_errors,
     track_equivalent,
     waits,
@@ -34,6 +39,11 @@ from .metrics import (
 
 __all__ = ["Evaluation", "TrackQuality", "as_lines", "evaluate", "how_long"]
 
+log = logging.getLogger("trinolab")
+
+# a handle whose symmetries make the poses fit has this share of the angle between them, at most
+EXPLAINS = 0.25
+FEWEST = 3  # poses that show a symmetry
 # beside the truth: for each frame how many markers each camera truly sees
 COUNTS = "truth_markers.csv"
 STEEP_DEG = 60.0  # of beta: alpha's and gamma's errors grow by 1 / cos(beta), twice here
@@ -111,7 +121,8 @@ def evaluate(
     """Compare poses with their truth, up to the handle's symmetry (Eq. 26-27).
 
     The `measured` rows are compared as one track, by one equivalent for all; an `ambiguous` row
-    says of itself that it is one of several, so each is compared by its nearest equivalent.
+    says of itself that it is one of several, so each is compared by its nearest equivalent. The log
+    says where another handle's symmetry is likely the right one.
 
     Parameters
     ----------
@@ -138,9 +149,11 @@ def evaluate(
     lost = len(true) - measured - ambiguous - predicted
     rows = both[both["status"] == "measured"].sort_values("frame")
     measured_rows = true["frame"].isin(rows["frame"]).to_numpy()
-    visible = _visible(
-        true, None if isinstance(truth, pd.DataFrame) else Path(truth).with_name(COUNTS)
-    )
+    beside = None if isinstance(truth, pd.DataFrame) else Path(truth)
+    called = handle.name if isinstance(handle, Handle) else str(handle)
+    for line in _symmetry_lines(both, true, the_handle, called, beside):
+        log.warning(line)
+    visible = _visible(true, None if beside is None else beside.with_name(COUNTS))
     lasted = waits(measured_rows, visible if visible.any() else None)
     compared = _compared(both, true, the_handle)
     beta = np.abs(euler_deg(compared[1])[:, 1]) if compared else np.empty(0)
@@ -157,6 +170,57 @@ def evaluate(
         int((beta > STEEP_DEG).sum()),
         float(beta.max()) if len(beta) else np.nan,
     )
+
+
+def _symmetry_lines(
+    both: pd.DataFrame, true: pd.DataFrame, handle: Handle, file: str, truth: Path | None
+) -> list[str]:
+    """A line where the poses are likely of another handle than the given one, which has the name
+    `file`; `truth` is the file of the true poses.
+    """
+    several = len(handle.symmetries)
+    sides = "symmetry" if several == 1 else "symmetries"
+    beside = None if truth is None else truth.with_name("handle.toml")
+    theirs = None
+    if beside is not None and beside.exists():
+        with suppress(ValueError):
+            theirs = read_handle(beside)
+    if theirs is not None and len(theirs.symmetries) != several:
+        return [
+            f"{file}: the errors count up to the {several} {sides} of {handle.name}, but "
+            f"{beside}, beside the truth, is {theirs.name} with {len(theirs.symmetries)}: likely "
+            f"--handle {beside} is meant"
+        ]
+    rows = both[both["status"] == "measured"].sort_values("frame")
+    if len(rows) < FEWEST:
+        return []
+    pair = transforms(rows), transforms(true.set_index("frame").loc[rows["frame"]])
+    angle = _angle_deg(*pair, handle)
+    if angle > FAR_DEG:
+        for name in shipped_handles():
+            if (fits := _angle_deg(*pair, load_handle(name))) <= EXPLAINS * angle:
+                return [
+                    f"{file}: under the symmetries of the shipped handle {name} the poses fit the truth far "
+                    f"better (median {fits:.3g} deg instead of {angle:.3g}): likely --handle {name} is meant"
+                ]
+    elif (
+        several > 1
+        and theirs is None
+        and not (
+            (both["status"] == "ambiguous").any() or nearest_index(*pair, handle.symmetries).any()
+        )
+    ):
+        return [
+            f"{file}: no pose needs the {several} symmetries of {handle.name}, the errors are the same "
+            "without: likely another handle was tracked, or this one from a known pose"
+        ]
+    return []
+
+
+def _angle_deg(poses: RigidTransform, truth: RigidTransform, handle: Handle) -> float:
+    """The median angle between the poses of a track and the truth, up to a handle's symmetry."""
+    turned = track_equivalent(poses, truth, handle.symmetries)
+    return float(np.median(geodesic_deg(turned, truth)))
 
 
 def as_lines(result: Evaluation) -> list[str]:

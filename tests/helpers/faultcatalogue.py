@@ -565,7 +565,7 @@ FAULTS = {
     "start: empty": (
         text("bad.csv", ""),
         TRACK + " --start bad.csv",
-        "bad.csv: no valid CSV (No columns",
+        "bad.csv: no valid CSV (it is empty)",
     ),
     "start: no pose": (
         text("bad.csv", rows("0,,,,,,,,lost")),

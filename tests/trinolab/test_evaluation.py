@@ -1,5 +1,8 @@
 """Poses and their truth from files: errors, flips and losses counted by hand."""
 
+import logging
+import shutil
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -270,3 +273,44 @@ def test_a_table_that_is_none_of_poses_is_refused_by_its_argument(changed, said)
     given = {"poses": table, "truth": table, "handle": "paper"}
     with pytest.raises(ValueError, match=said):
         evaluate(**{**given, **changed(table)})
+
+
+def hints(caplog):
+    return [one.getMessage() for one in caplog.records if one.levelno == logging.WARNING]
+
+
+def test_another_handle_beside_the_truth_is_named(tmp_path, caplog):
+    shutil.copy(CODED, tmp_path / "handle.toml")
+    compared(tmp_path, truths(), "measured", handle=HANDLE)
+    assert hints(caplog) == [
+        f"{HANDLE}: the errors count up to the 12 symmetries of paper, but {tmp_path / 'handle.toml'}, beside "
+        f"the truth, is coded with 1: likely --handle {tmp_path / 'handle.toml'} is meant"
+    ]
+    caplog.clear()
+    compared(tmp_path, truths(), "measured", handle=tmp_path / "handle.toml")
+    assert hints(caplog) == []
+
+
+def test_a_shipped_handle_whose_symmetry_explains_the_poses_is_named(tmp_path, caplog):
+    turned = truths() * load_handle("paper").symmetries[2]
+    compared(tmp_path, turned, "measured", handle=CODED)
+    (said,) = hints(caplog)
+    assert "under the symmetries of the shipped handle paper the poses fit the truth far" in said
+    assert said.endswith("likely --handle paper is meant")
+    caplog.clear()
+    # no symmetry explains an error of 20 deg
+    compared(tmp_path, truths() * turn_deg("X", 20.0), "measured", handle=CODED)
+    assert hints(caplog) == []
+
+
+def test_poses_that_need_no_symmetry_are_likely_of_another_handle(tmp_path, caplog):
+    compared(tmp_path, truths(), "measured", handle=HANDLE)
+    (said,) = hints(caplog)
+    assert "no pose needs the 12 symmetries of paper, the errors are the same without" in said
+    caplog.clear()
+    compared(tmp_path, truths(), ["measured"] * 3 + ["ambiguous"], handle=HANDLE)
+    compared(tmp_path, truths() * load_handle("paper").symmetries[1], "measured", handle=HANDLE)
+    # the handle beside the truth says that it is the one
+    shutil.copy(HANDLE, tmp_path / "handle.toml")
+    compared(tmp_path, truths(), "measured", handle=HANDLE)
+    assert hints(caplog) == []

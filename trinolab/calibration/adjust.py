@@ -146,6 +146,7 @@ def calibrate(
     names: Sequence[str] | None = None,
     distortion_terms: int = 5,
     start: Calibrated | None = None,
+    lenses: Sequence[Camera] | None = None,
 ) -> Calibrated:
     """Cameras from views of a flat target: Zhang's start, then one least squares over everything
     (Sect. 6.2, Eq. 25).
@@ -171,6 +172,9 @@ def calibrate(
     start : Calibrated, optional
         What is started from instead of Zhang's start: a calibration of the same views, or more of
         them, perhaps with other distortions. What it did not use is left out.
+    lenses : sequence of Camera, optional
+        One for each camera whose matrix and distortions are known, and stay as they are: places
+        alone are adjusted. Needs five `distortion_terms`, and no `start`.
 
     Returns
     -------
@@ -185,13 +189,20 @@ def calibrate(
         explain.
     """
     target, uv = _checked(target, uv, sizes, distortion_terms)
-    if start is None:
+    if lenses is not None:
+        if len(lenses) != len(uv) or start is not None or distortion_terms != TERMS[-1]:
+            raise ValueError(
+                f"lenses: expected {len(uv)} cameras, five distortion_terms and no start, got {len(lenses)}"
+            )
+        state, used = _with_lenses(target, uv, lenses)
+    elif start is None:
         state, used = _in_closed_form(target, uv, sizes, distortion_terms)
     else:
         state, used = _as_before(start, uv, distortion_terms)
     measured = np.where(used[:, :, None, None], uv, np.nan)
     seen = np.array(used.any(axis=0))
-    state, covariance, sigma_px = _adjusted(target, measured[:, seen], state)
+    held = 0 if lenses is None else state.lenses.size
+    state, covariance, sigma_px = _adjusted(target, measured[:, seen], state, held)
     errors = np.full(uv.shape, np.nan)
     errors[:, seen] = images(state, target).uv - measured[:, seen]
     names = names or [f"ccd{k + 1}" for k in range(len(uv))]
@@ -240,6 +251,19 @@ def _in_closed_form(
     lenses = np.zeros((len(uv), 4 + terms))
     lenses[:, :4] = [[K[0, 0], K[1, 1], K[0, 2], K[1, 2]] for K, _ in starts]
     return State(lenses, _matrices(T_world_cam), _matrices(T_world_target)), used
+
+
+def _with_lenses(target: Array, uv: Array, lenses: Sequence[Camera]) -> tuple[State, np.ndarray]:
+    """The start with known lenses, and which views it uses, bool (cameras, views)."""
+    poses = list[Poses]()
+    for k, (views, camera) in enumerate(zip(uv, lenses, strict=True)):
+        H = [homography(target[:, :2], camera.ideal_pixels(view)) for view in views]
+        _check_count(k, sum(h is not None for h in H))
+        poses.append([None if h is None else target_pose(h, camera.matrix) for h in H])
+    used = np.array([[pose is not None for pose in of] for of in poses])
+    T_world_cam, T_world_target = _chained(poses)
+    known = _lenses(lenses, TERMS[-1])
+    return State(known, _matrices(T_world_cam), _matrices(T_world_target)), used
 
 
 def _as_before(start: Calibrated, uv: Array, terms: int) -> tuple[State, np.ndarray]:
@@ -332,22 +356,26 @@ def _chained(T_cam_target: list[Poses]) -> tuple[list[RigidTransform], Poses]:
     return [T_world_cam[c] for c in range(len(T_cam_target))], world
 
 
-def _adjusted(target: Array, uv: Array, start: State) -> tuple[State, Array, float]:
-    """The state of least squares, the covariance of its common unknowns, and the pixel noise."""
+def _adjusted(target: Array, uv: Array, start: State, held: int = 0) -> tuple[State, Array, float]:
+    """The state of least squares, the covariance of its common unknowns, and the pixel noise; the first
+    of the common unknowns, so many, are held.
+    """
     measured = int(np.isfinite(uv).sum())
-    unknowns = start.common + 6 * len(start.T_world_target)
+    unknowns = start.common - held + 6 * len(start.T_world_target)
     if measured <= unknowns:
         raise ValueError(f"uv: expected more than {unknowns} measured coordinates, got {measured}")
 
     def linearised(state: State) -> tuple[Normal, float]:
         at = images(state, target)
-        return normal_equations(at, uv), _cost(at.uv, uv)
+        whole = normal_equations(at, uv)
+        free = whole._replace(A=whole.A[held:, held:], a=whole.a[held:], E=whole.E[:, :, held:])
+        return free, _cost(at.uv, uv)
 
     def further(state: State, normal: Normal, damping: float) -> State:
         longer = normal._replace(A=damped(normal.A, damping), D=damped(normal.D, damping))
         reduced = eliminated(longer)
         common = np.asarray(np.linalg.solve(reduced.S, reduced.s), dtype=float)
-        return stepped(state, common, reduced.pose_steps(common))
+        return stepped(state, np.pad(common, (held, 0)), reduced.pose_steps(common))
 
     try:
         with np.errstate(all="ignore"):  # a step may lead anywhere; that shows in its cost
@@ -358,13 +386,16 @@ def _adjusted(target: Array, uv: Array, start: State) -> tuple[State, Array, flo
     if not (found.at_rest and np.isfinite(found.cost) and (found.state.lenses[:, :2] > 0).all()):
         raise ValueError(UNEXPLAINED)
     variance = 2 * found.cost / (measured - unknowns)
-    return found.state, inverse * variance, float(np.sqrt(variance))
+    covariance = np.pad(inverse * variance, (held, 0))
+    return found.state, covariance, float(np.sqrt(variance))
 
 
 def _inverse(S: Array, squares: Array) -> Array:
     """The inverse of the Schur complement; `squares` are those of the slopes by each unknown, which
     bring all to one scale.
     """
+    if not len(S):
+        return S
     scale = np.sqrt(np.where(squares > 0, squares, 1.0))
     values, vectors = np.linalg.eigh(S / np.outer(scale, scale))
     if not values[0] > SMALLEST_SHARE * values[-1]:

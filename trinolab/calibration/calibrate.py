@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -14,6 +14,7 @@ import numpy as np
 import pandas as pd
 from tqdm import tqdm
 
+from ..camera import Camera
 from ..checks import Array
 from ..files.outputs import check_target, write_together
 from ..files.rigs import covariance_path, covariance_text, rig_text
@@ -23,8 +24,10 @@ from .adjust import TERMS, Calibrated
 from .distortions import Choice, calibrate_by_choice
 from .hints import hint
 from .outliers import FEWEST_POINTS, UNSEEN, calibrate_robustly
+from .scale import check_scale, distance_of_target
+from .tables import read_corners, read_lenses
 from .target import Target
-from .views import TargetViews, check_connected, read_views, some
+from .views import TargetViews, check_connected, look_lines, read_views, some
 
 __all__ = ["RigCalibration", "as_lines", "calibrate_rig"]
 
@@ -50,6 +53,8 @@ class RigCalibration(NamedTuple):
         `points` found, `rms_px` and `worst_px` (NaN if not used), `reason` for what was dropped.
     passed_over : int
         Views that were not looked at.
+    notes : tuple of str
+        What a person should know of the target: how it looks, and what its size makes of the cameras.
     choice : Choice or None
         How the number of distortions was chosen; None if it was given.
     files : tuple of Path
@@ -60,18 +65,21 @@ class RigCalibration(NamedTuple):
     parameters: pd.DataFrame
     views: pd.DataFrame
     passed_over: int
+    notes: tuple[str, ...]
     choice: Choice | None
     files: tuple[Path, ...]
 
 
 def calibrate_rig(
-    sources: Mapping[str, str | Path],
+    sources: Mapping[str, str | Path] | str | Path,
     target: Target,
     out: str | Path,
     most_views: int = 50,
     distortion_terms: int | None = None,
     progress: bool = True,
     picture: Callable[[TargetViews, Calibrated], bytes] | None = None,
+    size: Sequence[int] | None = None,
+    lenses: str | Path | None = None,
 ) -> RigCalibration:
     """Calibrate two or more cameras from images or videos of a target, and write the rig.
 
@@ -81,11 +89,11 @@ def calibrate_rig(
 
     Parameters
     ----------
-    sources : mapping of str to path
+    sources : mapping of str to path, or path
         For each camera's name a folder of images (paired by file name), a pattern such as
         ``photos/left*.png`` (paired by what the ``*`` stands for), or a video (paired by frame). A
         view may be missing in a camera. Colour and 16-bit images are converted, and the log says
-        so.
+        so. Or a table of points that another program has found, see `tables.read_corners`.
     target : Target
     out : path
         The rig file, ``.toml``.
@@ -98,19 +106,35 @@ def calibrate_rig(
         Show progress bars on standard error, if that is a terminal.
     picture : callable, optional
         Draws the residuals of the views, and returns a PNG's bytes.
+    size : (int, int), optional
+        Width and height of the images of a table.
+    lenses : path, optional
+        A file with the lenses of the cameras, see `tables.read_lenses`: they are held, and the places
+        alone are estimated.
 
     Raises
     ------
     ValueError
         Names the file, camera or argument: what `views.read_views` refuses, a file that cannot be
         written, a camera with fewer than three views of the target or none in common with the
-        others, views that contradict each other, and what `adjust.calibrate` refuses.
+        others, a size of the target that cannot be, views that contradict each other, and what
+        `tables.read_corners` and `adjust.calibrate` refuse.
     """
     files = _outputs(out, picture is not None)
-    seen = read_views(sources, target, most_views, progress)
+    if isinstance(sources, (str, Path)):
+        seen = read_corners(sources, target, most_views, size)
+    elif size is not None:
+        raise ValueError("size: images have their own; expected it beside a table of points only")
+    else:
+        seen = read_views(sources, target, most_views, progress)
     _check_seen(seen, sources, target, progress)
-    with _reporting(len(seen.cameras), distortion_terms, progress) as report:
-        calibrated, reasons, choice = _calibrated(seen, target, distortion_terms, report)
+    check_scale(seen, target)
+    if lenses is not None and distortion_terms is not None:
+        raise ValueError("distortions: are held with the lenses; expected one of both alone")
+    known = None if lenses is None else read_lenses(lenses, seen.cameras)
+    terms = distortion_terms if known is None else TERMS[-1]
+    with _reporting(len(seen.cameras), terms, progress) as report:
+        calibrated, reasons, choice = _calibrated(seen, target, terms, known, report)
         views = _view_table(seen, calibrated, reasons)
         parameters = _parameter_table(calibrated)
         contents: list[str | bytes] = [
@@ -122,7 +146,8 @@ def calibrate_rig(
         if picture is not None:
             contents.append(picture(seen, calibrated))
     write_together(dict(zip(files, contents, strict=True)))
-    return RigCalibration(calibrated, parameters, views, seen.passed_over, choice, files)
+    notes = (*look_lines(seen), distance_of_target(calibrated, target))
+    return RigCalibration(calibrated, parameters, views, seen.passed_over, notes, choice, files)
 
 
 def _outputs(out: str | Path, pictured: bool) -> tuple[Path, ...]:
@@ -155,9 +180,16 @@ def _reporting(
 
 
 def _check_seen(
-    seen: TargetViews, sources: Mapping[str, str | Path], target: Target, progress: bool
+    seen: TargetViews,
+    sources: Mapping[str, str | Path] | str | Path,
+    target: Target,
+    progress: bool,
 ) -> None:
     """Refuse cameras that saw too little of the target."""
+
+    def source_of(name: str) -> str | Path:
+        return sources if isinstance(sources, (str, Path)) else sources[name]
+
     enough = np.isfinite(seen.uv).all(axis=3).sum(axis=2) >= FEWEST_POINTS
     for name, has, images, without in zip(
         seen.cameras, enough.sum(axis=1), seen.present.sum(axis=1), seen.without, strict=True
@@ -165,21 +197,32 @@ def _check_seen(
         if has < 3:
             advice = hint(without, target, progress)
             raise ValueError(
-                f"{sources[name]}: camera {name}: target ({target}) found in {has} of {images} images, "
+                f"{source_of(name)}: camera {name}: target ({target}) found in {has} of {images} images, "
                 f"expected three or more{advice and f'; {advice}'}"
             )
     check_connected(seen.cameras, enough, "no view in which it sees the target together")
     for name, has, uv in zip(seen.cameras, enough, seen.uv, strict=True):
-        moved_px = np.ptp(uv[has], axis=0).max(axis=1)
-        if np.nanmedian(moved_px) < LEAST_MOVED_PX:
+        if _moved_px(uv[has]) < LEAST_MOVED_PX:
             raise ValueError(
-                f"{sources[name]}: camera {name}: the target is in the same place in all {has.sum()} views: "
+                f"{source_of(name)}: camera {name}: the target is in the same place in all {has.sum()} views: "
                 "expected it moved and turned (do the images differ?)"
             )
 
 
+def _moved_px(uv: np.ndarray) -> float:
+    """How far a point moves over the views (views, n, 2), in the middle of those that are seen."""
+    valid = np.isfinite(uv)
+    last = np.max(uv, axis=0, where=valid, initial=-np.inf)
+    moved = (last - np.min(uv, axis=0, where=valid, initial=np.inf)).max(axis=1)
+    return float(np.median(moved[np.isfinite(moved)]))
+
+
 def _calibrated(
-    seen: TargetViews, target: Target, terms: int | None, report: Callable[[str], object]
+    seen: TargetViews,
+    target: Target,
+    terms: int | None,
+    lenses: Sequence[Camera] | None,
+    report: Callable[[str], object],
 ) -> tuple[Calibrated, np.ndarray, Choice | None]:
     """The calibration, why views were dropped, and how the distortions were chosen; an error speaks
     of cameras by their names.
@@ -190,7 +233,7 @@ def _calibrated(
         if terms is None:
             calibrated, reasons, choice = calibrate_by_choice(*given, report)
         else:
-            calibrated, reasons = calibrate_robustly(*given, terms, report)
+            calibrated, reasons = calibrate_robustly(*given, terms, report, lenses)
     except ValueError as error:
         if not str(error).startswith("uv: "):
             raise
@@ -272,13 +315,21 @@ def as_lines(result: RigCalibration) -> list[str]:
         f"{views.loc[views['status'] == 'used', 'points'].sum():7d} {calibrated.rms_px:9.3f}    "
         f"(noise of a coordinate {calibrated.sigma_px:.3f} px)"
     )
+    first = calibrated.cameras[0].name
     for name, rows in result.parameters.groupby("camera", sort=False):
-        visible_rows = rows[: len(_LENS)] if name == calibrated.cameras[0].name else rows
-        lines += [
-            "",
-            name + (", the world frame" if len(visible_rows) < len(rows) else ""),
-            *map(_line, visible_rows.itertuples()),
-        ]
+        visible_rows = rows[: len(_LENS)] if name == first else rows
+        frame = (
+            "the world frame"
+            if name == first
+            else f"its place and rotation in the frame of {first}"
+        )
+        lines += ["", f"{name}, {frame}", *map(_line, visible_rows.itertuples())]
+    lines += [
+        "",
+        "places here are camera to world (T_world_cam), rotations as vectors in deg; "
+        f"{result.files[0].name} has world to camera (T_cam_world), in rad",
+        *result.notes,
+    ]
     lines += ["", *distortions.as_lines(result.choice)] if result.choice else []
     dropped = views[views["status"] == "dropped"]
     lines += ["", f"views dropped: {len(dropped) or 'none'}"]

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import RigidTransform
 
+from ..camera import Camera
 from ..checks import Array, as_array
 from .adjust import Calibrated, Poses, calibrate
 from .eq25 import relative_pose
@@ -42,12 +43,13 @@ def calibrate_robustly(
     names: Sequence[str],
     distortion_terms: int = 5,
     report: Callable[[str], object] = silent,
+    lenses: Sequence[Camera] | None = None,
 ) -> tuple[Calibrated, np.ndarray]:
     """Calibrate without the views that do not fit the others.
 
     Parameters
     ----------
-    target, uv, sizes, names, distortion_terms
+    target, uv, sizes, names, distortion_terms, lenses
         As `adjust.calibrate` takes them.
     report : callable, optional
         Is told what is done next, to show it to a person who waits.
@@ -78,13 +80,14 @@ def calibrate_robustly(
                 sizes[k : k + 1],
                 names[k : k + 1],
                 distortion_terms,
+                None if lenses is None else lenses[k : k + 1],
             )
             alone.append(list(calibrated.T_world_target))
         except ValueError:  # too little for a camera alone may be enough for all together
             alone.append([None] * uv.shape[1])
     _leave_out(uv, reasons, _disagreeing(alone, names))
     report("all cameras together")
-    return _fitted(target, uv, reasons, sizes, names, distortion_terms), reasons
+    return _fitted(target, uv, reasons, sizes, names, distortion_terms, lenses), reasons
 
 
 def _leave_out(uv: Array, reasons: np.ndarray, why: np.ndarray) -> None:
@@ -116,12 +119,13 @@ def _fitted(
     sizes: Sequence[tuple[int, int]],
     names: Sequence[str],
     terms: int,
+    lenses: Sequence[Camera] | None,
 ) -> Calibrated:
     """Calibrate until no view's residual is far above those of its camera's others; drops views in
     place.
     """
     while True:
-        calibrated = calibrate(target, uv, sizes, names, terms)
+        calibrated = calibrate(target, uv, sizes, names, terms, lenses=lenses)
         why = far_above(calibrated.view_rms_px)
         if not (why != "").any():
             return calibrated

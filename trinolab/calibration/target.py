@@ -7,8 +7,10 @@ from a viewer who sees x point right and y down. The detectors are OpenCV's.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -18,12 +20,17 @@ from ..checks import Array, as_image, as_number, as_whole, frozen
 
 __all__ = [
     "Board",
+    "Look",
+    "Sighting",
     "Target",
+    "as_usual",
     "dictionary_of",
     "find_corners",
     "find_target",
     "half_window",
+    "looks",
     "sharpened",
+    "sight_target",
     "upright_corners",
 ]
 
@@ -34,6 +41,8 @@ _MOST_POINTS = 200  # along a side of a target
 _LEAST_PX = 3  # along a side of an image, for a point of the target
 _MARKER_SHARE = 0.75  # of a square's side, where nothing else is said
 _DICTIONARY = "4X4_50"
+# of a ChArUco board: with fewer, markers may have been read into any pattern
+_ENOUGH = 6
 
 
 @dataclass(frozen=True)
@@ -142,8 +151,7 @@ class Target:
     Attributes
     ----------
     kind : {"chessboard", "circles", "charuco"}
-        Circles are in rows one below the other. Circles and ChArUco boards may be printed in light
-        on dark as well.
+        Circles are in rows one below the other. Each may be printed in light on dark as well.
     columns, rows : int
         As OpenCV counts: **inner corners** of a chessboard, **circles** of a grid, both from 3;
         **squares** of a ChArUco board, from 4.
@@ -185,7 +193,7 @@ class Target:
         marker = as_number(self.side_of_marker, "marker_mm", low=0.0, open_low=True)
         if marker >= square:
             raise ValueError(f"marker_mm: expected less than a square ({square:g}), got {marker:g}")
-        name = self.dictionary or _DICTIONARY
+        name = self.family
         if not hasattr(cv2.aruco, f"DICT_{name}"):
             raise ValueError(
                 f"dictionary: expected a name such as {_DICTIONARY} or 5X5_250, got {name!r}"
@@ -199,6 +207,11 @@ class Target:
     def side_of_marker(self) -> float:
         """Of a ChArUco board, mm."""
         return _MARKER_SHARE * self.square_mm if self.marker_mm is None else self.marker_mm
+
+    @property
+    def family(self) -> str:
+        """The dictionary of a ChArUco board's markers."""
+        return self.dictionary or _DICTIONARY
 
     @property
     def board(self) -> Board:
@@ -229,11 +242,47 @@ class Target:
         return f"{self.kind}, {self.columns} x {self.rows} {counted}"
 
 
+class Look(NamedTuple):
+    """How a target looks in an image.
+
+    Attributes
+    ----------
+    inverted : bool
+        Light on dark: what is printed black elsewhere is white.
+    mirrored : bool
+        As in a mirror: seen from behind, through the board or by a print on its back, or by a camera
+        that mirrors its images.
+    """
+
+    inverted: bool = False
+    mirrored: bool = False
+
+
+class Sighting(NamedTuple):
+    """What an image shows of a target: its points, shape (n, 2), px, NaN for those that are not
+    found, and how it looks.
+    """
+
+    uv: Array
+    look: Look
+
+
+def looks(target: Target) -> tuple[Look, ...]:
+    """How a target may look, the usual first. Chessboards and circles look in a mirror as they do
+    without one.
+    """
+    usual = (Look(), Look(inverted=True))
+    if target.kind != "charuco":
+        return usual
+    return (*usual, *(look._replace(mirrored=True) for look in usual))
+
+
 def find_target(image: ArrayLike, target: Target) -> Array:
     """Find a target's points in an image, to sub-pixel accuracy.
 
     Where the target could be counted in two ways, its rows are taken to run to the right in the
-    image: cameras that look at such a target must be upright, all within 45 deg.
+    image: cameras that look at such a target must be upright, all within 45 deg. Boards in light on
+    dark, and ChArUco boards as in a mirror, are found as well.
 
     Parameters
     ----------
@@ -251,20 +300,63 @@ def find_target(image: ArrayLike, target: Target) -> Array:
     ValueError
         If `image` is no grey image of 8 bit.
     """
+    return sight_target(image, target, looks(target)).uv
+
+
+def sight_target(image: ArrayLike, target: Target, tried: Sequence[Look]) -> Sighting:
+    """Find a target's points as `find_target` does, and say how the target looks.
+
+    Parameters
+    ----------
+    image : array_like of uint8, shape (height, width)
+    target : Target
+    tried : sequence of Look
+        How the target may look, one or more, the likeliest first: the first with enough points is
+        taken, else that with the most.
+
+    Raises
+    ------
+    ValueError
+        If `image` is no grey image of 8 bit.
+    """
     grey = as_image(image, "image")
     if grey.dtype != np.uint8:
         raise ValueError(f"image: expected 8 bit, got {grey.dtype}")
+    best = Sighting(frozen(np.full((len(target.points), 2), np.nan)), tried[0])
     # OpenCV refuses images of a few pixels
     if min(grey.shape) < _LEAST_PX * min(target.columns, target.rows):
-        return np.full((len(target.points), 2), np.nan)
+        return best
+    most = 0
+    for look in tried:
+        uv = _points_of(grey, target, look)
+        count = int(np.isfinite(uv).all(axis=1).sum())
+        if count > most:
+            most = count
+            best = Sighting(frozen(upright_corners(uv, target) if target.two_ways else uv), look)
+        if count >= _ENOUGH:
+            break
+    return best
+
+
+def as_usual(grey: np.ndarray, look: Look) -> np.ndarray:
+    """The image in which a target that looks like that would be dark on light, and not in a
+    mirror.
+    """
+    dark = 255 - grey if look.inverted else grey
+    return np.ascontiguousarray(dark[:, ::-1]) if look.mirrored else dark
+
+
+def _points_of(grey: np.ndarray, target: Target, look: Look) -> Array:
+    """The points (n, 2) of a target that looks like that, NaN for what was not found."""
+    usual = as_usual(grey, look)
     if target.kind == "chessboard":
-        uv = find_corners(grey, target.board, None)
-    else:
-        search = _charuco if target.kind == "charuco" else _circles
-        uv = search(grey, target)
-        if not np.isfinite(uv).any():
-            uv = search(255 - grey, target)  # some makers print in light on dark
-    return frozen(upright_corners(uv, target) if target.two_ways else uv)
+        uv = find_corners(usual, target.board, None)
+        # OpenCV counts from the corner at which a square of one colour is: here of the other one
+        return uv[::-1] if look.inverted else uv
+    uv = _charuco(usual, target) if target.kind == "charuco" else _circles(usual, target)
+    if look.mirrored:
+        uv[:, 0] = grey.shape[1] - 1 - uv[:, 0]
+    return uv
 
 
 def _circles(grey: np.ndarray, target: Target) -> Array:
@@ -329,7 +421,7 @@ def _detector(target: Target, old: bool) -> cv2.aruco.CharucoDetector:
         (target.columns, target.rows),
         target.square_mm,
         target.side_of_marker,
-        dictionary_of(target.dictionary or _DICTIONARY),
+        dictionary_of(target.family),
     )
     board.setLegacyPattern(old)
     return cv2.aruco.CharucoDetector(board)

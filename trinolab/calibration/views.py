@@ -4,6 +4,7 @@ found in them.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -15,11 +16,14 @@ from tqdm.contrib.logging import logging_redirect_tqdm
 from ..checks import Array, as_whole, frozen
 from ..files.images import is_image, read_greys
 from ..files.recording import Footage, frames_of, open_footage
-from .target import Target, find_target
+from .target import Look, Target, looks, sight_target
 
-__all__ = ["TargetViews", "check_connected", "read_views", "some"]
+__all__ = ["TargetViews", "check_connected", "look_lines", "read_views", "some"]
 
 MOST_KEPT = 5  # of a camera's images without the target
+# Views by which light on dark leads dark on light, or is behind it, when only the leader is looked for:
+# a target is printed in one way.
+SURE = 5
 
 
 class TargetViews(NamedTuple):
@@ -40,6 +44,8 @@ class TargetViews(NamedTuple):
         Views that were not looked at, because there were more than asked for.
     without : tuple of list of ndarray
         A few images of each camera in which the target was not found.
+    inverted, mirrored : ndarray of bool, shape (cameras, views)
+        Whether the target was found in light on dark, and as in a mirror, see `target.Look`.
     """
 
     cameras: tuple[str, ...]
@@ -49,6 +55,8 @@ class TargetViews(NamedTuple):
     present: np.ndarray
     passed_over: int
     without: tuple[list[np.ndarray], ...]
+    inverted: np.ndarray
+    mirrored: np.ndarray
 
 
 class _Source(NamedTuple):
@@ -105,16 +113,7 @@ def read_views(
     check_connected(
         tuple(opened), has_view, "no view in common", f", whose views are called {some(every)}"
     )
-    uv, present, sizes, without = _found(opened, chosen, target, progress)
-    return TargetViews(
-        tuple(opened),
-        tuple(sizes),
-        tuple(chosen),
-        frozen(uv),
-        frozen(present),
-        len(every) - len(chosen),
-        tuple(without),
-    )
+    return _found(opened, chosen, target, progress)._replace(passed_over=len(every) - len(chosen))
 
 
 def check_connected(cameras: tuple[str, ...], seen: np.ndarray, what: str, hint: str = "") -> None:
@@ -164,15 +163,15 @@ def _matching(pattern: Path) -> _Source:
 
 def _found(
     opened: dict[str, _Source], chosen: list[str], target: Target, progress: bool
-) -> tuple[Array, np.ndarray, list[tuple[int, int]], list[list[np.ndarray]]]:
-    """Points (cameras, views, n, 2), whether there was an image, the sizes of the images, and a few
-    in which nothing was found.
-    """
-    uv = np.full((len(opened), len(chosen), len(target.points), 2), np.nan)
-    present = np.zeros(uv.shape[:2], bool)
+) -> TargetViews:
+    """What the chosen views show, none passed over."""
+    shape = (len(opened), len(chosen))
+    uv = np.full((*shape, len(target.points), 2), np.nan)
+    present, inverted, mirrored = (np.zeros(shape, bool) for _ in range(3))
     sizes = list[tuple[int, int]]()
     without: list[list[np.ndarray]] = [[] for _ in opened]
     reported: set[str] = set()
+    by_all = Counter[Look]()
     count = sum(len(set(source.labels) & set(chosen)) for source in opened.values())
     with (
         logging_redirect_tqdm(),
@@ -180,19 +179,74 @@ def _found(
     ):
         for k, (name, source) in enumerate(opened.items()):
             size = None
+            by_camera = Counter[Look]()
             for label, image, path in _images(source, chosen, reported):
                 size = _same_size(image, size, path)
                 v = chosen.index(label)
                 grey = _eight_bit(image)
-                uv[k, v] = find_target(grey, target)
-                if len(without[k]) < MOST_KEPT and np.isnan(uv[k, v]).all():
-                    without[k].append(grey)
+                uv[k, v], look = sight_target(grey, target, _likeliest(target, by_camera, by_all))
                 present[k, v] = True
                 bar.update()
+                if np.isfinite(uv[k, v]).any():
+                    inverted[k, v], mirrored[k, v] = look
+                    by_camera[look] += 1
+                    by_all[look] += 1
+                elif len(without[k]) < MOST_KEPT:
+                    without[k].append(grey)
             if size is None:
                 raise ValueError(f"{source.footage.path}: no frame of camera {name} could be read")
             sizes.append(size)
-    return uv, present, sizes, without
+    return TargetViews(
+        tuple(opened),
+        tuple(sizes),
+        tuple(chosen),
+        frozen(uv),
+        frozen(present),
+        0,
+        tuple(without),
+        frozen(inverted),
+        frozen(mirrored),
+    )
+
+
+def _likeliest(target: Target, by_camera: Counter[Look], by_all: Counter[Look]) -> list[Look]:
+    """How the target may look in the next image of a camera, by how often it looked like that."""
+    light = sum(count for look, count in by_all.items() if look.inverted)
+    dark = by_all.total() - light
+    prints = {True: light, False: dark}
+    # a chessboard may be found in an image and in its negative: one of both is never sure
+    sure = abs(light - dark) >= SURE and target.kind != "chessboard"
+    possible = [
+        look
+        for look in looks(target)
+        if not sure or prints[look.inverted] > prints[not look.inverted]
+    ]
+    return sorted(possible, key=lambda look: (-by_camera[look], -prints[look.inverted]))
+
+
+def look_lines(seen: TargetViews) -> list[str]:
+    """A line if the target is found in light on dark, and one if cameras see it as in a mirror."""
+    found = np.isfinite(seen.uv).any(axis=(2, 3))
+    lines = list[str]()
+    if count := int(seen.inverted.sum()):
+        every = int(found.sum())
+        of_target = ": the target is light on dark (inverted)" if 2 * count > every else ""
+        lines.append(
+            f"found in the negative of {count} of the {every} images that show it{of_target}"
+        )
+    if seen.mirrored.any():
+        cameras = [
+            f"{name} in {mirrored} of {shown}"
+            for name, mirrored, shown in zip(
+                seen.cameras, seen.mirrored.sum(axis=1), found.sum(axis=1), strict=True
+            )
+            if mirrored
+        ]
+        lines.append(
+            f"seen as in a mirror by {', '.join(cameras)} images: from behind, or the camera mirrors "
+            "its images"
+        )
+    return lines
 
 
 def _images(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import tomllib
 from collections.abc import Mapping
 from pathlib import Path
@@ -30,12 +31,22 @@ def read_csv(path: str | Path, **options: Any) -> pd.DataFrame:
     except OSError as error:
         raise ValueError(f"{path}: cannot be read ({error.strerror})") from None
     except (ValueError, OverflowError) as error:  # pandas' own are of the first kind
-        raise ValueError(
-            f"{path}: no valid CSV ({(str(error).splitlines() or ['?'])[0]})"
-        ) from None
+        raise ValueError(f"{path}: no valid CSV ({_reason(error)})") from None
     if not isinstance(table.index, pd.RangeIndex):
         raise ValueError(f"{path}: no valid CSV (rows have more fields than the first line)")
     return table
+
+
+def _reason(error: Exception) -> str:
+    """What pandas says of a CSV file, in words that need no knowledge of it."""
+    if isinstance(error, pd.errors.EmptyDataError):
+        return "it is empty"
+    if lengths := re.search(r"Expected (\d+) fields in line (\d+), saw (\d+)", str(error)):
+        first, line, there = lengths.groups()
+        return f"line {line} has {there} fields, the lines before have {first}"
+    if "EOF inside string" in str(error):
+        return "a quotation mark is not closed"
+    return (str(error).splitlines() or ["?"])[0]
 
 
 def get(table: Mapping[str, Any], key: str, where: str) -> Any:

@@ -146,6 +146,15 @@ def _named(path: str | Path) -> Iterator[None]:
 
 
 def _cameras(tables: dict[str, Any], path: str | Path) -> list[Camera]:
+    if {"radius_mm", "columns_deg"} & set(tables):
+        raise ValueError(
+            f"{path}: is a handle's file, expected cameras; likely the files of rig and handle are "
+            "exchanged"
+        )
+    if tables.get("format") == COVARIANCE_FORMAT:
+        raise ValueError(
+            f"{path}: is a rig's covariance, expected its cameras, which are beside it"
+        )
     return [
         _camera_from(table, f"{path}: [{key if key.isprintable() else repr(key)}]")
         for key, table in tables.items()
@@ -250,6 +259,11 @@ def read_handle(path: str | Path) -> Handle:
         on one line.
     """
     table = read_toml(path)
+    if any(isinstance(part, dict) and "matrix" in part for part in table.values()):
+        raise ValueError(
+            f"{path}: is a rig's file, expected a handle; likely the files of rig and handle are "
+            "exchanged"
+        )
     names = tuple(Handle.__dataclass_fields__)
     if unknown := sorted(set(table) - set(names)):
         raise ValueError(f"{path}: {unknown[0]!r} is not a field of a handle ({', '.join(names)})")

@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 from collections.abc import Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -18,13 +19,14 @@ from tqdm.contrib.logging import logging_redirect_tqdm
 
 from ..calibration.bundle import Centres
 from ..camera import Rig
+from ..checks import Array
 from ..estimators.centroids import centre_pixels
 from ..estimators.pixels import FLOOR_PX
 from ..files.kept import KeptLines
 from ..files.recording import Recording, some_instants
 from ..handle import Handle
 
-__all__ = ["MAX_SLANT_DEG", "measured_centres", "spread_out", "still"]
+__all__ = ["MAX_SLANT_DEG", "MAX_WAY_PX", "Motion", "measured_centres", "motion", "spread_out"]
 
 MAX_SLANT_DEG = 65.0  # beyond, the image model misplaces a marker's centre by more than its noise
 # Way of a marker while the shutter is open, up to which an instant counts as still. Beyond, errors of
@@ -33,12 +35,32 @@ MAX_WAY_PX = 4.0
 SPREAD_MM, SPREAD_RAD = 50.0, 0.5  # distances that count alike in the choice of instants
 
 
-def still(shown: pd.DataFrame, rig: Rig, exposure_s: float) -> pd.DataFrame:
-    """The rows of a table of poses at which markers move by little while the shutter is open, by the
-    poses before and after.
+class Motion(NamedTuple):
+    """How the handle moves at some instants, by the poses before and after.
+
+    Attributes
+    ----------
+    speed : ndarray, shape (n,)
+        mm/s, of the faster of the two steps.
+    way_px : ndarray, shape (n,)
+        Way of a marker while the shutter is open, in the camera in which it is longest.
+    """
+
+    speed: Array
+    way_px: Array
+
+    @property
+    def still(self) -> np.ndarray:
+        """Whether the handle is still enough, bool (n,)."""
+        return self.way_px < MAX_WAY_PX
+
+
+def motion(shown: pd.DataFrame, rig: Rig, exposure_s: float) -> Motion:
+    """How the handle moves at the rows of a table of poses; of a single one nothing is known, and it
+    counts as still.
     """
     if len(shown) < 2:
-        return shown
+        return Motion(np.zeros(len(shown)), np.zeros(len(shown)))
     places = shown[["x_mm", "y_mm", "z_mm"]].to_numpy(float)
     steps = np.linalg.norm(np.diff(places, axis=0), axis=1) / np.diff(shown["t_s"])
     speed = np.maximum(np.append(steps, 0.0), np.append(0.0, steps))
@@ -46,7 +68,7 @@ def still(shown: pd.DataFrame, rig: Rig, exposure_s: float) -> pd.DataFrame:
         camera.focal.max() / np.maximum(camera.T_cam_world.apply(places)[:, 2], 1.0)
         for camera in rig.cameras
     ]
-    return shown[exposure_s * speed * np.max(pixels_a_mm, axis=0) < MAX_WAY_PX]
+    return Motion(speed, exposure_s * speed * np.max(pixels_a_mm, axis=0))
 
 
 def spread_out(poses: RigidTransform, most: int) -> np.ndarray:

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import logging
 import shutil
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -29,11 +29,12 @@ from ..files.kept import locked
 from ..files.outputs import write_together
 from ..files.poses import transforms
 from ..files.recorder import partial_of
-from ..files.recording import Recording, open_recording, parts_of_folder
+from ..files.recording import Recording, open_recording, parts_of_folder, some_instants
 from ..files.rigs import covariance_text, handle_text, read_handle, read_rig, rig_text
 from ..handle import Handle
 from ..uncertainty.usual import assumed
-from .centres import measured_centres, spread_out, still
+from .centres import MAX_WAY_PX, Motion, measured_centres, motion, spread_out
+from .losses import lost_lines
 from .parameters import FollowParameters
 from .track import Job, Rows, fingerprint, known_poses, track_on
 
@@ -44,6 +45,7 @@ log = logging.getLogger("trinolab")
 FEWEST = 10  # instants; with fewer nearly all would come from what was known before
 # Times that the centres are measured: where they lie in a marker's image depends on pose and layout.
 PASSES = 2
+ADVICE = "record a minute at about 30 mm/s, through all of the volume, and turn the handle"
 FOLLOWED_BY = FollowParameters(estimator="weighted")  # quick; the centres are measured anew anyhow
 
 
@@ -98,6 +100,10 @@ class _Asked(NamedTuple):
     progress: bool
 
 
+class _TooLittleError(ValueError):
+    """A recording that does not say enough of rig and handle."""
+
+
 def refine_files(
     rig: str | Path,
     handle: str | Path,
@@ -143,7 +149,8 @@ def refine_files(
     ValueError
         Names the file or the argument: missing, unreadable, does not fit, a length between what is
         not there, a handle that is seen still in too few instants, or whose identity is not known,
-        centres that no rig explains. Finished work is kept.
+        centres that no rig explains. Finished work is kept, unless the recording says too little:
+        the same call would be refused again.
     KeyboardInterrupt
         Says where finished work is kept.
     """
@@ -172,6 +179,9 @@ def refine_files(
         try:
             refined = _refined(asked)
             _write(refined, partial, Path(out))
+        except _TooLittleError:
+            shutil.rmtree(partial)
+            raise
         except KeyboardInterrupt:
             raise KeyboardInterrupt(
                 f"what is finished is kept in {partial}; the same command goes on"
@@ -217,11 +227,13 @@ def _as_length(length: tuple[str, str, float] | None, rig: Rig, handle: Handle) 
 def _refined(asked: _Asked) -> Refined:
     """Follow, choose, then measure and adjust, and once again with what the first time gave."""
     table = _followed(asked)
-    good = still(table[table["status"] == "measured"], asked.recording.rig, FOLLOWED_BY.exposure_s)
+    measured = table[table["status"] == "measured"]
+    moved = motion(measured, asked.recording.rig, FOLLOWED_BY.exposure_s)
+    good = measured[moved.still]
     if len(good) < FEWEST:
-        raise ValueError(
+        raise _TooLittleError(
             f"{asked.recording.footage[0].path}: {len(good)} instants show the handle still "
-            f"enough, expected {FEWEST} or more"
+            f"enough, expected {FEWEST} or more; {_to_record(asked, table, moved)}"
         )
     rows = good.iloc[spread_out(transforms(good), asked.most)]
     frames = rows["frame"].to_numpy()
@@ -238,12 +250,37 @@ def _refined(asked: _Asked) -> Refined:
             _head(asked, rig_text(rig), handle_text(handle), poses.as_matrix().tolist()),
             asked.progress,
         )
-        adjusted = adjust_robustly(asked.recording.rig, asked.handle, poses, seen, asked.prior)
+        try:
+            adjusted = adjust_robustly(asked.recording.rig, asked.handle, poses, seen, asked.prior)
+        except ValueError as error:
+            raise _TooLittleError(str(error)) from None
         rig = adjusted.bundle.rig
         handle = adjusted.bundle.handle
         poses = _replaced(poses, adjusted)
     counts = (len(good), len(table))
     return _as_refined(asked, adjusted, frames, counts, seen)
+
+
+def _to_record(asked: _Asked, table: pd.DataFrame, moved: Motion) -> str:
+    """How still the handle was, and what to record instead."""
+
+    def images_of(numbers: list[int]) -> Iterator[Sequence[np.ndarray]]:
+        frames = table["frame"].iloc[numbers].tolist()
+        return (now.images for now in some_instants(asked.recording, frames))
+
+    shown = f"it is measured in {len(moved.speed)} of {len(table)}"
+    causes = lost_lines(table, asked.recording.rig, asked.handle, images_of)
+    if len(moved.speed) < FEWEST:
+        return "; ".join([shown, *causes, ADVICE])
+    slowest = np.percentile(moved.way_px, 10)
+    # the speed that would be still in the middle of the volume
+    moving = moved.way_px > 0
+    enough = MAX_WAY_PX * np.median(moved.speed[moving] / moved.way_px[moving])
+    return (
+        f"{shown}, and moves at {np.median(moved.speed):.0f} mm/s there: {np.median(moved.way_px):.1f} px while "
+        f"the shutter is open ({slowest:.1f} px in the stillest tenth), where {MAX_WAY_PX:g} px or "
+        f"{enough:.0f} mm/s count as still; {ADVICE}"
+    )
 
 
 def _followed(asked: _Asked) -> pd.DataFrame:

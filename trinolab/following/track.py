@@ -8,7 +8,7 @@ import hashlib
 import io
 import json
 import logging
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import nullcontext
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -35,7 +35,13 @@ from ..files.poses import (
     transforms,
     tum_text,
 )
-from ..files.recording import Recording, instants, open_recording, parts_of_folder
+from ..files.recording import (
+    Recording,
+    instants,
+    open_recording,
+    parts_of_folder,
+    some_instants,
+)
 from ..files.rigs import read_handle, read_rig
 from ..files.video import Film
 from ..handle import Handle
@@ -45,6 +51,7 @@ from ..pose import Pose, fit_pose
 from ..uncertainty.systematic import is_uncertain
 from ..uncertainty.usual import assumed
 from . import drift, posetracker
+from .losses import lost_lines
 from .overlay import picture
 from .parameters import FollowParameters
 from .posetracker import TrackState
@@ -159,6 +166,13 @@ def track_files(
     if not is_uncertain(the_rig, job.handle):
         lines = contradictions(table, rig)
     for line in lines:
+        log.info(line)
+
+    def images_of(numbers: list[int]) -> Iterator[Sequence[np.ndarray]]:
+        frames = table["frame"].iloc[numbers].tolist()
+        return (now.images for now in some_instants(recording, frames))
+
+    for line in lost_lines(table, the_rig, job.handle, images_of):
         log.info(line)
     return table
 

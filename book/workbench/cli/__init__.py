@@ -150,10 +150,17 @@ def _calibrate(a: argparse.Namespace) -> int:
 
     from ..plotting import picture_of_residuals
 
-    sources = _named(a.images, "--images")
+    sources = a.corners or _named(a.images, "--images")
     target = Target(a.board, a.columns, a.rows, a.square, a.marker, a.dictionary)
     result = calibrate_rig(
-        sources, target, a.out, a.views, a.distortions, picture=picture_of_residuals
+        sources,
+        target,
+        a.out,
+        a.views,
+        a.distortions,
+        picture=picture_of_residuals,
+        size=a.size,
+        lenses=a.lenses,
     )
     say(
         "\n".join(

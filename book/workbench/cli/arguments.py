@@ -88,20 +88,34 @@ def _add_calibrate(commands: argparse._SubParsersAction) -> None:
         "trinolab calibrate --images ccd1=photos/ccd1 ccd2=photos/ccd2 --board chessboard \\\n"
         "      --columns 9 --rows 6 --square 25 --out rig.toml",
     )
-    p.add_argument(
+    seen = p.add_mutually_exclusive_group(required=True)
+    seen.add_argument(
         "--images",
-        required=True,
         nargs="+",
         action="extend",
         metavar="NAME=PATH",
         help="for each camera a folder of images (paired by file name), a pattern like 'photos/left*.png' "
         "(paired by what * stands for) or a video (paired by frame); the first camera is the world frame",
     )
+    seen.add_argument(
+        "--corners",
+        metavar="TABLE",
+        help="instead of images the points that another program has found of the target: caliscope's xy.csv, "
+        "or Anipose's detections.pickle",
+    )
+    p.add_argument(
+        "--size",
+        nargs=2,
+        type=int,
+        metavar=("WIDTH", "HEIGHT"),
+        help="of the images of a table of points, px (default: what camera_array.toml or calibration.toml "
+        "beside it says)",
+    )
     p.add_argument(
         "--board",
         required=True,
         choices=["chessboard", "circles", "charuco"],
-        help="the target; circles are a symmetric grid, dark on light",
+        help="the target, dark on light or light on dark; circles are a symmetric grid",
     )
     p.add_argument(
         "--columns",
@@ -149,6 +163,12 @@ def _add_calibrate(commands: argparse._SubParsersAction) -> None:
         choices=[0, 1, 2, 4, 5],
         help="how many of k1, k2, p1, p2, k3 are estimated (default: as many as views that are left "
         "out speak for)",
+    )
+    p.add_argument(
+        "--lenses",
+        metavar="RIG.toml",
+        help="a rig, or caliscope's camera_array.toml, whose cameras have the lenses: these are held, and the "
+        "places alone are estimated",
     )
 
 

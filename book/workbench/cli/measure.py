@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -15,8 +15,15 @@ from tqdm.contrib.logging import logging_redirect_tqdm
 from trinolab.camera import Rig
 from trinolab.files.outputs import check_targets
 from trinolab.files.poses import contradictions, pose_table, poses_by_frame, read_poses, write_poses
-from trinolab.files.recording import instants, list_instants, open_folder, read_instants
+from trinolab.files.recording import (
+    instants,
+    list_instants,
+    open_folder,
+    read_instants,
+    some_instants,
+)
 from trinolab.files.rigs import read_handle, read_rig
+from trinolab.following.losses import lost_lines
 from trinolab.handle import Handle
 from trinolab.measurement import measure
 from trinolab.methods import DEFAULT, estimator_of
@@ -84,7 +91,13 @@ def measure_folder(
         progress,
     )
     table = pose_table(poses, frames=frames)
-    _conclude(table, out, the_rig, the_handle, rig, handle)
+    _conclude(
+        table,
+        out,
+        (the_rig, the_handle),
+        (rig, handle),
+        lambda rows: read_instants([listed[k] for k in rows], the_rig),
+    )
     return table
 
 
@@ -127,7 +140,11 @@ def measure_recording(
     poses = _measured(pictures(), recording.length, of, expected, method, progress)
     table = pose_table(poses, times, frames)
     names = rig or Path(folder, "rig.toml"), handle or Path(folder, "handle.toml")
-    _conclude(table, out, *of, *names)
+
+    def images_of(rows: list[int]) -> Iterator[Sequence[np.ndarray]]:
+        return (now.images for now in some_instants(recording, [frames[k] for k in rows]))
+
+    _conclude(table, out, of, names, images_of)
     return table
 
 
@@ -151,17 +168,16 @@ def _measured(
 def _conclude(
     table: pd.DataFrame,
     out: str | Path,
-    rig: Rig,
-    handle: Handle,
-    rig_name: str | Path,
-    handle_name: str | Path,
+    of: tuple[Rig, Handle],
+    names: tuple[str | Path, str | Path],
+    images_of: Callable[[list[int]], Iterator[Sequence[np.ndarray]]],
 ) -> None:
-    """Write the poses, and say what was assumed, or what the cameras contradict each other in."""
+    """Write the poses, and say what was assumed, what the cameras contradict each other in, and why
+    most instants have no pose.
+    """
     write_poses(table, out)
-    lines = assumed(rig, handle, rig_name, handle_name)
-    if not is_uncertain(rig, handle):
-        lines = contradictions(table, rig_name)
-    for line in lines:
+    lines = contradictions(table, names[0]) if not is_uncertain(*of) else assumed(*of, *names)
+    for line in [*lines, *lost_lines(table, *of, images_of)]:
         log.info(line)
 
 

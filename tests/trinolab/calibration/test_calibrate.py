@@ -4,6 +4,8 @@ real stereo pair.
 
 import re
 import shutil
+from collections import Counter
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -18,8 +20,15 @@ from trinolab.calibration import calibrate, views
 from trinolab.calibration.calibrate import as_lines, calibrate_rig
 from trinolab.calibration.hints import hint
 from trinolab.calibration.outliers import calibrate_robustly, too_few
-from trinolab.calibration.target import Target, find_target, upright_corners
-from trinolab.camera import Camera
+from trinolab.calibration.target import (
+    Look,
+    Target,
+    find_target,
+    looks,
+    sight_target,
+    upright_corners,
+)
+from trinolab.camera import Camera, Rig
 from trinolab.datasets import load_real_sets, real_set
 from trinolab.files import outputs
 from trinolab.files.rigs import read_rig
@@ -204,13 +213,86 @@ def test_printed_targets_give_the_truth(target, tmp_path, monkeypatch):
     assert result.found.rms_px < 0.12
 
 
-def test_light_on_dark_is_found_as_well():
+@pytest.mark.parametrize("look", looks(CHARUCO), ids=str)
+@pytest.mark.parametrize("target", [CHESSBOARD, CIRCLES, CHARUCO], ids=str)
+def test_targets_in_light_on_dark_and_in_a_mirror(target, look, frames):
+    if target is CHESSBOARD:
+        usual = frames[0][0]
+    else:
+        camera, rng = make_rig(np.zeros(5)).cameras[0], np.random.default_rng(1)
+        usual = printed(camera, target, positions(1)[0], rng)
+    expected = np.array(find_target(usual, target))
+    assert np.isfinite(expected).all()
+    taken = 255 - usual if look.inverted else usual
+    if look.mirrored:
+        taken = np.ascontiguousarray(taken[:, ::-1])
+        expected[:, 0] = SIZE[0] - 1 - expected[:, 0]
+    seen = sight_target(taken, target, looks(target))
+    assert seen.look.inverted == look.inverted
+    if target is CHARUCO:
+        assert seen.look.mirrored == look.mirrored
+        np.testing.assert_allclose(seen.uv, expected, rtol=0, atol=0.02)  # px
+    else:
+        # what looks the same in a mirror is counted from another corner
+        ways = [
+            expected.reshape(6, 7, 2)[::a, ::b].reshape(-1, 2) for a in (1, -1) for b in (1, -1)
+        ]
+        assert min(np.abs(seen.uv - way).max() for way in ways) < 0.02
+
+
+def test_a_chessboard_is_counted_from_one_corner_whether_or_not_it_is_inverted(frames):
+    """Views of one board have one order, be they found in the image or in its negative."""
+    for image in frames[0][:3]:
+        inverted = sight_target(255 - image, CHESSBOARD, [Look(inverted=True)]).uv
+        np.testing.assert_allclose(inverted[::-1], find_target(image, CHESSBOARD), atol=1e-9)
+
+
+def test_a_board_in_light_on_dark_between_two_cameras_that_face_each_other(
+    tmp_path, monkeypatch, capfd
+):
+    first = make_rig(np.zeros(5)).cameras[0]
+    behind = RigidTransform.from_components([0, 0, 960], Rotation.from_rotvec([0, np.pi, 0]))
+    rig = Rig((first, replace(first, name="b", T_cam_world=behind.inv())))
     rng = np.random.default_rng(1)
-    for target in (CIRCLES, CHARUCO):
-        taken = printed(make_rig(np.zeros(5)).cameras[0], target, positions(1)[0], rng)
-        dark = find_target(taken, target)
-        assert np.isfinite(dark).all()
-        np.testing.assert_allclose(find_target(255 - taken, target), dark, rtol=0, atol=0.02)  # px
+    write_views(
+        tmp_path,
+        [[255 - printed(camera, CHARUCO, T, rng) for T in positions(7)] for camera in rig.cameras],
+    )
+    monkeypatch.chdir(tmp_path)
+    line = (
+        "calibrate --images a=a b=b --board charuco --columns 6 --rows 5 --square 20 "
+        "--distortions 0 --out rig.toml"
+    )
+    assert run(line) == 0
+    out = capfd.readouterr().out.splitlines()
+    assert (
+        "found in the negative of 14 of the 14 images that show it: the target is light on dark (inverted)"
+        in out
+    )
+    assert (
+        "seen as in a mirror by b in 7 of 7 images: from behind, or the camera mirrors its images"
+        in out
+    )
+    apart = np.linalg.norm(read_rig("rig.toml").cameras[1].centre)
+    assert apart == pytest.approx(960, rel=0.01)
+    assert "b, its place and rotation in the frame of a" in out
+    assert (
+        "places here are camera to world (T_world_cam), rotations as vectors in deg; rig.toml has world "
+        "to camera (T_cam_world), in rad"
+    ) in out
+    (scale,) = [text for text in out if text.startswith("with squares of 20 mm")]
+    assert re.search(rf": b {apart:.4g} mm, the target \d+ to \d+ mm$", scale)
+
+
+def test_only_one_print_is_looked_for_when_it_is_sure():
+    counts = Counter({Look(inverted=True): views.SURE})
+    every = views._likeliest(CHARUCO, Counter(), Counter())
+    assert every == list(looks(CHARUCO))
+    assert views._likeliest(CHARUCO, Counter({Look(True, True): 1}), counts) == [
+        Look(True, True),
+        Look(True, False),
+    ]
+    assert len(views._likeliest(CHESSBOARD, Counter(), counts)) == 2
 
 
 @pytest.mark.parametrize(
@@ -232,6 +314,22 @@ def test_light_on_dark_is_found_as_well():
             CIRCLES,
             "with --columns 7 --rows 6 it is found in 2 of 2 tried",
         ),
+        pytest.param(
+            Target("charuco", 8, 6, 20.0),
+            CHARUCO,
+            "with --columns 6 --rows 5 it is found in 2 of 2 tried",
+            marks=pytest.mark.heavy,
+        ),
+        (
+            CHESSBOARD,
+            CHARUCO,
+            "with --board charuco --columns 6 --rows 5 it is found in 2 of 2 tried",
+        ),
+        (
+            Target("chessboard", 9, 6, 15.0),
+            CIRCLES,
+            "with --board circles --columns 7 --rows 6 it is found in 2 of 2 tried",
+        ),
     ],
     ids=lambda value: str(value),
 )
@@ -241,6 +339,36 @@ def test_another_board_that_would_fit_is_named(asked, there, said):
     assert hint(images, asked) == said
     assert hint([np.full_like(image, 90) for image in images], asked) == ""
     assert hint([], asked) == ""
+
+
+@pytest.mark.parametrize("kind", [pytest.param("circles", marks=pytest.mark.heavy), "charuco"])
+def test_a_chessboard_is_named_where_another_kind_was_asked_for(kind, frames):
+    said = "with --board chessboard --columns 7 --rows 6 it is found in 2 of 2 tried"
+    assert hint([frames[0][0], 255 - frames[0][1]], Target(kind, 8, 6, 15.0)) == said
+
+
+@pytest.mark.usefixtures("folder")
+def test_a_size_in_another_unit_is_refused_or_asked_about(caplog):
+    with pytest.raises(
+        ValueError,
+        match=r"^square: with 0\.015 mm the target would be 0\.\d+ mm away from the cameras; likely it is "
+        r"in m, and --square 15 is meant$",
+    ):
+        calibrated(Target("chessboard", 7, 6, 0.015))
+    assert not Path("rig.toml").exists()
+    with pytest.raises(ValueError, match="likely it is in micrometres, and --square 15 is meant"):
+        calibrated(Target("chessboard", 7, 6, 15000.0))
+    result = calibrated(Target("chessboard", 7, 6, 1.5))
+    (asked,) = caplog.messages
+    assert re.search(
+        r"^square: with 1\.5 mm the target would be \d+\.?\d* mm away from the cameras; likely it is in cm or "
+        r"inches, and --square 15 or --square 38\.1 is meant; is it so\?$",
+        asked,
+    )
+    assert result.notes[-1].startswith("with squares of 1.5 mm the distance from a is: b 1")
+    caplog.clear()
+    calibrated()
+    assert caplog.messages == []
 
 
 @pytest.mark.usefixtures("folder")
@@ -553,7 +681,7 @@ def test_views_that_say_too_little_name_the_cameras(folder):
 @pytest.mark.parametrize(
     "place",
     [
-        (views, "find_target"),
+        (views, "sight_target"),
         (calibrate, "calibrate_robustly"),
         (errors, "plot_residuals"),
         (outputs.os, "replace"),

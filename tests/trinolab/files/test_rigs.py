@@ -11,7 +11,15 @@ from scipy.spatial.transform import RigidTransform, Rotation
 
 from trinolab.camera import Camera, Rig, RigCovariance
 from trinolab.datasets import data_path, load_rig
-from trinolab.files.rigs import covariance_text, read_camera, read_rig, rig_text, write_rig
+from trinolab.files.rigs import (
+    covariance_path,
+    covariance_text,
+    read_camera,
+    read_handle,
+    read_rig,
+    rig_text,
+    write_rig,
+)
 
 
 def table(name="a", **changes):
@@ -317,3 +325,18 @@ def test_a_file_of_one_camera_has_one(tmp_path):
     two_of_them = write(tmp_path / "two.toml", table(), table("b"))
     with pytest.raises(ValueError, match=r"two\.toml: expected one camera, got 2"):
         read_camera(two_of_them)
+
+
+def test_files_of_rig_and_handle_that_are_exchanged_are_named(tmp_path):
+    handle = data_path("handles", "coded.toml")
+    with pytest.raises(ValueError, match="is a handle's file, expected cameras; likely the files"):
+        read_rig(handle)
+    rig = write(tmp_path / "rig.toml", table())
+    with pytest.raises(ValueError, match="is a rig's file, expected a handle; likely the files"):
+        read_handle(rig)
+    beside = covariance_path(rig)
+    beside.write_text(
+        covariance_text(RigCovariance(("a", "b"), np.zeros((30, 30)))), encoding="utf-8"
+    )
+    with pytest.raises(ValueError, match="is a rig's covariance, expected its cameras"):
+        read_rig(beside)

@@ -36,7 +36,7 @@ from trinolab.files.kept import locked
 from trinolab.files.poses import truth_table
 from trinolab.files.rigs import read_handle, read_rig, write_handle
 from trinolab.following import centres
-from trinolab.following.centres import spread_out, still
+from trinolab.following.centres import motion, spread_out
 from trinolab.following.refine import refine_files, refine_folder
 from trinolab.rigid import shifted
 
@@ -241,14 +241,39 @@ def test_a_handle_that_looks_alike_needs_a_start(folder, capsys):
     assert not Path("new.partial").exists()
 
 
-def test_too_few_instants_are_refused_and_kept(folder, capsys):
+def test_too_few_instants_are_refused_and_leave_nothing(folder, capsys):
     for name in RIG.names:
         for image in sorted(Path("rec/images", name).iterdir())[3:]:
             image.unlink()
     assert run(REFINE) == 2
-    assert "3 instants show the handle still enough, expected 10 or more" in capsys.readouterr().err
+    said = capsys.readouterr().err
+    assert "3 instants show the handle still enough, expected 10 or more" in said
+    assert "it is measured in 3 of 3; record a minute at about 30 mm/s" in said
     assert not Path("new").exists()
-    assert Path("new.partial").exists()
+    assert not Path("new.partial").exists()
+
+
+def test_a_handle_that_moves_is_refused_with_how_still_it_was(folder, capsys):
+    times = Path("rec/timestamps.csv")
+    table = pd.read_csv(times)
+    # the same poses, in a tenth of the time
+    table.assign(t_s=table["t_s"] / 10).to_csv(times, index=False)
+    assert run(REFINE) == 2
+    said = capsys.readouterr().err
+    numbers = re.search(
+        r"[0-9] instants show the handle still enough, expected 10 or more; it is measured in (\d+) of 14, and "
+        r"moves at (\d+) mm/s there: ([\d.]+) px while the shutter is open \(([\d.]+) px in the stillest "
+        r"tenth\), where 4 px or (\d+) mm/s count as still; record a minute",
+        said,
+    )
+    assert numbers is not None, said
+    _, speed, way, stillest, enough = map(float, numbers.groups())
+    steps = np.linalg.norm(np.diff(path().translation, axis=0), axis=1) * FPS * 10
+    assert np.median(steps) < speed <= 1.1 * steps.max()
+    # both by the same pixels a mm, to the digits printed
+    assert enough == pytest.approx(4 * speed / way, rel=0.05)
+    assert 4 < stillest < way
+    assert not Path("new.partial").exists()
 
 
 @pytest.mark.usefixtures("folder")
@@ -262,14 +287,14 @@ def test_two_commands_do_not_write_the_same_files(capsys):
 
 def test_a_fast_motion_counts_as_no_rest():
     table = truth_table(path()).assign(t_s=np.arange(COUNT) / FPS)
-    assert len(still(table, RIG, 0.01)) == COUNT
+    assert motion(table, RIG, 0.01).still.all()
     fast = table.assign(t_s=table["t_s"] / 1000)
-    assert len(still(fast, RIG, 0.01)) == 0
+    assert not motion(fast, RIG, 0.01).still.any()
 
 
 def test_a_single_pose_has_no_motion_to_be_judged_by():
     table = truth_table(path()).assign(t_s=np.arange(COUNT) / FPS)[:1]
-    assert still(table, RIG, 1e6) is table
+    assert motion(table, RIG, 1e6).still.tolist() == [True]
 
 
 def test_poses_are_chosen_that_spread():

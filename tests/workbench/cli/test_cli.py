@@ -109,6 +109,8 @@ def test_measure_says_what_it_converts(folder, capfd, caplog):
     assert caplog.messages == [
         "images/ccd1/0.png: colour converted to grey; said once",
         "images/ccd2/1.png: 16 bit scaled to grey levels 0 to 255; said once",
+        "2 of 2 instants have no measured pose; the images are dark (99.9 % of the pixels are at most 0 of "
+        "255): likely too little light, or too short an exposure",
     ]
 
 
@@ -521,7 +523,7 @@ def test_poses_that_contradict_the_rig_are_said_unless_the_rig_is_known_as_uncer
             "rig.toml", "handle.toml", "images", "poses.csv", progress=False
         )
     assert len(table) == 2
-    assert caplog.messages == ["2 poses, rig.toml"] * logged
+    assert [text for text in caplog.messages if "poses, " in text] == ["2 poses, rig.toml"] * logged
 
 
 def test_what_was_assumed_of_files_that_state_nothing_is_said(folder, caplog):
@@ -535,7 +537,7 @@ def test_what_was_assumed_of_files_that_state_nothing_is_said(folder, caplog):
         measure_command.measure_folder(
             "rig.toml", "handle.toml", "images", "poses.csv", progress=False
         )
-    of_rig, of_handle = caplog.messages
+    of_rig, of_handle, *_ = caplog.messages
     assert of_rig.startswith("rig.toml: does not say how well the cameras are known")
     assert of_handle.startswith("handle.toml: does not say how well the markers are placed")
 

@@ -186,8 +186,8 @@ def test_bad_input_is_refused_before_anything_is_measured(recording, tmp_path):
     }
     for wrong, message in (
         ({"rig": tmp_path / "no.toml"}, r"no\.toml: cannot be read"),
-        ({"rig": HANDLE}, r"paper\.toml: .*missing"),
-        ({"handle": RIG}, r"paper_pair\.toml: 'ccd1' is not a field of a handle"),
+        ({"rig": HANDLE}, r"paper\.toml: is a handle's file"),
+        ({"handle": RIG}, r"paper_pair\.toml: is a rig's file"),
         ({"images": recording}, "ccd1: no such folder"),
         ({"out": tmp_path / "bad.csv" / "p.csv"}, "no such folder to write into"),
         ({"out": tmp_path}, "cannot be written"),

@@ -1,0 +1,87 @@
+"""Whether the stated size of a target can be: how far away it would be (Sect. 6.2).
+
+Images say nothing of the scale. A square in metres where mm are expected makes a rig that is right in
+all angles, and a thousandth as large.
+"""
+
+from __future__ import annotations
+
+import logging
+
+import numpy as np
+
+from .adjust import Calibrated
+from .start import homography, intrinsics, target_pose
+from .target import Target
+from .views import TargetViews
+
+__all__ = ["check_scale", "distance_of_target"]
+
+log = logging.getLogger("trinolab")
+
+# Distances from camera to target. No lens of a webcam or an industrial camera is sharp nearer than the
+# first, or sees a target beyond the last one; between the middle ones are those of a bench or a room.
+LEAST_MM, NEAR_MM, FAR_MM, MOST_MM = 10.0, 100.0, 20_000.0, 200_000.0
+UNITS_MM = {"m": 1000.0, "cm": 10.0, "inches": 25.4, "micrometres": 1e-3}
+FEWEST = 3  # views that fix a lens
+
+
+def check_scale(seen: TargetViews, target: Target) -> None:
+    """Refuse a target's size with which it would be nearer or farther than can be; ask by the log
+    about one that is unusual.
+
+    Raises
+    ------
+    ValueError
+        Says how far away the target would be, and in which unit its size was likely given.
+    """
+    distances = [
+        distance
+        for uv, size in zip(seen.uv, seen.sizes, strict=True)
+        if (distance := _distance(np.asarray(uv), size, target)) is not None
+    ]
+    if not distances:
+        return
+    middle = float(np.median(distances))
+    if NEAR_MM <= middle <= FAR_MM:
+        return
+    units = [unit for unit, mm in UNITS_MM.items() if NEAR_MM <= middle * mm <= FAR_MM]
+    meant = " or ".join(f"--square {target.square_mm * UNITS_MM[unit]:g}" for unit in units)
+    likely = f"; likely it is in {' or '.join(units)}, and {meant} is meant" if units else ""
+    text = (
+        f"square: with {target.square_mm:g} mm the target would be {middle:.3g} mm away from the cameras"
+        f"{likely}"
+    )
+    if not LEAST_MM <= middle <= MOST_MM:
+        raise ValueError(text)
+    log.warning("%s; is it so?", text)
+
+
+def _distance(uv: np.ndarray, size: tuple[int, int], target: Target) -> float | None:
+    """Of the target in the middle of a camera's views, mm, by Zhang's start; None if the views do not
+    say it.
+    """
+    xy = target.points[:, :2]
+    every = [homography(xy, view) for view in uv]
+    H = [one for one in every if one is not None]
+    if len(H) < FEWEST:
+        return None
+    try:
+        K = intrinsics(np.stack(H), size)
+        return float(np.median([target_pose(one, K).translation[2] for one in H]))
+    except (ValueError, np.linalg.LinAlgError):
+        return None
+
+
+def distance_of_target(found: Calibrated, target: Target) -> str:
+    """What the target's size makes of a calibration, in a line."""
+    first, *others = found.cameras
+    apart = ", ".join(
+        f"{camera.name} {np.linalg.norm(camera.centre - first.centre):.4g} mm" for camera in others
+    )
+    middle = target.points.mean(axis=0)
+    away = [np.linalg.norm(T.apply(middle)) for T in found.T_world_target if T is not None]
+    return (
+        f"with squares of {target.square_mm:g} mm the distance from {first.name} is: {apart}, the target "
+        f"{min(away):.3g} to {max(away):.3g} mm"
+    )

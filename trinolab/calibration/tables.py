@@ -1,0 +1,296 @@
+"""What other programs know before a calibration: points of a target, in caliscope's ``xy.csv`` and
+Anipose's ``detections.pickle``, and lenses (Sect. 6.2).
+
+A pickle can run any program. What is read here may hold lists, numbers and arrays of them, and nothing
+else.
+"""
+
+from __future__ import annotations
+
+import io
+import pickle
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, ClassVar, NamedTuple
+
+import numpy as np
+import pandas as pd
+from scipy.spatial.transform import RigidTransform
+
+from ..camera import Camera
+from ..checks import Array, as_whole, frozen
+from ..files.inputs import get, read_csv, read_toml
+from .target import Target
+from .views import TargetViews
+
+__all__ = ["read_corners", "read_lenses"]
+
+CAMERA, VIEW, POINT = ("cam_id", "port"), ("sync_index",), ("keypoint_id", "point_id")
+PIXELS, PLACES = ("img_loc_x", "img_loc_y"), ("obj_loc_x", "obj_loc_y")
+UNITS_MM = {"m": 1000.0, "cm": 10.0, "mm": 1.0}  # in which a table may have its places
+SAME = 0.01  # share by which a length of a table may differ from the stated one
+MOST_BYTES = 500_000_000
+# files beside a table that have the sizes of the images
+CALISCOPE_CAMERAS, ANIPOSE_CAMERAS = "camera_array.toml", "calibration.toml"
+
+
+class _Table(NamedTuple):
+    """Names of the cameras and of the views, and the points, (cameras, views, n, 2)."""
+
+    cameras: list[str]
+    views: list[str]
+    uv: Array
+
+
+def read_corners(
+    path: str | Path, target: Target, most: int = 50, size: Sequence[int] | None = None
+) -> TargetViews:
+    """Read a target's points from a table of another program.
+
+    Parameters
+    ----------
+    path : path
+        ``.csv`` as caliscope writes it (`sync_index`, `cam_id` or `port`, `keypoint_id` or `point_id`,
+        `img_loc_x`, `img_loc_y`, and `obj_loc_x`, `obj_loc_y`, which have to agree with the target),
+        or ``.pickle`` as Anipose writes it. In both pixel (0, 0) is the middle of the first one.
+    target : Target
+        What they were found of.
+    most : int
+        Views to take; of more, some are passed over, evenly.
+    size : (int, int), optional
+        Width and height of the images of all cameras. Without it ``camera_array.toml``
+        (caliscope) or ``calibration.toml`` (Anipose) beside the table says it.
+
+    Raises
+    ------
+    ValueError
+        Names the file: unreadable, of another form, with points that the target does not have or in
+        other places, without a size of the images, or with fewer than two cameras.
+    """
+    most = as_whole(most, "views", low=3)
+    path = Path(path)
+    if path.suffix.lower() == ".csv":
+        table = _caliscope(path, target)
+        sizes = _sizes(path.with_name(CALISCOPE_CAMERAS), table.cameras, size, _of_caliscope)
+    elif path.suffix.lower() in (".pickle", ".pkl"):
+        table = _anipose(path, target)
+        sizes = _sizes(path.with_name(ANIPOSE_CAMERAS), table.cameras, size, _of_anipose)
+        table = table._replace(cameras=list(sizes))
+    else:
+        raise ValueError(
+            f"{path}: expected a table of caliscope (.csv) or of Anipose (.pickle) by its ending"
+        )
+    if len(table.cameras) < 2:
+        raise ValueError(
+            f"{path}: expected points of two or more cameras, got {len(table.cameras)}"
+        )
+    step = -(-len(table.views) // most)
+    uv = table.uv[:, ::step]
+    nothing = frozen(np.zeros(uv.shape[:2], bool))
+    return TargetViews(
+        tuple(table.cameras),
+        tuple(sizes.values()),
+        tuple(table.views[::step]),
+        frozen(uv),
+        frozen(~nothing),
+        len(table.views) - uv.shape[1],
+        tuple([] for _ in table.cameras),
+        nothing,
+        nothing,
+    )
+
+
+# --- caliscope
+
+
+def _caliscope(path: Path, target: Target) -> _Table:
+    table = read_csv(path)
+    camera, view, point = (_column(table, names, path) for names in (CAMERA, VIEW, POINT))
+    numbers = table[[camera, view, point, *(_column(table, (name,), path) for name in PIXELS)]]
+    if not all(map(pd.api.types.is_numeric_dtype, numbers.dtypes)):
+        raise ValueError(f"{path}: expected numbers in {', '.join(numbers.columns)}")
+    numbers = numbers.dropna()
+    _check_points(numbers[point].to_numpy(), target, path)
+    if set(PLACES) <= set(table):
+        _check_places(table.dropna(subset=[point, *PLACES]), point, target, path)
+    cameras, c = np.unique(numbers[camera].to_numpy(int), return_inverse=True)
+    views, v = np.unique(numbers[view].to_numpy(int), return_inverse=True)
+    uv = np.full((len(cameras), len(views), len(target.points), 2), np.nan)
+    uv[c, v, numbers[point].to_numpy(int)] = numbers[list(PIXELS)].to_numpy(float)
+    return _Table([f"cam_{k}" for k in cameras], [str(k) for k in views], uv)
+
+
+def _column(table: pd.DataFrame, names: Sequence[str], path: Path) -> str:
+    """That of the names which is a column."""
+    for name in names:
+        if name in table:
+            return name
+    raise ValueError(
+        f"{path}: column '{names[0]}' is missing (expected caliscope's table of points)"
+    )
+
+
+def _check_points(points: np.ndarray, target: Target, path: Path) -> None:
+    if len(points) and not (points.min() >= 0 and points.max() < len(target.points)):
+        raise ValueError(
+            f"{path}: has points {points.min():g} to {points.max():g}, the target ({target}) has "
+            f"{len(target.points)} from 0: likely other columns or rows"
+        )
+
+
+def _check_places(table: pd.DataFrame, point: str, target: Target, path: Path) -> None:
+    """Refuse a table whose points lie elsewhere on the target, or on one of another size."""
+    first = table.drop_duplicates(point)
+    there = first[list(PLACES)].to_numpy(float)
+    ours = np.asarray(target.points)[first[point].to_numpy(int), :2]
+    there, ours = there - there.mean(axis=0), ours - ours.mean(axis=0)
+    if len(first) < 2 or not there.any():
+        return
+    scale = float((there * ours).sum() / (ours**2).sum())
+    if np.abs(there - scale * ours).max() > SAME * np.abs(there).max():
+        raise ValueError(
+            f"{path}: its points lie otherwise than those of the target ({target}): likely other columns "
+            "or rows"
+        )
+    if not any(abs(scale * unit - 1) < SAME for unit in UNITS_MM.values()):
+        step = scale * target.square_mm
+        squares = ", ".join(f"{step * mm:g} mm if in {unit}" for unit, mm in UNITS_MM.items())
+        raise ValueError(
+            f"{path}: its squares have {step:g} ({squares}), the stated target {target.square_mm:g} mm"
+        )
+
+
+# --- Anipose
+
+
+class _Numbers(pickle._Unpickler):
+    """Reads lists, dictionaries, numbers and NumPy's arrays of them; anything else is refused.
+
+    It is Python's own reader: that in C sets memory aside for what a file of a few bytes announces.
+    """
+
+    # an announced length is set aside before it is read
+    dispatch: ClassVar = {
+        code: read
+        for code, read in pickle._Unpickler.dispatch.items()
+        if code != pickle.BYTEARRAY8[0]
+    }
+
+    def find_class(self, module: str, name: str) -> Any:
+        if module == "numpy" and name == "dtype":
+            return lambda *form: np.dtype(*form)
+        if module == "numpy" and name == "ndarray":
+            return lambda *_: None
+        if module in ("numpy.core.multiarray", "numpy._core.multiarray"):
+            if name == "_reconstruct":
+                # its contents come with its state, which NumPy compares with its shape
+                return lambda *_: np.empty(0)
+            if name == "scalar":
+                return lambda form, data: np.frombuffer(data, form)[0]
+        raise pickle.UnpicklingError(f"{module}.{name} is no number")
+
+
+def _anipose(path: Path, target: Target) -> _Table:
+    try:
+        with path.open("rb") as file:
+            data = file.read(MOST_BYTES + 1)
+    except OSError as error:
+        raise ValueError(f"{path}: cannot be read ({error.strerror})") from None
+    if len(data) > MOST_BYTES:
+        raise ValueError(f"{path}: expected at most {MOST_BYTES / 1e6:g} MB")
+    try:
+        rows = _Numbers(io.BytesIO(data)).load()
+        found = [
+            {_label(row["framenum"]): np.asarray(row["filled"], float).reshape(-1, 2) for row in of}
+            for of in rows
+        ]
+    except Exception as error:  # a damaged pickle may raise anything
+        what = f"{type(error).__name__}: {error}".splitlines()[0]
+        raise ValueError(f"{path}: is not what Anipose writes ({what})") from None
+    n = len(target.points)
+    for points in (points for of in found for points in of.values()):
+        if len(points) != n:
+            raise ValueError(
+                f"{path}: has {len(points)} points a view, the target ({target}) has {n}: likely other "
+                "columns or rows"
+            )
+    views = sorted(set().union(*found))
+    uv = np.full((len(found), len(views), n, 2), np.nan)
+    for c, of in enumerate(found):
+        for label, points in of.items():
+            uv[c, views.index(label)] = points
+    return _Table([f"cam_{k}" for k in range(len(found))], views, uv)
+
+
+def _label(frame: Any) -> str:
+    """A view's name: the number of the frame, behind that of the video if there are several."""
+    numbers = np.atleast_1d(np.asarray(frame)).tolist()
+    return "/".join(f"{int(number):06d}" for number in numbers)
+
+
+# --- the sizes of images
+
+
+def _sizes(
+    beside: Path, cameras: Sequence[str], size: Sequence[int] | None, reader: Any
+) -> dict[str, tuple[int, int]]:
+    """The size of each camera's images by its name, in the order of the table."""
+    if size is not None:
+        width, height = (as_whole(side, "size", 1, 100_000) for side in size)
+        return dict.fromkeys(cameras, (width, height))
+    if not beside.exists():
+        raise ValueError(
+            f"--size: expected width and height of the images, which no {beside.name} beside the table says"
+        )
+    try:
+        sizes = reader(read_toml(beside), cameras)
+        return {name: (int(of[0]), int(of[1])) for name, of in sizes.items()}
+    except (KeyError, TypeError, IndexError, AttributeError, OverflowError) as error:
+        raise ValueError(f"{beside}: has no size of camera {error}; --size says it") from None
+
+
+def _of_caliscope(tables: Mapping[str, Any], cameras: Sequence[str]) -> dict[str, Any]:
+    return {name: tables["cameras"][name.removeprefix("cam_")]["size"] for name in cameras}
+
+
+def _of_anipose(tables: Mapping[str, Any], cameras: Sequence[str]) -> dict[str, Any]:
+    """Anipose numbers the cameras in the order of its file, which has their names."""
+    return {tables[name]["name"]: tables[name]["size"] for name in cameras}
+
+
+# --- lenses
+
+
+def read_lenses(path: str | Path, cameras: Sequence[str]) -> list[Camera]:
+    """The lenses of cameras, by their names, from a rig file or from caliscope's ``camera_array.toml``;
+    where they stand is not read.
+
+    Raises
+    ------
+    ValueError
+        Names the file and the camera: unreadable, missing, a field that is missing or wrong.
+    """
+    tables = read_toml(path)
+    if set(tables) == {"cameras"}:
+        named = {f"cam_{key}": table for key, table in tables["cameras"].items()}
+    else:
+        named = {
+            table["name"]: table
+            for table in tables.values()
+            if isinstance(table, dict) and "name" in table
+        }
+    if missing := [name for name in cameras if name not in named]:
+        raise ValueError(
+            f"{path}: has no camera {missing[0]}, which is to be calibrated ({', '.join(named)})"
+        )
+    return [_lens(named[name], name, f"{path}: camera {name}") for name in cameras]
+
+
+def _lens(table: Mapping[str, Any], name: str, where: str) -> Camera:
+    fields = [get(table, key, where) for key in ("size", "matrix", "distortions")]
+    try:
+        size, matrix, distortions = fields
+        padded = [*distortions, *[0.0] * (5 - len(distortions))]
+        return Camera(name, size, matrix, np.array(padded, float), RigidTransform.identity())
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"{where}: {error}") from None
