@@ -15,6 +15,7 @@ import pandas as pd
 from tqdm import tqdm
 
 from ..checks import Array
+from ..files.kept import sole_writer
 from ..files.outputs import check_target, write_together
 from ..files.rigs import covariance_path, covariance_text, rig_text
 from ..rigid import left_jacobian
@@ -103,10 +104,27 @@ def calibrate_rig(
     ------
     ValueError
         Names the file, camera or argument: what `views.read_views` refuses, a file that cannot be
-        written, a camera with fewer than three views of the target or none in common with the
-        others, views that contradict each other, and what `adjust.calibrate` refuses.
+        written or that another process writes, a camera with fewer than three views of the target
+        or none in common with the others, views that contradict each other, and what
+        `adjust.calibrate` refuses.
     """
     files = _outputs(out, picture is not None)
+    with sole_writer(out):
+        return _calibrate_rig(
+            sources, target, files, most_views, distortion_terms, progress, picture
+        )
+
+
+def _calibrate_rig(
+    sources: Mapping[str, str | Path],
+    target: Target,
+    files: tuple[Path, ...],
+    most_views: int,
+    distortion_terms: int | None,
+    progress: bool,
+    picture: Callable[[TargetViews, Calibrated], bytes] | None,
+) -> RigCalibration:
+    """`calibrate_rig`, for the one process that writes these files."""
     seen = read_views(sources, target, most_views, progress)
     _check_seen(seen, sources, target, progress)
     with _reporting(len(seen.cameras), distortion_terms, progress) as report:

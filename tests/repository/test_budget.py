@@ -1,0 +1,53 @@
+"""Files that ask for far more than they are long: each is refused in one line, by a command that has
+500 MB. And the budget is one, for all readers.
+"""
+
+import shutil
+
+import pytest
+from bombs import BOMBS, MIB, run_limited
+from healthy import BOARDS, EVALUATE, MEASURE, TRACK, VIDEOS, make_healthy
+
+resource = pytest.importorskip("resource", reason="limits of a process are set as POSIX does")
+
+MOST = 500 * MIB  # of memory that a command may need to refuse a file
+COUNT = 3
+
+
+@pytest.fixture(scope="module")
+def healthy(tmp_path_factory):
+    root = tmp_path_factory.mktemp("budget")
+    make_healthy(root, COUNT)
+    return root
+
+
+@pytest.fixture
+def folder(healthy, tmp_path, monkeypatch):
+    """The working folder: a copy of the healthy one."""
+    shutil.copytree(healthy, tmp_path, dirs_exist_ok=True)
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+FEW = ("a pipe for an image", "10^5 dots", "a PNG of 900 megapixels", "an MCAP that lies")
+
+
+@pytest.mark.parametrize(
+    "name", [name if name in FEW else pytest.param(name, marks=pytest.mark.slow) for name in BOMBS]
+)
+def test_a_bomb_is_refused_in_one_line_and_with_little_memory(folder, name):
+    bomb = BOMBS[name]
+    if "MCAP" in name:
+        pytest.importorskip("rosbags", reason="extra ros is not installed")
+    (folder / bomb.name).unlink(missing_ok=True)
+    bomb.make(folder / bomb.name)
+    ran = run_limited(bomb.line)
+    assert (ran.code, len(ran.lines)) == (2, 1), ran.lines
+    assert ran.lines[0].startswith(f"trinolab {bomb.line.split()[0]}: {bomb.said}")
+    assert ran.peak < MOST
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("line", [TRACK, VIDEOS, MEASURE, EVALUATE, BOARDS])
+def test_with_as_little_memory_the_commands_do_their_work(folder, line):
+    assert run_limited(line).code == 0
