@@ -12,6 +12,7 @@ import os
 import shlex
 import sys
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
 from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -371,12 +372,14 @@ def _live(a: argparse.Namespace) -> int:
     cameras = _named(a.camera or [], "--camera", "NAME=INDEX, as ccd1=0, or NAME=VIDEO")
     source = chosen(cameras, a.recording, a.rig, a.handle, a.fps)
 
-    def on_open(address: str) -> None:
-        say(f"{address}\nis the page; Ctrl-C ends it")
-        if not a.no_browser:
-            show(address)
+    with ExitStack() as shown:
 
-    summary = live(source, a.out, a.robot, a.method, a.host, a.port, log=a.log, on_open=on_open)
+        def on_open(address: str) -> None:
+            say(f"{address}\nis the page; Ctrl-C ends it")
+            if not a.no_browser:
+                shown.enter_context(show(address))
+
+        summary = live(source, a.out, a.robot, a.method, a.host, a.port, log=a.log, on_open=on_open)
     say(summary or "ended; nothing was recorded")
     return 0
 
