@@ -8,12 +8,13 @@ import os
 import shlex
 import subprocess
 import sys
+from threading import Timer
 from typing import NamedTuple
 
 import cv2
 import numpy as np
 from healthy import BOARDS, EVALUATE, TRACK, VIDEOS
-from processes import CLI
+from processes import CLI, HANGS_S
 
 MIB = 1 << 20
 LIMIT = 2048 * MIB  # of a command's address space
@@ -27,27 +28,28 @@ class Ran(NamedTuple):
     peak: int
 
 
-def run_limited(line, limit=LIMIT, prepare=None):
+def run_limited(line, limit=LIMIT, folder=None):
     """Run a command in a process that gets no more than `limit` bytes of address space."""
     import resource
 
     def before():
         resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
-        if prepare is not None:
-            prepare()
 
     environment = {**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
     with subprocess.Popen(
         [sys.executable, "-c", CLI, *shlex.split(line)],
-        text=True,
         stdin=subprocess.DEVNULL,
         stdout=subprocess.DEVNULL,
         stderr=subprocess.PIPE,
         preexec_fn=before,
+        cwd=folder,
         env=environment,
     ) as process:
-        lines = process.stderr.read().splitlines()
+        hangs = Timer(HANGS_S, process.kill)
+        hangs.start()
+        lines = process.stderr.read().decode(errors="replace").splitlines()
         _, status, usage = os.wait4(process.pid, 0)
+        hangs.cancel()
         process.returncode = os.waitstatus_to_exitcode(status)
     return Ran(process.returncode, lines, usage.ru_maxrss * 1024)  # Linux counts in KiB
 

@@ -21,8 +21,10 @@ __all__ = [
     "COLUMNS",
     "COVARIANCE_BYTES",
     "DOTS",
+    "IMAGE_BYTES",
     "LINES",
     "MARKERS",
+    "MIB",
     "PIXELS",
     "TABLE_BYTES",
     "TOML_BYTES",
@@ -49,7 +51,7 @@ TABLE_BYTES = 128 * MIB  # CSV, and rows that are kept
 LINES = 1_000_000  # of a CSV file
 COLUMNS = 1000
 CELLS = 10_000_000  # 500,000 poses: four and a half hours of 30 a second
-IMAGE_BYTES = 512 * MIB  # of an image file as it lies there
+IMAGE_BYTES = 256 * MIB  # of an image file as it lies there
 BAG_BYTES = 64 * MIB  # of a bag's messages that are held, decompressed, at a time
 
 # a part of a name, and the dot behind it, more often than `DOTS` says; no step is ever taken back

@@ -193,7 +193,9 @@ def _camera_from(table: dict[str, Any], where: str) -> Camera:
             as_array(fields["translation"], "translation", (3,)), rotation
         )
         padded = np.array(distortions + [0.0] * (len(distortions) == 4))
-        return Camera(fields["name"], fields["size"], fields["matrix"], padded, T_cam_world)
+        camera = Camera(fields["name"], fields["size"], fields["matrix"], padded, T_cam_world)
+        limits.check_pixels("size", *camera.size)
+        return camera
     except ValueError as error:
         raise ValueError(f"{where}: {error}") from None
 
