@@ -108,6 +108,14 @@ def many_markers(path):
     )
 
 
+def long_word(path):
+    """A handle whose markers are a word of a million letters."""
+    path.write_text(
+        "name = 'bomb'\nradius_mm = 5.0\nlength_mm = 100.0\ntop_mm = 50.0\n"
+        f"marker_diameter_mm = 3.0\ncolumns_deg = [0.0]\nrows_mm = '{'a' * 1_000_000}'\n"
+    )
+
+
 def commas(path):
     """10 MB of commas as the first line of a table."""
     path.write_text("frame" + "," * 10_000_000 + "\n")
@@ -267,6 +275,9 @@ BOMBS = {
         "handle.toml",
         OWN_HANDLE,
         "handle.toml: expected at most 200 markers, got 99,900",
+    ),
+    "a word of 1 MB": Bomb(
+        long_word, "handle.toml", OWN_HANDLE, "handle.toml: rows_mm: expected 1 lists, one a column"
     ),
     "10^7 commas": Bomb(
         commas,

@@ -29,6 +29,7 @@ if TYPE_CHECKING:
 __all__ = ["QUESTION_WIDTH", "as_text", "digits", "essential", "main", "not_run", "say"]
 
 
+LONGEST_LINE = 1000  # letters of what is wrong
 QUESTION_WIDTH = 41  # columns of a question in the board as text
 # The extra of this distribution that brings what a command imports.
 EXTRAS = {
@@ -68,7 +69,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         return 2
     except (ValueError, OSError, MemoryError) as error:
         what = f"not enough memory ({error})" if isinstance(error, MemoryError) else str(error)
-        print(f"trinolab {arguments.command}: {' '.join(what.splitlines())}", file=sys.stderr)
+        print(f"trinolab {arguments.command}: {_one_line(what)}", file=sys.stderr)
         return 2
     except KeyboardInterrupt as stop:
         print(
@@ -76,6 +77,12 @@ def main(argv: Sequence[str] | None = None) -> int:
             file=sys.stderr,
         )
         return 130
+
+
+def _one_line(text: str) -> str:
+    """What is wrong as one line; of a value that a file makes as long as itself only the beginning."""
+    line = " ".join(text.splitlines())
+    return line if len(line) <= LONGEST_LINE else f"{line[:LONGEST_LINE]} ..."
 
 
 def _find_shipped(a: argparse.Namespace) -> None:
