@@ -166,7 +166,6 @@ NONSENSE = [
     json.dumps({"hand": "home"}),
     json.dumps({"hand": {"camera": 10**400, "mm": [1, 2, 3]}}),
     json.dumps({"set": ["scale", 10**400]}),
-    json.dumps({"drawn": [1]}),
     '{"hand": {"camera": Infinity}}',
     '{"hand": {"mm": [1e400, 0, 0]}}',
     "[" * 4000,
@@ -282,7 +281,7 @@ def test_what_is_asked_of_another_server_is_answered_with_the_policy(live, line)
         connection.sendall(f"{line}\r\nHost: {host}\r\nConnection: close\r\n\r\n".encode())
         answer = b"".join(iter(lambda: connection.recv(4096), b"")).decode()
     head = answer.partition("\r\n\r\n")[0]
-    assert head.splitlines()[0].split()[1] in ("403", "404")
+    assert head.splitlines()[0].split()[1] in ("403", "404", "405")
     for name, value in server.HEADERS.items():
         assert f"{name}: {value}" in head
     assert "Server:" not in head
