@@ -21,6 +21,7 @@ from verification import (
     calibrations,
     centroids,
     chapters,
+    commands,
     fuzz,
     heavy,
     identity,
@@ -43,6 +44,7 @@ SECTIONS = {
     "calibrations": calibrations.report,
     "hostile": misled.report,
     "fuzz": fuzz.report,
+    "commands": commands.report,
     "tracks": tracks.report,
     "refine": refined.report,
     "slave": slave.report,
@@ -72,6 +74,7 @@ def _arguments() -> argparse.Namespace:
         ("refined", 20, "draws of rig and layout for each rig and handle that a recording refines"),
         ("recordings", 2, "recordings that are rendered and refined, for each rig"),
         ("files", 100_000, "wrong files for the readers of users' files"),
+        ("commands", 300, "commands that are run on wrong files, with 2 GB of memory"),
     ):
         parser.add_argument(f"--{name}", type=int, default=number, help=f"{what} (%(default)s)")
     parser.add_argument(

@@ -31,7 +31,6 @@ import logging
 import shutil
 import tempfile
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
 from heapq import merge
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -44,14 +43,17 @@ from tqdm import tqdm
 
 from trinolab.camera import Camera, Rig
 from trinolab.files import recorder
-from trinolab.files.images import as_grey, decoded
+from trinolab.files.images import as_grey, check_stated, decoded
 from trinolab.files.inputs import read_csv
+from trinolab.files.kept import sole_writer
 from trinolab.files.outputs import check_target, resolved, write_whole
 from trinolab.files.poses import read_poses, transforms
 from trinolab.files.recording import Recording, instants, open_folder
 from trinolab.files.rigs import handle_text, read_handle, read_rig
 from trinolab.following.track import stamp, track_folder
 from trinolab.handle import Handle
+
+from .bagreader import opened
 
 __all__ = ["Message", "is_bag", "track_recording", "unpack_bag", "write_bag"]
 
@@ -116,14 +118,16 @@ def write_bag(
         streams.append(_poses(Path(poses), ros))
     if joints is not None:
         streams += _joints(Path(joints), ros)
-    with tempfile.TemporaryDirectory(dir=target.parent, prefix=f".{target.name}.") as beside:
-        counts = _write(
-            merge(*streams, key=lambda one: one.time_ns), Path(beside, target.name), ros
-        )
+    beside = target.with_name(f".{target.name}{recorder.PARTIAL}")
+    with sole_writer(target, out):
+        shutil.rmtree(beside, ignore_errors=True)  # of one that was killed
         try:
-            Path(beside, target.name).rename(target)
+            counts = _write(merge(*streams, key=lambda one: one.time_ns), beside / target.name, ros)
+            (beside / target.name).rename(target)
         except OSError as error:
             raise ValueError(f"{out}: cannot be written ({error.strerror})") from None
+        finally:
+            shutil.rmtree(beside, ignore_errors=True)
     return counts
 
 
@@ -190,7 +194,7 @@ def unpack_bag(
     partial = recorder.partial_of(folder)
     shutil.rmtree(partial, ignore_errors=True)
     try:
-        with _opened(bag) as reader:
+        with opened(bag) as reader:
             the_rig = rig or _rig_of(reader, bag, ros)
             topics = {name: _images_of(reader, name, bag) for name in the_rig.names}
             the_handle = given or _handle_of(reader, bag, ros)
@@ -361,27 +365,6 @@ def _nanoseconds(t_s: float, where: str) -> int:
 # In
 
 
-@contextmanager
-def _opened(bag: str | Path) -> Iterator[Any]:
-    """A reader of a bag; what is wrong with the file becomes a ValueError that names it."""
-    from rosbags.rosbag2 import Reader, ReaderError
-    from rosbags.serde import SerdeError
-
-    # what its parsers let through where bytes are damaged
-    damaged = (KeyError, IndexError, TypeError, AttributeError, OverflowError, MemoryError)
-    if not Path(bag).exists():
-        raise ValueError(f"{bag}: no such file or folder")
-    try:
-        with Reader(Path(bag)) as reader:
-            yield reader
-    except (ReaderError, SerdeError, *damaged) as error:
-        what = " ".join(str(error).split()) or type(error).__name__
-        raise ValueError(f"{bag}: cannot be read as a ROS 2 bag ({what})") from None
-    except ValueError as error:
-        what = " ".join(str(error).split())
-        raise ValueError(what if what.startswith(str(bag)) else f"{bag}: {what}") from None
-
-
 def _messages(reader: Any, topic: str, ros: Any) -> Iterator[tuple[int, Any]]:
     """Time, ns, and content of the messages of a topic; the time is the stamp's if it has one."""
     for one in [c for c in reader.connections if c.topic == topic]:
@@ -481,7 +464,7 @@ def _unpack(
     """Write a camera's images, and return their times, s."""
     times: list[float] = []
     for time_ns, content in tqdm(_messages(reader, topic, ros), unit="image", disable=None):
-        image, complaint = _decoded(content)
+        image, complaint = _decoded(content, camera.size)
         if complaint:
             log.info("%s: %s: image %d: may be damaged (%s)", bag, topic, len(times), complaint)
         if image is None or image.shape[:2] != (camera.size[1], camera.size[0]):
@@ -497,12 +480,17 @@ def _unpack(
     return np.array(times)
 
 
-def _decoded(content: Any) -> tuple[np.ndarray | None, str]:
-    """The image that a message holds, None if it cannot be decoded, and what its decoder has to
-    say.
+def _decoded(content: Any, size: tuple[int, int]) -> tuple[np.ndarray | None, str]:
+    """The image of a size that a message holds, None if it cannot be decoded or states another
+    size, and what its decoder has to say.
     """
     if content.__msgtype__ == IMAGES[0]:
-        image, complaint = decoded(bytes(content.data))
+        data = bytes(content.data)
+        try:
+            check_stated(data, size, "")
+        except ValueError:
+            return None, ""
+        image, complaint = decoded(data)
         return (image if image is not None and image.dtype == np.uint8 else None), complaint
     channels = {"mono8": 1, "8UC1": 1, "bgr8": 3, "rgb8": 3}.get(content.encoding)
     wide = content.width * (channels or 0)

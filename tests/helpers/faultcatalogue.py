@@ -223,16 +223,20 @@ FAULTS = {
         f"{CCD2_1}: cannot be read as an image of 8 or 16 bit",
     ),
     "image: truncated JPEG": (
-        blob(CCD2_1, cv2.imencode(".jpg", GREY)[1].tobytes()[:300]),
+        blob(CCD2_1, cv2.imencode(".jpg", GREY[:256, :320])[1].tobytes()[:300]),
         MEASURE,
         f"{CCD2_1}: cannot be read as an image of 8 or 16 bit",
     ),
     "image: truncated BMP": (
-        blob(CCD2_1, cv2.imencode(".bmp", GREY)[1].tobytes()[:300]),
+        blob(CCD2_1, cv2.imencode(".bmp", GREY[:256, :320])[1].tobytes()[:300]),
         MEASURE,
         f"{CCD2_1}: cannot be read as an image of 8 or 16 bit",
     ),
-    "image: huge": (huge_png(CCD2_1), MEASURE, f"{CCD2_1}: cannot be read as an image"),
+    "image: huge": (
+        huge_png(CCD2_1),
+        MEASURE,
+        f"{CCD2_1}: 100000 x 100000 pixels, the rig says 320 x 256",
+    ),
     "image: unreadable": (loop(CCD2_1), MEASURE, f"{CCD2_1}: cannot be read (Too many levels"),
     "image: float": (
         lambda: (

@@ -16,7 +16,7 @@ from trinolab.files.images import read_greys
 from trinolab.files.poses import pose_table, write_poses
 from trinolab.files.recording import open_folder
 from trinolab.files.rigs import handle_text, read_rig, write_rig
-from trinolab.following import posetracker
+from trinolab.following import posetracker, track
 from trinolab.pose import LOST, Pose
 from workbench.bags import is_bag, unpack_bag, write_bag
 from workbench.cli import main
@@ -196,6 +196,7 @@ def test_track_reads_a_bag(bag, folder, tmp_path):
 
 
 def test_an_interrupted_track_of_a_bag_goes_on(bag, tmp_path, monkeypatch):
+    monkeypatch.setattr(track, "STATE_EVERY", 1)
     out = tmp_path / "p.csv"
     real, calls = posetracker.step, []
 

@@ -16,6 +16,7 @@ from tqdm import tqdm
 
 from ..camera import Camera
 from ..checks import Array
+from ..files.kept import sole_writer
 from ..files.outputs import check_target, write_together
 from ..files.rigs import covariance_path, covariance_text, rig_text
 from ..rigid import left_jacobian
@@ -116,17 +117,34 @@ def calibrate_rig(
     ------
     ValueError
         Names the file, camera or argument: what `views.read_views` refuses, a file that cannot be
-        written, a camera with fewer than three views of the target or none in common with the
-        others, a size of the target that cannot be, views that contradict each other, and what
-        `tables.read_corners` and `adjust.calibrate` refuse.
+        written or that another process writes, a camera with fewer than three views of the target or
+        none in common with the others, a size of the target that cannot be, views that contradict
+        each other, and what `tables.read_corners` and `adjust.calibrate` refuse.
     """
     files = _outputs(out, picture is not None)
-    if isinstance(sources, (str, Path)):
-        seen = read_corners(sources, target, most_views, size)
-    elif size is not None:
+    if not isinstance(sources, (str, Path)) and size is not None:
         raise ValueError("size: images have their own; expected it beside a table of points only")
-    else:
-        seen = read_views(sources, target, most_views, progress)
+    with sole_writer(out):
+        if isinstance(sources, (str, Path)):
+            seen = read_corners(sources, target, most_views, size)
+        else:
+            seen = read_views(sources, target, most_views, progress)
+        return _calibrate_rig(
+            seen, sources, target, files, distortion_terms, lenses, progress, picture
+        )
+
+
+def _calibrate_rig(
+    seen: TargetViews,
+    sources: Mapping[str, str | Path] | str | Path,
+    target: Target,
+    files: tuple[Path, ...],
+    distortion_terms: int | None,
+    lenses: str | Path | None,
+    progress: bool,
+    picture: Callable[[TargetViews, Calibrated], bytes] | None,
+) -> RigCalibration:
+    """`calibrate_rig` of the views that were seen, for the one process that writes these files."""
     _check_seen(seen, sources, target, progress)
     check_scale(seen, target)
     if lenses is not None and distortion_terms is not None:

@@ -15,11 +15,15 @@ from typing import IO, NamedTuple
 import cv2
 import numpy as np
 
+from . import limits
+from .imageheader import stated
+
 __all__ = [
     "IMAGE_SUFFIXES",
     "Grey",
     "as_grey",
     "check_size",
+    "check_stated",
     "decoded",
     "is_image",
     "read_grey",
@@ -29,6 +33,7 @@ __all__ = [
 ]
 
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".pgm")
+NO_IMAGE = "cannot be read as an image of 8 or 16 bit"
 log = logging.getLogger("trinolab")
 
 
@@ -86,7 +91,8 @@ def read_greys(
     Raises
     ------
     ValueError
-        Names the file: unreadable, no image of 8 or 16 bit, or another size.
+        Names the file: unreadable, no image of 8 or 16 bit, another size, or more pixels than
+        `limits.PIXELS`; the last two before it is decoded.
     """
     return said_once(((path, _read(path, size)) for path in paths), said)
 
@@ -109,15 +115,16 @@ def said_once(
 def _read(path: Path, size: tuple[int, int] | None) -> Grey:
     """An image file; errors as for `read_greys`."""
     try:
-        data = path.read_bytes()
+        data = limits.read_bytes(path, limits.IMAGE_BYTES)
     except OSError as error:
         raise ValueError(f"{path}: cannot be read ({error.strerror})") from None
     if data.startswith(b"\x89PNG") and b"IEND" not in data[-12:]:
         raise ValueError(f"{path}: cannot be read as an image (its end is missing)")
+    check_stated(data, size, path)
     image, complaint = decoded(data)
     if image is None or image.dtype not in (np.uint8, np.uint16):
-        raise ValueError(f"{path}: cannot be read as an image of 8 or 16 bit")
-    check_size(image, size, path)
+        raise ValueError(f"{path}: {NO_IMAGE}")
+    check_size(image.shape, size, path)
     if complaint:
         log.info("%s: may be damaged (%s)", path, complaint)
     return as_grey(image)
@@ -138,13 +145,26 @@ def decoded(data: bytes) -> tuple[np.ndarray | None, str]:
         return image, complaints.read(200).decode(errors="replace").partition("\n")[0]
 
 
-def check_size(image: np.ndarray, size: tuple[int, int] | None, path: Path) -> None:
-    """Raise a ValueError that names the file if the image has not the size (width, height) that the
-    rig says.
+def check_stated(data: bytes, size: tuple[int, int] | None, path: str | Path) -> None:
+    """Raise a ValueError that names the file if its header states no size, more pixels than are
+    taken, or another size (width, height) than the rig.
     """
-    if size is not None and image.shape[:2] != (size[1], size[0]):
+    header = stated(data)
+    if header is None:
+        raise ValueError(f"{path}: {NO_IMAGE}")
+    check_size((header.height, header.width), size, path)
+    limits.check_pixels(path, header.width, header.height)
+    if header.held > limits.PIXELS:
+        raise ValueError(f"{path}: {NO_IMAGE} (a tile of {header.held:,} pixels)")
+
+
+def check_size(shape: tuple[int, ...], size: tuple[int, int] | None, path: str | Path) -> None:
+    """Raise a ValueError that names the file if the shape (height, width) of its image is not the
+    size (width, height) that the rig says.
+    """
+    if size is not None and shape[:2] != (size[1], size[0]):
         raise ValueError(
-            f"{path}: {image.shape[1]} x {image.shape[0]} pixels, the rig says {size[0]} x {size[1]}"
+            f"{path}: {shape[1]} x {shape[0]} pixels, the rig says {size[0]} x {size[1]}"
         )
 
 

@@ -1,7 +1,10 @@
-"""Tables that are read: TOML, JSON and CSV. What cannot be read is a ValueError that names the file."""
+"""Tables that are read: TOML, JSON and CSV. What cannot be read is a ValueError that names the file,
+and so is what is larger than `limits` says.
+"""
 
 from __future__ import annotations
 
+import io
 import json
 import re
 import tomllib
@@ -11,25 +14,26 @@ from typing import Any
 
 import pandas as pd
 
+from . import limits
+
 __all__ = ["get", "read_csv", "read_json", "read_toml"]
 
 
 def read_csv(path: str | Path, **options: Any) -> pd.DataFrame:
     """Read a CSV file of this computer; `options` are those of `pandas.read_csv`.
 
-    The file is opened here: pandas would fetch an address, and unpack what is named like an
-    archive.
+    The file is read here: pandas would fetch an address, and unpack what is named like an archive.
 
     Raises
     ------
     ValueError
-        Names the file: unreadable, empty, no text, rows of different lengths.
+        Names the file: unreadable, empty, no text, rows of different lengths, too large.
     """
+    content = _content(path, limits.TABLE_BYTES)
+    limits.check_table(path, content)
     try:
-        with Path(path).open(encoding="utf-8-sig", newline="") as file:
-            table = pd.read_csv(file, low_memory=False, **options)
-    except OSError as error:
-        raise ValueError(f"{path}: cannot be read ({error.strerror})") from None
+        text = io.TextIOWrapper(io.BytesIO(content), encoding="utf-8-sig", newline="")
+        table = pd.read_csv(text, low_memory=False, **options)
     except (ValueError, OverflowError) as error:  # pandas' own are of the first kind
         raise ValueError(f"{path}: no valid CSV ({_reason(error)})") from None
     if not isinstance(table.index, pd.RangeIndex):
@@ -58,13 +62,14 @@ def get(table: Mapping[str, Any], key: str, where: str) -> Any:
     return table[key]
 
 
-def read_toml(path: str | Path) -> dict[str, Any]:
-    """Read a TOML file; what cannot be opened or parsed is a ValueError that names the file."""
+def read_toml(path: str | Path, most: int = limits.TOML_BYTES) -> dict[str, Any]:
+    """Read a TOML file of at most so many bytes; what cannot be opened or parsed is a ValueError that
+    names the file.
+    """
+    content = _content(path, most)
+    limits.check_names(path, content)
     try:
-        with Path(path).open("rb") as file:
-            return tomllib.load(file)
-    except OSError as error:
-        raise ValueError(f"{path}: cannot be read ({error.strerror})") from None
+        return tomllib.loads(content.decode())
     except RecursionError:
         raise ValueError(f"{path}: no valid TOML (lists within lists, too many)") from None
     except (
@@ -75,9 +80,16 @@ def read_toml(path: str | Path) -> dict[str, Any]:
 
 def read_json(path: str | Path) -> Any:
     """Read a JSON file; what cannot be opened or parsed is a ValueError that names the file."""
+    content = _content(path, limits.TREE_BYTES)
     try:
-        return json.loads(Path(path).read_text(encoding="utf-8"))
-    except OSError as error:
-        raise ValueError(f"{path}: cannot be read ({error.strerror})") from None
+        return json.loads(content.decode())
     except (ValueError, RecursionError):
         raise ValueError(f"{path}: no valid JSON") from None
+
+
+def _content(path: str | Path, most: int) -> bytes:
+    """A file's bytes. Raises ValueError, which names it, if it cannot be read, or is longer."""
+    try:
+        return limits.read_bytes(path, most)
+    except OSError as error:
+        raise ValueError(f"{path}: cannot be read ({error.strerror})") from None

@@ -11,9 +11,10 @@ from itertools import takewhile
 from pathlib import Path
 from typing import Self
 
-from .outputs import check_target
+from . import limits
+from .outputs import check_target, resolved
 
-__all__ = ["KeptLines", "locked"]
+__all__ = ["KeptLines", "locked", "sole_writer"]
 
 try:
     import fcntl
@@ -53,6 +54,38 @@ def locked(path: Path, wait: bool = False) -> Iterator[None]:
         yield
 
 
+@contextmanager
+def sole_writer(target: str | Path, name: str | Path | None = None) -> Iterator[None]:
+    """Keep a file or a folder that is going to be written for this process alone while the block
+    runs.
+
+    The lock is a hidden file beside it, ``.NAME.lock``. A process that is killed leaves it there; the
+    next one takes it over, and removes it.
+
+    Parameters
+    ----------
+    target : path
+    name : path, optional
+        What an error calls it.
+
+    Raises
+    ------
+    ValueError
+        Names the target: another process writes it, or nothing can be written beside it.
+    """
+    place = resolved(target)
+    lock = place.with_name(f".{place.name}.lock")
+    with ExitStack() as held:
+        try:
+            held.enter_context(locked(lock))
+        except ValueError as error:
+            raise ValueError(str(error).replace(str(lock), str(name or target), 1)) from None
+        try:
+            yield
+        finally:
+            lock.unlink(missing_ok=True)  # while it is held: whoever waits for it looks again
+
+
 class KeptLines:
     """A text file that grows by whole lines, for this process alone as long as it is open.
 
@@ -73,7 +106,8 @@ class KeptLines:
     Raises
     ------
     ValueError
-        Names the file: another process works on it, or it cannot be written.
+        Names the file: another process works on it, it cannot be written, or is larger than
+        `limits.TABLE_BYTES`.
     """
 
     def __init__(self, path: Path, head: str, is_line: Callable[[int, str], bool]) -> None:
@@ -144,6 +178,7 @@ class KeptLines:
             raise
 
     def _text(self) -> bytes:
+        limits.check_bytes(self.path, os.fstat(self._file.fileno()).st_size, limits.TABLE_BYTES)
         self._file.seek(0)
         return self._file.read()
 

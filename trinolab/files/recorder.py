@@ -15,6 +15,7 @@ import pandas as pd
 
 from ..camera import Rig
 from ..handle import Handle
+from .inputs import read_json
 from .outputs import check_target, resolved, write_whole
 from .poses import write_poses
 from .rigs import write_handle, write_rig
@@ -124,8 +125,8 @@ def claim(partial: Path, manifest: Mapping[str, Any]) -> None:
 def read_manifest(path: Path) -> dict[str, Any]:
     """What a recording was made from; nothing where the file says nothing that can be read."""
     try:
-        manifest = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError, RecursionError):
+        manifest = read_json(path)
+    except ValueError:
         return {}
     return manifest if isinstance(manifest, dict) else {}
 

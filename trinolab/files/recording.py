@@ -21,6 +21,7 @@ import numpy as np
 from ..camera import Rig
 from ..checks import Array, as_number
 from ..handle import Handle
+from . import limits
 from .images import IMAGE_SUFFIXES, Grey, as_grey, check_size, is_image, read_greys, said_once
 from .inputs import read_csv
 from .recorder import PARTIAL
@@ -136,7 +137,7 @@ def _video_frames(path: Path, size: tuple[int, int] | None, first: int) -> Itera
             delivered, image = capture.read()
             if not delivered:
                 return
-            check_size(image, size, path)
+            check_size(image.shape, size, path)
             if image.ndim == 3:
                 blue, green, red = cv2.split(image)  # compared one after the other they are quick
                 if np.array_equal(blue, green) and np.array_equal(blue, red):
@@ -147,7 +148,10 @@ def _video_frames(path: Path, size: tuple[int, int] | None, first: int) -> Itera
 
 
 def open_video(path: Path) -> cv2.VideoCapture:
-    """Open a video to read from. Raises ValueError if it cannot be read."""
+    """Open a video to read from. Raises ValueError if it cannot be read, or has frames of more pixels
+    than `limits.PIXELS`.
+    """
+    limits.check_regular(path)
     # and not OpenCV's warning either
     level = cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_ERROR)
     try:
@@ -156,6 +160,8 @@ def open_video(path: Path) -> cv2.VideoCapture:
         cv2.utils.logging.setLogLevel(level)
     if not capture.isOpened() or not os.access(path, os.R_OK):
         raise ValueError(f"{path}: cannot be read as a video")
+    sides = (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT)
+    limits.check_pixels(path, *(int(capture.get(side)) for side in sides))
     return capture
 
 

@@ -22,6 +22,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 from ..camera import CAMERA_PARAMETERS, Camera, Rig, RigCovariance
 from ..checks import as_array, as_number
 from ..handle import Handle
+from . import limits
 from .inputs import get, read_toml
 from .outputs import write_together, write_whole
 
@@ -103,7 +104,7 @@ def read_covariance(path: str | Path, rig: Rig) -> RigCovariance:
         parameters or units; what `RigCovariance` refuses.
     """
     with _named(path):
-        table = read_toml(path)
+        table = read_toml(path, limits.COVARIANCE_BYTES)
         names, units = (list(part) for part in zip(*CAMERA_PARAMETERS, strict=True))
         expected = {
             "format": COVARIANCE_FORMAT,
@@ -155,6 +156,7 @@ def _cameras(tables: dict[str, Any], path: str | Path) -> list[Camera]:
         raise ValueError(
             f"{path}: is a rig's covariance, expected its cameras, which are beside it"
         )
+    limits.check_count(len(tables), limits.CAMERAS, "cameras")
     return [
         _camera_from(table, f"{path}: [{key if key.isprintable() else repr(key)}]")
         for key, table in tables.items()
@@ -233,7 +235,9 @@ def _camera_from(table: dict[str, Any], where: str) -> Camera:
             as_array(fields["translation"], "translation", (3,)), rotation
         )
         padded = np.array(distortions + [0.0] * (len(distortions) == 4))
-        return Camera(fields["name"], fields["size"], fields["matrix"], padded, T_cam_world)
+        camera = Camera(fields["name"], fields["size"], fields["matrix"], padded, T_cam_world)
+        limits.check_pixels("size", *camera.size)
+        return camera
     except ValueError as error:
         raise ValueError(f"{where}: {error}") from None
 
@@ -272,9 +276,18 @@ def read_handle(path: str | Path) -> Handle:
         name: get(table, name, str(path)) for name in names if name in table or name not in optional
     }
     try:
+        limits.check_count(
+            _places_in(fields["columns_deg"], fields["rows_mm"]), limits.MARKERS, "markers"
+        )
         return _spread_out(Handle(**fields))
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from None
+
+
+def _places_in(columns: Any, rows: Any) -> int:
+    """How many columns, or markers in their rows, a handle file lists; what is no list has none."""
+    lists = [row for row in rows if isinstance(row, list)] if isinstance(rows, list) else []
+    return max(len(columns) if isinstance(columns, list) else 0, sum(map(len, lists)))
 
 
 def write_handle(handle: Handle, path: str | Path) -> None:

@@ -8,7 +8,7 @@ where to look all the same. No background is needed: what is no marker in its pl
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -122,6 +122,7 @@ def track_instants(
     parameters: FollowParameters | None = None,
     known: Mapping[int, RigidTransform] | None = None,
     state: TrackState | None = None,
+    keep: Callable[[int, TrackState], TrackState] | None = None,
 ) -> Iterator[tuple[Frames, Tracked]]:
     """Take the steps of a whole sequence: each instant with what was found in it.
 
@@ -137,6 +138,9 @@ def track_instants(
         look alike holds.
     state : TrackState, optional
         After an instant before the first one; nothing is known without it.
+    keep : callable, optional
+        Takes each instant's frame and the state after it, when the instant has been dealt with;
+        what it returns is the state to go on with.
     """
     given = known or {}
     for now in instants:
@@ -147,6 +151,8 @@ def track_instants(
             state = start(now.t_s - 1.0)
         state, tracked = step(state, now.images, now.t_s, rig, handle, parameters)
         yield now, tracked
+        if keep is not None:
+            state = keep(now.frame, state)
 
 
 def step(

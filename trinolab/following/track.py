@@ -22,6 +22,7 @@ from tqdm.contrib.logging import logging_redirect_tqdm
 from ..camera import Rig
 from ..checks import Array
 from ..datasets import handle_file, rig_file
+from ..files import limits
 from ..files.kept import KeptLines
 from ..files.outputs import check_targets, write_together
 from ..files.poses import (
@@ -32,7 +33,6 @@ from ..files.poses import (
     poses_by_frame,
     poses_text,
     read_poses,
-    transforms,
     tum_text,
 )
 from ..files.recording import (
@@ -55,6 +55,7 @@ from .losses import lost_lines
 from .overlay import picture
 from .parameters import FollowParameters
 from .posetracker import TrackState
+from .statefile import state_of, text_of
 from .sync import estimate_offsets, significant
 
 __all__ = [
@@ -73,6 +74,8 @@ __all__ = [
 log = logging.getLogger("trinolab")
 
 PARTIAL = ".partial"  # behind the name of a pose file that is not finished
+STATE = ".state"  # and behind that, of the tracker's state
+STATE_EVERY = 25  # frames that are tracked again at most when a track goes on
 MOST_INSTANTS = 3000  # kept for the cameras' offsets in time, and for their drift
 
 
@@ -206,10 +209,14 @@ def track_folder(
 
 class Rows(KeptLines):
     """The finished rows of a track, as lines of a CSV file; its first line names the track by its
-    `fingerprint`.
+    `fingerprint`. Beside it is a file with the tracker's state after the last frame that is a multiple of
+    `STATE_EVERY`.
     """
 
     def __init__(self, path: Path, made_from: str) -> None:
+        self._made_from = made_from
+        self._state_path = path.with_name(f"{path.name}{STATE}")
+        self._hidden = path.with_name(f".{path.name}{STATE}")  # while it is written
         super().__init__(path, f"# trinolab track {made_from}\n{','.join(POSE_COLUMNS)}\n", _is_row)
 
     def add(self, frame: int, t_s: float, pose: Pose) -> None:
@@ -223,6 +230,42 @@ class Rows(KeptLines):
     def table(self) -> pd.DataFrame:
         """The rows so far."""
         return pd.read_csv(io.StringIO("\n".join([",".join(POSE_COLUMNS), *self.lines()])))
+
+    def keep_state(self, frame: int, state: TrackState, rig: Rig) -> TrackState:
+        """Keep the tracker's state after every so many frames, in the place of the one before, and
+        return the state to go on with. Raises ValueError if it cannot be written.
+        """
+        if (frame + 1) % STATE_EVERY:
+            return state
+        text = text_of(state, rig)
+        try:
+            self._hidden.write_text(f"{self._made_from} {frame}\n{text}\n", encoding="utf-8")
+            self._hidden.replace(self._state_path)
+        except OSError as error:
+            self._hidden.unlink(missing_ok=True)
+            raise ValueError(f"{self._state_path}: cannot be written ({error.strerror})") from None
+        return state_of(text, rig)
+
+    def kept_state(self, rig: Rig) -> tuple[int, TrackState | None]:
+        """The first frame that the tracker has to see again, and its state before: that which was
+        kept last, of a frame that has its row. Without one it is the very first frame.
+        """
+        try:
+            content = limits.read_bytes(self._state_path, limits.TREE_BYTES).decode()
+            head, text, _ = content.split("\n")
+            made_from, number = head.split(" ")
+            frame = int(number)
+            if made_from == self._made_from and 0 <= frame < len(self.lines()):
+                return frame + 1, state_of(text, rig)
+        except (OSError, ValueError):  # there is none, or it was cut off
+            pass
+        return 0, None
+
+    def remove(self) -> None:
+        """Remove the rows and the state, and close the file."""
+        for path in (self._state_path, self._hidden):
+            path.unlink(missing_ok=True)
+        super().remove()
 
 
 def fingerprint(
@@ -269,18 +312,23 @@ def _kept(rows: Rows) -> str:
 
 
 def track_on(job: Job, rows: Rows, film: Film | None, progress: bool) -> None:
-    """Track from the first frame that has no row."""
+    """Track from the first frame that has no row; the frames since the last state that was kept are
+    tracked again, so that the next ones come out as if nothing had stopped it.
+    """
     done = rows.table()
+    rig = job.recording.rig
+    first, state = rows.kept_state(rig)
     measured = int((done["status"] == "measured").sum())
     seen = Seen([], [])
     watched = Watched(job.recording.rig, job.handle, job.parameters)
     steps = posetracker.track_instants(
-        instants(job.recording, len(done)),
-        job.recording.rig,
+        instants(job.recording, first),
+        rig,
         job.handle,
         job.parameters,
         job.known,
-        _state_after(done),
+        state,
+        lambda frame, after: rows.keep_state(frame, after, rig),
     )
     with (
         logging_redirect_tqdm(),
@@ -292,6 +340,8 @@ def track_on(job: Job, rows: Rows, film: Film | None, progress: bool) -> None:
         ) as bar,
     ):
         for now, tracked in steps:
+            if now.frame < len(done):
+                continue  # its row is there
             rows.add(now.frame, now.t_s, tracked.measurement.pose)
             seen.add(now.t_s, tracked, len(job.handle.marker_centres))
             watched.add(now.frame, now.t_s, tracked)
@@ -381,18 +431,6 @@ class Watched:
             f"shows) at {times[drifted.instant]:.2f} s (frame {frames[drifted.instant]}); from there on "
             "the rig file does not hold"
         ]
-
-
-def _state_after(done: pd.DataFrame) -> TrackState | None:
-    """The tracker's state after the rows of an interrupted track: from its last pose, at unknown
-    speed.
-    """
-    with_pose = done[done["status"].isin(["measured", "ambiguous"])]
-    if not len(with_pose):
-        return None
-    last = with_pose.iloc[-1]
-    state = posetracker.start(float(last["t_s"]), transforms(with_pose.iloc[-1:])[0])
-    return state._replace(sure=last["status"] == "measured")
 
 
 def known_poses(path: str | Path | None, recording: Recording) -> dict[int, RigidTransform]:

@@ -14,6 +14,7 @@ from scipy.spatial.transform import RigidTransform
 
 from ..checks import Array, as_array, as_number, as_whole, frozen
 from ..datasets import data_path
+from ..files import limits
 from ..rigid import placed
 
 if TYPE_CHECKING:
@@ -156,6 +157,7 @@ def _read(path: Path) -> Any:
         ) from None
     if not path.is_file():
         raise ValueError(f"{path}: no such file")
+    limits.check_bytes(path, path.stat().st_size, limits.TREE_BYTES)
     try:
         return mujoco.MjModel.from_xml_path(str(path))
     except ValueError as error:

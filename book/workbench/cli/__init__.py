@@ -12,6 +12,7 @@ import os
 import shlex
 import sys
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
 from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -29,6 +30,7 @@ if TYPE_CHECKING:
 __all__ = ["QUESTION_WIDTH", "as_text", "digits", "essential", "main", "not_run", "say"]
 
 
+LONGEST_LINE = 1000  # letters of what is wrong
 QUESTION_WIDTH = 41  # columns of a question in the board as text
 # The extra of this distribution that brings what a command imports.
 EXTRAS = {
@@ -75,7 +77,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         return 2
     except (ValueError, OSError, MemoryError) as error:
         what = f"not enough memory ({error})" if isinstance(error, MemoryError) else str(error)
-        print(f"trinolab {arguments.command}: {' '.join(what.splitlines())}", file=sys.stderr)
+        print(f"trinolab {arguments.command}: {_one_line(what)}", file=sys.stderr)
         return 2
     except KeyboardInterrupt as stop:
         print(
@@ -83,6 +85,12 @@ def main(argv: Sequence[str] | None = None) -> int:
             file=sys.stderr,
         )
         return 130
+
+
+def _one_line(text: str) -> str:
+    """What is wrong as one line; of a value that a file makes as long as itself only the beginning."""
+    line = " ".join(text.splitlines())
+    return line if len(line) <= LONGEST_LINE else f"{line[:LONGEST_LINE]} ..."
 
 
 def _find_shipped(a: argparse.Namespace) -> None:
@@ -396,12 +404,14 @@ def _live(a: argparse.Namespace) -> int:
     cameras = _named(a.camera or [], "--camera", "NAME=INDEX, as ccd1=0, or NAME=VIDEO")
     source = chosen(cameras, a.folder or a.older, a.rig, a.handle, a.fps)
 
-    def on_open(address: str) -> None:
-        say(f"{address}\nis the page; Ctrl-C ends it")
-        if not a.no_browser:
-            show(address)
+    with ExitStack() as shown:
 
-    summary = live(source, a.out, a.robot, a.method, a.host, a.port, log=a.log, on_open=on_open)
+        def on_open(address: str) -> None:
+            say(f"{address}\nis the page; Ctrl-C ends it")
+            if not a.no_browser:
+                shown.enter_context(show(address))
+
+        summary = live(source, a.out, a.robot, a.method, a.host, a.port, log=a.log, on_open=on_open)
     say(summary or "ended; nothing was recorded")
     return 0
 

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import asyncio
+import html
 import os
 import secrets
 import sys
+import tempfile
 import webbrowser
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 
 import cv2
@@ -35,6 +38,11 @@ TICK_S = 0.008  # from one command to the arm to the next: 125 a second, as a UR
 LONGEST_S = 0.25  # that the arm catches up, or a busy computer would fall behind ever more
 SIMULATED_STALE_S = 1.0  # a busy computer draws few images a second, and no hand is in danger
 LOG = "pointing.csv"
+REDIRECT = """<!DOCTYPE html>
+<html lang="en"><head><meta charset="utf-8"><title>trinolab live</title>
+<meta http-equiv="refresh" content="0; url={0}"></head>
+<body><p><a href="{0}">The page of trinolab live</a></p></body></html>
+"""
 SWITCH_S = 0.0005  # threads change places so often: the arm's steps give theirs away each time
 
 
@@ -158,7 +166,25 @@ def _of_cameras(cameras: dict[str, str], rig: Rig, handle: Handle, fps: float | 
     return sources.of_cameras(cameras, rig, handle, fps)
 
 
-def show(address: str) -> None:
-    """Open the page in the person's browser, where there is one."""
-    if sys.platform != "linux" or os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"):
-        webbrowser.open(address)
+@contextmanager
+def show(address: str) -> Iterator[None]:
+    """Open the page in the person's browser, where there is one.
+
+    The browser is told of a file that leads there, and that nobody else may read: what stands in the
+    command line of a process can be read by all users of the computer. The file is removed at the end
+    of the block.
+    """
+    if sys.platform == "linux" and not (
+        os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
+    ):
+        yield
+        return
+    # made for its owner alone, mode 0600
+    handle, name = tempfile.mkstemp(prefix="trinolab-", suffix="-open.html")
+    try:
+        with open(handle, "w", encoding="utf-8") as file:
+            file.write(REDIRECT.format(html.escape(address)))
+        webbrowser.open(Path(name).as_uri())
+        yield
+    finally:
+        Path(name).unlink(missing_ok=True)

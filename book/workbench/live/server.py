@@ -10,10 +10,11 @@ from __future__ import annotations
 import asyncio
 import hmac
 import json
+import logging
 import signal
 import time
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -36,6 +37,16 @@ FILES = {
     "replay.js": ("replay.js", "text/javascript"),
     "live.css": ("live.css", "text/css"),
 }
+# what words that make no sense raise, among them whole numbers of hundreds of digits
+NONSENSE = (
+    ValueError,
+    TypeError,
+    LookupError,
+    AttributeError,
+    ArithmeticError,
+    RecursionError,
+)
+LOGS = ("tornado.access", "tornado.application", "tornado.general", "asyncio")
 LOOPBACK = ("127.0.0.1", "localhost", "::1")
 UNDER_WAY = 2  # frames that the page has not drawn yet: with one it would wait for each
 LONGEST = 4096  # bytes of what a page may say
@@ -185,6 +196,15 @@ class _Guarded(RequestHandler):
         self.finish(f"{status_code}: {self._reason}\n")
 
 
+class _Nothing(_Guarded):
+    """What is asked for by an address that is none of this server's: an absolute one, ``*``, the
+    place to connect to.
+    """
+
+    def prepare(self) -> None:
+        raise HTTPError(404)
+
+
 class _File(_Guarded):
     """The page's own files."""
 
@@ -219,14 +239,14 @@ class Socket(_Guarded, WebSocketHandler):
 
     def on_message(self, text: str | bytes) -> None:
         try:
-            words = json.loads(text)
+            words = json.loads(text, parse_constant=_no_number)
             if not isinstance(words, dict):
                 raise ValueError("expected an object")
             if "take" in words:
                 self.desk.take_over(self)
             elif self.desk.tab is self:
                 obey(words, self.desk)
-        except (ValueError, TypeError, LookupError, RecursionError) as error:
+        except NONSENSE as error:
             self.say({"refused": f"not understood: {error}"[:200]})
 
     def say(self, words: dict[str, Any]) -> None:
@@ -235,10 +255,12 @@ class Socket(_Guarded, WebSocketHandler):
             self.write_message(json.dumps(words))
 
 
+def _no_number(word: str) -> None:
+    raise ValueError(f"expected a number, got {word}")
+
+
 def obey(words: dict[str, Any], desk: Desk) -> None:
-    """Do what the page in charge says. Raises ValueError, TypeError or LookupError for what makes no
-    sense.
-    """
+    """Do what the page in charge says. Raises one of `NONSENSE` for what makes no sense."""
     loop = desk.loop
     known: dict[str, Callable[[Any], None]] = {
         "drawn": desk.drawn,
@@ -309,6 +331,8 @@ async def serve(
     shared = {"desk": desk, "token": token, "hosts": LOOPBACK if host in LOOPBACK else ()}
     application = Application(
         [(r"/[^/]*/socket", Socket, shared), (r"/[^/]*/?(.*)", _File, shared)],
+        default_handler_class=_Nothing,
+        default_handler_args=shared,
         websocket_max_message_size=LONGEST,
         log_function=lambda _: None,  # it would write the token into the terminal
     )
@@ -331,7 +355,8 @@ async def serve(
     name = f"[{host}]" if ":" in host else host
     on_open(f"http://{name}:{sockets[0].getsockname()[1]}/{token}/")
     try:
-        await stop.wait()
+        with _unsaid(token):
+            await stop.wait()
     finally:
         loop.on_new = lambda: None
         loop.clutch(False)
@@ -341,6 +366,31 @@ async def serve(
             await asyncio.sleep(0)
         server.stop()
         await server.close_all_connections()
+
+
+@contextmanager
+def _unsaid(token: str) -> Iterator[None]:
+    """Keep the token out of the logs of tornado and asyncio, which name the address of a request that
+    fails, while the block runs.
+    """
+
+    def without_token(record: logging.LogRecord) -> bool:
+        record.msg = record.getMessage().replace(token, "TOKEN")
+        record.args = ()
+        if record.exc_info:
+            text = logging.Formatter().formatException(record.exc_info)
+            record.exc_text = text.replace(token, "TOKEN")
+            record.exc_info = None
+        return True
+
+    loggers = [logging.getLogger(name) for name in LOGS]
+    for logger in loggers:
+        logger.addFilter(without_token)
+    try:
+        yield
+    finally:
+        for logger in loggers:
+            logger.removeFilter(without_token)
 
 
 def _on_interruption(running: asyncio.AbstractEventLoop, stop: asyncio.Event) -> None:

@@ -1,8 +1,10 @@
-"""What each command says to ``--help``, for the page of the commands.
+"""What each command says to ``--help``, and how much of a file all of them take, for the page of the
+commands.
 
     .venv/bin/python -m workbench.pages.commandhelp
 
-writes ``_build/generated/commands/NAME.md`` for each command; ``book/commands.md`` includes them.
+writes ``_build/generated/commands/NAME.md`` for each command, and ``limits.md``; ``book/commands.md``
+includes them.
 """
 
 from __future__ import annotations
@@ -13,9 +15,12 @@ from contextlib import redirect_stdout, suppress
 from pathlib import Path
 from unittest.mock import patch
 
+from trinolab.files import limits
+
+from ..bagreader import FILE_RATIO, METADATA_BYTES
 from ..cli import main
 
-__all__ = ["COLUMNS", "help_text", "names", "write_help"]
+__all__ = ["COLUMNS", "help_text", "limits_table", "names", "write_help"]
 
 GENERATED = Path(__file__).resolve().parents[3] / "_build" / "generated" / "commands"
 COLUMNS = "84"  # the help is as wide as a box of code on the page
@@ -36,12 +41,47 @@ def names() -> list[str]:
     return [line.split()[0] for line in lines if line[:4].isspace() and not line[4].isspace()]
 
 
+def limits_table() -> str:
+    """The budget of what is read, as a table of Markdown."""
+    rows = (
+        ("a file", "is a regular file, and no pipe or device"),
+        ("a rig", f"{limits.CAMERAS} cameras, each with an image as below"),
+        ("a handle", f"{limits.MARKERS} markers"),
+        ("TOML", f"{_mib(limits.TOML_BYTES)}, {limits.DOTS} dots in a name"),
+        ("the covariance of a rig", _mib(limits.COVARIANCE_BYTES)),
+        (
+            "an image, a frame of a video",
+            f"{limits.PIXELS / 1e6:.0f} million pixels, by its header",
+        ),
+        ("an image file", _mib(limits.IMAGE_BYTES)),
+        (
+            "a table (CSV), rows that are kept",
+            f"{_mib(limits.TABLE_BYTES)}, {limits.COLUMNS:,} columns, {limits.LINES:,} lines, "
+            f"{limits.CELLS:,} cells",
+        ),
+        ("JSON, a notebook, an arm", _mib(limits.TREE_BYTES)),
+        ("a bag's `metadata.yaml`", _mib(METADATA_BYTES)),
+        ("a bag's messages of one time, decompressed", _mib(limits.BAG_BYTES)),
+        (
+            "a bag's file that is compressed as a whole",
+            f"{FILE_RATIO} times its length, or {_mib(limits.BAG_BYTES)}",
+        ),
+    )
+    lines = ["| what is read | has at most |", "|---|---|", *(f"| {a} | {b} |" for a, b in rows)]
+    return "\n".join(lines) + "\n"
+
+
+def _mib(count: int) -> str:
+    return f"{count / limits.MIB:g} MiB"
+
+
 def write_help(folder: Path = GENERATED) -> None:
-    """Write the help of each command into a folder that is made if need be."""
+    """Write the help of each command, and the limits, into a folder that is made if need be."""
     folder.mkdir(parents=True, exist_ok=True)
     for name in names():
         page = f"```text\n{help_text(name)}```\n"
         (folder / f"{name}.md").write_text(page, encoding="utf-8")
+    (folder / "limits.md").write_text(limits_table(), encoding="utf-8")
 
 
 if __name__ == "__main__":

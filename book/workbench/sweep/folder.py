@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 
 import pandas as pd
 
-from trinolab.files.inputs import read_csv
+from trinolab.files.inputs import read_csv, read_json
 from trinolab.files.kept import KeptLines, locked
 from trinolab.files.outputs import write_together, write_whole
 
@@ -184,6 +184,8 @@ def read_sweep(folder: str | Path) -> pd.DataFrame:
             f"{folder}: the sweep is not finished; the command that began it goes on with it"
         )
     table = read_csv(path)
+    if "error" not in table:
+        raise ValueError(f"{path}: column 'error' is missing")
     # without a failure it is read as numbers
     table["error"] = table["error"].astype(object).fillna("").astype(str)
     table.attrs["parameters"] = names
@@ -205,8 +207,8 @@ def _check_place(path: Path) -> None:
 def _manifest(folder: Path) -> dict[str, Any]:
     path = folder / MANIFEST
     try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError, RecursionError):
+        content = read_json(path)
+    except ValueError:
         raise ValueError(f"{path}: expected the manifest of a sweep") from None
     if not isinstance(content, dict):
         raise ValueError(f"{path}: expected the manifest of a sweep")

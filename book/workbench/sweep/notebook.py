@@ -20,6 +20,8 @@ from typing import Any
 
 import numpy as np
 
+from trinolab.files import limits
+
 __all__ = [
     "LETTERS",
     "ONE_THREAD",
@@ -186,11 +188,19 @@ def glued(notebook: Any) -> dict[str, Any]:
 
 
 def read_notebook(path: str | os.PathLike[str]) -> Any:
-    """Return a notebook; ValueError, which names the file, if it is none."""
+    """Return a notebook; ValueError, which names the file, if it is none, or larger than `limits`
+    says.
+    """
     import nbformat
 
     try:
-        return nbformat.read(Path(path), as_version=4)
+        content = limits.read_bytes(Path(path), limits.TREE_BYTES)
+    except OSError as error:
+        raise ValueError(
+            f"{path}: expected a notebook, got {type(error).__name__}: {error}"
+        ) from None
+    try:
+        return nbformat.reads(content.decode(), as_version=4)
     except Exception as error:  # a broken file makes nbformat fail in many ways
         raise ValueError(
             f"{path}: expected a notebook, got {type(error).__name__}: {error}"

@@ -87,21 +87,63 @@ def test_without_a_start_the_paper_s_handle_is_ambiguous(folder, tmp_path):
     assert set(track_folder(folder, tmp_path / "p.csv")["status"]) == {"ambiguous"}
 
 
-@pytest.mark.slow
-def test_an_interrupted_track_goes_on(folder, tmp_path, monkeypatch):
-    options = {"start": folder / "truth.csv", "method": "paper"}
+def interrupted(folder, out, count, monkeypatch, **options):
+    """Stop a track after some instants, whose rows are then there."""
     with monkeypatch.context() as patch:
-        stopped_after(patch, 4)
-        with pytest.raises(KeyboardInterrupt, match=r"4 rows are kept in .*p\.csv\.partial"):
-            track_folder(folder, tmp_path / "p.csv", **options)
-    assert [path.name for path in tmp_path.iterdir()] == ["p.csv.partial"]
-    with (tmp_path / "p.csv.partial").open("a") as file:
-        file.write("4,0.16,1.0")  # cut off in the middle
-    stopped_after(monkeypatch, 2)  # two are left
-    table = track_folder(folder, tmp_path / "p.csv", **options)
-    assert table["frame"].tolist() == list(range(COUNT))
+        stopped_after(patch, count)
+        with pytest.raises(
+            KeyboardInterrupt, match=rf"{count} rows are kept in .*{out.name}\.partial"
+        ):
+            track_folder(folder, out, **options)
+
+
+@pytest.mark.parametrize("method", ["paper", pytest.param("best", marks=pytest.mark.slow)], ids=str)
+def test_an_interrupted_track_goes_on_as_if_nothing_had_stopped_it(
+    folder, tmp_path, monkeypatch, method
+):
+    """It tracks again what came after the state that was kept last, of every second frame here."""
+    monkeypatch.setattr(track, "STATE_EVERY", 2)
+    options = {"start": folder / "truth.csv", "method": method}
+    table = track_folder(folder, tmp_path / "whole.csv", **options)
     assert table["status"].tolist() == ["measured"] * COUNT
-    assert not (tmp_path / "p.csv.partial").exists()
+    interrupted(folder, tmp_path / "p.csv", 5, monkeypatch, **options)
+    with (tmp_path / "p.csv.partial").open("a") as file:
+        file.write("5,0.2,1.0")  # cut off in the middle
+    with monkeypatch.context() as patch:
+        stopped_after(patch, 2)  # frame 4 again, and the one that is left
+        track_folder(folder, tmp_path / "p.csv", **options)
+    for suffix in ("csv", "tum"):
+        files = [tmp_path / f"{name}.{suffix}" for name in ("p", "whole")]
+        assert files[0].read_bytes() == files[1].read_bytes()
+    assert not list(tmp_path.glob("*.partial*"))
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        lambda text: "",
+        lambda text: text[:-200],
+        lambda text: text.replace(" 3\n", " 300\n", 1),
+        lambda text: "x" + text,
+        lambda text: text.replace("[", "{"),
+        lambda text: text.partition("\n")[0] + "\n{}\n",
+    ],
+    ids=["empty", "cut off", "of no row", "of another track", "no JSON", "says nothing"],
+)
+def test_without_the_state_that_was_kept_it_tracks_all_frames_again(
+    folder, tmp_path, monkeypatch, damage
+):
+    monkeypatch.setattr(track, "STATE_EVERY", 2)
+    options = {"start": folder / "truth.csv", "method": "paper"}
+    track_folder(folder, tmp_path / "whole.csv", **options)
+    interrupted(folder, tmp_path / "p.csv", 4, monkeypatch, **options)
+    kept = (tmp_path / "p.csv.partial").read_text()
+    state = tmp_path / "p.csv.partial.state"
+    state.write_text(damage(state.read_text()))
+    interrupted(folder, tmp_path / "p.csv", 4, monkeypatch, **options)  # no row is lost
+    assert (tmp_path / "p.csv.partial").read_text() == kept
+    track_folder(folder, tmp_path / "p.csv", **options)
+    assert (tmp_path / "p.csv").read_bytes() == (tmp_path / "whole.csv").read_bytes()
 
 
 @pytest.mark.slow

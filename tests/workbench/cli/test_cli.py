@@ -9,6 +9,7 @@ import shlex
 import shutil
 import subprocess
 import sys
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -483,17 +484,24 @@ def test_live_says_where_its_page_is_before_it_begins(
 
     pages = []
 
+    @contextmanager
+    def show(address):
+        pages.append(address)
+        yield
+        pages.append("closed")
+
     def live(source, out, *_, on_open, **__):
         on_open("http://localhost:1")
+        assert "closed" not in pages
         return said
 
     monkeypatch.setattr(command, "chosen", lambda cameras, *_: cameras)
     monkeypatch.setattr(command, "live", live)
-    monkeypatch.setattr(command, "show", pages.append)
+    monkeypatch.setattr(command, "show", show)
     assert run(f"live --simulation{option}") == 0
     lines = capfd.readouterr().out.splitlines()
     assert lines == ["http://localhost:1", "is the page; Ctrl-C ends it", last]
-    assert pages == (["http://localhost:1"] if shown else [])
+    assert pages == (["http://localhost:1", "closed"] if shown else [])
 
 
 @pytest.mark.parametrize(

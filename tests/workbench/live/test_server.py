@@ -19,6 +19,7 @@ pytest.importorskip("tornado", reason="the extra 'live' is missing")
 
 import websocket
 from livepage import HANDLE, RIG, TOKEN, Bench, Live, Tab
+from processes import wait_until
 
 from workbench.live import command, server
 from workbench.live.loop import Loop
@@ -162,6 +163,11 @@ NONSENSE = [
     '{"set": ["scale", NaN]}',
     json.dumps({"tracker": "other"}),
     json.dumps({"hand": {"mm": [1, 2, 3]}}),
+    json.dumps({"hand": "home"}),
+    json.dumps({"hand": {"camera": 10**400, "mm": [1, 2, 3]}}),
+    json.dumps({"set": ["scale", 10**400]}),
+    '{"hand": {"camera": Infinity}}',
+    '{"hand": {"mm": [1e400, 0, 0]}}',
     "[" * 4000,
 ]
 
@@ -241,6 +247,60 @@ def test_the_hand_goes_by_itself_or_home_and_is_drawn_as_it_is_told():
     home = told(hand, home=True)
     assert not hand.by_itself
     np.testing.assert_allclose(home.as_matrix(), HOME.as_matrix(), atol=1e-3)
+
+
+@pytest.mark.parametrize(
+    "how",
+    [
+        {"camera": float("inf")},
+        {"camera": 10**400},
+        {"mm": [10**400, 0, 0]},
+        {"camera": None},
+        "left",
+    ],
+)
+def test_numbers_without_end_are_nonsense(how):
+    loop = SimpleNamespace(source=SimpleNamespace(hand=AtHome(), rig=RIG))
+    with pytest.raises(server.NONSENSE):
+        move_hand(loop, how)
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "GET http://elsewhere.example/ HTTP/1.1",
+        "GET http://elsewhere.example HTTP/1.1",
+        "OPTIONS * HTTP/1.1",
+        "CONNECT elsewhere.example:443 HTTP/1.1",
+        "GET nothing HTTP/1.1",
+    ],
+)
+def test_what_is_asked_of_another_server_is_answered_with_the_policy(live, line):
+    host, port = live.address.split("/")[2].split(":")
+    with closing(socket.create_connection((host, int(port)), timeout=60)) as connection:
+        connection.sendall(f"{line}\r\nHost: {host}\r\nConnection: close\r\n\r\n".encode())
+        answer = b"".join(iter(lambda: connection.recv(4096), b"")).decode()
+    head = answer.partition("\r\n\r\n")[0]
+    assert head.splitlines()[0].split()[1] in ("403", "404", "405")
+    for name, value in server.HEADERS.items():
+        assert f"{name}: {value}" in head
+    assert "Server:" not in head
+
+
+def test_an_error_that_nobody_expects_is_logged_without_the_token(live, monkeypatch, caplog):
+    def fails(words, desk):
+        raise AssertionError(f"{TOKEN} and all that")
+
+    monkeypatch.setattr(server, "obey", fails)
+    tab = Tab(live.address)
+    tab.until(lambda said: "number" in said)
+    tab.send("{}")
+    with pytest.raises((websocket.WebSocketException, OSError, ValueError)):
+        tab.until(lambda said: False)
+    tab.close()
+    wait_until(lambda: "AssertionError: TOKEN and all that" in caplog.text)
+    assert "Uncaught exception GET /TOKEN/socket" in caplog.text
+    assert TOKEN not in caplog.text
 
 
 @pytest.mark.parametrize(

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 
+from trinolab.files import limits
 from workbench.cli import main
 from workbench.pages import commandhelp
 
@@ -33,3 +34,14 @@ def test_no_line_is_wider_than_the_page_s_code():
         line for name in commandhelp.names() for line in commandhelp.help_text(name).split("\n")
     ]
     assert max(map(len, lines)) <= 88
+
+
+def test_the_page_has_each_limit_of_what_is_read(tmp_path):
+    """A limit that somebody adds, or changes, stands on the page."""
+    commandhelp.write_help(tmp_path)
+    table = (tmp_path / "limits.md").read_text()
+    assert "_build/generated/commands/limits.md" in PAGE
+    for name in (name for name in limits.__all__ if name.isupper() and name != "MIB"):
+        value = getattr(limits, name)
+        forms = (f"{value:,}", f"{value / limits.MIB:g} MiB", f"{value / 1e6:.0f} million")
+        assert any(form in table for form in forms), name

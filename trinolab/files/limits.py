@@ -1,0 +1,158 @@
+"""How much of a file is taken: one budget for all readers.
+
+Files come from others, and a short one may ask for any amount of memory or time: by a header that
+states a huge image, by names within names, by what it is compressed to. Each reader asks here before it
+takes what a file holds. The numbers are far beyond what a bench of cameras needs, and a file that
+keeps to them takes at most 1.1 GB to read: a table of ten million words that all differ.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import stat
+from pathlib import Path
+from typing import BinaryIO, Final
+
+__all__ = [
+    "BAG_BYTES",
+    "CAMERAS",
+    "CELLS",
+    "COLUMNS",
+    "COVARIANCE_BYTES",
+    "DOTS",
+    "IMAGE_BYTES",
+    "LINES",
+    "MARKERS",
+    "MIB",
+    "PIXELS",
+    "TABLE_BYTES",
+    "TOML_BYTES",
+    "TREE_BYTES",
+    "check_bytes",
+    "check_count",
+    "check_names",
+    "check_pixels",
+    "check_regular",
+    "check_table",
+    "open_regular",
+    "read_bytes",
+]
+
+MIB: Final = 1 << 20
+CAMERAS = 32  # of a rig
+MARKERS = 200  # of a handle
+PIXELS = 50_000_000  # of an image or a video's frame
+TOML_BYTES = 1 * MIB  # a second to read
+COVARIANCE_BYTES = 6 * MIB  # of 32 cameras it has 5
+DOTS = 32  # of a name in a TOML file
+TREE_BYTES = 16 * MIB  # JSON, notebooks, and the description of a bag or a robot
+TABLE_BYTES = 128 * MIB  # CSV, and rows that are kept
+LINES = 1_000_000  # of a CSV file
+COLUMNS = 1000
+CELLS = 10_000_000  # 500,000 poses: four and a half hours of 30 a second
+IMAGE_BYTES = 256 * MIB  # of an image file as it lies there
+BAG_BYTES = 64 * MIB  # of a bag's messages that are held, decompressed, at a time
+
+# a part of a name, and the dot behind it, more often than `DOTS` says; no step is ever taken back
+_NESTED = re.compile(
+    rb"(?<![A-Za-z0-9_-])(?:(?:[A-Za-z0-9_-]++|\"[^\"\n]*+\"|'[^'\n]*+')[ \t]*+\.[ \t]*+){%d}"
+    % (DOTS + 1)
+)
+
+
+def check_regular(path: str | Path) -> None:
+    """Refuse, with a ValueError that names it, what is there and no regular file: a pipe, a device, a
+    folder. One that is not there is for whoever opens it to say.
+    """
+    try:
+        mode = os.stat(path).st_mode
+    except (OSError, ValueError):
+        return
+    if not stat.S_ISREG(mode):
+        raise ValueError(f"{path}: cannot be read ({_kind(mode)}, expected a regular file)")
+
+
+def open_regular(path: str | Path) -> BinaryIO:
+    """Open a regular file to read its bytes.
+
+    Raises
+    ------
+    OSError
+        If it cannot be opened.
+    ValueError
+        Names what is no regular file; nobody waits at a pipe.
+    """
+    check_regular(path)
+    # what has become a pipe meanwhile is opened without waiting, and refused all the same
+    handle = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0))
+    if not stat.S_ISREG(mode := os.fstat(handle).st_mode):
+        os.close(handle)
+        raise ValueError(f"{path}: cannot be read ({_kind(mode)}, expected a regular file)")
+    return os.fdopen(handle, "rb")
+
+
+def read_bytes(path: str | Path, most: int) -> bytes:
+    """Read a regular file of at most so many bytes. Raises as `open_regular`, and ValueError for a
+    longer one.
+    """
+    with open_regular(path) as file:
+        check_bytes(path, os.fstat(file.fileno()).st_size, most)
+        content = file.read(most + 1)  # it may grow
+    check_bytes(path, len(content), most)
+    return content
+
+
+def check_bytes(path: str | Path, count: int, most: int) -> None:
+    """Refuse a file of more bytes than are taken."""
+    if count > most:
+        raise ValueError(f"{path}: {count / MIB:,.1f} MiB, expected at most {most / MIB:,.0f}")
+
+
+def check_count(count: int, most: int, what: str) -> None:
+    """Refuse more of something than is taken."""
+    if count > most:
+        raise ValueError(f"expected at most {most:,} {what}, got {count:,}")
+
+
+def check_pixels(path: str | Path, width: int, height: int) -> None:
+    """Refuse an image that is larger than is taken, before it is decoded."""
+    if width * height > PIXELS:
+        raise ValueError(
+            f"{path}: {width} x {height} pixels, expected at most {PIXELS / 1e6:.0f} million"
+        )
+
+
+def check_names(path: str | Path, text: bytes) -> None:
+    """Refuse TOML with a name of more parts than are taken: each part is a table within the one
+    before, for which the parser's time and memory grow with the square of their number.
+    """
+    if _NESTED.search(text):
+        raise ValueError(f"{path}: a name of more than {DOTS} dots")
+
+
+def check_table(path: str | Path, text: bytes) -> None:
+    """Refuse a CSV table of more lines, columns or cells than are taken; a comma between quotes counts
+    as well.
+    """
+    lines = text.count(b"\n") + text.count(b"\r")
+    commas = text.count(b",")
+    # they are not so many by now that a list of the lines would be long
+    _check(path, lines, LINES, "lines")
+    _check(path, lines + commas, CELLS, "cells")
+    if commas >= COLUMNS:
+        widest = max(line.count(b",") for line in text.splitlines())
+        _check(path, widest + 1, COLUMNS, "columns")
+
+
+def _check(path: str | Path, count: int, most: int, what: str) -> None:
+    try:
+        check_count(count, most, what)
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from None
+
+
+def _kind(mode: int) -> str:
+    if stat.S_ISDIR(mode):
+        return "Is a directory"
+    return "a pipe" if stat.S_ISFIFO(mode) else "a device or a socket"
