@@ -149,7 +149,7 @@ def _calibrate_rig(
     check_scale(seen, target)
     if lenses is not None and distortion_terms is not None:
         raise ValueError("distortions: are held with the lenses; expected one of both alone")
-    known = None if lenses is None else read_lenses(lenses, seen.cameras)
+    known = None if lenses is None else _known(lenses, seen)
     terms = distortion_terms if known is None else TERMS[-1]
     with _reporting(len(seen.cameras), terms, progress) as report:
         calibrated, reasons, choice = _calibrated(seen, target, terms, known, report)
@@ -225,6 +225,18 @@ def _check_seen(
                 f"{source_of(name)}: camera {name}: the target is in the same place in all {has.sum()} views: "
                 "expected it moved and turned (do the images differ?)"
             )
+
+
+def _known(lenses: str | Path, seen: TargetViews) -> list[Camera]:
+    """The lenses of the cameras, which hold for images of one size."""
+    known = read_lenses(lenses, seen.cameras)
+    for camera, size in zip(known, seen.sizes, strict=True):
+        if camera.size != size:
+            raise ValueError(
+                f"{lenses}: camera {camera.name} has {camera.size[0]} x {camera.size[1]} pixels, its images "
+                f"have {size[0]} x {size[1]}"
+            )
+    return known
 
 
 def _moved_px(uv: np.ndarray) -> float:

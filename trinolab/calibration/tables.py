@@ -30,16 +30,21 @@ PIXELS, PLACES = ("img_loc_x", "img_loc_y"), ("obj_loc_x", "obj_loc_y")
 UNITS_MM = {"m": 1000.0, "cm": 10.0, "mm": 1.0}  # in which a table may have its places
 SAME = 0.01  # share by which a length of a table may differ from the stated one
 MOST_BYTES = 500_000_000
+MOST_CAMERAS = 100
+LARGEST_NUMBER = 1e12
 # files beside a table that have the sizes of the images
 CALISCOPE_CAMERAS, ANIPOSE_CAMERAS = "camera_array.toml", "calibration.toml"
 
 
 class _Table(NamedTuple):
-    """Names of the cameras and of the views, and the points, (cameras, views, n, 2)."""
+    """Names of the cameras and of the views that are taken, the points, (cameras, views, n, 2), and how
+    many views are passed over.
+    """
 
     cameras: list[str]
     views: list[str]
     uv: Array
+    passed_over: int
 
 
 def read_corners(
@@ -70,54 +75,65 @@ def read_corners(
     most = as_whole(most, "views", low=3)
     path = Path(path)
     if path.suffix.lower() == ".csv":
-        table = _caliscope(path, target)
+        table = _caliscope(path, target, most)
         sizes = _sizes(path.with_name(CALISCOPE_CAMERAS), table.cameras, size, _of_caliscope)
     elif path.suffix.lower() in (".pickle", ".pkl"):
-        table = _anipose(path, target)
+        table = _anipose(path, target, most)
         sizes = _sizes(path.with_name(ANIPOSE_CAMERAS), table.cameras, size, _of_anipose)
         table = table._replace(cameras=list(sizes))
     else:
         raise ValueError(
             f"{path}: expected a table of caliscope (.csv) or of Anipose (.pickle) by its ending"
         )
-    if len(table.cameras) < 2:
-        raise ValueError(
-            f"{path}: expected points of two or more cameras, got {len(table.cameras)}"
-        )
-    step = -(-len(table.views) // most)
-    uv = table.uv[:, ::step]
-    nothing = frozen(np.zeros(uv.shape[:2], bool))
+    nothing = frozen(np.zeros(table.uv.shape[:2], bool))
     return TargetViews(
         tuple(table.cameras),
         tuple(sizes.values()),
-        tuple(table.views[::step]),
-        frozen(uv),
+        tuple(table.views),
+        frozen(table.uv),
         frozen(~nothing),
-        len(table.views) - uv.shape[1],
+        table.passed_over,
         tuple([] for _ in table.cameras),
         nothing,
         nothing,
     )
 
 
+def _check_cameras(count: int, path: Path) -> None:
+    if not 2 <= count <= MOST_CAMERAS:
+        raise ValueError(
+            f"{path}: expected points of two or more cameras, at most {MOST_CAMERAS}, got {count}"
+        )
+
+
 # --- caliscope
 
 
-def _caliscope(path: Path, target: Target) -> _Table:
+def _caliscope(path: Path, target: Target, most: int) -> _Table:
     table = read_csv(path)
     camera, view, point = (_column(table, names, path) for names in (CAMERA, VIEW, POINT))
     numbers = table[[camera, view, point, *(_column(table, (name,), path) for name in PIXELS)]]
     if not all(map(pd.api.types.is_numeric_dtype, numbers.dtypes)):
         raise ValueError(f"{path}: expected numbers in {', '.join(numbers.columns)}")
     numbers = numbers.dropna()
+    if numbers.empty:
+        raise ValueError(f"{path}: has no point")
+    if np.abs(numbers.to_numpy(float)).max() > LARGEST_NUMBER:
+        raise ValueError(f"{path}: expected numbers up to {LARGEST_NUMBER:g}")
     _check_points(numbers[point].to_numpy(), target, path)
     if set(PLACES) <= set(table):
         _check_places(table.dropna(subset=[point, *PLACES]), point, target, path)
-    cameras, c = np.unique(numbers[camera].to_numpy(int), return_inverse=True)
-    views, v = np.unique(numbers[view].to_numpy(int), return_inverse=True)
+    cameras = np.unique(numbers[camera].to_numpy(int))
+    _check_cameras(len(cameras), path)
+    every = np.unique(numbers[view].to_numpy(int))
+    views = every[:: -(-len(every) // most)]
+    taken = numbers[numbers[view].isin(views)]
+    c = np.searchsorted(cameras, taken[camera].to_numpy(int))
+    v = np.searchsorted(views, taken[view].to_numpy(int))
     uv = np.full((len(cameras), len(views), len(target.points), 2), np.nan)
-    uv[c, v, numbers[point].to_numpy(int)] = numbers[list(PIXELS)].to_numpy(float)
-    return _Table([f"cam_{k}" for k in cameras], [str(k) for k in views], uv)
+    uv[c, v, taken[point].to_numpy(int)] = taken[list(PIXELS)].to_numpy(float)
+    names = [f"cam_{k}" for k in cameras]
+    return _Table(names, [str(k) for k in views], uv, len(every) - len(views))
 
 
 def _column(table: pd.DataFrame, names: Sequence[str], path: Path) -> str:
@@ -190,7 +206,7 @@ class _Numbers(pickle._Unpickler):
         raise pickle.UnpicklingError(f"{module}.{name} is no number")
 
 
-def _anipose(path: Path, target: Target) -> _Table:
+def _anipose(path: Path, target: Target, most: int) -> _Table:
     try:
         with path.open("rb") as file:
             data = file.read(MOST_BYTES + 1)
@@ -207,6 +223,7 @@ def _anipose(path: Path, target: Target) -> _Table:
     except Exception as error:  # a damaged pickle may raise anything
         what = f"{type(error).__name__}: {error}".splitlines()[0]
         raise ValueError(f"{path}: is not what Anipose writes ({what})") from None
+    _check_cameras(len(found), path)
     n = len(target.points)
     for points in (points for of in found for points in of.values()):
         if len(points) != n:
@@ -214,12 +231,15 @@ def _anipose(path: Path, target: Target) -> _Table:
                 f"{path}: has {len(points)} points a view, the target ({target}) has {n}: likely other "
                 "columns or rows"
             )
-    views = sorted(set().union(*found))
+    every = sorted(set().union(*found))
+    views = every[:: -(-len(every) // most) or 1]
     uv = np.full((len(found), len(views), n, 2), np.nan)
     for c, of in enumerate(found):
-        for label, points in of.items():
-            uv[c, views.index(label)] = points
-    return _Table([f"cam_{k}" for k in range(len(found))], views, uv)
+        for v, label in enumerate(views):
+            if label in of:
+                uv[c, v] = of[label]
+    names = [f"cam_{k}" for k in range(len(found))]
+    return _Table(names, views, uv, len(every) - len(views))
 
 
 def _label(frame: Any) -> str:

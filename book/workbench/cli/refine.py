@@ -27,6 +27,7 @@ def as_lines(refined: Refined) -> list[str]:
         f"scale          {scale(refined)}",
     ]
     lines += _camera_lines(refined)
+    lines += ["", "places change as T_cam_world, world to camera, turned in the camera's own frame"]
     moved = bundle.handle.marker_centres - refined.start_handle.marker_centres
     away = np.linalg.norm(moved, axis=1)
     lines += [

@@ -177,7 +177,18 @@ def changed(**columns):
         (changed().drop(columns="img_loc_x"), TARGET, "column 'img_loc_x' is missing"),
         (changed().drop(columns="cam_id"), TARGET, "column 'cam_id' is missing"),
         (changed(img_loc_x="left"), TARGET, "expected numbers in cam_id, sync_index"),
-        (changed(cam_id=0), TARGET, "points of two or more cameras, got 1"),
+        (changed(cam_id=0), TARGET, "points of two or more cameras, at most 100, got 1"),
+        (
+            changed(cam_id=range(len(changed()))),
+            TARGET,
+            "points of two or more cameras, at most 100",
+        ),
+        (
+            changed()[:0].assign(cam_id=pd.Series(dtype=int)),
+            TARGET,
+            "expected numbers in|has no point",
+        ),
+        (changed(sync_index=1e300), TARGET, r"expected numbers up to 1e\+12"),
     ],
 )
 def test_a_table_of_another_target_or_form_is_named(table, target, says):
@@ -241,6 +252,11 @@ def test_lenses_that_are_known_are_held(capsys):
         replace(camera, name=f"cam_{k}", T_cam_world=RigidTransform.identity())
         for k, camera in enumerate(make_rig().cameras)
     ]
+    Path("lenses.toml").write_text(
+        rig_text(Rig(tuple(replace(camera, size=(640, 360)) for camera in named))), encoding="utf-8"
+    )
+    assert run(line.format("lenses.toml")) == 2
+    assert "camera cam_0 has 640 x 360 pixels, its images have 480 x 360" in capsys.readouterr().err
     # where the cameras of the file stand does not count, and may be one place
     Path("lenses.toml").write_text(rig_text(Rig(tuple(named))), encoding="utf-8")
     assert run(line.format("lenses.toml")) == 0

@@ -164,6 +164,7 @@ def test_what_the_command_prints(done):
     assert float(before) > 3 * float(after)
     assert said[2] == "scale          cameras ccd1 and ccd2 are 99.1945 mm apart"
     assert "ccd1, the world frame" in said
+    assert "places change as T_cam_world, world to camera, turned in the camera's own frame" in said
     assert any(line.startswith("  rotation_x / deg") and " +- " in line for line in said)
     assert any(line.startswith("markers of coded: moved by 0.") for line in said)
     assert said[-1] == f"written to {done.out}"
