@@ -13,9 +13,9 @@ const FIRST_VIEWS = {world: {turn: 0.6, tilt: 0.45, zoom: 1}, arm: {turn: 2.5, t
 const views = {world: {...FIRST_VIEWS.world}, arm: {...FIRST_VIEWS.arm}};
 const TRAIL_MS = 8000;
 const trail = [];  // the frames that were drawn in the last seconds, with their times
-const BUSY = 2;  // after the spaces were drawn for a while, they rest for so many times as long
+const SLOW_MS = 8, BUSY = 3;
 let opens = false;  // the clutch, since a replay has begun
-let restsUntil = 0, larger = 1;  // the ellipsoid, than it is
+let restsUntil = 0, slow = false, turn = 'arm', larger = 1;  // the ellipsoid, than it is
 
 function send(words) {
   if (socket && socket.readyState === WebSocket.OPEN) socket.send(JSON.stringify(words));
@@ -170,11 +170,7 @@ async function draw({now, jpegs, pictures}) {
   if (Replay.on()) pictures.forEach(one => one.close());
   else picture(pictures);
   write(now, first);
-  const begin = performance.now();
-  if (!Replay.on() && begin > restsUntil) {
-    paint();
-    restsUntil = performance.now() + BUSY * (performance.now() - begin);
-  }
+  if (!Replay.on()) paintInTurn();
   if (now.task) front(now.task);
   document.dispatchEvent(new CustomEvent('drawn', {detail: now}));
   send({drawn: now.number});
@@ -357,13 +353,24 @@ function sheet({pen, ratio, sight}) {
   return {line, trace, spot, words, finish};
 }
 
-// Both spaces, of the frame that is shown: the present one, or one of the replay.
-function paint() {
+// Where a computer shades in software, the spaces take turns, and then rest for some times as long as one took.
+function paintInTurn() {
+  const begin = performance.now();
+  if (begin < restsUntil) return;
+  if (slow) turn = turn === 'arm' ? 'world' : 'arm';
+  paint(slow ? turn : '');
+  const took = performance.now() - begin;
+  slow = took > SLOW_MS;
+  restsUntil = begin + (1 + BUSY) * took;
+}
+
+// Both spaces or one, of the frame that is shown: the present one, or one of the replay.
+function paint(only = '') {
   const now = Replay.on() ? Replay.frame() : last;
   if (!scene || !now) return;
   const frames = Replay.on() ? Replay.past(TRAIL_MS) : trail;
-  paintWorld(now, frames.map(one => one.now).filter(one => one.T));
-  paintArm(now, frames.map(one => one.now));
+  if (only !== 'arm') paintWorld(now, frames.map(one => one.now).filter(one => one.T));
+  if (only !== 'world') paintArm(now, frames.map(one => one.now));
 }
 
 const putBy = (T, p) => [0, 1, 2].map(r => T[4 * r] * p[0] + T[4 * r + 1] * p[1] + T[4 * r + 2] * p[2] + T[4 * r + 3]);
@@ -541,7 +548,7 @@ const frontWide = task => 2 * task.reach_mm + 80;  // mm
 
 for (const id of ['world', 'arm']) {
   const canvas = $(id), view = views[id];
-  const turn = (across, down) => { view.turn += across; view.tilt = Math.max(-1.5, Math.min(1.5, view.tilt + down)); paint(); };
+  const turn = (across, down) => { view.turn += across; view.tilt = Math.max(-1.5, Math.min(1.5, view.tilt + down)); paint(id); };
   canvas.onpointerdown = event => canvas.setPointerCapture(event.pointerId);
   canvas.onpointermove = event => { if (event.buttons) turn(event.movementX / 100, event.movementY / 100); };
   canvas.onkeydown = event => {
@@ -549,13 +556,13 @@ for (const id of ['world', 'arm']) {
     const nearer = {'+': 1.2, '=': 1.2, '-': 1 / 1.2}[event.key];
     if (way) turn(...way);
     else if (nearer) zoom(nearer);
-    else if (event.key === '0') { Object.assign(view, FIRST_VIEWS[id]); paint(); }
+    else if (event.key === '0') { Object.assign(view, FIRST_VIEWS[id]); paint(id); }
     else return;
     event.preventDefault();
   };
   const zoom = factor => {
     view.zoom = Math.max(0.3, Math.min(8, view.zoom * factor));
-    paint();
+    paint(id);
   };
   canvas.addEventListener('wheel', event => {
     zoom(Math.exp(-event.deltaY / 500));

@@ -21,18 +21,20 @@ const Solids = (() => {
     precision mediump float;
     in vec3 facing;
     in vec4 ink;
-    uniform vec3 light;
+    uniform vec3 light, between;  // to the light, and half way from there to the viewer
     uniform int kind;  // 0 plain, 1 solid, 2 glass
     out vec4 colour;
     void main() {
       if (kind == 0) { colour = vec4(ink.rgb * ink.a, ink.a); return; }
       vec3 n = normalize(facing);
       float lit = 0.36 + 0.46 * max(dot(n, light), 0.0) + 0.24 * max(n.z, 0.0);
-      float shine = pow(max(dot(n, normalize(light + vec3(0.0, 0.0, 1.0))), 0.0), 48.0);
-      float a = kind == 2 ? mix(0.22, 0.8, pow(1.0 - abs(n.z), 1.5)) : ink.a;
+      float shine = max(dot(n, between), 0.0);
+      shine *= shine; shine *= shine; shine *= shine; shine *= shine; shine *= shine;
+      float rim = 1.0 - abs(n.z);
+      float a = kind == 2 ? mix(0.22, 0.8, rim * sqrt(rim)) : ink.a;
       colour = vec4((ink.rgb * lit + 0.16 * shine) * a, a);
     }`;
-  const NAMES = ['body', 'view', 'turned', 'eye', 'light', 'kind'];
+  const NAMES = ['body', 'view', 'turned', 'eye', 'light', 'between', 'kind'];
   const PLACE = 0, NORMAL = 1, TINT = 2;
 
   const canvas = document.createElement('canvas');
@@ -109,7 +111,7 @@ const Solids = (() => {
     return corners;
   }
 
-  const TURNS = 28;
+  const TURNS = 20;
   const on = (k, n) => [Math.cos(2 * Math.PI * k / n), Math.sin(2 * Math.PI * k / n)];
 
   function round(closed) {
@@ -245,7 +247,10 @@ const Solids = (() => {
     gl.uniformMatrix4fv(uniforms.view, false, [0, 1, 2, 3].flatMap(c => rows.map(r => r[c])));
     gl.uniformMatrix3fv(uniforms.eye, false, [0, 1, 2].flatMap(c => [across[c], up[c], towards[c]]));
     const light = sight.upright(LIGHT), long = Math.hypot(...light);
-    gl.uniform3f(uniforms.light, ...[across, up, towards].map(way => way.reduce((sum, x, k) => sum + x * light[k], 0) / long));
+    const seen = [across, up, towards].map(way => way.reduce((sum, x, k) => sum + x * light[k], 0) / long);
+    const between = [seen[0], seen[1], seen[2] + 1], half = Math.hypot(...between) || 1;
+    gl.uniform3f(uniforms.light, ...seen);
+    gl.uniform3f(uniforms.between, ...between.map(x => x / half));
 
     gl.enable(gl.STENCIL_TEST);
     gl.stencilOp(gl.KEEP, gl.KEEP, gl.REPLACE);
