@@ -7,7 +7,7 @@ k2, p1, p2, k3).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 
@@ -434,7 +434,11 @@ class Rig:
     reprojection_px: float | None = None
 
     def __post_init__(self) -> None:
+        if isinstance(self.cameras, str) or not isinstance(self.cameras, Iterable):
+            raise ValueError(f"cameras: expected two or more, got {self.cameras!r:.60}")
         object.__setattr__(self, "cameras", tuple(self.cameras))
+        if wrong := [camera for camera in self.cameras if not isinstance(camera, Camera)]:
+            raise ValueError(f"cameras: expected values of Camera, got {wrong[0]!r:.60}")
         if len(self.cameras) < 2:
             raise ValueError(f"cameras: expected two or more, got {len(self.cameras)}")
         if len(set(self.names)) < len(self.cameras):

@@ -149,6 +149,8 @@ def markers_in(image: np.ndarray, region: Window | None, handle: Handle, p: Para
 def as_images(frames: Sequence[ArrayLike], rig: Rig) -> list[np.ndarray]:
     """The frames of one instant, checked: grey images of the rig's sizes."""
     as_rig(rig)
+    if not isinstance(frames, (Sequence, np.ndarray)) or isinstance(frames, str):
+        raise ValueError(f"frames: expected an image a camera, got {type(frames).__name__}")
     if len(frames) != len(rig.cameras):
         raise ValueError(
             f"frames: expected one for each of {len(rig.cameras)} cameras, got {len(frames)}"

@@ -1183,7 +1183,12 @@ FAULTS = {
     "missing option": (
         nothing,
         "measure --rig rig.toml",
-        "arguments are required: --handle, --images, --out",
+        "arguments are required: --out",
+    ),
+    "missing options": (
+        nothing,
+        "measure --rig rig.toml --out poses.csv",
+        "expected a recording folder, or else all of --rig, --handle and --images",
     ),
     "method": (nothing, MEASURE + " --method magic", "argument --method: invalid choice: 'magic'"),
     "folder and video": (

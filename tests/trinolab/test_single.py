@@ -107,6 +107,30 @@ def test_images_of_0_to_1_are_refused_and_dark_ones_are_not(frames):
     assert measure(dim, RIG, CODED).pose.cameras <= 1
 
 
+@pytest.mark.parametrize(
+    ("call", "said"),
+    [
+        (lambda: measure_instant(None, RIG, CODED), "frames: expected an image a camera, got None"),
+        (lambda: measure_instant("abc", RIG, CODED), "frames: expected an image a camera, got str"),
+        (lambda: trinolab.Rig("paper_pair"), "cameras: expected two or more, got 'paper_pair'"),
+        (lambda: trinolab.Rig(3), "cameras: expected two or more, got 3"),
+        (lambda: trinolab.Rig([1, 2]), "cameras: expected values of Camera, got 1"),
+        (lambda: trinolab.track(3, "p.csv"), "folder: expected a recording folder, got int"),
+        (
+            lambda: trinolab.render("paper_pairs", "coded", "calm", "out"),
+            "paper_pairs: no such file, and no shipped rig",
+        ),
+        (
+            lambda: trinolab.track(".", "p.csv", rig=RIG),
+            "rig: expected a file or the name of a ship",
+        ),
+    ],
+)
+def test_what_a_caller_does_wrong_is_a_value_error(call, said):
+    with pytest.raises(ValueError, match=said):
+        call()
+
+
 def test_a_number_that_is_missing_is_refused(frames):
     spoiled = [frame.astype(float) for frame in frames]
     spoiled[1][3, 4] = np.nan

@@ -199,6 +199,8 @@ def track_folder(
         Other files than the folder's, or names as for `track_files`; a rig may have some of the
         cameras.
     """
+    if not isinstance(folder, (str, Path)):
+        raise ValueError(f"folder: expected a recording folder, got {type(folder).__name__}")
     rig = None if rig is None else rig_file(rig)
     handle = None if handle is None else handle_file(handle)
     parts = parts_of_folder(folder, rig, handle, timestamps)

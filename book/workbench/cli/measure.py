@@ -126,7 +126,9 @@ def measure_recording(
     recording, the_handle = open_folder(folder, rig, handle)
     # of a video the header says how many frames it has, which need not be so
     expected = {} if prior is None else _expected(prior, range(max(recording.length, 1)))
-    check_targets([out], [file for file in (rig, handle, prior) if file])
+    own = [rig or Path(folder, "rig.toml"), handle or Path(folder, "handle.toml")]
+    own += [recording.times_from, *([prior] if prior else [])]
+    check_targets([out], own)
     times: list[float] = []
     frames: list[int] = []
 
