@@ -30,7 +30,6 @@ from .imagemodel import (
     State,
     advanced,
     first_state,
-    has_contrast,
     inverse,
     limited,
     linearise,
@@ -48,7 +47,7 @@ __all__ = ["CentrePixels", "Registered", "centre_pixels", "predict_centroids", "
 
 # of the sum; twice as many of both change a centroid by less than 0.001 px up to 70 deg
 RINGS, SPOKES = 8, 24
-NEAR_PX = 0.1  # a shift below which what the model leaves is not that it was elsewhere
+NEAR_PX = 0.1  # a shift below which what the model leaves is not that markers are elsewhere
 
 
 def predict_centroids(
@@ -180,6 +179,11 @@ class Registered(NamedTuple):
     covariance: Array
     at: Linear
 
+    @property
+    def usual_shift_px(self) -> float:
+        """The median length of the shifts, px."""
+        return float(np.median(np.linalg.norm(self.shift, axis=1)))
+
 
 class CentrePixels(NamedTuple):
     """Pixels of markers' centres, (cameras, markers, 2), NaN where unseen, their standard
@@ -224,11 +228,11 @@ def register(state: State, here: Patches, rig: Rig, handle: Handle) -> tuple[Sta
     renewed = State(
         state.T_world_handle, after.greys, limited(state.blur_px2, np.array(blur)), noise
     )
+    registered = Registered(uv + step[:, :2], step[:, :2], covariance[:, :2, :2], after)
     # what is left of a long step is no gloss
-    is_near = np.median(np.linalg.norm(step[:, :2], axis=1)) < NEAR_PX
-    if is_near and shows_gloss(after, has_contrast(after, handle)):
+    if registered.usual_shift_px < NEAR_PX and shows_gloss(after, handle):
         renewed = with_gloss(renewed)
-    return renewed, Registered(uv + step[:, :2], step[:, :2], covariance[:, :2, :2], after)
+    return renewed, registered
 
 
 def centre_pixels(

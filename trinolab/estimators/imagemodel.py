@@ -61,7 +61,7 @@ __all__ = [
 ENOUGH = 30  # pixels for a variance
 CLEAR_PX = 2.5  # pixels nearer than this to another marker or to the body's end have no weight
 BLUR_PX = 0.8  # where the search for a camera's blur begins
-# Of an unknown of gloss: on images of the simulated bench it is 2.1 at most (300 instants), on those
+# Of an unknown of gloss: on images of the simulated bench it is 2.1 at most (200 instants), on those
 # of varnish 2.5 to 72 (60 instants).
 LEAST_GAIN = 2.3
 
@@ -373,13 +373,15 @@ def with_gloss(state: State) -> State:
     return state._replace(greys=greys)
 
 
-def shows_gloss(at: Linear, counts: np.ndarray) -> bool:
-    """Whether windows (k,) that count show gloss, of which the greys have none as yet.
+def shows_gloss(at: Linear, handle: Handle) -> bool:
+    """Whether the windows show gloss, of which the greys have none as yet.
 
-    What each window's chi-square gains by gloss (score test, Rao 1948, DOI
+    What a window's chi-square gains by gloss (score test, Rao 1948, DOI
     10.1017/S0305004100023987) is 1 an unknown by noise alone, where the median misfit is the noise.
-    Three unknowns more a window make a pose worse by a tenth, so that a little gloss is left out.
+    They have to gain twice as much, those that show a marker: three unknowns more a window make a pose
+    worse by a tenth, so that a little gloss is left out.
     """
+    counts = marker_is_shown(at, handle)
     if _gloss(at.greys).size or not counts.any():
         return False
     normal = reduce(at.by_gloss, at)
@@ -387,9 +389,9 @@ def shows_gloss(at: Linear, counts: np.ndarray) -> bool:
     scale = np.trace(information, axis1=1, axis2=2)[:, None, None]
     information = information + (1e-9 * scale + 1e-12) * np.eye(3)
     gradient = normal.gradient[counts]
-    gain = (gradient * np.linalg.solve(information, gradient[..., None])[..., 0]).sum()
+    gain = (gradient * np.linalg.solve(information, gradient[..., None])[..., 0]).mean()
     usual = max(float(np.median(misfit(at)[counts])), 1.0)
-    return float(gain) > LEAST_GAIN * usual * gradient.size
+    return float(gain) > LEAST_GAIN * usual
 
 
 def reduce(by_other: Array, at: Linear) -> Reduced:

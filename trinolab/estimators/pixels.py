@@ -48,6 +48,7 @@ from .patches import Patches, moving_patches, outline_patches, patches
 
 __all__ = [
     "FLOOR_PX",
+    "MOST_STEPS",
     "Fit",
     "Round",
     "both_in_world",
@@ -218,7 +219,7 @@ def fit_patches(
         kinds.append(outline_patches(images, rig, handle, start))
     states = [first_state(start, rig)] * len(kinds)
     taken = _stepped(states, kinds, rig, handle, MOST_STEPS)
-    if taken is not None and shows_gloss(taken.models[0], taken.contrast):
+    if taken is not None and shows_gloss(taken.models[0], handle):
         taken = _stepped(_glossy(taken), kinds, rig, handle, MOST_STEPS)
     if taken is None:
         return None

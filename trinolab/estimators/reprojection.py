@@ -21,9 +21,21 @@ from .contradiction import Residuals
 from .identified import Identified
 from .imagemodel import first_state, has_gloss, inverse, marker_is_shown, marker_shading, misfit
 from .patches import patches
-from .pixels import FLOOR_PX, Fit, both_in_world, counted, in_world, judged, judged_fit, moved
+from .pixels import (
+    FLOOR_PX,
+    MOST_STEPS,
+    Fit,
+    both_in_world,
+    counted,
+    in_world,
+    judged,
+    judged_fit,
+    moved,
+)
 
 __all__ = ["fit_centroids", "fit_pixels", "reprojection_pose", "response_of_pixels"]
+
+SETTLED_PX = 0.05  # a shift after which the next one is a fifth of it
 
 
 def fit_centroids(
@@ -37,20 +49,20 @@ def fit_centroids(
     """The pose with the least reprojection error of the predicted centroids, over all views at
     once.
 
-    Parameters and result as for `pixels.fit_patches`; `steps` is the number of times that the
-    centroids are measured, each time by what the pose found before predicts.
+    Parameters and result as for `pixels.fit_patches`; `steps` is how often the centroids are measured
+    at least, each time by what the pose found before predicts, and more often as long as they still
+    move: a sharp image begins far from its blur.
     """
     windows = patches(images, rig, handle, start, max_slant_deg)
     if len(np.unique(windows.views.marker)) < 3:
         return None
     state = first_state(start, rig)
-    left = steps
-    while left > 0:
-        left -= 1
+    least = steps
+    for k in range(MOST_STEPS):
         without_gloss = not has_gloss(state)
         state, registered = register(state, windows, rig, handle)
         if without_gloss and has_gloss(state):
-            left = max(left, 2)  # it moves the centroids
+            least = k + 3  # it moves the centroids
         spread_px = registered.covariance * np.maximum(misfit(registered.at), 1.0)[
             :, None, None
         ] + FLOOR_PX**2 * np.eye(2)
@@ -61,6 +73,8 @@ def fit_centroids(
         if not np.isfinite(covariance).all():
             return None
         state = state._replace(T_world_handle=T)
+        if k + 1 >= least and registered.usual_shift_px < SETTLED_PX:
+            break
     residual = registered.uv - predict_centroids(rig, handle, T, windows.views, shading)[0]
     visible = marker_is_shown(registered.at, handle)
     fit = judged_fit(
