@@ -83,7 +83,7 @@ def finding(attempt):
 
 def _bytes(rng, path):
     content = bytearray(path.read_bytes())
-    for place in rng.integers(len(content), size=rng.integers(1, 30)):
+    for place in rng.integers(len(content), size=int(10 ** rng.uniform(0, 1.5))):
         content[place] = rng.integers(256)
     path.write_bytes(content)
     return "other bytes"
