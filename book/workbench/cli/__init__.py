@@ -10,9 +10,11 @@ import argparse
 import logging
 import os
 import shlex
+import signal
 import sys
-from collections.abc import Callable, Mapping, Sequence
-from contextlib import ExitStack
+import threading
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
 from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -431,15 +433,36 @@ def _check(a: argparse.Namespace) -> int:
         raise ValueError("expected a chapter, as in 04, or --all with the folder of a class")
     if a.folder is not None:
         out = Path(a.folder) / "points.csv" if a.out is None else Path(a.out)
-        table = check_class(Path(a.folder), out)
+        with _ended_in_order():
+            table = check_class(Path(a.folder), out)
+        if missing := table.attrs["missing"]:
+            print(
+                f"this system does not keep students' code from: {', '.join(missing)}; "
+                "see trinolab check --help",
+                file=sys.stderr,
+            )
         say(f"{table.drop(columns='said').to_string(index=False)}\nwritten to {out}")
         return 0
     if a.out is not None:
         raise ValueError("--out: is of use with --all alone")
     file = file_of(a.chapter, Path()) if a.file is None else Path(a.file)
-    verdicts = check_file(a.chapter, file)
+    with _ended_in_order():
+        verdicts = check_file(a.chapter, file)
     say(as_text(verdicts))
     return 0 if all(one.right for one in verdicts) else 1
+
+
+@contextmanager
+def _ended_in_order() -> Iterator[None]:
+    """Asked to end, this command ends what it has started as well."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = signal.signal(signal.SIGTERM, lambda *_: sys.exit(128 + signal.SIGTERM))
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
 
 
 def _sweep(a: argparse.Namespace) -> int:

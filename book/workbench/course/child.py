@@ -1,8 +1,9 @@
 """The process in which a student's code runs: ``python -m workbench.course.child``.
 
-It reads a `Work` from its standard input and writes a line of JSON for each thing that it did to the
-file that the work names. A student's code may end this process, print, or never return: whoever
-started it sees that from outside. What comes back is plain data and never a pickle.
+It reads a `Work` from its standard input, then one `Request` after the other, and answers each by a
+line of JSON on its standard output. A student's code may end this process, print, write lines of its
+own, or never return: whoever started it sees that from outside. What comes back is plain data and
+never a pickle, and the right results are nowhere in this process.
 """
 
 from __future__ import annotations
@@ -15,17 +16,20 @@ import json
 import os
 import pickle
 import sys
+import threading
+import time
 from collections.abc import Callable, Sequence
-from pathlib import Path
 from typing import IO, Any, NamedTuple
+
+import numpy as np
 
 from .plain import plain
 
 __all__ = [
     "BEING_CHECKED",
     "Call",
+    "Request",
     "Work",
-    "cells_of",
     "executed",
     "main",
     "outcome",
@@ -44,100 +48,139 @@ class Call(NamedTuple):
 
 
 class Work(NamedTuple):
-    """What is to be done.
+    """What is there to be asked.
 
     Parameters
     ----------
     given
         Functions and values by name, pickled by cloudpickle; or None.
-    file
-        Else the notebook or the Python file that makes them; or None.
-    calls
-        The functions to call.
-    values
-        The names of the values to return.
-    answers
-        The file that gets the lines.
+    cells
+        Else what makes them: the place of each piece of code, as in ``"cell 3"``, and its text.
     cells_s
-        The time of the processor that the file may take, s; after it the process is ended.
-    cpu_s
-        The time that each function may take in all its cases, s.
+        The time of the processor that the cells may take, s; after it the process is ended.
     """
 
     given: bytes | None
-    file: Path | None
-    calls: Sequence[Call]
-    values: Sequence[str]
-    answers: Path
+    cells: Sequence[tuple[str, str]]
     cells_s: float
-    cpu_s: float
 
 
-def main() -> None:
-    """Do the work that standard input names."""
-    work: Work = pickle.load(sys.stdin.buffer)
+class Request(NamedTuple):
+    """What is asked of the process.
+
+    Parameters
+    ----------
+    id
+        Comes back with the answer.
+    what
+        ``value`` for a value, ``function`` for whether there is one and for the time of the
+        processor that it may take in all its cases; ``case`` for what it does in one.
+    name
+        Of the value or the function.
+    cpu_s
+        That time, s.
+    case
+        The arguments.
+    """
+
+    id: str
+    what: str
+    name: str
+    cpu_s: float = 0.0
+    case: tuple = ()
+
+
+def main(missing: Sequence[str] = ()) -> None:
+    """Do the work that standard input names, and answer what it asks.
+
+    Parameters
+    ----------
+    missing
+        What is not kept from the student's code.
+    """
+    requests = os.fdopen(os.dup(0), "rb")
+    answers = os.fdopen(os.dup(1), "w", encoding="utf-8")
+    nothing = os.open(os.devnull, os.O_RDWR)
+    os.dup2(nothing, 0)
+    os.dup2(nothing, 1)
     sys.stdin = io.StringIO()
-    with work.answers.open("a", encoding="utf-8") as answers:
-        _limit(work.cells_s)
-        namespace = _namespace(work, answers)
-        _say(answers, here=True)  # what it waits for from now on, it waits for itself
-        for name in work.values:
-            _say(answers, value=name, there=name in namespace, is_=plain_value(namespace.get(name)))
-        for call in work.calls:
-            function = namespace.get(call.name)
-            _say(answers, function=call.name, there=callable(function))
-            if callable(function):
-                _limit(work.cpu_s)
-                for k, case in enumerate(call.cases):
-                    _say(answers, began=call.name, case=k)
-                    _say(answers, function=call.name, case=k, **outcome(function, case))
-        _say(answers, done=True)
+    work: Work = pickle.load(requests)
+    _limit(work.cells_s)
+    _say(answers, here=True, missing=list(missing))
+    namespace = _namespace(work, answers)
+    _say(answers, ready=True)
+    while True:
+        try:
+            request: Request = pickle.load(requests)
+        except EOFError:
+            return
+        _say(answers, id=request.id, **_answer(request, namespace))
+
+
+def _answer(request: Request, namespace: dict[str, Any]) -> dict[str, Any]:
+    there = namespace.get(request.name)
+    if request.what == "value":
+        return {"there": request.name in namespace, "is_": plain_value(there)}
+    if request.what == "function":
+        _limit(request.cpu_s)
+        return {"there": callable(there)}
+    assert callable(there)  # or else nobody asks for a case
+    return outcome(there, request.case)
 
 
 def _limit(cpu_s: float) -> None:
-    """End this process when it computes for so much longer; on Windows nothing does."""
-    with contextlib.suppress(ImportError):
+    """End this process when it computes for so much longer."""
+    used = sum(os.times()[:2])
+    try:
         import resource
+    except ImportError:  # Windows
+        _watch(used + cpu_s)
+        return
+    _, most = resource.getrlimit(resource.RLIMIT_CPU)
+    limit = int(used + cpu_s) + 1
+    if most != resource.RLIM_INFINITY:
+        limit = min(limit, most)
+    resource.setrlimit(resource.RLIMIT_CPU, (limit, most))
 
-        used = sum(os.times()[:2])
-        _, most = resource.getrlimit(resource.RLIMIT_CPU)
-        limit = int(used + cpu_s) + 1
-        if most != resource.RLIM_INFINITY:
-            limit = min(limit, most)
-        resource.setrlimit(resource.RLIMIT_CPU, (limit, most))
+
+OUT_OF_TIME = 128 + 24  # as a shell names a process that SIGXCPU has ended
+_until = [float("inf")]
+
+
+def _watch(until: float) -> None:
+    """End this process when it has computed for so long, where the system does not."""
+
+    def look() -> None:
+        while sum(os.times()[:2]) < _until[0]:
+            time.sleep(0.2)
+        os._exit(OUT_OF_TIME)
+
+    first = _until[0] == float("inf")
+    _until[0] = until
+    if first:
+        threading.Thread(target=look, daemon=True).start()
 
 
 def _namespace(work: Work, answers: IO[str]) -> dict[str, Any]:
     if work.given is not None:
         return pickle.loads(work.given)
-    assert work.file is not None
     os.environ["MPLBACKEND"] = "Agg"  # nobody sees the figures
-    os.chdir(work.file.parent)
-    sys.path.insert(0, str(work.file.parent))
-    return executed(work.file, answers)
+    sys.path.insert(0, os.getcwd())
+    return executed(work.cells, answers)
 
 
-def executed(file: Path, answers: IO[str]) -> dict[str, Any]:
-    """Run a notebook's cells, or a file; go on after a cell that raises."""
+def executed(cells: Sequence[tuple[str, str]], answers: IO[str]) -> dict[str, Any]:
+    """Run pieces of code, each with its place; go on after one that raises."""
     os.environ[BEING_CHECKED] = "1"
     namespace: dict[str, Any] = {"__name__": "__main__"}
-    for number, source in enumerate(cells_of(file), start=1):
-        place = f"cell {number}" if file.suffix == ".ipynb" else file.name
+    for place, source in cells:
         _say(answers, place=place)
         with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
             try:
-                exec(compile(source, f"<{place}>", "exec"), namespace)
+                exec(compile(_without_magic(source), f"<{place}>", "exec"), namespace)
             except (Exception, SystemExit, KeyboardInterrupt) as error:
                 _say(answers, place=place, raised=_named(error))
     return namespace
-
-
-def cells_of(file: Path) -> list[str]:
-    if file.suffix != ".ipynb":
-        return [file.read_text(encoding="utf-8")]
-    cells = json.loads(file.read_text(encoding="utf-8"))["cells"]
-    sources = ["".join(cell["source"]) for cell in cells if cell["cell_type"] == "code"]
-    return [_without_magic(source) for source in sources]
 
 
 def _without_magic(source: str) -> str:
@@ -146,7 +189,7 @@ def _without_magic(source: str) -> str:
     """
     try:
         ast.parse(source)
-    except (SyntaxError, ValueError):
+    except (SyntaxError, ValueError, RecursionError, MemoryError):
         lines = source.splitlines()
         plain_lines = ["" if line.lstrip().startswith(("%", "!", "?")) else line for line in lines]
         return "\n".join(plain_lines)
@@ -154,10 +197,18 @@ def _without_magic(source: str) -> str:
 
 
 def plain_value(value: Any) -> Any:
-    """A student's value as plain data: a mapping stays one, whatever is in it becomes plain."""
+    """A student's value as plain data: a mapping stays one, whatever is in it becomes plain. True and
+    False are words, since whoever is asked for "yes" or "no" may mean them.
+    """
     if isinstance(value, dict):
-        return {"mapping": {str(name): plain(item) for name, item in value.items()}}
+        return {"mapping": {str(name): _word_or_plain(item) for name, item in value.items()}}
     return plain(value)
+
+
+def _word_or_plain(item: Any) -> Any:
+    if isinstance(item, bool | np.bool_):
+        return "yes" if item else "no"
+    return plain(item)
 
 
 def outcome(function: Callable[..., Any], case: tuple) -> dict[str, Any]:

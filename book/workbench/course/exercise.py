@@ -23,6 +23,7 @@ __all__ = [
     "ValueExercise",
 ]
 
+WITHIN = 1e-6  # a part in a million: single precision is enough
 KINDS = ("pencil", "write", "predict", "project")
 
 
@@ -121,7 +122,7 @@ class FunctionExercise(Exercise):
 
     solution: Callable[..., Any]
     cases: Callable[[np.random.Generator], Sequence[tuple]]
-    within: float = 1e-9
+    within: float = WITHIN
 
     @property
     def name(self) -> str:
@@ -145,7 +146,7 @@ class FunctionExerciseMaker:
     """
 
     def __init__(
-        self, number: str, title: str, label: str, points: int, within: float = 1e-9
+        self, number: str, title: str, label: str, points: int, within: float = WITHIN
     ) -> None:
         self._about = (number, "write", title, label, points)
         self._within = within

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from .child import BEING_CHECKED, Call, outcome, plain_value
 from .exercise import Asked, Exercise, FunctionExercise, Mistake, ValueExercise
-from .exercises import exercise
-from .plain import described, equal, is_array, plain, shown
+from .plain import described, equal, is_array, plain, printable, shown
+from .predictions import is_predicted, keep_guess
 from .running import run_given
 
 __all__ = ["Verdict", "call_of", "check", "judge_outcomes", "judge_values"]
@@ -53,11 +55,14 @@ def check(number: str, answer: Any) -> Verdict:
     Verdict
         Whether it is right, or else which mistake it is and where to read. A notebook shows it.
     """
+    if BEING_CHECKED in os.environ:  # where the exercises cannot be read
+        return Verdict(str(number), False, 0, 0, "the whole file is being checked.")
+    from .exercises import exercise
+
     asked = exercise(number)
-    if BEING_CHECKED in os.environ:
-        return _not_yet(asked, "the whole file is being checked.")
     if isinstance(asked, ValueExercise):
-        return judge_values(asked, plain_value(answer))
+        values = plain_value(answer)
+        return judge_values(asked, values, _kept_guess(asked, values))
     assert isinstance(asked, FunctionExercise)
     if not callable(answer):
         return _not_yet(asked, f"{asked.name} is to be a function, not {described(plain(answer))}.")
@@ -68,6 +73,24 @@ def check(number: str, answer: Any) -> Verdict:
     if outcome_of_run.stuck:
         return _not_yet(asked, f"{outcome_of_run.stuck}.")
     return judge_outcomes(asked, outcome_of_run.outcomes[asked.name])
+
+
+def _kept_guess(asked: ValueExercise, answer: Any) -> Mapping[str, Any] | None:
+    """The first guess to an exercise that asks for a prediction, beside the notebook; that of this
+    answer if it is the first whole one.
+    """
+    if not is_predicted(asked) or not isinstance(answer, dict) or "mapping" not in answer:
+        return None
+    given = answer["mapping"]
+    words = {name: given.get(name) for name, one in asked.asked.items() if one.choices}
+    if not all(
+        isinstance(word, str) and _word(word) in map(_word, asked.asked[name].choices)
+        for name, word in words.items()
+    ):
+        return None
+    numbers = [given.get(name) for name, one in asked.asked.items() if not one.choices]
+    before = all(value is None or _is_dots(value) for value in numbers)
+    return keep_guess(asked.number, words, before, Path())
 
 
 def call_of(asked: FunctionExercise) -> Call:
@@ -89,6 +112,9 @@ def judge_outcomes(asked: FunctionExercise, outcomes: Sequence[Mapping[str, Any]
     expected = [outcome(asked.solution, case) for case in cases]
     if stuck := next((one["stuck"] for one in outcomes if "stuck" in one), None):
         return _not_yet(asked, f"{asked.name} {stuck}.")
+    if len(outcomes) != len(cases):
+        says = f"{asked.name} has answered in {len(outcomes)} of {len(cases)} cases."
+        return _not_yet(asked, says)
     wrong = [k for k, one in enumerate(outcomes) if not _same(one, expected[k], asked.within)]
     if not wrong:
         return _right(asked, outcomes)
@@ -154,6 +180,8 @@ def _difference(
         return f"{call} is to raise {wanted['raised'].partition(':')[0]}."
     a, b = got["returned"], wanted["returned"]
     if a is None:
+        if is_array(b) and not np.isfinite(b["numbers"]).any():
+            return f"{call} returns None; {shown(b)} is asked for."
         return f"{asked.name} returns None: does it end in `return`?"
     if described(a) != described(b):
         return f"{call} returns {described(a)}; {described(b)} is asked for."
@@ -184,8 +212,20 @@ def _argument(asked: FunctionExercise, place: int) -> str:
     return code.co_varnames[place]
 
 
-def judge_values(asked: ValueExercise, answer: Any) -> Verdict:
-    """Judge a mapping of values, as plain data."""
+def judge_values(
+    asked: ValueExercise, answer: Any, guess: Mapping[str, Any] | None = None
+) -> Verdict:
+    """Judge a mapping of values, as plain data.
+
+    Parameters
+    ----------
+    asked
+        The exercise.
+    answer
+        As `child.plain_value` has it.
+    guess
+        The first guess, as `predictions` keeps it.
+    """
     names = ", ".join(asked.asked)
     if answer is None or _is_dots(answer):
         return _not_yet(asked, f"{asked.name} is still to be filled in.")
@@ -197,23 +237,73 @@ def judge_values(asked: ValueExercise, answer: Any) -> Verdict:
         return _not_yet(asked, f"{unknown[0]} is not asked for; the names are {names}.")
     empty = [name for name in asked.asked if given.get(name) is None or _is_dots(given[name])]
     if empty:
-        return _not_yet(asked, f"{', '.join(empty)} is still to be filled in.")
+        says = f"{', '.join(empty)} is still to be filled in."
+        return _not_yet(asked, f"{_of_guess(guess)} {says}".strip())
     wrong = [name for name, one in asked.asked.items() if not _fits(given[name], one)]
     if not wrong:
         says = f"{names} {'is' if len(asked.asked) == 1 else 'are'} right."
-        return Verdict(asked.number, True, asked.points, asked.points, says)
-    for mistake in asked.mistakes:
-        assert isinstance(mistake.gives, Mapping)
-        made = {
-            name: _fits(given[name], _as_asked(value, asked.asked[name]))
-            for name, value in mistake.gives.items()
-        }
-        if all(made.values()) and set(made) & set(wrong):
-            return _not_yet(asked, f"{mistake.says} Read chapter {mistake.read}.")
+        return Verdict(asked.number, True, asked.points, asked.points, _with_guess(says, guess))
+    mistake = _mistake_of(asked, given, wrong)
+    explained = f"{mistake.says} Read chapter {mistake.read}." if mistake else ""
+    if _is_own_guess(asked, given, wrong, guess):
+        names = ", ".join(wrong)
+        says = f"{names} has come out otherwise than predicted, and the prediction counts."
+        whole = _with_guess(f"{says} {explained}".strip(), guess).replace("?.", "?")
+        return Verdict(asked.number, True, asked.points, asked.points, printable(whole))
+    if mistake:
+        return _not_yet(asked, explained)
     says = _wrong_value(wrong[0], given[wrong[0]], asked.asked[wrong[0]])
     if rest := [name for name in asked.asked if name not in wrong]:
         says += f" Right so far: {', '.join(rest)}."
     return _not_yet(asked, says)
+
+
+def _mistake_of(
+    asked: ValueExercise, given: Mapping[str, Any], wrong: Sequence[str]
+) -> Mistake | None:
+    """The mistake that explains most of the values that are wrong."""
+    best, most = None, 0
+    for mistake in asked.mistakes:
+        assert isinstance(mistake.gives, Mapping)
+        made = [
+            _fits(given[name], _as_asked(value, asked.asked[name]))
+            for name, value in mistake.gives.items()
+        ]
+        explains = len(set(mistake.gives) & set(wrong)) if all(made) else 0
+        if explains > most:
+            best, most = mistake, explains
+    return best
+
+
+def _is_own_guess(
+    asked: ValueExercise,
+    given: Mapping[str, Any],
+    wrong: Sequence[str],
+    guess: Mapping[str, Any] | None,
+) -> bool:
+    """Whether all that is wrong is a prediction that was made before the numbers stood there."""
+    if guess is None or not guess["before"] or not is_predicted(asked):
+        return False
+    return all(
+        asked.asked[name].choices
+        and isinstance(given[name], str)
+        and _word(given[name]) in map(_word, asked.asked[name].choices)
+        and _word(given[name]) == _word(guess["words"].get(name, ""))
+        for name in wrong
+    )
+
+
+def _of_guess(guess: Mapping[str, Any] | None) -> str:
+    """What is kept of a prediction, in words."""
+    if guess is None:
+        return ""
+    words = ", ".join(f"{name} = {word}" for name, word in guess["words"].items())
+    when = "" if guess["before"] else ", beside the numbers"
+    return f"Your prediction is kept, of {guess['at']}{when}: {words}."
+
+
+def _with_guess(says: str, guess: Mapping[str, Any] | None) -> str:
+    return f"{says} {_of_guess(guess)}".strip()
 
 
 def _is_dots(value: Any) -> bool:
@@ -232,19 +322,25 @@ def _as_asked(value: float | str, right: Asked) -> Asked:
 
 def _fits(value: Any, asked: Asked) -> bool:
     if isinstance(asked.value, str):
-        return isinstance(value, str) and value.strip().lower() == asked.value.lower()
-    if not is_array(value) or value["shape"]:
+        return isinstance(value, str) and _word(value) == _word(asked.value)
+    if not is_array(value) or len(value["numbers"]) != 1:
         return False
     return abs(value["numbers"][0] - asked.value) <= asked.within
+
+
+def _word(text: str) -> tuple[str, ...]:
+    """A choice, whatever its letters' case, and whatever the order of its parts."""
+    parts = re.split(r",|\band\b", text.lower())
+    return tuple(sorted(part.strip() for part in parts if part.strip()))
 
 
 def _wrong_value(name: str, value: Any, asked: Asked) -> str:
     """What is wrong with a value, without the right one."""
     if asked.choices:
-        if not isinstance(value, str) or value.strip().lower() not in map(str.lower, asked.choices):
+        if not isinstance(value, str) or _word(value) not in map(_word, asked.choices):
             return f"{name} is one of {', '.join(map(repr, asked.choices))}."
         return f"{name} is not {value.strip()!r}. Which step leads to your choice?"
-    if not is_array(value) or value["shape"]:
+    if not is_array(value) or len(value["numbers"]) != 1:
         return f"{name} is to be a number, not {described(value)}."
     unit = f" {asked.unit}" if asked.unit else ""
     return f"{name} is not {value['numbers'][0]:.6g}{unit}."
@@ -252,4 +348,4 @@ def _wrong_value(name: str, value: Any, asked: Asked) -> str:
 
 def _not_yet(asked: Exercise, says: str) -> Verdict:
     # a heading to read may be a question
-    return Verdict(asked.number, False, 0, asked.points, says.replace("?.", "?"))
+    return Verdict(asked.number, False, 0, asked.points, printable(says.replace("?.", "?")))

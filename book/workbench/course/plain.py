@@ -2,14 +2,33 @@
 
 from __future__ import annotations
 
+import math
+import numbers
+import re
+from decimal import Decimal
 from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import RigidTransform, Rotation
 
-__all__ = ["MOST_NUMBERS", "described", "equal", "is_array", "plain", "shown"]
+__all__ = [
+    "MOST_NUMBERS",
+    "checked_plain",
+    "described",
+    "equal",
+    "is_array",
+    "plain",
+    "printable",
+    "shown",
+]
 
 MOST_NUMBERS = 1_000_000
+MOST_LETTERS = 1_000  # of what is said of an answer
+DEEPEST = 20  # lists in lists
+# what a terminal takes for an order, then all else that is no letter: controls, and signs that
+# turn the direction of writing
+ESCAPES = re.compile(r"\x1b\[[0-?]*[ -/]*[@-~]|\x1b\][^\x07\x1b]*(?:\x07|\x1b\\)?|\x1b.?")
+CONTROLS = re.compile("[\x00-\x1f\x7f-\x9f\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff]+")
 
 
 def plain(value: Any) -> Any:
@@ -32,18 +51,69 @@ def plain(value: Any) -> Any:
     return f"a value of the type {type(value).__name__}"
 
 
+def checked_plain(value: Any, depth: int = DEEPEST) -> Any:
+    """Return what another process says is a plain value, as one, whatever it is."""
+    if value is None:
+        return None
+    if isinstance(value, str):
+        return value[:MOST_LETTERS]
+    if isinstance(value, list):
+        if depth and len(value) <= MOST_NUMBERS:
+            return [checked_plain(item, depth - 1) for item in value]
+        return "a value of the type list"
+    if isinstance(value, dict) and set(value) == {"mapping"} and isinstance(value["mapping"], dict):
+        if depth == DEEPEST:
+            return {
+                "mapping": {
+                    name: checked_plain(it, depth - 1) for name, it in value["mapping"].items()
+                }
+            }
+    elif isinstance(value, dict) and _is_array_of_numbers(value):
+        return {"shape": value["shape"], "numbers": list(map(float, value["numbers"]))}
+    return f"a value of the type {type(value).__name__}"
+
+
+def _is_array_of_numbers(value: dict[str, Any]) -> bool:
+    shape, contents = value.get("shape"), value.get("numbers")
+    if set(value) != {"shape", "numbers"} or not isinstance(shape, list):
+        return False
+    if not isinstance(contents, list) or len(shape) > 32:
+        return False
+    if not all(type(side) is int and 0 <= side <= 10 * MOST_NUMBERS for side in shape):
+        return False
+    whole = all(type(it) is float or (type(it) is int and abs(it) < 2**1000) for it in contents)
+    return whole and math.prod(shape) == len(contents)
+
+
+def printable(text: str) -> str:
+    """Return a text of a student's, for a line of a terminal or a field of a table: without orders
+    to the terminal, and no longer than can be read.
+    """
+    clean = CONTROLS.sub(" ", ESCAPES.sub("", text))
+    return clean if len(clean) <= MOST_LETTERS else f"{clean[: MOST_LETTERS - 4]} ..."
+
+
 def _numbers(value: Any) -> np.ndarray | None:
     try:
         array = np.asarray(value)
-        if array.dtype.kind not in "biuf":
+        if array.dtype.kind == "O" and array.size <= MOST_NUMBERS:
+            # fractions, and whatever else is a number and no float yet
+            if not array.size or not all(map(_is_number, array.ravel())):
+                return None
+        elif array.dtype.kind not in "biuf":
             return None
         return array.astype(float)
-    except (TypeError, ValueError, RuntimeError):  # ragged, or something else altogether
+    except (TypeError, ValueError, RuntimeError, OverflowError):  # ragged, or something else
         return None
 
 
+def _is_number(value: Any) -> bool:
+    return isinstance(value, numbers.Real | Decimal)
+
+
 def equal(one: Any, other: Any, within: float) -> bool:
-    """Whether two plain values are equal. Nothing is equal to nothing, whatever its shape.
+    """Whether two plain values are equal. Nothing is equal to nothing, whatever its shape; a row is
+    equal to a column of the same numbers.
 
     Parameters
     ----------
@@ -54,7 +124,7 @@ def equal(one: Any, other: Any, within: float) -> bool:
         where these are all zero.
     """
     if is_array(one) and is_array(other):
-        if one["shape"] != other["shape"]:
+        if _sides(one) != _sides(other):
             return not one["numbers"] and not other["numbers"]
         a, b = np.array(one["numbers"], float), np.array(other["numbers"], float)
         finite = np.abs(b[np.isfinite(b)])
@@ -67,9 +137,14 @@ def equal(one: Any, other: Any, within: float) -> bool:
     return type(one) is type(other) and one == other
 
 
+def _sides(value: dict[str, Any]) -> list[int]:
+    """The sides of an array along which there is more than one number."""
+    return [side for side in value["shape"] if side != 1]
+
+
 def is_array(value: Any) -> bool:
     """Whether a plain value is a number or an array of numbers."""
-    return isinstance(value, dict)
+    return isinstance(value, dict) and "numbers" in value
 
 
 def described(value: Any) -> str:
@@ -81,7 +156,10 @@ def described(value: Any) -> str:
             return "a number"
         return f"an array of the shape {tuple(value['shape'])}"
     if isinstance(value, list):
-        return f"{len(value)} things: {', '.join(map(described, value))}"
+        first = ", ".join(map(described, value[:6]))
+        return f"{len(value)} things: {first}{', ...' if len(value) > 6 else ''}"
+    if isinstance(value, dict):
+        return "a dictionary"
     return str(value) if value.startswith(("a ", "an ")) else f"the text {value!r}"
 
 
@@ -94,5 +172,5 @@ def shown(value: Any) -> str:
         text = np.array2string(numbers, precision=4, threshold=12, edgeitems=2, separator=", ")
         return " ".join(text.split())
     if isinstance(value, list):
-        return f"({', '.join(map(shown, value))})"
+        return f"({', '.join(map(shown, value[:6]))}{', ...' if len(value) > 6 else ''})"
     return str(value)

@@ -1,4 +1,8 @@
-"""Run a student's code in a process of its own, and find out what became of it."""
+"""Run a student's code in a process of its own, and find out what became of it.
+
+The process is asked one thing at a time, and what it answers is looked at here: a right result is
+never sent there. An answer that does not come is none.
+"""
 
 from __future__ import annotations
 
@@ -6,24 +10,57 @@ import contextlib
 import json
 import os
 import pickle
+import queue
+import secrets
+import shutil
+import signal
 import subprocess
 import sys
 import tempfile
+import threading
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from .child import Call, Work
+from trinolab.datasets import data_path
+from trinolab.files import fetch
 
-__all__ = ["Found", "how", "run_file", "run_given", "whole_lines"]
+from .child import BEING_CHECKED, Call, Request, Work
+from .confined import MEMORY
+from .plain import checked_plain
+
+__all__ = ["ENOUGH_S", "Found", "how", "run_file", "run_given"]
 
 CPU_S = 10.0  # a function, in all its cases
 CELLS_S = 300.0  # a file: it may be a whole chapter, with the chapter's own cells
-# A cell, or a function in a case, that waits and does not compute. A busy machine needs a multiple of
-# a quiet one's time, to start as well.
-WAIT_S = 300.0
+# A function, in all its cases, that waits and does not compute: a busy machine needs a multiple of a
+# quiet one's time. Where no limit of the processor's time is kept it is stopped sooner.
+WAIT_S = 60.0 if os.name == "posix" else 20.0
+ENOUGH_S = 300.0  # a file, with all that is asked of it, however often it has to be started
+ANSWER = 32 * 2**20  # bytes of a line
+ANSWERS = 128 * 2**20  # bytes of all that a process says
+PROCESSES = 16  # at once
+LOOK_S = 0.1  # how often memory and processes are looked at
+COPIED, COPIED_FILES = 64 * 2**20, 200  # bytes and number of the files beside the one that is run
+EXERCISES = Path(__file__).resolve().parent / "exercises"
+# of this process's environment: what Python and its libraries need
+HANDED_ON = [
+    "PATH",
+    "LANG",
+    "LC_ALL",
+    "LC_CTYPE",
+    "TZ",
+    "SYSTEMROOT",
+    "WINDIR",
+    "NUMBER_OF_PROCESSORS",
+    "TRINOLAB_DATA",
+    "OMP_NUM_THREADS",
+    "OPENBLAS_NUM_THREADS",
+    "LD_LIBRARY_PATH",
+    "VIRTUAL_ENV",
+]
 
 
 @dataclass
@@ -41,13 +78,16 @@ class Found:
     raised
         What the cells of a notebook raised, or the file, by the place: ``"cell 3"``.
     stuck
-        Why nothing of a file could be asked, in words; None if it could.
+        Why nothing more of a file could be asked, in words; None if it could.
+    missing
+        What this system did not keep from the code, in words.
     """
 
     outcomes: dict[str, list[dict[str, Any]]] = field(default_factory=dict)
     values: dict[str, Any] = field(default_factory=dict)
     raised: dict[str, str] = field(default_factory=dict)
     stuck: str | None = None
+    missing: tuple[str, ...] = ()
 
 
 def run_given(
@@ -69,111 +109,332 @@ def run_given(
             f"{', '.join(given)} cannot be tried in a process of its own: it holds something that "
             f"belongs to this one ({error})"
         ) from None
-    return _run(Work(pickled, None, calls, (), Path(), cpu_s, cpu_s), wait_s)
+    command = [sys.executable, "-m", "workbench.course.child"]
+    # a function of a module is found there as it is here
+    environment = {**os.environ, "PYTHONPATH": _python_path()}
+    work = Work(pickled, (), cpu_s)
+
+    def start() -> _Process:
+        return _Process(command, environment, None, work)
+
+    return _run(start, calls, (), cpu_s, wait_s, ENOUGH_S, cpu_s)
 
 
 def run_file(
-    file: Path,
+    cells: Sequence[tuple[str, str]],
     calls: Sequence[Call],
     values: Sequence[str],
+    beside: Path | None = None,
     cells_s: float = CELLS_S,
     wait_s: float = WAIT_S,
+    enough_s: float = ENOUGH_S,
 ) -> Found:
-    """Run a notebook or a Python file, then call functions and read values that it has made."""
-    return _run(Work(None, file.resolve(), calls, values, Path(), cells_s, CPU_S), wait_s)
+    """Run the code of a notebook or a Python file, then call functions and read values that it has
+    made. It runs confined, in a folder of its own.
+
+    Parameters
+    ----------
+    cells
+        The places of the pieces of code, and their texts.
+    calls
+        The functions to call.
+    values
+        The names of the values.
+    beside
+        A folder whose files the code finds in its own; they are copied, so that it changes none.
+    cells_s, wait_s, enough_s
+        How long the cells may compute, a function may wait, and all of it may take, s.
+    """
+    with tempfile.TemporaryDirectory(
+        prefix="trinolab-check-", ignore_cleanup_errors=True
+    ) as folder:
+        own = Path(folder).resolve()
+        if beside is not None:
+            _copy(beside, own)
+        hidden = [EXERCISES, data_path("exercises").resolve()]
+        packages = [EXERCISES.parents[1], Path(fetch.__file__).resolve().parents[1], data_path()]
+        if os.environ.get(fetch.VARIABLE):
+            packages.append(Path(os.environ[fetch.VARIABLE]))
+        paths = json.dumps([str(own), [*map(str, hidden)], [*map(str, packages)]])
+        command = [sys.executable, "-P", "-m", "workbench.course.confined", paths]
+        environment = {name: os.environ[name] for name in HANDED_ON if name in os.environ}
+        for name in ("HOME", "TMPDIR", "TEMP", "TMP", "USERPROFILE"):
+            environment[name] = str(own)
+        environment |= {
+            "PYTHONPATH": _python_path(),
+            "PYTHONDONTWRITEBYTECODE": "1",
+            BEING_CHECKED: "1",
+        }
+        work = Work(None, tuple(cells), cells_s)
+
+        def start() -> _Process:
+            return _Process(command, environment, own, work)
+
+        return _run(start, calls, values, CPU_S, wait_s, enough_s, cells_s)
 
 
-def _run(work: Work, wait_s: float) -> Found:
+def _python_path() -> str:
+    return os.pathsep.join(str(Path(name).resolve()) for name in sys.path if name)
+
+
+def _copy(folder: Path, own: Path) -> None:
+    """Copy what lies beside a file, but neither links nor what is hidden, nor more than a little."""
+    room, files = COPIED, COPIED_FILES
+    for place, folders, names in os.walk(folder):
+        folders[:] = sorted(name for name in folders if not name.startswith((".", "_")))
+        there = own / Path(place).relative_to(folder)
+        for name in sorted(names):
+            path = Path(place, name)
+            if name.startswith(".") or path.is_symlink() or not path.is_file():
+                continue
+            size = path.stat().st_size
+            if size > room or not files:
+                continue
+            room, files = room - size, files - 1
+            with contextlib.suppress(OSError):
+                there.mkdir(parents=True, exist_ok=True)
+                shutil.copyfile(path, there / name)
+        if not files:
+            return
+
+
+class _Process:
+    """A process that is asked one thing after the other, and what it has said."""
+
+    def __init__(
+        self, command: Sequence[str], environment: Mapping[str, str], own: Path | None, work: Work
+    ) -> None:
+        quiet = subprocess.DEVNULL
+        self.killed_because: str | None = None
+        self._process = subprocess.Popen(
+            command,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=quiet,
+            env=environment,
+            cwd=own,
+            start_new_session=os.name == "posix",
+        )
+        assert self._process.stdin is not None
+        assert self._process.stdout is not None
+        self._said: queue.SimpleQueue[dict[str, Any] | None] = queue.SimpleQueue()
+        self._to_send: queue.SimpleQueue[bytes | None] = queue.SimpleQueue()
+        self._threads = [
+            threading.Thread(target=target, daemon=True) for target in (self._listen, self._send)
+        ]
+        for thread in self._threads:
+            thread.start()
+        self._to_send.put(pickle.dumps(work))
+
+    def _listen(self) -> None:
+        """Put what it says into the queue, and None when nothing more can come."""
+        stream = self._process.stdout
+        assert stream is not None
+        room = ANSWERS
+        with contextlib.suppress(OSError, ValueError):
+            while line := stream.readline(ANSWER):
+                room -= len(line)
+                if room < 0 or not line.endswith(b"\n"):
+                    break
+                with contextlib.suppress(ValueError, RecursionError):
+                    content = json.loads(line)
+                    if isinstance(content, dict):
+                        self._said.put(content)
+        self._said.put(None)
+
+    def _send(self) -> None:
+        stream = self._process.stdin
+        assert stream is not None
+        with contextlib.suppress(OSError, ValueError):
+            while (text := self._to_send.get()) is not None:
+                stream.write(text)
+                stream.flush()
+        with contextlib.suppress(OSError, ValueError):
+            stream.close()
+
+    def said(self, until: float) -> dict[str, Any] | None:
+        """The next line; None if there is no other one, or the time is over."""
+        while True:
+            left = until - time.monotonic()
+            if left <= 0:
+                self.killed_because = "time"
+                return None
+            try:
+                return self._said.get(timeout=min(LOOK_S, left))
+            except queue.Empty:
+                if self._takes_too_much():
+                    return None
+
+    def ask(self, what: str, name: str, until: float, **more: Any) -> dict[str, Any] | None:
+        """What it answers; None if it does not."""
+        request = Request(secrets.token_hex(8), what, name, **more)
+        self._to_send.put(pickle.dumps(request))
+        while (line := self.said(until)) is not None:
+            if line.get("id") == request.id:
+                return line
+        return None
+
+    def _takes_too_much(self) -> bool:
+        """Whether it has more memory or processes than it may, of Linux."""
+        if not sys.platform.startswith("linux"):
+            return False
+        family = _family(self._process.pid)
+        if len(family) > PROCESSES:
+            self.killed_because = "processes"
+        elif sum(family.values()) > MEMORY:
+            self.killed_because = "memory"
+        return self.killed_because is not None
+
+    def end(self) -> int | None:
+        """End it with all that it has started; how it had ended by itself, None if it had not."""
+        code = None
+        if self.killed_because is None:
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                code = self._process.wait(timeout=5.0)
+        self.kill()
+        return code if code is None or code <= 128 or os.name != "posix" else 128 - code
+
+    def kill(self) -> None:
+        """End it with all that it has started; once more does nothing."""
+        if not self._threads:
+            return
+        self._to_send.put(None)
+        family = _family(self._process.pid) if sys.platform.startswith("linux") else {}
+        self._process.kill()
+        if os.name == "posix":
+            with contextlib.suppress(OSError):
+                os.killpg(self._process.pid, signal.SIGKILL)
+        for pid in family:
+            with contextlib.suppress(OSError):
+                os.kill(pid, signal.SIGKILL)
+        self._process.wait()
+        for thread in self._threads:
+            thread.join(timeout=5.0)
+        self._threads = []
+        assert self._process.stdout is not None
+        self._process.stdout.close()
+
+
+def _family(first: int) -> dict[int, int]:
+    """The processes that descend from one, each with the bytes that it holds; of Linux."""
+    parents, held = {}, {}
+    page = os.sysconf("SC_PAGE_SIZE")
+    for folder in os.scandir("/proc"):
+        if folder.name.isdigit():
+            with contextlib.suppress(OSError, ValueError, IndexError):
+                stat = Path(folder.path, "stat").read_text(encoding="utf-8", errors="replace")
+                numbers = stat.rpartition(")")[2].split()
+                parents[int(folder.name)] = int(numbers[1])
+                held[int(folder.name)] = page * int(numbers[21])
+    family = {first}
+    while more := {pid for pid, parent in parents.items() if parent in family} - family:
+        family |= more
+    return {pid: held.get(pid, 0) for pid in family}
+
+
+def _run(
+    start: Any,
+    calls: Sequence[Call],
+    values: Sequence[str],
+    cpu_s: float,
+    wait_s: float,
+    enough_s: float,
+    cells_s: float,
+) -> Found:
     """Start a process, and another one for what is left where a function took the first one along."""
-    outcomes = Found()
+    found = Found()
+    enough = time.monotonic() + enough_s
+    left = list(calls)
     while True:
-        with tempfile.TemporaryDirectory(prefix="trinolab-check-") as folder:
-            answers = Path(folder) / "answers.jsonl"
-            answers.touch()
-            work = work._replace(answers=answers)
-            code = _exit_code(work, wait_s)
-            lines = list(whole_lines(answers))
-        stopped_in = _read(lines, outcomes)
-        if any(line.get("done") for line in lines):
-            return outcomes
-        if stopped_in is None:
-            places = [line["place"] for line in lines if "place" in line]
-            where = places[-1] if places else "what was handed in"
-            outcomes.stuck = f"{where} {how(code, work.cells_s, wait_s)}"
-            return outcomes
-        outcomes.outcomes[stopped_in].append({"stuck": how(code, work.cpu_s, wait_s)})
-        names = [call.name for call in work.calls]
-        work = work._replace(calls=work.calls[names.index(stopped_in) + 1 :], values=())
-        if not work.calls:
-            return outcomes
-
-
-def _exit_code(work: Work, wait_s: float) -> int | None:
-    """Let a process work. How it ended; None if it had to be stopped because it waited."""
-    command = [sys.executable, "-m", "workbench.course.child"]
-    quiet = subprocess.DEVNULL
-    # a function of a module is found there as it is here
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
-    with subprocess.Popen(
-        command, stdin=subprocess.PIPE, stdout=quiet, stderr=quiet, env=environment
-    ) as process:
-        assert process.stdin is not None
+        process = start()
         try:
-            with contextlib.suppress(BrokenPipeError), process.stdin:
-                process.stdin.write(pickle.dumps(work))
-            return _awaited(process, work.answers, wait_s)
+            why = _begun(process, found, enough)
+            if why is not None:
+                code = process.end()
+                found.stuck = f"{why} {how(code, cells_s, enough_s, process.killed_because)}"
+                return found
+            for name in values:
+                line = process.ask("value", name, enough)
+                if line is not None and line.get("there") is True:
+                    found.values[name] = checked_plain(line.get("is_"))
+            values = ()
+            stopped = _asked(process, left, found, cpu_s, wait_s, enough)
+            if stopped is None:
+                return found
+            code = process.end()
+            says = how(code, cpu_s, wait_s, process.killed_because)
+            found.outcomes.setdefault(stopped, []).append({"stuck": says})
         finally:
             process.kill()
+        left = left[[call.name for call in left].index(stopped) + 1 :]
+        if not left:
+            return found
+        if time.monotonic() >= enough:
+            found.stuck = f"the whole file was stopped after {enough_s:g} s"
+            return found
 
 
-def _awaited(process: subprocess.Popen, answers: Path, wait_s: float) -> int | None:
-    """The exit code of a process; None if it says nothing more for so long."""
-    answered = 0
-    since = time.monotonic()
-    while time.monotonic() - since <= (wait_s if answered else WAIT_S):
-        with contextlib.suppress(subprocess.TimeoutExpired):
-            return process.wait(timeout=0.1)
-        size = answers.stat().st_size
-        if size != answered:
-            answered, since = size, time.monotonic()
+def _begun(process: _Process, found: Found, enough: float) -> str | None:
+    """Wait until the cells have run; where it was if they have not."""
+    place = "what was handed in"
+    while (line := process.said(enough)) is not None:
+        if line.get("here") is True and isinstance(line.get("missing"), list):
+            found.missing = tuple(map(str, line["missing"]))
+        if line.get("ready") is True:
+            return None
+        if isinstance(line.get("place"), str):
+            place = line["place"]
+            if isinstance(line.get("raised"), str):
+                found.raised[place] = line["raised"]
+    return place
+
+
+def _asked(
+    process: _Process,
+    calls: Sequence[Call],
+    found: Found,
+    cpu_s: float,
+    wait_s: float,
+    enough: float,
+) -> str | None:
+    """Call the functions; the name of the one that did not come back."""
+    for call in calls:
+        until = min(enough, time.monotonic() + wait_s)
+        line = process.ask("function", call.name, until, cpu_s=cpu_s)
+        if line is None:
+            return call.name
+        if line.get("there") is not True:
+            continue
+        outcomes = found.outcomes[call.name] = []
+        for case in call.cases:
+            line = process.ask("case", call.name, until, case=case)
+            if line is None:
+                return call.name
+            outcomes.append(_outcome(line))
     return None
 
 
-def how(code: int | None, cpu_s: float, wait_s: float) -> str:
+def _outcome(line: Mapping[str, Any]) -> dict[str, Any]:
+    """What a process says of a case, whatever it says."""
+    changed = line.get("changed")
+    places = changed if isinstance(changed, list) else []
+    about = {
+        "printed": line.get("printed") is True,
+        "changed": [k for k in places if isinstance(k, int) and 0 <= k < 20],
+    }
+    if "raised" in line:
+        return {"raised": str(line["raised"]), **about}
+    return {"returned": checked_plain(line.get("returned")), **about}
+
+
+def how(code: int | None, cpu_s: float, wait_s: float, because: str | None = None) -> str:
     """How a process ended, in words, that did not do all of its work."""
+    if because == "memory" or code == -9:
+        return "was ended by the system: it may have asked for too much memory"
+    if because == "processes":
+        return f"was ended: it has started more than {PROCESSES} processes"
     if code is None:
         return f"does not end: it was stopped after {wait_s:g} s"
-    if code == -24:  # SIGXCPU: the limit of the processor's time
+    if code in (-24, 128 + 24):  # SIGXCPU: the limit of the processor's time
         return f"does not end: it was stopped after {cpu_s:g} s of computing"
-    if code == -9:
-        return "was ended by the system: it may have asked for too much memory"
     return f"ends Python (exit code {code})"
-
-
-def whole_lines(answers: Path) -> Iterator[dict[str, Any]]:
-    """The lines that are whole and can be read."""
-    for line in answers.read_text(encoding="utf-8", errors="replace").splitlines():
-        try:
-            content = json.loads(line)
-        except ValueError:
-            continue
-        if isinstance(content, dict):
-            yield content
-
-
-def _read(lines: Sequence[dict[str, Any]], found: Found) -> str | None:
-    """Take what the lines say; the name of the function that was running at the end, if one was."""
-    running = None
-    for line in lines:
-        if "raised" in line and "place" in line:
-            found.raised[line["place"]] = line["raised"]
-        elif line.get("there") and "value" in line:
-            found.values[line["value"]] = line["is_"]
-        elif "began" in line:
-            running = line["began"]
-        elif line.get("there") and "function" in line:
-            found.outcomes[line["function"]] = []
-        elif "case" in line:
-            found.outcomes[line["function"]].append(line)
-            running = None
-    return running

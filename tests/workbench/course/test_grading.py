@@ -63,14 +63,14 @@ def test_who_prints_has_all_points_and_is_told_so():
     verdict = judged(FILTER, talks)
     assert (verdict.right, verdict.points) == (True, FILTER.points)
     assert verdict.says == (
-        "filter_number agrees with the solution in 4 of 4 cases. It prints something, too; to "
+        "filter_number agrees with the solution in 6 of 6 cases. It prints something, too; to "
         "return the result is enough."
     )
 
 
 def test_a_notebook_shows_the_verdict_as_a_line():
     verdict = judged(FILTER, FILTER.solution)
-    assert repr(verdict) == ("04.2 right: filter_number agrees with the solution in 4 of 4 cases.")
+    assert repr(verdict) == ("04.2 right: filter_number agrees with the solution in 6 of 6 cases.")
 
 
 def test_a_function_without_return_is_asked_for_one():
@@ -94,7 +94,7 @@ def test_a_case_that_alone_is_wrong_is_shown_with_how_many_are_right():
 
     says = judged(FILTER, one_off).says
     assert says.startswith("filter_number(")
-    assert says.endswith(" 3 of 4 cases are right.")
+    assert says.endswith(" 5 of 6 cases are right.")
 
 
 def test_another_number_of_things_is_said_in_words():
@@ -145,7 +145,8 @@ def test_one_value_alone_is_right_in_the_singular():
         ({"everywhere": None}, "everywhere is still to be filled in."),
         ({"lowest": ""}, "lowest is still to be filled in."),
         ({"lowest": 17.0}, "lowest is not 17."),
-        ({"lowest": [16.5]}, "lowest is to be a number, not an array of the shape (1,)."),
+        ({"lowest": [16.5, 16.5]}, "lowest is to be a number, not an array of the shape (2,)."),
+        ({"lowest": True}, "lowest is to be a number, not the text 'yes'."),
         ({"lowest": np.nan}, "lowest is not nan."),
     ],
 )

@@ -11,9 +11,11 @@ __all__ = ["square_lens"]
 
 
 def _lens_of(homographies, size, of_columns, normalise=True, equations_of=None):
-    """`square_lens` with another last step, `of_columns`: from the entries of B to f, cx, cy."""
+    """`square_lens` with another last step, `of_columns`: from the entries of B to f, cx, cy; in
+    units of the image's size, or in the pixels as they are.
+    """
     unit = max(size) if normalise else 1
-    middle = (np.array(size) - 1) / 2
+    middle = (np.array(size) - 1) / 2 if normalise else np.zeros(2)
     N = np.array([[1, 0, -middle[0]], [0, 1, -middle[1]], [0, 0, unit]]) / unit
     equations = []
     for H in homographies:
@@ -48,7 +50,7 @@ def _signs(B11, B13, B23, B33):
 
 
 square_lens_exercise = FunctionExerciseMaker(
-    "07.3", "Pixels that are square", "ex-calibration-square", points=4, within=1e-07
+    "07.3", "Pixels that are square", "ex-calibration-square", points=4
 )
 
 
@@ -95,11 +97,21 @@ def square_lens(homographies, size):
     return np.linalg.inv(N) @ np.array([[f, 0, cx], [0, f, cy], [0, 0, 1]])
 
 
+SIZES = (
+    (2, (1280, 1024)),
+    (3, (640, 480)),
+    (2, (800, 1200)),
+    (5, (1280, 1024)),
+    (4, (1024, 1024)),
+    (3, (1920, 1080)),
+)
+
+
 @square_lens_exercise.cases
 def _lens_cases(rng):
     """Exact homographies, so that it does not matter how the equations are weighted."""
     cases = []
-    for count, size in ((2, (1280, 1024)), (3, (640, 480)), (2, (800, 1200)), (5, (1280, 1024))):
+    for count, size in SIZES:
         f = rng.uniform(0.8, 3) * max(size)
         cx, cy = np.array(size) / 2 + rng.uniform(-40, 40, 2)
         K = np.array([[f, 0, cx], [0, f, cy], [0, 0, 1]])
@@ -136,6 +148,28 @@ def _wrong_signs(homographies, size):
     """The principal point has the wrong sign: B13 is -cx by f squared."""
     N, K = _lens_of(homographies, size, _signs)
     return np.linalg.inv(N) @ K
+
+
+@square_lens_exercise.mistake("7, The algorithm: a start in closed form")
+def _focal_of_squares_px(homographies, size):
+    """This focal length is its own square, in px^2: B11 is 1 by f squared, up to the factor, so that
+    a root has to be taken.
+    """
+    return _lens_of(homographies, size, _no_root, normalise=False)[1]
+
+
+@square_lens_exercise.mistake("7, The algorithm: a start in closed form")
+def _without_principal_point_px(homographies, size):
+    """The principal point, in px, is missing from f: B33 is 1 plus both of its squares by f squared,
+    and these have to be taken off.
+    """
+    return _lens_of(homographies, size, _principal_point_left_out, normalise=False)[1]
+
+
+@square_lens_exercise.mistake("7, The algorithm: a start in closed form")
+def _wrong_signs_px(homographies, size):
+    """The principal point, in px, has the wrong sign: B13 is -cx by f squared."""
+    return _lens_of(homographies, size, _signs, normalise=False)[1]
 
 
 @square_lens_exercise.mistake("7, The algorithm: a start in closed form")

@@ -33,6 +33,11 @@ def _corners():
     return image
 
 
+def _two_runs(ground, lower, upper):
+    """Six discs, of which two are dark: six contours, then four, for as many thresholds."""
+    return _discs([lower, lower, upper, upper, upper, upper], ground, 3)
+
+
 def _runs(counts, fewest=4):
     """First and last threshold of each run of a count that is large enough, and the count."""
     ends = [k for k in range(len(counts)) if k + 1 == len(counts) or counts[k + 1] != counts[k]]
@@ -52,8 +57,11 @@ def _counts(image, joined=8, darkest=1):
     ]
 
 
+NO_RUN = (math.nan, math.nan, 0)
+
+
 def _longest(runs):
-    return max(runs, key=lambda run: (run[1] - run[0], -run[0]), default=(math.nan, math.nan, 0))
+    return max(runs, key=lambda run: (run[1] - run[0], -run[0]), default=NO_RUN)
 
 
 def _middle(run):
@@ -109,6 +117,8 @@ def _plateau_cases(rng):
         (np.uint8(_discs([80, 81, 82, 83, 200, 201, 202, 203], 0, 3)),),
         ([[10, 200, 10, 150, 10, 90, 10, 60, 10]],),
         (rng.integers(0, 256, (40, 60)),),
+        (_two_runs(20, 60, 100),),  # runs of one length
+        (_two_runs(30, 40, 50),),
     ]
 
 
@@ -119,6 +129,18 @@ def _last_run_forgotten(image):
     """
     counts = _counts(image)
     return _middle(_longest([run for run in _runs(counts) if run[1] + 1 < len(counts)]))
+
+
+@plateau_exercise.mistake("5, Exercises")
+def _last_of_equals(image):
+    """Of runs of one length you take the last. The lowest counts: a new run has to be longer, and
+    not only as long.
+    """
+    return _middle(max(_runs(_counts(image)), key=_length_then_place, default=NO_RUN))
+
+
+def _length_then_place(run):
+    return run[1] - run[0], run[0]
 
 
 @plateau_exercise.mistake("5, Exercises")

@@ -24,7 +24,7 @@ ASKEW = "9, Is something mounted askew?"
 
 
 mean_angle_errors_exercise = FunctionExerciseMaker(
-    "09.3", "The errors of angles", "table1-wrap", points=4
+    "09.3", "The errors of angles", "table1-wrap", points=4, within=1e-5
 )
 
 
@@ -144,7 +144,7 @@ def _neither_wrapped_nor_lost(measured_deg, set_deg):
 
 
 askew_differences_exercise = FunctionExerciseMaker(
-    "09.4", "A handle mounted askew", "table1-askew", points=4, within=1e-08
+    "09.4", "A handle mounted askew", "table1-askew", points=4, within=1e-5
 )
 
 
