@@ -290,10 +290,10 @@ def _one_of(student: str, chapter: str, paths: Sequence[Path], beside: Path | No
     """The file of a student with a chapter's answers, of all whose names say so."""
     if len(paths) > 1:
         names = ", ".join(path.name for path in paths)
-        wrong = (
+        several = (
             f"{names} cannot be read: these are {len(paths)} files, and one counts; remove the rest"
         )
-        return Submission(student, chapter, paths[0], None, wrong)
+        return Submission(student, chapter, paths[0], None, several)
     path = paths[0]
     whole_way = [path, *(place for place in path.parents if beside in place.parents)]
     wrong: str | None = None
