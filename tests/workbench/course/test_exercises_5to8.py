@@ -195,7 +195,7 @@ def test_the_square_lens_agrees_with_zhang_s():
         if len(homographies) > 2:
             assert np.allclose(K, start.intrinsics(homographies, size), rtol=1e-6)
             compared += 1
-    assert compared == 2
+    assert compared >= 2
 
 
 def test_the_values_of_chapter_7():
