@@ -26,6 +26,7 @@ from verification import (
     identity,
     layouts,
     misled,
+    mutants,
     nees,
     refined,
     slave,
@@ -48,6 +49,7 @@ SECTIONS = {
     "slave": slave.report,
     "heavy": heavy.report,
     "chapters": chapters.report,
+    "mutants": mutants.report,
     "spread": spread.report,
 }
 
