@@ -27,6 +27,7 @@ from verification import (
     identity,
     layouts,
     misled,
+    mutants,
     nees,
     refined,
     slave,
@@ -50,6 +51,7 @@ SECTIONS = {
     "slave": slave.report,
     "heavy": heavy.report,
     "chapters": chapters.report,
+    "mutants": mutants.report,
     "spread": spread.report,
 }
 

@@ -270,7 +270,8 @@ FOR_STUDENTS = """
 ## Hand in
 
 The notebook of the chapter, under its own name, in a folder with yours: `submissions/ada/04_kalman.ipynb`. Save it
-first (Ctrl and S). The points count that `trinolab check` gives to what you hand in.
+first (Ctrl and S). The points count that `trinolab check` gives to what you hand in. A prediction counts, also a
+wrong one, if you have checked it before the run: hand in `predictions.json`, which keeps it, with the notebook.
 """
 
 FOR_TEACHERS = """
@@ -282,8 +283,8 @@ Students hand in `submissions/<name>/04_kalman.ipynb`, and
     trinolab check --all submissions
 
 makes a table with a row a student: the points of each exercise, and what the grader says to each that is not right.
-Each file runs as a program with your rights: read `trinolab check --help` first. The book's part *The course* has plans
-for lessons, misconceptions, projects and an exam.
+Each file runs as a program, confined on Linux alone: read `trinolab check --help` first. The book's part *The course*
+has plans for lessons, misconceptions, projects and an exam.
 """
 
 if __name__ == "__main__":

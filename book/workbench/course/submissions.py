@@ -288,6 +288,7 @@ def _chapter_of(name: str) -> str | None:
 
 def _one_of(student: str, chapter: str, paths: Sequence[Path], beside: Path | None) -> Submission:
     """The file of a student with a chapter's answers, of all whose names say so."""
+    wrong: str | None
     if len(paths) > 1:
         names = ", ".join(path.name for path in paths)
         several = (
@@ -296,7 +297,7 @@ def _one_of(student: str, chapter: str, paths: Sequence[Path], beside: Path | No
         return Submission(student, chapter, paths[0], None, several)
     path = paths[0]
     whole_way = [path, *(place for place in path.parents if beside in place.parents)]
-    wrong: str | None = None
+    wrong = None
     if any(place.is_symlink() for place in whole_way):
         wrong = f"{path.name} cannot be read: it is a link"
     elif not path.is_file():

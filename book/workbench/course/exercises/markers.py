@@ -119,6 +119,7 @@ def _plateau_cases(rng):
         (rng.integers(0, 256, (40, 60)),),
         (_two_runs(20, 60, 100),),  # runs of one length
         (_two_runs(30, 40, 50),),
+        (_discs([1, 1, 1, 1], 0, 3),),  # a run of a single threshold
     ]
 
 

@@ -199,6 +199,7 @@ def _map_cases(rng):
         (255 - image[2:5, 3:8], image),
         (np.full((3, 3), 40), image),
         (rng.integers(0, 256, (4, 2)), rng.integers(0, 256, (6, 8))),
+        ([[1, 1], [1, 2]], [[5, 5, 6], [5, 5, 5], [5, 6, 5]]),  # hardly any contrast
     ]
 
 

@@ -116,6 +116,11 @@ def _point_cases(rng):
         (half, np.array([-400.0, 10, 700.0]), np.array([20.0, -30, 540])),
         (behind, np.array([-300.0, 0, 250.0]), np.array([-25.0, 15, 580])),
         (np.eye(3), np.array([-40.0, 25, -900.0]), np.array([30.0, 10, 560])),  # it stands beyond
+        # close before and close behind the one, the other
+        (np.eye(3), np.array([-100.0, 5, 100.0]), np.array([3.0, -2, 0.5])),
+        (np.eye(3), np.array([-100.0, 5, 100.0]), np.array([3.0, -2, -0.5])),
+        (np.eye(3), np.array([-100.0, 5, -559.5]), np.array([30.0, -20, 560])),
+        (np.eye(3), np.array([-100.0, 5, -560.5]), np.array([30.0, -20, 560])),
     ):
         in_right = R @ place + T
         xy_right = in_right[:2] / in_right[2] + rng.normal(0, 2e-4, 2)

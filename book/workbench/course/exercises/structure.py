@@ -92,6 +92,14 @@ def _structure_cases(rng):
         (np.arange(6) * 60.0, np.full(6, 10.0)),
         (np.repeat(np.arange(6) * 60.0, 2), np.tile([10.0, -10.0, 10.0, -4.0], 3)),
         (np.array([0.0, 40.0, 170.0]), np.array([10.0, -10.0, 3.0])),
+        # beyond a whole turn, and not in their order
+        (np.roll(six[0], 5) + 207.0, np.roll(six[1], 5)),
+        (-six[0] - 13.0, six[1]),
+        # a turn just short of a whole one, and markers of a column that rounding sets apart
+        (six[0] - 0.25 - 1e-9 * (np.arange(12) == 1), six[1]),
+        # nearly alike: one marker off by a little
+        (six[0] + 0.3 * (np.arange(12) == 4), six[1]),
+        (six[0], six[1] + 0.3 * (np.arange(12) == 4)),
     ]
 
 

@@ -1,0 +1,201 @@
+"""A class is not at the mercy of one file: whatever is handed in has a row, and earns what it is worth."""
+
+import csv
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+from wronghandins import HOSTILE, NOTEBOOKS, POINTS, PROGRAMS, RIGHT, alive, hand_in, program
+
+from workbench.course import child, running
+from workbench.course.child import Call
+from workbench.course.exercises import of_chapter
+from workbench.course.submissions import cells_of, check_class, handed_in
+
+LINUX = sys.platform.startswith("linux")
+
+
+@pytest.fixture(autouse=True)
+def own_cache(tmp_path_factory, monkeypatch):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.mktemp("cache")))
+
+
+def rows(folder):
+    with (folder / "points.csv").open(encoding="utf-8") as file:
+        return {row["student"]: row for row in csv.DictReader(file)}
+
+
+@pytest.mark.parametrize("kind", NOTEBOOKS)
+def test_a_notebook_is_read_or_named(tmp_path, kind):
+    content, readable = NOTEBOOKS[kind]
+    path = tmp_path / "04_kalman.ipynb"
+    path.write_bytes(content)
+    if readable:
+        assert any("filter_number" in source for _, source in cells_of(path))
+    else:
+        with pytest.raises(ValueError, match="is no notebook that can be read"):
+            cells_of(path)
+
+
+@pytest.mark.parametrize("kind", PROGRAMS)
+def test_a_program_is_read_or_named(tmp_path, kind):
+    content, readable = PROGRAMS[kind]
+    path = tmp_path / "04_kalman.py"
+    path.write_bytes(content)
+    if readable:
+        compile(cells_of(path)[0][1], "04_kalman.py", "exec")
+    else:
+        with pytest.raises(ValueError, match="is no text that can be read"):
+            cells_of(path)
+
+
+def test_every_way_of_handing_in_has_a_row(tmp_path):
+    right = NOTEBOOKS["plain"][0]
+    moodle = "Ada Lovelace_12345_assignsubmission_file_"
+    hand_in(tmp_path, moodle, right)
+    (tmp_path / "smithjohn_LATE_12345_67890_04_kalman-2.ipynb").write_bytes(right)
+    (tmp_path / "leejo_11_67891_04_kalman.ipynb").write_bytes(right)
+    (tmp_path / "leejo_12_67892_04_kalman.ipynb").write_bytes(right)
+    (tmp_path / "essay.ipynb").write_bytes(right)
+    (tmp_path / "04_loose.py").write_text(RIGHT)
+    hand_in(tmp_path, "two", right)
+    hand_in(tmp_path, "two", right, "04_kalman-Copy1.ipynb")
+    (tmp_path / "none").mkdir()
+    (tmp_path / "link").mkdir()
+    (tmp_path / "link" / "04_kalman.ipynb").symlink_to(tmp_path / "two" / "04_kalman.ipynb")
+    (tmp_path / "folder").symlink_to(tmp_path / "two")
+    hand_in(tmp_path, "deep", right, "readme.txt")
+    (tmp_path / "deep" / "week4").mkdir()
+    (tmp_path / "deep" / "week4" / "04_kalman.ipynb").write_bytes(right)
+    os.mkfifo(tmp_path / "none" / "04_pipe.py")
+    found = {it.student: it for it in handed_in(tmp_path, tmp_path / "points.csv")}
+    readable = {name for name, it in found.items() if it.wrong is None}
+    assert readable == {moodle, "smithjohn", "leejo_11", "leejo_12", "04_loose", "deep"}
+    says = {name: it.wrong for name, it in found.items() if it.wrong is not None}
+    assert says == {
+        "essay": "essay.ipynb cannot be read: its name does not say the chapter, as 04_kalman.ipynb does",
+        "two": "04_kalman-Copy1.ipynb, 04_kalman.ipynb cannot be read: these are 2 files, and one "
+        "counts; remove the rest",
+        "none": "04_pipe.py cannot be read: it is no file",
+        "link": "04_kalman.ipynb cannot be read: it is a link",
+        "folder": "folder cannot be read: it is a link",
+    }
+    assert found["smithjohn"].beside is None  # what lies beside it is others'
+
+
+def test_a_class_goes_on_whatever_one_file_is(tmp_path):
+    hand_in(tmp_path, "ada", RIGHT.encode(), "04_kalman.py")
+    hand_in(tmp_path, "=cmd|calc", b"")
+    hand_in(tmp_path, "bob\x1b[31m", b"[" * 100_000)
+    check_class(tmp_path, tmp_path / "points.csv")
+    found = rows(tmp_path)
+    assert {name: row["points"] for name, row in found.items()} == {
+        "ada": str(POINTS),
+        "'=cmd|calc": "0",
+        "bob": "0",
+    }
+    assert found["bob"]["said"] == "04_kalman.ipynb cannot be read: is no notebook that can be read"
+
+
+def judged(tmp_path, names):
+    hand_in(tmp_path, "ada", RIGHT.encode(), "04_kalman.py")
+    for name in names:
+        hand_in(tmp_path, name, program(name, tmp_path).encode(), "04_kalman.py")
+    check_class(tmp_path, tmp_path / "points.csv")
+    found = rows(tmp_path)
+    text = (tmp_path / "points.csv").read_text(encoding="utf-8")
+    assert len(text) < 20_000 * len(found)
+    assert "\x1b" not in text
+    assert (tmp_path / "ada" / "04_kalman.py").read_text() == RIGHT
+    return {name: int(row["points"]) for name, row in found.items()}
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not LINUX, reason="other systems do not keep files apart")
+def test_no_program_earns_what_it_has_not_answered(tmp_path):
+    """A sample; make verify runs all."""
+    names = [
+        "ends at once",
+        "one right case, then an end",
+        "reads the solution",
+        "runs the neighbour's",
+    ]
+    assert judged(tmp_path, names) == {"ada": POINTS, **dict.fromkeys(names, 0)}
+
+
+@pytest.mark.heavy
+@pytest.mark.skipif(not LINUX, reason="other systems do not keep files apart")
+def test_no_hostile_program_earns_a_point_or_stops_the_class(tmp_path):
+    assert judged(tmp_path, HOSTILE) == {"ada": POINTS, **dict.fromkeys(HOSTILE, 0)}
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not LINUX, reason="processes are looked at on Linux alone")
+def test_a_heartbeat_does_not_extend_the_time_and_a_grandchild_does_not_survive():
+    code = (
+        "import subprocess, time, sys\n"
+        "subprocess.Popen(['/bin/sleep', '98765'], start_new_session=True)\n"
+        "while True:\n    print('{}', file=sys.__stdout__, flush=True)\n    time.sleep(0.05)\n"
+    )
+    begin = time.monotonic()
+    found = running.run_file([("04.py", code)], [], ["a"], enough_s=8.0)
+    assert time.monotonic() - begin < 60  # a busy machine
+    assert found.stuck == "04.py does not end: it was stopped after 8 s"
+    assert not alive("98765")
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not LINUX, reason="processes are looked at on Linux alone")
+def test_asked_to_end_the_command_leaves_no_process(tmp_path):
+    hand_in(
+        tmp_path, "ada", b"import subprocess\nsubprocess.run(['/bin/sleep', '87654'])\n", "04.py"
+    )
+    call = "import sys; from workbench.cli import main; main(['check', '--all', sys.argv[1]])"
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
+    command = subprocess.Popen(
+        [sys.executable, "-c", call, str(tmp_path)],
+        env=environment,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    )
+    until = time.monotonic() + 120
+    while not alive("87654") and time.monotonic() < until:
+        time.sleep(0.1)
+    assert alive("87654")
+    command.send_signal(signal.SIGTERM)
+    assert command.wait(timeout=60) == 128 + signal.SIGTERM
+    until = time.monotonic() + 20
+    while alive("87654") and time.monotonic() < until:
+        time.sleep(0.1)
+    assert not alive("87654")
+
+
+@pytest.mark.slow
+def test_without_limits_of_the_system_a_loop_ends_as_well(tmp_path, monkeypatch):
+    """As on Windows, which has no module `resource`."""
+    (tmp_path / "sitecustomize.py").write_text("import sys\nsys.modules['resource'] = None\n")
+    monkeypatch.syspath_prepend(str(tmp_path))
+
+    def loop(number):
+        while True:
+            pass
+
+    found = running.run_given({"loop": loop}, [Call("loop", [(1,)])], cpu_s=1.0)
+    (outcome,) = found.outcomes["loop"]
+    assert outcome["stuck"] == "does not end: it was stopped after 1 s of computing"
+
+
+def test_the_end_of_a_process_is_no_answer():
+    """Judged is what was answered, in all cases."""
+    from workbench.course.grading import call_of, judge_outcomes
+
+    asked = of_chapter("04")[1]
+    outcomes = [child.outcome(asked.solution, case) for case in call_of(asked).cases]
+    assert judge_outcomes(asked, outcomes).right
+    for count in (0, 1, len(outcomes) - 1):
+        verdict = judge_outcomes(asked, outcomes[:count])
+        assert not verdict.right
+        assert verdict.says == f"filter_number has answered in {count} of 6 cases."
