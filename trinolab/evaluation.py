@@ -127,7 +127,7 @@ def evaluate(
     Parameters
     ----------
     poses, truth : path or pandas.DataFrame
-        A file of poses, or a table as `read_poses` and `trinolab.track` give it; joined on `frame`.
+        A file of poses, or a table as `read_poses` and ``trinolab.track`` give it; joined on `frame`.
     handle : Handle or path or str
         A `Handle`, its file, or the name of a shipped one.
 

@@ -55,7 +55,7 @@ def measure(
 ) -> Measurement:
     """Measure the handle's pose from the frames of one instant by the paper's method (Eq. 16-24).
 
-    This is the chain as printed. `single.measure_instant`, which is `trinolab.measure`, does the
+    This is the chain as printed. `single.measure_instant`, which is ``trinolab.measure``, does the
     same and takes the best estimator where none is named, and rig and handle by their names.
 
     Parameters

@@ -9,8 +9,8 @@ PAPER = "paper"  # Eq. 20-24: what the functions of the chain take unless they a
 BEST = "patches"  # the most accurate that keeps up with 30 frames a second
 # what --method may name -> the estimator
 METHODS = {**{name: name for name in ESTIMATORS}, "best": BEST}
-# Whoever asks for a pose and names no estimator gets this one: `trinolab.measure`,
-# `trinolab.track` and each command.
+# Whoever asks for a pose and names no estimator gets this one: ``trinolab.measure``,
+# ``trinolab.track`` and each command.
 DEFAULT = "best"
 
 

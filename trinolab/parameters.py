@@ -31,7 +31,7 @@ class Parameters:
     estimator : {"paper", "paper_checked", "weighted", "reprojection", "patches", "outline", "best"}
         How the pose follows from the markers, see `estimators.estimate`; ``best`` is stored as
         ``patches``. None leaves it to whom the parameters are given: the functions of the chain
-        (`measurement`, `tracker`) take the paper's, `trinolab.measure` and the commands
+        (`measurement`, `tracker`) take the paper's, ``trinolab.measure`` and the commands
         `methods.DEFAULT`.
     max_slant_deg : float
         Markers turned further away are identified but not measured, as long as four are left:

@@ -124,7 +124,7 @@ def track_files(
         CSV with the columns ``frame`` and ``t_s``.
     method : str
         The estimator, see `methods.METHODS`; ``best`` is that of all commands and of
-        `trinolab.measure`.
+        ``trinolab.measure``.
     progress : bool
         Show a progress bar on standard error, if that is a terminal.
 
