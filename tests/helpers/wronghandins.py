@@ -90,8 +90,7 @@ HOSTILE = {
     "removes the neighbour's": "import os; os.remove(r'{klass}/ada/04_kalman.py')",
     "links to the neighbour's": "import os; os.symlink(r'{klass}/ada/04_kalman.py', 'link.py')\n"
     "exec(open('link.py').read())",
-    "ends its parents": "import os, signal\nfor pid in (os.getppid(), 1, -1):\n"
-    "  try: os.kill(pid, signal.SIGKILL)\n  except OSError: pass",
+    "ends its parents": "import os, signal\nos.kill(os.getppid(), signal.SIGKILL)",
     "traces its frames": "import sys\nf = sys._getframe()\nwhile f:\n"
     "  for v in list(f.f_locals.values()):\n    if hasattr(v, 'write'): v.write('{{\"done\": true}}\\n')\n"
     "  f = f.f_back",

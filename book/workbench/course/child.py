@@ -233,7 +233,7 @@ def _differ(before: Any, after: Any) -> bool:
 
 def _named(error: BaseException) -> str:
     """An error's type and the first line of what it says."""
-    message = str(error).strip()
+    message = str(error)[:1000].strip()
     first = message.splitlines()[0] if message else ""
     return f"{type(error).__name__}: {first}" if first else type(error).__name__
 

@@ -178,7 +178,7 @@ def _only_the_child_returns(apart: bool) -> None:
         return
     code = _code_of(worker)
     if not apart:
-        while left := list(children_of(os.getpid())):
+        while left := list(_children_of(os.getpid())):
             for pid in left:
                 with contextlib.suppress(OSError):
                     os.kill(pid, signal.SIGKILL)
@@ -196,7 +196,7 @@ def _code_of(pid: int) -> int:
             return code if code >= 0 else 128 - code
 
 
-def children_of(pid: int) -> Iterator[int]:
+def _children_of(pid: int) -> Iterator[int]:
     """The processes that a process has started and that are there, of Linux."""
     for folder in Path("/proc").glob("[0-9]*"):
         with contextlib.suppress(OSError, ValueError):

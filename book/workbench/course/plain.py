@@ -37,8 +37,10 @@ def plain(value: Any) -> Any:
     Truth values are the numbers 0 and 1, motions their matrices. Of what is something else the name
     of its type is kept.
     """
-    if value is None or isinstance(value, str):
-        return value
+    if value is None:
+        return None
+    if isinstance(value, str):
+        return str(value[:MOST_LETTERS])
     if isinstance(value, Rotation | RigidTransform):
         value = value.as_matrix()
     numbers = _numbers(value)

@@ -206,6 +206,7 @@ class _Process:
     ) -> None:
         quiet = subprocess.DEVNULL
         self.killed_because: str | None = None
+        self._silent = False  # nothing more can come
         self._process = subprocess.Popen(
             command,
             stdin=subprocess.PIPE,
@@ -254,16 +255,19 @@ class _Process:
 
     def said(self, until: float) -> dict[str, Any] | None:
         """The next line; None if there is no other one, or the time is over."""
-        while True:
+        while not self._silent:
             left = until - time.monotonic()
             if left <= 0:
                 self.killed_because = "time"
                 return None
             try:
-                return self._said.get(timeout=min(LOOK_S, left))
+                line = self._said.get(timeout=min(LOOK_S, left))
+                self._silent = line is None
+                return line
             except queue.Empty:
                 if self._takes_too_much():
                     return None
+        return None
 
     def ask(self, what: str, name: str, until: float, **more: Any) -> dict[str, Any] | None:
         """What it answers; None if it does not."""
