@@ -70,8 +70,10 @@ def dangers(source):
 
 
 # What a student hands in is to be run: in a process of its own, from which plain data come back.
-# A kernel copies its own variables, which never leave its memory.
+# A kernel copies its own variables, which never leave its memory. A table of Anipose's is a pickle, of which
+# numbers alone are read: `calibration.tables` refuses all that could run.
 RUN_ON_PURPOSE = {
+    "trinolab.calibration.tables",
     "workbench.course.child",
     "workbench.course.running",
     "workbench.sweep.kernelstate",

@@ -216,12 +216,14 @@ def test_page_shows_the_other_renderer_and_the_limits(made):
     assert digits(row["mm"]) in text
 
 
-def test_a_sheet_begins_with_the_latency_and_its_worst():
+def test_a_sheet_begins_with_what_a_user_gets_and_the_latency_and_its_worst():
     _, numbers = read_sheet(data_path("accept", "raised_40deg.json"))
-    first = [(called, quantity) for _, called, quantity, _ in sheet.glance(numbers)][:3]
+    first = [(called, quantity) for _, called, quantity, _ in sheet.glance(numbers)][:6]
     age = "age of a pose when it is there"
+    own = "With a calibration of your own"
     assert first == [
-        ("Latency", f"{age}, {statistic}") for statistic in ("median", "99 %", LARGEST)
+        *((own, f"{kind}: expanded, U = 2 u, rms") for kind in ("depth", "across", "rotation")),
+        *(("Latency", f"{age}, {statistic}") for statistic in ("median", "99 %", LARGEST)),
     ]
 
 
