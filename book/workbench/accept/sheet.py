@@ -217,11 +217,11 @@ def readable(numbers: Sequence[Number]) -> pd.DataFrame:
             interval_text(number),
             number.n,
             "" if number.seed is None else number.seed,
-            number.interval or number.note,
+            "; ".join(filter(None, (number.note, number.interval))),
         )
         for number in numbers
     ]
-    columns = ["what", "statistic", "value", "95 %", "n", "seed", "interval by, or note"]
+    columns = ["what", "statistic", "value", "95 %", "n", "seed", "note; interval by"]
     return pd.DataFrame(rows, columns=columns)
 
 
