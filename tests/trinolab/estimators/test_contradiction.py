@@ -119,6 +119,7 @@ def silent(rig):
     return replace(rig, covariance=None)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("rig", "low"), [(PAIR, 0.5), (THREE, 0.7)], ids=["pair", "three"])
 def test_a_rig_that_says_nothing_is_as_uncertain_as_what_is_seen_makes_it(rig, low):
     """Images that are shifted by a fifth of what is usual, by as much, and five times as much."""

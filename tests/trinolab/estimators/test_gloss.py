@@ -74,6 +74,7 @@ def without_gloss(monkeypatch):
         monkeypatch.setattr(module, "shows_gloss", lambda *_: False, raising=False)
 
 
+@pytest.mark.slow
 def test_gloss_is_in_the_model_where_it_shows(varnished, monkeypatch):
     """Four poses: the fit is honest with it. Light from the side pulls around the axis: without gloss
     the angles are off by more than twice as much.
@@ -93,6 +94,7 @@ def test_gloss_is_in_the_model_where_it_shows(varnished, monkeypatch):
     assert errors[1] < 0.5 * plain_errors[1]
 
 
+@pytest.mark.slow
 def test_a_scene_without_gloss_is_fitted_without_it(monkeypatch):
     images = {row: images_of(row, varnished=False) for row in ROWS}
     starts = {row: off_by(row, 0.1, 1.0) for row in ROWS}

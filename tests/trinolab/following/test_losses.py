@@ -51,12 +51,14 @@ def test_another_shipped_handle_is_named(instants):
     )
 
 
+@pytest.mark.slow
 def test_exchanged_cameras_are_named(instants):
     exchanged = [images[::-1] for images in instants]
     said = likely_cause(exchanged, RIG, CODED)
     assert "which fit if ccd1 and ccd2 are exchanged: likely the cameras are" in said
 
 
+@pytest.mark.slow
 def test_markers_that_nothing_explains(instants):
     moved = replace(CODED, columns_deg=tuple(40.0 * k for k in range(len(CODED.columns_deg))))
     turned = [[np.rot90(images[0]).copy(), images[1]] for images in instants]

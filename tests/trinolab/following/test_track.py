@@ -118,6 +118,7 @@ def test_an_interrupted_track_goes_on_as_if_nothing_had_stopped_it(
     assert not list(tmp_path.glob("*.partial*"))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "damage",
     [

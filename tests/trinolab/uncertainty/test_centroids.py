@@ -95,6 +95,7 @@ def drawn_centroids(rig, handle, T, noise_px, rng):
     return uv
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rig", [PAIR, RAISED], ids=["pair", "raised"])
 @pytest.mark.parametrize("noise_px", [NOISE_PX, 5 * NOISE_PX])
 def test_nees_of_drawn_centroids(rig, noise_px):
@@ -139,6 +140,7 @@ def test_a_pose_of_three_markers_has_a_covariance():
     assert (np.linalg.eigvalsh(pose.covariance) > 0).all()
 
 
+@pytest.mark.slow
 def test_nees_on_images():
     """Seven of Table 1's poses, three cameras: bias, light and noise are the bench's own."""
     values = []

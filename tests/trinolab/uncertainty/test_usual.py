@@ -33,6 +33,7 @@ def drawn(rig, matrix, seed, count=400):
     return [displaced(rig, root @ rng.standard_normal(len(matrix))) for _ in range(count)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["paper_pair", "paper_trinocular", "raised_40deg"])
 @pytest.mark.parametrize("px", [IMAGE_PX, 1.0])
 def test_the_image_of_the_work_is_shifted_by_what_is_said(name, px):
