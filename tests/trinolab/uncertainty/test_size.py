@@ -52,8 +52,22 @@ def rms(values):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("estimator", ["paper", "paper_checked", "patches"])
-@pytest.mark.parametrize("count", [2, 3])
+@pytest.mark.parametrize(
+    ("count", "estimator"),
+    [
+        (3, "patches"),
+        *(
+            pytest.param(count, estimator, marks=pytest.mark.heavy)
+            for count, estimator in (
+                (2, "patches"),
+                (2, "paper"),
+                (3, "paper"),
+                (2, "paper_checked"),
+                (3, "paper_checked"),
+            )
+        ),
+    ],
+)
 def test_rigs_that_say_nothing_are_about_as_far_off_as_their_sigmas_good_or_bad(count, estimator):
     """Errors of 0.28 and 1.07 px an image, of which a pair shows one way of four."""
     good = scores(count, 0.1, 0.005, estimator)

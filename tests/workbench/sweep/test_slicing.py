@@ -251,7 +251,7 @@ def same(whole, part):
     return json.dumps(whole.results) == json.dumps(part.results) and whole.status == part.status
 
 
-QUICK = [("04_kalman", "sigma_px"), ("06_matching", "ncc_threshold")]
+QUICK = [("06_matching", "ncc_threshold")]
 CHAPTERS = [(name, next(iter(values))) for name, values in OTHER_PARAMETERS.items()]
 
 
