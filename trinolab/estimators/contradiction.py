@@ -29,7 +29,7 @@ from scipy.special import fdtri
 from ..camera import Rig
 from ..checks import Array
 from ..handle import Handle
-from ..uncertainty.size import Residuals, doubted, pixels_by_pose, settled
+from ..uncertainty.size import Residuals, doubted, settled
 from ..uncertainty.systematic import (
     CHANCE,
     NOTHING,
@@ -37,6 +37,7 @@ from ..uncertainty.systematic import (
     contradict,
     contradicting,
     known_errors,
+    motion_slopes,
     pixel_slopes,
     systematic_covariance,
 )
@@ -116,7 +117,7 @@ def _contradictions(
         return 1.0, False
     seen = Response(found.gain[:, used], *(part[used] for part in found[1:]))
     V = block_diag(*np.linalg.inv(left.information[used])) + known_errors(seen, rig, handle)
-    by_pose = pixels_by_pose(seen, T_world_handle, rig).reshape(-1, 2, 6)
+    by_pose = motion_slopes(rig, seen.camera, seen.points, T_world_handle.translation)
     offsets = _offsets_that_show(T_world_handle, rig)[seen.camera]
     # whitened, and what a pose explains taken off
     root = np.linalg.cholesky(V)

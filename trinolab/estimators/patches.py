@@ -17,8 +17,8 @@ from scipy.spatial.transform import RigidTransform
 from ..camera import Camera, Rig
 from ..checks import Array
 from ..handle import Handle, slant_angles
-from ..rigid import cross_matrices, shifted
-from ..uncertainty.systematic import slopes_at
+from ..rigid import shifted
+from ..uncertainty.systematic import motion_slopes
 from .appearance import Views, Windows, windows
 
 __all__ = ["Grid", "Patches", "cut", "moving_patches", "outline_patches", "patches"]
@@ -138,20 +138,9 @@ def moving_patches(
     columns, rows = (drawn - 2 * border).tolist()
     grid = Grid((rows, columns), tuple(cell.tolist()), tuple(border.tolist()))
     here = cut(images, rig, handle, T_world_handle, views, points, uv, grid)
-    by_motion = _pixels_by_motion(rig, here.views, T_world_handle, here.points)
+    places = T_world_handle.apply(here.points)
+    by_motion = motion_slopes(rig, here.views.camera, places, T_world_handle.translation)
     return here._replace(alone=_alone(here), by_motion=by_motion)
-
-
-def _pixels_by_motion(
-    rig: Rig, views: Views, T_world_handle: RigidTransform, points: Array
-) -> Array:
-    """Derivative of the pixels of points (k, 3) of the handle by a motion of it, mm and rad, world
-    frame, shape (k, 2, 6).
-    """
-    places = T_world_handle.apply(points)
-    by_points = slopes_at(rig, views.camera, places)[1]
-    arms = cross_matrices(places - T_world_handle.translation)
-    return np.concatenate([by_points, -by_points @ arms], axis=2)
 
 
 def _facing(

@@ -30,8 +30,14 @@ from scipy.special import j1
 from ..camera import Rig
 from ..checks import Array
 from ..handle import Handle
-from ..rigid import cross_matrices
-from .systematic import Response, is_uncertain, known_errors, slopes_at, students_factor
+from .systematic import (
+    Response,
+    is_uncertain,
+    known_errors,
+    motion_slopes,
+    slopes_at,
+    students_factor,
+)
 
 __all__ = ["NOISE_PX", "Bias", "centroid_bias", "centroid_covariance", "common_bias"]
 
@@ -136,9 +142,7 @@ def _left_over(
     V: Array, residuals_px: Array, found: Response, T_world_handle: RigidTransform, rig: Rig
 ) -> float:
     """Chi-square of residuals with the covariance V that no motion of the handle explains."""
-    by_points = slopes_at(rig, found.camera, found.points)[1]
-    arms = found.points - T_world_handle.translation
-    by_pose = np.concatenate([by_points, -by_points @ cross_matrices(arms)], axis=2)
+    by_pose = motion_slopes(rig, found.camera, found.points, T_world_handle.translation)
     rows = np.column_stack([by_pose.reshape(-1, 6), residuals_px.ravel()])
     white = np.linalg.solve(np.linalg.cholesky(V), rows)
     explained = np.linalg.qr(white[:, :6])[0]

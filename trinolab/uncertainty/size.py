@@ -23,18 +23,17 @@ from scipy.special import ndtr
 from ..camera import Rig, RigCovariance
 from ..checks import Array, frozen
 from ..handle import Handle
-from ..rigid import cross_matrices
 from .systematic import (
     ONE_SIGMA,
     Response,
     errors_by_rig,
     known_errors,
-    slopes_at,
+    motion_slopes,
     students_factor,
 )
 from .usual import known_covariance, usual_covariance
 
-__all__ = ["Residuals", "doubted", "pixels_by_pose", "settled"]
+__all__ = ["Residuals", "doubted", "settled"]
 
 # Sizes of a rig's covariance that are asked for their likelihood, by what is assumed.
 SIZES = frozen(np.geomspace(1e-5, 1e5, 101))
@@ -119,7 +118,8 @@ def _with_errors(
             rows = used.repeat(2)
             others += left.common[np.ix_(rows, rows)]
         root = np.linalg.cholesky(others)
-        by_pose = np.linalg.solve(root, pixels_by_pose(seen, T_world_handle, rig))
+        moves = motion_slopes(rig, seen.camera, seen.points, T_world_handle.translation)
+        by_pose = np.linalg.solve(root, moves.reshape(-1, 6))
         free = np.linalg.svd(by_pose)[0][:, 6:].T
         rest = np.linalg.solve(root, left.px[used].ravel())
         spread = np.linalg.solve(root, np.linalg.solve(root, by_rig).T)
@@ -143,11 +143,3 @@ def _likely_size(spread: Array, rest: Array, freedom: float) -> float:
     sigmas = np.sqrt(SIZES)
     below = ndtr(sigmas[:, None] / sigmas) @ weights / weights.sum()
     return float(np.interp(ONE_SIGMA, below, sigmas) ** 2)
-
-
-def pixels_by_pose(found: Response, T_world_handle: RigidTransform, rig: Rig) -> Array:
-    """How the places (2 k, 6) move with a motion of the handle, world frame."""
-    _, by_points = slopes_at(rig, found.camera, found.points)
-    arms = found.points - T_world_handle.translation
-    by_pose = np.concatenate([by_points, -by_points @ cross_matrices(arms)], axis=2)
-    return by_pose.reshape(-1, 6)

@@ -20,6 +20,7 @@ from scipy.special import chdtri, stdtrit
 from ..camera import CAMERA_PARAMETERS, Camera, Rig, pixels_with_slopes
 from ..checks import Array, frozen
 from ..handle import Handle
+from ..rigid import cross_matrices
 from .usual import known_covariance, known_placement_mm
 
 __all__ = [
@@ -32,6 +33,7 @@ __all__ = [
     "errors_by_rig",
     "is_uncertain",
     "known_errors",
+    "motion_slopes",
     "offsets_at",
     "offsets_of",
     "pixel_slopes",
@@ -157,6 +159,15 @@ def slopes_at(rig: Rig, camera: np.ndarray, points: Array) -> tuple[Array, Array
     for c, one in enumerate(rig.cameras):
         by_parameters[camera == c], by_points[camera == c] = pixel_slopes(one, points[camera == c])
     return by_parameters, by_points
+
+
+def motion_slopes(rig: Rig, camera: np.ndarray, points: Array, origin: Array) -> Array:
+    """Derivatives (k, 2, 6) of the pixels of points (k, 3), each in a camera (k,) of its own, by a
+    motion of the body that they belong to: of its origin (3,), mm, and its rotation vector, world
+    frame.
+    """
+    by_points = slopes_at(rig, camera, points)[1]
+    return np.concatenate([by_points, -by_points @ cross_matrices(points - origin)], axis=2)
 
 
 class ImageOffsets(NamedTuple):

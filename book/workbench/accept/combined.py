@@ -18,6 +18,7 @@ from trinolab.bench.scene import render_rig
 from trinolab.camera import Rig, RigCovariance, displaced
 from trinolab.checks import Array
 from trinolab.handle import Handle
+from trinolab.metrics import FAR_DEG, FAR_MM
 
 from ..intervals import Interval, by_bootstrap, rms
 from ..plotting import datasheet
@@ -127,7 +128,7 @@ def judge(setup: Setup, rows: list[dict[str, list[Row]]]) -> Answer:
         _over_set_ups("position error", distances**2, "mm", set_up, setup.seed),
         _reproducibility(everything[found], set_up, setup.seed),
         *_honesty(distances, angles, sigmas[found], set_up, setup.seed),
-        far_count(NAME, int(((distances > 2.0) | (angles > 5.0)).sum()), n, setup.seed),
+        far_count(NAME, int(((distances > FAR_MM) | (angles > FAR_DEG)).sum()), n, setup.seed),
     ]
     answer.pictures.append(_picture(poses.translation[found], distances))
     return answer

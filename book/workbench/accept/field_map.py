@@ -13,8 +13,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 from trinolab.camera import Rig
 from trinolab.checks import Array
 from trinolab.handle import Handle, slant_angles
-from trinolab.rigid import cross_matrices
-from trinolab.uncertainty.systematic import response, slopes_at, systematic_covariance
+from trinolab.uncertainty.systematic import motion_slopes, response, systematic_covariance
 
 from ..studies.broken import covariance_of_such
 from .combined import CALIBRATION_DEG, CALIBRATION_PX, PLACEMENT_MM
@@ -85,9 +84,7 @@ def pose_covariance(T: RigidTransform, rig: Rig, handle: Handle) -> Array:
     slants = np.stack([slant_angles(centres, normals, camera.centre) for camera in rig.cameras])
     camera, marker = np.nonzero(slants < np.deg2rad(MAX_SLANT_DEG))
     points = centres[marker]
-    by_points = slopes_at(rig, camera, points)[1]
-    by_turn = -by_points @ cross_matrices(points - T.translation)
-    J = np.concatenate([by_points, by_turn], axis=2).reshape(-1, 6)
+    J = motion_slopes(rig, camera, points, T.translation).reshape(-1, 6)
     spread = np.linalg.inv(J.T @ J)
     gain = (spread @ J.T).reshape(6, -1, 2)
     common = systematic_covariance(response(gain, camera, marker, handle, T), rig, handle)
