@@ -146,3 +146,8 @@ class Tab:
     def close(self):
         self._socket.close()
         self._socket.shutdown()  # also one that the other side has broken off
+
+
+def shows(browser, what):
+    """Wait until an expression holds in the page."""
+    return wait_until(lambda: browser.evaluate(f"Boolean({what})"))

@@ -7,7 +7,6 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from processes import wait_until
 from scipy.spatial.transform import Rotation
 
 from workbench.pages.browser import CHROMIUM, Browser
@@ -15,7 +14,7 @@ from workbench.pages.browser import CHROMIUM, Browser
 pytest.importorskip("mink", reason="the extra 'slave' is missing")
 pytest.importorskip("tornado", reason="the extra 'live' is missing")
 
-from livepage import HANDLE, HELD, RIG, Live, Tab, a_loop
+from livepage import HANDLE, HELD, RIG, Live, Tab, a_loop, shows
 
 from trinolab.following.posetracker import Tracked
 from trinolab.markers import Markers
@@ -247,7 +246,3 @@ def test_the_page_plays_and_says_so_until_a_key_is_pressed(tmp_path):
             assert browser.errors == []
     finally:
         browser.close()
-
-
-def shows(browser, what):
-    return wait_until(lambda: browser.evaluate(f"Boolean({what})"))

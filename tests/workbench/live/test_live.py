@@ -5,12 +5,12 @@ import signal
 import pytest
 from processes import ended, started, wait_until
 
-from workbench.pages.browser import CHROMIUM, Browser
+from workbench.pages.browser import CHROMIUM
 
 pytest.importorskip("mink", reason="the extra 'slave' is missing")
 pytest.importorskip("tornado", reason="the extra 'live' is missing")
 
-from livepage import NOBODY, Bench, Live, Tab
+from livepage import NOBODY, Bench, Live, Tab, shows
 
 from workbench.live.command import chosen
 
@@ -18,31 +18,6 @@ needs_browser = pytest.mark.skipif(CHROMIUM is None, reason="Chromium is missing
 WIDE_PAGE = "document.documentElement.scrollWidth - document.documentElement.clientWidth"
 SMALL = """[...document.querySelectorAll('button, input[type=range]')].filter(one => one.offsetParent
     && one.getBoundingClientRect().height < 18).map(one => one.id)"""
-
-
-@pytest.fixture(scope="module")
-def browser(tmp_path_factory):
-    browser = Browser(tmp_path_factory.mktemp("profile"))
-    yield browser
-    browser.close()
-
-
-@pytest.fixture
-def bench():
-    return Bench()
-
-
-@pytest.fixture
-def live(bench, browser, tmp_path):
-    with Live(bench.source, tmp_path) as live:
-        browser.open(live.address)
-        shows(browser, "last && last.status === 'measured'")
-        yield live
-
-
-def shows(browser, what):
-    """Wait until an expression holds in the page."""
-    return wait_until(lambda: browser.evaluate(f"Boolean({what})"))
 
 
 @needs_browser

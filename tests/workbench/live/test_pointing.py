@@ -3,7 +3,6 @@
 import numpy as np
 import pandas as pd
 import pytest
-from processes import wait_until
 from scipy.spatial.transform import Rotation
 
 from workbench.pages.browser import CHROMIUM, Browser
@@ -11,7 +10,7 @@ from workbench.pages.browser import CHROMIUM, Browser
 pytest.importorskip("mink", reason="the extra 'slave' is missing")
 pytest.importorskip("tornado", reason="the extra 'live' is missing")
 
-from livepage import Live
+from livepage import Live, shows
 
 from workbench.live import pointing, settings
 from workbench.live.command import chosen
@@ -236,11 +235,6 @@ def test_a_scripted_person_plays_a_few_targets_with_the_mouse_and_by_keyboard(tm
     assert f"{found.throughput_bit_s:.2f} bit/s, {found.movement_s:.2f} s each" in said
     assert (log["error_mm"].abs() <= NEAR_MM + 1).all()  # the tool goes on until it is pressed
     assert (log["end_s"] > log["start_s"]).all()
-
-
-def shows(browser, what):
-    """Wait until an expression holds in the page."""
-    return wait_until(lambda: browser.evaluate(f"Boolean({what})"))
 
 
 def steered(live, browser, what, move):

@@ -4,15 +4,14 @@ import shlex
 
 import numpy as np
 import pytest
-from processes import wait_until
 from scipy.spatial.transform import RigidTransform
 
-from workbench.pages.browser import CHROMIUM, Browser
+from workbench.pages.browser import CHROMIUM
 
 pytest.importorskip("mink", reason="the extra 'slave' is missing")
 pytest.importorskip("tornado", reason="the extra 'live' is missing")
 
-from livepage import HANDLE, RIG, Bench, Live, Tab
+from livepage import HANDLE, RIG, Tab, shows
 
 from trinolab.bench.scene import render_rig
 from workbench.cli import main
@@ -21,30 +20,6 @@ from workbench.live.sources import HOME, QUICK
 needs_browser = pytest.mark.skipif(CHROMIUM is None, reason="Chromium is missing")
 THERE = RigidTransform.from_translation([20.0, 0.0, 0.0]) * HOME
 BRIGHT = "$('camera-0').getContext('2d').getImageData(0, 0, 480, 384).data.reduce((a, b) => a + b)"
-
-
-@pytest.fixture(scope="module")
-def browser(tmp_path_factory):
-    browser = Browser(tmp_path_factory.mktemp("profile"))
-    yield browser
-    browser.close()
-
-
-@pytest.fixture
-def bench():
-    return Bench()
-
-
-@pytest.fixture
-def live(bench, browser, tmp_path):
-    with Live(bench.source, tmp_path) as live:
-        browser.open(live.address)
-        shows(browser, "last && last.status === 'measured'")
-        yield live
-
-
-def shows(browser, what):
-    return wait_until(lambda: browser.evaluate(f"Boolean({what})"))
 
 
 def recorded(live, browser, count=6):

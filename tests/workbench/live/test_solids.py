@@ -4,16 +4,15 @@ import json
 
 import numpy as np
 import pytest
-from processes import wait_until
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from workbench.pages.browser import CHROMIUM, Browser
+from workbench.pages.browser import CHROMIUM
 
 pytest.importorskip("mink", reason="the extra 'slave' is missing")
 pytest.importorskip("tornado", reason="the extra 'live' is missing")
 
 import mujoco
-from livepage import HANDLE, RIG, Bench, Live
+from livepage import HANDLE, RIG, Bench, Live, shows
 
 from trinolab.pose import Pose
 from trinolab.slave.arm import load_robot
@@ -122,17 +121,6 @@ SHADES = """(id => {
         if (all[k + 3] === 255) shades.add(all[k] << 16 | all[k + 1] << 8 | all[k + 2]);
     return shades.size;
 })"""
-
-
-@pytest.fixture(scope="module")
-def browser(tmp_path_factory):
-    browser = Browser(tmp_path_factory.mktemp("profile"))
-    yield browser
-    browser.close()
-
-
-def shows(browser, what):
-    return wait_until(lambda: browser.evaluate(f"Boolean({what})"))
 
 
 @needs_browser
