@@ -5,10 +5,9 @@ if that is stale. With other parameters they run in a small size, which `make ve
 full.
 """
 
-from pathlib import Path
-
 import pytest
 from chapterruns import OTHER_PARAMETERS, SMALL, check_results
+from chapters import NOTEBOOKS
 from executed import as_it_stands
 from films import frames_in
 from nbformat.v4 import new_code_cell
@@ -22,8 +21,6 @@ from workbench.sweep.notebook import (
     run_notebook,
 )
 from workbench.sweep.warmkernel import Kernel, Key
-
-NOTEBOOKS = sorted(Path(__file__).resolve().parents[2].glob("notebooks/*.ipynb"))
 
 FILM_FRAMES = {"01_structure": 30, "11_master_slave": 225}  # of the films that chapters show
 # figures are made, and not drawn: that takes a quarter of the time
@@ -51,7 +48,7 @@ def test_every_chapter_has_an_entry(entries):
 @each_notebook
 def test_runs_at_its_defaults(path, tmp_path):
     run = as_it_stands(path)
-    check_results(run.results)
+    check_results(path.stem, run.results)
     frames = [frames_in(page, tmp_path) for page in pages_with_films(run)]
     assert frames == ([FILM_FRAMES[path.stem]] if path.stem in FILM_FRAMES else [])
 
@@ -77,7 +74,7 @@ def test_runs_at_other_parameters(path, kernel):
     notebook.cells.insert(0, new_code_cell(UNDRAWN))
     assert kernel.reset()
     kernel.run(notebook, None)
-    check_results(glued(notebook))
+    check_results(path.stem, glued(notebook))
 
 
 @each_notebook

@@ -16,5 +16,5 @@ def report(arguments) -> None:
     print("chapters: run with other parameters in full size")
     for name, parameters in OTHER_PARAMETERS.items():
         begin = time.perf_counter()
-        check_results(run_notebook(ROOT / "notebooks" / f"{name}.ipynb", parameters))
+        check_results(name, run_notebook(ROOT / "notebooks" / f"{name}.ipynb", parameters))
         print(f"{name:20s}{time.perf_counter() - begin:6.0f} s  {parameters}", flush=True)

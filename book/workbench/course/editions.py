@@ -107,6 +107,10 @@ def write_edition(
             exercise_notebook(chapter, source, path.name, edition)
         )
         files[f"chapters/{path.name}"] = _text(chapter_notebook(source, path.name, edition))
+        for study in sorted(path.parent.glob(f"{chapter}[a-z]_*.ipynb")):
+            files[f"chapters/{study.name}"] = _text(
+                chapter_notebook(read_notebook(study), study.name, edition)
+            )
     write_together({out: _zipped(files)})
 
 

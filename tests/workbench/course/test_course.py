@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from chapters import is_study
 from scipy.spatial.transform import RigidTransform, Rotation
 from wayward import asks, changes, ends, hangs, waits, warns
 
@@ -32,9 +33,9 @@ NAMED = ("Pencil", "Write it yourself", "Change and predict", "Project")
 
 
 def text_of(chapter):
-    """The markdown of a chapter."""
-    (path,) = NOTEBOOKS.glob(f"{chapter}_*.ipynb")
-    cells = json.loads(path.read_text(encoding="utf-8"))["cells"]
+    """The markdown of a chapter: of its lesson, then of its studies."""
+    paths = sorted(NOTEBOOKS.glob(f"{chapter}*.ipynb"), key=lambda path: is_study(path.stem))
+    cells = [cell for path in paths for cell in json.loads(path.read_text("utf-8"))["cells"]]
     return "\n\n".join("".join(it["source"]) for it in cells if it["cell_type"] == "markdown")
 
 

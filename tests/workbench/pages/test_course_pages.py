@@ -1,7 +1,12 @@
 """The parts of the teacher's guide that come from the chapters and the graders."""
 
+import pytest
+from chapters import LESSONS, STUDIES
+
 from workbench.course.exercises import CHAPTERS, of_chapter
 from workbench.pages import course_pages
+
+WITH_A_STUDY = [path for path in LESSONS if path.stem[:2] in {study.stem[:2] for study in STUDIES}]
 
 
 def test_every_known_mistake_is_listed():
@@ -20,3 +25,11 @@ def test_the_table_adds_up():
     assert len(numbers) == len(CHAPTERS) + 1
     assert numbers[-1] == [sum(column) for column in zip(*numbers[:-1], strict=True)]
     assert numbers[3][0] == 45, "chapter 4 says 45 minutes"
+
+
+@pytest.mark.parametrize("path", WITH_A_STUDY, ids=lambda path: path.stem)
+def test_a_lesson_takes_the_minutes_that_its_card_says(path):
+    said = course_pages.reading_minutes(path)
+    measured = course_pages.measured_minutes(path)
+    assert said <= 45
+    assert abs(measured - said) <= 5, f"{path.stem}: {measured:.0f} minutes by words and lines"

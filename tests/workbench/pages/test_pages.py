@@ -19,8 +19,10 @@ ROOT = Path(__file__).resolve().parents[3]
 HTML = ROOT / "_build" / "html"
 TOC = yaml.safe_load((ROOT / "_toc.yml").read_text(encoding="utf-8"))
 CHAPTERS = [chapter for part in TOC["parts"] for chapter in part["chapters"]]
-PAGES = [TOC["root"], *(chapter["file"] for chapter in CHAPTERS)]
-REFERENCE = [section["file"] for chapter in CHAPTERS for section in chapter.get("sections", [])]
+SECTIONS = [section["file"] for chapter in CHAPTERS for section in chapter.get("sections", [])]
+STUDIES = [page for page in SECTIONS if page.startswith("notebooks/")]
+REFERENCE = [page for page in SECTIONS if page not in STUDIES]
+PAGES = [TOC["root"], *(chapter["file"] for chapter in CHAPTERS), *STUDIES]
 pytestmark = pytest.mark.skipif(
     not (HTML / "index.html").exists(), reason="no built pages: run make book first"
 )

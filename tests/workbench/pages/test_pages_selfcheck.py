@@ -5,16 +5,16 @@ from pathlib import Path
 
 import nbformat
 import pytest
+from chapters import LESSONS
 
 from workbench.pages.browser import CHROMIUM, Browser
 
 ROOT = Path(__file__).resolve().parents[3]
 HTML = ROOT / "_build" / "html"
-CHAPTERS = sorted((ROOT / "notebooks").glob("*.ipynb"))
 
 
 def test_every_chapter_ends_with_questions_and_folded_answers():
-    for path in CHAPTERS:
+    for path in LESSONS:
         last = nbformat.read(path, as_version=4).cells[-1].source
         assert last.startswith("## Do you know it?\n"), path.name
         questions = re.findall(r"^\*\*(\d)\.\*\* (.+)$", last, flags=re.MULTILINE)
