@@ -40,13 +40,11 @@ lint: .venv/package.done  ## check style and types
 	@$(BIN)/mypy
 	@$(BIN)/lint-imports --no-logo
 
-student: .venv/package.done  ## the course for students, without solutions: _build/student.zip
-	@mkdir -p _build
-	@$(BIN)/python -m workbench.course.editions student --out _build/student.zip
+student: book  ## the course for students, pages, notebooks and package without solutions: _build/student.zip
+	@$(BIN)/python -m workbench.pages.coursezip student
 
-teacher: .venv/package.done  ## the course with its solutions: _build/teacher.zip
-	@mkdir -p _build
-	@$(BIN)/python -m workbench.course.editions teacher --out _build/teacher.zip
+teacher: book  ## the same with its solutions, the notes and the exam: _build/teacher.zip
+	@$(BIN)/python -m workbench.pages.coursezip teacher
 
 verify: .venv/package.done  ## the heavy counts, as a report: an hour; ARGS="--only nees --draws 100" is quick
 	@$(BIN)/python tests/verify.py $(ARGS)

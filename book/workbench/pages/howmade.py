@@ -154,7 +154,9 @@ def _stored(path: Path) -> dict[str, Any]:
 
 def put_cards(app: Any, document: nodes.document) -> None:
     """Put a card below each cell of a chapter that shows something or that a number comes from."""
-    chapter = read_chapter(Path(app.env.doc2path(app.env.docname)).relative_to(ROOT).as_posix())
+    chapter = read_chapter(
+        Path(app.env.doc2path(app.env.docname)).relative_to(app.srcdir).as_posix()
+    )
     if chapter is None:
         return
     quoted = list(document.findall(lambda node: "glued" in getattr(node, "attributes", {})))
