@@ -24,6 +24,7 @@ from trinolab.files.outputs import write_together
 from ..sweep.notebook import glued, read_notebook
 from .exercise import Exercise
 from .exercises import CHAPTERS, of_chapter
+from .plan import planned
 from .stubs import checked, solved, stub
 from .texts import ExerciseText, texts_of, without_solutions
 
@@ -224,7 +225,8 @@ def _asked(asked: Exercise, text: ExerciseText, numbers: Mapping[str, Any]) -> s
     """The statement, and the two hints, folded."""
     kinds = {"write": "Write it yourself", "predict": "Change and predict"}
     kind = kinds.get(asked.kind, asked.kind.capitalize())
-    parts = [f"## {_shown(asked)} {kind}: {asked.title} ({asked.points} points)", text.statement]
+    worth = f"{asked.points} points, about {planned()[asked.number].minutes} minutes"
+    parts = [f"## {_shown(asked)} {kind}: {asked.title} ({worth})", text.statement]
     for name, hint in zip(("First", "Second"), text.hints, strict=True):
         parts.append(f"````{{hint}} {name} hint\n:class: dropdown\n{hint}\n````")
     return _as_text("\n\n".join(parts), numbers)
