@@ -7,6 +7,7 @@ import io
 import json
 import zipfile
 from collections.abc import Sequence
+from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -145,9 +146,14 @@ def workspace_scene(cones: Sequence[Cone], mesh: Mesh, height: int = 420) -> Any
     -------
     IPython.display.HTML
         An iframe that holds the whole scene (about 1 MB). Axes: x red, y green, z blue, 50 mm long.
+        Without PyVista, which a student's small installation leaves out, a line that says so.
     """
     from IPython.display import HTML
 
+    if find_spec("pyvista") is None:
+        return HTML(
+            "<p>Here stands a scene that can be turned: <code>pip install pyvista[jupyter]</code></p>"
+        )
     page = html.escape(_scene_page(workspace_plotter(cones, mesh)))
     return HTML(
         f'<div><iframe srcdoc="{page}" width="100%" height="{int(height)}" style="border:0; background:white" '
