@@ -10,6 +10,7 @@ from pathlib import Path
 from trinolab.files.outputs import write_whole
 
 from ..course.editions import chapter_file
+from ..course.exam import exam
 from ..course.exercise import Exercise
 from ..course.exercises import CHAPTERS, of_chapter
 from ..course.plan import objectives, planned
@@ -36,6 +37,8 @@ def write_pages(folder: Path) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     write_whole(folder / "chapters.md", chapters_table() + "\n")
     write_whole(folder / "objectives.md", objectives_table() + "\n")
+    for seed, version in enumerate("ab"):
+        write_whole(folder / f"exam_{version}.md", exam(seed, solutions=True))
     for chapter in CHAPTERS:
         write_whole(folder / f"{chapter}.md", exercises_list(chapter) + "\n")
 
