@@ -9,7 +9,7 @@ from pathlib import Path
 
 from trinolab.files.outputs import write_whole
 
-from ..course.editions import chapter_file
+from ..course.editions import chapter_file, exercises_of, self_contained
 from ..course.exam import exam
 from ..course.exercise import Exercise
 from ..course.exercises import CHAPTERS, of_chapter
@@ -23,6 +23,7 @@ __all__ = [
     "measured_minutes",
     "mistakes",
     "objectives_table",
+    "projects_table",
     "reading_minutes",
     "write_pages",
 ]
@@ -37,6 +38,7 @@ def write_pages(folder: Path) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     write_whole(folder / "chapters.md", chapters_table() + "\n")
     write_whole(folder / "objectives.md", objectives_table() + "\n")
+    write_whole(folder / "projects.md", projects_table() + "\n")
     for seed, version in enumerate("ab"):
         write_whole(folder / f"exam_{version}.md", exam(seed, solutions=True))
     for chapter in CHAPTERS:
@@ -132,6 +134,20 @@ def objectives_table() -> str:
         rows.append((f"*{key}*", escaped(says), ", ".join(serving), str(minutes)))
     head = ("objective", "at the end a student can", "exercises", "minutes")
     return list_table(head, rows, "12 40 38 10", "objectives", raw=True)
+
+
+def projects_table() -> str:
+    """A row a project of the chapters: what a full answer has, by its solution."""
+    rows = []
+    for chapter in CHAPTERS:
+        path = chapter_file(chapter)
+        for one, text in exercises_of(chapter, read_notebook(path), path.name):
+            if one.kind == "project":
+                found = re.search(r"^A full answer (?:has )?(.+)$", text.solution, re.MULTILINE)
+                if found is None:
+                    raise ValueError(f"{path}: {one.number}: its solution has no full answer")
+                rows.append((f"{one.number} {escaped(one.title)}", self_contained(found[1])))
+    return list_table(("project", "a full answer has"), rows, "22 78", "projects", raw=True)
 
 
 def mistakes(one: Exercise) -> str:
