@@ -16,6 +16,7 @@ from pathlib import Path
 from ..course.editions import EDITIONS, edition_files, entry_of
 from .build import BUILD, HTML, ROOT
 from .dist import LEFT_OUT, write_wheel
+from .slides import write_all_slides
 from .studentbook import STUDENT_HTML, build_student_book
 
 __all__ = ["main", "write_zip"]
@@ -69,6 +70,12 @@ def write_zip(edition: str, pages: Path, target: Path) -> None:
             place = path.relative_to(pages).as_posix()
             if path.is_file() and not place.startswith(LEFT_OUT):
                 whole.writestr(entry_of(f"book/{place}"), path.read_bytes())
+        if edition == "teacher":
+            write_all_slides(Path(folder) / "slides")
+            for path in sorted(Path(folder).glob("slides/**/*")):
+                if path.is_file():
+                    place = path.relative_to(folder).as_posix()
+                    whole.writestr(entry_of(place), path.read_bytes())
         wheel = write_wheel(ROOT, Path(folder))
         whole.writestr(entry_of(wheel.name), wheel.read_bytes())
     partial.replace(target)
