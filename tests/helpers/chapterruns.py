@@ -18,6 +18,7 @@ OTHER_PARAMETERS = {
     "04b_tuned": {"jerk_intensity": 2e9, "sigma_px": 3.0, "velocity_sigma": 800.0, "seed": 5},
     "05_markers": {"surplus": 3.0, "read_noise": 6.0, "seed": 1},
     "06_matching": {"ncc_threshold": 0.9, "epipolar_gate_px": 1.0, "instants": 8, "seed": 1},
+    "06b_pairs": {"ncc_threshold": 0.9, "epipolar_gate_px": 1.0, "instants": 8, "seed": 1},
     "07_calibration": {
         "positions": 10,
         "square_mm": 12.0,
@@ -58,6 +59,7 @@ SMALL = {
     "04b_tuned": {"moving": 6, "motions": 1},
     "05_markers": {"frame_step": 29, "draws": 4, "row_step": 20},
     "06_matching": {"instants": 6, "row_step": 20},
+    "06b_pairs": {"instants": 6},
     "07_calibration": {"positions": 4, "draws": 1, "row_step": 20},
     "08_pose": {"draws": 10, "row_step": 20},
     "09_table1": {"row_step": 20, "tables": 100},

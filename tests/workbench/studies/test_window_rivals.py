@@ -20,8 +20,7 @@ def seen(name, us, size=SIZE):
 
 def misses(target, rule, gap=1):
     return [
-        window_rivals.miss(guess)
-        for guess in window_rivals.guesses([target], rule, SETTINGS, gap)
+        window_rivals.miss(guess) for guess in window_rivals.guesses([target], rule, SETTINGS, gap)
     ]
 
 
