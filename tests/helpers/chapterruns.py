@@ -28,6 +28,7 @@ OTHER_PARAMETERS = {
     },
     "08_pose": {"handle_name": "coded", "sigma_px": 0.05, "seed": 3},
     "09_table1": {"handle_name": "coded", "seed": 1, "noise_px": 0.1, "level": 0.001},
+    "09b_causes": {"handle_name": "coded", "seed": 1, "level": 0.001},
     "10_estimators": {
         "rig_name": "raised_40deg",
         "estimator": "reprojection",
@@ -63,6 +64,7 @@ SMALL = {
     "07_calibration": {"positions": 4, "draws": 1, "row_step": 20},
     "08_pose": {"draws": 10, "row_step": 20},
     "09_table1": {"row_step": 20, "tables": 100},
+    "09b_causes": {"tables": 100},
     "10_estimators": {"row_step": 20, "turns": 2},
     "11_master_slave": {"share": 0.42, "row_step": 20},
     "12_force_feedback": {"share": 0.1, "row_step": 20},
