@@ -34,7 +34,12 @@ COLOURS = ("#0072B2", "#E69F00", "#009E73", "#56B4E9", "#D55E00", "#F0E442", "#C
 def subplots(*arguments: Any, **options: Any) -> tuple[Figure, Any]:
     """As `matplotlib.pyplot.subplots`, in the style of the book."""
     with plt.style.context(STYLE):
-        return plt.subplots(*arguments, **options)
+        made = plt.subplots(*arguments, **options)
+        interactive = plt.isinteractive()
+    # a notebook's backend turns it on with the first figure, and the end of the style off again
+    if interactive:
+        plt.ion()
+    return made
 
 
 def write_drawing(figure: Figure, path: Path) -> None:
