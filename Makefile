@@ -14,7 +14,7 @@ endif
 unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
-.PHONY: help book test core lab lint student teacher verify sweeps sheet bench figures pdf article dist clean
+.PHONY: help book test core lab lint student teacher slides verify sweeps sheet bench figures pdf article dist clean
 
 help:  ## show this list
 	@sed -n 's/^\([a-z]*\):.*## /\1\t/p' $(MAKEFILE_LIST)
@@ -40,13 +40,14 @@ lint: .venv/package.done  ## check style and types
 	@$(BIN)/mypy
 	@$(BIN)/lint-imports --no-logo
 
-student: .venv/package.done  ## the course for students, without solutions: _build/student.zip
-	@mkdir -p _build
-	@$(BIN)/python -m workbench.course.editions student --out _build/student.zip
+student: book  ## the course for students, pages, notebooks and package without solutions: _build/student.zip
+	@$(BIN)/python -m workbench.pages.coursezip student
 
-teacher: .venv/package.done  ## the course with its solutions: _build/teacher.zip
-	@mkdir -p _build
-	@$(BIN)/python -m workbench.course.editions teacher --out _build/teacher.zip
+teacher: book  ## the same with its solutions, the notes and the exam: _build/teacher.zip
+	@$(BIN)/python -m workbench.pages.coursezip teacher
+
+slides: book  ## slides for the lectures, from the chapters' own figures, in _build/slides
+	@$(BIN)/python -m workbench.pages.slides
 
 verify: .venv/package.done  ## the heavy counts, as a report: an hour; ARGS="--only nees --draws 100" is quick
 	@$(BIN)/python tests/verify.py $(ARGS)

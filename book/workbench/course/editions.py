@@ -14,24 +14,28 @@ import json
 import re
 import sys
 import zipfile
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 from trinolab.files.outputs import write_together
 
-from ..sweep.notebook import read_notebook
+from ..sweep.notebook import glued, read_notebook
 from .exercise import Exercise
 from .exercises import CHAPTERS, of_chapter
+from .plan import planned
 from .stubs import checked, solved, stub
 from .texts import ExerciseText, texts_of, without_solutions
 
 __all__ = [
     "chapter_file",
     "chapter_notebook",
+    "edition_files",
     "exercise_notebook",
     "exercises_of",
     "main",
+    "numbers_of",
     "self_contained",
     "write_edition",
 ]
@@ -45,7 +49,7 @@ ROLE = re.compile(
     r"\{(?:ref|doc|term|numref|cite|cite:t|cite:p)\}`(?:([^`<]*?)\s*<[^`>]*>|([^`]*))`"
 )
 PAGE = re.compile(r"\[([^\]]*)\]\(\.\./book/[^)\s]*\)")
-GLUED = re.compile(r"\{glue:text\}`[^`]*`")
+GLUED = re.compile(r"\{glue:text\}`([^`:]*):?([^`]*)`")
 CHAPTER_LINK = re.compile(r"\]\((\d\d[a-z]?_\w+\.ipynb)")
 
 
@@ -72,7 +76,7 @@ def write_edition(
     chapters: Sequence[str] = tuple(CHAPTERS),
     checkout: Path = CHECKOUT,
 ) -> None:
-    """Write the course as a zip. The same sources give the same bytes.
+    """Write the course's notebooks as a zip. The same sources give the same bytes.
 
     Parameters
     ----------
@@ -90,6 +94,13 @@ def write_edition(
     ValueError
         An exercise does not stand in its chapter as it should, or a file is missing.
     """
+    write_together({out: _zipped(edition_files(edition, chapters, checkout))})
+
+
+def edition_files(
+    edition: str, chapters: Sequence[str] = tuple(CHAPTERS), checkout: Path = CHECKOUT
+) -> dict[str, str]:
+    """Return the texts of an edition by their places in the zip; as in `write_edition`."""
     if edition not in EDITIONS:
         raise ValueError(f"edition: expected one of {', '.join(EDITIONS)}, got {edition!r}")
     files = {"README.md": _readme(edition)}
@@ -103,15 +114,24 @@ def write_edition(
     for chapter in chapters:
         path = chapter_file(chapter, checkout)
         source = read_notebook(path)
+        numbers = numbers_of(path, checkout)
         files[f"exercises/{path.name}"] = _text(
-            exercise_notebook(chapter, source, path.name, edition)
+            exercise_notebook(chapter, source, path.name, edition, numbers)
         )
         files[f"chapters/{path.name}"] = _text(chapter_notebook(source, path.name, edition))
         for study in sorted(path.parent.glob(f"{chapter}[a-z]_*.ipynb")):
             files[f"chapters/{study.name}"] = _text(
                 chapter_notebook(read_notebook(study), study.name, edition)
             )
-    write_together({out: _zipped(files)})
+    return files
+
+
+def numbers_of(path: Path, checkout: Path = CHECKOUT) -> dict[str, Any]:
+    """Return what a lesson and its studies have glued, as far as they have run."""
+    numbers: dict[str, Any] = {}
+    for executed in sorted((checkout / "_build" / "executed").glob(f"{path.stem[:2]}*.ipynb")):
+        numbers |= glued(read_notebook(executed))
+    return numbers
 
 
 def chapter_file(chapter: str, checkout: Path = CHECKOUT) -> Path:
@@ -162,9 +182,12 @@ def self_contained(text: str) -> str:
     return PAGE.sub(r"\1", ROLE.sub(lambda role: role[1] or role[2], text))
 
 
-def exercise_notebook(chapter: str, source: Any, name: str, edition: str) -> Any:
+def exercise_notebook(
+    chapter: str, source: Any, name: str, edition: str, numbers: Mapping[str, Any]
+) -> Any:
     """Return the notebook of a chapter's exercises: statements with hints, stubs, checks; for
-    teachers the solutions in place of the stubs, and their texts.
+    teachers the solutions in place of the stubs, and their texts. `numbers` are those that the
+    chapter has glued: its texts quote them.
     """
     import nbformat
 
@@ -185,11 +208,11 @@ def exercise_notebook(chapter: str, source: Any, name: str, edition: str) -> Any
     for asked, text in told:
         place = asked.number.replace(".", "-")
         teacher = edition == "teacher"
-        cells.append(markdown(_asked(asked, text), id=f"exercise-{place}"))
+        cells.append(markdown(_asked(asked, text, numbers), id=f"exercise-{place}"))
         cells.append(code(solved(asked) if teacher else stub(asked), id=f"answer-{place}"))
         cells.append(code(checked(asked), id=f"check-{place}"))
         if teacher:
-            solution = f"**Solution to {_shown(asked)}**\n\n{_as_text(text.solution)}"
+            solution = f"**Solution to {_shown(asked)}**\n\n{_as_text(text.solution, numbers)}"
             cells.append(markdown(solution, id=f"solution-{place}"))
     return nbformat.v4.new_notebook(cells=cells, metadata=source.metadata)
 
@@ -198,19 +221,30 @@ def _shown(asked: Exercise) -> str:
     return asked.number.removeprefix("0")
 
 
-def _asked(asked: Exercise, text: ExerciseText) -> str:
+def _asked(asked: Exercise, text: ExerciseText, numbers: Mapping[str, Any]) -> str:
     """The statement, and the two hints, folded."""
     kinds = {"write": "Write it yourself", "predict": "Change and predict"}
     kind = kinds.get(asked.kind, asked.kind.capitalize())
-    parts = [f"## {_shown(asked)} {kind}: {asked.title} ({asked.points} points)", text.statement]
+    worth = f"{asked.points} points, about {planned()[asked.number].minutes} minutes"
+    parts = [f"## {_shown(asked)} {kind}: {asked.title} ({worth})", text.statement]
     for name, hint in zip(("First", "Second"), text.hints, strict=True):
         parts.append(f"````{{hint}} {name} hint\n:class: dropdown\n{hint}\n````")
-    return _as_text("\n\n".join(parts))
+    return _as_text("\n\n".join(parts), numbers)
 
 
-def _as_text(text: str) -> str:
-    """Markdown that stands beside the chapters, and quotes no number of their outputs."""
-    text = GLUED.sub("(a number of the chapter)", self_contained(text))
+def _as_text(text: str, numbers: Mapping[str, Any]) -> str:
+    """Markdown that stands beside the chapters, with the numbers of their outputs in it."""
+
+    def number(quoted: re.Match[str]) -> str:
+        name, form = quoted.groups()
+        if name not in numbers:
+            raise ValueError(
+                f"{name}: an exercise quotes this number of its chapter, which has not run; "
+                f"run `make book` first"
+            )
+        return format(numbers[name], form)
+
+    text = GLUED.sub(number, self_contained(text))
     return CHAPTER_LINK.sub(r"](../chapters/\1", text)
 
 
@@ -223,33 +257,54 @@ def _zipped(files: dict[str, str]) -> bytes:
     store = io.BytesIO()
     with zipfile.ZipFile(store, "w") as whole:
         for name in sorted(files):
-            entry = zipfile.ZipInfo(name, THE_SAME_DATE)
-            entry.compress_type = zipfile.ZIP_DEFLATED
-            entry.external_attr = 0o644 << 16
-            whole.writestr(entry, files[name].encode())
+            whole.writestr(entry_of(name), files[name])
     return store.getvalue()
 
 
+def entry_of(name: str) -> zipfile.ZipInfo:
+    """An entry of a zip that is the same whenever it is made."""
+    entry = zipfile.ZipInfo(name, THE_SAME_DATE)
+    entry.compress_type = zipfile.ZIP_DEFLATED
+    entry.external_attr = 0o644 << 16
+    return entry
+
+
 def _readme(edition: str) -> str:
-    return README + (FOR_TEACHERS if edition == "teacher" else FOR_STUDENTS)
+    text = README.replace("{wheel}", f"trinolab-{version('trinolab')}-py3-none-any.whl")
+    return text + (FOR_TEACHERS if edition == "teacher" else FOR_STUDENTS)
 
 
 README = """\
 # Three cameras, a rod, and a robot that follows
 
-Twelve chapters that run (`chapters/`), and the exercises of each (`exercises/`).
+Twelve chapters that run (`chapters/`), and the exercises of each (`exercises/`). The book to read is `book/index.html`;
+it needs no network.
 
 ## Install
 
-You need Python 3.11 or later and a copy of trinolab: your teacher says where it is. In this folder:
+You need Python 3.11 or later, from python.org, your system or conda. Unpack this zip, open a shell in its folder
+(Windows: PowerShell), and type
 
-    python3 -m venv .venv
-    . .venv/bin/activate
+| | Linux, Mac | Windows |
+|---|---|---|
+| a place for the packages | `python3 -m venv .venv` | `py -m venv .venv` |
+| use it, in each new shell | `. .venv/bin/activate` | `.venv\\Scripts\\Activate.ps1` |
+
+Windows may say that running scripts is disabled. `Set-ExecutionPolicy -Scope Process Bypass` allows it in this shell.
+
+**Small**: the chapters 1 to 10, all exercises and the grader, some 200 MB to fetch:
+
+    python -m pip install "./{wheel}[course]"
+
+**All**: with the robot of the chapters 11 and 12, in the versions with which the book was built, some 500 MB to fetch:
+
     python -m pip install --require-hashes -r environment.txt
-    python -m pip install --no-deps --no-build-isolation PATH/TO/trinolab
+    python -m pip install --no-deps ./{wheel}
 
-On Windows the second line is `.venv\\Scripts\\activate`. Whoever has a checkout in which `make lab` runs
-needs none of this: `. PATH/TO/trinolab/.venv/bin/activate` is enough.
+The second way needs a system for which each of these versions has a wheel: Linux, Windows on Intel or AMD, and Mac
+with an M processor from macOS 14 on. On an older Mac, or one with an Intel processor, take the small one. On Windows
+for ARM processors OpenCV has no wheel: take Python for Intel (the installer "64-bit"), which runs there as well, and
+the small one.
 
 ## Open
 

@@ -9,9 +9,11 @@ from pathlib import Path
 
 from trinolab.files.outputs import write_whole
 
-from ..course.editions import chapter_file
+from ..course.editions import chapter_file, exercises_of, self_contained
+from ..course.exam import exam
 from ..course.exercise import Exercise
 from ..course.exercises import CHAPTERS, of_chapter
+from ..course.plan import objectives, planned
 from ..sweep.notebook import read_notebook
 from .claims_pages import escaped, list_table
 
@@ -20,6 +22,8 @@ __all__ = [
     "exercises_list",
     "measured_minutes",
     "mistakes",
+    "objectives_table",
+    "projects_table",
     "reading_minutes",
     "write_pages",
 ]
@@ -33,6 +37,10 @@ def write_pages(folder: Path) -> None:
     """Write all parts, from the chapters and from the modules of exercises."""
     folder.mkdir(parents=True, exist_ok=True)
     write_whole(folder / "chapters.md", chapters_table() + "\n")
+    write_whole(folder / "objectives.md", objectives_table() + "\n")
+    write_whole(folder / "projects.md", projects_table() + "\n")
+    for seed, version in enumerate("ab"):
+        write_whole(folder / f"exam_{version}.md", exam(seed, solutions=True))
     for chapter in CHAPTERS:
         write_whole(folder / f"{chapter}.md", exercises_list(chapter) + "\n")
 
@@ -90,18 +98,56 @@ def reading_minutes(path: Path) -> int:
 
 
 def exercises_list(chapter: str) -> str:
-    """A row an exercise: its points, and what the grader says to each wrong answer that it knows."""
+    """A row an exercise: its points, its minutes, and what the grader says to each wrong answer that it
+    knows.
+    """
     rows = [
-        (f"{one.number} {one.kind}: {escaped(one.title)}", str(one.points), mistakes(one))
+        (
+            f"{one.number} {one.kind}: {escaped(one.title)}",
+            str(one.points),
+            str(planned()[one.number].minutes),
+            mistakes(one),
+        )
         for one in of_chapter(chapter)
     ]
     return list_table(
-        ("exercise", "points", "wrong answers that are recognised, and what is said to them"),
+        (
+            "exercise",
+            "points",
+            "minutes",
+            "wrong answers that are recognised, and what is said to them",
+        ),
         rows,
-        "27 8 65",
+        "25 8 8 59",
         "exercises",
         raw=True,
     )
+
+
+def objectives_table() -> str:
+    """A row an objective: what it says, and the exercises that serve it, the longest ones last."""
+    rows = []
+    for key, says in objectives().items():
+        serving = [number for number, one in planned().items() if key in one.objectives]
+        serving.sort(key=lambda number: (planned()[number].minutes, number))
+        minutes = sum(planned()[number].minutes for number in serving)
+        rows.append((f"*{key}*", escaped(says), ", ".join(serving), str(minutes)))
+    head = ("objective", "at the end a student can", "exercises", "minutes")
+    return list_table(head, rows, "12 40 38 10", "objectives", raw=True)
+
+
+def projects_table() -> str:
+    """A row a project of the chapters: what a full answer has, by its solution."""
+    rows = []
+    for chapter in CHAPTERS:
+        path = chapter_file(chapter)
+        for one, text in exercises_of(chapter, read_notebook(path), path.name):
+            if one.kind == "project":
+                found = re.search(r"^A full answer (?:has )?(.+)$", text.solution, re.MULTILINE)
+                if found is None:
+                    raise ValueError(f"{path}: {one.number}: its solution has no full answer")
+                rows.append((f"{one.number} {escaped(one.title)}", self_contained(found[1])))
+    return list_table(("project", "a full answer has"), rows, "22 78", "projects", raw=True)
 
 
 def mistakes(one: Exercise) -> str:

@@ -22,7 +22,7 @@ from trinolab.files.outputs import write_table
 
 from .contents import pages
 
-__all__ = ["HTML", "ROOT", "Picture", "main", "pictures", "write_figures"]
+__all__ = ["HTML", "ROOT", "Picture", "content", "main", "pictures", "write_figures"]
 
 ROOT = Path(__file__).resolve().parents[3]
 HTML = ROOT / "_build" / "html"
@@ -66,7 +66,7 @@ def write_figures(html: Path, folder: Path) -> pd.DataFrame:
     for page in pages(ROOT):
         text = (html / f"{page}.html").read_text(encoding="utf-8")
         for picture in pictures(text, Path(page).name):
-            data, ending = _content(picture.address, (html / page).parent)
+            data, ending = content(picture.address, (html / page).parent)
             file = folder / f"{picture.name}{ending}"
             file.write_bytes(data)
             description = (picture.number, picture.caption, picture.alt, LICENCE)
@@ -102,7 +102,7 @@ def _caption(caption: Tag | None) -> tuple[str, str]:
     return tuple(" ".join(one.get_text().split()) if one else "" for one in (number, words))
 
 
-def _content(address: str, folder: Path) -> tuple[bytes, str]:
+def content(address: str, folder: Path) -> tuple[bytes, str]:
     """What an address holds, and how its file ends: one within the page, or one beside it."""
     if address.startswith("data:"):
         kind, _, content = address.removeprefix("data:").partition(",")

@@ -1,5 +1,5 @@
-"""How each figure, table and number of a chapter was made, as a folded card below its cell; and what
-the pages were built with, at the foot of each. A Sphinx extension.
+"""How each figure, table and number of a chapter was made: one folded card at the page's foot, to
+which a link beside each of them leads; and what the pages were built with, below it. A Sphinx extension.
 
 Nothing here is typed by hand: the notebook as it was executed has the cells and their times, the
 build's ``made_from.json`` the hashes, the code of the notebook its seeds and the tables that it reads.
@@ -32,8 +32,9 @@ __all__ = [
     "commit_said",
     "foot",
     "is_code",
+    "link_to",
     "place_of",
-    "put_cards",
+    "put_card",
     "put_foot",
     "read_chapter",
     "setup",
@@ -42,7 +43,7 @@ __all__ = [
 ROOT = Path(__file__).resolve().parents[3]
 BUILD = ROOT / "_build"
 SHOWN = 12  # digits of a hash
-# what a card calls the things that a result was made from
+# what the card calls the things that a result was made from
 HASHED = {
     "the notebook": "code of the notebook",
     "the package": "code of the package that it imports",
@@ -52,7 +53,7 @@ HASHED = {
 
 
 class Cell(NamedTuple):
-    """What a card says of a cell: its number in the notebook, from 1 on, its name there, what it
+    """What the card says of a cell: its number in the notebook, from 1 on, its name there, what it
     reads, and when and how long it was run.
     """
 
@@ -152,26 +153,33 @@ def _stored(path: Path) -> dict[str, Any]:
 # --- on the page
 
 
-def put_cards(app: Any, document: nodes.document) -> None:
-    """Put a card below each cell of a chapter that shows something or that a number comes from."""
-    chapter = read_chapter(Path(app.env.doc2path(app.env.docname)).relative_to(ROOT).as_posix())
+def put_card(app: Any, document: nodes.document) -> None:
+    """Put a card at the foot of a chapter, and links to it: one below each cell that shows something
+    or that a number comes from, and one at each number.
+    """
+    chapter = read_chapter(
+        Path(app.env.doc2path(app.env.docname)).relative_to(app.srcdir).as_posix()
+    )
     if chapter is None:
         return
     quoted = list(document.findall(lambda node: "glued" in getattr(node, "attributes", {})))
     sources = {chapter.glued[node["glued"]] for node in quoted if node["glued"] in chapter.glued}
-    commit_text = commit_said()
+    made = []
     for container in list(document.findall(nodes.container)):
         cell = chapter.cells.get(container.get("cell_index", -1))
         if container.get("nb_element") != "cell_code" or cell is None:
             continue
         shows = any(part.get("nb_element") == "cell_code_output" for part in container.children)
         if shows or container["cell_index"] in sources:
-            section = _section(container)
-            made = card(chapter, cell, section, commit_text)
+            made.append((cell, _section(container)))
             place = container.parent.index(container) + 1
-            container.parent[place:place] = made
+            container.parent.insert(place, link_to(cell))
+    if not made:
+        return
     for node in quoted:
         _link(node, chapter)
+    page = next(document.findall(nodes.section), document)
+    page += card(chapter, made, commit_said())
 
 
 def _section(node: nodes.Node) -> nodes.section | None:
@@ -181,27 +189,21 @@ def _section(node: nodes.Node) -> nodes.section | None:
     return node
 
 
+def link_to(cell: Cell) -> nodes.raw:
+    """The line below a cell that leads to what the card says of it."""
+    place = place_of(cell.number)
+    link = f'<a href="#{place}" aria-label="how made: cell {cell.number}">how made</a>'
+    return nodes.raw("", f'<p class="made" id="from-{place}">{link}</p>', format="html")
+
+
 def card(
-    chapter: Chapter, cell: Cell, section: nodes.section | None, said: str
+    chapter: Chapter, made: list[tuple[Cell, nodes.section | None]], said: str
 ) -> list[nodes.Node]:
-    """The card of a cell: a line that opens, and what it then says."""
-    about = nodes.field_list(classes=["made"])
-    where: list[nodes.Node | str] = [f"{cell.number} of the {chapter.count} of "]
-    where += [nodes.literal(text=chapter.path)]
-    if cell.name:
-        where += [", called ", nodes.literal(text=cell.name)]
-    if section is not None:
-        title = section.next_node(nodes.title)
-        heading = nodes.reference("", "", refid=section["ids"][0])
-        heading += [child.deepcopy() for child in title.children]
-        where += [", in “", heading, "”"]
-    about += _field("Cell", where)
+    """The card of a page: a line that opens, what holds for all of its cells, and a row for each."""
+    about = nodes.field_list()
+    about += _field("Notebook", [nodes.literal(text=chapter.path)])
     again = f"python book/build.py --chapter {chapter.path}"
     about += _field("Made again by", [nodes.literal(text=again), _when_page(chapter)])
-    for table in cell.tables:
-        command = command_for(table)
-        made = [", which ", nodes.literal(text=command), " makes again"] if command else []
-        about += _field("Reads", [nodes.literal(text=f"data/{table}"), *made])
     about += _field("Seed", [", ".join(chapter.seeds) or "none drawn"])
     about += _field("Commit", [said])
     hashes = [
@@ -210,41 +212,93 @@ def card(
         if name in chapter.hashes
     ]
     about += _field("Hashes", ["; ".join(hashes) or "none stored"])
-    about += _field("Run", [_run(chapter, cell)])
-    heads = (
-        f'<details class="made"><summary aria-label="How this was made: cell {cell.number}">'
-        "How this was made</summary>"
-        f'<div id="{place_of(cell.number)}">'
+    about += _field("Run", [_run(chapter)])
+    head = (
+        '<details class="made"><summary>How the figures, tables and numbers of this page were made'
+        "</summary>"
     )
     return [
-        nodes.raw("", heads, format="html"),
+        nodes.raw("", head, format="html"),
         about,
-        nodes.raw("", "</div></details>", format="html"),
+        _rows(chapter, made),
+        nodes.raw("", "</details>", format="html"),
     ]
+
+
+def _rows(chapter: Chapter, made: list[tuple[Cell, nodes.section | None]]) -> nodes.table:
+    """The table of a card: of each cell its number, its section, the tables that it reads, and how
+    long it was run.
+    """
+    columns = (f"Cell of {chapter.count}", "In", "Reads", "Time, s")
+    group = nodes.tgroup("", cols=len(columns))
+    group += [nodes.colspec(colwidth=25) for _ in columns]
+    body = nodes.tbody()
+    for cell, section in made:
+        place = place_of(cell.number)
+        back = nodes.reference("", str(cell.number), refid=f"from-{place}")
+        name: list[nodes.Node | str] = [" ", nodes.literal(text=cell.name)] if cell.name else []
+        row = nodes.row()
+        row += _entry([_target(place), back, *name])
+        row += _entry([] if section is None else [_heading(section)])
+        row += _entry(_reads(cell))
+        row += _entry(["" if cell.seconds is None else f"{cell.seconds:.2f}"])
+        body += row
+    head = nodes.row()
+    head += [_entry([column]) for column in columns]
+    group += [nodes.thead("", head), body]
+    return nodes.table("", group, classes=["made"])
+
+
+def _target(place: str) -> nodes.raw:
+    return nodes.raw("", f'<span id="{place}"></span>', format="html")
+
+
+def _heading(section: nodes.section) -> nodes.reference:
+    """A link to a section that has its heading's words."""
+    heading = nodes.reference("", "", refid=section["ids"][0])
+    heading += [child.deepcopy() for child in section.next_node(nodes.title).children]
+    return heading
+
+
+def _reads(cell: Cell) -> list[nodes.Node | str]:
+    """The tables that a cell reads, each with the command that makes it again."""
+    parts: list[nodes.Node | str] = []
+    for table in cell.tables:
+        command = command_for(table)
+        parts += ["; "] if parts else []
+        parts += [nodes.literal(text=f"data/{table}")]
+        parts += [", made again by ", nodes.literal(text=command)] if command else []
+    return parts
 
 
 def _when_page(chapter: Chapter) -> str:
     return f", which leaves it in _build/executed/{Path(chapter.path).name}"
 
 
-def _run(chapter: Chapter, cell: Cell) -> str:
-    """When and how long a cell was run."""
-    whole = "" if chapter.seconds is None else f"the whole notebook took {chapter.seconds:.0f} s"
-    if cell.seconds is None or cell.start is None:
-        return whole or "not recorded"
-    took = f"{cell.seconds:.0f}" if cell.seconds > 9.5 else f"{cell.seconds:.2g}"
-    run = f"{took} s on {cell.start.astimezone(UTC):%Y-%m-%d}"
-    return f"{run}; {whole}" if whole else run
+def _run(chapter: Chapter) -> str:
+    """When and how long a notebook was run."""
+    starts = [cell.start for cell in chapter.cells.values() if cell.start is not None]
+    day = [f"{min(starts).astimezone(UTC):%Y-%m-%d}"] if starts else []
+    took = [] if chapter.seconds is None else [f"{chapter.seconds:.0f} s for the whole notebook"]
+    return ", ".join([*day, *took]) or "not recorded"
 
 
 def _field(name: str, body: list[nodes.Node | str]) -> nodes.field:
+    return nodes.field("", nodes.field_name(text=name), nodes.field_body("", _paragraph(body)))
+
+
+def _entry(body: list[nodes.Node | str]) -> nodes.entry:
+    return nodes.entry("", _paragraph(body))
+
+
+def _paragraph(body: list[nodes.Node | str]) -> nodes.paragraph:
     text = nodes.paragraph()
     text += [nodes.Text(part) if isinstance(part, str) else part for part in body]
-    return nodes.field("", nodes.field_name(text=name), nodes.field_body("", text))
+    return text
 
 
 def place_of(number: int) -> str:
-    """The name of a card's place in its page; it lies in the fold, which a link to it opens."""
+    """The name of a cell's row in the card; it lies in the fold, which a link to it opens."""
     return f"made-{number}"
 
 
@@ -259,7 +313,7 @@ class GluedNumber(PasteTextRole):
 
 
 def _link(node: nodes.inline, chapter: Chapter) -> None:
-    """Let a number lead to its card, but in a link or a heading, which are links themselves."""
+    """Let a number lead to its row of the card, but in a link or a heading, which are links themselves."""
     index = chapter.glued.get(node["glued"])
     parent = node.parent
     while parent is not None and not isinstance(parent, nodes.reference | nodes.title):
@@ -312,5 +366,5 @@ def setup(app: Any) -> dict[str, bool]:
     app.setup_extension("myst_nb")
     app.add_role_to_domain("glue", "text", GluedNumber(), override=True)
     app.connect("config-inited", put_foot)
-    app.connect("doctree-read", put_cards)
+    app.connect("doctree-read", put_card)
     return {"parallel_read_safe": True, "parallel_write_safe": True}

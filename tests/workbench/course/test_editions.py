@@ -226,7 +226,7 @@ def test_a_chapter_runs_in_a_fresh_folder(editions):
 
 def test_a_chapter_that_does_not_agree_is_named():
     with pytest.raises(ValueError, match=r"04_kalman\.ipynb: the chapter and .* do not agree"):
-        exercise_notebook("04", chapter_of(FORM), "04_kalman.ipynb", "student")
+        exercise_notebook("04", chapter_of(FORM), "04_kalman.ipynb", "student", {})
 
 
 def test_a_mistake_of_the_caller_is_one_line(tmp_path, capsys):

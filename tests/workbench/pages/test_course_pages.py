@@ -33,3 +33,10 @@ def test_a_lesson_takes_the_minutes_that_its_card_says(path):
     measured = course_pages.measured_minutes(path)
     assert said <= 45
     assert abs(measured - said) <= 5, f"{path.stem}: {measured:.0f} minutes by words and lines"
+
+
+def test_each_project_says_what_a_full_answer_has():
+    rows = course_pages.projects_table().split("* - ")[2:]
+    projects = [one for chapter in CHAPTERS for one in of_chapter(chapter) if one.kind == "project"]
+    assert [row.split(" ")[0] for row in rows] == [one.number for one in projects]
+    assert all(len(row) > 80 for row in rows)

@@ -1,5 +1,5 @@
-"""The cards below the cells, and the foot of the pages: true to the notebook, the build and the
-repository.
+"""The card at a page's foot, the links to it, and what a page was built with: true to the notebook,
+the build and the repository.
 """
 
 import json
@@ -8,9 +8,11 @@ from pathlib import Path
 
 import nbformat
 import pytest
+from docutils import nodes
 from nbformat.v4 import new_code_cell, new_markdown_cell, new_notebook, new_output
 
 from workbench.pages import howmade, tablesread
+from workbench.pages.browser import CHROMIUM, Browser
 from workbench.studies import factors
 from workbench.studies.__main__ import MAKES
 
@@ -128,21 +130,46 @@ def test_a_chapter_is_read_as_the_build_has_stored_it(build):
     assert howmade.read_chapter("notebooks/02_two.ipynb", build) is None
 
 
-def test_a_card_says_it_all(build):
+def fields_and_rows(made):
+    """What a card says of all cells, by name, and its rows of text."""
+    _, about, table, _ = made
+    fields = {field[0].astext(): field[1].astext() for field in about.children}
+    rows = [[entry.astext() for entry in row] for row in table.findall(nodes.row)]
+    return fields, rows
+
+
+def test_the_card_says_it_all(build):
     chapter = howmade.read_chapter("notebooks/01_one.ipynb", build)
-    first, about, last = howmade.card(chapter, chapter.cells[2], None, "abc and changes")
-    assert first.astext().count("<div") == last.astext().count("</div>") == 1
-    said = {field[0].astext(): field[1].astext() for field in about.children}
-    assert said["Cell"] == "3 of the 4 of notebooks/01_one.ipynb, called one-02"
-    assert said["Made again by"].startswith("python book/build.py --chapter notebooks/01_one.ipynb")
-    assert said["Seed"] == "seed = 7"
-    assert said["Commit"] == "abc and changes"
-    assert said["Hashes"].count("0123456789ab") == 4
-    assert said["Run"] == "1.5 s on 2026-01-02; the whole notebook took 21 s"
-    without = howmade.card(chapter._replace(seeds=[], hashes={}), chapter.cells[3], None, "")[1]
-    said = {field[0].astext(): field[1].astext() for field in without.children}
-    assert said["Seed"] == "none drawn"
-    assert said["Run"] == "the whole notebook took 21 s"
+    section = nodes.section("", nodes.title(text="The gain"), ids=["the-gain"])
+    read = chapter.cells[3]._replace(tables=["sweeps/turn.csv", "table1.csv"])
+    cells = [(chapter.cells[2], section), (read, None)]
+    made = howmade.card(chapter, cells, "abc and changes")
+    assert made[0].astext().count("<details") == made[-1].astext().count("</details>") == 1
+    fields, (head, first, second) = fields_and_rows(made)
+    assert fields["Notebook"] == "notebooks/01_one.ipynb"
+    assert fields["Made again by"].startswith(
+        "python book/build.py --chapter notebooks/01_one.ipynb"
+    )
+    assert fields["Seed"] == "seed = 7"
+    assert fields["Commit"] == "abc and changes"
+    assert fields["Hashes"].count("0123456789ab") == 4
+    assert fields["Run"] == "2026-01-02, 21 s for the whole notebook"
+    assert head == ["Cell of 4", "In", "Reads", "Time, s"]
+    assert first[0].endswith("3 one-02")
+    assert first[1:] == ["The gain", "", "1.50"]
+    assert second[1:] == [
+        "",
+        "data/sweeps/turn.csv, made again by python -m workbench.studies factors --factor turn; "
+        "data/table1.csv",
+        "",
+    ]
+    links = [node["refid"] for node in made[2].findall(nodes.reference)]
+    assert links == ["from-made-3", "the-gain", "from-made-4"]
+    bare = chapter._replace(cells={}, seeds=[], hashes={}, seconds=None)
+    fields, _ = fields_and_rows(howmade.card(bare, cells, ""))
+    assert fields["Seed"] == "none drawn"
+    assert fields["Hashes"] == "none stored"
+    assert fields["Run"] == "not recorded"
 
 
 @pytest.mark.parametrize(
@@ -159,19 +186,43 @@ def test_the_commit_in_words(monkeypatch, name, said):
 
 
 @built
-def test_on_the_pages_every_output_has_a_card_and_every_number_leads_to_one():
+def test_on_the_pages_every_output_and_every_number_leads_to_its_row_of_the_card():
     for path in NOTEBOOKS:
         page = (HTML / path.relative_to(ROOT)).with_suffix(".html").read_text(encoding="utf-8")
-        cells = page.split('<div class="cell ')[1:]
+        body, card = page.split('<details class="made">')
+        cells = body.split('<div class="cell ')[1:]
         without = [
-            cell[:80] for cell in cells if '"cell_output' in cell and 'id="made-' not in cell
+            cell[:80] for cell in cells if '"cell_output' in cell and 'href="#made-' not in cell
         ]
         assert not without, path
         typed = path.read_text(encoding="utf-8").count("{glue:text}")
-        links = re.findall(r'<a class="glued [^>]*href="#(made-\d+)"', page)
+        numbers = re.findall(r'<a class="glued [^>]*href="#(made-\d+)"', body)
         assert page.count('class="pasted-text"') == typed
-        assert len(links) >= 0.9 * typed, "all but those in headings and links"
-        assert all(f'id="{link}"' in page for link in links)
+        assert len(numbers) >= 0.9 * typed, "all but those in headings and links"
+        rows = re.findall(r'id="(made-\d+)"', card)
+        assert len(set(rows)) == len(rows)
+        assert set(re.findall(r'href="#(made-\d+)"', body)) == set(rows)
+        back = re.findall(r'href="#(from-made-\d+)"', card)
+        assert back == [f"from-{row}" for row in rows]
+        assert all(body.count(f'id="{place}"') == 1 for place in back)
+
+
+@built
+@pytest.mark.skipif(CHROMIUM is None, reason="Chromium is missing (Debian package: chromium)")
+def test_a_link_opens_the_card_and_its_row_leads_back(tmp_path):
+    browser = Browser(tmp_path)
+    try:
+        browser.open((HTML / "notebooks" / "04_kalman.html").as_uri())
+        card = "document.querySelector('details.made')"
+        assert not browser.evaluate(f"{card}.open")
+        browser.evaluate("document.querySelector('p.made a').click()")
+        assert browser.evaluate(f"{card}.open")
+        row = browser.evaluate("location.hash.slice(1)")
+        assert browser.evaluate(f"document.getElementById('{row}').checkVisibility()")
+        browser.evaluate(f"document.getElementById('{row}').nextElementSibling.click()")
+        assert browser.evaluate("location.hash") == f"#from-{row}"
+    finally:
+        browser.close()
 
 
 @built

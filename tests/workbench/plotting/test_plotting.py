@@ -30,6 +30,7 @@ from workbench.plotting import (
     workspace_plotter,
     workspace_scene,
 )
+from workbench.plotting import workspace as scenes
 from workbench.plotting.structure import MASTER, SYSTEM
 
 
@@ -50,9 +51,9 @@ def test_workspace_views(cones_and_mesh):
     figure = plot_workspace(cones, mesh, ["a", "b", "c"])
     top, front, side = figure.axes
     assert [ax.get_xlabel() + ax.get_ylabel() for ax in figure.axes] == [
-        "x / mmz / mm",
-        "x / mmy / mm",
-        "z / mmy / mm",
+        "$x$ / mm$z$ / mm",
+        "$x$ / mm$y$ / mm",
+        "$z$ / mm$y$ / mm",
     ]
     assert [text.get_text() for text in figure.legends[0].get_texts()] == [
         "a",
@@ -81,6 +82,11 @@ def test_scene_is_self_contained_and_needs_no_display(cones_and_mesh):
     assert html.startswith("<div><iframe srcdoc=")
     assert "OfflineLocalView" in html
     assert 5e5 < len(html) < 3e6
+
+
+def test_without_pyvista_a_line_stands_in_the_scenes_place(cones_and_mesh, monkeypatch):
+    monkeypatch.setattr(scenes, "find_spec", lambda name: None)
+    assert "pip install pyvista" in workspace_scene(*cones_and_mesh).data
 
 
 @pytest.mark.heavy
