@@ -30,13 +30,16 @@ OTHER_PARAMETERS = {
     "08_pose": {"handle_name": "coded", "sigma_px": 0.05, "seed": 3},
     "09_table1": {"handle_name": "coded", "seed": 1, "noise_px": 0.1, "level": 0.001},
     "09b_causes": {"handle_name": "coded", "seed": 1, "level": 0.001},
-    "10_estimators": {
-        "rig_name": "raised_40deg",
-        "estimator": "reprojection",
-        "turned_deg": 0.02,
+    "10_estimators": {"rig_name": "raised_40deg", "estimator": "reprojection", "seed": 1},
+    "10b_trust": {"estimator": "reprojection", "turned_deg": 0.02, "seed": 1},
+    "11_master_slave": {
+        "scale": 2.0,
+        "turn_scale": 0.5,
+        "cutoff_hz": 3.0,
+        "noise_mm": 0.1,
         "seed": 1,
     },
-    "11_master_slave": {
+    "11b_delay": {
         "scale": 2.0,
         "turn_scale": 0.5,
         "cutoff_hz": 3.0,
@@ -50,6 +53,7 @@ OTHER_PARAMETERS = {
         "rate_hz": 60.0,
         "seed": 1,
     },
+    "12b_wall": {"mass_kg": 0.5, "damping": 5.0, "delay_s": 0.1, "rate_hz": 60.0},
 }
 
 SMALL = {
@@ -68,8 +72,11 @@ SMALL = {
     "09_table1": {"row_step": 20, "tables": 100},
     "09b_causes": {"tables": 100},
     "10_estimators": {"row_step": 20, "turns": 2},
+    "10b_trust": {"row_step": 20},
     "11_master_slave": {"share": 0.42, "row_step": 20},
+    "11b_delay": {"share": 0.42},
     "12_force_feedback": {"share": 0.1, "row_step": 20},
+    "12b_wall": {"share": 0.1},
 }
 
 

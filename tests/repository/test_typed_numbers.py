@@ -373,7 +373,7 @@ def test_the_slider_of_the_lesson():
 def test_what_the_guide_quotes_from_chapters_9_11_and_12():
     causes, slave, force = (
         as_it_stands(ROOT / "notebooks" / f"{name}.ipynb").results
-        for name in ("09b_causes", "11_master_slave", "12_force_feedback")
+        for name in ("09b_causes", "11b_delay", "12_force_feedback")
     )
     clampings = f"the {causes['all_clampings']:.0f} clampings measured"
     page_says("book/teaching/projects.md", clampings)

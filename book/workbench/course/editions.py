@@ -50,7 +50,7 @@ ROLE = re.compile(
 )
 PAGE = re.compile(r"\[([^\]]*)\]\(\.\./book/[^)\s]*\)")
 GLUED = re.compile(r"\{glue:text\}`([^`:]*):?([^`]*)`")
-CHAPTER_LINK = re.compile(r"\]\((\d\d_\w+\.ipynb)")
+CHAPTER_LINK = re.compile(r"\]\((\d\d[a-z]?_\w+\.ipynb)")
 
 
 def main(argv: Sequence[str] | None = None) -> int:
