@@ -57,7 +57,7 @@ def limits_table() -> str:
         (
             "a table (CSV), rows that are kept",
             f"{_mib(limits.TABLE_BYTES)}, {limits.COLUMNS:,} columns, {limits.LINES:,} lines, "
-            f"{limits.CELLS:,} cells",
+            f"{limits.CELLS:,} cells, of which {limits.WORDS:,} may be words",
         ),
         ("JSON, a notebook, an arm", _mib(limits.TREE_BYTES)),
         ("a bag's `metadata.yaml`", _mib(METADATA_BYTES)),
