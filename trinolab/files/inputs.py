@@ -91,7 +91,7 @@ def read_toml(path: str | Path, most: int = limits.TOML_BYTES) -> dict[str, Any]
     names the file.
     """
     content = _content(path, most)
-    limits.check_names(path, content)
+    limits.check_toml(path, content)
     try:
         return tomllib.loads(content.decode("utf-8-sig"))  # editors of Windows put a mark before it
     except RecursionError:

@@ -21,6 +21,7 @@ __all__ = [
     "COLUMNS",
     "COVARIANCE_BYTES",
     "DOTS",
+    "ENTRIES",
     "IMAGE_BYTES",
     "LINES",
     "MARKERS",
@@ -32,10 +33,10 @@ __all__ = [
     "WORDS",
     "check_bytes",
     "check_count",
-    "check_names",
     "check_pixels",
     "check_regular",
     "check_table",
+    "check_toml",
     "open_regular",
     "read_bytes",
 ]
@@ -45,7 +46,8 @@ CAMERAS = 16  # of a rig
 MARKERS = 200  # of a handle
 PIXELS = 50_000_000  # of an image or a video's frame
 TOML_BYTES = 1 * MIB  # a second to read
-COVARIANCE_BYTES = 3 * MIB // 2  # of 16 cameras it has 1.3
+COVARIANCE_BYTES = 2 * MIB  # of 16 cameras it has 1.8
+ENTRIES = 100_000  # commas, and lines, of a TOML file; the covariance of 16 cameras has 57,600
 DOTS = 32  # of a name in a TOML file
 TREE_BYTES = 16 * MIB  # JSON, notebooks, and the description of a bag or a robot
 TABLE_BYTES = 128 * MIB  # CSV, and rows that are kept
@@ -126,10 +128,13 @@ def check_pixels(path: str | Path, width: int, height: int) -> None:
         )
 
 
-def check_names(path: str | Path, text: bytes) -> None:
-    """Refuse TOML with a name of more parts than are taken: each part is a table within the one
-    before, for which the parser's time and memory grow with the square of their number.
+def check_toml(path: str | Path, text: bytes) -> None:
+    """Refuse TOML with more commas or lines than are taken, or a name of more parts: each part is a
+    table within the one before, for which the parser's time and memory grow with the square of their
+    number.
     """
+    _check(path, text.count(b","), ENTRIES, "commas")
+    _check(path, text.count(b"\n"), ENTRIES, "lines")
     if _NESTED.search(text):
         raise ValueError(f"{path}: a name of more than {DOTS} dots")
 

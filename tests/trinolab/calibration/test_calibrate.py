@@ -827,6 +827,6 @@ def test_of_a_camera_that_mirrors_its_images_the_likely_cause_is_said(folder):
     for path in (folder / "b").iterdir():
         cv2.imwrite(str(path), cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)[:, ::-1])
     with pytest.raises(
-        ValueError, match="one position of the target, or one camera mirrors its images$"
+        ValueError, match=r"one position of the target, or one camera mirrors its images$"
     ):
         calibrated()
