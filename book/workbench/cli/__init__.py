@@ -508,7 +508,7 @@ def _sweep(a: argparse.Namespace) -> int:
     say(f"{len(runs)} runs: {_statuses(runs)}; written to {a.out}")
     for status, rows in runs[runs["status"] != "ok"].groupby("status"):
         say(f"the first {status}: {rows['error'].iloc[0]}")
-    return 0
+    return 0 if (runs["status"] == "ok").any() else 1
 
 
 def _clear(a: argparse.Namespace) -> int:
