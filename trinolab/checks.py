@@ -145,11 +145,17 @@ def as_number(
     except OverflowError:  # a whole number too large for a float
         number = np.inf
     if not low <= number <= high or (open_low and number == low):
-        bracket = "(" if open_low else "["
-        raise ValueError(f"{name}: expected a number in {bracket}{low:g}, {high:g}], got {value!r}")
+        raise ValueError(f"{name}: expected a number {_range(low, high, open_low)}, got {value!r}")
     if abs(number) > LARGEST:
         raise ValueError(f"{name}: expected a number of at most {LARGEST:g}, got {value!r}")
     return number
+
+
+def _range(low: float, high: float, open_low: bool) -> str:
+    """A range in words, or between brackets if it has two ends."""
+    if high < np.inf:
+        return f"in {'(' if open_low else '['}{low:g}, {high:g}]"
+    return f"above {low:g}" if open_low else f"of {low:g} or more"
 
 
 def check_numbers(

@@ -241,16 +241,31 @@ def handle_of(what: Handle | str | Path) -> Handle:
 def _file_meant(folder: str, kind: str, what: str | Path) -> Path:
     if not isinstance(what, (str, Path)) or not str(what):
         raise ValueError(
-            f"{kind}: expected a file or the name of a shipped one ({', '.join(_shipped(folder))}), "
-            f"got {what!r:.60}"
+            f"{kind}: expected a file or the name of a shipped one "
+            f"({', '.join(_shipped(folder))}), got {_briefly(what)}"
         )
     path = Path(what)
     if path.exists() or path.is_symlink() or path.suffix or len(path.parts) != 1:
         return path
     names = _shipped(folder)
     if str(what) not in names:
-        raise ValueError(f"{what}: no such file, and no shipped {kind} ({', '.join(names)})")
+        raise ValueError(
+            f"{what}: no such file, and no shipped {kind} ({', '.join(names)}){_exchanged(folder, what)}"
+        )
     return data_path(folder, f"{what}.toml")
+
+
+def _briefly(what: object) -> str:
+    """What came in the place of a rig or a handle, without its numbers."""
+    return f"a {type(what).__name__}" if isinstance(what, Rig | Handle) else f"{what!r:.60}"
+
+
+def _exchanged(folder: str, what: str | Path) -> str:
+    """Says so if a word names a rig where a handle is expected, or the other way round."""
+    other = "rigs" if folder == "handles" else "handles"
+    if str(what) not in _shipped(other):
+        return ""
+    return f"; it is a shipped {other[:-1]}: likely rig and handle are exchanged"
 
 
 def _shipped(folder: str) -> list[str]:

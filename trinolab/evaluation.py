@@ -151,6 +151,8 @@ def evaluate(
     measured_rows = true["frame"].isin(rows["frame"]).to_numpy()
     beside = None if isinstance(truth, pd.DataFrame) else Path(truth)
     called = handle.name if isinstance(handle, Handle) else str(handle)
+    if beside is not None and not isinstance(poses, pd.DataFrame) and beside.samefile(poses):
+        log.warning("%s: is given as the poses and as their truth", truth)
     for line in _symmetry_lines(both, true, the_handle, called, beside):
         log.warning(line)
     visible = _visible(true, None if beside is None else beside.with_name(COUNTS))

@@ -268,7 +268,7 @@ BOMBS = {
         many_cameras, "rig.toml", OWN_RIG, "rig.toml: 12.5 MiB, expected at most 1"
     ),
     "40,000 cameras": Bomb(
-        some_cameras, "rig.toml", OWN_RIG, "rig.toml: expected at most 32 cameras, got 40,000"
+        some_cameras, "rig.toml", OWN_RIG, "rig.toml: expected at most 16 cameras, got 40,000"
     ),
     "99,900 markers": Bomb(
         many_markers,

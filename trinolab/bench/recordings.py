@@ -13,8 +13,6 @@ import json
 import multiprocessing
 import os
 import shutil
-import signal
-import threading
 from collections.abc import Callable, Generator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
@@ -49,6 +47,7 @@ from ..files.recorder import (
 )
 from ..handle import Handle
 from ..pose import LOST, Pose
+from ..workers import serve_parent
 from .scenario import Job, Shot, calm, empty, following, hard, seen_markers, slow, take
 
 __all__ = [
@@ -320,11 +319,9 @@ def _all_frames(
 
 
 def _start_worker(job: Job, partial: Path) -> None:
-    """Keep the job; leave interruptions to the parent, and leave when it is gone."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    """Keep the job, for a process that serves its parent alone."""
+    serve_parent()
     _worker.update(job=job, partial=partial)
-    parent = multiprocessing.parent_process()
-    threading.Thread(target=lambda: (parent.join(), os._exit(1)), daemon=True).start()  # type: ignore[union-attr]
 
 
 def _worker_frame(frame: int) -> tuple[int, list[int]]:

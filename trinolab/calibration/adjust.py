@@ -23,7 +23,7 @@ from .model import State, images, normal_equations, stepped, stepped_views
 from .normal import Normal, damped, descended, eliminated
 from .start import homography, intrinsics, target_pose
 
-__all__ = ["TERMS", "Calibrated", "Poses", "calibrate", "posed"]
+__all__ = ["TERMS", "UNEXPLAINED", "Calibrated", "Poses", "calibrate", "posed"]
 
 Poses = list[RigidTransform | None]
 TERMS = (0, 1, 2, 4, 5)  # numbers of distortion coefficients that make sense: k1, k2, (p1, p2), k3

@@ -21,9 +21,9 @@ from ..files.outputs import check_target, write_together
 from ..files.rigs import covariance_path, covariance_text, rig_text
 from ..rigid import left_jacobian
 from . import distortions
-from .adjust import TERMS, Calibrated
+from .adjust import TERMS, UNEXPLAINED, Calibrated
 from .distortions import Choice, calibrate_by_choice
-from .hints import hint
+from .hints import hint, larger
 from .outliers import FEWEST_POINTS, UNSEEN, calibrate_robustly
 from .scale import check_scale, distance_of_target
 from .tables import read_corners, read_lenses
@@ -164,7 +164,8 @@ def _calibrate_rig(
         if picture is not None:
             contents.append(picture(seen, calibrated))
     write_together(dict(zip(files, contents, strict=True)))
-    notes = (*look_lines(seen), distance_of_target(calibrated, target))
+    part = larger(seen.showing, target)
+    notes = (*look_lines(seen), distance_of_target(calibrated, target), *([part] if part else []))
     return RigCalibration(calibrated, parameters, views, seen.passed_over, notes, choice, files)
 
 
@@ -258,6 +259,9 @@ def _calibrated(
     of cameras by their names.
     """
     given = (target.points, seen.uv, seen.sizes, seen.cameras)
+    cause = "views of one name do not show one position of the target"
+    if target.kind != "charuco":  # its markers tell
+        cause += ", or one camera mirrors its images"
     choice = None
     try:
         if terms is None:
@@ -272,11 +276,13 @@ def _calibrated(
             lambda number: f"camera {seen.cameras[int(number[1])]}",
             str(error)[4:],
         )
+        if UNEXPLAINED.endswith(text):
+            text += f"; likely {cause}"
         raise ValueError(f"images of {', '.join(seen.cameras)}: {text}") from None
     if calibrated.rms_px > WORST_RMS_PX:
         raise ValueError(
             f"images of {', '.join(seen.cameras)}: a residual of {calibrated.rms_px:.1f} px, expected at most "
-            f"{WORST_RMS_PX:g}: views of one name do not show one position of the target"
+            f"{WORST_RMS_PX:g}: {cause}"
         )
     return calibrated, reasons, choice
 

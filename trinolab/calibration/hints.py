@@ -14,7 +14,7 @@ from tqdm import tqdm
 
 from .target import Look, Target, as_usual, dictionary_of, find_target, sight_target
 
-__all__ = ["hint"]
+__all__ = ["hint", "larger"]
 
 # of each family of markers its dictionaries, the smallest first
 FAMILIES = (
@@ -26,6 +26,7 @@ FEWEST_MARKERS = 3  # in an image: one or two may be seen in any pattern
 MARKERS_IN = 3  # images are looked at: there are many families
 FEWEST_SQUARES = 4  # along a side of a ChArUco board
 LOOKS = tuple(itertools.starmap(Look, itertools.product((False, True), repeat=2)))
+AGREE = 2  # images on a larger chessboard: a shadow may look like one more row of squares
 NEARBY = 2  # rows and columns that a grid of circles may have been miscounted by
 UNSEEN_MARKERS, UNSEEN_CIRCLES = 2, 3  # of a board, that an image may not show
 LONGEST = 3  # times as long as wide: a board
@@ -73,6 +74,26 @@ def hint(images: Sequence[np.ndarray], target: Target, progress: bool = False) -
     return (
         f"markers of {markers.family[0]} are in {markers.images} of {len(images[:MARKERS_IN])} tried: likely a "
         "ChArUco board, of other columns and rows"
+    )
+
+
+def larger(images: Sequence[np.ndarray], target: Target) -> str:
+    """Says so if images in which the target was found agree on a chessboard of more squares: a part of a
+    board is found as well, and not the same part by each camera.
+    """
+    if target.kind != "chessboard":
+        return ""
+    given = max(target.columns, target.rows), min(target.columns, target.rows)
+    shapes = Counter(shape for image in images for shape in _chessboards([image]))
+    holding = [shape for shape in shapes if shape != given and all(np.greater_equal(shape, given))]
+    shape = max(holding, key=lambda one: shapes[one], default=given)
+    count = shapes[shape]
+    if shape == given or count < max(AGREE, shapes[given] + 1):
+        return ""
+    return (
+        f"a chessboard of {shape[0]} x {shape[1]} inner corners is in {count} of {len(images)} images looked "
+        f"at, of which {target.columns} x {target.rows} are a part: likely --columns {shape[0]} "
+        f"--rows {shape[1]} is meant, and the places here may be wrong by whole squares"
     )
 
 

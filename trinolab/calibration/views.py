@@ -21,6 +21,7 @@ from .target import Look, Target, looks, sight_target
 __all__ = ["TargetViews", "check_connected", "look_lines", "read_views", "some"]
 
 MOST_KEPT = 5  # of a camera's images without the target
+MOST_SHOWING = 5  # of all images with it
 # Views by which light on dark leads dark on light, or is behind it, when only the leader is looked for:
 # a target is printed in one way.
 SURE = 5
@@ -46,6 +47,8 @@ class TargetViews(NamedTuple):
         A few images of each camera in which the target was not found.
     inverted, mirrored : ndarray of bool, shape (cameras, views)
         Whether the target was found in light on dark, and as in a mirror, see `target.Look`.
+    showing : tuple of ndarray
+        A few images in which it was found.
     """
 
     cameras: tuple[str, ...]
@@ -57,6 +60,7 @@ class TargetViews(NamedTuple):
     without: tuple[list[np.ndarray], ...]
     inverted: np.ndarray
     mirrored: np.ndarray
+    showing: tuple[np.ndarray, ...] = ()
 
 
 class _Source(NamedTuple):
@@ -170,6 +174,7 @@ def _found(
     present, inverted, mirrored = (np.zeros(shape, bool) for _ in range(3))
     sizes = list[tuple[int, int]]()
     without: list[list[np.ndarray]] = [[] for _ in opened]
+    showing = list[np.ndarray]()
     reported: set[str] = set()
     by_all = Counter[Look]()
     count = sum(len(set(source.labels) & set(chosen)) for source in opened.values())
@@ -191,6 +196,8 @@ def _found(
                     inverted[k, v], mirrored[k, v] = look
                     by_camera[look] += 1
                     by_all[look] += 1
+                    if len(showing) < MOST_SHOWING:
+                        showing.append(grey)
                 elif len(without[k]) < MOST_KEPT:
                     without[k].append(grey)
             if size is None:
@@ -206,6 +213,7 @@ def _found(
         tuple(without),
         frozen(inverted),
         frozen(mirrored),
+        tuple(showing),
     )
 
 

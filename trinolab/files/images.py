@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import logging
 import os
+import re
 import tempfile
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
@@ -34,6 +35,9 @@ __all__ = [
 
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".pgm")
 NO_IMAGE = "cannot be read as an image of 8 or 16 bit"
+COMPLAINTS = 1 << 16  # bytes of what a decoder writes that are looked at
+# how the lines begin that the decoders write
+DECODERS = re.compile(rb"libpng|\[ *(?:WARN|ERROR)|.*(?:JPEG|JFIF|TIFF|SOS|progression)")
 log = logging.getLogger("trinolab")
 
 
@@ -142,7 +146,10 @@ def decoded(data: bytes) -> tuple[np.ndarray | None, str]:
         except cv2.error:  # more pixels than OpenCV takes
             image = None
         complaints.seek(0)
-        return image, complaints.read(200).decode(errors="replace").partition("\n")[0]
+        lines = complaints.read(COMPLAINTS).splitlines(keepends=True)
+    own = [line for line in lines if DECODERS.match(line)]
+    os.write(2, b"".join(line for line in lines if line not in own))  # of other threads
+    return image, own[0][:200].decode(errors="replace").rstrip() if own else ""
 
 
 def check_stated(data: bytes, size: tuple[int, int] | None, path: str | Path) -> None:

@@ -10,13 +10,17 @@ import re
 import tomllib
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import pandas as pd
 
 from . import limits
 
 __all__ = ["get", "read_csv", "read_json", "read_toml"]
+
+
+class _TooManyError(ValueError):
+    """Says how many words a table may have."""
 
 
 def read_csv(path: str | Path, **options: Any) -> pd.DataFrame:
@@ -33,12 +37,32 @@ def read_csv(path: str | Path, **options: Any) -> pd.DataFrame:
     limits.check_table(path, content)
     try:
         text = io.TextIOWrapper(io.BytesIO(content), encoding="utf-8-sig", newline="")
-        table = pd.read_csv(text, low_memory=False, **options)
+        table = _read(path, text, content, options)
+    except _TooManyError:
+        raise
     except (ValueError, OverflowError) as error:  # pandas' own are of the first kind
         raise ValueError(f"{path}: no valid CSV ({_reason(error)})") from None
     if not isinstance(table.index, pd.RangeIndex):
         raise ValueError(f"{path}: no valid CSV (rows have more fields than the first line)")
     return table
+
+
+def _read(path: str | Path, text: IO[str], content: bytes, options: dict[str, Any]) -> pd.DataFrame:
+    """The table; a large one is read in pieces, so that one of more words than are taken is refused
+    when they have come.
+    """
+    lines = content.count(b"\n") + content.count(b"\r") + 1
+    cells = content.count(b",") + lines
+    if cells <= limits.WORDS:
+        return pd.read_csv(text, low_memory=False, **options)
+    pieces, words = [], 0
+    at_a_time = max(limits.WORDS // 4 * lines // cells, 1)
+    for piece in pd.read_csv(text, low_memory=False, chunksize=at_a_time, **options):
+        words += len(piece) * len(piece.select_dtypes(exclude=["number", "bool"]).columns)
+        if words > limits.WORDS:
+            raise _TooManyError(f"{path}: expected at most {limits.WORDS:,} words in its cells")
+        pieces.append(piece)
+    return pd.concat(pieces)
 
 
 def _reason(error: Exception) -> str:
@@ -67,9 +91,9 @@ def read_toml(path: str | Path, most: int = limits.TOML_BYTES) -> dict[str, Any]
     names the file.
     """
     content = _content(path, most)
-    limits.check_names(path, content)
+    limits.check_toml(path, content)
     try:
-        return tomllib.loads(content.decode())
+        return tomllib.loads(content.decode("utf-8-sig"))  # editors of Windows put a mark before it
     except RecursionError:
         raise ValueError(f"{path}: no valid TOML (lists within lists, too many)") from None
     except (

@@ -281,7 +281,9 @@ def open_recording(
 
 
 def open_folder(
-    folder: str | Path, rig: str | Path | None = None, handle: str | Path | None = None
+    folder: str | Path,
+    rig: Rig | str | Path | None = None,
+    handle: Handle | str | Path | None = None,
 ) -> tuple[Recording, Handle]:
     """Open a recording folder: its footage, with the timestamps if there are any, its rig and its
     handle.
@@ -289,9 +291,9 @@ def open_folder(
     Parameters
     ----------
     folder : path
-    rig, handle : path, optional
-        Other files than the folder's ``rig.toml`` and ``handle.toml``; a rig may have some of the
-        cameras.
+    rig, handle : optional
+        In the place of the folder's ``rig.toml`` and ``handle.toml``: a `Rig` and a `Handle`, or other
+        files; a rig may have some of the cameras.
 
     Raises
     ------
@@ -301,40 +303,39 @@ def open_folder(
     root = _existing(folder)
     if rig is None and not (root / "rig.toml").exists():
         raise ValueError(f"{root}: not a recording folder with its rig (no rig.toml in it)")
-    the_rig = read_rig(rig or root / "rig.toml")
+    the_rig = rig if isinstance(rig, Rig) else read_rig(rig or root / "rig.toml")
     times = root / "timestamps.csv"
     recording = open_recording(
         find_footage(root, the_rig), the_rig, timestamps=times if times.exists() else None
     )
-    return recording, read_handle(handle or root / "handle.toml")
+    the_handle = (
+        handle if isinstance(handle, Handle) else read_handle(handle or root / "handle.toml")
+    )
+    return recording, the_handle
 
 
 class Parts(NamedTuple):
-    """What a recording folder consists of: its rig's and its handle's file, for each camera's name
-    its footage, and its timestamps if there are any.
+    """What a recording folder has beside rig and handle: for each camera's name its footage, and its
+    timestamps if there are any.
     """
 
-    rig: Path
-    handle: Path
     sources: dict[str, Path]
     timestamps: Path | None
 
 
 def parts_of_folder(
     folder: str | Path,
-    rig: str | Path | None = None,
-    handle: str | Path | None = None,
+    rig: Rig | str | Path | None = None,
+    handle: Handle | str | Path | None = None,
     timestamps: str | Path | None = None,
 ) -> Parts:
-    """The files of a recording folder, or those that stand in their places; parameters and errors
+    """The other files of a recording folder, found to go with its rig and handle; parameters and errors
     as for `open_folder`.
     """
     recording, _ = open_folder(folder, rig, handle)
     times_file = None if recording.times_s is None else recording.times_from
     times = timestamps or times_file
     return Parts(
-        Path(rig or Path(folder, "rig.toml")),
-        Path(handle or Path(folder, "handle.toml")),
         {name: one.path for name, one in zip(recording.rig.names, recording.footage, strict=True)},
         None if times is None else Path(times),
     )

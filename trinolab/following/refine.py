@@ -204,7 +204,12 @@ def refine_folder(
     """
     parts = parts_of_folder(folder, rig, handle, timestamps)
     return refine_files(
-        parts.rig, parts.handle, parts.sources, out, timestamps=parts.timestamps, **options
+        rig or Path(folder, "rig.toml"),
+        handle or Path(folder, "handle.toml"),
+        parts.sources,
+        out,
+        timestamps=parts.timestamps,
+        **options,
     )
 
 

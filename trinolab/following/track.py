@@ -21,7 +21,7 @@ from tqdm.contrib.logging import logging_redirect_tqdm
 
 from ..camera import Rig
 from ..checks import Array
-from ..datasets import handle_file, rig_file
+from ..datasets import handle_file, handle_of, rig_file, rig_of
 from ..files import limits
 from ..files.kept import KeptLines
 from ..files.outputs import check_targets, write_together
@@ -42,7 +42,7 @@ from ..files.recording import (
     parts_of_folder,
     some_instants,
 )
-from ..files.rigs import read_handle, read_rig
+from ..files.rigs import covariance_text, handle_text, rig_text
 from ..files.video import Film
 from ..handle import Handle
 from ..identity import labelled_pixels
@@ -89,8 +89,8 @@ class Job(NamedTuple):
 
 
 def track_files(
-    rig: str | Path,
-    handle: str | Path,
+    rig: Rig | str | Path,
+    handle: Handle | str | Path,
     sources: Mapping[str, str | Path],
     out: str | Path,
     start: str | Path | None = None,
@@ -107,8 +107,9 @@ def track_files(
 
     Parameters
     ----------
-    rig, handle : path or str
-        Rig and handle file, or names of shipped ones, as ``raised_40deg`` and ``coded``.
+    rig, handle
+        A `Rig` and a `Handle`, or files, or names of shipped ones, as ``raised_40deg`` and
+        ``coded``.
     sources : mapping of str to path
         For each camera's name its video, or its folder of images (in the order of their names).
     out : path
@@ -141,17 +142,20 @@ def track_files(
     KeyboardInterrupt
         Says how many rows are kept.
     """
-    rig = rig_file(rig)
-    handle = handle_file(handle)
-    the_rig = read_rig(rig)
+    the_rig, the_handle = rig_of(rig), handle_of(handle)
+    values = [what for what in (rig, handle) if isinstance(what, Rig | Handle)]
+    rig = "rig" if isinstance(rig, Rig) else rig_file(rig)
+    handle = "handle" if isinstance(handle, Handle) else handle_file(handle)
     recording = open_recording(sources, the_rig, fps, timestamps)
     parameters = FollowParameters(estimator=estimator_of(method))
-    job = Job(recording, read_handle(handle), parameters, known_poses(start, recording))
-    files = [Path(path) for path in (rig, handle, start, timestamps) if path is not None]
+    job = Job(recording, the_handle, parameters, known_poses(start, recording))
+    files = [path for path in (rig, handle) if isinstance(path, Path)]
+    files += [Path(path) for path in (start, timestamps) if path is not None]
     tum = Path(out).with_suffix(".tum")
     film = None if overlay is None else Film(overlay, recording.rate)
     check_targets([out, tum, *([overlay] if overlay else [])], files)
-    made_from = fingerprint(files, sources, start is None, timestamps is None, fps, method)
+    options = (start is None, timestamps is None, fps, method)
+    made_from = fingerprint(files, sources, *options, *map(_content, values))
     with Rows(Path(f"{out}{PARTIAL}"), made_from) as rows:
         try:
             with film or nullcontext():
@@ -183,8 +187,8 @@ def track_files(
 def track_folder(
     folder: str | Path,
     out: str | Path,
-    rig: str | Path | None = None,
-    handle: str | Path | None = None,
+    rig: Rig | str | Path | None = None,
+    handle: Handle | str | Path | None = None,
     timestamps: str | Path | None = None,
     **options: Any,
 ) -> pd.DataFrame:
@@ -195,17 +199,23 @@ def track_folder(
     folder : path
     out : path
         As for `track_files`, which also has the other options and the errors.
-    rig, handle, timestamps : path, optional
-        Other files than the folder's, or names as for `track_files`; a rig may have some of the
-        cameras.
+    rig, handle : optional
+        In the place of the folder's own, as for `track_files`; a rig may have some of the cameras.
+    timestamps : path, optional
+        Another file than the folder's.
     """
     if not isinstance(folder, (str, Path)):
         raise ValueError(f"folder: expected a recording folder, got {type(folder).__name__}")
-    rig = None if rig is None else rig_file(rig)
-    handle = None if handle is None else handle_file(handle)
+    rig = rig if rig is None or isinstance(rig, Rig) else rig_file(rig)
+    handle = handle if handle is None or isinstance(handle, Handle) else handle_file(handle)
     parts = parts_of_folder(folder, rig, handle, timestamps)
     return track_files(
-        parts.rig, parts.handle, parts.sources, out, timestamps=parts.timestamps, **options
+        Path(folder, "rig.toml") if rig is None else rig,
+        Path(folder, "handle.toml") if handle is None else handle,
+        parts.sources,
+        out,
+        timestamps=parts.timestamps,
+        **options,
     )
 
 
@@ -281,6 +291,14 @@ def fingerprint(
     return hashlib.sha256(
         json.dumps([contents, where, [str(o) for o in options]]).encode()
     ).hexdigest()[:16]
+
+
+def _content(value: Rig | Handle) -> str:
+    """What tells one rig or handle from another."""
+    if isinstance(value, Handle):
+        return handle_text(value)
+    known = value.covariance
+    return rig_text(value) + ("" if known is None else covariance_text(known))
 
 
 def stamp(path: Path) -> list[tuple[str, int, int]]:

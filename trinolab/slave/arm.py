@@ -91,7 +91,7 @@ def load_robot(
         or servo, limits the wrong way round, no site ``tool``, a home beyond the limits; or the
         extra is missing.
     """
-    model = _read(data_path("robots", f"{robot}.xml") if _is_name(robot) else Path(robot))
+    model = _read(_shipped(str(robot)) if _is_name(robot) else Path(robot))
     joints = tuple(model.joint(k).name for k in range(model.njnt))
     _check(model, joints, str(robot))
     n = len(joints)
@@ -184,6 +184,14 @@ def _check(model: Any, joints: tuple[str, ...], where: str) -> None:
 
 def _has_home(model: Any) -> bool:
     return any(model.key(k).name == "home" for k in range(model.nkey))
+
+
+def _shipped(name: str) -> Path:
+    """The file of a shipped arm. Raises ValueError, which lists them, if there is none of that name."""
+    names = sorted(path.stem for path in data_path("robots").glob("*.xml"))
+    if name not in names:
+        raise ValueError(f"{name}: no such file, and no shipped arm ({', '.join(names)})")
+    return data_path("robots", f"{name}.xml")
 
 
 def _is_name(robot: str | Path) -> bool:

@@ -19,7 +19,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from .alive import Quiet, hush, watched
+from .alive import Quiet, hush, shown, watched
 from .arguments import parser
 
 if TYPE_CHECKING:
@@ -78,8 +78,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         print(f"trinolab {arguments.command}: {needed}", file=sys.stderr)
         return 2
     except (ValueError, OSError, MemoryError) as error:
-        what = f"not enough memory ({error})" if isinstance(error, MemoryError) else str(error)
-        print(f"trinolab {arguments.command}: {_one_line(what)}", file=sys.stderr)
+        print(f"trinolab {arguments.command}: {_one_line(_what_is_wrong(error))}", file=sys.stderr)
         return 2
     except KeyboardInterrupt as stop:
         print(
@@ -89,9 +88,17 @@ def main(argv: Sequence[str] | None = None) -> int:
         return 130
 
 
+def _what_is_wrong(error: Exception) -> str:
+    if isinstance(error, MemoryError):
+        return f"not enough memory ({error})"
+    if isinstance(error, OSError) and error.filename is not None:
+        return f"{error.filename}: {error.strerror}"
+    return str(error)
+
+
 def _one_line(text: str) -> str:
     """What is wrong as one line; of a value that a file makes as long as itself only the beginning."""
-    line = " ".join(text.splitlines())
+    line = shown(" ".join(text.splitlines()))
     return line if len(line) <= LONGEST_LINE else f"{line[:LONGEST_LINE]} ..."
 
 
@@ -113,7 +120,7 @@ def say(text: str) -> None:
     """
     hush()
     try:
-        print(text, flush=True)
+        print(shown(text), flush=True)
     except OSError as error:
         # or Python, at its end, would complain as well
         with open(os.devnull, "w") as nowhere:
@@ -395,7 +402,8 @@ def _say_session(done: Done, out: str) -> int:
 def _bag(a: argparse.Namespace) -> int:
     from ..bags import write_bag
 
-    counts = write_bag(a.folder, a.out, a.poses, a.joints)
+    with _ended_in_order():
+        counts = write_bag(a.folder, a.out, a.poses, a.joints)
     say("\n".join([*(f"{n:7d}  {topic}" for topic, n in counts.items()), f"written to {a.out}"]))
     return 0
 
@@ -445,9 +453,10 @@ def _check(a: argparse.Namespace) -> int:
         return 0
     if a.out is not None:
         raise ValueError("--out: is of use with --all alone")
-    file = file_of(a.chapter, Path()) if a.file is None else Path(a.file)
+    chapter = a.chapter.zfill(2)
+    file = file_of(chapter, Path()) if a.file is None else Path(a.file)
     with _ended_in_order():
-        verdicts = check_file(a.chapter, file)
+        verdicts = check_file(chapter, file)
     say(as_text(verdicts))
     return 0 if all(one.right for one in verdicts) else 1
 
@@ -499,7 +508,7 @@ def _sweep(a: argparse.Namespace) -> int:
     say(f"{len(runs)} runs: {_statuses(runs)}; written to {a.out}")
     for status, rows in runs[runs["status"] != "ok"].groupby("status"):
         say(f"the first {status}: {rows['error'].iloc[0]}")
-    return 0
+    return 0 if (runs["status"] == "ok").any() else 1
 
 
 def _clear(a: argparse.Namespace) -> int:

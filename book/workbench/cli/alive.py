@@ -8,6 +8,7 @@ drawn, a line says that the command is at work, and for how long.
 from __future__ import annotations
 
 import logging
+import re
 import sys
 import time
 from collections.abc import Iterator
@@ -15,10 +16,11 @@ from contextlib import contextmanager
 from threading import Event, Thread
 from typing import Any
 
-__all__ = ["Quiet", "hush", "watched"]
+__all__ = ["Quiet", "hush", "shown", "watched"]
 
 QUIET_S = 2.0  # without a sign of life, that a person takes for a command that hangs
 TICK_S = 0.5
+_STEERING = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f]")  # all but tabs and the ends of lines
 
 
 class _Watcher:
@@ -69,6 +71,16 @@ class Quiet(logging.StreamHandler):
     def emit(self, record: logging.LogRecord) -> None:
         hush()
         super().emit(record)
+
+    def format(self, record: logging.LogRecord) -> str:
+        return shown(super().format(record))
+
+
+def shown(text: str) -> str:
+    """A text for a terminal: names of files and what stands in them come from others, and a control
+    character in them would steer it.
+    """
+    return _STEERING.sub(lambda found: f"\\x{ord(found[0]):02x}", text)
 
 
 _watchers: list[_Watcher] = []  # one, while a command works

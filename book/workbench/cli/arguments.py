@@ -586,7 +586,7 @@ def _add_check(commands: argparse._SubParsersAction) -> None:
         "chapter",
         nargs="?",
         metavar="CHAPTER",
-        help="the chapter's number with two digits, as in 04",
+        help="the chapter's number, as in 04",
     )
     p.add_argument(
         "file",

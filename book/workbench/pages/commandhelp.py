@@ -47,7 +47,10 @@ def limits_table() -> str:
         ("a file", "is a regular file, and no pipe or device"),
         ("a rig", f"{limits.CAMERAS} cameras, each with an image as below"),
         ("a handle", f"{limits.MARKERS} markers"),
-        ("TOML", f"{_mib(limits.TOML_BYTES)}, {limits.DOTS} dots in a name"),
+        (
+            "TOML",
+            f"{_mib(limits.TOML_BYTES)}, {limits.ENTRIES:,} commas and lines, {limits.DOTS} dots in a name",
+        ),
         ("the covariance of a rig", _mib(limits.COVARIANCE_BYTES)),
         (
             "an image, a frame of a video",
@@ -57,7 +60,7 @@ def limits_table() -> str:
         (
             "a table (CSV), rows that are kept",
             f"{_mib(limits.TABLE_BYTES)}, {limits.COLUMNS:,} columns, {limits.LINES:,} lines, "
-            f"{limits.CELLS:,} cells",
+            f"{limits.CELLS:,} cells, of which {limits.WORDS:,} may be words",
         ),
         ("JSON, a notebook, an arm", _mib(limits.TREE_BYTES)),
         ("a bag's `metadata.yaml`", _mib(METADATA_BYTES)),

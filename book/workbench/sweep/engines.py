@@ -7,7 +7,6 @@ from __future__ import annotations
 import asyncio
 import multiprocessing
 import os
-import signal
 import sys
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import (
@@ -21,6 +20,8 @@ from concurrent.futures import (
 from contextlib import contextmanager, suppress
 from multiprocessing.reduction import ForkingPickler
 from typing import Any, NamedTuple
+
+from trinolab.workers import serve_parent
 
 from ..provenance import surroundings
 from .notebook import ONE_THREAD
@@ -85,10 +86,9 @@ def processes(workers: int) -> Iterator[Engine]:
         yield Engine(Inline(), 1)
         return
     others = set(multiprocessing.active_children())
-    unheard = signal.signal, (signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is a matter of this process
     with (
         one_thread_each(),
-        ProcessPoolExecutor(workers, multiprocessing.get_context("spawn"), *unheard) as pool,
+        ProcessPoolExecutor(workers, multiprocessing.get_context("spawn"), serve_parent) as pool,
     ):
         try:
             yield Engine(pool, 4 * workers, BATCH_S)

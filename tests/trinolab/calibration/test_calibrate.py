@@ -18,7 +18,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 
 from trinolab.calibration import calibrate, views
 from trinolab.calibration.calibrate import as_lines, calibrate_rig
-from trinolab.calibration.hints import hint
+from trinolab.calibration.hints import hint, larger
 from trinolab.calibration.outliers import calibrate_robustly, too_few
 from trinolab.calibration.target import (
     Look,
@@ -808,3 +808,25 @@ def test_real_corners_of_a_board_that_is_seen_in_part():
         assert np.linalg.norm(camera.centre) == pytest.approx(
             np.linalg.norm(stored.centre - tracks.rig.cameras[0].centre), rel=0.025
         )
+
+
+def test_a_part_of_a_chessboard_is_said_to_be_one(folder):
+    result = calibrated(Target("chessboard", 5, 4, 15.0))
+    (said,) = [note for note in result.notes if "are a part" in note]
+    assert said.startswith("a chessboard of 7 x 6 inner corners is in ")
+    assert "likely --columns 7 --rows 6 is meant" in said
+
+
+def test_of_the_whole_board_nothing_is_said(frames):
+    images = frames[0][:5]
+    assert larger(images, CHESSBOARD) == larger(images, Target("chessboard", 6, 7, 15.0)) == ""
+    assert larger(images, Target("circles", 5, 5, 15.0)) == larger([], CHESSBOARD) == ""
+
+
+def test_of_a_camera_that_mirrors_its_images_the_likely_cause_is_said(folder):
+    for path in (folder / "b").iterdir():
+        cv2.imwrite(str(path), cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)[:, ::-1])
+    with pytest.raises(
+        ValueError, match=r"one position of the target, or one camera mirrors its images$"
+    ):
+        calibrated()

@@ -2,9 +2,11 @@
 
 import re
 
+import pandas as pd
 import pytest
 
-from trinolab.files.inputs import read_csv
+from trinolab.files import limits
+from trinolab.files.inputs import read_csv, read_toml
 
 
 @pytest.mark.parametrize(
@@ -21,3 +23,25 @@ def test_the_reason_is_plain(tmp_path, text, reason):
     path.write_text(text, encoding="utf-8")
     with pytest.raises(ValueError, match=re.escape(f"{path}: no valid CSV ({reason})")):
         read_csv(path)
+
+
+def test_a_mark_before_the_text_is_no_part_of_it(tmp_path):
+    """Editors of Windows put one there."""
+    path = tmp_path / "a.toml"
+    path.write_text("x = 1\n", encoding="utf-8-sig")
+    assert read_toml(path) == {"x": 1}
+
+
+def test_a_large_table_is_read_in_pieces_and_has_so_many_words(tmp_path, monkeypatch):
+    """As it is read at once, but for the words; numbers may be as many as cells."""
+    rows = [f"{k},{k / 8},{'' if k % 3 else 'measured'},{k % 2 == 0}" for k in range(300)]
+    path = tmp_path / "a.csv"
+    path.write_text("\n".join(["frame,t_s,status,even", *rows]) + "\n")
+    whole = read_csv(path)
+    monkeypatch.setattr(limits, "WORDS", 300)
+    pd.testing.assert_frame_equal(read_csv(path), whole)
+    monkeypatch.setattr(limits, "WORDS", 299)
+    with pytest.raises(ValueError, match=r"a\.csv: expected at most 299 words in its cells$"):
+        read_csv(path)
+    path.write_text("a,b,c\n" + "1,2,3\n" * 300)
+    assert len(read_csv(path)) == 300

@@ -1,16 +1,19 @@
 """The budget of what is read: what is within it is taken, what is beyond is refused before it is read."""
 
 import os
+from dataclasses import replace
 
 import cv2
 import numpy as np
 import pytest
 
+from trinolab.camera import RigCovariance
 from trinolab.files import limits
 from trinolab.files.imageheader import Stated, stated
 from trinolab.files.images import read_grey
 from trinolab.files.inputs import read_csv, read_toml
 from trinolab.files.kept import KeptLines, sole_writer
+from trinolab.files.rigs import covariance_text
 
 GREY = np.arange(48, dtype=np.uint8).reshape(6, 8)
 
@@ -57,6 +60,28 @@ def test_names_within_names_are_counted_and_numbers_are_not(tmp_path, text, take
     else:
         with pytest.raises(ValueError, match=r"a\.toml: a name of more than 32 dots"):
             read_toml(tmp_path / "a.toml")
+
+
+def test_a_toml_file_has_so_many_commas_and_lines(tmp_path):
+    path = tmp_path / "a.toml"
+    path.write_text("x = [" + "1," * limits.ENTRIES + "]")
+    assert len(read_toml(path)["x"]) == limits.ENTRIES
+    path.write_text("x = [" + "1," * limits.ENTRIES + "1,]")
+    with pytest.raises(ValueError, match=r"a\.toml: expected at most 100,000 commas, got 100,001$"):
+        read_toml(path)
+    path.write_text("\n" * (limits.ENTRIES + 1))
+    with pytest.raises(ValueError, match=r"a\.toml: expected at most 100,000 lines, got 100,001$"):
+        read_toml(path)
+
+
+def test_the_covariance_of_as_many_cameras_as_a_rig_may_have_is_read(tmp_path):
+    """With all digits of all numbers."""
+    names = [f"camera{k}" for k in range(limits.CAMERAS)]
+    known = RigCovariance.exact(names)
+    factor = np.random.default_rng(0).normal(size=known.matrix.shape)
+    text = covariance_text(replace(known, matrix=factor @ factor.T))
+    (tmp_path / "a.toml").write_text(text)
+    assert read_toml(tmp_path / "a.toml", limits.COVARIANCE_BYTES)["cameras"] == names
 
 
 @pytest.mark.parametrize(

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from trinolab.datasets import load_rig
+from trinolab.files.images import read_grey
 from trinolab.files.recording import frames_named, list_instants, read_instants
 
 SIZE = (32, 24)
@@ -229,3 +230,28 @@ def test_folder_or_broken_link_in_place_of_an_image_is_named(folder, rig):
     path.mkdir()
     with pytest.raises(ValueError, match=r"a\.png: cannot be read \(Is a directory"):
         read_instant(list_instants(folder, rig)[0], rig)
+
+
+def test_what_another_thread_says_meanwhile_is_not_said_of_the_image(
+    tmp_path, monkeypatch, caplog, capfd
+):
+    """Standard error is one file for all of a process."""
+    path, real = tmp_path / "a.png", cv2.imdecode
+    cv2.imwrite(str(path), np.zeros((6, 8), np.uint8))
+
+    def decode(*arguments):
+        os.write(2, b"Malformed HTTP message\n")
+        os.write(2, said)
+        return real(*arguments)
+
+    monkeypatch.setattr(cv2, "imdecode", decode)
+    said = b""
+    with caplog.at_level("INFO"):
+        read_grey(path)
+        assert caplog.messages == []
+        said = b"libpng warning: IDAT: Too much image data\n"
+        read_grey(path)
+    assert caplog.messages == [
+        f"{path}: may be damaged (libpng warning: IDAT: Too much image data)"
+    ]
+    assert capfd.readouterr().err.count("Malformed HTTP message\n") == 2

@@ -219,7 +219,7 @@ def test_videos_do_as_well(done):
         (f"{REFINE} --length 0 1 0", "length: expected a number in (0, 1e+06], got 0.0"),
         (f"{REFINE} --video ccd1=1.mkv", "--video: not beside"),
         ("refine --out new", "expected a recording folder"),
-        ("refine rec --instants 3 --out new", "instants: expected a number in [10, inf], got 3"),
+        ("refine rec --instants 3 --out new", "instants: expected a number of 10 or more, got 3"),
         ("refine rec --out rec", "rec: exists already; name another folder, or remove it"),
         ("refine rec --out no/new", "no/new"),
         ("refine gone --out new", "gone: no such folder"),

@@ -1,12 +1,14 @@
 """`trinolab track` on a short recording: what it writes, that an interruption loses nothing."""
 
 import shutil
+from dataclasses import replace
 
 import cv2
 import numpy as np
 import pytest
 from scipy.spatial.transform import RigidTransform, Rotation
 
+import trinolab
 from trinolab import following, pose
 from trinolab.bench.optics import Bench
 from trinolab.bench.scene import render_rig
@@ -229,3 +231,29 @@ def test_a_camera_that_is_late_is_said():
         ],
     )
     assert together.offsets(RIG) == []
+
+
+def test_values_track_as_their_files_do(folder, tmp_path):
+    """A `Rig` and a `Handle` in the place of files, and with another one nothing is taken up."""
+    files = {"rig": rig_file("paper_pair"), "handle": "paper"}
+    values = {"rig": load_rig("paper_pair"), "handle": load_handle("paper")}
+    track_folder(folder, tmp_path / "files.csv", **files, method="paper")
+    track_folder(folder, tmp_path / "values.csv", **values, method="paper")
+    assert (tmp_path / "values.csv").read_bytes() == (tmp_path / "files.csv").read_bytes()
+    larger = replace(values["handle"], marker_diameter_mm=4.0)
+    assert track._content(larger) != track._content(values["handle"])
+    unsure = replace(values["rig"], covariance=None)
+    assert track._content(unsure) != track._content(values["rig"])
+
+
+def test_a_recording_is_read_by_names_files_or_values(folder):
+    for rig, handle in (
+        ("paper_pair", "paper"),
+        (rig_file("paper_pair"), str(handle_file("paper"))),
+        (load_rig("paper_pair"), load_handle("paper")),
+    ):
+        recording, read = trinolab.read_recording(folder, rig, handle)
+        assert recording.rig.names == ("ccd1", "ccd2")
+        assert read.name == "paper"
+    with pytest.raises(ValueError, match="likely rig and handle are exchanged"):
+        trinolab.read_recording(folder, "coded")

@@ -109,3 +109,8 @@ def test_a_simulation_that_diverges_is_told(tmp_path, monkeypatch):
     slave = Slave(robot)
     with pytest.raises(ValueError, match=r"the simulation diverges at 0\.\d+ s"):
         slave.advance(robot.home, robot.home + 0.1, 0.4)
+
+
+def test_an_arm_that_is_not_there_is_answered_with_those_that_are():
+    with pytest.raises(ValueError, match=r"^nofile: no such file, and no shipped arm \(ur5\)$"):
+        load_robot("nofile")

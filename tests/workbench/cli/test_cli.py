@@ -351,7 +351,7 @@ def test_a_source_is_named_once(line, said, capfd):
     ("error", "said"),
     [
         (ValueError("a\nb\r\nc"), "a b c"),
-        (OSError(5, "broken", "x.csv"), "[Errno 5] broken: 'x.csv'"),
+        (OSError(5, "broken", "x.csv"), "x.csv: broken"),
         (MemoryError("8 TiB"), "not enough memory (8 TiB)"),
     ],
 )
@@ -510,6 +510,7 @@ def test_live_says_where_its_page_is_before_it_begins(
         ("check 04 --out points.csv", "--out: is of use with --all alone"),
         ("check", "expected a chapter, as in 04, or --all with the folder of a class"),
         ("check 04 --all answers", "expected a chapter"),
+        ("check 4", ".: expected one file 04*.ipynb or 04*.py, found none"),
     ],
 )
 def test_a_check_is_of_a_chapter_or_of_a_class(folder, capfd, line, said):
@@ -601,3 +602,25 @@ def test_a_missing_extra_is_named_in_one_line(package, line, extra):
     command = line.split()[0]
     needed = f"trinolab {command}: needs {package}: pip install 'trinolab[{extra}]'\n"
     assert (done.returncode, done.stdout, done.stderr) == (2, "", needed)
+
+
+def test_a_control_character_in_a_name_does_not_steer_the_terminal(tmp_path, capfd):
+    assert run(f"track '{tmp_path}/a\x1b[31mb\x07' --out p.csv") == 2
+    assert (
+        capfd.readouterr().err == f"trinolab track: {tmp_path}/a\\x1b[31mb\\x07: no such folder\n"
+    )
+    cli.say("one\ttwo\n\x9bthree")
+    assert capfd.readouterr().out == "one\ttwo\n\\x9bthree\n"
+
+
+def test_what_the_system_refuses_is_said_with_the_file_first(tmp_path, capfd):
+    name = tmp_path / ("a" * 300)
+    assert run(f"track {name} --out p.csv") == 2
+    err = capfd.readouterr().err
+    assert err.startswith(f"trinolab track: {name}")
+    assert err.endswith(": File name too long\n")
+
+
+def test_a_file_that_is_its_own_truth_is_said(folder, capfd, caplog):
+    assert run("evaluate truth.csv truth.csv --handle paper") == 0
+    assert "truth.csv: is given as the poses and as their truth" in caplog.messages

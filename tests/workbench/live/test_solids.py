@@ -152,6 +152,31 @@ def test_solids_are_shaded_where_lines_and_words_are_drawn(browser, tmp_path):
 
 
 @needs_browser
+def test_an_ellipsoid_that_would_hide_the_cameras_is_not_drawn(browser, tmp_path):
+    shown = (
+        "(mm => { paintWorld({...last, ellipsoid: [mm, 0, 0, 0, mm, 0, 0, 0, mm]}, []);"
+        " return $('larger').textContent; })"
+    )
+    with Live(Bench().source, tmp_path) as live:
+        browser.open(live.address)
+        shows(browser, "last && last.status === 'measured'")
+        far = browser.evaluate(f"{shown}(200)")
+        assert far == "no ellipsoid: the position is uncertain by more than 150 mm"
+        assert browser.evaluate(f"{shown}(60)").endswith("drawn as large as it is")
+        assert browser.evaluate(f"{shown}(0.01)").endswith("drawn 2,000 times as large")
+
+
+@needs_browser
+def test_who_watches_a_demonstration_is_not_told_to_act(browser, tmp_path):
+    said = "(by => { last.demonstration = by; return letsGo(); })"
+    with Live(Bench().source, tmp_path) as live:
+        browser.open(live.address)
+        shows(browser, "last && last.status === 'measured'")
+        assert browser.evaluate(f"{said}(true)").startswith("The demonstration opens the clutch")
+        assert browser.evaluate(f"{said}(false)").startswith("Open the clutch")
+
+
+@needs_browser
 def test_without_webgl_lines_are_drawn(browser, tmp_path):
     with Live(Bench().source, tmp_path) as live:
         browser.open(live.address, before=NO_WEBGL)

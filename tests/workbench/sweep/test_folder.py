@@ -53,6 +53,12 @@ def traced():
 
 
 @pytest.mark.usefixtures("notebook")
+def test_a_sweep_without_a_run_that_succeeds_is_no_success(capfd):
+    assert run("sweep n.ipynb -p a=9 --workers 1 --out new/s") == 1
+    assert capfd.readouterr().out.startswith("1 runs: 1 failed; written to new/s\n")
+
+
+@pytest.mark.usefixtures("notebook")
 def test_the_command_makes_table_figure_and_manifest(capfd):
     assert run(LINE + " --keep") == 0
     out, err = capfd.readouterr()

@@ -15,6 +15,7 @@ const TRAIL_MS = 8000;
 const trail = [];  // the frames that were drawn in the last seconds, with their times
 const SLOW_MS = 8, BUSY = 3;
 let opens = false;  // the clutch, since a replay has begun
+const VAST_MM = 150;  // of an ellipsoid: the cameras are some 400 mm apart
 let restsUntil = 0, slow = false, turn = 'arm', larger = 1;  // the ellipsoid, than it is
 
 function send(words) {
@@ -52,6 +53,11 @@ function show(id, words) {
   $(id).hidden = !words;
 }
 
+// How an arm that holds goes on.
+function letsGo() {
+  return last.demonstration ? 'The demonstration opens the clutch and closes it again.' : 'Open the clutch and close it again.';
+}
+
 // What is wrong, in one line above all else.
 function tell() {
   const why = ended ? 'trinolab has ended' : !$('busy').hidden ? $('busy-words').textContent
@@ -61,7 +67,7 @@ function tell() {
   const words = performance.now() - heard > SILENT_MS
     ? 'No word from trinolab: the connection is lost. The arm holds, and the clutch is open. Trying again.'
     : last ? [...last.troubles.map(one => `${one}; the arm holds`),
-      ...(last.held ? [`The arm holds (${last.held}). Open the clutch and close it again.`] : [])].join('. ') : '';
+      ...(last.held ? [`The arm holds (${last.held}). ${letsGo()}`] : [])].join('. ') : '';
   show('banner', words);
 }
 
@@ -390,10 +396,12 @@ function paintWorld(now, past) {
   if (now.T) {
     if (shaded) solids.push(...rodSolids(now));
     else rodLines(now.T, world);
-    if (now.ellipsoid) ellipsoid(now, world, shaded ? solids : null);
+    if (now.ellipsoid && !isVast(now)) ellipsoid(now, world, shaded ? solids : null);
   }
   world.finish(shaded ? solids : null);
-  const words = `ellipsoid: the position is in it with 95 %, drawn ${larger.toLocaleString('en')} times as large`;
+  const words = isVast(now) ? `no ellipsoid: the position is uncertain by more than ${VAST_MM} mm`
+    : 'ellipsoid: the position is in it with 95 %, drawn '
+      + (larger > 1 ? `${larger.toLocaleString('en')} times as large` : 'as large as it is');
   if ($('larger').textContent !== words) $('larger').textContent = words;
 }
 
@@ -430,6 +438,11 @@ function cameraSolids(centre, [first, right, , down]) {
     {mesh: 'hood', M: Solids.affine(by(x, hood / 2), by(y, hood / 2), by(z, hood), centre), tint},
     {mesh: 'box', M: Solids.affine(by(unit(x), 15), by(unit(y), 13), by(unit(z), 20), less(centre, by(unit(z), 20))), tint},
   ];
+}
+
+// Just found again after a pause, the position may be known so badly that its ellipsoid would hide the cameras.
+function isVast(now) {
+  return Boolean(now.ellipsoid) && Math.hypot(...now.ellipsoid) > VAST_MM;
 }
 
 // The ellipsoid of the position, as many times as large as makes it seen.

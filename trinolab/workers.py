@@ -1,0 +1,28 @@
+"""What a process does that works for another one, and shall not outlive it."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+import threading
+from multiprocessing.process import BaseProcess
+
+__all__ = ["serve_parent"]
+
+
+def serve_parent() -> None:
+    """Leave Ctrl-C to the process that started this one, and end when it is gone.
+
+    A worker that waits for its next task does not notice by itself that its parent was killed: the
+    other workers hold the ends of the same pipes.
+    """
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
+
+
+def _end_with(parent: BaseProcess) -> None:
+    parent.join()
+    os._exit(1)
