@@ -17,6 +17,7 @@ OTHER_PARAMETERS = {
     "04_kalman": {"jerk_intensity": 2e9, "sigma_px": 3.0, "velocity_sigma": 800.0, "seed": 5},
     "04b_tuned": {"jerk_intensity": 2e9, "sigma_px": 3.0, "velocity_sigma": 800.0, "seed": 5},
     "05_markers": {"surplus": 3.0, "read_noise": 6.0, "seed": 1},
+    "05b_centroid": {"surplus": 3.0, "read_noise": 6.0, "seed": 1},
     "06_matching": {"ncc_threshold": 0.9, "epipolar_gate_px": 1.0, "instants": 8, "seed": 1},
     "06b_pairs": {"ncc_threshold": 0.9, "epipolar_gate_px": 1.0, "instants": 8, "seed": 1},
     "07_calibration": {
@@ -62,7 +63,8 @@ SMALL = {
     "03b_tuned": {"spacing": 32},
     "04_kalman": {"moving": 6, "motions": 1},
     "04b_tuned": {"moving": 6, "motions": 1},
-    "05_markers": {"frame_step": 29, "draws": 4, "row_step": 20},
+    "05_markers": {"frame_step": 29, "row_step": 20},
+    "05b_centroid": {"frame_step": 29, "draws": 4},
     "06_matching": {"instants": 6, "row_step": 20},
     "06b_pairs": {"instants": 6},
     "07_calibration": {"positions": 4, "draws": 1, "row_step": 20},

@@ -22,7 +22,8 @@ from workbench.sweep.notebook import (
 )
 from workbench.sweep.warmkernel import Kernel, Key
 
-FILM_FRAMES = {"01_structure": 30, "11_master_slave": 225}  # of the films that chapters show
+# of the films that chapters show
+FILM_FRAMES = {"01_structure": 30, "03_background": 30, "11_master_slave": 225}
 GLUED = {"application/papermill.record/text/plain"}  # what a glued number is stored as
 # figures are made, and not drawn: that takes a quarter of the time
 UNDRAWN = "%config InlineBackend.figure_formats = set()"

@@ -120,6 +120,28 @@
     return Math.min(HIGHEST, Math.max(1, Math.ceil(10.5 * Math.max(...tops)) / 10));
   }
 
+  // Where both pictures stand, and what they span across: beside each other in one scale; on a narrow screen below each other.
+  // What is left of the width goes to both.
+  function framesOf(width, [low, high], xSpan, ySpan) {
+    const [left, gap, top] = [34, 44, 40];
+    const long = ([from, to]) => to - from;
+    const wider = ([from, to], by) => [from - by / 2, to + by / 2];
+    if (width < 520) {
+      const room = width - left - 6;
+      const perB = Math.min(300 / (high - low), room / Math.max(long(xSpan), long(ySpan)));
+      const height = perB * (high - low);
+      const across = span => wider(span, room / perB - long(span));
+      const first = {left, top, width: room, height, across: across(xSpan)};
+      return [first, {...first, top: top + height + 84, across: across(ySpan)}];
+    }
+    const room = width - left - gap - 6;
+    const perB = Math.min(440 / (high - low), room / (long(xSpan) + long(ySpan)));
+    const rest = (room / perB - long(xSpan) - long(ySpan)) / 2;
+    const [x, y] = [wider(xSpan, rest), wider(ySpan, rest)];
+    const first = {left, top, width: perB * long(x), height: perB * (high - low), across: x};
+    return [first, {...first, left: left + first.width + gap, width: perB * long(y), across: y}];
+  }
+
   function start(box, parameters) {
     let views = null;  // of both pictures: from places to values, for the pointer
 
@@ -153,21 +175,12 @@
       const span = [-0.1, heightOf(found)];
       const far = cones[2].apex[1];
       const ySpan = [-0.5 * (span[1] - span[0]), Math.max(0.5 * (span[1] - span[0]), far + 0.15)];
-      const gap = 44;
-      const room = width - 34 - gap - 6;
-      const perB = Math.min(440 / (span[1] - span[0]), room / (X_SPAN[1] - X_SPAN[0] + ySpan[1] - ySpan[0]));
-      const height = perB * (span[1] - span[0]);
-      // what is left of the width goes to the first picture
-      const wider = (room / perB - (X_SPAN[1] - X_SPAN[0] + ySpan[1] - ySpan[0])) / 4;
-      const xSpan = [X_SPAN[0] - wider, X_SPAN[1] + wider];
-      const first = {left: 34, top: 40, width: perB * (xSpan[1] - xSpan[0]), height};
-      const yWide = [ySpan[0] - wider, ySpan[1] + wider];
-      const second = {...first, left: first.left + first.width + gap, width: perB * (yWide[1] - yWide[0])};
-      draw(svg, 'text', {x: first.left, y: 14}, 'from above');
-      draw(svg, 'text', {x: second.left, y: 14}, 'from the side');
+      const [first, second] = framesOf(width, span, X_SPAN, ySpan);
+      draw(svg, 'text', {x: first.left, y: first.top - 26}, 'from above');
+      draw(svg, 'text', {x: second.left, y: second.top - 26}, 'from the side');
       views = [
-        view(svg, first, 'Z / B', xSpan, 'X', span, cones, point),
-        view(svg, second, 'Z / B', yWide, 'Y', span, cones, point),
+        view(svg, first, 'Z / B', first.across, 'X', span, cones, point),
+        view(svg, second, 'Z / B', second.across, 'Y', span, cones, point),
       ];
       const [above, side] = views;
       above.put(grips.above, x, z);
@@ -189,7 +202,7 @@
         + (outside.length ? `It is outside of ${outside.join(' and ')}, and so not in the workspace.` : 'It is in the workspace.'),
       ];
       const alt = `Two cuts through the point (${point.join(', ')}) B: three cones, and what they share. ${says.join(' ')}`;
-      return {height: height + 40 + 44, alt, says};
+      return {height: second.top + second.height + 44, alt, says};
     }
 
     const kept = (value, low, high, step) => Number((step * Math.round(Math.min(high, Math.max(low, value)) / step)).toFixed(2));

@@ -165,7 +165,7 @@
         range('vergence', 'vergence, angle between the axes', [0, 60, 0.5], data.vergence_deg, '°'),
         range('distance', 'distance of the point', [300, 900, 1], data.distance_mm, 'mm'),
         range('sigma', 'σ of a pixel coordinate', [0.01, 2, 0.05], parameters.sigma_px, 'px', {log: true, precision: 2}),
-        range('enlarged', 'the ellipse is drawn enlarged', [1, 1000, 0.05], 500, 'times', {log: true, precision: 2}),
+        range('enlarged', 'ellipse enlarged', [1, 1000, 0.05], 500, 'times', {log: true, precision: 2}),
       ],
       handles: [grips.point, grips.right],
       play: {name: 'baseline', stops: 40, ms: 80},

@@ -67,17 +67,17 @@
       const second = w * scale + gap;
       at = {x: second, y: 20, scale};
       Object.assign(easel.style, {left: `${second}px`, top: '20px', width: `${w * scale}px`, height: `${h * scale}px`});
-      draw(svg, 'text', {x: 0, y: 14}, `${now.name}: the frame`);
+      draw(svg, 'text', {x: 0, y: 14}, `${now.name}, twice as bright`);
       draw(svg, 'text', {x: second, y: 14}, 'the mask');
       const size = {width: w * scale, height: h * scale, style: 'image-rendering: pixelated'};
-      draw(svg, 'image', {href: picture(now.frame, w, h), x: 0, y: 20, ...size});
+      draw(svg, 'image', {href: picture(Array.from(now.frame, grey => Math.min(255, 2 * grey)), w, h), x: 0, y: 20, ...size});
       draw(svg, 'image', {href: picture(mask.map(one => (one ? 255 : 0)), w, h), x: second, y: 20, ...size});
       const share = (100 * mask.filter(Boolean).length / mask.length).toFixed(1);
       const last = taken.at(-1);
       const before = last ? `Your mask agreed to ${Object.entries(last).map(([name, one]) => `${(100 * one).toFixed(1)} % (${name})`).join(', ')}. ` : '';
       const says = [
         isOver() ? `${before}That was the last image.`
-          : `${before}Image ${taken.length + 1} of ${rounds.length}: by ${painted && painted.T === T ? 'your painting' : `T = ${T}`} ${share} % of it have moved. Is that the handle, with hand and arm?`,
+          : `${before}Image ${taken.length + 1} of ${rounds.length}: by ${painted && painted.T === T ? 'your painting' : `T = ${T}`}, ${share} % of it have moved. Is that the handle, with hand and arm?`,
       ];
       return {height: 20 + h * scale, alt: `A frame, and the mask of what has moved in it. ${says[0]}`, says};
     }
