@@ -46,7 +46,9 @@ __all__ = [
 
 IMAGE_PX = 0.25  # by which the image of the work volume is shifted each way, or more
 FREEDOM = 0.5  # how well that is known
-MIDDLE_HALF = frozen(np.array([0.25, 0.75]))  # of the calibrations; chances that their size is smaller
+MIDDLE_HALF = frozen(
+    np.array([0.25, 0.75])
+)  # of the calibrations; chances that their size is smaller
 PLACEMENT_MM = 0.05  # of each coordinate of each marker
 CORNER_SHARE = 0.25  # of that, by which each of the four points is off besides
 # Wide standard deviations: of fx and fy (a share of them), cx and cy (px), the direction (rad) and
