@@ -45,7 +45,14 @@ from .systematic import (
     students_factor,
 )
 
-__all__ = ["NOISE_PX", "Bias", "centroid_bias", "centroid_covariance", "common_bias"]
+__all__ = [
+    "NOISE_PX",
+    "Bias",
+    "centroid_bias",
+    "centroid_covariance",
+    "common_bias",
+    "same_column",
+]
 
 NOISE_PX = 0.015  # of a centroid, in each direction, where nothing says that it is more
 # The pull of the light by that of an angle of 45 deg: less than 1, since not all light has one
@@ -65,10 +72,13 @@ class Bias(NamedTuple):
         What is known of it: by the angle at which each marker is seen.
     light : ndarray, shape (k, 2, 2)
         What is not: one standard deviation of light from each of two directions across the axis.
+    around : ndarray, shape (k, 2)
+        What each of them pulls around the axis: one standard deviation of light from 45 deg.
     """
 
     foreshortening: Array
     light: Array
+    around: Array
 
 
 def centroid_bias(
@@ -94,7 +104,9 @@ def centroid_bias(
     two_lights = np.stack([np.cos(around), np.sin(around)], axis=1)
     by_tangent = np.einsum("kij,kj->ki", by_points, LIGHT * aside[:, None] * tangent)
     return Bias(
-        np.einsum("kij,kj->ki", by_points, offset), by_tangent[:, :, None] * two_lights[:, None]
+        np.einsum("kij,kj->ki", by_points, offset),
+        by_tangent[:, :, None] * two_lights[:, None],
+        by_tangent,
     )
 
 
@@ -122,7 +134,8 @@ def centroid_covariance(
     """
     columns = _columns(found, T_world_handle, rig, handle)
     common = columns @ columns.T
-    noise = NOISE_PX**2 * np.eye(residuals_px.size) + _highlights(columns, found, handle)
+    noise = NOISE_PX**2 * np.eye(residuals_px.size)
+    noise += _highlights(found, T_world_handle, rig, handle)
     freedom = residuals_px.size - 6
     if freedom > 0:
         V = common + noise
@@ -139,15 +152,20 @@ def common_bias(found: Response, T_world_handle: RigidTransform, rig: Rig, handl
     highlights, px^2.
     """
     columns = _columns(found, T_world_handle, rig, handle)
-    return np.asarray(columns @ columns.T + _highlights(columns, found, handle))
+    return np.asarray(columns @ columns.T + _highlights(found, T_world_handle, rig, handle))
 
 
-def _highlights(columns: Array, found: Response, handle: Handle) -> Array:
+def same_column(marker: np.ndarray, handle: Handle) -> np.ndarray:
+    """Which markers (k,) stand in one column with which, bool (k, k)."""
+    around = handle.marker_angles[marker]
+    return np.asarray(np.isclose(np.cos(around[:, None] - around), 1.0))
+
+
+def _highlights(found: Response, T_world_handle: RigidTransform, rig: Rig, handle: Handle) -> Array:
     """Covariance of the places (2 k, 2 k) by what each column of markers mirrors, px^2."""
-    around = handle.marker_angles[found.marker]
-    same_column = np.isclose(np.cos(around[:, None] - around), 1.0)
-    light = columns[:, 1:]
-    return HIGHLIGHT**2 * same_column.repeat(2, 0).repeat(2, 1) * (light @ light.T)
+    around = centroid_bias(found.camera, found.marker, T_world_handle, rig, handle).around.ravel()
+    alike = same_column(found.marker, handle).repeat(2, 0).repeat(2, 1)
+    return HIGHLIGHT**2 * alike * np.outer(around, around)
 
 
 def _columns(found: Response, T_world_handle: RigidTransform, rig: Rig, handle: Handle) -> Array:
