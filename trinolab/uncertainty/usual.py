@@ -18,6 +18,8 @@ first camera's frame; with corners to 0.3 px by 2 to 3 px. OpenCV's stereo photo
 calibrated from halves of them, give 2 px an image, of which 0.06 px is no motion of that frame. Rigs
 that others calibrated fit their own points to 0.3 to 0.5 px. So good ones are off by a quarter of a
 pixel, the middle one by half a pixel or a whole one, and bad ones by 2 px and more.
+What is no motion of that frame is a twentieth of it or less there. A quarter at each point, which lets
+a camera roll by as much as it tilts, is on the safe side.
 `tests/workbench/studies/test_usual_evidence.py` computes these again.
 """
 
