@@ -13,9 +13,13 @@ OTHER_PARAMETERS = {
         "shadow_share": 0.4,
         "seed": 1,
     },
+    "03b_tuned": {"update_rate": 0.05, "difference_threshold": 12.0, "seed": 1},
     "04_kalman": {"jerk_intensity": 2e9, "sigma_px": 3.0, "velocity_sigma": 800.0, "seed": 5},
+    "04b_tuned": {"jerk_intensity": 2e9, "sigma_px": 3.0, "velocity_sigma": 800.0, "seed": 5},
     "05_markers": {"surplus": 3.0, "read_noise": 6.0, "seed": 1},
+    "05b_centroid": {"surplus": 3.0, "read_noise": 6.0, "seed": 1},
     "06_matching": {"ncc_threshold": 0.9, "epipolar_gate_px": 1.0, "instants": 8, "seed": 1},
+    "06b_pairs": {"ncc_threshold": 0.9, "epipolar_gate_px": 1.0, "instants": 8, "seed": 1},
     "07_calibration": {
         "positions": 10,
         "square_mm": 12.0,
@@ -25,13 +29,17 @@ OTHER_PARAMETERS = {
     },
     "08_pose": {"handle_name": "coded", "sigma_px": 0.05, "seed": 3},
     "09_table1": {"handle_name": "coded", "seed": 1, "noise_px": 0.1, "level": 0.001},
-    "10_estimators": {
-        "rig_name": "raised_40deg",
-        "estimator": "reprojection",
-        "turned_deg": 0.02,
+    "09b_causes": {"handle_name": "coded", "seed": 1, "level": 0.001},
+    "10_estimators": {"rig_name": "raised_40deg", "estimator": "reprojection", "seed": 1},
+    "10b_trust": {"estimator": "reprojection", "turned_deg": 0.02, "seed": 1},
+    "11_master_slave": {
+        "scale": 2.0,
+        "turn_scale": 0.5,
+        "cutoff_hz": 3.0,
+        "noise_mm": 0.1,
         "seed": 1,
     },
-    "11_master_slave": {
+    "11b_delay": {
         "scale": 2.0,
         "turn_scale": 0.5,
         "cutoff_hz": 3.0,
@@ -45,21 +53,30 @@ OTHER_PARAMETERS = {
         "rate_hz": 60.0,
         "seed": 1,
     },
+    "12b_wall": {"mass_kg": 0.5, "damping": 5.0, "delay_s": 0.1, "rate_hz": 60.0},
 }
 
 SMALL = {
     "01_structure": {"frames": 6, "row_step": 20},
     "02_workspace": {"step_deg": 26.0, "row_step": 20},
     "03_background": {"spacing": 32, "cameras": 1, "row_step": 20},
+    "03b_tuned": {"spacing": 32},
     "04_kalman": {"moving": 6, "motions": 1},
-    "05_markers": {"frame_step": 29, "draws": 4, "row_step": 20},
+    "04b_tuned": {"moving": 6, "motions": 1},
+    "05_markers": {"frame_step": 29, "row_step": 20},
+    "05b_centroid": {"frame_step": 29, "draws": 4},
     "06_matching": {"instants": 6, "row_step": 20},
+    "06b_pairs": {"instants": 6},
     "07_calibration": {"positions": 4, "draws": 1, "row_step": 20},
     "08_pose": {"draws": 10, "row_step": 20},
     "09_table1": {"row_step": 20, "tables": 100},
+    "09b_causes": {"tables": 100},
     "10_estimators": {"row_step": 20, "turns": 2},
+    "10b_trust": {"row_step": 20},
     "11_master_slave": {"share": 0.42, "row_step": 20},
+    "11b_delay": {"share": 0.42},
     "12_force_feedback": {"share": 0.1, "row_step": 20},
+    "12b_wall": {"share": 0.1},
 }
 
 

@@ -22,7 +22,9 @@ from workbench.sweep.notebook import (
 )
 from workbench.sweep.warmkernel import Kernel, Key
 
-FILM_FRAMES = {"01_structure": 30, "11_master_slave": 225}  # of the films that chapters show
+# of the films that chapters show
+FILM_FRAMES = {"01_structure": 30, "03_background": 30, "11_master_slave": 225}
+GLUED = {"application/papermill.record/text/plain"}  # what a glued number is stored as
 # figures are made, and not drawn: that takes a quarter of the time
 UNDRAWN = "%config InlineBackend.figure_formats = set()"
 
@@ -39,6 +41,16 @@ def pages_with_films(run):
     return [page for page in shown if "<video" in page]
 
 
+def without_figure(run):
+    """The cells that have a caption and show nothing under it."""
+    return [
+        cell.id
+        for cell in run.notebook.cells
+        if "figure" in cell.metadata.get("mystnb", {})
+        and not any("data" in output and not set(output.data) <= GLUED for output in cell.outputs)
+    ]
+
+
 @pytest.mark.parametrize("entries", [OTHER_PARAMETERS, SMALL], ids=["OTHER_PARAMETERS", "SMALL"])
 def test_every_chapter_has_an_entry(entries):
     missing = {path.stem for path in NOTEBOOKS} - set(entries)
@@ -46,9 +58,11 @@ def test_every_chapter_has_an_entry(entries):
 
 
 @each_notebook
-def test_runs_at_its_defaults(path, tmp_path):
+def test_runs_at_its_defaults(path, tmp_path, monkeypatch):
+    monkeypatch.delenv("MPLBACKEND", raising=False)  # figures are shown, as in a build
     run = as_it_stands(path)
     check_results(path.stem, run.results)
+    assert without_figure(run) == []
     frames = [frames_in(page, tmp_path) for page in pages_with_films(run)]
     assert frames == ([FILM_FRAMES[path.stem]] if path.stem in FILM_FRAMES else [])
 

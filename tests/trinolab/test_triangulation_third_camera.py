@@ -110,7 +110,7 @@ def test_the_outline_does_not_send_a_shifted_pose_back():
     markers, outline = (shift * np.mean(returned[name]) for name in ("markers", "outline"))
     assert markers == pytest.approx(shift, abs=0.003)
     page_says(
-        "notebooks/10_estimators.ipynb",
+        "notebooks/10b_trust.ipynb",
         f"moved sideways by {shift:.3f} mm is sent back, in the mean of three poses, "
         f"by {markers:.3f} mm by the markers",
         "and by less than 0.005 mm by the outline",

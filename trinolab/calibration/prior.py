@@ -23,6 +23,7 @@ from ..camera import CAMERA_PARAMETERS, Rig
 from ..checks import Array, frozen
 from ..handle import Handle
 from ..rigid import cross_matrices
+from ..uncertainty.systematic import students_factor
 from ..uncertainty.usual import known_covariance, known_placement_mm
 
 __all__ = ["Length", "Prior", "basis", "prior_of"]
@@ -74,7 +75,8 @@ def prior_of(rig: Rig, handle: Handle, length: Length | None = None) -> Prior:
         handle = replace(handle, placement_sigma_mm=None)
     if rig.covariance is None:
         length = length or Length("cameras", 0, 1, _distance(rig, 0, 1))
-    covariance = _held_by_first(rig, known_covariance(rig).matrix)
+    known = known_covariance(rig)
+    covariance = _held_by_first(rig, students_factor(known.freedom) * known.matrix)
     return Prior(frozen(covariance), known_placement_mm(handle), length)
 
 

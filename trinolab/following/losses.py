@@ -30,7 +30,9 @@ Images = Sequence[np.ndarray]
 OFTEN = 0.5  # the share of instants without a measured pose, beyond which a cause is looked for
 LOOKED_AT = 9  # of those instants, evenly among all of them
 FEWEST_MARKERS = 3  # of an instant, in one camera: with fewer there is nothing to explain
-SHOWING = 0.25  # the share of those looked at that have markers, from which on these count alone
+# The share of those looked at that have markers, from which on these count alone; and of these that a
+# rig explains of which less is believed.
+SHOWING = 0.25
 DARK = 60.0  # the grey of the brightest thousandth of a picture, below which no marker is bright
 # a pose that the pixels contradict explains nothing
 CHECKED = Parameters(estimator="paper_checked")
@@ -99,6 +101,13 @@ def likely_cause(instants: Sequence[Images], rig: Rig, handle: Handle) -> str:
             return f"{looked}, those of the shipped handle {name}: likely --handle {name} is meant"
     if exchanged := _exchanged(instants, rig, handle):
         return f"{looked}, which fit if {exchanged} are exchanged: likely the cameras are"
+    if rig.covariance is not None:
+        doubted = _measured(instants, replace(rig, covariance=None), handle)
+        if sum(one.pose.status != "lost" for one in doubted) > SHOWING * len(doubted):
+            return (
+                f"{looked}, which fit a rig that is less well known than its file says: likely a camera "
+                "was moved, or the handle moves and the cameras are not synchronised"
+            )
     return (
         f"{looked}, but no pose of {handle.name} explains them: likely the file of the handle, or that "
         "of the rig, is not of these images"

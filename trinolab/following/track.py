@@ -51,12 +51,13 @@ from ..pose import Pose, fit_pose
 from ..uncertainty.systematic import is_uncertain
 from ..uncertainty.usual import assumed
 from . import drift, posetracker
+from .clocks import late_lines, widened
 from .losses import lost_lines
 from .overlay import picture
 from .parameters import FollowParameters
 from .posetracker import TrackState
 from .statefile import state_of, text_of
-from .sync import estimate_offsets, significant
+from .sync import Offsets, estimate_offsets
 
 __all__ = [
     "Job",
@@ -159,8 +160,10 @@ def track_files(
     with Rows(Path(f"{out}{PARTIAL}"), made_from) as rows:
         try:
             with film or nullcontext():
-                track_on(job, rows, film, progress)
+                offsets = track_on(job, rows, film, progress)
             table = rows.table()
+            if offsets is not None:
+                table = widened(table, offsets, the_rig)
             write_together({out: poses_text(table), tum: tum_text(table)})
         except KeyboardInterrupt:
             raise KeyboardInterrupt(
@@ -331,9 +334,10 @@ def _kept(rows: Rows) -> str:
     return ""
 
 
-def track_on(job: Job, rows: Rows, film: Film | None, progress: bool) -> None:
+def track_on(job: Job, rows: Rows, film: Film | None, progress: bool) -> Offsets | None:
     """Track from the first frame that has no row; the frames since the last state that was kept are
-    tracked again, so that the next ones come out as if nothing had stopped it.
+    tracked again, so that the next ones come out as if nothing had stopped it. The result is how far
+    the clocks lay apart in what was tracked.
     """
     done = rows.table()
     rig = job.recording.rig
@@ -370,8 +374,18 @@ def track_on(job: Job, rows: Rows, film: Film | None, progress: bool) -> None:
             measured += tracked.measurement.pose.status == "measured"
             bar.set_postfix_str(f"tracked {100 * measured / (now.frame + 1):.0f} %", refresh=False)
             bar.update()
-        for line in [*seen.offsets(job.recording.rig), *watched.drift()]:
+        offsets = seen.offsets(rig)
+        late = late_lines(offsets, rig) if offsets else []
+        for line in [*late, *watched.drift()]:
             log.info(line)
+    return offsets
+
+
+def _identified(tracked: posetracker.Tracked, markers: int) -> Array:
+    """The pixels (cameras, markers, 2) of the identified markers, also where a pose was refused."""
+    labels = tracked.measurement.labels if tracked.labels is None else tracked.labels
+    pixels = tuple(found.uv for found in tracked.measurement.found)
+    return labelled_pixels(labels, pixels, markers)
 
 
 class Seen(NamedTuple):
@@ -383,24 +397,14 @@ class Seen(NamedTuple):
     def add(self, t_s: float, tracked: posetracker.Tracked, markers: int) -> None:
         """One more instant, as long as they are few enough to be kept."""
         if len(self.times_s) < MOST_INSTANTS:
-            pixels = tuple(found.uv for found in tracked.measurement.found)
             self.times_s.append(t_s)
-            self.uv.append(labelled_pixels(tracked.measurement.labels, pixels, markers))
+            self.uv.append(_identified(tracked, markers))
 
-    def offsets(self, rig: Rig) -> list[str]:
-        """A line for each camera whose clock differs from the first one's, where the markers show
-        that.
-        """
+    def offsets(self, rig: Rig) -> Offsets | None:
+        """How far the clocks lie apart; None for less than two instants."""
         if len(self.times_s) < 2:
-            return []
-        offsets = estimate_offsets(np.array(self.times_s), np.stack(self.uv, axis=1), rig)
-        late_ms = 1e3 * offsets.offset_s
-        sigma_ms = 1e3 * offsets.sigma_s
-        return [
-            f"{rig.names[c]}: {abs(late_ms[c]):.1f} ms (+- {sigma_ms[c]:.1f}) "
-            f"{'later' if late_ms[c] > 0 else 'earlier'} than {rig.names[0]}; the cameras are not synchronised"
-            for c in np.flatnonzero(significant(offsets))
-        ]
+            return None
+        return estimate_offsets(np.array(self.times_s), np.stack(self.uv, axis=1), rig)
 
 
 class Watched:
@@ -419,11 +423,8 @@ class Watched:
         """One more instant, if its markers were identified: also where a pose was refused."""
         if frame % self.every:
             return
-        measurement = tracked.measurement
-        labels = measurement.labels if tracked.labels is None else tracked.labels
-        pixels = tuple(found.uv for found in measurement.found)
-        uv = labelled_pixels(labels, pixels, len(self.handle.marker_centres))
-        pose = measurement.pose
+        uv = _identified(tracked, len(self.handle.marker_centres))
+        pose = tracked.measurement.pose
         if pose.T_world_handle is None:
             pose = fit_pose(uv, self.rig, self.handle)
         if pose.T_world_handle is None:

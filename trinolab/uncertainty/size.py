@@ -6,6 +6,12 @@ images lie, and how large they are, since a wrong distance shows in the handle's
 size is follows from the likelihood of what is left over (restricted maximum likelihood: Patterson and
 Thompson 1971, DOI 10.1093/biomet/58.3.545) and from the degrees of freedom with which it was assumed.
 
+Only what shifts an image of the handle as a whole tells the size. What the rig's errors do within an
+image is as small as the noise, and how much smaller than the shifts it is differs from one calibration
+to the next.
+Where the images lie against each other is counted once: a rig that was corrected by it
+(`identity.reconcile`) has it in its degrees of freedom, and what is left of it is noise.
+
 A rig that states its errors, or that it has none, is taken at its word until it is contradicted. Then
 its errors are those of any rig, and their size is what is seen alone.
 """
@@ -16,7 +22,7 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import block_diag
+from scipy.linalg import block_diag, null_space
 from scipy.spatial.transform import RigidTransform
 from scipy.special import ndtr
 
@@ -26,9 +32,11 @@ from ..handle import Handle
 from .systematic import (
     ONE_SIGMA,
     Response,
+    contradicting,
     errors_by_rig,
     known_errors,
     motion_slopes,
+    offsets_at,
     students_factor,
 )
 from .usual import known_covariance, usual_covariance
@@ -71,6 +79,7 @@ def settled(
         In the same order.
     T_world_handle : RigidTransform
     rig, handle
+        A rig whose size is uncertain as it was corrected by the offsets of its images.
 
     Returns
     -------
@@ -82,7 +91,7 @@ def settled(
     if not np.isfinite(known.freedom):
         return rig
     exact = replace(rig, covariance=RigCovariance.exact(rig.names))
-    return _with_errors(known.matrix, known.freedom, found, left, T_world_handle, exact, handle)
+    return _with_errors(known, found, left, T_world_handle, exact, handle)
 
 
 def doubted(
@@ -91,40 +100,49 @@ def doubted(
     """A rig that is contradicted: to what it says of itself come the errors of any rig, of whose size
     nothing is assumed. Parameters and result as for `settled`.
     """
-    usual = usual_covariance(rig).matrix
-    return _with_errors(usual, 0.0, found, left, T_world_handle, rig, handle)
+    return _with_errors(usual_covariance(rig), found, left, T_world_handle, rig, handle, doubt=True)
 
 
 def _with_errors(
-    matrix: Array,
-    freedom: float,
+    more: RigCovariance,
     found: Response,
     left: Residuals,
     T_world_handle: RigidTransform,
     rig: Rig,
     handle: Handle,
+    doubt: bool = False,
 ) -> Rig:
-    """The rig with more errors, of the covariance `matrix` as large as it is likely to be, if that
-    was assumed to be right with some degrees of freedom.
+    """The rig with more errors, of that covariance, as large as they are likely to be.
+
+    In `doubt` nothing is assumed of their size, and all that is left over counts: also offsets of the
+    images, and what the errors do within an image.
     """
+    freedom = 0.0 if doubt else more.freedom
+    size = 1.0 if doubt else students_factor(freedom)
     used = left.information.any(axis=(1, 2))
-    size = students_factor(freedom) if freedom > 0 else 1.0
-    if used.any():
+    certain = replace(rig, covariance=RigCovariance(rig.names, more.matrix))
+    offsets = offsets_at(certain, T_world_handle.translation)
+    if used.any() and offsets is not None:
         seen = Response(found.gain[:, used], *(part[used] for part in found[1:]))
-        by_rig = errors_by_rig(seen, replace(rig, covariance=RigCovariance(rig.names, matrix)))
         others = block_diag(*np.linalg.inv(left.information[used]))
         others += known_errors(seen, rig, handle)
         if left.common is not None:
             rows = used.repeat(2)
             others += left.common[np.ix_(rows, rows)]
-        root = np.linalg.cholesky(others)
         moves = motion_slopes(rig, seen.camera, seen.points, T_world_handle.translation)
-        by_pose = np.linalg.solve(root, moves.reshape(-1, 6))
-        free = np.linalg.svd(by_pose)[0][:, 6:].T
+        explained = moves.reshape(-1, 6)
+        if doubt:
+            by_rig = errors_by_rig(seen, certain)
+        else:
+            shifts = np.kron(np.eye(len(rig.cameras))[seen.camera], np.eye(2))
+            by_rig = shifts @ offsets.covariance @ shifts.T
+            explained = np.hstack([explained, shifts @ contradicting(offsets.by_position)])
+        root = np.linalg.cholesky(others)
+        free = null_space(np.linalg.solve(root, explained).T).T
         rest = np.linalg.solve(root, left.px[used].ravel())
         spread = np.linalg.solve(root, np.linalg.solve(root, by_rig).T)
         size = _likely_size(free @ spread @ free.T, free @ rest, freedom)
-    total = known_covariance(rig).matrix + size * matrix
+    total = known_covariance(rig).matrix + size * more.matrix
     return replace(rig, covariance=RigCovariance(rig.names, total))
 
 

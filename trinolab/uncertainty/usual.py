@@ -5,18 +5,20 @@ nothing stands for a calibration of usual quality. Its parameters by themselves 
 principal point by a pixel, if the direction makes up for it. What a calibration gets right is the
 images of the place where it was made. So parameters with wide standard deviations are conditioned
 on the images of four points there: each camera's image of them is shifted as a whole by
-`IMAGE_PX`, and beyond that off by `CORNER_PX` at each point.
+`IMAGE_PX`, and beyond that off by `CORNER_SHARE` of it at each point.
 
 How large these errors are is itself hardly known. The covariance says so by its degrees of freedom
-(`camera.RigCovariance.freedom`), and what is seen decides.
+(`camera.RigCovariance.freedom`), and what is seen decides. With half a degree of freedom three in four
+calibrations are worse than `IMAGE_PX`, one in two is worse than 2.4 times that, 0.6 px, and one in
+four than 2.4 px.
 
 **Where the numbers are from.** Simulated calibrations with 14 views of a board, corners found to
 0.05 px, have the images of the work volume off by 0.3 to 0.5 px, nearly all of it a motion of the
 first camera's frame; with corners to 0.3 px by 2 to 3 px. OpenCV's stereo photographs,
 calibrated from halves of them, give 2 px an image, of which 0.06 px is no motion of that frame. Rigs
-that others calibrated fit their own points to 0.3 to 0.5 px. So it is half a pixel within a factor
-of four or so, which is one degree of freedom. `tests/workbench/studies/test_usual_evidence.py`
-computes these again.
+that others calibrated fit their own points to 0.3 to 0.5 px. So good ones are off by a quarter of a
+pixel, the middle one by half a pixel or a whole one, and bad ones by 2 px and more.
+`tests/workbench/studies/test_usual_evidence.py` computes these again.
 """
 
 from __future__ import annotations
@@ -25,9 +27,10 @@ from functools import lru_cache
 
 import numpy as np
 from scipy.linalg import block_diag
+from scipy.special import chdtri
 
 from ..camera import Camera, Rig, RigCovariance, pixels_with_slopes
-from ..checks import Array
+from ..checks import Array, frozen
 from ..handle import Handle
 from ..rigid import cross_matrices
 
@@ -41,10 +44,13 @@ __all__ = [
     "usual_covariance",
 ]
 
-IMAGE_PX = 0.45  # by which the image of the work volume is shifted, each way
-FREEDOM = 1.0  # how well that is known
+IMAGE_PX = 0.25  # by which the image of the work volume is shifted each way, or more
+FREEDOM = 0.5  # how well that is known
+MIDDLE_HALF = frozen(
+    np.array([0.25, 0.75])
+)  # of the calibrations; chances that their size is smaller
 PLACEMENT_MM = 0.05  # of each coordinate of each marker
-CORNER_PX = 0.1  # by which each of the four points is off besides
+CORNER_SHARE = 0.25  # of that, by which each of the four points is off besides
 # Wide standard deviations: of fx and fy (a share of them), cx and cy (px), the direction (rad) and
 # the place (mm). The lens's distortions are kept.
 FOCAL_SHARE, CENTRE_PX, TURN_RAD, SHIFT_MM = 1e-3, 1.0, np.deg2rad(0.05), 0.2
@@ -71,9 +77,10 @@ def assumed(rig: Rig, handle: Handle, rig_file: object, handle_file: object) -> 
     """What was assumed of a rig and a handle whose files state nothing: a line for each."""
     lines = []
     if rig.covariance is None:
+        low, high = _image_px(rig) * np.sqrt(FREEDOM / chdtri(FREEDOM, MIDDLE_HALF))
         lines.append(
             f"{rig_file}: does not say how well the cameras are known; a usual calibration is assumed, "
-            f"{_image_px(rig):.2g} px an image, more or less by what the images contradict"
+            f"{low:.2g} to {high:.2g} px an image: what the images contradict tells how much"
         )
     if handle.placement_sigma_mm is None:
         lines.append(
@@ -122,7 +129,7 @@ def _of_camera(camera: Camera, middle: Array, image_px: float) -> Array:
     slopes = pixels_with_slopes(camera, points)[1]
     J = slopes[np.isfinite(slopes).all(axis=(1, 2))].reshape(-1, 15)
     together = np.tile(np.eye(2), (len(J) // 2, 1))
-    noise = image_px**2 * together @ together.T + CORNER_PX**2 * np.eye(len(J))
+    noise = image_px**2 * (together @ together.T + CORNER_SHARE**2 * np.eye(len(J)))
     gain = np.linalg.solve(J @ wide @ J.T + noise, J @ wide).T
     left = wide - gain @ J @ wide
     return (left + left.T) / 2

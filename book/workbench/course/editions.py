@@ -50,7 +50,7 @@ ROLE = re.compile(
 )
 PAGE = re.compile(r"\[([^\]]*)\]\(\.\./book/[^)\s]*\)")
 GLUED = re.compile(r"\{glue:text\}`([^`:]*):?([^`]*)`")
-CHAPTER_LINK = re.compile(r"\]\((\d\d_\w+\.ipynb)")
+CHAPTER_LINK = re.compile(r"\]\((\d\d[a-z]?_\w+\.ipynb)")
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -302,9 +302,16 @@ Windows may say that running scripts is disabled. `Set-ExecutionPolicy -Scope Pr
     python -m pip install --no-deps ./{wheel}
 
 The second way needs a system for which each of these versions has a wheel: Linux, Windows on Intel or AMD, and Mac
-with an M processor from macOS 14 on. On an older Mac, or one with an Intel processor, take the small one. On Windows
-for ARM processors OpenCV has no wheel: take Python for Intel (the installer "64-bit"), which runs there as well, and
-the small one.
+with an M processor from macOS 14 on. On Windows for ARM processors OpenCV has no wheel: take Python for Intel (the
+installer "64-bit"), which runs there as well, and the small way. For a Mac with an Intel processor, or one older than
+macOS 13, OpenCV has no wheel that is new enough; conda-forge has one, and then the wheel of this folder needs no more:
+
+    conda create -n trinolab -c conda-forge python=3.12 py-opencv scipy pandas matplotlib jupyterlab ipywidgets \
+        myst-nb jinja2 pooch cloudpickle tqdm tomli-w grimp
+    conda activate trinolab
+    python -m pip install --no-deps ./{wheel}
+
+The small way was tried on Linux, and its wheels were looked up for Windows and Mac; the others are not tried.
 
 ## Open
 

@@ -440,13 +440,14 @@ def build_pages() -> bool:
 def write_reference() -> None:
     """Write the API reference, the commands' help, the picture of the house, the parts of the pages
     of the claims, of the course and of the report, the article, all as the package is now, the links to where it
-    runs, and the start page's film.
+    runs, and what the start page and the book in an hour show of the chapters.
     """
     from . import (
         article,
         claims_pages,
         commandhelp,
         course_pages,
+        hour,
         house,
         online,
         reference,
@@ -460,6 +461,7 @@ def write_reference() -> None:
     course_pages.write_pages(GENERATED / "course")
     report_pages.write_pages(SCOREBOARD, SECONDS, GENERATED / "report")
     article.write_pages(SCOREBOARD, GENERATED / "article")
+    hour.write_pages(EXECUTED, GENERATED / "hour")
     online.write_page(GENERATED / "online")
     write_film()
 

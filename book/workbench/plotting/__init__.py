@@ -30,7 +30,14 @@ from .errors import (
     plot_residuals,
     plot_shifts,
 )
-from .filters import plot_beliefs, plot_nis, plot_normals, plot_prediction
+from .filters import (
+    plot_beliefs,
+    plot_learning,
+    plot_nis,
+    plot_normals,
+    plot_prediction,
+    plot_tracks,
+)
 from .markers import (
     mark_window,
     plot_following,
@@ -88,6 +95,7 @@ __all__ = [
     "plot_grids",
     "plot_impedances",
     "plot_layouts",
+    "plot_learning",
     "plot_limits",
     "plot_nis",
     "plot_normals",
@@ -109,6 +117,7 @@ __all__ = [
     "plot_shifts",
     "plot_structure",
     "plot_thresholds",
+    "plot_tracks",
     "plot_two_port",
     "plot_two_rays",
     "plot_verdicts",

@@ -33,8 +33,16 @@ COLOURS = ("#0072B2", "#E69F00", "#009E73", "#56B4E9", "#D55E00", "#F0E442", "#C
 
 def subplots(*arguments: Any, **options: Any) -> tuple[Figure, Any]:
     """As `matplotlib.pyplot.subplots`, in the style of the book."""
+    # the backend is loaded with the first figure and says whether figures are shown: it has to
+    # say so before the style's context begins, at whose end all settings are what they were
+    plt.draw_if_interactive()
     with plt.style.context(STYLE):
-        return plt.subplots(*arguments, **options)
+        made = plt.subplots(*arguments, **options)
+        interactive = plt.isinteractive()
+    # a notebook's backend turns it on with the first figure, and the end of the style off again
+    if interactive:
+        plt.ion()
+    return made
 
 
 def write_drawing(figure: Figure, path: Path) -> None:
@@ -111,8 +119,8 @@ def show_image(
     ax.imshow(grey, cmap="gray", interpolation="nearest")
     ax.set(
         title=title,
-        xlabel="u / px",
-        ylabel="v / px",
+        xlabel="$u$ / px",
+        ylabel="$v$ / px",
         xlim=(-0.5, grey.shape[1] - 0.5),
         ylim=(grey.shape[0] - 0.5, -0.5),
     )

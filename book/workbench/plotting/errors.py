@@ -40,8 +40,8 @@ __all__ = [
 
 SHIPPED_DEG = {"raised_40deg": 40.0, "paper_trinocular": 90.0}
 _STYLES = ("o-", "s--", "D-.", "^:", "v-")
-_MARKERS = "osD^vPX"
-_SEVEN = (*COLOURS[:5], "#CC79A7", "black")
+_MARKERS = "osD^vPXh"
+_EIGHT = (*COLOURS[:5], "#CC79A7", "black", "#7F7F7F")
 _LINES: tuple[LineStyleType, ...] = ("solid", "dotted", "dashed")
 COLUMN_IN = 7.0  # width of a page's column
 _EXACT = 3.0  # how far to the left of the first level an exact rig is drawn
@@ -355,7 +355,7 @@ def plot_estimators(
     )
     for ax, (ylabel, table) in zip(axes[:, 0], errors.items(), strict=True):
         x = np.arange(len(table))
-        for k, (name, colour, marker) in enumerate(zip(table, _SEVEN, _MARKERS, strict=False)):
+        for k, (name, colour, marker) in enumerate(zip(table, _EIGHT, _MARKERS, strict=False)):
             at = x + 0.13 * (k - (len(table.columns) - 1) / 2)
             ax.plot(at, table[name], marker, color=colour, label=name)
             if ends is not None:

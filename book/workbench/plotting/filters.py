@@ -4,10 +4,11 @@ distributed.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from matplotlib.patches import Ellipse
 from numpy.typing import ArrayLike
 from scipy.special import chdtri
@@ -18,7 +19,14 @@ from trinolab.window import Window
 from .basics import COLOURS, show_image, subplots
 from .markers import outline
 
-__all__ = ["plot_beliefs", "plot_nis", "plot_normals", "plot_prediction"]
+__all__ = [
+    "plot_beliefs",
+    "plot_learning",
+    "plot_nis",
+    "plot_normals",
+    "plot_prediction",
+    "plot_tracks",
+]
 
 MARGIN_PX = 40  # of the image around the search window
 
@@ -158,3 +166,85 @@ def plot_nis(values: ArrayLike, gate_probability: float) -> Axes:
     ax.set_ylim(1e-4, 1)
     ax.legend()
     return ax
+
+
+def plot_learning(
+    predicted: Sequence[tuple[ArrayLike, ArrayLike]],
+    corrected: Sequence[tuple[ArrayLike, ArrayLike]],
+    xlabel: str,
+    ylabel: str,
+    true_y: float,
+) -> Axes:
+    """What a filter believes of two numbers from frame to frame, as ellipses of one standard
+    deviation: before and after each observation.
+
+    Parameters
+    ----------
+    predicted, corrected : sequence of (array_like, array_like)
+        A mean, shape (2,), and a covariance, shape (2, 2), of each frame.
+    xlabel, ylabel : str
+        Of the first and of the second number.
+    true_y : float
+        The second number in truth, which nobody has observed.
+    """
+    turn = np.linspace(0, 2 * np.pi, 181)
+    circle = np.array([np.cos(turn), np.sin(turn)])
+    _, ax = subplots(figsize=(6.9, 3.0))
+    kinds = (("predicted", predicted, COLOURS[1], "--"), ("corrected", corrected, COLOURS[2], "-"))
+    for name, beliefs, colour, style in kinds:
+        for frame, (mean, covariance) in enumerate(beliefs, start=1):
+            x, y = as_array(mean, "mean", (2,))
+            around = np.linalg.cholesky(as_array(covariance, "covariance", (2, 2))) @ circle
+            ax.plot(
+                x + around[0],
+                y + around[1],
+                style,
+                color=colour,
+                linewidth=2 if style == "-" else 1,
+                label=name if frame == 1 else None,
+            )
+            if style == "-":
+                ax.annotate(str(frame), (float(x), float(y)), ha="center", va="center", fontsize=9)
+    ax.axhline(true_y, color="black", linestyle=":", linewidth=1, label="true speed")
+    ax.set(xlabel=xlabel, ylabel=ylabel)
+    ax.legend(loc="lower right")
+    return ax
+
+
+def plot_tracks(
+    times_s: ArrayLike,
+    truth: ArrayLike,
+    observed: ArrayLike,
+    filtered: Mapping[str, tuple[ArrayLike, ArrayLike, ArrayLike]],
+) -> Figure:
+    """One coordinate of a target as several filters follow it: above where it is, below how far off
+    the predictions are, within the gate that the filter sets.
+
+    Parameters
+    ----------
+    times_s : array_like, shape (n,)
+    truth, observed : array_like, shape (n,)
+        px.
+    filtered : mapping of str to (array_like, array_like, array_like)
+        Title -> the estimates, the observations less the predictions, and the gates' radii, each
+        (n,), px. The scale of the last two is linear up to 10 px and logarithmic beyond.
+    """
+    t = as_array(times_s, "times_s", (None,))
+    figure, axes = subplots(
+        2, len(filtered), figsize=(7.5, 4.6), sharex=True, sharey="row", squeeze=False
+    )
+    for (title, curves), (above, below) in zip(filtered.items(), axes.T, strict=True):
+        estimate, off, gate = (as_array(curve, title, t.shape) for curve in curves)
+        above.plot(t, truth, color="black", linewidth=1, label="true")
+        above.plot(t, observed, ".", color=COLOURS[0], label="observed")
+        above.plot(t, estimate, "--", color=COLOURS[1], linewidth=2, label="filtered")
+        above.set(title=title)
+        below.fill_between(t, -gate, gate, color=COLOURS[2], alpha=0.3, label="gate")
+        below.plot(t, off, ".-", color=COLOURS[4], label="innovation")
+        below.set(xlabel="time / s")
+        below.set_yscale("symlog", linthresh=10)
+    axes[0, 0].set(ylabel="$u$ / px")
+    axes[1, 0].set(ylabel="off by / px")
+    axes[0, 0].legend(fontsize=9)
+    axes[1, len(filtered) // 2].legend(fontsize=9, loc="lower right")
+    return figure

@@ -83,7 +83,7 @@ def _draw_camera(ax: Axes3D, camera: Camera, colour: str) -> None:
     corners = _on_image(camera, np.array([[0, 0], [1, 0], [1, 1], [0, 1]]) * camera.size)
     ax.add_collection3d(Poly3DCollection([corners], facecolor=colour, alpha=0.15, edgecolor=colour))
     ax.scatter(*camera.centre, color=colour, s=30)
-    ax.text(*camera.centre, f"  {camera.name}", color=colour)
+    ax.text(*camera.centre, f"  {camera.name.upper()}", color=colour)
 
 
 def _seen_from_the_side(ax: Axes3D) -> None:

@@ -72,8 +72,10 @@ def plot_rig(
     origin, *tips_of_axes = as_points(axes, "axes", 3)
     for end, colour, name in zip(tips_of_axes, ("red", "green", "blue"), "xyz", strict=True):
         draw([origin, end], colour, 2.5)
-        ax.text(end[0], end[2], end[1], name, color=colour, fontsize=11)
-    ax.set(xlabel="x / mm", ylabel="z / mm", zlabel="y / mm")
+        beyond = end + 0.3 * (end - origin)
+        middle = {"ha": "center", "va": "center"}
+        ax.text(beyond[0], beyond[2], beyond[1], f"${name}$", color=colour, fontsize=12, **middle)
+    ax.set(xlabel="$x$ / mm", ylabel="$z$ / mm", zlabel="$y$ / mm")
     for axis in "xyz":
         ax.locator_params(axis=axis, nbins=4)
     ax.invert_zaxis()
@@ -94,14 +96,15 @@ def plot_layouts(
     diameter_deg, diameter_mm : float
         Of a marker, about the axis and along it.
     """
-    figure, row = row_of_panels(len(layouts), (8.5, 2.9), sharey=True)
+    figure, row = row_of_panels(len(layouts), (6.9, 2.6), sharey=True)
     for ax, (name, (angles, axial)) in zip(row, layouts.items(), strict=True):
         for number, (angle, place) in enumerate(
             zip(np.asarray(angles), np.asarray(axial), strict=True)
         ):
             ax.add_patch(Ellipse((angle, place), diameter_deg, diameter_mm, color=COLOURS[0]))
             ax.text(angle, place, str(number), color="w", ha="center", va="center", fontsize=9)
-        ax.set(title=name, xlabel="angle about the axis / deg", xlim=(-30, 330), ylim=(-16, 16))
+        ax.set(xlabel="angle about the axis / deg", xlim=(-30, 330), ylim=(-16, 16))
+        ax.set_title(name, fontsize=10)
         ax.set_xticks(range(0, 301, 60))
     row[0].set_ylabel("along the axis / mm")
     return figure

@@ -99,7 +99,7 @@ def plot_session(
         ax.grid(alpha=0.3)
         if len(curves) > 1 and list(curves) != first_names:
             ax.legend(fontsize=9, loc="upper right")
-    rows[-1, 0].set_xlabel("t / s")
+    rows[-1, 0].set_xlabel("$t$ / s")
     handles, labels = rows[0, 0].get_legend_handles_labels()
     if len(labels) > 1:
         figure.legend(handles, labels, loc="outside upper center", ncols=4, fontsize=9)

@@ -228,7 +228,8 @@ def plot_power(
     left.plot(distances_mm, moved_mm, color=COLOURS[0], label="the clamp alone")
     left.axhline(observed_mm, color="black", linestyle="--", label="Table 1")
     left.set(ylabel="mean position error / mm", ylim=(0, None))
-    for (name, shares), colour, style in zip(power.items(), COLOURS, ("o-", "^-"), strict=False):
+    styles = ("o-", "^-", "s-")
+    for (name, shares), colour, style in zip(power.items(), COLOURS, styles, strict=False):
         right.plot(distances_mm, shares, style, color=colour, label=name, markersize=4)
     right.set(ylabel="share of tables that show it", ylim=(0, 1.03))
     for ax in (left, right):

@@ -55,8 +55,8 @@ def plot_workspace(cones: Sequence[Cone], mesh: Mesh, names: Sequence[str] | Non
             ax.plot(*cone.apex[[i, j]], "o", color=COLOURS[k % len(COLOURS)], markersize=5)
         _fill(ax, vertices[:, [i, j]], WORKSPACE_COLOUR, 0.75, "workspace")
         ax.set(
-            xlabel=f"{'xyz'[i]} / mm",
-            ylabel=f"{'xyz'[j]} / mm",
+            xlabel=f"${'xyz'[i]}$ / mm",
+            ylabel=f"${'xyz'[j]}$ / mm",
             aspect="equal",
         )
         ax.set_title(title, fontsize=10)
@@ -117,7 +117,7 @@ def show_cones_from_above(
         ylabel="$Z / B$",
         aspect="equal",
         xlim=(middle_x - wide, middle_x + wide),
-        ylim=(-0.3 * reach, 1.05 * reach),
+        ylim=(-0.35 * reach, 1.05 * reach),
     )
     ax.set_title(title, fontsize=10)
 
@@ -128,14 +128,15 @@ def _write_letters(ax: Axes, cones: Sequence[Cone], step: float) -> None:
     slopes = [cone.axis[2] / cone.axis[0] for cone in cones[:2]]
     x0 = (slopes[0] * a - slopes[1] * b) / (slopes[0] - slopes[1])
     z0 = slopes[0] * (x0 - a)
-    ax.annotate("", (a, -1.1 * step), (b, -1.1 * step), arrowprops={"arrowstyle": "<->"})
-    ax.text((a + b) / 2, -1.3 * step, "$B$", ha="center", va="top")
+    for end, height, text in ((x0, -0.5, "$x_0$"), (b, -2.0, "$B$")):
+        arrow = {"arrowstyle": "<->", "shrinkA": 0, "shrinkB": 0}
+        ax.annotate("", (a, height * step), (end, height * step), arrowprops=arrow)
+        ax.text((a + end) / 2, (height - 0.1) * step, text, ha="center", va="top")
     ax.plot([x0, x0], [0, z0], ":", color="black", linewidth=1)
-    ax.text(x0, z0 / 2, " $z_0$", va="center")
-    ax.text((a + x0) / 2, 0, "$x_0$", ha="center", va="top")
+    ax.text(x0, z0 / 4, " $z_0$", va="center")
     ax.plot(x0, z0, "o", color="black", markersize=4)
     for start, text, side in ((a, r"$\beta_1$", 1), (b, r"$\beta_2$", -1)):
-        ax.text(start + 1.3 * step * side, 0, text, ha="center", va="bottom")
+        ax.text(start + 1.1 * step * side, 0.1 * step, text, ha="center", va="bottom")
 
 
 def workspace_scene(cones: Sequence[Cone], mesh: Mesh, height: int = 420) -> Any:

@@ -4,7 +4,7 @@ instant_times.csv.
     python -m workbench.studies instant_times
 
 follows the standard motions again and renews what is `after`; what is `before` stays as it was taken
-with the code of commit `BEFORE`, of which chapter 11 tells. A time is processor time of one core,
+with the code of commit `BEFORE`, of which chapter 11b tells. A time is processor time of one core,
 divided by the median that OpenCV's SimpleBlobDetector takes for the images of an instant of the same
 film in the same run: the ratio hangs less on the machine, and on what else it does, than a time.
 """

@@ -9,7 +9,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 
 from trinolab.bench.optics import Bench
 from trinolab.bench.scene import render_rig
-from trinolab.camera import Rig
+from trinolab.camera import Rig, RigCovariance
 from trinolab.datasets import load_handle, load_rig
 from trinolab.following.losses import likely_cause, lost_lines
 
@@ -56,6 +56,17 @@ def test_exchanged_cameras_are_named(instants):
     exchanged = [images[::-1] for images in instants]
     said = likely_cause(exchanged, RIG, CODED)
     assert "which fit if ccd1 and ccd2 are exchanged: likely the cameras are" in said
+
+
+@pytest.mark.slow
+def test_a_camera_that_was_moved_is_suspected(instants):
+    """CCD2 has sunk by half a millimetre, 3 px, and the rig's file says that it is exact."""
+    first, second = RIG.cameras
+    sunk = RigidTransform.from_translation([0.0, 0.55, 0.0]) * second.T_cam_world
+    rig = replace(RIG, cameras=(first, replace(second, T_cam_world=sunk)))
+    said = likely_cause(instants, replace(rig, covariance=RigCovariance.exact(rig.names)), CODED)
+    assert "which fit a rig that is less well known than its file says" in said
+    assert "likely a camera was moved, or" in said
 
 
 @pytest.mark.slow

@@ -374,7 +374,7 @@ def test_figures_show_their_curves_with_units():
     assert [line.get_linestyle() for line in lines[1:3]] == ["-", "--"]
     contact = simulate(loop, 20.0, 1.0)
     figure = plot_session(contact.t_s, {"depth / m": {"": contact.depth_m}})
-    assert (figure.axes[0].get_xlabel(), figure.axes[0].get_ylabel()) == ("t / s", "depth / m")
+    assert (figure.axes[0].get_xlabel(), figure.axes[0].get_ylabel()) == ("$t$ / s", "depth / m")
     figure = plot_limits([0.0, 0.1], {"30 Hz": [100.0, 10.0]}, {"simulated": [np.nan, 10.0]})
     np.testing.assert_allclose(figure.axes[0].get_lines()[0].get_xdata(), [0.0, 100.0])
     assert figure.get_facecolor() == (1.0, 1.0, 1.0, 1.0)

@@ -82,13 +82,20 @@ def test_light_from_the_side_pulls_as_a_slant_of_its_angle_does():
     np.testing.assert_allclose(pulled, expected, rtol=0, atol=0.1 * size)
 
 
-def drawn_centroids(rig, handle, T, noise_px, rng):
+def drawn_centroids(rig, handle, T, noise_px, rng, mirrored=0.0):
+    """With `mirrored` each column is also pulled around the axis, all views of it alike, by that many
+    times the pull of light at 45 deg.
+    """
     views = views_of(rig, handle, T, 68.0)
     bias = centroid_bias(*views, T, rig, handle)
     uv = np.full((len(rig.cameras), len(handle.marker_centres), 2), np.nan)
+    columns, column = np.unique(handle.marker_angles[views.marker], return_inverse=True)
+    around = np.stack([np.cos(columns), np.sin(columns)], axis=1)[column]
+    pulls = mirrored * rng.standard_normal((len(columns), 1))[column]
     uv[views] = (
         centres_px(rig, handle, T)[views]
         + bias.foreshortening
+        + pulls / LIGHT * np.einsum("kij,kj->ki", bias.light, around)
         + bias.light @ rng.standard_normal(2)
         + noise_px * rng.standard_normal(bias.foreshortening.shape)
     )
@@ -101,6 +108,7 @@ def drawn_centroids(rig, handle, T, noise_px, rng):
 def test_nees_of_drawn_centroids(rig, noise_px):
     """The bias is no draw: along it an error counts less than 1. And the noise is estimated from ten
     numbers or so, whose inverse has a mean above 1. Without the bias NEES is several times as large.
+    Much noise of single views is taken in part for highlights, which weigh more.
     """
     rng = np.random.default_rng(5)
     values, of_noise = [], []
@@ -111,8 +119,22 @@ def test_nees_of_drawn_centroids(rig, noise_px):
         values.append(nees(pose.T_world_handle, pose.whole_covariance, T)[0])
         pose = fit_pose(uv, rig, CODED, sigma_px=noise_px)
         of_noise.append(nees(pose.T_world_handle, pose.whole_covariance, T)[0])
-    assert 4.5 < np.mean(values) < 8.0
+    assert (4.5 if noise_px == NOISE_PX else 4.0) < np.mean(values) < 8.0
     assert np.mean(of_noise) > 3 * np.mean(values)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("rig", [PAIR, RAISED], ids=["pair", "raised"])
+def test_nees_of_centroids_that_highlights_pull(rig):
+    """As hard as on the path-traced frames. Taken for noise of single views it was above 10."""
+    rng = np.random.default_rng(6)
+    values = []
+    for k in range(120):
+        T = POSE * RigidTransform.from_rotation(Rotation.from_rotvec([0.0, 0.05 * k, 0.0]))
+        uv = drawn_centroids(rig, CODED, T, 2 * NOISE_PX, rng, mirrored=0.7)
+        pose = pose_of_centroids(uv, rig, CODED)
+        values.append(nees(pose.T_world_handle, pose.covariance, T)[0])
+    assert 4.5 < np.mean(values) < 8.0
 
 
 def test_the_pose_is_that_of_the_paper():

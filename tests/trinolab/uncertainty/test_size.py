@@ -1,5 +1,5 @@
 """How large the errors of a rig are by what is seen: rigs that say nothing, drawn good and bad, on
-rendered images.
+drawn centroids and on rendered images.
 """
 
 from dataclasses import replace
@@ -9,12 +9,18 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import RigidTransform, Rotation
 
+from trinolab.bench.motion import random_pose
 from trinolab.bench.optics import Bench, blurred, digitise
 from trinolab.bench.scene import radiance
 from trinolab.camera import RigCovariance
 from trinolab.datasets import load_handle, load_rig
+from trinolab.handle import slants
+from trinolab.identity.parameters import IdentityParameters
+from trinolab.identity.reconcile import reconciled
 from trinolab.measurement import measure
+from trinolab.metrics import nees
 from trinolab.parameters import Parameters
+from trinolab.pose import fit_pose
 from trinolab.rigid import motion_between
 from workbench.studies.broken import miscalibrated
 
@@ -49,6 +55,44 @@ def scores(count, px, deg, estimator, stated=None):
 
 def rms(values):
     return np.sqrt(np.mean(np.square(values)))
+
+
+def centroids(rig, T, noise_px, rng):
+    """What a rig sees of the coded handle's markers that are turned away by less than 60 deg."""
+    uv = np.full((len(rig.cameras), len(CODED.marker_centres), 2), np.nan)
+    for c, camera in enumerate(rig.cameras):
+        facing = slants(CODED, T, camera.centre) < np.deg2rad(60)
+        uv[c, facing] = camera.project(T.apply(CODED.marker_centres[facing]))
+    return uv + noise_px * rng.standard_normal(uv.shape)
+
+
+def mean_nees(count, px, deg, draws, noise_px=0.01):
+    """Of drawn poses, seen by the first cameras and measured with a drawn rig."""
+    rng = np.random.default_rng([3, count])
+    rig = RAISED.part(range(count))
+    total = []
+    while len(total) < draws:
+        T = random_pose(rng)
+        uv = centroids(rig, T, noise_px, rng)
+        if np.isfinite(uv[:2, :, 0]).all(axis=0).sum() < 4:
+            continue
+        drawn = miscalibrated(rig, px, deg, rng)
+        here, _ = reconciled(drawn, CODED, uv, T, 0.1, IdentityParameters())
+        pose = fit_pose(uv, here, CODED, sigma_px=noise_px)
+        total.append(nees(pose.T_world_handle, pose.covariance, T)[0])
+    return np.mean(total)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("count", [2, 3])
+@pytest.mark.parametrize(("px", "deg"), [(0.1, 0.005), (0.3, 0.02)])
+def test_rigs_that_say_nothing_have_covariances_of_the_size_of_their_errors_good_or_bad(
+    count, px, deg
+):
+    """Between good and bad lies a factor of 15 in the covariance. The mean of 120 is known to 0.4 for
+    the good ones and to 1.5 for the bad ones: two or three cameras tell little of a size.
+    """
+    assert 4.0 < mean_nees(count, px, deg, 120) < 9.0
 
 
 @pytest.mark.slow

@@ -6,15 +6,18 @@ million times what the rounding of a few dozen operations makes; where a toleran
 reason stands beside it.
 """
 
+import base64
 import json
 import re
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pandas as pd
 import pytest
 from processes import wait_until
 from scipy.spatial.transform import RigidTransform, Rotation
+from scipy.stats import chi2
 
 from trinolab import background, image_track, kalman, matching, triangulation, workspace
 from trinolab.camera import Camera, Rig, epipolar_lines, fundamental_matrix
@@ -25,6 +28,7 @@ from trinolab.slave.oneeuro import OneEuroParameters
 from trinolab.window import Window
 from trinolab.workspace import cones
 from workbench.pages.browser import CHROMIUM, Browser
+from workbench.paper.errata.workspace import printed_cones
 from workbench.teleop import pointing
 
 HTML = Path(__file__).resolve().parents[3] / "_build" / "html"
@@ -35,6 +39,9 @@ PAGES = {
     "epipolar": "06_matching",
     "depth": "08_pose",
     "pointing": "11_master_slave",
+    "threshold": "03_background",
+    "nextplace": "04_kalman",
+    "pairs": "06_matching",
 }
 CASES = 10
 DIGITS = 1e-9
@@ -52,15 +59,18 @@ class Reader:
 
     def __init__(self, folder):
         self.browser = Browser(folder)
-        self._name = ""
+        self._page = ""
 
     def on(self, name):
         """The page of an applet."""
-        if self._name != name:
+        if self._page != PAGES[name]:
             self.browser.open((HTML / "notebooks" / f"{PAGES[name]}.html").as_uri())
             # The theme scrolls smoothly: what is pressed would still be on its way.
             self.browser.evaluate("document.documentElement.style.scrollBehavior = 'auto'")
-            self._name = name
+            self._page = PAGES[name]
+        self.browser.evaluate(
+            f"globalThis.applet = document.querySelector('.applet[data-applet={name}]'); null"
+        )
         return self
 
     def computes(self, function, argument):
@@ -69,9 +79,7 @@ class Reader:
 
     def one(self, selector, what="textContent"):
         """A property of the first element of the applet that is selected."""
-        return self.browser.evaluate(
-            f"document.querySelector('.applet').querySelector({json.dumps(selector)}).{what}"
-        )
+        return self.browser.evaluate(f"applet.querySelector({json.dumps(selector)}).{what}")
 
     def can_be_held(self, selector):
         """Wait until the middle of an element lies open in the window, and nothing is over it."""
@@ -87,7 +95,7 @@ class Reader:
 
     def press_button(self, text):
         self.browser.evaluate(
-            f"[...document.querySelectorAll('.applet button')]"
+            f"[...applet.querySelectorAll('button')]"
             f".find(one => one.textContent.startsWith({json.dumps(text)})).click()"
         )
 
@@ -106,7 +114,7 @@ def as_floats(value):
 
 SMALLEST = """
 (() => {
-    const box = document.querySelector('.applet');
+    const box = applet;
     const sizes = some => [...box.querySelectorAll(some)].map(one => one.getBoundingClientRect())
         .map(one => Math.min(one.width, one.height));
     const types = [...box.querySelectorAll('svg text, p, label, li, button, td, th')]
@@ -146,11 +154,11 @@ def moved_by_a_key(reader, name):
 def shown_on_a_phone(reader):
     """At 400 px all is large enough, and nothing is cut off."""
     reader.browser.resize(400)
-    narrow = "document.querySelector('.applet svg').getBoundingClientRect().right < 400"
+    narrow = "applet.querySelector('svg').getBoundingClientRect().right < 400"
     wait_until(lambda: reader.browser.evaluate(narrow))
     found = reader.browser.evaluate(SMALLEST)
     reader.browser.resize(1280)
-    wide = "document.querySelector('.applet svg').getBoundingClientRect().width > 500"
+    wide = "applet.querySelector('svg').getBoundingClientRect().width > 500"
     wait_until(lambda: reader.browser.evaluate(wide))
     assert found["target"] >= 24  # px, WCAG 2.2, 2.5.8
     assert found["type"] >= 12  # px: 9 pt
@@ -349,9 +357,9 @@ def test_the_kalman_applet_is_used_by_keys_and_on_a_phone(reader):
 
 def decoded(reader):
     """The epipolar applet's cameras as the package's, the corners of their parts, and the greys."""
-    data = reader.browser.evaluate("trinolabAppletData.epipolar.cameras")
+    data = reader.browser.evaluate("trinolabApplets.epipolar.known.data.cameras")
     greys = reader.browser.evaluate(
-        "trinolabAppletData.epipolar.cameras.map(one => [...trinolabApplets.epipolar.decoded(one).image.grey])"
+        "trinolabApplets.epipolar.known.data.cameras.map(one => [...trinolabApplets.epipolar.decoded(one).image.grey])"
     )
     cameras, corners, images = [], [], []
     for about, grey in zip(data, greys, strict=True):
@@ -380,8 +388,8 @@ def test_lines_and_correlations_are_those_of_the_package(reader):
         uv = [places[0] + corners[0], places[1] + corners[right]]
         call = f"""
         (() => {{
-            const [left, , ] = trinolabAppletData.epipolar.cameras.map(trinolabApplets.epipolar.decoded);
-            const right = trinolabApplets.epipolar.decoded(trinolabAppletData.epipolar.cameras[{right}]);
+            const [left, , ] = trinolabApplets.epipolar.known.data.cameras.map(trinolabApplets.epipolar.decoded);
+            const right = trinolabApplets.epipolar.decoded(trinolabApplets.epipolar.known.data.cameras[{right}]);
             return trinolabApplets.epipolar.compute({{left, right, windowPx: 21,
                 uvLeft: {json.dumps(uv[0].tolist())}, uvRight: {json.dumps(uv[1].tolist())}}});
         }})()
@@ -450,7 +458,9 @@ def test_a_right_partner_may_look_less_alike_than_a_wrong_one(reader):
     """What the chapter's text says of the marker that the applet begins with."""
     reader.on("epipolar")
     cameras, corners, images = decoded(reader)
-    markers = reader.browser.evaluate("trinolabAppletData.epipolar.cameras.map(one => one.markers)")
+    markers = reader.browser.evaluate(
+        "trinolabApplets.epipolar.known.data.cameras.map(one => one.markers)"
+    )
     left = as_floats([markers[0][6]])
     right = as_floats([markers[2][k] for k in (6, 7)])
     D = matching.epipolar_distances(cameras[0], cameras[2], left, right)[0]
@@ -651,7 +661,7 @@ def test_the_pointing_task_is_played_to_its_end(reader, tmp_path):
     browser = reader.on("pointing").browser
     browser.evaluate(
         "const set = (name, value, kind) => {"
-        " const one = document.querySelector(`.applet [name=${name}]`); one.value = value;"
+        " const one = applet.querySelector(`[name=${name}]`); one.value = value;"
         " one.dispatchEvent(new Event(kind, {bubbles: true})); };"
         "set('scale', 4, 'input'); set('delay', 0.05, 'input'); set('repeats', 2, 'change');"
     )
@@ -678,7 +688,7 @@ def test_the_pointing_task_is_played_to_its_end(reader, tmp_path):
         played.append(4 * MM_PX * pixels - distance)
     assert "throughput" in reader.says()
     text = browser.evaluate(
-        "fetch(document.querySelector('.applet-download').href).then(file => file.text())"
+        "fetch(applet.querySelector('.applet-download').href).then(file => file.text())"
     )
     (tmp_path / "log.csv").write_text(text, encoding="utf-8")
     log = pointing.read_log(tmp_path / "log.csv")
@@ -692,7 +702,7 @@ def test_the_pointing_task_is_played_to_its_end(reader, tmp_path):
     assert float(said[2]) == pytest.approx(found.movement_s, abs=0.005)
     assert float(said[3]) == pytest.approx(100 * found.error_share, abs=0.5)
     assert reader.one(".applet-download", "download") == "pointing-1.csv"
-    rows = browser.evaluate("document.querySelectorAll('.applet details tbody tr').length")
+    rows = browser.evaluate("applet.querySelectorAll('details tbody tr').length")
     assert rows == 18
     assert reader.browser.errors == []
 
@@ -711,11 +721,362 @@ def test_the_task_is_done_by_keys_alone(reader):
     reader.press_button("Stop the run")
 
 
-def test_applets_are_loaded_where_they_are(reader):
-    for name, page in PAGES.items():
+def test_applets_are_loaded_where_they_are():
+    for page in set(PAGES.values()):
         text = (HTML / "notebooks" / f"{page}.html").read_text(encoding="utf-8")
-        assert re.findall(r"applets/(\w+)\.js", text) == ["shared", name]
-        (place,) = re.findall(r'<div class="applet" data-applet="\w+">(.*?)</div>', text, re.DOTALL)
-        assert "JavaScript" in place  # what is read without it
+        names = [name for name, where in PAGES.items() if where == page]
+        places = re.findall(r'<div class="applet" data-applet="(\w+)".*?><p>(.*?)</p>', text)
+        assert sorted(name for name, _ in places) == sorted(names)
+        assert all("JavaScript" in words for _, words in places)  # what is read without it
+        assert text.count("window.trinolabApplets = ") == 1
     other = (HTML / "notebooks" / "05_markers.html").read_text(encoding="utf-8")
-    assert "applets" not in other
+    assert "applet" not in other
+
+
+def test_a_button_plays_and_stops_at_the_end(reader):
+    reader.on("kalman")
+    reader.press_button("Play")
+    label = "applet.querySelector('.applet-play').textContent"
+    assert reader.browser.evaluate(label) == "Pause"
+    assert reader.one(".applet-says", "getAttribute('aria-live')") == "off"
+    wait_until(lambda: reader.browser.evaluate(label) == "Play")
+    assert reader.one("[name=k]", "value") == "39"
+    assert reader.one(".applet-says", "getAttribute('aria-live')") == "polite"
+    reader.press_button("Reset")
+
+
+def test_who_wants_no_motion_gets_a_step(tmp_path):
+    still = """
+        const asked = window.matchMedia.bind(window);
+        window.matchMedia = query => (query.includes('reduced-motion') ? {matches: true} : asked(query));
+    """
+    browser = Browser(tmp_path)
+    try:
+        browser.open((HTML / "notebooks" / "04_kalman.html").as_uri(), before=still)
+        button = "document.querySelector('[data-applet=kalman] .applet-play')"
+        place = "document.querySelector('[data-applet=kalman] [name=k]').value"
+        before = int(browser.evaluate(place))
+        browser.evaluate(f"{button}.click()")
+        assert browser.evaluate(f"{button}.textContent") == "One step"
+        assert int(browser.evaluate(place)) == before + 1
+    finally:
+        browser.close()
+
+
+@pytest.mark.parametrize(
+    ("name", "handle", "moves", "stays"),
+    [
+        ("cones", "above", ("x", "z"), ("y", "omega")),
+        ("cones", "side", ("y", "z"), ("x", "beta1")),
+        ("cones", "ccd1", ("beta1",), ("beta2", "x")),
+        ("cones", "ccd2", ("beta2",), ("beta1", "x")),
+        ("pixel", "threshold", ("T",), ("alpha",)),
+        ("kalman", "observation", ("du", "dv"), ("q", "k")),
+        ("depth", "point", ("distance",), ("baseline",)),
+        ("depth", "right", ("baseline",), ("distance",)),
+    ],
+)
+def test_a_picture_is_dragged(reader, name, handle, moves, stays):
+    reader.on(name)
+    reader.press_button("Reset")
+    value = "applet.querySelector('[name={}]').value"
+    before = {one: reader.browser.evaluate(value.format(one)) for one in (*moves, *stays)}
+    place = f"[data-applet={name}] [data-drag={handle}]"
+    reader.can_be_held(place)
+    reader.browser.drag(place, 30, -34)
+    after = {one: reader.browser.evaluate(value.format(one)) for one in before}
+    assert [one for one in before if after[one] != before[one]] == list(moves)
+    reader.press_button("Reset")
+    assert {one: reader.browser.evaluate(value.format(one)) for one in before} == before
+
+
+def printed_filter(uv, dt, p, gated, printed):
+    """Eq. 9-15 in the paper's letters, those in `printed` as printed: the states, and what is seen
+    of each P.
+    """
+    F, Q = kalman.constant_acceleration(dt), kalman.white_jerk(dt, p.jerk_intensity)
+    H, R = np.eye(2, 6), p.sigma_px**2 * np.eye(2)
+    gate = chi2.ppf(0.999, 1 if "eq12" in printed else 2)
+    if "eq12" in printed:
+        H, R = np.array([[1.0, 1, 0, 0, 0, 0]]), np.array([[2 * p.sigma_px**2]])
+    X, P = kalman.initial_state(uv[0], p)
+    before = P
+    found = []
+    for place in uv[1:]:
+        X = F @ X
+        predicted = F @ P @ (F if "eq10" in printed else F.T) + Q
+        P = predicted
+        S = H @ predicted @ H.T + R
+        K = predicted @ H.T @ np.linalg.inv(S)
+        r = (place.sum(keepdims=True) if "eq12" in printed else place) - H @ X
+        used = not np.isnan(r).any() and (not gated or r @ np.linalg.inv(S) @ r <= gate)
+        if used:
+            X = X + K @ r
+            rest = np.eye(6) - K @ H
+            P = rest @ before if "eq14" in printed else rest @ predicted @ rest.T + K @ R @ K.T
+        before = predicted
+        found.append((X, P, used))
+    return found
+
+
+def least_eigenvalue(P):
+    """Of the symmetric part, in units of its own deviations."""
+    scale = np.sqrt(np.maximum(P.diagonal(), 1e-200))
+    return np.linalg.eigvalsh((P + P.T) / 2 / scale[:, None] / scale)[0]
+
+
+@pytest.mark.parametrize("printed", [("eq10",), ("eq12",), ("eq14",), ("eq10", "eq12", "eq14")])
+def test_the_misprinted_filter_is_that_of_the_printed_equations(reader, printed):
+    reader.on("kalman")
+    rng = np.random.default_rng([15, len(printed), int(printed[0][2:])])
+    faults = set()
+    for k in range(CASES):
+        dt = [1 / 30, 1 / 60][k % 2]
+        uv = 600 + np.cumsum(rng.normal(0, 12, (15, 2)), axis=0)
+        uv[5 : 5 + k % 3] = np.nan
+        p = KalmanParameters(10 ** rng.uniform(5, 10), rng.uniform(1, 30), 1200.0, 6000.0)
+        given = {
+            "uv": [None if np.isnan(one[0]) else list(one) for one in uv],
+            "dt": dt,
+            "q": p.jerk_intensity,
+            "sigma": p.sigma_px,
+            "velocitySigma": 1200.0,
+            "accelerationSigma": 6000.0,
+            "gated": k % 4 == 3,
+            "printed": dict.fromkeys(printed, True),
+        }
+        found = reader.computes("kalman.compute", given)[1:]
+        expected = printed_filter(uv, dt, p, k % 4 == 3, printed)
+        for one, (X, P, used) in zip(found, expected, strict=True):
+            # the printed forms lose digits from step to step: where S nearly vanishes, six of sixteen
+            np.testing.assert_allclose(
+                one["updated"]["X"], X, rtol=1e-5, atol=1e-5 * np.abs(X).max()
+            )
+            np.testing.assert_allclose(
+                one["updated"]["P"], P, rtol=1e-5, atol=1e-5 * np.abs(P).max()
+            )
+            assert one["used"] == used
+            least = least_eigenvalue(P)
+            if abs(least + 1e-6) > 1e-7:  # on the verge either is right
+                assert (one["fault"] == "negative") == (least < -1e-6)
+            faults.add(one["fault"])
+    assert faults <= {None} if printed == ("eq12",) else "negative" in faults
+
+
+def test_ccd3_as_printed_looks_along_the_baseline_and_the_three_share_nothing(reader):
+    reader.on("cones")
+    rng = np.random.default_rng(16)
+    for (beta1, beta2, omega), point in drawn_cones(rng):
+        given = {"beta1_deg": beta1, "beta2_deg": beta2, "omega_deg": omega, "point": list(point)}
+        found = reader.computes("cones.compute", {**given, "printed3": True})
+        angles = np.deg2rad([beta1, beta2, omega])
+        third = printed_cones(1.0, *angles)[2]
+        np.testing.assert_allclose(found["cones"][2]["apex"], third.apex, atol=DIGITS)
+        np.testing.assert_allclose(found["cones"][2]["axis"], third.axis, atol=DIGITS)
+        first, second, _ = cones.paper_cones(1.0, *angles)
+        assert found["volume"] == workspace.intersect([first, second, third]).volume == 0
+        assert found["inside"][2] == bool(cones.inside([third], [point])[0])
+
+
+def test_the_ellipse_grows_with_the_error_and_with_nothing_else(reader):
+    reader.on("depth")
+    rng = np.random.default_rng(17)
+    for _ in range(CASES):
+        A = rng.normal(size=(3, 3)) * [0.01, 0.01, 0.1]
+        covariance = A @ A.T
+        enlarged = 10 ** rng.uniform(0, 3)
+        arguments = map(json.dumps, ([0, 0, 500.0], covariance.tolist(), enlarged))
+        outline = as_floats(
+            reader.browser.evaluate(f"trinolabApplets.depth.ellipse({', '.join(arguments)})")
+        )
+        away = (outline - [0, 500]) / enlarged
+        seen = covariance[np.ix_([0, 2], [0, 2])]
+        squared = np.einsum("ki,ij,kj->k", away, np.linalg.inv(seen), away)
+        np.testing.assert_allclose(squared, 1, rtol=1e-6)  # of numbers beside 500
+    outline = []
+    for baseline in (300, 100, 30):
+        given = {"baseline_mm": baseline, "vergence_deg": 10, "distance_mm": 568, "sigma_px": 0.1}
+        call = json.dumps({**given, "focal_px": 2940, "width_px": 1280})
+        points = reader.browser.evaluate(
+            f"(one => trinolabApplets.depth.ellipse(one.point, one.covariance, 500))"
+            f"(trinolabApplets.depth.compute({call}))"
+        )
+        outline.append(np.ptp(as_floats(points)[:, 1]))
+    assert outline[0] < outline[1] < outline[2]
+
+
+def test_eq_18_as_printed(reader):
+    """A window that begins at its place, and a last sum over y' alone."""
+    reader.on("epipolar")
+    _, corners, images = decoded(reader)
+    rng = np.random.default_rng(18)
+    for k in range(CASES):
+        right = 1 + k % 2
+        places = rng.integers(0, 139 * 64, (2, 2)) / 64
+        uv = json.dumps([(places[0] + corners[0]).tolist(), (places[1] + corners[right]).tolist()])
+        call = """
+        (([uvLeft, uvRight], k, eq18) => {
+            const {known: {data}, decoded, compute} = trinolabApplets.epipolar;
+            const [left, right] = [0, k].map(one => decoded(data.cameras[one]));
+            return compute({left, right, windowPx: 21, uvLeft, uvRight, eq18}).S;
+        })"""
+        by_corner = reader.browser.evaluate(f"{call}({uv}, {right}, 'corner')")
+        expected = matching.ncc_matrix(images[0], images[right], places[:1], places[1:] + 10, 21)
+        assert by_corner == pytest.approx(expected[0, 0], abs=DIGITS)
+        found = reader.browser.evaluate(f"{call}({uv}, {right}, 'sum')")
+        T, one = (
+            cv2.getRectSubPix(image.astype(np.float32), (21, 21), place).astype(float)
+            for image, place in ((images[0], places[0]), (images[right], places[1]))
+        )
+        T, one = T - T.mean(), one - one.mean()
+        by_sum = (T * one).sum() / np.sqrt((T**2).sum() * (one[:, 0] ** 2).sum())
+        assert found == pytest.approx(by_sum, rel=1e-9, abs=1e-9)
+
+
+def known(reader, name):
+    return reader.on(name).browser.evaluate(f"trinolabApplets.{name}.known.data")
+
+
+def test_masks_and_their_agreement_are_those_of_the_package(reader):
+    for number, one in enumerate(known(reader, "threshold")["rounds"]):
+        grey, before, packed = (
+            np.frombuffer(base64.b64decode(one[kind]), np.uint8)
+            for kind in ("frame", "background", "moves")
+        )
+        shape = one["size"][::-1]
+        moves = np.unpackbits(packed)[: grey.size].astype(bool).reshape(shape)
+        found = {}
+        for T in (0, 15, 44, 100):
+            mask = background.difference(grey.reshape(shape), before.reshape(shape), T).mask
+            found[T] = reader.browser.evaluate(
+                f"(({{decoded, maskOf, agreement, known}}) => {{"
+                f" const one = decoded(known.data.rounds[{number}]);"
+                f" return agreement(maskOf(one, {T}), one.moves); }})(trinolabApplets.threshold)"
+            )
+            assert found[T] == pytest.approx((mask & moves).sum() / (mask | moves).sum(), rel=1e-12)
+        best = reader.browser.evaluate(
+            f"(({{decoded, bestOf, known}}) => bestOf(decoded(known.data.rounds[{number}])))"
+            "(trinolabApplets.threshold)"
+        )
+        assert best["share"] >= max(found.values())
+
+
+def test_no_threshold_of_the_game_is_right_for_all_of_its_images(reader):
+    """What the text behind the game says."""
+    rounds = known(reader, "threshold")["rounds"]
+    share = []
+    for number, one in enumerate(rounds):
+        share.append(
+            reader.browser.evaluate(
+                "(({decoded, maskOf, agreement, known}) => {"
+                f" const one = decoded(known.data.rounds[{number}]);"
+                " return [...Object.values(one.rules)].map(T => agreement(maskOf(one, T), one.moves));"
+                "})(trinolabApplets.threshold)"
+            )
+        )
+        assert one["rules"]["the chapter's T"] == 15
+    chapter, otsu = np.transpose(share)
+    assert (chapter[:3] > otsu[:3]).all()
+    assert (chapter[3:] < 0.6).all()
+    assert (otsu > 0.85).all()
+
+
+def test_the_rules_of_the_next_place_know_only_what_was_before(reader):
+    data = known(reader, "nextplace")
+    z = as_floats(data["places"])
+    times = np.arange(len(z)) / 30
+    p = KalmanParameters(9.5e8, 1.5, 1200.0, 6000.0)
+    for k in range(8, 23):
+        state = image_track.track(times[:k], z[:k], p, False).updated
+        last = kalman.State(state.mean[-1], state.covariance[-1])
+        expected = kalman.predict_motion(last, 1 / 30, p).mean[:2]
+        # the page's places are rounded to 0.1 px
+        np.testing.assert_allclose(data["rules"]["the filter"][k], expected, atol=0.5)
+        np.testing.assert_allclose(data["rules"]["last place"][k], z[k - 1])
+        step = data["rules"]["last place + last step"][k]
+        np.testing.assert_allclose(step, 2 * z[k - 1] - z[k - 2], atol=0.2)
+    guesses = z[8:23] + [3.0, 4.0]
+    argument = json.dumps(guesses.tolist())
+    found = reader.browser.evaluate(
+        f"(({{scores, known}}) => scores(known.data, {argument}))(trinolabApplets.nextplace)"
+    )
+    assert found["you"] == pytest.approx(5.0)
+    missed = np.hypot(*(as_floats(data["rules"]["the filter"][8:23]) - z[8:23]).T).mean()
+    assert found["the filter"] == pytest.approx(missed)
+
+
+def test_the_next_place_is_pressed_and_typed(reader):
+    reader.on("nextplace")
+    reader.press_button("Reset")
+    surface = "[data-applet=nextplace] .applet-surface"
+    reader.can_be_held(surface)
+    reader.browser.click(surface)  # the middle: the last place
+    data = known(reader, "nextplace")
+    z = as_floats(data["places"])
+    assert f"You were {np.hypot(*(z[8] - z[7])):.0f} px off" in reader.says()
+    reader.one(".applet-surface", "focus()")
+    reader.browser.press("ArrowRight")
+    reader.browser.press("Enter")
+    assert f"You were {np.hypot(*(z[9] - z[8] - [5, 0])):.0f} px off" in reader.says()
+    for _ in range(13):
+        reader.browser.press("Enter")
+    assert "That was the last of 15 frames." in reader.says()
+    rows = reader.browser.evaluate("applet.querySelectorAll('tbody tr').length")
+    assert rows == 4
+    reader.press_button("Reset")
+
+
+def test_pairs_are_judged_by_the_truth(reader):
+    shots = known(reader, "pairs")["shots"]
+    totals = dict.fromkeys(shots[0]["rules"], 0)
+    for shot in shots:
+        left, right = map(np.array, shot["labels"])
+        due = len((set(left) & set(right)) - {-1})
+        for name, pairs in shot["rules"].items():
+            good = sum(left[a] == right[b] >= 0 for a, b in pairs)
+            argument = json.dumps([shot, pairs])
+            found = reader.browser.evaluate(f"trinolabApplets.pairs.judged(...{argument})")
+            assert found == {"right": good, "wrong": len(pairs) - good, "due": due}
+            totals[name] += 2 * int(good) - len(pairs)
+    # what the text behind the game says
+    assert max(totals, key=totals.get) == "the layout"
+
+
+def test_spots_are_paired_by_pressing_them(reader):
+    shot = known(reader, "pairs")["shots"][0]
+    reader.press_button("Reset")
+    spots = "[...applet.querySelectorAll('.applet-spots button')]"
+    n = len(shot["labels"][0])
+    partner = shot["labels"][1].index(shot["labels"][0][0])
+    reader.browser.evaluate(f"{spots}[0].click()")
+    assert reader.browser.evaluate(f"{spots}[0].getAttribute('aria-pressed')") == "true"
+    reader.browser.evaluate(f"{spots}[{n + partner}].click()")
+    assert "Pairs so far: 1" in reader.says()
+    reader.browser.evaluate(f"{spots}[1].click(), {spots}[{n + partner}].click()")
+    assert "Pairs so far: 1" in reader.says()  # a spot has one partner
+    reader.browser.evaluate(f"{spots}[0].click(), {spots}[{n + partner}].click()")
+    reader.press_button("These are the pairs")
+    mine = reader.browser.evaluate("applet.querySelector('tbody tr').innerText").split()
+    assert mine == ["you", "1", "0", str(len(set(shot["labels"][0]) - {-1}))]
+    reader.press_button("Reset")
+
+
+def test_the_mask_is_painted(reader):
+    reader.on("threshold")
+    reader.press_button("Reset")
+    before = reader.says()
+    easel = "[data-applet=threshold] .applet-easel"
+    reader.can_be_held(easel)
+    reader.browser.drag(easel, 30, 20)
+    assert "by your painting" in reader.says() != before
+    reader.press_button("This is the mask")
+    assert "Image 2 of 5" in reader.says()
+    reader.press_button("Reset")
+    assert reader.says() == before
+
+
+@pytest.mark.parametrize("name", ["threshold", "nextplace", "pairs"])
+def test_a_game_is_shown_on_a_phone(reader, name):
+    reader.on(name)
+    shown_on_a_phone(reader)
+    assert reader.browser.errors == []

@@ -97,11 +97,26 @@ def test_colab_runs_a_chapter(tmp_path):
     (place,) = [cell.source for cell in COLAB.cells if "project = " in cell.source]
     chapter = re.search(r"^chapter = .*$", place, flags=re.MULTILINE)[0]
     first = nbformat.v4.new_code_cell(f"import os\nproject = {str(tmp_path)!r}\n{chapter}")
-    run = nbformat.v4.new_notebook(cells=[first, COLAB.cells[-1].copy()])
+    (runs,) = [cell for cell in COLAB.cells if ".run_cell(cell.source)" in cell.source]
+    run = nbformat.v4.new_notebook(cells=[first, runs.copy()])
     NotebookClient(run, kernel_name="python3").execute()
     shown = json.dumps(run.cells[1].outputs)
     assert "# A chapter" in shown
     assert "notebooks 42" in shown
+
+
+def test_colab_shows_an_exercise_and_a_cell_to_write_in():
+    first = nbformat.v4.new_code_cell("from IPython.display import Markdown, display")
+    run = nbformat.v4.new_notebook(cells=[first, COLAB.cells[-1].copy()])
+    replies = []
+    client = NotebookClient(run, kernel_name="python3", resources={"metadata": {"path": ROOT}})
+    client.on_cell_executed = lambda execute_reply, **_: replies.append(execute_reply)
+    client.execute()
+    assert "variance" in json.dumps(run.cells[1].outputs)
+    (written,) = replies[-1]["content"]["payload"]
+    assert written["source"] == "set_next_input"
+    assert written["text"].startswith("def filter_number(")
+    assert written["text"].endswith('check("04.2", filter_number)')
 
 
 @pytest.mark.parametrize(

@@ -179,14 +179,14 @@ def test_a_reader_changes_alpha_and_moves_its_slider(browser, lab):
 @pytest.mark.parametrize(
     ("chapter", "changed", "cell", "before", "after"),
     [
-        ("04_kalman", "moving, motions = 6, 1", "kalman-39-slider", "q = 9.5e+08", "q = 1e+09"),
+        ("04b_tuned", "moving, motions = 6, 1", "kalman-39-slider", "q = 9.5e+08", "q = 1e+09"),
         ("06_matching", "instants, row_step = 6, 20", "matching-27", "hold 0.5:", "hold 0.65:"),
         ("08_pose", "draws, row_step = 10, 20", "pose-08", "baseline 99 mm", "baseline 150 mm"),
     ],
 )
 def test_the_other_sliders_redraw(browser, lab, chapter, changed, cell, before, after):
     reader = Reader(browser, lab, chapter)
-    reader.runs_all(f"{chapter[3:]}-03", changed)
+    reader.runs_all(f"{chapter.partition('_')[2]}-03", changed)
     said = reader.moves_the_slider_of(cell)
     assert before in said[0]
     assert after in said[1]

@@ -5,7 +5,15 @@ import numpy as np
 import pytest
 
 from trinolab.window import Window
-from workbench.plotting import plot_beliefs, plot_chain, plot_nis, plot_normals, plot_prediction
+from workbench.plotting import (
+    plot_beliefs,
+    plot_chain,
+    plot_learning,
+    plot_nis,
+    plot_normals,
+    plot_prediction,
+    plot_tracks,
+)
 
 
 @pytest.fixture(autouse=True)
@@ -66,3 +74,29 @@ def test_one_stage_of_the_chain_is_lit():
     assert lit == ["window\nEq. 7-15"]
     with pytest.raises(ValueError, match=r"stage: expected one of frames, .*, got 'windows'"):
         plot_chain("windows")
+
+
+def test_learning_shows_each_frame_s_belief_and_the_truth():
+    wide, narrow = np.diag([4.0, 9.0]), np.diag([1.0, 2.0])
+    ax = plot_learning([([0, 0], wide)] * 3, [([1, 2], narrow)] * 3, "place", "speed", 2.5)
+    assert [text.get_text() for text in ax.texts] == ["1", "2", "3"]
+    reach = [np.ptp(line.get_ydata()) / 2 for line in ax.lines]
+    assert reach[:6] == pytest.approx([3.0] * 3 + [np.sqrt(2.0)] * 3, rel=1e-3)
+    assert set(ax.lines[-1].get_ydata()) == {2.5}
+
+
+def test_tracks_stand_above_their_innovations_in_the_gate():
+    t, truth = np.arange(4) / 30, np.array([0.0, 5.0, 12.0, 20.0])
+    filtered = {
+        "small": (truth + 3, np.full(4, 5.0), np.full(4, 4.0)),
+        "large": (truth - 1, np.full(4, -2.0), np.full(4, 400.0)),
+    }
+    figure = plot_tracks(t, truth, truth + 0.5, filtered)
+    above, below = np.reshape(figure.axes, (2, 2))
+    for ax, (title, (mean, _, _)) in zip(above, filtered.items(), strict=True):
+        assert ax.get_title() == title
+        assert np.array_equal(ax.lines[2].get_ydata(), mean)
+    for ax, off, gate in zip(below, (5.0, -2.0), (4.0, 400.0), strict=True):
+        assert ax.lines[0].get_ydata() == pytest.approx([off] * 4)
+        edges = ax.collections[0].get_paths()[0].vertices[:, 1]
+        assert (edges.min(), edges.max()) == (-gate, gate)

@@ -51,9 +51,9 @@ def test_workspace_views(cones_and_mesh):
     figure = plot_workspace(cones, mesh, ["a", "b", "c"])
     top, front, side = figure.axes
     assert [ax.get_xlabel() + ax.get_ylabel() for ax in figure.axes] == [
-        "x / mmz / mm",
-        "x / mmy / mm",
-        "z / mmy / mm",
+        "$x$ / mm$z$ / mm",
+        "$x$ / mm$y$ / mm",
+        "$z$ / mm$y$ / mm",
     ]
     assert [text.get_text() for text in figure.legends[0].get_texts()] == [
         "a",

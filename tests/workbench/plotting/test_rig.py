@@ -26,7 +26,7 @@ def test_cameras_and_rod_are_where_they_are():
         rays = [line for line in drawn if len(line) == 2 and np.array_equal(line[0], centre)]
         assert len(rays) == 5  # four edges of the pyramid, and the line of sight
         assert sum(np.allclose(line[1], axes[0]) for line in rays) == 1
-    assert {text.get_text().strip() for text in ax.texts} == {"left", "right", "x", "y", "z"}
+    assert {text.get_text().strip() for text in ax.texts} == {"left", "right", "$x$", "$y$", "$z$"}
     assert ax.zaxis_inverted()  # the world's y points down
 
 

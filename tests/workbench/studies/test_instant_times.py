@@ -168,9 +168,9 @@ def test_the_shipped_table_is_that_of_the_films():
     assert (table[["blobs_ms", "before", "after"]] > 0).all(axis=None)
 
 
-def test_chapter_11_says_with_which_code_it_was_before():
+def test_study_11b_says_with_which_code_it_was_before():
     root = Path(__file__).resolve().parents[3]
-    cells = json.loads((root / "notebooks" / "11_master_slave.ipynb").read_text())["cells"]
+    cells = json.loads((root / "notebooks" / "11b_delay.ipynb").read_text())["cells"]
     text = "".join("".join(cell["source"]) for cell in cells)
     assert BEFORE in text
     assert BEFORE in (root / "data" / "README.md").read_text()

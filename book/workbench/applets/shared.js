@@ -1,7 +1,7 @@
 'use strict';
 // What the applets of the chapters share: where they are registered, their controls, and axes in SVG.
 // An applet is a file of its own: functions of numbers, which the tests call, and a `start` that draws with them.
-window.trinolabApplets = (() => {
+window.trinolabApplets = window.trinolabApplets || (() => {
   const applets = {};
   const SVG = 'http://www.w3.org/2000/svg';
   let count = 0;
@@ -109,7 +109,15 @@ window.trinolabApplets = (() => {
       input.value = inner(value);
       show();
     };
-    return {node: element('div', {class: 'applet-slider'}, label, output, input), get, set};
+    const move = place => {
+      exact = null;
+      input.value = place;
+      show();
+    };
+    const isAtEnd = () => Number(input.value) >= Number(input.max) - c.step / 2;
+    const advance = stops => move(Number(input.value) + stops * c.step);
+    const toStart = () => move(input.min);
+    return {node: element('div', {class: 'applet-slider'}, label, output, input), get, set, isAtEnd, advance, toStart};
   }
 
   // What `page` needs to know of a slider; `signed` writes a number with a minus sign.
@@ -159,11 +167,13 @@ window.trinolabApplets = (() => {
 
   // The frame of an applet: controls with a reset button, a drawing that fits the width, and what it says.
   // `drawn(svg, width, values)` draws, and gives `height`, `alt` (the drawing in words) and `says` (lines of text). What stands
-  // `below` the drawing is the applet's own.
-  function page(box, {label, controls, drawn, buttons = [], legend = [], below = [], handles = []}) {
+  // `below` the drawing is the applet's own. `play` names a slider that a button moves through its range, so many `stops` at
+  // a time, one after so many `ms`; for who wants no motion the button makes one step. `reset` begins anew what is no slider's.
+  function page(box, {label, controls, drawn, buttons = [], legend = [], below = [], handles = [], play = null, reset = null}) {
     const makers = {slider, check, choice, text};
     const made = {};
-    const panel = element('div', {class: 'applet-controls'});
+    const sliders = element('div', {class: 'applet-controls'});
+    const checks = element('div', {class: 'applet-checks'});
     const svg = document.createElementNS(SVG, 'svg');
     svg.setAttribute('role', 'img');
     const says = element('div', {class: 'applet-says', 'aria-live': 'polite'});
@@ -187,11 +197,17 @@ window.trinolabApplets = (() => {
     };
     for (const c of controls) {
       made[c.name] = makers[c.kind](c, redraw);
-      panel.append(made[c.name].node);
+      (c.kind === 'slider' ? sliders : checks).append(made[c.name].node);
     }
     const defaults = Object.fromEntries(controls.map(c => [c.name, c.value]));
-    const row = element('div', {class: 'applet-buttons'}, ...buttons, button('Reset', () => set(defaults)));
-    panel.append(row);
+    const player = play && playing(play, made, redraw, says, svg);
+    const back = button('Reset', () => {
+      if (player) player.stop();
+      if (reset) reset();
+      set(defaults);
+    });
+    const row = element('div', {class: 'applet-buttons'}, ...(player ? [player.node] : []), ...buttons, back);
+    const panel = element('div', {}, sliders, checks, row);
     const keys = legend.map(([kind, words]) => element('li', {}, element('i', {class: kind}), words));
     const key = element('ul', {class: 'applet-legend'}, ...keys);
     const drawing = element('div', {class: 'applet-drawing'}, svg, ...handles.map(one => one.node));
@@ -203,6 +219,58 @@ window.trinolabApplets = (() => {
     redraw();
     return {values, set, redraw, svg, panel, says, defaults};
   }
+
+  // The button that plays: it moves a slider by itself until it is pressed again, or the slider is at its end.
+  function playing({name, stops = 1, ms = 100, words = 'Play'}, made, redraw, says, svg) {
+    let timer = null;
+    const still = window.matchMedia('(prefers-reduced-motion: reduce)').matches;
+    const show = () => {
+      const on = timer !== null;
+      write(node, on ? 'Pause' : still ? 'One step' : words);
+      says.setAttribute('aria-live', on ? 'off' : 'polite');  // nobody hears a sentence ten times a second
+    };
+    const stop = () => {
+      clearInterval(timer);
+      timer = null;
+      show();
+    };
+    const step = () => {
+      if (!svg.isConnected || made[name].isAtEnd()) return stop();
+      made[name].advance(stops);
+      return redraw();
+    };
+    const node = button(words, () => {
+      if (timer !== null) return stop();
+      if (made[name].isAtEnd()) made[name].toStart();
+      step();
+      if (!still) timer = setInterval(step, ms);
+      return show();
+    });
+    node.classList.add('applet-play');
+    show();
+    return {node, stop};
+  }
+
+  // A table of numbers; a narrow screen scrolls it.
+  function table(names, rows, label) {
+    const head = element('tr', {}, ...names.map(name => element('th', {scope: 'col'}, name)));
+    const body = rows.map(row => element('tr', {}, ...row.map(value => element('td', {}, value))));
+    const one = element('table', {}, element('thead', {}, head), element('tbody', {}, ...body));
+    return element('div', {class: 'applet-table', tabindex: 0, role: 'region', 'aria-label': label}, one);
+  }
+
+  // Grey levels, row by row, as a picture's address.
+  function picture(greys, width, height) {
+    const canvas = element('canvas', {width, height});
+    const context = canvas.getContext('2d');
+    const pixels = context.createImageData(width, height);
+    greys.forEach((value, k) => pixels.data.set([value, value, value, 255], 4 * k));
+    context.putImageData(pixels, 0, 0);
+    return canvas.toDataURL();
+  }
+
+  // Bytes in base64.
+  const bytes = text => Uint8Array.from(atob(text), letter => letter.charCodeAt(0));
 
   // A place of a drawing that can be dragged, for those who point; `moved(x, y)` is in px of the drawing. It lies over the
   // drawing, which is made anew all the time, and a finger must not lose what it holds.
@@ -247,16 +315,19 @@ window.trinolabApplets = (() => {
   const dot = (a, b) => a.reduce((sum, value, k) => sum + value * b[k], 0);
 
   // Register an applet, and start it wherever the page has a place for it.
+  // What the applet needs to know lies in its place until then; it is kept for whoever asks, under `known`.
   function define(name, applet) {
     applets[name] = applet;
-    const data = window.trinolabAppletData;
     for (const box of document.querySelectorAll(`.applet[data-applet="${name}"]`)) {
-      applet.start(box, data.parameters, data[name]);
+      const script = box.querySelector('script[type="application/json"]');
+      if (!script) continue;  // it has started
+      applet.known = JSON.parse(script.textContent);
+      applet.start(box, applet.known.parameters, applet.known.data);
     }
   }
 
   return Object.assign(applets, {
-    shared: {element, draw, path, dots, write, axes, button, page, range, signed, handle, normals, times, apply, transposed, dot},
+    shared: {element, draw, path, dots, write, axes, button, page, picture, range, signed, table, bytes, handle, normals, times, apply, transposed, dot},
     define,
   });
 })();

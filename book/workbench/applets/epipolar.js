@@ -1,7 +1,7 @@
 'use strict';
 // The epipolar line of a spot (Eq. 17), and the correlation of two windows (Eq. 18), in rendered images.
 (() => {
-  const {draw, path, axes, button, page, range, signed, handle, times, apply, transposed, element} = trinolabApplets.shared;
+  const {draw, path, axes, button, page, picture, range, signed, handle, times, apply, transposed} = trinolabApplets.shared;
   const FIRST = 2;  // of the markers that the left camera sees, in the middle of the handle
   const REACH_PX = 75;  // of the curve of S along the line, to either side
 
@@ -49,6 +49,12 @@
     return window;
   }
 
+  // The window of I for a place: about it; or from it on, as Eq. 18 is printed.
+  function windowOf(image, [u, v], side, eq18) {
+    const shift = eq18 === 'corner' ? (side - 1) / 2 : 0;
+    return cut(image, [u + shift, v + shift], side);
+  }
+
   // A window with mean 0 and length 1; zeros if it is flat.
   function unit(window) {
     const mean = window.reduce((sum, value) => sum + value, 0) / window.length;
@@ -58,10 +64,15 @@
     return length > flat ? rest.map(value => value / length) : rest.map(() => 0);
   }
 
-  // S of two windows of one size (Eq. 18).
-  function correlation(template, window) {
+  // S of two windows of one size (Eq. 18). By its last sum as printed, over y' alone (x' stays 0), the window's length is that of
+  // its first column.
+  function correlation(template, window, eq18) {
     const [t, i] = [unit(template), unit(window)];
-    return t.reduce((sum, value, k) => sum + value * i[k], 0);
+    const S = t.reduce((sum, value, k) => sum + value * i[k], 0);
+    if (eq18 !== 'sum') return S;
+    const side = Math.sqrt(i.length);
+    const column = Math.hypot(...i.filter((_, k) => k % side === 0));
+    return column > 0 ? S / column : 0;
   }
 
   // A camera of the page's data, its part of the image decoded. Pixels are counted as in the whole image.
@@ -74,10 +85,13 @@
   const inPart = (camera, [u, v]) => [u - camera.corner[0], v - camera.corner[1]];
 
   // All numbers of the applet for a left and a right pixel: the line, D, both windows and S.
-  function compute({left, right, uvLeft, uvRight, windowPx}) {
+  function compute({left, right, uvLeft, uvRight, windowPx, eq18 = 'corrected'}) {
     const line = epipolarLine(fundamentalMatrix(left, right), uvLeft);
-    const windows = [[left, uvLeft], [right, uvRight]].map(([camera, uv]) => cut(camera.image, inPart(camera, uv), windowPx));
-    return {line, D: distance(line, uvRight), windows, S: correlation(...windows)};
+    const windows = [
+      cut(left.image, inPart(left, uvLeft), windowPx),
+      windowOf(right.image, inPart(right, uvRight), windowPx, eq18),
+    ];
+    return {line, D: distance(line, uvRight), windows, S: correlation(...windows, eq18)};
   }
 
   // The foot of a pixel on a line, and the direction of the line, to the right or down.
@@ -87,20 +101,10 @@
     return {foot: [u - off * a, v - off * b], along: [sign * b, -sign * a]};
   }
 
-  // Grey levels, row by row, as a picture's address.
-  function pictureOf(greys, width, height) {
-    const canvas = element('canvas', {width, height});
-    const context = canvas.getContext('2d');
-    const pixels = context.createImageData(width, height);
-    greys.forEach((value, k) => pixels.data.set([value, value, value, 255], 4 * k));
-    context.putImageData(pixels, 0, 0);
-    return canvas.toDataURL();
-  }
-
   function start(box, parameters, data) {
     const cameras = data.cameras.map(decoded);
     const side = data.window_px;
-    const pictures = cameras.map(({image}) => pictureOf(image.grey, image.width, image.height));
+    const pictures = cameras.map(({image}) => picture(image.grey, image.width, image.height));
     const [left] = cameras;
     let frames = null;  // where both images are drawn, for the pointer
     let told = false;  // whether the true partner is shown
@@ -134,7 +138,8 @@
       const {right, line, at} = lineOf(values);
       const uvLeft = uvOf(values);
       const uvRight = at(values.s, values.beside);
-      const found = compute({left, right, uvLeft, uvRight, windowPx: side});
+      const {eq18} = values;
+      const found = compute({left, right, uvLeft, uvRight, windowPx: side, eq18});
       const gap = 12;
       const wide = width > 480;
       const zoom = Math.min(2.4, (width - gap) / 2 / left.size[0]);
@@ -146,10 +151,11 @@
         draw(svg, 'image', {href: pictures[k], x, y: top, width: w, height: h, style: 'image-rendering: pixelated'});
         const clip = draw(svg, 'svg', {x, y: top, width: w, height: h});
         const place = pixel => inPart(camera, pixel).map(one => (one + 0.5) * zoom);
-        return {clip, place, mark: (kind, pixel, held) => {
+        return {clip, place, mark: (kind, pixel, held, corner) => {
           const [a, b] = place(pixel);
           const size = side * zoom;
-          draw(clip, 'rect', {class: kind, x: a - size / 2, y: b - size / 2, width: size, height: size});
+          const from = corner ? zoom / 2 : size / 2;
+          draw(clip, 'rect', {class: kind, x: a - from, y: b - from, width: size, height: size});
           draw(clip, 'path', {class: kind, d: `M${a - 4} ${b}h8M${a} ${b - 4}v8`});
           held.put(x + Math.min(w, Math.max(0, a)), top + Math.min(h, Math.max(0, b)));
         }};
@@ -169,7 +175,7 @@
           draw(two.clip, 'circle', {class: 'on-image three-on-image', cx: a, cy: b, r: 12});
         }
       }
-      two.mark('on-image two-on-image', uvRight, grips.right);
+      two.mark('on-image two-on-image', uvRight, grips.right, eq18 === 'corner');
 
       // both windows, enlarged, beside the curve of S along the line
       const below = top + h + 18;
@@ -178,21 +184,21 @@
         const x = k * (big + 8);
         draw(svg, 'text', {x, y: below + 8}, k ? right.name : left.name);
         const square = {x, y: below + 16, width: big, height: big};
-        draw(svg, 'image', {...square, href: pictureOf(window, side, side), style: 'image-rendering: pixelated'});
+        draw(svg, 'image', {...square, href: picture(window, side, side), style: 'image-rendering: pixelated'});
       });
       const [words, wordsTop] = wide ? [0, below + big + 34] : [2 * big + 24, below + 28];
       draw(svg, 'text', {x: words, y: wordsTop}, `S = ${signed(found.S.toFixed(2))}`);
       draw(svg, 'text', {x: words, y: wordsTop + 18}, `D = ${found.D.toFixed(1)} px`);
       const curve = [];
-      const template = unit(found.windows[0]);
       for (let s = -REACH_PX; s <= REACH_PX; s++) {
-        const window = unit(cut(right.image, inPart(right, at(s, values.beside)), side));
-        curve.push([s, template.reduce((sum, value, k) => sum + value * window[k], 0)]);
+        const window = windowOf(right.image, inPart(right, at(s, values.beside)), side, eq18);
+        curve.push([s, correlation(found.windows[0], window, eq18)]);
       }
       const plotAt = wide ? {left: 2 * big + 60, top: below + 16, width: width - 2 * big - 68, height: 110}
         : {left: 34, top: below + big + 60, width: width - 42, height: 110};
       const across = {low: -REACH_PX, high: REACH_PX, label: 'along the line / px'};
-      const {X, Y, group} = axes(svg, plotAt, across, {low: -0.6, high: 1, label: 'correlation S'});
+      const {X, Y, group} = axes(svg, plotAt, across, 
+        eq18 === 'sum' ? {low: -6, high: 10, label: 'S by the last sum over y′ alone'} : {low: -0.6, high: 1, label: 'correlation S'});
       const threshold = Y(parameters.ncc_threshold);
       draw(group, 'path', {class: 'thin dashed ink', d: `M${plotAt.left} ${threshold}h${plotAt.width}`});
       draw(group, 'path', {class: 'line one', d: path(curve.map(([s, S]) => [X(s), Y(S)]))});
@@ -205,6 +211,8 @@
         `D = ${found.D.toFixed(1)} px, S = ${signed(found.S.toFixed(2))}: ${passes ? 'a candidate' : 'no candidate'} `
         + `(D₀ = ${parameters.epipolar_gate_px} px, ε₀ = ${parameters.ncc_threshold}). `
         + `Along the line S exceeds ε₀ in ${stretches} ${stretches === 1 ? 'place' : 'places'}.`,
+        ...(eq18 === 'corner' ? ['Eq. 18 as printed: the right window begins at its place, so S looks for the marker beside it.'] : []),
+        ...(eq18 === 'sum' ? ['Eq. 18 as printed: S is no correlation any more, since it may exceed 1.'] : []),
         ...(told ? [verdict(right, markerAt(left, uvLeft), markerAt(right, uvRight))] : []),
       ];
       const spot = uvLeft.map(one2 => one2.toFixed(1)).join(', ');
@@ -249,6 +257,10 @@
       label: 'Applet: epipolar line and two windows',
       controls: [
         {kind: 'choice', name: 'right', label: 'right image', value: '2', options: [['1', cameras[1].name], ['2', cameras[2].name]]},
+        {kind: 'choice', name: 'eq18', label: 'Eq. 18', value: 'corrected', options: [
+          ['corrected', 'corrected'],
+          ['corner', 'as printed: the window of I begins at its place'],
+          ['sum', 'as printed: the last sum is over y′ alone']]},
         range('u', 'left window, u in the part', [0, left.size[0] - 1, 0.5], half(u0 - left.corner[0]), 'px'),
         range('v', 'left window, v in the part', [0, left.size[1] - 1, 0.5], half(v0 - left.corner[1]), 'px'),
         range('s', 'right window, along the line', [-REACH_PX, REACH_PX, 0.5], 0, 'px', {format: signed}),
@@ -256,6 +268,7 @@
       ],
       buttons: [next, truth],
       handles: [grips.left, grips.right],
+      play: {name: 's', stops: 2, ms: 60},
       legend: [['two', 'windows'], ['one', 'epipolar line; S along it'], ['dashed ink', 'ε₀'], ['three', 'the true partner']],
       drawn,
     });

@@ -1,7 +1,7 @@
 'use strict';
 // A pointing task through scale, clutch and an added delay, with the log of workbench.teleop.pointing.
 (() => {
-  const {element, draw, path, dots, write, axes, button, page, range, signed} = trinolabApplets.shared;
+  const {element, draw, path, dots, write, axes, button, page, range, signed, table} = trinolabApplets.shared;
   const MM_PX = 25.4 / 96;  // of the page's pixels, as style sheets count them
   const DISTANCES_MM = [40, 80, 160];
   const WIDTHS_MM = [5, 10, 20];
@@ -336,13 +336,6 @@
     // --- what was found
 
     const results = element('div', {class: 'applet-results'});
-    function table(names, rows, label) {
-      const head = element('tr', {}, ...names.map(name => element('th', {scope: 'col'}, name)));
-      const body = rows.map(row => element('tr', {}, ...row.map(value => element('td', {}, value))));
-      const one = element('table', {}, element('thead', {}, head), element('tbody', {}, ...body));
-      return element('div', {class: 'applet-table', tabindex: 0, role: 'region', 'aria-label': label}, one);
-    }
-
     function tell() {
       if (!runs.length) return;
       const rows = runs.map(({settings: set, found}, k) => [

@@ -1,7 +1,7 @@
 'use strict';
 // One pixel and its background (Eq. 5-6): what the rate alpha, the threshold T and the cures do to three stories.
 (() => {
-  const {draw, path, dots, axes, page, range, normals} = trinolabApplets.shared;
+  const {draw, path, dots, axes, page, range, handle, normals} = trinolabApplets.shared;
   const RATE_HZ = 30;
   const FRAMES = 210;
   const STORIES = [
@@ -58,13 +58,15 @@
 
   function start(box, parameters) {
     const told = stories(parameters.seed);
+    let greyAt = null;  // of a height in the first panel's last frame, less its background
 
-    function drawn(svg, width, {alpha, T, masked, shadow}) {
+    function drawn(svg, width, {alpha, T, until, masked, shadow}) {
+      const shown = Math.min(FRAMES, Math.round(until * RATE_HZ) + 1);
       const panel = 128;
       const counts = {};
       told.forEach((story, k) => {
         const {before, moving} = compute({
-          levels: story.levels, alpha, T,
+          levels: story.levels.slice(0, shown), alpha, T,
           shadowShare: shadow ? parameters.shadow_share : 0,
           maskedRate: masked ? 0 : null,
         });
@@ -76,7 +78,12 @@
         const band = [...before.map((B, n) => place(B + T, n)), ...before.map((B, n) => place(B - T, n)).reverse()];
         draw(group, 'path', {class: 'area two', d: `${path(band)}Z`});
         draw(group, 'path', {class: 'line two', d: path(before.map(place))});
-        const some = wanted => story.levels.map(place).filter((_, n) => moving[n] === wanted);
+        if (k === 0) {
+          const last = before[shown - 1];
+          greyAt = v => GREYS.high + (v - at.top) * (GREYS.low - GREYS.high) / at.height - last;
+          grip.put(X((shown - 1) / RATE_HZ), Math.max(at.top, Y(last + T)));
+        }
+        const some = wanted => story.levels.slice(0, shown).map(place).filter((_, n) => moving[n] === wanted);
         draw(group, 'path', {class: 'dots ink', d: dots(some(false))});
         const crosses = some(true).map(([u, v]) => `M${(u - 3).toFixed(1)} ${(v - 3).toFixed(1)}l6 6m0 -6l-6 6`).join('');
         draw(group, 'path', {class: 'thin one', d: crosses});
@@ -100,15 +107,19 @@
       return {height: 24 + 3 * (panel + 34) + 14, alt, says};
     }
 
-    page(box, {
+    const grip = handle('threshold', (_, v) => view.set({T: Math.min(44, Math.max(2, Math.round(greyAt(v))))}));
+    const view = page(box, {
       label: 'Applet: one pixel and its background',
       controls: [
         range('alpha', 'rate α', [0.001, 0.5, 0.05], parameters.update_rate, 'a frame', {log: true, precision: 2}),
         range('T', 'threshold T', [2, 44, 1], parameters.difference_threshold, 'grey levels'),
-        {kind: 'check', name: 'masked', label: 'renew only what does not move', value: false},
+        range('until', 'shown until', [0, 7, 0.1], 7, 's', {format: one => one.toFixed(1)}),
+        {kind: 'check', name: 'masked', label: 'Eq. 6 corrected: renew only what does not move (as printed: everything)', value: false},
         {kind: 'check', name: 'shadow', label: `a shadow may take ${100 * parameters.shadow_share} % of the light`, value: false},
       ],
-      legend: [['dot ink', 'frame'], ['one', 'counts as moving (crosses)'], ['two', 'background B'], ['band two', 'within T of B']],
+      legend: [['dot ink', 'frame'], ['one', 'counts as moving (crosses)'], ['two', 'background B'], ['band two', 'within T of B (drag its edge)']],
+      handles: [grip],
+      play: {name: 'until', ms: 80},
       drawn,
     });
   }

@@ -1,7 +1,7 @@
 'use strict';
 // What baseline, vergence, distance and pixel noise do to a point of two cameras (Eq. 20, 21).
 (() => {
-  const {draw, path, axes, page, range, times, transposed, apply} = trinolabApplets.shared;
+  const {draw, path, axes, page, range, handle, times, transposed, apply} = trinolabApplets.shared;
   const DEGREE = Math.PI / 180;
   const STEP_PX = 1e-3;  // of the differences, as in trinolab.triangulation
   const BASELINES = {low: 20, high: 400};
@@ -61,7 +61,22 @@
     return {cameras, point, pixels, seen, covariance, sigmas_mm: covariance.map((row, i) => Math.sqrt(row[i]))};
   }
 
+  // The ellipse of one deviation about a point, from above: pairs (x, z), enlarged as the reader says and by nothing else, so that a
+  // larger error is a larger ellipse.
+  function ellipse([, , z], covariance, enlarged) {
+    const [[xx, , xz], , [, , zz]] = covariance;
+    const low = Math.sqrt(Math.max(zz - xz * xz / xx, 0));  // of the Cholesky factor
+    return Array.from({length: 61}, (_, k) => {
+      const t = 2 * Math.PI * k / 60;
+      const dx = Math.sqrt(xx) * Math.cos(t);
+      const dz = xz / Math.sqrt(xx) * Math.cos(t) + low * Math.sin(t);
+      return [enlarged * dx, z + enlarged * dz];
+    });
+  }
+
   function start(box, parameters, data) {
+    let value = null;  // of a place in the plan: x and z, mm
+
     function plan(svg, at, values, found) {
       const {baseline, vergence, distance} = values;
       const deep = 1000;
@@ -79,19 +94,13 @@
         draw(group, 'path', {class: `line ${colour}`, d: path([[X(x), Y(0)], [X(0), Y(distance)]])});
         draw(group, 'circle', {class: `solid ${colour}`, cx: X(x), cy: Y(0), r: 5});
       });
-      if (!found.sigmas_mm) return 1;
-      // the ellipse of one deviation, enlarged by a round number so that it can be seen
-      const unit = 10 ** Math.floor(Math.log10(300 / Math.max(...found.sigmas_mm)));
-      const [[xx, , xz], , [, , zz]] = found.covariance;
-      const turned = Array.from({length: 61}, (_, k) => {
-        const t = 2 * Math.PI * k / 60;
-        const low = Math.sqrt(Math.max(zz - xz * xz / xx, 0));  // of the Cholesky factor
-        const dx = Math.sqrt(xx) * Math.cos(t);
-        const dz = xz / Math.sqrt(xx) * Math.cos(t) + low * Math.sin(t);
-        return [X(unit * dx), Y(distance + unit * dz)];
-      });
-      draw(group, 'path', {class: 'common', d: `${path(turned)}Z`});
-      return unit;
+      value = (u, v) => [-reach + (u - at.left) * 2 * reach / at.width, deep - 60 - (v - at.top) * deep / at.height];
+      grips.point.put(X(0), Y(distance));
+      grips.right.put(X(baseline / 2), Y(0));
+      if (!found.sigmas_mm) return;
+      const outline = ellipse(found.point, found.covariance, values.enlarged).map(([x, z]) => [X(x), Y(z)]);
+      draw(group, 'path', {class: 'common', d: `${path(outline)}Z`});
+      draw(group, 'circle', {class: 'solid ink', cx: X(0), cy: Y(distance), r: 3});
     }
 
     function curves(svg, at, values, inputs, found) {
@@ -124,7 +133,7 @@
       const wide = width > 560;
       const room = wide ? (width - 128) / 2 : width - 64;
       const tall = wide ? 330 : 300;
-      const unit = plan(svg, {left: 44, top: 24, width: room, height: tall}, values, found);
+      plan(svg, {left: 44, top: 24, width: room, height: tall}, values, found);
       const beside = {left: room + 100, top: 24, width: room, height: tall};
       const below = {left: 44, top: tall + 104, width: room, height: 210};
       curves(svg, wide ? beside : below, values, inputs, found);
@@ -136,14 +145,19 @@
           + `Depth is ${ratio.toFixed(1)} times as uncertain as x. `
           + `The rays meet at ${(2 * Math.atan(values.baseline / 2 / values.distance) / DEGREE).toFixed(1)}°.`);
       }
-      says.push(found.seen ? `Both images show the point. The ellipse is enlarged ${unit} times.`
+      says.push(found.seen ? `Both images show the point. The ellipse is enlarged ${values.enlarged} times.`
         : 'The point is outside the images: nobody measures it.');
       const alt = `A plan of two cameras ${values.baseline} mm apart and their rays to a point at ${values.distance} mm, `
         + `and the deviations over the baseline. ${says.join(' ')}`;
       return {height: wide ? tall + 68 : tall + 104 + 210 + 44, alt, says};
     }
 
-    page(box, {
+    const kept = (one, low, high, digits) => Number(Math.min(high, Math.max(low, one)).toFixed(digits));
+    const grips = {
+      point: handle('point', (u, v) => view.set({distance: kept(value(u, v)[1], 300, 900, 0)})),
+      right: handle('right', (u, v) => view.set({baseline: kept(2 * value(u, v)[0], BASELINES.low, BASELINES.high, 1)})),
+    };
+    const view = page(box, {
       label: 'Applet: baseline, vergence and the error of depth',
       controls: [
         range('baseline', 'baseline', [BASELINES.low, BASELINES.high, 0.1], data.baseline_mm, 'mm',
@@ -151,12 +165,15 @@
         range('vergence', 'vergence, angle between the axes', [0, 60, 0.5], data.vergence_deg, '°'),
         range('distance', 'distance of the point', [300, 900, 1], data.distance_mm, 'mm'),
         range('sigma', 'σ of a pixel coordinate', [0.01, 2, 0.05], parameters.sigma_px, 'px', {log: true, precision: 2}),
+        range('enlarged', 'ellipse enlarged', [1, 1000, 0.05], 500, 'times', {log: true, precision: 2}),
       ],
+      handles: [grips.point, grips.right],
+      play: {name: 'baseline', stops: 40, ms: 80},
       legend: [['one', 'left camera'], ['five', 'right camera'], ['four', 'depth z; the ellipse'],
         ['three', 'across, x'], ['dashed ink', 'outside the images']],
       drawn,
     });
   }
 
-  trinolabApplets.define('depth', {compute, triangulate, start});
+  trinolabApplets.define('depth', {compute, triangulate, ellipse, start});
 })();

@@ -1,0 +1,73 @@
+"""Rules for the next window on targets whose way is known, counted by hand."""
+
+import numpy as np
+import pytest
+
+from trinolab.kalman import KalmanParameters
+from trinolab.window import Window
+from workbench.studies import window_rivals
+from workbench.studies.window_rivals import Guess, Seen
+
+SIZE = (200, 100)
+SETTINGS = KalmanParameters(1e6, 1.0, 600.0, 6000.0)
+
+
+def seen(name, us, size=SIZE):
+    """A rectangle of 10 x 6 px that begins at these columns, None where it is hidden."""
+    boxes = [None if u is None else Window(u, 40, 10, 6) for u in us]
+    return Seen((name, 0), np.arange(len(us)) / 30, boxes, size)
+
+
+def misses(target, rule, gap=1):
+    return [
+        window_rivals.miss(guess) for guess in window_rivals.guesses([target], rule, SETTINGS, gap)
+    ]
+
+
+def test_last_place_misses_by_a_step_and_last_step_by_its_change():
+    target = seen("calm", [0, 10, 20, 25])
+    assert misses(target, "last place") == [10, 5]
+    assert misses(target, "last step") == [0, 5]
+    # over a gap of two the step of the frames before it is made twice
+    assert misses(target, "last step", gap=2) == [5]
+
+
+def test_a_hidden_target_is_not_asked_for():
+    assert misses(seen("calm", [0, 10, None, 30, 40, 50]), "last place") == [10]
+    assert misses(seen("calm", [None] * 4), "filter") == []
+
+
+def test_the_filter_follows_even_steps_and_its_margin_grows_in_a_gap():
+    target = seen("calm", list(range(0, 120, 8)))
+    assert max(misses(target, "filter")[5:]) <= 1  # px, of rounding
+    margins = [
+        window_rivals.guesses([target], "filter", SETTINGS, gap)[-1].gate_px for gap in (1, 2, 3)
+    ]
+    assert margins[0] > 3  # the gate of 99.9 % is 3.7 standard deviations
+    assert margins[0] < margins[1] < margins[2]
+
+
+def test_a_window_is_cut_at_the_image_and_holds_what_is_inside():
+    guess = Guess(("calm", 0, 0), Window(-5, 0, 10, 10), np.nan, Window(0, 0, 5, 12), SIZE)
+    assert window_rivals.miss(guess) == 2
+    assert window_rivals.window_share(guess, 1.0) == (6 * 11 / 20_000, False)
+    assert window_rivals.window_share(guess, 2.0) == (7 * 12 / 20_000, True)
+
+
+def test_the_margin_comes_from_the_other_recording():
+    recordings = {
+        "calm": [seen("calm", [0, 10, 20, 25] * 9)],
+        "hard": [seen("hard", [0, 30, 60] * 9)],
+    }
+    tried = window_rivals.rules_with_margins(recordings, SETTINGS)
+    assert {margin for _, margin in tried["last place, in hindsight"]["calm"]} == {25.0}
+    assert {margin for _, margin in tried["last place, from the other"]["calm"]} == {60.0}
+    for name, pairs in tried["last place, in hindsight"].items():
+        area, interval, kept = window_rivals.area_and_kept(pairs)
+        assert kept == window_rivals.held(pairs) == len(pairs), name
+        assert interval.low <= area <= interval.high
+    first, second = tried["last place, from the other"], tried["last place, in hindsight"]
+    factor, low, high = window_rivals.area_by({"calm": first["calm"]}, {"calm": second["calm"]})
+    areas = [window_rivals.area_and_kept(one["calm"])[0] for one in (first, second)]
+    assert factor == pytest.approx(areas[0] / areas[1])
+    assert 1 < low <= factor <= high

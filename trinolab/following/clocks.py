@@ -1,0 +1,83 @@
+"""What cameras whose clocks lie apart do to the poses of a track, and what is said of it.
+
+A camera that is late by tau shows the handle where it has moved on by v tau. Its image is shifted by
+the derivative of its pixels by the place, times v tau, and the place that suits all images best
+moves by their least squares. Two cameras side by side take a shift along their baseline for a
+distance, five or ten times as large; and a handle at a wrong distance is turned until its image has
+its size.
+
+A rig that states its errors, or that it has none, does not expect that. Of a rig that says nothing
+the images tell in each instant how large its errors are (`uncertainty.size`), these included.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+
+from ..camera import Rig
+from ..checks import Array
+from ..uncertainty.systematic import pixel_slopes
+from ..uncertainty.usual import known_covariance
+from .sync import Offsets, significant
+
+__all__ = ["late_lines", "shifts_mm", "widened"]
+
+# By how much a handle turns for a share of its distance that it is wrong by: 1 to 3 on simulated
+# recordings.
+TURN_BY_SHARE = 2.0
+PLACE = ["x_mm", "y_mm", "z_mm"]
+
+
+def late_lines(offsets: Offsets, rig: Rig) -> list[str]:
+    """A line for each camera whose clock differs from the first one's, where the markers show that."""
+    late_ms = 1e3 * offsets.offset_s
+    sigma_ms = np.maximum(1e3 * offsets.sigma_s, 0.1)
+    return [
+        f"{rig.names[c]}: {abs(late_ms[c]):.1f} ms (+- {sigma_ms[c]:.1f}) "
+        f"{'later' if late_ms[c] > 0 else 'earlier'} than {rig.names[0]}; the cameras are not "
+        "synchronised: what moves is measured wrongly, as far as its sigma says; trigger them together, "
+        "or hold the handle still"
+        for c in np.flatnonzero(significant(offsets))
+    ]
+
+
+def widened(table: pd.DataFrame, offsets: Offsets, rig: Rig) -> pd.DataFrame:
+    """A track whose standard deviations count what late cameras do to it.
+
+    Parameters
+    ----------
+    table : pandas.DataFrame
+        Of `files.poses.POSE_COLUMNS`.
+    offsets : Offsets
+        Those that are not significant do not count.
+    rig : Rig
+        If it says nothing of its errors the table stays as it is.
+    """
+    late_s = np.where(significant(offsets), offsets.offset_s, 0.0)
+    posed = np.flatnonzero(np.isfinite(table[PLACE]).all(axis=1))
+    if not late_s.any() or len(posed) < 2 or np.isfinite(known_covariance(rig).freedom):
+        return table
+    places = table[PLACE].to_numpy(float)[posed]
+    velocities = np.gradient(places, table["t_s"].to_numpy(float)[posed], axis=0)
+    off_mm = np.linalg.norm(shifts_mm(places, velocities, late_s, rig), axis=1)
+    distances = np.linalg.norm(places - rig.cameras[0].centre, axis=1)
+    off_deg = np.rad2deg(TURN_BY_SHARE * off_mm / distances)
+    result = table.copy()
+    for name, off in (("mm", off_mm), ("deg", off_deg)):
+        for kind in ("sigma", "systematic"):
+            values = result[f"{kind}_{name}"].to_numpy(float).copy()
+            values[posed] = np.hypot(values[posed], off)
+            result[f"{kind}_{name}"] = values
+    return result
+
+
+def shifts_mm(places: Array, velocities: Array, late_s: Array, rig: Rig) -> Array:
+    """By how much handles at places (n, 3), mm, that move at velocities (n, 3), mm/s, are measured
+    beside them, if the cameras are late by (C,), s; world frame, (n, 3).
+    """
+    slopes = np.stack([pixel_slopes(camera, places)[1] for camera in rig.cameras], axis=1)
+    # (n, C, 2)
+    moved = (slopes @ velocities[:, None, :, None])[..., 0] * late_s[:, None]
+    n = len(places)
+    return np.asarray((np.linalg.pinv(slopes.reshape(n, -1, 3)) @ moved.reshape(n, -1, 1))[..., 0])
