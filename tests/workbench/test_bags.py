@@ -1,11 +1,13 @@
 """A recording as a ROS 2 bag, read back by another reader (mcap), and tracked from it."""
 
+import signal
 from dataclasses import replace
 from functools import cache
 
 import numpy as np
 import pandas as pd
 import pytest
+from processes import started, wait_until
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from trinolab.bench.optics import Bench
@@ -23,6 +25,19 @@ from workbench.cli import main
 
 rosbags = pytest.importorskip("rosbags.rosbag2", reason="extra ros is not installed")
 
+# A bag that is begun, and never ready.
+ENDLESS = """
+import sys, time
+from workbench import bags
+from workbench.cli import main
+
+def write(messages, place, ros):
+    place.mkdir(parents=True)
+    time.sleep(900)
+
+bags._write = write
+sys.exit(main(sys.argv[1:]))
+"""
 RIG = paper_rig(40.0)
 CODED = load_handle("coded")
 COUNT, FPS = 3, 30
@@ -501,3 +516,11 @@ def test_without_the_extra_a_line_names_it(folder, tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "rosbags.typesys", None)
     with pytest.raises(ValueError, match=r"pip install 'trinolab\[ros\]'"):
         write_bag(folder, tmp_path / "bag")
+
+
+def test_asked_to_end_it_leaves_nothing(folder, tmp_path):
+    with started(f"bag {folder} --out {tmp_path / 'b'}", ENDLESS) as process:
+        wait_until(lambda: (tmp_path / ".b.partial" / "b").is_dir(), process)
+        process.send_signal(signal.SIGTERM)
+    assert process.returncode == 128 + signal.SIGTERM
+    assert list(tmp_path.iterdir()) == []
