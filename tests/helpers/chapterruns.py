@@ -25,6 +25,7 @@ OTHER_PARAMETERS = {
     },
     "07b_accuracy": {"positions": 10, "square_mm": 12.0, "noise_px": 0.1, "seed": 2},
     "08_pose": {"handle_name": "coded", "sigma_px": 0.05, "seed": 3},
+    "08b_third": {"sigma_px": 0.05, "seed": 3},
     "09_table1": {"handle_name": "coded", "seed": 1, "noise_px": 0.1, "level": 0.001},
     "09b_causes": {"handle_name": "coded", "seed": 1, "level": 0.001},
     "10_estimators": {
@@ -59,6 +60,7 @@ SMALL = {
     "07_calibration": {"positions": 4, "draws": 1, "row_step": 20},
     "07b_accuracy": {"positions": 4},
     "08_pose": {"draws": 10, "row_step": 20},
+    "08b_third": {"draws": 2, "seeds": 2, "row_step": 10},
     "09_table1": {"row_step": 20, "tables": 100},
     "09b_causes": {"tables": 100},
     "10_estimators": {"row_step": 20, "turns": 2},
