@@ -46,7 +46,7 @@ def plot_boards(rig: Rig, outline: ArrayLike, T_world_board: RigidTransform) -> 
         ax.fill(*ring.T, facecolor=COLOURS[3], alpha=0.15)
         ax.plot(*ring.T, color=COLOURS[3], linewidth=1)
     for camera, colour in zip(rig.cameras, FRAME_COLOURS, strict=False):
-        draw_frame(ax, camera.name, camera.T_world_cam, colour)
+        draw_frame(ax, camera.name, camera.T_world_cam, colour, length_mm=40.0)
     first = oblique(T_world_board[0].translation)
     names = ("$R_l, T_l$", "$R_r, T_r$")
     for camera, name, side in zip(rig.cameras, names, ("top", "bottom"), strict=False):

@@ -28,7 +28,7 @@ def test_every_position_of_the_board_is_drawn_and_both_ways_lead_to_it():
     ax = plot_boards(rig, Board().outline, poses).axes[0]
     assert len(ax.patches) == 3
     said = {text.get_text().strip() for text in ax.texts}
-    assert said >= {"ccd1", "ccd2", "$R_l, T_l$", "$R_r, T_r$", "$R_{rl}, T_{rl}$"}
+    assert said >= {"CCD1", "CCD2", "$R_l, T_l$", "$R_r, T_r$", "$R_{rl}, T_{rl}$"}
     dotted = [line.get_xydata() for line in ax.lines if line.get_linestyle() == ":"]
     # z to the right, y down, x obliquely: the first board's corner, and CCD1 in the origin
     np.testing.assert_allclose(dotted[0], [[560 + 24, -27 + 40], [0, 0]])

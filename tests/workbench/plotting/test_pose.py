@@ -22,14 +22,19 @@ def test_two_rays_cross_in_the_marker_they_come_from():
     lines = {line.get_label(): line.get_xydata() for line in ax.lines}
     np.testing.assert_allclose(lines["the marker"], [[560, 20]], atol=1e-6)  # z, x
     np.testing.assert_allclose(lines["baseline"][1], right.centre[[2, 0]], atol=1e-9)
-    for wedge, name in zip(ax.patches, ("ccd1", "ccd2"), strict=True):
-        start, end = lines[f"ray of {name}'s pixel"]
+    *wedges, overlap = ax.patches
+    for wedge, name in zip(wedges, ("CCD1", "CCD2"), strict=True):
+        start, end = lines[f"{name}'s ray"]
         corners = wedge.get_xy()[:3]
         np.testing.assert_allclose(corners[0], start)
         # the ray lies within its wedge
         along = end - start
         sides = [np.linalg.det([corner - start, along]) for corner in corners[1:]]
         assert sides[0] * sides[1] < 0
+    low, high = overlap.get_xy().min(axis=0), overlap.get_xy().max(axis=0)
+    assert (low < [560, 20]).all()
+    assert (high > [560, 20]).all()
+    assert (high - low)[0] > 5 * (high - low)[1]  # a lozenge along z
 
 
 def test_every_frame_has_its_name_and_three_axes():
@@ -37,7 +42,8 @@ def test_every_frame_has_its_name_and_three_axes():
     T = load_table1().set_poses[9]
     ax = plot_frames(rig, T).axes[0]
     said = [text.get_text().strip() for text in ax.texts]
-    assert [name for name in said if name in (*rig.names, "handle")] == [*rig.names, "handle"]
+    names = ["CCD1", "CCD2", "CCD3", "handle"]
+    assert [name for name in said if name in names] == names
     assert [said.count(f"${letter}$") for letter in "xyz"] == [4, 4, 4]
     ways = dict(
         zip(

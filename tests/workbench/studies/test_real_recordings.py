@@ -348,7 +348,7 @@ def test_a_window_that_reaches_the_next_corner_costs(photographed):
     assert wide.rms_px > 2 * photographed.rms_px
     second = [one.view_rms_px[:, 1].mean() for one in (photographed, wide)]
     page_says(
-        "notebooks/07_calibration.ipynb",
+        "notebooks/07b_accuracy.ipynb",
         f"the rms of the second pair grows from {second[0]:.1f} to {second[1]:.1f} px",
     )
     photographs = real_recordings.load_opencv_stereo()
@@ -358,7 +358,7 @@ def test_a_window_that_reaches_the_next_corner_costs(photographed):
         steps = (np.linalg.norm(np.diff(corners, axis=axis), axis=2) for axis in (0, 1))
         sides.extend(step.min() for step in steps)
     assert min(sides) == pytest.approx(20, abs=1)
-    page_says("notebooks/07_calibration.ipynb", "the photographs are some 20 px across")
+    page_says("notebooks/07b_accuracy.ipynb", "the photographs are some 20 px across")
     others = np.delete(wide.view_rms_px - photographed.view_rms_px, 1, axis=1)
     assert np.median(others) < 0.05  # px
     assert np.linalg.norm(wide.cameras[1].centre) == pytest.approx(
@@ -506,7 +506,7 @@ def test_cameras_that_face_each_other_spoil_the_plain_mean():
         for deg in (0.0, 30.0)
     )
     page_says(
-        "notebooks/07_calibration.ipynb",
+        "notebooks/07b_accuracy.ipynb",
         f"leaves {plain:.2f} mm; without pairs of rays under 30° (or over 150°) it is "
         f"{without:.2f} mm.",
     )
