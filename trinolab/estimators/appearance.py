@@ -175,9 +175,10 @@ def layers(
     """
     rays = _rays(rig, T_world_handle, views, at)
     depth, P, outward, distance = _nearest_to_axis(rays)
-    body, body_rate, _ = _edge(handle.radius_mm - distance, depth, outward, rays)
+    body, body_rate, width = _edge(handle.radius_mm - distance, depth, outward, rays)
     radius = handle.marker_radii[views.marker, None]
-    depth, X, normal = _surface(radius, rays, depth, P, distance)
+    inside = _of_covered(radius - distance, width)
+    depth, X, normal = _surface(inside, radius, rays, depth, P)
     clear = np.minimum(handle.top_mm - X[1], X[1] - handle.bottom_mm)
     angle = np.arctan2(X[0], X[2])
     edge = handle.marker_diameter_mm / 2
@@ -258,14 +259,24 @@ def _nearest_to_axis(rays: _Rays) -> tuple[Array, Array, Array, Array]:
     return depth, P, outward / distance, distance
 
 
+def _of_covered(inside: Array, width: Array) -> Array:
+    """How far within the outline what the body covers of a cell lies in the mean, if the cell's
+    middle does by `inside`; mm, as the width of a cell.
+
+    Towards the outline the surface turns away ever faster: in the middle of a cell that is hardly
+    covered it is another one than what is seen of it.
+    """
+    return np.where(inside > width / 2, inside, np.maximum((inside + width / 2) / 2, 0.0))
+
+
 def _surface(
-    radius: Array, rays: _Rays, depth: Array, P: Array, distance: Array
+    inside: Array, radius: Array, rays: _Rays, depth: Array, P: Array
 ) -> tuple[Array, Array, Array]:
-    """Depth (k, p), point (3, k, p) and normal where a ray meets the cylinder that the view's
-    marker is wrapped on, of a radius (k, 1), or passes it nearest by.
+    """Depth (k, p), point (3, k, p) and normal where a ray that passes the outline `inside` mm
+    within meets the cylinder that the view's marker is wrapped on, of a radius (k, 1).
     """
     dx, _, dz = rays.direction
-    half = np.sqrt(np.maximum(radius**2 - distance**2, 0.0) / (dx * dx + dz * dz))
+    half = np.sqrt(inside * (2 * radius - inside) / (dx * dx + dz * dz))
     X = P - half * rays.direction
     normal = X / _length(X[0], X[2])
     normal[1] = 0

@@ -580,15 +580,14 @@ def _assembled(normal: Reduced, trust: Array, camera: np.ndarray, rig: Rig) -> t
     """Normal equations of the pose (6), any motion blur (6) and the cameras' blurs from those of
     the windows.
     """
-    own = (camera[:, None] == np.arange(len(rig.cameras))) * trust[:, None]  # (k, cameras)
-    between = own.T @ normal.information[:, -1, :-1]
-    total = np.block(
-        [
-            [np.tensordot(trust, normal.information[:, :-1, :-1], 1), between.T],
-            [between, np.diag(own.T @ normal.information[:, -1, -1])],
-        ]
-    )
-    return total, np.concatenate([trust @ normal.gradient[:, :-1], own.T @ normal.gradient[:, -1]])
+    own = (camera == np.arange(len(rig.cameras))[:, None]) * trust  # (cameras, k)
+    common = normal.gradient.shape[1] - 1
+    total = np.zeros((common + len(own), common + len(own)))
+    total[:common, :common] = np.tensordot(trust, normal.information[:, :-1, :-1], 1)
+    total[common:, :common] = own @ normal.information[:, -1, :-1]
+    total[:common, common:] = total[common:, :common].T
+    total[common:, common:] = np.diag(own @ normal.information[:, -1, -1])
+    return total, np.concatenate([trust @ normal.gradient[:, :-1], own @ normal.gradient[:, -1]])
 
 
 def in_world(covariance: Array, T_world_handle: RigidTransform) -> Array:
@@ -601,7 +600,9 @@ def in_world(covariance: Array, T_world_handle: RigidTransform) -> Array:
 
 def both_in_world(T_world_handle: RigidTransform) -> Array:
     """The matrix (6, 6) from position and rotation vector in the handle's frame to the world's."""
-    return np.kron(np.eye(2), T_world_handle.as_matrix()[:3, :3])
+    turn = np.zeros((6, 6))
+    turn[:3, :3] = turn[3:, 3:] = rotation_of(T_world_handle)
+    return turn
 
 
 def judged(fit: Fit | None) -> Pose:
