@@ -50,8 +50,8 @@ def linearise_moving(state: State, here: Patches, rig: Rig, handle: Handle) -> L
     ways = here.ways_px(state.motion_blur.motion)
     f_u, f_v = frequencies(here.drawn)
     along = f_u * ways[:, :1, None] + f_v * ways[:, 1:, None]  # f . d, (k, rows, columns)
-    spread = state.blur_px2[here.views.camera, None, None]
-    lens = np.exp(-2 * np.pi**2 * spread * (f_u**2 + f_v**2))
+    spread = -2 * np.pi**2 * state.blur_px2[:, None, None]
+    lens = (np.exp(spread * f_u**2) * np.exp(spread * f_v**2))[here.views.camera]
     smeared = smear(along)
     mean = even(lens * smeared)
 
@@ -96,15 +96,21 @@ def smear_by(along: Array, smeared: Array) -> Array:
 
 
 def even(kernel: np.ndarray) -> np.ndarray:
-    """The spectrum (..., rows, columns) of a kernel that is real: the mean of that of each frequency
-    and of its opposite.
+    """The spectrum (k, rows, columns) of a kernel with the highest frequencies of even numbers of
+    cells made those of a real kernel.
 
-    They are the same but for the highest frequency of an even number of cells, which is its own
-    opposite, and does not show which way it goes. Left as it is, it would carry one window of a
-    pair over into the other, see `spectra_of`.
+    Such a frequency is its own opposite, and does not show which way it goes: it gets the mean of
+    both. As it is, it would carry one window of a pair over into the other, see `spectra_of`.
     """
-    opposite = np.roll(kernel[..., ::-1, ::-1], 1, axis=(-2, -1))
-    return (kernel + opposite) / 2
+    rows, columns = kernel.shape[-2:]
+    result = kernel.copy()
+    if rows % 2 == 0:
+        line = kernel[..., rows // 2, :]
+        result[..., rows // 2, :] = (line + np.roll(line[..., ::-1], 1, axis=-1)) / 2
+    if columns % 2 == 0:
+        line = result[..., columns // 2]
+        result[..., columns // 2] = (line + np.roll(line[..., ::-1], 1, axis=-1)) / 2
+    return result
 
 
 def in_handle(by_motion: Array, state: State) -> Array:
