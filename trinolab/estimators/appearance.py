@@ -177,7 +177,7 @@ def layers(
     depth, P, outward, distance = _nearest_to_axis(rays)
     body, body_rate, width = _edge(handle.radius_mm - distance, depth, outward, rays)
     radius = handle.marker_radii[views.marker, None]
-    inside = _of_covered(radius - distance, width)
+    inside = _within_outline(radius, distance, width)
     depth, X, normal = _surface(inside, radius, rays, depth, P)
     clear = np.minimum(handle.top_mm - X[1], X[1] - handle.bottom_mm)
     angle = np.arctan2(X[0], X[2])
@@ -259,21 +259,25 @@ def _nearest_to_axis(rays: _Rays) -> tuple[Array, Array, Array, Array]:
     return depth, P, outward / distance, distance
 
 
-def _of_covered(inside: Array, width: Array) -> Array:
-    """How far within the outline what the body covers of a cell lies in the mean, if the cell's
-    middle does by `inside`; mm, as the width of a cell.
+def _within_outline(radius: Array, distance: Array, width: Array) -> Array:
+    """How far within the outline that lies, in the mean, which a cell shows of the body, mm, (k, p);
+    0 where it shows nothing. The ray of the cell's middle passes the axis at a distance (k, p), and
+    the cell is some mm wide.
 
-    Towards the outline the surface turns away ever faster: in the middle of a cell that is hardly
-    covered it is another one than what is seen of it.
+    Towards the outline the surface turns away ever faster: a cell that the outline cuts shows
+    another part of it than its middle's ray meets.
     """
-    return np.where(inside > width / 2, inside, np.maximum((inside + width / 2) / 2, 0.0))
+    inside = radius - distance
+    in_cut_cell = np.clip((inside + width / 2) / 2, 0.0, radius)
+    return np.where(inside > width / 2, inside, in_cut_cell)
 
 
 def _surface(
     inside: Array, radius: Array, rays: _Rays, depth: Array, P: Array
 ) -> tuple[Array, Array, Array]:
     """Depth (k, p), point (3, k, p) and normal where a ray that passes the outline `inside` mm
-    within meets the cylinder that the view's marker is wrapped on, of a radius (k, 1).
+    within meets the cylinder that the view's marker is wrapped on, of a radius (k, 1); where it
+    passes that nearest by if `inside` is 0.
     """
     dx, _, dz = rays.direction
     half = np.sqrt(inside * (2 * radius - inside) / (dx * dx + dz * dz))
