@@ -175,9 +175,10 @@ def layers(
     """
     rays = _rays(rig, T_world_handle, views, at)
     depth, P, outward, distance = _nearest_to_axis(rays)
-    body, body_rate, _ = _edge(handle.radius_mm - distance, depth, outward, rays)
+    body, body_rate, width = _edge(handle.radius_mm - distance, depth, outward, rays)
     radius = handle.marker_radii[views.marker, None]
-    depth, X, normal = _surface(radius, rays, depth, P, distance)
+    inside = _within_outline(radius, distance, width)
+    depth, X, normal = _surface(inside, radius, rays, depth, P)
     clear = np.minimum(handle.top_mm - X[1], X[1] - handle.bottom_mm)
     angle = np.arctan2(X[0], X[2])
     edge = handle.marker_diameter_mm / 2
@@ -258,14 +259,28 @@ def _nearest_to_axis(rays: _Rays) -> tuple[Array, Array, Array, Array]:
     return depth, P, outward / distance, distance
 
 
+def _within_outline(radius: Array, distance: Array, width: Array) -> Array:
+    """How far within the outline that lies, in the mean, which a cell shows of the body, mm, (k, p);
+    0 where it shows nothing. The ray of the cell's middle passes the axis at a distance (k, p), and
+    the cell is some mm wide.
+
+    Towards the outline the surface turns away ever faster: a cell that the outline cuts shows
+    another part of it than its middle's ray meets.
+    """
+    inside = radius - distance
+    in_cut_cell = np.clip((inside + width / 2) / 2, 0.0, radius)
+    return np.where(inside > width / 2, inside, in_cut_cell)
+
+
 def _surface(
-    radius: Array, rays: _Rays, depth: Array, P: Array, distance: Array
+    inside: Array, radius: Array, rays: _Rays, depth: Array, P: Array
 ) -> tuple[Array, Array, Array]:
-    """Depth (k, p), point (3, k, p) and normal where a ray meets the cylinder that the view's
-    marker is wrapped on, of a radius (k, 1), or passes it nearest by.
+    """Depth (k, p), point (3, k, p) and normal where a ray that passes the outline `inside` mm
+    within meets the cylinder that the view's marker is wrapped on, of a radius (k, 1); where it
+    passes that nearest by if `inside` is 0.
     """
     dx, _, dz = rays.direction
-    half = np.sqrt(np.maximum(radius**2 - distance**2, 0.0) / (dx * dx + dz * dz))
+    half = np.sqrt(inside * (2 * radius - inside) / (dx * dx + dz * dz))
     X = P - half * rays.direction
     normal = X / _length(X[0], X[2])
     normal[1] = 0

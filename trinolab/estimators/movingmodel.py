@@ -29,6 +29,7 @@ from .imagemodel import (
 from .patches import Patches
 
 __all__ = [
+    "even",
     "frequencies",
     "in_handle",
     "linearise_moving",
@@ -49,21 +50,22 @@ def linearise_moving(state: State, here: Patches, rig: Rig, handle: Handle) -> L
     ways = here.ways_px(state.motion_blur.motion)
     f_u, f_v = frequencies(here.drawn)
     along = f_u * ways[:, :1, None] + f_v * ways[:, 1:, None]  # f . d, (k, rows, columns)
-    spread = state.blur_px2[here.views.camera, None, None]
-    lens = np.exp(-2 * np.pi**2 * spread * (f_u**2 + f_v**2))
-    mean = lens * smear(along)
+    spread = -2 * np.pi**2 * state.blur_px2[:, None, None]
+    lens = (np.exp(spread * f_u**2) * np.exp(spread * f_v**2))[here.views.camera]
+    smeared = smear(along)
+    mean = even(lens * smeared)
 
     lights = np.concatenate([shown.marker[:, None] * basis, shown.body[:, None] * basis], axis=1)
-    smeared = windows_of(spectra_of(lights, here) * mean[:, None], here)
+    seen = windows_of(spectra_of(lights, here) * mean[:, None], here)
     reach = np.abs(ways).max(initial=0.0) / 2 / min(here.at.cell)
     clear = middle(shown.clear[:, None], here)[:, 0] > CLEAR_PX + reach
-    at = explained(state, here, here.valid & clear, Lights(*np.split(smeared, 2, axis=1)))
+    at = explained(state, here, here.valid & clear, Lights(*np.split(seen, 2, axis=1)))
     moves = spectra_of(by_grey_motion(shown, basis, at.greys), here)
     by_pose = windows_of(moves * mean[:, None], here)
     # of a way along u the real part, along v the imaginary one
     grey = unblurred(shown, basis, at.greys).reshape(along.shape)
-    by_way = scipy.fft.fft2(grey) * (lens * smear_by(along) * (f_u + 1j * f_v))
-    by_ways = windows_of(by_way[:, None], here)
+    by_way = even(lens * smear_by(along, smeared) * (f_u + 1j * f_v))
+    by_ways = windows_of((scipy.fft.fft2(grey) * by_way)[:, None], here)
     by_exposure = here.by_motion.transpose(0, 2, 1) @ by_ways
     by_blur = half_laplacian(at.predicted, here.at)[:, None]
     return at._replace(
@@ -86,11 +88,29 @@ def smear(along: Array) -> Array:
     return np.sinc(along)
 
 
-def smear_by(along: Array) -> Array:
-    """Derivative of `smear` by ``along``."""
+def smear_by(along: Array, smeared: Array) -> Array:
+    """Derivative of `smear` by ``along``, where that is `smeared`."""
     is_small = np.abs(along) < 1e-3
     safe = np.where(is_small, 1.0, along)
-    return np.where(is_small, -(np.pi**2) / 3 * along, (np.cos(np.pi * safe) - smear(safe)) / safe)
+    return np.where(is_small, -(np.pi**2) / 3 * along, (np.cos(np.pi * safe) - smeared) / safe)
+
+
+def even(kernel: np.ndarray) -> np.ndarray:
+    """The spectrum (k, rows, columns) of a kernel with the highest frequencies of even numbers of
+    cells made those of a real kernel.
+
+    Such a frequency is its own opposite, and does not show which way it goes: it gets the mean of
+    both. As it is, it would carry one window of a pair over into the other, see `spectra_of`.
+    """
+    rows, columns = kernel.shape[-2:]
+    result = kernel.copy()
+    if rows % 2 == 0:
+        line = kernel[..., rows // 2, :]
+        result[..., rows // 2, :] = (line + np.roll(line[..., ::-1], 1, axis=-1)) / 2
+    if columns % 2 == 0:
+        line = result[..., columns // 2]
+        result[..., columns // 2] = (line + np.roll(line[..., ::-1], 1, axis=-1)) / 2
+    return result
 
 
 def in_handle(by_motion: Array, state: State) -> Array:

@@ -69,7 +69,9 @@ MOST_STEPS = 8  # Gauss-Newton steps; two do where two cameras share markers
 SETTLED_PX = 0.1
 # The same of a handle that moves: smeared markers are seen less exactly, and not in each direction.
 SETTLED_MOVING_PX = 0.3
+# A step is the last one if it is short, or the next one would be: each is shorter by the same share.
 SETTLED_SIGMAS = 1.0
+NEXT_SIGMAS = 0.4
 
 LARGEST_STEP = np.repeat([5.0, 0.3], 3)  # mm, rad; the image model holds within a few pixels
 BLUR_FLOOR = 0.001  # and this share of the way that it moves while the shutter is open
@@ -86,7 +88,7 @@ class Round(NamedTuple):
 
 # of a handle that moves: from a start that is some pixels off, and to the end
 COARSE = Round(5_000, 3)
-FINE = Round(18_000, 6)
+FINE = Round(18_000, 5)
 
 
 class Fit(NamedTuple):
@@ -290,8 +292,9 @@ def _stepped(
     for _ in range(most_steps - 1):
         if _leads_away(taken):
             return None
-        taken = _improved(taken.after, kinds, rig, handle)
-        settled = _has_settled(taken, kinds[0], handle)
+        before = taken
+        taken = _improved(before.after, kinds, rig, handle)
+        settled = _has_settled(taken, before, kinds[0], handle)
         if settled:
             break
     return None if _leads_away(taken) else taken._replace(settled=settled)
@@ -308,12 +311,13 @@ def _leads_away(taken: _Taken) -> bool:
     return not np.abs(taken.step[:6] / LARGEST_STEP).max() < 1
 
 
-def _has_settled(taken: _Taken, about_markers: Patches, handle: Handle) -> bool:
-    """Whether the next step would hardly move the pose."""
+def _has_settled(taken: _Taken, last: _Taken, about_markers: Patches, handle: Handle) -> bool:
+    """Whether the step after this one, which followed the `last`, would hardly move the pose."""
     moved_px = _moved_px(taken.step, about_markers, handle)
     if taken.before.motion_blur is None:
         return moved_px < SETTLED_PX
-    return moved_px < SETTLED_MOVING_PX and taken.sigmas < SETTLED_SIGMAS
+    is_short = taken.sigmas < SETTLED_SIGMAS or taken.sigmas**2 < NEXT_SIGMAS * last.sigmas
+    return moved_px < SETTLED_MOVING_PX and is_short
 
 
 def _fit_of(
@@ -580,15 +584,14 @@ def _assembled(normal: Reduced, trust: Array, camera: np.ndarray, rig: Rig) -> t
     """Normal equations of the pose (6), any motion blur (6) and the cameras' blurs from those of
     the windows.
     """
-    own = (camera[:, None] == np.arange(len(rig.cameras))) * trust[:, None]  # (k, cameras)
-    between = own.T @ normal.information[:, -1, :-1]
-    total = np.block(
-        [
-            [np.tensordot(trust, normal.information[:, :-1, :-1], 1), between.T],
-            [between, np.diag(own.T @ normal.information[:, -1, -1])],
-        ]
-    )
-    return total, np.concatenate([trust @ normal.gradient[:, :-1], own.T @ normal.gradient[:, -1]])
+    own = (camera == np.arange(len(rig.cameras))[:, None]) * trust  # (cameras, k)
+    common = normal.gradient.shape[1] - 1
+    total = np.zeros((common + len(own), common + len(own)))
+    total[:common, :common] = np.tensordot(trust, normal.information[:, :-1, :-1], 1)
+    total[common:, :common] = own @ normal.information[:, -1, :-1]
+    total[:common, common:] = total[common:, :common].T
+    total[common:, common:] = np.diag(own @ normal.information[:, -1, -1])
+    return total, np.concatenate([trust @ normal.gradient[:, :-1], own @ normal.gradient[:, -1]])
 
 
 def in_world(covariance: Array, T_world_handle: RigidTransform) -> Array:
@@ -601,7 +604,9 @@ def in_world(covariance: Array, T_world_handle: RigidTransform) -> Array:
 
 def both_in_world(T_world_handle: RigidTransform) -> Array:
     """The matrix (6, 6) from position and rotation vector in the handle's frame to the world's."""
-    return np.kron(np.eye(2), T_world_handle.as_matrix()[:3, :3])
+    turn = np.zeros((6, 6))
+    turn[:3, :3] = turn[3:, 3:] = rotation_of(T_world_handle)
+    return turn
 
 
 def judged(fit: Fit | None) -> Pose:
