@@ -107,7 +107,9 @@ class Reader:
         self._browser = browser
         browser.open(f"{address}/lab/tree/notebooks/{chapter}.ipynb?reset")
         panel = "globalThis.jupyterapp?.shell.currentWidget"
-        self.sees(f"{panel}?.content?.model?.cells.length > {cells} && {panel}.sessionContext.isReady")
+        self.sees(
+            f"{panel}?.content?.model?.cells.length > {cells} && {panel}.sessionContext.isReady"
+        )
         browser.evaluate(f"""
             globalThis.cellOf = (id) => {panel}.content.widgets.find((one) => one.model.id == id);
             globalThis.goTo = (id) => {panel}.content.scrollToCell(cellOf(id));
