@@ -83,7 +83,7 @@ def applet_html(name: str, parameters: dict[str, Any], shared: bool = True) -> s
     scripts = [_text("shared.js")] if shared else []
     scripts.append(_script(name))
     return (
-        f'{style}<div class="applet" data-applet="{name}" data-lm-suppress-shortcuts="true">'
+        f'{style}<div class="applet" data-applet="{name}">'
         "<p>A picture to be moved stands here, where JavaScript runs.</p>"
         f'<script type="application/json">{_embedded(json.dumps(known))}</script></div>\n'
         + "".join(f"<script>\n{_embedded(script)}</script>\n" for script in scripts)

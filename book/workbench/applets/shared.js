@@ -212,6 +212,8 @@ window.trinolabApplets = window.trinolabApplets || (() => {
     const key = element('ul', {class: 'applet-legend'}, ...keys);
     const drawing = element('div', {class: 'applet-drawing'}, svg, ...handles.map(one => one.node));
     box.replaceChildren(panel, drawing, ...below, key, says);
+    // JupyterLab takes the keys of whatever has the focus for commands of the notebook, unless that says so itself.
+    box.addEventListener('focusin', event => event.target.setAttribute('data-lm-suppress-shortcuts', 'true'));
     box.setAttribute('role', 'group');
     box.setAttribute('aria-label', label);
     for (const [name, value] of Object.entries(defaults)) made[name].set(value);

@@ -12,6 +12,7 @@ from urllib.request import urlopen
 
 import nbformat
 import pytest
+from nbformat.v4 import new_code_cell, new_markdown_cell, new_notebook
 from processes import wait_until
 
 from workbench.pages.browser import CHROMIUM, Browser
@@ -102,11 +103,13 @@ def lab(tmp_path):
 class Reader:
     """A chapter that is open in JupyterLab."""
 
-    def __init__(self, browser, address, chapter):
+    def __init__(self, browser, address, chapter, cells=20):
         self._browser = browser
         browser.open(f"{address}/lab/tree/notebooks/{chapter}.ipynb?reset")
         panel = "globalThis.jupyterapp?.shell.currentWidget"
-        self.sees(f"{panel}?.content?.model?.cells.length > 20 && {panel}.sessionContext.isReady")
+        self.sees(
+            f"{panel}?.content?.model?.cells.length > {cells} && {panel}.sessionContext.isReady"
+        )
         browser.evaluate(f"""
             globalThis.cellOf = (id) => {panel}.content.widgets.find((one) => one.model.id == id);
             globalThis.goTo = (id) => {panel}.content.scrollToCell(cellOf(id));
@@ -190,3 +193,34 @@ def test_the_other_sliders_redraw(browser, lab, chapter, changed, cell, before, 
     said = reader.moves_the_slider_of(cell)
     assert before in said[0]
     assert after in said[1]
+
+
+@pytest.mark.heavy
+def test_an_applet_is_shown_and_moved(browser, lab, tmp_path):
+    """By its own cell, without an extension; keys move its slider and are no commands of Lab's."""
+    cells = [
+        new_markdown_cell("# An applet", id="title"),
+        new_code_cell(
+            'from workbench.applets import show_applet\n\nshow_applet("depth", sigma_px=0.1)',
+            id="shown",
+        ),
+    ]
+    kernel = {"kernelspec": {"name": "python3", "display_name": "Python 3"}}
+    notebook = new_notebook(cells=cells, metadata=kernel)
+    nbformat.write(notebook, tmp_path / "notebooks" / "applets.ipynb")
+    reader = Reader(browser, lab, "applets", cells=1)
+    reader.runs_all("title", "")
+    box = "document.querySelector('.jp-OutputArea .applet')"
+    label = f"{box}?.querySelector('svg[role=img]')?.getAttribute('aria-label')"
+    before = reader.sees(label)
+    assert "99.2 mm apart" in before
+    browser.evaluate(f"{box}.querySelector('[name=baseline]').focus()")
+    browser.press("ArrowRight")
+    browser.press("d")
+    browser.press("d")  # would delete the cell
+    assert reader.sees(f"{label} != {json.dumps(before)}")
+    assert browser.evaluate("document.querySelectorAll('.jp-Notebook .jp-Cell').length") == 2
+    text, paper = (
+        browser.evaluate(f"getComputedStyle({box}).{what}") for what in ("color", "backgroundColor")
+    )
+    assert text != paper
