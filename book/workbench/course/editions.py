@@ -32,6 +32,7 @@ __all__ = [
     "chapter_file",
     "chapter_notebook",
     "edition_files",
+    "entry_of",
     "exercise_notebook",
     "exercises_of",
     "main",

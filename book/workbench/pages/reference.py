@@ -67,7 +67,9 @@ TOP = {
             "metrics",
             "evaluation",
             "datasets",
+            "recordings",
             "checks",
+            "workers",
         ],
     ),
     "images": (
