@@ -38,7 +38,7 @@ def show_applet(name: str, **parameters: Any) -> Any:
     -------
     IPython.display.HTML or None
         None where nobody can move it: in a sweep, and in a chapter that the book's build runs. The
-        page gets its applet when it is written (`workbench.pages.applets`).
+        page gets its applet when it is written (``workbench.pages.applets``).
 
     Raises
     ------
