@@ -121,7 +121,7 @@ def test_images_of_0_to_1_are_refused_and_dark_ones_are_not(frames):
             "paper_pairs: no such file, and no shipped rig",
         ),
         (
-            lambda: trinolab.track(".", "p.csv", rig=RIG),
+            lambda: trinolab.track(".", "p.csv", rig=3),
             "rig: expected a file or the name of a ship",
         ),
     ],

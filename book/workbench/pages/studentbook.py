@@ -23,7 +23,16 @@ from ..course.texts import without_solutions
 from ..sweep.notebook import read_notebook
 from .build import BUILD, CACHE, GENERATED, HTML, INDEX, ROOT, chapters, tool
 
-__all__ = ["STUDENT", "STUDENT_HTML", "build_student_book", "main", "setup", "write_sources"]
+__all__ = [
+    "STUDENT",
+    "STUDENT_HTML",
+    "build_student_book",
+    "contents",
+    "main",
+    "setup",
+    "without_their_solutions",
+    "write_sources",
+]
 
 STUDENT = BUILD / "student"
 STUDENT_HTML = STUDENT / "_build" / "html"

@@ -75,6 +75,9 @@ class Value(NamedTuple):
 
 NOTHING = Value()
 
+# Functions that call each other within loops are looked into again and again: beyond so many looks a
+# notebook counts as one that does anything, and runs whole.
+MOST_CALLS = 3000
 OPAQUE = {"exec", "eval", "globals", "locals", "vars", "setattr", "delattr", "__import__"}
 OPAQUE |= {"get_ipython", "compile"}
 HARMLESS = {"print", "display"}
@@ -440,6 +443,9 @@ class Flow:
     def _look_into(self, function: Thing, given: Value) -> Value:
         """What a function or the methods of a class do with what they are given; what it gives."""
         if function in self._inside:
+            return NOTHING
+        if self._calls > MOST_CALLS:
+            self._unknown()
             return NOTHING
         node = self._functions[function]
         outer, before = self._values, self._now

@@ -127,7 +127,7 @@ def test_a_site_that_the_arm_does_not_have_is_named(robot):
 @pytest.mark.parametrize(
     ("arguments", "named"),
     [
-        (("ur6",), "ur6.xml: no such data file"),
+        (("ur6",), r"ur6: no such file, and no shipped arm \(ur5\)"),
         (("none.xml",), "none.xml: no such file"),
         (("ur5", 0.0), "speed_rad_s"),
         (("ur5", 1.0, [1.0, 2.0]), "acceleration_rad_s2"),

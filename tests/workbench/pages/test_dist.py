@@ -97,7 +97,7 @@ def test_every_figure_and_film_is_a_file(tmp_path, monkeypatch):
     assert (tmp_path / film).read_bytes()[:4] == bytes.fromhex("1a45dfa3")
     assert (tmp_path / "01_structure-fig-structure-rig.png").read_bytes()[1:4] == b"PNG"
     row = chapter.set_index("file").loc["01_structure-fig-structure-rig.png"]
-    assert row.number == "Fig. 1.2"
+    assert row.number == "Fig. 1.1"
     assert row.caption.startswith("The rig and the rod")
 
 

@@ -174,7 +174,7 @@ def test_a_damaged_image_costs_what_comes_after_it(recording, tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        (["--robot", "ur6"], "ur6.xml: no such data file"),
+        (["--robot", "ur6"], "ur6: no such file, and no shipped arm (ur5)"),
         (["--robot", "none.xml"], "none.xml: no such file"),
         (["--scale", "0"], "scale: expected"),
         (["--turn-scale", "nan"], "turn_scale: expected"),
