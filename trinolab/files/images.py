@@ -148,7 +148,8 @@ def decoded(data: bytes) -> tuple[np.ndarray | None, str]:
         complaints.seek(0)
         lines = complaints.read(COMPLAINTS).splitlines(keepends=True)
     own = [line for line in lines if DECODERS.match(line)]
-    os.write(2, b"".join(line for line in lines if line not in own))  # of other threads
+    # of other threads; a decoder's remark may end with an empty line
+    os.write(2, b"".join(line for line in lines if line.strip() and line not in own))
     return image, own[0][:200].decode(errors="replace").rstrip() if own else ""
 
 
