@@ -98,7 +98,7 @@ def test_every_figure_and_film_is_a_file(tmp_path, monkeypatch):
     assert (tmp_path / "01_structure-fig-structure-rig.png").read_bytes()[1:4] == b"PNG"
     row = chapter.set_index("file").loc["01_structure-fig-structure-rig.png"]
     assert row.number == "Fig. 1.1"
-    assert row.caption.startswith("The rig and the rod")
+    assert row.caption.startswith("Three cameras and the rod")
 
 
 def test_a_page_without_a_figure_gives_none_and_names_are_those_of_places():
