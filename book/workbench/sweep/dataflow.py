@@ -77,7 +77,7 @@ NOTHING = Value()
 
 # Functions that call each other within loops are looked into again and again: beyond so many looks a
 # notebook counts as one that does anything, and runs whole.
-MOST_CALLS = 3000
+MOST_CALLS = 5000
 OPAQUE = {"exec", "eval", "globals", "locals", "vars", "setattr", "delattr", "__import__"}
 OPAQUE |= {"get_ipython", "compile"}
 HARMLESS = {"print", "display"}
@@ -563,7 +563,8 @@ class Flow:
 
     def _call(self, node: ast.Call, thrown_away: bool = False) -> Value:
         arguments = [*node.args, *(keyword.value for keyword in node.keywords)]
-        given = NOTHING.or_(*(self._value(argument) for argument in arguments))
+        values = [self._value(argument) for argument in arguments]
+        given = NOTHING.or_(*values)
         for argument in arguments:
             if isinstance(argument, ast.Name):
                 self._name(argument.id, given)  # a function that is given may get the rest
@@ -572,8 +573,8 @@ class Flow:
             if keyword.arg == "out":
                 self._change(self._value_of(keyword.value).own)
         value = self._callee(node, given, thrown_away)
-        for argument in arguments:  # one that was changed may hold the others
-            if self._now.changes & self._value_of(argument).own:
+        for argument, before in zip(arguments, values, strict=True):
+            if self._now.changes & before.own:  # one that was changed may hold the others
                 self._hold(_root(argument), given)
         return value
 
