@@ -13,6 +13,7 @@ import re
 import shutil
 import sys
 from collections.abc import Mapping
+from html import escape
 from pathlib import Path
 from typing import NamedTuple
 
@@ -129,7 +130,7 @@ def read_slides(text: str, figures: Mapping[str, str], name: str) -> list[Slide]
 def _formula(content: str, options: Mapping[str, bool]) -> str:
     """A formula as MathJax finds it."""
     before, after = (r"\[", r"\]") if options["display_mode"] else (r"\(", r"\)")
-    return before + content.replace("&", "&amp;").replace("<", "&lt;") + after
+    return before + escape(content) + after
 
 
 def figures_of(chapter: str) -> dict[str, str]:
@@ -150,14 +151,17 @@ def figures_of(chapter: str) -> dict[str, str]:
 
 def _image(data: bytes, ending: str, alt: str) -> str:
     kind = "svg+xml" if ending == ".svg" else ending.removeprefix(".")
-    words = alt.replace("&", "&amp;").replace('"', "&quot;")
-    return f'<img src="data:image/{kind};base64,{base64.b64encode(data).decode()}" alt="{words}">'
+    return f'<img src="{_embedded(f"image/{kind}", data)}" alt="{escape(alt)}">'
 
 
 def _film(data: bytes, alt: str) -> str:
-    source = f"data:video/webm;base64,{base64.b64encode(data).decode()}"
-    words = alt.replace("&", "&amp;").replace('"', "&quot;")
-    return f'<video controls loop muted src="{source}" aria-label="{words}"></video>'
+    source = _embedded("video/webm", data)
+    return f'<video controls loop muted src="{source}" aria-label="{escape(alt)}"></video>'
+
+
+def _embedded(kind: str, data: bytes) -> str:
+    """The address of what a page holds itself."""
+    return f"data:{kind};base64,{base64.b64encode(data).decode()}"
 
 
 if __name__ == "__main__":
