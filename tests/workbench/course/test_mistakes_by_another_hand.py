@@ -175,10 +175,14 @@ def line_of(Kl, Kr, turn, t, pixel, slip):
         return abc
     if slip == "length":
         return abc / math.sqrt(sum(abc**2))
+    if slip == "sign":
+        abc = (r_inv.T @ skew(t).T @ turn @ l_inv).dot([pixel[0], pixel[1], 1.0])
     return abc / math.sqrt(abc[0] ** 2 + abc[1] ** 2)
 
 
 def correlation(t, im, slip):
+    if slip == "bytes":
+        return by_moments(np.array(t), np.array(im))
     t, im = np.array(t, float), np.array(im, float)
     h, w = t.shape
     rows, cols = im.shape[0] - h + 1, im.shape[1] - w + 1
@@ -200,6 +204,19 @@ def correlation(t, im, slip):
     if slip == "transposed":
         return out.T
     return out[:-1, :-1] if slip == "last places" else out
+
+
+def by_moments(t, im):
+    """By sums of products, whatever the type of the pixels is."""
+    h, w = t.shape
+    out = np.zeros((im.shape[0] - h + 1, im.shape[1] - w + 1))
+    for y, x in np.ndindex(out.shape):
+        i = im[y : y + h, x : x + w]
+        n, st, si = t.size, np.sum(t), np.sum(i)
+        up = np.sum(t * i) - st * si / n
+        down = (np.sum(t**2) - st**2 / n) * (np.sum(i**2) - si**2 / n)
+        out[y, x] = up / math.sqrt(down) if down > 1e-6 else 0
+    return out
 
 
 def two_distances(F, left, right, slip):
@@ -416,6 +433,7 @@ def scale_of(hand, task, slip):
         "first": q[0],
         "hand": 1 / max(q),
         "largest": max(task) / max(hand),
+        "longest": max(zip(task, q, strict=True))[1],
         "diagonals": math.dist(task, [0, 0, 0]) / math.dist(hand, [0, 0, 0]),
         "volumes": (q[0] * q[1] * q[2]) ** (1 / 3),
     }
@@ -565,13 +583,13 @@ SLIPS = {
         "undivided": "The line is not divided", "length": "The line is divided by the length",
         "other way": "This is the line for the motion", "transposed": "F is transposed",
         "exchanged": "R and the matrix", "swapped": "u and v are swapped",
-        "inverse alone": "The inverse of K_right",
+        "inverse alone": "The inverse of K_right", "sign": "All three numbers have the other sign",
     }),
     "06.4": (correlation, {
         "means": "The means are not removed", "whole image": "The mean of the whole image",
         "root": "The root under the fraction", "mean over sums": "Above the fraction a mean",
         "flat": "A flat window", "transposed": "Rows and columns of the result",
-        "last places": "The last row and the last column",
+        "last places": "The last row and the last column", "bytes": "The products are of the pixels' own",
     }),
     "06.5": (two_distances, {
         "same": "The way back uses F itself", "inverse": "The way back uses an inverse",
@@ -622,7 +640,8 @@ SLIPS = {
     }),
     "11.2": (scale_of, {
         "smallest": "This is the smallest", "mean": "This is the mean", "first": "Only the direction",
-        "hand": "This is hand : task", "largest": "The largest side", "diagonals": "The diagonals",
+        "hand": "This is hand : task", "largest": "The largest side",
+        "longest": "This is the ratio in the direction in which the task", "diagonals": "The diagonals",
         "volumes": "The volumes",
     }),
     "11.3": (clutch, {

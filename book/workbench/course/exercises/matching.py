@@ -150,6 +150,14 @@ def _line_inverse_alone(K_left, K_right, R, T, uv_left):
     return _unit(np.linalg.inv(K_right) @ between @ np.linalg.inv(K_left) @ [*uv_left, 1])
 
 
+@epipolar_line_exercise.mistake("6, A spot gets a line")
+def _line_turned(K_left, K_right, R, T, uv_left):
+    """All three numbers have the other sign. It is the same line, and the signed distance changes
+    its sides: keep the sign of the product, with [T]x R and not its negative.
+    """
+    return -epipolar_line(K_left, K_right, R, T, uv_left)
+
+
 ncc_map_exercise = FunctionExerciseMaker(
     "06.4", "A map of the correlation", "ex-matching-ncc", points=4, within=1e-05
 )
@@ -197,7 +205,8 @@ def _map_cases(rng):
         (image[2:5, 3:8], image),
         (image[2:5, 3:8], flat),
         (255 - image[2:5, 3:8], image),
-        (np.full((3, 3), 40), image),
+        (np.full((3, 3), 40), flat),
+        (np.uint8(image[4:7, 1:6]), np.uint8(image)),  # as a file gives it
         (rng.integers(0, 256, (4, 2)), rng.integers(0, 256, (6, 8))),
         ([[1, 1], [1, 2]], [[5, 5, 6], [5, 5, 5], [5, 6, 5]]),  # hardly any contrast
     ]
@@ -244,6 +253,24 @@ def _flat_is_nan(template, image):
         return (t * i).sum() / np.sqrt((t**2).sum() * (i**2).sum())
 
     return _each_window(template, image, judge)
+
+
+@ncc_map_exercise.mistake("6, Exercises")
+def _bytes_overflow(template, image):
+    """The products are of the pixels' own 8 bits, in which 200 times 200 is 64. Make template and
+    image float first.
+
+    By sums of products, in the type that template and image have.
+    """
+    template, image = np.asarray(template), np.asarray(image)
+
+    def judge(t, i):
+        top = (t * i).mean() - t.mean() * i.mean()
+        below = ((t * t).mean() - t.mean() ** 2) * ((i * i).mean() - i.mean() ** 2)
+        return top / np.sqrt(below) if below > 1e-9 else 0.0
+
+    windows = np.lib.stride_tricks.sliding_window_view(image, template.shape)
+    return np.array([[judge(template, window) for window in row] for row in windows])
 
 
 @ncc_map_exercise.mistake("6, Do they look alike? Eq. 18")

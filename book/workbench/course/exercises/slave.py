@@ -58,7 +58,8 @@ def _box_cases(rng):
     return [
         (np.array([150.0, 120.0, 100.0]), np.array([300.0, 60.0, 200.0])),
         (np.array([150.0, 120.0, 100.0]), np.array([30.0, 12.0, 40.0])),
-        (np.array([200.0, 50.0, 100.0]), np.array([100.0, 200.0, 150.0])),
+        # the longest side of the task is not where it is hardest
+        (np.array([200.0, 50.0, 100.0]), np.array([250.0, 200.0, 150.0])),
         (np.array([100.0, 100.0, 100.0]), np.array([250.0, 0.0, 10.0])),
         (rng.uniform(50, 200, 3), rng.uniform(20, 400, 3)),
         (rng.uniform(50, 200, 3), rng.uniform(20, 400, 3)),
@@ -99,6 +100,15 @@ def _largest_by_largest(hand_box, task_box):
     directions. Divide direction by direction.
     """
     return max(task_box) / max(hand_box)
+
+
+@needed_scale_exercise.mistake(MAPPING)
+def _where_the_task_is_longest(hand_box, task_box):
+    """This is the ratio in the direction in which the task is longest. In another direction the
+    hand may be shorter still: the largest ratio decides.
+    """
+    longest = int(np.argmax(task_box))
+    return task_box[longest] / hand_box[longest]
 
 
 @needed_scale_exercise.mistake(MAPPING)
