@@ -27,110 +27,152 @@ def _step(
 
 
 filter_number_exercise = FunctionExerciseMaker(
-    "04.2", "A filter of one number", "ex-kalman-write", points=4
+    "04.2", "A filter that may be blind", "ex-kalman-write", points=4
 )
+
+
+def _filtered(observations, mean, variance, growth, noise, slip):  # noqa: C901
+    """`filter_number` with one thing wrong."""
+    means = []
+    for observed in observations:
+        before = variance
+        if slip not in ("never", "after"):
+            variance = variance + growth
+        expected = noise if slip == "noise gate" else variance + noise
+        apart = (observed - mean) ** 2
+        limit = 3 * expected if slip == "square" else 9 * expected
+        near = not np.isnan(observed) if slip == "no gate" else apart <= limit
+        if slip == "spoilt" and np.isnan(observed):
+            near = True
+        if near:
+            gain = variance / (variance + noise)
+            if slip == "share":
+                gain = noise / (variance + noise)
+            if slip == "brackets":
+                gain = 1 + noise
+            mean = mean + gain * (observed - mean)
+            if slip != "uncorrected":
+                variance = (1 - gain) * variance
+        elif slip == "waits":
+            variance = before
+        if slip == "after":
+            variance = variance + growth
+        if near or slip != "left out":
+            means.append(mean)
+    return means
 
 
 @filter_number_exercise.solution
 def filter_number(observations, mean, variance, growth, noise):
-    """Filter the observations of one number.
+    """Filter the observations of one number; some are missing, and some are wrong.
 
-    Before each observation the variance grows. Then the mean moves towards the observation.
+    Before each observation the variance grows. Then the mean moves towards the observation, unless
+    there is none, or it lies more than three standard deviations of the innovation away.
 
     Parameters
     ----------
     observations
-        (n,), in their order.
+        (n,), in their order; NaN where nothing was seen.
     mean, variance
         What is known before the first one.
     growth
-        Q, by which the variance grows before each observation.
+        Q, by which the variance grows before each observation, whether it is seen or not.
     noise
         R, the variance of an observation.
 
     Returns
     -------
     list
-        The n means, one after each observation.
+        The n means, one after each observation. Where an observation is missing or refused, the
+        prediction stands.
     """
     means = []
     for observed in observations:
         variance = variance + growth
-        gain = variance / (variance + noise)
-        mean = mean + gain * (observed - mean)
-        variance = (1 - gain) * variance
+        expected = variance + noise
+        innovation = observed - mean
+        if innovation**2 <= 9 * expected:  # never with a NaN
+            gain = variance / expected
+            mean = mean + gain * innovation
+            variance = (1 - gain) * variance
         means.append(mean)
     return means
 
 
 @filter_number_exercise.cases
 def _filter_cases(rng):
-    """Each argument has several values, so that none of them can be left out."""
-    known = [(0.0, 4.0), (3.0, 4.0), (-1.5, 0.7), (8.0, 25.0), (5.0, 0.0), (2.0, 1.0)]
-    rates = [(0.0, 1.0), (0.5, 1.0), (2.0, 0.3), (0.1, 5.0), (0.4, 2.0), (1.0, 0.25)]
-    return [
-        (rng.normal(5, 2, 6).tolist(), *before, *rate)
-        for before, rate in zip(known, rates, strict=True)
-    ]
-
-
-@filter_number_exercise.mistake("4, One number first")
-def _variance_never_corrected(observations, mean, variance, growth, noise):
-    """The variance is never corrected: after an observation it has to shrink by the factor 1 -
-    gain.
+    """Each argument has several values, so that none of them can be left out; some observations lie
+    just inside the gate, and some just outside.
     """
-    means = []
-    for observed in observations:
-        variance = variance + growth
-        mean = mean + variance / (variance + noise) * (observed - mean)
-        means.append(mean)
-    return means
+    known = [(0.0, 4.0), (3.0, 0.2), (6.0, 0.0), (8.0, 25.0)]
+    rates = [(0.0, 1.0), (0.5, 1.0), (0.4, 2.0), (0.1, 5.0)]
+    cases = []
+    for k, (before, rate) in enumerate(zip(known, rates, strict=True)):
+        observations = rng.normal(5, 1, 8)
+        observations[[k, k + 2]] = np.nan
+        observations[5] = 30.0
+        cases.append((observations.tolist(), *before, *rate))
+    inside, outside = np.sqrt([8.5 * 5.0, 9.5 * 5.0])  # the innovation's variance is 5
+    cases.append(([float(inside), np.nan, 2.0], 0.0, 3.0, 1.0, 1.0))
+    cases.append(([-float(outside), np.nan, np.nan, 5.0, 2.0], 0.0, 0.5, 0.5, 4.0))
+    return cases
 
 
-@filter_number_exercise.mistake("4, One number first")
-def _growth_after(observations, mean, variance, growth, noise):
-    """The variance grows after the observation. It has to grow before it, because time has passed
-    by then.
-    """
-    means = []
-    for observed in observations:
-        gain = variance / (variance + noise)
-        mean = mean + gain * (observed - mean)
-        variance = (1 - gain) * variance + growth
-        means.append(mean)
-    return means
+def _slips(sentence, read, slip):
+    def gives(observations, mean, variance, growth, noise):
+        return _filtered(observations, mean, variance, growth, noise, slip)
+
+    filter_number_exercise.known_mistake(sentence, read, gives)
 
 
-@filter_number_exercise.mistake("4, One number first")
-def _gain_of_noise(observations, mean, variance, growth, noise):
-    """The gain is the noise's share. It has to be the variance's share of the sum."""
-    means = []
-    for observed in observations:
-        variance = variance + growth
-        gain = noise / (variance + noise)
-        mean = mean + gain * (observed - mean)
-        variance = (1 - gain) * variance
-        means.append(mean)
-    return means
-
-
-@filter_number_exercise.mistake("4, One number first")
-def _no_brackets(observations, mean, variance, growth, noise):
-    """The gain lacks its brackets: variance / variance + noise is 1 + noise. Divide by the sum."""
-    means = []
-    for observed in observations:
-        variance = variance + growth
-        gain = variance / variance + noise
-        mean = mean + gain * (observed - mean)
-        variance = (1 - gain) * variance
-        means.append(mean)
-    return means
-
-
-@filter_number_exercise.mistake("4, One number first")
-def _never_grown(observations, mean, variance, growth, noise):
-    """The variance never grows. Before each observation `growth` is added to it."""
-    return filter_number(observations, mean, variance, 0.0, noise)
+for _sentence, _slip in (
+    (
+        "The variance is never corrected: after an observation it has to shrink by the factor 1 - "
+        "gain.",
+        "uncorrected",
+    ),
+    (
+        "The variance grows after the observation. It has to grow before it, because time has "
+        "passed by then.",
+        "after",
+    ),
+    ("The gain is the noise's share. It has to be the variance's share of the sum.", "share"),
+    (
+        "The gain lacks its brackets: variance / variance + noise is 1 + noise. Divide by the sum.",
+        "brackets",
+    ),
+    ("The variance never grows. Before each observation `growth` is added to it.", "never"),
+    (
+        "The variance does not grow while nothing is seen, or while what is seen is refused. Time "
+        "passes all the same, and the next gate has to be wider.",
+        "waits",
+    ),
+    ("A missing observation makes every later mean NaN. The prediction stands there.", "spoilt"),
+    (
+        "Every observation is believed. One that lies more than three standard deviations of its "
+        "innovation away is to be refused.",
+        "no gate",
+    ),
+):
+    _slips(_sentence, "4, One number first", _slip)
+for _sentence, _slip in (
+    (
+        "The gate is made of the noise alone. The innovation scatters by the prediction's variance "
+        "as well.",
+        "noise gate",
+    ),
+    (
+        "The square of the innovation is held against 3 variances. Three standard deviations are 9 "
+        "variances.",
+        "square",
+    ),
+    (
+        "Means are left out where an observation is missing or refused. Each instant has a mean: "
+        "there it is the prediction.",
+        "left out",
+    ),
+):
+    _slips(_sentence, "4, Exercises", _slip)
 
 
 @filter_number_exercise.mistake("4, Exercises")
