@@ -55,9 +55,11 @@ HARMLESS = {
     ("02.3", "z <= 0: Lt"): "a division by 0 is no number between the edges",
     ("02.3", "-0.5 <= u / w <= width - 0.5: Lt"): NEVER_EQUAL,
     ("02.3", "-0.5 <= v / w <= height - 0.5: Lt"): NEVER_EQUAL,
+    ("03.7", "frame.astype(float) - background: sides swapped"): ABSOLUTE,
     ("04.2", "innovation ** 2 <= 9 * expected: Lt"): NEVER_EQUAL,
     ("05.3", "0: -1"): "each run is longer than 0 already",
     ("05.3", "1: 0"): "the first count is equal to itself",
+    ("05.6", "window - window.min(): sides swapped"): "the sign drops out of the ratio",
     ("06.3", "math.hypot(a, b): arguments swapped"): SYMMETRIC,
     ("06.5", "math.hypot(a, b): arguments swapped"): SYMMETRIC,
     (

@@ -527,6 +527,109 @@ def alike(deg, rows, slip):
     return count
 
 
+def differing(frame, bench, limit, slip):
+    """Pixel by pixel, in Python's own numbers."""
+    out = np.zeros(np.shape(frame), bool)
+    for place, grey in np.ndenumerate(frame):
+        a, b = int(grey), float(bench[place])
+        if slip == "seven bits":
+            a, b = a - 256 * (a > 127), int(b) - 256 * (int(b) > 127)
+        d = a - b if slip == "brighter" else abs(a - b)
+        if slip == "shorter":
+            d = min(d, 256 - d)
+        out[place] = d >= limit if slip == "from T" else d > limit
+    return ~out if slip == "turned" else out
+
+
+def looked_for(x, P, h, Q, n, slip):
+    """By one power of the matrix and a sum over the frames."""
+    An = np.array([[1.0, n * h], [0.0, 1.0]])
+    S = An @ P if slip == "transpose" else An @ P @ An.T
+    for k in range(n):
+        Ak = np.array([[1.0, k * h], [0.0, 1.0]])
+        if slip == "transpose":
+            S = S + Ak @ Q
+        elif slip == "once":
+            S = S + (Ak @ Q @ Ak.T if k == n - 1 else 0)
+        else:
+            S = S + Ak @ Q @ Ak.T
+    if slip in ("factor", "speed"):
+        S = P + n * Q
+    half = 3 * S[0, 0] ** 0.5
+    if slip == "factor":
+        half = half * n
+    if slip == "speed":
+        half = half + abs(n * h * x[1])
+    return x[0] + n * h * x[1], half
+
+
+def middle_of_spot(image, u, v, half, slip):
+    """By sums over the columns and over the rows."""
+    image = np.array(image, float)
+    low, high = half + (slip == "before"), half + 1 + (slip == "behind") - (slip == "added")
+    rows, columns = np.arange(v - low, v + high), np.arange(u - low, u + high)
+    part = image[np.ix_(rows, columns)]
+    if slip != "ground":
+        part = part - part.min()
+    shift = {"before": 1.0, "added": 0.5}.get(slip, 0.0)
+    place = np.array([columns @ part.sum(0), rows @ part.sum(1)]) / part.sum() + shift
+    return place[::-1] if slip == "row" else place
+
+
+def between_cameras(R1, t1, R2, t2, slip):
+    """By 4 x 4 matrices."""
+
+    def four(R, t):
+        M = np.eye(4)
+        M[:3, :3], M[:3, 3] = R, t
+        return M
+
+    A, B = four(R1, t1), four(R2, t2)
+    M = A @ np.linalg.inv(B) if slip == "other way" else B @ np.linalg.inv(A)
+    R, T = M[:3, :3], M[:3, 3]
+    if slip == "not turned":
+        T = t2 - t1
+    if slip == "signs":
+        T = -T
+    if slip == "order":
+        R = R1.T @ R2
+        T = t2 - R @ t1
+    if slip == "centres":
+        T = np.linalg.inv(A)[:3, 3] - np.linalg.inv(B)[:3, 3]
+    return R, T
+
+
+def out_of_camera(points, R, t, slip):
+    """Point by point, by solving."""
+    out = []
+    for p in points:
+        if slip == "behind":
+            out.append(np.linalg.solve(R, p) - t)
+        elif slip == "from the world":
+            out.append(R @ p + t)
+        elif slip == "no turn":
+            out.append(p - t)
+        else:
+            out.append(np.linalg.solve(R, p + t if slip == "added" else p - t))
+    return np.array(out).T if slip == "columns" else np.array(out)
+
+
+def tool_after(tool, deg, k, slip):
+    """By OpenCV's Rodrigues."""
+    rad = np.array(deg, float) * math.pi / 180
+    if slip == "conversion":
+        rad = np.array(deg, float) * 180 / math.pi
+    if slip == "ratio":
+        k = 1.0
+    if slip == "back":
+        rad = -rad
+    M = cv2.Rodrigues(k * rad)[0]
+    if slip == "angles":
+        X, Y, Z = (cv2.Rodrigues(k * rad[i] * np.eye(3)[i])[0] for i in range(3))
+        M = Z @ Y @ X
+    return tool @ M if slip == "right" else M @ tool
+
+
 # of each exercise the function, and of each slip how the sentence begins that is to be said of it
 SLIPS = {
     "01.3": (alike, {
@@ -550,6 +653,10 @@ SLIPS = {
         "logarithm": "ln(jump / T)", "ends": "The two ends", "none": "Where the lowest rate",
         "left": "This is 1 - alpha",
     }),
+    "03.7": (differing, {
+        "brighter": "Only what is brighter", "shorter": "The difference is taken the shorter",
+        "seven bits": "int8 reaches", "from T": "A difference of just T", "turned": "What does not move",
+    }),
     "04.2": (one_number, {
         "uncorrected": "The variance is never corrected", "after": "The variance grows after",
         "noise": "The gain is the noise's share", "brackets": "The gain lacks its brackets",
@@ -564,12 +671,21 @@ SLIPS = {
         "end": "Q is added after", "unpredicted": "The state is not carried on",
         "nan": "All is right, but where nothing",
     }),
+    "04.6": (looked_for, {
+        "transpose": "To the right of P", "once": "Q is added once",
+        "factor": "The window is made wider", "speed": "The way that the target goes",
+    }),
     "05.3": (long_run, {
         "last run": "The last run is forgotten", "last of equals": "Of runs of one length you take the last",
         "any count": "Runs of any count", "largest": "The run with the largest count",
         "as bright": "Pixels that equal", "corners": "Pixels that touch at a corner",
         "rest": "The dark rest", "beyond": "The middle is half a threshold",
         "count": "This is how many contours", "length": "This is how long",
+    }),
+    "05.6": (middle_of_spot, {
+        "added": "Half a pixel is added", "before": "The window begins one pixel earlier",
+        "behind": "The window is one pixel too long", "row": "Row and column",
+        "ground": "The ground counts",
     }),
     "06.3": (line_of, {
         "undivided": "The line is not divided", "length": "The line is divided by the length",
@@ -587,6 +703,11 @@ SLIPS = {
         "same": "The way back uses F itself", "inverse": "The way back uses an inverse",
         "smaller": "The smaller distance", "mean": "The mean of both", "sum": "Both distances",
         "there": "This is the distance in the right", "undivided": "This is a u + b v + c",
+    }),
+    "06.8": (between_cameras, {
+        "not turned": "The left shift is not turned", "signs": "The whole of T",
+        "other way": "This is the motion from the right", "order": "The rotation was right",
+        "centres": "This T is the baseline",
     }),
     "07.3": (lens, {
         "square": "This focal length is its own square", "principal point": "The principal point",
@@ -611,6 +732,11 @@ SLIPS = {
         "left": "This point lies on the left", "right": "This point lies on the right",
         "sum": "The two nearest points", "line": "This is the way", "sign": "The right ray has",
         "unit": "This formula takes",
+    }),
+    "08.8": (out_of_camera, {
+        "behind": "The shift is undone behind", "from the world": "This goes from the world",
+        "added": "The shift is added", "columns": "The points come out as columns",
+        "no turn": "The rotation is left out",
     }),
     "09.3": (angles, {
         "no wrap": "The differences are not brought into (-180, 180]: 180", "signed": "The differences keep",
@@ -642,6 +768,10 @@ SLIPS = {
         "jumps": "When the pose is back, the tool jumps", "by itself": "When the pose is back, the tool goes on",
         "never released": "Once the pose was lost", "no scale": "The scale is left out",
         "NaN": "The NaN of a lost pose", "one array": "All rows are the last",
+    }),
+    "11.6": (tool_after, {
+        "conversion": "The angle is multiplied by 180", "right": "The turn is multiplied from the right",
+        "angles": "The three numbers", "ratio": "The ratio is left out", "back": "The tool turns the other",
     }),
     "12.3": (four_channels, {
         "now": "The master gets the wall's force of now", "spring": "This is position-position",

@@ -6,7 +6,7 @@ import numpy as np
 
 from ..exercise import FunctionExerciseMaker
 
-__all__ = ["background_after", "fitting_rates"]
+__all__ = ["background_after", "fitting_rates", "moving_pixels"]
 
 background_after_exercise = FunctionExerciseMaker(
     "03.3", "Eq. 6 when frames are missing", "ex-background-film", points=4
@@ -226,7 +226,102 @@ def _what_is_left(lamp, lamp_s, hand, hand_s, T, fps):
     return np.array([1 - lowest, 1 - highest]) if lowest <= highest else np.full(2, np.nan)
 
 
+moving_pixels_exercise = FunctionExerciseMaker(
+    "03.7", "Half of an empty bench moves", "ex-background-repair", points=3
+)
+
+
+@moving_pixels_exercise.solution
+def moving_pixels(frame, background, T):
+    """Which pixels of a frame move (Eq. 5).
+
+    Parameters
+    ----------
+    frame
+        (height, width), grey levels of the type uint8, as a camera gives them.
+    background
+        (height, width), of uint8 as well, or of float numbers.
+    T
+        The threshold, grey levels.
+
+    Returns
+    -------
+    ndarray
+        (height, width), True where frame and background differ by more than T, to either side.
+    """
+    difference = np.abs(frame.astype(float) - background)
+    return difference > T
+
+
+@moving_pixels_exercise.broken
+def _in_eight_bits(frame, background, T):
+    """The difference of two arrays of uint8 has no sign: 44 - 45 is 255 in eight bits."""
+    difference = np.abs(frame - background)
+    return difference > T
+
+
+@moving_pixels_exercise.cases
+def _moving_cases(rng):
+    def image(low, high):
+        return rng.integers(low, high, (8, 9)).astype(np.uint8)
+
+    bench = image(40, 51)
+    hand = bench.copy()
+    hand[2:5, 3:8] = 180
+    dark = bench.copy()
+    dark[1:4, :4] = 5
+    return [
+        (image(40, 51), bench, 15),
+        (hand, bench, 15),
+        (dark, bench, 15.0),
+        (image(0, 256), image(0, 256), 40),
+        (hand, bench.astype(float) + 0.25, 15),
+        (np.array([[60, 30, 61, 29]], np.uint8), np.full((1, 4), 45, np.uint8), 15),  # just T
+        (np.array([[255, 0, 3]], np.uint8), np.array([[0, 255, 250]], np.uint8), 20),
+    ]
+
+
+@moving_pixels_exercise.mistake("3, What the paper says")
+def _brighter_alone(frame, background, T):
+    """Only what is brighter than the background is seen. Eq. 5 has an absolute value: a dark thing
+    moves as well.
+    """
+    return frame.astype(float) - background > T
+
+
+@moving_pixels_exercise.mistake("3, One pixel first")
+def _shorter_way_round(frame, background, T):
+    """The difference is taken the shorter way round, as of angles. Black and white are neighbours
+    then.
+    """
+    difference = np.abs(frame.astype(float) - background)
+    return np.minimum(difference, 256 - difference) > T
+
+
+@moving_pixels_exercise.mistake("3, One pixel first")
+def _seven_bits(frame, background, T):
+    """int8 reaches from -128 to 127 only: brighter greys become negative. Take a type that holds all
+    differences.
+    """
+    with np.errstate(all="ignore"):
+        one, other = (np.asarray(it).astype(np.uint8).astype(np.int8) for it in (frame, background))
+        return np.abs(one.astype(float) - other) > T
+
+
+@moving_pixels_exercise.mistake("3, What the paper says")
+def _from_T_on(frame, background, T):
+    """A difference of just T counts as moving. Eq. 5 asks for more than T."""
+    return np.abs(frame.astype(float) - background) >= T
+
+
+@moving_pixels_exercise.mistake("3, Exercises")
+def _turned_round(frame, background, T):
+    """What does not move is marked: the comparison is turned round."""
+    return ~moving_pixels(frame, background, T)
+
+
 EXERCISES = (
     background_after_exercise.made(),
     fitting_rates_exercise.made(),
+    moving_pixels_exercise.made(),
 )

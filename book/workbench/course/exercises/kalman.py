@@ -6,7 +6,7 @@ import numpy as np
 
 from ..exercise import FunctionExerciseMaker
 
-__all__ = ["filter_number", "kalman_step"]
+__all__ = ["filter_number", "kalman_step", "search_window"]
 
 
 def _step(
@@ -297,7 +297,106 @@ def _nothing_seen_is_corrected(X, P, Z, dt, Q, R):
     return kalman_step(X, P, Z, dt, Q, R)
 
 
+search_window_exercise = FunctionExerciseMaker(
+    "04.6", "A window that stays small", "ex-kalman-repair", points=3
+)
+
+
+def _windowed(X, P, dt, Q, frames, carry, often=True):
+    """`search_window` with another way to carry P on."""
+    Phi = np.array([[1, dt], [0, 1]])
+    for k in range(frames):
+        X = Phi @ X
+        P = carry(Phi, P) + (Q if often or k == 0 else 0)
+    return X[0], 3 * np.sqrt(P[0, 0])
+
+
+@search_window_exercise.solution
+def search_window(X, P, dt, Q, frames):
+    """Where a target is looked for when it was not seen in some frames.
+
+    Parameters
+    ----------
+    X
+        (2,), its place and its speed when it was seen last, px and px/s.
+    P
+        (2, 2), the covariance of their error.
+    dt
+        The time from one frame to the next, s.
+    Q
+        (2, 2), what the motion adds to the covariance in this time.
+    frames
+        How many frames have passed, 1 or more.
+
+    Returns
+    -------
+    place
+        Where it is expected, px.
+    half_width
+        Of the window, three standard deviations of the place, px.
+    """
+    Phi = np.array([[1, dt], [0, 1]])
+    for _ in range(frames):
+        X = Phi @ X
+        P = Phi @ P @ Phi.T + Q
+    return X[0], 3 * np.sqrt(P[0, 0])
+
+
+@search_window_exercise.broken
+def _covariance_stays(X, P, dt, Q, frames):
+    """The covariance is not carried on: what is not known of the speed never gets into the place."""
+    Phi = np.array([[1, dt], [0, 1]])
+    for _ in range(frames):
+        X = Phi @ X
+        P = P + Q
+    return X[0], 3 * np.sqrt(P[0, 0])
+
+
+@search_window_exercise.cases
+def _window_cases(rng):
+    noise = np.array([[0.04, 0.5], [0.5, 30.0]])
+    known = np.array([[0.25, 3.0], [3.0, 3600.0]])
+    cases = [(np.array([320.0, 90.0]), known, 1 / 30, noise, frames) for frames in (1, 2, 6, 15)]
+    for frames in (1, 4):
+        A, C = rng.normal(0, 1, (2, 2, 2))
+        cases.append((rng.normal(0, 5, 2), A @ A.T, 0.7, C @ C.T, frames))
+    return cases
+
+
+@search_window_exercise.mistake("4, From two numbers to six")
+def _transpose_left(X, P, dt, Q, frames):
+    """To the right of P the transpose of Phi is missing, or Phi stands there as it is. A covariance is
+    carried on by Phi from the left and by its transpose from the right.
+    """
+    return _windowed(X, P, dt, Q, frames, lambda Phi, P: Phi @ P)
+
+
+@search_window_exercise.mistake("4, Where does Q come from?")
+def _noise_once(X, P, dt, Q, frames):
+    """Q is added once. It belongs to the time of one frame, and has to be added in each."""
+    return _windowed(X, P, dt, Q, frames, lambda Phi, P: Phi @ P @ Phi.T, often=False)
+
+
+@search_window_exercise.mistake("4, Two numbers: a speed that nobody measures")
+def _times_frames(X, P, dt, Q, frames):
+    """The window is made wider by a factor of the number of frames. That cures the picture and not the
+    cause: how fast it has to grow follows from what is not known of the speed.
+    """
+    place, half_width = _covariance_stays(X, P, dt, Q, frames)
+    return place, half_width * frames
+
+
+@search_window_exercise.mistake("4, Two numbers: a speed that nobody measures")
+def _speed_added(X, P, dt, Q, frames):
+    """The way that the target goes is added to the window. That way is in the place already; what is
+    missing is how badly the speed is known.
+    """
+    place, half_width = _covariance_stays(X, P, dt, Q, frames)
+    return place, half_width + abs(X[1]) * dt * frames
+
+
 EXERCISES = (
     filter_number_exercise.made(),
     kalman_step_exercise.made(),
+    search_window_exercise.made(),
 )

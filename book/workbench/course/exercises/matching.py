@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from ..exercise import FunctionExerciseMaker
 
-__all__ = ["epipolar_line", "expected_correlation", "symmetric_distance"]
+__all__ = ["epipolar_line", "expected_correlation", "left_to_right", "symmetric_distance"]
 
 
 def _intrinsics(rng):
@@ -332,8 +332,94 @@ def _undivided(F, uv_left, uv_right):
     return _distances(F, uv_left, uv_right, F.T)[1][0]
 
 
+left_to_right_exercise = FunctionExerciseMaker(
+    "06.8", "Lines that miss on the table", "ex-matching-repair", points=3
+)
+
+
+@left_to_right_exercise.solution
+def left_to_right(R_left, t_left, R_right, t_right):
+    """The motion from the left camera's frame to the right one's.
+
+    Parameters
+    ----------
+    R_left, t_left, R_right, t_right
+        (3, 3) and (3,) of each camera: X_camera = R X_world + t, mm.
+
+    Returns
+    -------
+    R, T
+        (3, 3) and (3,): X_right = R X_left + T, mm.
+    """
+    R = R_right @ R_left.T
+    T = t_right - R @ t_left
+    return R, T
+
+
+@left_to_right_exercise.broken
+def _shift_added(R_left, t_left, R_right, t_right):
+    """The left camera's shift has the wrong sign: on the way to the world it is taken off."""
+    R = R_right @ R_left.T
+    T = t_right + R @ t_left
+    return R, T
+
+
+@left_to_right_exercise.cases
+def _rig_cases(rng):
+    def turn(size):
+        return Rotation.from_rotvec(rng.normal(0, size, 3)).as_matrix()
+
+    still = np.eye(3), np.zeros(3)
+    return [
+        (*still, np.eye(3), np.array([-100.0, 0.0, 0.0])),
+        (*still, turn(0.3), rng.normal(0, 100, 3)),
+        (np.eye(3), np.array([40.0, 10.0, 500.0]), np.eye(3), np.array([-60.0, 10.0, 500.0])),
+        *[(turn(0.5), rng.normal(0, 300, 3), turn(0.5), rng.normal(0, 300, 3)) for _ in range(4)],
+    ]
+
+
+@left_to_right_exercise.mistake("6, A spot gets a line")
+def _shifts_subtracted(R_left, t_left, R_right, t_right):
+    """The left shift is not turned. It is written in the left camera's axes, and has to be brought
+    into the right one's.
+    """
+    return R_right @ R_left.T, t_right - t_left
+
+
+@left_to_right_exercise.mistake("6, A spot gets a line")
+def _all_signs(R_left, t_left, R_right, t_right):
+    """The whole of T has the wrong sign now."""
+    R, T = left_to_right(R_left, t_left, R_right, t_right)
+    return R, -T
+
+
+@left_to_right_exercise.mistake("6, A spot gets a line")
+def _right_to_left(R_left, t_left, R_right, t_right):
+    """This is the motion from the right camera's frame to the left one's."""
+    return left_to_right(R_right, t_right, R_left, t_left)
+
+
+@left_to_right_exercise.mistake("6, A spot gets a line")
+def _order_of_turns(R_left, t_left, R_right, t_right):
+    """The rotation was right, and is not any more: first the left one is undone, and what comes first
+    stands on the right.
+    """
+    R = R_left.T @ R_right
+    return R, t_right - R @ t_left
+
+
+@left_to_right_exercise.mistake("6, A spot gets a line")
+def _centres(R_left, t_left, R_right, t_right):
+    """This T is the baseline in the world's axes, from centre to centre. It is wanted in the right
+    camera's axes.
+    """
+    R, _ = left_to_right(R_left, t_left, R_right, t_right)
+    return R, R_left.T @ -t_left - R_right.T @ -t_right
+
+
 EXERCISES = (
     epipolar_line_exercise.made(),
     expected_correlation_exercise.made(),
     symmetric_distance_exercise.made(),
+    left_to_right_exercise.made(),
 )

@@ -5,10 +5,11 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from ..exercise import FunctionExerciseMaker
 
-__all__ = ["clutched", "strokes_needed"]
+__all__ = ["clutched", "strokes_needed", "turned_tool"]
 
 
 def _goes_on(hand, closed, tool, scale, keep_origin):
@@ -349,7 +350,94 @@ def _one_array(hand, closed, tool, scale):
     return np.tile(places[-1], (len(places), 1))
 
 
+turned_tool_exercise = FunctionExerciseMaker(
+    "11.6", "A tool that jumps", "ex-slave-repair", points=3
+)
+
+
+def _turned(tool, turn, from_the_left=True):
+    return turn.as_matrix() @ tool if from_the_left else tool @ turn.as_matrix()
+
+
+@turned_tool_exercise.solution
+def turned_tool(tool, turn_deg, ratio):
+    """The tool's orientation after a turn of the hand.
+
+    Parameters
+    ----------
+    tool
+        (3, 3), the tool's rotation before, in the base.
+    turn_deg
+        (3,), the hand's turn since the last instant as a rotation vector in the axes of the base: its
+        direction is the axis, its length the angle in degrees.
+    ratio
+        The tool's angle : the hand's.
+
+    Returns
+    -------
+    array
+        (3, 3), the tool's rotation after it.
+    """
+    turn = Rotation.from_rotvec(ratio * turn_deg, degrees=True)
+    return turn.as_matrix() @ tool
+
+
+@turned_tool_exercise.broken
+def _degrees_for_radians(tool, turn_deg, ratio):
+    """Degrees are taken for radians."""
+    turn = Rotation.from_rotvec(ratio * turn_deg)
+    return turn.as_matrix() @ tool
+
+
+@turned_tool_exercise.cases
+def _turn_cases(rng):
+    tools = [Rotation.from_rotvec(rng.normal(0, 1, 3)).as_matrix() for _ in range(3)]
+    return [
+        (np.eye(3), np.array([0.0, 0.0, 0.1]), 1.0),
+        (np.eye(3), np.array([20.0, 0.0, 0.0]), 0.5),
+        (tools[0], np.zeros(3), 1.0),
+        (tools[0], np.array([3.0, -1.0, 2.0]), 1.0),
+        (tools[1], np.array([-15.0, 40.0, 5.0]), 0.5),
+        (tools[2], rng.normal(0, 30, 3), 2.0),
+    ]
+
+
+@turned_tool_exercise.mistake(MAPPING)
+def _other_conversion(tool, turn_deg, ratio):
+    """The angle is multiplied by 180 / pi. A degree is pi / 180, the smaller number."""
+    return _turned(tool, Rotation.from_rotvec(ratio * np.rad2deg(turn_deg)))
+
+
+@turned_tool_exercise.mistake(MAPPING)
+def _about_the_tool(tool, turn_deg, ratio):
+    """The turn is multiplied from the right, about the tool's own axes. It is given in those of the
+    base.
+    """
+    return _turned(tool, Rotation.from_rotvec(ratio * turn_deg, degrees=True), False)
+
+
+@turned_tool_exercise.mistake(MAPPING)
+def _three_angles(tool, turn_deg, ratio):
+    """The three numbers are taken for three turns one after the other. A rotation vector is one turn,
+    about its own direction.
+    """
+    return _turned(tool, Rotation.from_euler("xyz", ratio * turn_deg, degrees=True))
+
+
+@turned_tool_exercise.mistake(MAPPING)
+def _no_ratio(tool, turn_deg, ratio):
+    """The ratio is left out."""
+    return turned_tool(tool, turn_deg, 1.0)
+
+
+@turned_tool_exercise.mistake(MAPPING)
+def _turned_back(tool, turn_deg, ratio):
+    """The tool turns the other way."""
+    return turned_tool(tool, -turn_deg, ratio)
+
+
 EXERCISES = (
     strokes_needed_exercise.made(),
     clutched_exercise.made(),
+    turned_tool_exercise.made(),
 )
