@@ -128,6 +128,9 @@ def judge_outcomes(asked: FunctionExercise, outcomes: Sequence[Mapping[str, Any]
     wrong = [k for k, one in enumerate(outcomes) if not _same(one, expected[k], asked.within)]
     if not wrong:
         return _right(asked, outcomes)
+    if _is_unrepaired(asked, outcomes, cases):
+        says = f"{asked.name} is still to be repaired: it does what it did when you got it."
+        return _not_yet(asked, says)
     if mistake := _recognised(asked, outcomes, cases, wrong):
         return _not_yet(asked, f"{mistake.says} Read chapter {mistake.read}.")
     first = wrong[0]
@@ -154,6 +157,16 @@ def _same(one: Mapping[str, Any], other: Mapping[str, Any], within: float) -> bo
         kinds = [str(it.get("raised", "")).partition(":")[0] for it in (one, other)]
         return kinds[0] == kinds[1]
     return equal(one["returned"], other["returned"], within)
+
+
+def _is_unrepaired(
+    asked: FunctionExercise, outcomes: Sequence[Mapping[str, Any]], cases: Sequence[tuple]
+) -> bool:
+    """Whether the function gives what the broken one gives."""
+    if asked.broken is None:
+        return False
+    given = [outcome(asked.broken, case) for case in cases]
+    return all(_same(*pair, asked.within) for pair in zip(outcomes, given, strict=True))
 
 
 def _recognised(

@@ -90,7 +90,7 @@ def test_a_case_that_alone_is_wrong_is_shown_with_how_many_are_right():
     def one_off(observations, *others):
         means = FILTER.solution(observations, *others)
         first = call_of(FILTER).cases[0][0]
-        same = np.array_equal(observations, first)
+        same = np.array_equal(observations, first, equal_nan=True)
         return [*means[:-1], means[-1] + 1.0] if same else means
 
     says = judged(FILTER, one_off).says
