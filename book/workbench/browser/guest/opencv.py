@@ -350,6 +350,30 @@ def rectangle(
     return _drawn("rectangle", img, *ends, _scalar(color), thickness, lineType, shift)
 
 
+def arrowedLine(
+    img: Any,
+    pt1: Any,
+    pt2: Any,
+    color: Any,
+    thickness: int = 1,
+    line_type: int = 8,
+    shift: int = 0,
+    tipLength: float = 0.1,
+) -> Any:
+    ends = _whole_point(pt1), _whole_point(pt2)
+    more = thickness, line_type, shift, tipLength
+    return _drawn("arrowedLine", img, *ends, _scalar(color), *more)
+
+
+def getTextSize(text: str, fontFace: int, fontScale: float, thickness: int) -> Any:
+    """Width and height of what `putText` draws, looked at: OpenCV.js does not say them."""
+    base = 50
+    paper = np.zeros((2 * base, 60 * (len(text) + 1)), np.uint8)
+    putText(paper, text, (0, base), fontFace, fontScale, 255, thickness)
+    u, v, width, _ = boundingRect(paper)
+    return (u + width, base - v), 0
+
+
 def drawMarker(
     img: Any,
     position: Any,
@@ -594,13 +618,11 @@ def createBackgroundSubtractorMOG2() -> BackgroundSubtractorMOG2:
     return BackgroundSubtractorMOG2()
 
 
-class _NoVideo:
-    """Neither reads nor writes a film."""
+class VideoCapture:
+    """Reads no film."""
 
     def __init__(self, *_: Any) -> None:
         pass
-
-    fourcc = staticmethod(lambda *_: 0)
 
     def isOpened(self) -> bool:
         return False
@@ -609,7 +631,15 @@ class _NoVideo:
         pass
 
 
-VideoCapture = VideoWriter = _NoVideo
+class VideoWriter:
+    """Writes no film: no encoder is there."""
+
+    fourcc = staticmethod(lambda *_: 0)
+
+    def __init__(self, *_: Any) -> None:
+        raise NotImplementedError("no film can be written in this page")
+
+
 CAP_FFMPEG, CAP_PROP_POS_FRAMES, CAP_PROP_FPS, CAP_PROP_FRAME_COUNT = 1900, 1, 5, 7
 CAP_PROP_FRAME_WIDTH, CAP_PROP_FRAME_HEIGHT = 3, 4
 CCL_WU = 0
