@@ -46,7 +46,7 @@ _LINES: tuple[LineStyleType, ...] = ("solid", "dotted", "dashed")
 COLUMN_IN = 7.0  # width of a page's column
 _EXACT = 3.0  # how far to the left of the first level an exact rig is drawn
 _CALIBRATION_PANELS = {
-    "E_t_mm": "E_t / mm",
+    "E_t_mm": "$E_t$ / mm",
     "geodesic_deg": "geodesic angle / deg",
     "measured": "measured",
     "off": "off by 2 mm or 5°",
