@@ -78,9 +78,10 @@ def unmirrored(seen: TargetViews, target: Target) -> Flipped | None:
     group = _groups(as_they_are, as_in_a_mirror)
     if group is None or not group.any():
         return None
-    visible = np.isfinite(seen.uv).any(axis=(2, 3))
+    visible = np.asarray(np.isfinite(seen.uv).any(axis=(2, 3)))
     shares = [seen.mirrored[of].sum() / visible[of].sum() for of in (~group, group)]
     sure = True
+    flipped: np.ndarray
     if shares[0] != shares[1]:
         flipped = group if shares[1] > shares[0] else ~group
     else:
