@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from ..exercise import FunctionExerciseMaker
 
-__all__ = ["epipolar_line", "ncc_map", "symmetric_distance"]
+__all__ = ["epipolar_line", "expected_correlation", "left_to_right", "symmetric_distance"]
 
 
 def _intrinsics(rng):
@@ -24,23 +24,6 @@ def _F(K_left, K_right, R, T):
 
 def _unit(line):
     return line / math.hypot(line[0], line[1])
-
-
-def _each_window(template, image, judge):
-    """A map of what `judge` says of the template and each window."""
-    template = np.asarray(template, dtype=float)
-    image = np.asarray(image, dtype=float)
-    windows = np.lib.stride_tricks.sliding_window_view(image, template.shape)
-    with np.errstate(all="ignore"):
-        return np.array([[judge(template, window) for window in row] for row in windows])
-
-
-def _or_zero(a, b):
-    return a / b if b > 0 else 0.0
-
-
-def _cosine(t, i):
-    return _or_zero((t * i).sum(), np.sqrt((t**2).sum() * (i**2).sum()))
 
 
 def _distances(F, uv_left, uv_right, F_back):
@@ -150,116 +133,123 @@ def _line_inverse_alone(K_left, K_right, R, T, uv_left):
     return _unit(np.linalg.inv(K_right) @ between @ np.linalg.inv(K_left) @ [*uv_left, 1])
 
 
-ncc_map_exercise = FunctionExerciseMaker(
-    "06.4", "A map of the correlation", "ex-matching-ncc", points=4, within=1e-05
+@epipolar_line_exercise.mistake("6, A spot gets a line")
+def _line_turned(K_left, K_right, R, T, uv_left):
+    """All three numbers have the other sign. It is the same line, and the signed distance changes
+    its sides: keep the sign of the product, with [T]x R and not its negative.
+    """
+    return -epipolar_line(K_left, K_right, R, T, uv_left)
+
+
+expected_correlation_exercise = FunctionExerciseMaker(
+    "06.4", "How alike can they be?", "ex-matching-ncc", points=4
 )
 
 
-@ncc_map_exercise.solution
-def ncc_map(template, image):
-    """Correlation of a template with the window of an image at each place (Eq. 18).
+@expected_correlation_exercise.solution
+def expected_correlation(patch, sigma_left, sigma_right):
+    """The correlation (Eq. 18) that two noisy images of one and the same patch have, in a large window.
 
     Parameters
     ----------
-    template
-        (n, m), grey levels.
-    image
-        (height, width), grey levels; at least as large.
+    patch
+        (n, m), grey levels without noise.
+    sigma_left, sigma_right
+        Standard deviations of the noise of a pixel in the two images, grey levels; the noises are
+        independent.
 
     Returns
     -------
-    array
-        (height - n + 1, width - m + 1). Row y and column x have S(x, y): the window begins at row y
-        and column x of the image. 0 where template or window is flat, all of one grey level.
+    float
+        S; 0 where the patch is flat, all of one grey level.
     """
-    template = np.asarray(template, dtype=float)
-    image = np.asarray(image, dtype=float)
-    n, m = template.shape
-    t = template - template.mean()
-    S = np.zeros((image.shape[0] - n + 1, image.shape[1] - m + 1))
-    for y in range(S.shape[0]):
-        for x in range(S.shape[1]):
-            window = image[y : y + n, x : x + m]
-            i = window - window.mean()
-            length = np.sqrt((t**2).sum() * (i**2).sum())
-            if length > 0:
-                S[y, x] = (t * i).sum() / length
-    return S
+    signal = np.var(patch)
+    if signal == 0:
+        return 0.0
+    left = signal + sigma_left**2
+    right = signal + sigma_right**2
+    return signal / math.sqrt(left * right)
 
 
-@ncc_map_exercise.cases
-def _map_cases(rng):
-    image = rng.integers(0, 256, (9, 12))
-    flat = image.copy()
-    flat[:, 6:] = 90
+@expected_correlation_exercise.cases
+def _patch_cases(rng):
+    edge = np.where(np.arange(12) < 6, 90.0, 220.0) * np.ones((12, 1))
     return [
-        ([[1, 2], [3, 4]], [[1, 3], [2, 4]]),
-        (image[2:5, 3:8], image),
-        (image[2:5, 3:8], flat),
-        (255 - image[2:5, 3:8], image),
-        (np.full((3, 3), 40), image),
-        (rng.integers(0, 256, (4, 2)), rng.integers(0, 256, (6, 8))),
-        ([[1, 1], [1, 2]], [[5, 5, 6], [5, 5, 5], [5, 6, 5]]),  # hardly any contrast
+        (edge, 3.0, 3.0),
+        (edge, 0.0, 40.0),
+        (edge, 40.0, 0.0),
+        (np.full((5, 5), 120.0), 3.0, 2.0),
+        (rng.normal(60, 4, (9, 7)), 4.0, 2.0),
+        (rng.uniform(0, 255, (21, 21)), 30.0, 55.0),
+        (edge, 0.0, 0.0),
+        (np.full((5, 5), 120.0), 0.0, 0.0),
     ]
 
 
-@ncc_map_exercise.mistake("6, Do they look alike? Eq. 18")
-def _means_left(template, image):
-    """The means are not removed. Without that two bright windows are alike, whatever they show."""
-    return _each_window(template, image, _cosine)
+ALIKE = "6, Do they look alike? Eq. 18"
 
 
-@ncc_map_exercise.mistake("6, Do they look alike? Eq. 18")
-def _mean_of_the_image(template, image):
-    """The mean of the whole image is removed. Each window has a mean of its own."""
-    mean = np.mean(image)
-    return _each_window(template, image, lambda t, i: _cosine(t - t.mean(), i - mean))
+def _signal(patch):
+    """Variance of the patch; NaN in place of 0, where a fraction would be 0/0."""
+    return np.var(patch) or np.nan
 
 
-@ncc_map_exercise.mistake("6, Do they look alike? Eq. 18")
-def _no_root(template, image):
-    """The root under the fraction is missing."""
-
-    def judge(t, i):
-        t, i = t - t.mean(), i - i.mean()
-        return _or_zero((t * i).sum(), (t**2).sum() * (i**2).sum())
-
-    return _each_window(template, image, judge)
+@expected_correlation_exercise.mistake(ALIKE)
+def _deviations_added(patch, sigma_left, sigma_right):
+    """Standard deviations are added up. Variances add up: square sigma first."""
+    signal = _signal(patch)
+    S = signal / math.sqrt((signal + sigma_left) * (signal + sigma_right))
+    return float(np.nan_to_num(S))
 
 
-@ncc_map_exercise.mistake("6, Do they look alike? Eq. 18")
-def _mean_by_sums(template, image):
-    """Above the fraction a mean is taken, and below it sums: S is too small by the number of
-    pixels.
+@expected_correlation_exercise.mistake(ALIKE)
+def _without_root(patch, sigma_left, sigma_right):
+    """The root under the fraction is missing: each image gives the root of its own variance."""
+    signal = _signal(patch)
+    return float(np.nan_to_num(signal / ((signal + sigma_left**2) * (signal + sigma_right**2))))
+
+
+@expected_correlation_exercise.mistake(ALIKE)
+def _brightness(patch, sigma_left, sigma_right):
+    """The mean square of the patch is taken. Eq. 18 removes the mean, so that brightness counts for
+    nothing: take the variance.
     """
-    return ncc_map(template, image) / np.size(template)
+    square = np.mean(np.square(patch))
+    if np.var(patch) == 0:
+        return 0.0
+    return square / math.sqrt((square + sigma_left**2) * (square + sigma_right**2))
 
 
-@ncc_map_exercise.mistake("6, Exercises")
-def _flat_is_nan(template, image):
-    """A flat window gives 0/0. There the result is to be 0."""
-
-    def judge(t, i):
-        t, i = t - t.mean(), i - i.mean()
-        return (t * i).sum() / np.sqrt((t**2).sum() * (i**2).sum())
-
-    return _each_window(template, image, judge)
-
-
-@ncc_map_exercise.mistake("6, Do they look alike? Eq. 18")
-def _map_transposed(template, image):
-    """Rows and columns of the result are swapped: images are indexed by v first, and so is the
-    map.
+@expected_correlation_exercise.mistake(ALIKE)
+def _noise_in_common(patch, sigma_left, sigma_right):
+    """Noise stands above the fraction as well. The two noises are independent, so that the mean of
+    their product is 0.
     """
-    return ncc_map(template, image).T
+    signal = np.var(patch)
+    if signal == 0:
+        return 0.0
+    left, right = signal + sigma_left**2, signal + sigma_right**2
+    return (signal + sigma_left * sigma_right) / math.sqrt(left * right)
 
 
-@ncc_map_exercise.mistake("6, Exercises")
-def _last_places_left_out(template, image):
-    """The last row and the last column are missing: a window of n rows fits into an image of n
-    rows once.
-    """
-    return ncc_map(template, image)[:-1, :-1]
+@expected_correlation_exercise.mistake(ALIKE)
+def _left_alone(patch, sigma_left, sigma_right):
+    """Only the left image has noise here. Each image has its own below the fraction."""
+    return expected_correlation(patch, sigma_left, 0.0)
+
+
+@expected_correlation_exercise.mistake(ALIKE)
+def _mean_of_both(patch, sigma_left, sigma_right):
+    """The two variances are averaged. Below the fraction is the root of their *product*."""
+    both = math.sqrt((sigma_left**2 + sigma_right**2) / 2)
+    return expected_correlation(patch, both, both)
+
+
+@expected_correlation_exercise.mistake("6, Exercises")
+def _flat_is_nan(patch, sigma_left, sigma_right):
+    """A flat patch gives 0/0 without noise. There the result is to be 0."""
+    signal = _signal(patch)
+    return signal / math.sqrt((signal + sigma_left**2) * (signal + sigma_right**2))
 
 
 symmetric_distance_exercise = FunctionExerciseMaker(
@@ -350,8 +340,94 @@ def _undivided(F, uv_left, uv_right):
     return _distances(F, uv_left, uv_right, F.T)[1][0]
 
 
+left_to_right_exercise = FunctionExerciseMaker(
+    "06.8", "Lines that miss on the table", "ex-matching-repair", points=3
+)
+
+
+@left_to_right_exercise.solution
+def left_to_right(R_left, t_left, R_right, t_right):
+    """The motion from the left camera's frame to the right one's.
+
+    Parameters
+    ----------
+    R_left, t_left, R_right, t_right
+        (3, 3) and (3,) of each camera: X_camera = R X_world + t, mm.
+
+    Returns
+    -------
+    R, T
+        (3, 3) and (3,): X_right = R X_left + T, mm.
+    """
+    R = R_right @ R_left.T
+    T = t_right - R @ t_left
+    return R, T
+
+
+@left_to_right_exercise.broken
+def _shift_added(R_left, t_left, R_right, t_right):
+    """The left camera's shift has the wrong sign: on the way to the world it is taken off."""
+    R = R_right @ R_left.T
+    T = t_right + R @ t_left
+    return R, T
+
+
+@left_to_right_exercise.cases
+def _rig_cases(rng):
+    def turn(size):
+        return Rotation.from_rotvec(rng.normal(0, size, 3)).as_matrix()
+
+    still = np.eye(3), np.zeros(3)
+    return [
+        (*still, np.eye(3), np.array([-100.0, 0.0, 0.0])),
+        (*still, turn(0.3), rng.normal(0, 100, 3)),
+        (np.eye(3), np.array([40.0, 10.0, 500.0]), np.eye(3), np.array([-60.0, 10.0, 500.0])),
+        *[(turn(0.5), rng.normal(0, 300, 3), turn(0.5), rng.normal(0, 300, 3)) for _ in range(4)],
+    ]
+
+
+@left_to_right_exercise.mistake("6, A spot gets a line")
+def _shifts_subtracted(R_left, t_left, R_right, t_right):
+    """The left shift is not turned. It is written in the left camera's axes, and has to be brought
+    into the right one's.
+    """
+    return R_right @ R_left.T, t_right - t_left
+
+
+@left_to_right_exercise.mistake("6, A spot gets a line")
+def _all_signs(R_left, t_left, R_right, t_right):
+    """The whole of T has the wrong sign now."""
+    R, T = left_to_right(R_left, t_left, R_right, t_right)
+    return R, -T
+
+
+@left_to_right_exercise.mistake("6, A spot gets a line")
+def _right_to_left(R_left, t_left, R_right, t_right):
+    """This is the motion from the right camera's frame to the left one's."""
+    return left_to_right(R_right, t_right, R_left, t_left)
+
+
+@left_to_right_exercise.mistake("6, A spot gets a line")
+def _order_of_turns(R_left, t_left, R_right, t_right):
+    """The rotation was right, and is not any more: first the left one is undone, and what comes first
+    stands on the right.
+    """
+    R = R_left.T @ R_right
+    return R, t_right - R @ t_left
+
+
+@left_to_right_exercise.mistake("6, A spot gets a line")
+def _centres(R_left, t_left, R_right, t_right):
+    """This T is the baseline in the world's axes, from centre to centre. It is wanted in the right
+    camera's axes.
+    """
+    R, _ = left_to_right(R_left, t_left, R_right, t_right)
+    return R, R_left.T @ -t_left - R_right.T @ -t_right
+
+
 EXERCISES = (
     epipolar_line_exercise.made(),
-    ncc_map_exercise.made(),
+    expected_correlation_exercise.made(),
     symmetric_distance_exercise.made(),
+    left_to_right_exercise.made(),
 )
