@@ -253,7 +253,7 @@ def test_shifts_are_drawn_at_their_markers_and_their_mean_from_the_middle():
     np.testing.assert_allclose(arrows.get_offsets(), at)
     np.testing.assert_allclose(np.stack([arrows.U, arrows.V], axis=1), 10 * shift)
     named = {text.get_text(): text.get_position() for text in ax.texts if text.get_text()}
-    np.testing.assert_allclose([named["a"], named["b"]], [[0, 8.75], [8.75, 0]])
+    np.testing.assert_allclose([named["a"], named["b"]], [[0, 7.5], [7.5, 0]])
     means = [text.xy for text in ax.texts if not text.get_text()]
     np.testing.assert_allclose(means[0], [-2, -1])
 
