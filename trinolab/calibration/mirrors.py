@@ -82,10 +82,11 @@ def unmirrored(seen: TargetViews, target: Target) -> Flipped | None:
     shares = [seen.mirrored[of].sum() / visible[of].sum() for of in (~group, group)]
     sure = True
     if shares[0] != shares[1]:
-        flipped = group if shares[1] > shares[0] else ~group
+        flips_group = bool(shares[1] > shares[0])
     else:
-        flipped = group if 2 * group.sum() <= group.size else ~group
+        flips_group = bool(2 * group.sum() <= group.size)
         sure = 2 * int(group.sum()) != group.size
+    flipped = group == flips_group
     uv = np.where(flipped[:, None, None, None], turned, seen.uv)
     mirrored = seen.mirrored ^ (flipped[:, None] & visible & (target.kind == "charuco"))
     names = tuple(
