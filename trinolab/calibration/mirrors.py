@@ -86,7 +86,7 @@ def unmirrored(seen: TargetViews, target: Target) -> Flipped | None:
     else:
         flips_group = bool(2 * group.sum() <= group.size)
         sure = 2 * int(group.sum()) != group.size
-    flipped = group == flips_group
+    flipped = np.equal(group, flips_group)
     uv = np.where(flipped[:, None, None, None], turned, seen.uv)
     mirrored = seen.mirrored ^ (flipped[:, None] & visible & (target.kind == "charuco"))
     names = tuple(
