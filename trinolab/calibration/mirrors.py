@@ -78,7 +78,7 @@ def unmirrored(seen: TargetViews, target: Target) -> Flipped | None:
     group = _groups(as_they_are, as_in_a_mirror)
     if group is None or not group.any():
         return None
-    visible = np.isfinite(seen.uv).any(axis=(2, 3))
+    visible = np.array(np.isfinite(seen.uv).any(axis=(2, 3)))
     shares = [seen.mirrored[of].sum() / visible[of].sum() for of in (~group, group)]
     sure = True
     if shares[0] != shares[1]:
