@@ -78,15 +78,16 @@ def unmirrored(seen: TargetViews, target: Target) -> Flipped | None:
     group = _groups(as_they_are, as_in_a_mirror)
     if group is None or not group.any():
         return None
-    visible = np.asarray(np.isfinite(seen.uv).any(axis=(2, 3)))
+    visible = np.array(np.isfinite(seen.uv).any(axis=(2, 3)))
     shares = [seen.mirrored[of].sum() / visible[of].sum() for of in (~group, group)]
     sure = True
     flipped: np.ndarray
     if shares[0] != shares[1]:
-        flipped = group if shares[1] > shares[0] else ~group
+        flips_group = bool(shares[1] > shares[0])
     else:
-        flipped = group if 2 * group.sum() <= group.size else ~group
+        flips_group = bool(2 * group.sum() <= group.size)
         sure = 2 * int(group.sum()) != group.size
+    flipped = np.equal(group, flips_group)
     uv = np.where(flipped[:, None, None, None], turned, seen.uv)
     mirrored = seen.mirrored ^ (flipped[:, None] & visible & (target.kind == "charuco"))
     names = tuple(

@@ -398,8 +398,17 @@ def plot_shifts(
     for ax, (title, (at, shift)) in zip(axes, panels.items(), strict=True):
         start, arrow = as_points(at, "at", 2), factor * as_points(shift, "shift", 2)
         ax.add_patch(Circle((0, 0), radius_mm, facecolor="0.9", edgecolor="0.5"))
-        arrows = {"angles": "xy", "scale_units": "xy", "scale": 1, "width": 0.006, "headwidth": 4}
-        ax.quiver(*start.T, *arrow.T, color=COLOURS[4], alpha=0.75, **arrows)
+        ax.quiver(
+            *start.T,
+            *arrow.T,
+            angles="xy",
+            scale_units="xy",
+            scale=1,
+            width=0.006,
+            headwidth=4,
+            color=COLOURS[4],
+            alpha=0.75,
+        )
         ax.plot(*start.T, ".", color=COLOURS[0])
         mean = arrow.mean(axis=0) if len(arrow) else np.zeros(2)
         ax.plot(0, 0, ".", color="black")
