@@ -14,7 +14,7 @@ endif
 unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
-.PHONY: help book test core lab lint student teacher slides verify sweeps sheet bench figures pdf article dist clean
+.PHONY: help book test core lab lint student teacher slides verify sweeps sheet bench figures pdf article dist browser clean
 
 help:  ## show this list
 	@sed -n 's/^\([a-z]*\):.*## /\1\t/p' $(MAKEFILE_LIST)
@@ -92,6 +92,9 @@ article: .venv/package.done  ## the built page of the article as _build/article.
 
 dist: .venv/package.done  ## the built pages as a zip for readers, and a wheel, in _build/dist
 	@$(BIN)/python -m workbench.pages.dist
+
+browser: book  ## the pages with cells that run in the reader's browser, in _build/browser; fetches the runtime once
+	@$(BIN)/python -m workbench.browser.site
 
 clean:  ## remove what was built, but not .venv
 	rm -rf _build .pytest_cache .mypy_cache .ruff_cache .hypothesis

@@ -218,7 +218,9 @@ def test_a_small_difference_in_a_large_array_is_told():
         P[2, 2] += 1e-5
         return X, P
 
-    assert "which is off by up to 1e-05" in str(judged(asked, nearly))
+    says = str(judged(asked, nearly))
+    assert "returns 2 things; number 2 is an array of the shape (6, 6), of which 1 of 36" in says
+    assert "at [2, 2] it is off by 1e-05" in says
 
 
 def test_whatever_a_function_does_is_seen_and_the_next_one_is_tried():

@@ -190,6 +190,8 @@ def line_of(Kl, Kr, turn, t, pixel, slip):
         return abc
     if slip == "length":
         return abc / math.sqrt(sum(abc**2))
+    if slip == "sign":
+        abc = (r_inv.T @ skew(t).T @ turn @ l_inv).dot([pixel[0], pixel[1], 1.0])
     return abc / math.sqrt(abc[0] ** 2 + abc[1] ** 2)
 
 
@@ -703,7 +705,7 @@ SLIPS = {
         "undivided": "The line is not divided", "length": "The line is divided by the length",
         "other way": "This is the line for the motion", "transposed": "F is transposed",
         "exchanged": "R and the matrix", "swapped": "u and v are swapped",
-        "inverse alone": "The inverse of K_right",
+        "inverse alone": "The inverse of K_right", "sign": "All three numbers have the other sign",
     }),
     "06.4": (alike_at_best, {
         "deviations": "Standard deviations are added", "root": "The root under the fraction",

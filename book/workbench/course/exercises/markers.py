@@ -38,6 +38,13 @@ def _two_runs(ground, lower, upper):
     return _discs([lower, lower, upper, upper, upper, upper], ground, 3)
 
 
+def _nested():
+    """Three discs within a frame, and two beside it: most patches lie in another one's hole."""
+    image = _discs([150, 150, 150, 150, 150], 30, 2)
+    image[2:38, 2:5] = image[2:38, 27:30] = image[2:5, 2:30] = image[35:38, 2:30] = 100
+    return image
+
+
 def _runs(counts, fewest=4):
     """First and last threshold of each run of a count that is large enough, and the count."""
     ends = [k for k in range(len(counts)) if k + 1 == len(counts) or counts[k + 1] != counts[k]]
@@ -120,6 +127,9 @@ def _plateau_cases(rng):
         (_two_runs(20, 60, 100),),  # runs of one length
         (_two_runs(30, 40, 50),),
         (_discs([1, 1, 1, 1], 0, 3),),  # a run of a single threshold
+        (_nested(),),
+        # five patches in two runs, with a longer run of four between them
+        (_discs([150, 60, 150, 115, 150, 115, 150, 200], 20, 4, bridge=115),),
     ]
 
 

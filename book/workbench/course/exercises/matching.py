@@ -126,6 +126,14 @@ def _line_inverse_alone(K_left, K_right, R, T, uv_left):
     return _unit(np.linalg.inv(K_right) @ between @ np.linalg.inv(K_left) @ [*uv_left, 1])
 
 
+@epipolar_line_exercise.mistake("6, A spot gets a line")
+def _line_turned(K_left, K_right, R, T, uv_left):
+    """All three numbers have the other sign. It is the same line, and the signed distance changes
+    its sides: keep the sign of the product, with [T]x R and not its negative.
+    """
+    return -epipolar_line(K_left, K_right, R, T, uv_left)
+
+
 expected_correlation_exercise = FunctionExerciseMaker(
     "06.4", "How alike can they be?", "ex-matching-ncc", points=4
 )
@@ -319,7 +327,7 @@ def _in_the_left_image(F, uv_left, uv_right, sigma):
 
 
 @distance_sigma_exercise.mistake("6, Exercises")
-def _deviations_added(F, uv_left, uv_right, sigma):
+def _scatters_added(F, uv_left, uv_right, sigma):
     """The two standard deviations are added up. Variances of independent errors add up."""
     right, left = _of_normals(F, uv_left, uv_right, F.T)
     return sigma * (1 + math.sqrt(left / right))

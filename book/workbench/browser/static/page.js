@@ -1,0 +1,231 @@
+// A chapter's page with cells that run: Run, Run all above, Edit at each, and one bar for all.
+import { show } from './outputs.js';
+import { Runtime } from './runtime.js';
+
+const PAGE = location.pathname.split('/').at(-1).replace('.html', '');
+
+function element(tag, about = {}, ...children) {
+    const made = Object.assign(document.createElement(tag), about);
+    made.append(...children);
+    return made;
+}
+
+function button(text, act, label = text) {
+    const made = element('button', { type: 'button', textContent: text, className: 'browser-button' });
+    made.setAttribute('aria-label', label);
+    made.addEventListener('click', act);
+    return made;
+}
+
+/** What the reader has written in place of a source, kept in this browser. */
+class Edits {
+    static key(cell) {
+        return `trinolab/edit/${PAGE}/${cell.number}`;
+    }
+
+    static of(cell) {
+        const kept = JSON.parse(localStorage.getItem(Edits.key(cell)) ?? 'null');
+        return kept && kept.of === cell.stored ? kept.source : null; // another edition's cell is another cell
+    }
+
+    static keep(cell, source) {
+        if (source === cell.stored) localStorage.removeItem(Edits.key(cell));
+        else localStorage.setItem(Edits.key(cell), JSON.stringify({ of: cell.stored, source }));
+    }
+}
+
+/** One cell of code on the page. */
+class Cell {
+    constructor(place, stored, number, book) {
+        Object.assign(this, { place, stored, number, book });
+        this.input = place.querySelector('.cell_input');
+        this.output = place.querySelector('.cell_output');
+        this.status = element('span', { className: 'browser-status' });
+        this.status.setAttribute('role', 'status');
+        this.result = element('div', { className: 'browser-result', hidden: true });
+        this.toggle = button('Stored output', () => this.showStored(this.output.hidden));
+        this.toggle.hidden = true;
+        this.editButton = button('Edit', () => this.edit(), `Edit cell ${number + 1}`);
+        this.tools = element('div', { className: 'browser-tools' },
+            button('Run', () => book.run([this]), `Run cell ${number + 1}`),
+            button('Run all above', () => book.run(book.cells.slice(0, number)), `Run all cells above cell ${number + 1}`),
+            this.editButton, this.toggle, this.status);
+        place.append(this.tools, this.result);
+        if (this.output) place.append(this.output);
+        if (Edits.of(this) !== null) this.edit();
+    }
+
+    get source() {
+        return this.area?.value ?? this.stored;
+    }
+
+    /** Show the source as text that can be changed, or go back to the stored one. */
+    edit() {
+        if (this.area) {
+            this.area.replaceWith(this.input);
+            this.area = null;
+            Edits.keep(this, this.stored);
+            this.editButton.textContent = 'Edit';
+            return;
+        }
+        this.area = element('textarea', { className: 'browser-source', value: Edits.of(this) ?? this.stored, spellcheck: false });
+        this.area.rows = Math.min(this.area.value.split('\n').length + 1, 30);
+        this.area.setAttribute('aria-label', `Source of cell ${this.number + 1}; Shift and Enter run it`);
+        this.area.addEventListener('input', () => Edits.keep(this, this.area.value));
+        this.area.addEventListener('keydown', event => {
+            if (event.key === 'Enter' && event.shiftKey) {
+                event.preventDefault();
+                this.book.run([this]);
+            }
+        });
+        this.input.replaceWith(this.area);
+        this.area.closest('details')?.setAttribute('open', '');
+        this.editButton.textContent = 'Back to the book\u2019s';
+        this.area.focus({ preventScroll: true });
+    }
+
+    showStored(yes) {
+        this.output.hidden = !yes;
+        this.toggle.textContent = yes ? 'Hide the stored output' : 'Stored output';
+    }
+
+    say(text, kind = '') {
+        this.status.textContent = text;
+        this.status.dataset.kind = kind;
+    }
+
+    /** Run here; returns false where what follows cannot go on. */
+    async run(runtime) {
+        this.say('running');
+        this.result.replaceChildren();
+        const begin = performance.now();
+        const { error, memory } = await runtime.run(this.source, {
+            name: `cell_${this.number + 1}`,
+            onoutput: output => {
+                if (output.type === 'glue') this.book.glued[output.name] = output.value;
+                show(output, this.result);
+                this.result.hidden = this.result.childElementCount === 0;
+            },
+        });
+        this.book.memory(memory);
+        const seconds = ((performance.now() - begin) / 1000).toFixed(1);
+        if (error?.cannot) {
+            this.result.hidden = true;
+            if (this.output) this.showStored(true);
+            this.say(`cannot run in a browser: ${error.cannot}. The stored output is shown.`, 'cannot');
+            return true;
+        }
+        if (error) {
+            show({ type: 'stderr', text: error.text }, this.result);
+            this.result.hidden = false;
+            this.say(`failed after ${seconds} s`, 'failed');
+            return false;
+        }
+        if (this.output && !this.result.hidden) {
+            this.toggle.hidden = false;
+            this.showStored(false);
+        }
+        this.say(`ran here in ${seconds} s`, 'done');
+        return true;
+    }
+}
+
+/** All cells of the page, and the one session that runs them. */
+class Book {
+    constructor() {
+        const stored = JSON.parse(document.getElementById('browser-cells').textContent);
+        const places = document.querySelectorAll('div.cell');
+        this.runtime = new Runtime({ onprogress: share => this.progress(share) });
+        this.share = element('progress', { max: 1, value: 0, hidden: true });
+        this.share.setAttribute('aria-label', 'The runtime is loaded');
+        this.said = element('span', { className: 'browser-said' });
+        this.said.setAttribute('role', 'status');
+        this.used = element('span', { className: 'browser-memory' });
+        this.stopButton = button('Stop', () => this.stop());
+        this.stopButton.disabled = true;
+        this.bar = element('div', { className: 'browser-bar' },
+            button('Run all', () => this.run(this.cells)), this.stopButton,
+            button('Restart', () => this.restart()), this.share, this.said, this.used);
+        this.bar.setAttribute('role', 'region');
+        this.bar.setAttribute('aria-label', 'Run this chapter in the browser');
+        this.cells = stored.map(({ source }, k) => new Cell(places[k], source, k, this));
+        document.querySelector('article.bd-article h1').after(this.bar);
+        this.running = false;
+        this.glued = {}; // the numbers that the text quotes, as they came out here
+        this.turns = Promise.resolve();
+        this.stopped = 0;
+        Runtime.about().then(({ name, bytes, numbers }) => {
+            this.say(`Cells run here, on ${name}; the first run loads ${Math.round(bytes / 1e6)} MB, once.`);
+            if (numbers) this.bar.append(element('a', { href: '../browser_numbers.html', textContent: 'Numbers of two platforms' }));
+        });
+    }
+
+    say(text) {
+        this.said.textContent = text;
+    }
+
+    memory(bytes) {
+        this.used.textContent = `${Math.round(bytes / 2 ** 20)} MB of memory`;
+    }
+
+    progress(share) {
+        this.share.hidden = share === 1;
+        this.share.value = share;
+        if (share < 1) this.say(`loading the runtime: ${Math.round(100 * share)} %`);
+    }
+
+    /** Run cells one after the other, after those that wait already. */
+    run(cells) {
+        const round = this.stopped;
+        const turn = async () => {
+            if (round !== this.stopped) return;
+            this.running = true;
+            this.stopButton.disabled = false;
+            try {
+                if (!this.runtime.starting) this.say('starting Python');
+                await this.runtime.start();
+                for (const cell of cells) {
+                    this.say(`running cell ${cell.number + 1} of ${this.cells.length}`);
+                    this.current = cell;
+                    if (!(await cell.run(this.runtime))) {
+                        this.say(`cell ${cell.number + 1} failed`);
+                        return;
+                    }
+                }
+                this.say(`ran ${cells.length === 1 ? `cell ${cells[0].number + 1}` : `${cells.length} cells`}`);
+            } catch (error) {
+                this.current?.say(error.message, 'failed');
+                this.say(error.message);
+            } finally {
+                this.running = false;
+                this.stopButton.disabled = true;
+            }
+        };
+        this.turns = this.turns.then(turn);
+        return this.turns;
+    }
+
+    stop() {
+        this.stopped += 1;
+        this.runtime.interrupt();
+    }
+
+    /** Forget all variables. The next run starts anew. */
+    restart() {
+        this.stop();
+        this.cells.forEach(cell => {
+            cell.say('');
+            cell.result.replaceChildren();
+            cell.result.hidden = true;
+            cell.toggle.hidden = true;
+            if (cell.output) cell.output.hidden = false;
+        });
+        this.used.textContent = '';
+        this.say('restarted: no variable is kept');
+    }
+}
+
+if ('serviceWorker' in navigator && window.isSecureContext) {
+    navigator.serviceWorker.register(new URL('../../serviceworker.js', import.meta.url));
+}
+window.book = new Book();
