@@ -61,11 +61,6 @@ HARMLESS = {
     ("05.3", "1: 0"): "the first count is equal to itself",
     ("05.6", "window - window.min(): sides swapped"): "the sign drops out of the ratio",
     ("06.3", "math.hypot(a, b): arguments swapped"): SYMMETRIC,
-    ("06.5", "math.hypot(a, b): arguments swapped"): SYMMETRIC,
-    (
-        "06.5",
-        "max(distance(F, uv_left, uv_right), distance(F.T, uv_right, uv_left)): arguments swapped",
-    ): SYMMETRIC,
     (
         "07.3",
         "(H[:, 0] / np.linalg.norm(H), H[:, 1] / np.linalg.norm(H)): turned round",

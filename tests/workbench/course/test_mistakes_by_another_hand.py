@@ -214,15 +214,27 @@ def alike_at_best(clean, a, b, slip):
     return (s2 + (a * b if slip == "common" else 0)) / below
 
 
-def two_distances(F, left, right, slip):
-    x, y = np.append(left, 1.0), np.append(right, 1.0)
-    there = F @ x
-    back = {"same": F, "inverse": np.linalg.pinv(F)}.get(slip, F.T) @ y
-    d = abs(there @ y) / np.linalg.norm(there[:2]), abs(back @ x) / np.linalg.norm(back[:2])
-    if slip == "undivided":
-        return abs(y @ F @ x)
-    pick = {"smaller": min, "mean": np.mean, "sum": sum, "there": lambda it: it[0]}
-    return pick.get(slip, max)(d)
+def scatter(F, left, right, s, slip):
+    """By differences of the distance itself."""
+    if slip in ("right", "alike"):
+        return s * (2**0.5 if slip == "alike" else 1)
+
+    def distance(of_left, of_right):
+        p, q = np.append(of_left, 1.0), np.append(of_right, 1.0)
+        line = q @ F if slip == "left image" else F @ p
+        other = p if slip == "left image" else q
+        return line @ other / (1.0 if slip == "undivided" else np.hypot(line[0], line[1]))
+
+    p, q, h = np.array(left, float), np.array(right, float), 1e-3
+    by_left = [(distance(p + h * e, q) - distance(p - h * e, q)) / (2 * h) for e in np.eye(2)]
+    by_right = [(distance(p, q + h * e) - distance(p, q - h * e)) / (2 * h) for e in np.eye(2)]
+    if slip == "same":
+        back, line = F @ np.append(q, 1.0), F @ np.append(p, 1.0)
+        by_left = back[:2] / np.linalg.norm(line[:2])
+    if slip == "added":
+        return s * (np.linalg.norm(by_left) + np.linalg.norm(by_right))
+    total = s * np.linalg.norm([*by_left, *by_right])
+    return total**2 if slip == "variance" else total
 
 
 def lens(Hs, wh, slip, px=True):
@@ -701,15 +713,10 @@ SLIPS = {
         "left": "Only the left image", "mean": "The two variances are averaged",
         "flat": "A flat patch",
     }),
-    "06.5": (two_distances, {
-        "same": "The way back uses F itself", "inverse": "The way back uses an inverse",
-        "smaller": "The smaller distance", "mean": "The mean of both", "sum": "Both distances",
-        "there": "This is the distance in the right", "undivided": "This is a u + b v + c",
-    }),
-    "06.8": (between_cameras, {
-        "not turned": "The left shift is not turned", "signs": "The whole of T",
-        "other way": "This is the motion from the right", "order": "The rotation was right",
-        "centres": "This T is the baseline",
+    "06.5": (scatter, {
+        "right": "Only the right pixel", "alike": "This is sigma times", "same": "For the left pixel's share",
+        "left image": "This is the scatter of the distance in the left", "added": "The two standard deviations",
+        "variance": "This is the variance", "undivided": "This is the scatter of a u",
     }),
     "07.3": (lens, {
         "square": "This focal length is its own square", "principal point": "The principal point",

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from ..exercise import FunctionExerciseMaker
 
-__all__ = ["epipolar_line", "expected_correlation", "left_to_right", "symmetric_distance"]
+__all__ = ["distance_sigma", "epipolar_line", "expected_correlation", "left_to_right"]
 
 
 def _intrinsics(rng):
@@ -24,13 +24,6 @@ def _F(K_left, K_right, R, T):
 
 def _unit(line):
     return line / math.hypot(line[0], line[1])
-
-
-def _distances(F, uv_left, uv_right, F_back):
-    point, other = np.array([*uv_left, 1]), np.array([*uv_right, 1])
-    there, back = F @ point, F_back @ other
-    value = np.abs([there @ other, back @ point])
-    return value / [math.hypot(*there[:2]), math.hypot(*back[:2])], value
 
 
 epipolar_line_exercise = FunctionExerciseMaker(
@@ -252,92 +245,107 @@ def _flat_is_nan(patch, sigma_left, sigma_right):
     return signal / math.sqrt((signal + sigma_left**2) * (signal + sigma_right**2))
 
 
-symmetric_distance_exercise = FunctionExerciseMaker(
-    "06.5", "A symmetric distance", "ex-matching-write", points=4
+distance_sigma_exercise = FunctionExerciseMaker(
+    "06.5", "How wide must the gate be?", "ex-matching-write", points=4
 )
 
 
-@symmetric_distance_exercise.solution
-def symmetric_distance(F, uv_left, uv_right):
-    """How far two pixels are from each other's epipolar line, the larger of the two (Eq. 17).
+@distance_sigma_exercise.solution
+def distance_sigma(F, uv_left, uv_right, sigma):
+    """How much the distance of a right pixel from its line scatters by the noise of both (Eq. 17).
 
     Parameters
     ----------
     F
         (3, 3), the fundamental matrix: (u_r, v_r, 1) F (u_l, v_l, 1)^T = 0.
     uv_left, uv_right
-        (2,) each, px.
+        (2,) each, px: a right pair without noise, so that one lies on the other's line.
+    sigma
+        Standard deviation of each of the four coordinates, px; their errors are independent and
+        small.
 
     Returns
     -------
     float
-        px.
+        Standard deviation of the distance in the right image, px.
     """
-
-    def distance(F, point, other):
-        a, b, c = F @ [*point, 1]
-        u, v = other
-        return abs(a * u + b * v + c) / math.hypot(a, b)
-
-    return max(distance(F, uv_left, uv_right), distance(F.T, uv_right, uv_left))
+    a, b, _ = F @ [*uv_left, 1]
+    back_a, back_b, _ = F.T @ [*uv_right, 1]
+    right = a**2 + b**2
+    left = back_a**2 + back_b**2
+    return sigma * math.sqrt((right + left) / right)
 
 
-@symmetric_distance_exercise.cases
-def _distance_cases(rng):
+@distance_sigma_exercise.cases
+def _gate_cases(rng):
     rows = np.array([[0.0, 0, 0], [0, 0, -1], [0, 1, 0]])  # of two parallel cameras
-    cases = [(rows, [50.0, 60.0], [30.0, 63.0]), (rows, [50.0, 63.0], [30.0, 60.0])]
-    for K_left, K_right, R, T, uv_left in _line_cases(rng)[2:]:
+    cases = [(rows, [50.0, 60.0], [30.0, 60.0], 0.3), (2 * rows, [50.0, 60.0], [30.0, 60.0], 0.1)]
+    for k, (K_left, K_right, R, T, uv_left) in enumerate(_line_cases(rng)[2:]):
         F = _F(K_left, K_right, R, T)
-        cases.append((F / np.linalg.norm(F), uv_left, rng.uniform(0, 1000, 2)))
+        F = F / np.linalg.norm(F)
+        a, b, c = F @ [*uv_left, 1]
+        foot = np.array([-a * c, -b * c]) / (a * a + b * b)
+        along = np.array([-b, a]) / math.hypot(a, b)
+        cases.append((F, uv_left, foot + rng.uniform(-500, 500) * along, 0.2 + 0.1 * k))
     return cases
 
 
-@symmetric_distance_exercise.mistake("6, A spot gets a line")
-def _same_matrix(F, uv_left, uv_right):
-    """The way back uses F itself. The line of a right pixel in the left image has the coefficients
-    of the transposed F.
+def _of_normals(F, uv_left, uv_right, way_back):
+    """Squared lengths of the two lines' normals, right and left."""
+    there, back = F @ [*uv_left, 1], way_back @ [*uv_right, 1]
+    return there[:2] @ there[:2], back[:2] @ back[:2]
+
+
+@distance_sigma_exercise.mistake("6, What the paper says: Eq. 17")
+def _right_noise_alone(F, uv_left, uv_right, sigma):
+    """Only the right pixel has noise here. The line moves as well, with the left pixel."""
+    return sigma
+
+
+@distance_sigma_exercise.mistake("6, What the paper says: Eq. 17")
+def _both_alike(F, uv_left, uv_right, sigma):
+    """This is sigma times the root of 2. By how much the line moves with the left pixel depends on the
+    rig, and need not be as much as the pixel itself.
     """
-    return _distances(F, uv_left, uv_right, F)[0].max()
+    return sigma * math.sqrt(2)
 
 
-@symmetric_distance_exercise.mistake("6, A spot gets a line")
-def _inverse_for_back(F, uv_left, uv_right):
-    """The way back uses an inverse of F. F has none, since its rank is 2; what leads back is the
-    transposed matrix.
+@distance_sigma_exercise.mistake("6, A spot gets a line")
+def _same_matrix(F, uv_left, uv_right, sigma):
+    """For the left pixel's share F itself is used. The derivative by the left pixel has the
+    coefficients of the transposed F.
     """
-    return _distances(F, uv_left, uv_right, np.linalg.pinv(F))[0].max()
+    right, left = _of_normals(F, uv_left, uv_right, F)
+    return sigma * math.sqrt((right + left) / right)
 
 
-@symmetric_distance_exercise.mistake("6, Exercises")
-def _smaller(F, uv_left, uv_right):
-    """The smaller distance is returned. The larger one is asked for."""
-    return _distances(F, uv_left, uv_right, F.T)[0].min()
+@distance_sigma_exercise.mistake("6, A spot gets a line")
+def _in_the_left_image(F, uv_left, uv_right, sigma):
+    """This is the scatter of the distance in the left image. That in the right one is asked for."""
+    right, left = _of_normals(F, uv_left, uv_right, F.T)
+    return sigma * math.sqrt((right + left) / left)
 
 
-@symmetric_distance_exercise.mistake("6, Exercises")
-def _mean_distance(F, uv_left, uv_right):
-    """The mean of both distances is returned. The larger one is asked for."""
-    return _distances(F, uv_left, uv_right, F.T)[0].mean()
+@distance_sigma_exercise.mistake("6, Exercises")
+def _scatters_added(F, uv_left, uv_right, sigma):
+    """The two standard deviations are added up. Variances of independent errors add up."""
+    right, left = _of_normals(F, uv_left, uv_right, F.T)
+    return sigma * (1 + math.sqrt(left / right))
 
 
-@symmetric_distance_exercise.mistake("6, Exercises")
-def _sum_of_distances(F, uv_left, uv_right):
-    """Both distances are added up. The larger one is asked for."""
-    return _distances(F, uv_left, uv_right, F.T)[0].sum()
+@distance_sigma_exercise.mistake("6, Exercises")
+def _variance(F, uv_left, uv_right, sigma):
+    """This is the variance. The standard deviation is its root."""
+    return distance_sigma(F, uv_left, uv_right, sigma) ** 2
 
 
-@symmetric_distance_exercise.mistake("6, What the paper says: Eq. 17")
-def _there_alone(F, uv_left, uv_right):
-    """This is the distance in the right image alone."""
-    return _distances(F, uv_left, uv_right, F.T)[0][0]
-
-
-@symmetric_distance_exercise.mistake("6, What the paper says: Eq. 17")
-def _undivided(F, uv_left, uv_right):
-    """This is a u + b v + c without the division: its size depends on that of F, and is no
-    distance.
+@distance_sigma_exercise.mistake("6, What the paper says: Eq. 17")
+def _undivided(F, uv_left, uv_right, sigma):
+    """This is the scatter of a u + b v + c without the division: its size depends on that of F, and is
+    no distance.
     """
-    return _distances(F, uv_left, uv_right, F.T)[1][0]
+    right, left = _of_normals(F, uv_left, uv_right, F.T)
+    return sigma * math.sqrt(right + left)
 
 
 left_to_right_exercise = FunctionExerciseMaker(
@@ -428,6 +436,6 @@ def _centres(R_left, t_left, R_right, t_right):
 EXERCISES = (
     epipolar_line_exercise.made(),
     expected_correlation_exercise.made(),
-    symmetric_distance_exercise.made(),
+    distance_sigma_exercise.made(),
     left_to_right_exercise.made(),
 )
