@@ -75,7 +75,9 @@ def put_back(browser, cell):
 
 def test_a_cell_runs_and_shows_what_it_prints_in_place_of_the_stored_output(page):
     run(page, BY_HAND)
-    assert shown(page, BY_HAND).strip() == "mean 5.3, variance 1.3"
+    assert (
+        shown(page, BY_HAND).strip() == "mean 6.0, variance 0.8"
+    )  # (2/4 + 7/1) / (1/4 + 1/1), 1 / (1/4 + 1/1)
     assert page.evaluate(f"book.cells[{BY_HAND}].output.hidden")
     assert says(page, BY_HAND).startswith("ran here in")
 
