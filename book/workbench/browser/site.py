@@ -26,7 +26,9 @@ from trinolab.bench.recordings import standard_recording
 
 from ..pages.build import BUILD, HTML, RECORDED_S, RECORDINGS, ROOT, chapters
 from ..sweep.notebook import read_notebook
+from .exercises import exercises_of, with_exercises
 from .fetch import fetch, path_of
+from .sweeps import with_sweep, write_sweeps
 
 __all__ = ["SITE", "build", "cells_of", "with_cells"]
 
@@ -86,7 +88,10 @@ def build(site: Path = SITE) -> None:
     )
     for path in chapters():
         page = site / path.relative_to(ROOT).with_suffix(".html")
-        _write(page, with_cells(page.read_text(encoding="utf-8"), cells_of(path)))
+        text = with_cells(page.read_text(encoding="utf-8"), cells_of(path))
+        text = with_exercises(text, exercises_of(path))
+        _write(page, with_sweep(text, path, version))
+    write_sweeps(site / "_browser" / "sweeps", chapters())
 
 
 def cells_of(chapter: Path) -> list[dict[str, Any]]:
