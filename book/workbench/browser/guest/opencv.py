@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from . import door
+from . import door, lacking
 
 __all__ = ["aruco", "error"]
 
@@ -350,6 +350,30 @@ def rectangle(
     return _drawn("rectangle", img, *ends, _scalar(color), thickness, lineType, shift)
 
 
+def arrowedLine(
+    img: Any,
+    pt1: Any,
+    pt2: Any,
+    color: Any,
+    thickness: int = 1,
+    line_type: int = 8,
+    shift: int = 0,
+    tipLength: float = 0.1,
+) -> Any:
+    ends = _whole_point(pt1), _whole_point(pt2)
+    more = thickness, line_type, shift, tipLength
+    return _drawn("arrowedLine", img, *ends, _scalar(color), *more)
+
+
+def getTextSize(text: str, fontFace: int, fontScale: float, thickness: int) -> Any:
+    """Width and height of what `putText` draws, looked at: OpenCV.js does not say them."""
+    base = 50
+    paper = np.zeros((2 * base, 60 * (len(text) + 1)), np.uint8)
+    putText(paper, text, (0, base), fontFace, fontScale, 255, thickness)
+    u, v, width, _ = boundingRect(paper)
+    return (u + width, base - v), 0
+
+
 def drawMarker(
     img: Any,
     position: Any,
@@ -469,16 +493,56 @@ def solvePnPRefineLM(
 
 
 def triangulatePoints(projMatr1: Any, projMatr2: Any, projPoints1: Any, projPoints2: Any) -> Any:
-    """In NumPy, as OpenCV has it: the smallest singular vector of four equations a point."""
-    points = []
-    for first, second in zip(np.asarray(projPoints1).T, np.asarray(projPoints2).T, strict=True):
-        equations = [
-            uv[axis] * np.asarray(P)[2] - np.asarray(P)[axis]
-            for P, uv in ((projMatr1, first), (projMatr2, second))
-            for axis in (0, 1)
-        ]
-        points.append(np.linalg.svd(np.array(equations, float))[2][-1])
-    return np.array(points).T
+    """By `lacking.triangulated`."""
+    given = (projMatr1, projMatr2, projPoints1, projPoints2)
+    return lacking.triangulated(*(np.asarray(one, float) for one in given))
+
+
+def findCirclesGrid(
+    image: Any, patternSize: Any, flags: int = 1, blobDetector: Any = None
+) -> tuple[bool, np.ndarray | None]:
+    """By `lacking.four_of_a_grid`: of two by two, by clusters."""
+    clustered = flags & __getattr__("CALIB_CB_CLUSTERING")
+    if tuple(patternSize) != (2, 2) or not clustered:
+        _missing("findCirclesGrid but for two by two, by clusters")()
+    detector = SimpleBlobDetector() if blobDetector is None else blobDetector
+    points = np.array([one.pt for one in detector.detect(image)], float).reshape(-1, 2)
+    four = lacking.four_of_a_grid(points)
+    return four is not None, None if four is None else four.astype(np.float32)[:, None]
+
+
+def stereoCalibrate(
+    objectPoints: Any,
+    imagePoints1: Any,
+    imagePoints2: Any,
+    cameraMatrix1: Any,
+    distCoeffs1: Any,
+    cameraMatrix2: Any,
+    distCoeffs2: Any,
+    imageSize: Any,
+    flags: int = 0,
+    criteria: Any = None,
+) -> Any:
+    """By `lacking.stereo_pair`: without distortion, the lenses fitted or kept."""
+    if np.any(distCoeffs1) or np.any(distCoeffs2) or not flags & __getattr__("CALIB_FIX_K1"):
+        _missing("stereoCalibrate with distortion")()
+    points = [np.asarray(one, float).reshape(-1, 3) for one in objectPoints]
+    uv = [
+        [np.asarray(one, float).reshape(-1, 2) for one in views]
+        for views in (imagePoints1, imagePoints2)
+    ]
+    matrices = np.asarray(cameraMatrix1, float), np.asarray(cameraMatrix2, float)
+    in_first, in_second = (
+        [solvePnP(points[k], view, K, None)[1:] for k, view in enumerate(views)]
+        for views, K in zip(uv, matrices, strict=True)
+    )
+    turns = [Rodrigues(rvec)[0] for rvec, _ in (in_first[0], in_second[0])]
+    turn = turns[1] @ turns[0].T
+    shift = in_second[0][1] - turn @ in_first[0][1]
+    free = bool(flags & __getattr__("CALIB_USE_INTRINSIC_GUESS"))
+    pair = lacking.stereo_pair(points, uv, matrices, in_first, (Rodrigues(turn)[0], shift), free)
+    none = np.zeros((5, 1))
+    return pair.rms, pair.first, none, pair.second, none, pair.R, pair.T, None, None
 
 
 def calibrateCamera(
@@ -594,13 +658,11 @@ def createBackgroundSubtractorMOG2() -> BackgroundSubtractorMOG2:
     return BackgroundSubtractorMOG2()
 
 
-class _NoVideo:
-    """Neither reads nor writes a film."""
+class VideoCapture:
+    """Reads no film."""
 
     def __init__(self, *_: Any) -> None:
         pass
-
-    fourcc = staticmethod(lambda *_: 0)
 
     def isOpened(self) -> bool:
         return False
@@ -609,7 +671,15 @@ class _NoVideo:
         pass
 
 
-VideoCapture = VideoWriter = _NoVideo
+class VideoWriter:
+    """Writes no film: no encoder is there."""
+
+    fourcc = staticmethod(lambda *_: 0)
+
+    def __init__(self, *_: Any) -> None:
+        raise NotImplementedError("no film can be written in this page")
+
+
 CAP_FFMPEG, CAP_PROP_POS_FRAMES, CAP_PROP_FPS, CAP_PROP_FRAME_COUNT = 1900, 1, 5, 7
 CAP_PROP_FRAME_WIDTH, CAP_PROP_FRAME_HEIGHT = 3, 4
 CCL_WU = 0

@@ -18,6 +18,8 @@ import warnings
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from . import door, substitutes
 
 __all__ = ["answer", "close_figures", "run", "show", "start"]
@@ -99,7 +101,9 @@ def show(*values: Any) -> None:
 
 def glue(name: str, value: Any, display: bool = True) -> None:
     """Hand out a number that the text quotes."""
-    _hand_out({"type": "glue", "name": name, "value": repr(value)})
+    item = value.item() if hasattr(value, "item") and np.size(value) == 1 else value
+    known = isinstance(item, bool | int | float | str)
+    _hand_out({"type": "glue", "name": name, "value": item if known else repr(item)})
     if display:
         show(value)
 

@@ -4,6 +4,7 @@ shows and glues goes to the page, and what cannot run there says so where it is 
 
 from __future__ import annotations
 
+import os
 import sys
 import types
 from collections.abc import Callable
@@ -34,6 +35,7 @@ class HTML:
 
 def install(show: Callable[..., None], glue: Callable[..., None]) -> None:
     """Put the substitutes where ``import`` finds them."""
+    _copy_no_descriptor()
     sys.modules["cv2"] = opencv
     sys.modules["cv2.aruco"] = opencv.aruco
     _module("myst_nb", glue=glue)
@@ -48,6 +50,20 @@ def _absent(name: str) -> Any:
     if name.startswith("__"):
         raise AttributeError(name)
     raise NotImplementedError(f"the package's imports are not looked into here ({name})")
+
+
+def _copy_no_descriptor() -> None:
+    """WASI cannot copy a descriptor, which is how the package keeps a decoder's words from standard
+    error: what decodes here writes none there.
+    """
+
+    def dup(fd: int, /) -> int:
+        return os.open("/tmp/no_descriptor", os.O_RDWR | os.O_CREAT)
+
+    def dup2(fd: int, fd2: int, inheritable: bool = True) -> int:
+        return fd2
+
+    os.dup, os.dup2 = dup, dup2
 
 
 def _module(name: str, **members: Any) -> types.ModuleType:

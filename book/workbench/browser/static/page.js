@@ -150,6 +150,7 @@ class Book {
         this.bar.setAttribute('aria-label', 'Run this chapter in the browser');
         this.cells = stored.map(({ source }, k) => new Cell(places[k], source, k, this));
         document.querySelector('article.bd-article h1').after(this.bar);
+        this.running = false;
         this.glued = {}; // the numbers that the text quotes, as they came out here
         this.turns = Promise.resolve();
         this.stopped = 0;
@@ -179,6 +180,7 @@ class Book {
         const round = this.stopped;
         const turn = async () => {
             if (round !== this.stopped) return;
+            this.running = true;
             this.stopButton.disabled = false;
             try {
                 if (!this.runtime.starting) this.say('starting Python');
@@ -196,6 +198,7 @@ class Book {
                 this.current?.say(error.message, 'failed');
                 this.say(error.message);
             } finally {
+                this.running = false;
                 this.stopButton.disabled = true;
             }
         };

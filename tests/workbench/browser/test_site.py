@@ -1,0 +1,105 @@
+"""The folder for a host, and the comparison of its numbers, without a browser."""
+
+import hashlib
+import json
+import re
+from pathlib import Path
+
+import pandas as pd
+import pytest
+
+from workbench.browser import fetch, numbers, site
+from workbench.pages.build import chapters
+
+PAGE = '<html><head></head><body><div class="cell docutils container"></div></body></html>'
+
+
+def test_a_page_gets_its_cells_as_data_that_no_script_ends():
+    cells = [{"source": "print('</script>')"}]
+    page = site.with_cells(PAGE, cells)
+    (data,) = re.findall(r'id="browser-cells">(.*?)</script>', page)
+    assert json.loads(data) == cells
+
+
+def test_a_page_with_another_number_of_cells_is_refused():
+    with pytest.raises(ValueError, match="1 cells of code, the notebook has 2"):
+        site.with_cells(PAGE, [{"source": "1"}, {"source": "2"}])
+
+
+def test_the_cells_are_those_of_the_notebook_in_their_order():
+    first = chapters()[0]
+    cells = json.loads(first.read_text())["cells"]
+    sources = ["".join(cell["source"]) for cell in cells if cell["cell_type"] == "code"]
+    assert [cell["source"] for cell in site.cells_of(first)] == sources
+
+
+def test_the_book_is_packed_as_in_a_checkout():
+    packed = dict(site._book())
+    assert "trinolab/kalman.py" in packed
+    assert "book/workbench/browser/guest/session.py" in packed
+    assert "data/table1.csv" in packed
+    assert not any("__pycache__" in name for name in packed)
+
+
+def test_a_release_of_pyodide_without_its_packages_is_refused(tmp_path):
+    names = {name: {"file_name": f"{name}.whl", "depends": []} for name in site.PYODIDE_PACKAGES}
+    lock = {"info": {"version": "1", "python": "3"}, "packages": names}
+    (tmp_path / "pyodide-lock.json").write_text(json.dumps(lock))
+    with pytest.raises(ValueError, match="has no files of jinja2, matplotlib"):
+        site._write_pyodide(tmp_path / "out", tmp_path)
+
+
+def test_a_file_with_another_sum_is_refused(tmp_path, monkeypatch):
+    def bring(piece: fetch.Piece, folder: Path) -> None:
+        (folder / piece.file).write_bytes(b"something else")
+
+    monkeypatch.setattr(fetch, "_ask", bring)
+    with pytest.raises(ValueError, match="SHA-256"):
+        fetch.fetch(tmp_path)
+    assert not fetch.is_fetched(tmp_path)
+
+
+def test_what_is_there_is_not_fetched_again(tmp_path, monkeypatch):
+    monkeypatch.setattr(
+        fetch,
+        "PIECES",
+        {"one": fetch.Piece("pip", "one==1", "one.whl", hashlib.sha256(b"one").hexdigest())},
+    )
+    asked = []
+
+    def bring(piece: fetch.Piece, folder: Path) -> None:
+        asked.append(piece.package)
+        (folder / piece.file).write_bytes(b"one")
+
+    monkeypatch.setattr(fetch, "_ask", bring)
+    fetch.fetch(tmp_path)
+    fetch.fetch(tmp_path)
+    assert asked == ["one==1"]
+
+
+@pytest.mark.parametrize(
+    ("built", "here", "same"),
+    [
+        (1.0, 1.0009, True),
+        (1.0, 1.0011, False),
+        (0, 0, True),
+        (0, 1e-9, False),
+        ("inside", "inside", True),
+        ("inside", "outside", False),
+        (3, 3.0, True),
+    ],
+)
+def test_numbers_agree_within_a_share_and_texts_exactly(built, here, same):
+    assert numbers.agrees(built, here) is same
+
+
+def test_the_page_lists_first_what_does_not_agree():
+    table = numbers.compared("04", {"a": 1.0, "b": "yes"}, {"a": 1.0, "b": "no"})
+    page = numbers.page_of(pd.concat([table]))
+    assert "1 of\n2 agree" in page
+    assert page.index(">b<") < page.index(">a<")
+
+
+def test_a_number_that_the_browser_did_not_glue_does_not_agree():
+    (row,) = numbers.compared("04", {"a": 1.0}, {}).to_dict("records")
+    assert not row["agrees"]
