@@ -6,6 +6,7 @@ A reader's browser gets the chapter already cut (`workbench.sweep.slicing`).
 from __future__ import annotations
 
 import json
+from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -34,6 +35,7 @@ SWEEPS = {
 }
 
 
+@cache
 def part_of(chapter: Path) -> dict[str, Any]:
     """What a browser runs of a chapter: once, and at each value.
 

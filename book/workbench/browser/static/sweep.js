@@ -43,6 +43,7 @@ class Sweep {
             element('div', { className: 'browser-tools' }, this.startButton, this.stopButton, this.forgetButton, this.share, this.said),
             this.figure, this.table, this.saveButton);
         document.querySelector('article.bd-article').append(place);
+        document.querySelector('.browser-bar')?.append(element('a', { href: '#browser-sweep', textContent: 'Sweep' }));
         this.look();
     }
 
@@ -114,8 +115,9 @@ class Sweep {
             const count = Math.max(1, Math.min(WORKERS, this.todo.length));
             const others = Array.from({ length: count - 1 }, () => this.added());
             await Promise.all([first, ...others].map(worker => this.work(worker)));
-            await this.draw(first, values);
-            this.say(`${this.total} of ${this.total} runs`);
+            const failed = this.rows.filter(({ outcome }) => outcome.status === 'failed').length;
+            if (failed < this.total) await this.draw(first, values);
+            this.say(failed === 0 ? `all ${this.total} runs are done` : `${failed} of ${this.total} runs failed`);
         } catch (error) {
             this.say(`${this.stopped ?? error.message}: ${this.rows.length} of ${this.total} runs are kept`);
         } finally {
@@ -139,7 +141,7 @@ class Sweep {
         await worker.start();
         const part = await fetch(new URL(`../sweeps/${CHAPTER}.json`, import.meta.url));
         await worker.write('tmp/sweep.json', await part.arrayBuffer());
-        if (this.rows.length === this.before) this.say('running what runs once');
+        this.sayLeft();
         await this.asked(worker, 'prepare');
         while (this.todo.length > 0) {
             const value = this.todo.shift();
@@ -153,9 +155,10 @@ class Sweep {
 
     sayLeft() {
         const [done, left] = [this.rows.length - this.before, this.total - this.rows.length];
-        const minutes = (performance.now() - this.begun) / 60_000 / done * left;
+        const minutes = Math.ceil((performance.now() - this.begun) / 60_000 / done * left);
         this.share.value = this.rows.length / this.total;
-        this.say(`${this.rows.length} of ${this.total} runs; about ${minutes < 1 ? 'a minute' : `${Math.ceil(minutes)} minutes`} left`);
+        const rest = done === 0 || left === 0 ? '' : `; about ${minutes} ${minutes === 1 ? 'minute' : 'minutes'} left`;
+        this.say(`${this.rows.length} of ${this.total} runs are done${rest}`);
     }
 
     /** What a function of the worker hands out. */
