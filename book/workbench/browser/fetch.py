@@ -12,6 +12,7 @@ import hashlib
 import shutil
 import subprocess
 import sys
+from importlib.util import find_spec
 from pathlib import Path
 from typing import NamedTuple
 
@@ -101,8 +102,10 @@ def fetch(folder: Path = CACHE) -> None:
 
 def _ask(piece: Piece, folder: Path) -> None:
     """Let the client that is set up here bring a package's file into a folder."""
+    # an environment that uv has made has no pip of its own
+    pip = [sys.executable, "-m", "pip"] if find_spec("pip") else ["pip"]
     commands = {
-        "pip": [sys.executable, "-m", "pip", "download", "--no-deps", "--dest", str(folder)],
+        "pip": [*pip, "download", "--no-deps", "--dest", str(folder)],
         "npm": ["npm", "pack", "--pack-destination", str(folder)],
     }
     try:

@@ -37,6 +37,7 @@ __all__ = [
     "Ran",
     "agrees",
     "compared",
+    "of_chapter",
     "page_of",
     "run_chapter",
     "serving",
@@ -116,6 +117,11 @@ def compared(chapter: str, built: Mapping[str, Any], here: Mapping[str, Any]) ->
     return pd.DataFrame(rows)
 
 
+def of_chapter(chapter: str, ran: Ran) -> pd.DataFrame:
+    """The numbers of a chapter's built page and those of its run, one a row."""
+    return compared(chapter, glued(read_notebook(result_of(chapter))), ran.glued)
+
+
 def page_of(table: pd.DataFrame) -> str:
     """A page that lists both, those that do not agree first."""
     ordered = table.sort_values("agrees", kind="stable")
@@ -170,7 +176,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 ran = run_chapter(browser, f"{address}/notebooks/{chapter}.html")
             finally:
                 browser.close()
-            table = compared(chapter, glued(read_notebook(result_of(chapter))), ran.glued)
+            table = of_chapter(chapter, ran)
             kinds = [kind for kind, _ in ran.cells]
             print(
                 f"{chapter}: {time.monotonic() - start:.0f} s, {kinds.count('done')} of {len(kinds)} "

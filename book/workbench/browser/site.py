@@ -96,6 +96,7 @@ def build(site: Path = SITE, pyodide: Path | None = None) -> None:
         "bytes": sum(path.stat().st_size for path in files.iterdir()),
         "archives": ["book.zip"],
         "recordings": list(_share_recordings(own / "recordings")),
+        "numbers": TABLE.exists(),
     }
     _write(own / "runtime.json", json.dumps(about))
     version = _hash_of(sorted(files.iterdir()))

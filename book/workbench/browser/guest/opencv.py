@@ -555,14 +555,14 @@ def calibrateCamera(
     criteria: Any = (3, 30, 2.2e-16),
 ) -> Any:
     camera = np.zeros((3, 3)) if cameraMatrix is None else np.asarray(cameraMatrix, float).copy()
-    lens = np.zeros((5, 1)) if distCoeffs is None else np.asarray(distCoeffs, float).reshape(-1, 1)
+    start = np.zeros((5, 1)) if distCoeffs is None else np.asarray(distCoeffs, float).reshape(-1, 1)
     views = [_Several([np.asarray(view) for view in one]) for one in (objectPoints, imagePoints)]
     returned, results, counts = _call(
         "calibrateCameraExtended",
         *views,
         _size(imageSize),
         _Changed(camera),
-        _Changed(lens),
+        _Changed(start),
         OUTS,
         OUTS,
         OUT,
@@ -573,7 +573,8 @@ def calibrateCamera(
     )
     count = counts[0]
     turns, shifts = tuple(results[2 : 2 + count]), tuple(results[2 + count : 2 + 2 * count])
-    return returned, results[0], results[1], turns, shifts
+    lens = results[1] if distCoeffs is None else results[1].reshape(np.shape(distCoeffs))
+    return returned, results[0], lens, turns, shifts
 
 
 # Files, through Pillow
@@ -646,16 +647,18 @@ SimpleBlobDetector_create = SimpleBlobDetector
 class BackgroundSubtractorMOG2:
     """OpenCV's mixture of Gaussians; it lives on the other side of the door."""
 
-    def __init__(self) -> None:
-        self._number = door.ask({"asks": "mixture"})[0]["number"]
+    def __init__(self, *given: Any) -> None:
+        self._number = door.ask({"asks": "mixture", "given": given})[0]["number"]
 
     def apply(self, image: np.ndarray, fgmask: Any = None, learningRate: float = -1) -> np.ndarray:
         about = {"asks": "mixture", "number": self._number, "rate": learningRate}
         return door.ask(about, [np.ascontiguousarray(image)])[1][0]
 
 
-def createBackgroundSubtractorMOG2() -> BackgroundSubtractorMOG2:
-    return BackgroundSubtractorMOG2()
+def createBackgroundSubtractorMOG2(
+    history: int = 500, varThreshold: float = 16.0, detectShadows: bool = True
+) -> BackgroundSubtractorMOG2:
+    return BackgroundSubtractorMOG2(history, varThreshold, detectShadows)
 
 
 class VideoCapture:

@@ -47,8 +47,8 @@ const ANSWERS = {
         return pack({ values }, results);
     },
     blobs: ({ parameters }, [image]) => pack({ points: blobs(parameters, image) }),
-    mixture({ number, rate }, [image]) {
-        const { made, mask } = mixture(number, rate, image);
+    mixture(about, [image]) {
+        const { made, mask } = mixture(about, image);
         return pack({ number: made }, mask ? [mask] : []);
     },
 };

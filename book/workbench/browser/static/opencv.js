@@ -102,9 +102,9 @@ export function constant(name) {
 
 /** The blobs of an image: [u, v, size] each. */
 export function blobs(parameters, image) {
-    const chosen = new cv.SimpleBlobDetector_Params();
-    Object.entries(parameters).forEach(([name, value]) => { chosen[name] = value; });
-    const [detector, one, points] = [new cv.SimpleBlobDetector(chosen), matrix(image), new cv.KeyPointVector()];
+    const [detector, one, points] = [new cv.SimpleBlobDetector(), matrix(image), new cv.KeyPointVector()];
+    const chosen = Object.assign(detector.getParams(), parameters);
+    detector.setParams(chosen);
     detector.detect(one, points);
     const found = listed(points).map(({ pt, size }) => [pt.x, pt.y, size]);
     [detector, one, points, chosen].forEach(each => each.delete());
@@ -114,8 +114,8 @@ export function blobs(parameters, image) {
 const mixtures = [];
 
 /** A new model of the background, or the mask of an image by one that is there. */
-export function mixture(number, rate, image) {
-    if (number === undefined) return { made: mixtures.push(new cv.BackgroundSubtractorMOG2()) - 1 };
+export function mixture({ number, given, rate }, image) {
+    if (number === undefined) return { made: mixtures.push(new cv.BackgroundSubtractorMOG2(...given)) - 1 };
     const [one, mask] = [matrix(image), new cv.Mat()];
     mixtures[number].apply(one, mask, rate);
     const result = array(mask);

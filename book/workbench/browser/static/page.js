@@ -154,10 +154,9 @@ class Book {
         this.glued = {}; // the numbers that the text quotes, as they came out here
         this.turns = Promise.resolve();
         this.stopped = 0;
-        this.say('Cells run in this browser. The first run loads the runtime.');
-        Runtime.about().then(({ name, bytes }) => {
-            this.bar.title = name;
-            this.say(`Cells run in this browser, on ${name}. The first run loads ${Math.round(bytes / 1e6)} MB, once.`);
+        Runtime.about().then(({ name, bytes, numbers }) => {
+            this.say(`Cells run here, on ${name}; the first run loads ${Math.round(bytes / 1e6)} MB, once.`);
+            if (numbers) this.bar.append(element('a', { href: '../browser_numbers.html', textContent: 'Numbers of two platforms' }));
         });
     }
 

@@ -48,7 +48,7 @@ async function start({ base, about, say }) {
         python.FS.createLazyFile(folder, name, at(`recordings/${path}`), true, false);
     });
     const answer = await doorFor(at('files/opencv.js.gz'), say);
-    python.registerJsModule('_host', { call: frame => answer(frame.toJs()) });
+    python.registerJsModule('_host', { call: frame => answer(frame) });
 }
 
 function turn(source) {

@@ -1,0 +1,223 @@
+"""Chapters' pages that run their cells in Chromium, from a folder that is served here.
+
+`make browser` builds the folder; where it is not there, these tests say so and are left out.
+"""
+
+import json
+import time
+from urllib.parse import urlsplit
+
+import pytest
+
+from workbench.browser import numbers
+from workbench.browser.numbers import serving, wait_until_idle
+from workbench.browser.site import SITE
+from workbench.pages.browser import CHROMIUM, Browser
+
+pytestmark = [
+    pytest.mark.heavy,
+    pytest.mark.skipif(CHROMIUM is None, reason="Chromium is not installed"),
+    pytest.mark.skipif(
+        not (SITE / "_browser" / "runtime.json").exists(),
+        reason="the pages that run in a browser are not built: make browser",
+    ),
+]
+# Chapter 4's: imports and a figure; a mean and its variance by hand; a gain that needs them
+IMPORTS, BY_HAND, GAIN = 0, 3, 4
+PAGE = "notebooks/04_kalman.html"
+
+
+@pytest.fixture(scope="module")
+def address():
+    with serving(SITE) as address:
+        yield address
+
+
+@pytest.fixture(scope="module")
+def browser(tmp_path_factory):
+    browser = Browser(tmp_path_factory.mktemp("profile"))
+    yield browser
+    browser.close()
+
+
+@pytest.fixture(scope="module")
+def page(browser, address):
+    """Chapter 4, with a session that has begun."""
+    browser.open(f"{address}/{PAGE}")
+    run(browser, BY_HAND)
+    return browser
+
+
+def run(browser, *cells):
+    browser.evaluate(f"void book.run({list(cells)}.map(k => book.cells[k]))")
+    wait_until_idle(browser)
+
+
+def says(browser, cell):
+    return browser.evaluate(f"book.cells[{cell}].status.textContent")
+
+
+def shown(browser, cell):
+    return browser.evaluate(f"book.cells[{cell}].result.textContent")
+
+
+def write(browser, cell, source):
+    """Put a source into a cell, as a reader types it."""
+    browser.evaluate(
+        f"(one => {{ if (!one.area) one.edit(); one.area.value = {json.dumps(source)};"
+        f" one.area.dispatchEvent(new Event('input')); }})(book.cells[{cell}])"
+    )
+
+
+def put_back(browser, cell):
+    browser.evaluate(f"book.cells[{cell}].area && book.cells[{cell}].edit()")
+
+
+def test_a_cell_runs_and_shows_what_it_prints_in_place_of_the_stored_output(page):
+    run(page, BY_HAND)
+    assert (
+        shown(page, BY_HAND).strip() == "mean 6.0, variance 0.8"
+    )  # (2/4 + 7/1) / (1/4 + 1/1), 1 / (1/4 + 1/1)
+    assert page.evaluate(f"book.cells[{BY_HAND}].output.hidden")
+    assert says(page, BY_HAND).startswith("ran here in")
+
+
+def test_run_all_above_runs_those_and_not_the_cell_itself(page):
+    page.evaluate("book.cells.forEach(one => one.say(''))")
+    page.click(f"[aria-label='Run all cells above cell {BY_HAND + 2}']")
+    wait_until_idle(page)
+    assert all(says(page, cell).startswith("ran here") for cell in range(BY_HAND + 1))
+    assert says(page, BY_HAND + 1) == ""
+    assert page.evaluate(f"book.cells[{IMPORTS}].result.querySelectorAll('img').length") == 1
+
+
+def test_the_session_keeps_its_variables_and_a_restart_forgets_them(page):
+    run(page, IMPORTS, BY_HAND, GAIN)
+    assert "gain 0.8" in shown(page, GAIN)
+    page.evaluate("book.restart()")
+    assert not page.evaluate(f"book.cells[{GAIN}].output.hidden")
+    run(page, GAIN)
+    assert "NameError" in shown(page, GAIN)
+    assert says(page, GAIN).startswith("failed")
+    run(page, BY_HAND)
+
+
+def test_a_run_that_does_not_end_is_stopped_and_the_loss_is_said(page):
+    write(page, BY_HAND, "while True:\n    pass")
+    page.evaluate(f"void book.run([book.cells[{BY_HAND}]])")
+    time.sleep(2.0)
+    assert page.evaluate("book.running")
+    page.click(".browser-bar button:nth-of-type(2)")
+    wait_until_idle(page)
+    assert "variables are lost" in page.evaluate("book.said.textContent")
+    put_back(page, BY_HAND)
+    run(page, BY_HAND)
+    assert says(page, BY_HAND).startswith("ran here in")
+
+
+def test_what_cannot_run_says_so_and_the_stored_output_stays(page):
+    write(page, BY_HAND, "import mujoco")
+    run(page, BY_HAND)
+    assert "cannot run in a browser: mujoco" in says(page, BY_HAND)
+    assert not page.evaluate(f"book.cells[{BY_HAND}].output.hidden")
+    put_back(page, BY_HAND)
+
+
+def test_memory_does_not_grow_over_thirty_runs(page):
+    figure = "import matplotlib.pyplot as plt\nplt.plot(range(1000))"
+    write(page, BY_HAND, figure)
+    used = []
+    for _ in range(30):
+        run(page, BY_HAND)
+        used.append(int(page.evaluate("book.used.textContent").split()[0]))
+    assert used[-1] <= 1.1 * used[4]
+    put_back(page, BY_HAND)
+
+
+def test_keys_reach_run_and_run_a_cell_from_its_source(page):
+    page.evaluate(f"book.cells[{BY_HAND}].say('')")
+    page.evaluate("document.querySelector(\"[aria-label='Run cell 4']\").focus()")
+    page.press("Enter")
+    wait_until_idle(page)
+    assert says(page, BY_HAND).startswith("ran here")
+    write(page, BY_HAND, "print(6 * 7)")
+    page.evaluate(
+        f"book.cells[{BY_HAND}].area.dispatchEvent("
+        "new KeyboardEvent('keydown', {key: 'Enter', shiftKey: true, bubbles: true}))"
+    )
+    wait_until_idle(page)
+    assert shown(page, BY_HAND).strip() == "42"
+    put_back(page, BY_HAND)
+
+
+def test_each_button_has_a_name_and_the_tabulator_key_reaches_it(page):
+    page.evaluate("document.querySelector(\"[aria-label='Run cell 4']\").focus()")
+    page.press("Tab")
+    name = page.evaluate("document.activeElement.getAttribute('aria-label')")
+    assert name == "Run all cells above cell 4"
+    unnamed = "[...document.querySelectorAll('.browser-button')].filter(b => !b.ariaLabel).length"
+    assert page.evaluate(unnamed) == 0
+
+
+def test_a_page_of_400_px_needs_no_scrolling_sideways(page):
+    page.resize(400)
+    run(page, BY_HAND)
+    assert page.evaluate("document.documentElement.scrollWidth") <= 400
+    bar = page.evaluate("(b => [b.left, b.right])(book.bar.getBoundingClientRect())")
+    assert bar[0] >= 0
+    assert bar[1] <= 400
+    page.resize(1280)
+
+
+def test_a_reload_in_mid_run_loses_no_source_that_was_written(browser, address):
+    browser.open(f"{address}/{PAGE}")
+    write(browser, BY_HAND, "while True:\n    pass  # mine")
+    browser.evaluate(f"void book.run([book.cells[{BY_HAND}]])")
+    time.sleep(1.0)
+    browser.open(f"{address}/{PAGE}")
+    assert browser.evaluate(f"book.cells[{BY_HAND}].source") == "while True:\n    pass  # mine"
+    put_back(browser, BY_HAND)
+    browser.open(f"{address}/{PAGE}")
+    assert browser.evaluate(f"book.cells[{BY_HAND}].area") is None
+
+
+def test_the_runtime_is_kept_and_no_request_leaves_the_page(browser, address):
+    browser.open(f"{address}/{PAGE}")
+    run(browser, BY_HAND)
+    kept = browser.evaluate(
+        "caches.keys().then(names => caches.open(names[0])).then(one => one.keys())"
+        ".then(all => all.map(one => new URL(one.url).pathname))"
+    )
+    assert "/_browser/files/python.wasm.gz" in kept
+    assert browser.errors == []
+    host = urlsplit(address).netloc
+    asked = {urlsplit(one) for one in browser._addresses.values()}
+    outside = [one for one in asked if one.scheme in ("http", "https") and one.netloc != host]
+    assert outside == []
+
+
+@pytest.mark.parametrize(
+    "chapter",
+    [
+        "01_structure",
+        "02_workspace",
+        "03_background",
+        "04_kalman",
+        "05_markers",
+        "06_matching",
+        "07_calibration",
+        "08_pose",
+        "09_table1",
+    ],
+)
+def test_a_chapter_runs_to_its_end_with_the_verdicts_of_the_built_page(tmp_path, address, chapter):
+    browser = Browser(tmp_path)
+    try:
+        ran = numbers.run_chapter(browser, f"{address}/notebooks/{chapter}.html")
+    finally:
+        browser.close()
+    assert [says for kind, says in ran.cells if kind not in ("done", "cannot")] == []
+    table = numbers.of_chapter(chapter, ran)
+    texts = table[table["built"].map(lambda value: isinstance(value, str))]
+    assert texts[~texts["agrees"]].to_dict("records") == []
+    assert table["agrees"].mean() > 0.9
