@@ -1,17 +1,19 @@
 """What the grader says to answers: wrong in two ways, of another kind, right but not all of it."""
 
+import threading
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from workbench.course import check
-from workbench.course.child import BEING_CHECKED, outcome, plain_value
+from workbench.course import check, running
+from workbench.course.child import BEING_CHECKED, Call, outcome, plain_value
 from workbench.course.exercises import exercise
 from workbench.course.grading import call_of, judge_outcomes, judge_values
 from workbench.course.plain import plain, shown
 
 FILTER = exercise("04.2")
+lock = threading.Lock()  # what cannot be sent to another process
 
 
 def judged(asked, function):
@@ -22,6 +24,39 @@ def judged(asked, function):
 def says_of(answer, number="03.1"):
     """What is said of values."""
     return judge_values(exercise(number), plain_value(answer)).says
+
+
+def talks_and_changes(observations, mean, variance, growth, noise):
+    print("a mean")
+    observations[0] = 99.0
+    return [mean]
+
+
+def raises(*_):
+    raise IndexError("list index out of range")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "answer", [FILTER.solution, FILTER.mistakes[0].gives, talks_and_changes, raises, 3.0, lock.acquire]
+)
+def test_without_processes_the_verdict_is_the_same(monkeypatch, answer):
+    """As in a browser, where the function runs in the session that asks."""
+    in_a_process = check("04.2", answer)
+    monkeypatch.setattr(running, "HAS_PROCESSES", False)
+    monkeypatch.setattr(running, "_Process", None)  # nothing is started
+    assert check("04.2", answer) == in_a_process
+
+
+def test_without_processes_a_function_changes_nothing_of_the_session(monkeypatch):
+    monkeypatch.setattr(running, "HAS_PROCESSES", False)
+    session = {"calls": [], "__name__": "__main__"}
+    exec("def filter_number(*_):\n    calls.append(1)\n    return len(calls)", session)
+    found = running.run_given(
+        {"filter_number": session["filter_number"]}, [Call("filter_number", [(), ()])]
+    )
+    assert [one["returned"]["numbers"] for one in found.outcomes["filter_number"]] == [[1.0], [2.0]]
+    assert session["calls"] == []
 
 
 def test_a_usual_mistake_is_recognised_although_a_corner_case_fails_too():
