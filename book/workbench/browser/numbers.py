@@ -37,6 +37,7 @@ __all__ = [
     "Ran",
     "agrees",
     "compared",
+    "main",
     "of_chapter",
     "page_of",
     "run_chapter",
