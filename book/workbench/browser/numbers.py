@@ -37,6 +37,7 @@ __all__ = [
     "Ran",
     "agrees",
     "compared",
+    "main",
     "of_chapter",
     "page_of",
     "run_chapter",
@@ -124,14 +125,7 @@ def of_chapter(chapter: str, ran: Ran) -> pd.DataFrame:
 
 def page_of(table: pd.DataFrame) -> str:
     """A page that lists both, those that do not agree first."""
-    ordered = table.sort_values("agrees", kind="stable")
-    rows = "\n".join(
-        f"<tr{'' if row.agrees else ' class=differs'}><td>{html.escape(str(row.chapter))}</td>"
-        f"<td>{html.escape(str(row.name))}</td><td>{html.escape(_short(row.built))}</td>"
-        f"<td>{html.escape(_short(row.browser))}</td>"
-        f"<td>{'yes' if row.agrees else 'no'}</td></tr>"
-        for row in ordered.drop(columns="name").assign(name=ordered["name"]).itertuples()
-    )
+    rows = "\n".join(map(_row, table.sort_values("agrees", kind="stable").to_dict("records")))
     return f"""<!doctype html>
 <html lang="en"><meta charset="utf-8"><title>Numbers of two platforms</title>
 <meta name="viewport" content="width=device-width, initial-scale=1">
@@ -148,8 +142,17 @@ it in a browser, on WebAssembly with other releases of the libraries. {int(table
 """
 
 
+def _row(row: Mapping[str, Any]) -> str:
+    """A row of the page's table; a number that has no value here was not run."""
+    missing = row["browser"] is None or row["browser"] == ""
+    agrees = "not run" if missing else "yes" if row["agrees"] else "no"
+    texts = [row["chapter"], row["name"], _short(row["built"]), _short(row["browser"]), agrees]
+    cells = "".join(f"<td>{html.escape(str(text))}</td>" for text in texts)
+    return f"<tr{'' if row['agrees'] else ' class=differs'}>{cells}</tr>"
+
+
 def _short(value: Any) -> str:
-    return f"{value:.6g}" if isinstance(value, float) else str(value)
+    return f"{value:.6g}" if isinstance(value, float) else "" if value is None else str(value)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
