@@ -27,7 +27,7 @@ from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Any, NamedTuple
 
-__all__ = ["ANY", "OUTSIDE", "RANDOM", "RESULTS", "Effects", "Flow", "Thing", "Value"]
+__all__ = ["ANY", "OUTSIDE", "RANDOM", "RESULTS", "Effects", "Flow", "Look", "Thing", "Value"]
 
 
 class Thing(NamedTuple):

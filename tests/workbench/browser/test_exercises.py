@@ -80,7 +80,8 @@ def test_each_exercise_of_a_chapter_has_its_beginning_and_no_solution(chapter):
     for row in rows:
         assert row["check"] == f'check("{row["number"]}", {row["name"]})'
         assert row["name"] in row["source"]
-        assert solved(exercise(row["number"])) not in row["source"]
+        # a repair's solution may be the first part of what is handed out, but for a line's end
+        assert f"{solved(exercise(row['number']))}\n" not in f"{row['source']}\n"
 
 
 def test_a_study_has_no_exercises_and_its_page_stays():
