@@ -52,7 +52,11 @@ def plain(value: Any) -> Any:
             return f"an array of {numbers.size} numbers"
         return {"shape": list(numbers.shape), "numbers": numbers.ravel().tolist()}
     if isinstance(value, list | tuple):
-        return [plain(item) for item in value]
+        items = [plain(item) for item in value]
+        if all(is_array(item) and len(item["numbers"]) == 1 for item in items):
+            # a number may be an array of one as well, also beside one that is none
+            return {"shape": [len(items)], "numbers": [item["numbers"][0] for item in items]}
+        return items
     return f"a value of the type {type(value).__name__}"
 
 

@@ -39,6 +39,16 @@ def test_columns_are_right_and_a_transposed_matrix_is_not():
     assert not judge_outcomes(fit, [outcome(turned, case) for case in call_of(fit).cases]).right
 
 
+def test_one_of_two_numbers_may_be_an_array_of_one():
+    asked = exercise("11.2")
+
+    def mixed(*arguments):
+        scale, strokes = asked.solution(*arguments)
+        return [np.array([scale]), strokes]
+
+    assert judge_outcomes(asked, [outcome(mixed, case) for case in call_of(asked).cases]).right
+
+
 def says(number, **given):
     return judge_values(exercise(number), plain_value(exercise(number).answer | given))
 

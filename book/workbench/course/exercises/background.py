@@ -277,6 +277,7 @@ def _moving_cases(rng):
         (image(0, 256), image(0, 256), 40),
         (hand, bench.astype(float) + 0.25, 15),
         (np.array([[60, 30, 61, 29]], np.uint8), np.full((1, 4), 45, np.uint8), 15),  # just T
+        (np.array([[60, 30, 61, 29]], np.uint8), np.full((1, 4), 45.25), 15),
         (np.array([[255, 0, 3]], np.uint8), np.array([[0, 255, 250]], np.uint8), 20),
     ]
 
