@@ -96,6 +96,7 @@ def camera_view(
     c: int,
     width: int = WIDTH,
     numbers: float | None = 0.4,
+    named: bool = True,
 ) -> np.ndarray:
     """One camera's picture, made smaller, with its window, markers and axes.
 
@@ -112,6 +113,8 @@ def camera_view(
         Of the picture, px.
     numbers : float or None
         OpenCV's scale of the markers' numbers; None leaves them out.
+    named : bool
+        Whether the camera's name is in the picture.
 
     Returns
     -------
@@ -127,9 +130,9 @@ def camera_view(
         _draw_markers(view, tracked, c, frame, numbers)
         if (T := tracked.measurement.pose.T_world_handle) is not None:
             _draw_axes(view, camera, T, frame)
-    cv2.putText(
-        view, camera.name, (10, 22), cv2.FONT_HERSHEY_SIMPLEX, 0.6, (230, 230, 230), 1, cv2.LINE_AA
-    )
+    if named:
+        at, grey = (10, 22), (230, 230, 230)
+        cv2.putText(view, camera.name, at, cv2.FONT_HERSHEY_SIMPLEX, 0.6, grey, 1, cv2.LINE_AA)
     return view
 
 

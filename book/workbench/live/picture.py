@@ -14,6 +14,7 @@ from scipy.special import chdtri
 from trinolab.camera import Camera, Rig
 from trinolab.files.poses import POSE_COLUMNS, pose_row
 from trinolab.following.overlay import camera_view
+from trinolab.following.posetracker import Tracked
 from trinolab.handle import Handle, on_cylinder
 from trinolab.pose import Pose
 from trinolab.slave.arm import Robot
@@ -74,7 +75,7 @@ def message(shown: Shown, rig: Rig, way: Mapping[str, float], simulated: bool) -
         []
         if shown.frames is None
         else [
-            _jpeg(camera_view(image, camera, shown.tracked, c, min(WIDTH, camera.size[0])))
+            _jpeg(_of_camera(image, camera, shown.tracked, c))
             for c, (camera, image) in enumerate(zip(rig.cameras, shown.frames.images, strict=True))
         ]
     )
@@ -88,6 +89,11 @@ def message(shown: Shown, rig: Rig, way: Mapping[str, float], simulated: bool) -
         allow_nan=False,
     ).encode()
     return b"".join([len(text).to_bytes(4), text, *pictures])
+
+
+def _of_camera(image: np.ndarray, camera: Camera, tracked: Tracked | None, c: int) -> np.ndarray:
+    """A camera's picture without its name, which the page writes over it in a size to be read."""
+    return camera_view(image, camera, tracked, c, min(WIDTH, camera.size[0]), named=False)
 
 
 def _numbers(shown: Shown) -> dict[str, Any]:

@@ -10,7 +10,7 @@ from workbench.pages.browser import CHROMIUM
 pytest.importorskip("mink", reason="the extra 'slave' is missing")
 pytest.importorskip("tornado", reason="the extra 'live' is missing")
 
-from livepage import NOBODY, Bench, Live, Tab, shows
+from livepage import NOBODY, RIG, Bench, Live, Tab, shows
 
 from workbench.live.command import chosen
 
@@ -18,6 +18,23 @@ needs_browser = pytest.mark.skipif(CHROMIUM is None, reason="Chromium is missing
 WIDE_PAGE = "document.documentElement.scrollWidth - document.documentElement.clientWidth"
 SMALL = """[...document.querySelectorAll('button, input[type=range]')].filter(one => one.offsetParent
     && one.getBoundingClientRect().height < 18).map(one => one.id)"""
+
+
+# Of each camera: its name on the page, its size in CSS px, and whether it lies on the picture.
+NAMES = """[...document.querySelectorAll('#cameras > div')].map(place => {
+  const [picture, name] = [...place.children].map(one => one.getBoundingClientRect());
+  const {fontSize} = getComputedStyle(place.children[1]);
+  const inside = name.left >= picture.left && name.right <= picture.right && name.bottom <= picture.bottom;
+  return [place.children[1].textContent, parseFloat(fontSize), inside];
+})"""
+
+
+def assert_names_can_be_read(browser):
+    names = browser.evaluate(NAMES)
+    assert [name for name, _, _ in names] == list(RIG.names)
+    for _, px, inside in names:
+        assert px >= 11
+        assert inside
 
 
 @needs_browser
@@ -93,6 +110,7 @@ def test_all_goes_by_keyboard_and_nothing_is_wider_than_the_window(live, browser
     browser.resize(width)
     assert browser.evaluate(WIDE_PAGE) == 0
     assert browser.evaluate(SMALL) == []
+    assert_names_can_be_read(browser)
     browser.press("c")
     shows(browser, "last.clutch")
     browser.press("c")

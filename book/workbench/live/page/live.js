@@ -108,7 +108,13 @@ function begin(what) {
     [canvas.width, canvas.height] = camera.size;
     canvas.style.aspectRatio = `${camera.size[0]} / ${camera.size[1]}`;
     handled(canvas, c);
-    return canvas;
+    const name = document.createElement('span');  // over the picture: in it, it would shrink with it
+    name.className = 'name';
+    name.textContent = camera.name;
+    name.ariaHidden = 'true';  // the picture's label has it
+    const place = document.createElement('div');
+    place.append(canvas, name);
+    return place;
   }));
   for (const shape of scene.shapes) shape.parts = Solids.partsOf(shape);
   for (const paper of [false, true])
@@ -238,7 +244,7 @@ function write(now, first) {
   if (now.task) $('doing').textContent = doing(now.task);
   logWords(now.folder);
   $('simulation').hidden = $('hand-help').hidden = !now.simulated;
-  for (const canvas of $('cameras').children) canvas.classList.toggle('movable', now.simulated);
+  for (const canvas of document.querySelectorAll('#cameras canvas')) canvas.classList.toggle('movable', now.simulated);
   const notes = now.notes.slice().reverse();
   if (notes.join('\n') !== $('notes').dataset.text) {
     $('notes').dataset.text = notes.join('\n');
