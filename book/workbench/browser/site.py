@@ -31,8 +31,10 @@ from trinolab.bench.recordings import standard_recording
 
 from ..pages.build import BUILD, HTML, RECORDED_S, RECORDINGS, ROOT, chapters
 from ..sweep.notebook import read_notebook
+from .exercises import exercises_of, with_exercises
 from .fetch import PIECES, fetch, path_of
 from .numbers import TABLE, page_of
+from .sweeps import with_sweep, write_sweeps
 
 __all__ = ["SITE", "build", "cells_of", "with_cells"]
 
@@ -102,7 +104,10 @@ def build(site: Path = SITE, pyodide: Path | None = None) -> None:
     _write(site / "serviceworker.js", worker.replace("VERSION", version))
     for path in chapters():
         page = site / path.relative_to(ROOT).with_suffix(".html")
-        _write(page, with_cells(page.read_text(encoding="utf-8"), cells_of(path)))
+        text = with_cells(page.read_text(encoding="utf-8"), cells_of(path))
+        text = with_exercises(text, exercises_of(path))
+        _write(page, with_sweep(text, path, version))
+    write_sweeps(own / "sweeps", chapters())
     if TABLE.exists():
         _write(site / "browser_numbers.html", page_of(pd.read_csv(TABLE, keep_default_na=False)))
 

@@ -1,16 +1,19 @@
 """What the grader says to answers: wrong in two ways, of another kind, right but not all of it."""
 
+import threading
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from workbench.course import check
-from workbench.course.child import BEING_CHECKED, outcome, plain_value
+from workbench.course import check, running
+from workbench.course.child import BEING_CHECKED, Call, outcome, plain_value
 from workbench.course.exercises import exercise
 from workbench.course.grading import call_of, judge_outcomes, judge_values
+from workbench.course.plain import plain, shown
 
 FILTER = exercise("04.2")
+lock = threading.Lock()  # what cannot be sent to another process
 
 
 def judged(asked, function):
@@ -21,6 +24,40 @@ def judged(asked, function):
 def says_of(answer, number="03.1"):
     """What is said of values."""
     return judge_values(exercise(number), plain_value(answer)).says
+
+
+def talks_and_changes(observations, mean, variance, growth, noise):
+    print("a mean")
+    observations[0] = 99.0
+    return [mean]
+
+
+def raises(*_):
+    raise IndexError("list index out of range")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "answer",
+    [FILTER.solution, FILTER.mistakes[0].gives, talks_and_changes, raises, 3.0, lock.acquire],
+)
+def test_without_processes_the_verdict_is_the_same(monkeypatch, answer):
+    """As in a browser, where the function runs in the session that asks."""
+    in_a_process = check("04.2", answer)
+    monkeypatch.setattr(running, "HAS_PROCESSES", False)
+    monkeypatch.setattr(running, "_Process", None)  # nothing is started
+    assert check("04.2", answer) == in_a_process
+
+
+def test_without_processes_a_function_changes_nothing_of_the_session(monkeypatch):
+    monkeypatch.setattr(running, "HAS_PROCESSES", False)
+    session = {"calls": [], "__name__": "__main__"}
+    exec("def filter_number(*_):\n    calls.append(1)\n    return len(calls)", session)
+    found = running.run_given(
+        {"filter_number": session["filter_number"]}, [Call("filter_number", [(), ()])]
+    )
+    assert [one["returned"]["numbers"] for one in found.outcomes["filter_number"]] == [[1.0], [2.0]]
+    assert session["calls"] == []
 
 
 def test_a_usual_mistake_is_recognised_although_a_corner_case_fails_too():
@@ -89,7 +126,7 @@ def test_a_case_that_alone_is_wrong_is_shown_with_how_many_are_right():
     def one_off(observations, *others):
         means = FILTER.solution(observations, *others)
         first = call_of(FILTER).cases[0][0]
-        same = np.array_equal(observations, first)
+        same = np.array_equal(observations, first, equal_nan=True)
         return [*means[:-1], means[-1] + 1.0] if same else means
 
     says = judged(FILTER, one_off).says
@@ -99,6 +136,34 @@ def test_a_case_that_alone_is_wrong_is_shown_with_how_many_are_right():
 
 def test_another_number_of_things_is_said_in_words():
     assert "returns a number; an array of the shape (" in judged(FILTER, lambda *_: 1.0).says
+
+
+def test_a_column_of_wrong_numbers_is_told_the_numbers_and_not_the_form():
+    """A column is right where its numbers are."""
+
+    def column(*arguments):
+        return 2 * np.array(FILTER.solution(*arguments))[:, None]
+
+    says = judged(FILTER, column).says
+    assert "is asked for" not in says
+    assert says.endswith("is right.")
+
+
+def test_of_many_numbers_the_first_wrong_one_is_shown_also_where_it_is_nan():
+    asked = exercise("11.3")
+
+    def nan_while_lost(hand, *others):
+        places = asked.solution(hand, *others)
+        places[np.isnan(hand).any(axis=1)] = np.nan
+        return places
+
+    says = judged(asked, nan_while_lost).says
+    assert "an array of the shape (10, 3), of which 6 of 30 numbers are wrong: at [2, 0] it" in says
+    assert "it is nan; " in says
+
+
+def test_what_rounding_leaves_is_shown_as_nothing():
+    assert shown(plain([1.0, 1e-17, -0.0, 2817.7])) == "[1, 0, 0, 2817.7]"
 
 
 def test_an_error_that_is_asked_for_is_named_where_none_is_raised():

@@ -22,7 +22,7 @@ import numpy as np
 
 from . import door, substitutes
 
-__all__ = ["answer", "glue", "run", "show", "start"]
+__all__ = ["answer", "close_figures", "glue", "run", "show", "start"]
 
 REQUEST = Path("/tmp/request.json")
 CELLS = Path("/tmp/cells")
@@ -87,7 +87,7 @@ def run(source: str, name: str = "cell") -> None:
     finally:
         sys.stdout.flush()
         sys.stderr.flush()
-        _close_figures()
+        close_figures()
 
 
 def show(*values: Any) -> None:
@@ -162,7 +162,8 @@ def _show_figures() -> None:
             _hand_out({"type": "display", "data": {"image/png": _png(figure)}})
 
 
-def _close_figures() -> None:
+def close_figures() -> None:
+    """Forget every figure."""
     if pyplot := sys.modules.get("matplotlib.pyplot"):
         pyplot.close("all")
 

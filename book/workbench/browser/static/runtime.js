@@ -50,9 +50,10 @@ export class Runtime {
             }
         };
         this.worker.onerror = event => this.#lose(`the worker ended: ${event.message}`);
+        module ??= Runtime.module;
         const { code, module: compiled } = await this.#ask('start', { base: BASE.href, module, about });
         if (code !== 0) throw new Error(`Python did not start: ${said}`);
-        this.module = compiled;
+        this.module = Runtime.module = compiled; // another session of this page need not compile it
         this.onprogress(1);
     }
 
