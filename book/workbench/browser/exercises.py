@@ -44,7 +44,9 @@ def with_exercises(page: str, exercises: list[dict[str, Any]]) -> str:
         return page
     for one in exercises:
         if f'id="{one["label"]}"' not in page:
-            raise ValueError(f"exercise {one['number']}: {one['label']} is not on its chapter's page")
+            raise ValueError(
+                f"exercise {one['number']}: {one['label']} is not on its chapter's page"
+            )
     data = json.dumps(exercises).replace("</", "<\\/")
     added = (
         f'<script type="application/json" id="browser-exercises">{data}</script>\n'

@@ -11,7 +11,7 @@ import time
 from urllib.parse import urlsplit
 
 import pytest
-from processes import wait_until
+from processes import CLI, wait_until
 
 from workbench.browser.numbers import serving
 from workbench.browser.site import SITE
@@ -103,7 +103,11 @@ def status(browser, place):
 
 
 def toy(waits):
-    each = ["", "ncc_threshold = 0.5", f"{AT_WORK if waits else ''}\nglue('twice', 2 * ncc_threshold)"]
+    each = [
+        "",
+        "ncc_threshold = 0.5",
+        f"{AT_WORK if waits else ''}\nglue('twice', 2 * ncc_threshold)",
+    ]
     return TOY.replace("{toy}", json.dumps({**PARTS, "each": each}))
 
 
@@ -121,7 +125,7 @@ def test_an_answer_that_is_right_and_one_that_is_a_usual_mistake(page):
 def test_an_answer_that_python_cannot_read_shows_where(page):
     assert checked(page, FUNCTION, "def filter_number(:") == ""
     shown = page.evaluate(f"exercises.answers[{FUNCTION}].result.textContent")
-    assert "answer_04_2.py\", line 1" in shown
+    assert 'answer_04_2.py", line 1' in shown
     assert "SyntaxError" in shown
 
 
@@ -168,7 +172,7 @@ def test_answers_and_first_guesses_outlast_a_reload_and_are_in_the_files(
     folder = tmp_path_factory.mktemp("answers")
     (folder / "04_kalman.ipynb").write_text(notebook, encoding="utf-8")
     (folder / "predictions.json").write_text(predictions, encoding="utf-8")
-    command = [sys.executable, "-m", "workbench.cli", "check", "04"]
+    command = [sys.executable, "-c", CLI, "check", "04"]
     said = subprocess.run(command, cwd=folder, capture_output=True, text=True).stdout
     lines = {line[:4]: line for line in said.splitlines()}
     assert lines["04.2"].startswith("04.2 right: filter_number agrees")
@@ -214,7 +218,9 @@ def test_a_sweep_that_was_stopped_goes_on_after_a_reload(browser, address):
     browser.evaluate("sweep.input.value = '3, 1, 2'; sweep.look()")
     browser.evaluate("void sweep.start()")
     wait_until(lambda: browser.evaluate("sweep.said.textContent.startsWith('2 of 3')"))
-    browser.evaluate("document.getElementById('browser-sweep').querySelectorAll('button')[1].focus()")
+    browser.evaluate(
+        "document.getElementById('browser-sweep').querySelectorAll('button')[1].focus()"
+    )
     browser.press("Enter")
     wait_until(lambda: browser.evaluate("!sweep.startButton.disabled"))
     assert browser.evaluate("sweep.said.textContent") == "stopped: 2 of 3 runs are kept"

@@ -37,7 +37,8 @@ def raises(*_):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    "answer", [FILTER.solution, FILTER.mistakes[0].gives, talks_and_changes, raises, 3.0, lock.acquire]
+    "answer",
+    [FILTER.solution, FILTER.mistakes[0].gives, talks_and_changes, raises, 3.0, lock.acquire],
 )
 def test_without_processes_the_verdict_is_the_same(monkeypatch, answer):
     """As in a browser, where the function runs in the session that asks."""
