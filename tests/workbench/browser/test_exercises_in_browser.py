@@ -11,7 +11,7 @@ import time
 from urllib.parse import urlsplit
 
 import pytest
-from processes import wait_until
+from processes import CLI, wait_until
 
 from workbench.browser.numbers import serving
 from workbench.browser.site import SITE
@@ -172,7 +172,7 @@ def test_answers_and_first_guesses_outlast_a_reload_and_are_in_the_files(
     folder = tmp_path_factory.mktemp("answers")
     (folder / "04_kalman.ipynb").write_text(notebook, encoding="utf-8")
     (folder / "predictions.json").write_text(predictions, encoding="utf-8")
-    command = [sys.executable, "-m", "workbench.cli", "check", "04"]
+    command = [sys.executable, "-c", CLI, "check", "04"]
     said = subprocess.run(command, cwd=folder, capture_output=True, text=True).stdout
     lines = {line[:4]: line for line in said.splitlines()}
     assert lines["04.2"].startswith("04.2 right: filter_number agrees")

@@ -20,6 +20,8 @@ class Sweep {
     constructor() {
         Object.assign(this, JSON.parse(document.getElementById('browser-sweep-data').textContent));
         this.workers = [];
+        this.running = false;
+        this.looks = 0;
         this.input = element('input', { type: 'text', id: 'browser-sweep-values', value: this.values.join(', '), className: 'browser-values' });
         this.input.addEventListener('input', () => this.look());
         this.startButton = button('Start', () => this.start());
@@ -57,23 +59,27 @@ class Sweep {
 
     /** What is kept of the values that are typed. */
     async look() {
+        this.looks += 1;
+        const look = this.looks;
         try {
             const values = numbers(this.input.value);
-            this.rows = [];
-            for (const value of values) {
-                const outcome = await runs.get(this.key(value));
-                if (outcome) this.rows.push({ value, outcome });
-            }
-            this.todo = values.filter(value => !this.rows.some(row => row.value === value));
+            const known = await Promise.all(values.map(value => runs.get(this.key(value))));
+            const drawn = await runs.get(this.key(`figure/${values}`));
+            if (look !== this.looks) return; // meanwhile other values were typed
+            this.valid = true;
+            const all = values.map((value, k) => ({ value, outcome: known[k] }));
+            this.rows = all.filter(({ outcome }) => outcome);
+            this.todo = all.filter(({ outcome }) => !outcome).map(({ value }) => value);
             this.total = values.length;
+            this.drawn = drawn;
             this.startButton.textContent = this.rows.length === 0 || this.todo.length === 0 ? 'Start' : 'Continue';
-            this.startButton.disabled = this.workers.length > 0;
+            this.startButton.disabled = this.running;
             const done = `${this.rows.length} of ${this.total} runs are kept in this browser`;
             this.say(this.rows.length > 0 ? done : `${this.total} runs`);
-            this.drawn = await runs.get(this.key(`figure/${values}`));
             if (this.drawn && this.todo.length === 0) this.showDrawn();
             else this.showRows();
         } catch (error) {
+            this.valid = false;
             this.startButton.disabled = true;
             this.say(error.message);
         }
@@ -99,8 +105,11 @@ class Sweep {
     }
 
     async start() {
+        if (this.running) return;
+        this.running = true;
         await this.look();
-        if (this.startButton.disabled) return;
+        this.running = this.valid;
+        if (!this.running) return;
         const values = numbers(this.input.value);
         this.startButton.disabled = this.input.disabled = this.forgetButton.disabled = true;
         this.stopButton.disabled = this.share.hidden = false;
@@ -119,9 +128,11 @@ class Sweep {
             if (failed < this.total) await this.draw(first, values);
             this.say(failed === 0 ? `all ${this.total} runs are done` : `${failed} of ${this.total} runs failed`);
         } catch (error) {
-            this.say(`${this.stopped ?? error.message}: ${this.rows.length} of ${this.total} runs are kept`);
+            const whole = this.rows.filter(({ outcome }) => outcome.status !== 'failed').length;
+            this.say(`${this.stopped ?? error.message}: ${whole} of ${this.total} runs are kept`);
         } finally {
             this.stopped = null;
+            this.running = false;
             this.workers.splice(0).forEach(worker => worker.interrupt());
             this.input.disabled = this.forgetButton.disabled = this.startButton.disabled = false;
             this.stopButton.disabled = this.share.hidden = true;
@@ -163,6 +174,7 @@ class Sweep {
 
     /** What a function of the worker hands out. */
     async asked(worker, name, ...given) {
+        if (!this.workers.includes(worker)) throw new Error('stopped'); // it would begin a new session
         let result = null;
         const onoutput = output => {
             if (output.type === 'run' || output.type === 'sweep') result = output;
@@ -186,7 +198,7 @@ class Sweep {
     /** End the workers, now; what they were computing is lost, and finished runs are not. */
     stop() {
         this.stopped = 'stopped';
-        this.workers.forEach(worker => worker.interrupt());
+        this.workers.splice(0).forEach(worker => worker.interrupt());
     }
 
     async forget() {
