@@ -215,7 +215,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 )
             failed |= "failed" in kinds
             tables.append(table)
-    write_table(TABLE, pd.concat(tables).sort_values("chapter", kind="stable"))
+    write_table(pd.concat(tables).sort_values("chapter", kind="stable"), TABLE)
     return int(failed)
 
 
