@@ -30,6 +30,7 @@ name                  equations    what it is
 `measure`             Eq. 16-24    the frames of one instant to a pose
 `tracker`             Eq. 5-24     instant after instant: `start` and `step`
 `track`                            a recording folder to a file of poses
+`refine`                           a recording of the moving handle to a better rig and handle
 `mapping`             Sect. 3.1    the hand's motion to the tool's: `step`
 `pose_errors`         Eq. 26-27    poses and their truth to errors
 `read_poses`                       a file of poses
@@ -80,6 +81,7 @@ if TYPE_CHECKING:
     from .files.rigs import read_rig as read_rig
     from .files.rigs import write_handle as write_handle
     from .files.rigs import write_rig as write_rig
+    from .following.refine import refine_folder as refine  # noqa: F401
     from .following.track import track_folder as track  # noqa: F401
     from .handle import Handle as Handle
     from .markers import find_markers as find_markers
@@ -123,6 +125,7 @@ FACE = {
     "measure": "trinolab.single:measure_instant",
     "tracker": "trinolab.tracker",
     "track": "trinolab.following.track:track_folder",
+    "refine": "trinolab.following.refine:refine_folder",
     "mapping": "trinolab.slave.mapping",
     "pose_errors": "trinolab.metrics:pose_errors",
     "read_poses": "trinolab.files.poses:read_poses",

@@ -119,7 +119,7 @@ def write_bag(
     if joints is not None:
         streams += _joints(Path(joints), ros)
     beside = target.with_name(f".{target.name}{recorder.PARTIAL}")
-    with sole_writer(target, out):
+    with sole_writer(target, out, beside):
         shutil.rmtree(beside, ignore_errors=True)  # of one that was killed
         try:
             counts = _write(merge(*streams, key=lambda one: one.time_ns), beside / target.name, ros)

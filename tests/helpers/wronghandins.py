@@ -11,9 +11,11 @@ def filter_number(observations, mean, variance, growth, noise):
     means = []
     for observed in observations:
         variance = variance + growth
-        gain = variance / (variance + noise)
-        mean = mean + gain * (observed - mean)
-        variance = (1 - gain) * variance
+        expected = variance + noise
+        if (observed - mean) ** 2 <= 9 * expected:
+            gain = variance / expected
+            mean = mean + gain * (observed - mean)
+            variance = (1 - gain) * variance
         means.append(mean)
     return means
 answer_04_1 = {"gain": 0.444, "mean": 6.889, "variance": 0.444}

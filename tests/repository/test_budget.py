@@ -53,7 +53,7 @@ def test_a_bomb_is_refused_in_one_line_and_with_little_memory(folder, name):
     assert ran.peak < MOST
 
 
-@pytest.mark.slow
+@pytest.mark.heavy
 def test_whole_commands_on_wrong_files_answer_or_say_one_line(healthy, tmp_path):
     """A sample of what `make verify` has by the hundred."""
     for attempt in attempts(np.random.default_rng(0), healthy, tmp_path / "work", 6):

@@ -1,13 +1,13 @@
 """Every chapter runs as it stands and with other parameters, and glues what a sweep asks for.
 
 `make book` runs the chapters as they stand: what it has stored is looked at here, or they run here
-if that is stale. With other parameters they run in a small size, which `make verify` repeats in
-full.
+if that is stale. With other parameters the lessons run in a small size; `make verify` repeats that
+in full, and for the studies.
 """
 
 import pytest
 from chapterruns import OTHER_PARAMETERS, SMALL, check_results
-from chapters import NOTEBOOKS
+from chapters import LESSONS, NOTEBOOKS, STUDIES
 from executed import as_it_stands
 from films import frames_in
 from nbformat.v4 import new_code_cell
@@ -76,7 +76,14 @@ def kernel():
     kernel.close()
 
 
-@each_notebook
+@pytest.mark.parametrize(
+    "path",
+    [
+        *LESSONS,
+        *(pytest.param(path, marks=pytest.mark.heavy) for path in STUDIES),
+    ],
+    ids=lambda path: path.stem,
+)
 def test_runs_at_other_parameters(path, kernel):
     other, small = (entries.get(path.stem, {}) for entries in (OTHER_PARAMETERS, SMALL))
     defaults = read_parameters(path)

@@ -345,6 +345,7 @@ def test_what_the_teacher_s_guide_quotes():
     page_says(guide, f"30 Hz to 1 kHz at 50 ms: {limits[0]:.0f} to {limits[1]:.0f} N/m")
 
 
+@pytest.mark.heavy
 def test_the_slider_of_the_lesson():
     """The plans' prediction: the printed background at two rates, in CCD3 of `hard`."""
     hard = ground_truth.read_recording("hard", every=4)

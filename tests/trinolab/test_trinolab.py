@@ -195,7 +195,7 @@ def test_readme_tracks_a_recording(after, capsys):
     assert capsys.readouterr().out.startswith(f"{INSTANTS - EMPTY} PoseErrors(")
 
 
-@pytest.mark.slow
+@pytest.mark.heavy
 def test_readme_sees_an_own_rig(after):
     result = after(2)["result"]
     assert result.measured == result.instants == 3

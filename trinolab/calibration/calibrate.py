@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import itertools
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -24,11 +25,12 @@ from . import distortions
 from .adjust import TERMS, UNEXPLAINED, Calibrated
 from .distortions import Choice, calibrate_by_choice
 from .hints import hint, larger
+from .mirrors import Flipped, flipped_lens, unmirrored
 from .outliers import FEWEST_POINTS, UNSEEN, calibrate_robustly
 from .scale import check_scale, distance_of_target
 from .tables import read_corners, read_lenses
 from .target import Target
-from .views import TargetViews, check_connected, look_lines, read_views, some
+from .views import MOST_KEPT, TargetViews, check_connected, look_lines, read_views, some
 
 __all__ = ["RigCalibration", "as_lines", "calibrate_rig"]
 
@@ -151,8 +153,19 @@ def _calibrate_rig(
         raise ValueError("distortions: are held with the lenses; expected one of both alone")
     known = None if lenses is None else _known(lenses, seen)
     terms = distortion_terms if known is None else TERMS[-1]
+    flipped: Flipped | None = None
     with _reporting(len(seen.cameras), terms, progress) as report:
-        calibrated, reasons, choice = _calibrated(seen, target, terms, known, report)
+        try:
+            calibrated, reasons, choice = _calibrated(seen, target, terms, known, report)
+        except ValueError:
+            flipped = unmirrored(seen, target)
+            if flipped is None:
+                raise
+            seen = flipped.seen
+            known = known and [
+                flipped_lens(lens) if lens.name in flipped.cameras else lens for lens in known
+            ]
+            calibrated, reasons, choice = _calibrated(seen, target, terms, known, report)
         views = _view_table(seen, calibrated, reasons)
         parameters = _parameter_table(calibrated)
         contents: list[str | bytes] = [
@@ -165,8 +178,11 @@ def _calibrate_rig(
             contents.append(picture(seen, calibrated))
     write_together(dict(zip(files, contents, strict=True)))
     part = larger(seen.showing, target)
-    notes = (*look_lines(seen), distance_of_target(calibrated, target), *([part] if part else []))
-    return RigCalibration(calibrated, parameters, views, seen.passed_over, notes, choice, files)
+    notes = [*look_lines(seen), *([flipped.line] if flipped else [])]
+    notes += [distance_of_target(calibrated, target), *([part] if part else [])]
+    return RigCalibration(
+        calibrated, parameters, views, seen.passed_over, tuple(notes), choice, files
+    )
 
 
 def _outputs(out: str | Path, pictured: bool) -> tuple[Path, ...]:
@@ -209,6 +225,15 @@ def _check_seen(
     def source_of(name: str) -> str | Path:
         return sources if isinstance(sources, (str, Path)) else sources[name]
 
+    if seen.unseen:
+        some_of_each = [image for of in itertools.zip_longest(*seen.without) for image in of]
+        images = [image for image in some_of_each if image is not None][:MOST_KEPT]
+        advice = hint(images, target, progress)
+        count = int(seen.present.sum())
+        raise ValueError(
+            f"images of {', '.join(seen.cameras)}: target ({target}) found in none of {count}, spread evenly "
+            f"over all {count + seen.unseen}; expected it in most{advice and f'; {advice}'}"
+        )
     enough = np.isfinite(seen.uv).all(axis=3).sum(axis=2) >= FEWEST_POINTS
     for name, has, images, without in zip(
         seen.cameras, enough.sum(axis=1), seen.present.sum(axis=1), seen.without, strict=True
@@ -260,8 +285,6 @@ def _calibrated(
     """
     given = (target.points, seen.uv, seen.sizes, seen.cameras)
     cause = "views of one name do not show one position of the target"
-    if target.kind != "charuco":  # its markers tell
-        cause += ", or one camera mirrors its images"
     choice = None
     try:
         if terms is None:

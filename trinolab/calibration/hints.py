@@ -112,8 +112,13 @@ def _first_that_fits(
 
 
 def _found(images: Sequence[np.ndarray], target: Target) -> int:
-    """In how many of the images a target is."""
-    return sum(bool(np.isfinite(find_target(image, target)).any()) for image in images)
+    """In how many of the images a target is; 0 as soon as it cannot be most of them."""
+    count = 0
+    for k, image in enumerate(images):
+        count += bool(np.isfinite(find_target(image, target)).any())
+        if 2 * (count + len(images) - 1 - k) <= len(images):
+            return 0
+    return count
 
 
 def _of_its_kind(images: Sequence[np.ndarray], target: Target) -> Iterator[Target]:
@@ -124,8 +129,11 @@ def _of_its_kind(images: Sequence[np.ndarray], target: Target) -> Iterator[Targe
         for columns, rows in _chessboards(images):
             yield replace(target, columns=columns, rows=rows)
     if target.kind == "circles":
-        yield from _miscounted(target)
-        yield replace(target, columns=target.rows, rows=target.columns)
+        shown = _blobs(images)
+        turned = replace(target, columns=target.rows, rows=target.columns)
+        for other in (*_miscounted(target), turned):
+            if other.columns * other.rows <= shown:
+                yield other
 
 
 def _of_other_kinds(images: Sequence[np.ndarray], target: Target) -> Iterator[Target]:
@@ -157,23 +165,23 @@ def _markers(images: Sequence[np.ndarray]) -> _Markers | None:
     """The markers of which most are in the images; None if there are none."""
     seen, holding = Counter[tuple[int, Look]](), Counter[tuple[int, Look]]()
     largest = dict[tuple[int, Look], int]()
-    for family, names in enumerate(FAMILIES):
-        detector = cv2.aruco.ArucoDetector(dictionary_of(names[-1]))
-        for image, look in itertools.product(images, LOOKS):
-            ids = _ids(detector, as_usual(image, look))
-            if len(ids) >= FEWEST_MARKERS:
-                seen[family, look] += len(ids)
-                holding[family, look] += 1
-                largest[family, look] = max(largest.get((family, look), 0), int(ids.max()))
+    # the corners of an image are looked for once, and read as markers of each family
+    detector = cv2.aruco.ArucoDetector([dictionary_of(names[-1]) for names in FAMILIES])
+    for image, look in itertools.product(images, LOOKS):
+        _, ids, _, families = detector.detectMarkersMultiDict(as_usual(image, look))
+        if ids is None:
+            continue
+        for family in np.unique(families):
+            of_family = np.ravel(ids)[np.ravel(families) == family]
+            if len(of_family) >= FEWEST_MARKERS:
+                at = int(family), look
+                seen[at] += len(of_family)
+                holding[at] += 1
+                largest[at] = max(largest.get(at, 0), int(of_family.max()))
     if not seen:
         return None
     most = seen.most_common(1)[0][0]
     return _Markers(FAMILIES[most[0]], most[1], holding[most], largest[most])
-
-
-def _ids(detector: cv2.aruco.ArucoDetector, image: np.ndarray) -> np.ndarray:
-    ids = detector.detectMarkers(image)[1]
-    return np.empty(0, int) if ids is None else np.ravel(ids)
 
 
 def _charucos(images: Sequence[np.ndarray], target: Target, seen: _Markers) -> list[Target]:
@@ -238,13 +246,18 @@ def _circle_grids(images: Sequence[np.ndarray]) -> list[tuple[int, int]]:
     """Numbers of circles (columns, rows) of grids of as many circles as images show, or a few less:
     other things may look like one. The largest first.
     """
+    most = _blobs(images)
+    counts = range(most, max(most - UNSEEN_CIRCLES - 1, 8), -1)
+    return _sides(counts, 3)
+
+
+def _blobs(images: Sequence[np.ndarray]) -> int:
+    """How many dark or light spots an image shows, in the middle of all."""
     detector = cv2.SimpleBlobDetector.create()
     shown = [
         max(len(detector.detect(image)), len(detector.detect(255 - image))) for image in images
     ]
-    most = int(np.median(shown))
-    counts = range(most, max(most - UNSEEN_CIRCLES - 1, 8), -1)
-    return _sides(counts, 3)
+    return int(np.median(shown))
 
 
 def _difference(target: Target, other: Target) -> str:

@@ -16,11 +16,15 @@ from tqdm.contrib.logging import logging_redirect_tqdm
 from ..checks import Array, as_whole, frozen
 from ..files.images import is_image, read_greys
 from ..files.recording import Footage, frames_of, open_footage
-from .target import Look, Target, looks, sight_target
+from .target import Look, Sighting, Target, looks, sight_target
 
 __all__ = ["TargetViews", "check_connected", "look_lines", "read_views", "some"]
 
 MOST_KEPT = 5  # of a camera's images without the target
+# Images that are looked at first where there are three times as many: if none shows the target, an image
+# without it takes longest, and there is no use in looking at them all.
+FIRST = 12
+FEWEST_FIRST = 3  # of each camera
 MOST_SHOWING = 5  # of all images with it
 # Views by which light on dark leads dark on light, or is behind it, when only the leader is looked for:
 # a target is printed in one way.
@@ -49,6 +53,8 @@ class TargetViews(NamedTuple):
         Whether the target was found in light on dark, and as in a mirror, see `target.Look`.
     showing : tuple of ndarray
         A few images in which it was found.
+    unseen : int
+        Images that were not looked at, because none of those looked at first shows the target.
     """
 
     cameras: tuple[str, ...]
@@ -61,6 +67,7 @@ class TargetViews(NamedTuple):
     inverted: np.ndarray
     mirrored: np.ndarray
     showing: tuple[np.ndarray, ...] = ()
+    unseen: int = 0
 
 
 class _Source(NamedTuple):
@@ -78,7 +85,8 @@ def read_views(
 
     Views of folders are paired by their files' names, of patterns by what the ``*`` stands for, of
     videos by the frames' numbers; a view may be missing in a camera. Of more than `most` views some
-    are passed over, evenly.
+    are passed over, evenly. Of more than three times `FIRST` images that many are looked at first, spread
+    evenly over cameras and views; the others only if one of these shows the target.
 
     Parameters
     ----------
@@ -168,7 +176,40 @@ def _matching(pattern: Path) -> _Source:
 def _found(
     opened: dict[str, _Source], chosen: list[str], target: Target, progress: bool
 ) -> TargetViews:
-    """What the chosen views show, none passed over."""
+    """What the chosen views show, none passed over; of many images a few first."""
+    every = {
+        name: [label for label in chosen if label in set(source.labels)]
+        for name, source in opened.items()
+    }
+    count = sum(map(len, every.values()))
+    known = dict[tuple[str, str], Sighting]()
+    if count > 3 * FIRST:
+        each = max(FEWEST_FIRST, -(-FIRST // len(opened)))
+        first = {name: _spread(labels, each) for name, labels in every.items()}
+        seen = _sighted(opened, chosen, first, target, progress, known)
+        if not np.isfinite(seen.uv).any():
+            return seen._replace(unseen=count - sum(map(len, first.values())))
+    return _sighted(opened, chosen, every, target, progress, known)
+
+
+def _spread(labels: list[str], count: int) -> list[str]:
+    """So many of the labels, each from the middle of as large a part of them."""
+    if len(labels) <= count:
+        return labels
+    return [labels[(2 * k + 1) * len(labels) // (2 * count)] for k in range(count)]
+
+
+def _sighted(
+    opened: dict[str, _Source],
+    chosen: list[str],
+    wanted: Mapping[str, list[str]],
+    target: Target,
+    progress: bool,
+    known: dict[tuple[str, str], Sighting],
+) -> TargetViews:
+    """What those of the chosen views show that are wanted of each camera. What an image shows is added
+    to what is `known` by its camera and label, and taken from there.
+    """
     shape = (len(opened), len(chosen))
     uv = np.full((*shape, len(target.points), 2), np.nan)
     present, inverted, mirrored = (np.zeros(shape, bool) for _ in range(3))
@@ -177,7 +218,7 @@ def _found(
     showing = list[np.ndarray]()
     reported: set[str] = set()
     by_all = Counter[Look]()
-    count = sum(len(set(source.labels) & set(chosen)) for source in opened.values())
+    count = sum(map(len, wanted.values()))
     with (
         logging_redirect_tqdm(),
         tqdm(total=count, unit="image", disable=None if progress else True) as bar,
@@ -185,11 +226,14 @@ def _found(
         for k, (name, source) in enumerate(opened.items()):
             size = None
             by_camera = Counter[Look]()
-            for label, image, path in _images(source, chosen, reported):
+            for label, image, path in _images(source, wanted[name], reported):
                 size = _same_size(image, size, path)
                 v = chosen.index(label)
                 grey = _eight_bit(image)
-                uv[k, v], look = sight_target(grey, target, _likeliest(target, by_camera, by_all))
+                if (name, label) not in known:
+                    tried = _likeliest(target, by_camera, by_all)
+                    known[name, label] = sight_target(grey, target, tried)
+                uv[k, v], look = known[name, label]
                 present[k, v] = True
                 bar.update()
                 if np.isfinite(uv[k, v]).any():
@@ -258,17 +302,17 @@ def look_lines(seen: TargetViews) -> list[str]:
 
 
 def _images(
-    source: _Source, chosen: list[str], said: set[str]
+    source: _Source, wanted: list[str], said: set[str]
 ) -> Iterator[tuple[str, np.ndarray, Path]]:
-    """Name, grey image and file of those chosen views that the source has."""
+    """Name, grey image and file of wanted views that the source has."""
     if source.files is None:
-        for k, image in enumerate(frames_of(source.footage, said=said)):
-            if (label := _frame_name(k)) in chosen:
-                yield label, image, source.footage.path
+        frames = [k for k, label in enumerate(source.labels) if label in set(wanted)]
+        images = frames_of(source.footage, said=said, wanted=frames)
+        for k, image in zip(frames, images, strict=False):  # a header may promise too many
+            yield _frame_name(k), image, source.footage.path
         return
-    labels = [label for label in chosen if label in source.files]
-    paths = [source.footage.path / source.files[label] for label in labels]
-    yield from zip(labels, read_greys(paths, said=said), paths, strict=True)
+    paths = [source.footage.path / source.files[label] for label in wanted]
+    yield from zip(wanted, read_greys(paths, said=said), paths, strict=True)
 
 
 def _same_size(image: np.ndarray, size: tuple[int, int] | None, path: Path) -> tuple[int, int]:

@@ -15,7 +15,9 @@ from pathlib import Path
 from typing import BinaryIO, Final
 
 __all__ = [
+    "ALL_DOTS",
     "BAG_BYTES",
+    "BRACKETS",
     "CAMERAS",
     "CELLS",
     "COLUMNS",
@@ -49,6 +51,8 @@ TOML_BYTES = 1 * MIB  # a second to read
 COVARIANCE_BYTES = 2 * MIB  # of 16 cameras it has 1.8
 ENTRIES = 100_000  # commas, and lines, of a TOML file; the covariance of 16 cameras has 57,600
 DOTS = 32  # of a name in a TOML file
+BRACKETS = 20_000  # of a TOML file: tables and lists; the covariance of 16 cameras has 242
+ALL_DOTS = 10_000  # of its names: what is shipped has none, a rig with metadata one a camera
 TREE_BYTES = 16 * MIB  # JSON, notebooks, and the description of a bag or a robot
 TABLE_BYTES = 128 * MIB  # CSV, and rows that are kept
 LINES = 1_000_000  # of a CSV file
@@ -62,6 +66,10 @@ BAG_BYTES = 64 * MIB  # of a bag's messages that are held, decompressed, at a ti
 _NESTED = re.compile(
     rb"(?<![A-Za-z0-9_-])(?:(?:[A-Za-z0-9_-]++|\"[^\"\n]*+\"|'[^'\n]*+')[ \t]*+\.[ \t]*+){%d}"
     % (DOTS + 1)
+)
+# a number with a dot, which is no part of a name
+_NUMBERS = re.compile(
+    rb"(?<![A-Za-z0-9_.\"'-])[+-]?[0-9_]++\.[0-9_]++(?:[eE][+-]?[0-9_]++)?(?![ \t]*+[.=A-Za-z\"'-])"
 )
 
 
@@ -129,14 +137,18 @@ def check_pixels(path: str | Path, width: int, height: int) -> None:
 
 
 def check_toml(path: str | Path, text: bytes) -> None:
-    """Refuse TOML with more commas or lines than are taken, or a name of more parts: each part is a
-    table within the one before, for which the parser's time and memory grow with the square of their
-    number.
+    """Refuse TOML with more commas, lines, tables or dots in names than are taken, or a name of more
+    parts: each part is a table within the one before, for which the parser's time and memory grow with
+    the square of their number.
     """
     _check(path, text.count(b","), ENTRIES, "commas")
     _check(path, text.count(b"\n"), ENTRIES, "lines")
+    _check(path, text.count(b"[") + text.count(b"{"), BRACKETS, "tables and lists")
     if _NESTED.search(text):
         raise ValueError(f"{path}: a name of more than {DOTS} dots")
+    dots = text.count(b".")
+    if dots > ALL_DOTS:  # those of numbers are not meant
+        _check(path, dots - len(_NUMBERS.findall(text)), ALL_DOTS, "dots in its names")
 
 
 def check_table(path: str | Path, text: bytes) -> None:

@@ -8,6 +8,7 @@ and ``truth.csv``.
 
 from __future__ import annotations
 
+import itertools
 import logging
 import os
 import re
@@ -103,6 +104,7 @@ def frames_of(
     size: tuple[int, int] | None = None,
     first: int = 0,
     said: set[str] | None = None,
+    wanted: Sequence[int] | None = None,
 ) -> Iterator[np.ndarray]:
     """The frames one after the other, shape (height, width), grey levels 0 to 255; see
     `images.read_greys`.
@@ -116,6 +118,8 @@ def frames_of(
         The first frame to give.
     said : set of str, optional
         Remarks that the log has already, see `images.read_greys`.
+    wanted : sequence of int, optional
+        The numbers of those frames that are given, rising; all without it.
 
     Raises
     ------
@@ -123,17 +127,22 @@ def frames_of(
         Names the file that cannot be read or has another size.
     """
     if footage.names:
-        return read_greys([footage.path / name for name in footage.names[first:]], size, said)
-    frames = _video_frames(footage.path, size, first)
+        names = footage.names[first:] if wanted is None else [footage.names[k] for k in wanted]
+        return read_greys([footage.path / name for name in names], size, said)
+    frames = _video_frames(footage.path, size, first, wanted)
     return said_once(((footage.path, frame) for frame in frames), said)
 
 
-def _video_frames(path: Path, size: tuple[int, int] | None, first: int) -> Iterator[Grey]:
+def _video_frames(
+    path: Path, size: tuple[int, int] | None, first: int, wanted: Sequence[int] | None
+) -> Iterator[Grey]:
     capture = open_video(path)
+    next_frame = 0
     try:
-        for _ in range(first):
-            capture.grab()
-        while True:
+        for k in itertools.count(first) if wanted is None else wanted:
+            for _ in range(next_frame, k):
+                capture.grab()
+            next_frame = k + 1
             delivered, image = capture.read()
             if not delivered:
                 return

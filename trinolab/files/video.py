@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 
 from .images import unheard
-from .kept import locked
+from .kept import locked, removed_if_killed
 
 __all__ = ["Film", "PageVideo"]
 
@@ -41,9 +41,10 @@ class Film:
 
     def __enter__(self) -> Film:
         try:
-            self._mine.enter_context(locked(self._partial))
+            lock = self._mine.enter_context(locked(self._partial))
         except ValueError as error:
             raise ValueError(str(error).replace(str(self._partial), str(self.path))) from None
+        self._mine.enter_context(removed_if_killed(lock, self._partial.absolute()))
         return self
 
     def add(self, image: np.ndarray) -> None:

@@ -25,18 +25,19 @@ from ..calibration.misfits import Cleaned, adjust_robustly, view_rms
 from ..calibration.prior import Length, Prior, prior_of
 from ..camera import Rig, RigCovariance
 from ..checks import Array, as_number, as_whole
+from ..datasets import handle_file, handle_of, rig_file, rig_of
 from ..files.kept import locked
 from ..files.outputs import write_together
 from ..files.poses import transforms
 from ..files.recorder import partial_of
 from ..files.recording import Recording, open_recording, parts_of_folder, some_instants
-from ..files.rigs import covariance_text, handle_text, read_handle, read_rig, rig_text
+from ..files.rigs import covariance_text, handle_text, rig_text
 from ..handle import Handle
 from ..uncertainty.usual import assumed
 from .centres import MAX_WAY_PX, Motion, measured_centres, motion, spread_out
 from .losses import lost_lines
 from .parameters import FollowParameters
-from .track import Job, Rows, fingerprint, known_poses, track_on
+from .track import Job, Rows, content_of, fingerprint, known_poses, track_on
 
 __all__ = ["Refined", "refine_files", "refine_folder"]
 
@@ -105,8 +106,8 @@ class _TooLittleError(ValueError):
 
 
 def refine_files(
-    rig: str | Path,
-    handle: str | Path,
+    rig: Rig | str | Path,
+    handle: Handle | str | Path,
     sources: Mapping[str, str | Path],
     out: str | Path,
     start: str | Path | None = None,
@@ -123,10 +124,10 @@ def refine_files(
 
     Parameters
     ----------
-    rig, handle : path
-        Rig and handle file: what is started from. How well they are known is in the rig's covariance
-        file and the handle's `placement_sigma_mm`; usual values stand for what they do not say, see
-        `calibration.prior.prior_of`.
+    rig, handle
+        A `Rig` and a `Handle`, or files, or names of shipped ones: what is started from. How well they
+        are known is in the rig's covariance (file) and the handle's `placement_sigma_mm`; usual values
+        stand for what they do not say, see `calibration.prior.prior_of`.
     sources : mapping of str to path
         For each camera's name its video, or its folder of images (in the order of their names).
     out : path
@@ -154,8 +155,10 @@ def refine_files(
     KeyboardInterrupt
         Says where finished work is kept.
     """
-    the_rig = read_rig(rig)
-    the_handle = read_handle(handle)
+    the_rig, the_handle = rig_of(rig), handle_of(handle)
+    values = [what for what in (rig, handle) if isinstance(what, Rig | Handle)]
+    rig = "rig" if isinstance(rig, Rig) else rig_file(rig)
+    handle = "handle" if isinstance(handle, Handle) else handle_file(handle)
     recording = open_recording(sources, the_rig, fps, timestamps)
     prior = prior_of(the_rig, the_handle, _as_length(length, the_rig, the_handle))
     most = as_whole(instants, "instants", low=FEWEST)
@@ -170,8 +173,10 @@ def refine_files(
     )
     lines = assumed(the_rig, the_handle, rig, handle)
     the_handle = replace(the_handle, placement_sigma_mm=prior.placement_sigma_mm)
-    files = [Path(path) for path in (rig, handle, start, timestamps) if path is not None]
-    made_from = fingerprint(files, sources, start is None, fps, most, length, prior.rig.tolist())
+    files = [path for path in (rig, handle) if isinstance(path, Path)]
+    files += [Path(path) for path in (start, timestamps) if path is not None]
+    options = (start is None, fps, most, length, prior.rig.tolist())
+    made_from = fingerprint(files, sources, *options, *map(content_of, values))
     partial = partial_of(out)
     partial.mkdir(exist_ok=True)
     with locked(partial):
@@ -194,18 +199,22 @@ def refine_files(
 def refine_folder(
     folder: str | Path,
     out: str | Path,
-    rig: str | Path | None = None,
-    handle: str | Path | None = None,
+    rig: Rig | str | Path | None = None,
+    handle: Handle | str | Path | None = None,
     timestamps: str | Path | None = None,
     **options: Any,
 ) -> Refined:
     """Refine the rig and the handle of a recording folder, see `files.recording`; the rest as for
-    `refine_files`, and other files than the folder's as for `track.track_folder`.
+    `refine_files`, and others than the folder's rig and handle as for `track.track_folder`.
     """
+    if not isinstance(folder, (str, Path)):
+        raise ValueError(f"folder: expected a recording folder, got {type(folder).__name__}")
+    rig = rig if rig is None or isinstance(rig, Rig) else rig_file(rig)
+    handle = handle if handle is None or isinstance(handle, Handle) else handle_file(handle)
     parts = parts_of_folder(folder, rig, handle, timestamps)
     return refine_files(
-        rig or Path(folder, "rig.toml"),
-        handle or Path(folder, "handle.toml"),
+        Path(folder, "rig.toml") if rig is None else rig,
+        Path(folder, "handle.toml") if handle is None else handle,
         parts.sources,
         out,
         timestamps=parts.timestamps,

@@ -64,6 +64,7 @@ __all__ = [
     "Rows",
     "Seen",
     "Watched",
+    "content_of",
     "fingerprint",
     "known_poses",
     "stamp",
@@ -156,7 +157,7 @@ def track_files(
     film = None if overlay is None else Film(overlay, recording.rate)
     check_targets([out, tum, *([overlay] if overlay else [])], files)
     options = (start is None, timestamps is None, fps, method)
-    made_from = fingerprint(files, sources, *options, *map(_content, values))
+    made_from = fingerprint(files, sources, *options, *map(content_of, values))
     with Rows(Path(f"{out}{PARTIAL}"), made_from) as rows:
         try:
             with film or nullcontext():
@@ -296,7 +297,7 @@ def fingerprint(
     ).hexdigest()[:16]
 
 
-def _content(value: Rig | Handle) -> str:
+def content_of(value: Rig | Handle) -> str:
     """What tells one rig or handle from another."""
     if isinstance(value, Handle):
         return handle_text(value)

@@ -11,6 +11,8 @@
   const TAP_MS = 250;  // a shorter press that goes no further than this says that the tool is there
   const TAP_PX = 4;
   const TRACK = {low: -15, high: 185};  // mm, of the picture
+  // What a hand does by itself, for who looks on: it takes the tool so far, in strokes that are no longer than it can reach.
+  const DEMO = {target: 120, width: 10, reach: 60, forth: 0.9, back: 0.7, seconds: 8, each: 0.02};  // mm, s
 
   const mean = values => values.reduce((sum, value) => sum + value, 0) / values.length;
 
@@ -35,6 +37,21 @@
     let shown = history[0][1];
     for (const [when, tool] of history) if (when <= t - delay) shown = tool;
     return shown;
+  }
+
+  // Hand and clutch of the demonstration, every 20 ms up to a time, s: strokes with the clutch closed, and back with it open.
+  function demonstration({scale, until}) {
+    const strokes = Math.ceil(DEMO.target / (scale * DEMO.reach) - 1e-9);
+    const length = DEMO.target / (scale * strokes);
+    const smooth = share => length * (1 - Math.cos(Math.PI * share)) / 2;
+    return Array.from({length: Math.floor(until / DEMO.each + 1e-9) + 1}, (_, k) => {
+      const t = k * DEMO.each;
+      const stroke = Math.min(Math.floor(t / (DEMO.forth + DEMO.back) + 1e-9), strokes - 1);
+      const within = t - stroke * (DEMO.forth + DEMO.back);
+      const closed = within <= DEMO.forth + 1e-9;
+      const back = Math.min((within - DEMO.forth) / DEMO.back, 1);
+      return {t, closed, hand: closed ? smooth(within / DEMO.forth) : length - smooth(back)};
+    });
   }
 
   // Distance and width of each trial, mm: every pair of them, so many times.
@@ -120,6 +137,16 @@
 
     // --- the picture
 
+    // What the hand that plays does at the time of its slider; null at 0, where the reader's own is shown.
+    function demonstrated() {
+      const {until, scale, delay: late} = current;
+      if (until === 0) return null;
+      const samples = demonstration({scale, until});
+      const tools = follow({scale, samples});
+      const shown = shownAt(samples.map(({t}, k) => [t, tools[k]]), until, late);
+      return {...samples.at(-1), tool: tools.at(-1), shown};
+    }
+
     function drawn(svg, width, values) {
       current = values;
       const at = {left: 10, top: 24, width: width - 20, height: 54};
@@ -128,14 +155,18 @@
       placeOf = X;
       draw(group, 'path', {class: 'thin dashed ink', d: `M${X(0)} ${at.top}v${at.height}`});
       const goal = target();
-      if (goal && trial) {
-        const [distance, wide] = goal;
+      const demo = run ? null : demonstrated();
+      const aim = demo ? [DEMO.target, DEMO.width] : goal && trial ? goal : null;
+      if (aim) {
+        const [distance, wide] = aim;
         draw(group, 'rect', {class: 'target', x: X(distance - wide / 2), y: at.top, width: X(wide) - X(0), height: at.height});
       }
       marker = draw(group, 'path', {class: 'tool', d: `M0 ${at.top}v${at.height}M-7 ${middle}h14`});
-      moveMarker(shownAt(history, now(), delay()));
+      moveMarker(demo ? demo.shown : shownAt(history, now(), delay()));
+      if (demo) draw(group, 'circle', {class: demo.closed ? 'four solid' : 'four thin', cx: X(demo.hand), cy: at.top + at.height - 9, r: 6});
       draw(svg, 'text', {x: at.left, y: 14}, goal && !trial ? 'Press the pad (or Enter): the target appears.'
-        : goal ? `Trial ${run.log.length + 1} of ${run.trials.length}` : 'Practice: press the pad and drag.');
+        : goal ? `Trial ${run.log.length + 1} of ${run.trials.length}`
+          : demo ? `A hand by itself, the clutch ${demo.closed ? 'closed' : 'open'}.` : 'Practice: press the pad and drag.');
 
       drawTimes(width);
       const says = [words()];
@@ -183,6 +214,11 @@
         const off = ended && Math.abs(ended.error_mm).toFixed(1);
         const before = ended ? `It took ${timeOf(ended).toFixed(2)} s and ended ${off} mm beside the middle. ` : '';
         return `${before}${number}: press the pad, or Enter, and the target appears.`;
+      }
+      const demo = demonstrated();
+      if (demo) {
+        return `At ${current.until.toFixed(1)} s the hand is at ${signed(demo.hand.toFixed(0))} mm with the clutch ${demo.closed ? 'closed' : 'open'}, `
+          + `the tool at ${signed(demo.tool.toFixed(0))} mm, and the picture shows it at ${signed(demo.shown.toFixed(0))} mm.`;
       }
       if (!runs.length) return `No run yet. The picture shows the tool at ${shown} mm.`;
       const {found, settings: set} = runs.at(-1);
@@ -267,7 +303,13 @@
 
     const timesPlot = document.createElementNS('http://www.w3.org/2000/svg', 'svg');
     timesPlot.setAttribute('role', 'img');
+    // The hand that plays gives way to the reader's.
+    const takeOver = () => {
+      view.stop();
+      if (current.until > 0) view.set({until: 0});
+    };
     const go = button('Start a run', () => {
+      takeOver();
       trial = null;
       home();
       if (run) finish();
@@ -294,6 +336,7 @@
     }, element('span', {}, 'the hand: press and drag; lift to open the clutch; tap for “there”'));
     pad.addEventListener('pointerdown', event => {
       if (!event.isPrimary || event.button !== 0) return;
+      takeOver();
       pad.setPointerCapture(event.pointerId);
       const first = target() !== null && trial === null;
       if (first) appear(event.timeStamp);
@@ -324,6 +367,7 @@
     pad.addEventListener('keydown', event => {
       const way = {ArrowRight: 1, ArrowLeft: -1}[event.key];
       if (way && !press) {
+        takeOver();
         sample(event.timeStamp, true);
         hand += way * (event.shiftKey ? 10 : 1);
         sample(event.timeStamp, true);
@@ -365,17 +409,20 @@
       controls: [
         range('scale', 'scale, tool : hand', [0.5, 4, 0.5], parameters.scale, ': 1'),
         range('delay', 'added delay', [0, 0.6, 0.025], 0, 'ms', {format: one => String(Math.round(1000 * one))}),
+        range('until', 'a hand by itself, time', [0, DEMO.seconds, 0.1], 0, 's', {format: one => one.toFixed(1)}),
         {kind: 'choice', name: 'repeats', label: 'trials of each of nine targets', value: '3', options: [2, 3, 5, 10].map(n => [n, n])},
         {kind: 'text', name: 'operator', label: 'operator', value: 'person'},
       ],
       buttons: [go, here],
-      legend: [['two', 'tool, as the picture shows it'], ['band three', 'target'], ['dot one', 'last run'], ['dot five', 'the run before']],
+      legend: [['two', 'tool, as the picture shows it'], ['band three', 'target'], ['dot one', 'last run'], ['dot five', 'the run before'],
+        ['dot four', 'a hand by itself, filled while the clutch is closed']],
       drawn,
       below: [pad, timesBox],
+      play: {name: 'until', ms: 100},
     });
     box.append(results);
     began();
   }
 
-  trinolabApplets.define('pointing', {follow, shownAt, conditions, difficulty, performance, csv, start});
+  trinolabApplets.define('pointing', {follow, demonstration, shownAt, conditions, difficulty, performance, csv, start});
 })();

@@ -219,7 +219,7 @@ window.trinolabApplets = window.trinolabApplets || (() => {
     for (const [name, value] of Object.entries(defaults)) made[name].set(value);
     new ResizeObserver(redraw).observe(drawing);
     redraw();
-    return {values, set, redraw, svg, panel, says, defaults};
+    return {values, set, redraw, stop: player ? player.stop : () => {}, svg, panel, says, defaults};
   }
 
   // The button that plays: it moves a slider by itself until it is pressed again, or the slider is at its end.

@@ -449,7 +449,7 @@ def _check(a: argparse.Namespace) -> int:
                 "see trinolab check --help",
                 file=sys.stderr,
             )
-        say(f"{table.drop(columns='said').to_string(index=False)}\nwritten to {out}")
+        say(f"{table.drop(columns='said').to_string(index=False, na_rep='')}\nwritten to {out}")
         return 0
     if a.out is not None:
         raise ValueError("--out: is of use with --all alone")

@@ -26,7 +26,7 @@ from .exercise import Exercise
 from .exercises import CHAPTERS, of_chapter
 from .plan import planned
 from .stubs import checked, solved, stub
-from .texts import ExerciseText, texts_of, without_solutions
+from .texts import HINTS, KIND_OF, ExerciseText, texts_of, without_solutions
 
 __all__ = [
     "chapter_file",
@@ -223,12 +223,11 @@ def _shown(asked: Exercise) -> str:
 
 
 def _asked(asked: Exercise, text: ExerciseText, numbers: Mapping[str, Any]) -> str:
-    """The statement, and the two hints, folded."""
-    kinds = {"write": "Write it yourself", "predict": "Change and predict"}
-    kind = kinds.get(asked.kind, asked.kind.capitalize())
+    """The statement, and the hints, folded."""
+    (kind,) = (words for words, kind in KIND_OF.items() if kind == asked.kind)
     worth = f"{asked.points} points, about {planned()[asked.number].minutes} minutes"
     parts = [f"## {_shown(asked)} {kind}: {asked.title} ({worth})", text.statement]
-    for name, hint in zip(("First", "Second"), text.hints, strict=True):
+    for name, hint in zip(HINTS, text.hints, strict=True):
         parts.append(f"````{{hint}} {name} hint\n:class: dropdown\n{hint}\n````")
     return _as_text("\n\n".join(parts), numbers)
 

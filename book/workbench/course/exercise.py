@@ -1,8 +1,8 @@
 """What an exercise is: what is asked, its solution, and the usual mistakes with what they give.
 
-There are two forms. In one a student writes a function, in the other a student answers with
-values: numbers, or words to choose from. Pencil work, predictions and projects are of the second
-form. A mistake is known by what it gives, so that it is recognised in code of any style.
+There are two forms. In one a student writes a function, or repairs one that is broken; in the
+other a student answers with values: numbers, or words to choose from. A mistake is known by what it
+gives, so that it is recognised in code of any style.
 """
 
 from __future__ import annotations
@@ -24,7 +24,10 @@ __all__ = [
 ]
 
 WITHIN = 1e-6  # a part in a million: single precision is enough
-KINDS = ("pencil", "write", "predict", "project")
+KINDS = ("pencil", "write", "predict", "project", "repair", "recording", "design")
+"""What is done: by hand; a function; a guess and a run; half a page; a function that is broken; numbers
+from a real recording; a design that has no single right answer.
+"""
 
 
 @dataclass(frozen=True)
@@ -108,7 +111,7 @@ class Exercise:
 
 @dataclass(frozen=True)
 class FunctionExercise(Exercise):
-    """A function is to be written.
+    """A function is to be written, or to be repaired.
 
     Parameters
     ----------
@@ -118,11 +121,14 @@ class FunctionExercise(Exercise):
         Makes the lists of arguments on which the function is tried.
     within
         How far a number may be from that of the solution, as a share of the largest of the result.
+    broken
+        What a student gets to repair; None where the function is to be written.
     """
 
     solution: Callable[..., Any]
     cases: Callable[[np.random.Generator], Sequence[tuple]]
     within: float = WITHIN
+    broken: Callable[..., Any] | None = None
 
     @property
     def name(self) -> str:
@@ -148,8 +154,9 @@ class FunctionExerciseMaker:
     def __init__(
         self, number: str, title: str, label: str, points: int, within: float = WITHIN
     ) -> None:
-        self._about = (number, "write", title, label, points)
+        self._number, self._title, self._label, self._points = number, title, label, points
         self._within = within
+        self._broken: Callable[..., Any] | None = None
         self._solution: Callable[..., Any] | None = None
         self._cases: Callable[[np.random.Generator], Sequence[tuple]] | None = None
         self._mistakes: list[Mistake] = []
@@ -162,6 +169,11 @@ class FunctionExerciseMaker:
     def cases(self, function: Callable[..., Any]) -> Callable[..., Any]:
         """This function makes the cases."""
         self._cases = function
+        return function
+
+    def broken(self, function: Callable[..., Any]) -> Callable[..., Any]:
+        """This function is what a student gets to repair."""
+        self._broken = function
         return function
 
     def mistake(self, read: str) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
@@ -181,9 +193,19 @@ class FunctionExerciseMaker:
     def made(self) -> FunctionExercise:
         """The exercise."""
         if self._solution is None or self._cases is None:
-            raise ValueError(f"{self._about[0]}: expected a solution and cases")
-        mistakes = tuple(self._mistakes)
-        return FunctionExercise(*self._about, mistakes, self._solution, self._cases, self._within)
+            raise ValueError(f"{self._number}: expected a solution and cases")
+        return FunctionExercise(
+            number=self._number,
+            kind="repair" if self._broken else "write",
+            title=self._title,
+            label=self._label,
+            points=self._points,
+            mistakes=tuple(self._mistakes),
+            solution=self._solution,
+            cases=self._cases,
+            within=self._within,
+            broken=self._broken,
+        )
 
 
 @dataclass(frozen=True)

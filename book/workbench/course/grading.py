@@ -12,7 +12,17 @@ import numpy as np
 
 from .child import BEING_CHECKED, Call, outcome, plain_value
 from .exercise import Asked, Exercise, FunctionExercise, Mistake, ValueExercise
-from .plain import described, equal, is_array, plain, printable, shown
+from .plain import (
+    MOST_SHOWN,
+    described,
+    equal,
+    is_array,
+    plain,
+    printable,
+    same_form,
+    shown,
+    wrong_numbers,
+)
 from .predictions import is_predicted, keep_guess
 from .running import run_given
 
@@ -118,6 +128,9 @@ def judge_outcomes(asked: FunctionExercise, outcomes: Sequence[Mapping[str, Any]
     wrong = [k for k, one in enumerate(outcomes) if not _same(one, expected[k], asked.within)]
     if not wrong:
         return _right(asked, outcomes)
+    if _is_unrepaired(asked, outcomes, cases):
+        says = f"{asked.name} is still to be repaired: it does what it did when you got it."
+        return _not_yet(asked, says)
     if mistake := _recognised(asked, outcomes, cases, wrong):
         return _not_yet(asked, f"{mistake.says} Read chapter {mistake.read}.")
     first = wrong[0]
@@ -144,6 +157,16 @@ def _same(one: Mapping[str, Any], other: Mapping[str, Any], within: float) -> bo
         kinds = [str(it.get("raised", "")).partition(":")[0] for it in (one, other)]
         return kinds[0] == kinds[1]
     return equal(one["returned"], other["returned"], within)
+
+
+def _is_unrepaired(
+    asked: FunctionExercise, outcomes: Sequence[Mapping[str, Any]], cases: Sequence[tuple]
+) -> bool:
+    """Whether the function gives what the broken one gives."""
+    if asked.broken is None:
+        return False
+    given = [outcome(asked.broken, case) for case in cases]
+    return all(_same(*pair, asked.within) for pair in zip(outcomes, given, strict=True))
 
 
 def _recognised(
@@ -183,11 +206,35 @@ def _difference(
         if is_array(b) and not np.isfinite(b["numbers"]).any():
             return f"{call} returns None; {shown(b)} is asked for."
         return f"{asked.name} returns None: does it end in `return`?"
-    if described(a) != described(b):
+    if not same_form(a, b):
         return f"{call} returns {described(a)}; {described(b)} is asked for."
+    return f"{call} returns {_numbers_apart(a, b, asked.within)}"
+
+
+def _numbers_apart(a: Any, b: Any, within: float) -> str:
+    """What is wrong with a result that has the form which is asked for. Of many numbers the first
+    wrong one is shown, with its place.
+    """
+    if isinstance(b, list):
+        place, pair = next(
+            (k, pair)
+            for k, pair in enumerate(zip(a, b, strict=True), start=1)
+            if not equal(*pair, within)
+        )
+        return f"{len(b)} things; number {place} is {_numbers_apart(*pair, within)}"
+    if is_array(b) and len(b["numbers"]) > MOST_SHOWN:
+        places = np.argwhere(wrong_numbers(a, b, within))
+        at = tuple(map(int, places[0]))
+        number, right = (float(np.reshape(one["numbers"], b["shape"])[at]) for one in (a, b))
+        off = abs(number - right)
+        text = f"off by {off:.2g}" if off <= 1e-4 * abs(right) else f"{number:.6g}"
+        return (
+            f"{described(b)}, of which {len(places)} of {len(b['numbers'])} numbers are wrong: at "
+            f"{list(at)} it is {text}; {right:.6g} is right."
+        )
     if shown(a) == shown(b):
-        return f"{call} returns {shown(a)}, which is off by up to {_largest_difference(a, b):.2g}."
-    return f"{call} returns {shown(a)}; {shown(b)} is right."
+        return f"{shown(a)}, which is off by up to {_largest_difference(a, b):.2g}."
+    return f"{shown(a)}; {shown(b)} is right."
 
 
 def _brief(argument: Any) -> str:
@@ -200,8 +247,6 @@ def _brief(argument: Any) -> str:
 
 def _largest_difference(one: Any, other: Any) -> float:
     """Between two plain values that look alike in few characters."""
-    if isinstance(one, list):
-        return max(map(_largest_difference, one, other))
     if not is_array(one):
         return 0.0
     return float(np.nanmax(np.abs(np.subtract(one["numbers"], other["numbers"])), initial=0.0))

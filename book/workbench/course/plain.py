@@ -19,11 +19,14 @@ __all__ = [
     "is_array",
     "plain",
     "printable",
+    "same_form",
     "shown",
+    "wrong_numbers",
 ]
 
 MOST_NUMBERS = 1_000_000
 MOST_LETTERS = 1_000  # of what is said of an answer
+MOST_SHOWN = 12  # numbers of an array
 DEEPEST = 20  # lists in lists
 # what a terminal takes for an order, then all else that is no letter: controls, and signs that
 # turn the direction of writing
@@ -128,10 +131,7 @@ def equal(one: Any, other: Any, within: float) -> bool:
     if is_array(one) and is_array(other):
         if _sides(one) != _sides(other):
             return not one["numbers"] and not other["numbers"]
-        a, b = np.array(one["numbers"], float), np.array(other["numbers"], float)
-        finite = np.abs(b[np.isfinite(b)])
-        scale = finite.max(initial=0.0) or 1.0
-        return bool(np.allclose(a, b, rtol=0.0, atol=within * scale, equal_nan=True))
+        return not wrong_numbers(one, other, within).any()
     if isinstance(one, list) and isinstance(other, list):
         return len(one) == len(other) and all(
             equal(a, b, within) for a, b in zip(one, other, strict=True)
@@ -139,9 +139,28 @@ def equal(one: Any, other: Any, within: float) -> bool:
     return type(one) is type(other) and one == other
 
 
+def wrong_numbers(one: Any, other: Any, within: float) -> np.ndarray:
+    """Which numbers of an array are not those of `other`, in the shape of that: as in `equal`."""
+    a, b = (np.array(it["numbers"], float).reshape(other["shape"]) for it in (one, other))
+    finite = np.abs(b[np.isfinite(b)])
+    scale = finite.max(initial=0.0) or 1.0
+    return ~np.isclose(a, b, rtol=0.0, atol=within * scale, equal_nan=True)
+
+
 def _sides(value: dict[str, Any]) -> list[int]:
     """The sides of an array along which there is more than one number."""
     return [side for side in value["shape"] if side != 1]
+
+
+def same_form(one: Any, other: Any) -> bool:
+    """Whether two plain values are of one kind, so that their numbers can be compared: what `equal`
+    says of rows and columns counts here, too.
+    """
+    if is_array(one) and is_array(other):
+        return _sides(one) == _sides(other)
+    if isinstance(one, list) and isinstance(other, list):
+        return len(one) == len(other) and all(map(same_form, one, other))
+    return described(one) == described(other)
 
 
 def is_array(value: Any) -> bool:
@@ -171,7 +190,16 @@ def shown(value: Any) -> str:
         numbers = np.array(value["numbers"], float).reshape(value["shape"])
         if not value["shape"]:
             return f"{float(numbers):.6g}"
-        text = np.array2string(numbers, precision=4, threshold=12, edgeitems=2, separator=", ")
+        largest = np.abs(numbers[np.isfinite(numbers)]).max(initial=0.0)
+        # what is left of rounding is shown as 0, and -0.0 as well
+        tidy = np.where(np.abs(numbers) < 1e-9 * largest, 0.0, numbers) + 0.0
+        text = np.array2string(
+            tidy,
+            threshold=MOST_SHOWN,
+            edgeitems=2,
+            separator=", ",
+            formatter={"float_kind": "{:.6g}".format},
+        )
         return " ".join(text.split())
     if isinstance(value, list):
         return f"({', '.join(map(shown, value[:6]))}{', ...' if len(value) > 6 else ''})"

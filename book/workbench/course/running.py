@@ -248,7 +248,10 @@ class _Process:
         with contextlib.suppress(OSError, ValueError):
             while line := stream.readline(ANSWER):
                 room -= len(line)
-                if room < 0 or not line.endswith(b"\n"):
+                if room < 0 or len(line) >= ANSWER:
+                    self.killed_because = "output"
+                    break
+                if not line.endswith(b"\n"):  # it has ended within a line
                     break
                 with contextlib.suppress(ValueError, RecursionError):
                     content = json.loads(line)
@@ -448,6 +451,8 @@ def how(code: int | None, cpu_s: float, wait_s: float, because: str | None = Non
     """How a process ended, in words, that did not do all of its work."""
     if because == "memory" or code == -9:
         return "was ended by the system: it may have asked for too much memory"
+    if because == "output":
+        return "was ended: it has written more than the grader reads"
     if because == "processes":
         return f"was ended: it has started more than {PROCESSES} processes"
     if code is None:

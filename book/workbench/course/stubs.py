@@ -11,17 +11,22 @@ from functools import cache
 
 from .exercise import Asked, Exercise, FunctionExercise, ValueExercise
 
-__all__ = ["checked", "head_of", "solved", "stub"]
+__all__ = ["body_of", "checked", "head_of", "solved", "stub"]
 
 WIDTH = 88  # of the code in a notebook
 
 
 def stub(asked: Exercise) -> str:
-    """Return what a student gets: the function without its body, or the names without values."""
+    """Return what a student gets: the function without its body, or with the one that is broken, or
+    the names without values.
+    """
     if isinstance(asked, ValueExercise):
         return _values(asked, dict.fromkeys(asked.asked, "..."))
     assert isinstance(asked, FunctionExercise)
     head = head_of(asked.solution)
+    if asked.broken is not None:
+        imports = _imports(asked.solution, [asked.broken.__name__])
+        return _joined([*imports, f"{head}\n{body_of(asked.broken)}"])
     return _joined(
         [*_imports(asked.solution, [asked.name]), f"{head}\n    raise NotImplementedError"]
     )
@@ -67,12 +72,24 @@ def _written(one: Asked) -> str:
 
 def head_of(function: Callable) -> str:
     """A function's line and its docstring."""
+    lines, whole = _whole(function)
+    return "\n".join(lines[whole.lineno - 1 : whole.body[0].end_lineno])
+
+
+def body_of(function: Callable) -> str:
+    """A function's lines behind its docstring."""
+    lines, whole = _whole(function)
+    return "\n".join(lines[whole.body[0].end_lineno : whole.end_lineno])
+
+
+def _whole(function: Callable) -> tuple[list[str], ast.FunctionDef]:
+    """A function's lines, and what they say."""
     source = textwrap.dedent(inspect.getsource(function))
     (whole,) = ast.parse(source).body
     assert isinstance(whole, ast.FunctionDef)
     if ast.get_docstring(whole) is None:
         raise ValueError(f"{function.__name__}: expected a docstring, which students get")
-    return "\n".join(source.splitlines()[whole.lineno - 1 : whole.body[0].end_lineno])
+    return source.splitlines(), whole
 
 
 @cache

@@ -1,6 +1,6 @@
-"""What a chapter tells of its exercises: statement, two hints and solution of each.
+"""What a chapter tells of its exercises: statement, three hints and solution of each.
 
-In a chapter's markdown an exercise is four blocks in this order, and this module reads them::
+In a chapter's markdown an exercise is five blocks in this order, and this module reads them::
 
     ```{exercise} 4.2 Write it yourself: a filter of one number
     :label: ex-kalman-write
@@ -9,8 +9,13 @@ In a chapter's markdown an exercise is four blocks in this order, and this modul
     ...
     ```{hint} Second hint to 4.2
     ...
+    ```{hint} Third hint to 4.2
+    ...
     ```{solution} ex-kalman-write
     ...
+
+The first hint asks a question, the second names the idea, and the third says how to begin. None of
+them is the solution.
 """
 
 from __future__ import annotations
@@ -22,7 +27,15 @@ from typing import Any, NamedTuple
 
 from ..sweep.notebook import read_notebook
 
-__all__ = ["Block", "ExerciseText", "blocks", "read_texts", "texts_of", "without_solutions"]
+__all__ = [
+    "HINTS",
+    "Block",
+    "ExerciseText",
+    "blocks",
+    "read_texts",
+    "texts_of",
+    "without_solutions",
+]
 
 # how a title begins, and the kind that it names
 KIND_OF = {
@@ -30,7 +43,11 @@ KIND_OF = {
     "Write it yourself": "write",
     "Change and predict": "predict",
     "Project": "project",
+    "Repair": "repair",
+    "Real recording": "recording",
+    "Open design": "design",
 }
+HINTS = ("First", "Second", "Third")
 OPENING = re.compile(r"^(`{3,})\{(exercise|hint|solution)\} *(.*)$")
 OPTION = re.compile(r"^:([\w-]+): *(.*)$")
 TITLE = re.compile(rf"^(\d+)\.(\d+) ({'|'.join(KIND_OF)}): (.+)$")
@@ -75,7 +92,7 @@ class ExerciseText(NamedTuple):
     label
         Of the block.
     statement, hints, solution
-        In the chapter's markdown; the hints are two.
+        In the chapter's markdown; the hints are three.
     """
 
     number: str
@@ -83,7 +100,7 @@ class ExerciseText(NamedTuple):
     title: str
     label: str
     statement: str
-    hints: tuple[str, str]
+    hints: tuple[str, ...]
     solution: str
 
 
@@ -146,7 +163,7 @@ def _block(kind: str, argument: str, lines: Sequence[str], first: int, last: int
 
 
 def _exercise(group: Sequence[Block], name: str) -> ExerciseText:
-    """An exercise of its four blocks; ValueError if they are others."""
+    """An exercise of its five blocks; ValueError if they are others."""
     head = group[0]
     title = TITLE.match(head.argument)
     if title is None:
@@ -158,8 +175,7 @@ def _exercise(group: Sequence[Block], name: str) -> ExerciseText:
     label = head.options.get("label", "")
     expected = [
         ("exercise", head.argument),
-        ("hint", f"First hint to {number_in_title}"),
-        ("hint", f"Second hint to {number_in_title}"),
+        *(("hint", f"{which} hint to {number_in_title}") for which in HINTS),
         ("solution", label),
     ]
     if [(block.kind, block.argument) for block in group] != expected:
@@ -178,8 +194,8 @@ def _exercise(group: Sequence[Block], name: str) -> ExerciseText:
         title=title[4][0].upper() + title[4][1:],
         label=label,
         statement=head.body,
-        hints=(group[1].body, group[2].body),
-        solution=group[3].body,
+        hints=tuple(block.body for block in group[1:-1]),
+        solution=group[-1].body,
     )
 
 

@@ -49,7 +49,8 @@ def limits_table() -> str:
         ("a handle", f"{limits.MARKERS} markers"),
         (
             "TOML",
-            f"{_mib(limits.TOML_BYTES)}, {limits.ENTRIES:,} commas and lines, {limits.DOTS} dots in a name",
+            f"{_mib(limits.TOML_BYTES)}, {limits.ENTRIES:,} commas and lines, {limits.BRACKETS:,} "
+            f"tables and lists, {limits.DOTS} dots in a name, {limits.ALL_DOTS:,} in all",
         ),
         ("the covariance of a rig", _mib(limits.COVARIANCE_BYTES)),
         (

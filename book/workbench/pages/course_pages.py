@@ -19,6 +19,7 @@ from .claims_pages import escaped, list_table
 
 __all__ = [
     "chapters_table",
+    "designs_table",
     "exercises_list",
     "measured_minutes",
     "mistakes",
@@ -39,6 +40,7 @@ def write_pages(folder: Path) -> None:
     write_whole(folder / "chapters.md", chapters_table() + "\n")
     write_whole(folder / "objectives.md", objectives_table() + "\n")
     write_whole(folder / "projects.md", projects_table() + "\n")
+    write_whole(folder / "designs.md", designs_table() + "\n")
     for seed, version in enumerate("ab"):
         write_whole(folder / f"exam_{version}.md", exam(seed, solutions=True))
     for chapter in CHAPTERS:
@@ -148,6 +150,24 @@ def projects_table() -> str:
                     raise ValueError(f"{path}: {one.number}: its solution has no full answer")
                 rows.append((f"{one.number} {escaped(one.title)}", self_contained(found[1])))
     return list_table(("project", "a full answer has"), rows, "22 78", "projects", raw=True)
+
+
+def designs_table() -> str:
+    """A row a level of each open design of the chapters: its points, and what is there."""
+    rows = []
+    for chapter in CHAPTERS:
+        path = chapter_file(chapter)
+        for one, text in exercises_of(chapter, read_notebook(path), path.name):
+            if one.kind == "design":
+                levels = re.findall(r"^\| (\d) \| (.+) \|$", text.statement, re.MULTILINE)
+                if not levels or int(levels[0][0]) != one.points:
+                    raise ValueError(f"{path}: {one.number}: its rubric has no level of all points")
+                rows += [
+                    (f"{one.number} {escaped(one.title)}", points, self_contained(design))
+                    for points, design in levels
+                ]
+    head = ("open design", "points", "a design that")
+    return list_table(head, rows, "22 8 70", "designs", raw=True)
 
 
 def mistakes(one: Exercise) -> str:

@@ -26,7 +26,14 @@ __all__ = ["TOGETHER", "draw_house", "floors", "is_folder", "rooms", "table_text
 ROOT = Path(__file__).resolve().parents[3]
 GENERATED = ROOT / "_build" / "generated" / "api"
 TOGETHER = {"trinolab.datasets": "trinolab.files"}  # they import each other's modules, in no circle
-NOT_SHOWN = {"trinolab", "trinolab.__main__", "trinolab.moved", "workbench", "workbench.pages"}
+NOT_SHOWN = {
+    "trinolab",
+    "trinolab.__main__",
+    "trinolab.moved",
+    "workbench",
+    "workbench.browser",
+    "workbench.pages",
+}
 WIDEST = 6  # boxes of a row
 
 Graph = dict[str, set[str]]

@@ -40,7 +40,8 @@ __all__ = [
 
 SOURCES = ROOT / "book" / "teaching" / "slides"
 SLIDES = BUILD / "slides"
-MATHJAX = HTML / "_static" / "mathjax"
+# draws formulas as pictures: a font that no slide has shown yet would be missing where it is printed
+MATHJAX = HTML / "_static" / "mathjax" / "tex-svg.js"
 FIGURE = re.compile(r"!\[\]\((fig-[\w-]+|film)\)")
 
 
@@ -71,8 +72,9 @@ def write_all_slides(folder: Path) -> dict[str, int]:
     """Write the slides of all chapters, and what draws their formulas, into a new folder; return how
     many slides each chapter has.
     """
-    folder.mkdir(parents=True)
-    shutil.copytree(MATHJAX, folder / "mathjax")
+    script = folder / "mathjax" / MATHJAX.name
+    script.parent.mkdir(parents=True)
+    shutil.copyfile(MATHJAX, script)
     return {chapter: write_slides(chapter, folder / f"{chapter}.html") for chapter in CHAPTERS}
 
 

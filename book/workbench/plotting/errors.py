@@ -46,7 +46,7 @@ _LINES: tuple[LineStyleType, ...] = ("solid", "dotted", "dashed")
 COLUMN_IN = 7.0  # width of a page's column
 _EXACT = 3.0  # how far to the left of the first level an exact rig is drawn
 _CALIBRATION_PANELS = {
-    "E_t_mm": "E_t / mm",
+    "E_t_mm": "$E_t$ / mm",
     "geodesic_deg": "geodesic angle / deg",
     "measured": "measured",
     "off": "off by 2 mm or 5°",
@@ -398,7 +398,17 @@ def plot_shifts(
     for ax, (title, (at, shift)) in zip(axes, panels.items(), strict=True):
         start, arrow = as_points(at, "at", 2), factor * as_points(shift, "shift", 2)
         ax.add_patch(Circle((0, 0), radius_mm, facecolor="0.9", edgecolor="0.5"))
-        ax.quiver(*start.T, *arrow.T, color=COLOURS[4], angles="xy", scale_units="xy", scale=1)
+        ax.quiver(
+            *start.T,
+            *arrow.T,
+            angles="xy",
+            scale_units="xy",
+            scale=1,
+            width=0.006,
+            headwidth=4,
+            color=COLOURS[4],
+            alpha=0.75,
+        )
         ax.plot(*start.T, ".", color=COLOURS[0])
         mean = arrow.mean(axis=0) if len(arrow) else np.zeros(2)
         ax.plot(0, 0, ".", color="black")
@@ -409,13 +419,13 @@ def plot_shifts(
         sides = zip(cameras[title].items(), ("right", "left"), strict=False)
         for (name, direction), side in sides:
             towards = as_array(direction, name, (2,)) / np.linalg.norm(direction)
-            x, y = 1.75 * radius_mm * towards
-            ax.text(x, y, name, ha=side, va="center")
-            tip, tail = 1.25 * radius_mm * towards, 1.55 * radius_mm * towards
+            x, y = 1.5 * radius_mm * towards
+            ax.text(x, y, name, ha=side, va="bottom")
+            tip, tail = 1.12 * radius_mm * towards, 1.42 * radius_mm * towards
             style = {"arrowstyle": "-|>", "linestyle": ":"}
             ax.annotate("", (tip[0], tip[1]), (tail[0], tail[1]), arrowprops=style)
         ax.set(title=title, aspect="equal")
-        ax.set(xlim=(-2.4 * radius_mm, 2.4 * radius_mm), ylim=(-1.4 * radius_mm, 2 * radius_mm))
+        ax.set(xlim=(-1.3 * radius_mm, 2 * radius_mm), ylim=(-1.1 * radius_mm, 1.7 * radius_mm))
         ax.axis("off")
     return figure
 

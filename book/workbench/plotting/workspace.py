@@ -32,6 +32,8 @@ __all__ = [
 ]
 
 WORKSPACE_COLOUR = "#CC79A7"
+SEEN_FROM = np.array([900.0, 500.0, 900.0])  # the scene's first view: from the middle backwards, mm
+NAME_HEIGHT = 36.0  # of a camera's name in the scene, mm
 VIEWS = (("from above", 0, 2), ("along the line of sight", 0, 1), ("from the side", 2, 1))
 Mesh = tuple[Array, np.ndarray]  # vertices (n, 3), triangles (m, 3)
 
@@ -139,9 +141,11 @@ def _write_letters(ax: Axes, cones: Sequence[Cone], step: float) -> None:
         ax.text(start + 1.1 * step * side, 0.1 * step, text, ha="center", va="bottom")
 
 
-def workspace_scene(cones: Sequence[Cone], mesh: Mesh, height: int = 420) -> Any:
-    """A scene that can be turned in the page, without a server or a display: cones, their apexes,
-    the workspace.
+def workspace_scene(
+    cones: Sequence[Cone], mesh: Mesh, height: int = 420, names: Sequence[str] | None = None
+) -> Any:
+    """A scene that can be turned in the page, without a server or a display: cones, their apexes
+    with their names, the workspace.
 
     Returns
     -------
@@ -155,14 +159,16 @@ def workspace_scene(cones: Sequence[Cone], mesh: Mesh, height: int = 420) -> Any
         return HTML(
             "<p>Here stands a scene that can be turned: <code>pip install pyvista[jupyter]</code></p>"
         )
-    page = html.escape(_scene_page(workspace_plotter(cones, mesh)))
+    page = html.escape(_scene_page(workspace_plotter(cones, mesh, names)))
     return HTML(
         f'<div><iframe srcdoc="{page}" width="100%" height="{int(height)}" style="border:0; background:white" '
         'title="workspace, turnable"></iframe></div>'
     )
 
 
-def workspace_plotter(cones: Sequence[Cone], mesh: Mesh) -> pyvista.Plotter:
+def workspace_plotter(
+    cones: Sequence[Cone], mesh: Mesh, names: Sequence[str] | None = None
+) -> pyvista.Plotter:
     """The scene of `workspace_scene` as a PyVista plotter; nothing is rendered yet."""
     import pyvista
 
@@ -181,17 +187,49 @@ def workspace_plotter(cones: Sequence[Cone], mesh: Mesh) -> pyvista.Plotter:
         plotter.add_mesh(
             pyvista.Sphere(radius=6.0, center=cone.apex), color=COLOURS[k % len(COLOURS)]
         )
+    apexes = np.array([cone.apex for cone in cones])
+    for k, name in enumerate(() if names is None else _names(cones, names)):
+        colour = COLOURS[k % len(COLOURS)]
+        letters = _written(name, apexes, k)
+        plotter.add_mesh(letters, name=name, color=colour, ambient=0.5, diffuse=0.5)
     for direction, colour in zip(np.eye(3), ("red", "green", "blue"), strict=True):
         plotter.add_mesh(
             pyvista.Line((0.0, 0.0, 0.0), 50.0 * direction), color=colour, line_width=4
         )
     plotter.camera_position = [
-        tuple(middle - [900.0, 500.0, 900.0]),
+        tuple(middle - SEEN_FROM),
         tuple(middle),
         (0.0, -1.0, 0.0),
     ]
     plotter.renderer.ResetCamera()
     return plotter
+
+
+def _written(name: str, apexes: Array, k: int) -> pyvista.PolyData:
+    """A camera's name beside its apex, away from the nearest other one, upright in the first view.
+
+    It is a body like all others: labels and overlays do not come along into the page.
+    """
+    import pyvista
+
+    ahead = SEEN_FROM / np.linalg.norm(SEEN_FROM)
+    right = np.cross(ahead, [0.0, -1.0, 0.0])
+    right = right / np.linalg.norm(right)
+    up = np.cross(right, ahead)
+    away = np.array([0.0, -1.0, 0.0])
+    if len(apexes) > 1:
+        off = apexes[k] - np.delete(apexes, k, axis=0)
+        away = off[np.linalg.norm(off, axis=1).argmin()]
+    away = away - (away @ ahead) * ahead  # in the plane of the view
+    away = away / max(np.linalg.norm(away), 1e-9)
+
+    text = pyvista.Text3D(name, depth=0.0, height=NAME_HEIGHT, center=(0.0, 0.0, 0.0))
+    wide = text.bounds.x_max
+    shift = (NAME_HEIGHT / 2 + (wide + NAME_HEIGHT / 2) * abs(away @ right)) * away
+    pose = np.eye(4)
+    pose[:3, :3] = np.column_stack([right, up, -ahead])
+    pose[:3, 3] = apexes[k] + shift
+    return text.transform(pose, inplace=False)
 
 
 def _scene_page(plotter: pyvista.Plotter) -> str:

@@ -22,9 +22,10 @@ from __future__ import annotations
 
 import ast
 import builtins
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Hashable, Iterable, Sequence, Set
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from functools import lru_cache
+from typing import Any, NamedTuple
 
 __all__ = ["ANY", "OUTSIDE", "RANDOM", "RESULTS", "Effects", "Flow", "Thing", "Value"]
 
@@ -42,6 +43,8 @@ ANY = Thing("world", "any name and any object")
 OUTSIDE = Thing("world", "outside of the notebook's names")
 RANDOM = Thing("world", "the global random numbers")
 RESULTS = Thing("world", "the results")
+GIVEN = Thing("object", "the objects that a function is given")
+HELD = Thing("object", "what these hold")
 
 Things = frozenset[Thing]
 
@@ -72,12 +75,14 @@ class Value(NamedTuple):
         """What holds it."""
         return Value(frozenset(), self.part().own)
 
+    def of(self, given: Value) -> Value:
+        """What it is for a function that is given this."""
+        own, held = (frozenset(_concrete(things, given)) for things in self)
+        return Value(own, held)
+
 
 NOTHING = Value()
 
-# Functions that call each other within loops are looked into again and again: beyond so many looks a
-# notebook counts as one that does anything, and runs whole.
-MOST_CALLS = 5000
 OPAQUE = {"exec", "eval", "globals", "locals", "vars", "setattr", "delattr", "__import__"}
 OPAQUE |= {"get_ipython", "compile"}
 HARMLESS = {"print", "display"}
@@ -139,6 +144,17 @@ PURE |= {"head", "merge", "pivot", "rename", "sort_values", "transpose", "unique
 PURE |= {"where"}
 
 
+class Look(NamedTuple):
+    """What a call of a function reads and changes outside of it, what names stand for after it, and
+    what it returns.
+    """
+
+    reads: set[str | Thing]
+    changes: set[str | Thing]
+    values: dict[str, Value]
+    returned: Value
+
+
 @dataclass
 class Effects:
     """What a piece of code does to names and things.
@@ -193,9 +209,9 @@ class Flow:
         self._values: dict[str, Value] = {}  # what each name stands for now
         self._functions: dict[Thing, ast.AST] = {}
         self._inside: list[Thing] = []  # functions that are being looked into
+        self._looks: dict[Hashable, Look] = {}  # what looking into a function has shown
         self._returned: list[Value] = []
         self._now = Effects()
-        self._calls = 0
 
     def block(self, statements: Iterable[ast.stmt]) -> Effects:
         """Go through statements, one after the other."""
@@ -426,9 +442,9 @@ class Flow:
         changing = ("object", "drawn", "generator")
         self._now.changes |= {thing for thing in things if thing.kind in changing}
 
-    def _name(self, name: str, given: Value = NOTHING) -> Value:
-        """Read a name; look into a function, which may be called with what is `given`, and give
-        what it returns.
+    def _name(self, name: str, given: Value = NOTHING, place: ast.AST | None = None) -> Value:
+        """Read a name; look into a function, which may be called with what is `given` at a place of
+        the code, and give what it returns.
         """
         if name in OPAQUE and name not in self._values:
             self._unknown()
@@ -436,17 +452,42 @@ class Flow:
             self._now.reads.add(name)
         things = self._known(name).every
         self._now.reads |= {thing for thing in things if thing.kind not in ("module", "function")}
-        return NOTHING.or_(
-            *(self._look_into(thing, given) for thing in things if thing in self._functions)
-        )
+        functions = [thing for thing in things if thing in self._functions]
+        return NOTHING.or_(*(self._look_into(thing, given, place) for thing in functions))
 
-    def _look_into(self, function: Thing, given: Value) -> Value:
-        """What a function or the methods of a class do with what they are given; what it gives."""
+    def _look_into(self, function: Thing, given: Value, place: ast.AST | None = None) -> Value:
+        """What a function or the methods of a class do with what they are given; what it gives.
+
+        It is looked into once for all objects that it may be given, in a state of its outer names.
+        """
         if function in self._inside:
             return NOTHING
-        if self._calls > MOST_CALLS:
-            self._unknown()
-            return NOTHING
+        some = Value(_abstract(given.own, GIVEN), _abstract(given.held, HELD))
+        names, functions = self._behind(function, some)
+        known = frozenset((name, self._values[name]) for name in names & self._values.keys())
+        case = (function, some, place, functions & set(self._inside), known)
+        if case not in self._looks:
+            self._looks[case] = self._look(function, some, place)
+        look = self._looks[case]
+        self._now.reads |= _concrete(look.reads, given) - self._now.binds
+        self._now.changes |= _concrete(look.changes, given)
+        for name, value in look.values.items():
+            self._values[name] = value.of(given)
+        return look.returned.of(given)
+
+    def _behind(self, function: Thing, given: Value) -> tuple[set[str], Things]:
+        """The names and functions on which depends what looking into a function shows."""
+        names: set[str] = set()
+        seen: set[Thing] = set()
+        ahead = {function, *given.every} & self._functions.keys()
+        while ahead:
+            seen |= ahead
+            names.update(*(_free_names(self._functions[thing]) for thing in ahead))
+            things = {thing for name in names for thing in self._known(name).every}
+            ahead = (things & self._functions.keys()) - seen
+        return names, frozenset(seen)
+
+    def _look(self, function: Thing, given: Value, place: ast.AST | None) -> Look:
         node = self._functions[function]
         outer, before = self._values, self._now
         self._inside.append(function)
@@ -469,18 +510,21 @@ class Flow:
         self._inside.pop()
         local = _locals(node)
         its_own = {id(part) for part in ast.walk(node)}  # each call makes them anew
-        self._now.reads |= _without(inner.reads - local, its_own) - self._now.binds
-        self._now.changes |= _without(inner.changes - local, its_own)
-        for name, value in values.items():
-            if name not in local and name in outer:
-                self._values[name] = outer[name].or_(value)
         returned = self._returned.pop()
         closure = any(thing in self._functions for thing in returned.every)
-        self._calls += 1
-        return _renamed(
-            returned.or_(given.inside()) if closure else returned,
-            its_own,
-            Thing("object", f"call {self._calls}"),
+        return Look(
+            _without(inner.reads - local, its_own),
+            _without(inner.changes - local, its_own),
+            {
+                name: outer[name].or_(value)
+                for name, value in values.items()
+                if name not in local and outer.get(name, value) != value
+            },
+            _renamed(
+                returned.or_(given.inside()) if closure else returned,
+                its_own,
+                _new(node if place is None else place),
+            ),
         )
 
     # expressions
@@ -610,7 +654,7 @@ class Flow:
     def _called(self, name: str, given: Value, thrown_away: bool, node: ast.Call) -> Value:
         """A call of a name that the notebook binds."""
         value = self._values[name]
-        returned = self._name(name, given)
+        returned = self._name(name, given, node)
         if origins := [str(thing.which) for thing in value.own if thing.kind == "module"]:
             return self._library(origins[0], given, thrown_away, node)
         if any(thing in self._functions for thing in value.every):
@@ -681,6 +725,22 @@ def _without(effects: set[str | Thing], nodes: set[int]) -> set[str | Thing]:
     return {one for one in effects if isinstance(one, str) or one.which not in nodes}
 
 
+def _abstract(things: Things, objects: Thing) -> Things:
+    """The things with one in the place of all objects."""
+    rest = frozenset(thing for thing in things if thing.kind != "object")
+    return rest if len(rest) == len(things) else rest | {objects}
+
+
+def _concrete(things: Set[Any], given: Value) -> set[Any]:
+    """The things with the objects that are given in the place of those that stand for them."""
+    rest = set(things) - {GIVEN, HELD}
+    if GIVEN in things:
+        rest |= {thing for thing in given.own if thing.kind == "object"}
+    if HELD in things:
+        rest |= {thing for thing in given.held if thing.kind == "object"}
+    return rest
+
+
 def _renamed(value: Value, nodes: set[int], new: Thing) -> Value:
     """A value whose objects that come into being at these places are another one."""
 
@@ -715,6 +775,12 @@ def _origin(node: ast.expr, values: dict[str, Value]) -> str:
     return ".".join([str(modules[0].which), *path]) if modules else ""
 
 
+@lru_cache(maxsize=1000)
+def _free_names(node: ast.AST) -> set[str]:
+    """The names that a function or class takes from outside of it."""
+    return {part.id for part in ast.walk(node) if isinstance(part, ast.Name)} - _locals(node)
+
+
 def _parameters(node: ast.AST) -> set[str]:
     if isinstance(node, ast.ClassDef):
         return set()
@@ -724,6 +790,7 @@ def _parameters(node: ast.AST) -> set[str]:
     return {argument.arg for argument in every}
 
 
+@lru_cache(maxsize=1000)
 def _locals(node: ast.AST) -> set[str | Thing]:
     """The names that belong to a function."""
     local: set[str | Thing] = set(_parameters(node))

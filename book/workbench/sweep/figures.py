@@ -17,17 +17,19 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.image import AxesImage
+from matplotlib.patches import Rectangle
 
 from trinolab.checks import Array
 
 from ..plotting import COLOURS
 from ..plotting.basics import subplots
-from .quantities import PAPER, count_of, labelled
+from .quantities import PAPER, count_of, is_count, labelled, paper_value
 
 __all__ = [
     "Counted",
     "Levels",
     "as_png",
+    "counts_of",
     "draw_curve",
     "is_grid",
     "plot_sweep",
@@ -39,6 +41,7 @@ REPEATS = ("seed",)  # parameters that repeat a run rather than change it
 MOST_PANELS = 12
 MOST_COLUMNS = 4
 MOST_ROWS = 3
+MOST_ALIKE = 2  # names of results that are the same as a drawn one
 MOST_CELLS = (8, 12)  # of a map that has room for its values: across, up
 NOT_RESULTS = ("seconds", "status", "error")
 
@@ -100,24 +103,69 @@ def plot_sweep(
     every = results_of(found, names, results)
     levels = varied(found, names)
     several = len(levels) > 2 or (len(levels) == 2 and not is_grid(levels))
-    rows_shown = every[: MOST_ROWS if several else MOST_PANELS if results is None else None]
+    alike = dict[str, list[str]]()
+    if results is None:
+        every, alike = _told_apart(found, every)
+    rows_shown = every
+    if several or results is None:
+        rows_shown = _with_errors(every, MOST_ROWS if several else MOST_PANELS)
     if not rows_shown:
         return _said("no result is a number", found)
     if len(levels) <= 1:
         figure, axes = _panels(len(rows_shown))
         for ax, name in zip(axes, rows_shown, strict=True):
             level = levels[0] if levels else _runs(found)
-            draw_curve(ax, found[name].to_numpy(float), level, name, _counts(found, name, level))
+            draw_curve(
+                ax, found[name].to_numpy(float), level, name, counts_of(found, name, [level])
+            )
+            _name_alike(ax, alike.get(name, []))
     elif not is_grid(levels):
         figure = _scattered(found, rows_shown, levels)
     elif len(levels) == 2:
         figure, axes = _panels(len(rows_shown))
         for ax, name in zip(axes, rows_shown, strict=True):
             _heat_map(ax, found[name].to_numpy(float), levels, name)
+            _describe_map(ax, name, len(levels[1].values), counts_of(found, name, levels))
+            _name_alike(ax, alike.get(name, []))
     else:
         figure = _multiples(found, rows_shown, levels)
     _name_what_is_missing(figure, found, len(every) - len(rows_shown))
     return figure
+
+
+def _told_apart(
+    found: pd.DataFrame, names: Sequence[str]
+) -> tuple[list[str], dict[str, list[str]]]:
+    """The results without those that are the same as an earlier one in each run, and of each that
+    stays the names of these.
+    """
+    alike = dict[str, list[str]]()
+    for name in names:
+        same = [
+            other for other in alike if found[name].equals(found[other].astype(found[name].dtype))
+        ]
+        if same:
+            alike[same[0]].append(name)
+        else:
+            alike[name] = []
+    return list(alike), alike
+
+
+def _with_errors(names: Sequence[str], most: int) -> list[str]:
+    """The first so many results, of which those that the paper states a value for are not left out."""
+    shown = list(names)
+    for name in reversed(names):
+        if len(shown) > most and name not in PAPER:
+            shown.remove(name)
+    return shown[:most]
+
+
+def _name_alike(ax: Axes, names: Sequence[str]) -> None:
+    """Say which results are the same as the one that is drawn."""
+    if names:
+        more = f" and {len(names) - MOST_ALIKE} more" if len(names) > MOST_ALIKE else ""
+        text = f"the same: {', '.join(names[:MOST_ALIKE])}{more}"
+        ax.set_title("\n".join(filter(None, [text, ax.get_title()])), fontsize=9)
 
 
 def as_png(figure: Figure) -> bytes:
@@ -232,16 +280,30 @@ class Counted(NamedTuple):
     all: Array
 
 
-def _counts(found: pd.DataFrame, name: str, level: Levels) -> Counted | None:
-    """The numbers of poses behind a result at each value; None if the table has none."""
+def counts_of(found: pd.DataFrame, name: str, levels: Sequence[Levels]) -> Counted | None:
+    """The numbers of poses behind a result at each combination; None if the table has none."""
     if (columns := count_of(name, found.columns)) is None:
         return None
-    measured = _statistics(found[columns.measured].to_numpy(float), [level])
+    measured = _statistics(found[columns.measured].to_numpy(float), levels)["min"].to_numpy()
+    if columns.measured == columns.all:
+        return Counted(measured, measured)
     every = columns.all if columns.all in found else columns.measured
-    there = _statistics(found[every].to_numpy(float), [level])["max"].to_numpy()
+    there = _statistics(found[every].to_numpy(float), levels)["max"].to_numpy()
     if every == columns.measured:
         there = np.full(len(there), np.nanmax(there))
-    return Counted(measured["min"].to_numpy(), there)
+    return Counted(measured, there)
+
+
+def _number_of(counted: Counted) -> str:
+    """How many poses there were, in words."""
+    least, most = np.nanmin(counted.all), np.nanmax(counted.all)
+    return f"n = {most:g}" if least == most else f"n = {least:g} to {most:g}"
+
+
+def _label(name: str, y: Array) -> str:
+    """A result's name with its unit."""
+    known = y[np.isfinite(y)]
+    return labelled(name, is_count(name, bool((known == np.round(known)).all())))
 
 
 def draw_curve(
@@ -258,11 +320,12 @@ def draw_curve(
         ax.fill_between(
             at, statistics["min"], statistics["max"], color=COLOURS[0], alpha=0.2, linewidth=0
         )
-    if name in PAPER:
-        ax.axhline(PAPER[name], color=COLOURS[4], linestyle="--", linewidth=1)
+    paper = paper_value(name)
+    if paper is not None:
+        ax.axhline(paper, color=COLOURS[4], linestyle="--", linewidth=1)
         ax.annotate(
-            f"paper {PAPER[name]:g}",
-            (1.0, PAPER[name]),
+            f"paper {paper:g}",
+            (1.0, paper),
             (-2, 2),
             xycoords=("axes fraction", "data"),
             textcoords="offset points",
@@ -276,7 +339,7 @@ def draw_curve(
         ax.set_xticks(at, level.labels, rotation=30 if max(map(len, level.labels)) > 8 else 0)
     elif _is_geometric(x):
         ax.set_xscale("log")
-    ax.set(xlabel=labelled(level.name), ylabel=labelled(name))
+    ax.set(xlabel=labelled(level.name), ylabel=_label(name, y))
     ax.grid(alpha=0.3)
 
 
@@ -285,8 +348,7 @@ def _mark_dropped(ax: Axes, at: Array, means: Array, counted: Counted) -> None:
     markers, each with its number if there is room.
     """
     few = (counted.measured < counted.all) & np.isfinite(means)
-    there = np.nanmax(counted.all)
-    ax.set_title(f"n = {there:g}" + (", hollow: fewer" if few.any() else ""), fontsize=9)
+    ax.set_title(_number_of(counted) + (", hollow: fewer" if few.any() else ""), fontsize=9)
     ax.plot(
         at[few], means[few], "o", color=COLOURS[0], markerfacecolor="white", markersize=6, zorder=3
     )
@@ -322,13 +384,30 @@ def _heat_map(
         vmin=limits[0],
         vmax=limits[1],
     )
-    ax.figure.colorbar(image, ax=ax, label=labelled(name))
+    ax.figure.colorbar(image, ax=ax, label=_label(name, y))
     if len(across.values) <= MOST_CELLS[0] and len(up.values) <= MOST_CELLS[1]:
         _write_values(ax, means, image)
     for axis, level in ((ax.xaxis, across), (ax.yaxis, up)):
         ticks = np.unique(np.linspace(0, len(level.values) - 1, 6).round().astype(int))
         axis.set_ticks(ticks, [level.labels[k] for k in ticks])
     ax.set(xlabel=labelled(across.name), ylabel=labelled(up.name), facecolor="lightgrey")
+
+
+def _describe_map(ax: Axes, name: str, rows: int, counted: Counted | None) -> None:
+    """The paper's value and the number of poses behind the means, above a map; a cell with a mean over
+    fewer poses than there were is framed.
+    """
+    paper = paper_value(name)
+    said = [] if paper is None else [f"paper {paper:g}"]
+    if counted is not None:
+        few = counted.measured < counted.all
+        fewest = f", framed: fewer, at least {np.nanmin(counted.measured):g}" if few.any() else ""
+        said.append(_number_of(counted) + fewest)
+        for column, row in (divmod(int(k), rows) for k in np.flatnonzero(few)):
+            frame = Rectangle((column - 0.46, row - 0.46), 0.92, 0.92, fill=False, linewidth=1.5)
+            frame.set_edgecolor(COLOURS[4])
+            ax.add_patch(frame)
+    ax.set_title("; ".join(said), fontsize=9)
 
 
 def _write_values(ax: Axes, means: Array, image: AxesImage) -> None:

@@ -11,7 +11,7 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from ..plotting.basics import subplots
-from .figures import Levels, draw_curve, is_grid, plot_sweep, results_of, varied
+from .figures import Levels, counts_of, draw_curve, is_grid, plot_sweep, results_of, varied
 from .notebook import UNATTENDED
 
 __all__ = ["explore", "plot_slice", "slide"]
@@ -116,12 +116,9 @@ def plot_slice(
     for level in levels[1:]:
         matching = matching & (level.which == at[level.name])
     figure, ax = subplots(figsize=(6.5, 3.6))
-    draw_curve(
-        ax,
-        found[result].to_numpy(float)[matching],
-        levels[0]._replace(which=levels[0].which[matching]),
-        result,
-    )
+    level = levels[0]._replace(which=levels[0].which[matching])
+    counted = counts_of(found[matching], result, [level])
+    draw_curve(ax, found[result].to_numpy(float)[matching], level, result, counted)
     low = found[result].min()
     high = found[result].max()
     margin = 0.05 * (high - low) or 0.5

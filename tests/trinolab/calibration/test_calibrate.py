@@ -821,12 +821,3 @@ def test_of_the_whole_board_nothing_is_said(frames):
     images = frames[0][:5]
     assert larger(images, CHESSBOARD) == larger(images, Target("chessboard", 6, 7, 15.0)) == ""
     assert larger(images, Target("circles", 5, 5, 15.0)) == larger([], CHESSBOARD) == ""
-
-
-def test_of_a_camera_that_mirrors_its_images_the_likely_cause_is_said(folder):
-    for path in (folder / "b").iterdir():
-        cv2.imwrite(str(path), cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)[:, ::-1])
-    with pytest.raises(
-        ValueError, match=r"one position of the target, or one camera mirrors its images$"
-    ):
-        calibrated()

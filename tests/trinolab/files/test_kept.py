@@ -4,12 +4,13 @@ import errno
 import os
 import signal
 import threading
+from pathlib import Path
 
 import pytest
 from processes import ended, started, wait_until
 
 from trinolab.files import kept
-from trinolab.files.kept import KeptLines, locked
+from trinolab.files.kept import KeptLines, locked, sole_writer
 
 pytestmark = pytest.mark.skipif(kept.fcntl is None, reason="a system without locks of files")
 # Writes "a", leaves "b" unfinished, says so, and waits for its end.
@@ -228,3 +229,44 @@ def test_a_full_disk_is_named_and_leaves_no_file_without_lines(path):
     with opened(path) as lines:
         lines.add_line("1")
         assert lines.lines() == ["0", "1"]
+
+
+# Writes into a folder beside the target, says so, and waits for its end.
+STAGES = """
+import time
+from pathlib import Path
+from trinolab.files.kept import sole_writer
+staged = Path.cwd() / ".new.partial"
+with sole_writer("new", staged=staged):
+    (staged / "deep").mkdir(parents=True)
+    (staged / "deep" / "file").write_text("half")
+    Path("ready").touch()
+    while True:
+        time.sleep(0.01)
+"""
+
+
+def test_what_a_killed_writer_has_staged_is_removed_with_its_lock(tmp_path):
+    with started("", STAGES) as process:
+        wait_until((tmp_path / "ready").exists, process)
+        assert (tmp_path / ".new.partial" / "deep" / "file").exists()
+        process.send_signal(signal.SIGKILL)
+        ended(process)
+    wait_until(lambda: {path.name for path in tmp_path.iterdir()} == {"ready"})
+
+
+def test_what_a_writer_has_staged_is_its_own_if_it_is_not_killed(tmp_path):
+    staged = tmp_path / ".new.partial"
+    with sole_writer("new", staged=staged):
+        staged.mkdir()
+    assert [path.name for path in tmp_path.iterdir()] == [".new.partial"]
+
+
+def test_without_a_second_process_a_writer_works_all_the_same(tmp_path, monkeypatch):
+    def none(*_, **__):
+        raise OSError(errno.EAGAIN, "Resource temporarily unavailable")
+
+    monkeypatch.setattr(kept.subprocess, "Popen", none)
+    with sole_writer("new"):
+        Path("new").touch()
+    assert [path.name for path in tmp_path.iterdir()] == ["new"]

@@ -74,6 +74,29 @@ def test_a_toml_file_has_so_many_commas_and_lines(tmp_path):
         read_toml(path)
 
 
+@pytest.mark.parametrize(
+    ("line", "said"),
+    [
+        ("[a{k}.a.a.a.a.a]\n", "10,000 dots in its names, got 15,000"),
+        ("a{k} . 'a'.\"a\".a.a.a.a = 1.5\n", "10,000 dots in its names, got 18,000"),
+        ("a{k}.1.2.3.4.5 = -1.5e3\n", "10,000 dots in its names, got 15,000"),
+        ("x{k} = [[1.5, -2.5, 3.5e-7, 1.5], [+0.5, 1.5]]\n", ""),
+        (
+            "[a{k}]\nx = 1\n[b{k}]\nx = {{}}\n[[c{k}]]\nx = []\n[d{k}]\n",
+            "20,000 tables and lists, got 21",
+        ),
+    ],
+)
+def test_a_toml_file_has_so_many_names_and_tables(tmp_path, line, said):
+    path = tmp_path / "a.toml"
+    path.write_text("".join(line.format(k=k) for k in range(3000)))
+    if not said:
+        assert len(read_toml(path)) == 3000
+        return
+    with pytest.raises(ValueError, match=rf"a\.toml: expected at most {said}"):
+        read_toml(path)
+
+
 def test_the_covariance_of_as_many_cameras_as_a_rig_may_have_is_read(tmp_path):
     """With all digits of all numbers."""
     names = [f"camera{k}" for k in range(limits.CAMERAS)]

@@ -27,6 +27,7 @@ from verification.refined import (
     rendered,
 )
 
+import trinolab
 from trinolab.bench.optics import Bench
 from trinolab.bench.scene import render_rig
 from trinolab.camera import Rig, displaced
@@ -168,6 +169,28 @@ def test_what_the_command_prints(done):
     assert any(line.startswith("  rotation_x / deg") and " +- " in line for line in said)
     assert any(line.startswith("markers of coded: moved by 0.") for line in said)
     assert said[-1] == f"written to {done.out}"
+
+
+def test_values_do_as_well_as_files(done, recorded, tmp_path):
+    refined = trinolab.refine(recorded / "rec", tmp_path / "new", RIG, CODED, instants=CHOSEN)
+    assert sorted(file.name for file in (tmp_path / "new").iterdir()) == FILES
+    # mm: a file has the last digits of a handle's angles otherwise
+    ours, files = (read_handle(out / "handle.toml") for out in (tmp_path / "new", done.out))
+    np.testing.assert_allclose(ours.marker_centres, files.marker_centres, rtol=0, atol=1e-9)
+    np.testing.assert_array_equal(refined.start_handle.marker_centres, CODED.marker_centres)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        ((np.zeros(3), "new"), "folder: expected a recording folder, got ndarray"),
+        (("rec", "new", "no_such_rig"), "no_such_rig"),
+        (("rec", "new", None, RIG), "handle"),
+    ],
+)
+def test_a_wrong_value_is_named(folder, arguments, says):
+    with pytest.raises(ValueError, match=says):
+        trinolab.refine(*arguments)
 
 
 @pytest.mark.usefixtures("folder")

@@ -218,6 +218,6 @@ def test_a_chapter_runs_to_its_end_with_the_verdicts_of_the_built_page(tmp_path,
         browser.close()
     assert [says for kind, says in ran.cells if kind not in ("done", "cannot")] == []
     table = numbers.of_chapter(chapter, ran)
-    texts = table[table["built"].map(lambda value: isinstance(value, str))]
-    assert texts[~texts["agrees"]].to_dict("records") == []
-    assert table["agrees"].mean() > 0.9
+    apart = table[~table["agrees"]]
+    assert apart[apart["why"] == ""].to_dict("records") == []
+    assert not apart["built"].map(lambda value: isinstance(value, str)).any()  # no verdict

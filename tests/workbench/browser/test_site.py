@@ -100,6 +100,14 @@ def test_the_page_lists_first_what_does_not_agree():
     assert page.index(">b<") < page.index(">a<")
 
 
+def test_what_differs_and_may_says_why():
+    table = numbers.compared(
+        "08_pose", {"pnp_mm": 1.0, "other": 1.0}, {"pnp_mm": 1.1, "other": 1.1}
+    )
+    assert [bool(why) for why in table["why"]] == [True, False]
+    assert "other of two near poses" in numbers.page_of(table)
+
+
 def test_a_number_that_the_browser_did_not_glue_does_not_agree():
     (row,) = numbers.compared("04", {"a": 1.0}, {}).to_dict("records")
     assert not row["agrees"]

@@ -191,7 +191,7 @@ def test_preflight(ran):
     assert "ccd1" in ran("preflight", codes=(0, 1))
 
 
-@pytest.mark.slow
+@pytest.mark.heavy
 def test_refine(ran):
     """The page renders a slow recording for it; here a shorter one."""
     (line,) = re.findall(r"^trinolab (render .*--motion slow .*)$", PAGE, re.MULTILINE)

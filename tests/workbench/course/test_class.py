@@ -148,6 +148,21 @@ def test_a_heartbeat_does_not_extend_the_time_and_a_grandchild_does_not_survive(
 
 
 @pytest.mark.slow
+def test_who_writes_too_much_is_told_so(monkeypatch):
+    monkeypatch.setattr(running, "ANSWERS", 2**20)
+    code = (
+        "import os\n"
+        "for number in range(1, 20):\n"
+        "    try:\n"
+        "        for _ in range(3000):\n"
+        "            os.write(number, b'x' * 1000 + b'\\n')\n"
+        "    except OSError: pass\n"
+    )
+    found = running.run_file([("04.py", code)], [], ["a"], enough_s=120.0)
+    assert found.stuck == "04.py was ended: it has written more than the grader reads"
+
+
+@pytest.mark.slow
 @pytest.mark.skipif(not LINUX, reason="processes are looked at on Linux alone")
 def test_asked_to_end_the_command_leaves_no_process(tmp_path):
     hand_in(

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy.stats import norm
+from solutions import says
 
 from trinolab import background, datasets, kalman, workspace
 from trinolab.handle import Handle, facing_pixels
@@ -85,11 +86,39 @@ def test_the_background_is_the_packages():
     B = first
     for frame in film:
         B = background.update(B, frame, 0.05)
-    assert np.allclose(exercise("03.3").solution(film, first, 0.05), B, atol=1e-9)
-    moving = rng.random((8, 9)) < 0.5
-    theirs = background.update(first, film[0], 0.05, mask=moving, masked_rate=0.01)
-    ours = exercise("03.4").solution(film[0].astype(float), first, moving, 0.05, 0.01)
-    assert np.allclose(ours, theirs, atol=1e-9)
+    memory_s = -1 / 30 / np.log(0.95)
+    even = np.arange(1, 21) / 30
+    ours = exercise("03.3").solution(film, even, first, memory_s)
+    assert np.allclose(ours, B, atol=1e-9)
+    says("03.3", f"has the memory $-1/(30 \\ln 0.95) = {memory_s:.2f}$ s")
+
+
+def test_a_rate_forgets_and_remembers_in_time():
+    """Counted frame by frame, at the two ends and beyond them."""
+    lamp, lamp_s, hand, hand_s, T, fps = 22.5, 3.0, 45.0, 2.0, 15.0, 30.0
+    low, high = exercise("03.4").solution(lamp, lamp_s, hand, hand_s, T, fps)
+
+    def left(jump, rate, seconds):
+        for _ in range(round(seconds * fps)):
+            jump = background.update(np.zeros((1, 1)), np.full((1, 1), jump), 1 - rate).item()
+        return jump
+
+    for rate, fits in (
+        (low * 0.99, False),
+        (low * 1.01, True),
+        (high * 0.99, True),
+        (high * 1.01, False),
+    ):
+        assert (left(lamp, rate, lamp_s) <= T and left(hand, rate, hand_s) >= T) is fits
+    one = exercise("03.4").solution
+    least, _ = one(22.5, 1.0, 45.0, 0.1, 15.0, 30.0)
+    _, most = one(22.5, 1e3, 45.0, 5.0, 15.0, 30.0)
+    says("03.4", f"at least {least:.4f}, the hand for at most {most:.4f}: there is no such rate")
+    assert np.isnan(one(22.5, 1.0, 45.0, 5.0, 15.0, 30.0)).all()
+    seen_s = max(
+        s for s in np.arange(0.1, 5, 0.01) if np.isfinite(one(22.5, 1, 45, s, 15, 30)).all()
+    )
+    says("03.4", f"the hand is seen for $\\ln 3 / \\ln 1.5 = {seen_s:.1f}$ s")
 
 
 def test_a_step_is_the_packages():
@@ -107,6 +136,13 @@ def test_a_vague_filter_of_one_number_takes_the_mean():
     seen = np.random.default_rng(0).normal(5, 2, 12)
     means = exercise("04.2").solution(seen, 0.0, 1e6, 0.0, 1.0)
     assert math.isclose(means[-1], seen.mean(), rel_tol=1e-6)  # 1e6 is not infinite
+    one = exercise("04.2").solution
+    certain = one([10.0] * 1000, 0.0, 0.01, 0.0, 1.0)
+    assert not any(certain)
+    refused = np.array(one([10.0] * 40, 0.0, 0.01, 1.0, 1.0)) == 0
+    assert refused.sum() == 10
+    assert not refused[10:].any()
+    says("04.2", "ten observations are refused, and the eleventh is believed")
 
 
 def asked(number):

@@ -8,12 +8,12 @@ import textwrap
 from itertools import groupby
 from pathlib import Path
 
-import cv2
 import numpy as np
 import pytest
 from scipy import ndimage
 from scipy.spatial.transform import RigidTransform, Rotation
 from scipy.special import j1
+from solutions import says
 
 from trinolab import datasets, identity, matching, measurement, metrics, pose, triangulation
 from trinolab.bench import optics, scene
@@ -139,33 +139,36 @@ def two_cameras(K_left, K_right, R, T):
     return [Camera(name, (1280, 1024), K, np.zeros(5), motion) for name, K, motion in pairs]
 
 
-def test_epipolar_lines_and_distances_are_the_package_s():
-    line, distance = exercise("06.3").solution, exercise("06.5").solution
+def test_epipolar_lines_are_the_package_s_and_scatter_as_expected():
+    """Noise is drawn for the scatter, on a pair that is right but for it."""
+    line, scatter = exercise("06.3").solution, exercise("06.5").solution
     rng = np.random.default_rng(1)
     for K_left, K_right, R, T, uv in call_of(exercise("06.3")).cases:
         left, right = two_cameras(K_left, K_right, R, T)
         ours, theirs = line(K_left, K_right, R, T, uv), epipolar_lines(left, right, [uv])[0]
         assert np.allclose(ours, np.sign(ours @ theirs) * theirs, rtol=0, atol=1e-6)  # px
-        other = rng.uniform(0, 1000, 2)
-        there = matching.epipolar_distances(left, right, [uv], [other])
-        back = matching.epipolar_distances(right, left, [other], [uv])
-        ours = distance(fundamental_matrix(left, right), uv, other)
-        assert abs(ours - max(there, back)) < 1e-6
+        a, b, c = ours
+        other = np.array([-a * c, -b * c]) + rng.uniform(-300, 300) * np.array([-b, a])
+        sigma = 0.1
+        drawn = [place + rng.normal(0, sigma, (4000, 2)) for place in (uv, other)]
+        lines = epipolar_lines(left, right, drawn[0])
+        off = (lines * np.column_stack([drawn[1], np.ones(4000)])).sum(axis=1)
+        expected = scatter(fundamental_matrix(left, right), uv, other, sigma)
+        assert abs(off.std() / expected - 1) < 0.05
+    rows = np.array([[0.0, 0, 0], [0, 0, -1], [0, 1, 0]])
+    beside = scatter(rows, [50.0, 60.0], [30.0, 60.0], 0.3)
+    says("06.5", f"it is $\\sqrt2\\,\\sigma$, {beside:.2f} px", f"are {2 / beside:.1f} standard")
 
 
-def test_the_map_of_the_correlation_is_opencv_s():
-    asked = exercise("06.4")
-    flat = 0
-    for template, image in call_of(asked).cases:
-        ours = asked.solution(template, image)
-        as_floats = np.float32(image), np.float32(template)
-        if np.ptp(template):
-            opencv = cv2.matchTemplate(*as_floats, cv2.TM_CCOEFF_NORMED)
-            assert np.allclose(ours[ours != 0], opencv[ours != 0], rtol=0, atol=1e-4)
-        flat += (ours == 0).sum()
-        n, m = np.shape(template)
-        assert abs(ours[0, 0] - matching.ncc(template, np.array(image)[:n, :m])) < 1e-12
-    assert flat > 1
+def test_noise_costs_the_correlation_that_is_expected():
+    rng = np.random.default_rng(0)
+    solution = exercise("06.4").solution
+    for scatter, left, right in ((9.0, 3.0, 3.0), (20.0, 5.0, 30.0)):
+        patch = rng.normal(120, scatter, (400, 400))
+        views = [patch + rng.normal(0, sigma, patch.shape) for sigma in (left, right)]
+        assert abs(matching.ncc(*views) - solution(patch, left, right)) < 0.005
+    assert abs(solution([[9.0, -9.0]], 3.0, 3.0) - 0.9) < 1e-12
+    says("06.4", "a patch whose grey levels scatter by 9")
 
 
 def test_the_values_of_chapter_6():

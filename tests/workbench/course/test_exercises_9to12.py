@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import RigidTransform, Rotation
 from scipy.stats import norm
+from solutions import says
 
 from trinolab import datasets, metrics
 from trinolab.estimators import centroids, reprojection
@@ -23,9 +24,9 @@ from trinolab.slave.oneeuro import OneEuroParameters
 from workbench.course.child import outcome
 from workbench.course.exercise import FunctionExercise
 from workbench.course.exercises import exercise, of_chapter
-from workbench.course.exercises.estimators import step_of_all_views
+from workbench.course.exercises.estimators import variance_without
 from workbench.course.exercises.feedback import position_force
-from workbench.course.exercises.slave import clutched, needed_scale
+from workbench.course.exercises.slave import clutched, strokes_needed
 from workbench.course.exercises.table1 import askew_differences, mean_angle_errors
 from workbench.course.grading import call_of, judge_outcomes
 from workbench.studies import accounts, deviations, error_sources, experiment, pattern
@@ -154,7 +155,7 @@ def test_a_knocked_camera():
 # Chapter 10
 
 
-def test_a_step_is_the_package_s_and_that_of_whitened_rows():
+def test_what_is_left_without_a_view_is_the_package_s():
     rng = np.random.default_rng(3)
     rig, handle = datasets.load_rig("raised_40deg"), datasets.load_handle("paper")
     T = datasets.load_table1().set_poses[9]
@@ -164,16 +165,14 @@ def test_a_step_is_the_package_s_and_that_of_whitened_rows():
     roots = rng.normal(0, 0.02, (len(J), 2, 2)) + 0.1 * np.eye(2)
     C = roots @ roots.mT
     found = predicted + rng.normal(0, 0.05, predicted.shape)
-    step, covariance = step_of_all_views(J, C, found - predicted)
-    fit, package = reprojection.fit_pixels(found, C, rig, handle, views, T, steps=1, huber=np.inf)
-    moved = T * RigidTransform.from_exp_coords(np.concatenate([step[3:], step[:3]]))
-    np.testing.assert_allclose(fit.as_matrix(), moved.as_matrix(), atol=1e-9)
-    assert np.trace(covariance[:3, :3]) == pytest.approx(np.trace(package[:3, :3]), rel=1e-3)
-
-    whiten = np.linalg.inv(roots)
-    rows, off = (whiten @ J).reshape(-1, 6), (whiten @ (found - predicted)[..., None]).ravel()
-    np.testing.assert_allclose(step, np.linalg.lstsq(rows, off)[0], rtol=1e-7)
-    np.testing.assert_allclose(np.linalg.inv(covariance), rows.T @ rows, rtol=1e-6)
+    ours = variance_without(J, C)
+    for k in (0, len(J) - 1):
+        rest = np.arange(len(J)) != k
+        fewer = Views(views.camera[rest], views.marker[rest])
+        _, package = reprojection.fit_pixels(
+            found[rest], C[rest], rig, handle, fewer, T, steps=1, huber=np.inf
+        )
+        assert ours[k] == pytest.approx(np.trace(package[:3, :3]), rel=1e-3)
 
     # four times all covariances, and then those of CCD3 alone
     def fitted(factor):
@@ -239,9 +238,8 @@ def test_a_third_camera_anywhere():
             uv[list(hidden)] = np.nan
             views = Views(*np.nonzero(np.isfinite(uv[..., 0])))
             _, J = centroids.predict_centroids(rig, handle, T, views)
-            _, covariance = step_of_all_views(
-                J, np.tile(0.012**2 * np.eye(2), (len(J), 1, 1)), uv[views]
-            )
+            rows = J.reshape(-1, 6) / 0.012
+            covariance = np.linalg.inv(rows.T @ rows)
             sigmas.append(1e3 * np.sqrt(np.trace(covariance[:3, :3])))
         return max(sigmas)
 
@@ -282,7 +280,11 @@ def test_the_clutch_is_the_package_s():
 
 
 def test_scale_and_alignment():
-    assert needed_scale([150, 120, 100], [300, 60, 200]) == 2
+    scale, strokes = strokes_needed([150, 120, 100], [300, 60, 200], 0.31, 0.1)
+    says("11.2", f"the scale is at most {scale:.2f}, and the way to the right takes seven strokes")
+    assert strokes == 7
+    assert strokes_needed([150, 120, 100], [300, 60, 200], 0.31, 2 * 0.31) == (2, 1)
+    says("11.2", f"scale 2, and {2 * 0.31:.2f} mm at the tool")
     old = Rotation.from_euler("x", -90, degrees=True)  # down becomes -z, away becomes +y
     np.testing.assert_allclose(2 * old.apply([30, 10, 6]), [60, 12, -20], atol=1e-9)
     round_the_table = Rotation.from_euler("z", 180, degrees=True) * old

@@ -80,6 +80,7 @@ def mended(share):
     return light
 
 
+@pytest.mark.heavy
 def test_the_second_lamp_of_chapter_3():
     hard = ground_truth.read_recording("hard", every=4)
     truths = ground_truth.moving(hard, 2, 2)

@@ -10,6 +10,7 @@ from workbench.course import check, running
 from workbench.course.child import BEING_CHECKED, Call, outcome, plain_value
 from workbench.course.exercises import exercise
 from workbench.course.grading import call_of, judge_outcomes, judge_values
+from workbench.course.plain import plain, shown
 
 FILTER = exercise("04.2")
 lock = threading.Lock()  # what cannot be sent to another process
@@ -125,7 +126,7 @@ def test_a_case_that_alone_is_wrong_is_shown_with_how_many_are_right():
     def one_off(observations, *others):
         means = FILTER.solution(observations, *others)
         first = call_of(FILTER).cases[0][0]
-        same = np.array_equal(observations, first)
+        same = np.array_equal(observations, first, equal_nan=True)
         return [*means[:-1], means[-1] + 1.0] if same else means
 
     says = judged(FILTER, one_off).says
@@ -135,6 +136,34 @@ def test_a_case_that_alone_is_wrong_is_shown_with_how_many_are_right():
 
 def test_another_number_of_things_is_said_in_words():
     assert "returns a number; an array of the shape (" in judged(FILTER, lambda *_: 1.0).says
+
+
+def test_a_column_of_wrong_numbers_is_told_the_numbers_and_not_the_form():
+    """A column is right where its numbers are."""
+
+    def column(*arguments):
+        return 2 * np.array(FILTER.solution(*arguments))[:, None]
+
+    says = judged(FILTER, column).says
+    assert "is asked for" not in says
+    assert says.endswith("is right.")
+
+
+def test_of_many_numbers_the_first_wrong_one_is_shown_also_where_it_is_nan():
+    asked = exercise("11.3")
+
+    def nan_while_lost(hand, *others):
+        places = asked.solution(hand, *others)
+        places[np.isnan(hand).any(axis=1)] = np.nan
+        return places
+
+    says = judged(asked, nan_while_lost).says
+    assert "an array of the shape (10, 3), of which 6 of 30 numbers are wrong: at [2, 0] it" in says
+    assert "it is nan; " in says
+
+
+def test_what_rounding_leaves_is_shown_as_nothing():
+    assert shown(plain([1.0, 1e-17, -0.0, 2817.7])) == "[1, 0, 0, 2817.7]"
 
 
 def test_an_error_that_is_asked_for_is_named_where_none_is_raised():

@@ -38,64 +38,79 @@ def seen_by_camera(p, pose, K, wh, slip):
     return abs(col - (w - 1) / 2) <= w / 2 and abs(row - (h - 1) / 2) <= h / 2
 
 
-def film(pictures, b0, a, slip):
-    state = np.asarray(b0).astype(np.float64)
-    if slip == "swapped":
-        a = 1 - a
+def film(pictures, t, b0, m, slip):
+    """By the weights of all pictures at once, from the last one back."""
+    t = np.asarray(t, float)
+    start = np.asarray(b0).astype(np.float64)
     if slip == "first frame" and len(pictures):
-        state = pictures[0].astype(float)
+        start = pictures[0].astype(float)
     if slip == "black":
-        state = state * 0
-    if slip == "averaged":
-        m = sum(f.astype(float) for f in pictures) / len(pictures) if len(pictures) else state
-        return state + a * (m - state)
-    start = state
-    for picture in pictures:
-        old = start if slip == "always first" else state
-        state = old + a * (picture.astype(float) - old)
-        if slip == "whole":
-            state = np.floor(a * picture + (1 - a) * old)
-    return state
+        start = start * 0
+    gaps = t - np.concatenate([[0.0], t[:-1]]) if len(t) else t
+    if slip == "start":
+        gaps = t
+    if slip == "one rate" and len(t):
+        gaps = np.ones(len(t)) * t[-1] / len(t)
+    kept = 1 - gaps / m if slip == "linear" else np.exp(-gaps / m)
+    if slip == "swapped":
+        kept = 1 - kept
+    if slip == "whole":
+        state = start
+        for picture, k in zip(pictures, kept, strict=True):
+            state = np.floor(k * state + (1 - k) * picture)
+        return state
+    total, share = np.zeros(start.shape), 1.0
+    for picture, k in zip(pictures[::-1], kept[::-1], strict=True):
+        total = total + share * (1 - k) * picture
+        share = share * k
+    return total + share * start
 
 
-def two_rates(picture, bg, mask, fast, slow, slip):
-    out = np.empty(bg.shape)
-    for v in range(bg.shape[0]):
-        for u in range(bg.shape[1]):
-            a = slow if mask[v, u] else fast
-            if slip == "swapped":
-                a = fast if mask[v, u] else slow
-            if slip == "mask alone":
-                a = 0 if mask[v, u] else fast
-            if slip == "multiplied":
-                a = fast * slow if mask[v, u] else fast
-            if slip == "share":
-                a = 1 - a
-            if slip == "turned":
-                a = fast if mask[v, u] else 0
-            if slip == "printed":
-                a = fast
-            out[v, u] = bg[v, u] + a * (picture[v, u] - bg[v, u])
-    return out
+def two_ends(lamp, lamp_s, hand, hand_s, T, fps, slip):
+    """By logarithms."""
+    if slip == "frames":
+        fps = 1
+    if slip == "ends":
+        lamp, lamp_s, hand, hand_s = hand, hand_s, lamp, lamp_s
+    ends = []
+    for jump, seconds in ((lamp, lamp_s), (hand, hand_s)):
+        kept = math.exp(math.log(T / jump) / seconds / fps)
+        if slip == "logarithm":
+            kept = 1 + math.log(kept)
+        if slip == "linear":
+            kept = 1 - (jump - T) / jump / seconds / fps
+        ends.append(kept)
+    if ends[0] < ends[1] and slip != "none":
+        return [math.nan, math.nan]
+    return ends if slip == "left" else [1 - one for one in ends]
 
 
-def one_number(zs, m, s2, q, r, slip):
+def one_number(zs, m, s2, q, r, slip):  # noqa: C901
     """By precisions."""
     out = []
     for z in zs:
+        was = s2
         if slip not in ("after", "never"):
             s2 += q
-        k = s2 / (s2 + r)
-        if slip == "noise":
-            k = 1 - k
-        if slip == "brackets":
-            k = 1 + r
-        m = (1 - k) * m + k * z
-        if slip != "uncorrected":
-            s2 = s2 * (1 - k)
+        gate = 3 * math.sqrt(r if slip == "noise gate" else max(s2 + r, 0))
+        if slip == "square":
+            gate = math.sqrt(3 * max(s2 + r, 0))
+        believed = bool(abs(z - m) < gate) or (slip == "no gate" and not math.isnan(z))
+        if believed or (slip == "spoilt" and math.isnan(z)):
+            k = s2 / (s2 + r)
+            if slip == "noise":
+                k = 1 - k
+            if slip == "brackets":
+                k = 1 + r
+            m = (1 - k) * m + k * z
+            if slip != "uncorrected":
+                s2 = s2 * (1 - k)
+        elif slip == "waits":
+            s2 = was
         if slip == "after":
             s2 += q
-        out += [m]
+        if believed or slip != "left out":
+            out += [m]
     return out[-1] if slip == "last" else np.array(out)
 
 
@@ -175,42 +190,51 @@ def line_of(Kl, Kr, turn, t, pixel, slip):
         return abc
     if slip == "length":
         return abc / math.sqrt(sum(abc**2))
+    if slip == "sign":
+        abc = (r_inv.T @ skew(t).T @ turn @ l_inv).dot([pixel[0], pixel[1], 1.0])
     return abc / math.sqrt(abc[0] ** 2 + abc[1] ** 2)
 
 
-def correlation(t, im, slip):
-    t, im = np.array(t, float), np.array(im, float)
-    h, w = t.shape
-    rows, cols = im.shape[0] - h + 1, im.shape[1] - w + 1
-    out = np.zeros((rows, cols))
-    for y in range(rows):
-        for x in range(cols):
-            a, b = t.ravel(), im[y : y + h, x : x + w].ravel()
-            if slip != "means":
-                a = a - a.mean()
-                b = b - (im.mean() if slip == "whole image" else b.mean())
-            below = a.dot(a) * b.dot(b)
-            if slip != "root":
-                below = math.sqrt(below)
-            with np.errstate(all="ignore"):
-                s = np.float64(a.dot(b)) / below
-            if slip == "mean over sums":
-                s /= a.size
-            out[y, x] = s if below > 1e-9 or slip == "flat" else 0
-    if slip == "transposed":
-        return out.T
-    return out[:-1, :-1] if slip == "last places" else out
+def alike_at_best(clean, a, b, slip):
+    """By moments."""
+    clean = np.array(clean, float).ravel()
+    s2 = (clean**2).mean() - (0 if slip == "brightness" else clean.mean() ** 2)
+    if np.ptp(clean) == 0 and slip != "flat":
+        return 0
+    if np.ptp(clean) == 0:
+        return math.nan
+    va, vb = (a, b) if slip == "deviations" else (a * a, b * b)
+    if slip == "left":
+        vb = 0
+    if slip == "mean":
+        va = vb = (va + vb) / 2
+    below = (s2 + va) * (s2 + vb)
+    if slip != "root":
+        below = below**0.5
+    return (s2 + (a * b if slip == "common" else 0)) / below
 
 
-def two_distances(F, left, right, slip):
-    x, y = np.append(left, 1.0), np.append(right, 1.0)
-    there = F @ x
-    back = {"same": F, "inverse": np.linalg.pinv(F)}.get(slip, F.T) @ y
-    d = abs(there @ y) / np.linalg.norm(there[:2]), abs(back @ x) / np.linalg.norm(back[:2])
-    if slip == "undivided":
-        return abs(y @ F @ x)
-    pick = {"smaller": min, "mean": np.mean, "sum": sum, "there": lambda it: it[0]}
-    return pick.get(slip, max)(d)
+def scatter(F, left, right, s, slip):
+    """By differences of the distance itself."""
+    if slip in ("right", "alike"):
+        return s * (2**0.5 if slip == "alike" else 1)
+
+    def distance(of_left, of_right):
+        p, q = np.append(of_left, 1.0), np.append(of_right, 1.0)
+        line = q @ F if slip == "left image" else F @ p
+        other = p if slip == "left image" else q
+        return line @ other / (1.0 if slip == "undivided" else np.hypot(line[0], line[1]))
+
+    p, q, h = np.array(left, float), np.array(right, float), 1e-3
+    by_left = [(distance(p + h * e, q) - distance(p - h * e, q)) / (2 * h) for e in np.eye(2)]
+    by_right = [(distance(p, q + h * e) - distance(p, q - h * e)) / (2 * h) for e in np.eye(2)]
+    if slip == "same":
+        back, line = F @ np.append(q, 1.0), F @ np.append(p, 1.0)
+        by_left = back[:2] / np.linalg.norm(line[:2])
+    if slip == "added":
+        return s * (np.linalg.norm(by_left) + np.linalg.norm(by_right))
+    total = s * np.linalg.norm([*by_left, *by_right])
+    return total**2 if slip == "variance" else total
 
 
 def lens(Hs, wh, slip, px=True):
@@ -371,55 +395,51 @@ def askew(abc, turn, where, slip):
     return np.array(out)
 
 
-def all_views(J, C, off, slip):  # noqa: C901
-    """By whitened rows and a QR."""
-    rows, rhs, count = [], [], 0
-    steps = []
-    spoiled = np.isnan(off).any()
-    for Ji, Ci, oi in zip(J, C, off, strict=True):
-        if np.isnan(oi).any():
-            if slip not in ("exact", "spoil"):
-                continue
-            oi = np.zeros(2)
-        count += 1
-        steps.append(np.linalg.pinv(Ji) @ oi)
-        W = np.linalg.inv(Ci)
-        if slip == "no weights":
-            W = np.eye(2)
-        if slip == "covariance":
-            W = Ci
-        L = np.linalg.cholesky(W).T
-        rows.append(L @ Ji)
-        rhs.append(L @ oi)
-    A, b = np.vstack(rows), np.concatenate(rhs)
-    Q, T = np.linalg.qr(A)
-    step = np.linalg.solve(T, Q.T @ b)
-    cov = np.linalg.inv(T.T @ T)
-    if slip == "turned":
-        step = -step
-    if slip == "information":
-        cov = T.T @ T
-    if slip == "mean":
-        cov = cov * count
-    if slip == "spoil" and spoiled:
-        step = step * np.nan
-    if slip == "steps":
-        step = np.mean(steps, axis=0)
-    return step, cov
+def without(J, C, slip):
+    """By whitened rows and a pseudo-inverse; the covariance of each row of views by itself."""
+    n = len(J)
+    if n < 4:
+        return np.full(n, np.inf)
+    rows = []
+    for Ji, Ci in zip(J, C, strict=True):
+        W = {"covariance": Ci, "no weights": np.eye(2)}.get(slip, np.linalg.inv(Ci))
+        rows.append(np.linalg.cholesky(W).T @ Ji)
+
+    def size(some):
+        A = np.vstack(some)
+        if slip == "information":
+            return (A[:, :3] ** 2).sum()
+        columns = A[:, :3] if slip == "angles known" else A
+        G = np.linalg.pinv(columns)
+        return (G[: 6 if slip == "six" else 3] ** 2).sum()
+
+    out = []
+    for k in range(n):
+        out.append(size(rows if slip == "nothing" else rows[:k] + rows[k + 1 :]))
+    out = np.array(out)
+    if slip == "growth":
+        out = out - size(rows)
+    return np.sqrt(out) if slip == "root" else out
 
 
-def scale_of(hand, task, slip):
-    q = [t / h for t, h in zip(task, hand, strict=True)]
-    by = {
-        "smallest": min(q),
-        "mean": sum(q) / 3,
-        "first": q[0],
-        "hand": 1 / max(q),
-        "largest": max(task) / max(hand),
-        "diagonals": math.dist(task, [0, 0, 0]) / math.dist(hand, [0, 0, 0]),
-        "volumes": (q[0] * q[1] * q[2]) ** (1 / 3),
-    }
-    return by.get(slip, max(q))
+def strokes_of(hand, task, error, tolerance, slip):
+    """By counting strokes until the tool is there."""
+    k = error / tolerance if slip == "inverse" else tolerance / error
+    reach = [h * (1.0 if slip == "scale" else k) for h in hand]
+    if slip == "diagonals":
+        reach, task = [math.dist(reach, [0, 0, 0])], [math.dist(task, [0, 0, 0])]
+    if slip == "ratio":
+        return k, max(t / r for t, r in zip(task, reach, strict=True))
+    counts = []
+    for t, r in zip(task, reach, strict=True):
+        n = 0
+        while n * r < t or (slip == "many" and n * r <= t):
+            n += 1
+        if slip == "down" and n * r > t:
+            n -= 1
+        counts.append(n)
+    pick = {"sum": sum, "fewest": min}.get(slip, max)
+    return k, pick(counts)
 
 
 def clutch(hand, shut, tool, k, slip):  # noqa: C901
@@ -521,6 +541,109 @@ def alike(deg, rows, slip):
     return count
 
 
+def differing(frame, bench, limit, slip):
+    """Pixel by pixel, in Python's own numbers."""
+    out = np.zeros(np.shape(frame), bool)
+    for place, grey in np.ndenumerate(frame):
+        a, b = int(grey), float(bench[place])
+        if slip == "seven bits":
+            a, b = a - 256 * (a > 127), int(b) - 256 * (int(b) > 127)
+        d = a - b if slip == "brighter" else abs(a - b)
+        if slip == "shorter":
+            d = min(d, 256 - d)
+        out[place] = d >= limit if slip == "from T" else d > limit
+    return ~out if slip == "turned" else out
+
+
+def looked_for(x, P, h, Q, n, slip):
+    """By one power of the matrix and a sum over the frames."""
+    An = np.array([[1.0, n * h], [0.0, 1.0]])
+    S = An @ P if slip == "transpose" else An @ P @ An.T
+    for k in range(n):
+        Ak = np.array([[1.0, k * h], [0.0, 1.0]])
+        if slip == "transpose":
+            S = S + Ak @ Q
+        elif slip == "once":
+            S = S + (Ak @ Q @ Ak.T if k == n - 1 else 0)
+        else:
+            S = S + Ak @ Q @ Ak.T
+    if slip in ("factor", "speed"):
+        S = P + n * Q
+    half = 3 * S[0, 0] ** 0.5
+    if slip == "factor":
+        half = half * n
+    if slip == "speed":
+        half = half + abs(n * h * x[1])
+    return x[0] + n * h * x[1], half
+
+
+def middle_of_spot(image, u, v, half, slip):
+    """By sums over the columns and over the rows."""
+    image = np.array(image, float)
+    low, high = half + (slip == "before"), half + 1 + (slip == "behind") - (slip == "added")
+    rows, columns = np.arange(v - low, v + high), np.arange(u - low, u + high)
+    part = image[np.ix_(rows, columns)]
+    if slip != "ground":
+        part = part - part.min()
+    shift = {"before": 1.0, "added": 0.5}.get(slip, 0.0)
+    place = np.array([columns @ part.sum(0), rows @ part.sum(1)]) / part.sum() + shift
+    return place[::-1] if slip == "row" else place
+
+
+def between_cameras(R1, t1, R2, t2, slip):
+    """By 4 x 4 matrices."""
+
+    def four(R, t):
+        M = np.eye(4)
+        M[:3, :3], M[:3, 3] = R, t
+        return M
+
+    A, B = four(R1, t1), four(R2, t2)
+    M = A @ np.linalg.inv(B) if slip == "other way" else B @ np.linalg.inv(A)
+    R, T = M[:3, :3], M[:3, 3]
+    if slip == "not turned":
+        T = t2 - t1
+    if slip == "signs":
+        T = -T
+    if slip == "order":
+        R = R1.T @ R2
+        T = t2 - R @ t1
+    if slip == "centres":
+        T = np.linalg.inv(A)[:3, 3] - np.linalg.inv(B)[:3, 3]
+    return R, T
+
+
+def out_of_camera(points, R, t, slip):
+    """Point by point, by solving."""
+    out = []
+    for p in points:
+        if slip == "behind":
+            out.append(np.linalg.solve(R, p) - t)
+        elif slip == "from the world":
+            out.append(R @ p + t)
+        elif slip == "no turn":
+            out.append(p - t)
+        else:
+            out.append(np.linalg.solve(R, p + t if slip == "added" else p - t))
+    return np.array(out).T if slip == "columns" else np.array(out)
+
+
+def tool_after(tool, deg, k, slip):
+    """By OpenCV's Rodrigues."""
+    rad = np.array(deg, float) * math.pi / 180
+    if slip == "conversion":
+        rad = np.array(deg, float) * 180 / math.pi
+    if slip == "ratio":
+        k = 1.0
+    if slip == "back":
+        rad = -rad
+    M = cv2.Rodrigues(k * rad)[0]
+    if slip == "angles":
+        X, Y, Z = (cv2.Rodrigues(k * rad[i] * np.eye(3)[i])[0] for i in range(3))
+        M = Z @ Y @ X
+    return tool @ M if slip == "right" else M @ tool
+
+
 # of each exercise the function, and of each slip how the sentence begins that is to be said of it
 SLIPS = {
     "01.3": (alike, {
@@ -534,25 +657,37 @@ SLIPS = {
         "from zero": "Half a pixel", "centres": "This lets in what lies between",
     }),
     "03.3": (film, {
-        "swapped": "The two shares", "first frame": "The first frame is taken",
-        "black": "The background begins with black", "whole": "The background is cut down",
-        "always first": "Each frame is mixed", "averaged": "The frames are averaged",
+        "linear": "The rate is the gap by the memory", "swapped": "The two shares",
+        "start": "The rate is made of the time since", "one rate": "All frames get one rate",
+        "first frame": "The first frame is taken", "whole": "The background is cut down",
+        "black": "The background begins with black",
     }),
-    "03.4": (two_rates, {
-        "swapped": "The two rates are swapped", "mask alone": "What moves is not renewed at all",
-        "multiplied": "`slow` is a rate", "share": "Frame and background",
-        "turned": "The mask is turned round", "printed": "Everything is renewed",
+    "03.4": (two_ends, {
+        "frames": "Seconds are taken for frames", "linear": "The way from the jump",
+        "logarithm": "ln(jump / T)", "ends": "The two ends", "none": "Where the lowest rate",
+        "left": "This is 1 - alpha",
+    }),
+    "03.7": (differing, {
+        "brighter": "Only what is brighter", "shorter": "The difference is taken the shorter",
+        "seven bits": "int8 reaches", "from T": "A difference of just T", "turned": "What does not move",
     }),
     "04.2": (one_number, {
         "uncorrected": "The variance is never corrected", "after": "The variance grows after",
         "noise": "The gain is the noise's share", "brackets": "The gain lacks its brackets",
-        "never": "The variance never grows", "last": "Only the last mean",
+        "never": "The variance never grows", "waits": "The variance does not grow while",
+        "spoilt": "A missing observation", "no gate": "Every observation is believed",
+        "noise gate": "The gate is made of the noise", "square": "The square of the innovation",
+        "left out": "Means are left out", "last": "Only the last mean",
     }),
     "04.3": (six_numbers, {
         "untransposed": "Eq. 10 is used as printed", "old": "Eq. 14 is used",
         "no R": "R is missing", "half": "The half is missing", "turned": "The innovation is turned",
         "end": "Q is added after", "unpredicted": "The state is not carried on",
         "nan": "All is right, but where nothing",
+    }),
+    "04.6": (looked_for, {
+        "transpose": "To the right of P", "once": "Q is added once",
+        "factor": "The window is made wider", "speed": "The way that the target goes",
     }),
     "05.3": (long_run, {
         "last run": "The last run is forgotten", "last of equals": "Of runs of one length you take the last",
@@ -561,22 +696,27 @@ SLIPS = {
         "rest": "The dark rest", "beyond": "The middle is half a threshold",
         "count": "This is how many contours", "length": "This is how long",
     }),
+    "05.6": (middle_of_spot, {
+        "added": "Half a pixel is added", "before": "The window begins one pixel earlier",
+        "behind": "The window is one pixel too long", "row": "Row and column",
+        "ground": "The ground counts",
+    }),
     "06.3": (line_of, {
         "undivided": "The line is not divided", "length": "The line is divided by the length",
         "other way": "This is the line for the motion", "transposed": "F is transposed",
         "exchanged": "R and the matrix", "swapped": "u and v are swapped",
-        "inverse alone": "The inverse of K_right",
+        "inverse alone": "The inverse of K_right", "sign": "All three numbers have the other sign",
     }),
-    "06.4": (correlation, {
-        "means": "The means are not removed", "whole image": "The mean of the whole image",
-        "root": "The root under the fraction", "mean over sums": "Above the fraction a mean",
-        "flat": "A flat window", "transposed": "Rows and columns of the result",
-        "last places": "The last row and the last column",
+    "06.4": (alike_at_best, {
+        "deviations": "Standard deviations are added", "root": "The root under the fraction",
+        "brightness": "The mean square of the patch", "common": "Noise stands above",
+        "left": "Only the left image", "mean": "The two variances are averaged",
+        "flat": "A flat patch",
     }),
-    "06.5": (two_distances, {
-        "same": "The way back uses F itself", "inverse": "The way back uses an inverse",
-        "smaller": "The smaller distance", "mean": "The mean of both", "sum": "Both distances",
-        "there": "This is the distance in the right", "undivided": "This is a u + b v + c",
+    "06.5": (scatter, {
+        "right": "Only the right pixel", "alike": "This is sigma times", "same": "For the left pixel's share",
+        "left image": "This is the scatter of the distance in the left", "added": "The two standard deviations",
+        "variance": "This is the variance", "undivided": "This is the scatter of a u",
     }),
     "07.3": (lens, {
         "square": "This focal length is its own square", "principal point": "The principal point",
@@ -602,6 +742,11 @@ SLIPS = {
         "sum": "The two nearest points", "line": "This is the way", "sign": "The right ray has",
         "unit": "This formula takes",
     }),
+    "08.8": (out_of_camera, {
+        "behind": "The shift is undone behind", "from the world": "This goes from the world",
+        "added": "The shift is added", "columns": "The points come out as columns",
+        "no turn": "The rotation is left out",
+    }),
     "09.3": (angles, {
         "no wrap": "The differences are not brought into (-180, 180]: 180", "signed": "The differences keep",
         "absolute of mean": "The absolute value comes", "sum": "This is the sum",
@@ -614,16 +759,17 @@ SLIPS = {
         "set less": "You have set less", "no wrap": "The differences are not brought",
         "small": "In SciPy the small", "order": "Alpha is taken about x",
     }),
-    "10.3": (all_views, {
-        "no weights": "The centroids count alike", "covariance": "The weight is the covariance",
-        "turned": "The step goes the wrong", "information": "The second result",
-        "mean": "The information is averaged", "exact": "A view that is not seen",
-        "spoil": "One view that is not seen", "steps": "Each view is solved by itself",
+    "10.3": (without, {
+        "angles known": "The angles are taken for known", "six": "The trace is that of all six",
+        "information": "This is the trace of the information", "root": "This is the root",
+        "covariance": "The weight is the covariance", "no weights": "The centroids count alike",
+        "nothing": "No view is left out", "growth": "This is by how much",
     }),
-    "11.2": (scale_of, {
-        "smallest": "This is the smallest", "mean": "This is the mean", "first": "Only the direction",
-        "hand": "This is hand : task", "largest": "The largest side", "diagonals": "The diagonals",
-        "volumes": "The volumes",
+    "11.2": (strokes_of, {
+        "inverse": "The scale is the other way", "ratio": "Strokes come in whole",
+        "down": "The number of strokes is rounded", "many": "There is a stroke too many",
+        "sum": "The strokes of the three", "fewest": "This is the direction that needs",
+        "scale": "The strokes are those of scale 1", "diagonals": "The diagonals",
     }),
     "11.3": (clutch, {
         "from the start": "The hand's way is counted", "first tool": "At each closing",
@@ -631,6 +777,10 @@ SLIPS = {
         "jumps": "When the pose is back, the tool jumps", "by itself": "When the pose is back, the tool goes on",
         "never released": "Once the pose was lost", "no scale": "The scale is left out",
         "NaN": "The NaN of a lost pose", "one array": "All rows are the last",
+    }),
+    "11.6": (tool_after, {
+        "conversion": "The angle is multiplied by 180", "right": "The turn is multiplied from the right",
+        "angles": "The three numbers", "ratio": "The ratio is left out", "back": "The tool turns the other",
     }),
     "12.3": (four_channels, {
         "now": "The master gets the wall's force of now", "spring": "This is position-position",

@@ -66,8 +66,10 @@ def test_the_last_recording_is_replayed_and_live_goes_on(live, bench, browser):
     recorded(live, browser)
     assert not browser.evaluate("$('play').disabled || Replay.on()")
     then = browser.evaluate("last.pose.x_mm")
+    bright = browser.evaluate(BRIGHT)
     bench.images = render_rig(RIG, HANDLE, THERE, QUICK, np.random.default_rng(5))
     shows(browser, f"last.pose.x_mm > {then} + 15 && last.status === 'measured'")
+    shows(browser, f"Math.abs({BRIGHT} - {bright}) > 1000")  # a picture comes after its pose
     there = browser.evaluate(BRIGHT)
     browser.evaluate("$('scrub').focus()")
     for _ in range(4):

@@ -567,6 +567,32 @@ def test_the_tool_follows_the_hand_as_the_mapping_lets_it(reader):
         np.testing.assert_allclose(found, tools, rtol=0, atol=1e-6)
 
 
+@pytest.mark.parametrize("scale", [0.5, 1.0, 3.5, 4.0])
+def test_the_hand_that_plays_brings_the_tool_to_its_target(reader, scale):
+    """In strokes of the clutch that are no longer than a hand reaches."""
+    reader.on("pointing")
+    samples = reader.computes("pointing.demonstration", {"scale": scale, "until": 8})
+    tools = reader.computes("pointing.follow", {"scale": scale, "samples": samples})
+    assert tools[-1] == pytest.approx(120)
+    assert max(one["hand"] for one in samples) <= 60 + DIGITS
+    assert np.abs(np.diff([one["hand"] for one in samples])).max() < 3  # mm in 20 ms
+    closings = np.diff([float(one["closed"]) for one in samples]) > 0
+    assert closings.sum() + 1 == np.ceil(120 / (60 * scale))
+
+
+def test_the_pad_plays_by_itself_until_it_is_pressed(reader):
+    browser = reader.on("pointing").browser
+    reader.press_button("Reset")
+    reader.press_button("Play")
+    wait_until(lambda: "the hand is at" in reader.says())
+    assert browser.evaluate("applet.querySelector('svg circle.four') !== null")
+    Hand(browser).taps()
+    assert browser.evaluate("applet.querySelector('[name=until]').value") == "0"
+    assert reader.one(".applet-play", "textContent") == "Play"
+    assert "No run yet" in reader.says() or "throughput" in reader.says()
+    assert browser.errors == []
+
+
 def test_the_pointing_applet_is_used_by_keys_and_on_a_phone(reader):
     is_used(reader, "pointing")
 

@@ -40,3 +40,18 @@ def test_each_project_says_what_a_full_answer_has():
     projects = [one for chapter in CHAPTERS for one in of_chapter(chapter) if one.kind == "project"]
     assert [row.split(" ")[0] for row in rows] == [one.number for one in projects]
     assert all(len(row) > 80 for row in rows)
+
+
+def test_each_open_design_has_a_rubric_with_levels():
+    rows = [row.split("\n  - ") for row in course_pages.designs_table().split("* - ")[2:]]
+    designs = [one for chapter in CHAPTERS for one in of_chapter(chapter) if one.kind == "design"]
+    assert len(designs) == 6
+    for one in designs:
+        levels = [row for row in rows if row[0].startswith(one.number)]
+        points = [int(row[1]) for row in levels]
+        assert points == sorted(points, reverse=True)
+        assert points[0] == one.points
+        assert len(set(points)) == len(levels) >= 4
+        texts = {row[2].rstrip("`\n") for row in levels}
+        assert len(texts) == len(levels)
+        assert min(map(len, texts)) > 15

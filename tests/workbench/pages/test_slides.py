@@ -1,5 +1,7 @@
 """Slides show the chapters' own figures, and notes are the speaker's alone."""
 
+import re
+
 import pytest
 
 from workbench.course.exercises import CHAPTERS
@@ -47,3 +49,14 @@ def test_each_lecture_has_slides_from_its_own_figures(chapter, tmp_path):
     text = (tmp_path / "slides.html").read_text(encoding="utf-8")
     assert text.count("<aside>") == count
     assert "data:image/" in text
+
+
+@pytest.mark.skipif(
+    not (slides.HTML / "index.html").exists(), reason="no built pages: run make book first"
+)
+def test_what_draws_the_formulas_lies_beside_the_slides(tmp_path, monkeypatch):
+    monkeypatch.setattr(slides, "CHAPTERS", {"04": "kalman"})
+    slides.write_all_slides(tmp_path / "slides")
+    page = (tmp_path / "slides" / "04.html").read_text(encoding="utf-8")
+    (script,) = re.findall(r'<script defer src="([^"]+)"', page)
+    assert (tmp_path / "slides" / script).is_file()

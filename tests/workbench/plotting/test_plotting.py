@@ -117,6 +117,21 @@ def test_scene_holds_cones_apexes_axes_and_workspace(cones_and_mesh):
     plotter.close()
 
 
+def test_names_of_the_scene_stand_beside_their_own_cameras(cones_and_mesh):
+    names = ["CCD1", "CCD2", "CCD3"]
+    plotter = workspace_plotter(*cones_and_mesh, names)
+    assert len(plotter.renderer.actors) == 1 + 3 + 3 + 3 + 3
+    apexes = np.array([cone.apex for cone in cones_and_mesh[0]])
+    for k, name in enumerate(names):
+        letters = np.array(plotter.renderer.actors[name].mapper.dataset.points)
+        away = np.linalg.norm(letters[:, None] - apexes, axis=2).min(axis=0)
+        assert away.argmin() == k
+        assert 0 < away[k] < 60  # mm
+        seen_from = scenes.SEEN_FROM / np.linalg.norm(scenes.SEEN_FROM)
+        assert np.ptp(letters @ seen_from) < 1e-3  # they face the first view
+    plotter.close()
+
+
 def test_pose_errors_show_every_value():
     position, angles = np.array([0.1, 0.4]), np.array([[1.0, -2.0, 3.0], [0.5, 0.0, -1.0]])
     figure = plot_pose_errors(position, angles, labels=["first", "second"])
@@ -238,7 +253,7 @@ def test_shifts_are_drawn_at_their_markers_and_their_mean_from_the_middle():
     np.testing.assert_allclose(arrows.get_offsets(), at)
     np.testing.assert_allclose(np.stack([arrows.U, arrows.V], axis=1), 10 * shift)
     named = {text.get_text(): text.get_position() for text in ax.texts if text.get_text()}
-    np.testing.assert_allclose([named["a"], named["b"]], [[0, 8.75], [8.75, 0]])
+    np.testing.assert_allclose([named["a"], named["b"]], [[0, 7.5], [7.5, 0]])
     means = [text.xy for text in ax.texts if not text.get_text()]
     np.testing.assert_allclose(means[0], [-2, -1])
 

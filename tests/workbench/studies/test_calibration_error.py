@@ -147,6 +147,7 @@ def test_a_rig_that_measures_little_has_shares_and_no_errors():
     assert nothing.keys() == found.keys()
 
 
+@pytest.mark.heavy
 def test_intervals_hold_the_mean_as_often_as_they_say():
     rng = np.random.default_rng(1)
     drawn = np.abs(rng.standard_normal((200, 40)))  # errors of a level scatter like this

@@ -9,7 +9,7 @@ from workbench.studies.protocol import load_claims
 from workbench.sweep import sweep
 from workbench.sweep.figures import as_png, plot_sweep
 from workbench.sweep.grid import Interval
-from workbench.sweep.quantities import PAPER
+from workbench.sweep.quantities import PAPER, count_of, paper_value, unit_of
 
 
 @pytest.fixture(autouse=True)
@@ -209,3 +209,71 @@ def test_a_map_has_its_values_in_its_cells_where_there_is_room():
     assert sorted(text.get_text() for text in ax.texts) == ["0", "0", "0.25", "0.5", "0.5"]
     many = sweep(measured, a=np.linspace(0, 0.5, 9), b=[0.5, 1.0])
     assert not plot_sweep(many, ["gain"]).axes[0].texts
+
+
+def matched(a):
+    """What chapter 6 counts, in part the same twice, and an error that changes least."""
+    missing = float(4 * a)
+    return {
+        "missing_matches": missing,
+        "missing_unordered": missing,
+        "due_matches": 258.0,
+        "E_t_mm": 0.4 - 0.01 * a,
+    }
+
+
+def test_counts_say_so_and_what_they_are_of_and_what_is_the_same_is_drawn_once():
+    figure = plot_sweep(sweep(matched, a=[0.0, 1.0, 2.0]))
+    assert labels(figure) == [("a", "missing_matches, number"), ("a", "E_t_mm / mm")]
+    assert figure.axes[0].get_title() == "the same: missing_unordered\nn = 258"
+    assert plot_sweep(sweep(matched, a=[0.0, 1.0]), ["missing_unordered"]).axes[0].get_title() == ""
+
+
+def test_an_error_that_the_paper_states_has_its_place_whatever_changes_more():
+    def many(a):
+        return {f"r{k:02d}": 1 + a * k for k in range(1, 15)} | {"E_t_mm": 1 + 0.01 * a}
+
+    figure = plot_sweep(sweep(many, a=[0.0, 1.0]))
+    assert len(labels(figure)) == 12
+    assert labels(figure)[-1] == ("a", "E_t_mm / mm")
+    assert figure.get_suptitle() == "3 more results are in the table"
+
+
+def test_a_map_says_the_papers_value_and_frames_means_over_fewer_poses():
+    def chapter_of_two(a, b):
+        return {"E_t_mm": a + b, "fitted_instants": 20 - 3 * int(a > 1 and b > 0), "instants": 20}
+
+    ax = plot_sweep(sweep(chapter_of_two, a=[0.0, 1.0, 2.0], b=[0.0, 1.0]), ["E_t_mm"]).axes[0]
+    assert ax.get_title() == "paper 0.31; n = 20, framed: fewer, at least 17"
+    (frame,) = ax.patches
+    assert frame.contains_point(ax.transData.transform((2, 1 - 0.46)), radius=1)
+    assert (round(frame.get_x() + 0.46), round(frame.get_y() + 0.46)) == (2, 1)
+
+
+@pytest.mark.parametrize(
+    ("name", "unit"),
+    [
+        ("E_t_mm_paper", "mm"),
+        ("speed_mm_s", "mm/s"),
+        ("turn_deg_s", "deg/s"),
+        ("lamp_s", "s"),
+        ("cured_missed", "%"),
+        ("printed_rest_end", "%"),
+        ("missed_calm_windows", ""),
+        ("image_window_false", ""),
+        ("wrong_percent", "%"),
+        ("gain", ""),
+        ("update_rate", "1/frame"),
+    ],
+)
+def test_a_unit_follows_from_the_words_of_a_name(name, unit):
+    assert unit_of(name) == unit
+
+
+def test_of_several_estimators_each_error_has_its_own_number_of_poses():
+    columns = ["E_t_mm_paper", "n_paper", "n_patches"]
+    assert count_of("E_t_mm_paper", columns).measured == "n_paper"
+    assert count_of("geodesic_deg_patches", columns).measured == "n_patches"
+    assert count_of("images_paper", columns) is None
+    assert paper_value("E_alpha_deg_paper") == paper_value("layout_E_alpha_deg") == 0.67
+    assert paper_value("E_t_mm2") is None

@@ -22,7 +22,7 @@ import numpy as np
 
 from . import door, substitutes
 
-__all__ = ["answer", "close_figures", "run", "show", "start"]
+__all__ = ["answer", "close_figures", "glue", "run", "show", "start"]
 
 REQUEST = Path("/tmp/request.json")
 CELLS = Path("/tmp/cells")

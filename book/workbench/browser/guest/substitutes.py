@@ -40,7 +40,7 @@ def install(show: Callable[..., None], glue: Callable[..., None]) -> None:
     sys.modules["cv2.aruco"] = opencv.aruco
     _module("myst_nb", glue=glue)
     _module("grimp", __getattr__=_absent)
-    _module("pooch", os_cache=lambda name: Path("/home/cache") / name)
+    _module("pooch", os_cache=lambda name: Path("/user/cache") / name)
     display = _module("IPython.display", HTML=HTML, display=show)
     _module("IPython", display=display, version_info=(9, 0), get_ipython=lambda: None)
 

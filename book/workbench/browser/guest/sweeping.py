@@ -67,7 +67,8 @@ def run(value: Any) -> None:
         result = outcome.failed(why, time.perf_counter() - start)
     finally:
         session.close_figures()
-    _hand_out({"type": "run", **result._replace(results=_finite(result.results))._asdict()})
+    finished_run = result._asdict() | {"results": _finite(result.results)}
+    _hand_out({"type": "run", **finished_run})
 
 
 def draw() -> None:

@@ -35,7 +35,7 @@ function readFile(path) {
 async function start({ base, about, say }) {
     const at = path => new URL(path, base).href;
     const { loadPyodide } = await import(at('pyodide/pyodide.mjs'));
-    python = await loadPyodide({ indexURL: at('pyodide/'), packages: about.packages, env: { HOME: '/home', MPLBACKEND: 'agg' } });
+    python = await loadPyodide({ indexURL: at('pyodide/'), packages: about.packages, env: { HOME: '/user', MPLBACKEND: 'agg' } });
     python.setStdout(stream('stdout'));
     python.setStderr(stream('stderr'));
     for (const name of about.archives) {

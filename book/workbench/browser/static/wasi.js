@@ -134,7 +134,7 @@ async function start({ base, module, about, say }) {
     ]);
     const folders = new WritableFolder('/', new Map());
     root = folders.dir;
-    ['tmp', 'home/plotting', 'book'].forEach(path => folderAt(path.split('/')));
+    ['tmp', 'user/plotting', 'book'].forEach(path => folderAt(path.split('/')));
     const data = new PreopenDirectory(PLOTTING, new Map());
     const kept = root;
     root = data.dir;
@@ -149,7 +149,7 @@ async function start({ base, module, about, say }) {
     answer = await doorFor(at('opencv.js.gz'), say);
     const wasi = new WASI(
         ['/usr/local/bin/python.wasm'],
-        ['TMPDIR=/tmp', 'PYTHONTZPATH=', 'HOME=/home', 'MPLCONFIGDIR=/home/plotting', 'MPLBACKEND=agg', 'OMP_NUM_THREADS=1'],
+        ['TMPDIR=/tmp', 'PYTHONTZPATH=', 'HOME=/user', 'MPLCONFIGDIR=/user/plotting', 'MPLBACKEND=agg', 'OMP_NUM_THREADS=1'],
         [
             new OpenFile(new File([])),
             stream('stdout'),

@@ -6,33 +6,20 @@ import numpy as np
 
 from ..exercise import FunctionExerciseMaker
 
-__all__ = ["step_of_all_views"]
-
-
-def _views(rng, count, unseen=()):
-    J = rng.normal(0, 1, (count, 2, 6)) * [5.0, 5.0, 5.0, 80.0, 80.0, 80.0]
-    roots = rng.normal(0, 0.1, (count, 2, 2)) + [[0.3, 0.0], [0.0, 0.15]]
-    off = rng.normal(0, 0.4, (count, 2))
-    off[list(unseen)] = np.nan
-    return J, roots @ roots.transpose(0, 2, 1), off
-
-
-def _without_unseen(J, C, off):
-    seen = np.isfinite(off).all(axis=1)
-    return J[seen], C[seen], off[seen]
+__all__ = ["variance_without"]
 
 
 VIEWS = "10, The algorithm: all views at once"
 
 
-step_of_all_views_exercise = FunctionExerciseMaker(
-    "10.3", "Plain centroids, all views at once", "est-sixth", points=4
+variance_without_exercise = FunctionExerciseMaker(
+    "10.3", "Which view is missed most?", "est-sixth", points=4
 )
 
 
-@step_of_all_views_exercise.solution
-def step_of_all_views(J, C, off):
-    """One step of the fit of a pose to all views at once.
+@variance_without_exercise.solution
+def variance_without(J, C):
+    """How sure the position is without each of the views, one at a time.
 
     Parameters
     ----------
@@ -41,109 +28,111 @@ def step_of_all_views(J, C, off):
         along x, y, z and by a turn of 1 rad about them.
     C
         (k, 2, 2), covariance of each found centroid, px^2.
-    off
-        (k, 2), found less predicted centroids, px; a row of NaN where a camera does not see the
-        marker.
 
     Returns
     -------
-    step
-        (6,), by how much the pose has to move: mm, then rad.
-    covariance
-        (6, 6), of the pose that is reached.
+    array
+        (k,), the trace of the position's covariance when that view is left out, mm^2. Infinite if
+        fewer than three views are left, since two have four numbers for six unknowns.
     """
-    information = np.zeros((6, 6))
-    right = np.zeros(6)
-    for J_i, C_i, off_i in zip(J, C, off, strict=True):
-        if np.isnan(off_i).any():
-            continue
-        W = np.linalg.inv(C_i)
-        information += J_i.T @ W @ J_i
-        right += J_i.T @ W @ off_i
-    return np.linalg.solve(information, right), np.linalg.inv(information)
+    information = np.array(
+        [J_i.T @ np.linalg.inv(C_i) @ J_i for J_i, C_i in zip(J, C, strict=True)]
+    )
+    traces = []
+    for k in range(len(J)):
+        left = np.delete(information, k, axis=0)
+        if len(left) < 3:
+            traces.append(np.inf)
+        else:
+            covariance = np.linalg.inv(left.sum(axis=0))
+            traces.append(np.trace(covariance[:3, :3]))
+    return np.array(traces)
 
 
-@step_of_all_views_exercise.cases
-def _step_cases(rng):
-    alike = np.tile(0.04 * np.eye(2), (6, 1, 1))
-    J, _, off = _views(rng, 6)
+@variance_without_exercise.cases
+def _view_cases(rng):
+    def views(count):
+        J = rng.normal(0, 1, (count, 2, 6)) * [5.0, 5.0, 5.0, 80.0, 80.0, 80.0]
+        roots = rng.normal(0, 0.1, (count, 2, 2)) + [[0.3, 0.0], [0.0, 0.15]]
+        return J, roots @ roots.transpose(0, 2, 1)
+
+    J, _ = views(6)
     return [
-        (J, alike, off),
-        _views(rng, 5),
-        _views(rng, 8),
-        _views(rng, 9, (0, 4)),
-        _views(rng, 7, (6,)),
-        _views(rng, 12, (1, 2, 3)),
+        (J, np.tile(0.04 * np.eye(2), (6, 1, 1))),
+        views(5),
+        views(8),
+        views(3),
+        views(4),
+        views(12),
     ]
 
 
-@step_of_all_views_exercise.mistake(VIEWS)
-def _no_weights(J, C, off):
-    """The centroids count alike, whatever their covariances: weight each by the inverse of its
-    own.
+def _information(J, C):
+    return J.transpose(0, 2, 1) @ np.linalg.inv(C) @ J
+
+
+def _of_each(J, C, say):
+    """What `say` makes of the information that is left without each view."""
+    whole = _information(J, C)
+    if len(J) < 4:
+        return np.full(len(J), np.inf)
+    return np.array([say(np.delete(whole, k, axis=0).sum(axis=0)) for k in range(len(J))])
+
+
+@variance_without_exercise.mistake(VIEWS)
+def _angles_known(J, C):
+    """The angles are taken for known: the upper left part of the information is inverted. Invert the
+    whole 6 x 6, and take the upper left part of that.
     """
-    J, C, off = _without_unseen(J, C, off)
-    return step_of_all_views(J, np.tile(np.eye(2), (len(C), 1, 1)), off)
+    return _of_each(J, C, lambda left: np.trace(np.linalg.inv(left[:3, :3])))
 
 
-@step_of_all_views_exercise.mistake(VIEWS)
-def _weight_of_covariance(J, C, off):
+@variance_without_exercise.mistake(VIEWS)
+def _with_the_angles(J, C):
+    """The trace is that of all six unknowns. mm^2 and rad^2 do not add up: take the first three."""
+    return _of_each(J, C, lambda left: np.trace(np.linalg.inv(left)))
+
+
+@variance_without_exercise.mistake(VIEWS)
+def _no_inverse(J, C):
+    """This is the trace of the information. The covariance is its inverse."""
+    return _of_each(J, C, lambda left: np.trace(left[:3, :3]))
+
+
+@variance_without_exercise.mistake(VIEWS)
+def _deviation(J, C):
+    """This is the root of what is asked for: the trace itself, in mm^2."""
+    return np.sqrt(variance_without(J, C))
+
+
+@variance_without_exercise.mistake(VIEWS)
+def _weight_of_covariance(J, C):
     """The weight is the covariance itself. It has to be its inverse: who scatters much counts
     little.
     """
-    J, C, off = _without_unseen(J, C, off)
-    return step_of_all_views(J, np.linalg.inv(C), off)
+    return variance_without(J, np.linalg.inv(C))
 
 
-@step_of_all_views_exercise.mistake(VIEWS)
-def _predicted_less_found(J, C, off):
-    """The step goes the wrong way. `off` is found less predicted, and the pose moves along J
-    towards what was found.
+@variance_without_exercise.mistake(VIEWS)
+def _no_weights(J, C):
+    """The centroids count alike, whatever their covariances: weight each by the inverse of its
+    own.
     """
-    step, covariance = step_of_all_views(J, C, off)
-    return -step, covariance
+    return variance_without(J, np.tile(np.eye(2), (len(C), 1, 1)))
 
 
-@step_of_all_views_exercise.mistake(VIEWS)
-def _information_for_covariance(J, C, off):
-    """The second result is the information. The covariance is its inverse."""
-    step, covariance = step_of_all_views(J, C, off)
-    return step, np.linalg.inv(covariance)
+@variance_without_exercise.mistake("10, Exercises")
+def _nothing_left_out(J, C):
+    """No view is left out: each time all of them are summed."""
+    covariance = np.linalg.inv(_information(J, C).sum(axis=0))
+    few = np.inf if len(J) < 4 else np.trace(covariance[:3, :3])
+    return np.full(len(J), few)
 
 
-@step_of_all_views_exercise.mistake(VIEWS)
-def _mean_information(J, C, off):
-    """The information is averaged. It adds up: each view makes the pose surer."""
-    step, covariance = step_of_all_views(J, C, off)
-    return step, covariance * np.isfinite(off).all(axis=1).sum()
+@variance_without_exercise.mistake("10, Exercises")
+def _growth(J, C):
+    """This is by how much the variance grows. The variance itself is asked for."""
+    return variance_without(J, C) - np.trace(np.linalg.inv(_information(J, C).sum(axis=0))[:3, :3])
 
 
-@step_of_all_views_exercise.mistake("10, Exercises")
-def _unseen_as_exact(J, C, off):
-    """A view that is not seen counts as if it had been found exactly where it was predicted. It
-    has to be left out, its information as well.
-    """
-    return step_of_all_views(J, C, np.nan_to_num(off))
-
-
-@step_of_all_views_exercise.mistake("10, Exercises")
-def _unseen_spoil_all(J, C, off):
-    """One view that is not seen makes the step NaN: leave it out."""
-    if np.isnan(off).any():
-        return np.full(6, np.nan), step_of_all_views(J, C, np.nan_to_num(off))[1]
-    return step_of_all_views(J, C, off)
-
-
-@step_of_all_views_exercise.mistake(VIEWS)
-def _mean_of_steps(J, C, off):
-    """Each view is solved by itself and the steps are averaged. One view has two numbers for six
-    unknowns: sum the equations first, and solve once.
-
-    Each view is solved by itself, as far as it goes, and the steps are averaged.
-    """
-    J, C, off = _without_unseen(J, C, off)
-    steps = [np.linalg.lstsq(J_i, off_i)[0] for J_i, off_i in zip(J, off, strict=True)]
-    return np.mean(steps, axis=0), step_of_all_views(J, C, off)[1]
-
-
-EXERCISES = (step_of_all_views_exercise.made(),)
+EXERCISES = (variance_without_exercise.made(),)

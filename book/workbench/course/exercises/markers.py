@@ -9,7 +9,7 @@ import numpy as np
 
 from ..exercise import FunctionExerciseMaker
 
-__all__ = ["plateau"]
+__all__ = ["plateau", "spot_centroid"]
 
 
 def _discs(greys, ground, radius, bridge=None):
@@ -36,6 +36,13 @@ def _corners():
 def _two_runs(ground, lower, upper):
     """Six discs, of which two are dark: six contours, then four, for as many thresholds."""
     return _discs([lower, lower, upper, upper, upper, upper], ground, 3)
+
+
+def _nested():
+    """Three discs within a frame, and two beside it: most patches lie in another one's hole."""
+    image = _discs([150, 150, 150, 150, 150], 30, 2)
+    image[2:38, 2:5] = image[2:38, 27:30] = image[2:5, 2:30] = image[35:38, 2:30] = 100
+    return image
 
 
 def _runs(counts, fewest=4):
@@ -120,6 +127,9 @@ def _plateau_cases(rng):
         (_two_runs(20, 60, 100),),  # runs of one length
         (_two_runs(30, 40, 50),),
         (_discs([1, 1, 1, 1], 0, 3),),  # a run of a single threshold
+        (_nested(),),
+        # five patches in two runs, with a longer run of four between them
+        (_discs([150, 60, 150, 115, 150, 115, 150, 200], 20, 4, bridge=115),),
     ]
 
 
@@ -205,4 +215,120 @@ def _its_length(image):
     return last - first + 1
 
 
-EXERCISES = (plateau_exercise.made(),)
+spot_centroid_exercise = FunctionExerciseMaker(
+    "05.6", "Centroids to the upper left", "ex-markers-repair", points=3
+)
+
+
+def _centroid(image, u, v, half, before=0, behind=1, beside=0.0, order=1, clean=True):
+    """`spot_centroid` with another window, or another end."""
+    window = np.asarray(image)[v - half - before : v + half + behind]
+    window = window[:, u - half - before : u + half + behind].astype(float)
+    weights = window - window.min() if clean else window
+    rows, columns = np.indices(weights.shape)
+    total = weights.sum()
+    place = [
+        u - half + (weights * columns).sum() / total,
+        v - half + (weights * rows).sum() / total,
+    ]
+    return np.array(place[::order]) + beside
+
+
+@spot_centroid_exercise.solution
+def spot_centroid(image, u, v, half):
+    """The grey centroid of a spot in a window about a pixel.
+
+    Parameters
+    ----------
+    image
+        (height, width), grey levels.
+    u, v
+        The pixel in the window's middle, whole numbers: column and row.
+    half
+        The window reaches from u - half to u + half and from v - half to v + half, both included; it
+        lies in the image.
+
+    Returns
+    -------
+    array
+        (2,), column and row of the centroid, px. The window's darkest grey counts as nothing.
+    """
+    window = image[v - half : v + half + 1, u - half : u + half + 1].astype(float)
+    weights = window - window.min()
+    rows, columns = np.indices(weights.shape)
+    total = weights.sum()
+    u_centre = u - half + (weights * columns).sum() / total
+    v_centre = v - half + (weights * rows).sum() / total
+    return np.array([u_centre, v_centre])
+
+
+@spot_centroid_exercise.broken
+def _last_row_missing(image, u, v, half):
+    """A slice ends before its second number: the last row and the last column are missing."""
+    window = image[v - half : v + half, u - half : u + half].astype(float)
+    weights = window - window.min()
+    rows, columns = np.indices(weights.shape)
+    total = weights.sum()
+    u_centre = u - half + (weights * columns).sum() / total
+    v_centre = v - half + (weights * rows).sum() / total
+    return np.array([u_centre, v_centre])
+
+
+@spot_centroid_exercise.cases
+def _spot_cases(rng):
+    v, u = np.indices((31, 37))
+
+    def disc(u0, v0, radius):
+        inside = np.clip(radius + 0.5 - np.hypot(u - u0, v - v0), 0, 1)
+        return np.rint(45 + 175 * inside).astype(np.uint8)
+
+    noisy = (disc(18.3, 14.6, 4.0) - rng.integers(0, 12, u.shape)).astype(np.uint8)
+    return [
+        (disc(18.0, 15.0, 5.0), 18, 15, 5),
+        (disc(18.0, 15.0, 5.0), 18, 15, 9),
+        (disc(18.4, 14.7, 4.0), 18, 15, 5),
+        (noisy, 18, 15, 6),
+        (rng.integers(0, 256, u.shape).astype(np.uint8), 9, 20, 7),
+        (disc(10.2, 20.4, 3.0), 10, 20, 3),
+        (rng.integers(0, 256, u.shape).astype(np.uint8), 30, 4, 2),
+    ]
+
+
+@spot_centroid_exercise.mistake("5, Exercises")
+def _half_a_pixel_added(image, u, v, half):
+    """Half a pixel is added at the end. That cures spots that fill their window, and spoils those
+    that do not.
+    """
+    return _centroid(image, u, v, half, behind=0, beside=0.5)
+
+
+@spot_centroid_exercise.mistake("5, Exercises")
+def _one_more_before(image, u, v, half):
+    """The window begins one pixel earlier as well, so that its first pixel is no longer u - half."""
+    return _centroid(image, u, v, half, before=1)
+
+
+@spot_centroid_exercise.mistake("5, Exercises")
+def _two_more_behind(image, u, v, half):
+    """The window is one pixel too long now: u + half is its last one."""
+    return _centroid(image, u, v, half, behind=2)
+
+
+@spot_centroid_exercise.mistake("5, Seven pixels first")
+def _row_first(image, u, v, half):
+    """Row and column are exchanged: a pixel is (u, v), and an image is indexed by v first."""
+    return _centroid(image, u, v, half, order=-1)
+
+
+@spot_centroid_exercise.mistake("5, Seven pixels first")
+def _ground_counts(image, u, v, half):
+    """The ground counts: its grey pulls every centroid towards the window's middle. Take the darkest
+    grey off.
+    """
+    return _centroid(image, u, v, half, clean=False)
+
+
+EXERCISES = (
+    plateau_exercise.made(),
+    spot_centroid_exercise.made(),
+)

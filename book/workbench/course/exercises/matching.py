@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from ..exercise import FunctionExerciseMaker
 
-__all__ = ["epipolar_line", "ncc_map", "symmetric_distance"]
+__all__ = ["distance_sigma", "epipolar_line", "expected_correlation", "left_to_right"]
 
 
 def _intrinsics(rng):
@@ -24,30 +24,6 @@ def _F(K_left, K_right, R, T):
 
 def _unit(line):
     return line / math.hypot(line[0], line[1])
-
-
-def _each_window(template, image, judge):
-    """A map of what `judge` says of the template and each window."""
-    template = np.asarray(template, dtype=float)
-    image = np.asarray(image, dtype=float)
-    windows = np.lib.stride_tricks.sliding_window_view(image, template.shape)
-    with np.errstate(all="ignore"):
-        return np.array([[judge(template, window) for window in row] for row in windows])
-
-
-def _or_zero(a, b):
-    return a / b if b > 0 else 0.0
-
-
-def _cosine(t, i):
-    return _or_zero((t * i).sum(), np.sqrt((t**2).sum() * (i**2).sum()))
-
-
-def _distances(F, uv_left, uv_right, F_back):
-    point, other = np.array([*uv_left, 1]), np.array([*uv_right, 1])
-    there, back = F @ point, F_back @ other
-    value = np.abs([there @ other, back @ point])
-    return value / [math.hypot(*there[:2]), math.hypot(*back[:2])], value
 
 
 epipolar_line_exercise = FunctionExerciseMaker(
@@ -150,208 +126,316 @@ def _line_inverse_alone(K_left, K_right, R, T, uv_left):
     return _unit(np.linalg.inv(K_right) @ between @ np.linalg.inv(K_left) @ [*uv_left, 1])
 
 
-ncc_map_exercise = FunctionExerciseMaker(
-    "06.4", "A map of the correlation", "ex-matching-ncc", points=4, within=1e-05
+@epipolar_line_exercise.mistake("6, A spot gets a line")
+def _line_turned(K_left, K_right, R, T, uv_left):
+    """All three numbers have the other sign. It is the same line, and the signed distance changes
+    its sides: keep the sign of the product, with [T]x R and not its negative.
+    """
+    return -epipolar_line(K_left, K_right, R, T, uv_left)
+
+
+expected_correlation_exercise = FunctionExerciseMaker(
+    "06.4", "How alike can they be?", "ex-matching-ncc", points=4
 )
 
 
-@ncc_map_exercise.solution
-def ncc_map(template, image):
-    """Correlation of a template with the window of an image at each place (Eq. 18).
+@expected_correlation_exercise.solution
+def expected_correlation(patch, sigma_left, sigma_right):
+    """The correlation (Eq. 18) that two noisy images of one and the same patch have, in a large window.
 
     Parameters
     ----------
-    template
-        (n, m), grey levels.
-    image
-        (height, width), grey levels; at least as large.
+    patch
+        (n, m), grey levels without noise.
+    sigma_left, sigma_right
+        Standard deviations of the noise of a pixel in the two images, grey levels; the noises are
+        independent.
 
     Returns
     -------
-    array
-        (height - n + 1, width - m + 1). Row y and column x have S(x, y): the window begins at row y
-        and column x of the image. 0 where template or window is flat, all of one grey level.
+    float
+        S; 0 where the patch is flat, all of one grey level.
     """
-    template = np.asarray(template, dtype=float)
-    image = np.asarray(image, dtype=float)
-    n, m = template.shape
-    t = template - template.mean()
-    S = np.zeros((image.shape[0] - n + 1, image.shape[1] - m + 1))
-    for y in range(S.shape[0]):
-        for x in range(S.shape[1]):
-            window = image[y : y + n, x : x + m]
-            i = window - window.mean()
-            length = np.sqrt((t**2).sum() * (i**2).sum())
-            if length > 0:
-                S[y, x] = (t * i).sum() / length
-    return S
+    signal = np.var(patch)
+    if signal == 0:
+        return 0.0
+    left = signal + sigma_left**2
+    right = signal + sigma_right**2
+    return signal / math.sqrt(left * right)
 
 
-@ncc_map_exercise.cases
-def _map_cases(rng):
-    image = rng.integers(0, 256, (9, 12))
-    flat = image.copy()
-    flat[:, 6:] = 90
+@expected_correlation_exercise.cases
+def _patch_cases(rng):
+    edge = np.where(np.arange(12) < 6, 90.0, 220.0) * np.ones((12, 1))
     return [
-        ([[1, 2], [3, 4]], [[1, 3], [2, 4]]),
-        (image[2:5, 3:8], image),
-        (image[2:5, 3:8], flat),
-        (255 - image[2:5, 3:8], image),
-        (np.full((3, 3), 40), image),
-        (rng.integers(0, 256, (4, 2)), rng.integers(0, 256, (6, 8))),
-        ([[1, 1], [1, 2]], [[5, 5, 6], [5, 5, 5], [5, 6, 5]]),  # hardly any contrast
+        (edge, 3.0, 3.0),
+        (edge, 0.0, 40.0),
+        (edge, 40.0, 0.0),
+        (np.full((5, 5), 120.0), 3.0, 2.0),
+        (rng.normal(60, 4, (9, 7)), 4.0, 2.0),
+        (rng.uniform(0, 255, (21, 21)), 30.0, 55.0),
+        (edge, 0.0, 0.0),
+        (np.full((5, 5), 120.0), 0.0, 0.0),
     ]
 
 
-@ncc_map_exercise.mistake("6, Do they look alike? Eq. 18")
-def _means_left(template, image):
-    """The means are not removed. Without that two bright windows are alike, whatever they show."""
-    return _each_window(template, image, _cosine)
+ALIKE = "6, Do they look alike? Eq. 18"
 
 
-@ncc_map_exercise.mistake("6, Do they look alike? Eq. 18")
-def _mean_of_the_image(template, image):
-    """The mean of the whole image is removed. Each window has a mean of its own."""
-    mean = np.mean(image)
-    return _each_window(template, image, lambda t, i: _cosine(t - t.mean(), i - mean))
+def _signal(patch):
+    """Variance of the patch; NaN in place of 0, where a fraction would be 0/0."""
+    return np.var(patch) or np.nan
 
 
-@ncc_map_exercise.mistake("6, Do they look alike? Eq. 18")
-def _no_root(template, image):
-    """The root under the fraction is missing."""
-
-    def judge(t, i):
-        t, i = t - t.mean(), i - i.mean()
-        return _or_zero((t * i).sum(), (t**2).sum() * (i**2).sum())
-
-    return _each_window(template, image, judge)
+@expected_correlation_exercise.mistake(ALIKE)
+def _deviations_added(patch, sigma_left, sigma_right):
+    """Standard deviations are added up. Variances add up: square sigma first."""
+    signal = _signal(patch)
+    S = signal / math.sqrt((signal + sigma_left) * (signal + sigma_right))
+    return float(np.nan_to_num(S))
 
 
-@ncc_map_exercise.mistake("6, Do they look alike? Eq. 18")
-def _mean_by_sums(template, image):
-    """Above the fraction a mean is taken, and below it sums: S is too small by the number of
-    pixels.
+@expected_correlation_exercise.mistake(ALIKE)
+def _without_root(patch, sigma_left, sigma_right):
+    """The root under the fraction is missing: each image gives the root of its own variance."""
+    signal = _signal(patch)
+    return float(np.nan_to_num(signal / ((signal + sigma_left**2) * (signal + sigma_right**2))))
+
+
+@expected_correlation_exercise.mistake(ALIKE)
+def _brightness(patch, sigma_left, sigma_right):
+    """The mean square of the patch is taken. Eq. 18 removes the mean, so that brightness counts for
+    nothing: take the variance.
     """
-    return ncc_map(template, image) / np.size(template)
+    square = np.mean(np.square(patch))
+    if np.var(patch) == 0:
+        return 0.0
+    return square / math.sqrt((square + sigma_left**2) * (square + sigma_right**2))
 
 
-@ncc_map_exercise.mistake("6, Exercises")
-def _flat_is_nan(template, image):
-    """A flat window gives 0/0. There the result is to be 0."""
-
-    def judge(t, i):
-        t, i = t - t.mean(), i - i.mean()
-        return (t * i).sum() / np.sqrt((t**2).sum() * (i**2).sum())
-
-    return _each_window(template, image, judge)
-
-
-@ncc_map_exercise.mistake("6, Do they look alike? Eq. 18")
-def _map_transposed(template, image):
-    """Rows and columns of the result are swapped: images are indexed by v first, and so is the
-    map.
+@expected_correlation_exercise.mistake(ALIKE)
+def _noise_in_common(patch, sigma_left, sigma_right):
+    """Noise stands above the fraction as well. The two noises are independent, so that the mean of
+    their product is 0.
     """
-    return ncc_map(template, image).T
+    signal = np.var(patch)
+    if signal == 0:
+        return 0.0
+    left, right = signal + sigma_left**2, signal + sigma_right**2
+    return (signal + sigma_left * sigma_right) / math.sqrt(left * right)
 
 
-@ncc_map_exercise.mistake("6, Exercises")
-def _last_places_left_out(template, image):
-    """The last row and the last column are missing: a window of n rows fits into an image of n
-    rows once.
-    """
-    return ncc_map(template, image)[:-1, :-1]
+@expected_correlation_exercise.mistake(ALIKE)
+def _left_alone(patch, sigma_left, sigma_right):
+    """Only the left image has noise here. Each image has its own below the fraction."""
+    return expected_correlation(patch, sigma_left, 0.0)
 
 
-symmetric_distance_exercise = FunctionExerciseMaker(
-    "06.5", "A symmetric distance", "ex-matching-write", points=4
+@expected_correlation_exercise.mistake(ALIKE)
+def _mean_of_both(patch, sigma_left, sigma_right):
+    """The two variances are averaged. Below the fraction is the root of their *product*."""
+    both = math.sqrt((sigma_left**2 + sigma_right**2) / 2)
+    return expected_correlation(patch, both, both)
+
+
+@expected_correlation_exercise.mistake("6, Exercises")
+def _flat_is_nan(patch, sigma_left, sigma_right):
+    """A flat patch gives 0/0 without noise. There the result is to be 0."""
+    signal = _signal(patch)
+    return signal / math.sqrt((signal + sigma_left**2) * (signal + sigma_right**2))
+
+
+distance_sigma_exercise = FunctionExerciseMaker(
+    "06.5", "How wide must the gate be?", "ex-matching-write", points=4
 )
 
 
-@symmetric_distance_exercise.solution
-def symmetric_distance(F, uv_left, uv_right):
-    """How far two pixels are from each other's epipolar line, the larger of the two (Eq. 17).
+@distance_sigma_exercise.solution
+def distance_sigma(F, uv_left, uv_right, sigma):
+    """How much the distance of a right pixel from its line scatters by the noise of both (Eq. 17).
 
     Parameters
     ----------
     F
         (3, 3), the fundamental matrix: (u_r, v_r, 1) F (u_l, v_l, 1)^T = 0.
     uv_left, uv_right
-        (2,) each, px.
+        (2,) each, px: a right pair without noise, so that one lies on the other's line.
+    sigma
+        Standard deviation of each of the four coordinates, px; their errors are independent and
+        small.
 
     Returns
     -------
     float
-        px.
+        Standard deviation of the distance in the right image, px.
     """
-
-    def distance(F, point, other):
-        a, b, c = F @ [*point, 1]
-        u, v = other
-        return abs(a * u + b * v + c) / math.hypot(a, b)
-
-    return max(distance(F, uv_left, uv_right), distance(F.T, uv_right, uv_left))
+    a, b, _ = F @ [*uv_left, 1]
+    back_a, back_b, _ = F.T @ [*uv_right, 1]
+    right = a**2 + b**2
+    left = back_a**2 + back_b**2
+    return sigma * math.sqrt((right + left) / right)
 
 
-@symmetric_distance_exercise.cases
-def _distance_cases(rng):
+@distance_sigma_exercise.cases
+def _gate_cases(rng):
     rows = np.array([[0.0, 0, 0], [0, 0, -1], [0, 1, 0]])  # of two parallel cameras
-    cases = [(rows, [50.0, 60.0], [30.0, 63.0]), (rows, [50.0, 63.0], [30.0, 60.0])]
-    for K_left, K_right, R, T, uv_left in _line_cases(rng)[2:]:
+    cases = [(rows, [50.0, 60.0], [30.0, 60.0], 0.3), (2 * rows, [50.0, 60.0], [30.0, 60.0], 0.1)]
+    for k, (K_left, K_right, R, T, uv_left) in enumerate(_line_cases(rng)[2:]):
         F = _F(K_left, K_right, R, T)
-        cases.append((F / np.linalg.norm(F), uv_left, rng.uniform(0, 1000, 2)))
+        F = F / np.linalg.norm(F)
+        a, b, c = F @ [*uv_left, 1]
+        foot = np.array([-a * c, -b * c]) / (a * a + b * b)
+        along = np.array([-b, a]) / math.hypot(a, b)
+        cases.append((F, uv_left, foot + rng.uniform(-500, 500) * along, 0.2 + 0.1 * k))
     return cases
 
 
-@symmetric_distance_exercise.mistake("6, A spot gets a line")
-def _same_matrix(F, uv_left, uv_right):
-    """The way back uses F itself. The line of a right pixel in the left image has the coefficients
-    of the transposed F.
+def _of_normals(F, uv_left, uv_right, way_back):
+    """Squared lengths of the two lines' normals, right and left."""
+    there, back = F @ [*uv_left, 1], way_back @ [*uv_right, 1]
+    return there[:2] @ there[:2], back[:2] @ back[:2]
+
+
+@distance_sigma_exercise.mistake("6, What the paper says: Eq. 17")
+def _right_noise_alone(F, uv_left, uv_right, sigma):
+    """Only the right pixel has noise here. The line moves as well, with the left pixel."""
+    return sigma
+
+
+@distance_sigma_exercise.mistake("6, What the paper says: Eq. 17")
+def _both_alike(F, uv_left, uv_right, sigma):
+    """This is sigma times the root of 2. By how much the line moves with the left pixel depends on the
+    rig, and need not be as much as the pixel itself.
     """
-    return _distances(F, uv_left, uv_right, F)[0].max()
+    return sigma * math.sqrt(2)
 
 
-@symmetric_distance_exercise.mistake("6, A spot gets a line")
-def _inverse_for_back(F, uv_left, uv_right):
-    """The way back uses an inverse of F. F has none, since its rank is 2; what leads back is the
-    transposed matrix.
+@distance_sigma_exercise.mistake("6, A spot gets a line")
+def _same_matrix(F, uv_left, uv_right, sigma):
+    """For the left pixel's share F itself is used. The derivative by the left pixel has the
+    coefficients of the transposed F.
     """
-    return _distances(F, uv_left, uv_right, np.linalg.pinv(F))[0].max()
+    right, left = _of_normals(F, uv_left, uv_right, F)
+    return sigma * math.sqrt((right + left) / right)
 
 
-@symmetric_distance_exercise.mistake("6, Exercises")
-def _smaller(F, uv_left, uv_right):
-    """The smaller distance is returned. The larger one is asked for."""
-    return _distances(F, uv_left, uv_right, F.T)[0].min()
+@distance_sigma_exercise.mistake("6, A spot gets a line")
+def _in_the_left_image(F, uv_left, uv_right, sigma):
+    """This is the scatter of the distance in the left image. That in the right one is asked for."""
+    right, left = _of_normals(F, uv_left, uv_right, F.T)
+    return sigma * math.sqrt((right + left) / left)
 
 
-@symmetric_distance_exercise.mistake("6, Exercises")
-def _mean_distance(F, uv_left, uv_right):
-    """The mean of both distances is returned. The larger one is asked for."""
-    return _distances(F, uv_left, uv_right, F.T)[0].mean()
+@distance_sigma_exercise.mistake("6, Exercises")
+def _scatters_added(F, uv_left, uv_right, sigma):
+    """The two standard deviations are added up. Variances of independent errors add up."""
+    right, left = _of_normals(F, uv_left, uv_right, F.T)
+    return sigma * (1 + math.sqrt(left / right))
 
 
-@symmetric_distance_exercise.mistake("6, Exercises")
-def _sum_of_distances(F, uv_left, uv_right):
-    """Both distances are added up. The larger one is asked for."""
-    return _distances(F, uv_left, uv_right, F.T)[0].sum()
+@distance_sigma_exercise.mistake("6, Exercises")
+def _variance(F, uv_left, uv_right, sigma):
+    """This is the variance. The standard deviation is its root."""
+    return distance_sigma(F, uv_left, uv_right, sigma) ** 2
 
 
-@symmetric_distance_exercise.mistake("6, What the paper says: Eq. 17")
-def _there_alone(F, uv_left, uv_right):
-    """This is the distance in the right image alone."""
-    return _distances(F, uv_left, uv_right, F.T)[0][0]
-
-
-@symmetric_distance_exercise.mistake("6, What the paper says: Eq. 17")
-def _undivided(F, uv_left, uv_right):
-    """This is a u + b v + c without the division: its size depends on that of F, and is no
-    distance.
+@distance_sigma_exercise.mistake("6, What the paper says: Eq. 17")
+def _undivided(F, uv_left, uv_right, sigma):
+    """This is the scatter of a u + b v + c without the division: its size depends on that of F, and is
+    no distance.
     """
-    return _distances(F, uv_left, uv_right, F.T)[1][0]
+    right, left = _of_normals(F, uv_left, uv_right, F.T)
+    return sigma * math.sqrt(right + left)
+
+
+left_to_right_exercise = FunctionExerciseMaker(
+    "06.8", "Lines that miss on the table", "ex-matching-repair", points=3
+)
+
+
+@left_to_right_exercise.solution
+def left_to_right(R_left, t_left, R_right, t_right):
+    """The motion from the left camera's frame to the right one's.
+
+    Parameters
+    ----------
+    R_left, t_left, R_right, t_right
+        (3, 3) and (3,) of each camera: X_camera = R X_world + t, mm.
+
+    Returns
+    -------
+    R, T
+        (3, 3) and (3,): X_right = R X_left + T, mm.
+    """
+    R = R_right @ R_left.T
+    T = t_right - R @ t_left
+    return R, T
+
+
+@left_to_right_exercise.broken
+def _shift_added(R_left, t_left, R_right, t_right):
+    """The left camera's shift has the wrong sign: on the way to the world it is taken off."""
+    R = R_right @ R_left.T
+    T = t_right + R @ t_left
+    return R, T
+
+
+@left_to_right_exercise.cases
+def _rig_cases(rng):
+    def turn(size):
+        return Rotation.from_rotvec(rng.normal(0, size, 3)).as_matrix()
+
+    still = np.eye(3), np.zeros(3)
+    return [
+        (*still, np.eye(3), np.array([-100.0, 0.0, 0.0])),
+        (*still, turn(0.3), rng.normal(0, 100, 3)),
+        (np.eye(3), np.array([40.0, 10.0, 500.0]), np.eye(3), np.array([-60.0, 10.0, 500.0])),
+        *[(turn(0.5), rng.normal(0, 300, 3), turn(0.5), rng.normal(0, 300, 3)) for _ in range(4)],
+    ]
+
+
+@left_to_right_exercise.mistake("6, A spot gets a line")
+def _shifts_subtracted(R_left, t_left, R_right, t_right):
+    """The left shift is not turned. It is written in the left camera's axes, and has to be brought
+    into the right one's.
+    """
+    return R_right @ R_left.T, t_right - t_left
+
+
+@left_to_right_exercise.mistake("6, A spot gets a line")
+def _all_signs(R_left, t_left, R_right, t_right):
+    """The whole of T has the wrong sign now."""
+    R, T = left_to_right(R_left, t_left, R_right, t_right)
+    return R, -T
+
+
+@left_to_right_exercise.mistake("6, A spot gets a line")
+def _right_to_left(R_left, t_left, R_right, t_right):
+    """This is the motion from the right camera's frame to the left one's."""
+    return left_to_right(R_right, t_right, R_left, t_left)
+
+
+@left_to_right_exercise.mistake("6, A spot gets a line")
+def _order_of_turns(R_left, t_left, R_right, t_right):
+    """The rotation was right, and is not any more: first the left one is undone, and what comes first
+    stands on the right.
+    """
+    R = R_left.T @ R_right
+    return R, t_right - R @ t_left
+
+
+@left_to_right_exercise.mistake("6, A spot gets a line")
+def _centres(R_left, t_left, R_right, t_right):
+    """This T is the baseline in the world's axes, from centre to centre. It is wanted in the right
+    camera's axes.
+    """
+    R, _ = left_to_right(R_left, t_left, R_right, t_right)
+    return R, R_left.T @ -t_left - R_right.T @ -t_right
 
 
 EXERCISES = (
     epipolar_line_exercise.made(),
-    ncc_map_exercise.made(),
-    symmetric_distance_exercise.made(),
+    expected_correlation_exercise.made(),
+    distance_sigma_exercise.made(),
+    left_to_right_exercise.made(),
 )

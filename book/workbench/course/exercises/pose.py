@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 
 from ..exercise import FunctionExerciseMaker
 
-__all__ = ["midpoint", "point_of_pixels", "rigid_motion"]
+__all__ = ["in_world", "midpoint", "point_of_pixels", "rigid_motion"]
 
 
 def _forms(xy_left, xy_right, R, T):
@@ -425,8 +425,83 @@ def _as_if_of_length_one(centre_left, ray_left, centre_right, ray_right):
     return (centre_left + a * ray_left + centre_right + b * ray_right) / 2
 
 
+in_world_exercise = FunctionExerciseMaker(
+    "08.8", "A camera that sees double the turn", "pose-ex-repair", points=3
+)
+
+
+@in_world_exercise.solution
+def in_world(points, R, t):
+    """Points of a camera's frame, seen from the world.
+
+    Parameters
+    ----------
+    points
+        (n, 3), a point a row, in the camera's frame, mm.
+    R, t
+        (3, 3) and (3,): X_camera = R X_world + t, mm.
+
+    Returns
+    -------
+    array
+        (n, 3), the same points in the world's frame, mm.
+    """
+    return (points - t) @ R
+
+
+@in_world_exercise.broken
+def _for_columns(points, R, t):
+    """The inverse of R is its transpose, and a row needs the transpose of that once more."""
+    return (points - t) @ R.T
+
+
+@in_world_exercise.cases
+def _frame_cases(rng):
+    points = rng.uniform([-80, -60, 500], [80, 60, 620], (5, 3))
+    turned = [Rotation.from_rotvec(rng.normal(0, size, 3)).as_matrix() for size in (0.1, 0.5, 1.5)]
+    return [
+        (points, np.eye(3), np.zeros(3)),
+        (points, np.eye(3), np.array([-100.0, 0.0, 10.0])),
+        (points[:1], turned[0], rng.normal(0, 100, 3)),
+        (points, turned[1], rng.normal(0, 300, 3)),
+        (points, turned[2], rng.normal(0, 300, 3)),
+        (points[:3], turned[2], np.zeros(3)),
+    ]
+
+
+@in_world_exercise.mistake("8, The algorithm: from pixels to points")
+def _shift_behind(points, R, t):
+    """The shift is undone behind the rotation. It was made last, and has to be undone first."""
+    return points @ R - t
+
+
+@in_world_exercise.mistake("8, The algorithm: from pixels to points")
+def _from_the_world(points, R, t):
+    """This goes from the world to the camera. The way back is asked for."""
+    return points @ R.T + t
+
+
+@in_world_exercise.mistake("8, The algorithm: from pixels to points")
+def _shift_added(points, R, t):
+    """The shift is added once more. On the way back it is taken off."""
+    return (points + t) @ R
+
+
+@in_world_exercise.mistake("8, Exercises")
+def _columns(points, R, t):
+    """The points come out as columns. A point a row is asked for."""
+    return in_world(points, R, t).T
+
+
+@in_world_exercise.mistake("8, The algorithm: from pixels to points")
+def _no_turn(points, R, t):
+    """The rotation is left out, so that only cameras that are not turned are right."""
+    return points - t
+
+
 EXERCISES = (
     point_of_pixels_exercise.made(),
     rigid_motion_exercise.made(),
     midpoint_exercise.made(),
+    in_world_exercise.made(),
 )

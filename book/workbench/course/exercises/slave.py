@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from ..exercise import FunctionExerciseMaker
 
-__all__ = ["clutched", "needed_scale"]
+__all__ = ["clutched", "strokes_needed", "turned_tool"]
 
 
 def _goes_on(hand, closed, tool, scale, keep_origin):
@@ -29,14 +32,14 @@ MAPPING = "11, The mapping"
 CLUTCH = "11, Clutch, and a lost pose"
 
 
-needed_scale_exercise = FunctionExerciseMaker(
-    "11.2", "From workspace to scale", "ex-slave-scale", points=4
+strokes_needed_exercise = FunctionExerciseMaker(
+    "11.2", "From accuracy to strokes", "ex-slave-scale", points=4
 )
 
 
-@needed_scale_exercise.solution
-def needed_scale(hand_box, task_box):
-    """The smallest motion scale with which a hand reaches all of a task without indexing.
+@strokes_needed_exercise.solution
+def strokes_needed(hand_box, task_box, error_mm, tolerance_mm):
+    """The largest scale that a task's tolerance allows, and what it costs in strokes.
 
     Parameters
     ----------
@@ -44,77 +47,99 @@ def needed_scale(hand_box, task_box):
         (3,), how far the hand moves comfortably to the right, down and away, mm.
     task_box
         (3,), how far the tool has to go in the same directions of the picture, mm.
+    error_mm
+        The error of the hand's measured place.
+    tolerance_mm
+        What the tool's place may be off.
 
     Returns
     -------
-    float
-        Tool : handle, of distances.
+    scale
+        Tool : hand, of distances.
+    strokes
+        How often the hand has to move, at this scale, to take the tool from one corner of the task's
+        box to the opposite one. In a stroke the hand moves in all three directions at once.
     """
-    return max(np.divide(task_box, hand_box))
+    scale = tolerance_mm / error_mm
+    strokes = max(
+        math.ceil(task / (scale * hand)) for hand, task in zip(hand_box, task_box, strict=True)
+    )
+    return scale, strokes
 
 
-@needed_scale_exercise.cases
+@strokes_needed_exercise.cases
 def _box_cases(rng):
     return [
-        (np.array([150.0, 120.0, 100.0]), np.array([300.0, 60.0, 200.0])),
-        (np.array([150.0, 120.0, 100.0]), np.array([30.0, 12.0, 40.0])),
-        (np.array([200.0, 50.0, 100.0]), np.array([100.0, 200.0, 150.0])),
-        (np.array([100.0, 100.0, 100.0]), np.array([250.0, 0.0, 10.0])),
-        (rng.uniform(50, 200, 3), rng.uniform(20, 400, 3)),
-        (rng.uniform(50, 200, 3), rng.uniform(20, 400, 3)),
+        (np.array([150.0, 120.0, 100.0]), np.array([300.0, 60.0, 200.0]), 0.25, 0.5),  # just one
+        (np.array([150.0, 120.0, 100.0]), np.array([300.0, 60.0, 200.0]), 0.3, 0.1),
+        (np.array([200.0, 50.0, 100.0]), np.array([100.0, 200.0, 150.0]), 0.31, 0.4),
+        (np.array([100.0, 100.0, 100.0]), np.array([250.0, 0.0, 10.0]), 0.02, 0.05),
+        (rng.uniform(50, 200, 3), rng.uniform(20, 400, 3), 0.4, 0.1),
+        (rng.uniform(50, 200, 3), rng.uniform(20, 400, 3), 0.1, 0.03),
     ]
 
 
-@needed_scale_exercise.mistake(MAPPING)
-def _smallest_ratio(hand_box, task_box):
-    """This is the smallest of the three ratios: in the other directions the hand does not reach.
-    The largest decides.
+def _strokes(hand_box, task_box, error_mm, tolerance_mm, count):
+    """`strokes_needed` with another count of the strokes, from those that each direction asks for."""
+    scale = tolerance_mm / error_mm
+    return scale, count(np.divide(task_box, scale * np.asarray(hand_box)))
+
+
+@strokes_needed_exercise.mistake(MAPPING)
+def _error_by_tolerance(hand_box, task_box, error_mm, tolerance_mm):
+    """The scale is the other way round: the tool's error is the scale times the hand's."""
+    return strokes_needed(hand_box, task_box, tolerance_mm, error_mm)
+
+
+@strokes_needed_exercise.mistake(MAPPING)
+def _not_rounded(hand_box, task_box, error_mm, tolerance_mm):
+    """Strokes come in whole numbers: what is begun counts."""
+    return _strokes(hand_box, task_box, error_mm, tolerance_mm, np.max)
+
+
+@strokes_needed_exercise.mistake(MAPPING)
+def _rounded_down(hand_box, task_box, error_mm, tolerance_mm):
+    """The number of strokes is rounded down or to the nearest: the tool does not get to the corner."""
+    return _strokes(hand_box, task_box, error_mm, tolerance_mm, lambda ways: np.floor(np.max(ways)))
+
+
+@strokes_needed_exercise.mistake(MAPPING)
+def _one_too_many(hand_box, task_box, error_mm, tolerance_mm):
+    """There is a stroke too many where the way is a whole number of strokes."""
+    return _strokes(
+        hand_box, task_box, error_mm, tolerance_mm, lambda ways: np.floor(np.max(ways)) + 1
+    )
+
+
+@strokes_needed_exercise.mistake(MAPPING)
+def _sum_of_directions(hand_box, task_box, error_mm, tolerance_mm):
+    """The strokes of the three directions are added up. The hand moves in all three at once, so that
+    the slowest direction decides.
     """
-    return min(np.divide(task_box, hand_box))
+    return _strokes(hand_box, task_box, error_mm, tolerance_mm, lambda ways: np.ceil(ways).sum())
 
 
-@needed_scale_exercise.mistake(MAPPING)
-def _mean_ratio(hand_box, task_box):
-    """This is the mean of the three ratios. In the direction of the largest one the hand does not
-    reach.
-    """
-    return np.mean(np.divide(task_box, hand_box))
+@strokes_needed_exercise.mistake(MAPPING)
+def _fewest(hand_box, task_box, error_mm, tolerance_mm):
+    """This is the direction that needs the fewest strokes. The one that needs the most decides."""
+    return _strokes(hand_box, task_box, error_mm, tolerance_mm, lambda ways: np.ceil(min(ways)))
 
 
-@needed_scale_exercise.mistake(MAPPING)
-def _first_direction(hand_box, task_box):
-    """Only the direction to the right is looked at. The largest of all three ratios decides."""
-    return task_box[0] / hand_box[0]
+@strokes_needed_exercise.mistake(MAPPING)
+def _scale_left_out(hand_box, task_box, error_mm, tolerance_mm):
+    """The strokes are those of scale 1. A smaller scale makes each stroke of the tool shorter."""
+    strokes = np.ceil(np.max(np.divide(task_box, hand_box)))
+    return tolerance_mm / error_mm, strokes
 
 
-@needed_scale_exercise.mistake(MAPPING)
-def _hand_by_task(hand_box, task_box):
-    """This is hand : task. The scale is tool : handle."""
-    return 1 / needed_scale(hand_box, task_box)
-
-
-@needed_scale_exercise.mistake(MAPPING)
-def _largest_by_largest(hand_box, task_box):
-    """The largest side is divided by the largest side, though they may lie in different
-    directions. Divide direction by direction.
-    """
-    return max(task_box) / max(hand_box)
-
-
-@needed_scale_exercise.mistake(MAPPING)
-def _diagonals(hand_box, task_box):
+@strokes_needed_exercise.mistake(MAPPING)
+def _diagonals(hand_box, task_box, error_mm, tolerance_mm):
     """The diagonals are compared. A task may be long in a direction in which the hand's box is
     short: divide direction by direction.
     """
-    return np.linalg.norm(task_box) / np.linalg.norm(hand_box)
-
-
-@needed_scale_exercise.mistake(MAPPING)
-def _volumes(hand_box, task_box):
-    """The volumes are compared. A task may be long in a direction in which the hand's box is
-    short: divide direction by direction.
-    """
-    return (np.prod(task_box) / np.prod(hand_box)) ** (1 / 3)
+    scale = tolerance_mm / error_mm
+    ways = np.linalg.norm(task_box) / (scale * np.linalg.norm(hand_box))
+    return scale, np.ceil(ways)
 
 
 clutched_exercise = FunctionExerciseMaker("11.3", "A clutch", "ex-slave-clutch", points=4)
@@ -325,7 +350,94 @@ def _one_array(hand, closed, tool, scale):
     return np.tile(places[-1], (len(places), 1))
 
 
+turned_tool_exercise = FunctionExerciseMaker(
+    "11.6", "A tool that jumps", "ex-slave-repair", points=3
+)
+
+
+def _turned(tool, turn, from_the_left=True):
+    return turn.as_matrix() @ tool if from_the_left else tool @ turn.as_matrix()
+
+
+@turned_tool_exercise.solution
+def turned_tool(tool, turn_deg, ratio):
+    """The tool's orientation after a turn of the hand.
+
+    Parameters
+    ----------
+    tool
+        (3, 3), the tool's rotation before, in the base.
+    turn_deg
+        (3,), the hand's turn since the last instant as a rotation vector in the axes of the base: its
+        direction is the axis, its length the angle in degrees.
+    ratio
+        The tool's angle : the hand's.
+
+    Returns
+    -------
+    array
+        (3, 3), the tool's rotation after it.
+    """
+    turn = Rotation.from_rotvec(ratio * turn_deg, degrees=True)
+    return turn.as_matrix() @ tool
+
+
+@turned_tool_exercise.broken
+def _degrees_for_radians(tool, turn_deg, ratio):
+    """Degrees are taken for radians."""
+    turn = Rotation.from_rotvec(ratio * turn_deg)
+    return turn.as_matrix() @ tool
+
+
+@turned_tool_exercise.cases
+def _turn_cases(rng):
+    tools = [Rotation.from_rotvec(rng.normal(0, 1, 3)).as_matrix() for _ in range(3)]
+    return [
+        (np.eye(3), np.array([0.0, 0.0, 0.1]), 1.0),
+        (np.eye(3), np.array([20.0, 0.0, 0.0]), 0.5),
+        (tools[0], np.zeros(3), 1.0),
+        (tools[0], np.array([3.0, -1.0, 2.0]), 1.0),
+        (tools[1], np.array([-15.0, 40.0, 5.0]), 0.5),
+        (tools[2], rng.normal(0, 30, 3), 2.0),
+    ]
+
+
+@turned_tool_exercise.mistake(MAPPING)
+def _other_conversion(tool, turn_deg, ratio):
+    """The angle is multiplied by 180 / pi. A degree is pi / 180, the smaller number."""
+    return _turned(tool, Rotation.from_rotvec(ratio * np.rad2deg(turn_deg)))
+
+
+@turned_tool_exercise.mistake(MAPPING)
+def _about_the_tool(tool, turn_deg, ratio):
+    """The turn is multiplied from the right, about the tool's own axes. It is given in those of the
+    base.
+    """
+    return _turned(tool, Rotation.from_rotvec(ratio * turn_deg, degrees=True), False)
+
+
+@turned_tool_exercise.mistake(MAPPING)
+def _three_angles(tool, turn_deg, ratio):
+    """The three numbers are taken for three turns one after the other. A rotation vector is one turn,
+    about its own direction.
+    """
+    return _turned(tool, Rotation.from_euler("xyz", ratio * turn_deg, degrees=True))
+
+
+@turned_tool_exercise.mistake(MAPPING)
+def _no_ratio(tool, turn_deg, ratio):
+    """The ratio is left out."""
+    return turned_tool(tool, turn_deg, 1.0)
+
+
+@turned_tool_exercise.mistake(MAPPING)
+def _turned_back(tool, turn_deg, ratio):
+    """The tool turns the other way."""
+    return turned_tool(tool, -turn_deg, ratio)
+
+
 EXERCISES = (
-    needed_scale_exercise.made(),
+    strokes_needed_exercise.made(),
     clutched_exercise.made(),
+    turned_tool_exercise.made(),
 )
