@@ -81,7 +81,9 @@ def page(tmp_path_factory, address):
 
 def complete(browser, promise):
     """Wait for a promise, which may take longer than one answer of the browser's."""
-    browser.evaluate(f"window.over = false; void {promise}.finally(() => {{ window.over = true; }})")
+    browser.evaluate(
+        f"window.over = false; void {promise}.finally(() => {{ window.over = true; }})"
+    )
     while not browser.evaluate("window.over"):
         time.sleep(0.1)
 
