@@ -79,6 +79,15 @@ def page(tmp_path_factory, address):
     browser.close()
 
 
+def complete(browser, promise):
+    """Wait for a promise, which may take longer than one answer of the browser's."""
+    browser.evaluate(
+        f"window.over = false; void {promise}.finally(() => {{ window.over = true; }})"
+    )
+    while not browser.evaluate("window.over"):
+        time.sleep(0.1)
+
+
 def write(browser, place, source):
     """Put a source into the place of an answer, as a reader types it."""
     browser.evaluate(
@@ -90,7 +99,7 @@ def write(browser, place, source):
 def checked(browser, place, source):
     """What is said of an answer."""
     write(browser, place, source)
-    browser.evaluate(f"exercises.check(exercises.answers[{place}])")
+    complete(browser, f"exercises.check(exercises.answers[{place}])")
     return verdict(browser, place)
 
 
@@ -131,11 +140,11 @@ def test_an_answer_that_python_cannot_read_shows_where(page):
 
 def test_a_code_cell_of_the_page_checks_as_well(page):
     source = f'from workbench.course import check\n{RIGHT}\ncheck("04.2", filter_number)'
-    result = page.evaluate(
-        f"(async () => {{ let text = ''; await book.runtime.run({json.dumps(source)},"
-        " {onoutput: output => { text += output.data?.['text/plain'] ?? ''; }}); return text; })()"
-    )
-    assert result.startswith("04.2 right:")
+    run = f"book.runtime.run({json.dumps(source)}, {{onoutput: output => shown.push(output)}})"
+    page.evaluate("window.shown = []; null")
+    complete(page, run)
+    (verdict,) = page.evaluate("shown.map(output => output.data['text/plain'])")
+    assert verdict.startswith("04.2 right:")
 
 
 @pytest.mark.parametrize("by_hand", [True, False])
@@ -230,7 +239,7 @@ def test_a_sweep_that_was_stopped_goes_on_after_a_reload(browser, address):
     browser.evaluate("sweep.input.value = '3, 1, 2'; sweep.look()")
     before = browser.evaluate("sweep.rows")
     assert [row["value"] for row in before] == [1, 2]
-    browser.evaluate("sweep.start()")
+    complete(browser, "sweep.start()")
     assert browser.evaluate("sweep.said.textContent") == "all 3 runs are done"
     rows = browser.evaluate("sweep.rows")
     assert {row["value"]: row["outcome"]["results"] for row in rows} == {
@@ -273,9 +282,7 @@ def test_a_run_at_the_books_own_value_gives_the_numbers_of_the_built_page(browse
     value = {"03_background": 0.01, "06_matching": 0.5}[stem]
     browser.open(f"{address}/notebooks/{stem}.html")
     browser.evaluate(f"sweep.input.value = '{value}'; sweep.look()")
-    browser.evaluate("void sweep.start().then(() => { window.over = true; })")
-    while not browser.evaluate("window.over === true"):
-        time.sleep(1.0)
+    complete(browser, "sweep.start()")
     assert browser.evaluate("sweep.said.textContent") == "all 1 runs are done"
     results = browser.evaluate("sweep.rows[0].outcome.results")
     numbers = {name: it for name, it in built.items() if not isinstance(it, str)}
