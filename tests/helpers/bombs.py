@@ -21,11 +21,14 @@ LIMIT = 2048 * MIB  # of a command's address space
 
 
 class Ran(NamedTuple):
-    """A command's exit code, its lines on standard error, and the most memory that it had, bytes."""
+    """A command's exit code, its lines on standard error, the most memory that it had, bytes, and its
+    processor time, s.
+    """
 
     code: int
     lines: list[str]
     peak: int
+    seconds: float
 
 
 def run_limited(line, limit=LIMIT, folder=None):
@@ -51,7 +54,8 @@ def run_limited(line, limit=LIMIT, folder=None):
         _, status, usage = os.wait4(process.pid, 0)
         hangs.cancel()
         process.returncode = os.waitstatus_to_exitcode(status)
-    return Ran(process.returncode, lines, usage.ru_maxrss * 1024)  # Linux counts in KiB
+    seconds = usage.ru_utime + usage.ru_stime
+    return Ran(process.returncode, lines, usage.ru_maxrss * 1024, seconds)  # Linux counts in KiB
 
 
 # --- the files

@@ -333,7 +333,7 @@ FAULTS = {
     "times: no column": (
         text(TIMES, "frame,t\n0,0\n"),
         TRACK,
-        f"{TIMES}: no valid CSV (Usecols do not match columns",
+        f"{TIMES}: no valid CSV (column ",
     ),
     "times: too few": (
         text(TIMES, "frame,t_s\n0,0\n1,0.04\n"),

@@ -44,7 +44,7 @@ def _healthy(root: Path) -> Path:
 def _bombs(root: Path) -> int:
     """Print what each bomb costs; the number of those that are not refused as they should be."""
     print("files that ask for far more than they are long: refused in one line?")
-    print(f"{'file':28s} {'bytes':>12s} {'peak, MB':>9s}  finding")
+    print(f"{'file':28s} {'bytes':>12s} {'peak, MB':>9s} {'time, s':>8s}  finding")
     wrong = 0
     for name, bomb in BOMBS.items():
         work = root / "bomb"
@@ -58,7 +58,8 @@ def _bombs(root: Path) -> int:
         wrong += not good
         length = (work / bomb.name).lstat().st_size
         print(
-            f"{name:28s} {length:12d} {ran.peak / MIB:9.0f}  {'none' if good else ran.lines[-1:]}",
+            f"{name:28s} {length:12d} {ran.peak / MIB:9.0f} {ran.seconds:8.2f}  "
+            f"{'none' if good else ran.lines[-1:]}",
             flush=True,
         )
     return wrong

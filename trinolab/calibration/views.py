@@ -320,6 +320,7 @@ def _same_size(image: np.ndarray, size: tuple[int, int] | None, path: Path) -> t
     if size is not None and new != size:
         raise ValueError(
             f"{path}: {new[0]} x {new[1]} pixels, the camera's other images have {size[0]} x {size[1]}"
+            + ("; likely it was turned between them" if new == size[::-1] else "")
         )
     return new
 

@@ -72,6 +72,9 @@ def _reason(error: Exception) -> str:
     if lengths := re.search(r"Expected (\d+) fields in line (\d+), saw (\d+)", str(error)):
         first, line, there = lengths.groups()
         return f"line {line} has {there} fields, the lines before have {first}"
+    if missing := re.search(r"columns expected but not found: (\[.*\])", str(error)):
+        names = sorted(re.findall(r"'([^']*)'", missing[1]))
+        return f"column {', '.join(names)} is missing"
     if "EOF inside string" in str(error):
         return "a quotation mark is not closed"
     return (str(error).splitlines() or ["?"])[0]

@@ -165,7 +165,11 @@ def _calibrate(a: argparse.Namespace) -> int:
     from trinolab.calibration.calibrate import as_lines, calibrate_rig
     from trinolab.calibration.target import Target
 
-    from ..plotting import picture_of_residuals
+    def picture(*of: Any) -> bytes:
+        """Loads matplotlib, which a refusal need not wait for."""
+        from ..plotting import picture_of_residuals
+
+        return picture_of_residuals(*of)
 
     sources = a.corners or _named(a.images, "--images")
     target = Target(a.board, a.columns, a.rows, a.square, a.marker, a.dictionary)
@@ -175,7 +179,7 @@ def _calibrate(a: argparse.Namespace) -> int:
         a.out,
         a.views,
         a.distortions,
-        picture=picture_of_residuals,
+        picture=picture,
         size=a.size,
         lenses=a.lenses,
     )

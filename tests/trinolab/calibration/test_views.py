@@ -91,3 +91,10 @@ def test_of_many_cameras_each_is_looked_at(tmp_path, looked_at):
     # from the middle of each third
     np.testing.assert_array_equal(np.flatnonzero(seen.present[0]), [1, 3, 5])
     assert len(looked_at) == 24
+
+
+def test_of_a_phone_that_was_turned_between_two_images_that_is_said(tmp_path, looked_at):
+    write_views(tmp_path, [[EMPTY, np.rot90(EMPTY), EMPTY], [EMPTY] * 3])
+    says = r"01\.png: 360 x 480 pixels, .* have 480 x 360; likely it was turned between them$"
+    with pytest.raises(ValueError, match=says):
+        read_views(FOLDERS, CHESSBOARD)

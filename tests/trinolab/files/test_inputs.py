@@ -45,3 +45,9 @@ def test_a_large_table_is_read_in_pieces_and_has_so_many_words(tmp_path, monkeyp
         read_csv(path)
     path.write_text("a,b,c\n" + "1,2,3\n" * 300)
     assert len(read_csv(path)) == 300
+
+
+def test_a_column_that_is_missing_is_named_in_plain_words(tmp_path):
+    (tmp_path / "a.csv").write_text("x\n1\n", encoding="utf-8")
+    with pytest.raises(ValueError, match=r"a\.csv: no valid CSV \(column frame, t_s is missing\)$"):
+        read_csv(tmp_path / "a.csv", usecols=["t_s", "frame"])
