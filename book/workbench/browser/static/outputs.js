@@ -17,7 +17,7 @@ function stream(type, place) {
 
 export function show(output, place) {
     if (output.type === 'stdout' || output.type === 'stderr') {
-        stream(output.type, place).append(output.text);
+        if (output.text !== '') stream(output.type, place).append(output.text); // a flush of nothing
     } else if (output.type === 'display') {
         const { 'image/png': png, 'text/html': html, 'text/plain': text } = output.data;
         if (png) {
