@@ -1,21 +1,9 @@
 // A chapter's page with cells that run: Run, Run all above, Edit at each, and one bar for all.
+import { button, element } from './elements.js';
 import { show } from './outputs.js';
 import { Runtime } from './runtime.js';
 
 const PAGE = location.pathname.split('/').at(-1).replace('.html', '');
-
-function element(tag, about = {}, ...children) {
-    const made = Object.assign(document.createElement(tag), about);
-    made.append(...children);
-    return made;
-}
-
-function button(text, act, label = text) {
-    const made = element('button', { type: 'button', textContent: text, className: 'browser-button' });
-    made.setAttribute('aria-label', label);
-    made.addEventListener('click', act);
-    return made;
-}
 
 /** What the reader has written in place of a source, kept in this browser. */
 class Edits {
