@@ -243,9 +243,9 @@ def test_values_track_as_their_files_do(folder, tmp_path):
     track_folder(folder, tmp_path / "values.csv", **values, method="paper")
     assert (tmp_path / "values.csv").read_bytes() == (tmp_path / "files.csv").read_bytes()
     larger = replace(values["handle"], marker_diameter_mm=4.0)
-    assert track._content(larger) != track._content(values["handle"])
+    assert track.content_of(larger) != track.content_of(values["handle"])
     unsure = replace(values["rig"], covariance=None)
-    assert track._content(unsure) != track._content(values["rig"])
+    assert track.content_of(unsure) != track.content_of(values["rig"])
 
 
 def test_a_recording_is_read_by_names_files_or_values(folder):

@@ -587,7 +587,7 @@ def test_ten_of_the_views_that_were_left_out_are_named(count, named, last):
     [
         (
             "matplotlib",
-            "calibrate --images a=x b=y --board chessboard --columns 4 --rows 3 --square 9 --out r.toml",
+            "kit --handle coded --diameter 20 --marker 6 --out kit.pdf",
             "workbench",
         ),
         ("grimp", "sweep notebook.ipynb -p a=1 --out o", "workbench"),

@@ -1,6 +1,5 @@
 """The study of an instant's time: its films, what a row says, and what of the shipped table is kept."""
 
-import json
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -168,9 +167,6 @@ def test_the_shipped_table_is_that_of_the_films():
     assert (table[["blobs_ms", "before", "after"]] > 0).all(axis=None)
 
 
-def test_study_11b_says_with_which_code_it_was_before():
+def test_the_data_say_with_which_code_it_was_before():
     root = Path(__file__).resolve().parents[3]
-    cells = json.loads((root / "notebooks" / "11b_delay.ipynb").read_text())["cells"]
-    text = "".join("".join(cell["source"]) for cell in cells)
-    assert BEFORE in text
     assert BEFORE in (root / "data" / "README.md").read_text()
