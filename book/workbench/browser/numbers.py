@@ -187,8 +187,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if not (SITE / "index.html").exists():
         print(f"{SITE}: not there; `make browser` builds it", file=sys.stderr)
         return 2
-    known = pd.read_csv(TABLE, keep_default_na=False) if TABLE.exists() else pd.DataFrame()
-    tables = [] if known.empty else [known[~known["chapter"].isin(asked)]]
+    tables = _tables()
     failed = False
     with tempfile.TemporaryDirectory() as folder, serving(SITE) as address:
         for chapter in asked:
@@ -214,9 +213,18 @@ def main(arguments: Sequence[str] | None = None) -> int:
                     f"    {row['name']}: {json.dumps(row['built'])}, here {json.dumps(row['browser'])}"
                 )
             failed |= "failed" in kinds
-            tables.append(table)
-    write_table(pd.concat(tables).sort_values("chapter", kind="stable"), TABLE)
+            tables[chapter] = table
+            # after each chapter, so that an interruption loses nothing
+            write_table(pd.concat([tables[name] for name in sorted(tables)]), TABLE)
     return int(failed)
+
+
+def _tables() -> dict[str, pd.DataFrame]:
+    """What the table has of each chapter."""
+    if not TABLE.exists():
+        return {}
+    known = pd.read_csv(TABLE, keep_default_na=False)
+    return {str(chapter): rows for chapter, rows in known.groupby("chapter")}
 
 
 if __name__ == "__main__":
