@@ -5,6 +5,7 @@ answers that the grader knows.
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator
 from pathlib import Path
 
 from trinolab.files.outputs import write_whole
@@ -14,6 +15,7 @@ from ..course.exam import exam
 from ..course.exercise import Exercise
 from ..course.exercises import CHAPTERS, of_chapter
 from ..course.plan import objectives, planned
+from ..course.texts import ExerciseText
 from ..sweep.notebook import read_notebook
 from .claims_pages import escaped, list_table
 
@@ -141,33 +143,36 @@ def objectives_table() -> str:
 def projects_table() -> str:
     """A row a project of the chapters: what a full answer has, by its solution."""
     rows = []
-    for chapter in CHAPTERS:
-        path = chapter_file(chapter)
-        for one, text in exercises_of(chapter, read_notebook(path), path.name):
-            if one.kind == "project":
-                found = re.search(r"^A full answer (?:has )?(.+)$", text.solution, re.MULTILINE)
-                if found is None:
-                    raise ValueError(f"{path}: {one.number}: its solution has no full answer")
-                rows.append((f"{one.number} {escaped(one.title)}", self_contained(found[1])))
+    for path, one, text in _of_kind("project"):
+        found = re.search(r"^A full answer (?:has )?(.+)$", text.solution, re.MULTILINE)
+        if found is None:
+            raise ValueError(f"{path}: {one.number}: its solution has no full answer")
+        rows.append((f"{one.number} {escaped(one.title)}", self_contained(found[1])))
     return list_table(("project", "a full answer has"), rows, "22 78", "projects", raw=True)
 
 
 def designs_table() -> str:
     """A row a level of each open design of the chapters: its points, and what is there."""
     rows = []
+    for path, one, text in _of_kind("design"):
+        levels = re.findall(r"^\| (\d) \| (.+) \|$", text.statement, re.MULTILINE)
+        if not levels or int(levels[0][0]) != one.points:
+            raise ValueError(f"{path}: {one.number}: its rubric has no level of all points")
+        rows += [
+            (f"{one.number} {escaped(one.title)}", points, self_contained(design))
+            for points, design in levels
+        ]
+    head = ("open design", "points", "a design that")
+    return list_table(head, rows, "22 8 70", "designs", raw=True)
+
+
+def _of_kind(kind: str) -> Iterator[tuple[Path, Exercise, ExerciseText]]:
+    """The exercises of a kind: the chapter's file, the exercise, and what stands there of it."""
     for chapter in CHAPTERS:
         path = chapter_file(chapter)
         for one, text in exercises_of(chapter, read_notebook(path), path.name):
-            if one.kind == "design":
-                levels = re.findall(r"^\| (\d) \| (.+) \|$", text.statement, re.MULTILINE)
-                if not levels or int(levels[0][0]) != one.points:
-                    raise ValueError(f"{path}: {one.number}: its rubric has no level of all points")
-                rows += [
-                    (f"{one.number} {escaped(one.title)}", points, self_contained(design))
-                    for points, design in levels
-                ]
-    head = ("open design", "points", "a design that")
-    return list_table(head, rows, "22 8 70", "designs", raw=True)
+            if one.kind == kind:
+                yield path, one, text
 
 
 def mistakes(one: Exercise) -> str:
