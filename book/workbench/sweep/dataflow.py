@@ -96,7 +96,7 @@ DRAWING: tuple[str, ...] = (
     "pyvista",
     "ipywidgets",
 )
-DRAWING += ("workbench.sweep.sliders", "workbench.sweep.figures")
+DRAWING += ("workbench.sweep.sliders", "workbench.sweep.figures", "workbench.applets")
 COMPUTING = ("numpy", "scipy", "cv2", "heapq", "bisect")
 MAKING_NEW = ("numpy", "math", "cmath", "statistics", "trinolab", "workbench")
 OPENCV_RANDOM = ("cv2.rand", "cv2.setRNG", "cv2.theRNG", "cv2.kmeans")
