@@ -44,7 +44,9 @@ def checked_pose(instant: Identified, rig: Rig, handle: Handle, p: Parameters) -
     better = judged(check)
     if pose.T_world_handle is None or better.T_world_handle is None:
         return pose
-    if apart(pose.T_world_handle, better.T_world_handle, APART_MM, APART_RAD):
+    # the rig's errors move both alike, until one of them is corrected by what its residuals say
+    T_alike = better.T_world_handle if check.T_by_noise is None else check.T_by_noise
+    if apart(pose.T_world_handle, T_alike, APART_MM, APART_RAD):
         return LOST
     away = motion_between(pose.T_world_handle, better.T_world_handle)
     systematic = better.systematic

@@ -15,6 +15,10 @@ the size is itself uncertain: it is enlarged by Student's factor for as few.
 
 Before that the size of the rig's covariance is settled where it is hardly known to begin with
 (`uncertainty.size`).
+
+A fit weighs by the noise alone. What it leaves over tells of the errors of rig and layout as well:
+where a pair's directions are off, its distance is wrong, and so is the handle's size. The pose is
+corrected by that (generalised least squares; Aitken 1936).
 """
 
 from __future__ import annotations
@@ -22,13 +26,14 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import block_diag
+from scipy.linalg import block_diag, null_space
 from scipy.spatial.transform import RigidTransform
 from scipy.special import fdtri
 
 from ..camera import Rig
 from ..checks import Array
 from ..handle import Handle
+from ..rigid import shifted
 from ..uncertainty.size import Residuals, doubted, settled
 from ..uncertainty.systematic import (
     CHANCE,
@@ -36,6 +41,7 @@ from ..uncertainty.systematic import (
     Response,
     contradict,
     contradicting,
+    is_uncertain,
     known_errors,
     motion_slopes,
     pixel_slopes,
@@ -61,12 +67,18 @@ class Honest(NamedTuple):
         Whether the contradictions are so large that the pose is not to be relied on.
     rig : Rig
         With a covariance whose size is settled, see `settled`.
+    T_world_handle : RigidTransform
+        The pose, corrected by what its residuals say of the errors of rig and layout.
+    answers : Response or None
+        How the corrected pose answers to the pixels; None where it was not asked.
     """
 
     covariance: Array
     systematic: Array
     refused: bool
     rig: Rig
+    T_world_handle: RigidTransform
+    answers: Response | None
 
 
 def honest(
@@ -92,18 +104,60 @@ def honest(
     """
     rig = settled(found, left, T_world_handle, rig, handle)
     scale, between = _contradictions(found, left, T_world_handle, rig, handle)
-    systematic = systematic_covariance(found, rig, handle)
+    answers, T = found, T_world_handle
+    # where images contradict each other, what is wrong may be no error of the rig
+    if is_uncertain(rig, handle) and not between:
+        answers, step, noise = _corrected(found, left, scale, T, rig, handle)
+        T = shifted(T, step)
+        covariance = covariance + noise
+    systematic = systematic_covariance(answers, rig, handle)
     contradicted = scale > 1 or between
     unexplained = NOTHING
     if contradicted:
         rig = doubted(found, left, T_world_handle, rig, handle)
-        unexplained = systematic_covariance(found, rig, handle) - systematic
+        unexplained = systematic_covariance(answers, rig, handle) - systematic
         scale, _ = _contradictions(found, left, T_world_handle, rig, handle)
     own = covariance if scale == 1 else scale * covariance
     total = own + unexplained if between else own
     sigmas = np.sqrt([np.trace(total[:3, :3]), np.trace(total[3:, 3:])])
     too_much = (REFUSED_SIGMAS * sigmas > [MOST_MM, MOST_RAD]).any()
-    return Honest(own, systematic + unexplained, bool(contradicted and too_much), rig)
+    refused = bool(contradicted and too_much)
+    return Honest(own, systematic + unexplained, refused, rig, T, answers)
+
+
+def _corrected(
+    found: Response,
+    left: Residuals,
+    scale: float,
+    T_world_handle: RigidTransform,
+    rig: Rig,
+    handle: Handle,
+) -> tuple[Response, Array, Array]:
+    """The response of a pose that is corrected by what is left over, the step (6,) that corrects it,
+    and the covariance (6, 6) of the noise that comes with it.
+
+    What is left over in the directions that no motion of the handle makes has the noise in it and the
+    errors of rig and layout, which the pose has as well: it is moved by what is to be expected of
+    them (the mean of a normal distribution, given another's value).
+    """
+    used = left.information.any(axis=(1, 2))
+    if 2 * used.sum() <= 6:
+        return found, np.zeros(6), NOTHING
+    rows = used.repeat(2)
+    moves = motion_slopes(rig, found.camera[used], found.points[used], T_world_handle.translation)
+    free = null_space(moves.reshape(-1, 6).T).T
+    noise = block_diag(*np.linalg.inv(left.information[used]))
+    if left.common is not None:
+        noise += left.common[np.ix_(rows, rows)]
+    errors = known_errors(found, rig, handle)
+    gain = found.gain.reshape(6, -1)
+    total = free @ (scale * noise + errors[np.ix_(rows, rows)]) @ free.T
+    by_left = np.linalg.solve(total, free @ errors[rows] @ gain.T).T @ free
+    corrected = gain.copy()
+    corrected[:, rows] -= by_left
+    step = -by_left @ left.px[used].ravel()
+    answers = found._replace(gain=corrected.reshape(found.gain.shape))
+    return answers, step, by_left @ noise @ by_left.T
 
 
 def _contradictions(

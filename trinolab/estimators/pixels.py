@@ -117,6 +117,9 @@ class Fit(NamedTuple):
     smear_px : float
         How long the markers are smeared in the camera where that is most: of a handle that moves by
         its motion, of one that is still where it was asked for; else NaN.
+    T_by_noise : RigidTransform or None
+        The pose before it was corrected by what its residuals say of rig and layout; None where it
+        was not.
     """
 
     T_world_handle: RigidTransform
@@ -130,6 +133,7 @@ class Fit(NamedTuple):
     answers: Response | None = None
     rig: Rig | None = None
     smear_px: float = np.nan
+    T_by_noise: RigidTransform | None = None
 
 
 class _Part(NamedTuple):
@@ -521,14 +525,18 @@ def judged_fit(
 
 
 def counted(fit: Fit, answers: Response, residuals: Residuals, rig: Rig, handle: Handle) -> Fit:
-    """A fit with the errors of rig and layout, and its views' contradictions, in its covariances."""
+    """A fit with the errors of rig and layout, and its views' contradictions, in its covariances, and
+    its pose corrected by them.
+    """
     whole = honest(fit.covariance, answers, residuals, fit.T_world_handle, rig, handle)
     return fit._replace(
+        T_world_handle=whole.T_world_handle,
         covariance=whole.covariance,
         systematic=whole.systematic,
         refused=whole.refused,
-        answers=answers,
+        answers=whole.answers,
         rig=whole.rig,
+        T_by_noise=fit.T_world_handle,
     )
 
 

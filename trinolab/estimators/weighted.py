@@ -78,7 +78,8 @@ def fit_weighted(
         return None
     T = shifted(before, grown @ motion_between(T, before))
     covariance = grown @ covariance @ grown.T
-    return T, honest_fit(T, covariance, grown, measured, rig, handle), measured.uv
+    found = honest_fit(T, covariance, grown, measured, rig, handle)
+    return found.T_world_handle, found, measured.uv
 
 
 def honest_fit(
@@ -89,14 +90,14 @@ def honest_fit(
     rig: Rig,
     handle: Handle,
 ) -> Honest:
-    """The covariances of the fit to centres, all of whose errors are `grown` (6, 6)."""
+    """The fit to centres with its covariances, all of whose errors are `grown` (6, 6)."""
     sigma_px = np.hypot(centres.sigma_px, FLOOR_PX)
     expected = T.apply(handle.marker_centres)
     residuals = centres.uv - np.stack([camera.project(expected) for camera in rig.cameras])
     seen = np.isfinite(residuals).all(axis=2)
     chi_square = float(((residuals[seen] / sigma_px[seen, None]) ** 2).sum())
     if not (is_uncertain(rig, handle) or contradict(chi_square, 2 * int(seen.sum()) - 6)):
-        return Honest(covariance, NOTHING, False, rig)
+        return Honest(covariance, NOTHING, False, rig, T, None)
     _, covariances = triangulate_weighted(rig, centres.uv, sigma_px)
     by_point = grown @ weighted_fit_gain(handle.marker_centres, T, covariances)
     by_pixel = weighted_slopes(rig, centres.uv, sigma_px)
