@@ -238,6 +238,7 @@ def test_every_command_knows_the_shipped_files_by_name(line, workflow, monkeypat
         raise ValueError
 
     monkeypatch.setattr(workflow, stop)
+    monkeypatch.setattr(cli, "_open_first", lambda *_: None)  # there is no recording
     assert run(line.replace(" R ", " raised_40deg ").replace(" H", " coded")) == 2
     assert data_path("handles", "coded.toml") in given
     assert data_path("rigs", "raised_40deg.toml") in given or " R " not in line
@@ -316,6 +317,7 @@ def test_a_recording_is_positional_and_its_older_option_means_the_same(
         raise ValueError
 
     monkeypatch.setattr(workflow, stop)
+    monkeypatch.setattr(cli, "_open_first", lambda *_: None)  # there is no recording
     assert run(line) == 2
     assert given in seen
 
@@ -404,6 +406,28 @@ def test_help_and_interruption_do_not_wait_for_heavy_imports():
     code = "import sys, json, workbench.cli; print(json.dumps(sorted(sys.modules)))"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert not {"numpy", "scipy", "pandas", "cv2"} & set(json.loads(done.stdout))
+
+
+def test_a_refusal_loads_neither_the_tracker_nor_figures():
+    refused = [
+        "track none --out poses.csv",
+        "refine none --out refined",
+        "preflight none",
+        "bag none --out bag",
+        "kit --handle coded --diameter -3 --out kit.pdf",
+        "accept none --rig raised_40deg --handle coded --out sheet",
+        "scoreboard --csv none/board.csv",
+    ]
+    code = (
+        "import sys, json, shlex, workbench.cli\n"
+        f"codes = [workbench.cli.main(shlex.split(line)) for line in {refused}]\n"
+        "print(json.dumps([codes, sorted(sys.modules)]))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    codes, loaded = json.loads(done.stdout)
+    assert codes == [2] * len(refused)
+    heavy = {"matplotlib", "scipy.stats", "rosbags", "trinolab.following.posetracker"}
+    assert not heavy & set(loaded)
 
 
 @pytest.mark.parametrize(
