@@ -254,7 +254,7 @@ def _refine(a: argparse.Namespace) -> int:
 
 @_loading()
 def _open_first(a: argparse.Namespace, folders: Sequence[str]) -> None:
-    """Refuse a rig, a handle or recording folders that cannot be opened before the modules of the
+    """Refuse a rig, a handle, videos or recording folders that cannot be opened before the modules of the
     work are loaded, which takes as long as all the rest of a refusal.
     """
     from trinolab.files.recording import open_recording, parts_of_folder
@@ -266,6 +266,8 @@ def _open_first(a: argparse.Namespace, folders: Sequence[str]) -> None:
         read_rig(a.rig)
     if a.handle is not None:
         read_handle(a.handle)
+    if getattr(a, "video", None) and a.rig is not None:
+        open_recording(_named(a.video, "--video"), read_rig(a.rig), a.fps, a.timestamps)
     for folder in folders:
         if is_bag(folder):
             continue
