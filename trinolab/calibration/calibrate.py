@@ -136,6 +136,8 @@ def calibrate_rig(
         if isinstance(sources, (str, Path)):
             seen = read_corners(sources, target, most_views, size)
         else:
+            if lenses is not None:
+                read_lenses(lenses, tuple(sources))  # before a search that takes long
             seen = read_views(sources, target, most_views, progress)
         return _calibrate_rig(
             seen, sources, target, files, distortion_terms, lenses, progress, picture

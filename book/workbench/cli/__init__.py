@@ -28,12 +28,16 @@ if TYPE_CHECKING:
     import pandas as pd
 
     from trinolab.bench.recordings import Kept
+    from trinolab.files.recording import Recording
 
     from ..teleop.teleoperate import Done
 
 __all__ = ["QUESTION_WIDTH", "as_text", "digits", "essential", "main", "not_run", "say"]
 
 
+log = logging.getLogger("trinolab")
+
+LONGEST_STEP_S = 2.0  # from frame to frame, that needs no question
 LONGEST_LINE = 1000  # letters of what is wrong
 QUESTION_WIDTH = 41  # columns of a question in the board as text
 # The extra of this distribution that brings what a command imports.
@@ -69,6 +73,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     arguments = parser().parse_args(argv)
     arguments.line = shlex.join(["trinolab", *(sys.argv[1:] if argv is None else argv)])
     logging.basicConfig(format="%(message)s", level=logging.INFO, handlers=[Quiet(sys.stderr)])
+    logging.getLogger("matplotlib").setLevel(logging.ERROR)  # where it keeps its fonts is no news
     try:
         _find_shipped(arguments)
         if arguments.command in UNWATCHED:
@@ -254,12 +259,13 @@ def _refine(a: argparse.Namespace) -> int:
 
 @_loading()
 def _open_first(a: argparse.Namespace, folders: Sequence[str]) -> None:
-    """Refuse a rig, a handle, videos or recording folders that cannot be opened before the modules of the
-    work are loaded, which takes as long as all the rest of a refusal.
+    """Refuse a rig, a handle, videos, bags or recording folders that cannot be opened before the
+    modules of the work are loaded, which takes as long as all the rest of a refusal.
     """
     from trinolab.files.recording import open_recording, parts_of_folder
     from trinolab.files.rigs import read_handle, read_rig
 
+    from ..bagreader import opened
     from ..bags import is_bag
 
     if a.rig is not None:
@@ -267,14 +273,26 @@ def _open_first(a: argparse.Namespace, folders: Sequence[str]) -> None:
     if a.handle is not None:
         read_handle(a.handle)
     if getattr(a, "video", None) and a.rig is not None:
-        open_recording(_named(a.video, "--video"), read_rig(a.rig), a.fps, a.timestamps)
+        videos = _named(a.video, "--video")
+        _ask_about_times(open_recording(videos, read_rig(a.rig), a.fps, a.timestamps))
     for folder in folders:
         if is_bag(folder):
-            continue
+            with opened(folder):
+                continue
         parts = parts_of_folder(folder, a.rig, a.handle, getattr(a, "timestamps", None))
         rig = read_rig(a.rig or Path(folder, "rig.toml"))
-        open_recording(parts.sources, rig, timestamps=parts.timestamps)
+        _ask_about_times(open_recording(parts.sources, rig, timestamps=parts.timestamps))
         read_handle(a.handle or Path(folder, "handle.toml"))
+
+
+def _ask_about_times(recording: Recording) -> None:
+    """A line about times that are likely in ms, which one sees only by lost instants otherwise."""
+    if recording.times_s is not None and len(recording.times_s) > 1:
+        step_s = 1 / recording.rate
+        if step_s >= LONGEST_STEP_S:
+            log.info(
+                f"{recording.times_from}: {step_s:.3g} s from frame to frame: are its times in ms?"
+            )
 
 
 def _on_footage(

@@ -14,6 +14,7 @@ from boards import SIZE, make_rig, positions
 from healthy import run
 from scipy.spatial.transform import RigidTransform
 
+from trinolab.calibration import calibrate as calibrate_module
 from trinolab.calibration.adjust import calibrate, posed
 from trinolab.calibration.calibrate import calibrate_rig
 from trinolab.calibration.synchrony import synchronised
@@ -237,6 +238,15 @@ def test_what_is_said_of_a_table_that_cannot_be_taken():
         read_corners("xy.txt", TARGET, size=SIZE)
     with pytest.raises(ValueError, match="size: images have their own"):
         calibrate_rig({"a": "a", "b": "b"}, TARGET, "rig.toml", size=SIZE)
+
+
+def test_lenses_that_cannot_be_read_are_refused_before_images_are(tmp_path, monkeypatch):
+    monkeypatch.setattr(calibrate_module, "read_views", pytest.fail)
+    (tmp_path / "lenses.toml").write_text("x = \n")
+    with pytest.raises(ValueError, match=r"lenses\.toml: no valid TOML"):
+        calibrate_rig(
+            {"a": "a", "b": "b"}, TARGET, tmp_path / "rig.toml", lenses=tmp_path / "lenses.toml"
+        )
 
 
 @pytest.mark.usefixtures("folder")
