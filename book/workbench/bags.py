@@ -46,11 +46,10 @@ from trinolab.files import recorder
 from trinolab.files.images import as_grey, check_stated, decoded
 from trinolab.files.inputs import read_csv
 from trinolab.files.kept import sole_writer
-from trinolab.files.outputs import check_target, resolved, write_whole
+from trinolab.files.outputs import check_parent, resolved, write_whole
 from trinolab.files.poses import read_poses, transforms
 from trinolab.files.recording import Recording, instants, open_folder
 from trinolab.files.rigs import handle_text, read_handle, read_rig
-from trinolab.following.track import stamp, track_folder
 from trinolab.handle import Handle
 
 from .bagreader import opened
@@ -107,12 +106,12 @@ def write_bag(
         If the extra `ros` is missing, a file is missing or does not fit, a time is below zero, or
         `out` is there already.
     """
-    ros = _ros()
     target = resolved(out)
-    check_target(target / ".." / f"{target.name}.probe")
+    check_parent(out)
     if target.exists() and not (target.is_dir() and not any(target.iterdir())):
         raise ValueError(f"{out}: exists already; name another folder, or remove it")
     recording, handle = open_folder(folder)
+    ros = _ros()
     streams = [_described(recording.rig, handle, ros), _footage(recording, ros)]
     if poses is not None:
         streams.append(_poses(Path(poses), ros))
@@ -149,6 +148,9 @@ def track_recording(
 
     A bag is unpacked beside `out` until the poses are written.
     """
+    # loaded here, because `write_bag` can do without the tracker
+    from trinolab.following.track import stamp, track_folder
+
     if not is_bag(folder):
         return track_folder(folder, out, rig, handle, timestamps, **options)
     which = hashlib.sha256(json.dumps(stamp(Path(folder))).encode()).hexdigest()[:8]

@@ -7,7 +7,9 @@ median, 99 %, 99.9 % and worst of the processor time, in ms and by what SimpleBl
 the same images in the same run; the share that is measured of the instants with a handle, the mean
 error, and how many poses are false. Films are rendered and followed by processes, one a core:
 
-    python tests/benchmarks/bench_instants.py [--instants 10000]
+    python tests/benchmarks/bench_instants.py [--instants 685] [--draws 15]
+
+With draws each instant is seen so often, with other noise: most of the time goes into rendering.
 """
 
 import os
@@ -36,11 +38,11 @@ def line(name: str, table: pd.DataFrame) -> str:
     return f"  {name:16s}{len(table):6d}{times}  {ratios}{share:8.1f} %{error_mm:9.4f} mm{false:6d}"
 
 
-def report(instants: int = INSTANTS, workers: int = 1) -> None:
+def report(instants: int = INSTANTS, workers: int = 1, draws: int = 1) -> None:
     """Print the times of the follower and of the paper's chain, motion by motion and of all."""
     columns = "".join(f"{f'{100 * share:g} %':>8}" for share in SHARES)
     for method in METHODS:
-        table = all_followed(films(instants), method, workers)
+        table = all_followed(films(instants), method, workers, draws)
         print(
             f"{method}: ms, and by SimpleBlobDetector ({table['blobs_ms'].median():.1f} ms an "
             f"instant)\n{'':18}{'n':>6}{columns}  {columns}  measured   mean error false"
@@ -56,8 +58,11 @@ def main() -> None:
     parser.add_argument(
         "--workers", type=int, default=os.cpu_count() or 1, help="processes (one a core)"
     )
+    parser.add_argument(
+        "--draws", type=int, default=1, help="of the noise of each instant (%(default)s)"
+    )
     arguments = parser.parse_args()
-    report(arguments.instants, arguments.workers)
+    report(arguments.instants, arguments.workers, arguments.draws)
 
 
 if __name__ == "__main__":

@@ -70,7 +70,7 @@ def finding(attempt):
     """What a command must not do, or nothing: end otherwise than with an answer or one line of what is
     wrong.
     """
-    code, lines, _ = attempt.ran
+    code, lines = attempt.ran.code, attempt.ran.lines
     last = lines[-1] if lines else ""
     if code not in (0, 1, 2):
         return f"exit code {code}"

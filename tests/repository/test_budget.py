@@ -6,7 +6,7 @@ import shutil
 
 import numpy as np
 import pytest
-from bombs import BOMBS, MIB, run_limited
+from bombs import BOMBS, MIB, Ran, run_limited
 from commandfuzz import READ, Attempt, attempts, finding, make_bag
 from healthy import BOARDS, EVALUATE, MEASURE, TRACK, VIDEOS, make_healthy
 
@@ -73,7 +73,8 @@ def test_whole_commands_on_wrong_files_answer_or_say_one_line(healthy, tmp_path)
     ],
 )
 def test_what_a_command_must_not_do_is_a_finding(code, lines, found):
-    said = finding(Attempt(next(iter(READ)), "x", "other bytes", (code, lines, 0)))
+    ran = Ran(code, lines, 0, 0.0)
+    said = finding(Attempt(next(iter(READ)), "x", "other bytes", ran))
     assert said.startswith(found)
     assert bool(said) == bool(found)
 

@@ -40,6 +40,8 @@ __all__ = [
     "empty",
     "following",
     "hard",
+    "light_of",
+    "noisy",
     "seen_markers",
     "slow",
     "take",
@@ -211,6 +213,13 @@ class Job(NamedTuple):
 
 def take(job: Job, frame: int, index: int) -> np.ndarray:
     """A camera's image of an instant, uint8 (height, width)."""
+    return noisy(job, frame, index, light_of(job, frame, index))
+
+
+def light_of(job: Job, frame: int, index: int) -> Array:
+    """What a camera gets to see at an instant, before noise and rounding, grey levels (height,
+    width).
+    """
     camera = job.rig.cameras[index]
     shot = job.shots[frame]
     bench = job.bench
@@ -224,7 +233,15 @@ def take(job: Job, frame: int, index: int) -> np.ndarray:
             camera, job.handle, shot.T_world_handle, bench, shot.velocity, shot.turn_rate, shot.arm
         )
         light = over(layer, light)
-    return digitise(shot.gains[index] * blurred(light, bench), bench, _noise(job, index, 1 + frame))
+    return shot.gains[index] * blurred(light, bench)
+
+
+def noisy(job: Job, frame: int, index: int, light: Array, draw: int = 0) -> np.ndarray:
+    """The image of what a camera gets to see, `light_of` it, uint8 (height, width); each draw has
+    noise of its own.
+    """
+    again = (draw,) if draw else ()
+    return digitise(light, job.bench, _noise(job, index, 1 + frame, *again))
 
 
 def seen_markers(job: Job, frame: int) -> list[int]:
@@ -248,5 +265,5 @@ def empty(job: Job, index: int) -> np.ndarray:
     return digitise(light, job.bench, _noise(job, index, 0))
 
 
-def _noise(job: Job, index: int, number: int) -> np.random.Generator:
-    return np.random.default_rng([job.seed, index, number])
+def _noise(job: Job, index: int, *numbers: int) -> np.random.Generator:
+    return np.random.default_rng([job.seed, index, *numbers])

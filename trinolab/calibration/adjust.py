@@ -23,7 +23,19 @@ from .model import State, images, normal_equations, stepped, stepped_views
 from .normal import Normal, damped, descended, eliminated
 from .start import homography, intrinsics, target_pose
 
-__all__ = ["TERMS", "UNEXPLAINED", "Calibrated", "Poses", "calibrate", "posed"]
+__all__ = [
+    "REST",
+    "TERMS",
+    "UNEXPLAINED",
+    "Calibrated",
+    "Poses",
+    "calibrate",
+    "camera_of",
+    "inverse",
+    "lenses_of",
+    "matrices",
+    "posed",
+]
 
 Poses = list[RigidTransform | None]
 TERMS = (0, 1, 2, 4, 5)  # numbers of distortion coefficients that make sense: k1, k2, (p1, p2), k3
@@ -208,7 +220,7 @@ def calibrate(
     names = names or [f"ccd{k + 1}" for k in range(len(uv))]
     T_world_cam = RigidTransform.from_matrix(state.T_world_cam)
     cameras = tuple(
-        _camera(name, size, lens, T)
+        camera_of(name, size, lens, T)
         for name, size, lens, T in zip(names, sizes, state.lenses, T_world_cam, strict=True)
     )
     poses = iter(RigidTransform.from_matrix(state.T_world_target))
@@ -232,7 +244,8 @@ def _checked(
     return points, pixels
 
 
-def _camera(name: str, size: tuple[int, int], lens: Array, T_world_cam: RigidTransform) -> Camera:
+def camera_of(name: str, size: tuple[int, int], lens: Array, T_world_cam: RigidTransform) -> Camera:
+    """A camera with a lens as `model.State` has it."""
     fx, fy, cx, cy = lens[:4]
     matrix = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]])
     return Camera(name, size, matrix, np.pad(lens[4:], (0, 9 - len(lens))), T_world_cam.inv())
@@ -250,7 +263,7 @@ def _in_closed_form(
     T_world_cam, T_world_target = _chained([poses for _, poses in starts])
     lenses = np.zeros((len(uv), 4 + terms))
     lenses[:, :4] = [[K[0, 0], K[1, 1], K[0, 2], K[1, 2]] for K, _ in starts]
-    return State(lenses, _matrices(T_world_cam), _matrices(T_world_target)), used
+    return State(lenses, matrices(T_world_cam), matrices(T_world_target)), used
 
 
 def _with_lenses(target: Array, uv: Array, lenses: Sequence[Camera]) -> tuple[State, np.ndarray]:
@@ -262,8 +275,8 @@ def _with_lenses(target: Array, uv: Array, lenses: Sequence[Camera]) -> tuple[St
         poses.append([None if h is None else target_pose(h, camera.matrix) for h in H])
     used = np.array([[pose is not None for pose in of] for of in poses])
     T_world_cam, T_world_target = _chained(poses)
-    known = _lenses(lenses, TERMS[-1])
-    return State(known, _matrices(T_world_cam), _matrices(T_world_target)), used
+    known = lenses_of(lenses, TERMS[-1])
+    return State(known, matrices(T_world_cam), matrices(T_world_target)), used
 
 
 def _as_before(start: Calibrated, uv: Array, terms: int) -> tuple[State, np.ndarray]:
@@ -274,9 +287,9 @@ def _as_before(start: Calibrated, uv: Array, terms: int) -> tuple[State, np.ndar
     for k, count in enumerate(used.sum(axis=1)):
         _check_count(k, count)
     seen = np.array(used.any(axis=0))
-    views = _matrices(T for T, of_view in zip(start.T_world_target, seen, strict=True) if of_view)
-    cameras = _matrices(camera.T_world_cam for camera in start.cameras)
-    return State(_lenses(start.cameras, terms), cameras, views), used
+    views = matrices(T for T, of_view in zip(start.T_world_target, seen, strict=True) if of_view)
+    cameras = matrices(camera.T_world_cam for camera in start.cameras)
+    return State(lenses_of(start.cameras, terms), cameras, views), used
 
 
 def _check_count(k: int, views: int) -> None:
@@ -284,7 +297,7 @@ def _check_count(k: int, views: int) -> None:
         raise ValueError(f"uv: expected three or more views by camera {k}, got {views}")
 
 
-def _lenses(cameras: Sequence[Camera], terms: int) -> Array:
+def lenses_of(cameras: Sequence[Camera], terms: int) -> Array:
     """fx, fy, cx, cy and distortions as `model.State` has them."""
     return np.array(
         [
@@ -294,7 +307,7 @@ def _lenses(cameras: Sequence[Camera], terms: int) -> Array:
     )
 
 
-def _matrices(poses: Iterable[RigidTransform | None]) -> Array:
+def matrices(poses: Iterable[RigidTransform | None]) -> Array:
     """Those of the poses that there are, (m, 4, 4)."""
     return np.stack([T.as_matrix() for T in poses if T is not None])
 
@@ -380,17 +393,17 @@ def _adjusted(target: Array, uv: Array, start: State, held: int = 0) -> tuple[St
     try:
         with np.errstate(all="ignore"):  # a step may lead anywhere; that shows in its cost
             found = descended(start, linearised, further, REST)
-        inverse = _inverse(eliminated(found.linear).S, np.diag(found.linear.A))
+        of_unit_noise = inverse(eliminated(found.linear).S, np.diag(found.linear.A))
     except np.linalg.LinAlgError:
         raise ValueError(FREE) from None
     if not (found.at_rest and np.isfinite(found.cost) and (found.state.lenses[:, :2] > 0).all()):
         raise ValueError(UNEXPLAINED)
     variance = 2 * found.cost / (measured - unknowns)
-    covariance = np.pad(inverse * variance, (held, 0))
+    covariance = np.pad(of_unit_noise * variance, (held, 0))
     return found.state, covariance, float(np.sqrt(variance))
 
 
-def _inverse(S: Array, squares: Array) -> Array:
+def inverse(S: Array, squares: Array) -> Array:
     """The inverse of the Schur complement; `squares` are those of the slopes by each unknown, which
     bring all to one scale.
     """
@@ -400,8 +413,7 @@ def _inverse(S: Array, squares: Array) -> Array:
     values, vectors = np.linalg.eigh(S / np.outer(scale, scale))
     if not values[0] > SMALLEST_SHARE * values[-1]:
         raise ValueError(FREE)
-    inverse: Array = (vectors / values) @ vectors.T / np.outer(scale, scale)
-    return inverse
+    return np.asarray((vectors / values) @ vectors.T / np.outer(scale, scale), dtype=float)
 
 
 def posed(
@@ -428,8 +440,8 @@ def posed(
     ValueError
         If cameras cannot see what was measured: beyond the range of their lens models.
     """
-    lenses = _lenses(calibrated.cameras, calibrated.distortion_terms)
-    cameras = _matrices(camera.T_world_cam for camera in calibrated.cameras)
+    lenses = lenses_of(calibrated.cameras, calibrated.distortion_terms)
+    cameras = matrices(camera.T_world_cam for camera in calibrated.cameras)
 
     def linearised(state: State) -> tuple[Normal, float]:
         at = images(state, target)
@@ -439,7 +451,7 @@ def posed(
         steps = np.linalg.solve(damped(normal.D, damping), normal.b[..., None])
         return stepped_views(state, np.asarray(steps[..., 0], dtype=float))
 
-    start = State(lenses, cameras, _matrices(T_world_target))
+    start = State(lenses, cameras, matrices(T_world_target))
     found = descended(start, linearised, further, REST)
     if not np.isfinite(found.cost):
         raise ValueError(UNEXPLAINED)

@@ -28,6 +28,7 @@ from .hints import hint, larger
 from .mirrors import Flipped, flipped_lens, unmirrored
 from .outliers import FEWEST_POINTS, UNSEEN, calibrate_robustly
 from .scale import check_scale, distance_of_target
+from .synchrony import Synchrony, synchronised
 from .tables import read_corners, read_lenses
 from .target import Target
 from .views import MOST_KEPT, TargetViews, check_connected, look_lines, read_views, some
@@ -62,6 +63,10 @@ class RigCalibration(NamedTuple):
         How the number of distortions was chosen; None if it was given.
     files : tuple of Path
         What was written: rig, its covariance, views, picture.
+    synchrony : Synchrony or None
+        When the cameras take their images; None where nothing shows that it is not at once. It is
+        allowed for where the lenses are known. Where they are estimated from the same views it is only
+        said: there the distances in a real rig became no better.
     """
 
     found: Calibrated
@@ -71,6 +76,7 @@ class RigCalibration(NamedTuple):
     notes: tuple[str, ...]
     choice: Choice | None
     files: tuple[Path, ...]
+    synchrony: Synchrony | None = None
 
 
 def calibrate_rig(
@@ -130,6 +136,8 @@ def calibrate_rig(
         if isinstance(sources, (str, Path)):
             seen = read_corners(sources, target, most_views, size)
         else:
+            if lenses is not None:
+                read_lenses(lenses, tuple(sources))  # before a search that takes long
             seen = read_views(sources, target, most_views, progress)
         return _calibrate_rig(
             seen, sources, target, files, distortion_terms, lenses, progress, picture
@@ -166,6 +174,13 @@ def _calibrate_rig(
                 flipped_lens(lens) if lens.name in flipped.cameras else lens for lens in known
             ]
             calibrated, reasons, choice = _calibrated(seen, target, terms, known, report)
+        report("when the cameras take their images")
+        timed = None
+        if seen.times is not None:
+            held = known is not None
+            timed = synchronised(target.points, seen.uv, calibrated, seen.times, held)
+        if timed is not None and known is not None:
+            calibrated = timed[0]
         views = _view_table(seen, calibrated, reasons)
         parameters = _parameter_table(calibrated)
         contents: list[str | bytes] = [
@@ -179,9 +194,30 @@ def _calibrate_rig(
     write_together(dict(zip(files, contents, strict=True)))
     part = larger(seen.showing, target)
     notes = [*look_lines(seen), *([flipped.line] if flipped else [])]
+    synchrony = None if timed is None else timed[1]
+    notes += [] if synchrony is None else [_not_simultaneous(seen, synchrony, known is not None)]
     notes += [distance_of_target(calibrated, target), *([part] if part else [])]
     return RigCalibration(
-        calibrated, parameters, views, seen.passed_over, tuple(notes), choice, files
+        calibrated, parameters, views, seen.passed_over, tuple(notes), choice, files, synchrony
+    )
+
+
+def _not_simultaneous(seen: TargetViews, synchrony: Synchrony, allowed_for: bool) -> str:
+    """The line about cameras that are not triggered together."""
+    scale, unit = (1e3, "ms") if seen.time_unit == "s" else (1.0, seen.time_unit)
+    delays = ", ".join(
+        f"{name} {scale * delay:+.3g} {unit}"
+        for name, delay in zip(seen.cameras[1:], synchrony.delays[1:], strict=True)
+    )
+    done = (
+        "the faster the target, the less a view weighs"
+        if allowed_for
+        else "with known lenses (--lenses) this is allowed for; without them hold the target still"
+    )
+    return (
+        f"the cameras are not simultaneous: {delays} after {seen.cameras[0]}, and "
+        f"+-{scale * synchrony.sigma:.2g} {unit} from view to view, by how they disagree on the moving "
+        f"target; {done}"
     )
 
 
@@ -203,8 +239,8 @@ def _reporting(
     cameras: int, terms: int | None, progress: bool
 ) -> Iterator[Callable[[str], object]]:
     """Yields what shows a step's name in a progress bar."""
-    # each camera, all of them, each number of coefficients, the files
-    steps = cameras + 2 + (len(TERMS) if terms is None else 0)
+    # each camera, all of them, each number of coefficients, their times, the files
+    steps = cameras + 3 + (len(TERMS) if terms is None else 0)
     with tqdm(total=steps, unit="step", leave=False, disable=None if progress else True) as bar:
 
         def report(step: str) -> None:

@@ -12,6 +12,7 @@ T_world_target, with shifts and turns of the same kind.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -89,24 +90,50 @@ def _of_camera(lens: Array, T_world_cam: Array, world: Array, arms: Array) -> Im
     return Images(uv, by_lens, by_camera, by_view)
 
 
-def normal_equations(at: Images, uv: Array) -> Normal:
-    """The normal equations for measured points, (cameras, views, n, 2), NaN where there is none."""
+def normal_equations(
+    at: Images,
+    uv: Array,
+    velocity: Array | None = None,
+    whitened: Callable[[int, Array], Array] | None = None,
+) -> Normal:
+    """The normal equations of an adjustment.
+
+    Parameters
+    ----------
+    at : Images
+    uv : ndarray, shape (cameras, views, n, 2)
+        Measured points, NaN where there is none.
+    velocity : ndarray, shape (cameras, views, n, 2), optional
+        Slopes by the delays of all cameras but the first, which are common unknowns then, the last of
+        them.
+    whitened : callable, optional
+        Makes the columns (views, 2 n, k) of a camera, given by its number, those of unit noise.
+    """
     valid = np.isfinite(uv)[..., None]
     cameras, views = uv.shape[:2]
     width = at.by_lens.shape[-1]
-    q = cameras * width + 6 * (cameras - 1)
+    first_delay = cameras * width + 6 * (cameras - 1)
+    q = first_delay + (0 if velocity is None else cameras - 1)
     A, a = np.zeros((q, q)), np.zeros(q)
     E, D, b = np.zeros((views, 6, q)), np.zeros((views, 6, 6)), np.zeros((views, 6))
     for c in range(cameras):
         lens = np.arange(c * width, (c + 1) * width)
         place = cameras * width + np.arange(6 * (c - 1), 6 * c)
-        common = np.concatenate([lens, place]) if c else lens  # unknowns of this camera
+        unknowns, slopes = [lens], [at.by_lens[c]]
+        if c:
+            unknowns.append(place)
+            slopes.append(at.by_camera[c])
+        if c and velocity is not None:
+            unknowns.append(np.array([first_delay + c - 1]))
+            slopes.append(velocity[c][..., None])
+        common = np.concatenate(unknowns)  # of this camera
         m = len(common)
-        by_common = np.concatenate([at.by_lens[c], at.by_camera[c]], axis=-1)[..., :m]
         missing = (uv[c] - at.uv[c])[..., None]
-        columns = np.concatenate([by_common, at.by_view[c], missing], axis=-1)
+        columns = np.concatenate([*slopes, at.by_view[c], missing], axis=-1)
         # what was not measured has no weight
         columns = np.where(valid[c], columns, 0.0).reshape(views, -1, m + 7)
+        if whitened is not None:
+            columns = whitened(c, columns)
         # view by view, since BLAS would start its threads for one large product
         products = columns.transpose(0, 2, 1) @ columns
         whole = products.sum(axis=0)

@@ -26,6 +26,7 @@ from .views import TargetViews
 __all__ = ["read_corners", "read_lenses"]
 
 CAMERA, VIEW, POINT = ("cam_id", "port"), ("sync_index",), ("keypoint_id", "point_id")
+TIME = "frame_time"  # s
 PIXELS, PLACES = ("img_loc_x", "img_loc_y"), ("obj_loc_x", "obj_loc_y")
 UNITS_MM = {"m": 1000.0, "cm": 10.0, "mm": 1.0}  # in which a table may have its places
 SAME = 0.01  # share by which a length of a table may differ from the stated one
@@ -37,14 +38,16 @@ CALISCOPE_CAMERAS, ANIPOSE_CAMERAS = "camera_array.toml", "calibration.toml"
 
 
 class _Table(NamedTuple):
-    """Names of the cameras and of the views that are taken, the points, (cameras, views, n, 2), and how
-    many views are passed over.
+    """Names of the cameras and of the views that are taken, the points, (cameras, views, n, 2), how many
+    views are passed over, and the views' times, if they rise, with their unit.
     """
 
     cameras: list[str]
     views: list[str]
     uv: Array
     passed_over: int
+    times: Array | None
+    time_unit: str
 
 
 def read_corners(
@@ -96,6 +99,8 @@ def read_corners(
         tuple([] for _ in table.cameras),
         nothing,
         nothing,
+        times=None if table.times is None else frozen(table.times),
+        time_unit=table.time_unit,
     )
 
 
@@ -133,7 +138,19 @@ def _caliscope(path: Path, target: Target, most: int) -> _Table:
     uv = np.full((len(cameras), len(views), len(target.points), 2), np.nan)
     uv[c, v, taken[point].to_numpy(int)] = taken[list(PIXELS)].to_numpy(float)
     names = [f"cam_{k}" for k in cameras]
-    return _Table(names, [str(k) for k in views], uv, len(every) - len(views))
+    labels = [str(k) for k in views]
+    return _Table(names, labels, uv, len(every) - len(views), *_times(table, view, views))
+
+
+def _times(table: pd.DataFrame, view: str, views: np.ndarray) -> tuple[Array, str]:
+    """Times of the views, which are the mean of their images' times, in s, where the table has them and
+    they rise; else their numbers.
+    """
+    if TIME in table and pd.api.types.is_numeric_dtype(table[TIME]):
+        times = table.groupby(view)[TIME].mean().reindex(views).to_numpy(float)
+        if np.isfinite(times).all() and (np.diff(times) > 0).all():
+            return times, "s"
+    return views.astype(float), "frames"
 
 
 def _column(table: pd.DataFrame, names: Sequence[str], path: Path) -> str:
@@ -239,7 +256,10 @@ def _anipose(path: Path, target: Target, most: int) -> _Table:
             if label in of:
                 uv[c, v] = of[label]
     names = [f"cam_{k}" for k in range(len(found))]
-    return _Table(names, views, uv, len(every) - len(views))
+    videos, frames = zip(*(label.rpartition("/")[::2] for label in views), strict=True)
+    # frames of several videos have no common clock
+    times = np.array(frames, float) if len(set(videos)) == 1 else None
+    return _Table(names, views, uv, len(every) - len(views), times, "frames")
 
 
 def _label(frame: Any) -> str:

@@ -55,6 +55,10 @@ class TargetViews(NamedTuple):
         A few images in which it was found.
     unseen : int
         Images that were not looked at, because none of those looked at first shows the target.
+    times : ndarray, shape (views,), or None
+        When the views were taken, rising, by one clock; None for photographs.
+    time_unit : str
+        Of `times`: ``s``, or ``frames``.
     """
 
     cameras: tuple[str, ...]
@@ -68,6 +72,8 @@ class TargetViews(NamedTuple):
     mirrored: np.ndarray
     showing: tuple[np.ndarray, ...] = ()
     unseen: int = 0
+    times: Array | None = None
+    time_unit: str = "frames"
 
 
 class _Source(NamedTuple):
@@ -125,7 +131,11 @@ def read_views(
     check_connected(
         tuple(opened), has_view, "no view in common", f", whose views are called {some(every)}"
     )
-    return _found(opened, chosen, target, progress)._replace(passed_over=len(every) - len(chosen))
+    filmed = all(one.files is None for one in opened.values())
+    return _found(opened, chosen, target, progress)._replace(
+        passed_over=len(every) - len(chosen),
+        times=frozen(np.array(chosen, float)) if filmed else None,
+    )
 
 
 def check_connected(cameras: tuple[str, ...], seen: np.ndarray, what: str, hint: str = "") -> None:

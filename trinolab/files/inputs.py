@@ -91,8 +91,12 @@ def get(table: Mapping[str, Any], key: str, where: str) -> Any:
 
 def read_toml(path: str | Path, most: int = limits.TOML_BYTES) -> dict[str, Any]:
     """Read a TOML file of at most so many bytes; what cannot be opened or parsed is a ValueError that
-    names the file.
+    names the file, and so is YAML.
     """
+    if Path(path).suffix.lower() in (".yaml", ".yml"):
+        raise ValueError(
+            f"{path}: expected TOML, got YAML by its name (Kalibr's, for one, is not read)"
+        )
     content = _content(path, most)
     limits.check_toml(path, content)
     try:

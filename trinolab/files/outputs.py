@@ -10,6 +10,7 @@ from pathlib import Path
 import pandas as pd
 
 __all__ = [
+    "check_parent",
     "check_target",
     "check_targets",
     "resolved",
@@ -24,11 +25,16 @@ def check_target(path: str | Path) -> None:
     computation.
     """
     target = Path(path)
+    if target.exists() and not target.is_file():
+        raise ValueError(f"{path}: cannot be written (a folder or a device is there)")
+    check_parent(path)
+
+
+def check_parent(path: str | Path) -> None:
+    """Refuse, with a ValueError, a file or a folder that could not be made where it is to be."""
     folder = resolved(path).parent
     if not folder.is_dir():
         raise ValueError(f"{path}: no such folder to write into")
-    if target.exists() and not target.is_file():
-        raise ValueError(f"{path}: cannot be written (a folder or a device is there)")
     if not os.access(folder, os.W_OK):
         raise ValueError(f"{path}: cannot be written (no permission in its folder)")
 

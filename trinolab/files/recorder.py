@@ -16,7 +16,7 @@ import pandas as pd
 from ..camera import Rig
 from ..handle import Handle
 from .inputs import read_json
-from .outputs import check_target, resolved, write_whole
+from .outputs import check_parent, resolved, write_whole
 from .poses import write_poses
 from .rigs import write_handle, write_rig
 
@@ -51,7 +51,7 @@ def partial_of(folder: str | Path) -> Path:
         If there is something at `folder` already, or nothing can be written beside it.
     """
     target = resolved(folder)
-    check_target(target / ".." / f"{target.name}{PARTIAL}.probe")
+    check_parent(folder)
     if target.exists() and (not target.is_dir() or any(target.iterdir())):
         raise ValueError(f"{folder}: exists already; name another folder, or remove it")
     return target.with_name(target.name + PARTIAL)

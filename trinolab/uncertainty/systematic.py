@@ -21,7 +21,7 @@ from ..camera import CAMERA_PARAMETERS, Camera, Rig, pixels_with_slopes
 from ..checks import Array, frozen
 from ..handle import Handle
 from ..rigid import cross_matrices
-from .usual import known_covariance, known_placement_mm
+from .usual import known_covariance, known_placement_mm, known_scale_share
 
 __all__ = [
     "CHANCE",
@@ -132,6 +132,11 @@ def known_errors(found: Response, rig: Rig, handle: Handle) -> Array:
     same = (found.marker[:, None] == found.marker) & (found.marker >= 0)
     by_layout = known_placement_mm(handle) ** 2 * (moved @ moved.T)
     total = by_layout * same.repeat(2, 0).repeat(2, 1)
+    # About the middle of what is seen: about the handle's origin the pose would be shifted by some
+    # hundredths of a millimetre besides.
+    grown = known_scale_share(handle) * (found.points - found.points.mean(axis=0))
+    by_scale = (by_points @ grown[..., None]).ravel()
+    total += np.outer(by_scale, by_scale)
     if not known_covariance(rig).is_exact:
         total += _by_rig(found, by_parameters, rig)
     return total

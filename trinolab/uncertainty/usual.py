@@ -21,7 +21,8 @@ pixel, the middle one by half a pixel or a whole one, and bad ones by 2 px and m
 What is no motion of that frame is a twentieth of it or less there. A quarter at each point, which lets
 a camera roll by as much as it tilts, is on the safe side. The cameras' places are off by 0.02 mm across
 the line of sight in the good ones, and along it, where it hardly matters, by 0.1 mm.
-`tests/workbench/studies/test_usual_evidence.py` computes these again.
+`tests/workbench/studies/test_usual_evidence.py` computes these again. Of a printed handle: PLA
+shrinks by 0.1 to 0.3 % (toolsfast.app/3d-printing/fdm-tolerance-guide).
 """
 
 from __future__ import annotations
@@ -41,9 +42,11 @@ __all__ = [
     "FREEDOM",
     "IMAGE_PX",
     "PLACEMENT_MM",
+    "SCALE_SHARE",
     "assumed",
     "known_covariance",
     "known_placement_mm",
+    "known_scale_share",
     "usual_covariance",
 ]
 
@@ -53,6 +56,9 @@ MIDDLE_HALF = frozen(
     np.array([0.25, 0.75])
 )  # of the calibrations; chances that their size is smaller
 PLACEMENT_MM = 0.05  # of each coordinate of each marker
+# By which a handle is larger than its file says, or smaller, as prints are; all markers have it in
+# common, and a pair of cameras takes it for a distance.
+SCALE_SHARE = 0.002
 CORNER_SHARE = 0.25  # of that, by which each of the four points is off besides
 # Wide standard deviations: of fx and fy (a share of them), cx and cy (px), the direction (rad) and
 # the place (mm). The lens's distortions are kept.
@@ -76,6 +82,13 @@ def known_placement_mm(handle: Handle) -> float:
     return PLACEMENT_MM if stated is None else stated
 
 
+def known_scale_share(handle: Handle) -> float:
+    """How well a handle's size is known, as a share of it: `SCALE_SHARE`, or exactly where its file
+    states how well the markers are placed.
+    """
+    return SCALE_SHARE if handle.placement_sigma_mm is None else 0.0
+
+
 def assumed(rig: Rig, handle: Handle, rig_file: object, handle_file: object) -> list[str]:
     """What was assumed of a rig and a handle whose files state nothing: a line for each."""
     lines = []
@@ -88,7 +101,7 @@ def assumed(rig: Rig, handle: Handle, rig_file: object, handle_file: object) -> 
     if handle.placement_sigma_mm is None:
         lines.append(
             f"{handle_file}: does not say how well the markers are placed; placement_sigma_mm = "
-            f"{PLACEMENT_MM:g} is assumed"
+            f"{PLACEMENT_MM:g} is assumed, and a size that is right to {100 * SCALE_SHARE:g} %"
         )
     return lines
 

@@ -16,7 +16,6 @@ from trinolab.files.outputs import check_targets, write_together
 from trinolab.files.rigs import handle_text, read_handle
 from trinolab.handle import Handle
 
-from ..plotting.prints import as_pdf
 from .sheets import PAPERS, board_target, page_of_bars, page_of_board, page_of_wrap
 from .wrap import PAPER_MM, Wrap, unrolled, wrapped
 
@@ -94,6 +93,8 @@ def make_kit(
     check_targets([out, *wraps], [handle])
     names = " and ".join(f"“{wrap.handle.name}”" for wrap in wraps.values())
     what = f"A rod of {rod:g} mm: wraps {names}, a ChArUco board, and what checks the printer."
+    from .prints import as_pdf  # it loads matplotlib, which a refusal need not wait for
+
     pdf = as_pdf([page_of_bars(size, what), *pages, page_of_board(size)])
     contents: dict[str | Path, str | bytes] = {out: pdf}
     contents |= {path: _file_text(wrap.handle) for path, wrap in wraps.items()}

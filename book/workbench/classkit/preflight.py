@@ -31,9 +31,6 @@ from trinolab.files.recording import (
     read_timestamps,
 )
 from trinolab.files.rigs import read_handle, read_rig
-from trinolab.following import posetracker
-from trinolab.following.parameters import FollowParameters
-from trinolab.following.sync import estimate_offsets
 from trinolab.handle import Handle
 from trinolab.methods import DEFAULT, estimator_of
 from trinolab.uncertainty.systematic import offsets_at
@@ -188,6 +185,10 @@ def look(clip: Clip, rig: Rig | None, handle: Handle | None, progress: bool = Tr
                 seen.add(now, None)
                 bar.update()
         else:
+            # a recording that is refused need not wait for the tracker
+            from trinolab.following import posetracker
+            from trinolab.following.parameters import FollowParameters
+
             for now, tracked in posetracker.track_instants(
                 frames, rig, handle, FollowParameters(estimator=estimator_of(DEFAULT))
             ):
@@ -316,6 +317,8 @@ def _apart(seen: Seen, rig: Rig) -> Row:
     """How far apart in time the cameras are."""
     if sum(T is not None for T in seen.poses) < FEWEST:
         return row(criteria.APART, np.nan, "too few poses", "the rows above and below say why")
+    from trinolab.following.sync import estimate_offsets
+
     offsets = estimate_offsets(np.array(seen.times_s), np.stack(seen.uv, axis=1), rig)
     known = np.isfinite(offsets.offset_s)
     if known.sum() < 2:

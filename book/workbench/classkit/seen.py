@@ -9,7 +9,7 @@ the image that gives the exposure, up to one that moves a marker by its own size
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import cv2
 import numpy as np
@@ -19,10 +19,12 @@ from scipy.special import ndtr
 from trinolab.camera import Rig
 from trinolab.checks import Array
 from trinolab.files.recording import Frames
-from trinolab.following.posetracker import Tracked
 from trinolab.handle import Handle, slants
 from trinolab.identity import labelled_pixels
 from trinolab.markers import MarkerParameters, find_markers
+
+if TYPE_CHECKING:
+    from trinolab.following.posetracker import Tracked
 
 __all__ = ["Exposure", "Seen", "Spot", "spot_at", "steepness"]
 

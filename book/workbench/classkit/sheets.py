@@ -11,7 +11,7 @@ import numpy as np
 from trinolab.calibration.target import Target, dictionary_of
 from trinolab.checks import Array
 
-from ..plotting.prints import Area, Disc, Frame, Line, Page, Shape, Words
+from .shapes import Area, Disc, Frame, Line, Page, Shape, Words
 from .wrap import TAB_MM, Wrap
 
 __all__ = [

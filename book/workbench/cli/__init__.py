@@ -7,6 +7,8 @@ interruption.
 from __future__ import annotations
 
 import argparse
+import atexit
+import gc
 import logging
 import os
 import shlex
@@ -26,12 +28,16 @@ if TYPE_CHECKING:
     import pandas as pd
 
     from trinolab.bench.recordings import Kept
+    from trinolab.files.recording import Recording
 
     from ..teleop.teleoperate import Done
 
 __all__ = ["QUESTION_WIDTH", "as_text", "digits", "essential", "main", "not_run", "say"]
 
 
+log = logging.getLogger("trinolab")
+
+LONGEST_STEP_S = 2.0  # from frame to frame, that needs no question
 LONGEST_LINE = 1000  # letters of what is wrong
 QUESTION_WIDTH = 41  # columns of a question in the board as text
 # The extra of this distribution that brings what a command imports.
@@ -58,12 +64,16 @@ EXTRAS = {
 # They answer at once, ask a question, or run until they are stopped.
 UNWATCHED = ("eq", "clear", "live")
 
+# At its end Python would walk through all that is loaded, to free what ends with the process anyhow.
+atexit.register(gc.freeze)
+
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run a command and return the exit code."""
     arguments = parser().parse_args(argv)
     arguments.line = shlex.join(["trinolab", *(sys.argv[1:] if argv is None else argv)])
     logging.basicConfig(format="%(message)s", level=logging.INFO, handlers=[Quiet(sys.stderr)])
+    logging.getLogger("matplotlib").setLevel(logging.ERROR)  # where it keeps its fonts is no news
     try:
         _find_shipped(arguments)
         if arguments.command in UNWATCHED:
@@ -102,6 +112,17 @@ def _one_line(text: str) -> str:
     return line if len(line) <= LONGEST_LINE else f"{line[:LONGEST_LINE]} ..."
 
 
+@contextmanager
+def _loading() -> Iterator[None]:
+    """Load modules without looking for garbage, which takes a tenth of the time and finds none."""
+    gc.disable()
+    try:
+        yield
+    finally:
+        gc.enable()
+
+
+@_loading()
 def _find_shipped(a: argparse.Namespace) -> None:
     """Put the files in the place of the names of shipped rigs and handles."""
     rig, handle = getattr(a, "rig", None), getattr(a, "handle", None)
@@ -130,7 +151,8 @@ def say(text: str) -> None:
 
 
 def _measure(a: argparse.Namespace) -> int:
-    from .measure import measure_folder, measure_recording
+    with _loading():
+        from .measure import measure_folder, measure_recording
 
     if a.folder is not None:
         if a.images:
@@ -209,9 +231,11 @@ def _named(items: Sequence[str], option: str, form: str = "NAME=PATH") -> dict[s
 
 
 def _track(a: argparse.Namespace) -> int:
-    from trinolab.following.track import track_files
+    _open_first(a, [] if a.folder is None else [a.folder])
+    with _loading():
+        from trinolab.following.track import track_files
 
-    from ..bags import track_recording
+        from ..bags import track_recording
 
     options = {"start": a.start, "overlay": a.overlay, "method": a.method}
     table = _on_footage(a, track_recording, track_files, options)
@@ -220,15 +244,55 @@ def _track(a: argparse.Namespace) -> int:
 
 
 def _refine(a: argparse.Namespace) -> int:
-    from trinolab.following.refine import refine_files, refine_folder
+    _open_first(a, [] if a.folder is None else [a.folder])
+    with _loading():
+        from trinolab.following.refine import refine_files, refine_folder
 
-    from .refine import as_lines
+        from .refine import as_lines
 
     length = None if a.length is None else (a.length[0], a.length[1], _number(a.length[2]))
     options = {"start": a.start, "instants": a.instants, "length": length}
     refined = _on_footage(a, refine_folder, refine_files, options)
     say("\n".join([*as_lines(refined), "", f"written to {a.out}"]))
     return 0
+
+
+@_loading()
+def _open_first(a: argparse.Namespace, folders: Sequence[str]) -> None:
+    """Refuse a rig, a handle, videos, bags or recording folders that cannot be opened before the
+    modules of the work are loaded, which takes as long as all the rest of a refusal.
+    """
+    from trinolab.files.recording import open_recording, parts_of_folder
+    from trinolab.files.rigs import read_handle, read_rig
+
+    from ..bagreader import opened
+    from ..bags import is_bag
+
+    if a.rig is not None:
+        read_rig(a.rig)
+    if a.handle is not None:
+        read_handle(a.handle)
+    if getattr(a, "video", None) and a.rig is not None:
+        videos = _named(a.video, "--video")
+        _ask_about_times(open_recording(videos, read_rig(a.rig), a.fps, a.timestamps))
+    for folder in folders:
+        if is_bag(folder):
+            with opened(folder):
+                continue
+        parts = parts_of_folder(folder, a.rig, a.handle, getattr(a, "timestamps", None))
+        rig = read_rig(a.rig or Path(folder, "rig.toml"))
+        _ask_about_times(open_recording(parts.sources, rig, timestamps=parts.timestamps))
+        read_handle(a.handle or Path(folder, "handle.toml"))
+
+
+def _ask_about_times(recording: Recording) -> None:
+    """A line about times that are likely in ms, which one sees only by lost instants otherwise."""
+    if recording.times_s is not None and len(recording.times_s) > 1:
+        step_s = 1 / recording.rate
+        if step_s >= LONGEST_STEP_S:
+            log.info(
+                f"{recording.times_from}: {step_s:.3g} s from frame to frame: are its times in ms?"
+            )
 
 
 def _on_footage(
@@ -358,7 +422,8 @@ def _render(a: argparse.Namespace) -> int:
 
 
 def _teleop(a: argparse.Namespace) -> int:
-    from ..teleop.teleoperate import recorded, simulated, teleoperate
+    with _loading():
+        from ..teleop.teleoperate import recorded, simulated, teleoperate
 
     if a.live_simulation and not (a.rig and a.handle):
         raise ValueError("--live-simulation: needs --rig and --handle")
@@ -413,7 +478,8 @@ def _bag(a: argparse.Namespace) -> int:
 
 
 def _live(a: argparse.Namespace) -> int:
-    from ..live.command import chosen, live, show
+    with _loading():
+        from ..live.command import chosen, live, show
 
     cameras = _named(a.camera or [], "--camera", "NAME=INDEX, as ccd1=0, or NAME=VIDEO")
     source = chosen(cameras, a.folder or a.older, a.rig, a.handle, a.fps)
@@ -431,9 +497,12 @@ def _live(a: argparse.Namespace) -> int:
 
 
 def _accept(a: argparse.Namespace) -> int:
-    from ..accept.command import accept, as_lines
+    folders = [*a.folders, *a.older]
+    _open_first(a, folders)
+    with _loading():
+        from ..accept.command import accept, as_lines
 
-    done = accept(a.rig, a.handle, a.out, [*a.folders, *a.older], a.poses, a.seed, a.chart)
+    done = accept(a.rig, a.handle, a.out, folders, a.poses, a.seed, a.chart)
     say("\n".join([*as_lines(done), f"{done.cpu_s:.0f} s of processor time; written to {a.out}"]))
     return 0
 
@@ -569,10 +638,10 @@ def _confirmed(question: str) -> bool:
 def _scoreboard(a: argparse.Namespace) -> int:
     from trinolab.files.outputs import check_target, write_whole
 
-    from ..studies.scoreboard import disagreements, scoreboard
-
     if a.csv:
         check_target(a.csv)
+    from ..studies.scoreboard import disagreements, scoreboard
+
     board = scoreboard(progress=True)
     if a.csv:
         texts = {name: board[name].map(digits) for name in ("ours", "low", "high")}

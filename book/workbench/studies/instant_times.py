@@ -24,7 +24,7 @@ from tqdm import tqdm
 
 from trinolab import tracker
 from trinolab.bench.motion import human_motion
-from trinolab.bench.scenario import HOLDING, Job, Shot, calm, empty, hard, take
+from trinolab.bench.scenario import HOLDING, Job, Shot, calm, empty, hard, light_of, noisy
 from trinolab.camera import Rig
 from trinolab.checks import Array, as_whole
 from trinolab.datasets import load_handle, load_rig, load_sweep
@@ -156,10 +156,14 @@ def fast(rig: Rig, times_s: Array, seed: int) -> list[Shot]:
     return shots
 
 
-def taken(job: Job) -> Iterator[list[np.ndarray]]:
-    """The images of each instant, rendered when they are asked for."""
+def taken(job: Job, draws: int = 1) -> Iterator[Iterator[list[np.ndarray]]]:
+    """The images of each instant in each draw of their noise, made when they are asked for."""
     for k in range(len(job.shots)):
-        yield [take(job, k, index) for index in range(len(job.rig.cameras))]
+        lights = [light_of(job, k, index) for index in range(len(job.rig.cameras))]
+        yield (
+            [noisy(job, k, index, light, draw) for index, light in enumerate(lights)]
+            for draw in range(draws)
+        )
 
 
 def blob_detector(
@@ -208,7 +212,7 @@ def _chain(job: Job, exposure_ms: float) -> tuple[Any, Step]:
 METHODS = {BEST: _best, "paper's chain": _chain}
 
 
-def followed(film: Film, method: str = BEST) -> pd.DataFrame:
+def followed(film: Film, method: str = BEST, draws: int = 1) -> pd.DataFrame:
     """Follow a film: what each instant takes, and how far off its pose is.
 
     Parameters
@@ -216,46 +220,57 @@ def followed(film: Film, method: str = BEST) -> pd.DataFrame:
     film : Film
     method : str
         Of `METHODS`.
+    draws : int
+        How often the film is taken, each time with other noise.
 
     Returns
     -------
     DataFrame
-        A row an instant: `motion`, `exposure_ms`, `seed`, `frame`; `ms` of processor time,
-        `blobs_ms`, what SimpleBlobDetector took right after it, and `ratio`, of `ms` to its median
-        over the film; `present`, whether there is a handle; `mm` and `deg` by which a measured pose
-        is off, NaN where there is none.
+        A row an instant and draw: `motion`, `exposure_ms`, `seed`, `frame`, `draw`; `ms` of processor
+        time, `blobs_ms`, what SimpleBlobDetector takes for the images of the first draw, and `ratio`,
+        of `ms` to its median over the film; `present`, whether there is a handle; `mm` and `deg` by
+        which a measured pose is off, NaN where there is none.
     """
     cv2.setNumThreads(1)
     job = job_of(film)
     begin, step = METHODS[method](job, film.exposure_ms)
     detector = blob_detector(job.rig, job.handle)
     rows = []
-    state = begin
-    for k, images in enumerate(taken(job)):
-        if k == 0:
-            for ahead in range(WARM_UP):
-                step(begin, images, float(job.times_s[0]) + 1e-3 * ahead)
-        started = time.process_time()
-        state, pose = step(state, images, float(job.times_s[k]))
-        measured = time.process_time()
-        for image in images:
-            detector.detect(image)
-        ended = time.process_time()
+    states = [begin] * draws
+    for k, drawn in enumerate(taken(job, draws)):
         truth = job.shots[k].T_world_handle
-        rows.append(
-            {
-                "motion": film.motion,
-                "exposure_ms": film.exposure_ms,
-                "seed": film.seed,
-                "frame": k,
-                "ms": 1e3 * (measured - started),
-                "blobs_ms": 1e3 * (ended - measured),
-                "present": truth is not None,
-                **_errors(pose, truth),
-            }
-        )
+        for draw, images in enumerate(drawn):
+            if k == 0 and draw == 0:
+                for ahead in range(WARM_UP):
+                    step(begin, images, float(job.times_s[0]) + 1e-3 * ahead)
+            started = time.process_time()
+            states[draw], pose = step(states[draw], images, float(job.times_s[k]))
+            ms = 1e3 * (time.process_time() - started)
+            if draw == 0:
+                blobs_ms = _blobs_ms(detector, images)
+            rows.append(
+                {
+                    "motion": film.motion,
+                    "exposure_ms": film.exposure_ms,
+                    "seed": film.seed,
+                    "frame": k,
+                    "draw": draw,
+                    "ms": ms,
+                    "blobs_ms": blobs_ms,
+                    "present": truth is not None,
+                    **_errors(pose, truth),
+                }
+            )
     table = pd.DataFrame(rows)
     return table.assign(ratio=table["ms"] / table["blobs_ms"].median())
+
+
+def _blobs_ms(detector: cv2.SimpleBlobDetector, images: Sequence[np.ndarray]) -> float:
+    """Processor time that OpenCV's detector takes for the images of an instant, ms."""
+    started = time.process_time()
+    for image in images:
+        detector.detect(image)
+    return 1e3 * (time.process_time() - started)
 
 
 def _errors(pose: Pose, truth: RigidTransform | None) -> dict[str, float]:
@@ -271,7 +286,7 @@ def _errors(pose: Pose, truth: RigidTransform | None) -> dict[str, float]:
     }
 
 
-def all_followed(chosen: Sequence[Film], method: str, workers: int) -> pd.DataFrame:
+def all_followed(chosen: Sequence[Film], method: str, workers: int, draws: int = 1) -> pd.DataFrame:
     """`followed` for many films, in their order, with a bar of the instants."""
     tables = {}
     total = sum(film.instants for film in chosen)
@@ -280,7 +295,7 @@ def all_followed(chosen: Sequence[Film], method: str, workers: int) -> pd.DataFr
         tqdm(total=total, unit="instant", desc=method, disable=None) as bar,
     ):
         for film, future in as_finished(
-            engine, ((film, partial(followed, method=method), film) for film in chosen)
+            engine, ((film, partial(followed, method=method, draws=draws), film) for film in chosen)
         ):
             tables[film] = future.result()
             bar.update(film.instants)

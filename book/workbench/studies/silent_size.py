@@ -95,8 +95,8 @@ def curve(
     draws : int
     noise_px : float
     """
-    ratios = [], []
-    nees = ([], []), ([], [])
+    ratios: tuple[list[Array], list[Array]] = ([], [])
+    nees: tuple[tuple[list[Array], list[Array]], ...] = (([], []), ([], []))
     for one in instants:
         more = rng.integers(len(instants), size=together - 1)
         group = [one, *(instants[k] for k in more)]

@@ -563,7 +563,9 @@ class Flow:
             case ast.Tuple(elts=parts) | ast.List(elts=parts) | ast.Set(elts=parts):
                 return NOTHING.or_(*map(self._value, parts)).inside()
             case ast.Dict(keys=keys, values=values):
-                return NOTHING.or_(*map(self._value, [*filter(None, keys), *values])).inside()
+                for key in filter(None, keys):  # which nobody can change: it has a hash
+                    self._value(key)
+                return NOTHING.or_(*map(self._value, values)).inside()
             case ast.IfExp(test=test, body=body, orelse=orelse):
                 self._value(test)
                 return self._value(body).or_(self._value(orelse))
@@ -588,8 +590,10 @@ class Flow:
             self._bind_each(generator.target, generator.iter)
             for condition in generator.ifs:
                 self._value(condition)
-        parts = [node.key, node.value] if isinstance(node, ast.DictComp) else [node.elt]
-        value = NOTHING.or_(*map(self._value, parts)).inside()
+        if isinstance(node, ast.DictComp):
+            self._value(node.key)
+        part = node.value if isinstance(node, ast.DictComp) else node.elt
+        value = self._value(part).inside()
         inner, self._now, self._values = self._now, before, outer
         self._now.reads |= inner.reads - self._now.binds
         self._now.changes |= inner.changes

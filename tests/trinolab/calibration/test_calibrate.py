@@ -304,10 +304,11 @@ def test_only_one_print_is_looked_for_when_it_is_sure():
             "with --dictionary 4X4_50 it is found in 2 of 2 tried",
             marks=pytest.mark.heavy,
         ),
-        (
+        pytest.param(
             Target("charuco", 5, 6, 20.0),
             CHARUCO,
             "with --columns 6 --rows 5 it is found in 2 of 2 tried",
+            marks=pytest.mark.heavy,
         ),
         (
             Target("circles", 7, 5, 15.0),
@@ -320,10 +321,11 @@ def test_only_one_print_is_looked_for_when_it_is_sure():
             "with --columns 6 --rows 5 it is found in 2 of 2 tried",
             marks=pytest.mark.heavy,
         ),
-        (
+        pytest.param(
             CHESSBOARD,
             CHARUCO,
             "with --board charuco --columns 6 --rows 5 it is found in 2 of 2 tried",
+            marks=pytest.mark.heavy,
         ),
         (
             Target("chessboard", 9, 6, 15.0),

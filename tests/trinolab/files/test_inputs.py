@@ -51,3 +51,10 @@ def test_a_column_that_is_missing_is_named_in_plain_words(tmp_path):
     (tmp_path / "a.csv").write_text("x\n1\n", encoding="utf-8")
     with pytest.raises(ValueError, match=r"a\.csv: no valid CSV \(column frame, t_s is missing\)$"):
         read_csv(tmp_path / "a.csv", usecols=["t_s", "frame"])
+
+
+def test_yaml_is_named(tmp_path):
+    path = tmp_path / "camchain.yaml"
+    path.write_text("cam0:\n  camera_model: omni\n")
+    with pytest.raises(ValueError, match=r"camchain\.yaml: expected TOML, got YAML by its name"):
+        read_toml(path)

@@ -7,7 +7,15 @@ import pandas as pd
 import pytest
 
 from trinolab.files import outputs
-from trinolab.files.outputs import check_target, write_table, write_together, write_whole
+from trinolab.files.outputs import (
+    check_parent,
+    check_target,
+    write_table,
+    write_together,
+    write_whole,
+)
+from trinolab.files.recorder import partial_of
+from workbench.bags import write_bag
 
 
 def only(folder):
@@ -87,6 +95,13 @@ def test_impossible_target_is_named(tmp_path, write):
             write(path)
         assert str(caught.value).startswith(f"{path}: ")
         assert message in str(caught.value)
+
+
+def test_a_folder_that_cannot_be_made_is_named_as_it_was_given(tmp_path):
+    for make in (check_parent, partial_of, lambda path: write_bag(tmp_path, path)):
+        with pytest.raises(ValueError) as caught:  # noqa: PT011
+            make(tmp_path / "no" / "new")
+        assert str(caught.value) == f"{tmp_path / 'no' / 'new'}: no such folder to write into"
 
 
 def test_files_that_belong_together_appear_together(tmp_path):

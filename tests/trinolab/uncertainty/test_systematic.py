@@ -19,8 +19,14 @@ from trinolab.measurement import measure
 from trinolab.parameters import Parameters
 from trinolab.pose import Pose, fit_pose, fit_response
 from trinolab.rigid import motion_between
-from trinolab.uncertainty.systematic import NOTHING, pixel_slopes, response, systematic_covariance
-from trinolab.uncertainty.usual import PLACEMENT_MM, usual_covariance
+from trinolab.uncertainty.systematic import (
+    NOTHING,
+    known_errors,
+    pixel_slopes,
+    response,
+    systematic_covariance,
+)
+from trinolab.uncertainty.usual import PLACEMENT_MM, SCALE_SHARE, usual_covariance
 from workbench.studies.broken import covariance_of_such, miscalibrated
 
 BENT = np.array([-0.2, 0.1, 0.001, -0.002, 0.05])
@@ -60,6 +66,26 @@ def test_nothing_is_systematic_where_all_is_exact_and_what_is_usual_where_nothin
     unplaced = replace(CODED, placement_sigma_mm=None)
     np.testing.assert_array_equal(
         systematic_covariance(found, RIG, unplaced), systematic_covariance(found, RIG, placed)
+    )
+
+
+def test_a_handle_that_says_nothing_may_be_larger_as_a_whole():
+    """Against the pixels of a handle that is larger by a thousandth, about the middle of its markers."""
+    exact = replace(RIG, covariance=RigCovariance.exact(RIG.names))
+    camera, marker = np.repeat([0, 1, 2], 4), np.tile([0, 1, 2, 3], 3)
+    found = response(np.ones((6, 12, 2)), camera, marker, CODED, POSE)
+    placed, unplaced = (
+        known_errors(found, exact, replace(CODED, placement_sigma_mm=sigma_mm))
+        for sigma_mm in (PLACEMENT_MM, None)
+    )
+    middle = found.points.mean(axis=0)
+    px = []
+    for share in (1e-3, -1e-3):
+        points = middle + (1 + share) * (found.points - middle)
+        px.append([RIG.cameras[c].project(X[None])[0] for c, X in zip(camera, points, strict=True)])
+    by_share = np.ravel((np.array(px[0]) - px[1]) / 2e-3)
+    np.testing.assert_allclose(
+        unplaced - placed, SCALE_SHARE**2 * np.outer(by_share, by_share), rtol=1e-4, atol=1e-9
     )
 
 

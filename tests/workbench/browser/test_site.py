@@ -1,5 +1,6 @@
 """The folder for a host, and the comparison of its numbers, without a browser."""
 
+import ast
 import hashlib
 import json
 import re
@@ -111,3 +112,25 @@ def test_what_differs_and_may_says_why():
 def test_a_number_that_the_browser_did_not_glue_does_not_agree():
     (row,) = numbers.compared("04", {"a": 1.0}, {}).to_dict("records")
     assert not row["agrees"]
+
+
+def test_what_is_left_out_of_the_runtime_is_imported_by_nothing_that_runs_there():
+    sources = [
+        data.decode()
+        for name, data in site._book()
+        if name.endswith(".py")
+        and "workbench/pages/" not in name  # these build, and do not run there
+    ]
+    sources += [cell["source"] for path in chapters() for cell in site.cells_of(path)]
+    imported = {name for source in sources for name in imports(source)}
+    assert "numpy" in imported
+    assert not imported & set(site.LEFT_OUT.split())
+
+
+def imports(source):
+    """The packages that Python imports anywhere in a source."""
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.Import):
+            yield from (alias.name.partition(".")[0] for alias in node.names)
+        elif isinstance(node, ast.ImportFrom) and not node.level:
+            yield (node.module or "").partition(".")[0]

@@ -4,6 +4,7 @@ and no file.
 
 import io
 import json
+import logging
 import os
 import shlex
 import shutil
@@ -238,6 +239,7 @@ def test_every_command_knows_the_shipped_files_by_name(line, workflow, monkeypat
         raise ValueError
 
     monkeypatch.setattr(workflow, stop)
+    monkeypatch.setattr(cli, "_open_first", lambda *_: None)  # there is no recording
     assert run(line.replace(" R ", " raised_40deg ").replace(" H", " coded")) == 2
     assert data_path("handles", "coded.toml") in given
     assert data_path("rigs", "raised_40deg.toml") in given or " R " not in line
@@ -316,6 +318,7 @@ def test_a_recording_is_positional_and_its_older_option_means_the_same(
         raise ValueError
 
     monkeypatch.setattr(workflow, stop)
+    monkeypatch.setattr(cli, "_open_first", lambda *_: None)  # there is no recording
     assert run(line) == 2
     assert given in seen
 
@@ -404,6 +407,49 @@ def test_help_and_interruption_do_not_wait_for_heavy_imports():
     code = "import sys, json, workbench.cli; print(json.dumps(sorted(sys.modules)))"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert not {"numpy", "scipy", "pandas", "cv2"} & set(json.loads(done.stdout))
+
+
+@pytest.mark.usefixtures("folder")
+def test_times_that_are_likely_in_ms_are_asked_about(caplog):
+    (Path("images") / "timestamps.csv").write_text("frame,t_s\n0,0\n1,33.3\n")
+    footage = "ccd1=images/ccd1 ccd2=images/ccd2"
+    line = f"track --rig rig.toml --handle handle.toml --video {footage} --out poses.csv"
+    caplog.set_level("INFO", logger="trinolab")
+    assert run(f"{line} --timestamps images/timestamps.csv") in (0, 2)
+    said = "images/timestamps.csv: 33.3 s from frame to frame: are its times in ms?"
+    assert caplog.messages.count(said) == 1
+    caplog.clear()
+    (Path("images") / "timestamps.csv").write_text("frame,t_s\n0,0\n1,0.0333\n")
+    assert run(f"{line} --timestamps images/timestamps.csv") in (0, 2)
+    assert "are its times in ms" not in caplog.text
+
+
+def test_where_matplotlib_keeps_its_fonts_is_not_said(caplog):
+    run("eq 99")
+    logging.getLogger("matplotlib.font_manager").warning("generated new fontManager")
+    assert not caplog.messages
+
+
+def test_a_refusal_loads_neither_the_tracker_nor_figures():
+    refused = [
+        "track none --out poses.csv",
+        "refine none --out refined",
+        "preflight none",
+        "bag none --out bag",
+        "kit --handle coded --diameter -3 --out kit.pdf",
+        "accept none --rig raised_40deg --handle coded --out sheet",
+        "scoreboard --csv none/board.csv",
+    ]
+    code = (
+        "import sys, json, shlex, workbench.cli\n"
+        f"codes = [workbench.cli.main(shlex.split(line)) for line in {refused}]\n"
+        "print(json.dumps([codes, sorted(sys.modules)]))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    codes, loaded = json.loads(done.stdout)
+    assert codes == [2] * len(refused)
+    heavy = {"matplotlib", "scipy.stats", "rosbags", "trinolab.following.posetracker"}
+    assert not heavy & set(loaded)
 
 
 @pytest.mark.parametrize(

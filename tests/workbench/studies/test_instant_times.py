@@ -8,6 +8,7 @@ import pandas as pd
 import pytest
 from scipy.spatial.transform import RigidTransform
 
+from trinolab.bench.scenario import take
 from trinolab.datasets import load_rig, load_sweep
 from trinolab.pose import LOST, Pose
 from workbench.studies import instant_times
@@ -22,6 +23,7 @@ from workbench.studies.instant_times import (
     followed,
     job_of,
     make_table,
+    taken,
 )
 
 KEYS = ["motion", "exposure_ms", "seed", "frame"]
@@ -107,7 +109,7 @@ def stand_in(monkeypatch):
     off = RigidTransform.from_translation([0.0, 0.6, -0.8]) * T
     spread = np.eye(6)
     poses = [Pose("measured", off, spread, 0.1, 4, 2), LOST, Pose("measured", T, spread, 0.1, 4, 2)]
-    spent = iter([0.1, 0.1, 0.1, 0.003, 0.007, 0.005])  # the first ones only warm up
+    spent = iter([0.1, 0.1, 0.1, 0.003, 0.007, 0.005, 0.001, 0.002, 0.004])  # three to warm up
 
     def step(state, images, t):
         clock.now += next(spent)
@@ -117,7 +119,8 @@ def stand_in(monkeypatch):
         clock.now += 0.002 / 3
 
     monkeypatch.setattr(instant_times, "job_of", lambda film: job)
-    monkeypatch.setattr(instant_times, "taken", lambda job: [[np.zeros((2, 2))] * 3] * 3)
+    images = [np.zeros((2, 2))] * 3
+    monkeypatch.setattr(instant_times, "taken", lambda job, draws: [[images] * draws] * 3)
     monkeypatch.setattr(instant_times.time, "process_time", lambda: clock.now)
     detector = SimpleNamespace(detect=detect)
     monkeypatch.setattr(instant_times, "blob_detector", lambda rig, handle: detector)
@@ -133,6 +136,27 @@ def test_a_row_has_the_time_by_that_of_the_blobs_and_the_error(stand_in):
     assert table["present"].tolist() == [True, True, False]
     np.testing.assert_allclose(table["mm"], [1.0, np.nan, np.inf])
     np.testing.assert_allclose(table["deg"], [0.0, np.nan, np.inf], atol=1e-6)
+
+
+def test_each_draw_is_followed_for_itself(stand_in):
+    table = followed(stand_in, "stand-in", draws=2)
+    assert table["frame"].tolist() == [0, 0, 1, 1, 2, 2]
+    assert table["draw"].tolist() == [0, 1] * 3
+    np.testing.assert_allclose(table["ms"], [3.0, 7.0, 5.0, 1.0, 2.0, 4.0])
+    np.testing.assert_allclose(table["ratio"], table["ms"] / 2)  # the blobs' of the first draw
+    # a follower's number is its own: the third pose is that of the third instant
+    np.testing.assert_allclose(table["mm"], [1.0, 1.0, np.nan, np.nan, np.inf, np.inf])
+
+
+def test_the_draws_of_an_instant_have_noise_of_their_own():
+    job = job_of(Film("task", 10.0, 0, 1))
+    (instant,) = taken(job, 3)
+    first, second, third = (images[0].astype(float) for images in instant)
+    np.testing.assert_array_equal(first, take(job, 0, 0))
+    # two draws of noise, of some grey levels each
+    for a, b in ((first, second), (second, third)):
+        assert abs(np.mean(a - b)) < 0.05
+        assert 1.5 < np.std(a - b) / np.sqrt(2) < 6
 
 
 @pytest.mark.parametrize(("method", "most_mm"), [("patches", 0.1), ("paper's chain", 1.0)])

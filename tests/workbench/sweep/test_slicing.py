@@ -276,6 +276,45 @@ def test_every_chapter_in_part_gives_what_it_gives_whole(name, swept):
     assert left  # something is left out
 
 
+@pytest.mark.parametrize(
+    ("name", "swept", "costly"),
+    [
+        ("03_background", "update_rate", ["read_recording('hard'", "lights_of(", "at_rest("]),
+        ("06_matching", "ncc_threshold", ["read_recording('hard'", "identified("]),
+    ],
+)
+def test_the_two_sweeps_of_the_book_do_once_what_costs_most(name, swept, costly):
+    part = slice_notebook(read_notebook(NOTEBOOKS / f"{name}.ipynb"), [swept])
+    once, each = (statements(notebook) for notebook in (part.once, part.each))
+    for call in costly:
+        assert any(call in statement for statement in once)
+        assert not any(call in statement for statement in each)
+    assert not any("show_applet(" in statement for statement in once + each)
+
+
+def statements(notebook):
+    """The source of each statement of a notebook but for functions."""
+    return [
+        ast.unparse(statement)
+        for cell in notebook.cells
+        if cell.cell_type == "code"
+        for statement in ast.parse(cell.source).body
+        if not isinstance(statement, ast.FunctionDef)
+    ]
+
+
+def test_the_keys_of_a_dictionary_are_nothing_that_a_change_of_its_values_changes(tmp_path):
+    once, each, _ = parts(
+        tmp_path,
+        "pairs = [(0, 1), (1, 2)]\nfound = {pair: [] for pair in pairs}",
+        "for pair in pairs:\n    found[pair].append(a)",
+        "n = len(pairs)",
+        glued(n="n", found="len(found)"),
+    )
+    assert once[2] == "n = len(pairs)"
+    assert each[1].startswith("for pair in pairs")
+
+
 def test_the_source_of_a_part_is_python():
     for path in sorted(NOTEBOOKS.glob("*.ipynb")):
         notebook = nbformat.read(path, as_version=4)

@@ -1,16 +1,16 @@
 // A Python session in a Web Worker on Pyodide, for hosts that have a release of it beside the pages.
-// It speaks the protocol of runtime.js, as wasi.js does.
+// It answers the messages of runtime.js, as wasi.js does.
 import { doorFor } from './door.js';
+import { answerBy, written } from './messages.js';
 import { unzip } from './unzip.js';
 
 let python = null;
 
 function stream(name) {
-    const decoder = new TextDecoder('utf-8');
+    const take = written(name);
     return {
         write(bytes) {
-            const text = decoder.decode(bytes.slice(), { stream: true });
-            postMessage({ kind: 'output', output: { type: name, text } });
+            take(bytes);
             return bytes.length;
         },
     };
@@ -49,6 +49,7 @@ async function start({ base, about, say }) {
     });
     const answer = await doorFor(at('files/opencv.js.gz'), say);
     python.registerJsModule('_host', { call: frame => answer(frame) });
+    return null;
 }
 
 function turn(source) {
@@ -61,22 +62,4 @@ function turn(source) {
     }
 }
 
-self.onmessage = async ({ data }) => {
-    const { id, kind } = data;
-    const done = (value = null) => postMessage({ id, kind: 'done', value });
-    try {
-        if (kind === 'start') {
-            await start({ ...data, say: bytes => postMessage({ kind: 'progress', bytes }) });
-            done({ code: turn(data.about.source), module: null });
-        } else if (kind === 'run') {
-            done({ code: turn(data.source), memory: python._module.HEAP8.length });
-        } else if (kind === 'write') {
-            writeFile(data.path, data.bytes);
-            done();
-        } else if (kind === 'read') {
-            done(readFile(data.path));
-        }
-    } catch (error) {
-        postMessage({ id, kind: 'failed', message: String(error?.message ?? error) });
-    }
-};
+answerBy({ start, turn, memory: () => python._module.HEAP8.length, writeFile, readFile });

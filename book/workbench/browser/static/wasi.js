@@ -1,8 +1,9 @@
 // A Python session in a Web Worker: CPython as one WebAssembly file, on a shim for WASI.
-// It speaks the protocol of runtime.js. A turn is one call into the file's `turn`; the session's
+// It answers the messages of runtime.js. A turn is one call into the file's `turn`; the session's
 // variables stay between turns. Python asks this side through `host.call`, the file's one door.
 import { ConsoleStdout, Directory, File, OpenFile, PreopenDirectory, WASI } from './wasi/index.js';
 import { doorFor } from './door.js';
+import { answerBy, written } from './messages.js';
 import { unzip } from './unzip.js';
 
 const LIBRARY = 'python315.zip';
@@ -118,9 +119,7 @@ class WritableFolder extends PreopenDirectory {
 }
 
 function stream(name) {
-    const decoder = new TextDecoder('utf-8');
-    return new ConsoleStdout(bytes =>
-        postMessage({ kind: 'output', output: { type: name, text: decoder.decode(bytes.slice(), { stream: true }) } }));
+    return new ConsoleStdout(written(name));
 }
 
 /** Load everything and start Python; `module` is the compiled file, where another worker has it. */
@@ -177,24 +176,4 @@ function turn(source) {
     return exports.turn(place, bytes.length);
 }
 
-self.onmessage = async ({ data }) => {
-    const { id, kind } = data;
-    const done = (value = null) => postMessage({ id, kind: 'done', value });
-    try {
-        if (kind === 'start') {
-            const say = bytes => postMessage({ kind: 'progress', bytes });
-            const module = await start({ ...data, say });
-            const code = turn(data.about.source);
-            postMessage({ id, kind: 'done', value: { code, module } });
-        } else if (kind === 'run') {
-            done({ code: turn(data.source), memory: exports.memory.buffer.byteLength });
-        } else if (kind === 'write') {
-            writeFile(data.path, data.bytes);
-            done();
-        } else if (kind === 'read') {
-            done(readFile(data.path));
-        }
-    } catch (error) {
-        postMessage({ id, kind: 'failed', message: String(error?.message ?? error) });
-    }
-};
+answerBy({ start, turn, memory: () => exports.memory.buffer.byteLength, writeFile, readFile });
