@@ -11,6 +11,7 @@ import logging
 import shutil
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor, wait
+from contextlib import ExitStack
 from dataclasses import dataclass
 from itertools import chain
 from pathlib import Path
@@ -25,6 +26,7 @@ from ..checks import Array, as_number, frozen
 from ..handle import Handle
 from . import recorder
 from .devices import Source, Taken, drain, instants_of, open_source
+from .kept import locked
 from .rigs import read_handle, read_rig
 
 __all__ = ["HAND_MM_S", "Captured", "Writer", "begin_new", "capture", "side_by_side", "timing"]
@@ -113,6 +115,7 @@ def capture(
     if partial.exists():
         raise _unfinished(partial)
     sources: list[Source] = []
+    held = ExitStack()
     try:
         for name, wanted in sizes.items():
             sources.append(open_source(name, cameras[name], wanted, fps))
@@ -120,6 +123,7 @@ def capture(
         stream = instants_of(sources, None if the_rig is None else sizes)
         first = next(stream)  # so that what does not fit is found before there is a folder
         begin_new(out, partial, the_rig or list(sizes), the_handle)
+        held.enter_context(locked(partial))
         log.info(
             "recording to %s; Ctrl-C ends it%s",
             out,
@@ -127,11 +131,12 @@ def capture(
         )
         writer = Writer(partial, list(sizes), preview)
         error = _record(chain([first], stream), writer, limit)
+        live = sum(not source.period_s for source in sources)
+        return _concluded(out, partial, writer, error, live)
     finally:
+        held.close()
         for source in sources:
             source.device.release()
-    live = sum(not source.period_s for source in sources)
-    return _concluded(out, partial, writer, error, live)
 
 
 class Writer:
@@ -282,7 +287,14 @@ def begin_new(
 
 
 def _unfinished(partial: Path) -> ValueError:
-    return ValueError(f"{partial}: an unfinished recording; keep it by another name, or remove it")
+    """What is wrong with a recording where there is one already, unfinished or still growing."""
+    try:
+        with locked(partial):
+            return ValueError(
+                f"{partial}: an unfinished recording; keep it by another name, or remove it"
+            )
+    except ValueError as error:
+        return error
 
 
 def _record(stream: Iterable[Taken], writer: Writer, limit_s: float) -> Exception | None:

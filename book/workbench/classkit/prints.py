@@ -64,7 +64,8 @@ def _draw(ax: Axes, shape: Shape, order: int) -> None:
         case Words(place, text, points, centred, code, turned):
             ax.text(
                 *place,
-                text,
+                # a file's name may have bytes that this locale has not decoded
+                text.encode(errors="surrogateescape").decode(errors="replace"),
                 fontsize=points,
                 family="DejaVu Sans Mono" if code else "DejaVu Sans",
                 ha="center" if centred else "left",

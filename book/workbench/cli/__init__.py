@@ -18,6 +18,7 @@ import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from datetime import datetime
+from io import TextIOWrapper
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -70,6 +71,7 @@ atexit.register(gc.freeze)
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run a command and return the exit code."""
+    _fit_for_all_words()
     arguments = parser().parse_args(argv)
     arguments.line = shlex.join(["trinolab", *(sys.argv[1:] if argv is None else argv)])
     logging.basicConfig(format="%(message)s", level=logging.INFO, handlers=[Quiet(sys.stderr)])
@@ -96,6 +98,20 @@ def main(argv: Sequence[str] | None = None) -> int:
             file=sys.stderr,
         )
         return 130
+
+
+def _fit_for_all_words() -> None:
+    """Make the standard streams fit for every text, and those that are closed fit for use.
+
+    A closed one would also leave its number to the next file that is opened, into which libraries then
+    write their warnings.
+    """
+    for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
+        if getattr(sys, name) is None:
+            setattr(sys, name, open(os.devnull, mode))  # noqa: SIM115, as long as the process lives
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, TextIOWrapper):  # names of files may have what a terminal cannot show
+            stream.reconfigure(errors="backslashreplace")
 
 
 def _what_is_wrong(error: Exception) -> str:

@@ -18,6 +18,7 @@ from trinolab.files import capture as files_capture
 from trinolab.files import devices, outputs, recorder
 from trinolab.files.capture import Captured, capture, side_by_side, timing
 from trinolab.files.devices import drain, instants_of, open_source
+from trinolab.files.kept import locked
 from trinolab.files.recording import instants, open_folder, read_timestamps
 from trinolab.files.rigs import write_rig
 from workbench import cli
@@ -345,6 +346,30 @@ def test_what_does_not_fit_leaves_no_folder(cameras, folder, images):
         with pytest.raises(ValueError, match=message):
             capture(**{"cameras": VIDEOS, "out": "r", "rig": "rig.toml", **change})
         assert sorted(folder.rglob("*")) == before, message
+
+
+def test_a_recording_that_still_grows_is_not_called_unfinished(cameras, tmp_path):
+    (tmp_path / "r.partial").mkdir()
+    with (
+        locked(tmp_path / "r.partial"),
+        pytest.raises(ValueError, match=r"r\.partial: another process works on it$"),
+    ):
+        capture(TWO, tmp_path / "r")
+
+
+def test_it_is_kept_for_this_process_while_it_grows(cameras, tmp_path):
+    """As a second command sees it with the third instant."""
+    seen = []
+
+    def second():
+        try:
+            capture(TWO, tmp_path / "r")
+        except ValueError as error:
+            seen.append(str(error))
+
+    cameras[0].at[3] = second
+    capture(TWO, tmp_path / "r", seconds=0.2)
+    assert seen == [f"{tmp_path / 'r.partial'}: another process works on it"]
 
 
 def test_a_folder_that_another_process_makes_meanwhile_is_left_alone(cameras, tmp_path):

@@ -262,6 +262,34 @@ def test_who_has_seen_enough_of_an_answer_is_not_told_so():
         assert ended(process) == (0, [])
 
 
+@pytest.mark.slow
+@pytest.mark.usefixtures("folder")
+def test_names_that_a_locale_cannot_show_do_not_end_a_command():
+    """In ASCII a name's bytes stay undecoded; they are printed as what Python calls them."""
+    ascii_only = os.environ | {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONIOENCODING": "ascii"}
+    for line, said in (
+        (MEASURE.replace("poses.csv", "p\u00e4.csv"), rb"written to p\udcc3\udca4.csv"),
+        ("kit --handle handle.toml --out k\u00e4.pdf", rb"k\udcc3\udca4.pdf: print it"),
+    ):
+        command = [sys.executable, "-m", "trinolab", *map(os.fsencode, shlex.split(line))]
+        done = subprocess.run(command, env=ascii_only, capture_output=True)
+        assert done.returncode == 0
+        assert b"codec" not in done.stderr
+        assert said in done.stdout
+    assert {"p\u00e4.csv", "k\u00e4.pdf"} <= {path.name for path in Path().iterdir()}
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("folder")
+@pytest.mark.parametrize("closed", ["<&- >&-", "<&- >&- 2>&-"])
+def test_closed_streams_change_nothing(closed):
+    for line, codes in ((MEASURE, (0,)), ("clear", (0, 2))):
+        shell = f"{shlex.quote(sys.executable)} -m trinolab {line} {closed}"
+        done = subprocess.run(shell, shell=True, capture_output=True, text=True)
+        assert "Traceback" not in done.stderr
+        assert done.returncode in codes
+
+
 # --- help
 
 
