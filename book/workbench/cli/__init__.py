@@ -438,6 +438,8 @@ def _render(a: argparse.Namespace) -> int:
 
 
 def _teleop(a: argparse.Namespace) -> int:
+    recording = a.folder or a.older
+    _open_first(a, [] if recording is None else [recording])
     with _loading():
         from ..teleop.teleoperate import recorded, simulated, teleoperate
 
@@ -448,7 +450,7 @@ def _teleop(a: argparse.Namespace) -> int:
     source = (
         simulated(a.rig, a.handle, a.seconds, a.seed)
         if a.live_simulation
-        else recorded(a.folder or a.older, a.rig, a.handle)
+        else recorded(recording, a.rig, a.handle)
     )
     done = teleoperate(
         source,
@@ -494,11 +496,13 @@ def _bag(a: argparse.Namespace) -> int:
 
 
 def _live(a: argparse.Namespace) -> int:
+    recording = a.folder or a.older
+    _open_first(a, [] if recording is None else [recording])
     with _loading():
         from ..live.command import chosen, live, show
 
     cameras = _named(a.camera or [], "--camera", "NAME=INDEX, as ccd1=0, or NAME=VIDEO")
-    source = chosen(cameras, a.folder or a.older, a.rig, a.handle, a.fps)
+    source = chosen(cameras, recording, a.rig, a.handle, a.fps)
 
     with ExitStack() as shown:
 

@@ -463,6 +463,8 @@ def test_a_refusal_loads_neither_the_tracker_nor_figures():
         "track none --out poses.csv",
         "refine none --out refined",
         "preflight none",
+        "teleop none --out session",
+        "live none",
         "bag none --out bag",
         "kit --handle coded --diameter -3 --out kit.pdf",
         "accept none --rig raised_40deg --handle coded --out sheet",
