@@ -221,6 +221,8 @@ def synchronised(
     problem = _Problem(target, measured, start.lenses.size if held else 0, motion)
     try:
         plain = problem.fit(start, np.empty(0), 0.0)
+        if not plain.cost > 0:  # points without any noise
+            return None
         timed, s = _most_likely(problem, start)
         cost_of_delays = len(found.cameras)  # the delays of all but the first, and s
         if problem.schwarz(timed, s, cost_of_delays) >= problem.schwarz(plain, 0.0, 0):
