@@ -28,7 +28,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg import block_diag, null_space
 from scipy.spatial.transform import RigidTransform
-from scipy.special import fdtri
+from scipy.special import chdtri, fdtri
 
 from ..camera import Rig
 from ..checks import Array
@@ -47,10 +47,14 @@ from ..uncertainty.systematic import (
     pixel_slopes,
     systematic_covariance,
 )
+from ..uncertainty.usual import known_covariance
 
 __all__ = ["Honest", "Residuals", "honest"]
 
 FREE = 1e-3  # share of an offset below which it does not show beside a pose
+# A pose is corrected only where what is left within the images is no more than noise makes in seven of
+# ten: where a shutter rolls, the handle's size is wrong, and no error of the rig.
+FITS = 0.3
 # A pose whose images contradict each other is refused if this many standard deviations are more.
 REFUSED_SIGMAS = 2.0
 MOST_MM, MOST_RAD = 2.0, np.deg2rad(5.0)
@@ -102,11 +106,12 @@ def honest(
     rig, handle
         What their errors explain is no contradiction.
     """
+    is_at_fault = not known_covariance(rig).doubted
     rig = settled(found, left, T_world_handle, rig, handle)
-    scale, between = _contradictions(found, left, T_world_handle, rig, handle)
+    scale, between, fits = _contradictions(found, left, T_world_handle, rig, handle)
     answers, T = found, T_world_handle
     # where images contradict each other, what is wrong may be no error of the rig
-    if is_uncertain(rig, handle) and not between:
+    if is_uncertain(rig, handle) and is_at_fault and not between and fits:
         answers, step, noise = _corrected(found, left, scale, T, rig, handle)
         T = shifted(T, step)
         covariance = covariance + noise
@@ -116,7 +121,7 @@ def honest(
     if contradicted:
         rig = doubted(found, left, T_world_handle, rig, handle)
         unexplained = systematic_covariance(answers, rig, handle) - systematic
-        scale, _ = _contradictions(found, left, T_world_handle, rig, handle)
+        scale, _, _ = _contradictions(found, left, T_world_handle, rig, handle)
     own = covariance if scale == 1 else scale * covariance
     total = own + unexplained if between else own
     sigmas = np.sqrt([np.trace(total[:3, :3]), np.trace(total[3:, 3:])])
@@ -162,13 +167,13 @@ def _corrected(
 
 def _contradictions(
     found: Response, left: Residuals, T_world_handle: RigidTransform, rig: Rig, handle: Handle
-) -> tuple[float, bool]:
-    """The scale of the covariance, 1 without a contradiction within the images, and whether there is
-    one between them.
+) -> tuple[float, bool, bool]:
+    """The scale of the covariance, 1 without a contradiction within the images; whether there is one
+    between them; and whether what is left within them fits the noise well (`FITS`).
     """
     used = left.information.any(axis=(1, 2))
     if not used.any():
-        return 1.0, False
+        return 1.0, False, False
     seen = Response(found.gain[:, used], *(part[used] for part in found[1:]))
     V = block_diag(*np.linalg.inv(left.information[used])) + known_errors(seen, rig, handle)
     by_pose = motion_slopes(rig, seen.camera, seen.points, T_world_handle.translation)
@@ -188,7 +193,9 @@ def _contradictions(
     freedom = 2 * int(used.sum()) - 6 - count
     scale = within / freedom if contradict(within, freedom) else 1.0
     shows = freedom > 0 and count > 0
-    return scale, bool(shows and between > count * scale * fdtri(count, freedom, 1 - CHANCE))
+    fits = freedom > 0 and within < chdtri(freedom, FITS)
+    is_between = shows and between > count * scale * fdtri(count, freedom, 1 - CHANCE)
+    return scale, bool(is_between), bool(fits)
 
 
 def _offsets_that_show(T_world_handle: RigidTransform, rig: Rig) -> Array:

@@ -123,7 +123,7 @@ def reconciled(
     known = scale * stated.matrix
     gain = known @ shifts.T @ prior
     learnt = gain @ (scale * before - fit.covariance[0]) @ gain.T
-    remaining = RigCovariance(rig.names, known - (learnt + learnt.T) / 2, freedom)
+    remaining = replace(stated, matrix=known - (learnt + learnt.T) / 2, freedom=freedom)
     T = placed(fit.poses.translations[0], fit.poses.rotations[0])
     return replace(displaced(rig, gain @ fit.size[0]), covariance=remaining), T
 
@@ -163,7 +163,8 @@ def _doubted(rig: Rig, handle: Handle, uv: Array, poses: Poses, p: IdentityParam
         return rig
     variances = np.zeros((len(rig.cameras), len(CAMERA_PARAMETERS)))
     variances[:, PRINCIPAL_POINT] = float(size @ size) / m
-    return replace(rig, covariance=RigCovariance(rig.names, np.diag(variances.ravel()), m))
+    covariance = RigCovariance(rig.names, np.diag(variances.ravel()), m, doubted=True)
+    return replace(rig, covariance=covariance)
 
 
 def fit_with_offsets(
