@@ -92,6 +92,7 @@ def honest(
     T_world_handle: RigidTransform,
     rig: Rig,
     handle: Handle,
+    corrects: bool = True,
 ) -> Honest:
     """The covariances of a pose by what is known of rig and layout, and by what contradicts.
 
@@ -105,13 +106,17 @@ def honest(
     T_world_handle : RigidTransform
     rig, handle
         What their errors explain is no contradiction.
+    corrects : bool
+        Whether the pose is corrected by what is left over. Of a handle that is followed it is not: its
+        errors by the rig stay the same from instant to instant, and the noise of what is left over
+        would shake it.
     """
     is_at_fault = not known_covariance(rig).doubted
     rig = settled(found, left, T_world_handle, rig, handle)
     scale, between, fits = _contradictions(found, left, T_world_handle, rig, handle)
     answers, T = found, T_world_handle
     # where images contradict each other, what is wrong may be no error of the rig
-    if is_uncertain(rig, handle) and is_at_fault and not between and fits:
+    if corrects and is_uncertain(rig, handle) and is_at_fault and not between and fits:
         answers, step, noise = _corrected(found, left, scale, T, rig, handle)
         T = shifted(T, step)
         covariance = covariance + noise

@@ -192,6 +192,7 @@ def fit_patches(
     motion_blur: tuple[Array, Array] | None = None,
     smear_above: float = np.inf,
     is_far: bool = False,
+    corrects: bool = True,
 ) -> Fit | None:
     """Improve a pose by the pixels about all markers that it shows.
 
@@ -215,6 +216,9 @@ def fit_patches(
         none.
     is_far : bool
         Whether the start of a handle that moves may be several pixels off: coarse cells come first.
+    corrects : bool
+        Whether the pose is corrected by what its residuals say of rig and layout, see
+        `contradiction.honest`.
 
     Returns
     -------
@@ -223,7 +227,7 @@ def fit_patches(
     """
     if motion_blur is not None:
         rounds = (COARSE, FINE) if is_far else (FINE,)
-        return _moving_fit(images, rig, handle, start, max_slant_deg, motion_blur, rounds)
+        return _moving_fit(images, rig, handle, start, max_slant_deg, motion_blur, rounds, corrects)
     about_markers = patches(images, rig, handle, start, max_slant_deg)
     kinds = [about_markers]
     if outline:
@@ -234,7 +238,8 @@ def fit_patches(
         taken = _stepped(_glossy(taken), kinds, rig, handle, MOST_STEPS)
     if taken is None:
         return None
-    return _fit_of(_concluded(taken, kinds, rig), taken.after[0], rig, handle, smear_above)
+    last = _concluded(taken, kinds, rig)
+    return _fit_of(last, taken.after[0], rig, handle, corrects, smear_above)
 
 
 def _moving_fit(
@@ -245,6 +250,7 @@ def _moving_fit(
     max_slant_deg: float,
     motion_blur: tuple[Array, Array],
     rounds: Sequence[Round],
+    corrects: bool,
 ) -> Fit | None:
     """The fit of a handle that moves while the shutter is open, in rounds: the windows of each lie
     where the one before has the markers.
@@ -263,7 +269,7 @@ def _moving_fit(
     if stepped is None:
         return None
     taken, windows = stepped
-    return _fit_of(_concluded(taken, [windows], rig), taken.after[0], rig, handle)
+    return _fit_of(_concluded(taken, [windows], rig), taken.after[0], rig, handle, corrects)
 
 
 def _moving_round(
@@ -325,7 +331,12 @@ def _has_settled(taken: _Taken, last: _Taken, about_markers: Patches, handle: Ha
 
 
 def _fit_of(
-    last: _Step, after: State, rig: Rig, handle: Handle, smear_above: float = np.inf
+    last: _Step,
+    after: State,
+    rig: Rig,
+    handle: Handle,
+    corrects: bool,
+    smear_above: float = np.inf,
 ) -> Fit:
     """What the last step says: the pose with its covariance, and which views show a marker."""
     T = after.T_world_handle
@@ -348,7 +359,8 @@ def _fit_of(
     freedom = 2 * int(visible.sum()) - 6
     if is_uncertain(rig, handle) or contradict(chi_square[visible].sum() / spread, freedom):
         answers = _response(last, rig, T)
-        return counted(fit, answers, _residuals(last, rig, T, visible / spread), rig, handle)
+        residuals = _residuals(last, rig, T, visible / spread)
+        return counted(fit, answers, residuals, rig, handle, corrects)
     return fit
 
 
@@ -524,11 +536,18 @@ def judged_fit(
     return Fit(T_world_handle, covariance, views, misfit(at), shown, residual)
 
 
-def counted(fit: Fit, answers: Response, residuals: Residuals, rig: Rig, handle: Handle) -> Fit:
-    """A fit with the errors of rig and layout, and its views' contradictions, in its covariances, and
-    its pose corrected by them.
+def counted(
+    fit: Fit,
+    answers: Response,
+    residuals: Residuals,
+    rig: Rig,
+    handle: Handle,
+    corrects: bool = True,
+) -> Fit:
+    """A fit with the errors of rig and layout, and its views' contradictions, in its covariances; if
+    `corrects`, with a pose that is corrected by them.
     """
-    whole = honest(fit.covariance, answers, residuals, fit.T_world_handle, rig, handle)
+    whole = honest(fit.covariance, answers, residuals, fit.T_world_handle, rig, handle, corrects)
     return fit._replace(
         T_world_handle=whole.T_world_handle,
         covariance=whole.covariance,

@@ -270,7 +270,15 @@ def _fitted_still(
     may_move = _may_move(guess, p)
     start = guess.motion.pose if instant is None else instant.T_world_handle
     smear_above = p.still_misfit if may_move else np.inf
-    fit = fit_patches(images, rig, handle, start, p.max_slant_deg, smear_above=smear_above)
+    fit = fit_patches(
+        images,
+        rig,
+        handle,
+        start,
+        p.max_slant_deg,
+        smear_above=smear_above,
+        corrects=False,
+    )
     if may_move and not _still(fit, p):
         # where hardly a marker fits its smear is not known, and may be long
         smear_px = np.inf if fit is None or fit.shown.sum() < 4 else fit.smear_px
@@ -323,6 +331,7 @@ def _moving_fit(
         p.max_slant_deg,
         motion_blur=_expected_blur(motion, p),
         is_far=instant is None,
+        corrects=False,
     )
 
 
