@@ -93,7 +93,8 @@ def drawn_rig(rig: Rig, changed: str, level: float, draw: int) -> Rig:
     changed : {"directions", "places"}
         Principal points and directions of all cameras, or the places of all but the first.
     level : float
-        In units of `CENTRE_PX` and `TURN_DEG`, or of `PLACE_MM`.
+        In units of `CENTRE_PX` and `TURN_DEG`, or of `PLACE_MM`; at 0 it is the true one, as it states
+        itself.
     draw : int
         Which of the directions that an error may have. Cameras that two rigs have in common are off
         by the same.
@@ -101,6 +102,8 @@ def drawn_rig(rig: Rig, changed: str, level: float, draw: int) -> Rig:
     if changed not in (DIRECTIONS, PLACES):
         raise ValueError(f"changed: expected {DIRECTIONS} or {PLACES}, got {changed!r}")
     s = as_number(level, "level", low=0.0)
+    if s == 0:
+        return rig
     rng = np.random.default_rng([SEED, draw])
     if changed == DIRECTIONS:
         return miscalibrated(rig, s * CENTRE_PX, s * TURN_DEG, rng)
