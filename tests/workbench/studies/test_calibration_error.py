@@ -267,14 +267,20 @@ def predicted(rig):
     return np.linalg.norm(errors[..., :3], axis=2).mean()
 
 
-@pytest.mark.parametrize(("level", "off_by"), [(0.5, 0.05), (1.0, 0.05)])
+@pytest.mark.parametrize("level", [3.0, 5.0])
 @pytest.mark.parametrize("rig", study.RIGS)
-def test_measured_slope_is_that_of_the_pinhole(rig, level, off_by):
-    """Where all points are moved together, geometry decides. How far the handle turns depends on
-    what a fit trusts most: the image model weighs its windows, the theory all pixels alike.
+def test_measured_slope_is_that_of_the_pinhole(rig, level):
+    """Where all points are moved together, geometry decides. The paper's method takes what it gets;
+    its own error is small beside this.
     """
-    row = shipped(rig, BEST).loc[level]
-    assert row["E_t_mm"] / level == pytest.approx(predicted(load_rig(rig)), rel=off_by)
+    row = shipped(rig, "paper").loc[level]
+    assert row["E_t_mm"] / level == pytest.approx(predicted(load_rig(rig)), rel=0.05)
+
+
+@pytest.mark.parametrize(("rig", "share"), [("paper_pair", 0.4), ("raised_40deg", 0.7)])
+def test_a_pose_that_is_corrected_by_its_residuals_is_better_than_geometry_says(rig, share):
+    row = shipped(rig, BEST).loc[1.0]
+    assert row["E_t_mm_high"] < share * predicted(load_rig(rig))
 
 
 # --- the command
