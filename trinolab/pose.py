@@ -22,7 +22,7 @@ from .triangulation import (
     triangulation_slopes,
 )
 from .uncertainty.centroids import NOISE_PX, centroid_covariance, common_bias
-from .uncertainty.size import Residuals, settled
+from .uncertainty.size import equally_seen, settled
 from .uncertainty.systematic import NOTHING, Response, is_uncertain, response, systematic_covariance
 
 __all__ = [
@@ -367,7 +367,8 @@ def fit_pose(
     systematic = NOTHING
     if is_uncertain(rig, handle):
         answers = _response(fitted, rig, handle)
-        rig_as_seen = settled(answers, _left(fitted, answers, rig, sigma_px), T, rig, handle)
+        left = equally_seen(_residuals_px(fitted, answers, rig), sigma_px)
+        rig_as_seen = settled(answers, left, T, rig, handle)
         systematic = systematic_covariance(answers, rig_as_seen, handle)
     return measured_pose(T, covariance, uv_used, used, rig, handle, systematic)
 
@@ -383,24 +384,21 @@ def pose_of_centroids(uv: Array, rig: Rig, handle: Handle, max_slant_deg: float 
         return LOST
     T, uv_used, used, _ = fitted
     answers = _response(fitted, rig, handle)
-    left = _left(fitted, answers, rig, NOISE_PX)
-    systematic = NOTHING
-    if is_uncertain(rig, handle):
-        left = left._replace(common=common_bias(answers, T, rig, handle))
-        rig = settled(answers, left, T, rig, handle)
-        systematic = systematic_covariance(answers, rig, handle)
-    covariance = centroid_covariance(answers, left.px, T, rig, handle)
-    return measured_pose(T, covariance, uv_used, used, rig, handle, systematic)
+    residuals_px = _residuals_px(fitted, answers, rig)
+    left = equally_seen(residuals_px, NOISE_PX, common_bias(answers, T, rig, handle))
+    rig = settled(answers, left, T, rig, handle)
+    systematic = systematic_covariance(answers, rig, handle)
+    covariance, unexplained = centroid_covariance(answers, residuals_px, T, rig, handle)
+    return measured_pose(T, covariance, uv_used, used, rig, handle, systematic + unexplained)
 
 
-def _left(fitted: _Fitted, answers: Response, rig: Rig, sigma_px: float) -> Residuals:
-    """What is left of the centroids that a pose answers to."""
+def _residuals_px(fitted: _Fitted, answers: Response, rig: Rig) -> Array:
+    """What is left of the centroids that a pose answers to, (k, 2)."""
     predicted = np.empty_like(answers.points[:, :2])
     for c, camera in enumerate(rig.cameras):
         mine = answers.camera == c
         predicted[mine] = image_of(camera, answers.points[mine])
-    information = np.broadcast_to(np.eye(2) / sigma_px**2, (len(predicted), 2, 2))
-    return Residuals(fitted.uv[answers.camera, answers.marker] - predicted, information)
+    return np.asarray(fitted.uv[answers.camera, answers.marker] - predicted)
 
 
 def fit_response(uv: Array, rig: Rig, handle: Handle, max_slant_deg: float = 70.0) -> Response:

@@ -24,7 +24,6 @@ from trinolab.camera import Rig, RigCovariance, displaced
 from trinolab.datasets import load_handle, load_rig
 from trinolab.estimators.appearance import Views
 from trinolab.estimators.centroids import CentrePixels, predict_centroids
-from trinolab.estimators.contradiction import Residuals, honest
 from trinolab.estimators.reprojection import fit_pixels, response_of_pixels
 from trinolab.estimators.weighted import honest_fit
 from trinolab.handle import Handle
@@ -37,6 +36,8 @@ from trinolab.parameters import Parameters
 from trinolab.pose import LOST, Pose, fit_pose, weighted_fit
 from trinolab.rigid import motion_between
 from trinolab.triangulation import triangulate_weighted
+from trinolab.uncertainty.contradiction import honest
+from trinolab.uncertainty.size import Residuals
 from trinolab.uncertainty.systematic import pixel_slopes
 
 # principal points (px) and directions (deg) of all cameras, places of the markers (mm)
@@ -148,7 +149,7 @@ def weighted_pose(known: Setup, one: Seen, T: RigidTransform) -> Pose:
     if fit is None:
         return LOST
     covariance = sigma[..., None, None] ** 2 * np.eye(2)
-    centres = CentrePixels(one.centres, sigma, covariance)
+    centres = CentrePixels(one.centres, sigma, covariance, np.zeros_like(covariance))
     return _reported(fit[0], honest_fit(*fit, np.eye(6), centres, *known))
 
 

@@ -20,9 +20,11 @@ from ..handle import Handle
 from ..parameters import Parameters
 from ..pose import LOST, Pose
 from ..rigid import placed, rotation_matrix, rotation_of
+from ..uncertainty.centroids import pulled_alike
+from ..uncertainty.contradiction import honest
+from ..uncertainty.size import Residuals
 from ..uncertainty.systematic import NOTHING, Response, contradict, is_uncertain, slopes_at
 from .appearance import Views
-from .contradiction import Residuals, honest
 from .identified import Identified
 from .imagemodel import (
     Linear,
@@ -64,6 +66,9 @@ __all__ = [
 
 # by so much the image model misplaces a marker of the simulated bench, shading and all
 FLOOR_PX = 0.003
+# Greys that are not as predicted pull a window by so much more than noise of the same chi-square, as a
+# variance: chosen on path-traced frames.
+PULL = 3.0
 MOST_STEPS = 8  # Gauss-Newton steps; two do where two cameras share markers
 # a step that moves all markers by less is the last one: the next would move them by a hundredth
 SETTLED_PX = 0.1
@@ -109,11 +114,11 @@ class Fit(NamedTuple):
     systematic : ndarray, shape (6, 6)
         See `pose.Pose`.
     refused : bool
-        Whether its views contradict each other too much, see `contradiction`.
+        Whether its views contradict each other too much, see `uncertainty.contradiction`.
     answers : Response or None
         Where errors of rig and layout, or contradictions, are counted.
     rig : Rig or None
-        Likewise: with a covariance whose size is settled, see `contradiction.settled`.
+        Likewise: with a covariance whose size is settled, see `uncertainty.size.settled`.
     smear_px : float
         How long the markers are smeared in the camera where that is most: of a handle that moves by
         its motion, of one that is still where it was asked for; else NaN.
@@ -218,7 +223,7 @@ def fit_patches(
         Whether the start of a handle that moves may be several pixels off: coarse cells come first.
     corrects : bool
         Whether the pose is corrected by what its residuals say of rig and layout, see
-        `contradiction.honest`.
+        `uncertainty.contradiction.honest`.
 
     Returns
     -------
@@ -349,6 +354,10 @@ def _fit_of(
     # where the steps ran out, the pose is still off by as many sigmas as the last one was long
     still_off = 0.0 if last.settled else last.sigmas
     covariance = in_world((1 + still_off**2) * spread * inverse(last.information)[:6, :6], T)
+    answers = _response(last, rig, T)
+    pulls = _pulls(last, rig, handle, T)
+    gain = answers.gain.reshape(6, -1)
+    covariance = covariance + gain @ pulls @ gain.T
     residuals_px = still_asked * markers.patches.px_per_mm
     fit = judged_fit(T, covariance, markers.patches.views, markers.model, visible, residuals_px)
     if motion is not None:
@@ -358,10 +367,23 @@ def _fit_of(
         fit = fit._replace(smear_px=_smear_px(last, rig))
     freedom = 2 * int(visible.sum()) - 6
     if is_uncertain(rig, handle) or contradict(chi_square[visible].sum() / spread, freedom):
-        answers = _response(last, rig, T)
-        residuals = _residuals(last, rig, T, visible / spread)
+        residuals = _residuals(last, rig, T, visible / spread)._replace(common=pulls)
         return counted(fit, answers, residuals, rig, handle, corrects)
     return fit
+
+
+def _pulls(last: _Step, rig: Rig, handle: Handle, T_world_handle: RigidTransform) -> Array:
+    """Covariance of all windows' places by greys that are not as predicted, see
+    `centroids.pulled_alike`; the outline has none.
+    """
+    markers = last.markers
+    more = np.maximum(misfit(markers.model) - 1, 0.0)
+    motions = _motions(markers.patches, rig, T_world_handle)
+    noise_px2 = np.linalg.inv(_information_px(markers, motions))
+    pull_px2 = PULL * more[:, None, None] * noise_px2
+    of_markers = pulled_alike(*markers.patches.views, pull_px2, T_world_handle, rig, handle)
+    along_outline = sum(len(part.patches.points) for part in last.parts[1:])
+    return np.pad(of_markers, (0, 2 * along_outline))
 
 
 def _smear_px(last: _Step, rig: Rig) -> float:
@@ -419,14 +441,19 @@ def _residuals(last: _Step, rig: Rig, T: RigidTransform, counts: Array) -> Resid
     windows, _, normal, weight = last.markers
     motions = _motions(windows, rig, T)
     asked = motions.mT @ _asked(normal, _own(last.step, windows.views.camera, rig))[..., None]
-    information = motions.mT @ normal.information[:, :3, :3] @ motions
-    shift = np.linalg.solve(information + 1e-12 * np.eye(2), asked)[..., 0]
+    information = _information_px(last.markers, motions)
+    shift = np.linalg.solve(information, asked)[..., 0]
     information *= (counts * weight)[:, None, None]
     along_outline = sum(len(part.patches.points) for part in last.parts[1:])
     return Residuals(
         np.concatenate([shift, np.zeros((along_outline, 2))]),
         np.concatenate([information, np.zeros((along_outline, 2, 2))]),
     )
+
+
+def _information_px(part: _Part, motions: Array) -> Array:
+    """Information of each window by shifts along u and along v, (k, 2, 2), px^-2, of `_motions`."""
+    return motions.mT @ part.normal.information[:, :3, :3] @ motions + 1e-12 * np.eye(2)
 
 
 def _motions(windows: Patches, rig: Rig, T: RigidTransform) -> Array:

@@ -14,11 +14,11 @@ from ..checks import Array
 from ..handle import Handle
 from ..parameters import Parameters
 from ..pose import Pose
-from ..uncertainty.centroids import centroid_bias, same_column
+from ..uncertainty.centroids import pulled_alike
+from ..uncertainty.size import Residuals
 from ..uncertainty.systematic import Response, contradict, is_uncertain, response
 from .appearance import Views
 from .centroids import predict_centroids, register
-from .contradiction import Residuals
 from .identified import Identified
 from .imagemodel import first_state, has_gloss, inverse, marker_is_shown, marker_shading, misfit
 from .patches import patches
@@ -37,9 +37,6 @@ from .pixels import (
 __all__ = ["fit_centroids", "fit_pixels", "reprojection_pose", "response_of_pixels"]
 
 SETTLED_PX = 0.05  # a shift after which the next one is a fifth of it
-# Greys that are not what the model predicts, smoothly as a highlight's are, pull a centroid further
-# than noise of the same chi-square: the square of that, chosen on path-traced frames.
-PULL = 8.0
 
 
 def fit_centroids(
@@ -80,8 +77,9 @@ def fit_centroids(
         if k + 1 >= least and registered.usual_shift_px < SETTLED_PX:
             break
     answers = response_of_pixels(registered.uv, spread_px, rig, handle, windows.views, T, shading)
-    more_px2 = registered.covariance * np.maximum(misfit(registered.at) - 1, 0.0)[:, None, None]
-    covariance = covariance + _pulled_alike(answers, more_px2, T, rig, handle)
+    pulls = pulled_alike(*windows.views, registered.pull_px2, T, rig, handle)
+    gain = answers.gain.reshape(6, -1)
+    covariance = covariance + gain @ pulls @ gain.T
     residual = registered.uv - predict_centroids(rig, handle, T, windows.views, shading)[0]
     visible = marker_is_shown(registered.at, handle)
     fit = judged_fit(
@@ -91,22 +89,9 @@ def fit_centroids(
     counts = np.asarray(visible & np.isfinite(residual).all(axis=1))
     chi_square = float(np.einsum("ki,kij,kj->", residual[counts], W[counts], residual[counts]))
     if is_uncertain(rig, handle) or contradict(chi_square, 2 * int(counts.sum()) - 6):
-        residuals = Residuals(np.nan_to_num(residual), W * counts[:, None, None])
+        residuals = Residuals(np.nan_to_num(residual), W * counts[:, None, None], pulls)
         return counted(fit, answers, residuals, rig, handle)
     return fit
-
-
-def _pulled_alike(
-    answers: Response, more_px2: Array, T: RigidTransform, rig: Rig, handle: Handle
-) -> Array:
-    """Covariance (6, 6) of a pose by what pulls the centroids of a column around the axis, in all its
-    views alike: greys that are not as predicted, which count as `more_px2` (k, 2, 2) of noise.
-    """
-    around = centroid_bias(answers.camera, answers.marker, T, rig, handle).around
-    around = around / np.linalg.norm(around, axis=1, keepdims=True)
-    size = np.sqrt(PULL * np.einsum("ki,kij,kj->k", around, np.nan_to_num(more_px2), around))
-    by_view = np.einsum("akd,kd->ak", answers.gain, size[:, None] * around)
-    return np.asarray(by_view @ same_column(answers.marker, handle) @ by_view.T)
 
 
 def fit_pixels(

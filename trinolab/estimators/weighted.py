@@ -23,10 +23,12 @@ from ..pose import (
 )
 from ..rigid import motion_between, shifted
 from ..triangulation import triangulate, triangulate_weighted, weighted_slopes
+from ..uncertainty.centroids import pulled_alike
+from ..uncertainty.contradiction import Honest, honest
+from ..uncertainty.size import Residuals
 from ..uncertainty.systematic import NOTHING, contradict, is_uncertain
 from .appearance import Views
 from .centroids import CentrePixels, centre_pixels, predict_centroids
-from .contradiction import Honest, Residuals, honest
 from .identified import Identified
 from .pixels import FLOOR_PX
 
@@ -95,16 +97,20 @@ def honest_fit(
     expected = T.apply(handle.marker_centres)
     residuals = centres.uv - np.stack([camera.project(expected) for camera in rig.cameras])
     seen = np.isfinite(residuals).all(axis=2)
-    chi_square = float(((residuals[seen] / sigma_px[seen, None]) ** 2).sum())
-    if not (is_uncertain(rig, handle) or contradict(chi_square, 2 * int(seen.sum()) - 6)):
-        return Honest(covariance, NOTHING, False, rig, T, None)
     _, covariances = triangulate_weighted(rig, centres.uv, sigma_px)
     by_point = grown @ weighted_fit_gain(handle.marker_centres, T, covariances)
     by_pixel = weighted_slopes(rig, centres.uv, sigma_px)
     response = response_of_points(T, by_point, by_pixel, handle)
     at = response.camera, response.marker
+    pulls = pulled_alike(*at, centres.pull_px2[at], T, rig, handle)
+    gain = response.gain.reshape(6, -1)
+    covariance = covariance + gain @ pulls @ gain.T
+    chi_square = float(((residuals[seen] / sigma_px[seen, None]) ** 2).sum())
+    if not (is_uncertain(rig, handle) or contradict(chi_square, 2 * int(seen.sum()) - 6)):
+        return Honest(covariance, NOTHING, False, rig, T, None)
     information = np.eye(2) / sigma_px[at][:, None, None] ** 2
-    return honest(covariance, response, Residuals(residuals[at], information), T, rig, handle)
+    left = Residuals(residuals[at], information, pulls)
+    return honest(covariance, response, left, T, rig, handle)
 
 
 def _grown(

@@ -21,8 +21,10 @@ comes from one direction for all markers, of which nothing is known.
 What varnish mirrors is narrower: it lies on one column of markers and not on the next, and pulls all
 views of that column around the axis alike. (On path-traced frames of a varnished handle the product
 of the pulls of two neighbouring views is 0.94 of their square, of the two rows of a column 0.95, and
-of a view 40 or 90 deg higher 0.54; 270 to 360 pairs each.) No two columns tell of each other. So it
-grows with the noise, where what is left over is larger than that.
+of a view 40 or 90 deg higher 0.54; 270 to 360 pairs each.) No two columns tell of each other.
+
+How large both pulls are depends on the light and on the varnish, which nobody states. It is hardly
+known, and what is left over tells how large they are (`size`), beside noise of its own size.
 """
 
 from __future__ import annotations
@@ -36,14 +38,9 @@ from scipy.special import j1
 from ..camera import Rig
 from ..checks import Array
 from ..handle import Handle
-from .systematic import (
-    Response,
-    is_uncertain,
-    known_errors,
-    motion_slopes,
-    slopes_at,
-    students_factor,
-)
+from .contradiction import contradictions
+from .size import doubted, equally_seen, likely_size, what_tells
+from .systematic import Response, slopes_at, students_factor
 
 __all__ = [
     "NOISE_PX",
@@ -51,16 +48,16 @@ __all__ = [
     "centroid_bias",
     "centroid_covariance",
     "common_bias",
+    "pulled_alike",
     "same_column",
 ]
 
 NOISE_PX = 0.015  # of a centroid, in each direction, where nothing says that it is more
-# The pull of the light by that of an angle of 45 deg: less than 1, since not all light has one
-# direction. On images of the simulated bench 0.4 would do, on path-traced ones 0.7.
-LIGHT = 0.5
-HIGHLIGHT = (
-    0.6  # the pull of what a column mirrors by that of the light, where there is no more noise
-)
+# The pull of the light by that of an angle of 45 deg, and of what a column mirrors alike: of diffuse
+# light it is little, of a lamp in a dark room more than 1. So it is known with one degree of freedom.
+# Chosen for two renderers, beside 0.3 and 0.27; of a fixed size 0.4 would do for one, 0.7 for the other.
+LIGHT = 0.25
+LIGHT_FREEDOM = 1.0
 
 
 class Bias(NamedTuple):
@@ -112,12 +109,14 @@ def centroid_bias(
 
 def centroid_covariance(
     found: Response, residuals_px: Array, T_world_handle: RigidTransform, rig: Rig, handle: Handle
-) -> Array:
-    """Covariance of a pose by the noise and the bias of the centroids that it was measured from.
+) -> tuple[Array, Array]:
+    """Covariance of a pose by the noise and the bias of the centroids that it was measured from, and
+    by errors of the rig that it does not state.
 
-    The bias stays in the pose: its square belongs to the mean square of the error. The noise, and with
-    it the pull of highlights, is taken to be as large as what pose, bias, rig and layout do not
-    explain, and never below `NOISE_PX`: what is half hidden moves single centroids.
+    The bias stays in the pose: its square belongs to the mean square of the error. The unknown part of
+    it is as large as what is left over makes likely (`size.likely_size`). The noise is taken to be as
+    large as what pose, bias, rig and layout do not explain, and never below `NOISE_PX`: what is half
+    hidden moves single centroids.
 
     Parameters
     ----------
@@ -129,58 +128,82 @@ def centroid_covariance(
 
     Returns
     -------
-    ndarray, shape (6, 6)
-        Of position (mm) and rotation vector (rad), world frame.
+    covariance, unexplained : ndarray, shape (6, 6)
+        Of position (mm) and rotation vector (rad), world frame; the second one is not zero where
+        images contradict each other as a whole, see `contradiction`.
     """
-    columns = _columns(found, T_world_handle, rig, handle)
-    common = columns @ columns.T
-    noise = NOISE_PX**2 * np.eye(residuals_px.size)
-    noise += _highlights(found, T_world_handle, rig, handle)
+    by_slant, by_light = _bias_covariances(found, T_world_handle, rig, handle)
+    seen = found, equally_seen(residuals_px, NOISE_PX, by_slant), T_world_handle, rig, handle
+    told = what_tells(by_light, *seen)
+    size = 1.0 if told is None else likely_size(*told, LIGHT_FREEDOM)
+    bias = by_slant + size * by_light
+    seen = found, equally_seen(residuals_px, NOISE_PX, bias), T_world_handle, rig, handle
+    contradicted = contradictions(*seen)
     freedom = residuals_px.size - 6
-    if freedom > 0:
-        V = common + noise
-        if is_uncertain(rig, handle):
-            V += known_errors(found, rig, handle)
-        chi_square = _left_over(V, residuals_px, found, T_world_handle, rig)
-        noise *= max(students_factor(freedom) * chi_square / freedom, 1.0)
+    larger = max(students_factor(freedom) * contradicted.reduced, 1.0) if freedom > 0 else 1.0
+    noise = larger * NOISE_PX**2 * np.eye(residuals_px.size)
+    doubt = doubted(*seen, distorted=False) if contradicted.between else np.zeros_like(bias)
     gain = found.gain.reshape(6, -1)
-    return np.asarray(gain @ (common + noise) @ gain.T)
+    return gain @ (bias + noise) @ gain.T, gain @ doubt @ gain.T
 
 
 def common_bias(found: Response, T_world_handle: RigidTransform, rig: Rig, handle: Handle) -> Array:
-    """Covariance of the places (2 k, 2 k) by the bias that they have in common, and by the pull of
-    highlights, px^2.
+    """Covariance of the places (2 k, 2 k) by the bias that they have in common, before anything is
+    left over that would tell its size, px^2.
     """
-    columns = _columns(found, T_world_handle, rig, handle)
-    return np.asarray(columns @ columns.T + _highlights(found, T_world_handle, rig, handle))
+    by_slant, by_light = _bias_covariances(found, T_world_handle, rig, handle)
+    return np.asarray(by_slant + students_factor(LIGHT_FREEDOM) * by_light)
+
+
+def _bias_covariances(
+    found: Response, T_world_handle: RigidTransform, rig: Rig, handle: Handle
+) -> tuple[Array, Array]:
+    """The squares of the bias (2 k, 2 k), px^2: by the slant; and one variance of what the light does,
+    to all views and to single columns.
+    """
+    bias = centroid_bias(found.camera, found.marker, T_world_handle, rig, handle)
+    by_slant = bias.foreshortening.ravel()
+    by_lights = bias.light.reshape(-1, 2)
+    around = bias.around.ravel()
+    alike = same_column(found.marker, handle).repeat(2, 0).repeat(2, 1)
+    by_light = by_lights @ by_lights.T + alike * np.outer(around, around)
+    return np.outer(by_slant, by_slant), by_light
+
+
+def pulled_alike(
+    camera: np.ndarray,
+    marker: np.ndarray,
+    pull_px2: Array,
+    T_world_handle: RigidTransform,
+    rig: Rig,
+    handle: Handle,
+) -> Array:
+    """Covariance of places by greys that are not as predicted: smooth ones, as those of a highlight,
+    pull all views of a column around the axis alike.
+
+    Parameters
+    ----------
+    camera, marker : ndarray of int, shape (k,)
+        Of each place.
+    pull_px2 : ndarray, shape (k, 2, 2)
+        Covariance of each place by them, px^2.
+    T_world_handle : RigidTransform
+    rig, handle
+
+    Returns
+    -------
+    ndarray, shape (2 k, 2 k)
+        px^2; u and v of the first place come first.
+    """
+    around = centroid_bias(camera, marker, T_world_handle, rig, handle).around
+    around = around / np.linalg.norm(around, axis=1, keepdims=True)
+    size = np.sqrt(np.einsum("ki,kij,kj->k", around, np.nan_to_num(pull_px2), around))
+    pulls = (size[:, None] * around).ravel()
+    alike = same_column(marker, handle).repeat(2, 0).repeat(2, 1)
+    return np.asarray(alike * np.outer(pulls, pulls))
 
 
 def same_column(marker: np.ndarray, handle: Handle) -> np.ndarray:
     """Which markers (k,) stand in one column with which, bool (k, k)."""
     around = handle.marker_angles[marker]
     return np.asarray(np.isclose(np.cos(around[:, None] - around), 1.0))
-
-
-def _highlights(found: Response, T_world_handle: RigidTransform, rig: Rig, handle: Handle) -> Array:
-    """Covariance of the places (2 k, 2 k) by what each column of markers mirrors, px^2."""
-    around = centroid_bias(found.camera, found.marker, T_world_handle, rig, handle).around.ravel()
-    alike = same_column(found.marker, handle).repeat(2, 0).repeat(2, 1)
-    return HIGHLIGHT**2 * alike * np.outer(around, around)
-
-
-def _columns(found: Response, T_world_handle: RigidTransform, rig: Rig, handle: Handle) -> Array:
-    """The standard deviations of the common bias (2 k, 3), px: by the slant and by two lights."""
-    bias = centroid_bias(found.camera, found.marker, T_world_handle, rig, handle)
-    return np.column_stack([bias.foreshortening.ravel(), bias.light.reshape(-1, 2)])
-
-
-def _left_over(
-    V: Array, residuals_px: Array, found: Response, T_world_handle: RigidTransform, rig: Rig
-) -> float:
-    """Chi-square of residuals with the covariance V that no motion of the handle explains."""
-    by_pose = motion_slopes(rig, found.camera, found.points, T_world_handle.translation)
-    rows = np.column_stack([by_pose.reshape(-1, 6), residuals_px.ravel()])
-    white = np.linalg.solve(np.linalg.cholesky(V), rows)
-    explained = np.linalg.qr(white[:, :6])[0]
-    rest = white[:, 6] - explained @ (explained.T @ white[:, 6])
-    return float(rest @ rest)

@@ -38,9 +38,9 @@ from .systematic import (
     offsets_at,
     students_factor,
 )
-from .usual import known_covariance, usual_covariance
+from .usual import CORNER_SHARE, IMAGE_PX, known_covariance, usual_covariance
 
-__all__ = ["Residuals", "doubted", "settled"]
+__all__ = ["Residuals", "doubted", "equally_seen", "likely_size", "settled", "what_tells"]
 
 # Sizes of a rig's covariance that are asked for their likelihood, by what is assumed.
 SIZES = frozen(np.geomspace(1e-5, 1e5, 101))
@@ -48,7 +48,7 @@ NOISES = frozen(np.geomspace(1.0, 1e3, 25))  # and by how much the noise's varia
 # So many standard deviations hold as large a share of the errors, over all sizes that may be, as they
 # always do. By one of them the middle is right, and a bad rig that happens to agree is far outside: of
 # rigs off by 0.3 px the joint NEES is 9 to 11 for 6. By two it is 3 to 4, and a good one's 3.
-HELD_SIGMAS = 1.4
+HELD_SIGMAS = 1.3
 TOLD = 1.0  # degree of freedom from which on something has been seen of a size
 
 
@@ -68,6 +68,12 @@ class Residuals(NamedTuple):
     px: Array
     information: Array
     common: Array | None = None
+
+
+def equally_seen(px: Array, sigma_px: float, common: Array | None = None) -> Residuals:
+    """Residuals (k, 2) of places that are all seen with the same noise in each direction."""
+    information = np.broadcast_to(np.eye(2) / sigma_px**2, (len(px), 2, 2))
+    return Residuals(px, information, common)
 
 
 def settled(
@@ -95,64 +101,117 @@ def settled(
     known = known_covariance(rig)
     if not np.isfinite(known.freedom):
         return rig
-    exact = replace(rig, covariance=RigCovariance.exact(rig.names))
-    return _with_errors(known, found, left, T_world_handle, exact, handle)
+    size = students_factor(known.freedom)
+    certain = replace(rig, covariance=RigCovariance(rig.names, known.matrix))
+    offsets = offsets_at(certain, T_world_handle.translation)
+    if offsets is not None:
+        shifts = np.kron(np.eye(len(rig.cameras))[found.camera], np.eye(2))
+        errors = shifts @ offsets.covariance @ shifts.T
+        counted_before = shifts @ contradicting(offsets.by_position)
+        exact = replace(rig, covariance=RigCovariance.exact(rig.names))
+        told = what_tells(errors, found, left, T_world_handle, exact, handle, counted_before)
+        if told is not None:
+            held_sigmas = HELD_SIGMAS if known.freedom >= TOLD else 1.0
+            size = likely_size(*told, known.freedom, held_sigmas)
+    return replace(rig, covariance=RigCovariance(rig.names, size * known.matrix))
 
 
 def doubted(
-    found: Response, left: Residuals, T_world_handle: RigidTransform, rig: Rig, handle: Handle
-) -> Rig:
-    """A rig that is contradicted: to what it says of itself come the errors of any rig, of whose size
-    nothing is assumed. Parameters and result as for `settled`.
-    """
-    return _with_errors(usual_covariance(rig), found, left, T_world_handle, rig, handle, doubt=True)
-
-
-def _with_errors(
-    more: RigCovariance,
     found: Response,
     left: Residuals,
     T_world_handle: RigidTransform,
     rig: Rig,
     handle: Handle,
-    doubt: bool = False,
-) -> Rig:
-    """The rig with more errors, of that covariance, as large as they are likely to be.
-
-    In `doubt` nothing is assumed of their size, and all that is left over counts: also offsets of the
+    distorted: bool,
+) -> Array:
+    """Errors of the places of a rig that is contradicted, beside those that it states: those of any
+    rig. Of their size nothing is assumed, and all that is left over counts: also offsets of the
     images, and what the errors do within an image.
+
+    Parameters
+    ----------
+    found, left, T_world_handle, rig, handle
+        As for `settled`.
+    distorted : bool
+        Whether single images contradict themselves: they may be distorted, too.
+
+    Returns
+    -------
+    ndarray, shape (2 k, 2 k)
+        Covariance, px^2; u and v of the first place come first.
     """
-    freedom = 0.0 if doubt else more.freedom
-    held_sigmas = HELD_SIGMAS if freedom >= TOLD else 1.0
-    size = 1.0 if doubt else students_factor(freedom)
+    usual = replace(rig, covariance=RigCovariance(rig.names, usual_covariance(rig).matrix))
+    errors = errors_by_rig(found, usual)
+    if distorted:
+        errors += _distortions(found, rig)
+    told = what_tells(errors, found, left, T_world_handle, rig, handle)
+    size = 1.0 if told is None else likely_size(*told, freedom=0.0)
+    return size * errors
+
+
+def _distortions(found: Response, rig: Rig) -> Array:
+    """Covariance of the places (2 k, 2 k) by a linear distortion of each image of the handle, as a
+    shutter that rolls makes it of a handle that moves: as large at the places as what a usual
+    calibration does to single points, px^2.
+    """
+    k = len(found.points)
+    alike = np.zeros((k, k))
+    for c in np.unique(found.camera):
+        mine = np.flatnonzero(found.camera == c)
+        uv = rig.cameras[c].project(found.points[mine])
+        aside = uv - uv.mean(axis=0)
+        alike[np.ix_(mine, mine)] = aside @ aside.T / max((aside**2).sum() / len(mine), 1e-9)
+    return np.asarray((CORNER_SHARE * IMAGE_PX) ** 2 * np.kron(alike, np.eye(2)))
+
+
+def what_tells(
+    errors: Array,
+    found: Response,
+    left: Residuals,
+    T_world_handle: RigidTransform,
+    rig: Rig,
+    handle: Handle,
+    explained: Array | None = None,
+) -> tuple[Array, Array] | None:
+    """What the places tell of the size of errors that come to those of rig and layout.
+
+    Parameters
+    ----------
+    errors : ndarray, shape (2 k, 2 k)
+        Covariance of the places by the errors, px^2, up to its size.
+    found, left, T_world_handle, rig, handle
+        As for `settled`.
+    explained : ndarray, shape (2 k, n), optional
+        Shifts of the places that tell nothing of it, as a motion of the handle does not.
+
+    Returns
+    -------
+    spread : ndarray, shape (n, n)
+        Covariance by the errors of n numbers, in which all else has a variance of 1.
+    rest : ndarray, shape (n,)
+        The numbers. None instead of both where no place counts.
+    """
     used = left.information.any(axis=(1, 2))
-    certain = replace(rig, covariance=RigCovariance(rig.names, more.matrix))
-    offsets = offsets_at(certain, T_world_handle.translation)
-    if used.any() and offsets is not None:
-        seen = Response(found.gain[:, used], *(part[used] for part in found[1:]))
-        others = block_diag(*np.linalg.inv(left.information[used]))
-        others += known_errors(seen, rig, handle)
-        if left.common is not None:
-            rows = used.repeat(2)
-            others += left.common[np.ix_(rows, rows)]
-        moves = motion_slopes(rig, seen.camera, seen.points, T_world_handle.translation)
-        explained = moves.reshape(-1, 6)
-        if doubt:
-            by_rig = errors_by_rig(seen, certain)
-        else:
-            shifts = np.kron(np.eye(len(rig.cameras))[seen.camera], np.eye(2))
-            by_rig = shifts @ offsets.covariance @ shifts.T
-            explained = np.hstack([explained, shifts @ contradicting(offsets.by_position)])
-        root = np.linalg.cholesky(others)
-        free = null_space(np.linalg.solve(root, explained).T).T
-        rest = np.linalg.solve(root, left.px[used].ravel())
-        spread = np.linalg.solve(root, np.linalg.solve(root, by_rig).T)
-        size = _likely_size(free @ spread @ free.T, free @ rest, freedom, held_sigmas)
-    total = known_covariance(rig).matrix + size * more.matrix
-    return replace(rig, covariance=RigCovariance(rig.names, total))
+    if not used.any():
+        return None
+    rows = used.repeat(2)
+    seen = Response(found.gain[:, used], *(part[used] for part in found[1:]))
+    others = block_diag(*np.linalg.inv(left.information[used])) + known_errors(seen, rig, handle)
+    if left.common is not None:
+        others += left.common[np.ix_(rows, rows)]
+    moves = motion_slopes(rig, seen.camera, seen.points, T_world_handle.translation)
+    others_explain = moves.reshape(-1, 6)
+    if explained is not None:
+        others_explain = np.hstack([others_explain, explained[rows]])
+    root = np.linalg.cholesky(others)
+    free = null_space(np.linalg.solve(root, others_explain).T).T
+    rest = np.linalg.solve(root, left.px[used].ravel())
+    by_errors = errors[np.ix_(rows, rows)]
+    spread = np.linalg.solve(root, np.linalg.solve(root, by_errors).T)
+    return free @ spread @ free.T, free @ rest
 
 
-def _likely_size(spread: Array, rest: Array, freedom: float, held_sigmas: float = 1.0) -> float:
+def likely_size(spread: Array, rest: Array, freedom: float, held_sigmas: float = 1.0) -> float:
     """The size s of a covariance: numbers `rest` (n,) have the covariance k + s `spread` (n, n), and
     s was assumed to be 1 with some degrees of freedom (scaled inverse chi-square). The noise's k is
     1 or more, of `NOISES`: what is seen may be described badly, and that is no error of the rig.

@@ -39,6 +39,7 @@ from ..handle import Handle
 from ..rigid import cross_matrices
 
 __all__ = [
+    "CORNER_SHARE",
     "FREEDOM",
     "IMAGE_PX",
     "PLACEMENT_MM",

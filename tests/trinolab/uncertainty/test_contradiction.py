@@ -12,11 +12,12 @@ from trinolab.camera import RigCovariance
 from trinolab.datasets import load_handle, load_rig
 from trinolab.estimators.appearance import Views
 from trinolab.estimators.centroids import predict_centroids
-from trinolab.estimators.contradiction import honest
 from trinolab.estimators.reprojection import fit_pixels, response_of_pixels
 from trinolab.handle import slants
 from trinolab.rigid import motion_between
-from trinolab.uncertainty.size import Residuals, _likely_size
+from trinolab.uncertainty import contradiction
+from trinolab.uncertainty.contradiction import honest
+from trinolab.uncertainty.size import Residuals, likely_size
 from trinolab.uncertainty.systematic import (
     NOTHING,
     Response,
@@ -141,10 +142,11 @@ def test_a_wrong_convergence_shows_in_the_handles_size_and_is_taken_off():
     assert e @ np.linalg.solve(total, e) < 16.8  # one in a hundred is beyond
 
 
-def test_a_corrected_pose_is_the_one_of_generalised_least_squares():
+def test_a_corrected_pose_is_the_one_of_generalised_least_squares(monkeypatch):
     """Another way to it: all pixels weighed at once by the covariance of noise and rig (Gauss and
-    Markov). The noise differs from pixel to pixel.
+    Markov). The noise differs from pixel to pixel. If all that is left over is an error of the rig.
     """
+    monkeypatch.setattr(contradiction, "SURE", 1.0)
     rng = np.random.default_rng(4)
     rig = known_to(THREE, 0.05)
     views = facing(THREE)
@@ -173,6 +175,25 @@ def test_a_corrected_pose_is_the_one_of_generalised_least_squares():
     )  # as a pixel moves it
 
 
+def test_a_doubtful_correction_is_the_mean_of_two_poses(monkeypatch):
+    """Of three in four and one in four: the mean, and the covariance of the mixture, by hand. The
+    chance that noise leaves as much is far above what is needed for a full correction.
+    """
+    rig, offsets = known_to(PAIR, 0.3), np.array([[0.2, 0.0], [0.0, 0.0]])
+    told = {}
+    for sure in (1.0, 0.75):
+        monkeypatch.setattr(contradiction, "SURE", sure)
+        told[sure] = found(rig, CODED, drawn(PAIR, 0), offsets)[2]
+    T, covariance, _ = found(PAIR, CODED, drawn(PAIR, 0), offsets)
+    full = motion_between(told[1.0].T_world_handle, T)
+    part = motion_between(told[0.75].T_world_handle, T)
+    assert np.linalg.norm(full[:3]) > 0.05  # mm
+    np.testing.assert_allclose(part, 0.75 * full, rtol=1e-6, atol=1e-9)
+    by_noise = told[1.0].covariance - covariance
+    expected = covariance + 0.75**2 * by_noise + 0.75 * 0.25 * np.outer(full, full)
+    np.testing.assert_allclose(told[0.75].covariance, expected, rtol=1e-4, atol=1e-12)
+
+
 def silent(rig):
     return replace(rig, covariance=None)
 
@@ -185,7 +206,7 @@ def test_a_rig_that_says_nothing_is_as_uncertain_as_what_is_seen_makes_it(rig, l
     ratios = []
     for px in (0.07, 0.35, 1.75):
         squares = []
-        for seed in range(30):
+        for seed in range(90):
             offsets = px * rng.standard_normal((len(rig.cameras), 2))
             T, _, told = found(silent(rig), CODED, drawn(rig, seed), offsets)
             away = T.translation - POSE.translation
@@ -206,9 +227,9 @@ def test_the_size_of_a_covariance_is_the_most_likely_one():
     rest = rng.standard_normal(600)
     for noise in (1.0, 30.0):
         seen = np.sqrt(noise + 7.0 * values) * rest
-        assert _likely_size(np.diag(values), seen, 1.0) == pytest.approx(7.0, rel=0.3)
+        assert likely_size(np.diag(values), seen, 1.0) == pytest.approx(7.0, rel=0.3)
     for freedom, factor in ((3.0, 1.197), (5.0, 1.111)):  # by the table of Student's t
-        size = _likely_size(np.zeros((2, 2)), np.zeros(2), freedom)
+        size = likely_size(np.zeros((2, 2)), np.zeros(2), freedom)
         assert size == pytest.approx(factor**2, rel=0.02)
 
 
