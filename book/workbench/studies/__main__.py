@@ -137,6 +137,13 @@ STUDIES = {
         kept=("_build/stress", "finished blocks"),
         workers=True,
     ),
+    "stress_silent": Study(
+        "the same, with rig files that say nothing: stress_silent.csv",
+        tables=("stress_silent",),
+        counts={"instants": (80, "of each fault and handle")},
+        kept=("_build/stress_silent", "finished blocks"),
+        workers=True,
+    ),
     "webcams": Study(
         "three webcams and a printed rod, by its size: webcams.csv", tables=("webcams",)
     ),

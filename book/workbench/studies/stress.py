@@ -13,7 +13,7 @@ and more of them later add to those that there are.
 from __future__ import annotations
 
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from itertools import islice
 from pathlib import Path
@@ -57,6 +57,8 @@ __all__ = [
     "instants",
     "judged",
     "make_table",
+    "rows_of",
+    "summed",
     "sums",
     "trial",
     "unforeseen",
@@ -107,11 +109,20 @@ def trial(fault: str, handle: str, block: int) -> dict[str, float]:
         For an unknown fault or handle.
     """
     truths, taken = instants(fault, handle, block)
-    the_handle = load_handle(handle)
     methods = EVERY if block < FIRST_ROUNDS else {name: EVERY[name] for name in OFTEN}
+    return summed(taken, truths, load_handle(handle), methods)
+
+
+def summed(
+    taken: Sequence[Taken],
+    truths: Sequence[RigidTransform],
+    handle: Handle,
+    methods: Mapping[str, Parameters],
+) -> dict[str, float]:
+    """The sums of a block's instants, measured with each rig and by each method, as of `trial`."""
     results = {}
     for rig, count in RIGS.items():
-        for estimator, deviations in _measured(taken, count, truths, the_handle, methods).items():
+        for estimator, deviations in _measured(taken, count, truths, handle, methods).items():
             for name, value in sums(deviations).items():
                 results[f"{rig}/{estimator}/{name}"] = value
     return results
@@ -225,8 +236,20 @@ def make_table(instants: int, workers: int, kept: Path | None) -> pd.DataFrame:
     ValueError
         If a block fails.
     """
+    return rows_of(trial, FAULTS, ESTIMATORS, instants, workers, kept)
+
+
+def rows_of(
+    trial: Callable[..., Mapping[str, float]],
+    faults: Iterable[str],
+    estimators: Sequence[str],
+    instants: int,
+    workers: int,
+    kept: Path | None,
+) -> pd.DataFrame:
+    """A row for each fault, handle, rig and estimator of a trial as the one above, see `make_table`."""
     rounds = [
-        _round(k, workers, None if kept is None else kept / f"round_{k}")
+        _round(k, trial, faults, workers, None if kept is None else kept / f"round_{k}")
         for k in range(-(-instants // BLOCK))
     ]
     rows = [
@@ -234,15 +257,21 @@ def make_table(instants: int, workers: int, kept: Path | None) -> pd.DataFrame:
         | judged(part, f"{rig}/{estimator}")
         for (fault, handle), part in pd.concat(rounds).groupby(["fault", "handle"], sort=False)
         for rig in RIGS
-        for estimator in ESTIMATORS
+        for estimator in estimators
     ]
     return pd.DataFrame(rows)
 
 
-def _round(number: int, workers: int, kept: Path | None) -> pd.DataFrame:
+def _round(
+    number: int,
+    trial: Callable[..., Mapping[str, float]],
+    faults: Iterable[str],
+    workers: int,
+    kept: Path | None,
+) -> pd.DataFrame:
     """A block of each fault and handle."""
     print(f"round {number}", file=sys.stderr)
-    grid: dict[str, list] = {"fault": list(FAULTS), "handle": list(HANDLES), "block": [number]}
+    grid: dict[str, list] = {"fault": list(faults), "handle": list(HANDLES), "block": [number]}
     return all_runs("stress", trial, grid, kept, workers, yes=True)
 
 

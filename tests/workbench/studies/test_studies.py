@@ -65,6 +65,12 @@ def asked(monkeypatch):
             "make_table",
             {"instants": 20, "workers": 5, "kept": Path("k")},
         ),
+        (
+            "stress_silent",
+            ["--kept", "k", "--instants", "20", "--workers", "5"],
+            "make_table",
+            {"instants": 20, "workers": 5, "kept": Path("k")},
+        ),
     ],
 )
 def test_a_study_of_one_table_writes_it_under_its_own_name(
