@@ -6,7 +6,8 @@ Where it is larger than the noise explains, with one chance in a hundred, there 
 
 Markers contradict each other within each image: the model of what is seen is not exact, or the
 markers are not where the layout says. The covariance is scaled by the chi-square by its degrees of
-freedom (Birge 1932, DOI 10.1103/PhysRev.40.207; the scale factor of the Particle Data Group).
+freedom (Birge 1932, DOI 10.1103/PhysRev.40.207; the scale factor of the Particle Data Group). Before
+that each image may be distorted, as by a shutter that rolls (`size.doubted`).
 
 Images contradict each other as a whole: the rig is not what its file says. Some of the images'
 offsets show, others make the same shifts as a motion of the handle, and do not. All are taken to be
@@ -18,7 +19,9 @@ Before that the size of the rig's covariance is settled where it is hardly known
 
 A fit weighs by the noise alone. What it leaves over tells of the errors of rig and layout as well:
 where a pair's directions are off, its distance is wrong, and so is the handle's size. The pose is
-corrected by that (generalised least squares; Aitken 1936).
+corrected by that (generalised least squares; Aitken 1936). But what looks like an error of the rig
+may be something else. So the pose is a mean of two, the corrected one and the one by the noise, and how
+far they are apart is in its covariance.
 """
 
 from __future__ import annotations
