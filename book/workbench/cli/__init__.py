@@ -65,12 +65,11 @@ EXTRAS = {
 # They answer at once, ask a question, or run until they are stopped.
 UNWATCHED = ("eq", "clear", "live")
 
-# At its end Python would walk through all that is loaded, to free what ends with the process anyhow.
-atexit.register(gc.freeze)
-
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run a command and return the exit code."""
+    # At its end Python would walk through all that is loaded, to free what ends with the process anyhow.
+    atexit.register(gc.freeze)
     _fit_for_all_words()
     arguments = parser().parse_args(argv)
     arguments.line = shlex.join(["trinolab", *(sys.argv[1:] if argv is None else argv)])

@@ -437,6 +437,19 @@ def test_help_and_interruption_do_not_wait_for_heavy_imports():
     assert not {"numpy", "scipy", "pandas", "cv2"} & set(json.loads(done.stdout))
 
 
+@pytest.mark.parametrize(("call", "frozen"), [("", False), ("workbench.cli.main(['eq'])", True)])
+def test_only_the_command_itself_leaves_all_that_is_loaded_to_the_end_of_the_process(call, frozen):
+    # what is registered first is called last
+    code = f"""
+import atexit, gc, sys
+atexit.register(lambda: print(gc.get_freeze_count(), file=sys.stderr))
+import workbench.cli
+{call}
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert (int(done.stderr) > 0) == frozen
+
+
 @pytest.mark.usefixtures("folder")
 def test_times_that_are_likely_in_ms_are_asked_about(caplog):
     (Path("images") / "timestamps.csv").write_text("frame,t_s\n0,0\n1,33.3\n")
