@@ -277,27 +277,26 @@ def _open_first(a: argparse.Namespace, folders: Sequence[str]) -> None:
     """Refuse a rig, a handle, videos, bags or recording folders that cannot be opened before the
     modules of the work are loaded, which takes as long as all the rest of a refusal.
     """
-    from trinolab.files.recording import open_recording, parts_of_folder
+    from trinolab.files.recording import find_footage, open_folder, open_recording
     from trinolab.files.rigs import read_handle, read_rig
 
     from ..bagreader import opened
     from ..bags import is_bag
 
-    if a.rig is not None:
-        read_rig(a.rig)
-    if a.handle is not None:
-        read_handle(a.handle)
-    if getattr(a, "video", None) and a.rig is not None:
-        videos = _named(a.video, "--video")
-        _ask_about_times(open_recording(videos, read_rig(a.rig), a.fps, a.timestamps))
+    rig = None if a.rig is None else read_rig(a.rig)
+    handle = None if a.handle is None else read_handle(a.handle)
+    timestamps = getattr(a, "timestamps", None)
+    if getattr(a, "video", None) and rig is not None:
+        _ask_about_times(open_recording(_named(a.video, "--video"), rig, a.fps, timestamps))
     for folder in folders:
         if is_bag(folder):
             with opened(folder):
                 continue
-        parts = parts_of_folder(folder, a.rig, a.handle, getattr(a, "timestamps", None))
-        rig = read_rig(a.rig or Path(folder, "rig.toml"))
-        _ask_about_times(open_recording(parts.sources, rig, timestamps=parts.timestamps))
-        read_handle(a.handle or Path(folder, "handle.toml"))
+        recording, _ = open_folder(folder, rig, handle)
+        if timestamps is not None:
+            sources = find_footage(folder, recording.rig)
+            recording = open_recording(sources, recording.rig, timestamps=timestamps)
+        _ask_about_times(recording)
 
 
 def _ask_about_times(recording: Recording) -> None:
