@@ -495,6 +495,47 @@ def test_a_refusal_loads_neither_the_tracker_nor_figures():
     assert not heavy & set(loaded)
 
 
+def test_a_plain_argument_is_refused_before_the_work_is_loaded():
+    shipped = "--rig raised_40deg --handle coded"
+    accept = f"accept {shipped} --out sheet"
+    simulation = f"teleop --live-simulation {shipped} --out session"
+    target = "calibrate --images a=b c=d --board chessboard --rows 6 --square 25 --out rig.toml"
+    words = {
+        f"{accept} --poses 0": "accept: poses: expected a number in [8, 8192], got 0",
+        f"{accept} --poses 8193": "accept: poses: expected a number in [8, 8192], got 8193",
+        f"{accept} --seed -1": "accept: seed: expected a number in [0, 2.14748e+09], got -1",
+        f"{accept} none --chart c.csv": "accept: chart: expected no recordings beside it, it holds "
+        "what is rendered",
+        f"{target} --columns 0": "calibrate: columns: expected a number in [3, 200], got 0",
+        "measure --out poses.csv": "measure: expected a recording folder, or else all of --rig, "
+        "--handle and --images",
+        "track --out poses.csv": "track: expected a recording folder, or else all of --rig, --handle "
+        "and --video",
+        "refine none --video a=b --out new": "refine: --video: not beside a recording folder (none), "
+        "which has its own",
+        "refine none --length 0 1 x --out new": "refine: --length: expected a number of mm, got 'x'",
+        f"{simulation} --scale 0": "teleop: scale: expected a number above 0, got 0.0",
+        f"{simulation} --turn-scale -1": "teleop: turn_scale: expected a number above 0, got -1.0",
+        f"{simulation} --start elbow": "teleop: --start: expected JOINT=RAD, got 'elbow'",
+        "teleop --live-simulation --out session": "teleop: --live-simulation: needs --rig and --handle",
+        "teleop --task --start elbow=1 --out session": "teleop: --task: brings its own start",
+        f"teleop --live-simulation {shipped} --out none/session": "teleop: none/session: no such folder "
+        "to write into",
+    }
+    code = (
+        "import sys, json, shlex, workbench.cli\n"
+        f"codes = [workbench.cli.main(shlex.split(line)) for line in {list(words)}]\n"
+        "print(json.dumps([codes, sorted(sys.modules)]))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    codes, loaded = json.loads(done.stdout)
+    assert codes == [2] * len(words)
+    assert done.stderr.splitlines() == [f"trinolab {said}" for said in words.values()]
+    heavy = {"matplotlib", "mujoco", "scipy.stats", "scipy.optimize", "rosbags"}
+    work = {"workbench.accept.setup", "trinolab.following.track", "trinolab.slave.arm"}
+    assert not (heavy | work) & set(loaded)
+
+
 @pytest.mark.parametrize(
     "files",
     [
