@@ -49,7 +49,7 @@ teacher: book  ## the same with its solutions, the notes and the exam: _build/te
 slides: book  ## slides for the lectures, from the chapters' own figures, in _build/slides
 	@$(BIN)/python -m workbench.pages.slides
 
-verify: .venv/package.done  ## the heavy counts, as a report: an hour; ARGS="--only nees --draws 100" is quick
+verify: .venv/package.done  ## the heavy counts, as a report: an hour, with pages in a browser after make browser; ARGS="--only nees --draws 100" is quick
 	@$(BIN)/python tests/verify.py $(ARGS)
 
 sweeps: .venv/package.done  ## make the tables in data/sweeps and data/sensitivity.csv again, but the one that needs another renderer: two and a half hours

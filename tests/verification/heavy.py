@@ -8,7 +8,11 @@ ROOT = Path(__file__).resolve().parents[2]
 
 
 def report(arguments) -> None:
-    print("heavy: the tests that make test leaves to this report", flush=True)
+    print(
+        "heavy: the tests that make test leaves to this report; pages in a browser are tried after "
+        "make browser",
+        flush=True,
+    )
     subprocess.run(
         [sys.executable, "-m", "pytest", "-n", "auto", "-q", "-m", "heavy", "--durations=0"],
         cwd=ROOT,

@@ -20,7 +20,7 @@ from ..checks import Array, as_array, as_number, as_points, frozen
 from ..rigid import cross_matrices
 from .eq25 import relative_pose
 from .model import State, images, normal_equations, stepped, stepped_views
-from .normal import Normal, damped, descended, eliminated
+from .normal import Normal, damped, descended, eliminated, solved
 from .start import homography, intrinsics, target_pose
 
 __all__ = [
@@ -380,20 +380,16 @@ def _adjusted(target: Array, uv: Array, start: State, held: int = 0) -> tuple[St
 
     def linearised(state: State) -> tuple[Normal, float]:
         at = images(state, target)
-        whole = normal_equations(at, uv)
-        free = whole._replace(A=whole.A[held:, held:], a=whole.a[held:], E=whole.E[:, :, held:])
-        return free, _cost(at.uv, uv)
+        return normal_equations(at, uv).without(held), _cost(at.uv, uv)
 
     def further(state: State, normal: Normal, damping: float) -> State:
-        longer = normal._replace(A=damped(normal.A, damping), D=damped(normal.D, damping))
-        reduced = eliminated(longer)
-        common = np.asarray(np.linalg.solve(reduced.S, reduced.s), dtype=float)
-        return stepped(state, np.pad(common, (held, 0)), reduced.pose_steps(common))
+        common, views = solved(normal, damping)
+        return stepped(state, np.pad(common, (held, 0)), views)
 
     try:
         with np.errstate(all="ignore"):  # a step may lead anywhere; that shows in its cost
             found = descended(start, linearised, further, REST)
-        of_unit_noise = inverse(eliminated(found.linear).S, np.diag(found.linear.A))
+        of_unit_noise = inverse(found.linear)
     except np.linalg.LinAlgError:
         raise ValueError(FREE) from None
     if not (found.at_rest and np.isfinite(found.cost) and (found.state.lenses[:, :2] > 0).all()):
@@ -403,12 +399,18 @@ def _adjusted(target: Array, uv: Array, start: State, held: int = 0) -> tuple[St
     return found.state, covariance, float(np.sqrt(variance))
 
 
-def inverse(S: Array, squares: Array) -> Array:
-    """The inverse of the Schur complement; `squares` are those of the slopes by each unknown, which
-    bring all to one scale.
+def inverse(normal: Normal) -> Array:
+    """The covariance (q, q) of the common unknowns for unit noise: the inverse of the Schur complement.
+
+    Raises
+    ------
+    ValueError
+        If the views leave some of the unknowns free.
     """
+    S = eliminated(normal).S
     if not len(S):
         return S
+    squares = np.diag(normal.A)  # of the slopes by each unknown, which bring all to one scale
     scale = np.sqrt(np.where(squares > 0, squares, 1.0))
     values, vectors = np.linalg.eigh(S / np.outer(scale, scale))
     if not values[0] > SMALLEST_SHARE * values[-1]:

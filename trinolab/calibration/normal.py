@@ -23,7 +23,7 @@ import numpy as np
 
 from ..checks import Array
 
-__all__ = ["Descent", "Normal", "Reduced", "damped", "descended", "eliminated", "rows"]
+__all__ = ["Descent", "Normal", "Reduced", "damped", "descended", "eliminated", "rows", "solved"]
 
 MOST_STEPS = 300
 FIRST_DAMPING, MOST_DAMPING = 1e-6, 1e6
@@ -47,6 +47,10 @@ class Normal(NamedTuple):
     E: Array
     D: Array
     b: Array
+
+    def without(self, held: int) -> Normal:
+        """The equations with the first of the common unknowns, so many, held where they are."""
+        return self._replace(A=self.A[held:, held:], a=self.a[held:], E=self.E[:, :, held:])
 
 
 class Reduced(NamedTuple):
@@ -89,10 +93,10 @@ class Descent(NamedTuple):
 def eliminated(normal: Normal) -> Reduced:
     """The normal equations without the poses. Raises numpy.linalg.LinAlgError if a pose is free."""
     poses_covariance = np.asarray(np.linalg.inv(normal.D), dtype=float)
-    solved = (poses_covariance @ normal.E).transpose(0, 2, 1)  # E D^-1
+    gain = (poses_covariance @ normal.E).transpose(0, 2, 1)  # E D^-1
     # pose by pose, since BLAS would start its threads for one large product
-    S = normal.A - (solved @ normal.E).sum(axis=0)
-    s = normal.a - (solved @ normal.b[..., None]).sum(axis=0)[:, 0]
+    S = normal.A - (gain @ normal.E).sum(axis=0)
+    s = normal.a - (gain @ normal.b[..., None]).sum(axis=0)[:, 0]
     return Reduced(S, s, poses_covariance, normal.E, normal.b)
 
 
@@ -102,6 +106,13 @@ def damped(matrices: Array, damping: float) -> Array:
     longer = matrices.copy()
     longer[..., diagonal, diagonal] *= 1 + damping
     return longer
+
+
+def solved(normal: Normal, damping: float) -> tuple[Array, Array]:
+    """The damped steps of the common unknowns, (q,), and of the poses, (n, 6)."""
+    reduced = eliminated(normal._replace(A=damped(normal.A, damping), D=damped(normal.D, damping)))
+    common = np.asarray(np.linalg.solve(reduced.S, reduced.s), dtype=float)
+    return common, reduced.pose_steps(common)
 
 
 def rows(blocks: Array) -> Array:

@@ -37,7 +37,7 @@ from ..checks import Array, frozen
 from ..rigid import cross_matrices
 from .adjust import REST, Calibrated, camera_of, inverse, lenses_of, matrices
 from .model import Images, State, images, normal_equations, stepped
-from .normal import Normal, damped, descended, eliminated
+from .normal import Normal, descended, eliminated, solved
 
 __all__ = ["Synchrony", "synchronised"]
 
@@ -120,18 +120,13 @@ class _Problem(NamedTuple):
                 None if known else self.motion.velocity,
                 lambda camera, columns: self.motion.whitened(camera, columns, s),
             )
-            held = self.held
-            free = whole._replace(A=whole.A[held:, held:], a=whole.a[held:], E=whole.E[:, :, held:])
-            return free, self.cost(seen.uv, s)
+            return whole.without(self.held), self.cost(seen.uv, s)
 
         def further(at: tuple[State, Array], linear: Normal, damping: float) -> tuple[State, Array]:
             state, delays = at
-            reduced = eliminated(
-                linear._replace(A=damped(linear.A, damping), D=damped(linear.D, damping))
-            )
-            solved = np.asarray(np.linalg.solve(reduced.S, reduced.s), dtype=float)
-            common, later = np.split(np.pad(solved, (self.held, 0)), [state.common])
-            return stepped(state, common, reduced.pose_steps(solved)), delays + later
+            steps, views = solved(linear, damping)
+            common, later = np.split(np.pad(steps, (self.held, 0)), [state.common])
+            return stepped(state, common, views), delays + later
 
         with np.errstate(all="ignore"):
             found = descended((start, delays), linearised, further, REST)
@@ -291,8 +286,8 @@ def _calibrated(
     variance = problem.variance(timed)
     covariance = np.array(found.covariance)
     # what the calibration says beside its noise stays
-    covariance[held:, held:] -= problem.variance(plain) * _inverse(plain.linear)
-    covariance[held:, held:] += variance * _inverse(timed.linear)[:q, :q]
+    covariance[held:, held:] -= problem.variance(plain) * inverse(plain.linear)
+    covariance[held:, held:] += variance * inverse(timed.linear)[:q, :q]
     residuals = np.full(found.residuals_px.shape, np.nan)
     residuals[:, used] = problem.seen(state, timed.delays).uv - problem.uv
     T_world_cam = RigidTransform.from_matrix(state.T_world_cam)
@@ -311,7 +306,3 @@ def _calibrated(
     )
     delays = frozen(np.concatenate([[0.0], timed.delays]))
     return calibrated, Synchrony(delays, s * float(np.sqrt(variance)))
-
-
-def _inverse(linear: Normal) -> Array:
-    return inverse(eliminated(linear).S, np.diag(linear.A))

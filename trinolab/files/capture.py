@@ -9,9 +9,9 @@ from __future__ import annotations
 
 import logging
 import shutil
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor, wait
-from contextlib import ExitStack
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from itertools import chain
 from pathlib import Path
@@ -29,7 +29,7 @@ from .devices import Source, Taken, drain, instants_of, open_source
 from .kept import locked
 from .rigs import read_handle, read_rig
 
-__all__ = ["HAND_MM_S", "Captured", "Writer", "begin_new", "capture", "side_by_side", "timing"]
+__all__ = ["HAND_MM_S", "Captured", "Writer", "capture", "new_folder", "side_by_side", "timing"]
 
 QUEUE = 32  # instants that wait to be written: a second, 130 MB of three cameras of 1280 x 1024
 # What a handle may move between the images of an instant, and how fast hands are: a person's in
@@ -122,8 +122,7 @@ def capture(
         drain(sources)
         stream = instants_of(sources, None if the_rig is None else sizes)
         first = next(stream)  # so that what does not fit is found before there is a folder
-        begin_new(out, partial, the_rig or list(sizes), the_handle)
-        held.enter_context(locked(partial))
+        held.enter_context(new_folder(out, partial, the_rig or list(sizes), the_handle))
         log.info(
             "recording to %s; Ctrl-C ends it%s",
             out,
@@ -267,11 +266,18 @@ def _sizes(
     return {camera.name: camera.size for camera in rig.cameras}
 
 
-def begin_new(
+@contextmanager
+def new_folder(
     out: str | Path, partial: Path, rig: Rig | Sequence[str], handle: Handle | None
-) -> None:
-    """Make the unfinished folder, which another process may have made meanwhile, or leave
-    nothing.
+) -> Iterator[None]:
+    """Make the unfinished folder of a recording, or leave nothing, and keep it for this process alone
+    while the block runs.
+
+    Raises
+    ------
+    ValueError
+        If the folder is there, perhaps because another process has made it meanwhile, or cannot be
+        written; see `recorder.begin` also.
     """
     try:
         partial.mkdir()
@@ -279,11 +285,13 @@ def begin_new(
         raise _unfinished(partial) from None
     except OSError as error:
         raise ValueError(f"{partial}: cannot be written ({error.strerror})") from None
-    try:
-        recorder.begin(out, rig, handle)
-    except ValueError:
-        shutil.rmtree(partial, ignore_errors=True)
-        raise
+    with locked(partial):
+        try:
+            recorder.begin(out, rig, handle)
+        except ValueError:
+            shutil.rmtree(partial, ignore_errors=True)
+            raise
+        yield
 
 
 def _unfinished(partial: Path) -> ValueError:

@@ -8,7 +8,7 @@ and conformity is not claimed.
 `command` makes the sheet; `rest`, `static`, `moving`, `pointer`, `latency`, `availability` and
 `arm` are its tests, `history` its control chart. Each test draws poses, renders and measures them
 (`parts`, `run`), and makes numbers with intervals of what was found (`judge`). `setup` has what
-all tests share, `tracks` the poses found in a sequence, `intervals` the statistics, `numbers` the
-form of an answer, `work` what distributes and keeps the measurements, `sheet` the page, `renew`
-one test of the shipped sheet measured again.
+all tests share, `size` how large a sheet may be, `tracks` the poses found in a sequence,
+`intervals` the statistics, `numbers` the form of an answer, `work` what distributes and keeps the
+measurements, `sheet` the page, `renew` one test of the shipped sheet measured again.
 """

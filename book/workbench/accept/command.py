@@ -22,8 +22,9 @@ from ..provenance import code_hash, commit, machine, versions
 from . import arm, availability, history, pointer, rest
 from .arm import Noise
 from .numbers import Answer
-from .setup import POSES, Field, field_of
+from .setup import Field, field_of
 from .sheet import NUMBERS, PAGE, TABLE, Sheet, contents, glance, interval_text, value_text
+from .size import POSES, check_chart
 from .tracks import Track, as_track, track_of_table
 from .work import RENDERED, TESTS, Found, Kept, Part, Source, do, setup_of
 
@@ -86,13 +87,12 @@ def accept(
     KeyboardInterrupt
         Says how many parts are kept.
     """
+    check_chart(chart, recordings)
     source = Source(str(rig), str(handle), poses, seed)
     setup_of.cache_clear()  # the files may have changed since another call
     setup = setup_of(source)
     for path in recordings:
         open_folder(path, rig, handle)  # all of them before the first one is followed
-    if recordings and chart is not None:
-        raise ValueError("chart: expected no recordings beside it, it holds what is rendered")
     if not recordings:
         field_of(setup.rig, setup.handle)  # a rig without one is refused before the folder is made
     workers = min(as_whole(workers, "workers", 1), os.cpu_count() or 1)

@@ -14,17 +14,18 @@ from scipy.stats import qmc
 
 from trinolab.bench.motion import orientation
 from trinolab.camera import Camera, Rig
-from trinolab.checks import Array, as_array, as_points, as_whole
+from trinolab.checks import Array, as_array, as_points
 from trinolab.following.parameters import FollowParameters
 from trinolab.handle import Handle
 from trinolab.markers import MarkerParameters
 from trinolab.methods import DEFAULT, estimator_of
 from trinolab.workspace import view_volume
 
+from .size import POSES, checked_size
+
 __all__ = [
     "CENTRE_MM",
     "FREEDOMS",
-    "POSES",
     "Drawn",
     "Field",
     "Setup",
@@ -33,8 +34,6 @@ __all__ = [
     "sobol_poses",
 ]
 
-POSES = 512
-FEWEST_POSES = 8
 # a marker is at least so many times as large as the least that is found, where the field ends
 TIMES_THE_LEAST = 2.0
 TILT_DEG = (60.0, 120.0)  # of the handle's axis from the first camera's, as in the standard scene
@@ -64,8 +63,7 @@ class Setup:
     def __init__(self, rig: Rig, handle: Handle, poses: int = POSES, seed: int = 0) -> None:
         self.rig = rig
         self.handle = handle
-        self.poses = as_whole(poses, "poses", FEWEST_POSES, 2**13)
-        self.seed = as_whole(seed, "seed", 0, 2**31 - 1)
+        self.poses, self.seed = checked_size(poses, seed)
         self.parameters = FollowParameters(estimator=estimator_of(DEFAULT))
 
     @cached_property

@@ -1,7 +1,7 @@
 'use strict';
 // The reader is the filter: say where the handle will be in the next frame, beside three rules that do the same.
 (() => {
-  const {draw, path, dots, element, page, signed, table} = trinolabApplets.shared;
+  const {draw, path, dots, element, page, signed, scoreboard} = trinolabApplets.shared;
   const FIRST = 8;  // places that are shown before the first guess
   const GUESSES = 15;
   const VIEW_PX = 420;  // of the image, in the picture's width
@@ -30,7 +30,7 @@
       'aria-label': 'The image. Click where the handle will be in the next frame; or move the cross by the arrow keys, 5 px at a time, '
         + 'with Shift 25 px, and press Enter.',
     });
-    const board = element('div', {});
+    const board = scoreboard();
 
     function guess(place) {
       if (isOver()) return;
@@ -42,8 +42,7 @@
 
     function tell() {
       const found = guesses.length ? Object.entries(scores(data, guesses)) : [];
-      const rows = found.map(([name, px]) => [name, px.toFixed(1)]);
-      board.replaceChildren(...(rows.length ? [table(['who', 'mean miss / px'], rows, 'The score')] : []));
+      board.show(['who', 'mean miss / px'], found.map(([name, px]) => [name, px.toFixed(1)]));
     }
 
     function drawn(svg, width) {
@@ -109,7 +108,7 @@
       legend: [['ink', 'places so far (ring: the last)'], ['one', 'you (dashed: the cross for keys)'], ['three', 'last place'],
         ['five', 'last place + last step'], ['two', 'the filter']],
       handles: [{node: surface}],
-      below: [board],
+      below: [board.node],
       reset: () => {
         guesses = [];
         cursor = places[FIRST - 1];

@@ -1,7 +1,7 @@
 'use strict';
 // The reader is the matcher: which spot of CCD1 is which of CCD3? Beside three rules that pair the same spots.
 (() => {
-  const {draw, path, button, element, page, table} = trinolabApplets.shared;
+  const {draw, path, button, element, page, scoreboard} = trinolabApplets.shared;
   const KINDS = ['one', 'two', 'three', 'four', 'five'];
 
   // How many pairs are right and wrong by the truth, and how many there are to be found.
@@ -25,7 +25,7 @@
     const isOver = () => taken.length === shots.length;
     const shotNow = () => shots[Math.min(taken.length, shots.length - 1)];
     const spots = element('div', {class: 'applet-spots'});
-    const board = element('div', {});
+    const board = scoreboard();
 
     // The k-th spot of the left or the right view is pressed.
     function press(side, k) {
@@ -44,8 +44,7 @@
 
     function tell() {
       const rows = taken.length ? Object.entries(scores(shots, taken)) : [];
-      board.replaceChildren(...(rows.length ? [table(['who', 'right', 'wrong', 'to be found'],
-        rows.map(([name, {right, wrong, due}]) => [name, right, wrong, due]), 'The score')] : []));
+      board.show(['who', 'right', 'wrong', 'to be found'], rows.map(([name, {right, wrong, due}]) => [name, right, wrong, due]));
     }
 
     function drawn(svg, width) {
@@ -115,7 +114,7 @@
       controls: [],
       buttons: [done],
       handles: [{node: spots}],
-      below: [board],
+      below: [board.node],
       legend: [['one', 'epipolar line of the spot that is pressed']],
       reset: () => {
         taken = [];

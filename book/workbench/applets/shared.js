@@ -136,28 +136,23 @@ window.trinolabApplets = window.trinolabApplets || (() => {
     };
   }
 
-  function choice(c, changed) {
-    const id = `applet-${count++}`;
-    const input = element('select', {id, name: c.name});
-    for (const [value, text] of c.options) input.append(element('option', {value}, text));
-    input.addEventListener('change', changed);
+  // What holds a text, with its label before it.
+  function labelled(input, event, {name, label}, changed) {
+    Object.assign(input, {id: `applet-${count++}`, name});
+    input.addEventListener(event, changed);
     return {
-      node: element('div', {class: 'applet-choice'}, element('label', {for: id}, c.label), input),
+      node: element('div', {class: 'applet-choice'}, element('label', {for: input.id}, label), input),
       get: () => input.value,
       set: value => { input.value = value; },
     };
   }
 
-  function text(c, changed) {
-    const id = `applet-${count++}`;
-    const input = element('input', {id, type: 'text', name: c.name, maxlength: 40, autocomplete: 'off'});
-    input.addEventListener('input', changed);
-    return {
-      node: element('div', {class: 'applet-choice'}, element('label', {for: id}, c.label), input),
-      get: () => input.value,
-      set: value => { input.value = value; },
-    };
+  function choice(c, changed) {
+    const options = c.options.map(([value, text]) => element('option', {value}, text));
+    return labelled(element('select', {}, ...options), 'change', c, changed);
   }
+
+  const text = (c, changed) => labelled(element('input', {type: 'text', maxlength: 40, autocomplete: 'off'}), 'input', c, changed);
 
   function button(text, pressed) {
     const one = element('button', {type: 'button'}, text);
@@ -261,6 +256,13 @@ window.trinolabApplets = window.trinolabApplets || (() => {
     return element('div', {class: 'applet-table', tabindex: 0, role: 'region', 'aria-label': label}, one);
   }
 
+  // The score of a game, once there is one.
+  function scoreboard() {
+    const node = element('div', {});
+    const show = (names, rows) => node.replaceChildren(...(rows.length ? [table(names, rows, 'The score')] : []));
+    return {node, show};
+  }
+
   // Grey levels, row by row, as a picture's address.
   function picture(greys, width, height) {
     const canvas = element('canvas', {width, height});
@@ -329,7 +331,7 @@ window.trinolabApplets = window.trinolabApplets || (() => {
   }
 
   return Object.assign(applets, {
-    shared: {element, draw, path, dots, write, axes, button, page, picture, range, signed, table, bytes, handle, normals, times, apply, transposed, dot},
+    shared: {element, draw, path, dots, write, axes, button, page, picture, range, signed, table, scoreboard, bytes, handle, normals, times, apply, transposed, dot},
     define,
   });
 })();

@@ -1,7 +1,7 @@
 'use strict';
 // The reader is the threshold: which pixels have moved? Beside the chapter's T and Otsu's.
 (() => {
-  const {draw, button, element, page, picture, bytes, range, table} = trinolabApplets.shared;
+  const {draw, button, element, page, picture, bytes, range, scoreboard} = trinolabApplets.shared;
   const BRUSH = 2;  // pixels of the coarse image, to either side
 
   // A round with its greys, and the truth as true and false.
@@ -41,7 +41,7 @@
     const isOver = () => taken.length === rounds.length;
     const round = () => rounds[Math.min(taken.length, rounds.length - 1)];
     const maskNow = T => (painted && painted.T === T ? painted.mask : maskOf(round(), T));
-    const board = element('div', {});
+    const board = scoreboard();
     const easel = element('div', {class: 'applet-easel', 'aria-hidden': 'true'});
 
     function results(mask) {
@@ -55,7 +55,7 @@
       const mean = name => taken.reduce((sum, one) => sum + one[name], 0) / taken.length;
       const rows = names.map(name => [name, ...taken.map(one => (100 * one[name]).toFixed(1)), (100 * mean(name)).toFixed(1)]);
       const heads = ['agreement with the truth / %', ...taken.map((_, n) => `image ${n + 1}`), 'mean'];
-      board.replaceChildren(...(rows.length ? [table(heads, rows, 'The score')] : []));
+      board.show(heads, rows);
     }
 
     function drawn(svg, width, {T}) {
@@ -121,7 +121,7 @@
       controls: [range('T', 'threshold T', [0, 100, 1], 30, 'grey levels')],
       buttons: [take],
       handles: [{node: easel}],
-      below: [board],
+      below: [board.node],
       reset: () => {
         taken = [];
         painted = null;

@@ -50,12 +50,14 @@ __all__ = [
 SITE = BUILD / "browser"
 TABLE = ROOT / "data" / "browser_numbers.csv"
 SPREAD = 1e-3  # of a number, as a share: other libraries draw, sort and converge otherwise
+CORNERS = "not run: OpenCV.js has no findChessboardCorners"
 SOLVEPNP = (
     "the browser's solvePnP is that of OpenCV 5; in which draws it differs is not looked into"
 )
 # What may differ by more, by the chapter and how the name begins, and why.
 APART = {
-    ("07_calibration", "corner_"): "not run: OpenCV.js has no findChessboardCorners",
+    ("07_calibration", "corner_"): CORNERS,
+    ("07_calibration", "half_window"): CORNERS,
     ("07_calibration", "opencv_by_sigma"): "how far OpenCV's minimum is from ours; here SciPy's is",
     ("07_calibration", "free_apart_um"): "how far OpenCV's minimum is from ours; here SciPy's is",
     ("08_pose", "pnp_"): SOLVEPNP,

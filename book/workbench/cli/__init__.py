@@ -65,12 +65,11 @@ EXTRAS = {
 # They answer at once, ask a question, or run until they are stopped.
 UNWATCHED = ("eq", "clear", "live")
 
-# At its end Python would walk through all that is loaded, to free what ends with the process anyhow.
-atexit.register(gc.freeze)
-
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run a command and return the exit code."""
+    # At its end Python would walk through all that is loaded, to free what ends with the process anyhow.
+    atexit.register(gc.freeze)
     _fit_for_all_words()
     arguments = parser().parse_args(argv)
     arguments.line = shlex.join(["trinolab", *(sys.argv[1:] if argv is None else argv)])
@@ -167,24 +166,29 @@ def say(text: str) -> None:
 
 
 def _measure(a: argparse.Namespace) -> int:
+    _check_source(a, "--images", a.images)
     with _loading():
         from .measure import measure_folder, measure_recording
 
     if a.folder is not None:
-        if a.images:
-            raise ValueError(
-                f"--images: not beside a recording folder ({a.folder}), which has its own"
-            )
         table = measure_recording(a.folder, a.out, a.rig, a.handle, a.method, a.prior)
-    elif a.rig and a.handle and a.images:
-        table = measure_folder(a.rig, a.handle, a.images, a.out, a.method, a.prior)
     else:
-        raise ValueError("expected a recording folder, or else all of --rig, --handle and --images")
+        table = measure_folder(a.rig, a.handle, a.images, a.out, a.method, a.prior)
     frames = table["frame"].tolist()
     named = frames != list(range(len(frames)))
     span = f"; frames {frames[0]} to {frames[-1]}, as the images are called" if named else ""
     say(f"{_counted(table)}{span}; written to {a.out}")
     return 0
+
+
+def _check_source(a: argparse.Namespace, option: str, images: object) -> None:
+    """Refuse, with a ValueError, all but a recording folder, or else rig, handle and images."""
+    if a.folder is None and not (a.rig and a.handle and images):
+        raise ValueError(
+            f"expected a recording folder, or else all of --rig, --handle and {option}"
+        )
+    if a.folder is not None and images:
+        raise ValueError(f"{option}: not beside a recording folder ({a.folder}), which has its own")
 
 
 def _joints(items: Sequence[str]) -> dict[str, float]:
@@ -200,8 +204,12 @@ def _joints(items: Sequence[str]) -> dict[str, float]:
 
 
 def _calibrate(a: argparse.Namespace) -> int:
-    from trinolab.calibration.calibrate import as_lines, calibrate_rig
     from trinolab.calibration.target import Target
+
+    sources = a.corners or _named(a.images, "--images")
+    target = Target(a.board, a.columns, a.rows, a.square, a.marker, a.dictionary)
+    with _loading():
+        from trinolab.calibration.calibrate import as_lines, calibrate_rig
 
     def picture(*of: Any) -> bytes:
         """Loads matplotlib, which a refusal need not wait for."""
@@ -209,8 +217,6 @@ def _calibrate(a: argparse.Namespace) -> int:
 
         return picture_of_residuals(*of)
 
-    sources = a.corners or _named(a.images, "--images")
-    target = Target(a.board, a.columns, a.rows, a.square, a.marker, a.dictionary)
     result = calibrate_rig(
         sources,
         target,
@@ -247,7 +253,8 @@ def _named(items: Sequence[str], option: str, form: str = "NAME=PATH") -> dict[s
 
 
 def _track(a: argparse.Namespace) -> int:
-    _open_first(a, [] if a.folder is None else [a.folder])
+    _check_source(a, "--video", a.video)
+    _open_first(a, [] if a.folder is None else [a.folder], a.out)
     with _loading():
         from trinolab.following.track import track_files
 
@@ -260,13 +267,14 @@ def _track(a: argparse.Namespace) -> int:
 
 
 def _refine(a: argparse.Namespace) -> int:
-    _open_first(a, [] if a.folder is None else [a.folder])
+    _check_source(a, "--video", a.video)
+    length = None if a.length is None else (a.length[0], a.length[1], _number(a.length[2]))
+    _open_first(a, [] if a.folder is None else [a.folder], a.out)
     with _loading():
         from trinolab.following.refine import refine_files, refine_folder
 
         from .refine import as_lines
 
-    length = None if a.length is None else (a.length[0], a.length[1], _number(a.length[2]))
     options = {"start": a.start, "instants": a.instants, "length": length}
     refined = _on_footage(a, refine_folder, refine_files, options)
     say("\n".join([*as_lines(refined), "", f"written to {a.out}"]))
@@ -274,31 +282,34 @@ def _refine(a: argparse.Namespace) -> int:
 
 
 @_loading()
-def _open_first(a: argparse.Namespace, folders: Sequence[str]) -> None:
-    """Refuse a rig, a handle, videos, bags or recording folders that cannot be opened before the
-    modules of the work are loaded, which takes as long as all the rest of a refusal.
+def _open_first(a: argparse.Namespace, folders: Sequence[str], out: str | None = None) -> None:
+    """Refuse a rig, a handle, videos, bags or recording folders that cannot be opened, and an output
+    that has no folder, before the modules of the work are loaded, which takes as long as all the rest
+    of a refusal.
     """
-    from trinolab.files.recording import open_recording, parts_of_folder
+    from trinolab.files.outputs import check_parent
+    from trinolab.files.recording import find_footage, open_folder, open_recording
     from trinolab.files.rigs import read_handle, read_rig
 
     from ..bagreader import opened
     from ..bags import is_bag
 
-    if a.rig is not None:
-        read_rig(a.rig)
-    if a.handle is not None:
-        read_handle(a.handle)
-    if getattr(a, "video", None) and a.rig is not None:
-        videos = _named(a.video, "--video")
-        _ask_about_times(open_recording(videos, read_rig(a.rig), a.fps, a.timestamps))
+    if out is not None:
+        check_parent(out)
+    rig = None if a.rig is None else read_rig(a.rig)
+    handle = None if a.handle is None else read_handle(a.handle)
+    timestamps = getattr(a, "timestamps", None)
+    if getattr(a, "video", None) and rig is not None:
+        _ask_about_times(open_recording(_named(a.video, "--video"), rig, a.fps, timestamps))
     for folder in folders:
         if is_bag(folder):
             with opened(folder):
                 continue
-        parts = parts_of_folder(folder, a.rig, a.handle, getattr(a, "timestamps", None))
-        rig = read_rig(a.rig or Path(folder, "rig.toml"))
-        _ask_about_times(open_recording(parts.sources, rig, timestamps=parts.timestamps))
-        read_handle(a.handle or Path(folder, "handle.toml"))
+        recording, _ = open_folder(folder, rig, handle)
+        if timestamps is not None:
+            sources = find_footage(folder, recording.rig)
+            recording = open_recording(sources, recording.rig, timestamps=timestamps)
+        _ask_about_times(recording)
 
 
 def _ask_about_times(recording: Recording) -> None:
@@ -320,13 +331,7 @@ def _on_footage(
     """Call what takes a recording folder, or else what takes rig, handle and videos."""
     options = {**options, "fps": a.fps, "timestamps": a.timestamps}
     if a.folder is not None:
-        if a.video:
-            raise ValueError(
-                f"--video: not beside a recording folder ({a.folder}), which has its own"
-            )
         return of_folder(a.folder, a.out, a.rig, a.handle, **options)
-    if not (a.rig and a.handle and a.video):
-        raise ValueError("expected a recording folder, or else all of --rig, --handle and --video")
     return of_files(a.rig, a.handle, _named(a.video, "--video"), a.out, **options)
 
 
@@ -438,15 +443,19 @@ def _render(a: argparse.Namespace) -> int:
 
 
 def _teleop(a: argparse.Namespace) -> int:
-    recording = a.folder or a.older
-    _open_first(a, [] if recording is None else [recording])
-    with _loading():
-        from ..teleop.teleoperate import recorded, simulated, teleoperate
+    from trinolab.slave.mapping import MappingParameters
 
     if a.live_simulation and not (a.rig and a.handle):
         raise ValueError("--live-simulation: needs --rig and --handle")
     if a.task:
         return _task(a)
+    MappingParameters(a.scale, a.turn_scale)  # refuses those that are out of range
+    start = _joints(a.start)
+    recording = a.folder or a.older
+    _open_first(a, [] if recording is None else [recording], a.out)
+    with _loading():
+        from ..teleop.teleoperate import recorded, simulated, teleoperate
+
     source = (
         simulated(a.rig, a.handle, a.seconds, a.seed)
         if a.live_simulation
@@ -461,18 +470,19 @@ def _teleop(a: argparse.Namespace) -> int:
         a.clutch,
         a.view,
         a.method,
-        _joints(a.start),
+        start,
         not a.no_video,
     )
     return _say_session(done, a.out)
 
 
 def _task(a: argparse.Namespace) -> int:
-    from ..teleop.task import perform
-
     for name in ("rig", "handle", "clutch", "view", "start"):
         if getattr(a, name):
             raise ValueError(f"--task: brings its own {name}")
+    with _loading():
+        from ..teleop.task import perform
+
     return _say_session(perform(a.out, a.seed, a.method, not a.no_video), a.out)
 
 
@@ -517,7 +527,11 @@ def _live(a: argparse.Namespace) -> int:
 
 
 def _accept(a: argparse.Namespace) -> int:
+    from ..accept.size import check_chart, checked_size
+
     folders = [*a.folders, *a.older]
+    checked_size(a.poses, a.seed)
+    check_chart(a.chart, folders)
     _open_first(a, folders)
     with _loading():
         from ..accept.command import accept, as_lines

@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from . import running
 from .child import BEING_CHECKED, Call, outcome, plain_value
 from .exercise import Asked, Exercise, FunctionExercise, Mistake, ValueExercise
 from .plain import (
@@ -24,7 +25,6 @@ from .plain import (
     wrong_numbers,
 )
 from .predictions import is_predicted, keep_guess
-from .running import run_given
 
 __all__ = ["Verdict", "call_of", "check", "judge_outcomes", "judge_values"]
 
@@ -41,7 +41,8 @@ class Verdict(NamedTuple):
     says: str
 
     def __str__(self) -> str:
-        return f"{self.number} {'right' if self.right else 'not yet'}: {self.says}"
+        text = f"{self.number} {'right' if self.right else 'not yet'}: {self.says}"
+        return text if running.HAS_PROCESSES else f"{text} (Practice, not for marks.)"
 
     def __repr__(self) -> str:
         return str(self)
@@ -77,7 +78,7 @@ def check(number: str, answer: Any) -> Verdict:
     if not callable(answer):
         return _not_yet(asked, f"{asked.name} is to be a function, not {described(plain(answer))}.")
     try:
-        outcome_of_run = run_given({asked.name: answer}, [call_of(asked)])
+        outcome_of_run = running.run_given({asked.name: answer}, [call_of(asked)])
     except ValueError as error:  # it cannot be sent to another process
         return _not_yet(asked, f"{error}.")
     if outcome_of_run.stuck:
@@ -239,8 +240,8 @@ def _numbers_apart(a: Any, b: Any, within: float) -> str:
 
 def _brief(argument: Any) -> str:
     """An argument in a line with others: of many numbers only how many there are."""
-    if is_array(argument) and len(argument["numbers"]) > 8:
-        return described(argument)
+    if is_array(argument):
+        return described(argument) if len(argument["numbers"]) > MOST_SHOWN else shown(argument)
     text = shown(argument)
     return text if len(text) <= 80 else f"{text[:76]} ..."
 

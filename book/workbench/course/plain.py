@@ -26,7 +26,7 @@ __all__ = [
 
 MOST_NUMBERS = 1_000_000
 MOST_LETTERS = 1_000  # of what is said of an answer
-MOST_SHOWN = 12  # numbers of an array
+MOST_SHOWN = 12  # numbers of an array: a camera's matrix of 3 x 4 is shown whole
 DEEPEST = 20  # lists in lists
 # what a terminal takes for an order, then all else that is no letter: controls, and signs that
 # turn the direction of writing

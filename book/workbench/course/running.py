@@ -45,7 +45,7 @@ PROCESSES = 16  # at once
 LOOK_S = 0.1  # how often memory and processes are looked at
 COPIED, COPIED_FILES = 64 * 2**20, 200  # bytes and number of the files beside the one that is run
 # Python in a browser has none: there a function runs in the session that asks, and nothing but that
-# session's end stops it. Such a verdict is not for marks; whoever shows it says so.
+# session's end stops it. Such a verdict is not for marks, and says so.
 HAS_PROCESSES = sys.platform not in ("emscripten", "wasi")
 EXERCISES = Path(__file__).resolve().parent / "exercises"
 # of this process's environment: what Python and its libraries need

@@ -2,7 +2,8 @@
 
 While it grows it is called NAME.partial, as all unfinished recordings are. Of each instant first the
 images are written and then its time, a line at a time: whatever ends the process, the lines that
-are there have their images, and the folder can be read as it is.
+are there have their images, and the folder can be read as it is. Until it has its name no other
+process writes into it.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from threading import Thread
 
 from trinolab.camera import Rig
 from trinolab.files import recorder
-from trinolab.files.capture import Writer, begin_new
+from trinolab.files.capture import Writer, new_folder
 from trinolab.files.devices import Taken
 from trinolab.files.kept import KeptLines
 from trinolab.handle import Handle
@@ -107,18 +108,23 @@ class _Running:
         self._clutch: bool | None = None
         self._rig = rig
         self.partial = recorder.partial_of(out)
-        begin_new(out, self.partial, rig, handle)
-        try:
-            with ExitStack() as opened:
-                self._times, self._switch = (
-                    opened.enter_context(KeptLines(self.partial / name, head, lambda *_: True))
-                    for name, head in ((TIMES, "frame,t_s\n"), (CLUTCH, "t_s,closed\n"))
-                )
-                self._files = opened.pop_all()
-        except ValueError:
-            shutil.rmtree(self.partial, ignore_errors=True)
-            raise
+        with ExitStack() as held:
+            held.enter_context(new_folder(out, self.partial, rig, handle))
+            try:
+                self._open_files()
+            except ValueError:
+                shutil.rmtree(self.partial, ignore_errors=True)
+                raise
+            self._held = held.pop_all()
         self.writer = Writer(self.partial, rig.names, False, self._whole)
+
+    def _open_files(self) -> None:
+        with ExitStack() as opened:
+            self._times, self._switch = (
+                opened.enter_context(KeptLines(self.partial / name, head, lambda *_: True))
+                for name, head in ((TIMES, "frame,t_s\n"), (CLUTCH, "t_s,closed\n"))
+            )
+            self._files = opened.pop_all()
 
     def add(self, taken: Taken, clutch: bool) -> None:
         self._first_s = taken.t_s if self._first_s is None else self._first_s
@@ -132,7 +138,11 @@ class _Running:
         self.writer.offer(taken._replace(t_s=t_s))
 
     def conclude(self) -> str:
-        """Write the rest, and give the folder its name; say how it ended."""
+        """Write the rest, give the folder its name, and let others have it; say how it ended."""
+        with self._held:
+            return self._concluded()
+
+    def _concluded(self) -> str:
         self.writer.close()
         count = len(self.writer.written)
         error = self.writer.error

@@ -19,7 +19,7 @@ from tqdm.contrib.logging import logging_redirect_tqdm
 from trinolab.bench.recordings import scripted
 from trinolab.bench.scenario import take
 from trinolab.camera import Camera, Rig
-from trinolab.checks import Array
+from trinolab.checks import Array, as_whole
 from trinolab.datasets import data_path
 from trinolab.files.inputs import read_csv
 from trinolab.files.kept import locked
@@ -88,6 +88,7 @@ def recorded(
 
 def simulated(rig: str | Path, handle: str | Path, seconds: float = 10.0, seed: int = 0) -> Source:
     """The instants of the script ``calm``, taken by the simulated bench as they are asked for."""
+    seed = as_whole(seed, "seed", 0, 2**63 - 1)
     job = scripted("calm", read_rig(rig), read_handle(handle), seed, seconds)
     frames = (
         Frames(k, float(t), [take(job, k, c) for c in range(len(job.rig.cameras))])

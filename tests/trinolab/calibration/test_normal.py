@@ -5,7 +5,7 @@ minimum is known.
 import numpy as np
 import pytest
 
-from trinolab.calibration.normal import Normal, damped, descended, eliminated
+from trinolab.calibration.normal import Normal, damped, descended, eliminated, solved
 
 Q, POSES = 5, 4
 
@@ -56,6 +56,26 @@ def test_damping_by_hand():
     longer = damped(matrices, 0.5)
     np.testing.assert_array_equal(longer, [[[1.5, 2], [2, 7.5]], [[6, 1], [1, 4.5]]])
     assert matrices[0, 0, 0] == 1.0
+
+
+def test_a_damped_step_is_the_solution_of_the_whole_system_with_a_longer_diagonal():
+    normal, N, n = equations()
+    expected = np.linalg.solve(N + 0.3 * np.diag(np.diag(N)), n)
+    common, poses = solved(normal, 0.3)
+    np.testing.assert_allclose(common, expected[:Q], rtol=0, atol=1e-12)
+    np.testing.assert_allclose(poses.ravel(), expected[Q:], rtol=0, atol=1e-12)
+
+
+def test_without_the_held_unknowns_it_is_the_system_without_their_rows_and_columns():
+    normal, N, n = equations()
+    held = 2
+    expected = np.linalg.solve(N[held:, held:], n[held:])
+    reduced = eliminated(normal.without(held))
+    common = np.linalg.solve(reduced.S, reduced.s)
+    np.testing.assert_allclose(common, expected[: Q - held], rtol=0, atol=1e-12)
+    np.testing.assert_allclose(
+        reduced.pose_steps(common).ravel(), expected[Q - held :], rtol=0, atol=1e-12
+    )
 
 
 # --- descent

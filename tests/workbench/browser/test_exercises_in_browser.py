@@ -32,6 +32,7 @@ pytestmark = [
 KALMAN = "notebooks/04_kalman.html"
 MATCHING = "notebooks/06_matching.html"
 VALUES, FUNCTION, PREDICTION = 0, 1, 3  # of chapter 4's exercises
+NOT_FOR_MARKS = "(Practice, not for marks.)"
 RIGHT = solved(exercise("04.2"))
 ENDLESS = "def filter_number(*_):\n    while True:\n        pass"
 # Kept for the test: what a click on a button that saves gives to the reader.
@@ -123,7 +124,7 @@ def toy(waits):
 def test_an_answer_that_is_right_and_one_that_is_a_usual_mistake(page):
     says = checked(page, FUNCTION, RIGHT)
     assert says.startswith("04.2 right: filter_number agrees with the solution in 6 of 6 cases.")
-    assert says.endswith("(Not for marks.)")
+    assert says.endswith(NOT_FOR_MARKS)
     wrong = checked(page, FUNCTION, RIGHT.replace("variance = variance + growth", "pass"))
     assert wrong.startswith("04.2 not yet: The variance never grows.")
     assert "Read chapter 4, One number first." in wrong
@@ -145,6 +146,7 @@ def test_a_code_cell_of_the_page_checks_as_well(page):
     complete(page, run)
     (verdict,) = page.evaluate("shown.map(output => output.data['text/plain'])")
     assert verdict.startswith("04.2 right:")
+    assert verdict.endswith(NOT_FOR_MARKS)
 
 
 @pytest.mark.parametrize("by_hand", [True, False])

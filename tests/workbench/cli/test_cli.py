@@ -437,6 +437,19 @@ def test_help_and_interruption_do_not_wait_for_heavy_imports():
     assert not {"numpy", "scipy", "pandas", "cv2"} & set(json.loads(done.stdout))
 
 
+@pytest.mark.parametrize(("call", "frozen"), [("", False), ("workbench.cli.main(['eq'])", True)])
+def test_only_the_command_itself_leaves_all_that_is_loaded_to_the_end_of_the_process(call, frozen):
+    # what is registered first is called last
+    code = f"""
+import atexit, gc, sys
+atexit.register(lambda: print(gc.get_freeze_count(), file=sys.stderr))
+import workbench.cli
+{call}
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert (int(done.stderr) > 0) == frozen
+
+
 @pytest.mark.usefixtures("folder")
 def test_times_that_are_likely_in_ms_are_asked_about(caplog):
     (Path("images") / "timestamps.csv").write_text("frame,t_s\n0,0\n1,33.3\n")
@@ -480,6 +493,47 @@ def test_a_refusal_loads_neither_the_tracker_nor_figures():
     assert codes == [2] * len(refused)
     heavy = {"matplotlib", "scipy.stats", "rosbags", "trinolab.following.posetracker"}
     assert not heavy & set(loaded)
+
+
+def test_a_plain_argument_is_refused_before_the_work_is_loaded():
+    shipped = "--rig raised_40deg --handle coded"
+    accept = f"accept {shipped} --out sheet"
+    simulation = f"teleop --live-simulation {shipped} --out session"
+    target = "calibrate --images a=b c=d --board chessboard --rows 6 --square 25 --out rig.toml"
+    words = {
+        f"{accept} --poses 0": "accept: poses: expected a number in [8, 8192], got 0",
+        f"{accept} --poses 8193": "accept: poses: expected a number in [8, 8192], got 8193",
+        f"{accept} --seed -1": "accept: seed: expected a number in [0, 2.14748e+09], got -1",
+        f"{accept} none --chart c.csv": "accept: chart: expected no recordings beside it, it holds "
+        "what is rendered",
+        f"{target} --columns 0": "calibrate: columns: expected a number in [3, 200], got 0",
+        "measure --out poses.csv": "measure: expected a recording folder, or else all of --rig, "
+        "--handle and --images",
+        "track --out poses.csv": "track: expected a recording folder, or else all of --rig, --handle "
+        "and --video",
+        "refine none --video a=b --out new": "refine: --video: not beside a recording folder (none), "
+        "which has its own",
+        "refine none --length 0 1 x --out new": "refine: --length: expected a number of mm, got 'x'",
+        f"{simulation} --scale 0": "teleop: scale: expected a number above 0, got 0.0",
+        f"{simulation} --turn-scale -1": "teleop: turn_scale: expected a number above 0, got -1.0",
+        f"{simulation} --start elbow": "teleop: --start: expected JOINT=RAD, got 'elbow'",
+        "teleop --live-simulation --out session": "teleop: --live-simulation: needs --rig and --handle",
+        "teleop --task --start elbow=1 --out session": "teleop: --task: brings its own start",
+        f"teleop --live-simulation {shipped} --out none/session": "teleop: none/session: no such folder "
+        "to write into",
+    }
+    code = (
+        "import sys, json, shlex, workbench.cli\n"
+        f"codes = [workbench.cli.main(shlex.split(line)) for line in {list(words)}]\n"
+        "print(json.dumps([codes, sorted(sys.modules)]))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    codes, loaded = json.loads(done.stdout)
+    assert codes == [2] * len(words)
+    assert done.stderr.splitlines() == [f"trinolab {said}" for said in words.values()]
+    heavy = {"matplotlib", "mujoco", "scipy.stats", "scipy.optimize", "rosbags"}
+    work = {"workbench.accept.setup", "trinolab.following.track", "trinolab.slave.arm"}
+    assert not (heavy | work) & set(loaded)
 
 
 @pytest.mark.parametrize(

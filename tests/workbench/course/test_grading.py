@@ -44,9 +44,13 @@ def raises(*_):
 def test_without_processes_the_verdict_is_the_same(monkeypatch, answer):
     """As in a browser, where the function runs in the session that asks."""
     in_a_process = check("04.2", answer)
+    in_a_process_text = repr(in_a_process)
     monkeypatch.setattr(running, "HAS_PROCESSES", False)
     monkeypatch.setattr(running, "_Process", None)  # nothing is started
-    assert check("04.2", answer) == in_a_process
+    here = check("04.2", answer)
+    assert here == in_a_process
+    assert "marks" not in in_a_process_text
+    assert repr(here) == f"{in_a_process_text} (Practice, not for marks.)"
 
 
 def test_without_processes_a_function_changes_nothing_of_the_session(monkeypatch):
@@ -132,6 +136,16 @@ def test_a_case_that_alone_is_wrong_is_shown_with_how_many_are_right():
     says = judged(FILTER, one_off).says
     assert says.startswith("filter_number(")
     assert says.endswith(" 5 of 6 cases are right.")
+
+
+def test_an_argument_of_few_numbers_is_shown_and_one_of_many_by_its_shape():
+    asked = exercise("03.3")
+    frames, times, background, _ = call_of(asked).cases[0]
+    assert [np.size(one) for one in (frames, times, background)] == [72, 6, 12]
+    call = judged(asked, lambda *_: "words").says.partition(" returns ")[0]
+    assert call.startswith("background_after(an array of the shape (6, 3, 4), [0.0333333, ")
+    rows = ", ".join(f"[{', '.join(f'{grey:.6g}' for grey in row)}]" for row in background)
+    assert f"[{rows}]" in call
 
 
 def test_another_number_of_things_is_said_in_words():

@@ -12,9 +12,13 @@ pytest.importorskip("mink", reason="the extra 'slave' is missing")
 
 from livepage import HANDLE, HELD, RIG
 from processes import ended, started, wait_until
+from sentences import BUSY
 
+from trinolab.bench.recordings import render
 from trinolab.files import recorder as files
+from trinolab.files.capture import capture
 from trinolab.files.devices import Taken
+from trinolab.files.kept import locked
 from trinolab.files.recording import instants, open_folder
 from workbench.live import recording
 from workbench.live.recording import Recorder
@@ -164,6 +168,32 @@ def test_kill_9_leaves_what_is_whole(tmp_path):
     read = list(instants(found))
     assert len(read) == found.length == len(found.times_s) >= 11
     np.testing.assert_array_equal(read[-1].images[2], HELD[2])
+
+
+def test_no_other_command_writes_into_a_folder_that_grows(tmp_path):
+    process = started("", RECORD.format(path=sys.path), cwd=tmp_path)
+    try:
+        times = wait_until(lambda: list(tmp_path.glob("*.partial/timestamps.csv")), process)
+        folder = times[0].parent
+        out = folder.with_suffix("")
+        with pytest.raises(ValueError, match=f"{folder.name}: {BUSY}$"):
+            capture({"ccd1": "0"}, out)
+        with pytest.raises(ValueError, match=f"{folder.name}: {BUSY}$"):
+            render(RIG, HANDLE, "calm", out, seconds=0.1, progress=False)
+    finally:
+        process.kill()
+        ended(process)
+    with locked(folder):  # free, however the process has ended
+        pass
+
+
+def test_a_folder_is_free_when_it_has_its_name(tmp_path):
+    recorder = recorded_by(tmp_path)
+    with pytest.raises(ValueError, match=BUSY), locked(the_only(tmp_path)):
+        pass
+    recorder.close()
+    with locked(the_only(tmp_path)):
+        pass
 
 
 def test_an_image_without_its_time_is_no_instant(tmp_path):

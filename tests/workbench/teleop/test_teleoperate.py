@@ -228,6 +228,11 @@ def test_a_simulation_needs_cameras_and_a_handle(tmp_path, capsys):
     assert "--live-simulation: needs --rig and --handle" in capsys.readouterr().err
 
 
+def test_a_seed_of_a_simulation_is_none_below_zero(tmp_path):
+    with pytest.raises(ValueError, match=r"^seed: expected a number in"):
+        simulated(data_path("rigs", "raised_40deg.toml"), data_path("handles", "coded.toml"), 1, -1)
+
+
 def test_the_shipped_view_sees_where_the_tool_works():
     from trinolab.files.rigs import read_camera
     from trinolab.slave.arm import forward

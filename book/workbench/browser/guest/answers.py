@@ -17,4 +17,5 @@ def grade(number: str, name: str) -> None:
     verdict = check(number, session.namespace.get(name))
     sys.stdout.flush()
     sys.stderr.flush()
-    door.ask({"asks": "output", "output": {"type": "verdict", **verdict._asdict()}})
+    output = {"type": "verdict", "right": verdict.right, "text": str(verdict)}
+    door.ask({"asks": "output", "output": output})

@@ -97,9 +97,8 @@ class Answer {
     }
 
     showVerdict() {
-        const { right, says } = this.verdict ?? {};
-        this.said.textContent = this.verdict ? `${this.number} ${right ? 'right' : 'not yet'}: ${says} (Not for marks.)` : '';
-        this.said.dataset.kind = right ? 'done' : 'failed';
+        this.said.textContent = this.verdict?.text ?? '';
+        this.said.dataset.kind = this.verdict?.right ? 'done' : 'failed';
     }
 
     /** Run the answer and grade it. */
@@ -109,7 +108,7 @@ class Answer {
         this.showVerdict();
         this.result.replaceChildren();
         const onoutput = output => {
-            if (output.type === 'verdict') this.verdict = { source, right: output.right, says: output.says };
+            if (output.type === 'verdict') this.verdict = { source, right: output.right, text: output.text };
             else show(output, this.result);
             this.result.hidden = this.result.childElementCount === 0;
         };
