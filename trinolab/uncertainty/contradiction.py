@@ -56,10 +56,10 @@ from .usual import known_covariance
 __all__ = ["Contradictions", "Honest", "contradictions", "honest"]
 
 FREE = 1e-3  # share of an offset below which it does not show beside a pose
-# A pose is corrected in full where noise leaves as much within the images in three of ten instants, or
+# A pose is corrected in full where noise leaves as much within the images in one of ten instants, or
 # more often; by so much less as that is rarer. Where a shutter rolls, the handle's size is wrong, and
 # no error of the rig: the images fit badly then.
-FITS = 0.3
+FITS = 0.1
 # And then by this share: one deviation in twenty that looks like an error of the rig is taken to be
 # something else, since nothing in one instant can say that it is not. Of silent pairs before a
 # rolling shutter 5 in 400 poses were off by more than five of their sigmas without it.

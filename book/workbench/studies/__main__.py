@@ -133,7 +133,7 @@ STUDIES = {
     "stress": Study(
         "the bench broken, one thing at a time: stress.csv",
         tables=("stress",),
-        counts={"instants": (160, "of each fault and handle")},
+        counts={"instants": (100, "of each fault and handle")},
         kept=("_build/stress", "finished blocks"),
         workers=True,
     ),
