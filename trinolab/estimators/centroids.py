@@ -47,9 +47,6 @@ __all__ = ["CentrePixels", "Registered", "centre_pixels", "predict_centroids", "
 
 # of the sum; twice as many of both change a centroid by less than 0.001 px up to 70 deg
 RINGS, SPOKES = 8, 24
-# Greys that are not as predicted pull a centroid by so much more than noise of the same chi-square, as
-# a variance: chosen on path-traced frames.
-PULL = 8.0
 NEAR_PX = 0.1  # a shift below which what the model leaves is not that markers are elsewhere
 
 
@@ -183,10 +180,10 @@ class Registered(NamedTuple):
     at: Linear
 
     @property
-    def pull_px2(self) -> Array:
-        """Covariance by greys that are not as predicted, (k, 2, 2), px^2, which is none of noise."""
+    def more_px2(self) -> Array:
+        """Covariance by greys that are not as predicted, (k, 2, 2), px^2, as if they were noise."""
         more = np.maximum(misfit(self.at) - 1, 0.0)
-        return PULL * more[:, None, None] * self.covariance
+        return np.asarray(more[:, None, None] * self.covariance)
 
     @property
     def usual_shift_px(self) -> float:
@@ -196,14 +193,14 @@ class Registered(NamedTuple):
 
 class CentrePixels(NamedTuple):
     """Pixels of markers' centres, (cameras, markers, 2), NaN where unseen, their standard
-    deviations, px, (cameras, markers), and covariances, px^2, (cameras, markers, 2, 2); and those by
-    what pulls a column alike, see `Registered.pull_px2`.
+    deviations, px, (cameras, markers), and covariances, px^2, (cameras, markers, 2, 2); and the part of
+    these by greys that are not as predicted.
     """
 
     uv: Array
     sigma_px: Array
     covariance: Array
-    pull_px2: Array
+    more_px2: Array
 
 
 def register(state: State, here: Patches, rig: Rig, handle: Handle) -> tuple[State, Registered]:
@@ -279,7 +276,7 @@ def centre_pixels(
         registered.covariance[visible]
         * np.maximum(misfit(registered.at)[visible], 1.0)[:, None, None]
     )
-    pull_px2 = np.full_like(covariance, np.nan)
-    pull_px2[views] = registered.pull_px2[visible]
+    more_px2 = np.full_like(covariance, np.nan)
+    more_px2[views] = registered.more_px2[visible]
     sigma = np.sqrt(np.trace(covariance, axis1=2, axis2=3) / 2)
-    return CentrePixels(uv, sigma, covariance, pull_px2)
+    return CentrePixels(uv, sigma, covariance, more_px2)

@@ -66,9 +66,6 @@ __all__ = [
 
 # by so much the image model misplaces a marker of the simulated bench, shading and all
 FLOOR_PX = 0.003
-# Greys that are not as predicted pull a window by so much more than noise of the same chi-square, as a
-# variance: chosen on path-traced frames.
-PULL = 3.0
 MOST_STEPS = 8  # Gauss-Newton steps; two do where two cameras share markers
 # a step that moves all markers by less is the last one: the next would move them by a hundredth
 SETTLED_PX = 0.1
@@ -379,9 +376,8 @@ def _pulls(last: _Step, rig: Rig, handle: Handle, T_world_handle: RigidTransform
     markers = last.markers
     more = np.maximum(misfit(markers.model) - 1, 0.0)
     motions = _motions(markers.patches, rig, T_world_handle)
-    noise_px2 = np.linalg.inv(_information_px(markers, motions))
-    pull_px2 = PULL * more[:, None, None] * noise_px2
-    of_markers = pulled_alike(*markers.patches.views, pull_px2, T_world_handle, rig, handle)
+    more_px2 = more[:, None, None] * np.linalg.inv(_information_px(markers, motions))
+    of_markers = pulled_alike(*markers.patches.views, more_px2, T_world_handle, rig, handle)
     along_outline = sum(len(part.patches.points) for part in last.parts[1:])
     return np.pad(of_markers, (0, 2 * along_outline))
 

@@ -77,7 +77,7 @@ def fit_centroids(
         if k + 1 >= least and registered.usual_shift_px < SETTLED_PX:
             break
     answers = response_of_pixels(registered.uv, spread_px, rig, handle, windows.views, T, shading)
-    pulls = pulled_alike(*windows.views, registered.pull_px2, T, rig, handle)
+    pulls = pulled_alike(*windows.views, registered.more_px2, T, rig, handle)
     gain = answers.gain.reshape(6, -1)
     covariance = covariance + gain @ pulls @ gain.T
     residual = registered.uv - predict_centroids(rig, handle, T, windows.views, shading)[0]

@@ -102,7 +102,7 @@ def honest_fit(
     by_pixel = weighted_slopes(rig, centres.uv, sigma_px)
     response = response_of_points(T, by_point, by_pixel, handle)
     at = response.camera, response.marker
-    pulls = pulled_alike(*at, centres.pull_px2[at], T, rig, handle)
+    pulls = pulled_alike(*at, centres.more_px2[at], T, rig, handle)
     gain = response.gain.reshape(6, -1)
     covariance = covariance + gain @ pulls @ gain.T
     chi_square = float(((residuals[seen] / sigma_px[seen, None]) ** 2).sum())

@@ -58,6 +58,9 @@ NOISE_PX = 0.015  # of a centroid, in each direction, where nothing says that it
 # Chosen for two renderers, beside 0.3 and 0.27; of a fixed size 0.4 would do for one, 0.7 for the other.
 LIGHT = 0.25
 LIGHT_FREEDOM = 1.0
+# Greys that are not as predicted pull by so much more than noise of the same chi-square, as a variance:
+# chosen on path-traced frames.
+PULL = 8.0
 
 
 class Bias(NamedTuple):
@@ -173,7 +176,7 @@ def _bias_covariances(
 def pulled_alike(
     camera: np.ndarray,
     marker: np.ndarray,
-    pull_px2: Array,
+    more_px2: Array,
     T_world_handle: RigidTransform,
     rig: Rig,
     handle: Handle,
@@ -185,8 +188,8 @@ def pulled_alike(
     ----------
     camera, marker : ndarray of int, shape (k,)
         Of each place.
-    pull_px2 : ndarray, shape (k, 2, 2)
-        Covariance of each place by them, px^2.
+    more_px2 : ndarray, shape (k, 2, 2)
+        Covariance of each place by them, as if they were noise, px^2.
     T_world_handle : RigidTransform
     rig, handle
 
@@ -197,7 +200,7 @@ def pulled_alike(
     """
     around = centroid_bias(camera, marker, T_world_handle, rig, handle).around
     around = around / np.linalg.norm(around, axis=1, keepdims=True)
-    size = np.sqrt(np.einsum("ki,kij,kj->k", around, np.nan_to_num(pull_px2), around))
+    size = np.sqrt(np.einsum("ki,kij,kj->k", around, np.nan_to_num(PULL * more_px2), around))
     pulls = (size[:, None] * around).ravel()
     alike = same_column(marker, handle).repeat(2, 0).repeat(2, 1)
     return np.asarray(alike * np.outer(pulls, pulls))

@@ -47,8 +47,8 @@ SIZES = frozen(np.geomspace(1e-5, 1e5, 101))
 NOISES = frozen(np.geomspace(1.0, 1e3, 25))  # and by how much the noise's variance is larger
 # So many standard deviations hold as large a share of the errors, over all sizes that may be, as they
 # always do. By one of them the middle is right, and a bad rig that happens to agree is far outside; by
-# two a good rig's joint NEES is 3 to 4 for 6. Chosen on path-traced frames, 480 drawn rigs a size.
-HELD_SIGMAS = 1.5
+# two a good rig's joint NEES is 3 to 4 for 6. Chosen on path-traced frames, 600 drawn rigs a size.
+HELD_SIGMAS = 1.3
 TOLD = 1.0  # degree of freedom from which on something has been seen of a size
 
 
