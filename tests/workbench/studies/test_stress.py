@@ -12,7 +12,7 @@ from trinolab.measurement import measure
 from trinolab.methods import BEST, ESTIMATORS
 from trinolab.pose import LOST, Pose
 from workbench.intervals import highest_share
-from workbench.studies import replication, stress
+from workbench.studies import replication, stress, stress_silent
 from workbench.studies.__main__ import main
 from workbench.studies.broken import FAULTS, covariance_of_such
 from workbench.studies.replication import Deviation, deviation
@@ -163,6 +163,18 @@ def test_later_rounds_are_those_of_two_estimators(monkeypatch):
     assert {name.split("/")[1] for name in found} == set(stress.OFTEN)
 
 
+@pytest.mark.slow
+def test_a_silent_block_is_one_of_rigs_that_say_nothing(monkeypatch):
+    """Its poses are less certain than those of the same images and rigs that state to be exact."""
+    monkeypatch.setattr(stress, "BLOCK", 2)
+    silent = stress_silent.trial("none", "coded", 0)
+    exact = stress.trial("none", "coded", 0)
+    assert silent["paper_pair/patches/measured"] == 2
+    for rig in stress.RIGS:
+        name = f"{rig}/patches/ratios_mm"
+        assert silent[name] < exact[name]
+
+
 # --- the command
 
 
@@ -215,6 +227,25 @@ def test_table_is_whole():
         many = table["measured"] > 10
         assert (ends[0] <= table[f"error_by_sigma_{unit}"] * (1 + DIGITS))[many].all()
         assert (table[f"error_by_sigma_{unit}"] <= ends[1] * (1 + DIGITS))[many].all()
+
+
+def test_silent_table_is_whole():
+    table = load_sweep("stress_silent")
+    keys = ["fault", "handle", "rig", "estimator"]
+    faults = stress_silent.SILENT_FAULTS
+    expected = list(product(faults, stress.HANDLES, stress.RIGS, stress.OFTEN))
+    assert list(table[keys].itertuples(index=False, name=None)) == expected
+    assert table["n"].nunique() == 1
+    assert (table["unforeseen"] <= table["wrong"]).all()
+
+
+def test_none_of_ten_thousand_poses_is_beyond_what_it_says():
+    """More than 2 mm or 5 deg off, and by more than five of its own sigmas."""
+    both = pd.concat([load_sweep("stress"), load_sweep("stress_silent")])
+    for estimator in stress.OFTEN:
+        mine = both[both["estimator"] == estimator]
+        assert mine["n"].sum() >= 10_000
+        assert mine["unforeseen"].sum() == 0
 
 
 def test_without_a_fault_the_best_estimator_is_honest_and_never_wrong():
