@@ -15,7 +15,7 @@ from trinolab.estimators.centroids import predict_centroids
 from trinolab.estimators.reprojection import fit_pixels, response_of_pixels
 from trinolab.handle import slants
 from trinolab.rigid import motion_between
-from trinolab.uncertainty import contradiction
+from trinolab.uncertainty import contradiction, size
 from trinolab.uncertainty.contradiction import honest
 from trinolab.uncertainty.size import Residuals, likely_size
 from trinolab.uncertainty.systematic import (
@@ -113,6 +113,33 @@ def test_images_that_contradict_each_other_are_a_systematic_error():
     assert error > 3 * noise
     # 15 draws of three ways know a ratio to 1 in sqrt(2 x 45), 0.105: three of that
     assert 0.68 < error / systematic < 1.32
+
+
+@pytest.mark.parametrize("rig", [PAIR, THREE], ids=["pair", "three"])
+def test_images_that_a_rolling_shutter_stretches_are_distorted(monkeypatch, rig):
+    """The rows of a handle that moves down are further apart. Errors of the rig alone explain it as
+    well, by millimetres of depth; a stretch of each image, by what the pose is really off.
+    """
+    views = facing(rig)
+    uv = predict_centroids(rig, CODED, POSE, views)[0]
+    cameras = range(len(rig.cameras))
+    middle = np.stack([uv[views.camera == c].mean(axis=0) for c in cameras])[views.camera]
+    stretch = 0.01 * (uv - middle) * [0.0, 1.0]
+    assert np.abs(stretch).max() > 0.3  # px
+
+    def error_and_sigma():
+        T, _, told = found(rig, CODED, drawn(rig, 0) + stretch)
+        away = motion_between(T, POSE)
+        variances = np.diag(told.covariance + told.systematic)
+        parts = slice(0, 3), slice(3, 6)
+        return [(np.linalg.norm(away[p]), np.sqrt(variances[p].sum())) for p in parts]
+
+    distorted = error_and_sigma()
+    monkeypatch.setattr(size, "_distortions", lambda found, rig: 0.0)
+    by_rig_alone = error_and_sigma()
+    for (error, sigma), (_, larger) in zip(distorted, by_rig_alone, strict=True):
+        assert error < 3 * sigma
+        assert sigma < 0.3 * larger
 
 
 def test_a_rig_that_is_known_no_better_does_not_contradict():
