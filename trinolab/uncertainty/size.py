@@ -141,12 +141,18 @@ def doubted(
         Covariance, px^2; u and v of the first place come first.
     """
     usual = replace(rig, covariance=RigCovariance(rig.names, usual_covariance(rig).matrix))
-    errors = errors_by_rig(found, usual)
+    by_rig = errors_by_rig(found, usual)
+
+    def size_of(errors: Array) -> float:
+        told = what_tells(errors, found, left, T_world_handle, rig, handle)
+        return 1.0 if told is None else likely_size(*told, freedom=0.0)
+
+    total = size_of(by_rig) * by_rig
     if distorted:
-        errors += _distortions(found, rig)
-    told = what_tells(errors, found, left, T_world_handle, rig, handle)
-    size = 1.0 if told is None else likely_size(*told, freedom=0.0)
-    return size * errors
+        # Of a pair a wrong depth and a stretch look alike: what is left over does not split them.
+        distortions = _distortions(found, rig)
+        total += size_of(by_rig + distortions) * distortions
+    return np.asarray(total)
 
 
 def _distortions(found: Response, rig: Rig) -> Array:
