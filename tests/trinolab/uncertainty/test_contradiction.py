@@ -117,8 +117,8 @@ def test_images_that_contradict_each_other_are_a_systematic_error():
 
 @pytest.mark.parametrize("rig", [PAIR, THREE], ids=["pair", "three"])
 def test_images_that_a_rolling_shutter_stretches_are_distorted(monkeypatch, rig):
-    """The rows of a handle that moves down are further apart. Errors of the rig alone explain it as
-    well, by millimetres of depth; a stretch of each image, by what the pose is really off.
+    """The rows of a handle that moves down are further apart. Errors of the rig alone leave a part of
+    that out; with a stretch of each image the pose is no further off than one in a thousand is.
     """
     views = facing(rig)
     uv = predict_centroids(rig, CODED, POSE, views)[0]
@@ -127,19 +127,14 @@ def test_images_that_a_rolling_shutter_stretches_are_distorted(monkeypatch, rig)
     stretch = 0.01 * (uv - middle) * [0.0, 1.0]
     assert np.abs(stretch).max() > 0.3  # px
 
-    def error_and_sigma():
+    def chi_square():
         T, _, told = found(rig, CODED, drawn(rig, 0) + stretch)
         away = motion_between(T, POSE)
-        variances = np.diag(told.covariance + told.systematic)
-        parts = slice(0, 3), slice(3, 6)
-        return [(np.linalg.norm(away[p]), np.sqrt(variances[p].sum())) for p in parts]
+        return away @ np.linalg.solve(told.covariance + told.systematic, away)
 
-    distorted = error_and_sigma()
-    monkeypatch.setattr(size, "_distortions", lambda found, rig: 0.0)
-    by_rig_alone = error_and_sigma()
-    for (error, sigma), (_, larger) in zip(distorted, by_rig_alone, strict=True):
-        assert error < 3 * sigma
-        assert sigma < 0.3 * larger
+    distorted = chi_square()
+    monkeypatch.setattr(size, "_distortions", lambda found, rig: 0.0 * found.points[0, 0])
+    assert distorted < min(0.7 * chi_square(), 22.5)
 
 
 def test_a_rig_that_is_known_no_better_does_not_contradict():
