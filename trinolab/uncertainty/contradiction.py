@@ -78,8 +78,9 @@ class Honest(NamedTuple):
         See `pose.Pose`.
     refused : bool
         Whether the contradictions are so large that the pose is not to be relied on.
-    rig : Rig
-        With a covariance whose size is settled, see `settled`.
+    rig : Rig or None
+        With a covariance whose size is settled, see `settled`; None where it is contradicted, and its
+        errors are not those that it states.
     T_world_handle : RigidTransform
         The pose, corrected by what its residuals say of the errors of rig and layout.
     answers : Response or None
@@ -89,7 +90,7 @@ class Honest(NamedTuple):
     covariance: Array
     systematic: Array
     refused: bool
-    rig: Rig
+    rig: Rig | None
     T_world_handle: RigidTransform
     answers: Response | None
 
@@ -140,7 +141,7 @@ def honest(
     total = own + unexplained if between else own
     sigmas = np.sqrt([np.trace(total[:3, :3]), np.trace(total[3:, 3:])])
     refused = bool((REFUSED_SIGMAS * sigmas > [MOST_MM, MOST_RAD]).any())
-    return Honest(own, systematic + unexplained, refused, rig, T, answers)
+    return Honest(own, systematic + unexplained, refused, None, T, answers)
 
 
 class Contradictions(NamedTuple):
