@@ -115,7 +115,8 @@ class Fit(NamedTuple):
     answers : Response or None
         Where errors of rig and layout, or contradictions, are counted.
     rig : Rig or None
-        Likewise: with a covariance whose size is settled, see `uncertainty.size.settled`.
+        Likewise: with a covariance whose size is settled, see `uncertainty.size.settled`; None where the
+        rig is contradicted.
     smear_px : float
         How long the markers are smeared in the camera where that is most: of a handle that moves by
         its motion, of one that is still where it was asked for; else NaN.
