@@ -183,8 +183,8 @@ def test_where_the_limits_of_a_set_up_come_from():
     )
 
     gone = 1 - share["saturated highlights"]
-    assert round(1 / gone) == 13
-    assert "stripes of highlights lose every thirteenth pose" in why["white"]
+    assert round(1 / gone) == 12
+    assert "stripes of highlights lose every twelfth pose" in why["white"]
 
     assert share["frames 5 ms apart"] == pytest.approx(2 / 5, abs=0.04)
     left = "5 ms at a hand's pace leave two of five poses"
