@@ -21,7 +21,7 @@ from .triangulation import (
     pairs_with_slopes,
     triangulation_slopes,
 )
-from .uncertainty.centroids import NOISE_PX, centroid_covariance, common_bias
+from .uncertainty.centroids import NOISE_PX, bias_covariance, centroid_covariance
 from .uncertainty.size import equally_seen, settled
 from .uncertainty.systematic import NOTHING, Response, is_uncertain, response, systematic_covariance
 
@@ -385,10 +385,11 @@ def pose_of_centroids(uv: Array, rig: Rig, handle: Handle, max_slant_deg: float 
     T, uv_used, used, _ = fitted
     answers = _response(fitted, rig, handle)
     residuals_px = _residuals_px(fitted, answers, rig)
-    left = equally_seen(residuals_px, NOISE_PX, common_bias(answers, T, rig, handle))
+    bias = bias_covariance(answers, T, rig, handle)
+    left = equally_seen(residuals_px, NOISE_PX, bias.expected)
     rig = settled(answers, left, T, rig, handle)
     systematic = systematic_covariance(answers, rig, handle)
-    covariance, unexplained = centroid_covariance(answers, residuals_px, T, rig, handle)
+    covariance, unexplained = centroid_covariance(answers, residuals_px, bias, T, rig, handle)
     return measured_pose(T, covariance, uv_used, used, rig, handle, systematic + unexplained)
 
 

@@ -352,10 +352,11 @@ def _fit_of(
     # where the steps ran out, the pose is still off by as many sigmas as the last one was long
     still_off = 0.0 if last.settled else last.sigmas
     covariance = in_world((1 + still_off**2) * spread * inverse(last.information)[:6, :6], T)
-    answers = _response(last, rig, T)
-    pulls = _pulls(last, rig, handle, T)
-    gain = answers.gain.reshape(6, -1)
-    covariance = covariance + gain @ pulls @ gain.T
+    motions = [_motions(part.patches, rig, T) for part in last.parts]
+    information = _information_px(markers, motions[0])
+    answers = _response(last, motions, rig, T)
+    pulls = _pulls(last, information, rig, handle, T)
+    covariance = covariance + answers.covariance_by(pulls)
     residuals_px = still_asked * markers.patches.px_per_mm
     fit = judged_fit(T, covariance, markers.patches.views, markers.model, visible, residuals_px)
     if motion is not None:
@@ -365,19 +366,21 @@ def _fit_of(
         fit = fit._replace(smear_px=_smear_px(last, rig))
     freedom = 2 * int(visible.sum()) - 6
     if is_uncertain(rig, handle) or contradict(chi_square[visible].sum() / spread, freedom):
-        residuals = _residuals(last, rig, T, visible / spread)._replace(common=pulls)
+        residuals = _residuals(last, motions[0], information, rig, visible / spread, pulls)
         return counted(fit, answers, residuals, rig, handle, corrects)
     return fit
 
 
-def _pulls(last: _Step, rig: Rig, handle: Handle, T_world_handle: RigidTransform) -> Array:
+def _pulls(
+    last: _Step, information: Array, rig: Rig, handle: Handle, T_world_handle: RigidTransform
+) -> Array:
     """Covariance of all windows' places by greys that are not as predicted, see
-    `centroids.pulled_alike`; the outline has none.
+    `centroids.pulled_alike`; the outline has none. The information (k, 2, 2) is that of
+    `_information_px`.
     """
     markers = last.markers
     more = np.maximum(misfit(markers.model) - 1, 0.0)
-    motions = _motions(markers.patches, rig, T_world_handle)
-    more_px2 = more[:, None, None] * np.linalg.inv(_information_px(markers, motions))
+    more_px2 = more[:, None, None] * np.linalg.inv(information)
     of_markers = pulled_alike(*markers.patches.views, more_px2, T_world_handle, rig, handle)
     along_outline = sum(len(part.patches.points) for part in last.parts[1:])
     return np.pad(of_markers, (0, 2 * along_outline))
@@ -408,14 +411,14 @@ def _smear_px(last: _Step, rig: Rig) -> float:
     return float(np.sqrt(24 * np.hypot(upright, diagonal)).max())
 
 
-def _response(last: _Step, rig: Rig, T: RigidTransform) -> Response:
+def _response(last: _Step, motions: list[Array], rig: Rig, T: RigidTransform) -> Response:
     """How the pose answers to shifts of its windows: to each as to the motion of the handle that
-    shifts it alike.
+    shifts it alike, see `_motions`.
     """
     spread = inverse(last.information)[:6]
     gains = []
-    for windows, _, normal, weight in last.parts:
-        asked = weight[:, None, None] * (normal.information[:, :, :3] @ _motions(windows, rig, T))
+    for (windows, _, normal, weight), by_shift in zip(last.parts, motions, strict=True):
+        asked = weight[:, None, None] * (normal.information[:, :, :3] @ by_shift)
         by_common = spread[:, : asked.shape[1] - 1]
         by_blur = spread[:, -len(rig.cameras) :][:, windows.views.camera]
         gain = np.einsum("am,kmd->akd", by_common, asked[:, :-1])
@@ -431,20 +434,21 @@ def _response(last: _Step, rig: Rig, T: RigidTransform) -> Response:
     )
 
 
-def _residuals(last: _Step, rig: Rig, T: RigidTransform, counts: Array) -> Residuals:
+def _residuals(
+    last: _Step, motions: Array, information: Array, rig: Rig, counts: Array, common: Array
+) -> Residuals:
     """The shifts that windows still ask for after the last step, those of markers times `counts`
-    (k,); the outline's do not count.
+    (k,); the outline's do not count. Motions and information are those of the markers' windows.
     """
     windows, _, normal, weight = last.markers
-    motions = _motions(windows, rig, T)
     asked = motions.mT @ _asked(normal, _own(last.step, windows.views.camera, rig))[..., None]
-    information = _information_px(last.markers, motions)
     shift = np.linalg.solve(information, asked)[..., 0]
-    information *= (counts * weight)[:, None, None]
+    weighed = (counts * weight)[:, None, None] * information
     along_outline = sum(len(part.patches.points) for part in last.parts[1:])
     return Residuals(
         np.concatenate([shift, np.zeros((along_outline, 2))]),
-        np.concatenate([information, np.zeros((along_outline, 2, 2))]),
+        np.concatenate([weighed, np.zeros((along_outline, 2, 2))]),
+        common,
     )
 
 

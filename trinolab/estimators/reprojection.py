@@ -78,8 +78,7 @@ def fit_centroids(
             break
     answers = response_of_pixels(registered.uv, spread_px, rig, handle, windows.views, T, shading)
     pulls = pulled_alike(*windows.views, registered.more_px2, T, rig, handle)
-    gain = answers.gain.reshape(6, -1)
-    covariance = covariance + gain @ pulls @ gain.T
+    covariance = covariance + answers.covariance_by(pulls)
     residual = registered.uv - predict_centroids(rig, handle, T, windows.views, shading)[0]
     visible = marker_is_shown(registered.at, handle)
     fit = judged_fit(

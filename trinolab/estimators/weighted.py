@@ -103,8 +103,7 @@ def honest_fit(
     response = response_of_points(T, by_point, by_pixel, handle)
     at = response.camera, response.marker
     pulls = pulled_alike(*at, centres.more_px2[at], T, rig, handle)
-    gain = response.gain.reshape(6, -1)
-    covariance = covariance + gain @ pulls @ gain.T
+    covariance = covariance + response.covariance_by(pulls)
     chi_square = float(((residuals[seen] / sigma_px[seen, None]) ** 2).sum())
     if not (is_uncertain(rig, handle) or contradict(chi_square, 2 * int(seen.sum()) - 6)):
         return Honest(covariance, NOTHING, False, rig, T, None)

@@ -45,9 +45,10 @@ from .systematic import Response, slopes_at, students_factor
 __all__ = [
     "NOISE_PX",
     "Bias",
+    "BiasCovariance",
+    "bias_covariance",
     "centroid_bias",
     "centroid_covariance",
-    "common_bias",
     "pulled_alike",
     "same_column",
 ]
@@ -111,7 +112,12 @@ def centroid_bias(
 
 
 def centroid_covariance(
-    found: Response, residuals_px: Array, T_world_handle: RigidTransform, rig: Rig, handle: Handle
+    found: Response,
+    residuals_px: Array,
+    bias: BiasCovariance,
+    T_world_handle: RigidTransform,
+    rig: Rig,
+    handle: Handle,
 ) -> tuple[Array, Array]:
     """Covariance of a pose by the noise and the bias of the centroids that it was measured from, and
     by errors of the rig that it does not state.
@@ -126,6 +132,8 @@ def centroid_covariance(
     found : Response
     residuals_px : ndarray, shape (k, 2)
         Centroids minus the images of the centres, in the order of `found`.
+    bias : BiasCovariance
+        Of the same places.
     T_world_handle : RigidTransform
     rig, handle
 
@@ -135,42 +143,50 @@ def centroid_covariance(
         Of position (mm) and rotation vector (rad), world frame; the second one is not zero where
         images contradict each other as a whole, see `contradiction`.
     """
-    by_slant, by_light = _bias_covariances(found, T_world_handle, rig, handle)
-    seen = found, equally_seen(residuals_px, NOISE_PX, by_slant), T_world_handle, rig, handle
-    told = what_tells(by_light, *seen)
+    seen = found, equally_seen(residuals_px, NOISE_PX, bias.by_slant), T_world_handle, rig, handle
+    told = what_tells(bias.by_light, *seen)
     size = 1.0 if told is None else likely_size(*told, LIGHT_FREEDOM)
-    bias = by_slant + size * by_light
-    seen = found, equally_seen(residuals_px, NOISE_PX, bias), T_world_handle, rig, handle
+    whole = bias.by_slant + size * bias.by_light
+    seen = found, equally_seen(residuals_px, NOISE_PX, whole), T_world_handle, rig, handle
     contradicted = contradictions(*seen)
     freedom = residuals_px.size - 6
     larger = max(students_factor(freedom) * contradicted.reduced, 1.0) if freedom > 0 else 1.0
     noise = larger * NOISE_PX**2 * np.eye(residuals_px.size)
-    doubt = doubted(*seen, distorted=False) if contradicted.between else np.zeros_like(bias)
-    gain = found.gain.reshape(6, -1)
-    return gain @ (bias + noise) @ gain.T, gain @ doubt @ gain.T
+    doubt = doubted(*seen, distorted=False) if contradicted.between else np.zeros_like(whole)
+    return found.covariance_by(whole + noise), found.covariance_by(doubt)
 
 
-def common_bias(found: Response, T_world_handle: RigidTransform, rig: Rig, handle: Handle) -> Array:
-    """Covariance of the places (2 k, 2 k) by the bias that they have in common, before anything is
-    left over that would tell its size, px^2.
+class BiasCovariance(NamedTuple):
+    """Covariance of centroids by the bias that they have in common.
+
+    Attributes
+    ----------
+    by_slant : ndarray, shape (2 k, 2 k)
+        The square of what is known, px^2; u and v of the first place come first.
+    by_light : ndarray, shape (2 k, 2 k)
+        Of one variance of what the light does, to all views and to single columns, px^2.
     """
-    by_slant, by_light = _bias_covariances(found, T_world_handle, rig, handle)
-    return np.asarray(by_slant + students_factor(LIGHT_FREEDOM) * by_light)
+
+    by_slant: Array
+    by_light: Array
+
+    @property
+    def expected(self) -> Array:
+        """The whole, before anything is left over that would tell its size."""
+        return np.asarray(self.by_slant + students_factor(LIGHT_FREEDOM) * self.by_light)
 
 
-def _bias_covariances(
+def bias_covariance(
     found: Response, T_world_handle: RigidTransform, rig: Rig, handle: Handle
-) -> tuple[Array, Array]:
-    """The squares of the bias (2 k, 2 k), px^2: by the slant; and one variance of what the light does,
-    to all views and to single columns.
-    """
+) -> BiasCovariance:
+    """The covariance of the places of a response by their bias."""
     bias = centroid_bias(found.camera, found.marker, T_world_handle, rig, handle)
     by_slant = bias.foreshortening.ravel()
     by_lights = bias.light.reshape(-1, 2)
     around = bias.around.ravel()
     alike = same_column(found.marker, handle).repeat(2, 0).repeat(2, 1)
     by_light = by_lights @ by_lights.T + alike * np.outer(around, around)
-    return np.outer(by_slant, by_slant), by_light
+    return BiasCovariance(np.outer(by_slant, by_slant), by_light)
 
 
 def pulled_alike(

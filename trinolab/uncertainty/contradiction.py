@@ -29,7 +29,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import block_diag, null_space
+from scipy.linalg import null_space
 from scipy.spatial.transform import RigidTransform
 from scipy.special import chdtrc, fdtri
 
@@ -134,8 +134,7 @@ def honest(
     if scale == 1 and not between:
         return Honest(covariance, systematic, False, rig, T, answers)
     doubt = doubted(found, left, T_world_handle, rig, handle, distorted=scale > 1)
-    gain = answers.gain.reshape(6, -1)
-    unexplained = gain @ doubt @ gain.T
+    unexplained = answers.covariance_by(doubt)
     scale = contradictions(found, left, T_world_handle, rig, handle, doubt).scale
     own = scale * covariance
     total = own + unexplained if between else own
@@ -184,7 +183,7 @@ def _corrected(
     of that: the mean of two poses, of which one is right with a chance w and the other with 1 - w. How
     far they are apart is in the covariance.
     """
-    used = left.information.any(axis=(1, 2))
+    used = left.used
     # where images contradict each other, what is wrong may be no error of the rig
     weight = 0.0 if contradicted.between else SURE * min(contradicted.chance / FITS, 1.0)
     if weight == 0 or 2 * used.sum() <= 6:
@@ -192,9 +191,7 @@ def _corrected(
     rows = used.repeat(2)
     moves = motion_slopes(rig, found.camera[used], found.points[used], T_world_handle.translation)
     free = null_space(moves.reshape(-1, 6).T).T
-    noise = block_diag(*np.linalg.inv(left.information[used]))
-    if left.common is not None:
-        noise += left.common[np.ix_(rows, rows)]
+    noise = left.noise
     errors = known_errors(found, rig, handle)
     gain = found.gain.reshape(6, -1)
     total = free @ (contradicted.scale * noise + errors[np.ix_(rows, rows)]) @ free.T
@@ -225,15 +222,14 @@ def contradictions(
     doubt : ndarray, shape (2 k, 2 k), optional
         Covariance of the places by more errors, as of `size.doubted`, px^2.
     """
-    used = left.information.any(axis=(1, 2))
+    used = left.used
     if not used.any():
         return Contradictions(1.0, False, 0.0, 1.0)
-    seen = Response(found.gain[:, used], *(part[used] for part in found[1:]))
-    V = block_diag(*np.linalg.inv(left.information[used])) + known_errors(seen, rig, handle)
-    rows = used.repeat(2)
-    for more in (left.common, doubt):
-        if more is not None:
-            V += more[np.ix_(rows, rows)]
+    seen = found.part(used)
+    V = left.noise + known_errors(seen, rig, handle)
+    if doubt is not None:
+        rows = used.repeat(2)
+        V += doubt[np.ix_(rows, rows)]
     by_pose = motion_slopes(rig, seen.camera, seen.points, T_world_handle.translation)
     offsets = _offsets_that_show(T_world_handle, rig)[seen.camera]
     # whitened, and what a pose explains taken off

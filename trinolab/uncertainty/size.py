@@ -69,6 +69,20 @@ class Residuals(NamedTuple):
     information: Array
     common: Array | None = None
 
+    @property
+    def used(self) -> np.ndarray:
+        """Which places count, bool (k,)."""
+        return np.asarray(self.information.any(axis=(1, 2)))
+
+    @property
+    def noise(self) -> Array:
+        """Covariance of the places that count, by their noise and by what they have in common, px^2."""
+        total = block_diag(*np.linalg.inv(self.information[self.used]))
+        if self.common is not None:
+            rows = self.used.repeat(2)
+            total += self.common[np.ix_(rows, rows)]
+        return np.asarray(total)
+
 
 def equally_seen(px: Array, sigma_px: float, common: Array | None = None) -> Residuals:
     """Residuals (k, 2) of places that are all seen with the same noise in each direction."""
@@ -197,14 +211,12 @@ def what_tells(
     rest : ndarray, shape (n,)
         The numbers. None instead of both where no place counts.
     """
-    used = left.information.any(axis=(1, 2))
+    used = left.used
     if not used.any():
         return None
     rows = used.repeat(2)
-    seen = Response(found.gain[:, used], *(part[used] for part in found[1:]))
-    others = block_diag(*np.linalg.inv(left.information[used])) + known_errors(seen, rig, handle)
-    if left.common is not None:
-        others += left.common[np.ix_(rows, rows)]
+    seen = found.part(used)
+    others = left.noise + known_errors(seen, rig, handle)
     moves = motion_slopes(rig, seen.camera, seen.points, T_world_handle.translation)
     others_explain = moves.reshape(-1, 6)
     if explained is not None:

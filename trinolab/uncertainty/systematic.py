@@ -70,6 +70,17 @@ class Response(NamedTuple):
     points: Array
     marker: np.ndarray
 
+    def part(self, chosen: np.ndarray) -> Response:
+        """The response to some of the places, bool (k,)."""
+        return Response(self.gain[:, chosen], *(part[chosen] for part in self[1:]))
+
+    def covariance_by(self, places: Array) -> Array:
+        """Covariance of the pose (6, 6) by one of the places (2 k, 2 k), px^2; u and v of the first
+        place come first.
+        """
+        gain = self.gain.reshape(6, -1)
+        return np.asarray(gain @ places @ gain.T)
+
 
 def is_uncertain(rig: Rig, handle: Handle) -> bool:
     """Whether rig or layout may be off: unless both are stated to be exact."""
@@ -118,8 +129,7 @@ def systematic_covariance(found: Response, rig: Rig, handle: Handle) -> Array:
     """
     if not is_uncertain(rig, handle):
         return NOTHING
-    gain = found.gain.reshape(6, -1)
-    return gain @ known_errors(found, rig, handle) @ gain.T
+    return found.covariance_by(known_errors(found, rig, handle))
 
 
 def known_errors(found: Response, rig: Rig, handle: Handle) -> Array:

@@ -471,6 +471,18 @@ def test_where_matplotlib_keeps_its_fonts_is_not_said(caplog):
     assert not caplog.messages
 
 
+def in_one_process(lines):
+    """The exit codes of commands, the modules that are loaded after them, and their lines on errors."""
+    code = (
+        "import sys, json, shlex, workbench.cli\n"
+        f"codes = [workbench.cli.main(shlex.split(line)) for line in {lines}]\n"
+        "print(json.dumps([codes, sorted(sys.modules)]))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    codes, loaded = json.loads(done.stdout)
+    return codes, set(loaded), done.stderr.splitlines()
+
+
 def test_a_refusal_loads_neither_the_tracker_nor_figures():
     refused = [
         "track none --out poses.csv",
@@ -483,16 +495,10 @@ def test_a_refusal_loads_neither_the_tracker_nor_figures():
         "accept none --rig raised_40deg --handle coded --out sheet",
         "scoreboard --csv none/board.csv",
     ]
-    code = (
-        "import sys, json, shlex, workbench.cli\n"
-        f"codes = [workbench.cli.main(shlex.split(line)) for line in {refused}]\n"
-        "print(json.dumps([codes, sorted(sys.modules)]))"
-    )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    codes, loaded = json.loads(done.stdout)
+    codes, loaded, _ = in_one_process(refused)
     assert codes == [2] * len(refused)
     heavy = {"matplotlib", "scipy.stats", "rosbags", "trinolab.following.posetracker"}
-    assert not heavy & set(loaded)
+    assert not heavy & loaded
 
 
 def test_a_plain_argument_is_refused_before_the_work_is_loaded():
@@ -522,18 +528,12 @@ def test_a_plain_argument_is_refused_before_the_work_is_loaded():
         f"teleop --live-simulation {shipped} --out none/session": "teleop: none/session: no such folder "
         "to write into",
     }
-    code = (
-        "import sys, json, shlex, workbench.cli\n"
-        f"codes = [workbench.cli.main(shlex.split(line)) for line in {list(words)}]\n"
-        "print(json.dumps([codes, sorted(sys.modules)]))"
-    )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    codes, loaded = json.loads(done.stdout)
+    codes, loaded, errors = in_one_process(list(words))
     assert codes == [2] * len(words)
-    assert done.stderr.splitlines() == [f"trinolab {said}" for said in words.values()]
+    assert errors == [f"trinolab {said}" for said in words.values()]
     heavy = {"matplotlib", "mujoco", "scipy.stats", "scipy.optimize", "rosbags"}
     work = {"workbench.accept.setup", "trinolab.following.track", "trinolab.slave.arm"}
-    assert not (heavy | work) & set(loaded)
+    assert not (heavy | work) & loaded
 
 
 @pytest.mark.parametrize(
