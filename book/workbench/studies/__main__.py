@@ -138,7 +138,7 @@ STUDIES = {
         workers=True,
     ),
     "stress_silent": Study(
-        "the same, with rig files that say nothing: stress_silent.csv",
+        "the bench broken, and rig files that say nothing: stress_silent.csv",
         tables=("stress_silent",),
         counts={"instants": (80, "of each fault and handle")},
         kept=("_build/stress_silent", "finished blocks"),
