@@ -26,7 +26,7 @@ from trinolab.files.poses import truth_table
 from trinolab.files.recorder import add, begin, claim, finish, image_paths, partial_of
 from trinolab.handle import Handle, slants
 
-from ..provenance import code_hash
+from ..provenance import code_hash, hash_function
 from .frames import exposed, plate, take
 from .pathtracing import mitsuba
 from .room import Room
@@ -220,7 +220,8 @@ def made_from(shooting: Shooting) -> dict[str, Any]:
         "room": asdict(shooting.room),
         "instants": [T.as_matrix().tolist() for T in shooting.poses],
         "light": [shooting.gains, list(shooting.times_s), shooting.held],
-        "code": code_hash(__name__),
+        # of what makes the images: rendering takes an hour, and no estimator changes it
+        "code": [code_hash(take.__module__), hash_function(instant)],
     }
     short = {
         name: hashlib.sha256(json.dumps(part).encode()).hexdigest()[:16]
