@@ -141,7 +141,8 @@ def centroid_covariance(
     -------
     covariance, unexplained : ndarray, shape (6, 6)
         Of position (mm) and rotation vector (rad), world frame; the second one is not zero where
-        images contradict each other as a whole, see `contradiction`.
+        the places contradict each other within the images or as a whole, see `contradiction`: a
+        wrong distance makes them do so, and is no noise of single centroids.
     """
     seen = found, equally_seen(residuals_px, NOISE_PX, bias.by_slant), T_world_handle, rig, handle
     told = what_tells(bias.by_light, *seen)
@@ -152,7 +153,8 @@ def centroid_covariance(
     freedom = residuals_px.size - 6
     larger = max(students_factor(freedom) * contradicted.reduced, 1.0) if freedom > 0 else 1.0
     noise = larger * NOISE_PX**2 * np.eye(residuals_px.size)
-    doubt = doubted(*seen, distorted=False) if contradicted.between else np.zeros_like(whole)
+    explained = contradicted.scale == 1 and not contradicted.between
+    doubt = np.zeros_like(whole) if explained else doubted(*seen, distorted=False)
     return found.covariance_by(whole + noise), found.covariance_by(doubt)
 
 
