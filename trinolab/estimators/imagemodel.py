@@ -373,13 +373,13 @@ def with_gloss(state: State) -> State:
     return state._replace(greys=greys)
 
 
-def shows_gloss(at: Linear, handle: Handle) -> bool:
+def shows_gloss(at: Linear, handle: Handle, least_gain: float = LEAST_GAIN) -> bool:
     """Whether the windows show gloss, of which the greys have none as yet.
 
     What a window's chi-square gains by gloss (score test, Rao 1948, DOI
     10.1017/S0305004100023987) is 1 an unknown by noise alone, where the median misfit is the noise.
-    They have to gain twice as much, those that show a marker: three unknowns more a window make a pose
-    worse by a tenth, so that a little gloss is left out.
+    They have to gain `least_gain` times as much, those that show a marker: three unknowns more a window
+    make a pose worse by a tenth, so that a little gloss is left out.
     """
     counts = marker_is_shown(at, handle)
     if _gloss(at.greys).size or not counts.any():
@@ -391,7 +391,7 @@ def shows_gloss(at: Linear, handle: Handle) -> bool:
     gradient = normal.gradient[counts]
     gain = (gradient * np.linalg.solve(information, gradient[..., None])[..., 0]).mean()
     usual = max(float(np.median(misfit(at)[counts])), 1.0)
-    return float(gain) > LEAST_GAIN * usual
+    return float(gain) > least_gain * usual
 
 
 def reduce(by_other: Array, at: Linear) -> Reduced:
