@@ -57,6 +57,7 @@ __all__ = [
     "instants",
     "judged",
     "make_table",
+    "methods_of",
     "rows_of",
     "summed",
     "sums",
@@ -109,8 +110,12 @@ def trial(fault: str, handle: str, block: int) -> dict[str, float]:
         For an unknown fault or handle.
     """
     truths, taken = instants(fault, handle, block)
-    methods = EVERY if block < FIRST_ROUNDS else {name: EVERY[name] for name in OFTEN}
-    return summed(taken, truths, load_handle(handle), methods)
+    return summed(taken, truths, load_handle(handle), methods_of(block))
+
+
+def methods_of(block: int) -> Mapping[str, Parameters]:
+    """The estimators that measure a round."""
+    return EVERY if block < FIRST_ROUNDS else {name: EVERY[name] for name in OFTEN}
 
 
 def summed(
@@ -272,7 +277,7 @@ def _round(
     """A block of each fault and handle."""
     print(f"round {number}", file=sys.stderr)
     grid: dict[str, list] = {"fault": list(faults), "handle": list(HANDLES), "block": [number]}
-    return all_runs("stress", trial, grid, kept, workers, yes=True)
+    return all_runs(trial.__module__.rpartition(".")[2], trial, grid, kept, workers, yes=True)
 
 
 def judged(blocks: pd.DataFrame, name: str) -> dict[str, float]:

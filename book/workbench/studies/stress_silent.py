@@ -16,10 +16,10 @@ from pathlib import Path
 import pandas as pd
 
 from trinolab.datasets import load_handle
+from trinolab.methods import ESTIMATORS
 
 from .broken import FAULTS
-from .replication import EVERY
-from .stress import OFTEN, instants, rows_of, summed
+from .stress import instants, methods_of, rows_of, summed
 
 __all__ = ["SILENT_FAULTS", "make_table", "trial"]
 
@@ -27,12 +27,12 @@ SILENT_FAULTS = tuple(name for name in FAULTS if not name.startswith("calibratio
 
 
 def trial(fault: str, handle: str, block: int) -> dict[str, float]:
-    """As `stress.trial`, by the estimators of `OFTEN`, with rigs that say nothing."""
+    """As `stress.trial`, with rigs that say nothing."""
     truths, taken = instants(fault, handle, block)
     silent = [one._replace(rig=replace(one.rig, covariance=None)) for one in taken]
-    return summed(silent, truths, load_handle(handle), {name: EVERY[name] for name in OFTEN})
+    return summed(silent, truths, load_handle(handle), methods_of(block))
 
 
 def make_table(instants: int, workers: int, kept: Path | None) -> pd.DataFrame:
     """The faults of `SILENT_FAULTS`; parameters, columns and errors as for `stress.make_table`."""
-    return rows_of(trial, SILENT_FAULTS, OFTEN, instants, workers, kept)
+    return rows_of(trial, SILENT_FAULTS, ESTIMATORS, instants, workers, kept)
