@@ -92,8 +92,12 @@ def _arguments() -> argparse.Namespace:
 
 if __name__ == "__main__":
     arguments = _arguments()
+    failed = []
     for section in SECTIONS:
         if section in arguments.only:
             begin = time.perf_counter()
-            SECTIONS[section](arguments)
+            if SECTIONS[section](arguments) is False:  # a report without a verdict returns None
+                failed.append(section)
             print(f"[{section}: {time.perf_counter() - begin:.0f} s]\n", flush=True)
+    if failed:
+        sys.exit(f"failed: {', '.join(failed)}")
