@@ -2,9 +2,10 @@
 where it comes from.
 
 A set-up is a calibration and a handle of its own: cameras and markers are off by what their files
-state. The images of a few poses are then measured four times: with these files, with exact ones, and
-with each of the two alone. So the same noise is in all four, and what calibration and markers add is
-a difference of squares (GUM, 5.1.2).
+state. The images of a few poses are then measured four times: with these files, with right ones, and
+with each of the two wrong alone. All of them state the same errors: what a pose is corrected by depends
+on what is stated, and only parts of one correction add up to the whole. So the same noise is in all four
+as well, and what calibration and markers add is a difference of squares (GUM, 5.1.2).
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ import numpy as np
 
 from trinolab.bench.optics import Bench
 from trinolab.bench.scene import render_rig
-from trinolab.camera import Rig, RigCovariance, displaced
+from trinolab.camera import Rig, displaced
 from trinolab.checks import Array
 from trinolab.handle import Handle
 from trinolab.metrics import FAR_DEG, FAR_MM
@@ -40,7 +41,7 @@ SHARE = 24 / 512  # set-ups for each pose of the sheet
 FEWEST = 3
 EXPANSION = 23e-6  # of aluminium, a kelvin
 COVERAGE = 2.0  # k of the expanded uncertainty U
-# What is known exactly in each of the measurements of an image.
+# What is wrong in each of the measurements of an image, beside its noise.
 ALL, NOISE, CALIBRATION, MARKERS = "all", "noise", "calibration", "markers"
 KINDS = ("depth", "across", "rotation")
 
@@ -54,16 +55,16 @@ def run(setup: Setup, k: int) -> dict[str, list[Row]]:
     """Render the poses of a set-up, and measure them in the four ways."""
     rng = setup.rng(NAME, k)
     rig, handle = believed(setup, rng)
-    exact_rig = replace(setup.rig, covariance=RigCovariance.exact(setup.rig.names))
-    exact_handle = replace(setup.handle, placement_sigma_mm=0.0)
+    right_rig = replace(setup.rig, covariance=rig.covariance)
+    right_handle = replace(setup.handle, placement_sigma_mm=handle.placement_sigma_mm)
     poses = sobol_poses(setup.field, parts(setup) * TOGETHER, setup.seed).poses
     mine = [poses[k * TOGETHER + i] for i in range(TOGETHER)]
     frames = [render_rig(setup.rig, setup.handle, T, Bench(), rng) for T in mine]
     files = {
         ALL: (rig, handle),
-        NOISE: (exact_rig, exact_handle),
-        CALIBRATION: (rig, exact_handle),
-        MARKERS: (exact_rig, handle),
+        NOISE: (right_rig, right_handle),
+        CALIBRATION: (rig, right_handle),
+        MARKERS: (right_rig, handle),
     }
     rows = {}
     for name, pair in files.items():
