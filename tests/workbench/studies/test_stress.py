@@ -157,6 +157,16 @@ def test_a_bent_handle_s_markers_are_not_taken_for_others(block, which, count):
     assert not deviation(measured.pose, truths[which], load_handle("coded")).wrong
 
 
+@pytest.mark.slow
+def test_centroids_that_lead_away_are_no_pose():
+    """CCD3's markers lie beside their windows: the last step was 43 sigmas long, and the pose 9 deg off."""
+    _, taken = stress.instants("frames 5 ms apart", "coded", 0)
+    one = taken[8]
+    rig, parameters = one.rig.part(range(3)), replication.EVERY["reprojection"]
+    measured = measure(one.frames[:3], rig, load_handle("coded"), None, parameters)
+    assert measured.pose.status == "lost"
+
+
 def test_later_rounds_are_those_of_two_estimators(monkeypatch):
     monkeypatch.setattr(stress, "BLOCK", 1)
     found = stress.trial("gamma 0.6", "paper", stress.FIRST_ROUNDS)
@@ -245,9 +255,8 @@ def test_none_of_ten_thousand_poses_is_beyond_what_it_says():
     """More than 2 mm or 5 deg off, and by more than five of its own sigmas."""
     both = pd.concat([load_sweep("stress"), load_sweep("stress_silent")])
     for estimator in stress.OFTEN:
-        mine = both[both["estimator"] == estimator]
-        assert mine["n"].sum() >= 10_000
-        assert mine["unforeseen"].sum() == 0
+        assert both["n"][both["estimator"] == estimator].sum() >= 10_000
+    assert (both["unforeseen"] == 0).all()
 
 
 def test_without_a_fault_the_best_estimator_is_honest_and_never_wrong():
