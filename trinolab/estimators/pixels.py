@@ -93,7 +93,7 @@ class Round(NamedTuple):
 COARSE = Round(5_000, 3)
 FINE = Round(18_000, 5)
 # A handle that moves has to gain more by gloss than one that is still, since its smear is described less
-# exactly: on the bench it is up to 4.5 but for 2 of 260 instants, on a film of varnish, smeared by up to
+# exactly: on the bench it is up to 4.5 but for 2 of 207 instants, on a film of varnish, smeared by up to
 # 7 px, 7.6 to 54 (22 instants). Where it is smeared by 30 px it is 14 without any gloss, and gloss would
 # cost a tenth.
 LEAST_GAIN_MOVING = 6.0
@@ -303,11 +303,10 @@ def _fitted(
     taken = _stepped(states, kinds, rig, handle, most_steps)
     if taken is None:
         return None
-    about_markers = kinds[0]
     motion_blur = states[0].motion_blur
     least_gain = LEAST_GAIN
     if motion_blur is not None:
-        smear_px = np.linalg.norm(about_markers.ways_px(motion_blur.motion), axis=1).max()
+        smear_px = _longest_way_px(kinds[0], motion_blur.motion)
         # what is left of a long step or a long smear looks like gloss
         if not taken.settled or smear_px > SMEARED_PX:
             return taken
@@ -385,8 +384,7 @@ def _fit_of(
     residuals_px = still_asked * markers.patches.px_per_mm
     fit = judged_fit(T, covariance, markers.patches.views, markers.model, visible, residuals_px)
     if motion is not None:
-        ways = np.linalg.norm(markers.patches.ways_px(motion), axis=1)
-        fit = fit._replace(smear_px=float(ways.max()))
+        fit = fit._replace(smear_px=_longest_way_px(markers.patches, motion))
     elif visible.any() and np.median(fit.misfit[visible]) >= smear_above:
         fit = fit._replace(smear_px=_smear_px(last, rig))
     freedom = 2 * int(visible.sum()) - 6
@@ -409,6 +407,11 @@ def _pulls(
     of_markers = pulled_alike(*markers.patches.views, more_px2, T_world_handle, rig, handle)
     along_outline = sum(len(part.patches.points) for part in last.parts[1:])
     return np.pad(of_markers, (0, 2 * along_outline))
+
+
+def _longest_way_px(windows: Patches, motion: Array) -> float:
+    """How far a motion (6,) moves the windows at most while the shutter is open, px."""
+    return float(np.linalg.norm(windows.ways_px(motion), axis=1).max())
 
 
 def _smear_px(last: _Step, rig: Rig) -> float:

@@ -77,10 +77,11 @@ def fit_centroids(
         )
         if not np.isfinite(covariance).all():
             return None
-        step = motion_between(T, state.T_world_handle)
+        before = state.T_world_handle
         state = state._replace(T_world_handle=T)
         if k + 1 >= least and registered.usual_shift_px < SETTLED_PX:
             break
+    step = motion_between(T, before)
     if step @ np.linalg.solve(covariance, step) > 6 * MOST_SIGMAS**2:
         return None
     answers = response_of_pixels(registered.uv, spread_px, rig, handle, windows.views, T, shading)

@@ -153,8 +153,9 @@ def centroid_covariance(
     freedom = residuals_px.size - 6
     larger = max(students_factor(freedom) * contradicted.reduced, 1.0) if freedom > 0 else 1.0
     noise = larger * NOISE_PX**2 * np.eye(residuals_px.size)
-    explained = contradicted.scale == 1 and not contradicted.between
-    doubt = np.zeros_like(whole) if explained else doubted(*seen, distorted=False)
+    doubt = np.zeros_like(whole)
+    if not contradicted.explained:
+        doubt = doubted(*seen, distorted=False)
     return found.covariance_by(whole + noise), found.covariance_by(doubt)
 
 

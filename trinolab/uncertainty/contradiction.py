@@ -132,7 +132,7 @@ def honest(
         T = shifted(T, step)
         covariance = covariance + noise
     systematic = systematic_covariance(answers, rig, handle)
-    if scale == 1 and not between:
+    if contradicted.explained:
         return Honest(covariance, systematic, False, rig, T, answers)
     doubt = doubted(found, left, T_world_handle, rig, handle, distorted=scale > 1)
     unexplained = answers.covariance_by(doubt)
@@ -163,6 +163,11 @@ class Contradictions(NamedTuple):
     between: bool
     chance: float
     reduced: float
+
+    @property
+    def explained(self) -> bool:
+        """Whether nothing contradicts, within the images or between them."""
+        return self.scale == 1 and not self.between
 
 
 def _corrected(

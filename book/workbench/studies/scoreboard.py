@@ -254,7 +254,8 @@ def _on_second(rig: str, unit: str) -> Result:
     the handles.
     """
     table = load_sweep("second_renderer")
-    rows = table[_rows_of(table, BEST) & (table["rig"] == rig)]
+    rows = second_renderer.stills(table, BEST)
+    rows = rows[rows["rig"] == rig]
     worse = rows.loc[rows[f"mean_{unit}"].idxmax()]
     return Result(
         worse[f"mean_{unit}"],
@@ -266,23 +267,8 @@ def _on_second(rig: str, unit: str) -> Result:
 
 
 def _honesty_on_second(estimator: str) -> Result:
-    """The largest factor, either way, between the rms error and the sigma of a rig, a handle and a
-    unit, on the second renderer's images.
-    """
-    table = load_sweep("second_renderer")
-    ratios = []
-    for _, row in table[_rows_of(table, estimator)].iterrows():
-        for unit in ("mm", "deg"):
-            names = ("error_by_sigma", "error_by_sigma_low", "error_by_sigma_high")
-            value, low, high = (row[f"{name}_{unit}"] for name in names)
-            if value < 1:  # the sigma is too large
-                value, low, high = 1 / value, 1 / high, 1 / low
-            ratios.append(Result(value, low, high, row["n"], row["seed"]))
-    return max(ratios, key=lambda result: result.value)
-
-
-def _rows_of(table: pd.DataFrame, estimator: str) -> pd.Series:
-    return (table["renderer"] == second_renderer.SECOND) & (table["estimator"] == estimator)
+    """See `second_renderer.farthest_from_honest`."""
+    return Result(*second_renderer.farthest_from_honest(load_sweep("second_renderer"), estimator))
 
 
 def _false_when_broken() -> float:

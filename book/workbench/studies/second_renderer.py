@@ -12,6 +12,7 @@ import hashlib
 import json
 from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -34,6 +35,8 @@ __all__ = [
     "FILM",
     "OURS",
     "SECOND",
+    "Factor",
+    "farthest_from_honest",
     "followed",
     "judged",
     "make_table",
@@ -42,6 +45,7 @@ __all__ = [
     "read",
     "recorded",
     "side_by_side",
+    "stills",
 ]
 
 SECOND, OURS = "second", "bench"  # the renderers
@@ -123,6 +127,42 @@ def side_by_side(
         rows[f"{name}, own"] = own[column]
     chosen = rows.index.get_level_values("estimator").isin([*estimators, FILM])
     return rows[chosen].reset_index()
+
+
+class Factor(NamedTuple):
+    """A factor of 1 or more with its 95 % interval, of n instants and a seed."""
+
+    value: float
+    low: float
+    high: float
+    n: int
+    seed: int
+
+
+def farthest_from_honest(table: pd.DataFrame, estimator: str) -> Factor:
+    """The largest factor, either way, between the rms error and the sigma of a rig, a handle and a
+    unit, on the second renderer's stills.
+
+    Parameters
+    ----------
+    table : pandas.DataFrame
+        Of `make_table`.
+    estimator : str
+    """
+    factors = []
+    for _, row in stills(table, estimator).iterrows():
+        for unit in ("mm", "deg"):
+            names = ("error_by_sigma", "error_by_sigma_low", "error_by_sigma_high")
+            value, low, high = (row[f"{name}_{unit}"] for name in names)
+            if value < 1:  # the sigma is too large
+                value, low, high = 1 / value, 1 / high, 1 / low
+            factors.append(Factor(value, low, high, row["n"], row["seed"]))
+    return max(factors)
+
+
+def stills(table: pd.DataFrame, estimator: str) -> pd.DataFrame:
+    """The rows of the second renderer's stills, by an estimator."""
+    return table[(table["renderer"] == SECOND) & (table["estimator"] == estimator)]
 
 
 def recorded(name: str, kept: Path) -> Path:
