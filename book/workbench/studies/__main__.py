@@ -77,6 +77,13 @@ STUDIES = {
         out="data",
         writes=True,
     ),
+    "drawn_rigs": Study(
+        "rig files that are off, before the frames of two renderers: drawn_rigs.csv",
+        tables=("drawn_rigs",),
+        counts={"draws": (4, "rig files of each size and pose")},
+        kept=("_build/second", "the recordings and finished instants"),
+        workers=True,
+    ),
     "elevation": Study(
         "CCD3's elevation from 10 to 90 deg: elevation.csv", "sweep_elevation", ("elevation",)
     ),

@@ -31,6 +31,7 @@ __all__ = [
     "Motion",
     "Taken",
     "apart",
+    "believed",
     "bent",
     "covariance_of_such",
     "displaced",
@@ -110,11 +111,18 @@ def _believed(sigma_px: float, sigma_deg: float, stated: bool = False) -> Fault:
 
     def take(now: Instant, rng: np.random.Generator) -> Taken:
         frames = render_rig(*now, BENCH, rng)
-        rig = miscalibrated(now.rig, sigma_px, sigma_deg, rng)
-        known = covariance_of_such(rig, sigma_px, sigma_deg) if stated else None
-        return Taken(frames, replace(rig, covariance=known))
+        return Taken(frames, believed(now.rig, sigma_px, sigma_deg, stated, rng))
 
     return take
+
+
+def believed(
+    rig: Rig, sigma_px: float, sigma_deg: float, stated: bool, rng: np.random.Generator
+) -> Rig:
+    """What a rig file says of a rig, off as by `miscalibrated`; `stated` if it says by how much."""
+    off = miscalibrated(rig, sigma_px, sigma_deg, rng)
+    known = covariance_of_such(off, sigma_px, sigma_deg) if stated else None
+    return replace(off, covariance=known)
 
 
 def miscalibrated(rig: Rig, sigma_px: float, sigma_deg: float, rng: np.random.Generator) -> Rig:

@@ -41,6 +41,7 @@ __all__ = [
     "judged",
     "make_table",
     "measured",
+    "our_instant",
     "ours",
     "read",
     "recorded",
@@ -219,12 +220,16 @@ def read(folder: Path) -> Iterator[list[np.ndarray]]:
 
 def ours(truths: Sequence[RigidTransform], handle: Handle) -> Iterator[list[np.ndarray]]:
     """Frames of the standard scene, one for each of the recipe's cameras; each has its own noise."""
-    cameras = recipe.four_cameras().cameras
     for k, T in enumerate(truths):
-        yield [
-            render(camera, handle, T, Bench(), np.random.default_rng([recipe.SEED, k, c]))
-            for c, camera in enumerate(cameras)
-        ]
+        yield our_instant(k, T, handle)
+
+
+def our_instant(k: int, T_world_handle: RigidTransform, handle: Handle) -> list[np.ndarray]:
+    """The frames of the k-th of `ours`."""
+    return [
+        render(camera, handle, T_world_handle, Bench(), np.random.default_rng([recipe.SEED, k, c]))
+        for c, camera in enumerate(recipe.four_cameras().cameras)
+    ]
 
 
 def measured(
