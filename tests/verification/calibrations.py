@@ -150,7 +150,7 @@ def weighted_pose(known: Setup, one: Seen, T: RigidTransform) -> Pose:
         return LOST
     covariance = sigma[..., None, None] ** 2 * np.eye(2)
     centres = CentrePixels(one.centres, sigma, covariance, np.zeros_like(covariance))
-    return _reported(fit[0], honest_fit(*fit, np.eye(6), centres, *known))
+    return _reported(fit[0], honest_fit(fit[0], np.eye(6), centres, *known))
 
 
 def reprojection_pose(known: Setup, one: Seen, T: RigidTransform) -> Pose:

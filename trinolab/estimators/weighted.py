@@ -7,6 +7,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from scipy.linalg import block_diag
 from scipy.spatial.transform import RigidTransform
 
 from ..camera import Rig
@@ -74,41 +75,37 @@ def fit_weighted(
             return None
         before = T
         measured = centres
-        (T, covariance) = fit
+        T = fit
     grown = _grown(T, before, measured, rig, handle)
     if grown is None:
         return None
     T = shifted(before, grown @ motion_between(T, before))
-    covariance = grown @ covariance @ grown.T
-    found = honest_fit(T, covariance, grown, measured, rig, handle)
+    found = honest_fit(T, grown, measured, rig, handle)
     return found.T_world_handle, found, measured.uv
 
 
 def honest_fit(
-    T: RigidTransform,
-    covariance: Array,
-    grown: Array,
-    centres: CentrePixels,
-    rig: Rig,
-    handle: Handle,
+    T: RigidTransform, grown: Array, centres: CentrePixels, rig: Rig, handle: Handle
 ) -> Honest:
     """The fit to centres with its covariances, all of whose errors are `grown` (6, 6)."""
-    sigma_px = np.hypot(centres.sigma_px, FLOOR_PX)
-    expected = T.apply(handle.marker_centres)
-    residuals = centres.uv - np.stack([camera.project(expected) for camera in rig.cameras])
-    seen = np.isfinite(residuals).all(axis=2)
+    sigma_px = _sigma_px(centres)
     _, covariances = triangulate_weighted(rig, centres.uv, sigma_px)
     by_point = grown @ weighted_fit_gain(handle.marker_centres, T, covariances)
     by_pixel = weighted_slopes(rig, centres.uv, sigma_px)
     response = response_of_points(T, by_point, by_pixel, handle)
     at = response.camera, response.marker
+    expected = T.apply(handle.marker_centres)
+    projected = np.stack([camera.project(expected) for camera in rig.cameras])
+    residuals = (centres.uv - projected)[at]
+    noise = centres.covariance[at] + FLOOR_PX**2 * np.eye(2)
     pulls = pulled_alike(*at, centres.more_px2[at], T, rig, handle)
-    covariance = covariance + response.covariance_by(pulls)
-    chi_square = float(((residuals[seen] / sigma_px[seen, None]) ** 2).sum())
-    if not (is_uncertain(rig, handle) or contradict(chi_square, 2 * int(seen.sum()) - 6)):
+    # the fit weighs by one sigma a centre, which is less sure around the axis than along it
+    covariance = response.covariance_by(block_diag(*noise) + pulls)
+    information = np.linalg.inv(noise)
+    chi_square = float(np.einsum("ki,kij,kj->", residuals, information, residuals))
+    if not (is_uncertain(rig, handle) or contradict(chi_square, residuals.size - 6)):
         return Honest(covariance, NOTHING, False, rig, T, None)
-    information = np.eye(2) / sigma_px[at][:, None, None] ** 2
-    left = Residuals(residuals[at], information, pulls)
+    left = Residuals(residuals, information, pulls)
     return honest(covariance, response, left, T, rig, handle)
 
 
@@ -134,13 +131,19 @@ def _grown(
         refit = _fit(centres._replace(uv=uv), rig, handle)
         if refit is None:
             return None
-        columns.append(motion_between(refit[0], T) / STEPS[k])
+        columns.append(motion_between(refit, T) / STEPS[k])
     return np.linalg.inv(np.eye(6) - np.column_stack(columns))
 
 
-def _fit(centres: CentrePixels, rig: Rig, handle: Handle) -> tuple[RigidTransform, Array] | None:
-    sigma_px = np.hypot(centres.sigma_px, FLOOR_PX)
-    return weighted_fit(handle.marker_centres, *triangulate_weighted(rig, centres.uv, sigma_px))
+def _fit(centres: CentrePixels, rig: Rig, handle: Handle) -> RigidTransform | None:
+    points = triangulate_weighted(rig, centres.uv, _sigma_px(centres))
+    fit = weighted_fit(handle.marker_centres, *points)
+    return None if fit is None else fit[0]
+
+
+def _sigma_px(centres: CentrePixels) -> Array:
+    """By which each centre is weighed, in all directions alike."""
+    return np.hypot(centres.sigma_px, FLOOR_PX)
 
 
 def _to_centre(rig: Rig, handle: Handle, T: RigidTransform, views: Views) -> Array:

@@ -168,7 +168,7 @@ def make_table(draws: int, workers: int, kept: Path) -> pd.DataFrame:
     for handle in recipe.HANDLES:
         recorded(f"stills-{handle}", kept)
     poses = range(len(recipe.stills(recipe.HANDLES[0]).truth))
-    grid = {
+    grid: dict[str, Sequence] = {
         "renderer": [SECOND, OURS],
         "handle": list(recipe.HANDLES),
         "instant": list(poses),
