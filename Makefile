@@ -52,7 +52,7 @@ slides: book  ## slides for the lectures, from the chapters' own figures, in _bu
 verify: .venv/package.done  ## the heavy counts, as a report: an hour, with pages in a browser after make browser; ARGS="--only nees --draws 100" is quick
 	@$(BIN)/python tests/verify.py $(ARGS)
 
-sweeps: .venv/package.done  ## make the tables in data/sweeps and data/sensitivity.csv again, but the one that needs another renderer: two and a half hours
+sweeps: .venv/package.done  ## make the tables in data/sweeps and data/sensitivity.csv again, but the two that need another renderer: two and a half hours
 	@$(BIN)/python -m workbench.studies factors
 	@$(BIN)/python -m workbench.studies budget
 	@$(BIN)/python -m workbench.studies elevation

@@ -37,7 +37,19 @@ from .carrier import all_runs
 from .replication import EVERY, deviation, measure_frames
 from .second_renderer import OURS, SECOND, our_instant, recorded
 
-__all__ = ["LEVELS", "RIGS", "SEED", "Level", "drawn", "make_table", "row", "sums", "trial"]
+__all__ = [
+    "EXACT",
+    "LEVELS",
+    "RIGS",
+    "SEED",
+    "Level",
+    "by_file",
+    "drawn",
+    "make_table",
+    "row",
+    "sums",
+    "trial",
+]
 
 RIGS = ("paper_pair", "raised_40deg")
 SEED = 61  # of the draws
@@ -198,3 +210,37 @@ def row(instants: pd.DataFrame, name: str) -> dict[str, float]:
         "nees_low": low,
         "nees_high": high,
     }
+
+
+def by_file(table: pd.DataFrame, estimator: str, stated: bool) -> pd.DataFrame:
+    """The shipped table for a reader: what rig files that are off do to an estimator's poses, on the
+    second renderer's images and beside it on our own bench's.
+
+    Parameters
+    ----------
+    table : pandas.DataFrame
+        Of `make_table`.
+    estimator : str
+    stated : bool
+        Whether the files state how far they may be off.
+
+    Returns
+    -------
+    pandas.DataFrame
+        What the file is off by, rig and handle; `n` poses and the share `measured`; rms of error by
+        reported sigma for mm and deg, and mean NEES. The columns ``..., own`` are those of our bench.
+    """
+    keys = ["off_px", "rig", "handle"]
+    columns = {
+        "by sigma, mm": "error_by_sigma_mm",
+        "by sigma, deg": "error_by_sigma_deg",
+        "NEES": "nees",
+    }
+    mine = table[(table["estimator"] == estimator) & (table["stated"] == stated)]
+    mine = mine[mine["off_px"] > 0]
+    second, own = (mine[mine["renderer"] == name].set_index(keys) for name in (SECOND, OURS))
+    rows = pd.DataFrame({"n": second["n"], "measured": second["measured"] / second["n"]})
+    for name, column in columns.items():
+        rows[name] = second[column]
+        rows[f"{name}, own"] = own[column]
+    return rows.sort_index(level="off_px", sort_remaining=False).reset_index()

@@ -22,7 +22,18 @@ from trinolab.uncertainty.systematic import motion_slopes, slopes_at
 
 from .broken import covariance_of_such
 
-__all__ = ["BAD", "GOOD", "NOISE_PX", "Curve", "Seen", "curve", "fixed", "seen", "sizes"]
+__all__ = [
+    "BAD",
+    "GOOD",
+    "NOISE_PX",
+    "Curve",
+    "Seen",
+    "curve",
+    "fit",
+    "fixed",
+    "seen",
+    "sizes",
+]
 
 GOOD, BAD = (0.1, 0.005), (0.3, 0.02)  # principal points, px, and directions, deg
 NOISE_PX = 0.008  # of a marker's place, as `patches` has it
@@ -45,14 +56,21 @@ class Seen(NamedTuple):
 
 
 class Curve(NamedTuple):
-    """What the rule does, a number for each threshold: mean NEES of good rigs and of bad ones."""
+    """What the rule does, a number for each threshold: mean NEES of good rigs and of bad ones, and the
+    rms of the positions' error by reported sigma of good ones.
+    """
 
     good: Array
     bad: Array
+    good_by_sigma: Array
 
     def bad_where_good_is(self, nees: float) -> float:
         """The NEES of bad rigs where that of good ones is so much."""
         return float(np.interp(nees, self.good, self.bad))
+
+    def by_sigma_where_good_is(self, nees: float) -> float:
+        """The error by sigma of good rigs where their NEES is so much."""
+        return float(np.interp(nees, self.good, self.good_by_sigma))
 
 
 def seen(rig: Rig, handle: Handle, T_world_handle: RigidTransform) -> Seen:
@@ -96,7 +114,7 @@ def curve(
     noise_px : float
     """
     ratios: tuple[list[Array], list[Array]] = ([], [])
-    nees: tuple[tuple[list[Array], list[Array]], ...] = (([], []), ([], []))
+    squares: tuple[tuple[list[Array], list[Array]], ...] = (([], []), ([], []))
     for one in instants:
         more = rng.integers(len(instants), size=together - 1)
         group = [one, *(instants[k] for k in more)]
@@ -108,15 +126,16 @@ def curve(
             ]
             ratios[true].append(_likelihood_ratio(group, off, covariances, noise_px))
             for reported, of_rig in enumerate(covariances):
-                nees[true][reported].append(_nees(one, off[0], of_rig, noise_px))
+                squares[true][reported].append(_squares(one, off[0], of_rig, noise_px))
     ratio = [np.concatenate(parts) for parts in ratios]
-    nees_of = [[np.concatenate(parts) for parts in both] for both in nees]
+    squares_of = [[np.concatenate(parts, axis=1) for parts in both] for both in squares]
     thresholds = np.quantile(np.concatenate(ratio), np.linspace(0.0, 1.0, 201))
     means = [
-        [np.where(ratio[true] > at, nees_of[true][1], nees_of[true][0]).mean() for at in thresholds]
-        for true in (0, 1)
+        [np.where(ratio[true] > at, called_bad, called_good).mean(axis=1) for at in thresholds]
+        for true, (called_good, called_bad) in enumerate(squares_of)
     ]
-    return Curve(*np.array(means))
+    good, bad = np.array(means)  # (thresholds, 2) each
+    return Curve(good[:, 0], bad[:, 0], np.sqrt(good[:, 1]))
 
 
 def fixed(
@@ -132,14 +151,14 @@ def fixed(
     for covariance in covariances:
         of_instants = []
         for one in instants:
-            gain, information = _fit(one, reported, noise_px)
+            gain, information = fit(one, reported, noise_px)
             V = one.by_rig @ covariance @ one.by_rig.T + noise_px**2 * np.eye(len(one.by_rig))
             of_instants.append(np.trace(information @ gain @ V @ gain.T))
         means.append(float(np.mean(of_instants)))
     return means[0], means[1]
 
 
-def _fit(one: Seen, of_rig: Array, noise_px: float) -> tuple[Array, Array]:
+def fit(one: Seen, of_rig: Array, noise_px: float) -> tuple[Array, Array]:
     """The pose by the pixels (6, m) and its information (6, 6), by generalised least squares."""
     V = one.by_rig @ of_rig @ one.by_rig.T + noise_px**2 * np.eye(len(one.by_rig))
     weighed = np.linalg.solve(V, one.by_motion).T
@@ -147,11 +166,15 @@ def _fit(one: Seen, of_rig: Array, noise_px: float) -> tuple[Array, Array]:
     return np.linalg.solve(information, weighed), information
 
 
-def _nees(one: Seen, off: Array, of_rig: Array, noise_px: float) -> Array:
-    """NEES of the pose for each draw of the pixels (m, n)."""
-    gain, information = _fit(one, of_rig, noise_px)
+def _squares(one: Seen, off: Array, of_rig: Array, noise_px: float) -> Array:
+    """For each draw of the pixels (m, n) the pose's NEES, and the square of its position's error by
+    sigma, (2, n).
+    """
+    gain, information = fit(one, of_rig, noise_px)
     errors = gain @ off
-    return np.asarray((errors * (information @ errors)).sum(axis=0))
+    nees = (errors * (information @ errors)).sum(axis=0)
+    variance = np.trace(np.linalg.inv(information)[:3, :3])
+    return np.stack([nees, (errors[:3] ** 2).sum(axis=0) / variance])
 
 
 def _likelihood_ratio(

@@ -29,6 +29,8 @@ def test_one_number_by_hand(ratio):
     bad = 6 * (bad_as_good * ratio**2 + 1 - bad_as_good)
     # 60,000 draws: the mean of such numbers is known to 0.5 %
     assert rule.bad_where_good_is(good) == pytest.approx(bad, rel=0.03)
+    # three of the six numbers are the position
+    assert rule.by_sigma_where_good_is(good) == pytest.approx(np.sqrt(good / 6), rel=0.01)
 
 
 def test_more_numbers_tell_more():

@@ -268,10 +268,11 @@ def test_without_a_fault_the_best_estimator_is_honest_and_never_wrong():
     assert ((ratios > 0.8) & (ratios < 1.3)).all()
 
 
-def made_again(fault, handle, estimators):
-    """Rows of estimators that measure the first rounds alone."""
-    blocks = [stress.trial(fault, handle, k) for k in range(stress.FIRST_ROUNDS)]
-    table = load_sweep("stress").set_index(["fault", "handle", "rig", "estimator"])
+def made_again(study, fault, handle, estimators):
+    """Rows of estimators that measure the first rounds alone, of `stress` or `stress_silent`."""
+    blocks = [study.trial(fault, handle, k) for k in range(stress.FIRST_ROUNDS)]
+    table = load_sweep(study.__name__.rpartition(".")[2])
+    table = table.set_index(["fault", "handle", "rig", "estimator"])
     for rig, estimator in product(stress.RIGS, estimators):
         stored = table.loc[(fault, handle, rig, estimator)]
         for name, value in stress.judged(pd.DataFrame(blocks), f"{rig}/{estimator}").items():
@@ -281,14 +282,18 @@ def made_again(fault, handle, estimators):
 @pytest.mark.heavy
 def test_two_rows_are_made_again(monkeypatch):
     monkeypatch.setattr(stress, "EVERY", {"paper": replication.EVERY["paper"]})
-    made_again("half contrast", "coded", ["paper"])
+    made_again(stress, "half contrast", "coded", ["paper"])
 
 
 @pytest.mark.heavy
 @pytest.mark.parametrize("handle", stress.HANDLES)
-@pytest.mark.parametrize("fault", FAULTS)
-def test_all_estimators_of_a_fault_are_made_again(fault, handle):
-    made_again(fault, handle, [name for name in ESTIMATORS if name not in stress.OFTEN])
+@pytest.mark.parametrize(
+    ("study", "fault"),
+    [*product([stress], FAULTS), *product([stress_silent], stress_silent.SILENT_FAULTS)],
+    ids=lambda part: getattr(part, "__name__", part).rpartition(".")[2],
+)
+def test_all_estimators_of_a_fault_are_made_again(study, fault, handle):
+    made_again(study, fault, handle, [name for name in ESTIMATORS if name not in stress.OFTEN])
 
 
 def test_an_unknown_fault_is_refused():

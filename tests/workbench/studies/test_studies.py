@@ -41,6 +41,12 @@ def asked(monkeypatch):
         ("second_renderer", ["--kept", "k"], "make_table", {"kept": Path("k")}),
         ("second_renderer", [], "make_table", {"kept": Path("_build/second")}),
         (
+            "drawn_rigs",
+            ["--kept", "k", "--draws", "3", "--workers", "5"],
+            "make_table",
+            {"draws": 3, "workers": 5, "kept": Path("k")},
+        ),
+        (
             "sensitivity",
             ["--kept", "k", "--draws", "3"],
             "make_table",
