@@ -18,7 +18,7 @@ import numpy as np
 
 from trinolab.checks import Array
 
-from .silent_size import NOISE_PX, Seen, fit
+from .silent_size import NOISE_PX, Seen, fit, pixel_covariance
 
 __all__ = ["BySigma", "by_sigma"]
 
@@ -60,8 +60,7 @@ def by_sigma(
         corrected, _ = fit(one, covariance, noise_px)
         by_noise, _ = fit(one, np.zeros_like(covariance), noise_px)
         gain = share * corrected + (1 - share) * by_noise
-        pixels = one.by_rig @ covariance @ one.by_rig.T + noise_px**2 * np.eye(m)
-        own = np.diag(gain @ pixels @ gain.T)
+        own = np.diag(gain @ pixel_covariance(one, covariance, noise_px) @ gain.T)
         apart = share * (1 - share) * ((by_noise - corrected) @ off) ** 2
         variance = own[:, None] + apart
         of_parts = [(gain @ off) ** 2, variance]

@@ -34,8 +34,8 @@ from ..second import recipe
 from . import stress
 from .broken import believed
 from .carrier import all_runs
-from .replication import EVERY, deviation, measure_frames
-from .second_renderer import OURS, SECOND, our_instant, recorded
+from .replication import EVERY, deviation, measure_instant
+from .second_renderer import OURS, SECOND, our_instant, recorded, with_own
 
 __all__ = [
     "EXACT",
@@ -129,11 +129,10 @@ def _measured(
     images: list[np.ndarray], files: Iterator[Rig], handle: Handle, T: RigidTransform
 ) -> dict[str, list[Pose]]:
     """The poses by each estimator, of the images of one instant with several rig files."""
-    priors = [T] if len(handle.symmetries) > 1 else None
     poses: dict[str, list[Pose]] = {name: [] for name in EVERY}
     for rig in files:
-        for name, (found,) in measure_frames([images], rig, handle, EVERY, priors).items():
-            poses[name].append(found.pose)
+        for name, pose in measure_instant(images, rig, handle, EVERY, T).items():
+            poses[name].append(pose)
     return poses
 
 
@@ -230,17 +229,12 @@ def by_file(table: pd.DataFrame, estimator: str, stated: bool) -> pd.DataFrame:
         What the file is off by, rig and handle; `n` poses and the share `measured`; rms of error by
         reported sigma for mm and deg, and mean NEES. The columns ``..., own`` are those of our bench.
     """
-    keys = ["off_px", "rig", "handle"]
     columns = {
         "by sigma, mm": "error_by_sigma_mm",
         "by sigma, deg": "error_by_sigma_deg",
         "NEES": "nees",
     }
     mine = table[(table["estimator"] == estimator) & (table["stated"] == stated)]
-    mine = mine[mine["off_px"] > 0]
-    second, own = (mine[mine["renderer"] == name].set_index(keys) for name in (SECOND, OURS))
-    rows = pd.DataFrame({"n": second["n"], "measured": second["measured"] / second["n"]})
-    for name, column in columns.items():
-        rows[name] = second[column]
-        rows[f"{name}, own"] = own[column]
+    rows = with_own(mine[mine["off_px"] > 0], ["off_px", "rig", "handle"], columns)
+    rows["measured"] /= rows["n"]
     return rows.sort_index(level="off_px", sort_remaining=False).reset_index()

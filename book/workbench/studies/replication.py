@@ -40,6 +40,7 @@ __all__ = [
     "deviation",
     "estimates_and_truths",
     "measure_frames",
+    "measure_instant",
     "replicate",
     "replicate_table1",
     "replication_errors",
@@ -122,6 +123,21 @@ def measure_frames(
         for name, parameters in methods.items():
             measurements[name].append(measure(images, rig, handle, prior, parameters))
     return measurements
+
+
+def measure_instant(
+    images: Sequence[np.ndarray],
+    rig: Rig,
+    handle: Handle,
+    methods: Mapping[str, Parameters],
+    truth: RigidTransform,
+) -> dict[str, Pose]:
+    """The pose of one instant by each method. Where the handle has look-alikes its true pose chooses
+    among them, and nothing else.
+    """
+    priors = [truth] if len(handle.symmetries) > 1 else None
+    found = measure_frames([images], rig, handle, methods, priors)
+    return {name: measurement.pose for name, (measurement,) in found.items()}
 
 
 def replicate(

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -29,7 +29,7 @@ from trinolab.methods import BEST, ESTIMATORS
 
 from ..intervals import of_mean
 from ..second import recipe
-from .replication import EVERY, Deviation, deviation, measure_frames
+from .replication import EVERY, Deviation, deviation, measure_instant
 
 __all__ = [
     "FILM",
@@ -47,6 +47,7 @@ __all__ = [
     "recorded",
     "side_by_side",
     "stills",
+    "with_own",
 ]
 
 SECOND, OURS = "second", "bench"  # the renderers
@@ -112,22 +113,42 @@ def side_by_side(
         The columns ``..., own`` are those of our own bench; errors are means, `by sigma` is the rms
         of error by reported sigma.
     """
-    keys = ["rig", "handle", "estimator"]
     columns = {
         "mm": "mean_mm",
         "by sigma, mm": "error_by_sigma_mm",
         "deg": "mean_deg",
         "by sigma, deg": "error_by_sigma_deg",
     }
+    rows = with_own(table, ["rig", "handle", "estimator"], columns)
+    chosen = rows.index.get_level_values("estimator").isin([*estimators, FILM])
+    return rows[chosen].reset_index()
+
+
+def with_own(table: pd.DataFrame, keys: Sequence[str], columns: Mapping[str, str]) -> pd.DataFrame:
+    """The second renderer's rows by their keys, and in columns ``..., own`` those of our own bench.
+
+    Parameters
+    ----------
+    table : pandas.DataFrame
+        Rows of both renderers.
+    keys : sequence of str
+        The columns that tell the rows of a renderer apart.
+    columns : mapping of str to str
+        From a name for a reader to a column of the table.
+
+    Returns
+    -------
+    pandas.DataFrame
+        `n` and `measured` of the second renderer, and the columns.
+    """
     second, own = (
-        table[table["renderer"] == renderer].set_index(keys) for renderer in (SECOND, OURS)
+        table[table["renderer"] == renderer].set_index(list(keys)) for renderer in (SECOND, OURS)
     )
     rows = second[["n", "measured"]].copy()
     for name, column in columns.items():
         rows[name] = second[column]
         rows[f"{name}, own"] = own[column]
-    chosen = rows.index.get_level_values("estimator").isin([*estimators, FILM])
-    return rows[chosen].reset_index()
+    return rows
 
 
 class Factor(NamedTuple):
@@ -239,9 +260,8 @@ def measured(
     rigs = recipe.rigs()
     deviations: dict[tuple[str, str], list[Deviation]] = {}
     for images, T in zip(frames, truths, strict=True):
-        priors = [T] if len(handle.symmetries) > 1 else None
         for name, rig in rigs.items():
             seen = recipe.by_rig(images, name)
-            for estimator, (m,) in measure_frames([seen], rig, handle, EVERY, priors).items():
-                deviations.setdefault((name, estimator), []).append(deviation(m.pose, T, handle))
+            for estimator, pose in measure_instant(seen, rig, handle, EVERY, T).items():
+                deviations.setdefault((name, estimator), []).append(deviation(pose, T, handle))
     return deviations

@@ -31,6 +31,7 @@ __all__ = [
     "curve",
     "fit",
     "fixed",
+    "pixel_covariance",
     "seen",
     "sizes",
 ]
@@ -152,15 +153,20 @@ def fixed(
         of_instants = []
         for one in instants:
             gain, information = fit(one, reported, noise_px)
-            V = one.by_rig @ covariance @ one.by_rig.T + noise_px**2 * np.eye(len(one.by_rig))
+            V = pixel_covariance(one, covariance, noise_px)
             of_instants.append(np.trace(information @ gain @ V @ gain.T))
         means.append(float(np.mean(of_instants)))
     return means[0], means[1]
 
 
+def pixel_covariance(one: Seen, of_rig: Array, noise_px: float) -> Array:
+    """Covariance of the pixels (m, m) by the rig's (p, p) and by the noise, px^2."""
+    return np.asarray(one.by_rig @ of_rig @ one.by_rig.T + noise_px**2 * np.eye(len(one.by_rig)))
+
+
 def fit(one: Seen, of_rig: Array, noise_px: float) -> tuple[Array, Array]:
     """The pose by the pixels (6, m) and its information (6, 6), by generalised least squares."""
-    V = one.by_rig @ of_rig @ one.by_rig.T + noise_px**2 * np.eye(len(one.by_rig))
+    V = pixel_covariance(one, of_rig, noise_px)
     weighed = np.linalg.solve(V, one.by_motion).T
     information = weighed @ one.by_motion
     return np.linalg.solve(information, weighed), information

@@ -39,7 +39,7 @@ from .replication import (
     WRONG_MM,
     Deviation,
     deviation,
-    measure_frames,
+    measure_instant,
     shared_poses,
 )
 
@@ -168,10 +168,9 @@ def _measured(
     deviations: dict[str, list[Deviation]] = {name: [] for name in methods}
     for one, T in zip(taken, truths, strict=True):
         rig = one.rig.part(range(count))
-        priors = [T] if len(handle.symmetries) > 1 else None
-        measurements = measure_frames([one.frames[:count]], rig, handle, methods, priors)
-        for name, (measurement,) in measurements.items():
-            deviations[name].append(deviation(measurement.pose, T, handle))
+        poses = measure_instant(one.frames[:count], rig, handle, methods, T)
+        for name, pose in poses.items():
+            deviations[name].append(deviation(pose, T, handle))
     return deviations
 
 

@@ -15,6 +15,7 @@ from trinolab.methods import BEST, ESTIMATORS
 from trinolab.pose import LOST, Pose
 from workbench.second import recipe
 from workbench.studies import drawn_rigs as study
+from workbench.studies import replication
 from workbench.studies.replication import EVERY
 from workbench.studies.second_renderer import OURS, SECOND
 
@@ -112,7 +113,7 @@ def test_every_rig_file_sees_the_images_of_its_cameras(
         lambda recording, first: iter([SimpleNamespace(images=images_of(SECOND)())]),
     )
     monkeypatch.setattr(study, "our_instant", images_of(OURS))
-    monkeypatch.setattr(study, "measure_frames", measure_frames)
+    monkeypatch.setattr(replication, "measure_frames", measure_frames)
     found = study.trial(renderer, handle, 7, 2, str(tmp_path))
     per_rig = 1 + 2 * (len(study.LEVELS) - 1)
     assert len(asked) == per_rig * len(study.RIGS)

@@ -10,11 +10,11 @@ from scipy.spatial.transform import RigidTransform
 
 from trinolab.bench.optics import Bench
 from trinolab.bench.scene import render
-from trinolab.camera import Rig
 from trinolab.datasets import load_handle, load_sweep
 from trinolab.methods import BEST, ESTIMATORS
 from trinolab.pose import LOST, Pose
 from workbench.second import recipe
+from workbench.studies import replication
 from workbench.studies import second_renderer as study
 from workbench.studies.replication import Deviation, deviation, measure_frames
 from workbench.studies.second_renderer import OURS, SECOND
@@ -79,15 +79,15 @@ def test_side_by_side_has_the_own_bench_beside_the_other():
 
 @pytest.mark.heavy
 def test_a_row_of_our_bench_is_made_again():
-    shooting, (left, right, *_) = recipe.stills("coded"), recipe.four_cameras().cameras
+    shooting, pair = recipe.stills("coded"), recipe.rigs()["paper_pair"]
     found = []
     for k, T in enumerate(shooting.truth):
         images = [
             render(camera, shooting.handle, T, Bench(), np.random.default_rng([recipe.SEED, k, c]))
-            for c, camera in enumerate((left, right))
+            for c, camera in enumerate(pair.cameras)
         ]
         how = {BEST: study.EVERY[BEST]}
-        (m,) = measure_frames([images], Rig((left, right)), shooting.handle, how)[BEST]
+        (m,) = measure_frames([images], pair, shooting.handle, how)[BEST]
         found.append(deviation(m.pose, T, shooting.handle))
     assert_is_shipped(found, OURS, "paper_pair", "coded", BEST)
 
@@ -176,7 +176,7 @@ def test_every_rig_takes_its_own_of_the_four_images(monkeypatch, handle_name, to
         asked.append((frames, rig.names, priors))
         return {"paper": [SimpleNamespace(pose=len(asked))]}
 
-    monkeypatch.setattr(study, "measure_frames", measure_frames)
+    monkeypatch.setattr(replication, "measure_frames", measure_frames)
     monkeypatch.setattr(study, "deviation", lambda pose, T, handle: (pose, T.translation[2]))
     images = [["a", "b", "above", "raised"]] * 2
     found = study.measured(iter(images), TRUTHS, load_handle(handle_name))
