@@ -1,54 +1,44 @@
-"""What a sweep costs beside its runs: chapter 6 with reused kernels, one and two at a time; a
-papermill loop in the same run; a function; a table of 10,000 rows that is opened and drawn.
+"""The time of a sweep: chapters 3 and 6 by their tags compared with whole, the time beside the runs
+of a short notebook compared with a papermill loop in the same run, a function, and a table of
+10,000 rows that is opened and drawn.
 
-The time of the cells is what the kernel says of each. Everything else is ours: starting and
-resetting kernels, messages, rows, table and figure. And what is gained by running only those cells
-on which the results depend: chapter 3 over alpha and chapter 6 over the NCC threshold, in a kernel
-that has had a run before.
-
-    python tests/benchmarks/bench_sweep.py [--runs 40] [--instants 4] [--slices]
+    python tests/benchmarks/bench_sweep.py [--runs 10] [--tags]
 """
 
 import argparse
 import json
 import os
+import resource
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Sequence
-from datetime import datetime
+from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import Any
 
-import nbformat
 import numpy as np
-import psutil
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "helpers"))
 
 from makenotebook import glued, make_notebook
+from nbformat.v4 import new_code_cell
 
 from trinolab.files.images import unheard
+from workbench.sweep.cells import code_cells
 from workbench.sweep.engines import kernels, processes
 from workbench.sweep.figures import as_png, plot_sweep
 from workbench.sweep.folder import read_sweep
 from workbench.sweep.grid import axes_of
-from workbench.sweep.notebook import ONE_THREAD, read_notebook
-from workbench.sweep.runs import compute, find_notebook, of_function, of_notebook
-from workbench.sweep.slicing import slice_notebook
-from workbench.sweep.warmkernel import (
-    NotebookJob,
-    close_kernels,
-    notebook_job,
-    open_kernels,
-    run_job,
-)
+from workbench.sweep.jobs import close_kernels, run_tagged, run_whole
+from workbench.sweep.notebook import ONE_THREAD, as_notebook, read_notebook
+from workbench.sweep.runs import compute, of_function, of_notebook
 
-SLICED_S = 3.0
-SLICED = [
-    ("03_background", "update_rate", [0.005, 0.02, 0.05, 0.1]),
-    ("06_matching", "ncc_threshold", [0.4, 0.6, 0.7, 0.8]),
+# chapter, parameter, values, the largest share of the whole run's processor time
+TAGGED = [
+    ("03_background", "update_rate", [0.005, 0.02, 0.05], 0.2),
+    ("06_matching", "ncc_threshold", [0.4, 0.6, 0.8], 0.35),
 ]
-OVERHEAD_S, SCALING, PAPERMILL, FUNCTION_MS, OPEN_S = 0.2, 1.7, 3.0, 1.0, 2.0
+FUNCTION_MS, OPEN_S = 1.0, 2.0
 SHORT = """
 import numpy as np
 from trinolab.datasets import load_rig
@@ -58,17 +48,10 @@ total = sum(np.linalg.svd(np.random.default_rng(seed).normal(size=(60, 60)))[1][
 broken = []
 
 
-def line(
-    what: str, value: float, unit: str, limit: float | None = None, at_least: bool = False
-) -> None:
+def line(what: str, value: float, unit: str, limit: float | None = None) -> None:
     """Print a result, and whether it keeps to its limit."""
-    kept = limit is None or (value >= limit if at_least else value <= limit)
-    said = (
-        ""
-        if limit is None
-        else f"   limit {'at least' if at_least else 'at most'} {limit:g}: "
-        f"{'kept' if kept else 'BROKEN'}"
-    )
+    kept = limit is None or value <= limit
+    said = "" if limit is None else f"   limit {limit:g}: {'kept' if kept else 'BROKEN'}"
     print(f"{what:64s}{value:9.3f} {unit:8s}{said}", flush=True)
     broken.extend([] if kept else [what])
 
@@ -79,128 +62,65 @@ def seconds(function: Callable[[], object]) -> float:
     return time.perf_counter() - start
 
 
-def cells_of(folder: Path) -> list[tuple[float, float]]:
-    """For each kept notebook, in the order of time, when its first cell began and how long its
-    cells took, s.
-    """
-    found = []
-    for path in (folder / "notebooks").iterdir():
-        times = [
-            cell.metadata["execution"]
-            for cell in nbformat.read(path, as_version=4).cells
-            if cell.metadata.get("execution")
-        ]
-        spans = [
-            [
-                datetime.fromisoformat(of[f"iopub.{name}"].replace("Z", "+00:00")).timestamp()
-                for name in ("execute_input", "status.idle")
-            ]
-            for of in times
-        ]
-        found.append((spans[0][0], sum(last - first for first, last in spans)))
-    return sorted(found)
+def processor_s() -> float:
+    """Processor time of the kernels that have ended, s."""
+    spent = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return spent.ru_utime + spent.ru_stime
 
 
-def swept(
-    path: Path, workers: int, root: Path, **values: object
-) -> tuple[float, list[tuple[float, float]]]:
-    """Wall time of a sweep, s, and what `cells_of` says of it."""
-    job, folder = of_notebook(path, axes_of(values), keep=True), root / f"{path.stem}-{workers}"
-    wall = seconds(lambda: compute(job, kernels(workers, job.kernels), folder))
-    return wall, cells_of(folder)
+TIMED = "import time\nfrom myst_nb import glue\nglue('processor_s', time.process_time())"
 
 
-def beyond(wall: float, workers: int, cells: list[tuple[float, float]]) -> float:
-    """A worker's time for a run beyond its cells, s: starts of kernels, table, figure, and waiting
-    for the end, too.
-    """
-    return (workers * wall - sum(spent for _, spent in cells)) / len(cells)
+def measure_tags() -> None:
+    """Processor time of whole runs, and of forks by tags, which glue their own."""
+    for chapter, name, values, limit in TAGGED:
+        job = of_notebook(chapter, axes_of({name: values})).notebook
+        assert job is not None
+        assert job.plan is not None
+        notebook = as_notebook(job.text)
+        notebook.cells.append(new_code_cell(TIMED))
+        last = len(code_cells(notebook))
+        plan = job.plan._replace(each=(*job.plan.each, last))
+        timed = job._replace(text=json.dumps(notebook), plan=plan)
+        tagged = [run_tagged(timed, {name: value}).results["processor_s"] for value in values]
+        before = processor_s()
+        for value in values:
+            run_whole(job, {name: value})
+        whole = (processor_s() - before) / len(values)
+        close_kernels(job.sweep)
+        line(f"{chapter} over {name}, whole: processor", whole, "s a run")
+        line(f"{chapter} over {name}, by its tags: processor", float(np.median(tagged)), "s a run")
+        share = float(np.median(tagged)) / whole
+        line(f"{chapter} over {name}, by its tags divided by whole", share, "", limit)
 
 
-def looped(path: Path, root: Path, runs: list[dict[str, object]]) -> float:
-    """Wall time of a loop over papermill, s."""
+def measure_short(root: Path, runs: int) -> None:
+    """A short notebook, whole and by a tag, and a papermill loop over it."""
     import papermill
 
+    whole = make_notebook(root / "whole.ipynb", SHORT, glued(total="total"))
+    tagged = make_notebook(root / "tagged.ipynb", SHORT.partition("total")[0], glued(total="total"))
+    content = read_notebook(tagged)
+    content.cells[1].metadata["tags"] = ["once"]
+    content.cells[2].source = f"total{SHORT.partition('total')[2]}{content.cells[2].source}"
+    tagged.write_text(json.dumps(content))
+    settings: list[Mapping[str, Any]] = [{"seed": seed} for seed in range(runs)]
     with unheard():  # its kernels talk
-        return seconds(
+        loop = seconds(
             lambda: [
                 papermill.execute_notebook(
-                    path, root / "papermill.ipynb", run, progress_bar=False, cwd=path.parent
+                    whole, root / "papermill.ipynb", setting, progress_bar=False, cwd=root
                 )
-                for run in runs
+                for setting in settings
             ]
         )
-
-
-def measure_notebooks(root: Path, runs: int, instants: int) -> None:
-    chapter, seeds = find_notebook("06_matching"), range(runs)
-    # renders the recordings, if they are not there
-    swept(chapter, 1, root / "first", instants=2, seed=0)
-    (one, cells_one), (two, cells_two) = (
-        swept(chapter, k, root, instants=instants, seed=seeds) for k in (1, 2)
-    )
-    line("06_matching, one worker: wall time", one / runs, "s a run")
-    line("06_matching, two workers: wall time", two / runs, "s a run")
-    line(
-        "06_matching, one worker: beyond the cells",
-        beyond(one, 1, cells_one),
-        "s a run",
-        OVERHEAD_S,
-    )
-    line("06_matching, two workers: of each beyond the cells", beyond(two, 2, cells_two), "s a run")
-    starts, spent = np.transpose(cells_one)
-    line(
-        "06_matching, from run to run: median beyond the cells",
-        float(np.median(np.diff(starts) - spent[:-1])),
-        "s",
-    )
-    line("06_matching, two workers by one: throughput", one / two, "times", SCALING, True)
-    few = [{"instants": instants, "seed": seed} for seed in range(min(runs, 5))]
-    each = looped(chapter, root, few) / len(few)
-    line("06_matching, a papermill loop by two workers: time", each * runs / two, "times")
-    short = make_notebook(root / "short.ipynb", SHORT, glued(total="total"))
-    wall, cells = swept(short, 2, root, seed=seeds)
-    line("short notebook, its cells", sum(spent for _, spent in cells) / runs, "s a run", 1.0)
-    line("short notebook, two workers: of each beyond the cells", beyond(wall, 2, cells), "s a run")
-    loop = looped(short, root, [{"seed": seed} for seed in range(runs)])
-    line(
-        "short notebook, a papermill loop by two workers: time",
-        loop / wall,
-        "times",
-        PAPERMILL,
-        True,
-    )
-
-
-def processor_s() -> float:
-    """Processor time of all kernels so far, s."""
-    return sum(sum(psutil.Process(kernel.process_id).cpu_times()[:2]) for kernel in open_kernels())
-
-
-def warm_runs(job: NotebookJob, name: str, values: Sequence[float]) -> tuple[float, float]:
-    """Median wall time and processor time of a run, s; the first one only warms the kernel."""
-    spent = []
-    for value in values:
-        before = processor_s()
-        wall = seconds(lambda value=value: run_job(job, {name: value}))
-        spent.append((wall, processor_s() - before))
-    close_kernels(job.sweep)
-    wall, processor = np.median(spent[1:], axis=0)
-    return float(wall), float(processor)
-
-
-def measure_slices() -> None:
-    for chapter, name, values in SLICED:
-        path = find_notebook(chapter)
-        part = slice_notebook(read_notebook(path), [name])
-        wall, processor = warm_runs(notebook_job(path, None, part=part), name, values)
-        whole_wall, whole_processor = warm_runs(notebook_job(path, None), name, values)
-        where = f"{chapter} over {name}"
-        line(f"{where}, what the results need: wall time", wall, "s a run", SLICED_S)
-        line(f"{where}, what the results need: processor", processor, "s a run")
-        line(f"{where}, whole: wall time", whole_wall, "s a run")
-        line(f"{where}, whole: processor", whole_processor, "s a run")
-        line(f"{where}, whole by what is needed: processor", whole_processor / processor, "times")
+    line("short notebook, a papermill loop", loop / runs, "s a run")
+    for path in (whole, tagged):
+        job = of_notebook(path, axes_of({"seed": range(runs)}))
+        wall = seconds(
+            lambda job=job, path=path: compute(job, kernels(2, job.kernels), root / path.stem)
+        )
+        line(f"short notebook, {path.stem}, two workers", wall / runs, "s a run")
 
 
 def busy(a: float, b: float) -> dict[str, float]:
@@ -220,36 +140,26 @@ def measure_function(root: Path) -> None:
         own = sum(
             json.loads(row)["seconds"] for row in (folder / "runs.jsonl").read_text().splitlines()
         )
-        line(
-            f"function, 10,000 runs, {workers} workers: beyond the function",
-            1e3 * (wall - own / workers) / 1e4,
-            "ms a run",
-            FUNCTION_MS,
-        )
-    line(
-        "10,000 rows: opened and drawn",
-        seconds(lambda: as_png(plot_sweep(read_sweep(folder)))),
-        "s",
-        OPEN_S,
-    )
+        beyond = 1e3 * (wall - own / workers) / 1e4
+        what = f"function, 10,000 runs, {workers} workers: beyond the function"
+        line(what, beyond, "ms a run", FUNCTION_MS)
+    opened = seconds(lambda: as_png(plot_sweep(read_sweep(folder))))
+    line("10,000 rows: opened and drawn", opened, "s", OPEN_S)
 
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n\n")[0])
-    parser.add_argument("--runs", type=int, default=40, help="of each notebook (%(default)s)")
-    parser.add_argument("--instants", type=int, default=4, help="of chapter 6 (%(default)s)")
-    parser.add_argument("--slices", action="store_true", help="only what is gained by parts")
+    parser.add_argument("--runs", type=int, default=10, help="of a short notebook (%(default)s)")
+    parser.add_argument("--tags", action="store_true", help="only what is gained by tags")
     arguments = parser.parse_args()
     os.environ.update(ONE_THREAD)  # papermill's kernels as well
-    print(
-        f"{arguments.runs} runs of a notebook; {os.cpu_count()} cores, load {os.getloadavg()[0]:.1f} at the start"
-    )
-    measure_slices()
-    if arguments.slices:
-        return int(bool(broken))
-    with tempfile.TemporaryDirectory() as folder:
-        measure_function(Path(folder))
-        measure_notebooks(Path(folder), arguments.runs, arguments.instants)
+    load = os.getloadavg()[0]
+    print(f"{os.cpu_count()} cores, load {load:.1f} at the start")
+    measure_tags()
+    if not arguments.tags:
+        with tempfile.TemporaryDirectory() as folder:
+            measure_function(Path(folder))
+            measure_short(Path(folder), arguments.runs)
     return int(bool(broken))
 
 

@@ -70,7 +70,7 @@ def dangers(source):
 
 
 # What a student hands in is to be run: in a process of its own, from which plain data come back.
-# A kernel copies its own variables, which never leave its memory. A table of Anipose's is a pickle, of which
+# The cells of a notebook that is swept are run in a process of their own. A table of Anipose's is a pickle, of which
 # numbers alone are read: `calibration.tables` refuses all that could run.
 RUN_ON_PURPOSE = {
     "trinolab.calibration.tables",
@@ -79,7 +79,8 @@ RUN_ON_PURPOSE = {
     "workbench.browser.guest.sweeping",
     "workbench.course.child",
     "workbench.course.running",
-    "workbench.sweep.kernelstate",
+    "workbench.sweep.cells",  # which compiles a cell to look for names, and does not run it
+    "workbench.sweep.forking",
 }
 
 

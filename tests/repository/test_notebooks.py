@@ -5,6 +5,9 @@ if that is stale. With other parameters the lessons run in a small size; `make v
 in full, and for the studies.
 """
 
+import json
+
+import nbformat
 import pytest
 from chapterruns import OTHER_PARAMETERS, SMALL, check_results
 from chapters import LESSONS, NOTEBOOKS, STUDIES
@@ -12,15 +15,9 @@ from executed import as_it_stands
 from films import frames_in
 from nbformat.v4 import new_code_cell
 
-from workbench.sweep.notebook import (
-    glued,
-    imported,
-    inject,
-    read_notebook,
-    read_parameters,
-    run_notebook,
-)
-from workbench.sweep.warmkernel import Kernel, Key
+from workbench.sweep.jobs import notebook_job, run_whole
+from workbench.sweep.notebook import glued, read_notebook, read_parameters, run_notebook
+from workbench.sweep.outcome import FAILED
 
 # of the films that chapters show
 FILM_FRAMES = {"01_structure": 30, "03_background": 30, "11_master_slave": 225}
@@ -67,15 +64,6 @@ def test_runs_at_its_defaults(path, tmp_path, monkeypatch):
     assert frames == ([FILM_FRAMES[path.stem]] if path.stem in FILM_FRAMES else [])
 
 
-@pytest.fixture(scope="module")
-def kernel():
-    """A kernel for all chapters: each begins in it as in a new one, but for the imports."""
-    imports = "\n".join(dict.fromkeys(imported(read_notebook(path)) for path in NOTEBOOKS))
-    kernel = Kernel(Key("chapters", "python3", str(NOTEBOOKS[0].parent), imports), warm=True)
-    yield kernel
-    kernel.close()
-
-
 @pytest.mark.parametrize(
     "path",
     [
@@ -84,18 +72,18 @@ def kernel():
     ],
     ids=lambda path: path.stem,
 )
-def test_runs_at_other_parameters(path, kernel):
+def test_runs_at_other_parameters(path):
     other, small = (entries.get(path.stem, {}) for entries in (OTHER_PARAMETERS, SMALL))
     defaults = read_parameters(path)
     assert any(value != defaults.get(name) for name, value in other.items()), (
         "no parameter differs from its default"
     )
     notebook = read_notebook(path)
-    inject(notebook, {**other, **small}, path)
     notebook.cells.insert(0, new_code_cell(UNDRAWN))
-    assert kernel.reset()
-    kernel.run(notebook, None)
-    check_results(path.stem, glued(notebook))
+    job = notebook_job(path, keep=True)._replace(text=json.dumps(notebook))
+    outcome = run_whole(job, {**other, **small})
+    assert outcome.status != FAILED, outcome.error
+    check_results(path.stem, glued(nbformat.reads(outcome.notebook, as_version=4)))
 
 
 @each_notebook

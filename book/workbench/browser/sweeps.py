@@ -1,6 +1,6 @@
 """Sweeps on a chapter's page: which, at which values, and the parts of the chapter that a run needs.
 
-A reader's browser gets the chapter already cut (`workbench.sweep.slicing`).
+A reader's browser gets the chapter already cut by its tags (`workbench.sweep.cells`).
 """
 
 from __future__ import annotations
@@ -11,10 +11,8 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from ..provenance import hash_text
+from ..sweep.cells import code_cells, parameters_cell, plan_cells
 from ..sweep.notebook import read_notebook, read_parameters
-from ..sweep.slicing import slice_notebook
-
-__all__ = ["SWEEPS", "PageSweep", "part_of", "with_sweep", "write_sweeps"]
 
 
 class PageSweep(NamedTuple):
@@ -37,27 +35,27 @@ SWEEPS = {
 
 @cache
 def part_of(chapter: Path) -> dict[str, Any]:
-    """What a browser runs of a chapter: once, and at each value.
+    """The sources that a browser runs of a chapter: once, and at each value.
 
     Raises
     ------
     ValueError
-        If the chapter's text does not tell what can run once.
+        If the chapter's cells are not tagged for a sweep.
     """
     parameter = SWEEPS[chapter.stem].parameter
     notebook = read_notebook(chapter)
-    part = slice_notebook(notebook, [parameter])
-    if part is None or part.once is None:
-        raise ValueError(f"{chapter}: cannot be cut for a sweep of {parameter}")
-    tags = [cell.metadata.get("tags", []) for cell in notebook.cells if cell.cell_type == "code"]
+    plan = plan_cells(notebook, [parameter])
+    if plan is None:
+        raise ValueError(f"{chapter}: no cell is tagged for a sweep of {parameter}")
+    sources = {number: cell.source for number, cell in enumerate(code_cells(notebook), 1)}
+    sources[parameters_cell(notebook)] += f"\ndel {parameter}"
     return {
         "chapter": chapter.stem,
         "parameter": parameter,
+        "verdicts": list(notebook.metadata.get("trinolab", {}).get("verdicts", [])),
         "defaults": read_parameters(chapter),
-        "parameters": 1 + next(k for k, some in enumerate(tags) if "parameters" in some),
-        "once": _sources(part.once),
-        "each": _sources(part.each),
-        "held": part.held,
+        "once": {number: sources[number] for number in plan.once},
+        "each": {number: sources[number] for number in plan.each},
     }
 
 
@@ -88,7 +86,3 @@ def with_sweep(page: str, chapter: Path, version: str) -> str:
         '<script type="module" src="../_browser/static/sweep.js"></script>\n'
     )
     return page.replace("</head>", f"{added}</head>", 1)
-
-
-def _sources(notebook: Any) -> list[str]:
-    return [cell.source for cell in notebook.cells if cell.cell_type == "code"]

@@ -597,12 +597,11 @@ def _sweep(a: argparse.Namespace) -> int:
         a.sample_seed,
         a.yes,
         a.timeout,
-        a.fresh_kernels,
         a.keep,
-        a.whole,
+        a.whole or a.fresh_kernels,
     )
     if a.explain:
-        say(job.cells or "all cells run each time")
+        say(job.cells)
         return 0
     if a.out is None:
         raise ValueError("--out: expected a folder for the runs")
@@ -615,7 +614,7 @@ def _sweep(a: argparse.Namespace) -> int:
     say(f"{len(runs)} runs: {_statuses(runs)}; written to {a.out}")
     for status, rows in runs[runs["status"] != "ok"].groupby("status"):
         say(f"the first {status}: {rows['error'].iloc[0]}")
-    return 0 if (runs["status"] == "ok").any() else 1
+    return 0 if (runs["status"] == "ok").all() else 1
 
 
 def _clear(a: argparse.Namespace) -> int:

@@ -662,6 +662,9 @@ def _add_sweep(commands: argparse._SubParsersAction) -> None:
         "trinolab sweep notebooks/06_matching.ipynb -p ncc_threshold=0.5:0.9:5 \\\n"
         "      --workers 2 --out sweeps/ncc",
     )
+    p.epilog = (
+        f"{p.epilog}\n\nexit status: 0 if every run is ok, 1 if one is not, 2 if nothing was run"
+    )
     p.add_argument(
         "notebook",
         metavar="NOTEBOOK",
@@ -707,7 +710,7 @@ def _add_sweep(commands: argparse._SubParsersAction) -> None:
     p.add_argument(
         "--fresh-kernels",
         action="store_true",
-        help="start a kernel for each run; otherwise one is used again, its state reset",
+        help="the same as --whole",
     )
     p.add_argument(
         "--timeout",
@@ -719,13 +722,13 @@ def _add_sweep(commands: argparse._SubParsersAction) -> None:
     p.add_argument(
         "--whole",
         action="store_true",
-        help="run all cells; otherwise those are left out on which no result depends, such as figures "
-        "and checks, and what no swept parameter reaches is run once",
+        help="run all cells at each setting, in a fresh kernel; otherwise a cell tagged 'once' runs "
+        "once, one tagged 'figure' does not run, and two settings are compared with the whole notebook",
     )
     p.add_argument(
         "--explain",
         action="store_true",
-        help="say which cells would run, and why, and run nothing; needs no --out",
+        help="say of each cell whether it runs once, at each setting, or not, and why; run nothing",
     )
     p.add_argument(
         "--keep", action="store_true", help="keep the executed notebooks, too; they are run whole"

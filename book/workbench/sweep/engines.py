@@ -24,23 +24,8 @@ from typing import Any, NamedTuple
 from trinolab.workers import serve_parent
 
 from ..provenance import surroundings
+from .jobs import close_kernels
 from .notebook import ONE_THREAD
-from .warmkernel import close_kernels
-
-__all__ = [
-    "BATCH_S",
-    "Engine",
-    "Inline",
-    "as_finished",
-    "check_portable",
-    "cluster",
-    "kernels",
-    "one_thread_each",
-    "package_hash",
-    "processes",
-    "settle",
-    "settled",
-]
 
 BATCH_S = 0.02
 CONNECT_S = 10.0  # to a scheduler, and to its first worker

@@ -1,8 +1,8 @@
 """Figures of a sweep's table: curves, heat maps, small multiples.
 
-What changed most comes first: the range of a result's means, less the mean range of its repeats,
-over the largest of the means, without signs. A result that repeats the parameter's value comes
-last.
+The results that a notebook names as its verdicts come first, those in words as a row of colours.
+Then comes what changed most: the range of a result's means, less the mean range of its repeats,
+divided by the largest mean, without signs. A result that repeats the parameter's value comes last.
 """
 
 from __future__ import annotations
@@ -24,18 +24,6 @@ from trinolab.checks import Array
 from ..plotting import COLOURS
 from ..plotting.basics import subplots
 from .quantities import PAPER, count_of, is_count, labelled, paper_value
-
-__all__ = [
-    "Counted",
-    "Levels",
-    "as_png",
-    "counts_of",
-    "draw_curve",
-    "is_grid",
-    "plot_sweep",
-    "results_of",
-    "varied",
-]
 
 REPEATS = ("seed",)  # parameters that repeat a run rather than change it
 MOST_PANELS = 12
@@ -89,8 +77,9 @@ def plot_sweep(
     found : pandas.DataFrame
         As `runs.sweep` or `sweep.read_sweep` gives it.
     results : sequence of str, optional
-        The columns to show; without it the errors of Eq. 26 and 27, and what changes with more than
-        the seed, what changed most first, as many as there is room.
+        The columns to show; without it the verdicts in ``found.attrs``, the errors of Eq. 26 and
+        27, and what changes with more than the seed, what changed most first, as many as there is
+        room.
     parameters : sequence of str, optional
         The columns that were swept, where ``found.attrs`` does not say it.
 
@@ -104,33 +93,77 @@ def plot_sweep(
     levels = varied(found, names)
     several = len(levels) > 2 or (len(levels) == 2 and not is_grid(levels))
     alike = dict[str, list[str]]()
+    words = list[str]()
     if results is None:
         every, alike = _told_apart(found, every)
+        words = [] if several else _verdicts_in_words(found)
     rows_shown = every
     if several or results is None:
-        rows_shown = _with_errors(every, MOST_ROWS if several else MOST_PANELS)
+        most = MOST_ROWS if several else MOST_PANELS - len(words)
+        rows_shown = [*words, *_with_errors(every, most)]
     if not rows_shown:
         return _said("no result is a number", found)
-    if len(levels) <= 1:
-        figure, axes = _panels(len(rows_shown))
-        for ax, name in zip(axes, rows_shown, strict=True):
-            level = levels[0] if levels else _runs(found)
-            draw_curve(
-                ax, found[name].to_numpy(float), level, name, counts_of(found, name, [level])
-            )
-            _name_alike(ax, alike.get(name, []))
-    elif not is_grid(levels):
+    if len(levels) > 1 and not is_grid(levels):
         figure = _scattered(found, rows_shown, levels)
-    elif len(levels) == 2:
+    elif len(levels) > 2:
+        figure = _multiples(found, rows_shown, levels)
+    else:
         figure, axes = _panels(len(rows_shown))
         for ax, name in zip(axes, rows_shown, strict=True):
-            _heat_map(ax, found[name].to_numpy(float), levels, name)
-            _describe_map(ax, name, len(levels[1].values), counts_of(found, name, levels))
+            if name in words:
+                _word_map(ax, found[name], levels or [_runs(found)], name)
+            else:
+                _draw_result(ax, found, name, levels or [_runs(found)])
             _name_alike(ax, alike.get(name, []))
-    else:
-        figure = _multiples(found, rows_shown, levels)
-    _name_what_is_missing(figure, found, len(every) - len(rows_shown))
+    _name_what_is_missing(figure, found, len(every) + len(words) - len(rows_shown))
     return figure
+
+
+def _draw_result(ax: Axes, found: pd.DataFrame, name: str, levels: Sequence[Levels]) -> None:
+    """A result as a curve over one parameter, or as a map over two."""
+    counted = counts_of(found, name, levels)
+    if len(levels) == 1:
+        draw_curve(ax, found[name].to_numpy(float), levels[0], name, counted)
+    else:
+        _heat_map(ax, found[name].to_numpy(float), levels, name)
+        _describe_map(ax, name, len(levels[1].values), counted)
+
+
+def _verdicts_in_words(found: pd.DataFrame) -> list[str]:
+    """The verdicts of a table that are words."""
+    return [
+        name
+        for name in found.attrs.get("verdicts", [])
+        if name in found and found[name].map(lambda value: isinstance(value, str)).any()
+    ]
+
+
+def _word_map(ax: Axes, column: pd.Series, levels: Sequence[Levels], name: str) -> None:
+    """A verdict in words over one or two parameters, a colour for each word; white where there is
+    none, hatched where repeats disagree.
+    """
+    across = levels[0]
+    rows = len(levels[1].values) if len(levels) > 1 else 1
+    words = list(dict.fromkeys(word for word in column if isinstance(word, str)))
+    given = column.groupby(_flat(levels)).agg(lambda part: list(part.dropna().unique()))
+    for place, found_here in given.items():
+        i, j = divmod(int(place), rows)
+        colour = COLOURS[words.index(found_here[0]) % len(COLOURS)] if found_here else "white"
+        hatch = "//" if len(found_here) > 1 else None
+        ax.add_patch(
+            Rectangle((i - 0.5, j - 0.5), 1, 1, facecolor=colour, edgecolor="white", hatch=hatch)
+        )
+    for k, word in enumerate(words):
+        ax.plot([], [], "s", color=COLOURS[k % len(COLOURS)], label=word)
+    ax.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), frameon=False, fontsize=9)
+    ax.set(xlim=(-0.5, len(across.values) - 0.5), ylim=(-0.5, rows - 0.5))
+    ax.set_xticks(range(len(across.values)), across.labels)
+    ax.set(xlabel=labelled(across.name))
+    if len(levels) > 1:
+        ax.set_yticks(range(rows), levels[1].labels)
+        ax.set(ylabel=f"{name} over {labelled(levels[1].name)}")
+    else:
+        ax.set(yticks=[], ylabel=name)
 
 
 def _told_apart(
@@ -210,7 +243,9 @@ def results_of(
         else pd.Series(0.0, changing)
     )
     change = {name: _change(means[name], float(repeats[name])) for name in changing}
-    return sorted(changing, key=lambda name: (found[name].tolist() in swept, -change[name]))
+    ordered = sorted(changing, key=lambda name: (found[name].tolist() in swept, -change[name]))
+    verdicts = [name for name in found.attrs.get("verdicts", []) if name in numeric]
+    return [*verdicts, *(name for name in ordered if name not in verdicts)]
 
 
 def _change(means: pd.Series, repeats: float) -> float:

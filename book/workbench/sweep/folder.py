@@ -23,8 +23,6 @@ from trinolab.files.outputs import write_together, write_whole
 
 from .outcome import Outcome
 
-__all__ = ["NOTEBOOKS", "Identity", "SweepFolder", "read_sweep"]
-
 MANIFEST = "manifest.json"
 RUNS = "runs.jsonl"
 TABLE = "table.csv"
@@ -178,7 +176,7 @@ class SweepFolder:
 
 def read_sweep(folder: str | Path) -> pd.DataFrame:
     """The table of a finished sweep, as `runs.sweep` returned it. ValueError if there is none."""
-    names = _manifest(Path(folder)).get("parameters", [])
+    manifest = _manifest(Path(folder))
     if not (path := Path(folder) / TABLE).exists():
         raise ValueError(
             f"{folder}: the sweep is not finished; the command that began it goes on with it"
@@ -188,7 +186,9 @@ def read_sweep(folder: str | Path) -> pd.DataFrame:
         raise ValueError(f"{path}: column 'error' is missing")
     # without a failure it is read as numbers
     table["error"] = table["error"].astype(object).fillna("").astype(str)
-    table.attrs["parameters"] = names
+    table.attrs["parameters"] = manifest.get("parameters", [])
+    if manifest.get("verdicts"):
+        table.attrs["verdicts"] = manifest["verdicts"]
     return table
 
 

@@ -9,11 +9,10 @@ table.
 from __future__ import annotations
 
 import ast
+import json
 import os
-import re
 import time
 from collections.abc import Mapping
-from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -22,19 +21,7 @@ import numpy as np
 
 from trinolab.files import limits
 
-__all__ = [
-    "LETTERS",
-    "ONE_THREAD",
-    "UNATTENDED",
-    "NotebookRun",
-    "assignments",
-    "glued",
-    "imported",
-    "inject",
-    "read_notebook",
-    "read_parameters",
-    "run_notebook",
-]
+from .exact import glued_name, value_of
 
 # nbclient and nbformat belong to the extra "book": they are imported where they are used, so that
 # the package imports without them.
@@ -177,14 +164,19 @@ def glued(notebook: Any) -> dict[str, Any]:
     dict
         Name -> value; a name that is glued twice has the later value.
     """
-    results = {}
+    results: dict[str, Any] = {}
     for cell in notebook.cells:
-        for output in cell.get("outputs", []):
-            record = output.get("metadata", {}).get("scrapbook")
-            if record is not None:
-                text = output.data.get(record.get("mime_prefix", "") + "text/plain", "")
-                results[record["name"]] = _value(text)
+        results |= glued_in_cell(cell)
     return results
+
+
+def glued_in_cell(cell: Any) -> dict[str, Any]:
+    """What one executed cell stored with ``myst_nb.glue``, values by name."""
+    return {
+        name: value_of(output.data, output.metadata)
+        for output in cell.get("outputs", [])
+        if (name := glued_name(output.get("metadata", {}))) is not None
+    }
 
 
 def read_notebook(path: str | os.PathLike[str]) -> Any:
@@ -207,25 +199,11 @@ def read_notebook(path: str | os.PathLike[str]) -> Any:
         ) from None
 
 
-def imported(notebook: Any) -> str:
-    """The modules that a notebook imports outside of any block, spaces between; some may be but a
-    name in one.
-    """
-    modules: list[str] = []
-    for cell in notebook.cells:
-        with suppress(SyntaxError):  # IPython's own syntax
-            if cell.cell_type == "code":
-                modules += [name for part in ast.parse(cell.source).body for name in _modules(part)]
-    return " ".join(dict.fromkeys(modules))
+def as_notebook(text: str) -> Any:
+    """A notebook from its content as JSON."""
+    import nbformat
 
-
-def _modules(statement: ast.stmt) -> list[str]:
-    match statement:
-        case ast.Import(names=aliases):
-            return [alias.name for alias in aliases]
-        case ast.ImportFrom(module=str(module), names=aliases, level=0):
-            return [module, *(f"{module}.{alias.name}" for alias in aliases if alias.name != "*")]
-    return []
+    return nbformat.from_dict(json.loads(text))
 
 
 def _parameters_index(notebook: Any, path: str | os.PathLike[str]) -> int:
@@ -255,8 +233,19 @@ def _assignment(statement: ast.stmt) -> tuple[str, Any]:
             ast.Assign(targets=[ast.Name(id=name)], value=value)
             | ast.AnnAssign(target=ast.Name(id=name), value=ast.expr() as value)
         ):
-            return name, ast.literal_eval(value)
+            return name, _literal_of(name, value)
     raise ValueError(f"line {statement.lineno}: {ast.unparse(statement)}")
+
+
+def _literal_of(name: str, value: ast.expr) -> Any:
+    """The object that an expression denotes; ValueError if it must be computed."""
+    try:
+        return ast.literal_eval(value)
+    except ValueError:
+        raise ValueError(
+            f"line {value.lineno}: {name} = {ast.unparse(value)} must be computed; "
+            "write its value as a number or text, or compute it in another cell"
+        ) from None
 
 
 def inject(notebook: Any, parameters: Mapping[str, Any], path: str | os.PathLike[str]) -> None:
@@ -321,17 +310,3 @@ def _literal(value: Any, default: Any, name: str) -> str:
     except (SyntaxError, ValueError):
         raise ValueError(f"{name}: expected a Python literal, got {value!r}") from None
     return repr(value)
-
-
-def _value(text: str) -> Any:
-    """Turn the displayed text of a glued object back into the object, if it is a number or another
-    literal.
-    """
-    # NumPy 2 shows its scalars as np.float64(0.5) and np.True_
-    bare = re.sub(r"^np\.(?:\w+\((.*)\)|(True|False)_)$", r"\1\2", text)
-    for parse in (ast.literal_eval, float):
-        try:
-            return parse(bare)
-        except (SyntaxError, ValueError):
-            pass
-    return text

@@ -12,19 +12,6 @@ import numpy as np
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = [
-    "FAILED",
-    "LAST_COLUMNS",
-    "OK",
-    "Outcome",
-    "as_plain_number",
-    "call",
-    "each",
-    "failed",
-    "finished",
-    "table",
-]
-
 OK = "ok"
 FAILED = "failed"
 NO_NUMBER = "no number"
@@ -37,18 +24,19 @@ class Outcome(NamedTuple):
     Attributes
     ----------
     results : dict
-        Number by name; non-numeric results are left out.
+        Numbers and words by name; arrays and the like are left out.
     seconds : float
         Wall time.
     status : str
-        ``ok``; ``failed`` (it raised); ``no number`` (one of its results is none).
+        ``ok``; ``failed`` (it raised); ``no number`` (it gave no number at all, or something that
+        is neither a number nor a text).
     error : str
         One line: what was raised, or which result is no number.
     notebook : str
         The executed notebook, where it is to be kept; else empty.
     """
 
-    results: dict[str, float]
+    results: dict[str, float | str]
     seconds: float
     status: str
     error: str
@@ -76,13 +64,16 @@ def each(
 
 def finished(results: Mapping[str, Any], seconds: float, notebook: str = "") -> Outcome:
     """The outcome of a run that has come to its end."""
-    numbers = {str(name): as_plain_number(value) for name, value in results.items()}
+    plain = {str(name): as_plain(value) for name, value in results.items()}
+    kept = {name: value for name, value in plain.items() if value is not None}
+    has_number = any(not isinstance(value, str) for value in kept.values())
     wrong = [
         f"{name} is no number: {_one_line(repr(value))}"
         for name, value in results.items()
-        if numbers[str(name)] is None
+        if plain[str(name)] is None or not has_number
     ]
-    kept = {name: value for name, value in numbers.items() if value is not None}
+    if not results:
+        wrong = ["no result: nothing is glued"]
     return Outcome(kept, seconds, NO_NUMBER if wrong else OK, "; ".join(wrong), notebook)
 
 
@@ -116,11 +107,13 @@ def table(
     return frame
 
 
-def as_plain_number(value: Any) -> float | None:
-    """A Python number, 1 and 0 for True and False; None for anything else."""
+def as_plain(value: Any) -> float | str | None:
+    """A Python number, 1 and 0 for True and False; a text in one line; None for anything else."""
     value = value.item() if isinstance(value, np.generic) else value
     if isinstance(value, bool):
         return int(value)
+    if type(value) is str:  # and not what is displayed of another object
+        return _one_line(value)
     return value if isinstance(value, (int, float)) else None
 
 

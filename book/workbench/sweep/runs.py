@@ -7,12 +7,12 @@ and figure are made.
 
 from __future__ import annotations
 
-import ast
 import inspect
 import json
+import logging
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future
-from contextlib import AbstractContextManager, nullcontext, suppress
+from contextlib import AbstractContextManager, nullcontext
 from datetime import UTC, datetime
 from functools import partial
 from importlib import import_module
@@ -34,27 +34,18 @@ from ..provenance import (
     made_from_notebook,
     versions,
 )
+from .agreement import check_agreement, chosen_settings, has_agreed, keep_agreed, key_of
+from .cells import explained, plan_cells, rebinding_cells
 from .engines import BATCH_S, Engine, as_finished, check_portable, kernels, processes
 from .folder import Identity, SweepFolder
 from .grid import Axis, Between, axes_of, runs
-from .notebook import assignments, read_notebook, read_parameters
-from .outcome import FAILED, LAST_COLUMNS, Outcome, as_plain_number, call, each, failed, table
-from .slicing import explained, slice_notebook
-from .warmkernel import check_kernel, notebook_job, run_job
-
-__all__ = [
-    "Sweep",
-    "compute",
-    "figure",
-    "find_notebook",
-    "of_function",
-    "of_notebook",
-    "received",
-    "shown",
-    "sweep",
-]
+from .jobs import NotebookJob, check_kernel, notebook_job, run_both, run_job, runs_here
+from .notebook import as_notebook, assignments, read_notebook, read_parameters
+from .outcome import FAILED, LAST_COLUMNS, OK, Outcome, call, each, failed, table
 
 NOTEBOOKS = Path(__file__).resolve().parents[3] / "notebooks"  # of a checkout
+log = logging.getLogger("trinolab")
+
 AHEAD = 64  # runs submitted ahead to an executor given by the caller
 
 
@@ -75,10 +66,14 @@ class Sweep(NamedTuple):
         A hash for each thing that a result depends on; empty if nothing is kept.
     grid : mapping
         How the settings were chosen, for the manifest.
-    kernels : str
-        By this name `warmkernel` knows the kernels of a notebook's sweep.
+    notebook : NotebookJob or None
+        Of a notebook's sweep.
     cells : str
-        Which cells of a notebook run, and why; empty if it is run whole.
+        When the cells of a notebook run, and why.
+    verdicts : list of str
+        The results that a notebook names as its verdicts: the figure begins with them.
+    warnings : list of str
+        What is doubtful about the sweep, in a line each.
     """
 
     name: str
@@ -87,8 +82,15 @@ class Sweep(NamedTuple):
     settings: Sequence[Mapping[str, Any]]
     made_from: Mapping[str, str]
     grid: Mapping[str, Any]
-    kernels: str = ""
+    notebook: NotebookJob | None = None
     cells: str = ""
+    verdicts: Sequence[str] = ()
+    warnings: Sequence[str] = ()
+
+    @property
+    def kernels(self) -> str:
+        """The name by which `jobs` knows what works for a notebook's sweep."""
+        return "" if self.notebook is None else self.notebook.sweep
 
 
 def of_function(
@@ -122,12 +124,11 @@ def of_notebook(
     sample_seed: int = 0,
     yes: bool = False,
     timeout_s: float | None = None,
-    fresh: bool = False,
     keep: bool = False,
     whole: bool = False,
 ) -> Sweep:
-    """The sweep of a notebook; ValueError for a parameter that it lacks or of another type, a
-    result that is a text. Notebooks that are kept are run whole.
+    """The sweep of a notebook; ValueError for a parameter that it lacks or of another type, and for
+    tags that cannot hold. Notebooks that are kept are run whole.
     """
     path = find_notebook(what)
     names = _names(axes)
@@ -139,26 +140,42 @@ def of_notebook(
         [name for name, value in defaults.items() if type(value) is int],
         yes,
     )
+    values = {name: {repr(one[name]): one[name] for one in settings} for name in names}
     for name in names:
-        for value in {repr(setting[name]): setting[name] for setting in settings}.values():
+        for value in values[name].values():
             assignments(defaults, {name: value}, path)
     check_kernel(path)
-    _check_results(notebook := read_notebook(path), path)
-    part = None if whole or keep else slice_notebook(notebook, names)
-    job = notebook_job(path, timeout_s, fresh, keep, part)
+    notebook = read_notebook(path)
+    varying = [name for name in names if len(values[name]) > 1]
+    plan = None
+    if not (whole or keep):
+        try:
+            plan = plan_cells(notebook, varying)
+        except ValueError as error:
+            raise ValueError(f"{path}: {error}") from None
+    warned = [
+        f"{name}: code cell {cell} binds it anew, so that its setting may not reach the results"
+        for name in names
+        for cell in rebinding_cells(notebook, name)[:1]
+    ]
+    if plan is not None and not runs_here(path):
+        warned.append("its kernel is not this Python, or cannot be forked: the whole notebook runs")
+        plan = None
+    fixed = {name: settings[0][name] for name in names if name not in varying}
+    job = notebook_job(path, timeout_s, keep, plan, fixed, varying)
     made_from = made_from_notebook(notebook, path.resolve().parent)
-    if whole:
-        made_from["the choice of cells"] = "all"
-    grid = _described(axes, sample, sample_seed)
+    made_from["the choice of cells"] = "all" if plan is None else hash_text(repr(plan))
     return Sweep(
         path.name,
         partial(run_job, job),
         names,
         settings,
         made_from,
-        grid,
-        job.sweep,
-        "" if part is None else explained(notebook, part),
+        _described(axes, sample, sample_seed),
+        job,
+        explained(notebook, plan),
+        list(notebook.metadata.get("trinolab", {}).get("verdicts", [])),
+        warned,
     )
 
 
@@ -192,22 +209,86 @@ def compute(
     """Do what is not done yet, and return the table of all runs; see `sweep`. `about` goes into the
     manifest.
     """
+    for line in job.warnings:
+        log.warning("%s", line)
     with engine as where:
         if out is None:
-            return table(job.names, job.settings, dict(_outcomes(job, where, {}, progress)))
+            compare(job, where, progress)
+            return _table(job, dict(_outcomes(job, where, {}, progress)))
         with SweepFolder(out, _identity(job), job.made_from, _about(job, about or {})) as folder:
             # meanwhile
             Thread(target=import_module, args=(f"{__package__}.figures",), daemon=True).start()
             try:
+                if len(folder.done) < len(job.settings):
+                    compare(job, where, progress)
                 for number, outcome in _outcomes(job, where, dict(folder.done), progress):
                     folder.add(number, outcome)
-                rows = table(job.names, job.settings, folder.done)
+                rows = _table(job, folder.done)
                 folder.finish(rows, figure(rows))
             except KeyboardInterrupt:
                 raise KeyboardInterrupt(_kept(folder, len(job.settings))) from None
             except ValueError as error:
                 raise ValueError(f"{error}; {_kept(folder, len(job.settings))}") from None
     return rows
+
+
+def compare(job: Sweep, engine: Engine, progress: bool | None = None) -> None:
+    """Run two settings of a tagged notebook both ways, unless that was done before; ValueError
+    where they differ. See `agreement`.
+    """
+    notebook = job.notebook
+    if notebook is None or notebook.plan is None or has_agreed(key := _agreement_key(job)):
+        return
+    numbers = chosen_settings(job.settings, key)
+    calls = [(number, run_both, notebook, job.settings[number]) for number in numbers]
+    failing = False
+    with tqdm(
+        total=len(numbers),
+        unit="run",
+        desc="compared with the whole notebook",
+        disable=None if progress is None else not progress,
+    ) as bar:
+        for _, future in as_finished(engine, calls):
+            tagged, whole = received(future, 1)
+            check_agreement(notebook.plan, tagged, whole)
+            failing |= FAILED in (tagged.status, whole.status)
+            bar.update()
+    if not failing:
+        settings = [dict(job.settings[number]) for number in numbers]
+        keep_agreed(key, {"notebook": notebook.name, "settings": settings, "agree": True})
+
+
+def _agreement_key(job: Sweep) -> str:
+    notebook = job.notebook
+    assert notebook is not None
+    return key_of(as_notebook(notebook.text), job.made_from, notebook.varying)
+
+
+def _table(job: Sweep, outcomes: Mapping[int, Outcome]) -> pd.DataFrame:
+    """The table of all runs; parameters that change nothing are said."""
+    rows = table(job.names, job.settings, outcomes)
+    if job.verdicts:
+        rows.attrs["verdicts"] = list(job.verdicts)
+    for name in unchanging(rows):
+        log.warning("%s: all its settings give equal results", name)
+    return rows
+
+
+def unchanging(rows: pd.DataFrame) -> list[str]:
+    """The parameters of a sweep's table whose settings all give equal results."""
+    names = rows.attrs["parameters"]
+    results = [name for name in rows if name not in (*names, *LAST_COLUMNS)]
+    good = rows[rows["status"] == OK]
+    if not results or len(good) < 2:
+        return []
+    without_effect = []
+    for name in names:
+        others = [other for other in names if other != name and good[other].nunique() > 1]
+        groups = [good] if not others else [part for _, part in good.groupby(others)]
+        several = [part for part in groups if part[name].map(repr).nunique() > 1]
+        if several and all(len(part[results].drop_duplicates()) == 1 for part in several):
+            without_effect.append(name)
+    return without_effect
 
 
 def shown(
@@ -276,11 +357,28 @@ def _about(job: Sweep, more: Mapping[str, Any]) -> dict[str, Any]:
     """What the manifest says beside what the sweep is."""
     return {
         "values": job.grid,
+        "verdicts": list(job.verdicts),
+        **({} if job.notebook is None else {"cells": _cells_of_runs(job)}),
         **more,
         "versions": versions(),
         "commit": commit(),
         "machine": machine(),
         "begun": datetime.now(UTC).isoformat(timespec="seconds"),
+    }
+
+
+def _cells_of_runs(job: Sweep) -> dict[str, Any]:
+    """Which code cells each run executes, by their numbers from 1."""
+    notebook = job.notebook
+    assert notebook is not None
+    if notebook.plan is None:
+        return {"each run": "all, in a fresh kernel"}
+    compared = chosen_settings(job.settings, _agreement_key(job))
+    return {
+        "once for all runs": list(notebook.plan.once),
+        "each run": list(notebook.plan.each),
+        "no run": list(notebook.plan.left_out),
+        "runs compared with the whole notebook": compared,
     }
 
 
@@ -314,30 +412,6 @@ def _names(axes: Sequence[Axis | Between]) -> list[str]:
     if taken := [name for name in names if name in LAST_COLUMNS]:
         raise ValueError(f"{taken[0]}: cannot be swept, the table has a column of this name")
     return names
-
-
-def _check_results(notebook: Any, path: Path) -> None:
-    """Refuse a notebook that glues a literal which is no number; what a computation gives is known
-    when it has run.
-    """
-    for cell in notebook.cells:
-        with suppress(SyntaxError):  # IPython's own syntax
-            for node in ast.walk(ast.parse(cell.source if cell.cell_type == "code" else "")):
-                match node:
-                    case ast.Call(
-                        func=ast.Name(id="glue") | ast.Attribute(attr="glue"),
-                        args=[name, value, *_],
-                    ):
-                        _check_literal(value, f"{path}: {ast.unparse(name)}")
-
-
-def _check_literal(value: ast.expr, where: str) -> None:
-    try:
-        literal = ast.literal_eval(value)
-    except ValueError:  # something that is computed
-        return
-    if as_plain_number(literal) is None:
-        raise ValueError(f"{where} is no number: {literal!r}; the results of a sweep are numbers")
 
 
 def _check_arguments(function: Callable[..., Any], names: Sequence[str], name: str) -> None:
@@ -394,15 +468,15 @@ def sweep(
         Computes the runs in place of processes of this computer; that of a Dask cluster is
         ``Client(address).get_executor(pure=False)``.
     fresh_kernels : bool
-        Start a kernel for each run of a notebook; otherwise one is used again, see `kernelstate`.
+        The same as `whole`.
     progress : bool, optional
         Show a bar on standard error; without it, if that is a terminal.
     yes : bool
         A grid of more than `grid.MANY` runs is meant.
     whole : bool
-        Run every cell of a notebook. Otherwise only the statements on which its results depend, and
-        those that no swept parameter reaches once in each kernel (`slicing`): the numbers are the
-        same, but figures are not drawn, and what a cell asserts is not checked.
+        Run all cells of a notebook at each setting, in a fresh kernel. Otherwise its cells run by
+        their tags (`cells`), and two settings are compared with the whole notebook (`agreement`);
+        a notebook without tags runs whole.
     **values
         Name -> an iterable of values, or one value. Every parameter with every other; the last one
         changes fastest.
@@ -417,7 +491,8 @@ def sweep(
     ------
     ValueError
         Before anything runs: an empty grid, too many runs, a parameter that is not there or of
-        another type, a folder of another sweep.
+        another type, a folder of another sweep, tags that cannot hold. After the comparison: a
+        glued number that differs from that of the whole notebook.
     KeyboardInterrupt
         Says how many runs are kept.
     """
@@ -428,7 +503,7 @@ def sweep(
             check_portable(what)
         job = of_function(what, axes, sample, sample_seed, yes, out is not None)
     else:
-        job = of_notebook(what, axes, sample, sample_seed, yes, fresh=fresh_kernels, whole=whole)
+        job = of_notebook(what, axes, sample, sample_seed, yes, whole=whole or fresh_kernels)
     several = min(workers, len(job.settings))
     local = processes(several) if callable(what) else kernels(several, job.kernels)
     engine = local if executor is None else nullcontext(Engine(executor, AHEAD, BATCH_S))

@@ -21,20 +21,17 @@ PARTS = {
     "chapter": "toy",
     "parameter": "a",
     "defaults": {"a": 1.0},
-    "parameters": 2,
-    "once": [
-        "from myst_nb import glue\nimport math\ntaken = []\ndef twice(x):\n    return 2 * x * scale",
-        "a = 1.0",
-        "glue('before', 7)",
-    ],
-    "each": [
-        "",
-        "a = 1.0",
-        "scale = 10\ntaken.append(a)\nglue('result', twice(a))\nglue('taken', len(taken))",
-        "glue('root', math.sqrt(a) if a >= 0 else math.nan)\nglue('words', 'of no number')\n"
+    "verdicts": ["words"],
+    "once": {
+        "1": "from myst_nb import glue\nimport math\ntaken = []\ndef twice(x):\n    return 2 * x * scale",
+        "2": "a = 1.0\ndel a",
+        "3": "glue('before', 7)",
+    },
+    "each": {
+        "4": "scale = 10\ntaken.append(a)\nglue('result', twice(a))\nglue('taken', len(taken))",
+        "5": "glue('root', math.sqrt(a) if a >= 0 else math.nan)\nglue('words', 'of no number')\n"
         "glue('odd', [a]) if a == 3 else None\nassert a != 4, 'four'",
-    ],
-    "held": ["glue", "math", "taken", "twice"],
+    },
 }
 
 
@@ -62,9 +59,9 @@ def page(monkeypatch):
 def toy(page, monkeypatch, tmp_path):
     """A session that has prepared the sweep of a small chapter."""
     monkeypatch.setitem(sys.modules, "myst_nb", types.ModuleType("myst_nb"))
-    for name in ("_sweep", "_glued", "_glued_once"):
+    for name in ("_sweep", "_glued"):
         monkeypatch.setattr(sweeping, name, {})
-    monkeypatch.setattr(sweeping, "_held", None)
+    monkeypatch.setattr(sweeping, "_state", None)
     monkeypatch.setattr(sweeping, "SWEEP", tmp_path / "sweep.json")
     monkeypatch.setattr(sweeping, "ROWS", tmp_path / "rows.json")
     sweeping.SWEEP.write_text(json.dumps(PARTS))
@@ -116,9 +113,9 @@ def test_a_value_is_graded_and_its_verdict_handed_out(page):
 def test_a_chapter_is_cut_into_what_runs_once_and_each_time(stem):
     part = sweeps.part_of(next(path for path in chapters() if path.stem == stem))
     parameter = sweeps.SWEEPS[stem].parameter
-    assert f"{parameter} = " in part["each"][part["parameters"] - 1]
-    assert len(part["once"]) == len(part["each"])
-    assert "glue(" in "".join(part["each"])
+    assert any(f"\ndel {parameter}" in source for source in part["once"].values())
+    assert not set(part["once"]) & set(part["each"])
+    assert "glue(" in "".join(part["each"].values())
     assert part["defaults"][parameter] in sweeps.SWEEPS[stem].values
 
 
@@ -138,8 +135,9 @@ def test_each_run_begins_with_copies_of_what_ran_once(toy):
     for value in (2, 0.5, 2):
         sweeping.run(value)
     first, second, third = (output["results"] for output in toy.outputs)
-    assert first == {"before": 7, "result": 40, "taken": 1, "root": math.sqrt(2)}
-    assert second == {"before": 7, "result": 10.0, "taken": 1, "root": math.sqrt(0.5)}
+    words = {"words": "of no number"}
+    assert first == {"before": 7, "result": 40, "taken": 1, "root": math.sqrt(2), **words}
+    assert second == {"before": 7, "result": 10.0, "taken": 1, "root": math.sqrt(0.5), **words}
     assert third == first
     assert {output["status"] for output in toy.outputs} == {OK}
 
@@ -148,11 +146,23 @@ def test_a_run_that_raises_has_failed_and_the_next_is_as_if_nothing_were(toy):
     for value in (4, 3, -1.0):
         sweeping.run(value)
     four, three, negative = toy.outputs
-    assert (four["status"], four["error"]) == (FAILED, "AssertionError: four (code cell 4)")
+    assert (four["status"], four["error"]) == (FAILED, "AssertionError: four (code cell 5)")
     assert (three["status"], three["error"]) == (NO_NUMBER, "odd is no number: [3]")
     assert negative["results"]["root"] is None  # JSON has no NaN
     with pytest.raises(ValueError, match="a: expected float"):
         sweeping.run("text")
+
+
+def test_what_cannot_be_copied_runs_again(toy):
+    sweeping.SWEEP.write_text(
+        json.dumps({**PARTS, "once": {**PARTS["once"], "6": "some = (k for k in range(3))"}})
+    )
+    sweeping.prepare()
+    for value in (2, 2):
+        sweeping.run(value)
+    first, second = (output["results"] for output in toy.outputs)
+    assert first == second
+    assert first["taken"] == 1
 
 
 @pytest.mark.slow
@@ -167,7 +177,7 @@ def test_the_runs_are_drawn_and_listed(toy):
     sweeping.draw()
     drawn = toy.outputs[-1]
     lines = drawn["csv"].splitlines()
-    assert lines[0] == "a,before,result,taken,root,seconds,status,error"
+    assert lines[0] == "a,before,result,taken,root,words,seconds,status,error"
     assert [line.split(",")[2] for line in lines[1:]] == ["20.0", "40.0", "-20.0"]
     assert lines[3].split(",")[4] == ""
     assert drawn["alt"].startswith("Curves over a of result, root")

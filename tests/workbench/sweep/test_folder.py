@@ -60,7 +60,7 @@ def test_a_sweep_without_a_run_that_succeeds_is_no_success(capfd):
 
 @pytest.mark.usefixtures("notebook")
 def test_the_command_makes_table_figure_and_manifest(capfd):
-    assert run(LINE + " --keep") == 0
+    assert run(LINE + " --keep") == 1  # for two of the runs are not ok
     out, err = capfd.readouterr()
     assert out == (
         "10 runs: 8 ok, 1 no number, 1 failed; written to new/s\n"
@@ -74,6 +74,7 @@ def test_the_command_makes_table_figure_and_manifest(capfd):
         "square",
         "wrong",
         "seconds_result",
+        "verdict",
         "seconds",
         "status",
         "error",
@@ -82,6 +83,7 @@ def test_the_command_makes_table_figure_and_manifest(capfd):
     assert found["square"].tolist()[:9] == [a**2 for a in range(9)]
     assert found["status"].tolist() == ["ok", "ok", "no number", *["ok"] * 6, "failed"]
     assert found["error"].tolist()[2] == "wrong is no number: [2]"
+    assert found["verdict"].tolist()[4:8] == ["small", "small", "large", "large"]
     assert found.attrs["parameters"] == ["a"]
     manifest = json.loads(Path("new/s/manifest.json").read_text())
     assert manifest["command"] == f"trinolab {LINE} --keep"
@@ -91,7 +93,9 @@ def test_the_command_makes_table_figure_and_manifest(capfd):
         "the package",
         "its data",
         "the environment",
+        "the choice of cells",
     }
+    assert manifest["cells"] == {"each run": "all, in a fresh kernel"}
     assert set(manifest) == {
         "what",
         "parameters",
@@ -99,6 +103,8 @@ def test_the_command_makes_table_figure_and_manifest(capfd):
         "runs",
         "made_from",
         "values",
+        "verdicts",
+        "cells",
         "command",
         "workers",
         "versions",
@@ -108,7 +114,7 @@ def test_the_command_makes_table_figure_and_manifest(capfd):
     }
     assert Path("new/s/figure.png").read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"
     assert len(list(Path("new/s/notebooks").iterdir())) == 10
-    assert len(traced()[1]) == 2  # a kernel for each worker
+    assert len(traced()[1]) == 10  # a kernel for each run
     assert {path.name for path in Path().iterdir()} == {"n.ipynb", "new", "trace"}
 
 
@@ -191,7 +197,7 @@ def test_a_sweep_that_is_stopped_keeps_its_runs_and_goes_on(capfd, number, code,
     wait_until(lambda: not alive(traced()[1]))  # kernels end with the process that started them
     assert not Path("new/s/table.csv").exists()
     open_gate()
-    assert run(line) == 0
+    assert run(line) == 1  # one result of the third run is no number
     found = read_sweep("new/s")
     assert found["square"].tolist() == [a**2 for a in range(8)]
     times = [traced()[0].count(a) for a in range(8)]
