@@ -52,8 +52,6 @@ def _better(name: str) -> Callable[[Identified, Rig, Handle, Parameters], Pose]:
             from .reprojection import reprojection_pose as estimator
         case "patches":
             from .pixels import patches_pose as estimator
-        case "outline":
-            from .pixels import outline_pose as estimator
         case _:
             raise ValueError(f"estimator: expected one of {', '.join(ESTIMATORS)}, got {name!r}")
     return estimator

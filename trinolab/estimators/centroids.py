@@ -41,6 +41,7 @@ from .imagemodel import (
     shows_gloss,
     with_gloss,
 )
+from .loops import BLUR, EXPOSURE, POSE
 from .patches import Patches, patches
 
 __all__ = ["CentrePixels", "Registered", "centre_pixels", "predict_centroids", "register"]
@@ -223,16 +224,18 @@ def register(state: State, here: Patches, rig: Rig, handle: Handle) -> tuple[Sta
     )
     # (k, 2, 3): the motion that moves it by a pixel
     shift = np.linalg.pinv(by_motion[:, :, :3]).transpose(0, 2, 1)
-    by_other = np.concatenate([shift @ at.by_pose[:, :3], at.by_pose[:, 6:]], axis=1)
-    normal = reduce(by_other, at)
+    # shifts along u and v, in rows that a still handle leaves free
+    at.rows[:, EXPOSURE : EXPOSURE + 2] = shift @ at.rows[:, POSE : POSE + 3]
+    at = at._replace(unknowns=np.array([EXPOSURE, EXPOSURE + 1, BLUR]))
+    normal = reduce(at, at.unknowns)
     covariance = inverse(normal.information + 1e-9 * np.eye(3))
     step = (covariance @ normal.gradient[..., None])[..., 0]
-    after = advanced(at, by_other, normal, step)
+    after = advanced(at, normal, step)
     blur = [
         np.median(step[here.views.camera == c, 2]) if (here.views.camera == c).any() else 0.0
         for c in range(len(rig.cameras))
     ]
-    noise = noise_of(after, here.at.pixels)
+    noise = noise_of(after, here.at.pixels, np.ones(len(here.grey), bool))
     renewed = State(
         state.T_world_handle, after.greys, limited(state.blur_px2, np.array(blur)), noise
     )

@@ -10,12 +10,13 @@ a sum of the same functions; it is in the model where the windows show it. These
 eliminated (Schur complement; Triggs et al. 2000, DOI 10.1007/3-540-44480-7_21), so that none has to
 be known. The noise of the pixels is estimated from what a fit leaves.
 
-All is computed in double precision: in single precision a fit would end a thousandth of its error
+The model is computed by `loops`, in double precision: in single precision a fit would end a thousandth of its error
 elsewhere on another processor, which rounds in another order.
 """
 
 from __future__ import annotations
 
+import threading
 from typing import NamedTuple
 
 import numpy as np
@@ -24,43 +25,15 @@ from scipy.spatial.transform import RigidTransform
 from ..camera import Rig
 from ..checks import Array
 from ..handle import Handle
-from .appearance import Layers, Windows, by_motion, layers, shading_basis
+from . import loops
+from .appearance import Windows, geometry_of
+from .loops import BLUR, BODY, EXPOSURE, GLOSS, GREYS, MARKER, POSE, PREDICTED, RESIDUAL, WEIGHT
 from .patches import BORDER_PX, Patches
-
-__all__ = [
-    "Lights",
-    "Linear",
-    "MotionBlur",
-    "Noise",
-    "Reduced",
-    "State",
-    "advanced",
-    "blur_matrices",
-    "blurred",
-    "by_grey_motion",
-    "estimate_noise",
-    "explained",
-    "first_state",
-    "half_laplacian",
-    "has_contrast",
-    "has_gloss",
-    "inverse",
-    "limited",
-    "linearise",
-    "longer_than_wide",
-    "marker_is_shown",
-    "marker_shading",
-    "misfit",
-    "noise_of",
-    "reduce",
-    "shows_gloss",
-    "unblurred",
-    "with_gloss",
-]
 
 ENOUGH = 30  # pixels for a variance
 CLEAR_PX = 2.5  # pixels nearer than this to another marker or to the body's end have no weight
 BLUR_PX = 0.8  # where the search for a camera's blur begins
+REACH_SIGMAS = 5.0  # beyond which a blur carries nothing: 1e-6 of a grey level
 # Of an unknown of gloss: on images of the simulated bench it is 2.1 at most (200 instants), on those
 # of varnish 2.5 to 72 (60 instants).
 LEAST_GAIN = 2.3
@@ -74,73 +47,6 @@ class Noise(NamedTuple):
     base: float = 4.0
     slope: float = 0.05
     texture: float = 100.0
-
-
-def estimate_noise(
-    residual: Array, predicted: Array, used: np.ndarray, marker: Array, body: Array
-) -> Noise:
-    """Estimate the noise from residuals on the body and on markers, away from all edges.
-
-    Parameters
-    ----------
-    residual, predicted : ndarray, shape (...)
-        Grey levels.
-    used : ndarray of bool, shape (...)
-    marker, body : ndarray, shape (...)
-        Share of each pixel that the marker, and the body, covers.
-
-    Returns
-    -------
-    Noise
-        From medians, so that wrong pixels do not count; what too few pixels show is left at a usual
-        value.
-    """
-    dark, bright = (used & (body > 0.99) & part for part in (marker < 0.01, marker > 0.99))
-    if min(dark.sum(), bright.sum()) < ENOUGH:
-        return Noise()
-    low = _robust_variance(residual[dark])
-    high = _robust_variance(residual[bright])
-    level = float(predicted[dark].mean())
-    higher = float(predicted[bright].mean())
-    slope = min(max((high - low) / (higher - level or 1.0), 0.0), 0.7 * low / max(level, 1.0))
-    beyond = residual[used & (body < 0.05)]
-    texture = (
-        max(_robust_variance(beyond) - low, 25.0) if beyond.size >= ENOUGH else Noise().texture
-    )
-    return Noise(max(low - slope * level, 0.01), slope, texture)
-
-
-def _robust_variance(residual: Array) -> float:
-    """From the median of sizes, for a normal distribution; grey levels squared."""
-    return float((1.4826 * np.median(np.abs(residual))) ** 2)
-
-
-def blur_matrices(side: int, blur_px2: Array) -> Array:
-    """Matrices (n, side, side) that blur a row of pixels by a Gaussian; its weights at a border sum
-    up to 1, too.
-    """
-    x = np.arange(side)
-    weight = np.exp(-0.5 * (x[:, None] - x) ** 2 / blur_px2[:, None, None])
-    return weight / weight.sum(axis=2, keepdims=True)
-
-
-def blurred(B: Array, stack: Array) -> Array:
-    """Windows (k, m, p) blurred in both directions by their matrices (k, side, side)."""
-    k, m, p = stack.shape
-    side = B.shape[1]
-    rows = (stack.reshape(k, m * side, side) @ B.transpose(0, 2, 1)).reshape(k, m, side, side)
-    return np.matmul(B[:, None], rows).reshape(k, m, p)
-
-
-def half_laplacian(grey: Array, at: Windows) -> Array:
-    """Derivative of blurred windows (k, p) by the blur's variance, px^2: the heat equation."""
-    window = grey.reshape(-1, *at.shape)
-    middle = 2 * window[:, 1:-1, 1:-1]
-    across = window[:, 1:-1, 2:] + window[:, 1:-1, :-2] - middle
-    down = window[:, 2:, 1:-1] + window[:, :-2, 1:-1] - middle
-    result = np.zeros_like(window)
-    result[:, 1:-1, 1:-1] = (across / at.cell[0] ** 2 + down / at.cell[1] ** 2) / 2
-    return result.reshape(grey.shape)
 
 
 def longer_than_wide(grey: Array, at: Windows) -> Array:
@@ -198,28 +104,46 @@ class Linear(NamedTuple):
 
     Attributes
     ----------
+    rows : ndarray, shape (k, loops.MODEL, p)
+        As `loops.linearise` fills them. The memory serves the next model of this thread: a model is
+        used up before the next one is made.
     greys : ndarray, shape (k, 6 or 9)
-        Of the state, or found where it had none.
-    predicted, residual, weight : ndarray, shape (k, p)
-    by_pose : ndarray, shape (k, 7 or 13, p)
-        Derivatives by a small motion of the handle (nu mm, omega rad; handle frame), where there is
-        motion blur by that (handle frame), and by the blur's variance.
-    by_greys : ndarray, shape (k, 6 or 9, p)
-    by_gloss : ndarray, shape (k, 3, p)
-        Derivatives by the gloss, whether it is among the greys or not.
-    marker, body : ndarray, shape (k, p)
-        Shares after the blur.
+        Of the state, or estimated where it had none.
+    unknowns : ndarray of int, shape (7,) or (13,)
+        The rows with derivatives by a small motion of the handle (nu mm, omega rad; handle frame),
+        where there is motion blur by that (handle frame), and by the blur's variance.
+    sums : ndarray, shape (k, 4)
+        Of each window, see `loops.tally`.
     """
 
+    rows: Array
     greys: Array
-    predicted: Array
-    residual: Array
-    weight: Array
-    by_pose: Array
-    by_greys: Array
-    by_gloss: Array
-    marker: Array
-    body: Array
+    unknowns: np.ndarray
+    sums: Array
+
+    @property
+    def predicted(self) -> Array:
+        """Grey levels, (k, p)."""
+        return self.rows[:, PREDICTED]
+
+    @property
+    def residual(self) -> Array:
+        """Grey levels seen less those predicted, (k, p)."""
+        return self.rows[:, RESIDUAL]
+
+    @property
+    def weight(self) -> Array:
+        """Inverse of a cell's variance, 0 where it does not count, (k, p)."""
+        return self.rows[:, WEIGHT]
+
+    @property
+    def by_pose(self) -> Array:
+        """Derivatives of the grey levels by the unknowns, (k, 7 or 13, p)."""
+        return self.rows[:, self.unknowns]
+
+
+STILL = np.r_[POSE : POSE + 6, BLUR]
+MOVING = np.r_[POSE : POSE + 6, EXPOSURE : EXPOSURE + 6, BLUR]
 
 
 class Reduced(NamedTuple):
@@ -250,106 +174,73 @@ def first_state(
 
 def linearise(state: State, here: Patches, rig: Rig, handle: Handle) -> Linear:
     """The model and its derivatives at a state, of a handle that is still."""
-    shown = layers(rig, handle, state.T_world_handle, here.views, here.at)
-    B = blur_matrices(here.at.shape[0], state.blur_px2)[here.views.camera]
-    usable = here.valid & (shown.clear > CLEAR_PX) & _inner(here.at.shape[0])
-    basis = shading_basis(shown.turn).transpose(1, 0, 2)
-    lights = Lights(
-        blurred(B, shown.marker[:, None] * basis), blurred(B, shown.body[:, None] * basis)
-    )
-    at = explained(state, here, usable, lights)
-    moves = blurred(B, by_grey_motion(shown, basis, at.greys))
-    by_blur = half_laplacian(at.predicted, here.at)[:, None]
-    return at._replace(by_pose=np.concatenate([moves, by_blur], axis=1))
-
-
-class Lights(NamedTuple):
-    """What markers and body send to each cell, at grey level 1 and for each function of
-    `shading_basis`, shapes (k, 4, p).
-    """
-
-    marker: Array
-    body: Array
-
-
-def explained(state: State, here: Patches, usable: np.ndarray, lights: Lights) -> Linear:
-    """What blurred lights make of the windows with the greys of a state, or the best ones where it
-    has none; `by_pose` is left empty.
-    """
-    b = lights.body[:, 0]
-    greys = state.greys
-    if greys is None:
-        columns = [lights.marker[:, :1], lights.body, 1 - b[:, None]]
-        greys = _first_greys(np.concatenate(columns, axis=1), usable, here.grey)
-    marker, body, background = greys[:, :1], greys[:, 1:2], greys[:, -1:]
-    shade = _shade(greys)
-    m_shaded = (shade @ lights.marker)[:, 0]
-    b_shaded = (shade @ lights.body)[:, 0]
-    predicted = marker * m_shaded + body * b_shaded + background * (1 - b)
-    by_shade = marker[..., None] * lights.marker[:, 1:] + body[..., None] * lights.body[:, 1:]
-    by_gloss = lights.body[:, 1:]
-    gloss = _gloss(greys)
-    if gloss.size:
-        predicted = predicted + (gloss @ by_gloss)[:, 0]
-    by_greys = np.concatenate(
-        [
-            m_shaded[:, None],
-            b_shaded[:, None],
-            by_shade,
-            by_gloss[:, : gloss.shape[2]],
-            1 - b[:, None],
-        ],
-        axis=1,
-    )
-    noise = state.noise
-    variance = noise.base + noise.slope * np.maximum(predicted, 0) + noise.texture * (1 - b) ** 2
-    return Linear(
+    rows = room(*here.grey.shape)
+    greys, known = greys_of(state, here)
+    taps, reaches = _taps(state.blur_px2, here.at.shape[0])
+    loops.linearise(
+        here.at.xy,
+        *geometry_of(rig, handle, state.T_world_handle, here.views, here.at),
+        here.at.shape[0],
+        taps,
+        reaches,
+        here.views.camera,
+        here.grey,
+        here.valid,
+        int(BORDER_PX),
+        CLEAR_PX,
         greys,
-        predicted,
-        here.grey - predicted,
-        usable * (here.at.pixels / variance),
-        np.empty((len(greys), 0, b.shape[1])),
-        by_greys,
-        by_gloss,
-        lights.marker[:, 0],
-        b,
+        known,
+        np.array(state.noise),
+        float(here.at.pixels),
+        rows,
     )
+    return tallied(rows, greys, STILL)
 
 
-def unblurred(shown: Layers, basis: Array, greys: Array) -> Array:
-    """The grey levels before any blur, shape (k, p); `basis` (k, 4, p) is `shading_basis` there."""
-    shading = (_shade(greys) @ basis)[:, 0]
-    marker, body, background = greys[:, :1], greys[:, 1:2], greys[:, -1:]
-    lit = marker * shown.marker + body * shown.body
-    sent_back = _sent_back(basis, greys) * shown.body
-    return lit * shading + sent_back + background * (1 - shown.body)
-
-
-def by_grey_motion(shown: Layers, basis: Array, greys: Array) -> Array:
-    """Derivative of the unblurred grey levels by a motion of the handle, shape (k, 6, p); `basis`
-    (k, 4, p) is `shading_basis` there.
+def greys_of(state: State, here: Patches) -> tuple[Array, bool]:
+    """A copy of a state's greys, or room for those that are to be estimated; and whether they are
+    known.
     """
-    shading = (_shade(greys) @ basis)[:, 0]
-    of_body = greys[:, 1:2] * shading + _sent_back(basis, greys)
-    return by_motion(shown, greys[:, :1] * shading, of_body - greys[:, -1:])
+    if state.greys is None:
+        return np.empty((len(here.grey), 6)), False
+    return np.array(state.greys, dtype=float), True
 
 
-def _shade(greys: Array) -> Array:
-    """The factors of `shading_basis`, shape (k, 1, 4)."""
-    return np.concatenate([np.ones((len(greys), 1)), greys[:, 2:5]], axis=1)[:, None]
+def tallied(rows: Array, greys: Array, unknowns: np.ndarray) -> Linear:
+    """A model with its sums."""
+    sums = np.empty((len(rows), 4))
+    loops.tally(rows, sums)
+    return Linear(rows, greys, unknowns, sums)
+
+
+_kept = threading.local()
+
+
+def room(k: int, p: int) -> Array:
+    """Memory for the rows of a model, the same each time in a thread: fresh memory costs a page
+    fault each 4 kB.
+    """
+    size = k * loops.MODEL * p
+    if getattr(_kept, "memory", np.empty(0)).size < size:
+        _kept.memory = np.empty(size + size // 2)
+    return np.asarray(_kept.memory[:size].reshape(k, loops.MODEL, p))
+
+
+def _taps(blur_px2: Array, side: int) -> tuple[Array, np.ndarray]:
+    """Weights of Gaussian blurs (cameras, n), and how many there are beside the middle one."""
+    reaches = np.minimum(np.ceil(REACH_SIGMAS * np.sqrt(blur_px2)).astype(int), side - 1)
+    taps = np.zeros((len(reaches), 2 * int(reaches.max()) + 1))
+    for row, reach, variance in zip(taps, reaches, blur_px2, strict=True):
+        weights = np.exp(-0.5 * np.arange(-reach, reach + 1) ** 2 / variance)
+        row[: 2 * reach + 1] = weights / weights.sum()
+    return taps, reaches
 
 
 def _gloss(greys: Array) -> Array:
-    """The factors of `shading_basis` but the first, in grey levels, shape (k, 1, 3); (k, 1, 0) where
-    there is no gloss.
+    """The factors of `shading_basis` but the first, in grey levels, shape (k, 3); (k, 0) where there
+    is no gloss.
     """
-    return greys[:, None, 5:-1]
-
-
-def _sent_back(basis: Array, greys: Array) -> Array:
-    """The grey levels that gloss adds to marker and body, shape (k, p), or (k, 1)."""
-    gloss = _gloss(greys)
-    return (gloss @ basis[:, 1:])[:, 0] if gloss.size else np.zeros((len(greys), 1))
+    return greys[:, 5:-1]
 
 
 def has_gloss(state: State) -> bool:
@@ -384,7 +275,7 @@ def shows_gloss(at: Linear, handle: Handle, least_gain: float = LEAST_GAIN) -> b
     counts = marker_is_shown(at, handle)
     if _gloss(at.greys).size or not counts.any():
         return False
-    normal = reduce(at.by_gloss, at)
+    normal = reduce(at, np.arange(GLOSS, GLOSS + 3))
     information = normal.information[counts]
     scale = np.trace(information, axis1=1, axis2=2)[:, None, None]
     information = information + (1e-9 * scale + 1e-12) * np.eye(3)
@@ -394,46 +285,63 @@ def shows_gloss(at: Linear, handle: Handle, least_gain: float = LEAST_GAIN) -> b
     return float(gain) > least_gain * usual
 
 
-def reduce(by_other: Array, at: Linear) -> Reduced:
-    """Normal equations for unknowns with derivatives `by_other` (k, m, p), the greys of each window
+def reduce(at: Linear, unknowns: np.ndarray) -> Reduced:
+    """Normal equations for unknowns, given by the rows of their derivatives, the greys of each window
     eliminated.
     """
-    n = by_other.shape[1]
-    r = at.residual[:, None]
-    C = at.by_greys
-    every = np.concatenate([by_other, C, r], axis=1, dtype=float)
-    products = (every * at.weight[:, None]) @ every.transpose(0, 2, 1)
-    CC, OC = products[:, n:-1, n:-1], products[:, :n, n:-1]
-    CC += 1e-9 * np.trace(CC, axis1=1, axis2=2)[:, None, None] * np.eye(
-        CC.shape[1]
-    ) + 1e-12 * np.eye(CC.shape[1])
-    solved = np.asarray(np.linalg.solve(CC, products[:, n:-1][..., np.r_[:n, -1]]), dtype=float)
-    gain, greys = solved[..., :-1], solved[..., -1]
-    gradient = products[:, :n, -1] - (OC @ greys[..., None])[..., 0]
-    return Reduced(products[:, :n, :n] - OC @ gain, gradient, greys, gain)
-
-
-def advanced(at: Linear, by_other: Array, normal: Reduced, step: Array) -> Linear:
-    """The model after a step (k, m) of the other unknowns, to first order; the greys follow."""
-    greys = normal.greys - (normal.greys_by_other @ step[..., None])[..., 0]
-    change = (step[:, None] @ by_other + greys[:, None] @ at.by_greys)[:, 0]
-    return at._replace(
-        greys=at.greys + greys, predicted=at.predicted + change, residual=at.residual - change
+    k, count = at.greys.shape
+    n = len(unknowns)
+    normal = Reduced(
+        np.empty((k, n, n)), np.empty((k, n)), np.empty((k, count)), np.empty((k, count, n))
     )
+    loops.reduce(at.rows, np.r_[unknowns, GREYS : GREYS + count, RESIDUAL], n, *normal)
+    return normal
 
 
-def noise_of(at: Linear, pixels: int) -> Noise:
-    """The noise of a pixel that a fit leaves in its windows, whose cells are means of so many."""
-    residual = np.sqrt(pixels) * at.residual
-    return estimate_noise(residual, at.predicted, at.weight > 0, at.marker, at.body)
+def advanced(at: Linear, normal: Reduced, step: Array) -> Linear:
+    """The model after a step (k, m) of the other unknowns, to first order; the greys follow.
+
+    The rows of the model before become those of the model after.
+    """
+    greys = np.array(at.greys)
+    rows = np.r_[at.unknowns, GREYS : GREYS + greys.shape[1]]
+    loops.advance(at.rows, rows, len(at.unknowns), step, normal.greys, normal.greys_by_other, greys)
+    return tallied(at.rows, greys, at.unknowns)
+
+
+def noise_of(at: Linear, pixels: int, used: np.ndarray) -> Noise:
+    """Estimate the noise of a pixel from what a fit leaves in windows that are `used`, bool (k,),
+    whose cells are means of so many pixels.
+
+    Residuals count on the body, on markers and beyond the body, away from all edges, by their
+    medians, so that wrong pixels do not count. What too few pixels show is left at a usual value.
+    """
+    k, _, p = at.rows.shape
+    dark, bright, beyond = np.empty((3, k * p))
+    darks, brights, beyonds, level, higher = loops.residuals_by_layer(
+        at.rows, used, np.sqrt(pixels), dark, bright, beyond
+    )
+    if min(darks, brights) < ENOUGH:
+        return Noise()
+    low = _robust_variance(dark[:darks])
+    high = _robust_variance(bright[:brights])
+    slope = min(max((high - low) / (higher - level or 1.0), 0.0), 0.7 * low / max(level, 1.0))
+    texture = Noise().texture
+    if beyonds >= ENOUGH:
+        texture = max(_robust_variance(beyond[:beyonds]) - low, 25.0)
+    return Noise(max(low - slope * level, 0.01), slope, texture)
+
+
+def _robust_variance(sizes: Array) -> float:
+    """From the median of sizes of residuals, for a normal distribution; grey levels squared."""
+    return float((1.4826 * np.median(sizes)) ** 2)
 
 
 def misfit(at: Linear) -> Array:
     """Reduced chi-square of each window, shape (k,): about 1 where the window shows what the state
     predicts.
     """
-    count = (at.weight > 0).sum(axis=1)
-    return (at.weight * at.residual**2).sum(axis=1) / np.maximum(count - at.greys.shape[1], 1)
+    return at.sums[:, 0] / np.maximum(at.sums[:, 1] - at.greys.shape[1], 1)
 
 
 def has_contrast(at: Linear, handle: Handle) -> np.ndarray:
@@ -441,7 +349,8 @@ def has_contrast(at: Linear, handle: Handle) -> np.ndarray:
     others.
     """
     contrast = at.greys[:, 0] * (1 if handle.markers == "bright" else -1)
-    clear = contrast > 3 * np.sqrt(1 / at.weight.max(initial=1e-12))  # the noise of a dark pixel
+    heaviest = at.sums[:, 3].max(initial=1e-12)  # of a dark pixel
+    clear = contrast > 3 * np.sqrt(1 / heaviest)
     return clear & (contrast > np.median(contrast[clear]) / 2) if clear.any() else clear
 
 
@@ -453,10 +362,10 @@ def marker_is_shown(
     A window fits if its misfit is small against the noise, or what is left against the marker's
     contrast: a real marker is never quite what the model says.
     """
-    used = at.weight > 0
-    rms = np.sqrt((used * at.residual**2).sum(axis=1) / np.maximum(used.sum(axis=1), 1))
+    _, count, squares, _ = at.sums.T
+    rms = np.sqrt(squares / np.maximum(count, 1))
     fits = (misfit(at) < max_misfit) | (rms < max_rms * np.abs(at.greys[:, 0]))
-    return has_contrast(at, handle) & fits & (used.sum(axis=1) > 20)
+    return has_contrast(at, handle) & fits & (count > 20)
 
 
 def inverse(matrices: Array) -> Array:
@@ -472,19 +381,3 @@ def limited(blur_px2: Array, step: Array) -> Array:
     squared.
     """
     return np.clip(np.clip(blur_px2 + step, 0.5 * blur_px2, 2 * blur_px2), 0.04, 25.0)
-
-
-def _first_greys(C: Array, usable: np.ndarray, grey: Array) -> Array:
-    """Greys (k, 6) by linear least squares, the marker's shading left out."""
-    weighted = C * usable[:, None]
-    CC = weighted @ C.transpose(0, 2, 1)
-    CC += (1e-6 * np.trace(CC, axis1=1, axis2=2)[:, None, None] + 1e-12) * np.eye(CC.shape[1])
-    greys = np.linalg.solve(CC, weighted @ grey[..., None])[..., 0]
-    greys[:, 2:-1] = np.clip(greys[:, 2:-1] / np.maximum(np.abs(greys[:, 1:2]), 1.0), -1, 1)
-    return greys
-
-
-def _inner(side: int) -> np.ndarray:
-    """Pixels of a window that are not at its border, bool (p,)."""
-    inside = np.minimum(np.arange(side), np.arange(side)[::-1]) >= BORDER_PX
-    return (inside[:, None] & inside).ravel()

@@ -15,38 +15,23 @@ from ..camera import Rig
 from ..checks import Array
 from ..handle import Handle
 from ..rigid import rotation_of
-from .appearance import Windows, layers, shading_basis
-from .imagemodel import (
-    CLEAR_PX,
-    Lights,
-    Linear,
-    State,
-    by_grey_motion,
-    explained,
-    half_laplacian,
-    unblurred,
-)
+from . import loops
+from .appearance import Windows, geometry_of
+from .imagemodel import CLEAR_PX, MOVING, Linear, State, greys_of, room, tallied
+from .loops import CLEARANCE, EXPOSURE, POSE
 from .patches import Patches
-
-__all__ = [
-    "even",
-    "frequencies",
-    "in_handle",
-    "linearise_moving",
-    "middle",
-    "smear",
-    "smear_by",
-    "spectra_of",
-    "windows_of",
-]
 
 
 def linearise_moving(state: State, here: Patches, rig: Rig, handle: Handle) -> Linear:
     """The model and its derivatives at a state, of a handle that moves while the shutter is open."""
     assert state.motion_blur is not None
+    k, p = here.grey.shape
+    cells = here.drawn.xy.shape[2]
+    layers = np.empty((k, loops.LAYERS, cells))
+    lights = np.empty((k, 8, cells))
+    geometry = geometry_of(rig, handle, state.T_world_handle, here.views, here.drawn)
     # neighbours are smeared into each other
-    shown = layers(rig, handle, state.T_world_handle, here.views, here.drawn, any_marker=True)
-    basis = shading_basis(shown.turn).transpose(1, 0, 2)
+    loops.draw_all(here.drawn.xy, *geometry, True, layers, lights)
     ways = here.ways_px(state.motion_blur.motion)
     f_u, f_v = frequencies(here.drawn)
     along = f_u * ways[:, :1, None] + f_v * ways[:, 1:, None]  # f . d, (k, rows, columns)
@@ -55,22 +40,28 @@ def linearise_moving(state: State, here: Patches, rig: Rig, handle: Handle) -> L
     smeared = smear(along)
     mean = even(lens * smeared)
 
-    lights = np.concatenate([shown.marker[:, None] * basis, shown.body[:, None] * basis], axis=1)
     seen = windows_of(spectra_of(lights, here) * mean[:, None], here)
     reach = np.abs(ways).max(initial=0.0) / 2 / min(here.at.cell)
-    clear = middle(shown.clear[:, None], here)[:, 0] > CLEAR_PX + reach
-    at = explained(state, here, here.valid & clear, Lights(*np.split(seen, 2, axis=1)))
-    moves = spectra_of(by_grey_motion(shown, basis, at.greys), here)
-    by_pose = windows_of(moves * mean[:, None], here)
+    clear = middle(layers[:, CLEARANCE, None], here)[:, 0] > CLEAR_PX + reach
+    usable = (here.valid & clear.reshape(k, p)).astype(float)
+    rows = room(k, p)
+    greys, known = greys_of(state, here)
+    cell = np.array(here.at.cell, dtype=float)
+    loops.explain_all(
+        seen, here.grey, usable, greys, known, np.array(state.noise), float(here.at.pixels),
+        here.at.shape, cell, rows,
+    )  # fmt: skip
+    moves = np.empty((k, 6, cells))
+    grey = np.empty((k, cells))
+    loops.move_all(layers, greys, moves, grey)
+    rows[:, POSE : POSE + 6] = windows_of(spectra_of(moves, here) * mean[:, None], here)
     # of a way along u the real part, along v the imaginary one
-    grey = unblurred(shown, basis, at.greys).reshape(along.shape)
     by_way = even(lens * smear_by(along, smeared) * (f_u + 1j * f_v))
-    by_ways = windows_of((scipy.fft.fft2(grey) * by_way)[:, None], here)
+    spectrum = scipy.fft.fft2(grey.reshape(along.shape))
+    by_ways = windows_of((spectrum * by_way)[:, None], here)
     by_exposure = here.by_motion.transpose(0, 2, 1) @ by_ways
-    by_blur = half_laplacian(at.predicted, here.at)[:, None]
-    return at._replace(
-        by_pose=np.concatenate([by_pose, in_handle(by_exposure, state), by_blur], axis=1)
-    )
+    rows[:, EXPOSURE : EXPOSURE + 6] = in_handle(by_exposure, state)
+    return tallied(rows, greys, MOVING)
 
 
 def frequencies(at: Windows) -> tuple[Array, Array]:

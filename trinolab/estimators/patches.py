@@ -1,8 +1,4 @@
-"""Windows of pixels cut out of images: about markers, and along the body's outline.
-
-The outline says nothing of the turn about the axis, but it fixes the axis across the line of sight
-over all of the body's length. A hand may hide parts of it: each window is judged on its own.
-"""
+"""Windows of pixels about markers, cut out of images."""
 
 from __future__ import annotations
 
@@ -14,23 +10,18 @@ import numpy as np
 from scipy.fft import next_fast_len
 from scipy.spatial.transform import RigidTransform
 
-from ..camera import Camera, Rig
+from ..camera import Rig
 from ..checks import Array
 from ..handle import Handle, slant_angles
 from ..rigid import shifted
 from ..uncertainty.systematic import motion_slopes
 from .appearance import Views, Windows, windows
 
-__all__ = ["Grid", "Patches", "cut", "moving_patches", "outline_patches", "patches"]
-
 LARGEST_PX = 120.0  # a marker's image beyond which its window no longer grows
 LONGEST_PX = 100.0  # motion blur beyond which it no longer grows
 MARGIN_PX = 4.0  # of a window around its marker: the blur's reach, and the filter's border
 BORDER_PX = 2.0  # of a window that the lens's blur does not reach from beyond
 SATURATED = 250.0  # grey levels; a brighter pixel has no weight
-SIDE_PX = 13
-PLACES = 10  # along the body, on either side
-CLEAR_MM = 2.0  # from a marker or an end
 
 
 class Grid(NamedTuple):
@@ -222,45 +213,3 @@ def _alone(here: Patches) -> Array:
     beside = np.abs(here.at.corner[:, None] - here.at.corner)
     shared = np.prod(np.maximum(1 - beside / size, 0.0), axis=2)
     return 1 / (shared * same_camera).sum(axis=1)
-
-
-def outline_patches(
-    images: Sequence[np.ndarray], rig: Rig, handle: Handle, T_world_handle: RigidTransform
-) -> Patches:
-    """Windows on both sides of the body's outline in every image, away from markers and ends."""
-    outlines = [_outline(camera, handle, T_world_handle) for camera in rig.cameras]
-    camera = np.repeat(np.arange(len(outlines)), [len(angle) for angle, _, _ in outlines])
-    angle, points, uv = (np.concatenate(part) for part in zip(*outlines, strict=True))
-    turn = angle[:, None] - handle.marker_angles
-    nearest = np.abs(turn - 2 * np.pi * np.round(turn / (2 * np.pi))).argmin(axis=1)
-    views = Views(camera, nearest)
-    grid = Grid((SIDE_PX, SIDE_PX))
-    return cut(images, rig, handle, T_world_handle, views, points, uv, grid)
-
-
-def _outline(
-    camera: Camera, handle: Handle, T_world_handle: RigidTransform
-) -> tuple[Array, Array, Array]:
-    """Angles about the axis (n,), points (n, 3) of the handle and pixels (n, 2) of places on the
-    outline; none from within the endless cylinder.
-    """
-    x, _, z = T_world_handle.inv().apply(camera.centre)
-    if np.hypot(x, z) <= handle.radius_mm:
-        return np.empty(0), np.empty((0, 3)), np.empty((0, 2))
-    towards = np.arctan2(x, z)
-    half = np.arccos(handle.radius_mm / np.hypot(x, z))
-    angle, axial = (
-        part.ravel() for part in np.meshgrid([towards - half, towards + half], _places(handle))
-    )
-    points = np.column_stack(
-        [handle.radius_mm * np.sin(angle), axial, handle.radius_mm * np.cos(angle)]
-    )
-    return angle, points, camera.project(T_world_handle.apply(points))
-
-
-def _places(handle: Handle) -> Array:
-    """Axial coordinates of the windows, mm."""
-    clear = handle.marker_diameter_mm / 2 + CLEAR_MM
-    axial = np.linspace(handle.bottom_mm + CLEAR_MM, handle.top_mm - CLEAR_MM, PLACES)
-    away = np.abs(axial[:, None] - handle.marker_centres[:, 1]).min(axis=1)
-    return axial[away > clear]

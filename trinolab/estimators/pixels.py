@@ -46,24 +46,9 @@ from .imagemodel import (
     shows_gloss,
     with_gloss,
 )
+from .loops import BLUR, EXPOSURE, POSE
 from .movingmodel import linearise_moving
-from .patches import Patches, moving_patches, outline_patches, patches
-
-__all__ = [
-    "FLOOR_PX",
-    "MOST_STEPS",
-    "Fit",
-    "Round",
-    "both_in_world",
-    "counted",
-    "fit_patches",
-    "in_world",
-    "judged",
-    "judged_fit",
-    "moved",
-    "outline_pose",
-    "patches_pose",
-]
+from .patches import Patches, moving_patches, patches
 
 # by so much the image model misplaces a marker of the simulated bench, shading and all
 FLOOR_PX = 0.003
@@ -78,8 +63,6 @@ NEXT_SIGMAS = 0.4
 
 LARGEST_STEP = np.repeat([5.0, 0.3], 3)  # mm, rad; the image model holds within a few pixels
 BLUR_FLOOR = 0.001  # and this share of the way that it moves while the shutter is open
-# and a piece of outline: its unknown shade moves with the pose, and hides a sixth of a pixel whole
-OUTLINE_FLOOR_PX = 0.4
 
 
 class Round(NamedTuple):
@@ -146,50 +129,37 @@ class Fit(NamedTuple):
     T_by_noise: RigidTransform | None = None
 
 
-class _Part(NamedTuple):
-    """The windows of one kind in a step, those about the markers or those along the outline: pixels,
-    model, normal equations, and how much each window counts.
-    """
-
-    patches: Patches
-    model: Linear
-    normal: Reduced
-    weight: Array
-
-
 class _Taken(NamedTuple):
     """A Gauss-Newton step of pose and blurs as it was taken: the states before and after it, the
-    models after it, to first order, one entry a kind of windows, and which markers' windows have
-    contrast. `sigmas` is how far the pose moved, by its own standard deviation; `settled` whether
-    the next step would hardly move it.
+    model after it, to first order, the windows' normal equations, and which windows have contrast.
+    `sigmas` is how far the pose moved, by its own standard deviation; `settled` whether the next step
+    would hardly move it.
     """
 
     step: Array
     sigmas: float
     before: State
-    after: list[State]
-    models: list[Linear]
-    normals: list[Reduced]
+    after: State
+    model: Linear
+    normal: Reduced
     contrast: np.ndarray
     settled: bool = True
 
 
 class _Step(NamedTuple):
-    """The last Gauss-Newton step: of pose and blurs, its information, its parts with their models
-    after it, how far it moved the pose, by its standard deviation, and whether the next one would
-    hardly move it.
+    """The last Gauss-Newton step: of pose and blurs, its information, its windows with their model
+    after it, their normal equations and how much each counts, how far it moved the pose, by its
+    standard deviation, and whether the next one would hardly move it.
     """
 
     step: Array
     information: Array
-    parts: list[_Part]
+    patches: Patches
+    model: Linear
+    normal: Reduced
+    weight: Array
     sigmas: float
     settled: bool
-
-    @property
-    def markers(self) -> _Part:
-        """The part whose windows lie about the markers."""
-        return self.parts[0]
 
 
 def fit_patches(
@@ -198,7 +168,6 @@ def fit_patches(
     handle: Handle,
     start: RigidTransform,
     max_slant_deg: float = 72.0,
-    outline: bool = False,
     motion_blur: tuple[Array, Array] | None = None,
     smear_above: float = np.inf,
     is_far: bool = False,
@@ -216,8 +185,6 @@ def fit_patches(
         T_world_handle, right to about a pixel in every image.
     max_slant_deg : float
         Markers turned further away are left out.
-    outline : bool
-        Use the body's outline, too.
     motion_blur : (ndarray, ndarray), shapes (6,) and (6, 6), optional
         What is expected of the handle's motion while the shutter is open (mm, rad; world frame),
         and its covariance; without it the handle is still.
@@ -238,16 +205,11 @@ def fit_patches(
     if motion_blur is not None:
         rounds = (COARSE, FINE) if is_far else (FINE,)
         return _moving_fit(images, rig, handle, start, max_slant_deg, motion_blur, rounds, corrects)
-    about_markers = patches(images, rig, handle, start, max_slant_deg)
-    kinds = [about_markers]
-    if outline:
-        kinds.append(outline_patches(images, rig, handle, start))
-    states = [first_state(start, rig)] * len(kinds)
-    taken = _fitted(states, kinds, rig, handle, MOST_STEPS)
+    windows = patches(images, rig, handle, start, max_slant_deg)
+    taken = _fitted(first_state(start, rig), windows, rig, handle, MOST_STEPS)
     if taken is None:
         return None
-    last = _concluded(taken, kinds, rig)
-    return _fit_of(last, taken.after[0], rig, handle, corrects, smear_above)
+    return _fit_of(_concluded(taken, windows, rig), taken.after, rig, handle, corrects, smear_above)
 
 
 def _moving_fit(
@@ -269,16 +231,16 @@ def _moving_fit(
     *first, last = rounds
     for most in first:
         windows = _moving_windows(images, state, max_slant_deg, rig, handle, most)
-        taken = _stepped([state], [windows], rig, handle, most.steps)
+        taken = _stepped(state, windows, rig, handle, most.steps)
         if taken is None:
             return None
         # greys are those of other windows
-        state = taken.after[0]._replace(greys=None)
+        state = taken.after._replace(greys=None)
     windows = _moving_windows(images, state, max_slant_deg, rig, handle, last)
-    taken = _fitted([state], [windows], rig, handle, last.steps)
+    taken = _fitted(state, windows, rig, handle, last.steps)
     if taken is None:
         return None
-    return _fit_of(_concluded(taken, [windows], rig), taken.after[0], rig, handle, corrects)
+    return _fit_of(_concluded(taken, windows, rig), taken.after, rig, handle, corrects)
 
 
 def _moving_windows(
@@ -297,50 +259,43 @@ def _moving_windows(
 
 
 def _fitted(
-    states: list[State], kinds: list[Patches], rig: Rig, handle: Handle, most_steps: int
+    state: State, windows: Patches, rig: Rig, handle: Handle, most_steps: int
 ) -> _Taken | None:
     """As `_stepped`, once more with gloss where the windows show it."""
-    taken = _stepped(states, kinds, rig, handle, most_steps)
+    taken = _stepped(state, windows, rig, handle, most_steps)
     if taken is None:
         return None
-    motion_blur = states[0].motion_blur
     least_gain = LEAST_GAIN
-    if motion_blur is not None:
-        smear_px = _longest_way_px(kinds[0], motion_blur.motion)
+    if state.motion_blur is not None:
+        smear_px = _longest_way_px(windows, state.motion_blur.motion)
         # what is left of a long step or a long smear looks like gloss
         if not taken.settled or smear_px > SMEARED_PX:
             return taken
         least_gain = LEAST_GAIN_MOVING
-    if not shows_gloss(taken.models[0], handle, least_gain):
+    if not shows_gloss(taken.model, handle, least_gain):
         return taken
-    return _stepped(_glossy(taken), kinds, rig, handle, most_steps)
+    return _stepped(with_gloss(taken.after), windows, rig, handle, most_steps)
 
 
 def _stepped(
-    states: list[State], kinds: list[Patches], rig: Rig, handle: Handle, most_steps: int
+    state: State, windows: Patches, rig: Rig, handle: Handle, most_steps: int
 ) -> _Taken | None:
     """The last of so many steps, or of as many as are worth it; None if too little is in view, or
     the steps lead away.
     """
-    if len(np.unique(kinds[0].views.marker)) < 3:
+    if len(np.unique(windows.views.marker)) < 3:
         return None
-    taken = _improved(states, kinds, rig, handle)
+    taken = _improved(state, windows, rig, handle)
     settled = False
     for _ in range(most_steps - 1):
         if _leads_away(taken):
             return None
         before = taken
-        taken = _improved(before.after, kinds, rig, handle)
-        settled = _has_settled(taken, before, kinds[0], handle)
+        taken = _improved(before.after, windows, rig, handle)
+        settled = _has_settled(taken, before, windows, handle)
         if settled:
             break
     return None if _leads_away(taken) else taken._replace(settled=settled)
-
-
-def _glossy(taken: _Taken) -> list[State]:
-    """The states after a step, with the gloss of the windows about the markers."""
-    about_markers, *others = taken.after
-    return [with_gloss(about_markers), *others]
 
 
 def _leads_away(taken: _Taken) -> bool:
@@ -368,28 +323,28 @@ def _fit_of(
     """What the last step says: the pose with its covariance, and which views show a marker."""
     T = after.T_world_handle
     motion = None if after.motion_blur is None else after.motion_blur.motion
-    markers = last.markers
-    visible = marker_is_shown(markers.model, handle)
+    windows = last.patches
+    visible = marker_is_shown(last.model, handle)
     still_asked, chi_square = _still_asked(last, rig)
     # the weights are older than the step
-    spread = float(np.median(misfit(markers.model)[visible])) if visible.any() else 1.0
+    spread = float(np.median(misfit(last.model)[visible])) if visible.any() else 1.0
     # where the steps ran out, the pose is still off by as many sigmas as the last one was long
     still_off = 0.0 if last.settled else last.sigmas
     covariance = in_world((1 + still_off**2) * spread * inverse(last.information)[:6, :6], T)
-    motions = [_motions(part.patches, rig, T) for part in last.parts]
-    information = _information_px(markers, motions[0])
+    motions = _motions(windows, rig, T)
+    information = _information_px(last.normal, motions)
     answers = _response(last, motions, rig, T)
     pulls = _pulls(last, information, rig, handle, T)
     covariance = covariance + answers.covariance_by(pulls)
-    residuals_px = still_asked * markers.patches.px_per_mm
-    fit = judged_fit(T, covariance, markers.patches.views, markers.model, visible, residuals_px)
+    residuals_px = still_asked * windows.px_per_mm
+    fit = judged_fit(T, covariance, windows.views, last.model, visible, residuals_px)
     if motion is not None:
-        fit = fit._replace(smear_px=_longest_way_px(markers.patches, motion))
+        fit = fit._replace(smear_px=_longest_way_px(windows, motion))
     elif visible.any() and np.median(fit.misfit[visible]) >= smear_above:
         fit = fit._replace(smear_px=_smear_px(last, rig))
     freedom = 2 * int(visible.sum()) - 6
     if is_uncertain(rig, handle) or contradict(chi_square[visible].sum() / spread, freedom):
-        residuals = _residuals(last, motions[0], information, rig, visible / spread, pulls)
+        residuals = _residuals(last, motions, information, rig, visible / spread, pulls)
         return counted(fit, answers, residuals, rig, handle, corrects)
     return fit
 
@@ -398,15 +353,11 @@ def _pulls(
     last: _Step, information: Array, rig: Rig, handle: Handle, T_world_handle: RigidTransform
 ) -> Array:
     """Covariance of all windows' places by greys that are not as predicted, see
-    `centroids.pulled_alike`; the outline has none. The information (k, 2, 2) is that of
-    `_information_px`.
+    `centroids.pulled_alike`. The information (k, 2, 2) is that of `_information_px`.
     """
-    markers = last.markers
-    more = np.maximum(misfit(markers.model) - 1, 0.0)
+    more = np.maximum(misfit(last.model) - 1, 0.0)
     more_px2 = more[:, None, None] * np.linalg.inv(information)
-    of_markers = pulled_alike(*markers.patches.views, more_px2, T_world_handle, rig, handle)
-    along_outline = sum(len(part.patches.points) for part in last.parts[1:])
-    return np.pad(of_markers, (0, 2 * along_outline))
+    return pulled_alike(*last.patches.views, more_px2, T_world_handle, rig, handle)
 
 
 def _longest_way_px(windows: Patches, motion: Array) -> float:
@@ -423,11 +374,11 @@ def _smear_px(last: _Step, rig: Rig) -> float:
     the diagonals, is two more unknowns a camera in the last step; the former is in the blur that
     each fit determines.
     """
-    windows, model, _, weight = last.markers
+    windows, model, weight = last.patches, last.model, last.weight
     camera = windows.views.camera
-    longer = longer_than_wide(model.predicted, windows.at)
-    pose, blur = model.by_pose[:, :6], model.by_pose[:, -1:]
-    normal = reduce(np.concatenate([pose, longer, blur], axis=1), model)
+    # in rows that a still handle leaves free
+    model.rows[:, EXPOSURE : EXPOSURE + 2] = longer_than_wide(model.predicted, windows.at)
+    normal = reduce(model, np.r_[POSE : POSE + 6, EXPOSURE, EXPOSURE + 1, BLUR])
     information = 1e-12 * np.eye(6 + 3 * len(rig.cameras))
     gradient = np.zeros(len(information))
     for c in range(len(rig.cameras)):
@@ -439,50 +390,39 @@ def _smear_px(last: _Step, rig: Rig) -> float:
     return float(np.sqrt(24 * np.hypot(upright, diagonal)).max())
 
 
-def _response(last: _Step, motions: list[Array], rig: Rig, T: RigidTransform) -> Response:
+def _response(last: _Step, motions: Array, rig: Rig, T: RigidTransform) -> Response:
     """How the pose answers to shifts of its windows: to each as to the motion of the handle that
     shifts it alike, see `_motions`.
     """
+    windows = last.patches
     spread = inverse(last.information)[:6]
-    gains = []
-    for (windows, _, normal, weight), by_shift in zip(last.parts, motions, strict=True):
-        asked = weight[:, None, None] * (normal.information[:, :, :3] @ by_shift)
-        by_common = spread[:, : asked.shape[1] - 1]
-        by_blur = spread[:, -len(rig.cameras) :][:, windows.views.camera]
-        gain = np.einsum("am,kmd->akd", by_common, asked[:, :-1])
-        gains.append(gain + by_blur[..., None] * asked[:, -1])
-    of_markers, *of_outline = [part.patches for part in last.parts]
-    # a piece of the outline is no marker
-    marker = [of_markers.views.marker, *(np.full(len(one.points), -1) for one in of_outline)]
+    asked = last.weight[:, None, None] * (last.normal.information[:, :, :3] @ motions)
+    by_common = spread[:, : asked.shape[1] - 1]
+    by_blur = spread[:, -len(rig.cameras) :][:, windows.views.camera]
+    gain = np.einsum("am,kmd->akd", by_common, asked[:, :-1])
+    gain = gain + by_blur[..., None] * asked[:, -1]
     return Response(
-        np.einsum("ab,bkd->akd", both_in_world(T), np.concatenate(gains, axis=1)),
-        np.concatenate([part.patches.views.camera for part in last.parts]),
-        T.apply(np.concatenate([part.patches.points for part in last.parts])),
-        np.concatenate(marker),
+        np.einsum("ab,bkd->akd", both_in_world(T), gain),
+        windows.views.camera,
+        T.apply(windows.points),
+        windows.views.marker,
     )
 
 
 def _residuals(
     last: _Step, motions: Array, information: Array, rig: Rig, counts: Array, common: Array
 ) -> Residuals:
-    """The shifts that windows still ask for after the last step, those of markers times `counts`
-    (k,); the outline's do not count. Motions and information are those of the markers' windows.
-    """
-    windows, _, normal, weight = last.markers
-    asked = motions.mT @ _asked(normal, _own(last.step, windows.views.camera, rig))[..., None]
+    """The shifts that windows still ask for after the last step, times `counts` (k,)."""
+    windows = last.patches
+    asked = motions.mT @ _asked(last.normal, _own(last.step, windows.views.camera, rig))[..., None]
     shift = np.linalg.solve(information, asked)[..., 0]
-    weighed = (counts * weight)[:, None, None] * information
-    along_outline = sum(len(part.patches.points) for part in last.parts[1:])
-    return Residuals(
-        np.concatenate([shift, np.zeros((along_outline, 2))]),
-        np.concatenate([weighed, np.zeros((along_outline, 2, 2))]),
-        common,
-    )
+    weighed = (counts * last.weight)[:, None, None] * information
+    return Residuals(np.asarray(shift), weighed, common)
 
 
-def _information_px(part: _Part, motions: Array) -> Array:
+def _information_px(normal: Reduced, motions: Array) -> Array:
     """Information of each window by shifts along u and along v, (k, 2, 2), px^-2, of `_motions`."""
-    return motions.mT @ part.normal.information[:, :3, :3] @ motions + 1e-12 * np.eye(2)
+    return motions.mT @ normal.information[:, :3, :3] @ motions + 1e-12 * np.eye(2)
 
 
 def _motions(windows: Patches, rig: Rig, T: RigidTransform) -> Array:
@@ -493,76 +433,68 @@ def _motions(windows: Patches, rig: Rig, T: RigidTransform) -> Array:
     return np.linalg.pinv(by_points @ T.as_matrix()[:3, :3])
 
 
-def _improved(states: list[State], kinds: list[Patches], rig: Rig, handle: Handle) -> _Taken:
-    """One step: the kinds of windows share pose, blurs and noise, each has its own greys."""
-    state = states[0]
+def _improved(state: State, windows: Patches, rig: Rig, handle: Handle) -> _Taken:
+    """One step of pose, blurs, noise and greys."""
     T = state.T_world_handle
-    model = linearise if state.motion_blur is None else linearise_moving
-    models = [model(own, windows, rig, handle) for own, windows in zip(states, kinds, strict=True)]
-    normals = [reduce(model.by_pose, model) for model in models]
+    model_of = linearise if state.motion_blur is None else linearise_moving
+    model = model_of(state, windows, rig, handle)
+    normal = reduce(model, model.unknowns)
     # windows that show no marker would only fit their noise
-    contrast = has_contrast(models[0], handle)
-    parts = _weighed(kinds, models, normals, state, contrast)
-    information, gradient = _normal_equations(parts, state, rig)
+    contrast = has_contrast(model, handle)
+    weight = _weights(windows, model, normal, state) * contrast
+    information, gradient = _normal_equations(normal, weight, windows, state, rig)
     spread = inverse(information)
     step = spread @ gradient
     sigmas = float(np.sqrt(np.maximum(step[:6] @ inverse(spread[:6, :6]) @ step[:6], 0.0)))
-    models = [
-        advanced(
-            part.model, part.model.by_pose, part.normal, _own(step, part.patches.views.camera, rig)
-        )
-        for part in parts
-    ]
+    model = advanced(model, normal, _own(step, windows.views.camera, rig))
     motion_blur = state.motion_blur
     if motion_blur is not None:
         motion = motion_blur.motion + both_in_world(T) @ np.nan_to_num(step[6:12])
         motion_blur = motion_blur._replace(motion=motion)
     T = moved(T, np.nan_to_num(step[:6]))
-    markers = models[0]
-    clear = markers._replace(weight=markers.weight * contrast[:, None])
-    noise = noise_of(clear, kinds[0].at.pixels)
+    noise = noise_of(model, windows.at.pixels, contrast)
     blur = limited(state.blur_px2, step[-len(rig.cameras) :])
-    renewed = [State(T, model.greys, blur, noise, motion_blur) for model in models]
-    return _Taken(step, sigmas, state, renewed, models, normals, contrast)
+    after = State(T, model.greys, blur, noise, motion_blur)
+    return _Taken(step, sigmas, state, after, model, normal, contrast)
 
 
-def _concluded(taken: _Taken, kinds: list[Patches], rig: Rig) -> _Step:
+def _concluded(taken: _Taken, windows: Patches, rig: Rig) -> _Step:
     """The last step with what it says of the pose: its windows are weighed again, since misfits may
     be gone.
     """
-    parts = _weighed(kinds, taken.models, taken.normals, taken.before, taken.contrast)
-    information, _ = _normal_equations(parts, taken.before, rig)
-    return _Step(taken.step, information, parts, taken.sigmas, taken.settled)
+    weight = _weights(windows, taken.model, taken.normal, taken.before) * taken.contrast
+    information, _ = _normal_equations(taken.normal, weight, windows, taken.before, rig)
+    return _Step(
+        taken.step,
+        information,
+        windows,
+        taken.model,
+        taken.normal,
+        weight,
+        taken.sigmas,
+        taken.settled,
+    )
 
 
-def _weighed(
-    kinds: list[Patches],
-    models: list[Linear],
-    normals: list[Reduced],
-    state: State,
-    contrast: np.ndarray,
-) -> list[_Part]:
-    """The parts of a step: each window counts by its trust, a marker's only where there is one."""
+def _weights(windows: Patches, model: Linear, normal: Reduced, state: State) -> Array:
+    """Weight of each window, shape (k,): less where it does not fit, has its pixels in common with
+    others, or claims to know its place to below the floor.
+    """
     way_mm = 0.0 if state.motion_blur is None else np.linalg.norm(state.motion_blur.motion[:3])
-    floors = (FLOOR_PX + BLUR_FLOOR * way_mm * kinds[0].px_per_mm, OUTLINE_FLOOR_PX)[: len(kinds)]
-    parts = []
-    for windows, model, normal, floor in zip(kinds, models, normals, floors, strict=True):
-        trust = _trust(model, normal.information, windows.px_per_mm, floor)
-        parts.append(_Part(windows, model, normal, windows.alone * trust))
-    parts[0] = parts[0]._replace(weight=parts[0].weight * contrast)
-    return parts
+    floor_px = FLOOR_PX + BLUR_FLOOR * way_mm * windows.px_per_mm
+    per_px2 = np.trace(normal.information[:, :3, :3], axis1=1, axis2=2)
+    per_px2 = per_px2 / (2 * windows.px_per_mm**2)
+    return windows.alone / np.maximum(misfit(model), 1.0) / (1 + floor_px**2 * per_px2)
 
 
-def _normal_equations(parts: list[_Part], state: State, rig: Rig) -> tuple[Array, Array]:
+def _normal_equations(
+    normal: Reduced, weight: Array, windows: Patches, state: State, rig: Rig
+) -> tuple[Array, Array]:
     """Information and gradient of pose and blurs over all windows, with what was expected of the
     motion blur.
     """
-    sums = [_assembled(part.normal, part.weight, part.patches.views.camera, rig) for part in parts]
-    information = 1e-12 * np.eye(len(sums[0][1]))
-    gradient = np.zeros(len(information))
-    for by_windows, gradient_of_windows in sums:
-        information = information + by_windows
-        gradient = gradient + gradient_of_windows
+    information, gradient = _assembled(normal, weight, windows.views.camera, rig)
+    information += 1e-12 * np.eye(len(gradient))
     if state.motion_blur is not None:
         _expect(information, gradient, state.motion_blur, state.T_world_handle)
     return information, gradient
@@ -648,19 +580,10 @@ def _still_asked(last: _Step, rig: Rig) -> tuple[Array, Array]:
     """How far each marker's window alone would still move the handle after the last step, shape
     (k,), mm, and the chi-square of that, shape (k,).
     """
-    windows, _, normal, weight = last.markers
-    along = np.linalg.pinv(normal.information[:, :3, :3], rcond=1e-2, hermitian=True)
-    asked = _asked(normal, _own(last.step, windows.views.camera, rig))
+    along = np.linalg.pinv(last.normal.information[:, :3, :3], rcond=1e-2, hermitian=True)
+    asked = _asked(last.normal, _own(last.step, last.patches.views.camera, rig))
     motion = (along @ asked[..., None])[..., 0]
-    return np.linalg.norm(motion, axis=1), weight * (motion * asked).sum(axis=1)
-
-
-def _trust(at: Linear, information: Array, px_per_mm: Array, floor_px: Array | float) -> Array:
-    """Weight of each window, shape (k,): less where it does not fit, or claims to know its place to
-    below the floor.
-    """
-    per_px2 = np.trace(information[:, :3, :3], axis1=1, axis2=2) / (2 * px_per_mm**2)
-    return 1 / np.maximum(misfit(at), 1.0) / (1 + floor_px**2 * per_px2)
+    return np.linalg.norm(motion, axis=1), last.weight * (motion * asked).sum(axis=1)
 
 
 def _assembled(normal: Reduced, trust: Array, camera: np.ndarray, rig: Rig) -> tuple[Array, Array]:
@@ -722,26 +645,6 @@ def patches_pose(instant: Identified, rig: Rig, handle: Handle, p: Parameters) -
         handle,
         instant.T_world_handle,
         p.max_slant_deg,
-        False,
-        instant.motion_blur,
-    )
-    return judged(fit)
-
-
-def outline_pose(instant: Identified, rig: Rig, handle: Handle, p: Parameters) -> Pose:
-    """The estimator ``outline``: see `fit_patches`.
-
-    It is hardly better than ``patches`` (its mean error is 0.98 to 0.99 of it, at 1.15 times the
-    time), although the bound with the outline is half of that without (chapter 10): the light near
-    the limb is unknown in each window, and takes up most of what a shifted outline would show.
-    """
-    fit = fit_patches(
-        instant.images,
-        rig,
-        handle,
-        instant.T_world_handle,
-        p.max_slant_deg,
-        True,
         instant.motion_blur,
     )
     return judged(fit)

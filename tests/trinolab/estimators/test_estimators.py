@@ -15,7 +15,6 @@ from trinolab.datasets import load_handle, load_rig, load_table1
 from trinolab.estimators import Identified, estimate
 from trinolab.estimators.appearance import Views
 from trinolab.estimators.centroids import centre_pixels, predict_centroids
-from trinolab.estimators.patches import outline_patches
 from trinolab.estimators.pixels import fit_patches
 from trinolab.estimators.reprojection import fit_centroids, fit_pixels
 from trinolab.handle import facing_pixels, slants
@@ -26,8 +25,8 @@ from trinolab.pose import LOST
 PAIR, TRIO, ABOVE = (load_rig(name) for name in ("paper_pair", "raised_40deg", "paper_trinocular"))
 HANDLE = load_handle("paper")
 POSES = load_table1().set_poses
-FITS = [fit_centroids, fit_patches, lambda *a: fit_patches(*a, outline=True)]
-each_fit = pytest.mark.parametrize("fit", FITS, ids=["centroids", "patches", "outline"])
+FITS = [fit_centroids, fit_patches]
+each_fit = pytest.mark.parametrize("fit", FITS, ids=["centroids", "patches"])
 
 
 def moved(T, step):
@@ -74,7 +73,6 @@ def test_pose_is_found_to_hundredths(fit, rig):
     [
         pytest.param(FITS[0], id="centroids"),
         pytest.param(FITS[1], id="patches"),
-        pytest.param(FITS[2], id="outline", marks=pytest.mark.heavy),
     ],
 )
 def test_lens_distortion_dark_markers_blur_and_another_light(fit):
@@ -232,9 +230,7 @@ def small_pair():
     return rig, render_rig(rig, HANDLE, POSES[5], bench, np.random.default_rng(1))
 
 
-@pytest.mark.parametrize(
-    "estimator", ["paper_checked", "weighted", "reprojection", "patches", "outline"]
-)
+@pytest.mark.parametrize("estimator", ["paper_checked", "weighted", "reprojection", "patches"])
 def test_images_that_contradict_each_other_have_no_pose(estimator):
     """One image lies a pixel higher, across the epipolar lines: no pose explains both."""
     rig, (left, right) = small_pair()
@@ -251,7 +247,7 @@ def without_light(rig):
     return [np.full(camera.size[::-1], 40.0) for camera in rig.cameras]
 
 
-@pytest.mark.parametrize("estimator", ["weighted", "reprojection", "patches", "outline"])
+@pytest.mark.parametrize("estimator", ["weighted", "reprojection", "patches"])
 def test_where_the_pixels_show_no_marker_there_is_no_pose(estimator):
     """Whatever the markers' places say that somebody found."""
     instant = Identified(without_light(PAIR), seen_exactly(PAIR, POSES[5]), POSES[5])
@@ -269,14 +265,3 @@ def test_where_the_pixels_show_no_marker_the_check_leaves_the_papers_pose():
     )
     np.testing.assert_array_equal(checked.covariance, papers.covariance)
     assert np.linalg.norm(error(papers, POSES[5])) < 1e-9  # the pixels are exact
-
-
-def test_a_camera_in_line_with_the_handle_sees_no_outline():
-    camera = PAIR.cameras[0]
-    along, _ = Rotation.align_vectors(camera.axis[None], [[0.0, 1.0, 0.0]])
-    T = RigidTransform.from_components(camera.centre + 560.0 * camera.axis, along)
-    found = outline_patches(without_light(PAIR), PAIR, HANDLE, T)
-    assert set(found.views.camera) == {1}
-    aside = T * RigidTransform.from_translation([2.0 * HANDLE.radius_mm, 0.0, 0.0])
-    found = outline_patches(without_light(PAIR), PAIR, HANDLE, aside)
-    assert set(found.views.camera) == {0, 1}

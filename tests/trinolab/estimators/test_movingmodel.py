@@ -4,17 +4,13 @@ differences.
 
 import numpy as np
 import pytest
+from imagemodel_reference import blur_matrices, layers, unblurred
 from scipy.spatial.transform import RigidTransform
 
 from trinolab.bench.motion import random_pose
 from trinolab.datasets import load_handle, load_rig
-from trinolab.estimators.appearance import Views, layers, shading_basis
-from trinolab.estimators.imagemodel import (
-    MotionBlur,
-    blur_matrices,
-    first_state,
-    unblurred,
-)
+from trinolab.estimators.appearance import Views, shading_basis
+from trinolab.estimators.imagemodel import MotionBlur, first_state
 from trinolab.estimators.movingmodel import (
     even,
     frequencies,
@@ -42,6 +38,12 @@ def moving(most_cells=ALL_CELLS):
     blur = MotionBlur(MOTION, MOTION, np.eye(6))
     greys = np.tile([130.0, 90.0, 0.1, -0.2, 0.05, 45.0], (len(here.points), 1))
     return here, first_state(T, RIG, blur)._replace(greys=greys)
+
+
+def slopes(state, here):
+    """Copies of a model's derivatives, whose memory the next model takes, and which cells count."""
+    told = linearise_moving(state, here, RIG, HANDLE)
+    return told.by_pose, told.weight > 0
 
 
 def test_the_smear_of_a_frequency_is_the_mean_over_the_exposure():
@@ -119,14 +121,13 @@ def test_a_moving_handle_looks_like_the_mean_of_many_still_ones():
 def test_the_derivatives_are_those_of_the_model(most_cells):
     here, state = moving(most_cells)
     assert (here.at.pixels > 1) == (most_cells < ALL_CELLS)
-    told = linearise_moving(state, here, RIG, HANDLE)
-    usable = told.weight > 0
+    by_pose_told, usable = slopes(state, here)
     turn = both_in_world(T)
 
     def predicted(pose: RigidTransform, motion: np.ndarray) -> np.ndarray:
         blur = state.motion_blur._replace(motion=motion)
         changed = state._replace(T_world_handle=pose, motion_blur=blur)
-        return linearise_moving(changed, here, RIG, HANDLE).predicted
+        return linearise_moving(changed, here, RIG, HANDLE).predicted.copy()
 
     step = 1e-3
     for k in range(6):
@@ -135,12 +136,12 @@ def test_the_derivatives_are_those_of_the_model(most_cells):
         by_motion = (predicted(T, MOTION + turn @ d) - predicted(T, MOTION - turn @ d)) / (2 * step)
         size = np.linalg.norm(by_motion[usable])
         # in coarse cells 0.017: of the highest frequency they do not show which way it goes
-        assert np.linalg.norm((told.by_pose[:, 6 + k] - by_motion)[usable]) < 0.03 * size
+        assert np.linalg.norm((by_pose_told[:, 6 + k] - by_motion)[usable]) < 0.03 * size
     # where there is no shading: as the handle moves, it would stay where the light has it
     greys = state.greys.copy()
     greys[:, 2:5] = 0
     state = state._replace(greys=greys)
-    told = linearise_moving(state, here, RIG, HANDLE)
+    by_pose_told, usable = slopes(state, here)
     for k in range(6):
         d = np.zeros(6)
         d[k] = step if k < 3 else step / 10
@@ -148,7 +149,7 @@ def test_the_derivatives_are_those_of_the_model(most_cells):
         by_pose /= 2 * d[k]
         size = np.linalg.norm(by_pose[usable])
         # an edge is taken as straight within a cell
-        assert np.linalg.norm((told.by_pose[:, k] - by_pose)[usable]) < 0.1 * size
+        assert np.linalg.norm((by_pose_told[:, k] - by_pose)[usable]) < 0.1 * size
 
 
 @pytest.mark.parametrize("way_mm", [0.5, 3.0, 10.0, 40.0])
