@@ -7,16 +7,18 @@ already. Where the light on the scene has changed, its factor is estimated first
 
 from __future__ import annotations
 
+import math
+import weakref
+from collections import defaultdict, deque
 from dataclasses import dataclass
+from functools import cache
+from types import ModuleType
 from typing import NamedTuple
 
 import cv2
 import numpy as np
-from numpy.typing import ArrayLike
-from scipy.sparse import csr_array
-from scipy.sparse.csgraph import connected_components
+from numpy.typing import ArrayLike, DTypeLike
 
-from . import pixel_loops
 from .checks import Array, as_image, as_number, as_whole
 from .window import Window
 
@@ -24,7 +26,6 @@ __all__ = [
     "BackgroundParameters",
     "Detection",
     "Difference",
-    "Runs",
     "commonest_ratio",
     "difference",
     "has_moved",
@@ -44,10 +45,9 @@ _BINS = 277  # of the histogram, 0.01 in ln ratio wide
 _CELLS = 8  # a bin, for the median
 _BLUR = 12  # bins on either side over which the histogram is smoothed
 _NEAR = 0.15  # distance from the peak, in ln ratio, within which a pixel agrees with it
-_MANY = 20_000  # runs of moving pixels, beyond which labels of all pixels are quicker
 _LEAST = 0.1  # share of the pixels that have to agree
-STRIP = 64  # rows of an image that are worked on at a time
-LARGE = 2**16  # px, from which a compiled loop is worth the loading of the compiler
+# Memory of arrays that nobody holds any more, by its size in bytes; at most six of each size.
+_let_go: defaultdict[int, deque[bytearray]] = defaultdict(lambda: deque(maxlen=6))
 
 
 @dataclass(frozen=True)
@@ -238,73 +238,19 @@ def moving_window(mask: ArrayLike, min_pixels: int = 0) -> Window | None:
 
 def _window(moved: np.ndarray, min_pixels: float) -> Window | None:
     """`moving_window` of a mask that needs no check."""
-    runs = _runs(moved)
-    pixels = runs.end - runs.begin
-    if pixels.sum() <= min_pixels:
+    if np.count_nonzero(moved) <= min_pixels:
         return None
-    region = _regions(runs, moved)
-    # regions are numbered from the top: of several with the most pixels it takes the first
-    largest = region == np.bincount(region, pixels).argmax()
-    row, begin, end = runs.row[largest], runs.begin[largest], runs.end[largest]
-    return Window(begin.min(), row[0], end.max() - begin.min(), row[-1] - row[0] + 1)
+    loops = _loops()
+    return Window(*(_largest_region(moved) if loops is None else loops.largest_region(moved)))
 
 
-class Runs(NamedTuple):
-    """The pixels of a mask that follow each other in a row, n runs from the top: the row, the first
-    column and the one after the last, (n,) each.
-    """
-
-    row: np.ndarray
-    begin: np.ndarray
-    end: np.ndarray
-
-
-def _runs(mask: np.ndarray) -> Runs:
-    """The runs of a mask."""
-    # a pixel that does not move before each row and after the last one ends all runs
-    padded = cv2.copyMakeBorder(mask.view(np.uint8), 0, 1, 1, 0, cv2.BORDER_CONSTANT, value=0)
-    flat = padded.ravel()
-    changes = np.flatnonzero(flat[1:] != flat[:-1]).astype(np.int32)
-    width = np.int32(padded.shape[1])
-    row = changes[::2] // width
-    return Runs(row, changes[::2] - row * width, changes[1::2] - row * width)
-
-
-def _regions(runs: Runs, mask: np.ndarray) -> np.ndarray:
-    """The number of the 8-connected region of each run of a mask, those from the top first."""
-    loops = pixel_loops.compiled() if mask.size >= LARGE else None
-    if loops is not None:
-        region = np.empty(len(runs.row), np.int32)
-        loops.regions_of_runs(*runs, region)
-        return region
-    if mask.size < LARGE or len(runs.row) > _MANY:
-        return _label_of_runs(runs, mask)
-    return _region_of_runs(runs)
-
-
-def _region_of_runs(runs: Runs) -> np.ndarray:
-    """The same by a graph: runs of adjacent rows belong together where
-    they overlap or touch at a corner.
-    """
-    # Rows follow each other on one axis, with a gap that no run bridges.
-    stride = int(runs.end.max()) + 2
-    begin = runs.row * np.int64(stride) + runs.begin
-    end = begin + (runs.end - runs.begin)
-    first = np.searchsorted(end, begin + stride, side="left")
-    after = np.searchsorted(begin, end + stride, side="right")
-    rows = np.concatenate([[0], np.cumsum(after - first)])
-    below = np.arange(rows[-1]) + np.repeat(first - rows[:-1], after - first)
-    n = len(begin)
-    touching = csr_array((np.ones(len(below), np.int8), below, rows), shape=(n, n))
-    return connected_components(touching, directed=False)[1]
-
-
-def _label_of_runs(runs: Runs, mask: np.ndarray) -> np.ndarray:
-    """The same by labels of all pixels: quicker for thousands of runs, as a lamp that is switched on
-    makes them.
-    """
-    labels = cv2.connectedComponentsWithAlgorithm(mask.view(np.uint8), 8, cv2.CV_32S, cv2.CCL_WU)[1]
-    return labels.ravel().take(runs.row * mask.shape[1] + runs.begin)
+def _largest_region(mask: np.ndarray) -> np.ndarray:
+    """`pixel_loops.largest_region` by OpenCV, which numbers the regions from the top."""
+    boxes = cv2.connectedComponentsWithStatsWithAlgorithm(
+        mask.view(np.uint8), 8, cv2.CV_32S, cv2.CCL_WU
+    )[2]
+    # the first one is what does not move
+    return boxes[1 + boxes[1:, cv2.CC_STAT_AREA].argmax(), :4]
 
 
 def step(
@@ -336,42 +282,45 @@ def stepped(
 ) -> tuple[np.ndarray, Detection]:
     """`step` for images that need no check, the background of floats (Eq. 5, 6)."""
     gain = commonest_ratio(frame, background) if p.compensate_light else 1.0
-    compare = _by_loop if _suits_loop(frame, background) else _by_strips
-    new, image, mask = compare(frame, background, gain, p)
+    new, image, mask = _compared(frame, background, gain, p)
     window = _window(mask, p.min_pixels)
     return _read_only(new), Detection(_read_only(image), _read_only(mask), window)
 
 
-def prepare(image: np.ndarray) -> None:
-    """Compile what `step` needs for frames like this one, so that the first one does not wait."""
-    if image.dtype == np.uint8 and image.size >= LARGE:
-        pixel_loops.compiled()
+def prepare() -> None:
+    """Load the compiled loops, so that the first frame need not wait: 0.5 s, and on a new machine 2
+    s, in which they are compiled.
+    """
+    _loops()
 
 
-def _suits_loop(frame: np.ndarray, background: np.ndarray) -> bool:
-    """Whether the compiled loop takes these images, and is there."""
-    return (
-        frame.size >= LARGE
-        and frame.dtype == np.uint8
-        and background.dtype == np.float32
-        and pixel_loops.compiled() is not None
-    )
+@cache
+def _loops() -> ModuleType | None:
+    """The compiled loops; None in a browser, where there is no Numba, and where no folder can be
+    written to that keeps what it compiles.
+    """
+    try:
+        from . import pixel_loops  # only here: `import trinolab` stays light
+    except (ImportError, RuntimeError):
+        return None
+    return pixel_loops
 
 
-def _by_loop(
-    frame: np.ndarray, old: np.ndarray, gain: float, p: BackgroundParameters
+def _compared(
+    frame: np.ndarray, background: np.ndarray, gain: float, p: BackgroundParameters
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The next background, D_k and the mask by one compiled loop over the pixels."""
-    loops = pixel_loops.compiled()
-    assert loops is not None
+    """The next background, D_k and the mask; in one loop over the pixels of an image of bytes."""
+    loops = _loops()
+    if loops is None or frame.dtype != np.uint8 or background.dtype != np.float32:
+        return _by_equations(frame, background, gain, p)
     results = (
-        np.empty(old.shape, np.float32),
-        np.empty(frame.shape, np.uint8),
-        np.empty(frame.shape, bool),
+        _room(frame.shape, np.float32),
+        _room(frame.shape, np.uint8),
+        _room(frame.shape, bool),
     )
     loops.compare_and_renew(
         np.ascontiguousarray(frame),
-        np.ascontiguousarray(old),
+        np.ascontiguousarray(background),
         gain,
         p.difference_threshold,
         p.shadow_share,
@@ -383,37 +332,37 @@ def _by_loop(
     return results
 
 
-def _by_strips(
-    frame: np.ndarray, old: np.ndarray, gain: float, p: BackgroundParameters
+def _by_equations(
+    frame: np.ndarray, background: np.ndarray, gain: float, p: BackgroundParameters
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The same by NumPy and OpenCV."""
-    new = np.empty_like(old)
-    image = np.empty_like(frame)
-    mask = np.empty(frame.shape, bool)
-    # The rows of a strip stay in the processor's cache from the first line to the last.
-    for top in range(0, len(frame), STRIP):
-        rows = slice(top, top + STRIP)
-        grey = frame[rows].astype(old.dtype)
-        expected = np.multiply(old[rows], old.dtype.type(gain), out=new[rows])
-        # Eq. 5, f_k against what a camera can show of f_b
-        visible = cv2.threshold(expected, WHITE, 0, cv2.THRESH_TRUNC)[1]
-        moved = has_moved(grey, visible, p.difference_threshold, p.shadow_share)
-        mask[rows] = moved
-        np.multiply(frame[rows], moved.view(np.uint8), out=image[rows])
-        # Eq. 6, but for what moves or is saturated
-        _renew(expected, grey, moved | (frame[rows] >= WHITE), p)
-    return new, image, mask
+    """What `pixel_loops.compare_and_renew` does, by Eq. 5 and Eq. 6 one after the other."""
+    expected = background * gain
+    # f_k against what a camera can show of f_b
+    image, mask = difference(
+        frame, np.minimum(expected, WHITE), p.difference_threshold, p.shadow_share
+    )
+    kept = mask | (frame >= WHITE)
+    return update(expected, frame, p.update_rate, kept, p.slow_rate), image, mask
 
 
-def _renew(background: Array, grey: Array, kept: np.ndarray, p: BackgroundParameters) -> None:
-    """Renew a background in place, at the masked rate where it is kept (Eq. 6)."""
-    fresh = renewed(background, grey, p.update_rate)
-    if p.slow_rate > 0:
-        background[:] = renewed(background, grey, p.slow_rate)
-    cv2.copyTo(fresh, (~kept).view(np.uint8), background)
+def _room(shape: tuple[int, ...], dtype: DTypeLike) -> np.ndarray:
+    """An array like `numpy.empty`, in the memory of an earlier one that nobody holds any more.
+
+    The system hands out memory of this size page by page, and takes it back when it is let go: that
+    takes longer than the loop over the pixels.
+    """
+    size = math.prod(shape) * np.dtype(dtype).itemsize
+    try:
+        memory = _let_go[size].pop()
+    except IndexError:
+        memory = bytearray(size)
+    whole = np.frombuffer(memory, dtype)
+    # each view holds `whole`, so that it ends after the last of them
+    weakref.finalize(whole, _let_go[size].append, memory).atexit = False
+    return whole.reshape(shape)
 
 
-def light_gain(frame: ArrayLike, background: ArrayLike, step: int = 4) -> float:
+def light_gain(frame: ArrayLike, background: ArrayLike, step: int = 8) -> float:
     """How much brighter the light has become: the commonest ratio of frame to background.
 
     One factor for all of the image. What has not moved agrees on it, even where it is less than
@@ -436,7 +385,7 @@ def light_gain(frame: ArrayLike, background: ArrayLike, step: int = 4) -> float:
     return commonest_ratio(grey, old, as_whole(step, "step", 1, 2**31))
 
 
-def commonest_ratio(frame: np.ndarray, background: np.ndarray, step: int = 4) -> float:
+def commonest_ratio(frame: np.ndarray, background: np.ndarray, step: int = 8) -> float:
     """What `light_gain` finds in images that are checked."""
     base = np.ascontiguousarray(background[::step, ::step])
     few = frame[::step, ::step].astype(base.dtype)

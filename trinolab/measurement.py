@@ -167,8 +167,10 @@ def _check_scale(images: Sequence[np.ndarray]) -> None:
     """Refuse images of 0 to 1, in which every marker is darker than the noise. A black image is
     none: that a camera sees nothing is the world's doing.
     """
+    if any(image.dtype.kind != "f" for image in images):
+        return
     brightest = max(image.max() for image in images)
-    if all(image.dtype.kind == "f" for image in images) and 0 < brightest <= 1:
+    if 0 < brightest <= 1:
         raise ValueError(
             f"frames: expected grey levels from 0 to 255, got floats from 0 to {brightest:g}; "
             "images of 0 to 1 are to be multiplied by 255"

@@ -1,23 +1,40 @@
-"""Loops over the pixels of an image, written out as loops, and compiled where Numba is installed
-(extra `fast`).
+"""Loops over the pixels of an image, compiled by Numba.
 
-NumPy goes over an image once for each operation; a compiled loop goes over it once. Each loop has a
-form in NumPy beside it, which gives the same result bit for bit and runs where there is no Numba.
-What is compiled is kept beside the package, or in the user's folder of caches, so that a machine
-compiles it once.
+NumPy goes over an image once for each operation; a compiled loop goes over it once. What is compiled
+is kept beside the package, or in the user's folder of caches, so that a machine compiles it once.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from functools import cache
-from typing import NamedTuple
-
 import numpy as np
+from numba import boolean, float32, float64, int64, njit, types, uint8, void
 
-__all__ = ["Compiled", "compare_and_renew", "compiled", "regions_of_runs"]
+__all__ = ["compare_and_renew", "largest_region"]
 
 
+def _read(number: types.Type) -> types.Type:
+    """The type of an image that is read."""
+    return types.Array(number, 2, "C", readonly=True)
+
+
+def _written(number: types.Type) -> types.Type:
+    """The type of an image that is written into."""
+    return types.Array(number, 2, "C")
+
+
+@njit(
+    void(
+        _read(uint8),
+        _read(float32),
+        *[float64] * 5,
+        int64,
+        _written(float32),
+        _written(uint8),
+        _written(boolean),
+    ),
+    cache=True,
+    error_model="numpy",
+)
 def compare_and_renew(
     frame: np.ndarray,
     background: np.ndarray,
@@ -78,85 +95,63 @@ def compare_and_renew(
             renewed[v, u] = as_masked if kept else as_fresh
 
 
-def regions_of_runs(
-    row: np.ndarray, begin: np.ndarray, end: np.ndarray, region: np.ndarray
-) -> None:
-    """Tell the 8-connected regions of runs of pixels apart (Sect. 4.2).
+@njit(types.UniTuple(int64, 4)(_read(boolean)), cache=True, error_model="numpy")
+def largest_region(mask: np.ndarray) -> tuple[int, int, int, int]:
+    """The bounding rectangle of the largest 8-connected region of a mask (Sect. 4.2).
 
-    Each run points at an earlier one of its region, or at itself; where two regions meet, the later
-    one's first run points at the earlier one's (union and find, Tarjan 1975, DOI
-    10.1145/321879.321884).
+    The pixels that follow each other in a row are a run. Each run points at an earlier one of its
+    region, or at itself; where two regions meet, the later one's first run points at the earlier
+    one's (union and find, Tarjan 1975, DOI 10.1145/321879.321884).
 
     Parameters
     ----------
-    row, begin, end : ndarray of int32, shape (n,)
-        See `background.Runs`.
-    region : ndarray of int32, shape (n,)
-        The first run of each run's region is written into it.
+    mask : ndarray of bool, shape (height, width)
+        Some of it is True.
+
+    Returns
+    -------
+    u, v, width, height : int
+        Of several regions with the most pixels those of the first from the top.
     """
+    most = mask.shape[0] * ((mask.shape[1] + 1) // 2)
+    begin = np.empty(most, np.int32)  # the first column of each run
+    end = np.empty(most, np.int32)  # and the one after its last
+    row = np.empty(most, np.int32)
+    first = np.empty(most, np.int32)  # an earlier run of its region, or itself
+    count = 0
     above = 0  # the first run that may touch the next one
-    for run in range(len(row)):
-        region[run] = run
-        root = run
-        while row[above] < row[run] - 1 or (row[above] < row[run] and end[above] < begin[run]):
-            above += 1
-        other = above
-        while row[other] < row[run] and begin[other] <= end[run]:
-            first = other
-            while region[first] != first:
-                region[first] = region[region[first]]  # half the way for the next time
-                first = region[first]
-            region[max(first, root)] = min(first, root)
-            root = min(first, root)
-            other += 1
-    for run in range(len(row)):
-        region[run] = region[region[run]]  # that of the earlier run is known
-
-
-class Compiled(NamedTuple):
-    """The loops as machine code."""
-
-    compare_and_renew: Callable[..., None]
-    regions_of_runs: Callable[..., None]
-
-
-@cache
-def compiled() -> Compiled | None:
-    """The loops as machine code, or None: without Numba, or where it cannot keep what it compiles.
-
-    The first call loads Numba (0.5 s of processor time), and on a new machine compiles (2 s).
-    """
-    try:
-        import numba  # only here: `import trinolab` stays light
-    except ImportError:  # also of a Numba that does not know the NumPy that is installed
-        return None
-    if numba.config.DISABLE_JIT:
-        return None
-    from numba import types
-
-    def read(number: types.Type, dimensions: int) -> types.Type:
-        return types.Array(number, dimensions, "C", readonly=True)
-
-    def written(number: types.Type, dimensions: int) -> types.Type:
-        return types.Array(number, dimensions, "C")
-
-    def machine_code(loop: Callable[..., None], *arguments: types.Type) -> Callable[..., None]:
-        options = {"cache": True, "error_model": "numpy", "fastmath": False}
-        return numba.njit(types.void(*arguments), **options)(loop)
-
-    try:
-        return Compiled(
-            machine_code(
-                compare_and_renew,
-                read(types.uint8, 2),
-                read(types.float32, 2),
-                *[types.float64] * 5,
-                types.int64,
-                written(types.float32, 2),
-                written(types.uint8, 2),
-                written(types.boolean, 2),
-            ),
-            machine_code(regions_of_runs, *[read(types.int32, 1)] * 3, written(types.int32, 1)),
-        )
-    except RuntimeError:  # no folder to keep it in, and to compile it for each process takes long
-        return None
+    for v in range(mask.shape[0]):
+        if mask[v].sum() == 0:
+            continue
+        u = 0
+        while u < mask.shape[1]:
+            if not mask[v, u]:
+                u += 1
+                continue
+            begin[count] = u
+            while u < mask.shape[1] and mask[v, u]:
+                u += 1
+            end[count] = u
+            row[count] = v
+            first[count] = count
+            root = count
+            while row[above] < v - 1 or (row[above] < v and end[above] < begin[count]):
+                above += 1
+            other = above
+            while row[other] < v and begin[other] <= u:
+                met = other
+                while first[met] != met:
+                    first[met] = first[first[met]]  # half the way for the next time
+                    met = first[met]
+                first[max(met, root)] = min(met, root)
+                root = min(met, root)
+                other += 1
+            count += 1
+    pixels = np.zeros(count, np.int64)
+    for run in range(count):
+        first[run] = first[first[run]]  # that of the earlier run is known
+        pixels[first[run]] += end[run] - begin[run]
+    same = np.flatnonzero(first[:count] == pixels.argmax())
+    left = begin[same].min()
+    top = row[same[0]]
+    return left, top, end[same].max() - left, row[same[-1]] + 1 - top

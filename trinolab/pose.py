@@ -12,14 +12,14 @@ from numpy.typing import ArrayLike
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from .camera import Rig, image_of
-from .checks import Array, as_array, as_points, as_transform
+from .checks import Array, as_array, as_number, as_points, as_transform
 from .handle import Handle, slants
 from .rigid import cross_matrices, placed, rotation_of
 from .triangulation import (
     mean_of_pairs,
+    mean_slopes,
     mean_with_covariance,
     pairs_with_slopes,
-    triangulation_slopes,
 )
 from .uncertainty.centroids import NOISE_PX, bias_covariance, centroid_covariance
 from .uncertainty.size import equally_seen, settled
@@ -362,11 +362,11 @@ def fit_pose(
     fitted = _fitted(uv, rig, handle, max_slant_deg, sigma_px, known)
     if fitted is None:
         return LOST
-    T, uv_used, used, covariances = fitted
+    T, uv_used, used, covariances, _ = fitted
     covariance = _fit_covariance(handle.marker_centres[used], T, covariances[used])
     systematic = NOTHING
     if is_uncertain(rig, handle):
-        answers = _response(fitted, rig, handle)
+        answers = _response(fitted, handle)
         left = equally_seen(_residuals_px(fitted, answers, rig), sigma_px)
         rig_as_seen = settled(answers, left, T, rig, handle)
         systematic = systematic_covariance(answers, rig_as_seen, handle)
@@ -382,8 +382,8 @@ def pose_of_centroids(uv: Array, rig: Rig, handle: Handle, max_slant_deg: float 
     fitted = _fitted(uv, rig, handle, max_slant_deg, 1.0, None)
     if fitted is None:
         return LOST
-    T, uv_used, used, _ = fitted
-    answers = _response(fitted, rig, handle)
+    T, uv_used, used, *_ = fitted
+    answers = _response(fitted, handle)
     residuals_px = _residuals_px(fitted, answers, rig)
     bias = bias_covariance(answers, T, rig, handle)
     left = equally_seen(residuals_px, NOISE_PX, bias.expected)
@@ -413,18 +413,19 @@ def fit_response(uv: Array, rig: Rig, handle: Handle, max_slant_deg: float = 70.
     fitted = _fitted(uv, rig, handle, max_slant_deg, 1.0, None)
     if fitted is None:
         raise ValueError("uv: expected pixels that fix a pose, got others")
-    return _response(fitted, rig, handle)
+    return _response(fitted, handle)
 
 
 class _Fitted(NamedTuple):
-    """A pose, the pixels (cameras, markers, 2), the markers that were used (markers,), and the
-    points' covariances (markers, 3, 3).
+    """A pose, the pixels (cameras, markers, 2), the markers that were used (markers,), the points'
+    covariances (markers, 3, 3), and their derivatives by the pixels (markers, 3, 2 cameras).
     """
 
     T_world_handle: RigidTransform
     uv: Array
     used: np.ndarray
     covariances: Array
+    by_pixel: Array
 
 
 def _fitted(
@@ -435,7 +436,8 @@ def _fitted(
     sigma_px: float,
     known: RigidTransform | None,
 ) -> _Fitted | None:
-    points, slopes = pairs_with_slopes(rig, uv, sigma_px)
+    sigma_px = as_number(sigma_px, "sigma_px", low=0.0, high=1e6, open_low=True)
+    points, slopes = pairs_with_slopes(rig, uv, 1.0)
     T = rigid_motion(handle.marker_centres, mean_of_pairs(points)) if known is None else known
     if T is None:
         return None
@@ -445,17 +447,19 @@ def _fitted(
     if np.isfinite(mean_of_pairs(of_facing)).all(axis=1).sum() >= 4:
         points = of_facing
         uv = np.where(facing[..., None], uv, np.nan)
-    means, covariances = mean_with_covariance(points, slopes)
+    means, covariances = mean_with_covariance(points, sigma_px * slopes)
     T = rigid_motion(handle.marker_centres, means)
     used = np.asarray(np.isfinite(means).all(axis=1))
-    return None if T is None else _Fitted(T, uv, used, covariances)
+    if T is None:
+        return None
+    return _Fitted(T, uv, used, covariances, mean_slopes(points, slopes))
 
 
-def _response(fitted: _Fitted, rig: Rig, handle: Handle) -> Response:
-    T, uv_used, used, _ = fitted
+def _response(fitted: _Fitted, handle: Handle) -> Response:
+    T, _, used, _, by_pixel = fitted
     by_point = np.zeros((len(used), 6, 3))
     by_point[used] = rigid_fit_gain(handle.marker_centres[used], T)
-    return response_of_points(T, by_point, triangulation_slopes(rig, uv_used), handle)
+    return response_of_points(T, by_point, by_pixel, handle)
 
 
 def response_of_points(

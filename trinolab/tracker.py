@@ -83,7 +83,7 @@ def start(
         T_world_handle where it is known, for layouts that look alike.
     """
     images = as_images(backgrounds, rig)
-    background.prepare(images[0])
+    background.prepare()
     cameras = tuple(CameraState(frozen(image.astype(np.float32)), None, None) for image in images)
     t = as_number(t_s, "t_s")
     return TrackerState(t, cameras, t, pose)

@@ -21,6 +21,7 @@ __all__ = [
     "from_left_camera",
     "mean_of_pairs",
     "mean_point",
+    "mean_slopes",
     "mean_with_covariance",
     "pairs_with_slopes",
     "points_of_pair",
@@ -30,7 +31,6 @@ __all__ = [
     "triangulate_weighted",
     "triangulate_with_covariance",
     "triangulation_covariance",
-    "triangulation_slopes",
     "two_forms",
     "weighted_slopes",
 ]
@@ -229,19 +229,14 @@ def mean_with_covariance(points: Array, slopes: Array) -> tuple[Array, Array]:
     """The mean over the pairs that have a point, (n, 3), and its covariance, (n, 3, 3), from what
     `pairs_with_slopes` gives.
     """
-    mean = _mean_slopes(points, slopes)
+    mean = mean_slopes(points, slopes)
     return mean_of_pairs(points), mean @ mean.transpose(0, 2, 1)
 
 
-def triangulation_slopes(rig: Rig, uv: ArrayLike) -> Array:
-    """Derivatives of `triangulate`'s points by the pixels, shape (n, 3, 2 C), mm/px; u and v of the
-    first camera come first. NaN where there is no point.
+def mean_slopes(points: Array, slopes: Array) -> Array:
+    """Derivatives of `mean_of_pairs` by the pixels, (n, 3, 2 C), from what `pairs_with_slopes` gives: u
+    and v of the first camera come first. NaN where there is no point.
     """
-    return _mean_slopes(*pairs_with_slopes(rig, uv, 1.0))
-
-
-def _mean_slopes(points: Array, slopes: Array) -> Array:
-    """The mean over the pairs that have a point, (n, 3, 2 C)."""
     valid = np.asarray(np.isfinite(points).all(axis=2))
     mean = np.where(valid[..., None, None], slopes, 0.0).sum(axis=0)
     return mean / _counts(valid)[:, None, None]
@@ -267,7 +262,7 @@ def triangulate_weighted(rig: Rig, uv: ArrayLike, sigma_px: ArrayLike) -> tuple[
 
 def weighted_slopes(rig: Rig, uv: ArrayLike, sigma_px: ArrayLike) -> Array:
     """Derivatives of `triangulate_weighted`'s points by the pixels, with the weights as they are;
-    shape (n, 3, 2 C), mm/px, in the order of `triangulation_slopes`.
+    shape (n, 3, 2 C), mm/px, in the order of `mean_slopes`.
     """
     sigma = np.broadcast_to(np.asarray(sigma_px, dtype=float), np.shape(uv)[:2])
     by_sigma = np.repeat(sigma.T, 2, axis=1)[:, None]

@@ -5,7 +5,7 @@ difference and a threshold.
 The frames are those of a camera of the standard recordings, and images that are hard to work on.
 All chains see a frame one after the other, so that whatever else the machine does slows all of
 them; a ratio is that of the medians, and that of the quickest frames stands beside it. With
---numpy Numba is left out, where it is installed:
+--numpy it is done by the equations, as in a browser, and no limit holds:
 
     python tests/benchmarks/bench_background.py [--numpy]
 """
@@ -22,13 +22,14 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
-from trinolab import background, pixel_loops
+from trinolab import background
 from workbench.studies.ground_truth import read_recording
 
-LIMIT_MS = 8.0  # on any image; on the recordings no more than CNT
+LIMIT_MS = 8.0  # on any image
+LIMIT_BY_CNT = 0.7  # on the recordings
 CAMERA, EVERY = 2, 2  # CCD3, and of its frames every second one
 COUNT = 15  # frames of an image that is hard to work on
-STAGES = ("commonest_ratio", "_by_loop", "_by_strips", "_window")
+STAGES = ("commonest_ratio", "_compared", "_window")
 SIZE = (1024, 1280)
 
 
@@ -158,22 +159,22 @@ def report(scene: Scene) -> dict[str, tuple[float, float]]:
 
 def main() -> int:
     cv2.setNumThreads(1)
-    if "--numpy" in sys.argv:
-        pixel_loops.compiled = lambda: None
-    print("compiled by Numba" if pixel_loops.compiled() else "by NumPy and OpenCV alone")
+    by_equations = "--numpy" in sys.argv
+    if by_equations:
+        background._loops = lambda: None
     slow = []
     for scene in recordings():
         times = report(scene)
-        if times["ours"][0] > min(LIMIT_MS, times["CNT"][0]):
+        if times["ours"][0] > min(LIMIT_MS, LIMIT_BY_CNT * times["CNT"][0]):
             slow.append(scene.name)
     for scene in hard_images():
         if report(scene)["ours"][0] > LIMIT_MS:
             slow.append(scene.name)
     print(
-        f"wanted: at most {LIMIT_MS:g} ms, and of the recordings no more than CNT: "
+        f"wanted: at most {LIMIT_MS:g} ms, and of the recordings at most {LIMIT_BY_CNT:g} of CNT: "
         f"{'BROKEN: ' + ', '.join(slow) if slow else 'kept'}"
     )
-    return int(bool(slow))
+    return int(bool(slow) and not by_equations)
 
 
 if __name__ == "__main__":

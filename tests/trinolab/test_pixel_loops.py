@@ -1,30 +1,19 @@
-"""The loop over the pixels against the form in NumPy, bit for bit: as Python runs it, and compiled."""
+"""The loops over the pixels against the forms in NumPy and OpenCV, to the last digit: as Python runs
+them, which refuses an index out of bounds, and compiled.
+"""
 
 import subprocess
 import sys
-from importlib.util import find_spec
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy import ndimage
 
 from trinolab import background, pixel_loops
 from trinolab.background import BackgroundParameters, step
-
-needs_numba = pytest.mark.skipif(find_spec("numba") is None, reason="Numba is not installed")
-
-
-@pytest.fixture(scope="module")
-def loops():
-    """The loops as Numba compiles them; not loaded before a test needs them."""
-    compiled = pixel_loops.compiled()
-    if compiled is None:
-        pytest.skip("Numba has no folder to keep what it compiles, or is told not to compile")
-    return compiled
-
 
 SHAPES = st.tuples(st.integers(1, 9), st.integers(1, 70))
 # what a background may hold: up to what a saturated one is scaled to
@@ -58,62 +47,50 @@ def written_by(loop, frame, known, gain, p):
     return results
 
 
-def assert_same(loop, frame, known, gain, p):
-    by_numpy = background._by_strips(frame, known, gain, p)
-    for one, other in zip(written_by(loop, frame, known, gain, p), by_numpy, strict=True):
-        assert one.dtype == other.dtype
-        np.testing.assert_array_equal(one, other)
-
-
-@given(instants())
-def test_the_loop_in_python_is_the_form_in_numpy(instant):
-    assert_same(pixel_loops.compare_and_renew, *instant)
-
-
-@needs_numba
 @settings(max_examples=300)
 @given(instants())
-def test_the_compiled_loop_is_the_form_in_numpy(loops, instant):
-    assert_same(loops.compare_and_renew, *instant)
-
-
-def assert_regions(loop, mask):
-    """The regions of a mask by a loop over its runs, against a fill from each pixel."""
-    runs = background._runs(mask)
-    region = np.empty(len(runs.row), np.int32)
-    loop(*runs, region)
-    labels = ndimage.label(mask, np.ones((3, 3)))[0][runs.row, runs.begin]
-    first = [np.flatnonzero(labels == label)[0] for label in labels]
-    np.testing.assert_array_equal(region, first)
+@example((np.zeros((1, 1), np.uint8), np.zeros((1, 1), np.float32), 1.0, BackgroundParameters()))
+def test_a_pixel_is_compared_and_renewed_as_the_equations_say(instant):
+    by_equations = background._by_equations(*instant)
+    compiled = written_by(pixel_loops.compare_and_renew, *instant)
+    in_python = written_by(pixel_loops.compare_and_renew.py_func, *instant)
+    for wanted, one, other in zip(by_equations, compiled, in_python, strict=True):
+        assert one.dtype == other.dtype == wanted.dtype
+        np.testing.assert_array_equal(one, wanted)
+        np.testing.assert_array_equal(other, wanted)
 
 
 MASKS = arrays(bool, st.tuples(st.integers(1, 12), st.integers(1, 15)))
 
 
-@given(MASKS)
-def test_regions_of_runs_in_python(mask):
-    assert_regions(pixel_loops.regions_of_runs, mask)
-
-
-@needs_numba
 @settings(max_examples=300)
 @given(MASKS)
-def test_regions_of_runs_compiled(loops, mask):
-    assert_regions(loops.regions_of_runs, mask)
+@example(np.ones((1, 1), bool))
+@example(np.ones((3, 1), bool))
+@example(np.arange(15)[None] % 2 == 0)  # as many runs as a row can have
+def test_the_largest_region_is_that_of_a_fill_from_each_pixel(mask):
+    mask[-1, -1] |= not mask.any()
+    labels = ndimage.label(mask, np.ones((3, 3)))[0]  # numbered from the top
+    rows, columns = np.nonzero(labels == np.bincount(labels.ravel())[1:].argmax() + 1)
+    wanted = (columns.min(), rows.min(), np.ptp(columns) + 1, np.ptp(rows) + 1)
+    assert pixel_loops.largest_region(mask) == wanted
+    assert pixel_loops.largest_region.py_func(mask) == wanted
+    assert tuple(background._largest_region(mask)) == wanted
 
 
-@needs_numba
-@pytest.mark.usefixtures("loops")
-@pytest.mark.parametrize("share", [0.01, 0.15, 0.5])
-def test_the_window_of_speckle_is_the_same_with_and_without_numba(share, monkeypatch):
-    mask = np.random.default_rng(0).random((400, 500)) < share
-    window = background.moving_window(mask)
-    monkeypatch.setattr(pixel_loops, "compiled", lambda: None)
-    assert background.moving_window(mask) == window
+@pytest.fixture
+def in_a_browser(monkeypatch):
+    """Without Numba, and what was loaded is forgotten."""
+    monkeypatch.setitem(sys.modules, "numba", None)  # its import then fails
+    monkeypatch.delitem(sys.modules, "trinolab.pixel_loops")
+    monkeypatch.delattr("trinolab.pixel_loops")
+    background._loops.cache_clear()
+    yield
+    background._loops.cache_clear()
 
 
-def large(kind):
-    """A frame of more than the pixels from which the loop is compiled, and its background."""
+def frame_and_background(kind):
+    """A frame with a hand before it, and its background."""
     rng = np.random.default_rng(0)
     known = rng.normal(60, 20, (301, 333)).clip(0, 400).astype(np.float32)
     frame = np.clip(1.2 * known + rng.normal(0, 2, known.shape), 0, 255).astype(np.uint8)
@@ -129,59 +106,56 @@ def large(kind):
     return frame, known
 
 
-@needs_numba
-@pytest.mark.usefixtures("loops")
-@pytest.mark.parametrize("kind", ["usual", "black", "saturated", "strided"])
-def test_a_step_is_the_same_with_and_without_numba(kind, monkeypatch):
-    frame, known = large(kind)
-    assert background._suits_loop(frame, known)
+KINDS = ["usual", "black", "saturated", "strided"]
+COMPILED = {kind: step(*frame_and_background(kind)[::-1]) for kind in KINDS}
+
+
+@pytest.mark.usefixtures("in_a_browser")
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_step_is_the_same_in_a_browser(kind):
+    frame, known = frame_and_background(kind)
+    assert background._loops() is None
     new, detection = step(known, frame)
-    monkeypatch.setattr(pixel_loops, "compiled", lambda: None)
-    assert not background._suits_loop(frame, known)
-    by_numpy, same = step(known, frame)
-    np.testing.assert_array_equal(new, by_numpy)
+    by_loop, same = COMPILED[kind]
+    np.testing.assert_array_equal(new, by_loop)
     np.testing.assert_array_equal(detection.image, same.image)
     np.testing.assert_array_equal(detection.mask, same.mask)
     assert detection.window == same.window
 
 
-def test_other_types_and_small_images_take_the_form_in_numpy():
-    frame, known = large("usual")
-    assert not background._suits_loop(frame.astype(np.uint16), known)
-    assert not background._suits_loop(frame, known.astype(float))
-    assert not background._suits_loop(frame[:20, :20], known[:20, :20])
+@pytest.mark.parametrize("kind", [np.uint16, np.float32])
+def test_frames_of_other_types_give_the_same(kind):
+    frame, known = frame_and_background("usual")
+    new, detection = step(known, frame.astype(kind))
+    np.testing.assert_array_equal(new, COMPILED["usual"][0])
+    np.testing.assert_array_equal(detection.mask, COMPILED["usual"][1].mask)
 
 
-@pytest.fixture
-def forgotten():
-    """What is compiled, asked for anew."""
-    pixel_loops.compiled.cache_clear()
-    yield
-    pixel_loops.compiled.cache_clear()
+def test_what_is_held_is_never_written_over():
+    frame, known = frame_and_background("usual")
+    held = [step(known, frame + np.uint8(k)) for k in range(20)]
+    part = held[3][0][5:9]  # a view holds the memory as well
+    copies = [array.copy() for new, seen in held for array in (new, seen.image, seen.mask)]
+    wanted = part.copy()
+    for k in range(20):
+        step(known, frame - np.uint8(k))
+    for array, copy in zip(
+        [array for new, seen in held for array in (new, seen.image, seen.mask)], copies, strict=True
+    ):
+        np.testing.assert_array_equal(array, copy)
+    del held, array
+    for k in range(20):
+        step(known, frame - np.uint8(k))
+    np.testing.assert_array_equal(part, wanted)
 
 
-@pytest.mark.usefixtures("forgotten")
-def test_without_numba_there_is_no_compiled_loop(monkeypatch):
-    monkeypatch.setitem(sys.modules, "numba", None)  # its import then fails
-    assert pixel_loops.compiled() is None
-    frame, known = large("usual")
-    assert step(known, frame)[1].window is not None
-
-
-@needs_numba
-@pytest.mark.usefixtures("forgotten")
-@pytest.mark.parametrize("why", ["no folder for the cache", "nothing is to be compiled"])
-def test_where_numba_cannot_compile_for_good_numpy_does_it(why, monkeypatch):
-    import numba
-
-    def refuse(*_, **__):
-        raise RuntimeError("cannot cache function: no locator available")
-
-    if why == "no folder for the cache":
-        monkeypatch.setattr(numba, "njit", refuse)
-    else:
-        monkeypatch.setattr(numba.config, "DISABLE_JIT", 1)
-    assert pixel_loops.compiled() is None
+def test_memory_that_is_let_go_is_used_again():
+    frame, known = frame_and_background("usual")
+    for _ in range(3):
+        step(known, frame)
+    few = [len(kept) for kept in background._let_go.values()]
+    step(known, frame)
+    assert [len(kept) for kept in background._let_go.values()] == few
 
 
 def test_numba_is_not_loaded_by_an_import():

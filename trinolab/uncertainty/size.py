@@ -22,7 +22,7 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import block_diag, null_space
+from scipy.linalg import null_space
 from scipy.spatial.transform import RigidTransform
 from scipy.special import ndtr
 
@@ -77,7 +77,11 @@ class Residuals(NamedTuple):
     @property
     def noise(self) -> Array:
         """Covariance of the places that count, by their noise and by what they have in common, px^2."""
-        total = block_diag(*np.linalg.inv(self.information[self.used]))
+        own = np.linalg.inv(self.information[self.used])
+        each = np.arange(len(own))
+        blocks = np.zeros((len(own), 2, len(own), 2))
+        blocks[each, :, each] = own
+        total = blocks.reshape(2 * len(own), -1)
         if self.common is not None:
             rows = self.used.repeat(2)
             total += self.common[np.ix_(rows, rows)]

@@ -10,6 +10,7 @@ first order; Hartley and Zisserman 2004, ch. 5).
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -168,11 +169,24 @@ def _by_rig(found: Response, by_parameters: Array, rig: Rig) -> Array:
 
 
 def slopes_at(rig: Rig, camera: np.ndarray, points: Array) -> tuple[Array, Array]:
-    """`pixel_slopes` of points (k, 3), each in a camera (k,) of its own."""
+    """`pixel_slopes` of points (k, 3), each in a camera (k,) of its own; read-only."""
+    return _slopes_at(rig.cameras, camera.tobytes(), camera.dtype, points.tobytes())
+
+
+@lru_cache(maxsize=4)  # all that is asked of an instant asks for those of the same points
+def _slopes_at(
+    cameras: tuple[Camera, ...], camera_bytes: bytes, dtype: np.dtype, points_bytes: bytes
+) -> tuple[Array, Array]:
+    """`slopes_at` by what can be a key."""
+    camera = np.frombuffer(camera_bytes, dtype)
+    points = np.frombuffer(points_bytes).reshape(-1, 3)
     by_parameters = np.empty((len(points), 2, len(CAMERA_PARAMETERS)))
     by_points = np.empty((len(points), 2, 3))
-    for c, one in enumerate(rig.cameras):
-        by_parameters[camera == c], by_points[camera == c] = pixel_slopes(one, points[camera == c])
+    for c, one in enumerate(cameras):
+        mine = camera == c
+        by_parameters[mine], by_points[mine] = pixel_slopes(one, points[mine])
+    by_parameters.setflags(write=False)
+    by_points.setflags(write=False)
     return by_parameters, by_points
 
 
