@@ -138,4 +138,5 @@ SHORT := { n=0; while read -r word what; do case "$$word $$what" in \
 	else \
 	    set -x; uv pip install --quiet --python $(BIN)/python --no-deps --no-build-isolation -e .; \
 	fi
+	@$(BIN)/python -c 'from trinolab.estimators import pixels; pixels.prepare()'  # compiles the loops once
 	@touch $@

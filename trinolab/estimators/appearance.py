@@ -18,7 +18,16 @@ from ..camera import Camera, Rig
 from ..checks import Array
 from ..handle import Handle
 from ..rigid import rotation_of
-from . import loops
+from .rows import (
+    BODY_MOTION,
+    BODY_SHARE,
+    CLEARANCE,
+    LAYERS,
+    MARKER_MOTION,
+    MARKER_SHARE,
+    SINE,
+    VERSINE,
+)
 
 
 class Views(NamedTuple):
@@ -68,7 +77,7 @@ class Layers(NamedTuple):
 
     Attributes
     ----------
-    rows : ndarray, shape (k, loops.LAYERS, p)
+    rows : ndarray, shape (k, rows.LAYERS, p)
         As `loops.draw` fills them.
     """
 
@@ -77,34 +86,34 @@ class Layers(NamedTuple):
     @property
     def marker(self) -> Array:
         """Share of each cell's area that the view's marker covers, or any marker, (k, p)."""
-        return self.rows[:, loops.MARKER_SHARE]
+        return self.rows[:, MARKER_SHARE]
 
     @property
     def body(self) -> Array:
         """Share of each cell's area that all of the body covers, (k, p)."""
-        return self.rows[:, loops.BODY_SHARE]
+        return self.rows[:, BODY_SHARE]
 
     @property
     def turn(self) -> Array:
         """Angle about the axis from the marker's column, rad, (k, p)."""
-        return np.arctan2(self.rows[:, loops.SINE], 1 - self.rows[:, loops.VERSINE])
+        return np.arctan2(self.rows[:, SINE], 1 - self.rows[:, VERSINE])
 
     @property
     def clear(self) -> Array:
         """Distance from whatever else is there, the body's end or another marker's edge, in cells,
         (k, p); negative inside it.
         """
-        return self.rows[:, loops.CLEARANCE]
+        return self.rows[:, CLEARANCE]
 
     @property
     def marker_motion(self) -> Array:
         """Derivative of `marker` by a motion of the handle (nu mm, omega rad), (k, 6, p)."""
-        return self.rows[:, loops.MARKER_MOTION : loops.MARKER_MOTION + 6]
+        return self.rows[:, MARKER_MOTION : MARKER_MOTION + 6]
 
     @property
     def body_motion(self) -> Array:
         """Derivative of `body` by a motion of the handle, (k, 6, p)."""
-        return self.rows[:, loops.BODY_MOTION : loops.BODY_MOTION + 6]
+        return self.rows[:, BODY_MOTION : BODY_MOTION + 6]
 
 
 class Geometry(NamedTuple):
@@ -182,9 +191,11 @@ def layers(
     With `any_marker` the neighbours of a view's marker count as it does, and are nothing else that
     is in the way.
     """
+    from . import loops
+
     geometry = geometry_of(rig, handle, T_world_handle, views, at)
     _, k, p = at.xy.shape
-    rows = np.empty((k, loops.LAYERS, p))
+    rows = np.empty((k, LAYERS, p))
     lights = np.empty((k, 8, p))
     loops.draw_all(at.xy, *geometry, any_marker, rows, lights)
     return Layers(rows)

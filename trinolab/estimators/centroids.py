@@ -41,8 +41,8 @@ from .imagemodel import (
     shows_gloss,
     with_gloss,
 )
-from .loops import BLUR, EXPOSURE, POSE
 from .patches import Patches, patches
+from .rows import BLUR, EXPOSURE, POSE
 
 __all__ = ["CentrePixels", "Registered", "centre_pixels", "predict_centroids", "register"]
 

@@ -25,10 +25,9 @@ from scipy.spatial.transform import RigidTransform
 from ..camera import Rig
 from ..checks import Array
 from ..handle import Handle
-from . import loops
 from .appearance import Windows, geometry_of
-from .loops import BLUR, BODY, EXPOSURE, GLOSS, GREYS, MARKER, POSE, PREDICTED, RESIDUAL, WEIGHT
 from .patches import BORDER_PX, Patches
+from .rows import BLUR, EXPOSURE, GLOSS, GREYS, MODEL, POSE, PREDICTED, RESIDUAL, WEIGHT
 
 ENOUGH = 30  # pixels for a variance
 CLEAR_PX = 2.5  # pixels nearer than this to another marker or to the body's end have no weight
@@ -104,7 +103,7 @@ class Linear(NamedTuple):
 
     Attributes
     ----------
-    rows : ndarray, shape (k, loops.MODEL, p)
+    rows : ndarray, shape (k, MODEL, p)
         As `loops.linearise` fills them. The memory serves the next model of this thread: a model is
         used up before the next one is made.
     greys : ndarray, shape (k, 6 or 9)
@@ -174,6 +173,8 @@ def first_state(
 
 def linearise(state: State, here: Patches, rig: Rig, handle: Handle) -> Linear:
     """The model and its derivatives at a state, of a handle that is still."""
+    from . import loops
+
     rows = room(*here.grey.shape)
     greys, known = greys_of(state, here)
     taps, reaches = _taps(state.blur_px2, here.at.shape[0])
@@ -208,6 +209,8 @@ def greys_of(state: State, here: Patches) -> tuple[Array, bool]:
 
 def tallied(rows: Array, greys: Array, unknowns: np.ndarray) -> Linear:
     """A model with its sums."""
+    from . import loops
+
     sums = np.empty((len(rows), 4))
     loops.tally(rows, sums)
     return Linear(rows, greys, unknowns, sums)
@@ -220,10 +223,10 @@ def room(k: int, p: int) -> Array:
     """Memory for the rows of a model, the same each time in a thread: fresh memory costs a page
     fault each 4 kB.
     """
-    size = k * loops.MODEL * p
+    size = k * MODEL * p
     if getattr(_kept, "memory", np.empty(0)).size < size:
         _kept.memory = np.empty(size + size // 2)
-    return np.asarray(_kept.memory[:size].reshape(k, loops.MODEL, p))
+    return np.asarray(_kept.memory[:size].reshape(k, MODEL, p))
 
 
 def _taps(blur_px2: Array, side: int) -> tuple[Array, np.ndarray]:
@@ -289,6 +292,8 @@ def reduce(at: Linear, unknowns: np.ndarray) -> Reduced:
     """Normal equations for unknowns, given by the rows of their derivatives, the greys of each window
     eliminated.
     """
+    from . import loops
+
     k, count = at.greys.shape
     n = len(unknowns)
     normal = Reduced(
@@ -303,6 +308,8 @@ def advanced(at: Linear, normal: Reduced, step: Array) -> Linear:
 
     The rows of the model before become those of the model after.
     """
+    from . import loops
+
     greys = np.array(at.greys)
     rows = np.r_[at.unknowns, GREYS : GREYS + greys.shape[1]]
     loops.advance(at.rows, rows, len(at.unknowns), step, normal.greys, normal.greys_by_other, greys)
@@ -316,6 +323,8 @@ def noise_of(at: Linear, pixels: int, used: np.ndarray) -> Noise:
     Residuals count on the body, on markers and beyond the body, away from all edges, by their
     medians, so that wrong pixels do not count. What too few pixels show is left at a usual value.
     """
+    from . import loops
+
     k, _, p = at.rows.shape
     dark, bright, beyond = np.empty((3, k * p))
     darks, brights, beyonds, level, higher = loops.residuals_by_layer(

@@ -15,19 +15,20 @@ from ..camera import Rig
 from ..checks import Array
 from ..handle import Handle
 from ..rigid import rotation_of
-from . import loops
 from .appearance import Windows, geometry_of
 from .imagemodel import CLEAR_PX, MOVING, Linear, State, greys_of, room, tallied
-from .loops import CLEARANCE, EXPOSURE, POSE
 from .patches import Patches
+from .rows import CLEARANCE, EXPOSURE, LAYERS, POSE
 
 
 def linearise_moving(state: State, here: Patches, rig: Rig, handle: Handle) -> Linear:
     """The model and its derivatives at a state, of a handle that moves while the shutter is open."""
+    from . import loops
+
     assert state.motion_blur is not None
     k, p = here.grey.shape
     cells = here.drawn.xy.shape[2]
-    layers = np.empty((k, loops.LAYERS, cells))
+    layers = np.empty((k, LAYERS, cells))
     lights = np.empty((k, 8, cells))
     geometry = geometry_of(rig, handle, state.T_world_handle, here.views, here.drawn)
     # neighbours are smeared into each other

@@ -10,10 +10,10 @@ import numpy as np
 from scipy.fft import next_fast_len
 from scipy.spatial.transform import RigidTransform
 
-from ..camera import Rig
+from ..camera import Rig, image_of
 from ..checks import Array
-from ..handle import Handle, slant_angles
-from ..rigid import shifted
+from ..handle import Handle, angles_to
+from ..rigid import rotation_of, shifted
 from ..uncertainty.systematic import motion_slopes
 from .appearance import Views, Windows, windows
 
@@ -94,10 +94,12 @@ def patches(
     """Windows about all markers that a pose turns to a camera by at most a slant, as far as they
     lie in its image.
     """
-    views, uv, largest = _facing(rig, handle, T_world_handle, max_slant_deg)
-    side = 2 * int(np.ceil(min(largest, LARGEST_PX) / 2 + MARGIN_PX)) + 1
+    seen = _seen(rig, handle, T_world_handle)
+    facing = seen.slant < np.deg2rad(max_slant_deg)
+    side = 2 * int(np.ceil(min(seen.largest_px(facing, handle), LARGEST_PX) / 2 + MARGIN_PX)) + 1
+    views = Views(*np.nonzero(facing))
     points = handle.marker_centres[views.marker]
-    return cut(images, rig, handle, T_world_handle, views, points, uv, Grid((side, side)))
+    return cut(images, rig, seen, views, points, Grid((side, side)))
 
 
 def moving_patches(
@@ -115,10 +117,14 @@ def moving_patches(
     They have room for the smeared marker. The handle is drawn in larger ones, with at most
     `most_cells` cells in all: the longer the way, the coarser they are.
     """
-    views, uv, largest = _facing(rig, handle, T_world_handle, max_slant_deg)
+    seen = _seen(rig, handle, T_world_handle)
+    facing = seen.slant < np.deg2rad(max_slant_deg)
+    largest = seen.largest_px(facing, handle)
+    views = Views(*np.nonzero(facing))
     points = handle.marker_centres[views.marker]
+    uv = seen.uv[views]
     after = shifted(T_world_handle, motion).apply(handle.marker_centres)
-    ways = np.stack([camera.project(after) for camera in rig.cameras])[views] - uv
+    ways = np.stack([image_of(camera, after) for camera in rig.cameras])[views] - uv
     way = np.minimum(np.abs(ways).max(axis=0, initial=0.0), LONGEST_PX)
     size = min(largest, LARGEST_PX) + 2 * MARGIN_PX + way
     cell = np.ones(2, dtype=int)
@@ -128,47 +134,54 @@ def moving_patches(
     drawn = np.array([next_fast_len(int(n)) for n in np.ceil(size / cell) + 2 * border])
     columns, rows = (drawn - 2 * border).tolist()
     grid = Grid((rows, columns), tuple(cell.tolist()), tuple(border.tolist()))
-    here = cut(images, rig, handle, T_world_handle, views, points, uv, grid)
+    here = cut(images, rig, seen, views, points, grid)
     places = T_world_handle.apply(here.points)
     by_motion = motion_slopes(rig, here.views.camera, places, T_world_handle.translation)
     return here._replace(alone=_alone(here), by_motion=by_motion)
 
 
-def _facing(
-    rig: Rig, handle: Handle, T_world_handle: RigidTransform, max_slant_deg: float
-) -> tuple[Views, Array, float]:
-    """The markers that a pose turns to a camera by at most a slant, their pixels (k, 2), and the
-    diameter of the largest one, px.
+class Seen(NamedTuple):
+    """What cameras see of a handle's markers: pixels (cameras, n, 2), slant, rad, and pixels to a
+    millimetre across the line of sight, (cameras, n).
     """
+
+    uv: Array
+    slant: Array
+    px_per_mm: Array
+
+    def largest_px(self, facing: np.ndarray, handle: Handle) -> float:
+        """The diameter of the largest of the markers that are `facing`, px."""
+        return float(handle.marker_diameter_mm * self.px_per_mm[facing].max(initial=0.0))
+
+
+def _seen(rig: Rig, handle: Handle, T_world_handle: RigidTransform) -> Seen:
+    """The markers of a pose in all cameras, whatever hides them."""
     centres = T_world_handle.apply(handle.marker_centres)
-    normals = handle.marker_normals @ T_world_handle.as_matrix()[:3, :3].T
-    slant = np.stack([slant_angles(centres, normals, camera.centre) for camera in rig.cameras])
-    facing = slant < np.deg2rad(max_slant_deg)
-    uv = np.stack([camera.project(centres) for camera in rig.cameras])
-    scale = np.stack(
-        [camera.focal.mean() / camera.T_cam_world.apply(centres)[:, 2] for camera in rig.cameras]
-    )
-    views = Views(*np.nonzero(facing))
-    largest = handle.marker_diameter_mm * scale[facing].max(initial=0.0)
-    return views, uv[views], largest
+    normals = handle.marker_normals @ rotation_of(T_world_handle).T
+    uv, slant, px_per_mm = [], [], []
+    for camera in rig.cameras:
+        uv.append(image_of(camera, centres))
+        slant.append(angles_to(centres, normals, camera.centre))
+        depth = camera.T_cam_world.apply(centres)[:, 2]
+        px_per_mm.append(camera.focal.mean() / depth)
+    return Seen(np.stack(uv), np.stack(slant), np.stack(px_per_mm))
 
 
 def cut(
     images: Sequence[np.ndarray],
     rig: Rig,
-    handle: Handle,
-    T_world_handle: RigidTransform,
+    seen: Seen,
     views: Views,
     points: Array,
-    uv: Array,
     grid: Grid,
 ) -> Patches:
-    """Windows about points (k, 3) of the handle, which pixels uv (k, 2) show; views whose window is
-    not all inside the image are left out.
+    """Windows about markers, which lie at points (k, 3) of the handle; views whose window is not all
+    inside the image are left out.
     """
     rows, columns = grid.shape
     half = np.array([columns, rows]) * grid.cell / 2
     sizes = np.array([camera.size for camera in rig.cameras])[views.camera]
+    uv = seen.uv[views]
     inside = np.asarray(((uv > half) & (uv < sizes - half - 1)).all(axis=1))
     views = Views(views.camera[inside], views.marker[inside])
     uv = uv[inside]
@@ -177,15 +190,12 @@ def cut(
     pixels = _pixels(images, views, at)
     grey = _of_cells(np.add, pixels, grid.cell) / at.pixels
     valid = _of_cells(np.maximum, pixels, grid.cell) < SATURATED
-    centres = T_world_handle.apply(handle.marker_centres)
-    scale = np.stack(
-        [camera.focal.mean() / camera.T_cam_world.apply(centres)[:, 2] for camera in rig.cameras]
-    )
     beside_u, beside_v = grid.border
     larger = (rows + 2 * beside_v, columns + 2 * beside_u)
     drawn = windows(rig, views, uv, larger, grid.cell) if any(grid.border) else at
     still = np.zeros((len(uv), 2, 6))
-    return Patches(views, at, scale[views], grey, valid, points, np.ones(len(uv)), drawn, still)
+    scale = seen.px_per_mm[views]
+    return Patches(views, at, scale, grey, valid, points, np.ones(len(uv)), drawn, still)
 
 
 def _pixels(images: Sequence[np.ndarray], views: Views, at: Windows) -> Array:

@@ -9,6 +9,7 @@ single camera sees counts as well.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
@@ -16,6 +17,7 @@ from scipy.spatial.transform import RigidTransform
 
 from ..camera import Rig
 from ..checks import Array
+from ..datasets import load_handle, load_rig, load_table1
 from ..handle import Handle
 from ..parameters import Parameters
 from ..pose import LOST, Pose
@@ -46,9 +48,9 @@ from .imagemodel import (
     shows_gloss,
     with_gloss,
 )
-from .loops import BLUR, EXPOSURE, POSE
 from .movingmodel import linearise_moving
 from .patches import Patches, moving_patches, patches
+from .rows import BLUR, EXPOSURE, POSE
 
 # by so much the image model misplaces a marker of the simulated bench, shading and all
 FLOOR_PX = 0.003
@@ -210,6 +212,18 @@ def fit_patches(
     if taken is None:
         return None
     return _fit_of(_concluded(taken, windows, rig), taken.after, rig, handle, corrects, smear_above)
+
+
+@cache
+def prepare() -> None:
+    """Load the compiled loops, or compile them where that was never done: by a fit of a shipped rig
+    to dark images, once in a process.
+    """
+    rig, handle = load_rig("paper_pair"), load_handle("coded")
+    dark = [np.zeros(camera.size[::-1], np.uint8) for camera in rig.cameras]
+    T_world_handle = load_table1().set_poses[0]
+    fit_patches(dark, rig, handle, T_world_handle)
+    fit_patches(dark, rig, handle, T_world_handle, motion_blur=(np.ones(6), np.eye(6)))
 
 
 def _moving_fit(

@@ -18,10 +18,12 @@ from scipy.spatial.transform import RigidTransform
 
 from ..camera import Rig
 from ..checks import Array, as_number, as_transform
+from ..estimators.pixels import prepare
 from ..files.recording import Frames
 from ..handle import Handle
 from ..identity import choose, equivalents, relabel
 from ..measurement import Measurement, as_images, measure
+from ..methods import BEST
 from ..pose import LOST, Pose
 from ..rigid import apart
 from ..uncertainty.systematic import NOTHING
@@ -143,6 +145,8 @@ def track_instants(
         what it returns is the state to go on with.
     """
     given = known or {}
+    if (parameters or FollowParameters()).estimator == BEST:
+        prepare()  # not at the expense of the first instant
     for now in instants:
         if now.frame in given and (state is None or not state.sure):
             # the time has to increase

@@ -19,8 +19,8 @@ from trinolab.estimators.imagemodel import (
     marker_shading,
     with_gloss,
 )
-from trinolab.estimators.loops import BODY, GLOSS, GREYS, MARKER, PREDICTED
 from trinolab.estimators.patches import patches
+from trinolab.estimators.rows import BODY, GLOSS, GREYS, MARKER, PREDICTED
 from trinolab.metrics import nees
 from trinolab.rigid import apart, shifted
 

@@ -15,7 +15,7 @@ from trinolab.bench.optics import Bench
 from trinolab.bench.scene import render_rig
 from trinolab.camera import Rig
 from trinolab.datasets import load_handle, load_rig
-from trinolab.estimators import imagemodel, loops, movingmodel
+from trinolab.estimators import imagemodel, loops, movingmodel, rows
 from trinolab.estimators.patches import moving_patches, patches
 
 HANDLE = load_handle("coded")
@@ -59,10 +59,10 @@ def ours(at):
         "predicted": at.predicted,
         "residual": at.residual,
         "weight": at.weight,
-        "marker": at.rows[:, loops.MARKER],
-        "body": at.rows[:, loops.BODY],
-        "by_greys": at.rows[:, loops.GREYS : loops.GREYS + at.greys.shape[1]],
-        "by_gloss": at.rows[:, loops.GLOSS : loops.GLOSS + 3],
+        "marker": at.rows[:, rows.MARKER],
+        "body": at.rows[:, rows.BODY],
+        "by_greys": at.rows[:, rows.GREYS : rows.GREYS + at.greys.shape[1]],
+        "by_gloss": at.rows[:, rows.GLOSS : rows.GLOSS + 3],
     }
 
 
