@@ -238,10 +238,13 @@ def moving_window(mask: ArrayLike, min_pixels: int = 0) -> Window | None:
 
 def _window(moved: np.ndarray, min_pixels: float) -> Window | None:
     """`moving_window` of a mask that needs no check."""
-    if np.count_nonzero(moved) <= min_pixels:
+    pixels = np.count_nonzero(moved)
+    if pixels <= min_pixels:
         return None
     loops = _loops()
-    return Window(*(_largest_region(moved) if loops is None else loops.largest_region(moved)))
+    if loops is None:
+        return Window(*_largest_region(moved))
+    return Window(*loops.largest_region(moved, pixels))
 
 
 def _largest_region(mask: np.ndarray) -> np.ndarray:

@@ -5,10 +5,9 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-import pandas as pd
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from .camera import Camera, Rig, RigCovariance
@@ -19,6 +18,9 @@ from .files.rigs import read_handle, read_rig
 from .handle import Handle
 from .metrics import pose_from_euler_deg
 from .rigid import nearest_rotation
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 __all__ = [
     "IMAGE_SIZE",
@@ -111,6 +113,8 @@ def load_table1() -> Table1:
     """Load Table 1: the measured and the set ("theoretic") poses, and the printed numbers as a data
     frame.
     """
+    import pandas as pd  # only here: `trinolab.measure` loads without it
+
     frame = pd.read_csv(data_path("table1.csv"), index_col="no")
     measured, set_poses = (
         pose_from_euler_deg(
@@ -281,4 +285,6 @@ def _named(folder: str, name: str) -> Path:
 
 def load_sweep(name: str) -> pd.DataFrame:
     """A shipped table of ``data/sweeps``. ValueError for an unknown name."""
+    import pandas as pd  # only here: `trinolab.measure` loads without it
+
     return pd.read_csv(data_path("sweeps", f"{name}.csv"))

@@ -22,6 +22,7 @@ from .matching import rig_candidates
 from .methods import PAPER
 from .parameters import Parameters
 from .pose import LOST, Pose
+from .uncertainty.usual import known_covariance
 from .window import Window
 
 __all__ = ["Measurement", "as_images", "chosen", "markers_in", "measure"]
@@ -103,7 +104,9 @@ def measure(
         return Measurement(LOST, markers_by_camera, tuple(np.full(len(uv), -1) for uv in pixels))
     T, labels, sure = chosen(hypotheses, images, rig, handle, prior, p)
     uv = labelled_pixels(labels, pixels, len(handle.marker_centres))
-    rig, T = reconciled(rig, handle, uv, T, p.sigma_px, p.identity)
+    # the paper's method takes a rig that is stated to be exact as it is
+    if p.estimator != PAPER or not known_covariance(rig).is_exact:
+        rig, T = reconciled(rig, handle, uv, T, p.sigma_px, p.identity)
     # Eq. 19-24, or another estimator
     pose = estimate(Identified(images, uv, T), rig, handle, p)
     if not sure and pose is not LOST:

@@ -95,8 +95,8 @@ def compare_and_renew(
             renewed[v, u] = as_masked if kept else as_fresh
 
 
-@njit(types.UniTuple(int64, 4)(_read(boolean)), cache=True, error_model="numpy")
-def largest_region(mask: np.ndarray) -> tuple[int, int, int, int]:
+@njit(types.UniTuple(int64, 4)(_read(boolean), int64), cache=True, error_model="numpy")
+def largest_region(mask: np.ndarray, pixels: int) -> tuple[int, int, int, int]:
     """The bounding rectangle of the largest 8-connected region of a mask (Sect. 4.2).
 
     The pixels that follow each other in a row are a run. Each run points at an earlier one of its
@@ -106,18 +106,19 @@ def largest_region(mask: np.ndarray) -> tuple[int, int, int, int]:
     Parameters
     ----------
     mask : ndarray of bool, shape (height, width)
-        Some of it is True.
+    pixels : int
+        How many of it are True, 1 or more.
 
     Returns
     -------
     u, v, width, height : int
         Of several regions with the most pixels those of the first from the top.
     """
-    most = mask.shape[0] * ((mask.shape[1] + 1) // 2)
-    begin = np.empty(most, np.int32)  # the first column of each run
-    end = np.empty(most, np.int32)  # and the one after its last
-    row = np.empty(most, np.int32)
-    first = np.empty(most, np.int32)  # an earlier run of its region, or itself
+    # of each run; there are no more than pixels
+    begin = np.empty(pixels, np.int32)  # its first column
+    end = np.empty(pixels, np.int32)  # the one after its last
+    row = np.empty(pixels, np.int32)
+    first = np.empty(pixels, np.int32)  # an earlier run of its region, or itself
     count = 0
     above = 0  # the first run that may touch the next one
     for v in range(mask.shape[0]):
@@ -147,11 +148,11 @@ def largest_region(mask: np.ndarray) -> tuple[int, int, int, int]:
                 root = min(met, root)
                 other += 1
             count += 1
-    pixels = np.zeros(count, np.int64)
+    size = np.zeros(count, np.int64)
     for run in range(count):
         first[run] = first[first[run]]  # that of the earlier run is known
-        pixels[first[run]] += end[run] - begin[run]
-    same = np.flatnonzero(first[:count] == pixels.argmax())
+        size[first[run]] += end[run] - begin[run]
+    same = np.flatnonzero(first[:count] == size.argmax())
     left = begin[same].min()
     top = row[same[0]]
     return left, top, end[same].max() - left, row[same[-1]] + 1 - top

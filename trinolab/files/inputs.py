@@ -10,11 +10,12 @@ import re
 import tomllib
 from collections.abc import Mapping
 from pathlib import Path
-from typing import IO, Any
-
-import pandas as pd
+from typing import IO, TYPE_CHECKING, Any
 
 from . import limits
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 __all__ = ["get", "read_csv", "read_json", "read_toml"]
 
@@ -33,6 +34,8 @@ def read_csv(path: str | Path, **options: Any) -> pd.DataFrame:
     ValueError
         Names the file: unreadable, empty, no text, rows of different lengths, too large.
     """
+    import pandas as pd  # only here: `trinolab.measure` loads without it
+
     content = _content(path, limits.TABLE_BYTES)
     limits.check_table(path, content)
     try:
@@ -51,6 +54,8 @@ def _read(path: str | Path, text: IO[str], content: bytes, options: dict[str, An
     """The table; a large one is read in pieces, so that one of more words than are taken is refused
     when they have come.
     """
+    import pandas as pd
+
     lines = content.count(b"\n") + content.count(b"\r") + 1
     cells = content.count(b",") + lines
     if cells <= limits.WORDS:
@@ -67,6 +72,8 @@ def _read(path: str | Path, text: IO[str], content: bytes, options: dict[str, An
 
 def _reason(error: Exception) -> str:
     """What pandas says of a CSV file, in words that need no knowledge of it."""
+    import pandas as pd
+
     if isinstance(error, pd.errors.EmptyDataError):
         return "it is empty"
     if lengths := re.search(r"Expected (\d+) fields in line (\d+), saw (\d+)", str(error)):
