@@ -1,10 +1,13 @@
-"""Build the book: render the recordings, run what is stale, two jobs at a time, build the pages
-strictly, print the scoreboard.
+"""Build the book: run what is stale, two jobs at a time, build the pages strictly, print the
+scoreboard and what decided how long it took.
 
     .venv/bin/python book/build.py
 
 Nothing here has a time limit: how long a rendering takes depends on the machine. On a terminal a
 line says what is running, in a log there is one a minute; Ctrl-C stops it.
+
+A rendering of a recording is a job as a chapter is; only the chapters that read the recording wait
+for it. Of the jobs that wait for nothing the one with the longest way to the end starts first.
 
 A chapter is stale when its own code has changed, the package's code that it imports, the data or
 the environment: ``_build/made_from.json`` has the hashes that each finished result was made from.
@@ -22,8 +25,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Sequence
-from functools import partial
+from collections.abc import Sequence
 from pathlib import Path
 from typing import IO, NamedTuple
 
@@ -36,24 +38,35 @@ from nbclient.exceptions import CellExecutionError, DeadKernelError
 from trinolab.files.outputs import write_whole
 
 from ..cli import QUESTION_WIDTH, as_text, essential, not_run
-from ..provenance import hash_files, hash_text, made_from_module, made_from_notebook, surroundings
+from ..provenance import (
+    hash_files,
+    hash_text,
+    made_from_module,
+    made_from_notebook,
+    source_of,
+    surroundings,
+)
 from ..sweep.notebook import ONE_THREAD, read_notebook, run_notebook
 from .contents import pages
 
 __all__ = [
     "BUILD_COMMAND",
     "EXECUTED",
+    "EXPECTED_S",
     "MADE_FROM",
     "NEW_SCOREBOARD",
     "RECORDED_S",
     "RECORDINGS",
     "SCOREBOARD",
     "SECONDS",
+    "WORKERS",
+    "Ended",
     "Job",
     "Running",
     "build_pages",
     "chapters",
     "command",
+    "critical_path",
     "executed",
     "finish",
     "is_cached",
@@ -65,16 +78,21 @@ __all__ = [
     "pages_made_from",
     "put_into_cache",
     "read_finished",
-    "render_recordings",
+    "read_seconds",
+    "recordings_of",
     "result_of",
     "run_all",
     "run_chapter",
     "run_ledger",
+    "run_pages",
+    "run_recording",
     "say",
     "show_progress",
     "stale_jobs",
     "start",
+    "times_said",
     "tool",
+    "ways",
     "write_crate",
     "write_film",
     "write_reference",
@@ -96,6 +114,21 @@ PAGES_MADE_FROM = BUILD / "pages_made_from"  # a hash; it is there as long as th
 # the standard recordings that chapters use, and their length, s
 RECORDINGS = ("calm", "hard")
 RECORDED_S = 2.0
+TASK = "task"  # the recording of the task of chapter 11, and its film
+WORKERS = min(2, os.cpu_count() or 1)  # jobs at a time, and processes for the pages
+# How long a job takes until `SECONDS` knows better, s. Only the order follows from it: the longest are
+# here, and the recordings, whose time is not kept, since most often they are there.
+EXPECTED_S = {
+    "recording calm": 20.0,
+    "recording hard": 55.0,
+    "recording task": 80.0,
+    "03_background": 29.0,
+    "07_calibration": 27.0,
+    "08b_third": 27.0,
+    "10_estimators": 39.0,
+    "10b_trust": 39.0,
+}
+USUAL_S = 15.0  # of all others
 SIGN_OF_LIFE_S = 60.0  # in a log
 # what most often ends a kernel, or a whole job, from outside
 KILLED = "most often the machine had no memory left: close other programs"
@@ -117,13 +150,14 @@ INDEX = """<!doctype html>
 
 
 class Job(NamedTuple):
-    """Something that has to run: its name, its command, and a hash of each thing that its result is
-    made from.
+    """Something that has to run: its name, its command, a hash of each thing that its result is made
+    from, and the jobs that it waits for. A recording has no hashes: the user's cache knows it.
     """
 
     name: str
     command: list[str]
     made_from: dict[str, str]
+    needs: tuple[str, ...] = ()
 
 
 class Running(NamedTuple):
@@ -135,21 +169,31 @@ class Running(NamedTuple):
     start: float
 
 
+class Ended(NamedTuple):
+    """A job that has run: when it began and ended, s, and whether it went well."""
+
+    name: str
+    start: float
+    end: float
+    good: bool
+
+
 def main() -> int:
     """Build everything and return the exit code."""
     begin = time.monotonic()
     os.chdir(ROOT)
     EXECUTED.mkdir(parents=True, exist_ok=True)
     try:
-        if stale := stale_jobs():
-            render_recordings()
-        if failed := run_all(stale):
+        ended = run_all(stale_jobs())
+        if failed := [one.name for one in ended if not one.good]:
             print(f"\nFAILED: {', '.join(failed)}. What they said is above; all else is kept.")
             print(f"Mend it, or try again if the machine was at fault: {AGAIN}.")
             return 1
+        start = time.monotonic()
         if not build_pages():
             print(f"\nFAILED: the pages; the warnings above say why. Mend it: {AGAIN}.")
             return 1
+        end = time.monotonic()
     except KeyboardInterrupt:
         print(f"\nstopped; what is finished is kept, and {AGAIN}")
         return 130
@@ -160,12 +204,13 @@ def main() -> int:
     shown = as_text(essential(board), QUESTION_WIDTH)
     print("\n".join(filter(None, ["", shown, not_run(board)])))
     print(f"All {len(board)} rows: `trinolab scoreboard`, and the page scoreboard.")
-    print(f"\nThe book: {HTML / 'index.html'}, after {time.monotonic() - begin:.0f} s")
+    print("\n".join(["", *times_said(ended, Ended("the pages", start, end, True))]))
+    print(f"The book: {HTML / 'index.html'}, after {time.monotonic() - begin:.0f} s")
     return 0
 
 
 def stale_jobs() -> list[Job]:
-    """Return what has to run, the scoreboard first because it takes longest."""
+    """Return what has to run, the recordings that it needs first."""
     board = [str(tool("trinolab")), "scoreboard", "--csv", str(NEW_SCOREBOARD)]
     jobs = [
         Job("scoreboard", board, made_from_module("workbench.studies.scoreboard")),
@@ -175,7 +220,12 @@ def stale_jobs() -> list[Job]:
             {**made_from_module("workbench.paper.errata"), "labels": " ".join(labels())},
         ),
         *(
-            Job(path.stem, [*BUILD_COMMAND, "--chapter", str(path)], made_from(path))
+            Job(
+                path.stem,
+                [*BUILD_COMMAND, "--chapter", str(path)],
+                made_from(path),
+                tuple(f"recording {name}" for name in recordings_of(path)),
+            )
             for path in chapters()
         ),
     ]
@@ -185,26 +235,40 @@ def stale_jobs() -> list[Job]:
             print(f"{job.name}: unchanged")
         else:
             stale.append(job)
-    return stale
+    needed = {name for job in stale for name in job.needs}
+    recordings = [
+        Job(f"recording {name}", [*BUILD_COMMAND, "--recording", name], {})
+        for name in (*RECORDINGS, TASK)
+        if f"recording {name}" in needed
+    ]
+    return recordings + stale
 
 
-def render_recordings() -> None:
-    """Render the recordings that chapters use, if they are not there: a chapter would do it where
-    nobody sees how far it is.
+def recordings_of(path: Path) -> list[str]:
+    """Return the recordings that a chapter's code names. One that is overlooked here is rendered by
+    the chapter, where nobody sees how far it is.
     """
+    code = source_of(read_notebook(path))
+    reads = "read_recording(" in code
+    found = [name for name in RECORDINGS if reads and f'"{name}"' in code]
+    return found + [TASK] * bool(re.search(r"\btask\.(recording|performed)\(", code))
+
+
+def run_recording(name: str) -> int:
+    """Render a recording, if it is not there."""
     from trinolab.bench.recordings import standard_recording
 
     from ..teleop import task
 
-    to_make: dict[str, Callable[[], Path]] = {
-        name: partial(standard_recording, name, seconds=RECORDED_S) for name in RECORDINGS
-    }
-    to_make["task"] = task.recording  # of chapter 11's film
-    for name, make in to_make.items():
-        start = time.monotonic()
-        say(f"recording {name}: rendered if it is not there")
-        make()
-        say(f"recording {name}: there, after {time.monotonic() - start:.0f} s")
+    try:
+        if name == TASK:
+            task.performed()
+        else:
+            standard_recording(name, seconds=RECORDED_S)
+    except (ValueError, OSError) as error:
+        print(error)
+        return 1
+    return 0
 
 
 def executed(path: Path) -> Path | None:
@@ -227,6 +291,11 @@ def read_finished() -> dict[str, dict[str, str]]:
     return json.loads(MADE_FROM.read_text(encoding="utf-8")) if MADE_FROM.exists() else {}
 
 
+def read_seconds() -> dict[str, float]:
+    """Return name -> how long it took to make, s, of all finished results."""
+    return json.loads(SECONDS.read_text(encoding="utf-8")) if SECONDS.exists() else {}
+
+
 def result_of(name: str) -> Path:
     """Return the file that a job leaves, the last one if it leaves several."""
     files = {"scoreboard": SCOREBOARD, "ledger": GENERATED / "equations.md"}
@@ -244,30 +313,81 @@ def chapters() -> list[Path]:
     return [path for path in notebooks if path.exists()]
 
 
-def run_all(jobs: list[Job]) -> list[str]:
-    """Run jobs, at most two at a time; return the names of those that failed."""
-    waiting = list(jobs)
+def run_all(jobs: list[Job]) -> list[Ended]:
+    """Run jobs, at most two at a time, each when what it needs is there and the longest way to the end
+    first; return those that have run. What needs a job that failed is left out.
+    """
+    way = ways(jobs)
+    waiting = sorted(jobs, key=lambda job: -way[job.name])
+    missing = {job.name for job in jobs}
     running = list[Running]()
-    failed = list[str]()
-    ended = 0
+    ended = list[Ended]()
     said = time.monotonic()
     try:
         while waiting or running:
-            while waiting and len(running) < min(2, os.cpu_count() or 1):
-                running.append(start(waiting.pop(0)))
+            ready = [job for job in waiting if missing.isdisjoint(job.needs)]
+            for job in ready[: WORKERS - len(running)]:
+                waiting.remove(job)
+                running.append(start(job))
             said = show_progress(running, said)
             time.sleep(0.2)
             for one in [one for one in running if one.process.poll() is not None]:
                 running.remove(one)
-                ended += 1
-                if not finish(one, f"{ended} of {len(jobs)}"):
-                    failed.append(one.job.name)
+                good = finish(one, f"{len(ended) + 1} of {len(jobs)}")
+                ended.append(Ended(one.job.name, one.start, time.monotonic(), good))
+                if good:
+                    missing.remove(one.job.name)
+                    continue
+                for job in [job for job in waiting if one.job.name in job.needs]:
+                    waiting.remove(job)
+                    say(f"{job.name}: not run, it needs {one.job.name}")
     finally:
         # only after Ctrl-C; a chapter that is terminated stops its kernel first
         for one in running:
             one.process.terminate()
             one.process.wait()
-    return failed
+    return ended
+
+
+def ways(jobs: list[Job]) -> dict[str, float]:
+    """Return how long the way to the end is from the start of each job, s: its own time, and the
+    longest of those that wait for it.
+    """
+    took = {**EXPECTED_S, **read_seconds()}
+    return {
+        job.name: took.get(job.name, USUAL_S)
+        + max((took.get(one.name, USUAL_S) for one in jobs if job.name in one.needs), default=0.0)
+        for job in jobs
+    }
+
+
+def critical_path(ended: list[Ended]) -> list[Ended]:
+    """Return the jobs that decided when all had ended: the last one, the one whose end it waited for,
+    for its result or its worker, and so on to the first.
+    """
+    path = list[Ended]()
+    until = float("inf")
+    while before := [one for one in ended if one.end <= until]:
+        path.insert(0, max(before, key=lambda one: one.end))
+        until = path[0].start
+    return path
+
+
+def times_said(ended: list[Ended], pages: Ended) -> list[str]:
+    """Return the lines that say what decided how long a build took, and how long its workers had
+    nothing to do.
+    """
+    path = [*critical_path(ended), pages]
+    said = ", ".join(f"{one.name} {one.end - one.start:.0f} s" for one in path)
+    lines = [f"One after the other: {said}."]
+    if ended:
+        wall = max(one.end for one in ended) - min(one.start for one in ended)
+        busy = sum(one.end - one.start for one in ended) / WORKERS
+        lines.append(
+            f"{len(ended)} jobs took {wall:.0f} s, in which the workers ({WORKERS}) were idle "
+            f"{1 - busy / wall:.0%} of the time."
+        )
+    return lines
 
 
 def start(job: Job) -> Running:
@@ -298,10 +418,9 @@ def finish(one: Running, place: str = "") -> bool:
         print(re.sub(r"^\[IPKernelApp\].*\n", "", one.log.read(), flags=re.MULTILINE).rstrip())
         if one.process.returncode < 0:
             print(f"{one.job.name}: ended by signal {-one.process.returncode}; {KILLED}")
-    else:
+    elif one.job.made_from:
         keep(one.job)
-        took = json.loads(SECONDS.read_text(encoding="utf-8")) if SECONDS.exists() else {}
-        took[one.job.name] = round(time.monotonic() - one.start, 1)
+        took = {**read_seconds(), one.job.name: round(time.monotonic() - one.start, 1)}
         write_whole(SECONDS, json.dumps(took, indent=1) + "\n")
     one.log.close()
     return good
@@ -419,22 +538,38 @@ def build_pages() -> bool:
     for path in chapters():
         if not is_cached(path):  # somebody has emptied the cache
             put_into_cache(result_of(path.stem))
-    command = [
-        str(tool("jupyter-book")),
-        "build",
-        str(ROOT),
-        "-n",
-        "-W",
-        "--keep-going",
-        "--all",
-        "-q",
-    ]
-    if subprocess.run(command, cwd=ROOT, stdin=subprocess.DEVNULL).returncode != 0:
+    pages = [*BUILD_COMMAND, "--pages", str(ROOT)]
+    if subprocess.run(pages, cwd=ROOT, stdin=subprocess.DEVNULL).returncode != 0:
         return False
     write_whole(HTML / "index.html", INDEX)
     write_crate()
     write_whole(PAGES_MADE_FROM, now)
     return True
+
+
+def run_pages(folder: Path) -> int:
+    """Build the pages of a folder as ``jupyter-book build -n -W --keep-going --all -q`` does, which
+    cannot be told to use several processes.
+    """
+    from jupyter_book.sphinx import build_sphinx
+
+    result = build_sphinx(
+        folder,
+        folder / "_build" / "html",
+        noconfig=True,
+        path_config=folder / "_config.yml",
+        confoverrides={
+            "external_toc_path": (folder / "_toc.yml").as_posix(),
+            "latex_individualpages": False,
+            "nitpicky": True,
+        },
+        warningiserror=True,
+        keep_going=True,
+        freshenv=True,
+        quiet=True,
+        jobs=WORKERS,
+    )
+    return 0 if result == 0 else 1
 
 
 def write_reference() -> None:
@@ -504,9 +639,16 @@ def command(arguments: Sequence[str]) -> int:
             return run_chapter(Path(chapter))
         case ["--ledger"]:
             return run_ledger()
+        case ["--pages", folder]:
+            return run_pages(Path(folder))
+        case ["--recording", name]:
+            return run_recording(name)
         case []:
             return main()
-    print("usage: python book/build.py [--chapter NOTEBOOK | --ledger]", file=sys.stderr)
+    print(
+        "usage: python book/build.py [--chapter NOTEBOOK | --ledger | --pages FOLDER | --recording NAME]",
+        file=sys.stderr,
+    )
     return 2
 
 

@@ -371,6 +371,8 @@ def setup(app: Any) -> dict[str, bool]:
             if explicit and document.nameids.get(name):
                 slugs.setdefault(name, (0, document.nameids[name], name))
 
+    # It says nothing of it, and copies files when all is read and written.
+    app.extensions["sphinx-mathjax-offline"].parallel_read_safe = True
     app.connect("doctree-read", name_in_full)
     app.connect("doctree-read", linkable)
     app.connect("missing-reference", _plain)

@@ -21,7 +21,7 @@ from trinolab.files.outputs import write_whole
 
 from ..course.texts import without_solutions
 from ..sweep.notebook import read_notebook
-from .build import BUILD, CACHE, GENERATED, HTML, INDEX, ROOT, chapters, tool
+from .build import BUILD, BUILD_COMMAND, CACHE, GENERATED, HTML, INDEX, ROOT, chapters
 
 __all__ = [
     "STUDENT",
@@ -54,7 +54,7 @@ def build_student_book() -> bool:
     """Build the students' pages, with every warning an error; return whether they are there."""
     shutil.rmtree(STUDENT, ignore_errors=True)
     write_sources(STUDENT)
-    command = [str(tool("jupyter-book")), "build", str(STUDENT), "-n", "-W", "--keep-going", "-q"]
+    command = [*BUILD_COMMAND, "--pages", str(STUDENT)]
     if subprocess.run(command, cwd=STUDENT, stdin=subprocess.DEVNULL).returncode != 0:
         return False
     write_whole(STUDENT_HTML / "index.html", INDEX)
