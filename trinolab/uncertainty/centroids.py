@@ -217,7 +217,10 @@ def pulled_alike(
     ndarray, shape (2 k, 2 k)
         px^2; u and v of the first place come first.
     """
-    around = centroid_bias(camera, marker, T_world_handle, rig, handle).around
+    R = T_world_handle.as_matrix()[:3, :3]
+    tangent = np.cross(R[:, 1], handle.marker_normals[marker] @ R.T)
+    points = T_world_handle.apply(handle.marker_centres[marker])
+    around = (slopes_at(rig, camera, points)[1] @ tangent[..., None])[..., 0]
     around = around / np.linalg.norm(around, axis=1, keepdims=True)
     size = np.sqrt(np.einsum("ki,kij,kj->k", around, np.nan_to_num(PULL * more_px2), around))
     pulls = (size[:, None] * around).ravel()
