@@ -8,16 +8,7 @@ import scipy.fft
 from trinolab.estimators.appearance import shading_basis
 from trinolab.estimators.imagemodel import BORDER_PX, CLEAR_PX, ENOUGH, Noise
 from trinolab.estimators.loops import GRAZING
-from trinolab.estimators.movingmodel import (
-    even,
-    frequencies,
-    in_handle,
-    middle,
-    smear,
-    smear_by,
-    spectra_of,
-    windows_of,
-)
+from trinolab.estimators.movingmodel import in_handle
 
 
 class Layers(NamedTuple):
@@ -528,12 +519,22 @@ def linearise_moving(state, here, rig, handle):
     basis = shading_basis(shown.turn).transpose(1, 0, 2)
     ways = here.ways_px(state.motion_blur.motion)
     f_u, f_v = frequencies(here.drawn)
-    along = f_u * ways[:, :1, None] + f_v * ways[:, 1:, None]  # f . d, (k, rows, columns)
-    spread = -2 * np.pi**2 * state.blur_px2[:, None, None]
-    lens = (np.exp(spread * f_u**2) * np.exp(spread * f_v**2))[here.views.camera]
-    smeared = smear(along)
-    mean = even(lens * smeared)
+    spread = -2 * np.pi**2 * state.blur_px2[here.views.camera, None, None]
 
+    def turn(f_u, f_v):
+        return f_u * ways[:, :1, None] + f_v * ways[:, 1:, None]  # f . d, (k, rows, columns)
+
+    def lens(f_u, f_v):
+        return np.exp(spread * f_u**2) * np.exp(spread * f_v**2)
+
+    def lens_and_smear(f_u, f_v):
+        return lens(f_u, f_v) * smear(turn(f_u, f_v))
+
+    def by_way_of(f_u, f_v):
+        along = turn(f_u, f_v)
+        return lens(f_u, f_v) * smear_by(along, smear(along)) * (f_u + 1j * f_v)
+
+    mean = even(lens_and_smear, f_u, f_v)
     lights = np.concatenate([shown.marker[:, None] * basis, shown.body[:, None] * basis], axis=1)
     seen = windows_of(spectra_of(lights, here) * mean[:, None], here)
     reach = np.abs(ways).max(initial=0.0) / 2 / min(here.at.cell)
@@ -542,11 +543,80 @@ def linearise_moving(state, here, rig, handle):
     moves = spectra_of(by_grey_motion(shown, basis, at.greys), here)
     by_pose = windows_of(moves * mean[:, None], here)
     # of a way along u the real part, along v the imaginary one
-    grey = unblurred(shown, basis, at.greys).reshape(along.shape)
-    by_way = even(lens * smear_by(along, smeared) * (f_u + 1j * f_v))
+    grey = unblurred(shown, basis, at.greys).reshape(len(ways), *here.drawn.shape)
+    by_way = even(by_way_of, f_u, f_v)
     by_ways = windows_of((scipy.fft.fft2(grey) * by_way)[:, None], here)
     by_exposure = here.by_motion.transpose(0, 2, 1) @ by_ways
     by_blur = half_laplacian(at.predicted, here.at)[:, None]
     return at._replace(
         by_pose=np.concatenate([by_pose, in_handle(by_exposure, state), by_blur], axis=1)
     )
+
+
+def frequencies(at):
+    """The frequencies of windows along u, (columns,), and along v, (rows, 1), cycles a pixel."""
+    rows, columns = at.shape
+    f_u = np.fft.fftfreq(columns, at.cell[0])
+    f_v = np.fft.fftfreq(rows, at.cell[1])
+    return f_u.astype(float), f_v[:, None].astype(float)
+
+
+def smear(along):
+    """What is left of a frequency that a way turns by ``along`` cycles: the mean of
+    ``exp(-2 pi i s along)`` over times s of the exposure from -1/2 to 1/2.
+    """
+    return np.sinc(along)
+
+
+def smear_by(along, smeared):
+    """Derivative of `smear` by ``along``, where that is `smeared`."""
+    is_small = np.abs(along) < 1e-3
+    safe = np.where(is_small, 1.0, along)
+    return np.where(is_small, -(np.pi**2) / 3 * along, (np.cos(np.pi * safe) - smeared) / safe)
+
+
+def even(kernel_of, f_u, f_v):
+    """The spectrum of a real kernel: the highest frequency of an even number of cells is its own
+    opposite, and gets the mean of both.
+    """
+    other_u = np.where(f_u == f_u.min(), -f_u, f_u) if f_u.size % 2 == 0 else f_u
+    other_v = np.where(f_v == f_v.min(), -f_v, f_v) if f_v.size % 2 == 0 else f_v
+    return (
+        kernel_of(f_u, f_v)
+        + kernel_of(f_u, other_v)
+        + kernel_of(other_u, f_v)
+        + kernel_of(other_u, other_v)
+    ) / 4
+
+
+def spectra_of(stack, here):
+    """The spectra of drawn windows (k, m, cells), m even, two at a time: as the real and the
+    imaginary part of one, shape (k, m / 2, rows, columns).
+    """
+    pairs = np.empty((len(stack), stack.shape[1] // 2, *here.drawn.shape), complex)
+    flat = pairs.reshape(*pairs.shape[:2], -1)
+    flat.real = stack[:, 0::2]
+    flat.imag = stack[:, 1::2]
+    return np.asarray(scipy.fft.fft2(pairs, overwrite_x=True))
+
+
+def windows_of(spectra, here):
+    """The windows (k, m, p) whose spectra were multiplied by those of real kernels; see
+    `spectra_of`.
+
+    What leaves a drawn window on one side comes in on the other, and gets no further than the
+    border that is left out.
+    """
+    pairs = middle(scipy.fft.ifft2(spectra, overwrite_x=True), here)
+    k, m, p = pairs.shape
+    return np.stack([pairs.real, pairs.imag], axis=2).reshape(k, 2 * m, p)
+
+
+def middle(drawn, here):
+    """The windows' own part (k, m, p) of drawn windows (k, m, cells) or (k, m, rows, columns)."""
+    rows, columns = here.at.shape
+    k, m = drawn.shape[:2]
+    whole = drawn.reshape(k, m, *here.drawn.shape)
+    top = (whole.shape[2] - rows) // 2
+    left = (whole.shape[3] - columns) // 2
+    return whole[:, :, top : top + rows, left : left + columns].reshape(k, m, rows * columns)

@@ -538,6 +538,41 @@ def move_all(layers, greys, by_motion, grey):
             grey[k, i] = lit * shading + sent_back * b + background * (1 - b)
 
 
+@_reordered
+def smear_kernels(f_u, f_v, ways, lens_u, lens_v, mean, by_u, by_v):
+    """Fill the spectra (k, rows, columns // 2 + 1) of the kernels of a smear and a lens's blur, and
+    their derivatives by the way along u and along v.
+
+    Of a frequency f a way d leaves sinc(f . d). `f_u` (columns // 2 + 1,) and `f_v` (rows,) are those
+    of `scipy.fft.rfft2`, `lens_u` and `lens_v` (k, ...) what the blur leaves of them. The highest
+    frequency of an even number of rows is its own opposite: it gets the mean of both.
+    """
+    rows = f_v.size
+    for k in range(ways.shape[0]):
+        for r in range(rows):
+            signs = 2 if rows % 2 == 0 and r == rows // 2 else 1
+            for c in range(f_u.size):
+                left = 0.0
+                slope_u = 0.0
+                slope_v = 0.0
+                for n in range(signs):
+                    v = f_v[r] if n == 0 else -f_v[r]
+                    turn = f_u[c] * ways[k, 0] + v * ways[k, 1]
+                    if abs(turn) < 1e-3:
+                        share = 1 - (math.pi * turn) ** 2 / 6
+                        slope = -(math.pi**2) / 3 * turn
+                    else:
+                        share = math.sin(math.pi * turn) / (math.pi * turn)
+                        slope = (math.cos(math.pi * turn) - share) / turn
+                    left += share
+                    slope_u += slope * f_u[c]
+                    slope_v += slope * v
+                lens = lens_u[k, c] * lens_v[k, r] / signs
+                mean[k, r, c] = lens * left
+                by_u[k, r, c] = lens * slope_u
+                by_v[k, r, c] = lens * slope_v
+
+
 # normal equations
 
 

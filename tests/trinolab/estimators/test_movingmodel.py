@@ -4,6 +4,7 @@ differences.
 
 import numpy as np
 import pytest
+import scipy.ndimage
 from imagemodel_reference import blur_matrices, layers, unblurred
 from scipy.spatial.transform import RigidTransform
 
@@ -11,15 +12,7 @@ from trinolab.bench.motion import random_pose
 from trinolab.datasets import load_handle, load_rig
 from trinolab.estimators.appearance import Views, shading_basis
 from trinolab.estimators.imagemodel import MotionBlur, first_state
-from trinolab.estimators.movingmodel import (
-    even,
-    frequencies,
-    linearise_moving,
-    smear,
-    smear_by,
-    spectra_of,
-    windows_of,
-)
+from trinolab.estimators.movingmodel import kernels_of, linearise_moving, smeared
 from trinolab.estimators.patches import Grid, Seen, cut, moving_patches
 from trinolab.estimators.pixels import both_in_world, moved
 from trinolab.rigid import shifted
@@ -46,51 +39,58 @@ def slopes(state, here):
     return told.by_pose, told.weight > 0
 
 
+def filtered(drawn, kernel, here):
+    return smeared(drawn.reshape(*drawn.shape[:2], -1), kernel, here)
+
+
 def test_the_smear_of_a_frequency_is_the_mean_over_the_exposure():
-    along = np.linspace(-4, 4, 33)
+    here, _ = moving()
+    ways = np.array([[5.3, 2.7], [-0.0002, 0.0001]])
     times = (np.arange(4000) + 0.5) / 4000 - 0.5
-    np.testing.assert_allclose(
-        smear(along), np.cos(2 * np.pi * np.outer(along, times)).mean(axis=1), atol=1e-6
-    )
+    rows, columns = here.drawn.shape
+    f_u, f_v = np.fft.rfftfreq(columns), np.fft.fftfreq(rows)[:, None]
+    mean, by_u, by_v = kernels_of(ways, np.zeros(2), here.drawn)
+    inner = np.arange(rows) != rows // 2  # whose opposite is itself
+    for k, (u, v) in enumerate(ways):
+        turn = f_u * u + f_v * v
+        expected = np.mean([np.cos(2 * np.pi * turn * time) for time in times], axis=0)
+        np.testing.assert_allclose(mean[k, inner], expected[inner], atol=1e-5)
     step = 1e-5
-    difference = (smear(along + step) - smear(along - step)) / (2 * step)
-    np.testing.assert_allclose(smear_by(along, smear(along)), difference, atol=1e-8)
+    for axis, slope in enumerate((by_u, by_v)):
+        change = step * np.eye(2)[axis]
+        after, before = (
+            kernels_of(ways + d, np.zeros(2), here.drawn)[0] for d in (change, -change)
+        )
+        np.testing.assert_allclose(slope, (after - before) / (2 * step), atol=1e-7)
 
 
 def test_a_kernel_that_does_nothing_leaves_the_middle():
     here, _ = moving()
     k = len(here.points)
     drawn = np.random.default_rng(0).normal(size=(k, 4, *here.drawn.shape))
-    back = windows_of(spectra_of(drawn.reshape(k, 4, -1), here), here)
+    kernel, _, _ = kernels_of(np.zeros((k, 2)), np.zeros(k), here.drawn)
     top, left = (np.array(here.drawn.shape) - here.at.shape) // 2
     rows, columns = here.at.shape
     middle = drawn[:, :, top : top + rows, left : left + columns]
-    np.testing.assert_allclose(back, middle.reshape(k, 4, -1), atol=1e-12)
+    np.testing.assert_allclose(filtered(drawn, kernel, here), middle.reshape(k, 4, -1), atol=1e-12)
 
 
-def test_a_shift_by_spectra_goes_the_way_of_u_and_v():
-    """By two columns and one row."""
+def test_a_smear_goes_the_way_of_u_and_v():
+    """Over two columns and one row: the mean of shifts by parts of that, by linear phases."""
     here, _ = moving()
-    f_u, f_v = frequencies(here.drawn)
-    drawn = np.random.default_rng(0).normal(size=(len(here.points), 2, *here.drawn.shape))
-    shift = np.exp(-2j * np.pi * (2 * f_u + f_v))
-    after = windows_of(spectra_of(drawn.reshape(*drawn.shape[:2], -1), here) * shift, here)
-    expected = np.roll(drawn, (1, 2), axis=(2, 3)).reshape(*drawn.shape[:2], -1)
-    unshifted = windows_of(spectra_of(expected, here), here)
-    np.testing.assert_allclose(after, unshifted, atol=1e-12)
-
-
-def test_a_smeared_window_shows_nothing_of_the_other_one_of_its_pair():
-    here, _ = moving()
-    rows, columns = here.drawn.shape
-    assert rows % 2 == 0 or columns % 2 == 0  # else no frequency is its own opposite
-    f_u, f_v = frequencies(here.drawn)
-    kernel = smear(5.3 * f_u + 2.7 * f_v)
-    drawn = np.zeros((len(here.points), 2, *here.drawn.shape))
-    drawn[:, 0] = np.random.default_rng(0).normal(size=drawn[:, 0].shape)
-    spectra = spectra_of(drawn.reshape(*drawn.shape[:2], -1), here)
-    np.testing.assert_allclose(windows_of(spectra * even(kernel), here)[:, 1], 0, atol=1e-12)
-    assert np.abs(windows_of(spectra * kernel, here)[:, 1]).max() > 0.01
+    k = len(here.points)
+    drawn = np.random.default_rng(0).normal(size=(k, 2, *here.drawn.shape))
+    drawn = scipy.ndimage.gaussian_filter(drawn, (0, 0, 2, 2), mode="wrap")
+    kernel, _, _ = kernels_of(np.tile([2.0, 1.0], (k, 1)), np.zeros(k), here.drawn)
+    times = (np.arange(200) + 0.5) / 200 - 0.5
+    shifted = [
+        np.fft.ifft2(scipy.ndimage.fourier_shift(np.fft.fft2(drawn[0, 0]), (time, 2 * time))).real
+        for time in times
+    ]
+    top, left = (np.array(here.drawn.shape) - here.at.shape) // 2
+    rows, columns = here.at.shape
+    expected = np.mean(shifted, axis=0)[top : top + rows, left : left + columns].ravel()
+    np.testing.assert_allclose(filtered(drawn, kernel, here)[0, 0], expected, atol=1e-5)
 
 
 def test_a_moving_handle_looks_like_the_mean_of_many_still_ones():
