@@ -175,7 +175,8 @@ def linearise(state: State, here: Patches, rig: Rig, handle: Handle) -> Linear:
     """The model and its derivatives at a state, of a handle that is still."""
     from . import loops
 
-    rows = room(*here.grey.shape)
+    k, p = here.grey.shape
+    rows = room("model", k, MODEL, p)
     greys, known = greys_of(state, here)
     taps, reaches = _taps(state.blur_px2, here.at.shape[0])
     loops.linearise(
@@ -219,14 +220,16 @@ def tallied(rows: Array, greys: Array, unknowns: np.ndarray) -> Linear:
 _kept = threading.local()
 
 
-def room(k: int, p: int) -> Array:
-    """Memory for the rows of a model, the same each time in a thread: fresh memory costs a page
-    fault each 4 kB.
+def room(use: str, *shape: int) -> Array:
+    """Memory of a shape, the same for a use each time in a thread: fresh memory costs a page fault
+    each 4 kB.
     """
-    size = k * MODEL * p
-    if getattr(_kept, "memory", np.empty(0)).size < size:
-        _kept.memory = np.empty(size + size // 2)
-    return np.asarray(_kept.memory[:size].reshape(k, MODEL, p))
+    size = int(np.prod(shape))
+    memory = getattr(_kept, use, None)
+    if memory is None or memory.size < size:
+        memory = np.empty(size + size // 2)
+        setattr(_kept, use, memory)
+    return np.asarray(memory[:size].reshape(shape))
 
 
 def _taps(blur_px2: Array, side: int) -> tuple[Array, np.ndarray]:
@@ -326,7 +329,7 @@ def noise_of(at: Linear, pixels: int, used: np.ndarray) -> Noise:
     from . import loops
 
     k, _, p = at.rows.shape
-    dark, bright, beyond = np.empty((3, k * p))
+    dark, bright, beyond = room("residuals", 3, k * p)
     darks, brights, beyonds, level, higher = loops.residuals_by_layer(
         at.rows, used, np.sqrt(pixels), dark, bright, beyond
     )

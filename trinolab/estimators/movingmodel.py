@@ -18,7 +18,7 @@ from ..rigid import rotation_of
 from .appearance import Windows, geometry_of
 from .imagemodel import CLEAR_PX, MOVING, Linear, State, greys_of, room, tallied
 from .patches import Patches
-from .rows import CLEARANCE, EXPOSURE, LAYERS, POSE
+from .rows import CLEARANCE, EXPOSURE, LAYERS, MODEL, POSE
 
 
 def linearise_moving(state: State, here: Patches, rig: Rig, handle: Handle) -> Linear:
@@ -28,8 +28,8 @@ def linearise_moving(state: State, here: Patches, rig: Rig, handle: Handle) -> L
     assert state.motion_blur is not None
     k, p = here.grey.shape
     cells = here.drawn.xy.shape[2]
-    layers = np.empty((k, LAYERS, cells))
-    lights = np.empty((k, 8, cells))
+    layers = room("layers", k, LAYERS, cells)
+    lights = room("lights", k, 8, cells)
     geometry = geometry_of(rig, handle, state.T_world_handle, here.views, here.drawn)
     # neighbours are smeared into each other
     loops.draw_all(here.drawn.xy, *geometry, True, layers, lights)
@@ -40,7 +40,7 @@ def linearise_moving(state: State, here: Patches, rig: Rig, handle: Handle) -> L
     reach = np.abs(ways).max(initial=0.0) / 2 / min(here.at.cell)
     clear = middle(layers[:, CLEARANCE].reshape(k, 1, *here.drawn.shape), here)[:, 0]
     usable = (here.valid & (clear > CLEAR_PX + reach)).astype(float)
-    rows = room(k, p)
+    rows = room("model", k, MODEL, p)
     greys, known = greys_of(state, here)
     cell = np.array(here.at.cell, dtype=float)
     noise = np.array(state.noise)
@@ -48,8 +48,8 @@ def linearise_moving(state: State, here: Patches, rig: Rig, handle: Handle) -> L
     loops.explain_all(
         seen, here.grey, usable, greys, known, noise, pixels, here.at.shape, cell, rows
     )
-    moves = np.empty((k, 6, cells))
-    grey = np.empty((k, 1, cells))
+    moves = room("moves", k, 6, cells)
+    grey = room("grey", k, 1, cells)
     loops.move_all(layers, greys, moves, grey[:, 0])
     rows[:, POSE : POSE + 6] = smeared(moves, mean, here)
     spectrum = scipy.fft.rfft2(grey.reshape(k, *here.drawn.shape))
@@ -62,6 +62,8 @@ def linearise_moving(state: State, here: Patches, rig: Rig, handle: Handle) -> L
 def kernels_of(ways: Array, blur_px2: Array, at: Windows) -> tuple[Array, Array, Array]:
     """Spectra (k, rows, columns // 2 + 1) of the kernels that smear windows by ways (k, 2), px, and
     blur them by variances (k,), and their derivatives by the ways along u and v.
+
+    The memory serves the next kernels of this thread.
     """
     from . import loops
 
@@ -69,7 +71,7 @@ def kernels_of(ways: Array, blur_px2: Array, at: Windows) -> tuple[Array, Array,
     f_u = np.fft.rfftfreq(columns, at.cell[0])
     f_v = np.fft.fftfreq(rows, at.cell[1])
     spread = -2 * np.pi**2 * blur_px2[:, None]
-    kernels = np.empty((3, len(ways), rows, len(f_u)))
+    kernels = room("kernels", 3, len(ways), rows, len(f_u))
     loops.smear_kernels(f_u, f_v, ways, np.exp(spread * f_u**2), np.exp(spread * f_v**2), *kernels)
     mean, by_u, by_v = kernels
     return mean, by_u, by_v
@@ -77,8 +79,9 @@ def kernels_of(ways: Array, blur_px2: Array, at: Windows) -> tuple[Array, Array,
 
 def smeared(stack: Array, kernel: Array, here: Patches) -> Array:
     """Drawn windows (k, m, cells) after a kernel with these spectra: the windows' own part (k, m, p)."""
-    drawn = stack.reshape(*stack.shape[:2], *here.drawn.shape)
-    return windows_of(scipy.fft.rfft2(drawn) * kernel[:, None], here)
+    spectra = scipy.fft.rfft2(stack.reshape(*stack.shape[:2], *here.drawn.shape))
+    spectra *= kernel[:, None]
+    return windows_of(spectra, here)
 
 
 def windows_of(spectra: np.ndarray, here: Patches) -> Array:
