@@ -30,7 +30,6 @@ __all__ = [
     "Pose",
     "fit_pose",
     "fit_response",
-    "measured_pose",
     "pose_of_centroids",
     "rigid_fit",
     "rigid_fit_covariance",
@@ -354,7 +353,7 @@ def fit_pose(
         left = equally_seen(_residuals_px(fitted, answers, rig), sigma_px)
         rig_as_seen = settled(answers, left, T, rig, handle)
         systematic = systematic_covariance(answers, rig_as_seen, handle)
-    return measured_pose(T, covariance, uv_used, used, rig, handle, systematic)
+    return _measured_pose(T, covariance, uv_used, used, rig, handle, systematic)
 
 
 def pose_of_centroids(uv: Array, rig: Rig, handle: Handle, max_slant_deg: float = 70.0) -> Pose:
@@ -374,7 +373,7 @@ def pose_of_centroids(uv: Array, rig: Rig, handle: Handle, max_slant_deg: float 
     rig = settled(answers, left, T, rig, handle)
     systematic = systematic_covariance(answers, rig, handle)
     covariance, unexplained = centroid_covariance(answers, residuals_px, bias, T, rig, handle)
-    return measured_pose(T, covariance, uv_used, used, rig, handle, systematic + unexplained)
+    return _measured_pose(T, covariance, uv_used, used, rig, handle, systematic + unexplained)
 
 
 def _residuals_px(fitted: _Fitted, answers: Response, rig: Rig) -> Array:
@@ -454,7 +453,7 @@ def _facing(
     return ~(slant > np.deg2rad(max_slant_deg))
 
 
-def measured_pose(
+def _measured_pose(
     T: RigidTransform,
     covariance: Array,
     uv: Array,

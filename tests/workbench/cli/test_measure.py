@@ -96,6 +96,18 @@ def test_better_methods_measure_to_hundredths_of_a_millimetre(coded, tmp_path, m
     assert (table["sigma_mm"] < 0.02).all()
 
 
+def test_a_checked_pose_is_the_papers_with_another_covariance(coded, tmp_path):
+    plain, checked = (
+        measure_folder(
+            RIG, CODED, coded / "images", tmp_path / "p.csv", "paper", progress=False, check=check
+        )
+        for check in (False, True)
+    )
+    off_mm = position_errors(transforms(plain), transforms(checked))
+    assert off_mm.max() < 1e-6
+    assert (plain["sigma_mm"] != checked["sigma_mm"]).all()
+
+
 def test_prior_is_joined_on_frame_and_chooses_the_equivalent(recording, tmp_path):
     turned = load_table1().set_poses[ROWS[2]] * load_handle("paper").symmetries[3]
     # a longer file has poses of other frames, too
