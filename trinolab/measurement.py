@@ -94,9 +94,9 @@ def measure(
         markers_in(image, region, handle, p) for image, region in zip(images, regions, strict=True)
     )
     pixels = tuple(markers.uv for markers in markers_by_camera)
-    # Eq. 17, 18; the other estimators name the markers without them
+    # Eq. 17, 18; whoever reads pixels names the markers without them
     matches = None
-    if p.estimator == PAPER:
+    if p.estimator == PAPER and not p.check:
         matches = [pairs.index for pairs in rig_candidates(rig, images, pixels, p.matching)]
     axes_px = [markers.axes_px for markers in markers_by_camera]
     hypotheses = identify(rig, handle, pixels, p.identity, axes_px, matches)

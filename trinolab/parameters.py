@@ -11,7 +11,7 @@ from .identity.parameters import IdentityParameters
 from .kalman import KalmanParameters
 from .markers import MarkerParameters
 from .matching import MatchParameters
-from .methods import estimator_of
+from .methods import check_option, estimator_of
 
 __all__ = ["Parameters"]
 
@@ -28,7 +28,7 @@ class Parameters:
     markers : MarkerParameters
     matching : MatchParameters
     identity : IdentityParameters
-    estimator : {"paper", "paper_checked", "weighted", "reprojection", "patches", "outline", "best"}
+    estimator : {"paper", "reprojection", "patches", "best"}
         How the pose follows from the markers, see `estimators.estimate`; ``best`` is stored as
         ``patches``. None leaves it to whom the parameters are given: the functions of the chain
         (`measurement`, `tracker`) take the paper's, ``trinolab.measure`` and the commands
@@ -43,6 +43,9 @@ class Parameters:
     memory_s : float
         For how long the last measured pose chooses among poses that look alike, and is predicted
         from, s.
+    check : bool
+        Whether the paper's pose is checked against the pixels, see `estimators.checked`; no other
+        estimator has this.
     """
 
     background: BackgroundParameters = field(default_factory=BackgroundParameters)
@@ -54,10 +57,12 @@ class Parameters:
     max_slant_deg: float = 70.0
     sigma_px: float = 0.1
     memory_s: float = 0.3
+    check: bool = False
 
     def __post_init__(self) -> None:
         if self.estimator is not None:
             object.__setattr__(self, "estimator", estimator_of(self.estimator, "estimator"))
+        check_option(self.check, self.estimator)
         as_number(self.max_slant_deg, "max_slant_deg", low=0.0, high=90.0)
         as_number(self.sigma_px, "sigma_px", low=0.0, open_low=True)
         as_number(self.memory_s, "memory_s", low=0.0)

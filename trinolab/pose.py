@@ -30,15 +30,12 @@ __all__ = [
     "Pose",
     "fit_pose",
     "fit_response",
-    "measured_pose",
     "pose_of_centroids",
-    "response_of_points",
     "rigid_fit",
     "rigid_fit_covariance",
     "rigid_fit_gain",
     "rigid_motion",
     "weighted_fit",
-    "weighted_fit_gain",
 ]
 
 SMALLEST_MM = 1e-9  # points that are nearer to a line than that lie on it
@@ -280,20 +277,6 @@ def weighted_fit(
     return T, np.linalg.inv(information)
 
 
-def weighted_fit_gain(
-    points_source: Array, T_target_source: RigidTransform, covariances: Array
-) -> Array:
-    """Derivatives of `weighted_fit` by the target points, shape (n, 6, 3), see `rigid_fit_gain`;
-    zeros for a point without a covariance.
-    """
-    valid = np.asarray(np.isfinite(covariances).all(axis=(1, 2)))
-    gain = np.zeros((len(valid), 6, 3))
-    W = np.linalg.inv(covariances[valid])
-    _, JW, information = _normal(points_source[valid], T_target_source, W)
-    gain[valid] = np.linalg.inv(information) @ JW
-    return gain
-
-
 def _normal(
     source: Array, T: RigidTransform, W: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -370,7 +353,7 @@ def fit_pose(
         left = equally_seen(_residuals_px(fitted, answers, rig), sigma_px)
         rig_as_seen = settled(answers, left, T, rig, handle)
         systematic = systematic_covariance(answers, rig_as_seen, handle)
-    return measured_pose(T, covariance, uv_used, used, rig, handle, systematic)
+    return _measured_pose(T, covariance, uv_used, used, rig, handle, systematic)
 
 
 def pose_of_centroids(uv: Array, rig: Rig, handle: Handle, max_slant_deg: float = 70.0) -> Pose:
@@ -390,7 +373,7 @@ def pose_of_centroids(uv: Array, rig: Rig, handle: Handle, max_slant_deg: float 
     rig = settled(answers, left, T, rig, handle)
     systematic = systematic_covariance(answers, rig, handle)
     covariance, unexplained = centroid_covariance(answers, residuals_px, bias, T, rig, handle)
-    return measured_pose(T, covariance, uv_used, used, rig, handle, systematic + unexplained)
+    return _measured_pose(T, covariance, uv_used, used, rig, handle, systematic + unexplained)
 
 
 def _residuals_px(fitted: _Fitted, answers: Response, rig: Rig) -> Array:
@@ -459,28 +442,9 @@ def _response(fitted: _Fitted, handle: Handle) -> Response:
     T, _, used, _, by_pixel = fitted
     by_point = np.zeros((len(used), 6, 3))
     by_point[used] = rigid_fit_gain(handle.marker_centres[used], T)
-    return response_of_points(T, by_point, by_pixel, handle)
-
-
-def response_of_points(
-    T: RigidTransform, by_point: Array, by_pixel: Array, handle: Handle
-) -> Response:
-    """How a pose that was fitted to triangulated points answers to the pixels.
-
-    Parameters
-    ----------
-    T : RigidTransform
-        T_world_handle.
-    by_point : ndarray, shape (markers, 6, 3)
-        Of the pose by the points; zeros for those that were not used.
-    by_pixel : ndarray, shape (markers, 3, 2 cameras)
-        Of the points by the pixels.
-    handle : Handle
-    """
+    by_pixel = np.nan_to_num(by_pixel)
     # (6, markers, cameras, 2)
-    gain = np.einsum("nai,nij->anj", by_point, np.nan_to_num(by_pixel)).reshape(
-        6, len(by_point), -1, 2
-    )
+    gain = np.einsum("nai,nij->anj", by_point, by_pixel).reshape(6, len(by_point), -1, 2)
     marker, camera = np.nonzero(np.any(gain, axis=(0, 3)))
     return response(gain[:, marker, camera], camera, marker, handle, T)
 
@@ -493,7 +457,7 @@ def _facing(
     return ~(slant > np.deg2rad(max_slant_deg))
 
 
-def measured_pose(
+def _measured_pose(
     T: RigidTransform,
     covariance: Array,
     uv: Array,

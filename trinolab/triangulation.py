@@ -32,7 +32,6 @@ __all__ = [
     "triangulate_with_covariance",
     "triangulation_covariance",
     "two_forms",
-    "weighted_slopes",
 ]
 
 
@@ -256,23 +255,6 @@ def triangulate_weighted(rig: Rig, uv: ArrayLike, sigma_px: ArrayLike) -> tuple[
     covariances : ndarray, shape (n, 3, 3)
         mm^2. The pairs share pixels: that is counted here, though not in the weights.
     """
-    point, combined = _weighted(rig, uv, sigma_px)
-    return point, combined @ combined.mT
-
-
-def weighted_slopes(rig: Rig, uv: ArrayLike, sigma_px: ArrayLike) -> Array:
-    """Derivatives of `triangulate_weighted`'s points by the pixels, with the weights as they are;
-    shape (n, 3, 2 C), mm/px, in the order of `mean_slopes`.
-    """
-    sigma = np.broadcast_to(np.asarray(sigma_px, dtype=float), np.shape(uv)[:2])
-    by_sigma = np.repeat(sigma.T, 2, axis=1)[:, None]
-    return _weighted(rig, uv, sigma)[1] / np.where(by_sigma > 0, by_sigma, np.inf)
-
-
-def _weighted(rig: Rig, uv: ArrayLike, sigma_px: ArrayLike) -> tuple[Array, Array]:
-    """Weighted points (n, 3), and how far they move for a standard deviation of each coordinate,
-    (n, 3, 2 C); NaN where no pair has a point.
-    """
     points, slopes = pairs_with_slopes(rig, uv, sigma_px)
     valid = np.asarray(np.isfinite(points).all(axis=2) & np.isfinite(slopes).all(axis=(2, 3)))
     points = np.where(valid[..., None], points, 0.0)
@@ -285,7 +267,8 @@ def _weighted(rig: Rig, uv: ArrayLike, sigma_px: ArrayLike) -> tuple[Array, Arra
     share = np.linalg.inv(weights.sum(axis=0) + np.where(seen[:, None, None], 0.0, eye)) @ weights
     combined = (share @ slopes).sum(axis=0)
     point = (share @ points[..., None]).sum(axis=0)[..., 0]
-    return np.where(seen[:, None], point, np.nan), np.where(seen[:, None, None], combined, np.nan)
+    covariances = np.where(seen[:, None, None], combined @ combined.mT, np.nan)
+    return np.where(seen[:, None], point, np.nan), covariances
 
 
 def pairs_with_slopes(

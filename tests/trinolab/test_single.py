@@ -8,6 +8,7 @@ from trinolab import methods
 from trinolab.bench.optics import Bench
 from trinolab.bench.scene import render_rig
 from trinolab.datasets import data_path, load_handle, load_rig, load_table1, rig_file
+from trinolab.following.parameters import FollowParameters
 from trinolab.measurement import measure
 from trinolab.parameters import Parameters
 from trinolab.single import measure_instant
@@ -59,9 +60,40 @@ def test_the_parameters_know_best_and_leave_the_choice_open():
     assert Parameters(estimator="best") == Parameters(estimator=methods.BEST)
     assert Parameters().estimator is None
     assert Parameters().with_default("best").estimator == methods.BEST
-    assert Parameters(estimator="weighted").with_default("best").estimator == "weighted"
+    assert Parameters(estimator="reprojection").with_default("best").estimator == "reprojection"
     with pytest.raises(ValueError, match=r"estimator: expected one of paper, .*, best, got 'bets'"):
         Parameters(estimator="bets")
+
+
+@pytest.mark.parametrize(
+    ("gone", "instead"),
+    [
+        ("outline", "patches"),
+        ("weighted", "reprojection"),
+        ("paper_checked", r"paper with check=True \(--check\)"),
+    ],
+)
+def test_an_estimator_that_is_gone_names_its_successor(gone, instead):
+    with pytest.raises(ValueError, match=rf"^estimator: '{gone}' is gone, take {instead}$"):
+        Parameters(estimator=gone)
+
+
+def test_a_check_is_of_the_papers_poses_alone():
+    assert FollowParameters(estimator="paper").checked == FollowParameters().checked
+    assert FollowParameters().checked.check
+    assert not FollowParameters(estimator="best").checked.check
+    for parameters in (
+        {"estimator": "best", "check": True},
+        {"estimator": "patches", "check": True},
+    ):
+        with pytest.raises(
+            ValueError, match=r"^check: only the estimator paper has it, got 'patches'$"
+        ):
+            Parameters(**parameters)
+    with pytest.raises(ValueError, match=r"^check: only the estimator paper has it"):
+        Parameters(check=True).with_default("best")
+    with pytest.raises(ValueError, match=r"^check: expected True or False, got 'yes'$"):
+        Parameters(check="yes")
 
 
 @pytest.mark.parametrize(

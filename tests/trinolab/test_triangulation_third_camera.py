@@ -1,6 +1,4 @@
-"""Why a third camera worsens the paper's angles, and why the outline does not better ours: what
-chapter 10 says of both.
-"""
+"""Why a third camera worsens the paper's angles: what chapter 10 says of it."""
 
 import numpy as np
 from scipy.spatial.transform import RigidTransform

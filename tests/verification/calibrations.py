@@ -23,22 +23,20 @@ from trinolab.bench.scene import render_rig
 from trinolab.camera import Rig, RigCovariance, displaced
 from trinolab.datasets import load_handle, load_rig
 from trinolab.estimators.appearance import Views
-from trinolab.estimators.centroids import CentrePixels, predict_centroids
+from trinolab.estimators.centroids import predict_centroids
 from trinolab.estimators.reprojection import fit_pixels, response_of_pixels
-from trinolab.estimators.weighted import honest_fit
 from trinolab.handle import Handle
 from trinolab.identity import choose, identify, labelled_pixels, relabel
 from trinolab.identity.reconcile import reconciled
 from trinolab.measurement import measure
-from trinolab.methods import ESTIMATORS as METHODS
 from trinolab.metrics import nearest_equivalent
 from trinolab.parameters import Parameters
-from trinolab.pose import LOST, Pose, fit_pose, weighted_fit
+from trinolab.pose import LOST, Pose, fit_pose
 from trinolab.rigid import motion_between
-from trinolab.triangulation import triangulate_weighted
 from trinolab.uncertainty.contradiction import honest
 from trinolab.uncertainty.size import Residuals
 from trinolab.uncertainty.systematic import pixel_slopes
+from workbench.studies.replication import EVERY
 
 # principal points (px) and directions (deg) of all cameras, places of the markers (mm)
 KINDS = {"good": (0.1, 0.005, 0.0), "poor": (0.3, 0.02, 0.0), "layout": (0.0, 0.0, 0.05)}
@@ -140,19 +138,6 @@ def paper_pose(known: Setup, one: Seen, T: RigidTransform) -> Pose:
     return fit_pose(one.centres, *known, P.max_slant_deg, NOISE_PX, T)
 
 
-def weighted_pose(known: Setup, one: Seen, T: RigidTransform) -> Pose:
-    """The weighted fit from the pixels of the centres."""
-    sigma = np.where(np.isfinite(one.centres[..., 0]), NOISE_PX, np.nan)
-    fit = weighted_fit(
-        known.handle.marker_centres, *triangulate_weighted(known.rig, one.centres, sigma)
-    )
-    if fit is None:
-        return LOST
-    covariance = sigma[..., None, None] ** 2 * np.eye(2)
-    centres = CentrePixels(one.centres, sigma, covariance, np.zeros_like(covariance))
-    return _reported(fit[0], honest_fit(fit[0], np.eye(6), centres, *known))
-
-
 def reprojection_pose(known: Setup, one: Seen, T: RigidTransform) -> Pose:
     """The pose of least reprojection error from the centroids."""
     views = Views(*np.nonzero(np.isfinite(one.centroids[..., 0])))
@@ -173,7 +158,6 @@ def _reported(T: RigidTransform, found) -> Pose:
 
 ESTIMATORS: dict[str, Callable[[Setup, Seen, RigidTransform], Pose]] = {
     "paper": paper_pose,
-    "weighted": weighted_pose,
     "reprojection": reprojection_pose,
 }
 
@@ -224,7 +208,7 @@ def from_pixels(known: Setup, draws: int, poses: int, seed: int = 0) -> Scores:
 
 
 def from_images(
-    known: Setup, draws: int, poses: int, estimators: Sequence[str] = METHODS, seed: int = 0
+    known: Setup, draws: int, poses: int, estimators: Sequence[str] = tuple(EVERY), seed: int = 0
 ) -> Scores:
     """The same by all estimators from rendered images.
 
@@ -241,7 +225,7 @@ def from_images(
             T = seen(known, Truth(rig, 0 * handle.marker_centres), 0.0, rng).T_world_handle
             images = render_rig(rig, handle, T, Bench(), rng)
             for (name, told), own in scores.items():
-                pose = measure(images, *setups[told], T, Parameters(estimator=name)).pose
+                pose = measure(images, *setups[told], T, EVERY[name]).pose
                 own.append(score(pose, T, known))
     return scores
 

@@ -14,12 +14,8 @@ from trinolab.bench.scene import radiance
 from trinolab.camera import Rig
 from trinolab.datasets import load_table1
 from trinolab.handle import Handle
-from trinolab.methods import ESTIMATORS
-from trinolab.parameters import Parameters
 from trinolab.pose import Pose
-from workbench.studies.replication import estimates_and_truths, measure_frames
-
-SETTINGS = {name: Parameters(estimator=name) for name in ESTIMATORS}
+from workbench.studies.replication import EVERY, estimates_and_truths, measure_frames
 
 
 class Draw(NamedTuple):
@@ -58,7 +54,7 @@ def table1_draws(
     seeds: int,
     rows: slice = slice(None),
     with_prior: bool = False,
-    estimators=SETTINGS,
+    estimators=EVERY,
 ) -> dict[str, list[Draw]]:
     """Every estimator's measurements of the same frames."""
     places = [(row, seed) for row in range(20)[rows] for seed in range(seeds)]

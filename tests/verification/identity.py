@@ -20,9 +20,7 @@ from trinolab.measurement import Measurement
 from trinolab.metrics import geodesic_deg, pose_errors
 from workbench.studies.bound import RIGS
 from workbench.studies.claim_trials import true_labels
-from workbench.studies.replication import estimates_and_truths, measure_frames
-
-from .draws import SETTINGS
+from workbench.studies.replication import EVERY, estimates_and_truths, measure_frames
 
 
 def report(arguments) -> None:
@@ -50,7 +48,7 @@ def _report(rig_name: str, handle_name: str, poses: int) -> None:
             truths.append(seen_pose(rig, handle, rng))
             yield render_rig(rig, handle, truths[-1], Bench(), rng)
 
-    found = measure_frames(rendered(), rig, handle, SETTINGS)
+    found = measure_frames(rendered(), rig, handle, EVERY)
     for name, measurements in found.items():
         _line(f"{rig_name:17s} {handle_name:7s} {name:12s}", measurements, truths, rig, handle)
 

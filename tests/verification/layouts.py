@@ -14,8 +14,8 @@ from trinolab.datasets import load_handle, load_rig
 from trinolab.handle import Handle
 from trinolab.measurement import measure
 from trinolab.metrics import geodesic_deg
+from workbench.studies.replication import EVERY
 
-from .draws import SETTINGS
 from .identity import rightly_labelled, seen_pose
 
 APART_MM = 2.0  # between markers, and the least by which the staggers of two columns differ
@@ -101,7 +101,7 @@ def _line(kind: str, rig_name: str, poses: int) -> None:
         instants(kind, rig, poses, rng), total=poses, leave=False, unit="instant"
     ):
         found = measure(
-            render_rig(rig, handle, T, Bench(), rng), rig, handle, parameters=SETTINGS["patches"]
+            render_rig(rig, handle, T, Bench(), rng), rig, handle, parameters=EVERY["patches"]
         )
         right = found.pose.status == "measured" and rightly_labelled(found, T, rig, handle)
         status.append("right" if right else found.pose.status)

@@ -6,10 +6,9 @@ from tqdm import tqdm
 
 from trinolab.datasets import load_handle, load_rig
 from trinolab.measurement import measure
+from workbench.studies.replication import CHECKED, EVERY
 
-from .draws import SETTINGS
-
-ESTIMATORS = ("paper_checked", "patches")
+ESTIMATORS = (CHECKED, "patches")
 
 
 def report(arguments) -> None:
@@ -17,7 +16,7 @@ def report(arguments) -> None:
     print(
         f"{each} hostile instants of each kind and rig, handle `coded`, no prior: measured and right, and wrong ones"
     )
-    print(f"{'kind':20s} {'rig':17s}" + "".join(f"{name:>10s} right, wrong" for name in ESTIMATORS))
+    print(f"{'kind':20s} {'rig':17s}" + "".join(f"{name:>14s} right, wrong" for name in ESTIMATORS))
     for kind in KINDS:
         for rig in ("paper_pair", "raised_40deg"):
             _line(kind, rig, each)
@@ -29,12 +28,12 @@ def _line(kind: str, rig_name: str, each: int) -> None:
     for _ in tqdm(range(each), leave=False, unit="instant"):
         instant = hostile(rng, rig, handle, kind)
         for name in ESTIMATORS:
-            pose = measure(instant.frames, rig, handle, parameters=SETTINGS[name]).pose
+            pose = measure(instant.frames, rig, handle, parameters=EVERY[name]).pose
             misled = is_wrong(pose, instant, handle)
             wrong[name] += misled
             right[name] += pose.status == "measured" and not misled
     print(
         f"{kind:20s} {rig_name:17s}"
-        + "".join(f"{right[n]:15d}, {wrong[n]:5d}" for n in ESTIMATORS),
+        + "".join(f"{right[n]:19d}, {wrong[n]:5d}" for n in ESTIMATORS),
         flush=True,
     )

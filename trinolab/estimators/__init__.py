@@ -1,7 +1,7 @@
 """Better poses from the same images (beyond the paper): the estimators by name.
 
-``paper`` is the paper's own (Eq. 20-24, `pose.pose_of_centroids`); each other one stands in a module of this
-folder, which is loaded when it is asked for.
+``paper`` is the paper's own (Eq. 20-24, `pose.pose_of_centroids`); its check and each other one stand in a
+module of this folder, which is loaded when it is asked for.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from collections.abc import Callable
 
 from ..camera import Rig
 from ..handle import Handle
-from ..methods import ESTIMATORS, PAPER
+from ..methods import BEST, PAPER
 from ..parameters import Parameters
 from ..pose import Pose, pose_of_centroids
 from .identified import Identified
@@ -21,10 +21,9 @@ __all__ = ["Identified", "estimate"]
 def estimate(instant: Identified, rig: Rig, handle: Handle, parameters: Parameters) -> Pose:
     """The pose by the estimator that the parameters name, or else by the paper's.
 
-    ``paper``: pairs, mean, rigid fit (Eq. 20-24). ``paper_checked``: the same, checked against the
-    pixels. ``weighted``: centroids registered and moved to the centres, pairs and points weighted
-    by their covariances. ``reprojection``: all views at once, by predicted centroids. ``patches``:
-    all views at once, by the pixels. ``outline``: as ``patches``, with the body's outline.
+    ``paper``: pairs, mean, rigid fit (Eq. 20-24), with `Parameters.check` checked against the pixels.
+    ``reprojection``: all views at once, by predicted centroids. ``patches``: all views at once, by
+    the pixels.
 
     Returns
     -------
@@ -34,24 +33,19 @@ def estimate(instant: Identified, rig: Rig, handle: Handle, parameters: Paramete
     """
     p = parameters
     name = p.estimator or PAPER
-    if name == PAPER:
+    if name == PAPER and not p.check:
         return pose_of_centroids(instant.uv, rig, handle, p.max_slant_deg)
     return _better(name)(instant, rig, handle, p)
 
 
 def _better(name: str) -> Callable[[Identified, Rig, Handle, Parameters], Pose]:
-    """The function of an estimator; its module is loaded now, so that the paper's chain runs
-    without it.
+    """The function of an estimator that reads pixels; its module is loaded now, so that the paper's
+    chain runs without it.
     """
-    match name:
-        case "paper_checked":
-            from .checked import checked_pose as estimator
-        case "weighted":
-            from .weighted import weighted_pose as estimator
-        case "reprojection":
-            from .reprojection import reprojection_pose as estimator
-        case "patches":
-            from .pixels import patches_pose as estimator
-        case _:
-            raise ValueError(f"estimator: expected one of {', '.join(ESTIMATORS)}, got {name!r}")
+    if name == BEST:
+        from .pixels import patches_pose as estimator
+    elif name == PAPER:
+        from .checked import checked_pose as estimator
+    else:
+        from .reprojection import reprojection_pose as estimator
     return estimator

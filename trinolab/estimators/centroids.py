@@ -193,15 +193,12 @@ class Registered(NamedTuple):
 
 
 class CentrePixels(NamedTuple):
-    """Pixels of markers' centres, (cameras, markers, 2), NaN where unseen, their standard
-    deviations, px, (cameras, markers), and covariances, px^2, (cameras, markers, 2, 2); and the part of
-    these by greys that are not as predicted.
+    """Pixels of markers' centres, (cameras, markers, 2), NaN where unseen, and their covariances,
+    px^2, (cameras, markers, 2, 2).
     """
 
     uv: Array
-    sigma_px: Array
     covariance: Array
-    more_px2: Array
 
 
 def register(state: State, here: Patches, rig: Rig, handle: Handle) -> tuple[State, Registered]:
@@ -279,7 +276,4 @@ def centre_pixels(
         registered.covariance[visible]
         * np.maximum(misfit(registered.at)[visible], 1.0)[:, None, None]
     )
-    more_px2 = np.full_like(covariance, np.nan)
-    more_px2[views] = registered.more_px2[visible]
-    sigma = np.sqrt(np.trace(covariance, axis1=2, axis2=3) / 2)
-    return CentrePixels(uv, sigma, covariance, more_px2)
+    return CentrePixels(uv, covariance)

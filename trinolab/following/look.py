@@ -459,7 +459,7 @@ def _estimated(instant: Identified, rig: Rig, handle: Handle, p: FollowParameter
 
     The covariance of the paper's takes in the way to the pose that all pixels agree on.
     """
-    if p.estimator != "paper_checked":
+    if not p.check:
         pose = estimate(instant, rig, handle, p)
         return pose if _sure(pose, p) else LOST
     pose = fit_pose(instant.uv, rig, handle, p.max_slant_deg, p.sigma_px, instant.T_world_handle)

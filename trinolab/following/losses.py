@@ -35,7 +35,7 @@ FEWEST_MARKERS = 3  # of an instant, in one camera: with fewer there is nothing 
 SHOWING = 0.25
 DARK = 60.0  # the grey of the brightest thousandth of a picture, below which no marker is bright
 # a pose that the pixels contradict explains nothing
-CHECKED = Parameters(estimator="paper_checked")
+CHECKED = Parameters(estimator="paper", check=True)
 
 
 def lost_lines(

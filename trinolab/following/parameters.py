@@ -147,4 +147,4 @@ class FollowParameters(Parameters):
         one. The paper's estimator is also that of parameters which name none.
         """
         p = self.with_default(PAPER)
-        return replace(p, estimator="paper_checked") if p.estimator == PAPER else p
+        return replace(p, check=True) if p.estimator == PAPER else p

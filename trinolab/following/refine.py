@@ -33,6 +33,7 @@ from ..files.recorder import partial_of
 from ..files.recording import Recording, open_recording, parts_of_folder, some_instants
 from ..files.rigs import covariance_text, handle_text, rig_text
 from ..handle import Handle
+from ..methods import BEST
 from ..uncertainty.usual import assumed
 from .centres import MAX_WAY_PX, Motion, measured_centres, motion, spread_out
 from .losses import lost_lines
@@ -47,7 +48,8 @@ FEWEST = 10  # instants; with fewer nearly all would come from what was known be
 # Times that the centres are measured: where they lie in a marker's image depends on pose and layout.
 PASSES = 2
 ADVICE = "record a minute at about 30 mm/s, through all of the volume, and turn the handle"
-FOLLOWED_BY = FollowParameters(estimator="weighted")  # quick; the centres are measured anew anyhow
+# the centres are measured anew anyhow
+FOLLOWED_BY = FollowParameters(estimator=BEST)
 
 
 class Refined(NamedTuple):

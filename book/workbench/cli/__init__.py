@@ -22,6 +22,8 @@ from io import TextIOWrapper
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from trinolab.methods import check_option, estimator_of
+
 from .alive import Quiet, hush, shown, watched
 from .arguments import parser
 
@@ -76,6 +78,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     logging.basicConfig(format="%(message)s", level=logging.INFO, handlers=[Quiet(sys.stderr)])
     logging.getLogger("matplotlib").setLevel(logging.ERROR)  # where it keeps its fonts is no news
     try:
+        _check_method(arguments)
         _find_shipped(arguments)
         if arguments.command in UNWATCHED:
             return _RUN[arguments.command](arguments)
@@ -137,6 +140,12 @@ def _loading() -> Iterator[None]:
         gc.enable()
 
 
+def _check_method(a: argparse.Namespace) -> None:
+    """Refuse an estimator that is not there, and a check that it has not."""
+    if hasattr(a, "method"):
+        check_option(a.check, estimator_of(a.method, "--method"), "--check")
+
+
 @_loading()
 def _find_shipped(a: argparse.Namespace) -> None:
     """Put the files in the place of the names of shipped rigs and handles."""
@@ -171,9 +180,11 @@ def _measure(a: argparse.Namespace) -> int:
         from .measure import measure_folder, measure_recording
 
     if a.folder is not None:
-        table = measure_recording(a.folder, a.out, a.rig, a.handle, a.method, a.prior)
+        table = measure_recording(
+            a.folder, a.out, a.rig, a.handle, a.method, a.prior, check=a.check
+        )
     else:
-        table = measure_folder(a.rig, a.handle, a.images, a.out, a.method, a.prior)
+        table = measure_folder(a.rig, a.handle, a.images, a.out, a.method, a.prior, check=a.check)
     frames = table["frame"].tolist()
     named = frames != list(range(len(frames)))
     span = f"; frames {frames[0]} to {frames[-1]}, as the images are called" if named else ""

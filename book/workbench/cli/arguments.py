@@ -362,10 +362,15 @@ def _add_method(p: argparse.ArgumentParser) -> None:
     p.add_argument(
         "--method",
         default=DEFAULT,
-        choices=METHODS,
         metavar="METHOD",
         help=f"the estimator: {', '.join(METHODS)} (default: %(default)s). paper is the paper's, "
-        "paper_checked the same checked against the pixels; best is patches",
+        "best is patches",
+    )
+    p.add_argument(
+        "--check",
+        action="store_true",
+        help="check the paper's poses against the pixels (--method paper); who follows the handle always "
+        "does",
     )
 
 

@@ -45,6 +45,7 @@ def measure_folder(
     method: str = DEFAULT,
     prior: str | Path | None = None,
     progress: bool = True,
+    check: bool = False,
 ) -> pd.DataFrame:
     """Measure every instant of a folder of images on its own, and write the poses.
 
@@ -58,12 +59,14 @@ def measure_folder(
         Colour and 16-bit images are converted. The log says what was left out or converted.
     out : path
         CSV of poses to write; it appears when all instants are done.
-    method : {"paper", "paper_checked", "weighted", "reprojection", "patches", "outline", "best"}
+    method : {"paper", "reprojection", "patches", "best"}
         The estimator, see `estimators.estimate`; `best` is ``patches``.
     prior : path, optional
         CSV of poses that are expected, joined on `frame`: they choose among poses that look alike.
     progress : bool
         Show a progress bar on standard error, if that is a terminal.
+    check : bool
+        Whether the poses of ``paper`` are checked against the pixels, see `Parameters`.
 
     Returns
     -------
@@ -87,7 +90,7 @@ def measure_folder(
         len(listed),
         (the_rig, the_handle),
         expected,
-        method,
+        Parameters(estimator=estimator_of(method), check=check),
         progress,
     )
     table = pose_table(poses, frames=frames)
@@ -109,6 +112,7 @@ def measure_recording(
     method: str = DEFAULT,
     prior: str | Path | None = None,
     progress: bool = True,
+    check: bool = False,
 ) -> pd.DataFrame:
     """Measure every instant of a recording folder on its own, and write the poses with their times.
 
@@ -120,7 +124,7 @@ def measure_recording(
         CSV of poses to write; it appears when all instants are done.
     rig, handle : path, optional
         Other files than the folder's; a rig may have some of the cameras.
-    method, prior, progress
+    method, prior, progress, check
         As for `measure_folder`, also the errors.
     """
     recording, the_handle = open_folder(folder, rig, handle)
@@ -139,7 +143,8 @@ def measure_recording(
             yield now.frame, now.images
 
     of = (recording.rig, the_handle)
-    poses = _measured(pictures(), recording.length, of, expected, method, progress)
+    parameters = Parameters(estimator=estimator_of(method), check=check)
+    poses = _measured(pictures(), recording.length, of, expected, parameters, progress)
     table = pose_table(poses, times, frames)
     names = rig or Path(folder, "rig.toml"), handle or Path(folder, "handle.toml")
 
@@ -155,11 +160,10 @@ def _measured(
     count: int,
     of: tuple[Rig, Handle],
     expected: Mapping[int, RigidTransform],
-    method: str,
+    parameters: Parameters,
     progress: bool,
 ) -> list[Pose]:
     """The pose of each instant: of its frame's number, and its images."""
-    parameters = Parameters(estimator=estimator_of(method))
     with (
         logging_redirect_tqdm(),
         tqdm(pictures, total=count, unit="instant", disable=None if progress else True) as bar,

@@ -25,7 +25,6 @@ from trinolab.datasets import load_handle
 from trinolab.files.poses import poses_by_frame, read_poses
 from trinolab.files.recording import instants, open_folder
 from trinolab.handle import Handle
-from trinolab.methods import ESTIMATORS
 from trinolab.metrics import nearest_equivalent, nees
 from trinolab.pose import Pose
 
@@ -192,7 +191,7 @@ def make_table(draws: int, workers: int, kept: Path) -> pd.DataFrame:
         | level._asdict()
         | row(part, f"{rig}/{number}/{estimator}")
         for (renderer, handle), part in runs.groupby(["renderer", "handle"], sort=False)
-        for rig, (number, level), estimator in product(RIGS, enumerate(LEVELS), ESTIMATORS)
+        for rig, (number, level), estimator in product(RIGS, enumerate(LEVELS), EVERY)
     ]
     return pd.DataFrame(rows)
 

@@ -32,6 +32,7 @@ from trinolab.parameters import Parameters
 from trinolab.pose import Pose
 
 __all__ = [
+    "CHECKED",
     "EVERY",
     "PAPER",
     "WRONG_DEG",
@@ -48,7 +49,13 @@ __all__ = [
 ]
 
 PAPER: Mapping[str, Parameters] = {"paper": Parameters()}  # the paper's estimator alone
-EVERY: Mapping[str, Parameters] = {name: Parameters(estimator=name) for name in ESTIMATORS}
+CHECKED = "paper, checked"
+# the estimators, and the paper's with its check
+EVERY: Mapping[str, Parameters] = {
+    "paper": Parameters(estimator="paper"),
+    CHECKED: Parameters(estimator="paper", check=True),
+    **{name: Parameters(estimator=name) for name in ESTIMATORS[1:]},
+}
 WRONG_MM, WRONG_DEG = 2.0, 5.0  # a pose called measured that is further off is a false one
 
 

@@ -28,6 +28,7 @@ from ..paper.errata.pose import printed_rotation_error
 from ..paper.errata.workspace import printed_workspace_volume
 from . import real_recordings, second_renderer
 from .protocol import Claim, Trial, can_show, load_claims, load_trials
+from .replication import CHECKED
 
 __all__ = [
     "CHECKS",
@@ -292,7 +293,7 @@ CHECKS: dict[str, Callable[[], Result | float | None]] = {  # None: not run
     **{f"second_position_{rig}": partial(_on_second, rig, "mm") for rig in RIGS},
     **{f"second_geodesic_{rig}": partial(_on_second, rig, "deg") for rig in RIGS},
     "second_honesty_best": partial(_honesty_on_second, BEST),
-    "second_honesty_checked": partial(_honesty_on_second, "paper_checked"),
+    "second_honesty_checked": partial(_honesty_on_second, CHECKED),
     "broken_false_poses": _false_when_broken,
     "real_photographs": real_recordings.baseline_difference_mm,
     "real_leds": real_recordings.led_median_px,

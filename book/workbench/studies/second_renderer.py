@@ -25,11 +25,11 @@ from trinolab.files.recording import instants, open_folder
 from trinolab.following.parameters import FollowParameters
 from trinolab.following.posetracker import track_instants
 from trinolab.handle import Handle
-from trinolab.methods import BEST, ESTIMATORS
+from trinolab.methods import BEST
 
 from ..intervals import of_mean
 from ..second import recipe
-from .replication import EVERY, Deviation, deviation, measure_instant
+from .replication import CHECKED, EVERY, Deviation, deviation, measure_instant
 
 __all__ = [
     "FILM",
@@ -87,16 +87,14 @@ def make_table(kept: Path) -> pd.DataFrame:
                 {"renderer": renderer, "rig": rig, "handle": handle_name, "estimator": estimator}
                 | judged(deviations[rig, estimator])
                 for rig in recipe.RIGS
-                for estimator in ESTIMATORS
+                for estimator in EVERY
             ]
     film = {"renderer": SECOND, "rig": recipe.FILM_RIG, "handle": recipe.FILM_HANDLE}
     rows.append({**film, "estimator": FILM} | judged(followed(folders["film"])))
     return pd.DataFrame(rows)
 
 
-def side_by_side(
-    table: pd.DataFrame, estimators: Sequence[str] = ("paper_checked", BEST)
-) -> pd.DataFrame:
+def side_by_side(table: pd.DataFrame, estimators: Sequence[str] = (CHECKED, BEST)) -> pd.DataFrame:
     """The shipped table for a reader: what an estimator gives on the second renderer's images, and
     beside it what it gives on our own bench at the same poses.
 

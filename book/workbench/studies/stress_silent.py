@@ -16,9 +16,9 @@ from pathlib import Path
 import pandas as pd
 
 from trinolab.datasets import load_handle
-from trinolab.methods import ESTIMATORS
 
 from .broken import FAULTS
+from .replication import EVERY
 from .stress import instants, methods_of, rows_of, summed
 
 __all__ = ["SILENT_FAULTS", "make_table", "trial"]
@@ -35,4 +35,4 @@ def trial(fault: str, handle: str, block: int) -> dict[str, float]:
 
 def make_table(instants: int, workers: int, kept: Path | None) -> pd.DataFrame:
     """The faults of `SILENT_FAULTS`; parameters, columns and errors as for `stress.make_table`."""
-    return rows_of(trial, SILENT_FAULTS, ESTIMATORS, instants, workers, kept)
+    return rows_of(trial, SILENT_FAULTS, tuple(EVERY), instants, workers, kept)

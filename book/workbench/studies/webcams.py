@@ -24,12 +24,13 @@ from trinolab.checks import Array
 from trinolab.datasets import load_handle
 from trinolab.handle import Handle
 from trinolab.measurement import measure
+from trinolab.methods import BEST
 from trinolab.metrics import geodesic_deg, position_errors
-from trinolab.parameters import Parameters
 
 from ..classkit.wrap import wrapped
 from ..intervals import of_mean, of_share
 from .carrier import columns_of_mean
+from .replication import CHECKED, EVERY
 
 __all__ = [
     "BENCH",
@@ -46,7 +47,7 @@ __all__ = [
 DISTANCE_MM, BASELINE_MM, ELEVATION_DEG = 500.0, 200.0, 40.0
 SEED = 27
 POSES = 60
-ESTIMATORS = ("paper_checked", "patches")
+ESTIMATORS = (CHECKED, BEST)
 WRONG_MM = 3.0  # further off, a pose is of another identity of the markers
 # Half as many samples a side as elsewhere: a marker's centre is off by 0.016 px at worst.
 BENCH = Bench(supersampling=4, marker_supersampling=8)
@@ -162,7 +163,7 @@ def _error(
 
     Every pose counts, a doubtful one as well, since a class sees both.
     """
-    pose = measure(frames, rig, handle, parameters=Parameters(estimator=estimator)).pose
+    pose = measure(frames, rig, handle, parameters=EVERY[estimator]).pose
     if pose.T_world_handle is None:
         return None
     estimated, true = (RigidTransform.concatenate([T]) for T in (pose.T_world_handle, truth))

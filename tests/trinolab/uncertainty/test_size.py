@@ -19,10 +19,10 @@ from trinolab.identity.parameters import IdentityParameters
 from trinolab.identity.reconcile import reconciled
 from trinolab.measurement import measure
 from trinolab.metrics import nees
-from trinolab.parameters import Parameters
 from trinolab.pose import fit_pose
 from trinolab.rigid import motion_between
 from workbench.studies.broken import miscalibrated
+from workbench.studies.replication import CHECKED, EVERY
 
 CODED = load_handle("coded")
 RAISED = load_rig("raised_40deg")
@@ -45,7 +45,7 @@ def scores(count, px, deg, estimator, stated=None):
         images = [digitise(image, Bench(), rng) for image in clean()[:count]]
         rig = miscalibrated(RAISED.part(range(count)), px, deg, rng)
         rig = replace(rig, covariance=stated and stated(rig.names))
-        pose = measure(images, rig, CODED, POSE, Parameters(estimator=estimator)).pose
+        pose = measure(images, rig, CODED, POSE, EVERY[estimator]).pose
         if pose.status != "measured":
             continue
         away = motion_between(pose.T_world_handle, POSE)[:3]
@@ -106,8 +106,8 @@ def test_rigs_that_say_nothing_have_covariances_of_the_size_of_their_errors_good
                 (2, "patches"),
                 (2, "paper"),
                 (3, "paper"),
-                (2, "paper_checked"),
-                (3, "paper_checked"),
+                (2, CHECKED),
+                (3, CHECKED),
             )
         ),
     ],

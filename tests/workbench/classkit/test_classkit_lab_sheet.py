@@ -72,7 +72,7 @@ def test_the_tables_of_webcams_are_those_of_the_study(width, words, count):
     for what, share, best, paper in rows:
         rod, marker, pixels = map(float, re.findall(r"[0-9.]+", what))
         ours, theirs = (
-            study.loc[width, rod, marker, name] for name in ("patches", "paper_checked")
+            study.loc[width, rod, marker, name] for name in ("patches", "paper, checked")
         )
         assert pixels == pytest.approx(ours["marker_px"])
         low, high = (100 * ours[f"measured_{end}"] for end in ("low", "high"))

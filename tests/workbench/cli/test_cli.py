@@ -374,6 +374,29 @@ def test_a_source_is_named_once(line, said, capfd):
     assert said in refusal
 
 
+@pytest.mark.parametrize(
+    "line", ["measure rec --out p", "track rec --out p", "live rec", "teleop --out o --task"]
+)
+@pytest.mark.parametrize(
+    ("method", "said"),
+    [
+        ("--method outline", "--method: 'outline' is gone, take patches"),
+        (
+            "--method paper_checked",
+            "--method: 'paper_checked' is gone, take paper with check=True (--check)",
+        ),
+        (
+            "--method magic",
+            "--method: expected one of paper, reprojection, patches, best, got 'magic'",
+        ),
+        ("--check", "--check: only the estimator paper has it, got 'patches'"),
+    ],
+)
+def test_a_method_that_is_not_there_is_refused(line, method, said, capfd):
+    assert run(f"{line} {method}") == 2
+    assert capfd.readouterr() == ("", f"trinolab {line.split()[0]}: {said}\n")
+
+
 # --- what is wrong: test_faults
 
 

@@ -11,12 +11,12 @@ import pytest
 from scipy.spatial.transform import RigidTransform
 
 from trinolab.datasets import load_handle, load_rig, load_sweep
-from trinolab.methods import BEST, ESTIMATORS
+from trinolab.methods import BEST
 from trinolab.pose import LOST, Pose
 from workbench.second import recipe
 from workbench.studies import drawn_rigs as study
 from workbench.studies import replication
-from workbench.studies.replication import EVERY
+from workbench.studies.replication import CHECKED, EVERY
 from workbench.studies.second_renderer import OURS, SECOND
 
 TABLE = load_sweep("drawn_rigs")
@@ -122,14 +122,14 @@ def test_every_rig_file_sees_the_images_of_its_cameras(
     assert three[0] == [[f"{renderer} a", f"{renderer} b", f"{renderer} raised"]]
     assert three[1][2] == "raised"
     assert all((priors == [T]) is told for *_, priors in asked)
-    names = product(study.RIGS, range(len(study.LEVELS)), ESTIMATORS)
+    names = product(study.RIGS, range(len(study.LEVELS)), EVERY)
     counts = [found[f"{rig}/{level}/{one}/n"] for rig, level, one in names]
-    assert sum(counts) == len(asked) * len(ESTIMATORS)
+    assert sum(counts) == len(asked) * len(EVERY)
 
 
 def test_table_is_whole():
     levels = [*TABLE[["off_px", "off_deg", "stated"]].itertuples(index=False, name=None)]
-    handles = product((SECOND, OURS), recipe.HANDLES, study.RIGS, study.LEVELS, ESTIMATORS)
+    handles = product((SECOND, OURS), recipe.HANDLES, study.RIGS, study.LEVELS, EVERY)
     expected = [((r, rig, h, e), tuple(level)) for r, h, rig, level, e in handles]
     rows = TABLE[KEYS].itertuples(index=False, name=None)
     assert list(zip(rows, levels, strict=True)) == expected
@@ -158,7 +158,7 @@ def test_nearly_all_is_measured_and_nothing_is_beyond_what_it_says():
     assert (TABLE["unforeseen"] == 0).all()
 
 
-@pytest.mark.parametrize("estimator", ["paper_checked", BEST])
+@pytest.mark.parametrize("estimator", [CHECKED, BEST])
 def test_nees_of_the_best_two_may_be_what_is_asked(estimator):
     """Between 4.5 and 8, or an interval that reaches there."""
     mine = TABLE[TABLE["estimator"] == estimator]

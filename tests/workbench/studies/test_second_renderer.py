@@ -11,12 +11,12 @@ from scipy.spatial.transform import RigidTransform
 from trinolab.bench.optics import Bench
 from trinolab.bench.scene import render
 from trinolab.datasets import load_handle, load_sweep
-from trinolab.methods import BEST, ESTIMATORS
+from trinolab.methods import BEST
 from trinolab.pose import LOST, Pose
 from workbench.second import recipe
 from workbench.studies import replication
 from workbench.studies import second_renderer as study
-from workbench.studies.replication import Deviation, deviation, measure_frames
+from workbench.studies.replication import EVERY, Deviation, deviation, measure_frames
 from workbench.studies.second_renderer import OURS, SECOND
 
 TABLE = load_sweep("second_renderer")
@@ -51,7 +51,7 @@ def test_a_row_by_hand():
 
 def test_table_is_whole():
     keys = ["handle", "renderer", "rig", "estimator"]
-    stills = product(recipe.HANDLES, (SECOND, OURS), recipe.RIGS, ESTIMATORS)
+    stills = product(recipe.HANDLES, (SECOND, OURS), recipe.RIGS, EVERY)
     film = (recipe.FILM_HANDLE, SECOND, recipe.FILM_RIG, study.FILM)
     assert list(TABLE[keys].itertuples(index=False, name=None)) == [*stills, film]
     assert set(TABLE["n"][:-1]) == {20 + recipe.RANDOM_POSES}
@@ -98,7 +98,7 @@ def test_all_rows_of_our_bench_are_made_again(handle_name):
     shooting = recipe.stills(handle_name)
     truths = list(shooting.truth)
     found = study.measured(study.ours(truths, shooting.handle), truths, shooting.handle)
-    assert len(found) == len(recipe.RIGS) * len(ESTIMATORS)
+    assert len(found) == len(recipe.RIGS) * len(EVERY)
     for (rig, estimator), deviations in found.items():
         assert_is_shipped(deviations, OURS, rig, handle_name, estimator)
 
@@ -207,7 +207,7 @@ def test_the_table_is_of_both_renderers_and_ends_with_the_film(kept, monkeypatch
     monkeypatch.setattr(
         study, "open_folder", lambda path: (None, load_handle(path.name.split("-")[1]))
     )
-    monkeypatch.setattr(study, "ESTIMATORS", [BEST])
+    monkeypatch.setattr(study, "EVERY", {BEST: EVERY[BEST]})
     monkeypatch.setattr(study, "read_poses", lambda path: path)
     monkeypatch.setattr(study, "poses_by_frame", lambda path: dict(enumerate(TRUTHS)))
     monkeypatch.setattr(study, "read", lambda path: [1.0, 1.0])

@@ -9,13 +9,13 @@ import pytest
 
 from trinolab.datasets import load_handle, load_rig, load_sweep, load_table1
 from trinolab.measurement import measure
-from trinolab.methods import BEST, ESTIMATORS
+from trinolab.methods import BEST
 from trinolab.pose import LOST, Pose
 from workbench.intervals import highest_share
-from workbench.studies import replication, stress, stress_silent
+from workbench.studies import stress, stress_silent
 from workbench.studies.__main__ import main
 from workbench.studies.broken import FAULTS, covariance_of_such
-from workbench.studies.replication import Deviation, deviation
+from workbench.studies.replication import EVERY, Deviation, deviation
 from workbench.sweep import runs
 
 HELD = [Deviation(0.3, 1.0, 0.1, 1.0), Deviation(2.5, 2.0, 0.5, 1.0)]
@@ -133,7 +133,7 @@ def test_bound_of_a_share():
 
 def test_a_block_without_a_fault(monkeypatch):
     monkeypatch.setattr(stress, "BLOCK", 1)
-    monkeypatch.setattr(stress, "EVERY", {name: replication.EVERY[name] for name in ("patches",)})
+    monkeypatch.setattr(stress, "EVERY", {name: EVERY[name] for name in ("patches",)})
     found = stress.trial("none", "coded", 0)
     assert set(found) == {f"{rig}/patches/{name}" for rig in stress.RIGS for name in stress.SUMS}
     assert found["paper_pair/patches/measured"] == found["paper_pair/patches/n"] == 1
@@ -153,7 +153,7 @@ def test_a_bent_handle_s_markers_are_not_taken_for_others(block, which, count):
     truths, taken = stress.instants("handle bent by 0.1 mm", "coded", block)
     one = taken[which]
     rig = one.rig.part(range(count))
-    measured = measure(one.frames[:count], rig, load_handle("coded"), None, replication.EVERY[BEST])
+    measured = measure(one.frames[:count], rig, load_handle("coded"), None, EVERY[BEST])
     assert not deviation(measured.pose, truths[which], load_handle("coded")).wrong
 
 
@@ -162,7 +162,7 @@ def test_centroids_that_lead_away_are_no_pose():
     """CCD3's markers lie beside their windows: the last step was 43 sigmas long, and the pose 9 deg off."""
     _, taken = stress.instants("frames 5 ms apart", "coded", 0)
     one = taken[8]
-    rig, parameters = one.rig.part(range(3)), replication.EVERY["reprojection"]
+    rig, parameters = one.rig.part(range(3)), EVERY["reprojection"]
     measured = measure(one.frames[:3], rig, load_handle("coded"), None, parameters)
     assert measured.pose.status == "lost"
 
@@ -191,7 +191,7 @@ def test_a_silent_block_is_one_of_rigs_that_say_nothing(monkeypatch):
 def quick(fault, handle, block):
     DONE.append((fault, handle, block))
     sums = dict(zip(stress.SUMS, [10.0, 8.0, 0.0, 0.0, *[1.0] * 8], strict=True))
-    names = ESTIMATORS if block < stress.FIRST_ROUNDS else stress.OFTEN
+    names = EVERY if block < stress.FIRST_ROUNDS else stress.OFTEN
     return {f"{r}/{e}/{k}": v for r in stress.RIGS for e in names for k, v in sums.items()}
 
 
@@ -215,7 +215,7 @@ def test_more_rounds_add_to_those_that_are_kept(monkeypatch, tmp_path):
     second = pd.read_csv(tmp_path / "stress.csv")
     assert list(second.columns) == list(first.columns)
     counts = second.groupby("estimator")["n"].unique().explode().to_dict()
-    assert counts == {name: 20 if name in stress.OFTEN else 10 for name in ESTIMATORS}
+    assert counts == {name: 20 if name in stress.OFTEN else 10 for name in EVERY}
 
 
 # --- the shipped table
@@ -224,7 +224,7 @@ def test_more_rounds_add_to_those_that_are_kept(monkeypatch, tmp_path):
 def test_table_is_whole():
     table = load_sweep("stress")
     keys = ["fault", "handle", "rig", "estimator"]
-    expected = list(product(FAULTS, stress.HANDLES, stress.RIGS, ESTIMATORS))
+    expected = list(product(FAULTS, stress.HANDLES, stress.RIGS, EVERY))
     assert list(table[keys].itertuples(index=False, name=None)) == expected
     often = table["estimator"].isin(stress.OFTEN)
     assert (table["n"][~often] == stress.FIRST_ROUNDS * stress.BLOCK).all()
@@ -243,7 +243,7 @@ def test_silent_table_is_whole():
     table = load_sweep("stress_silent")
     keys = ["fault", "handle", "rig", "estimator"]
     faults = stress_silent.SILENT_FAULTS
-    expected = list(product(faults, stress.HANDLES, stress.RIGS, ESTIMATORS))
+    expected = list(product(faults, stress.HANDLES, stress.RIGS, EVERY))
     assert list(table[keys].itertuples(index=False, name=None)) == expected
     often = table["estimator"].isin(stress.OFTEN)
     assert (table["n"][~often] == stress.FIRST_ROUNDS * stress.BLOCK).all()
@@ -281,7 +281,7 @@ def made_again(study, fault, handle, estimators):
 
 @pytest.mark.heavy
 def test_two_rows_are_made_again(monkeypatch):
-    monkeypatch.setattr(stress, "EVERY", {"paper": replication.EVERY["paper"]})
+    monkeypatch.setattr(stress, "EVERY", {"paper": EVERY["paper"]})
     made_again(stress, "half contrast", "coded", ["paper"])
 
 
@@ -293,7 +293,7 @@ def test_two_rows_are_made_again(monkeypatch):
     ids=lambda part: getattr(part, "__name__", part).rpartition(".")[2],
 )
 def test_all_estimators_of_a_fault_are_made_again(study, fault, handle):
-    made_again(study, fault, handle, [name for name in ESTIMATORS if name not in stress.OFTEN])
+    made_again(study, fault, handle, [name for name in EVERY if name not in stress.OFTEN])
 
 
 def test_an_unknown_fault_is_refused():

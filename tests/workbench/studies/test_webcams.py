@@ -79,7 +79,7 @@ def cell(monkeypatch):
 
 def test_a_wrong_pose_is_counted_and_is_in_no_mean(cell):
     row, _ = cell(1.0, 2.0, 2.9, 3.1, None)
-    assert (row["estimator"], row["n"]) == ("paper_checked", 5)
+    assert (row["estimator"], row["n"]) == ("paper, checked", 5)
     assert (row["measured"], row["wrong"]) == (0.8, 1)
     assert row["measured_low"] < 0.8 < row["measured_high"] < 1
     assert row["E_t_mm"] == pytest.approx(5.9 / 3)
