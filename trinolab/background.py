@@ -376,7 +376,9 @@ def light_gain(frame: ArrayLike, background: ArrayLike, step: int = 8) -> float:
     frame, background : array_like, shape (height, width)
         Saturated pixels of the frame are left out, and those that are dark in the background.
     step : int
-        Every `step`-th pixel of both directions is taken.
+        Every `step`-th pixel of both directions is taken. On the recordings the eighth pixels give a
+        factor that is off from that of all pixels by 0.0003 (calm) and 0.0014 (hard), rms, and by
+        0.007 at most.
 
     Returns
     -------

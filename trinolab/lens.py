@@ -128,9 +128,10 @@ def project_with_slopes(lens: Array, local: Array) -> tuple[Array, Array, Array]
     """
     depth = np.where(local[..., 2] > 0, local[..., 2], np.nan)[..., None]
     xy = local[..., :2] / depth
+    distortions = np.zeros(5)
+    distortions[: len(lens) - 4] = lens[4:]
     distorted, by_xy = (
-        a.reshape(*xy.shape[:-1], *a.shape[1:])
-        for a in distort(xy.reshape(-1, 2), np.pad(lens[4:], (0, 9 - len(lens))))
+        a.reshape(*xy.shape[:-1], *a.shape[1:]) for a in distort(xy.reshape(-1, 2), distortions)
     )
     focal = lens[:2]
     identity = np.broadcast_to(np.eye(2), (*xy.shape[:-1], 2, 2))
