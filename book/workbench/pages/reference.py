@@ -351,6 +351,9 @@ def write_pages(folder: Path = GENERATED) -> None:
 
 # --- the extension
 
+# Without a word of theirs Sphinx reads the pages one after the other, and warns.
+SILENT = ("sphinx-mathjax-offline", "sphinx_multitoc_numbering", "sphinx_jupyterbook_latex")
+
 
 def setup(app: Any) -> dict[str, bool]:
     """Called by Sphinx."""
@@ -371,14 +374,21 @@ def setup(app: Any) -> dict[str, bool]:
             if explicit and document.nameids.get(name):
                 slugs.setdefault(name, (0, document.nameids[name], name))
 
-    # It says nothing of it, and copies files when all is read and written.
-    app.extensions["sphinx-mathjax-offline"].parallel_read_safe = True
+    app.connect("builder-inited", _in_parallel)
     app.connect("doctree-read", name_in_full)
     app.connect("doctree-read", linkable)
     app.connect("missing-reference", _plain)
     app.connect("autodoc-skip-member", _skipped)
     app.connect("html-page-context", _mended)
     return {"parallel_read_safe": True, "parallel_write_safe": True}
+
+
+def _in_parallel(app: Any) -> None:
+    """Say in the place of three extensions that pages may be read in parallel: one copies files at
+    the end, one numbers sections when all pages are read, and one does something for LaTeX alone.
+    """
+    for name in SILENT:
+        app.extensions[name].parallel_read_safe = True
 
 
 def full_name(name: str, module: str | None) -> str:

@@ -10,6 +10,7 @@ from pathlib import Path
 import nbformat
 import pandas as pd
 import pytest
+import yaml
 from makenotebook import glued, make_notebook
 
 from trinolab.bench import recordings
@@ -48,8 +49,9 @@ def book(tmp_path, monkeypatch):
     return tmp_path
 
 
-def job(name, command="pass"):
-    return build.Job(name, [sys.executable, "-c", command], {"the package": name})
+def job(name, command="pass", needs=()):
+    made_from = {} if name.startswith("recording ") else {"the package": name}
+    return build.Job(name, [sys.executable, "-c", command], made_from, needs)
 
 
 def chapter(book, name):
@@ -91,7 +93,7 @@ def test_a_job_that_fails_is_named_and_the_others_are_kept(book, capsys):
         ),
         job("one", "raise SystemExit('what was wrong')"),
     ]
-    assert build.run_all(jobs) == ["one"]
+    assert {one.name: one.good for one in build.run_all(jobs)} == {"scoreboard": True, "one": False}
     out = capsys.readouterr().out
     assert re.search(r"^one: FAILED after \d+ s \([12] of 2\)$", out, re.MULTILINE)
     assert "what was wrong" in out
@@ -133,7 +135,6 @@ def test_a_chapter_whose_kernel_dies_says_so_in_a_line(book):
 
 def test_the_last_lines_say_what_failed_and_what_to_type(book, monkeypatch, capsys):
     monkeypatch.chdir(book)
-    monkeypatch.setattr(build, "render_recordings", lambda: None)
     why = "print('[IPKernelApp] WARNING | no matter'); raise SystemExit('why')"
     jobs = [job("ledger"), job("one", why), job("two", KILLS_ITSELF)]
     monkeypatch.setattr(build, "stale_jobs", lambda: jobs)
@@ -154,17 +155,65 @@ def test_the_last_lines_say_what_failed_and_what_to_type(book, monkeypatch, caps
     )
 
 
-def test_a_cache_that_cannot_be_written_is_said_before_anything_runs(book, monkeypatch, capsys):
-    monkeypatch.chdir(book)
+def test_what_needs_a_recording_waits_for_it_and_what_needs_none_begins_beside_it(
+    book, monkeypatch, capsys
+):
+    monkeypatch.setattr(build, "WORKERS", 2)
+    monkeypatch.setattr(build, "keep", lambda job: None)
+    jobs = [
+        job("recording hard", "import time; time.sleep(1)"),
+        job("one", needs=("recording hard",)),
+        job("two"),
+    ]
+    ended = {one.name: one for one in build.run_all(jobs)}
+    assert all(one.good for one in ended.values())
+    assert ended["two"].start < ended["recording hard"].end <= ended["one"].start
+    assert json.loads(build.SECONDS.read_text()).keys() == {"one", "two"}
+    assert "recording hard: done after" in capsys.readouterr().out
 
+
+def test_what_needs_a_recording_that_failed_is_not_run(book, capsys):
+    jobs = [job("recording hard", "raise SystemExit('why')"), job("one", needs=("recording hard",))]
+    assert [(one.name, one.good) for one in build.run_all(jobs)] == [("recording hard", False)]
+    assert "one: not run, it needs recording hard" in capsys.readouterr().out.splitlines()
+
+
+def test_the_longest_way_to_the_end_comes_first(book, monkeypatch, capsys):
+    monkeypatch.setattr(build, "WORKERS", 1)
+    monkeypatch.setattr(build, "keep", lambda job: None)
+    monkeypatch.setattr(build, "EXPECTED_S", {"recording calm": 5.0})
+    build.SECONDS.write_text('{"long": 40, "short": 2}')
+    jobs = [job("recording calm"), job("short"), job("new"), job("long", needs=("recording calm",))]
+    ways = build.ways(jobs)
+    assert ways == {"recording calm": 45.0, "short": 2, "new": build.USUAL_S, "long": 40}
+    names = ["recording calm", "long", "new", "short"]
+    assert [one.name for one in build.run_all(jobs)] == names
+
+
+def test_a_build_says_what_decided_how_long_it_took(monkeypatch):
+    monkeypatch.setattr(build, "WORKERS", 2)
+    ended = [
+        build.Ended("recording hard", 0.0, 50.0, True),
+        build.Ended("one", 0.1, 20.0, True),
+        build.Ended("two", 20.1, 40.0, True),
+        build.Ended("three", 50.2, 80.0, True),
+    ]
+    assert [one.name for one in build.critical_path(ended)] == ["recording hard", "three"]
+    assert [one.name for one in build.critical_path(ended[1:3])] == ["one", "two"]
+    assert build.times_said(ended, build.Ended("the pages", 80.0, 170.0, True)) == [
+        "One after the other: recording hard 50 s, three 30 s, the pages 90 s.",
+        "4 jobs took 80 s, in which the workers (2) were idle 25% of the time.",
+    ]
+    assert len(build.times_said([], build.Ended("the pages", 0.0, 0.1, True))) == 1
+
+
+def test_a_cache_that_cannot_be_written_is_said_in_a_line(monkeypatch, capsys):
     def refused(*_, **__):
         raise ValueError("recordings: cannot be written")
 
     monkeypatch.setattr(recordings, "standard_recording", refused)
-    assert build.main() == 1
-    lines = capsys.readouterr().out.splitlines()
-    assert lines[-2] == "FAILED: recordings: cannot be written"
-    assert not [line for line in lines if line.endswith("started")]
+    assert build.command(["--recording", "calm"]) == 1
+    assert capsys.readouterr().out == "recordings: cannot be written\n"
 
 
 def test_a_label_makes_the_ledger_stale_and_other_text_does_not(book):
@@ -196,6 +245,19 @@ def test_the_recordings_are_those_that_the_chapters_read():
     assert inspect.signature(read_recording).parameters["seconds"].default == build.RECORDED_S
 
 
+def test_a_chapter_needs_the_recordings_that_its_code_reads():
+    found = {path.stem: build.recordings_of(path) for path in build.chapters()}
+    assert found["01_structure"] == ["hard"]
+    assert found["04_kalman"] == found["06b_pairs"] == found["recordings"] == ["calm", "hard"]
+    assert found["11_master_slave"] == found["11b_delay"] == ["task"]
+    assert found["02_workspace"] == found["12b_wall"] == found["gallery"] == []
+
+
+def test_the_expected_times_are_those_of_jobs_that_there_are():
+    recordings = {f"recording {name}" for name in (*build.RECORDINGS, build.TASK)}
+    assert build.EXPECTED_S.keys() <= recordings | {path.stem for path in build.chapters()}
+
+
 def test_the_pages_are_stale_when_a_docstring_has_changed(book):
     (book / "trinolab").mkdir()
     (book / "trinolab" / "pose.py").write_text('"""A pose."""')
@@ -203,6 +265,39 @@ def test_the_pages_are_stale_when_a_docstring_has_changed(book):
     assert build.pages_made_from() == before
     (book / "trinolab" / "pose.py").write_text('"""The pose."""')
     assert build.pages_made_from() != before
+
+
+@pytest.fixture
+def small_book(tmp_path):
+    """Eight pages with the configuration of the book."""
+    config = yaml.safe_load((ROOT / "_config.yml").read_text(encoding="utf-8"))
+    config["html"].pop("favicon")
+    config["sphinx"]["config"]["html_css_files"] = []
+    (tmp_path / "_config.yml").write_text(yaml.safe_dump(config, sort_keys=False))
+    names = [f"book/page{k}" for k in range(8)]
+    chapters = [{"file": name} for name in names[1:]]
+    (tmp_path / "_toc.yml").write_text(
+        yaml.safe_dump({"format": "jb-book", "root": names[0], "chapters": chapters})
+    )
+    for folder in ("book/_static", "book/_templates"):
+        (tmp_path / folder).mkdir(parents=True)
+    (tmp_path / "book" / "references.bib").touch()
+    for name in names:
+        (tmp_path / f"{name}.md").write_text("# A page\n\nText.\n")
+    return tmp_path
+
+
+def test_a_warning_of_any_page_fails_the_build_in_several_processes(small_book):
+    command = [*build.BUILD_COMMAND, "--pages", str(small_book)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
+    for page in ("page2", "page6"):
+        (small_book / "book" / f"{page}.md").write_text("# A page\n\n{ref}`nowhere`\n")
+    (small_book / "book" / "page4.md").write_text("# A page\n\n```{nothing}\n```\n")
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 1
+    assert done.stderr.count("undefined label: 'nowhere'") == 2
+    assert "Unknown directive type: 'nothing'" in done.stderr
 
 
 def test_the_build_ends_with_the_essential_board(book, monkeypatch, capsys):
