@@ -246,7 +246,7 @@ def stale_jobs() -> list[Job]:
 
 def recordings_of(path: Path) -> list[str]:
     """Return the recordings that a chapter's code names. One that is overlooked here is rendered by
-    the chapter, where nobody sees how far it is.
+    the chapter itself, or waited for by its worker.
     """
     code = source_of(read_notebook(path))
     reads = "read_recording(" in code
