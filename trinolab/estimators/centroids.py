@@ -232,7 +232,7 @@ def register(state: State, here: Patches, rig: Rig, handle: Handle) -> tuple[Sta
         np.median(step[here.views.camera == c, 2]) if (here.views.camera == c).any() else 0.0
         for c in range(len(rig.cameras))
     ]
-    noise = noise_of(after, here.at.pixels, np.ones(len(here.grey), bool))
+    noise = noise_of(after, here.at.pixels)
     renewed = State(
         state.T_world_handle, after.greys, limited(state.blur_px2, np.array(blur)), noise
     )

@@ -140,6 +140,11 @@ class Linear(NamedTuple):
         """Derivatives of the grey levels by the unknowns, (k, 7 or 13, p)."""
         return self.rows[:, self.unknowns]
 
+    @property
+    def by_greys(self) -> Array:
+        """Derivatives of the grey levels by the window's greys, (k, 6 or 9, p)."""
+        return self.rows[:, GREYS : GREYS + self.greys.shape[1]]
+
 
 STILL = np.r_[POSE : POSE + 6, BLUR]
 MOVING = np.r_[POSE : POSE + 6, EXPOSURE : EXPOSURE + 6, BLUR]
@@ -319,9 +324,9 @@ def advanced(at: Linear, normal: Reduced, step: Array) -> Linear:
     return tallied(at.rows, greys, at.unknowns)
 
 
-def noise_of(at: Linear, pixels: int, used: np.ndarray) -> Noise:
-    """Estimate the noise of a pixel from what a fit leaves in windows that are `used`, bool (k,),
-    whose cells are means of so many pixels.
+def noise_of(at: Linear, pixels: int, used: np.ndarray | None = None) -> Noise:
+    """Estimate the noise of a pixel from what a fit leaves in windows whose cells are means of so many
+    pixels; in those that are `used`, bool (k,), or in all.
 
     Residuals count on the body, on markers and beyond the body, away from all edges, by their
     medians, so that wrong pixels do not count. What too few pixels show is left at a usual value.
@@ -329,6 +334,7 @@ def noise_of(at: Linear, pixels: int, used: np.ndarray) -> Noise:
     from . import loops
 
     k, _, p = at.rows.shape
+    used = np.ones(k, bool) if used is None else used
     dark, bright, beyond = room("residuals", 3, k * p)
     darks, brights, beyonds, level, higher = loops.residuals_by_layer(
         at.rows, used, np.sqrt(pixels), dark, bright, beyond

@@ -61,7 +61,7 @@ def ours(at):
         "weight": at.weight,
         "marker": at.rows[:, rows.MARKER],
         "body": at.rows[:, rows.BODY],
-        "by_greys": at.rows[:, rows.GREYS : rows.GREYS + at.greys.shape[1]],
+        "by_greys": at.by_greys,
         "by_gloss": at.rows[:, rows.GLOSS : rows.GLOSS + 3],
     }
 
