@@ -99,7 +99,9 @@ measure([np.zeros(camera.size[::-1]) for camera in rig.cameras], rig, datasets.l
 
 @pytest.mark.parametrize("module", ["trinolab", "workbench", "workbench.sweep"])
 def test_import_is_light(module):
-    assert not {"matplotlib", "pyvista", "vtk", "mujoco", "cv2", "numba"} & loaded_by(f"import {module}")
+    assert not {"matplotlib", "pyvista", "vtk", "mujoco", "cv2", "numba"} & loaded_by(
+        f"import {module}"
+    )
 
 
 def test_there_are_notebooks_and_the_table_of_contents_names_them_all():
