@@ -27,7 +27,7 @@ from ..checks import Array
 from ..handle import Handle
 from .appearance import Windows, geometry_of
 from .patches import BORDER_PX, Patches
-from .rows import BLUR, EXPOSURE, GLOSS, GREYS, MODEL, POSE, PREDICTED, RESIDUAL, WEIGHT
+from .rows import BLUR, EXPOSURE, GLOSS, GREYS, MARKER, MODEL, POSE, PREDICTED, RESIDUAL, WEIGHT
 
 ENOUGH = 30  # pixels for a variance
 CLEAR_PX = 2.5  # pixels nearer than this to another marker or to the body's end have no weight
@@ -139,6 +139,11 @@ class Linear(NamedTuple):
     def by_pose(self) -> Array:
         """Derivatives of the grey levels by the unknowns, (k, 7 or 13, p)."""
         return self.rows[:, self.unknowns]
+
+    @property
+    def marker(self) -> Array:
+        """The marker's share of each cell after the blur, (k, p)."""
+        return self.rows[:, MARKER]
 
     @property
     def by_greys(self) -> Array:
